@@ -1,0 +1,1 @@
+//! Tuff: a Vulkan driver that traces rays on the CPU.

@@ -1,0 +1,69 @@
+//! # The intermediate representation
+//!
+//! A [`Module`](module::Module) is a list of functions, the first of which is the entry. A function is a tree of
+//! structured control flow over scalar operations in SSA form, executed by all *lanes* of a wave together.
+//!
+//! ## Values
+//!
+//! Every [`Value`] is a scalar: `i1`, `i8`, `i16`, `i32`, `i64`, `f16`, `f32` or `f64`. Integers have no
+//! signedness; operations do. Vectors, matrices and aggregates do not exist: lowering takes them apart.
+//! A value has one definition, which dominates each use in tree order: a definition in a body is visible to the nodes after it
+//! in that body and to the bodies nested in them. **A value defined inside a construct (`block`, `loop`,
+//! `if`) is not visible after the construct**; what must leave it goes through the arguments of `br`.
+//!
+//! ## Control flow
+//!
+//! * `block L -> (r…) { … }` runs its body; `br L(v…)` leaves it, defining `r…` after it.
+//! * `if c, L -> (r…) { … } else { … }` runs one body in the lanes where `c` holds and the other in the rest; both bodies leave by
+//!   `br L(v…)` (or another terminator).
+//! * `loop L(p… = v…) { … }` runs its body with the parameters `p…`; `br L(v…)` is the back-edge, which starts the next
+//!   iteration. A loop is left only by a `br` to an enclosing label, or `return`/`end`.
+//! * Each body ends in exactly one terminator: `br`, `return`, `end`, `unreachable`.
+//!
+//! ## Lanes and masks
+//!
+//! A lane that takes a `br` is *parked* at that label until every active lane of the wave has left the construct; then all lanes parked
+//! there go on together. This is the merge point, and it is explicit: reconvergence is maximal. `unreachable` parks
+//! lanes for ever, like `end` with all outputs zero. At a loop, the body runs again
+//! with the lanes that took the back-edge until there are none. `end(v…)` ends the invocation from any depth and any
+//! function; its operands are the invocation's output words. Operations have effects only in active lanes; pure operations may be
+//! computed in any lane.
+//!
+//! ## Arithmetic
+//!
+//! Integers wrap. Shifts use the count modulo the width. Division by zero gives zero for `udiv`/`sdiv` and the
+//! dividend for `urem`/`srem`/`smod`; `INT_MIN / -1` is `INT_MIN`, its remainder 0. Floating point is IEEE 754 binary, round to
+//! nearest even, denormals kept, one rounding per operation; `ffma` alone is fused. NaN payloads are unspecified. `fmin`/`fmax`
+//! return the operand that is a number if one is NaN, and order −0 below +0. Float to
+//! integer truncates, saturates, and NaN gives 0. The one definition of each is in [`crate::eval`].
+//!
+//! ## Memory
+//!
+//! [`Space`](op::Space) names where an access goes and what its address operands are:
+//!
+//! | space | address operands | meaning |
+//! |---|---|---|
+//! | `private` | `row: i32` | per-lane memory, counted in 32-bit rows; 64-bit scalars take two rows (low first), narrower ones one row each |
+//! | `shared` | `offset: i32` | workgroup memory, bytes; accesses outside it read zero and are dropped |
+//! | `buffer` | `descriptor: i64, offset: i32` | bytes (unsigned) from the descriptor's address, bounds-checked against its size per scalar: reads outside give zero, writes are dropped |
+//! | `global` | `address: i64` | a device address, which is a host address |
+//!
+//! A load or store moves one or more consecutive scalars of one type, tightly packed (in `private`, consecutive rows). Booleans
+//! are not storable outside `private`.
+//!
+//! *Variables* are named per-lane memory of a function ([`Variable`](module::Variable)). `var.load`/`var.store` access a fixed row and are what
+//! promotion to SSA removes; `var.address` gives the row for dynamic `private` accesses and pins the variable in memory. Variables of the entry function
+//! marked `zero` start as zero; others start undefined (read as zero by promotion).
+//!
+//! ## Yields
+//!
+//! `trace_ray`, `report_intersection`, `execute_callable` and `barrier` suspend the wave: see
+//! [`program::Event`](crate::program::Event). Their operands and results are 32-bit words.
+
+pub mod entities;
+pub mod module;
+pub mod op;
+
+pub use entities::{FunctionId, Label, Value, VariableId};
+pub use module::{Body, Function, InputRow, Inst, Module, Node, Terminator, Variable};
+pub use op::{Op, Space, Type};

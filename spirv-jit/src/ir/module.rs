@@ -1,0 +1,131 @@
+//! Functions and the tree of nodes in them. The meaning is in the [module's prose](super).
+
+use smallvec::SmallVec;
+
+use super::{FunctionId, Label, Op, Type, Value, VariableId};
+use crate::program::{Builtin, Stage};
+
+/// One operation: operands, results, and the SPIR-V it came from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Inst {
+    pub op: Op,
+    pub args: SmallVec<[Value; 4]>,
+    pub results: SmallVec<[Value; 2]>,
+    /// Word offset of the SPIR-V instruction this was lowered from; 0 where none.
+    pub source: u32,
+}
+
+/// A step of a body.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Node {
+    Inst(Inst),
+    Block { label: Label, results: Vec<Value>, body: Body },
+    If { condition: Value, label: Label, results: Vec<Value>, then_body: Body, else_body: Body },
+    Loop { label: Label, params: Vec<Value>, init: Vec<Value>, body: Body },
+}
+
+/// What ends a body.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Terminator {
+    /// Leave the labelled block or `if`, or start the labelled loop's next iteration.
+    Br(Label, Vec<Value>),
+    /// Leave the function with its results.
+    Return(Vec<Value>),
+    /// End the invocation: operands are its output words ([`Module::output_rows`] of them, each i32 or f32).
+    End(Vec<Value>),
+    Unreachable,
+}
+
+/// Nodes in order, then a terminator.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Body {
+    pub nodes: Vec<Node>,
+    pub end: Terminator,
+}
+
+/// Named per-lane memory.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Variable {
+    /// The name in the shader, or empty.
+    pub name: String,
+    /// Size in 32-bit rows.
+    pub rows: u32,
+    /// Starts as zero each time the function is entered; otherwise its first contents are undefined.
+    pub zero: bool,
+}
+
+/// A function: parameters and results are scalars.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Function {
+    pub name: String,
+    pub params: Vec<Value>,
+    pub results: Vec<Type>,
+    /// Type of each value, indexed by [`Value`].
+    pub value_types: Vec<Type>,
+    pub labels: u32,
+    pub variables: Vec<Variable>,
+    pub body: Body,
+}
+
+/// What one 32-bit row of an invocation's input record holds. `Builtin` components are counted in 32-bit words: component `2 * i + 1` of a
+/// 64-bit builtin is the high half of its `i`th element; matrix builtins count column-major.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum InputRow {
+    Builtin(Builtin, u8),
+    /// Word of the incoming payload.
+    Payload(u32),
+    /// Word of the hit attribute.
+    HitAttribute(u32),
+    /// Word of the incoming callable data.
+    CallableData(u32),
+}
+
+/// A whole shader.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Module {
+    pub stage: Stage,
+    /// `functions[0]` is the entry: it has no parameters and no results, and leaves by `end`.
+    pub functions: Vec<Function>,
+    /// Rows of the input record that the module reads, by [`Op::Input`] index.
+    pub inputs: Vec<InputRow>,
+    /// Words that `end` takes. By stage: any-hit: verdict (0 accept, 1 ignore, 2 accept and terminate the ray), then payload words; closest
+    /// hit and miss: payload words; callable: callable data words; intersection, ray generation and compute: none.
+    pub output_rows: u32,
+    /// Compute: the workgroup's size in invocations per dimension; otherwise ones.
+    pub local_size: [u32; 3],
+    /// Compute: workgroup memory in bytes.
+    pub shared_size_bytes: u32,
+}
+
+impl Function {
+    /// A new value of type `ty`.
+    pub fn new_value(&mut self, ty: Type) -> Value {
+        let value = Value(self.value_types.len() as u32);
+        self.value_types.push(ty);
+        value
+    }
+
+    /// A new label.
+    pub fn new_label(&mut self) -> Label {
+        self.labels += 1;
+        Label(self.labels - 1)
+    }
+
+    /// A new variable.
+    pub fn new_variable(&mut self, variable: Variable) -> VariableId {
+        self.variables.push(variable);
+        VariableId(self.variables.len() as u32 - 1)
+    }
+
+    /// The type of a value of this function.
+    pub fn ty(&self, value: Value) -> Type {
+        self.value_types[value.index()]
+    }
+}
+
+impl Module {
+    /// The function behind an id.
+    pub fn function(&self, id: FunctionId) -> &Function {
+        &self.functions[id.index()]
+    }
+}

@@ -1,0 +1,26 @@
+//! SPIR-V to vectorised programs.
+//!
+//! ```text
+//! SPIR-V words ──> parse (rspirv) ──> lower ──> ir ──> pass ──> Program ──> interp
+//! ```
+//!
+//! This crate knows no Vulkan handle and no acceleration structure. Whoever runs a [`Program`] hands it an
+//! [`Environment`](environment::Environment) (descriptor sets, push constants, dispatch size) and the states of
+//! up to a wave of subgroups; the program runs until the wave *yields* and the caller answers the event.
+
+pub mod environment;
+pub mod error;
+pub mod eval;
+pub mod image;
+pub mod interp;
+pub mod ir;
+pub mod lower;
+pub mod parse;
+pub mod pass;
+pub mod program;
+
+pub use error::Error;
+pub use program::{CompileRequest, Program, compile};
+
+/// Lanes in a subgroup, whatever the tier or the machine (`VkPhysicalDeviceSubgroupProperties::subgroupSize`).
+pub const SUBGROUP_SIZE: usize = 16;

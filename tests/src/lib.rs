@@ -1,0 +1,1 @@
+//! Black-box tests of a Vulkan driver through the Vulkan loader.
