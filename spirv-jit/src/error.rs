@@ -29,12 +29,20 @@ pub enum ErrorKind {
 impl Error {
     /// A malformed module, at an instruction.
     pub fn invalid(word_offset: u32, message: impl Into<String>) -> Self {
-        Self { kind: ErrorKind::Invalid, word_offset: Some(word_offset), message: message.into() }
+        Self {
+            kind: ErrorKind::Invalid,
+            word_offset: Some(word_offset),
+            message: message.into(),
+        }
     }
 
     /// A construct that is not advertised, at an instruction.
     pub fn unsupported(word_offset: u32, message: impl Into<String>) -> Self {
-        Self { kind: ErrorKind::Unsupported, word_offset: Some(word_offset), message: message.into() }
+        Self {
+            kind: ErrorKind::Unsupported,
+            word_offset: Some(word_offset),
+            message: message.into(),
+        }
     }
 }
 

@@ -19,9 +19,24 @@ pub struct Inst {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Node {
     Inst(Inst),
-    Block { label: Label, results: Vec<Value>, body: Body },
-    If { condition: Value, label: Label, results: Vec<Value>, then_body: Body, else_body: Body },
-    Loop { label: Label, params: Vec<Value>, init: Vec<Value>, body: Body },
+    Block {
+        label: Label,
+        results: Vec<Value>,
+        body: Body,
+    },
+    If {
+        condition: Value,
+        label: Label,
+        results: Vec<Value>,
+        then_body: Body,
+        else_body: Body,
+    },
+    Loop {
+        label: Label,
+        params: Vec<Value>,
+        init: Vec<Value>,
+        body: Body,
+    },
 }
 
 /// What ends a body.

@@ -1,0 +1,81 @@
+//! What a program sees of the world outside: descriptor sets, push constants, the dispatch.
+//!
+//! All of it is plain data at stable addresses; whoever runs a program keeps it alive for that long.
+
+use crate::image::{ImageDescriptor, SamplerDescriptor};
+
+/// Descriptor sets that can be bound (`maxBoundDescriptorSets`).
+pub const MAX_SETS: usize = 32;
+
+/// One entry of a descriptor set, already resolved: an access is one load and one bounds check.
+///
+/// | type | `address` | `size_bytes` | `extra` |
+/// |---|---|---|---|
+/// | buffers (and inline uniform blocks, push constants) | first byte | range | – |
+/// | images, texel buffers | – | – | the image is `image` |
+/// | samplers | – | – | the sampler is `sampler` |
+/// | acceleration structure | device address | – | – |
+///
+/// The all-zero descriptor is the null descriptor: reads give zero, writes are dropped.
+#[repr(C, align(32))]
+#[derive(Clone, Copy, Debug)]
+pub struct Descriptor {
+    pub address: u64,
+    pub size_bytes: u64,
+    /// Image or texel buffer view, or null.
+    pub image: *const ImageDescriptor,
+    /// Sampler, or null.
+    pub sampler: *const SamplerDescriptor,
+}
+
+impl Descriptor {
+    /// The null descriptor.
+    pub const NULL: Descriptor = Descriptor {
+        address: 0,
+        size_bytes: 0,
+        image: std::ptr::null(),
+        sampler: std::ptr::null(),
+    };
+}
+
+// SAFETY: a descriptor is plain data; what it points to is kept alive and synchronised by the Vulkan application's own rules.
+unsafe impl Send for Descriptor {}
+// SAFETY: as above.
+unsafe impl Sync for Descriptor {}
+
+/// A bound descriptor set: its entries and how many there are (with a variable descriptor count, the actual one).
+#[derive(Clone, Copy, Debug)]
+pub struct DescriptorSet {
+    pub entries: *const Descriptor,
+    pub count: u32,
+}
+
+/// Indices into [`Environment::uniforms`], for `Op::Uniform`.
+pub mod uniform {
+    /// `LaunchSizeKHR`, 3 words.
+    pub const LAUNCH_SIZE: u32 = 0;
+    /// `NumWorkgroups`, 3 words.
+    pub const NUM_WORKGROUPS: u32 = 3;
+    /// `DeviceIndex`.
+    pub const DEVICE_INDEX: u32 = 6;
+    /// Words there are.
+    pub const COUNT: usize = 8;
+}
+
+/// Everything that is the same for all invocations of a dispatch.
+#[derive(Clone, Debug)]
+pub struct Environment {
+    pub sets: [DescriptorSet; MAX_SETS],
+    /// Dynamic uniform and storage buffers with their offsets applied; per set, the first one's index comes with the pipeline layout.
+    pub dynamic: *const Descriptor,
+    pub dynamic_count: u32,
+    /// Covers the push constants.
+    pub push_constants: Descriptor,
+    /// See [`uniform`].
+    pub uniforms: [u32; uniform::COUNT],
+}
+
+// SAFETY: as for `Descriptor`.
+unsafe impl Send for Environment {}
+// SAFETY: as for `Descriptor`.
+unsafe impl Sync for Environment {}

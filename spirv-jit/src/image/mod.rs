@@ -1,0 +1,212 @@
+//! Images as shaders see them: descriptors, texel formats, addressing, filtering.
+//!
+//! Texels are exchanged as four 32-bit words: f32 bits for float and normalised formats, integers (sign- or zero-extended) for
+//! integer formats; 64-bit integer texels as (low, high) in the first two words.
+
+pub mod execute;
+pub mod format;
+
+pub use format::Format;
+
+/// Mip levels an image can have (`maxImageDimension` 16384).
+pub const MAX_LEVELS: usize = 15;
+
+/// Image dimensionality (SPIR-V `Dim`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum Dim {
+    D1,
+    D2,
+    D3,
+    Cube,
+    /// Texel buffer.
+    Buffer,
+}
+
+/// A level of an image view.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Level {
+    /// First texel of the level in the view's first layer.
+    pub offset_bytes: u64,
+    /// Between rows, and between slices of a 3D level.
+    pub row_stride_bytes: u64,
+    pub slice_stride_bytes: u64,
+    pub width: u32,
+    pub height: u32,
+    pub depth: u32,
+}
+
+/// An image view, resolved: what an access needs and nothing else. Levels and layers count from the view's first.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct ImageDescriptor {
+    pub data: *mut u8,
+    /// Bytes from `data` that may be accessed.
+    pub size_bytes: u64,
+    pub format: Format,
+    pub dim: Dim,
+    pub arrayed: bool,
+    pub samples: u8,
+    pub level_count: u8,
+    /// Layers of the view, faces of cubes counted.
+    pub layer_count: u32,
+    pub layer_stride_bytes: u64,
+    /// Between samples of one texel's plane (multisampled images store samples as separate planes of a layer).
+    pub sample_stride_bytes: u64,
+    /// `VkComponentMapping`: for r, g, b, a: 0–3 = that component, 4 = zero, 5 = one.
+    pub swizzle: [u8; 4],
+    /// `VkImageViewMinLodCreateInfoEXT` or 0.
+    pub min_lod: f32,
+    pub levels: [Level; MAX_LEVELS],
+}
+
+/// `VkFilter`, `VkSamplerMipmapMode`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Filter {
+    Nearest,
+    Linear,
+}
+
+/// `VkSamplerAddressMode`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum AddressMode {
+    Repeat,
+    MirroredRepeat,
+    ClampToEdge,
+    ClampToBorder,
+    MirrorClampToEdge,
+}
+
+/// `VkCompareOp`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum CompareOp {
+    Never,
+    Less,
+    Equal,
+    LessOrEqual,
+    Greater,
+    NotEqual,
+    GreaterOrEqual,
+    Always,
+}
+
+/// `VkSamplerReductionMode`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Reduction {
+    WeightedAverage,
+    Min,
+    Max,
+}
+
+/// A sampler, resolved.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct SamplerDescriptor {
+    pub mag_filter: Filter,
+    pub min_filter: Filter,
+    pub mipmap_mode: Filter,
+    pub address_mode: [AddressMode; 3],
+    pub mip_lod_bias: f32,
+    pub min_lod: f32,
+    pub max_lod: f32,
+    pub max_anisotropy: f32,
+    pub compare: Option<CompareOp>,
+    pub reduction: Reduction,
+    /// As texel words: f32 bits or integers.
+    pub border_color: [u32; 4],
+    pub unnormalized_coordinates: bool,
+}
+
+/// How the level of detail is chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum LodMode {
+    /// Implicit: derivatives where the stage has them, else level 0 of the view.
+    Implicit,
+    /// Operand `bias: f32` on the implicit one.
+    Bias,
+    /// Operand `lod: f32` (sampling) or `lod: i32` (fetch).
+    Lod,
+    /// Operands d/dx and d/dy of the coordinates, `Dim` components each.
+    Grad,
+}
+
+/// What an image operation does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum ImageOpKind {
+    /// Filtered sampling: 4 results, 1 with a depth comparison.
+    Sample,
+    /// `OpImageFetch`: integer coordinates, 4 results.
+    Fetch,
+    /// `OpImageGather` of the component, or of the depth comparison: 4 results.
+    Gather(u8),
+    /// `OpImageRead`: storage image or texel buffer, 4 results.
+    Read,
+    /// `OpImageWrite`: the 4 texel operands come last; no result.
+    Write,
+    /// Read-modify-write on a texel (i32, i64 or f32): result is the old value.
+    Atomic(crate::ir::op::AtomicOp),
+    /// `OpImageQuerySize(Lod)`: as many i32 as the dimension has, plus layers; operand `lod: i32` if `LodMode::Lod`.
+    QuerySize,
+    /// 1 i32.
+    QueryLevels,
+    /// 1 i32.
+    QuerySamples,
+    /// `OpImageQueryLod`: 2 f32.
+    QueryLod,
+}
+
+/// An image operation.
+///
+/// Operands, in order, those that apply: `image: i64` (descriptor address), `sampler: i64` (descriptor address; sample, gather and
+/// query-lod only), coordinates ([`ImageOp::coordinate_count`], f32 for sample/gather/query-lod, else i32; array layer last, except
+/// that query-lod takes none), depth
+/// reference `f32`, lod operands by [`LodMode`], `min_lod: f32` if `has_min_lod`, offsets (i32 per dimension) if `has_offset`, sample index `i32` if `multisampled` (fetch,
+/// read, write, atomic), then texel operands (write: 4; atomic: value, comparator as for `Op::Atomic`).
+/// Results and texels are f32 if `texel` is `F32`, else i32; with `I64` the results are (i64, i64 zero, …) with the value in the first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ImageOp {
+    pub kind: ImageOpKind,
+    pub dim: Dim,
+    pub arrayed: bool,
+    pub multisampled: bool,
+    /// Depth comparison (`Dref`).
+    pub depth_compare: bool,
+    /// Projective sampling is divided out by lowering.
+    pub lod: LodMode,
+    pub has_min_lod: bool,
+    pub has_offset: bool,
+    /// Gather with four offsets (`ConstOffsets`): 4 × dimension offsets instead of one.
+    pub has_offsets: bool,
+    /// `F32`, `I32` or `I64`: type of texel words.
+    pub texel: crate::ir::Type,
+    /// Whether integer texels are signed (`SignExtend`, or by the sampled type).
+    pub signed: bool,
+    /// Format declared in the shader, or `Format::UNDEFINED` to use the view's.
+    pub format: Format,
+}
+
+impl ImageOp {
+    /// Components of the coordinates, array layer included.
+    pub fn coordinate_count(&self) -> usize {
+        self.spatial_count() + self.arrayed as usize
+    }
+
+    /// Components of the coordinates without the layer. A cube has 3, as a direction when sampled and as (x, y, face) when fetched or stored.
+    pub fn spatial_count(&self) -> usize {
+        match self.dim {
+            Dim::D1 | Dim::Buffer => 1,
+            Dim::D2 => 2,
+            Dim::D3 | Dim::Cube => 3,
+        }
+    }
+
+    /// No effect but its results.
+    pub fn is_read(&self) -> bool {
+        !matches!(self.kind, ImageOpKind::Write | ImageOpKind::Atomic(_))
+    }
+}

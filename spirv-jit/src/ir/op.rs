@@ -1,0 +1,491 @@
+//! The table of operations: name, text, signature. Everything else about operations is derived from it.
+
+use std::fmt;
+
+use super::{FunctionId, VariableId};
+
+/// A scalar type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Type {
+    I1,
+    I8,
+    I16,
+    I32,
+    I64,
+    F16,
+    F32,
+    F64,
+}
+
+impl Type {
+    /// Width in bits.
+    pub const fn bits(self) -> u32 {
+        match self {
+            Type::I1 => 1,
+            Type::I8 => 8,
+            Type::I16 | Type::F16 => 16,
+            Type::I32 | Type::F32 => 32,
+            Type::I64 | Type::F64 => 64,
+        }
+    }
+
+    /// Size in buffer memory, in bytes; booleans have none and count as 4.
+    pub const fn size_bytes(self) -> u32 {
+        match self {
+            Type::I1 => 4,
+            other => other.bits() / 8,
+        }
+    }
+
+    /// Rows of private memory: two for 64-bit types, one for the rest.
+    pub const fn rows(self) -> u32 {
+        if self.bits() == 64 { 2 } else { 1 }
+    }
+
+    pub const fn is_float(self) -> bool {
+        matches!(self, Type::F16 | Type::F32 | Type::F64)
+    }
+
+    /// The integer type of the same width.
+    pub const fn as_integer(self) -> Type {
+        match self {
+            Type::F16 => Type::I16,
+            Type::F32 => Type::I32,
+            Type::F64 => Type::I64,
+            other => other,
+        }
+    }
+}
+
+impl fmt::Display for Type {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Type::I1 => "i1",
+            Type::I8 => "i8",
+            Type::I16 => "i16",
+            Type::I32 => "i32",
+            Type::I64 => "i64",
+            Type::F16 => "f16",
+            Type::F32 => "f32",
+            Type::F64 => "f64",
+        })
+    }
+}
+
+/// Where a memory access goes: see the table in the [module's prose](super).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Space {
+    Private,
+    Shared,
+    Buffer,
+    Global,
+}
+
+impl Space {
+    /// Number of address operands.
+    pub const fn address_operands(self) -> usize {
+        match self {
+            Space::Buffer => 2,
+            _ => 1,
+        }
+    }
+}
+
+/// The shape of a pure operation's operands and result.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Signature {
+    /// `(T) -> T`, T integer (or i1 where `not`).
+    IntUnary,
+    /// `(T, T) -> T`, T integer or i1.
+    IntBinary,
+    /// `(T, T) -> i1`, T integer or i1.
+    IntCompare,
+    /// `(T) -> T`, T float.
+    FloatUnary,
+    /// `(T, T) -> T`, T float.
+    FloatBinary,
+    /// `(T, T, T) -> T`, T float.
+    FloatTernary,
+    /// `(T, T) -> i1`, T float.
+    FloatCompare,
+    /// `(T) -> i1`, T float.
+    FloatTest,
+    /// `(A) -> B`: the result's type says what to convert to.
+    Convert,
+    /// Not in the list of pure, elementwise operations; described at the variant.
+    Other,
+}
+
+/// One list of the pure elementwise operations; `$m!` is invoked with rows `(Variant, "text", Signature)`.
+///
+/// The meaning of each is `eval::<text>` (a keyword or clash gets a trailing underscore there).
+#[macro_export]
+macro_rules! elementwise_ops {
+    ($m:ident) => {
+        $m! {
+            // Integers. `*_hi` is the high half of the double-width product; bit positions count from 0; `find_*` gives all ones where
+            // there is none (SPIR-V FindILsb, FindSMsb, FindUMsb).
+            (IAdd, "iadd", IntBinary)
+            (ISub, "isub", IntBinary)
+            (IMul, "imul", IntBinary)
+            (UMulHi, "umul_hi", IntBinary)
+            (SMulHi, "smul_hi", IntBinary)
+            (UDiv, "udiv", IntBinary)
+            (SDiv, "sdiv", IntBinary)
+            (URem, "urem", IntBinary)
+            (SRem, "srem", IntBinary)
+            (SMod, "smod", IntBinary)
+            (And, "and", IntBinary)
+            (Or, "or", IntBinary)
+            (Xor, "xor", IntBinary)
+            (Shl, "shl", IntBinary)
+            (LShr, "lshr", IntBinary)
+            (AShr, "ashr", IntBinary)
+            (SMin, "smin", IntBinary)
+            (SMax, "smax", IntBinary)
+            (UMin, "umin", IntBinary)
+            (UMax, "umax", IntBinary)
+            (Not, "not", IntUnary)
+            (INeg, "ineg", IntUnary)
+            (IAbs, "iabs", IntUnary)
+            (ISign, "isign", IntUnary)
+            (BitReverse, "bit_reverse", IntUnary)
+            (BitCount, "bit_count", IntUnary)
+            (FindLsb, "find_lsb", IntUnary)
+            (FindSMsb, "find_smsb", IntUnary)
+            (FindUMsb, "find_umsb", IntUnary)
+            (IEq, "ieq", IntCompare)
+            (INe, "ine", IntCompare)
+            (ULt, "ult", IntCompare)
+            (ULe, "ule", IntCompare)
+            (SLt, "slt", IntCompare)
+            (SLe, "sle", IntCompare)
+            // Floats. `frem` has the dividend's sign, `fmod` the divisor's; `fround` goes half away from zero; `ffract` is x - floor(x);
+            // `fsign` is -1, ±0 or 1; ordered comparisons are false with a NaN, unordered ones true.
+            (FAdd, "fadd", FloatBinary)
+            (FSub, "fsub", FloatBinary)
+            (FMul, "fmul", FloatBinary)
+            (FDiv, "fdiv", FloatBinary)
+            (FRem, "frem", FloatBinary)
+            (FMod, "fmod", FloatBinary)
+            (FMin, "fmin", FloatBinary)
+            (FMax, "fmax", FloatBinary)
+            (FPow, "fpow", FloatBinary)
+            (FAtan2, "fatan2", FloatBinary)
+            (FFma, "ffma", FloatTernary)
+            (FNeg, "fneg", FloatUnary)
+            (FAbs, "fabs", FloatUnary)
+            (FSign, "fsign", FloatUnary)
+            (FFloor, "ffloor", FloatUnary)
+            (FCeil, "fceil", FloatUnary)
+            (FTrunc, "ftrunc", FloatUnary)
+            (FRoundEven, "fround_even", FloatUnary)
+            (FRound, "fround", FloatUnary)
+            (FFract, "ffract", FloatUnary)
+            (FSqrt, "fsqrt", FloatUnary)
+            (FInverseSqrt, "finverse_sqrt", FloatUnary)
+            (FSin, "fsin", FloatUnary)
+            (FCos, "fcos", FloatUnary)
+            (FTan, "ftan", FloatUnary)
+            (FAsin, "fasin", FloatUnary)
+            (FAcos, "facos", FloatUnary)
+            (FAtan, "fatan", FloatUnary)
+            (FSinh, "fsinh", FloatUnary)
+            (FCosh, "fcosh", FloatUnary)
+            (FTanh, "ftanh", FloatUnary)
+            (FAsinh, "fasinh", FloatUnary)
+            (FAcosh, "facosh", FloatUnary)
+            (FAtanh, "fatanh", FloatUnary)
+            (FExp, "fexp", FloatUnary)
+            (FLog, "flog", FloatUnary)
+            (FExp2, "fexp2", FloatUnary)
+            (FLog2, "flog2", FloatUnary)
+            (FQuantizeF16, "fquantize_f16", FloatUnary)
+            (FFrexpMantissa, "ffrexp_mantissa", FloatUnary)
+            (FOEq, "foeq", FloatCompare)
+            (FONe, "fone", FloatCompare)
+            (FOLt, "folt", FloatCompare)
+            (FOLe, "fole", FloatCompare)
+            (FUEq, "fueq", FloatCompare)
+            (FUNe, "fune", FloatCompare)
+            (FULt, "fult", FloatCompare)
+            (FULe, "fule", FloatCompare)
+            (FIsNan, "fis_nan", FloatTest)
+            (FIsInf, "fis_inf", FloatTest)
+            // Conversions: the operand's and the result's types say from what to what. `bitcast` keeps the width.
+            (FToS, "fto_s", Convert)
+            (FToU, "fto_u", Convert)
+            (SToF, "sto_f", Convert)
+            (UToF, "uto_f", Convert)
+            (FConvert, "fconvert", Convert)
+            // Sign- or zero-extend, or truncate.
+            (SConvert, "sconvert", Convert)
+            (UConvert, "uconvert", Convert)
+            (Bitcast, "bitcast", Convert)
+            // Exponent of frexp: float -> i32.
+            (FFrexpExponent, "ffrexp_exponent", Convert)
+        }
+    };
+}
+
+macro_rules! define_op {
+    ($(($variant:ident, $text:literal, $signature:ident))*) => {
+        /// An operation. The elementwise ones come from [`elementwise_ops!`](crate::elementwise_ops); the rest say what they take.
+        #[derive(Clone, Debug, PartialEq)]
+        pub enum Op {
+            $(#[doc = $text] $variant,)*
+            /// `() -> T`: the bits, low end of the word.
+            Const(u64),
+            /// `(i1, T, T) -> T`.
+            Select,
+            /// `(T, i32) -> T`: ldexp, T float.
+            FLdexp,
+            /// `(base, insert, offset: i32, count: i32) -> T`, T integer; the bits above the width are never touched.
+            BitfieldInsert,
+            /// `(base, offset: i32, count: i32) -> T`.
+            BitfieldSExtract,
+            /// `(base, offset: i32, count: i32) -> T`.
+            BitfieldUExtract,
+            /// `(low: i32, high: i32) -> i64 | f64`.
+            Pack64,
+            /// `(i64 | f64) -> (low: i32, high: i32)`.
+            Unpack64,
+            /// `() -> T`: a scalar at a fixed row of a variable.
+            VarLoad(VariableId, u32),
+            /// `(T) -> ()`.
+            VarStore(VariableId, u32),
+            /// `() -> i32`: the variable's first row in private memory.
+            VarAddress(VariableId),
+            /// `(address…) -> (T, …)`: consecutive scalars of the results' type.
+            Load(Access),
+            /// `(address…, T, …) -> ()`.
+            Store(Access),
+            /// `(address…, operand…) -> T`: returns the old value. Operands: none for load (result only), one for most, (value, comparator)
+            /// for compare-exchange; `Store` has one operand and no result.
+            Atomic(AtomicOp, Access),
+            /// `(descriptor: i64) -> i32`: size in bytes of what a buffer descriptor covers, saturated.
+            BufferSize,
+            /// `(index: i32) -> i64`: address of a [`Descriptor`](crate::environment::Descriptor); an index past the binding's
+            /// end gives the null descriptor.
+            Descriptor(DescriptorBinding),
+            /// `() -> i64`: address of the descriptor that covers the push constants.
+            PushConstants,
+            /// `(descriptor: i64) -> i64`: the descriptor's address field (an acceleration structure's device address).
+            DescriptorAddress,
+            /// `() -> i32 | f32`: a row of the invocation's input record ([`Module::inputs`](super::Module::inputs)).
+            Input(u32),
+            /// `() -> i32`: a word that is the same in the whole dispatch ([`Environment::uniforms`](crate::environment::Environment::uniforms)).
+            Uniform(u32),
+            /// Image operations: operands and results at [`ImageOp`](crate::image::ImageOp).
+            Image(crate::image::ImageOp),
+            /// Subgroup operations: at [`SubgroupOp`].
+            Subgroup(SubgroupOp),
+            /// `() -> i32`: the lane's index in its subgroup, 0..16.
+            LaneIndex,
+            /// `() -> i64`: a monotonic clock.
+            ReadClock,
+            /// `() -> ()`: orders memory between invocations (`OpMemoryBarrier`).
+            MemoryBarrier,
+            /// `(params…) -> (results…)`.
+            Call(FunctionId),
+            /// Yields. `(structure: 2 words, flags, cull_mask, sbt_offset, sbt_stride, miss_index, origin x y z, t_min, direction x y z, t_max,
+            /// payload…) -> (payload…)`: 15 words, then the payload's; each i32 or f32.
+            TraceRay,
+            /// `(t: f32, hit_kind: i32, attribute words…) -> i1`: whether the hit was accepted.
+            ReportIntersection,
+            /// `(index: i32, data words…) -> (data words…)`.
+            ExecuteCallable,
+            /// `() -> ()`: waits for all invocations of the workgroup.
+            Barrier,
+        }
+
+        impl Op {
+            /// The operation's name in the text form.
+            pub fn text(&self) -> &'static str {
+                match self {
+                    $(Op::$variant => $text,)*
+                    Op::Const(_) => "const",
+                    Op::Select => "select",
+                    Op::FLdexp => "fldexp",
+                    Op::BitfieldInsert => "bitfield_insert",
+                    Op::BitfieldSExtract => "bitfield_sextract",
+                    Op::BitfieldUExtract => "bitfield_uextract",
+                    Op::Pack64 => "pack64",
+                    Op::Unpack64 => "unpack64",
+                    Op::VarLoad(..) => "var.load",
+                    Op::VarStore(..) => "var.store",
+                    Op::VarAddress(_) => "var.address",
+                    Op::Load(_) => "load",
+                    Op::Store(_) => "store",
+                    Op::Atomic(..) => "atomic",
+                    Op::BufferSize => "buffer_size",
+                    Op::Descriptor(_) => "descriptor",
+                    Op::PushConstants => "push_constants",
+                    Op::DescriptorAddress => "descriptor_address",
+                    Op::Input(_) => "input",
+                    Op::Uniform(_) => "uniform",
+                    Op::Image(_) => "image",
+                    Op::Subgroup(_) => "subgroup",
+                    Op::LaneIndex => "lane_index",
+                    Op::ReadClock => "read_clock",
+                    Op::MemoryBarrier => "memory_barrier",
+                    Op::Call(_) => "call",
+                    Op::TraceRay => "trace_ray",
+                    Op::ReportIntersection => "report_intersection",
+                    Op::ExecuteCallable => "execute_callable",
+                    Op::Barrier => "barrier",
+                }
+            }
+
+            /// The shape of operands and results.
+            pub fn signature(&self) -> Signature {
+                match self {
+                    $(Op::$variant => Signature::$signature,)*
+                    _ => Signature::Other,
+                }
+            }
+
+            /// The elementwise operation of that name.
+            pub fn elementwise_from_text(text: &str) -> Option<Op> {
+                match text {
+                    $($text => Some(Op::$variant),)*
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+elementwise_ops!(define_op);
+
+/// A memory access beyond its operands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Access {
+    pub space: Space,
+    /// Must be performed as written, neither merged nor moved (`Volatile`, or atomic ordering with other invocations).
+    pub volatile: bool,
+}
+
+/// Read-modify-write operations. The operand's type is the result's: i32, i64, f32, f64 (f16 and i16 where the feature is advertised).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum AtomicOp {
+    Load,
+    Store,
+    Exchange,
+    CompareExchange,
+    IAdd,
+    ISub,
+    SMin,
+    SMax,
+    UMin,
+    UMax,
+    And,
+    Or,
+    Xor,
+    FAdd,
+    FMin,
+    FMax,
+}
+
+/// Which descriptors an [`Op::Descriptor`] indexes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct DescriptorBinding {
+    /// Set number.
+    pub set: u32,
+    /// First descriptor of the binding in the set (or, if `dynamic`, in the bind point's array of dynamic descriptors).
+    pub first: u32,
+    /// Descriptors in the binding; `u32::MAX` = the count is the set's own (variable descriptor count).
+    pub count: u32,
+    /// A dynamic uniform or storage buffer.
+    pub dynamic: bool,
+}
+
+/// Operations across the 16 lanes of a subgroup; only active lanes take part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SubgroupOp {
+    /// `() -> i1`: true in the lowest active lane.
+    Elect,
+    /// `(i1) -> i1`.
+    All,
+    /// `(i1) -> i1`.
+    Any,
+    /// `(T) -> i1`: bitwise equality (numeric for floats).
+    AllEqual,
+    /// `(i1) -> i32`: bit per lane.
+    Ballot,
+    /// `(T, lane: i32) -> T`: the value of another lane; 0 if it is out of range.
+    Shuffle,
+    /// `(T) -> T`: of the lowest active lane.
+    BroadcastFirst,
+    /// `(T) -> T` over clusters of `cluster` lanes (16 = all; 4 = quads).
+    Reduce { op: ReduceOp, cluster: u8 },
+    /// `(T) -> T`.
+    InclusiveScan(ReduceOp),
+    /// `(T) -> T`: the identity in the first lane.
+    ExclusiveScan(ReduceOp),
+}
+
+/// The combining operation of a reduction or scan.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum ReduceOp {
+    IAdd,
+    FAdd,
+    IMul,
+    FMul,
+    SMin,
+    UMin,
+    FMin,
+    SMax,
+    UMax,
+    FMax,
+    And,
+    Or,
+    Xor,
+}
+
+impl Op {
+    /// Suspends the wave.
+    pub fn is_yield(&self) -> bool {
+        matches!(
+            self,
+            Op::TraceRay | Op::ReportIntersection | Op::ExecuteCallable | Op::Barrier
+        )
+    }
+
+    /// Has no effect but its results and gives the same ones for the same operands anywhere in the invocation: may be
+    /// merged, moved to a dominating place, computed in inactive lanes, or removed.
+    pub fn is_pure(&self) -> bool {
+        self.signature() != Signature::Other
+            || matches!(
+                self,
+                Op::Const(_)
+                    | Op::Select
+                    | Op::FLdexp
+                    | Op::BitfieldInsert
+                    | Op::BitfieldSExtract
+                    | Op::BitfieldUExtract
+                    | Op::Pack64
+                    | Op::Unpack64
+                    | Op::VarAddress(_)
+                    | Op::Descriptor(_)
+                    | Op::PushConstants
+                    | Op::Input(_)
+                    | Op::Uniform(_)
+            )
+    }
+
+    /// May be removed when no result is used: pure, or a read.
+    pub fn is_removable(&self) -> bool {
+        self.is_pure()
+            || match self {
+                Op::VarLoad(..)
+                | Op::BufferSize
+                | Op::DescriptorAddress
+                | Op::LaneIndex
+                | Op::ReadClock
+                | Op::Subgroup(_) => true,
+                Op::Load(access) => !access.volatile,
+                Op::Image(op) => op.is_read(),
+                _ => false,
+            }
+    }
+}

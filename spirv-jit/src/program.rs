@@ -1,0 +1,159 @@
+//! Compiled shaders, and how they are run: the seam between the compiler and the scheduler.
+//!
+//! A *subgroup state* is one contiguous, 64-byte-aligned block of rows, each row 16 lanes of one 32-bit word:
+//!
+//! ```text
+//! [ control | inputs | io: a yield's operands and results, or outputs | private memory | live values ]
+//! ```
+//!
+//! The scheduler owns the block, fills `inputs`, calls [`Program::start`], then [`Program::run`] with one or more subgroups
+//! that stand at the same [`ResumePoint`]. At a yield it reads operands from the `io` rows and writes results over them; at the end it reads outputs there.
+//! Nothing else in the block is its business, and no other crate knows which tier ran.
+
+use std::sync::Arc;
+
+use crate::environment::Environment;
+use crate::error::Error;
+use crate::ir;
+
+pub use crate::ir::module::InputRow;
+
+/// Shader stages (SPIR-V execution models) that exist.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Stage {
+    Compute,
+    RayGeneration,
+    Intersection,
+    AnyHit,
+    ClosestHit,
+    Miss,
+    Callable,
+}
+
+/// Built-in inputs that arrive per lane in the input record. 32-bit words each; vectors and matrices (column-major) by component.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Builtin {
+    /// 3 words.
+    LaunchId,
+    /// 3 words each: compute.
+    WorkgroupId,
+    LocalInvocationId,
+    /// 1 word: compute.
+    LocalInvocationIndex,
+    /// 3 words: compute.
+    GlobalInvocationId,
+    /// 1 word each: compute.
+    SubgroupId,
+    NumSubgroups,
+    PrimitiveId,
+    InstanceId,
+    InstanceCustomIndex,
+    GeometryIndex,
+    /// 3 f32 each.
+    WorldRayOrigin,
+    WorldRayDirection,
+    ObjectRayOrigin,
+    ObjectRayDirection,
+    RayTmin,
+    RayTmax,
+    IncomingRayFlags,
+    CullMask,
+    HitKind,
+    /// 4 columns of 3 f32.
+    ObjectToWorld,
+    WorldToObject,
+    /// 3 vertices of 3 f32 (`HitTriangleVertexPositionsKHR`).
+    HitTriangleVertexPositions,
+    /// 2 words: device address of the shader record (after the handle).
+    ShaderRecordAddress,
+}
+
+/// What is needed to turn a module's entry point into a program.
+pub struct CompileRequest<'a> {
+    pub words: &'a [u32],
+    pub entry_point: &'a str,
+    pub stage: Stage,
+    /// `SpecId` and its bytes (`VkSpecializationMapEntry`; booleans as `VkBool32`).
+    pub specialization: &'a [(u32, &'a [u8])],
+    /// Where each (set, binding) lies in the pipeline layout; a pair that gives `None` is a null descriptor.
+    pub bindings: &'a dyn Fn(u32, u32) -> Option<ir::op::DescriptorBinding>,
+    /// What the device has enabled; anything a module declares beyond it is refused.
+    pub capabilities: &'a [rspirv::spirv::Capability],
+}
+
+/// Compiles one entry point.
+///
+/// # Errors
+/// See [`ErrorKind`](crate::error::ErrorKind). Never panics, whatever the words are; time and memory are bounded in proportion to the module.
+pub fn compile(request: &CompileRequest<'_>) -> Result<Arc<Program>, Error> {
+    let parsed = crate::parse::parse(request.words)?;
+    let mut module = crate::lower::lower_module(&parsed, request)?;
+    crate::pass::optimize(&mut module)?;
+    Program::new(&module).map(Arc::new)
+}
+
+/// Where subgroups go on: subgroups of one program at equal points may run in one wave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ResumePoint(pub u32);
+
+/// Why a run came back. All subgroups of the run stand at `site`/the end; lanes that take part in the event are those of
+/// [`Program::event_mask`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// All lanes of all subgroups have ended; outputs stand in the `io` rows.
+    End,
+    /// Suspended at a yield.
+    Yield(SiteId),
+    /// Fuel ran out at a loop back-edge: run again to go on.
+    OutOfFuel,
+}
+
+/// A yield in the program text.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct SiteId(pub u32);
+
+/// What a yield asks for. Rows count from the start of the `io` rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SiteKind {
+    /// Rows 0..15: the ray (see `Op::TraceRay`); row 15: unused; rows 16..16+n: payload, in and out.
+    TraceRay { payload_words: u32 },
+    /// Row 0: t; row 1: hit kind; rows 16..16+n: attribute. The verdict goes to row 0: 0 rejected, 1 accepted.
+    ReportIntersection { attribute_words: u32 },
+    /// Row 0: callable index; rows 16..16+n: data, in and out.
+    ExecuteCallable { data_words: u32 },
+    /// Workgroup barrier.
+    Barrier,
+}
+
+/// First `io` row of payload, attribute and callable data at every site.
+pub const IO_DATA_ROW: usize = 16;
+
+/// Sizes, in rows of 16 × 32 bits, of the parts of a subgroup's state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct StateLayout {
+    /// First input row.
+    pub inputs: usize,
+    /// First `io` row.
+    pub io: usize,
+    /// Total.
+    pub rows: usize,
+}
+
+pub use crate::interp::{Frame, Program};
+
+/// One row of a subgroup's state: a word per lane.
+pub type Row = [u32; crate::SUBGROUP_SIZE];
+
+/// A wave to run: the states of its subgroups, and what its workgroup shares.
+pub struct Wave<'a> {
+    /// Each has [`StateLayout::rows`] rows. At most [`Program::max_wave_subgroups`].
+    pub states: &'a mut [&'a mut [AlignedRow]],
+    /// Compute: workgroup memory.
+    pub shared: *mut u8,
+    pub environment: &'a Environment,
+}
+
+/// A row, aligned to a cache line.
+#[repr(C, align(64))]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct AlignedRow(pub Row);
