@@ -1,0 +1,1 @@
+//! Performs recorded commands, in order, on a queue's thread.
