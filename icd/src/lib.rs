@@ -1,1 +1,3 @@
 //! Tuff: a Vulkan driver that traces rays on the CPU.
+
+pub mod trace;
