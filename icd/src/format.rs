@@ -13,16 +13,27 @@ pub fn texel_size_bytes(format: vk::Format) -> u64 {
 pub fn planes(format: vk::Format) -> Vec<(vk::ImageAspectFlags, vk::Format)> {
     use vk::ImageAspectFlags as Aspect;
     match format {
-        vk::Format::D32_SFLOAT | vk::Format::D16_UNORM | vk::Format::X8_D24_UNORM_PACK32 => vec![(Aspect::DEPTH, format)],
+        vk::Format::D32_SFLOAT | vk::Format::D16_UNORM | vk::Format::X8_D24_UNORM_PACK32 => {
+            vec![(Aspect::DEPTH, format)]
+        }
         vk::Format::S8_UINT => vec![(Aspect::STENCIL, format)],
         vk::Format::D32_SFLOAT_S8_UINT => {
-            vec![(Aspect::DEPTH, vk::Format::D32_SFLOAT), (Aspect::STENCIL, vk::Format::S8_UINT)]
+            vec![
+                (Aspect::DEPTH, vk::Format::D32_SFLOAT),
+                (Aspect::STENCIL, vk::Format::S8_UINT),
+            ]
         }
         vk::Format::D24_UNORM_S8_UINT => {
-            vec![(Aspect::DEPTH, vk::Format::X8_D24_UNORM_PACK32), (Aspect::STENCIL, vk::Format::S8_UINT)]
+            vec![
+                (Aspect::DEPTH, vk::Format::X8_D24_UNORM_PACK32),
+                (Aspect::STENCIL, vk::Format::S8_UINT),
+            ]
         }
         vk::Format::D16_UNORM_S8_UINT => {
-            vec![(Aspect::DEPTH, vk::Format::D16_UNORM), (Aspect::STENCIL, vk::Format::S8_UINT)]
+            vec![
+                (Aspect::DEPTH, vk::Format::D16_UNORM),
+                (Aspect::STENCIL, vk::Format::S8_UINT),
+            ]
         }
         _ => vec![(Aspect::COLOR, format)],
     }

@@ -73,7 +73,11 @@ fn pointer<T: Handled>(handle: T::Handle) -> *const Object<T> {
     assert!(!pointer.is_null(), "null handle");
     // SAFETY: a handle that is not null points to an object's head (the application's valid usage).
     let found = unsafe { (*pointer).tag };
-    assert!(found == tag::<T>(), "not a live handle of this type: {:#x}", handle.as_raw());
+    assert!(
+        found == tag::<T>(),
+        "not a live handle of this type: {:#x}",
+        handle.as_raw()
+    );
     pointer
 }
 
@@ -157,6 +161,9 @@ mod tests {
     fn objects_begin_with_the_loader_magic() {
         let thing = new(Thing(1));
         // SAFETY: `Object` is `repr(C)`: its first word is the loader's.
-        assert_eq!(unsafe { *Arc::as_ptr(&thing).cast::<usize>() }, LOADER_MAGIC);
+        assert_eq!(
+            unsafe { *Arc::as_ptr(&thing).cast::<usize>() },
+            LOADER_MAGIC
+        );
     }
 }

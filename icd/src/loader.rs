@@ -18,7 +18,9 @@ const NEWEST: u32 = 7;
 /// # Safety
 /// `version` is valid.
 #[unsafe(no_mangle)]
-pub unsafe extern "system" fn vk_icdNegotiateLoaderICDInterfaceVersion(version: *mut u32) -> vk::Result {
+pub unsafe extern "system" fn vk_icdNegotiateLoaderICDInterfaceVersion(
+    version: *mut u32,
+) -> vk::Result {
     code(guard("vk_icdNegotiateLoaderICDInterfaceVersion", || {
         // SAFETY: the loader passes a valid pointer.
         let version = unsafe { &mut *version };
@@ -41,7 +43,8 @@ pub unsafe extern "system" fn vk_icdGetInstanceProcAddr(
 ) -> vk::PFN_vkVoidFunction {
     guard("vk_icdGetInstanceProcAddr", || {
         // SAFETY: the loader's promise.
-        let (instance, name) = unsafe { (handle::optional::<Instance>(instance), ffi::string(name)) };
+        let (instance, name) =
+            unsafe { (handle::optional::<Instance>(instance), ffi::string(name)) };
         if let Some(function) = loader_function(name.to_bytes()) {
             return Some(function);
         }
@@ -65,7 +68,8 @@ pub unsafe extern "system" fn vk_icdGetPhysicalDeviceProcAddr(
 ) -> vk::PFN_vkVoidFunction {
     guard("vk_icdGetPhysicalDeviceProcAddr", || {
         // SAFETY: the loader's promise.
-        let (instance, name) = unsafe { (handle::optional::<Instance>(instance), ffi::string(name)) };
+        let (instance, name) =
+            unsafe { (handle::optional::<Instance>(instance), ffi::string(name)) };
         let command = commands::find(name.to_bytes())?;
         let available = command.level == Level::PhysicalDevice
             && instance.is_none_or(|instance| command.available_to_instance(instance.extensions));
@@ -78,14 +82,18 @@ fn loader_function(name: &[u8]) -> vk::PFN_vkVoidFunction {
     // SAFETY: `PFN_vkVoidFunction` is the type that such pointers are passed around as; callers cast back.
     unsafe {
         match name {
-            b"vk_icdNegotiateLoaderICDInterfaceVersion" => Some(std::mem::transmute::<
-                unsafe extern "system" fn(*mut u32) -> vk::Result,
-                unsafe extern "system" fn(),
-            >(vk_icdNegotiateLoaderICDInterfaceVersion)),
+            b"vk_icdNegotiateLoaderICDInterfaceVersion" => {
+                Some(std::mem::transmute::<
+                    unsafe extern "system" fn(*mut u32) -> vk::Result,
+                    unsafe extern "system" fn(),
+                >(vk_icdNegotiateLoaderICDInterfaceVersion))
+            }
             b"vk_icdGetPhysicalDeviceProcAddr" => Some(std::mem::transmute::<
                 unsafe extern "system" fn(vk::Instance, *const c_char) -> vk::PFN_vkVoidFunction,
                 unsafe extern "system" fn(),
-            >(vk_icdGetPhysicalDeviceProcAddr)),
+            >(
+                vk_icdGetPhysicalDeviceProcAddr
+            )),
             b"vk_icdGetInstanceProcAddr" => Some(std::mem::transmute::<
                 unsafe extern "system" fn(vk::Instance, *const c_char) -> vk::PFN_vkVoidFunction,
                 unsafe extern "system" fn(),
@@ -101,7 +109,13 @@ mod tests {
 
     #[test]
     fn versions_are_negotiated() {
-        for (asked, answer) in [(2, Some(2)), (5, Some(5)), (7, Some(7)), (9, Some(7)), (1, None)] {
+        for (asked, answer) in [
+            (2, Some(2)),
+            (5, Some(5)),
+            (7, Some(7)),
+            (9, Some(7)),
+            (1, None),
+        ] {
             let mut version = asked;
             // SAFETY: a valid pointer.
             let result = unsafe { vk_icdNegotiateLoaderICDInterfaceVersion(&mut version) };

@@ -35,7 +35,9 @@ pub unsafe fn find<'a, T: vk::TaggedStructure>(next: *const c_void) -> Option<&'
 ///
 /// # Safety
 /// As [`nodes`], and nothing else uses the structures for the time of the call.
-pub unsafe fn nodes_mut(next: *mut c_void) -> impl Iterator<Item = *mut vk::BaseOutStructure<'static>> {
+pub unsafe fn nodes_mut(
+    next: *mut c_void,
+) -> impl Iterator<Item = *mut vk::BaseOutStructure<'static>> {
     let mut node: *mut vk::BaseOutStructure<'static> = next.cast();
     std::iter::from_fn(move || {
         if node.is_null() {
@@ -73,7 +75,12 @@ mod tests {
         // SAFETY: the chain is the two structures above.
         unsafe {
             let start = (&raw const first).cast();
-            assert_eq!(find::<vk::PhysicalDeviceVulkan12Features>(start).unwrap().shader_int8, vk::TRUE);
+            assert_eq!(
+                find::<vk::PhysicalDeviceVulkan12Features>(start)
+                    .unwrap()
+                    .shader_int8,
+                vk::TRUE
+            );
             assert!(find::<vk::PhysicalDeviceVulkan13Features>(start).is_none());
             assert!(find::<vk::PhysicalDeviceVulkan13Features>(std::ptr::null()).is_none());
         }

@@ -11,7 +11,11 @@ use crate::VkResult;
 ///
 /// # Safety
 /// `count` is valid; `out` is null or has room for `*count` elements.
-pub unsafe fn enumerate<T>(count: *mut u32, out: *mut T, items: impl ExactSizeIterator<Item = T>) -> VkResult {
+pub unsafe fn enumerate<T>(
+    count: *mut u32,
+    out: *mut T,
+    items: impl ExactSizeIterator<Item = T>,
+) -> VkResult {
     // SAFETY: the caller's promise. Elements are written whole, over memory that may be uninitialised.
     unsafe {
         if out.is_null() {
@@ -24,7 +28,11 @@ pub unsafe fn enumerate<T>(count: *mut u32, out: *mut T, items: impl ExactSizeIt
             out.add(index).write(item);
         }
         *count = fit;
-        if fit < total { Err(vk::Result::INCOMPLETE) } else { Ok(()) }
+        if fit < total {
+            Err(vk::Result::INCOMPLETE)
+        } else {
+            Ok(())
+        }
     }
 }
 
@@ -53,7 +61,11 @@ pub unsafe fn enumerate_with<T, I>(
             fill(&mut *out.add(index), item);
         }
         *count = fit;
-        if fit < total { Err(vk::Result::INCOMPLETE) } else { Ok(()) }
+        if fit < total {
+            Err(vk::Result::INCOMPLETE)
+        } else {
+            Ok(())
+        }
     }
 }
 
@@ -97,7 +109,10 @@ mod tests {
             assert!(enumerate(&mut count, out.as_mut_ptr(), items.iter().copied()).is_ok());
             assert_eq!(out, items);
             count = 2;
-            assert!(enumerate(&mut count, out.as_mut_ptr(), items.iter().copied()) == Err(vk::Result::INCOMPLETE));
+            assert!(
+                enumerate(&mut count, out.as_mut_ptr(), items.iter().copied())
+                    == Err(vk::Result::INCOMPLETE)
+            );
             assert_eq!(count, 2);
         }
     }

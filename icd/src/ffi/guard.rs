@@ -32,7 +32,10 @@ default_on_panic!((), u32, u64, vk::PFN_vkVoidFunction);
 /// Runs an entry point's body; a panic is logged once and becomes [`OnPanic::on_panic`].
 pub fn guard<R: OnPanic>(name: &str, body: impl FnOnce() -> R) -> R {
     catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|payload| {
-        log::write(Level::Error, &format!("{name} panicked: {}", panic_message(&*payload)));
+        log::write(
+            Level::Error,
+            &format!("{name} panicked: {}", panic_message(&*payload)),
+        );
         R::on_panic()
     })
 }
@@ -116,7 +119,10 @@ mod tests {
 
     #[test]
     fn a_panic_becomes_an_error() {
-        assert!(guard("test", || -> VkResult { panic!("expected by a test") }) == Err(vk::Result::ERROR_UNKNOWN));
+        assert!(
+            guard("test", || -> VkResult { panic!("expected by a test") })
+                == Err(vk::Result::ERROR_UNKNOWN)
+        );
         assert_eq!(guard("test", || -> u64 { panic!("expected by a test") }), 0);
     }
 }

@@ -38,10 +38,15 @@ impl Buffer {
     /// `VK_ERROR_UNKNOWN` if the buffer is unbound or the range is not inside it.
     pub fn range(&self, offset: u64, size_bytes: u64) -> VkResult<(*mut u8, u64)> {
         let size_bytes = match size_bytes {
-            vk::WHOLE_SIZE => self.size_bytes.checked_sub(offset).ok_or(vk::Result::ERROR_UNKNOWN)?,
+            vk::WHOLE_SIZE => self
+                .size_bytes
+                .checked_sub(offset)
+                .ok_or(vk::Result::ERROR_UNKNOWN)?,
             size => size,
         };
-        let inside = offset.checked_add(size_bytes).is_some_and(|end| end <= self.size_bytes);
+        let inside = offset
+            .checked_add(size_bytes)
+            .is_some_and(|end| end <= self.size_bytes);
         if self.address() == 0 || !inside {
             return Err(vk::Result::ERROR_UNKNOWN);
         }

@@ -3,7 +3,6 @@
 //! A set is two flat arrays of entries that are already resolved to what a shader's access needs: the plain ones, and the dynamic buffers
 //! (whose offsets are applied when they are bound). Entries are plain data: updating one is a store.
 
-
 use ash::vk;
 use parking_lot::Mutex;
 use spirv_jit::environment::Descriptor;
@@ -39,7 +38,8 @@ impl Binding {
     }
 
     pub fn is_variable(&self) -> bool {
-        self.flags.contains(vk::DescriptorBindingFlags::VARIABLE_DESCRIPTOR_COUNT)
+        self.flags
+            .contains(vk::DescriptorBindingFlags::VARIABLE_DESCRIPTOR_COUNT)
     }
 
     /// Entries in the set: an inline uniform block is one.
@@ -64,11 +64,18 @@ impl DescriptorSetLayout {
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_HOST_MEMORY` if they are more than 2³² entries.
-    pub fn new(mut bindings: Vec<Binding>, flags: vk::DescriptorSetLayoutCreateFlags) -> VkResult<Self> {
+    pub fn new(
+        mut bindings: Vec<Binding>,
+        flags: vk::DescriptorSetLayoutCreateFlags,
+    ) -> VkResult<Self> {
         bindings.sort_by_key(|binding| binding.binding);
         let (mut entry_count, mut dynamic_count, mut inline_bytes) = (0u32, 0u32, 0u32);
         for binding in &mut bindings {
-            let counter = if binding.is_dynamic() { &mut dynamic_count } else { &mut entry_count };
+            let counter = if binding.is_dynamic() {
+                &mut dynamic_count
+            } else {
+                &mut entry_count
+            };
             binding.first = *counter;
             binding.inline_offset = inline_bytes;
             let too_many = vk::Result::ERROR_OUT_OF_HOST_MEMORY;
@@ -91,7 +98,10 @@ impl DescriptorSetLayout {
 
     /// A binding by its number.
     pub fn binding(&self, binding: u32) -> Option<&Binding> {
-        let index = self.bindings.binary_search_by_key(&binding, |b| b.binding).ok()?;
+        let index = self
+            .bindings
+            .binary_search_by_key(&binding, |b| b.binding)
+            .ok()?;
         Some(&self.bindings[index])
     }
 }
@@ -121,8 +131,14 @@ impl Drop for Storage {
     fn drop(&mut self) {
         // SAFETY: made by `DescriptorSet::new` from boxes of these lengths.
         unsafe {
-            drop(Box::from_raw(std::ptr::slice_from_raw_parts_mut(self.entries, self.len)));
-            drop(Box::from_raw(std::ptr::slice_from_raw_parts_mut(self.inline.cast::<Inline>(), self.inline_len)));
+            drop(Box::from_raw(std::ptr::slice_from_raw_parts_mut(
+                self.entries,
+                self.len,
+            )));
+            drop(Box::from_raw(std::ptr::slice_from_raw_parts_mut(
+                self.inline.cast::<Inline>(),
+                self.inline_len,
+            )));
         }
     }
 }
@@ -134,7 +150,9 @@ struct Inline(#[allow(dead_code)] [u8; 16]);
 
 fn fallible_box<T: Copy>(value: T, len: usize) -> VkResult<*mut T> {
     let mut items = Vec::new();
-    items.try_reserve_exact(len).map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
+    items
+        .try_reserve_exact(len)
+        .map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
     items.resize(len, value);
     Ok(Box::into_raw(items.into_boxed_slice()).cast())
 }
@@ -146,7 +164,9 @@ impl DescriptorSet {
     /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
     pub fn new(layout: Ref<DescriptorSetLayout>, variable_count: u32) -> VkResult<Self> {
         let cut = match layout.bindings.last() {
-            Some(last) if last.is_variable() && !last.is_inline() => last.count - variable_count.min(last.count),
+            Some(last) if last.is_variable() && !last.is_inline() => {
+                last.count - variable_count.min(last.count)
+            }
             _ => 0,
         };
         let entry_count = layout.entry_count - cut;
@@ -182,7 +202,8 @@ impl DescriptorSet {
             {
                 // SAFETY: as above; the offset is inside the inline data.
                 unsafe {
-                    (*entry).address = self.storage.inline.add(binding.inline_offset as usize) as u64;
+                    (*entry).address =
+                        self.storage.inline.add(binding.inline_offset as usize) as u64;
                     (*entry).size_bytes = u64::from(binding.count);
                 }
             }
@@ -206,7 +227,11 @@ impl DescriptorSet {
         }
         let index = binding.first.checked_add(index)?;
         if binding.is_dynamic() {
-            return Some(self.storage.entries.wrapping_add((self.entry_count + index) as usize));
+            return Some(
+                self.storage
+                    .entries
+                    .wrapping_add((self.entry_count + index) as usize),
+            );
         }
         (index < self.entry_count).then(|| self.storage.entries.wrapping_add(index as usize))
     }
@@ -214,8 +239,11 @@ impl DescriptorSet {
     /// Bytes of an inline uniform block, from `offset`; `None` if they are not inside.
     pub fn inline_bytes(&self, binding: &Binding, offset: u32, count: u32) -> Option<*mut u8> {
         let end = offset.checked_add(count)?;
-        (binding.is_inline() && end <= binding.count)
-            .then(|| self.storage.inline.wrapping_add((binding.inline_offset + offset) as usize))
+        (binding.is_inline() && end <= binding.count).then(|| {
+            self.storage
+                .inline
+                .wrapping_add((binding.inline_offset + offset) as usize)
+        })
     }
 }
 
@@ -243,7 +271,6 @@ pub struct DescriptorUpdateTemplate {
     /// Push descriptor templates.
     pub layout: Option<Ref<super::PipelineLayout>>,
 }
-
 
 #[cfg(test)]
 mod tests {
@@ -274,15 +301,30 @@ mod tests {
         )
         .ok()
         .unwrap();
-        assert_eq!((layout.entry_count, layout.dynamic_count, layout.inline_bytes), (8, 2, 32));
+        assert_eq!(
+            (
+                layout.entry_count,
+                layout.dynamic_count,
+                layout.inline_bytes
+            ),
+            (8, 2, 32)
+        );
         assert_eq!(layout.binding(5).unwrap().first, 5);
         assert_eq!(layout.binding(1).unwrap().first, 0);
-        let set = DescriptorSet::new(crate::handle::new(layout), 0).ok().unwrap();
+        let set = DescriptorSet::new(crate::handle::new(layout), 0)
+            .ok()
+            .unwrap();
         let last = set.layout.binding(5).unwrap();
-        assert_eq!(set.entry(last, 2), Some(set.entries().wrapping_add(7).cast_mut()));
+        assert_eq!(
+            set.entry(last, 2),
+            Some(set.entries().wrapping_add(7).cast_mut())
+        );
         assert!(set.entry(last, 3).is_none());
         let dynamic = set.layout.binding(1).unwrap();
-        assert_eq!(set.entry(dynamic, 1), Some(set.dynamic().wrapping_add(1).cast_mut()));
+        assert_eq!(
+            set.entry(dynamic, 1),
+            Some(set.dynamic().wrapping_add(1).cast_mut())
+        );
         let inline = set.layout.binding(3).unwrap();
         assert!(set.inline_bytes(inline, 16, 4).is_some());
         assert!(set.inline_bytes(inline, 16, 8).is_none());

@@ -45,6 +45,10 @@ impl Lost {
     /// # Errors
     /// `VK_ERROR_DEVICE_LOST`.
     pub fn check(&self) -> VkResult {
-        if self.0.load(Ordering::Acquire) { Err(vk::Result::ERROR_DEVICE_LOST) } else { Ok(()) }
+        if self.0.load(Ordering::Acquire) {
+            Err(vk::Result::ERROR_DEVICE_LOST)
+        } else {
+            Ok(())
+        }
     }
 }

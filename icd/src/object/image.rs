@@ -58,8 +58,15 @@ impl Image {
             if texel_size_bytes == 0 {
                 return Err(vk::Result::ERROR_FORMAT_NOT_SUPPORTED);
             }
-            let plane = lay_out_plane(info, aspect, format, texel_size_bytes, samples, &mut size_bytes)
-                .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
+            let plane = lay_out_plane(
+                info,
+                aspect,
+                format,
+                texel_size_bytes,
+                samples,
+                &mut size_bytes,
+            )
+            .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
             planes.push(plane);
         }
         if planes.is_empty() {
@@ -93,19 +100,29 @@ impl Image {
 
     /// The plane that an aspect (one bit, or color) names.
     pub fn plane(&self, aspect: vk::ImageAspectFlags) -> Option<&Plane> {
-        self.planes.iter().find(|plane| plane.aspect.intersects(aspect))
+        self.planes
+            .iter()
+            .find(|plane| plane.aspect.intersects(aspect))
     }
 
     /// Layers of a subresource range, `VK_REMAINING_ARRAY_LAYERS` resolved.
     pub fn layer_count(&self, base: u32, count: u32) -> u32 {
         let remaining = self.array_layers.saturating_sub(base);
-        if count == vk::REMAINING_ARRAY_LAYERS { remaining } else { count.min(remaining) }
+        if count == vk::REMAINING_ARRAY_LAYERS {
+            remaining
+        } else {
+            count.min(remaining)
+        }
     }
 
     /// Levels of a subresource range, `VK_REMAINING_MIP_LEVELS` resolved.
     pub fn level_count(&self, base: u32, count: u32) -> u32 {
         let remaining = self.mip_levels.saturating_sub(base);
-        if count == vk::REMAINING_MIP_LEVELS { remaining } else { count.min(remaining) }
+        if count == vk::REMAINING_MIP_LEVELS {
+            remaining
+        } else {
+            count.min(remaining)
+        }
     }
 }
 
@@ -122,7 +139,11 @@ fn lay_out_plane(
     let mut end = 0u64;
     for index in 0..info.mip_levels.min(32) {
         let side = |extent: u32| (extent.checked_shr(index).unwrap_or(0)).max(1);
-        let (width, height, depth) = (side(info.extent.width), side(info.extent.height), side(info.extent.depth));
+        let (width, height, depth) = (
+            side(info.extent.width),
+            side(info.extent.height),
+            side(info.extent.depth),
+        );
         let row_stride_bytes = texel_size_bytes.checked_mul(u64::from(width))?;
         let slice_stride_bytes = row_stride_bytes.checked_mul(u64::from(height))?;
         levels.push(Level {
@@ -138,7 +159,9 @@ fn lay_out_plane(
             .checked_next_multiple_of(SUBRESOURCE_ALIGNMENT)?;
     }
     let layer_stride_bytes = end.checked_mul(u64::from(samples))?;
-    let total = layer_stride_bytes.checked_mul(u64::from(info.array_layers))?.checked_add(start)?;
+    let total = layer_stride_bytes
+        .checked_mul(u64::from(info.array_layers))?
+        .checked_add(start)?;
     *size_bytes = i64::try_from(total).ok()? as u64;
     Some(Plane {
         aspect,
@@ -160,7 +183,9 @@ pub struct StableDescriptor<T: Send + 'static> {
 impl<T: Send> StableDescriptor<T> {
     /// What descriptor sets store.
     pub fn as_ptr(&self) -> *const T {
-        self.slot.as_deref().map_or(std::ptr::null(), std::ptr::from_ref)
+        self.slot
+            .as_deref()
+            .map_or(std::ptr::null(), std::ptr::from_ref)
     }
 }
 

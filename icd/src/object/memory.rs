@@ -45,7 +45,12 @@ impl AddressWindow {
     pub fn reserve(budget_bytes: u64) -> VkResult<Arc<Self>> {
         let mut size_bytes = LARGEST_WINDOW;
         while size_bytes >= SMALLEST_WINDOW {
-            let fixed = (0..PREFERRED_SLOTS).map(|slot| (PREFERRED_BASE + slot * LARGEST_WINDOW, libc::MAP_FIXED_NOREPLACE));
+            let fixed = (0..PREFERRED_SLOTS).map(|slot| {
+                (
+                    PREFERRED_BASE + slot * LARGEST_WINDOW,
+                    libc::MAP_FIXED_NOREPLACE,
+                )
+            });
             for (address, flags) in fixed.chain([(0, 0)]) {
                 if let Some(base) = map_zero_pages(address, size_bytes, flags) {
                     return Ok(Arc::new(Self {
@@ -80,10 +85,14 @@ impl AddressWindow {
         const FULL: vk::Result = vk::Result::ERROR_OUT_OF_DEVICE_MEMORY;
         self.used_bytes
             .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |used| {
-                used.checked_add(size_bytes).filter(|&sum| sum <= self.budget_bytes)
+                used.checked_add(size_bytes)
+                    .filter(|&sum| sum <= self.budget_bytes)
             })
             .map_err(|_| FULL)?;
-        let address = self.ranges.lock().take(size_bytes, wanted, self.base + self.size_bytes);
+        let address = self
+            .ranges
+            .lock()
+            .take(size_bytes, wanted, self.base + self.size_bytes);
         address.ok_or_else(|| {
             self.used_bytes.fetch_sub(size_bytes, Ordering::Relaxed);
             match wanted {
@@ -136,7 +145,10 @@ impl Ranges {
             return Some(address);
         }
         self.merge();
-        let index = self.freed.iter().position(|range| range.0 <= address && last <= range.0 + range.1)?;
+        let index = self
+            .freed
+            .iter()
+            .position(|range| range.0 <= address && last <= range.0 + range.1)?;
         let (start, free) = self.freed.remove(index);
         if address > start {
             self.freed.push((start, address - start));
@@ -226,7 +238,12 @@ impl DeviceMemory {
     /// # Errors
     /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` past the heap's budget; `VK_ERROR_INVALID_EXTERNAL_HANDLE` for a file that is too short or cannot
     /// be mapped; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if `wanted` is taken.
-    pub fn allocate(window: &Arc<AddressWindow>, size_bytes: u64, source: Source, wanted: Option<u64>) -> VkResult<Self> {
+    pub fn allocate(
+        window: &Arc<AddressWindow>,
+        size_bytes: u64,
+        source: Source,
+        wanted: Option<u64>,
+    ) -> VkResult<Self> {
         let file = match source {
             Source::HostPointer(pointer) => {
                 return Ok(Self {
@@ -261,7 +278,10 @@ impl DeviceMemory {
     }
 
     fn map_file(&self) -> VkResult {
-        let Backing::Window { file: Some(file), .. } = &self.backing else {
+        let Backing::Window {
+            file: Some(file), ..
+        } = &self.backing
+        else {
             return Ok(());
         };
         // SAFETY: the range was just taken from the window, so nothing else uses it.
@@ -275,7 +295,11 @@ impl DeviceMemory {
                 0,
             )
         };
-        if mapped == libc::MAP_FAILED { Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE) } else { Ok(()) }
+        if mapped == libc::MAP_FAILED {
+            Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)
+        } else {
+            Ok(())
+        }
     }
 
     /// A new descriptor of the file behind exportable memory.
@@ -283,16 +307,25 @@ impl DeviceMemory {
     /// # Errors
     /// `VK_ERROR_TOO_MANY_OBJECTS` if there is none to be had.
     pub fn export(&self) -> VkResult<OwnedFd> {
-        let Backing::Window { file: Some(file), .. } = &self.backing else {
+        let Backing::Window {
+            file: Some(file), ..
+        } = &self.backing
+        else {
             return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
         };
-        file.try_clone().map_err(|_| vk::Result::ERROR_TOO_MANY_OBJECTS)
+        file.try_clone()
+            .map_err(|_| vk::Result::ERROR_TOO_MANY_OBJECTS)
     }
 }
 
 impl Drop for DeviceMemory {
     fn drop(&mut self) {
-        if let Backing::Window { window, mapped_bytes, .. } = &self.backing {
+        if let Backing::Window {
+            window,
+            mapped_bytes,
+            ..
+        } = &self.backing
+        {
             window.give_back(self.address, *mapped_bytes);
         }
     }
@@ -306,7 +339,8 @@ fn new_file(size_bytes: u64) -> VkResult<OwnedFd> {
             return Err(vk::Result::ERROR_TOO_MANY_OBJECTS);
         }
         let file = OwnedFd::from_raw_fd(file);
-        let size = libc::off_t::try_from(size_bytes).map_err(|_| vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
+        let size = libc::off_t::try_from(size_bytes)
+            .map_err(|_| vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
         if libc::ftruncate(file.as_raw_fd(), size) != 0 {
             return Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY);
         }
@@ -319,7 +353,11 @@ pub fn file_size(file: &OwnedFd) -> u64 {
     // SAFETY: `stat` is plain data that the call fills.
     unsafe {
         let mut stat: libc::stat = std::mem::zeroed();
-        if libc::fstat(file.as_raw_fd(), &mut stat) == 0 { stat.st_size as u64 } else { 0 }
+        if libc::fstat(file.as_raw_fd(), &mut stat) == 0 {
+            stat.st_size as u64
+        } else {
+            0
+        }
     }
 }
 
@@ -371,8 +409,12 @@ mod tests {
     #[test]
     fn exported_memory_is_shared() {
         let window = AddressWindow::reserve(1 << 30).ok().unwrap();
-        let a = DeviceMemory::allocate(&window, 4096, Source::Exportable, None).ok().unwrap();
-        let b = DeviceMemory::allocate(&window, 4096, Source::File(a.export().ok().unwrap()), None).ok().unwrap();
+        let a = DeviceMemory::allocate(&window, 4096, Source::Exportable, None)
+            .ok()
+            .unwrap();
+        let b = DeviceMemory::allocate(&window, 4096, Source::File(a.export().ok().unwrap()), None)
+            .ok()
+            .unwrap();
         write(a.address, 99);
         assert_eq!(read(b.address), 99);
         let too_long = Source::File(a.export().ok().unwrap());

@@ -15,7 +15,9 @@ pub mod sync;
 
 pub use acceleration_structure::AccelerationStructure;
 pub use buffer::{Buffer, BufferView};
-pub use descriptor::{DescriptorPool, DescriptorSet, DescriptorSetLayout, DescriptorUpdateTemplate};
+pub use descriptor::{
+    DescriptorPool, DescriptorSet, DescriptorSetLayout, DescriptorUpdateTemplate,
+};
 pub use device::Device;
 pub use image::{Image, ImageView};
 pub use instance::{Instance, Messenger};

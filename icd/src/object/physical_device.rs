@@ -58,14 +58,23 @@ fn simd_level() -> &'static str {
     }
     #[cfg(not(target_arch = "x86_64"))]
     {
-        if cfg!(target_arch = "aarch64") { "NEON" } else { "scalar" }
+        if cfg!(target_arch = "aarch64") {
+            "NEON"
+        } else {
+            "scalar"
+        }
     }
 }
 
 /// Three quarters of the machine's memory.
 fn heap_bytes() -> u64 {
     // SAFETY: plain system calls.
-    let (pages, page_bytes) = unsafe { (libc::sysconf(libc::_SC_PHYS_PAGES), libc::sysconf(libc::_SC_PAGESIZE)) };
+    let (pages, page_bytes) = unsafe {
+        (
+            libc::sysconf(libc::_SC_PHYS_PAGES),
+            libc::sysconf(libc::_SC_PAGESIZE),
+        )
+    };
     let total = u64::try_from(pages).unwrap_or(0) * u64::try_from(page_bytes).unwrap_or(0);
     (total / 4 * 3).max(256 << 20) & !((1 << 20) - 1)
 }

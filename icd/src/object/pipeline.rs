@@ -53,11 +53,19 @@ impl PipelineLayout {
         let layout = self.sets.get(set as usize)?.as_ref()?;
         let binding = layout.binding(binding)?;
         let dynamic = binding.is_dynamic();
-        let base = if dynamic { self.dynamic_first[set as usize] } else { 0 };
+        let base = if dynamic {
+            self.dynamic_first[set as usize]
+        } else {
+            0
+        };
         Some(DescriptorBinding {
             set,
             first: base + binding.first,
-            count: if binding.is_variable() { u32::MAX } else { binding.entry_count() },
+            count: if binding.is_variable() {
+                u32::MAX
+            } else {
+                binding.entry_count()
+            },
             dynamic,
         })
     }

@@ -43,7 +43,12 @@ impl QueryPool {
 
     /// Makes queries unavailable.
     pub fn reset(&self, first: u32, count: u32) {
-        for query in self.queries.iter().skip(first as usize).take(count as usize) {
+        for query in self
+            .queries
+            .iter()
+            .skip(first as usize)
+            .take(count as usize)
+        {
             query.available.store(0, Ordering::Release);
         }
     }

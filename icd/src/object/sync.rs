@@ -45,8 +45,16 @@ impl Waiting {
             match deadline {
                 _ if timeout_ns == 0 => return Err(vk::Result::TIMEOUT),
                 Some(deadline) => {
-                    if self.changed.wait_until(&mut generation, deadline).timed_out() {
-                        return if done() { Ok(()) } else { Err(vk::Result::TIMEOUT) };
+                    if self
+                        .changed
+                        .wait_until(&mut generation, deadline)
+                        .timed_out()
+                    {
+                        return if done() {
+                            Ok(())
+                        } else {
+                            Err(vk::Result::TIMEOUT)
+                        };
                     }
                 }
                 None => self.changed.wait(&mut generation),
@@ -92,13 +100,22 @@ impl Semaphore {
 
     /// Signals: a binary semaphore becomes 1, a timeline one takes the value.
     pub fn signal(&self, value: u64) {
-        *self.value.lock() = if self.ty == vk::SemaphoreType::BINARY { 1 } else { value };
+        *self.value.lock() = if self.ty == vk::SemaphoreType::BINARY {
+            1
+        } else {
+            value
+        };
         self.waiting.notify();
     }
 
     /// Whether a wait for `value` is over.
     pub fn has_reached(&self, value: u64) -> bool {
-        self.value() >= if self.ty == vk::SemaphoreType::BINARY { 1 } else { value }
+        self.value()
+            >= if self.ty == vk::SemaphoreType::BINARY {
+                1
+            } else {
+                value
+            }
     }
 
     /// What a finished queue wait leaves: a binary semaphore is unsignaled again.

@@ -38,7 +38,9 @@ impl Command {
     pub fn available_to_instance(&self, enabled: ExtensionSet) -> bool {
         match self.availability {
             Availability::Core => true,
-            Availability::Extension(extension) => extension.kind() == Kind::Device || enabled.contains(extension),
+            Availability::Extension(extension) => {
+                extension.kind() == Kind::Device || enabled.contains(extension)
+            }
         }
     }
 
@@ -60,7 +62,55 @@ pub fn find(name: &[u8]) -> Option<&'static Command> {
     static INDEX: OnceLock<HashMap<&'static [u8], &'static Command>> = OnceLock::new();
     let table = table();
     INDEX
-        .get_or_init(|| table.iter().map(|command| (command.name.as_bytes(), command)).collect())
+        .get_or_init(|| {
+            table
+                .iter()
+                .map(|command| (command.name.as_bytes(), command))
+                .collect()
+        })
         .get(name)
         .copied()
+}
+
+/// The name a row goes by: its alias, or its function's.
+macro_rules! command_name {
+    ($name:ident) => {
+        stringify!($name)
+    };
+    ($name:ident $alias:ident) => {
+        stringify!($alias)
+    };
+}
+
+/// A row is `Level Availability PFN_type module::function [as alias];`. That the function has the PFN's type is checked by the compiler.
+macro_rules! commands {
+    ($($level:ident $extension:ident $pfn:ident $module:ident::$name:ident $(as $alias:ident)?;)*) => {
+        fn table() -> &'static [Command] {
+            static TABLE: OnceLock<Vec<Command>> = OnceLock::new();
+            TABLE.get_or_init(|| vec![$({
+                let function: vk::$pfn = crate::entry::$module::$name;
+                Command {
+                    name: command_name!($name $($alias)?),
+                    level: Level::$level,
+                    availability: commands!(@availability $extension),
+                    // SAFETY: `PFN_vkVoidFunction` is the type that such pointers are passed around as; callers cast back.
+                    function: unsafe { std::mem::transmute::<vk::$pfn, unsafe extern "system" fn()>(function) },
+                }
+            },)*])
+        }
+    };
+    (@availability Core) => { Availability::Core };
+    (@availability $extension:ident) => { Availability::Extension(Extension::$extension) };
+}
+
+commands! {
+    Global Core PFN_vkCreateInstance instance::vkCreateInstance;
+    Global Core PFN_vkEnumerateInstanceExtensionProperties instance::vkEnumerateInstanceExtensionProperties;
+    Global Core PFN_vkEnumerateInstanceVersion instance::vkEnumerateInstanceVersion;
+    Global Core PFN_vkEnumerateInstanceLayerProperties instance::vkEnumerateInstanceLayerProperties;
+    Instance Core PFN_vkDestroyInstance instance::vkDestroyInstance;
+    Instance Core PFN_vkGetInstanceProcAddr instance::vkGetInstanceProcAddr;
+    Instance Core PFN_vkEnumeratePhysicalDevices instance::vkEnumeratePhysicalDevices;
+    Instance Core PFN_vkEnumeratePhysicalDeviceGroups instance::vkEnumeratePhysicalDeviceGroups;
+    Instance KHR_DEVICE_GROUP_CREATION PFN_vkEnumeratePhysicalDeviceGroups instance::vkEnumeratePhysicalDeviceGroups as vkEnumeratePhysicalDeviceGroupsKHR;
 }

@@ -146,7 +146,10 @@ impl ExtensionSet {
 
 /// The extensions of a kind.
 pub fn of_kind(kind: Kind) -> impl Iterator<Item = Extension> {
-    Extension::ALL.iter().copied().filter(move |extension| extension.kind() == kind)
+    Extension::ALL
+        .iter()
+        .copied()
+        .filter(move |extension| extension.kind() == kind)
 }
 
 #[cfg(test)]
@@ -156,8 +159,11 @@ mod tests {
     #[test]
     fn sets_know_kinds_and_hold_all() {
         assert!(Extension::ALL.len() <= 256);
-        assert!(ExtensionSet::from_names(Kind::Device, [c"VK_EXT_debug_utils"].into_iter()).is_none());
-        let set = ExtensionSet::from_names(Kind::Instance, [c"VK_EXT_debug_utils"].into_iter()).unwrap();
+        assert!(
+            ExtensionSet::from_names(Kind::Device, [c"VK_EXT_debug_utils"].into_iter()).is_none()
+        );
+        let set =
+            ExtensionSet::from_names(Kind::Instance, [c"VK_EXT_debug_utils"].into_iter()).unwrap();
         assert!(set.contains(Extension::EXT_DEBUG_UTILS));
         assert!(!set.contains(Extension::KHR_8BIT_STORAGE));
     }

@@ -3,6 +3,7 @@
 //! Texels are exchanged as four 32-bit words: f32 bits for float and normalised formats, integers (sign- or zero-extended) for
 //! integer formats; 64-bit integer texels as (low, high) in the first two words.
 
+pub mod execute;
 pub mod format;
 
 pub use format::Format;
@@ -162,7 +163,8 @@ pub enum ImageOpKind {
 /// An image operation.
 ///
 /// Operands, in order, those that apply: `image: i64` (descriptor address), `sampler: i64` (descriptor address; sample, gather and
-/// query-lod only), coordinates ([`ImageOp::coordinate_count`], f32 for sample/gather/query-lod, else i32; array layer last), depth
+/// query-lod only), coordinates ([`ImageOp::coordinate_count`], f32 for sample/gather/query-lod, else i32; array layer last, except
+/// that query-lod takes none), depth
 /// reference `f32`, lod operands by [`LodMode`], `min_lod: f32` if `has_min_lod`, offsets (i32 per dimension) if `has_offset`, sample index `i32` if `multisampled` (fetch,
 /// read, write, atomic), then texel operands (write: 4; atomic: value, comparator as for `Op::Atomic`).
 /// Results and texels are f32 if `texel` is `F32`, else i32; with `I64` the results are (i64, i64 zero, …) with the value in the first.

@@ -1,0 +1,166 @@
+//! Performing an [`ImageOp`]: the entry for interpreters and compiled code.
+//!
+//! The unit is a block of 16 lanes. Descriptors that are the same in all active lanes, the common case, are set up once for the block; where they
+//! differ, lanes are grouped by descriptor.
+
+use super::{ImageDescriptor, ImageOp, ImageOpKind, LodMode, SamplerDescriptor};
+use crate::SUBGROUP_SIZE;
+use crate::environment::Descriptor;
+use crate::ir::Type;
+use crate::program::Row;
+
+/// Most result rows an operation has: four texel components of 64 bits.
+pub const MAX_RESULT_ROWS: usize = 8;
+
+impl ImageOp {
+    /// Whether a sampler descriptor follows the image descriptor.
+    pub fn has_sampler(&self) -> bool {
+        matches!(
+            self.kind,
+            ImageOpKind::Sample | ImageOpKind::Gather(_) | ImageOpKind::QueryLod
+        )
+    }
+
+    /// Rows of 32-bit words that [`execute`] reads: all operands but the descriptors, 64-bit ones as two rows.
+    pub fn operand_rows(&self) -> usize {
+        let words = if self.texel == Type::I64 { 2 } else { 1 };
+        let spatial = self.spatial_count();
+        // A cube's offsets and derivatives: it takes no offsets, and derivatives of its direction.
+        let is_query = matches!(
+            self.kind,
+            ImageOpKind::QuerySize | ImageOpKind::QueryLevels | ImageOpKind::QuerySamples
+        );
+        let coordinates = match self.kind {
+            _ if is_query => 0,
+            ImageOpKind::QueryLod => spatial,
+            _ => self.coordinate_count(),
+        };
+        let lod = match self.lod {
+            LodMode::Implicit => 0,
+            LodMode::Bias | LodMode::Lod => 1,
+            LodMode::Grad => 2 * spatial,
+        };
+        let offsets = match (self.has_offsets, self.has_offset) {
+            (true, _) => 4 * spatial,
+            (false, true) => spatial,
+            (false, false) => 0,
+        };
+        let texel = match self.kind {
+            ImageOpKind::Write => 4 * words,
+            ImageOpKind::Atomic(op) => words * atomic_operands(op),
+            _ => 0,
+        };
+        let sample = self.multisampled && !is_query;
+        coordinates
+            + self.depth_compare as usize
+            + lod
+            + self.has_min_lod as usize
+            + offsets
+            + sample as usize
+            + texel
+    }
+
+    /// Rows of 32-bit words that [`execute`] produces.
+    pub fn result_rows(&self) -> usize {
+        let words = if self.texel == Type::I64 { 2 } else { 1 };
+        match self.kind {
+            ImageOpKind::Sample if self.depth_compare => 1,
+            ImageOpKind::Sample
+            | ImageOpKind::Fetch
+            | ImageOpKind::Gather(_)
+            | ImageOpKind::Read => 4 * words,
+            ImageOpKind::Write => 0,
+            ImageOpKind::Atomic(crate::ir::op::AtomicOp::Store) => 0,
+            ImageOpKind::Atomic(_) => words,
+            ImageOpKind::QuerySize => self.size_components(),
+            ImageOpKind::QueryLevels | ImageOpKind::QuerySamples => 1,
+            ImageOpKind::QueryLod => 2,
+        }
+    }
+
+    /// Components of a size query: a cube has two.
+    fn size_components(&self) -> usize {
+        let spatial = match self.dim {
+            super::Dim::Cube => 2,
+            _ => self.spatial_count(),
+        };
+        spatial + self.arrayed as usize
+    }
+}
+
+/// Texel operands of an atomic.
+fn atomic_operands(op: crate::ir::op::AtomicOp) -> usize {
+    use crate::ir::op::AtomicOp;
+    match op {
+        AtomicOp::Load => 0,
+        AtomicOp::CompareExchange => 2,
+        _ => 1,
+    }
+}
+
+/// Performs `op` in the lanes of `mask`, for a block of 16 lanes.
+///
+/// * `images`, `samplers`: per lane, the address of a [`Descriptor`], as `Op::Descriptor` gives it; `samplers` is looked at only if
+///   [`ImageOp::has_sampler`]. Only active lanes are looked at.
+/// * `operands`: the operands after the descriptors, in [`ImageOp`]'s order, one row each; a 64-bit operand is two rows, low word first
+///   ([`ImageOp::operand_rows`] in all).
+/// * `results`: [`ImageOp::result_rows`] rows, 64-bit results as two rows, low word first. Inactive lanes get unspecified values.
+///
+/// Null descriptors and accesses outside the image follow robustness2: reads give (0, 0, 0, 1) where the format lacks components and zero elsewhere,
+/// writes are dropped. Lanes are performed in order of their index, so that writes and atomics of one block are deterministic.
+///
+/// # Safety
+/// Active lanes' descriptor addresses are those of live descriptors, whose images cover memory that stays allocated during the call.
+pub unsafe fn execute(
+    op: &ImageOp,
+    images: &[u64; SUBGROUP_SIZE],
+    samplers: &[u64; SUBGROUP_SIZE],
+    mask: u16,
+    operands: &[&Row],
+    results: &mut [Row],
+) {
+    debug_assert_eq!(operands.len(), op.operand_rows());
+    debug_assert!(results.len() >= op.result_rows());
+    let has_sampler = op.has_sampler();
+    let mut rest = mask;
+    while rest != 0 {
+        let first = rest.trailing_zeros() as usize;
+        let mut group = 0u16;
+        for lane in 0..SUBGROUP_SIZE {
+            let same = images[lane] == images[first]
+                && (!has_sampler || samplers[lane] == samplers[first]);
+            group |= (same as u16) << lane;
+        }
+        group &= rest;
+        rest &= !group;
+        // SAFETY: the caller vouches for the descriptors of active lanes.
+        unsafe {
+            let image = (*(images[first] as *const Descriptor)).image.as_ref();
+            let sampler = if has_sampler {
+                (*(samplers[first] as *const Descriptor)).sampler.as_ref()
+            } else {
+                None
+            };
+            execute_block(op, image, sampler, group, operands, results);
+        }
+    }
+}
+
+/// [`execute`] with one image and sampler for all lanes of `mask`; `None` is the null descriptor.
+///
+/// # Safety
+/// The image's memory stays allocated during the call.
+pub unsafe fn execute_block(
+    op: &ImageOp,
+    image: Option<&ImageDescriptor>,
+    sampler: Option<&SamplerDescriptor>,
+    mask: u16,
+    operands: &[&Row],
+    results: &mut [Row],
+) {
+    // Texel accesses are not written yet: every image is read as the null descriptor.
+    let _ = (image, sampler, mask, operands);
+    for row in &mut results[..op.result_rows()] {
+        *row = [0; SUBGROUP_SIZE];
+    }
+}
