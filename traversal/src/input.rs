@@ -1,0 +1,181 @@
+//! What a structure is built from: geometries in the caller's memory.
+
+/// Readable memory of the caller.
+///
+/// Reads outside it are not made: an index or a primitive that would need one is inactive.
+#[derive(Clone, Copy, Debug)]
+pub struct Memory {
+    /// First byte; any alignment.
+    pub base: *const u8,
+    /// Number of readable bytes.
+    pub bytes: usize,
+}
+
+// SAFETY: `Memory` is only read, inside functions whose contract says that nothing writes it
+// meanwhile.
+unsafe impl Send for Memory {}
+// SAFETY: as above.
+unsafe impl Sync for Memory {}
+
+/// Flags of a build; the bits of `VkBuildAccelerationStructureFlagBitsKHR`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BuildFlags(pub u32);
+
+impl BuildFlags {
+    /// The structure can be updated.
+    pub const ALLOW_UPDATE: u32 = 0x1;
+    /// The structure can be compacted (every structure of ours can).
+    pub const ALLOW_COMPACTION: u32 = 0x2;
+    /// Speed of walks comes first.
+    pub const PREFER_FAST_TRACE: u32 = 0x4;
+    /// Speed of the build comes first.
+    pub const PREFER_FAST_BUILD: u32 = 0x8;
+    /// Size comes first.
+    pub const LOW_MEMORY: u32 = 0x10;
+    /// Vertex positions can be fetched (from every structure of ours they can).
+    pub const ALLOW_DATA_ACCESS: u32 = 0x800;
+
+    /// Whether all of `bits` are set.
+    pub fn contains(self, bits: u32) -> bool {
+        self.0 & bits == bits
+    }
+}
+
+/// Flags of a geometry; the bits of `VkGeometryFlagBitsKHR`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GeometryFlags(pub u32);
+
+impl GeometryFlags {
+    /// No any-hit shader runs for it.
+    pub const OPAQUE: u32 = 0x1;
+    /// An any-hit shader runs at most once per primitive and ray (here it always does).
+    pub const NO_DUPLICATE_ANY_HIT_INVOCATION: u32 = 0x2;
+
+    /// Whether all of `bits` are set.
+    pub fn contains(self, bits: u32) -> bool {
+        self.0 & bits == bits
+    }
+}
+
+/// How a vertex position lies in memory. Missing components are 0, a fourth is ignored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs, reason = "each name is component count and type")]
+pub enum VertexFormat {
+    F32x2,
+    F32x3,
+    F32x4,
+    F16x2,
+    F16x3,
+    F16x4,
+    F64x2,
+    F64x3,
+    F64x4,
+    Snorm8x2,
+    Snorm8x3,
+    Snorm8x4,
+    Unorm8x2,
+    Unorm8x3,
+    Unorm8x4,
+    Snorm16x2,
+    Snorm16x3,
+    Snorm16x4,
+    Unorm16x2,
+    Unorm16x3,
+    Unorm16x4,
+    /// `A2B10G10R10`: x in the low ten bits.
+    Unorm10x3A2,
+    /// `A2B10G10R10`, signed: x in the low ten bits.
+    Snorm10x3A2,
+}
+
+/// Type of the indices of a triangle geometry.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs, reason = "the names say it")]
+pub enum IndexType {
+    /// Vertices `3 i`, `3 i + 1`, `3 i + 2` form triangle `i`.
+    None,
+    U8,
+    U16,
+    U32,
+}
+
+/// A list of triangles.
+#[derive(Clone, Copy, Debug)]
+pub struct TriangleGeometry {
+    /// Vertex 0 lies at its start (a build range's `primitiveOffset` is already added when there
+    /// are no indices).
+    pub vertices: Memory,
+    /// Bytes from one vertex to the next; may be 0.
+    pub vertex_stride_bytes: u64,
+    /// Format of a position at the start of each vertex.
+    pub vertex_format: VertexFormat,
+    /// Added to every index, or the first vertex without indices.
+    pub first_vertex: u32,
+    /// Type of `indices`.
+    pub index_type: IndexType,
+    /// The first index lies at its start (`primitiveOffset` already added); unused without indices.
+    pub indices: Memory,
+    /// Row-major 3 × 4 matrix applied to the positions.
+    pub transform: Option<[f32; 12]>,
+    /// Number of triangles.
+    pub primitive_count: u32,
+    /// Opaque, no duplicate any-hits.
+    pub flags: GeometryFlags,
+}
+
+/// A list of boxes: min x y z, max x y z as `f32`.
+#[derive(Clone, Copy, Debug)]
+pub struct AabbGeometry {
+    /// Box 0 lies at its start (`primitiveOffset` already added).
+    pub boxes: Memory,
+    /// Bytes from one box to the next.
+    pub stride_bytes: u64,
+    /// Number of boxes.
+    pub primitive_count: u32,
+    /// Opaque, no duplicate any-hits.
+    pub flags: GeometryFlags,
+}
+
+/// How instances lie in memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InstanceArray {
+    /// 64-byte `VkAccelerationStructureInstanceKHR` records, one after the other.
+    Records,
+    /// 64-bit addresses of such records.
+    Pointers,
+}
+
+/// The instances of a top level.
+///
+/// Each record's reference is the address of a bottom level's blob, or 0 for an inactive one.
+#[derive(Clone, Copy, Debug)]
+pub struct InstanceSource {
+    /// Records or pointers (`primitiveOffset` already added).
+    pub memory: Memory,
+    /// What lies in `memory`.
+    pub array: InstanceArray,
+    /// Number of instances.
+    pub count: u32,
+    /// Flags of the one geometry that holds them; they mean nothing.
+    pub flags: GeometryFlags,
+}
+
+/// All geometries of a build, of one kind.
+#[derive(Clone, Copy, Debug)]
+pub enum Geometries<'a> {
+    /// A bottom level of triangles.
+    Triangles(&'a [TriangleGeometry]),
+    /// A bottom level of boxes.
+    Aabbs(&'a [AabbGeometry]),
+    /// A top level.
+    Instances(InstanceSource),
+}
+
+/// A build: what and how.
+#[derive(Clone, Copy, Debug)]
+pub struct BuildInput<'a> {
+    /// What the structure is for.
+    pub flags: BuildFlags,
+    /// What it holds.
+    pub geometries: Geometries<'a>,
+}

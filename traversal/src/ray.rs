@@ -1,0 +1,82 @@
+//! A ray, its flags, and what it hit.
+
+/// The bits of [`Ray::flags`]: SPIR-V's `Ray Flags`, verbatim.
+pub mod ray_flags {
+    /// Every geometry counts as opaque.
+    pub const OPAQUE: u32 = 0x1;
+    /// Every geometry counts as not opaque.
+    pub const NO_OPAQUE: u32 = 0x2;
+    /// The first accepted hit ends the walk.
+    pub const TERMINATE_ON_FIRST_HIT: u32 = 0x4;
+    /// No closest-hit shader runs; the walk itself ignores this bit.
+    pub const SKIP_CLOSEST_HIT_SHADER: u32 = 0x8;
+    /// Back-facing triangles are no candidates.
+    pub const CULL_BACK_FACING_TRIANGLES: u32 = 0x10;
+    /// Front-facing triangles are no candidates.
+    pub const CULL_FRONT_FACING_TRIANGLES: u32 = 0x20;
+    /// Opaque geometry is no candidate.
+    pub const CULL_OPAQUE: u32 = 0x40;
+    /// Geometry that is not opaque is no candidate.
+    pub const CULL_NO_OPAQUE: u32 = 0x80;
+    /// Triangles are no candidates.
+    pub const SKIP_TRIANGLES: u32 = 0x100;
+    /// Boxes are no candidates.
+    pub const SKIP_AABBS: u32 = 0x200;
+}
+
+/// `hit_kind` of a triangle seen from its front.
+pub const HIT_KIND_FRONT_FACING_TRIANGLE: u8 = 0xFE;
+/// `hit_kind` of a triangle seen from its back.
+pub const HIT_KIND_BACK_FACING_TRIANGLE: u8 = 0xFF;
+
+/// A ray in world space and the rules for its walk.
+///
+/// The interval is open for triangles (`t_min < t < t_max`) and closed for boxes. The direction
+/// may have any length; `t` counts in its units. A ray with a component that is not finite (`t_max`
+/// may be infinite) hits nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+pub struct Ray {
+    /// Where the ray starts.
+    pub origin: [f32; 3],
+    /// Lower end of the interval, at least 0.
+    pub t_min: f32,
+    /// Where it goes; any length.
+    pub direction: [f32; 3],
+    /// Upper end of the interval; may be infinite.
+    pub t_max: f32,
+    /// Bits of [`ray_flags`].
+    pub flags: u32,
+    /// An instance takes part if its mask shares a bit with this; the low eight bits count.
+    pub cull_mask: u32,
+}
+
+/// A point where a ray meets a primitive: a candidate, or the hit that is committed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C)]
+pub struct Hit {
+    /// Distance in units of the ray's direction. For a box that is a candidate: where the ray
+    /// enters it (a lower bound), at least `t_min`.
+    pub t: f32,
+    /// Weights of a triangle's second and third vertex; 0 for boxes.
+    pub barycentrics: [f32; 2],
+    /// Position of the instance in the build's input: `InstanceId`.
+    pub instance_index: u32,
+    /// 24 bits the application gave the instance: `InstanceCustomIndexKHR`.
+    pub instance_custom_index: u32,
+    /// The instance's 24-bit offset into the hit group records.
+    pub instance_sbt_offset: u32,
+    /// Geometry within the bottom level: `RayGeometryIndexKHR`.
+    pub geometry_index: u32,
+    /// Primitive within the geometry: `PrimitiveId`.
+    pub primitive_index: u32,
+    /// Where the primitive lies in its bottom level's blob; for
+    /// [`Structure::triangle_vertices`](crate::Structure::triangle_vertices).
+    pub slot: u32,
+    /// 0xFE and 0xFF for triangles (front, back), what the shader reported for boxes.
+    pub hit_kind: u8,
+    /// Opaque after the geometry's, the instance's and the ray's flags: no any-hit shader runs.
+    pub opaque: bool,
+    /// A triangle; otherwise a box.
+    pub triangle: bool,
+}

@@ -1,0 +1,66 @@
+//! `cargo xtask test`: everything that shows the driver right.
+
+use std::path::PathBuf;
+use std::process::{Command, ExitCode};
+
+use anyhow::{Context, Result};
+use clap::Args;
+
+use crate::demo::select_other;
+use crate::driver::Driver;
+use crate::{loader, workspace};
+
+#[derive(Args)]
+pub struct Options {
+    /// Run only the black-box tests, on another driver, given by its manifest
+    #[arg(long, value_name = "MANIFEST")]
+    icd: Option<PathBuf>,
+    /// Arguments for the test programs, such as a test's name
+    #[arg(last = true)]
+    arguments: Vec<String>,
+}
+
+pub fn test(options: &Options) -> Result<ExitCode> {
+    match &options.icd {
+        Some(manifest) => {
+            loader::require()?;
+            let mut tests = black_box_tests(options);
+            select_other(&mut tests, manifest)?;
+            passes(tests)
+        }
+        None => {
+            let driver = Driver::build(&[])?;
+            loader::require()?;
+            let mut inner = workspace::cargo();
+            inner.args(["test", "--workspace", "--exclude", "tuff-tests"]);
+            inner
+                .args(["--no-fail-fast", "--"])
+                .args(&options.arguments);
+            let inner = passes(inner)?;
+            let mut tests = black_box_tests(options);
+            driver.select_for(&mut tests);
+            tests.env("TUFF_UNDER_TEST", "1");
+            let outer = passes(tests)?;
+            let both = [inner, outer].iter().all(|code| *code == ExitCode::SUCCESS);
+            Ok(if both {
+                ExitCode::SUCCESS
+            } else {
+                ExitCode::FAILURE
+            })
+        }
+    }
+}
+
+/// The tests that see nothing but Vulkan.
+fn black_box_tests(options: &Options) -> Command {
+    let mut tests = workspace::cargo();
+    tests.args(["test", "--package", "tuff-tests", "--no-fail-fast", "--"]);
+    tests.args(&options.arguments);
+    tests
+}
+
+fn passes(mut cargo: Command) -> Result<ExitCode> {
+    Ok(workspace::exit_code(
+        cargo.status().context("starting cargo")?,
+    ))
+}

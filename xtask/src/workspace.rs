@@ -1,0 +1,60 @@
+//! Where things lie, and how cargo is called.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode, ExitStatus};
+
+use anyhow::{Context, Result, ensure};
+
+/// The root of the repository.
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("xtask lies in the workspace")
+}
+
+/// Cargo's target directory, wherever the user's configuration puts it: this program runs from
+/// `<target>/<profile>/xtask`.
+pub fn target() -> Result<PathBuf> {
+    let program = std::env::current_exe().context("where xtask lies")?;
+    let target = program.ancestors().nth(2);
+    Ok(target.context("xtask lies in a target directory")?.into())
+}
+
+/// Cargo, called at the root of the workspace.
+pub fn cargo() -> Command {
+    let mut cargo = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    cargo.current_dir(root());
+    cargo
+}
+
+/// Builds packages in release mode.
+pub fn build_release(packages: &[&str]) -> Result<()> {
+    let mut cargo = cargo();
+    cargo.args(["build", "--release"]);
+    for package in packages {
+        cargo.args(["--package", package]);
+    }
+    let status = cargo.status().context("starting cargo")?;
+    ensure!(status.success(), "building {} failed", packages.join(", "));
+    Ok(())
+}
+
+/// What a child's end means for this program's own.
+pub fn exit_code(status: ExitStatus) -> ExitCode {
+    match status.code() {
+        Some(code) => ExitCode::from(u8::try_from(code).unwrap_or(1)),
+        None => {
+            eprintln!("error: {status}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// A path as a person would type it from here, where that is shorter.
+pub fn shown(path: &Path) -> PathBuf {
+    std::env::current_dir()
+        .ok()
+        .and_then(|here| path.strip_prefix(here).ok())
+        .unwrap_or(path)
+        .to_path_buf()
+}
