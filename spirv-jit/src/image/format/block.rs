@@ -149,13 +149,11 @@ unsafe fn load_generic(info: &FormatInfo, base: *const u8, offsets: &Offsets) ->
 #[inline(always)]
 pub fn finish(info: &FormatInfo, texels: &mut Texels) {
     let scale = unit_scale(info);
-    for component in 0..4 {
+    for (component, row) in texels.iter_mut().enumerate() {
         if info.channels[component].bits == 0 {
-            texels[component] = [info.missing(component); SUBGROUP_SIZE];
+            *row = [info.missing(component); SUBGROUP_SIZE];
         } else if scale != 1.0 {
-            texels[component] = map(&texels[component], |units| {
-                (f32::from_bits(units) / scale).to_bits()
-            });
+            *row = map(row, |units| (f32::from_bits(units) / scale).to_bits());
         }
     }
 }
@@ -172,13 +170,12 @@ pub unsafe fn store(
     texels: &Texels,
 ) {
     let size = info.size_bytes as usize;
-    // SAFETY (of the stores): the caller's promise for lanes of the mask.
-    let store_lane = |lane: usize, bytes: &[u8]| unsafe {
-        std::ptr::copy_nonoverlapping(
-            bytes.as_ptr(),
-            base.add(offsets[lane] as usize),
-            bytes.len(),
-        );
+    let store_lane = |lane: usize, bytes: &[u8]| {
+        // SAFETY: called for lanes of the mask and with the format's size, for which the caller vouches.
+        unsafe {
+            let texel = base.add(offsets[lane] as usize);
+            std::ptr::copy_nonoverlapping(bytes.as_ptr(), texel, bytes.len());
+        }
     };
     match info.codec {
         Codec::Unorm8(4) => {

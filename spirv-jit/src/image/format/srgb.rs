@@ -70,7 +70,7 @@ pub fn decode(code: u8) -> f32 {
 
 /// The code nearest to a linear value; NaN and negative values give 0.
 pub fn encode(linear: f32) -> u8 {
-    if !(linear > 0.0) {
+    if linear.is_nan() || linear <= 0.0 {
         return 0;
     }
     // Positive floats order like their bits.
