@@ -117,7 +117,8 @@ pub struct SiteId(pub u32);
 pub enum SiteKind {
     /// Rows 0..15: the ray (see `Op::TraceRay`); row 15: unused; rows 16..16+n: payload, in and out.
     TraceRay { payload_words: u32 },
-    /// Row 0: t; row 1: hit kind; rows 16..16+n: attribute. The verdict goes to row 0: 0 rejected, 1 accepted.
+    /// Row 0: t; row 1: hit kind; rows 16..16+n: attribute. The verdict goes to row 0: 0 rejected, 1 accepted,
+    /// 2 accepted and the search is over: the invocation ends here instead of going on (as after `OpTerminateRayKHR` in its any-hit shader).
     ReportIntersection { attribute_words: u32 },
     /// Row 0: callable index; rows 16..16+n: data, in and out.
     ExecuteCallable { data_words: u32 },

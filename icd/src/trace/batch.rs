@@ -1,0 +1,551 @@
+//! One batch: run ready waves, advance walks, form waves of the calls; until nothing is left.
+
+use spirv_jit::program::{AlignedRow, Event, IO_DATA_ROW, ResumePoint, SiteKind, Wave};
+use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
+use traversal::{Verdict, Walker};
+
+use super::calls::{Call, Records, sort_calls, split_subgroup};
+use super::grid::Grid;
+use super::inputs::{Sources, reported_attributes};
+use super::rays::{RayInFlight, Report};
+use super::slab::Slab;
+use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, lanes_of};
+use super::table::ProgramIndex;
+use super::{Dispatch, Stopped};
+
+/// Fuel of one run or walk between two looks at the limits.
+const FUEL: u64 = 1 << 16;
+
+/// Subgroup states that a batch may have in flight, in bytes: recursion ends in a device loss there, not in an abort.
+const MAX_STATE_BYTES: usize = 1 << 30;
+
+/// A worker's memory, kept warm from batch to batch.
+pub struct Worker {
+    frame: Frame,
+    walker: Box<Walker>,
+    subgroups: Slab<Subgroup>,
+    rays: Slab<RayInFlight>,
+    records: Records,
+}
+
+impl Default for Worker {
+    fn default() -> Self {
+        Self {
+            frame: Frame::default(),
+            walker: Walker::new(),
+            subgroups: Slab::default(),
+            rays: Slab::default(),
+            records: Records::default(),
+        }
+    }
+}
+
+/// Subgroups of one program that stand at one point.
+struct Ready {
+    program: ProgramIndex,
+    point: ResumePoint,
+    subgroups: Vec<SubgroupIndex>,
+}
+
+/// A batch being turned.
+pub struct Batch<'a> {
+    dispatch: &'a Dispatch<'a>,
+    grid: &'a Grid,
+    worker: &'a mut Worker,
+    ready: Vec<Ready>,
+    /// Rays whose walk can go on.
+    walking: Vec<(u32, Verdict)>,
+    calls: Vec<Call>,
+    state_bytes: usize,
+}
+
+impl<'a> Batch<'a> {
+    /// An empty batch of a dispatch.
+    pub fn new(dispatch: &'a Dispatch<'a>, grid: &'a Grid, worker: &'a mut Worker) -> Self {
+        worker.subgroups.clear();
+        worker.rays.clear();
+        worker.records = Records::default();
+        Self {
+            dispatch,
+            grid,
+            worker,
+            ready: Vec::new(),
+            walking: Vec::new(),
+            calls: Vec::new(),
+            state_bytes: 0,
+        }
+    }
+
+    /// Runs the invocations of batch `index` to their end.
+    ///
+    /// # Errors
+    /// A limit was reached.
+    pub fn run(mut self, raygen: ProgramIndex, record: u64, index: usize) -> Result<(), Stopped> {
+        for tile in self.grid.tiles(index) {
+            let subgroup = self.new_subgroup(raygen, Role::RayGeneration, tile.mask)?;
+            self.worker.subgroups[subgroup].launch = tile.launch;
+            self.start(subgroup, &[record; SUBGROUP_SIZE]);
+        }
+        while !self.ready.is_empty() || !self.walking.is_empty() || !self.calls.is_empty() {
+            self.run_ready_waves()?;
+            self.advance_walks()?;
+            self.form_waves()?;
+        }
+        Ok(())
+    }
+
+    /// Takes a place for a subgroup at its program's entry.
+    fn new_subgroup(
+        &mut self,
+        program: ProgramIndex,
+        role: Role,
+        lanes: u16,
+    ) -> Result<SubgroupIndex, Stopped> {
+        let compiled = &self.dispatch.shaders.programs[program as usize];
+        self.state_bytes += compiled.layout().rows * size_of::<AlignedRow>();
+        if self.state_bytes > MAX_STATE_BYTES {
+            return Err(Stopped::OutOfMemory);
+        }
+        let index = self.worker.subgroups.take();
+        self.worker.subgroups[index].start(program, compiled, role, lanes);
+        Ok(index)
+    }
+
+    /// Fills a new subgroup's inputs and makes it ready.
+    fn start(&mut self, index: SubgroupIndex, records: &[u64; SUBGROUP_SIZE]) {
+        let mut subgroup = std::mem::take(&mut self.worker.subgroups[index]);
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        let sources = Sources {
+            dispatch: self.dispatch,
+            grid: self.grid,
+            subgroups: &self.worker.subgroups,
+            rays: &self.worker.rays,
+        };
+        sources.fill(program, &mut subgroup, records);
+        self.worker.subgroups[index] = subgroup;
+        self.make_ready(index);
+    }
+
+    fn make_ready(&mut self, index: SubgroupIndex) {
+        let subgroup = &self.worker.subgroups[index];
+        let program = subgroup.program;
+        let point = self.dispatch.shaders.programs[program as usize].resume_point(&subgroup.rows);
+        match self
+            .ready
+            .iter_mut()
+            .find(|ready| (ready.program, ready.point) == (program, point))
+        {
+            Some(ready) => ready.subgroups.push(index),
+            None => self.ready.push(Ready {
+                program,
+                point,
+                subgroups: vec![index],
+            }),
+        }
+    }
+
+    /// Runs until every subgroup waits for a ray, a verdict or a callee.
+    fn run_ready_waves(&mut self) -> Result<(), Stopped> {
+        while let Some(fullest) =
+            (0..self.ready.len()).max_by_key(|&i| self.ready[i].subgroups.len())
+        {
+            let Ready {
+                program,
+                mut subgroups,
+                ..
+            } = self.ready.swap_remove(fullest);
+            let width = self.dispatch.shaders.programs[program as usize]
+                .max_wave_subgroups()
+                .max(1);
+            subgroups.sort_unstable();
+            for wave in subgroups.chunks(width) {
+                self.run_wave(program, wave)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn run_wave(&mut self, program: ProgramIndex, wave: &[SubgroupIndex]) -> Result<(), Stopped> {
+        let compiled = &self.dispatch.shaders.programs[program as usize];
+        let mut rows: Vec<_> = wave
+            .iter()
+            .map(|&index| std::mem::take(&mut self.worker.subgroups[index].rows))
+            .collect();
+        let mut states: Vec<&mut [AlignedRow]> =
+            rows.iter_mut().map(|rows| &mut rows[..]).collect();
+        let mut fuel = FUEL;
+        let event = compiled.run(
+            &mut self.worker.frame,
+            &mut Wave {
+                states: &mut states,
+                shared: std::ptr::null_mut(),
+                environment: self.dispatch.environment,
+            },
+            &mut fuel,
+        );
+        for (&index, rows) in wave.iter().zip(rows) {
+            self.worker.subgroups[index].rows = rows;
+        }
+        for &index in wave {
+            match event {
+                Event::End => self.end(index),
+                Event::OutOfFuel => self.make_ready(index),
+                Event::Yield(site) => self.answer(index, compiled.sites()[site.0 as usize]),
+            }
+        }
+        if event == Event::OutOfFuel {
+            self.dispatch.limits.check()
+        } else {
+            Ok(())
+        }
+    }
+
+    /// Starts what a yield asks for, lane by lane.
+    fn answer(&mut self, index: SubgroupIndex, site: SiteKind) {
+        let subgroup = &mut self.worker.subgroups[index];
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        let mask = program.event_mask(&subgroup.rows);
+        subgroup.pending = mask;
+        subgroup.data_words = match site {
+            SiteKind::TraceRay { payload_words } => payload_words,
+            SiteKind::ExecuteCallable { data_words } => data_words,
+            SiteKind::ReportIntersection { .. } | SiteKind::Barrier => 0,
+        };
+        for lane in lanes_of(mask) {
+            let caller = LaneRef {
+                subgroup: index,
+                lane: lane as u8,
+            };
+            match site {
+                SiteKind::TraceRay { .. } => self.trace_ray(caller),
+                SiteKind::ReportIntersection { attribute_words } => {
+                    self.report_intersection(caller, attribute_words)
+                }
+                SiteKind::ExecuteCallable { .. } => self.execute_callable(caller),
+                // Barriers exist in compute alone; a ray tracing module that has one is refused.
+                SiteKind::Barrier => self.answered(caller),
+            }
+        }
+        if mask == 0 {
+            self.make_ready(index);
+        }
+    }
+
+    /// A lane's event is over; the last one makes its subgroup ready.
+    fn answered(&mut self, lane: LaneRef) {
+        let subgroup = &mut self.worker.subgroups[lane.subgroup];
+        subgroup.pending &= !(1 << lane.lane);
+        if subgroup.pending == 0 {
+            self.make_ready(lane.subgroup);
+        }
+    }
+
+    fn trace_ray(&mut self, caller: LaneRef) {
+        let index = self.worker.rays.take();
+        let subgroup = &self.worker.subgroups[caller.subgroup];
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        self.worker.rays[index].start(caller, subgroup, program, self.dispatch.pipeline_ray_flags);
+        self.walking.push((index, Verdict::Continue));
+    }
+
+    fn execute_callable(&mut self, caller: LaneRef) {
+        let subgroup = &self.worker.subgroups[caller.subgroup];
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        let callable = subgroup.io(program, 0, caller.lane as usize);
+        let launch = subgroup.launch[caller.lane as usize];
+        let shaders = self.dispatch.shaders;
+        let found = self
+            .worker
+            .records
+            .find(shaders, &self.dispatch.tables.callable, callable);
+        match found.and_then(|(group, record)| Some((group.general?, record))) {
+            Some((program, record)) => {
+                self.calls.push(Call {
+                    program,
+                    role: Role::Callable,
+                    record,
+                    ray: 0,
+                    caller,
+                    launch,
+                });
+            }
+            None => self.answered(caller),
+        }
+    }
+
+    /// A hit that an intersection shader reports: counts if it is in the ray's interval as it stands; the any-hit shader, if
+    /// the geometry is not opaque and there is one, has the last word.
+    fn report_intersection(&mut self, reporter: LaneRef, attribute_words: u32) {
+        let lane = reporter.lane as usize;
+        let subgroup = &self.worker.subgroups[reporter.subgroup];
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        let index = subgroup.ray[lane];
+        let report = Report {
+            t: f32::from_bits(subgroup.io(program, 0, lane)),
+            hit_kind: subgroup.io(program, 1, lane) as u8,
+            attributes: reported_attributes(subgroup, program, attribute_words, lane),
+            reporter,
+        };
+        let ray = &mut self.worker.rays[index];
+        let walk = ray.walk();
+        // Written so that a NaN is outside.
+        let inside = report.t >= walk.t_min() && report.t <= walk.t_max();
+        if !inside || ray.over {
+            return self.decide_report(reporter, 0);
+        }
+        let opaque = walk.candidate().opaque;
+        let record = ray.hit_record_index(walk.candidate());
+        ray.report = report;
+        let launch = ray.launch;
+        let shaders = self.dispatch.shaders;
+        let found = if opaque {
+            None
+        } else {
+            self.worker
+                .records
+                .find(shaders, &self.dispatch.tables.hit, record)
+        };
+        match found.and_then(|(group, record)| Some((group.any_hit?, record))) {
+            Some((program, record)) => {
+                let role = Role::AnyHitOfReport;
+                self.calls.push(Call {
+                    program,
+                    role,
+                    record,
+                    ray: index,
+                    caller: reporter,
+                    launch,
+                });
+            }
+            None => self.commit_report(index, false),
+        }
+    }
+
+    /// Commits the reported hit and tells the intersection invocation.
+    fn commit_report(&mut self, index: u32, terminate: bool) {
+        let ray = &mut self.worker.rays[index];
+        let Report {
+            t,
+            hit_kind,
+            attributes,
+            reporter,
+        } = ray.report;
+        ray.attributes = attributes;
+        let over = ray.walk_mut().commit_procedural(t, hit_kind);
+        ray.over |= terminate;
+        self.decide_report(reporter, if over || terminate { 2 } else { 1 });
+    }
+
+    fn decide_report(&mut self, reporter: LaneRef, verdict: u32) {
+        let subgroup = &mut self.worker.subgroups[reporter.subgroup];
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        subgroup.set_io(program, 0, reporter.lane as usize, verdict);
+        self.answered(reporter);
+    }
+
+    /// All invocations of a subgroup have ended: copies what they leave to those who wait.
+    fn end(&mut self, index: SubgroupIndex) {
+        let mut subgroup = std::mem::take(&mut self.worker.subgroups[index]);
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        self.state_bytes -= program.layout().rows * size_of::<AlignedRow>();
+        for lane in lanes_of(subgroup.lanes) {
+            let ray = subgroup.ray[lane];
+            match subgroup.role {
+                Role::RayGeneration => {}
+                Role::Callable => {
+                    self.copy_outputs(&subgroup, 0, lane, subgroup.caller[lane]);
+                    self.answered(subgroup.caller[lane]);
+                }
+                Role::ClosestHit | Role::Miss => {
+                    self.copy_outputs(&subgroup, 0, lane, self.worker.rays[ray].caller);
+                    self.finish_ray(ray);
+                }
+                Role::AnyHit => {
+                    self.copy_outputs(&subgroup, 1, lane, self.worker.rays[ray].caller);
+                    let verdict = match subgroup.io(program, 0, lane) {
+                        0 => Verdict::Accept,
+                        1 => Verdict::Continue,
+                        _ => Verdict::AcceptAndTerminate,
+                    };
+                    self.walking.push((ray, verdict));
+                }
+                Role::AnyHitOfReport => {
+                    self.copy_outputs(&subgroup, 1, lane, self.worker.rays[ray].caller);
+                    match subgroup.io(program, 0, lane) {
+                        1 => self.decide_report(self.worker.rays[ray].report.reporter, 0),
+                        verdict => self.commit_report(ray, verdict != 0),
+                    }
+                }
+                Role::Intersection => {
+                    let over = self.worker.rays[ray].over;
+                    self.walking.push((
+                        ray,
+                        if over {
+                            Verdict::Terminate
+                        } else {
+                            Verdict::Continue
+                        },
+                    ));
+                }
+            }
+        }
+        subgroup.lanes = 0;
+        self.worker.subgroups[index] = subgroup;
+        self.worker.subgroups.remove(index);
+    }
+
+    /// Copies a lane's outputs from row `first` on over the data that `to` stands with.
+    fn copy_outputs(&mut self, from: &Subgroup, first: usize, lane: usize, to: LaneRef) {
+        let programs = &self.dispatch.shaders.programs;
+        let (source, target) = (
+            &programs[from.program as usize],
+            &mut self.worker.subgroups[to.subgroup],
+        );
+        let words = (source.output_rows() as usize - first).min(target.data_words as usize);
+        let target_program = &programs[target.program as usize];
+        for word in 0..words {
+            let value = from.io(source, first + word, lane);
+            target.set_io(target_program, IO_DATA_ROW + word, to.lane as usize, value);
+        }
+    }
+
+    fn finish_ray(&mut self, index: u32) {
+        self.answered(self.worker.rays[index].caller);
+        self.worker.rays.remove(index);
+    }
+
+    /// Advances every walk until a shader has to run, or to its end.
+    fn advance_walks(&mut self) -> Result<(), Stopped> {
+        let mut walking = std::mem::take(&mut self.walking);
+        for &(index, verdict) in &walking {
+            self.advance_walk(index, verdict)?;
+        }
+        walking.clear();
+        if self.walking.is_empty() {
+            self.walking = walking;
+        }
+        Ok(())
+    }
+
+    fn advance_walk(&mut self, index: u32, mut verdict: Verdict) -> Result<(), Stopped> {
+        let mut fuel = FUEL;
+        loop {
+            let ray = &mut self.worker.rays[index];
+            let event = ray
+                .walk_mut()
+                .resume(&mut self.worker.walker, verdict, &mut fuel);
+            verdict = match event {
+                traversal::Event::OutOfFuel => {
+                    self.dispatch.limits.check()?;
+                    fuel = FUEL;
+                    Verdict::Continue
+                }
+                traversal::Event::AnyHitCandidate => {
+                    match self.call_for_candidate(index, Role::AnyHit) {
+                        true => return Ok(()),
+                        false => Verdict::Accept,
+                    }
+                }
+                traversal::Event::ProceduralCandidate => {
+                    match self.call_for_candidate(index, Role::Intersection) {
+                        true => return Ok(()),
+                        false => Verdict::Continue,
+                    }
+                }
+                traversal::Event::Done => {
+                    self.end_walk(index);
+                    return Ok(());
+                }
+            };
+        }
+    }
+
+    /// Calls the shader that decides on a candidate; false if its group has none.
+    fn call_for_candidate(&mut self, index: u32, role: Role) -> bool {
+        let ray = &self.worker.rays[index];
+        let record = ray.hit_record_index(ray.walk().candidate());
+        let found =
+            self.worker
+                .records
+                .find(self.dispatch.shaders, &self.dispatch.tables.hit, record);
+        let Some((group, record)) = found else {
+            return false;
+        };
+        let Some(program) = (if role == Role::AnyHit {
+            group.any_hit
+        } else {
+            group.intersection
+        }) else {
+            return false;
+        };
+        self.calls.push(Call {
+            program,
+            role,
+            record,
+            ray: index,
+            caller: ray.caller,
+            launch: ray.launch,
+        });
+        true
+    }
+
+    /// A walk is over: the closest-hit or the miss shader runs, if there is one.
+    fn end_walk(&mut self, index: u32) {
+        let ray = &self.worker.rays[index];
+        let (caller, launch) = (ray.caller, ray.launch);
+        let (tables, shaders) = (&self.dispatch.tables, self.dispatch.shaders);
+        let records = &mut self.worker.records;
+        let call = match ray.walk().committed() {
+            Some(_) if ray.flags & traversal::ray_flags::SKIP_CLOSEST_HIT_SHADER != 0 => None,
+            Some(hit) => records
+                .find(shaders, &tables.hit, ray.hit_record_index(hit))
+                .and_then(|(group, record)| Some((group.closest_hit?, Role::ClosestHit, record))),
+            None => records
+                .find(shaders, &tables.miss, ray.miss_index)
+                .and_then(|(group, record)| Some((group.general?, Role::Miss, record))),
+        };
+        match call {
+            Some((program, role, record)) => {
+                self.calls.push(Call {
+                    program,
+                    role,
+                    record,
+                    ray: index,
+                    caller,
+                    launch,
+                });
+            }
+            None => self.finish_ray(index),
+        }
+    }
+
+    /// Makes subgroups of the waiting calls: full ones of one shader each, whatever the divergence of those who called.
+    fn form_waves(&mut self) -> Result<(), Stopped> {
+        let mut calls = std::mem::take(&mut self.calls);
+        sort_calls(&mut calls);
+        let mut rest = &calls[..];
+        while !rest.is_empty() {
+            let (these, others) = split_subgroup(rest);
+            self.form_subgroup(these)?;
+            rest = others;
+        }
+        calls.clear();
+        self.calls = calls;
+        Ok(())
+    }
+
+    fn form_subgroup(&mut self, calls: &[Call]) -> Result<(), Stopped> {
+        let lanes = u16::MAX >> (SUBGROUP_SIZE - calls.len());
+        let index = self.new_subgroup(calls[0].program, calls[0].role, lanes)?;
+        let subgroup = &mut self.worker.subgroups[index];
+        let mut records = [0; SUBGROUP_SIZE];
+        for (lane, call) in calls.iter().enumerate() {
+            subgroup.ray[lane] = call.ray;
+            subgroup.caller[lane] = call.caller;
+            subgroup.launch[lane] = call.launch;
+            records[lane] = call.record;
+        }
+        self.start(index, &records);
+        Ok(())
+    }
+}

@@ -1,0 +1,156 @@
+//! A dispatch's grid, cut into tiles of neighbouring invocations (one subgroup each) and batches of tiles.
+//!
+//! Which invocations share a subgroup, and which subgroups a batch, follows from the dispatch and the pipeline alone, never from the
+//! machine: results cannot depend on it.
+#![forbid(unsafe_code)]
+
+use spirv_jit::SUBGROUP_SIZE;
+
+/// Bytes of subgroup states that a batch aims at: what a worker keeps in its second-level cache.
+const BATCH_BYTES: usize = 512 * 1024;
+const MIN_BATCH_SUBGROUPS: usize = 32;
+const MAX_BATCH_SUBGROUPS: usize = 256;
+
+/// The invocations of `vkCmdTraceRays*`: `width * height * depth` of them, tiled.
+#[derive(Clone, Copy, Debug)]
+pub struct Grid {
+    /// Width, height, depth in invocations.
+    pub extent: [u32; 3],
+    /// Width and height of a tile in invocations; their product is the subgroup size.
+    tile: [u32; 2],
+    /// Width and height of a batch in tiles.
+    batch: [u32; 2],
+    /// Batches in x, y, z.
+    batches: [u32; 3],
+}
+
+/// One tile: the linear launch index of each lane and which lanes are inside the grid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Tile {
+    pub launch: [u32; SUBGROUP_SIZE],
+    pub mask: u16,
+}
+
+impl Grid {
+    /// Cuts a grid for a ray generation shader whose subgroup states take `state_bytes` each.
+    pub fn new(extent: [u32; 3], state_bytes: usize) -> Self {
+        let tile = match extent[1] {
+            0 | 1 => [16, 1],
+            2 | 3 => [8, 2],
+            _ => [4, 4],
+        };
+        let subgroups = (BATCH_BYTES / state_bytes.max(1))
+            .clamp(MIN_BATCH_SUBGROUPS, MAX_BATCH_SUBGROUPS)
+            .next_power_of_two();
+        let batch = if extent[1] <= 1 {
+            [subgroups as u32, 1]
+        } else {
+            let log = subgroups.trailing_zeros();
+            [1 << log.div_ceil(2), 1 << (log / 2)]
+        };
+        let batches = [
+            extent[0].div_ceil(tile[0] * batch[0]),
+            extent[1].div_ceil(tile[1] * batch[1]),
+            extent[2],
+        ];
+        Self {
+            extent,
+            tile,
+            batch,
+            batches,
+        }
+    }
+
+    /// Batches in the grid.
+    pub fn batch_count(&self) -> usize {
+        self.batches.iter().map(|&n| n as usize).product()
+    }
+
+    /// The tiles of a batch that have lanes inside the grid, row by row.
+    pub fn tiles(&self, batch: usize) -> impl Iterator<Item = Tile> + '_ {
+        let [nx, ny, _] = self.batches.map(|n| n as usize);
+        let (bx, by, z) = (batch % nx, batch / nx % ny, batch / (nx * ny));
+        let first = [bx as u32 * self.batch[0], by as u32 * self.batch[1]];
+        (0..self.batch[0] * self.batch[1])
+            .map(move |i| {
+                self.tile(
+                    first[0] + i % self.batch[0],
+                    first[1] + i / self.batch[0],
+                    z as u32,
+                )
+            })
+            .filter(|tile| tile.mask != 0)
+    }
+
+    fn tile(&self, tile_x: u32, tile_y: u32, z: u32) -> Tile {
+        let mut tile = Tile {
+            launch: [0; SUBGROUP_SIZE],
+            mask: 0,
+        };
+        let [width, height, _] = self.extent;
+        for lane in 0..SUBGROUP_SIZE as u32 {
+            let (dx, dy) = self.lane_offset(lane);
+            let (x, y) = (tile_x * self.tile[0] + dx, tile_y * self.tile[1] + dy);
+            if x < width && y < height {
+                tile.mask |= 1 << lane;
+                tile.launch[lane as usize] = (z * height + y) * width + x;
+            }
+        }
+        tile
+    }
+
+    /// Position of a lane in its tile. Two-dimensional tiles are in quad order: lanes 4q..4q+4 are a 2 × 2 block.
+    fn lane_offset(&self, lane: u32) -> (u32, u32) {
+        if self.tile[1] == 1 {
+            return (lane, 0);
+        }
+        let (quad, in_quad) = (lane / 4, lane % 4);
+        let quads_x = self.tile[0] / 2;
+        (
+            quad % quads_x * 2 + in_quad % 2,
+            quad / quads_x * 2 + in_quad / 2,
+        )
+    }
+
+    /// `LaunchIdKHR` of a linear launch index.
+    pub fn launch_id(&self, launch: u32) -> [u32; 3] {
+        let [width, height, _] = self.extent;
+        let row = launch / width;
+        [launch % width, row % height, row / height]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_invocation_is_launched_once() {
+        for extent in [
+            [1, 1, 1],
+            [17, 1, 1],
+            [1, 17, 1],
+            [5, 3, 2],
+            [64, 64, 1],
+            [33, 2, 3],
+            [130, 71, 2],
+        ] {
+            for state_bytes in [64, 4096, 1 << 20] {
+                let grid = Grid::new(extent, state_bytes);
+                let count = extent.iter().product::<u32>() as usize;
+                let mut seen = vec![0u32; count];
+                for batch in 0..grid.batch_count() {
+                    for tile in grid.tiles(batch) {
+                        for lane in (0..SUBGROUP_SIZE).filter(|lane| tile.mask >> lane & 1 != 0) {
+                            let launch = tile.launch[lane];
+                            let [x, y, z] = grid.launch_id(launch);
+                            assert!(x < extent[0] && y < extent[1] && z < extent[2]);
+                            seen[launch as usize] += 1;
+                        }
+                    }
+                }
+                assert!(seen.iter().all(|&n| n == 1), "{extent:?}");
+            }
+        }
+    }
+}

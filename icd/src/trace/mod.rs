@@ -1,0 +1,149 @@
+//! Executing `vkCmdTraceRays*`: a dispatch's grid in batches, each turned by one worker until it is empty.
+//!
+//! ```text
+//! grid ──> batches ──> Batch::run:  run ready waves ──yield──> rays, calls
+//!                                   advance walks  ──event──> calls
+//!                                   form full waves of the calls, sorted by shader and record
+//! ```
+//!
+//! Shader code never calls traversal and traversal never calls shader code: both return here with an event. Recursion therefore costs
+//! heap, never native stack, and callees are repacked across all waves of the batch.
+
+mod batch;
+mod calls;
+mod grid;
+mod inputs;
+mod rays;
+mod slab;
+mod subgroup;
+pub mod table;
+
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use rayon::prelude::*;
+use spirv_jit::environment::Environment;
+
+pub use grid::Grid;
+use table::{Shaders, Tables};
+
+/// One `vkCmdTraceRays*`, whatever command it came from.
+pub struct Dispatch<'a> {
+    pub shaders: &'a Shaders,
+    pub tables: Tables,
+    /// Width, height, depth.
+    pub extent: [u32; 3],
+    pub environment: &'a Environment,
+    /// Ray flags that the pipeline adds to every ray (`SKIP_TRIANGLES`, `SKIP_AABBS`).
+    pub pipeline_ray_flags: u32,
+    pub limits: &'a Limits,
+}
+
+/// What ends a dispatch that does not end by itself.
+#[derive(Default)]
+pub struct Limits {
+    /// Set from outside to make every worker stop at its next budget check.
+    pub cancelled: AtomicBool,
+    /// When the dispatch counts as hanging (`TUFF_TIMEOUT`).
+    pub deadline: Option<Instant>,
+}
+
+impl Limits {
+    /// Called when fuel runs dry.
+    fn check(&self) -> Result<(), Stopped> {
+        let late = self
+            .deadline
+            .is_some_and(|deadline| Instant::now() >= deadline);
+        if late || self.cancelled.load(Ordering::Relaxed) {
+            Err(Stopped::TimedOut)
+        } else {
+            Ok(())
+        }
+    }
+}
+
+/// Why a dispatch was given up: the device is lost.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stopped {
+    TimedOut,
+    /// Invocations in flight would need more memory than a batch may have.
+    OutOfMemory,
+}
+
+/// The workers' memory, kept from one dispatch to the next.
+#[derive(Default)]
+pub struct Tracer {
+    idle: Mutex<Vec<Box<batch::Worker>>>,
+}
+
+impl Tracer {
+    /// Executes a dispatch on the current rayon pool and returns when it is complete.
+    ///
+    /// # Errors
+    /// When a limit stopped it; what it wrote so far stays written.
+    pub fn trace_rays(&self, dispatch: &Dispatch<'_>) -> Result<(), Stopped> {
+        let Some((raygen, record)) = dispatch.raygen() else {
+            return Ok(());
+        };
+        let state_bytes = dispatch.shaders.programs[raygen as usize].layout().rows * 64;
+        let grid = Grid::new(dispatch.extent, state_bytes);
+        let run = |worker: &mut Lease<'_>, index| {
+            batch::Batch::new(dispatch, &grid, worker.worker()).run(raygen, record, index)
+        };
+        match grid.batch_count() {
+            0 => Ok(()),
+            1 => run(&mut self.lease(), 0),
+            count => (0..count)
+                .into_par_iter()
+                .try_for_each_init(|| self.lease(), run),
+        }
+    }
+
+    fn lease(&self) -> Lease<'_> {
+        let idle = self
+            .idle
+            .lock()
+            .unwrap_or_else(|poisoned| poisoned.into_inner())
+            .pop();
+        Lease {
+            worker: Some(idle.unwrap_or_default()),
+            tracer: self,
+        }
+    }
+}
+
+impl Dispatch<'_> {
+    /// The ray generation shader and its record.
+    fn raygen(&self) -> Option<(table::ProgramIndex, u64)> {
+        let record = self.tables.raygen.record(0)?;
+        let group = self.shaders.group(&table::read_handle(record))?;
+        Some((group.general?, record))
+    }
+}
+
+/// A worker on loan from its tracer. A worker that panicked is not given back.
+struct Lease<'a> {
+    worker: Option<Box<batch::Worker>>,
+    tracer: &'a Tracer,
+}
+
+impl Lease<'_> {
+    fn worker(&mut self) -> &mut batch::Worker {
+        self.worker.as_mut().expect("held until dropped")
+    }
+}
+
+impl Drop for Lease<'_> {
+    fn drop(&mut self) {
+        if let Some(worker) = self.worker.take()
+            && !std::thread::panicking()
+        {
+            self.tracer
+                .idle
+                .lock()
+                .unwrap_or_else(|poisoned| poisoned.into_inner())
+                .push(worker);
+        }
+    }
+}

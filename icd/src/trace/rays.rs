@@ -1,0 +1,99 @@
+//! Rays in flight: one walk each, and who waits for it.
+
+use spirv_jit::Program;
+use traversal::{Ray, Walk};
+
+use super::subgroup::{LaneRef, Subgroup};
+
+/// `maxRayHitAttributeSize` in words.
+pub const MAX_ATTRIBUTE_WORDS: usize = 8;
+
+/// A hit that an intersection shader reported and an any-hit shader is to decide on.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Report {
+    pub t: f32,
+    pub hit_kind: u8,
+    pub attributes: [u32; MAX_ATTRIBUTE_WORDS],
+    /// The intersection invocation that waits for the verdict.
+    pub reporter: LaneRef,
+}
+
+/// A ray between its trace instruction and its closest-hit or miss shader's end.
+#[derive(Default)]
+pub struct RayInFlight {
+    pub caller: LaneRef,
+    /// Linear launch index of the caller.
+    pub launch: u32,
+    /// Device address of the top level.
+    pub structure: u64,
+    pub sbt_offset: u32,
+    pub sbt_stride: u32,
+    pub miss_index: u32,
+    /// As given to the trace instruction.
+    pub flags: u32,
+    pub cull_mask: u32,
+    /// The walk, kept to be restarted when the place is used again.
+    pub walk: Option<Walk>,
+    /// The hit attribute of the committed hit, if a box's.
+    pub attributes: [u32; MAX_ATTRIBUTE_WORDS],
+    pub report: Report,
+    /// An any-hit shader ended the search from inside an intersection shader.
+    pub over: bool,
+}
+
+impl RayInFlight {
+    /// Reads the operands of a `trace_ray` that `caller` stands at and starts the walk.
+    pub fn start(
+        &mut self,
+        caller: LaneRef,
+        subgroup: &Subgroup,
+        program: &Program,
+        pipeline_flags: u32,
+    ) {
+        let lane = caller.lane as usize;
+        let word = |row| subgroup.io(program, row, lane);
+        let float = |row| f32::from_bits(word(row));
+        self.caller = caller;
+        self.launch = subgroup.launch[lane];
+        self.structure = word(0) as u64 | (word(1) as u64) << 32;
+        self.flags = word(2);
+        self.cull_mask = word(3) & 0xff;
+        self.sbt_offset = word(4);
+        self.sbt_stride = word(5);
+        self.miss_index = word(6);
+        self.over = false;
+        let ray = Ray {
+            origin: [float(7), float(8), float(9)],
+            t_min: float(10),
+            direction: [float(11), float(12), float(13)],
+            t_max: float(14),
+            flags: self.flags | pipeline_flags,
+            cull_mask: self.cull_mask,
+        };
+        // SAFETY: the application keeps the structures that a trace may reach built and bound until the dispatch is
+        // complete (VUID-vkCmdTraceRaysKHR-None-03429 and the build commands' rules).
+        unsafe {
+            match &mut self.walk {
+                Some(walk) => walk.restart(self.structure, &ray),
+                None => self.walk = Some(Walk::new(self.structure, &ray)),
+            }
+        }
+    }
+
+    /// The walk of a ray that was started.
+    pub fn walk(&self) -> &Walk {
+        self.walk.as_ref().expect("a ray in flight was started")
+    }
+
+    /// As [`Self::walk`].
+    pub fn walk_mut(&mut self) -> &mut Walk {
+        self.walk.as_mut().expect("a ray in flight was started")
+    }
+
+    /// Index of the hit group record for a hit (chapter Ray Tracing, "Hit Shaders").
+    pub fn hit_record_index(&self, hit: &traversal::Hit) -> u32 {
+        hit.instance_sbt_offset
+            .wrapping_add(hit.geometry_index.wrapping_mul(self.sbt_stride))
+            .wrapping_add(self.sbt_offset)
+    }
+}

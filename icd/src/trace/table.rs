@@ -1,0 +1,177 @@
+//! Shader binding tables: from an address and an index to the group whose handle is stored there.
+//!
+//! Tables are read at execution through the addresses that the dispatch gives (chapter Ray Tracing, "Shader Binding Table").
+
+use std::sync::Arc;
+
+use spirv_jit::Program;
+
+/// `shaderGroupHandleSize`.
+pub const HANDLE_SIZE: usize = 32;
+
+/// A shader group handle: 32 bytes derived from the group's content. All zero is an unused group.
+pub type Handle = [u8; HANDLE_SIZE];
+
+/// Index into [`Shaders::programs`].
+pub type ProgramIndex = u32;
+
+/// The programs of a shader group (`VkRayTracingShaderGroupCreateInfoKHR`).
+#[derive(Clone, Debug, Default)]
+pub struct Group {
+    pub handle: Handle,
+    /// Ray generation, miss or callable shader.
+    pub general: Option<ProgramIndex>,
+    pub closest_hit: Option<ProgramIndex>,
+    pub any_hit: Option<ProgramIndex>,
+    pub intersection: Option<ProgramIndex>,
+}
+
+/// What a ray tracing pipeline can run.
+pub struct Shaders {
+    pub programs: Vec<Arc<Program>>,
+    pub groups: Vec<Group>,
+    /// Open addressing by the handle's first word: group index + 1, or 0.
+    slots: Vec<u32>,
+}
+
+impl Shaders {
+    /// Indexes groups by handle.
+    pub fn new(programs: Vec<Arc<Program>>, groups: Vec<Group>) -> Self {
+        let mut shaders = Self {
+            programs,
+            slots: vec![0; (groups.len() * 2).next_power_of_two().max(2)],
+            groups,
+        };
+        for index in 0..shaders.groups.len() {
+            let mut slot = shaders.first_slot(&shaders.groups[index].handle);
+            while shaders.slots[slot] != 0 {
+                slot = (slot + 1) & (shaders.slots.len() - 1);
+            }
+            shaders.slots[slot] = index as u32 + 1;
+        }
+        shaders
+    }
+
+    fn first_slot(&self, handle: &Handle) -> usize {
+        let word = u64::from_le_bytes(handle[..8].try_into().expect("8 of 32 bytes"));
+        word as usize & (self.slots.len() - 1)
+    }
+
+    /// The group of a handle; `None` for an all-zero handle or one of another pipeline.
+    pub fn group_index(&self, handle: &Handle) -> Option<u32> {
+        let mut slot = self.first_slot(handle);
+        loop {
+            let index = self.slots[slot].checked_sub(1)?;
+            if self.groups[index as usize].handle == *handle {
+                return Some(index);
+            }
+            slot = (slot + 1) & (self.slots.len() - 1);
+        }
+    }
+
+    /// As [`Self::group_index`], the group itself.
+    pub fn group(&self, handle: &Handle) -> Option<&Group> {
+        self.group_index(handle)
+            .map(|index| &self.groups[index as usize])
+    }
+}
+
+/// `VkStridedDeviceAddressRegionKHR`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Region {
+    pub address: u64,
+    pub stride_bytes: u64,
+    pub size_bytes: u64,
+}
+
+/// The four tables of a dispatch.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tables {
+    pub raygen: Region,
+    pub miss: Region,
+    pub hit: Region,
+    pub callable: Region,
+}
+
+impl Region {
+    /// Address of the record at `index`, or `None` where the region has none: address zero, or past its end. A stride of zero makes every
+    /// index the first record.
+    pub fn record(&self, index: u32) -> Option<u64> {
+        let offset = self.stride_bytes.checked_mul(index as u64)?;
+        let end = offset.checked_add(HANDLE_SIZE as u64)?;
+        (self.address != 0 && end <= self.size_bytes).then(|| self.address.wrapping_add(offset))
+    }
+}
+
+/// Reads the handle at the head of a record.
+pub fn read_handle(record: u64) -> Handle {
+    // SAFETY: the record lies in a region that the application promised to be bound device memory
+    // (VUID-vkCmdTraceRaysKHR-pHitShaderBindingTable-03687 and its like), whose addresses are host addresses.
+    unsafe { std::ptr::read_unaligned(record as *const Handle) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn handle(byte: u8) -> Handle {
+        let mut handle = [0; HANDLE_SIZE];
+        handle[0] = byte & 1;
+        handle[31] = byte;
+        handle
+    }
+
+    #[test]
+    fn groups_are_found_by_their_whole_handle() {
+        let groups = (1..=9).map(|i| Group {
+            handle: handle(i),
+            general: Some(i as u32),
+            ..Group::default()
+        });
+        let shaders = Shaders::new(Vec::new(), groups.collect());
+        for i in 1..=9 {
+            assert_eq!(
+                shaders.group(&handle(i)).and_then(|g| g.general),
+                Some(i as u32)
+            );
+        }
+        assert!(shaders.group(&[0; HANDLE_SIZE]).is_none());
+        assert!(shaders.group(&handle(10)).is_none());
+    }
+
+    #[test]
+    fn records_stay_inside_their_region() {
+        let region = Region {
+            address: 0x1000,
+            stride_bytes: 64,
+            size_bytes: 192,
+        };
+        assert_eq!(region.record(2), Some(0x1080));
+        assert_eq!(region.record(3), None);
+        assert_eq!(
+            Region {
+                address: 0,
+                ..region
+            }
+            .record(0),
+            None
+        );
+        assert_eq!(
+            Region {
+                stride_bytes: 0,
+                size_bytes: 32,
+                ..region
+            }
+            .record(7),
+            Some(0x1000)
+        );
+        assert_eq!(
+            Region {
+                stride_bytes: u64::MAX,
+                ..region
+            }
+            .record(2),
+            None
+        );
+    }
+}
