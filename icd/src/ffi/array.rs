@@ -1,0 +1,68 @@
+//! Counted arrays and strings.
+
+use std::ffi::{CStr, c_char};
+
+/// A counted array as a slice; a null pointer or a count of zero is empty.
+///
+/// # Safety
+/// `data` is null or points to `count` initialised elements that live and stay unwritten for `'a`.
+pub unsafe fn slice<'a, T>(data: *const T, count: u32) -> &'a [T] {
+    if data.is_null() || count == 0 {
+        return &[];
+    }
+    // SAFETY: the caller's promise.
+    unsafe { std::slice::from_raw_parts(data, count as usize) }
+}
+
+/// A counted output array as a slice.
+///
+/// # Safety
+/// `data` is null or points to `count` elements that nothing else uses for `'a`.
+pub unsafe fn slice_mut<'a, T>(data: *mut T, count: u32) -> &'a mut [T] {
+    if data.is_null() || count == 0 {
+        return &mut [];
+    }
+    // SAFETY: the caller's promise.
+    unsafe { std::slice::from_raw_parts_mut(data, count as usize) }
+}
+
+/// A C string, or `""` if it is null.
+///
+/// # Safety
+/// `text` is null or a NUL-terminated string that lives for `'a`.
+pub unsafe fn string<'a>(text: *const c_char) -> &'a CStr {
+    if text.is_null() {
+        return c"";
+    }
+    // SAFETY: the caller's promise.
+    unsafe { CStr::from_ptr(text) }
+}
+
+/// Copies text into a fixed C array, cut to fit and NUL-terminated.
+pub fn write_text<const N: usize>(out: &mut [c_char; N], text: &str) {
+    out.fill(0);
+    for (to, from) in out[..N - 1].iter_mut().zip(text.bytes()) {
+        *to = from as c_char;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn null_is_empty() {
+        // SAFETY: null pointers are allowed.
+        unsafe {
+            assert!(slice::<u32>(std::ptr::null(), 3).is_empty());
+            assert!(string(std::ptr::null()).is_empty());
+        }
+    }
+
+    #[test]
+    fn long_text_is_cut_and_terminated() {
+        let mut out = [1 as c_char; 4];
+        write_text(&mut out, "abcdef");
+        assert_eq!(out, [97, 98, 99, 0]);
+    }
+}

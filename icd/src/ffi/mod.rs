@@ -1,0 +1,11 @@
+//! Everything C about Vulkan: pointers, `pNext` chains, the enumerate-twice idiom, and the guard around each entry point.
+
+pub mod array;
+pub mod chain;
+pub mod enumerate;
+pub mod guard;
+
+pub use array::{slice, string};
+pub use chain::{find, find_mut};
+pub use enumerate::enumerate;
+pub(crate) use guard::{commands, entry};

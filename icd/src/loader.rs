@@ -1,0 +1,136 @@
+//! The loader's interface (Khronos "LoaderDriverInterface"): the three symbols that the shared library exports.
+
+use std::ffi::c_char;
+
+use ash::vk;
+
+use crate::ffi::guard::{code, guard};
+use crate::object::Instance;
+use crate::table::commands::{self, Level};
+use crate::{ffi, handle};
+
+/// Interface versions that are spoken.
+const OLDEST: u32 = 2;
+const NEWEST: u32 = 7;
+
+/// Agrees on an interface version: the loader's, up to ours.
+///
+/// # Safety
+/// `version` is valid.
+#[unsafe(no_mangle)]
+pub unsafe extern "system" fn vk_icdNegotiateLoaderICDInterfaceVersion(
+    version: *mut u32,
+) -> vk::Result {
+    code(guard("vk_icdNegotiateLoaderICDInterfaceVersion", || {
+        // SAFETY: the loader passes a valid pointer.
+        let version = unsafe { &mut *version };
+        if *version < OLDEST {
+            return Err(vk::Result::ERROR_INCOMPATIBLE_DRIVER);
+        }
+        *version = NEWEST.min(*version);
+        Ok(())
+    }))
+}
+
+/// Entry points by name: global ones without an instance, all with one.
+///
+/// # Safety
+/// `instance` is null or alive; `name` is a C string.
+#[unsafe(no_mangle)]
+pub unsafe extern "system" fn vk_icdGetInstanceProcAddr(
+    instance: vk::Instance,
+    name: *const c_char,
+) -> vk::PFN_vkVoidFunction {
+    guard("vk_icdGetInstanceProcAddr", || {
+        // SAFETY: the loader's promise.
+        let (instance, name) =
+            unsafe { (handle::optional::<Instance>(instance), ffi::string(name)) };
+        if let Some(function) = loader_function(name.to_bytes()) {
+            return Some(function);
+        }
+        let command = commands::find(name.to_bytes())?;
+        let available = match instance {
+            None => command.level == Level::Global,
+            Some(instance) => command.available_to_instance(instance.extensions),
+        };
+        available.then_some(command.function)
+    })
+}
+
+/// Entry points whose first argument is a physical device; null for all else.
+///
+/// # Safety
+/// `instance` is null or alive; `name` is a C string.
+#[unsafe(no_mangle)]
+pub unsafe extern "system" fn vk_icdGetPhysicalDeviceProcAddr(
+    instance: vk::Instance,
+    name: *const c_char,
+) -> vk::PFN_vkVoidFunction {
+    guard("vk_icdGetPhysicalDeviceProcAddr", || {
+        // SAFETY: the loader's promise.
+        let (instance, name) =
+            unsafe { (handle::optional::<Instance>(instance), ffi::string(name)) };
+        let command = commands::find(name.to_bytes())?;
+        let available = command.level == Level::PhysicalDevice
+            && instance.is_none_or(|instance| command.available_to_instance(instance.extensions));
+        available.then_some(command.function)
+    })
+}
+
+/// The interface's own functions, which from version 7 on can be asked for by name.
+fn loader_function(name: &[u8]) -> vk::PFN_vkVoidFunction {
+    // SAFETY: `PFN_vkVoidFunction` is the type that such pointers are passed around as; callers cast back.
+    unsafe {
+        match name {
+            b"vk_icdNegotiateLoaderICDInterfaceVersion" => {
+                Some(std::mem::transmute::<
+                    unsafe extern "system" fn(*mut u32) -> vk::Result,
+                    unsafe extern "system" fn(),
+                >(vk_icdNegotiateLoaderICDInterfaceVersion))
+            }
+            b"vk_icdGetPhysicalDeviceProcAddr" => Some(std::mem::transmute::<
+                unsafe extern "system" fn(vk::Instance, *const c_char) -> vk::PFN_vkVoidFunction,
+                unsafe extern "system" fn(),
+            >(
+                vk_icdGetPhysicalDeviceProcAddr
+            )),
+            b"vk_icdGetInstanceProcAddr" => Some(std::mem::transmute::<
+                unsafe extern "system" fn(vk::Instance, *const c_char) -> vk::PFN_vkVoidFunction,
+                unsafe extern "system" fn(),
+            >(vk_icdGetInstanceProcAddr)),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn versions_are_negotiated() {
+        for (asked, answer) in [
+            (2, Some(2)),
+            (5, Some(5)),
+            (7, Some(7)),
+            (9, Some(7)),
+            (1, None),
+        ] {
+            let mut version = asked;
+            // SAFETY: a valid pointer.
+            let result = unsafe { vk_icdNegotiateLoaderICDInterfaceVersion(&mut version) };
+            assert_eq!((result == vk::Result::SUCCESS).then_some(version), answer);
+        }
+    }
+
+    #[test]
+    fn only_global_commands_without_an_instance() {
+        let find = |name: &std::ffi::CStr| {
+            // SAFETY: a C string and no instance.
+            unsafe { vk_icdGetInstanceProcAddr(vk::Instance::null(), name.as_ptr()) }.is_some()
+        };
+        assert!(find(c"vkCreateInstance"));
+        assert!(!find(c"vkCreateDevice"));
+        assert!(!find(c"vkNoSuchCommand"));
+    }
+}

@@ -1,0 +1,332 @@
+//! Descriptor set layouts, pools, sets and update templates.
+//!
+//! A set is two flat arrays of entries that are already resolved to what a shader's access needs: the plain ones, and the dynamic buffers
+//! (whose offsets are applied when they are bound). Entries are plain data: updating one is a store.
+
+use ash::vk;
+use parking_lot::Mutex;
+use spirv_jit::environment::Descriptor;
+
+use super::Sampler;
+use crate::VkResult;
+use crate::handle::Ref;
+
+/// A binding of a set layout.
+pub struct Binding {
+    pub binding: u32,
+    pub ty: vk::DescriptorType,
+    /// Descriptors; bytes of an inline uniform block.
+    pub count: u32,
+    pub flags: vk::DescriptorBindingFlags,
+    pub immutable_samplers: Vec<Ref<Sampler>>,
+    /// First entry in the set's plain array, or in its dynamic array.
+    pub first: u32,
+    /// Inline uniform blocks: first byte in the set's inline data.
+    pub inline_offset: u32,
+}
+
+impl Binding {
+    pub fn is_dynamic(&self) -> bool {
+        matches!(
+            self.ty,
+            vk::DescriptorType::UNIFORM_BUFFER_DYNAMIC | vk::DescriptorType::STORAGE_BUFFER_DYNAMIC
+        )
+    }
+
+    pub fn is_inline(&self) -> bool {
+        self.ty == vk::DescriptorType::INLINE_UNIFORM_BLOCK
+    }
+
+    pub fn is_variable(&self) -> bool {
+        self.flags
+            .contains(vk::DescriptorBindingFlags::VARIABLE_DESCRIPTOR_COUNT)
+    }
+
+    /// Entries in the set: an inline uniform block is one.
+    pub fn entry_count(&self) -> u32 {
+        if self.is_inline() { 1 } else { self.count }
+    }
+}
+
+/// A descriptor set layout.
+pub struct DescriptorSetLayout {
+    /// By binding number.
+    pub bindings: Vec<Binding>,
+    /// Entries in the plain array and in the dynamic one, the variable-count binding at its largest.
+    pub entry_count: u32,
+    pub dynamic_count: u32,
+    pub inline_bytes: u32,
+    pub flags: vk::DescriptorSetLayoutCreateFlags,
+}
+
+impl DescriptorSetLayout {
+    /// Lays bindings out.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY` if they are more than 2³² entries.
+    pub fn new(
+        mut bindings: Vec<Binding>,
+        flags: vk::DescriptorSetLayoutCreateFlags,
+    ) -> VkResult<Self> {
+        bindings.sort_by_key(|binding| binding.binding);
+        let (mut entry_count, mut dynamic_count, mut inline_bytes) = (0u32, 0u32, 0u32);
+        for binding in &mut bindings {
+            let counter = if binding.is_dynamic() {
+                &mut dynamic_count
+            } else {
+                &mut entry_count
+            };
+            binding.first = *counter;
+            binding.inline_offset = inline_bytes;
+            let too_many = vk::Result::ERROR_OUT_OF_HOST_MEMORY;
+            *counter = counter.checked_add(binding.entry_count()).ok_or(too_many)?;
+            if binding.is_inline() {
+                inline_bytes = inline_bytes
+                    .checked_add(binding.count)
+                    .and_then(|sum| sum.checked_next_multiple_of(16))
+                    .ok_or(too_many)?;
+            }
+        }
+        Ok(Self {
+            bindings,
+            entry_count,
+            dynamic_count,
+            inline_bytes,
+            flags,
+        })
+    }
+
+    /// A binding by its number.
+    pub fn binding(&self, binding: u32) -> Option<&Binding> {
+        let index = self
+            .bindings
+            .binary_search_by_key(&binding, |b| b.binding)
+            .ok()?;
+        Some(&self.bindings[index])
+    }
+}
+
+/// A descriptor set.
+pub struct DescriptorSet {
+    pub layout: Ref<DescriptorSetLayout>,
+    /// Entries of the plain array that exist: fewer than the layout's with a smaller variable count.
+    pub entry_count: u32,
+    storage: Storage,
+}
+
+/// The set's memory. Updates may come from several threads while others read, to different entries: all access is by pointer.
+struct Storage {
+    entries: *mut Descriptor,
+    len: usize,
+    inline: *mut u8,
+    inline_len: usize,
+}
+
+// SAFETY: descriptors are plain data; the application orders updates and uses (chapter Resource Descriptors).
+unsafe impl Send for Storage {}
+// SAFETY: as above.
+unsafe impl Sync for Storage {}
+
+impl Drop for Storage {
+    fn drop(&mut self) {
+        // SAFETY: made by `DescriptorSet::new` from boxes of these lengths.
+        unsafe {
+            drop(Box::from_raw(std::ptr::slice_from_raw_parts_mut(
+                self.entries,
+                self.len,
+            )));
+            drop(Box::from_raw(std::ptr::slice_from_raw_parts_mut(
+                self.inline.cast::<Inline>(),
+                self.inline_len,
+            )));
+        }
+    }
+}
+
+/// Inline uniform data, aligned for any scalar.
+#[derive(Clone, Copy)]
+#[repr(align(16))]
+struct Inline(#[allow(dead_code)] [u8; 16]);
+
+fn fallible_box<T: Copy>(value: T, len: usize) -> VkResult<*mut T> {
+    let mut items = Vec::new();
+    items
+        .try_reserve_exact(len)
+        .map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
+    items.resize(len, value);
+    Ok(Box::into_raw(items.into_boxed_slice()).cast())
+}
+
+impl DescriptorSet {
+    /// A set of null descriptors and of its layout's immutable samplers.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
+    pub fn new(layout: Ref<DescriptorSetLayout>, variable_count: u32) -> VkResult<Self> {
+        let cut = match layout.bindings.last() {
+            Some(last) if last.is_variable() && !last.is_inline() => {
+                last.count - variable_count.min(last.count)
+            }
+            _ => 0,
+        };
+        let entry_count = layout.entry_count - cut;
+        let len = (entry_count + layout.dynamic_count) as usize;
+        let inline_len = layout.inline_bytes as usize / 16;
+        let entries = fallible_box(Descriptor::NULL, len)?;
+        let storage = Storage {
+            entries,
+            len,
+            inline: fallible_box(Inline([0; 16]), inline_len)?.cast(),
+            inline_len,
+        };
+        let set = Self {
+            layout,
+            entry_count,
+            storage,
+        };
+        set.write_fixed();
+        Ok(set)
+    }
+
+    /// Writes what never changes: immutable samplers, and where inline uniform blocks are.
+    fn write_fixed(&self) {
+        for binding in &self.layout.bindings {
+            for (index, sampler) in binding.immutable_samplers.iter().enumerate() {
+                if let Some(entry) = self.entry(binding, index as u32) {
+                    // SAFETY: an entry of this new set.
+                    unsafe { (*entry).sampler = sampler.descriptor.as_ptr() };
+                }
+            }
+            if binding.is_inline()
+                && let Some(entry) = self.entry(binding, 0)
+            {
+                // SAFETY: as above; the offset is inside the inline data.
+                unsafe {
+                    (*entry).address =
+                        self.storage.inline.add(binding.inline_offset as usize) as u64;
+                    (*entry).size_bytes = u64::from(binding.count);
+                }
+            }
+        }
+    }
+
+    /// The plain entries, for shaders.
+    pub fn entries(&self) -> *const Descriptor {
+        self.storage.entries
+    }
+
+    /// The dynamic buffers' entries, without offsets.
+    pub fn dynamic(&self) -> *const Descriptor {
+        self.storage.entries.wrapping_add(self.entry_count as usize)
+    }
+
+    /// An entry to write; `None` past the end.
+    pub fn entry(&self, binding: &Binding, index: u32) -> Option<*mut Descriptor> {
+        if index >= binding.entry_count() {
+            return None;
+        }
+        let index = binding.first.checked_add(index)?;
+        if binding.is_dynamic() {
+            return Some(
+                self.storage
+                    .entries
+                    .wrapping_add((self.entry_count + index) as usize),
+            );
+        }
+        (index < self.entry_count).then(|| self.storage.entries.wrapping_add(index as usize))
+    }
+
+    /// Bytes of an inline uniform block, from `offset`; `None` if they are not inside.
+    pub fn inline_bytes(&self, binding: &Binding, offset: u32, count: u32) -> Option<*mut u8> {
+        let end = offset.checked_add(count)?;
+        (binding.is_inline() && end <= binding.count).then(|| {
+            self.storage
+                .inline
+                .wrapping_add((binding.inline_offset + offset) as usize)
+        })
+    }
+}
+
+/// A descriptor pool: it counts, and destroys its sets with itself.
+pub struct DescriptorPool {
+    pub max_sets: u32,
+    pub sizes: Vec<(vk::DescriptorType, u32)>,
+    pub state: Mutex<PoolState>,
+}
+
+/// What of a pool is in use.
+#[derive(Default)]
+pub struct PoolState {
+    /// One count of each living set, held for the application.
+    pub sets: Vec<vk::DescriptorSet>,
+    pub used: Vec<u64>,
+}
+
+/// A descriptor update template: where in the application's data each descriptor is.
+pub struct DescriptorUpdateTemplate {
+    pub entries: Vec<vk::DescriptorUpdateTemplateEntry>,
+    pub ty: vk::DescriptorUpdateTemplateType,
+    pub bind_point: vk::PipelineBindPoint,
+    pub set: u32,
+    /// Push descriptor templates.
+    pub layout: Option<Ref<super::PipelineLayout>>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn binding(binding: u32, ty: vk::DescriptorType, count: u32) -> Binding {
+        Binding {
+            binding,
+            ty,
+            count,
+            flags: vk::DescriptorBindingFlags::empty(),
+            immutable_samplers: Vec::new(),
+            first: 0,
+            inline_offset: 0,
+        }
+    }
+
+    #[test]
+    fn dynamic_and_plain_entries_are_apart() {
+        let layout = DescriptorSetLayout::new(
+            vec![
+                binding(5, vk::DescriptorType::STORAGE_BUFFER, 3),
+                binding(1, vk::DescriptorType::UNIFORM_BUFFER_DYNAMIC, 2),
+                binding(2, vk::DescriptorType::STORAGE_IMAGE, 4),
+                binding(3, vk::DescriptorType::INLINE_UNIFORM_BLOCK, 20),
+            ],
+            vk::DescriptorSetLayoutCreateFlags::empty(),
+        )
+        .ok()
+        .unwrap();
+        assert_eq!(
+            (
+                layout.entry_count,
+                layout.dynamic_count,
+                layout.inline_bytes
+            ),
+            (8, 2, 32)
+        );
+        assert_eq!(layout.binding(5).unwrap().first, 5);
+        assert_eq!(layout.binding(1).unwrap().first, 0);
+        let set = DescriptorSet::new(crate::handle::new(layout), 0)
+            .ok()
+            .unwrap();
+        let last = set.layout.binding(5).unwrap();
+        assert_eq!(
+            set.entry(last, 2),
+            Some(set.entries().wrapping_add(7).cast_mut())
+        );
+        assert!(set.entry(last, 3).is_none());
+        let dynamic = set.layout.binding(1).unwrap();
+        assert_eq!(
+            set.entry(dynamic, 1),
+            Some(set.dynamic().wrapping_add(1).cast_mut())
+        );
+        let inline = set.layout.binding(3).unwrap();
+        assert!(set.inline_bytes(inline, 16, 4).is_some());
+        assert!(set.inline_bytes(inline, 16, 8).is_none());
+    }
+}

@@ -1,0 +1,423 @@
+//! Device memory. Each device reserves a window of address space; a device address is the host address. Pages are committed when first
+//! touched, and ranges that were freed stay mapped to zero pages, so that a stale reference reads zeros.
+
+use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use ash::vk;
+use parking_lot::Mutex;
+
+use crate::VkResult;
+
+/// Allocations are multiples of this, and start at multiples of it (at least a page; `VkMemoryRequirements::alignment` is smaller).
+pub const GRANULE: u64 = 64 << 10;
+
+/// Where the first device's window is tried, so that captured addresses can be given again.
+const PREFERRED_BASE: u64 = 0x1000_0000_0000;
+/// Windows that are tried at fixed places before any place will do.
+const PREFERRED_SLOTS: u64 = 16;
+/// Address space of a window; halved while the system refuses.
+const LARGEST_WINDOW: u64 = 1 << 40;
+const SMALLEST_WINDOW: u64 = 1 << 30;
+
+/// A device's range of address space, and what of it is in use.
+pub struct AddressWindow {
+    base: u64,
+    size_bytes: u64,
+    /// Bytes that allocations may take together.
+    budget_bytes: u64,
+    used_bytes: AtomicU64,
+    ranges: Mutex<Ranges>,
+}
+
+/// Which parts are free: all past `next`, and what was freed below it, oldest first.
+struct Ranges {
+    next: u64,
+    freed: Vec<(u64, u64)>,
+}
+
+impl AddressWindow {
+    /// Reserves a window. `budget_bytes` is the heap's size.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY` if the system gives no address space.
+    pub fn reserve(budget_bytes: u64) -> VkResult<Arc<Self>> {
+        let mut size_bytes = LARGEST_WINDOW;
+        while size_bytes >= SMALLEST_WINDOW {
+            let fixed = (0..PREFERRED_SLOTS).map(|slot| {
+                (
+                    PREFERRED_BASE + slot * LARGEST_WINDOW,
+                    libc::MAP_FIXED_NOREPLACE,
+                )
+            });
+            for (address, flags) in fixed.chain([(0, 0)]) {
+                if let Some(base) = map_zero_pages(address, size_bytes, flags) {
+                    return Ok(Arc::new(Self {
+                        base,
+                        size_bytes,
+                        budget_bytes,
+                        used_bytes: AtomicU64::new(0),
+                        ranges: Mutex::new(Ranges {
+                            next: base,
+                            freed: Vec::new(),
+                        }),
+                    }));
+                }
+            }
+            size_bytes /= 2;
+        }
+        Err(vk::Result::ERROR_OUT_OF_HOST_MEMORY)
+    }
+
+    /// Bytes in use.
+    pub fn used_bytes(&self) -> u64 {
+        self.used_bytes.load(Ordering::Relaxed)
+    }
+
+    /// Bytes that may be in use.
+    pub fn budget_bytes(&self) -> u64 {
+        self.budget_bytes
+    }
+
+    /// Takes a range of zero pages.
+    fn take(&self, size_bytes: u64, wanted: Option<u64>) -> VkResult<u64> {
+        const FULL: vk::Result = vk::Result::ERROR_OUT_OF_DEVICE_MEMORY;
+        self.used_bytes
+            .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |used| {
+                used.checked_add(size_bytes)
+                    .filter(|&sum| sum <= self.budget_bytes)
+            })
+            .map_err(|_| FULL)?;
+        let address = self
+            .ranges
+            .lock()
+            .take(size_bytes, wanted, self.base + self.size_bytes);
+        address.ok_or_else(|| {
+            self.used_bytes.fetch_sub(size_bytes, Ordering::Relaxed);
+            match wanted {
+                Some(_) => vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS,
+                None => FULL,
+            }
+        })
+    }
+
+    /// Gives a range back: its pages read as zeros from now on.
+    fn give_back(&self, address: u64, size_bytes: u64) {
+        map_zero_pages(address, size_bytes, libc::MAP_FIXED);
+        self.ranges.lock().freed.push((address, size_bytes));
+        self.used_bytes.fetch_sub(size_bytes, Ordering::Relaxed);
+    }
+}
+
+impl Ranges {
+    /// Prefers addresses that were never used; then what has been free for longest.
+    fn take(&mut self, size_bytes: u64, wanted: Option<u64>, end: u64) -> Option<u64> {
+        if let Some(address) = wanted {
+            return self.take_at(address, size_bytes, end);
+        }
+        if end - self.next >= size_bytes {
+            let address = self.next;
+            self.next += size_bytes;
+            return Some(address);
+        }
+        self.merge();
+        let index = self.freed.iter().position(|range| range.1 >= size_bytes)?;
+        let (address, free) = self.freed[index];
+        if free == size_bytes {
+            self.freed.remove(index);
+        } else {
+            self.freed[index] = (address + size_bytes, free - size_bytes);
+        }
+        Some(address)
+    }
+
+    fn take_at(&mut self, address: u64, size_bytes: u64, end: u64) -> Option<u64> {
+        let last = address.checked_add(size_bytes)?;
+        if address >= self.next {
+            if last > end || address % GRANULE != 0 {
+                return None;
+            }
+            if address > self.next {
+                self.freed.push((self.next, address - self.next));
+            }
+            self.next = last;
+            return Some(address);
+        }
+        self.merge();
+        let index = self
+            .freed
+            .iter()
+            .position(|range| range.0 <= address && last <= range.0 + range.1)?;
+        let (start, free) = self.freed.remove(index);
+        if address > start {
+            self.freed.push((start, address - start));
+        }
+        if start + free > last {
+            self.freed.push((last, start + free - last));
+        }
+        Some(address)
+    }
+
+    fn merge(&mut self) {
+        self.freed.sort_unstable();
+        self.freed.dedup_by(|later, earlier| {
+            let touch = earlier.0 + earlier.1 == later.0;
+            if touch {
+                earlier.1 += later.1;
+            }
+            touch
+        });
+    }
+}
+
+impl Drop for AddressWindow {
+    fn drop(&mut self) {
+        // SAFETY: the window is this object's own mapping, and the device that used it is gone.
+        unsafe { libc::munmap(self.base as *mut _, self.size_bytes as usize) };
+    }
+}
+
+/// Maps pages that read as zeros and are committed when written; the address, unless the system refuses.
+fn map_zero_pages(address: u64, size_bytes: u64, flags: i32) -> Option<u64> {
+    // SAFETY: either at a place of the system's choice, or one that is free, or (`MAP_FIXED`) inside a window of ours.
+    let mapped = unsafe {
+        libc::mmap(
+            address as *mut _,
+            size_bytes as usize,
+            libc::PROT_READ | libc::PROT_WRITE,
+            libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_NORESERVE | flags,
+            -1,
+            0,
+        )
+    };
+    if mapped == libc::MAP_FAILED {
+        return None;
+    }
+    if flags & libc::MAP_FIXED_NOREPLACE != 0 && mapped as u64 != address {
+        // Kernels before 4.17 take the flag for a hint.
+        // SAFETY: the mapping was just made and is not used.
+        unsafe { libc::munmap(mapped, size_bytes as usize) };
+        return None;
+    }
+    Some(mapped as u64)
+}
+
+/// An allocation.
+pub struct DeviceMemory {
+    pub address: u64,
+    /// As asked for.
+    pub size_bytes: u64,
+    backing: Backing,
+}
+
+enum Backing {
+    /// A range of the window, and the file that is mapped there if the memory is exportable or imported.
+    Window {
+        window: Arc<AddressWindow>,
+        mapped_bytes: u64,
+        file: Option<OwnedFd>,
+    },
+    /// The application's own memory (`VkImportMemoryHostPointerInfoEXT`).
+    Host,
+}
+
+/// Where an allocation's bytes come from.
+pub enum Source {
+    Fresh,
+    /// Fresh, in a file that can be exported.
+    Exportable,
+    /// A file that another allocation exported.
+    File(OwnedFd),
+    HostPointer(*mut u8),
+}
+
+impl DeviceMemory {
+    /// Allocates.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` past the heap's budget; `VK_ERROR_INVALID_EXTERNAL_HANDLE` for a file that is too short or cannot
+    /// be mapped; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if `wanted` is taken.
+    pub fn allocate(
+        window: &Arc<AddressWindow>,
+        size_bytes: u64,
+        source: Source,
+        wanted: Option<u64>,
+    ) -> VkResult<Self> {
+        let file = match source {
+            Source::HostPointer(pointer) => {
+                return Ok(Self {
+                    address: pointer as u64,
+                    size_bytes,
+                    backing: Backing::Host,
+                });
+            }
+            Source::Fresh => None,
+            Source::Exportable => Some(new_file(size_bytes)?),
+            Source::File(file) if file_size(&file) < size_bytes => {
+                return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
+            }
+            Source::File(file) => Some(file),
+        };
+        let mapped_bytes = size_bytes
+            .max(1)
+            .checked_next_multiple_of(GRANULE)
+            .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
+        let address = window.take(mapped_bytes, wanted.filter(|&address| address != 0))?;
+        let memory = Self {
+            address,
+            size_bytes,
+            backing: Backing::Window {
+                window: Arc::clone(window),
+                mapped_bytes,
+                file,
+            },
+        };
+        memory.map_file()?;
+        Ok(memory)
+    }
+
+    fn map_file(&self) -> VkResult {
+        let Backing::Window {
+            file: Some(file), ..
+        } = &self.backing
+        else {
+            return Ok(());
+        };
+        // SAFETY: the range was just taken from the window, so nothing else uses it.
+        let mapped = unsafe {
+            libc::mmap(
+                self.address as *mut _,
+                self.size_bytes as usize,
+                libc::PROT_READ | libc::PROT_WRITE,
+                libc::MAP_SHARED | libc::MAP_FIXED,
+                file.as_raw_fd(),
+                0,
+            )
+        };
+        if mapped == libc::MAP_FAILED {
+            Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// A new descriptor of the file behind exportable memory.
+    ///
+    /// # Errors
+    /// `VK_ERROR_TOO_MANY_OBJECTS` if there is none to be had.
+    pub fn export(&self) -> VkResult<OwnedFd> {
+        let Backing::Window {
+            file: Some(file), ..
+        } = &self.backing
+        else {
+            return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
+        };
+        file.try_clone()
+            .map_err(|_| vk::Result::ERROR_TOO_MANY_OBJECTS)
+    }
+}
+
+impl Drop for DeviceMemory {
+    fn drop(&mut self) {
+        if let Backing::Window {
+            window,
+            mapped_bytes,
+            ..
+        } = &self.backing
+        {
+            window.give_back(self.address, *mapped_bytes);
+        }
+    }
+}
+
+fn new_file(size_bytes: u64) -> VkResult<OwnedFd> {
+    // SAFETY: plain system calls; the descriptor is owned from its creation on.
+    unsafe {
+        let file = libc::memfd_create(c"tuff".as_ptr(), libc::MFD_CLOEXEC);
+        if file < 0 {
+            return Err(vk::Result::ERROR_TOO_MANY_OBJECTS);
+        }
+        let file = OwnedFd::from_raw_fd(file);
+        let size = libc::off_t::try_from(size_bytes)
+            .map_err(|_| vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
+        if libc::ftruncate(file.as_raw_fd(), size) != 0 {
+            return Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY);
+        }
+        Ok(file)
+    }
+}
+
+/// The size of a file; 0 if it has none.
+pub fn file_size(file: &OwnedFd) -> u64 {
+    // SAFETY: `stat` is plain data that the call fills.
+    unsafe {
+        let mut stat: libc::stat = std::mem::zeroed();
+        if libc::fstat(file.as_raw_fd(), &mut stat) == 0 {
+            stat.st_size as u64
+        } else {
+            0
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(address: u64, value: u64) {
+        // SAFETY: tests write to memory that they have allocated.
+        unsafe { *(address as *mut u64) = value };
+    }
+
+    fn read(address: u64) -> u64 {
+        // SAFETY: windows stay readable.
+        unsafe { *(address as *const u64) }
+    }
+
+    fn allocate(window: &Arc<AddressWindow>, size: u64) -> VkResult<DeviceMemory> {
+        DeviceMemory::allocate(window, size, Source::Fresh, None)
+    }
+
+    #[test]
+    fn freed_memory_reads_zero_and_the_budget_holds() {
+        let window = AddressWindow::reserve(1 << 20).ok().unwrap();
+        let memory = allocate(&window, 1 << 19).ok().unwrap();
+        let address = memory.address;
+        write(address, 7);
+        assert!(allocate(&window, 1 << 20).is_err());
+        assert!(allocate(&window, u64::MAX).is_err());
+        drop(memory);
+        assert_eq!(read(address), 0);
+        assert_eq!(window.used_bytes(), 0);
+        assert!(allocate(&window, 1 << 20).is_ok());
+    }
+
+    #[test]
+    fn an_address_can_be_had_again() {
+        let window = AddressWindow::reserve(1 << 30).ok().unwrap();
+        let first = allocate(&window, 1).ok().unwrap();
+        let again = |address| DeviceMemory::allocate(&window, 1, Source::Fresh, Some(address));
+        assert!(again(first.address).is_err());
+        let address = first.address + 8 * GRANULE;
+        drop(first);
+        let second = again(address).ok().unwrap();
+        assert_eq!(second.address, address);
+        assert!(again(address).is_err());
+    }
+
+    #[test]
+    fn exported_memory_is_shared() {
+        let window = AddressWindow::reserve(1 << 30).ok().unwrap();
+        let a = DeviceMemory::allocate(&window, 4096, Source::Exportable, None)
+            .ok()
+            .unwrap();
+        let b = DeviceMemory::allocate(&window, 4096, Source::File(a.export().ok().unwrap()), None)
+            .ok()
+            .unwrap();
+        write(a.address, 99);
+        assert_eq!(read(b.address), 99);
+        let too_long = Source::File(a.export().ok().unwrap());
+        assert!(DeviceMemory::allocate(&window, 1 << 20, too_long, None).is_err());
+    }
+}

@@ -1,0 +1,60 @@
+//! What lies behind the handles.
+
+pub mod acceleration_structure;
+pub mod buffer;
+pub mod descriptor;
+pub mod device;
+pub mod image;
+pub mod instance;
+pub mod memory;
+pub mod physical_device;
+pub mod pipeline;
+pub mod query;
+pub mod sampler;
+pub mod sync;
+
+pub use acceleration_structure::AccelerationStructure;
+pub use buffer::{Buffer, BufferView};
+pub use descriptor::{
+    DescriptorPool, DescriptorSet, DescriptorSetLayout, DescriptorUpdateTemplate,
+};
+pub use device::Device;
+pub use image::{Image, ImageView};
+pub use instance::{Instance, Messenger};
+pub use memory::DeviceMemory;
+pub use physical_device::PhysicalDevice;
+pub use pipeline::{Pipeline, PipelineCache, PipelineLayout, ShaderModule};
+pub use query::QueryPool;
+pub use sampler::Sampler;
+pub use sync::{Event, Fence, Semaphore};
+
+use crate::handle::handled;
+
+handled!(
+    AccelerationStructure => AccelerationStructureKHR,
+    Buffer => Buffer,
+    BufferView => BufferView,
+    DescriptorPool => DescriptorPool,
+    DescriptorSet => DescriptorSet,
+    DescriptorSetLayout => DescriptorSetLayout,
+    DescriptorUpdateTemplate => DescriptorUpdateTemplate,
+    Device => Device,
+    DeviceMemory => DeviceMemory,
+    Event => Event,
+    Fence => Fence,
+    Image => Image,
+    ImageView => ImageView,
+    Instance => Instance,
+    Messenger => DebugUtilsMessengerEXT,
+    PhysicalDevice => PhysicalDevice,
+    Pipeline => Pipeline,
+    PipelineCache => PipelineCache,
+    PipelineLayout => PipelineLayout,
+    QueryPool => QueryPool,
+    Sampler => Sampler,
+    Semaphore => Semaphore,
+    ShaderModule => ShaderModule,
+    crate::queue::Queue => Queue,
+    crate::command::CommandBuffer => CommandBuffer,
+    crate::command::CommandPool => CommandPool,
+);

@@ -1,0 +1,100 @@
+//! Shader modules, pipeline layouts, pipelines and the cache of compiled programs.
+
+#![forbid(unsafe_code)]
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use ash::vk;
+use parking_lot::Mutex;
+use spirv_jit::Program;
+use spirv_jit::ir::op::DescriptorBinding;
+
+use super::DescriptorSetLayout;
+use crate::handle::Ref;
+
+/// A shader module: its words, checked when a pipeline uses them.
+pub struct ShaderModule {
+    pub words: Arc<[u32]>,
+}
+
+/// A pipeline layout.
+pub struct PipelineLayout {
+    /// By set number; `None` where the application gave `VK_NULL_HANDLE`.
+    pub sets: Vec<Option<Ref<DescriptorSetLayout>>>,
+    /// Per set: its first dynamic buffer among those of all sets.
+    pub dynamic_first: Vec<u32>,
+    pub dynamic_count: u32,
+    pub push_constant_bytes: u32,
+}
+
+impl PipelineLayout {
+    /// Numbers the dynamic buffers of all sets.
+    pub fn new(sets: Vec<Option<Ref<DescriptorSetLayout>>>, push_constant_bytes: u32) -> Self {
+        let mut dynamic_count = 0;
+        let dynamic_first = sets
+            .iter()
+            .map(|set| {
+                let first = dynamic_count;
+                dynamic_count += set.as_ref().map_or(0, |set| set.dynamic_count);
+                first
+            })
+            .collect();
+        Self {
+            sets,
+            dynamic_first,
+            dynamic_count,
+            push_constant_bytes,
+        }
+    }
+
+    /// Where a shader finds the descriptors of (`set`, `binding`).
+    pub fn descriptor_binding(&self, set: u32, binding: u32) -> Option<DescriptorBinding> {
+        let layout = self.sets.get(set as usize)?.as_ref()?;
+        let binding = layout.binding(binding)?;
+        let dynamic = binding.is_dynamic();
+        let base = if dynamic {
+            self.dynamic_first[set as usize]
+        } else {
+            0
+        };
+        Some(DescriptorBinding {
+            set,
+            first: base + binding.first,
+            count: if binding.is_variable() {
+                u32::MAX
+            } else {
+                binding.entry_count()
+            },
+            dynamic,
+        })
+    }
+}
+
+/// A pipeline.
+pub struct Pipeline {
+    pub layout: Ref<PipelineLayout>,
+    pub kind: PipelineKind,
+}
+
+/// What a pipeline runs.
+pub enum PipelineKind {
+    Compute(Arc<Program>),
+}
+
+impl Pipeline {
+    pub fn bind_point(&self) -> vk::PipelineBindPoint {
+        match self.kind {
+            PipelineKind::Compute(_) => vk::PipelineBindPoint::COMPUTE,
+        }
+    }
+}
+
+/// What makes two compilations the same: the module, its entry point and stage, the specialization and where its descriptors are.
+pub type ProgramKey = [u8; 16];
+
+/// A pipeline cache: compiled programs by what they were compiled from.
+#[derive(Default)]
+pub struct PipelineCache {
+    pub programs: Mutex<HashMap<ProgramKey, Arc<Program>>>,
+}

@@ -1,0 +1,12 @@
+//! Samplers.
+
+#![forbid(unsafe_code)]
+
+use spirv_jit::image::SamplerDescriptor;
+
+use super::image::StableDescriptor;
+
+/// A sampler, resolved to what shaders read.
+pub struct Sampler {
+    pub descriptor: StableDescriptor<SamplerDescriptor>,
+}

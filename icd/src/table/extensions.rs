@@ -1,0 +1,170 @@
+//! The table of extensions. Whatever stands here works; promoted ones stand here too, because applications enable them by name.
+
+#![forbid(unsafe_code)]
+
+use std::ffi::CStr;
+
+macro_rules! extensions {
+    ($($kind:ident $variant:ident $name:literal $version:literal;)*) => {
+        /// An extension that the driver advertises.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[allow(non_camel_case_types)]
+        pub enum Extension {
+            $($variant,)*
+        }
+
+        impl Extension {
+            /// All of them.
+            pub const ALL: &[Extension] = &[$(Extension::$variant,)*];
+
+            /// The extension's name.
+            pub fn name(self) -> &'static CStr {
+                match self {
+                    $(Extension::$variant => $name,)*
+                }
+            }
+
+            /// The revision that is implemented (`specVersion`).
+            pub fn version(self) -> u32 {
+                match self {
+                    $(Extension::$variant => $version,)*
+                }
+            }
+
+            /// Whether instances or devices enable it.
+            pub fn kind(self) -> Kind {
+                match self {
+                    $(Extension::$variant => Kind::$kind,)*
+                }
+            }
+        }
+    };
+}
+
+/// What enables an extension.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Instance,
+    Device,
+}
+
+extensions! {
+    Instance KHR_DEVICE_GROUP_CREATION c"VK_KHR_device_group_creation" 1;
+    Instance KHR_EXTERNAL_FENCE_CAPABILITIES c"VK_KHR_external_fence_capabilities" 1;
+    Instance KHR_EXTERNAL_MEMORY_CAPABILITIES c"VK_KHR_external_memory_capabilities" 1;
+    Instance KHR_EXTERNAL_SEMAPHORE_CAPABILITIES c"VK_KHR_external_semaphore_capabilities" 1;
+    Instance KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 c"VK_KHR_get_physical_device_properties2" 2;
+    Instance EXT_DEBUG_UTILS c"VK_EXT_debug_utils" 2;
+    Device KHR_16BIT_STORAGE c"VK_KHR_16bit_storage" 1;
+    Device KHR_8BIT_STORAGE c"VK_KHR_8bit_storage" 1;
+    Device KHR_BIND_MEMORY_2 c"VK_KHR_bind_memory2" 1;
+    Device KHR_BUFFER_DEVICE_ADDRESS c"VK_KHR_buffer_device_address" 1;
+    Device KHR_CALIBRATED_TIMESTAMPS c"VK_KHR_calibrated_timestamps" 1;
+    Device KHR_COPY_COMMANDS_2 c"VK_KHR_copy_commands2" 1;
+    Device KHR_DEDICATED_ALLOCATION c"VK_KHR_dedicated_allocation" 3;
+    Device KHR_DEFERRED_HOST_OPERATIONS c"VK_KHR_deferred_host_operations" 4;
+    Device KHR_DESCRIPTOR_UPDATE_TEMPLATE c"VK_KHR_descriptor_update_template" 1;
+    Device KHR_DEVICE_GROUP c"VK_KHR_device_group" 4;
+    Device KHR_DRIVER_PROPERTIES c"VK_KHR_driver_properties" 1;
+    Device KHR_EXTERNAL_FENCE c"VK_KHR_external_fence" 1;
+    Device KHR_EXTERNAL_MEMORY c"VK_KHR_external_memory" 1;
+    Device KHR_EXTERNAL_MEMORY_FD c"VK_KHR_external_memory_fd" 1;
+    Device KHR_EXTERNAL_SEMAPHORE c"VK_KHR_external_semaphore" 1;
+    Device KHR_FORMAT_FEATURE_FLAGS_2 c"VK_KHR_format_feature_flags2" 2;
+    Device KHR_GET_MEMORY_REQUIREMENTS_2 c"VK_KHR_get_memory_requirements2" 1;
+    Device KHR_IMAGE_FORMAT_LIST c"VK_KHR_image_format_list" 1;
+    Device KHR_MAINTENANCE_1 c"VK_KHR_maintenance1" 2;
+    Device KHR_MAINTENANCE_2 c"VK_KHR_maintenance2" 1;
+    Device KHR_MAINTENANCE_3 c"VK_KHR_maintenance3" 1;
+    Device KHR_MAINTENANCE_4 c"VK_KHR_maintenance4" 2;
+    Device KHR_MAP_MEMORY_2 c"VK_KHR_map_memory2" 1;
+    Device KHR_PIPELINE_LIBRARY c"VK_KHR_pipeline_library" 1;
+    Device KHR_PUSH_DESCRIPTOR c"VK_KHR_push_descriptor" 2;
+    Device KHR_RELAXED_BLOCK_LAYOUT c"VK_KHR_relaxed_block_layout" 1;
+    Device KHR_SAMPLER_MIRROR_CLAMP_TO_EDGE c"VK_KHR_sampler_mirror_clamp_to_edge" 3;
+    Device KHR_SEPARATE_DEPTH_STENCIL_LAYOUTS c"VK_KHR_separate_depth_stencil_layouts" 1;
+    Device KHR_SHADER_ATOMIC_INT64 c"VK_KHR_shader_atomic_int64" 1;
+    Device KHR_SHADER_CLOCK c"VK_KHR_shader_clock" 1;
+    Device KHR_SHADER_FLOAT16_INT8 c"VK_KHR_shader_float16_int8" 1;
+    Device KHR_SHADER_FLOAT_CONTROLS c"VK_KHR_shader_float_controls" 4;
+    Device KHR_SHADER_NON_SEMANTIC_INFO c"VK_KHR_shader_non_semantic_info" 1;
+    Device KHR_SHADER_SUBGROUP_EXTENDED_TYPES c"VK_KHR_shader_subgroup_extended_types" 1;
+    Device KHR_SHADER_TERMINATE_INVOCATION c"VK_KHR_shader_terminate_invocation" 1;
+    Device KHR_SPIRV_1_4 c"VK_KHR_spirv_1_4" 1;
+    Device KHR_STORAGE_BUFFER_STORAGE_CLASS c"VK_KHR_storage_buffer_storage_class" 1;
+    Device KHR_SYNCHRONIZATION_2 c"VK_KHR_synchronization2" 1;
+    Device KHR_TIMELINE_SEMAPHORE c"VK_KHR_timeline_semaphore" 2;
+    Device KHR_UNIFORM_BUFFER_STANDARD_LAYOUT c"VK_KHR_uniform_buffer_standard_layout" 1;
+    Device KHR_VARIABLE_POINTERS c"VK_KHR_variable_pointers" 1;
+    Device KHR_VULKAN_MEMORY_MODEL c"VK_KHR_vulkan_memory_model" 3;
+    Device KHR_ZERO_INITIALIZE_WORKGROUP_MEMORY c"VK_KHR_zero_initialize_workgroup_memory" 1;
+    Device EXT_4444_FORMATS c"VK_EXT_4444_formats" 1;
+    Device EXT_CALIBRATED_TIMESTAMPS c"VK_EXT_calibrated_timestamps" 2;
+    Device EXT_DESCRIPTOR_INDEXING c"VK_EXT_descriptor_indexing" 2;
+    Device EXT_EXTERNAL_MEMORY_HOST c"VK_EXT_external_memory_host" 1;
+    Device EXT_HOST_QUERY_RESET c"VK_EXT_host_query_reset" 1;
+    Device EXT_IMAGE_ROBUSTNESS c"VK_EXT_image_robustness" 1;
+    Device EXT_INLINE_UNIFORM_BLOCK c"VK_EXT_inline_uniform_block" 1;
+    Device EXT_MEMORY_BUDGET c"VK_EXT_memory_budget" 1;
+    Device EXT_PIPELINE_CREATION_CACHE_CONTROL c"VK_EXT_pipeline_creation_cache_control" 3;
+    Device EXT_PIPELINE_CREATION_FEEDBACK c"VK_EXT_pipeline_creation_feedback" 1;
+    Device EXT_PRIVATE_DATA c"VK_EXT_private_data" 1;
+    Device EXT_ROBUSTNESS_2 c"VK_EXT_robustness2" 1;
+    Device EXT_SAMPLER_FILTER_MINMAX c"VK_EXT_sampler_filter_minmax" 2;
+    Device EXT_SCALAR_BLOCK_LAYOUT c"VK_EXT_scalar_block_layout" 1;
+    Device EXT_SEPARATE_STENCIL_USAGE c"VK_EXT_separate_stencil_usage" 1;
+    Device EXT_SHADER_DEMOTE_TO_HELPER_INVOCATION c"VK_EXT_shader_demote_to_helper_invocation" 1;
+    Device EXT_SUBGROUP_SIZE_CONTROL c"VK_EXT_subgroup_size_control" 2;
+    Device EXT_TEXEL_BUFFER_ALIGNMENT c"VK_EXT_texel_buffer_alignment" 1;
+    Device EXT_TOOLING_INFO c"VK_EXT_tooling_info" 1;
+}
+
+/// A set of extensions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ExtensionSet([u64; 4]);
+
+impl ExtensionSet {
+    pub fn contains(&self, extension: Extension) -> bool {
+        let bit = extension as usize;
+        self.0[bit / 64] >> (bit % 64) & 1 != 0
+    }
+
+    pub fn insert(&mut self, extension: Extension) {
+        let bit = extension as usize;
+        self.0[bit / 64] |= 1 << (bit % 64);
+    }
+
+    /// The set that an application asks for by name; `None` if one is not advertised for this kind.
+    pub fn from_names<'a>(kind: Kind, names: impl Iterator<Item = &'a CStr>) -> Option<Self> {
+        let mut set = Self::default();
+        for name in names {
+            set.insert(of_kind(kind).find(|extension| extension.name() == name)?);
+        }
+        Some(set)
+    }
+}
+
+/// The extensions of a kind.
+pub fn of_kind(kind: Kind) -> impl Iterator<Item = Extension> {
+    Extension::ALL
+        .iter()
+        .copied()
+        .filter(move |extension| extension.kind() == kind)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sets_know_kinds_and_hold_all() {
+        assert!(Extension::ALL.len() <= 256);
+        assert!(
+            ExtensionSet::from_names(Kind::Device, [c"VK_EXT_debug_utils"].into_iter()).is_none()
+        );
+        let set =
+            ExtensionSet::from_names(Kind::Instance, [c"VK_EXT_debug_utils"].into_iter()).unwrap();
+        assert!(set.contains(Extension::EXT_DEBUG_UTILS));
+        assert!(!set.contains(Extension::KHR_8BIT_STORAGE));
+    }
+}
