@@ -4,8 +4,9 @@
 
 use ash::vk;
 use traversal::{
-    AabbGeometry, BuildError, BuildFlags, BuildInput, BuildSizes, Geometries, GeometryFlags, IndexType, InstanceArray,
-    InstanceSource, Kind, Memory, Structure, TriangleGeometry, VertexFormat,
+    AabbGeometry, BuildError, BuildFlags, BuildInput, BuildSizes, Geometries, GeometryFlags,
+    IndexType, InstanceArray, InstanceSource, Kind, Memory, Structure, TriangleGeometry,
+    VertexFormat,
 };
 
 /// The memory of an acceleration structure object.
@@ -80,8 +81,14 @@ impl BuildGeometries {
 
     fn primitive_counts(&self) -> Vec<u32> {
         match self {
-            Self::Triangles(list) => list.iter().map(|geometry| geometry.primitive_count).collect(),
-            Self::Aabbs(list) => list.iter().map(|geometry| geometry.primitive_count).collect(),
+            Self::Triangles(list) => list
+                .iter()
+                .map(|geometry| geometry.primitive_count)
+                .collect(),
+            Self::Aabbs(list) => list
+                .iter()
+                .map(|geometry| geometry.primitive_count)
+                .collect(),
             Self::Instances(instances) => vec![instances.count],
         }
     }
@@ -90,7 +97,11 @@ impl BuildGeometries {
 impl Build {
     /// Memory that this build needs, for its actual primitive counts.
     pub fn sizes(&self) -> BuildSizes {
-        traversal::build_sizes(self.geometries.kind(), self.flags, &self.geometries.primitive_counts())
+        traversal::build_sizes(
+            self.geometries.kind(),
+            self.flags,
+            &self.geometries.primitive_counts(),
+        )
     }
 
     /// Performs the build or update on the current rayon pool.
@@ -123,13 +134,24 @@ impl Build {
 
     /// # Safety
     /// As [`Self::execute`].
-    unsafe fn run(&self, geometries: Geometries<'_>, destination: &mut [u8]) -> Result<u64, BuildError> {
-        let input = BuildInput { flags: self.flags, geometries };
+    unsafe fn run(
+        &self,
+        geometries: Geometries<'_>,
+        destination: &mut [u8],
+    ) -> Result<u64, BuildError> {
+        let input = BuildInput {
+            flags: self.flags,
+            geometries,
+        };
         let sizes = self.sizes();
         // SAFETY: the caller's promise.
         unsafe {
             let Some(source) = self.update_from else {
-                return traversal::build(&input, destination, bytes_mut(self.scratch, sizes.build_scratch_bytes));
+                return traversal::build(
+                    &input,
+                    destination,
+                    bytes_mut(self.scratch, sizes.build_scratch_bytes),
+                );
             };
             let scratch = bytes_mut(self.scratch, sizes.update_scratch_bytes);
             if source.address == self.destination.address {
@@ -210,7 +232,10 @@ impl Instances {
 }
 
 fn memory(address: u64, bytes: u64) -> Memory {
-    Memory { base: address as *const u8, bytes: bytes as usize }
+    Memory {
+        base: address as *const u8,
+        bytes: bytes as usize,
+    }
 }
 
 /// # Safety
@@ -231,7 +256,10 @@ pub unsafe fn structure_bytes<'a>(address: u64) -> Option<&'a [u8]> {
     // SAFETY: the caller's promise.
     unsafe {
         let structure = Structure::at(address)?;
-        Some(std::slice::from_raw_parts(address as *const u8, structure.size_bytes() as usize))
+        Some(std::slice::from_raw_parts(
+            address as *const u8,
+            structure.size_bytes() as usize,
+        ))
     }
 }
 
@@ -280,7 +308,9 @@ pub enum CopyMode {
 pub unsafe fn copy(source: Storage, destination: Storage, mode: CopyMode) {
     // SAFETY: the caller's promise.
     unsafe {
-        let Some(source) = structure_bytes(source.address) else { return };
+        let Some(source) = structure_bytes(source.address) else {
+            return;
+        };
         let destination = bytes_mut(destination.address, destination.size_bytes);
         let done = match mode {
             CopyMode::Clone => traversal::copy_into(source, destination),
@@ -300,9 +330,16 @@ pub type Uuids = [[u8; 16]; 2];
 pub unsafe fn serialize(source: Storage, destination: u64, uuids: &Uuids) {
     // SAFETY: the caller's promise.
     unsafe {
-        let Some(source) = structure_bytes(source.address) else { return };
-        let Ok(size_bytes) = traversal::serialized_size(source) else { return };
-        report(traversal::serialize(source, uuids, bytes_mut(destination, size_bytes)).map(drop), "serialization");
+        let Some(source) = structure_bytes(source.address) else {
+            return;
+        };
+        let Ok(size_bytes) = traversal::serialized_size(source) else {
+            return;
+        };
+        report(
+            traversal::serialize(source, uuids, bytes_mut(destination, size_bytes)).map(drop),
+            "serialization",
+        );
     }
 }
 
@@ -313,18 +350,27 @@ pub unsafe fn serialize(source: Storage, destination: u64, uuids: &Uuids) {
 pub unsafe fn deserialize(source: u64, destination: Storage) {
     // SAFETY: the caller's promise; the head says how long the rest is.
     unsafe {
-        let head = std::slice::from_raw_parts(source as *const u8, traversal::Serialized::HEAD_BYTES);
-        let Ok(head) = traversal::Serialized::read(head) else { return };
+        let head =
+            std::slice::from_raw_parts(source as *const u8, traversal::Serialized::HEAD_BYTES);
+        let Ok(head) = traversal::Serialized::read(head) else {
+            return;
+        };
         let data = std::slice::from_raw_parts(source as *const u8, head.serialized_bytes as usize);
         let destination = bytes_mut(destination.address, destination.size_bytes);
-        report(traversal::deserialize(data, destination).map(drop), "deserialization");
+        report(
+            traversal::deserialize(data, destination).map(drop),
+            "deserialization",
+        );
     }
 }
 
 /// A failed transfer leaves the destination undefined, and a line in the log.
 fn report(result: Result<(), traversal::StructureError>, what: &str) {
     if let Err(error) = result {
-        crate::log::write(crate::log::Level::Error, &format!("acceleration structure {what}: {error:?}"));
+        crate::log::write(
+            crate::log::Level::Error,
+            &format!("acceleration structure {what}: {error:?}"),
+        );
     }
 }
 
@@ -335,7 +381,9 @@ fn report(result: Result<(), traversal::StructureError>, what: &str) {
 pub unsafe fn property(address: u64, query_type: vk::QueryType) -> u64 {
     // SAFETY: the caller's promise.
     unsafe {
-        let Some(structure) = Structure::at(address) else { return 0 };
+        let Some(structure) = Structure::at(address) else {
+            return 0;
+        };
         let bytes = structure_bytes(address).unwrap_or(&[]);
         match query_type {
             vk::QueryType::ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR => {

@@ -22,9 +22,14 @@ pub unsafe fn geometries<'a>(
         if count == 0 {
             Vec::new()
         } else if !info.p_geometries.is_null() {
-            std::slice::from_raw_parts(info.p_geometries, count).iter().collect()
+            std::slice::from_raw_parts(info.p_geometries, count)
+                .iter()
+                .collect()
         } else if !info.pp_geometries.is_null() {
-            std::slice::from_raw_parts(info.pp_geometries, count).iter().map(|&geometry| &*geometry).collect()
+            std::slice::from_raw_parts(info.pp_geometries, count)
+                .iter()
+                .map(|&geometry| &*geometry)
+                .collect()
         } else {
             Vec::new()
         }
@@ -64,11 +69,17 @@ pub unsafe fn decode_build(
             update_from: update.then(|| storage(info.src_acceleration_structure)),
             destination: storage(info.dst_acceleration_structure),
             geometries: match kind {
-                traversal::Kind::Triangles => BuildGeometries::Triangles(pairs.map(|(g, r)| triangles(g, r)).collect()),
-                traversal::Kind::Aabbs => BuildGeometries::Aabbs(pairs.map(|(g, r)| aabbs(g, r)).collect()),
+                traversal::Kind::Triangles => {
+                    BuildGeometries::Triangles(pairs.map(|(g, r)| triangles(g, r)).collect())
+                }
+                traversal::Kind::Aabbs => {
+                    BuildGeometries::Aabbs(pairs.map(|(g, r)| aabbs(g, r)).collect())
+                }
                 traversal::Kind::Instances => {
                     let mut pairs = pairs;
-                    BuildGeometries::Instances(pairs.next().map_or(NO_INSTANCES, |(g, r)| instances(g, r)))
+                    BuildGeometries::Instances(
+                        pairs.next().map_or(NO_INSTANCES, |(g, r)| instances(g, r)),
+                    )
                 }
             },
             scratch: info.scratch_data.device_address,
@@ -76,8 +87,12 @@ pub unsafe fn decode_build(
     }
 }
 
-const NO_INSTANCES: Instances =
-    Instances { flags: GeometryFlags(0), array: InstanceArray::Records, address: 0, count: 0 };
+const NO_INSTANCES: Instances = Instances {
+    flags: GeometryFlags(0),
+    array: InstanceArray::Records,
+    address: 0,
+    count: 0,
+};
 
 /// Where an acceleration structure lies.
 ///
@@ -115,7 +130,11 @@ unsafe fn triangles(
             first_vertex: range.first_vertex,
             index_type,
             indices: data.index_data.device_address + if indexed { offset } else { 0 },
-            transform: if transform == 0 { 0 } else { transform + range.transform_offset as u64 },
+            transform: if transform == 0 {
+                0
+            } else {
+                transform + range.transform_offset as u64
+            },
             primitive_count: range.primitive_count,
         }
     }
@@ -151,7 +170,11 @@ unsafe fn instances(
         let pointers = data.array_of_pointers == vk::TRUE;
         Instances {
             flags: GeometryFlags(geometry.flags.as_raw()),
-            array: if pointers { InstanceArray::Pointers } else { InstanceArray::Records },
+            array: if pointers {
+                InstanceArray::Pointers
+            } else {
+                InstanceArray::Records
+            },
             address: data.data.device_address + range.primitive_offset as u64,
             count: range.primitive_count,
         }
