@@ -13,6 +13,7 @@
 
 pub mod build;
 pub mod input;
+mod layout;
 pub mod ray;
 pub mod structure;
 pub mod transfer;
