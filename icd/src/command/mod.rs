@@ -3,6 +3,8 @@
 //! Recording copies what the application may free; what it may destroy early is held by count. Images, buffers and queries are named by
 //! counted references too: a mistaken application gets a wrong picture, not a fault.
 
+pub mod ray_tracing;
+
 use std::sync::Arc;
 
 use ash::vk;
@@ -10,6 +12,8 @@ use parking_lot::Mutex;
 use smallvec::SmallVec;
 
 use crate::handle::{Object, Ref};
+pub use ray_tracing::RayTracingCommand;
+
 use crate::object::{DescriptorSet, Event, Image, Pipeline, PipelineLayout, QueryPool};
 
 /// A recorded command.
@@ -106,6 +110,7 @@ pub enum Command {
     ResetEvent(Ref<Event>),
     WaitEvents(Vec<Ref<Event>>),
     ExecuteCommands(Vec<Arc<Vec<Command>>>),
+    RayTracing(RayTracingCommand),
 }
 
 /// A command buffer.

@@ -13,3 +13,6 @@
 //! ```
 //!
 //! Buffers are device addresses of their first byte.
+
+pub mod acceleration_structure;
+pub mod ray_tracing;
