@@ -24,7 +24,7 @@ pub(super) unsafe fn atomic(m: &mut Machine<'_>, i: &Instr) {
             // SAFETY: as the caller promises; the region is checked, and its memory is only shared with other shader threads.
             unsafe {
                 let at = region(m, plan.space, address, offset, lane).at(0, size);
-                let at = at.filter(|at| *at as u64 % size == 0);
+                let at = at.filter(|at| (*at as u64).is_multiple_of(size));
                 let value = match value_count(plan.op) {
                     0 => 0,
                     _ => m.lane(values[0], offset, lane, wide),

@@ -33,8 +33,8 @@ pub(super) unsafe fn enter(m: &mut Machine<'_>, i: &Instr) {
 pub(super) unsafe fn park(m: &mut Machine<'_>, i: &Instr) {
     // SAFETY: as the caller promises.
     let parked = unsafe { mask(m, i.x) };
-    for s in 0..MAX_SUBGROUPS {
-        parked[s] |= m.active[s];
+    for (parked, active) in parked.iter_mut().zip(&m.active) {
+        *parked |= active;
     }
     m.pc = i.y as usize;
 }
