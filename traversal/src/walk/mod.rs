@@ -22,6 +22,8 @@
 //! }
 //! ```
 
+#[cfg(target_arch = "x86_64")]
+mod avx;
 mod kernel;
 mod space;
 mod triangle;
@@ -29,7 +31,7 @@ mod walker;
 
 use crate::ray::{Hit, Ray, ray_flags};
 use walker::Entry;
-pub use walker::Walker;
+pub use walker::{Tier, Walker};
 
 /// What the caller decided about the last event.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

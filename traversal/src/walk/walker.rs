@@ -29,13 +29,68 @@ const STACK: usize = 2 * MAX_DEPTH as usize * (WIDTH - 1) + WIDTH + 1;
 /// suspended walk needs.
 pub struct Walker {
     stack: [Entry; STACK],
+    tier: Tier,
+}
+
+/// An instruction set to walk with. The hits are the same bits in each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Tier {
+    /// What every machine has.
+    Portable,
+    /// AVX2.
+    Avx2,
+    /// AVX-512 with 256-bit vectors.
+    Avx512,
+}
+
+impl Tier {
+    /// All tiers, the fastest last.
+    pub const ALL: [Tier; 3] = [Tier::Portable, Tier::Avx2, Tier::Avx512];
+
+    /// Whether this machine has it.
+    pub fn is_available(self) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        match self {
+            Tier::Portable => true,
+            Tier::Avx2 => {
+                is_x86_feature_detected!("avx2")
+                    && is_x86_feature_detected!("bmi1")
+                    && is_x86_feature_detected!("bmi2")
+            }
+            Tier::Avx512 => {
+                Tier::Avx2.is_available()
+                    && is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512vl")
+                    && is_x86_feature_detected!("avx512dq")
+            }
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        return self == Tier::Portable;
+    }
+
+    /// The fastest that this machine has.
+    pub fn best() -> Tier {
+        *Tier::ALL
+            .iter()
+            .rev()
+            .find(|tier| tier.is_available())
+            .unwrap_or(&Tier::Portable)
+    }
 }
 
 impl Walker {
-    /// A walker for one thread.
+    /// A walker for one thread, as fast as the machine allows.
     pub fn new() -> Box<Walker> {
-        Box::new(Walker {
-            stack: [Entry::default(); STACK],
+        Walker::with_tier(Tier::best()).expect("the best tier is available")
+    }
+
+    /// A walker with a certain instruction set; `None` if the machine does not have it.
+    pub fn with_tier(tier: Tier) -> Option<Box<Walker>> {
+        tier.is_available().then(|| {
+            Box::new(Walker {
+                stack: [Entry::default(); STACK],
+                tier,
+            })
         })
     }
 }
@@ -194,8 +249,34 @@ enum Leaf {
 
 /// Runs a walk until something has to be decided outside.
 pub(crate) fn run(walk: &mut Walk, walker: &mut Walker, fuel: &mut u64) -> Event {
-    // SAFETY: every machine has plain Rust.
-    unsafe { run_with::<Portable>(walk, walker, fuel) }
+    match walker.tier {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: a walker has this tier only on machines that have the instruction set.
+        Tier::Avx512 => unsafe { run_avx512(walk, walker, fuel) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: likewise.
+        Tier::Avx2 => unsafe { run_avx2(walk, walker, fuel) },
+        // SAFETY: every machine has plain Rust.
+        _ => unsafe { run_with::<Portable>(walk, walker, fuel) },
+    }
+}
+
+/// # Safety
+/// The machine has these features.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2")]
+unsafe fn run_avx512(walk: &mut Walk, walker: &mut Walker, fuel: &mut u64) -> Event {
+    // SAFETY: the caller's promise.
+    unsafe { run_with::<super::avx::Avx>(walk, walker, fuel) }
+}
+
+/// # Safety
+/// The machine has these features.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+unsafe fn run_avx2(walk: &mut Walk, walker: &mut Walker, fuel: &mut u64) -> Event {
+    // SAFETY: the caller's promise.
+    unsafe { run_with::<super::avx::Avx>(walk, walker, fuel) }
 }
 
 /// # Safety
