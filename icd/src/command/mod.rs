@@ -8,6 +8,7 @@
 
 mod buffer;
 mod pool;
+pub mod ray_tracing;
 
 use std::sync::Arc;
 
@@ -19,6 +20,7 @@ use crate::object::{DescriptorSet, Event, Pipeline, QueryPool};
 
 pub use buffer::{CommandBuffer, Recording, copied};
 pub use pool::CommandPool;
+pub use ray_tracing::RayTracingCommand;
 
 /// A recorded command.
 pub enum Command {
@@ -64,6 +66,7 @@ pub enum Command {
     ResetEvent(Ref<Event>),
     WaitEvents(Vec<Ref<Event>>),
     ExecuteCommands(Vec<Arc<Vec<Command>>>),
+    RayTracing(RayTracingCommand),
 }
 
 /// `vkCmdBindDescriptorSets`, or pushed descriptors as a set of their own.

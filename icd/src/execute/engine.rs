@@ -11,14 +11,13 @@ use crate::VkResult;
 use crate::object::instance::Messengers;
 use crate::object::sync::Waiting;
 use crate::queue::Workers;
-use crate::trace::{Limits, Tracer};
+use crate::trace::Limits;
 
 /// Workers, the memory that they keep, all waiting of the device, and how it is lost.
 pub struct Engine {
     pub workers: Arc<Workers>,
     pub waiting: Arc<Waiting>,
     pub dispatcher: Dispatcher,
-    pub tracer: Tracer,
     messengers: Arc<Messengers>,
     /// Ends what runs: the device is lost or about to go.
     cancelled: Arc<AtomicBool>,
@@ -36,7 +35,6 @@ impl Engine {
             workers: Workers::start(thread_count)?,
             waiting: Arc::default(),
             dispatcher: Dispatcher::default(),
-            tracer: Tracer::default(),
             messengers,
             cancelled: Arc::default(),
             timeout: timeout(),

@@ -5,16 +5,32 @@
 //! memory. That is more than any `vkCmdPipelineBarrier` asks for. Image layouts mean nothing, since images are stored one way only, and with
 //! one queue family there is no ownership to transfer. What is left of the synchronization commands are events, which can be waited for
 //! across queues and from the host.
+//!
+//! Each kind of work is a function of what the command holds. Those on images take the objects and the regions as recorded:
+//!
+//! ```text
+//! copy::copy_image(source: &Image, destination: &Image, region: &vk::ImageCopy)
+//! copy::copy_buffer_to_image(source: u64, destination: &Image, region: &vk::BufferImageCopy)
+//! copy::copy_image_to_buffer(source: &Image, destination: u64, region: &vk::BufferImageCopy)
+//! blit::blit_image(source: &Image, destination: &Image, region: &vk::ImageBlit, filter: vk::Filter)
+//! resolve::resolve_image(source: &Image, destination: &Image, region: &vk::ImageResolve)
+//! clear::clear_color_image(image: &Image, value: &vk::ClearColorValue, range: &vk::ImageSubresourceRange)
+//! clear::clear_depth_stencil_image(image: &Image, value: &vk::ClearDepthStencilValue, range: &vk::ImageSubresourceRange)
+//! ```
+//!
+//! Buffers are device addresses of their first byte.
 
+pub mod acceleration_structure;
 mod bindings;
 pub mod buffer;
 pub mod dispatch;
 mod engine;
-mod query;
+pub mod query;
+pub mod ray_tracing;
 
 use ash::vk;
 
-use crate::command::Command;
+use crate::command::{Command, RayTracingCommand};
 use crate::object::pipeline::PipelineKind;
 use crate::trace::Stopped;
 
@@ -87,6 +103,7 @@ fn perform<'a>(
         Command::ExecuteCommands(buffers) => {
             buffers.iter().try_for_each(|list| replay(engine, list))?;
         }
+        Command::RayTracing(command) => run_ray_tracing(engine, bindings, command)?,
     }
     Ok(())
 }
@@ -101,7 +118,9 @@ fn run_dispatch(
     else {
         return Ok(());
     };
-    let PipelineKind::Compute(program) = &pipeline.kind;
+    let PipelineKind::Compute(program) = &pipeline.kind else {
+        return Ok(());
+    };
     engine.dispatcher.run(
         &engine.workers,
         &dispatch::Dispatch {
@@ -112,5 +131,28 @@ fn run_dispatch(
             limits: &engine.limits(),
         },
     )?;
+    Ok(())
+}
+
+/// Commands of the ray tracing extensions, on the workers.
+fn run_ray_tracing(
+    engine: &Engine,
+    bindings: &mut Bindings<'_>,
+    command: &RayTracingCommand,
+) -> Result<(), Failure> {
+    let limits = engine.limits();
+    // The size of the launch may be in memory: who reads it puts it into the environment.
+    let bound = bindings.environment(vk::PipelineBindPoint::RAY_TRACING_KHR, [0; 3]);
+    let bound = bound.map(|(pipeline, environment)| ray_tracing::Bound {
+        pipeline: match &pipeline.kind {
+            PipelineKind::RayTracing(pipeline) => Some(pipeline),
+            PipelineKind::Compute(_) => None,
+        },
+        environment,
+        limits: &limits,
+    });
+    engine
+        .workers
+        .install(|| ray_tracing::execute(command, || bound))?;
     Ok(())
 }

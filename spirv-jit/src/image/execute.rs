@@ -25,14 +25,12 @@ impl ImageOp {
     pub fn operand_rows(&self) -> usize {
         let words = if self.texel == Type::I64 { 2 } else { 1 };
         let spatial = self.spatial_count();
-        // A cube's offsets and derivatives: it takes no offsets, and derivatives of its direction.
         let is_query = matches!(
             self.kind,
             ImageOpKind::QuerySize | ImageOpKind::QueryLevels | ImageOpKind::QuerySamples
         );
         let coordinates = match self.kind {
             _ if is_query => 0,
-            ImageOpKind::QueryLod => spatial,
             _ => self.coordinate_count(),
         };
         let lod = match self.lod {
