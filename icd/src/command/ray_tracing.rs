@@ -13,6 +13,8 @@ use crate::trace::table::Tables;
 pub enum RayTracingCommand {
     /// `vkCmdBuildAccelerationStructuresKHR`.
     Build(Vec<Build>),
+    /// `vkCmdBuildAccelerationStructuresIndirectKHR`.
+    BuildIndirect(Vec<IndirectBuild>),
     /// `vkCmdCopyAccelerationStructureKHR`.
     Copy {
         source: Storage,
@@ -34,4 +36,15 @@ pub enum RayTracingCommand {
     TraceRays { tables: Tables, extent: [u32; 3] },
     /// `vkCmdTraceRaysIndirectKHR`: the address of a `VkTraceRaysIndirectCommandKHR`.
     TraceRaysIndirect { tables: Tables, address: u64 },
+}
+
+/// A build whose ranges an earlier command may write.
+pub struct IndirectBuild {
+    /// Without ranges.
+    pub build: Build,
+    /// Device address of the first `VkAccelerationStructureBuildRangeInfoKHR`.
+    pub ranges: u64,
+    pub stride_bytes: u32,
+    /// Per geometry: what its range's primitive count may be at most.
+    pub max_primitive_counts: Vec<u32>,
 }

@@ -35,7 +35,7 @@ pub enum BuildGeometries {
     Instances(Instances),
 }
 
-/// `VkAccelerationStructureGeometryTrianglesDataKHR` with its range; offsets are added to addresses where they do not depend on indices.
+/// `VkAccelerationStructureGeometryTrianglesDataKHR`, restricted to its range.
 #[derive(Clone, Copy, Debug)]
 pub struct Triangles {
     pub flags: GeometryFlags,
@@ -51,7 +51,7 @@ pub struct Triangles {
     pub primitive_count: u32,
 }
 
-/// `VkAccelerationStructureGeometryAabbsDataKHR` with its range.
+/// `VkAccelerationStructureGeometryAabbsDataKHR`, restricted to its range.
 #[derive(Clone, Copy, Debug)]
 pub struct Aabbs {
     pub flags: GeometryFlags,
@@ -60,7 +60,7 @@ pub struct Aabbs {
     pub primitive_count: u32,
 }
 
-/// `VkAccelerationStructureGeometryInstancesDataKHR` with its range.
+/// `VkAccelerationStructureGeometryInstancesDataKHR`, restricted to its range.
 #[derive(Clone, Copy, Debug)]
 pub struct Instances {
     pub flags: GeometryFlags,
@@ -69,7 +69,50 @@ pub struct Instances {
     pub count: u32,
 }
 
+/// `VkAccelerationStructureBuildRangeInfoKHR`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub struct Range {
+    pub primitive_count: u32,
+    pub primitive_offset: u32,
+    pub first_vertex: u32,
+    pub transform_offset: u32,
+}
+
 impl BuildGeometries {
+    /// Restricts geometry `index` to a range.
+    pub fn apply_range(&mut self, index: usize, range: &Range) {
+        let offset = u64::from(range.primitive_offset);
+        match self {
+            Self::Triangles(list) => {
+                let Some(geometry) = list.get_mut(index) else {
+                    return;
+                };
+                geometry.primitive_count = range.primitive_count;
+                geometry.first_vertex = range.first_vertex;
+                match geometry.index_type {
+                    IndexType::None => geometry.vertices += offset,
+                    _ => geometry.indices += offset,
+                }
+                if geometry.transform != 0 {
+                    geometry.transform += u64::from(range.transform_offset);
+                }
+            }
+            Self::Aabbs(list) => {
+                let Some(geometry) = list.get_mut(index) else {
+                    return;
+                };
+                geometry.primitive_count = range.primitive_count;
+                geometry.boxes += offset;
+            }
+            Self::Instances(instances) if index == 0 => {
+                instances.count = range.primitive_count;
+                instances.address += offset;
+            }
+            Self::Instances(_) => {}
+        }
+    }
+
     /// What a structure of these holds.
     pub fn kind(&self) -> Kind {
         match self {

@@ -4,8 +4,9 @@ use ash::vk;
 use rayon::prelude::*;
 use spirv_jit::environment::{Environment, uniform};
 
-use super::acceleration_structure::{self, Build};
+use super::acceleration_structure::{self, Build, Range};
 use crate::command::RayTracingCommand;
+use crate::command::ray_tracing::IndirectBuild;
 use crate::log::{self, Level};
 use crate::object::ray_tracing_pipeline::RayTracingPipeline;
 use crate::table::limits;
@@ -31,6 +32,15 @@ pub fn execute<'a>(
     // stay mapped for the device's life.
     match command {
         RayTracingCommand::Build(builds) => build(builds),
+        RayTracingCommand::BuildIndirect(builds) => {
+            // SAFETY: as above.
+            build(
+                &builds
+                    .iter()
+                    .map(|build| unsafe { with_ranges(build) })
+                    .collect::<Vec<_>>(),
+            );
+        }
         RayTracingCommand::Copy {
             source,
             destination,
@@ -99,6 +109,28 @@ pub fn build(builds: &[Build]) {
         [one] => run(one),
         _ => builds.par_iter().for_each(run),
     }
+}
+
+/// Reads an indirect build's ranges.
+///
+/// # Safety
+/// There is a readable range for each geometry.
+unsafe fn with_ranges(indirect: &IndirectBuild) -> Build {
+    let mut build = indirect.build.clone();
+    for (index, &max) in indirect.max_primitive_counts.iter().enumerate() {
+        let address = indirect.ranges + index as u64 * u64::from(indirect.stride_bytes);
+        // SAFETY: the caller's promise.
+        let range = unsafe { std::ptr::read_unaligned(address as *const Range) };
+        let primitive_count = range.primitive_count.min(max);
+        build.geometries.apply_range(
+            index,
+            &Range {
+                primitive_count,
+                ..range
+            },
+        );
+    }
+    build
 }
 
 fn trace_rays(tables: &Tables, extent: [u32; 3], bound: Option<Bound<'_>>) -> Result<(), Stopped> {

@@ -3,8 +3,9 @@
 use ash::vk;
 use traversal::{BuildFlags, GeometryFlags, IndexType, InstanceArray, VertexFormat};
 
+use super::slice;
 use crate::execute::acceleration_structure::{
-    Aabbs, Build, BuildGeometries, Instances, Storage, Triangles, vertex_format,
+    Aabbs, Build, BuildGeometries, Instances, Range, Storage, Triangles, vertex_format,
 };
 use crate::handle;
 use crate::object::AccelerationStructure;
@@ -50,19 +51,16 @@ pub fn kind(
     }
 }
 
-/// Copies a build and its ranges. Addresses are taken from the `deviceAddress` of each union, which has the bits of `hostAddress`.
+/// Copies a build, without its ranges. Addresses are taken from the `deviceAddress` of each union, which has the bits of `hostAddress`.
 ///
 /// # Safety
-/// The info is valid, its handles are alive, and there are as many ranges as geometries.
-pub unsafe fn decode_build(
-    info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
-    ranges: &[vk::AccelerationStructureBuildRangeInfoKHR],
-) -> Build {
+/// The info is valid and its handles are alive.
+pub unsafe fn decode_build(info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>) -> Build {
     // SAFETY: the caller's promise.
     unsafe {
         let geometries = geometries(info);
         let kind = kind(info.ty, &geometries);
-        let pairs = geometries.iter().copied().zip(ranges);
+        let mut geometries = geometries.into_iter();
         let update = info.mode == vk::BuildAccelerationStructureModeKHR::UPDATE;
         Build {
             flags: BuildFlags(info.flags.as_raw()),
@@ -70,20 +68,52 @@ pub unsafe fn decode_build(
             destination: storage(info.dst_acceleration_structure),
             geometries: match kind {
                 traversal::Kind::Triangles => {
-                    BuildGeometries::Triangles(pairs.map(|(g, r)| triangles(g, r)).collect())
+                    BuildGeometries::Triangles(geometries.map(|g| triangles(g)).collect())
                 }
                 traversal::Kind::Aabbs => {
-                    BuildGeometries::Aabbs(pairs.map(|(g, r)| aabbs(g, r)).collect())
+                    BuildGeometries::Aabbs(geometries.map(|g| aabbs(g)).collect())
                 }
-                traversal::Kind::Instances => {
-                    let mut pairs = pairs;
-                    BuildGeometries::Instances(
-                        pairs.next().map_or(NO_INSTANCES, |(g, r)| instances(g, r)),
-                    )
-                }
+                traversal::Kind::Instances => BuildGeometries::Instances(
+                    geometries.next().map_or(NO_INSTANCES, |g| instances(g)),
+                ),
             },
             scratch: info.scratch_data.device_address,
         }
+    }
+}
+
+/// Copies builds with their ranges.
+///
+/// # Safety
+/// The infos are valid, their handles are alive, and each has as many ranges as geometries.
+pub unsafe fn decode_builds(
+    count: u32,
+    infos: *const vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
+    ranges: *const *const vk::AccelerationStructureBuildRangeInfoKHR,
+) -> Vec<Build> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let ranges = slice(ranges, count);
+        let decode = |(info, &ranges): (
+            &vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
+            &*const _,
+        )| {
+            let mut build = decode_build(info);
+            for (index, range) in slice(ranges, info.geometry_count).iter().enumerate() {
+                build.geometries.apply_range(index, &decode_range(range));
+            }
+            build
+        };
+        slice(infos, count).iter().zip(ranges).map(decode).collect()
+    }
+}
+
+fn decode_range(range: &vk::AccelerationStructureBuildRangeInfoKHR) -> Range {
+    Range {
+        primitive_count: range.primitive_count,
+        primitive_offset: range.primitive_offset,
+        first_vertex: range.first_vertex,
+        transform_offset: range.transform_offset,
     }
 }
 
@@ -105,65 +135,49 @@ pub unsafe fn storage(handle: vk::AccelerationStructureKHR) -> Storage {
 
 /// # Safety
 /// The geometry is one of triangles.
-unsafe fn triangles(
-    geometry: &vk::AccelerationStructureGeometryKHR<'_>,
-    range: &vk::AccelerationStructureBuildRangeInfoKHR,
-) -> Triangles {
+unsafe fn triangles(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Triangles {
     // SAFETY: the caller's promise; both members of an address union are 64 bits.
     unsafe {
         let data = geometry.geometry.triangles;
-        let offset = range.primitive_offset as u64;
         let index_type = match data.index_type {
             vk::IndexType::UINT8_KHR => IndexType::U8,
             vk::IndexType::UINT16 => IndexType::U16,
             vk::IndexType::UINT32 => IndexType::U32,
             _ => IndexType::None,
         };
-        let indexed = index_type != IndexType::None;
-        let transform = data.transform_data.device_address;
         Triangles {
             flags: GeometryFlags(geometry.flags.as_raw()),
             vertex_format: vertex_format(data.vertex_format).unwrap_or(VertexFormat::F32x3),
-            vertices: data.vertex_data.device_address + if indexed { 0 } else { offset },
+            vertices: data.vertex_data.device_address,
             vertex_stride_bytes: data.vertex_stride,
             max_vertex: data.max_vertex,
-            first_vertex: range.first_vertex,
+            first_vertex: 0,
             index_type,
-            indices: data.index_data.device_address + if indexed { offset } else { 0 },
-            transform: if transform == 0 {
-                0
-            } else {
-                transform + range.transform_offset as u64
-            },
-            primitive_count: range.primitive_count,
+            indices: data.index_data.device_address,
+            transform: data.transform_data.device_address,
+            primitive_count: 0,
         }
     }
 }
 
 /// # Safety
 /// The geometry is one of boxes.
-unsafe fn aabbs(
-    geometry: &vk::AccelerationStructureGeometryKHR<'_>,
-    range: &vk::AccelerationStructureBuildRangeInfoKHR,
-) -> Aabbs {
+unsafe fn aabbs(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Aabbs {
     // SAFETY: as for `triangles`.
     unsafe {
         let data = geometry.geometry.aabbs;
         Aabbs {
             flags: GeometryFlags(geometry.flags.as_raw()),
-            boxes: data.data.device_address + range.primitive_offset as u64,
+            boxes: data.data.device_address,
             stride_bytes: data.stride,
-            primitive_count: range.primitive_count,
+            primitive_count: 0,
         }
     }
 }
 
 /// # Safety
 /// The geometry is one of instances.
-unsafe fn instances(
-    geometry: &vk::AccelerationStructureGeometryKHR<'_>,
-    range: &vk::AccelerationStructureBuildRangeInfoKHR,
-) -> Instances {
+unsafe fn instances(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Instances {
     // SAFETY: as for `triangles`.
     unsafe {
         let data = geometry.geometry.instances;
@@ -175,8 +189,48 @@ unsafe fn instances(
             } else {
                 InstanceArray::Records
             },
-            address: data.data.device_address + range.primitive_offset as u64,
-            count: range.primitive_count,
+            address: data.data.device_address,
+            count: 0,
         }
     }
+}
+
+/// Instance records of a host build, copied with each reference turned from a handle into an address; the build then reads the copy,
+/// which must outlive it.
+///
+/// # Safety
+/// The build's instances are readable, and each reference is 0 or a live `VkAccelerationStructureKHR`.
+pub unsafe fn resolve_host_instances(
+    build: &mut Build,
+) -> Vec<vk::AccelerationStructureInstanceKHR> {
+    let BuildGeometries::Instances(instances) = &mut build.geometries else {
+        return Vec::new();
+    };
+    let mut records = Vec::with_capacity(instances.count as usize);
+    for index in 0..instances.count as usize {
+        // SAFETY: the caller's promise.
+        unsafe {
+            let record = match instances.array {
+                InstanceArray::Records => {
+                    (instances.address as *const vk::AccelerationStructureInstanceKHR).add(index)
+                }
+                InstanceArray::Pointers => (instances.address
+                    as *const *const vk::AccelerationStructureInstanceKHR)
+                    .add(index)
+                    .read_unaligned(),
+            };
+            let mut record = record.read_unaligned();
+            let reference = record.acceleration_structure_reference.host_handle;
+            record.acceleration_structure_reference.device_handle =
+                if reference == vk::AccelerationStructureKHR::null() {
+                    0
+                } else {
+                    storage(reference).address
+                };
+            records.push(record);
+        }
+    }
+    instances.array = InstanceArray::Records;
+    instances.address = records.as_ptr() as u64;
+    records
 }

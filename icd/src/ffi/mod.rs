@@ -6,6 +6,7 @@ pub mod chain;
 pub mod enumerate;
 pub mod guard;
 pub mod pipeline;
+pub mod ray_tracing;
 
 pub use array::{slice, string};
 pub use chain::{find, find_mut};

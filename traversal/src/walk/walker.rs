@@ -491,7 +491,8 @@ unsafe fn test_leaf<K: Kernel>(
         };
         // SAFETY: the caller's promise.
         let mut mask = unsafe { K::test_group(ray, group, *t_far) };
-        mask &= u32::MAX << first_lane.saturating_sub(4 * group_index);
+        // A corrupt group may claim to have more lanes.
+        mask &= 0xF & u32::MAX << first_lane.saturating_sub(4 * group_index);
         while mask != 0 {
             let lane = mask.trailing_zeros();
             mask &= mask - 1;
