@@ -49,7 +49,7 @@ pub struct Dispatch<'a> {
 /// The workers' memory, kept from one dispatch to the next.
 #[derive(Default)]
 pub struct Dispatcher {
-    idle: Mutex<Vec<Box<Worker>>>,
+    idle: Mutex<Vec<Worker>>,
 }
 
 impl Dispatcher {
@@ -129,11 +129,7 @@ impl<'a> Plan<'a> {
         let local_size = program.local_size();
         let invocations = local_size.iter().map(|&n| n as usize).product::<usize>();
         let subgroups_per_workgroup = invocations.div_ceil(SUBGROUP_SIZE).max(1);
-        let alone = program.shared_size_bytes() > 0
-            || program
-                .sites()
-                .iter()
-                .any(|site| *site == SiteKind::Barrier);
+        let alone = program.shared_size_bytes() > 0 || program.sites().contains(&SiteKind::Barrier);
         let workgroups_per_step = if alone {
             1
         } else {
