@@ -8,6 +8,9 @@
 //! Which invocations share a subgroup follows from the dispatch alone: sixteen consecutive ones by `LocalInvocationIndex`. Workgroups start
 //! in order and a worker holds one step at a time, so that a workgroup may wait for an earlier one.
 
+#[cfg(test)]
+mod tests;
+
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use parking_lot::Mutex;
@@ -419,30 +422,4 @@ fn resize(rows: &mut Vec<AlignedRow>, len: usize) -> Result<(), Stopped> {
         .map_err(|_| Stopped::OutOfMemory)?;
     rows.resize(len, AlignedRow::default());
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn local_ids_count_x_first() {
-        let row = |builtin, component, subgroup| {
-            local_row(
-                InputRow::Builtin(builtin, component),
-                subgroup,
-                2,
-                [3, 4, 2],
-            )
-        };
-        // Invocation 17 of 3 × 4 × 2: 17 = 2 + 3 × (1 + 4 × 1).
-        assert_eq!(row(Builtin::LocalInvocationId, 0, 1)[1], 2);
-        assert_eq!(row(Builtin::LocalInvocationId, 1, 1)[1], 1);
-        assert_eq!(row(Builtin::LocalInvocationId, 2, 1)[1], 1);
-        assert_eq!(row(Builtin::LocalInvocationIndex, 0, 1)[1], 17);
-        assert_eq!(row(Builtin::SubgroupId, 0, 1)[1], 1);
-        assert_eq!(row(Builtin::NumSubgroups, 0, 1)[1], 2);
-        assert_eq!(lanes_below(24 - 16), 0xff);
-        assert_eq!(lanes_below(16), 0xffff);
-    }
 }
