@@ -10,8 +10,8 @@ use spirv_jit::image::SamplerDescriptor;
 use super::image::{DescriptorSlab, SendDescriptor};
 use super::instance::Messengers;
 use super::memory::AddressWindow;
-use super::sync::Waiting;
 use crate::VkResult;
+use crate::execute::Engine;
 use crate::handle::Ref;
 use crate::queue::Queue;
 use crate::table::extensions::ExtensionSet;
@@ -22,14 +22,22 @@ pub struct Device {
     pub messengers: Arc<Messengers>,
     /// What shader modules may declare.
     pub capabilities: Vec<Capability>,
-    /// The workers that commands fan out over. Shared with the queues' threads.
-    pub workers: Arc<rayon::ThreadPool>,
+    /// What executes commands, on the device and on the host: workers, waiting, device loss. Shared with the queues' threads.
+    pub engine: Arc<Engine>,
     pub window: Arc<AddressWindow>,
     pub queues: Vec<Ref<Queue>>,
     pub image_descriptors: Arc<DescriptorSlab<SendDescriptor>>,
     pub sampler_descriptors: Arc<DescriptorSlab<SamplerDescriptor>>,
-    /// All waiting of the device, and whether it is lost.
-    pub waiting: Arc<Waiting>,
+}
+
+impl Drop for Device {
+    /// Ends the queues' threads and the workers: when the device is gone, no code of this library runs on a thread of its own.
+    fn drop(&mut self) {
+        self.engine.shut_down();
+        for queue in &self.queues {
+            queue.close();
+        }
+    }
 }
 
 /// Whether a device is lost. Once it is, it stays so.

@@ -10,7 +10,9 @@ pub mod memory;
 pub mod physical_device;
 pub mod pipeline;
 pub mod query;
+pub mod ray_tracing_pipeline;
 pub mod sampler;
+pub mod shader_stage;
 pub mod sync;
 
 pub use acceleration_structure::AccelerationStructure;
