@@ -3,14 +3,19 @@
 //! Recording copies what the application may free; what it may destroy early is held by count. Images, buffers and queries are named by
 //! counted references too: a mistaken application gets a wrong picture, not a fault.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use ash::vk;
+use ash::vk::Handle;
 use parking_lot::Mutex;
 use smallvec::SmallVec;
 
-use crate::handle::{Object, Ref};
-use crate::object::{DescriptorSet, Event, Image, Pipeline, PipelineLayout, QueryPool};
+use crate::VkResult;
+use crate::handle::{self, Ref};
+use crate::object::{
+    DescriptorSet, DescriptorSetLayout, Event, Pipeline, PipelineLayout, QueryPool,
+};
 
 /// A recorded command.
 pub enum Command {
@@ -48,43 +53,6 @@ pub enum Command {
         address: u64,
         bytes: Box<[u8]>,
     },
-    CopyImage {
-        source: Ref<Image>,
-        destination: Ref<Image>,
-        regions: Vec<vk::ImageCopy>,
-    },
-    CopyBufferToImage {
-        /// Device address of the buffer's first byte.
-        source: u64,
-        destination: Ref<Image>,
-        regions: Vec<vk::BufferImageCopy>,
-    },
-    CopyImageToBuffer {
-        source: Ref<Image>,
-        destination: u64,
-        regions: Vec<vk::BufferImageCopy>,
-    },
-    BlitImage {
-        source: Ref<Image>,
-        destination: Ref<Image>,
-        regions: Vec<vk::ImageBlit>,
-        filter: vk::Filter,
-    },
-    ResolveImage {
-        source: Ref<Image>,
-        destination: Ref<Image>,
-        regions: Vec<vk::ImageResolve>,
-    },
-    ClearColorImage {
-        image: Ref<Image>,
-        value: vk::ClearColorValue,
-        ranges: Vec<vk::ImageSubresourceRange>,
-    },
-    ClearDepthStencilImage {
-        image: Ref<Image>,
-        value: vk::ClearDepthStencilValue,
-        ranges: Vec<vk::ImageSubresourceRange>,
-    },
     ResetQueryPool {
         pool: Ref<QueryPool>,
         first: u32,
@@ -114,15 +82,46 @@ pub struct CommandBuffer {
     pub recording: Mutex<Recording>,
 }
 
-/// What a command buffer holds, and what is bound while it is recorded.
+impl CommandBuffer {
+    /// An empty command buffer.
+    pub fn new(level: vk::CommandBufferLevel) -> Self {
+        Self {
+            level,
+            recording: Mutex::new(Recording::default()),
+        }
+    }
+}
+
+/// What a command buffer holds, and what recording it has to remember.
 pub struct Recording {
     pub commands: Arc<Vec<Command>>,
     /// What went wrong while recording: `vkEndCommandBuffer` returns it.
-    pub result: crate::VkResult,
-    pub one_time: bool,
+    pub result: VkResult,
+    /// The last push descriptor set of each bind point and set number: the next push changes a copy.
+    pushed: Vec<((vk::PipelineBindPoint, u32), Ref<DescriptorSet>)>,
+}
+
+impl Default for Recording {
+    fn default() -> Self {
+        Self {
+            commands: Arc::default(),
+            result: Ok(()),
+            pushed: Vec::new(),
+        }
+    }
 }
 
 impl Recording {
+    /// Starts anew. Submissions and primaries that hold the old commands keep them.
+    pub fn reset(&mut self) {
+        match Arc::get_mut(&mut self.commands) {
+            Some(commands) => commands.clear(),
+            None => self.commands = Arc::default(),
+        }
+        self.result = Ok(());
+        self.pushed.clear();
+    }
+
     /// Appends a command.
     pub fn push(&mut self, command: Command) {
         if let Some(commands) = Arc::get_mut(&mut self.commands) {
@@ -136,10 +135,63 @@ impl Recording {
             self.result = Err(code);
         }
     }
+
+    /// A new set with the contents of the last push to this place.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
+    pub fn pushed_set(
+        &mut self,
+        bind_point: vk::PipelineBindPoint,
+        set: u32,
+        layout: &Ref<DescriptorSetLayout>,
+    ) -> VkResult<Ref<DescriptorSet>> {
+        let place = (bind_point, set);
+        let last = self.pushed.iter_mut().find(|pushed| pushed.0 == place);
+        let new = match &last {
+            Some((_, last)) if Arc::ptr_eq(&last.layout, layout) => last.duplicate()?,
+            _ => DescriptorSet::new(Ref::clone(layout), 0)?,
+        };
+        let new = handle::new(new);
+        match last {
+            Some(last) => last.1 = Ref::clone(&new),
+            None => self.pushed.push((place, Ref::clone(&new))),
+        }
+        Ok(new)
+    }
 }
 
 /// A command pool: it destroys its buffers with itself.
+#[derive(Default)]
 pub struct CommandPool {
-    pub flags: vk::CommandPoolCreateFlags,
-    pub buffers: Mutex<Vec<Arc<Object<CommandBuffer>>>>,
+    buffers: Mutex<HashSet<u64>>,
+}
+
+impl CommandPool {
+    pub fn insert(&self, buffer: vk::CommandBuffer) {
+        self.buffers.lock().insert(buffer.as_raw());
+    }
+
+    /// Takes a buffer out; false if it is not the pool's.
+    pub fn remove(&self, buffer: vk::CommandBuffer) -> bool {
+        self.buffers.lock().remove(&buffer.as_raw())
+    }
+
+    /// The pool's buffers.
+    pub fn all(&self) -> Vec<vk::CommandBuffer> {
+        self.buffers
+            .lock()
+            .iter()
+            .map(|&buffer| vk::CommandBuffer::from_raw(buffer))
+            .collect()
+    }
+
+    /// Takes all buffers out.
+    pub fn take_all(&self) -> Vec<vk::CommandBuffer> {
+        self.buffers
+            .lock()
+            .drain()
+            .map(vk::CommandBuffer::from_raw)
+            .collect()
+    }
 }

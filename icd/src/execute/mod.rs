@@ -13,3 +13,19 @@
 //! ```
 //!
 //! Buffers are device addresses of their first byte.
+//!
+//! Commands of one queue run to their end one after the other, and memory is the host's own and coherent. Execution and memory
+//! dependencies inside a queue therefore hold by themselves: pipeline barriers and image layout transitions are not even recorded.
+//! Between queues, and to the host, the locks of semaphores and fences order memory.
+
+pub mod bindings;
+mod dispatch;
+mod engine;
+mod memory;
+pub mod query;
+mod replay;
+
+pub use bindings::Bindings;
+pub use engine::Engine;
+pub use query::timestamp;
+pub use replay::replay;

@@ -51,7 +51,7 @@ pub struct Limits {
 
 impl Limits {
     /// Called when fuel runs dry.
-    fn check(&self) -> Result<(), Stopped> {
+    pub fn check(&self) -> Result<(), Stopped> {
         let late = self
             .deadline
             .is_some_and(|deadline| Instant::now() >= deadline);
