@@ -29,7 +29,7 @@ fn main() {
             messages: ShaderMessage::DEFAULT,
         };
         let words = ShaderInput::new(&source, stage, &options, None, None)
-            .and_then(|input| Shader::new(&compiler, input).parse())
+            .and_then(|input| Shader::new(compiler, input).parse())
             .and_then(|shader| shader.compile())
             .unwrap_or_else(|error| panic!("{}:\n{error}", path.display()));
         let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();

@@ -1,32 +1,31 @@
 //! Command buffers: an owned list of commands, recorded once, replayed by [`execute`](crate::execute).
 //!
-//! Recording copies what the application may free; what it may destroy early is held by count. Images, buffers and queries are named by
-//! counted references too: a mistaken application gets a wrong picture, not a fault.
+//! Recording copies what the application may free; what it may destroy early is held by count. Images and queries are named by counted
+//! references too: a mistaken application gets a wrong picture, not a fault. Buffers are resolved to addresses, since they must be bound to
+//! memory when a command that uses them is recorded.
 
-use std::collections::HashSet;
+#![forbid(unsafe_code)]
+
+mod buffer;
+mod pool;
+pub mod ray_tracing;
+
 use std::sync::Arc;
 
 use ash::vk;
-use ash::vk::Handle;
-use parking_lot::Mutex;
 use smallvec::SmallVec;
 
-use crate::VkResult;
-use crate::handle::{self, Ref};
-use crate::object::{
-    DescriptorSet, DescriptorSetLayout, Event, Pipeline, PipelineLayout, QueryPool,
-};
+use crate::handle::Ref;
+use crate::object::{DescriptorSet, Event, Pipeline, QueryPool};
+
+pub use buffer::{CommandBuffer, Recording, copied};
+pub use pool::CommandPool;
+pub use ray_tracing::RayTracingCommand;
 
 /// A recorded command.
 pub enum Command {
     BindPipeline(Ref<Pipeline>),
-    BindDescriptorSets {
-        bind_point: vk::PipelineBindPoint,
-        layout: Ref<PipelineLayout>,
-        first_set: u32,
-        sets: SmallVec<[Option<Ref<DescriptorSet>>; 4]>,
-        dynamic_offsets: SmallVec<[u32; 4]>,
-    },
+    BindDescriptorSets(BindDescriptorSets),
     PushConstants {
         offset: u32,
         bytes: SmallVec<[u8; 32]>,
@@ -62,136 +61,29 @@ pub enum Command {
         pool: Ref<QueryPool>,
         query: u32,
     },
-    CopyQueryPoolResults {
-        pool: Ref<QueryPool>,
-        first: u32,
-        count: u32,
-        address: u64,
-        stride_bytes: u64,
-        flags: vk::QueryResultFlags,
-    },
+    CopyQueryPoolResults(CopyQueryPoolResults),
     SetEvent(Ref<Event>),
     ResetEvent(Ref<Event>),
     WaitEvents(Vec<Ref<Event>>),
     ExecuteCommands(Vec<Arc<Vec<Command>>>),
+    RayTracing(RayTracingCommand),
 }
 
-/// A command buffer.
-pub struct CommandBuffer {
-    pub level: vk::CommandBufferLevel,
-    pub recording: Mutex<Recording>,
+/// `vkCmdBindDescriptorSets`, or pushed descriptors as a set of their own.
+pub struct BindDescriptorSets {
+    pub bind_point: vk::PipelineBindPoint,
+    pub first_set: u32,
+    pub sets: SmallVec<[Option<Ref<DescriptorSet>>; 4]>,
+    pub dynamic_offsets: SmallVec<[u32; 4]>,
 }
 
-impl CommandBuffer {
-    /// An empty command buffer.
-    pub fn new(level: vk::CommandBufferLevel) -> Self {
-        Self {
-            level,
-            recording: Mutex::new(Recording::default()),
-        }
-    }
-}
-
-/// What a command buffer holds, and what recording it has to remember.
-pub struct Recording {
-    pub commands: Arc<Vec<Command>>,
-    /// What went wrong while recording: `vkEndCommandBuffer` returns it.
-    pub result: VkResult,
-    /// The last push descriptor set of each bind point and set number: the next push changes a copy.
-    pushed: Vec<((vk::PipelineBindPoint, u32), Ref<DescriptorSet>)>,
-}
-
-impl Default for Recording {
-    fn default() -> Self {
-        Self {
-            commands: Arc::default(),
-            result: Ok(()),
-            pushed: Vec::new(),
-        }
-    }
-}
-
-impl Recording {
-    /// Starts anew. Submissions and primaries that hold the old commands keep them.
-    pub fn reset(&mut self) {
-        match Arc::get_mut(&mut self.commands) {
-            Some(commands) => commands.clear(),
-            None => self.commands = Arc::default(),
-        }
-        self.result = Ok(());
-        self.pushed.clear();
-    }
-
-    /// Appends a command.
-    pub fn push(&mut self, command: Command) {
-        if let Some(commands) = Arc::get_mut(&mut self.commands) {
-            commands.push(command);
-        }
-    }
-
-    /// Notes the first failure.
-    pub fn fail(&mut self, code: vk::Result) {
-        if self.result.is_ok() {
-            self.result = Err(code);
-        }
-    }
-
-    /// A new set with the contents of the last push to this place.
-    ///
-    /// # Errors
-    /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
-    pub fn pushed_set(
-        &mut self,
-        bind_point: vk::PipelineBindPoint,
-        set: u32,
-        layout: &Ref<DescriptorSetLayout>,
-    ) -> VkResult<Ref<DescriptorSet>> {
-        let place = (bind_point, set);
-        let last = self.pushed.iter_mut().find(|pushed| pushed.0 == place);
-        let new = match &last {
-            Some((_, last)) if Arc::ptr_eq(&last.layout, layout) => last.duplicate()?,
-            _ => DescriptorSet::new(Ref::clone(layout), 0)?,
-        };
-        let new = handle::new(new);
-        match last {
-            Some(last) => last.1 = Ref::clone(&new),
-            None => self.pushed.push((place, Ref::clone(&new))),
-        }
-        Ok(new)
-    }
-}
-
-/// A command pool: it destroys its buffers with itself.
-#[derive(Default)]
-pub struct CommandPool {
-    buffers: Mutex<HashSet<u64>>,
-}
-
-impl CommandPool {
-    pub fn insert(&self, buffer: vk::CommandBuffer) {
-        self.buffers.lock().insert(buffer.as_raw());
-    }
-
-    /// Takes a buffer out; false if it is not the pool's.
-    pub fn remove(&self, buffer: vk::CommandBuffer) -> bool {
-        self.buffers.lock().remove(&buffer.as_raw())
-    }
-
-    /// The pool's buffers.
-    pub fn all(&self) -> Vec<vk::CommandBuffer> {
-        self.buffers
-            .lock()
-            .iter()
-            .map(|&buffer| vk::CommandBuffer::from_raw(buffer))
-            .collect()
-    }
-
-    /// Takes all buffers out.
-    pub fn take_all(&self) -> Vec<vk::CommandBuffer> {
-        self.buffers
-            .lock()
-            .drain()
-            .map(vk::CommandBuffer::from_raw)
-            .collect()
-    }
+/// `vkCmdCopyQueryPoolResults`.
+pub struct CopyQueryPoolResults {
+    pub pool: Ref<QueryPool>,
+    pub first: u32,
+    pub count: u32,
+    /// Device address of the first result.
+    pub address: u64,
+    pub stride_bytes: u64,
+    pub flags: vk::QueryResultFlags,
 }

@@ -65,7 +65,7 @@ unsafe fn write_entry(entry: *mut Descriptor, binding: &Binding, source: *const 
                     .cast::<vk::AccelerationStructureKHR>()
                     .read_unaligned();
                 (*entry).address = optional::<AccelerationStructure>(structure)
-                    .map_or(0, |structure| structure.address);
+                    .map_or(0, |structure| structure.address());
             }
             _ => {
                 let info = source.cast::<vk::DescriptorBufferInfo>().read_unaligned();

@@ -4,11 +4,11 @@ use std::ffi::c_char;
 
 use ash::vk;
 
-use super::physical_device::QUEUE_COUNT;
 use crate::execute::query::clock_ns;
 use crate::ffi::{self, array, entry};
 use crate::handle::{self, from_handle};
 use crate::object::{Device, PhysicalDevice, PrivateDataSlot};
+use crate::queue::MAX_QUEUES;
 use crate::table::commands;
 use crate::table::extensions::{ExtensionSet, Kind};
 use crate::table::features;
@@ -27,7 +27,7 @@ entry! {
             .ok_or(vk::Result::ERROR_EXTENSION_NOT_PRESENT)?;
         features::check_requested(info)?;
         let queues = ffi::slice(info.p_queue_create_infos, info.queue_create_info_count);
-        if queues.iter().any(|queue| queue.queue_family_index != 0 || queue.queue_count > QUEUE_COUNT) {
+        if queues.iter().any(|queue| queue.queue_family_index != 0 || queue.queue_count > MAX_QUEUES) {
             return Err(vk::Result::ERROR_INITIALIZATION_FAILED);
         }
         let queue_count = queues.iter().map(|queue| queue.queue_count).max().unwrap_or(0);
@@ -36,30 +36,13 @@ entry! {
     }
 
     fn vkDestroyDevice(device: vk::Device, _allocator: *const vk::AllocationCallbacks) {
-        if let Some(device) = handle::take::<Device>(device) {
-            device.shut_down();
-        }
+        drop(handle::take::<Device>(device));
     }
 
     fn vkGetDeviceProcAddr(device: vk::Device, name: *const c_char) -> vk::PFN_vkVoidFunction {
         let device = from_handle::<Device>(device);
         let command = commands::find(ffi::string(name).to_bytes())?;
         command.available_to_device(device.extensions).then_some(command.function)
-    }
-
-    fn vkGetDeviceQueue(device: vk::Device, _family: u32, index: u32, out: *mut vk::Queue) {
-        let device = from_handle::<Device>(device);
-        *out = device.queues.get(index as usize).map_or(vk::Queue::null(), handle::handle_of);
-    }
-
-    fn vkGetDeviceQueue2(device: vk::Device, info: *const vk::DeviceQueueInfo2, out: *mut vk::Queue) {
-        let device = from_handle::<Device>(device);
-        let queue = device.queues.get((*info).queue_index as usize);
-        *out = queue.filter(|_| (*info).flags.is_empty()).map_or(vk::Queue::null(), handle::handle_of);
-    }
-
-    fn vkDeviceWaitIdle(device: vk::Device) -> vk::Result {
-        from_handle::<Device>(device).wait_idle()
     }
 
     fn vkGetDeviceGroupPeerMemoryFeatures(

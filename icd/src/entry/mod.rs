@@ -1,8 +1,9 @@
 //! Entry points, by what they act on. Each decodes its C structures, calls one method and encodes the result.
 
+pub mod acceleration_structure;
 pub mod buffer;
 pub mod command;
-pub mod command_buffer;
+pub mod command_transfer;
 pub mod debug;
 pub mod deferred;
 pub mod descriptor;
@@ -13,8 +14,10 @@ pub mod instance;
 pub mod memory;
 pub mod physical_device;
 pub mod pipeline;
+pub mod push_descriptor;
 pub mod query;
 pub mod queue;
+pub mod ray_tracing;
 pub mod sync;
 
 /// Defines `vkDestroy*` entry points that do nothing but give the handle's count back.

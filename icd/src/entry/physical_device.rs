@@ -12,16 +12,14 @@ use crate::format;
 use crate::handle::from_handle;
 use crate::object::PhysicalDevice;
 use crate::object::image::supported_image;
+use crate::queue::MAX_QUEUES;
 use crate::table::extensions::{self, Kind};
 use crate::table::{features, properties};
-
-/// Queues of the one family. Several applications refuse a device with fewer than three.
-pub const QUEUE_COUNT: u32 = 4;
 
 fn queue_family() -> vk::QueueFamilyProperties {
     vk::QueueFamilyProperties {
         queue_flags: vk::QueueFlags::COMPUTE | vk::QueueFlags::TRANSFER,
-        queue_count: QUEUE_COUNT,
+        queue_count: MAX_QUEUES,
         timestamp_valid_bits: 64,
         min_image_transfer_granularity: vk::Extent3D {
             width: 1,

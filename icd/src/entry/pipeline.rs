@@ -9,9 +9,11 @@ use ash::vk;
 use super::destroy;
 use crate::VkResult;
 use crate::ffi::enumerate::enumerate_bytes;
+use crate::ffi::pipeline::decode_stage;
 use crate::ffi::{self, array, chain, entry};
 use crate::handle::{self, from_handle, optional, retain};
-use crate::object::pipeline::{Compiled, PipelineKind, ShaderStage};
+use crate::object::pipeline::PipelineKind;
+use crate::object::shader_stage::Compiled;
 use crate::object::{
     DescriptorSetLayout, Device, Pipeline, PipelineCache, PipelineLayout, ShaderModule,
 };
@@ -33,48 +35,6 @@ unsafe fn words(info: &vk::ShaderModuleCreateInfo<'_>) -> VkResult<Arc<[u32]>> {
         u32::try_from(info.code_size / 4).map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
     // SAFETY: the caller's promise.
     Ok(unsafe { ffi::slice(info.p_code, count) }.into())
-}
-
-/// Decodes a shader stage; its module may come in the chain.
-///
-/// # Safety
-/// `info` is valid usage of a pipeline's creation.
-pub unsafe fn shader_stage(info: &vk::PipelineShaderStageCreateInfo<'_>) -> VkResult<ShaderStage> {
-    // SAFETY: the caller's promise.
-    unsafe {
-        let words = match optional::<ShaderModule>(info.module) {
-            Some(module) => Arc::clone(&module.words),
-            None => words(
-                chain::find::<vk::ShaderModuleCreateInfo>(info.p_next)
-                    .ok_or(vk::Result::ERROR_INVALID_SHADER_NV)?,
-            )?,
-        };
-        let mut specialization = Vec::new();
-        if let Some(info) = info.p_specialization_info.as_ref() {
-            let data = std::slice::from_raw_parts(
-                if info.data_size == 0 {
-                    std::ptr::dangling()
-                } else {
-                    info.p_data.cast::<u8>()
-                },
-                info.data_size,
-            );
-            for entry in ffi::slice(info.p_map_entries, info.map_entry_count) {
-                let bytes = data
-                    .get(entry.offset as usize..)
-                    .and_then(|rest| rest.get(..entry.size))
-                    .ok_or(vk::Result::ERROR_UNKNOWN)?;
-                specialization.push((entry.constant_id, bytes.to_vec()));
-            }
-        }
-        Ok(ShaderStage {
-            words,
-            entry_point: ffi::string(info.p_name).to_string_lossy().into_owned(),
-            stage: ShaderStage::from_flag(info.stage).ok_or(vk::Result::ERROR_UNKNOWN)?,
-            specialization,
-            module: vk::Handle::as_raw(info.module),
-        })
-    }
 }
 
 /// Writes `VkPipelineCreationFeedback` where it is asked for.
@@ -121,15 +81,15 @@ unsafe fn create_compute(
     unsafe {
         let start = Instant::now();
         let layout = retain::<PipelineLayout>(info.layout);
-        let stage = shader_stage(&info.stage)?;
+        let stage = decode_stage(&info.stage)?;
         let allowed = !info
             .flags
             .contains(vk::PipelineCreateFlags::FAIL_ON_PIPELINE_COMPILE_REQUIRED);
-        let Compiled { program, cache_hit } = device.compile(cache, &stage, &layout, allowed)?;
+        let Compiled { program, cache_hit } = stage.compile(device, cache, &layout, allowed)?;
         write_feedback(info.p_next, start, &[cache_hit]);
         Ok(handle::create(Pipeline {
             layout,
-            kind: PipelineKind::Compute(program),
+            kind: PipelineKind::Compute(program.program),
         }))
     }
 }

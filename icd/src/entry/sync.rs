@@ -3,18 +3,10 @@
 use std::sync::Arc;
 
 use ash::vk;
-use parking_lot::Mutex;
 
-use super::destroy;
-use crate::ffi::{self, chain, entry};
-use crate::handle::{self, from_handle};
+use crate::ffi::{self, entry};
+use crate::handle;
 use crate::object::{Device, Event, Fence, Semaphore};
-
-destroy! {
-    vkDestroyFence: Fence, Fence;
-    vkDestroySemaphore: Semaphore, Semaphore;
-    vkDestroyEvent: Event, Event;
-}
 
 entry! {
     fn vkCreateFence(
@@ -27,18 +19,22 @@ entry! {
         Ok(())
     }
 
+    fn vkDestroyFence(_device: vk::Device, fence: vk::Fence, _allocator: *const vk::AllocationCallbacks) {
+        drop(handle::take::<Fence>(fence));
+    }
+
     fn vkResetFences(_device: vk::Device, count: u32, fences: *const vk::Fence) -> vk::Result {
         for &fence in ffi::slice(fences, count) {
-            from_handle::<Fence>(fence).set(false);
+            handle::from_handle::<Fence>(fence).set(false);
         }
         Ok(())
     }
 
     fn vkGetFenceStatus(device: vk::Device, fence: vk::Fence) -> vk::Result {
-        if from_handle::<Fence>(fence).is_signaled() {
+        if handle::from_handle::<Fence>(fence).is_signaled() {
             return Ok(());
         }
-        from_handle::<Device>(device).waiting.lost.check()?;
+        handle::from_handle::<Device>(device).engine.waiting.lost.check()?;
         Err(vk::Result::NOT_READY)
     }
 
@@ -47,16 +43,13 @@ entry! {
         count: u32,
         fences: *const vk::Fence,
         wait_all: vk::Bool32,
-        timeout: u64,
+        timeout_ns: u64,
     ) -> vk::Result {
-        let device = from_handle::<Device>(device);
-        let fences: Vec<_> = ffi::slice(fences, count).iter().map(|&fence| from_handle::<Fence>(fence)).collect();
-        device.waiting.wait_until(timeout, || {
-            if wait_all == vk::TRUE {
-                fences.iter().all(|fence| fence.is_signaled())
-            } else {
-                fences.iter().any(|fence| fence.is_signaled())
-            }
+        let fences = ffi::slice(fences, count);
+        let signaled = |&fence: &vk::Fence| handle::from_handle::<Fence>(fence).is_signaled();
+        let device = handle::from_handle::<Device>(device);
+        device.engine.waiting.wait_until(timeout_ns, || {
+            if wait_all != vk::FALSE { fences.iter().all(signaled) } else { fences.iter().any(signaled) }
         })
     }
 
@@ -66,71 +59,76 @@ entry! {
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::Semaphore,
     ) -> vk::Result {
-        let device = from_handle::<Device>(device);
-        let (ty, initial) = chain::find::<vk::SemaphoreTypeCreateInfo>((*info).p_next)
-            .map_or((vk::SemaphoreType::BINARY, 0), |ty| (ty.semaphore_type, ty.initial_value));
-        *out = handle::create(Semaphore {
-            ty,
-            value: Mutex::new(initial),
-            waiting: Arc::clone(&device.waiting),
-        });
+        let device = handle::from_handle::<Device>(device);
+        let (ty, value) = match ffi::find::<vk::SemaphoreTypeCreateInfo>((*info).p_next) {
+            Some(info) => (info.semaphore_type, info.initial_value),
+            None => (vk::SemaphoreType::BINARY, 0),
+        };
+        *out = handle::create(Semaphore::new(ty, value, Arc::clone(&device.engine.waiting)));
         Ok(())
     }
 
+    fn vkDestroySemaphore(_device: vk::Device, semaphore: vk::Semaphore, _allocator: *const vk::AllocationCallbacks) {
+        drop(handle::take::<Semaphore>(semaphore));
+    }
+
     fn vkGetSemaphoreCounterValue(device: vk::Device, semaphore: vk::Semaphore, out: *mut u64) -> vk::Result {
-        from_handle::<Device>(device).waiting.lost.check()?;
-        *out = from_handle::<Semaphore>(semaphore).value();
+        handle::from_handle::<Device>(device).engine.waiting.lost.check()?;
+        *out = handle::from_handle::<Semaphore>(semaphore).value();
         Ok(())
     }
 
     fn vkSignalSemaphore(_device: vk::Device, info: *const vk::SemaphoreSignalInfo) -> vk::Result {
-        from_handle::<Semaphore>((*info).semaphore).signal((*info).value);
+        handle::from_handle::<Semaphore>((*info).semaphore).signal((*info).value);
         Ok(())
     }
 
-    fn vkWaitSemaphores(device: vk::Device, info: *const vk::SemaphoreWaitInfo, timeout: u64) -> vk::Result {
-        let device = from_handle::<Device>(device);
+    fn vkWaitSemaphores(device: vk::Device, info: *const vk::SemaphoreWaitInfo, timeout_ns: u64) -> vk::Result {
         let info = &*info;
         let semaphores = ffi::slice(info.p_semaphores, info.semaphore_count);
         let values = ffi::slice(info.p_values, info.semaphore_count);
-        let waits: Vec<_> = semaphores.iter().zip(values).map(|(&s, &value)| (from_handle::<Semaphore>(s), value)).collect();
-        device.waiting.wait_until(timeout, || {
-            if info.flags.contains(vk::SemaphoreWaitFlags::ANY) {
-                waits.iter().any(|(semaphore, value)| semaphore.has_reached(*value))
-            } else {
-                waits.iter().all(|(semaphore, value)| semaphore.has_reached(*value))
-            }
+        let any = info.flags.contains(vk::SemaphoreWaitFlags::ANY);
+        let device = handle::from_handle::<Device>(device);
+        device.engine.waiting.wait_until(timeout_ns, || {
+            let mut reached = semaphores
+                .iter()
+                .zip(values)
+                .map(|(&semaphore, &value)| handle::from_handle::<Semaphore>(semaphore).has_reached(value));
+            if any { reached.any(|reached| reached) } else { reached.all(|reached| reached) }
         })
     }
 
     fn vkCreateEvent(
-        _device: vk::Device,
+        device: vk::Device,
         _info: *const vk::EventCreateInfo,
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::Event,
     ) -> vk::Result {
-        *out = handle::create(Event::default());
+        let device = handle::from_handle::<Device>(device);
+        *out = handle::create(Event::new(Arc::clone(&device.engine.waiting)));
         Ok(())
     }
 
+    fn vkDestroyEvent(_device: vk::Device, event: vk::Event, _allocator: *const vk::AllocationCallbacks) {
+        drop(handle::take::<Event>(event));
+    }
+
     fn vkGetEventStatus(device: vk::Device, event: vk::Event) -> vk::Result {
-        from_handle::<Device>(device).waiting.lost.check()?;
-        // Both answers are success codes of their own.
-        Err(if from_handle::<Event>(event).is_set() {
-            vk::Result::EVENT_SET
-        } else {
-            vk::Result::EVENT_RESET
+        handle::from_handle::<Device>(device).engine.waiting.lost.check()?;
+        // Both answers are successes, so neither goes the way of `Ok`.
+        Err(match handle::from_handle::<Event>(event).is_set() {
+            true => vk::Result::EVENT_SET,
+            false => vk::Result::EVENT_RESET,
         })
     }
 
-    fn vkSetEvent(device: vk::Device, event: vk::Event) -> vk::Result {
-        from_handle::<Event>(event).set(true);
-        from_handle::<Device>(device).waiting.notify();
+    fn vkSetEvent(_device: vk::Device, event: vk::Event) -> vk::Result {
+        handle::from_handle::<Event>(event).set();
         Ok(())
     }
 
     fn vkResetEvent(_device: vk::Device, event: vk::Event) -> vk::Result {
-        from_handle::<Event>(event).set(false);
+        handle::from_handle::<Event>(event).reset();
         Ok(())
     }
 }

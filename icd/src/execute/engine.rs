@@ -1,111 +1,79 @@
-//! What executes commands: a device's workers and what they keep warm.
+//! What a device executes with, shared by its queues and by commands of the host.
+
+#![forbid(unsafe_code)]
 
 use std::sync::Arc;
-use std::thread::JoinHandle;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use ash::vk;
-use parking_lot::{Mutex, RwLock};
-
-use super::dispatch::Worker;
+use super::dispatch::Dispatcher;
 use crate::VkResult;
+use crate::object::instance::Messengers;
 use crate::object::sync::Waiting;
-use crate::trace::{Limits, Tracer};
+use crate::queue::Workers;
+use crate::trace::Limits;
 
-/// A device's workers.
+/// Workers, the memory that they keep, all waiting of the device, and how it is lost.
 pub struct Engine {
-    pool: RwLock<Option<rayon::ThreadPool>>,
-    threads: Mutex<Vec<JoinHandle<()>>>,
+    pub workers: Arc<Workers>,
     pub waiting: Arc<Waiting>,
-    pub tracer: Tracer,
-    /// `TUFF_TIMEOUT`, in seconds: how long one dispatch may take before it counts as hanging.
+    pub dispatcher: Dispatcher,
+    messengers: Arc<Messengers>,
+    /// Ends what runs: the device is lost or about to go.
+    cancelled: Arc<AtomicBool>,
+    /// How long a dispatch may take.
     timeout: Option<Duration>,
-    compute_workers: Mutex<Vec<Box<Worker>>>,
 }
 
 impl Engine {
-    /// Starts the workers.
+    /// Starts `thread_count` workers.
     ///
     /// # Errors
-    /// `VK_ERROR_OUT_OF_HOST_MEMORY` if the system gives no threads.
-    pub fn new(thread_count: usize, waiting: Arc<Waiting>) -> VkResult<Self> {
-        let mut threads = Vec::new();
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(thread_count)
-            .spawn_handler(|thread| {
-                let builder =
-                    std::thread::Builder::new().name(format!("tuff-worker-{}", thread.index()));
-                threads.push(builder.spawn(|| thread.run())?);
-                Ok(())
-            })
-            .build()
-            .map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
-        Ok(Self {
-            pool: RwLock::new(Some(pool)),
-            threads: Mutex::new(threads),
-            waiting,
-            tracer: Tracer::default(),
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY` if they cannot be started.
+    pub fn new(thread_count: usize, messengers: Arc<Messengers>) -> VkResult<Arc<Self>> {
+        Ok(Arc::new(Self {
+            workers: Workers::start(thread_count)?,
+            waiting: Arc::default(),
+            dispatcher: Dispatcher::default(),
+            messengers,
+            cancelled: Arc::default(),
             timeout: timeout(),
-            compute_workers: Mutex::default(),
-        })
+        }))
     }
 
-    /// Runs work on the pool, so that what it spreads with rayon stays there. After [`Self::shut_down`] it runs nothing.
-    pub fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> Option<R> {
-        self.pool.read().as_ref().map(|pool| pool.install(work))
-    }
-
-    /// Ends and joins the workers.
-    pub fn shut_down(&self) {
-        drop(self.pool.write().take());
-        for thread in self.threads.lock().drain(..) {
-            // A worker's panic has been passed on to who waited for its work.
-            let _ = thread.join();
-        }
-    }
-
-    /// Limits of a dispatch that starts now.
+    /// What the next dispatch must stay within.
     pub fn limits(&self) -> Limits {
         Limits {
+            cancelled: Arc::clone(&self.cancelled),
             deadline: self
                 .timeout
                 .and_then(|timeout| Instant::now().checked_add(timeout)),
-            ..Limits::default()
         }
     }
 
-    /// A worker's memory, kept warm between dispatches.
-    pub fn lease_worker(&self) -> Lease<'_> {
-        Lease {
-            worker: Some(self.compute_workers.lock().pop().unwrap_or_default()),
-            engine: self,
+    /// Loses the device: everyone who waits gets `VK_ERROR_DEVICE_LOST`, and running work ends at its next look at its limits. The first
+    /// reason is reported.
+    pub fn lose(&self, why: &str) {
+        if self.waiting.lost.check().is_ok() {
+            self.messengers
+                .error(c"TUFF-device-lost", &format!("device lost: {why}"));
         }
+        self.shut_down();
+    }
+
+    /// Ends all waiting and all running work, without a word. Before a device is destroyed the application has waited for its work;
+    /// what is left belongs to one that did not.
+    pub fn shut_down(&self) {
+        self.waiting.lost.set();
+        self.cancelled.store(true, Ordering::Relaxed);
+        self.waiting.notify();
     }
 }
 
+/// `TUFF_TIMEOUT`: seconds after which a dispatch counts as hanging and the device is lost. Off if unset: a picture may take hours.
 fn timeout() -> Option<Duration> {
     let seconds: f64 = std::env::var("TUFF_TIMEOUT").ok()?.parse().ok()?;
-    Duration::try_from_secs_f64(seconds).ok()
-}
-
-/// A worker's memory on loan. What a panic has touched is not given back.
-pub struct Lease<'a> {
-    worker: Option<Box<Worker>>,
-    engine: &'a Engine,
-}
-
-impl Lease<'_> {
-    pub fn worker(&mut self) -> &mut Worker {
-        self.worker.as_mut().expect("held until dropped")
-    }
-}
-
-impl Drop for Lease<'_> {
-    fn drop(&mut self) {
-        if let Some(worker) = self.worker.take()
-            && !std::thread::panicking()
-        {
-            self.engine.compute_workers.lock().push(worker);
-        }
-    }
+    Duration::try_from_secs_f64(seconds)
+        .ok()
+        .filter(|timeout| !timeout.is_zero())
 }

@@ -1,90 +1,74 @@
-//! Queries: timestamps, and copies of results.
+//! Timestamps, and query results written by the device.
+
+use super::Failure;
+use crate::command::CopyQueryPoolResults;
+use crate::object::QueryPool;
 
 use ash::vk;
 
-use crate::object::QueryPool;
-use crate::object::sync::Waiting;
-
-/// Nanoseconds of the monotonic clock: what `vkCmdWriteTimestamp*` writes (`timestampPeriod` is 1).
-pub fn timestamp() -> u64 {
+/// Now, in nanoseconds of `CLOCK_MONOTONIC`: `timestampPeriod` is 1, and the device's time domain is the host's.
+pub fn timestamp_ns() -> u64 {
     clock_ns(libc::CLOCK_MONOTONIC)
 }
 
-/// Nanoseconds of a system clock.
+/// A clock of the system, in nanoseconds.
 pub fn clock_ns(clock: libc::clockid_t) -> u64 {
     let mut time = libc::timespec {
         tv_sec: 0,
         tv_nsec: 0,
     };
-    // SAFETY: a valid pointer; the clocks asked for exist on every Linux.
+    // SAFETY: a valid pointer, and a clock that every system has.
     unsafe { libc::clock_gettime(clock, &mut time) };
     time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
 }
 
-/// Writes results by the rules of "Copying Query Results" and says whether all were available.
-///
-/// # Safety
-/// `out` has room for `count` results, `stride_bytes` apart.
-pub unsafe fn write_results(
-    pool: &QueryPool,
-    waiting: &Waiting,
-    first: u32,
-    count: u32,
-    out: *mut u8,
-    stride_bytes: u64,
-    flags: vk::QueryResultFlags,
-) -> bool {
-    let wide = flags.contains(vk::QueryResultFlags::TYPE_64);
-    let mut complete = true;
-    for index in 0..count {
-        let query = first + index;
-        if flags.contains(vk::QueryResultFlags::WAIT) {
-            // A lost device ends the wait; the result is then missing, and the caller reports the loss.
-            let _ = waiting.wait_until(u64::MAX, || pool.value(query).is_some());
-        }
-        let value = pool.value(query);
-        complete &= value.is_some();
-        let place = out.wrapping_add((u64::from(index) * stride_bytes) as usize);
-        let store = |word: usize, value: u64| {
-            // SAFETY: the caller's promise.
-            unsafe {
-                if wide {
-                    place.add(word * 8).cast::<u64>().write_unaligned(value);
-                } else {
-                    place
-                        .add(word * 4)
-                        .cast::<u32>()
-                        .write_unaligned(value as u32);
-                }
-            }
-        };
-        match value {
-            Some(value) => store(0, value),
-            None if flags.contains(vk::QueryResultFlags::PARTIAL) => store(0, 0),
-            None => {}
-        }
-        if flags.contains(vk::QueryResultFlags::WITH_AVAILABILITY) {
-            store(1, u64::from(value.is_some()));
-        }
+/// `vkCmdCopyQueryPoolResults`.
+pub fn copy_results(copy: &CopyQueryPoolResults) -> Result<(), Failure> {
+    if copy.flags.contains(vk::QueryResultFlags::WAIT) {
+        copy.pool
+            .wait(copy.first, copy.count)
+            .map_err(|_| Failure::AlreadyLost)?;
     }
-    complete
+    // SAFETY: the application's promise: the range is inside a buffer that is bound to memory.
+    unsafe {
+        write_results(
+            &copy.pool,
+            copy.first..copy.first.saturating_add(copy.count),
+            copy.address as *mut u8,
+            copy.stride_bytes as usize,
+            copy.flags,
+        );
+    }
+    Ok(())
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn unavailable_results_leave_memory_alone() {
-        let pool = QueryPool::new(vk::QueryType::TIMESTAMP, 2);
-        let waiting = Waiting::default();
-        pool.write(1, 0x1_0000_0005);
-        let mut out = [9u32; 4];
-        let flags = vk::QueryResultFlags::WITH_AVAILABILITY;
-        // SAFETY: room for two results of two words.
-        let complete =
-            unsafe { write_results(&pool, &waiting, 0, 2, out.as_mut_ptr().cast(), 8, flags) };
-        assert!(!complete);
-        assert_eq!(out, [9, 0, 5, 1]);
+/// Writes the results of queries as the flags ask; whether all were available.
+///
+/// # Safety
+/// `out` has room for each query's words, `stride_bytes` apart.
+pub unsafe fn write_results(
+    pool: &QueryPool,
+    queries: std::ops::Range<u32>,
+    out: *mut u8,
+    stride_bytes: usize,
+    flags: vk::QueryResultFlags,
+) -> bool {
+    let mut all_available = true;
+    let wide = flags.contains(vk::QueryResultFlags::TYPE_64);
+    for (place, index) in queries.enumerate() {
+        all_available &= pool.value(index).is_some();
+        for (column, word) in pool.result_words(index, flags).into_iter().enumerate() {
+            let Some(word) = word else { continue };
+            // SAFETY: the caller's promise.
+            unsafe {
+                let out = out.add(place * stride_bytes);
+                if wide {
+                    out.cast::<u64>().add(column).write_unaligned(word);
+                } else {
+                    out.cast::<u32>().add(column).write_unaligned(word as u32);
+                }
+            }
+        }
     }
+    all_available
 }

@@ -1,6 +1,5 @@
 //! Devices.
 
-use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -13,9 +12,7 @@ use super::PhysicalDevice;
 use super::image::{DescriptorSlab, SendDescriptor};
 use super::instance::Messengers;
 use super::memory::AddressWindow;
-use super::pipeline::LivingPrograms;
 use super::private_data::PrivateData;
-use super::sync::Waiting;
 use crate::VkResult;
 use crate::execute::Engine;
 use crate::handle::{self, Ref};
@@ -29,19 +26,13 @@ pub struct Device {
     pub messengers: Arc<Messengers>,
     /// What shader modules may declare.
     pub capabilities: Vec<Capability>,
-    /// What executes commands. Shared with the queues' threads.
+    /// What executes commands, on the device and on the host: workers, waiting, device loss. Shared with the queues' threads.
     pub engine: Arc<Engine>,
-    /// All waiting of the device, and whether it is lost.
-    pub waiting: Arc<Waiting>,
     pub window: Arc<AddressWindow>,
     pub queues: Vec<Ref<Queue>>,
     pub image_descriptors: Arc<DescriptorSlab<SendDescriptor>>,
     pub sampler_descriptors: Arc<DescriptorSlab<SamplerDescriptor>>,
-    /// Programs that living pipelines share.
-    pub programs: LivingPrograms,
     pub private_data: Mutex<PrivateData>,
-    /// Names that the application gave, by handle (`vkSetDebugUtilsObjectNameEXT`).
-    object_names: Mutex<HashMap<u64, String>>,
 }
 
 impl Device {
@@ -54,56 +45,30 @@ impl Device {
         extensions: ExtensionSet,
         queue_count: u32,
     ) -> VkResult<Self> {
-        let waiting = Arc::new(Waiting::default());
-        let engine = Arc::new(Engine::new(physical.thread_count, Arc::clone(&waiting))?);
-        let queues = (0..queue_count)
-            .map(|index| Ok(handle::new(Queue::new(index, Arc::clone(&engine))?)))
-            .collect::<VkResult<_>>()?;
+        let engine = Engine::new(physical.thread_count, Arc::clone(&physical.messengers))?;
+        let window = AddressWindow::reserve(physical.heap_bytes, Arc::clone(&physical.used))?;
+        let queue = |index| handle::new(Queue::new(index, Arc::clone(&engine)));
         Ok(Self {
             extensions,
             messengers: Arc::clone(&physical.messengers),
             capabilities: features::capabilities(),
+            queues: (0..queue_count).map(queue).collect(),
             engine,
-            waiting,
-            window: AddressWindow::reserve(physical.heap_bytes, Arc::clone(&physical.used))?,
-            queues,
+            window,
             image_descriptors: DescriptorSlab::new(|slot| slot.0 = null_image()),
             sampler_descriptors: DescriptorSlab::new(|_| ()),
-            programs: LivingPrograms::default(),
             private_data: Mutex::default(),
-            object_names: Mutex::default(),
         })
     }
+}
 
-    /// Names an object; an empty name forgets it.
-    pub fn set_object_name(&self, handle: u64, name: String) {
-        let mut names = self.object_names.lock();
-        if name.is_empty() {
-            names.remove(&handle);
-        } else {
-            names.insert(handle, name);
-        }
-    }
-
-    /// The name of an object, for messages.
-    pub fn object_name(&self, handle: u64) -> Option<String> {
-        self.object_names.lock().get(&handle).cloned()
-    }
-
-    /// Waits until all queues are idle.
-    ///
-    /// # Errors
-    /// `VK_ERROR_DEVICE_LOST`.
-    pub fn wait_idle(&self) -> VkResult {
-        self.queues.iter().try_for_each(|queue| queue.wait_idle())
-    }
-
-    /// Joins all threads. The device executes nothing afterwards.
-    pub fn shut_down(&self) {
-        for queue in &self.queues {
-            queue.shut_down();
-        }
+impl Drop for Device {
+    /// Ends the queues' threads and the workers: when the device is gone, no code of this library runs on a thread of its own.
+    fn drop(&mut self) {
         self.engine.shut_down();
+        for queue in &self.queues {
+            queue.close();
+        }
     }
 }
 

@@ -11,7 +11,9 @@ pub mod physical_device;
 pub mod pipeline;
 pub mod private_data;
 pub mod query;
+pub mod ray_tracing_pipeline;
 pub mod sampler;
+pub mod shader_stage;
 pub mod sync;
 
 pub use acceleration_structure::AccelerationStructure;

@@ -1,4 +1,14 @@
-//! Queues: each has a thread that waits, executes, signals.
+//! Queues: each has a thread that waits, executes, signals, one submission after the other.
+//!
+//! ```text
+//! vkQueueSubmit ──> Queue::submit ──> [ pending ] ──> thread: wait for semaphores ──> execute::replay ──> signal semaphores, fence
+//! ```
+//!
+//! A submission may wait for a semaphore that another queue, or the host, signals later: only its own queue's thread stands still.
+
+#![forbid(unsafe_code)]
+
+pub mod workers;
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -10,18 +20,22 @@ use parking_lot::{Condvar, Mutex};
 
 use crate::VkResult;
 use crate::command::Command;
-use crate::execute::{self, Engine};
+use crate::execute::{self, Engine, Failure};
 use crate::ffi::guard::panic_message;
 use crate::handle::Ref;
-use crate::log::{self, Level};
 use crate::object::{Fence, Semaphore};
 
-/// A batch of a submission: wait, execute, signal.
+pub use workers::Workers;
+
+/// Queues that a device can have, all of one family.
+pub const MAX_QUEUES: u32 = 4;
+
+/// A batch of work, as `vkQueueSubmit` takes it.
 #[derive(Default)]
 pub struct Submission {
-    /// Semaphores and the values that they must reach.
+    /// Semaphores, and the value of timeline ones.
     pub waits: Vec<(Ref<Semaphore>, u64)>,
-    pub command_buffers: Vec<Arc<Vec<Command>>>,
+    pub commands: Vec<Arc<Vec<Command>>>,
     pub signals: Vec<(Ref<Semaphore>, u64)>,
     pub fence: Option<Ref<Fence>>,
 }
@@ -29,12 +43,13 @@ pub struct Submission {
 /// `VkQueue`.
 pub struct Queue {
     pub index: u32,
-    shared: Arc<Shared>,
+    line: Arc<Line>,
+    /// Started by the first submission.
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
-/// What the queue and its thread share.
-struct Shared {
+/// What a queue and its thread share.
+struct Line {
     engine: Arc<Engine>,
     state: Mutex<State>,
     arrived: Condvar,
@@ -43,82 +58,84 @@ struct Shared {
 #[derive(Default)]
 struct State {
     pending: VecDeque<Submission>,
+    /// Submissions so far, and those of them that are over.
     submitted: u64,
     completed: u64,
     closing: bool,
 }
 
 impl Queue {
-    /// A queue and its thread.
-    ///
-    /// # Errors
-    /// `VK_ERROR_OUT_OF_HOST_MEMORY` if the system gives no thread.
-    pub fn new(index: u32, engine: Arc<Engine>) -> VkResult<Self> {
-        let shared = Arc::new(Shared {
-            engine,
-            state: Mutex::default(),
-            arrived: Condvar::new(),
-        });
-        let worker = Arc::clone(&shared);
-        let thread = std::thread::Builder::new()
-            .name(format!("tuff-queue-{index}"))
-            .spawn(move || worker.run())
-            .map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
-        Ok(Self {
+    /// An idle queue.
+    pub fn new(index: u32, engine: Arc<Engine>) -> Self {
+        Self {
             index,
-            shared,
-            thread: Mutex::new(Some(thread)),
-        })
+            line: Arc::new(Line {
+                engine,
+                state: Mutex::default(),
+                arrived: Condvar::new(),
+            }),
+            thread: Mutex::new(None),
+        }
     }
 
-    /// Hands batches to the thread.
+    /// Puts work in line.
     ///
     /// # Errors
-    /// `VK_ERROR_DEVICE_LOST`.
+    /// `VK_ERROR_DEVICE_LOST`; `VK_ERROR_OUT_OF_HOST_MEMORY` if the thread cannot be started.
     pub fn submit(&self, submissions: impl IntoIterator<Item = Submission>) -> VkResult {
-        self.shared.engine.waiting.lost.check()?;
-        let mut state = self.shared.state.lock();
+        self.line.engine.waiting.lost.check()?;
+        self.start_thread()?;
+        let mut state = self.line.state.lock();
         for submission in submissions {
             state.pending.push_back(submission);
             state.submitted += 1;
         }
         drop(state);
-        self.shared.arrived.notify_one();
+        self.line.arrived.notify_one();
         Ok(())
     }
 
-    /// Waits until everything submitted so far is complete.
+    fn start_thread(&self) -> VkResult {
+        let mut thread = self.thread.lock();
+        if thread.is_none() {
+            let line = Arc::clone(&self.line);
+            let started = std::thread::Builder::new()
+                .name(format!("tuff-queue-{}", self.index))
+                .spawn(move || line.run())
+                .map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
+            *thread = Some(started);
+        }
+        Ok(())
+    }
+
+    /// Waits until everything submitted so far is over.
     ///
     /// # Errors
     /// `VK_ERROR_DEVICE_LOST`.
     pub fn wait_idle(&self) -> VkResult {
-        let goal = self.shared.state.lock().submitted;
-        let waiting = &self.shared.engine.waiting;
-        waiting.wait_until(u64::MAX, || self.shared.state.lock().completed >= goal)?;
+        let waiting = &self.line.engine.waiting;
+        waiting.lost.check()?;
+        let submitted = self.line.state.lock().submitted;
+        waiting.wait_until(u64::MAX, || self.line.state.lock().completed >= submitted)?;
         waiting.lost.check()
     }
 
-    /// Ends the thread; what has not been executed is dropped.
-    pub fn shut_down(&self) {
-        self.shared.state.lock().closing = true;
-        self.shared.arrived.notify_one();
-        self.shared.engine.waiting.notify();
+    /// Ends the queue's thread; work that is still in line is dropped. The device's waits must have been ended by
+    /// [`Engine::shut_down`] before.
+    pub fn close(&self) {
+        self.line.state.lock().closing = true;
+        self.line.arrived.notify_one();
         if let Some(thread) = self.thread.lock().take() {
-            // A panic of the thread has been reported where it happened.
+            // A panic on the thread was logged when it happened.
             let _ = thread.join();
         }
     }
 }
 
-impl Shared {
-    /// The thread's loop.
+impl Line {
     fn run(&self) {
         while let Some(submission) = self.next() {
-            if let Err(reason) = self.perform(&submission) {
-                log::write(Level::Error, &format!("device lost: {reason}"));
-                self.engine.waiting.lost.set();
-            }
-            drop(submission);
+            self.perform(submission);
             self.state.lock().completed += 1;
             self.engine.waiting.notify();
         }
@@ -137,32 +154,41 @@ impl Shared {
         }
     }
 
-    /// Waits, executes, signals.
-    fn perform(&self, submission: &Submission) -> Result<(), String> {
-        let waiting = &self.engine.waiting;
-        for (semaphore, value) in &submission.waits {
-            let ready = waiting.wait_until(u64::MAX, || {
-                semaphore.has_reached(*value) || self.state.lock().closing
-            });
-            if ready.is_err() {
-                // Lost by another queue, which has said why.
-                return Ok(());
-            }
-            semaphore.consume();
+    /// Waits, executes, signals. On a lost device nothing is executed and nothing signaled.
+    fn perform(&self, submission: Submission) {
+        let Submission {
+            waits,
+            commands,
+            signals,
+            fence,
+        } = submission;
+        let waited = self.engine.waiting.wait_until(u64::MAX, || {
+            waits
+                .iter()
+                .all(|(semaphore, value)| semaphore.has_reached(*value))
+        });
+        if waited.is_err() || self.engine.waiting.lost.check().is_err() {
+            return;
         }
-        if waiting.lost.check().is_err() {
-            return Ok(());
+        waits.iter().for_each(|(semaphore, _)| semaphore.consume());
+        let result = catch_unwind(AssertUnwindSafe(|| {
+            commands
+                .iter()
+                .try_for_each(|list| execute::replay(&self.engine, list))
+        }));
+        match result {
+            Ok(Ok(())) => {}
+            Ok(Err(Failure::AlreadyLost)) => return,
+            Ok(Err(Failure::Stopped(why))) => return self.engine.lose(&format!("{why:?}")),
+            Err(payload) => return self.engine.lose(panic_message(&*payload)),
         }
-        catch_unwind(AssertUnwindSafe(|| {
-            execute::replay(&self.engine, &submission.command_buffers)
-        }))
-        .unwrap_or_else(|payload| Err(panic_message(&*payload).to_owned()))?;
-        for (semaphore, value) in &submission.signals {
+        // Whoever sees a signal may reset the command buffers: they are let go of first.
+        drop(commands);
+        for (semaphore, value) in &signals {
             semaphore.signal(*value);
         }
-        if let Some(fence) = &submission.fence {
+        if let Some(fence) = fence {
             fence.set(true);
         }
-        Ok(())
     }
 }

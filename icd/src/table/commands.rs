@@ -157,7 +157,6 @@ commands! {
     Device Core PFN_vkDestroyDevice device::vkDestroyDevice;
     Device Core PFN_vkDestroyPrivateDataSlot device::vkDestroyPrivateDataSlot;
     Device EXT_PRIVATE_DATA PFN_vkDestroyPrivateDataSlot device::vkDestroyPrivateDataSlot as vkDestroyPrivateDataSlotEXT;
-    Device Core PFN_vkDeviceWaitIdle device::vkDeviceWaitIdle;
     Device KHR_CALIBRATED_TIMESTAMPS PFN_vkGetCalibratedTimestampsKHR device::vkGetCalibratedTimestampsKHR;
     Device EXT_CALIBRATED_TIMESTAMPS PFN_vkGetCalibratedTimestampsKHR device::vkGetCalibratedTimestampsKHR as vkGetCalibratedTimestampsEXT;
     Device Core PFN_vkGetDeviceGroupPeerMemoryFeatures device::vkGetDeviceGroupPeerMemoryFeatures;
@@ -165,13 +164,18 @@ commands! {
     Device Core PFN_vkGetDeviceImageSparseMemoryRequirements device::vkGetDeviceImageSparseMemoryRequirements;
     Device KHR_MAINTENANCE_4 PFN_vkGetDeviceImageSparseMemoryRequirements device::vkGetDeviceImageSparseMemoryRequirements as vkGetDeviceImageSparseMemoryRequirementsKHR;
     Device Core PFN_vkGetDeviceProcAddr device::vkGetDeviceProcAddr;
-    Device Core PFN_vkGetDeviceQueue device::vkGetDeviceQueue;
-    Device Core PFN_vkGetDeviceQueue2 device::vkGetDeviceQueue2;
     Device Core PFN_vkGetPrivateData device::vkGetPrivateData;
     Device EXT_PRIVATE_DATA PFN_vkGetPrivateData device::vkGetPrivateData as vkGetPrivateDataEXT;
     Device Core PFN_vkSetPrivateData device::vkSetPrivateData;
     Device EXT_PRIVATE_DATA PFN_vkSetPrivateData device::vkSetPrivateData as vkSetPrivateDataEXT;
 
+    Device Core PFN_vkDeviceWaitIdle queue::vkDeviceWaitIdle;
+    Device Core PFN_vkGetDeviceQueue queue::vkGetDeviceQueue;
+    Device Core PFN_vkGetDeviceQueue2 queue::vkGetDeviceQueue2;
+    Device EXT_DEBUG_UTILS PFN_vkQueueBeginDebugUtilsLabelEXT queue::vkQueueBeginDebugUtilsLabelEXT;
+    Device Core PFN_vkQueueBindSparse queue::vkQueueBindSparse;
+    Device EXT_DEBUG_UTILS PFN_vkQueueEndDebugUtilsLabelEXT queue::vkQueueEndDebugUtilsLabelEXT;
+    Device EXT_DEBUG_UTILS PFN_vkQueueInsertDebugUtilsLabelEXT queue::vkQueueInsertDebugUtilsLabelEXT;
     Device Core PFN_vkQueueSubmit queue::vkQueueSubmit;
     Device Core PFN_vkQueueSubmit2 queue::vkQueueSubmit2;
     Device KHR_SYNCHRONIZATION_2 PFN_vkQueueSubmit2 queue::vkQueueSubmit2 as vkQueueSubmit2KHR;
@@ -247,6 +251,11 @@ commands! {
     Device Core PFN_vkWaitSemaphores sync::vkWaitSemaphores;
     Device KHR_TIMELINE_SEMAPHORE PFN_vkWaitSemaphores sync::vkWaitSemaphores as vkWaitSemaphoresKHR;
 
+    Device Core PFN_vkCmdCopyQueryPoolResults query::vkCmdCopyQueryPoolResults;
+    Device Core PFN_vkCmdResetQueryPool query::vkCmdResetQueryPool;
+    Device Core PFN_vkCmdWriteTimestamp query::vkCmdWriteTimestamp;
+    Device Core PFN_vkCmdWriteTimestamp2 query::vkCmdWriteTimestamp2;
+    Device KHR_SYNCHRONIZATION_2 PFN_vkCmdWriteTimestamp2 query::vkCmdWriteTimestamp2 as vkCmdWriteTimestamp2KHR;
     Device Core PFN_vkCreateQueryPool query::vkCreateQueryPool;
     Device Core PFN_vkDestroyQueryPool query::vkDestroyQueryPool;
     Device Core PFN_vkGetQueryPoolResults query::vkGetQueryPoolResults;
@@ -271,6 +280,9 @@ commands! {
     Device KHR_DESCRIPTOR_UPDATE_TEMPLATE PFN_vkUpdateDescriptorSetWithTemplate descriptor_set::vkUpdateDescriptorSetWithTemplate as vkUpdateDescriptorSetWithTemplateKHR;
     Device Core PFN_vkUpdateDescriptorSets descriptor_set::vkUpdateDescriptorSets;
 
+    Device KHR_PUSH_DESCRIPTOR PFN_vkCmdPushDescriptorSetKHR push_descriptor::vkCmdPushDescriptorSetKHR;
+    Device KHR_PUSH_DESCRIPTOR PFN_vkCmdPushDescriptorSetWithTemplateKHR push_descriptor::vkCmdPushDescriptorSetWithTemplateKHR;
+
     Device Core PFN_vkCreateComputePipelines pipeline::vkCreateComputePipelines;
     Device Core PFN_vkCreatePipelineCache pipeline::vkCreatePipelineCache;
     Device Core PFN_vkCreatePipelineLayout pipeline::vkCreatePipelineLayout;
@@ -284,24 +296,23 @@ commands! {
 
     Device Core PFN_vkAllocateCommandBuffers command::vkAllocateCommandBuffers;
     Device Core PFN_vkBeginCommandBuffer command::vkBeginCommandBuffer;
+    Device EXT_DEBUG_UTILS PFN_vkCmdBeginDebugUtilsLabelEXT command::vkCmdBeginDebugUtilsLabelEXT;
     Device Core PFN_vkCmdBindDescriptorSets command::vkCmdBindDescriptorSets;
     Device Core PFN_vkCmdBindPipeline command::vkCmdBindPipeline;
-    Device Core PFN_vkCmdCopyQueryPoolResults command::vkCmdCopyQueryPoolResults;
     Device Core PFN_vkCmdDispatch command::vkCmdDispatch;
     Device Core PFN_vkCmdDispatchBase command::vkCmdDispatchBase;
     Device KHR_DEVICE_GROUP PFN_vkCmdDispatchBase command::vkCmdDispatchBase as vkCmdDispatchBaseKHR;
     Device Core PFN_vkCmdDispatchIndirect command::vkCmdDispatchIndirect;
+    Device EXT_DEBUG_UTILS PFN_vkCmdEndDebugUtilsLabelEXT command::vkCmdEndDebugUtilsLabelEXT;
     Device Core PFN_vkCmdExecuteCommands command::vkCmdExecuteCommands;
+    Device EXT_DEBUG_UTILS PFN_vkCmdInsertDebugUtilsLabelEXT command::vkCmdInsertDebugUtilsLabelEXT;
     Device Core PFN_vkCmdPipelineBarrier command::vkCmdPipelineBarrier;
     Device Core PFN_vkCmdPipelineBarrier2 command::vkCmdPipelineBarrier2;
     Device KHR_SYNCHRONIZATION_2 PFN_vkCmdPipelineBarrier2 command::vkCmdPipelineBarrier2 as vkCmdPipelineBarrier2KHR;
     Device Core PFN_vkCmdPushConstants command::vkCmdPushConstants;
-    Device KHR_PUSH_DESCRIPTOR PFN_vkCmdPushDescriptorSetKHR command::vkCmdPushDescriptorSetKHR;
-    Device KHR_PUSH_DESCRIPTOR PFN_vkCmdPushDescriptorSetWithTemplateKHR command::vkCmdPushDescriptorSetWithTemplateKHR;
     Device Core PFN_vkCmdResetEvent command::vkCmdResetEvent;
     Device Core PFN_vkCmdResetEvent2 command::vkCmdResetEvent2;
     Device KHR_SYNCHRONIZATION_2 PFN_vkCmdResetEvent2 command::vkCmdResetEvent2 as vkCmdResetEvent2KHR;
-    Device Core PFN_vkCmdResetQueryPool command::vkCmdResetQueryPool;
     Device Core PFN_vkCmdSetDeviceMask command::vkCmdSetDeviceMask;
     Device KHR_DEVICE_GROUP PFN_vkCmdSetDeviceMask command::vkCmdSetDeviceMask as vkCmdSetDeviceMaskKHR;
     Device Core PFN_vkCmdSetEvent command::vkCmdSetEvent;
@@ -310,9 +321,6 @@ commands! {
     Device Core PFN_vkCmdWaitEvents command::vkCmdWaitEvents;
     Device Core PFN_vkCmdWaitEvents2 command::vkCmdWaitEvents2;
     Device KHR_SYNCHRONIZATION_2 PFN_vkCmdWaitEvents2 command::vkCmdWaitEvents2 as vkCmdWaitEvents2KHR;
-    Device Core PFN_vkCmdWriteTimestamp command::vkCmdWriteTimestamp;
-    Device Core PFN_vkCmdWriteTimestamp2 command::vkCmdWriteTimestamp2;
-    Device KHR_SYNCHRONIZATION_2 PFN_vkCmdWriteTimestamp2 command::vkCmdWriteTimestamp2 as vkCmdWriteTimestamp2KHR;
     Device Core PFN_vkCreateCommandPool command::vkCreateCommandPool;
     Device Core PFN_vkDestroyCommandPool command::vkDestroyCommandPool;
     Device Core PFN_vkEndCommandBuffer command::vkEndCommandBuffer;
@@ -322,19 +330,37 @@ commands! {
     Device Core PFN_vkTrimCommandPool command::vkTrimCommandPool;
     Device KHR_MAINTENANCE_1 PFN_vkTrimCommandPool command::vkTrimCommandPool as vkTrimCommandPoolKHR;
 
-    Device Core PFN_vkCmdCopyBuffer command_buffer::vkCmdCopyBuffer;
-    Device Core PFN_vkCmdCopyBuffer2 command_buffer::vkCmdCopyBuffer2;
-    Device KHR_COPY_COMMANDS_2 PFN_vkCmdCopyBuffer2 command_buffer::vkCmdCopyBuffer2 as vkCmdCopyBuffer2KHR;
-    Device Core PFN_vkCmdFillBuffer command_buffer::vkCmdFillBuffer;
-    Device Core PFN_vkCmdUpdateBuffer command_buffer::vkCmdUpdateBuffer;
+    Device Core PFN_vkCmdCopyBuffer command_transfer::vkCmdCopyBuffer;
+    Device Core PFN_vkCmdCopyBuffer2 command_transfer::vkCmdCopyBuffer2;
+    Device KHR_COPY_COMMANDS_2 PFN_vkCmdCopyBuffer2 command_transfer::vkCmdCopyBuffer2 as vkCmdCopyBuffer2KHR;
+    Device Core PFN_vkCmdFillBuffer command_transfer::vkCmdFillBuffer;
+    Device Core PFN_vkCmdUpdateBuffer command_transfer::vkCmdUpdateBuffer;
 
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkBuildAccelerationStructuresKHR acceleration_structure::vkBuildAccelerationStructuresKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkCmdBuildAccelerationStructuresIndirectKHR acceleration_structure::vkCmdBuildAccelerationStructuresIndirectKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkCmdBuildAccelerationStructuresKHR acceleration_structure::vkCmdBuildAccelerationStructuresKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkCmdCopyAccelerationStructureKHR acceleration_structure::vkCmdCopyAccelerationStructureKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkCmdCopyAccelerationStructureToMemoryKHR acceleration_structure::vkCmdCopyAccelerationStructureToMemoryKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkCmdCopyMemoryToAccelerationStructureKHR acceleration_structure::vkCmdCopyMemoryToAccelerationStructureKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkCmdWriteAccelerationStructuresPropertiesKHR acceleration_structure::vkCmdWriteAccelerationStructuresPropertiesKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkCopyAccelerationStructureKHR acceleration_structure::vkCopyAccelerationStructureKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkCopyAccelerationStructureToMemoryKHR acceleration_structure::vkCopyAccelerationStructureToMemoryKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkCopyMemoryToAccelerationStructureKHR acceleration_structure::vkCopyMemoryToAccelerationStructureKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkCreateAccelerationStructureKHR acceleration_structure::vkCreateAccelerationStructureKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkDestroyAccelerationStructureKHR acceleration_structure::vkDestroyAccelerationStructureKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkGetAccelerationStructureBuildSizesKHR acceleration_structure::vkGetAccelerationStructureBuildSizesKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkGetAccelerationStructureDeviceAddressKHR acceleration_structure::vkGetAccelerationStructureDeviceAddressKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkGetDeviceAccelerationStructureCompatibilityKHR acceleration_structure::vkGetDeviceAccelerationStructureCompatibilityKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkWriteAccelerationStructuresPropertiesKHR acceleration_structure::vkWriteAccelerationStructuresPropertiesKHR;
 
-    Device EXT_DEBUG_UTILS PFN_vkCmdBeginDebugUtilsLabelEXT debug::vkCmdBeginDebugUtilsLabelEXT;
-    Device EXT_DEBUG_UTILS PFN_vkCmdEndDebugUtilsLabelEXT debug::vkCmdEndDebugUtilsLabelEXT;
-    Device EXT_DEBUG_UTILS PFN_vkCmdInsertDebugUtilsLabelEXT debug::vkCmdInsertDebugUtilsLabelEXT;
-    Device EXT_DEBUG_UTILS PFN_vkQueueBeginDebugUtilsLabelEXT debug::vkQueueBeginDebugUtilsLabelEXT;
-    Device EXT_DEBUG_UTILS PFN_vkQueueEndDebugUtilsLabelEXT debug::vkQueueEndDebugUtilsLabelEXT;
-    Device EXT_DEBUG_UTILS PFN_vkQueueInsertDebugUtilsLabelEXT debug::vkQueueInsertDebugUtilsLabelEXT;
+    Device KHR_RAY_TRACING_PIPELINE PFN_vkCmdSetRayTracingPipelineStackSizeKHR ray_tracing::vkCmdSetRayTracingPipelineStackSizeKHR;
+    Device KHR_RAY_TRACING_PIPELINE PFN_vkCmdTraceRaysIndirectKHR ray_tracing::vkCmdTraceRaysIndirectKHR;
+    Device KHR_RAY_TRACING_PIPELINE PFN_vkCmdTraceRaysKHR ray_tracing::vkCmdTraceRaysKHR;
+    Device KHR_RAY_TRACING_PIPELINE PFN_vkCreateRayTracingPipelinesKHR ray_tracing::vkCreateRayTracingPipelinesKHR;
+    Device KHR_RAY_TRACING_PIPELINE PFN_vkGetRayTracingCaptureReplayShaderGroupHandlesKHR ray_tracing::vkGetRayTracingCaptureReplayShaderGroupHandlesKHR;
+    Device KHR_RAY_TRACING_PIPELINE PFN_vkGetRayTracingShaderGroupHandlesKHR ray_tracing::vkGetRayTracingShaderGroupHandlesKHR;
+    Device KHR_RAY_TRACING_PIPELINE PFN_vkGetRayTracingShaderGroupStackSizeKHR ray_tracing::vkGetRayTracingShaderGroupStackSizeKHR;
+
     Device EXT_DEBUG_UTILS PFN_vkSetDebugUtilsObjectNameEXT debug::vkSetDebugUtilsObjectNameEXT;
     Device EXT_DEBUG_UTILS PFN_vkSetDebugUtilsObjectTagEXT debug::vkSetDebugUtilsObjectTagEXT;
 

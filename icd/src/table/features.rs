@@ -138,6 +138,16 @@ features! {
         shader_zero_initialize_workgroup_memory: PhysicalDeviceVulkan13Features PhysicalDeviceZeroInitializeWorkgroupMemoryFeatures;
         maintenance4: PhysicalDeviceVulkan13Features PhysicalDeviceMaintenance4Features;
 
+        acceleration_structure: PhysicalDeviceAccelerationStructureFeaturesKHR;
+        acceleration_structure_capture_replay: PhysicalDeviceAccelerationStructureFeaturesKHR;
+        acceleration_structure_indirect_build: PhysicalDeviceAccelerationStructureFeaturesKHR;
+        acceleration_structure_host_commands: PhysicalDeviceAccelerationStructureFeaturesKHR;
+        descriptor_binding_acceleration_structure_update_after_bind: PhysicalDeviceAccelerationStructureFeaturesKHR;
+        ray_tracing_pipeline: PhysicalDeviceRayTracingPipelineFeaturesKHR => RayTracingKHR;
+        ray_tracing_pipeline_shader_group_handle_capture_replay: PhysicalDeviceRayTracingPipelineFeaturesKHR;
+        ray_tracing_pipeline_shader_group_handle_capture_replay_mixed: PhysicalDeviceRayTracingPipelineFeaturesKHR;
+        ray_tracing_pipeline_trace_rays_indirect: PhysicalDeviceRayTracingPipelineFeaturesKHR;
+        ray_traversal_primitive_culling: PhysicalDeviceRayTracingPipelineFeaturesKHR => RayTraversalPrimitiveCullingKHR;
         format_a4r4g4b4: PhysicalDevice4444FormatsFeaturesEXT;
         format_a4b4g4r4: PhysicalDevice4444FormatsFeaturesEXT;
         null_descriptor: PhysicalDeviceRobustness2FeaturesEXT;
@@ -285,7 +295,9 @@ mod tests {
             unsafe { check_requested(&info) }
         };
         assert_eq!(check((&raw const v12).cast()), Ok(()));
-        unsupported.multiview = vk::TRUE;
+        // Through a pointer, because the chain reads it through one.
+        // SAFETY: the structure above.
+        unsafe { (&raw mut unsupported.multiview).write(vk::TRUE) };
         assert_eq!(
             check((&raw const v12).cast()),
             Err(vk::Result::ERROR_FEATURE_NOT_PRESENT)

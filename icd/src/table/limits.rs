@@ -118,3 +118,19 @@ pub fn limits() -> vk::PhysicalDeviceLimits {
         ..Default::default()
     }
 }
+
+/// Geometries and instances of a structure: 24-bit indices.
+pub const MAX_GEOMETRIES: u64 = (1 << 24) - 1;
+pub const MAX_PRIMITIVES: u64 = (1 << 29) - 1;
+/// `minAccelerationStructureScratchOffsetAlignment`.
+pub const SCRATCH_ALIGNMENT: u32 = 128;
+/// `maxRayRecursionDepth`: depth costs heap, never stack.
+pub const MAX_RAY_RECURSION_DEPTH: u32 = 31;
+
+/// `maxRayDispatchInvocationCount`.
+pub const MAX_RAY_DISPATCH_INVOCATIONS: u32 = 1 << 30;
+
+/// The identifiers at the head of serialized acceleration structures: the driver's, and the layout's version.
+pub fn serialization_uuids() -> [[u8; 16]; 2] {
+    [*b"tuff vulkan cpu\0", *b"tuff structure 1"]
+}

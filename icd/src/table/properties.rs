@@ -7,6 +7,7 @@ use super::limits;
 use crate::entry::instance::API_VERSION;
 use crate::ffi::{array, chain};
 use crate::object::PhysicalDevice;
+use crate::trace::table::HANDLE_SIZE;
 
 /// Stages whose shaders may use subgroup operations.
 const SUBGROUP_STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
@@ -156,6 +157,34 @@ fn vulkan13() -> vk::PhysicalDeviceVulkan13Properties<'static> {
     }
 }
 
+fn acceleration_structure() -> vk::PhysicalDeviceAccelerationStructurePropertiesKHR<'static> {
+    vk::PhysicalDeviceAccelerationStructurePropertiesKHR {
+        max_geometry_count: limits::MAX_GEOMETRIES,
+        max_instance_count: limits::MAX_GEOMETRIES,
+        max_primitive_count: limits::MAX_PRIMITIVES,
+        max_per_stage_descriptor_acceleration_structures: limits::MAX_DESCRIPTORS,
+        max_per_stage_descriptor_update_after_bind_acceleration_structures: limits::MAX_DESCRIPTORS,
+        max_descriptor_set_acceleration_structures: limits::MAX_DESCRIPTORS,
+        max_descriptor_set_update_after_bind_acceleration_structures: limits::MAX_DESCRIPTORS,
+        min_acceleration_structure_scratch_offset_alignment: limits::SCRATCH_ALIGNMENT,
+        ..Default::default()
+    }
+}
+
+fn ray_tracing_pipeline() -> vk::PhysicalDeviceRayTracingPipelinePropertiesKHR<'static> {
+    vk::PhysicalDeviceRayTracingPipelinePropertiesKHR {
+        shader_group_handle_size: HANDLE_SIZE as u32,
+        max_ray_recursion_depth: limits::MAX_RAY_RECURSION_DEPTH,
+        max_shader_group_stride: 1 << 20,
+        shader_group_base_alignment: 64,
+        shader_group_handle_capture_replay_size: HANDLE_SIZE as u32,
+        max_ray_dispatch_invocation_count: limits::MAX_RAY_DISPATCH_INVOCATIONS,
+        shader_group_handle_alignment: 32,
+        max_ray_hit_attribute_size: 32,
+        ..Default::default()
+    }
+}
+
 /// Answers structures: `Type(source) { field, field: source_field, … }` copies fields, `Type(source)` all of them.
 macro_rules! answer {
     ($node:expr; $($structure:ident($source:expr) $({$($field:ident $(: $from:ident)?),* $(,)?})?;)*) => {
@@ -270,6 +299,8 @@ unsafe fn fill(device: &PhysicalDevice, node: *mut vk::BaseOutStructure<'static>
             };
             PhysicalDeviceMaintenance4Properties(vulkan13()) { max_buffer_size };
             PhysicalDeviceShaderIntegerDotProductProperties(vk::PhysicalDeviceShaderIntegerDotProductProperties::default());
+            PhysicalDeviceAccelerationStructurePropertiesKHR(acceleration_structure());
+            PhysicalDeviceRayTracingPipelinePropertiesKHR(ray_tracing_pipeline());
             PhysicalDevicePushDescriptorPropertiesKHR(vk::PhysicalDevicePushDescriptorPropertiesKHR {
                 max_push_descriptors: limits::MAX_PUSH_DESCRIPTORS,
                 ..Default::default()

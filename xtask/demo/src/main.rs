@@ -1,1 +1,117 @@
-fn main() {}
+//! A progressive path tracer, written as an ordinary Vulkan application.
+//!
+//! It knows nothing of the driver below it: it uses the system's Vulkan loader where there is one,
+//! and where there is none it opens the driver that it is given.
+
+mod picture;
+mod render;
+mod scene;
+mod vulkan;
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context as _, Result, ensure};
+use clap::Parser;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use render::{Renderer, Settings};
+use scene::Scene;
+
+#[derive(Parser)]
+#[command(about = "Renders a picture by ray tracing through Vulkan")]
+struct Arguments {
+    /// Size of the picture in pixels
+    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = parse_size)]
+    size: (u32, u32),
+    /// Samples per pixel
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..))]
+    spp: u32,
+    /// Threads to use: here, and in the driver by TUFF_THREADS
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    threads: Option<u32>,
+    /// The PNG file to write
+    #[arg(long, value_name = "FILE", default_value = "target/demo.png")]
+    out: PathBuf,
+    /// A glTF scene (.glb or .gltf) to render instead of the landscape
+    #[arg(long, value_name = "FILE")]
+    scene: Option<PathBuf>,
+    /// The driver to open where there is no Vulkan loader
+    #[arg(long, value_name = "LIBRARY")]
+    driver: Option<PathBuf>,
+}
+
+fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    let (width, height) = text.split_once('x').ok_or("a size is like 1280x720")?;
+    let side = |text: &str| match text.parse() {
+        Ok(side @ 1..=16384) => Ok(side),
+        _ => Err("a side is 1 to 16384 pixels".to_string()),
+    };
+    Ok((side(width)?, side(height)?))
+}
+
+fn main() -> Result<()> {
+    let launched = Instant::now();
+    let arguments = Arguments::parse();
+    if let Some(threads) = arguments.threads {
+        // SAFETY: no other thread runs yet.
+        unsafe { std::env::set_var("TUFF_THREADS", threads.to_string()) };
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads as usize)
+            .build_global()?;
+    }
+    let make_scene = || match &arguments.scene {
+        Some(path) => Scene::from_gltf(path),
+        None => Ok(Scene::landscape()),
+    };
+    let start_vulkan = || vulkan::Context::new(arguments.driver.as_deref());
+    let (scene, context) = rayon::join(make_scene, start_vulkan);
+    let (scene, context) = (scene?, context?);
+    ensure!(!scene.instances.is_empty(), "the scene is empty");
+    let (width, height) = arguments.size;
+    let settings = Settings {
+        width,
+        height,
+        spp: arguments.spp,
+    };
+
+    let set_layout = render::set_layout(&context, scene.textures.len() as u32)?;
+    let pipeline = render::pipeline(&context, set_layout)?;
+    let renderer = Renderer::new(&context, &pipeline, set_layout, &scene, settings)?;
+    eprintln!(
+        "{}: {} triangles, {} with instances, {} instances, {} textures",
+        context.name,
+        scene.triangle_count(),
+        scene.instanced_triangle_count(),
+        scene.instances.len(),
+        scene.textures.len(),
+    );
+    let bar = ProgressBar::new(u64::from(width) * u64::from(height) * u64::from(arguments.spp));
+    let style = "{bar:40} {percent:>3} %  {elapsed} of about {duration}";
+    bar.set_style(ProgressStyle::with_template(style)?);
+    let rendering = renderer.render(|pixels| bar.inc(pixels))?;
+    bar.finish_and_clear();
+    picture::write_png(
+        &arguments.out,
+        arguments.size,
+        &rendering.radiance,
+        scene.exposure,
+    )
+    .context("the picture")?;
+    drop(renderer);
+    drop(pipeline);
+    // SAFETY: the pipeline and the set that were made of it are gone.
+    unsafe {
+        context
+            .device
+            .destroy_descriptor_set_layout(set_layout, None)
+    };
+    println!(
+        "demo: {width}x{height}, {} spp, first pixel {:.2} s, {:.1} Mrays/s, {}",
+        arguments.spp,
+        (rendering.first_pixel - launched).as_secs_f64(),
+        rendering.rays as f64 / rendering.seconds / 1e6,
+        arguments.out.display(),
+    );
+    Ok(())
+}

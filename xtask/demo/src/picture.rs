@@ -1,0 +1,66 @@
+//! From sums of radiance to a PNG file.
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+
+/// Writes the mean of each pixel's samples, tone mapped and sRGB-encoded.
+pub fn write_png(
+    path: &Path,
+    (width, height): (u32, u32),
+    radiance: &[[f32; 4]],
+    exposure: f32,
+) -> Result<()> {
+    let thresholds = srgb_thresholds();
+    let encode = |value: f32| thresholds.partition_point(|threshold| *threshold <= value) as u8;
+    let bytes: Vec<u8> = radiance
+        .iter()
+        .flat_map(|[r, g, b, samples]| {
+            let scale = exposure / samples.max(1.0);
+            tone_map([r * scale, g * scale, b * scale]).map(encode)
+        })
+        .collect();
+    if let Some(directory) = path
+        .parent()
+        .filter(|directory| !directory.as_os_str().is_empty())
+    {
+        std::fs::create_dir_all(directory)
+            .with_context(|| format!("making {}", directory.display()))?;
+    }
+    let file = File::create(path).with_context(|| format!("creating {}", path.display()))?;
+    let mut png = png::Encoder::new(BufWriter::new(file), width, height);
+    png.set_color(png::ColorType::Rgb);
+    png.set_depth(png::BitDepth::Eight);
+    png.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+    let mut writer = png.write_header()?;
+    writer
+        .write_image_data(&bytes)
+        .context("writing the picture")?;
+    writer.finish().context("writing the picture")
+}
+
+/// A filmic curve for each channel: a rational fit to the ACES reference (Narkowicz 2015), after
+/// a little of each channel has gone into the others, so that bright colours pale.
+fn tone_map([r, g, b]: [f32; 3]) -> [f32; 3] {
+    let mean = (r + g + b) / 3.0;
+    [r, g, b].map(|channel| {
+        let x = (channel * 0.92 + mean * 0.08).max(0.0) * 0.75;
+        let y = (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14);
+        y.clamp(0.0, 1.0)
+    })
+}
+
+/// The linear value at which each sRGB code but the first begins (IEC 61966-2-1).
+fn srgb_thresholds() -> [f32; 255] {
+    std::array::from_fn(|code| {
+        let c = (code as f64 + 0.5) / 255.0;
+        let linear = if c <= 0.04045 {
+            c / 12.92
+        } else {
+            libm::pow((c + 0.055) / 1.055, 2.4)
+        };
+        linear as f32
+    })
+}

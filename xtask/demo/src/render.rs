@@ -1,0 +1,651 @@
+//! The path tracer's host side: uploads a scene, builds its acceleration structures, and adds
+//! samples to the picture band by band.
+
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use ash::vk;
+use bytemuck::{Pod, Zeroable};
+use vk::{
+    AccelerationStructureGeometryAabbsDataKHR as AabbsData,
+    AccelerationStructureGeometryDataKHR as GeometryData,
+    AccelerationStructureGeometryTrianglesDataKHR as TrianglesData,
+    AccelerationStructureInstanceKHR as TlasInstance, BufferUsageFlags as Usage, DescriptorType,
+    DeviceOrHostAddressConstKHR as Address, ShaderStageFlags as Stage,
+};
+
+use crate::scene::{Model, Scene, Shape, Vertex, kind};
+use crate::vulkan::{
+    AccelerationStructure, BlasInput, Buffer, Context, HitGroup, Image, Pipeline, PipelineInput,
+    build_blas, build_tlas, upload_images,
+};
+
+macro_rules! shader {
+    ($name:literal) => {
+        include_bytes!(concat!(env!("OUT_DIR"), "/", $name, ".spv"))
+    };
+}
+
+const SHADERS: [(Stage, &[u8]); 9] = [
+    (Stage::RAYGEN_KHR, shader!("path.rgen")),
+    (Stage::MISS_KHR, shader!("sky.rmiss")),
+    (Stage::MISS_KHR, shader!("shadow.rmiss")),
+    (Stage::CLOSEST_HIT_KHR, shader!("surface.rchit")),
+    (Stage::ANY_HIT_KHR, shader!("leaf.rahit")),
+    (Stage::CLOSEST_HIT_KHR, shader!("procedural.rchit")),
+    (Stage::INTERSECTION_KHR, shader!("sphere.rint")),
+    (Stage::ANY_HIT_KHR, shader!("sphere.rahit")),
+    (Stage::INTERSECTION_KHR, shader!("sponge.rint")),
+];
+const MISS: [u32; 2] = [1, 2];
+/// An instance's offset into the binding table picks one of these.
+const HIT: [HitGroup; 3] = [
+    HitGroup::new(3, Some(4), None),
+    HitGroup::new(5, Some(7), Some(6)),
+    HitGroup::new(5, None, Some(8)),
+];
+
+/// `MASK_BLOCKS_LIGHT | 2` and `2` in scene.glsl.
+const MASK_SOLID: u8 = 3;
+const MASK_LETS_LIGHT_THROUGH: u8 = 2;
+
+/// `Frame` in scene.glsl.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Frame {
+    camera_position: [f32; 4],
+    camera_right: [f32; 4],
+    camera_up: [f32; 4],
+    camera_forward: [f32; 4],
+    sun_direction: [f32; 4],
+    sun_irradiance: [f32; 4],
+    haze: [f32; 4],
+    epsilon: f32,
+    terrain_textures: [u32; 3],
+    cloud_texture: u32,
+    time: f32,
+    unused: [u32; 2],
+}
+
+/// `Procedural` in scene.glsl.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct ProceduralRecord {
+    centre: [f32; 3],
+    radius: f32,
+    material: u32,
+    unused: [u32; 3],
+}
+
+/// What the picture is to be.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    pub width: u32,
+    pub height: u32,
+    /// Samples per pixel.
+    pub spp: u32,
+}
+
+/// A picture's sums, and what it cost.
+pub struct Rendering {
+    /// Row-major sums of linear radiance; the fourth component counts samples.
+    pub radiance: Vec<[f32; 4]>,
+    /// Rays traced, of all kinds.
+    pub rays: u64,
+    /// When the first pixels were there.
+    pub first_pixel: Instant,
+    /// From the first submission to the last one's end.
+    pub seconds: f64,
+}
+
+/// A scene on the device, ready to be looked at.
+pub struct Renderer<'a> {
+    context: &'a Context,
+    pipeline: &'a Pipeline<'a>,
+    settings: Settings,
+    radiance: Buffer<'a>,
+    ray_counts: Buffer<'a>,
+    descriptor_pool: vk::DescriptorPool,
+    set: vk::DescriptorSet,
+    /// What the descriptors refer to.
+    _buffers: Vec<Buffer<'a>>,
+    _images: Vec<Image<'a>>,
+    _structures: Vec<AccelerationStructure<'a>>,
+}
+
+/// The storage buffers' bindings are 1 to 7: sums, counts, then the scene.
+const STORAGE_BINDINGS: std::ops::RangeInclusive<u32> = 1..=7;
+const FRAME_BINDING: u32 = 8;
+const TEXTURES_BINDING: u32 = 9;
+
+/// The layout of the one descriptor set.
+pub fn set_layout(context: &Context, textures: u32) -> Result<vk::DescriptorSetLayout> {
+    let all = Stage::RAYGEN_KHR
+        | Stage::MISS_KHR
+        | Stage::CLOSEST_HIT_KHR
+        | Stage::ANY_HIT_KHR
+        | Stage::INTERSECTION_KHR;
+    let binding = |binding: u32, kind: DescriptorType, count: u32| {
+        vk::DescriptorSetLayoutBinding::default()
+            .binding(binding)
+            .descriptor_type(kind)
+            .descriptor_count(count)
+            .stage_flags(all)
+    };
+    let mut bindings = vec![binding(0, DescriptorType::ACCELERATION_STRUCTURE_KHR, 1)];
+    bindings.extend(STORAGE_BINDINGS.map(|b| binding(b, DescriptorType::STORAGE_BUFFER, 1)));
+    bindings.push(binding(FRAME_BINDING, DescriptorType::UNIFORM_BUFFER, 1));
+    bindings.push(binding(
+        TEXTURES_BINDING,
+        DescriptorType::COMBINED_IMAGE_SAMPLER,
+        textures,
+    ));
+    let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+    // SAFETY: `info` outlives the call.
+    Ok(unsafe { context.device.create_descriptor_set_layout(&info, None) }?)
+}
+
+/// The pipeline, which is the same for every scene but for the number of textures.
+pub fn pipeline(context: &Context, set_layout: vk::DescriptorSetLayout) -> Result<Pipeline<'_>> {
+    let input = PipelineInput {
+        shaders: &SHADERS,
+        miss: &MISS,
+        hit: &HIT,
+        set_layout,
+        push_bytes: 8,
+    };
+    Pipeline::new(context, &input)
+}
+
+impl<'a> Renderer<'a> {
+    pub fn new(
+        context: &'a Context,
+        pipeline: &'a Pipeline<'a>,
+        set_layout: vk::DescriptorSetLayout,
+        scene: &Scene,
+        settings: Settings,
+    ) -> Result<Renderer<'a>> {
+        let images = upload_images(context, &scene.textures).context("textures")?;
+        let input = Usage::STORAGE_BUFFER | Usage::ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_KHR;
+        let vertices = Buffer::with(context, &scene.vertices, input)?;
+        let indices = Buffer::with(context, &scene.indices, input)?;
+        let structures = build_structures(context, scene, &vertices, &indices)
+            .context("building acceleration structures")?;
+        let geometries: Vec<[u32; 4]> = scene
+            .geometries
+            .iter()
+            .map(|geometry| {
+                [
+                    geometry.first_index,
+                    geometry.first_vertex,
+                    geometry.material,
+                    0,
+                ]
+            })
+            .collect();
+        let procedurals: Vec<ProceduralRecord> = scene
+            .procedurals
+            .iter()
+            .map(|procedural| ProceduralRecord {
+                centre: procedural.centre.into(),
+                radius: procedural.radius,
+                material: procedural.material,
+                unused: [0; 3],
+            })
+            .collect();
+        let pixels = u64::from(settings.width) * u64::from(settings.height);
+        let radiance = Buffer::new(context, pixels * 16, Usage::STORAGE_BUFFER)?;
+        let ray_counts = Buffer::new(context, pixels * 4, Usage::STORAGE_BUFFER)?;
+        let buffers = vec![
+            vertices,
+            indices,
+            Buffer::with(context, &geometries, Usage::STORAGE_BUFFER)?,
+            Buffer::with(context, &scene.materials, Usage::STORAGE_BUFFER)?,
+            Buffer::with(context, &procedurals, Usage::STORAGE_BUFFER)?,
+            Buffer::with(context, &[frame(scene, settings)], Usage::UNIFORM_BUFFER)?,
+        ];
+        let mut bound: Vec<vk::Buffer> = vec![radiance.handle, ray_counts.handle];
+        bound.extend(buffers.iter().map(|buffer| buffer.handle));
+        let world = structures.last().expect("there is a top level").handle;
+        let (descriptor_pool, set) = describe(context, set_layout, world, &bound, &images)?;
+        Ok(Renderer {
+            context,
+            pipeline,
+            settings,
+            radiance,
+            ray_counts,
+            descriptor_pool,
+            set,
+            _buffers: buffers,
+            _images: images,
+            _structures: structures,
+        })
+    }
+
+    /// Traces every sample; `progress` hears how many pixel samples have been added.
+    pub fn render(&self, mut progress: impl FnMut(u64)) -> Result<Rendering> {
+        let Settings { width, height, spp } = self.settings;
+        let mut steps = Vec::new();
+        for sample in 0..spp {
+            // The first pixels come early; later bands are large enough to fill many threads.
+            let bands = if sample == 0 { 16 } else { 4 };
+            let rows = height.div_ceil(bands).max(1);
+            for first_row in (0..height).step_by(rows as usize) {
+                steps.push((sample, first_row, rows.min(height - first_row)));
+            }
+        }
+        let device = &self.context.device;
+        let started = Instant::now();
+        let mut first_pixel = None;
+        let flight = Flight::new(self.context)?;
+        for (number, step) in steps.iter().enumerate() {
+            let ticket = number as u64 + 1;
+            // Two submissions are under way at any time, so that the device never waits for us.
+            if ticket > IN_FLIGHT {
+                flight.wait(ticket - IN_FLIGHT)?;
+                first_pixel.get_or_insert_with(Instant::now);
+                let (_, _, rows) = steps[(ticket - IN_FLIGHT) as usize - 1];
+                progress(u64::from(rows) * u64::from(width));
+            }
+            let commands = flight.commands[number % IN_FLIGHT as usize];
+            self.record(commands, *step)?;
+            flight.submit(commands, ticket)?;
+        }
+        let total = steps.len() as u64;
+        for ticket in total.saturating_sub(IN_FLIGHT) + 1..=total {
+            flight.wait(ticket)?;
+            first_pixel.get_or_insert_with(Instant::now);
+            progress(u64::from(steps[ticket as usize - 1].2) * u64::from(width));
+        }
+        let seconds = started.elapsed().as_secs_f64();
+        // SAFETY: the device is ours.
+        unsafe { device.device_wait_idle() }?;
+        let pixels = width as usize * height as usize;
+        Ok(Rendering {
+            radiance: self.radiance.read(pixels),
+            rays: self
+                .ray_counts
+                .read::<u32>(pixels)
+                .into_iter()
+                .map(u64::from)
+                .sum(),
+            first_pixel: first_pixel.context("nothing was rendered")?,
+            seconds,
+        })
+    }
+
+    fn record(
+        &self,
+        commands: vk::CommandBuffer,
+        (sample, first_row, rows): (u32, u32, u32),
+    ) -> Result<()> {
+        let device = &self.context.device;
+        let push: [u32; 2] = [sample, first_row];
+        let sums = vk::MemoryBarrier::default()
+            .src_access_mask(vk::AccessFlags::SHADER_WRITE)
+            .dst_access_mask(vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE);
+        let to_host = vk::MemoryBarrier::default()
+            .src_access_mask(vk::AccessFlags::SHADER_WRITE)
+            .dst_access_mask(vk::AccessFlags::HOST_READ);
+        let trace = vk::PipelineStageFlags::RAY_TRACING_SHADER_KHR;
+        let none = vk::DependencyFlags::empty();
+        // SAFETY: the command buffer is not in flight, and what is bound outlives its execution.
+        unsafe {
+            device.begin_command_buffer(
+                commands,
+                &vk::CommandBufferBeginInfo::default()
+                    .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT),
+            )?;
+            device.cmd_pipeline_barrier(commands, trace, trace, none, &[sums], &[], &[]);
+            let point = vk::PipelineBindPoint::RAY_TRACING_KHR;
+            device.cmd_bind_pipeline(commands, point, self.pipeline.handle);
+            let layout = self.pipeline.layout;
+            device.cmd_bind_descriptor_sets(commands, point, layout, 0, &[self.set], &[]);
+            let bytes = bytemuck::bytes_of(&push);
+            device.cmd_push_constants(commands, layout, Stage::RAYGEN_KHR, 0, bytes);
+            self.context.ray_tracing.cmd_trace_rays(
+                commands,
+                &self.pipeline.raygen,
+                &self.pipeline.miss,
+                &self.pipeline.hit,
+                &vk::StridedDeviceAddressRegionKHR::default(),
+                self.settings.width,
+                rows,
+                1,
+            );
+            let host = vk::PipelineStageFlags::HOST;
+            device.cmd_pipeline_barrier(commands, trace, host, none, &[to_host], &[], &[]);
+            device.end_command_buffer(commands)?;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Renderer<'_> {
+    fn drop(&mut self) {
+        // SAFETY: nothing is in flight once the device is idle.
+        unsafe {
+            let _ = self.context.device.device_wait_idle();
+            self.context
+                .device
+                .destroy_descriptor_pool(self.descriptor_pool, None);
+        }
+    }
+}
+
+const IN_FLIGHT: u64 = 2;
+
+/// Command buffers that take turns, and the semaphore that counts the finished ones.
+struct Flight<'a> {
+    context: &'a Context,
+    commands: Vec<vk::CommandBuffer>,
+    finished: vk::Semaphore,
+}
+
+impl<'a> Flight<'a> {
+    fn new(context: &'a Context) -> Result<Flight<'a>> {
+        let mut kind =
+            vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
+        let semaphore = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
+        let buffers = vk::CommandBufferAllocateInfo::default()
+            .command_pool(context.pool)
+            .command_buffer_count(IN_FLIGHT as u32);
+        // SAFETY: the structures outlive the calls, and the pool is of this device.
+        unsafe {
+            let finished = context.device.create_semaphore(&semaphore, None)?;
+            let commands = context.device.allocate_command_buffers(&buffers)?;
+            Ok(Flight {
+                context,
+                commands,
+                finished,
+            })
+        }
+    }
+
+    fn submit(&self, commands: vk::CommandBuffer, ticket: u64) -> Result<()> {
+        let tickets = [ticket];
+        let mut values =
+            vk::TimelineSemaphoreSubmitInfo::default().signal_semaphore_values(&tickets);
+        let (buffers, signals) = ([commands], [self.finished]);
+        let submit = vk::SubmitInfo::default()
+            .command_buffers(&buffers)
+            .signal_semaphores(&signals)
+            .push_next(&mut values);
+        // SAFETY: the command buffer is recorded, and what it uses outlives its execution.
+        unsafe {
+            self.context
+                .device
+                .queue_submit(self.context.queue, &[submit], vk::Fence::null())
+        }?;
+        Ok(())
+    }
+
+    fn wait(&self, ticket: u64) -> Result<()> {
+        let (semaphores, values) = ([self.finished], [ticket]);
+        let info = vk::SemaphoreWaitInfo::default()
+            .semaphores(&semaphores)
+            .values(&values);
+        let patience = crate::vulkan::PATIENCE_NS;
+        // SAFETY: the semaphore is of this device.
+        unsafe { self.context.device.wait_semaphores(&info, patience) }
+            .context("waiting for the device")
+    }
+}
+
+impl Drop for Flight<'_> {
+    fn drop(&mut self) {
+        let device = &self.context.device;
+        // SAFETY: once the device is idle nothing refers to these.
+        unsafe {
+            let _ = device.device_wait_idle();
+            device.free_command_buffers(self.context.pool, &self.commands);
+            device.destroy_semaphore(self.finished, None);
+        }
+    }
+}
+
+fn frame(scene: &Scene, settings: Settings) -> Frame {
+    let camera = &scene.camera;
+    let forward = camera.forward.normalize();
+    let right = forward.cross(camera.up).normalize();
+    let up = right.cross(forward);
+    let half = libm::tanf(camera.fov_y * 0.5);
+    let (width, height) = (settings.width as f32, settings.height as f32);
+    let sun = &scene.sun;
+    let (haze, density) = scene.haze;
+    let cosine = libm::cosf(sun.angular_radius);
+    let size = scene.extent.max(camera.position.length());
+    Frame {
+        camera_position: camera.position.extend(2.0 * half / height).into(),
+        camera_right: (right * (half * width / height)).extend(width).into(),
+        camera_up: (up * half).extend(height).into(),
+        camera_forward: forward.extend(0.0).into(),
+        sun_direction: sun.direction.extend(cosine).into(),
+        sun_irradiance: sun
+            .irradiance
+            .extend(std::f32::consts::TAU * (1.0 - cosine))
+            .into(),
+        haze: haze.extend(density).into(),
+        epsilon: size * 2e-6,
+        terrain_textures: [scene.roles.grass, scene.roles.rock, scene.roles.sand],
+        cloud_texture: scene.roles.clouds,
+        time: 2.0,
+        unused: [0; 2],
+    }
+}
+
+/// Every mesh and procedural gets a bottom level; the top level, over the instances, comes last.
+fn build_structures<'a>(
+    context: &'a Context,
+    scene: &Scene,
+    vertices: &Buffer,
+    indices: &Buffer,
+) -> Result<Vec<AccelerationStructure<'a>>> {
+    let boxes: Vec<[f32; 6]> = scene
+        .procedurals
+        .iter()
+        .map(|procedural| {
+            let low = procedural.centre - procedural.radius;
+            let high = procedural.centre + procedural.radius;
+            [low.x, low.y, low.z, high.x, high.y, high.z]
+        })
+        .collect();
+    let usage = Usage::ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_KHR;
+    let boxes_buffer = Buffer::with(context, &boxes, usage)?;
+    let (vertices, indices) = (vertices.address(), indices.address());
+    let boxes = boxes_buffer.address();
+
+    let triangles = |mesh: &crate::scene::Mesh| {
+        let own = &scene.geometries[mesh.first_geometry as usize..][..mesh.geometry_count as usize];
+        let geometries = own.iter().map(|geometry| {
+            let material = &scene.materials[geometry.material as usize];
+            let tested = material.alpha_cutoff > 0.0 || material.kind == kind::GLASS;
+            let data = TrianglesData::default()
+                .vertex_format(vk::Format::R32G32B32_SFLOAT)
+                .vertex_data(Address {
+                    device_address: vertices,
+                })
+                .vertex_stride(size_of::<Vertex>() as u64)
+                .max_vertex(geometry.vertex_count - 1)
+                .index_type(vk::IndexType::UINT32)
+                .index_data(Address {
+                    device_address: indices,
+                });
+            vk::AccelerationStructureGeometryKHR::default()
+                .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
+                .geometry(GeometryData { triangles: data })
+                .flags(opaque_unless(tested))
+        });
+        let ranges = own.iter().map(|geometry| {
+            vk::AccelerationStructureBuildRangeInfoKHR::default()
+                .primitive_count(geometry.index_count / 3)
+                .primitive_offset(geometry.first_index * 4)
+                .first_vertex(geometry.first_vertex)
+        });
+        BlasInput {
+            geometries: geometries.collect(),
+            ranges: ranges.collect(),
+        }
+    };
+    let procedural = |(i, procedural): (usize, &crate::scene::Procedural)| {
+        let material = &scene.materials[procedural.material as usize];
+        let data = AabbsData::default()
+            .data(Address {
+                device_address: boxes,
+            })
+            .stride(size_of::<[f32; 6]>() as u64);
+        let geometry = vk::AccelerationStructureGeometryKHR::default()
+            .geometry_type(vk::GeometryTypeKHR::AABBS)
+            .geometry(GeometryData { aabbs: data })
+            .flags(opaque_unless(material.kind == kind::GLASS));
+        let range = vk::AccelerationStructureBuildRangeInfoKHR::default()
+            .primitive_count(1)
+            .primitive_offset((i * size_of::<[f32; 6]>()) as u32);
+        BlasInput {
+            geometries: vec![geometry],
+            ranges: vec![range],
+        }
+    };
+    let inputs: Vec<BlasInput> = scene
+        .meshes
+        .iter()
+        .map(triangles)
+        .chain(scene.procedurals.iter().enumerate().map(procedural))
+        .collect();
+    let mut structures = build_blas(context, &inputs)?;
+    let instances: Vec<TlasInstance> = scene
+        .instances
+        .iter()
+        .map(|instance| tlas_instance(scene, &structures, instance))
+        .collect();
+    structures.push(build_tlas(context, &instances)?);
+    Ok(structures)
+}
+
+fn opaque_unless(tested: bool) -> vk::GeometryFlagsKHR {
+    match tested {
+        true => vk::GeometryFlagsKHR::NO_DUPLICATE_ANY_HIT_INVOCATION,
+        false => vk::GeometryFlagsKHR::OPAQUE,
+    }
+}
+
+fn tlas_instance(
+    scene: &Scene,
+    bottom: &[AccelerationStructure],
+    instance: &crate::scene::Instance,
+) -> TlasInstance {
+    let (structure, custom_index, hit_group, mask) = match instance.model {
+        Model::Mesh(mesh) => {
+            let first_geometry = scene.meshes[mesh as usize].first_geometry;
+            let material = scene.geometries[first_geometry as usize].material;
+            let mask = match scene.materials[material as usize].kind {
+                kind::WATER => MASK_LETS_LIGHT_THROUGH,
+                _ => MASK_SOLID,
+            };
+            (mesh as usize, first_geometry, 0, mask)
+        }
+        Model::Procedural(number) => {
+            let hit_group = match scene.procedurals[number as usize].shape {
+                Shape::Sphere => 1,
+                Shape::Sponge => 2,
+            };
+            (
+                scene.meshes.len() + number as usize,
+                number,
+                hit_group,
+                MASK_SOLID,
+            )
+        }
+    };
+    let m = instance.transform.matrix3;
+    let t = instance.transform.translation;
+    let row = |i: usize| [m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]];
+    let mut matrix = [0.0; 12];
+    for i in 0..3 {
+        matrix[4 * i..4 * i + 4].copy_from_slice(&row(i));
+    }
+    TlasInstance {
+        transform: vk::TransformMatrixKHR { matrix },
+        instance_custom_index_and_mask: vk::Packed24_8::new(custom_index, mask),
+        instance_shader_binding_table_record_offset_and_flags: vk::Packed24_8::new(hit_group, 0),
+        acceleration_structure_reference: vk::AccelerationStructureReferenceKHR {
+            device_handle: bottom[structure].address(),
+        },
+    }
+}
+
+/// Writes the one descriptor set: `buffers` are those of bindings 1 to 8 in order.
+fn describe(
+    context: &Context,
+    layout: vk::DescriptorSetLayout,
+    world: vk::AccelerationStructureKHR,
+    buffers: &[vk::Buffer],
+    images: &[Image],
+) -> Result<(vk::DescriptorPool, vk::DescriptorSet)> {
+    let device = &context.device;
+    let size = |ty: DescriptorType, count: usize| vk::DescriptorPoolSize {
+        ty,
+        descriptor_count: count as u32,
+    };
+    let sizes = [
+        size(DescriptorType::ACCELERATION_STRUCTURE_KHR, 1),
+        size(DescriptorType::STORAGE_BUFFER, STORAGE_BINDINGS.count()),
+        size(DescriptorType::UNIFORM_BUFFER, 1),
+        size(DescriptorType::COMBINED_IMAGE_SAMPLER, images.len()),
+    ];
+    let pool = vk::DescriptorPoolCreateInfo::default()
+        .max_sets(1)
+        .pool_sizes(&sizes);
+    let layouts = [layout];
+    // SAFETY: the structures outlive the calls.
+    let (pool, set) = unsafe {
+        let pool = device.create_descriptor_pool(&pool, None)?;
+        let info = vk::DescriptorSetAllocateInfo::default()
+            .descriptor_pool(pool)
+            .set_layouts(&layouts);
+        (pool, device.allocate_descriptor_sets(&info)?[0])
+    };
+    let worlds = [world];
+    let mut structure =
+        vk::WriteDescriptorSetAccelerationStructureKHR::default().acceleration_structures(&worlds);
+    let buffer_infos: Vec<vk::DescriptorBufferInfo> = buffers
+        .iter()
+        .map(|buffer| {
+            vk::DescriptorBufferInfo::default()
+                .buffer(*buffer)
+                .range(vk::WHOLE_SIZE)
+        })
+        .collect();
+    let image_infos: Vec<vk::DescriptorImageInfo> = images
+        .iter()
+        .map(|image| {
+            vk::DescriptorImageInfo::default()
+                .sampler(image.sampler)
+                .image_view(image.view)
+                .image_layout(vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL)
+        })
+        .collect();
+    let write = |binding: u32, kind: DescriptorType| {
+        vk::WriteDescriptorSet::default()
+            .dst_set(set)
+            .dst_binding(binding)
+            .descriptor_type(kind)
+    };
+    let mut writes = vec![
+        write(0, DescriptorType::ACCELERATION_STRUCTURE_KHR)
+            .descriptor_count(1)
+            .push_next(&mut structure),
+        write(TEXTURES_BINDING, DescriptorType::COMBINED_IMAGE_SAMPLER).image_info(&image_infos),
+    ];
+    for (i, info) in buffer_infos.iter().enumerate() {
+        let binding = i as u32 + 1;
+        let kind = match binding {
+            FRAME_BINDING => DescriptorType::UNIFORM_BUFFER,
+            _ => DescriptorType::STORAGE_BUFFER,
+        };
+        writes.push(write(binding, kind).buffer_info(std::slice::from_ref(info)));
+    }
+    // SAFETY: every handle is of this device, and the set is not in use.
+    unsafe { device.update_descriptor_sets(&writes, &[]) };
+    Ok((pool, set))
+}
