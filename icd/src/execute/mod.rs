@@ -22,11 +22,16 @@
 
 pub mod acceleration_structure;
 pub mod bindings;
+pub mod blit;
 pub mod buffer;
+pub mod clear;
+pub mod copy;
 pub mod dispatch;
 mod engine;
 pub mod query;
 pub mod ray_tracing;
+pub mod resolve;
+mod surface;
 
 use ash::vk;
 
