@@ -21,7 +21,7 @@
 //! Buffers are device addresses of their first byte.
 
 pub mod acceleration_structure;
-mod bindings;
+pub mod bindings;
 pub mod blit;
 pub mod buffer;
 pub mod clear;
