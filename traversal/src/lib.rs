@@ -13,6 +13,7 @@
 
 pub mod build;
 pub mod input;
+mod layout;
 pub mod ray;
 pub mod structure;
 pub mod transfer;
@@ -28,4 +29,4 @@ pub use structure::{Kind, Structure, StructureError, validate};
 pub use transfer::{
     Serialized, compact_into, compacted_size, copy_into, deserialize, serialize, serialized_size,
 };
-pub use walk::{Event, Verdict, Walk, Walker};
+pub use walk::{Event, Tier, Verdict, Walk, Walker};

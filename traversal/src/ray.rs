@@ -55,8 +55,7 @@ pub struct Ray {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
 pub struct Hit {
-    /// Distance in units of the ray's direction. For a box that is a candidate: where the ray
-    /// enters it (a lower bound), at least `t_min`.
+    /// Distance in units of the ray's direction. For a box that is a candidate: the ray's `t_min`.
     pub t: f32,
     /// Weights of a triangle's second and third vertex; 0 for boxes.
     pub barycentrics: [f32; 2],

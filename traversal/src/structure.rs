@@ -1,4 +1,10 @@
-//! The blob: what lies where in an acceleration structure.
+//! A structure as its users see it: what it holds, what an instance is, whether it is sound.
+
+use crate::layout::{
+    BoxEntry, GeometryEntry, Header, InstanceRecord, MAGIC, MAX_DEPTH, Node, Parts, TriangleGroup,
+    VERSION, WIDTH, child, geometry_word,
+};
+use crate::ray::Hit;
 
 /// What a structure holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -10,6 +16,17 @@ pub enum Kind {
     Aabbs = 2,
     /// A top level.
     Instances = 3,
+}
+
+impl Kind {
+    fn of(word: u32) -> Option<Kind> {
+        match word {
+            1 => Some(Kind::Triangles),
+            2 => Some(Kind::Aabbs),
+            3 => Some(Kind::Instances),
+            _ => None,
+        }
+    }
 }
 
 /// Why bytes are not a structure.
@@ -25,11 +42,37 @@ pub enum StructureError {
     Destination,
 }
 
+impl std::fmt::Display for StructureError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            StructureError::Truncated => "the structure is cut short",
+            StructureError::NotAStructure => "not an acceleration structure of this version",
+            StructureError::Corrupt => "the structure is corrupt",
+            StructureError::Destination => "the destination is too small or misaligned",
+        })
+    }
+}
+
+impl std::error::Error for StructureError {}
+
 /// A structure at an address, to be read.
+///
+/// Its header has been checked: the parts lie one after the other inside the size that it states.
+/// Indices inside the parts are checked where they are followed.
 #[derive(Clone, Copy, Debug)]
 pub struct Structure {
-    address: u64,
+    base: *const u8,
+    kind: Kind,
+    node_count: u32,
+    leaf_count: u32,
+    nodes: *const Node,
+    leaves: *const u8,
 }
+
+// SAFETY: a view of memory that nobody writes while it is in use (the contract of `at`).
+unsafe impl Send for Structure {}
+// SAFETY: as above.
+unsafe impl Sync for Structure {}
 
 impl Structure {
     /// The structure at `address`; `None` if the address is 0, not aligned, or no structure of
@@ -39,46 +82,229 @@ impl Structure {
     /// An `address` other than 0 must be readable as far as the blob's header says, and must not
     /// be written while the value or a [`Walk`](crate::Walk) on it is in use.
     pub unsafe fn at(address: u64) -> Option<Structure> {
-        unimplemented!("{address}")
+        if address == 0 || !address.is_multiple_of(align_of::<Header>() as u64) {
+            return None;
+        }
+        // The address of memory of the caller's, which was exposed to get here as an integer.
+        let base = std::ptr::with_exposed_provenance::<u8>(address as usize);
+        // SAFETY: aligned, and readable by the caller's promise.
+        let header = unsafe { &*base.cast::<Header>() };
+        let kind = check_header(header).ok()?;
+        Some(Structure {
+            base,
+            kind,
+            node_count: header.node_count,
+            leaf_count: header.leaf_count,
+            nodes: base.wrapping_add(header.nodes_offset as usize).cast(),
+            leaves: base.wrapping_add(header.leaves_offset as usize),
+        })
+    }
+
+    /// The structure that `blob` starts with.
+    ///
+    /// # Errors
+    /// What is wrong with the header.
+    pub(crate) fn of(blob: &[u8]) -> Result<Structure, StructureError> {
+        if blob.len() < size_of::<Header>() {
+            return Err(StructureError::Truncated);
+        }
+        if !blob.as_ptr().cast::<Header>().is_aligned() {
+            return Err(StructureError::NotAStructure);
+        }
+        // SAFETY: long enough and aligned.
+        let header = unsafe { &*blob.as_ptr().cast::<Header>() };
+        check_header(header)?;
+        if header.size_bytes > blob.len() as u64 {
+            return Err(StructureError::Truncated);
+        }
+        // SAFETY: the parts were found to lie inside `size_bytes`, and those inside `blob`.
+        unsafe { Structure::at(blob.as_ptr().expose_provenance() as u64) }
+            .ok_or(StructureError::NotAStructure)
     }
 
     /// What it holds.
     pub fn kind(&self) -> Kind {
-        unimplemented!()
+        self.kind
     }
 
     /// Bytes of the blob that are in use: its size after compaction.
     pub fn size_bytes(&self) -> u64 {
-        self.address
+        self.header().size_bytes
     }
 
     /// Number of entries in the table of bottom-level references: the instances, including
     /// inactive ones; 0 for a bottom level.
     pub fn reference_count(&self) -> u64 {
-        unimplemented!()
+        match self.kind {
+            Kind::Instances => self.leaf_count.into(),
+            _ => 0,
+        }
     }
 
     /// Row-major 3 × 4 matrix of an instance: `ObjectToWorldKHR`, transposed.
     pub fn object_to_world(&self, instance_index: u32) -> [f32; 12] {
-        unimplemented!("{instance_index}")
+        self.instance(instance_index)
+            .map_or([0.0; 12], |record| record.object_to_world)
     }
 
     /// Row-major 3 × 4 inverse of [`Self::object_to_world`].
     pub fn world_to_object(&self, instance_index: u32) -> [f32; 12] {
-        unimplemented!("{instance_index}")
+        self.instance(instance_index)
+            .map_or([0.0; 12], |record| record.world_to_object)
     }
 
     /// The object-space positions of a hit triangle's vertices, in order, after the geometry's
     /// transform. `self` is the top level; zeros for what is no triangle.
-    pub fn triangle_vertices(&self, hit: &crate::Hit) -> [[f32; 3]; 3] {
-        unimplemented!("{hit:?}")
+    pub fn triangle_vertices(&self, hit: &Hit) -> [[f32; 3]; 3] {
+        // SAFETY: bottom levels of a structure in use are alive, by the contract of `at`.
+        let bottom = unsafe { Structure::at(self.reference(hit.instance_index)) };
+        bottom
+            .and_then(|bottom| bottom.group(hit.slot / 4).copied())
+            .map_or([[0.0; 3]; 3], |group| {
+                group.triangle((hit.slot % 4) as usize)
+            })
+    }
+
+    pub(crate) fn header(&self) -> &Header {
+        // SAFETY: `at` found a header here.
+        unsafe { &*self.base.cast::<Header>() }
+    }
+
+    pub(crate) fn node_count(&self) -> u32 {
+        self.node_count
+    }
+
+    pub(crate) fn node(&self, index: u32) -> Option<&Node> {
+        // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
+        (index < self.node_count).then(|| unsafe { &*self.nodes.add(index as usize) })
+    }
+
+    pub(crate) fn group(&self, index: u32) -> Option<&TriangleGroup> {
+        (self.kind == Kind::Triangles && index < self.leaf_count)
+            // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
+            .then(|| unsafe { &*self.leaves.cast::<TriangleGroup>().add(index as usize) })
+    }
+
+    pub(crate) fn box_entry(&self, index: u32) -> Option<&BoxEntry> {
+        (self.kind == Kind::Aabbs && index < self.leaf_count)
+            // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
+            .then(|| unsafe { &*self.leaves.cast::<BoxEntry>().add(index as usize) })
+    }
+
+    pub(crate) fn instance(&self, index: u32) -> Option<&InstanceRecord> {
+        (self.kind == Kind::Instances && index < self.leaf_count)
+            // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
+            .then(|| unsafe { &*self.leaves.cast::<InstanceRecord>().add(index as usize) })
+    }
+
+    /// The address in an instance's entry of the reference table; 0 where there is none.
+    pub(crate) fn reference(&self, index: u32) -> u64 {
+        if self.kind != Kind::Instances || index >= self.leaf_count {
+            return 0;
+        }
+        let table = self
+            .base
+            .wrapping_add(self.header().references_offset as usize)
+            .cast::<u64>();
+        // SAFETY: below the count, so inside the table, which the header check placed.
+        unsafe { table.add(index as usize).read() }
+    }
+
+    pub(crate) fn geometry(&self, index: u32) -> Option<&GeometryEntry> {
+        let header = self.header();
+        (index < header.geometry_count).then(|| {
+            let table = self.base.wrapping_add(header.geometries_offset as usize);
+            // SAFETY: below the count, so inside the table, which the header check placed.
+            unsafe { &*table.cast::<GeometryEntry>().add(index as usize) }
+        })
     }
 }
 
-/// Checks everything that a walk relies on, except that references of instances are alive.
+/// Checks that a header's parts lie where its counts put them.
+fn check_header(header: &Header) -> Result<Kind, StructureError> {
+    if header.magic != MAGIC || header.version != VERSION {
+        return Err(StructureError::NotAStructure);
+    }
+    let kind = Kind::of(header.kind).ok_or(StructureError::NotAStructure)?;
+    let parts = Parts::new(
+        kind,
+        header.geometry_count.into(),
+        header.node_count.into(),
+        header.leaf_count.into(),
+    );
+    let stated = Parts {
+        geometries_offset: header.geometries_offset,
+        references_offset: header.references_offset,
+        nodes_offset: header.nodes_offset,
+        leaves_offset: header.leaves_offset,
+        size_bytes: header.size_bytes,
+    };
+    if parts == stated && header.node_count > 0 && header.leaf_count <= child::INDEX {
+        Ok(kind)
+    } else {
+        Err(StructureError::Corrupt)
+    }
+}
+
+/// Checks everything that a walk relies on, except that references of instances are alive: each
+/// child is inside the blob, above its parent, in a tree no deeper than the walk's stack.
 ///
 /// # Errors
 /// What is wrong first.
 pub fn validate(blob: &[u8]) -> Result<(), StructureError> {
-    unimplemented!("{}", blob.len())
+    let structure = Structure::of(blob)?;
+    let check = |good: bool| good.then_some(()).ok_or(StructureError::Corrupt);
+    check(structure.header().depth <= MAX_DEPTH)?;
+    // Depth first, each node at most once: a child's index is above its parent's, and the budget
+    // stops a graph that shares children.
+    let mut budget = u64::from(structure.node_count());
+    let mut stack = [(0u32, 0u32); MAX_DEPTH as usize * WIDTH];
+    let mut top = 1;
+    while top > 0 {
+        top -= 1;
+        let (index, depth) = stack[top];
+        check(budget > 0 && depth < MAX_DEPTH)?;
+        budget -= 1;
+        let node = structure.node(index).ok_or(StructureError::Corrupt)?;
+        for &word in &node.children {
+            if word == child::NONE {
+                continue;
+            } else if word & child::LEAF != 0 {
+                check_leaf(&structure, word)?;
+            } else {
+                check(word > index && top < stack.len())?;
+                stack[top] = (word, depth + 1);
+                top += 1;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_leaf(structure: &Structure, word: u32) -> Result<(), StructureError> {
+    let index = word & child::INDEX;
+    let count = if word & child::TWO_GROUPS != 0 { 2 } else { 1 };
+    let primitive = |primitive: u32, geometry: u32| {
+        structure
+            .geometry(geometry & geometry_word::INDEX)
+            .is_some_and(|entry| primitive < entry.primitive_count)
+    };
+    let good = match structure.kind() {
+        Kind::Triangles => (index..index + count).all(|index| {
+            structure.group(index).is_some_and(|group| {
+                group.lanes < 16
+                    && (0..4)
+                        .filter(|lane| group.lanes >> lane & 1 != 0)
+                        .all(|lane| primitive(group.primitives[lane], group.geometries[lane]))
+            })
+        }),
+        Kind::Aabbs => {
+            count == 1
+                && structure
+                    .box_entry(index)
+                    .is_some_and(|entry| primitive(entry.primitive, entry.geometry))
+        }
+        Kind::Instances => count == 1 && structure.instance(index).is_some(),
+    };
+    good.then_some(()).ok_or(StructureError::Corrupt)
 }

@@ -1,9 +1,12 @@
 //! Everything C about Vulkan: pointers, `pNext` chains, the enumerate-twice idiom, and the guard around each entry point.
 
+pub mod acceleration_structure;
 pub mod array;
 pub mod chain;
 pub mod enumerate;
 pub mod guard;
+pub mod pipeline;
+pub mod ray_tracing;
 
 pub use array::{slice, string};
 pub use chain::{find, find_mut};

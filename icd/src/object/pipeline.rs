@@ -11,6 +11,7 @@ use spirv_jit::Program;
 use spirv_jit::ir::op::DescriptorBinding;
 
 use super::DescriptorSetLayout;
+use super::ray_tracing_pipeline::RayTracingPipeline;
 use crate::handle::Ref;
 
 /// A shader module: its words, checked when a pipeline uses them.
@@ -80,12 +81,14 @@ pub struct Pipeline {
 /// What a pipeline runs.
 pub enum PipelineKind {
     Compute(Arc<Program>),
+    RayTracing(RayTracingPipeline),
 }
 
 impl Pipeline {
     pub fn bind_point(&self) -> vk::PipelineBindPoint {
         match self.kind {
             PipelineKind::Compute(_) => vk::PipelineBindPoint::COMPUTE,
+            PipelineKind::RayTracing(_) => vk::PipelineBindPoint::RAY_TRACING_KHR,
         }
     }
 }
@@ -97,4 +100,12 @@ pub type ProgramKey = [u8; 16];
 #[derive(Default)]
 pub struct PipelineCache {
     pub programs: Mutex<HashMap<ProgramKey, Arc<Program>>>,
+}
+
+impl PipelineCache {
+    /// Takes over what another cache has.
+    pub fn merge(&self, other: &PipelineCache) {
+        let others = other.programs.lock().clone();
+        self.programs.lock().extend(others);
+    }
 }

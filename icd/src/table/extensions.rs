@@ -57,6 +57,7 @@ extensions! {
     Instance EXT_DEBUG_UTILS c"VK_EXT_debug_utils" 2;
     Device KHR_16BIT_STORAGE c"VK_KHR_16bit_storage" 1;
     Device KHR_8BIT_STORAGE c"VK_KHR_8bit_storage" 1;
+    Device KHR_ACCELERATION_STRUCTURE c"VK_KHR_acceleration_structure" 13;
     Device KHR_BIND_MEMORY_2 c"VK_KHR_bind_memory2" 1;
     Device KHR_BUFFER_DEVICE_ADDRESS c"VK_KHR_buffer_device_address" 1;
     Device KHR_CALIBRATED_TIMESTAMPS c"VK_KHR_calibrated_timestamps" 1;
@@ -80,6 +81,7 @@ extensions! {
     Device KHR_MAP_MEMORY_2 c"VK_KHR_map_memory2" 1;
     Device KHR_PIPELINE_LIBRARY c"VK_KHR_pipeline_library" 1;
     Device KHR_PUSH_DESCRIPTOR c"VK_KHR_push_descriptor" 2;
+    Device KHR_RAY_TRACING_PIPELINE c"VK_KHR_ray_tracing_pipeline" 1;
     Device KHR_RELAXED_BLOCK_LAYOUT c"VK_KHR_relaxed_block_layout" 1;
     Device KHR_SAMPLER_MIRROR_CLAMP_TO_EDGE c"VK_KHR_sampler_mirror_clamp_to_edge" 3;
     Device KHR_SEPARATE_DEPTH_STENCIL_LAYOUTS c"VK_KHR_separate_depth_stencil_layouts" 1;

@@ -6,7 +6,7 @@ use traversal::{Verdict, Walker};
 
 use super::calls::{Call, Records, sort_calls, split_subgroup};
 use super::grid::Grid;
-use super::inputs::{Sources, reported_attributes};
+use super::inputs::Sources;
 use super::rays::{RayInFlight, Report};
 use super::slab::Slab;
 use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, lanes_of};
@@ -283,7 +283,13 @@ impl<'a> Batch<'a> {
         let report = Report {
             t: f32::from_bits(subgroup.io(program, 0, lane)),
             hit_kind: subgroup.io(program, 1, lane) as u8,
-            attributes: reported_attributes(subgroup, program, attribute_words, lane),
+            attributes: std::array::from_fn(|word| {
+                if (word as u32) < attribute_words {
+                    subgroup.io(program, IO_DATA_ROW + word, lane)
+                } else {
+                    0
+                }
+            }),
             reporter,
         };
         let ray = &mut self.worker.rays[index];
@@ -539,7 +545,8 @@ impl<'a> Batch<'a> {
         let index = self.new_subgroup(calls[0].program, calls[0].role, lanes)?;
         let subgroup = &mut self.worker.subgroups[index];
         let mut records = [0; SUBGROUP_SIZE];
-        for (lane, call) in calls.iter().enumerate() {
+        for lane in 0..SUBGROUP_SIZE {
+            let call = calls.get(lane).unwrap_or(&calls[0]);
             subgroup.ray[lane] = call.ray;
             subgroup.caller[lane] = call.caller;
             subgroup.launch[lane] = call.launch;

@@ -1,14 +1,16 @@
-//! Filling the input records of new invocations: only the rows that their program reads.
+//! Filling the input records of new invocations: only the rows that their program reads, a row at a time.
 
-use spirv_jit::program::{AlignedRow, Builtin, IO_DATA_ROW, InputRow};
+use std::cell::OnceCell;
+
+use spirv_jit::program::{AlignedRow, Builtin, IO_DATA_ROW, InputRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 use traversal::{Hit, Structure};
 
 use super::Dispatch;
 use super::grid::Grid;
-use super::rays::{MAX_ATTRIBUTE_WORDS, RayInFlight};
+use super::rays::RayInFlight;
 use super::slab::Slab;
-use super::subgroup::{LaneRef, Role, Subgroup, lanes_of};
+use super::subgroup::{LaneRef, Role, Subgroup};
 use super::table::HANDLE_SIZE;
 
 /// What inputs are read from.
@@ -19,122 +21,219 @@ pub struct Sources<'a> {
     pub rays: &'a Slab<RayInFlight>,
 }
 
+/// Per lane; lanes that were not started repeat the first one.
+type Lanes<T> = [T; SUBGROUP_SIZE];
+
 impl Sources<'_> {
     /// Fills the inputs of `subgroup`, which is not yet among the others. `records` has a record address per lane.
-    pub fn fill(&self, program: &Program, subgroup: &mut Subgroup, records: &[u64; SUBGROUP_SIZE]) {
+    pub fn fill(&self, program: &Program, subgroup: &mut Subgroup, records: &Lanes<u64>) {
         let first = program.layout().inputs;
-        for (index, &input) in program.inputs().iter().enumerate() {
-            let mut row = AlignedRow::default();
-            for lane in lanes_of(subgroup.lanes) {
-                row.0[lane] = match input {
-                    InputRow::Payload(word) => {
-                        self.data(self.rays[subgroup.ray[lane]].caller, word)
-                    }
-                    InputRow::CallableData(word) => self.data(subgroup.caller[lane], word),
-                    InputRow::HitAttribute(word) => self.attribute(subgroup, lane, word),
-                    InputRow::Builtin(builtin, component) => {
-                        self.builtin(subgroup, lane, records[lane], builtin, component as usize)
-                    }
-                };
+        match subgroup.role {
+            Role::RayGeneration => {
+                for (index, &input) in program.inputs().iter().enumerate() {
+                    subgroup.rows[first + index].0 = self.common_row(subgroup, records, input);
+                }
             }
-            subgroup.rows[first + index] = row;
-        }
-    }
-
-    /// A word of the payload or callable data that `caller` handed over.
-    fn data(&self, caller: LaneRef, word: u32) -> u32 {
-        let from = &self.subgroups[caller.subgroup];
-        from.data(
-            &self.dispatch.shaders.programs[from.program as usize],
-            word,
-            caller.lane as usize,
-        )
-    }
-
-    fn attribute(&self, subgroup: &Subgroup, lane: usize, word: u32) -> u32 {
-        let ray = &self.rays[subgroup.ray[lane]];
-        let hit = hit_of(subgroup.role, ray);
-        let word = word as usize;
-        if hit.triangle {
-            return hit
-                .barycentrics
-                .get(word)
-                .map_or(0, |weight| weight.to_bits());
-        }
-        let attributes = match subgroup.role {
-            Role::AnyHitOfReport => &ray.report.attributes,
-            _ => &ray.attributes,
-        };
-        attributes.get(word).copied().unwrap_or(0)
-    }
-
-    fn builtin(
-        &self,
-        subgroup: &Subgroup,
-        lane: usize,
-        record: u64,
-        builtin: Builtin,
-        component: usize,
-    ) -> u32 {
-        match builtin {
-            Builtin::LaunchId => return self.grid.launch_id(subgroup.launch[lane])[component],
-            Builtin::ShaderRecordAddress => {
-                return ((record + HANDLE_SIZE as u64) >> (32 * component)) as u32;
+            Role::Callable => {
+                let callers = self.callers(&subgroup.caller);
+                for (index, &input) in program.inputs().iter().enumerate() {
+                    subgroup.rows[first + index].0 = match input {
+                        InputRow::CallableData(word) => gather(&callers, word),
+                        _ => self.common_row(subgroup, records, input),
+                    };
+                }
             }
-            _ if matches!(subgroup.role, Role::RayGeneration | Role::Callable) => return 0,
-            _ => {}
-        }
-        let in_flight = &self.rays[subgroup.ray[lane]];
-        let ray = in_flight.walk().ray();
-        let hit = hit_of(subgroup.role, in_flight);
-        match builtin {
-            Builtin::PrimitiveId => hit.primitive_index,
-            Builtin::InstanceId => hit.instance_index,
-            Builtin::InstanceCustomIndex => hit.instance_custom_index,
-            Builtin::GeometryIndex => hit.geometry_index,
-            Builtin::WorldRayOrigin => ray.origin[component].to_bits(),
-            Builtin::WorldRayDirection => ray.direction[component].to_bits(),
-            Builtin::RayTmin => ray.t_min.to_bits(),
-            Builtin::RayTmax => t_max(subgroup.role, in_flight, &hit).to_bits(),
-            Builtin::IncomingRayFlags => in_flight.flags,
-            Builtin::CullMask => in_flight.cull_mask,
-            Builtin::HitKind => hit.hit_kind as u32,
-            _ => self
-                .instance_builtin(in_flight, &hit, builtin, component)
-                .to_bits(),
+            _ => {
+                let hits = HitLanes::new(self.rays, subgroup);
+                let callers = self.callers(&hits.rays.map(|ray| ray.caller));
+                for (index, &input) in program.inputs().iter().enumerate() {
+                    subgroup.rows[first + index].0 = match input {
+                        InputRow::Payload(word) => gather(&callers, word),
+                        InputRow::HitAttribute(word) => hits.attribute_row(word as usize),
+                        InputRow::Builtin(builtin, component) => hits
+                            .row(builtin, component as usize)
+                            .unwrap_or_else(|| self.common_row(subgroup, records, input)),
+                        InputRow::CallableData(_) => [0; SUBGROUP_SIZE],
+                    };
+                }
+            }
         }
     }
 
-    /// Built-ins that need the instance.
-    fn instance_builtin(
-        &self,
-        in_flight: &RayInFlight,
-        hit: &Hit,
-        builtin: Builtin,
-        component: usize,
-    ) -> f32 {
-        // SAFETY: as for the walk: the structure is built and bound until the dispatch is complete.
-        let Some(structure) = (unsafe { Structure::at(in_flight.structure) }) else {
-            return 0.0;
-        };
-        let ray = in_flight.walk().ray();
-        // The matrices are row-major 3 × 4 in the structure and column-major 4 × 3 in the shader.
-        let column_major = |matrix: [f32; 12]| matrix[component % 3 * 4 + component / 3];
-        let world_to_object = |point: [f32; 3], w: f32| {
-            let row = &structure.world_to_object(hit.instance_index)[component * 4..][..4];
-            row[0] * point[0] + row[1] * point[1] + row[2] * point[2] + row[3] * w
-        };
+    /// Inputs that every stage has.
+    fn common_row(&self, subgroup: &Subgroup, records: &Lanes<u64>, input: InputRow) -> Row {
+        match input {
+            InputRow::Builtin(Builtin::LaunchId, component) => subgroup
+                .launch
+                .map(|launch| self.grid.launch_id(launch)[component as usize]),
+            InputRow::Builtin(Builtin::ShaderRecordAddress, component) => {
+                records.map(|record| ((record + HANDLE_SIZE as u64) >> (32 * component)) as u32)
+            }
+            _ => [0; SUBGROUP_SIZE],
+        }
+    }
+
+    /// Where each lane's caller keeps its payload or callable data.
+    fn callers(&self, callers: &Lanes<LaneRef>) -> Lanes<Data<'_>> {
+        callers.map(|caller| {
+            let subgroup = &self.subgroups[caller.subgroup];
+            let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+            let first = program.layout().io + IO_DATA_ROW;
+            Data {
+                rows: &subgroup.rows[first..first + subgroup.data_words as usize],
+                lane: caller.lane as usize,
+            }
+        })
+    }
+}
+
+/// The payload or callable data of one caller.
+#[derive(Clone, Copy)]
+struct Data<'a> {
+    rows: &'a [AlignedRow],
+    lane: usize,
+}
+
+/// A word of every caller's data; zero past the end of it.
+fn gather(callers: &Lanes<Data<'_>>, word: u32) -> Row {
+    callers.map(|data| {
+        data.rows
+            .get(word as usize)
+            .map_or(0, |row| row.0[data.lane])
+    })
+}
+
+/// The rays of a subgroup of hit or miss shaders, and the hits that they are about.
+struct HitLanes<'a> {
+    role: Role,
+    rays: Lanes<&'a RayInFlight>,
+    hits: Lanes<Hit>,
+    object_to_world: OnceCell<Lanes<[f32; 12]>>,
+    world_to_object: OnceCell<Lanes<[f32; 12]>>,
+    vertices: OnceCell<Lanes<[[f32; 3]; 3]>>,
+}
+
+impl<'a> HitLanes<'a> {
+    fn new(rays: &'a Slab<RayInFlight>, subgroup: &Subgroup) -> Self {
+        let rays = subgroup.ray.map(|ray| &rays[ray]);
+        Self {
+            role: subgroup.role,
+            rays,
+            hits: rays.map(|ray| hit_of(subgroup.role, ray)),
+            object_to_world: OnceCell::new(),
+            world_to_object: OnceCell::new(),
+            vertices: OnceCell::new(),
+        }
+    }
+
+    fn attribute_row(&self, word: usize) -> Row {
+        std::array::from_fn(|lane| {
+            let (ray, hit) = (self.rays[lane], &self.hits[lane]);
+            if hit.triangle {
+                return hit
+                    .barycentrics
+                    .get(word)
+                    .map_or(0, |weight| weight.to_bits());
+            }
+            let attributes = match self.role {
+                Role::AnyHitOfReport => &ray.report.attributes,
+                _ => &ray.attributes,
+            };
+            attributes.get(word).copied().unwrap_or(0)
+        })
+    }
+
+    fn of_hits(&self, word: impl Fn(&Hit) -> u32) -> Option<Row> {
+        Some(std::array::from_fn(|lane| word(&self.hits[lane])))
+    }
+
+    fn of_rays(&self, word: impl Fn(&RayInFlight) -> u32) -> Option<Row> {
+        Some(std::array::from_fn(|lane| word(self.rays[lane])))
+    }
+
+    fn of_structures<T: Default>(&self, read: impl Fn(Structure, &Hit) -> T) -> Lanes<T> {
+        std::array::from_fn(|lane| {
+            // SAFETY: as for the walk: the structure is built and bound until the dispatch is complete.
+            let structure = unsafe { Structure::at(self.rays[lane].structure) };
+            structure.map_or_else(T::default, |structure| read(structure, &self.hits[lane]))
+        })
+    }
+
+    fn object_to_world(&self) -> &Lanes<[f32; 12]> {
+        self.object_to_world.get_or_init(|| {
+            self.of_structures(|structure, hit| structure.object_to_world(hit.instance_index))
+        })
+    }
+
+    fn world_to_object(&self) -> &Lanes<[f32; 12]> {
+        self.world_to_object.get_or_init(|| {
+            self.of_structures(|structure, hit| structure.world_to_object(hit.instance_index))
+        })
+    }
+
+    /// A row of a built-in that hit or miss shaders have; `None` for those that every stage has.
+    fn row(&self, builtin: Builtin, component: usize) -> Option<Row> {
         match builtin {
-            Builtin::ObjectToWorld => column_major(structure.object_to_world(hit.instance_index)),
-            Builtin::WorldToObject => column_major(structure.world_to_object(hit.instance_index)),
-            Builtin::ObjectRayOrigin => world_to_object(ray.origin, 1.0),
-            Builtin::ObjectRayDirection => world_to_object(ray.direction, 0.0),
+            Builtin::PrimitiveId => self.of_hits(|hit| hit.primitive_index),
+            Builtin::InstanceId => self.of_hits(|hit| hit.instance_index),
+            Builtin::InstanceCustomIndex => self.of_hits(|hit| hit.instance_custom_index),
+            Builtin::GeometryIndex => self.of_hits(|hit| hit.geometry_index),
+            Builtin::HitKind => self.of_hits(|hit| hit.hit_kind as u32),
+            Builtin::WorldRayOrigin => {
+                self.of_rays(|ray| ray.walk().ray().origin[component].to_bits())
+            }
+            Builtin::WorldRayDirection => {
+                self.of_rays(|ray| ray.walk().ray().direction[component].to_bits())
+            }
+            Builtin::RayTmin => self.of_rays(|ray| ray.walk().ray().t_min.to_bits()),
+            Builtin::RayTmax => Some(self.t_max_row()),
+            Builtin::IncomingRayFlags => self.of_rays(|ray| ray.flags),
+            Builtin::CullMask => self.of_rays(|ray| ray.cull_mask),
+            Builtin::ObjectToWorld => Some(column_major(self.object_to_world(), component)),
+            Builtin::WorldToObject => Some(column_major(self.world_to_object(), component)),
+            Builtin::ObjectRayOrigin => Some(self.object_ray_row(component, true)),
+            Builtin::ObjectRayDirection => Some(self.object_ray_row(component, false)),
             Builtin::HitTriangleVertexPositions => {
-                structure.triangle_vertices(hit)[component / 3][component % 3]
+                let vertices = self.vertices.get_or_init(|| {
+                    self.of_structures(|structure, hit| structure.triangle_vertices(hit))
+                });
+                Some(std::array::from_fn(|lane| {
+                    vertices[lane][component / 3][component % 3].to_bits()
+                }))
             }
-            _ => 0.0,
+            _ => None,
         }
     }
+
+    /// `RayTmaxKHR`: the hit's distance in hit shaders, the end of the interval as it stands in the others.
+    fn t_max_row(&self) -> Row {
+        match self.role {
+            Role::AnyHit | Role::AnyHitOfReport | Role::ClosestHit => {
+                self.hits.map(|hit| hit.t.to_bits())
+            }
+            _ => self.rays.map(|ray| ray.walk().t_max().to_bits()),
+        }
+    }
+
+    /// A component of the ray in the instance's space: the matrix rows times the origin or the direction.
+    fn object_ray_row(&self, component: usize, origin: bool) -> Row {
+        let matrices = self.world_to_object();
+        std::array::from_fn(|lane| {
+            let ray = self.rays[lane].walk().ray();
+            let (vector, w) = if origin {
+                (ray.origin, 1.0)
+            } else {
+                (ray.direction, 0.0)
+            };
+            let row = &matrices[lane][component * 4..][..4];
+            (row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2] + row[3] * w).to_bits()
+        })
+    }
+}
+
+/// A component of a 4 × 3 column-major shader matrix, from row-major 3 × 4 ones.
+fn column_major(matrices: &Lanes<[f32; 12]>, component: usize) -> Row {
+    std::array::from_fn(|lane| matrices[lane][component % 3 * 4 + component / 3].to_bits())
 }
 
 /// The hit that an invocation of this role is about.
@@ -148,28 +247,4 @@ fn hit_of(role: Role, ray: &RayInFlight) -> Hit {
         },
         _ => ray.walk().committed().copied().unwrap_or_default(),
     }
-}
-
-/// `RayTmaxKHR`: the hit's distance in hit shaders, the end of the interval as it stands in the others.
-fn t_max(role: Role, ray: &RayInFlight, hit: &Hit) -> f32 {
-    match role {
-        Role::AnyHit | Role::AnyHitOfReport | Role::ClosestHit => hit.t,
-        _ => ray.walk().t_max(),
-    }
-}
-
-/// The attribute words of a report, from the yield's operands.
-pub fn reported_attributes(
-    subgroup: &Subgroup,
-    program: &Program,
-    words: u32,
-    lane: usize,
-) -> [u32; MAX_ATTRIBUTE_WORDS] {
-    std::array::from_fn(|word| {
-        if (word as u32) < words {
-            subgroup.io(program, IO_DATA_ROW + word, lane)
-        } else {
-            0
-        }
-    })
 }

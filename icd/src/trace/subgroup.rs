@@ -1,7 +1,7 @@
 //! A subgroup of invocations in flight: its program's state, and whom each lane answers.
 #![forbid(unsafe_code)]
 
-use spirv_jit::program::{AlignedRow, IO_DATA_ROW};
+use spirv_jit::program::AlignedRow;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::table::ProgramIndex;
@@ -73,15 +73,6 @@ impl Subgroup {
     /// Overwrites a word of the yield's operands with a result.
     pub fn set_io(&mut self, program: &Program, row: usize, lane: usize, word: u32) {
         self.rows[program.layout().io + row].0[lane] = word;
-    }
-
-    /// A word of payload, attribute or callable data; zero past what the yield has.
-    pub fn data(&self, program: &Program, word: u32, lane: usize) -> u32 {
-        if word < self.data_words {
-            self.io(program, IO_DATA_ROW + word as usize, lane)
-        } else {
-            0
-        }
     }
 }
 

@@ -3,8 +3,18 @@
 //! Texels are exchanged as four 32-bit words: f32 bits for float and normalised formats, integers (sign- or zero-extended) for
 //! integer formats; 64-bit integer texels as (low, high) in the first two words.
 
+// Loops over lanes index several rows at once, and `max` then `min` is a clamp that turns NaN into a number.
+#![allow(clippy::needless_range_loop, clippy::manual_clamp)]
+
+mod access;
+mod address;
+mod cube;
 pub mod execute;
 pub mod format;
+pub mod lod;
+mod sample;
+#[cfg(test)]
+mod tests;
 
 pub use format::Format;
 
@@ -163,8 +173,7 @@ pub enum ImageOpKind {
 /// An image operation.
 ///
 /// Operands, in order, those that apply: `image: i64` (descriptor address), `sampler: i64` (descriptor address; sample, gather and
-/// query-lod only), coordinates ([`ImageOp::coordinate_count`], f32 for sample/gather/query-lod, else i32; array layer last, except
-/// that query-lod takes none), depth
+/// query-lod only), coordinates ([`ImageOp::coordinate_count`], f32 for sample/gather/query-lod, else i32; array layer last), depth
 /// reference `f32`, lod operands by [`LodMode`], `min_lod: f32` if `has_min_lod`, offsets (i32 per dimension) if `has_offset`, sample index `i32` if `multisampled` (fetch,
 /// read, write, atomic), then texel operands (write: 4; atomic: value, comparator as for `Op::Atomic`).
 /// Results and texels are f32 if `texel` is `F32`, else i32; with `I64` the results are (i64, i64 zero, …) with the value in the first.
@@ -191,9 +200,17 @@ pub struct ImageOp {
 }
 
 impl ImageOp {
-    /// Components of the coordinates, array layer included.
+    /// Components of the coordinates, array layer included: but a level-of-detail query takes no layer, and the third coordinate of a stored cube array
+    /// is its layer already, 6 × cube + face.
     pub fn coordinate_count(&self) -> usize {
-        self.spatial_count() + self.arrayed as usize
+        let is_stored = matches!(
+            self.kind,
+            ImageOpKind::Fetch | ImageOpKind::Read | ImageOpKind::Write | ImageOpKind::Atomic(_)
+        );
+        let has_layer = self.arrayed
+            && self.kind != ImageOpKind::QueryLod
+            && !(is_stored && self.dim == Dim::Cube);
+        self.spatial_count() + has_layer as usize
     }
 
     /// Components of the coordinates without the layer. A cube has 3, as a direction when sampled and as (x, y, face) when fetched or stored.

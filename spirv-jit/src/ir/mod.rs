@@ -63,7 +63,11 @@
 pub mod entities;
 pub mod module;
 pub mod op;
+mod signature;
+pub mod text;
+pub mod verify;
 
 pub use entities::{FunctionId, Label, Value, VariableId};
 pub use module::{Body, Function, InputRow, Inst, Module, Node, Terminator, Variable};
 pub use op::{Op, Space, Type};
+pub use verify::verify;

@@ -1,12 +1,102 @@
 //! IR to better IR. Each pass is a verb-object function in a file of that name; the verifier runs between passes in debug builds.
+//!
+//! `TUFF_PRINT=ir` prints every module before the passes, `pass` after them, and the name of a pass after that one, to standard error.
 
-use crate::{Error, ir};
+#![forbid(unsafe_code)]
+
+pub mod eliminate_dead_code;
+pub mod promote_variables;
+pub mod prune_parameters;
+mod substitution;
+
+use std::sync::OnceLock;
+
+use crate::error::{Error, ErrorKind};
+use crate::ir::{self, Module, text::print_module};
+
+/// A pass by name.
+pub struct Pass {
+    pub name: &'static str,
+    run: Run,
+}
+
+/// What a pass looks at.
+enum Run {
+    Module(fn(&mut Module)),
+    Function(fn(&mut ir::Function)),
+}
+
+macro_rules! pass {
+    ($kind:ident, $($path:ident)::+, $name:ident) => {
+        Pass { name: stringify!($name), run: Run::$kind($($path::)+$name) }
+    };
+}
+
+/// The passes, in no order.
+pub const PASSES: &[Pass] = &[
+    pass!(Function, promote_variables, promote_variables),
+    pass!(Function, prune_parameters, prune_parameters),
+    pass!(Function, eliminate_dead_code, eliminate_dead_code),
+    pass!(Module, eliminate_dead_code, eliminate_unused_tables),
+];
+
+/// The order in which they run.
+const ORDER: &[&str] = &[
+    "eliminate_dead_code",
+    "promote_variables",
+    "prune_parameters",
+    "eliminate_dead_code",
+    "eliminate_unused_tables",
+];
 
 /// Runs all passes in order.
 ///
 /// # Errors
-/// A budget exceeded.
-pub fn optimize(module: &mut ir::Module) -> Result<(), Error> {
-    let _ = module;
+/// A module that the verifier refuses: every pass may rely on it.
+pub fn optimize(module: &mut Module) -> Result<(), Error> {
+    print_if("ir", "lowered", module);
+    ir::verify(module).map_err(|message| Error {
+        kind: ErrorKind::Invalid,
+        word_offset: None,
+        message: format!("lowering made an invalid module: {message}"),
+    })?;
+    for name in ORDER {
+        run_pass(name, module);
+    }
+    print_if("pass", "optimised", module);
     Ok(())
+}
+
+/// Runs one pass by name; whether there is one of that name.
+pub fn run_pass(name: &str, module: &mut Module) -> bool {
+    let Some(pass) = PASSES.iter().find(|pass| pass.name == name) else {
+        return false;
+    };
+    match pass.run {
+        Run::Module(run) => run(module),
+        Run::Function(run) => module.functions.iter_mut().for_each(run),
+    }
+    print_if(name, name, module);
+    check(name, module);
+    true
+}
+
+fn check(after: &str, module: &Module) {
+    if cfg!(debug_assertions)
+        && let Err(message) = ir::verify(module)
+    {
+        panic!("after {after}: {message}\n{}", print_module(module));
+    }
+}
+
+/// Prints the module if `TUFF_PRINT` asks for it.
+fn print_if(switch: &str, title: &str, module: &Module) {
+    static SWITCHES: OnceLock<Vec<String>> = OnceLock::new();
+    let switches = SWITCHES.get_or_init(|| {
+        let value = std::env::var("TUFF_PRINT").unwrap_or_default();
+        value.split(',').map(str::to_owned).collect()
+    });
+    if switches.iter().any(|wanted| wanted == switch) {
+        eprintln!("; {title}\n{}", print_module(module));
+    }
 }

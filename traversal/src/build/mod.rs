@@ -1,7 +1,29 @@
 //! Building and updating structures.
+//!
+//! A build collects a box for each active primitive, sorts them into a binary tree ([`tree`]),
+//! decides how that becomes an 8-wide one ([`collapse`]), and writes it ([`emit`]). All of its
+//! working memory is the caller's scratch. Where the tree would not fit the size that was
+//! promised, or would be too deep, a packed one is written that always does.
 
-use crate::input::{BuildFlags, BuildInput};
-use crate::structure::Kind;
+mod collapse;
+mod emit;
+mod instance;
+mod primitive;
+mod refit;
+mod tree;
+mod vertex;
+
+use crate::input::{BuildFlags, BuildInput, Geometries, GeometryFlags};
+use crate::layout::{
+    Bounds, GROUP, GeometryEntry, Header, LEAF_TRIANGLES, MAGIC, MAX_DEPTH, Node, Parts, VERSION,
+    features, leaf_bytes,
+};
+use crate::structure::{Kind, Structure};
+use collapse::Costs;
+use emit::Target;
+use primitive::Primitive;
+pub use refit::update;
+use tree::{BinaryNode, SplitRules};
 
 /// Memory for a build, in bytes: upper bounds that hold for any input of that shape.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -29,10 +51,66 @@ pub enum BuildError {
     OutOfMemory,
 }
 
+impl std::fmt::Display for BuildError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            BuildError::Destination => "the destination is too small or misaligned",
+            BuildError::Scratch => "the scratch memory is too small",
+            BuildError::Source => "the source does not fit the update",
+            BuildError::TooLarge => "too many geometries or primitives",
+            BuildError::OutOfMemory => "out of memory",
+        })
+    }
+}
+
+impl std::error::Error for BuildError {}
+
+/// Geometries of one structure and instances of a top level, at most.
+pub const MAX_GEOMETRIES: u64 = (1 << 24) - 1;
+/// Primitives of a bottom level, at most.
+pub const MAX_PRIMITIVES: u64 = (1 << 29) - 1;
+
+/// Alignment that scratch memory is brought to inside; its size has room for that.
+const SCRATCH_ALIGNMENT: usize = 64;
+
 /// How much memory a build of `kind` needs whose geometry `i` has at most
 /// `max_primitive_counts[i]` primitives. For instances, there is one geometry.
+///
+/// Never decreases when a count or the number of geometries increases.
 pub fn build_sizes(kind: Kind, flags: BuildFlags, max_primitive_counts: &[u32]) -> BuildSizes {
-    unimplemented!("{kind:?} {flags:?} {max_primitive_counts:?}")
+    let count: u64 = max_primitive_counts.iter().map(|&c| u64::from(c)).sum();
+    let scratch = count * (size_of::<Primitive>() + 2 * size_of::<BinaryNode>()) as u64;
+    BuildSizes {
+        structure_bytes: structure_bytes(kind, max_primitive_counts.len() as u64, count),
+        build_scratch_bytes: scratch + SCRATCH_ALIGNMENT as u64,
+        // A refit works in place.
+        update_scratch_bytes: if flags.contains(BuildFlags::ALLOW_UPDATE) {
+            SCRATCH_ALIGNMENT as u64
+        } else {
+            0
+        },
+    }
+}
+
+/// The promised size. Per primitive, each constant is well above what [`Target::write_packed`]
+/// takes; few primitives may each have a leaf and a node of their own.
+fn structure_bytes(kind: Kind, geometries: u64, primitives: u64) -> u64 {
+    let node = size_of::<Node>() as u64;
+    let leaf = leaf_bytes(kind);
+    let (each, extra) = match kind {
+        // 48 bytes in full groups, 256 / 56 of nodes; the rest is for sparser leaves.
+        Kind::Triangles => (96, 3072),
+        // 256 / 7 of nodes.
+        Kind::Aabbs | Kind::Instances => (leaf + 64, 3072),
+    };
+    let sparse = primitives * (leaf + node);
+    let dense = primitives * each + extra;
+    // What is there without nodes and leaves, with the reference table of all instances.
+    let fixed = match kind {
+        Kind::Instances => Parts::new(kind, geometries, 0, primitives).leaves_offset,
+        _ => Parts::new(kind, geometries, 0, 0).leaves_offset,
+    };
+    (fixed + sparse.min(dense).max(node)).next_multiple_of(256)
 }
 
 /// Builds a structure into `destination` (256-byte aligned) and returns how many of its bytes it
@@ -50,27 +128,280 @@ pub unsafe fn build(
     destination: &mut [u8],
     scratch: &mut [u8],
 ) -> Result<u64, BuildError> {
-    unimplemented!("{input:?} {} {}", destination.len(), scratch.len())
+    let shape = Shape::of(&input.geometries)?;
+    let promised = structure_bytes(shape.kind, shape.geometries, shape.primitives);
+    if (destination.len() as u64) < promised || !(destination.as_ptr() as usize).is_multiple_of(256)
+    {
+        return Err(BuildError::Destination);
+    }
+    let count = shape.primitives as usize;
+    let (primitives, nodes) = carve(scratch, count).ok_or(BuildError::Scratch)?;
+    // SAFETY: the caller's promise.
+    let active = unsafe { primitive::collect(&input.geometries, input.flags, primitives) };
+    let primitives = &mut primitives[..active];
+
+    let mut target = Target {
+        base: destination.as_mut_ptr(),
+        parts: Parts::new(shape.kind, shape.geometries, 1, 0),
+        kind: shape.kind,
+        geometries: &input.geometries,
+    };
+    let mut written = Written {
+        node_count: 1,
+        leaf_count: target.leaves_of(0),
+        depth: 1,
+        bounds: Bounds::EMPTY,
+    };
+    let leaves = |leaves: u32| match shape.kind {
+        // One record an instance, active or not.
+        Kind::Instances => count as u32,
+        _ => leaves,
+    };
+    if active == 0 {
+        written.leaf_count = leaves(0);
+        target.parts = Parts::new(shape.kind, shape.geometries, 1, written.leaf_count.into());
+        // SAFETY: the promised size has room for a node.
+        unsafe { target.write_node(0, &Node::EMPTY) };
+    } else {
+        let nodes = &mut nodes[..2 * active - 1];
+        let costs = grow(shape.kind, input.flags, primitives, nodes);
+        let fits = |nodes: u32, leaves: u32| {
+            let parts = Parts::new(shape.kind, shape.geometries, nodes.into(), leaves.into());
+            parts.size_bytes <= promised
+        };
+        let mut depth = collapse::plan(nodes, &costs);
+        if !fits(nodes[0].wide_nodes, leaves(nodes[0].wide_leaves)) {
+            // Fuller leaves, at some cost to the walk.
+            depth = collapse::plan(
+                nodes,
+                &Costs {
+                    leaf_forced: costs.leaf_max / 2,
+                    ..costs
+                },
+            );
+        }
+        let planned = (nodes[0].wide_nodes, leaves(nodes[0].wide_leaves));
+        if depth <= MAX_DEPTH && fits(planned.0, planned.1) {
+            written = Written {
+                node_count: planned.0,
+                leaf_count: planned.1,
+                depth,
+                bounds: nodes[0].bounds(),
+            };
+            target.parts = written.parts(&shape);
+            // SAFETY: the parts are inside the destination, and the plan fills exactly them.
+            unsafe { target.write_tree(nodes, primitives, 0, 0) };
+        } else {
+            written = Written {
+                node_count: target.packed_nodes(active),
+                leaf_count: leaves(packed_leaves(&target, active)),
+                depth: target.packed_depth(active),
+                bounds: Bounds::EMPTY,
+            };
+            target.parts = written.parts(&shape);
+            debug_assert!(target.parts.size_bytes <= promised);
+            // SAFETY: as above.
+            written.bounds = unsafe { target.write_packed(primitives, 0, 0) };
+        }
+    }
+    let mut origin_error = 0.0;
+    if let Geometries::Instances(source) = &input.geometries {
+        // SAFETY: the caller's promise; the parts have a record for each instance.
+        origin_error = unsafe { refit::write_instances(&target, source) };
+    }
+    // SAFETY: the parts are inside the destination.
+    unsafe { write_head(&target, input, &shape, &written, origin_error) };
+    Ok(target.parts.size_bytes)
 }
 
-/// Updates a structure: same geometries and primitive counts, new positions, transforms and
-/// instances. `source` is the structure to start from; `None` updates `destination` in place.
+/// Leaves of a packed tree: only the last child is not full.
+fn packed_leaves(target: &Target<'_>, count: usize) -> u32 {
+    let full = target.leaf_max();
+    (count / full) as u32 * target.leaves_of(full) + target.leaves_of(count % full)
+}
+
+/// Builds the binary tree and says what collapsing it costs.
+fn grow(
+    kind: Kind,
+    flags: BuildFlags,
+    primitives: &mut [Primitive],
+    nodes: &mut [BinaryNode],
+) -> Costs {
+    let (block, leaf_max, block_cost, stop) = match kind {
+        Kind::Triangles => (GROUP as u32, LEAF_TRIANGLES as u32, 1.0, 2),
+        Kind::Aabbs => (1, 1, 2.0, 2),
+        Kind::Instances => (1, 1, 4.0, 2),
+    };
+    let rules = SplitRules::new(block, stop, primitives);
+    tree::build(primitives, nodes, &rules);
+    let small = flags.contains(BuildFlags::LOW_MEMORY);
+    Costs {
+        node: 1.0,
+        block: block_cost,
+        block_size: block,
+        leaf_max,
+        leaf_forced: if small { leaf_max } else { leaf_max / 4 },
+        scale: rules.scale,
+    }
+}
+
+/// What kind of structure an input makes, and how large.
+pub(crate) struct Shape {
+    pub kind: Kind,
+    pub geometries: u64,
+    pub primitives: u64,
+}
+
+impl Shape {
+    pub fn of(geometries: &Geometries<'_>) -> Result<Shape, BuildError> {
+        let count = |counts: &mut dyn Iterator<Item = u32>| counts.map(u64::from).sum();
+        let shape = match geometries {
+            Geometries::Triangles(list) => Shape {
+                kind: Kind::Triangles,
+                geometries: list.len() as u64,
+                primitives: count(&mut list.iter().map(|g| g.primitive_count)),
+            },
+            Geometries::Aabbs(list) => Shape {
+                kind: Kind::Aabbs,
+                geometries: list.len() as u64,
+                primitives: count(&mut list.iter().map(|g| g.primitive_count)),
+            },
+            Geometries::Instances(source) => Shape {
+                kind: Kind::Instances,
+                geometries: 1,
+                primitives: source.count.into(),
+            },
+        };
+        let most = match shape.kind {
+            Kind::Instances => MAX_GEOMETRIES,
+            _ => MAX_PRIMITIVES,
+        };
+        if shape.geometries > MAX_GEOMETRIES || shape.primitives > most {
+            return Err(BuildError::TooLarge);
+        }
+        Ok(shape)
+    }
+}
+
+struct Written {
+    node_count: u32,
+    leaf_count: u32,
+    depth: u32,
+    bounds: Bounds,
+}
+
+impl Written {
+    fn parts(&self, shape: &Shape) -> Parts {
+        Parts::new(
+            shape.kind,
+            shape.geometries,
+            self.node_count.into(),
+            self.leaf_count.into(),
+        )
+    }
+}
+
+/// The scratch memory as places for primitives and for a binary tree over them.
+fn carve(scratch: &mut [u8], count: usize) -> Option<(&mut [Primitive], &mut [BinaryNode])> {
+    let start = scratch.as_ptr().align_offset(SCRATCH_ALIGNMENT);
+    let primitive_bytes = count * size_of::<Primitive>();
+    let node_bytes = count * 2 * size_of::<BinaryNode>();
+    let bytes = scratch.get_mut(start..start + primitive_bytes + node_bytes)?;
+    let (primitives, nodes) = bytes.split_at_mut(primitive_bytes);
+    // SAFETY: aligned to 64 bytes, long enough, disjoint, and both types are plain numbers for
+    // which any bytes will do.
+    unsafe {
+        Some((
+            std::slice::from_raw_parts_mut(primitives.as_mut_ptr().cast(), count),
+            std::slice::from_raw_parts_mut(nodes.as_mut_ptr().cast(), 2 * count),
+        ))
+    }
+}
+
+/// Writes the header and the geometry table, and zeros in the gaps between parts.
 ///
 /// # Safety
-/// As for [`build`].
-///
-/// # Errors
-/// See [`BuildError`]; [`BuildError::Source`] if `source` does not fit `input`.
-pub unsafe fn update(
+/// The target's parts are inside memory that is the caller's to write.
+unsafe fn write_head(
+    target: &Target<'_>,
     input: &BuildInput<'_>,
-    source: Option<&[u8]>,
-    destination: &mut [u8],
-    scratch: &mut [u8],
-) -> Result<u64, BuildError> {
-    unimplemented!(
-        "{input:?} {} {} {}",
-        source.is_some(),
-        destination.len(),
-        scratch.len()
-    )
+    shape: &Shape,
+    written: &Written,
+    origin_error: f32,
+) {
+    let parts = &target.parts;
+    let gap = |start: u64, end: u64| {
+        // SAFETY: inside the blob.
+        unsafe {
+            target
+                .base
+                .add(start as usize)
+                .write_bytes(0, (end - start) as usize);
+        }
+    };
+    let mut all_features = 0;
+    let mut first_primitive = 0;
+    let mut entry = |index: usize, primitive_count: u32, flags: GeometryFlags| {
+        all_features |= if flags.contains(GeometryFlags::OPAQUE) {
+            features::OPAQUE
+        } else {
+            features::NOT_OPAQUE
+        };
+        let entry = GeometryEntry {
+            first_primitive,
+            primitive_count,
+            flags: flags.0,
+        };
+        first_primitive += u64::from(primitive_count);
+        let offset = parts.geometries_offset as usize + index * size_of::<GeometryEntry>();
+        // SAFETY: inside the geometry table; 16-byte aligned.
+        unsafe { target.base.add(offset).cast::<GeometryEntry>().write(entry) };
+    };
+    match &input.geometries {
+        Geometries::Triangles(list) => list
+            .iter()
+            .enumerate()
+            .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),
+        Geometries::Aabbs(list) => list
+            .iter()
+            .enumerate()
+            .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),
+        Geometries::Instances(source) => entry(0, source.count, source.flags),
+    }
+    let table_end = parts.geometries_offset + shape.geometries * size_of::<GeometryEntry>() as u64;
+    gap(table_end, parts.references_offset);
+    let references_end = parts.references_offset
+        + match shape.kind {
+            Kind::Instances => u64::from(written.leaf_count) * 8,
+            _ => 0,
+        };
+    gap(references_end, parts.nodes_offset);
+    let leaves_end = parts.leaves_offset + u64::from(written.leaf_count) * leaf_bytes(shape.kind);
+    gap(leaves_end, parts.size_bytes);
+    let header = Header {
+        magic: MAGIC,
+        version: VERSION,
+        kind: shape.kind as u32,
+        flags: input.flags.0,
+        geometry_count: shape.geometries as u32,
+        primitive_count: shape.primitives,
+        size_bytes: parts.size_bytes,
+        node_count: written.node_count,
+        leaf_count: written.leaf_count,
+        geometries_offset: parts.geometries_offset,
+        references_offset: parts.references_offset,
+        nodes_offset: parts.nodes_offset,
+        leaves_offset: parts.leaves_offset,
+        bounds: written.bounds,
+        origin_error,
+        features: all_features,
+        depth: written.depth,
+        reserved: [0; 29],
+    };
+    // SAFETY: the blob begins with its header.
+    unsafe { target.base.cast::<Header>().write(header) };
+    debug_assert!(
+        // SAFETY: just written.
+        unsafe { Structure::at(target.base.expose_provenance() as u64) }.is_some()
+    );
 }

@@ -22,7 +22,16 @@
 //! }
 //! ```
 
-use crate::ray::{Hit, Ray};
+#[cfg(target_arch = "x86_64")]
+mod avx;
+mod kernel;
+mod space;
+mod triangle;
+mod walker;
+
+use crate::ray::{Hit, Ray, ray_flags};
+use walker::Entry;
+pub use walker::{Tier, Walker};
 
 /// What the caller decided about the last event.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -51,30 +60,39 @@ pub enum Event {
     OutOfFuel,
 }
 
-/// What a thread needs to run walks: the stack and the set-up of the ray being walked. Large
-/// (some kilobytes), reused for every walk of the thread; holds nothing between calls that a
-/// suspended walk needs.
-pub struct Walker {
-    _private: (),
-}
-
-impl Walker {
-    /// A walker for one thread.
-    pub fn new() -> Box<Walker> {
-        Box::new(Walker { _private: () })
-    }
-}
-
 /// One ray's way through a scene. Small: the live part of the stack is kept beside it only while
 /// the walk is suspended.
 #[derive(Clone, Debug)]
 pub struct Walk {
     ray: Ray,
+    top_level: u64,
+    /// The committed hit; before there is one, its `t` is the ray's `t_max`.
     hit: Hit,
     candidate: Hit,
+    has_hit: bool,
+    state: State,
+    /// The instance that the walk is in.
+    instance: u32,
+    /// Entries of `pending` that belong to the top level.
+    floor: u32,
+    /// The leaf at which the walk stopped, and its first primitive to look at.
+    leaf: Option<(u32, u32)>,
+    pending: Vec<Entry>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Fresh,
+    /// Waiting for a verdict on the candidate.
+    AnyHit,
+    Procedural,
+    OutOfFuel,
+    Done,
 }
 
 impl Walk {
+    pub(crate) const NO_INSTANCE: u32 = u32::MAX;
+
     /// A walk that has not started. `top_level` is the address of a top-level structure; with 0
     /// the ray misses.
     ///
@@ -82,7 +100,21 @@ impl Walk {
     /// `top_level` and the bottom levels it refers to must be 0 or built structures, and stay
     /// unchanged until the walk is dropped or done.
     pub unsafe fn new(top_level: u64, ray: &Ray) -> Walk {
-        unimplemented!("{top_level} {ray:?}")
+        Walk {
+            ray: *ray,
+            top_level,
+            hit: Hit {
+                t: ray.t_max,
+                ..Hit::default()
+            },
+            candidate: Hit::default(),
+            has_hit: false,
+            state: State::Fresh,
+            instance: Self::NO_INSTANCE,
+            floor: 0,
+            leaf: None,
+            pending: Vec::new(),
+        }
     }
 
     /// Starts over with another ray, keeping memory.
@@ -90,14 +122,43 @@ impl Walk {
     /// # Safety
     /// As for [`Self::new`].
     pub unsafe fn restart(&mut self, top_level: u64, ray: &Ray) {
-        unimplemented!("{top_level} {ray:?}")
+        let mut pending = std::mem::take(&mut self.pending);
+        pending.clear();
+        // SAFETY: the caller's promise.
+        *self = Walk {
+            pending,
+            ..unsafe { Walk::new(top_level, ray) }
+        };
     }
 
     /// Goes on until something has to be decided outside. Each visited node and each leaf costs one
     /// unit of `fuel`.
     pub fn resume(&mut self, walker: &mut Walker, verdict: Verdict, fuel: &mut u64) -> Event {
-        let _ = walker;
-        unimplemented!("{verdict:?} {fuel}")
+        let accepts = matches!(verdict, Verdict::Accept | Verdict::AcceptAndTerminate);
+        let ends = matches!(verdict, Verdict::Terminate | Verdict::AcceptAndTerminate);
+        let over = match self.state {
+            State::Fresh => {
+                self.pending.push(Entry::default());
+                !walker::is_sound(&self.ray)
+            }
+            State::AnyHit if accepts => self.commit(self.candidate),
+            // An intersection shader's hit may have ended the walk already.
+            State::Procedural => self.has_hit && self.terminates_on_first_hit(),
+            State::AnyHit | State::OutOfFuel => false,
+            State::Done => true,
+        };
+        let event = if over || ends {
+            Event::Done
+        } else {
+            walker::run(self, walker, fuel)
+        };
+        self.state = match event {
+            Event::Done => State::Done,
+            Event::AnyHitCandidate => State::AnyHit,
+            Event::ProceduralCandidate => State::Procedural,
+            Event::OutOfFuel => State::OutOfFuel,
+        };
+        event
     }
 
     /// The ray this walk was made for.
@@ -122,13 +183,37 @@ impl Walk {
 
     /// The committed hit.
     pub fn committed(&self) -> Option<&Hit> {
-        unimplemented!()
+        self.has_hit.then_some(&self.hit)
     }
 
     /// Commits a hit that an intersection shader reported for the current box candidate, at
     /// `t_min() <= t <= t_max()`. Returns whether the walk is over by it (the ray terminates on
     /// its first hit), so that the intersection shader ends at once.
     pub fn commit_procedural(&mut self, t: f32, hit_kind: u8) -> bool {
-        unimplemented!("{t} {hit_kind}")
+        self.commit(Hit {
+            t,
+            hit_kind,
+            ..self.candidate
+        })
+    }
+
+    fn terminates_on_first_hit(&self) -> bool {
+        self.ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0
+    }
+
+    /// Returns whether the walk is over.
+    fn commit(&mut self, hit: Hit) -> bool {
+        self.hit = hit;
+        self.has_hit = true;
+        self.terminates_on_first_hit()
+    }
+
+    /// Whether a triangle is to be preferred to what is committed. Among opaque triangles at the
+    /// same distance the one with the least instance, geometry and primitive is, so that the order
+    /// of the walk does not show.
+    fn is_nearer(&self, hit: &Hit) -> bool {
+        let key = |hit: &Hit| (hit.instance_index, hit.geometry_index, hit.primitive_index);
+        let comparable = self.has_hit && hit.opaque && self.hit.opaque && self.hit.triangle;
+        hit.t < self.hit.t || comparable && hit.t == self.hit.t && key(hit) < key(&self.hit)
     }
 }

@@ -1,0 +1,50 @@
+//! Commands on acceleration structures and ray tracing dispatches.
+
+#![forbid(unsafe_code)]
+
+use ash::vk;
+
+use crate::execute::acceleration_structure::{Build, CopyMode, Storage};
+use crate::handle::Ref;
+use crate::object::QueryPool;
+use crate::trace::table::Tables;
+
+/// A recorded command of the ray tracing extensions.
+pub enum RayTracingCommand {
+    /// `vkCmdBuildAccelerationStructuresKHR`.
+    Build(Vec<Build>),
+    /// `vkCmdBuildAccelerationStructuresIndirectKHR`.
+    BuildIndirect(Vec<IndirectBuild>),
+    /// `vkCmdCopyAccelerationStructureKHR`.
+    Copy {
+        source: Storage,
+        destination: Storage,
+        mode: CopyMode,
+    },
+    /// `vkCmdCopyAccelerationStructureToMemoryKHR`.
+    Serialize { source: Storage, destination: u64 },
+    /// `vkCmdCopyMemoryToAccelerationStructureKHR`.
+    Deserialize { source: u64, destination: Storage },
+    /// `vkCmdWriteAccelerationStructuresPropertiesKHR`.
+    WriteProperties {
+        structures: Vec<u64>,
+        query_type: vk::QueryType,
+        pool: Ref<QueryPool>,
+        first: u32,
+    },
+    /// `vkCmdTraceRaysKHR`.
+    TraceRays { tables: Tables, extent: [u32; 3] },
+    /// `vkCmdTraceRaysIndirectKHR`: the address of a `VkTraceRaysIndirectCommandKHR`.
+    TraceRaysIndirect { tables: Tables, address: u64 },
+}
+
+/// A build whose ranges an earlier command may write.
+pub struct IndirectBuild {
+    /// Without ranges.
+    pub build: Build,
+    /// Device address of the first `VkAccelerationStructureBuildRangeInfoKHR`.
+    pub ranges: u64,
+    pub stride_bytes: u32,
+    /// Per geometry: what its range's primitive count may be at most.
+    pub max_primitive_counts: Vec<u32>,
+}

@@ -1,0 +1,225 @@
+//! `VK_KHR_acceleration_structure`: objects, sizes, and the commands on the host and on the device.
+
+use std::ffi::c_void;
+
+use ash::vk;
+use traversal::BuildFlags;
+
+use crate::command::ray_tracing::IndirectBuild;
+use crate::command::{Command, RayTracingCommand};
+use crate::execute::acceleration_structure::{self as execute, CopyMode};
+use crate::execute::ray_tracing;
+use crate::ffi::acceleration_structure::{
+    decode_build, decode_builds, geometries, kind, resolve_host_instances, storage,
+};
+use crate::ffi::{commands, entry, slice};
+use crate::handle::{self, from_handle, retain};
+use crate::object::{AccelerationStructure, Buffer, Device, QueryPool};
+use crate::table::limits;
+
+fn copy_mode(mode: vk::CopyAccelerationStructureModeKHR) -> CopyMode {
+    match mode {
+        vk::CopyAccelerationStructureModeKHR::COMPACT => CopyMode::Compact,
+        _ => CopyMode::Clone,
+    }
+}
+
+/// A host command is complete when it returns, whether it was to be deferred or not.
+fn not_deferred(operation: vk::DeferredOperationKHR) -> crate::VkResult {
+    match operation == vk::DeferredOperationKHR::null() {
+        true => Ok(()),
+        false => Err(vk::Result::OPERATION_NOT_DEFERRED_KHR),
+    }
+}
+
+entry! {
+    fn vkCreateAccelerationStructureKHR(
+        _device: vk::Device,
+        info: *const vk::AccelerationStructureCreateInfoKHR<'_>,
+        _allocator: *const vk::AllocationCallbacks<'_>,
+        structure: *mut vk::AccelerationStructureKHR,
+    ) -> vk::Result {
+        let info = &*info;
+        *structure = handle::create(AccelerationStructure {
+            ty: info.ty,
+            buffer: retain::<Buffer>(info.buffer),
+            offset: info.offset,
+            size_bytes: info.size,
+        });
+        Ok(())
+    }
+
+    fn vkDestroyAccelerationStructureKHR(
+        _device: vk::Device,
+        structure: vk::AccelerationStructureKHR,
+        _allocator: *const vk::AllocationCallbacks<'_>,
+    ) {
+        drop(handle::take::<AccelerationStructure>(structure));
+    }
+
+    fn vkGetAccelerationStructureDeviceAddressKHR(
+        _device: vk::Device,
+        info: *const vk::AccelerationStructureDeviceAddressInfoKHR<'_>,
+    ) -> vk::DeviceAddress {
+        storage((*info).acceleration_structure).address
+    }
+
+    fn vkGetAccelerationStructureBuildSizesKHR(
+        _device: vk::Device,
+        _build_type: vk::AccelerationStructureBuildTypeKHR,
+        info: *const vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
+        max_primitive_counts: *const u32,
+        sizes: *mut vk::AccelerationStructureBuildSizesInfoKHR<'_>,
+    ) {
+        let kind = kind((*info).ty, &geometries(&*info));
+        let counts = slice(max_primitive_counts, (*info).geometry_count);
+        let found = traversal::build_sizes(kind, BuildFlags((*info).flags.as_raw()), counts);
+        (*sizes).acceleration_structure_size = found.structure_bytes;
+        (*sizes).build_scratch_size = found.build_scratch_bytes;
+        (*sizes).update_scratch_size = found.update_scratch_bytes;
+    }
+
+    fn vkGetDeviceAccelerationStructureCompatibilityKHR(
+        _device: vk::Device,
+        info: *const vk::AccelerationStructureVersionInfoKHR<'_>,
+        compatibility: *mut vk::AccelerationStructureCompatibilityKHR,
+    ) {
+        *compatibility = ray_tracing::compatibility((*info).p_version_data.cast());
+    }
+
+    fn vkBuildAccelerationStructuresKHR(
+        device: vk::Device,
+        operation: vk::DeferredOperationKHR,
+        count: u32,
+        infos: *const vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
+        ranges: *const *const vk::AccelerationStructureBuildRangeInfoKHR,
+    ) -> vk::Result {
+        let mut builds = decode_builds(count, infos, ranges);
+        let _records: Vec<_> = builds.iter_mut().map(|build| resolve_host_instances(build)).collect();
+        from_handle::<Device>(device).engine.workers.install(|| ray_tracing::build(&builds));
+        not_deferred(operation)
+    }
+
+    fn vkCopyAccelerationStructureKHR(
+        _device: vk::Device,
+        operation: vk::DeferredOperationKHR,
+        info: *const vk::CopyAccelerationStructureInfoKHR<'_>,
+    ) -> vk::Result {
+        execute::copy(storage((*info).src), storage((*info).dst), copy_mode((*info).mode));
+        not_deferred(operation)
+    }
+
+    fn vkCopyAccelerationStructureToMemoryKHR(
+        _device: vk::Device,
+        operation: vk::DeferredOperationKHR,
+        info: *const vk::CopyAccelerationStructureToMemoryInfoKHR<'_>,
+    ) -> vk::Result {
+        execute::serialize(storage((*info).src), (*info).dst.device_address, &limits::serialization_uuids());
+        not_deferred(operation)
+    }
+
+    fn vkCopyMemoryToAccelerationStructureKHR(
+        _device: vk::Device,
+        operation: vk::DeferredOperationKHR,
+        info: *const vk::CopyMemoryToAccelerationStructureInfoKHR<'_>,
+    ) -> vk::Result {
+        execute::deserialize((*info).src.device_address, storage((*info).dst));
+        not_deferred(operation)
+    }
+
+    fn vkWriteAccelerationStructuresPropertiesKHR(
+        _device: vk::Device,
+        count: u32,
+        structures: *const vk::AccelerationStructureKHR,
+        query_type: vk::QueryType,
+        data_bytes: usize,
+        data: *mut c_void,
+        stride_bytes: usize,
+    ) -> vk::Result {
+        for (index, &structure) in slice(structures, count).iter().enumerate() {
+            let offset = index * stride_bytes;
+            if offset + size_of::<u64>() > data_bytes {
+                return Err(vk::Result::ERROR_UNKNOWN);
+            }
+            let value = execute::property(storage(structure).address, query_type);
+            data.byte_add(offset).cast::<u64>().write_unaligned(value);
+        }
+        Ok(())
+    }
+}
+
+commands! {
+    fn vkCmdBuildAccelerationStructuresKHR(
+        command_buffer,
+        count: u32,
+        infos: *const vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
+        ranges: *const *const vk::AccelerationStructureBuildRangeInfoKHR,
+    ) {
+        let builds = decode_builds(count, infos, ranges);
+        command_buffer.push(Command::RayTracing(RayTracingCommand::Build(builds)))
+    }
+
+    fn vkCmdBuildAccelerationStructuresIndirectKHR(
+        command_buffer,
+        count: u32,
+        infos: *const vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
+        addresses: *const vk::DeviceAddress,
+        strides: *const u32,
+        max_primitive_counts: *const *const u32,
+    ) {
+        let (addresses, strides) = (slice(addresses, count), slice(strides, count));
+        let counts = slice(max_primitive_counts, count);
+        let builds = slice(infos, count).iter().enumerate().map(|(index, info)| IndirectBuild {
+            build: decode_build(info),
+            ranges: addresses[index],
+            stride_bytes: strides[index],
+            max_primitive_counts: slice(counts[index], info.geometry_count).to_vec(),
+        });
+        command_buffer.push(Command::RayTracing(RayTracingCommand::BuildIndirect(builds.collect())))
+    }
+
+    fn vkCmdCopyAccelerationStructureKHR(command_buffer, info: *const vk::CopyAccelerationStructureInfoKHR<'_>) {
+        command_buffer.push(Command::RayTracing(RayTracingCommand::Copy {
+            source: storage((*info).src),
+            destination: storage((*info).dst),
+            mode: copy_mode((*info).mode),
+        }))
+    }
+
+    fn vkCmdCopyAccelerationStructureToMemoryKHR(
+        command_buffer,
+        info: *const vk::CopyAccelerationStructureToMemoryInfoKHR<'_>,
+    ) {
+        command_buffer.push(Command::RayTracing(RayTracingCommand::Serialize {
+            source: storage((*info).src),
+            destination: (*info).dst.device_address,
+        }))
+    }
+
+    fn vkCmdCopyMemoryToAccelerationStructureKHR(
+        command_buffer,
+        info: *const vk::CopyMemoryToAccelerationStructureInfoKHR<'_>,
+    ) {
+        command_buffer.push(Command::RayTracing(RayTracingCommand::Deserialize {
+            source: (*info).src.device_address,
+            destination: storage((*info).dst),
+        }))
+    }
+
+    fn vkCmdWriteAccelerationStructuresPropertiesKHR(
+        command_buffer,
+        count: u32,
+        structures: *const vk::AccelerationStructureKHR,
+        query_type: vk::QueryType,
+        pool: vk::QueryPool,
+        first: u32,
+    ) {
+        let structures = slice(structures, count);
+        command_buffer.push(Command::RayTracing(RayTracingCommand::WriteProperties {
+            structures: structures.iter().map(|&structure| storage(structure).address).collect(),
+            query_type,
+            pool: retain::<QueryPool>(pool),
+            first,
+        }))
+    }
+}

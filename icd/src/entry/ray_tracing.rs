@@ -1,0 +1,181 @@
+//! `VK_KHR_ray_tracing_pipeline`: pipelines, group handles, traces.
+
+use std::ffi::c_void;
+
+use ash::vk;
+
+use crate::VkResult;
+use crate::command::{Command, RayTracingCommand};
+use crate::ffi::array::slice_mut;
+use crate::ffi::ray_tracing::{create_pipeline, region};
+use crate::ffi::{commands, entry, slice};
+use crate::handle::{self, from_handle, optional};
+use crate::object::pipeline::PipelineKind;
+use crate::object::ray_tracing_pipeline::RayTracingPipeline;
+use crate::object::{Device, Pipeline, PipelineCache};
+use crate::trace::table::{HANDLE_SIZE, Tables};
+
+/// The ray tracing pipeline behind a handle.
+///
+/// # Safety
+/// The handle is alive for `'a`.
+unsafe fn pipeline<'a>(pipeline: vk::Pipeline) -> VkResult<&'a RayTracingPipeline> {
+    // SAFETY: the caller's promise.
+    match &unsafe { from_handle::<'a, Pipeline>(pipeline) }.kind {
+        PipelineKind::RayTracing(pipeline) => Ok(pipeline),
+        _ => Err(vk::Result::ERROR_UNKNOWN),
+    }
+}
+
+/// Writes the handles of `count` groups from `first` on.
+///
+/// # Safety
+/// The pipeline is alive and `data` has room for `data_bytes`.
+unsafe fn write_handles(
+    handle: vk::Pipeline,
+    first: u32,
+    count: u32,
+    data_bytes: usize,
+    data: *mut c_void,
+) -> VkResult {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let groups = &pipeline(handle)?.shaders.groups;
+        let room = data_bytes / HANDLE_SIZE;
+        for index in 0..(count as usize).min(room) {
+            let group = groups
+                .get(first as usize + index)
+                .ok_or(vk::Result::ERROR_UNKNOWN)?;
+            data.byte_add(index * HANDLE_SIZE)
+                .cast::<[u8; HANDLE_SIZE]>()
+                .write_unaligned(group.handle);
+        }
+        if room < count as usize {
+            Err(vk::Result::ERROR_UNKNOWN)
+        } else {
+            Ok(())
+        }
+    }
+}
+
+entry! {
+    fn vkCreateRayTracingPipelinesKHR(
+        device: vk::Device,
+        operation: vk::DeferredOperationKHR,
+        cache: vk::PipelineCache,
+        count: u32,
+        infos: *const vk::RayTracingPipelineCreateInfoKHR<'_>,
+        _allocator: *const vk::AllocationCallbacks<'_>,
+        pipelines: *mut vk::Pipeline,
+    ) -> vk::Result {
+        let device = from_handle::<Device>(device);
+        let cache = optional::<PipelineCache>(cache);
+        let pipelines = slice_mut(pipelines, count);
+        pipelines.fill(vk::Pipeline::null());
+        let mut result = Ok(());
+        for (info, pipeline) in slice(infos, count).iter().zip(pipelines) {
+            match create_pipeline(device, cache.map(|cache| &**cache), info) {
+                Ok(created) => *pipeline = handle::create(created),
+                Err(code) => {
+                    // An error outranks "compile required", which is no error.
+                    result = match result {
+                        Err(earlier) if earlier != vk::Result::PIPELINE_COMPILE_REQUIRED => Err(earlier),
+                        _ => Err(code),
+                    };
+                    if info.flags.contains(vk::PipelineCreateFlags::EARLY_RETURN_ON_FAILURE) {
+                        break;
+                    }
+                }
+            }
+        }
+        match result {
+            Ok(()) if operation != vk::DeferredOperationKHR::null() => Err(vk::Result::OPERATION_NOT_DEFERRED_KHR),
+            result => result,
+        }
+    }
+
+    fn vkGetRayTracingShaderGroupHandlesKHR(
+        _device: vk::Device,
+        pipeline: vk::Pipeline,
+        first: u32,
+        count: u32,
+        data_bytes: usize,
+        data: *mut c_void,
+    ) -> vk::Result {
+        write_handles(pipeline, first, count, data_bytes, data)
+    }
+
+    fn vkGetRayTracingCaptureReplayShaderGroupHandlesKHR(
+        _device: vk::Device,
+        pipeline: vk::Pipeline,
+        first: u32,
+        count: u32,
+        data_bytes: usize,
+        data: *mut c_void,
+    ) -> vk::Result {
+        write_handles(pipeline, first, count, data_bytes, data)
+    }
+
+    fn vkGetRayTracingShaderGroupStackSizeKHR(
+        _device: vk::Device,
+        handle: vk::Pipeline,
+        group: u32,
+        shader: vk::ShaderGroupShaderKHR,
+    ) -> vk::DeviceSize {
+        pipeline(handle).map_or(0, |pipeline| pipeline.stack_size_bytes(group, shader))
+    }
+}
+
+/// # Safety
+/// The pointers are to valid regions.
+unsafe fn tables(
+    raygen: *const vk::StridedDeviceAddressRegionKHR,
+    miss: *const vk::StridedDeviceAddressRegionKHR,
+    hit: *const vk::StridedDeviceAddressRegionKHR,
+    callable: *const vk::StridedDeviceAddressRegionKHR,
+) -> Tables {
+    // SAFETY: the caller's promise.
+    unsafe {
+        Tables {
+            raygen: region(raygen),
+            miss: region(miss),
+            hit: region(hit),
+            callable: region(callable),
+        }
+    }
+}
+
+commands! {
+    fn vkCmdTraceRaysKHR(
+        command_buffer,
+        raygen: *const vk::StridedDeviceAddressRegionKHR,
+        miss: *const vk::StridedDeviceAddressRegionKHR,
+        hit: *const vk::StridedDeviceAddressRegionKHR,
+        callable: *const vk::StridedDeviceAddressRegionKHR,
+        width: u32,
+        height: u32,
+        depth: u32,
+    ) {
+        let tables = tables(raygen, miss, hit, callable);
+        let extent = [width, height, depth];
+        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRays { tables, extent }))
+    }
+
+    fn vkCmdTraceRaysIndirectKHR(
+        command_buffer,
+        raygen: *const vk::StridedDeviceAddressRegionKHR,
+        miss: *const vk::StridedDeviceAddressRegionKHR,
+        hit: *const vk::StridedDeviceAddressRegionKHR,
+        callable: *const vk::StridedDeviceAddressRegionKHR,
+        address: vk::DeviceAddress,
+    ) {
+        let tables = tables(raygen, miss, hit, callable);
+        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysIndirect { tables, address }))
+    }
+
+    fn vkCmdSetRayTracingPipelineStackSizeKHR(command_buffer, _size_bytes: u32) {
+        // Suspended invocations live on the heap, and go on from there when the declared stack is too small: there is nothing to set aside.
+        let _ = command_buffer;
+        Ok(())
+    }
+}

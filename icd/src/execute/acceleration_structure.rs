@@ -1,0 +1,445 @@
+//! Building and moving acceleration structures: from addresses in recorded commands to the `traversal` crate.
+//!
+//! Host and device commands end here alike, since a device address is a host address.
+
+use ash::vk;
+use traversal::{
+    AabbGeometry, BuildError, BuildFlags, BuildInput, BuildSizes, Geometries, GeometryFlags,
+    IndexType, InstanceArray, InstanceSource, Kind, Memory, Structure, TriangleGeometry,
+    VertexFormat,
+};
+
+/// The memory of an acceleration structure object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Storage {
+    pub address: u64,
+    pub size_bytes: u64,
+}
+
+/// A `VkAccelerationStructureBuildGeometryInfoKHR` and its ranges, copied.
+#[derive(Clone, Debug)]
+pub struct Build {
+    pub flags: BuildFlags,
+    /// `VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR` and its source.
+    pub update_from: Option<Storage>,
+    pub destination: Storage,
+    pub geometries: BuildGeometries,
+    pub scratch: u64,
+}
+
+/// The geometries of a build, all of one kind.
+#[derive(Clone, Debug)]
+pub enum BuildGeometries {
+    Triangles(Vec<Triangles>),
+    Aabbs(Vec<Aabbs>),
+    Instances(Instances),
+}
+
+/// `VkAccelerationStructureGeometryTrianglesDataKHR`, restricted to its range.
+#[derive(Clone, Copy, Debug)]
+pub struct Triangles {
+    pub flags: GeometryFlags,
+    pub vertex_format: VertexFormat,
+    pub vertices: u64,
+    pub vertex_stride_bytes: u64,
+    pub max_vertex: u32,
+    pub first_vertex: u32,
+    pub index_type: IndexType,
+    pub indices: u64,
+    /// Address of a `VkTransformMatrixKHR`, or 0.
+    pub transform: u64,
+    pub primitive_count: u32,
+}
+
+/// `VkAccelerationStructureGeometryAabbsDataKHR`, restricted to its range.
+#[derive(Clone, Copy, Debug)]
+pub struct Aabbs {
+    pub flags: GeometryFlags,
+    pub boxes: u64,
+    pub stride_bytes: u64,
+    pub primitive_count: u32,
+}
+
+/// `VkAccelerationStructureGeometryInstancesDataKHR`, restricted to its range.
+#[derive(Clone, Copy, Debug)]
+pub struct Instances {
+    pub flags: GeometryFlags,
+    pub array: InstanceArray,
+    pub address: u64,
+    pub count: u32,
+}
+
+/// `VkAccelerationStructureBuildRangeInfoKHR`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(C)]
+pub struct Range {
+    pub primitive_count: u32,
+    pub primitive_offset: u32,
+    pub first_vertex: u32,
+    pub transform_offset: u32,
+}
+
+impl BuildGeometries {
+    /// Restricts geometry `index` to a range.
+    pub fn apply_range(&mut self, index: usize, range: &Range) {
+        let offset = u64::from(range.primitive_offset);
+        match self {
+            Self::Triangles(list) => {
+                let Some(geometry) = list.get_mut(index) else {
+                    return;
+                };
+                geometry.primitive_count = range.primitive_count;
+                geometry.first_vertex = range.first_vertex;
+                match geometry.index_type {
+                    IndexType::None => geometry.vertices += offset,
+                    _ => geometry.indices += offset,
+                }
+                if geometry.transform != 0 {
+                    geometry.transform += u64::from(range.transform_offset);
+                }
+            }
+            Self::Aabbs(list) => {
+                let Some(geometry) = list.get_mut(index) else {
+                    return;
+                };
+                geometry.primitive_count = range.primitive_count;
+                geometry.boxes += offset;
+            }
+            Self::Instances(instances) if index == 0 => {
+                instances.count = range.primitive_count;
+                instances.address += offset;
+            }
+            Self::Instances(_) => {}
+        }
+    }
+
+    /// What a structure of these holds.
+    pub fn kind(&self) -> Kind {
+        match self {
+            Self::Triangles(_) => Kind::Triangles,
+            Self::Aabbs(_) => Kind::Aabbs,
+            Self::Instances(_) => Kind::Instances,
+        }
+    }
+
+    fn primitive_counts(&self) -> Vec<u32> {
+        match self {
+            Self::Triangles(list) => list
+                .iter()
+                .map(|geometry| geometry.primitive_count)
+                .collect(),
+            Self::Aabbs(list) => list
+                .iter()
+                .map(|geometry| geometry.primitive_count)
+                .collect(),
+            Self::Instances(instances) => vec![instances.count],
+        }
+    }
+}
+
+impl Build {
+    /// Memory that this build needs, for its actual primitive counts.
+    pub fn sizes(&self) -> BuildSizes {
+        traversal::build_sizes(
+            self.geometries.kind(),
+            self.flags,
+            &self.geometries.primitive_counts(),
+        )
+    }
+
+    /// Performs the build or update on the current rayon pool.
+    ///
+    /// # Errors
+    /// See [`BuildError`]; the destination's contents are undefined then.
+    ///
+    /// # Safety
+    /// Every address is readable (geometry) or writable (destination, scratch) as far as the specification makes the application promise
+    /// (valid usage of `vkCmdBuildAccelerationStructuresKHR`), and not written by anyone else meanwhile.
+    pub unsafe fn execute(&self) -> Result<u64, BuildError> {
+        // SAFETY: the caller's promise, for each use below.
+        unsafe {
+            let destination = bytes_mut(self.destination.address, self.destination.size_bytes);
+            match &self.geometries {
+                BuildGeometries::Triangles(list) => {
+                    let list: Vec<_> = list.iter().map(|geometry| geometry.read()).collect();
+                    self.run(Geometries::Triangles(&list), destination)
+                }
+                BuildGeometries::Aabbs(list) => {
+                    let list: Vec<_> = list.iter().map(Aabbs::resolve).collect();
+                    self.run(Geometries::Aabbs(&list), destination)
+                }
+                BuildGeometries::Instances(instances) => {
+                    self.run(Geometries::Instances(instances.resolve()), destination)
+                }
+            }
+        }
+    }
+
+    /// # Safety
+    /// As [`Self::execute`].
+    unsafe fn run(
+        &self,
+        geometries: Geometries<'_>,
+        destination: &mut [u8],
+    ) -> Result<u64, BuildError> {
+        let input = BuildInput {
+            flags: self.flags,
+            geometries,
+        };
+        let sizes = self.sizes();
+        // SAFETY: the caller's promise.
+        unsafe {
+            let Some(source) = self.update_from else {
+                return traversal::build(
+                    &input,
+                    destination,
+                    bytes_mut(self.scratch, sizes.build_scratch_bytes),
+                );
+            };
+            let scratch = bytes_mut(self.scratch, sizes.update_scratch_bytes);
+            if source.address == self.destination.address {
+                return traversal::update(&input, None, destination, scratch);
+            }
+            let source = structure_bytes(source.address).ok_or(BuildError::Source)?;
+            traversal::update(&input, Some(source), destination, scratch)
+        }
+    }
+}
+
+impl Triangles {
+    /// Bounds the geometry's memory and reads its transform.
+    ///
+    /// # Safety
+    /// `transform` is 0 or readable.
+    unsafe fn read(&self) -> TriangleGeometry {
+        let index_size_bytes = match self.index_type {
+            IndexType::None => 0,
+            IndexType::U8 => 1,
+            IndexType::U16 => 2,
+            IndexType::U32 => 4,
+        };
+        let corners = self.primitive_count as u64 * 3;
+        let vertex_count = match self.index_type {
+            IndexType::None => self.first_vertex as u64 + corners,
+            _ => self.first_vertex as u64 + self.max_vertex as u64 + 1,
+        };
+        // The last vertex counts with a whole stride or its own size, whichever is larger.
+        let vertex_bytes = vertex_count * self.vertex_stride_bytes + MAX_VERTEX_BYTES;
+        TriangleGeometry {
+            vertices: memory(self.vertices, vertex_bytes),
+            vertex_stride_bytes: self.vertex_stride_bytes,
+            vertex_format: self.vertex_format,
+            first_vertex: self.first_vertex,
+            index_type: self.index_type,
+            indices: memory(self.indices, corners * index_size_bytes),
+            // SAFETY: the caller's promise.
+            transform: (self.transform != 0)
+                .then(|| unsafe { std::ptr::read_unaligned(self.transform as *const [f32; 12]) }),
+            primitive_count: self.primitive_count,
+            flags: self.flags,
+        }
+    }
+}
+
+/// Largest position: four 64-bit components.
+const MAX_VERTEX_BYTES: u64 = 32;
+
+/// `sizeof(VkAabbPositionsKHR)`.
+const AABB_BYTES: u64 = 24;
+
+impl Aabbs {
+    fn resolve(&self) -> AabbGeometry {
+        let last = (self.primitive_count as u64).saturating_sub(1) * self.stride_bytes;
+        AabbGeometry {
+            boxes: memory(self.boxes, last + AABB_BYTES),
+            stride_bytes: self.stride_bytes,
+            primitive_count: self.primitive_count,
+            flags: self.flags,
+        }
+    }
+}
+
+impl Instances {
+    fn resolve(&self) -> InstanceSource {
+        let element_bytes = match self.array {
+            InstanceArray::Records => size_of::<vk::AccelerationStructureInstanceKHR>() as u64,
+            InstanceArray::Pointers => 8,
+        };
+        InstanceSource {
+            memory: memory(self.address, self.count as u64 * element_bytes),
+            array: self.array,
+            count: self.count,
+            flags: self.flags,
+        }
+    }
+}
+
+fn memory(address: u64, bytes: u64) -> Memory {
+    Memory {
+        base: address as *const u8,
+        bytes: bytes as usize,
+    }
+}
+
+/// # Safety
+/// The range is writable and used by nothing else for `'a`; `address` may be 0 if `size_bytes` is.
+unsafe fn bytes_mut<'a>(address: u64, size_bytes: u64) -> &'a mut [u8] {
+    if size_bytes == 0 || address == 0 {
+        return &mut [];
+    }
+    // SAFETY: the caller's promise.
+    unsafe { std::slice::from_raw_parts_mut(address as *mut u8, size_bytes as usize) }
+}
+
+/// The bytes in use of the structure at an address, or `None` where none was built.
+///
+/// # Safety
+/// `address` is the memory of an acceleration structure object, unchanged for `'a`.
+pub unsafe fn structure_bytes<'a>(address: u64) -> Option<&'a [u8]> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let structure = Structure::at(address)?;
+        Some(std::slice::from_raw_parts(
+            address as *const u8,
+            structure.size_bytes() as usize,
+        ))
+    }
+}
+
+/// The vertex formats that structures are built from, by `VkFormat`; those with
+/// `VK_FORMAT_FEATURE_ACCELERATION_STRUCTURE_VERTEX_BUFFER_BIT_KHR`.
+pub fn vertex_format(format: vk::Format) -> Option<VertexFormat> {
+    Some(match format {
+        vk::Format::R32G32_SFLOAT => VertexFormat::F32x2,
+        vk::Format::R32G32B32_SFLOAT => VertexFormat::F32x3,
+        vk::Format::R32G32B32A32_SFLOAT => VertexFormat::F32x4,
+        vk::Format::R16G16_SFLOAT => VertexFormat::F16x2,
+        vk::Format::R16G16B16_SFLOAT => VertexFormat::F16x3,
+        vk::Format::R16G16B16A16_SFLOAT => VertexFormat::F16x4,
+        vk::Format::R64G64_SFLOAT => VertexFormat::F64x2,
+        vk::Format::R64G64B64_SFLOAT => VertexFormat::F64x3,
+        vk::Format::R64G64B64A64_SFLOAT => VertexFormat::F64x4,
+        vk::Format::R8G8_SNORM => VertexFormat::Snorm8x2,
+        vk::Format::R8G8B8_SNORM => VertexFormat::Snorm8x3,
+        vk::Format::R8G8B8A8_SNORM => VertexFormat::Snorm8x4,
+        vk::Format::R8G8_UNORM => VertexFormat::Unorm8x2,
+        vk::Format::R8G8B8_UNORM => VertexFormat::Unorm8x3,
+        vk::Format::R8G8B8A8_UNORM => VertexFormat::Unorm8x4,
+        vk::Format::R16G16_SNORM => VertexFormat::Snorm16x2,
+        vk::Format::R16G16B16_SNORM => VertexFormat::Snorm16x3,
+        vk::Format::R16G16B16A16_SNORM => VertexFormat::Snorm16x4,
+        vk::Format::R16G16_UNORM => VertexFormat::Unorm16x2,
+        vk::Format::R16G16B16_UNORM => VertexFormat::Unorm16x3,
+        vk::Format::R16G16B16A16_UNORM => VertexFormat::Unorm16x4,
+        vk::Format::A2B10G10R10_UNORM_PACK32 => VertexFormat::Unorm10x3A2,
+        vk::Format::A2B10G10R10_SNORM_PACK32 => VertexFormat::Snorm10x3A2,
+        _ => return None,
+    })
+}
+
+/// What a copy between structures does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CopyMode {
+    Clone,
+    Compact,
+}
+
+/// `VkCopyAccelerationStructureInfoKHR`.
+///
+/// # Safety
+/// Both are the memory of acceleration structure objects; the source is built and not written meanwhile, the destination not used elsewhere.
+pub unsafe fn copy(source: Storage, destination: Storage, mode: CopyMode) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let Some(source) = structure_bytes(source.address) else {
+            return;
+        };
+        let destination = bytes_mut(destination.address, destination.size_bytes);
+        let done = match mode {
+            CopyMode::Clone => traversal::copy_into(source, destination),
+            CopyMode::Compact => traversal::compact_into(source, destination),
+        };
+        report(done.map(drop), "copy");
+    }
+}
+
+/// Identifiers at the head of serialized data: the driver's, then the format's.
+pub type Uuids = [[u8; 16]; 2];
+
+/// `VkCopyAccelerationStructureToMemoryInfoKHR`.
+///
+/// # Safety
+/// As [`copy`], and `destination` is writable for the serialized size.
+pub unsafe fn serialize(source: Storage, destination: u64, uuids: &Uuids) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let Some(source) = structure_bytes(source.address) else {
+            return;
+        };
+        let Ok(size_bytes) = traversal::serialized_size(source) else {
+            return;
+        };
+        report(
+            traversal::serialize(source, uuids, bytes_mut(destination, size_bytes)).map(drop),
+            "serialization",
+        );
+    }
+}
+
+/// `VkCopyMemoryToAccelerationStructureInfoKHR`.
+///
+/// # Safety
+/// As [`copy`], and `source` holds what [`serialize`] wrote.
+pub unsafe fn deserialize(source: u64, destination: Storage) {
+    // SAFETY: the caller's promise; the head says how long the rest is.
+    unsafe {
+        let head =
+            std::slice::from_raw_parts(source as *const u8, traversal::Serialized::HEAD_BYTES);
+        let Ok(head) = traversal::Serialized::read(head) else {
+            return;
+        };
+        let data = std::slice::from_raw_parts(source as *const u8, head.serialized_bytes as usize);
+        let destination = bytes_mut(destination.address, destination.size_bytes);
+        report(
+            traversal::deserialize(data, destination).map(drop),
+            "deserialization",
+        );
+    }
+}
+
+/// A failed transfer leaves the destination undefined, and a line in the log.
+fn report(result: Result<(), traversal::StructureError>, what: &str) {
+    if let Err(error) = result {
+        crate::log::write(
+            crate::log::Level::Error,
+            &format!("acceleration structure {what}: {error:?}"),
+        );
+    }
+}
+
+/// A property that `vkCmdWriteAccelerationStructuresPropertiesKHR` writes.
+///
+/// # Safety
+/// `address` is the memory of an acceleration structure object that is built.
+pub unsafe fn property(address: u64, query_type: vk::QueryType) -> u64 {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let Some(structure) = Structure::at(address) else {
+            return 0;
+        };
+        let bytes = structure_bytes(address).unwrap_or(&[]);
+        match query_type {
+            vk::QueryType::ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR => {
+                traversal::compacted_size(bytes).unwrap_or(0)
+            }
+            vk::QueryType::ACCELERATION_STRUCTURE_SERIALIZATION_SIZE_KHR => {
+                traversal::serialized_size(bytes).unwrap_or(0)
+            }
+            vk::QueryType::ACCELERATION_STRUCTURE_SERIALIZATION_BOTTOM_LEVEL_POINTERS_KHR => {
+                structure.reference_count()
+            }
+            // `ACCELERATION_STRUCTURE_SIZE_KHR`: what the structure takes, wherever it is put.
+            _ => structure.size_bytes(),
+        }
+    }
+}

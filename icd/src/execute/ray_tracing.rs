@@ -1,0 +1,177 @@
+//! Performing the commands of the ray tracing extensions.
+
+use ash::vk;
+use rayon::prelude::*;
+use spirv_jit::environment::{Environment, uniform};
+
+use super::acceleration_structure::{self, Build, Range};
+use crate::command::RayTracingCommand;
+use crate::command::ray_tracing::IndirectBuild;
+use crate::log::{self, Level};
+use crate::object::ray_tracing_pipeline::RayTracingPipeline;
+use crate::table::limits;
+use crate::trace::table::Tables;
+use crate::trace::{Dispatch, Limits, Stopped};
+
+/// What is bound at the ray tracing bind point.
+pub struct Bound<'a> {
+    pub pipeline: Option<&'a RayTracingPipeline>,
+    pub environment: Environment,
+    pub limits: &'a Limits,
+}
+
+/// Performs a command on the current rayon pool.
+///
+/// # Errors
+/// A dispatch that was stopped: the device is lost.
+pub fn execute<'a>(
+    command: &RayTracingCommand,
+    bound: impl FnOnce() -> Option<Bound<'a>>,
+) -> Result<(), Stopped> {
+    // SAFETY, for each block: the application keeps the valid usage of the command; the addresses were taken from live objects and
+    // stay mapped for the device's life.
+    match command {
+        RayTracingCommand::Build(builds) => build(builds),
+        RayTracingCommand::BuildIndirect(builds) => {
+            // SAFETY: as above.
+            build(
+                &builds
+                    .iter()
+                    .map(|build| unsafe { with_ranges(build) })
+                    .collect::<Vec<_>>(),
+            );
+        }
+        RayTracingCommand::Copy {
+            source,
+            destination,
+            mode,
+        } => {
+            // SAFETY: as above.
+            unsafe { acceleration_structure::copy(*source, *destination, *mode) };
+        }
+        RayTracingCommand::Serialize {
+            source,
+            destination,
+        } => {
+            // SAFETY: as above.
+            unsafe {
+                acceleration_structure::serialize(
+                    *source,
+                    *destination,
+                    &limits::serialization_uuids(),
+                )
+            };
+        }
+        RayTracingCommand::Deserialize {
+            source,
+            destination,
+        } => {
+            // SAFETY: as above.
+            unsafe { acceleration_structure::deserialize(*source, *destination) };
+        }
+        RayTracingCommand::WriteProperties {
+            structures,
+            query_type,
+            pool,
+            first,
+        } => {
+            for (index, &address) in (*first..).zip(structures) {
+                // SAFETY: as above.
+                pool.write(index, unsafe {
+                    acceleration_structure::property(address, *query_type)
+                });
+            }
+        }
+        RayTracingCommand::TraceRays { tables, extent } => {
+            return trace_rays(tables, *extent, bound());
+        }
+        RayTracingCommand::TraceRaysIndirect { tables, address } => {
+            // SAFETY: as above; the three words are read when the command is executed, since an earlier one may have written them.
+            let extent = unsafe { std::ptr::read_unaligned(*address as *const [u32; 3]) };
+            return trace_rays(tables, extent, bound());
+        }
+    }
+    Ok(())
+}
+
+/// Builds side by side: the specification forbids that builds of one command depend on each other.
+pub fn build(builds: &[Build]) {
+    let run = |build: &Build| {
+        // SAFETY: as in `execute`.
+        if let Err(error) = unsafe { build.execute() } {
+            log::write(
+                Level::Error,
+                &format!("acceleration structure build: {error:?}"),
+            );
+        }
+    };
+    match builds {
+        [one] => run(one),
+        _ => builds.par_iter().for_each(run),
+    }
+}
+
+/// Reads an indirect build's ranges.
+///
+/// # Safety
+/// There is a readable range for each geometry.
+unsafe fn with_ranges(indirect: &IndirectBuild) -> Build {
+    let mut build = indirect.build.clone();
+    for (index, &max) in indirect.max_primitive_counts.iter().enumerate() {
+        let address = indirect.ranges + index as u64 * u64::from(indirect.stride_bytes);
+        // SAFETY: the caller's promise.
+        let range = unsafe { std::ptr::read_unaligned(address as *const Range) };
+        let primitive_count = range.primitive_count.min(max);
+        build.geometries.apply_range(
+            index,
+            &Range {
+                primitive_count,
+                ..range
+            },
+        );
+    }
+    build
+}
+
+fn trace_rays(tables: &Tables, extent: [u32; 3], bound: Option<Bound<'_>>) -> Result<(), Stopped> {
+    let Some(Bound {
+        pipeline: Some(pipeline),
+        mut environment,
+        limits,
+    }) = bound
+    else {
+        return Ok(());
+    };
+    let invocations = extent.iter().map(|&n| u64::from(n)).product::<u64>();
+    if invocations > u64::from(limits::MAX_RAY_DISPATCH_INVOCATIONS) {
+        log::write(
+            Level::Error,
+            &format!("a dispatch of {invocations} rays is past maxRayDispatchInvocationCount"),
+        );
+        return Ok(());
+    }
+    let launch = uniform::LAUNCH_SIZE as usize;
+    environment.uniforms[launch..launch + 3].copy_from_slice(&extent);
+    pipeline.tracer.trace_rays(&Dispatch {
+        shaders: &pipeline.shaders,
+        tables: *tables,
+        extent,
+        environment: &environment,
+        pipeline_ray_flags: pipeline.ray_flags,
+        limits,
+    })
+}
+
+/// `vkGetDeviceAccelerationStructureCompatibilityKHR`: whether serialized data can be deserialized here.
+///
+/// # Safety
+/// `data` points to the two identifiers at the head of serialized data.
+pub unsafe fn compatibility(data: *const u8) -> vk::AccelerationStructureCompatibilityKHR {
+    // SAFETY: the caller's promise.
+    let uuids = unsafe { std::ptr::read_unaligned(data.cast::<acceleration_structure::Uuids>()) };
+    if uuids == limits::serialization_uuids() {
+        vk::AccelerationStructureCompatibilityKHR::COMPATIBLE
+    } else {
+        vk::AccelerationStructureCompatibilityKHR::INCOMPATIBLE
+    }
+}

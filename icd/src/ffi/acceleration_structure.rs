@@ -1,0 +1,236 @@
+//! `VkAccelerationStructureBuildGeometryInfoKHR` to an owned [`Build`].
+
+use ash::vk;
+use traversal::{BuildFlags, GeometryFlags, IndexType, InstanceArray, VertexFormat};
+
+use super::slice;
+use crate::execute::acceleration_structure::{
+    Aabbs, Build, BuildGeometries, Instances, Range, Storage, Triangles, vertex_format,
+};
+use crate::handle;
+use crate::object::AccelerationStructure;
+
+/// The geometries of a build info, through whichever of its two arrays is set.
+///
+/// # Safety
+/// The info's arrays have `geometryCount` elements.
+pub unsafe fn geometries<'a>(
+    info: &vk::AccelerationStructureBuildGeometryInfoKHR<'a>,
+) -> Vec<&'a vk::AccelerationStructureGeometryKHR<'a>> {
+    let count = info.geometry_count as usize;
+    // SAFETY: the caller's promise; exactly one of the arrays is not null (VUID-VkAccelerationStructureBuildGeometryInfoKHR-pGeometries-03788).
+    unsafe {
+        if count == 0 {
+            Vec::new()
+        } else if !info.p_geometries.is_null() {
+            std::slice::from_raw_parts(info.p_geometries, count)
+                .iter()
+                .collect()
+        } else if !info.pp_geometries.is_null() {
+            std::slice::from_raw_parts(info.pp_geometries, count)
+                .iter()
+                .map(|&geometry| &*geometry)
+                .collect()
+        } else {
+            Vec::new()
+        }
+    }
+}
+
+/// What a structure of these geometries holds; an empty one is of triangles, or of instances if it is a top level.
+pub fn kind(
+    ty: vk::AccelerationStructureTypeKHR,
+    geometries: &[&vk::AccelerationStructureGeometryKHR<'_>],
+) -> traversal::Kind {
+    match geometries.first().map(|geometry| geometry.geometry_type) {
+        Some(vk::GeometryTypeKHR::INSTANCES) => traversal::Kind::Instances,
+        Some(vk::GeometryTypeKHR::AABBS) => traversal::Kind::Aabbs,
+        Some(_) => traversal::Kind::Triangles,
+        None if ty == vk::AccelerationStructureTypeKHR::TOP_LEVEL => traversal::Kind::Instances,
+        None => traversal::Kind::Triangles,
+    }
+}
+
+/// Copies a build, without its ranges. Addresses are taken from the `deviceAddress` of each union, which has the bits of `hostAddress`.
+///
+/// # Safety
+/// The info is valid and its handles are alive.
+pub unsafe fn decode_build(info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>) -> Build {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let geometries = geometries(info);
+        let kind = kind(info.ty, &geometries);
+        let mut geometries = geometries.into_iter();
+        let update = info.mode == vk::BuildAccelerationStructureModeKHR::UPDATE;
+        Build {
+            flags: BuildFlags(info.flags.as_raw()),
+            update_from: update.then(|| storage(info.src_acceleration_structure)),
+            destination: storage(info.dst_acceleration_structure),
+            geometries: match kind {
+                traversal::Kind::Triangles => {
+                    BuildGeometries::Triangles(geometries.map(|g| triangles(g)).collect())
+                }
+                traversal::Kind::Aabbs => {
+                    BuildGeometries::Aabbs(geometries.map(|g| aabbs(g)).collect())
+                }
+                traversal::Kind::Instances => BuildGeometries::Instances(
+                    geometries.next().map_or(NO_INSTANCES, |g| instances(g)),
+                ),
+            },
+            scratch: info.scratch_data.device_address,
+        }
+    }
+}
+
+/// Copies builds with their ranges.
+///
+/// # Safety
+/// The infos are valid, their handles are alive, and each has as many ranges as geometries.
+pub unsafe fn decode_builds(
+    count: u32,
+    infos: *const vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
+    ranges: *const *const vk::AccelerationStructureBuildRangeInfoKHR,
+) -> Vec<Build> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let ranges = slice(ranges, count);
+        let decode = |(info, &ranges): (
+            &vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
+            &*const _,
+        )| {
+            let mut build = decode_build(info);
+            for (index, range) in slice(ranges, info.geometry_count).iter().enumerate() {
+                build.geometries.apply_range(index, &decode_range(range));
+            }
+            build
+        };
+        slice(infos, count).iter().zip(ranges).map(decode).collect()
+    }
+}
+
+fn decode_range(range: &vk::AccelerationStructureBuildRangeInfoKHR) -> Range {
+    Range {
+        primitive_count: range.primitive_count,
+        primitive_offset: range.primitive_offset,
+        first_vertex: range.first_vertex,
+        transform_offset: range.transform_offset,
+    }
+}
+
+const NO_INSTANCES: Instances = Instances {
+    flags: GeometryFlags(0),
+    array: InstanceArray::Records,
+    address: 0,
+    count: 0,
+};
+
+/// Where an acceleration structure lies.
+///
+/// # Safety
+/// The handle is alive.
+pub unsafe fn storage(handle: vk::AccelerationStructureKHR) -> Storage {
+    // SAFETY: the caller's promise.
+    unsafe { handle::from_handle::<AccelerationStructure>(handle) }.storage()
+}
+
+/// # Safety
+/// The geometry is one of triangles.
+unsafe fn triangles(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Triangles {
+    // SAFETY: the caller's promise; both members of an address union are 64 bits.
+    unsafe {
+        let data = geometry.geometry.triangles;
+        let index_type = match data.index_type {
+            vk::IndexType::UINT8_KHR => IndexType::U8,
+            vk::IndexType::UINT16 => IndexType::U16,
+            vk::IndexType::UINT32 => IndexType::U32,
+            _ => IndexType::None,
+        };
+        Triangles {
+            flags: GeometryFlags(geometry.flags.as_raw()),
+            vertex_format: vertex_format(data.vertex_format).unwrap_or(VertexFormat::F32x3),
+            vertices: data.vertex_data.device_address,
+            vertex_stride_bytes: data.vertex_stride,
+            max_vertex: data.max_vertex,
+            first_vertex: 0,
+            index_type,
+            indices: data.index_data.device_address,
+            transform: data.transform_data.device_address,
+            primitive_count: 0,
+        }
+    }
+}
+
+/// # Safety
+/// The geometry is one of boxes.
+unsafe fn aabbs(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Aabbs {
+    // SAFETY: as for `triangles`.
+    unsafe {
+        let data = geometry.geometry.aabbs;
+        Aabbs {
+            flags: GeometryFlags(geometry.flags.as_raw()),
+            boxes: data.data.device_address,
+            stride_bytes: data.stride,
+            primitive_count: 0,
+        }
+    }
+}
+
+/// # Safety
+/// The geometry is one of instances.
+unsafe fn instances(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Instances {
+    // SAFETY: as for `triangles`.
+    unsafe {
+        let data = geometry.geometry.instances;
+        let pointers = data.array_of_pointers == vk::TRUE;
+        Instances {
+            flags: GeometryFlags(geometry.flags.as_raw()),
+            array: if pointers {
+                InstanceArray::Pointers
+            } else {
+                InstanceArray::Records
+            },
+            address: data.data.device_address,
+            count: 0,
+        }
+    }
+}
+
+/// Instance records of a host build, copied with each reference turned from a handle into an address; the build then reads the copy,
+/// which must outlive it.
+///
+/// # Safety
+/// The build's instances are readable, and each reference is 0 or a live `VkAccelerationStructureKHR`.
+pub unsafe fn resolve_host_instances(
+    build: &mut Build,
+) -> Vec<vk::AccelerationStructureInstanceKHR> {
+    let BuildGeometries::Instances(instances) = &mut build.geometries else {
+        return Vec::new();
+    };
+    let mut records = Vec::with_capacity(instances.count as usize);
+    for index in 0..instances.count as usize {
+        // SAFETY: the caller's promise.
+        unsafe {
+            let record = match instances.array {
+                InstanceArray::Records => {
+                    (instances.address as *const vk::AccelerationStructureInstanceKHR).add(index)
+                }
+                InstanceArray::Pointers => (instances.address
+                    as *const *const vk::AccelerationStructureInstanceKHR)
+                    .add(index)
+                    .read_unaligned(),
+            };
+            let mut record = record.read_unaligned();
+            let reference = record.acceleration_structure_reference.host_handle;
+            record.acceleration_structure_reference.device_handle =
+                if reference == vk::AccelerationStructureKHR::null() {
+                    0
+                } else {
+                    storage(reference).address
+                };
+            records.push(record);
+        }
+    }
+    instances.array = InstanceArray::Records;
+    instances.address = records.as_ptr() as u64;
+    records
+}

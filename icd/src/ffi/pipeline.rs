@@ -1,0 +1,77 @@
+//! `VkPipelineShaderStageCreateInfo` to an owned [`ShaderStage`].
+
+use std::sync::Arc;
+
+use ash::vk;
+use spirv_jit::program::Stage;
+
+use super::{find, slice, string};
+use crate::VkResult;
+use crate::handle;
+use crate::object::ShaderModule;
+use crate::object::shader_stage::ShaderStage;
+
+/// Copies a stage: its words are shared with the module, or taken from the chained create info where there is none
+/// (`VK_EXT_graphics_pipeline_library`, maintenance5).
+///
+/// # Errors
+/// `VK_ERROR_UNKNOWN` for a stage that is not advertised, an entry point name that is not UTF-8, or no module at all.
+///
+/// # Safety
+/// The info is valid and its module alive.
+pub unsafe fn decode_stage(info: &vk::PipelineShaderStageCreateInfo<'_>) -> VkResult<ShaderStage> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let words: Arc<[u32]> = match handle::optional::<ShaderModule>(info.module) {
+            Some(module) => Arc::clone(&module.words),
+            None => {
+                let module = find::<vk::ShaderModuleCreateInfo>(info.p_next)
+                    .ok_or(vk::Result::ERROR_UNKNOWN)?;
+                slice(module.p_code, (module.code_size / 4) as u32).into()
+            }
+        };
+        Ok(ShaderStage {
+            words,
+            entry_point: string(info.p_name)
+                .to_str()
+                .map_err(|_| vk::Result::ERROR_UNKNOWN)?
+                .to_owned(),
+            stage: stage(info.stage).ok_or(vk::Result::ERROR_UNKNOWN)?,
+            specialization: info
+                .p_specialization_info
+                .as_ref()
+                .map_or_else(Vec::new, |info| specialization(info)),
+        })
+    }
+}
+
+/// # Safety
+/// The info is valid.
+unsafe fn specialization(info: &vk::SpecializationInfo<'_>) -> Vec<(u32, Vec<u8>)> {
+    // SAFETY: the caller's promise; an entry outside the data is dropped.
+    unsafe {
+        let data: &[u8] = slice(info.p_data.cast(), info.data_size as u32);
+        slice(info.p_map_entries, info.map_entry_count)
+            .iter()
+            .filter_map(|entry| {
+                let start = entry.offset as usize;
+                let bytes = data.get(start..start.checked_add(entry.size)?)?;
+                Some((entry.constant_id, bytes.to_vec()))
+            })
+            .collect()
+    }
+}
+
+/// The stages that programs exist for.
+fn stage(stage: vk::ShaderStageFlags) -> Option<Stage> {
+    Some(match stage {
+        vk::ShaderStageFlags::COMPUTE => Stage::Compute,
+        vk::ShaderStageFlags::RAYGEN_KHR => Stage::RayGeneration,
+        vk::ShaderStageFlags::INTERSECTION_KHR => Stage::Intersection,
+        vk::ShaderStageFlags::ANY_HIT_KHR => Stage::AnyHit,
+        vk::ShaderStageFlags::CLOSEST_HIT_KHR => Stage::ClosestHit,
+        vk::ShaderStageFlags::MISS_KHR => Stage::Miss,
+        vk::ShaderStageFlags::CALLABLE_KHR => Stage::Callable,
+        _ => return None,
+    })
+}

@@ -1,0 +1,143 @@
+//! `VkRayTracingPipelineCreateInfoKHR` and shader binding table regions.
+
+use std::time::Instant;
+
+use ash::vk;
+
+use super::pipeline::decode_stage;
+use super::{find, slice};
+use crate::VkResult;
+use crate::handle::{from_handle, retain};
+use crate::object::pipeline::PipelineKind;
+use crate::object::ray_tracing_pipeline::{GroupInfo, RayTracingPipeline};
+use crate::object::{Device, Pipeline, PipelineCache, PipelineLayout};
+use crate::trace::table::Region;
+
+/// `VkStridedDeviceAddressRegionKHR`, or none.
+///
+/// # Safety
+/// The pointer is null or to a valid region.
+pub unsafe fn region(region: *const vk::StridedDeviceAddressRegionKHR) -> Region {
+    // SAFETY: the caller's promise.
+    unsafe { region.as_ref() }.map_or_else(Region::default, |region| Region {
+        address: region.device_address,
+        stride_bytes: region.stride,
+        size_bytes: region.size,
+    })
+}
+
+/// Compiles the stages of a pipeline or library and links it.
+///
+/// # Errors
+/// As [`ShaderStage::compile`](crate::object::shader_stage::ShaderStage::compile).
+///
+/// # Safety
+/// The info is valid and its handles are alive.
+pub unsafe fn create_pipeline(
+    device: &Device,
+    cache: Option<&PipelineCache>,
+    info: &vk::RayTracingPipelineCreateInfoKHR<'_>,
+) -> VkResult<Pipeline> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let started = Instant::now();
+        let layout = retain::<PipelineLayout>(info.layout);
+        let may_compile = !info
+            .flags
+            .contains(vk::PipelineCreateFlags::FAIL_ON_PIPELINE_COMPILE_REQUIRED);
+        let stages = slice(info.p_stages, info.stage_count);
+        let feedback = find::<vk::PipelineCreationFeedbackCreateInfo>(info.p_next);
+        let mut programs = Vec::with_capacity(stages.len());
+        let mut all_hits = true;
+        for (index, stage) in stages.iter().enumerate() {
+            let stage_started = Instant::now();
+            let compiled = decode_stage(stage)?.compile(device, cache, &layout, may_compile)?;
+            all_hits &= compiled.cache_hit;
+            programs.push(compiled.program);
+            if let Some(feedback) = feedback
+                && (index as u32) < feedback.pipeline_stage_creation_feedback_count
+            {
+                let out = feedback.p_pipeline_stage_creation_feedbacks.add(index);
+                out.write(creation_feedback(
+                    stage_started,
+                    cache.is_some() && compiled.cache_hit,
+                ));
+            }
+        }
+        if let Some(feedback) =
+            feedback.filter(|feedback| !feedback.p_pipeline_creation_feedback.is_null())
+        {
+            let hit = cache.is_some() && all_hits && !stages.is_empty();
+            feedback
+                .p_pipeline_creation_feedback
+                .write(creation_feedback(started, hit));
+        }
+        let groups: Vec<_> = slice(info.p_groups, info.group_count)
+            .iter()
+            .map(group)
+            .collect();
+        let libraries = libraries(info)?;
+        Ok(Pipeline {
+            layout,
+            kind: PipelineKind::RayTracing(RayTracingPipeline::link(
+                programs, &groups, &libraries, info.flags,
+            )),
+        })
+    }
+}
+
+/// What `VkPipelineCreationFeedback` reports.
+pub fn creation_feedback(started: Instant, cache_hit: bool) -> vk::PipelineCreationFeedback {
+    let mut flags = vk::PipelineCreationFeedbackFlags::VALID;
+    if cache_hit {
+        flags |= vk::PipelineCreationFeedbackFlags::APPLICATION_PIPELINE_CACHE_HIT;
+    }
+    vk::PipelineCreationFeedback {
+        flags,
+        duration: u64::try_from(started.elapsed().as_nanos()).unwrap_or(u64::MAX),
+    }
+}
+
+fn group(info: &vk::RayTracingShaderGroupCreateInfoKHR<'_>) -> GroupInfo {
+    let used = |index: u32| (index != vk::SHADER_UNUSED_KHR).then_some(index);
+    let general = info.ty == vk::RayTracingShaderGroupTypeKHR::GENERAL;
+    let of_hit = |index| if general { None } else { used(index) };
+    let procedural = info.ty == vk::RayTracingShaderGroupTypeKHR::PROCEDURAL_HIT_GROUP;
+    GroupInfo {
+        ty: info.ty,
+        general: if general {
+            used(info.general_shader)
+        } else {
+            None
+        },
+        closest_hit: of_hit(info.closest_hit_shader),
+        any_hit: of_hit(info.any_hit_shader),
+        intersection: if procedural {
+            used(info.intersection_shader)
+        } else {
+            None
+        },
+    }
+}
+
+/// # Safety
+/// The info is valid and its libraries are alive for `'a`.
+unsafe fn libraries<'a>(
+    info: &vk::RayTracingPipelineCreateInfoKHR<'_>,
+) -> VkResult<Vec<&'a RayTracingPipeline>> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let Some(library_info) = info.p_library_info.as_ref() else {
+            return Ok(Vec::new());
+        };
+        slice(library_info.p_libraries, library_info.library_count)
+            .iter()
+            .map(
+                |&library| match &from_handle::<'a, Pipeline>(library).kind {
+                    PipelineKind::RayTracing(pipeline) => Ok(pipeline),
+                    PipelineKind::Compute(_) => Err(vk::Result::ERROR_UNKNOWN),
+                },
+            )
+            .collect()
+    }
+}

@@ -1,0 +1,191 @@
+//! Ray tracing pipelines and pipeline libraries: programs, groups, and the handles that shader binding tables hold.
+
+#![forbid(unsafe_code)]
+
+use std::sync::Arc;
+
+use ash::vk;
+use spirv_jit::Program;
+use xxhash_rust::xxh3::xxh3_128_with_seed;
+
+use super::pipeline::ProgramKey;
+use crate::trace::Tracer;
+use crate::trace::table::{Group, HANDLE_SIZE, Handle, ProgramIndex, Shaders};
+
+/// What a ray tracing pipeline, or a library to make one of, consists of.
+pub struct RayTracingPipeline {
+    pub shaders: Shaders,
+    /// What each program was compiled from, by program index.
+    pub keys: Vec<ProgramKey>,
+    /// Ray flags that every trace gets (`SKIP_TRIANGLES`, `SKIP_AABBS`).
+    pub ray_flags: u32,
+    /// The workers' memory for traces with this pipeline.
+    pub tracer: Tracer,
+}
+
+/// A compiled stage of a pipeline or library.
+#[derive(Clone)]
+pub struct StageProgram {
+    pub program: Arc<Program>,
+    pub key: ProgramKey,
+}
+
+/// `VkRayTracingShaderGroupCreateInfoKHR`, decoded: stage indices count the pipeline's own stages, then those of its libraries.
+#[derive(Clone, Copy, Debug)]
+pub struct GroupInfo {
+    pub ty: vk::RayTracingShaderGroupTypeKHR,
+    pub general: Option<u32>,
+    pub closest_hit: Option<u32>,
+    pub any_hit: Option<u32>,
+    pub intersection: Option<u32>,
+}
+
+impl RayTracingPipeline {
+    /// Links stages and groups, then the groups of libraries in order.
+    pub fn link(
+        stages: Vec<StageProgram>,
+        groups: &[GroupInfo],
+        libraries: &[&RayTracingPipeline],
+        flags: vk::PipelineCreateFlags,
+    ) -> Self {
+        let mut programs = Vec::new();
+        let mut keys = Vec::new();
+        for stage in stages {
+            programs.push(stage.program);
+            keys.push(stage.key);
+        }
+        let mut firsts = Vec::new();
+        for library in libraries {
+            firsts.push(programs.len() as u32);
+            programs.extend(library.shaders.programs.iter().cloned());
+            keys.extend_from_slice(&library.keys);
+        }
+        let mut all: Vec<Group> = groups.iter().map(|info| new_group(info, &keys)).collect();
+        for (library, first) in libraries.iter().zip(firsts) {
+            all.extend(
+                library
+                    .shaders
+                    .groups
+                    .iter()
+                    .map(|group| shifted(group, first)),
+            );
+        }
+        Self {
+            shaders: Shaders::new(programs, all),
+            keys,
+            ray_flags: ray_flags(flags),
+            tracer: Tracer::default(),
+        }
+    }
+
+    /// A shader's stack size in bytes (`vkGetRayTracingShaderGroupStackSizeKHR`); 0 where the group has none.
+    pub fn stack_size_bytes(&self, group: u32, shader: vk::ShaderGroupShaderKHR) -> u64 {
+        let Some(group) = self.shaders.groups.get(group as usize) else {
+            return 0;
+        };
+        let program = match shader {
+            vk::ShaderGroupShaderKHR::GENERAL => group.general,
+            vk::ShaderGroupShaderKHR::CLOSEST_HIT => group.closest_hit,
+            vk::ShaderGroupShaderKHR::ANY_HIT => group.any_hit,
+            vk::ShaderGroupShaderKHR::INTERSECTION => group.intersection,
+            _ => None,
+        };
+        program.map_or(0, |index| {
+            u64::from(self.shaders.programs[index as usize].stack_size_bytes())
+        })
+    }
+}
+
+fn new_group(info: &GroupInfo, keys: &[ProgramKey]) -> Group {
+    let known = |index: Option<u32>| index.filter(|&index| (index as usize) < keys.len());
+    let mut group = Group {
+        handle: [0; HANDLE_SIZE],
+        general: known(info.general),
+        closest_hit: known(info.closest_hit),
+        any_hit: known(info.any_hit),
+        intersection: known(info.intersection),
+    };
+    group.handle = handle(info.ty, &group, keys);
+    group
+}
+
+fn shifted(group: &Group, first: ProgramIndex) -> Group {
+    let shift = |index: Option<ProgramIndex>| index.map(|index| index + first);
+    Group {
+        handle: group.handle,
+        general: shift(group.general),
+        closest_hit: shift(group.closest_hit),
+        any_hit: shift(group.any_hit),
+        intersection: shift(group.intersection),
+    }
+}
+
+/// A group's handle: a hash of its type and of what its shaders were compiled from. The same group gets the same handle in any
+/// process, which is what replay needs, and in a library and the pipeline that it is linked into.
+fn handle(ty: vk::RayTracingShaderGroupTypeKHR, group: &Group, keys: &[ProgramKey]) -> Handle {
+    let mut content = ty.as_raw().to_le_bytes().to_vec();
+    for program in [
+        group.general,
+        group.closest_hit,
+        group.any_hit,
+        group.intersection,
+    ] {
+        match program {
+            Some(index) => {
+                content.push(1);
+                content.extend_from_slice(&keys[index as usize]);
+            }
+            None => content.push(0),
+        }
+    }
+    let mut handle = [0; HANDLE_SIZE];
+    handle[..16].copy_from_slice(&xxh3_128_with_seed(&content, 1).to_le_bytes());
+    handle[16..].copy_from_slice(&xxh3_128_with_seed(&content, 2).to_le_bytes());
+    handle
+}
+
+fn ray_flags(flags: vk::PipelineCreateFlags) -> u32 {
+    let mut ray_flags = 0;
+    if flags.contains(vk::PipelineCreateFlags::RAY_TRACING_SKIP_TRIANGLES_KHR) {
+        ray_flags |= traversal::ray_flags::SKIP_TRIANGLES;
+    }
+    if flags.contains(vk::PipelineCreateFlags::RAY_TRACING_SKIP_AABBS_KHR) {
+        ray_flags |= traversal::ray_flags::SKIP_AABBS;
+    }
+    ray_flags
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CLOSEST_HIT: GroupInfo = GroupInfo {
+        ty: vk::RayTracingShaderGroupTypeKHR::TRIANGLES_HIT_GROUP,
+        general: None,
+        closest_hit: Some(0),
+        any_hit: None,
+        intersection: None,
+    };
+
+    #[test]
+    fn handles_follow_from_content() {
+        let keys = [[1; 16], [2; 16], [1; 16]];
+        let of = |info: GroupInfo| new_group(&info, &keys).handle;
+        let other = |closest_hit| {
+            of(GroupInfo {
+                closest_hit,
+                ..CLOSEST_HIT
+            })
+        };
+        assert_eq!(of(CLOSEST_HIT), other(Some(2)));
+        assert_ne!(of(CLOSEST_HIT), other(Some(1)));
+        assert_ne!(of(CLOSEST_HIT), other(None));
+        let any_hit = GroupInfo {
+            closest_hit: None,
+            any_hit: Some(0),
+            ..CLOSEST_HIT
+        };
+        assert_ne!(of(CLOSEST_HIT), of(any_hit));
+        assert_ne!(of(CLOSEST_HIT), [0; HANDLE_SIZE]);
+    }
+}

@@ -1,0 +1,125 @@
+//! A shader stage to be compiled, and the way from it to a program through the pipeline cache.
+
+#![forbid(unsafe_code)]
+
+use std::sync::Arc;
+
+use ash::vk;
+use spirv_jit::error::ErrorKind;
+use spirv_jit::program::{CompileRequest, Stage};
+use xxhash_rust::xxh3::Xxh3;
+
+use super::pipeline::ProgramKey;
+use super::ray_tracing_pipeline::StageProgram;
+use super::{Device, PipelineCache, PipelineLayout};
+use crate::VkResult;
+
+/// `VkPipelineShaderStageCreateInfo`, copied.
+#[derive(Clone, Debug)]
+pub struct ShaderStage {
+    pub words: Arc<[u32]>,
+    pub entry_point: String,
+    pub stage: Stage,
+    /// `SpecId` and bytes.
+    pub specialization: Vec<(u32, Vec<u8>)>,
+}
+
+/// A program, and whether it was in the cache.
+pub struct Compiled {
+    pub program: StageProgram,
+    pub cache_hit: bool,
+}
+
+impl ShaderStage {
+    /// What makes two compilations the same: the module, its entry point and stage, the specialization and where its descriptors are.
+    pub fn key(&self, layout: &PipelineLayout) -> ProgramKey {
+        let mut hash = Xxh3::new();
+        for word in self.words.iter() {
+            hash.update(&word.to_le_bytes());
+        }
+        hash.update(&(self.words.len() as u64).to_le_bytes());
+        hash.update(self.entry_point.as_bytes());
+        hash.update(&[0, self.stage as u8]);
+        for (id, bytes) in &self.specialization {
+            hash.update(&id.to_le_bytes());
+            hash.update(&(bytes.len() as u64).to_le_bytes());
+            hash.update(bytes);
+        }
+        for (set, set_layout) in (0..).zip(&layout.sets) {
+            for binding in set_layout.iter().flat_map(|layout| &layout.bindings) {
+                let place = layout.descriptor_binding(set, binding.binding);
+                let words = place.map_or([0; 4], |place| {
+                    [
+                        place.set,
+                        place.first,
+                        place.count,
+                        u32::from(place.dynamic),
+                    ]
+                });
+                for word in [set, binding.binding].into_iter().chain(words) {
+                    hash.update(&word.to_le_bytes());
+                }
+            }
+        }
+        hash.digest128().to_le_bytes()
+    }
+
+    /// Takes the program from the cache, or compiles it and puts it there.
+    ///
+    /// # Errors
+    /// `VK_PIPELINE_COMPILE_REQUIRED` if it is not in the cache and `may_compile` is false; `VK_ERROR_OUT_OF_HOST_MEMORY` for a module
+    /// that would need too much; `VK_ERROR_UNKNOWN` for one that is malformed or asks for what is not advertised. The last two are told to
+    /// the debug messengers.
+    pub fn compile(
+        &self,
+        device: &Device,
+        cache: Option<&PipelineCache>,
+        layout: &PipelineLayout,
+        may_compile: bool,
+    ) -> VkResult<Compiled> {
+        let key = self.key(layout);
+        if let Some(program) = cache.and_then(|cache| cache.programs.lock().get(&key).cloned()) {
+            let program = StageProgram { program, key };
+            return Ok(Compiled {
+                program,
+                cache_hit: true,
+            });
+        }
+        if !may_compile {
+            return Err(vk::Result::PIPELINE_COMPILE_REQUIRED);
+        }
+        let specialization: Vec<_> = self
+            .specialization
+            .iter()
+            .map(|(id, bytes)| (*id, &bytes[..]))
+            .collect();
+        let compiled = spirv_jit::compile(&CompileRequest {
+            words: &self.words,
+            entry_point: &self.entry_point,
+            stage: self.stage,
+            specialization: &specialization,
+            bindings: &|set, binding| layout.descriptor_binding(set, binding),
+            capabilities: &device.capabilities,
+        });
+        let program = compiled.map_err(|error| {
+            let message = format!("{:?} shader \"{}\": {error}", self.stage, self.entry_point);
+            device
+                .messengers
+                .error(c"TUFF-shader-compilation", &message);
+            match error.kind {
+                ErrorKind::Budget => vk::Result::ERROR_OUT_OF_HOST_MEMORY,
+                ErrorKind::Invalid | ErrorKind::Unsupported | ErrorKind::EntryPoint => {
+                    vk::Result::ERROR_UNKNOWN
+                }
+            }
+        })?;
+        if let Some(cache) = cache {
+            cache.programs.lock().insert(key, Arc::clone(&program));
+        }
+        let program = StageProgram { program, key };
+        Ok(Compiled {
+            program,
+            cache_hit: false,
+        })
+    }
+}

@@ -1,0 +1,213 @@
+//! Texels of 16 lanes at once, component by component.
+//!
+//! Normalised formats are loaded in *units*, that is, before the division by 2^bits − 1, so that filtering divides once per result and not once per texel:
+//! [`finish`] turns units into values.
+
+use super::codec::encode_unorm;
+use super::layout::{Codec, FormatInfo};
+use super::{small_float, srgb};
+use crate::SUBGROUP_SIZE;
+
+/// A word per lane.
+pub type Lanes = [u32; SUBGROUP_SIZE];
+/// Four components of a texel per lane.
+pub type Texels = [Lanes; 4];
+/// A byte offset per lane.
+pub type Offsets = [u64; SUBGROUP_SIZE];
+
+/// Loads a plain value per lane.
+///
+/// # Safety
+/// `base + offsets[lane]` is readable for the size of `T`, in every lane.
+#[inline(always)]
+unsafe fn gather<T: Copy + Default>(base: *const u8, offsets: &Offsets, at: usize) -> [T; 16] {
+    let mut values = [T::default(); SUBGROUP_SIZE];
+    for lane in 0..SUBGROUP_SIZE {
+        // SAFETY: the caller's promise.
+        values[lane] = unsafe {
+            base.add(offsets[lane] as usize + at)
+                .cast::<T>()
+                .read_unaligned()
+        };
+    }
+    values
+}
+
+#[inline(always)]
+fn map<T: Copy>(values: &[T; 16], f: impl Fn(T) -> u32) -> Lanes {
+    let mut out = [0; SUBGROUP_SIZE];
+    for lane in 0..SUBGROUP_SIZE {
+        out[lane] = f(values[lane]);
+    }
+    out
+}
+
+/// Units of a byte of each lane's word.
+#[inline(always)]
+fn byte_units(words: &Lanes, shift: u32) -> Lanes {
+    map(words, |word| {
+        (((word >> shift) & 0xff) as i32 as f32).to_bits()
+    })
+}
+
+/// What one unit of `component` is worth: 1 unless the format is loaded in units of 1/scale.
+#[inline(always)]
+pub(crate) fn unit_scale(info: &FormatInfo) -> f32 {
+    match info.codec {
+        Codec::Unorm8(_) | Codec::Bgra8 => 255.0,
+        Codec::Unorm16(_) => 65535.0,
+        _ => 1.0,
+    }
+}
+
+/// Loads a texel per lane, in units; components that the format lacks are left zero (see [`finish`]).
+///
+/// # Safety
+/// `base + offsets[lane]` is readable for the format's size, in every lane.
+#[inline(always)]
+pub unsafe fn load(info: &FormatInfo, base: *const u8, offsets: &Offsets) -> Texels {
+    let zero = [0; SUBGROUP_SIZE];
+    // SAFETY: each access lies inside the texel that the caller vouches for.
+    unsafe {
+        match info.codec {
+            Codec::Unorm8(4) => {
+                let words = gather::<u32>(base, offsets, 0);
+                [0, 8, 16, 24].map(|shift| byte_units(&words, shift))
+            }
+            Codec::Bgra8 => {
+                let words = gather::<u32>(base, offsets, 0);
+                [16, 8, 0, 24].map(|shift| byte_units(&words, shift))
+            }
+            Codec::Srgb8Rgba | Codec::Srgb8Bgra => {
+                let words = gather::<u32>(base, offsets, 0);
+                let linear =
+                    |shift: u32| map(&words, |word| srgb::LINEAR[(word >> shift & 0xff) as usize]);
+                let alpha = map(&words, |word| {
+                    ((word >> 24) as i32 as f32 / 255.0).to_bits()
+                });
+                if info.codec == Codec::Srgb8Rgba {
+                    [linear(0), linear(8), linear(16), alpha]
+                } else {
+                    [linear(16), linear(8), linear(0), alpha]
+                }
+            }
+            Codec::Words(count) => std::array::from_fn(|i| {
+                if i < count as usize {
+                    gather::<u32>(base, offsets, 4 * i)
+                } else {
+                    zero
+                }
+            }),
+            Codec::Half(count) => std::array::from_fn(|i| {
+                if i < count as usize {
+                    let halves = gather::<u16>(base, offsets, 2 * i);
+                    map(&halves, |half| small_float::half_to_f32(half).to_bits())
+                } else {
+                    zero
+                }
+            }),
+            Codec::Unorm16(count) => std::array::from_fn(|i| {
+                if i < count as usize {
+                    let codes = gather::<u16>(base, offsets, 2 * i);
+                    map(&codes, |code| (code as i32 as f32).to_bits())
+                } else {
+                    zero
+                }
+            }),
+            Codec::Unorm8(count) => std::array::from_fn(|i| {
+                if i < count as usize {
+                    let codes = gather::<u8>(base, offsets, i);
+                    map(&codes, |code| (code as i32 as f32).to_bits())
+                } else {
+                    zero
+                }
+            }),
+            Codec::Generic => load_generic(info, base, offsets),
+        }
+    }
+}
+
+/// # Safety
+/// As [`load`].
+#[inline(never)]
+unsafe fn load_generic(info: &FormatInfo, base: *const u8, offsets: &Offsets) -> Texels {
+    let mut texels = [[0; SUBGROUP_SIZE]; 4];
+    for lane in 0..SUBGROUP_SIZE {
+        // SAFETY: the caller's promise.
+        let bytes = unsafe {
+            std::slice::from_raw_parts(base.add(offsets[lane] as usize), info.size_bytes as usize)
+        };
+        let words = info.decode_generic(bytes);
+        for (row, word) in texels.iter_mut().zip(words) {
+            row[lane] = word;
+        }
+    }
+    texels
+}
+
+/// Turns units into values and fills components that the format lacks with (0, 0, 0, 1). Not for 64-bit integers.
+#[inline(always)]
+pub fn finish(info: &FormatInfo, texels: &mut Texels) {
+    let scale = unit_scale(info);
+    for (component, row) in texels.iter_mut().enumerate() {
+        if info.channels[component].bits == 0 {
+            *row = [info.missing(component); SUBGROUP_SIZE];
+        } else if scale != 1.0 {
+            *row = map(row, |units| (f32::from_bits(units) / scale).to_bits());
+        }
+    }
+}
+
+/// Stores a texel in each lane of `mask`, in lane order.
+///
+/// # Safety
+/// `base + offsets[lane]` is writable for the format's size, in every lane of `mask`.
+pub unsafe fn store(
+    info: &FormatInfo,
+    base: *mut u8,
+    offsets: &Offsets,
+    mask: u16,
+    texels: &Texels,
+) {
+    let size = info.size_bytes as usize;
+    let store_lane = |lane: usize, bytes: &[u8]| {
+        // SAFETY: called for lanes of the mask and with the format's size, for which the caller vouches.
+        unsafe {
+            let texel = base.add(offsets[lane] as usize);
+            std::ptr::copy_nonoverlapping(bytes.as_ptr(), texel, bytes.len());
+        }
+    };
+    match info.codec {
+        Codec::Unorm8(4) => {
+            let mut words = [0; SUBGROUP_SIZE];
+            for (component, row) in texels.iter().enumerate() {
+                for lane in 0..SUBGROUP_SIZE {
+                    words[lane] |= encode_unorm(row[lane], 8) << (8 * component);
+                }
+            }
+            each_lane(mask, |lane| store_lane(lane, &words[lane].to_le_bytes()));
+        }
+        Codec::Words(4) => each_lane(mask, |lane| {
+            let mut bytes = [0; 16];
+            for (component, row) in texels.iter().enumerate() {
+                bytes[4 * component..4 * component + 4].copy_from_slice(&row[lane].to_le_bytes());
+            }
+            store_lane(lane, &bytes);
+        }),
+        _ => each_lane(mask, |lane| {
+            let mut bytes = [0; super::MAX_TEXEL_BYTES];
+            info.encode(texels.map(|row| row[lane]), &mut bytes);
+            store_lane(lane, &bytes[..size]);
+        }),
+    }
+}
+
+/// Calls `f` with each lane of a mask, lowest first.
+#[inline(always)]
+pub fn each_lane(mask: u16, mut f: impl FnMut(usize)) {
+    let mut rest = mask;
+    while rest != 0 {
+        f(rest.trailing_zeros() as usize);
+        rest &= rest - 1;
+    }
+}

@@ -1,0 +1,383 @@
+//! Operand and result types of every operation, as the verifier checks them.
+
+use super::op::{Access, AtomicOp, Signature, Space, SubgroupOp};
+use super::{Function, Inst, Module, Op, Type, VariableId};
+use crate::image::{Dim, ImageOp, ImageOpKind, LodMode};
+
+type Checked = Result<(), String>;
+
+/// Checks one instruction's operands and results; values are known to be in the table of types.
+pub(super) fn check_operation(module: &Module, function: &Function, inst: &Inst) -> Checked {
+    let args: Vec<Type> = inst.args.iter().map(|&value| function.ty(value)).collect();
+    let results: Vec<Type> = inst
+        .results
+        .iter()
+        .map(|&value| function.ty(value))
+        .collect();
+    let signature = inst.op.signature();
+    if signature != Signature::Other {
+        return check_elementwise(&inst.op, signature, &args, &results);
+    }
+    check_other(module, function, &inst.op, &args, &results)
+}
+
+fn require(holds: bool, rule: &str) -> Checked {
+    if holds { Ok(()) } else { Err(rule.into()) }
+}
+
+fn is_int(ty: Type) -> bool {
+    !ty.is_float() && ty != Type::I1
+}
+
+fn is_word(ty: Type) -> bool {
+    matches!(ty, Type::I32 | Type::F32)
+}
+
+fn all_equal(types: &[Type]) -> bool {
+    types.windows(2).all(|pair| pair[0] == pair[1])
+}
+
+fn check_elementwise(op: &Op, signature: Signature, args: &[Type], results: &[Type]) -> Checked {
+    let arity = match signature {
+        Signature::IntBinary
+        | Signature::IntCompare
+        | Signature::FloatBinary
+        | Signature::FloatCompare => 2,
+        Signature::FloatTernary => 3,
+        _ => 1,
+    };
+    require(args.len() == arity, "wrong number of operands")?;
+    require(results.len() == 1, "wrong number of results")?;
+    let (arg, result) = (args[0], results[0]);
+    let family = match signature {
+        Signature::IntUnary => is_int(arg) || *op == Op::Not,
+        Signature::IntBinary | Signature::IntCompare => !arg.is_float(),
+        _ => arg.is_float(),
+    };
+    match signature {
+        Signature::Convert => require(convertible(op, arg, result), "no such conversion"),
+        Signature::IntCompare | Signature::FloatCompare | Signature::FloatTest => require(
+            family && all_equal(args) && result == Type::I1,
+            "wrong types for a comparison",
+        ),
+        _ => require(
+            family && all_equal(args) && result == arg,
+            "wrong operand or result types",
+        ),
+    }
+}
+
+fn convertible(op: &Op, from: Type, to: Type) -> bool {
+    match op {
+        Op::FToS | Op::FToU => from.is_float() && is_int(to),
+        Op::SToF | Op::UToF => is_int(from) && to.is_float(),
+        Op::FConvert => from.is_float() && to.is_float(),
+        Op::SConvert | Op::UConvert => is_int(from) && is_int(to),
+        Op::Bitcast => from.bits() == to.bits(),
+        Op::FFrexpExponent => from.is_float() && to == Type::I32,
+        _ => false,
+    }
+}
+
+fn check_other(
+    module: &Module,
+    function: &Function,
+    op: &Op,
+    args: &[Type],
+    results: &[Type],
+) -> Checked {
+    use Type::{F32, I1, I32, I64};
+    let takes = |expected: &[Type]| -> Checked { require(args == expected, "wrong operands") };
+    let gives = |expected: &[Type]| -> Checked { require(results == expected, "wrong results") };
+    let gives_one = || require(results.len() == 1, "wrong number of results");
+    match op {
+        Op::Const(bits) => {
+            takes(&[])?;
+            gives_one()?;
+            let width = results[0].bits();
+            require(
+                width == 64 || bits >> width == 0,
+                "a constant with bits above its type's width",
+            )
+        }
+        Op::Select => {
+            gives_one()?;
+            takes(&[I1, results[0], results[0]])
+        }
+        Op::FLdexp => {
+            gives_one()?;
+            require(results[0].is_float(), "not a float")?;
+            takes(&[results[0], I32])
+        }
+        Op::BitfieldInsert => {
+            gives_one()?;
+            require(is_int(results[0]), "not an integer")?;
+            takes(&[results[0], results[0], I32, I32])
+        }
+        Op::BitfieldSExtract | Op::BitfieldUExtract => {
+            gives_one()?;
+            require(is_int(results[0]), "not an integer")?;
+            takes(&[results[0], I32, I32])
+        }
+        Op::Pack64 => {
+            gives_one()?;
+            require(results[0].bits() == 64, "the result has not 64 bits")?;
+            takes(&[I32, I32])
+        }
+        Op::Unpack64 => {
+            require(
+                args.len() == 1 && args[0].bits() == 64,
+                "the operand has not 64 bits",
+            )?;
+            gives(&[I32, I32])
+        }
+        Op::VarLoad(variable, row) => {
+            takes(&[])?;
+            gives_one()?;
+            check_variable_row(function, *variable, *row, results[0])
+        }
+        Op::VarStore(variable, row) => {
+            gives(&[])?;
+            require(args.len() == 1, "wrong number of operands")?;
+            check_variable_row(function, *variable, *row, args[0])
+        }
+        Op::VarAddress(variable) => {
+            require(
+                variable.index() < function.variables.len(),
+                "no such variable",
+            )?;
+            takes(&[])?;
+            gives(&[I32])
+        }
+        Op::Load(access) => {
+            takes(address_types(access.space))?;
+            check_scalars(access, results)
+        }
+        Op::Store(access) => {
+            gives(&[])?;
+            check_scalars(access, check_address(access, args)?)
+        }
+        Op::Atomic(kind, access) => check_atomic(*kind, check_address(access, args)?, results),
+        Op::BufferSize => takes(&[I64]).and_then(|()| gives(&[I32])),
+        Op::Descriptor(_) => takes(&[I32]).and_then(|()| gives(&[I64])),
+        Op::PushConstants | Op::ReadClock => takes(&[]).and_then(|()| gives(&[I64])),
+        Op::DescriptorAddress => takes(&[I64]).and_then(|()| gives(&[I64])),
+        Op::Input(row) => {
+            require((*row as usize) < module.inputs.len(), "no such input row")?;
+            takes(&[])?;
+            require(
+                results.len() == 1 && is_word(results[0]),
+                "an input is a word",
+            )
+        }
+        Op::Uniform(_) | Op::LaneIndex => takes(&[]).and_then(|()| gives(&[I32])),
+        Op::Image(image) => check_image(image, args, results),
+        Op::Subgroup(kind) => check_subgroup(*kind, args, results),
+        Op::MemoryBarrier | Op::Barrier => takes(&[]).and_then(|()| gives(&[])),
+        Op::Call(callee) => {
+            let Some(callee) = module.functions.get(callee.index()) else {
+                return Err("no such function".into());
+            };
+            require(
+                callee
+                    .params
+                    .iter()
+                    .map(|&p| callee.ty(p))
+                    .eq(args.iter().copied()),
+                "operands do not match the callee's parameters",
+            )?;
+            require(
+                results == callee.results,
+                "results do not match the callee's",
+            )
+        }
+        Op::TraceRay => {
+            require(
+                args.len() >= 15 && args.iter().chain(results).all(|&ty| is_word(ty)),
+                "needs 15 words and a payload of words",
+            )?;
+            require(
+                args.len() - 15 == results.len(),
+                "payload in and out differ",
+            )
+        }
+        Op::ReportIntersection => {
+            require(
+                args.len() >= 2 && args[0] == F32 && args[1] == I32,
+                "needs t and a hit kind",
+            )?;
+            require(args.iter().all(|&ty| is_word(ty)), "attributes are words")?;
+            gives(&[I1])
+        }
+        Op::ExecuteCallable => {
+            require(args.first() == Some(&I32), "needs an index")?;
+            require(
+                args.iter().chain(results).all(|&ty| is_word(ty)),
+                "callable data are words",
+            )?;
+            require(
+                args.len() - 1 == results.len(),
+                "callable data in and out differ",
+            )
+        }
+        _ => Err("an operation without a signature".into()),
+    }
+}
+
+fn check_variable_row(function: &Function, variable: VariableId, row: u32, ty: Type) -> Checked {
+    let Some(variable) = function.variables.get(variable.index()) else {
+        return Err("no such variable".into());
+    };
+    require(
+        row.checked_add(ty.rows())
+            .is_some_and(|end| end <= variable.rows),
+        "past the end of the variable",
+    )
+}
+
+fn address_types(space: Space) -> &'static [Type] {
+    match space {
+        Space::Private | Space::Shared => &[Type::I32],
+        Space::Buffer => &[Type::I64, Type::I32],
+        Space::Global => &[Type::I64],
+    }
+}
+
+/// Checks the leading address operands and gives the rest.
+fn check_address<'a>(access: &Access, args: &'a [Type]) -> Result<&'a [Type], String> {
+    args.strip_prefix(address_types(access.space))
+        .ok_or_else(|| "wrong address operands".into())
+}
+
+fn check_scalars(access: &Access, scalars: &[Type]) -> Checked {
+    require(!scalars.is_empty(), "accesses nothing")?;
+    require(all_equal(scalars), "accesses scalars of different types")?;
+    require(
+        scalars[0] != Type::I1 || access.space == Space::Private,
+        "booleans are not storable there",
+    )
+}
+
+fn check_atomic(kind: AtomicOp, operands: &[Type], results: &[Type]) -> Checked {
+    let (takes, gives) = match kind {
+        AtomicOp::Load => (0, 1),
+        AtomicOp::Store => (1, 0),
+        AtomicOp::CompareExchange => (2, 1),
+        _ => (1, 1),
+    };
+    require(
+        operands.len() == takes && results.len() == gives,
+        "wrong number of operands or results",
+    )?;
+    let mut types = operands.iter().chain(results);
+    let first = *types.next().expect("an atomic has an operand or a result");
+    require(
+        types.all(|&ty| ty == first) && !matches!(first, Type::I1 | Type::I8),
+        "wrong type for an atomic",
+    )?;
+    match kind {
+        AtomicOp::FAdd | AtomicOp::FMin | AtomicOp::FMax => {
+            require(first.is_float(), "not a float")
+        }
+        AtomicOp::Load | AtomicOp::Store | AtomicOp::Exchange => Ok(()),
+        _ => require(!first.is_float(), "not an integer"),
+    }
+}
+
+fn check_subgroup(kind: SubgroupOp, args: &[Type], results: &[Type]) -> Checked {
+    use Type::{I1, I32};
+    let holds = match (kind, args, results) {
+        (SubgroupOp::Elect, [], [I1]) => true,
+        (SubgroupOp::All | SubgroupOp::Any, [I1], [I1]) => true,
+        (SubgroupOp::AllEqual, [_], [I1]) => true,
+        (SubgroupOp::Ballot, [I1], [I32]) => true,
+        (SubgroupOp::Shuffle, [value, I32], [result]) => value == result,
+        (
+            SubgroupOp::BroadcastFirst
+            | SubgroupOp::Reduce { .. }
+            | SubgroupOp::InclusiveScan(_)
+            | SubgroupOp::ExclusiveScan(_),
+            [value],
+            [result],
+        ) => value == result,
+        _ => false,
+    };
+    require(holds, "wrong operands or results")
+}
+
+/// See [`ImageOp`] for the order of operands.
+fn check_image(op: &ImageOp, args: &[Type], results: &[Type]) -> Checked {
+    use ImageOpKind as Kind;
+    use Type::{F32, I32, I64};
+    let sampled = matches!(op.kind, Kind::Sample | Kind::Gather(_) | Kind::QueryLod);
+    let query = matches!(
+        op.kind,
+        Kind::QuerySize | Kind::QueryLevels | Kind::QuerySamples
+    );
+    let mut expected = vec![I64];
+    if sampled {
+        expected.push(I64);
+    }
+    if !query {
+        // SPIR-V gives a level-of-detail query no layer, and an application may ask for one all the same.
+        let coordinates = match op.kind {
+            Kind::QueryLod if args.len() == 2 + op.spatial_count() => op.spatial_count(),
+            _ => op.coordinate_count(),
+        };
+        let ty = if sampled { F32 } else { I32 };
+        expected.extend(std::iter::repeat_n(ty, coordinates));
+    }
+    if op.depth_compare {
+        expected.push(F32);
+    }
+    match op.lod {
+        LodMode::Implicit => {}
+        LodMode::Bias => expected.push(F32),
+        LodMode::Lod => expected.push(if sampled { F32 } else { I32 }),
+        LodMode::Grad => expected.extend(std::iter::repeat_n(F32, 2 * op.spatial_count())),
+    }
+    if op.has_min_lod {
+        expected.push(F32);
+    }
+    if op.has_offset {
+        expected.extend(std::iter::repeat_n(I32, op.spatial_count()));
+    }
+    if op.has_offsets {
+        expected.extend(std::iter::repeat_n(I32, 4 * op.spatial_count()));
+    }
+    if op.multisampled && !sampled && !query {
+        expected.push(I32);
+    }
+    let (texels, count) = match op.kind {
+        Kind::Sample if op.depth_compare => (0, 1),
+        Kind::Sample | Kind::Fetch | Kind::Gather(_) | Kind::Read => (0, 4),
+        Kind::Write => (4, 0),
+        Kind::Atomic(AtomicOp::Load) => (0, 1),
+        Kind::Atomic(AtomicOp::Store) => (1, 0),
+        Kind::Atomic(AtomicOp::CompareExchange) => (2, 1),
+        Kind::Atomic(_) => (1, 1),
+        Kind::QuerySize => (0, size_components(op)),
+        Kind::QueryLevels | Kind::QuerySamples => (0, 1),
+        Kind::QueryLod => (0, 2),
+    };
+    let result_type = match op.kind {
+        Kind::QuerySize | Kind::QueryLevels | Kind::QuerySamples => I32,
+        Kind::QueryLod => F32,
+        _ => op.texel,
+    };
+    expected.extend(std::iter::repeat_n(op.texel, texels));
+    require(args == expected, "wrong image operands")?;
+    require(
+        results.len() == count && results.iter().all(|&ty| ty == result_type),
+        "wrong image results",
+    )
+}
+
+/// Components of `OpImageQuerySize`.
+fn size_components(op: &ImageOp) -> usize {
+    let spatial = match op.dim {
+        Dim::Cube => 2,
+        _ => op.spatial_count(),
+    };
+    spatial + op.arrayed as usize
+}

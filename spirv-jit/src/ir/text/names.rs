@@ -1,0 +1,127 @@
+//! The words of the text form for everything that is an enumeration. One table each, read in both directions.
+
+use crate::image::{Dim, LodMode};
+use crate::ir::op::{AtomicOp, ReduceOp, Space, SubgroupOp};
+use crate::ir::{Op, Type};
+use crate::program::{Builtin, Stage};
+
+macro_rules! names {
+    ($type:ident, $to_text:ident, $from_text:ident: $($variant:ident = $text:literal),* $(,)?) => {
+        pub fn $to_text(value: $type) -> &'static str {
+            match value {
+                $($type::$variant => $text,)*
+            }
+        }
+
+        pub fn $from_text(text: &str) -> Option<$type> {
+            match text {
+                $($text => Some($type::$variant),)*
+                _ => None,
+            }
+        }
+    };
+}
+
+names!(Type, type_text, type_from_text:
+    I1 = "i1", I8 = "i8", I16 = "i16", I32 = "i32", I64 = "i64", F16 = "f16", F32 = "f32", F64 = "f64");
+
+names!(Space, space_text, space_from_text:
+    Private = "private", Shared = "shared", Buffer = "buffer", Global = "global");
+
+names!(Stage, stage_text, stage_from_text:
+    Compute = "compute", RayGeneration = "ray_generation", Intersection = "intersection", AnyHit = "any_hit",
+    ClosestHit = "closest_hit", Miss = "miss", Callable = "callable");
+
+names!(Builtin, builtin_text, builtin_from_text:
+    LaunchId = "launch_id", WorkgroupId = "workgroup_id", LocalInvocationId = "local_invocation_id",
+    LocalInvocationIndex = "local_invocation_index", GlobalInvocationId = "global_invocation_id",
+    SubgroupId = "subgroup_id", NumSubgroups = "num_subgroups", PrimitiveId = "primitive_id",
+    InstanceId = "instance_id", InstanceCustomIndex = "instance_custom_index", GeometryIndex = "geometry_index",
+    WorldRayOrigin = "world_ray_origin", WorldRayDirection = "world_ray_direction",
+    ObjectRayOrigin = "object_ray_origin", ObjectRayDirection = "object_ray_direction",
+    RayTmin = "ray_tmin", RayTmax = "ray_tmax", IncomingRayFlags = "incoming_ray_flags", CullMask = "cull_mask",
+    HitKind = "hit_kind", ObjectToWorld = "object_to_world", WorldToObject = "world_to_object",
+    HitTriangleVertexPositions = "hit_triangle_vertex_positions", ShaderRecordAddress = "shader_record_address");
+
+names!(AtomicOp, atomic_text, atomic_from_text:
+    Load = "load", Store = "store", Exchange = "exchange", CompareExchange = "compare_exchange",
+    IAdd = "iadd", ISub = "isub", SMin = "smin", SMax = "smax", UMin = "umin", UMax = "umax",
+    And = "and", Or = "or", Xor = "xor", FAdd = "fadd", FMin = "fmin", FMax = "fmax");
+
+names!(ReduceOp, reduce_text, reduce_from_text:
+    IAdd = "iadd", FAdd = "fadd", IMul = "imul", FMul = "fmul", SMin = "smin", UMin = "umin", FMin = "fmin",
+    SMax = "smax", UMax = "umax", FMax = "fmax", And = "and", Or = "or", Xor = "xor");
+
+names!(Dim, dim_text, dim_from_text:
+    D1 = "1d", D2 = "2d", D3 = "3d", Cube = "cube", Buffer = "texel_buffer");
+
+names!(LodMode, lod_text, lod_from_text:
+    Implicit = "implicit", Bias = "bias", Lod = "lod", Grad = "grad");
+
+/// Operations whose name says everything, apart from the elementwise ones.
+pub fn plain_op_from_text(text: &str) -> Option<Op> {
+    const PLAIN: [Op; 17] = [
+        Op::Select,
+        Op::FLdexp,
+        Op::BitfieldInsert,
+        Op::BitfieldSExtract,
+        Op::BitfieldUExtract,
+        Op::Pack64,
+        Op::Unpack64,
+        Op::BufferSize,
+        Op::PushConstants,
+        Op::DescriptorAddress,
+        Op::LaneIndex,
+        Op::ReadClock,
+        Op::MemoryBarrier,
+        Op::TraceRay,
+        Op::ReportIntersection,
+        Op::ExecuteCallable,
+        Op::Barrier,
+    ];
+    Op::elementwise_from_text(text).or_else(|| PLAIN.into_iter().find(|op| op.text() == text))
+}
+
+/// A subgroup operation's name after `subgroup.` and what its brackets hold.
+pub fn subgroup_text(op: SubgroupOp) -> (&'static str, String) {
+    match op {
+        SubgroupOp::Elect => ("elect", String::new()),
+        SubgroupOp::All => ("all", String::new()),
+        SubgroupOp::Any => ("any", String::new()),
+        SubgroupOp::AllEqual => ("all_equal", String::new()),
+        SubgroupOp::Ballot => ("ballot", String::new()),
+        SubgroupOp::Shuffle => ("shuffle", String::new()),
+        SubgroupOp::BroadcastFirst => ("broadcast_first", String::new()),
+        SubgroupOp::Reduce { op, cluster } => ("reduce", format!("{}, {cluster}", reduce_text(op))),
+        SubgroupOp::InclusiveScan(op) => ("inclusive_scan", reduce_text(op).into()),
+        SubgroupOp::ExclusiveScan(op) => ("exclusive_scan", reduce_text(op).into()),
+    }
+}
+
+/// The inverse of [`subgroup_text`], the brackets' words taken apart.
+pub fn subgroup_from_text(name: &str, words: &[&str]) -> Option<SubgroupOp> {
+    let plain = |op| words.is_empty().then_some(op);
+    let scan = || match words {
+        [op] => reduce_from_text(op),
+        _ => None,
+    };
+    match name {
+        "elect" => plain(SubgroupOp::Elect),
+        "all" => plain(SubgroupOp::All),
+        "any" => plain(SubgroupOp::Any),
+        "all_equal" => plain(SubgroupOp::AllEqual),
+        "ballot" => plain(SubgroupOp::Ballot),
+        "shuffle" => plain(SubgroupOp::Shuffle),
+        "broadcast_first" => plain(SubgroupOp::BroadcastFirst),
+        "reduce" => match words {
+            [op, cluster] => Some(SubgroupOp::Reduce {
+                op: reduce_from_text(op)?,
+                cluster: cluster.parse().ok()?,
+            }),
+            _ => None,
+        },
+        "inclusive_scan" => scan().map(SubgroupOp::InclusiveScan),
+        "exclusive_scan" => scan().map(SubgroupOp::ExclusiveScan),
+        _ => None,
+    }
+}

@@ -1,0 +1,339 @@
+//! The verifier: what every module must satisfy between passes. A module that passes here can be printed, parsed, optimised and run
+//! without further checks.
+
+use super::signature::check_operation;
+use super::{Body, Function, FunctionId, Inst, Label, Module, Node, Op, Terminator, Type, Value};
+
+/// Checks a module against the rules of the [module's prose](super): types by operation, visibility of values, labels that enclose their
+/// `br`, terminators, bounds of variables, no recursion.
+///
+/// # Errors
+/// One sentence that names the function, the place and the rule.
+pub fn verify(module: &Module) -> Result<(), String> {
+    let Some(entry) = module.functions.first() else {
+        return Err("a module without an entry function".into());
+    };
+    if !entry.params.is_empty() || !entry.results.is_empty() {
+        return Err("f0: the entry function has parameters or results".into());
+    }
+    for (index, function) in module.functions.iter().enumerate() {
+        let mut verifier = Verifier {
+            module,
+            function,
+            is_entry: index == 0,
+            visible: vec![false; function.value_types.len()],
+            defined: vec![false; function.value_types.len()],
+            scope: Vec::new(),
+            labels: vec![Target::Unused; function.labels as usize],
+        };
+        verifier
+            .check_function()
+            .map_err(|message| format!("f{index}: {message}"))?;
+    }
+    check_call_graph(module)
+}
+
+/// What a `br` to a label may find.
+#[derive(Clone)]
+enum Target<'a> {
+    Unused,
+    /// Inside the construct: the values that the `br` defines.
+    Open(&'a [Value]),
+    Closed,
+}
+
+struct Verifier<'a> {
+    module: &'a Module,
+    function: &'a Function,
+    is_entry: bool,
+    /// Values that may be used here.
+    visible: Vec<bool>,
+    /// Values that have a definition somewhere before.
+    defined: Vec<bool>,
+    /// The visible values in order of definition: a body's end truncates it.
+    scope: Vec<Value>,
+    labels: Vec<Target<'a>>,
+}
+
+impl<'a> Verifier<'a> {
+    fn check_function(&mut self) -> Result<(), String> {
+        let function = self.function;
+        self.define_all(&function.params)?;
+        self.check_body(&function.body)
+    }
+
+    fn define(&mut self, value: Value) -> Result<(), String> {
+        match self.defined.get_mut(value.index()) {
+            None => return Err(format!("{value} is not in the table of types")),
+            Some(defined) if *defined => return Err(format!("{value} is defined twice")),
+            Some(defined) => *defined = true,
+        }
+        self.visible[value.index()] = true;
+        self.scope.push(value);
+        Ok(())
+    }
+
+    fn define_all(&mut self, values: &[Value]) -> Result<(), String> {
+        values.iter().try_for_each(|&value| self.define(value))
+    }
+
+    fn check_use(&self, value: Value) -> Result<(), String> {
+        match self.visible.get(value.index()) {
+            Some(true) => Ok(()),
+            Some(false) if self.defined[value.index()] => Err(format!(
+                "{value} is used outside the construct that defines it"
+            )),
+            Some(false) => Err(format!("{value} is used before its definition")),
+            None => Err(format!("{value} is not in the table of types")),
+        }
+    }
+
+    fn ty(&self, value: Value) -> Type {
+        self.function.ty(value)
+    }
+
+    fn open(&mut self, label: Label, values: &'a [Value]) -> Result<(), String> {
+        match self.labels.get_mut(label.index()) {
+            Some(target @ Target::Unused) => {
+                *target = Target::Open(values);
+                Ok(())
+            }
+            Some(_) => Err(format!("{label} names two constructs")),
+            None => Err(format!("{label} is past the function's count of labels")),
+        }
+    }
+
+    fn close(&mut self, label: Label) {
+        self.labels[label.index()] = Target::Closed;
+    }
+
+    fn check_body(&mut self, body: &'a Body) -> Result<(), String> {
+        let outside = self.scope.len();
+        for node in &body.nodes {
+            match node {
+                Node::Inst(inst) => self.check_inst(inst)?,
+                Node::Block {
+                    label,
+                    results,
+                    body,
+                } => {
+                    self.check_declared(results)?;
+                    self.open(*label, results)?;
+                    self.check_body(body)?;
+                    self.close(*label);
+                    self.define_all(results)?;
+                }
+                Node::If {
+                    condition,
+                    label,
+                    results,
+                    then_body,
+                    else_body,
+                } => {
+                    self.check_condition(*condition)?;
+                    self.check_declared(results)?;
+                    self.open(*label, results)?;
+                    self.check_body(then_body)?;
+                    self.check_body(else_body)?;
+                    self.close(*label);
+                    self.define_all(results)?;
+                }
+                Node::Loop {
+                    label,
+                    params,
+                    init,
+                    body,
+                } => {
+                    self.check_declared(params)?;
+                    self.check_passed(*label, init, params)?;
+                    self.open(*label, params)?;
+                    let before = self.scope.len();
+                    self.define_all(params)?;
+                    self.check_body(body)?;
+                    self.leave(before);
+                    self.close(*label);
+                }
+            }
+        }
+        self.check_terminator(&body.end)?;
+        self.leave(outside);
+        Ok(())
+    }
+
+    /// Ends the visibility of what was defined since the scope had that length.
+    fn leave(&mut self, length: usize) {
+        for value in self.scope.drain(length..) {
+            self.visible[value.index()] = false;
+        }
+    }
+
+    fn check_declared(&self, values: &[Value]) -> Result<(), String> {
+        match values
+            .iter()
+            .find(|value| value.index() >= self.defined.len())
+        {
+            Some(value) => Err(format!("{value} is not in the table of types")),
+            None => Ok(()),
+        }
+    }
+
+    fn check_condition(&self, condition: Value) -> Result<(), String> {
+        self.check_use(condition)?;
+        match self.ty(condition) {
+            Type::I1 => Ok(()),
+            ty => Err(format!("the condition {condition} is {ty}")),
+        }
+    }
+
+    /// The operands of a `br` or a loop's initial values against what they define.
+    fn check_passed(&self, label: Label, passed: &[Value], taken: &[Value]) -> Result<(), String> {
+        if passed.len() != taken.len() {
+            return Err(format!(
+                "{label} takes {} values and is given {}",
+                taken.len(),
+                passed.len()
+            ));
+        }
+        for (&from, &to) in passed.iter().zip(taken) {
+            self.check_use(from)?;
+            if self.ty(from) != self.ty(to) {
+                return Err(format!(
+                    "{label}: {from} is {} and {to} is {}",
+                    self.ty(from),
+                    self.ty(to)
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_terminator(&self, end: &Terminator) -> Result<(), String> {
+        match end {
+            Terminator::Br(label, args) => match self.labels.get(label.index()) {
+                Some(Target::Open(values)) => self.check_passed(*label, args, values),
+                _ => Err(format!("br {label} outside its construct")),
+            },
+            Terminator::Return(args) => {
+                if self.is_entry {
+                    return Err("the entry function returns instead of ending".into());
+                }
+                for &arg in args {
+                    self.check_use(arg)?;
+                }
+                let types = args.iter().map(|&arg| self.ty(arg));
+                if !types.eq(self.function.results.iter().copied()) {
+                    return Err("return does not match the function's results".into());
+                }
+                Ok(())
+            }
+            Terminator::End(args) => {
+                for &arg in args {
+                    self.check_use(arg)?;
+                    if !matches!(self.ty(arg), Type::I32 | Type::F32) {
+                        return Err(format!("end: {arg} is {}, not a word", self.ty(arg)));
+                    }
+                }
+                if args.len() != self.module.output_rows as usize {
+                    return Err(format!(
+                        "end has {} operands, the module {} output rows",
+                        args.len(),
+                        self.module.output_rows
+                    ));
+                }
+                Ok(())
+            }
+            Terminator::Unreachable => Ok(()),
+        }
+    }
+
+    fn check_inst(&mut self, inst: &Inst) -> Result<(), String> {
+        for &arg in &inst.args {
+            self.check_use(arg)
+                .map_err(|message| format!("{}: {message}", inst.op.text()))?;
+        }
+        self.check_declared(&inst.results)?;
+        check_operation(self.module, self.function, inst)
+            .map_err(|message| describe(self.function, inst, &message))?;
+        self.define_all(&inst.results)
+    }
+}
+
+/// Adds the instruction, with types, to a message.
+fn describe(function: &Function, inst: &Inst, message: &str) -> String {
+    let list = |values: &[Value]| -> String {
+        let parts: Vec<String> = values
+            .iter()
+            .map(|&value| format!("{value}: {}", function.ty(value)))
+            .collect();
+        parts.join(", ")
+    };
+    format!(
+        "{} ({}) -> ({}): {message}",
+        inst.op.text(),
+        list(&inst.args),
+        list(&inst.results)
+    )
+}
+
+/// Shaders cannot recurse: frames are static.
+fn check_call_graph(module: &Module) -> Result<(), String> {
+    let callees: Vec<Vec<FunctionId>> = module.functions.iter().map(called_functions).collect();
+    #[derive(Clone, Copy, PartialEq)]
+    enum State {
+        New,
+        Open,
+        Done,
+    }
+    let mut states = vec![State::New; callees.len()];
+    for root in 0..callees.len() {
+        if states[root] != State::New {
+            continue;
+        }
+        states[root] = State::Open;
+        let mut stack = vec![(root, 0)];
+        while let Some((function, next)) = stack.last_mut() {
+            match callees[*function].get(*next) {
+                Some(callee) => {
+                    *next += 1;
+                    match states[callee.index()] {
+                        State::New => {
+                            states[callee.index()] = State::Open;
+                            stack.push((callee.index(), 0));
+                        }
+                        State::Open => return Err(format!("{callee} calls itself")),
+                        State::Done => {}
+                    }
+                }
+                None => {
+                    states[*function] = State::Done;
+                    stack.pop();
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The functions that a function calls, once each call.
+fn called_functions(function: &Function) -> Vec<FunctionId> {
+    let mut calls = Vec::new();
+    let mut bodies = vec![&function.body];
+    while let Some(body) = bodies.pop() {
+        for node in &body.nodes {
+            match node {
+                Node::Inst(inst) => {
+                    if let Op::Call(callee) = inst.op {
+                        calls.push(callee);
+                    }
+                }
+                Node::Block { body, .. } | Node::Loop { body, .. } => bodies.push(body),
+                Node::If {
+                    then_body,
+                    else_body,
+                    ..
+                } => bodies.extend([then_body, else_body]),
+            }
+        }
+    }
+    calls
+}

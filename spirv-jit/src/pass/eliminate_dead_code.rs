@@ -1,0 +1,269 @@
+//! What no effect depends on: instructions, results and parameters of constructs, stores to rows that nobody reads, functions
+//! that nobody calls, variables and input rows without a use.
+
+use std::collections::HashSet;
+
+use super::substitution::{Substitution, rewrite_function};
+use crate::ir::{
+    Body, Function, FunctionId, Inst, Module, Node, Op, Terminator, Value, VariableId,
+};
+
+/// Removes dead code from one function.
+pub fn eliminate_dead_code(function: &mut Function) {
+    let mut rows = ReadRows::default();
+    rows.collect(function, &function.body);
+    let mut graph = UseGraph::new(function);
+    graph.add_body(&function.body, &|inst| rows.keeps(inst));
+    let live = graph.mark();
+    rewrite_function(
+        function,
+        &Substitution::identity(function),
+        &|value| !live[value.index()],
+        &|inst| inst.results.iter().any(|value| live[value.index()]) || rows.keeps(inst),
+    );
+}
+
+/// Rows of variables that are read, at fixed places or through an address.
+#[derive(Default)]
+struct ReadRows {
+    fixed: HashSet<(VariableId, u32)>,
+    addressed: HashSet<VariableId>,
+}
+
+impl ReadRows {
+    fn collect(&mut self, function: &Function, body: &Body) {
+        for node in &body.nodes {
+            match node {
+                Node::Inst(inst) => match inst.op {
+                    Op::VarLoad(variable, row) => {
+                        let rows = function.ty(inst.results[0]).rows();
+                        self.fixed
+                            .extend((row..row + rows).map(|row| (variable, row)));
+                    }
+                    Op::VarAddress(variable) => {
+                        self.addressed.insert(variable);
+                    }
+                    _ => {}
+                },
+                Node::Block { body, .. } | Node::Loop { body, .. } => self.collect(function, body),
+                Node::If {
+                    then_body,
+                    else_body,
+                    ..
+                } => {
+                    self.collect(function, then_body);
+                    self.collect(function, else_body);
+                }
+            }
+        }
+    }
+
+    /// Whether an instruction has an effect apart from its results.
+    fn keeps(&self, inst: &Inst) -> bool {
+        match inst.op {
+            // The high row of a 64-bit store is the next one; nearly always both are read.
+            Op::VarStore(variable, row) => {
+                self.addressed.contains(&variable)
+                    || self.fixed.contains(&(variable, row))
+                    || self.fixed.contains(&(variable, row + 1))
+            }
+            _ => !inst.op.is_removable(),
+        }
+    }
+}
+
+/// Who needs whom: per value, the list of values that it is made from.
+struct UseGraph {
+    /// First entry in `edges`, plus one.
+    first: Vec<u32>,
+    /// An operand and the next entry, plus one.
+    edges: Vec<(Value, u32)>,
+    roots: Vec<Value>,
+    /// Results or parameters by label.
+    taken: Vec<Vec<Value>>,
+}
+
+impl UseGraph {
+    fn new(function: &Function) -> Self {
+        Self {
+            first: vec![0; function.value_types.len()],
+            edges: Vec::with_capacity(function.value_types.len() * 2),
+            roots: Vec::new(),
+            taken: vec![Vec::new(); function.labels as usize],
+        }
+    }
+
+    fn add(&mut self, value: Value, operand: Value) {
+        self.edges.push((operand, self.first[value.index()]));
+        self.first[value.index()] = self.edges.len() as u32;
+    }
+
+    fn add_passed(&mut self, label: usize, args: &[Value]) {
+        for (index, &arg) in args.iter().enumerate() {
+            self.add(self.taken[label][index], arg);
+        }
+    }
+
+    fn add_body(&mut self, body: &Body, keeps: &dyn Fn(&Inst) -> bool) {
+        for node in &body.nodes {
+            match node {
+                Node::Inst(inst) => self.add_inst(inst, keeps(inst)),
+                Node::Block {
+                    label,
+                    results,
+                    body,
+                } => {
+                    self.taken[label.index()].clone_from(results);
+                    self.add_body(body, keeps);
+                }
+                Node::If {
+                    condition,
+                    label,
+                    results,
+                    then_body,
+                    else_body,
+                } => {
+                    self.roots.push(*condition);
+                    self.taken[label.index()].clone_from(results);
+                    self.add_body(then_body, keeps);
+                    self.add_body(else_body, keeps);
+                }
+                Node::Loop {
+                    label,
+                    params,
+                    init,
+                    body,
+                } => {
+                    self.taken[label.index()].clone_from(params);
+                    self.add_passed(label.index(), init);
+                    self.add_body(body, keeps);
+                }
+            }
+        }
+        match &body.end {
+            Terminator::Br(label, args) => self.add_passed(label.index(), args),
+            Terminator::Return(args) | Terminator::End(args) => self.roots.extend(args),
+            Terminator::Unreachable => {}
+        }
+    }
+
+    fn add_inst(&mut self, inst: &Inst, keeps: bool) {
+        match inst.results.first() {
+            Some(&first) if !keeps => {
+                for &arg in &inst.args {
+                    self.add(first, arg);
+                }
+                for &other in &inst.results[1..] {
+                    self.add(other, first);
+                }
+            }
+            _ if keeps => self.roots.extend(&inst.args),
+            _ => {}
+        }
+    }
+
+    fn mark(self) -> Vec<bool> {
+        let mut live = vec![false; self.first.len()];
+        let mut work = self.roots;
+        while let Some(value) = work.pop() {
+            if std::mem::replace(&mut live[value.index()], true) {
+                continue;
+            }
+            let mut edge = self.first[value.index()];
+            while edge != 0 {
+                let (operand, next) = self.edges[edge as usize - 1];
+                if !live[operand.index()] {
+                    work.push(operand);
+                }
+                edge = next;
+            }
+        }
+        live
+    }
+}
+
+/// Removes functions that the entry does not reach, and variables and input rows that no instruction names.
+pub fn eliminate_unused_tables(module: &mut Module) {
+    eliminate_unused_functions(module);
+    let mut used_inputs = vec![false; module.inputs.len()];
+    for function in &mut module.functions {
+        let mut used_variables = vec![false; function.variables.len()];
+        visit_ops(&mut function.body, &mut |op| match op {
+            Op::Input(index) => used_inputs[*index as usize] = true,
+            Op::VarLoad(variable, _) | Op::VarStore(variable, _) | Op::VarAddress(variable) => {
+                used_variables[variable.index()] = true;
+            }
+            _ => {}
+        });
+        let numbers = keep_used(&mut function.variables, &used_variables);
+        visit_ops(&mut function.body, &mut |op| match op {
+            Op::VarLoad(variable, _) | Op::VarStore(variable, _) | Op::VarAddress(variable) => {
+                variable.0 = numbers[variable.index()];
+            }
+            _ => {}
+        });
+    }
+    let numbers = keep_used(&mut module.inputs, &used_inputs);
+    for function in &mut module.functions {
+        visit_ops(&mut function.body, &mut |op| {
+            if let Op::Input(index) = op {
+                *index = numbers[*index as usize];
+            }
+        });
+    }
+}
+
+fn eliminate_unused_functions(module: &mut Module) {
+    let mut used = vec![false; module.functions.len()];
+    let mut work = vec![0];
+    while let Some(index) = work.pop() {
+        if !std::mem::replace(&mut used[index], true) {
+            visit_ops(&mut module.functions[index].body, &mut |op| {
+                if let Op::Call(callee) = op {
+                    work.push(callee.index());
+                }
+            });
+        }
+    }
+    if used.iter().all(|&used| used) {
+        return;
+    }
+    let numbers = keep_used(&mut module.functions, &used);
+    for function in &mut module.functions {
+        visit_ops(&mut function.body, &mut |op| {
+            if let Op::Call(callee) = op {
+                *callee = FunctionId(numbers[callee.index()]);
+            }
+        });
+    }
+}
+
+/// Drops what is not used and gives the new index of each that is.
+fn keep_used<T>(items: &mut Vec<T>, used: &[bool]) -> Vec<u32> {
+    let mut numbers = Vec::with_capacity(used.len());
+    let mut next = 0;
+    for &used in used {
+        numbers.push(next);
+        next += used as u32;
+    }
+    let mut marks = used.iter();
+    items.retain(|_| *marks.next().expect("as many marks as items"));
+    numbers
+}
+
+fn visit_ops(body: &mut Body, visit: &mut dyn FnMut(&mut Op)) {
+    for node in &mut body.nodes {
+        match node {
+            Node::Inst(inst) => visit(&mut inst.op),
+            Node::Block { body, .. } | Node::Loop { body, .. } => visit_ops(body, visit),
+            Node::If {
+                then_body,
+                else_body,
+                ..
+            } => {
+                visit_ops(then_body, visit);
+                visit_ops(else_body, visit);
+            }
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! Variables to values: fixed rows of variables whose address nobody takes live in SSA, handed on by the arguments of `br` and by loop
+//! parameters. What was never stored reads as zero.
+
+mod cells;
+mod liveness;
+
+use smallvec::smallvec;
+
+use self::cells::{Cells, Promotion, find_cells};
+use self::liveness::{Candidates, find_candidates};
+use super::substitution::Substitution;
+use crate::ir::{Body, Function, Inst, Node, Op, Terminator, Type, Value};
+
+/// Bodies times cells beyond which a function's variables stay in memory.
+const BUDGET: usize = 1 << 32;
+
+/// Promotes what can be promoted.
+pub fn promote_variables(function: &mut Function) {
+    let cells = find_cells(function);
+    if cells.types.is_empty() || cells.types.len() * (function.labels as usize + 1) > BUDGET {
+        return;
+    }
+    let candidates = find_candidates(&function.body, function.labels, &cells);
+    let mut body = std::mem::replace(
+        &mut function.body,
+        Body {
+            nodes: Vec::new(),
+            end: Terminator::Unreachable,
+        },
+    );
+    let mut promoter = Promoter {
+        substitution: Substitution::identity(function),
+        current: vec![None; cells.types.len()],
+        log: Vec::new(),
+        around: vec![0; cells.types.len()],
+        handed_on: vec![Vec::new(); candidates.len()],
+        zeros: [None; 8],
+        next_access: 0,
+        function,
+        cells,
+        candidates,
+    };
+    promoter.walk(&mut body);
+    promoter.define_zeros(&mut body);
+    promoter.function.body = body;
+}
+
+struct Promoter<'a> {
+    function: &'a mut Function,
+    cells: Cells,
+    candidates: Vec<Candidates>,
+    substitution: Substitution,
+    /// What each cell holds here; `None` is zero.
+    current: Vec<Option<Value>>,
+    /// Former contents of `current`, to go back to at the end of a construct.
+    log: Vec<(u32, Option<Value>)>,
+    /// How many of the loops around this place have the cell as a parameter.
+    around: Vec<u32>,
+    /// Cells that a `br` to the label hands on.
+    handed_on: Vec<Vec<u32>>,
+    /// The zero of each type, once asked for.
+    zeros: [Option<Value>; 8],
+    next_access: usize,
+}
+
+impl Promoter<'_> {
+    fn walk(&mut self, body: &mut Body) {
+        let nodes = std::mem::take(&mut body.nodes);
+        body.nodes.reserve(nodes.len());
+        for mut node in nodes {
+            match &mut node {
+                Node::Inst(inst) => {
+                    if matches!(inst.op, Op::VarLoad(..) | Op::VarStore(..)) {
+                        self.promote_access(inst, &mut body.nodes);
+                        continue;
+                    }
+                    self.substitution.resolve_all(&mut inst.args);
+                }
+                Node::Block {
+                    label,
+                    results,
+                    body,
+                } => {
+                    self.hand_on(label.index());
+                    self.walk_nested(body);
+                    self.take_results(label.index(), results);
+                }
+                Node::If {
+                    condition,
+                    label,
+                    results,
+                    then_body,
+                    else_body,
+                } => {
+                    *condition = self.substitution.resolve(*condition);
+                    self.hand_on(label.index());
+                    self.walk_nested(then_body);
+                    self.walk_nested(else_body);
+                    self.take_results(label.index(), results);
+                }
+                Node::Loop {
+                    label,
+                    params,
+                    init,
+                    body,
+                } => {
+                    self.substitution.resolve_all(init);
+                    self.hand_on(label.index());
+                    let begin = self.log.len();
+                    self.enter_loop(label.index(), params, init);
+                    self.walk(body);
+                    self.leave_loop(label.index(), begin);
+                }
+            }
+            body.nodes.push(node);
+        }
+        self.substitution.resolve_terminator(&mut body.end);
+        if let Terminator::Br(label, args) = &mut body.end {
+            for index in 0..self.handed_on[label.index()].len() {
+                let cell = self.handed_on[label.index()][index];
+                args.push(self.content(cell));
+            }
+        }
+    }
+
+    /// A body whose stores end with it.
+    fn walk_nested(&mut self, body: &mut Body) {
+        let begin = self.log.len();
+        self.walk(body);
+        self.go_back(begin);
+    }
+
+    fn go_back(&mut self, begin: usize) {
+        for (cell, content) in self.log.drain(begin..).rev() {
+            self.current[cell as usize] = content;
+        }
+    }
+
+    fn set(&mut self, cell: u32, value: Value) {
+        let old = self.current[cell as usize].replace(value);
+        self.log.push((cell, old));
+    }
+
+    fn content(&mut self, cell: u32) -> Value {
+        match self.current[cell as usize] {
+            Some(value) => value,
+            None => self.zero(self.cells.types[cell as usize]),
+        }
+    }
+
+    fn zero(&mut self, ty: Type) -> Value {
+        *self.zeros[ty as usize].get_or_insert_with(|| self.function.new_value(ty))
+    }
+
+    /// Decides which cells leave the construct with a `br` to it.
+    fn hand_on(&mut self, label: usize) {
+        let candidates = std::mem::take(&mut self.candidates[label]);
+        let needed = candidates.stored.iter().zip(&candidates.live);
+        self.handed_on[label] = needed
+            .filter(|&(&cell, &live)| live || self.around[cell as usize] > 0)
+            .map(|(&cell, _)| cell)
+            .collect();
+    }
+
+    fn take_results(&mut self, label: usize, results: &mut Vec<Value>) {
+        for cell in std::mem::take(&mut self.handed_on[label]) {
+            let result = self.function.new_value(self.cells.types[cell as usize]);
+            results.push(result);
+            self.set(cell, result);
+        }
+    }
+
+    fn enter_loop(&mut self, label: usize, params: &mut Vec<Value>, init: &mut Vec<Value>) {
+        for index in 0..self.handed_on[label].len() {
+            let cell = self.handed_on[label][index];
+            init.push(self.content(cell));
+            let param = self.function.new_value(self.cells.types[cell as usize]);
+            params.push(param);
+            self.set(cell, param);
+            self.around[cell as usize] += 1;
+        }
+    }
+
+    fn leave_loop(&mut self, label: usize, begin: usize) {
+        for cell in std::mem::take(&mut self.handed_on[label]) {
+            self.around[cell as usize] -= 1;
+        }
+        self.go_back(begin);
+    }
+
+    /// Replaces a load by what the cell holds, or makes a store's operand that; with conversions where types differ.
+    #[inline(never)]
+    fn promote_access(&mut self, inst: &mut Inst, nodes: &mut Vec<Node>) {
+        let promotion = self.cells.promotions[self.next_access];
+        self.next_access += 1;
+        self.substitution.resolve_all(&mut inst.args);
+        let is_load = matches!(inst.op, Op::VarLoad(..));
+        let mut emit = |op, args: &[Value], results: &[Value]| {
+            nodes.push(Node::Inst(Inst {
+                op,
+                args: args.into(),
+                results: results.into(),
+                source: inst.source,
+            }));
+        };
+        match promotion {
+            Promotion::Keep => nodes.push(Node::Inst(inst.clone())),
+            Promotion::Cell(cell) if is_load => {
+                let result = inst.results[0];
+                let content = self.content(cell);
+                if self.function.ty(result) == self.cells.types[cell as usize] {
+                    self.substitution.replace(result, content);
+                } else {
+                    emit(Op::Bitcast, &[content], &[result]);
+                }
+            }
+            Promotion::Cell(cell) => {
+                let ty = self.cells.types[cell as usize];
+                let mut value = inst.args[0];
+                if self.function.ty(value) != ty {
+                    let cast = self.function.new_value(ty);
+                    emit(Op::Bitcast, &[value], &[cast]);
+                    value = cast;
+                }
+                self.set(cell, value);
+            }
+            Promotion::Pair(cell) if is_load => {
+                let (low, high) = (self.content(cell), self.content(cell + 1));
+                emit(Op::Pack64, &[low, high], &[inst.results[0]]);
+            }
+            Promotion::Pair(cell) => {
+                let low = self.function.new_value(Type::I32);
+                let high = self.function.new_value(Type::I32);
+                emit(Op::Unpack64, &[inst.args[0]], &[low, high]);
+                self.set(cell, low);
+                self.set(cell + 1, high);
+            }
+        }
+    }
+
+    /// Puts the zeros that were asked for at the head of the function.
+    fn define_zeros(&self, body: &mut Body) {
+        let zeros = self.zeros.iter().flatten().map(|&zero| {
+            Node::Inst(Inst {
+                op: Op::Const(0),
+                args: smallvec![],
+                results: smallvec![zero],
+                source: 0,
+            })
+        });
+        body.nodes.splice(0..0, zeros);
+    }
+}

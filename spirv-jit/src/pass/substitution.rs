@@ -1,0 +1,161 @@
+//! What passes share that replace values and drop constructs' parameters.
+
+use crate::ir::{Body, Function, Inst, Node, Terminator, Value};
+
+/// Which value stands for which. A definition dominates its uses and so does what replaces it; a forward walk that enters
+/// replacements as it goes therefore sees final values only.
+pub struct Substitution {
+    replacements: Vec<Value>,
+}
+
+impl Substitution {
+    /// Every value stands for itself.
+    pub fn identity(function: &Function) -> Self {
+        Self {
+            replacements: (0..function.value_types.len() as u32).map(Value).collect(),
+        }
+    }
+
+    /// The value that `value` stands for; new values stand for themselves.
+    pub fn resolve(&self, mut value: Value) -> Value {
+        while let Some(&next) = self.replacements.get(value.index()) {
+            if next == value {
+                break;
+            }
+            value = next;
+        }
+        value
+    }
+
+    /// From here on `value` is `replacement`.
+    pub fn replace(&mut self, value: Value, replacement: Value) {
+        self.replacements[value.index()] = self.resolve(replacement);
+    }
+
+    pub fn is_replaced(&self, value: Value) -> bool {
+        self.replacements
+            .get(value.index())
+            .is_some_and(|&next| next != value)
+    }
+
+    pub fn resolve_all(&self, values: &mut [Value]) {
+        for value in values {
+            *value = self.resolve(*value);
+        }
+    }
+
+    pub fn resolve_terminator(&self, end: &mut Terminator) {
+        match end {
+            Terminator::Br(_, args) | Terminator::Return(args) | Terminator::End(args) => {
+                self.resolve_all(args);
+            }
+            Terminator::Unreachable => {}
+        }
+    }
+}
+
+/// Rewrites a function in one walk: resolves operands, drops the parameters and results of constructs that `is_dropped` names together with what
+/// is passed to them, and keeps the instructions that `keeps` says.
+pub fn rewrite_function(
+    function: &mut Function,
+    substitution: &Substitution,
+    is_dropped: &dyn Fn(Value) -> bool,
+    keeps: &dyn Fn(&Inst) -> bool,
+) {
+    let mut rewriter = Rewriter {
+        substitution,
+        is_dropped,
+        keeps,
+        dropped: vec![Vec::new(); function.labels as usize],
+    };
+    rewriter.rewrite_body(&mut function.body);
+}
+
+struct Rewriter<'a> {
+    substitution: &'a Substitution,
+    is_dropped: &'a dyn Fn(Value) -> bool,
+    keeps: &'a dyn Fn(&Inst) -> bool,
+    /// Per label: which of its values are dropped; empty if none.
+    dropped: Vec<Vec<bool>>,
+}
+
+impl Rewriter<'_> {
+    fn rewrite_body(&mut self, body: &mut Body) {
+        body.nodes.retain_mut(|node| self.rewrite_node(node));
+        if let Terminator::Br(label, args) = &mut body.end {
+            drop_marked(args, &self.dropped[label.index()]);
+        }
+        self.substitution.resolve_terminator(&mut body.end);
+    }
+
+    /// Whether the node stays.
+    fn rewrite_node(&mut self, node: &mut Node) -> bool {
+        match node {
+            Node::Inst(inst) => {
+                if !(self.keeps)(inst) {
+                    return false;
+                }
+                self.substitution.resolve_all(&mut inst.args);
+                true
+            }
+            Node::Block {
+                label,
+                results,
+                body,
+            } => {
+                self.mark(label.index(), results);
+                self.rewrite_body(body);
+                !does_nothing(body, label)
+            }
+            Node::If {
+                condition,
+                label,
+                results,
+                then_body,
+                else_body,
+            } => {
+                *condition = self.substitution.resolve(*condition);
+                self.mark(label.index(), results);
+                self.rewrite_body(then_body);
+                self.rewrite_body(else_body);
+                !(does_nothing(then_body, label) && does_nothing(else_body, label))
+            }
+            Node::Loop {
+                label,
+                params,
+                init,
+                body,
+            } => {
+                self.mark(label.index(), params);
+                drop_marked(init, &self.dropped[label.index()]);
+                self.substitution.resolve_all(init);
+                self.rewrite_body(body);
+                true
+            }
+        }
+    }
+
+    fn mark(&mut self, label: usize, values: &mut Vec<Value>) {
+        if values.iter().any(|&value| (self.is_dropped)(value)) {
+            let marks = values
+                .iter()
+                .map(|&value| (self.is_dropped)(value))
+                .collect();
+            drop_marked(values, &marks);
+            self.dropped[label] = marks;
+        }
+    }
+}
+
+/// An empty body that leaves its own construct without values.
+fn does_nothing(body: &Body, own: &crate::ir::Label) -> bool {
+    body.nodes.is_empty()
+        && matches!(&body.end, Terminator::Br(label, args) if label == own && args.is_empty())
+}
+
+fn drop_marked(values: &mut Vec<Value>, marks: &Vec<bool>) {
+    if !marks.is_empty() {
+        let mut marks = marks.iter();
+        values.retain(|_| !marks.next().expect("as many marks as values"));
+    }
+}

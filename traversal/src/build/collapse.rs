@@ -1,0 +1,176 @@
+//! Turning the binary tree into an 8-wide one at the least expected cost.
+//!
+//! Dynamic programming from the leaves up (Ylitie, Karras, Laine 2017, section 3.2): for each subtree the
+//! least cost of handing its primitives to a parent as 1 … 7 children is known from those of its
+//! two halves. The decisions are kept in the nodes, the costs only on the way up.
+
+use super::primitive::in_pool;
+use super::tree::{BinaryNode, children, children_mut};
+use crate::layout::WIDTH;
+
+/// What a step of the walk costs.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Costs {
+    /// Testing the children of a node.
+    pub node: f32,
+    /// Testing a block of primitives.
+    pub block: f32,
+    /// Primitives of a block.
+    pub block_size: u32,
+    /// Primitives of a leaf, at most.
+    pub leaf_max: u32,
+    /// Subtrees of at most so many primitives become leaves whatever the cost says.
+    pub leaf_forced: u32,
+    /// Scale of areas; see [`super::tree::SplitRules`].
+    pub scale: f32,
+}
+
+/// A decision for handing a subtree up as one child: a leaf.
+const LEAF: u8 = 0x80;
+/// A decision for handing it up as i > 1 children: as i − 1.
+const FEWER: u8 = 0x80;
+
+/// Subtrees with more primitives than this are planned side by side.
+const PARALLEL: u32 = 8192;
+
+/// Plans the whole tree: fills in decisions, then sizes. Returns the levels of nodes.
+pub(crate) fn plan(nodes: &mut [BinaryNode], costs: &Costs) -> u32 {
+    decide(nodes, costs);
+    measure(nodes, costs.block_size)
+}
+
+/// `result[i]`: least cost of the subtree as up to i + 1 children.
+fn decide(nodes: &mut [BinaryNode], costs: &Costs) -> [f32; 7] {
+    let area = nodes[0].area(costs.scale);
+    let count = nodes[0].count;
+    let leaf_cost = if count <= costs.leaf_max {
+        area * costs.block * count.div_ceil(costs.block_size) as f32
+    } else {
+        f32::INFINITY
+    };
+    if nodes[0].is_leaf() {
+        nodes[0].decisions = [LEAF; 7];
+        return [leaf_cost; 7];
+    }
+    let (root, left, right) = children_mut(nodes);
+    let (left, right) = if count > PARALLEL && in_pool() {
+        rayon::join(|| decide(left, costs), || decide(right, costs))
+    } else {
+        (decide(left, costs), decide(right, costs))
+    };
+    // The best way to make i + 2 children out of both halves, and how many go to the left one.
+    let share = |i: usize| {
+        (0..=i)
+            .map(|k| (left[k] + right[i - k], k as u8))
+            .reduce(|best, other| if other.0 < best.0 { other } else { best })
+            .expect("at least one way")
+    };
+    let (inner_cost, split) = share(WIDTH - 2);
+    let inner_cost = inner_cost + area * costs.node;
+    let mut result = [0.0; 7];
+    let as_leaf = leaf_cost <= inner_cost || count <= costs.leaf_forced;
+    result[0] = if as_leaf { leaf_cost } else { inner_cost };
+    root.decisions[0] = if as_leaf { LEAF | split } else { split };
+    for i in 1..7 {
+        let (cost, split) = share(i - 1);
+        if cost < result[i - 1] && count > costs.leaf_forced {
+            result[i] = cost;
+            root.decisions[i] = split;
+        } else {
+            result[i] = result[i - 1];
+            root.decisions[i] = FEWER;
+        }
+    }
+    result
+}
+
+/// Up to eight subtrees.
+pub(crate) struct Children<'a> {
+    list: [&'a [BinaryNode]; WIDTH],
+    /// First primitive of each, counted from the parent's first.
+    firsts: [u32; WIDTH],
+    length: usize,
+}
+
+impl<'a> Children<'a> {
+    /// The children of the wide node that stands for a subtree; the subtree itself if it is a leaf.
+    pub fn of(nodes: &'a [BinaryNode]) -> Children<'a> {
+        let mut found = Children {
+            list: [&[]; WIDTH],
+            firsts: [0; WIDTH],
+            length: 0,
+        };
+        if is_leaf(nodes) {
+            found.push(nodes, 0);
+        } else {
+            found.distribute(nodes, nodes[0].decisions[0], WIDTH - 2, 0);
+        }
+        found
+    }
+
+    /// Each child's subtree and its first primitive.
+    pub fn iter(&self) -> impl Iterator<Item = (&'a [BinaryNode], u32)> + '_ {
+        (0..self.length).map(|i| (self.list[i], self.firsts[i]))
+    }
+
+    fn push(&mut self, nodes: &'a [BinaryNode], first: u32) {
+        self.list[self.length] = nodes;
+        self.firsts[self.length] = first;
+        self.length += 1;
+    }
+
+    /// Adds both halves, which share i + 2 children, k + 1 of them the left one's.
+    fn distribute(&mut self, nodes: &'a [BinaryNode], k: u8, i: usize, first: u32) {
+        let (left, right) = children(nodes);
+        let k = usize::from(k);
+        self.hand_up(left, k, first);
+        self.hand_up(right, i - k, first + left[0].count);
+    }
+
+    /// Adds a subtree as up to i + 1 children.
+    fn hand_up(&mut self, nodes: &'a [BinaryNode], i: usize, first: u32) {
+        let decisions = &nodes[0].decisions;
+        let i = (1..=i)
+            .rev()
+            .find(|&i| decisions[i] & FEWER == 0)
+            .unwrap_or(0);
+        if i == 0 {
+            self.push(nodes, first);
+        } else {
+            self.distribute(nodes, decisions[i], i - 1, first);
+        }
+    }
+}
+
+/// Whether a planned subtree, as one child, is a leaf.
+pub(crate) fn is_leaf(nodes: &[BinaryNode]) -> bool {
+    nodes[0].decisions[0] & LEAF != 0
+}
+
+/// Fills in how many nodes and leaves each wide subtree has. Returns its levels of nodes.
+fn measure(nodes: &mut [BinaryNode], block_size: u32) -> u32 {
+    // Offsets first: the children borrow the slice that is to be written.
+    let mut offsets = [(0usize, 0usize); WIDTH];
+    let mut length = 0;
+    for (child, _) in Children::of(nodes).iter() {
+        // SAFETY: a child is a part of `nodes`.
+        let offset = unsafe { child.as_ptr().offset_from_unsigned(nodes.as_ptr()) };
+        offsets[length] = (offset, offset + child.len());
+        length += 1;
+    }
+    let root_is_leaf = is_leaf(nodes);
+    let (mut wide_nodes, mut wide_leaves, mut depth) = (1, 0, 1);
+    for &(start, end) in &offsets[..length] {
+        let child = &mut nodes[start..end];
+        if root_is_leaf || is_leaf(child) {
+            wide_leaves += child[0].count.div_ceil(block_size);
+        } else {
+            depth = depth.max(1 + measure(child, block_size));
+            wide_nodes += child[0].wide_nodes;
+            wide_leaves += child[0].wide_leaves;
+        }
+    }
+    nodes[0].wide_nodes = wide_nodes;
+    nodes[0].wide_leaves = wide_leaves;
+    depth
+}

@@ -1,0 +1,266 @@
+//! Writing nodes and leaves into the destination.
+
+use super::collapse::{self, Children};
+use super::primitive::{Primitive, in_pool};
+use super::tree::{self, BinaryNode};
+use crate::input::{Geometries, GeometryFlags};
+use crate::layout::{
+    Bounds, BoxEntry, GROUP, LEAF_TRIANGLES, Node, Parts, TriangleGroup, WIDTH, child,
+    geometry_word,
+};
+use crate::structure::Kind;
+
+/// The parts of a blob that is being written. Tasks write disjoint ranges of it.
+#[derive(Clone, Copy)]
+pub(crate) struct Target<'a> {
+    pub base: *mut u8,
+    pub parts: Parts,
+    pub kind: Kind,
+    pub geometries: &'a Geometries<'a>,
+}
+
+// SAFETY: tasks share it to write, but each writes nodes and leaves of its own only.
+unsafe impl Send for Target<'_> {}
+// SAFETY: as above.
+unsafe impl Sync for Target<'_> {}
+
+/// Subtrees with more primitives than this are written side by side.
+const PARALLEL: u32 = 8192;
+
+impl Target<'_> {
+    /// # Safety
+    /// `index` is inside the part, and nobody else writes or reads that node.
+    pub unsafe fn write_node(&self, index: u32, node: &Node) {
+        let offset = self.parts.nodes_offset as usize + index as usize * size_of::<Node>();
+        // SAFETY: the caller's promise; nodes are aligned to 256 bytes as the blob is.
+        unsafe { self.base.add(offset).cast::<Node>().write(*node) }
+    }
+
+    /// # Safety
+    /// `index` is inside the part, `T` is the kind's leaf, and nobody else writes or reads it.
+    pub unsafe fn write_leaf<T>(&self, index: u32, leaf: T) {
+        let offset = self.parts.leaves_offset as usize + index as usize * size_of::<T>();
+        // SAFETY: the caller's promise; leaves are as aligned as their sizes ask, from 256 on.
+        unsafe { self.base.add(offset).cast::<T>().write(leaf) }
+    }
+
+    /// Leaves that `count` primitives of one child need.
+    pub fn leaves_of(&self, count: usize) -> u32 {
+        match self.kind {
+            Kind::Triangles => count.div_ceil(GROUP) as u32,
+            _ => count as u32,
+        }
+    }
+
+    /// Primitives of one child, at most.
+    pub fn leaf_max(&self) -> usize {
+        match self.kind {
+            Kind::Triangles => LEAF_TRIANGLES,
+            _ => 1,
+        }
+    }
+
+    /// Writes one child's primitives from leaf `index` on; returns the word for the child. (An
+    /// instance's leaf is its record, which stands at the instance's own index.)
+    ///
+    /// # Safety
+    /// As for [`Self::write_leaf`]; the memory of the geometries is readable.
+    unsafe fn write_primitives(&self, primitives: &[Primitive], index: u32) -> u32 {
+        match self.geometries {
+            Geometries::Triangles(_) => {
+                for (i, primitives) in primitives.chunks(GROUP).enumerate() {
+                    // SAFETY: the caller's promise.
+                    unsafe { self.write_leaf(index + i as u32, self.group(primitives)) };
+                }
+                let two = if primitives.len() > GROUP {
+                    child::TWO_GROUPS
+                } else {
+                    0
+                };
+                child::LEAF | two | index
+            }
+            Geometries::Aabbs(list) => {
+                let primitive = primitives[0];
+                let entry = BoxEntry {
+                    primitive: primitive.index,
+                    geometry: word(primitive.geometry, list[primitive.geometry as usize].flags),
+                };
+                // SAFETY: the caller's promise.
+                unsafe { self.write_leaf(index, entry) };
+                child::LEAF | index
+            }
+            Geometries::Instances(_) => child::LEAF | primitives[0].index,
+        }
+    }
+
+    /// # Safety
+    /// The memory of the geometries is readable.
+    unsafe fn group(&self, primitives: &[Primitive]) -> TriangleGroup {
+        let mut group = TriangleGroup::EMPTY;
+        for (lane, primitive) in primitives.iter().enumerate() {
+            group.primitives[lane] = primitive.index;
+            let Geometries::Triangles(list) = self.geometries else {
+                continue;
+            };
+            let geometry = &list[primitive.geometry as usize];
+            group.geometries[lane] = word(primitive.geometry, geometry.flags);
+            // SAFETY: the caller's promise.
+            if let Some(triangle) = unsafe { geometry.triangle(primitive.index) } {
+                group.set_triangle(lane, &triangle);
+                group.lanes |= 1 << lane;
+            }
+        }
+        group
+    }
+
+    /// Writes the planned subtree whose wide root is node `node_index`; its nodes follow that one,
+    /// its leaves start at `leaf_index`.
+    ///
+    /// # Safety
+    /// As for [`Self::write_leaf`]; `primitives` are the subtree's.
+    pub unsafe fn write_tree(
+        &self,
+        nodes: &[BinaryNode],
+        primitives: &[Primitive],
+        node_index: u32,
+        leaf_index: u32,
+    ) {
+        let found = Children::of(nodes);
+        let root_is_leaf = collapse::is_leaf(nodes);
+        let mut node = Node::EMPTY;
+        let mut next_leaf = leaf_index;
+        for (lane, (subtree, first)) in found.iter().enumerate() {
+            node.set_bounds(lane, subtree[0].bounds());
+            if root_is_leaf || collapse::is_leaf(subtree) {
+                let own = &primitives[first as usize..][..subtree[0].count as usize];
+                // SAFETY: these leaves are this child's by the plan.
+                node.children[lane] = unsafe { self.write_primitives(own, next_leaf) };
+                next_leaf += self.leaves_of(own.len());
+            }
+        }
+        let mut tasks = [None; WIDTH];
+        let mut next_node = node_index + 1;
+        for (lane, (subtree, first)) in found.iter().enumerate() {
+            if node.children[lane] == child::NONE {
+                node.children[lane] = next_node;
+                tasks[lane] = Some((subtree, first, next_node, next_leaf));
+                next_node += subtree[0].wide_nodes;
+                next_leaf += subtree[0].wide_leaves;
+            }
+        }
+        // SAFETY: the caller's promise.
+        unsafe { self.write_node(node_index, &node) };
+        let run = |(subtree, first, node_index, leaf_index): Task<'_>| {
+            let own = &primitives[first as usize..][..subtree[0].count as usize];
+            // SAFETY: the plan gave this subtree these nodes and leaves.
+            unsafe { self.write_tree(subtree, own, node_index, leaf_index) };
+        };
+        if nodes[0].count > PARALLEL && in_pool() {
+            rayon::scope(|scope| {
+                for task in tasks.into_iter().flatten() {
+                    scope.spawn(move |_| run(task));
+                }
+            });
+        } else {
+            tasks.into_iter().flatten().for_each(run);
+        }
+    }
+
+    /// Nodes of [`Self::write_packed`] for `count` primitives.
+    pub fn packed_nodes(&self, count: usize) -> u32 {
+        let size = self.packed_child(count);
+        if size == self.leaf_max() {
+            return 1;
+        }
+        let full = count / size;
+        let rest = count % size;
+        let mut sum = 1 + full as u32 * self.packed_nodes(size);
+        if rest > 0 {
+            sum += self.packed_nodes(rest);
+        }
+        sum
+    }
+
+    /// Levels of nodes of [`Self::write_packed`].
+    pub fn packed_depth(&self, count: usize) -> u32 {
+        let size = self.packed_child(count);
+        if size == self.leaf_max() {
+            1
+        } else {
+            1 + self.packed_depth(size)
+        }
+    }
+
+    /// Primitives of each child but the last: the smallest full subtree of which eight suffice.
+    fn packed_child(&self, count: usize) -> usize {
+        let mut size = self.leaf_max();
+        while size * WIDTH < count {
+            size *= WIDTH;
+        }
+        size
+    }
+
+    /// Writes a tree of full nodes over full leaves: the smallest and the flattest there is.
+    /// Returns its box.
+    ///
+    /// # Safety
+    /// As for [`Self::write_tree`].
+    pub unsafe fn write_packed(
+        &self,
+        primitives: &mut [Primitive],
+        node_index: u32,
+        leaf_index: u32,
+    ) -> Bounds {
+        let size = self.packed_child(primitives.len());
+        sort_chunks(primitives, size);
+        let mut node = Node::EMPTY;
+        let mut all = Bounds::EMPTY;
+        let (mut next_node, mut next_leaf) = (node_index + 1, leaf_index);
+        for (lane, own) in primitives.chunks_mut(size).enumerate() {
+            let bounds = if size == self.leaf_max() {
+                // SAFETY: chunks before this one took the leaves before these.
+                node.children[lane] = unsafe { self.write_primitives(own, next_leaf) };
+                own.iter().fold(Bounds::EMPTY, |sum, primitive| {
+                    sum.union(primitive.bounds())
+                })
+            } else {
+                node.children[lane] = next_node;
+                let nodes = self.packed_nodes(own.len());
+                // SAFETY: likewise.
+                let bounds = unsafe { self.write_packed(own, next_node, next_leaf) };
+                next_node += nodes;
+                bounds
+            };
+            next_leaf += self.leaves_of(own.len());
+            node.set_bounds(lane, bounds);
+            all = all.union(bounds);
+        }
+        // SAFETY: the caller's promise.
+        unsafe { self.write_node(node_index, &node) };
+        all
+    }
+}
+
+type Task<'a> = (&'a [BinaryNode], u32, u32, u32);
+
+/// Orders primitives so that each chunk of `size` is close together.
+fn sort_chunks(primitives: &mut [Primitive], size: usize) {
+    let chunks = primitives.len().div_ceil(size);
+    if chunks > 1 {
+        let middle = chunks / 2 * size;
+        tree::divide(primitives, middle);
+        let (left, right) = primitives.split_at_mut(middle);
+        sort_chunks(left, size);
+        sort_chunks(right, size);
+    }
+}
+
+/// See [`geometry_word`].
+pub(crate) fn word(geometry: u32, flags: GeometryFlags) -> u32 {
+    let opaque = if flags.contains(GeometryFlags::OPAQUE) {
+        geometry_word::OPAQUE
+    } else {
+        0
+    };
+    geometry | opaque
+}

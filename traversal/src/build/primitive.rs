@@ -1,0 +1,210 @@
+//! What the builders sort: a box around each active primitive, and which one it is.
+
+use glam::{Vec3A, Vec4};
+use rayon::prelude::*;
+
+use crate::input::{AabbGeometry, BuildFlags, Geometries, InstanceSource, TriangleGeometry};
+use crate::layout::Bounds;
+
+/// A primitive and its box.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(16))]
+pub(crate) struct Primitive {
+    min: [f32; 3],
+    /// Index of the geometry; [`INACTIVE`] while collecting.
+    pub geometry: u32,
+    max: [f32; 3],
+    /// Index within the geometry; for instances, of the instance.
+    pub index: u32,
+}
+
+const INACTIVE: u32 = u32::MAX;
+
+/// Coordinates beyond this count as this when primitives are sorted, so that extents stay finite.
+const FAR: Vec3A = Vec3A::splat(1.0e38);
+
+impl Primitive {
+    pub fn new(bounds: Bounds, geometry: u32, index: u32) -> Primitive {
+        Primitive {
+            min: bounds.min,
+            geometry,
+            max: bounds.max,
+            index,
+        }
+    }
+
+    const HOLE: Primitive = Primitive {
+        min: [0.0; 3],
+        geometry: INACTIVE,
+        max: [0.0; 3],
+        index: 0,
+    };
+
+    /// The box.
+    pub fn bounds(&self) -> Bounds {
+        Bounds {
+            min: self.min,
+            max: self.max,
+        }
+    }
+
+    /// Lower corner.
+    #[inline]
+    pub fn min(&self) -> Vec3A {
+        // SAFETY: 16 aligned bytes, of which the last four are an integer: any bits are an f32.
+        Vec3A::from_vec4(unsafe { std::ptr::from_ref(self).cast::<Vec4>().read() })
+    }
+
+    /// Upper corner.
+    #[inline]
+    pub fn max(&self) -> Vec3A {
+        // SAFETY: as for the lower corner, in the second half of the struct.
+        Vec3A::from_vec4(unsafe { std::ptr::from_ref(self).cast::<Vec4>().add(1).read() })
+    }
+
+    /// Twice the center; finite.
+    #[inline]
+    pub fn center(&self) -> Vec3A {
+        self.min().clamp(-FAR, FAR) + self.max().clamp(-FAR, FAR)
+    }
+}
+
+/// Primitives handled by one task.
+const CHUNK: usize = 4096;
+
+/// Whether work may be spread: never start the global pool.
+pub(crate) fn in_pool() -> bool {
+    rayon::current_thread_index().is_some()
+}
+
+/// Fills the front of `primitives` with the active ones, in order, and returns their number.
+/// `primitives` has a place for each primitive, active or not.
+///
+/// # Safety
+/// The memory of `geometries` must be readable and unchanged.
+pub(crate) unsafe fn collect(
+    geometries: &Geometries<'_>,
+    flags: BuildFlags,
+    primitives: &mut [Primitive],
+) -> usize {
+    let updatable = flags.contains(BuildFlags::ALLOW_UPDATE);
+    match geometries {
+        Geometries::Triangles(list) => {
+            let counts = list.iter().map(|geometry| geometry.primitive_count);
+            fill(primitives, counts, |g, i| {
+                // SAFETY: the caller's promise.
+                unsafe { triangle_bounds(&list[g], i, updatable) }
+            })
+        }
+        Geometries::Aabbs(list) => {
+            let counts = list.iter().map(|geometry| geometry.primitive_count);
+            // SAFETY: the caller's promise.
+            fill(primitives, counts, |g, i| unsafe { aabb(&list[g], i) })
+        }
+        Geometries::Instances(source) => fill(primitives, [source.count].into_iter(), |_, i| {
+            // SAFETY: the caller's promise.
+            unsafe { instance_bounds(source, i) }
+        }),
+    }
+}
+
+/// Fills in the boxes geometry by geometry, then closes the gaps that inactive primitives leave.
+fn fill(
+    primitives: &mut [Primitive],
+    counts: impl Iterator<Item = u32>,
+    bounds: impl Fn(usize, u32) -> Option<Bounds> + Sync,
+) -> usize {
+    let mut start = 0;
+    let mut length = 0;
+    for (geometry, count) in counts.enumerate() {
+        let end = start + count as usize;
+        let places = &mut primitives[start..end];
+        let fill_chunk = |(chunk, places): (usize, &mut [Primitive])| {
+            for (i, place) in places.iter_mut().enumerate() {
+                let index = (chunk * CHUNK + i) as u32;
+                *place = match bounds(geometry, index) {
+                    Some(bounds) => Primitive::new(bounds, geometry as u32, index),
+                    None => Primitive::HOLE,
+                };
+            }
+        };
+        if in_pool() && places.len() > CHUNK {
+            places
+                .par_chunks_mut(CHUNK)
+                .enumerate()
+                .for_each(fill_chunk);
+        } else {
+            places.chunks_mut(CHUNK).enumerate().for_each(fill_chunk);
+        }
+        for i in start..end {
+            if primitives[i].geometry != INACTIVE {
+                primitives[length] = primitives[i];
+                length += 1;
+            }
+        }
+        start = end;
+    }
+    length
+}
+
+/// The box of an active triangle. A triangle with an infinite coordinate can never be hit, so it is
+/// left out, unless an update might move it: then its box is what is finite of it.
+///
+/// # Safety
+/// The geometry's memory must be readable and unchanged.
+unsafe fn triangle_bounds(
+    geometry: &TriangleGeometry,
+    index: u32,
+    updatable: bool,
+) -> Option<Bounds> {
+    // SAFETY: the caller's promise.
+    let triangle = unsafe { geometry.triangle(index) }?;
+    if triangle.as_flattened().iter().all(|c| c.is_finite()) {
+        Some(Bounds::of_triangle(&triangle))
+    } else if updatable {
+        Some(sanitized_triangle_bounds(&triangle))
+    } else {
+        None
+    }
+}
+
+/// Bounds without NaN of a triangle that has one, or an infinity.
+pub(crate) fn sanitized_triangle_bounds(triangle: &[[f32; 3]; 3]) -> Bounds {
+    let clean = triangle.map(|vertex| {
+        vertex.map(|c| {
+            if c.is_nan() {
+                0.0
+            } else {
+                c.clamp(f32::MIN, f32::MAX)
+            }
+        })
+    });
+    Bounds::of_triangle(&clean)
+}
+
+/// An active box: `min x` is a number, and it does not end before it starts.
+///
+/// # Safety
+/// The geometry's memory must be readable and unchanged.
+pub(crate) unsafe fn aabb(geometry: &AabbGeometry, index: u32) -> Option<Bounds> {
+    let offset = u64::from(index).checked_mul(geometry.stride_bytes)?;
+    // SAFETY: the caller's promise.
+    let bytes = unsafe { geometry.boxes.read::<24>(offset) }?;
+    let float = |i: usize| f32::from_le_bytes(bytes[4 * i..4 * i + 4].try_into().unwrap());
+    let bounds = Bounds {
+        min: [float(0), float(1), float(2)],
+        max: [float(3), float(4), float(5)],
+    };
+    (0..3)
+        .all(|i| bounds.min[i] <= bounds.max[i])
+        .then_some(bounds)
+}
+
+/// # Safety
+/// As for [`collect`].
+unsafe fn instance_bounds(source: &InstanceSource, index: u32) -> Option<Bounds> {
+    // SAFETY: the caller's promise.
+    let instance = unsafe { super::instance::read(source, index) }?;
+    // SAFETY: references are 0 or built bottom levels, by the caller's promise.
+    unsafe { instance.place() }.map(|placed| placed.bounds)
+}

@@ -1,0 +1,316 @@
+//! The bytes of a blob.
+//!
+//! ```text
+//! Header              256 bytes
+//! GeometryEntry       16 bytes for each geometry
+//! reference table     8 bytes for each instance (top level only): the address of its bottom level
+//! Node                256 bytes each; node 0 is the root, a child's index is above its parent's
+//! leaves              TriangleGroup (192 bytes), BoxEntry (8) or InstanceRecord (128) each
+//! ```
+//!
+//! Each part starts at a multiple of 256 bytes. Nothing in a top level depends on what its bottom
+//! levels hold except the boxes, so the reference table alone has to be rewritten when a top level
+//! moves to another process.
+
+use std::mem::size_of;
+
+/// First word of every blob.
+pub(crate) const MAGIC: u64 = u64::from_le_bytes(*b"TuffASv\0");
+/// Version of the layout; counts up with every change of it.
+pub(crate) const VERSION: u32 = 1;
+/// Alignment of a blob and of each of its parts, in bytes.
+pub(crate) const ALIGNMENT: u64 = 256;
+
+/// Levels of nodes in one structure, at most.
+pub(crate) const MAX_DEPTH: u32 = 32;
+/// Children of a node.
+pub(crate) const WIDTH: usize = 8;
+/// Triangles of a leaf, at most: two groups.
+pub(crate) const LEAF_TRIANGLES: usize = 8;
+/// Triangles of a group.
+pub(crate) const GROUP: usize = 4;
+
+/// First 256 bytes of a blob.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Header {
+    pub magic: u64,
+    pub version: u32,
+    /// A [`crate::Kind`].
+    pub kind: u32,
+    /// The [`crate::BuildFlags`] of the build.
+    pub flags: u32,
+    pub geometry_count: u32,
+    /// Primitives of all geometries, active or not.
+    pub primitive_count: u64,
+    /// Bytes in use.
+    pub size_bytes: u64,
+    pub node_count: u32,
+    pub leaf_count: u32,
+    pub geometries_offset: u64,
+    pub references_offset: u64,
+    pub nodes_offset: u64,
+    pub leaves_offset: u64,
+    /// Bounds of everything active; min above max when there is nothing.
+    pub bounds: Bounds,
+    /// Top level: a ray's origin, times this, bounds how far in world space the rounding of
+    /// instance transforms can move the ray.
+    pub origin_error: f32,
+    /// Bits of [`features`].
+    pub features: u32,
+    /// Levels of nodes.
+    pub depth: u32,
+    pub reserved: [u32; 29],
+}
+
+/// What a bottom level holds; saves the walk from looking.
+pub(crate) mod features {
+    /// A geometry that is opaque.
+    pub const OPAQUE: u32 = 1;
+    /// A geometry that is not.
+    pub const NOT_OPAQUE: u32 = 2;
+}
+
+/// What is remembered of a geometry.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub(crate) struct GeometryEntry {
+    /// Primitives of the geometries before it.
+    pub first_primitive: u64,
+    pub primitive_count: u32,
+    /// The [`crate::GeometryFlags`].
+    pub flags: u32,
+}
+
+/// Eight boxes and what they bound. An unused child's box is empty: min +∞, max −∞.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(256))]
+pub(crate) struct Node {
+    /// Rows min x, max x, min y, max y, min z, max z; one column a child.
+    pub bounds: [[f32; WIDTH]; 6],
+    /// A [`child`] word each.
+    pub children: [u32; WIDTH],
+    pub reserved: [u32; WIDTH],
+}
+
+/// Words of [`Node::children`].
+pub(crate) mod child {
+    /// No child.
+    pub const NONE: u32 = u32::MAX;
+    /// The child is a leaf.
+    pub const LEAF: u32 = 1 << 31;
+    /// The leaf is two triangle groups, not one.
+    pub const TWO_GROUPS: u32 = 1 << 30;
+    /// Index of the leaf.
+    pub const INDEX: u32 = TWO_GROUPS - 1;
+}
+
+/// Four triangles, one a lane.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct TriangleGroup {
+    /// `[vertex][axis][lane]`.
+    pub vertices: [[[f32; GROUP]; 3]; 3],
+    pub primitives: [u32; GROUP],
+    /// [`geometry_word`]s.
+    pub geometries: [u32; GROUP],
+    /// Bit i: lane i holds a triangle.
+    pub lanes: u32,
+    pub reserved: [u32; 3],
+}
+
+impl TriangleGroup {
+    /// A group that holds nothing.
+    pub const EMPTY: TriangleGroup = TriangleGroup {
+        vertices: [[[0.0; GROUP]; 3]; 3],
+        primitives: [u32::MAX; GROUP],
+        geometries: [0; GROUP],
+        lanes: 0,
+        reserved: [0; 3],
+    };
+
+    /// The three vertices of a lane.
+    pub fn triangle(&self, lane: usize) -> [[f32; 3]; 3] {
+        self.vertices.map(|vertex| vertex.map(|axis| axis[lane]))
+    }
+
+    /// Sets the vertices of a lane.
+    pub fn set_triangle(&mut self, lane: usize, triangle: &[[f32; 3]; 3]) {
+        for (vertex, position) in self.vertices.iter_mut().zip(triangle) {
+            for (axis, coordinate) in vertex.iter_mut().zip(position) {
+                axis[lane] = *coordinate;
+            }
+        }
+    }
+}
+
+/// A box of a bottom level; its extent is the box of its child slot.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub(crate) struct BoxEntry {
+    pub primitive: u32,
+    /// A [`geometry_word`].
+    pub geometry: u32,
+}
+
+/// A geometry's index and flags in one word.
+pub(crate) mod geometry_word {
+    /// The geometry is opaque.
+    pub const OPAQUE: u32 = 1 << 31;
+    /// The geometry's index.
+    pub const INDEX: u32 = (1 << 24) - 1;
+}
+
+/// An instance. Its bottom level's address is in the reference table.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct InstanceRecord {
+    /// Row-major 3 × 4, as given.
+    pub object_to_world: [f32; 12],
+    /// Row-major 3 × 4, inverted in f64 and rounded.
+    pub world_to_object: [f32; 12],
+    /// 24 bits, then the 8-bit mask.
+    pub custom_index_and_mask: u32,
+    /// 24 bits, then the 8-bit flags.
+    pub sbt_offset_and_flags: u32,
+    /// 0: never entered, whatever the reference.
+    pub active: u32,
+    pub reserved: [u32; 5],
+}
+
+/// The flags of an instance; `VkGeometryInstanceFlagBitsKHR`.
+pub(crate) mod instance_flags {
+    pub const TRIANGLE_FACING_CULL_DISABLE: u32 = 0x1;
+    pub const TRIANGLE_FLIP_FACING: u32 = 0x2;
+    pub const FORCE_OPAQUE: u32 = 0x4;
+    pub const FORCE_NO_OPAQUE: u32 = 0x8;
+}
+
+/// An axis-aligned box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[repr(C)]
+pub(crate) struct Bounds {
+    pub min: [f32; 3],
+    pub max: [f32; 3],
+}
+
+impl Bounds {
+    /// Holds nothing; the neutral element of [`Self::union`].
+    pub const EMPTY: Bounds = Bounds {
+        min: [f32::INFINITY; 3],
+        max: [f32::NEG_INFINITY; 3],
+    };
+
+    /// The smallest box around both.
+    #[inline]
+    pub fn union(self, other: Bounds) -> Bounds {
+        Bounds {
+            min: std::array::from_fn(|i| self.min[i].min(other.min[i])),
+            max: std::array::from_fn(|i| self.max[i].max(other.max[i])),
+        }
+    }
+
+    /// The smallest box around three points.
+    #[inline]
+    pub fn of_triangle(triangle: &[[f32; 3]; 3]) -> Bounds {
+        let [a, b, c] = triangle;
+        Bounds {
+            min: std::array::from_fn(|i| a[i].min(b[i]).min(c[i])),
+            max: std::array::from_fn(|i| a[i].max(b[i]).max(c[i])),
+        }
+    }
+
+    /// Whether there is a point in it.
+    pub fn is_empty(&self) -> bool {
+        (0..3).any(|i| self.min[i] > self.max[i])
+    }
+}
+
+impl Node {
+    /// A node without children.
+    pub const EMPTY: Node = Node {
+        bounds: [
+            [f32::INFINITY; WIDTH],
+            [f32::NEG_INFINITY; WIDTH],
+            [f32::INFINITY; WIDTH],
+            [f32::NEG_INFINITY; WIDTH],
+            [f32::INFINITY; WIDTH],
+            [f32::NEG_INFINITY; WIDTH],
+        ],
+        children: [child::NONE; WIDTH],
+        reserved: [0; WIDTH],
+    };
+
+    /// Sets a child's box.
+    pub fn set_bounds(&mut self, lane: usize, bounds: Bounds) {
+        for axis in 0..3 {
+            self.bounds[2 * axis][lane] = bounds.min[axis];
+            self.bounds[2 * axis + 1][lane] = bounds.max[axis];
+        }
+    }
+
+    /// A child's box.
+    pub fn child_bounds(&self, lane: usize) -> Bounds {
+        Bounds {
+            min: std::array::from_fn(|axis| self.bounds[2 * axis][lane]),
+            max: std::array::from_fn(|axis| self.bounds[2 * axis + 1][lane]),
+        }
+    }
+
+    /// The box around all children.
+    pub fn all_bounds(&self) -> Bounds {
+        (0..WIDTH).fold(Bounds::EMPTY, |sum, lane| {
+            sum.union(self.child_bounds(lane))
+        })
+    }
+}
+
+/// Where the parts of a blob lie, from its counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Parts {
+    pub geometries_offset: u64,
+    pub references_offset: u64,
+    pub nodes_offset: u64,
+    pub leaves_offset: u64,
+    pub size_bytes: u64,
+}
+
+impl Parts {
+    /// Lays out the parts one after the other. Counts are below 2³², so nothing overflows.
+    pub fn new(kind: crate::Kind, geometries: u64, nodes: u64, leaves: u64) -> Parts {
+        let align = |offset: u64| offset.next_multiple_of(ALIGNMENT);
+        let references = if kind == crate::Kind::Instances {
+            leaves * 8
+        } else {
+            0
+        };
+        let geometries_offset = size_of::<Header>() as u64;
+        let references_offset =
+            align(geometries_offset + geometries * size_of::<GeometryEntry>() as u64);
+        let nodes_offset = align(references_offset + references);
+        let leaves_offset = nodes_offset + nodes * size_of::<Node>() as u64;
+        Parts {
+            geometries_offset,
+            references_offset,
+            nodes_offset,
+            leaves_offset,
+            size_bytes: align(leaves_offset + leaves * leaf_bytes(kind)),
+        }
+    }
+}
+
+/// Bytes of one leaf.
+pub(crate) fn leaf_bytes(kind: crate::Kind) -> u64 {
+    match kind {
+        crate::Kind::Triangles => size_of::<TriangleGroup>() as u64,
+        crate::Kind::Aabbs => size_of::<BoxEntry>() as u64,
+        crate::Kind::Instances => size_of::<InstanceRecord>() as u64,
+    }
+}
+
+const _: () = assert!(size_of::<Header>() == 256);
+const _: () = assert!(size_of::<GeometryEntry>() == 16);
+const _: () = assert!(size_of::<Node>() == 256);
+const _: () = assert!(size_of::<TriangleGroup>() == 192);
+const _: () = assert!(size_of::<BoxEntry>() == 8);
+const _: () = assert!(size_of::<InstanceRecord>() == 128);

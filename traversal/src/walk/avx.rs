@@ -1,0 +1,113 @@
+//! The inner tests with 256-bit vectors. Compiled twice: for AVX2, and for AVX-512VL with its mask
+//! registers and its 32 vector registers.
+
+use std::arch::x86_64::*;
+
+use super::kernel::{Kernel, T_MARGIN};
+use super::space::Space;
+use crate::layout::{Node, TriangleGroup, WIDTH};
+
+/// Eight boxes or four triangles in one vector.
+pub(crate) struct Avx;
+
+/// A ray with each number in every lane.
+#[derive(Clone, Copy)]
+pub(crate) struct AvxRay {
+    near_origin: [__m256; 3],
+    far_origin: [__m256; 3],
+    near_inverse: [__m256; 3],
+    far_inverse: [__m256; 3],
+    near_rows: [usize; 3],
+    t_min: __m256,
+    origin: [__m128; 3],
+    axes: [usize; 3],
+    shear: [__m128; 2],
+    inverse_z: __m128,
+}
+
+impl Kernel for Avx {
+    type Ray = AvxRay;
+
+    #[inline(always)]
+    unsafe fn load(space: &Space) -> AvxRay {
+        // SAFETY: the caller promises AVX.
+        unsafe {
+            let eight = |v: [f32; 3]| {
+                [
+                    _mm256_set1_ps(v[0]),
+                    _mm256_set1_ps(v[1]),
+                    _mm256_set1_ps(v[2]),
+                ]
+            };
+            AvxRay {
+                near_origin: eight(space.near_origin),
+                far_origin: eight(space.far_origin),
+                near_inverse: eight(space.near_inverse),
+                far_inverse: eight(space.far_inverse),
+                near_rows: space.near_rows,
+                t_min: _mm256_set1_ps(space.t_min),
+                origin: space.axes.map(|axis| _mm_set1_ps(space.origin[axis])),
+                axes: space.axes,
+                shear: [_mm_set1_ps(space.shear[0]), _mm_set1_ps(space.shear[1])],
+                inverse_z: _mm_set1_ps(space.inverse_z),
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn test_node(ray: &AvxRay, node: &Node, t_far: f32, near_out: &mut [f32; WIDTH]) -> u32 {
+        // SAFETY: the caller promises AVX; nodes are aligned, and rows are below six.
+        unsafe {
+            let planes = |row: usize| _mm256_load_ps(node.bounds[row].as_ptr());
+            let mut near = ray.t_min;
+            let mut far = _mm256_set1_ps(t_far);
+            // Operand order decides what NaN does: see `space::max`.
+            for axis in [2, 1, 0] {
+                let row = ray.near_rows[axis];
+                let enter = _mm256_sub_ps(planes(row), ray.near_origin[axis]);
+                let leave = _mm256_sub_ps(planes(row ^ 1), ray.far_origin[axis]);
+                near = _mm256_max_ps(_mm256_mul_ps(enter, ray.near_inverse[axis]), near);
+                far = _mm256_min_ps(_mm256_mul_ps(leave, ray.far_inverse[axis]), far);
+            }
+            _mm256_storeu_ps(near_out.as_mut_ptr(), near);
+            _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)) as u32
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn test_group(ray: &AvxRay, group: &TriangleGroup, t_far: f32) -> u32 {
+        // SAFETY: the caller promises AVX; groups are aligned, and axes are below three.
+        unsafe {
+            let [ox, oy, oz] = ray.origin;
+            let vertex = |i: usize| {
+                let axis = |k: usize| _mm_load_ps(group.vertices[i][ray.axes[k]].as_ptr());
+                let z = _mm_sub_ps(axis(2), oz);
+                let x = _mm_sub_ps(_mm_sub_ps(axis(0), ox), _mm_mul_ps(ray.shear[0], z));
+                let y = _mm_sub_ps(_mm_sub_ps(axis(1), oy), _mm_mul_ps(ray.shear[1], z));
+                (x, y, _mm_mul_ps(z, ray.inverse_z))
+            };
+            let (ax, ay, at) = vertex(0);
+            let (bx, by, bt) = vertex(1);
+            let (cx, cy, ct) = vertex(2);
+            let edge = |px, py, qx, qy| _mm_sub_ps(_mm_mul_ps(px, qy), _mm_mul_ps(py, qx));
+            let u = edge(cx, cy, bx, by);
+            let v = edge(ax, ay, cx, cy);
+            let w = edge(bx, by, ax, ay);
+            let zero = _mm_setzero_ps();
+            let negative = _mm_cmp_ps::<_CMP_LT_OQ>(_mm_min_ps(u, _mm_min_ps(v, w)), zero);
+            let positive = _mm_cmp_ps::<_CMP_GT_OQ>(_mm_max_ps(u, _mm_max_ps(v, w)), zero);
+            let first = _mm_min_ps(at, _mm_min_ps(bt, ct));
+            let last = _mm_max_ps(at, _mm_max_ps(bt, ct));
+            let beyond = _mm_cmp_ps::<_CMP_GT_OQ>(
+                _mm_mul_ps(first, _mm_set1_ps(1.0 - T_MARGIN)),
+                _mm_set1_ps(t_far),
+            );
+            let before = _mm_cmp_ps::<_CMP_LT_OQ>(
+                _mm_mul_ps(last, _mm_set1_ps(1.0 + T_MARGIN)),
+                _mm256_castps256_ps128(ray.t_min),
+            );
+            let out = _mm_or_ps(_mm_and_ps(negative, positive), _mm_or_ps(beyond, before));
+            !(_mm_movemask_ps(out) as u32) & group.lanes
+        }
+    }
+}

@@ -1,0 +1,351 @@
+//! Scenes for tests: aligned memory, meshes, instances, and walking them to the end.
+#![allow(dead_code, reason = "each test uses a part")]
+
+use traversal::*;
+
+/// Bytes at a 256-byte boundary, filled with 0xAA as an application's memory may be.
+pub struct Bytes {
+    memory: Vec<u8>,
+    start: usize,
+    length: usize,
+}
+
+impl Bytes {
+    pub fn new(length: u64) -> Bytes {
+        let length = length as usize;
+        let memory = vec![0xAA; length + 256];
+        let start = memory.as_ptr().align_offset(256);
+        Bytes {
+            memory,
+            start,
+            length,
+        }
+    }
+
+    pub fn address(&self) -> u64 {
+        self.memory[self.start..].as_ptr().expose_provenance() as u64
+    }
+}
+
+impl std::ops::Deref for Bytes {
+    type Target = [u8];
+    fn deref(&self) -> &[u8] {
+        &self.memory[self.start..self.start + self.length]
+    }
+}
+
+impl std::ops::DerefMut for Bytes {
+    fn deref_mut(&mut self) -> &mut [u8] {
+        &mut self.memory[self.start..self.start + self.length]
+    }
+}
+
+pub fn memory<T>(slice: &[T]) -> Memory {
+    Memory {
+        base: slice.as_ptr().cast(),
+        bytes: size_of_val(slice),
+    }
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct Mesh {
+    pub vertices: Vec<[f32; 3]>,
+    pub indices: Vec<[u32; 3]>,
+    pub opaque: bool,
+}
+
+impl Mesh {
+    pub fn geometry(&self) -> TriangleGeometry {
+        TriangleGeometry {
+            vertices: memory(&self.vertices),
+            vertex_stride_bytes: 12,
+            vertex_format: VertexFormat::F32x3,
+            first_vertex: 0,
+            index_type: IndexType::U32,
+            indices: memory(&self.indices),
+            transform: None,
+            primitive_count: self.indices.len() as u32,
+            flags: GeometryFlags(u32::from(self.opaque)),
+        }
+    }
+
+    pub fn triangle(&self, index: usize) -> [[f32; 3]; 3] {
+        self.indices[index].map(|i| self.vertices[i as usize])
+    }
+}
+
+/// Builds with memory of exactly the promised sizes.
+pub fn build_blob(input: &BuildInput<'_>) -> Bytes {
+    let (kind, counts): (Kind, Vec<u32>) = match &input.geometries {
+        Geometries::Triangles(list) => (
+            Kind::Triangles,
+            list.iter().map(|g| g.primitive_count).collect(),
+        ),
+        Geometries::Aabbs(list) => (
+            Kind::Aabbs,
+            list.iter().map(|g| g.primitive_count).collect(),
+        ),
+        Geometries::Instances(source) => (Kind::Instances, vec![source.count]),
+    };
+    let sizes = build_sizes(kind, input.flags, &counts);
+    let mut blob = Bytes::new(sizes.structure_bytes);
+    let mut scratch = Bytes::new(sizes.build_scratch_bytes);
+    // SAFETY: the geometries' memory is borrowed by the caller.
+    let used = unsafe { build(input, &mut blob, &mut scratch) }.expect("the build succeeds");
+    assert!(used <= sizes.structure_bytes);
+    validate(&blob).expect("what was built is valid");
+    blob
+}
+
+pub fn build_meshes(meshes: &[Mesh], flags: u32) -> Bytes {
+    let list: Vec<_> = meshes.iter().map(Mesh::geometry).collect();
+    build_blob(&BuildInput {
+        flags: BuildFlags(flags),
+        geometries: Geometries::Triangles(&list),
+    })
+}
+
+pub fn build_boxes(boxes: &[[f32; 6]], opaque: bool, flags: u32) -> Bytes {
+    build_blob(&BuildInput {
+        flags: BuildFlags(flags),
+        geometries: Geometries::Aabbs(&[AabbGeometry {
+            boxes: memory(boxes),
+            stride_bytes: 24,
+            primitive_count: boxes.len() as u32,
+            flags: GeometryFlags(u32::from(opaque)),
+        }]),
+    })
+}
+
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub struct InstanceRecord {
+    pub transform: [f32; 12],
+    pub custom_index_and_mask: u32,
+    pub sbt_offset_and_flags: u32,
+    pub reference: u64,
+}
+
+pub const IDENTITY: [f32; 12] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+
+impl InstanceRecord {
+    pub fn new(blob: &Bytes, transform: [f32; 12]) -> InstanceRecord {
+        InstanceRecord {
+            transform,
+            custom_index_and_mask: 0xFF00_0000,
+            sbt_offset_and_flags: 0,
+            reference: blob.address(),
+        }
+    }
+}
+
+pub fn build_instances(instances: &[InstanceRecord], flags: u32) -> Bytes {
+    build_blob(&BuildInput {
+        flags: BuildFlags(flags),
+        geometries: Geometries::Instances(InstanceSource {
+            memory: memory(instances),
+            array: InstanceArray::Records,
+            count: instances.len() as u32,
+            flags: GeometryFlags(0),
+        }),
+    })
+}
+
+/// A bottom level under one identity instance.
+pub struct Scene {
+    pub bottom: Bytes,
+    pub top: Bytes,
+}
+
+impl Scene {
+    pub fn new(meshes: &[Mesh], flags: u32) -> Scene {
+        Self::placed(meshes, flags, IDENTITY)
+    }
+
+    pub fn placed(meshes: &[Mesh], flags: u32, transform: [f32; 12]) -> Scene {
+        let bottom = build_meshes(meshes, flags);
+        let top = build_instances(&[InstanceRecord::new(&bottom, transform)], flags);
+        Scene { bottom, top }
+    }
+}
+
+pub fn ray(origin: [f32; 3], direction: [f32; 3]) -> Ray {
+    Ray {
+        origin,
+        t_min: 0.0,
+        direction,
+        t_max: f32::INFINITY,
+        flags: 0,
+        cull_mask: 0xFF,
+    }
+}
+
+/// The closest hit; every any-hit candidate is accepted, boxes are ignored.
+pub fn closest(top: &Bytes, ray: &Ray) -> Option<Hit> {
+    let mut walker = Walker::new();
+    closest_with(&mut walker, top, ray)
+}
+
+pub fn closest_with(walker: &mut Walker, top: &Bytes, ray: &Ray) -> Option<Hit> {
+    // SAFETY: the structures are alive.
+    let mut walk = unsafe { Walk::new(top.address(), ray) };
+    let mut verdict = Verdict::Continue;
+    loop {
+        verdict = match walk.resume(walker, verdict, &mut u64::MAX.clone()) {
+            Event::Done => return walk.committed().copied(),
+            Event::AnyHitCandidate => Verdict::Accept,
+            Event::ProceduralCandidate => Verdict::Continue,
+            Event::OutOfFuel => unreachable!("there is enough"),
+        };
+    }
+}
+
+/// Every candidate that is not opaque, none accepted.
+pub fn candidates(top: &Bytes, ray: &Ray) -> Vec<Hit> {
+    let mut walker = Walker::new();
+    // SAFETY: the structures are alive.
+    let mut walk = unsafe { Walk::new(top.address(), ray) };
+    let mut found = Vec::new();
+    while walk.resume(&mut walker, Verdict::Continue, &mut u64::MAX.clone()) != Event::Done {
+        found.push(*walk.candidate());
+    }
+    found
+}
+
+/// xorshift: a fixed sequence of numbers in [0, 1).
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn next(&mut self) -> f64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    pub fn signed(&mut self) -> f64 {
+        2.0 * self.next() - 1.0
+    }
+
+    pub fn vector(&mut self) -> [f64; 3] {
+        [self.signed(), self.signed(), self.signed()]
+    }
+
+    pub fn direction(&mut self) -> [f64; 3] {
+        loop {
+            let v = self.vector();
+            let square: f64 = v.iter().map(|c| c * c).sum();
+            if (1e-3..1.0).contains(&square) {
+                return v.map(|c| c / square.sqrt());
+            }
+        }
+    }
+}
+
+/// A closed sphere: an icosahedron whose faces are split `levels` times. Unit radius, f64.
+pub fn icosphere(levels: u32) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+    let p = (1.0 + 5f64.sqrt()) / 2.0;
+    let mut vertices: Vec<[f64; 3]> = [
+        [-1.0, p, 0.0],
+        [1.0, p, 0.0],
+        [-1.0, -p, 0.0],
+        [1.0, -p, 0.0],
+        [0.0, -1.0, p],
+        [0.0, 1.0, p],
+        [0.0, -1.0, -p],
+        [0.0, 1.0, -p],
+        [p, 0.0, -1.0],
+        [p, 0.0, 1.0],
+        [-p, 0.0, -1.0],
+        [-p, 0.0, 1.0],
+    ]
+    .map(normalize)
+    .to_vec();
+    let mut faces: Vec<[u32; 3]> = vec![
+        [0, 11, 5],
+        [0, 5, 1],
+        [0, 1, 7],
+        [0, 7, 10],
+        [0, 10, 11],
+        [1, 5, 9],
+        [5, 11, 4],
+        [11, 10, 2],
+        [10, 7, 6],
+        [7, 1, 8],
+        [3, 9, 4],
+        [3, 4, 2],
+        [3, 2, 6],
+        [3, 6, 8],
+        [3, 8, 9],
+        [4, 9, 5],
+        [2, 4, 11],
+        [6, 2, 10],
+        [8, 6, 7],
+        [9, 8, 1],
+    ];
+    for _ in 0..levels {
+        let mut middles = std::collections::HashMap::new();
+        let mut middle = |a: u32, b: u32| {
+            *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
+                let (p, q) = (vertices[a as usize], vertices[b as usize]);
+                vertices.push(normalize(std::array::from_fn(|i| p[i] + q[i])));
+                vertices.len() as u32 - 1
+            })
+        };
+        faces = faces
+            .iter()
+            .flat_map(|&[a, b, c]| {
+                let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+                [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]
+            })
+            .collect();
+    }
+    (vertices, faces)
+}
+
+pub fn normalize(v: [f64; 3]) -> [f64; 3] {
+    let length = v.iter().map(|c| c * c).sum::<f64>().sqrt();
+    v.map(|c| c / length)
+}
+
+pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+pub fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+pub fn wide(v: [f32; 3]) -> [f64; 3] {
+    v.map(f64::from)
+}
+
+pub fn narrow(v: [f64; 3]) -> [f32; 3] {
+    v.map(|c| c as f32)
+}
+
+/// Möller and Trumbore's intersection in f64: (t, u, v) of the plane's point, and how far inside
+/// the triangle it is (the least weight).
+pub fn reference(ray: &Ray, triangle: &[[f32; 3]; 3]) -> (f64, f64, f64, f64) {
+    let [a, b, c] = triangle.map(wide);
+    let (o, d) = (wide(ray.origin), wide(ray.direction));
+    let (e1, e2) = (sub(b, a), sub(c, a));
+    let p = cross(d, e2);
+    let determinant = dot(e1, p);
+    let s = sub(o, a);
+    let q = cross(s, e1);
+    let (t, u, v) = (
+        dot(e2, q) / determinant,
+        dot(s, p) / determinant,
+        dot(d, q) / determinant,
+    );
+    (t, u, v, u.min(v).min(1.0 - u - v))
+}
