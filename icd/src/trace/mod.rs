@@ -17,6 +17,8 @@ mod rays;
 mod slab;
 mod subgroup;
 pub mod table;
+#[cfg(test)]
+mod tests;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
