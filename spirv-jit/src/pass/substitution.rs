@@ -137,7 +137,7 @@ impl Rewriter<'_> {
 
     fn mark(&mut self, label: usize, values: &mut Vec<Value>) {
         if values.iter().any(|&value| (self.is_dropped)(value)) {
-            let marks = values
+            let marks: Vec<bool> = values
                 .iter()
                 .map(|&value| (self.is_dropped)(value))
                 .collect();
