@@ -11,7 +11,7 @@ use crate::structure::Kind;
 
 /// Nodes of a structure that does not fit a core's caches, so that children are worth fetching
 /// ahead.
-const LARGE: u32 = 4096;
+const LARGE: u32 = 1024;
 
 /// What became of a leaf.
 enum Leaf {
