@@ -1,31 +1,31 @@
 //! Command buffers: an owned list of commands, recorded once, replayed by [`execute`](crate::execute).
 //!
-//! Recording copies what the application may free; what it may destroy early is held by count. Images, buffers and queries are named by
-//! counted references too: a mistaken application gets a wrong picture, not a fault.
+//! Recording copies what the application may free; what it may destroy early is held by count. Images and queries are named by counted
+//! references too: a mistaken application gets a wrong picture, not a fault. Buffers are resolved to addresses, since they must be bound to
+//! memory when a command that uses them is recorded.
 
+#![forbid(unsafe_code)]
+
+mod buffer;
+mod pool;
 pub mod ray_tracing;
 
 use std::sync::Arc;
 
 use ash::vk;
-use parking_lot::Mutex;
 use smallvec::SmallVec;
 
-use crate::handle::{Object, Ref};
-pub use ray_tracing::RayTracingCommand;
+use crate::handle::Ref;
+use crate::object::{DescriptorSet, Event, Image, Pipeline, QueryPool};
 
-use crate::object::{DescriptorSet, Event, Image, Pipeline, PipelineLayout, QueryPool};
+pub use buffer::{CommandBuffer, Recording, copied};
+pub use pool::CommandPool;
+pub use ray_tracing::RayTracingCommand;
 
 /// A recorded command.
 pub enum Command {
     BindPipeline(Ref<Pipeline>),
-    BindDescriptorSets {
-        bind_point: vk::PipelineBindPoint,
-        layout: Ref<PipelineLayout>,
-        first_set: u32,
-        sets: SmallVec<[Option<Ref<DescriptorSet>>; 4]>,
-        dynamic_offsets: SmallVec<[u32; 4]>,
-    },
+    BindDescriptorSets(BindDescriptorSets),
     PushConstants {
         offset: u32,
         bytes: SmallVec<[u8; 32]>,
@@ -65,6 +65,7 @@ pub enum Command {
     },
     CopyImageToBuffer {
         source: Ref<Image>,
+        /// Device address of the buffer's first byte.
         destination: u64,
         regions: Vec<vk::BufferImageCopy>,
     },
@@ -98,14 +99,7 @@ pub enum Command {
         pool: Ref<QueryPool>,
         query: u32,
     },
-    CopyQueryPoolResults {
-        pool: Ref<QueryPool>,
-        first: u32,
-        count: u32,
-        address: u64,
-        stride_bytes: u64,
-        flags: vk::QueryResultFlags,
-    },
+    CopyQueryPoolResults(CopyQueryPoolResults),
     SetEvent(Ref<Event>),
     ResetEvent(Ref<Event>),
     WaitEvents(Vec<Ref<Event>>),
@@ -113,38 +107,21 @@ pub enum Command {
     RayTracing(RayTracingCommand),
 }
 
-/// A command buffer.
-pub struct CommandBuffer {
-    pub level: vk::CommandBufferLevel,
-    pub recording: Mutex<Recording>,
+/// `vkCmdBindDescriptorSets`, or pushed descriptors as a set of their own.
+pub struct BindDescriptorSets {
+    pub bind_point: vk::PipelineBindPoint,
+    pub first_set: u32,
+    pub sets: SmallVec<[Option<Ref<DescriptorSet>>; 4]>,
+    pub dynamic_offsets: SmallVec<[u32; 4]>,
 }
 
-/// What a command buffer holds, and what is bound while it is recorded.
-pub struct Recording {
-    pub commands: Arc<Vec<Command>>,
-    /// What went wrong while recording: `vkEndCommandBuffer` returns it.
-    pub result: crate::VkResult,
-    pub one_time: bool,
-}
-
-impl Recording {
-    /// Appends a command.
-    pub fn push(&mut self, command: Command) {
-        if let Some(commands) = Arc::get_mut(&mut self.commands) {
-            commands.push(command);
-        }
-    }
-
-    /// Notes the first failure.
-    pub fn fail(&mut self, code: vk::Result) {
-        if self.result.is_ok() {
-            self.result = Err(code);
-        }
-    }
-}
-
-/// A command pool: it destroys its buffers with itself.
-pub struct CommandPool {
-    pub flags: vk::CommandPoolCreateFlags,
-    pub buffers: Mutex<Vec<Arc<Object<CommandBuffer>>>>,
+/// `vkCmdCopyQueryPoolResults`.
+pub struct CopyQueryPoolResults {
+    pub pool: Ref<QueryPool>,
+    pub first: u32,
+    pub count: u32,
+    /// Device address of the first result.
+    pub address: u64,
+    pub stride_bytes: u64,
+    pub flags: vk::QueryResultFlags,
 }

@@ -96,7 +96,7 @@ entry! {
     ) -> vk::Result {
         let mut builds = decode_builds(count, infos, ranges);
         let _records: Vec<_> = builds.iter_mut().map(|build| resolve_host_instances(build)).collect();
-        from_handle::<Device>(device).workers.install(|| ray_tracing::build(&builds));
+        from_handle::<Device>(device).engine.workers.install(|| ray_tracing::build(&builds));
         not_deferred(operation)
     }
 
@@ -156,8 +156,7 @@ commands! {
         ranges: *const *const vk::AccelerationStructureBuildRangeInfoKHR,
     ) {
         let builds = decode_builds(count, infos, ranges);
-        command_buffer.push(Command::RayTracing(RayTracingCommand::Build(builds)));
-        Ok(())
+        command_buffer.push(Command::RayTracing(RayTracingCommand::Build(builds)))
     }
 
     fn vkCmdBuildAccelerationStructuresIndirectKHR(
@@ -176,8 +175,7 @@ commands! {
             stride_bytes: strides[index],
             max_primitive_counts: slice(counts[index], info.geometry_count).to_vec(),
         });
-        command_buffer.push(Command::RayTracing(RayTracingCommand::BuildIndirect(builds.collect())));
-        Ok(())
+        command_buffer.push(Command::RayTracing(RayTracingCommand::BuildIndirect(builds.collect())))
     }
 
     fn vkCmdCopyAccelerationStructureKHR(command_buffer, info: *const vk::CopyAccelerationStructureInfoKHR<'_>) {
@@ -185,8 +183,7 @@ commands! {
             source: storage((*info).src),
             destination: storage((*info).dst),
             mode: copy_mode((*info).mode),
-        }));
-        Ok(())
+        }))
     }
 
     fn vkCmdCopyAccelerationStructureToMemoryKHR(
@@ -196,8 +193,7 @@ commands! {
         command_buffer.push(Command::RayTracing(RayTracingCommand::Serialize {
             source: storage((*info).src),
             destination: (*info).dst.device_address,
-        }));
-        Ok(())
+        }))
     }
 
     fn vkCmdCopyMemoryToAccelerationStructureKHR(
@@ -207,8 +203,7 @@ commands! {
         command_buffer.push(Command::RayTracing(RayTracingCommand::Deserialize {
             source: (*info).src.device_address,
             destination: storage((*info).dst),
-        }));
-        Ok(())
+        }))
     }
 
     fn vkCmdWriteAccelerationStructuresPropertiesKHR(
@@ -225,7 +220,6 @@ commands! {
             query_type,
             pool: retain::<QueryPool>(pool),
             first,
-        }));
-        Ok(())
+        }))
     }
 }

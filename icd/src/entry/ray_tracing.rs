@@ -158,8 +158,7 @@ commands! {
     ) {
         let tables = tables(raygen, miss, hit, callable);
         let extent = [width, height, depth];
-        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRays { tables, extent }));
-        Ok(())
+        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRays { tables, extent }))
     }
 
     fn vkCmdTraceRaysIndirectKHR(
@@ -171,8 +170,7 @@ commands! {
         address: vk::DeviceAddress,
     ) {
         let tables = tables(raygen, miss, hit, callable);
-        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysIndirect { tables, address }));
-        Ok(())
+        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysIndirect { tables, address }))
     }
 
     fn vkCmdSetRayTracingPipelineStackSizeKHR(command_buffer, _size_bytes: u32) {

@@ -1,4 +1,10 @@
-//! Performs recorded commands, in order, on a queue's thread.
+//! Performs recorded commands, in order, on a queue's thread. What is worth it fans out over the device's workers.
+//!
+//! **Barriers, pipeline stages and access masks are not recorded.** A queue performs one command after the other, and each is complete, its
+//! writes visible to every thread, before the next begins: workers join at the end of a command, and memory is the host's own coherent
+//! memory. That is more than any `vkCmdPipelineBarrier` asks for. Image layouts mean nothing, since images are stored one way only, and with
+//! one queue family there is no ownership to transfer. What is left of the synchronization commands are events, which can be waited for
+//! across queues and from the host.
 //!
 //! Each kind of work is a function of what the command holds. Those on images take the objects and the regions as recorded:
 //!
@@ -15,4 +21,193 @@
 //! Buffers are device addresses of their first byte.
 
 pub mod acceleration_structure;
+pub mod bindings;
+pub mod blit;
+pub mod buffer;
+pub mod clear;
+pub mod copy;
+pub mod dispatch;
+mod engine;
+pub mod query;
 pub mod ray_tracing;
+pub mod resolve;
+mod surface;
+
+use ash::vk;
+
+use crate::command::{Command, RayTracingCommand};
+use crate::object::pipeline::PipelineKind;
+use crate::trace::Stopped;
+
+pub use bindings::Bindings;
+pub use engine::Engine;
+pub use query::{timestamp_ns, write_results};
+
+/// Why replay ended early.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Failure {
+    /// A command was stopped: the device is to be lost.
+    Stopped(Stopped),
+    /// The device was lost, or is being destroyed, while a command waited.
+    AlreadyLost,
+}
+
+impl From<Stopped> for Failure {
+    fn from(why: Stopped) -> Self {
+        Self::Stopped(why)
+    }
+}
+
+/// Performs a command buffer. It starts with nothing bound, as the specification has it for primary and secondary ones alike (chapter
+/// Command Buffers, "Command Buffer Lifecycle" and `vkCmdExecuteCommands`).
+///
+/// # Errors
+/// See [`Failure`]; what was done so far stays done.
+pub fn replay(engine: &Engine, commands: &[Command]) -> Result<(), Failure> {
+    let mut bindings = Bindings::default();
+    commands
+        .iter()
+        .try_for_each(|command| perform(engine, &mut bindings, command))
+}
+
+/// Performs one command. The table of commands: a row each, the work in named functions.
+fn perform<'a>(
+    engine: &Engine,
+    bindings: &mut Bindings<'a>,
+    command: &'a Command,
+) -> Result<(), Failure> {
+    match command {
+        Command::BindPipeline(pipeline) => bindings.bind_pipeline(pipeline),
+        Command::BindDescriptorSets(bind) => bindings.bind_descriptor_sets(bind),
+        Command::PushConstants { offset, bytes } => bindings.push_constants(*offset, bytes),
+        &Command::Dispatch { base, count } => run_dispatch(engine, bindings, base, count)?,
+        &Command::DispatchIndirect { address } => {
+            let count = buffer::read_dispatch_size(address);
+            run_dispatch(engine, bindings, [0; 3], count)?;
+        }
+        &Command::CopyBuffer {
+            source,
+            destination,
+            size_bytes,
+        } => buffer::copy(source, destination, size_bytes),
+        &Command::FillBuffer {
+            address,
+            size_bytes,
+            word,
+        } => buffer::fill(address, size_bytes, word),
+        Command::UpdateBuffer { address, bytes } => buffer::update(*address, bytes),
+        Command::CopyImage {
+            source,
+            destination,
+            regions,
+        } => regions
+            .iter()
+            .for_each(|region| copy::copy_image(source, destination, region)),
+        Command::CopyBufferToImage {
+            source,
+            destination,
+            regions,
+        } => regions
+            .iter()
+            .for_each(|region| copy::copy_buffer_to_image(*source, destination, region)),
+        Command::CopyImageToBuffer {
+            source,
+            destination,
+            regions,
+        } => regions
+            .iter()
+            .for_each(|region| copy::copy_image_to_buffer(source, *destination, region)),
+        Command::BlitImage {
+            source,
+            destination,
+            regions,
+            filter,
+        } => regions
+            .iter()
+            .for_each(|region| blit::blit_image(source, destination, region, *filter)),
+        Command::ResolveImage {
+            source,
+            destination,
+            regions,
+        } => regions
+            .iter()
+            .for_each(|region| resolve::resolve_image(source, destination, region)),
+        Command::ClearColorImage {
+            image,
+            value,
+            ranges,
+        } => ranges
+            .iter()
+            .for_each(|range| clear::clear_color_image(image, value, range)),
+        Command::ClearDepthStencilImage {
+            image,
+            value,
+            ranges,
+        } => ranges
+            .iter()
+            .for_each(|range| clear::clear_depth_stencil_image(image, value, range)),
+        Command::ResetQueryPool { pool, first, count } => pool.reset(*first, *count),
+        Command::WriteTimestamp { pool, query } => pool.write(*query, timestamp_ns()),
+        Command::CopyQueryPoolResults(copy) => query::copy_results(copy)?,
+        Command::SetEvent(event) => event.set(),
+        Command::ResetEvent(event) => event.reset(),
+        Command::WaitEvents(events) => engine
+            .waiting
+            .wait_until(u64::MAX, || events.iter().all(|event| event.is_set()))
+            .map_err(|_| Failure::AlreadyLost)?,
+        Command::ExecuteCommands(buffers) => {
+            buffers.iter().try_for_each(|list| replay(engine, list))?;
+        }
+        Command::RayTracing(command) => run_ray_tracing(engine, bindings, command)?,
+    }
+    Ok(())
+}
+
+fn run_dispatch(
+    engine: &Engine,
+    bindings: &mut Bindings<'_>,
+    base: [u32; 3],
+    count: [u32; 3],
+) -> Result<(), Failure> {
+    let Some((pipeline, environment)) = bindings.environment(vk::PipelineBindPoint::COMPUTE, count)
+    else {
+        return Ok(());
+    };
+    let PipelineKind::Compute(program) = &pipeline.kind else {
+        return Ok(());
+    };
+    engine.dispatcher.run(
+        &engine.workers,
+        &dispatch::Dispatch {
+            program,
+            base,
+            count,
+            environment: &environment,
+            limits: &engine.limits(),
+        },
+    )?;
+    Ok(())
+}
+
+/// Commands of the ray tracing extensions, on the workers.
+fn run_ray_tracing(
+    engine: &Engine,
+    bindings: &mut Bindings<'_>,
+    command: &RayTracingCommand,
+) -> Result<(), Failure> {
+    let limits = engine.limits();
+    // The size of the launch may be in memory: who reads it puts it into the environment.
+    let bound = bindings.environment(vk::PipelineBindPoint::RAY_TRACING_KHR, [0; 3]);
+    let bound = bound.map(|(pipeline, environment)| ray_tracing::Bound {
+        pipeline: match &pipeline.kind {
+            PipelineKind::RayTracing(pipeline) => Some(pipeline),
+            PipelineKind::Compute(_) => None,
+        },
+        environment,
+        limits: &limits,
+    });
+    engine
+        .workers
+        .install(|| ray_tracing::execute(command, || bound))?;
+    Ok(())
+}

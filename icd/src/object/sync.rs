@@ -1,10 +1,10 @@
-//! Fences, semaphores and events.
+//! Fences, semaphores and events, and how one waits for them.
 
 #![forbid(unsafe_code)]
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Instant;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
 
 use ash::vk;
 use parking_lot::{Condvar, Mutex};
@@ -15,7 +15,7 @@ use crate::VkResult;
 /// What all waiting of a device goes through: one lock and one condition, so that waiting for any of several things is simple.
 #[derive(Default)]
 pub struct Waiting {
-    generation: Mutex<u64>,
+    changed_lock: Mutex<()>,
     changed: Condvar,
     pub lost: Lost,
 }
@@ -23,7 +23,8 @@ pub struct Waiting {
 impl Waiting {
     /// Tells everyone who waits that something has changed.
     pub fn notify(&self) {
-        *self.generation.lock() += 1;
+        // Whoever is between its look and its sleep holds the lock: it hears this.
+        drop(self.changed_lock.lock());
         self.changed.notify_all();
     }
 
@@ -35,8 +36,8 @@ impl Waiting {
         if done() {
             return Ok(());
         }
-        let deadline = Instant::now().checked_add(std::time::Duration::from_nanos(timeout_ns));
-        let mut generation = self.generation.lock();
+        let deadline = Instant::now().checked_add(Duration::from_nanos(timeout_ns));
+        let mut lock = self.changed_lock.lock();
         loop {
             if done() {
                 return Ok(());
@@ -45,11 +46,7 @@ impl Waiting {
             match deadline {
                 _ if timeout_ns == 0 => return Err(vk::Result::TIMEOUT),
                 Some(deadline) => {
-                    if self
-                        .changed
-                        .wait_until(&mut generation, deadline)
-                        .timed_out()
-                    {
+                    if self.changed.wait_until(&mut lock, deadline).timed_out() {
                         return if done() {
                             Ok(())
                         } else {
@@ -57,7 +54,7 @@ impl Waiting {
                         };
                     }
                 }
-                None => self.changed.wait(&mut generation),
+                None => self.changed.wait(&mut lock),
             }
         }
     }
@@ -88,57 +85,120 @@ impl Fence {
 /// A semaphore. A binary one is a counter too: 0 or 1.
 pub struct Semaphore {
     pub ty: vk::SemaphoreType,
-    pub value: Mutex<u64>,
-    pub waiting: Arc<Waiting>,
+    value: AtomicU64,
+    waiting: Arc<Waiting>,
 }
 
 impl Semaphore {
-    /// The counter's value.
-    pub fn value(&self) -> u64 {
-        *self.value.lock()
+    /// A semaphore of a device; `value` is a timeline's first one.
+    pub fn new(ty: vk::SemaphoreType, value: u64, waiting: Arc<Waiting>) -> Self {
+        Self {
+            ty,
+            value: AtomicU64::new(value),
+            waiting,
+        }
     }
 
-    /// Signals: a binary semaphore becomes 1, a timeline one takes the value.
+    fn is_binary(&self) -> bool {
+        self.ty == vk::SemaphoreType::BINARY
+    }
+
+    /// The counter's value.
+    pub fn value(&self) -> u64 {
+        self.value.load(Ordering::Acquire)
+    }
+
+    /// Signals: a binary semaphore becomes 1, a timeline one takes the value. A timeline never goes back (chapter Semaphores: signals
+    /// must increase the value).
     pub fn signal(&self, value: u64) {
-        *self.value.lock() = if self.ty == vk::SemaphoreType::BINARY {
-            1
-        } else {
-            value
-        };
+        let value = if self.is_binary() { 1 } else { value };
+        self.value.fetch_max(value, Ordering::AcqRel);
         self.waiting.notify();
     }
 
     /// Whether a wait for `value` is over.
     pub fn has_reached(&self, value: u64) -> bool {
-        self.value()
-            >= if self.ty == vk::SemaphoreType::BINARY {
-                1
-            } else {
-                value
-            }
+        self.value() >= if self.is_binary() { 1 } else { value }
     }
 
     /// What a finished queue wait leaves: a binary semaphore is unsignaled again.
     pub fn consume(&self) {
-        if self.ty == vk::SemaphoreType::BINARY {
-            *self.value.lock() = 0;
+        if self.is_binary() {
+            self.value.store(0, Ordering::Release);
         }
     }
 }
 
 /// An event.
-#[derive(Default)]
 pub struct Event {
     set: AtomicBool,
+    waiting: Arc<Waiting>,
 }
 
 impl Event {
+    /// An event of a device, not set.
+    pub fn new(waiting: Arc<Waiting>) -> Self {
+        Self {
+            set: AtomicBool::new(false),
+            waiting,
+        }
+    }
+
     pub fn is_set(&self) -> bool {
         self.set.load(Ordering::Acquire)
     }
 
-    /// Sets or resets the event. Who sets it also [notifies](Waiting::notify).
-    pub fn set(&self, set: bool) {
-        self.set.store(set, Ordering::Release);
+    /// Sets the event.
+    pub fn set(&self) {
+        self.set.store(true, Ordering::Release);
+        self.waiting.notify();
+    }
+
+    /// Resets the event.
+    pub fn reset(&self) {
+        self.set.store(false, Ordering::Release);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn waits_end_by_signal_timeout_or_loss() {
+        let waiting = Arc::new(Waiting::default());
+        let semaphore = Semaphore::new(vk::SemaphoreType::TIMELINE, 3, Arc::clone(&waiting));
+        assert!(waiting.wait_until(0, || semaphore.has_reached(3)).is_ok());
+        assert_eq!(
+            waiting.wait_until(1000, || semaphore.has_reached(4)),
+            Err(vk::Result::TIMEOUT)
+        );
+        std::thread::scope(|scope| {
+            scope.spawn(|| semaphore.signal(9));
+            assert!(
+                waiting
+                    .wait_until(u64::MAX, || semaphore.has_reached(4))
+                    .is_ok()
+            );
+        });
+        assert_eq!(semaphore.value(), 9);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                waiting.lost.set();
+                waiting.notify();
+            });
+            let result = waiting.wait_until(u64::MAX, || semaphore.has_reached(10));
+            assert_eq!(result, Err(vk::Result::ERROR_DEVICE_LOST));
+        });
+    }
+
+    #[test]
+    fn a_binary_semaphore_is_consumed_by_its_wait() {
+        let semaphore = Semaphore::new(vk::SemaphoreType::BINARY, 0, Arc::default());
+        assert!(!semaphore.has_reached(0));
+        semaphore.signal(0);
+        assert!(semaphore.has_reached(0));
+        semaphore.consume();
+        assert!(!semaphore.has_reached(0));
     }
 }

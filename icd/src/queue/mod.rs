@@ -1,6 +1,197 @@
-//! Queues: each has a thread that waits, executes, signals.
+//! Queues: each has a thread that waits, executes, signals, one submission after the other.
+//!
+//! ```text
+//! vkQueueSubmit ──> Queue::submit ──> [ pending ] ──> thread: wait for semaphores ──> execute::replay ──> signal semaphores, fence
+//! ```
+//!
+//! A submission may wait for a semaphore that another queue, or the host, signals later: only its own queue's thread stands still.
+
+#![forbid(unsafe_code)]
+
+pub mod workers;
+
+#[cfg(test)]
+mod tests;
+
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+
+use ash::vk;
+use parking_lot::{Condvar, Mutex};
+
+use crate::VkResult;
+use crate::command::Command;
+use crate::execute::{self, Engine, Failure};
+use crate::ffi::guard::panic_message;
+use crate::handle::Ref;
+use crate::object::{Fence, Semaphore};
+
+pub use workers::Workers;
+
+/// Queues that a device can have, all of one family.
+pub const MAX_QUEUES: u32 = 4;
+
+/// A batch of work, as `vkQueueSubmit` takes it.
+#[derive(Default)]
+pub struct Submission {
+    /// Semaphores, and the value of timeline ones.
+    pub waits: Vec<(Ref<Semaphore>, u64)>,
+    pub commands: Vec<Arc<Vec<Command>>>,
+    pub signals: Vec<(Ref<Semaphore>, u64)>,
+    pub fence: Option<Ref<Fence>>,
+}
 
 /// `VkQueue`.
 pub struct Queue {
     pub index: u32,
+    line: Arc<Line>,
+    /// Started by the first submission.
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+/// What a queue and its thread share.
+struct Line {
+    engine: Arc<Engine>,
+    state: Mutex<State>,
+    arrived: Condvar,
+}
+
+#[derive(Default)]
+struct State {
+    pending: VecDeque<Submission>,
+    /// Submissions so far, and those of them that are over.
+    submitted: u64,
+    completed: u64,
+    closing: bool,
+}
+
+impl Queue {
+    /// An idle queue.
+    pub fn new(index: u32, engine: Arc<Engine>) -> Self {
+        Self {
+            index,
+            line: Arc::new(Line {
+                engine,
+                state: Mutex::default(),
+                arrived: Condvar::new(),
+            }),
+            thread: Mutex::new(None),
+        }
+    }
+
+    /// Puts work in line.
+    ///
+    /// # Errors
+    /// `VK_ERROR_DEVICE_LOST`; `VK_ERROR_OUT_OF_HOST_MEMORY` if the thread cannot be started.
+    pub fn submit(&self, submissions: impl IntoIterator<Item = Submission>) -> VkResult {
+        self.line.engine.waiting.lost.check()?;
+        self.start_thread()?;
+        let mut state = self.line.state.lock();
+        for submission in submissions {
+            state.pending.push_back(submission);
+            state.submitted += 1;
+        }
+        drop(state);
+        self.line.arrived.notify_one();
+        Ok(())
+    }
+
+    fn start_thread(&self) -> VkResult {
+        let mut thread = self.thread.lock();
+        if thread.is_none() {
+            let line = Arc::clone(&self.line);
+            let started = std::thread::Builder::new()
+                .name(format!("tuff-queue-{}", self.index))
+                .spawn(move || line.run())
+                .map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
+            *thread = Some(started);
+        }
+        Ok(())
+    }
+
+    /// Waits until everything submitted so far is over.
+    ///
+    /// # Errors
+    /// `VK_ERROR_DEVICE_LOST`.
+    pub fn wait_idle(&self) -> VkResult {
+        let waiting = &self.line.engine.waiting;
+        waiting.lost.check()?;
+        let submitted = self.line.state.lock().submitted;
+        waiting.wait_until(u64::MAX, || self.line.state.lock().completed >= submitted)?;
+        waiting.lost.check()
+    }
+
+    /// Ends the queue's thread; work that is still in line is dropped. The device's waits must have been ended by
+    /// [`Engine::shut_down`] before.
+    pub fn close(&self) {
+        self.line.state.lock().closing = true;
+        self.line.arrived.notify_one();
+        if let Some(thread) = self.thread.lock().take() {
+            // A panic on the thread was logged when it happened.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Line {
+    fn run(&self) {
+        while let Some(submission) = self.next() {
+            self.perform(submission);
+            self.state.lock().completed += 1;
+            self.engine.waiting.notify();
+        }
+    }
+
+    fn next(&self) -> Option<Submission> {
+        let mut state = self.state.lock();
+        loop {
+            if state.closing {
+                return None;
+            }
+            if let Some(submission) = state.pending.pop_front() {
+                return Some(submission);
+            }
+            self.arrived.wait(&mut state);
+        }
+    }
+
+    /// Waits, executes, signals. On a lost device nothing is executed and nothing signaled.
+    fn perform(&self, submission: Submission) {
+        let Submission {
+            waits,
+            commands,
+            signals,
+            fence,
+        } = submission;
+        let waited = self.engine.waiting.wait_until(u64::MAX, || {
+            waits
+                .iter()
+                .all(|(semaphore, value)| semaphore.has_reached(*value))
+        });
+        if waited.is_err() || self.engine.waiting.lost.check().is_err() {
+            return;
+        }
+        waits.iter().for_each(|(semaphore, _)| semaphore.consume());
+        let result = catch_unwind(AssertUnwindSafe(|| {
+            commands
+                .iter()
+                .try_for_each(|list| execute::replay(&self.engine, list))
+        }));
+        match result {
+            Ok(Ok(())) => {}
+            Ok(Err(Failure::AlreadyLost)) => return,
+            Ok(Err(Failure::Stopped(why))) => return self.engine.lose(&format!("{why:?}")),
+            Err(payload) => return self.engine.lose(panic_message(&*payload)),
+        }
+        // Whoever sees a signal may reset the command buffers: they are let go of first.
+        drop(commands);
+        for (semaphore, value) in &signals {
+            semaphore.signal(*value);
+        }
+        if let Some(fence) = fence {
+            fence.set(true);
+        }
+    }
 }

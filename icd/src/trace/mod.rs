@@ -17,9 +17,11 @@ mod rays;
 mod slab;
 mod subgroup;
 pub mod table;
+#[cfg(test)]
+mod tests;
 
-use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -44,14 +46,17 @@ pub struct Dispatch<'a> {
 #[derive(Default)]
 pub struct Limits {
     /// Set from outside to make every worker stop at its next budget check.
-    pub cancelled: AtomicBool,
+    pub cancelled: Arc<AtomicBool>,
     /// When the dispatch counts as hanging (`TUFF_TIMEOUT`).
     pub deadline: Option<Instant>,
 }
 
 impl Limits {
     /// Called when fuel runs dry.
-    fn check(&self) -> Result<(), Stopped> {
+    ///
+    /// # Errors
+    /// When a limit is reached.
+    pub fn check(&self) -> Result<(), Stopped> {
         let late = self
             .deadline
             .is_some_and(|deadline| Instant::now() >= deadline);

@@ -3,7 +3,10 @@
 //! The unit is a block of 16 lanes. Descriptors that are the same in all active lanes, the common case, are set up once for the block; where they
 //! differ, lanes are grouped by descriptor.
 
-use super::{ImageDescriptor, ImageOp, ImageOpKind, LodMode, SamplerDescriptor};
+use super::format::block::{Texels, each_lane};
+use super::format::{FormatInfo, Numeric};
+use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, Level, LodMode, SamplerDescriptor};
+use super::{access, sample};
 use crate::SUBGROUP_SIZE;
 use crate::environment::Descriptor;
 use crate::ir::Type;
@@ -21,14 +24,19 @@ impl ImageOp {
         )
     }
 
+    /// Queries that take no coordinates.
+    fn is_size_query(&self) -> bool {
+        matches!(
+            self.kind,
+            ImageOpKind::QuerySize | ImageOpKind::QueryLevels | ImageOpKind::QuerySamples
+        )
+    }
+
     /// Rows of 32-bit words that [`execute`] reads: all operands but the descriptors, 64-bit ones as two rows.
     pub fn operand_rows(&self) -> usize {
         let words = if self.texel == Type::I64 { 2 } else { 1 };
         let spatial = self.spatial_count();
-        let is_query = matches!(
-            self.kind,
-            ImageOpKind::QuerySize | ImageOpKind::QueryLevels | ImageOpKind::QuerySamples
-        );
+        let is_query = self.is_size_query();
         let coordinates = match self.kind {
             _ if is_query => 0,
             _ => self.coordinate_count(),
@@ -156,9 +164,139 @@ pub unsafe fn execute_block(
     operands: &[&Row],
     results: &mut [Row],
 ) {
-    // Texel accesses are not written yet: every image is read as the null descriptor.
-    let _ = (image, sampler, mask, operands);
-    for row in &mut results[..op.result_rows()] {
-        *row = [0; SUBGROUP_SIZE];
+    let operands = Operands::new(op, operands);
+    let usable = image.filter(|image| {
+        !image.data.is_null() && image.level_count != 0 && image.levels[0].width != 0
+    });
+    let Some((image, info)) = usable.and_then(|image| Some((image, image.format.info()?))) else {
+        return put_null(op, mask, results);
+    };
+    // SAFETY: the caller's promise.
+    unsafe {
+        match op.kind {
+            ImageOpKind::Sample | ImageOpKind::Gather(_) => match sampler {
+                Some(sampler) => sample::sample(op, &operands, image, info, sampler, mask, results),
+                None => put_null(op, mask, results),
+            },
+            ImageOpKind::QueryLod => match sampler {
+                Some(sampler) => sample::query_lod(op, &operands, image, sampler, mask, results),
+                None => put_null(op, mask, results),
+            },
+            ImageOpKind::Fetch | ImageOpKind::Read => {
+                access::read(op, &operands, image, info, mask, results);
+            }
+            ImageOpKind::Write => access::write(op, &operands, image, info, mask),
+            ImageOpKind::Atomic(atomic) => {
+                access::atomic(op, atomic, &operands, image, info, mask, results);
+            }
+            ImageOpKind::QuerySize => query_size(op, &operands, image, mask, results),
+            ImageOpKind::QueryLevels => put(mask, &mut results[0], image.level_count as u32),
+            ImageOpKind::QuerySamples => put(mask, &mut results[0], image.samples.max(1) as u32),
+        }
     }
+}
+
+/// An operation's operand rows, by name.
+pub(super) struct Operands<'a> {
+    pub coordinates: &'a [&'a Row],
+    pub depth_reference: Option<&'a Row>,
+    /// Bias, level, or derivatives along the screen's x, then y.
+    pub lod: &'a [&'a Row],
+    pub min_lod: Option<&'a Row>,
+    pub offsets: &'a [&'a Row],
+    pub sample: Option<&'a Row>,
+    pub texel: &'a [&'a Row],
+}
+
+impl<'a> Operands<'a> {
+    #[inline(always)]
+    fn new(op: &ImageOp, rows: &'a [&'a Row]) -> Self {
+        let spatial = op.spatial_count();
+        let mut rest = rows;
+        let mut take = |count: usize| {
+            let (taken, left) = rest.split_at(count);
+            rest = left;
+            taken
+        };
+        let is_query = op.is_size_query();
+        Operands {
+            coordinates: take(if is_query { 0 } else { op.coordinate_count() }),
+            depth_reference: take(op.depth_compare as usize).first().copied(),
+            lod: take(match op.lod {
+                LodMode::Implicit => 0,
+                LodMode::Bias | LodMode::Lod => 1,
+                LodMode::Grad => 2 * spatial,
+            }),
+            min_lod: take(op.has_min_lod as usize).first().copied(),
+            offsets: take(match (op.has_offsets, op.has_offset) {
+                (true, _) => 4 * spatial,
+                (false, true) => spatial,
+                (false, false) => 0,
+            }),
+            sample: take((op.multisampled && !is_query) as usize)
+                .first()
+                .copied(),
+            texel: rest,
+        }
+    }
+}
+
+/// A 64-bit operand of two rows.
+pub(super) fn read_64(low: &Row, high: &Row, lane: usize) -> u64 {
+    low[lane] as u64 | (high[lane] as u64) << 32
+}
+
+fn put(mask: u16, row: &mut Row, value: u32) {
+    each_lane(mask, |lane| row[lane] = value);
+}
+
+/// Results of the null descriptor.
+fn put_null(op: &ImageOp, mask: u16, results: &mut [Row]) {
+    for row in &mut results[..op.result_rows()] {
+        put(mask, row, 0);
+    }
+}
+
+/// Texel components to result rows, widened where the operation's texels are 64-bit.
+#[inline(always)]
+pub(super) fn put_texels(op: &ImageOp, info: &FormatInfo, texels: &Texels, results: &mut [Row]) {
+    if op.texel != Type::I64 {
+        results[..4].copy_from_slice(texels);
+        return;
+    }
+    for (component, row) in texels.iter().enumerate() {
+        results[2 * component] = *row;
+        results[2 * component + 1] = match info.numeric {
+            Numeric::Sint => row.map(|word| (word as i32 >> 31) as u32),
+            _ => [0; SUBGROUP_SIZE],
+        };
+    }
+}
+
+/// `OpImageQuerySize`, `OpImageQuerySizeLod`: zeros for a level that does not exist.
+fn query_size(
+    op: &ImageOp,
+    operands: &Operands<'_>,
+    image: &ImageDescriptor,
+    mask: u16,
+    results: &mut [Row],
+) {
+    each_lane(mask, |lane| {
+        let index = operands.lod.first().map_or(0, |row| row[lane] as usize);
+        let level = if index < image.level_count as usize {
+            image.levels[index]
+        } else {
+            Level::default()
+        };
+        let size = [level.width, level.height, level.depth];
+        let count = op.size_components();
+        for component in 0..count {
+            let is_layers = op.arrayed && component + 1 == count;
+            results[component][lane] = match (is_layers, op.dim) {
+                (true, Dim::Cube) => image.layer_count / 6,
+                (true, _) => image.layer_count,
+                (false, _) => size[component],
+            };
+        }
+    });
 }

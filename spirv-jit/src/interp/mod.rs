@@ -1,26 +1,98 @@
 //! The vector interpreter: each operation runs over the lanes of a wave.
+//!
+//! ```text
+//! ir ──> uniformity, slots (rows by live ranges) ──> emit ──> code: instructions that point at their kernels
+//! ```
+//!
+//! * [`machine`]: a running wave; [`tier`]: instruction sets; [`kernels`]: pure operations; [`memory`], [`atomics`], [`subgroup`], [`images`]:
+//!   the others; [`control`]: masks and jumps; [`yields`]: suspending and resuming.
 
-use crate::Error;
+mod atomics;
+mod code;
+mod control;
+mod emit;
+mod images;
+mod kernels;
+mod machine;
+mod memory;
+mod slots;
+mod subgroup;
+mod tier;
+mod uniformity;
+mod yields;
+
+#[cfg(test)]
+mod tests;
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use crate::ir::{self, InputRow};
 use crate::program::{AlignedRow, Event, ResumePoint, SiteKind, Stage, StateLayout, Wave};
+use crate::{Error, SUBGROUP_SIZE};
+use code::Code;
+use machine::{MAX_SUBGROUPS, Machine, Mask};
+use tier::TierKind;
+
+/// What a frame's rows may take, in bytes, before they leave the nearest cache.
+const FRAME_BYTES: usize = 40 << 10;
 
 /// A worker's hot memory: slots of the program that is running. One per thread, reused for every program.
 #[derive(Default)]
-pub struct Frame {}
+pub struct Frame {
+    uniforms: Vec<AlignedRow>,
+    vectors: Vec<AlignedRow>,
+    masks: Vec<Mask>,
+    returns: Vec<u32>,
+    /// Program whose constants stand in `uniforms`.
+    program: u64,
+}
 
 /// A compiled shader. Immutable and shared between threads.
 pub struct Program {
+    /// Differs from every other program's in the process, and is not 0.
+    number: u64,
     stage: Stage,
+    code: Code,
+    inputs: Vec<InputRow>,
+    local_size: [u32; 3],
+    shared_size_bytes: u32,
+    layout: StateLayout,
+    /// First private row of the state.
+    private: usize,
+    private_rows: usize,
+    live_rows: usize,
+    sites: Vec<SiteKind>,
+    output_rows: u32,
+    functions: usize,
 }
 
 impl Program {
     /// Compiles a verified, optimised module.
     ///
     /// # Errors
-    /// Budget.
+    /// Budget; operations on types that have none.
     pub fn new(module: &ir::Module) -> Result<Program, Error> {
-        let _ = module;
-        Err(Error::unsupported(0, "no interpreter yet"))
+        Self::with_tier(module, TierKind::best())
+    }
+
+    fn with_tier(module: &ir::Module, tier: TierKind) -> Result<Program, Error> {
+        static NUMBER: AtomicU64 = AtomicU64::new(1);
+        let emitted = emit::emit(module, tier)?;
+        Ok(Program {
+            number: NUMBER.fetch_add(1, Ordering::Relaxed),
+            stage: module.stage,
+            code: emitted.code,
+            inputs: module.inputs.clone(),
+            local_size: module.local_size,
+            shared_size_bytes: module.shared_size_bytes,
+            layout: emitted.layout,
+            private: emitted.private,
+            private_rows: emitted.private_rows,
+            live_rows: emitted.live_rows,
+            sites: emitted.sites,
+            output_rows: module.output_rows,
+            functions: module.functions.len(),
+        })
     }
 
     pub fn stage(&self) -> Stage {
@@ -29,64 +101,138 @@ impl Program {
 
     /// Input rows the program reads, in order; row `i` of the state's inputs is `inputs()[i]`.
     pub fn inputs(&self) -> &[InputRow] {
-        &[]
+        &self.inputs
     }
 
     /// Compute: the workgroup's size per dimension.
     pub fn local_size(&self) -> [u32; 3] {
-        [1; 3]
+        self.local_size
     }
 
     /// Compute: workgroup memory in bytes.
     pub fn shared_size_bytes(&self) -> u32 {
-        0
+        self.shared_size_bytes
     }
 
     /// Rows of a subgroup's state.
     pub fn layout(&self) -> StateLayout {
-        StateLayout::default()
+        self.layout
     }
 
     /// Subgroups that one run may take (wave length / 16): follows from the frame's size.
     pub fn max_wave_subgroups(&self) -> usize {
-        1
+        let subgroup_bytes = self.code.vector_rows.max(1) * size_of::<AlignedRow>();
+        (FRAME_BYTES / subgroup_bytes).clamp(4, MAX_SUBGROUPS)
     }
 
     /// What yields ask for, by `SiteId`.
     pub fn sites(&self) -> &[SiteKind] {
-        &[]
+        &self.sites
     }
 
     /// Words the program leaves in the `io` rows at its end (see `ir::Module::output_rows`).
     pub fn output_rows(&self) -> u32 {
-        0
+        self.output_rows
     }
 
     /// Bytes of one lane's state: what `vkGetRayTracingShaderGroupStackSizeKHR` reports.
     pub fn stack_size_bytes(&self) -> u32 {
-        0
+        ((self.private_rows + self.live_rows) * 4) as u32
     }
 
     /// Puts a state at the program's entry with these lanes active. Inputs may be filled before or after; `io` rows are zeroed.
+    ///
+    /// # Panics
+    /// The state is smaller than [`StateLayout::rows`].
     pub fn start(&self, state: &mut [AlignedRow], active: u16) {
-        let _ = (state, active);
+        let state = &mut state[..self.layout.rows];
+        state[..self.layout.inputs].fill(AlignedRow::default());
+        // Private memory too: what is undefined is at least the same on every run.
+        state[self.layout.io..self.private + self.private_rows].fill(AlignedRow::default());
+        state[0].0[1] = active as u32;
     }
 
     /// Where a state stands.
     pub fn resume_point(&self, state: &[AlignedRow]) -> ResumePoint {
-        let _ = state;
-        ResumePoint(0)
+        ResumePoint(state[0].0[0])
     }
 
-    /// Lanes of a yielded state that take part in its event (may be none: such a subgroup is ready at once).
+    /// Lanes of a yielded state that take part in its event (may be none: such a subgroup is ready at once). Only their columns
+    /// of the `io` rows are the event's: the others may hold outputs of lanes that have ended.
     pub fn event_mask(&self, state: &[AlignedRow]) -> u16 {
-        let _ = state;
-        0
+        state[0].0[1] as u16
     }
 
     /// Runs a wave of subgroups that stand at one resume point until the next event. `fuel` is burnt at loop back-edges, one per wave.
+    ///
+    /// # Panics
+    /// The wave is empty or longer than [`Self::max_wave_subgroups`], or a state is too small or stands elsewhere.
     pub fn run(&self, frame: &mut Frame, wave: &mut Wave<'_>, fuel: &mut u64) -> Event {
-        let _ = (frame, wave, fuel);
-        Event::End
+        let subgroups = wave.states.len();
+        assert!((1..=MAX_SUBGROUPS).contains(&subgroups), "wave length");
+        let mut states = [std::ptr::null_mut(); MAX_SUBGROUPS];
+        let point = wave.states[0][0].0[0];
+        for (pointer, state) in states.iter_mut().zip(wave.states.iter_mut()) {
+            assert!(state.len() >= self.layout.rows, "state too small");
+            assert_eq!(state[0].0[0], point, "subgroups at different points");
+            *pointer = state.as_mut_ptr().cast::<u32>();
+        }
+        assert!(point < self.code.points_end(), "state of another program");
+        frame.prepare(self, subgroups);
+        let mut machine = Machine {
+            program: self,
+            environment: wave.environment,
+            uniforms: frame.uniforms.as_mut_ptr().cast(),
+            vectors: frame.vectors.as_mut_ptr().cast(),
+            row_bytes: subgroups * size_of::<[u32; SUBGROUP_SIZE]>(),
+            list: [0; MAX_SUBGROUPS],
+            list_len: 0,
+            active: [0; MAX_SUBGROUPS],
+            masks: frame.masks.as_mut_ptr(),
+            pc: 0,
+            running: true,
+            event: Event::End,
+            fuel: *fuel,
+            context: 0,
+            returns: frame.returns.as_mut_ptr(),
+            states,
+            subgroups,
+            shared: wave.shared,
+            resume_pc: 0,
+            resume_active: [0; MAX_SUBGROUPS],
+        };
+        // SAFETY: the frame and the states have the sizes that the program asks for, and stay put during the run; what
+        // the environment points to is kept by the caller.
+        unsafe {
+            yields::resume(&mut machine);
+            // The prologue computes uniform rows in the place of the first subgroup.
+            let mut first = [0; MAX_SUBGROUPS];
+            first[0] = !0;
+            machine.set_active(first);
+            machine.go();
+        }
+        *fuel = machine.fuel;
+        machine.event
+    }
+}
+
+impl Frame {
+    /// Makes room for a program and a wave length, and brings in the program's constants.
+    fn prepare(&mut self, program: &Program, subgroups: usize) {
+        let code = &program.code;
+        grow(&mut self.vectors, code.vector_rows * subgroups);
+        grow(&mut self.masks, code.masks);
+        grow(&mut self.returns, program.functions);
+        if self.program != program.number {
+            grow(&mut self.uniforms, code.uniform_rows);
+            self.uniforms[..code.constants.len()].copy_from_slice(&code.constants);
+            self.program = program.number;
+        }
+    }
+}
+
+fn grow<T: Clone + Default>(rows: &mut Vec<T>, len: usize) {
+    if rows.len() < len {
+        rows.resize(len, T::default());
     }
 }

@@ -1,0 +1,208 @@
+//! Command pools and buffers, and the commands that bind, dispatch and order.
+
+use ash::vk;
+use smallvec::SmallVec;
+
+use crate::command::{BindDescriptorSets, Command, CommandBuffer, CommandPool, copied};
+use crate::ffi::{self, commands, entry};
+use crate::handle;
+use crate::object::{Buffer, DescriptorSet, Event};
+
+entry! {
+    fn vkCreateCommandPool(
+        _device: vk::Device,
+        _info: *const vk::CommandPoolCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::CommandPool,
+    ) -> vk::Result {
+        *out = handle::create(CommandPool::default());
+        Ok(())
+    }
+
+    fn vkDestroyCommandPool(_device: vk::Device, pool: vk::CommandPool, _allocator: *const vk::AllocationCallbacks) {
+        drop(handle::take::<CommandPool>(pool));
+    }
+
+    fn vkResetCommandPool(_device: vk::Device, pool: vk::CommandPool, flags: vk::CommandPoolResetFlags) -> vk::Result {
+        let keep_memory = !flags.contains(vk::CommandPoolResetFlags::RELEASE_RESOURCES);
+        handle::from_handle::<CommandPool>(pool).reset(keep_memory);
+        Ok(())
+    }
+
+    /// Memory belongs to the buffers, which all may still be used: there is none to trim.
+    fn vkTrimCommandPool(_device: vk::Device, _pool: vk::CommandPool, _flags: vk::CommandPoolTrimFlags) {}
+
+    fn vkAllocateCommandBuffers(
+        _device: vk::Device,
+        info: *const vk::CommandBufferAllocateInfo,
+        out: *mut vk::CommandBuffer,
+    ) -> vk::Result {
+        let pool = handle::from_handle::<CommandPool>((*info).command_pool);
+        for index in 0..(*info).command_buffer_count {
+            out.add(index as usize).write(pool.allocate((*info).level));
+        }
+        Ok(())
+    }
+
+    fn vkFreeCommandBuffers(_device: vk::Device, pool: vk::CommandPool, count: u32, buffers: *const vk::CommandBuffer) {
+        let pool = handle::from_handle::<CommandPool>(pool);
+        for &buffer in ffi::slice(buffers, count) {
+            pool.free(buffer);
+        }
+    }
+
+    fn vkBeginCommandBuffer(buffer: vk::CommandBuffer, _info: *const vk::CommandBufferBeginInfo) -> vk::Result {
+        // Usage and inheritance are promises that nothing here needs: lists are shared by count, and secondary ones inherit nothing.
+        handle::from_handle::<CommandBuffer>(buffer).recording.lock().reset(true);
+        Ok(())
+    }
+
+    fn vkEndCommandBuffer(buffer: vk::CommandBuffer) -> vk::Result {
+        handle::from_handle::<CommandBuffer>(buffer).recording.lock().finish()
+    }
+
+    fn vkResetCommandBuffer(buffer: vk::CommandBuffer, flags: vk::CommandBufferResetFlags) -> vk::Result {
+        let keep_memory = !flags.contains(vk::CommandBufferResetFlags::RELEASE_RESOURCES);
+        handle::from_handle::<CommandBuffer>(buffer).recording.lock().reset(keep_memory);
+        Ok(())
+    }
+}
+
+commands! {
+    fn vkCmdBindPipeline(commands, _bind_point: vk::PipelineBindPoint, pipeline: vk::Pipeline) {
+        commands.push(Command::BindPipeline(handle::retain(pipeline)))
+    }
+
+    fn vkCmdBindDescriptorSets(
+        commands,
+        bind_point: vk::PipelineBindPoint,
+        _layout: vk::PipelineLayout,
+        first_set: u32,
+        set_count: u32,
+        sets: *const vk::DescriptorSet,
+        offset_count: u32,
+        offsets: *const u32,
+    ) {
+        let sets = ffi::slice(sets, set_count).iter().map(|&set| {
+            handle::optional::<DescriptorSet>(set).map(|_| handle::retain(set))
+        });
+        commands.push(Command::BindDescriptorSets(BindDescriptorSets {
+            bind_point,
+            first_set,
+            sets: sets.collect(),
+            dynamic_offsets: SmallVec::from_slice(ffi::slice(offsets, offset_count)),
+        }))
+    }
+
+    fn vkCmdPushConstants(
+        commands,
+        _layout: vk::PipelineLayout,
+        _stages: vk::ShaderStageFlags,
+        offset: u32,
+        size_bytes: u32,
+        values: *const std::ffi::c_void,
+    ) {
+        let bytes = SmallVec::from_slice(ffi::slice(values.cast(), size_bytes));
+        commands.push(Command::PushConstants { offset, bytes })
+    }
+
+    fn vkCmdDispatch(commands, x: u32, y: u32, z: u32) {
+        commands.push(Command::Dispatch { base: [0; 3], count: [x, y, z] })
+    }
+
+    fn vkCmdDispatchBase(commands, base_x: u32, base_y: u32, base_z: u32, x: u32, y: u32, z: u32) {
+        commands.push(Command::Dispatch { base: [base_x, base_y, base_z], count: [x, y, z] })
+    }
+
+    fn vkCmdDispatchIndirect(commands, buffer: vk::Buffer, offset: vk::DeviceSize) {
+        let size_bytes = size_of::<vk::DispatchIndirectCommand>() as u64;
+        let (address, _) = handle::from_handle::<Buffer>(buffer).range(offset, size_bytes)?;
+        commands.push(Command::DispatchIndirect { address: address as u64 })
+    }
+
+    fn vkCmdExecuteCommands(commands, count: u32, buffers: *const vk::CommandBuffer) {
+        let lists = ffi::slice(buffers, count).iter().map(|&buffer| {
+            handle::from_handle::<CommandBuffer>(buffer).recording.lock().executable()
+        });
+        commands.push(Command::ExecuteCommands(lists.collect::<Result<_, _>>()?))
+    }
+
+    /// There is one physical device in a device.
+    fn vkCmdSetDeviceMask(_commands, _mask: u32) {
+        Ok(())
+    }
+
+    /// Nothing to do: see [`execute`](crate::execute).
+    fn vkCmdPipelineBarrier(
+        _commands,
+        _source_stages: vk::PipelineStageFlags,
+        _destination_stages: vk::PipelineStageFlags,
+        _flags: vk::DependencyFlags,
+        _memory_count: u32,
+        _memory: *const vk::MemoryBarrier,
+        _buffer_count: u32,
+        _buffers: *const vk::BufferMemoryBarrier,
+        _image_count: u32,
+        _images: *const vk::ImageMemoryBarrier,
+    ) {
+        Ok(())
+    }
+
+    /// As above.
+    fn vkCmdPipelineBarrier2(_commands, _info: *const vk::DependencyInfo) {
+        Ok(())
+    }
+
+    fn vkCmdSetEvent(commands, event: vk::Event, _stages: vk::PipelineStageFlags) {
+        commands.push(Command::SetEvent(handle::retain(event)))
+    }
+
+    fn vkCmdSetEvent2(commands, event: vk::Event, _info: *const vk::DependencyInfo) {
+        commands.push(Command::SetEvent(handle::retain(event)))
+    }
+
+    fn vkCmdResetEvent(commands, event: vk::Event, _stages: vk::PipelineStageFlags) {
+        commands.push(Command::ResetEvent(handle::retain(event)))
+    }
+
+    fn vkCmdResetEvent2(commands, event: vk::Event, _stages: vk::PipelineStageFlags2) {
+        commands.push(Command::ResetEvent(handle::retain(event)))
+    }
+
+    fn vkCmdWaitEvents(
+        commands,
+        event_count: u32,
+        events: *const vk::Event,
+        _source_stages: vk::PipelineStageFlags,
+        _destination_stages: vk::PipelineStageFlags,
+        _memory_count: u32,
+        _memory: *const vk::MemoryBarrier,
+        _buffer_count: u32,
+        _buffers: *const vk::BufferMemoryBarrier,
+        _image_count: u32,
+        _images: *const vk::ImageMemoryBarrier,
+    ) {
+        let events = copied(ffi::slice(events, event_count), |&event| handle::retain::<Event>(event))?;
+        commands.push(Command::WaitEvents(events))
+    }
+
+    fn vkCmdWaitEvents2(commands, event_count: u32, events: *const vk::Event, _infos: *const vk::DependencyInfo) {
+        let events = copied(ffi::slice(events, event_count), |&event| handle::retain::<Event>(event))?;
+        commands.push(Command::WaitEvents(events))
+    }
+
+    /// Labels are for tools between the application and the driver; the driver keeps none.
+    fn vkCmdBeginDebugUtilsLabelEXT(_commands, _label: *const vk::DebugUtilsLabelEXT) {
+        Ok(())
+    }
+
+    /// As above.
+    fn vkCmdEndDebugUtilsLabelEXT(_commands) {
+        Ok(())
+    }
+
+    /// As above.
+    fn vkCmdInsertDebugUtilsLabelEXT(_commands, _label: *const vk::DebugUtilsLabelEXT) {
+        Ok(())
+    }
+}

@@ -1,0 +1,82 @@
+//! Transfer commands.
+
+use ash::vk;
+
+use crate::VkResult;
+use crate::command::{Command, Recording};
+use crate::ffi::{self, commands};
+use crate::handle;
+use crate::object::Buffer;
+
+commands! {
+    fn vkCmdCopyBuffer(
+        commands,
+        source: vk::Buffer,
+        destination: vk::Buffer,
+        count: u32,
+        regions: *const vk::BufferCopy,
+    ) {
+        ffi::slice(regions, count).iter().try_for_each(|region| copy_buffer(commands, source, destination, *region))
+    }
+
+    fn vkCmdCopyBuffer2(commands, info: *const vk::CopyBufferInfo2) {
+        let info = &*info;
+        ffi::slice(info.p_regions, info.region_count).iter().try_for_each(|region| {
+            let region = vk::BufferCopy {
+                src_offset: region.src_offset,
+                dst_offset: region.dst_offset,
+                size: region.size,
+            };
+            copy_buffer(commands, info.src_buffer, info.dst_buffer, region)
+        })
+    }
+
+    fn vkCmdFillBuffer(
+        commands,
+        buffer: vk::Buffer,
+        offset: vk::DeviceSize,
+        size_bytes: vk::DeviceSize,
+        word: u32,
+    ) {
+        // With VK_WHOLE_SIZE the bytes after the last whole word stay as they are.
+        let (address, size_bytes) = handle::from_handle::<Buffer>(buffer).range(offset, size_bytes)?;
+        commands.push(Command::FillBuffer { address: address as u64, size_bytes, word })
+    }
+
+    fn vkCmdUpdateBuffer(
+        commands,
+        buffer: vk::Buffer,
+        offset: vk::DeviceSize,
+        size_bytes: vk::DeviceSize,
+        data: *const std::ffi::c_void,
+    ) {
+        let (address, _) = handle::from_handle::<Buffer>(buffer).range(offset, size_bytes)?;
+        // At most 65,536 bytes (VUID-vkCmdUpdateBuffer-dataSize-00037).
+        let bytes = ffi::slice::<u8>(data.cast(), size_bytes as u32).into();
+        commands.push(Command::UpdateBuffer { address: address as u64, bytes })
+    }
+}
+
+/// # Safety
+/// The handles are alive.
+unsafe fn copy_buffer(
+    commands: &mut Recording,
+    source: vk::Buffer,
+    destination: vk::Buffer,
+    region: vk::BufferCopy,
+) -> VkResult {
+    // SAFETY: the caller's promise.
+    let (source, destination) = unsafe {
+        (
+            handle::from_handle::<Buffer>(source),
+            handle::from_handle::<Buffer>(destination),
+        )
+    };
+    let (source, _) = source.range(region.src_offset, region.size)?;
+    let (destination, size_bytes) = destination.range(region.dst_offset, region.size)?;
+    commands.push(Command::CopyBuffer {
+        source: source as u64,
+        destination: destination as u64,
+        size_bytes,
+    })
+}

@@ -1,0 +1,95 @@
+//! Query pools.
+
+use std::sync::Arc;
+
+use ash::vk;
+
+use crate::command::{Command, CopyQueryPoolResults};
+use crate::execute::write_results;
+use crate::ffi::{commands, entry};
+use crate::handle;
+use crate::object::{Buffer, Device, QueryPool};
+
+entry! {
+    fn vkCreateQueryPool(
+        device: vk::Device,
+        info: *const vk::QueryPoolCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::QueryPool,
+    ) -> vk::Result {
+        let waiting = Arc::clone(&handle::from_handle::<Device>(device).engine.waiting);
+        *out = handle::create(QueryPool::new((*info).query_type, (*info).query_count, waiting)?);
+        Ok(())
+    }
+
+    fn vkDestroyQueryPool(_device: vk::Device, pool: vk::QueryPool, _allocator: *const vk::AllocationCallbacks) {
+        drop(handle::take::<QueryPool>(pool));
+    }
+
+    fn vkResetQueryPool(_device: vk::Device, pool: vk::QueryPool, first: u32, count: u32) {
+        handle::from_handle::<QueryPool>(pool).reset(first, count);
+    }
+
+    fn vkGetQueryPoolResults(
+        _device: vk::Device,
+        pool: vk::QueryPool,
+        first: u32,
+        count: u32,
+        _size_bytes: usize,
+        out: *mut std::ffi::c_void,
+        stride_bytes: vk::DeviceSize,
+        flags: vk::QueryResultFlags,
+    ) -> vk::Result {
+        let pool = handle::from_handle::<QueryPool>(pool);
+        if flags.contains(vk::QueryResultFlags::WAIT) {
+            pool.wait(first, count)?;
+        }
+        let queries = first..first.saturating_add(count);
+        let all_available = write_results(pool, queries, out.cast(), stride_bytes as usize, flags);
+        if all_available { Ok(()) } else { Err(vk::Result::NOT_READY) }
+    }
+}
+
+commands! {
+    fn vkCmdResetQueryPool(commands, pool: vk::QueryPool, first: u32, count: u32) {
+        let pool = handle::retain::<QueryPool>(pool);
+        commands.push(Command::ResetQueryPool { pool, first, count })
+    }
+
+    /// Commands of a queue run one after the other, so the time is that of its turn, whatever the stage.
+    fn vkCmdWriteTimestamp(commands, _stage: vk::PipelineStageFlags, pool: vk::QueryPool, query: u32) {
+        let pool = handle::retain::<QueryPool>(pool);
+        commands.push(Command::WriteTimestamp { pool, query })
+    }
+
+    fn vkCmdWriteTimestamp2(commands, _stage: vk::PipelineStageFlags2, pool: vk::QueryPool, query: u32) {
+        let pool = handle::retain::<QueryPool>(pool);
+        commands.push(Command::WriteTimestamp { pool, query })
+    }
+
+    fn vkCmdCopyQueryPoolResults(
+        commands,
+        pool: vk::QueryPool,
+        first: u32,
+        count: u32,
+        buffer: vk::Buffer,
+        offset: vk::DeviceSize,
+        stride_bytes: vk::DeviceSize,
+        flags: vk::QueryResultFlags,
+    ) {
+        let word_bytes = if flags.contains(vk::QueryResultFlags::TYPE_64) { 8 } else { 4 };
+        let words = 1 + u64::from(flags.contains(vk::QueryResultFlags::WITH_AVAILABILITY));
+        let size_bytes = u64::from(count.saturating_sub(1))
+            .saturating_mul(stride_bytes)
+            .saturating_add(words * word_bytes);
+        let (address, _) = handle::from_handle::<Buffer>(buffer).range(offset, size_bytes)?;
+        commands.push(Command::CopyQueryPoolResults(CopyQueryPoolResults {
+            pool: handle::retain(pool),
+            first,
+            count,
+            address: address as u64,
+            stride_bytes,
+            flags,
+        }))
+    }
+}

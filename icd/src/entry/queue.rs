@@ -1,0 +1,206 @@
+//! Queues: getting them, submitting to them, waiting for them.
+
+use ash::vk;
+use ash::vk::Handle;
+
+use crate::VkResult;
+use crate::command::CommandBuffer;
+use crate::ffi::{self, entry};
+use crate::handle;
+use crate::object::{Device, Fence, Semaphore};
+use crate::queue::{Queue, Submission};
+
+entry! {
+    fn vkGetDeviceQueue(device: vk::Device, _family: u32, index: u32, out: *mut vk::Queue) {
+        *out = queue(device, index);
+    }
+
+    fn vkGetDeviceQueue2(device: vk::Device, info: *const vk::DeviceQueueInfo2, out: *mut vk::Queue) {
+        // Protected queues do not exist: a query for flags that no queue was created with gives none.
+        *out = match (*info).flags {
+            flags if flags.is_empty() => queue(device, (*info).queue_index),
+            _ => vk::Queue::null(),
+        };
+    }
+
+    fn vkQueueSubmit(queue: vk::Queue, count: u32, infos: *const vk::SubmitInfo, fence: vk::Fence) -> vk::Result {
+        let submissions = ffi::slice(infos, count).iter().map(|info| submission(info));
+        submit(queue, submissions.collect::<VkResult<_>>()?, fence)
+    }
+
+    fn vkQueueSubmit2(queue: vk::Queue, count: u32, infos: *const vk::SubmitInfo2, fence: vk::Fence) -> vk::Result {
+        let submissions = ffi::slice(infos, count).iter().map(|info| submission2(info));
+        submit(queue, submissions.collect::<VkResult<_>>()?, fence)
+    }
+
+    /// Sparse resources do not exist, so there is nothing to bind: what is left is waiting and signaling.
+    fn vkQueueBindSparse(queue: vk::Queue, count: u32, infos: *const vk::BindSparseInfo, fence: vk::Fence) -> vk::Result {
+        let submissions = ffi::slice(infos, count).iter().map(|info| {
+            let timeline = ffi::find::<vk::TimelineSemaphoreSubmitInfo>(info.p_next);
+            Submission {
+                waits: semaphores(info.p_wait_semaphores, info.wait_semaphore_count, timeline.map(|info| wait_values(info))),
+                signals: semaphores(info.p_signal_semaphores, info.signal_semaphore_count, timeline.map(|info| signal_values(info))),
+                ..Submission::default()
+            }
+        });
+        submit(queue, submissions.collect(), fence)
+    }
+
+    fn vkQueueWaitIdle(queue: vk::Queue) -> vk::Result {
+        handle::from_handle::<Queue>(queue).wait_idle()
+    }
+
+    fn vkDeviceWaitIdle(device: vk::Device) -> vk::Result {
+        let device = handle::from_handle::<Device>(device);
+        device.queues.iter().try_for_each(|queue| queue.wait_idle())?;
+        device.engine.waiting.lost.check()
+    }
+
+    /// Labels are for tools between the application and the driver; the driver keeps none.
+    fn vkQueueBeginDebugUtilsLabelEXT(_queue: vk::Queue, _label: *const vk::DebugUtilsLabelEXT) {}
+
+    fn vkQueueEndDebugUtilsLabelEXT(_queue: vk::Queue) {}
+
+    fn vkQueueInsertDebugUtilsLabelEXT(_queue: vk::Queue, _label: *const vk::DebugUtilsLabelEXT) {}
+}
+
+fn queue(device: vk::Device, index: u32) -> vk::Queue {
+    // SAFETY: the entry point's caller keeps the handle alive.
+    let device = unsafe { handle::from_handle::<Device>(device) };
+    device
+        .queues
+        .iter()
+        .find(|queue| queue.index == index)
+        .map_or(vk::Queue::null(), handle::handle_of)
+}
+
+/// Puts submissions in line, the fence with the last of them.
+///
+/// # Safety
+/// The handles are alive.
+unsafe fn submit(queue: vk::Queue, mut submissions: Vec<Submission>, fence: vk::Fence) -> VkResult {
+    // SAFETY: the caller's promise.
+    let fence = (!fence.is_null()).then(|| unsafe { handle::retain::<Fence>(fence) });
+    match submissions.last_mut() {
+        Some(last) => last.fence = fence,
+        None if fence.is_none() => return Ok(()),
+        None => submissions.push(Submission {
+            fence,
+            ..Submission::default()
+        }),
+    }
+    // SAFETY: the caller's promise.
+    unsafe { handle::from_handle::<Queue>(queue) }.submit(submissions)
+}
+
+/// # Safety
+/// A valid structure of live handles.
+unsafe fn submission(info: &vk::SubmitInfo<'_>) -> VkResult<Submission> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let timeline = ffi::find::<vk::TimelineSemaphoreSubmitInfo>(info.p_next);
+        let buffers = ffi::slice(info.p_command_buffers, info.command_buffer_count);
+        Ok(Submission {
+            waits: semaphores(
+                info.p_wait_semaphores,
+                info.wait_semaphore_count,
+                timeline.map(|info| wait_values(info)),
+            ),
+            commands: buffers
+                .iter()
+                .map(|&buffer| executable(buffer))
+                .collect::<VkResult<_>>()?,
+            signals: semaphores(
+                info.p_signal_semaphores,
+                info.signal_semaphore_count,
+                timeline.map(|info| signal_values(info)),
+            ),
+            fence: None,
+        })
+    }
+}
+
+/// # Safety
+/// As [`submission`].
+unsafe fn submission2(info: &vk::SubmitInfo2<'_>) -> VkResult<Submission> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let semaphore = |info: &vk::SemaphoreSubmitInfo| {
+            (handle::retain::<Semaphore>(info.semaphore), info.value)
+        };
+        let waits = ffi::slice(info.p_wait_semaphore_infos, info.wait_semaphore_info_count);
+        let signals = ffi::slice(
+            info.p_signal_semaphore_infos,
+            info.signal_semaphore_info_count,
+        );
+        let buffers = ffi::slice(info.p_command_buffer_infos, info.command_buffer_info_count);
+        Ok(Submission {
+            waits: waits.iter().map(semaphore).collect(),
+            commands: buffers
+                .iter()
+                .map(|info| executable(info.command_buffer))
+                .collect::<VkResult<_>>()?,
+            signals: signals.iter().map(semaphore).collect(),
+            fence: None,
+        })
+    }
+}
+
+/// # Safety
+/// The handle is alive.
+unsafe fn executable(
+    buffer: vk::CommandBuffer,
+) -> VkResult<std::sync::Arc<Vec<crate::command::Command>>> {
+    // SAFETY: the caller's promise.
+    let buffer = unsafe { handle::from_handle::<CommandBuffer>(buffer) };
+    buffer.recording.lock().executable()
+}
+
+/// # Safety
+/// As [`submission`].
+unsafe fn wait_values<'a>(info: &vk::TimelineSemaphoreSubmitInfo<'a>) -> &'a [u64] {
+    // SAFETY: the caller's promise.
+    unsafe {
+        ffi::slice(
+            info.p_wait_semaphore_values,
+            info.wait_semaphore_value_count,
+        )
+    }
+}
+
+/// # Safety
+/// As [`submission`].
+unsafe fn signal_values<'a>(info: &vk::TimelineSemaphoreSubmitInfo<'a>) -> &'a [u64] {
+    // SAFETY: the caller's promise.
+    unsafe {
+        ffi::slice(
+            info.p_signal_semaphore_values,
+            info.signal_semaphore_value_count,
+        )
+    }
+}
+
+/// Semaphores with their values; binary ones may have none.
+///
+/// # Safety
+/// As [`submission`].
+unsafe fn semaphores(
+    semaphores: *const vk::Semaphore,
+    count: u32,
+    values: Option<&[u64]>,
+) -> Vec<(handle::Ref<Semaphore>, u64)> {
+    // SAFETY: the caller's promise.
+    let semaphores = unsafe { ffi::slice(semaphores, count) };
+    semaphores
+        .iter()
+        .enumerate()
+        .map(|(index, &semaphore)| {
+            let value = values
+                .and_then(|values| values.get(index))
+                .copied()
+                .unwrap_or(0);
+            // SAFETY: the caller's promise.
+            (unsafe { handle::retain::<Semaphore>(semaphore) }, value)
+        })
+        .collect()
+}

@@ -1,0 +1,134 @@
+//! Fences, semaphores and events.
+
+use std::sync::Arc;
+
+use ash::vk;
+
+use crate::ffi::{self, entry};
+use crate::handle;
+use crate::object::{Device, Event, Fence, Semaphore};
+
+entry! {
+    fn vkCreateFence(
+        _device: vk::Device,
+        info: *const vk::FenceCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::Fence,
+    ) -> vk::Result {
+        *out = handle::create(Fence::new((*info).flags.contains(vk::FenceCreateFlags::SIGNALED)));
+        Ok(())
+    }
+
+    fn vkDestroyFence(_device: vk::Device, fence: vk::Fence, _allocator: *const vk::AllocationCallbacks) {
+        drop(handle::take::<Fence>(fence));
+    }
+
+    fn vkResetFences(_device: vk::Device, count: u32, fences: *const vk::Fence) -> vk::Result {
+        for &fence in ffi::slice(fences, count) {
+            handle::from_handle::<Fence>(fence).set(false);
+        }
+        Ok(())
+    }
+
+    fn vkGetFenceStatus(device: vk::Device, fence: vk::Fence) -> vk::Result {
+        if handle::from_handle::<Fence>(fence).is_signaled() {
+            return Ok(());
+        }
+        handle::from_handle::<Device>(device).engine.waiting.lost.check()?;
+        Err(vk::Result::NOT_READY)
+    }
+
+    fn vkWaitForFences(
+        device: vk::Device,
+        count: u32,
+        fences: *const vk::Fence,
+        wait_all: vk::Bool32,
+        timeout_ns: u64,
+    ) -> vk::Result {
+        let fences = ffi::slice(fences, count);
+        let signaled = |&fence: &vk::Fence| handle::from_handle::<Fence>(fence).is_signaled();
+        let device = handle::from_handle::<Device>(device);
+        device.engine.waiting.wait_until(timeout_ns, || {
+            if wait_all != vk::FALSE { fences.iter().all(signaled) } else { fences.iter().any(signaled) }
+        })
+    }
+
+    fn vkCreateSemaphore(
+        device: vk::Device,
+        info: *const vk::SemaphoreCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::Semaphore,
+    ) -> vk::Result {
+        let device = handle::from_handle::<Device>(device);
+        let (ty, value) = match ffi::find::<vk::SemaphoreTypeCreateInfo>((*info).p_next) {
+            Some(info) => (info.semaphore_type, info.initial_value),
+            None => (vk::SemaphoreType::BINARY, 0),
+        };
+        *out = handle::create(Semaphore::new(ty, value, Arc::clone(&device.engine.waiting)));
+        Ok(())
+    }
+
+    fn vkDestroySemaphore(_device: vk::Device, semaphore: vk::Semaphore, _allocator: *const vk::AllocationCallbacks) {
+        drop(handle::take::<Semaphore>(semaphore));
+    }
+
+    fn vkGetSemaphoreCounterValue(device: vk::Device, semaphore: vk::Semaphore, out: *mut u64) -> vk::Result {
+        handle::from_handle::<Device>(device).engine.waiting.lost.check()?;
+        *out = handle::from_handle::<Semaphore>(semaphore).value();
+        Ok(())
+    }
+
+    fn vkSignalSemaphore(_device: vk::Device, info: *const vk::SemaphoreSignalInfo) -> vk::Result {
+        handle::from_handle::<Semaphore>((*info).semaphore).signal((*info).value);
+        Ok(())
+    }
+
+    fn vkWaitSemaphores(device: vk::Device, info: *const vk::SemaphoreWaitInfo, timeout_ns: u64) -> vk::Result {
+        let info = &*info;
+        let semaphores = ffi::slice(info.p_semaphores, info.semaphore_count);
+        let values = ffi::slice(info.p_values, info.semaphore_count);
+        let any = info.flags.contains(vk::SemaphoreWaitFlags::ANY);
+        let device = handle::from_handle::<Device>(device);
+        device.engine.waiting.wait_until(timeout_ns, || {
+            let mut reached = semaphores
+                .iter()
+                .zip(values)
+                .map(|(&semaphore, &value)| handle::from_handle::<Semaphore>(semaphore).has_reached(value));
+            if any { reached.any(|reached| reached) } else { reached.all(|reached| reached) }
+        })
+    }
+
+    fn vkCreateEvent(
+        device: vk::Device,
+        _info: *const vk::EventCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::Event,
+    ) -> vk::Result {
+        let device = handle::from_handle::<Device>(device);
+        *out = handle::create(Event::new(Arc::clone(&device.engine.waiting)));
+        Ok(())
+    }
+
+    fn vkDestroyEvent(_device: vk::Device, event: vk::Event, _allocator: *const vk::AllocationCallbacks) {
+        drop(handle::take::<Event>(event));
+    }
+
+    fn vkGetEventStatus(device: vk::Device, event: vk::Event) -> vk::Result {
+        handle::from_handle::<Device>(device).engine.waiting.lost.check()?;
+        // Both answers are successes, so neither goes the way of `Ok`.
+        Err(match handle::from_handle::<Event>(event).is_set() {
+            true => vk::Result::EVENT_SET,
+            false => vk::Result::EVENT_RESET,
+        })
+    }
+
+    fn vkSetEvent(_device: vk::Device, event: vk::Event) -> vk::Result {
+        handle::from_handle::<Event>(event).set();
+        Ok(())
+    }
+
+    fn vkResetEvent(_device: vk::Device, event: vk::Event) -> vk::Result {
+        handle::from_handle::<Event>(event).reset();
+        Ok(())
+    }
+}

@@ -1,0 +1,170 @@
+//! What is bound while a command buffer is performed, and the environment that programs see of it.
+
+use ash::vk;
+use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
+
+use crate::command::BindDescriptorSets;
+use crate::object::Pipeline;
+
+/// `maxPushConstantsSize`.
+const PUSH_CONSTANT_BYTES: usize = 256;
+
+/// In a dynamic buffer's stored size: the range reaches to the end of the buffer (`VK_WHOLE_SIZE`), so it shrinks by the dynamic offset.
+pub const SHRINKS_WITH_OFFSET: u64 = 1 << 63;
+
+/// Bound pipelines and descriptor sets by bind point, and the push constants, which all bind points share.
+#[derive(Default)]
+pub struct Bindings<'a> {
+    compute: BindPoint<'a>,
+    ray_tracing: BindPoint<'a>,
+    push_constants: Box<PushConstants>,
+}
+
+/// Aligned for any load.
+#[repr(align(64))]
+struct PushConstants([u8; PUSH_CONSTANT_BYTES]);
+
+impl Default for PushConstants {
+    fn default() -> Self {
+        Self([0; PUSH_CONSTANT_BYTES])
+    }
+}
+
+struct BindPoint<'a> {
+    pipeline: Option<&'a Pipeline>,
+    sets: [DescriptorSet; MAX_SETS],
+    /// By set: its dynamic buffers, offsets applied.
+    dynamic_of_set: Vec<Vec<Descriptor>>,
+    /// The same, placed as the bound pipeline's layout numbers them.
+    dynamic: Vec<Descriptor>,
+}
+
+impl Default for BindPoint<'_> {
+    fn default() -> Self {
+        Self {
+            pipeline: None,
+            sets: [DescriptorSet {
+                entries: std::ptr::null(),
+                count: 0,
+            }; MAX_SETS],
+            dynamic_of_set: Vec::new(),
+            dynamic: Vec::new(),
+        }
+    }
+}
+
+impl<'a> Bindings<'a> {
+    fn bind_point(&mut self, bind_point: vk::PipelineBindPoint) -> &mut BindPoint<'a> {
+        match bind_point {
+            vk::PipelineBindPoint::RAY_TRACING_KHR => &mut self.ray_tracing,
+            _ => &mut self.compute,
+        }
+    }
+
+    /// `vkCmdBindPipeline`.
+    pub fn bind_pipeline(&mut self, pipeline: &'a Pipeline) {
+        self.bind_point(pipeline.bind_point()).pipeline = Some(pipeline);
+    }
+
+    /// `vkCmdBindDescriptorSets`, and pushed descriptors.
+    pub fn bind_descriptor_sets(&mut self, bind: &'a BindDescriptorSets) {
+        self.bind_point(bind.bind_point).bind(bind);
+    }
+
+    /// `vkCmdPushConstants`.
+    pub fn push_constants(&mut self, offset: u32, bytes: &[u8]) {
+        let start = (offset as usize).min(PUSH_CONSTANT_BYTES);
+        let room = &mut self.push_constants.0[start..];
+        let count = bytes.len().min(room.len());
+        room[..count].copy_from_slice(&bytes[..count]);
+    }
+
+    /// The bound pipeline and what its programs see; `None` if nothing is bound. `extent` is the number of workgroups, or the size of the
+    /// launch. The environment points into these bindings: it is used before they change.
+    pub fn environment(
+        &mut self,
+        bind_point: vk::PipelineBindPoint,
+        extent: [u32; 3],
+    ) -> Option<(&'a Pipeline, Environment)> {
+        let push_constants = Descriptor {
+            address: self.push_constants.0.as_ptr() as u64,
+            size_bytes: PUSH_CONSTANT_BYTES as u64,
+            ..Descriptor::NULL
+        };
+        let first_uniform = match bind_point {
+            vk::PipelineBindPoint::RAY_TRACING_KHR => uniform::LAUNCH_SIZE,
+            _ => uniform::NUM_WORKGROUPS,
+        } as usize;
+        let bound = self.bind_point(bind_point);
+        let pipeline = bound.pipeline?;
+        bound.place_dynamic(&pipeline.layout.dynamic_first);
+        let mut uniforms = [0; uniform::COUNT];
+        uniforms[first_uniform..first_uniform + 3].copy_from_slice(&extent);
+        let environment = Environment {
+            sets: bound.sets,
+            dynamic: bound.dynamic.as_ptr(),
+            dynamic_count: bound.dynamic.len() as u32,
+            push_constants,
+            uniforms,
+        };
+        Some((pipeline, environment))
+    }
+}
+
+impl BindPoint<'_> {
+    fn bind(&mut self, bind: &BindDescriptorSets) {
+        let mut offsets = bind.dynamic_offsets.iter();
+        for (index, set) in bind.sets.iter().enumerate() {
+            let number = bind.first_set as usize + index;
+            let (Some(set), true) = (set, number < MAX_SETS) else {
+                continue;
+            };
+            self.sets[number] = DescriptorSet {
+                entries: set.entries(),
+                count: set.entry_count,
+            };
+            if self.dynamic_of_set.len() <= number {
+                self.dynamic_of_set.resize_with(number + 1, Vec::new);
+            }
+            let dynamic = &mut self.dynamic_of_set[number];
+            dynamic.clear();
+            for entry in 0..set.layout.dynamic_count as usize {
+                // SAFETY: the set has that many dynamic entries; the application does not update it while it is in use.
+                let descriptor = unsafe { *set.dynamic().add(entry) };
+                let offset = offsets.next().copied().unwrap_or(0);
+                dynamic.push(with_offset(descriptor, offset));
+            }
+        }
+    }
+
+    /// Puts each set's dynamic buffers where a layout has them.
+    fn place_dynamic(&mut self, first_of_set: &[u32]) {
+        self.dynamic.clear();
+        for (dynamic, &first) in self.dynamic_of_set.iter().zip(first_of_set) {
+            let end = first as usize + dynamic.len();
+            if self.dynamic.len() < end {
+                self.dynamic.resize(end, Descriptor::NULL);
+            }
+            self.dynamic[first as usize..end].copy_from_slice(dynamic);
+        }
+    }
+}
+
+/// A dynamic buffer at its offset. A null descriptor stays null.
+fn with_offset(descriptor: Descriptor, offset: u32) -> Descriptor {
+    if descriptor.address == 0 {
+        return descriptor;
+    }
+    let offset = u64::from(offset);
+    let size_bytes = match descriptor.size_bytes {
+        rest if rest & SHRINKS_WITH_OFFSET != 0 => {
+            (rest & !SHRINKS_WITH_OFFSET).saturating_sub(offset)
+        }
+        range => range,
+    };
+    Descriptor {
+        address: descriptor.address.wrapping_add(offset),
+        size_bytes,
+        ..descriptor
+    }
+}

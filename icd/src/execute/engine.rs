@@ -1,0 +1,79 @@
+//! What a device executes with, shared by its queues and by commands of the host.
+
+#![forbid(unsafe_code)]
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use super::dispatch::Dispatcher;
+use crate::VkResult;
+use crate::object::instance::Messengers;
+use crate::object::sync::Waiting;
+use crate::queue::Workers;
+use crate::trace::Limits;
+
+/// Workers, the memory that they keep, all waiting of the device, and how it is lost.
+pub struct Engine {
+    pub workers: Arc<Workers>,
+    pub waiting: Arc<Waiting>,
+    pub dispatcher: Dispatcher,
+    messengers: Arc<Messengers>,
+    /// Ends what runs: the device is lost or about to go.
+    cancelled: Arc<AtomicBool>,
+    /// How long a dispatch may take.
+    timeout: Option<Duration>,
+}
+
+impl Engine {
+    /// Starts `thread_count` workers.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY` if they cannot be started.
+    pub fn new(thread_count: usize, messengers: Arc<Messengers>) -> VkResult<Arc<Self>> {
+        Ok(Arc::new(Self {
+            workers: Workers::start(thread_count)?,
+            waiting: Arc::default(),
+            dispatcher: Dispatcher::default(),
+            messengers,
+            cancelled: Arc::default(),
+            timeout: timeout(),
+        }))
+    }
+
+    /// What the next dispatch must stay within.
+    pub fn limits(&self) -> Limits {
+        Limits {
+            cancelled: Arc::clone(&self.cancelled),
+            deadline: self
+                .timeout
+                .and_then(|timeout| Instant::now().checked_add(timeout)),
+        }
+    }
+
+    /// Loses the device: everyone who waits gets `VK_ERROR_DEVICE_LOST`, and running work ends at its next look at its limits. The first
+    /// reason is reported.
+    pub fn lose(&self, why: &str) {
+        if self.waiting.lost.check().is_ok() {
+            self.messengers
+                .error(c"TUFF-device-lost", &format!("device lost: {why}"));
+        }
+        self.shut_down();
+    }
+
+    /// Ends all waiting and all running work, without a word. Before a device is destroyed the application has waited for its work;
+    /// what is left belongs to one that did not.
+    pub fn shut_down(&self) {
+        self.waiting.lost.set();
+        self.cancelled.store(true, Ordering::Relaxed);
+        self.waiting.notify();
+    }
+}
+
+/// `TUFF_TIMEOUT`: seconds after which a dispatch counts as hanging and the device is lost. Off if unset: a picture may take hours.
+fn timeout() -> Option<Duration> {
+    let seconds: f64 = std::env::var("TUFF_TIMEOUT").ok()?.parse().ok()?;
+    Duration::try_from_secs_f64(seconds)
+        .ok()
+        .filter(|timeout| !timeout.is_zero())
+}

@@ -1,0 +1,74 @@
+//! Timestamps, and query results written by the device.
+
+use super::Failure;
+use crate::command::CopyQueryPoolResults;
+use crate::object::QueryPool;
+
+use ash::vk;
+
+/// Now, in nanoseconds of `CLOCK_MONOTONIC`: `timestampPeriod` is 1, and the device's time domain is the host's.
+pub fn timestamp_ns() -> u64 {
+    clock_ns(libc::CLOCK_MONOTONIC)
+}
+
+/// A clock of the system, in nanoseconds.
+pub fn clock_ns(clock: libc::clockid_t) -> u64 {
+    let mut time = libc::timespec {
+        tv_sec: 0,
+        tv_nsec: 0,
+    };
+    // SAFETY: a valid pointer, and a clock that every system has.
+    unsafe { libc::clock_gettime(clock, &mut time) };
+    time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
+}
+
+/// `vkCmdCopyQueryPoolResults`.
+pub fn copy_results(copy: &CopyQueryPoolResults) -> Result<(), Failure> {
+    if copy.flags.contains(vk::QueryResultFlags::WAIT) {
+        copy.pool
+            .wait(copy.first, copy.count)
+            .map_err(|_| Failure::AlreadyLost)?;
+    }
+    // SAFETY: the application's promise: the range is inside a buffer that is bound to memory.
+    unsafe {
+        write_results(
+            &copy.pool,
+            copy.first..copy.first.saturating_add(copy.count),
+            copy.address as *mut u8,
+            copy.stride_bytes as usize,
+            copy.flags,
+        );
+    }
+    Ok(())
+}
+
+/// Writes the results of queries as the flags ask; whether all were available.
+///
+/// # Safety
+/// `out` has room for each query's words, `stride_bytes` apart.
+pub unsafe fn write_results(
+    pool: &QueryPool,
+    queries: std::ops::Range<u32>,
+    out: *mut u8,
+    stride_bytes: usize,
+    flags: vk::QueryResultFlags,
+) -> bool {
+    let mut all_available = true;
+    let wide = flags.contains(vk::QueryResultFlags::TYPE_64);
+    for (place, index) in queries.enumerate() {
+        all_available &= pool.value(index).is_some();
+        for (column, word) in pool.result_words(index, flags).into_iter().enumerate() {
+            let Some(word) = word else { continue };
+            // SAFETY: the caller's promise.
+            unsafe {
+                let out = out.add(place * stride_bytes);
+                if wide {
+                    out.cast::<u64>().add(column).write_unaligned(word);
+                } else {
+                    out.cast::<u32>().add(column).write_unaligned(word as u32);
+                }
+            }
+        }
+    }
+    all_available
+}

@@ -1,0 +1,86 @@
+//! The threads that commands fan out over: a rayon pool of the device's own, whose threads are joined when it goes.
+
+#![forbid(unsafe_code)]
+
+use std::ops::Deref;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+
+use ash::vk;
+use parking_lot::Mutex;
+
+use crate::VkResult;
+
+/// A device's workers. Dropping them waits for their threads to end, so no code of this library runs after the device is gone.
+pub struct Workers {
+    /// `None` once shut down.
+    pool: Option<rayon::ThreadPool>,
+    threads: Arc<Mutex<Vec<JoinHandle<()>>>>,
+}
+
+impl Workers {
+    /// Starts `count` threads.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY` if they cannot be started.
+    pub fn start(count: usize) -> VkResult<Arc<Self>> {
+        let threads = Arc::new(Mutex::new(Vec::new()));
+        let handles = Arc::clone(&threads);
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(count)
+            .spawn_handler(move |worker| {
+                let handle = std::thread::Builder::new()
+                    .name(format!("tuff-worker-{}", worker.index()))
+                    .spawn(move || worker.run())?;
+                handles.lock().push(handle);
+                Ok(())
+            })
+            .build()
+            .map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
+        Ok(Arc::new(Self {
+            pool: Some(pool),
+            threads,
+        }))
+    }
+}
+
+impl Deref for Workers {
+    type Target = rayon::ThreadPool;
+
+    fn deref(&self) -> &rayon::ThreadPool {
+        self.pool.as_ref().expect("there until dropped")
+    }
+}
+
+impl Drop for Workers {
+    fn drop(&mut self) {
+        drop(self.pool.take());
+        for thread in self.threads.lock().drain(..) {
+            // Rayon's workers catch what their jobs panic with.
+            let _ = thread.join();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    #[test]
+    fn threads_are_gone_after_drop() {
+        static ALIVE: AtomicUsize = AtomicUsize::new(0);
+        struct Count;
+        impl Drop for Count {
+            fn drop(&mut self) {
+                ALIVE.fetch_sub(1, Ordering::SeqCst);
+            }
+        }
+        thread_local!(static COUNT: Count = { ALIVE.fetch_add(1, Ordering::SeqCst); Count });
+        let workers = Workers::start(3).ok().unwrap();
+        workers.broadcast(|_| COUNT.with(|_| ()));
+        assert_eq!(ALIVE.load(Ordering::SeqCst), 3);
+        drop(workers);
+        assert_eq!(ALIVE.load(Ordering::SeqCst), 0);
+    }
+}

@@ -1,0 +1,498 @@
+//! A whole dispatch from shaders in the IR's text form: any-hit, intersection with its own any-hit, recursion, callables, divergence.
+
+use std::sync::Arc;
+
+use spirv_jit::Program;
+use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
+use spirv_jit::ir::text::parse_module;
+use traversal::{
+    AabbGeometry, BuildFlags, BuildInput, Geometries, GeometryFlags, IndexType, InstanceArray,
+    InstanceSource, Kind, Memory, TriangleGeometry, VertexFormat,
+};
+
+use super::table::{Group, HANDLE_SIZE, Handle, Region, Shaders, Tables};
+use super::{Dispatch, Limits, Stopped, Tracer};
+
+const SIZE: u32 = 20;
+
+/// Traces along z from the middle of the launch's cell, with its index as the payload's word, and stores what comes back.
+const RAYGEN: &str = "
+module ray_generation
+inputs launch_id.0, launch_id.1
+output_rows 0
+
+func f0 {
+  v0: i32 = input[0]
+  v1: i32 = input[1]
+  v2: i32 = const 0
+  v3: i32 = const 255
+  v4: f32 = const 0x3f000000
+  v5: f32 = const 0xbf800000
+  v6: f32 = const 0x00000000
+  v7: f32 = const 0x3f800000
+  v8: f32 = const 0x42c80000
+  v9: f32 = uto_f v0
+  v10: f32 = uto_f v1
+  v11: f32 = fadd v9, v4
+  v12: f32 = fadd v10, v4
+  v13: i64 = descriptor[set 0, first 0, count 2] v2
+  v14: i64 = descriptor_address v13
+  v15: i32, v16: i32 = unpack64 v14
+  v17: i32 = uniform[0]
+  v18: i32 = imul v1, v17
+  v19: i32 = iadd v18, v0
+  v20: i32 = trace_ray v15, v16, v2, v3, v2, v2, v2, v11, v12, v5, v6, v6, v6, v7, v8, v19
+  v21: i32 = const 2
+  v22: i32 = shl v19, v21
+  v23: i32 = const 1
+  v24: i64 = descriptor[set 0, first 0, count 2] v23
+  store.buffer v24, v22, v20
+  end
+}
+";
+
+/// Ignores the hit in odd columns, and counts itself in the payload's upper half.
+const ANY_HIT: &str = "
+module any_hit
+inputs launch_id.0, payload.0
+output_rows 2
+
+func f0 {
+  v0: i32 = input[0]
+  v1: i32 = input[1]
+  v2: i32 = const 1
+  v3: i32 = and v0, v2
+  v4: i32 = const 65536
+  v5: i32 = iadd v1, v4
+  end(v3, v5)
+}
+";
+
+/// Adds 1000000 to the payload.
+const CLOSEST_HIT_FRONT: &str = "
+module closest_hit
+inputs payload.0
+output_rows 1
+
+func f0 {
+  v0: i32 = input[0]
+  v1: i32 = const 1000000
+  v2: i32 = iadd v0, v1
+  end(v2)
+}
+";
+
+/// Calls the callable with the payload, then traces a ray that no instance takes part in with what came back.
+const CLOSEST_HIT_BACK: &str = "
+module closest_hit
+inputs payload.0
+output_rows 1
+
+func f0 {
+  v0: i32 = input[0]
+  v1: i32 = const 0
+  v2: i32 = execute_callable v1, v0
+  v3: i64 = descriptor[set 0, first 0, count 2] v1
+  v4: i64 = descriptor_address v3
+  v5: i32, v6: i32 = unpack64 v4
+  v7: f32 = const 0x00000000
+  v8: f32 = const 0x3f800000
+  v9: i32 = trace_ray v5, v6, v1, v1, v1, v1, v1, v7, v7, v7, v7, v7, v7, v8, v8, v2
+  end(v9)
+}
+";
+
+const CALLABLE: &str = "
+module callable
+inputs callable_data.0
+output_rows 1
+
+func f0 {
+  v0: i32 = input[0]
+  v1: i32 = const 2000000
+  v2: i32 = iadd v0, v1
+  end(v2)
+}
+";
+
+const MISS: &str = "
+module miss
+inputs payload.0
+output_rows 1
+
+func f0 {
+  v0: i32 = input[0]
+  v1: i32 = const 4000000
+  v2: i32 = iadd v0, v1
+  end(v2)
+}
+";
+
+/// Reports one hit before the interval, which must be refused, then one inside it with the row as attribute and hit kind 5.
+const INTERSECTION: &str = "
+module intersection
+inputs launch_id.1
+output_rows 0
+
+func f0 {
+  v0: i32 = input[0]
+  v1: f32 = const 0xbf800000
+  v2: i32 = const 5
+  v3: i1 = report_intersection v1, v2, v0
+  if v3, L0 {
+    end
+  } else {
+    br L0
+  }
+  v4: f32 = const 0x3fa00000
+  v5: i1 = report_intersection v4, v2, v0
+  end
+}
+";
+
+/// Accepts reports in even rows.
+const ANY_HIT_OF_REPORT: &str = "
+module any_hit
+inputs hit_attribute.0, payload.0
+output_rows 2
+
+func f0 {
+  v0: i32 = input[0]
+  v1: i32 = input[1]
+  v2: i32 = const 1
+  v3: i32 = and v0, v2
+  v4: i32 = const 131072
+  v5: i32 = iadd v1, v4
+  end(v3, v5)
+}
+";
+
+/// Adds the hit kind and a thousand times the attribute.
+const CLOSEST_HIT_BOX: &str = "
+module closest_hit
+inputs hit_attribute.0, payload.0, hit_kind.0
+output_rows 1
+
+func f0 {
+  v0: i32 = input[0]
+  v1: i32 = input[1]
+  v2: i32 = input[2]
+  v3: i32 = const 8000000
+  v4: i32 = imul v0, v3
+  v5: i32 = iadd v1, v4
+  v6: i32 = const 16000000
+  v7: i32 = imul v2, v6
+  v8: i32 = iadd v5, v7
+  end(v8)
+}
+";
+
+/// What the shaders above leave for a launch.
+fn expected(x: u32, y: u32) -> u32 {
+    let mut payload = y * SIZE + x;
+    if x >= 16 || y >= 16 {
+        return payload + 4_000_000;
+    }
+    if x < 8 {
+        payload += 65536;
+        if x % 2 == 0 {
+            return payload + 1_000_000;
+        }
+    } else if y < 8 {
+        payload += 131_072;
+        if y % 2 == 0 {
+            return payload
+                .wrapping_add(y * 8_000_000)
+                .wrapping_add(5 * 16_000_000);
+        }
+    }
+    payload + 2_000_000 + 4_000_000
+}
+
+fn program(text: &str) -> Arc<Program> {
+    let module = parse_module(text).expect("the text is well formed");
+    Arc::new(Program::new(&module).expect("the module compiles"))
+}
+
+fn memory<T>(slice: &[T]) -> Memory {
+    Memory {
+        base: slice.as_ptr().cast(),
+        bytes: size_of_val(slice),
+    }
+}
+
+#[repr(C, align(256))]
+#[derive(Clone)]
+struct Chunk([u8; 256]);
+
+/// Memory of a structure.
+struct Blob(Vec<Chunk>);
+
+impl Blob {
+    fn new(size_bytes: u64) -> Self {
+        Self(vec![
+            Chunk([0xaa; 256]);
+            size_bytes.div_ceil(256).max(1) as usize
+        ])
+    }
+
+    fn bytes(&mut self) -> &mut [u8] {
+        // SAFETY: chunks are plain bytes.
+        unsafe { std::slice::from_raw_parts_mut(self.0.as_mut_ptr().cast(), self.0.len() * 256) }
+    }
+
+    fn address(&self) -> u64 {
+        self.0.as_ptr() as u64
+    }
+
+    fn build(kind: Kind, geometries: Geometries<'_>, count: u32) -> Self {
+        let flags = BuildFlags(0);
+        let sizes = traversal::build_sizes(kind, flags, &[count]);
+        let (mut blob, mut scratch) = (
+            Self::new(sizes.structure_bytes),
+            Self::new(sizes.build_scratch_bytes),
+        );
+        let input = BuildInput { flags, geometries };
+        // SAFETY: the geometries are borrowed from the caller.
+        unsafe { traversal::build(&input, blob.bytes(), scratch.bytes()) }
+            .expect("the build succeeds");
+        blob
+    }
+}
+
+/// A rectangle at depth `z` as two triangles.
+fn rectangle(width: f32, height: f32, z: f32, opaque: bool) -> Blob {
+    let corners = [
+        [0.0, 0.0, z],
+        [width, 0.0, z],
+        [width, height, z],
+        [0.0, height, z],
+    ];
+    let vertices: Vec<[f32; 3]> = [0, 1, 2, 0, 2, 3]
+        .into_iter()
+        .map(|corner: usize| corners[corner])
+        .collect();
+    let geometry = TriangleGeometry {
+        vertices: memory(&vertices),
+        vertex_stride_bytes: 12,
+        vertex_format: VertexFormat::F32x3,
+        first_vertex: 0,
+        index_type: IndexType::None,
+        indices: memory::<u8>(&[]),
+        transform: None,
+        primitive_count: 2,
+        flags: GeometryFlags(u32::from(opaque)),
+    };
+    Blob::build(Kind::Triangles, Geometries::Triangles(&[geometry]), 2)
+}
+
+fn aabb(corners: [f32; 6]) -> Blob {
+    let boxes = [corners];
+    let geometry = AabbGeometry {
+        boxes: memory(&boxes),
+        stride_bytes: 24,
+        primitive_count: 1,
+        flags: GeometryFlags(0),
+    };
+    Blob::build(Kind::Aabbs, Geometries::Aabbs(&[geometry]), 1)
+}
+
+#[repr(C)]
+struct Instance {
+    transform: [f32; 12],
+    custom_index_and_mask: u32,
+    sbt_offset_and_flags: u32,
+    reference: u64,
+}
+
+fn top_level(bottom_levels: &[&Blob]) -> Blob {
+    let instances: Vec<_> = (0u32..)
+        .zip(bottom_levels)
+        .map(|(index, blob)| Instance {
+            transform: [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+            custom_index_and_mask: 0xff00_0000,
+            sbt_offset_and_flags: index,
+            reference: blob.address(),
+        })
+        .collect();
+    let source = InstanceSource {
+        memory: memory(&instances),
+        array: InstanceArray::Records,
+        count: instances.len() as u32,
+        flags: GeometryFlags(0),
+    };
+    Blob::build(
+        Kind::Instances,
+        Geometries::Instances(source),
+        instances.len() as u32,
+    )
+}
+
+fn handle(index: usize) -> Handle {
+    let mut handle = [0; HANDLE_SIZE];
+    handle[0] = index as u8 + 1;
+    handle
+}
+
+/// Groups, with the handle of group `i` being `handle(i)`, and a table region for a run of them.
+fn shaders(texts: &[&str], groups: &[Group]) -> (Shaders, Vec<Handle>) {
+    let handles: Vec<_> = (0..groups.len()).map(handle).collect();
+    let groups = groups.iter().zip(&handles).map(|(group, &handle)| Group {
+        handle,
+        ..group.clone()
+    });
+    (
+        Shaders::new(
+            texts.iter().map(|text| program(text)).collect(),
+            groups.collect(),
+        ),
+        handles,
+    )
+}
+
+fn region(handles: &[Handle], first: usize, count: usize) -> Region {
+    Region {
+        address: handles[first..].as_ptr() as u64,
+        stride_bytes: HANDLE_SIZE as u64,
+        size_bytes: (count * HANDLE_SIZE) as u64,
+    }
+}
+
+fn environment(descriptors: &[Descriptor]) -> Environment {
+    let null = DescriptorSet {
+        entries: std::ptr::null(),
+        count: 0,
+    };
+    let mut sets = [null; MAX_SETS];
+    sets[0] = DescriptorSet {
+        entries: descriptors.as_ptr(),
+        count: descriptors.len() as u32,
+    };
+    let mut uniforms = [0; uniform::COUNT];
+    uniforms[..3].copy_from_slice(&[SIZE, SIZE, 1]);
+    Environment {
+        sets,
+        dynamic: std::ptr::null(),
+        dynamic_count: 0,
+        push_constants: Descriptor::NULL,
+        uniforms,
+    }
+}
+
+#[test]
+fn every_kind_of_shader_call_returns_to_its_caller() {
+    let front = rectangle(8.0, 16.0, 0.0, false);
+    let back = rectangle(16.0, 16.0, 1.0, true);
+    let boxes = aabb([8.0, 0.0, 0.125, 16.0, 8.0, 0.5]);
+    let scene = top_level(&[&front, &back, &boxes]);
+    let texts = [
+        RAYGEN,
+        MISS,
+        ANY_HIT,
+        CLOSEST_HIT_FRONT,
+        CLOSEST_HIT_BACK,
+        INTERSECTION,
+        ANY_HIT_OF_REPORT,
+        CLOSEST_HIT_BOX,
+        CALLABLE,
+    ];
+    let general = |program| Group {
+        general: Some(program),
+        ..Group::default()
+    };
+    let hit = |closest_hit, any_hit, intersection| Group {
+        closest_hit: Some(closest_hit),
+        any_hit,
+        intersection,
+        ..Group::default()
+    };
+    let groups = [
+        general(0),
+        general(1),
+        hit(3, Some(2), None),
+        hit(4, None, None),
+        hit(7, Some(6), Some(5)),
+        general(8),
+    ];
+    let (shaders, handles) = shaders(&texts, &groups);
+    let mut output = vec![0u32; (SIZE * SIZE) as usize];
+    let descriptors = [
+        Descriptor {
+            address: scene.address(),
+            ..Descriptor::NULL
+        },
+        Descriptor {
+            address: output.as_mut_ptr() as u64,
+            size_bytes: size_of_val(&output[..]) as u64,
+            ..Descriptor::NULL
+        },
+    ];
+    let dispatch = Dispatch {
+        shaders: &shaders,
+        tables: Tables {
+            raygen: region(&handles, 0, 1),
+            miss: region(&handles, 1, 1),
+            hit: region(&handles, 2, 3),
+            callable: region(&handles, 5, 1),
+        },
+        extent: [SIZE, SIZE, 1],
+        environment: &environment(&descriptors),
+        pipeline_ray_flags: 0,
+        limits: &Limits::default(),
+    };
+    Tracer::default()
+        .trace_rays(&dispatch)
+        .expect("no limit is reached");
+    for y in 0..SIZE {
+        for x in 0..SIZE {
+            assert_eq!(
+                output[(y * SIZE + x) as usize],
+                expected(x, y),
+                "launch {x}, {y}"
+            );
+        }
+    }
+}
+
+/// A ray generation shader that never ends.
+const ENDLESS: &str = "
+module ray_generation
+output_rows 0
+
+func f0 {
+  loop L0 {
+    br L0
+  }
+  unreachable
+}
+";
+
+#[test]
+fn a_hanging_shader_is_stopped() {
+    let (shaders, handles) = shaders(
+        &[ENDLESS],
+        &[Group {
+            general: Some(0),
+            ..Group::default()
+        }],
+    );
+    let limits = Limits {
+        deadline: Some(std::time::Instant::now()),
+        ..Limits::default()
+    };
+    let dispatch = Dispatch {
+        shaders: &shaders,
+        tables: Tables {
+            raygen: region(&handles, 0, 1),
+            ..Tables::default()
+        },
+        extent: [1, 1, 1],
+        environment: &environment(&[]),
+        pipeline_ray_flags: 0,
+        limits: &limits,
+    };
+    assert_eq!(
+        Tracer::default().trace_rays(&dispatch),
+        Err(Stopped::TimedOut)
+    );
+}

@@ -1,0 +1,98 @@
+//! Conversions.
+
+use half::f16;
+
+use super::{Float, Int};
+
+/// Rounds once, to nearest even.
+#[inline(always)]
+pub(super) fn f16_from_f32(value: f32) -> f16 {
+    f16::from_f32(value)
+}
+
+/// Rounds once: by way of an `f32` that is rounded to odd, which keeps the second rounding exact.
+#[inline(always)]
+pub(super) fn f16_from_f64(value: f64) -> f16 {
+    let near = value as f32;
+    let bits = near.to_bits();
+    let back = near as f64;
+    // Towards zero, then the sticky bit.
+    let toward_zero = if back.abs() > value.abs() {
+        bits.wrapping_sub(1)
+    } else {
+        bits
+    };
+    let odd = if back == value || value.is_nan() {
+        bits
+    } else {
+        toward_zero | 1
+    };
+    f16_from_f32(f32::from_bits(odd))
+}
+
+/// Truncates and saturates; NaN gives 0.
+#[inline(always)]
+pub fn fto_s<A: Float, B: Int>(a: A) -> B {
+    match (A::Bits::BITS, B::BITS) {
+        (64, 64) => B::from_u64(a.to_f64() as i64 as u64),
+        (64, 32) => B::from_u64(a.to_f64() as i32 as u64),
+        (_, 64) => B::from_u64(narrow_f32(a) as i64 as u64),
+        (_, 32) => B::from_u64(narrow_f32(a) as i32 as u64),
+        (_, 16) => B::from_u64(a.to_f64() as i16 as u64),
+        _ => B::from_u64(a.to_f64() as i8 as u64),
+    }
+}
+
+#[inline(always)]
+pub fn fto_u<A: Float, B: Int>(a: A) -> B {
+    match (A::Bits::BITS, B::BITS) {
+        (64, 64) => B::from_u64(a.to_f64() as u64),
+        (64, 32) => B::from_u64(a.to_f64() as u32 as u64),
+        (_, 64) => B::from_u64(narrow_f32(a) as u64),
+        (_, 32) => B::from_u64(narrow_f32(a) as u32 as u64),
+        (_, 16) => B::from_u64(a.to_f64() as u16 as u64),
+        _ => B::from_u64(a.to_f64() as u8 as u64),
+    }
+}
+
+/// Exact for what fits `f32`, which is all that it is used for.
+#[inline(always)]
+fn narrow_f32<A: Float>(a: A) -> f32 {
+    a.to_f64() as f32
+}
+
+#[inline(always)]
+pub fn sto_f<A: Int, B: Float>(a: A) -> B {
+    match (A::BITS, B::Bits::BITS) {
+        // Straight to f32: by way of f64 a 64-bit integer would round twice.
+        (_, 32) => B::from_bits(B::Bits::from_u64((a.to_i64() as f32).to_bits() as u64)),
+        _ => B::from_f64(a.to_i64() as f64),
+    }
+}
+
+#[inline(always)]
+pub fn uto_f<A: Int, B: Float>(a: A) -> B {
+    match (A::BITS, B::Bits::BITS) {
+        (_, 32) => B::from_bits(B::Bits::from_u64((a.to_u64() as f32).to_bits() as u64)),
+        // Beyond 2^53 an f16 is infinite whatever the first rounding did.
+        _ => B::from_f64(a.to_u64() as f64),
+    }
+}
+
+/// Between widths, rounding once.
+#[inline(always)]
+pub fn fconvert<A: Float, B: Float>(a: A) -> B {
+    B::from_f64(a.to_f64())
+}
+
+/// Sign-extends or truncates.
+#[inline(always)]
+pub fn sconvert<A: Int, B: Int>(a: A) -> B {
+    B::from_u64(a.to_i64() as u64)
+}
+
+/// Zero-extends or truncates.
+#[inline(always)]
+pub fn uconvert<A: Int, B: Int>(a: A) -> B {
+    B::from_u64(a.to_u64())
+}

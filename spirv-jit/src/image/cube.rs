@@ -1,0 +1,209 @@
+//! Cube maps (spec, "Cube Map Face Selection and Transformations", "Cube Map Edge Handling").
+#![forbid(unsafe_code)]
+
+use super::address::{Floats, Ints};
+use crate::SUBGROUP_SIZE;
+
+/// A direction's place on the cube: the face and the coordinates on it, in 0..1, and their derivatives if the direction has some.
+pub(super) struct Place {
+    pub face: Ints,
+    pub s: Floats,
+    pub t: Floats,
+}
+
+/// Which component of the direction is `s_c`, `t_c`, `r_c`, with which sign: the spec's table, one row a face.
+const FACES: [[(usize, f32); 3]; 6] = [
+    [(2, -1.0), (1, -1.0), (0, 1.0)],
+    [(2, 1.0), (1, -1.0), (0, -1.0)],
+    [(0, 1.0), (2, 1.0), (1, 1.0)],
+    [(0, 1.0), (2, -1.0), (1, -1.0)],
+    [(0, 1.0), (1, -1.0), (2, 1.0)],
+    [(0, -1.0), (1, -1.0), (2, -1.0)],
+];
+
+/// Face of a direction: the largest magnitude; z before y before x where they are equal.
+#[inline(always)]
+fn major_face(x: f32, y: f32, z: f32) -> i32 {
+    let (ax, ay, az) = (x.abs(), y.abs(), z.abs());
+    let is_z = az >= ax && az >= ay;
+    let is_y = !is_z && ay >= ax;
+    if is_z {
+        4 + (z < 0.0) as i32
+    } else if is_y {
+        2 + (y < 0.0) as i32
+    } else {
+        (x < 0.0) as i32
+    }
+}
+
+/// Selects the face per lane.
+#[inline(always)]
+pub(super) fn place(direction: [&Floats; 3]) -> Place {
+    let mut face = [0; SUBGROUP_SIZE];
+    let (mut s, mut t) = ([0.0; SUBGROUP_SIZE], [0.0; SUBGROUP_SIZE]);
+    for lane in 0..SUBGROUP_SIZE {
+        let [x, y, z] = direction.map(|component| component[lane]);
+        let f = major_face(x, y, z);
+        // The table above as selections, so that the loop vectorises.
+        let (sc, tc, rc) = match f >> 1 {
+            0 => (if f & 1 == 0 { -z } else { z }, -y, x),
+            1 => (x, if f & 1 == 0 { z } else { -z }, y),
+            _ => (if f & 1 == 0 { x } else { -x }, -y, z),
+        };
+        // Half of a quotient and a half: exact at the edges.
+        let magnitude = rc.abs();
+        face[lane] = f;
+        s[lane] = 0.5 * (sc / magnitude) + 0.5;
+        t[lane] = 0.5 * (tc / magnitude) + 0.5;
+    }
+    Place { face, s, t }
+}
+
+/// Derivatives of a face's (s, t) for a derivative of the direction ("Cube Map Derivative Transformation").
+pub(super) fn face_derivative(face: i32, direction: [f32; 3], derivative: [f32; 3]) -> [f32; 2] {
+    let [(si, ss), (ti, ts), (ri, rs)] = FACES[face as usize & 7];
+    let (sc, tc, rc) = (ss * direction[si], ts * direction[ti], rs * direction[ri]);
+    let (ds, dt, dr) = (
+        ss * derivative[si],
+        ts * derivative[ti],
+        rs * derivative[ri],
+    );
+    let square = rc * rc;
+    [
+        0.5 * (rc * ds - sc * dr) / square,
+        0.5 * (rc * dt - tc * dr) / square,
+    ]
+}
+
+/// Where a texel past one edge of a face is: on the neighbouring face, in its first row. `(x, y)` may be -1 or `size`, but only one of them.
+fn across_edge(face: i32, x: i32, y: i32, size: i32) -> (i32, i32, i32) {
+    // Texel centres in half texels on the cube of half side `size`.
+    let centre = |i: i32| 2 * i + 1 - size;
+    let mut position = [0; 3];
+    let [(si, ss), (ti, ts), (ri, rs)] = FACES[face as usize];
+    position[si] = ss as i32 * centre(x);
+    position[ti] = ts as i32 * centre(y);
+    position[ri] = rs as i32 * size;
+    // Fold over the edge: what stands out by one texel centre becomes the face's own plane, and the old plane one texel centre below it.
+    let out = if x < 0 || x >= size { si } else { ti };
+    position[out] = size * position[out].signum();
+    position[ri] = (size - 1) * position[ri].signum();
+    let new_face = 2 * out as i32 + (position[out] < 0) as i32;
+    let [(si, ss), (ti, ts), _] = FACES[new_face as usize];
+    let index = |c: i32| (c + size - 1) / 2;
+    (
+        new_face,
+        index(ss as i32 * position[si]),
+        index(ts as i32 * position[ti]),
+    )
+}
+
+/// Moves texels that lie past an edge to the neighbouring face, lane by lane. Returns the lanes whose texel lies past a corner: it does not exist, and
+/// the caller averages its three neighbours; its indices are left in range.
+#[inline(always)]
+pub(super) fn wrap_edges(x: &mut Ints, y: &mut Ints, face: &mut Ints, sizes: &Ints) -> u16 {
+    let mut outside = 0u16;
+    for lane in 0..SUBGROUP_SIZE {
+        let is_out = x[lane] < 0 || y[lane] < 0 || x[lane] >= sizes[lane] || y[lane] >= sizes[lane];
+        outside |= (is_out as u16) << lane;
+    }
+    let mut corners = 0;
+    super::format::block::each_lane(outside, |lane| {
+        let size = sizes[lane];
+        let in_range = |i: i32| i >= 0 && i < size;
+        if in_range(x[lane]) || in_range(y[lane]) {
+            (face[lane], x[lane], y[lane]) = across_edge(face[lane], x[lane], y[lane], size);
+        } else {
+            corners |= 1 << lane;
+            x[lane] = x[lane].clamp(0, size - 1);
+            y[lane] = y[lane].clamp(0, size - 1);
+        }
+    });
+    corners
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Direction of a point of a face, from the spec's table read backwards.
+    fn direction(face: i32, x: i32, y: i32, size: i32) -> [f64; 3] {
+        let mut d = [0.0; 3];
+        let [(si, ss), (ti, ts), (ri, rs)] = FACES[face as usize];
+        d[si] = ss as f64 * ((2 * x + 1) as f64 / size as f64 - 1.0);
+        d[ti] = ts as f64 * ((2 * y + 1) as f64 / size as f64 - 1.0);
+        d[ri] = rs as f64;
+        d
+    }
+
+    #[test]
+    fn centres_of_texels_select_their_face_and_place() {
+        let size = 8;
+        for face in 0..6 {
+            for (x, y) in (0..8).flat_map(|x| (0..8).map(move |y| (x, y))) {
+                let d = direction(face, x, y, size).map(|c| [c as f32; 16]);
+                let place = place([&d[0], &d[1], &d[2]]);
+                assert_eq!(place.face[3], face);
+                assert_eq!(place.s[3], (2 * x + 1) as f32 / 16.0);
+                assert_eq!(place.t[3], (2 * y + 1) as f32 / 16.0);
+            }
+        }
+    }
+
+    /// The texel across an edge is the one whose centre is nearest to the first face's edge texel, and crossing back returns to it.
+    #[test]
+    fn edges_lead_to_the_nearest_texel_and_back() {
+        let size = 4;
+        for face in 0..6 {
+            for along in 0..size {
+                for (x, y, inner) in [
+                    (-1, along, (0, along)),
+                    (size, along, (size - 1, along)),
+                    (along, -1, (along, 0)),
+                    (along, size, (along, size - 1)),
+                ] {
+                    let (other, ox, oy) = across_edge(face, x, y, size);
+                    let from = direction(face, inner.0, inner.1, size);
+                    let distance = |face: i32, x: i32, y: i32| {
+                        let to = direction(face, x, y, size);
+                        (0..3).map(|i| (to[i] - from[i]).powi(2)).sum::<f64>()
+                    };
+                    let mut best = (f64::MAX, 0, 0, 0);
+                    for candidate in (0..6).filter(|&candidate| candidate != face) {
+                        for (cx, cy) in (0..4).flat_map(|x| (0..4).map(move |y| (x, y))) {
+                            let d = distance(candidate, cx, cy);
+                            if d < best.0 - 1e-9 {
+                                best = (d, candidate, cx, cy);
+                            }
+                        }
+                    }
+                    // At a corner two faces are equally near.
+                    assert!((distance(other, ox, oy) - best.0).abs() < 1e-9);
+                    assert_ne!(other, face);
+                    let back = [(-1, oy), (size, oy), (ox, -1), (ox, size)]
+                        .into_iter()
+                        .any(|(bx, by)| {
+                            across_edge(other, bx, by, size) == (face, inner.0, inner.1)
+                        });
+                    assert!(back);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn derivatives_are_difference_quotients() {
+        let d = [0.3f32, -0.9, 0.2];
+        let step = [0.5f32, 0.25, -1.0];
+        let h = 1e-3;
+        let at = |h: f32| {
+            let moved: [Floats; 3] = std::array::from_fn(|i| [d[i] + h * step[i]; 16]);
+            let place = place([&moved[0], &moved[1], &moved[2]]);
+            (place.face[0], place.s[0], place.t[0])
+        };
+        let ((face, s0, t0), (_, s1, t1)) = (at(-h), at(h));
+        let [ds, dt] = face_derivative(face, d, step);
+        assert!((ds - (s1 - s0) / (2.0 * h)).abs() < 1e-3);
+        assert!((dt - (t1 - t0) / (2.0 * h)).abs() < 1e-3);
+    }
+}

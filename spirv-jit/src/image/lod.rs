@@ -1,0 +1,250 @@
+//! Levels of detail (spec, "Level-of-Detail Operation", "Image Level(s) Selection").
+#![forbid(unsafe_code)]
+
+use super::address::{Floats, Ints};
+use super::cube;
+use super::execute::Operands;
+use super::{Dim, Filter, ImageDescriptor, ImageOp, Level, LodMode, SamplerDescriptor};
+use crate::SUBGROUP_SIZE;
+use crate::program::Row;
+
+/// `maxSamplerLodBias`: bias is clamped to it.
+pub const MAX_LOD_BIAS: f32 = 16.0;
+/// `maxSamplerAnisotropy`.
+pub const MAX_ANISOTROPY: f32 = 16.0;
+
+/// A level of detail per lane, before the sampler's clamp (λ'), and what anisotropic filtering needs.
+pub(super) struct Lod {
+    pub lambda: Floats,
+    pub anisotropy: Option<Anisotropy>,
+}
+
+/// Sampling along the longer axis of a pixel's footprint.
+pub(super) struct Anisotropy {
+    /// Samples to take.
+    pub count: Ints,
+    /// The axis, in normalised coordinates.
+    pub axis: [Floats; 3],
+}
+
+/// Binary logarithm to about 1e-7 absolute, from additions, products and one quotient, so that it is the same everywhere. For 0 and infinity: very small and very large.
+#[inline(always)]
+fn log2(x: f32) -> f32 {
+    // Mantissa in [√½, √2), exponent to match.
+    const SQRT_HALF: u32 = 0x3f35_04f3;
+    let bits = x.to_bits().wrapping_sub(SQRT_HALF);
+    let exponent = (bits as i32) >> 23;
+    let m = f32::from_bits((bits & 0x007f_ffff).wrapping_add(SQRT_HALF));
+    let t = (m - 1.0) / (m + 1.0);
+    let t2 = t * t;
+    // 2 / ln 2 times the series of the inverse hyperbolic tangent.
+    let series =
+        2.885_39 + t2 * (0.961_796_7 + t2 * (0.577_078 + t2 * (0.412_198_6 + t2 * 0.320_598_9)));
+    exponent as f32 + t * series
+}
+
+/// λ' per lane.
+#[inline(always)]
+pub(super) fn lod(
+    op: &ImageOp,
+    operands: &Operands<'_>,
+    image: &ImageDescriptor,
+    sampler: &SamplerDescriptor,
+) -> Lod {
+    let mut lod = match op.lod {
+        LodMode::Implicit | LodMode::Bias => Lod {
+            lambda: [0.0; SUBGROUP_SIZE],
+            anisotropy: None,
+        },
+        LodMode::Lod => Lod {
+            lambda: floats(operands.lod[0]),
+            anisotropy: None,
+        },
+        LodMode::Grad => from_gradients(op, operands, image, sampler),
+    };
+    for lane in 0..SUBGROUP_SIZE {
+        let bias = match op.lod {
+            LodMode::Bias => sampler.mip_lod_bias + f32::from_bits(operands.lod[0][lane]),
+            _ => sampler.mip_lod_bias,
+        };
+        lod.lambda[lane] += bias.max(-MAX_LOD_BIAS).min(MAX_LOD_BIAS);
+    }
+    lod
+}
+
+/// λ: λ' clamped by the sampler and by the operation's own minimum.
+#[inline(always)]
+pub(super) fn clamp(lambda: &Floats, sampler: &SamplerDescriptor, min_lod: Option<&Row>) -> Floats {
+    let mut clamped = [0.0; SUBGROUP_SIZE];
+    for lane in 0..SUBGROUP_SIZE {
+        let least = match min_lod {
+            Some(row) => sampler.min_lod.max(f32::from_bits(row[lane])),
+            None => sampler.min_lod,
+        };
+        clamped[lane] = lambda[lane].min(sampler.max_lod).max(least);
+    }
+    clamped
+}
+
+/// d' of the levels section, relative to the view's base level.
+#[inline(always)]
+pub(super) fn levels(lambda: &Floats, image: &ImageDescriptor) -> Floats {
+    let last = (image.level_count - 1) as f32;
+    lambda.map(|lambda| lambda.max(0.0).max(image.min_lod).min(last))
+}
+
+/// The nearest level to d' (`nearest(d') = ⌈d' + 0.5⌉ - 1`).
+#[inline(always)]
+pub(super) fn nearest(level: f32) -> f32 {
+    ((level + 0.5).ceil() - 1.0).max(0.0)
+}
+
+#[inline(always)]
+pub(super) fn floats(row: &Row) -> Floats {
+    row.map(f32::from_bits)
+}
+
+/// From derivatives: the length of the footprint in texels of the base level.
+fn from_gradients(
+    op: &ImageOp,
+    operands: &Operands<'_>,
+    image: &ImageDescriptor,
+    sampler: &SamplerDescriptor,
+) -> Lod {
+    let count = op.spatial_count();
+    // derivatives[axis of the screen][axis of the image]
+    let mut derivatives = [[[0.0; SUBGROUP_SIZE]; 3]; 2];
+    for (screen, axes) in derivatives.iter_mut().enumerate() {
+        for (axis, row) in axes.iter_mut().enumerate().take(count) {
+            *row = floats(operands.lod[screen * count + axis]);
+        }
+    }
+    if op.dim == Dim::Cube {
+        let direction: [Floats; 3] = std::array::from_fn(|i| floats(operands.coordinates[i]));
+        let place = cube::place([&direction[0], &direction[1], &direction[2]]);
+        for axes in &mut derivatives {
+            for lane in 0..SUBGROUP_SIZE {
+                let on_face = cube::face_derivative(
+                    place.face[lane],
+                    direction.map(|row| row[lane]),
+                    axes.map(|row| row[lane]),
+                );
+                axes[0][lane] = on_face[0];
+                axes[1][lane] = on_face[1];
+                axes[2][lane] = 0.0;
+            }
+        }
+    }
+    let Level {
+        width,
+        height,
+        depth,
+        ..
+    } = image.levels[0];
+    let size = match op.dim {
+        Dim::D1 | Dim::Buffer => [width as f32, 0.0, 0.0],
+        Dim::D2 | Dim::Cube => [width as f32, height as f32, 0.0],
+        Dim::D3 => [width as f32, height as f32, depth as f32],
+    };
+    let mut squares = [[0.0; SUBGROUP_SIZE]; 2];
+    for (axes, square) in derivatives.iter().zip(&mut squares) {
+        for (row, size) in axes.iter().zip(size) {
+            for lane in 0..SUBGROUP_SIZE {
+                let texels = row[lane] * size;
+                square[lane] += texels * texels;
+            }
+        }
+    }
+    let mut lambda = [0.0; SUBGROUP_SIZE];
+    // The half of the logarithm of a square saves the root.
+    for lane in 0..SUBGROUP_SIZE {
+        lambda[lane] = 0.5 * log2(squares[0][lane].max(squares[1][lane]));
+    }
+    let max_anisotropy = sampler.max_anisotropy.min(MAX_ANISOTROPY);
+    if max_anisotropy.is_nan() || max_anisotropy <= 1.0 || op.dim == Dim::Cube {
+        return Lod {
+            lambda,
+            anisotropy: None,
+        };
+    }
+    let mut samples = [1; SUBGROUP_SIZE];
+    let mut axis = [[0.0; SUBGROUP_SIZE]; 3];
+    for lane in 0..SUBGROUP_SIZE {
+        let [x, y] = squares.map(|row| row[lane]);
+        let long = (y > x) as usize;
+        let ratio = (x.max(y) / x.min(y)).sqrt();
+        // A NaN of 0 / 0 becomes 1.
+        let n = ratio.ceil().max(1.0).min(max_anisotropy.ceil());
+        samples[lane] = n as i32;
+        // λ of the footprint divided among the samples.
+        lambda[lane] -= log2(ratio.max(1.0).min(max_anisotropy));
+        for i in 0..3 {
+            axis[i][lane] = derivatives[long][i][lane];
+        }
+    }
+    Lod {
+        lambda,
+        anisotropy: Some(Anisotropy {
+            count: samples,
+            axis,
+        }),
+    }
+}
+
+/// The levels' geometry, a lane each.
+pub(super) struct LevelLanes {
+    pub size: [Ints; 3],
+    pub offset_bytes: [u64; SUBGROUP_SIZE],
+    pub row_stride_bytes: [u64; SUBGROUP_SIZE],
+    pub slice_stride_bytes: [u64; SUBGROUP_SIZE],
+}
+
+impl LevelLanes {
+    /// Levels are in range in every lane; `is_uniform` says that they are all the first lane's.
+    #[inline(always)]
+    pub fn new(image: &ImageDescriptor, levels: &Ints, is_uniform: bool) -> LevelLanes {
+        if is_uniform {
+            let level = &image.levels[levels[0] as usize];
+            return LevelLanes {
+                size: [level.width, level.height, level.depth].map(|n| [n as i32; SUBGROUP_SIZE]),
+                offset_bytes: [level.offset_bytes; SUBGROUP_SIZE],
+                row_stride_bytes: [level.row_stride_bytes; SUBGROUP_SIZE],
+                slice_stride_bytes: [level.slice_stride_bytes; SUBGROUP_SIZE],
+            };
+        }
+        let mut lanes = LevelLanes {
+            size: [[1; SUBGROUP_SIZE]; 3],
+            offset_bytes: [0; SUBGROUP_SIZE],
+            row_stride_bytes: [0; SUBGROUP_SIZE],
+            slice_stride_bytes: [0; SUBGROUP_SIZE],
+        };
+        for lane in 0..SUBGROUP_SIZE {
+            let level = &image.levels[levels[lane] as usize];
+            lanes.size[0][lane] = level.width as i32;
+            lanes.size[1][lane] = level.height as i32;
+            lanes.size[2][lane] = level.depth as i32;
+            lanes.offset_bytes[lane] = level.offset_bytes;
+            lanes.row_stride_bytes[lane] = level.row_stride_bytes;
+            lanes.slice_stride_bytes[lane] = level.slice_stride_bytes;
+        }
+        lanes
+    }
+}
+
+/// Integer and fraction of d' for a mipmap mode: the level, and the next one's weight.
+#[inline(always)]
+pub(super) fn split(mode: Filter, levels: &Floats) -> (Ints, Floats) {
+    match mode {
+        Filter::Nearest => (levels.map(|d| nearest(d) as i32), [0.0; SUBGROUP_SIZE]),
+        Filter::Linear => {
+            let mut whole = [0; SUBGROUP_SIZE];
+            let mut fraction = [0.0; SUBGROUP_SIZE];
+            for lane in 0..SUBGROUP_SIZE {
+                let floor = levels[lane].floor();
+                whole[lane] = floor as i32;
+                fraction[lane] = levels[lane] - floor;
+            }
+            (whole, fraction)
+        }
+    }
+}

@@ -1,0 +1,669 @@
+//! Filtered sampling and gathering of a block of lanes (spec, "Image Sample Operations").
+//!
+//! Every step is a loop over the 16 lanes without branches that depend on a lane: inactive lanes compute along, on clamped indices.
+
+use super::address::{self, Axis, AxisRule, Floats, Ints};
+use super::execute::{Operands, put_texels};
+use super::format::FormatInfo;
+use super::format::block::{self, Offsets, Texels};
+use super::lod::{self, LevelLanes, floats};
+use super::{
+    AddressMode, CompareOp, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Reduction,
+    SamplerDescriptor, cube,
+};
+use crate::SUBGROUP_SIZE;
+use crate::program::Row;
+
+/// Declares `$name`, which runs `$body` compiled for the widest vectors that the machine has. Results are the same on all: the body is IEEE
+/// arithmetic without contraction.
+macro_rules! vectorized {
+    ($(#[$doc:meta])* $name:ident, $body:ident, ($($arg:ident: $ty:ty),*)) => {
+        $(#[$doc])*
+        pub(super) unsafe fn $name($($arg: $ty),*) {
+            #[cfg(target_arch = "x86_64")]
+            {
+                #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,bmi1,bmi2,popcnt,lzcnt")]
+                unsafe fn avx512($($arg: $ty),*) {
+                    // SAFETY: the caller's promise.
+                    unsafe { $body($($arg),*) }
+                }
+                #[target_feature(enable = "avx2,bmi1,bmi2,popcnt,lzcnt")]
+                unsafe fn avx2($($arg: $ty),*) {
+                    // SAFETY: the caller's promise.
+                    unsafe { $body($($arg),*) }
+                }
+                if is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512bw")
+                    && is_x86_feature_detected!("avx512vl")
+                    && is_x86_feature_detected!("bmi2")
+                {
+                    // SAFETY: the machine has the features; for the rest, the caller's promise.
+                    return unsafe { avx512($($arg),*) };
+                }
+                if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
+                    // SAFETY: as above.
+                    return unsafe { avx2($($arg),*) };
+                }
+            }
+            // SAFETY: the caller's promise.
+            unsafe { $body($($arg),*) }
+        }
+    };
+}
+
+vectorized!(
+    /// `OpImageSample*` and `OpImage*Gather` of a usable image.
+    ///
+    /// # Safety
+    /// The image's memory stays allocated during the call.
+    sample, sample_body, (op: &ImageOp, operands: &Operands<'_>, image: &ImageDescriptor, info: &FormatInfo, sampler: &SamplerDescriptor,
+        mask: u16, results: &mut [Row])
+);
+
+/// Where the lanes sample, apart from the level.
+struct Place {
+    /// Coordinates along the image's axes; in cubes, on the face.
+    coordinates: [Floats; 3],
+    face: Ints,
+    /// Layer; of cube arrays, the cube's first.
+    layer: Ints,
+    depth_reference: Option<Floats>,
+}
+
+#[inline(always)]
+fn place(
+    op: &ImageOp,
+    operands: &Operands<'_>,
+    image: &ImageDescriptor,
+    info: &FormatInfo,
+) -> Place {
+    let spatial = op.spatial_count();
+    let mut place = Place {
+        coordinates: [[0.0; SUBGROUP_SIZE]; 3],
+        face: [0; SUBGROUP_SIZE],
+        layer: [0; SUBGROUP_SIZE],
+        depth_reference: None,
+    };
+    for (coordinate, row) in place
+        .coordinates
+        .iter_mut()
+        .zip(&operands.coordinates[..spatial])
+    {
+        *coordinate = floats(row);
+    }
+    if op.dim == Dim::Cube {
+        let [x, y, z] = &place.coordinates;
+        let on_cube = cube::place([x, y, z]);
+        place.face = on_cube.face;
+        place.coordinates = [on_cube.s, on_cube.t, [0.0; SUBGROUP_SIZE]];
+    }
+    if let Some(row) = operands.coordinates.get(spatial) {
+        // Rounded to the nearest layer ("Array Layer Selection").
+        let (last, faces) = match op.dim {
+            Dim::Cube => ((image.layer_count / 6).max(1) - 1, 6),
+            _ => (image.layer_count.max(1) - 1, 1),
+        };
+        for lane in 0..SUBGROUP_SIZE {
+            let layer = f32::from_bits(row[lane]).round_ties_even();
+            place.layer[lane] = (layer as i32).max(0).min(last as i32) * faces;
+        }
+    }
+    if let Some(row) = operands.depth_reference {
+        // Fixed-point depth lies in 0..1, so the reference must.
+        let is_fixed = info.numeric == super::format::Numeric::Unorm;
+        place.depth_reference = Some(floats(row).map(|reference| {
+            if is_fixed {
+                reference.max(0.0).min(1.0)
+            } else {
+                reference
+            }
+        }));
+    }
+    place
+}
+
+/// # Safety
+/// As [`sample`].
+#[inline(always)]
+unsafe fn sample_body(
+    op: &ImageOp,
+    operands: &Operands<'_>,
+    image: &ImageDescriptor,
+    info: &FormatInfo,
+    sampler: &SamplerDescriptor,
+    mask: u16,
+    results: &mut [Row],
+) {
+    let mut place = place(op, operands, image, info);
+    let spatial = if op.dim == Dim::Cube {
+        2
+    } else {
+        op.spatial_count()
+    };
+    let is_gather = matches!(op.kind, ImageOpKind::Gather(_));
+    let mut lod = if is_gather {
+        // The base level.
+        lod::Lod {
+            lambda: [0.0; SUBGROUP_SIZE],
+            anisotropy: None,
+        }
+    } else {
+        lod::lod(op, operands, image, sampler)
+    };
+    if info.numeric.is_integer() {
+        lod.anisotropy = None;
+    }
+    let lambda = if is_gather {
+        lod.lambda
+    } else {
+        lod::clamp(&lod.lambda, sampler, operands.min_lod)
+    };
+    let levels = lod::levels(&lambda, image);
+    // Integers are never blended.
+    let is_linear = !info.numeric.is_integer();
+    let mipmap_mode = if is_gather || !is_linear {
+        Filter::Nearest
+    } else {
+        sampler.mipmap_mode
+    };
+    let (level, level_weight) = lod::split(mipmap_mode, &levels);
+
+    let mut magnified = 0u16;
+    let mut is_uniform = true;
+    let first = mask.trailing_zeros() as usize & 15;
+    let mut between = 0u16;
+    for lane in 0..SUBGROUP_SIZE {
+        let is_active = mask >> lane & 1 == 1;
+        magnified |= ((lambda[lane] <= 0.0) as u16) << lane;
+        between |= ((level_weight[lane] > 0.0) as u16) << lane;
+        is_uniform &= !is_active | (level[lane] == level[first]);
+    }
+    let filter_of = |filter: Filter| if is_linear { filter } else { Filter::Nearest };
+    let groups = if is_gather {
+        [(Filter::Linear, mask), (Filter::Linear, 0)]
+    } else if sampler.mag_filter == sampler.min_filter {
+        [(filter_of(sampler.mag_filter), mask), (Filter::Nearest, 0)]
+    } else {
+        [
+            (filter_of(sampler.mag_filter), mask & magnified),
+            (filter_of(sampler.min_filter), mask & !magnified),
+        ]
+    };
+    let level_passes = 1 + (between & mask != 0) as usize;
+    let sample_passes = match &lod.anisotropy {
+        Some(anisotropy) => lanes_max(&anisotropy.count, mask),
+        None => 1,
+    };
+    let last_level = image.level_count as i32 - 1;
+    let centre = place.coordinates;
+    let sum_of = reduction_of(sampler, is_gather);
+
+    let mut total = [[0; SUBGROUP_SIZE]; 4];
+    for (filter, group) in groups {
+        if group == 0 {
+            continue;
+        }
+        let mut value = [[0; SUBGROUP_SIZE]; 4];
+        for sample_index in 0..sample_passes {
+            if let Some(anisotropy) = &lod.anisotropy {
+                for axis in 0..spatial {
+                    for lane in 0..SUBGROUP_SIZE {
+                        // Samples i = 1..=N at i / (N + 1) - 1/2 along the axis.
+                        let count = anisotropy.count[lane];
+                        let i = (sample_index + 1).min(count) as f32;
+                        let along = i / (count + 1) as f32 - 0.5;
+                        place.coordinates[axis][lane] =
+                            centre[axis][lane] + along * anisotropy.axis[axis][lane];
+                    }
+                }
+            }
+            let mut texels = [[0; SUBGROUP_SIZE]; 4];
+            for pass in 0..level_passes {
+                let pass_level = level.map(|d| (d + pass as i32).min(last_level));
+                let pass_level = if is_uniform {
+                    [pass_level[first]; SUBGROUP_SIZE]
+                } else {
+                    pass_level
+                };
+                let lanes = LevelLanes::new(image, &pass_level, is_uniform);
+                let footprint = Footprint {
+                    op,
+                    image,
+                    info,
+                    sampler,
+                    filter,
+                    spatial,
+                    level: &lanes,
+                    place: &place,
+                };
+                // SAFETY: the caller's promise.
+                let of_level = unsafe { footprint.texels(operands, sum_of) };
+                if pass == 0 {
+                    texels = of_level;
+                } else {
+                    for (a, b) in texels.iter_mut().zip(&of_level) {
+                        combine(a, b, &level_weight, sum_of);
+                    }
+                }
+            }
+            match &lod.anisotropy {
+                Some(anisotropy) if sample_index > 0 => {
+                    accumulate(&mut value, &texels, sample_index, &anisotropy.count, sum_of);
+                }
+                _ => value = texels,
+            }
+        }
+        if let (Some(anisotropy), Sum::Average) = (&lod.anisotropy, sum_of) {
+            for row in &mut value {
+                for lane in 0..SUBGROUP_SIZE {
+                    let mean = f32::from_bits(row[lane]) / anisotropy.count[lane] as f32;
+                    row[lane] = mean.to_bits();
+                }
+            }
+        }
+        for (total, value) in total.iter_mut().zip(&value) {
+            for lane in 0..SUBGROUP_SIZE {
+                if group >> lane & 1 == 1 {
+                    total[lane] = value[lane];
+                }
+            }
+        }
+    }
+
+    match op.kind {
+        ImageOpKind::Gather(component) => {
+            if !op.depth_compare {
+                finish_gather(image, info, component, &mut total);
+            }
+            put_texels(op, info, &total, results);
+        }
+        _ if op.depth_compare => results[0] = total[0],
+        _ => {
+            block::finish(info, &mut total);
+            swizzle(image, info, &mut total);
+            put_texels(op, info, &total, results);
+        }
+    }
+}
+
+#[inline(always)]
+fn lanes_max(values: &Ints, mask: u16) -> i32 {
+    let mut max = 1;
+    for lane in 0..SUBGROUP_SIZE {
+        if mask >> lane & 1 == 1 {
+            max = max.max(values[lane]);
+        }
+    }
+    max
+}
+
+/// How texels become one.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Sum {
+    Average,
+    Min,
+    Max,
+    /// They do not: the four of a gather stay.
+    Gather,
+}
+
+#[inline(always)]
+fn reduction_of(sampler: &SamplerDescriptor, is_gather: bool) -> Sum {
+    match (is_gather, sampler.reduction) {
+        (true, _) => Sum::Gather,
+        (_, Reduction::WeightedAverage) => Sum::Average,
+        (_, Reduction::Min) => Sum::Min,
+        (_, Reduction::Max) => Sum::Max,
+    }
+}
+
+/// Folds `b` of weight `weight` into `a` of the remaining weight. A weight of zero takes no part.
+#[inline(always)]
+fn combine(a: &mut Row, b: &Row, weight: &Floats, sum: Sum) {
+    match sum {
+        Sum::Average | Sum::Gather => {
+            for lane in 0..SUBGROUP_SIZE {
+                let (x, y) = (f32::from_bits(a[lane]), f32::from_bits(b[lane]));
+                // Exact where the weight is zero or the texels are equal.
+                a[lane] = (x + weight[lane] * (y - x)).to_bits();
+            }
+        }
+        Sum::Min => {
+            for lane in 0..SUBGROUP_SIZE {
+                let (x, y) = (f32::from_bits(a[lane]), f32::from_bits(b[lane]));
+                let takes = weight[lane] > 0.0 && y < x;
+                a[lane] = if takes { b[lane] } else { a[lane] };
+            }
+        }
+        Sum::Max => {
+            for lane in 0..SUBGROUP_SIZE {
+                let (x, y) = (f32::from_bits(a[lane]), f32::from_bits(b[lane]));
+                let takes = weight[lane] > 0.0 && y > x;
+                a[lane] = if takes { b[lane] } else { a[lane] };
+            }
+        }
+    }
+}
+
+/// Adds an anisotropic sample in the lanes that take so many.
+#[inline(always)]
+fn accumulate(value: &mut Texels, texels: &Texels, sample_index: i32, count: &Ints, sum: Sum) {
+    for (value, texel) in value.iter_mut().zip(texels) {
+        for lane in 0..SUBGROUP_SIZE {
+            let (x, y) = (f32::from_bits(value[lane]), f32::from_bits(texel[lane]));
+            let summed = match sum {
+                Sum::Min => x.min(y),
+                Sum::Max => x.max(y),
+                _ => x + y,
+            };
+            if sample_index < count[lane] {
+                value[lane] = summed.to_bits();
+            }
+        }
+    }
+}
+
+/// Texels around the lanes' places at one level.
+struct Footprint<'a> {
+    op: &'a ImageOp,
+    image: &'a ImageDescriptor,
+    info: &'a FormatInfo,
+    sampler: &'a SamplerDescriptor,
+    filter: Filter,
+    /// Axes that are filtered.
+    spatial: usize,
+    level: &'a LevelLanes,
+    place: &'a Place,
+}
+
+impl Footprint<'_> {
+    #[inline(always)]
+    fn axis(&self, axis: usize, offsets: Option<&Ints>) -> Axis {
+        let rule = AxisRule {
+            mode: match self.op.dim {
+                Dim::Cube => AddressMode::ClampToEdge,
+                _ => self.sampler.address_mode[axis],
+            },
+            filter: self.filter,
+            unnormalized: self.sampler.unnormalized_coordinates,
+            seamless: self.op.dim == Dim::Cube && self.filter == Filter::Linear,
+        };
+        address::address(
+            rule,
+            &self.place.coordinates[axis],
+            &self.level.size[axis],
+            offsets,
+        )
+    }
+
+    /// The filtered texel in units (see [`block`]), or the comparison's result in the first component, or a gather's four texels.
+    ///
+    /// # Safety
+    /// The image's memory stays allocated during the call.
+    #[inline(always)]
+    unsafe fn texels(&self, operands: &Operands<'_>, sum: Sum) -> Texels {
+        let component = match self.op.kind {
+            ImageOpKind::Gather(component) => component,
+            _ => 0,
+        };
+        let offset_of = |axis: usize, tap: usize| -> Option<Ints> {
+            let index = if self.op.has_offsets {
+                tap * self.spatial + axis
+            } else {
+                axis
+            };
+            let row = operands.offsets.get(index)?;
+            Some(row.map(|word| word as i32))
+        };
+        let mut axes = [Axis {
+            index: [[0; SUBGROUP_SIZE]; 2],
+            weight: [0.0; SUBGROUP_SIZE],
+        }; 3];
+        for (axis, slot) in axes.iter_mut().enumerate().take(self.spatial) {
+            *slot = self.axis(axis, offset_of(axis, 0).as_ref());
+        }
+        let tap_count = match self.filter {
+            Filter::Nearest => 1,
+            Filter::Linear => 1 << self.spatial,
+        };
+        let mut taps = [[[0; SUBGROUP_SIZE]; 4]; 8];
+        let mut corners = [0u16; 8];
+        for tap in 0..tap_count {
+            if self.op.has_offsets {
+                for (axis, slot) in axes.iter_mut().enumerate().take(self.spatial) {
+                    *slot = self.axis(axis, offset_of(axis, tap).as_ref());
+                }
+            }
+            // Each of a gather's own offsets moves the first texel of its footprint.
+            let side = if self.op.has_offsets { 0 } else { tap };
+            let indices = [
+                &axes[0].index[side & 1],
+                &axes[1].index[side >> 1 & 1],
+                &axes[2].index[side >> 2 & 1],
+            ];
+            // SAFETY: the caller's promise.
+            (taps[tap], corners[tap]) = unsafe { self.tap(indices) };
+        }
+        if corners != [0; 8] {
+            fill_corners(&mut taps, &corners);
+        }
+        match sum {
+            Sum::Gather => {
+                // (0, 1), (1, 1), (1, 0), (0, 0); own offsets in their order.
+                let order = match self.op.has_offsets {
+                    true => [0, 1, 2, 3],
+                    false => [2, 3, 1, 0],
+                };
+                let component = match self.op.depth_compare {
+                    true => 0,
+                    false => self.image.swizzle[component as usize & 3] as usize & 3,
+                };
+                order.map(|tap| taps[tap][component])
+            }
+            _ => {
+                let mut left = tap_count;
+                for axis in axes.iter().take(self.spatial) {
+                    if self.filter == Filter::Nearest {
+                        break;
+                    }
+                    left /= 2;
+                    for k in 0..left {
+                        let (mut a, b) = (taps[2 * k], taps[2 * k + 1]);
+                        for component in 0..4 {
+                            if self.info.channels[component].bits != 0 {
+                                combine(&mut a[component], &b[component], &axis.weight, sum);
+                            }
+                        }
+                        taps[k] = a;
+                    }
+                }
+                taps[0]
+            }
+        }
+    }
+
+    /// One texel per lane, and the lanes whose texel lies past a cube's corner.
+    ///
+    /// # Safety
+    /// The image's memory stays allocated during the call.
+    #[inline(always)]
+    unsafe fn tap(&self, indices: [&Ints; 3]) -> (Texels, u16) {
+        let [mut x, mut y, mut z] = indices.map(|&index| index);
+        let mut layer = self.place.layer;
+        let mut corners = 0;
+        if self.op.dim == Dim::Cube {
+            let mut face = self.place.face;
+            if self.filter == Filter::Linear {
+                corners = cube::wrap_edges(&mut x, &mut y, &mut face, &self.level.size[0]);
+            }
+            let last = self.image.layer_count.max(1) as i32 - 1;
+            for lane in 0..SUBGROUP_SIZE {
+                layer[lane] = (layer[lane] + face[lane]).min(last);
+                y[lane] = y[lane].min(self.level.size[1][lane] - 1);
+            }
+        }
+        let has_border = self.op.dim != Dim::Cube
+            && self.sampler.address_mode[..self.spatial].contains(&AddressMode::ClampToBorder);
+        let mut border = [false; SUBGROUP_SIZE];
+        if has_border {
+            for (axis, index) in [&mut x, &mut y, &mut z].into_iter().enumerate() {
+                if axis >= self.spatial {
+                    break;
+                }
+                for lane in 0..SUBGROUP_SIZE {
+                    let last = self.level.size[axis][lane] - 1;
+                    border[lane] |= index[lane] < 0 || index[lane] > last;
+                    index[lane] = index[lane].max(0).min(last);
+                }
+            }
+        }
+        let mut offsets: Offsets = self.level.offset_bytes;
+        let texel_bytes = self.info.size_bytes as u64;
+        for lane in 0..SUBGROUP_SIZE {
+            offsets[lane] += x[lane] as u32 as u64 * texel_bytes;
+        }
+        if self.spatial >= 2 {
+            for lane in 0..SUBGROUP_SIZE {
+                offsets[lane] += y[lane] as u32 as u64 * self.level.row_stride_bytes[lane];
+            }
+        }
+        if self.spatial == 3 {
+            for lane in 0..SUBGROUP_SIZE {
+                offsets[lane] += z[lane] as u32 as u64 * self.level.slice_stride_bytes[lane];
+            }
+        }
+        if self.op.arrayed || self.op.dim == Dim::Cube {
+            for lane in 0..SUBGROUP_SIZE {
+                offsets[lane] += layer[lane] as u32 as u64 * self.image.layer_stride_bytes;
+            }
+        }
+        // SAFETY: indices are clamped to the level's size and the layer to the view's layers, so each offset is that of a texel of the image.
+        let mut texels = unsafe { block::load(self.info, self.image.data, &offsets) };
+        if has_border {
+            let color = border_units(self.sampler, self.info);
+            for (row, color) in texels.iter_mut().zip(color) {
+                for lane in 0..SUBGROUP_SIZE {
+                    row[lane] = if border[lane] { color } else { row[lane] };
+                }
+            }
+        }
+        if let Some(reference) = &self.place.depth_reference {
+            let scale = block::unit_scale(self.info);
+            let depth = texels[0].map(|units| f32::from_bits(units) / scale);
+            texels[0] = compare(self.sampler.compare, reference, &depth);
+        }
+        (texels, corners)
+    }
+}
+
+/// The border colour in a format's units.
+#[inline(always)]
+fn border_units(sampler: &SamplerDescriptor, info: &FormatInfo) -> [u32; 4] {
+    let scale = block::unit_scale(info);
+    sampler.border_color.map(|word| {
+        if scale == 1.0 {
+            word
+        } else {
+            // What a normalised format can hold ("Texel Replacement").
+            (f32::from_bits(word).max(0.0).min(1.0) * scale).to_bits()
+        }
+    })
+}
+
+/// `reference op depth` as 1.0 and 0.0.
+#[inline(always)]
+fn compare(op: Option<CompareOp>, reference: &Floats, depth: &Floats) -> Row {
+    let each = |holds: fn(f32, f32) -> bool| {
+        let mut row = [0; SUBGROUP_SIZE];
+        for lane in 0..SUBGROUP_SIZE {
+            row[lane] = (holds(reference[lane], depth[lane]) as u32 as f32).to_bits();
+        }
+        row
+    };
+    match op.unwrap_or(CompareOp::Never) {
+        CompareOp::Never => each(|_, _| false),
+        CompareOp::Less => each(|reference, depth| reference < depth),
+        CompareOp::Equal => each(|reference, depth| reference == depth),
+        CompareOp::LessOrEqual => each(|reference, depth| reference <= depth),
+        CompareOp::Greater => each(|reference, depth| reference > depth),
+        CompareOp::NotEqual => each(|reference, depth| reference != depth),
+        CompareOp::GreaterOrEqual => each(|reference, depth| reference >= depth),
+        CompareOp::Always => each(|_, _| true),
+    }
+}
+
+/// A texel past a cube's corner is the mean of the three around it.
+#[inline(never)]
+fn fill_corners(taps: &mut [Texels; 8], corners: &[u16; 8]) {
+    for tap in 0..4 {
+        block::each_lane(corners[tap], |lane| {
+            for component in 0..4 {
+                let sum: f32 = (0..4)
+                    .filter(|&other| other != tap)
+                    .map(|other| f32::from_bits(taps[other][component][lane]))
+                    .sum();
+                taps[tap][component][lane] = (sum / 3.0).to_bits();
+            }
+        });
+    }
+}
+
+/// Four texels of one component: units to values; a component that the view's swizzle makes constant or the format lacks.
+#[inline(always)]
+fn finish_gather(image: &ImageDescriptor, info: &FormatInfo, component: u8, texels: &mut Texels) {
+    let source = image.swizzle[component as usize & 3] as usize;
+    let constant = match source {
+        0..=3 if info.channels[source].bits != 0 => None,
+        0..=3 => Some(info.missing(source)),
+        4 => Some(0),
+        _ => Some(info.missing(3)),
+    };
+    let scale = block::unit_scale(info);
+    for row in texels {
+        for word in row {
+            *word = match constant {
+                Some(constant) => constant,
+                None if scale == 1.0 => *word,
+                None => (f32::from_bits(*word) / scale).to_bits(),
+            };
+        }
+    }
+}
+
+/// The view's component mapping.
+#[inline(always)]
+pub(super) fn swizzle(image: &ImageDescriptor, info: &FormatInfo, texels: &mut Texels) {
+    if image.swizzle == [0, 1, 2, 3] {
+        return;
+    }
+    let source = *texels;
+    for (row, from) in texels.iter_mut().zip(image.swizzle) {
+        *row = match from {
+            0..=3 => source[from as usize],
+            4 => [0; SUBGROUP_SIZE],
+            _ => [info.missing(3); SUBGROUP_SIZE],
+        };
+    }
+}
+
+/// `OpImageQueryLod`: the level that would be sampled, and λ'.
+///
+/// # Safety
+/// None beyond a valid descriptor; the image's texels are not read.
+pub(super) unsafe fn query_lod(
+    op: &ImageOp,
+    operands: &Operands<'_>,
+    image: &ImageDescriptor,
+    sampler: &SamplerDescriptor,
+    _mask: u16,
+    results: &mut [Row],
+) {
+    let lod = lod::lod(op, operands, image, sampler);
+    let lambda = lod::clamp(&lod.lambda, sampler, operands.min_lod);
+    let levels = lod::levels(&lambda, image);
+    results[0] = levels.map(|level| match sampler.mipmap_mode {
+        Filter::Nearest => lod::nearest(level).to_bits(),
+        Filter::Linear => level.to_bits(),
+    });
+    results[1] = lod.lambda.map(f32::to_bits);
+}

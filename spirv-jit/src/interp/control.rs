@@ -1,0 +1,170 @@
+//! Control flow: masks of lanes that are active, parked at a label, or pending for an `else`.
+//!
+//! In `x` or `y` an instruction has the index of a mask or a code address, as each says.
+
+use super::kernels::sign_bits;
+use super::machine::{Instr, MAX_SUBGROUPS, Machine, Mask};
+use super::tier::Kernel;
+use crate::program::Event;
+
+/// A parked or pending mask.
+///
+/// # Safety
+/// `index` is one of the program's.
+#[inline(always)]
+unsafe fn mask<'m>(m: &Machine<'_>, index: u32) -> &'m mut Mask {
+    // SAFETY: the frame holds every mask that the program names, and nothing else refers to it meanwhile.
+    unsafe { &mut *m.masks.add(index as usize) }
+}
+
+/// Enters a construct: nobody is parked at label `x`.
+///
+/// # Safety
+/// As for every handler: the instruction was emitted for the program that the machine runs.
+pub(super) unsafe fn enter(m: &mut Machine<'_>, i: &Instr) {
+    // SAFETY: as the caller promises.
+    unsafe { *mask(m, i.x) = [0; MAX_SUBGROUPS] };
+}
+
+/// Parks the active lanes at label `x` and goes to `y`, the end of the body.
+///
+/// # Safety
+/// As [`enter`].
+pub(super) unsafe fn park(m: &mut Machine<'_>, i: &Instr) {
+    // SAFETY: as the caller promises.
+    let parked = unsafe { mask(m, i.x) };
+    for (parked, active) in parked.iter_mut().zip(&m.active) {
+        *parked |= active;
+    }
+    m.pc = i.y as usize;
+}
+
+/// The lanes parked at label `x` go on together; if there are none, to `y`, the end of the enclosing body.
+///
+/// # Safety
+/// As [`enter`].
+pub(super) unsafe fn join(m: &mut Machine<'_>, i: &Instr) {
+    // SAFETY: as the caller promises.
+    let parked = unsafe { *mask(m, i.x) };
+    if !m.set_active(parked) {
+        m.pc = i.y as usize;
+    }
+}
+
+/// `if a`: lanes where it does not hold become pending in mask `x + 1`; none is parked at `x`. Without lanes for the first
+/// body, on to `y`.
+pub(super) struct Branch;
+
+impl Kernel for Branch {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        // SAFETY: as for every handler.
+        unsafe {
+            *mask(m, i.x) = [0; MAX_SUBGROUPS];
+            let pending = mask(m, i.x + 1);
+            let mut taken = [0; MAX_SUBGROUPS];
+            *pending = [0; MAX_SUBGROUPS];
+            for &offset in m.listed() {
+                let s = offset as usize / 64;
+                let holds = sign_bits(&*m.block::<u32>(i.a, offset));
+                taken[s] = m.active[s] & holds;
+                pending[s] = m.active[s] & !holds;
+            }
+            if !m.set_active(taken) {
+                m.pc = i.y as usize;
+            }
+        }
+    }
+}
+
+/// A loop's end: lanes parked at its label `x` start the next iteration at `y`, unless fuel is out (`b` of the next instruction); without
+/// any, control falls through.
+///
+/// # Safety
+/// As [`enter`].
+pub(super) unsafe fn back_edge(m: &mut Machine<'_>, i: &Instr) {
+    // SAFETY: as the caller promises.
+    let parked = unsafe { *mask(m, i.x) };
+    if !m.set_active(parked) {
+        return;
+    }
+    if m.fuel == 0 {
+        // SAFETY: the point's number was emitted with the instruction, after the code address.
+        unsafe { super::yields::suspend(m, i.a.raw(), Event::OutOfFuel) };
+        return;
+    }
+    m.fuel -= 1;
+    m.pc = i.y as usize;
+}
+
+/// Goes to `y` if no lane is active.
+///
+/// # Safety
+/// As [`enter`].
+pub(super) unsafe fn jump_if_empty(m: &mut Machine<'_>, i: &Instr) {
+    if m.list_len == 0 {
+        m.pc = i.y as usize;
+    }
+}
+
+/// Goes to `y`.
+///
+/// # Safety
+/// As [`enter`].
+pub(super) unsafe fn jump(m: &mut Machine<'_>, i: &Instr) {
+    m.pc = i.y as usize;
+}
+
+/// The active lanes are gone for ever; on to `y`, the end of the body.
+///
+/// # Safety
+/// As [`enter`].
+pub(super) unsafe fn kill(m: &mut Machine<'_>, i: &Instr) {
+    m.pc = i.y as usize;
+}
+
+/// Calls through call site `x`, to `y`.
+///
+/// # Safety
+/// As [`enter`].
+pub(super) unsafe fn call(m: &mut Machine<'_>, i: &Instr) {
+    let site = &m.program.code.calls[i.x as usize];
+    // SAFETY: there is a return address for every function.
+    unsafe { *m.returns.add(site.callee as usize) = m.pc as u32 };
+    m.context += site.context;
+    m.pc = i.y as usize;
+}
+
+/// Leaves function `x` with the lanes parked in mask `y`.
+///
+/// # Safety
+/// As [`enter`].
+pub(super) unsafe fn ret(m: &mut Machine<'_>, i: &Instr) {
+    // SAFETY: as for `call`; the function was called.
+    unsafe {
+        let parked = *mask(m, i.y);
+        m.set_active(parked);
+        m.pc = *m.returns.add(i.x as usize) as usize;
+        // The call stands before the return address.
+        let call = &m.program.code.instrs[m.pc - 1];
+        m.context -= m.program.code.calls[call.x as usize].context;
+    }
+}
+
+/// The end of the entry function.
+///
+/// # Safety
+/// As [`enter`].
+pub(super) unsafe fn finish(m: &mut Machine<'_>, _: &Instr) {
+    m.event = Event::End;
+    m.running = false;
+}
+
+/// The end of the prologue.
+///
+/// # Safety
+/// As [`enter`].
+pub(super) unsafe fn start_wave(m: &mut Machine<'_>, _: &Instr) {
+    m.set_active(m.resume_active);
+    m.pc = m.resume_pc;
+}

@@ -1,0 +1,484 @@
+//! Bodies, constructs, copies at `br`, calls, and the places where a wave can be suspended.
+
+use super::{Emitter, Target, budget, instr};
+use crate::Error;
+use crate::interp::code::{CallSite, SavePoint, Saved};
+use crate::interp::kernels::{Copy, MaskedCopy};
+use crate::interp::machine::{Handler, Instr, Operand};
+use crate::interp::{control, memory, yields};
+use crate::ir::{Body, Inst, Label, Node, Op, Terminator, Value};
+use crate::program::{IO_DATA_ROW, SiteId, SiteKind};
+
+/// A copy of one row, or of the two of a 64-bit value.
+struct Move {
+    to: Operand,
+    from: Operand,
+    wide: bool,
+}
+
+impl Emitter<'_> {
+    pub(super) fn emit_function(&mut self, f: usize) -> Result<(), Error> {
+        self.function = f;
+        self.position = 1;
+        self.depth = 1;
+        self.labels.clear();
+        let entry = self.entries[f];
+        let exit = self.new_target();
+        let return_mask = self.placed().mask_base as u32;
+        self.bind(entry);
+        if f == 0 {
+            self.new_point(entry, None, Vec::new())?;
+            self.jump(control::jump_if_empty, exit);
+        }
+        self.push(Instr {
+            x: return_mask,
+            ..instr(control::enter)
+        });
+        if f != 0 {
+            self.zero_variables();
+        }
+        self.emit_body(&self.body_function().body, exit)?;
+        self.bind(exit);
+        if f == 0 {
+            self.emit_plain(control::finish);
+        } else {
+            self.push(Instr {
+                x: f as u32,
+                y: return_mask,
+                ..instr(control::ret)
+            });
+        }
+        Ok(())
+    }
+
+    /// The entry's variables are zero from `Program::start` on.
+    fn zero_variables(&mut self) {
+        for (variable, &row) in self.body_function().variables.iter().zip(
+            &self.placed[self.function]
+                .as_ref()
+                .expect("placed")
+                .variables,
+        ) {
+            if variable.zero {
+                self.code.instrs.push(Instr {
+                    x: row as u32,
+                    y: row as u32 + variable.rows,
+                    ..instr(memory::zero_private)
+                });
+            }
+        }
+    }
+
+    /// Emits a jump of some kind, with its target in `y`.
+    fn jump(&mut self, handler: Handler, target: Target) {
+        self.push_jump(Instr { ..instr(handler) }, target);
+    }
+
+    fn push_jump(&mut self, i: Instr, target: Target) {
+        self.jumps.push(self.code.instrs.len());
+        self.push(Instr {
+            y: target.0 as u32,
+            ..i
+        });
+    }
+
+    fn emit_body(&mut self, body: &Body, exit: Target) -> Result<(), Error> {
+        for node in &body.nodes {
+            self.emit_node(node, exit)?;
+            if matches!(node, Node::Loop { .. }) {
+                return Ok(());
+            }
+        }
+        self.position += 1;
+        match &body.end {
+            Terminator::Br(label, args) => {
+                let (mask, to) = self.labels[label].clone();
+                let moves = self.moves(&to, args);
+                self.emit_moves(moves, true);
+                let park = Instr {
+                    x: mask,
+                    ..instr(control::park)
+                };
+                self.push_jump(park, exit);
+            }
+            Terminator::Return(args) if self.function != 0 => {
+                let results = self.placed().results.clone();
+                let moves = results
+                    .into_iter()
+                    .zip(args)
+                    .map(|(to, &arg)| self.move_to(to, arg))
+                    .collect();
+                self.emit_moves(moves, true);
+                let park = Instr {
+                    x: self.placed().mask_base as u32,
+                    ..instr(control::park)
+                };
+                self.push_jump(park, exit);
+            }
+            Terminator::End(args) => self.emit_end(args, exit),
+            Terminator::Return(_) | Terminator::Unreachable => self.emit_end(&[], exit),
+        }
+        Ok(())
+    }
+
+    fn emit_end(&mut self, args: &[Value], exit: Target) {
+        let first = self.list(args);
+        self.push(Instr {
+            x: first,
+            b: Operand::number(args.len() as u32),
+            c: Operand::number(self.module.output_rows),
+            ..instr(yields::write_outputs)
+        });
+        self.jump(control::kill, exit);
+    }
+
+    fn emit_node(&mut self, node: &Node, exit: Target) -> Result<(), Error> {
+        let position = self.position;
+        self.position += 1;
+        match node {
+            Node::Inst(inst) => self.emit_inst(inst, position, exit),
+            Node::Block {
+                label,
+                results,
+                body,
+            } => {
+                let mask = self.open(*label, results, 1);
+                self.push(Instr {
+                    x: mask,
+                    ..instr(control::enter)
+                });
+                let end = self.new_target();
+                self.emit_body(body, end)?;
+                self.close(*label, mask, 1, end, exit);
+                Ok(())
+            }
+            Node::If {
+                condition,
+                label,
+                results,
+                then_body,
+                else_body,
+            } => {
+                let mask = self.open(*label, results, 2);
+                let (otherwise, end) = (self.new_target(), self.new_target());
+                let branch = Instr {
+                    a: self.operand(*condition),
+                    x: mask,
+                    ..instr(self.kernel::<control::Branch>())
+                };
+                self.push_jump(branch, otherwise);
+                self.emit_body(then_body, otherwise)?;
+                self.position += 1;
+                self.bind(otherwise);
+                let pending = Instr {
+                    x: mask + 1,
+                    ..instr(control::join)
+                };
+                self.push_jump(pending, end);
+                self.emit_body(else_body, end)?;
+                self.close(*label, mask, 2, end, exit);
+                Ok(())
+            }
+            Node::Loop {
+                label,
+                params,
+                init,
+                body,
+            } => self.emit_loop(*label, params, init, body, exit),
+        }
+    }
+
+    /// Opens a construct with `masks` masks, the first of them its label's.
+    fn open(&mut self, label: Label, results: &[Value], masks: usize) -> u32 {
+        let mask = (self.placed().mask_base + self.depth) as u32;
+        self.depth += masks;
+        self.labels.insert(label, (mask, results.to_vec()));
+        mask
+    }
+
+    /// The end of a block or `if`: parked lanes go on.
+    fn close(&mut self, label: Label, mask: u32, masks: usize, end: Target, exit: Target) {
+        self.depth -= masks;
+        self.labels.remove(&label);
+        self.position += 1;
+        self.bind(end);
+        let join = Instr {
+            x: mask,
+            ..instr(control::join)
+        };
+        self.push_jump(join, exit);
+    }
+
+    fn emit_loop(
+        &mut self,
+        label: Label,
+        params: &[Value],
+        init: &[Value],
+        body: &Body,
+        exit: Target,
+    ) -> Result<(), Error> {
+        let moves = self.moves(params, init);
+        self.emit_moves(moves, false);
+        let mask = self.open(label, params, 1);
+        let (head, end, resumed) = (self.new_target(), self.new_target(), self.new_target());
+        self.bind(head);
+        self.push(Instr {
+            x: mask,
+            ..instr(control::enter)
+        });
+        self.emit_body(body, end)?;
+        let position = self.position;
+        self.position += 1;
+        self.bind(end);
+        let live = self.live_across(position);
+        let point = self.new_point(resumed, None, live)?;
+        let back = Instr {
+            a: Operand::number(point),
+            x: mask,
+            ..instr(control::back_edge)
+        };
+        self.push_jump(back, head);
+        self.jump(control::jump, exit);
+        self.bind(resumed);
+        self.jump(control::jump_if_empty, exit);
+        self.jump(control::jump, head);
+        self.depth -= 1;
+        self.labels.remove(&label);
+        Ok(())
+    }
+
+    fn move_to(&self, to: Operand, value: Value) -> Move {
+        Move {
+            to,
+            from: self.operand(value),
+            wide: self.body_function().ty(value).rows() == 2,
+        }
+    }
+
+    fn moves(&self, to: &[Value], from: &[Value]) -> Vec<Move> {
+        to.iter()
+            .zip(from)
+            .map(|(&to, &from)| self.move_to(self.operand(to), from))
+            .collect()
+    }
+
+    /// Copies as if all at once.
+    fn emit_moves(&mut self, mut moves: Vec<Move>, masked: bool) {
+        moves.retain(|m| m.to != m.from);
+        while !moves.is_empty() {
+            // What nobody else still reads can be overwritten.
+            let free = (0..moves.len()).find(|&k| {
+                moves
+                    .iter()
+                    .enumerate()
+                    .all(|(j, other)| j == k || other.from != moves[k].to)
+            });
+            match free {
+                Some(k) => {
+                    let m = moves.swap_remove(k);
+                    self.emit_move(&m, masked);
+                }
+                None => {
+                    // Only cycles are left: save one destination's old value.
+                    let saved = Move {
+                        to: self.placed().scratch,
+                        from: moves[0].to,
+                        wide: moves[0].wide,
+                    };
+                    self.emit_move(&saved, false);
+                    for m in &mut moves {
+                        if m.from == saved.from {
+                            m.from = saved.to;
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn emit_move(&mut self, m: &Move, masked: bool) {
+        let handler = match (masked, m.wide) {
+            (true, false) => self.kernel::<MaskedCopy<u32>>(),
+            (true, true) => self.kernel::<MaskedCopy<u64>>(),
+            (false, false) => self.kernel::<Copy<u32>>(),
+            (false, true) => self.kernel::<Copy<u64>>(),
+        };
+        self.push(Instr {
+            d: m.to,
+            a: m.from,
+            ..instr(handler)
+        });
+    }
+
+    fn emit_inst(&mut self, inst: &Inst, position: u32, exit: Target) -> Result<(), Error> {
+        match inst.op {
+            Op::Call(callee) => self.emit_call(callee.index(), inst, position, exit),
+            ref op if op.is_yield() => self.emit_yield(inst, position, exit),
+            _ => {
+                let uniform = &self.uniform[self.function];
+                if inst.results.first().is_some_and(|r| uniform[r.index()]) {
+                    // In the prologue.
+                    return Ok(());
+                }
+                self.emit_operation(inst)
+            }
+        }
+    }
+
+    /// Values that live across a position, with their places in the state.
+    fn live_across(&mut self, position: u32) -> Vec<Saved> {
+        let placed = self.placed();
+        let function = self.body_function();
+        let mut row = placed.live_base;
+        let mut saved = Vec::new();
+        for value in placed.slots.live_across(position) {
+            let wide = function.ty(value).rows() == 2;
+            saved.push(Saved {
+                operand: self.operand(value),
+                row: (self.live + row) as u32,
+                wide,
+            });
+            row += 1 + wide as usize;
+        }
+        self.live_rows = self.live_rows.max(row);
+        saved
+    }
+
+    fn new_point(
+        &mut self,
+        at: Target,
+        site: Option<SiteId>,
+        saved: Vec<Saved>,
+    ) -> Result<u32, Error> {
+        let base = self.next_point;
+        self.next_point += self.placed().contexts;
+        if self.next_point > u32::MAX as u64 {
+            return Err(budget("too many call paths"));
+        }
+        self.code.points.push(SavePoint {
+            pc: at.0 as u32,
+            function: self.function as u32,
+            base: base as u32,
+            masks: (self.placed().mask_base + self.depth) as u32,
+            saved,
+            site,
+        });
+        Ok(self.code.points.len() as u32 - 1)
+    }
+
+    fn emit_call(
+        &mut self,
+        callee: usize,
+        inst: &Inst,
+        position: u32,
+        exit: Target,
+    ) -> Result<(), Error> {
+        let params = &self.module.functions[callee].params;
+        let to: Vec<Operand> = params
+            .iter()
+            .map(|p| self.operands[callee][p.index()])
+            .collect();
+        let moves = to
+            .into_iter()
+            .zip(&inst.args)
+            .map(|(to, &arg)| self.move_to(to, arg))
+            .collect();
+        self.emit_moves(moves, false);
+
+        let saved = if self.suspends[callee] {
+            self.live_across(position)
+        } else {
+            Vec::new()
+        };
+        let rows: usize = saved.iter().map(|s| 1 + s.wide as usize).sum();
+        let live_base = self.placed().live_base + rows;
+        let contexts = self.placed().contexts;
+        let placed = self.placed[callee].as_mut().expect("placed");
+        placed.live_base = placed.live_base.max(live_base);
+        let context = placed.contexts;
+        placed.contexts += contexts;
+        if placed.contexts > u32::MAX as u64 {
+            return Err(budget("too many call paths"));
+        }
+        let results = placed.results.clone();
+
+        let after = self.new_target();
+        let site = self.code.calls.len() as u32;
+        self.code.callers[callee].push(site);
+        self.code.calls.push(CallSite {
+            caller: self.function as u32,
+            callee: callee as u32,
+            context: context as u32,
+            return_pc: after.0 as u32,
+            saved,
+        });
+        let entry = self.entries[callee];
+        let call = Instr {
+            x: site,
+            ..instr(control::call)
+        };
+        self.push_jump(call, entry);
+        self.bind(after);
+        self.jump(control::jump_if_empty, exit);
+        for (&result, from) in inst.results.iter().zip(results) {
+            let m = Move {
+                to: self.operand(result),
+                from,
+                wide: self.body_function().ty(result).rows() == 2,
+            };
+            self.emit_move(&m, false);
+        }
+        Ok(())
+    }
+
+    fn emit_yield(&mut self, inst: &Inst, position: u32, exit: Target) -> Result<(), Error> {
+        let (fixed, kind) = match inst.op {
+            Op::TraceRay => {
+                let payload_words = inst.results.len() as u32;
+                (15, SiteKind::TraceRay { payload_words })
+            }
+            Op::ReportIntersection => {
+                let attribute_words = inst.args.len().saturating_sub(2) as u32;
+                (2, SiteKind::ReportIntersection { attribute_words })
+            }
+            Op::ExecuteCallable => {
+                let data_words = inst.results.len() as u32;
+                (1, SiteKind::ExecuteCallable { data_words })
+            }
+            _ => (0, SiteKind::Barrier),
+        };
+        let site = SiteId(self.sites.len() as u32);
+        self.sites.push(kind);
+        let after = self.new_target();
+        let live = self.live_across(position);
+        let point = self.new_point(after, Some(site), live)?;
+        let first = self.list(&inst.args);
+        self.push(Instr {
+            x: first,
+            y: point,
+            b: Operand::number(inst.args.len() as u32),
+            c: Operand::number(fixed),
+            ..instr(yields::yield_)
+        });
+        self.bind(after);
+        self.jump(control::jump_if_empty, exit);
+        if inst.op == Op::ReportIntersection {
+            if let Some(&accepted) = inst.results.first() {
+                self.push(Instr {
+                    d: self.operand(accepted),
+                    ..instr(yields::read_verdict)
+                });
+                self.jump(control::jump_if_empty, exit);
+            }
+        } else if !inst.results.is_empty() {
+            let first = self.list(&inst.results);
+            self.push(Instr {
+                x: first,
+                b: Operand::number(inst.results.len() as u32),
+                c: Operand::number(IO_DATA_ROW as u32),
+                ..instr(yields::read_io)
+            });
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,239 @@
+//! Operations that neither branch nor suspend: one instruction each.
+
+use super::{Emitter, instr};
+use crate::Error;
+use crate::interp::code::{AccessPlan, AtomicPlan, ImagePlan, SubgroupPlan};
+use crate::interp::kernels::{Unpack64, elementwise};
+use crate::interp::machine::{Handler, Instr, Operand};
+use crate::interp::{atomics, images, memory, subgroup, yields};
+use crate::ir::op::{Access, AtomicOp};
+use crate::ir::{Inst, Op, Space, Type, Value, VariableId};
+
+impl Emitter<'_> {
+    fn ty(&self, value: Value) -> Type {
+        self.body_function().ty(value)
+    }
+
+    /// Emits the operation; its results' operands are known.
+    pub(super) fn emit_operation(&mut self, inst: &Inst) -> Result<(), Error> {
+        let d = match inst.results.first() {
+            Some(&result) => self.operand(result),
+            None => Operand::NONE,
+        };
+        let arg = |k: usize| match inst.args.get(k) {
+            Some(&value) => self.operand(value),
+            None => Operand::NONE,
+        };
+        let plain = |handler: Handler, x: u32| Instr {
+            d,
+            a: arg(0),
+            b: arg(1),
+            c: arg(2),
+            x,
+            ..instr(handler)
+        };
+        let emitted = match &inst.op {
+            Op::VarLoad(variable, row) => {
+                let ty = self.ty(inst.results[0]);
+                let row = self.variable_access(*variable, *row, ty, inst)?;
+                Instr {
+                    y: (ty.rows() == 2) as u32,
+                    ..plain(memory::variable_load, row)
+                }
+            }
+            Op::VarStore(variable, row) => {
+                let ty = self.ty(inst.args[0]);
+                let row = self.variable_access(*variable, *row, ty, inst)?;
+                Instr {
+                    y: (ty.rows() == 2) as u32,
+                    ..plain(memory::variable_store, row)
+                }
+            }
+            Op::Load(access) => return self.emit_access(*access, inst, false),
+            Op::Store(access) => return self.emit_access(*access, inst, true),
+            Op::Atomic(op, access) => return self.emit_atomic(*op, *access, inst),
+            Op::BufferSize => plain(memory::buffer_size, 0),
+            Op::DescriptorAddress => plain(memory::descriptor_address, 0),
+            Op::Descriptor(binding) => {
+                let i = plain(memory::descriptor, self.code.bindings.len() as u32);
+                self.code.bindings.push(*binding);
+                i
+            }
+            Op::PushConstants => plain(memory::push_constants, 0),
+            Op::Input(row) => {
+                if *row as usize >= self.module.inputs.len() {
+                    return Err(Error::invalid(inst.source, "input row out of range"));
+                }
+                plain(yields::input, *row)
+            }
+            Op::Uniform(word) => plain(memory::uniform, *word),
+            Op::Image(_) => return self.emit_image(inst),
+            Op::Subgroup(op) => {
+                let ty = inst.args.first().map_or(Type::I32, |&v| self.ty(v));
+                let i = plain(subgroup::subgroup, self.code.subgroups.len() as u32);
+                self.code.subgroups.push(SubgroupPlan { op: *op, ty });
+                i
+            }
+            Op::LaneIndex => plain(memory::lane_index, 0),
+            Op::ReadClock => plain(memory::read_clock, 0),
+            Op::MemoryBarrier => plain(memory::memory_barrier, 0),
+            Op::Unpack64 => Instr {
+                b: self.operand(inst.results[1]),
+                ..plain(self.portable::<Unpack64>(), 0)
+            },
+            op => {
+                let from = self.ty(inst.args[0]);
+                let to = self.ty(inst.results[0]);
+                let handler = elementwise(self.tier, op, from, to).ok_or_else(|| {
+                    let name = op.text();
+                    Error::unsupported(inst.source, format!("{name} from {from} to {to}"))
+                })?;
+                let x = self.code.operands.len() as u32;
+                let i = plain(handler, x);
+                if inst.args.len() == 4 {
+                    let fourth = arg(3);
+                    self.code.operands.push(fourth);
+                }
+                i
+            }
+        };
+        self.push(emitted);
+        Ok(())
+    }
+
+    /// First private row of a variable of function `f`.
+    pub(super) fn variable_row(
+        &self,
+        f: usize,
+        variable: VariableId,
+        source: u32,
+    ) -> Result<usize, Error> {
+        let placed = self.placed[f].as_ref().expect("placed");
+        placed
+            .variables
+            .get(variable.index())
+            .copied()
+            .ok_or_else(|| Error::invalid(source, "no such variable"))
+    }
+
+    fn variable_access(
+        &self,
+        variable: VariableId,
+        row: u32,
+        ty: Type,
+        inst: &Inst,
+    ) -> Result<u32, Error> {
+        let first = self.variable_row(self.function, variable, inst.source)? as u32;
+        let rows = self.body_function().variables[variable.index()].rows;
+        if row.checked_add(ty.rows()).is_none_or(|end| end > rows) {
+            return Err(Error::invalid(inst.source, "row outside the variable"));
+        }
+        Ok(first + row)
+    }
+
+    fn emit_access(&mut self, access: Access, inst: &Inst, store: bool) -> Result<(), Error> {
+        let (address, values) = inst.args.split_at(access.space.address_operands());
+        let scalars = if store { values } else { &inst.results[..] };
+        let Some(&first) = scalars.first() else {
+            return Ok(());
+        };
+        let ty = self.ty(first);
+        if ty == Type::I1 && access.space != Space::Private {
+            return Err(Error::invalid(inst.source, "boolean in memory"));
+        }
+        let operands = self.list(address);
+        self.list(scalars);
+        let plan = self.code.accesses.len() as u32;
+        self.code.accesses.push(AccessPlan {
+            space: access.space,
+            ty,
+            operands,
+            scalars: scalars.len() as u32,
+        });
+        let handler: Handler = match (access.space, store) {
+            (Space::Private, false) => memory::load_private,
+            (Space::Private, true) => memory::store_private,
+            (_, false) => memory::load,
+            (_, true) => memory::store,
+        };
+        self.push(Instr {
+            x: plan,
+            ..instr(handler)
+        });
+        Ok(())
+    }
+
+    fn emit_atomic(&mut self, op: AtomicOp, access: Access, inst: &Inst) -> Result<(), Error> {
+        let address = access.space.address_operands();
+        let ty = match inst.results.first() {
+            Some(&result) => self.ty(result),
+            None => self.ty(inst.args[address]),
+        };
+        if ty.bits() < 32 || access.space == Space::Private {
+            return Err(Error::unsupported(
+                inst.source,
+                format!("atomic on {ty} in this memory"),
+            ));
+        }
+        let operands = self.list(&inst.args);
+        // A result that nobody took still needs a row to go to.
+        let d = match inst.results.first() {
+            Some(&result) => self.operand(result),
+            None => self.placed().scratch,
+        };
+        let plan = self.code.atomics.len() as u32;
+        self.code.atomics.push(AtomicPlan {
+            op,
+            space: access.space,
+            ty,
+            operands,
+        });
+        self.push(Instr {
+            x: plan,
+            d,
+            ..instr(atomics::atomic)
+        });
+        Ok(())
+    }
+
+    fn emit_image(&mut self, inst: &Inst) -> Result<(), Error> {
+        let Op::Image(op) = inst.op else {
+            return Ok(());
+        };
+        let descriptors = 1 + op.has_sampler() as usize;
+        let typed = |values: &[Value]| -> Vec<(Operand, bool)> {
+            values
+                .iter()
+                .map(|&v| (self.operand(v), self.ty(v).rows() == 2))
+                .collect()
+        };
+        let rows = |list: &[(Operand, bool)]| -> usize {
+            list.iter().map(|&(_, wide)| 1 + wide as usize).sum()
+        };
+        let operands = typed(&inst.args[descriptors.min(inst.args.len())..]);
+        let results = typed(&inst.results);
+        let matches = rows(&operands) == op.operand_rows() && rows(&results) <= op.result_rows();
+        if !matches || !images::fits(op.operand_rows(), op.result_rows()) {
+            return Err(Error::invalid(
+                inst.source,
+                "operands of an image operation",
+            ));
+        }
+        let plan = ImagePlan {
+            op,
+            image: self.operand(inst.args[0]),
+            sampler: match op.has_sampler() {
+                true => self.operand(inst.args[1]),
+                false => Operand::NONE,
+            },
+            operands,
+            results,
+        };
+        self.push(Instr {
+            x: self.code.images.len() as u32,
+            ..instr(images::image)
+        });
+        self.code.images.push(plan);
+        Ok(())
+    }
+}

@@ -1,0 +1,136 @@
+//! How scalars lie in rows, and loops over them.
+
+use std::marker::PhantomData;
+
+use half::f16;
+
+use crate::SUBGROUP_SIZE;
+use crate::interp::machine::{Instr, Machine};
+use crate::interp::tier::Kernel;
+
+/// A scalar type as it lies in a row.
+pub(in crate::interp) trait Lane: Copy {
+    type Slot: Copy + Default;
+    fn read(slot: Self::Slot) -> Self;
+    fn write(self) -> Self::Slot;
+}
+
+macro_rules! lane {
+    ($t:ty, $slot:ty, $s:ident => $read:expr, $v:ident => $write:expr) => {
+        impl Lane for $t {
+            type Slot = $slot;
+            #[inline(always)]
+            fn read($s: $slot) -> Self {
+                $read
+            }
+            #[inline(always)]
+            fn write(self) -> $slot {
+                let $v = self;
+                $write
+            }
+        }
+    };
+}
+lane!(bool, u32, s => s != 0, v => if v { !0 } else { 0 });
+lane!(u8, u32, s => s as u8, v => v as u32);
+lane!(u16, u32, s => s as u16, v => v as u32);
+lane!(u32, u32, s => s, v => v);
+lane!(u64, u64, s => s, v => v);
+lane!(f16, u32, s => f16::from_bits(s as u16), v => v.to_bits() as u32);
+lane!(f32, f32, s => s, v => v);
+lane!(f64, f64, s => s, v => v);
+
+/// An operation on one, two or three scalars.
+pub(in crate::interp) trait Unary<A, R> {
+    fn call(a: A) -> R;
+}
+pub(in crate::interp) trait Binary<A, B, R> {
+    fn call(a: A, b: B) -> R;
+}
+pub(in crate::interp) trait Ternary<A, B, C, R> {
+    fn call(a: A, b: B, c: C) -> R;
+}
+
+pub(in crate::interp) struct Map1<O, A, R>(PhantomData<(O, A, R)>);
+pub(in crate::interp) struct Map2<O, A, B, R>(PhantomData<(O, A, B, R)>);
+pub(in crate::interp) struct Map3<O, A, B, C, R>(PhantomData<(O, A, B, C, R)>);
+
+/// Sixteen lanes of a row.
+///
+/// # Safety
+/// `base` is the row's start and `offset` one of the wave's subgroups'.
+#[inline(always)]
+unsafe fn at<S>((base, stride): (*mut u8, usize), offset: u16) -> *mut [S; SUBGROUP_SIZE] {
+    // SAFETY: as the caller promises.
+    unsafe {
+        base.add((offset as usize * (size_of::<S>() / 4)) & stride)
+            .cast()
+    }
+}
+
+impl<O: Unary<A, R>, A: Lane, R: Lane> Kernel for Map1<O, A, R> {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        // SAFETY: rows are the program's; a block is read before it is written, so that in-place is sound.
+        unsafe {
+            let (a, d) = (m.row(i.a), m.row(i.d));
+            for &offset in m.listed() {
+                let x = *at::<A::Slot>(a, offset);
+                let mut r = [R::Slot::default(); SUBGROUP_SIZE];
+                for k in 0..SUBGROUP_SIZE {
+                    r[k] = O::call(A::read(x[k])).write();
+                }
+                *at::<R::Slot>(d, offset) = r;
+            }
+        }
+    }
+}
+
+impl<O: Binary<A, B, R>, A: Lane, B: Lane, R: Lane> Kernel for Map2<O, A, B, R> {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        // SAFETY: as for `Map1`.
+        unsafe {
+            let (a, b, d) = (m.row(i.a), m.row(i.b), m.row(i.d));
+            for &offset in m.listed() {
+                let x = *at::<A::Slot>(a, offset);
+                let y = *at::<B::Slot>(b, offset);
+                let mut r = [R::Slot::default(); SUBGROUP_SIZE];
+                for k in 0..SUBGROUP_SIZE {
+                    r[k] = O::call(A::read(x[k]), B::read(y[k])).write();
+                }
+                *at::<R::Slot>(d, offset) = r;
+            }
+        }
+    }
+}
+
+impl<O: Ternary<A, B, C, R>, A: Lane, B: Lane, C: Lane, R: Lane> Kernel for Map3<O, A, B, C, R> {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        // SAFETY: as for `Map1`.
+        unsafe {
+            let (a, b, c, d) = (m.row(i.a), m.row(i.b), m.row(i.c), m.row(i.d));
+            for &offset in m.listed() {
+                let x = *at::<A::Slot>(a, offset);
+                let y = *at::<B::Slot>(b, offset);
+                let z = *at::<C::Slot>(c, offset);
+                let mut r = [R::Slot::default(); SUBGROUP_SIZE];
+                for k in 0..SUBGROUP_SIZE {
+                    r[k] = O::call(A::read(x[k]), B::read(y[k]), C::read(z[k])).write();
+                }
+                *at::<R::Slot>(d, offset) = r;
+            }
+        }
+    }
+}
+
+/// The lanes' sign bits.
+#[inline(always)]
+pub(in crate::interp) fn sign_bits(lanes: &[u32; SUBGROUP_SIZE]) -> u16 {
+    let mut bits = [0u32; SUBGROUP_SIZE];
+    for k in 0..SUBGROUP_SIZE {
+        bits[k] = if lanes[k] >> 31 != 0 { 1 << k } else { 0 };
+    }
+    bits.iter().fold(0, |all, bit| all | bit) as u16
+}

@@ -1,0 +1,10 @@
+//! Kernels of the pure operations: a function of `eval` over the lanes of each subgroup that has any active.
+//!
+//! They compute inactive lanes of those subgroups too; slots are allocated so that this harms nobody.
+
+mod elementwise;
+mod lane;
+mod ops;
+
+pub(super) use elementwise::{Copy, MaskedCopy, Unpack64, elementwise};
+pub(super) use lane::sign_bits;

@@ -1,0 +1,227 @@
+//! The running state of a wave, and how an instruction's operands become pointers.
+//!
+//! A value of 32 bits or less is a *row* of lanes of 32 bits (narrow integers zero-extended, booleans 0 or all ones), 64-bit values take two
+//! consecutive rows holding lanes of 64 bits. Vector rows are as long as the wave; *uniform* rows have 16 equal lanes and are read with
+//! stride 0, so that every kernel takes either kind for each operand.
+
+use super::Program;
+use crate::SUBGROUP_SIZE;
+use crate::environment::Environment;
+use crate::program::Event;
+
+/// Subgroups in the longest wave.
+pub(super) const MAX_SUBGROUPS: usize = 16;
+
+/// A bit per lane, a word per subgroup.
+pub(super) type Mask = [u16; MAX_SUBGROUPS];
+
+/// A row of the frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Operand(u32);
+
+impl Operand {
+    const UNIFORM: u32 = 1 << 31;
+    pub(super) const NONE: Operand = Operand(Self::UNIFORM - 1);
+
+    pub(super) fn vector(row: usize) -> Operand {
+        Operand(row as u32)
+    }
+
+    pub(super) fn uniform(row: usize) -> Operand {
+        Operand(row as u32 | Self::UNIFORM)
+    }
+
+    pub(super) fn is_uniform(self) -> bool {
+        self.0 & Self::UNIFORM != 0
+    }
+
+    /// Operand fields that hold a number instead.
+    pub(super) fn number(value: u32) -> Operand {
+        Operand(value)
+    }
+
+    pub(super) fn raw(self) -> u32 {
+        self.0
+    }
+
+    fn index(self) -> usize {
+        (self.0 & !Self::UNIFORM) as usize
+    }
+}
+
+/// Performs one instruction. `pc` already stands behind it.
+pub(super) type Handler = for<'a, 'i, 'p> unsafe fn(&'a mut Machine<'p>, &'i Instr);
+
+/// An instruction: what performs it, destination, sources, and two words whose meaning is the handler's.
+#[derive(Clone, Copy)]
+pub(super) struct Instr {
+    pub handler: Handler,
+    pub d: Operand,
+    pub a: Operand,
+    pub b: Operand,
+    pub c: Operand,
+    pub x: u32,
+    pub y: u32,
+}
+
+/// A wave while it runs.
+pub(super) struct Machine<'p> {
+    pub program: &'p Program,
+    pub environment: &'p Environment,
+    /// Rows of 64 bytes.
+    pub uniforms: *mut u8,
+    /// Rows of `row_bytes`.
+    pub vectors: *mut u8,
+    pub row_bytes: usize,
+    /// Byte offsets in a 32-bit row of the subgroups that have active lanes, ascending.
+    pub list: [u16; MAX_SUBGROUPS],
+    pub list_len: usize,
+    pub active: Mask,
+    /// Parked and pending masks.
+    pub masks: *mut Mask,
+    pub pc: usize,
+    pub running: bool,
+    pub event: Event,
+    pub fuel: u64,
+    /// Number of the call path: see `calls`.
+    pub context: u32,
+    /// Return address of each function that is being called.
+    pub returns: *mut u32,
+    /// First words of the states.
+    pub states: [*mut u32; MAX_SUBGROUPS],
+    pub subgroups: usize,
+    pub shared: *mut u8,
+    /// Where the prologue hands over to, and with which lanes.
+    pub resume_pc: usize,
+    pub resume_active: Mask,
+}
+
+impl Machine<'_> {
+    /// Sets the active lanes; true if there are any.
+    #[inline]
+    pub fn set_active(&mut self, mask: Mask) -> bool {
+        self.active = mask;
+        let mut len = 0;
+        for (s, &lanes) in mask[..self.subgroups].iter().enumerate() {
+            self.list[len] = (s * 64) as u16;
+            len += (lanes != 0) as usize;
+        }
+        self.list_len = len;
+        len != 0
+    }
+
+    /// Subgroups with active lanes.
+    #[inline(always)]
+    pub fn listed(&self) -> &[u16] {
+        // SAFETY: `set_active` counts at most `MAX_SUBGROUPS`.
+        unsafe { self.list.get_unchecked(..self.list_len) }
+    }
+
+    /// A row's first byte, and the mask to apply to block offsets: 0 for uniform rows.
+    ///
+    /// # Safety
+    /// `operand` is one of the running program's.
+    #[inline(always)]
+    pub unsafe fn row(&self, operand: Operand) -> (*mut u8, usize) {
+        // SAFETY: the frame holds every row that the program names.
+        unsafe {
+            if operand.is_uniform() {
+                (self.uniforms.add(operand.index() * 64), 0)
+            } else {
+                (self.vectors.add(operand.index() * self.row_bytes), !0)
+            }
+        }
+    }
+
+    /// Lanes of type `S` (4 or 8 bytes) of a row, for the subgroup whose 32-bit rows' offset is `offset`.
+    ///
+    /// # Safety
+    /// As [`Self::row`]; `S` has the width that the program gave the operand.
+    #[inline(always)]
+    pub unsafe fn block<S>(&self, operand: Operand, offset: u16) -> *mut [S; SUBGROUP_SIZE] {
+        // SAFETY: as for `row`; offsets are of subgroups that the wave has.
+        unsafe {
+            let (base, stride) = self.row(operand);
+            base.add((offset as usize * (size_of::<S>() / 4)) & stride)
+                .cast()
+        }
+    }
+
+    /// One lane of an operand, extended with zeros.
+    ///
+    /// # Safety
+    /// As [`Self::block`]; `wide` tells 64-bit operands.
+    #[inline(always)]
+    pub unsafe fn lane(&self, operand: Operand, offset: u16, lane: usize, wide: bool) -> u64 {
+        // SAFETY: as the caller promises.
+        unsafe {
+            if wide {
+                (*self.block::<u64>(operand, offset))[lane]
+            } else {
+                (*self.block::<u32>(operand, offset))[lane] as u64
+            }
+        }
+    }
+
+    /// Writes one lane.
+    ///
+    /// # Safety
+    /// As [`Self::block`].
+    #[inline(always)]
+    pub unsafe fn set_lane(
+        &self,
+        operand: Operand,
+        offset: u16,
+        lane: usize,
+        wide: bool,
+        value: u64,
+    ) {
+        // SAFETY: as the caller promises.
+        unsafe {
+            if wide {
+                (*self.block::<u64>(operand, offset))[lane] = value;
+            } else {
+                (*self.block::<u32>(operand, offset))[lane] = value as u32;
+            }
+        }
+    }
+
+    /// A row of a subgroup's state.
+    ///
+    /// # Safety
+    /// `row` is inside the state.
+    #[inline(always)]
+    pub unsafe fn state_row(&self, subgroup: usize, row: usize) -> *mut [u32; SUBGROUP_SIZE] {
+        // SAFETY: `run` checked the states' lengths.
+        unsafe { self.states[subgroup].add(row * SUBGROUP_SIZE).cast() }
+    }
+
+    /// Runs until an event.
+    ///
+    /// # Safety
+    /// The machine was set up by `Program::run`.
+    pub unsafe fn go(&mut self) {
+        let code = self.program.code.instrs.as_slice();
+        while self.running {
+            // SAFETY: code addresses come from the emitter, and each path ends in an instruction that stops.
+            unsafe {
+                let instr = code.get_unchecked(self.pc);
+                self.pc += 1;
+                (instr.handler)(self, instr);
+            }
+        }
+    }
+}
+
+/// Lanes whose bit is set, ascending.
+#[inline(always)]
+pub(super) fn lanes_of(mask: u16) -> impl Iterator<Item = usize> {
+    let mut rest = mask as u32;
+    std::iter::from_fn(move || {
+        (rest != 0).then(|| {
+            let lane = rest.trailing_zeros() as usize;
+            rest &= rest - 1;
+            lane
+        })
+    })
+}

@@ -1,0 +1,265 @@
+//! Live ranges over the tree in its textual order, and rows for them.
+//!
+//! Control flow being structured, a range is one interval of positions, and that is exact enough for lanes that wait: a value that
+//! parked or pending lanes still need has its use at a later position. Three rules make it so: a value used inside a loop but defined outside
+//! lives until the loop's end; results of a construct live from the construct's start, since lanes write them while
+//! others are still inside; parameters of a loop live through all of it.
+//!
+//! Position `p` has two half-steps: operands that may share a row with the result are used at `2p`, others at `2p + 1`; results
+//! are defined at `2p + 1`.
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+use crate::ir::op::Signature;
+use crate::ir::{Body, Function, Inst, Node, Terminator, Type, Value};
+
+/// A value's first and last half-step.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Range {
+    pub value: Value,
+    pub start: u32,
+    pub end: u32,
+}
+
+/// Rows of a function's vector values.
+pub(super) struct Slots {
+    /// By value: first row, relative to the function's; `u32::MAX` for values without one.
+    pub row: Vec<u32>,
+    /// By value, for finding what lives at a position.
+    ranges: Vec<Range>,
+    /// Rows used.
+    pub rows: u32,
+}
+
+impl Slots {
+    /// Values that live across a position: defined before it and used after it.
+    pub fn live_across(&self, position: u32) -> impl Iterator<Item = Value> + '_ {
+        let (before, after) = (2 * position, 2 * position + 1);
+        self.ranges
+            .iter()
+            .filter(move |range| range.start <= before && range.end > after)
+            .map(|range| range.value)
+    }
+}
+
+/// Walks a function in the order that gives nodes their positions. The emitter must count in the same way: one position for each
+/// instruction and terminator; a `block` has one at its start and one at its end, an `if` also one at its `else`, a loop as a block.
+struct Walk<'f> {
+    uniform: &'f [bool],
+    ranges: Vec<Option<(u32, u32)>>,
+    position: u32,
+    /// Open loops: position, and values from outside that are used inside.
+    loops: Vec<(u32, Vec<Value>)>,
+}
+
+impl Walk<'_> {
+    fn define(&mut self, value: Value, position: u32) {
+        if !self.uniform[value.index()] {
+            let at = 2 * position + 1;
+            self.ranges[value.index()] = Some((at, at));
+        }
+    }
+
+    fn use_at(&mut self, value: Value, half_step: u32) {
+        let Some((start, end)) = &mut self.ranges[value.index()] else {
+            return;
+        };
+        *end = half_step.max(*end);
+        let start = *start;
+        let outermost = self.loops.iter_mut().find(|(at, _)| 2 * *at + 1 > start);
+        if let Some((_, values)) = outermost
+            && values.last() != Some(&value)
+        {
+            values.push(value);
+        }
+    }
+
+    fn body(&mut self, body: &Body) {
+        for node in &body.nodes {
+            self.node(node);
+            if matches!(node, Node::Loop { .. }) {
+                // Nothing comes out of a loop's end: what follows it is not reached.
+                return;
+            }
+        }
+        let position = self.position;
+        self.position += 1;
+        let args = match &body.end {
+            Terminator::Br(_, args) | Terminator::Return(args) | Terminator::End(args) => args,
+            Terminator::Unreachable => return,
+        };
+        for &arg in args {
+            self.use_at(arg, 2 * position + 1);
+        }
+    }
+
+    fn node(&mut self, node: &Node) {
+        let position = self.position;
+        self.position += 1;
+        match node {
+            Node::Inst(inst) => {
+                let late = !shares_rows(inst);
+                for &arg in &inst.args {
+                    self.use_at(arg, 2 * position + late as u32);
+                }
+                for &result in &inst.results {
+                    self.define(result, position);
+                }
+            }
+            Node::Block { results, body, .. } => {
+                for &result in results {
+                    self.define(result, position);
+                }
+                self.body(body);
+                self.close(results);
+            }
+            Node::If {
+                condition,
+                results,
+                then_body,
+                else_body,
+                ..
+            } => {
+                self.use_at(*condition, 2 * position + 1);
+                for &result in results {
+                    self.define(result, position);
+                }
+                self.body(then_body);
+                self.position += 1;
+                self.body(else_body);
+                self.close(results);
+            }
+            Node::Loop {
+                params, init, body, ..
+            } => {
+                for &value in init {
+                    self.use_at(value, 2 * position + 1);
+                }
+                self.loops.push((position, Vec::new()));
+                for &param in params {
+                    self.define(param, position);
+                }
+                self.body(body);
+                let end = 2 * self.position + 2;
+                self.position += 1;
+                let (_, inside) = self.loops.pop().expect("pushed above");
+                for value in inside.into_iter().chain(params.iter().copied()) {
+                    if let Some((_, last)) = &mut self.ranges[value.index()] {
+                        *last = end.max(*last);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The end of a construct: its results live at least until here.
+    fn close(&mut self, results: &[Value]) {
+        for result in results {
+            if let Some((_, end)) = &mut self.ranges[result.index()] {
+                *end = (2 * self.position + 2).max(*end);
+            }
+        }
+        self.position += 1;
+    }
+}
+
+/// Whether a result may lie where an operand that dies here lay: elementwise, and all of one width.
+fn shares_rows(inst: &Inst) -> bool {
+    matches!(
+        inst.op.signature(),
+        Signature::IntUnary
+            | Signature::IntBinary
+            | Signature::FloatUnary
+            | Signature::FloatBinary
+            | Signature::FloatTernary
+    )
+}
+
+/// Gives each vector value of a function its rows.
+pub(super) fn allocate(function: &Function, uniform: &[bool]) -> Slots {
+    let mut walk = Walk {
+        uniform,
+        ranges: vec![None; function.value_types.len()],
+        position: 1,
+        loops: Vec::new(),
+    };
+    for &param in &function.params {
+        walk.define(param, 0);
+    }
+    walk.body(&function.body);
+
+    let mut ranges: Vec<Range> = walk
+        .ranges
+        .iter()
+        .enumerate()
+        .filter_map(|(index, range)| {
+            range.map(|(start, end)| Range {
+                value: Value(index as u32),
+                start,
+                end,
+            })
+        })
+        .collect();
+    ranges.sort_by_key(|range| range.start);
+
+    let mut slots = Slots {
+        row: vec![u32::MAX; function.value_types.len()],
+        ranges: Vec::new(),
+        rows: 0,
+    };
+    let mut free = FreeRows::default();
+    let mut ending = BinaryHeap::new();
+    for range in &ranges {
+        while let Some(&Reverse((end, row, count))) = ending.peek() {
+            if end >= range.start {
+                break;
+            }
+            ending.pop();
+            free.release(row, count);
+        }
+        let count = rows_of(function, range.value);
+        let row = free.take(count);
+        slots.row[range.value.index()] = row;
+        ending.push(Reverse((range.end, row, count)));
+    }
+    slots.rows = free.taken.len() as u32;
+    slots.ranges = ranges;
+    slots
+}
+
+fn rows_of(function: &Function, value: Value) -> u32 {
+    Type::rows(function.ty(value))
+}
+
+/// First-fit allocation of one row or two neighbours.
+#[derive(Default)]
+struct FreeRows {
+    taken: Vec<bool>,
+    /// No free row lies below.
+    lowest: usize,
+}
+
+impl FreeRows {
+    fn take(&mut self, count: u32) -> u32 {
+        let count = count as usize;
+        let mut row = self.lowest;
+        while (row..row + count).any(|r| self.taken.get(r).copied().unwrap_or(false)) {
+            row += 1;
+        }
+        if self.taken.len() < row + count {
+            self.taken.resize(row + count, false);
+        }
+        self.taken[row..row + count].fill(true);
+        while self.taken.get(self.lowest).copied().unwrap_or(false) {
+            self.lowest += 1;
+        }
+        row as u32
+    }
+
+    fn release(&mut self, row: u32, count: u32) {
+        let (row, count) = (row as usize, count as usize);
+        self.taken[row..row + count].fill(false);
+        self.lowest = self.lowest.min(row);
+    }
+}

@@ -1,0 +1,177 @@
+//! Operations across the lanes of a subgroup.
+
+use half::f16;
+
+use super::code::SubgroupPlan;
+use super::machine::{Instr, Machine, lanes_of};
+use crate::SUBGROUP_SIZE;
+use crate::eval;
+use crate::ir::Type;
+use crate::ir::op::{ReduceOp, SubgroupOp};
+
+type Lanes = [u64; SUBGROUP_SIZE];
+
+/// The subgroup operation by plan `x`: `d` from `a` and `b`.
+///
+/// # Safety
+/// The instruction was emitted for the program that the machine runs.
+pub(super) unsafe fn subgroup(m: &mut Machine<'_>, i: &Instr) {
+    let plan = m.program.code.subgroups[i.x as usize];
+    let wide_operand = plan.ty.rows() == 2;
+    let (has_a, has_b, wide_result) = shape(&plan);
+    for &offset in m.listed() {
+        let mask = m.active[offset as usize / 64];
+        // SAFETY: as the caller promises.
+        unsafe {
+            let read = |has: bool, operand, wide| -> Lanes {
+                std::array::from_fn(|k| match has {
+                    true => m.lane(operand, offset, k, wide),
+                    false => 0,
+                })
+            };
+            let a = read(has_a, i.a, wide_operand);
+            let b = read(has_b, i.b, false);
+            let result = perform(&plan, &a, &b, mask);
+            for (k, &value) in result.iter().enumerate() {
+                m.set_lane(i.d, offset, k, wide_result, value);
+            }
+        }
+    }
+}
+
+/// Whether there is a first and a second operand, and whether the result has 64 bits.
+fn shape(plan: &SubgroupPlan) -> (bool, bool, bool) {
+    let wide = plan.ty.rows() == 2;
+    match plan.op {
+        SubgroupOp::Elect => (false, false, false),
+        SubgroupOp::All | SubgroupOp::Any | SubgroupOp::AllEqual | SubgroupOp::Ballot => {
+            (true, false, false)
+        }
+        SubgroupOp::Shuffle => (true, true, wide),
+        _ => (true, false, wide),
+    }
+}
+
+fn boolean(holds: bool) -> u64 {
+    if holds { u32::MAX as u64 } else { 0 }
+}
+
+fn perform(plan: &SubgroupPlan, a: &Lanes, b: &Lanes, mask: u16) -> Lanes {
+    let first = mask.trailing_zeros() as usize % SUBGROUP_SIZE;
+    let ballot = || lanes_of(mask).fold(0u64, |bits, k| bits | ((a[k] != 0) as u64) << k);
+    let all = |value: u64| [value; SUBGROUP_SIZE];
+    match plan.op {
+        SubgroupOp::Elect => std::array::from_fn(|k| boolean(k == first)),
+        SubgroupOp::All => all(boolean(ballot() == mask as u64)),
+        SubgroupOp::Any => all(boolean(ballot() != 0)),
+        SubgroupOp::AllEqual => {
+            let same = lanes_of(mask).all(|k| equal(plan.ty, a[k], a[first]));
+            all(boolean(same))
+        }
+        SubgroupOp::Ballot => all(ballot()),
+        SubgroupOp::Shuffle => std::array::from_fn(|k| a.get(b[k] as usize).copied().unwrap_or(0)),
+        SubgroupOp::BroadcastFirst => all(a[first]),
+        SubgroupOp::Reduce { op, cluster } => {
+            let cluster = (cluster as usize).clamp(1, SUBGROUP_SIZE);
+            let mut result = [0; SUBGROUP_SIZE];
+            for start in (0..SUBGROUP_SIZE).step_by(cluster) {
+                let end = (start + cluster).min(SUBGROUP_SIZE);
+                let total = lanes_of(mask)
+                    .filter(|k| (start..end).contains(k))
+                    .map(|k| a[k])
+                    .reduce(|x, y| combine(op, plan.ty, x, y))
+                    .unwrap_or_else(|| identity(op, plan.ty));
+                result[start..end].fill(total);
+            }
+            result
+        }
+        SubgroupOp::InclusiveScan(op) => scan(op, plan.ty, a, mask, true),
+        SubgroupOp::ExclusiveScan(op) => scan(op, plan.ty, a, mask, false),
+    }
+}
+
+fn scan(op: ReduceOp, ty: Type, a: &Lanes, mask: u16, inclusive: bool) -> Lanes {
+    let mut result = [0; SUBGROUP_SIZE];
+    let mut total = None;
+    for k in lanes_of(mask) {
+        let before = total.unwrap_or_else(|| identity(op, ty));
+        let with = total.map_or(a[k], |t| combine(op, ty, t, a[k]));
+        result[k] = if inclusive { with } else { before };
+        total = Some(with);
+    }
+    result
+}
+
+fn equal(ty: Type, x: u64, y: u64) -> bool {
+    match ty {
+        Type::F16 => eval::foeq(f16::from_bits(x as u16), f16::from_bits(y as u16)),
+        Type::F32 => f32::from_bits(x as u32) == f32::from_bits(y as u32),
+        Type::F64 => f64::from_bits(x) == f64::from_bits(y),
+        _ => x == y,
+    }
+}
+
+/// One step of a reduction on the bits of two scalars.
+fn combine(op: ReduceOp, ty: Type, x: u64, y: u64) -> u64 {
+    macro_rules! ints {
+        ($f:path) => {
+            match ty.bits() {
+                8 => $f(x as u8, y as u8) as u64,
+                16 => $f(x as u16, y as u16) as u64,
+                32 => $f(x as u32, y as u32) as u64,
+                _ => $f(x, y),
+            }
+        };
+    }
+    macro_rules! floats {
+        ($f:path) => {
+            match ty {
+                Type::F16 => {
+                    $f(f16::from_bits(x as u16), f16::from_bits(y as u16)).to_bits() as u64
+                }
+                Type::F64 => $f(f64::from_bits(x), f64::from_bits(y)).to_bits(),
+                _ => $f(f32::from_bits(x as u32), f32::from_bits(y as u32)).to_bits() as u64,
+            }
+        };
+    }
+    match op {
+        ReduceOp::IAdd => ints!(eval::iadd),
+        ReduceOp::IMul => ints!(eval::imul),
+        ReduceOp::SMin => ints!(eval::smin),
+        ReduceOp::UMin => ints!(eval::umin),
+        ReduceOp::SMax => ints!(eval::smax),
+        ReduceOp::UMax => ints!(eval::umax),
+        ReduceOp::And => x & y,
+        ReduceOp::Or => x | y,
+        ReduceOp::Xor => x ^ y,
+        ReduceOp::FAdd => floats!(eval::fadd),
+        ReduceOp::FMul => floats!(eval::fmul),
+        ReduceOp::FMin => floats!(eval::fmin),
+        ReduceOp::FMax => floats!(eval::fmax),
+    }
+}
+
+/// What changes nothing when combined.
+fn identity(op: ReduceOp, ty: Type) -> u64 {
+    let ones = match ty.bits() {
+        1 => u32::MAX as u64,
+        64 => u64::MAX,
+        bits => (1 << bits) - 1,
+    };
+    let float = |value: f64| match ty {
+        Type::F16 => f16::from_f64(value).to_bits() as u64,
+        Type::F64 => value.to_bits(),
+        _ => (value as f32).to_bits() as u64,
+    };
+    match op {
+        ReduceOp::IAdd | ReduceOp::Or | ReduceOp::Xor | ReduceOp::UMax => 0,
+        ReduceOp::IMul => 1,
+        ReduceOp::SMin => ones >> 1,
+        ReduceOp::SMax => ones ^ (ones >> 1),
+        ReduceOp::UMin | ReduceOp::And => ones,
+        ReduceOp::FAdd => float(-0.0),
+        ReduceOp::FMul => float(1.0),
+        ReduceOp::FMin => float(f64::INFINITY),
+        ReduceOp::FMax => float(f64::NEG_INFINITY),
+    }
+}

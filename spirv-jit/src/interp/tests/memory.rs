@@ -1,0 +1,284 @@
+//! Buffers, private and workgroup memory, atomics, subgroups.
+
+use super::{Bench, on_tiers, outputs};
+use crate::environment::{Descriptor, DescriptorSet};
+use crate::program::{Event, SiteKind};
+
+fn descriptor(data: &mut [u32], size_bytes: u64) -> Descriptor {
+    Descriptor {
+        address: data.as_mut_ptr() as u64,
+        size_bytes,
+        ..Descriptor::NULL
+    }
+}
+
+#[test]
+fn buffers_are_checked_per_scalar() {
+    on_tiers(|tier| {
+        let mut source: Vec<u32> = (0..8).map(|k| 100 + k).collect();
+        let mut target = vec![7u32; 64];
+        let entries = [
+            descriptor(&mut source, 6 * 4),
+            descriptor(&mut target, 40 * 4),
+            Descriptor::NULL,
+        ];
+        let mut bench = Bench::new(
+            "module compute
+            inputs local_invocation_index.0
+            output_rows 0
+            func f0 {
+                v0: i32 = const 0
+                v1: i64 = descriptor[set 2, first 0, count 1] v0
+                v2: i64 = descriptor[set 2, first 1, count 1] v0
+                v3: i32 = input[0]
+                v4: i32 = const 4
+                v5: i32 = imul v3, v4
+                v6: i32, v7: i32 = load.buffer v1, v5
+                v8: i32 = iadd v6, v7
+                store.buffer v2, v5, v8
+                v9: i32 = const 1
+                v10: i64 = descriptor[set 2, first 0, count 1] v9
+                v11: i32 = load.buffer v10, v0
+                v12: i32 = const 128
+                v13: i32 = iadd v12, v5
+                store.buffer v2, v13, v11
+                end
+            }",
+            tier,
+            1,
+        );
+        bench.environment.sets[2] = DescriptorSet {
+            entries: entries.as_ptr(),
+            count: 3,
+        };
+        bench.input(0, |lane| lane as u32);
+        bench.run_to_end();
+        let word = |k: usize| if k < 6 { 100 + k as u32 } else { 0 };
+        for (k, &value) in target.iter().enumerate() {
+            let expected = match k {
+                0..16 => word(k) + word(k + 1),
+                32..40 => 0,
+                _ => 7,
+            };
+            assert_eq!(value, expected, "{tier:?} {k}");
+        }
+    });
+}
+
+#[test]
+fn private_arrays_are_dynamic() {
+    let out = outputs(
+        "module closest_hit
+        inputs payload.0
+        output_rows 1
+        func f0 {
+            var0: 4 rows zero
+            var1: 2 rows
+            v0: i32 = input[0]
+            v1: i32 = var.address[var0]
+            v2: i32 = const 3
+            v3: i32 = and v0, v2
+            v4: i32 = iadd v1, v3
+            store.private v4, v0
+            v5: i32, v6: i32, v7: i32, v8: i32 = load.private v1
+            v9: i32 = const 1000
+            v10: i32 = load.private v9
+            v11: i64 = pack64 v5, v6
+            var.store[var1, 0] v11
+            v12: i32 = var.address[var1]
+            v13: i64 = load.private v12
+            v14: i64 = var.load[var1, 0]
+            v15: i64 = iadd v13, v14
+            v16: i32, v17: i32 = unpack64 v15
+            v18: i32 = iadd v16, v17
+            v19: i32 = iadd v18, v7
+            v20: i32 = iadd v19, v8
+            v21: i32 = iadd v20, v10
+            end(v21)
+        }",
+        |lane| lane as u32,
+    );
+    for (lane, &word) in out.iter().enumerate() {
+        let x = lane as u32;
+        assert_eq!(word, if x % 4 < 2 { 2 * x } else { x }, "lane {lane}");
+    }
+}
+
+#[test]
+fn workgroup_memory_and_barrier() {
+    on_tiers(|tier| {
+        let mut bench = Bench::new(
+            "module compute
+            inputs local_invocation_index.0
+            output_rows 1
+            local_size 64, 1, 1
+            shared 256
+            func f0 {
+                v0: i32 = input[0]
+                v1: i32 = const 2
+                v2: i32 = shl v0, v1
+                v3: i32 = imul v0, v0
+                store.shared v2, v3
+                v4: i32 = const 0
+                v5: i32 = const 1
+                v6: i32 = atomic.iadd.shared v4, v4
+                barrier
+                v7: i32 = const 252
+                v8: i32 = isub v7, v2
+                v9: i32 = load.shared v8
+                v10: i32 = iadd v9, v0
+                end(v10)
+            }",
+            tier,
+            4,
+        );
+        bench.input(0, |lane| lane as u32);
+        // Two waves reach the barrier one after the other, and go on as one.
+        let event = bench.run_some(&[0, 2], &mut 0);
+        assert_eq!(bench.site(event), SiteKind::Barrier);
+        let event = bench.run_some(&[1, 3], &mut 0);
+        assert_eq!(bench.site(event), SiteKind::Barrier);
+        assert_eq!(bench.run(&mut 0), Event::End);
+        for (lane, &word) in bench.io(0).iter().enumerate() {
+            let other = 63 - lane as u32;
+            assert_eq!(word, other * other + lane as u32, "{tier:?} lane {lane}");
+        }
+    });
+}
+
+#[test]
+fn atomics_go_in_lane_order() {
+    on_tiers(|tier| {
+        let mut data = vec![0u32; 8];
+        data[1] = 1.5f32.to_bits();
+        data[2] = 5;
+        let entries = [descriptor(&mut data, 32)];
+        let mut bench = Bench::new(
+            "module compute
+            inputs local_invocation_index.0
+            output_rows 1
+            func f0 {
+                v0: i32 = const 0
+                v1: i64 = descriptor[set 0, first 0, count 1] v0
+                v2: i32 = input[0]
+                v3: i32 = const 1
+                v4: i32 = and v2, v3
+                v5: i1 = ieq v4, v3
+                v6: f32 = const 0x3f000000
+                v7: i32 = const 4
+                v8: i32 = const 8
+                v9: i32 = const 2
+                if v5, L0 -> (v10: i32) {
+                    v11: i32 = atomic.iadd.buffer v1, v0, v9
+                    v12: f32 = atomic.fadd.buffer v1, v7, v6
+                    v13: i32 = atomic.compare_exchange.buffer v1, v8, v2, v8
+                    v14: i32 = atomic.umax.buffer v1, v7, v0
+                    br L0(v11)
+                } else { br L0(v3) }
+                v15: i32 = const 30
+                v16: i32 = atomic.iadd.buffer v1, v15, v9
+                v17: i32 = iadd v10, v16
+                end(v17)
+            }",
+            tier,
+            2,
+        );
+        bench.environment.sets[0] = DescriptorSet {
+            entries: entries.as_ptr(),
+            count: 1,
+        };
+        bench.input(0, |lane| lane as u32);
+        bench.run_to_end();
+        assert_eq!(data[0], 32);
+        assert_eq!(f32::from_bits(data[1]), 1.5 + 16.0 * 0.5);
+        assert_eq!(data[2], 5);
+        assert_eq!(data[7], 0);
+        for (lane, &word) in bench.io(0).iter().enumerate() {
+            let expected = if lane % 2 == 1 { lane as u32 - 1 } else { 1 };
+            assert_eq!(word, expected, "{tier:?} lane {lane}");
+        }
+    });
+}
+
+#[test]
+fn subgroups_see_active_lanes_only() {
+    let out = outputs(
+        "module closest_hit
+        inputs payload.0
+        output_rows 1
+        func f0 {
+            v0: i32 = input[0]
+            v1: i32 = const 3
+            v2: i32 = urem v0, v1
+            v3: i32 = const 0
+            v4: i1 = ieq v2, v3
+            if v4, L0 -> (v5: i32) {
+                v6: i32 = subgroup.reduce[iadd, 16] v0
+                v7: i32 = subgroup.exclusive_scan[iadd] v0
+                v8: i32 = subgroup.broadcast_first v0
+                v9: i1 = subgroup.elect
+                v10: i32 = select v9, v1, v3
+                v11: i32 = subgroup.ballot v4
+                v12: i32 = iadd v6, v7
+                v13: i32 = iadd v12, v8
+                v14: i32 = iadd v13, v10
+                v15: i32 = iadd v14, v11
+                br L0(v15)
+            } else {
+                br L0(v3)
+            }
+            end(v5)
+        }",
+        |lane| lane as u32,
+    );
+    for (lane, &word) in out.iter().enumerate() {
+        let start = lane & !15;
+        let active: Vec<u32> = (start as u32..start as u32 + 16)
+            .filter(|x| x % 3 == 0)
+            .collect();
+        let before: u32 = active.iter().filter(|&&x| x < lane as u32).sum();
+        let ballot: u32 = active.iter().map(|x| 1 << (x % 16)).sum();
+        let elected = if active[0] == lane as u32 { 3 } else { 0 };
+        let total = active.iter().sum::<u32>() + before + active[0] + elected + ballot;
+        let expected = if lane % 3 == 0 { total } else { 0 };
+        assert_eq!(word, expected, "lane {lane}");
+    }
+}
+
+#[test]
+fn push_constants_are_uniform() {
+    on_tiers(|tier| {
+        let mut data = vec![11u32, 22, 33, 44];
+        let mut bench = Bench::new(
+            "module closest_hit
+            inputs payload.0
+            output_rows 1
+            func f0 {
+                v0: i64 = push_constants
+                v1: i32 = const 4
+                v2: i32, v3: i32 = load.buffer v0, v1
+                v4: i64 = load.buffer v0, v1
+                v5: i64 = const 1
+                v6: i64 = iadd v4, v5
+                v7: i32, v8: i32 = unpack64 v6
+                v9: i32 = iadd v2, v3
+                v10: i32 = iadd v7, v8
+                v11: i32 = uniform[0]
+                v12: i32 = iadd v9, v10
+                v13: i32 = iadd v12, v11
+                v14: i32 = input[0]
+                v15: i32 = iadd v13, v14
+                end(v15)
+            }",
+            tier,
+            2,
+        );
+        bench.environment.push_constants = descriptor(&mut data, 16);
+        bench.environment.uniforms[0] = 1000;
+        bench.input(0, |lane| lane as u32);
+        bench.run_to_end();
+        for (lane, &word) in bench.io(0).iter().enumerate() {
+            assert_eq!(word, 1000 + 55 + 56 + lane as u32);
+        }
+    });
+}

@@ -1,0 +1,151 @@
+//! Programs in the IR's text form, run on every tier that the machine has. Expectations are computed by plain Rust beside them.
+
+mod control;
+mod kernels;
+mod memory;
+mod yields;
+
+use super::tier::TierKind;
+use super::{Frame, Program};
+use crate::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS};
+use crate::ir::text::parse_module;
+use crate::ir::verify::verify;
+use crate::program::{AlignedRow, Event, SiteKind, Wave};
+
+/// An environment with nothing in it.
+pub(super) fn empty_environment() -> Environment {
+    Environment {
+        sets: [DescriptorSet {
+            entries: std::ptr::null(),
+            count: 0,
+        }; MAX_SETS],
+        dynamic: std::ptr::null(),
+        dynamic_count: 0,
+        push_constants: Descriptor::NULL,
+        uniforms: [0; crate::environment::uniform::COUNT],
+    }
+}
+
+/// A program with the states of some subgroups.
+pub(super) struct Bench {
+    pub program: Program,
+    pub states: Vec<Vec<AlignedRow>>,
+    pub environment: Environment,
+    pub shared: Vec<u64>,
+    pub frame: Frame,
+}
+
+impl Bench {
+    /// Subgroups at the program's start, all lanes active.
+    pub fn new(text: &str, tier: TierKind, subgroups: usize) -> Bench {
+        let module = parse_module(text).unwrap();
+        verify(&module).unwrap();
+        let program = Program::with_tier(&module, tier).unwrap();
+        let rows = program.layout().rows;
+        // Garbage, which `start` must clear.
+        let mut states = vec![vec![AlignedRow([0xdead_beef; 16]); rows]; subgroups];
+        for state in &mut states {
+            program.start(state, !0);
+        }
+        let shared = vec![0; program.shared_size_bytes().div_ceil(8) as usize];
+        Bench {
+            program,
+            states,
+            environment: empty_environment(),
+            shared,
+            frame: Frame::default(),
+        }
+    }
+
+    /// Sets input row `row` of global lane `i` to `f(i)`.
+    pub fn input(&mut self, row: usize, f: impl Fn(usize) -> u32) {
+        let row = self.program.layout().inputs + row;
+        for (s, state) in self.states.iter_mut().enumerate() {
+            state[row].0 = std::array::from_fn(|k| f(s * 16 + k));
+        }
+    }
+
+    /// Runs all subgroups as one wave.
+    pub fn run(&mut self, fuel: &mut u64) -> Event {
+        let all: Vec<usize> = (0..self.states.len()).collect();
+        self.run_some(&all, fuel)
+    }
+
+    /// Runs a wave of some of the subgroups.
+    pub fn run_some(&mut self, which: &[usize], fuel: &mut u64) -> Event {
+        let mut states: Vec<&mut [AlignedRow]> = self
+            .states
+            .iter_mut()
+            .enumerate()
+            .filter(|(s, _)| which.contains(s))
+            .map(|(_, state)| &mut state[..])
+            .collect();
+        let mut wave = Wave {
+            states: &mut states,
+            shared: self.shared.as_mut_ptr().cast(),
+            environment: &self.environment,
+        };
+        self.program.run(&mut self.frame, &mut wave, fuel)
+    }
+
+    pub fn run_to_end(&mut self) {
+        assert_eq!(self.run(&mut 1_000_000), Event::End);
+    }
+
+    /// Io row `row` of all lanes.
+    pub fn io(&self, row: usize) -> Vec<u32> {
+        let row = self.program.layout().io + row;
+        self.states.iter().flat_map(|state| state[row].0).collect()
+    }
+
+    /// Rewrites io row `row` in the lanes that take part in the event.
+    pub fn answer(&mut self, row: usize, f: impl Fn(usize, u32) -> u32) {
+        let row = self.program.layout().io + row;
+        for (s, state) in self.states.iter_mut().enumerate() {
+            let mask = self.program.event_mask(state);
+            for (k, word) in state[row].0.iter_mut().enumerate() {
+                if mask & 1 << k != 0 {
+                    *word = f(s * 16 + k, *word);
+                }
+            }
+        }
+    }
+
+    pub fn event_masks(&self) -> Vec<u16> {
+        let mask = |state: &Vec<AlignedRow>| self.program.event_mask(state);
+        self.states.iter().map(mask).collect()
+    }
+
+    pub fn site(&self, event: Event) -> SiteKind {
+        match event {
+            Event::Yield(site) => self.program.sites()[site.0 as usize],
+            other => panic!("{other:?} instead of a yield"),
+        }
+    }
+}
+
+/// Runs `test` on every tier.
+pub(super) fn on_tiers(mut test: impl FnMut(TierKind)) {
+    for &tier in TierKind::present() {
+        test(tier);
+    }
+}
+
+/// Output row 0 of a program whose input row 0 is `f(lane)`, the same on every tier and wave length.
+pub(super) fn outputs(text: &str, f: impl Fn(usize) -> u32 + Copy) -> Vec<u32> {
+    let mut all: Option<Vec<u32>> = None;
+    on_tiers(|tier| {
+        for subgroups in [1, 3, 16] {
+            let mut bench = Bench::new(text, tier, subgroups);
+            bench.input(0, f);
+            bench.run_to_end();
+            let out = bench.io(0);
+            let all = all.get_or_insert_with(Vec::new);
+            if all.len() < out.len() && all[..] == out[..all.len()] {
+                all.extend_from_slice(&out[all.len()..]);
+            }
+            assert_eq!(all[..out.len()], out[..], "{tier:?}");
+        }
+    });
+    all.unwrap()
+}

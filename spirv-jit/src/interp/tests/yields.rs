@@ -1,0 +1,273 @@
+//! Suspending and resuming: in loops, in calls, in waves that change, and for lack of fuel.
+
+use super::{Bench, on_tiers};
+use crate::program::{Event, IO_DATA_ROW, SiteKind};
+
+/// A callable is executed in a loop, whose trip count differs by lane; values live across it in every way.
+const LOOP: &str = "module closest_hit
+    inputs payload.0
+    output_rows 1
+    func f0 {
+        v0: i32 = input[0]
+        v1: i32 = const 1
+        v2: i32 = const 0
+        v3: i64 = const 0x100000001
+        v30: i32 = const 3
+        v31: i32 = and v0, v30
+        block L0 -> (v4: i32, v5: i64) {
+            loop L1 (v6: i32, v7: i32, v8: i64) = (v2, v0, v3) {
+                v9: i1 = ule v31, v6
+                if v9, L2 { br L0(v7, v8) } else { br L2 }
+                v10: i32 = imul v7, v0
+                v11: i32 = execute_callable v6, v7
+                v12: i32 = iadd v11, v10
+                v13: i64 = iadd v8, v3
+                v14: i32 = iadd v6, v1
+                br L1(v14, v12, v13)
+            }
+            unreachable
+        }
+        v15: i32, v16: i32 = unpack64 v5
+        v17: i32 = imul v15, v16
+        v18: i32 = iadd v4, v17
+        end(v18)
+    }";
+
+fn expected_loop(x: u32) -> u32 {
+    let (mut sum, mut count) = (x, 1u32);
+    for index in 0..x & 3 {
+        let product = sum.wrapping_mul(x);
+        // The callable adds its index and 5.
+        sum = (sum + index + 5).wrapping_add(product);
+        count += 1;
+    }
+    sum.wrapping_add(count * count)
+}
+
+#[test]
+fn yields_in_a_loop() {
+    on_tiers(|tier| {
+        let mut bench = Bench::new(LOOP, tier, 3);
+        bench.input(0, |lane| lane as u32);
+        let mut yields = 0;
+        loop {
+            // No fuel at all: every back-edge suspends.
+            match bench.run(&mut 0) {
+                Event::End => break,
+                Event::OutOfFuel => {}
+                event => {
+                    assert_eq!(
+                        bench.site(event),
+                        SiteKind::ExecuteCallable { data_words: 1 }
+                    );
+                    yields += 1;
+                    let index = bench.io(0);
+                    bench.answer(IO_DATA_ROW, |lane, word| word + index[lane] + 5);
+                }
+            }
+        }
+        assert_eq!(yields, 3);
+        for (lane, &word) in bench.io(0).iter().enumerate() {
+            assert_eq!(word, expected_loop(lane as u32), "{tier:?} lane {lane}");
+        }
+    });
+}
+
+/// Subgroups that yield alone are resumed together with others at the same point, in frames that ran other things meanwhile.
+#[test]
+fn waves_are_regrouped() {
+    on_tiers(|tier| {
+        let mut bench = Bench::new(LOOP, tier, 4);
+        bench.input(0, |lane| lane as u32);
+        let mut done = [false; 4];
+        let mut round = 0;
+        while done.contains(&false) {
+            round += 1;
+            let first = (0..4).map(|k| (k + round) % 4).find(|&k| !done[k]).unwrap();
+            let point = bench.program.resume_point(&bench.states[first]);
+            let group: Vec<usize> = (0..4)
+                .filter(|&k| !done[k] && bench.program.resume_point(&bench.states[k]) == point)
+                .filter(|&k| k == first || round % 3 != 0)
+                .collect();
+            match bench.run_some(&group, &mut 1) {
+                Event::End => group.iter().for_each(|&k| done[k] = true),
+                Event::OutOfFuel => {}
+                Event::Yield(_) => {
+                    let layout = bench.program.layout();
+                    for &k in &group {
+                        let mask = bench.program.event_mask(&bench.states[k]);
+                        for lane in 0..16 {
+                            if mask & 1 << lane != 0 {
+                                let index = bench.states[k][layout.io].0[lane];
+                                bench.states[k][layout.io + IO_DATA_ROW].0[lane] += index + 5;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        for (lane, &word) in bench.io(0).iter().enumerate() {
+            assert_eq!(word, expected_loop(lane as u32), "{tier:?} lane {lane}");
+        }
+    });
+}
+
+/// A yield in a function that is called along three paths, one of them nested, from inside constructs.
+#[test]
+fn yields_in_calls() {
+    on_tiers(|tier| {
+        let mut bench = Bench::new(
+            "module closest_hit
+            inputs payload.0
+            output_rows 1
+            func f0 {
+                v0: i32 = input[0]
+                v1: i32 = const 1
+                v2: i32 = and v0, v1
+                v3: i1 = ieq v2, v1
+                if v3, L0 -> (v4: i32) {
+                    v5: i32 = call[f1] v0
+                    v6: i32 = iadd v5, v0
+                    br L0(v6)
+                } else {
+                    v7: i32 = call[f2] v0
+                    br L0(v7)
+                }
+                v8: i32 = call[f1] v4
+                end(v8)
+            }
+            func f1 (v0: i32) -> (i32) {
+                var0: 1 rows zero
+                v1: i32 = var.load[var0, 0]
+                v2: i32 = const 10
+                v3: i1 = ult v0, v2
+                var.store[var0, 0] v2
+                if v3, L0 -> (v4: i32) {
+                    v5: i32 = execute_callable v0, v0
+                    v6: i32 = iadd v5, v0
+                    v7: i32 = var.load[var0, 0]
+                    v8: i32 = iadd v6, v7
+                    br L0(v8)
+                } else {
+                    br L0(v0)
+                }
+                v9: i32 = iadd v4, v1
+                return(v9)
+            }
+            func f2 (v0: i32) -> (i32) {
+                v1: i32 = const 2
+                v2: i32 = imul v0, v1
+                v3: i32 = call[f1] v2
+                v4: i32 = iadd v3, v0
+                return(v4)
+            }",
+            tier,
+            2,
+        );
+        bench.input(0, |lane| lane as u32);
+        let mut points = Vec::new();
+        loop {
+            match bench.run(&mut 0) {
+                Event::End => break,
+                event => {
+                    assert_eq!(
+                        bench.site(event),
+                        SiteKind::ExecuteCallable { data_words: 1 }
+                    );
+                    points.push(bench.program.resume_point(&bench.states[0]));
+                    bench.answer(IO_DATA_ROW, |_, word| word * 100);
+                }
+            }
+        }
+        let f1 = |x: u32| if x < 10 { x * 101 + 10 } else { x };
+        for (lane, &word) in bench.io(0).iter().enumerate() {
+            let x = lane as u32;
+            let inner = if x % 2 == 1 { f1(x) + x } else { f1(2 * x) + x };
+            assert_eq!(word, f1(inner), "{tier:?} lane {lane}");
+        }
+        // Three call paths to one yield are three points (the third call yields in no lane, as all values are 10 or more).
+        points.dedup();
+        assert_eq!(points.len(), 2);
+    });
+}
+
+#[test]
+fn reported_hits_may_end_the_invocation() {
+    on_tiers(|tier| {
+        let mut bench = Bench::new(
+            "module intersection
+            inputs primitive_id.0
+            output_rows 0
+            func f0 {
+                v0: i32 = input[0]
+                v1: f32 = uto_f v0
+                v2: i1 = report_intersection v1, v0, v0
+                if v2, L0 { br L0 } else {
+                    v3: f32 = fadd v1, v1
+                    v4: i1 = report_intersection v3, v0, v0
+                    br L0
+                }
+                v5: i1 = report_intersection v1, v0, v0
+                end
+            }",
+            tier,
+            1,
+        );
+        bench.input(0, |lane| lane as u32);
+        let event = bench.run(&mut 0);
+        assert_eq!(
+            bench.site(event),
+            SiteKind::ReportIntersection { attribute_words: 1 }
+        );
+        assert_eq!(bench.event_masks(), [0xffff]);
+        assert_eq!(bench.io(0)[3], 3f32.to_bits());
+        bench.answer(0, |lane, _| lane as u32 % 3);
+        assert!(matches!(bench.run(&mut 0), Event::Yield(_)));
+        let of = |remainder: usize| {
+            (0..16)
+                .filter(|k| k % 3 == remainder)
+                .map(|k| 1 << k)
+                .sum::<u16>()
+        };
+        assert_eq!(bench.event_masks(), [of(0)]);
+        assert_eq!(bench.io(0)[3], 6f32.to_bits());
+        bench.answer(0, |_, _| 1);
+        assert!(matches!(bench.run(&mut 0), Event::Yield(_)));
+        assert_eq!(bench.event_masks(), [of(0) | of(1)]);
+        bench.answer(0, |_, _| 2);
+        assert_eq!(bench.run(&mut 0), Event::End);
+    });
+}
+
+#[test]
+fn rays_carry_their_operands() {
+    on_tiers(|tier| {
+        let text = "module ray_generation
+            inputs launch_id.0
+            output_rows 0
+            func f0 {
+                v0: i32 = input[0]
+                v1: i32 = const 1
+                v2: i32 = const 2
+                v3: f32 = uto_f v0
+                v4: i32, v5: f32 = trace_ray v0, v1, v2, v1, v2, v1, v2, v3, v3, v3, v3, v3, v3, v3, v3, v0, v3
+                v6: i32 = fto_u v5
+                v7: i32 = iadd v4, v6
+                v8: i32, v9: f32 = trace_ray v7, v1, v2, v1, v2, v1, v2, v3, v3, v3, v3, v3, v3, v3, v3, v7, v3
+                end
+            }";
+        let mut bench = Bench::new(text, tier, 2);
+        bench.input(0, |lane| lane as u32);
+        let event = bench.run(&mut 0);
+        assert_eq!(bench.site(event), SiteKind::TraceRay { payload_words: 2 });
+        assert_eq!(bench.io(2)[20], 2);
+        assert_eq!(bench.io(14)[20], 20f32.to_bits());
+        assert_eq!(bench.io(IO_DATA_ROW)[20], 20);
+        bench.answer(IO_DATA_ROW, |_, word| word + 1);
+        bench.answer(IO_DATA_ROW + 1, |_, _| 7f32.to_bits());
+        let event = bench.run(&mut 0);
+        assert_eq!(bench.site(event), SiteKind::TraceRay { payload_words: 2 });
+        assert_eq!(bench.io(0)[20], 28);
+        assert_eq!(bench.run(&mut 0), Event::End);
+    });
+}

@@ -1,0 +1,65 @@
+//! Which values are the same in all invocations of a dispatch: they are computed once per run, in the prologue, and survive yields for
+//! nothing.
+//!
+//! Constants, dispatch words, descriptors, and pure operations on such. Loads count only from push constants, which nothing
+//! can write meanwhile.
+
+use crate::ir::{Body, Function, Inst, Node, Op, Space};
+
+/// Per value of a function: the same in the whole dispatch.
+pub(super) fn find_uniform_values(function: &Function) -> Vec<bool> {
+    let mut finder = Finder {
+        uniform: vec![false; function.value_types.len()],
+        push_constants: vec![false; function.value_types.len()],
+    };
+    finder.walk(&function.body);
+    finder.uniform
+}
+
+struct Finder {
+    uniform: Vec<bool>,
+    /// The value is the descriptor of the push constants.
+    push_constants: Vec<bool>,
+}
+
+impl Finder {
+    fn walk(&mut self, body: &Body) {
+        for node in &body.nodes {
+            match node {
+                Node::Inst(inst) => self.visit(inst),
+                Node::Block { body, .. } | Node::Loop { body, .. } => self.walk(body),
+                Node::If {
+                    then_body,
+                    else_body,
+                    ..
+                } => {
+                    self.walk(then_body);
+                    self.walk(else_body);
+                }
+            }
+        }
+    }
+
+    fn visit(&mut self, inst: &Inst) {
+        let uniform_args = inst.args.iter().all(|arg| self.uniform[arg.index()]);
+        let uniform = uniform_args
+            && match &inst.op {
+                Op::Input(_) => false,
+                Op::DescriptorAddress | Op::BufferSize => true,
+                Op::Load(access) => {
+                    access.space == Space::Buffer
+                        && !access.volatile
+                        && self.push_constants[inst.args[0].index()]
+                }
+                op => op.is_pure(),
+            };
+        if uniform {
+            for result in &inst.results {
+                self.uniform[result.index()] = true;
+            }
+        }
+        if inst.op == Op::PushConstants {
+            self.push_constants[inst.results[0].index()] = true;
+        }
+    }
+}

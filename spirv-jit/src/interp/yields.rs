@@ -1,0 +1,242 @@
+//! Suspending a wave into its subgroups' states, and resuming it.
+//!
+//! A state's control rows hold, as words: the resume id, the active lanes, then the masks in use, two to a word.
+
+use super::code::Saved;
+use super::machine::{Instr, MAX_SUBGROUPS, Machine, Operand};
+use crate::SUBGROUP_SIZE;
+use crate::program::{Event, IO_DATA_ROW, Row};
+
+/// Words of control before the masks.
+pub(super) const CONTROL_WORDS: usize = 2;
+
+/// Saves masks and live values as point `point` says, and stops with `event`.
+///
+/// # Safety
+/// `point` is one of the program's, and control stands there.
+pub(super) unsafe fn suspend(m: &mut Machine<'_>, point: u32, event: Event) {
+    let code = &m.program.code;
+    let point = &code.points[point as usize];
+    let id = point.base + m.context;
+    // SAFETY: the states have the program's layout.
+    unsafe {
+        for s in 0..m.subgroups {
+            let control = m.states[s];
+            *control = id;
+            *control.add(1) = m.active[s] as u32;
+            let masks = control.add(CONTROL_WORDS).cast::<u16>();
+            for k in 0..point.masks as usize {
+                *masks.add(k) = (*m.masks.add(k))[s];
+            }
+        }
+        save(m, &point.saved);
+        for site in code.path(point.function, m.context) {
+            save(m, &site.saved);
+        }
+    }
+    m.event = event;
+    m.running = false;
+}
+
+/// # Safety
+/// The states have the program's layout, the list is the program's.
+unsafe fn save(m: &Machine<'_>, saved: &[Saved]) {
+    for value in saved {
+        for s in 0..m.subgroups {
+            // SAFETY: as the caller promises.
+            unsafe {
+                let to = m.state_row(s, value.row as usize);
+                let offset = (s * 64) as u16;
+                if value.wide {
+                    *to.cast::<[u64; SUBGROUP_SIZE]>() = *m.block::<u64>(value.operand, offset);
+                } else {
+                    *to = *m.block::<u32>(value.operand, offset);
+                }
+            }
+        }
+    }
+}
+
+/// # Safety
+/// As [`save`].
+unsafe fn restore_values(m: &Machine<'_>, saved: &[Saved]) {
+    for value in saved {
+        for s in 0..m.subgroups {
+            // SAFETY: as the caller promises.
+            unsafe {
+                let from = m.state_row(s, value.row as usize);
+                let offset = (s * 64) as u16;
+                if value.wide {
+                    *m.block::<u64>(value.operand, offset) = *from.cast::<[u64; SUBGROUP_SIZE]>();
+                } else {
+                    *m.block::<u32>(value.operand, offset) = *from;
+                }
+            }
+        }
+    }
+}
+
+/// Takes up a wave whose states stand at one point: all but the uniform rows, which the prologue computes.
+///
+/// # Safety
+/// The states have the program's layout and were left by [`suspend`] or `Program::start`.
+pub(super) unsafe fn resume(m: &mut Machine<'_>) {
+    let code = &m.program.code;
+    // SAFETY: as the caller promises.
+    unsafe {
+        let id = *m.states[0];
+        let (point, context) = code.point_of(id);
+        m.context = context;
+        m.resume_pc = point.pc as usize;
+        m.resume_active = [0; MAX_SUBGROUPS];
+        for s in 0..m.subgroups {
+            m.resume_active[s] = *m.states[s].add(1) as u16;
+        }
+        for k in 0..point.masks as usize {
+            let mask = &mut *m.masks.add(k);
+            *mask = [0; MAX_SUBGROUPS];
+            for (s, lanes) in mask[..m.subgroups].iter_mut().enumerate() {
+                *lanes = *m.states[s].add(CONTROL_WORDS).cast::<u16>().add(k);
+            }
+        }
+        restore_values(m, &point.saved);
+        for site in code.path(point.function, context) {
+            *m.returns.add(site.callee as usize) = site.return_pc;
+            restore_values(m, &site.saved);
+        }
+    }
+}
+
+/// Writes active lanes of an operand to an io row.
+///
+/// # Safety
+/// Row and operand are the program's.
+unsafe fn write_io(m: &Machine<'_>, operand: Operand, row: usize) {
+    // SAFETY: as the caller promises.
+    unsafe {
+        for &offset in m.listed() {
+            let s = offset as usize / 64;
+            let to = &mut *m.state_row(s, m.program.layout.io + row);
+            blend(to, &*m.block::<u32>(operand, offset), m.active[s]);
+        }
+    }
+}
+
+#[inline(always)]
+fn blend(to: &mut Row, from: &Row, mask: u16) {
+    for k in 0..SUBGROUP_SIZE {
+        to[k] = if mask & 1 << k != 0 { from[k] } else { to[k] };
+    }
+}
+
+/// A yield: operands `x..` (count in `b`) go to the io rows, the first `c` from row 0, the others from [`IO_DATA_ROW`]; then the wave is
+/// suspended at point `y`.
+///
+/// # Safety
+/// The instruction was emitted for the program that the machine runs.
+pub(super) unsafe fn yield_(m: &mut Machine<'_>, i: &Instr) {
+    let program = m.program;
+    let first = i.x as usize;
+    let (count, fixed) = (i.b.raw() as usize, i.c.raw() as usize);
+    for (k, &operand) in program.code.operands[first..first + count]
+        .iter()
+        .enumerate()
+    {
+        let row = if k < fixed {
+            k
+        } else {
+            IO_DATA_ROW + k - fixed
+        };
+        // SAFETY: as the caller promises.
+        unsafe { write_io(m, operand, row) };
+    }
+    let site = program.code.points[i.y as usize].site;
+    let event = site.map_or(Event::OutOfFuel, Event::Yield);
+    // SAFETY: as the caller promises.
+    unsafe { suspend(m, i.y, event) };
+}
+
+/// After a yield: operands `x..` (count in `b`) are read from the io rows, from row `c` on.
+///
+/// # Safety
+/// As [`yield_`].
+pub(super) unsafe fn read_io(m: &mut Machine<'_>, i: &Instr) {
+    let program = m.program;
+    let first = i.x as usize;
+    let count = i.b.raw() as usize;
+    for (k, &operand) in program.code.operands[first..first + count]
+        .iter()
+        .enumerate()
+    {
+        for &offset in m.listed() {
+            // SAFETY: as the caller promises.
+            unsafe {
+                let row = program.layout.io + i.c.raw() as usize + k;
+                *m.block::<u32>(operand, offset) = *m.state_row(offset as usize / 64, row);
+            }
+        }
+    }
+}
+
+/// After a reported intersection: `d` is whether it was accepted; lanes whose search is over end.
+///
+/// # Safety
+/// As [`yield_`].
+pub(super) unsafe fn read_verdict(m: &mut Machine<'_>, i: &Instr) {
+    let mut active = m.active;
+    for &offset in m.listed() {
+        // SAFETY: as the caller promises.
+        unsafe {
+            let s = offset as usize / 64;
+            let verdict = &*m.state_row(s, m.program.layout.io);
+            let accepted = &mut *m.block::<u32>(i.d, offset);
+            for k in 0..SUBGROUP_SIZE {
+                accepted[k] = if verdict[k] != 0 { !0 } else { 0 };
+                if verdict[k] == 2 {
+                    active[s] &= !(1 << k);
+                }
+            }
+        }
+    }
+    m.set_active(active);
+}
+
+/// Writes outputs: operands `x..` (count in `b`) to the io rows from 0 in active lanes; without operands, zeros to `c` rows.
+///
+/// # Safety
+/// As [`yield_`].
+pub(super) unsafe fn write_outputs(m: &mut Machine<'_>, i: &Instr) {
+    let program = m.program;
+    let first = i.x as usize;
+    let count = i.b.raw() as usize;
+    // SAFETY: as the caller promises.
+    unsafe {
+        for (row, &operand) in program.code.operands[first..first + count]
+            .iter()
+            .enumerate()
+        {
+            write_io(m, operand, row);
+        }
+        for row in count..i.c.raw() as usize {
+            for &offset in m.listed() {
+                let s = offset as usize / 64;
+                let to = &mut *m.state_row(s, program.layout.io + row);
+                blend(to, &[0; SUBGROUP_SIZE], m.active[s]);
+            }
+        }
+    }
+}
+
+/// Reads input row `x`.
+///
+/// # Safety
+/// As [`yield_`].
+pub(super) unsafe fn input(m: &mut Machine<'_>, i: &Instr) {
+    for &offset in m.listed() {
+        // SAFETY: as the caller promises.
+        unsafe {
+            let row = m.program.layout.inputs + i.x as usize;
+            *m.block::<u32>(i.d, offset) = *m.state_row(offset as usize / 64, row);
+        }
+    }
+}
