@@ -24,17 +24,17 @@ pub fn landscape() -> Scene {
         materials: Vec::new(),
         textures: parts.textures,
         camera: Camera {
-            position: Vec3::new(0.6, 2.75, 15.2),
-            forward: Vec3::new(-0.025, -0.045, -1.0),
+            position: Vec3::new(0.5, 2.55, 13.4),
+            forward: Vec3::new(-0.03, 0.012, -1.0),
             up: Vec3::Y,
             fov_y: 0.80,
         },
         sun: Sun {
             direction: Vec3::new(-0.58, 0.55, 0.46).normalize(),
-            irradiance: Vec3::new(4.6, 3.75, 2.75),
+            irradiance: Vec3::new(5.2, 4.05, 2.75),
             angular_radius: 0.016,
         },
-        haze: (Vec3::new(0.74, 0.79, 0.86), 0.0011),
+        haze: (Vec3::new(0.74, 0.79, 0.86), 0.0007),
         roles: Roles {
             grass: 0,
             rock: 1,
@@ -262,12 +262,11 @@ fn set_sculptures(scene: &mut Scene, knot: &Part) {
     let stone = scene.add_material(Material {
         base_color: Vec3::ONE,
         base_texture: SLABS,
-        roughness: 0.55,
         ..Material::default()
     });
     let marble = scene.add_material(Material {
-        base_color: Vec3::new(0.62, 0.60, 0.56),
-        roughness: 0.35,
+        base_color: Vec3::new(0.62, 0.58, 0.51),
+        roughness: 0.8,
         ..Material::default()
     });
     let gold = scene.add_material(Material {

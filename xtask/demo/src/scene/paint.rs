@@ -41,7 +41,7 @@ pub fn rock() -> Texture {
         let grain = fractal(x * 40.0, y * 40.0, 4, 40, 13) * 0.5 + 0.5;
         let tone = grain + (strata - grain) * 0.65 * seam;
         let crack = smoothstep(0.05, 0.0, fractal(x * 8.0, y * 8.0, 4, 8, 14).abs());
-        let colour = mix([0.15, 0.135, 0.12], [0.42, 0.39, 0.35], tone);
+        let colour = mix([0.10, 0.092, 0.085], [0.34, 0.305, 0.27], tone);
         opaque(colour.map(|c| c * (1.0 - 0.5 * crack)))
     })
 }
@@ -205,7 +205,7 @@ pub fn clouds() -> Texture {
     let mut texture = Texture::painted(512, |x, y| {
         let warp = fractal(x * 3.0, y * 3.0, 3, 3, 51);
         let large = fractal(x * 4.0 + 0.35 * warp, y * 4.0 + 0.35 * warp, 7, 4, 52);
-        opaque([0.5 + 0.62 * large; 3])
+        opaque([0.5 + 0.8 * large; 3])
     });
     texture.srgb = false;
     // What was encoded as a colour is to be read as it is.

@@ -1,0 +1,270 @@
+//! Acceleration structures from lists of geometry.
+
+use ash::vk;
+
+use crate::gpu::Made;
+use crate::{Buffer, Gpu};
+
+/// One geometry of a bottom-level structure.
+#[derive(Clone, Debug)]
+pub enum Geometry {
+    /// Corners, and the numbers of the corners of each triangle: all in turn when there are none.
+    Triangles {
+        corners: Vec<[f32; 3]>,
+        indices: Vec<u32>,
+        flags: vk::GeometryFlagsKHR,
+    },
+    /// Boxes, as minimum and maximum corners.
+    Boxes {
+        boxes: Vec<[f32; 6]>,
+        flags: vk::GeometryFlagsKHR,
+    },
+}
+
+impl Geometry {
+    /// Opaque triangles.
+    pub fn opaque(corners: &[[f32; 3]]) -> Geometry {
+        Geometry::triangles(corners, vk::GeometryFlagsKHR::OPAQUE)
+    }
+
+    pub fn triangles(corners: &[[f32; 3]], flags: vk::GeometryFlagsKHR) -> Geometry {
+        Geometry::Triangles {
+            corners: corners.to_vec(),
+            indices: Vec::new(),
+            flags,
+        }
+    }
+
+    pub fn boxes(boxes: &[[f32; 6]], flags: vk::GeometryFlagsKHR) -> Geometry {
+        Geometry::Boxes {
+            boxes: boxes.to_vec(),
+            flags,
+        }
+    }
+}
+
+/// One instance of a bottom-level structure.
+#[derive(Clone, Copy, Debug)]
+pub struct Instance {
+    pub structure: Structure,
+    pub transform: [f32; 12],
+    pub custom_index: u32,
+    pub mask: u8,
+    pub table_offset: u32,
+    pub flags: vk::GeometryInstanceFlagsKHR,
+}
+
+impl Instance {
+    /// As it is, seen by every ray.
+    pub fn of(structure: Structure) -> Instance {
+        Instance {
+            structure,
+            transform: identity(),
+            custom_index: 0,
+            mask: 0xff,
+            table_offset: 0,
+            flags: vk::GeometryInstanceFlagsKHR::empty(),
+        }
+    }
+}
+
+pub fn identity() -> [f32; 12] {
+    scaled([1.0; 3], [0.0; 3])
+}
+
+pub fn translated(by: [f32; 3]) -> [f32; 12] {
+    scaled([1.0; 3], by)
+}
+
+/// Scales about the origin, then moves.
+pub fn scaled([x, y, z]: [f32; 3], [tx, ty, tz]: [f32; 3]) -> [f32; 12] {
+    [x, 0.0, 0.0, tx, 0.0, y, 0.0, ty, 0.0, 0.0, z, tz]
+}
+
+/// A built structure.
+#[derive(Clone, Copy, Debug)]
+pub struct Structure {
+    pub handle: vk::AccelerationStructureKHR,
+    pub address: u64,
+    pub size_bytes: u64,
+}
+
+impl Gpu {
+    /// Builds a bottom-level structure.
+    pub fn bottom(&self, geometries: &[Geometry]) -> Structure {
+        self.bottom_with(geometries, vk::BuildAccelerationStructureFlagsKHR::empty())
+    }
+
+    pub fn bottom_with(
+        &self,
+        geometries: &[Geometry],
+        flags: vk::BuildAccelerationStructureFlagsKHR,
+    ) -> Structure {
+        let (mut described, mut ranges) = (Vec::new(), Vec::new());
+        for geometry in geometries {
+            let (data, kind, own, count) = match geometry {
+                Geometry::Triangles {
+                    corners,
+                    indices,
+                    flags,
+                } => {
+                    let vertices = self.buffer_with(corners);
+                    let mut data = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
+                        .vertex_format(vk::Format::R32G32B32_SFLOAT)
+                        .vertex_data(at(vertices))
+                        .vertex_stride(12)
+                        .max_vertex(corners.len().max(1) as u32 - 1)
+                        .index_type(vk::IndexType::NONE_KHR);
+                    let mut count = corners.len() / 3;
+                    if !indices.is_empty() {
+                        count = indices.len() / 3;
+                        data = data
+                            .index_type(vk::IndexType::UINT32)
+                            .index_data(at(self.buffer_with(indices)));
+                    }
+                    let data = vk::AccelerationStructureGeometryDataKHR { triangles: data };
+                    (data, vk::GeometryTypeKHR::TRIANGLES, *flags, count)
+                }
+                Geometry::Boxes { boxes, flags } => {
+                    let data = vk::AccelerationStructureGeometryAabbsDataKHR::default()
+                        .data(at(self.buffer_with(boxes)))
+                        .stride(24);
+                    let data = vk::AccelerationStructureGeometryDataKHR { aabbs: data };
+                    (data, vk::GeometryTypeKHR::AABBS, *flags, boxes.len())
+                }
+            };
+            described.push(
+                vk::AccelerationStructureGeometryKHR::default()
+                    .geometry_type(kind)
+                    .geometry(data)
+                    .flags(own),
+            );
+            ranges.push(
+                vk::AccelerationStructureBuildRangeInfoKHR::default().primitive_count(count as u32),
+            );
+        }
+        let level = vk::AccelerationStructureTypeKHR::BOTTOM_LEVEL;
+        self.build(level, &described, &ranges, flags)
+    }
+
+    /// Builds a top-level structure.
+    pub fn top(&self, instances: &[Instance]) -> Structure {
+        let records: Vec<vk::AccelerationStructureInstanceKHR> = instances
+            .iter()
+            .map(|instance| vk::AccelerationStructureInstanceKHR {
+                transform: vk::TransformMatrixKHR {
+                    matrix: instance.transform,
+                },
+                instance_custom_index_and_mask: vk::Packed24_8::new(
+                    instance.custom_index,
+                    instance.mask,
+                ),
+                instance_shader_binding_table_record_offset_and_flags: vk::Packed24_8::new(
+                    instance.table_offset,
+                    instance.flags.as_raw() as u8,
+                ),
+                acceleration_structure_reference: vk::AccelerationStructureReferenceKHR {
+                    device_handle: instance.structure.address,
+                },
+            })
+            .collect();
+        // SAFETY: the records are plain data of 64 bytes without padding.
+        let bytes = unsafe {
+            std::slice::from_raw_parts(records.as_ptr().cast::<u8>(), size_of_val(&records[..]))
+        };
+        let data = vk::AccelerationStructureGeometryInstancesDataKHR::default()
+            .data(at(self.buffer_with(bytes)));
+        let geometry = vk::AccelerationStructureGeometryKHR::default()
+            .geometry_type(vk::GeometryTypeKHR::INSTANCES)
+            .geometry(vk::AccelerationStructureGeometryDataKHR { instances: data });
+        let range = vk::AccelerationStructureBuildRangeInfoKHR::default()
+            .primitive_count(instances.len() as u32);
+        let flags = vk::BuildAccelerationStructureFlagsKHR::empty();
+        let level = vk::AccelerationStructureTypeKHR::TOP_LEVEL;
+        self.build(level, &[geometry], &[range], flags)
+    }
+
+    /// A scene of one bottom level, as it is.
+    pub fn scene(&self, geometries: &[Geometry]) -> Structure {
+        let bottom = self.bottom(geometries);
+        self.top(&[Instance::of(bottom)])
+    }
+
+    fn build(
+        &self,
+        level: vk::AccelerationStructureTypeKHR,
+        geometries: &[vk::AccelerationStructureGeometryKHR],
+        ranges: &[vk::AccelerationStructureBuildRangeInfoKHR],
+        flags: vk::BuildAccelerationStructureFlagsKHR,
+    ) -> Structure {
+        let mut info = vk::AccelerationStructureBuildGeometryInfoKHR::default()
+            .ty(level)
+            .flags(flags)
+            .mode(vk::BuildAccelerationStructureModeKHR::BUILD)
+            .geometries(geometries);
+        let counts: Vec<u32> = ranges.iter().map(|range| range.primitive_count).collect();
+        let mut sizes = vk::AccelerationStructureBuildSizesInfoKHR::default();
+        // SAFETY: there is one count for each geometry.
+        unsafe {
+            self.acceleration.get_acceleration_structure_build_sizes(
+                vk::AccelerationStructureBuildTypeKHR::DEVICE,
+                &info,
+                &counts,
+                &mut sizes,
+            );
+        }
+        let structure = self.empty_structure(level, sizes.acceleration_structure_size);
+        let alignment = u64::from(
+            self.structure_properties
+                .min_acceleration_structure_scratch_offset_alignment,
+        );
+        let scratch = self.buffer(sizes.build_scratch_size + alignment);
+        info.scratch_data.device_address = scratch.address.next_multiple_of(alignment);
+        info = info.dst_acceleration_structure(structure.handle);
+        self.run(|commands| {
+            // SAFETY: every buffer that the info refers to lives as long as the device.
+            unsafe {
+                self.acceleration
+                    .cmd_build_acceleration_structures(commands, &[info], &[ranges]);
+            }
+        });
+        structure
+    }
+
+    /// Room for a structure of this size, to be built or copied into.
+    pub fn empty_structure(
+        &self,
+        level: vk::AccelerationStructureTypeKHR,
+        size_bytes: u64,
+    ) -> Structure {
+        let buffer = self.buffer(size_bytes);
+        let create = vk::AccelerationStructureCreateInfoKHR::default()
+            .buffer(buffer.handle)
+            .size(size_bytes)
+            .ty(level);
+        // SAFETY: the buffer is large enough.
+        unsafe {
+            let handle = self
+                .acceleration
+                .create_acceleration_structure(&create, None);
+            let handle = handle.expect("vkCreateAccelerationStructureKHR");
+            self.keep(Made::Structure(handle));
+            let address = vk::AccelerationStructureDeviceAddressInfoKHR::default()
+                .acceleration_structure(handle);
+            let address = self
+                .acceleration
+                .get_acceleration_structure_device_address(&address);
+            Structure {
+                handle,
+                address,
+                size_bytes,
+            }
+        }
+    }
+}
+
+fn at(buffer: Buffer) -> vk::DeviceOrHostAddressConstKHR {
+    vk::DeviceOrHostAddressConstKHR {
+        device_address: buffer.address,
+    }
+}

@@ -1,0 +1,145 @@
+//! Buffers in host-visible memory.
+
+use ash::vk;
+use bytemuck::Pod;
+
+use crate::Gpu;
+use crate::gpu::Made;
+
+/// A buffer, mapped for as long as its [`Gpu`] lives.
+#[derive(Clone, Copy, Debug)]
+pub struct Buffer {
+    pub handle: vk::Buffer,
+    pub size_bytes: u64,
+    /// Its device address.
+    pub address: u64,
+    mapped: *mut u8,
+}
+
+/// Every use that the tests make of buffers.
+const ANY_USE: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
+    vk::BufferUsageFlags::TRANSFER_SRC.as_raw()
+        | vk::BufferUsageFlags::TRANSFER_DST.as_raw()
+        | vk::BufferUsageFlags::UNIFORM_BUFFER.as_raw()
+        | vk::BufferUsageFlags::STORAGE_BUFFER.as_raw()
+        | vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER.as_raw()
+        | vk::BufferUsageFlags::STORAGE_TEXEL_BUFFER.as_raw()
+        | vk::BufferUsageFlags::INDIRECT_BUFFER.as_raw()
+        | vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS.as_raw()
+        | vk::BufferUsageFlags::SHADER_BINDING_TABLE_KHR.as_raw()
+        | vk::BufferUsageFlags::ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_KHR.as_raw()
+        | vk::BufferUsageFlags::ACCELERATION_STRUCTURE_STORAGE_KHR.as_raw(),
+);
+
+impl Gpu {
+    /// A zeroed buffer for any use.
+    pub fn buffer(&self, size_bytes: u64) -> Buffer {
+        let size_bytes = size_bytes.max(4);
+        let info = vk::BufferCreateInfo::default()
+            .size(size_bytes)
+            .usage(ANY_USE);
+        // SAFETY: the handles are of this device, and the memory is mapped whole.
+        unsafe {
+            let handle = self
+                .device
+                .create_buffer(&info, None)
+                .expect("vkCreateBuffer");
+            let needs = self.device.get_buffer_memory_requirements(handle);
+            let memory = self.allocate(needs, true);
+            self.keep(Made::Buffer(handle));
+            self.device
+                .bind_buffer_memory(handle, memory, 0)
+                .expect("vkBindBufferMemory");
+            let mapped = self
+                .device
+                .map_memory(memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty())
+                .expect("vkMapMemory")
+                .cast::<u8>();
+            mapped.write_bytes(0, size_bytes as usize);
+            let address = vk::BufferDeviceAddressInfo::default().buffer(handle);
+            let address = self.device.get_buffer_device_address(&address);
+            Buffer {
+                handle,
+                size_bytes,
+                address,
+                mapped,
+            }
+        }
+    }
+
+    /// A buffer that holds a copy of `items`.
+    pub fn buffer_with<T: Pod>(&self, items: &[T]) -> Buffer {
+        let buffer = self.buffer(size_of_val(items) as u64);
+        buffer.write(0, items);
+        buffer
+    }
+
+    /// Memory for a buffer or an image: visible and coherent for buffers.
+    pub fn allocate(&self, needs: vk::MemoryRequirements, is_buffer: bool) -> vk::DeviceMemory {
+        let wish = match is_buffer {
+            true => vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT,
+            false => vk::MemoryPropertyFlags::empty(),
+        };
+        let kind = self
+            .memory
+            .memory_types_as_slice()
+            .iter()
+            .enumerate()
+            .position(|(i, kind)| {
+                needs.memory_type_bits >> i & 1 == 1 && kind.property_flags.contains(wish)
+            })
+            .expect("a fitting type of memory");
+        let mut flags = vk::MemoryAllocateFlagsInfo::default();
+        if is_buffer {
+            flags = flags.flags(vk::MemoryAllocateFlags::DEVICE_ADDRESS);
+        }
+        let info = vk::MemoryAllocateInfo::default()
+            .allocation_size(needs.size)
+            .memory_type_index(kind as u32)
+            .push_next(&mut flags);
+        // SAFETY: `info` outlives the call.
+        let memory = unsafe { self.device.allocate_memory(&info, None) }.expect("memory");
+        self.keep(Made::Memory(memory));
+        memory
+    }
+
+    /// A view of a buffer's texels.
+    pub fn buffer_view(&self, buffer: &Buffer, format: vk::Format) -> vk::BufferView {
+        let info = vk::BufferViewCreateInfo::default()
+            .buffer(buffer.handle)
+            .format(format)
+            .range(vk::WHOLE_SIZE);
+        // SAFETY: the buffer is of this device.
+        let view = unsafe { self.device.create_buffer_view(&info, None) };
+        let view = view.expect("vkCreateBufferView");
+        self.keep(Made::BufferView(view));
+        view
+    }
+}
+
+impl Buffer {
+    /// Copies items in at a byte offset; the device must not be using the buffer.
+    pub fn write<T: Pod>(&self, offset: usize, items: &[T]) {
+        let bytes: &[u8] = bytemuck::cast_slice(items);
+        assert!(offset + bytes.len() <= self.size_bytes as usize);
+        // SAFETY: the range lies inside the mapping, and nothing else refers to it.
+        unsafe {
+            self.mapped
+                .add(offset)
+                .copy_from_nonoverlapping(bytes.as_ptr(), bytes.len());
+        }
+    }
+
+    /// Copies the whole buffer out.
+    pub fn read<T: Pod>(&self) -> Vec<T> {
+        let count = self.size_bytes as usize / size_of::<T>();
+        let mut items = vec![T::zeroed(); count];
+        let target: &mut [u8] = bytemuck::cast_slice_mut(&mut items);
+        // SAFETY: the mapping is at least as long as `target`.
+        unsafe {
+            self.mapped
+                .copy_to_nonoverlapping(target.as_mut_ptr(), target.len())
+        };
+        items
+    }
+}

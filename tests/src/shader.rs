@@ -1,0 +1,90 @@
+//! GLSL to SPIR-V.
+
+use std::sync::Mutex;
+
+use ash::vk;
+use glslang::{
+    Compiler, CompilerOptions, Shader, ShaderInput, ShaderMessage, ShaderSource, ShaderStage,
+    SourceLanguage, SpirvVersion, Target, VulkanVersion,
+};
+
+/// The stages that the tests use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    Compute,
+    RayGeneration,
+    Miss,
+    ClosestHit,
+    AnyHit,
+    Intersection,
+    Callable,
+}
+
+impl Stage {
+    pub fn flag(self) -> vk::ShaderStageFlags {
+        match self {
+            Stage::Compute => vk::ShaderStageFlags::COMPUTE,
+            Stage::RayGeneration => vk::ShaderStageFlags::RAYGEN_KHR,
+            Stage::Miss => vk::ShaderStageFlags::MISS_KHR,
+            Stage::ClosestHit => vk::ShaderStageFlags::CLOSEST_HIT_KHR,
+            Stage::AnyHit => vk::ShaderStageFlags::ANY_HIT_KHR,
+            Stage::Intersection => vk::ShaderStageFlags::INTERSECTION_KHR,
+            Stage::Callable => vk::ShaderStageFlags::CALLABLE_KHR,
+        }
+    }
+
+    fn of_glslang(self) -> ShaderStage {
+        match self {
+            Stage::Compute => ShaderStage::Compute,
+            Stage::RayGeneration => ShaderStage::RayGeneration,
+            Stage::Miss => ShaderStage::Miss,
+            Stage::ClosestHit => ShaderStage::ClosestHit,
+            Stage::AnyHit => ShaderStage::AnyHit,
+            Stage::Intersection => ShaderStage::Intersect,
+            Stage::Callable => ShaderStage::Callable,
+        }
+    }
+}
+
+/// Compiles GLSL; the version line and the extensions that the tests use are put before it.
+pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
+    glsl_for(stage, source, SpirvVersion::SPIRV1_6)
+}
+
+/// The same, to a given version of SPIR-V.
+pub fn glsl_for(stage: Stage, source: &str, version: SpirvVersion) -> Vec<u32> {
+    // glslang keeps state that is shared by all threads.
+    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+    let _guard = ONE_AT_A_TIME
+        .lock()
+        .unwrap_or_else(|poisoned| poisoned.into_inner());
+    let mut text = String::from("#version 460\n");
+    let mut extensions = vec![
+        "GL_EXT_scalar_block_layout",
+        "GL_EXT_nonuniform_qualifier",
+        "GL_EXT_buffer_reference",
+        "GL_EXT_shader_explicit_arithmetic_types",
+    ];
+    if stage != Stage::Compute {
+        extensions.push("GL_EXT_ray_tracing");
+    }
+    for extension in extensions {
+        text += &format!("#extension {extension} : enable\n");
+    }
+    text += source;
+    let options = CompilerOptions {
+        source_language: SourceLanguage::GLSL,
+        target: Target::Vulkan {
+            version: VulkanVersion::Vulkan1_3,
+            spirv_version: version,
+        },
+        version_profile: None,
+        messages: ShaderMessage::DEFAULT,
+    };
+    let compiler = Compiler::acquire().expect("glslang starts");
+    let source = ShaderSource::from(text.as_str());
+    ShaderInput::new(&source, stage.of_glslang(), &options, None, None)
+        .and_then(|input| Shader::new(compiler, input).parse())
+        .and_then(|shader| shader.compile())
+        .unwrap_or_else(|error| panic!("{error}\n{text}"))
+}

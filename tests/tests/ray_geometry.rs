@@ -1,0 +1,749 @@
+//! What rays hit: triangles, boxes, instances, against computations on the host.
+
+use tuff_tests::*;
+
+/// Rays of 8 floats (origin, t_min, direction, t_max) in; hits of 8 words out.
+const RAYGEN: &str = r#"
+layout(set = 0, binding = 0) uniform accelerationStructureEXT world;
+struct Ray { vec3 origin; float t_min; vec3 direction; float t_max; };
+struct Hit { uint primitive; float t; vec2 weights; uint instance; uint geometry; uint kind; uint custom; };
+layout(set = 0, binding = 1, std430) buffer Rays { Ray rays[]; };
+layout(set = 0, binding = 2, std430) buffer Hits { Hit hits[]; };
+layout(location = 0) rayPayloadEXT Hit hit;
+layout(push_constant) uniform Push { uint flags; uint mask; };
+void main() {
+    uint i = gl_LaunchIDEXT.x;
+    Ray ray = rays[i];
+    hit.primitive = 0xdeadbeef;
+    traceRayEXT(world, flags, mask, 0, 0, 0, ray.origin, ray.t_min, ray.direction, ray.t_max, 0);
+    hits[i] = hit;
+}
+"#;
+
+const HIT: &str = r#"
+struct Hit { uint primitive; float t; vec2 weights; uint instance; uint geometry; uint kind; uint custom; };
+layout(location = 0) rayPayloadInEXT Hit hit;
+hitAttributeEXT vec2 weights;
+void main() {
+    hit = Hit(gl_PrimitiveID, gl_HitTEXT, weights, gl_InstanceID, gl_GeometryIndexEXT, gl_HitKindEXT,
+        gl_InstanceCustomIndexEXT);
+}
+"#;
+
+const MISS: &str = r#"
+struct Hit { uint primitive; float t; vec2 weights; uint instance; uint geometry; uint kind; uint custom; };
+layout(location = 0) rayPayloadInEXT Hit hit;
+void main() { hit = Hit(0xffffffff, -1.0, vec2(0), 0, 0, 0, 0); }
+"#;
+
+/// A sphere of radius 0.5 around the middle of the primitive's box, boxes being unit cubes whose
+/// corners are in a buffer.
+const SPHERE: &str = r#"
+layout(set = 0, binding = 3, std430) buffer Boxes { float boxes[]; };
+hitAttributeEXT vec2 weights;
+void main() {
+    uint b = 6 * gl_PrimitiveID;
+    vec3 centre = vec3(boxes[b], boxes[b + 1], boxes[b + 2]) + 0.5;
+    vec3 f = gl_ObjectRayOriginEXT - centre;
+    vec3 d = gl_ObjectRayDirectionEXT;
+    float a = dot(d, d);
+    float h = dot(f, d);
+    float discriminant = h * h - a * (dot(f, f) - 0.25);
+    if (discriminant >= 0.0) {
+        weights = vec2(gl_PrimitiveID, 0.25);
+        float root = sqrt(discriminant);
+        if (!reportIntersectionEXT((-h - root) / a, 7u)) {
+            reportIntersectionEXT((-h + root) / a, 9u);
+        }
+    }
+}
+"#;
+
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+struct Ray {
+    origin: [f32; 3],
+    t_min: f32,
+    direction: [f32; 3],
+    t_max: f32,
+}
+
+impl Ray {
+    fn new(origin: [f32; 3], direction: [f32; 3]) -> Ray {
+        Ray {
+            origin,
+            t_min: 0.0,
+            direction,
+            t_max: 1e30,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+struct Hit {
+    primitive: u32,
+    t: f32,
+    weights: [f32; 2],
+    instance: u32,
+    geometry: u32,
+    kind: u32,
+    custom: u32,
+}
+
+const MISSED: u32 = u32::MAX;
+const FRONT: u32 = 0xfe;
+const BACK: u32 = 0xff;
+
+fn shoot(gpu: &Gpu, world: Structure, rays: &[Ray], boxes: &[[f32; 6]]) -> Vec<Hit> {
+    shoot_with(gpu, world, rays, boxes, 0, 0xff)
+}
+
+fn shoot_with(
+    gpu: &Gpu,
+    world: Structure,
+    rays: &[Ray],
+    boxes: &[[f32; 6]],
+    flags: u32,
+    mask: u32,
+) -> Vec<Hit> {
+    let input = gpu.buffer_with(rays);
+    let output = gpu.buffer(32 * rays.len() as u64);
+    let corners = gpu.buffer_with(if boxes.is_empty() { &[[0.0; 6]] } else { boxes });
+    let pipeline = gpu.rays(&RaysInput {
+        shaders: &[
+            (Stage::RayGeneration, RAYGEN),
+            (Stage::Miss, MISS),
+            (Stage::ClosestHit, HIT),
+            (Stage::Intersection, SPHERE),
+        ],
+        groups: &[
+            Group::general(0),
+            Group::general(1),
+            if boxes.is_empty() {
+                Group::hit(2)
+            } else {
+                Group {
+                    intersection: Some(3),
+                    ..Group::hit(2)
+                }
+            },
+        ],
+        recursion: 1,
+        bindings: &[
+            (0, &[Bound::Structure(world.handle)]),
+            (1, &[Bound::Storage(input)]),
+            (2, &[Bound::Storage(output)]),
+            (3, &[Bound::Storage(corners)]),
+        ],
+    });
+    let table = Table {
+        raygen: Record::of(0),
+        miss: vec![Record::of(1)],
+        hit: vec![Record::of(2)],
+        callable: vec![],
+    };
+    let regions = gpu.regions(&pipeline, &table);
+    gpu.run(|commands| {
+        let all = vk::ShaderStageFlags::ALL;
+        let push: [u32; 2] = [flags, mask];
+        let bytes = bytemuck::bytes_of(&push);
+        // SAFETY: the command buffer is being recorded.
+        unsafe {
+            gpu.device
+                .cmd_push_constants(commands, pipeline.layout, all, 0, bytes)
+        };
+        gpu.record_trace(commands, &pipeline, &regions, [rays.len() as u32, 1, 1]);
+    });
+    output.read()
+}
+
+fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    std::array::from_fn(|i| a[i] - b[i])
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Möller and Trumbore in double precision: t, the weights of the second and third corner, and
+/// whether the ray sees the front (counter-clockwise corners in a left-handed sense, as Vulkan
+/// defines facing for a ray).
+fn intersect(ray: &Ray, corners: [[f32; 3]; 3]) -> Option<(f64, f64, f64, bool)> {
+    let [a, b, c] = corners.map(|corner| corner.map(f64::from));
+    let (o, d) = (ray.origin.map(f64::from), ray.direction.map(f64::from));
+    let (e1, e2) = (sub(b, a), sub(c, a));
+    let p = cross(d, e2);
+    let determinant = dot(e1, p);
+    if determinant == 0.0 {
+        return None;
+    }
+    let s = sub(o, a);
+    let u = dot(s, p) / determinant;
+    let q = cross(s, e1);
+    let v = dot(d, q) / determinant;
+    let t = dot(e2, q) / determinant;
+    Some((t, u, v, determinant > 0.0))
+}
+
+/// The nearest triangle by brute force, and whether the answer is too close to call in single
+/// precision: near an edge, or near a second hit.
+fn nearest(ray: &Ray, triangles: &[[[f32; 3]; 3]]) -> (Option<(usize, f64, f64, f64, bool)>, bool) {
+    let mut best: Option<(usize, f64, f64, f64, bool)> = None;
+    let mut doubtful = false;
+    for (i, corners) in triangles.iter().enumerate() {
+        let Some((t, u, v, front)) = intersect(ray, *corners) else {
+            continue;
+        };
+        let inside = u.min(v).min(1.0 - u - v);
+        let near_range = (t - f64::from(ray.t_min)).abs() < 1e-4;
+        if inside.abs() < 1e-4 && t > -1e-3 || inside > -1e-4 && near_range {
+            doubtful = true;
+        }
+        if inside >= 0.0 && t > f64::from(ray.t_min) && t < f64::from(ray.t_max) {
+            if best.is_some_and(|best| (best.1 - t).abs() < 1e-4 * t.abs().max(1.0)) {
+                doubtful = true;
+            }
+            if best.is_none_or(|best| t < best.1) {
+                best = Some((i, t, u, v, front));
+            }
+        }
+    }
+    (best, doubtful)
+}
+
+fn check_against_brute_force(hits: &[Hit], rays: &[Ray], triangles: &[[[f32; 3]; 3]]) {
+    let mut decided = 0;
+    for (i, (hit, ray)) in hits.iter().zip(rays).enumerate() {
+        let (expected, doubtful) = nearest(ray, triangles);
+        if doubtful {
+            continue;
+        }
+        decided += 1;
+        match expected {
+            None => assert_eq!(hit.primitive, MISSED, "ray {i} {ray:?}"),
+            Some((primitive, t, u, v, front)) => {
+                assert_eq!(hit.primitive, primitive as u32, "ray {i} {ray:?} t {t}");
+                let close = |a: f32, b: f64, scale: f64| (f64::from(a) - b).abs() < 2e-4 * scale;
+                assert!(
+                    close(hit.t, t, t.abs().max(1.0)),
+                    "ray {i}: {} is not {t}",
+                    hit.t
+                );
+                assert!(
+                    close(hit.weights[0], u, 1.0),
+                    "ray {i}: {:?} {u}",
+                    hit.weights
+                );
+                assert!(
+                    close(hit.weights[1], v, 1.0),
+                    "ray {i}: {:?} {v}",
+                    hit.weights
+                );
+                assert_eq!(hit.kind, if front { FRONT } else { BACK }, "ray {i}");
+            }
+        }
+    }
+    assert!(
+        decided * 10 > rays.len() * 8,
+        "only {decided} rays could be decided"
+    );
+}
+
+fn random_triangles(random: &mut Random, count: usize, size: f32) -> Vec<[[f32; 3]; 3]> {
+    (0..count)
+        .map(|_| {
+            let centre: [f32; 3] = std::array::from_fn(|_| random.between(-10.0, 10.0));
+            std::array::from_fn(|_| centre.map(|c| c + random.between(-size, size)))
+        })
+        .collect()
+}
+
+fn random_rays(random: &mut Random, count: usize) -> Vec<Ray> {
+    (0..count)
+        .map(|_| {
+            let origin = std::array::from_fn(|_| random.between(-14.0, 14.0));
+            let mut direction = [0.0; 3];
+            while direction.iter().map(|d| d * d).sum::<f32>() < 0.01 {
+                direction = std::array::from_fn(|_| random.between(-1.0, 1.0));
+            }
+            Ray::new(origin, direction)
+        })
+        .collect()
+}
+
+#[test]
+fn a_grid_of_triangles() {
+    let gpu = Gpu::new();
+    let mut triangles = Vec::new();
+    for y in 0..16 {
+        for x in 0..16 {
+            let at = |dx: i32, dy: i32| [(x + dx) as f32, (y + dy) as f32, 5.0];
+            triangles.push([at(0, 0), at(1, 0), at(0, 1)]);
+            triangles.push([at(1, 0), at(1, 1), at(0, 1)]);
+        }
+    }
+    let world = gpu.scene(&[Geometry::opaque(triangles.as_flattened())]);
+    let rays: Vec<Ray> = (0..64 * 64)
+        .map(|i| {
+            let (x, y) = ((i % 64) as f32 * 0.27 - 0.6, (i / 64) as f32 * 0.27 - 0.63);
+            Ray::new([x, y, 0.0], [0.0, 0.0, 1.0])
+        })
+        .collect();
+    let hits = shoot(&gpu, world, &rays, &[]);
+    check_against_brute_force(&hits, &rays, &triangles);
+    assert!(hits.iter().any(|hit| hit.primitive == MISSED));
+}
+
+#[test]
+fn random_triangles_and_rays() {
+    let gpu = Gpu::new();
+    let mut random = Random::new(1);
+    for (count, size) in [(1, 6.0), (3, 6.0), (40, 4.0), (3000, 0.8)] {
+        let triangles = random_triangles(&mut random, count, size);
+        let rays = random_rays(&mut random, 3000);
+        let world = gpu.scene(&[Geometry::opaque(triangles.as_flattened())]);
+        check_against_brute_force(&shoot(&gpu, world, &rays, &[]), &rays, &triangles);
+    }
+}
+
+#[test]
+fn build_flags_change_no_result() {
+    let gpu = Gpu::new();
+    let mut random = Random::new(2);
+    let triangles = random_triangles(&mut random, 500, 1.5);
+    let rays = random_rays(&mut random, 1000);
+    use vk::BuildAccelerationStructureFlagsKHR as Flags;
+    for flags in [
+        Flags::PREFER_FAST_TRACE,
+        Flags::PREFER_FAST_BUILD,
+        Flags::LOW_MEMORY,
+        Flags::ALLOW_UPDATE | Flags::ALLOW_COMPACTION,
+    ] {
+        let geometry = Geometry::opaque(triangles.as_flattened());
+        let bottom = gpu.bottom_with(&[geometry], flags);
+        let world = gpu.top(&[Instance::of(bottom)]);
+        check_against_brute_force(&shoot(&gpu, world, &rays, &[]), &rays, &triangles);
+    }
+}
+
+#[test]
+fn indexed_triangles() {
+    let gpu = Gpu::new();
+    let mut random = Random::new(3);
+    let corners: Vec<[f32; 3]> = (0..300)
+        .map(|_| std::array::from_fn(|_| random.between(-10.0, 10.0)))
+        .collect();
+    let indices: Vec<u32> = (0..3 * 60).map(|_| random.below(300)).collect();
+    let triangles: Vec<[[f32; 3]; 3]> = indices
+        .chunks(3)
+        .map(|t| [0, 1, 2].map(|corner| corners[t[corner] as usize]))
+        .collect();
+    let flags = vk::GeometryFlagsKHR::OPAQUE;
+    let world = gpu.scene(&[Geometry::Triangles {
+        corners,
+        indices,
+        flags,
+    }]);
+    let rays = random_rays(&mut random, 2000);
+    check_against_brute_force(&shoot(&gpu, world, &rays, &[]), &rays, &triangles);
+}
+
+#[test]
+fn several_geometries_are_told_apart() {
+    let gpu = Gpu::new();
+    let geometries: Vec<Geometry> = (0..5)
+        .map(|i| {
+            let x = i as f32 * 3.0;
+            Geometry::opaque(&[
+                [x, 0.0, 1.0],
+                [x + 1.0, 0.0, 1.0],
+                [x, 1.0, 1.0],
+                [x, 0.0, 2.0],
+                [x + 2.0, 0.0, 2.0],
+                [x, 2.0, 2.0],
+            ])
+        })
+        .collect();
+    let world = gpu.scene(&geometries);
+    let rays: Vec<Ray> = (0..10)
+        .map(|i| {
+            let x = (i / 2) as f32 * 3.0 + if i % 2 == 0 { 0.2 } else { 1.3 };
+            Ray::new([x, 0.2, 0.0], [0.0, 0.0, 1.0])
+        })
+        .collect();
+    for (i, hit) in shoot(&gpu, world, &rays, &[]).iter().enumerate() {
+        assert_eq!(hit.geometry, i as u32 / 2, "ray {i}");
+        assert_eq!(hit.primitive, i as u32 % 2, "ray {i}");
+    }
+}
+
+#[test]
+fn the_range_of_a_ray_bounds_its_hits() {
+    let gpu = Gpu::new();
+    let layers: Vec<[[f32; 3]; 3]> = (1..=8)
+        .map(|z| {
+            let z = z as f32;
+            [[-50.0, -50.0, z], [50.0, -50.0, z], [0.0, 50.0, z]]
+        })
+        .collect();
+    let world = gpu.scene(&[Geometry::opaque(layers.as_flattened())]);
+    let mut rays = Vec::new();
+    let mut expected = Vec::new();
+    for length in [1.0, 2.0, 0.25] {
+        for (t_min, t_max, layer) in [
+            (0.0, 100.0, 0),
+            (1.5, 100.0, 1),
+            (3.5, 100.0, 3),
+            (7.5, 7.75, MISSED),
+            (7.5, 8.5, 7),
+            (8.5, 100.0, MISSED),
+            (0.0, 0.5, MISSED),
+            (0.0, 1.5, 0),
+        ] {
+            rays.push(Ray {
+                origin: [0.1, 0.2, 0.0],
+                t_min: t_min / length,
+                direction: [0.0, 0.0, length],
+                t_max: t_max / length,
+            });
+            expected.push((layer, (layer as f32 + 1.0) / length));
+        }
+    }
+    for ((hit, ray), (layer, t)) in shoot(&gpu, world, &rays, &[])
+        .iter()
+        .zip(&rays)
+        .zip(expected)
+    {
+        assert_eq!(hit.primitive, layer, "{ray:?}");
+        if layer != MISSED {
+            assert!((hit.t - t).abs() < 1e-5, "{ray:?}: {} is not {t}", hit.t);
+        }
+    }
+}
+
+#[test]
+fn spheres_in_boxes() {
+    let gpu = Gpu::new();
+    let mut random = Random::new(4);
+    let boxes: Vec<[f32; 6]> = (0..200)
+        .map(|_| {
+            let low: [f32; 3] = std::array::from_fn(|_| random.between(-8.0, 8.0));
+            [
+                low[0],
+                low[1],
+                low[2],
+                low[0] + 1.0,
+                low[1] + 1.0,
+                low[2] + 1.0,
+            ]
+        })
+        .collect();
+    let world = gpu.scene(&[Geometry::boxes(&boxes, vk::GeometryFlagsKHR::OPAQUE)]);
+    let rays = random_rays(&mut random, 3000);
+    let hits = shoot(&gpu, world, &rays, &boxes);
+    let (mut decided, mut hit_count, mut attributes) = (0, 0, 0);
+    for (i, (hit, ray)) in hits.iter().zip(&rays).enumerate() {
+        let mut best: Option<(usize, f64, u32)> = None;
+        let mut doubtful = false;
+        for (sphere, corners) in boxes.iter().enumerate() {
+            let (o, d) = (ray.origin.map(f64::from), ray.direction.map(f64::from));
+            let centre = std::array::from_fn(|axis| f64::from(corners[axis]) + 0.5);
+            let f = sub(o, centre);
+            let (a, h) = (dot(d, d), dot(f, d));
+            let discriminant = h * h - a * (dot(f, f) - 0.25);
+            doubtful |= discriminant.abs() < 1e-3;
+            if discriminant < 0.0 {
+                continue;
+            }
+            let root = discriminant.sqrt();
+            let (near, far) = ((-h - root) / a, (-h + root) / a);
+            doubtful |= near.abs() < 1e-3 || far.abs() < 1e-3;
+            let (t, kind) = if near > 0.0 { (near, 7) } else { (far, 9) };
+            if t <= 0.0 {
+                continue;
+            }
+            doubtful |= best.is_some_and(|best| (best.1 - t).abs() < 1e-3);
+            if best.is_none_or(|best| t < best.1) {
+                best = Some((sphere, t, kind));
+            }
+        }
+        if doubtful {
+            continue;
+        }
+        decided += 1;
+        match best {
+            None => assert_eq!(hit.primitive, MISSED, "ray {i}"),
+            Some((sphere, t, kind)) => {
+                hit_count += 1;
+                assert_eq!(hit.primitive, sphere as u32, "ray {i} t {t}");
+                assert!(
+                    (f64::from(hit.t) - t).abs() < 1e-3,
+                    "ray {i}: {} is not {t}",
+                    hit.t
+                );
+                assert_eq!(hit.kind, kind, "ray {i}");
+                attributes += usize::from(hit.weights == [sphere as f32, 0.25]);
+            }
+        }
+    }
+    assert!(decided > 2000, "only {decided} rays could be decided");
+    let why = "a reported hit that is too far away overwrites the attributes of the nearer one";
+    unless_known(&gpu, "llvmpipe", why, || assert_eq!(attributes, hit_count));
+}
+
+#[test]
+fn instances_move_scale_and_mirror() {
+    let gpu = Gpu::new();
+    let mut random = Random::new(5);
+    let own = random_triangles(&mut random, 12, 4.0);
+    let bottom = gpu.bottom(&[Geometry::opaque(own.as_flattened())]);
+    let mut instances = Vec::new();
+    let mut world_triangles = Vec::new();
+    for i in 0..30u32 {
+        // Any matrix whose determinant is not tiny; every third one mirrors.
+        let mut m: [f32; 12] = std::array::from_fn(|k| match k % 4 {
+            3 => random.between(-8.0, 8.0),
+            column if column == k / 4 => random.between(0.3, 0.8),
+            _ => random.between(-0.2, 0.2),
+        });
+        if i % 3 == 0 {
+            for row in 0..3 {
+                m[4 * row] = -m[4 * row];
+            }
+        }
+        instances.push(Instance {
+            transform: m,
+            custom_index: 1000 + 7 * i,
+            ..Instance::of(bottom)
+        });
+        for triangle in &own {
+            world_triangles.push(triangle.map(|p| {
+                std::array::from_fn(|row| {
+                    let m = &m[4 * row..4 * row + 4];
+                    m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3]
+                })
+            }));
+        }
+    }
+    let world = gpu.top(&instances);
+    let rays = random_rays(&mut random, 3000);
+    let hits = shoot(&gpu, world, &rays, &[]);
+    let flat: Vec<Hit> = hits
+        .iter()
+        .map(|hit| {
+            let mut flat = *hit;
+            if hit.primitive != MISSED {
+                assert_eq!(hit.custom, 1000 + 7 * hit.instance);
+                flat.primitive = hit.instance * own.len() as u32 + hit.primitive;
+                // Facing is decided in object space: a mirroring instance turns it around.
+                if hit.instance % 3 == 0 {
+                    flat.kind = FRONT ^ BACK ^ hit.kind;
+                }
+            }
+            flat
+        })
+        .collect();
+    check_against_brute_force(&flat, &rays, &world_triangles);
+}
+
+#[test]
+fn masks_choose_instances() {
+    let gpu = Gpu::new();
+    let bottom = gpu.bottom(&[Geometry::opaque(&[
+        [-1.0, -1.0, 0.0],
+        [1.0, -1.0, 0.0],
+        [0.0, 1.0, 0.0],
+    ])]);
+    let masks = [0x01, 0x80, 0x18, 0x06, 0xff, 0x00, 0x20];
+    let instances: Vec<Instance> = masks
+        .iter()
+        .enumerate()
+        .map(|(i, mask)| Instance {
+            transform: translated([0.0, 0.0, i as f32 + 1.0]),
+            mask: *mask,
+            ..Instance::of(bottom)
+        })
+        .collect();
+    let world = gpu.top(&instances);
+    let ray = Ray::new([0.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
+    for mask in [
+        0x01u32, 0x02, 0x04, 0x08, 0x10, 0x40, 0x80, 0xff, 0x00, 0x60, 0x101,
+    ] {
+        let expected = masks
+            .iter()
+            .position(|own| u32::from(*own) & mask & 0xff != 0);
+        let hit = shoot_with(&gpu, world, &[ray], &[], 0, mask)[0];
+        match expected {
+            Some(instance) => assert_eq!(hit.instance, instance as u32, "mask {mask:#x}"),
+            None => assert_eq!(hit.primitive, MISSED, "mask {mask:#x}"),
+        }
+    }
+}
+
+#[test]
+fn culling_by_facing() {
+    use vk::GeometryInstanceFlagsKHR as Flags;
+    const CULL_BACK: u32 = 0x10;
+    const CULL_FRONT: u32 = 0x20;
+    let gpu = Gpu::new();
+    let corners = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]];
+    let bottom = gpu.bottom(&[Geometry::opaque(&corners)]);
+    let rays = [
+        Ray::new([0.0, 0.0, -1.0], [0.0, 0.0, 1.0]),
+        Ray::new([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]),
+    ];
+    for flags in [
+        Flags::empty(),
+        Flags::TRIANGLE_FLIP_FACING,
+        Flags::TRIANGLE_FACING_CULL_DISABLE,
+        Flags::TRIANGLE_FLIP_FACING | Flags::TRIANGLE_FACING_CULL_DISABLE,
+    ] {
+        let world = gpu.top(&[Instance {
+            flags,
+            ..Instance::of(bottom)
+        }]);
+        for ray_flags in [0, CULL_BACK, CULL_FRONT] {
+            let hits = shoot_with(&gpu, world, &rays, &[], ray_flags, 0xff);
+            for (ray, hit) in rays.iter().zip(&hits) {
+                let (_, _, _, mut front) = intersect(ray, corners).expect("the plane is hit");
+                front ^= flags.contains(Flags::TRIANGLE_FLIP_FACING);
+                let culled = !flags.contains(Flags::TRIANGLE_FACING_CULL_DISABLE)
+                    && ray_flags == if front { CULL_FRONT } else { CULL_BACK };
+                let what = format!("{ray:?} {flags:?} {ray_flags:#x}");
+                assert_eq!(hit.primitive == MISSED, culled, "{what}");
+                if !culled {
+                    assert_eq!(hit.kind, if front { FRONT } else { BACK }, "{what}");
+                }
+            }
+        }
+    }
+}
+
+const FACING: [[f32; 3]; 3] = [[-1.0, -1.0, 3.0], [1.0, -1.0, 3.0], [0.0, 1.0, 3.0]];
+const AHEAD: Ray = Ray {
+    origin: [0.1, 0.2, 0.0],
+    t_min: 0.0,
+    direction: [0.0, 0.0, 1.0],
+    t_max: 1e30,
+};
+
+#[test]
+fn triangles_with_nan_in_x_are_inactive_but_counted() {
+    let gpu = Gpu::new();
+    let nan = f32::NAN;
+    let mut corners = vec![[nan, -1.0, 1.0], [1.0, -1.0, 1.0], [0.0, 1.0, 1.0]];
+    corners.extend(FACING);
+    corners.extend([[nan, 0.0, 2.0]; 3]);
+    let world = gpu.scene(&[Geometry::opaque(&corners)]);
+    let hit = shoot(&gpu, world, &[AHEAD], &[])[0];
+    let why = "one triangle with NaN hides the others of its geometry";
+    unless_known(&gpu, "llvmpipe", why, || {
+        assert_eq!((hit.primitive, hit.t), (1, 3.0))
+    });
+}
+
+#[test]
+fn instances_of_no_structure_are_inactive_but_counted() {
+    let gpu = Gpu::new();
+    let bottom = gpu.bottom(&[Geometry::opaque(&FACING)]);
+    let nothing = Structure {
+        address: 0,
+        ..bottom
+    };
+    let world = gpu.top(&[Instance::of(nothing), Instance::of(bottom)]);
+    let hit = shoot(&gpu, world, &[AHEAD], &[])[0];
+    let why = "an instance of nothing hides its neighbours";
+    unless_known(&gpu, "llvmpipe", why, || {
+        assert_eq!((hit.primitive, hit.instance, hit.t), (0, 1, 3.0));
+    });
+}
+
+#[test]
+fn instances_of_an_empty_structure_are_counted() {
+    let gpu = Gpu::new();
+    let bottom = gpu.bottom(&[Geometry::opaque(&FACING)]);
+    let empty = gpu.bottom(&[Geometry::opaque(&[])]);
+    let world = gpu.top(&[Instance::of(empty), Instance::of(bottom)]);
+    let hit = shoot(&gpu, world, &[AHEAD], &[])[0];
+    let why = "an instance of nothing hides its neighbours";
+    unless_known(&gpu, "llvmpipe", why, || {
+        assert_eq!((hit.primitive, hit.instance, hit.t), (0, 1, 3.0));
+    });
+}
+
+#[test]
+fn an_empty_world_is_missed() {
+    let gpu = Gpu::new();
+    let void = gpu.top(&[]);
+    assert_eq!(shoot(&gpu, void, &[AHEAD], &[])[0].primitive, MISSED);
+    let hollow = gpu.scene(&[Geometry::opaque(&[])]);
+    assert_eq!(shoot(&gpu, hollow, &[AHEAD], &[])[0].primitive, MISSED);
+}
+
+#[test]
+fn a_closed_mesh_lets_no_ray_through() {
+    let gpu = Gpu::new();
+    // A subdivided octahedron blown up to a sphere, and rays from its middle at its vertices and
+    // at the middles of its edges.
+    let mut triangles: Vec<[[f32; 3]; 3]> = Vec::new();
+    for corner in 0..8 {
+        let sign = |bit: usize| if corner >> bit & 1 == 0 { 1.0 } else { -1.0 };
+        let [a, b, c] = [
+            [sign(0), 0.0, 0.0],
+            [0.0, sign(1), 0.0],
+            [0.0, 0.0, sign(2)],
+        ];
+        // All wind the same way around: only then is an edge shared in the spec's sense.
+        let mirrored = sign(0) * sign(1) * sign(2) < 0.0;
+        triangles.push(if mirrored { [a, c, b] } else { [a, b, c] });
+    }
+    let unit = |p: [f32; 3]| {
+        let length = p.iter().map(|x| x * x).sum::<f32>().sqrt();
+        p.map(|x| x / length)
+    };
+    let middle = |a: [f32; 3], b: [f32; 3]| unit(std::array::from_fn(|i| a[i] + b[i]));
+    for _ in 0..4 {
+        triangles = triangles
+            .iter()
+            .flat_map(|[a, b, c]| {
+                let (ab, bc, ca) = (middle(*a, *b), middle(*b, *c), middle(*c, *a));
+                [[*a, ab, ca], [ab, *b, bc], [ca, bc, *c], [ab, bc, ca]]
+            })
+            .collect();
+    }
+    for (scale, offset) in [(1.0, 0.0), (1e5, 0.0), (1.0, 1e3), (1e-3, 0.0)] {
+        let placed: Vec<[[f32; 3]; 3]> = triangles
+            .iter()
+            .map(|triangle| triangle.map(|p| p.map(|x| x * scale + offset)))
+            .collect();
+        let world = gpu.scene(&[Geometry::opaque(placed.as_flattened())]);
+        let origin = [offset; 3];
+        let mut rays = Vec::new();
+        for [a, b, c] in &placed {
+            let aimed =
+                |target: [f32; 3]| Ray::new(origin, std::array::from_fn(|i| target[i] - origin[i]));
+            rays.push(aimed(*a));
+            rays.push(aimed(std::array::from_fn(|i| 0.5 * (a[i] + b[i]))));
+            rays.push(aimed(std::array::from_fn(|i| b[i] + 0.3 * (c[i] - b[i]))));
+        }
+        let through = shoot(&gpu, world, &rays, &[])
+            .iter()
+            .filter(|hit| hit.primitive == MISSED)
+            .count();
+        assert_eq!(
+            through,
+            0,
+            "of {} rays, scale {scale}, offset {offset}",
+            rays.len()
+        );
+    }
+}

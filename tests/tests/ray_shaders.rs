@@ -1,0 +1,982 @@
+//! Which shaders run, in what order, with what data.
+
+use tuff_tests::*;
+
+/// A screen-filling triangle at z = 1, 2, 3, … for each layer.
+fn layers(count: u32) -> Vec<[f32; 3]> {
+    (1..=count)
+        .flat_map(|z| {
+            let z = z as f32;
+            [[-9.0, -9.0, z], [9.0, -9.0, z], [0.0, 9.0, z]]
+        })
+        .collect()
+}
+
+const WORLD: &str = "layout(set = 0, binding = 0) uniform accelerationStructureEXT world;\n";
+const RESULTS: &str = "layout(set = 0, binding = 1, std430) buffer Results { uint results[]; };\n";
+const MISS: &str = r"
+layout(location = 0) rayPayloadInEXT uint payload;
+void main() { payload = 0xffffffffu; }
+";
+
+/// Traces with these shaders, the first being the ray generation shader; each general shader is
+/// a group, the hit groups are given. Group order: raygen, miss, then hit groups.
+fn trace_words(
+    gpu: &Gpu,
+    world: Structure,
+    raygen: &str,
+    others: &[(Stage, &str)],
+    hit_groups: &[Group],
+    size: [u32; 3],
+    words: usize,
+) -> Vec<u32> {
+    let output = gpu.buffer(4 * words as u64);
+    let raygen = format!("{WORLD}{RESULTS}{raygen}");
+    let mut shaders = vec![(Stage::RayGeneration, raygen.as_str()), (Stage::Miss, MISS)];
+    shaders.extend_from_slice(others);
+    let mut groups = vec![Group::general(0), Group::general(1)];
+    groups.extend_from_slice(hit_groups);
+    let rays = gpu.rays(&RaysInput {
+        shaders: &shaders,
+        groups: &groups,
+        recursion: 1,
+        bindings: &[
+            (0, &[Bound::Structure(world.handle)]),
+            (1, &[Bound::Storage(output)]),
+        ],
+    });
+    let table = Table {
+        raygen: Record::of(0),
+        miss: vec![Record::of(1)],
+        hit: (0..hit_groups.len() as u32)
+            .map(|i| Record::of(2 + i))
+            .collect(),
+        callable: vec![],
+    };
+    gpu.trace(&rays, &table, size);
+    output.read()
+}
+
+#[test]
+fn every_invocation_runs_once_with_its_id() {
+    let gpu = Gpu::new();
+    let world = gpu.scene(&[Geometry::opaque(&layers(1))]);
+    for size in [[1, 1, 1], [7, 5, 3], [130, 1, 2], [1, 3, 65]] {
+        let count = size.iter().product::<u32>() as usize;
+        let raygen = r"
+        void main() {
+            uvec3 id = gl_LaunchIDEXT, size = gl_LaunchSizeEXT;
+            uint i = (id.z * size.y + id.y) * size.x + id.x;
+            atomicAdd(results[i], 1000000u + size.x + 1000u * (size.y + size.z));
+        }";
+        let results = trace_words(&gpu, world, raygen, &[], &[], size, count);
+        let expected = 1_000_000 + size[0] + 1000 * (size[1] + size[2]);
+        assert!(results.iter().all(|word| *word == expected), "{size:?}");
+    }
+}
+
+#[test]
+fn opacity_is_decided_by_geometry_instance_and_ray() {
+    const OPAQUE: u32 = 1;
+    const NO_OPAQUE: u32 = 2;
+    const CULL_OPAQUE: u32 = 0x40;
+    const CULL_NO_OPAQUE: u32 = 0x80;
+    use vk::GeometryInstanceFlagsKHR as Instanced;
+    let gpu = Gpu::new();
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uint payload;
+    void main() {
+        uint flags[5] = uint[](0u, 1u, 2u, 0x40u, 0x80u);
+        payload = 0u;
+        traceRayEXT(world, flags[gl_LaunchIDEXT.x], 0xff, 0, 0, 0, vec3(0), 0.0, vec3(0, 0, 1), 10.0, 0);
+        results[gl_LaunchIDEXT.x] = payload;
+    }";
+    let any = "layout(location = 0) rayPayloadInEXT uint payload; void main() { payload += 100u; }";
+    let closest =
+        "layout(location = 0) rayPayloadInEXT uint payload; void main() { payload += 1u; }";
+    for geometry in [vk::GeometryFlagsKHR::empty(), vk::GeometryFlagsKHR::OPAQUE] {
+        let bottom = gpu.bottom(&[Geometry::triangles(&layers(1), geometry)]);
+        for instance in [
+            Instanced::empty(),
+            Instanced::FORCE_OPAQUE,
+            Instanced::FORCE_NO_OPAQUE,
+        ] {
+            let world = gpu.top(&[Instance {
+                flags: instance,
+                ..Instance::of(bottom)
+            }]);
+            let results = trace_words(
+                &gpu,
+                world,
+                raygen,
+                &[(Stage::AnyHit, any), (Stage::ClosestHit, closest)],
+                &[Group {
+                    any_hit: Some(2),
+                    ..Group::hit(3)
+                }],
+                [5, 1, 1],
+                5,
+            );
+            for (flags, result) in [0, OPAQUE, NO_OPAQUE, CULL_OPAQUE, CULL_NO_OPAQUE]
+                .into_iter()
+                .zip(results)
+            {
+                let mut opaque = geometry.contains(vk::GeometryFlagsKHR::OPAQUE);
+                opaque |= instance.contains(Instanced::FORCE_OPAQUE);
+                opaque &= !instance.contains(Instanced::FORCE_NO_OPAQUE);
+                opaque |= flags == OPAQUE;
+                opaque &= flags != NO_OPAQUE;
+                let expected = match (opaque, flags) {
+                    (true, CULL_OPAQUE) | (false, CULL_NO_OPAQUE) => u32::MAX,
+                    (true, _) => 1,
+                    (false, _) => 101,
+                };
+                assert_eq!(result, expected, "{geometry:?} {instance:?} {flags:#x}");
+            }
+        }
+    }
+}
+
+#[test]
+fn any_hit_shaders_ignore_and_end_the_search() {
+    let gpu = Gpu::new();
+    let flags = vk::GeometryFlagsKHR::NO_DUPLICATE_ANY_HIT_INVOCATION;
+    let world = gpu.scene(&[Geometry::triangles(&layers(12), flags)]);
+    let any = r"
+    layout(location = 0) rayPayloadInEXT uint payload[3]; // ignore below, end at, count
+    void main() {
+        payload[2] += 1u;
+        if (gl_PrimitiveID < payload[0]) { ignoreIntersectionEXT; }
+        if (gl_PrimitiveID == payload[1]) { terminateRayEXT; }
+        payload[2] += 10000u; // ending the invocation skips this
+    }";
+    let closest = r"
+    layout(location = 0) rayPayloadInEXT uint payload[3];
+    void main() { payload[0] = gl_PrimitiveID; }";
+    let miss = r"
+    layout(location = 0) rayPayloadInEXT uint payload[3];
+    void main() { payload[0] = 77u; }";
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uint payload[3];
+    void main() {
+        uint i = gl_LaunchIDEXT.x;
+        payload = uint[](i % 14u, 99u, 0u);
+        traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), 0.0, vec3(0, 0, 1), 100.0, 0);
+        results[2u * i] = payload[0];
+        results[2u * i + 1u] = payload[2];
+    }";
+    let output = gpu.buffer(8 * 140);
+    let raygen = format!("{WORLD}{RESULTS}{raygen}");
+    let rays = gpu.rays(&RaysInput {
+        shaders: &[
+            (Stage::RayGeneration, &raygen),
+            (Stage::Miss, miss),
+            (Stage::AnyHit, any),
+            (Stage::ClosestHit, closest),
+        ],
+        groups: &[
+            Group::general(0),
+            Group::general(1),
+            Group {
+                any_hit: Some(2),
+                ..Group::hit(3)
+            },
+        ],
+        recursion: 1,
+        bindings: &[
+            (0, &[Bound::Structure(world.handle)]),
+            (1, &[Bound::Storage(output)]),
+        ],
+    });
+    let table = Table {
+        raygen: Record::of(0),
+        miss: vec![Record::of(1)],
+        hit: vec![Record::of(2)],
+        callable: vec![],
+    };
+    gpu.trace(&rays, &table, [140, 1, 1]);
+    for (i, result) in output.read::<[u32; 2]>().into_iter().enumerate() {
+        let below = i as u32 % 14;
+        assert_eq!(result[0], if below < 12 { below } else { 77 }, "ray {i}");
+        // Each triangle in front of the hit is asked exactly once; those behind may be.
+        let (asked, kept) = (result[1] % 10000, result[1] / 10000);
+        assert!(
+            asked >= (below + 1).min(12) && asked <= 12,
+            "ray {i}: {asked}"
+        );
+        assert!(
+            kept == asked.saturating_sub(below),
+            "ray {i}: {asked} {kept}"
+        );
+    }
+}
+
+#[test]
+fn ending_the_search_keeps_the_hit_that_ended_it() {
+    let gpu = Gpu::new();
+    let world = gpu.scene(&[Geometry::triangles(
+        &layers(12),
+        vk::GeometryFlagsKHR::empty(),
+    )]);
+    let any = r"
+    layout(location = 0) rayPayloadInEXT uint payload;
+    void main() {
+        if (gl_PrimitiveID != payload) { ignoreIntersectionEXT; }
+        terminateRayEXT;
+    }";
+    let closest = r"
+    layout(location = 0) rayPayloadInEXT uint payload;
+    void main() { payload = 1000u * payload + gl_PrimitiveID; }";
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uint payload;
+    void main() {
+        payload = gl_LaunchIDEXT.x;
+        traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), 0.0, vec3(0, 0, 1), 100.0, 0);
+        results[gl_LaunchIDEXT.x] = payload;
+    }";
+    let results = trace_words(
+        &gpu,
+        world,
+        raygen,
+        &[(Stage::AnyHit, any), (Stage::ClosestHit, closest)],
+        &[Group {
+            any_hit: Some(2),
+            ..Group::hit(3)
+        }],
+        [12, 1, 1],
+        12,
+    );
+    let expected: Vec<u32> = (0..12).map(|i| 1001 * i).collect();
+    assert_eq!(results, expected);
+}
+
+#[test]
+fn rays_may_end_at_the_first_hit_and_skip_the_closest_hit_shader() {
+    let gpu = Gpu::new();
+    let world = gpu.scene(&[Geometry::opaque(&layers(3))]);
+    let closest =
+        "layout(location = 0) rayPayloadInEXT uint payload; void main() { payload = 5u; }";
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uint payload;
+    void main() {
+        uint flags[4] = uint[](0u, 4u, 8u, 12u);
+        float ends[2] = float[](100.0, 0.5);
+        payload = 1u;
+        uvec3 id = gl_LaunchIDEXT;
+        traceRayEXT(world, flags[id.x], 0xff, 0, 0, 0, vec3(0), 0.0, vec3(0, 0, 1), ends[id.y], 0);
+        results[id.y * 4u + id.x] = payload;
+    }";
+    let results = trace_words(
+        &gpu,
+        world,
+        raygen,
+        &[(Stage::ClosestHit, closest)],
+        &[Group::hit(2)],
+        [4, 2, 1],
+        8,
+    );
+    let missed = u32::MAX;
+    assert_eq!(results, [5, 5, 1, 1, missed, missed, missed, missed]);
+}
+
+#[test]
+fn the_binding_table_is_indexed_by_instance_geometry_and_ray() {
+    let gpu = Gpu::new();
+    // Three geometries side by side in each of four instances, one above the other.
+    let geometries: Vec<Geometry> = (0..3)
+        .map(|i| {
+            let x = i as f32 * 2.0;
+            Geometry::opaque(&[[x, 0.0, 1.0], [x + 1.0, 0.0, 1.0], [x, 1.0, 1.0]])
+        })
+        .collect();
+    let bottom = gpu.bottom(&geometries);
+    let offsets = [0, 3, 11, 6];
+    let instances: Vec<Instance> = offsets
+        .iter()
+        .enumerate()
+        .map(|(i, offset)| Instance {
+            transform: translated([0.0, 2.0 * i as f32, 0.0]),
+            table_offset: *offset,
+            ..Instance::of(bottom)
+        })
+        .collect();
+    let world = gpu.top(&instances);
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uint payload;
+    layout(shaderRecordEXT, std430) buffer Own { uint own[2]; };
+    void main() {
+        uvec3 id = gl_LaunchIDEXT;
+        vec3 origin = vec3(2.0 * float(id.x) + 0.25, 2.0 * float(id.y) + 0.25, 0.0);
+        uint offset = id.z % 3u, stride = id.z / 3u;
+        payload = own[1];
+        traceRayEXT(world, 0u, 0xff, offset, stride, id.z % 2u, origin, 0.0, vec3(0, 0, 1), 100.0, 0);
+        results[(id.z * 5u + id.y) * 4u + id.x] = payload + own[0];
+    }";
+    let hit = |letter: u32| {
+        format!(
+            "layout(location = 0) rayPayloadInEXT uint payload;
+            layout(shaderRecordEXT, std430) buffer Own {{ uint number; uint more[3]; }};
+            void main() {{ payload += number + more[2] * 1000u + {letter}u * 100000u; }}"
+        )
+    };
+    let miss = r"
+    layout(location = 0) rayPayloadInEXT uint payload;
+    layout(shaderRecordEXT, std430) buffer Own { uint number; };
+    void main() { payload += number; }";
+    let (hit_a, hit_b) = (hit(1), hit(2));
+    let output = gpu.buffer(4 * 4 * 5 * 9);
+    let raygen = format!("{WORLD}{RESULTS}{raygen}");
+    let rays = gpu.rays(&RaysInput {
+        shaders: &[
+            (Stage::RayGeneration, &raygen),
+            (Stage::Miss, miss),
+            (Stage::ClosestHit, &hit_a),
+            (Stage::ClosestHit, &hit_b),
+        ],
+        groups: &[
+            Group::general(0),
+            Group::general(1),
+            Group::hit(2),
+            Group::hit(3),
+        ],
+        recursion: 1,
+        bindings: &[
+            (0, &[Bound::Structure(world.handle)]),
+            (1, &[Bound::Storage(output)]),
+        ],
+    });
+    let table = Table {
+        raygen: Record::with(0, &[70_000_000u32, 3_000_000]),
+        miss: vec![Record::with(1, &[11u32]), Record::with(1, &[22u32])],
+        hit: (0..20u32)
+            .map(|i| Record::with(2 + i % 2, &[i, 0, 0, 2 * i]))
+            .collect(),
+        callable: vec![],
+    };
+    gpu.trace(&rays, &table, [4, 5, 9]);
+    let results: Vec<u32> = output.read();
+    for z in 0..9u32 {
+        for y in 0..5u32 {
+            for x in 0..4u32 {
+                let hit = x < 3 && y < 4;
+                let expected = 73_000_000
+                    + if hit {
+                        let record = offsets[y as usize] + x * (z / 3) + z % 3;
+                        record + 2000 * record + 100_000 * (1 + record % 2)
+                    } else {
+                        11 * (1 + z % 2)
+                    };
+                assert_eq!(
+                    results[((z * 5 + y) * 4 + x) as usize],
+                    expected,
+                    "{x} {y} {z}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn unused_groups_do_nothing() {
+    let gpu = Gpu::new();
+    let world = gpu.scene(&[Geometry::opaque(&layers(1))]);
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uint payload;
+    void main() {
+        payload = 42u;
+        vec3 direction = vec3(0, 0, gl_LaunchIDEXT.x == 0u ? 1 : -1);
+        traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), 0.0, direction, 100.0, 0);
+        results[gl_LaunchIDEXT.x] = payload;
+    }";
+    let output = gpu.buffer(8);
+    let raygen = format!("{WORLD}{RESULTS}{raygen}");
+    let rays = gpu.rays(&RaysInput {
+        shaders: &[(Stage::RayGeneration, &raygen)],
+        groups: &[Group::general(0)],
+        recursion: 1,
+        bindings: &[
+            (0, &[Bound::Structure(world.handle)]),
+            (1, &[Bound::Storage(output)]),
+        ],
+    });
+    let table = Table {
+        raygen: Record::of(0),
+        miss: vec![Record::default()],
+        hit: vec![Record::default()],
+        callable: vec![],
+    };
+    gpu.trace(&rays, &table, [2, 1, 1]);
+    assert_eq!(output.read::<u32>(), [42, 42]);
+}
+
+#[test]
+fn callables_call_callables() {
+    let gpu = Gpu::new();
+    let world = gpu.scene(&[Geometry::opaque(&layers(1))]);
+    let raygen = r"
+    layout(location = 3) callableDataEXT uvec4 data;
+    void main() {
+        uint i = gl_LaunchIDEXT.x;
+        data = uvec4(i, 0u, 0u, i * 7u);
+        executeCallableEXT(i % 3u, 3);
+        results[2u * i] = data.y;
+        results[2u * i + 1u] = data.w + data.z;
+    }";
+    let leaf = r"
+    layout(location = 0) callableDataInEXT uvec4 data;
+    layout(shaderRecordEXT, std430) buffer Own { uint number; };
+    void main() { data.y = data.x * 3u + number; data.z += 1u; }";
+    let caller = r"
+    layout(location = 0) callableDataInEXT uvec4 data;
+    layout(location = 1) callableDataEXT uvec4 inner;
+    void main() {
+        uint sum = 0u;
+        for (uint k = 0u; k < data.x % 4u; k++) {
+            inner = uvec4(k, 0u, 0u, 0u);
+            executeCallableEXT(k % 2u, 1);
+            sum += inner.y;
+            data.z += inner.z;
+        }
+        data.y = sum;
+    }";
+    let output = gpu.buffer(8 * 200);
+    let raygen = format!("{WORLD}{RESULTS}{raygen}");
+    let rays = gpu.rays(&RaysInput {
+        shaders: &[
+            (Stage::RayGeneration, &raygen),
+            (Stage::Callable, leaf),
+            (Stage::Callable, caller),
+        ],
+        groups: &[Group::general(0), Group::general(1), Group::general(2)],
+        recursion: 1,
+        bindings: &[
+            (0, &[Bound::Structure(world.handle)]),
+            (1, &[Bound::Storage(output)]),
+        ],
+    });
+    let table = Table {
+        raygen: Record::of(0),
+        miss: vec![],
+        hit: vec![],
+        callable: vec![
+            Record::with(1, &[500u32]),
+            Record::with(1, &[9000u32]),
+            Record::of(2),
+        ],
+    };
+    gpu.trace(&rays, &table, [200, 1, 1]);
+    let call = |i: u32, record: u32| 3 * i + [500, 9000][record as usize];
+    for (i, [value, rest]) in output.read::<[u32; 2]>().into_iter().enumerate() {
+        let i = i as u32;
+        let (expected, calls) = match i % 3 {
+            2 => ((0..i % 4).map(|k| call(k, k % 2)).sum(), i % 4),
+            record => (call(i, record), 1),
+        };
+        assert_eq!((value, rest), (expected, 7 * i + calls), "invocation {i}");
+    }
+}
+
+#[test]
+fn closest_hit_shaders_trace_rays_to_the_allowed_depth() {
+    let gpu = Gpu::new();
+    let depth = gpu.pipeline_properties.max_ray_recursion_depth.min(6);
+    if depth < 2 {
+        return println!("this device does not recurse");
+    }
+    let world = gpu.scene(&[Geometry::opaque(&layers(8))]);
+    // A ray that hits layer k goes on from there until `left` is used up; each level keeps a
+    // value of its own across the call.
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uvec2 payload; // left, sum
+    void main() {
+        uint i = gl_LaunchIDEXT.x;
+        payload = uvec2(i % results.length(), 0u);
+        traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), 0.0, vec3(0, 0, 1), 100.0, 0);
+        results[i] = payload.y;
+    }";
+    let closest = format!(
+        "{WORLD}
+        layout(location = 0) rayPayloadInEXT uvec2 payload;
+        layout(location = 1) rayPayloadEXT uvec2 inner;
+        void main() {{
+            uint own = (uint(gl_PrimitiveID) + 1u) * (payload.x + 1u);
+            uint sum = own;
+            if (payload.x > 0u) {{
+                inner = uvec2(payload.x - 1u, 0u);
+                vec3 origin = gl_WorldRayOriginEXT + gl_HitTEXT * gl_WorldRayDirectionEXT;
+                traceRayEXT(world, 0u, 0xff, 0, 0, 0, origin, 0.5, gl_WorldRayDirectionEXT, 100.0, 1);
+                sum = own + 3u * inner.y;
+            }}
+            payload.y = sum;
+        }}"
+    );
+    let output = gpu.buffer(4 * u64::from(depth));
+    let raygen = format!("{WORLD}{RESULTS}{raygen}");
+    let miss =
+        "layout(location = 0) rayPayloadInEXT uvec2 payload; void main() { payload.y = 1u; }";
+    let rays = gpu.rays(&RaysInput {
+        shaders: &[
+            (Stage::RayGeneration, &raygen),
+            (Stage::Miss, miss),
+            (Stage::ClosestHit, &closest),
+        ],
+        groups: &[Group::general(0), Group::general(1), Group::hit(2)],
+        recursion: depth,
+        bindings: &[
+            (0, &[Bound::Structure(world.handle)]),
+            (1, &[Bound::Storage(output)]),
+        ],
+    });
+    let table = Table {
+        raygen: Record::of(0),
+        miss: vec![Record::of(1)],
+        hit: vec![Record::of(2)],
+        callable: vec![],
+    };
+    gpu.trace(&rays, &table, [depth, 1, 1]);
+    fn expected(layer: u32, left: u32) -> u32 {
+        let own = (layer + 1) * (left + 1);
+        if left == 0 {
+            own
+        } else {
+            own + 3 * expected(layer + 1, left - 1)
+        }
+    }
+    let all: Vec<u32> = (0..depth).map(|left| expected(0, left)).collect();
+    assert_eq!(output.read::<u32>(), all);
+}
+
+#[test]
+fn values_live_across_traces_in_loops_and_branches() {
+    let gpu = Gpu::new();
+    let world = gpu.scene(&[Geometry::opaque(&layers(9))]);
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uint payload;
+    void main() {
+        uint i = gl_LaunchIDEXT.x;
+        uint kept[4] = uint[](i, i * i, 3u, 5u);
+        float step = 0.0;
+        uint sum = 0u;
+        for (uint k = 0u; k < i % 7u; k++) {
+            if ((i + k) % 3u == 0u) {
+                step += 1.0;
+                continue;
+            }
+            payload = 0u;
+            traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, step), 0.0, vec3(0, 0, 1), 100.0, 0);
+            kept[k % 4u] += payload;
+            if (payload == 6u) {
+                break;
+            }
+            sum += k * payload;
+            step += 0.9;
+        }
+        results[i] = sum + kept[0] + 7u * kept[1] + 11u * kept[2] + 13u * kept[3];
+    }";
+    let closest = r"
+    layout(location = 0) rayPayloadInEXT uint payload;
+    void main() { payload = uint(gl_PrimitiveID) + 1u; }";
+    let results = trace_words(
+        &gpu,
+        world,
+        raygen,
+        &[(Stage::ClosestHit, closest)],
+        &[Group::hit(2)],
+        [300, 1, 1],
+        300,
+    );
+    for i in 0..300u32 {
+        let mut kept = [i, i * i, 3, 5];
+        let (mut step, mut sum) = (0.0f32, 0);
+        for k in 0..i % 7 {
+            if (i + k) % 3 == 0 {
+                step += 1.0;
+                continue;
+            }
+            let payload = (1..=9u32)
+                .find(|z| *z as f32 > step)
+                .expect("there is a layer ahead");
+            kept[k as usize % 4] += payload;
+            if payload == 6 {
+                break;
+            }
+            sum += k * payload;
+            step += 0.9;
+        }
+        let expected = sum + kept[0] + 7 * kept[1] + 11 * kept[2] + 13 * kept[3];
+        assert_eq!(results[i as usize], expected, "invocation {i}");
+    }
+}
+
+#[test]
+fn payloads_of_many_sizes_come_back() {
+    let gpu = Gpu::new();
+    let world = gpu.scene(&[Geometry::opaque(&layers(1))]);
+    for words in [1u32, 2, 3, 5, 8, 17, 40, 64] {
+        let raygen = format!(
+            "layout(location = 0) rayPayloadEXT uint payload[{words}];
+            void main() {{
+                uint i = gl_LaunchIDEXT.x;
+                for (uint k = 0u; k < {words}u; k++) payload[k] = i * 1000u + k;
+                vec3 direction = vec3(0, 0, i % 2u == 0u ? 1 : -1);
+                traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), 0.0, direction, 10.0, 0);
+                for (uint k = 0u; k < {words}u; k++) results[i * {words}u + k] = payload[k];
+            }}"
+        );
+        let touch = |add: u32| {
+            format!(
+                "layout(location = 0) rayPayloadInEXT uint payload[{words}];
+                void main() {{ for (uint k = 0u; k < {words}u; k += 2u) payload[k] += {add}u; }}"
+            )
+        };
+        let (closest, miss) = (touch(1_000_000), touch(2_000_000));
+        let output = gpu.buffer(4 * 70 * u64::from(words));
+        let raygen = format!("{WORLD}{RESULTS}{raygen}");
+        let rays = gpu.rays(&RaysInput {
+            shaders: &[
+                (Stage::RayGeneration, &raygen),
+                (Stage::Miss, &miss),
+                (Stage::ClosestHit, &closest),
+            ],
+            groups: &[Group::general(0), Group::general(1), Group::hit(2)],
+            recursion: 1,
+            bindings: &[
+                (0, &[Bound::Structure(world.handle)]),
+                (1, &[Bound::Storage(output)]),
+            ],
+        });
+        let table = Table {
+            raygen: Record::of(0),
+            miss: vec![Record::of(1)],
+            hit: vec![Record::of(2)],
+            callable: vec![],
+        };
+        gpu.trace(&rays, &table, [70, 1, 1]);
+        for (i, got) in output.read::<u32>().chunks(words as usize).enumerate() {
+            for (k, word) in got.iter().enumerate() {
+                let add = if k % 2 == 0 {
+                    1_000_000 * (1 + i as u32 % 2)
+                } else {
+                    0
+                };
+                assert_eq!(
+                    *word,
+                    i as u32 * 1000 + k as u32 + add,
+                    "{words} words, ray {i}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn several_rays_use_several_payloads_and_miss_shaders() {
+    let gpu = Gpu::new();
+    let world = gpu.scene(&[Geometry::opaque(&layers(1))]);
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uint a;
+    layout(location = 1) rayPayloadEXT vec3 b;
+    struct Deep { dvec2 d; uint u; float f[3]; };
+    layout(location = 2) rayPayloadEXT Deep c;
+    void main() {
+        uint i = gl_LaunchIDEXT.x;
+        a = 1u; b = vec3(2.0); c = Deep(dvec2(3.0, 4.0), 5u, float[](6.0, 7.0, 8.0));
+        vec3 away = vec3(0, 0, -1);
+        traceRayEXT(world, 0u, 0xff, 0, 0, 1, vec3(0), 0.0, away, 10.0, 1);
+        if (i % 2u == 1u) traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), 0.0, away, 10.0, 0);
+        traceRayEXT(world, 0u, 0xff, 0, 0, 2, vec3(0), 0.0, away, 10.0, 2);
+        results[3u * i] = a;
+        results[3u * i + 1u] = uint(b.x + 10.0 * b.y + 100.0 * b.z);
+        results[3u * i + 2u] = uint(c.d.x + 10.0 * c.d.y) + 1000u * c.u + uint(100000.0 * c.f[2]);
+    }";
+    let first = "layout(location = 0) rayPayloadInEXT uint a; void main() { a += 50u; }";
+    let second =
+        "layout(location = 1) rayPayloadInEXT vec3 b; void main() { b = b.zyx + vec3(1, 2, 3); }";
+    let third = r"
+    struct Deep { dvec2 d; uint u; float f[3]; };
+    layout(location = 2) rayPayloadInEXT Deep c;
+    void main() { c.d = c.d.yx; c.u *= 2u; c.f[2] = c.f[0] + c.f[1]; }";
+    if gpu.features.shader_float64 == 0 {
+        return println!("this device has no doubles");
+    }
+    let output = gpu.buffer(12 * 40);
+    let raygen = format!("{WORLD}{RESULTS}{raygen}");
+    let rays = gpu.rays(&RaysInput {
+        shaders: &[
+            (Stage::RayGeneration, &raygen),
+            (Stage::Miss, first),
+            (Stage::Miss, second),
+            (Stage::Miss, third),
+        ],
+        groups: &[0, 1, 2, 3].map(Group::general),
+        recursion: 1,
+        bindings: &[
+            (0, &[Bound::Structure(world.handle)]),
+            (1, &[Bound::Storage(output)]),
+        ],
+    });
+    let table = Table {
+        raygen: Record::of(0),
+        miss: vec![Record::of(1), Record::of(2), Record::of(3)],
+        hit: vec![],
+        callable: vec![],
+    };
+    gpu.trace(&rays, &table, [40, 1, 1]);
+    for (i, got) in output.read::<[u32; 3]>().into_iter().enumerate() {
+        let first = if i % 2 == 1 { 51 } else { 1 };
+        assert_eq!(
+            got,
+            [first, 3 + 40 + 500, 34 + 10_000 + 1_300_000],
+            "invocation {i}"
+        );
+    }
+}
+
+#[test]
+fn indirect_traces_read_their_size_from_memory() {
+    let gpu = Gpu::new();
+    let world = gpu.scene(&[Geometry::opaque(&layers(1))]);
+    let output = gpu.buffer(4 * 100);
+    let raygen = format!(
+        "{WORLD}{RESULTS}
+        void main() {{ results[gl_LaunchIDEXT.y * gl_LaunchSizeEXT.x + gl_LaunchIDEXT.x] = 7u; }}"
+    );
+    let rays = gpu.rays(&RaysInput {
+        shaders: &[(Stage::RayGeneration, &raygen)],
+        groups: &[Group::general(0)],
+        recursion: 1,
+        bindings: &[
+            (0, &[Bound::Structure(world.handle)]),
+            (1, &[Bound::Storage(output)]),
+        ],
+    });
+    let table = Table {
+        raygen: Record::of(0),
+        ..Table::default()
+    };
+    let regions = gpu.regions(&rays, &table);
+    let size = gpu.buffer_with(&[11u32, 8, 1]);
+    gpu.run(|commands| {
+        gpu.bind_rays(commands, &rays);
+        // SAFETY: the buffers live as long as the device.
+        unsafe {
+            gpu.ray_tracing.cmd_trace_rays_indirect(
+                commands,
+                &regions[0],
+                &regions[1],
+                &regions[2],
+                &regions[3],
+                size.address,
+            );
+        }
+    });
+    let expected: Vec<u32> = (0..100).map(|i| if i < 88 { 7 } else { 0 }).collect();
+    assert_eq!(output.read::<u32>(), expected);
+}
+
+#[test]
+fn intersection_shaders_report_what_is_kept() {
+    let gpu = Gpu::new();
+    let boxes: Vec<[f32; 6]> = (0..3)
+        .map(|i| {
+            let z = 10.0 * i as f32;
+            [-1.0, -1.0, z + 1.0, 1.0, 1.0, z + 9.0]
+        })
+        .collect();
+    let world = gpu.scene(&[Geometry::boxes(&boxes, vk::GeometryFlagsKHR::empty())]);
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uvec4 payload; // case, t, kind and attribute, answers
+    void main() {
+        uint i = gl_LaunchIDEXT.x;
+        payload = uvec4(i, 0u, 0u, 0u);
+        traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), 2.0, vec3(0, 0, 1), 25.0, 0);
+        results[4u * i] = payload.x;
+        results[4u * i + 1u] = payload.y;
+        results[4u * i + 2u] = payload.z;
+        results[4u * i + 3u] = payload.w;
+    }";
+    // Case 0: too near, then fine. 1: too far only. 2: the nearer of two, the farther first.
+    // 3: the any-hit shader refuses kind 99. 4: nothing.
+    let intersection = r"
+    layout(set = 0, binding = 2, std430) buffer Cases { uint cases[]; };
+    hitAttributeEXT uvec2 extra;
+    void main() {
+        float z = 10.0 * float(gl_PrimitiveID);
+        uint which = gl_LaunchIDEXT.x;
+        extra = uvec2(gl_PrimitiveID, which);
+        if (which == 0u) {
+            bool early = reportIntersectionEXT(1.5, 3u);
+            extra.y = early ? 1u : 50u;
+            reportIntersectionEXT(z + 4.0, 4u);
+        } else if (which == 1u) {
+            reportIntersectionEXT(25.5, 5u);
+        } else if (which == 2u) {
+            extra.y = 60u;
+            bool far = reportIntersectionEXT(z + 8.0, 6u);
+            extra.y = far ? 61u : 62u;
+            bool near = reportIntersectionEXT(z + 3.0, 7u);
+            extra.y = 63u;
+            reportIntersectionEXT(z + 5.0, 8u);
+        } else if (which == 3u) {
+            bool refused = reportIntersectionEXT(z + 3.0, 99u);
+            extra.y = refused ? 70u : 71u;
+            reportIntersectionEXT(z + 4.0, 9u);
+        }
+    }";
+    let any = r"
+    layout(location = 0) rayPayloadInEXT uvec4 payload;
+    hitAttributeEXT uvec2 extra;
+    void main() { if (gl_HitKindEXT == 99u) ignoreIntersectionEXT; }";
+    let closest = r"
+    layout(location = 0) rayPayloadInEXT uvec4 payload;
+    hitAttributeEXT uvec2 extra;
+    void main() {
+        payload.y = floatBitsToUint(gl_HitTEXT);
+        payload.z = gl_HitKindEXT;
+        payload.w = extra.x * 1000u + extra.y;
+    }";
+    let miss =
+        "layout(location = 0) rayPayloadInEXT uvec4 payload; void main() { payload.y = 1u; }";
+    let output = gpu.buffer(16 * 5);
+    let cases = gpu.buffer(64);
+    let raygen = format!("{WORLD}{RESULTS}{raygen}");
+    let rays = gpu.rays(&RaysInput {
+        shaders: &[
+            (Stage::RayGeneration, &raygen),
+            (Stage::Miss, miss),
+            (Stage::Intersection, intersection),
+            (Stage::AnyHit, any),
+            (Stage::ClosestHit, closest),
+        ],
+        groups: &[
+            Group::general(0),
+            Group::general(1),
+            Group {
+                intersection: Some(2),
+                any_hit: Some(3),
+                ..Group::hit(4)
+            },
+        ],
+        recursion: 1,
+        bindings: &[
+            (0, &[Bound::Structure(world.handle)]),
+            (1, &[Bound::Storage(output)]),
+            (2, &[Bound::Storage(cases)]),
+        ],
+    });
+    let table = Table {
+        raygen: Record::of(0),
+        miss: vec![Record::of(1)],
+        hit: vec![Record::of(2)],
+        callable: vec![],
+    };
+    gpu.trace(&rays, &table, [5, 1, 1]);
+    let t = |t: f32| t.to_bits();
+    let why = "a reported hit that is too far away overwrites the attributes of the nearer one";
+    unless_known(&gpu, "llvmpipe", why, || {
+        let near = [0, t(4.0), 4, 50];
+        let nearest = [2, t(3.0), 7, 61];
+        let unrefused = [3, t(4.0), 9, 71];
+        let expected = [near, [1, 1, 0, 0], nearest, unrefused, [4, 1, 0, 0]];
+        assert_eq!(output.read::<[u32; 4]>(), expected);
+    });
+}
+
+#[test]
+fn hit_shaders_know_the_ray_and_the_instance() {
+    let gpu = Gpu::new();
+    let bottom = gpu.bottom(&[Geometry::opaque(&layers(2))]);
+    let transform = [2.0, 0.5, 0.0, 1.0, 0.0, 1.0, 0.25, 2.0, 0.0, 0.0, 4.0, 3.0];
+    let world = gpu.top(&[
+        Instance {
+            transform: translated([100.0, 0.0, 0.0]),
+            ..Instance::of(bottom)
+        },
+        Instance {
+            transform,
+            custom_index: 0x0012_3456,
+            ..Instance::of(bottom)
+        },
+    ]);
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uint payload;
+    void main() {
+        traceRayEXT(world, 1u, 0x3c, 0, 0, 0, vec3(1.5, 2.5, 0.5), 0.25, vec3(0.125, 0.0, 2.0), 77.0, 0);
+    }";
+    let closest = format!(
+        "{RESULTS}
+        layout(location = 0) rayPayloadInEXT uint payload;
+        void put(uint i, float f) {{ results[i] = floatBitsToUint(f); }}
+        void main() {{
+            for (uint k = 0u; k < 3u; k++) {{
+                put(k, gl_WorldRayOriginEXT[k]);
+                put(3u + k, gl_WorldRayDirectionEXT[k]);
+                put(6u + k, gl_ObjectRayOriginEXT[k]);
+                put(9u + k, gl_ObjectRayDirectionEXT[k]);
+            }}
+            for (uint c = 0u; c < 4u; c++) {{
+                for (uint r = 0u; r < 3u; r++) {{
+                    put(12u + 3u * c + r, gl_ObjectToWorldEXT[c][r]);
+                    put(24u + 3u * c + r, gl_WorldToObjectEXT[c][r]);
+                    put(36u + 3u * c + r, gl_ObjectToWorld3x4EXT[r][c]);
+                }}
+            }}
+            put(48u, gl_RayTminEXT);
+            put(49u, gl_RayTmaxEXT);
+            put(50u, gl_HitTEXT);
+            results[51] = gl_InstanceID;
+            results[52] = gl_InstanceCustomIndexEXT;
+            results[53] = gl_PrimitiveID;
+            results[54] = gl_GeometryIndexEXT;
+            results[55] = gl_IncomingRayFlagsEXT;
+        }}"
+    );
+    let results = trace_words(
+        &gpu,
+        world,
+        raygen,
+        &[(Stage::ClosestHit, &closest)],
+        &[Group::hit(2)],
+        [1, 1, 1],
+        56,
+    );
+    let close = |i: usize, expected: f64| {
+        let got = f64::from(f32::from_bits(results[i]));
+        assert!(
+            (got - expected).abs() < 1e-5 * expected.abs().max(1.0),
+            "{i}: {got}, {expected}"
+        );
+    };
+    let m = |row: usize, column: usize| f64::from(transform[4 * row + column]);
+    // The inverse of the matrix's left 3 × 3 by cofactors.
+    let minor = |r: usize, c: usize| {
+        let (r0, r1, c0, c1) = ((r + 1) % 3, (r + 2) % 3, (c + 1) % 3, (c + 2) % 3);
+        m(r0, c0) * m(r1, c1) - m(r0, c1) * m(r1, c0)
+    };
+    let determinant: f64 = (0..3).map(|c| m(0, c) * minor(0, c)).sum();
+    let inverse = |r: usize, c: usize| minor(c, r) / determinant;
+    let moved = |r: usize| -(0..3).map(|k| inverse(r, k) * m(k, 3)).sum::<f64>();
+    let (origin, direction) = ([1.5, 2.5, 0.5], [0.125, 0.0, 2.0]);
+    for r in 0..3 {
+        close(r, origin[r]);
+        close(3 + r, direction[r]);
+        close(
+            6 + r,
+            (0..3).map(|k| inverse(r, k) * origin[k]).sum::<f64>() + moved(r),
+        );
+        close(
+            9 + r,
+            (0..3).map(|k| inverse(r, k) * direction[k]).sum::<f64>(),
+        );
+        for c in 0..4 {
+            close(12 + 3 * c + r, m(r, c));
+            close(24 + 3 * c + r, if c < 3 { inverse(r, c) } else { moved(r) });
+            close(36 + 3 * c + r, m(r, c));
+        }
+    }
+    // The nearer layer lies at world z = 4 · 1 + 3.
+    close(48, 0.25);
+    close(49, 3.25);
+    close(50, 3.25);
+    assert_eq!(results[51..56], [1, 0x0012_3456, 0, 0, 1]);
+}
