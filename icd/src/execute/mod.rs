@@ -32,6 +32,8 @@ pub mod query;
 pub mod ray_tracing;
 pub mod resolve;
 mod surface;
+#[cfg(test)]
+mod transfer_tests;
 
 use ash::vk;
 
