@@ -46,7 +46,7 @@ impl Device {
         queue_count: u32,
     ) -> VkResult<Self> {
         let engine = Engine::new(physical.thread_count, Arc::clone(&physical.messengers))?;
-        let window = AddressWindow::reserve(physical.heap_bytes, Arc::clone(&physical.used))?;
+        let window = AddressWindow::reserve(physical.heap_bytes)?;
         let queue = |index| handle::new(Queue::new(index, Arc::clone(&engine)));
         Ok(Self {
             extensions,
