@@ -3,6 +3,7 @@
 pub mod acceleration_structure;
 pub mod buffer;
 pub mod command;
+pub mod command_image;
 pub mod command_transfer;
 pub mod debug;
 pub mod deferred;
