@@ -4,10 +4,12 @@ use std::sync::Arc;
 
 use super::instance::Messengers;
 use super::memory;
+use crate::table::extensions::ExtensionSet;
 
 /// The one physical device of an instance.
 pub struct PhysicalDevice {
     pub messengers: Arc<Messengers>,
+    pub instance_extensions: ExtensionSet,
     /// Threads that a device's commands fan out over.
     pub thread_count: usize,
     /// Size of the memory heap.
@@ -16,9 +18,10 @@ pub struct PhysicalDevice {
 
 impl PhysicalDevice {
     /// Looks at the machine.
-    pub fn new(messengers: Arc<Messengers>) -> Self {
+    pub fn new(messengers: Arc<Messengers>, instance_extensions: ExtensionSet) -> Self {
         Self {
             messengers,
+            instance_extensions,
             thread_count: thread_count(),
             heap_bytes: heap_bytes(),
         }
