@@ -60,6 +60,7 @@ pub(crate) enum Made {
 
 impl Gpu {
     /// The first device, with validation where it is installed.
+    #[expect(clippy::new_without_default, reason = "opening a device is no default")]
     pub fn new() -> Gpu {
         Gpu::open(true)
     }
