@@ -1,42 +1,37 @@
-//! The table of formats: texel size, planes, and what each can be used for.
+//! What each format can be used for: derived from what is known of its texels, `spirv_jit::image::format`.
 
 #![forbid(unsafe_code)]
 
 use ash::vk;
+use spirv_jit::image::Format;
+use spirv_jit::image::format::{Aspect, FormatInfo, Numeric};
+
+use crate::execute::acceleration_structure::vertex_format;
+
+/// A Vulkan format as the image code knows it.
+pub fn texel_format(format: vk::Format) -> Format {
+    Format(format.as_raw() as u32)
+}
 
 /// Bytes of a texel of a format with one plane; 0 if the format is not supported.
 pub fn texel_size_bytes(format: vk::Format) -> u64 {
-    row(format).map_or(0, |row| row.1)
+    texel_format(format).size_bytes() as u64
 }
 
-/// The planes of a format: one, or depth and stencil apart.
+/// The planes of a format: one, or depth and stencil apart. None for formats that are not supported.
 pub fn planes(format: vk::Format) -> Vec<(vk::ImageAspectFlags, vk::Format)> {
-    use vk::ImageAspectFlags as Aspect;
-    match format {
-        vk::Format::D32_SFLOAT | vk::Format::D16_UNORM | vk::Format::X8_D24_UNORM_PACK32 => {
-            vec![(Aspect::DEPTH, format)]
-        }
-        vk::Format::S8_UINT => vec![(Aspect::STENCIL, format)],
-        vk::Format::D32_SFLOAT_S8_UINT => {
-            vec![
-                (Aspect::DEPTH, vk::Format::D32_SFLOAT),
-                (Aspect::STENCIL, vk::Format::S8_UINT),
-            ]
-        }
-        vk::Format::D24_UNORM_S8_UINT => {
-            vec![
-                (Aspect::DEPTH, vk::Format::X8_D24_UNORM_PACK32),
-                (Aspect::STENCIL, vk::Format::S8_UINT),
-            ]
-        }
-        vk::Format::D16_UNORM_S8_UINT => {
-            vec![
-                (Aspect::DEPTH, vk::Format::D16_UNORM),
-                (Aspect::STENCIL, vk::Format::S8_UINT),
-            ]
-        }
-        _ => vec![(Aspect::COLOR, format)],
-    }
+    const ASPECTS: [(Aspect, vk::ImageAspectFlags); 3] = [
+        (Aspect::Color, vk::ImageAspectFlags::COLOR),
+        (Aspect::Depth, vk::ImageAspectFlags::DEPTH),
+        (Aspect::Stencil, vk::ImageAspectFlags::STENCIL),
+    ];
+    ASPECTS
+        .into_iter()
+        .filter_map(|(aspect, bit)| {
+            let plane = texel_format(format).plane(aspect)?;
+            Some((bit, vk::Format::from_raw(plane.0 as i32)))
+        })
+        .collect()
 }
 
 /// What a format can be used for.
@@ -47,24 +42,260 @@ pub struct Features {
     pub buffer: vk::FormatFeatureFlags2,
 }
 
+/// Formats of extensions that are not advertised, though their texels are known.
+const NOT_ADVERTISED: [Format; 2] = [Format::A1B5G5R5_UNORM_PACK16, Format::A8_UNORM];
+
 /// A format's features; empty if it is not supported.
 pub fn features(format: vk::Format) -> Features {
-    row(format).map_or(Features::default(), |row| row.2)
+    let texel = texel_format(format);
+    let Some(info) = texel.info().filter(|_| !NOT_ADVERTISED.contains(&texel)) else {
+        return Features::default();
+    };
+    let mut features = Features {
+        image: image_features(texel, info),
+        buffer: buffer_features(texel, info),
+    };
+    if vertex_format(format).is_some() {
+        features.buffer |= vk::FormatFeatureFlags2::ACCELERATION_STRUCTURE_VERTEX_BUFFER_KHR;
+    }
+    features
 }
 
-type Row = (vk::Format, u64, Features);
-
-fn row(format: vk::Format) -> Option<&'static Row> {
-    TABLE.iter().find(|row| row.0 == format)
+fn is_scaled(info: &FormatInfo) -> bool {
+    matches!(info.numeric, Numeric::Uscaled | Numeric::Sscaled)
 }
 
-const NO_FEATURES: Features = Features {
-    image: vk::FormatFeatureFlags2::empty(),
-    buffer: vk::FormatFeatureFlags2::empty(),
-};
+/// 64-bit components: integers are there for atomics, one component at a time; floats are for vertices only.
+fn is_wide(info: &FormatInfo) -> bool {
+    info.channels[0].bits == 64
+}
 
-const TABLE: &[Row] = &[
-    (vk::Format::R8G8B8A8_UNORM, 4, NO_FEATURES),
-    (vk::Format::R32_UINT, 4, NO_FEATURES),
-    (vk::Format::R32G32B32A32_SFLOAT, 16, NO_FEATURES),
-];
+/// Formats with texels of a power of two of bytes and components of whole bytes, and the two packed ones of graphics' storage images.
+fn is_storable(texel: Format, info: &FormatInfo) -> bool {
+    const PACKED: [Format; 3] = [
+        Format::A2B10G10R10_UNORM_PACK32,
+        Format::A2B10G10R10_UINT_PACK32,
+        Format::B10G11R11_UFLOAT_PACK32,
+    ];
+    let has_whole_bytes = info
+        .channels
+        .iter()
+        .all(|channel| channel.bits % 8 == 0 && channel.offset % 8 == 0);
+    let regular = has_whole_bytes && info.component_count() != 3;
+    info.is_color()
+        && info.numeric != Numeric::Srgb
+        && !is_scaled(info)
+        && (regular || PACKED.contains(&texel))
+}
+
+fn has_atomics(texel: Format) -> bool {
+    [
+        Format::R32_UINT,
+        Format::R32_SINT,
+        Format::R64_UINT,
+        Format::R64_SINT,
+    ]
+    .contains(&texel)
+}
+
+fn image_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
+    use vk::FormatFeatureFlags2 as Feature;
+    let transfer = Feature::TRANSFER_SRC | Feature::TRANSFER_DST;
+    let storage = Feature::STORAGE_IMAGE
+        | Feature::STORAGE_READ_WITHOUT_FORMAT
+        | Feature::STORAGE_WRITE_WITHOUT_FORMAT;
+    if is_scaled(info) {
+        return Feature::empty();
+    }
+    if is_wide(info) {
+        return match has_atomics(texel) {
+            true => transfer | storage | Feature::STORAGE_IMAGE_ATOMIC,
+            false => Feature::empty(),
+        };
+    }
+    let mut features = transfer | Feature::SAMPLED_IMAGE | Feature::BLIT_SRC | Feature::BLIT_DST;
+    if !info.numeric.is_integer() {
+        features |= Feature::SAMPLED_IMAGE_FILTER_LINEAR | Feature::SAMPLED_IMAGE_FILTER_MINMAX;
+    }
+    if info.has_depth {
+        features |= Feature::SAMPLED_IMAGE_DEPTH_COMPARISON;
+    }
+    if is_storable(texel, info) {
+        features |= storage;
+    }
+    if has_atomics(texel) {
+        features |= Feature::STORAGE_IMAGE_ATOMIC;
+    }
+    features
+}
+
+fn buffer_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
+    use vk::FormatFeatureFlags2 as Feature;
+    let mut features = Feature::empty();
+    if is_storable(texel, info) && (!is_wide(info) || has_atomics(texel)) {
+        features |= Feature::UNIFORM_TEXEL_BUFFER
+            | Feature::STORAGE_TEXEL_BUFFER
+            | Feature::STORAGE_READ_WITHOUT_FORMAT
+            | Feature::STORAGE_WRITE_WITHOUT_FORMAT;
+    }
+    if [
+        Format::R32G32B32_SFLOAT,
+        Format::R32G32B32_UINT,
+        Format::R32G32B32_SINT,
+    ]
+    .contains(&texel)
+    {
+        features |= Feature::UNIFORM_TEXEL_BUFFER;
+    }
+    if has_atomics(texel) {
+        features |= Feature::STORAGE_TEXEL_BUFFER_ATOMIC;
+    }
+    features
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vk::FormatFeatureFlags2 as Feature;
+
+    /// Spec, "Required Format Support", for what there is without rasterization.
+    #[test]
+    fn required_features_are_there() {
+        let storage = Feature::STORAGE_IMAGE | Feature::STORAGE_TEXEL_BUFFER;
+        let has = |format: vk::Format, image: Feature, buffer: Feature| {
+            let features = features(format);
+            assert!(
+                features.image.contains(image),
+                "{format:?} {:?}",
+                features.image
+            );
+            assert!(
+                features.buffer.contains(buffer),
+                "{format:?} {:?}",
+                features.buffer
+            );
+        };
+        for format in [
+            vk::Format::R8G8B8A8_UNORM,
+            vk::Format::R8G8B8A8_SNORM,
+            vk::Format::R8G8B8A8_UINT,
+            vk::Format::R8G8B8A8_SINT,
+            vk::Format::R16G16B16A16_UINT,
+            vk::Format::R16G16B16A16_SINT,
+            vk::Format::R16G16B16A16_SFLOAT,
+            vk::Format::R32_UINT,
+            vk::Format::R32_SINT,
+            vk::Format::R32_SFLOAT,
+            vk::Format::R32G32_UINT,
+            vk::Format::R32G32_SINT,
+            vk::Format::R32G32_SFLOAT,
+            vk::Format::R32G32B32A32_UINT,
+            vk::Format::R32G32B32A32_SINT,
+            vk::Format::R32G32B32A32_SFLOAT,
+        ] {
+            has(
+                format,
+                Feature::STORAGE_IMAGE
+                    | Feature::SAMPLED_IMAGE
+                    | Feature::BLIT_SRC
+                    | Feature::TRANSFER_DST,
+                Feature::STORAGE_TEXEL_BUFFER | Feature::UNIFORM_TEXEL_BUFFER,
+            );
+        }
+        for format in [
+            vk::Format::B4G4R4A4_UNORM_PACK16,
+            vk::Format::R5G6B5_UNORM_PACK16,
+            vk::Format::A1R5G5B5_UNORM_PACK16,
+            vk::Format::R8_UNORM,
+            vk::Format::R8G8_SNORM,
+            vk::Format::R8G8B8A8_SRGB,
+            vk::Format::B8G8R8A8_UNORM,
+            vk::Format::B8G8R8A8_SRGB,
+            vk::Format::A8B8G8R8_UNORM_PACK32,
+            vk::Format::A2B10G10R10_UNORM_PACK32,
+            vk::Format::R16_SFLOAT,
+            vk::Format::R16G16B16A16_SFLOAT,
+            vk::Format::B10G11R11_UFLOAT_PACK32,
+            vk::Format::E5B9G9R9_UFLOAT_PACK32,
+        ] {
+            has(
+                format,
+                Feature::SAMPLED_IMAGE_FILTER_LINEAR | Feature::BLIT_SRC | Feature::TRANSFER_SRC,
+                Feature::empty(),
+            );
+        }
+        for format in [
+            vk::Format::B8G8R8A8_UNORM,
+            vk::Format::A8B8G8R8_SINT_PACK32,
+            vk::Format::A2B10G10R10_UNORM_PACK32,
+            vk::Format::A2B10G10R10_UINT_PACK32,
+            vk::Format::B10G11R11_UFLOAT_PACK32,
+            vk::Format::R16_UINT,
+        ] {
+            has(
+                format,
+                Feature::SAMPLED_IMAGE,
+                Feature::UNIFORM_TEXEL_BUFFER,
+            );
+        }
+        for format in [vk::Format::R32_UINT, vk::Format::R32_SINT] {
+            has(
+                format,
+                Feature::STORAGE_IMAGE_ATOMIC,
+                Feature::STORAGE_TEXEL_BUFFER_ATOMIC,
+            );
+        }
+        has(
+            vk::Format::D16_UNORM,
+            Feature::SAMPLED_IMAGE | Feature::BLIT_SRC,
+            Feature::empty(),
+        );
+        has(
+            vk::Format::D32_SFLOAT,
+            Feature::SAMPLED_IMAGE_DEPTH_COMPARISON,
+            Feature::empty(),
+        );
+        // VUs of vkCmdBuildAccelerationStructuresKHR: what every implementation takes.
+        for format in [
+            vk::Format::R32G32_SFLOAT,
+            vk::Format::R32G32B32_SFLOAT,
+            vk::Format::R16G16_SFLOAT,
+            vk::Format::R16G16B16A16_SFLOAT,
+            vk::Format::R16G16_SNORM,
+            vk::Format::R16G16B16A16_SNORM,
+        ] {
+            has(
+                format,
+                Feature::empty(),
+                Feature::ACCELERATION_STRUCTURE_VERTEX_BUFFER_KHR,
+            );
+        }
+        assert!(
+            !features(vk::Format::R8G8B8A8_SRGB)
+                .image
+                .intersects(storage)
+        );
+        assert_eq!(
+            features(vk::Format::BC1_RGB_UNORM_BLOCK),
+            Features::default()
+        );
+        assert_eq!(features(vk::Format::UNDEFINED), Features::default());
+    }
+
+    #[test]
+    fn depth_and_stencil_are_planes() {
+        use vk::ImageAspectFlags as Bits;
+        assert_eq!(
+            planes(vk::Format::D24_UNORM_S8_UINT),
+            [
+                (Bits::DEPTH, vk::Format::X8_D24_UNORM_PACK32),
+                (Bits::STENCIL, vk::Format::S8_UINT)
+            ]
+        );
+        assert_eq!(
+            planes(vk::Format::R8_UNORM),
+            [(Bits::COLOR, vk::Format::R8_UNORM)]
+        );
+        assert_eq!(planes(vk::Format::BC1_RGB_UNORM_BLOCK), []);
+    }
+}

@@ -9,6 +9,8 @@ use parking_lot::Mutex;
 
 use super::Command;
 use crate::VkResult;
+use crate::handle::{self, Ref};
+use crate::object::{DescriptorSet, DescriptorSetLayout};
 
 /// A command buffer.
 pub struct CommandBuffer {
@@ -35,6 +37,8 @@ pub struct Recording {
     finished: Option<Arc<Vec<Command>>>,
     /// What went wrong while recording: `vkEndCommandBuffer` returns it.
     failure: Option<vk::Result>,
+    /// The last push descriptor set of each bind point and set number: the next push changes a copy.
+    pushed: Vec<((vk::PipelineBindPoint, u32), Ref<DescriptorSet>)>,
 }
 
 impl Recording {
@@ -67,6 +71,31 @@ impl Recording {
             .unwrap_or_default();
         self.commands.clear();
         self.failure = None;
+        self.pushed.clear();
+    }
+
+    /// A new set with the contents of the last push to this place.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
+    pub fn pushed_set(
+        &mut self,
+        bind_point: vk::PipelineBindPoint,
+        set: u32,
+        layout: &Ref<DescriptorSetLayout>,
+    ) -> VkResult<Ref<DescriptorSet>> {
+        let place = (bind_point, set);
+        let last = self.pushed.iter_mut().find(|pushed| pushed.0 == place);
+        let new = match &last {
+            Some((_, last)) if Arc::ptr_eq(&last.layout, layout) => last.duplicate()?,
+            _ => DescriptorSet::new(Ref::clone(layout), 0)?,
+        };
+        let new = handle::new(new);
+        match last {
+            Some(last) => last.1 = Ref::clone(&new),
+            None => self.pushed.push((place, Ref::clone(&new))),
+        }
+        Ok(new)
     }
 
     /// `vkEndCommandBuffer`.

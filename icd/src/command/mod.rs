@@ -16,7 +16,7 @@ use ash::vk;
 use smallvec::SmallVec;
 
 use crate::handle::Ref;
-use crate::object::{DescriptorSet, Event, Pipeline, QueryPool};
+use crate::object::{DescriptorSet, Event, Image, Pipeline, QueryPool};
 
 pub use buffer::{CommandBuffer, Recording, copied};
 pub use pool::CommandPool;
@@ -51,6 +51,44 @@ pub enum Command {
     UpdateBuffer {
         address: u64,
         bytes: Box<[u8]>,
+    },
+    CopyImage {
+        source: Ref<Image>,
+        destination: Ref<Image>,
+        regions: Vec<vk::ImageCopy>,
+    },
+    CopyBufferToImage {
+        /// Device address of the buffer's first byte.
+        source: u64,
+        destination: Ref<Image>,
+        regions: Vec<vk::BufferImageCopy>,
+    },
+    CopyImageToBuffer {
+        source: Ref<Image>,
+        /// Device address of the buffer's first byte.
+        destination: u64,
+        regions: Vec<vk::BufferImageCopy>,
+    },
+    BlitImage {
+        source: Ref<Image>,
+        destination: Ref<Image>,
+        regions: Vec<vk::ImageBlit>,
+        filter: vk::Filter,
+    },
+    ResolveImage {
+        source: Ref<Image>,
+        destination: Ref<Image>,
+        regions: Vec<vk::ImageResolve>,
+    },
+    ClearColorImage {
+        image: Ref<Image>,
+        value: vk::ClearColorValue,
+        ranges: Vec<vk::ImageSubresourceRange>,
+    },
+    ClearDepthStencilImage {
+        image: Ref<Image>,
+        value: vk::ClearDepthStencilValue,
+        ranges: Vec<vk::ImageSubresourceRange>,
     },
     ResetQueryPool {
         pool: Ref<QueryPool>,

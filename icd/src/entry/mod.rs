@@ -1,10 +1,34 @@
 //! Entry points, by what they act on. Each decodes its C structures, calls one method and encodes the result.
 
 pub mod acceleration_structure;
+pub mod buffer;
 pub mod command;
+pub mod command_image;
 pub mod command_transfer;
+pub mod debug;
+pub mod deferred;
+pub mod descriptor;
+pub mod descriptor_set;
+pub mod device;
+pub mod image;
 pub mod instance;
+pub mod memory;
+pub mod physical_device;
+pub mod pipeline;
+pub mod push_descriptor;
 pub mod query;
 pub mod queue;
 pub mod ray_tracing;
 pub mod sync;
+
+/// Defines `vkDestroy*` entry points that do nothing but give the handle's count back.
+macro_rules! destroy {
+    ($($name:ident: $object:ty, $handle:ident;)*) => {
+        $crate::ffi::entry! {
+            $(fn $name(_device: vk::Device, handle: vk::$handle, _allocator: *const vk::AllocationCallbacks) {
+                drop($crate::handle::take::<$object>(handle));
+            })*
+        }
+    };
+}
+use destroy;

@@ -9,6 +9,9 @@ use crate::object::Pipeline;
 /// `maxPushConstantsSize`.
 const PUSH_CONSTANT_BYTES: usize = 256;
 
+/// In a dynamic buffer's stored size: the range reaches to the end of the buffer (`VK_WHOLE_SIZE`), so it shrinks by the dynamic offset.
+pub const SHRINKS_WITH_OFFSET: u64 = 1 << 63;
+
 /// Bound pipelines and descriptor sets by bind point, and the push constants, which all bind points share.
 #[derive(Default)]
 pub struct Bindings<'a> {
@@ -152,8 +155,16 @@ fn with_offset(descriptor: Descriptor, offset: u32) -> Descriptor {
     if descriptor.address == 0 {
         return descriptor;
     }
+    let offset = u64::from(offset);
+    let size_bytes = match descriptor.size_bytes {
+        rest if rest & SHRINKS_WITH_OFFSET != 0 => {
+            (rest & !SHRINKS_WITH_OFFSET).saturating_sub(offset)
+        }
+        range => range,
+    };
     Descriptor {
-        address: descriptor.address + u64::from(offset),
+        address: descriptor.address.wrapping_add(offset),
+        size_bytes,
         ..descriptor
     }
 }

@@ -8,6 +8,9 @@
 //! Which invocations share a subgroup follows from the dispatch alone: sixteen consecutive ones by `LocalInvocationIndex`. Workgroups start
 //! in order and a worker holds one step at a time, so that a workgroup may wait for an earlier one.
 
+#[cfg(test)]
+mod tests;
+
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use parking_lot::Mutex;
@@ -49,7 +52,7 @@ pub struct Dispatch<'a> {
 /// The workers' memory, kept from one dispatch to the next.
 #[derive(Default)]
 pub struct Dispatcher {
-    idle: Mutex<Vec<Box<Worker>>>,
+    idle: Mutex<Vec<Worker>>,
 }
 
 impl Dispatcher {
@@ -129,11 +132,7 @@ impl<'a> Plan<'a> {
         let local_size = program.local_size();
         let invocations = local_size.iter().map(|&n| n as usize).product::<usize>();
         let subgroups_per_workgroup = invocations.div_ceil(SUBGROUP_SIZE).max(1);
-        let alone = program.shared_size_bytes() > 0
-            || program
-                .sites()
-                .iter()
-                .any(|site| *site == SiteKind::Barrier);
+        let alone = program.shared_size_bytes() > 0 || program.sites().contains(&SiteKind::Barrier);
         let workgroups_per_step = if alone {
             1
         } else {
@@ -423,30 +422,4 @@ fn resize(rows: &mut Vec<AlignedRow>, len: usize) -> Result<(), Stopped> {
         .map_err(|_| Stopped::OutOfMemory)?;
     rows.resize(len, AlignedRow::default());
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn local_ids_count_x_first() {
-        let row = |builtin, component, subgroup| {
-            local_row(
-                InputRow::Builtin(builtin, component),
-                subgroup,
-                2,
-                [3, 4, 2],
-            )
-        };
-        // Invocation 17 of 3 × 4 × 2: 17 = 2 + 3 × (1 + 4 × 1).
-        assert_eq!(row(Builtin::LocalInvocationId, 0, 1)[1], 2);
-        assert_eq!(row(Builtin::LocalInvocationId, 1, 1)[1], 1);
-        assert_eq!(row(Builtin::LocalInvocationId, 2, 1)[1], 1);
-        assert_eq!(row(Builtin::LocalInvocationIndex, 0, 1)[1], 17);
-        assert_eq!(row(Builtin::SubgroupId, 0, 1)[1], 1);
-        assert_eq!(row(Builtin::NumSubgroups, 0, 1)[1], 2);
-        assert_eq!(lanes_below(24 - 16), 0xff);
-        assert_eq!(lanes_below(16), 0xffff);
-    }
 }

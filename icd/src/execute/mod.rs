@@ -21,12 +21,19 @@
 //! Buffers are device addresses of their first byte.
 
 pub mod acceleration_structure;
-mod bindings;
+pub mod bindings;
+pub mod blit;
 pub mod buffer;
+pub mod clear;
+pub mod copy;
 pub mod dispatch;
 mod engine;
 pub mod query;
 pub mod ray_tracing;
+pub mod resolve;
+mod surface;
+#[cfg(test)]
+mod transfer_tests;
 
 use ash::vk;
 
@@ -91,6 +98,56 @@ fn perform<'a>(
             word,
         } => buffer::fill(address, size_bytes, word),
         Command::UpdateBuffer { address, bytes } => buffer::update(*address, bytes),
+        Command::CopyImage {
+            source,
+            destination,
+            regions,
+        } => regions
+            .iter()
+            .for_each(|region| copy::copy_image(source, destination, region)),
+        Command::CopyBufferToImage {
+            source,
+            destination,
+            regions,
+        } => regions
+            .iter()
+            .for_each(|region| copy::copy_buffer_to_image(*source, destination, region)),
+        Command::CopyImageToBuffer {
+            source,
+            destination,
+            regions,
+        } => regions
+            .iter()
+            .for_each(|region| copy::copy_image_to_buffer(source, *destination, region)),
+        Command::BlitImage {
+            source,
+            destination,
+            regions,
+            filter,
+        } => regions
+            .iter()
+            .for_each(|region| blit::blit_image(source, destination, region, *filter)),
+        Command::ResolveImage {
+            source,
+            destination,
+            regions,
+        } => regions
+            .iter()
+            .for_each(|region| resolve::resolve_image(source, destination, region)),
+        Command::ClearColorImage {
+            image,
+            value,
+            ranges,
+        } => ranges
+            .iter()
+            .for_each(|range| clear::clear_color_image(image, value, range)),
+        Command::ClearDepthStencilImage {
+            image,
+            value,
+            ranges,
+        } => ranges
+            .iter()
+            .for_each(|range| clear::clear_depth_stencil_image(image, value, range)),
         Command::ResetQueryPool { pool, first, count } => pool.reset(*first, *count),
         Command::WriteTimestamp { pool, query } => pool.write(*query, timestamp_ns()),
         Command::CopyQueryPoolResults(copy) => query::copy_results(copy)?,

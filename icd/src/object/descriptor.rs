@@ -3,6 +3,8 @@
 //! A set is two flat arrays of entries that are already resolved to what a shader's access needs: the plain ones, and the dynamic buffers
 //! (whose offsets are applied when they are bound). Entries are plain data: updating one is a store.
 
+use std::collections::HashSet;
+
 use ash::vk;
 use parking_lot::Mutex;
 use spirv_jit::environment::Descriptor;
@@ -111,6 +113,8 @@ pub struct DescriptorSet {
     pub layout: Ref<DescriptorSetLayout>,
     /// Entries of the plain array that exist: fewer than the layout's with a smaller variable count.
     pub entry_count: u32,
+    /// Descriptors (or bytes) in the binding of variable count.
+    pub variable_count: u32,
     storage: Storage,
 }
 
@@ -182,6 +186,7 @@ impl DescriptorSet {
         let set = Self {
             layout,
             entry_count,
+            variable_count,
             storage,
         };
         set.write_fixed();
@@ -236,6 +241,25 @@ impl DescriptorSet {
         (index < self.entry_count).then(|| self.storage.entries.wrapping_add(index as usize))
     }
 
+    /// A copy with its own memory.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
+    pub fn duplicate(&self) -> VkResult<Self> {
+        let copy = Self::new(Ref::clone(&self.layout), self.variable_count)?;
+        // SAFETY: both have the same lengths.
+        unsafe {
+            copy.storage
+                .entries
+                .copy_from_nonoverlapping(self.storage.entries, self.storage.len);
+            copy.storage
+                .inline
+                .copy_from_nonoverlapping(self.storage.inline, self.storage.inline_len * 16);
+        }
+        copy.write_fixed();
+        Ok(copy)
+    }
+
     /// Bytes of an inline uniform block, from `offset`; `None` if they are not inside.
     pub fn inline_bytes(&self, binding: &Binding, offset: u32, count: u32) -> Option<*mut u8> {
         let end = offset.checked_add(count)?;
@@ -250,22 +274,22 @@ impl DescriptorSet {
 /// A descriptor pool: it counts, and destroys its sets with itself.
 pub struct DescriptorPool {
     pub max_sets: u32,
-    pub sizes: Vec<(vk::DescriptorType, u32)>,
+    pub sizes: Vec<(vk::DescriptorType, u64)>,
     pub state: Mutex<PoolState>,
 }
 
 /// What of a pool is in use.
 #[derive(Default)]
 pub struct PoolState {
-    /// One count of each living set, held for the application.
-    pub sets: Vec<vk::DescriptorSet>,
+    /// Handles of the living sets.
+    pub sets: HashSet<u64>,
+    /// Descriptors in use, parallel to the pool's sizes.
     pub used: Vec<u64>,
 }
 
 /// A descriptor update template: where in the application's data each descriptor is.
 pub struct DescriptorUpdateTemplate {
     pub entries: Vec<vk::DescriptorUpdateTemplateEntry>,
-    pub ty: vk::DescriptorUpdateTemplateType,
     pub bind_point: vk::PipelineBindPoint,
     pub set: u32,
     /// Push descriptor templates.

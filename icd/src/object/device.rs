@@ -4,17 +4,21 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use ash::vk;
+use parking_lot::Mutex;
 use rspirv::spirv::Capability;
-use spirv_jit::image::SamplerDescriptor;
+use spirv_jit::image::{Dim, Format, ImageDescriptor, Level, SamplerDescriptor};
 
+use super::PhysicalDevice;
 use super::image::{DescriptorSlab, SendDescriptor};
 use super::instance::Messengers;
 use super::memory::AddressWindow;
+use super::private_data::PrivateData;
 use crate::VkResult;
 use crate::execute::Engine;
-use crate::handle::Ref;
+use crate::handle::{self, Ref};
 use crate::queue::Queue;
 use crate::table::extensions::ExtensionSet;
+use crate::table::features;
 
 /// A logical device.
 pub struct Device {
@@ -28,6 +32,34 @@ pub struct Device {
     pub queues: Vec<Ref<Queue>>,
     pub image_descriptors: Arc<DescriptorSlab<SendDescriptor>>,
     pub sampler_descriptors: Arc<DescriptorSlab<SamplerDescriptor>>,
+    pub private_data: Mutex<PrivateData>,
+}
+
+impl Device {
+    /// A device with its workers and `queue_count` queues.
+    ///
+    /// # Errors
+    /// Memory or threads that the system does not give.
+    pub fn new(
+        physical: &PhysicalDevice,
+        extensions: ExtensionSet,
+        queue_count: u32,
+    ) -> VkResult<Self> {
+        let engine = Engine::new(physical.thread_count, Arc::clone(&physical.messengers))?;
+        let window = AddressWindow::reserve(physical.heap_bytes, Arc::clone(&physical.used))?;
+        let queue = |index| handle::new(Queue::new(index, Arc::clone(&engine)));
+        Ok(Self {
+            extensions,
+            messengers: Arc::clone(&physical.messengers),
+            capabilities: features::capabilities(),
+            queues: (0..queue_count).map(queue).collect(),
+            engine,
+            window,
+            image_descriptors: DescriptorSlab::new(|slot| slot.0 = null_image()),
+            sampler_descriptors: DescriptorSlab::new(|_| ()),
+            private_data: Mutex::default(),
+        })
+    }
 }
 
 impl Drop for Device {
@@ -37,6 +69,25 @@ impl Drop for Device {
         for queue in &self.queues {
             queue.close();
         }
+    }
+}
+
+/// A view of nothing.
+fn null_image() -> ImageDescriptor {
+    ImageDescriptor {
+        data: std::ptr::null_mut(),
+        size_bytes: 0,
+        format: Format::UNDEFINED,
+        dim: Dim::D2,
+        arrayed: false,
+        samples: 1,
+        level_count: 0,
+        layer_count: 0,
+        layer_stride_bytes: 0,
+        sample_stride_bytes: 0,
+        swizzle: [0, 1, 2, 3],
+        min_lod: 0.0,
+        levels: [Level::default(); spirv_jit::image::MAX_LEVELS],
     }
 }
 

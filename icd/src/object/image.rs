@@ -5,10 +5,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use ash::vk;
 use parking_lot::Mutex;
-use spirv_jit::image::{ImageDescriptor, Level};
+use spirv_jit::image::{Dim, Format, ImageDescriptor, Level, MAX_LEVELS};
 
 use crate::VkResult;
 use crate::format;
+use crate::table::limits;
 
 /// Levels, samples and layers start at multiples of this.
 const SUBRESOURCE_ALIGNMENT: u64 = 64;
@@ -251,3 +252,297 @@ pub struct SendDescriptor(pub ImageDescriptor);
 unsafe impl Send for SendDescriptor {}
 // SAFETY: as above.
 unsafe impl Sync for SendDescriptor {}
+
+/// What an image of this kind can be (`vkGetPhysicalDeviceImageFormatProperties`).
+///
+/// # Errors
+/// `VK_ERROR_FORMAT_NOT_SUPPORTED`.
+pub fn supported_image(
+    format: vk::Format,
+    ty: vk::ImageType,
+    tiling: vk::ImageTiling,
+    usage: vk::ImageUsageFlags,
+    flags: vk::ImageCreateFlags,
+) -> VkResult<vk::ImageFormatProperties> {
+    use vk::FormatFeatureFlags2 as Feature;
+    use vk::ImageUsageFlags as Usage;
+    const NEEDS: [(Usage, Feature); 6] = [
+        (Usage::TRANSFER_SRC, Feature::TRANSFER_SRC),
+        (Usage::TRANSFER_DST, Feature::TRANSFER_DST),
+        (Usage::SAMPLED, Feature::SAMPLED_IMAGE),
+        (Usage::STORAGE, Feature::STORAGE_IMAGE),
+        (Usage::COLOR_ATTACHMENT, Feature::COLOR_ATTACHMENT),
+        (
+            Usage::DEPTH_STENCIL_ATTACHMENT,
+            Feature::DEPTH_STENCIL_ATTACHMENT,
+        ),
+    ];
+    const UNSUPPORTED: vk::Result = vk::Result::ERROR_FORMAT_NOT_SUPPORTED;
+    let attachment = Feature::COLOR_ATTACHMENT | Feature::DEPTH_STENCIL_ATTACHMENT;
+    let features = format::features(format).image;
+    if features.is_empty() {
+        return Err(UNSUPPORTED);
+    }
+    let missing = NEEDS
+        .iter()
+        .any(|&(bit, feature)| usage.contains(bit) && !features.contains(feature));
+    let input = usage.contains(Usage::INPUT_ATTACHMENT) && !features.intersects(attachment);
+    if (missing || input) && !flags.contains(vk::ImageCreateFlags::EXTENDED_USAGE) {
+        return Err(UNSUPPORTED);
+    }
+    let sparse = vk::ImageCreateFlags::SPARSE_BINDING
+        | vk::ImageCreateFlags::SPARSE_RESIDENCY
+        | vk::ImageCreateFlags::SPARSE_ALIASED
+        | vk::ImageCreateFlags::PROTECTED
+        | vk::ImageCreateFlags::DISJOINT
+        | vk::ImageCreateFlags::BLOCK_TEXEL_VIEW_COMPATIBLE;
+    if flags.intersects(sparse)
+        || (tiling != vk::ImageTiling::OPTIMAL && tiling != vk::ImageTiling::LINEAR)
+    {
+        return Err(UNSUPPORTED);
+    }
+    let cube = flags.contains(vk::ImageCreateFlags::CUBE_COMPATIBLE);
+    let slices = flags.contains(vk::ImageCreateFlags::TYPE_2D_ARRAY_COMPATIBLE);
+    if (cube && ty != vk::ImageType::TYPE_2D) || (slices && ty != vk::ImageType::TYPE_3D) {
+        return Err(UNSUPPORTED);
+    }
+    let (side, side_3d) = (limits::MAX_IMAGE_DIMENSION, limits::MAX_IMAGE_DIMENSION_3D);
+    let (width, height, depth) = match ty {
+        vk::ImageType::TYPE_1D => (side, 1, 1),
+        vk::ImageType::TYPE_2D => (side, side, 1),
+        _ => (side_3d, side_3d, side_3d),
+    };
+    let one_sample = tiling == vk::ImageTiling::LINEAR
+        || ty != vk::ImageType::TYPE_2D
+        || cube
+        || !features.intersects(attachment);
+    Ok(vk::ImageFormatProperties {
+        max_extent: vk::Extent3D {
+            width,
+            height,
+            depth,
+        },
+        max_mip_levels: width.ilog2() + 1,
+        max_array_layers: if ty == vk::ImageType::TYPE_3D {
+            1
+        } else {
+            limits::MAX_IMAGE_ARRAY_LAYERS
+        },
+        sample_counts: if one_sample {
+            vk::SampleCountFlags::TYPE_1
+        } else {
+            limits::SAMPLE_COUNTS
+        },
+        max_resource_size: limits::MAX_BUFFER_BYTES,
+    })
+}
+
+/// What shaders read through a view.
+///
+/// # Errors
+/// `VK_ERROR_UNKNOWN` for a range outside the image.
+pub fn view_descriptor(
+    image: &Image,
+    ty: vk::ImageViewType,
+    view_format: vk::Format,
+    components: vk::ComponentMapping,
+    range: &vk::ImageSubresourceRange,
+    min_lod: f32,
+) -> VkResult<ImageDescriptor> {
+    const OUTSIDE: vk::Result = vk::Result::ERROR_UNKNOWN;
+    let plane = image
+        .plane(range.aspect_mask)
+        .or(image.planes.first())
+        .ok_or(OUTSIDE)?;
+    let level_count = image
+        .level_count(range.base_mip_level, range.level_count)
+        .min(MAX_LEVELS as u32);
+    let first = plane
+        .levels
+        .get(range.base_mip_level as usize)
+        .ok_or(OUTSIDE)?;
+    // A 2D view of a 3D image: its layers are the slices of one level.
+    let slices = image.image_type == vk::ImageType::TYPE_3D && ty != vk::ImageViewType::TYPE_3D;
+    let (layer_stride_bytes, layers) = if slices {
+        (first.slice_stride_bytes, first.depth)
+    } else {
+        (plane.layer_stride_bytes, image.array_layers)
+    };
+    let remaining = layers.checked_sub(range.base_array_layer).ok_or(OUTSIDE)?;
+    let layer_count = range.layer_count.min(remaining);
+    let base_bytes = layer_stride_bytes * u64::from(range.base_array_layer);
+    let mut levels = [Level::default(); MAX_LEVELS];
+    let from = &plane.levels[range.base_mip_level as usize..][..level_count as usize];
+    for (to, from) in levels.iter_mut().zip(from) {
+        *to = *from;
+        to.offset_bytes += base_bytes;
+        if slices {
+            to.depth = 1;
+        }
+    }
+    let dim = match ty {
+        vk::ImageViewType::TYPE_1D | vk::ImageViewType::TYPE_1D_ARRAY => Dim::D1,
+        vk::ImageViewType::TYPE_3D => Dim::D3,
+        vk::ImageViewType::CUBE | vk::ImageViewType::CUBE_ARRAY => Dim::Cube,
+        _ => Dim::D2,
+    };
+    let arrayed = matches!(
+        ty,
+        vk::ImageViewType::TYPE_1D_ARRAY
+            | vk::ImageViewType::TYPE_2D_ARRAY
+            | vk::ImageViewType::CUBE_ARRAY
+    );
+    let format = if image.planes.len() == 1 && plane.aspect == vk::ImageAspectFlags::COLOR {
+        view_format
+    } else {
+        plane.format
+    };
+    Ok(ImageDescriptor {
+        data: image.data(),
+        size_bytes: image.size_bytes,
+        format: Format(format.as_raw() as u32),
+        dim,
+        arrayed,
+        samples: image.samples as u8,
+        level_count: level_count as u8,
+        layer_count,
+        layer_stride_bytes,
+        sample_stride_bytes: plane.sample_stride_bytes,
+        swizzle: swizzle(components),
+        min_lod,
+        levels,
+    })
+}
+
+fn swizzle(mapping: vk::ComponentMapping) -> [u8; 4] {
+    let components = [mapping.r, mapping.g, mapping.b, mapping.a];
+    std::array::from_fn(|index| match components[index] {
+        vk::ComponentSwizzle::R => 0,
+        vk::ComponentSwizzle::G => 1,
+        vk::ComponentSwizzle::B => 2,
+        vk::ComponentSwizzle::A => 3,
+        vk::ComponentSwizzle::ZERO => 4,
+        vk::ComponentSwizzle::ONE => 5,
+        _ => index as u8,
+    })
+}
+
+/// What shaders read through a texel buffer view.
+pub fn texel_buffer_descriptor(
+    data: *mut u8,
+    size_bytes: u64,
+    format: vk::Format,
+) -> ImageDescriptor {
+    let texel_size_bytes = format::texel_size_bytes(format).max(1);
+    let mut levels = [Level::default(); MAX_LEVELS];
+    levels[0] = Level {
+        offset_bytes: 0,
+        row_stride_bytes: size_bytes,
+        slice_stride_bytes: size_bytes,
+        width: u32::try_from(size_bytes / texel_size_bytes).unwrap_or(u32::MAX),
+        height: 1,
+        depth: 1,
+    };
+    ImageDescriptor {
+        data,
+        size_bytes,
+        format: Format(format.as_raw() as u32),
+        dim: Dim::Buffer,
+        arrayed: false,
+        samples: 1,
+        level_count: 1,
+        layer_count: 1,
+        layer_stride_bytes: size_bytes,
+        sample_stride_bytes: size_bytes,
+        swizzle: [0, 1, 2, 3],
+        min_lod: 0.0,
+        levels,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn image(
+        ty: vk::ImageType,
+        extent: [u32; 3],
+        mip_levels: u32,
+        array_layers: u32,
+    ) -> VkResult<Image> {
+        Image::new(&vk::ImageCreateInfo {
+            image_type: ty,
+            format: vk::Format::R8G8B8A8_UNORM,
+            extent: vk::Extent3D {
+                width: extent[0],
+                height: extent[1],
+                depth: extent[2],
+            },
+            mip_levels,
+            array_layers,
+            samples: vk::SampleCountFlags::TYPE_1,
+            ..Default::default()
+        })
+    }
+
+    #[test]
+    fn levels_and_layers_do_not_overlap() {
+        let image = image(vk::ImageType::TYPE_2D, [5, 3, 1], 3, 2).unwrap();
+        let plane = &image.planes[0];
+        let end =
+            |level: &Level| level.offset_bytes + level.slice_stride_bytes * u64::from(level.depth);
+        assert_eq!((plane.levels[1].width, plane.levels[1].height), (2, 1));
+        assert!(end(&plane.levels[0]) <= plane.levels[1].offset_bytes);
+        assert!(end(&plane.levels[1]) <= plane.levels[2].offset_bytes);
+        assert!(end(&plane.levels[2]) <= plane.layer_stride_bytes);
+        assert!(plane.layer_stride_bytes + end(&plane.levels[2]) <= image.size_bytes);
+    }
+
+    #[test]
+    fn impossible_sizes_are_refused() {
+        let huge = image(vk::ImageType::TYPE_3D, [u32::MAX; 3], 1, u32::MAX);
+        assert_eq!(huge.err(), Some(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY));
+    }
+
+    #[test]
+    fn views_start_at_their_layer_and_level() {
+        let image = image(vk::ImageType::TYPE_2D, [8, 8, 1], 4, 6).unwrap();
+        let range = vk::ImageSubresourceRange {
+            aspect_mask: vk::ImageAspectFlags::COLOR,
+            base_mip_level: 1,
+            level_count: vk::REMAINING_MIP_LEVELS,
+            base_array_layer: 2,
+            layer_count: vk::REMAINING_ARRAY_LAYERS,
+        };
+        let ty = vk::ImageViewType::TYPE_2D_ARRAY;
+        let view =
+            view_descriptor(&image, ty, image.format, Default::default(), &range, 0.0).unwrap();
+        assert_eq!((view.level_count, view.layer_count), (3, 4));
+        assert_eq!((view.levels[0].width, view.levels[2].width), (4, 1));
+        let plane = &image.planes[0];
+        let first = plane.levels[1].offset_bytes + 2 * plane.layer_stride_bytes;
+        assert_eq!(view.levels[0].offset_bytes, first);
+        assert_eq!(view.swizzle, [0, 1, 2, 3]);
+    }
+
+    #[test]
+    fn slices_of_a_volume_are_layers() {
+        let image = image(vk::ImageType::TYPE_3D, [4, 4, 4], 2, 1).unwrap();
+        let range = vk::ImageSubresourceRange {
+            aspect_mask: vk::ImageAspectFlags::COLOR,
+            base_mip_level: 1,
+            level_count: 1,
+            base_array_layer: 1,
+            layer_count: 1,
+        };
+        let ty = vk::ImageViewType::TYPE_2D;
+        let view =
+            view_descriptor(&image, ty, image.format, Default::default(), &range, 0.0).unwrap();
+        let level = &image.planes[0].levels[1];
+        assert_eq!(
+            view.levels[0].offset_bytes,
+            level.offset_bytes + level.slice_stride_bytes
+        );
+        assert_eq!(view.levels[0].depth, 1);
+    }
+}

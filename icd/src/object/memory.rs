@@ -27,7 +27,8 @@ pub struct AddressWindow {
     size_bytes: u64,
     /// Bytes that allocations may take together.
     budget_bytes: u64,
-    used_bytes: AtomicU64,
+    /// Bytes in use, by all devices of the instance.
+    used_bytes: Arc<AtomicU64>,
     ranges: Mutex<Ranges>,
 }
 
@@ -38,11 +39,11 @@ struct Ranges {
 }
 
 impl AddressWindow {
-    /// Reserves a window. `budget_bytes` is the heap's size.
+    /// Reserves a window. `budget_bytes` is the heap's size, `used_bytes` the count of what is in use.
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_HOST_MEMORY` if the system gives no address space.
-    pub fn reserve(budget_bytes: u64) -> VkResult<Arc<Self>> {
+    pub fn reserve(budget_bytes: u64, used_bytes: Arc<AtomicU64>) -> VkResult<Arc<Self>> {
         let mut size_bytes = LARGEST_WINDOW;
         while size_bytes >= SMALLEST_WINDOW {
             let fixed = (0..PREFERRED_SLOTS).map(|slot| {
@@ -57,7 +58,7 @@ impl AddressWindow {
                         base,
                         size_bytes,
                         budget_bytes,
-                        used_bytes: AtomicU64::new(0),
+                        used_bytes,
                         ranges: Mutex::new(Ranges {
                             next: base,
                             freed: Vec::new(),
@@ -73,11 +74,6 @@ impl AddressWindow {
     /// Bytes in use.
     pub fn used_bytes(&self) -> u64 {
         self.used_bytes.load(Ordering::Relaxed)
-    }
-
-    /// Bytes that may be in use.
-    pub fn budget_bytes(&self) -> u64 {
-        self.budget_bytes
     }
 
     /// Takes a range of zero pages.
@@ -381,7 +377,9 @@ mod tests {
 
     #[test]
     fn freed_memory_reads_zero_and_the_budget_holds() {
-        let window = AddressWindow::reserve(1 << 20).ok().unwrap();
+        let window = AddressWindow::reserve(1 << 20, Arc::default())
+            .ok()
+            .unwrap();
         let memory = allocate(&window, 1 << 19).ok().unwrap();
         let address = memory.address;
         write(address, 7);
@@ -395,7 +393,9 @@ mod tests {
 
     #[test]
     fn an_address_can_be_had_again() {
-        let window = AddressWindow::reserve(1 << 30).ok().unwrap();
+        let window = AddressWindow::reserve(1 << 30, Arc::default())
+            .ok()
+            .unwrap();
         let first = allocate(&window, 1).ok().unwrap();
         let again = |address| DeviceMemory::allocate(&window, 1, Source::Fresh, Some(address));
         assert!(again(first.address).is_err());
@@ -408,7 +408,9 @@ mod tests {
 
     #[test]
     fn exported_memory_is_shared() {
-        let window = AddressWindow::reserve(1 << 30).ok().unwrap();
+        let window = AddressWindow::reserve(1 << 30, Arc::default())
+            .ok()
+            .unwrap();
         let a = DeviceMemory::allocate(&window, 4096, Source::Exportable, None)
             .ok()
             .unwrap();

@@ -9,6 +9,7 @@ pub mod instance;
 pub mod memory;
 pub mod physical_device;
 pub mod pipeline;
+pub mod private_data;
 pub mod query;
 pub mod ray_tracing_pipeline;
 pub mod sampler;
@@ -26,16 +27,21 @@ pub use instance::{Instance, Messenger};
 pub use memory::DeviceMemory;
 pub use physical_device::PhysicalDevice;
 pub use pipeline::{Pipeline, PipelineCache, PipelineLayout, ShaderModule};
+pub use private_data::PrivateDataSlot;
 pub use query::QueryPool;
 pub use sampler::Sampler;
 pub use sync::{Event, Fence, Semaphore};
 
 use crate::handle::handled;
 
+/// `VkDeferredOperationKHR`.
+pub struct DeferredOperation;
+
 handled!(
     AccelerationStructure => AccelerationStructureKHR,
     Buffer => Buffer,
     BufferView => BufferView,
+    DeferredOperation => DeferredOperationKHR,
     DescriptorPool => DescriptorPool,
     DescriptorSet => DescriptorSet,
     DescriptorSetLayout => DescriptorSetLayout,
@@ -52,6 +58,7 @@ handled!(
     Pipeline => Pipeline,
     PipelineCache => PipelineCache,
     PipelineLayout => PipelineLayout,
+    PrivateDataSlot => PrivateDataSlot,
     QueryPool => QueryPool,
     Sampler => Sampler,
     Semaphore => Semaphore,

@@ -1,6 +1,7 @@
 //! The physical device: this machine.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::instance::Messengers;
 
@@ -11,6 +12,8 @@ pub struct PhysicalDevice {
     pub thread_count: usize,
     /// Size of the memory heap.
     pub heap_bytes: u64,
+    /// What the devices' allocations take together.
+    pub used: Arc<AtomicU64>,
 }
 
 impl PhysicalDevice {
@@ -20,7 +23,26 @@ impl PhysicalDevice {
             messengers,
             thread_count: thread_count(),
             heap_bytes: heap_bytes(),
+            used: Arc::default(),
         }
+    }
+
+    /// Bytes of the heap in use (`VK_EXT_memory_budget`).
+    pub fn used_bytes(&self) -> u64 {
+        self.used.load(Ordering::Relaxed)
+    }
+
+    /// Bytes of the heap that this process can use: what it uses, and what the system has free, up to the heap's size.
+    pub fn budget_bytes(&self) -> u64 {
+        // SAFETY: plain system calls.
+        let (pages, page_bytes) = unsafe {
+            (
+                libc::sysconf(libc::_SC_AVPHYS_PAGES),
+                libc::sysconf(libc::_SC_PAGESIZE),
+            )
+        };
+        let free = u64::try_from(pages).unwrap_or(0) * u64::try_from(page_bytes).unwrap_or(0);
+        (self.used_bytes() + free).min(self.heap_bytes)
     }
 
     /// The device's name, with what decides its speed.

@@ -101,3 +101,11 @@ pub type ProgramKey = [u8; 16];
 pub struct PipelineCache {
     pub programs: Mutex<HashMap<ProgramKey, Arc<Program>>>,
 }
+
+impl PipelineCache {
+    /// Takes over what another cache has.
+    pub fn merge(&self, other: &PipelineCache) {
+        let others = other.programs.lock().clone();
+        self.programs.lock().extend(others);
+    }
+}

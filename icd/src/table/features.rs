@@ -1,1 +1,312 @@
-//! The table of features.
+//! The table of features: each that works, the structures that name it, and the SPIR-V capabilities that come with it. A feature that is
+//! not here is not supported.
+
+use ash::vk;
+use ash::vk::TaggedStructure;
+use rspirv::spirv::Capability;
+
+use crate::VkResult;
+use crate::ffi::chain;
+
+/// Bytes of `sType` and `pNext`, before a feature structure's first word.
+const HEAD_BYTES: usize = size_of::<vk::BaseOutStructure<'_>>();
+
+macro_rules! features {
+    (
+        core { $($core:ident $($core_capability:ident)*;)* }
+        chained { $($feature:ident: $($structure:ident)+ $(=> $($capability:ident)+)?;)* }
+        without_support { $($empty:ident)* }
+    ) => {
+        /// `VkPhysicalDeviceFeatures`.
+        pub fn core_features() -> vk::PhysicalDeviceFeatures {
+            vk::PhysicalDeviceFeatures {
+                $($core: vk::TRUE,)*
+                ..Default::default()
+            }
+        }
+
+        /// Size of a feature structure that is known here.
+        fn structure_bytes(ty: vk::StructureType) -> Option<usize> {
+            $($(if ty == vk::$structure::STRUCTURE_TYPE {
+                return Some(size_of::<vk::$structure<'_>>());
+            })+)*
+            $(if ty == vk::$empty::STRUCTURE_TYPE {
+                return Some(size_of::<vk::$empty<'_>>());
+            })*
+            None
+        }
+
+        /// Sets the supported features of a structure.
+        ///
+        /// # Safety
+        /// `node` is a structure of the type that its `sType` says.
+        unsafe fn set_supported(node: *mut vk::BaseOutStructure<'_>) {
+            // SAFETY: the caller's promise.
+            unsafe {
+                let ty = (*node).s_type;
+                $($(if ty == vk::$structure::STRUCTURE_TYPE {
+                    (*node.cast::<vk::$structure<'_>>()).$feature = vk::TRUE;
+                })+)*
+            }
+        }
+
+        /// What shader modules may declare because of a feature.
+        const FEATURE_CAPABILITIES: &[Capability] = &[
+            $($(Capability::$core_capability,)*)*
+            $($($(Capability::$capability,)+)?)*
+        ];
+    };
+}
+
+features! {
+    core {
+        robust_buffer_access;
+        full_draw_index_uint32;
+        image_cube_array SampledCubeArray ImageCubeArray;
+        sampler_anisotropy;
+        shader_image_gather_extended ImageGatherExtended;
+        shader_storage_image_extended_formats StorageImageExtendedFormats;
+        shader_storage_image_multisample StorageImageMultisample;
+        shader_storage_image_read_without_format StorageImageReadWithoutFormat;
+        shader_storage_image_write_without_format StorageImageWriteWithoutFormat;
+        shader_uniform_buffer_array_dynamic_indexing UniformBufferArrayDynamicIndexing;
+        shader_sampled_image_array_dynamic_indexing SampledImageArrayDynamicIndexing;
+        shader_storage_buffer_array_dynamic_indexing StorageBufferArrayDynamicIndexing;
+        shader_storage_image_array_dynamic_indexing StorageImageArrayDynamicIndexing;
+        shader_float64 Float64;
+        shader_int64 Int64;
+        shader_int16 Int16;
+    }
+    chained {
+        storage_buffer16_bit_access: PhysicalDeviceVulkan11Features PhysicalDevice16BitStorageFeatures => StorageBuffer16BitAccess;
+        uniform_and_storage_buffer16_bit_access: PhysicalDeviceVulkan11Features PhysicalDevice16BitStorageFeatures => UniformAndStorageBuffer16BitAccess;
+        storage_push_constant16: PhysicalDeviceVulkan11Features PhysicalDevice16BitStorageFeatures => StoragePushConstant16;
+        variable_pointers_storage_buffer: PhysicalDeviceVulkan11Features PhysicalDeviceVariablePointersFeatures => VariablePointersStorageBuffer;
+        variable_pointers: PhysicalDeviceVulkan11Features PhysicalDeviceVariablePointersFeatures => VariablePointers;
+
+        sampler_mirror_clamp_to_edge: PhysicalDeviceVulkan12Features;
+        storage_buffer8_bit_access: PhysicalDeviceVulkan12Features PhysicalDevice8BitStorageFeatures => StorageBuffer8BitAccess;
+        uniform_and_storage_buffer8_bit_access: PhysicalDeviceVulkan12Features PhysicalDevice8BitStorageFeatures => UniformAndStorageBuffer8BitAccess;
+        storage_push_constant8: PhysicalDeviceVulkan12Features PhysicalDevice8BitStorageFeatures => StoragePushConstant8;
+        shader_buffer_int64_atomics: PhysicalDeviceVulkan12Features PhysicalDeviceShaderAtomicInt64Features => Int64Atomics;
+        shader_shared_int64_atomics: PhysicalDeviceVulkan12Features PhysicalDeviceShaderAtomicInt64Features;
+        shader_float16: PhysicalDeviceVulkan12Features PhysicalDeviceShaderFloat16Int8Features => Float16;
+        shader_int8: PhysicalDeviceVulkan12Features PhysicalDeviceShaderFloat16Int8Features => Int8;
+        descriptor_indexing: PhysicalDeviceVulkan12Features;
+        shader_uniform_texel_buffer_array_dynamic_indexing: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures => UniformTexelBufferArrayDynamicIndexing;
+        shader_storage_texel_buffer_array_dynamic_indexing: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures => StorageTexelBufferArrayDynamicIndexing;
+        shader_uniform_buffer_array_non_uniform_indexing: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures => UniformBufferArrayNonUniformIndexing ShaderNonUniform;
+        shader_sampled_image_array_non_uniform_indexing: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures => SampledImageArrayNonUniformIndexing;
+        shader_storage_buffer_array_non_uniform_indexing: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures => StorageBufferArrayNonUniformIndexing;
+        shader_storage_image_array_non_uniform_indexing: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures => StorageImageArrayNonUniformIndexing;
+        shader_uniform_texel_buffer_array_non_uniform_indexing: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures => UniformTexelBufferArrayNonUniformIndexing;
+        shader_storage_texel_buffer_array_non_uniform_indexing: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures => StorageTexelBufferArrayNonUniformIndexing;
+        descriptor_binding_uniform_buffer_update_after_bind: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures;
+        descriptor_binding_sampled_image_update_after_bind: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures;
+        descriptor_binding_storage_image_update_after_bind: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures;
+        descriptor_binding_storage_buffer_update_after_bind: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures;
+        descriptor_binding_uniform_texel_buffer_update_after_bind: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures;
+        descriptor_binding_storage_texel_buffer_update_after_bind: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures;
+        descriptor_binding_update_unused_while_pending: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures;
+        descriptor_binding_partially_bound: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures;
+        descriptor_binding_variable_descriptor_count: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures;
+        runtime_descriptor_array: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures => RuntimeDescriptorArray;
+        sampler_filter_minmax: PhysicalDeviceVulkan12Features;
+        scalar_block_layout: PhysicalDeviceVulkan12Features PhysicalDeviceScalarBlockLayoutFeatures;
+        uniform_buffer_standard_layout: PhysicalDeviceVulkan12Features PhysicalDeviceUniformBufferStandardLayoutFeatures;
+        shader_subgroup_extended_types: PhysicalDeviceVulkan12Features PhysicalDeviceShaderSubgroupExtendedTypesFeatures;
+        separate_depth_stencil_layouts: PhysicalDeviceVulkan12Features PhysicalDeviceSeparateDepthStencilLayoutsFeatures;
+        host_query_reset: PhysicalDeviceVulkan12Features PhysicalDeviceHostQueryResetFeatures;
+        timeline_semaphore: PhysicalDeviceVulkan12Features PhysicalDeviceTimelineSemaphoreFeatures;
+        buffer_device_address: PhysicalDeviceVulkan12Features PhysicalDeviceBufferDeviceAddressFeatures => PhysicalStorageBufferAddresses;
+        buffer_device_address_capture_replay: PhysicalDeviceVulkan12Features PhysicalDeviceBufferDeviceAddressFeatures;
+        vulkan_memory_model: PhysicalDeviceVulkan12Features PhysicalDeviceVulkanMemoryModelFeatures => VulkanMemoryModel;
+        vulkan_memory_model_device_scope: PhysicalDeviceVulkan12Features PhysicalDeviceVulkanMemoryModelFeatures => VulkanMemoryModelDeviceScope;
+        vulkan_memory_model_availability_visibility_chains: PhysicalDeviceVulkan12Features PhysicalDeviceVulkanMemoryModelFeatures;
+        subgroup_broadcast_dynamic_id: PhysicalDeviceVulkan12Features;
+
+        robust_image_access: PhysicalDeviceVulkan13Features PhysicalDeviceImageRobustnessFeatures;
+        inline_uniform_block: PhysicalDeviceVulkan13Features PhysicalDeviceInlineUniformBlockFeatures;
+        descriptor_binding_inline_uniform_block_update_after_bind: PhysicalDeviceVulkan13Features PhysicalDeviceInlineUniformBlockFeatures;
+        pipeline_creation_cache_control: PhysicalDeviceVulkan13Features PhysicalDevicePipelineCreationCacheControlFeatures;
+        private_data: PhysicalDeviceVulkan13Features PhysicalDevicePrivateDataFeatures;
+        shader_demote_to_helper_invocation: PhysicalDeviceVulkan13Features PhysicalDeviceShaderDemoteToHelperInvocationFeatures;
+        shader_terminate_invocation: PhysicalDeviceVulkan13Features PhysicalDeviceShaderTerminateInvocationFeatures;
+        subgroup_size_control: PhysicalDeviceVulkan13Features PhysicalDeviceSubgroupSizeControlFeatures;
+        compute_full_subgroups: PhysicalDeviceVulkan13Features PhysicalDeviceSubgroupSizeControlFeatures;
+        synchronization2: PhysicalDeviceVulkan13Features PhysicalDeviceSynchronization2Features;
+        shader_zero_initialize_workgroup_memory: PhysicalDeviceVulkan13Features PhysicalDeviceZeroInitializeWorkgroupMemoryFeatures;
+        maintenance4: PhysicalDeviceVulkan13Features PhysicalDeviceMaintenance4Features;
+
+        acceleration_structure: PhysicalDeviceAccelerationStructureFeaturesKHR;
+        acceleration_structure_capture_replay: PhysicalDeviceAccelerationStructureFeaturesKHR;
+        acceleration_structure_indirect_build: PhysicalDeviceAccelerationStructureFeaturesKHR;
+        acceleration_structure_host_commands: PhysicalDeviceAccelerationStructureFeaturesKHR;
+        descriptor_binding_acceleration_structure_update_after_bind: PhysicalDeviceAccelerationStructureFeaturesKHR;
+        ray_tracing_pipeline: PhysicalDeviceRayTracingPipelineFeaturesKHR => RayTracingKHR;
+        ray_tracing_pipeline_shader_group_handle_capture_replay: PhysicalDeviceRayTracingPipelineFeaturesKHR;
+        ray_tracing_pipeline_shader_group_handle_capture_replay_mixed: PhysicalDeviceRayTracingPipelineFeaturesKHR;
+        ray_tracing_pipeline_trace_rays_indirect: PhysicalDeviceRayTracingPipelineFeaturesKHR;
+        ray_traversal_primitive_culling: PhysicalDeviceRayTracingPipelineFeaturesKHR => RayTraversalPrimitiveCullingKHR;
+        format_a4r4g4b4: PhysicalDevice4444FormatsFeaturesEXT;
+        format_a4b4g4r4: PhysicalDevice4444FormatsFeaturesEXT;
+        null_descriptor: PhysicalDeviceRobustness2FeaturesEXT;
+        robust_buffer_access2: PhysicalDeviceRobustness2FeaturesEXT;
+        robust_image_access2: PhysicalDeviceRobustness2FeaturesEXT;
+        shader_subgroup_clock: PhysicalDeviceShaderClockFeaturesKHR => ShaderClockKHR;
+        shader_device_clock: PhysicalDeviceShaderClockFeaturesKHR;
+        texel_buffer_alignment: PhysicalDeviceTexelBufferAlignmentFeaturesEXT;
+    }
+    without_support {
+        PhysicalDeviceMultiviewFeatures
+        PhysicalDeviceProtectedMemoryFeatures
+        PhysicalDeviceSamplerYcbcrConversionFeatures
+        PhysicalDeviceShaderDrawParametersFeatures
+        PhysicalDeviceImagelessFramebufferFeatures
+        PhysicalDeviceTextureCompressionASTCHDRFeatures
+        PhysicalDeviceDynamicRenderingFeatures
+        PhysicalDeviceShaderIntegerDotProductFeatures
+    }
+}
+
+/// Capabilities that need no feature.
+const BASE_CAPABILITIES: &[Capability] = &[
+    Capability::Matrix,
+    Capability::Shader,
+    Capability::Sampled1D,
+    Capability::Image1D,
+    Capability::SampledBuffer,
+    Capability::ImageBuffer,
+    Capability::ImageQuery,
+    Capability::DerivativeControl,
+    Capability::DeviceGroup,
+    Capability::StorageImageExtendedFormats,
+    Capability::GroupNonUniform,
+    Capability::GroupNonUniformVote,
+    Capability::GroupNonUniformArithmetic,
+    Capability::GroupNonUniformBallot,
+    Capability::GroupNonUniformShuffle,
+    Capability::GroupNonUniformShuffleRelative,
+    Capability::GroupNonUniformClustered,
+    Capability::GroupNonUniformQuad,
+    Capability::DemoteToHelperInvocation,
+    Capability::DenormPreserve,
+    Capability::SignedZeroInfNanPreserve,
+    Capability::RoundingModeRTE,
+];
+
+/// All that a shader module may declare.
+pub fn capabilities() -> Vec<Capability> {
+    [BASE_CAPABILITIES, FEATURE_CAPABILITIES].concat()
+}
+
+/// Answers every feature structure of an output chain.
+///
+/// # Safety
+/// As [`chain::nodes_mut`].
+pub unsafe fn fill_chain(next: *mut std::ffi::c_void) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        for node in chain::nodes_mut(next) {
+            if let Some(bytes) = structure_bytes((*node).s_type) {
+                node.cast::<u8>()
+                    .add(HEAD_BYTES)
+                    .write_bytes(0, bytes - HEAD_BYTES);
+                set_supported(node);
+            }
+        }
+    }
+}
+
+/// Checks the features that a device is created with.
+///
+/// # Errors
+/// `VK_ERROR_FEATURE_NOT_PRESENT`.
+///
+/// # Safety
+/// `info` is valid usage of `vkCreateDevice`.
+pub unsafe fn check_requested(info: &vk::DeviceCreateInfo<'_>) -> VkResult {
+    // SAFETY: the caller's promise; feature structures are words after their head.
+    unsafe {
+        let core2 = chain::find::<vk::PhysicalDeviceFeatures2>(info.p_next).map(|f| &f.features);
+        for requested in core2.into_iter().chain(info.p_enabled_features.as_ref()) {
+            check_words(words(requested), words(&core_features()))?;
+        }
+        for node in chain::nodes(info.p_next) {
+            let Some(bytes) = structure_bytes(node.s_type) else {
+                continue;
+            };
+            let mut supported = vec![0u64; bytes.div_ceil(8)];
+            let head = supported.as_mut_ptr().cast::<vk::BaseOutStructure<'_>>();
+            (*head).s_type = node.s_type;
+            set_supported(head);
+            let body = |start: *const u8| {
+                std::slice::from_raw_parts(
+                    start.add(HEAD_BYTES).cast::<u32>(),
+                    (bytes - HEAD_BYTES) / 4,
+                )
+            };
+            check_words(body(std::ptr::from_ref(node).cast()), body(head.cast()))?;
+        }
+        Ok(())
+    }
+}
+
+fn words(features: &vk::PhysicalDeviceFeatures) -> &[u32] {
+    let count = size_of::<vk::PhysicalDeviceFeatures>() / 4;
+    // SAFETY: the structure is `count` `VkBool32`s.
+    unsafe { std::slice::from_raw_parts(std::ptr::from_ref(features).cast(), count) }
+}
+
+/// `VkBool32`s are compared as exactly one, because padding at a structure's end may hold anything else.
+fn check_words(requested: &[u32], supported: &[u32]) -> VkResult {
+    let missing = requested
+        .iter()
+        .zip(supported)
+        .any(|(&asked, &there)| asked == vk::TRUE && there == vk::FALSE);
+    if missing {
+        Err(vk::Result::ERROR_FEATURE_NOT_PRESENT)
+    } else {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chains_are_answered_and_checked() {
+        let mut unsupported = vk::PhysicalDeviceMultiviewFeatures::default().multiview(true);
+        let mut v12 = vk::PhysicalDeviceVulkan12Features::default();
+        v12.p_next = (&raw mut unsupported).cast();
+        // SAFETY: the chain is the two structures above.
+        unsafe { fill_chain((&raw mut v12).cast()) };
+        assert_eq!(unsupported.multiview, vk::FALSE);
+        assert_eq!(v12.buffer_device_address, vk::TRUE);
+        assert_eq!(v12.draw_indirect_count, vk::FALSE);
+
+        let check = |next: *const std::ffi::c_void| {
+            let info = vk::DeviceCreateInfo {
+                p_next: next,
+                ..Default::default()
+            };
+            // SAFETY: the chain holds what the caller below made.
+            unsafe { check_requested(&info) }
+        };
+        assert_eq!(check((&raw const v12).cast()), Ok(()));
+        // Through a pointer, because the chain reads it through one.
+        // SAFETY: the structure above.
+        unsafe { (&raw mut unsupported.multiview).write(vk::TRUE) };
+        assert_eq!(
+            check((&raw const v12).cast()),
+            Err(vk::Result::ERROR_FEATURE_NOT_PRESENT)
+        );
+        let core = vk::PhysicalDeviceFeatures2::default()
+            .features(vk::PhysicalDeviceFeatures::default().geometry_shader(true));
+        assert_eq!(
+            check((&raw const core).cast()),
+            Err(vk::Result::ERROR_FEATURE_NOT_PRESENT)
+        );
+    }
+}

@@ -1,4 +1,131 @@
-//! The table of limits.
+//! The table of limits. Those of stages that do not exist are the least that the spec allows (chapter Limits, "Required Limits").
+
+#![forbid(unsafe_code)]
+
+use ash::vk;
+
+/// Texels along a side of an image: what `spirv_jit::image::MAX_LEVELS` has levels for.
+pub const MAX_IMAGE_DIMENSION: u32 = 16384;
+pub const MAX_IMAGE_DIMENSION_3D: u32 = 2048;
+pub const MAX_IMAGE_ARRAY_LAYERS: u32 = 2048;
+pub const MAX_PUSH_CONSTANTS_BYTES: u32 = 256;
+/// Descriptors of a kind in a set or in a stage. They are entries of one array each, so there is no technical bound.
+pub const MAX_DESCRIPTORS: u32 = 1 << 20;
+pub const MAX_DYNAMIC_BUFFERS: u32 = 32;
+pub const MAX_INLINE_UNIFORM_BYTES: u32 = 4096;
+pub const MAX_PUSH_DESCRIPTORS: u32 = 32;
+pub const MAX_WORKGROUP_INVOCATIONS: u32 = 1024;
+pub const MAX_SHARED_BYTES: u32 = 64 << 10;
+pub const MAX_BUFFER_BYTES: u64 = 1 << 40;
+/// Alignment of buffers, images and host pointers in memory.
+pub const MEMORY_ALIGNMENT: u64 = 256;
+pub const PAGE_BYTES: u64 = 4096;
+pub const SAMPLE_COUNTS: vk::SampleCountFlags = vk::SampleCountFlags::from_raw(1 | 2 | 4 | 8);
+
+/// `VkPhysicalDeviceLimits`.
+pub fn limits() -> vk::PhysicalDeviceLimits {
+    vk::PhysicalDeviceLimits {
+        max_image_dimension1_d: MAX_IMAGE_DIMENSION,
+        max_image_dimension2_d: MAX_IMAGE_DIMENSION,
+        max_image_dimension3_d: MAX_IMAGE_DIMENSION_3D,
+        max_image_dimension_cube: MAX_IMAGE_DIMENSION,
+        max_image_array_layers: MAX_IMAGE_ARRAY_LAYERS,
+        max_texel_buffer_elements: 1 << 27,
+        max_uniform_buffer_range: 1 << 30,
+        // Addresses have 64 bits, `VkDeviceSize` ranges of descriptors too; test suites size their largest launch by this.
+        max_storage_buffer_range: 1 << 31,
+        max_push_constants_size: MAX_PUSH_CONSTANTS_BYTES,
+        max_memory_allocation_count: u32::MAX,
+        max_sampler_allocation_count: u32::MAX,
+        buffer_image_granularity: 1,
+        max_bound_descriptor_sets: spirv_jit::environment::MAX_SETS as u32,
+        max_per_stage_descriptor_samplers: MAX_DESCRIPTORS,
+        max_per_stage_descriptor_uniform_buffers: MAX_DESCRIPTORS,
+        max_per_stage_descriptor_storage_buffers: MAX_DESCRIPTORS,
+        max_per_stage_descriptor_sampled_images: MAX_DESCRIPTORS,
+        max_per_stage_descriptor_storage_images: MAX_DESCRIPTORS,
+        max_per_stage_descriptor_input_attachments: MAX_DESCRIPTORS,
+        max_per_stage_resources: MAX_DESCRIPTORS,
+        max_descriptor_set_samplers: MAX_DESCRIPTORS,
+        max_descriptor_set_uniform_buffers: MAX_DESCRIPTORS,
+        max_descriptor_set_uniform_buffers_dynamic: MAX_DYNAMIC_BUFFERS,
+        max_descriptor_set_storage_buffers: MAX_DESCRIPTORS,
+        max_descriptor_set_storage_buffers_dynamic: MAX_DYNAMIC_BUFFERS,
+        max_descriptor_set_sampled_images: MAX_DESCRIPTORS,
+        max_descriptor_set_storage_images: MAX_DESCRIPTORS,
+        max_descriptor_set_input_attachments: MAX_DESCRIPTORS,
+        max_vertex_input_attributes: 16,
+        max_vertex_input_bindings: 16,
+        max_vertex_input_attribute_offset: 2047,
+        max_vertex_input_binding_stride: 2048,
+        max_vertex_output_components: 64,
+        max_fragment_input_components: 64,
+        max_fragment_output_attachments: 4,
+        max_fragment_combined_output_resources: 4,
+        max_compute_shared_memory_size: MAX_SHARED_BYTES,
+        max_compute_work_group_count: [u32::MAX; 3],
+        max_compute_work_group_invocations: MAX_WORKGROUP_INVOCATIONS,
+        max_compute_work_group_size: [
+            MAX_WORKGROUP_INVOCATIONS,
+            MAX_WORKGROUP_INVOCATIONS,
+            MAX_WORKGROUP_INVOCATIONS,
+        ],
+        sub_pixel_precision_bits: 4,
+        sub_texel_precision_bits: 8,
+        mipmap_precision_bits: 8,
+        max_draw_indexed_index_value: u32::MAX,
+        max_draw_indirect_count: 1,
+        max_sampler_lod_bias: 16.0,
+        max_sampler_anisotropy: 16.0,
+        max_viewports: 1,
+        max_viewport_dimensions: [MAX_IMAGE_DIMENSION; 2],
+        viewport_bounds_range: [
+            -2.0 * MAX_IMAGE_DIMENSION as f32,
+            2.0 * MAX_IMAGE_DIMENSION as f32 - 1.0,
+        ],
+        min_memory_map_alignment: PAGE_BYTES as usize,
+        min_texel_buffer_offset_alignment: 16,
+        min_uniform_buffer_offset_alignment: 16,
+        min_storage_buffer_offset_alignment: 16,
+        min_texel_offset: -8,
+        max_texel_offset: 7,
+        min_texel_gather_offset: -32,
+        max_texel_gather_offset: 31,
+        max_framebuffer_width: MAX_IMAGE_DIMENSION,
+        max_framebuffer_height: MAX_IMAGE_DIMENSION,
+        max_framebuffer_layers: MAX_IMAGE_ARRAY_LAYERS,
+        framebuffer_color_sample_counts: SAMPLE_COUNTS,
+        framebuffer_depth_sample_counts: SAMPLE_COUNTS,
+        framebuffer_stencil_sample_counts: SAMPLE_COUNTS,
+        framebuffer_no_attachments_sample_counts: SAMPLE_COUNTS,
+        max_color_attachments: 4,
+        sampled_image_color_sample_counts: SAMPLE_COUNTS,
+        sampled_image_integer_sample_counts: SAMPLE_COUNTS,
+        sampled_image_depth_sample_counts: SAMPLE_COUNTS,
+        sampled_image_stencil_sample_counts: SAMPLE_COUNTS,
+        storage_image_sample_counts: SAMPLE_COUNTS,
+        max_sample_mask_words: 1,
+        timestamp_compute_and_graphics: vk::TRUE,
+        timestamp_period: 1.0,
+        discrete_queue_priorities: 2,
+        point_size_range: [1.0, 1.0],
+        line_width_range: [1.0, 1.0],
+        strict_lines: vk::FALSE,
+        standard_sample_locations: vk::TRUE,
+        optimal_buffer_copy_offset_alignment: 16,
+        optimal_buffer_copy_row_pitch_alignment: 16,
+        non_coherent_atom_size: 1,
+        ..Default::default()
+    }
+}
+
+/// Geometries and instances of a structure: 24-bit indices.
+pub const MAX_GEOMETRIES: u64 = (1 << 24) - 1;
+pub const MAX_PRIMITIVES: u64 = (1 << 29) - 1;
+/// `minAccelerationStructureScratchOffsetAlignment`.
+pub const SCRATCH_ALIGNMENT: u32 = 128;
+/// `maxRayRecursionDepth`: depth costs heap, never stack.
+pub const MAX_RAY_RECURSION_DEPTH: u32 = 31;
 
 /// `maxRayDispatchInvocationCount`.
 pub const MAX_RAY_DISPATCH_INVOCATIONS: u32 = 1 << 30;

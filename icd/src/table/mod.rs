@@ -4,3 +4,4 @@ pub mod commands;
 pub mod extensions;
 pub mod features;
 pub mod limits;
+pub mod properties;

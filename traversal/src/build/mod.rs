@@ -175,7 +175,7 @@ pub unsafe fn build(
             depth = collapse::plan(
                 nodes,
                 &Costs {
-                    leaf_forced: costs.leaf_max / 2,
+                    leaf_forced: costs.leaf_max,
                     ..costs
                 },
             );
@@ -227,8 +227,9 @@ fn grow(
     primitives: &mut [Primitive],
     nodes: &mut [BinaryNode],
 ) -> Costs {
+    // Cheap blocks make fuller leaves; between 0.5 and 2 the walk does not feel the difference.
     let (block, leaf_max, block_cost, stop) = match kind {
-        Kind::Triangles => (GROUP as u32, LEAF_TRIANGLES as u32, 1.0, 2),
+        Kind::Triangles => (GROUP as u32, LEAF_TRIANGLES as u32, 0.5, 2),
         Kind::Aabbs => (1, 1, 2.0, 2),
         Kind::Instances => (1, 1, 4.0, 2),
     };
@@ -240,7 +241,7 @@ fn grow(
         block: block_cost,
         block_size: block,
         leaf_max,
-        leaf_forced: if small { leaf_max } else { leaf_max / 4 },
+        leaf_forced: if small { leaf_max } else { leaf_max / 2 },
         scale: rules.scale,
     }
 }

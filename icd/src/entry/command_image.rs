@@ -1,0 +1,205 @@
+//! Transfer commands on images. Both forms of each record the same command; image layouts mean nothing here.
+
+use ash::vk;
+
+use crate::VkResult;
+use crate::command::{Command, copied};
+use crate::ffi::{self, commands};
+use crate::handle::{self, from_handle};
+use crate::object::{Buffer, Image};
+
+commands! {
+    fn vkCmdCopyImage(
+        commands,
+        source: vk::Image,
+        _source_layout: vk::ImageLayout,
+        destination: vk::Image,
+        _destination_layout: vk::ImageLayout,
+        count: u32,
+        regions: *const vk::ImageCopy,
+    ) {
+        commands.push(Command::CopyImage {
+            source: handle::retain::<Image>(source),
+            destination: handle::retain::<Image>(destination),
+            regions: copied(ffi::slice(regions, count), |&region| region)?,
+        })
+    }
+
+    fn vkCmdCopyImage2(commands, info: *const vk::CopyImageInfo2) {
+        let info = &*info;
+        commands.push(Command::CopyImage {
+            source: handle::retain::<Image>(info.src_image),
+            destination: handle::retain::<Image>(info.dst_image),
+            regions: copied(ffi::slice(info.p_regions, info.region_count), |region| vk::ImageCopy {
+                src_subresource: region.src_subresource,
+                src_offset: region.src_offset,
+                dst_subresource: region.dst_subresource,
+                dst_offset: region.dst_offset,
+                extent: region.extent,
+            })?,
+        })
+    }
+
+    fn vkCmdCopyBufferToImage(
+        commands,
+        source: vk::Buffer,
+        destination: vk::Image,
+        _layout: vk::ImageLayout,
+        count: u32,
+        regions: *const vk::BufferImageCopy,
+    ) {
+        commands.push(Command::CopyBufferToImage {
+            source: address(source)?,
+            destination: handle::retain::<Image>(destination),
+            regions: copied(ffi::slice(regions, count), |&region| region)?,
+        })
+    }
+
+    fn vkCmdCopyBufferToImage2(commands, info: *const vk::CopyBufferToImageInfo2) {
+        let info = &*info;
+        commands.push(Command::CopyBufferToImage {
+            source: address(info.src_buffer)?,
+            destination: handle::retain::<Image>(info.dst_image),
+            regions: copied(ffi::slice(info.p_regions, info.region_count), buffer_image_copy)?,
+        })
+    }
+
+    fn vkCmdCopyImageToBuffer(
+        commands,
+        source: vk::Image,
+        _layout: vk::ImageLayout,
+        destination: vk::Buffer,
+        count: u32,
+        regions: *const vk::BufferImageCopy,
+    ) {
+        commands.push(Command::CopyImageToBuffer {
+            source: handle::retain::<Image>(source),
+            destination: address(destination)?,
+            regions: copied(ffi::slice(regions, count), |&region| region)?,
+        })
+    }
+
+    fn vkCmdCopyImageToBuffer2(commands, info: *const vk::CopyImageToBufferInfo2) {
+        let info = &*info;
+        commands.push(Command::CopyImageToBuffer {
+            source: handle::retain::<Image>(info.src_image),
+            destination: address(info.dst_buffer)?,
+            regions: copied(ffi::slice(info.p_regions, info.region_count), buffer_image_copy)?,
+        })
+    }
+
+    fn vkCmdBlitImage(
+        commands,
+        source: vk::Image,
+        _source_layout: vk::ImageLayout,
+        destination: vk::Image,
+        _destination_layout: vk::ImageLayout,
+        count: u32,
+        regions: *const vk::ImageBlit,
+        filter: vk::Filter,
+    ) {
+        commands.push(Command::BlitImage {
+            source: handle::retain::<Image>(source),
+            destination: handle::retain::<Image>(destination),
+            regions: copied(ffi::slice(regions, count), |&region| region)?,
+            filter,
+        })
+    }
+
+    fn vkCmdBlitImage2(commands, info: *const vk::BlitImageInfo2) {
+        let info = &*info;
+        commands.push(Command::BlitImage {
+            source: handle::retain::<Image>(info.src_image),
+            destination: handle::retain::<Image>(info.dst_image),
+            regions: copied(ffi::slice(info.p_regions, info.region_count), |region| vk::ImageBlit {
+                src_subresource: region.src_subresource,
+                src_offsets: region.src_offsets,
+                dst_subresource: region.dst_subresource,
+                dst_offsets: region.dst_offsets,
+            })?,
+            filter: info.filter,
+        })
+    }
+
+    fn vkCmdResolveImage(
+        commands,
+        source: vk::Image,
+        _source_layout: vk::ImageLayout,
+        destination: vk::Image,
+        _destination_layout: vk::ImageLayout,
+        count: u32,
+        regions: *const vk::ImageResolve,
+    ) {
+        commands.push(Command::ResolveImage {
+            source: handle::retain::<Image>(source),
+            destination: handle::retain::<Image>(destination),
+            regions: copied(ffi::slice(regions, count), |&region| region)?,
+        })
+    }
+
+    fn vkCmdResolveImage2(commands, info: *const vk::ResolveImageInfo2) {
+        let info = &*info;
+        commands.push(Command::ResolveImage {
+            source: handle::retain::<Image>(info.src_image),
+            destination: handle::retain::<Image>(info.dst_image),
+            regions: copied(ffi::slice(info.p_regions, info.region_count), |region| vk::ImageResolve {
+                src_subresource: region.src_subresource,
+                src_offset: region.src_offset,
+                dst_subresource: region.dst_subresource,
+                dst_offset: region.dst_offset,
+                extent: region.extent,
+            })?,
+        })
+    }
+
+    fn vkCmdClearColorImage(
+        commands,
+        image: vk::Image,
+        _layout: vk::ImageLayout,
+        value: *const vk::ClearColorValue,
+        count: u32,
+        ranges: *const vk::ImageSubresourceRange,
+    ) {
+        commands.push(Command::ClearColorImage {
+            image: handle::retain::<Image>(image),
+            value: *value,
+            ranges: copied(ffi::slice(ranges, count), |&range| range)?,
+        })
+    }
+
+    fn vkCmdClearDepthStencilImage(
+        commands,
+        image: vk::Image,
+        _layout: vk::ImageLayout,
+        value: *const vk::ClearDepthStencilValue,
+        count: u32,
+        ranges: *const vk::ImageSubresourceRange,
+    ) {
+        commands.push(Command::ClearDepthStencilImage {
+            image: handle::retain::<Image>(image),
+            value: *value,
+            ranges: copied(ffi::slice(ranges, count), |&range| range)?,
+        })
+    }
+}
+
+/// Where a buffer starts.
+///
+/// # Safety
+/// The handle is alive.
+unsafe fn address(buffer: vk::Buffer) -> VkResult<u64> {
+    // SAFETY: the caller's promise.
+    let (address, _) = unsafe { from_handle::<Buffer>(buffer) }.range(0, vk::WHOLE_SIZE)?;
+    Ok(address as u64)
+}
+
+fn buffer_image_copy(region: &vk::BufferImageCopy2<'_>) -> vk::BufferImageCopy {
+    vk::BufferImageCopy {
+        buffer_offset: region.buffer_offset,
+        buffer_row_length: region.buffer_row_length,
+        buffer_image_height: region.buffer_image_height,
+        image_subresource: region.image_subresource,
+        image_offset: region.image_offset,
+        image_extent: region.image_extent,
+    }
+}

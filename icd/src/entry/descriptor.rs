@@ -1,0 +1,269 @@
+//! Descriptor set layouts, pools, sets and update templates.
+
+use ash::vk;
+use ash::vk::Handle;
+
+use super::destroy;
+use crate::VkResult;
+use crate::ffi::{self, array, chain, entry};
+use crate::handle::{self, from_handle, retain};
+use crate::object::descriptor::{Binding, PoolState};
+use crate::object::{
+    DescriptorPool, DescriptorSet, DescriptorSetLayout, DescriptorUpdateTemplate, PipelineLayout,
+    Sampler,
+};
+use crate::table::limits::{MAX_DESCRIPTORS, MAX_INLINE_UNIFORM_BYTES};
+
+destroy! {
+    vkDestroyDescriptorSetLayout: DescriptorSetLayout, DescriptorSetLayout;
+    vkDestroyDescriptorUpdateTemplate: DescriptorUpdateTemplate, DescriptorUpdateTemplate;
+}
+
+/// Decodes a set layout's bindings.
+///
+/// # Safety
+/// `info` is valid usage of `vkCreateDescriptorSetLayout`.
+unsafe fn bindings(info: &vk::DescriptorSetLayoutCreateInfo<'_>) -> Vec<Binding> {
+    // SAFETY: the caller's promise; immutable samplers are alive, and used for sampler types alone.
+    unsafe {
+        let flags = chain::find::<vk::DescriptorSetLayoutBindingFlagsCreateInfo>(info.p_next)
+            .map_or(&[][..], |flags| {
+                ffi::slice(flags.p_binding_flags, flags.binding_count)
+            });
+        let bindings = ffi::slice(info.p_bindings, info.binding_count);
+        let mut decoded = Vec::with_capacity(bindings.len());
+        for (index, binding) in bindings.iter().enumerate() {
+            let samples = matches!(
+                binding.descriptor_type,
+                vk::DescriptorType::SAMPLER | vk::DescriptorType::COMBINED_IMAGE_SAMPLER
+            );
+            let samplers = if samples {
+                ffi::slice(binding.p_immutable_samplers, binding.descriptor_count)
+            } else {
+                &[]
+            };
+            decoded.push(Binding {
+                binding: binding.binding,
+                ty: binding.descriptor_type,
+                count: binding.descriptor_count,
+                flags: flags.get(index).copied().unwrap_or_default(),
+                immutable_samplers: samplers
+                    .iter()
+                    .map(|&sampler| retain::<Sampler>(sampler))
+                    .collect(),
+                first: 0,
+                inline_offset: 0,
+            });
+        }
+        decoded
+    }
+}
+
+/// Adds a set's descriptors to what a pool has in use, or takes them away. False if the pool has too few.
+fn account(pool: &DescriptorPool, state: &mut PoolState, set: &DescriptorSet, add: bool) -> bool {
+    let mut used = state.used.clone();
+    for binding in &set.layout.bindings {
+        let count = if binding.is_variable() {
+            set.variable_count
+        } else {
+            binding.count
+        };
+        let Some(index) = pool.sizes.iter().position(|size| size.0 == binding.ty) else {
+            if count == 0 {
+                continue;
+            }
+            return false;
+        };
+        if add {
+            used[index] += u64::from(count);
+        } else {
+            used[index] = used[index].saturating_sub(u64::from(count));
+        }
+        if add && used[index] > pool.sizes[index].1 {
+            return false;
+        }
+    }
+    state.used = used;
+    true
+}
+
+/// Takes one set out of a pool.
+///
+/// # Safety
+/// The set is null or a living one of the pool.
+unsafe fn free(pool: &DescriptorPool, state: &mut PoolState, set: vk::DescriptorSet) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        if state.sets.remove(&set.as_raw())
+            && let Some(set) = handle::take::<DescriptorSet>(set)
+        {
+            account(pool, state, &set, false);
+        }
+    }
+}
+
+/// Frees all sets of a pool.
+///
+/// # Safety
+/// The application uses none of them again.
+unsafe fn reset(pool: &DescriptorPool) {
+    let mut state = pool.state.lock();
+    for set in std::mem::take(&mut state.sets) {
+        // SAFETY: the pool's sets are alive until they are taken out of it.
+        drop(unsafe { handle::take::<DescriptorSet>(vk::DescriptorSet::from_raw(set)) });
+    }
+    state.used.fill(0);
+}
+
+/// Allocates one set.
+///
+/// # Safety
+/// The layout is alive.
+unsafe fn allocate(
+    pool: &DescriptorPool,
+    layout: vk::DescriptorSetLayout,
+    variable_count: u32,
+) -> VkResult<vk::DescriptorSet> {
+    let mut state = pool.state.lock();
+    if state.sets.len() >= pool.max_sets as usize {
+        return Err(vk::Result::ERROR_OUT_OF_POOL_MEMORY);
+    }
+    // SAFETY: the caller's promise.
+    let layout = unsafe { retain::<DescriptorSetLayout>(layout) };
+    let set = DescriptorSet::new(layout, variable_count)?;
+    if !account(pool, &mut state, &set, true) {
+        return Err(vk::Result::ERROR_OUT_OF_POOL_MEMORY);
+    }
+    let set = handle::create(set);
+    state.sets.insert(set.as_raw());
+    Ok(set)
+}
+
+entry! {
+    fn vkCreateDescriptorSetLayout(
+        _device: vk::Device,
+        info: *const vk::DescriptorSetLayoutCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::DescriptorSetLayout,
+    ) -> vk::Result {
+        let info = &*info;
+        *out = handle::create(DescriptorSetLayout::new(bindings(info), info.flags)?);
+        Ok(())
+    }
+
+    fn vkGetDescriptorSetLayoutSupport(
+        _device: vk::Device,
+        info: *const vk::DescriptorSetLayoutCreateInfo,
+        out: *mut vk::DescriptorSetLayoutSupport,
+    ) {
+        let bindings = bindings(&*info);
+        let variable = bindings.iter().find(|binding| binding.is_variable());
+        let most = |binding: &Binding| if binding.is_inline() { MAX_INLINE_UNIFORM_BYTES } else { MAX_DESCRIPTORS };
+        if let Some(out) = chain::find_mut::<vk::DescriptorSetVariableDescriptorCountLayoutSupport>((*out).p_next) {
+            out.max_variable_descriptor_count = variable.map_or(0, most);
+        }
+        let inline = bindings.iter().all(|binding| !binding.is_inline() || binding.count <= MAX_INLINE_UNIFORM_BYTES);
+        let total: u64 = bindings.iter().map(|binding| u64::from(binding.entry_count())).sum();
+        (*out).supported = (inline && total <= u64::from(MAX_DESCRIPTORS)).into();
+    }
+
+    fn vkCreateDescriptorPool(
+        _device: vk::Device,
+        info: *const vk::DescriptorPoolCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::DescriptorPool,
+    ) -> vk::Result {
+        let info = &*info;
+        let mut sizes: Vec<(vk::DescriptorType, u64)> = Vec::new();
+        for size in ffi::slice(info.p_pool_sizes, info.pool_size_count) {
+            match sizes.iter_mut().find(|other| other.0 == size.ty) {
+                Some(other) => other.1 += u64::from(size.descriptor_count),
+                None => sizes.push((size.ty, u64::from(size.descriptor_count))),
+            }
+        }
+        let used = vec![0; sizes.len()];
+        *out = handle::create(DescriptorPool {
+            max_sets: info.max_sets,
+            sizes,
+            state: parking_lot::Mutex::new(PoolState { used, ..PoolState::default() }),
+        });
+        Ok(())
+    }
+
+    fn vkDestroyDescriptorPool(
+        _device: vk::Device,
+        pool: vk::DescriptorPool,
+        _allocator: *const vk::AllocationCallbacks,
+    ) {
+        if let Some(pool) = handle::take::<DescriptorPool>(pool) {
+            reset(&pool);
+        }
+    }
+
+    fn vkResetDescriptorPool(
+        _device: vk::Device,
+        pool: vk::DescriptorPool,
+        _flags: vk::DescriptorPoolResetFlags,
+    ) -> vk::Result {
+        reset(from_handle::<DescriptorPool>(pool));
+        Ok(())
+    }
+
+    fn vkAllocateDescriptorSets(
+        _device: vk::Device,
+        info: *const vk::DescriptorSetAllocateInfo,
+        out: *mut vk::DescriptorSet,
+    ) -> vk::Result {
+        let info = &*info;
+        let pool = from_handle::<DescriptorPool>(info.descriptor_pool);
+        let layouts = ffi::slice(info.p_set_layouts, info.descriptor_set_count);
+        let out = array::slice_mut(out, info.descriptor_set_count);
+        let counts = chain::find::<vk::DescriptorSetVariableDescriptorCountAllocateInfo>(info.p_next)
+            .map_or(&[][..], |counts| ffi::slice(counts.p_descriptor_counts, counts.descriptor_set_count));
+        for index in 0..layouts.len() {
+            match allocate(pool, layouts[index], counts.get(index).copied().unwrap_or(0)) {
+                Ok(set) => out[index] = set,
+                Err(code) => {
+                    let mut state = pool.state.lock();
+                    for &set in &out[..index] {
+                        free(pool, &mut state, set);
+                    }
+                    out.fill(vk::DescriptorSet::null());
+                    return Err(code);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn vkFreeDescriptorSets(
+        _device: vk::Device,
+        pool: vk::DescriptorPool,
+        count: u32,
+        sets: *const vk::DescriptorSet,
+    ) -> vk::Result {
+        let pool = from_handle::<DescriptorPool>(pool);
+        let mut state = pool.state.lock();
+        for &set in ffi::slice(sets, count) {
+            free(pool, &mut state, set);
+        }
+        Ok(())
+    }
+
+    fn vkCreateDescriptorUpdateTemplate(
+        _device: vk::Device,
+        info: *const vk::DescriptorUpdateTemplateCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::DescriptorUpdateTemplate,
+    ) -> vk::Result {
+        let info = &*info;
+        let push = info.template_type == vk::DescriptorUpdateTemplateType::PUSH_DESCRIPTORS_KHR;
+        *out = handle::create(DescriptorUpdateTemplate {
+            entries: ffi::slice(info.p_descriptor_update_entries, info.descriptor_update_entry_count).to_vec(),
+            bind_point: info.pipeline_bind_point,
+            set: info.set,
+            layout: push.then(|| retain::<PipelineLayout>(info.pipeline_layout)),
+        });
+        Ok(())
+    }
+}

@@ -1,0 +1,277 @@
+//! Descriptor updates: from Vulkan's structures to entries that shaders read.
+
+use std::ffi::c_void;
+
+use ash::vk;
+use spirv_jit::environment::Descriptor;
+
+use crate::execute::bindings::SHRINKS_WITH_OFFSET;
+use crate::ffi::{self, chain, entry};
+use crate::handle::{from_handle, optional};
+use crate::object::descriptor::Binding;
+use crate::object::{
+    AccelerationStructure, Buffer, BufferView, DescriptorSet, DescriptorUpdateTemplate, ImageView,
+    Sampler,
+};
+
+/// A buffer's entry.
+fn buffer_descriptor(buffer: &Buffer, offset: u64, range: u64, dynamic: bool) -> Descriptor {
+    let rest = buffer.size_bytes.saturating_sub(offset);
+    let size_bytes = match range {
+        vk::WHOLE_SIZE if dynamic => rest | SHRINKS_WITH_OFFSET,
+        vk::WHOLE_SIZE => rest,
+        range => range.min(rest),
+    };
+    Descriptor {
+        address: buffer.address() + offset,
+        size_bytes,
+        ..Descriptor::NULL
+    }
+}
+
+/// Writes one entry from the structure or handle that its type takes: `VkDescriptorImageInfo`, `VkDescriptorBufferInfo`,
+/// `VkBufferView` or `VkAccelerationStructureKHR`.
+///
+/// # Safety
+/// `source` points to it, and what it names is alive or null. `entry` is of a set that no one else updates.
+unsafe fn write_entry(entry: *mut Descriptor, binding: &Binding, source: *const u8) {
+    use vk::DescriptorType as Ty;
+    // SAFETY: the caller's promise.
+    unsafe {
+        match binding.ty {
+            Ty::SAMPLER
+            | Ty::COMBINED_IMAGE_SAMPLER
+            | Ty::SAMPLED_IMAGE
+            | Ty::STORAGE_IMAGE
+            | Ty::INPUT_ATTACHMENT => {
+                let info = source.cast::<vk::DescriptorImageInfo>().read_unaligned();
+                if binding.ty != Ty::SAMPLER {
+                    (*entry).image = optional::<ImageView>(info.image_view)
+                        .map_or(std::ptr::null(), |view| view.descriptor.as_ptr().cast());
+                }
+                let sampled = matches!(binding.ty, Ty::SAMPLER | Ty::COMBINED_IMAGE_SAMPLER);
+                if sampled && binding.immutable_samplers.is_empty() {
+                    (*entry).sampler = optional::<Sampler>(info.sampler)
+                        .map_or(std::ptr::null(), |sampler| sampler.descriptor.as_ptr());
+                }
+            }
+            Ty::UNIFORM_TEXEL_BUFFER | Ty::STORAGE_TEXEL_BUFFER => {
+                let view = source.cast::<vk::BufferView>().read_unaligned();
+                (*entry).image = optional::<BufferView>(view)
+                    .map_or(std::ptr::null(), |view| view.descriptor.as_ptr().cast());
+            }
+            Ty::ACCELERATION_STRUCTURE_KHR => {
+                let structure = source
+                    .cast::<vk::AccelerationStructureKHR>()
+                    .read_unaligned();
+                (*entry).address = optional::<AccelerationStructure>(structure)
+                    .map_or(0, |structure| structure.address());
+            }
+            _ => {
+                let info = source.cast::<vk::DescriptorBufferInfo>().read_unaligned();
+                *entry = optional::<Buffer>(info.buffer).map_or(Descriptor::NULL, |buffer| {
+                    buffer_descriptor(buffer, info.offset, info.range, binding.is_dynamic())
+                });
+            }
+        }
+    }
+}
+
+/// The entries from (`binding`, `element`) on; past a binding's end they go on in the next one that has any ("consecutive
+/// binding updates").
+fn consecutive(
+    set: &DescriptorSet,
+    binding: u32,
+    element: u32,
+) -> impl Iterator<Item = (&Binding, *mut Descriptor)> {
+    let bindings = &set.layout.bindings;
+    let mut index = bindings.partition_point(|other| other.binding < binding);
+    let mut element = element;
+    std::iter::from_fn(move || {
+        while bindings.get(index)?.entry_count() <= element {
+            element -= bindings[index].entry_count();
+            index += 1;
+        }
+        let found = &bindings[index];
+        element += 1;
+        Some((found, set.entry(found, element - 1)?))
+    })
+}
+
+/// Writes `count` descriptors (bytes, of an inline uniform block) from where `source` says each is.
+///
+/// # Safety
+/// As [`write_entry`], for each; for inline uniform blocks `source(0)` points to all bytes.
+unsafe fn write(
+    set: &DescriptorSet,
+    binding: u32,
+    element: u32,
+    count: u32,
+    source: impl Fn(u32) -> *const u8,
+) {
+    // SAFETY: the caller's promise; the set says where its memory ends.
+    unsafe {
+        if let Some(inline) = set
+            .layout
+            .binding(binding)
+            .filter(|binding| binding.is_inline())
+        {
+            if let Some(bytes) = set.inline_bytes(inline, element, count) {
+                bytes.copy_from(source(0), count as usize);
+            }
+            return;
+        }
+        for (index, (binding, entry)) in (0..count).zip(consecutive(set, binding, element)) {
+            write_entry(entry, binding, source(index));
+        }
+    }
+}
+
+/// Performs a `VkWriteDescriptorSet` on a set.
+///
+/// # Safety
+/// Valid usage of `vkUpdateDescriptorSets`.
+pub unsafe fn apply_write(set: &DescriptorSet, info: &vk::WriteDescriptorSet<'_>) {
+    use vk::DescriptorType as Ty;
+    // SAFETY: the caller's promise: the array that the type takes has as many elements as are written.
+    unsafe {
+        let (start, stride): (*const u8, usize) = match info.descriptor_type {
+            Ty::SAMPLER
+            | Ty::COMBINED_IMAGE_SAMPLER
+            | Ty::SAMPLED_IMAGE
+            | Ty::STORAGE_IMAGE
+            | Ty::INPUT_ATTACHMENT => (
+                info.p_image_info.cast(),
+                size_of::<vk::DescriptorImageInfo>(),
+            ),
+            Ty::UNIFORM_TEXEL_BUFFER | Ty::STORAGE_TEXEL_BUFFER => {
+                (info.p_texel_buffer_view.cast(), size_of::<vk::BufferView>())
+            }
+            Ty::ACCELERATION_STRUCTURE_KHR => {
+                let structures =
+                    chain::find::<vk::WriteDescriptorSetAccelerationStructureKHR>(info.p_next);
+                (
+                    structures.map_or(std::ptr::null(), |info| {
+                        info.p_acceleration_structures.cast()
+                    }),
+                    size_of::<vk::AccelerationStructureKHR>(),
+                )
+            }
+            Ty::INLINE_UNIFORM_BLOCK => {
+                let block = chain::find::<vk::WriteDescriptorSetInlineUniformBlock>(info.p_next);
+                (
+                    block.map_or(std::ptr::null(), |block| block.p_data.cast()),
+                    0,
+                )
+            }
+            _ => (
+                info.p_buffer_info.cast(),
+                size_of::<vk::DescriptorBufferInfo>(),
+            ),
+        };
+        if start.is_null() {
+            return;
+        }
+        write(
+            set,
+            info.dst_binding,
+            info.dst_array_element,
+            info.descriptor_count,
+            |index| start.wrapping_add(index as usize * stride),
+        );
+    }
+}
+
+/// Performs an update template on a set.
+///
+/// # Safety
+/// Valid usage of `vkUpdateDescriptorSetWithTemplate`.
+pub unsafe fn apply_template(
+    set: &DescriptorSet,
+    template: &DescriptorUpdateTemplate,
+    data: *const c_void,
+) {
+    for entry in &template.entries {
+        let start = data.cast::<u8>().wrapping_add(entry.offset);
+        // SAFETY: the caller's promise: the data is laid out as the template says.
+        unsafe {
+            write(
+                set,
+                entry.dst_binding,
+                entry.dst_array_element,
+                entry.descriptor_count,
+                |index| start.wrapping_add(index as usize * entry.stride),
+            );
+        }
+    }
+}
+
+/// Performs a `VkCopyDescriptorSet`.
+///
+/// # Safety
+/// Valid usage of `vkUpdateDescriptorSets`.
+unsafe fn apply_copy(info: &vk::CopyDescriptorSet<'_>) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let source = from_handle::<DescriptorSet>(info.src_set);
+        let destination = from_handle::<DescriptorSet>(info.dst_set);
+        if let (Some(from), Some(to)) = (
+            source
+                .layout
+                .binding(info.src_binding)
+                .filter(|binding| binding.is_inline()),
+            destination
+                .layout
+                .binding(info.dst_binding)
+                .filter(|binding| binding.is_inline()),
+        ) {
+            let count = info.descriptor_count;
+            if let (Some(from), Some(to)) = (
+                source.inline_bytes(from, info.src_array_element, count),
+                destination.inline_bytes(to, info.dst_array_element, count),
+            ) {
+                to.copy_from(from, count as usize);
+            }
+            return;
+        }
+        let from = consecutive(source, info.src_binding, info.src_array_element);
+        let to = consecutive(destination, info.dst_binding, info.dst_array_element);
+        for ((_, from), (binding, to)) in from.zip(to).take(info.descriptor_count as usize) {
+            let kept = (*to).sampler;
+            *to = *from;
+            if !binding.immutable_samplers.is_empty() {
+                (*to).sampler = kept;
+            }
+        }
+    }
+}
+
+entry! {
+    fn vkUpdateDescriptorSets(
+        _device: vk::Device,
+        write_count: u32,
+        writes: *const vk::WriteDescriptorSet,
+        copy_count: u32,
+        copies: *const vk::CopyDescriptorSet,
+    ) {
+        for info in ffi::slice(writes, write_count) {
+            apply_write(from_handle::<DescriptorSet>(info.dst_set), info);
+        }
+        for info in ffi::slice(copies, copy_count) {
+            apply_copy(info);
+        }
+    }
+
+    fn vkUpdateDescriptorSetWithTemplate(
+        _device: vk::Device,
+        set: vk::DescriptorSet,
+        template: vk::DescriptorUpdateTemplate,
+        data: *const c_void,
+    ) {
+        apply_template(
+            from_handle::<DescriptorSet>(set),
+            from_handle::<DescriptorUpdateTemplate>(template),
+            data,
+        );
+    }
+}

@@ -1,0 +1,134 @@
+//! Devices.
+
+use std::ffi::c_char;
+
+use ash::vk;
+
+use crate::execute::query::clock_ns;
+use crate::ffi::{self, array, entry};
+use crate::handle::{self, from_handle};
+use crate::object::{Device, PhysicalDevice, PrivateDataSlot};
+use crate::queue::MAX_QUEUES;
+use crate::table::commands;
+use crate::table::extensions::{ExtensionSet, Kind};
+use crate::table::features;
+
+entry! {
+    fn vkCreateDevice(
+        physical: vk::PhysicalDevice,
+        info: *const vk::DeviceCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::Device,
+    ) -> vk::Result {
+        let physical = from_handle::<PhysicalDevice>(physical);
+        let info = &*info;
+        let names = ffi::slice(info.pp_enabled_extension_names, info.enabled_extension_count);
+        let extensions = ExtensionSet::from_names(Kind::Device, names.iter().map(|&name| ffi::string(name)))
+            .ok_or(vk::Result::ERROR_EXTENSION_NOT_PRESENT)?;
+        features::check_requested(info)?;
+        let queues = ffi::slice(info.p_queue_create_infos, info.queue_create_info_count);
+        if queues.iter().any(|queue| queue.queue_family_index != 0 || queue.queue_count > MAX_QUEUES) {
+            return Err(vk::Result::ERROR_INITIALIZATION_FAILED);
+        }
+        let queue_count = queues.iter().map(|queue| queue.queue_count).max().unwrap_or(0);
+        *out = handle::create(Device::new(physical, extensions, queue_count)?);
+        Ok(())
+    }
+
+    fn vkDestroyDevice(device: vk::Device, _allocator: *const vk::AllocationCallbacks) {
+        drop(handle::take::<Device>(device));
+    }
+
+    fn vkGetDeviceProcAddr(device: vk::Device, name: *const c_char) -> vk::PFN_vkVoidFunction {
+        let device = from_handle::<Device>(device);
+        let command = commands::find(ffi::string(name).to_bytes())?;
+        command.available_to_device(device.extensions).then_some(command.function)
+    }
+
+    fn vkGetDeviceGroupPeerMemoryFeatures(
+        _device: vk::Device,
+        _heap: u32,
+        _local: u32,
+        _remote: u32,
+        out: *mut vk::PeerMemoryFeatureFlags,
+    ) {
+        *out = vk::PeerMemoryFeatureFlags::COPY_SRC
+            | vk::PeerMemoryFeatureFlags::COPY_DST
+            | vk::PeerMemoryFeatureFlags::GENERIC_SRC
+            | vk::PeerMemoryFeatureFlags::GENERIC_DST;
+    }
+
+    fn vkGetCalibratedTimestampsKHR(
+        _device: vk::Device,
+        count: u32,
+        infos: *const vk::CalibratedTimestampInfoKHR,
+        timestamps: *mut u64,
+        max_deviation: *mut u64,
+    ) -> vk::Result {
+        let start = clock_ns(libc::CLOCK_MONOTONIC);
+        let timestamps = array::slice_mut(timestamps, count);
+        for (info, out) in ffi::slice(infos, count).iter().zip(timestamps) {
+            *out = clock_ns(match info.time_domain {
+                vk::TimeDomainKHR::CLOCK_MONOTONIC_RAW => libc::CLOCK_MONOTONIC_RAW,
+                _ => libc::CLOCK_MONOTONIC,
+            });
+        }
+        // All were read between here and `start`; one more for the clocks' own period.
+        *max_deviation = clock_ns(libc::CLOCK_MONOTONIC) - start + 1;
+        Ok(())
+    }
+
+    fn vkCreatePrivateDataSlot(
+        device: vk::Device,
+        _info: *const vk::PrivateDataSlotCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::PrivateDataSlot,
+    ) -> vk::Result {
+        let device = from_handle::<Device>(device);
+        *out = handle::create(device.private_data.lock().new_slot());
+        Ok(())
+    }
+
+    fn vkDestroyPrivateDataSlot(
+        device: vk::Device,
+        slot: vk::PrivateDataSlot,
+        _allocator: *const vk::AllocationCallbacks,
+    ) {
+        let device = from_handle::<Device>(device);
+        if let Some(slot) = handle::take::<PrivateDataSlot>(slot) {
+            device.private_data.lock().remove_slot(&slot);
+        }
+    }
+
+    fn vkSetPrivateData(
+        device: vk::Device,
+        _ty: vk::ObjectType,
+        object: u64,
+        slot: vk::PrivateDataSlot,
+        data: u64,
+    ) -> vk::Result {
+        let device = from_handle::<Device>(device);
+        device.private_data.lock().set(from_handle::<PrivateDataSlot>(slot), object, data);
+        Ok(())
+    }
+
+    fn vkGetPrivateData(
+        device: vk::Device,
+        _ty: vk::ObjectType,
+        object: u64,
+        slot: vk::PrivateDataSlot,
+        data: *mut u64,
+    ) {
+        let device = from_handle::<Device>(device);
+        *data = device.private_data.lock().word(from_handle::<PrivateDataSlot>(slot), object);
+    }
+
+    fn vkGetDeviceImageSparseMemoryRequirements(
+        _device: vk::Device,
+        _info: *const vk::DeviceImageMemoryRequirements,
+        count: *mut u32,
+        _out: *mut vk::SparseImageMemoryRequirements2,
+    ) {
+        *count = 0;
+    }
+}

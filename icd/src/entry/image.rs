@@ -1,0 +1,230 @@
+//! Images, image views and samplers.
+
+use ash::vk;
+use spirv_jit::image::{AddressMode, CompareOp, Filter, Reduction, SamplerDescriptor};
+
+use super::buffer::{requirements, write_requirements};
+use super::destroy;
+use crate::VkResult;
+use crate::ffi::{self, chain, entry};
+use crate::handle::{self, from_handle};
+use crate::object::image::{SendDescriptor, view_descriptor};
+use crate::object::{Device, DeviceMemory, Image, ImageView, Sampler};
+
+destroy! {
+    vkDestroyImage: Image, Image;
+    vkDestroyImageView: ImageView, ImageView;
+    vkDestroySampler: Sampler, Sampler;
+}
+
+/// Where a subresource lies, from the image's first byte.
+fn subresource_layout(
+    image: &Image,
+    subresource: &vk::ImageSubresource,
+) -> VkResult<vk::SubresourceLayout> {
+    const OUTSIDE: vk::Result = vk::Result::ERROR_UNKNOWN;
+    let plane = image.plane(subresource.aspect_mask).ok_or(OUTSIDE)?;
+    let level = plane
+        .levels
+        .get(subresource.mip_level as usize)
+        .ok_or(OUTSIDE)?;
+    Ok(vk::SubresourceLayout {
+        offset: level.offset_bytes + u64::from(subresource.array_layer) * plane.layer_stride_bytes,
+        size: level.slice_stride_bytes * u64::from(level.depth),
+        row_pitch: level.row_stride_bytes,
+        array_pitch: plane.layer_stride_bytes,
+        depth_pitch: level.slice_stride_bytes,
+    })
+}
+
+fn filter(filter: vk::Filter) -> Filter {
+    if filter == vk::Filter::LINEAR {
+        Filter::Linear
+    } else {
+        Filter::Nearest
+    }
+}
+
+fn address_mode(mode: vk::SamplerAddressMode) -> AddressMode {
+    match mode {
+        vk::SamplerAddressMode::MIRRORED_REPEAT => AddressMode::MirroredRepeat,
+        vk::SamplerAddressMode::CLAMP_TO_EDGE => AddressMode::ClampToEdge,
+        vk::SamplerAddressMode::CLAMP_TO_BORDER => AddressMode::ClampToBorder,
+        vk::SamplerAddressMode::MIRROR_CLAMP_TO_EDGE => AddressMode::MirrorClampToEdge,
+        _ => AddressMode::Repeat,
+    }
+}
+
+fn compare(op: vk::CompareOp) -> CompareOp {
+    match op {
+        vk::CompareOp::LESS => CompareOp::Less,
+        vk::CompareOp::EQUAL => CompareOp::Equal,
+        vk::CompareOp::LESS_OR_EQUAL => CompareOp::LessOrEqual,
+        vk::CompareOp::GREATER => CompareOp::Greater,
+        vk::CompareOp::NOT_EQUAL => CompareOp::NotEqual,
+        vk::CompareOp::GREATER_OR_EQUAL => CompareOp::GreaterOrEqual,
+        vk::CompareOp::ALWAYS => CompareOp::Always,
+        _ => CompareOp::Never,
+    }
+}
+
+fn border_color(color: vk::BorderColor) -> [u32; 4] {
+    const ONE: u32 = 1f32.to_bits();
+    match color {
+        vk::BorderColor::FLOAT_OPAQUE_BLACK => [0, 0, 0, ONE],
+        vk::BorderColor::INT_OPAQUE_BLACK => [0, 0, 0, 1],
+        vk::BorderColor::FLOAT_OPAQUE_WHITE => [ONE; 4],
+        vk::BorderColor::INT_OPAQUE_WHITE => [1; 4],
+        _ => [0; 4],
+    }
+}
+
+fn sampler_descriptor(
+    info: &vk::SamplerCreateInfo<'_>,
+    reduction: vk::SamplerReductionMode,
+) -> SamplerDescriptor {
+    SamplerDescriptor {
+        mag_filter: filter(info.mag_filter),
+        min_filter: filter(info.min_filter),
+        mipmap_mode: if info.mipmap_mode == vk::SamplerMipmapMode::LINEAR {
+            Filter::Linear
+        } else {
+            Filter::Nearest
+        },
+        address_mode: [
+            info.address_mode_u,
+            info.address_mode_v,
+            info.address_mode_w,
+        ]
+        .map(address_mode),
+        mip_lod_bias: info.mip_lod_bias,
+        min_lod: info.min_lod,
+        max_lod: info.max_lod,
+        max_anisotropy: if info.anisotropy_enable == vk::TRUE {
+            info.max_anisotropy
+        } else {
+            1.0
+        },
+        compare: (info.compare_enable == vk::TRUE).then(|| compare(info.compare_op)),
+        reduction: match reduction {
+            vk::SamplerReductionMode::MIN => Reduction::Min,
+            vk::SamplerReductionMode::MAX => Reduction::Max,
+            _ => Reduction::WeightedAverage,
+        },
+        border_color: border_color(info.border_color),
+        unnormalized_coordinates: info.unnormalized_coordinates == vk::TRUE,
+    }
+}
+
+entry! {
+    fn vkCreateImage(
+        _device: vk::Device,
+        info: *const vk::ImageCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::Image,
+    ) -> vk::Result {
+        *out = handle::create(Image::new(&*info)?);
+        Ok(())
+    }
+
+    fn vkGetImageMemoryRequirements(_device: vk::Device, image: vk::Image, out: *mut vk::MemoryRequirements) {
+        *out = requirements(from_handle::<Image>(image).size_bytes);
+    }
+
+    fn vkGetImageMemoryRequirements2(
+        _device: vk::Device,
+        info: *const vk::ImageMemoryRequirementsInfo2,
+        out: *mut vk::MemoryRequirements2,
+    ) {
+        write_requirements(out, from_handle::<Image>((*info).image).size_bytes);
+    }
+
+    fn vkGetDeviceImageMemoryRequirements(
+        _device: vk::Device,
+        info: *const vk::DeviceImageMemoryRequirements,
+        out: *mut vk::MemoryRequirements2,
+    ) {
+        // Valid usage makes the creation succeed; an impossible image asks for more than there is.
+        let size_bytes = Image::new(&*(*info).p_create_info).map_or(1 << 62, |image| image.size_bytes);
+        write_requirements(out, size_bytes);
+    }
+
+    fn vkGetImageSparseMemoryRequirements(
+        _device: vk::Device,
+        _image: vk::Image,
+        count: *mut u32,
+        _out: *mut vk::SparseImageMemoryRequirements,
+    ) {
+        *count = 0;
+    }
+
+    fn vkGetImageSparseMemoryRequirements2(
+        _device: vk::Device,
+        _info: *const vk::ImageSparseMemoryRequirementsInfo2,
+        count: *mut u32,
+        _out: *mut vk::SparseImageMemoryRequirements2,
+    ) {
+        *count = 0;
+    }
+
+    fn vkBindImageMemory(
+        _device: vk::Device,
+        image: vk::Image,
+        memory: vk::DeviceMemory,
+        offset: vk::DeviceSize,
+    ) -> vk::Result {
+        from_handle::<Image>(image).bind(from_handle::<DeviceMemory>(memory).address + offset);
+        Ok(())
+    }
+
+    fn vkBindImageMemory2(_device: vk::Device, count: u32, infos: *const vk::BindImageMemoryInfo) -> vk::Result {
+        for info in ffi::slice(infos, count) {
+            let memory = from_handle::<DeviceMemory>(info.memory);
+            from_handle::<Image>(info.image).bind(memory.address + info.memory_offset);
+        }
+        Ok(())
+    }
+
+    fn vkGetImageSubresourceLayout(
+        _device: vk::Device,
+        image: vk::Image,
+        subresource: *const vk::ImageSubresource,
+        out: *mut vk::SubresourceLayout,
+    ) {
+        *out = subresource_layout(from_handle::<Image>(image), &*subresource).unwrap_or_default();
+    }
+
+    fn vkCreateImageView(
+        device: vk::Device,
+        info: *const vk::ImageViewCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::ImageView,
+    ) -> vk::Result {
+        let device = from_handle::<Device>(device);
+        let info = &*info;
+        let image = from_handle::<Image>(info.image);
+        let range = info.subresource_range;
+        let descriptor = view_descriptor(image, info.view_type, info.format, info.components, &range, 0.0)?;
+        *out = handle::create(ImageView {
+            descriptor: device.image_descriptors.store(SendDescriptor(descriptor)),
+            range,
+        });
+        Ok(())
+    }
+
+    fn vkCreateSampler(
+        device: vk::Device,
+        info: *const vk::SamplerCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::Sampler,
+    ) -> vk::Result {
+        let device = from_handle::<Device>(device);
+        let info = &*info;
+        let reduction = chain::find::<vk::SamplerReductionModeCreateInfo>(info.p_next)
+            .map_or(vk::SamplerReductionMode::WEIGHTED_AVERAGE, |reduction| reduction.reduction_mode);
+        *out = handle::create(Sampler {
+            descriptor: device.sampler_descriptors.store(sampler_descriptor(info, reduction)),
+        });
+        Ok(())
+    }
+}

@@ -1,0 +1,159 @@
+//! Device memory.
+
+use std::ffi::{c_int, c_void};
+use std::os::fd::{FromRawFd, IntoRawFd, OwnedFd};
+
+use ash::vk;
+
+use super::destroy;
+use crate::VkResult;
+use crate::ffi::{chain, entry};
+use crate::handle::{self, from_handle};
+use crate::object::memory::{Source, file_size};
+use crate::object::{Device, DeviceMemory};
+use crate::table::limits::PAGE_BYTES;
+
+destroy! {
+    vkFreeMemory: DeviceMemory, DeviceMemory;
+}
+
+/// Where an allocation's bytes shall come from. An imported descriptor is duplicated here; the application's own is closed on success.
+///
+/// # Safety
+/// `info` is valid usage of `vkAllocateMemory`.
+unsafe fn source(info: &vk::MemoryAllocateInfo<'_>) -> VkResult<(Source, Option<c_int>)> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        if let Some(import) = chain::find::<vk::ImportMemoryHostPointerInfoEXT>(info.p_next)
+            && !import.handle_type.is_empty()
+        {
+            return Ok((Source::HostPointer(import.p_host_pointer.cast()), None));
+        }
+        if let Some(import) = chain::find::<vk::ImportMemoryFdInfoKHR>(info.p_next)
+            && !import.handle_type.is_empty()
+        {
+            let copy = libc::fcntl(import.fd, libc::F_DUPFD_CLOEXEC, 0);
+            if copy < 0 {
+                return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
+            }
+            return Ok((Source::File(OwnedFd::from_raw_fd(copy)), Some(import.fd)));
+        }
+        let export =
+            chain::find::<vk::ExportMemoryAllocateInfo>(info.p_next).is_some_and(|export| {
+                export
+                    .handle_types
+                    .contains(vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD)
+            });
+        Ok((
+            if export {
+                Source::Exportable
+            } else {
+                Source::Fresh
+            },
+            None,
+        ))
+    }
+}
+
+entry! {
+    fn vkAllocateMemory(
+        device: vk::Device,
+        info: *const vk::MemoryAllocateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::DeviceMemory,
+    ) -> vk::Result {
+        let device = from_handle::<Device>(device);
+        let info = &*info;
+        let (source, imported) = source(info)?;
+        let wanted = chain::find::<vk::MemoryOpaqueCaptureAddressAllocateInfo>(info.p_next)
+            .map(|capture| capture.opaque_capture_address);
+        let memory = DeviceMemory::allocate(&device.window, info.allocation_size, source, wanted)?;
+        if let Some(imported) = imported {
+            libc::close(imported);
+        }
+        *out = handle::create(memory);
+        Ok(())
+    }
+
+    fn vkMapMemory(
+        _device: vk::Device,
+        memory: vk::DeviceMemory,
+        offset: vk::DeviceSize,
+        _size: vk::DeviceSize,
+        _flags: vk::MemoryMapFlags,
+        out: *mut *mut c_void,
+    ) -> vk::Result {
+        *out = (from_handle::<DeviceMemory>(memory).address + offset) as *mut c_void;
+        Ok(())
+    }
+
+    fn vkUnmapMemory(_device: vk::Device, _memory: vk::DeviceMemory) {
+        // Memory stays where it is.
+    }
+
+    fn vkMapMemory2KHR(_device: vk::Device, info: *const vk::MemoryMapInfoKHR, out: *mut *mut c_void) -> vk::Result {
+        *out = (from_handle::<DeviceMemory>((*info).memory).address + (*info).offset) as *mut c_void;
+        Ok(())
+    }
+
+    fn vkUnmapMemory2KHR(_device: vk::Device, _info: *const vk::MemoryUnmapInfoKHR) -> vk::Result {
+        Ok(())
+    }
+
+    fn vkFlushMappedMemoryRanges(_device: vk::Device, _count: u32, _ranges: *const vk::MappedMemoryRange) -> vk::Result {
+        // The one memory type is coherent.
+        Ok(())
+    }
+
+    fn vkInvalidateMappedMemoryRanges(
+        _device: vk::Device,
+        _count: u32,
+        _ranges: *const vk::MappedMemoryRange,
+    ) -> vk::Result {
+        Ok(())
+    }
+
+    fn vkGetDeviceMemoryCommitment(_device: vk::Device, _memory: vk::DeviceMemory, out: *mut vk::DeviceSize) {
+        // Asked of lazily allocated memory types alone, and there are none.
+        *out = 0;
+    }
+
+    fn vkGetDeviceMemoryOpaqueCaptureAddress(
+        _device: vk::Device,
+        info: *const vk::DeviceMemoryOpaqueCaptureAddressInfo,
+    ) -> u64 {
+        from_handle::<DeviceMemory>((*info).memory).address
+    }
+
+    fn vkGetMemoryFdKHR(_device: vk::Device, info: *const vk::MemoryGetFdInfoKHR, out: *mut c_int) -> vk::Result {
+        *out = from_handle::<DeviceMemory>((*info).memory).export()?.into_raw_fd();
+        Ok(())
+    }
+
+    fn vkGetMemoryFdPropertiesKHR(
+        _device: vk::Device,
+        _ty: vk::ExternalMemoryHandleTypeFlags,
+        fd: c_int,
+        out: *mut vk::MemoryFdPropertiesKHR,
+    ) -> vk::Result {
+        let copy = libc::fcntl(fd, libc::F_DUPFD_CLOEXEC, 0);
+        if copy < 0 || file_size(&OwnedFd::from_raw_fd(copy)) == 0 {
+            return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
+        }
+        (*out).memory_type_bits = 1;
+        Ok(())
+    }
+
+    fn vkGetMemoryHostPointerPropertiesEXT(
+        _device: vk::Device,
+        _ty: vk::ExternalMemoryHandleTypeFlags,
+        pointer: *const c_void,
+        out: *mut vk::MemoryHostPointerPropertiesEXT,
+    ) -> vk::Result {
+        if pointer as u64 % PAGE_BYTES != 0 {
+            return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
+        }
+        (*out).memory_type_bits = 1;
+        Ok(())
+    }
+}

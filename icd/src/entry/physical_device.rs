@@ -1,0 +1,292 @@
+//! What can be asked of the physical device.
+
+use std::ffi::c_char;
+
+use ash::vk;
+
+use super::instance::extension_properties;
+use crate::VkResult;
+use crate::ffi::enumerate::enumerate_with;
+use crate::ffi::{chain, entry, enumerate};
+use crate::format;
+use crate::handle::from_handle;
+use crate::object::PhysicalDevice;
+use crate::object::image::supported_image;
+use crate::queue::MAX_QUEUES;
+use crate::table::extensions::{self, Kind};
+use crate::table::{features, properties};
+
+fn queue_family() -> vk::QueueFamilyProperties {
+    vk::QueueFamilyProperties {
+        queue_flags: vk::QueueFlags::COMPUTE | vk::QueueFlags::TRANSFER,
+        queue_count: MAX_QUEUES,
+        timestamp_valid_bits: 64,
+        min_image_transfer_granularity: vk::Extent3D {
+            width: 1,
+            height: 1,
+            depth: 1,
+        },
+    }
+}
+
+/// One heap, one type: a device address is a host address.
+fn memory_properties(device: &PhysicalDevice) -> vk::PhysicalDeviceMemoryProperties {
+    let mut properties = vk::PhysicalDeviceMemoryProperties {
+        memory_type_count: 1,
+        memory_heap_count: 1,
+        ..Default::default()
+    };
+    properties.memory_types[0].property_flags = vk::MemoryPropertyFlags::DEVICE_LOCAL
+        | vk::MemoryPropertyFlags::HOST_VISIBLE
+        | vk::MemoryPropertyFlags::HOST_COHERENT
+        | vk::MemoryPropertyFlags::HOST_CACHED;
+    properties.memory_heaps[0] = vk::MemoryHeap {
+        size: device.heap_bytes,
+        flags: vk::MemoryHeapFlags::DEVICE_LOCAL,
+    };
+    properties
+}
+
+/// The features of a format for images as the 32-bit flags of Vulkan 1.0.
+fn format_properties(format: vk::Format) -> vk::FormatProperties {
+    let features = format::features(format);
+    let narrow = |flags: vk::FormatFeatureFlags2| {
+        vk::FormatFeatureFlags::from_raw(flags.as_raw() as u32 & 0x7fff_ffff)
+    };
+    vk::FormatProperties {
+        linear_tiling_features: narrow(features.image),
+        optimal_tiling_features: narrow(features.image),
+        buffer_features: narrow(features.buffer),
+    }
+}
+
+/// `VkExternalMemoryProperties` of a handle type.
+fn external_memory(ty: vk::ExternalMemoryHandleTypeFlags) -> vk::ExternalMemoryProperties {
+    let features = match ty {
+        vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD => {
+            vk::ExternalMemoryFeatureFlags::EXPORTABLE | vk::ExternalMemoryFeatureFlags::IMPORTABLE
+        }
+        vk::ExternalMemoryHandleTypeFlags::HOST_ALLOCATION_EXT => {
+            vk::ExternalMemoryFeatureFlags::IMPORTABLE
+        }
+        _ => return vk::ExternalMemoryProperties::default(),
+    };
+    vk::ExternalMemoryProperties {
+        external_memory_features: features,
+        export_from_imported_handle_types: if features
+            .contains(vk::ExternalMemoryFeatureFlags::EXPORTABLE)
+        {
+            ty
+        } else {
+            vk::ExternalMemoryHandleTypeFlags::empty()
+        },
+        compatible_handle_types: ty,
+    }
+}
+
+fn image_format_properties(
+    info: &vk::PhysicalDeviceImageFormatInfo2<'_>,
+) -> VkResult<vk::ImageFormatProperties> {
+    supported_image(info.format, info.ty, info.tiling, info.usage, info.flags)
+}
+
+entry! {
+    fn vkEnumerateDeviceExtensionProperties(
+        _device: vk::PhysicalDevice,
+        layer: *const c_char,
+        count: *mut u32,
+        out: *mut vk::ExtensionProperties,
+    ) -> vk::Result {
+        if !layer.is_null() {
+            return Err(vk::Result::ERROR_LAYER_NOT_PRESENT);
+        }
+        let all: Vec<_> = extensions::of_kind(Kind::Device).map(extension_properties).collect();
+        enumerate(count, out, all.into_iter())
+    }
+
+    fn vkEnumerateDeviceLayerProperties(
+        _device: vk::PhysicalDevice,
+        count: *mut u32,
+        out: *mut vk::LayerProperties,
+    ) -> vk::Result {
+        enumerate(count, out, [].into_iter())
+    }
+
+    fn vkGetPhysicalDeviceProperties(device: vk::PhysicalDevice, out: *mut vk::PhysicalDeviceProperties) {
+        *out = properties::core(from_handle::<PhysicalDevice>(device));
+    }
+
+    fn vkGetPhysicalDeviceProperties2(device: vk::PhysicalDevice, out: *mut vk::PhysicalDeviceProperties2) {
+        let device = from_handle::<PhysicalDevice>(device);
+        (*out).properties = properties::core(device);
+        properties::fill_chain(device, (*out).p_next);
+    }
+
+    fn vkGetPhysicalDeviceFeatures(_device: vk::PhysicalDevice, out: *mut vk::PhysicalDeviceFeatures) {
+        *out = features::core_features();
+    }
+
+    fn vkGetPhysicalDeviceFeatures2(_device: vk::PhysicalDevice, out: *mut vk::PhysicalDeviceFeatures2) {
+        (*out).features = features::core_features();
+        features::fill_chain((*out).p_next);
+    }
+
+    fn vkGetPhysicalDeviceQueueFamilyProperties(
+        _device: vk::PhysicalDevice,
+        count: *mut u32,
+        out: *mut vk::QueueFamilyProperties,
+    ) {
+        // Too few elements are no error here: the function returns nothing.
+        let _ = enumerate(count, out, [queue_family()].into_iter());
+    }
+
+    fn vkGetPhysicalDeviceQueueFamilyProperties2(
+        _device: vk::PhysicalDevice,
+        count: *mut u32,
+        out: *mut vk::QueueFamilyProperties2,
+    ) {
+        let _ = enumerate_with(count, out, [queue_family()].into_iter(), |out, family| {
+            out.queue_family_properties = family;
+        });
+    }
+
+    fn vkGetPhysicalDeviceMemoryProperties(device: vk::PhysicalDevice, out: *mut vk::PhysicalDeviceMemoryProperties) {
+        *out = memory_properties(from_handle::<PhysicalDevice>(device));
+    }
+
+    fn vkGetPhysicalDeviceMemoryProperties2(device: vk::PhysicalDevice, out: *mut vk::PhysicalDeviceMemoryProperties2) {
+        let device = from_handle::<PhysicalDevice>(device);
+        (*out).memory_properties = memory_properties(device);
+        if let Some(budget) = chain::find_mut::<vk::PhysicalDeviceMemoryBudgetPropertiesEXT>((*out).p_next) {
+            budget.heap_budget = [0; vk::MAX_MEMORY_HEAPS];
+            budget.heap_usage = [0; vk::MAX_MEMORY_HEAPS];
+            budget.heap_usage[0] = device.used_bytes();
+            budget.heap_budget[0] = device.budget_bytes();
+        }
+    }
+
+    fn vkGetPhysicalDeviceFormatProperties(
+        _device: vk::PhysicalDevice,
+        format: vk::Format,
+        out: *mut vk::FormatProperties,
+    ) {
+        *out = format_properties(format);
+    }
+
+    fn vkGetPhysicalDeviceFormatProperties2(
+        _device: vk::PhysicalDevice,
+        format: vk::Format,
+        out: *mut vk::FormatProperties2,
+    ) {
+        (*out).format_properties = format_properties(format);
+        if let Some(out3) = chain::find_mut::<vk::FormatProperties3>((*out).p_next) {
+            let features = format::features(format);
+            out3.linear_tiling_features = features.image;
+            out3.optimal_tiling_features = features.image;
+            out3.buffer_features = features.buffer;
+        }
+    }
+
+    fn vkGetPhysicalDeviceImageFormatProperties(
+        _device: vk::PhysicalDevice,
+        format: vk::Format,
+        ty: vk::ImageType,
+        tiling: vk::ImageTiling,
+        usage: vk::ImageUsageFlags,
+        flags: vk::ImageCreateFlags,
+        out: *mut vk::ImageFormatProperties,
+    ) -> vk::Result {
+        *out = supported_image(format, ty, tiling, usage, flags)?;
+        Ok(())
+    }
+
+    fn vkGetPhysicalDeviceImageFormatProperties2(
+        _device: vk::PhysicalDevice,
+        info: *const vk::PhysicalDeviceImageFormatInfo2,
+        out: *mut vk::ImageFormatProperties2,
+    ) -> vk::Result {
+        (*out).image_format_properties = vk::ImageFormatProperties::default();
+        let external = chain::find::<vk::PhysicalDeviceExternalImageFormatInfo>((*info).p_next)
+            .map_or(vk::ExternalMemoryHandleTypeFlags::empty(), |external| external.handle_type);
+        let external_properties = external_memory(external);
+        if !external.is_empty() && external_properties.external_memory_features.is_empty() {
+            return Err(vk::Result::ERROR_FORMAT_NOT_SUPPORTED);
+        }
+        (*out).image_format_properties = image_format_properties(&*info)?;
+        if let Some(out) = chain::find_mut::<vk::ExternalImageFormatProperties>((*out).p_next) {
+            out.external_memory_properties = external_properties;
+        }
+        Ok(())
+    }
+
+    fn vkGetPhysicalDeviceSparseImageFormatProperties(
+        _device: vk::PhysicalDevice,
+        _format: vk::Format,
+        _ty: vk::ImageType,
+        _samples: vk::SampleCountFlags,
+        _usage: vk::ImageUsageFlags,
+        _tiling: vk::ImageTiling,
+        count: *mut u32,
+        _out: *mut vk::SparseImageFormatProperties,
+    ) {
+        *count = 0;
+    }
+
+    fn vkGetPhysicalDeviceSparseImageFormatProperties2(
+        _device: vk::PhysicalDevice,
+        _info: *const vk::PhysicalDeviceSparseImageFormatInfo2,
+        count: *mut u32,
+        _out: *mut vk::SparseImageFormatProperties2,
+    ) {
+        *count = 0;
+    }
+
+    fn vkGetPhysicalDeviceExternalBufferProperties(
+        _device: vk::PhysicalDevice,
+        info: *const vk::PhysicalDeviceExternalBufferInfo,
+        out: *mut vk::ExternalBufferProperties,
+    ) {
+        (*out).external_memory_properties = external_memory((*info).handle_type);
+    }
+
+    fn vkGetPhysicalDeviceExternalFenceProperties(
+        _device: vk::PhysicalDevice,
+        _info: *const vk::PhysicalDeviceExternalFenceInfo,
+        out: *mut vk::ExternalFenceProperties,
+    ) {
+        (*out).export_from_imported_handle_types = vk::ExternalFenceHandleTypeFlags::empty();
+        (*out).compatible_handle_types = vk::ExternalFenceHandleTypeFlags::empty();
+        (*out).external_fence_features = vk::ExternalFenceFeatureFlags::empty();
+    }
+
+    fn vkGetPhysicalDeviceExternalSemaphoreProperties(
+        _device: vk::PhysicalDevice,
+        _info: *const vk::PhysicalDeviceExternalSemaphoreInfo,
+        out: *mut vk::ExternalSemaphoreProperties,
+    ) {
+        (*out).export_from_imported_handle_types = vk::ExternalSemaphoreHandleTypeFlags::empty();
+        (*out).compatible_handle_types = vk::ExternalSemaphoreHandleTypeFlags::empty();
+        (*out).external_semaphore_features = vk::ExternalSemaphoreFeatureFlags::empty();
+    }
+
+    fn vkGetPhysicalDeviceToolProperties(
+        _device: vk::PhysicalDevice,
+        count: *mut u32,
+        out: *mut vk::PhysicalDeviceToolProperties,
+    ) -> vk::Result {
+        enumerate(count, out, [].into_iter())
+    }
+
+    fn vkGetPhysicalDeviceCalibrateableTimeDomainsKHR(
+        _device: vk::PhysicalDevice,
+        count: *mut u32,
+        out: *mut vk::TimeDomainKHR,
+    ) -> vk::Result {
+        let domains = [
+            vk::TimeDomainKHR::DEVICE,
+            vk::TimeDomainKHR::CLOCK_MONOTONIC,
+            vk::TimeDomainKHR::CLOCK_MONOTONIC_RAW,
+        ];
+        enumerate(count, out, domains.into_iter())
+    }
+}

@@ -1,0 +1,214 @@
+//! Shader modules, pipeline layouts, pipeline caches and compute pipelines.
+
+use std::ffi::c_void;
+use std::sync::Arc;
+use std::time::Instant;
+
+use ash::vk;
+
+use super::destroy;
+use crate::VkResult;
+use crate::ffi::enumerate::enumerate_bytes;
+use crate::ffi::pipeline::decode_stage;
+use crate::ffi::{self, array, chain, entry};
+use crate::handle::{self, from_handle, optional, retain};
+use crate::object::pipeline::PipelineKind;
+use crate::object::shader_stage::Compiled;
+use crate::object::{
+    DescriptorSetLayout, Device, Pipeline, PipelineCache, PipelineLayout, ShaderModule,
+};
+use crate::table::properties::{DEVICE_ID, PIPELINE_CACHE_UUID, VENDOR_ID};
+
+destroy! {
+    vkDestroyShaderModule: ShaderModule, ShaderModule;
+    vkDestroyPipelineLayout: PipelineLayout, PipelineLayout;
+    vkDestroyPipelineCache: PipelineCache, PipelineCache;
+    vkDestroyPipeline: Pipeline, Pipeline;
+}
+
+/// The words of a module.
+///
+/// # Safety
+/// `info` is valid usage of `vkCreateShaderModule`.
+unsafe fn words(info: &vk::ShaderModuleCreateInfo<'_>) -> VkResult<Arc<[u32]>> {
+    let count =
+        u32::try_from(info.code_size / 4).map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
+    // SAFETY: the caller's promise.
+    Ok(unsafe { ffi::slice(info.p_code, count) }.into())
+}
+
+/// Writes `VkPipelineCreationFeedback` where it is asked for.
+///
+/// # Safety
+/// `next` is the chain of a pipeline's creation.
+pub unsafe fn write_feedback(next: *const c_void, start: Instant, cache_hits: &[bool]) {
+    // SAFETY: the caller's promise: the structure's pointers are valid outputs.
+    unsafe {
+        let Some(info) = chain::find::<vk::PipelineCreationFeedbackCreateInfo>(next) else {
+            return;
+        };
+        let feedback = |hit: bool| vk::PipelineCreationFeedback {
+            flags: if hit {
+                vk::PipelineCreationFeedbackFlags::VALID
+                    | vk::PipelineCreationFeedbackFlags::APPLICATION_PIPELINE_CACHE_HIT
+            } else {
+                vk::PipelineCreationFeedbackFlags::VALID
+            },
+            duration: start.elapsed().as_nanos() as u64,
+        };
+        *info.p_pipeline_creation_feedback =
+            feedback(!cache_hits.is_empty() && cache_hits.iter().all(|&hit| hit));
+        let stages = array::slice_mut(
+            info.p_pipeline_stage_creation_feedbacks,
+            info.pipeline_stage_creation_feedback_count,
+        );
+        for (stage, &hit) in stages.iter_mut().zip(cache_hits) {
+            *stage = feedback(hit);
+        }
+    }
+}
+
+/// Creates one compute pipeline.
+///
+/// # Safety
+/// `info` is valid usage of `vkCreateComputePipelines`.
+unsafe fn create_compute(
+    device: &Device,
+    cache: Option<&PipelineCache>,
+    info: &vk::ComputePipelineCreateInfo<'_>,
+) -> VkResult<vk::Pipeline> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let start = Instant::now();
+        let layout = retain::<PipelineLayout>(info.layout);
+        let stage = decode_stage(&info.stage)?;
+        let allowed = !info
+            .flags
+            .contains(vk::PipelineCreateFlags::FAIL_ON_PIPELINE_COMPILE_REQUIRED);
+        let Compiled { program, cache_hit } = stage.compile(device, cache, &layout, allowed)?;
+        write_feedback(info.p_next, start, &[cache_hit]);
+        Ok(handle::create(Pipeline {
+            layout,
+            kind: PipelineKind::Compute(program.program),
+        }))
+    }
+}
+
+/// Creates pipelines one after the other by the rules of "Multiple Pipeline Creation": those that fail are null handles, the first
+/// failure is the result (an error before `VK_PIPELINE_COMPILE_REQUIRED`), and a failed one may ask to stop.
+///
+/// # Safety
+/// `out` has room for as many handles.
+pub unsafe fn create_each<T>(
+    infos: &[T],
+    out: *mut vk::Pipeline,
+    flags: impl Fn(&T) -> vk::PipelineCreateFlags,
+    create: impl Fn(&T) -> VkResult<vk::Pipeline>,
+) -> VkResult {
+    // SAFETY: the caller's promise.
+    let out = unsafe { array::slice_mut(out, infos.len() as u32) };
+    out.fill(vk::Pipeline::null());
+    let mut result = Ok(());
+    for (info, out) in infos.iter().zip(out) {
+        match create(info) {
+            Ok(pipeline) => *out = pipeline,
+            Err(code) => {
+                if result.is_ok() || result == Err(vk::Result::PIPELINE_COMPILE_REQUIRED) {
+                    result = Err(code);
+                }
+                if flags(info).contains(vk::PipelineCreateFlags::EARLY_RETURN_ON_FAILURE) {
+                    break;
+                }
+            }
+        }
+    }
+    result
+}
+
+/// The head of pipeline cache data (`VkPipelineCacheHeaderVersionOne`). Programs are not serialised, so there is nothing after it.
+fn cache_header() -> Vec<u8> {
+    let mut header = Vec::with_capacity(32);
+    for word in [
+        32,
+        vk::PipelineCacheHeaderVersion::ONE.as_raw() as u32,
+        VENDOR_ID,
+        DEVICE_ID,
+    ] {
+        header.extend(word.to_le_bytes());
+    }
+    header.extend(PIPELINE_CACHE_UUID);
+    header
+}
+
+entry! {
+    fn vkCreateShaderModule(
+        _device: vk::Device,
+        info: *const vk::ShaderModuleCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::ShaderModule,
+    ) -> vk::Result {
+        *out = handle::create(ShaderModule { words: words(&*info)? });
+        Ok(())
+    }
+
+    fn vkCreatePipelineLayout(
+        _device: vk::Device,
+        info: *const vk::PipelineLayoutCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::PipelineLayout,
+    ) -> vk::Result {
+        let info = &*info;
+        let sets = ffi::slice(info.p_set_layouts, info.set_layout_count).iter().map(|&layout| {
+            (layout != vk::DescriptorSetLayout::null()).then(|| retain::<DescriptorSetLayout>(layout))
+        });
+        let ranges = ffi::slice(info.p_push_constant_ranges, info.push_constant_range_count);
+        let push_constant_bytes = ranges.iter().map(|range| range.offset.saturating_add(range.size)).max().unwrap_or(0);
+        *out = handle::create(PipelineLayout::new(sets.collect(), push_constant_bytes));
+        Ok(())
+    }
+
+    fn vkCreatePipelineCache(
+        _device: vk::Device,
+        _info: *const vk::PipelineCacheCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::PipelineCache,
+    ) -> vk::Result {
+        *out = handle::create(PipelineCache::default());
+        Ok(())
+    }
+
+    fn vkGetPipelineCacheData(
+        _device: vk::Device,
+        _cache: vk::PipelineCache,
+        size: *mut usize,
+        data: *mut c_void,
+    ) -> vk::Result {
+        enumerate_bytes(size, data.cast(), &cache_header())
+    }
+
+    fn vkMergePipelineCaches(
+        _device: vk::Device,
+        destination: vk::PipelineCache,
+        count: u32,
+        sources: *const vk::PipelineCache,
+    ) -> vk::Result {
+        let destination = from_handle::<PipelineCache>(destination);
+        for &source in ffi::slice(sources, count) {
+            destination.merge(from_handle::<PipelineCache>(source));
+        }
+        Ok(())
+    }
+
+    fn vkCreateComputePipelines(
+        device: vk::Device,
+        cache: vk::PipelineCache,
+        count: u32,
+        infos: *const vk::ComputePipelineCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::Pipeline,
+    ) -> vk::Result {
+        let device = from_handle::<Device>(device);
+        let cache = optional::<PipelineCache>(cache).map(|cache| &**cache);
+        create_each(ffi::slice(infos, count), out, |info| info.flags, |info| create_compute(device, cache, info))
+    }
+}

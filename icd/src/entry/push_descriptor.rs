@@ -1,0 +1,66 @@
+//! `VK_KHR_push_descriptor`: each push binds a new set, so that commands recorded before keep theirs.
+
+use std::ffi::c_void;
+
+use ash::vk;
+use smallvec::SmallVec;
+
+use super::descriptor_set::{apply_template, apply_write};
+use crate::VkResult;
+use crate::command::{BindDescriptorSets, Command, Recording};
+use crate::ffi::{self, commands};
+use crate::handle::{Ref, from_handle};
+use crate::object::{DescriptorSet, DescriptorUpdateTemplate, PipelineLayout};
+
+/// Records a push.
+fn push(
+    recording: &mut Recording,
+    bind_point: vk::PipelineBindPoint,
+    layout: &PipelineLayout,
+    set: u32,
+    update: impl FnOnce(&DescriptorSet),
+) -> VkResult {
+    let set_layout = layout.sets.get(set as usize).and_then(Option::as_ref);
+    let pushed = recording.pushed_set(
+        bind_point,
+        set,
+        set_layout.ok_or(vk::Result::ERROR_UNKNOWN)?,
+    )?;
+    update(&pushed);
+    recording.push(Command::BindDescriptorSets(BindDescriptorSets {
+        bind_point,
+        first_set: set,
+        sets: SmallVec::from_elem(Some(Ref::clone(&pushed)), 1),
+        dynamic_offsets: SmallVec::new(),
+    }))
+}
+
+commands! {
+    fn vkCmdPushDescriptorSetKHR(
+        commands,
+        bind_point: vk::PipelineBindPoint,
+        layout: vk::PipelineLayout,
+        set: u32,
+        count: u32,
+        writes: *const vk::WriteDescriptorSet,
+    ) {
+        push(commands, bind_point, from_handle::<PipelineLayout>(layout), set, |pushed| {
+            for write in ffi::slice(writes, count) {
+                apply_write(pushed, write);
+            }
+        })
+    }
+
+    fn vkCmdPushDescriptorSetWithTemplateKHR(
+        commands,
+        template: vk::DescriptorUpdateTemplate,
+        layout: vk::PipelineLayout,
+        set: u32,
+        data: *const c_void,
+    ) {
+        let template = from_handle::<DescriptorUpdateTemplate>(template);
+        push(commands, template.bind_point, from_handle::<PipelineLayout>(layout), set, |pushed| {
+            apply_template(pushed, template, data);
+        })
+    }
+}

@@ -1,0 +1,233 @@
+//! Scaled copies with conversion between formats (spec, "Image Copies With Scaling"): the source is sampled like a shader would, in blocks of
+//! 16 texels, and encoded into the destination.
+
+use ash::vk;
+use spirv_jit::SUBGROUP_SIZE;
+use spirv_jit::image::execute::{MAX_RESULT_ROWS, execute_block};
+use spirv_jit::image::format::block::{self, Texels};
+use spirv_jit::image::{
+    AddressMode, Dim, Filter, Format, ImageDescriptor, ImageOp, ImageOpKind, Level, LodMode,
+    MAX_LEVELS, Reduction, SamplerDescriptor,
+};
+use spirv_jit::ir::Type;
+use spirv_jit::program::Row;
+
+use super::surface::{Surface, aspects, slice_count};
+use crate::format::texel_format;
+use crate::object::Image;
+
+/// `vkCmdBlitImage`, one region. Mirrored where the corners of one side are swapped.
+pub fn blit_image(source: &Image, destination: &Image, blit: &vk::ImageBlit, filter: vk::Filter) {
+    for aspect in aspects(blit.src_subresource.aspect_mask) {
+        let surfaces = (
+            Surface::new(source, aspect, blit.src_subresource.mip_level),
+            Surface::new(destination, aspect, blit.dst_subresource.mip_level),
+        );
+        if let (Some(from), Some(to)) = surfaces {
+            let format = source.plane(aspect).map(|plane| texel_format(plane.format));
+            let format = format.unwrap_or(Format::UNDEFINED);
+            blit_surface(source, &from, format, destination, &to, blit, filter);
+        }
+    }
+}
+
+/// A destination's side of the region on one axis, and where its texels' centres lie in the source.
+#[derive(Clone, Copy)]
+struct Side {
+    /// Destination texels.
+    first: i64,
+    count: i64,
+    /// The source coordinate, in texels, of the centre of destination texel `i` is `origin + (i + 0.5) * scale`.
+    origin: f64,
+    scale: f64,
+}
+
+impl Side {
+    /// From corners of the source and of the destination, clipped to the destination's size.
+    fn new(source: [i32; 2], destination: [i32; 2], size: u32) -> Option<Self> {
+        let [s0, s1] = source.map(f64::from);
+        let [d0, d1] = destination.map(f64::from);
+        if d0 == d1 {
+            return None;
+        }
+        let scale = (s1 - s0) / (d1 - d0);
+        let low = i64::from(destination[0].min(destination[1])).max(0);
+        let high = i64::from(destination[0].max(destination[1])).min(i64::from(size));
+        Some(Self {
+            first: low,
+            count: (high - low).max(0),
+            origin: s0 - d0 * scale,
+            scale,
+        })
+    }
+
+    /// Source coordinate of a destination texel.
+    fn coordinate(&self, index: i64) -> f32 {
+        (self.origin + (index as f64 + 0.5) * self.scale) as f32
+    }
+}
+
+fn blit_surface(
+    source: &Image,
+    from: &Surface,
+    format: Format,
+    destination: &Image,
+    to: &Surface,
+    blit: &vk::ImageBlit,
+    filter: vk::Filter,
+) {
+    let [s0, s1] = blit.src_offsets;
+    let [d0, d1] = blit.dst_offsets;
+    let sides = (
+        Side::new([s0.x, s1.x], [d0.x, d1.x], to.width),
+        Side::new([s0.y, s1.y], [d0.y, d1.y], to.height),
+    );
+    let (Some(x_side), Some(y_side)) = sides else {
+        return;
+    };
+    let is_volume = |image: &Image| image.image_type == vk::ImageType::TYPE_3D;
+    // Slices are scaled between depths, and paired one to one where either side has layers.
+    let z_side = if is_volume(source) && is_volume(destination) {
+        Side::new([s0.z, s1.z], [d0.z, d1.z], to.slices)
+    } else {
+        let first = |image: &Image, z: [i32; 2], layers: &vk::ImageSubresourceLayers| {
+            match is_volume(image) {
+                true => z[0].min(z[1]),
+                false => layers.base_array_layer as i32,
+            }
+        };
+        let count = |image: &Image, z: [i32; 2], layers: &vk::ImageSubresourceLayers| {
+            slice_count(image, layers, z[0].abs_diff(z[1]))
+        };
+        let from_first = first(source, [s0.z, s1.z], &blit.src_subresource);
+        let to_first = first(destination, [d0.z, d1.z], &blit.dst_subresource);
+        let slices = count(source, [s0.z, s1.z], &blit.src_subresource).min(count(
+            destination,
+            [d0.z, d1.z],
+            &blit.dst_subresource,
+        )) as i32;
+        let span = |first: i32| [first, first.saturating_add(slices)];
+        Side::new(span(from_first), span(to_first), to.slices)
+    };
+    let Some(z_side) = z_side else {
+        return;
+    };
+    let reader = Reader::new(source, from, format, filter);
+    for z in z_side.first..z_side.first + z_side.count {
+        let w = z_side.coordinate(z);
+        for y in y_side.first..y_side.first + y_side.count {
+            let v = y_side.coordinate(y);
+            let mut x = x_side.first;
+            let end = x + x_side.count;
+            while x < end {
+                let count = (end - x).min(SUBGROUP_SIZE as i64) as u32;
+                let u = std::array::from_fn(|lane| x_side.coordinate(x + lane as i64).to_bits());
+                // SAFETY: the source is bound to memory that the application keeps for the time of execution.
+                let texels = unsafe { reader.read(&u, v, w) };
+                let mask = (u32::from(u16::MAX) >> (SUBGROUP_SIZE as u32 - count)) as u16;
+                let base = to.texel(x as u32, y as u32, z as u32, 0);
+                let offsets = std::array::from_fn(|lane| (lane * to.texel_size_bytes) as u64);
+                // SAFETY: these lanes' texels are inside the destination's row: sides are clipped to its size; its memory is kept as the source's.
+                unsafe { block::store(to.format, base, &offsets, mask, &texels) };
+                x = x.saturating_add(i64::from(count));
+            }
+        }
+    }
+}
+
+/// The source as a shader would sample it: one level, coordinates in texels, clamped to the edge.
+struct Reader {
+    op: ImageOp,
+    image: ImageDescriptor,
+    sampler: SamplerDescriptor,
+    is_volume: bool,
+}
+
+impl Reader {
+    fn new(source: &Image, from: &Surface, format: Format, filter: vk::Filter) -> Self {
+        let is_volume = source.image_type == vk::ImageType::TYPE_3D;
+        let mut levels = [Level::default(); MAX_LEVELS];
+        levels[0] = Level {
+            offset_bytes: 0,
+            row_stride_bytes: from.row_stride_bytes,
+            slice_stride_bytes: from.slice_stride_bytes,
+            width: from.width,
+            height: from.height,
+            depth: if is_volume { from.slices } else { 1 },
+        };
+        let filter = match filter {
+            vk::Filter::LINEAR => Filter::Linear,
+            _ => Filter::Nearest,
+        };
+        Self {
+            op: ImageOp {
+                kind: ImageOpKind::Sample,
+                dim: if is_volume { Dim::D3 } else { Dim::D2 },
+                arrayed: !is_volume,
+                multisampled: false,
+                depth_compare: false,
+                lod: LodMode::Implicit,
+                has_min_lod: false,
+                has_offset: false,
+                has_offsets: false,
+                texel: Type::F32,
+                signed: false,
+                format: Format::UNDEFINED,
+            },
+            image: ImageDescriptor {
+                data: from.texel(0, 0, 0, 0),
+                size_bytes: u64::MAX,
+                format,
+                dim: if is_volume { Dim::D3 } else { Dim::D2 },
+                arrayed: !is_volume,
+                samples: 1,
+                level_count: 1,
+                layer_count: if is_volume { 1 } else { from.slices },
+                layer_stride_bytes: from.slice_stride_bytes,
+                sample_stride_bytes: 0,
+                swizzle: [0, 1, 2, 3],
+                min_lod: 0.0,
+                levels,
+            },
+            sampler: SamplerDescriptor {
+                mag_filter: filter,
+                min_filter: filter,
+                mipmap_mode: Filter::Nearest,
+                address_mode: [AddressMode::ClampToEdge; 3],
+                mip_lod_bias: 0.0,
+                min_lod: 0.0,
+                max_lod: 0.0,
+                max_anisotropy: 1.0,
+                compare: None,
+                reduction: Reduction::WeightedAverage,
+                border_color: [0; 4],
+                unnormalized_coordinates: true,
+            },
+            is_volume,
+        }
+    }
+
+    /// Texels at 16 coordinates of a row.
+    ///
+    /// # Safety
+    /// The image's memory stays allocated during the call.
+    unsafe fn read(&self, u: &Row, v: f32, w: f32) -> Texels {
+        let v = [v.to_bits(); SUBGROUP_SIZE];
+        // A layer's index is the slice's centre less a half.
+        let w = if self.is_volume { w } else { w - 0.5 };
+        let w = [w.to_bits(); SUBGROUP_SIZE];
+        let mut results = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
+        // SAFETY: the caller's promise.
+        unsafe {
+            execute_block(
+                &self.op,
+                Some(&self.image),
+                Some(&self.sampler),
+                u16::MAX,
+                &[u, &v, &w],
+                &mut results,
+            );
+        }
+        [results[0], results[1], results[2], results[3]]
+    }
+}

@@ -1,0 +1,87 @@
+//! Clears outside of rendering (spec, "Clear Commands").
+
+use ash::vk;
+use spirv_jit::image::format::MAX_TEXEL_BYTES;
+
+use super::surface::{Region, Surface};
+use crate::object::Image;
+
+/// `vkCmdClearColorImage`, one range.
+pub fn clear_color_image(
+    image: &Image,
+    value: &vk::ClearColorValue,
+    range: &vk::ImageSubresourceRange,
+) {
+    // SAFETY: all members are four words, and the format says whether these are floats or integers.
+    let words = unsafe { value.uint32 };
+    clear(image, vk::ImageAspectFlags::COLOR, range, words);
+}
+
+/// `vkCmdClearDepthStencilImage`, one range.
+pub fn clear_depth_stencil_image(
+    image: &Image,
+    value: &vk::ClearDepthStencilValue,
+    range: &vk::ImageSubresourceRange,
+) {
+    if range.aspect_mask.contains(vk::ImageAspectFlags::DEPTH) {
+        let words = [value.depth.to_bits(), 0, 0, 0];
+        clear(image, vk::ImageAspectFlags::DEPTH, range, words);
+    }
+    if range.aspect_mask.contains(vk::ImageAspectFlags::STENCIL) {
+        let words = [value.stencil & 0xff, 0, 0, 0];
+        clear(image, vk::ImageAspectFlags::STENCIL, range, words);
+    }
+}
+
+fn clear(
+    image: &Image,
+    aspect: vk::ImageAspectFlags,
+    range: &vk::ImageSubresourceRange,
+    words: [u32; 4],
+) {
+    for level in 0..image.level_count(range.base_mip_level, range.level_count) {
+        let Some(surface) = Surface::new(image, aspect, range.base_mip_level + level) else {
+            return;
+        };
+        let mut region = surface.whole();
+        // Of a 3D image's level, all slices.
+        if image.image_type != vk::ImageType::TYPE_3D {
+            region.slice = range.base_array_layer;
+            region.slices = image.layer_count(range.base_array_layer, range.layer_count);
+        }
+        fill(&surface, region, texel_words(&surface, words));
+    }
+}
+
+/// 64-bit integers take the low words, sign-extended as their format asks.
+fn texel_words(surface: &Surface, words: [u32; 4]) -> [u32; 4] {
+    use spirv_jit::image::format::Numeric;
+    if surface.format.channels[0].bits != 64 {
+        return words;
+    }
+    let high = |word: u32| match surface.format.numeric {
+        Numeric::Sint => (word as i32 >> 31) as u32,
+        _ => 0,
+    };
+    [words[0], high(words[0]), words[1], high(words[1])]
+}
+
+/// Fills a region with one texel, in every sample.
+fn fill(surface: &Surface, region: Region, words: [u32; 4]) {
+    let Some(region) = surface.inside(region) else {
+        return;
+    };
+    let size = surface.texel_size_bytes;
+    let mut texel = [0; MAX_TEXEL_BYTES];
+    surface.format.encode(words, &mut texel);
+    let row: Vec<u8> = texel[..size].repeat(region.width as usize);
+    for slice in 0..region.slices {
+        for sample in 0..surface.samples {
+            for y in 0..region.height {
+                let to = surface.texel(region.x, region.y + y, region.slice + slice, sample);
+                // SAFETY: a row inside the image, which is bound to memory that the application keeps for the time of execution.
+                unsafe { std::ptr::copy_nonoverlapping(row.as_ptr(), to, row.len()) };
+            }
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! Copies between images and buffers: bytes as they are (spec, chapter Copy Commands). Regions outside their image are not copied.
+
+use ash::vk;
+
+use super::surface::{Region, Surface, aspects, region, slice_count};
+use crate::object::Image;
+
+/// `vkCmdCopyImage`, one region: all samples of all its aspects.
+pub fn copy_image(source: &Image, destination: &Image, copy: &vk::ImageCopy) {
+    let from_slices = slice_count(source, &copy.src_subresource, copy.extent.depth);
+    let to_slices = slice_count(destination, &copy.dst_subresource, copy.extent.depth);
+    let slices = from_slices.min(to_slices);
+    for aspect in aspects(copy.src_subresource.aspect_mask) {
+        let surfaces = (
+            Surface::new(source, aspect, copy.src_subresource.mip_level),
+            Surface::new(destination, aspect, copy.dst_subresource.mip_level),
+        );
+        let (Some(from), Some(to)) = surfaces else {
+            continue;
+        };
+        let regions = (
+            region(
+                source,
+                &copy.src_subresource,
+                copy.src_offset,
+                copy.extent,
+                slices,
+            ),
+            region(
+                destination,
+                &copy.dst_subresource,
+                copy.dst_offset,
+                copy.extent,
+                slices,
+            ),
+        );
+        if let (Some(from_region), Some(to_region)) = regions {
+            copy_surface(&from, from_region, &to, to_region);
+        }
+    }
+}
+
+fn copy_surface(from: &Surface, from_region: Region, to: &Surface, to_region: Region) {
+    let inside = from.inside(from_region).is_some() && to.inside(to_region).is_some();
+    if !inside || from.texel_size_bytes != to.texel_size_bytes {
+        return;
+    }
+    let row_bytes = from_region.width as usize * from.texel_size_bytes;
+    for slice in 0..from_region.slices {
+        for sample in 0..from.samples.min(to.samples) {
+            for y in 0..from_region.height {
+                let source = from.texel(
+                    from_region.x,
+                    from_region.y + y,
+                    from_region.slice + slice,
+                    sample,
+                );
+                let destination = to.texel(
+                    to_region.x,
+                    to_region.y + y,
+                    to_region.slice + slice,
+                    sample,
+                );
+                // SAFETY: both rows lie inside their images, which are bound to memory that the application keeps for the time of execution. They
+                // may overlap in a mistaken copy.
+                unsafe { std::ptr::copy(source, destination, row_bytes) };
+            }
+        }
+    }
+}
+
+/// How a region lies in a buffer (spec, "Buffer and Image Addressing").
+struct BufferLayout {
+    row_stride_bytes: u64,
+    slice_stride_bytes: u64,
+}
+
+impl BufferLayout {
+    fn new(copy: &vk::BufferImageCopy, texel_size_bytes: u64) -> Self {
+        let or = |value: u32, default: u32| u64::from(if value == 0 { default } else { value });
+        let row_stride_bytes =
+            or(copy.buffer_row_length, copy.image_extent.width).saturating_mul(texel_size_bytes);
+        let rows = or(copy.buffer_image_height, copy.image_extent.height);
+        Self {
+            row_stride_bytes,
+            slice_stride_bytes: row_stride_bytes.saturating_mul(rows),
+        }
+    }
+}
+
+/// Bytes of the buffer, from `bufferOffset`, that a region touches; `None` if the region names no plane of the image.
+pub fn buffer_size_bytes(image: &Image, copy: &vk::BufferImageCopy) -> Option<u64> {
+    let plane = image.plane(copy.image_subresource.aspect_mask)?;
+    let slices = slice_count(image, &copy.image_subresource, copy.image_extent.depth);
+    let vk::Extent3D { width, height, .. } = copy.image_extent;
+    if slices == 0 || width == 0 || height == 0 {
+        return Some(0);
+    }
+    let layout = BufferLayout::new(copy, plane.texel_size_bytes);
+    // The last row ends with its last texel.
+    u64::from(slices - 1)
+        .saturating_mul(layout.slice_stride_bytes)
+        .checked_add(u64::from(height - 1).saturating_mul(layout.row_stride_bytes))?
+        .checked_add(u64::from(width).saturating_mul(plane.texel_size_bytes))
+}
+
+/// `vkCmdCopyBufferToImage`, one region. `source` is the address of the buffer's first byte.
+pub fn copy_buffer_to_image(source: u64, destination: &Image, copy: &vk::BufferImageCopy) {
+    for_each_row(source, destination, copy, |buffer, image, row_bytes| {
+        // SAFETY: the image's row lies inside it; the buffer's was checked when the command was recorded; the application keeps the memory of both
+        // for the time of execution.
+        unsafe { std::ptr::copy(buffer, image, row_bytes) };
+    });
+}
+
+/// `vkCmdCopyImageToBuffer`, one region. `destination` is the address of the buffer's first byte.
+pub fn copy_image_to_buffer(source: &Image, destination: u64, copy: &vk::BufferImageCopy) {
+    for_each_row(destination, source, copy, |buffer, image, row_bytes| {
+        // SAFETY: as in `copy_buffer_to_image`.
+        unsafe { std::ptr::copy(image, buffer, row_bytes) };
+    });
+}
+
+/// Calls `transfer(buffer row, image row, bytes)` for the rows of a region.
+fn for_each_row(
+    buffer: u64,
+    image: &Image,
+    copy: &vk::BufferImageCopy,
+    transfer: impl Fn(*mut u8, *mut u8, usize),
+) {
+    let layers = &copy.image_subresource;
+    let slices = slice_count(image, layers, copy.image_extent.depth);
+    let Some(surface) = Surface::new(image, layers.aspect_mask, layers.mip_level) else {
+        return;
+    };
+    let region = region(image, layers, copy.image_offset, copy.image_extent, slices);
+    let Some(region) = region.and_then(|region| surface.inside(region)) else {
+        return;
+    };
+    let layout = BufferLayout::new(copy, surface.texel_size_bytes as u64);
+    let row_bytes = region.width as usize * surface.texel_size_bytes;
+    for slice in 0..region.slices {
+        for y in 0..region.height {
+            let address = buffer
+                .wrapping_add(copy.buffer_offset)
+                .wrapping_add(u64::from(slice).wrapping_mul(layout.slice_stride_bytes))
+                .wrapping_add(u64::from(y).wrapping_mul(layout.row_stride_bytes));
+            let row = surface.texel(region.x, region.y + y, region.slice + slice, 0);
+            transfer(address as *mut u8, row, row_bytes);
+        }
+    }
+}

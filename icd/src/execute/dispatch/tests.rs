@@ -1,0 +1,237 @@
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+use spirv_jit::Program;
+use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
+use spirv_jit::ir::text::parse_module;
+use spirv_jit::program::{Builtin, InputRow};
+
+use super::{Dispatch, Dispatcher, lanes_below, local_row};
+use crate::queue::Workers;
+use crate::trace::{Limits, Stopped};
+
+fn no_limits() -> Limits {
+    Limits {
+        cancelled: Arc::new(AtomicBool::new(false)),
+        deadline: None,
+    }
+}
+
+/// Runs a program with `out` as its buffer (set 0, entry 0).
+fn run(
+    text: &str,
+    threads: usize,
+    base: [u32; 3],
+    count: [u32; 3],
+    out: &[AtomicU32],
+    limits: &Limits,
+) -> Result<(), Stopped> {
+    let program = Program::new(&parse_module(text).unwrap()).unwrap();
+    let entry = Descriptor {
+        address: out.as_ptr() as u64,
+        size_bytes: size_of_val(out) as u64,
+        ..Descriptor::NULL
+    };
+    let unbound = DescriptorSet {
+        entries: std::ptr::null(),
+        count: 0,
+    };
+    let mut sets = [unbound; MAX_SETS];
+    sets[0] = DescriptorSet {
+        entries: &entry,
+        count: 1,
+    };
+    let environment = Environment {
+        sets,
+        dynamic: std::ptr::null(),
+        dynamic_count: 0,
+        push_constants: Descriptor::NULL,
+        uniforms: [0; uniform::COUNT],
+    };
+    let workers = Workers::start(threads).ok().unwrap();
+    Dispatcher::default().run(
+        &workers,
+        &Dispatch {
+            program: &program,
+            base,
+            count,
+            environment: &environment,
+            limits,
+        },
+    )
+}
+
+fn zeros(len: usize) -> Vec<AtomicU32> {
+    (0..len).map(|_| AtomicU32::new(0)).collect()
+}
+
+fn words(out: &[AtomicU32]) -> Vec<u32> {
+    out.iter()
+        .map(|word| word.load(Ordering::Relaxed))
+        .collect()
+}
+
+#[test]
+fn local_ids_count_x_first() {
+    let row = |builtin, component, subgroup| {
+        local_row(
+            InputRow::Builtin(builtin, component),
+            subgroup,
+            2,
+            [3, 4, 2],
+        )
+    };
+    // Invocation 17 of 3 × 4 × 2: 17 = 2 + 3 × (1 + 4 × 1).
+    assert_eq!(row(Builtin::LocalInvocationId, 0, 1)[1], 2);
+    assert_eq!(row(Builtin::LocalInvocationId, 1, 1)[1], 1);
+    assert_eq!(row(Builtin::LocalInvocationId, 2, 1)[1], 1);
+    assert_eq!(row(Builtin::LocalInvocationIndex, 0, 1)[1], 17);
+    assert_eq!(row(Builtin::SubgroupId, 0, 1)[1], 1);
+    assert_eq!(row(Builtin::NumSubgroups, 0, 1)[1], 2);
+    assert_eq!(lanes_below(24 - 16), 0xff);
+    assert_eq!(lanes_below(16), 0xffff);
+}
+
+#[test]
+fn every_invocation_runs_once() {
+    // Adds 1 + 1000 × workgroup to the word of each invocation's global id.
+    let text = |[x, y]: [u32; 2]| {
+        format!(
+            "module compute
+            inputs global_invocation_id.0, global_invocation_id.1, workgroup_id.0, workgroup_id.1
+            local_size {x}, {y}, 1
+            func f0 {{
+                v0: i32 = const 0
+                v1: i64 = descriptor[set 0, first 0, count 1] v0
+                v2: i32 = input[0]
+                v3: i32 = input[1]
+                v4: i32 = const 1024
+                v5: i32 = imul v3, v4
+                v6: i32 = iadd v5, v2
+                v7: i32 = const 2
+                v8: i32 = shl v6, v7
+                v9: i32 = input[2]
+                v10: i32 = input[3]
+                v11: i32 = imul v10, v4
+                v12: i32 = iadd v11, v9
+                v13: i32 = const 1000
+                v14: i32 = imul v12, v13
+                v15: i32 = const 1
+                v16: i32 = iadd v14, v15
+                v17: i32 = atomic.iadd.buffer v1, v8, v16
+                end
+            }}"
+        )
+    };
+    for local in [[1, 1], [16, 1], [5, 3], [7, 5], [32, 8]] {
+        for threads in [1, 3] {
+            let (base, count) = ([2, 1, 0], [9, 11, 1]);
+            let out = zeros(1024 * 128);
+            let result = run(&text(local), threads, base, count, &out, &no_limits());
+            assert_eq!(result, Ok(()));
+            for (index, word) in words(&out).into_iter().enumerate() {
+                let id = [index as u32 % 1024, index as u32 / 1024];
+                let group = [id[0] / local[0], id[1] / local[1]];
+                let inside = (0..2).all(|i| (base[i]..base[i] + count[i]).contains(&group[i]));
+                let expected = if inside {
+                    1 + 1000 * (group[0] + 1024 * group[1])
+                } else {
+                    0
+                };
+                assert_eq!(word, expected, "{local:?} {id:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_barrier_orders_shared_memory() {
+    // Each workgroup of 40 writes its indices to shared memory and reads them back reversed.
+    let text = "module compute
+        inputs local_invocation_index.0, workgroup_id.0
+        local_size 40, 1, 1
+        shared 160
+        func f0 {
+            v0: i32 = const 0
+            v1: i64 = descriptor[set 0, first 0, count 1] v0
+            v2: i32 = input[0]
+            v3: i32 = input[1]
+            v4: i32 = const 2
+            v5: i32 = shl v2, v4
+            v6: i32 = const 40
+            v7: i32 = imul v3, v6
+            v8: i32 = iadd v7, v2
+            store.shared v5, v8
+            barrier
+            v9: i32 = const 156
+            v10: i32 = isub v9, v5
+            v11: i32 = load.shared v10
+            v12: i32 = shl v8, v4
+            store.buffer v1, v12, v11
+            end
+        }";
+    let out = zeros(40 * 100);
+    assert_eq!(
+        run(text, 2, [0; 3], [100, 1, 1], &out, &no_limits()),
+        Ok(())
+    );
+    for (index, word) in words(&out).into_iter().enumerate() {
+        assert_eq!(word as usize, index / 40 * 40 + 39 - index % 40);
+    }
+}
+
+/// Lane 31 sets a flag that lane 0, in another subgroup of its wave, spins for.
+const SPIN: &str = "module compute
+    inputs local_invocation_index.0
+    local_size 32, 1, 1
+    func f0 {
+        v0: i32 = const 0
+        v1: i64 = descriptor[set 0, first 0, count 1] v0
+        v2: i32 = input[0]
+        v3: i1 = ieq v2, v0
+        v9: i32 = const 1
+        if v3, L0 {
+            loop L1 {
+                v4: i32 = atomic.iadd.buffer v1, v0, v0
+                v5: i1 = ieq v4, v0
+                if v5, L2 {
+                    br L1
+                } else {
+                    br L2
+                }
+                br L0
+            }
+            unreachable
+        } else {
+            br L0
+        }
+        v6: i32 = const 31
+        v7: i1 = ieq v2, v6
+        if v7, L3 {
+            v8: i32 = atomic.iadd.buffer v1, v0, v9
+            br L3
+        } else {
+            br L3
+        }
+        end
+    }";
+
+#[test]
+fn a_spinning_subgroup_does_not_hold_up_its_wave() {
+    let out = zeros(1);
+    assert_eq!(run(SPIN, 1, [0; 3], [1, 1, 1], &out, &no_limits()), Ok(()));
+    assert_eq!(words(&out), [1]);
+}
+
+#[test]
+fn a_dispatch_that_hangs_is_stopped() {
+    // Without lane 31 nothing sets the flag.
+    let text = SPIN.replace("local_size 32", "local_size 31");
+    let limits = Limits {
+        deadline: Some(Instant::now() + Duration::from_millis(50)),
+        ..no_limits()
+    };
+    let result = run(&text, 2, [0; 3], [64, 1, 1], &zeros(1), &limits);
+    assert_eq!(result, Err(Stopped::TimedOut));
+}

@@ -1,0 +1,88 @@
+//! Resolving multisampled images (spec, "Resolving Multisample Images").
+
+use ash::vk;
+
+use super::surface::{Surface, region, slice_count};
+use crate::object::Image;
+use spirv_jit::image::format::MAX_TEXEL_BYTES;
+
+/// `vkCmdResolveImage`, one region: the mean of a texel's samples; of integers, depth and stencil, sample zero.
+pub fn resolve_image(source: &Image, destination: &Image, resolve: &vk::ImageResolve) {
+    let (from_layers, to_layers) = (&resolve.src_subresource, &resolve.dst_subresource);
+    let slices = slice_count(source, from_layers, 1).min(slice_count(
+        destination,
+        to_layers,
+        resolve.extent.depth,
+    ));
+    let surfaces = (
+        Surface::new(source, from_layers.aspect_mask, from_layers.mip_level),
+        Surface::new(destination, to_layers.aspect_mask, to_layers.mip_level),
+    );
+    let (Some(from), Some(to)) = surfaces else {
+        return;
+    };
+    let regions = (
+        region(
+            source,
+            from_layers,
+            resolve.src_offset,
+            resolve.extent,
+            slices,
+        )
+        .and_then(|region| from.inside(region)),
+        region(
+            destination,
+            to_layers,
+            resolve.dst_offset,
+            resolve.extent,
+            slices,
+        )
+        .and_then(|region| to.inside(region)),
+    );
+    let (Some(from_region), Some(to_region)) = regions else {
+        return;
+    };
+    let is_averaged = from.format.is_color() && !from.format.numeric.is_integer();
+    let sample_count = if is_averaged { from.samples } else { 1 };
+    for slice in 0..from_region.slices {
+        for y in 0..from_region.height {
+            for x in 0..from_region.width {
+                let mean = mean(&from, sample_count, |sample| {
+                    from.texel(
+                        from_region.x + x,
+                        from_region.y + y,
+                        from_region.slice + slice,
+                        sample,
+                    )
+                });
+                let mut texel = [0; MAX_TEXEL_BYTES];
+                to.format.encode(mean, &mut texel);
+                let address =
+                    to.texel(to_region.x + x, to_region.y + y, to_region.slice + slice, 0);
+                // SAFETY: a texel inside the image, which is bound to memory that the application keeps for the time of execution.
+                unsafe {
+                    std::ptr::copy_nonoverlapping(texel.as_ptr(), address, to.texel_size_bytes);
+                }
+            }
+        }
+    }
+}
+
+/// Mean of a texel's samples, or the words of the only one that counts.
+fn mean(from: &Surface, sample_count: u32, texel: impl Fn(u32) -> *mut u8) -> [u32; 4] {
+    let words = |sample: u32| {
+        // SAFETY: a texel inside the image, as above.
+        let bytes = unsafe { std::slice::from_raw_parts(texel(sample), from.texel_size_bytes) };
+        from.format.decode(bytes)
+    };
+    if sample_count == 1 {
+        return words(0);
+    }
+    let mut sums = [0.0f64; 4];
+    for sample in 0..sample_count {
+        for (sum, word) in sums.iter_mut().zip(words(sample)) {
+            *sum += f64::from(f32::from_bits(word));
+        }
+    }
+    sums.map(|sum| ((sum / f64::from(sample_count)) as f32).to_bits())
+}

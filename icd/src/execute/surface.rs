@@ -1,0 +1,146 @@
+//! One plane of one mip level of an image, as transfers see it: slices of rows of texels.
+//!
+//! Depth slices of a 3D image and layers of any other are both *slices*: a transfer between the two kinds pairs them (spec,
+//! "Copying Data Between Images").
+
+use ash::vk;
+use spirv_jit::image::format::FormatInfo;
+
+use crate::format::texel_format;
+use crate::object::Image;
+
+/// Texels of a level of a plane.
+#[derive(Clone, Copy)]
+pub struct Surface {
+    data: *mut u8,
+    pub format: &'static FormatInfo,
+    pub texel_size_bytes: usize,
+    pub width: u32,
+    pub height: u32,
+    /// Layers, or the depth of a 3D image's level.
+    pub slices: u32,
+    pub samples: u32,
+    pub row_stride_bytes: u64,
+    pub slice_stride_bytes: u64,
+    sample_stride_bytes: u64,
+}
+
+/// A box of texels of a surface, inside of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Region {
+    pub x: u32,
+    pub y: u32,
+    pub slice: u32,
+    pub width: u32,
+    pub height: u32,
+    pub slices: u32,
+}
+
+impl Surface {
+    /// The level of the plane of one aspect; `None` if there is none or the image is not bound.
+    pub fn new(image: &Image, aspect: vk::ImageAspectFlags, level: u32) -> Option<Self> {
+        let plane = image.plane(aspect)?;
+        let level = plane.levels.get(level as usize)?;
+        let data = image.data();
+        if data.is_null() {
+            return None;
+        }
+        let is_volume = image.image_type == vk::ImageType::TYPE_3D;
+        Some(Self {
+            data: data.wrapping_add(level.offset_bytes as usize),
+            format: texel_format(plane.format).info()?,
+            texel_size_bytes: plane.texel_size_bytes as usize,
+            width: level.width,
+            height: level.height,
+            slices: if is_volume {
+                level.depth
+            } else {
+                image.array_layers
+            },
+            samples: image.samples,
+            row_stride_bytes: level.row_stride_bytes,
+            slice_stride_bytes: if is_volume {
+                level.slice_stride_bytes
+            } else {
+                plane.layer_stride_bytes
+            },
+            sample_stride_bytes: plane.sample_stride_bytes,
+        })
+    }
+
+    /// All of it.
+    pub fn whole(&self) -> Region {
+        Region {
+            x: 0,
+            y: 0,
+            slice: 0,
+            width: self.width,
+            height: self.height,
+            slices: self.slices,
+        }
+    }
+
+    /// The region as given, if it is inside; a mistaken one is not transferred.
+    pub fn inside(&self, region: Region) -> Option<Region> {
+        let fits = |first: u32, count: u32, size: u32| {
+            first.checked_add(count).is_some_and(|end| end <= size)
+        };
+        let inside = fits(region.x, region.width, self.width)
+            && fits(region.y, region.height, self.height)
+            && fits(region.slice, region.slices, self.slices);
+        inside.then_some(region)
+    }
+
+    /// First byte of the texel (x, y) of a sample of a slice. In range if they are.
+    pub fn texel(&self, x: u32, y: u32, slice: u32, sample: u32) -> *mut u8 {
+        let offset = u64::from(slice) * self.slice_stride_bytes
+            + u64::from(sample) * self.sample_stride_bytes
+            + u64::from(y) * self.row_stride_bytes
+            + u64::from(x) * self.texel_size_bytes as u64;
+        self.data.wrapping_add(offset as usize)
+    }
+}
+
+/// The box that an offset, an extent and layers name. Slices are counted by the extent's depth in 3D images and by layers in others; a copy between the two
+/// kinds has as many of either.
+pub fn region(
+    image: &Image,
+    layers: &vk::ImageSubresourceLayers,
+    offset: vk::Offset3D,
+    extent: vk::Extent3D,
+    slices: u32,
+) -> Option<Region> {
+    let is_volume = image.image_type == vk::ImageType::TYPE_3D;
+    Some(Region {
+        x: u32::try_from(offset.x).ok()?,
+        y: u32::try_from(offset.y).ok()?,
+        slice: if is_volume {
+            u32::try_from(offset.z).ok()?
+        } else {
+            layers.base_array_layer
+        },
+        width: extent.width,
+        height: extent.height,
+        slices,
+    })
+}
+
+/// How many slices a region of an image covers.
+pub fn slice_count(image: &Image, layers: &vk::ImageSubresourceLayers, depth: u32) -> u32 {
+    if image.image_type == vk::ImageType::TYPE_3D {
+        depth
+    } else {
+        image.layer_count(layers.base_array_layer, layers.layer_count)
+    }
+}
+
+/// The aspects of a mask, one by one.
+pub fn aspects(mask: vk::ImageAspectFlags) -> impl Iterator<Item = vk::ImageAspectFlags> {
+    [
+        vk::ImageAspectFlags::COLOR,
+        vk::ImageAspectFlags::DEPTH,
+        vk::ImageAspectFlags::STENCIL,
+    ]
+    .into_iter()
+    .filter(move |&bit| mask.contains(bit))
+}

@@ -1,0 +1,319 @@
+//! `VkPhysicalDeviceProperties2` and what extends it. What several structures say is written once, in the core ones.
+
+use ash::vk;
+use spirv_jit::SUBGROUP_SIZE;
+
+use super::limits;
+use crate::entry::instance::API_VERSION;
+use crate::ffi::{array, chain};
+use crate::object::PhysicalDevice;
+use crate::trace::table::HANDLE_SIZE;
+
+/// Stages whose shaders may use subgroup operations.
+const SUBGROUP_STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
+    vk::ShaderStageFlags::COMPUTE.as_raw()
+        | vk::ShaderStageFlags::RAYGEN_KHR.as_raw()
+        | vk::ShaderStageFlags::ANY_HIT_KHR.as_raw()
+        | vk::ShaderStageFlags::CLOSEST_HIT_KHR.as_raw()
+        | vk::ShaderStageFlags::MISS_KHR.as_raw()
+        | vk::ShaderStageFlags::INTERSECTION_KHR.as_raw()
+        | vk::ShaderStageFlags::CALLABLE_KHR.as_raw(),
+);
+
+/// Identifies the driver: the same for every machine and run of one version.
+const DRIVER_UUID: [u8; vk::UUID_SIZE] = *b"tuff-driver-0001";
+
+/// Identifies the device: the host CPU as this driver presents it.
+const DEVICE_UUID: [u8; vk::UUID_SIZE] = *b"tuff-cpu-device1";
+
+/// Names the form of pipeline cache data.
+pub const PIPELINE_CACHE_UUID: [u8; vk::UUID_SIZE] = *b"tuff-pipe-cache1";
+
+/// Our own numbers: no vendor and no device of anyone's registry is claimed.
+pub const VENDOR_ID: u32 = 0;
+pub const DEVICE_ID: u32 = 1;
+
+/// `VkPhysicalDeviceProperties`.
+pub fn core(device: &PhysicalDevice) -> vk::PhysicalDeviceProperties {
+    let mut properties = vk::PhysicalDeviceProperties {
+        api_version: API_VERSION,
+        driver_version: vk::make_api_version(0, 0, 1, 0),
+        vendor_id: VENDOR_ID,
+        device_id: DEVICE_ID,
+        device_type: vk::PhysicalDeviceType::CPU,
+        pipeline_cache_uuid: PIPELINE_CACHE_UUID,
+        limits: limits::limits(),
+        ..Default::default()
+    };
+    array::write_text(&mut properties.device_name, &device.name());
+    properties
+}
+
+fn vulkan11(device: &PhysicalDevice) -> vk::PhysicalDeviceVulkan11Properties<'static> {
+    vk::PhysicalDeviceVulkan11Properties {
+        device_uuid: DEVICE_UUID,
+        driver_uuid: DRIVER_UUID,
+        device_node_mask: 0,
+        device_luid_valid: vk::FALSE,
+        subgroup_size: SUBGROUP_SIZE as u32,
+        subgroup_supported_stages: SUBGROUP_STAGES,
+        subgroup_supported_operations: vk::SubgroupFeatureFlags::BASIC
+            | vk::SubgroupFeatureFlags::VOTE
+            | vk::SubgroupFeatureFlags::ARITHMETIC
+            | vk::SubgroupFeatureFlags::BALLOT
+            | vk::SubgroupFeatureFlags::SHUFFLE
+            | vk::SubgroupFeatureFlags::SHUFFLE_RELATIVE
+            | vk::SubgroupFeatureFlags::CLUSTERED
+            | vk::SubgroupFeatureFlags::QUAD,
+        subgroup_quad_operations_in_all_stages: vk::TRUE,
+        point_clipping_behavior: vk::PointClippingBehavior::ALL_CLIP_PLANES,
+        max_multiview_view_count: 6,
+        max_multiview_instance_index: (1 << 27) - 1,
+        protected_no_fault: vk::FALSE,
+        max_per_set_descriptors: limits::MAX_DESCRIPTORS,
+        max_memory_allocation_size: device.heap_bytes,
+        ..Default::default()
+    }
+}
+
+fn vulkan12() -> vk::PhysicalDeviceVulkan12Properties<'static> {
+    const MAX: u32 = limits::MAX_DESCRIPTORS;
+    let mut properties = vk::PhysicalDeviceVulkan12Properties {
+        // No registered driver and no conformance is claimed.
+        driver_id: vk::DriverId::from_raw(0),
+        conformance_version: vk::ConformanceVersion::default(),
+        denorm_behavior_independence: vk::ShaderFloatControlsIndependence::ALL,
+        rounding_mode_independence: vk::ShaderFloatControlsIndependence::ALL,
+        shader_signed_zero_inf_nan_preserve_float16: vk::TRUE,
+        shader_signed_zero_inf_nan_preserve_float32: vk::TRUE,
+        shader_signed_zero_inf_nan_preserve_float64: vk::TRUE,
+        shader_denorm_preserve_float16: vk::TRUE,
+        shader_denorm_preserve_float32: vk::TRUE,
+        shader_denorm_preserve_float64: vk::TRUE,
+        shader_rounding_mode_rte_float16: vk::TRUE,
+        shader_rounding_mode_rte_float32: vk::TRUE,
+        shader_rounding_mode_rte_float64: vk::TRUE,
+        max_update_after_bind_descriptors_in_all_pools: u32::MAX,
+        shader_uniform_buffer_array_non_uniform_indexing_native: vk::TRUE,
+        shader_sampled_image_array_non_uniform_indexing_native: vk::TRUE,
+        shader_storage_buffer_array_non_uniform_indexing_native: vk::TRUE,
+        shader_storage_image_array_non_uniform_indexing_native: vk::TRUE,
+        shader_input_attachment_array_non_uniform_indexing_native: vk::FALSE,
+        robust_buffer_access_update_after_bind: vk::TRUE,
+        quad_divergent_implicit_lod: vk::FALSE,
+        max_per_stage_descriptor_update_after_bind_samplers: MAX,
+        max_per_stage_descriptor_update_after_bind_uniform_buffers: MAX,
+        max_per_stage_descriptor_update_after_bind_storage_buffers: MAX,
+        max_per_stage_descriptor_update_after_bind_sampled_images: MAX,
+        max_per_stage_descriptor_update_after_bind_storage_images: MAX,
+        max_per_stage_descriptor_update_after_bind_input_attachments: MAX,
+        max_per_stage_update_after_bind_resources: MAX,
+        max_descriptor_set_update_after_bind_samplers: MAX,
+        max_descriptor_set_update_after_bind_uniform_buffers: MAX,
+        max_descriptor_set_update_after_bind_uniform_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
+        max_descriptor_set_update_after_bind_storage_buffers: MAX,
+        max_descriptor_set_update_after_bind_storage_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
+        max_descriptor_set_update_after_bind_sampled_images: MAX,
+        max_descriptor_set_update_after_bind_storage_images: MAX,
+        max_descriptor_set_update_after_bind_input_attachments: MAX,
+        supported_depth_resolve_modes: vk::ResolveModeFlags::SAMPLE_ZERO,
+        supported_stencil_resolve_modes: vk::ResolveModeFlags::SAMPLE_ZERO,
+        filter_minmax_single_component_formats: vk::TRUE,
+        filter_minmax_image_component_mapping: vk::TRUE,
+        max_timeline_semaphore_value_difference: u64::MAX,
+        framebuffer_integer_color_sample_counts: vk::SampleCountFlags::TYPE_1,
+        ..Default::default()
+    };
+    array::write_text(&mut properties.driver_name, "Tuff");
+    array::write_text(
+        &mut properties.driver_info,
+        concat!(
+            "Tuff ",
+            env!("CARGO_PKG_VERSION"),
+            ", ray tracing on the CPU"
+        ),
+    );
+    properties
+}
+
+fn vulkan13() -> vk::PhysicalDeviceVulkan13Properties<'static> {
+    vk::PhysicalDeviceVulkan13Properties {
+        min_subgroup_size: SUBGROUP_SIZE as u32,
+        max_subgroup_size: SUBGROUP_SIZE as u32,
+        max_compute_workgroup_subgroups: limits::MAX_WORKGROUP_INVOCATIONS / SUBGROUP_SIZE as u32,
+        required_subgroup_size_stages: vk::ShaderStageFlags::COMPUTE,
+        max_inline_uniform_block_size: limits::MAX_INLINE_UNIFORM_BYTES,
+        max_per_stage_descriptor_inline_uniform_blocks: 256,
+        max_per_stage_descriptor_update_after_bind_inline_uniform_blocks: 256,
+        max_descriptor_set_inline_uniform_blocks: 256,
+        max_descriptor_set_update_after_bind_inline_uniform_blocks: 256,
+        max_inline_uniform_total_size: 256 * limits::MAX_INLINE_UNIFORM_BYTES,
+        storage_texel_buffer_offset_alignment_bytes: 1,
+        storage_texel_buffer_offset_single_texel_alignment: vk::TRUE,
+        uniform_texel_buffer_offset_alignment_bytes: 1,
+        uniform_texel_buffer_offset_single_texel_alignment: vk::TRUE,
+        max_buffer_size: limits::MAX_BUFFER_BYTES,
+        ..Default::default()
+    }
+}
+
+fn acceleration_structure() -> vk::PhysicalDeviceAccelerationStructurePropertiesKHR<'static> {
+    vk::PhysicalDeviceAccelerationStructurePropertiesKHR {
+        max_geometry_count: limits::MAX_GEOMETRIES,
+        max_instance_count: limits::MAX_GEOMETRIES,
+        max_primitive_count: limits::MAX_PRIMITIVES,
+        max_per_stage_descriptor_acceleration_structures: limits::MAX_DESCRIPTORS,
+        max_per_stage_descriptor_update_after_bind_acceleration_structures: limits::MAX_DESCRIPTORS,
+        max_descriptor_set_acceleration_structures: limits::MAX_DESCRIPTORS,
+        max_descriptor_set_update_after_bind_acceleration_structures: limits::MAX_DESCRIPTORS,
+        min_acceleration_structure_scratch_offset_alignment: limits::SCRATCH_ALIGNMENT,
+        ..Default::default()
+    }
+}
+
+fn ray_tracing_pipeline() -> vk::PhysicalDeviceRayTracingPipelinePropertiesKHR<'static> {
+    vk::PhysicalDeviceRayTracingPipelinePropertiesKHR {
+        shader_group_handle_size: HANDLE_SIZE as u32,
+        max_ray_recursion_depth: limits::MAX_RAY_RECURSION_DEPTH,
+        max_shader_group_stride: 1 << 20,
+        shader_group_base_alignment: 64,
+        shader_group_handle_capture_replay_size: HANDLE_SIZE as u32,
+        max_ray_dispatch_invocation_count: limits::MAX_RAY_DISPATCH_INVOCATIONS,
+        shader_group_handle_alignment: 32,
+        max_ray_hit_attribute_size: 32,
+        ..Default::default()
+    }
+}
+
+/// Answers structures: `Type(source) { field, field: source_field, … }` copies fields, `Type(source)` all of them.
+macro_rules! answer {
+    ($node:expr; $($structure:ident($source:expr) $({$($field:ident $(: $from:ident)?),* $(,)?})?;)*) => {
+        match (*$node).s_type {
+            $(<vk::$structure<'_> as vk::TaggedStructure>::STRUCTURE_TYPE => {
+                #[allow(unused_mut)]
+                let mut source = $source;
+                let out = &mut *$node.cast::<vk::$structure<'_>>();
+                answer!(@copy out source $({$($field $(: $from)?),*})?);
+            })*
+            _ => {}
+        }
+    };
+    (@copy $out:ident $source:ident {$($field:ident $(: $from:ident)?),*}) => {
+        $($out.$field = answer!(@field $source $field $($from)?);)*
+    };
+    (@copy $out:ident $source:ident) => {
+        $source.p_next = $out.p_next;
+        *$out = $source;
+    };
+    (@field $source:ident $field:ident $from:ident) => { $source.$from };
+    (@field $source:ident $field:ident) => { $source.$field };
+}
+
+/// Answers every property structure of an output chain.
+///
+/// # Safety
+/// As [`chain::nodes_mut`].
+pub unsafe fn fill_chain(device: &PhysicalDevice, next: *mut std::ffi::c_void) {
+    // SAFETY: the caller's promise; the type word says what a structure is.
+    unsafe {
+        for node in chain::nodes_mut(next) {
+            fill(device, node);
+        }
+    }
+}
+
+/// # Safety
+/// `node` is a structure of the type that its `sType` says.
+unsafe fn fill(device: &PhysicalDevice, node: *mut vk::BaseOutStructure<'static>) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        answer! { node;
+            PhysicalDeviceVulkan11Properties(vulkan11(device));
+            PhysicalDeviceVulkan12Properties(vulkan12());
+            PhysicalDeviceVulkan13Properties(vulkan13());
+            PhysicalDeviceIDProperties(vulkan11(device)) {
+                device_uuid, driver_uuid, device_luid, device_node_mask, device_luid_valid,
+            };
+            PhysicalDeviceSubgroupProperties(vulkan11(device)) {
+                subgroup_size,
+                supported_stages: subgroup_supported_stages,
+                supported_operations: subgroup_supported_operations,
+                quad_operations_in_all_stages: subgroup_quad_operations_in_all_stages,
+            };
+            PhysicalDevicePointClippingProperties(vulkan11(device)) { point_clipping_behavior };
+            PhysicalDeviceMultiviewProperties(vulkan11(device)) { max_multiview_view_count, max_multiview_instance_index };
+            PhysicalDeviceProtectedMemoryProperties(vulkan11(device)) { protected_no_fault };
+            PhysicalDeviceMaintenance3Properties(vulkan11(device)) { max_per_set_descriptors, max_memory_allocation_size };
+            PhysicalDeviceDriverProperties(vulkan12()) { driver_id, driver_name, driver_info, conformance_version };
+            PhysicalDeviceFloatControlsProperties(vulkan12()) {
+                denorm_behavior_independence, rounding_mode_independence,
+                shader_signed_zero_inf_nan_preserve_float16, shader_signed_zero_inf_nan_preserve_float32,
+                shader_signed_zero_inf_nan_preserve_float64,
+                shader_denorm_preserve_float16, shader_denorm_preserve_float32, shader_denorm_preserve_float64,
+                shader_denorm_flush_to_zero_float16, shader_denorm_flush_to_zero_float32, shader_denorm_flush_to_zero_float64,
+                shader_rounding_mode_rte_float16, shader_rounding_mode_rte_float32, shader_rounding_mode_rte_float64,
+                shader_rounding_mode_rtz_float16, shader_rounding_mode_rtz_float32, shader_rounding_mode_rtz_float64,
+            };
+            PhysicalDeviceDescriptorIndexingProperties(vulkan12()) {
+                max_update_after_bind_descriptors_in_all_pools,
+                shader_uniform_buffer_array_non_uniform_indexing_native,
+                shader_sampled_image_array_non_uniform_indexing_native,
+                shader_storage_buffer_array_non_uniform_indexing_native,
+                shader_storage_image_array_non_uniform_indexing_native,
+                shader_input_attachment_array_non_uniform_indexing_native,
+                robust_buffer_access_update_after_bind, quad_divergent_implicit_lod,
+                max_per_stage_descriptor_update_after_bind_samplers,
+                max_per_stage_descriptor_update_after_bind_uniform_buffers,
+                max_per_stage_descriptor_update_after_bind_storage_buffers,
+                max_per_stage_descriptor_update_after_bind_sampled_images,
+                max_per_stage_descriptor_update_after_bind_storage_images,
+                max_per_stage_descriptor_update_after_bind_input_attachments,
+                max_per_stage_update_after_bind_resources,
+                max_descriptor_set_update_after_bind_samplers,
+                max_descriptor_set_update_after_bind_uniform_buffers,
+                max_descriptor_set_update_after_bind_uniform_buffers_dynamic,
+                max_descriptor_set_update_after_bind_storage_buffers,
+                max_descriptor_set_update_after_bind_storage_buffers_dynamic,
+                max_descriptor_set_update_after_bind_sampled_images,
+                max_descriptor_set_update_after_bind_storage_images,
+                max_descriptor_set_update_after_bind_input_attachments,
+            };
+            PhysicalDeviceDepthStencilResolveProperties(vulkan12()) {
+                supported_depth_resolve_modes, supported_stencil_resolve_modes, independent_resolve_none, independent_resolve,
+            };
+            PhysicalDeviceSamplerFilterMinmaxProperties(vulkan12()) {
+                filter_minmax_single_component_formats, filter_minmax_image_component_mapping,
+            };
+            PhysicalDeviceTimelineSemaphoreProperties(vulkan12()) { max_timeline_semaphore_value_difference };
+            PhysicalDeviceSubgroupSizeControlProperties(vulkan13()) {
+                min_subgroup_size, max_subgroup_size, max_compute_workgroup_subgroups, required_subgroup_size_stages,
+            };
+            PhysicalDeviceInlineUniformBlockProperties(vulkan13()) {
+                max_inline_uniform_block_size, max_per_stage_descriptor_inline_uniform_blocks,
+                max_per_stage_descriptor_update_after_bind_inline_uniform_blocks,
+                max_descriptor_set_inline_uniform_blocks, max_descriptor_set_update_after_bind_inline_uniform_blocks,
+            };
+            PhysicalDeviceTexelBufferAlignmentProperties(vulkan13()) {
+                storage_texel_buffer_offset_alignment_bytes, storage_texel_buffer_offset_single_texel_alignment,
+                uniform_texel_buffer_offset_alignment_bytes, uniform_texel_buffer_offset_single_texel_alignment,
+            };
+            PhysicalDeviceMaintenance4Properties(vulkan13()) { max_buffer_size };
+            PhysicalDeviceShaderIntegerDotProductProperties(vk::PhysicalDeviceShaderIntegerDotProductProperties::default());
+            PhysicalDeviceAccelerationStructurePropertiesKHR(acceleration_structure());
+            PhysicalDeviceRayTracingPipelinePropertiesKHR(ray_tracing_pipeline());
+            PhysicalDevicePushDescriptorPropertiesKHR(vk::PhysicalDevicePushDescriptorPropertiesKHR {
+                max_push_descriptors: limits::MAX_PUSH_DESCRIPTORS,
+                ..Default::default()
+            });
+            PhysicalDeviceExternalMemoryHostPropertiesEXT(vk::PhysicalDeviceExternalMemoryHostPropertiesEXT {
+                min_imported_host_pointer_alignment: limits::PAGE_BYTES,
+                ..Default::default()
+            });
+            PhysicalDeviceRobustness2PropertiesEXT(vk::PhysicalDeviceRobustness2PropertiesEXT {
+                robust_storage_buffer_access_size_alignment: 1,
+                robust_uniform_buffer_access_size_alignment: 1,
+                ..Default::default()
+            });
+        }
+    }
+}
