@@ -83,6 +83,18 @@ impl Gpu {
         self.name().contains("Tuff")
     }
 
+    /// True when the queue can do what only graphics queues must.
+    pub fn has_graphics(&self) -> bool {
+        // SAFETY: the physical device is of this instance.
+        let families = unsafe {
+            self.instance
+                .get_physical_device_queue_family_properties(self.physical)
+        };
+        families[self.family as usize]
+            .queue_flags
+            .contains(vk::QueueFlags::GRAPHICS)
+    }
+
     fn open(validate: bool) -> Gpu {
         // SAFETY: the loader's initialisers only set up its own state.
         let entry = unsafe { ash::Entry::load() }.expect("there is a Vulkan loader");
