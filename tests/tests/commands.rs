@@ -406,11 +406,9 @@ fn pipeline_caches_are_saved_and_loaded() {
         // The header of version one.
         let word = |i: usize| u32::from_le_bytes(data[4 * i..4 * i + 4].try_into().unwrap());
         let properties = gpu.instance.get_physical_device_properties(gpu.physical);
-        assert!(
-            data.len() >= 32 && word(0) == 32 && word(1) == 1,
-            "{:?}",
-            &data[..16]
-        );
+        let why = "the header of a cache's data is cut off before its UUID";
+        unless_known(&gpu, "llvmpipe", why, || assert!(data.len() >= 32));
+        assert!(word(0) == 32 && word(1) == 1, "{data:?}");
         assert_eq!(
             (word(2), word(3)),
             (properties.vendor_id, properties.device_id)

@@ -174,7 +174,7 @@ fn float_arithmetic_rounds_correctly() {
         o[i][0] = sum; o[i][1] = difference; o[i][2] = product;
         o[i][3] = floor(a); o[i][4] = ceil(a); o[i][5] = trunc(a); o[i][6] = roundEven(a);
         o[i][7] = abs(a); o[i][8] = min(a, b); o[i][9] = max(a, b);
-        o[i][10] = float(int(a)); o[i][11] = -a;
+        o[i][10] = float(int(a + 1000.0)); o[i][11] = -a;
     }";
     let (input, output) = (gpu.buffer_with(&inputs), gpu.buffer(48 * 2048));
     gpu.compute(source, &[input, output], [32, 1, 1]);
@@ -190,7 +190,7 @@ fn float_arithmetic_rounds_correctly() {
             a.abs(),
             a.min(b),
             a.max(b),
-            a.trunc(),
+            (a + 1000.0).trunc(),
             -a,
         ];
         assert_eq!(got.map(f32::to_bits), expected.map(f32::to_bits), "{a} {b}");
