@@ -54,5 +54,5 @@ fn passes_keep_what_programs_do() {
         check(seed);
         return;
     }
-    (0..number("TUFF_CASES").unwrap_or(300)).for_each(check);
+    (0..number("TUFF_CASES").unwrap_or(2_000)).for_each(check);
 }

@@ -94,7 +94,7 @@ fn generate(random: &mut Random, index: usize, callees: &[Function]) -> Function
             zero: true,
         });
     }
-    let size = if index == 0 { 60 } else { 20 };
+    let size = if index == 0 { 140 } else { 20 };
     let mut generator = Generator {
         random,
         index,
@@ -134,7 +134,11 @@ impl Generator<'_> {
     fn body(&mut self, depth: usize, own: Option<usize>) -> Body {
         let scope = self.visible.len();
         let mut nodes = Vec::new();
-        let steps = 2 + self.random.below(8);
+        let steps = if depth == 0 {
+            30
+        } else {
+            2 + self.random.below(8)
+        };
         for _ in 0..steps {
             if self.budget <= 0 {
                 break;
@@ -474,7 +478,9 @@ impl Generator<'_> {
         };
         // An index from the program, sometimes one past an end; a lane's own words only where others write too.
         let index = self.pick(Type::I32, nodes);
-        let mask = self.constant(words as u64 / 2 - 1, Type::I32, nodes);
+        // Few places to write, so that they are read again.
+        let places = if which == 1 { 2 } else { words / 2 };
+        let mask = self.constant(places as u64 - 1, Type::I32, nodes);
         let index = self.emit_one(Op::And, &[index, mask], Type::I32, nodes);
         let mut offset = {
             let scale = self.constant(4, Type::I32, nodes);

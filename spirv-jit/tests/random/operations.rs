@@ -89,7 +89,13 @@ impl Generator<'_> {
             Signature::FloatTest => (&[float], Type::I1),
             Signature::Convert | Signature::Other => return self.conversion(op, nodes),
         };
-        let args: Vec<Value> = types.iter().map(|&ty| self.pick(ty, nodes)).collect();
+        let mut args: Vec<Value> = types.iter().map(|&ty| self.pick(ty, nodes)).collect();
+        // Most rules look at a constant on one side.
+        if args.len() > 1 && self.random.one_in(2) {
+            let bits = random_constant(self.random, types[0]);
+            let side = if self.random.one_in(4) { 0 } else { 1 };
+            args[side] = self.constant(bits, types[0], nodes);
+        }
         let value = self.emit_one(op, &args, result, nodes);
         self.show(value);
     }
