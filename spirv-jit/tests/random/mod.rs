@@ -476,8 +476,12 @@ impl Generator<'_> {
         } else {
             READABLE_WORDS
         };
-        // An index from the program, sometimes one past an end; a lane's own words only where others write too.
-        let index = self.pick(Type::I32, nodes);
+        // An index often the same, otherwise the program's; in the buffer that is written, only into the lane's own words.
+        let index = if self.random.one_in(2) {
+            self.constant(1, Type::I32, nodes)
+        } else {
+            self.pick(Type::I32, nodes)
+        };
         // Few places to write, so that they are read again.
         let places = if which == 1 { 2 } else { words / 2 };
         let mask = self.constant(places as u64 - 1, Type::I32, nodes);
