@@ -89,7 +89,9 @@ impl Lowerer<'_> {
             None => a.clone(),
         };
         if a.len() != b.len() {
-            return Err(self.b.invalid("operands have different numbers of components"));
+            return Err(self
+                .b
+                .invalid("operands have different numbers of components"));
         }
         let mut values = Vec::with_capacity(a.len());
         for (&a, &b) in a.iter().zip(b.iter()) {
@@ -122,7 +124,11 @@ impl Lowerer<'_> {
         match instruction.opcode {
             Op::Select => self.lower_select(instruction),
             Op::Any | Op::All => {
-                let op = if instruction.opcode == Op::Any { ir::Op::Or } else { ir::Op::And };
+                let op = if instruction.opcode == Op::Any {
+                    ir::Op::Or
+                } else {
+                    ir::Op::And
+                };
                 let parts = self.leaves(operands[0])?;
                 let mut result = parts.first().copied();
                 for &part in parts.iter().skip(1) {
@@ -168,7 +174,9 @@ impl Lowerer<'_> {
                     Ok((low, lowerer.b.binary(high.clone(), a, b)?))
                 })
             }
-            Op::PtrEqual | Op::PtrNotEqual | Op::PtrDiff => self.lower_pointer_comparison(instruction),
+            Op::PtrEqual | Op::PtrNotEqual | Op::PtrDiff => {
+                self.lower_pointer_comparison(instruction)
+            }
             Op::Ordered | Op::Unordered => {
                 let a = self.leaves(operands[0])?;
                 let b = self.leaves(operands[1])?;
@@ -195,7 +203,9 @@ impl Lowerer<'_> {
         let a = self.leaves(operands[1])?;
         let b = self.leaves(operands[2])?;
         if a.len() != b.len() || (conditions.len() != 1 && conditions.len() != a.len()) {
-            return Err(self.b.invalid("operands have different numbers of components"));
+            return Err(self
+                .b
+                .invalid("operands have different numbers of components"));
         }
         let mut values = Vec::with_capacity(a.len());
         for (index, (&a, &b)) in a.iter().zip(b.iter()).enumerate() {
@@ -209,7 +219,11 @@ impl Lowerer<'_> {
         let operands = self.module.operands(instruction);
         let inserts = instruction.opcode == Op::BitFieldInsert;
         let base = self.leaves(operands[0])?;
-        let insert = if inserts { Some(self.leaves(operands[1])?) } else { None };
+        let insert = if inserts {
+            Some(self.leaves(operands[1])?)
+        } else {
+            None
+        };
         let first = 1 + inserts as usize;
         let offset = self.scalar(operands[first])?;
         let offset = self.b.to_i32(offset, false)?;
@@ -221,9 +235,12 @@ impl Lowerer<'_> {
             values.push(match &insert {
                 Some(insert) => {
                     let Some(&insert) = insert.get(index) else {
-                        return Err(self.b.invalid("operands have different numbers of components"));
+                        return Err(self
+                            .b
+                            .invalid("operands have different numbers of components"));
                     };
-                    self.b.emit(ir::Op::BitfieldInsert, &[base, insert, offset, count], ty)?
+                    self.b
+                        .emit(ir::Op::BitfieldInsert, &[base, insert, offset, count], ty)?
                 }
                 None => {
                     let op = match instruction.opcode {
@@ -247,7 +264,9 @@ impl Lowerer<'_> {
         let a = self.leaves(operands[0])?;
         let b = self.leaves(operands[1])?;
         if a.len() != b.len() {
-            return Err(self.b.invalid("operands have different numbers of components"));
+            return Err(self
+                .b
+                .invalid("operands have different numbers of components"));
         }
         let (mut firsts, mut seconds) = (Vec::new(), Vec::new());
         for (&a, &b) in a.iter().zip(b.iter()) {
@@ -278,7 +297,9 @@ impl Lowerer<'_> {
             let ty = self.type_of(operands[0])?;
             let (_, pointee) = self.types.pointer(ty)?;
             let stride = self.layout().natural(pointee)?.0.max(1);
-            let difference = self.b.binary(ir::Op::ISub, a[a.len() - 1], b[b.len() - 1])?;
+            let difference = self
+                .b
+                .binary(ir::Op::ISub, a[a.len() - 1], b[b.len() - 1])?;
             let stride = self.b.constant(self.b.ty(difference), stride);
             let difference = self.b.binary(ir::Op::SDiv, difference, stride)?;
             let ty = self.types.scalar(instruction.result_type)?;
@@ -319,7 +340,13 @@ impl Lowerer<'_> {
         }
         // 64 bits hold the exact sum of products of up to 32 bits.
         let exact = if accumulates { Type::I64 } else { ty };
-        let extend = |signed| if signed { ir::Op::SConvert } else { ir::Op::UConvert };
+        let extend = |signed| {
+            if signed {
+                ir::Op::SConvert
+            } else {
+                ir::Op::UConvert
+            }
+        };
         let mut sum = self.b.constant(exact, 0);
         for (&a, &b) in a.iter().zip(&b) {
             let a = self.b.emit(extend(a_signed), &[a], exact)?;

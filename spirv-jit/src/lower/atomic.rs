@@ -94,7 +94,11 @@ impl Lowerer<'_> {
         };
         let results: &[Type] = if op == AtomicOp::Store { &[] } else { &[ty] };
         let op = ir::Op::Atomic(op, access);
-        Ok(self.b.emit_unchecked(op, &operands, results)?.first().copied())
+        Ok(self
+            .b
+            .emit_unchecked(op, &operands, results)?
+            .first()
+            .copied())
     }
 
     fn private_atomic(

@@ -1,12 +1,14 @@
 //! Builds one IR function: appends typed operations to the body that is open, and keeps what belongs to the function's head.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use smallvec::SmallVec;
 
 use crate::Error;
 use crate::ir::op::{Access, DescriptorBinding, Signature};
-use crate::ir::{Body, Function, Inst, Label, Node, Op, Space, Terminator, Type, Value, Variable, VariableId};
+use crate::ir::{
+    Body, Function, Inst, Label, Node, Op, Space, Terminator, Type, Value, Variable, VariableId,
+};
 
 pub(super) struct Builder {
     pub function: Function,
@@ -19,8 +21,7 @@ pub(super) struct Builder {
     head: Vec<Node>,
     /// After `head`: initial values of variables of the module.
     prologue: Vec<Node>,
-    /// Values of the head, with the bits of those that are constants.
-    head_values: HashMap<Value, Option<u64>>,
+    head_values: HashSet<Value>,
     emitted: usize,
     budget: usize,
 }
@@ -47,7 +48,7 @@ impl Builder {
             descriptors: HashMap::new(),
             head: Vec::new(),
             prologue: Vec::new(),
-            head_values: HashMap::new(),
+            head_values: HashSet::new(),
             emitted: 0,
             budget,
         }
@@ -73,7 +74,7 @@ impl Builder {
 
     /// Whether a value is visible in the whole function.
     pub fn is_global(&self, value: Value) -> bool {
-        self.head_values.contains_key(&value)
+        self.head_values.contains(&value)
     }
 
     /// Opens a nested body; what was open goes on after [`Self::close`].
@@ -103,18 +104,17 @@ impl Builder {
 
     /// A constant: its bits from the low end.
     pub fn constant(&mut self, ty: Type, bits: u64) -> Value {
-        let bits = if ty.bits() == 64 { bits } else { bits & ((1 << ty.bits()) - 1) };
+        let bits = if ty.bits() == 64 {
+            bits
+        } else {
+            bits & ((1 << ty.bits()) - 1)
+        };
         if let Some(&value) = self.constants.get(&(ty, bits)) {
             return value;
         }
         let value = self.head_inst(Op::Const(bits), &[], ty);
         self.constants.insert((ty, bits), value);
         value
-    }
-
-    /// The bits of a constant value.
-    pub fn constant_bits(&self, value: Value) -> Option<u64> {
-        self.head_values.get(&value).copied().flatten()
     }
 
     pub fn i32(&mut self, value: u32) -> Value {
@@ -146,16 +146,12 @@ impl Builder {
     fn head_inst(&mut self, op: Op, args: &[Value], ty: Type) -> Value {
         let value = self.function.new_value(ty);
         self.head.push(Node::Inst(Inst {
-            op: op.clone(),
+            op,
             args: args.into(),
             results: SmallVec::from_slice(&[value]),
             source: 0,
         }));
-        let bits = match op {
-            Op::Const(bits) => Some(bits),
-            _ => None,
-        };
-        self.head_values.insert(value, bits);
+        self.head_values.insert(value);
         value
     }
 
@@ -196,7 +192,9 @@ impl Builder {
     ) -> Result<SmallVec<[Value; 2]>, Error> {
         self.emitted += 1;
         if self.emitted > self.budget {
-            return Err(super::budget("the shader is too large for its module's size"));
+            return Err(super::budget(
+                "the shader is too large for its module's size",
+            ));
         }
         let results: SmallVec<[Value; 2]> = results
             .iter()
@@ -238,9 +236,7 @@ impl Builder {
                 let same = types.len() == 2 && types[0] == types[1];
                 result == Type::I1 && same && types[0].is_float()
             }
-            Signature::FloatTest => {
-                result == Type::I1 && types.len() == 1 && types[0].is_float()
-            }
+            Signature::FloatTest => result == Type::I1 && types.len() == 1 && types[0].is_float(),
             Signature::Convert => types.len() == 1 && converts(op, types[0], result),
             Signature::Other => match op {
                 Op::Select => types[..] == [Type::I1, result, result],
@@ -270,11 +266,6 @@ impl Builder {
     pub fn binary(&mut self, op: Op, a: Value, b: Value) -> Result<Value, Error> {
         let ty = self.ty(a);
         self.emit(op, &[a, b], ty)
-    }
-
-    pub fn ternary(&mut self, op: Op, a: Value, b: Value, c: Value) -> Result<Value, Error> {
-        let ty = self.ty(a);
-        self.emit(op, &[a, b, c], ty)
     }
 
     pub fn compare(&mut self, op: Op, a: Value, b: Value) -> Result<Value, Error> {

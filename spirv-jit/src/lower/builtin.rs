@@ -165,7 +165,7 @@ impl Lowerer<'_> {
         let local = self.new_local("", variable.pointee)?;
         self.module_locals.insert(id, local);
         let place = Place::Local { local, row: 0 };
-        let pointer = Pointer::new(variable.class, variable.pointee, place);
+        let pointer = Pointer::new(variable.pointee, place);
         let nodes = self.b.enter_prologue();
         let stored = self
             .load_builtin(id, 0, variable.pointee)

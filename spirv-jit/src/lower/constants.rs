@@ -98,11 +98,9 @@ impl Constants {
             Op::ConstantComposite
             | Op::SpecConstantComposite
             | Op::ConstantCompositeReplicateEXT
-            | Op::SpecConstantCompositeReplicateEXT => Some(self.compose(
-                types,
-                instruction,
-                operands,
-            )?),
+            | Op::SpecConstantCompositeReplicateEXT => {
+                Some(self.compose(types, instruction, operands)?)
+            }
             Op::SpecConstantOp => Some(fold_operation(types, self, instruction, operands)?),
             _ => return Ok(false),
         };

@@ -49,7 +49,11 @@ impl Lowerer<'_> {
         let mut values = Vec::with_capacity(parts.len());
         for &part in parts.iter() {
             let same = self.b.ty(part) == ty && !matches!(op, ir::Op::FQuantizeF16);
-            values.push(if same { part } else { self.b.emit(op.clone(), &[part], ty)? });
+            values.push(if same {
+                part
+            } else {
+                self.b.emit(op.clone(), &[part], ty)?
+            });
         }
         self.define_typed(instruction, values)
     }
@@ -65,7 +69,10 @@ impl Lowerer<'_> {
     pub(super) fn bitcast(&mut self, parts: &[Value], types: &[Type]) -> Result<Vec<Value>, Error> {
         let from: u32 = parts.iter().map(|&part| self.b.ty(part).bits()).sum();
         let to: u32 = types.iter().map(|ty| ty.bits()).sum();
-        let bools = parts.iter().map(|&part| self.b.ty(part)).chain(types.iter().copied());
+        let bools = parts
+            .iter()
+            .map(|&part| self.b.ty(part))
+            .chain(types.iter().copied());
         if from != to || bools.into_iter().any(|ty| ty == Type::I1) {
             return Err(self.b.invalid("a bitcast cannot change the number of bits"));
         }
@@ -73,7 +80,11 @@ impl Lowerer<'_> {
             let mut values = Vec::with_capacity(parts.len());
             for (&part, &ty) in parts.iter().zip(types) {
                 let same = self.b.ty(part) == ty;
-                values.push(if same { part } else { self.b.emit(ir::Op::Bitcast, &[part], ty)? });
+                values.push(if same {
+                    part
+                } else {
+                    self.b.emit(ir::Op::Bitcast, &[part], ty)?
+                });
             }
             return Ok(values);
         }

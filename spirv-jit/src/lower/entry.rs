@@ -27,7 +27,10 @@ pub(super) fn find_entry<'a>(
     found.ok_or_else(|| Error {
         kind: ErrorKind::EntryPoint,
         word_offset: None,
-        message: format!("there is no {model:?} entry point \"{}\"", request.entry_point),
+        message: format!(
+            "there is no {model:?} entry point \"{}\"",
+            request.entry_point
+        ),
     })
 }
 
@@ -57,8 +60,7 @@ impl Lowerer<'_> {
         for &index in &self.module.globals {
             let id = self.module.instruction(index).result;
             let built_in = self.module.annotations.id(id, Decoration::BuiltIn);
-            if built_in == Some(BuiltIn::WorkgroupSize as u32)
-                && self.constants.find(id).is_some()
+            if built_in == Some(BuiltIn::WorkgroupSize as u32) && self.constants.find(id).is_some()
             {
                 for (slot, &bits) in size.iter_mut().zip(&*self.constants.bits(&self.types, id)?) {
                     *slot = bits as u32;

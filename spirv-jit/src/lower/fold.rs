@@ -24,7 +24,10 @@ pub(super) fn fold_operation(
         let id = operands.get(index).copied();
         let constant = id.and_then(|id| constants.find(id));
         let (Some(id), Some(constant)) = (id, constant) else {
-            return Err(Error::invalid(at, "an operand of a constant is not constant"));
+            return Err(Error::invalid(
+                at,
+                "an operand of a constant is not constant",
+            ));
         };
         Ok((constant.ty, constants.bits(types, id)?))
     };
@@ -67,9 +70,8 @@ pub(super) fn fold_operation(
                 rest.push(argument(index)?.1);
             }
             let count = types.leaves(instruction.result_type)?.len();
-            let lane = |bits: &[u64], index: usize| {
-                bits.get(index).or(bits.first()).copied().unwrap_or(0)
-            };
+            let lane =
+                |bits: &[u64], index: usize| bits.get(index).or(bits.first()).copied().unwrap_or(0);
             (0..count)
                 .map(|index| {
                     let a = lane(&first, index);
@@ -118,7 +120,11 @@ fn fold_scalar(opcode: Op, from: Type, to: Type, [a, b, c]: [u64; 3]) -> Option<
         Op::SMod => {
             let remainder = sa.wrapping_rem(sb);
             let wrong_sign = remainder != 0 && (remainder < 0) != (sb < 0);
-            (if wrong_sign { remainder + sb } else { remainder }) as u64
+            (if wrong_sign {
+                remainder + sb
+            } else {
+                remainder
+            }) as u64
         }
         Op::ShiftLeftLogical => a << shift,
         Op::ShiftRightLogical => a >> shift,

@@ -76,7 +76,9 @@ impl<'a> Lowerer<'a> {
         }
         let label = self.b.new_label();
         let mut frame = Frame::new(index, plan, Some(label));
-        frame.values.extend(callee.params.iter().copied().zip(arguments));
+        frame
+            .values
+            .extend(callee.params.iter().copied().zip(arguments));
         self.frames.push(frame);
         let outer = self.b.open();
         let end = self.emit_plan_body(0)?;
@@ -190,7 +192,7 @@ impl<'a> Lowerer<'a> {
         self.b.source = terminator.offset;
         match condition {
             Condition::Id(id) => self.bool_scalar(*id),
-            Condition::Cases(_, literals) => {
+            Condition::Cases(literals) => {
                 let selector = self.scalar(self.module.operands(terminator)[0])?;
                 let ty = self.b.ty(selector);
                 let mut any = None;
@@ -281,7 +283,8 @@ impl<'a> Lowerer<'a> {
     ) -> Result<(), Error> {
         let mut row = 0;
         for &value in values {
-            self.b.emit_effect(ir::Op::VarStore(variable, row), &[value])?;
+            self.b
+                .emit_effect(ir::Op::VarStore(variable, row), &[value])?;
             row += self.b.ty(value).rows();
         }
         Ok(())
@@ -410,7 +413,11 @@ impl<'a> Lowerer<'a> {
         let mut fresh = Vec::with_capacity(all.len());
         for value in all {
             let computed = !self.b.is_global(value);
-            fresh.push(if computed { loaded.next().unwrap_or(value) } else { value });
+            fresh.push(if computed {
+                loaded.next().unwrap_or(value)
+            } else {
+                value
+            });
         }
         Ok(match value {
             Val::Scalars(_) => Val::Scalars(fresh.into()),
@@ -431,7 +438,10 @@ impl<'a> Lowerer<'a> {
         let values = self.leaves(id)?;
         let types = self.types.leaves(ty)?;
         let same = values.len() == types.len()
-            && values.iter().zip(types.iter()).all(|(&v, &ty)| self.b.ty(v) == ty);
+            && values
+                .iter()
+                .zip(types.iter())
+                .all(|(&v, &ty)| self.b.ty(v) == ty);
         if same {
             return Ok(values);
         }

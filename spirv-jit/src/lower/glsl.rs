@@ -89,7 +89,9 @@ impl Lowerer<'_> {
             None => return Err(self.b.invalid("this is not an instruction set")),
         }
         let Some(op) = GLOp::from_u32(number) else {
-            return Err(self.b.invalid(format!("GLSL.std.450 has no instruction {number}")));
+            return Err(self
+                .b
+                .invalid(format!("GLSL.std.450 has no instruction {number}")));
         };
         let operands = &operands[2..];
         let wanted = operand_count(op);
@@ -147,7 +149,9 @@ impl Lowerer<'_> {
         }
         let count = arguments[0].len();
         if arguments.iter().any(|argument| argument.len() != count) {
-            return Err(self.b.invalid("operands have different numbers of components"));
+            return Err(self
+                .b
+                .invalid("operands have different numbers of components"));
         }
         let mut values = Vec::with_capacity(count);
         for index in 0..count {
@@ -169,7 +173,12 @@ impl Lowerer<'_> {
         let ty = self.b.ty(x);
         let float = matches!(
             op,
-            GLOp::Radians | GLOp::Degrees | GLOp::FMix | GLOp::Step | GLOp::SmoothStep | GLOp::Ldexp
+            GLOp::Radians
+                | GLOp::Degrees
+                | GLOp::FMix
+                | GLOp::Step
+                | GLOp::SmoothStep
+                | GLOp::Ldexp
         );
         if float && !ty.is_float() {
             return Err(self.b.invalid(format!("{op:?} takes floats")));
@@ -177,7 +186,11 @@ impl Lowerer<'_> {
         match op {
             GLOp::Radians | GLOp::Degrees => {
                 let degree = std::f64::consts::PI / 180.0;
-                let factor = if op == GLOp::Radians { degree } else { 1.0 / degree };
+                let factor = if op == GLOp::Radians {
+                    degree
+                } else {
+                    1.0 / degree
+                };
                 let factor = self.b.float(ty, factor);
                 self.b.binary(ir::Op::FMul, x, factor)
             }
@@ -256,7 +269,13 @@ impl Lowerer<'_> {
             mantissas.push(self.b.unary(ir::Op::FFrexpMantissa, x)?);
             exponents.push(self.b.emit(ir::Op::FFrexpExponent, &[x], Type::I32)?);
         }
-        self.define_parts(instruction, op == GLOp::Frexp, mantissas, exponents, operands)
+        self.define_parts(
+            instruction,
+            op == GLOp::Frexp,
+            mantissas,
+            exponents,
+            operands,
+        )
     }
 
     /// Two results: through a pointer operand, or as a structure.
@@ -274,7 +293,11 @@ impl Lowerer<'_> {
             let mut stored = Vec::with_capacity(second.len());
             for (&value, &ty) in second.iter().zip(types.iter()) {
                 let same = self.b.ty(value) == ty;
-                stored.push(if same { value } else { self.b.emit(ir::Op::SConvert, &[value], ty)? });
+                stored.push(if same {
+                    value
+                } else {
+                    self.b.emit(ir::Op::SConvert, &[value], ty)?
+                });
             }
             self.store(&pointer, &stored)?;
             return self.define_typed(instruction, first);
@@ -284,7 +307,11 @@ impl Lowerer<'_> {
         for value in second {
             let ty = types.get(values.len()).copied().unwrap_or(Type::I32);
             let same = self.b.ty(value) == ty;
-            values.push(if same { value } else { self.b.emit(ir::Op::SConvert, &[value], ty)? });
+            values.push(if same {
+                value
+            } else {
+                self.b.emit(ir::Op::SConvert, &[value], ty)?
+            });
         }
         self.define_typed(instruction, values)
     }
@@ -300,14 +327,20 @@ impl Lowerer<'_> {
 
     fn subtract(&mut self, a: &[Value], b: &[Value]) -> Result<Vec<Value>, Error> {
         if a.len() != b.len() {
-            return Err(self.b.invalid("operands have different numbers of components"));
+            return Err(self
+                .b
+                .invalid("operands have different numbers of components"));
         }
         let pairs = a.iter().zip(b);
-        pairs.map(|(&a, &b)| self.b.binary(ir::Op::FSub, a, b)).collect()
+        pairs
+            .map(|(&a, &b)| self.b.binary(ir::Op::FSub, a, b))
+            .collect()
     }
 
     fn scaled(&mut self, a: &[Value], factor: Value) -> Result<Vec<Value>, Error> {
-        a.iter().map(|&a| self.b.binary(ir::Op::FMul, a, factor)).collect()
+        a.iter()
+            .map(|&a| self.b.binary(ir::Op::FMul, a, factor))
+            .collect()
     }
 
     /// Instructions on vectors as a whole.
@@ -429,7 +462,9 @@ impl Lowerer<'_> {
         let parts = self.leaves(id)?;
         let (width, most, signed) = Self::field(op);
         if parts.len() != 32 / width as usize {
-            return Err(self.b.invalid(format!("{op:?} takes {} components", 32 / width)));
+            return Err(self
+                .b
+                .invalid(format!("{op:?} takes {} components", 32 / width)));
         }
         let mut word = self.b.i32(0);
         for (index, &x) in parts.iter().enumerate() {

@@ -143,7 +143,9 @@ impl Lowerer<'_> {
             _ => self.types.scalar(image.sampled_type)?,
         };
         if !matches!(texel, Type::F32 | Type::I32 | Type::I64) {
-            return Err(self.b.invalid("texels are 32-bit floats or 32- or 64-bit integers"));
+            return Err(self
+                .b
+                .invalid("texels are 32-bit floats or 32- or 64-bit integers"));
         }
         Ok(ImageOp {
             kind,
@@ -216,19 +218,6 @@ impl Lowerer<'_> {
         parts.map(|&x| self.b.to_i32(x, true)).collect()
     }
 
-    /// Texel coordinates. The last one of a cube counts faces, of all layers together.
-    fn texel_coordinates(&mut self, op: &ImageOp, id: Id) -> Result<Vec<Value>, Error> {
-        if op.dim != Dim::Cube || !op.arrayed {
-            return self.integers(id, op.coordinate_count());
-        }
-        let mut values = self.integers(id, 3)?;
-        let six = self.b.i32(6);
-        let face = values[2];
-        values[2] = self.b.binary(ir::Op::URem, face, six)?;
-        values.push(self.b.binary(ir::Op::UDiv, face, six)?);
-        Ok(values)
-    }
-
     /// Appends what follows the depth reference, and notes it in the description.
     fn push_extras(
         &mut self,
@@ -247,7 +236,11 @@ impl Lowerer<'_> {
         } else if let Some(lod) = extras.lod {
             op.lod = LodMode::Lod;
             let lod = self.scalar(lod)?;
-            let lod = if fetches { self.b.to_i32(lod, true)? } else { self.to_f32(lod)? };
+            let lod = if fetches {
+                self.b.to_i32(lod, true)?
+            } else {
+                self.to_f32(lod)?
+            };
             arguments.push(lod);
         } else if let Some((dx, dy)) = extras.grad {
             op.lod = LodMode::Grad;
@@ -297,7 +290,9 @@ impl Lowerer<'_> {
             _ => op.texel,
         };
         let types: SmallVec<[Type; 4]> = SmallVec::from_elem(ty, results);
-        let values = self.b.emit_unchecked(ir::Op::Image(op), arguments, &types)?;
+        let values = self
+            .b
+            .emit_unchecked(ir::Op::Image(op), arguments, &types)?;
         Ok(values.to_vec())
     }
 
@@ -382,7 +377,7 @@ impl Lowerer<'_> {
         };
         let mut op = self.image_op(image, kind)?;
         let mut arguments = vec![self.handle(operands[0])?];
-        arguments.extend(self.texel_coordinates(&op, operands[1])?);
+        arguments.extend(self.integers(operands[1], op.coordinate_count())?);
         let extras = self.extras(&operands[2..])?;
         self.push_extras(&mut op, &extras, &mut arguments)?;
         let values = self.emit_image(op, &arguments, 4)?;
@@ -393,7 +388,7 @@ impl Lowerer<'_> {
         let image = self.image_type(operands[0])?;
         let mut op = self.image_op(image, ImageOpKind::Write)?;
         let mut arguments = vec![self.handle(operands[0])?];
-        arguments.extend(self.texel_coordinates(&op, operands[1])?);
+        arguments.extend(self.integers(operands[1], op.coordinate_count())?);
         let extras = self.extras(&operands[3..])?;
         self.push_extras(&mut op, &extras, &mut arguments)?;
         let texel = self.leaves(operands[2])?;
@@ -422,10 +417,8 @@ impl Lowerer<'_> {
         match kind {
             ImageOpKind::QueryLod => {
                 arguments.extend(self.handles(operands[0])?);
-                let count = op.spatial_count();
+                let count = op.coordinate_count();
                 arguments.extend(self.float_coordinates(operands[1], count, None)?);
-                // The description's coordinates include no layer here.
-                op.arrayed = false;
             }
             ImageOpKind::QuerySize => {
                 arguments.push(self.handle(operands[0])?);
@@ -457,12 +450,12 @@ impl Lowerer<'_> {
         instruction: &Instruction,
         operands: &[u32],
     ) -> Result<(), Error> {
-        let (class, pointee) = self.types.pointer(instruction.result_type)?;
+        let (_, pointee) = self.types.pointer(instruction.result_type)?;
         let pointer = self.pointer(operands[0])?;
         let image_type = pointer.pointee;
         let image = self.image_type_of(image_type)?;
         let op = self.image_op(image, ImageOpKind::Atomic(AtomicOp::Load))?;
-        let coordinate = self.texel_coordinates(&op, operands[1])?;
+        let coordinate = self.integers(operands[1], op.coordinate_count())?;
         let sample = self.scalar(operands[2])?;
         let place = Place::Texel {
             image_type,
@@ -470,7 +463,7 @@ impl Lowerer<'_> {
             coordinate: coordinate.into(),
             sample: self.b.to_i32(sample, true)?,
         };
-        let pointer = Pointer::new(class, pointee, place);
+        let pointer = Pointer::new(pointee, place);
         self.define(instruction.result, Val::Pointer(pointer))
     }
 

@@ -51,12 +51,9 @@ impl Lowerer<'_> {
             | Op::Transpose
             | Op::Dot => self.lower_matrix(instruction),
 
-            Op::SDot
-            | Op::UDot
-            | Op::SUDot
-            | Op::SDotAccSat
-            | Op::UDotAccSat
-            | Op::SUDotAccSat => self.lower_integer_dot(instruction),
+            Op::SDot | Op::UDot | Op::SUDot | Op::SDotAccSat | Op::UDotAccSat | Op::SUDotAccSat => {
+                self.lower_integer_dot(instruction)
+            }
 
             Op::ConvertFToU
             | Op::ConvertFToS
@@ -71,9 +68,9 @@ impl Lowerer<'_> {
             | Op::ConvertUToPtr
             | Op::ConvertUToAccelerationStructureKHR => self.lower_conversion(instruction),
 
-            Op::TraceRayKHR
-            | Op::ReportIntersectionKHR
-            | Op::ExecuteCallableKHR => self.lower_ray(instruction),
+            Op::TraceRayKHR | Op::ReportIntersectionKHR | Op::ExecuteCallableKHR => {
+                self.lower_ray(instruction)
+            }
 
             Op::SampledImage
             | Op::Image

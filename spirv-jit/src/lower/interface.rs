@@ -66,11 +66,7 @@ impl Lowerer<'_> {
         let name = self.module.annotations.name(id).to_owned();
         let local = self.new_local(&name, variable.pointee)?;
         self.module_locals.insert(id, local);
-        let pointer = Pointer::new(
-            variable.class,
-            variable.pointee,
-            Place::Local { local, row: 0 },
-        );
+        let pointer = Pointer::new(variable.pointee, Place::Local { local, row: 0 });
         let incoming: Option<fn(u32) -> InputRow> = match variable.class {
             StorageClass::IncomingRayPayloadKHR => Some(InputRow::Payload),
             StorageClass::IncomingCallableDataKHR => Some(InputRow::CallableData),
@@ -195,7 +191,10 @@ impl Lowerer<'_> {
                 continue;
             }
             let (size, align) = self.layout().natural(variable.pointee)?;
-            let block = self.module.annotations.id(variable.pointee, Decoration::Block);
+            let block = self
+                .module
+                .annotations
+                .id(variable.pointee, Decoration::Block);
             if block.is_some() {
                 self.shared.insert(id, 0);
                 blocks = blocks.max(size);
@@ -216,7 +215,10 @@ impl Lowerer<'_> {
     /// Byte offset of a variable of workgroup memory.
     pub(super) fn shared_offset(&self, id: Id) -> Result<u32, Error> {
         let found = self.shared.get(&id).copied();
-        found.ok_or_else(|| self.b.invalid("the entry point does not list this variable"))
+        found.ok_or_else(|| {
+            self.b
+                .invalid("the entry point does not list this variable")
+        })
     }
 }
 

@@ -29,7 +29,9 @@ impl Layout<'_> {
 
     /// Bytes before a member.
     pub fn member_offset(&self, structure: Id, member: u32) -> Result<u64, Error> {
-        let given = self.annotations.member(structure, member, Decoration::Offset);
+        let given = self
+            .annotations
+            .member(structure, member, Decoration::Offset);
         if let Some(offset) = given {
             return Ok(offset as u64);
         }
@@ -74,8 +76,14 @@ impl Layout<'_> {
     pub fn natural(&self, id: Id) -> Result<(u64, u64), Error> {
         Ok(match self.types.kind(id)? {
             TypeKind::Scalar { ty, .. } => (ty.size_bytes() as u64, ty.size_bytes() as u64),
-            TypeKind::Vector { component: element, count }
-            | TypeKind::Matrix { column: element, count }
+            TypeKind::Vector {
+                component: element,
+                count,
+            }
+            | TypeKind::Matrix {
+                column: element,
+                count,
+            }
             | TypeKind::Array { element, count } => {
                 let (size, align) = self.natural(*element)?;
                 let stride = match self.annotations.id(id, Decoration::ArrayStride) {
@@ -88,7 +96,9 @@ impl Layout<'_> {
                 let (mut end, mut most) = (0u64, 1);
                 for (index, &member) in members.iter().enumerate() {
                     let (size, align) = self.natural(member)?;
-                    let given = self.annotations.member(id, index as u32, Decoration::Offset);
+                    let given = self
+                        .annotations
+                        .member(id, index as u32, Decoration::Offset);
                     let start = match given {
                         Some(offset) => offset as u64,
                         None => end.saturating_add(align - 1) / align * align,

@@ -24,7 +24,9 @@ impl Matrix {
     }
 
     pub fn row(&self, row: usize) -> Vec<Value> {
-        (0..self.columns()).map(|column| self.at(row, column)).collect()
+        (0..self.columns())
+            .map(|column| self.at(row, column))
+            .collect()
     }
 
     pub fn column(&self, column: usize) -> &[Value] {
@@ -102,14 +104,13 @@ impl Lowerer<'_> {
     }
 
     fn matrix_times_column(&mut self, a: &Matrix, column: &[Value]) -> Result<Vec<Value>, Error> {
-        (0..a.rows).map(|row| self.dot(&a.row(row), column)).collect()
+        (0..a.rows)
+            .map(|row| self.dot(&a.row(row), column))
+            .collect()
     }
 
     /// `a * d - b * c`.
-    fn cross_difference(
-        &mut self,
-        [a, b, c, d]: [Value; 4],
-    ) -> Result<Value, Error> {
+    fn cross_difference(&mut self, [a, b, c, d]: [Value; 4]) -> Result<Value, Error> {
         let left = self.b.binary(ir::Op::FMul, a, d)?;
         let right = self.b.binary(ir::Op::FMul, b, c)?;
         self.b.binary(ir::Op::FSub, left, right)
@@ -175,7 +176,11 @@ impl Lowerer<'_> {
                 };
                 let value = self.b.binary(ir::Op::FMul, cofactor, scale)?;
                 let negative = (row + column) % 2 == 1;
-                values.push(if negative { self.b.unary(ir::Op::FNeg, value)? } else { value });
+                values.push(if negative {
+                    self.b.unary(ir::Op::FNeg, value)?
+                } else {
+                    value
+                });
             }
         }
         Ok(values)

@@ -99,11 +99,19 @@ impl Lowerer<'_> {
         let space = space(pointer);
         for run in find_runs(leaves, step) {
             let address = self.address(pointer, run.offset)?;
-            let ty = if space == Space::Private { run.ty } else { stored(run.ty) };
+            let ty = if space == Space::Private {
+                run.ty
+            } else {
+                stored(run.ty)
+            };
             let types: SmallVec<[Type; MAX_RUN]> = SmallVec::from_elem(ty, run.count);
             let loaded = self.b.load(space, pointer.volatile, &address, &types)?;
             for value in loaded {
-                values.push(if ty == run.ty { value } else { self.word_to_bool(value)? });
+                values.push(if ty == run.ty {
+                    value
+                } else {
+                    self.word_to_bool(value)?
+                });
             }
         }
         Ok(values)
@@ -114,15 +122,21 @@ impl Lowerer<'_> {
         let ty = pointer.pointee;
         let types = self.types.leaves(ty)?;
         let fits = types.len() == values.len()
-            && types.iter().zip(values).all(|(&ty, &value)| self.b.ty(value) == ty);
+            && types
+                .iter()
+                .zip(values)
+                .all(|(&ty, &value)| self.b.ty(value) == ty);
         if !fits {
-            return Err(self.b.invalid("the stored object does not have the pointee's type"));
+            return Err(self
+                .b
+                .invalid("the stored object does not have the pointee's type"));
         }
         match &pointer.place {
             Place::Local { local, row } => {
                 for ((_, at), &value) in row_leaves(&types).into_iter().zip(values) {
                     let (variable, row) = self.locals[*local].find(row + at as u32);
-                    self.b.emit_effect(ir::Op::VarStore(variable, row), &[value])?;
+                    self.b
+                        .emit_effect(ir::Op::VarStore(variable, row), &[value])?;
                 }
                 Ok(())
             }
@@ -151,7 +165,11 @@ impl Lowerer<'_> {
             let mut words: SmallVec<[Value; MAX_RUN]> = SmallVec::new();
             for &value in &values[run.first..run.first + run.count] {
                 let keep = space == Space::Private || run.ty != Type::I1;
-                words.push(if keep { value } else { self.bool_to_word(value)? });
+                words.push(if keep {
+                    value
+                } else {
+                    self.bool_to_word(value)?
+                });
             }
             self.b.store(space, pointer.volatile, &address, &words)?;
         }
@@ -250,15 +268,17 @@ impl Lowerer<'_> {
                 let values = self.load(&source)?;
                 self.store(&target, &values)
             }
-            other => Err(self.b.invalid(format!("Op{other:?} is no memory operation"))),
+            other => Err(self
+                .b
+                .invalid(format!("Op{other:?} is no memory operation"))),
         }
     }
 
     fn lower_variable(&mut self, instruction: &Instruction, operands: &[u32]) -> Result<(), Error> {
-        let (class, pointee) = self.types.pointer(instruction.result_type)?;
+        let (_, pointee) = self.types.pointer(instruction.result_type)?;
         let name = self.module.annotations.name(instruction.result).to_owned();
         let local = self.new_local(&name, pointee)?;
-        let pointer = Pointer::new(class, pointee, Place::Local { local, row: 0 });
+        let pointer = Pointer::new(pointee, Place::Local { local, row: 0 });
         if let Some(&initializer) = operands.get(1) {
             let values = self.leaves(initializer)?;
             self.store(&pointer, &values)?;
@@ -274,7 +294,10 @@ impl Lowerer<'_> {
     ) -> Result<(), Error> {
         let types = self.types.leaves(instruction.result_type)?;
         let fits = types.len() == values.len()
-            && types.iter().zip(&values).all(|(&ty, &value)| self.b.ty(value) == ty);
+            && types
+                .iter()
+                .zip(&values)
+                .all(|(&ty, &value)| self.b.ty(value) == ty);
         if !fits {
             let message = format!("the result of Op{:?} has another type", instruction.opcode);
             return Err(self.b.invalid(message));
@@ -291,7 +314,9 @@ impl Lowerer<'_> {
         let bits = self.constants.bits(&self.types, id)?;
         let types = self.types.leaves(ty)?;
         let pairs = types.iter().zip(bits.iter());
-        Ok(pairs.map(|(&ty, &bits)| self.b.constant(ty, bits)).collect())
+        Ok(pairs
+            .map(|(&ty, &bits)| self.b.constant(ty, bits))
+            .collect())
     }
 }
 

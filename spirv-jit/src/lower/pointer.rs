@@ -32,14 +32,12 @@ impl Lowerer<'_> {
         let variable = self.variables[&id];
         let (class, pointee) = (variable.class, variable.pointee);
         let place = match class {
-            StorageClass::UniformConstant
-            | StorageClass::Uniform
-            | StorageClass::StorageBuffer => {
+            StorageClass::UniformConstant | StorageClass::Uniform | StorageClass::StorageBuffer => {
                 let find = |decoration| self.module.annotations.id(id, decoration);
                 let set = find(Decoration::DescriptorSet).unwrap_or(0);
                 let binding = find(Decoration::Binding).unwrap_or(0);
                 let binding = (self.request.bindings)(set, binding).unwrap_or(NO_BINDING);
-                return self.handle_pointer(id, class, pointee, binding);
+                return self.handle_pointer(id, pointee, binding);
             }
             StorageClass::PushConstant => {
                 let descriptor = match self.push_constants {
@@ -79,13 +77,12 @@ impl Lowerer<'_> {
                 return Err(Error::unsupported(self.b.source, message));
             }
         };
-        Ok(Pointer::new(class, pointee, place))
+        Ok(Pointer::new(pointee, place))
     }
 
     fn handle_pointer(
         &mut self,
         id: Id,
-        class: StorageClass,
         pointee: Id,
         binding: DescriptorBinding,
     ) -> Result<Pointer, Error> {
@@ -94,7 +91,7 @@ impl Lowerer<'_> {
             index: None,
             constant: 0,
         };
-        let mut pointer = Pointer::new(class, pointee, place);
+        let mut pointer = Pointer::new(pointee, place);
         let volatile = self.module.annotations.id(id, Decoration::Volatile);
         pointer.volatile = volatile.is_some();
         self.enter_block(pointer)
@@ -129,7 +126,8 @@ impl Lowerer<'_> {
                 constant,
             } => {
                 let index = self.b.add_terms(*index, *constant)?;
-                self.b.emit(ir::Op::Descriptor(*binding), &[index], Type::I64)
+                self.b
+                    .emit(ir::Op::Descriptor(*binding), &[index], Type::I64)
             }
             _ => Err(self.b.invalid("this pointer leads to no descriptor")),
         }
@@ -153,7 +151,9 @@ impl Lowerer<'_> {
         }
         let (_, pointee) = self.types.pointer(instruction.result_type)?;
         if pointer.pointee != pointee && !self.same_shape(pointer.pointee, pointee)? {
-            return Err(self.b.invalid("an access chain leads to another type than it says"));
+            return Err(self
+                .b
+                .invalid("an access chain leads to another type than it says"));
         }
         pointer.pointee = pointee;
         self.define(instruction.result, Val::Pointer(pointer))
@@ -211,7 +211,9 @@ impl Lowerer<'_> {
                 Some(u32::try_from(member).unwrap_or(u32::MAX))
             }
             (TypeKind::Struct { .. }, _) => {
-                return Err(self.b.invalid("a structure's member index must be constant"));
+                return Err(self
+                    .b
+                    .invalid("a structure's member index must be constant"));
             }
             _ => None,
         };
@@ -442,7 +444,7 @@ impl Lowerer<'_> {
             (_, &[row]) => Place::Private { row, constant: 0 },
             _ => return Err(self.b.invalid("a value is used as a pointer")),
         };
-        Ok(Pointer::new(class, pointee, place))
+        Ok(Pointer::new(pointee, place))
     }
 
     /// `OpArrayLength`: elements of the runtime array at the end of a block.
@@ -459,7 +461,9 @@ impl Lowerer<'_> {
             constant,
         } = pointer.place
         else {
-            return Err(self.b.invalid("the length of an array is asked outside a buffer"));
+            return Err(self
+                .b
+                .invalid("the length of an array is asked outside a buffer"));
         };
         let size = self.b.emit(ir::Op::BufferSize, &[descriptor], Type::I32)?;
         let before = self.b.add_terms(offset, constant.wrapping_add(first))?;

@@ -48,8 +48,7 @@ impl Lowerer<'_> {
         let types = self.types.leaves(pointer.pointee)?;
         let values = self.load(&pointer)?;
         let taken = self.scalars_to_words(&values)?;
-        let word_types: SmallVec<[Type; 16]> =
-            taken.iter().map(|&word| self.b.ty(word)).collect();
+        let word_types: SmallVec<[Type; 16]> = taken.iter().map(|&word| self.b.ty(word)).collect();
         words.extend(taken);
         let returned = self.b.emit_unchecked(op, &words, &word_types)?;
         let values = self.words_to_scalars(&returned, &types)?;

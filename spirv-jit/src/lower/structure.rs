@@ -26,8 +26,8 @@ pub(super) type BlockIndex = usize;
 pub(super) enum Condition {
     /// A boolean id.
     Id(Id),
-    /// Whether the selector of this block's switch selects one of these cases (literals).
-    Cases(BlockIndex, Vec<u64>),
+    /// Whether the switch's selector is one of these literals.
+    Cases(Vec<u64>),
 }
 
 #[derive(Clone, Debug)]
@@ -77,8 +77,6 @@ pub(super) struct Plan {
     pub labels: usize,
     /// Ids used where their definition's body has ended: they travel through variables.
     pub escapes: HashSet<Id>,
-    /// Instructions in blocks that are reached.
-    pub size: usize,
 }
 
 impl Plan {
@@ -116,16 +114,10 @@ pub(super) fn plan_function(module: &ParsedModule, function: &Function) -> Resul
     let root = planner.new_body(None);
     planner.walk(root, None, 0)?;
     let escapes = planner.find_escapes();
-    let reached = function.blocks.iter().zip(&planner.block_body);
-    let size = reached
-        .filter(|(_, body)| body.is_some())
-        .map(|(block, _)| block.instructions.len() + 1)
-        .sum();
     Ok(Plan {
         bodies: planner.bodies,
         labels: planner.labels,
         escapes,
-        size,
     })
 }
 
@@ -143,7 +135,6 @@ struct Planner<'a> {
 
 /// A conditional branch: condition, target if true, target if false.
 struct Fork {
-    at: BlockIndex,
     condition: Id,
     yes: BlockIndex,
     no: BlockIndex,
@@ -301,7 +292,9 @@ impl Planner<'_> {
         } else {
             let label = self.new_label();
             let inner = self.new_body(Some(loop_body));
-            self.bodies[loop_body].steps.push(Step::Block { label, body: inner });
+            self.bodies[loop_body]
+                .steps
+                .push(Step::Block { label, body: inner });
             self.place(inner, header);
             self.announce(header, loop_label);
             self.announce(target, label);
@@ -352,7 +345,9 @@ impl Planner<'_> {
             }
             Op::Switch => {
                 let inner = self.new_body(Some(body));
-                self.bodies[body].steps.push(Step::Block { label, body: inner });
+                self.bodies[body]
+                    .steps
+                    .push(Step::Block { label, body: inner });
                 if let Some((from, to)) = self.visit_switch(inner, at)? {
                     self.walk(inner, from, to)?;
                 }
@@ -451,7 +446,7 @@ impl Planner<'_> {
             self.bodies[else_body].end = End::Br(label);
             self.bodies[body].steps.push(Step::If {
                 at,
-                condition: Condition::Cases(at, literals),
+                condition: Condition::Cases(literals),
                 label,
                 then_body,
                 else_body,
@@ -484,7 +479,9 @@ impl Planner<'_> {
             let label = self.new_label();
             let outer = parents[parents.len() - 1];
             let inner = self.new_body(Some(outer));
-            self.bodies[outer].steps.push(Step::Block { label, body: inner });
+            self.bodies[outer]
+                .steps
+                .push(Step::Block { label, body: inner });
             self.announce(target, label);
             parents.push(inner);
             labels.push(label);
@@ -517,7 +514,7 @@ impl Planner<'_> {
             self.bodies[else_body].end = End::Br(label);
             self.bodies[body].steps.push(Step::If {
                 at: switch.at,
-                condition: Condition::Cases(switch.at, switch.literals(target).collect()),
+                condition: Condition::Cases(switch.literals(target).collect()),
                 label,
                 then_body,
                 else_body,
@@ -596,7 +593,6 @@ impl Planner<'_> {
     fn fork(&self, at: BlockIndex) -> Result<Fork, Error> {
         let (_, operands) = self.terminator(at);
         Ok(Fork {
-            at,
             condition: operands[0],
             yes: self.find(at, operands[1])?,
             no: self.find(at, operands[2])?,
@@ -610,7 +606,11 @@ impl Planner<'_> {
         let operands = self.module.operands(instruction).len();
         // Selector, default and one label a case are ids; the rest is literals.
         let cases = uses.saturating_sub(2);
-        if cases > 0 && operands >= 2 + 3 * cases { 2 } else { 1 }
+        if cases > 0 && operands >= 2 + 3 * cases {
+            2
+        } else {
+            1
+        }
     }
 
     fn switch_cases(&self, block: BlockIndex) -> impl Iterator<Item = (u64, Id)> {
@@ -753,8 +753,11 @@ fn group_cases(
         group.insert(entry, home);
         groups[home].push(entry);
     }
-    let position: HashMap<BlockIndex, usize> =
-        order.iter().enumerate().map(|(index, &e)| (e, index)).collect();
+    let position: HashMap<BlockIndex, usize> = order
+        .iter()
+        .enumerate()
+        .map(|(index, &e)| (e, index))
+        .collect();
     let mut groups: Vec<_> = groups.into_iter().filter(|g| !g.is_empty()).collect();
     for group in &mut groups {
         group.sort_by_key(|entry| position[entry]);

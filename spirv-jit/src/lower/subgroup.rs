@@ -141,7 +141,9 @@ impl Lowerer<'_> {
     }
 
     fn across(&mut self, op: SubgroupOp, args: &[Value], result: Type) -> Result<Value, Error> {
-        Ok(self.b.emit_unchecked(ir::Op::Subgroup(op), args, &[result])?[0])
+        Ok(self
+            .b
+            .emit_unchecked(ir::Op::Subgroup(op), args, &[result])?[0])
     }
 
     /// Booleans cross lanes as words.
@@ -164,7 +166,11 @@ impl Lowerer<'_> {
             let word = self.lane_word(part)?;
             let result = apply(self, word)?;
             let was_bool = self.b.ty(part) == Type::I1;
-            values.push(if was_bool { self.word_to_bool(result)? } else { result });
+            values.push(if was_bool {
+                self.word_to_bool(result)?
+            } else {
+                result
+            });
         }
         Ok(values)
     }
@@ -236,10 +242,7 @@ impl Lowerer<'_> {
             },
             ReduceOp::FAdd | ReduceOp::FMul | ReduceOp::FMin | ReduceOp::FMax
         );
-        let logical_and = matches!(
-            instruction.opcode,
-            Op::GroupNonUniformLogicalAnd
-        );
+        let logical_and = matches!(instruction.opcode, Op::GroupNonUniformLogicalAnd);
         let values = self.per_part(operands[2], |lowerer, part| {
             let ty = lowerer.b.ty(part);
             if ty.is_float() != is_float {

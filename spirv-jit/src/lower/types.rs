@@ -177,7 +177,9 @@ impl Types {
         }
         let info = self.info(id)?;
         if info.leaf_count > MAX_LEAVES {
-            return Err(super::budget("a value of a type this large cannot be taken apart"));
+            return Err(super::budget(
+                "a value of a type this large cannot be taken apart",
+            ));
         }
         let mut out = Vec::with_capacity(info.leaf_count as usize);
         self.push_leaves(id, &mut out)?;
@@ -190,8 +192,14 @@ impl Types {
         match self.kind(id)? {
             TypeKind::Void => {}
             TypeKind::Scalar { ty, .. } => out.push(*ty),
-            TypeKind::Vector { component: element, count }
-            | TypeKind::Matrix { column: element, count }
+            TypeKind::Vector {
+                component: element,
+                count,
+            }
+            | TypeKind::Matrix {
+                column: element,
+                count,
+            }
             | TypeKind::Array { element, count } => {
                 let element = self.leaves(*element)?;
                 for _ in 0..*count {
@@ -242,7 +250,9 @@ impl Types {
                 element: operand(0),
                 count: array_length,
             },
-            Op::TypeRuntimeArray => TypeKind::RuntimeArray { element: operand(0) },
+            Op::TypeRuntimeArray => TypeKind::RuntimeArray {
+                element: operand(0),
+            },
             Op::TypeStruct => TypeKind::Struct {
                 members: operands.into(),
             },
@@ -267,7 +277,10 @@ impl Types {
                 params: operands[1..].into(),
             },
             other => {
-                return Err(Error::unsupported(at, format!("Op{other:?} is not supported")));
+                return Err(Error::unsupported(
+                    at,
+                    format!("Op{other:?} is not supported"),
+                ));
             }
         };
         let info = self.measure(at, kind)?;
@@ -298,7 +311,11 @@ impl Types {
                 if !matches!(info.kind, TypeKind::Vector { .. }) || !matches!(count, 2..=4) {
                     return Err(Error::invalid(at, "a matrix has 2 to 4 columns of vectors"));
                 }
-                (info.leaf_count * *count as u64, info.rows * *count as u64, 2)
+                (
+                    info.leaf_count * *count as u64,
+                    info.rows * *count as u64,
+                    2,
+                )
             }
             TypeKind::Array { element, count } => {
                 let info = part(*element)?;
@@ -375,13 +392,19 @@ fn int_type(at: u32, bits: u32) -> Result<Type, Error> {
         16 => Ok(Type::I16),
         32 => Ok(Type::I32),
         64 => Ok(Type::I64),
-        _ => Err(Error::invalid(at, format!("no integer type has {bits} bits"))),
+        _ => Err(Error::invalid(
+            at,
+            format!("no integer type has {bits} bits"),
+        )),
     }
 }
 
 fn float_type(at: u32, operands: &[u32]) -> Result<Type, Error> {
     if operands.len() > 1 {
-        return Err(Error::unsupported(at, "floating-point encodings are not supported"));
+        return Err(Error::unsupported(
+            at,
+            "floating-point encodings are not supported",
+        ));
     }
     match operands[0] {
         16 => Ok(Type::F16),

@@ -2,7 +2,6 @@
 
 use std::rc::Rc;
 
-use rspirv::spirv::StorageClass;
 use smallvec::SmallVec;
 
 use crate::ir::op::DescriptorBinding;
@@ -29,7 +28,6 @@ pub(super) struct Shape {
 /// A logical or physical pointer.
 #[derive(Clone, Debug)]
 pub(super) struct Pointer {
-    pub class: StorageClass,
     pub pointee: Id,
     pub place: Place,
     pub shape: Shape,
@@ -43,7 +41,10 @@ pub(super) enum Place {
     /// Per-lane memory at a row that is computed.
     Private { row: Value, constant: u32 },
     /// Workgroup memory.
-    Shared { offset: Option<Value>, constant: u32 },
+    Shared {
+        offset: Option<Value>,
+        constant: u32,
+    },
     /// What a buffer descriptor covers.
     Buffer {
         descriptor: Value,
@@ -88,9 +89,8 @@ impl Local {
 }
 
 impl Pointer {
-    pub fn new(class: StorageClass, pointee: Id, place: Place) -> Self {
+    pub fn new(pointee: Id, place: Place) -> Self {
         Self {
-            class,
             pointee,
             place,
             shape: Shape::default(),

@@ -35,7 +35,10 @@ pub(super) fn check_framing(words: &[u32]) -> Result<Vec<Frame>, Error> {
     let bound = words[3];
     // Tables are sized by the bound: a bound far beyond what the words could define would only waste memory.
     if bound == 0 || bound > MAX_BOUND || bound as usize > 65_536 + 16 * words.len() {
-        return Err(Error::invalid(3, format!("id bound {bound} is out of range")));
+        return Err(Error::invalid(
+            3,
+            format!("id bound {bound} is out of range"),
+        ));
     }
     let mut frames = Vec::with_capacity(words.len() / 4);
     let mut offset = HEADER_WORDS;
@@ -69,7 +72,11 @@ fn check_nested_opcode(words: &[u32], offset: usize, opcode: u32) -> Result<(), 
         return Ok(());
     }
     let count = (words[offset] >> 16) as usize;
-    let nested = if count > 3 { Op::from_u32(words[offset + 3]) } else { None };
+    let nested = if count > 3 {
+        Op::from_u32(words[offset + 3])
+    } else {
+        None
+    };
     match nested {
         Some(nested) if may_be_specialized(nested) => Ok(()),
         _ => Err(Error::invalid(

@@ -215,7 +215,10 @@ fn check_uses(table: &InstructionTable, definitions: &[u32]) -> Result<(), Error
         let used = &table.uses[instruction.first_use as usize..instruction.end_use as usize];
         let with_type = used.iter().copied().chain([instruction.result_type]);
         for id in with_type.filter(|&id| id != 0) {
-            if definitions.get(id as usize).is_none_or(|&at| at == u32::MAX) {
+            if definitions
+                .get(id as usize)
+                .is_none_or(|&at| at == u32::MAX)
+            {
                 let message = format!("id {id} is not defined");
                 return Err(Error::invalid(instruction.offset, message));
             }
