@@ -85,6 +85,7 @@ pub const ORDER: &[&str] = &[
     "eliminate_dead_code",
     "hoist_loop_invariants",
     "merge_loads",
+    "simplify",
     "eliminate_common_subexpressions",
     "eliminate_dead_code",
     "eliminate_unused_tables",
