@@ -69,7 +69,7 @@ pub const PASSES: &[Pass] = &[
 ];
 
 /// The order in which they run.
-const ORDER: &[&str] = &[
+pub const ORDER: &[&str] = &[
     "inline_functions",
     "simplify",
     "resolve_variable_addresses",
@@ -85,6 +85,7 @@ const ORDER: &[&str] = &[
     "eliminate_dead_code",
     "hoist_loop_invariants",
     "merge_loads",
+    "simplify",
     "eliminate_common_subexpressions",
     "eliminate_dead_code",
     "eliminate_unused_tables",
