@@ -81,6 +81,7 @@ impl Structure {
     /// # Safety
     /// An `address` other than 0 must be readable as far as the blob's header says, and must not
     /// be written while the value or a [`Walk`](crate::Walk) on it is in use.
+    #[inline(always)]
     pub unsafe fn at(address: u64) -> Option<Structure> {
         if address == 0 || !address.is_multiple_of(align_of::<Header>() as u64) {
             return None;
@@ -99,6 +100,16 @@ impl Structure {
             leaves: base.wrapping_add(header.leaves_offset as usize),
         })
     }
+
+    /// No structure: without nodes and leaves.
+    pub(crate) const NOWHERE: Structure = Structure {
+        base: std::ptr::null(),
+        kind: Kind::Instances,
+        node_count: 0,
+        leaf_count: 0,
+        nodes: std::ptr::null(),
+        leaves: std::ptr::null(),
+    };
 
     /// The structure that `blob` starts with.
     ///
@@ -165,32 +176,55 @@ impl Structure {
             })
     }
 
+    #[inline(always)]
     pub(crate) fn header(&self) -> &Header {
         // SAFETY: `at` found a header here.
         unsafe { &*self.base.cast::<Header>() }
     }
 
+    #[inline(always)]
     pub(crate) fn node_count(&self) -> u32 {
         self.node_count
     }
 
+    /// The first of [`Self::node_count`] nodes.
+    #[inline(always)]
+    pub(crate) fn nodes(&self) -> *const Node {
+        self.nodes
+    }
+
+    /// Where a child lies, if its word is sound.
+    #[inline(always)]
+    pub(crate) fn child_address(&self, word: u32) -> *const u8 {
+        if word & child::LEAF == 0 {
+            self.nodes.wrapping_add(word as usize).cast()
+        } else {
+            let offset = (word & child::INDEX) as usize * size_of::<TriangleGroup>();
+            self.leaves.wrapping_add(offset)
+        }
+    }
+
+    #[inline(always)]
     pub(crate) fn node(&self, index: u32) -> Option<&Node> {
         // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
         (index < self.node_count).then(|| unsafe { &*self.nodes.add(index as usize) })
     }
 
+    #[inline(always)]
     pub(crate) fn group(&self, index: u32) -> Option<&TriangleGroup> {
         (self.kind == Kind::Triangles && index < self.leaf_count)
             // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
             .then(|| unsafe { &*self.leaves.cast::<TriangleGroup>().add(index as usize) })
     }
 
+    #[inline(always)]
     pub(crate) fn box_entry(&self, index: u32) -> Option<&BoxEntry> {
         (self.kind == Kind::Aabbs && index < self.leaf_count)
             // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
             .then(|| unsafe { &*self.leaves.cast::<BoxEntry>().add(index as usize) })
     }
 
+    #[inline(always)]
     pub(crate) fn instance(&self, index: u32) -> Option<&InstanceRecord> {
         (self.kind == Kind::Instances && index < self.leaf_count)
             // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
@@ -198,6 +232,7 @@ impl Structure {
     }
 
     /// The address in an instance's entry of the reference table; 0 where there is none.
+    #[inline(always)]
     pub(crate) fn reference(&self, index: u32) -> u64 {
         if self.kind != Kind::Instances || index >= self.leaf_count {
             return 0;
@@ -221,6 +256,7 @@ impl Structure {
 }
 
 /// Checks that a header's parts lie where its counts put them.
+#[inline(always)]
 fn check_header(header: &Header) -> Result<Kind, StructureError> {
     if header.magic != MAGIC || header.version != VERSION {
         return Err(StructureError::NotAStructure);

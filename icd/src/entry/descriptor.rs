@@ -158,7 +158,9 @@ entry! {
     ) {
         let bindings = bindings(&*info);
         let variable = bindings.iter().find(|binding| binding.is_variable());
-        let most = |binding: &Binding| if binding.is_inline() { MAX_INLINE_UNIFORM_BYTES } else { MAX_DESCRIPTORS };
+        let fixed: u64 = bindings.iter().filter(|binding| !binding.is_variable()).map(|b| u64::from(b.entry_count())).sum();
+        let rest = u64::from(MAX_DESCRIPTORS).saturating_sub(fixed) as u32;
+        let most = |binding: &Binding| if binding.is_inline() { MAX_INLINE_UNIFORM_BYTES } else { rest };
         if let Some(out) = chain::find_mut::<vk::DescriptorSetVariableDescriptorCountLayoutSupport>((*out).p_next) {
             out.max_variable_descriptor_count = variable.map_or(0, most);
         }

@@ -62,7 +62,7 @@ entry! {
         // A messenger in the chain listens to creation and destruction; nothing is said there.
         *out = handle::create(Instance {
             extensions,
-            physical_device: handle::new(PhysicalDevice::new(Arc::clone(&messengers))),
+            physical_device: handle::new(PhysicalDevice::new(Arc::clone(&messengers), extensions)),
             messengers,
         });
         Ok(())

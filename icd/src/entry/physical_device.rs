@@ -12,6 +12,7 @@ use crate::format;
 use crate::handle::from_handle;
 use crate::object::PhysicalDevice;
 use crate::object::image::supported_image;
+use crate::object::memory::used_bytes;
 use crate::queue::MAX_QUEUES;
 use crate::table::extensions::{self, Kind};
 use crate::table::{features, properties};
@@ -160,7 +161,7 @@ entry! {
         if let Some(budget) = chain::find_mut::<vk::PhysicalDeviceMemoryBudgetPropertiesEXT>((*out).p_next) {
             budget.heap_budget = [0; vk::MAX_MEMORY_HEAPS];
             budget.heap_usage = [0; vk::MAX_MEMORY_HEAPS];
-            budget.heap_usage[0] = device.used_bytes();
+            budget.heap_usage[0] = used_bytes();
             budget.heap_budget[0] = device.budget_bytes();
         }
     }

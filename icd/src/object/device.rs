@@ -22,6 +22,7 @@ use crate::table::features;
 
 /// A logical device.
 pub struct Device {
+    /// Of the device and of its instance.
     pub extensions: ExtensionSet,
     pub messengers: Arc<Messengers>,
     /// What shader modules may declare.
@@ -46,10 +47,10 @@ impl Device {
         queue_count: u32,
     ) -> VkResult<Self> {
         let engine = Engine::new(physical.thread_count, Arc::clone(&physical.messengers))?;
-        let window = AddressWindow::reserve(physical.heap_bytes, Arc::clone(&physical.used))?;
+        let window = AddressWindow::reserve(physical.heap_bytes)?;
         let queue = |index| handle::new(Queue::new(index, Arc::clone(&engine)));
         Ok(Self {
-            extensions,
+            extensions: extensions.union(&physical.instance_extensions),
             messengers: Arc::clone(&physical.messengers),
             capabilities: features::capabilities(),
             queues: (0..queue_count).map(queue).collect(),

@@ -21,14 +21,20 @@ const PREFERRED_SLOTS: u64 = 16;
 const LARGEST_WINDOW: u64 = 1 << 40;
 const SMALLEST_WINDOW: u64 = 1 << 30;
 
+/// Bytes in use by all devices of the process: they share the machine.
+static USED_BYTES: AtomicU64 = AtomicU64::new(0);
+
+/// Bytes of the heap in use in this process.
+pub fn used_bytes() -> u64 {
+    USED_BYTES.load(Ordering::Relaxed)
+}
+
 /// A device's range of address space, and what of it is in use.
 pub struct AddressWindow {
     base: u64,
     size_bytes: u64,
     /// Bytes that allocations may take together.
     budget_bytes: u64,
-    /// Bytes in use, by all devices of the instance.
-    used_bytes: Arc<AtomicU64>,
     ranges: Mutex<Ranges>,
 }
 
@@ -39,11 +45,11 @@ struct Ranges {
 }
 
 impl AddressWindow {
-    /// Reserves a window. `budget_bytes` is the heap's size, `used_bytes` the count of what is in use.
+    /// Reserves a window. `budget_bytes` is the heap's size.
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_HOST_MEMORY` if the system gives no address space.
-    pub fn reserve(budget_bytes: u64, used_bytes: Arc<AtomicU64>) -> VkResult<Arc<Self>> {
+    pub fn reserve(budget_bytes: u64) -> VkResult<Arc<Self>> {
         let mut size_bytes = LARGEST_WINDOW;
         while size_bytes >= SMALLEST_WINDOW {
             let fixed = (0..PREFERRED_SLOTS).map(|slot| {
@@ -58,7 +64,6 @@ impl AddressWindow {
                         base,
                         size_bytes,
                         budget_bytes,
-                        used_bytes,
                         ranges: Mutex::new(Ranges {
                             next: base,
                             freed: Vec::new(),
@@ -71,15 +76,10 @@ impl AddressWindow {
         Err(vk::Result::ERROR_OUT_OF_HOST_MEMORY)
     }
 
-    /// Bytes in use.
-    pub fn used_bytes(&self) -> u64 {
-        self.used_bytes.load(Ordering::Relaxed)
-    }
-
     /// Takes a range of zero pages.
     fn take(&self, size_bytes: u64, wanted: Option<u64>) -> VkResult<u64> {
         const FULL: vk::Result = vk::Result::ERROR_OUT_OF_DEVICE_MEMORY;
-        self.used_bytes
+        USED_BYTES
             .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |used| {
                 used.checked_add(size_bytes)
                     .filter(|&sum| sum <= self.budget_bytes)
@@ -90,7 +90,7 @@ impl AddressWindow {
             .lock()
             .take(size_bytes, wanted, self.base + self.size_bytes);
         address.ok_or_else(|| {
-            self.used_bytes.fetch_sub(size_bytes, Ordering::Relaxed);
+            USED_BYTES.fetch_sub(size_bytes, Ordering::Relaxed);
             match wanted {
                 Some(_) => vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS,
                 None => FULL,
@@ -102,7 +102,7 @@ impl AddressWindow {
     fn give_back(&self, address: u64, size_bytes: u64) {
         map_zero_pages(address, size_bytes, libc::MAP_FIXED);
         self.ranges.lock().freed.push((address, size_bytes));
-        self.used_bytes.fetch_sub(size_bytes, Ordering::Relaxed);
+        USED_BYTES.fetch_sub(size_bytes, Ordering::Relaxed);
     }
 }
 
@@ -377,9 +377,7 @@ mod tests {
 
     #[test]
     fn freed_memory_reads_zero_and_the_budget_holds() {
-        let window = AddressWindow::reserve(1 << 20, Arc::default())
-            .ok()
-            .unwrap();
+        let window = AddressWindow::reserve(1 << 20).ok().unwrap();
         let memory = allocate(&window, 1 << 19).ok().unwrap();
         let address = memory.address;
         write(address, 7);
@@ -387,15 +385,12 @@ mod tests {
         assert!(allocate(&window, u64::MAX).is_err());
         drop(memory);
         assert_eq!(read(address), 0);
-        assert_eq!(window.used_bytes(), 0);
         assert!(allocate(&window, 1 << 20).is_ok());
     }
 
     #[test]
     fn an_address_can_be_had_again() {
-        let window = AddressWindow::reserve(1 << 30, Arc::default())
-            .ok()
-            .unwrap();
+        let window = AddressWindow::reserve(1 << 30).ok().unwrap();
         let first = allocate(&window, 1).ok().unwrap();
         let again = |address| DeviceMemory::allocate(&window, 1, Source::Fresh, Some(address));
         assert!(again(first.address).is_err());
@@ -408,9 +403,7 @@ mod tests {
 
     #[test]
     fn exported_memory_is_shared() {
-        let window = AddressWindow::reserve(1 << 30, Arc::default())
-            .ok()
-            .unwrap();
+        let window = AddressWindow::reserve(1 << 30).ok().unwrap();
         let a = DeviceMemory::allocate(&window, 4096, Source::Exportable, None)
             .ok()
             .unwrap();

@@ -1,35 +1,30 @@
 //! The physical device: this machine.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::instance::Messengers;
+use super::memory;
+use crate::table::extensions::ExtensionSet;
 
 /// The one physical device of an instance.
 pub struct PhysicalDevice {
     pub messengers: Arc<Messengers>,
+    pub instance_extensions: ExtensionSet,
     /// Threads that a device's commands fan out over.
     pub thread_count: usize,
     /// Size of the memory heap.
     pub heap_bytes: u64,
-    /// What the devices' allocations take together.
-    pub used: Arc<AtomicU64>,
 }
 
 impl PhysicalDevice {
     /// Looks at the machine.
-    pub fn new(messengers: Arc<Messengers>) -> Self {
+    pub fn new(messengers: Arc<Messengers>, instance_extensions: ExtensionSet) -> Self {
         Self {
             messengers,
+            instance_extensions,
             thread_count: thread_count(),
             heap_bytes: heap_bytes(),
-            used: Arc::default(),
         }
-    }
-
-    /// Bytes of the heap in use (`VK_EXT_memory_budget`).
-    pub fn used_bytes(&self) -> u64 {
-        self.used.load(Ordering::Relaxed)
     }
 
     /// Bytes of the heap that this process can use: what it uses, and what the system has free, up to the heap's size.
@@ -42,7 +37,7 @@ impl PhysicalDevice {
             )
         };
         let free = u64::try_from(pages).unwrap_or(0) * u64::try_from(page_bytes).unwrap_or(0);
-        (self.used_bytes() + free).min(self.heap_bytes)
+        (memory::used_bytes() + free).min(self.heap_bytes)
     }
 
     /// The device's name, with what decides its speed.

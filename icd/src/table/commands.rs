@@ -44,15 +44,12 @@ impl Command {
         }
     }
 
-    /// Whether `vkGetDeviceProcAddr` gives it.
+    /// Whether `vkGetDeviceProcAddr` gives it. `enabled` has the extensions of the device and of its instance.
     pub fn available_to_device(&self, enabled: ExtensionSet) -> bool {
         self.level == Level::Device
             && match self.availability {
                 Availability::Core => true,
-                Availability::Extension(extension) => {
-                    // Device-level commands of instance extensions (debug utils) come with the instance.
-                    extension.kind() == Kind::Instance || enabled.contains(extension)
-                }
+                Availability::Extension(extension) => enabled.contains(extension),
             }
     }
 }
@@ -336,28 +333,24 @@ commands! {
     Device Core PFN_vkCmdFillBuffer command_transfer::vkCmdFillBuffer;
     Device Core PFN_vkCmdUpdateBuffer command_transfer::vkCmdUpdateBuffer;
 
-    Device Core PFN_vkCmdCopyImage command_image::vkCmdCopyImage;
-    Device Core PFN_vkCmdCopyImage2 command_image::vkCmdCopyImage2;
-    Device Core PFN_vkCmdCopyBufferToImage command_image::vkCmdCopyBufferToImage;
-    Device Core PFN_vkCmdCopyBufferToImage2 command_image::vkCmdCopyBufferToImage2;
-    Device Core PFN_vkCmdCopyImageToBuffer command_image::vkCmdCopyImageToBuffer;
-    Device Core PFN_vkCmdCopyImageToBuffer2 command_image::vkCmdCopyImageToBuffer2;
     Device Core PFN_vkCmdBlitImage command_image::vkCmdBlitImage;
     Device Core PFN_vkCmdBlitImage2 command_image::vkCmdBlitImage2;
-    Device Core PFN_vkCmdResolveImage command_image::vkCmdResolveImage;
-    Device Core PFN_vkCmdResolveImage2 command_image::vkCmdResolveImage2;
+    Device KHR_COPY_COMMANDS_2 PFN_vkCmdBlitImage2 command_image::vkCmdBlitImage2 as vkCmdBlitImage2KHR;
     Device Core PFN_vkCmdClearColorImage command_image::vkCmdClearColorImage;
     Device Core PFN_vkCmdClearDepthStencilImage command_image::vkCmdClearDepthStencilImage;
-    Device KHR_COPY_COMMANDS_2 PFN_vkCmdCopyImage2 command_image::vkCmdCopyImage2 as vkCmdCopyImage2KHR;
+    Device Core PFN_vkCmdCopyBufferToImage command_image::vkCmdCopyBufferToImage;
+    Device Core PFN_vkCmdCopyBufferToImage2 command_image::vkCmdCopyBufferToImage2;
     Device KHR_COPY_COMMANDS_2 PFN_vkCmdCopyBufferToImage2 command_image::vkCmdCopyBufferToImage2 as vkCmdCopyBufferToImage2KHR;
+    Device Core PFN_vkCmdCopyImage command_image::vkCmdCopyImage;
+    Device Core PFN_vkCmdCopyImage2 command_image::vkCmdCopyImage2;
+    Device KHR_COPY_COMMANDS_2 PFN_vkCmdCopyImage2 command_image::vkCmdCopyImage2 as vkCmdCopyImage2KHR;
+    Device Core PFN_vkCmdCopyImageToBuffer command_image::vkCmdCopyImageToBuffer;
+    Device Core PFN_vkCmdCopyImageToBuffer2 command_image::vkCmdCopyImageToBuffer2;
     Device KHR_COPY_COMMANDS_2 PFN_vkCmdCopyImageToBuffer2 command_image::vkCmdCopyImageToBuffer2 as vkCmdCopyImageToBuffer2KHR;
-    Device KHR_COPY_COMMANDS_2 PFN_vkCmdBlitImage2 command_image::vkCmdBlitImage2 as vkCmdBlitImage2KHR;
+    Device Core PFN_vkCmdResolveImage command_image::vkCmdResolveImage;
+    Device Core PFN_vkCmdResolveImage2 command_image::vkCmdResolveImage2;
     Device KHR_COPY_COMMANDS_2 PFN_vkCmdResolveImage2 command_image::vkCmdResolveImage2 as vkCmdResolveImage2KHR;
-    Device KHR_ACCELERATION_STRUCTURE PFN_vkCreateAccelerationStructureKHR acceleration_structure::vkCreateAccelerationStructureKHR;
-    Device KHR_ACCELERATION_STRUCTURE PFN_vkDestroyAccelerationStructureKHR acceleration_structure::vkDestroyAccelerationStructureKHR;
-    Device KHR_ACCELERATION_STRUCTURE PFN_vkGetAccelerationStructureDeviceAddressKHR acceleration_structure::vkGetAccelerationStructureDeviceAddressKHR;
-    Device KHR_ACCELERATION_STRUCTURE PFN_vkGetAccelerationStructureBuildSizesKHR acceleration_structure::vkGetAccelerationStructureBuildSizesKHR;
-    Device KHR_ACCELERATION_STRUCTURE PFN_vkGetDeviceAccelerationStructureCompatibilityKHR acceleration_structure::vkGetDeviceAccelerationStructureCompatibilityKHR;
+
     Device KHR_ACCELERATION_STRUCTURE PFN_vkBuildAccelerationStructuresKHR acceleration_structure::vkBuildAccelerationStructuresKHR;
     Device KHR_ACCELERATION_STRUCTURE PFN_vkCmdBuildAccelerationStructuresIndirectKHR acceleration_structure::vkCmdBuildAccelerationStructuresIndirectKHR;
     Device KHR_ACCELERATION_STRUCTURE PFN_vkCmdBuildAccelerationStructuresKHR acceleration_structure::vkCmdBuildAccelerationStructuresKHR;
@@ -368,6 +361,11 @@ commands! {
     Device KHR_ACCELERATION_STRUCTURE PFN_vkCopyAccelerationStructureKHR acceleration_structure::vkCopyAccelerationStructureKHR;
     Device KHR_ACCELERATION_STRUCTURE PFN_vkCopyAccelerationStructureToMemoryKHR acceleration_structure::vkCopyAccelerationStructureToMemoryKHR;
     Device KHR_ACCELERATION_STRUCTURE PFN_vkCopyMemoryToAccelerationStructureKHR acceleration_structure::vkCopyMemoryToAccelerationStructureKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkCreateAccelerationStructureKHR acceleration_structure::vkCreateAccelerationStructureKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkDestroyAccelerationStructureKHR acceleration_structure::vkDestroyAccelerationStructureKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkGetAccelerationStructureBuildSizesKHR acceleration_structure::vkGetAccelerationStructureBuildSizesKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkGetAccelerationStructureDeviceAddressKHR acceleration_structure::vkGetAccelerationStructureDeviceAddressKHR;
+    Device KHR_ACCELERATION_STRUCTURE PFN_vkGetDeviceAccelerationStructureCompatibilityKHR acceleration_structure::vkGetDeviceAccelerationStructureCompatibilityKHR;
     Device KHR_ACCELERATION_STRUCTURE PFN_vkWriteAccelerationStructuresPropertiesKHR acceleration_structure::vkWriteAccelerationStructuresPropertiesKHR;
 
     Device KHR_RAY_TRACING_PIPELINE PFN_vkCmdSetRayTracingPipelineStackSizeKHR ray_tracing::vkCmdSetRayTracingPipelineStackSizeKHR;

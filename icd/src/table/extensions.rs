@@ -136,6 +136,11 @@ impl ExtensionSet {
         self.0[bit / 64] |= 1 << (bit % 64);
     }
 
+    /// What is in either.
+    pub fn union(&self, other: &Self) -> Self {
+        Self(std::array::from_fn(|word| self.0[word] | other.0[word]))
+    }
+
     /// The set that an application asks for by name; `None` if one is not advertised for this kind.
     pub fn from_names<'a>(kind: Kind, names: impl Iterator<Item = &'a CStr>) -> Option<Self> {
         let mut set = Self::default();

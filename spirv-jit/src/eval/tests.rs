@@ -1,3 +1,4 @@
-//! Expectations come from `std`'s f64 functions, Vulkan's precision table, and arithmetic done by hand.
+//! Expectations come from `std`'s f64 functions, Vulkan's precision table, wider arithmetic, and the IR's prose.
 
+mod arithmetic;
 mod precision;

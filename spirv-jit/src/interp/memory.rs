@@ -29,7 +29,8 @@ impl Region {
     /// The address of `size_bytes` bytes at `skip` past the offset, if they are inside.
     #[inline(always)]
     pub(super) fn at(&self, skip: u64, size_bytes: u64) -> Option<*mut u8> {
-        let first = self.offset + skip;
+        // Offsets are 32 bits wide and wrap, also between the scalars of one access.
+        let first = (self.offset + skip) as u32 as u64;
         // SAFETY: the access is inside the region.
         (first + size_bytes <= self.size_bytes).then(|| unsafe { self.base.add(first as usize) })
     }
@@ -225,7 +226,7 @@ pub(super) unsafe fn load_private(m: &mut Machine<'_>, i: &Instr) {
             unsafe {
                 let first = m.lane(address[0], offset, lane, false);
                 for (k, &result) in results.iter().enumerate() {
-                    let value = read_private(m, s, first + k as u64 * rows, lane, plan.ty);
+                    let value = read_private(m, s, (first + k as u64 * rows) as u32 as u64, lane, plan.ty);
                     m.set_lane(result, offset, lane, rows == 2, value);
                 }
             }
@@ -292,7 +293,7 @@ pub(super) unsafe fn store_private(m: &mut Machine<'_>, i: &Instr) {
                 let first = m.lane(address[0], offset, lane, false);
                 for (k, &value) in values.iter().enumerate() {
                     let value = m.lane(value, offset, lane, rows == 2);
-                    write_private(m, s, first + k as u64 * rows, lane, plan.ty, value);
+                    write_private(m, s, (first + k as u64 * rows) as u32 as u64, lane, plan.ty, value);
                 }
             }
         }

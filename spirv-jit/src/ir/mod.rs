@@ -49,7 +49,8 @@
 //! | `global` | `address: i64` | a device address, which is a host address |
 //!
 //! A load or store moves one or more consecutive scalars of one type, tightly packed (in `private`, consecutive rows). Booleans
-//! are not storable outside `private`.
+//! are not storable outside `private`. The row or offset of each scalar is computed modulo 2^32: an access of several scalars is the same as one
+//! access for each, whatever the address.
 //!
 //! *Variables* are named per-lane memory of a function ([`Variable`](module::Variable)). `var.load`/`var.store` access a fixed row and are what
 //! promotion to SSA removes; `var.address` gives the row for dynamic `private` accesses and pins the variable in memory. Variables of the entry function

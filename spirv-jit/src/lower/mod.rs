@@ -1,7 +1,62 @@
 //! A parsed SPIR-V module to the IR.
+//!
+//! ```text
+//! types, constants ([`types`], [`constants`], [`fold`])  specialized, in order
+//!   └─ the entry's variables ([`interface`])
+//!        └─ functions: a tree of bodies ([`structure`]), emitted along it ([`function`])
+//!             └─ instructions by group: a table ([`instruction`]) and a file a group
+//! ```
+//!
+//! Vectors, matrices and aggregates are taken apart into scalars. A logical pointer is known at compile time down to its computed parts
+//! ([`values`]). An id that is used after the construct that defines it, and every phi, travels through a variable, which promotion turns
+//! into SSA again.
 
+#![forbid(unsafe_code)]
+
+mod arithmetic;
+mod atomic;
+mod barrier;
+mod builder;
+mod builtin;
+mod call;
+mod capability;
+mod composite;
+mod constants;
+mod convert;
+mod entry;
+mod fold;
+mod function;
+mod glsl;
+mod image;
+mod instruction;
+mod interface;
+mod layout;
+mod matrix;
+mod memory;
+mod pointer;
+mod ray;
+mod structure;
+mod subgroup;
+mod types;
+mod values;
+
+use std::collections::HashMap;
+use std::rc::Rc;
+
+use rspirv::spirv::{Op, StorageClass};
+
+use self::builder::Builder;
+use self::constants::Constants;
+use self::function::Frame;
+use self::layout::Layout;
+use self::structure::Plan;
+use self::types::Types;
+use self::values::{Local, Val};
+use crate::error::ErrorKind;
+use crate::ir::InputRow;
+use crate::parse::{EntryPoint, Id, ParsedModule};
 use crate::program::CompileRequest;
-use crate::{Error, ir, parse::ParsedModule};
+use crate::{Error, ir};
 
 /// Lowers what the entry point reaches.
 ///
@@ -11,6 +66,225 @@ pub fn lower_module(
     parsed: &ParsedModule,
     request: &CompileRequest<'_>,
 ) -> Result<ir::Module, Error> {
-    let _ = (parsed, request);
-    Err(Error::unsupported(0, "no front end yet"))
+    capability::check_capabilities(parsed, request)?;
+    let entry = entry::find_entry(parsed, request)?;
+    let mut lowerer = Lowerer::new(parsed, request, entry)?;
+    lowerer.check_recursion(entry.function)?;
+    let end = lowerer
+        .lower_entry(entry.function)
+        .map_err(|error| lowerer.locate(error))?;
+    lowerer.finish(end)
+}
+
+/// An error for what is well-formed but too large.
+fn budget(message: &str) -> Error {
+    Error {
+        kind: ErrorKind::Budget,
+        word_offset: None,
+        message: message.to_owned(),
+    }
+}
+
+/// A variable of the module.
+#[derive(Clone, Copy, Debug)]
+struct ModuleVariable {
+    class: StorageClass,
+    pointee: Id,
+    initializer: Option<Id>,
+}
+
+/// The state of lowering one entry point.
+struct Lowerer<'a> {
+    module: &'a ParsedModule,
+    request: &'a CompileRequest<'a>,
+    entry: &'a EntryPoint,
+    types: Types,
+    constants: Constants,
+    variables: HashMap<Id, ModuleVariable>,
+    plans: HashMap<Id, Rc<Plan>>,
+    /// The entry function: calls are lowered in place.
+    b: Builder,
+    /// Functions that are being lowered, innermost last.
+    frames: Vec<Frame>,
+    locals: Vec<Local>,
+    /// Per-lane memory of module variables, made at their first use.
+    module_locals: HashMap<Id, usize>,
+    /// The descriptor of the push constants, made at its first use.
+    push_constants: Option<ir::Value>,
+    inputs: Vec<InputRow>,
+    input_index: HashMap<InputRow, u32>,
+    /// Byte offset of each variable of workgroup memory.
+    shared: HashMap<Id, u32>,
+    shared_size_bytes: u32,
+    output_rows: u32,
+    /// Rows of private memory so far.
+    rows: u64,
+}
+
+impl<'a> Lowerer<'a> {
+    /// Operations per instruction of the module that lowering may emit, beyond a fixed allowance.
+    const GROWTH: usize = 64;
+
+    fn new(
+        module: &'a ParsedModule,
+        request: &'a CompileRequest<'a>,
+        entry: &'a EntryPoint,
+    ) -> Result<Self, Error> {
+        let allowance = 200_000 + Self::GROWTH * module.instruction_count();
+        let mut lowerer = Self {
+            module,
+            request,
+            entry,
+            types: Types::default(),
+            constants: Constants::default(),
+            variables: HashMap::new(),
+            plans: HashMap::new(),
+            b: Builder::new(&entry.name, allowance),
+            frames: Vec::new(),
+            locals: Vec::new(),
+            module_locals: HashMap::new(),
+            push_constants: None,
+            inputs: Vec::new(),
+            input_index: HashMap::new(),
+            shared: HashMap::new(),
+            shared_size_bytes: 0,
+            output_rows: 0,
+            rows: 0,
+        };
+        lowerer.declare_globals()?;
+        Ok(lowerer)
+    }
+
+    fn layout(&self) -> Layout<'_> {
+        Layout {
+            types: &self.types,
+            annotations: &self.module.annotations,
+        }
+    }
+
+    /// Types, constants and variables, in the module's order.
+    fn declare_globals(&mut self) -> Result<(), Error> {
+        let module = self.module;
+        for &index in &module.globals {
+            let instruction = module.instruction(index);
+            let at = instruction.offset;
+            self.b.source = at;
+            let operands = module.operands(instruction);
+            let locate = |mut error: Error| {
+                error.word_offset = Some(at);
+                error
+            };
+            match instruction.opcode {
+                Op::TypeForwardPointer => {
+                    self.types.declare_forward(operands[0], operands[1], at)?;
+                }
+                Op::Variable => {
+                    let (class, pointee) = self
+                        .types
+                        .pointer(instruction.result_type)
+                        .map_err(locate)?;
+                    self.types.info(pointee).map_err(locate)?;
+                    let variable = ModuleVariable {
+                        class,
+                        pointee,
+                        initializer: operands.get(1).copied(),
+                    };
+                    self.variables.insert(instruction.result, variable);
+                }
+                // Extended instructions of the module's scope only inform.
+                Op::ExtInst => {}
+                _ => {
+                    let specialization = self.request.specialization;
+                    let constants = &mut self.constants;
+                    let defined =
+                        constants.define(module, &self.types, specialization, instruction);
+                    if !defined.map_err(locate)? {
+                        let count = match instruction.opcode {
+                            Op::TypeArray => {
+                                let length = self.constants.unsigned(&self.types, operands[1]);
+                                length.map_err(locate)?
+                            }
+                            _ => 1,
+                        };
+                        if count == 0 {
+                            return Err(Error::invalid(at, "an array has no elements"));
+                        }
+                        let declared = self.types.declare(module, instruction, count);
+                        declared.map_err(locate)?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Gives an error the place that is being lowered, where it has none.
+    fn locate(&self, mut error: Error) -> Error {
+        if error.word_offset.is_none_or(|offset| offset == 0) && self.b.source != 0 {
+            error.word_offset = Some(self.b.source);
+        }
+        error
+    }
+
+    fn finish(mut self, end: ir::Terminator) -> Result<ir::Module, Error> {
+        let (local_size, shared_size_bytes) = (self.local_size()?, self.shared_size_bytes);
+        let builder = std::mem::replace(&mut self.b, Builder::new("", 0));
+        let function = builder.finish(end);
+        Ok(ir::Module {
+            stage: self.request.stage,
+            functions: vec![function],
+            inputs: self.inputs,
+            output_rows: self.output_rows,
+            local_size,
+            shared_size_bytes,
+        })
+    }
+
+    /// Refuses call graphs with a cycle, and ones too deep to walk.
+    fn check_recursion(&self, entry: Id) -> Result<(), Error> {
+        const MAX_CALL_DEPTH: usize = 64;
+        // 1: on the path, 2: done.
+        let mut state: HashMap<Id, u8> = HashMap::new();
+        let mut path: Vec<(Id, Vec<Id>)> = vec![(entry, self.callees(entry)?)];
+        state.insert(entry, 1);
+        while let Some((function, rest)) = path.last_mut() {
+            let Some(callee) = rest.pop() else {
+                state.insert(*function, 2);
+                path.pop();
+                continue;
+            };
+            match state.get(&callee) {
+                Some(1) => return Err(Error::invalid(0, "a function calls itself")),
+                Some(_) => {}
+                None => {
+                    state.insert(callee, 1);
+                    let callees = self.callees(callee)?;
+                    path.push((callee, callees));
+                    if path.len() > MAX_CALL_DEPTH {
+                        return Err(budget("calls are nested too deeply"));
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn callees(&self, function: Id) -> Result<Vec<Id>, Error> {
+        let found = self.module.function_index.get(&function);
+        let Some(&index) = found else {
+            return Err(Error::invalid(0, format!("{function} is not a function")));
+        };
+        let blocks = &self.module.functions[index].blocks;
+        let instructions = blocks.iter().flat_map(|block| &block.instructions);
+        Ok(instructions
+            .map(|&index| self.module.instruction(index))
+            .filter(|instruction| instruction.opcode == Op::FunctionCall)
+            .map(|instruction| self.module.operands(instruction)[0])
+            .collect())
+    }
+
+    /// Scalars as a value.
+    fn scalars(values: impl Into<Rc<[ir::Value]>>) -> Val {
+        Val::Scalars(values.into())
+    }
 }

@@ -1,15 +1,26 @@
 //! SPIR-V words to a checked module.
+//!
+//! `rspirv` holds the words against the grammar; what it cannot cope with is checked before ([`framing`]). Instructions are then kept as
+//! offsets into the words, with the ids that they use, and sorted into sections, functions and blocks ([`module`]).
+
+#![forbid(unsafe_code)]
+
+mod annotations;
+mod consumer;
+mod framing;
+mod module;
+
+pub use annotations::Annotations;
+pub use module::{Block, EntryPoint, Function, Id, Instruction, Merge, ParsedModule};
 
 use crate::Error;
-
-/// A parsed module.
-pub struct ParsedModule {}
 
 /// Parses and checks a module.
 ///
 /// # Errors
-/// Malformed words, ids or types; capabilities that nothing advertises.
+/// Malformed words, ids or structure; enumerants that no published SPIR-V has.
 pub fn parse(words: &[u32]) -> Result<ParsedModule, Error> {
-    let _ = words;
-    Err(Error::unsupported(0, "no front end yet"))
+    let frames = framing::check_framing(words)?;
+    let instructions = consumer::check_grammar(words, &frames)?;
+    module::sort_module(words, instructions)
 }

@@ -4,9 +4,19 @@
 
 #![forbid(unsafe_code)]
 
+mod cost;
+mod effects;
+pub mod eliminate_common_subexpressions;
 pub mod eliminate_dead_code;
+mod fold_constants;
+pub mod hoist_loop_invariants;
+pub mod inline_functions;
+pub mod merge_loads;
 pub mod promote_variables;
 pub mod prune_parameters;
+pub mod resolve_variable_addresses;
+pub mod simplify;
+pub mod simplify_control_flow;
 mod substitution;
 
 use std::sync::OnceLock;
@@ -27,24 +37,55 @@ enum Run {
 }
 
 macro_rules! pass {
-    ($kind:ident, $($path:ident)::+, $name:ident) => {
-        Pass { name: stringify!($name), run: Run::$kind($($path::)+$name) }
+    ($kind:ident, $file:ident, $name:ident) => {
+        Pass {
+            name: stringify!($name),
+            run: Run::$kind($file::$name),
+        }
     };
 }
 
 /// The passes, in no order.
 pub const PASSES: &[Pass] = &[
+    pass!(Module, inline_functions, inline_functions),
+    pass!(Function, simplify, simplify),
+    pass!(
+        Function,
+        resolve_variable_addresses,
+        resolve_variable_addresses
+    ),
     pass!(Function, promote_variables, promote_variables),
     pass!(Function, prune_parameters, prune_parameters),
+    pass!(Function, simplify_control_flow, simplify_control_flow),
+    pass!(
+        Function,
+        eliminate_common_subexpressions,
+        eliminate_common_subexpressions
+    ),
+    pass!(Function, hoist_loop_invariants, hoist_loop_invariants),
+    pass!(Function, merge_loads, merge_loads),
     pass!(Function, eliminate_dead_code, eliminate_dead_code),
     pass!(Module, eliminate_dead_code, eliminate_unused_tables),
 ];
 
 /// The order in which they run.
 const ORDER: &[&str] = &[
+    "inline_functions",
+    "simplify",
+    "resolve_variable_addresses",
     "eliminate_dead_code",
     "promote_variables",
+    "simplify",
+    "simplify_control_flow",
     "prune_parameters",
+    "simplify",
+    "eliminate_common_subexpressions",
+    "simplify_control_flow",
+    "prune_parameters",
+    "eliminate_dead_code",
+    "hoist_loop_invariants",
+    "merge_loads",
+    "eliminate_common_subexpressions",
     "eliminate_dead_code",
     "eliminate_unused_tables",
 ];

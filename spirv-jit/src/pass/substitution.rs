@@ -137,7 +137,7 @@ impl Rewriter<'_> {
 
     fn mark(&mut self, label: usize, values: &mut Vec<Value>) {
         if values.iter().any(|&value| (self.is_dropped)(value)) {
-            let marks = values
+            let marks: Vec<bool> = values
                 .iter()
                 .map(|&value| (self.is_dropped)(value))
                 .collect();
@@ -153,7 +153,7 @@ fn does_nothing(body: &Body, own: &crate::ir::Label) -> bool {
         && matches!(&body.end, Terminator::Br(label, args) if label == own && args.is_empty())
 }
 
-fn drop_marked(values: &mut Vec<Value>, marks: &Vec<bool>) {
+fn drop_marked(values: &mut Vec<Value>, marks: &[bool]) {
     if !marks.is_empty() {
         let mut marks = marks.iter();
         values.retain(|_| !marks.next().expect("as many marks as values"));

@@ -2,11 +2,12 @@
 
 use glam::{Vec3A, Vec4};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use crate::input::{AabbGeometry, BuildFlags, Geometries, InstanceSource, TriangleGeometry};
 use crate::layout::Bounds;
 
-/// A primitive and its box.
+/// A primitive and its box, limited to [`FAR`].
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(16))]
 pub(crate) struct Primitive {
@@ -20,17 +21,24 @@ pub(crate) struct Primitive {
 
 const INACTIVE: u32 = u32::MAX;
 
-/// Coordinates beyond this count as this when primitives are sorted, so that extents stay finite.
-const FAR: Vec3A = Vec3A::splat(1.0e38);
+/// Coordinates beyond this count as this while primitives are sorted, so that everything the
+/// builders compute is finite. The true boxes are put in at the end.
+pub(crate) const FAR: f32 = 1.0e37;
 
 impl Primitive {
-    pub fn new(bounds: Bounds, geometry: u32, index: u32) -> Primitive {
-        Primitive {
-            min: bounds.min,
+    /// Notes in `limited` whether the box had to be.
+    fn new(bounds: Bounds, geometry: u32, index: u32, limited: &AtomicBool) -> Primitive {
+        let limit = |corner: [f32; 3]| corner.map(|c| c.clamp(-FAR, FAR));
+        let primitive = Primitive {
+            min: limit(bounds.min),
             geometry,
-            max: bounds.max,
+            max: limit(bounds.max),
             index,
+        };
+        if primitive.bounds() != bounds {
+            limited.store(true, Relaxed);
         }
+        primitive
     }
 
     const HOLE: Primitive = Primitive {
@@ -62,10 +70,10 @@ impl Primitive {
         Vec3A::from_vec4(unsafe { std::ptr::from_ref(self).cast::<Vec4>().add(1).read() })
     }
 
-    /// Twice the center; finite.
+    /// Twice the center.
     #[inline]
     pub fn center(&self) -> Vec3A {
-        self.min().clamp(-FAR, FAR) + self.max().clamp(-FAR, FAR)
+        self.min() + self.max()
     }
 }
 
@@ -77,8 +85,16 @@ pub(crate) fn in_pool() -> bool {
     rayon::current_thread_index().is_some()
 }
 
-/// Fills the front of `primitives` with the active ones, in order, and returns their number.
-/// `primitives` has a place for each primitive, active or not.
+/// What [`collect`] found.
+pub(crate) struct Collected {
+    /// Number of active primitives.
+    pub count: usize,
+    /// Some boxes reach beyond [`FAR`].
+    pub limited: bool,
+}
+
+/// Fills the front of `primitives` with the active ones, in order. `primitives` has a place for
+/// each primitive, active or not.
 ///
 /// # Safety
 /// The memory of `geometries` must be readable and unchanged.
@@ -86,7 +102,7 @@ pub(crate) unsafe fn collect(
     geometries: &Geometries<'_>,
     flags: BuildFlags,
     primitives: &mut [Primitive],
-) -> usize {
+) -> Collected {
     let updatable = flags.contains(BuildFlags::ALLOW_UPDATE);
     match geometries {
         Geometries::Triangles(list) => {
@@ -113,7 +129,8 @@ fn fill(
     primitives: &mut [Primitive],
     counts: impl Iterator<Item = u32>,
     bounds: impl Fn(usize, u32) -> Option<Bounds> + Sync,
-) -> usize {
+) -> Collected {
+    let limited = AtomicBool::new(false);
     let mut start = 0;
     let mut length = 0;
     for (geometry, count) in counts.enumerate() {
@@ -123,7 +140,7 @@ fn fill(
             for (i, place) in places.iter_mut().enumerate() {
                 let index = (chunk * CHUNK + i) as u32;
                 *place = match bounds(geometry, index) {
-                    Some(bounds) => Primitive::new(bounds, geometry as u32, index),
+                    Some(bounds) => Primitive::new(bounds, geometry as u32, index, &limited),
                     None => Primitive::HOLE,
                 };
             }
@@ -144,7 +161,10 @@ fn fill(
         }
         start = end;
     }
-    length
+    Collected {
+        count: length,
+        limited: limited.into_inner(),
+    }
 }
 
 /// The box of an active triangle. A triangle with an infinite coordinate can never be hit, so it is

@@ -68,9 +68,7 @@ pub unsafe fn update(
             Geometries::Aabbs(_) => {}
             Geometries::Instances(source) => header.origin_error = write_instances(&target, source),
         }
-        header.bounds = refit(&target, header.node_count, |index, groups| {
-            leaf_bounds(&target, index, groups)
-        });
+        header.bounds = refit(&target, header.node_count);
         target.base.cast::<Header>().write(header);
     }
     Ok(header.size_bytes)
@@ -199,12 +197,8 @@ unsafe fn leaf_bounds(target: &Target<'_>, index: u32, groups: u32) -> Bounds {
 /// Recomputes every box, children before parents. Returns the root's.
 ///
 /// # Safety
-/// The target has `count` valid nodes.
-unsafe fn refit(
-    target: &Target<'_>,
-    count: u32,
-    leaf_bounds: impl Fn(u32, u32) -> Bounds,
-) -> Bounds {
+/// The target has `count` valid nodes over valid leaves, and the geometries' memory is readable.
+pub(crate) unsafe fn refit(target: &Target<'_>, count: u32) -> Bounds {
     let nodes = target
         .base
         .wrapping_add(target.parts.nodes_offset as usize)
@@ -219,7 +213,8 @@ unsafe fn refit(
                 Bounds::EMPTY
             } else if word & child::LEAF != 0 {
                 let groups = if word & child::TWO_GROUPS != 0 { 2 } else { 1 };
-                leaf_bounds(word & child::INDEX, groups)
+                // SAFETY: a valid child.
+                unsafe { leaf_bounds(target, word & child::INDEX, groups) }
             } else {
                 // SAFETY: a valid child is another node, above this one.
                 unsafe { (*nodes.add(word as usize)).all_bounds() }

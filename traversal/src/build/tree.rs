@@ -79,28 +79,28 @@ pub(crate) struct SplitRules {
 impl SplitRules {
     pub fn new(block: u32, stop: usize, primitives: &[Primitive]) -> SplitRules {
         let extent = Extent::of(primitives);
-        let size = (extent.max.min(FAR) - extent.min.max(-FAR)).max_element();
-        let scale = if size.is_finite() && size > 0.0 {
-            (1.0 / size).clamp(f32::MIN_POSITIVE, 1.0 / f32::MIN_POSITIVE)
-        } else {
-            1.0
-        };
+        let size = (extent.max - extent.min).max_element();
+        let scale = if size > TINY { 1.0 / size } else { 1.0 };
         SplitRules { block, stop, scale }
     }
 }
 
-const FAR: Vec3A = Vec3A::splat(1.0e38);
-/// Places to split, per axis, plus one.
+/// An extent below this is none: its reciprocal could overflow.
+const TINY: f32 = 1.0e-36;
+/// Bins of an axis, for many and for few primitives.
 const BINS: usize = 16;
+const FEW_BINS: usize = 8;
+/// So many primitives are few.
+const FEW: usize = 24;
 /// From this depth on, splits halve the number of primitives: bounds the depth of the recursion.
 const HEURISTIC_DEPTH: u32 = 64;
 /// Subtrees with more primitives than this are built side by side.
 const PARALLEL: usize = 2048;
 
-/// Half the surface of a box whose edges are multiplied by `scale`; 0 for one that is empty.
+/// Half the surface of a box whose edges are multiplied by `scale`.
 #[inline]
 fn half_area(min: Vec3A, max: Vec3A, scale: f32) -> f32 {
-    let edges = (max.min(FAR) - min.max(-FAR)).max(Vec3A::ZERO) * scale;
+    let edges = (max - min) * scale;
     edges.x * edges.y + edges.y * edges.z + edges.z * edges.x
 }
 
@@ -169,7 +169,11 @@ fn subtree(
         return;
     }
     let chosen = if depth < HEURISTIC_DEPTH {
-        choose(primitives, rules, &extent)
+        if count > FEW {
+            choose::<BINS>(primitives, rules, &extent)
+        } else {
+            choose::<FEW_BINS>(primitives, rules, &extent)
+        }
     } else {
         None
     };
@@ -210,9 +214,9 @@ impl Binning {
         Binning {
             base: extent.center_min,
             // Just below the number of bins, so that the last center is inside the last bin.
-            // An axis without extent maps to bin 0 (NaN and overflow saturate there or at the end).
+            // An axis without extent maps to bin 0.
             factor: Vec3A::select(
-                size.cmpgt(Vec3A::ZERO),
+                size.cmpgt(Vec3A::splat(TINY)),
                 Vec3A::splat(bins as f32 * 0.99999) / size,
                 Vec3A::ZERO,
             ),
@@ -220,15 +224,23 @@ impl Binning {
     }
 
     #[inline]
-    fn bins(&self, center: Vec3A) -> [usize; 3] {
-        let bins = ((center - self.base) * self.factor).min(Vec3A::splat((BINS - 1) as f32));
-        // Truncation; what is NaN or below zero becomes 0.
-        [bins.x as usize, bins.y as usize, bins.z as usize]
+    fn bins<const BINS: usize>(&self, center: Vec3A) -> [usize; 3] {
+        let bins = (center - self.base) * self.factor;
+        bins.to_array().map(|bin| {
+            // SAFETY: centers are inside the extent and everything is finite, so this is between 0
+            // and `BINS`.
+            let bin = unsafe { bin.to_int_unchecked::<i32>() };
+            bin as usize % BINS
+        })
     }
 }
 
 /// The cheapest plane; `None` if all centers fall into one bin.
-fn choose(primitives: &[Primitive], rules: &SplitRules, extent: &Extent) -> Option<Split> {
+fn choose<const BINS: usize>(
+    primitives: &[Primitive],
+    rules: &SplitRules,
+    extent: &Extent,
+) -> Option<Split> {
     #[derive(Clone, Copy)]
     struct Bin {
         min: Vec3A,
@@ -238,12 +250,11 @@ fn choose(primitives: &[Primitive], rules: &SplitRules, extent: &Extent) -> Opti
         min: Vec3A::INFINITY,
         max: Vec3A::NEG_INFINITY,
     };
-    let bins_used = BINS.min(4 + primitives.len() / 2);
-    let binning = Binning::new(extent, bins_used);
+    let binning = Binning::new(extent, BINS);
     let mut boxes = [[empty; BINS]; 3];
     let mut counts = [[0u32; BINS]; 3];
     for primitive in primitives {
-        let bins = binning.bins(primitive.center());
+        let bins = binning.bins::<BINS>(primitive.center());
         let (min, max) = (primitive.min(), primitive.max());
         for axis in 0..3 {
             let bin = &mut boxes[axis][bins[axis]];
@@ -261,7 +272,7 @@ fn choose(primitives: &[Primitive], rules: &SplitRules, extent: &Extent) -> Opti
         let mut right_cost = [f32::INFINITY; BINS];
         let mut sum = empty;
         let mut count = 0;
-        for i in (1..bins_used).rev() {
+        for i in (1..BINS).rev() {
             sum.min = sum.min.min(boxes[axis][i].min);
             sum.max = sum.max.max(boxes[axis][i].max);
             count += counts[axis][i];
@@ -271,7 +282,7 @@ fn choose(primitives: &[Primitive], rules: &SplitRules, extent: &Extent) -> Opti
         }
         let mut sum = empty;
         let mut count = 0;
-        for i in 1..bins_used {
+        for i in 1..BINS {
             sum.min = sum.min.min(boxes[axis][i - 1].min);
             sum.max = sum.max.max(boxes[axis][i - 1].max);
             count += counts[axis][i - 1];
@@ -289,25 +300,21 @@ fn choose(primitives: &[Primitive], rules: &SplitRules, extent: &Extent) -> Opti
 
 /// Moves the primitives left of the plane to the front; returns how many and both extents.
 fn partition(primitives: &mut [Primitive], split: &Split) -> (usize, Extent, Extent) {
-    let is_left =
-        |primitive: &Primitive| split.binning.bins(primitive.center())[split.axis] < split.bin;
-    let (mut left, mut right) = (Extent::EMPTY, Extent::EMPTY);
-    let (mut i, mut j) = (0, primitives.len());
-    loop {
-        while i < j && is_left(&primitives[i]) {
-            left.add(&primitives[i]);
-            i += 1;
-        }
-        while i < j && !is_left(&primitives[j - 1]) {
-            right.add(&primitives[j - 1]);
-            j -= 1;
-        }
-        if i >= j {
-            break;
-        }
-        primitives.swap(i, j - 1);
+    let axis = split.axis;
+    let (base, factor) = (split.binning.base[axis], split.binning.factor[axis]);
+    let plane = split.bin as f32;
+    // Half of the primitives are left in no order, so a branch here would be guessed wrong often.
+    let mut extents = [Extent::EMPTY; 2];
+    let mut middle = 0;
+    for i in 0..primitives.len() {
+        let primitive = primitives[i];
+        let is_left = (primitive.center()[axis] - base) * factor < plane;
+        extents[usize::from(!is_left)].add(&primitive);
+        primitives.swap(i, middle);
+        middle += usize::from(is_left);
     }
-    (i, left, right)
+    let [left, right] = extents;
+    (middle, left, right)
 }
 
 /// Splits in the middle of the longest axis' order; where centers coincide, in the middle of the

@@ -58,7 +58,7 @@ impl Kernel for Avx {
     unsafe fn test_node(ray: &AvxRay, node: &Node, t_far: f32, near_out: &mut [f32; WIDTH]) -> u32 {
         // SAFETY: the caller promises AVX; nodes are aligned, and rows are below six.
         unsafe {
-            let planes = |row: usize| _mm256_load_ps(node.bounds[row].as_ptr());
+            let planes = |row: usize| _mm256_load_ps(node.bounds.get_unchecked(row).as_ptr());
             let mut near = ray.t_min;
             let mut far = _mm256_set1_ps(t_far);
             // Operand order decides what NaN does: see `space::max`.
@@ -80,7 +80,8 @@ impl Kernel for Avx {
         unsafe {
             let [ox, oy, oz] = ray.origin;
             let vertex = |i: usize| {
-                let axis = |k: usize| _mm_load_ps(group.vertices[i][ray.axes[k]].as_ptr());
+                let axis =
+                    |k: usize| _mm_load_ps(group.vertices[i].get_unchecked(ray.axes[k]).as_ptr());
                 let z = _mm_sub_ps(axis(2), oz);
                 let x = _mm_sub_ps(_mm_sub_ps(axis(0), ox), _mm_mul_ps(ray.shear[0], z));
                 let y = _mm_sub_ps(_mm_sub_ps(axis(1), oy), _mm_mul_ps(ray.shear[1], z));

@@ -24,7 +24,9 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx;
+mod descend;
 mod kernel;
+mod level;
 mod space;
 mod triangle;
 mod walker;
@@ -137,10 +139,7 @@ impl Walk {
         let accepts = matches!(verdict, Verdict::Accept | Verdict::AcceptAndTerminate);
         let ends = matches!(verdict, Verdict::Terminate | Verdict::AcceptAndTerminate);
         let over = match self.state {
-            State::Fresh => {
-                self.pending.push(Entry::default());
-                !walker::is_sound(&self.ray)
-            }
+            State::Fresh => !walker::is_sound(&self.ray),
             State::AnyHit if accepts => self.commit(self.candidate),
             // An intersection shader's hit may have ended the walk already.
             State::Procedural => self.has_hit && self.terminates_on_first_hit(),
@@ -197,11 +196,17 @@ impl Walk {
         })
     }
 
+    fn is_fresh(&self) -> bool {
+        self.state == State::Fresh
+    }
+
+    #[inline(always)]
     fn terminates_on_first_hit(&self) -> bool {
         self.ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0
     }
 
     /// Returns whether the walk is over.
+    #[inline(always)]
     fn commit(&mut self, hit: Hit) -> bool {
         self.hit = hit;
         self.has_hit = true;
@@ -211,6 +216,7 @@ impl Walk {
     /// Whether a triangle is to be preferred to what is committed. Among opaque triangles at the
     /// same distance the one with the least instance, geometry and primitive is, so that the order
     /// of the walk does not show.
+    #[inline(always)]
     fn is_nearer(&self, hit: &Hit) -> bool {
         let key = |hit: &Hit| (hit.instance_index, hit.geometry_index, hit.primitive_index);
         let comparable = self.has_hit && hit.opaque && self.hit.opaque && self.hit.triangle;

@@ -35,11 +35,8 @@ pub(crate) struct Space {
     pub axes: [usize; 3],
     /// The direction's first two over its third component by `axes`.
     pub shear: [f32; 2],
-    pub shear_f64: [f64; 2],
     /// One over the third component of the scaled direction.
     pub inverse_z: f32,
-    /// One over the third component.
-    pub inverse_z_f64: f64,
     /// `t` per scaled `t`, a power of two.
     pub scale: f64,
     /// Lower end of the interval, scaled and rounded down; not negative.
@@ -50,8 +47,25 @@ pub(crate) struct Space {
 const MODEST: std::ops::RangeInclusive<f32> = 1.0 / (1u64 << 32) as f32..=(1u64 << 32) as f32;
 
 impl Space {
+    /// No ray.
+    pub const NOWHERE: Space = Space {
+        origin: [0.0; 3],
+        direction: [0.0; 3],
+        near_origin: [0.0; 3],
+        far_origin: [0.0; 3],
+        near_inverse: [0.0; 3],
+        far_inverse: [0.0; 3],
+        near_rows: [0; 3],
+        axes: [0; 3],
+        shear: [0.0; 2],
+        inverse_z: 0.0,
+        scale: 1.0,
+        t_min: 0.0,
+    };
+
     /// Sets up a finite ray. `uncertainty` is how far the ray may be off on each axis.
-    pub fn new(origin: [f32; 3], direction: [f32; 3], t_min: f32, uncertainty: f32) -> Space {
+    #[inline(always)]
+    pub fn set(&mut self, origin: [f32; 3], direction: [f32; 3], t_min: f32, uncertainty: f32) {
         let size = direction.map(f32::abs);
         let z = if size[0] > size[1] {
             if size[0] > size[2] { 0 } else { 2 }
@@ -60,69 +74,46 @@ impl Space {
         } else {
             2
         };
-        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
-        if direction[z] < 0.0 {
-            std::mem::swap(&mut x, &mut y);
-        }
-
-        let wide = direction.map(f64::from);
-        let (inverse, scale) = if MODEST.contains(&size[z]) {
-            (direction.map(|d| 1.0 / d), 1.0)
+        // The next two axes in turn; swapped if the third component is negative.
+        let [x, y] = if direction[z] < 0.0 {
+            [[2, 1], [0, 2], [1, 0]][z]
         } else {
+            [[1, 2], [2, 0], [0, 1]][z]
+        };
+        self.origin = origin;
+        self.direction = direction;
+        self.axes = [x, y, z];
+        self.shear = [direction[x] / direction[z], direction[y] / direction[z]];
+
+        let mut inverse = direction.map(|d| 1.0 / d);
+        self.scale = 1.0;
+        self.t_min = max(t_min, 0.0);
+        if !MODEST.contains(&size[z]) {
             let length = power_of_two_near(f64::from(size[z]));
-            (wide.map(|d| (length / d) as f32), 1.0 / length)
-        };
-        // A tiny component's reciprocal overflows: such an axis is left out, a zero's is not.
-        let inverse = std::array::from_fn(|axis| {
-            if inverse[axis].is_infinite() && direction[axis] != 0.0 {
-                f32::NAN
-            } else {
-                inverse[axis]
+            inverse = direction.map(|d| (length / f64::from(d)) as f32);
+            self.scale = 1.0 / length;
+            self.t_min = max(((f64::from(t_min) * length) as f32).next_down(), 0.0);
+        }
+        self.inverse_z = inverse[z];
+        for axis in 0..3 {
+            let d = direction[axis];
+            let mut near = inverse[axis] * (1.0 - MARGIN);
+            let mut far = inverse[axis] * (1.0 + MARGIN);
+            // A tiny component's reciprocal overflows: such an axis is left out, a zero's is not.
+            if far.is_infinite() && d != 0.0 {
+                (near, far) = (f32::NAN, f32::NAN);
             }
-        });
-        let far_inverse = inverse.map(|inverse| inverse * (1.0 + MARGIN));
-        let toward = |sign: f32| {
-            std::array::from_fn(|axis| {
-                let back = if direction[axis].is_sign_negative() {
-                    -sign
-                } else {
-                    sign
-                };
-                origin[axis] + back * uncertainty
-            })
-        };
-        Space {
-            origin,
-            direction,
-            near_origin: toward(1.0),
-            far_origin: toward(-1.0),
-            near_inverse: inverse.map(|inverse| inverse * (1.0 - MARGIN)),
-            far_inverse: std::array::from_fn(|axis| {
-                if far_inverse[axis].is_infinite() && direction[axis] != 0.0 {
-                    f32::NAN
-                } else {
-                    far_inverse[axis]
-                }
-            }),
-            near_rows: std::array::from_fn(|axis| {
-                2 * axis + usize::from(direction[axis].is_sign_negative())
-            }),
-            axes: [x, y, z],
-            shear: [direction[x] / direction[z], direction[y] / direction[z]],
-            shear_f64: [wide[x] / wide[z], wide[y] / wide[z]],
-            inverse_z: inverse[z],
-            inverse_z_f64: 1.0 / wide[z],
-            scale,
-            t_min: if scale == 1.0 {
-                t_min.max(0.0)
-            } else {
-                ((f64::from(t_min) / scale) as f32).next_down().max(0.0)
-            },
+            self.near_inverse[axis] = near;
+            self.far_inverse[axis] = far;
+            let toward = uncertainty.copysign(d);
+            self.near_origin[axis] = origin[axis] + toward;
+            self.far_origin[axis] = origin[axis] - toward;
+            self.near_rows[axis] = 2 * axis + usize::from(d.is_sign_negative());
         }
     }
 
     /// A `t` for comparison with distances of boxes: scaled and rounded up.
-    #[inline]
+    #[inline(always)]
     pub fn scaled_up(&self, t: f32) -> f32 {
         if self.scale == 1.0 {
             t
@@ -133,7 +124,7 @@ impl Space {
 
     /// Where the ray is inside a box, by the node test's formula: scaled, before the ray's own
     /// interval is taken into account. Empty if near is above far.
-    #[inline]
+    #[inline(always)]
     pub fn slab(&self, bounds: &Bounds) -> (f32, f32) {
         let planes = [bounds.min, bounds.max];
         let (mut near, mut far) = (f32::NEG_INFINITY, f32::INFINITY);

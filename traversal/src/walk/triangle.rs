@@ -36,6 +36,7 @@ pub(crate) enum Rim {
 }
 
 /// Intersects a ray with a triangle, whatever the ray's interval.
+#[inline(always)]
 pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<Intersection> {
     let [x_axis, y_axis, z_axis] = space.axes;
     let flat: [[f32; 2]; 3] = std::array::from_fn(|i| {
@@ -64,11 +65,11 @@ pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Op
         return None;
     }
 
-    let weights = weights(space, triangle, front).unwrap_or(edges.map(f64::abs));
-    let [u, v, w] = weights;
-    let whole = u + v + w;
+    let inverse_z = 1.0 / f64::from(space.direction[z_axis]);
+    let [u, v, w] = weights(space, triangle, front, inverse_z).unwrap_or(edges.map(f64::abs));
+    let inverse_whole = 1.0 / (u + v + w);
     let z_of = |i: usize| f64::from(triangle[i][z_axis]) - f64::from(space.origin[z_axis]);
-    let t = (u * z_of(0) + v * z_of(1) + w * z_of(2)) / whole * space.inverse_z_f64;
+    let t = (u * z_of(0) + v * z_of(1) + w * z_of(2)) * inverse_whole * inverse_z;
 
     // The exact distance is inside the triangle's own slabs, as they are widened; where it is not
     // because the ray passes beside the rim, what no box would let pass must not be a hit.
@@ -81,7 +82,7 @@ pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Op
         .min((f64::from(far) * space.scale) as f32);
     Some(Intersection {
         t,
-        barycentrics: [(v / whole) as f32, (w / whole) as f32],
+        barycentrics: [(v * inverse_whole) as f32, (w * inverse_whole) as f32],
         front,
     })
 }
@@ -104,15 +105,19 @@ fn moved_edge_is_positive(p: [f32; 2], q: [f32; 2]) -> bool {
 
 /// Weights of the three vertices, not normalised, from positions in f64; `None` where they
 /// contradict the decision that was made on rounded coordinates.
-fn weights(space: &Space, triangle: &[[f32; 3]; 3], front: bool) -> Option<[f64; 3]> {
+#[inline(always)]
+fn weights(
+    space: &Space,
+    triangle: &[[f32; 3]; 3],
+    front: bool,
+    inverse_z: f64,
+) -> Option<[f64; 3]> {
     let [x_axis, y_axis, z_axis] = space.axes;
+    let shear = [x_axis, y_axis].map(|axis| f64::from(space.direction[axis]) * inverse_z);
     let flat: [[f64; 2]; 3] = std::array::from_fn(|i| {
         let moved = |axis: usize| f64::from(triangle[i][axis]) - f64::from(space.origin[axis]);
         let z = moved(z_axis);
-        [
-            moved(x_axis) - space.shear_f64[0] * z,
-            moved(y_axis) - space.shear_f64[1] * z,
-        ]
+        [moved(x_axis) - shear[0] * z, moved(y_axis) - shear[1] * z]
     });
     let [a, b, c] = flat;
     let sign = if front { 1.0 } else { -1.0 };

@@ -1,0 +1,35 @@
+//! Barriers and clocks.
+
+use rspirv::spirv::{Op, Scope};
+
+use super::Lowerer;
+use crate::Error;
+use crate::ir::{self, Type};
+use crate::parse::Instruction;
+use crate::program::Stage;
+
+impl Lowerer<'_> {
+    pub(super) fn lower_barrier(&mut self, instruction: &Instruction) -> Result<(), Error> {
+        let operands = self.module.operands(instruction);
+        match instruction.opcode {
+            Op::ControlBarrier => {
+                let scope = self.constants.unsigned(&self.types, operands[0])?;
+                self.b.emit_effect(ir::Op::MemoryBarrier, &[])?;
+                // The lanes of a subgroup are together already.
+                if scope != Scope::Subgroup as u32 && self.request.stage == Stage::Compute {
+                    self.b.emit_effect(ir::Op::Barrier, &[])?;
+                }
+                Ok(())
+            }
+            Op::ReadClockKHR => {
+                let time = self.b.emit(ir::Op::ReadClock, &[], Type::I64)?;
+                let values = match self.types.leaves(instruction.result_type)?.len() {
+                    1 => vec![time],
+                    _ => self.b.unpack64(time)?.to_vec(),
+                };
+                self.define_typed(instruction, values)
+            }
+            _ => self.b.emit_effect(ir::Op::MemoryBarrier, &[]),
+        }
+    }
+}

@@ -1,0 +1,378 @@
+//! Builds one IR function: appends typed operations to the body that is open, and keeps what belongs to the function's head.
+
+use std::collections::{HashMap, HashSet};
+
+use smallvec::SmallVec;
+
+use crate::Error;
+use crate::ir::op::{Access, DescriptorBinding, Signature};
+use crate::ir::{
+    Body, Function, Inst, Label, Node, Op, Space, Terminator, Type, Value, Variable, VariableId,
+};
+
+pub(super) struct Builder {
+    pub function: Function,
+    /// Word offset of the SPIR-V instruction that is being lowered.
+    pub source: u32,
+    nodes: Vec<Node>,
+    constants: HashMap<(Type, u64), Value>,
+    descriptors: HashMap<(DescriptorBinding, u32), Value>,
+    /// Visible everywhere: constants, and descriptors at constant indices.
+    head: Vec<Node>,
+    /// After `head`: initial values of variables of the module.
+    prologue: Vec<Node>,
+    head_values: HashSet<Value>,
+    emitted: usize,
+    budget: usize,
+}
+
+impl Builder {
+    /// `budget`: operations that may be emitted.
+    pub fn new(name: &str, budget: usize) -> Self {
+        Self {
+            function: Function {
+                name: name.to_owned(),
+                params: Vec::new(),
+                results: Vec::new(),
+                value_types: Vec::new(),
+                labels: 0,
+                variables: Vec::new(),
+                body: Body {
+                    nodes: Vec::new(),
+                    end: Terminator::Unreachable,
+                },
+            },
+            source: 0,
+            nodes: Vec::new(),
+            constants: HashMap::new(),
+            descriptors: HashMap::new(),
+            head: Vec::new(),
+            prologue: Vec::new(),
+            head_values: HashSet::new(),
+            emitted: 0,
+            budget,
+        }
+    }
+
+    /// The function, with its outermost body's terminator.
+    pub fn finish(mut self, end: Terminator) -> Function {
+        let mut nodes = self.head;
+        nodes.append(&mut self.prologue);
+        nodes.append(&mut self.nodes);
+        self.function.body = Body { nodes, end };
+        self.function
+    }
+
+    pub fn ty(&self, value: Value) -> Type {
+        self.function.ty(value)
+    }
+
+    /// An ill-typed instruction, at the current source.
+    pub fn invalid(&self, message: impl Into<String>) -> Error {
+        Error::invalid(self.source, message)
+    }
+
+    /// Whether a value is visible in the whole function.
+    pub fn is_global(&self, value: Value) -> bool {
+        self.head_values.contains(&value)
+    }
+
+    /// Opens a nested body; what was open goes on after [`Self::close`].
+    pub fn open(&mut self) -> Vec<Node> {
+        std::mem::take(&mut self.nodes)
+    }
+
+    /// Ends the nested body and goes back to the outer one.
+    pub fn close(&mut self, outer: Vec<Node>, end: Terminator) -> Body {
+        let nodes = std::mem::replace(&mut self.nodes, outer);
+        Body { nodes, end }
+    }
+
+    pub fn push(&mut self, node: Node) {
+        self.nodes.push(node);
+    }
+
+    /// Opens the function's prologue instead of the open body, which [`Self::leave_prologue`] takes back.
+    pub fn enter_prologue(&mut self) -> Vec<Node> {
+        let prologue = std::mem::take(&mut self.prologue);
+        std::mem::replace(&mut self.nodes, prologue)
+    }
+
+    pub fn leave_prologue(&mut self, nodes: Vec<Node>) {
+        self.prologue = std::mem::replace(&mut self.nodes, nodes);
+    }
+
+    /// A constant: its bits from the low end.
+    pub fn constant(&mut self, ty: Type, bits: u64) -> Value {
+        let bits = if ty.bits() == 64 {
+            bits
+        } else {
+            bits & ((1 << ty.bits()) - 1)
+        };
+        if let Some(&value) = self.constants.get(&(ty, bits)) {
+            return value;
+        }
+        let value = self.head_inst(Op::Const(bits), &[], ty);
+        self.constants.insert((ty, bits), value);
+        value
+    }
+
+    pub fn i32(&mut self, value: u32) -> Value {
+        self.constant(Type::I32, value as u64)
+    }
+
+    pub fn i64(&mut self, value: u64) -> Value {
+        self.constant(Type::I64, value)
+    }
+
+    pub fn f32(&mut self, value: f32) -> Value {
+        self.constant(Type::F32, value.to_bits() as u64)
+    }
+
+    pub fn bool(&mut self, value: bool) -> Value {
+        self.constant(Type::I1, value as u64)
+    }
+
+    /// A float constant of any float type.
+    pub fn float(&mut self, ty: Type, value: f64) -> Value {
+        let bits = match ty {
+            Type::F16 => half::f16::from_f64(value).to_bits() as u64,
+            Type::F32 => (value as f32).to_bits() as u64,
+            _ => value.to_bits(),
+        };
+        self.constant(ty, bits)
+    }
+
+    fn head_inst(&mut self, op: Op, args: &[Value], ty: Type) -> Value {
+        let value = self.function.new_value(ty);
+        self.head.push(Node::Inst(Inst {
+            op,
+            args: args.into(),
+            results: SmallVec::from_slice(&[value]),
+            source: 0,
+        }));
+        self.head_values.insert(value);
+        value
+    }
+
+    /// The address of a descriptor at a constant index.
+    pub fn constant_descriptor(&mut self, binding: DescriptorBinding, index: u32) -> Value {
+        if let Some(&value) = self.descriptors.get(&(binding, index)) {
+            return value;
+        }
+        let at = self.i32(index);
+        let value = self.head_inst(Op::Descriptor(binding), &[at], Type::I64);
+        self.descriptors.insert((binding, index), value);
+        value
+    }
+
+    /// The descriptor of the push constants.
+    pub fn push_constants(&mut self) -> Value {
+        self.head_inst(Op::PushConstants, &[], Type::I64)
+    }
+
+    pub fn new_label(&mut self) -> Label {
+        self.function.new_label()
+    }
+
+    pub fn new_variable(&mut self, name: &str, rows: u32) -> VariableId {
+        self.function.new_variable(Variable {
+            name: name.to_owned(),
+            rows,
+            zero: false,
+        })
+    }
+
+    /// Appends an operation whose types the caller vouches for.
+    pub fn emit_unchecked(
+        &mut self,
+        op: Op,
+        args: &[Value],
+        results: &[Type],
+    ) -> Result<SmallVec<[Value; 2]>, Error> {
+        self.emitted += 1;
+        if self.emitted > self.budget {
+            return Err(super::budget(
+                "the shader is too large for its module's size",
+            ));
+        }
+        let results: SmallVec<[Value; 2]> = results
+            .iter()
+            .map(|&ty| self.function.new_value(ty))
+            .collect();
+        self.nodes.push(Node::Inst(Inst {
+            op,
+            args: args.into(),
+            results: results.clone(),
+            source: self.source,
+        }));
+        Ok(results)
+    }
+
+    /// Appends an operation without result.
+    pub fn emit_effect(&mut self, op: Op, args: &[Value]) -> Result<(), Error> {
+        self.emit_unchecked(op, args, &[]).map(drop)
+    }
+
+    /// Appends an elementwise operation; operands of wrong types are the module's fault.
+    pub fn emit(&mut self, op: Op, args: &[Value], result: Type) -> Result<Value, Error> {
+        self.check(&op, args, result)?;
+        Ok(self.emit_unchecked(op, args, &[result])?[0])
+    }
+
+    fn check(&self, op: &Op, args: &[Value], result: Type) -> Result<(), Error> {
+        let types: SmallVec<[Type; 4]> = args.iter().map(|&arg| self.ty(arg)).collect();
+        let int = |ty: Type| !ty.is_float();
+        let ok = match op.signature() {
+            Signature::IntUnary => types[..] == [result] && int(result),
+            Signature::IntBinary => types[..] == [result, result] && int(result),
+            Signature::IntCompare => {
+                result == Type::I1 && types.len() == 2 && types[0] == types[1] && int(types[0])
+            }
+            Signature::FloatUnary => types[..] == [result] && result.is_float(),
+            Signature::FloatBinary => types[..] == [result; 2] && result.is_float(),
+            Signature::FloatTernary => types[..] == [result; 3] && result.is_float(),
+            Signature::FloatCompare => {
+                let same = types.len() == 2 && types[0] == types[1];
+                result == Type::I1 && same && types[0].is_float()
+            }
+            Signature::FloatTest => result == Type::I1 && types.len() == 1 && types[0].is_float(),
+            Signature::Convert => types.len() == 1 && converts(op, types[0], result),
+            Signature::Other => match op {
+                Op::Select => types[..] == [Type::I1, result, result],
+                Op::FLdexp => types[..] == [result, Type::I32] && result.is_float(),
+                Op::BitfieldInsert => {
+                    types[..] == [result, result, Type::I32, Type::I32] && int(result)
+                }
+                Op::BitfieldSExtract | Op::BitfieldUExtract => {
+                    types[..] == [result, Type::I32, Type::I32] && int(result)
+                }
+                Op::Pack64 => types[..] == [Type::I32, Type::I32] && result.bits() == 64,
+                _ => true,
+            },
+        };
+        if ok {
+            return Ok(());
+        }
+        let message = format!("{} cannot take {types:?} to {result}", op.text());
+        Err(self.invalid(message))
+    }
+
+    pub fn unary(&mut self, op: Op, a: Value) -> Result<Value, Error> {
+        let ty = self.ty(a);
+        self.emit(op, &[a], ty)
+    }
+
+    pub fn binary(&mut self, op: Op, a: Value, b: Value) -> Result<Value, Error> {
+        let ty = self.ty(a);
+        self.emit(op, &[a, b], ty)
+    }
+
+    pub fn compare(&mut self, op: Op, a: Value, b: Value) -> Result<Value, Error> {
+        self.emit(op, &[a, b], Type::I1)
+    }
+
+    pub fn select(&mut self, condition: Value, a: Value, b: Value) -> Result<Value, Error> {
+        let ty = self.ty(a);
+        self.emit(Op::Select, &[condition, a, b], ty)
+    }
+
+    pub fn pack64(&mut self, low: Value, high: Value, ty: Type) -> Result<Value, Error> {
+        self.emit(Op::Pack64, &[low, high], ty)
+    }
+
+    pub fn unpack64(&mut self, value: Value) -> Result<[Value; 2], Error> {
+        if self.ty(value).bits() != 64 {
+            return Err(self.invalid("a 64-bit value is expected"));
+        }
+        let words = self.emit_unchecked(Op::Unpack64, &[value], &[Type::I32, Type::I32])?;
+        Ok([words[0], words[1]])
+    }
+
+    /// The bits of a value as an integer.
+    pub fn as_integer(&mut self, value: Value) -> Result<Value, Error> {
+        let ty = self.ty(value);
+        if ty.is_float() {
+            self.emit(Op::Bitcast, &[value], ty.as_integer())
+        } else {
+            Ok(value)
+        }
+    }
+
+    /// An integer of any width as i32; booleans are refused.
+    pub fn to_i32(&mut self, value: Value, signed: bool) -> Result<Value, Error> {
+        let op = if signed { Op::SConvert } else { Op::UConvert };
+        match self.ty(value) {
+            Type::I32 => Ok(value),
+            _ => self.emit(op, &[value], Type::I32),
+        }
+    }
+
+    /// An integer of any width as i64.
+    pub fn to_i64(&mut self, value: Value, signed: bool) -> Result<Value, Error> {
+        let op = if signed { Op::SConvert } else { Op::UConvert };
+        match self.ty(value) {
+            Type::I64 => Ok(value),
+            _ => self.emit(op, &[value], Type::I64),
+        }
+    }
+
+    /// `a + b`, where an absent term and 0 cost nothing.
+    pub fn add_terms(&mut self, a: Option<Value>, b: u32) -> Result<Value, Error> {
+        let constant = self.i32(b);
+        match a {
+            Some(a) if b != 0 => self.binary(Op::IAdd, a, constant),
+            Some(a) => Ok(a),
+            None => Ok(constant),
+        }
+    }
+
+    /// `a * factor`.
+    pub fn scale(&mut self, a: Value, factor: u64) -> Result<Value, Error> {
+        let ty = self.ty(a);
+        if factor == 1 {
+            return Ok(a);
+        }
+        if factor.is_power_of_two() {
+            let count = self.constant(ty, factor.trailing_zeros() as u64);
+            return self.binary(Op::Shl, a, count);
+        }
+        let factor = self.constant(ty, factor);
+        self.binary(Op::IMul, a, factor)
+    }
+
+    pub fn load(
+        &mut self,
+        space: Space,
+        volatile: bool,
+        address: &[Value],
+        types: &[Type],
+    ) -> Result<SmallVec<[Value; 2]>, Error> {
+        self.emit_unchecked(Op::Load(Access { space, volatile }), address, types)
+    }
+
+    pub fn store(
+        &mut self,
+        space: Space,
+        volatile: bool,
+        address: &[Value],
+        values: &[Value],
+    ) -> Result<(), Error> {
+        let args: SmallVec<[Value; 8]> = address.iter().chain(values).copied().collect();
+        self.emit_effect(Op::Store(Access { space, volatile }), &args)
+    }
+}
+
+/// Whether a conversion exists between two types.
+fn converts(op: &Op, from: Type, to: Type) -> bool {
+    let int = |ty: Type| !ty.is_float() && ty != Type::I1;
+    match op {
+        Op::FToS | Op::FToU => from.is_float() && int(to),
+        Op::SToF | Op::UToF => int(from) && to.is_float(),
+        Op::FConvert => from.is_float() && to.is_float(),
+        Op::SConvert | Op::UConvert => int(from) && int(to),
+        Op::Bitcast => from.bits() == to.bits() && from != Type::I1 && to != Type::I1,
+        Op::FFrexpExponent => from.is_float() && to == Type::I32,
+        _ => false,
+    }
+}

@@ -1,0 +1,185 @@
+//! Built-in inputs, word by word.
+
+use rspirv::spirv::{BuiltIn, Decoration};
+
+use super::Lowerer;
+use super::values::{Place, Pointer};
+use crate::Error;
+use crate::environment::uniform;
+use crate::ir::{self, InputRow, Type, Value};
+use crate::parse::Id;
+use crate::program::Builtin;
+
+/// Where a built-in comes from.
+enum Source {
+    /// The invocation's input record.
+    Record(Builtin),
+    /// The dispatch: first word.
+    Uniform(u32),
+    SubgroupSize,
+    LaneIndex,
+    /// A mask of the lanes that compare so with this one.
+    LaneMask(BuiltIn),
+}
+
+fn source(built_in: BuiltIn) -> Option<Source> {
+    Some(match built_in {
+        BuiltIn::LaunchIdKHR => Source::Record(Builtin::LaunchId),
+        BuiltIn::LaunchSizeKHR => Source::Uniform(uniform::LAUNCH_SIZE),
+        BuiltIn::NumWorkgroups => Source::Uniform(uniform::NUM_WORKGROUPS),
+        BuiltIn::DeviceIndex => Source::Uniform(uniform::DEVICE_INDEX),
+        BuiltIn::WorkgroupId => Source::Record(Builtin::WorkgroupId),
+        BuiltIn::LocalInvocationId => Source::Record(Builtin::LocalInvocationId),
+        BuiltIn::LocalInvocationIndex => Source::Record(Builtin::LocalInvocationIndex),
+        BuiltIn::GlobalInvocationId => Source::Record(Builtin::GlobalInvocationId),
+        BuiltIn::SubgroupId => Source::Record(Builtin::SubgroupId),
+        BuiltIn::NumSubgroups => Source::Record(Builtin::NumSubgroups),
+        BuiltIn::PrimitiveId => Source::Record(Builtin::PrimitiveId),
+        BuiltIn::InstanceId => Source::Record(Builtin::InstanceId),
+        BuiltIn::InstanceCustomIndexKHR => Source::Record(Builtin::InstanceCustomIndex),
+        BuiltIn::RayGeometryIndexKHR => Source::Record(Builtin::GeometryIndex),
+        BuiltIn::WorldRayOriginKHR => Source::Record(Builtin::WorldRayOrigin),
+        BuiltIn::WorldRayDirectionKHR => Source::Record(Builtin::WorldRayDirection),
+        BuiltIn::ObjectRayOriginKHR => Source::Record(Builtin::ObjectRayOrigin),
+        BuiltIn::ObjectRayDirectionKHR => Source::Record(Builtin::ObjectRayDirection),
+        BuiltIn::RayTminKHR => Source::Record(Builtin::RayTmin),
+        BuiltIn::RayTmaxKHR => Source::Record(Builtin::RayTmax),
+        BuiltIn::IncomingRayFlagsKHR => Source::Record(Builtin::IncomingRayFlags),
+        BuiltIn::CullMaskKHR => Source::Record(Builtin::CullMask),
+        BuiltIn::HitKindKHR => Source::Record(Builtin::HitKind),
+        BuiltIn::ObjectToWorldKHR => Source::Record(Builtin::ObjectToWorld),
+        BuiltIn::WorldToObjectKHR => Source::Record(Builtin::WorldToObject),
+        BuiltIn::HitTriangleVertexPositionsKHR => {
+            Source::Record(Builtin::HitTriangleVertexPositions)
+        }
+        BuiltIn::SubgroupSize => Source::SubgroupSize,
+        BuiltIn::SubgroupLocalInvocationId => Source::LaneIndex,
+        BuiltIn::SubgroupEqMask
+        | BuiltIn::SubgroupGeMask
+        | BuiltIn::SubgroupGtMask
+        | BuiltIn::SubgroupLeMask
+        | BuiltIn::SubgroupLtMask => Source::LaneMask(built_in),
+        _ => return None,
+    })
+}
+
+/// Words of a built-in of the record.
+fn record_words(built_in: Builtin) -> u32 {
+    match built_in {
+        Builtin::ObjectToWorld | Builtin::WorldToObject => 12,
+        Builtin::HitTriangleVertexPositions => 9,
+        Builtin::LaunchId
+        | Builtin::WorkgroupId
+        | Builtin::LocalInvocationId
+        | Builtin::GlobalInvocationId
+        | Builtin::WorldRayOrigin
+        | Builtin::WorldRayDirection
+        | Builtin::ObjectRayOrigin
+        | Builtin::ObjectRayDirection => 3,
+        Builtin::ShaderRecordAddress => 2,
+        _ => 1,
+    }
+}
+
+impl Lowerer<'_> {
+    /// The scalars of (a part of) a built-in variable, from a word on.
+    pub(super) fn load_builtin(
+        &mut self,
+        variable: Id,
+        word: u32,
+        ty: Id,
+    ) -> Result<Vec<Value>, Error> {
+        let number = self.module.annotations.id(variable, Decoration::BuiltIn);
+        let built_in = number.and_then(BuiltIn::from_u32);
+        let Some(built_in) = built_in else {
+            return Err(self.b.invalid("an input variable must be a built-in"));
+        };
+        let Some(source) = source(built_in) else {
+            let message = format!("built-in {built_in:?} is not supported");
+            return Err(Error::unsupported(self.b.source, message));
+        };
+        let types = self.types.leaves(ty)?;
+        let mut values = Vec::with_capacity(types.len());
+        for (index, &ty) in types.iter().enumerate() {
+            let word = word.saturating_add(index as u32);
+            values.push(self.builtin_word(&source, word, ty)?);
+        }
+        Ok(values)
+    }
+
+    fn builtin_word(&mut self, source: &Source, word: u32, ty: Type) -> Result<Value, Error> {
+        if !matches!(ty, Type::I32 | Type::F32) {
+            return Err(self.b.invalid("a built-in has the wrong type"));
+        }
+        match *source {
+            Source::Record(built_in) => {
+                let word = word.min(record_words(built_in) - 1);
+                self.input(InputRow::Builtin(built_in, word as u8), ty)
+            }
+            _ => {
+                let value = match *source {
+                    Source::Uniform(first) => {
+                        let last = uniform::COUNT as u32 - 1;
+                        let op = ir::Op::Uniform(first.saturating_add(word).min(last));
+                        self.b.emit(op, &[], Type::I32)?
+                    }
+                    Source::SubgroupSize => self.b.i32(crate::SUBGROUP_SIZE as u32),
+                    Source::LaneIndex => self.b.emit(ir::Op::LaneIndex, &[], Type::I32)?,
+                    // Lanes from 32 on do not exist.
+                    Source::LaneMask(_) if word > 0 => self.b.i32(0),
+                    Source::LaneMask(which) => self.lane_mask(which)?,
+                    Source::Record(_) => self.b.i32(0),
+                };
+                match ty {
+                    Type::I32 => Ok(value),
+                    _ => Err(self.b.invalid("a built-in has the wrong type")),
+                }
+            }
+        }
+    }
+
+    fn lane_mask(&mut self, which: BuiltIn) -> Result<Value, Error> {
+        let lane = self.b.emit(ir::Op::LaneIndex, &[], Type::I32)?;
+        let all = self.b.i32((1 << crate::SUBGROUP_SIZE) - 1);
+        let one = self.b.i32(1);
+        let equal = self.b.binary(ir::Op::Shl, one, lane)?;
+        let below = self.b.binary(ir::Op::ISub, equal, one)?;
+        match which {
+            BuiltIn::SubgroupEqMask => Ok(equal),
+            BuiltIn::SubgroupLtMask => Ok(below),
+            BuiltIn::SubgroupLeMask => self.b.binary(ir::Op::Or, below, equal),
+            BuiltIn::SubgroupGeMask => self.b.binary(ir::Op::Xor, all, below),
+            _ => {
+                let through = self.b.binary(ir::Op::Or, below, equal)?;
+                self.b.binary(ir::Op::Xor, all, through)
+            }
+        }
+    }
+
+    /// A copy of a built-in in per-lane memory, for computed indices.
+    pub(super) fn builtin_local(&mut self, id: Id) -> Result<usize, Error> {
+        if let Some(&local) = self.module_locals.get(&id) {
+            return Ok(local);
+        }
+        let variable = self.variables[&id];
+        let local = self.new_local("", variable.pointee)?;
+        self.module_locals.insert(id, local);
+        let place = Place::Local { local, row: 0 };
+        let pointer = Pointer::new(variable.pointee, place);
+        let nodes = self.b.enter_prologue();
+        let stored = self
+            .load_builtin(id, 0, variable.pointee)
+            .and_then(|values| self.store(&pointer, &values));
+        self.b.leave_prologue(nodes);
+        stored?;
+        Ok(local)
+    }
+
+    /// The device address of the shader record.
+    pub(super) fn shader_record_address(&mut self) -> Result<Value, Error> {
+        let word = |index| InputRow::Builtin(Builtin::ShaderRecordAddress, index);
+        let low = self.input(word(0), Type::I32)?;
+        let high = self.input(word(1), Type::I32)?;
+        self.b.pack64(low, high, Type::I64)
+    }
+}

@@ -1,0 +1,120 @@
+//! What a module may ask for: what the device has enabled, and what lowering can express.
+
+use rspirv::spirv::Capability;
+
+use crate::Error;
+use crate::parse::ParsedModule;
+use crate::program::CompileRequest;
+
+/// Implied by every shader; applications do not enable them.
+const ALWAYS: &[Capability] = &[Capability::Shader, Capability::Matrix];
+
+/// What this front end lowers.
+pub const SUPPORTED: &[Capability] = &[
+    Capability::Matrix,
+    Capability::Shader,
+    Capability::Float16,
+    Capability::Float64,
+    Capability::Int8,
+    Capability::Int16,
+    Capability::Int64,
+    Capability::Int64Atomics,
+    Capability::ImageGatherExtended,
+    Capability::StorageImageMultisample,
+    Capability::UniformBufferArrayDynamicIndexing,
+    Capability::SampledImageArrayDynamicIndexing,
+    Capability::StorageBufferArrayDynamicIndexing,
+    Capability::StorageImageArrayDynamicIndexing,
+    Capability::ImageCubeArray,
+    Capability::ImageRect,
+    Capability::SampledRect,
+    Capability::Int64ImageEXT,
+    Capability::MinLod,
+    Capability::Sampled1D,
+    Capability::Image1D,
+    Capability::SampledCubeArray,
+    Capability::SampledBuffer,
+    Capability::ImageBuffer,
+    Capability::ImageMSArray,
+    Capability::StorageImageExtendedFormats,
+    Capability::ImageQuery,
+    Capability::StorageImageReadWithoutFormat,
+    Capability::StorageImageWriteWithoutFormat,
+    Capability::GroupNonUniform,
+    Capability::GroupNonUniformVote,
+    Capability::GroupNonUniformArithmetic,
+    Capability::GroupNonUniformBallot,
+    Capability::GroupNonUniformShuffle,
+    Capability::GroupNonUniformShuffleRelative,
+    Capability::GroupNonUniformClustered,
+    Capability::GroupNonUniformQuad,
+    Capability::GroupNonUniformRotateKHR,
+    Capability::SubgroupBallotKHR,
+    Capability::SubgroupVoteKHR,
+    Capability::DeviceGroup,
+    Capability::VariablePointers,
+    Capability::VariablePointersStorageBuffer,
+    Capability::StorageBuffer16BitAccess,
+    Capability::UniformAndStorageBuffer16BitAccess,
+    Capability::StoragePushConstant16,
+    Capability::StorageBuffer8BitAccess,
+    Capability::UniformAndStorageBuffer8BitAccess,
+    Capability::StoragePushConstant8,
+    Capability::WorkgroupMemoryExplicitLayoutKHR,
+    Capability::WorkgroupMemoryExplicitLayout8BitAccessKHR,
+    Capability::WorkgroupMemoryExplicitLayout16BitAccessKHR,
+    Capability::DenormPreserve,
+    Capability::SignedZeroInfNanPreserve,
+    Capability::RoundingModeRTE,
+    Capability::FloatControls2,
+    Capability::ShaderClockKHR,
+    Capability::ShaderNonUniform,
+    Capability::RuntimeDescriptorArray,
+    Capability::InputAttachmentArrayDynamicIndexing,
+    Capability::UniformTexelBufferArrayDynamicIndexing,
+    Capability::StorageTexelBufferArrayDynamicIndexing,
+    Capability::UniformBufferArrayNonUniformIndexing,
+    Capability::SampledImageArrayNonUniformIndexing,
+    Capability::StorageBufferArrayNonUniformIndexing,
+    Capability::StorageImageArrayNonUniformIndexing,
+    Capability::InputAttachmentArrayNonUniformIndexing,
+    Capability::UniformTexelBufferArrayNonUniformIndexing,
+    Capability::StorageTexelBufferArrayNonUniformIndexing,
+    Capability::RayTracingKHR,
+    Capability::RayTraversalPrimitiveCullingKHR,
+    Capability::RayTracingPositionFetchKHR,
+    Capability::RayCullMaskKHR,
+    Capability::VulkanMemoryModel,
+    Capability::VulkanMemoryModelDeviceScope,
+    Capability::PhysicalStorageBufferAddresses,
+    Capability::DemoteToHelperInvocation,
+    Capability::AtomicFloat16AddEXT,
+    Capability::AtomicFloat32AddEXT,
+    Capability::AtomicFloat64AddEXT,
+    Capability::AtomicFloat16MinMaxEXT,
+    Capability::AtomicFloat32MinMaxEXT,
+    Capability::AtomicFloat64MinMaxEXT,
+    Capability::DotProduct,
+    Capability::DotProductInputAll,
+    Capability::DotProductInput4x8Bit,
+    Capability::DotProductInput4x8BitPacked,
+    Capability::ExpectAssumeKHR,
+];
+
+/// Refuses a module that asks for what the device has not enabled, or what cannot be lowered.
+pub(super) fn check_capabilities(
+    parsed: &ParsedModule,
+    request: &CompileRequest<'_>,
+) -> Result<(), Error> {
+    for &(capability, offset) in &parsed.capabilities {
+        if !SUPPORTED.contains(&capability) {
+            let message = format!("capability {capability:?} is not supported");
+            return Err(Error::unsupported(offset, message));
+        }
+        if !ALWAYS.contains(&capability) && !request.capabilities.contains(&capability) {
+            let message = format!("capability {capability:?} is not enabled");
+            return Err(Error::unsupported(offset, message));
+        }
+    }
+    Ok(())
+}

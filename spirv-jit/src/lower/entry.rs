@@ -1,0 +1,77 @@
+//! The entry point: which function, how large a workgroup.
+
+use rspirv::spirv::{BuiltIn, Decoration, ExecutionMode, ExecutionModel};
+
+use super::{Lowerer, budget};
+use crate::Error;
+use crate::error::ErrorKind;
+use crate::parse::{EntryPoint, ParsedModule};
+use crate::program::{CompileRequest, Stage};
+
+/// The entry point that a request names.
+pub(super) fn find_entry<'a>(
+    parsed: &'a ParsedModule,
+    request: &CompileRequest<'_>,
+) -> Result<&'a EntryPoint, Error> {
+    let model = match request.stage {
+        Stage::Compute => ExecutionModel::GLCompute,
+        Stage::RayGeneration => ExecutionModel::RayGenerationKHR,
+        Stage::Intersection => ExecutionModel::IntersectionKHR,
+        Stage::AnyHit => ExecutionModel::AnyHitKHR,
+        Stage::ClosestHit => ExecutionModel::ClosestHitKHR,
+        Stage::Miss => ExecutionModel::MissKHR,
+        Stage::Callable => ExecutionModel::CallableKHR,
+    };
+    let mut entries = parsed.entry_points.iter();
+    let found = entries.find(|entry| entry.model == model && entry.name == request.entry_point);
+    found.ok_or_else(|| Error {
+        kind: ErrorKind::EntryPoint,
+        word_offset: None,
+        message: format!(
+            "there is no {model:?} entry point \"{}\"",
+            request.entry_point
+        ),
+    })
+}
+
+impl Lowerer<'_> {
+    /// The workgroup's size: the `WorkgroupSize` constant before the execution modes.
+    pub(super) fn local_size(&self) -> Result<[u32; 3], Error> {
+        let mut size = [1; 3];
+        if self.request.stage != Stage::Compute {
+            return Ok(size);
+        }
+        for &index in &self.module.execution_modes {
+            let instruction = self.module.instruction(index);
+            let operands = self.module.operands(instruction);
+            if operands[0] != self.entry.function || operands.len() < 5 {
+                continue;
+            }
+            match ExecutionMode::from_u32(operands[1]) {
+                Some(ExecutionMode::LocalSize) => size.copy_from_slice(&operands[2..5]),
+                Some(ExecutionMode::LocalSizeId) => {
+                    for (slot, &id) in size.iter_mut().zip(&operands[2..5]) {
+                        *slot = self.constants.unsigned(&self.types, id)?;
+                    }
+                }
+                _ => {}
+            }
+        }
+        for &index in &self.module.globals {
+            let id = self.module.instruction(index).result;
+            let built_in = self.module.annotations.id(id, Decoration::BuiltIn);
+            if built_in == Some(BuiltIn::WorkgroupSize as u32) && self.constants.find(id).is_some()
+            {
+                for (slot, &bits) in size.iter_mut().zip(&*self.constants.bits(&self.types, id)?) {
+                    *slot = bits as u32;
+                }
+            }
+        }
+        let invocations = size.iter().map(|&size| size as u64);
+        let invocations = invocations.fold(1u64, |product, size| product.saturating_mul(size));
+        if invocations == 0 || invocations > 1 << 16 {
+            return Err(budget("the workgroup's size is out of range"));
+        }
+        Ok(size)
+    }
+}

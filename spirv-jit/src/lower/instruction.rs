@@ -1,0 +1,131 @@
+//! The table of instructions: which group lowers which opcode.
+
+use rspirv::spirv::Op;
+
+use super::Lowerer;
+use super::values::Val;
+use crate::Error;
+use crate::parse::Instruction;
+
+impl Lowerer<'_> {
+    /// Lowers an instruction that is neither a phi nor a terminator.
+    pub(super) fn lower_instruction(&mut self, instruction: &Instruction) -> Result<(), Error> {
+        match instruction.opcode {
+            Op::Variable | Op::Load | Op::Store | Op::CopyMemory => self.lower_memory(instruction),
+            Op::AccessChain
+            | Op::InBoundsAccessChain
+            | Op::PtrAccessChain
+            | Op::InBoundsPtrAccessChain => self.lower_access_chain(instruction),
+            Op::ArrayLength => self.lower_array_length(instruction),
+            Op::CopyObject | Op::ExpectKHR => {
+                let value = self.value(self.module.operands(instruction)[0])?;
+                self.define(instruction.result, value)
+            }
+            Op::CopyLogical => {
+                let values = self.leaves(self.module.operands(instruction)[0])?;
+                self.define_typed(instruction, values.to_vec())
+            }
+            Op::Undef => {
+                let types = self.types.leaves(instruction.result_type)?;
+                let zeros: Vec<_> = types.iter().map(|&ty| self.b.constant(ty, 0)).collect();
+                self.define(instruction.result, Val::Scalars(zeros.into()))
+            }
+            Op::FunctionCall => self.lower_call(instruction),
+            Op::ExtInst => self.lower_extended(instruction),
+            Op::AssumeTrueKHR | Op::DemoteToHelperInvocation => Ok(()),
+
+            Op::CompositeConstruct
+            | Op::CompositeConstructReplicateEXT
+            | Op::CompositeExtract
+            | Op::CompositeInsert
+            | Op::VectorShuffle
+            | Op::VectorExtractDynamic
+            | Op::VectorInsertDynamic => self.lower_composite(instruction),
+
+            Op::MatrixTimesScalar
+            | Op::VectorTimesScalar
+            | Op::VectorTimesMatrix
+            | Op::MatrixTimesVector
+            | Op::MatrixTimesMatrix
+            | Op::OuterProduct
+            | Op::Transpose
+            | Op::Dot => self.lower_matrix(instruction),
+
+            Op::SDot | Op::UDot | Op::SUDot | Op::SDotAccSat | Op::UDotAccSat | Op::SUDotAccSat => {
+                self.lower_integer_dot(instruction)
+            }
+
+            Op::ConvertFToU
+            | Op::ConvertFToS
+            | Op::ConvertSToF
+            | Op::ConvertUToF
+            | Op::UConvert
+            | Op::SConvert
+            | Op::FConvert
+            | Op::QuantizeToF16
+            | Op::Bitcast
+            | Op::ConvertPtrToU
+            | Op::ConvertUToPtr
+            | Op::ConvertUToAccelerationStructureKHR => self.lower_conversion(instruction),
+
+            Op::TraceRayKHR | Op::ReportIntersectionKHR | Op::ExecuteCallableKHR => {
+                self.lower_ray(instruction)
+            }
+
+            Op::SampledImage
+            | Op::Image
+            | Op::ImageTexelPointer
+            | Op::ImageSampleImplicitLod
+            | Op::ImageSampleExplicitLod
+            | Op::ImageSampleDrefImplicitLod
+            | Op::ImageSampleDrefExplicitLod
+            | Op::ImageSampleProjImplicitLod
+            | Op::ImageSampleProjExplicitLod
+            | Op::ImageSampleProjDrefImplicitLod
+            | Op::ImageSampleProjDrefExplicitLod
+            | Op::ImageFetch
+            | Op::ImageGather
+            | Op::ImageDrefGather
+            | Op::ImageRead
+            | Op::ImageWrite
+            | Op::ImageQuerySizeLod
+            | Op::ImageQuerySize
+            | Op::ImageQueryLod
+            | Op::ImageQueryLevels
+            | Op::ImageQuerySamples => self.lower_image(instruction),
+
+            Op::AtomicLoad
+            | Op::AtomicStore
+            | Op::AtomicExchange
+            | Op::AtomicCompareExchange
+            | Op::AtomicCompareExchangeWeak
+            | Op::AtomicIIncrement
+            | Op::AtomicIDecrement
+            | Op::AtomicIAdd
+            | Op::AtomicISub
+            | Op::AtomicSMin
+            | Op::AtomicUMin
+            | Op::AtomicSMax
+            | Op::AtomicUMax
+            | Op::AtomicAnd
+            | Op::AtomicOr
+            | Op::AtomicXor
+            | Op::AtomicFAddEXT
+            | Op::AtomicFMinEXT
+            | Op::AtomicFMaxEXT => self.lower_atomic(instruction),
+
+            Op::ControlBarrier | Op::MemoryBarrier | Op::ReadClockKHR => {
+                self.lower_barrier(instruction)
+            }
+
+            opcode if super::subgroup::is_subgroup(opcode) => self.lower_subgroup(instruction),
+            _ => self.lower_arithmetic(instruction),
+        }
+    }
+
+    /// An opcode that no group lowers.
+    pub(super) fn unsupported(&self, instruction: &Instruction) -> Error {
+        let message = format!("Op{:?} is not supported", instruction.opcode);
+        Error::unsupported(instruction.offset, message)
+    }
+}

@@ -1,0 +1,330 @@
+//! Loads, stores and copies.
+
+use rspirv::spirv::{MemoryAccess, Op};
+use smallvec::SmallVec;
+
+use super::Lowerer;
+use super::types::TypeKind;
+use super::values::{Place, Pointer, Val};
+use crate::Error;
+use crate::ir::{self, Space, Type, Value};
+use crate::parse::{Id, Instruction};
+
+/// Scalars that one load or store moves at most.
+const MAX_RUN: usize = 16;
+
+/// Consecutive scalars of one type: index of the first in the value, offset (bytes or rows) of the first in memory.
+struct Run {
+    first: usize,
+    count: usize,
+    ty: Type,
+    offset: u64,
+}
+
+/// Puts scalars that follow each other in memory together. `step` is a scalar's size in the memory's unit.
+fn find_runs(leaves: &[(Type, u64)], step: impl Fn(Type) -> u64) -> Vec<Run> {
+    let mut runs: Vec<Run> = Vec::new();
+    for (index, &(ty, offset)) in leaves.iter().enumerate() {
+        if let Some(run) = runs.last_mut()
+            && run.ty == ty
+            && run.count < MAX_RUN
+            && offset == run.offset.wrapping_add(run.count as u64 * step(ty))
+        {
+            run.count += 1;
+        } else {
+            runs.push(Run {
+                first: index,
+                count: 1,
+                ty,
+                offset,
+            });
+        }
+    }
+    runs
+}
+
+/// Row of each scalar of per-lane memory.
+fn row_leaves(types: &[Type]) -> Vec<(Type, u64)> {
+    let mut row = 0;
+    let at = |&ty: &Type| {
+        let leaf = (ty, row);
+        row += ty.rows() as u64;
+        leaf
+    };
+    types.iter().map(at).collect()
+}
+
+/// Booleans outside per-lane memory are words.
+fn stored(ty: Type) -> Type {
+    if ty == Type::I1 { Type::I32 } else { ty }
+}
+
+impl Lowerer<'_> {
+    /// The scalars behind a pointer.
+    pub(super) fn load(&mut self, pointer: &Pointer) -> Result<Vec<Value>, Error> {
+        let ty = pointer.pointee;
+        match &pointer.place {
+            Place::Local { local, row } => {
+                let types = self.types.leaves(ty)?;
+                let mut values = Vec::with_capacity(types.len());
+                for (leaf, at) in row_leaves(&types) {
+                    let (variable, row) = self.locals[*local].find(row + at as u32);
+                    let op = ir::Op::VarLoad(variable, row);
+                    values.push(self.b.emit_unchecked(op, &[], &[leaf])?[0]);
+                }
+                Ok(values)
+            }
+            Place::Builtin { variable, word } => self.load_builtin(*variable, *word, ty),
+            Place::Handle { .. } | Place::Descriptor(_) => self.load_handle(pointer),
+            Place::Texel { .. } => Err(self.b.invalid("a texel is not loaded through a pointer")),
+            Place::Private { .. } => {
+                let types = self.types.leaves(ty)?;
+                let leaves = row_leaves(&types);
+                self.load_runs(pointer, &leaves, |ty| ty.rows() as u64)
+            }
+            Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. } => {
+                let leaves = self.layout().leaves(ty, pointer.shape)?;
+                self.load_runs(pointer, &leaves, |ty| ty.size_bytes() as u64)
+            }
+        }
+    }
+
+    fn load_runs(
+        &mut self,
+        pointer: &Pointer,
+        leaves: &[(Type, u64)],
+        step: impl Fn(Type) -> u64,
+    ) -> Result<Vec<Value>, Error> {
+        let mut values = Vec::with_capacity(leaves.len());
+        let space = space(pointer);
+        for run in find_runs(leaves, step) {
+            let address = self.address(pointer, run.offset)?;
+            let ty = if space == Space::Private {
+                run.ty
+            } else {
+                stored(run.ty)
+            };
+            let types: SmallVec<[Type; MAX_RUN]> = SmallVec::from_elem(ty, run.count);
+            let loaded = self.b.load(space, pointer.volatile, &address, &types)?;
+            for value in loaded {
+                values.push(if ty == run.ty {
+                    value
+                } else {
+                    self.word_to_bool(value)?
+                });
+            }
+        }
+        Ok(values)
+    }
+
+    /// Replaces what a pointer leads to.
+    pub(super) fn store(&mut self, pointer: &Pointer, values: &[Value]) -> Result<(), Error> {
+        let ty = pointer.pointee;
+        let types = self.types.leaves(ty)?;
+        let fits = types.len() == values.len()
+            && types
+                .iter()
+                .zip(values)
+                .all(|(&ty, &value)| self.b.ty(value) == ty);
+        if !fits {
+            return Err(self
+                .b
+                .invalid("the stored object does not have the pointee's type"));
+        }
+        match &pointer.place {
+            Place::Local { local, row } => {
+                for ((_, at), &value) in row_leaves(&types).into_iter().zip(values) {
+                    let (variable, row) = self.locals[*local].find(row + at as u32);
+                    self.b
+                        .emit_effect(ir::Op::VarStore(variable, row), &[value])?;
+                }
+                Ok(())
+            }
+            Place::Private { .. } => {
+                let leaves = row_leaves(&types);
+                self.store_runs(pointer, &leaves, values, |ty| ty.rows() as u64)
+            }
+            Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. } => {
+                let leaves = self.layout().leaves(ty, pointer.shape)?;
+                self.store_runs(pointer, &leaves, values, |ty| ty.size_bytes() as u64)
+            }
+            _ => Err(self.b.invalid("this memory cannot be written")),
+        }
+    }
+
+    fn store_runs(
+        &mut self,
+        pointer: &Pointer,
+        leaves: &[(Type, u64)],
+        values: &[Value],
+        step: impl Fn(Type) -> u64,
+    ) -> Result<(), Error> {
+        let space = space(pointer);
+        for run in find_runs(leaves, step) {
+            let address = self.address(pointer, run.offset)?;
+            let mut words: SmallVec<[Value; MAX_RUN]> = SmallVec::new();
+            for &value in &values[run.first..run.first + run.count] {
+                let keep = space == Space::Private || run.ty != Type::I1;
+                words.push(if keep {
+                    value
+                } else {
+                    self.bool_to_word(value)?
+                });
+            }
+            self.b.store(space, pointer.volatile, &address, &words)?;
+        }
+        Ok(())
+    }
+
+    /// Address operands of memory some bytes (or rows) behind a pointer.
+    pub(super) fn address(
+        &mut self,
+        pointer: &Pointer,
+        more: u64,
+    ) -> Result<SmallVec<[Value; 2]>, Error> {
+        let more32 = more as u32;
+        Ok(match pointer.place {
+            Place::Private { row, constant } => {
+                let row = self.b.add_terms(Some(row), constant.wrapping_add(more32))?;
+                SmallVec::from_slice(&[row])
+            }
+            Place::Shared { offset, constant } => {
+                let offset = self.b.add_terms(offset, constant.wrapping_add(more32))?;
+                SmallVec::from_slice(&[offset])
+            }
+            Place::Buffer {
+                descriptor,
+                offset,
+                constant,
+            } => {
+                let offset = self.b.add_terms(offset, constant.wrapping_add(more32))?;
+                SmallVec::from_slice(&[descriptor, offset])
+            }
+            Place::Global { address, constant } => {
+                let total = constant.wrapping_add(more);
+                if total == 0 {
+                    return Ok(SmallVec::from_slice(&[address]));
+                }
+                let total = self.b.i64(total);
+                SmallVec::from_slice(&[self.b.binary(ir::Op::IAdd, address, total)?])
+            }
+            _ => return Err(self.b.invalid("this pointer has no address")),
+        })
+    }
+
+    /// A descriptor's meaning as a value: image and sampler are descriptor addresses, an acceleration structure is a device address.
+    fn load_handle(&mut self, pointer: &Pointer) -> Result<Vec<Value>, Error> {
+        let descriptor = self.descriptor(pointer)?;
+        match self.types.kind(pointer.pointee)? {
+            TypeKind::Image(_) | TypeKind::Sampler => Ok(vec![descriptor]),
+            TypeKind::SampledImage { .. } => Ok(vec![descriptor, descriptor]),
+            TypeKind::AccelerationStructure => {
+                let op = ir::Op::DescriptorAddress;
+                Ok(vec![self.b.emit(op, &[descriptor], Type::I64)?])
+            }
+            _ => Err(self.b.invalid("this variable cannot be loaded")),
+        }
+    }
+
+    pub(super) fn bool_to_word(&mut self, value: Value) -> Result<Value, Error> {
+        let (one, zero) = (self.b.i32(1), self.b.i32(0));
+        self.b.select(value, one, zero)
+    }
+
+    pub(super) fn word_to_bool(&mut self, word: Value) -> Result<Value, Error> {
+        let zero = self.b.i32(0);
+        self.b.compare(ir::Op::INe, word, zero)
+    }
+
+    /// A pointer as memory operands modify it.
+    fn with_access(&self, mut pointer: Pointer, operands: &[u32]) -> Pointer {
+        let bits = operands.first().copied().unwrap_or(0);
+        let access = MemoryAccess::from_bits_truncate(bits);
+        pointer.volatile |= access.contains(MemoryAccess::VOLATILE);
+        pointer
+    }
+
+    pub(super) fn lower_memory(&mut self, instruction: &Instruction) -> Result<(), Error> {
+        let operands = self.module.operands(instruction);
+        match instruction.opcode {
+            Op::Variable => self.lower_variable(instruction, operands),
+            Op::Load => {
+                let pointer = self.pointer(operands[0])?;
+                let pointer = self.with_access(pointer, &operands[1..]);
+                let values = self.load(&pointer)?;
+                self.define_typed(instruction, values)
+            }
+            Op::Store => {
+                let pointer = self.pointer(operands[0])?;
+                let pointer = self.with_access(pointer, &operands[2..]);
+                let values = self.leaves(operands[1])?;
+                self.store(&pointer, &values)
+            }
+            Op::CopyMemory => {
+                let target = self.pointer(operands[0])?;
+                let target = self.with_access(target, &operands[2..]);
+                let source = self.pointer(operands[1])?;
+                let source = self.with_access(source, &operands[2..]);
+                let values = self.load(&source)?;
+                self.store(&target, &values)
+            }
+            other => Err(self
+                .b
+                .invalid(format!("Op{other:?} is no memory operation"))),
+        }
+    }
+
+    fn lower_variable(&mut self, instruction: &Instruction, operands: &[u32]) -> Result<(), Error> {
+        let (_, pointee) = self.types.pointer(instruction.result_type)?;
+        let name = self.module.annotations.name(instruction.result).to_owned();
+        let local = self.new_local(&name, pointee)?;
+        let pointer = Pointer::new(pointee, Place::Local { local, row: 0 });
+        if let Some(&initializer) = operands.get(1) {
+            let values = self.leaves(initializer)?;
+            self.store(&pointer, &values)?;
+        }
+        self.define(instruction.result, Val::Pointer(pointer))
+    }
+
+    /// Defines an instruction's result, whose scalars must be those of its type.
+    pub(super) fn define_typed(
+        &mut self,
+        instruction: &Instruction,
+        values: Vec<Value>,
+    ) -> Result<(), Error> {
+        let types = self.types.leaves(instruction.result_type)?;
+        let fits = types.len() == values.len()
+            && types
+                .iter()
+                .zip(&values)
+                .all(|(&ty, &value)| self.b.ty(value) == ty);
+        if !fits {
+            let message = format!("the result of Op{:?} has another type", instruction.opcode);
+            return Err(self.b.invalid(message));
+        }
+        self.define(instruction.result, Val::Scalars(values.into()))
+    }
+
+    /// The scalars of a variable's initializer.
+    pub(super) fn initializer(&mut self, id: Id) -> Result<std::rc::Rc<[Value]>, Error> {
+        let constant = self.constants.find(id).map(|constant| constant.ty);
+        let Some(ty) = constant else {
+            return Err(self.b.invalid("an initializer must be a constant"));
+        };
+        let bits = self.constants.bits(&self.types, id)?;
+        let types = self.types.leaves(ty)?;
+        let pairs = types.iter().zip(bits.iter());
+        Ok(pairs
+            .map(|(&ty, &bits)| self.b.constant(ty, bits))
+            .collect())
+    }
+}
+
+fn space(pointer: &Pointer) -> Space {
+    match pointer.place {
+        Place::Shared { .. } => Space::Shared,
+        Place::Buffer { .. } => Space::Buffer,
+        Place::Global { .. } => Space::Global,
+        _ => Space::Private,
+    }
+}

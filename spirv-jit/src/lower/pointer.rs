@@ -1,0 +1,477 @@
+//! Pointers: where variables are, and where access chains lead.
+
+use rspirv::spirv::{Decoration, Op, StorageClass};
+
+use super::Lowerer;
+use super::types::TypeKind;
+use super::values::{Place, Pointer, Shape, Val};
+use crate::Error;
+use crate::ir::op::DescriptorBinding;
+use crate::ir::{self, Type, Value};
+use crate::parse::{Id, Instruction};
+
+/// A binding that the pipeline layout lacks: every index is past its end, so every descriptor of it is null.
+const NO_BINDING: DescriptorBinding = DescriptorBinding {
+    set: 0,
+    first: 0,
+    count: 0,
+    dynamic: false,
+};
+
+/// An index of an access chain.
+#[derive(Clone, Copy)]
+enum Index {
+    Constant(i64),
+    /// i32 or i64, with its type's sign.
+    Value(Value, bool),
+}
+
+impl Lowerer<'_> {
+    /// The pointer that a variable of the module is.
+    pub(super) fn module_pointer(&mut self, id: Id) -> Result<Pointer, Error> {
+        let variable = self.variables[&id];
+        let (class, pointee) = (variable.class, variable.pointee);
+        let place = match class {
+            StorageClass::UniformConstant | StorageClass::Uniform | StorageClass::StorageBuffer => {
+                let find = |decoration| self.module.annotations.id(id, decoration);
+                let set = find(Decoration::DescriptorSet).unwrap_or(0);
+                let binding = find(Decoration::Binding).unwrap_or(0);
+                let binding = (self.request.bindings)(set, binding).unwrap_or(NO_BINDING);
+                return self.handle_pointer(id, pointee, binding);
+            }
+            StorageClass::PushConstant => {
+                let descriptor = match self.push_constants {
+                    Some(value) => value,
+                    None => self.b.push_constants(),
+                };
+                self.push_constants = Some(descriptor);
+                Place::Buffer {
+                    descriptor,
+                    offset: None,
+                    constant: 0,
+                }
+            }
+            StorageClass::Workgroup => Place::Shared {
+                offset: None,
+                constant: self.shared_offset(id)?,
+            },
+            StorageClass::Input => Place::Builtin {
+                variable: id,
+                word: 0,
+            },
+            StorageClass::ShaderRecordBufferKHR => Place::Global {
+                address: self.shader_record_address()?,
+                constant: 0,
+            },
+            StorageClass::Private
+            | StorageClass::RayPayloadKHR
+            | StorageClass::IncomingRayPayloadKHR
+            | StorageClass::HitAttributeKHR
+            | StorageClass::CallableDataKHR
+            | StorageClass::IncomingCallableDataKHR => Place::Local {
+                local: self.module_local(id)?,
+                row: 0,
+            },
+            other => {
+                let message = format!("storage class {other:?} is not supported");
+                return Err(Error::unsupported(self.b.source, message));
+            }
+        };
+        Ok(Pointer::new(pointee, place))
+    }
+
+    fn handle_pointer(
+        &mut self,
+        id: Id,
+        pointee: Id,
+        binding: DescriptorBinding,
+    ) -> Result<Pointer, Error> {
+        let place = Place::Handle {
+            binding,
+            index: None,
+            constant: 0,
+        };
+        let mut pointer = Pointer::new(pointee, place);
+        let volatile = self.module.annotations.id(id, Decoration::Volatile);
+        pointer.volatile = volatile.is_some();
+        self.enter_block(pointer)
+    }
+
+    /// A pointer to a descriptor of a buffer becomes a pointer into the buffer.
+    fn enter_block(&mut self, mut pointer: Pointer) -> Result<Pointer, Error> {
+        let is_block = matches!(self.types.kind(pointer.pointee)?, TypeKind::Struct { .. });
+        if is_block && matches!(pointer.place, Place::Handle { .. }) {
+            let descriptor = self.descriptor(&pointer)?;
+            pointer.place = Place::Buffer {
+                descriptor,
+                offset: None,
+                constant: 0,
+            };
+        }
+        Ok(pointer)
+    }
+
+    /// The address of the descriptor that a handle selects.
+    pub(super) fn descriptor(&mut self, pointer: &Pointer) -> Result<Value, Error> {
+        match &pointer.place {
+            Place::Descriptor(value) => Ok(*value),
+            Place::Handle {
+                binding,
+                index: None,
+                constant,
+            } => Ok(self.b.constant_descriptor(*binding, *constant)),
+            Place::Handle {
+                binding,
+                index,
+                constant,
+            } => {
+                let index = self.b.add_terms(*index, *constant)?;
+                self.b
+                    .emit(ir::Op::Descriptor(*binding), &[index], Type::I64)
+            }
+            _ => Err(self.b.invalid("this pointer leads to no descriptor")),
+        }
+    }
+
+    /// `OpAccessChain` and its kin.
+    pub(super) fn lower_access_chain(&mut self, instruction: &Instruction) -> Result<(), Error> {
+        let operands = self.module.operands(instruction);
+        let mut pointer = self.pointer(operands[0])?;
+        let mut indices = &operands[1..];
+        if matches!(
+            instruction.opcode,
+            Op::PtrAccessChain | Op::InBoundsPtrAccessChain
+        ) {
+            let base = self.type_of(operands[0])?;
+            pointer = self.step_element(pointer, base, indices[0])?;
+            indices = &indices[1..];
+        }
+        for &index in indices {
+            pointer = self.step(pointer, index)?;
+        }
+        let (_, pointee) = self.types.pointer(instruction.result_type)?;
+        if pointer.pointee != pointee && !self.same_shape(pointer.pointee, pointee)? {
+            return Err(self
+                .b
+                .invalid("an access chain leads to another type than it says"));
+        }
+        pointer.pointee = pointee;
+        self.define(instruction.result, Val::Pointer(pointer))
+    }
+
+    fn same_shape(&self, a: Id, b: Id) -> Result<bool, Error> {
+        let (a, b) = (self.types.info(a)?, self.types.info(b)?);
+        Ok(a.kind == b.kind)
+    }
+
+    fn index(&mut self, id: Id) -> Result<Index, Error> {
+        if self.constants.find(id).is_some() {
+            return Ok(Index::Constant(self.constants.integer(&self.types, id)?));
+        }
+        let signed = self.types.is_signed(self.type_of(id)?);
+        let value = self.scalar(id)?;
+        let value = match self.b.ty(value) {
+            Type::I32 | Type::I64 => value,
+            _ => self.b.to_i32(value, signed)?,
+        };
+        Ok(Index::Value(value, signed))
+    }
+
+    /// The element operand of `OpPtrAccessChain`: the pointer is one into an array.
+    fn step_element(&mut self, pointer: Pointer, base: Id, index: Id) -> Result<Pointer, Error> {
+        let index = self.index(index)?;
+        let given = self.module.annotations.id(base, Decoration::ArrayStride);
+        let pointee = pointer.pointee;
+        match &pointer.place {
+            Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. } => {
+                let stride = match given {
+                    Some(stride) => stride as u64,
+                    None => {
+                        let (size, align) = self.layout().natural(pointee)?;
+                        size.next_multiple_of(align)
+                    }
+                };
+                self.advance(pointer, index, stride, None)
+            }
+            Place::Local { .. } | Place::Private { .. } => {
+                let rows = self.types.info(pointee)?.rows;
+                self.advance(pointer, index, rows, None)
+            }
+            _ => Err(self.b.invalid("this pointer cannot be moved")),
+        }
+    }
+
+    /// One index of an access chain.
+    fn step(&mut self, mut pointer: Pointer, index: Id) -> Result<Pointer, Error> {
+        let index = self.index(index)?;
+        let ty = pointer.pointee;
+        let kind = self.types.kind(ty)?.clone();
+        let member = match (&kind, index) {
+            (TypeKind::Struct { .. }, Index::Constant(member)) => {
+                Some(u32::try_from(member).unwrap_or(u32::MAX))
+            }
+            (TypeKind::Struct { .. }, _) => {
+                return Err(self
+                    .b
+                    .invalid("a structure's member index must be constant"));
+            }
+            _ => None,
+        };
+        let element = self.types.element(ty, member)?;
+        pointer.pointee = element;
+        let count = match kind {
+            TypeKind::Vector { count, .. }
+            | TypeKind::Matrix { count, .. }
+            | TypeKind::Array { count, .. } => Some(count),
+            _ => None,
+        };
+        match &mut pointer.place {
+            Place::Handle {
+                index: at,
+                constant,
+                ..
+            } => {
+                // Arrays of arrays count in elements of the innermost.
+                let width = self.handle_count(element)?;
+                match index {
+                    Index::Constant(index) => {
+                        *constant = constant.wrapping_add((index as u32).wrapping_mul(width));
+                    }
+                    Index::Value(value, signed) => {
+                        let value = self.b.to_i32(value, signed)?;
+                        let value = self.b.scale(value, width as u64)?;
+                        *at = Some(match *at {
+                            Some(at) => self.b.binary(ir::Op::IAdd, at, value)?,
+                            None => value,
+                        });
+                    }
+                }
+                self.enter_block(pointer)
+            }
+            Place::Local { .. } | Place::Private { .. } | Place::Builtin { .. } => {
+                let (index, stride) = match member {
+                    Some(member) => {
+                        let rows = self.types.row_offset(ty, member)?;
+                        (Index::Constant(1), rows)
+                    }
+                    None => (index, self.types.info(element)?.rows),
+                };
+                let count = if member.is_some() { None } else { count };
+                self.advance(pointer, index, stride, count)
+            }
+            Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. } => {
+                let shape = pointer.shape;
+                let (stride, index) = match (&kind, member) {
+                    (_, Some(member)) => {
+                        pointer.shape = self.layout().member_shape(ty, member);
+                        let annotations = &self.module.annotations;
+                        let volatile = annotations.member(ty, member, Decoration::Volatile);
+                        pointer.volatile |= volatile.is_some();
+                        let offset = self.layout().member_offset(ty, member)?;
+                        (offset, Index::Constant(1))
+                    }
+                    (TypeKind::Vector { .. }, _) => {
+                        let size = self.types.component(ty)?.size_bytes();
+                        let tight = shape.component_stride == 0;
+                        pointer.shape = Shape::default();
+                        let stride = if tight { size } else { shape.component_stride };
+                        (stride as u64, index)
+                    }
+                    (TypeKind::Matrix { .. }, _) => {
+                        let stride = self.layout().matrix_stride(ty, shape)?;
+                        let size = self.types.component(ty)?.size_bytes();
+                        pointer.shape = Shape::default();
+                        if shape.row_major {
+                            pointer.shape.component_stride = stride as u32;
+                            (size as u64, index)
+                        } else {
+                            (stride, index)
+                        }
+                    }
+                    _ => (self.layout().array_stride(ty)?, index),
+                };
+                self.advance(pointer, index, stride, None)
+            }
+            Place::Descriptor(_) | Place::Texel { .. } => {
+                Err(self.b.invalid("this pointer has no elements"))
+            }
+        }
+    }
+
+    /// Descriptors in one element of an array of descriptors.
+    fn handle_count(&self, ty: Id) -> Result<u32, Error> {
+        match *self.types.kind(ty)? {
+            TypeKind::Array { element, count } => {
+                Ok(self.handle_count(element)?.saturating_mul(count))
+            }
+            _ => Ok(1),
+        }
+    }
+
+    /// The pointer `index * stride` further on; per-lane memory counts rows and stays inside `count` elements.
+    fn advance(
+        &mut self,
+        mut pointer: Pointer,
+        index: Index,
+        stride: u64,
+        count: Option<u32>,
+    ) -> Result<Pointer, Error> {
+        let in_rows = matches!(
+            pointer.place,
+            Place::Local { .. } | Place::Private { .. } | Place::Builtin { .. }
+        );
+        match index {
+            Index::Constant(index) => {
+                let index = match count {
+                    // Outside, the access is undefined; inside, it is harmless.
+                    Some(count) if in_rows => index.clamp(0, count as i64 - 1),
+                    _ => index,
+                };
+                let step = (index as u64).wrapping_mul(stride);
+                match &mut pointer.place {
+                    Place::Local { row, .. } => *row = row.wrapping_add(step as u32),
+                    Place::Builtin { word, .. } => *word = word.wrapping_add(step as u32),
+                    Place::Private { constant, .. }
+                    | Place::Shared { constant, .. }
+                    | Place::Buffer { constant, .. } => {
+                        *constant = constant.wrapping_add(step as u32);
+                    }
+                    Place::Global { constant, .. } => *constant = constant.wrapping_add(step),
+                    _ => return Err(self.b.invalid("this pointer cannot be moved")),
+                }
+            }
+            Index::Value(value, signed) => {
+                if let Place::Global { address, .. } = &mut pointer.place {
+                    let wide = self.b.to_i64(value, signed)?;
+                    let step = self.b.scale(wide, stride)?;
+                    *address = self.b.binary(ir::Op::IAdd, *address, step)?;
+                    return Ok(pointer);
+                }
+                let mut value = self.b.to_i32(value, signed)?;
+                if in_rows {
+                    pointer = self.materialize(pointer)?;
+                    if let Some(count) = count {
+                        let last = self.b.i32(count - 1);
+                        value = self.b.binary(ir::Op::UMin, value, last)?;
+                    }
+                }
+                let step = self.b.scale(value, stride)?;
+                match &mut pointer.place {
+                    Place::Private { row, .. } => {
+                        *row = self.b.binary(ir::Op::IAdd, *row, step)?;
+                    }
+                    Place::Shared { offset, .. } | Place::Buffer { offset, .. } => {
+                        *offset = Some(match *offset {
+                            Some(offset) => self.b.binary(ir::Op::IAdd, offset, step)?,
+                            None => step,
+                        });
+                    }
+                    _ => return Err(self.b.invalid("this pointer cannot be moved")),
+                }
+            }
+        }
+        Ok(pointer)
+    }
+
+    /// A pointer to per-lane memory as a computed row: what a computed index needs.
+    fn materialize(&mut self, mut pointer: Pointer) -> Result<Pointer, Error> {
+        if let Place::Builtin { variable, word } = pointer.place {
+            let local = self.builtin_local(variable)?;
+            pointer.place = Place::Local { local, row: word };
+        }
+        if let Place::Local { local, row } = pointer.place {
+            let (variable, row) = self.locals[local].find(row);
+            let address = ir::Op::VarAddress(variable);
+            pointer.place = Place::Private {
+                row: self.b.emit(address, &[], Type::I32)?,
+                constant: row,
+            };
+        }
+        Ok(pointer)
+    }
+
+    /// The scalars that stand for a pointer where it must be a value (see [`super::types::pointer_leaves`]).
+    pub(super) fn pointer_scalars(&mut self, pointer: &Pointer) -> Result<Vec<Value>, Error> {
+        match pointer.place {
+            Place::Global { address, constant } => {
+                let constant = match constant {
+                    0 => return Ok(vec![address]),
+                    constant => self.b.i64(constant),
+                };
+                Ok(vec![self.b.binary(ir::Op::IAdd, address, constant)?])
+            }
+            Place::Buffer {
+                descriptor,
+                offset,
+                constant,
+            } => Ok(vec![descriptor, self.b.add_terms(offset, constant)?]),
+            Place::Shared { offset, constant } => Ok(vec![self.b.add_terms(offset, constant)?]),
+            Place::Private { row, constant } => Ok(vec![self.b.add_terms(Some(row), constant)?]),
+            Place::Handle { .. } | Place::Descriptor(_) => Ok(vec![self.descriptor(pointer)?]),
+            Place::Local { .. } | Place::Builtin { .. } => {
+                let pointer = self.materialize(pointer.clone())?;
+                self.pointer_scalars(&pointer)
+            }
+            Place::Texel { .. } => Err(self.b.invalid("a texel's pointer cannot be a value")),
+        }
+    }
+
+    /// The pointer that scalars stand for.
+    pub(super) fn pointer_from_scalars(
+        &mut self,
+        ty: Id,
+        values: &[Value],
+    ) -> Result<Pointer, Error> {
+        let (class, pointee) = self.types.pointer(ty)?;
+        let place = match (class, values) {
+            (
+                StorageClass::PhysicalStorageBuffer | StorageClass::ShaderRecordBufferKHR,
+                &[address],
+            ) => Place::Global {
+                address,
+                constant: 0,
+            },
+            (_, &[descriptor, offset]) => Place::Buffer {
+                descriptor,
+                offset: Some(offset),
+                constant: 0,
+            },
+            (StorageClass::UniformConstant, &[descriptor]) => Place::Descriptor(descriptor),
+            (StorageClass::Workgroup, &[offset]) => Place::Shared {
+                offset: Some(offset),
+                constant: 0,
+            },
+            (_, &[row]) => Place::Private { row, constant: 0 },
+            _ => return Err(self.b.invalid("a value is used as a pointer")),
+        };
+        Ok(Pointer::new(pointee, place))
+    }
+
+    /// `OpArrayLength`: elements of the runtime array at the end of a block.
+    pub(super) fn lower_array_length(&mut self, instruction: &Instruction) -> Result<(), Error> {
+        let operands = self.module.operands(instruction);
+        let pointer = self.pointer(operands[0])?;
+        let (block, member) = (pointer.pointee, operands[1]);
+        let array = self.types.element(block, Some(member))?;
+        let stride = self.layout().array_stride(array)?.clamp(1, u32::MAX as u64);
+        let first = self.layout().member_offset(block, member)? as u32;
+        let Place::Buffer {
+            descriptor,
+            offset,
+            constant,
+        } = pointer.place
+        else {
+            return Err(self
+                .b
+                .invalid("the length of an array is asked outside a buffer"));
+        };
+        let size = self.b.emit(ir::Op::BufferSize, &[descriptor], Type::I32)?;
+        let before = self.b.add_terms(offset, constant.wrapping_add(first))?;
+        // A buffer may end before the array starts.
+        let before = self.b.binary(ir::Op::UMin, before, size)?;
+        let bytes = self.b.binary(ir::Op::ISub, size, before)?;
+        let stride = self.b.i32(stride as u32);
+        let length = self.b.binary(ir::Op::UDiv, bytes, stride)?;
+        self.define(instruction.result, Self::scalars([length]))
+    }
+}

@@ -1,0 +1,82 @@
+//! Ray tracing instructions: the ones that suspend.
+
+use rspirv::spirv::{Op, StorageClass};
+use smallvec::SmallVec;
+
+use super::Lowerer;
+use crate::Error;
+use crate::ir::{self, Type, Value};
+use crate::parse::{Id, Instruction};
+
+impl Lowerer<'_> {
+    pub(super) fn lower_ray(&mut self, instruction: &Instruction) -> Result<(), Error> {
+        let operands = self.module.operands(instruction);
+        match instruction.opcode {
+            Op::TraceRayKHR => self.lower_trace(operands),
+            Op::ExecuteCallableKHR => {
+                let index = self.word(operands[0])?;
+                self.call_out(ir::Op::ExecuteCallable, vec![index], operands[1])
+            }
+            _ => self.lower_report(instruction, operands),
+        }
+    }
+
+    /// Only the low bits of some operands count (SPIR-V specification, `OpTraceRayKHR`): 8 of the cull mask, 4 of SBT offset and stride, 16 of
+    /// the miss index.
+    fn lower_trace(&mut self, operands: &[Id]) -> Result<(), Error> {
+        let structure = self.scalar(operands[0])?;
+        let mut words: Vec<Value> = self.b.unpack64(structure)?.to_vec();
+        words.push(self.word(operands[1])?);
+        for (&id, bits) in operands[2..6].iter().zip([8, 4, 4, 16]) {
+            let word = self.word(id)?;
+            let mask = self.b.i32((1 << bits) - 1);
+            words.push(self.b.binary(ir::Op::And, word, mask)?);
+        }
+        for &id in &operands[6..10] {
+            words.extend_from_slice(&self.leaves(id)?);
+        }
+        let floats = words[7..].iter().all(|&word| self.b.ty(word) == Type::F32);
+        if words.len() != 15 || !floats {
+            return Err(self.b.invalid("a ray is made of 32-bit floats"));
+        }
+        self.call_out(ir::Op::TraceRay, words, operands[10])
+    }
+
+    /// A yield that takes the words of a variable along and brings them back.
+    fn call_out(&mut self, op: ir::Op, mut words: Vec<Value>, data: Id) -> Result<(), Error> {
+        let pointer = self.pointer(data)?;
+        let types = self.types.leaves(pointer.pointee)?;
+        let values = self.load(&pointer)?;
+        let taken = self.scalars_to_words(&values)?;
+        let word_types: SmallVec<[Type; 16]> = taken.iter().map(|&word| self.b.ty(word)).collect();
+        words.extend(taken);
+        let returned = self.b.emit_unchecked(op, &words, &word_types)?;
+        let values = self.words_to_scalars(&returned, &types)?;
+        self.store(&pointer, &values)
+    }
+
+    fn lower_report(&mut self, instruction: &Instruction, operands: &[Id]) -> Result<(), Error> {
+        let t = self.scalar(operands[0])?;
+        if self.b.ty(t) != Type::F32 {
+            return Err(self.b.invalid("the hit's t must be a 32-bit float"));
+        }
+        let mut words = vec![t, self.word(operands[1])?];
+        if let Some(attribute) = self.interface_variable(StorageClass::HitAttributeKHR) {
+            let pointer = self.module_pointer(attribute)?;
+            let values = self.load(&pointer)?;
+            words.extend(self.scalars_to_words(&values)?);
+        }
+        let op = ir::Op::ReportIntersection;
+        let accepted = self.b.emit_unchecked(op, &words, &[Type::I1])?;
+        self.define_typed(instruction, vec![accepted[0]])
+    }
+
+    /// A 32-bit integer operand.
+    fn word(&mut self, id: Id) -> Result<Value, Error> {
+        let value = self.scalar(id)?;
+        match self.b.ty(value) {
+            Type::I32 => Ok(value),
+            _ => Err(self.b.invalid("a 32-bit integer is expected")),
+        }
+    }
+}

@@ -1,0 +1,419 @@
+//! SPIR-V types: what each is made of, how many scalars it has, and which.
+
+use std::collections::HashMap;
+use std::rc::Rc;
+
+use rspirv::spirv::{self, Op, StorageClass};
+
+use crate::Error;
+use crate::ir::Type;
+use crate::parse::{Id, Instruction, ParsedModule};
+
+/// Scalars that one value may have; larger aggregates can exist in memory but not be loaded at once.
+pub(super) const MAX_LEAVES: u64 = 1 << 14;
+
+/// Levels of nesting of a type (SPIR-V specification, section Universal Limits).
+const MAX_DEPTH: u32 = 255;
+
+/// `OpTypeImage`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct ImageType {
+    pub sampled_type: Id,
+    pub dim: spirv::Dim,
+    pub arrayed: bool,
+    pub multisampled: bool,
+    /// 1: used with a sampler, 2: storage.
+    pub sampled: u32,
+    pub format: u32,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum TypeKind {
+    Void,
+    Scalar { ty: Type, signed: bool },
+    Vector { component: Id, count: u32 },
+    Matrix { column: Id, count: u32 },
+    Array { element: Id, count: u32 },
+    RuntimeArray { element: Id },
+    Struct { members: Rc<[Id]> },
+    Pointer { class: StorageClass, pointee: Id },
+    Image(ImageType),
+    Sampler,
+    SampledImage { image: Id },
+    AccelerationStructure,
+    Function { result: Id, params: Rc<[Id]> },
+}
+
+/// A type and what follows from it.
+#[derive(Clone, Debug)]
+pub(super) struct TypeInfo {
+    pub kind: TypeKind,
+    /// Scalars in a value, saturated; runtime arrays have none.
+    pub leaf_count: u64,
+    /// Rows of private memory, saturated.
+    pub rows: u64,
+    depth: u32,
+}
+
+/// All types of a module.
+#[derive(Default)]
+pub(super) struct Types {
+    infos: HashMap<Id, TypeInfo>,
+    leaves: std::cell::RefCell<HashMap<Id, Rc<[Type]>>>,
+}
+
+impl Types {
+    /// The type with an id.
+    pub fn info(&self, id: Id) -> Result<&TypeInfo, Error> {
+        self.infos
+            .get(&id)
+            .ok_or_else(|| Error::invalid(0, format!("id {id} is not a type")))
+    }
+
+    pub fn kind(&self, id: Id) -> Result<&TypeKind, Error> {
+        Ok(&self.info(id)?.kind)
+    }
+
+    /// The scalar type with an id.
+    pub fn scalar(&self, id: Id) -> Result<Type, Error> {
+        match self.kind(id)? {
+            TypeKind::Scalar { ty, .. } => Ok(*ty),
+            _ => Err(Error::invalid(0, format!("type {id} is not a scalar"))),
+        }
+    }
+
+    /// The type of the scalars of a scalar, vector or matrix.
+    pub fn component(&self, id: Id) -> Result<Type, Error> {
+        match *self.kind(id)? {
+            TypeKind::Vector { component, .. } => self.scalar(component),
+            TypeKind::Matrix { column, .. } => self.component(column),
+            _ => self.scalar(id),
+        }
+    }
+
+    /// Whether the scalars of a scalar or vector are signed integers.
+    pub fn is_signed(&self, id: Id) -> bool {
+        match self.kind(id) {
+            Ok(TypeKind::Scalar { signed, .. }) => *signed,
+            Ok(&TypeKind::Vector { component, .. }) => self.is_signed(component),
+            _ => false,
+        }
+    }
+
+    /// Pointee and storage class of a pointer type.
+    pub fn pointer(&self, id: Id) -> Result<(StorageClass, Id), Error> {
+        match *self.kind(id)? {
+            TypeKind::Pointer { class, pointee } => Ok((class, pointee)),
+            _ => Err(Error::invalid(0, format!("type {id} is not a pointer"))),
+        }
+    }
+
+    /// What an index selects from a composite; structures need to know which member.
+    pub fn element(&self, id: Id, member: Option<u32>) -> Result<Id, Error> {
+        match self.kind(id)? {
+            TypeKind::Vector { component, .. } => Ok(*component),
+            TypeKind::Matrix { column, .. } => Ok(*column),
+            TypeKind::Array { element, .. } | TypeKind::RuntimeArray { element } => Ok(*element),
+            TypeKind::Struct { members } => member
+                .and_then(|member| members.get(member as usize).copied())
+                .ok_or_else(|| Error::invalid(0, "structure member index out of range")),
+            _ => Err(Error::invalid(0, format!("type {id} is not a composite"))),
+        }
+    }
+
+    /// Elements of a composite: components, columns, array elements or members.
+    pub fn element_count(&self, id: Id) -> Result<u32, Error> {
+        match self.kind(id)? {
+            TypeKind::Vector { count, .. }
+            | TypeKind::Matrix { count, .. }
+            | TypeKind::Array { count, .. } => Ok(*count),
+            TypeKind::Struct { members } => Ok(members.len() as u32),
+            _ => Err(Error::invalid(0, format!("type {id} has no elements"))),
+        }
+    }
+
+    /// Scalars before an element of a composite.
+    pub fn leaf_offset(&self, id: Id, index: u32) -> Result<u64, Error> {
+        self.offset_by(id, index, |info| info.leaf_count)
+    }
+
+    /// Follows literal indices into a composite: scalars before the part, and its type.
+    pub fn path(&self, mut id: Id, indices: &[u32]) -> Result<(usize, Id), Error> {
+        let mut first = 0u64;
+        for &index in indices {
+            if index >= self.element_count(id)? {
+                return Err(Error::invalid(0, "composite index out of range"));
+            }
+            first += self.leaf_offset(id, index)?;
+            id = self.element(id, Some(index))?;
+        }
+        Ok((first as usize, id))
+    }
+
+    /// Rows of private memory before an element of a composite.
+    pub fn row_offset(&self, id: Id, index: u32) -> Result<u64, Error> {
+        self.offset_by(id, index, |info| info.rows)
+    }
+
+    fn offset_by(&self, id: Id, index: u32, size: fn(&TypeInfo) -> u64) -> Result<u64, Error> {
+        match self.kind(id)? {
+            TypeKind::Struct { members } => members
+                .iter()
+                .take(index as usize)
+                .try_fold(0u64, |sum, &member| {
+                    Ok(sum.saturating_add(size(self.info(member)?)))
+                }),
+            _ => {
+                let element = self.element(id, None)?;
+                Ok(size(self.info(element)?).saturating_mul(index as u64))
+            }
+        }
+    }
+
+    /// The scalars of a value of this type, in order. Handles are descriptor addresses, logical pointers what [`pointer_leaves`] says.
+    pub fn leaves(&self, id: Id) -> Result<Rc<[Type]>, Error> {
+        if let Some(found) = self.leaves.borrow().get(&id) {
+            return Ok(found.clone());
+        }
+        let info = self.info(id)?;
+        if info.leaf_count > MAX_LEAVES {
+            return Err(super::budget(
+                "a value of a type this large cannot be taken apart",
+            ));
+        }
+        let mut out = Vec::with_capacity(info.leaf_count as usize);
+        self.push_leaves(id, &mut out)?;
+        let out: Rc<[Type]> = out.into();
+        self.leaves.borrow_mut().insert(id, out.clone());
+        Ok(out)
+    }
+
+    fn push_leaves(&self, id: Id, out: &mut Vec<Type>) -> Result<(), Error> {
+        match self.kind(id)? {
+            TypeKind::Void => {}
+            TypeKind::Scalar { ty, .. } => out.push(*ty),
+            TypeKind::Vector {
+                component: element,
+                count,
+            }
+            | TypeKind::Matrix {
+                column: element,
+                count,
+            }
+            | TypeKind::Array { element, count } => {
+                let element = self.leaves(*element)?;
+                for _ in 0..*count {
+                    out.extend_from_slice(&element);
+                }
+            }
+            TypeKind::Struct { members } => {
+                for &member in members.iter() {
+                    out.extend_from_slice(&self.leaves(member)?);
+                }
+            }
+            TypeKind::Pointer { class, .. } => out.extend_from_slice(pointer_leaves(*class)),
+            TypeKind::Image(_) | TypeKind::Sampler | TypeKind::AccelerationStructure => {
+                out.push(Type::I64);
+            }
+            TypeKind::SampledImage { .. } => out.extend([Type::I64, Type::I64]),
+            TypeKind::RuntimeArray { .. } | TypeKind::Function { .. } => {
+                return Err(Error::invalid(0, "a value cannot have this type"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds the type that an instruction declares; `array_length` matters to arrays only.
+    pub fn declare(
+        &mut self,
+        module: &ParsedModule,
+        instruction: &Instruction,
+        array_length: u32,
+    ) -> Result<(), Error> {
+        let operands = module.operands(instruction);
+        let operand = |index: usize| operands.get(index).copied().unwrap_or(0);
+        let at = instruction.offset;
+        let kind = match instruction.opcode {
+            Op::TypeVoid => TypeKind::Void,
+            Op::TypeBool => scalar(Type::I1, false),
+            Op::TypeInt => scalar(int_type(at, operand(0))?, operand(1) != 0),
+            Op::TypeFloat => scalar(float_type(at, operands)?, true),
+            Op::TypeVector => TypeKind::Vector {
+                component: operand(0),
+                count: operand(1),
+            },
+            Op::TypeMatrix => TypeKind::Matrix {
+                column: operand(0),
+                count: operand(1),
+            },
+            Op::TypeArray => TypeKind::Array {
+                element: operand(0),
+                count: array_length,
+            },
+            Op::TypeRuntimeArray => TypeKind::RuntimeArray {
+                element: operand(0),
+            },
+            Op::TypeStruct => TypeKind::Struct {
+                members: operands.into(),
+            },
+            Op::TypePointer => TypeKind::Pointer {
+                class: storage_class(at, operand(0))?,
+                pointee: operand(1),
+            },
+            Op::TypeImage => TypeKind::Image(ImageType {
+                sampled_type: operand(0),
+                dim: spirv::Dim::from_u32(operand(1))
+                    .ok_or_else(|| Error::invalid(at, "unknown image dimension"))?,
+                arrayed: operand(3) != 0,
+                multisampled: operand(4) != 0,
+                sampled: operand(5),
+                format: operand(6),
+            }),
+            Op::TypeSampler => TypeKind::Sampler,
+            Op::TypeSampledImage => TypeKind::SampledImage { image: operand(0) },
+            Op::TypeAccelerationStructureKHR => TypeKind::AccelerationStructure,
+            Op::TypeFunction => TypeKind::Function {
+                result: operand(0),
+                params: operands[1..].into(),
+            },
+            other => {
+                return Err(Error::unsupported(
+                    at,
+                    format!("Op{other:?} is not supported"),
+                ));
+            }
+        };
+        let info = self.measure(at, kind)?;
+        self.infos.insert(instruction.result, info);
+        Ok(())
+    }
+
+    fn measure(&self, at: u32, kind: TypeKind) -> Result<TypeInfo, Error> {
+        let part = |id: Id| {
+            self.infos.get(&id).ok_or_else(|| {
+                Error::invalid(at, format!("type {id} is used before it is declared"))
+            })
+        };
+        let (leaf_count, rows, depth) = match &kind {
+            TypeKind::Void | TypeKind::Function { .. } => (0, 0, 0),
+            TypeKind::Scalar { ty, .. } => (1, ty.rows() as u64, 0),
+            TypeKind::Vector { component, count } => {
+                let TypeKind::Scalar { ty, .. } = part(*component)?.kind else {
+                    return Err(Error::invalid(at, "vector components must be scalars"));
+                };
+                if !matches!(count, 2..=4 | 8 | 16) {
+                    return Err(Error::invalid(at, "vectors have 2 to 4 components"));
+                }
+                (*count as u64, *count as u64 * ty.rows() as u64, 1)
+            }
+            TypeKind::Matrix { column, count } => {
+                let info = part(*column)?;
+                if !matches!(info.kind, TypeKind::Vector { .. }) || !matches!(count, 2..=4) {
+                    return Err(Error::invalid(at, "a matrix has 2 to 4 columns of vectors"));
+                }
+                (
+                    info.leaf_count * *count as u64,
+                    info.rows * *count as u64,
+                    2,
+                )
+            }
+            TypeKind::Array { element, count } => {
+                let info = part(*element)?;
+                let count = *count as u64;
+                let leaves = info.leaf_count.saturating_mul(count);
+                (leaves, info.rows.saturating_mul(count), info.depth + 1)
+            }
+            TypeKind::RuntimeArray { element } => (0, 0, part(*element)?.depth + 1),
+            TypeKind::Struct { members } => {
+                let mut sum = (0u64, 0u64, 0u32);
+                for &member in members.iter() {
+                    let info = part(member)?;
+                    sum.0 = sum.0.saturating_add(info.leaf_count);
+                    sum.1 = sum.1.saturating_add(info.rows);
+                    sum.2 = sum.2.max(info.depth + 1);
+                }
+                sum
+            }
+            TypeKind::Pointer { class, .. } => {
+                let leaves = pointer_leaves(*class);
+                let rows = leaves.iter().map(|ty| ty.rows() as u64).sum();
+                (leaves.len() as u64, rows, 0)
+            }
+            TypeKind::Image(_) | TypeKind::Sampler | TypeKind::AccelerationStructure => (1, 2, 0),
+            TypeKind::SampledImage { image } => {
+                if !matches!(part(*image)?.kind, TypeKind::Image(_)) {
+                    return Err(Error::invalid(at, "a sampled image is made of an image"));
+                }
+                (2, 4, 0)
+            }
+        };
+        if depth > MAX_DEPTH {
+            return Err(Error::invalid(at, "types are nested too deeply"));
+        }
+        Ok(TypeInfo {
+            kind,
+            leaf_count,
+            rows,
+            depth,
+        })
+    }
+
+    /// Announces a pointer type whose pointee comes later (`OpTypeForwardPointer`).
+    pub fn declare_forward(&mut self, id: Id, class: u32, at: u32) -> Result<(), Error> {
+        let kind = TypeKind::Pointer {
+            class: storage_class(at, class)?,
+            pointee: 0,
+        };
+        let info = self.measure(at, kind)?;
+        self.infos.insert(id, info);
+        Ok(())
+    }
+}
+
+/// What a logical pointer is when it must be a value: in a phi, a selection, or a call that is not inlined.
+pub(super) fn pointer_leaves(class: StorageClass) -> &'static [Type] {
+    match class {
+        StorageClass::PhysicalStorageBuffer | StorageClass::ShaderRecordBufferKHR => &[Type::I64],
+        StorageClass::Uniform | StorageClass::StorageBuffer | StorageClass::PushConstant => {
+            &[Type::I64, Type::I32]
+        }
+        StorageClass::UniformConstant => &[Type::I64],
+        _ => &[Type::I32],
+    }
+}
+
+fn scalar(ty: Type, signed: bool) -> TypeKind {
+    TypeKind::Scalar { ty, signed }
+}
+
+fn int_type(at: u32, bits: u32) -> Result<Type, Error> {
+    match bits {
+        8 => Ok(Type::I8),
+        16 => Ok(Type::I16),
+        32 => Ok(Type::I32),
+        64 => Ok(Type::I64),
+        _ => Err(Error::invalid(
+            at,
+            format!("no integer type has {bits} bits"),
+        )),
+    }
+}
+
+fn float_type(at: u32, operands: &[u32]) -> Result<Type, Error> {
+    if operands.len() > 1 {
+        return Err(Error::unsupported(
+            at,
+            "floating-point encodings are not supported",
+        ));
+    }
+    match operands[0] {
+        16 => Ok(Type::F16),
+        32 => Ok(Type::F32),
+        64 => Ok(Type::F64),
+        bits => Err(Error::invalid(at, format!("no float type has {bits} bits"))),
+    }
+}
+
+fn storage_class(at: u32, class: u32) -> Result<StorageClass, Error> {
+    StorageClass::from_u32(class).ok_or_else(|| Error::invalid(at, "unknown storage class"))
+}

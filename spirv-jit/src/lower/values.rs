@@ -1,0 +1,160 @@
+//! What a SPIR-V id is while lowering: scalars, or a pointer whose place is known at compile time.
+
+use std::rc::Rc;
+
+use smallvec::SmallVec;
+
+use crate::ir::op::DescriptorBinding;
+use crate::ir::{Value, VariableId};
+use crate::parse::Id;
+
+/// An id's value.
+#[derive(Clone, Debug)]
+pub(super) enum Val {
+    /// The scalars of a value in the order of [`super::types::Types::leaves`].
+    Scalars(Rc<[Value]>),
+    Pointer(Pointer),
+}
+
+/// How the scalars of a matrix or vector lie in memory; 0 = tightly.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Shape {
+    pub matrix_stride: u32,
+    pub row_major: bool,
+    /// Between the components of a vector: a column of a row-major matrix.
+    pub component_stride: u32,
+}
+
+/// A logical or physical pointer.
+#[derive(Clone, Debug)]
+pub(super) struct Pointer {
+    pub pointee: Id,
+    pub place: Place,
+    pub shape: Shape,
+    pub volatile: bool,
+}
+
+#[derive(Clone, Debug)]
+pub(super) enum Place {
+    /// A fixed row of per-lane memory of this function.
+    Local { local: usize, row: u32 },
+    /// Per-lane memory at a row that is computed.
+    Private { row: Value, constant: u32 },
+    /// Workgroup memory.
+    Shared {
+        offset: Option<Value>,
+        constant: u32,
+    },
+    /// What a buffer descriptor covers.
+    Buffer {
+        descriptor: Value,
+        offset: Option<Value>,
+        constant: u32,
+    },
+    /// A device address.
+    Global { address: Value, constant: u64 },
+    /// A descriptor, or an array of them: `index * 1 + constant` counts in the binding.
+    Handle {
+        binding: DescriptorBinding,
+        index: Option<Value>,
+        constant: u32,
+    },
+    /// A descriptor whose address is a value.
+    Descriptor(Value),
+    /// A built-in input, from a word on.
+    Builtin { variable: Id, word: u32 },
+    /// A texel of an image (`OpImageTexelPointer`): image id's type, descriptor, coordinates, sample.
+    Texel {
+        image_type: Id,
+        image: Value,
+        coordinate: SmallVec<[Value; 4]>,
+        sample: Value,
+    },
+}
+
+/// Per-lane memory: one IR variable, or several where a structure is split.
+#[derive(Clone, Debug)]
+pub(super) struct Local {
+    /// First row and variable of each part, ascending.
+    pub parts: Vec<(u32, VariableId)>,
+}
+
+impl Local {
+    /// The variable that holds a row, and the row in it.
+    pub fn find(&self, row: u32) -> (VariableId, u32) {
+        let after = self.parts.partition_point(|part| part.0 <= row);
+        let (first, variable) = self.parts[after.max(1) - 1];
+        (variable, row - first)
+    }
+}
+
+impl Pointer {
+    pub fn new(pointee: Id, place: Place) -> Self {
+        Self {
+            pointee,
+            place,
+            shape: Shape::default(),
+            volatile: false,
+        }
+    }
+
+    /// The computed parts of the place: what must be kept if the pointer outlives the body it was made in.
+    pub fn values(&self) -> SmallVec<[Value; 8]> {
+        match &self.place {
+            Place::Local { .. } | Place::Builtin { .. } => SmallVec::new(),
+            Place::Private { row, .. } => SmallVec::from_slice(&[*row]),
+            Place::Shared { offset, .. } => offset.iter().copied().collect(),
+            Place::Buffer {
+                descriptor, offset, ..
+            } => [*descriptor].into_iter().chain(*offset).collect(),
+            Place::Global { address, .. } => SmallVec::from_slice(&[*address]),
+            Place::Handle { index, .. } => index.iter().copied().collect(),
+            Place::Descriptor(descriptor) => SmallVec::from_slice(&[*descriptor]),
+            Place::Texel {
+                image,
+                coordinate,
+                sample,
+                ..
+            } => {
+                let ends = [*image, *sample];
+                ends.into_iter().chain(coordinate.iter().copied()).collect()
+            }
+        }
+    }
+
+    /// The same pointer with its computed parts replaced, in the order of [`Self::values`].
+    pub fn with_values(&self, values: &[Value]) -> Self {
+        let mut out = self.clone();
+        let mut next = values.iter().copied();
+        let mut take = |slot: &mut Value| {
+            if let Some(value) = next.next() {
+                *slot = value;
+            }
+        };
+        match &mut out.place {
+            Place::Local { .. } | Place::Builtin { .. } => {}
+            Place::Private { row, .. } => take(row),
+            Place::Shared { offset, .. } => offset.iter_mut().for_each(take),
+            Place::Buffer {
+                descriptor, offset, ..
+            } => {
+                take(descriptor);
+                offset.iter_mut().for_each(take);
+            }
+            Place::Global { address, .. } => take(address),
+            Place::Handle { index, .. } => index.iter_mut().for_each(take),
+            Place::Descriptor(descriptor) => take(descriptor),
+            Place::Texel {
+                image,
+                coordinate,
+                sample,
+                ..
+            } => {
+                take(image);
+                take(sample);
+                coordinate.iter_mut().for_each(take);
+            }
+        }
+        out
+    }
+}

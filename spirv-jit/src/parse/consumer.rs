@@ -1,0 +1,85 @@
+//! The grammar check: `rspirv` parses, and this consumer notes what later steps need.
+
+use rspirv::binary::{Consumer, DecodeError, ParseAction, ParseState, Parser};
+use rspirv::dr;
+
+use super::framing::Frame;
+use super::module::{Instruction, InstructionTable};
+use crate::Error;
+
+struct Notes<'a> {
+    frames: &'a [Frame],
+    table: InstructionTable,
+}
+
+impl Consumer for Notes<'_> {
+    fn initialize(&mut self) -> ParseAction {
+        ParseAction::Continue
+    }
+
+    fn finalize(&mut self) -> ParseAction {
+        ParseAction::Continue
+    }
+
+    fn consume_header(&mut self, _: dr::ModuleHeader) -> ParseAction {
+        ParseAction::Continue
+    }
+
+    fn consume_instruction(&mut self, instruction: dr::Instruction) -> ParseAction {
+        let Some(frame) = self.frames.get(self.table.instructions.len()) else {
+            return ParseAction::Stop;
+        };
+        let skipped =
+            1 + instruction.result_type.is_some() as u32 + instruction.result_id.is_some() as u32;
+        let first_use = self.table.uses.len() as u32;
+        let used = instruction.operands.iter().filter_map(|o| o.id_ref_any());
+        self.table.uses.extend(used);
+        self.table.instructions.push(Instruction {
+            opcode: instruction.class.opcode,
+            result_type: instruction.result_type.unwrap_or(0),
+            result: instruction.result_id.unwrap_or(0),
+            offset: frame.offset,
+            first_operand: frame.offset + skipped,
+            end: frame.offset + frame.count as u32,
+            first_use,
+            end_use: self.table.uses.len() as u32,
+        });
+        ParseAction::Continue
+    }
+}
+
+/// Holds framed words against the grammar.
+pub(super) fn check_grammar(words: &[u32], frames: &[Frame]) -> Result<InstructionTable, Error> {
+    let mut notes = Notes {
+        frames,
+        table: InstructionTable {
+            instructions: Vec::with_capacity(frames.len()),
+            uses: Vec::with_capacity(words.len() / 2),
+        },
+    };
+    let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+    // The framing leaves rspirv no known way to panic; should it find another one, the module is at fault and not the process.
+    let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+        Parser::new(&bytes, &mut notes).parse()
+    }));
+    let offset = frames
+        .get(notes.table.instructions.len())
+        .map_or(words.len() as u32, |frame| frame.offset);
+    match outcome {
+        Ok(Ok(())) => Ok(notes.table),
+        Ok(Err(state)) => Err(refuse(offset, &state)),
+        Err(_) => Err(Error::invalid(offset, "the instruction cannot be decoded")),
+    }
+}
+
+fn refuse(offset: u32, state: &ParseState) -> Error {
+    match state {
+        ParseState::OperandError(DecodeError::CapabilityUnknown(_, value)) => {
+            Error::unsupported(offset, format!("capability {value} is not supported"))
+        }
+        ParseState::OpcodeUnknown(_, _, opcode) => {
+            Error::unsupported(offset, format!("opcode {opcode} is not supported"))
+        }
+        other => Error::invalid(offset, other.to_string()),
+    }
+}

@@ -1,0 +1,90 @@
+//! What operations and constructs may do to memory.
+
+use crate::ir::{Body, Node, Op, Space};
+
+/// What may have changed after something ran.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Effects {
+    /// Per-lane memory.
+    pub writes_private: bool,
+    /// Memory that others see, or a point where others' writes become visible.
+    pub writes_outer: bool,
+    /// Suspends the wave.
+    pub yields: bool,
+}
+
+impl Effects {
+    /// Of one operation.
+    pub fn of(op: &Op) -> Effects {
+        let outer = Effects {
+            writes_outer: true,
+            ..Effects::default()
+        };
+        match op {
+            Op::VarStore(..) => Effects {
+                writes_private: true,
+                ..Effects::default()
+            },
+            Op::Store(access) if access.space == Space::Private => Effects {
+                writes_private: true,
+                ..Effects::default()
+            },
+            // A volatile or atomic load may be what another invocation's writes are waited for by.
+            Op::Load(access) if access.volatile => outer,
+            Op::Store(_) | Op::Atomic(..) | Op::MemoryBarrier => outer,
+            Op::Image(image) if !image.is_read() => outer,
+            Op::Call(_) => Effects {
+                writes_private: true,
+                writes_outer: true,
+                yields: true,
+            },
+            op if op.is_yield() => Effects {
+                writes_outer: true,
+                yields: true,
+                ..Effects::default()
+            },
+            _ => Effects::default(),
+        }
+    }
+
+    fn add(&mut self, other: Effects) {
+        self.writes_private |= other.writes_private;
+        self.writes_outer |= other.writes_outer;
+        self.yields |= other.yields;
+    }
+}
+
+/// The effects of each construct, by label.
+pub fn find_effects(body: &Body, labels: u32) -> Vec<Effects> {
+    let mut effects = vec![Effects::default(); labels as usize];
+    effects_of_body(body, &mut effects);
+    effects
+}
+
+fn effects_of_body(body: &Body, by_label: &mut [Effects]) -> Effects {
+    let mut effects = Effects::default();
+    for node in &body.nodes {
+        let (label, inside) = match node {
+            Node::Inst(inst) => {
+                effects.add(Effects::of(&inst.op));
+                continue;
+            }
+            Node::Block { label, body, .. } | Node::Loop { label, body, .. } => {
+                (label, effects_of_body(body, by_label))
+            }
+            Node::If {
+                label,
+                then_body,
+                else_body,
+                ..
+            } => {
+                let mut inside = effects_of_body(then_body, by_label);
+                inside.add(effects_of_body(else_body, by_label));
+                (label, inside)
+            }
+        };
+        by_label[label.index()] = inside;
+        effects.add(inside);
+    }
+    effects
+}

@@ -1,0 +1,259 @@
+//! One computation for several of the same: pure operations, and reads of memory that nothing can have changed in between. A value serves where
+//! its definition is visible; constants and dispatch-wide words move to the function's head, where they are visible everywhere.
+
+use std::collections::HashMap;
+use std::hash::{BuildHasher, BuildHasherDefault, Hasher};
+
+use smallvec::SmallVec;
+
+use super::effects::{Effects, find_effects};
+use super::substitution::Substitution;
+use crate::ir::{Body, Function, Inst, Node, Op, Space, Terminator, Type, Value};
+
+/// Merges equal operations.
+pub fn eliminate_common_subexpressions(function: &mut Function) {
+    let mut body = std::mem::replace(
+        &mut function.body,
+        Body {
+            nodes: Vec::new(),
+            end: Terminator::Unreachable,
+        },
+    );
+    let mut eliminator = Eliminator {
+        effects: find_effects(&body, function.labels),
+        substitution: Substitution::identity(function),
+        push_constants: vec![false; function.value_types.len()],
+        function,
+        table: HashMap::default(),
+        entries: Vec::new(),
+        head: Vec::new(),
+        dispatch_wide: HashMap::default(),
+        memory: Epochs::default(),
+        next_epoch: 1,
+    };
+    eliminator.walk(&mut body);
+    body.nodes.splice(0..0, eliminator.head);
+    function.body = body;
+}
+
+/// An operation that has been seen, and is visible here.
+struct Entry {
+    hash: u64,
+    op: Op,
+    args: SmallVec<[Value; 4]>,
+    types: SmallVec<[Type; 2]>,
+    /// The state of memory that it read; 0 for none.
+    epoch: u32,
+    results: SmallVec<[Value; 2]>,
+    /// The entry before it with the same hash.
+    shadowed: Option<u32>,
+}
+
+/// Numbers of the present states of memory: equal numbers, equal contents.
+#[derive(Clone, Copy, Default)]
+struct Epochs {
+    /// Per-lane memory.
+    private: u32,
+    /// All other memory.
+    outer: u32,
+}
+
+/// A multiplicative hash: the keys are small integers, and no attacker gains by collisions more than a slow compilation.
+#[derive(Default)]
+struct MultiplyHasher(u64);
+
+impl Hasher for MultiplyHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.write_u64(byte as u64);
+        }
+    }
+
+    fn write_u8(&mut self, value: u8) {
+        self.write_u64(value as u64);
+    }
+
+    fn write_u32(&mut self, value: u32) {
+        self.write_u64(value as u64);
+    }
+
+    fn write_u64(&mut self, value: u64) {
+        self.0 = (self.0.rotate_left(23) ^ value).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    }
+
+    fn write_usize(&mut self, value: usize) {
+        self.write_u64(value as u64);
+    }
+}
+
+type BuildMultiplyHasher = BuildHasherDefault<MultiplyHasher>;
+
+struct Eliminator<'a> {
+    function: &'a Function,
+    effects: Vec<Effects>,
+    substitution: Substitution,
+    /// Values that are the descriptor of the push constants, which nothing writes.
+    push_constants: Vec<bool>,
+    /// The newest entry by hash.
+    table: HashMap<u64, u32, BuildMultiplyHasher>,
+    entries: Vec<Entry>,
+    /// What moves to the head of the function.
+    head: Vec<Node>,
+    dispatch_wide: HashMap<(Op, Type), Value, BuildMultiplyHasher>,
+    memory: Epochs,
+    next_epoch: u32,
+}
+
+impl Eliminator<'_> {
+    fn walk(&mut self, body: &mut Body) {
+        let nodes = std::mem::take(&mut body.nodes);
+        body.nodes.reserve(nodes.len());
+        for mut node in nodes {
+            match &mut node {
+                Node::Inst(inst) => {
+                    if is_dispatch_wide(&inst.op) {
+                        self.move_to_head(inst);
+                        continue;
+                    }
+                    if !self.visit(inst) {
+                        continue;
+                    }
+                }
+                Node::Block { label, body, .. } => {
+                    self.walk_scope(body);
+                    self.disturb(self.effects[label.index()]);
+                }
+                Node::If {
+                    condition,
+                    label,
+                    then_body,
+                    else_body,
+                    ..
+                } => {
+                    *condition = self.substitution.resolve(*condition);
+                    let before = self.memory;
+                    self.walk_scope(then_body);
+                    self.memory = before;
+                    self.walk_scope(else_body);
+                    self.memory = before;
+                    self.disturb(self.effects[label.index()]);
+                }
+                Node::Loop {
+                    label, init, body, ..
+                } => {
+                    self.substitution.resolve_all(init);
+                    // Any iteration may be the second.
+                    self.disturb(self.effects[label.index()]);
+                    self.walk_scope(body);
+                    self.disturb(self.effects[label.index()]);
+                }
+            }
+            body.nodes.push(node);
+        }
+        self.substitution.resolve_terminator(&mut body.end);
+    }
+
+    /// A body whose definitions end with it.
+    fn walk_scope(&mut self, body: &mut Body) {
+        let begin = self.entries.len();
+        self.walk(body);
+        while self.entries.len() > begin {
+            let entry = self.entries.pop().expect("longer than before");
+            match entry.shadowed {
+                Some(shadowed) => self.table.insert(entry.hash, shadowed),
+                None => self.table.remove(&entry.hash),
+            };
+        }
+    }
+
+    /// Starts new epochs for the memory that is written.
+    fn disturb(&mut self, effects: Effects) {
+        if effects.writes_private {
+            self.memory.private = self.new_epoch();
+        }
+        if effects.writes_outer {
+            self.memory.outer = self.new_epoch();
+        }
+    }
+
+    fn new_epoch(&mut self) -> u32 {
+        self.next_epoch += 1;
+        self.next_epoch
+    }
+
+    fn move_to_head(&mut self, inst: &Inst) {
+        let result = inst.results[0];
+        let key = (inst.op.clone(), self.function.ty(result));
+        match self.dispatch_wide.get(&key) {
+            Some(&same) => self.substitution.replace(result, same),
+            None => {
+                self.dispatch_wide.insert(key, result);
+                self.push_constants[result.index()] = inst.op == Op::PushConstants;
+                self.head.push(Node::Inst(inst.clone()));
+            }
+        }
+    }
+
+    /// Whether the instruction stays.
+    #[inline(never)]
+    fn visit(&mut self, inst: &mut Inst) -> bool {
+        self.substitution.resolve_all(&mut inst.args);
+        let Some(epoch) = self.epoch_of(inst) else {
+            self.disturb(Effects::of(&inst.op));
+            return true;
+        };
+        let types: SmallVec<[Type; 2]> =
+            inst.results.iter().map(|&v| self.function.ty(v)).collect();
+        let hash = BuildMultiplyHasher::default().hash_one((&inst.op, &inst.args, &types, epoch));
+        let newest = self.table.get(&hash).copied();
+        let mut candidate = newest;
+        while let Some(index) = candidate {
+            let entry = &self.entries[index as usize];
+            if entry.epoch == epoch
+                && entry.op == inst.op
+                && entry.args == inst.args
+                && entry.types == types
+            {
+                for (&result, &same) in inst.results.iter().zip(&entry.results) {
+                    self.substitution.replace(result, same);
+                }
+                return false;
+            }
+            candidate = entry.shadowed;
+        }
+        self.table.insert(hash, self.entries.len() as u32);
+        self.entries.push(Entry {
+            hash,
+            op: inst.op.clone(),
+            args: inst.args.clone(),
+            types,
+            epoch,
+            results: inst.results.clone(),
+            shadowed: newest,
+        });
+        true
+    }
+
+    /// The state of memory that an operation reads, 0 if none; `None` for operations that are not to be merged.
+    fn epoch_of(&self, inst: &Inst) -> Option<u32> {
+        match inst.op {
+            // Descriptors do not change while a dispatch uses them.
+            Op::BufferSize | Op::DescriptorAddress => Some(0),
+            Op::Load(access) if !access.volatile => Some(match access.space {
+                Space::Private => self.memory.private + 1,
+                Space::Buffer if self.push_constants[inst.args[0].index()] => 0,
+                _ => self.memory.outer + 1,
+            }),
+            _ => inst.op.is_pure().then_some(0),
+        }
+    }
+}
+
+/// The same in the whole dispatch, and made of nothing.
+fn is_dispatch_wide(op: &Op) -> bool {
+    matches!(op, Op::Const(_) | Op::Uniform(_) | Op::PushConstants)
+}

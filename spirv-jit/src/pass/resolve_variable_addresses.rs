@@ -1,0 +1,119 @@
+//! Private accesses whose address is a variable's and a constant, made accesses to a fixed row: what inlining leaves of pointer parameters.
+
+use smallvec::smallvec;
+
+use crate::ir::{Body, Function, Inst, Node, Op, Space, Type, Value, VariableId};
+
+/// Rewrites loads and stores of known rows inside a variable; others stay as they are.
+pub fn resolve_variable_addresses(function: &mut Function) {
+    let mut resolver = Resolver {
+        known: vec![Known::Nothing; function.value_types.len()],
+        types: &function.value_types,
+        rows: function.variables.iter().map(|v| v.rows).collect(),
+    };
+    resolver.walk(&mut function.body);
+}
+
+/// What is known about an i32.
+#[derive(Clone, Copy)]
+enum Known {
+    Nothing,
+    Constant(u32),
+    /// That row of a variable.
+    Row(VariableId, u32),
+}
+
+struct Resolver<'a> {
+    known: Vec<Known>,
+    types: &'a [Type],
+    rows: Vec<u32>,
+}
+
+impl Resolver<'_> {
+    fn walk(&mut self, body: &mut Body) {
+        let nodes = std::mem::take(&mut body.nodes);
+        body.nodes.reserve(nodes.len());
+        for mut node in nodes {
+            match &mut node {
+                Node::Inst(inst) => {
+                    self.learn(inst);
+                    if let Some(resolved) = self.resolve(inst) {
+                        body.nodes.extend(resolved.into_iter().map(Node::Inst));
+                        continue;
+                    }
+                }
+                Node::Block { body, .. } | Node::Loop { body, .. } => self.walk(body),
+                Node::If {
+                    then_body,
+                    else_body,
+                    ..
+                } => {
+                    self.walk(then_body);
+                    self.walk(else_body);
+                }
+            }
+            body.nodes.push(node);
+        }
+    }
+
+    fn known(&self, value: Value) -> Known {
+        self.known[value.index()]
+    }
+
+    fn learn(&mut self, inst: &Inst) {
+        let known = match inst.op {
+            Op::Const(bits) => Known::Constant(bits as u32),
+            Op::VarAddress(variable) => Known::Row(variable, 0),
+            Op::IAdd => match (self.known(inst.args[0]), self.known(inst.args[1])) {
+                (Known::Row(variable, row), Known::Constant(more))
+                | (Known::Constant(more), Known::Row(variable, row)) => {
+                    Known::Row(variable, row.wrapping_add(more))
+                }
+                _ => return,
+            },
+            _ => return,
+        };
+        self.known[inst.results[0].index()] = known;
+    }
+
+    /// The accesses to fixed rows that an access to private memory stands for.
+    fn resolve(&self, inst: &Inst) -> Option<Vec<Inst>> {
+        let (access, scalars) = match inst.op {
+            Op::Load(access) => (access, &inst.results[..]),
+            Op::Store(access) if access.space == Space::Private => (access, &inst.args[1..]),
+            _ => return None,
+        };
+        if access.space != Space::Private {
+            return None;
+        }
+        let Known::Row(variable, first) = self.known(inst.args[0]) else {
+            return None;
+        };
+        let stride = self.types[scalars[0].index()].rows();
+        let rows = scalars.len() as u64 * stride as u64;
+        if first as u64 + rows > self.rows[variable.index()] as u64 {
+            return None;
+        }
+        let is_load = matches!(inst.op, Op::Load(_));
+        let resolved = scalars.iter().enumerate().map(|(index, &scalar)| {
+            let row = first + index as u32 * stride;
+            let source = inst.source;
+            if is_load {
+                Inst {
+                    op: Op::VarLoad(variable, row),
+                    args: smallvec![],
+                    results: smallvec![scalar],
+                    source,
+                }
+            } else {
+                Inst {
+                    op: Op::VarStore(variable, row),
+                    args: smallvec![scalar],
+                    results: smallvec![],
+                    source,
+                }
+            }
+        });
+        Some(resolved.collect())
+    }
+}

@@ -1,0 +1,252 @@
+//! Constructs that are not needed: conditions that are constant, blocks that are left in one way at their end, loops without a back-edge, what
+//! follows a construct that nothing comes out of; and `if`s so small that both sides cost less than the branch.
+
+use smallvec::smallvec;
+
+use super::cost::cost;
+use super::substitution::Substitution;
+use crate::ir::{Body, Function, Inst, Label, Node, Op, Terminator, Value};
+
+/// The most that both sides of an `if` may cost to be computed in all lanes.
+const MAX_FLAT_COST: u32 = 8;
+
+/// Simplifies control flow, inner constructs first.
+pub fn simplify_control_flow(function: &mut Function) {
+    let mut body = std::mem::replace(&mut function.body, unreachable());
+    let mut simplifier = Simplifier {
+        substitution: Substitution::identity(function),
+        constants: vec![None; function.value_types.len()],
+        branches: vec![0; function.labels as usize],
+    };
+    simplifier.count_branches(&body, 1);
+    simplifier.simplify_body(&mut body);
+    function.body = body;
+}
+
+fn unreachable() -> Body {
+    Body {
+        nodes: Vec::new(),
+        end: Terminator::Unreachable,
+    }
+}
+
+struct Simplifier {
+    substitution: Substitution,
+    /// Conditions that are known.
+    constants: Vec<Option<bool>>,
+    /// How many `br` lead to each label.
+    branches: Vec<i32>,
+}
+
+/// Whether anything comes after a node.
+enum Flow {
+    On,
+    Ends(Terminator),
+}
+
+impl Simplifier {
+    /// Adds the `br`s of a body to the counts, or takes them away.
+    fn count_branches(&mut self, body: &Body, step: i32) {
+        for node in &body.nodes {
+            self.count_branches_of(node, step);
+        }
+        if let Terminator::Br(label, _) = body.end {
+            self.branches[label.index()] += step;
+        }
+    }
+
+    fn count_branches_of(&mut self, node: &Node, step: i32) {
+        match node {
+            Node::Inst(_) => {}
+            Node::Block { body, .. } | Node::Loop { body, .. } => self.count_branches(body, step),
+            Node::If {
+                then_body,
+                else_body,
+                ..
+            } => {
+                self.count_branches(then_body, step);
+                self.count_branches(else_body, step);
+            }
+        }
+    }
+
+    fn is_left(&self, label: Label) -> bool {
+        self.branches[label.index()] > 0
+    }
+
+    fn simplify_body(&mut self, body: &mut Body) {
+        let nodes = std::mem::take(&mut body.nodes);
+        body.nodes.reserve(nodes.len());
+        let mut nodes = nodes.into_iter();
+        while let Some(node) = nodes.next() {
+            let Flow::Ends(end) = self.simplify_node(node, &mut body.nodes) else {
+                continue;
+            };
+            for node in nodes {
+                self.count_branches_of(&node, -1);
+            }
+            if let Terminator::Br(label, _) = body.end {
+                self.branches[label.index()] -= 1;
+            }
+            body.end = end;
+            return;
+        }
+        self.substitution.resolve_terminator(&mut body.end);
+    }
+
+    fn simplify_node(&mut self, mut node: Node, out: &mut Vec<Node>) -> Flow {
+        match &mut node {
+            Node::Inst(inst) => {
+                self.substitution.resolve_all(&mut inst.args);
+                if let (Op::Const(bits), [result]) = (&inst.op, &inst.results[..]) {
+                    self.constants[result.index()] = Some(*bits != 0);
+                }
+            }
+            Node::Block {
+                label,
+                results,
+                body,
+            } => {
+                let (label, results) = (*label, std::mem::take(results));
+                let body = std::mem::replace(body, unreachable());
+                return self.simplify_block(label, results, body, out);
+            }
+            Node::If {
+                condition,
+                label,
+                results,
+                then_body,
+                else_body,
+            } => {
+                *condition = self.substitution.resolve(*condition);
+                if let Some(holds) = self.constants[condition.index()] {
+                    let (taken, dropped) = match holds {
+                        true => (then_body, else_body),
+                        false => (else_body, then_body),
+                    };
+                    self.count_branches(dropped, -1);
+                    let (label, results) = (*label, std::mem::take(results));
+                    let body = std::mem::replace(taken, unreachable());
+                    return self.simplify_block(label, results, body, out);
+                }
+                self.simplify_body(then_body);
+                self.simplify_body(else_body);
+                if self.flatten(*condition, *label, results, then_body, else_body, out) {
+                    return Flow::On;
+                }
+                if !self.is_left(*label) {
+                    results.clear();
+                    out.push(node);
+                    return Flow::Ends(Terminator::Unreachable);
+                }
+            }
+            Node::Loop {
+                label,
+                params,
+                init,
+                body,
+            } => {
+                self.substitution.resolve_all(init);
+                if !self.is_left(*label) {
+                    for (&param, &init) in params.iter().zip(init.iter()) {
+                        self.substitution.replace(param, init);
+                    }
+                    self.simplify_body(body);
+                    out.append(&mut body.nodes);
+                    let end = std::mem::replace(&mut body.end, Terminator::Unreachable);
+                    return Flow::Ends(end);
+                }
+                self.simplify_body(body);
+                out.push(node);
+                return Flow::Ends(Terminator::Unreachable);
+            }
+        }
+        out.push(node);
+        Flow::On
+    }
+
+    fn simplify_block(
+        &mut self,
+        label: Label,
+        mut results: Vec<Value>,
+        mut body: Body,
+        out: &mut Vec<Node>,
+    ) -> Flow {
+        self.simplify_body(&mut body);
+        if !self.is_left(label) {
+            out.append(&mut body.nodes);
+            return Flow::Ends(body.end);
+        }
+        match &mut body.end {
+            Terminator::Br(target, args)
+                if *target == label && self.branches[label.index()] == 1 =>
+            {
+                for (result, arg) in results.drain(..).zip(args) {
+                    self.substitution.replace(result, *arg);
+                }
+                out.append(&mut body.nodes);
+            }
+            _ => out.push(Node::Block {
+                label,
+                results,
+                body,
+            }),
+        }
+        Flow::On
+    }
+
+    /// Replaces an `if` by both sides and choices, where that is cheaper; whether it did.
+    fn flatten(
+        &mut self,
+        condition: Value,
+        label: Label,
+        results: &mut Vec<Value>,
+        then_body: &mut Body,
+        else_body: &mut Body,
+        out: &mut Vec<Node>,
+    ) -> bool {
+        let (Some(on_true), Some(on_false)) =
+            (flat_exit(then_body, label), flat_exit(else_body, label))
+        else {
+            return false;
+        };
+        let total: u32 = [&*then_body, &*else_body]
+            .into_iter()
+            .flat_map(|body| &body.nodes)
+            .map(|node| match node {
+                Node::Inst(inst) => cost(&inst.op),
+                _ => u32::MAX / 64,
+            })
+            .fold(0, u32::saturating_add);
+        if total.saturating_add(results.len() as u32) > MAX_FLAT_COST {
+            return false;
+        }
+        out.append(&mut then_body.nodes);
+        out.append(&mut else_body.nodes);
+        for (index, result) in results.drain(..).enumerate() {
+            let (x, y) = (on_true[index], on_false[index]);
+            if x == y {
+                self.substitution.replace(result, x);
+            } else {
+                out.push(Node::Inst(Inst {
+                    op: Op::Select,
+                    args: smallvec![condition, x, y],
+                    results: smallvec![result],
+                    source: 0,
+                }));
+            }
+        }
+        true
+    }
+}
+
+/// What a body of pure operations gives its own construct.
+fn flat_exit(body: &Body, own: Label) -> Option<Vec<Value>> {
+    let pure = |node: &Node| matches!(node, Node::Inst(inst) if inst.op.is_pure());
+    match &body.end {
+        Terminator::Br(label, args) if *label == own && body.nodes.iter().all(pure) => {
+            Some(args.clone())
+        }
+        _ => None,
+    }
+}

@@ -1,0 +1,133 @@
+//! GLSL to programs, for the tests of the front end.
+#![allow(dead_code)]
+
+use std::sync::Mutex;
+
+use glslang::{
+    Compiler, CompilerOptions, Shader, ShaderInput, ShaderMessage, ShaderSource, ShaderStage,
+    SourceLanguage, SpirvVersion, Target, VulkanVersion,
+};
+use rspirv::spirv::Capability;
+use spirv_jit::ir::op::DescriptorBinding;
+use spirv_jit::program::Stage;
+use spirv_jit::{CompileRequest, Error, ir};
+
+/// Extensions that every test shader may use.
+const EXTENSIONS: &[&str] = &[
+    "GL_EXT_scalar_block_layout",
+    "GL_EXT_nonuniform_qualifier",
+    "GL_EXT_buffer_reference",
+    "GL_EXT_buffer_reference2",
+    "GL_EXT_buffer_reference_uvec2",
+    "GL_EXT_shader_explicit_arithmetic_types",
+    "GL_EXT_shader_8bit_storage",
+    "GL_EXT_shader_16bit_storage",
+    "GL_EXT_shader_image_load_formatted",
+    "GL_EXT_samplerless_texture_functions",
+    "GL_EXT_control_flow_attributes",
+    "GL_KHR_shader_subgroup_basic",
+    "GL_KHR_shader_subgroup_vote",
+    "GL_KHR_shader_subgroup_arithmetic",
+    "GL_KHR_shader_subgroup_ballot",
+    "GL_KHR_shader_subgroup_shuffle",
+    "GL_KHR_shader_subgroup_shuffle_relative",
+    "GL_KHR_shader_subgroup_clustered",
+    "GL_KHR_shader_subgroup_quad",
+    "GL_EXT_shader_atomic_float",
+    "GL_EXT_shader_atomic_int64",
+    "GL_ARB_shader_clock",
+    "GL_EXT_shader_realtime_clock",
+];
+
+fn glslang_stage(stage: Stage) -> ShaderStage {
+    match stage {
+        Stage::Compute => ShaderStage::Compute,
+        Stage::RayGeneration => ShaderStage::RayGeneration,
+        Stage::Miss => ShaderStage::Miss,
+        Stage::ClosestHit => ShaderStage::ClosestHit,
+        Stage::AnyHit => ShaderStage::AnyHit,
+        Stage::Intersection => ShaderStage::Intersect,
+        Stage::Callable => ShaderStage::Callable,
+    }
+}
+
+/// Compiles GLSL without its version line.
+pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
+    // glslang keeps state that is shared by all threads.
+    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+    let _guard = ONE_AT_A_TIME
+        .lock()
+        .unwrap_or_else(|poisoned| poisoned.into_inner());
+    let mut text = String::from("#version 460\n");
+    for extension in EXTENSIONS {
+        text += &format!("#extension {extension} : enable\n");
+    }
+    if stage != Stage::Compute {
+        text += "#extension GL_EXT_ray_tracing : enable\n";
+        text += "#extension GL_EXT_ray_tracing_position_fetch : enable\n";
+    }
+    text += source;
+    let options = CompilerOptions {
+        source_language: SourceLanguage::GLSL,
+        target: Target::Vulkan {
+            version: VulkanVersion::Vulkan1_3,
+            spirv_version: SpirvVersion::SPIRV1_6,
+        },
+        version_profile: None,
+        messages: ShaderMessage::DEFAULT,
+    };
+    let compiler = Compiler::acquire().expect("glslang starts");
+    let source = ShaderSource::from(text.as_str());
+    ShaderInput::new(&source, glslang_stage(stage), &options, None, None)
+        .and_then(|input| Shader::new(compiler, input).parse())
+        .and_then(|shader| shader.compile())
+        .unwrap_or_else(|error| panic!("{error}\n{text}"))
+}
+
+/// Every (set, binding) is `count` descriptors from `16 * binding` on.
+pub fn bindings(set: u32, binding: u32) -> Option<DescriptorBinding> {
+    Some(DescriptorBinding {
+        set,
+        first: 16 * binding,
+        count: 16,
+        dynamic: false,
+    })
+}
+
+/// Every capability that SPIR-V has numbers for below the vendors' upper ranges: whatever is refused then, the front end refuses.
+pub fn all_capabilities() -> Vec<Capability> {
+    (0..8000).filter_map(Capability::from_u32).collect()
+}
+
+/// Lowers words and holds the result against the verifier.
+pub fn lower(stage: Stage, words: &[u32]) -> Result<ir::Module, Error> {
+    lower_with(stage, words, &[])
+}
+
+/// The same with specialization constants.
+pub fn lower_with(
+    stage: Stage,
+    words: &[u32],
+    specialization: &[(u32, &[u8])],
+) -> Result<ir::Module, Error> {
+    let capabilities = all_capabilities();
+    let request = CompileRequest {
+        words,
+        entry_point: "main",
+        stage,
+        specialization,
+        bindings: &bindings,
+        capabilities: &capabilities,
+    };
+    let parsed = spirv_jit::parse::parse(words)?;
+    let module = spirv_jit::lower::lower_module(&parsed, &request)?;
+    if let Err(message) = ir::verify(&module) {
+        panic!("{message}\n{}", ir::text::print_module(&module));
+    }
+    Ok(module)
+}
+
+/// Compiles and lowers GLSL that must be accepted.
+pub fn lower_glsl(stage: Stage, source: &str) -> ir::Module {
+    lower(stage, &glsl(stage, source)).unwrap_or_else(|error| panic!("{error}\n{source}"))
+}

@@ -1,0 +1,183 @@
+//! Entering a structure: the ray in its space, and what the instance says about candidates.
+
+use super::space::Space;
+use crate::layout::{InstanceRecord, features, geometry_word, instance_flags};
+use crate::ray::{Hit, Ray, ray_flags};
+use crate::structure::{Kind, Structure};
+
+/// A structure and the ray in its space.
+#[derive(Clone, Copy)]
+pub(crate) struct Level {
+    pub structure: Structure,
+    pub space: Space,
+}
+
+impl Level {
+    /// A level with nothing in it, to be entered.
+    pub const NOWHERE: Level = Level {
+        structure: Structure::NOWHERE,
+        space: Space::NOWHERE,
+    };
+
+    /// Enters a top level; false if there is nothing to walk.
+    ///
+    /// # Safety
+    /// `address` is 0 or a structure that stays as it is meanwhile.
+    #[inline(always)]
+    pub unsafe fn enter_top(&mut self, address: u64, ray: &Ray) -> bool {
+        // SAFETY: the caller's promise.
+        let Some(structure) = (unsafe { Structure::at(address) }) else {
+            return false;
+        };
+        self.structure = structure;
+        if structure.kind() != Kind::Instances {
+            return false;
+        }
+        let reach = ray.origin.iter().fold(0f32, |most, c| most.max(c.abs()));
+        let uncertainty = structure.header().origin_error * reach;
+        self.space
+            .set(ray.origin, ray.direction, ray.t_min, uncertainty);
+        true
+    }
+
+    /// Enters the bottom level of an instance of `top`; false if the ray has no business there.
+    ///
+    /// # Safety
+    /// The references of `top` are 0 or structures that stay as they are meanwhile.
+    #[inline(always)]
+    pub unsafe fn enter_bottom(
+        &mut self,
+        facts: &mut InstanceFacts,
+        top: &Structure,
+        index: u32,
+        ray: &Ray,
+    ) -> bool {
+        let Some(record) = top.instance(index) else {
+            return false;
+        };
+        if record.active == 0 || record.custom_index_and_mask >> 24 & ray.cull_mask & 0xFF == 0 {
+            return false;
+        }
+        // SAFETY: the caller's promise.
+        let Some(structure) = (unsafe { Structure::at(top.reference(index)) }) else {
+            return false;
+        };
+        let skip = match structure.kind() {
+            Kind::Triangles => ray_flags::SKIP_TRIANGLES,
+            Kind::Aabbs => ray_flags::SKIP_AABBS,
+            Kind::Instances => return false,
+        };
+        *facts = InstanceFacts::new(index, record, ray);
+        if ray.flags & skip != 0 || !facts.admits(&structure) {
+            return false;
+        }
+        let (to_world, to_object) = (&record.object_to_world, &record.world_to_object);
+        // From the instance's position, so that a far one costs no more than its distance from the
+        // ray.
+        let from: [f32; 3] = std::array::from_fn(|i| ray.origin[i] - to_world[4 * i + 3]);
+        let turn = |v: &[f32; 3]| -> [f32; 3] {
+            std::array::from_fn(|i| {
+                let m = &to_object[4 * i..4 * i + 3];
+                m[0] * v[0] + m[1] * v[1] + m[2] * v[2]
+            })
+        };
+        self.structure = structure;
+        self.space
+            .set(turn(&from), turn(&ray.direction), ray.t_min, 0.0);
+        true
+    }
+}
+
+/// What an instance's record and the ray's flags say about candidates.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct InstanceFacts {
+    pub index: u32,
+    custom_index: u32,
+    sbt_offset: u32,
+    /// `Some`: every geometry is, or is not, opaque.
+    opaque: Option<bool>,
+    flip_facing: bool,
+    cull_front: bool,
+    cull_back: bool,
+    cull_opaque: bool,
+    cull_no_opaque: bool,
+}
+
+impl InstanceFacts {
+    #[inline(always)]
+    fn new(index: u32, record: &InstanceRecord, ray: &Ray) -> InstanceFacts {
+        let flags = record.sbt_offset_and_flags >> 24;
+        let instance = |bit: u32| flags & bit != 0;
+        let ray = |bit: u32| ray.flags & bit != 0;
+        let opaque = if ray(ray_flags::OPAQUE) {
+            Some(true)
+        } else if ray(ray_flags::NO_OPAQUE) {
+            Some(false)
+        } else if instance(instance_flags::FORCE_OPAQUE) {
+            Some(true)
+        } else if instance(instance_flags::FORCE_NO_OPAQUE) {
+            Some(false)
+        } else {
+            None
+        };
+        let culls = !instance(instance_flags::TRIANGLE_FACING_CULL_DISABLE);
+        InstanceFacts {
+            index,
+            custom_index: record.custom_index_and_mask & 0xFF_FFFF,
+            sbt_offset: record.sbt_offset_and_flags & 0xFF_FFFF,
+            opaque,
+            flip_facing: instance(instance_flags::TRIANGLE_FLIP_FACING),
+            cull_front: culls && ray(ray_flags::CULL_FRONT_FACING_TRIANGLES),
+            cull_back: culls && ray(ray_flags::CULL_BACK_FACING_TRIANGLES),
+            cull_opaque: ray(ray_flags::CULL_OPAQUE),
+            cull_no_opaque: ray(ray_flags::CULL_NO_OPAQUE),
+        }
+    }
+
+    /// Whether a geometry is opaque to this ray; `None` if it is culled for that.
+    #[inline(always)]
+    pub fn opacity(&self, geometry: u32) -> Option<bool> {
+        let opaque = self.opaque.unwrap_or(geometry & geometry_word::OPAQUE != 0);
+        let culled = if opaque {
+            self.cull_opaque
+        } else {
+            self.cull_no_opaque
+        };
+        (!culled).then_some(opaque)
+    }
+
+    /// Whether a triangle whose winding has this front counts as seen from its front; `None` if
+    /// it is culled for its facing.
+    #[inline(always)]
+    pub fn facing(&self, front: bool) -> Option<bool> {
+        let front = front != self.flip_facing;
+        let culled = if front {
+            self.cull_front
+        } else {
+            self.cull_back
+        };
+        (!culled).then_some(front)
+    }
+
+    /// A hit with what the instance knows of it.
+    #[inline(always)]
+    pub fn hit(&self) -> Hit {
+        Hit {
+            instance_index: self.index,
+            instance_custom_index: self.custom_index,
+            instance_sbt_offset: self.sbt_offset,
+            ..Hit::default()
+        }
+    }
+
+    /// Whether a structure with these features can have a candidate at all.
+    #[inline(always)]
+    fn admits(&self, structure: &Structure) -> bool {
+        let has = structure.header().features;
+        let (opaque, not_opaque) = match self.opaque {
+            Some(opaque) => (opaque, !opaque),
+            None => (has & features::OPAQUE != 0, has & features::NOT_OPAQUE != 0),
+        };
+        opaque && !self.cull_opaque || not_opaque && !self.cull_no_opaque
+    }
+}
