@@ -6,7 +6,7 @@
 use super::format::block::{Texels, each_lane};
 use super::format::{FormatInfo, Numeric};
 use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, Level, LodMode, SamplerDescriptor};
-use super::{access, sample};
+use super::{access, fast, sample};
 use crate::SUBGROUP_SIZE;
 use crate::environment::Descriptor;
 use crate::ir::Type;
@@ -175,6 +175,9 @@ pub unsafe fn execute_block(
     unsafe {
         match op.kind {
             ImageOpKind::Sample | ImageOpKind::Gather(_) => match sampler {
+                Some(sampler) if fast::applies(op, image, info, sampler) => {
+                    sample::sample_fast(op, &operands, image, info, sampler, mask, results);
+                }
                 Some(sampler) => sample::sample(op, &operands, image, info, sampler, mask, results),
                 None => put_null(op, mask, results),
             },
@@ -210,7 +213,7 @@ pub(super) struct Operands<'a> {
 
 impl<'a> Operands<'a> {
     #[inline(always)]
-    fn new(op: &ImageOp, rows: &'a [&'a Row]) -> Self {
+    pub(super) fn new(op: &ImageOp, rows: &'a [&'a Row]) -> Self {
         let spatial = op.spatial_count();
         let mut rest = rows;
         let mut take = |count: usize| {

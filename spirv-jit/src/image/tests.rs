@@ -597,6 +597,51 @@ proptest! {
         }
     }
 
+    /// The common case has code of its own: the same bits as the general one.
+    #[test]
+    fn the_fast_path_is_the_same(
+        format in any_format(), s in any_sampler(), size in prop::array::uniform2(1u32..40), level_count in 1u8..4, layers in 1u32..4, seed: u32,
+        coordinates in prop::array::uniform16(prop::array::uniform3(-3.5f32..3.5)), special in prop::option::of((0usize..16, prop::sample::select(vec![f32::NAN, f32::INFINITY, -1e30, 1e30, 1.0, 0.0, -1e-9]))),
+        lods in prop::array::uniform16(-1.0f32..4.0), uniform_lod: bool, bias: bool, mask in 1u16..,
+    ) {
+        let mut s = s;
+        s.min_filter = s.mag_filter;
+        s.reduction = Reduction::WeightedAverage;
+        for mode in &mut s.address_mode {
+            if matches!(mode, AddressMode::ClampToBorder | AddressMode::MirrorClampToEdge) {
+                *mode = AddressMode::ClampToEdge;
+            }
+        }
+        let image = Image::new(format, Dim::D2, [size[0], size[1], 1], level_count, layers, seed);
+        let info = format.info().unwrap();
+        let op = ImageOp {
+            arrayed: layers > 1,
+            lod: if bias { LodMode::Bias } else { LodMode::Lod },
+            ..image_op(ImageOpKind::Sample, Dim::D2)
+        };
+        prop_assert!(fast::applies(&op, &image.descriptor, info, &s));
+        let mut coordinates = coordinates;
+        if let Some((lane, value)) = special { coordinates[lane][1] = value; }
+        let mut rows: Vec<Row> = (0..2).map(|axis| coordinates.map(|c| c[axis].to_bits())).collect();
+        if layers > 1 { rows.push(coordinates.map(|c| c[2].to_bits())); }
+        rows.push(if uniform_lod { [lods[0].to_bits(); 16] } else { lods.map(f32::to_bits) });
+        let rows: Vec<&Row> = rows.iter().collect();
+        let operands = execute::Operands::new(&op, &rows);
+        let (mut fast, mut general) = ([[0; 16]; 8], [[0; 16]; 8]);
+        // SAFETY: the image's memory is alive.
+        unsafe {
+            sample::sample_fast(&op, &operands, &image.descriptor, info, &s, mask, &mut fast);
+            sample::sample(&op, &operands, &image.descriptor, info, &s, mask, &mut general);
+        }
+        for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
+            for component in 0..4 {
+                let (a, b) = (fast[component][lane], general[component][lane]);
+                let both_nan = f32::from_bits(a).is_nan() && f32::from_bits(b).is_nan();
+                prop_assert!(a == b || both_nan, "{lane} {component} {a:x} {b:x}");
+            }
+        }
+    }
+
     /// A cube's faces, nearest: the texel is where the direction, scaled to the face, points.
     #[test]
     fn cubes_select_faces(directions in prop::array::uniform16(prop::array::uniform3(-1.0f32..1.0)), cube in 0u32..2, seed: u32) {
