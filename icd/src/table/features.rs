@@ -66,7 +66,7 @@ features! {
         sampler_anisotropy;
         shader_image_gather_extended ImageGatherExtended;
         shader_storage_image_extended_formats StorageImageExtendedFormats;
-        shader_storage_image_multisample StorageImageMultisample;
+        shader_storage_image_multisample StorageImageMultisample ImageMSArray;
         shader_storage_image_read_without_format StorageImageReadWithoutFormat;
         shader_storage_image_write_without_format StorageImageWriteWithoutFormat;
         shader_uniform_buffer_array_dynamic_indexing UniformBufferArrayDynamicIndexing;
