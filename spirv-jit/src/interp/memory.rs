@@ -226,7 +226,8 @@ pub(super) unsafe fn load_private(m: &mut Machine<'_>, i: &Instr) {
             unsafe {
                 let first = m.lane(address[0], offset, lane, false);
                 for (k, &result) in results.iter().enumerate() {
-                    let value = read_private(m, s, (first + k as u64 * rows) as u32 as u64, lane, plan.ty);
+                    let value =
+                        read_private(m, s, (first + k as u64 * rows) as u32 as u64, lane, plan.ty);
                     m.set_lane(result, offset, lane, rows == 2, value);
                 }
             }
@@ -293,7 +294,14 @@ pub(super) unsafe fn store_private(m: &mut Machine<'_>, i: &Instr) {
                 let first = m.lane(address[0], offset, lane, false);
                 for (k, &value) in values.iter().enumerate() {
                     let value = m.lane(value, offset, lane, rows == 2);
-                    write_private(m, s, (first + k as u64 * rows) as u32 as u64, lane, plan.ty, value);
+                    write_private(
+                        m,
+                        s,
+                        (first + k as u64 * rows) as u32 as u64,
+                        lane,
+                        plan.ty,
+                        value,
+                    );
                 }
             }
         }

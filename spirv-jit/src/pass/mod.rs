@@ -69,7 +69,7 @@ pub const PASSES: &[Pass] = &[
 ];
 
 /// The order in which they run.
-const ORDER: &[&str] = &[
+pub const ORDER: &[&str] = &[
     "inline_functions",
     "simplify",
     "resolve_variable_addresses",
