@@ -90,10 +90,7 @@ impl AddressWindow {
                     .filter(|&sum| sum <= self.budget_bytes)
             })
             .map_err(|_| FULL)?;
-        let address = self
-            .ranges
-            .lock()
-            .take(size_bytes, wanted, self.base);
+        let address = self.ranges.lock().take(size_bytes, wanted, self.base);
         address.ok_or_else(|| {
             USED_BYTES.fetch_sub(size_bytes, Ordering::Relaxed);
             match wanted {

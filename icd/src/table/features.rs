@@ -76,6 +76,7 @@ features! {
         shader_float64 Float64;
         shader_int64 Int64;
         shader_int16 Int16;
+        shader_resource_min_lod MinLod;
     }
     chained {
         storage_buffer16_bit_access: PhysicalDeviceVulkan11Features PhysicalDevice16BitStorageFeatures => StorageBuffer16BitAccess;
@@ -137,6 +138,7 @@ features! {
         synchronization2: PhysicalDeviceVulkan13Features PhysicalDeviceSynchronization2Features;
         shader_zero_initialize_workgroup_memory: PhysicalDeviceVulkan13Features PhysicalDeviceZeroInitializeWorkgroupMemoryFeatures;
         maintenance4: PhysicalDeviceVulkan13Features PhysicalDeviceMaintenance4Features;
+        shader_integer_dot_product: PhysicalDeviceVulkan13Features PhysicalDeviceShaderIntegerDotProductFeatures => DotProduct DotProductInputAll DotProductInput4x8Bit DotProductInput4x8BitPacked;
 
         acceleration_structure: PhysicalDeviceAccelerationStructureFeaturesKHR;
         acceleration_structure_capture_replay: PhysicalDeviceAccelerationStructureFeaturesKHR;
@@ -148,6 +150,37 @@ features! {
         ray_tracing_pipeline_shader_group_handle_capture_replay_mixed: PhysicalDeviceRayTracingPipelineFeaturesKHR;
         ray_tracing_pipeline_trace_rays_indirect: PhysicalDeviceRayTracingPipelineFeaturesKHR;
         ray_traversal_primitive_culling: PhysicalDeviceRayTracingPipelineFeaturesKHR => RayTraversalPrimitiveCullingKHR;
+        ray_tracing_position_fetch: PhysicalDeviceRayTracingPositionFetchFeaturesKHR => RayTracingPositionFetchKHR;
+        pipeline_library_group_handles: PhysicalDevicePipelineLibraryGroupHandlesFeaturesEXT;
+
+        shader_buffer_float32_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_buffer_float32_atomic_add: PhysicalDeviceShaderAtomicFloatFeaturesEXT => AtomicFloat32AddEXT;
+        shader_buffer_float64_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_buffer_float64_atomic_add: PhysicalDeviceShaderAtomicFloatFeaturesEXT => AtomicFloat64AddEXT;
+        shader_shared_float32_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_shared_float32_atomic_add: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_shared_float64_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_shared_float64_atomic_add: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_image_float32_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_image_float32_atomic_add: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_buffer_float32_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT => AtomicFloat32MinMaxEXT;
+        shader_buffer_float64_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT => AtomicFloat64MinMaxEXT;
+        shader_shared_float32_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
+        shader_shared_float64_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
+        shader_image_float32_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
+        shader_image_int64_atomics: PhysicalDeviceShaderImageAtomicInt64FeaturesEXT => Int64ImageEXT;
+        shader_expect_assume: PhysicalDeviceShaderExpectAssumeFeaturesKHR => ExpectAssumeKHR;
+        shader_float_controls2: PhysicalDeviceShaderFloatControls2FeaturesKHR => FloatControls2;
+        shader_subgroup_rotate: PhysicalDeviceShaderSubgroupRotateFeaturesKHR => GroupNonUniformRotateKHR;
+        shader_subgroup_rotate_clustered: PhysicalDeviceShaderSubgroupRotateFeaturesKHR;
+        workgroup_memory_explicit_layout: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR => WorkgroupMemoryExplicitLayoutKHR;
+        workgroup_memory_explicit_layout_scalar_block_layout: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR;
+        workgroup_memory_explicit_layout8_bit_access: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR => WorkgroupMemoryExplicitLayout8BitAccessKHR;
+        workgroup_memory_explicit_layout16_bit_access: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR => WorkgroupMemoryExplicitLayout16BitAccessKHR;
+        custom_border_colors: PhysicalDeviceCustomBorderColorFeaturesEXT;
+        custom_border_color_without_format: PhysicalDeviceCustomBorderColorFeaturesEXT;
+        min_lod: PhysicalDeviceImageViewMinLodFeaturesEXT;
+        memory_priority: PhysicalDeviceMemoryPriorityFeaturesEXT;
         format_a4r4g4b4: PhysicalDevice4444FormatsFeaturesEXT;
         format_a4b4g4r4: PhysicalDevice4444FormatsFeaturesEXT;
         null_descriptor: PhysicalDeviceRobustness2FeaturesEXT;
@@ -165,7 +198,6 @@ features! {
         PhysicalDeviceImagelessFramebufferFeatures
         PhysicalDeviceTextureCompressionASTCHDRFeatures
         PhysicalDeviceDynamicRenderingFeatures
-        PhysicalDeviceShaderIntegerDotProductFeatures
     }
 }
 
@@ -178,7 +210,6 @@ const BASE_CAPABILITIES: &[Capability] = &[
     Capability::SampledBuffer,
     Capability::ImageBuffer,
     Capability::ImageQuery,
-    Capability::DerivativeControl,
     Capability::DeviceGroup,
     Capability::StorageImageExtendedFormats,
     Capability::GroupNonUniform,
@@ -189,6 +220,8 @@ const BASE_CAPABILITIES: &[Capability] = &[
     Capability::GroupNonUniformShuffleRelative,
     Capability::GroupNonUniformClustered,
     Capability::GroupNonUniformQuad,
+    Capability::SubgroupBallotKHR,
+    Capability::SubgroupVoteKHR,
     Capability::DemoteToHelperInvocation,
     Capability::DenormPreserve,
     Capability::SignedZeroInfNanPreserve,
