@@ -612,3 +612,20 @@ fn packing_and_conversions() {
         },
     );
 }
+
+#[test]
+fn workgroup_memory_starts_as_zero_where_it_says_so() {
+    let source = "#extension GL_EXT_null_initializer : enable
+         layout(local_size_x = 48) in;
+         layout(set = 0, binding = 0) buffer Out { uint o[]; };
+         shared uint tile[301] = {};
+         void main() { uint s = 1u; for (uint k = 0u; k < 301u; k++) s += tile[k]; o[gl_LocalInvocationIndex] = s; }";
+    let words = support::glsl(spirv_jit::program::Stage::Compute, source);
+    let program = compile(&words, &[]);
+    let mut memory = Memory {
+        buffers: vec![(0, vec![0; 48])],
+        push_constants: Vec::new(),
+    };
+    dispatch(&program, 1, &mut memory);
+    assert_eq!(memory.buffers[0].1, [1; 48]);
+}

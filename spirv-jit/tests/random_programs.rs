@@ -2,10 +2,10 @@
 //!
 //! `TUFF_SEED=N` runs one program and prints it; `TUFF_CASES=N` sets how many are made.
 
-mod execution;
+mod observe;
 mod random;
 
-use execution::{Outcome, execute};
+use observe::{Outcome, execute};
 use spirv_jit::ir::Module;
 use spirv_jit::ir::text::{parse_module, print_module};
 use spirv_jit::ir::verify;

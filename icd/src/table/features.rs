@@ -25,13 +25,14 @@ macro_rules! features {
             }
         }
 
-        /// Size of a feature structure that is known here.
+        /// Size of a feature structure that is known here, up to the end of its last feature: padding may
+        /// follow, which may hold anything.
         fn structure_bytes(ty: vk::StructureType) -> Option<usize> {
             $($(if ty == vk::$structure::STRUCTURE_TYPE {
-                return Some(size_of::<vk::$structure<'_>>());
+                return Some(std::mem::offset_of!(vk::$structure<'_>, _marker));
             })+)*
             $(if ty == vk::$empty::STRUCTURE_TYPE {
-                return Some(size_of::<vk::$empty<'_>>());
+                return Some(std::mem::offset_of!(vk::$empty<'_>, _marker));
             })*
             None
         }
@@ -291,12 +292,11 @@ fn words(features: &vk::PhysicalDeviceFeatures) -> &[u32] {
     unsafe { std::slice::from_raw_parts(std::ptr::from_ref(features).cast(), count) }
 }
 
-/// `VkBool32`s are compared as exactly one, because padding at a structure's end may hold anything else.
 fn check_words(requested: &[u32], supported: &[u32]) -> VkResult {
     let missing = requested
         .iter()
         .zip(supported)
-        .any(|(&asked, &there)| asked == vk::TRUE && there == vk::FALSE);
+        .any(|(&asked, &there)| asked != vk::FALSE && there == vk::FALSE);
     if missing {
         Err(vk::Result::ERROR_FEATURE_NOT_PRESENT)
     } else {

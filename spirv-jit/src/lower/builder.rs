@@ -300,7 +300,7 @@ impl Builder {
     }
 
     /// An integer of any width as i32; booleans are refused.
-    pub fn to_i32(&mut self, value: Value, signed: bool) -> Result<Value, Error> {
+    pub fn i32_of(&mut self, value: Value, signed: bool) -> Result<Value, Error> {
         let op = if signed { Op::SConvert } else { Op::UConvert };
         match self.ty(value) {
             Type::I32 => Ok(value),
@@ -309,7 +309,7 @@ impl Builder {
     }
 
     /// An integer of any width as i64.
-    pub fn to_i64(&mut self, value: Value, signed: bool) -> Result<Value, Error> {
+    pub fn i64_of(&mut self, value: Value, signed: bool) -> Result<Value, Error> {
         let op = if signed { Op::SConvert } else { Op::UConvert };
         match self.ty(value) {
             Type::I64 => Ok(value),

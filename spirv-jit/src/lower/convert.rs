@@ -27,7 +27,7 @@ impl Lowerer<'_> {
                 return self.define_typed(instruction, values);
             }
             Op::ConvertUToPtr => {
-                let address = self.b.to_i64(self.scalar_of(&parts)?, false)?;
+                let address = self.b.i64_of(self.scalar_of(&parts)?, false)?;
                 let value = Val::Scalars([address].into());
                 return self.define(instruction.result, value);
             }

@@ -117,6 +117,8 @@ struct Lowerer<'a> {
     shared: HashMap<Id, u32>,
     shared_size_bytes: u32,
     output_rows: u32,
+    /// `RayTmaxKHR` of an intersection shader that reads it.
+    ray_tmax: Option<ir::VariableId>,
     /// Rows of private memory so far.
     rows: u64,
 }
@@ -149,6 +151,7 @@ impl<'a> Lowerer<'a> {
             shared: HashMap::new(),
             shared_size_bytes: 0,
             output_rows: 0,
+            ray_tmax: None,
             rows: 0,
         };
         lowerer.declare_globals()?;

@@ -9,7 +9,7 @@ use spirv_jit::ir::{
 };
 use spirv_jit::program::Stage;
 
-use crate::execution::{READABLE_WORDS, WRITABLE_WORDS};
+use crate::observe::{READABLE_WORDS, WRITABLE_WORDS};
 
 const INPUTS: u32 = 6;
 const OUTPUTS: u32 = 4;
