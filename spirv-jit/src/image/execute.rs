@@ -147,7 +147,15 @@ pub unsafe fn execute(
             } else {
                 None
             };
-            execute_block(op, image, sampler, group, operands, results);
+            if group == mask {
+                return execute_block(op, image, sampler, group, operands, results);
+            }
+            // A block writes whole rows: other groups' lanes must not be touched.
+            let mut part = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
+            execute_block(op, image, sampler, group, operands, &mut part);
+            for (row, part) in results.iter_mut().zip(&part[..op.result_rows()]) {
+                each_lane(group, |lane| row[lane] = part[lane]);
+            }
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Against a straightforward sampler in f64, written from the spec's equations for one lane at a time.
 
-use super::execute::execute_block;
+use super::execute::{execute, execute_block};
 use super::*;
+use crate::environment::Descriptor;
 use crate::ir::Type;
 use crate::ir::op::AtomicOp;
 use crate::program::Row;
@@ -899,4 +900,32 @@ fn null_descriptors_read_zero() {
     // SAFETY: no image.
     unsafe { execute_block(&op, None, None, 1, &[&[0; 16], &[0; 16]], &mut results) };
     assert_eq!(results.map(|row| row[0])[..4], [0; 4]);
+}
+
+#[test]
+fn lanes_with_different_images_keep_their_own_texels() {
+    let images =
+        [1, 2, 3].map(|side| Image::new(Format::R8G8B8A8_UINT, Dim::D2, [side, 4, 1], 1, 1, side));
+    let descriptors = images.each_ref().map(|image| Descriptor {
+        image: &image.descriptor,
+        ..Descriptor::NULL
+    });
+    let addresses: [u64; 16] = std::array::from_fn(|lane| &raw const descriptors[lane % 3] as u64);
+    let op = ImageOp {
+        texel: Type::I32,
+        ..image_op(ImageOpKind::Fetch, Dim::D2)
+    };
+    let mut results = [[7; 16]; 8];
+    let rows: [&Row; 2] = [&[0; 16], &[3; 16]];
+    // SAFETY: descriptors and images are alive.
+    unsafe { execute(&op, &addresses, &[0; 16], 0x7fff, &rows, &mut results) };
+    for lane in 0..15 {
+        let expected = images[lane % 3].words(0, 0, [0, 3, 0]);
+        assert_eq!(
+            std::array::from_fn(|c| results[c][lane]),
+            expected,
+            "lane {lane}"
+        );
+    }
+    assert_eq!(results[0][15], 7);
 }

@@ -1,6 +1,8 @@
 //! GLSL to programs, for the tests of the front end.
 #![allow(dead_code)]
 
+pub mod run;
+
 use std::sync::Mutex;
 
 use glslang::{
@@ -88,7 +90,7 @@ pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
 pub fn bindings(set: u32, binding: u32) -> Option<DescriptorBinding> {
     Some(DescriptorBinding {
         set,
-        first: 16 * binding,
+        first: binding.wrapping_mul(16),
         count: 16,
         dynamic: false,
     })

@@ -1,0 +1,673 @@
+//! Compute shaders run through the whole compiler and compared with the same computation in Rust.
+
+mod support;
+
+use support::run::{Memory, check, compile, dispatch};
+
+fn ramp() -> Vec<u32> {
+    (0..64).collect()
+}
+
+/// Words of all kinds: small, large, negative, bit patterns.
+fn words() -> Vec<u32> {
+    let mut state = 0x9e37_79b9u32;
+    let mut out: Vec<u32> = vec![0, 1, 2, 31, 32, 0x7fff_ffff, 0x8000_0000, u32::MAX];
+    while out.len() < 64 {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        out.push(state);
+    }
+    out
+}
+
+/// Floats without surprises, as bits.
+fn floats() -> Vec<u32> {
+    (0..64).map(|i| (i as f32 * 0.37 - 9.1).to_bits()).collect()
+}
+
+#[test]
+fn selections_and_early_returns() {
+    check(
+        "int f(int x) { if (x < 5) return 1; else if (x < 9) { if (x == 7) return 2; } else return 3; return x * 10; }",
+        "r = uint(f(int(x)));",
+        &ramp(),
+        |_, x| match x {
+            0..5 => 1,
+            7 => 2,
+            5..9 => x * 10,
+            _ => 3,
+        },
+    );
+}
+
+#[test]
+fn loops_with_breaks_and_continues() {
+    check(
+        "",
+        "for (uint i = 0; i < x; i++) {
+             if (i % 3 == 1) continue;
+             for (uint j = 0; ; j++) { if (j * j > i) break; if (j == 4) continue; r += j; }
+             if (r > 200) break;
+             r += 1;
+         }
+         uint k = x; do { r ^= k; k >>= 1; if (k == 3) continue; r += 2; } while (k > 1);",
+        &ramp(),
+        |_, x| {
+            let mut r = 0u32;
+            for i in 0..x {
+                if i % 3 == 1 {
+                    continue;
+                }
+                let mut j = 0;
+                while j * j <= i {
+                    if j != 4 {
+                        r += j;
+                    }
+                    j += 1;
+                }
+                if r > 200 {
+                    break;
+                }
+                r += 1;
+            }
+            let mut k = x;
+            loop {
+                r ^= k;
+                k >>= 1;
+                if k != 3 {
+                    r += 2;
+                }
+                if k <= 1 {
+                    break;
+                }
+            }
+            r
+        },
+    );
+}
+
+#[test]
+fn switches_that_fall_through() {
+    check(
+        "uint f(uint x) {
+             uint r = 0;
+             switch (x % 12) {
+             case 0: r = 1;
+             case 1: r += 2; break;
+             case 2: case 5: r = 5;
+             default: r += 10;
+             case 9: if (r > 12) break; r += 100; break;
+             case 11: return 77;
+             }
+             return r + x;
+         }",
+        "for (uint i = 0; i < 3; i++) {
+             switch (x & 3) { case 1: r += f(x + i); continue; case 2: if (i == 1) break; r += 7; default: r += 1000; }
+             r ^= i << 20;
+         }",
+        &ramp(),
+        |_, x| {
+            let f = |x: u32| {
+                let r = match x % 12 {
+                    0 => 3,
+                    1 => 2,
+                    2 | 5 => 15,
+                    9 => 100,
+                    11 => return 77,
+                    _ => 110,
+                };
+                r + x
+            };
+            let mut r = 0u32;
+            for i in 0..3 {
+                match x & 3 {
+                    1 => {
+                        r += f(x + i);
+                        continue;
+                    }
+                    2 if i == 1 => {}
+                    2 => r += 1007,
+                    _ => r += 1000,
+                }
+                r ^= i << 20;
+            }
+            r
+        },
+    );
+}
+
+#[test]
+fn short_circuits_and_phis() {
+    check(
+        "uint calls = 0; bool t(bool b) { calls++; return b; }",
+        "bool a = t(x > 10) && t(x < 20) || t(x == 3); uint p = 1, q = 2;
+         for (uint i = 0; i < x; i++) { uint s = p; p = q; q = s; }
+         r = calls + (a ? 100 : 0) + p * 1000;",
+        &ramp(),
+        |_, x| {
+            let mut calls = 1;
+            let mut a = x > 10;
+            if a {
+                calls += 1;
+                a = x < 20;
+            }
+            if !a {
+                calls += 1;
+                a = x == 3;
+            }
+            calls + a as u32 * 100 + if x % 2 == 0 { 1000 } else { 2000 }
+        },
+    );
+}
+
+#[test]
+fn values_that_leave_loops() {
+    check(
+        "",
+        "uint last = 9u, found = 0u;
+         for (uint i = 1u; i < 40u; i++) { uint sq = i * i; last = sq; if (sq > x) { found = i + sq; break; } }
+         while (true) { r += last; if (r > x * 3u) { break; } found++; }
+         r += found;",
+        &ramp(),
+        |_, x| {
+            let i = (1..40).find(|i| i * i > x).unwrap_or(39);
+            let last = i * i;
+            let mut found = i + last;
+            let mut r = 0;
+            loop {
+                r += last;
+                if r > x * 3 {
+                    break;
+                }
+                found += 1;
+            }
+            r + found
+        },
+    );
+}
+
+#[test]
+fn integer_arithmetic() {
+    check(
+        "",
+        "int s = int(x); uint y = x * 2654435761u + 12345u; int t = int(y);
+         uint c, hi, lo; int shi, slo;
+         r = uaddCarry(x, y, c); r ^= c << 7; r ^= usubBorrow(x, y, c); r ^= c << 9;
+         umulExtended(x, y, hi, lo); r ^= hi ^ (lo >> 1); imulExtended(s, t, shi, slo); r ^= uint(shi) * 3u;
+         r += uint(bitCount(x)) + uint(findLSB(x)) * 5u + uint(findMSB(s)) * 7u + uint(findMSB(x)) * 11u;
+         r ^= bitfieldReverse(x) + bitfieldExtract(x, 5, 9) + uint(bitfieldExtract(s, 20, 12)) + bitfieldInsert(x, y, 4, 11);
+         r += uint(max(s, t)) ^ min(x, y) ^ uint(abs(s)) ^ uint(sign(t)) ^ uint(clamp(s, -100, 100));
+         r ^= (x << (y & 31u)) + (x >> 3) + uint(s >> 5);
+         if (y != 0u) r += x / y + x % y + uint(s / 77) + uint(t / -3);
+         r += uint(s < t) + (uint(x < y) << 1) + (uint(s >= 0) << 2);
+         int64_t w = int64_t(s) * int64_t(t) + 5l; uint64_t v = (uint64_t(x) << 32) | y;
+         r ^= uint(w >> 13) + uint(v / 1000003ul) + uint(w % 97l == 3l) + uint(v >> 40);
+         int16_t h = int16_t(x); uint8_t b = uint8_t(y); h = h * int16_t(3) + int16_t(b); b += uint8_t(h);
+         r += uint(int(h)) ^ uint(b) ^ uint(h > int16_t(100)) ^ pack32(unpack16(x)) ^ uint(unpack8(y).y);",
+        &words(),
+        |_, x| {
+            let s = x as i32;
+            let y = x.wrapping_mul(2_654_435_761).wrapping_add(12_345);
+            let t = y as i32;
+            let mut r = x.wrapping_add(y);
+            r ^= (x.checked_add(y).is_none() as u32) << 7;
+            r ^= x.wrapping_sub(y);
+            r ^= ((x < y) as u32) << 9;
+            let product = x as u64 * y as u64;
+            r ^= (product >> 32) as u32 ^ (product as u32 >> 1);
+            r ^= (((s as i64 * t as i64) >> 32) as u32).wrapping_mul(3);
+            let lsb = if x == 0 { u32::MAX } else { x.trailing_zeros() };
+            let umsb = if x == 0 { u32::MAX } else { 31 - x.leading_zeros() };
+            let magnitude = if s < 0 { !x } else { x };
+            let smsb = if magnitude == 0 { u32::MAX } else { 31 - magnitude.leading_zeros() };
+            r = r
+                .wrapping_add(x.count_ones())
+                .wrapping_add(lsb.wrapping_mul(5))
+                .wrapping_add(smsb.wrapping_mul(7))
+                .wrapping_add(umsb.wrapping_mul(11));
+            let inserted = x & !(0x7ff << 4) | (y & 0x7ff) << 4;
+            r ^= x
+                .reverse_bits()
+                .wrapping_add(x >> 5 & 0x1ff)
+                .wrapping_add((s >> 20) as u32)
+                .wrapping_add(inserted);
+            r = r.wrapping_add(
+                s.max(t) as u32
+                    ^ x.min(y)
+                    ^ s.wrapping_abs() as u32
+                    ^ t.signum() as u32
+                    ^ s.clamp(-100, 100) as u32,
+            );
+            r ^= (x << (y & 31)).wrapping_add(x >> 3).wrapping_add((s >> 5) as u32);
+            if y != 0 {
+                r = r
+                    .wrapping_add(x / y)
+                    .wrapping_add(x % y)
+                    .wrapping_add((s / 77) as u32)
+                    .wrapping_add((t / -3) as u32);
+            }
+            r = r.wrapping_add((s < t) as u32 + ((x < y) as u32 * 2) + ((s >= 0) as u32 * 4));
+            let w = (s as i64 * t as i64).wrapping_add(5);
+            let v = (x as u64) << 32 | y as u64;
+            // GLSL leaves % of negative numbers undefined; SPIR-V's SMod takes the divisor's sign.
+            r ^= ((w >> 13) as u32)
+                .wrapping_add((v / 1_000_003) as u32)
+                .wrapping_add((w.rem_euclid(97) == 3) as u32)
+                .wrapping_add((v >> 40) as u32);
+            let mut h = x as i16;
+            let mut b = y as u8;
+            h = h.wrapping_mul(3).wrapping_add(b as i16);
+            b = b.wrapping_add(h as u8);
+            r.wrapping_add(
+                h as i32 as u32 ^ b as u32 ^ (h > 100) as u32 ^ x ^ (y >> 8 & 0xff),
+            )
+        },
+    );
+}
+
+#[test]
+fn vectors_and_matrices() {
+    check(
+        "layout(set = 0, binding = 2, std430) buffer M { layout(row_major) mat3x4 rows; layout(column_major) mat3x4 columns; };",
+        "float f = uintBitsToFloat(x); vec3 v = vec3(f, f + 1.0, 2.0);
+         if (i == 0u) { rows = mat3x4(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12); columns = rows; rows[1][2] += 0.5; }
+         mat3x4 m = mat3x4(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12);
+         vec4 p = m * v; vec3 q = p * m; mat3 s = transpose(m) * m;
+         mat3 k = mat3(2, 0, 1, 1, 3, 0, 0, 1, 4); mat3 e = inverse(k) * k;
+         float d = determinant(k) + determinant(mat4(2, 0, 0, 1, 0, 3, 0, 0, 0, 0, 1, 0, 1, 0, 0, 2)) + determinant(mat2(1, 2, 3, 4));
+         float err = 0.0; for (int a = 0; a < 3; a++) for (int b = 0; b < 3; b++) err += abs(e[a][b] - (a == b ? 1.0 : 0.0));
+         r = floatBitsToUint(p.w + q.y + s[1][2] + d + outerProduct(v, v)[2].y + cross(v, v.zxy).x + m[i % 3u][i & 3u]
+            + (err < 1e-5 ? 0.0 : 1e6));",
+        &floats(),
+        |i, x| {
+            let f = f32::from_bits(x);
+            let v = [f, f + 1.0, 2.0];
+            let m = |c: usize, r: usize| (c * 4 + r + 1) as f32;
+            let p: Vec<f32> = (0..4)
+                .map(|r| m(0, r) * v[0] + m(1, r) * v[1] + m(2, r) * v[2])
+                .collect();
+            let q = |c: usize| p[0] * m(c, 0) + p[1] * m(c, 1) + p[2] * m(c, 2) + p[3] * m(c, 3);
+            let s = |c: usize, r: usize| (0..4).map(|k| m(r, k) * m(c, k)).sum::<f32>();
+            // 2 * (3 * 4 - 0) - 1 * (0 * 4 - 1 * 1) + 0, 9, -2
+            let d = 25.0 + 9.0 - 2.0;
+            let outer = v[1] * v[2];
+            let w = [v[2], v[0], v[1]];
+            let cross = v[1] * w[2] - w[1] * v[2];
+            (p[3] + q(1) + s(1, 2) + d + outer + cross + m(i as usize % 3, i as usize & 3))
+                .to_bits()
+        },
+    );
+}
+
+#[test]
+fn memory_layouts_agree_with_bytes() {
+    // std430: a at 0, b at 12 (stride 4), m at 24 (row-major, stride 8); 48 bytes an element, the first at 16.
+    let source = "layout(local_size_x = 1) in;
+         struct S { vec3 a; float b[3]; mat2 m; };
+         layout(set = 0, binding = 0, std430, row_major) buffer In { uint head; S items[]; };
+         layout(set = 0, binding = 1, std430) buffer Out { float o[]; };
+         layout(push_constant) uniform P { uint which; };
+         void main() {
+             S s = items[which];
+             o[0] = s.a.y; o[1] = s.b[2]; o[2] = s.m[0][1]; o[3] = s.m[1][0]; o[4] = items[which + 1].b[which];
+             o[5] = items[which].m[which][0]; o[6] = float(items.length()); o[7] = items[which].a[which + 1];
+             items[0].m[which] = vec2(100, 200);
+             items[0].b[which] = 300;
+         }";
+    let words = support::glsl(spirv_jit::program::Stage::Compute, source);
+    let program = compile(&words, &[]);
+    let input: Vec<u32> = (0..4 + 12 * 3).map(|i| (i as f32).to_bits()).collect();
+    let mut memory = Memory {
+        buffers: vec![(0, input), (16, vec![0; 8])],
+        push_constants: vec![1],
+    };
+    dispatch(&program, 1, &mut memory);
+    let out: Vec<f32> = memory.buffers[1]
+        .1
+        .iter()
+        .map(|&w| f32::from_bits(w))
+        .collect();
+    // Element 1 starts at word 16, element 2 at word 28; m[c][r] is word 6 + 2 r + c of an element.
+    let expected = [17.0, 21.0, 24.0, 23.0, 32.0, 23.0, 3.0, 18.0];
+    assert_eq!(out, expected);
+    let first: Vec<f32> = memory.buffers[0].1[4..16]
+        .iter()
+        .map(|&w| f32::from_bits(w))
+        .collect();
+    let expected = [
+        4.0, 5.0, 6.0, 7.0, 300.0, 9.0, 10.0, 100.0, 12.0, 200.0, 14.0, 15.0,
+    ];
+    assert_eq!(first, expected);
+}
+
+#[test]
+fn local_memory_with_computed_indices() {
+    check(
+        "struct S { uint a[4]; bool b; uint64_t w; uvec3 v; };
+         uint total(S s) { uint t = uint(s.w >> 32) + (s.b ? 1 : 0); for (int k = 0; k < 4; k++) t += s.a[k] * (k + 1); return t + s.v.z; }
+         void bump(inout S s, uint k) { s.a[k & 3u] += 5u; s.v[k % 3u] = k; s.b = !s.b; }
+         uint counter = 7u; uint table[5] = uint[](3u, 1u, 4u, 1u, 5u);",
+        "S s[3]; for (uint k = 0u; k < 3u; k++) { s[k].a = uint[4](k, k + 1u, k + 2u, x); s[k].b = k == 1u; s[k].w = uint64_t(x + k) << 32; s[k].v = uvec3(k, x, 9u); }
+         bump(s[x % 3u], x); bump(s[1], 2u);
+         S copy = s[(x + 1u) % 3u]; s[0] = copy; table[x % 5u] += counter++;
+         r = total(s[0]) + total(s[x % 3u]) * 31u + total(s[2]) * 1009u + table[3] * 100000u + counter;",
+        &ramp(),
+        |_, x| {
+            #[derive(Clone, Copy, Default)]
+            struct S {
+                a: [u32; 4],
+                b: bool,
+                w: u64,
+                v: [u32; 3],
+            }
+            let total = |s: S| {
+                let mut t = (s.w >> 32) as u32 + s.b as u32 + s.v[2];
+                for k in 0..4 {
+                    t += s.a[k] * (k as u32 + 1);
+                }
+                t
+            };
+            let bump = |s: &mut S, k: u32| {
+                s.a[k as usize & 3] += 5;
+                s.v[k as usize % 3] = k;
+                s.b = !s.b;
+            };
+            let mut s = [S::default(); 3];
+            for k in 0..3u32 {
+                s[k as usize] = S {
+                    a: [k, k + 1, k + 2, x],
+                    b: k == 1,
+                    w: ((x + k) as u64) << 32,
+                    v: [k, x, 9],
+                };
+            }
+            bump(&mut s[x as usize % 3], x);
+            bump(&mut s[1], 2);
+            s[0] = s[(x as usize + 1) % 3];
+            let mut table = [3, 1, 4, 1, 5];
+            table[x as usize % 5] += 7;
+            total(s[0])
+                .wrapping_add(total(s[x as usize % 3]).wrapping_mul(31))
+                .wrapping_add(total(s[2]).wrapping_mul(1009))
+                .wrapping_add(table[3] * 100_000)
+                .wrapping_add(8)
+        },
+    );
+}
+
+#[test]
+fn workgroup_memory_and_barriers() {
+    let source = "layout(local_size_x = 64) in;
+         layout(set = 0, binding = 0) buffer In { uint a[]; };
+         layout(set = 0, binding = 1) buffer Out { uint o[]; };
+         shared uint tile[64]; shared bool odd[64]; shared uint count;
+         void main() {
+             uint i = gl_LocalInvocationIndex, g = gl_GlobalInvocationID.x;
+             if (i == 0u) count = 0u;
+             tile[i] = a[g]; odd[i] = (a[g] & 1u) != 0u;
+             barrier();
+             for (uint step = 32u; step > 0u; step >>= 1) { if (i < step) tile[i] += tile[i + step]; barrier(); }
+             if (odd[63u - i]) atomicAdd(count, 1u);
+             barrier();
+             o[g] = tile[0] * 100u + count + gl_NumWorkGroups.x;
+         }";
+    let words = support::glsl(spirv_jit::program::Stage::Compute, source);
+    let program = compile(&words, &[]);
+    let input: Vec<u32> = (0..128).map(|i| i * 3 % 17).collect();
+    let mut memory = Memory {
+        buffers: vec![(0, input.clone()), (16, vec![0; 128])],
+        push_constants: Vec::new(),
+    };
+    dispatch(&program, 2, &mut memory);
+    for (group, chunk) in input.chunks(64).enumerate() {
+        let sum: u32 = chunk.iter().sum();
+        let odd = chunk.iter().filter(|&&x| x % 2 == 1).count() as u32;
+        let expected = sum * 100 + odd + 2;
+        let out = &memory.buffers[1].1[64 * group..64 * group + 64];
+        assert!(out.iter().all(|&x| x == expected), "{out:?} {expected}");
+    }
+}
+
+#[test]
+fn specialization_constants() {
+    let source = "layout(local_size_x_id = 7) in;
+         layout(constant_id = 1) const int N = 4;
+         layout(constant_id = 2) const bool DOUBLE = false;
+         layout(constant_id = 3) const float SCALE = 1.5;
+         layout(constant_id = 4) const uint64_t WIDE = 1ul;
+         const int M = N * 3 - (DOUBLE ? -1 : 2);
+         const uvec2 PAIR = uvec2(N, M);
+         layout(set = 0, binding = 0) buffer Out { uint o[]; };
+         void main() { uint a[N]; for (int i = 0; i < N; i++) a[i] = uint(i);
+             o[gl_LocalInvocationIndex] = uint(M) + PAIR.y * 100u + uint(SCALE * 2.0) * 10000u + uint(WIDE >> 32) * 1000000u + a[N - 1] * 10000000u; }";
+    let words = support::glsl(spirv_jit::program::Stage::Compute, source);
+    let run = |specialization: &[(u32, &[u8])]| {
+        let program = compile(&words, specialization);
+        let mut memory = Memory {
+            buffers: vec![(0, vec![0; 32])],
+            push_constants: Vec::new(),
+        };
+        dispatch(&program, 1, &mut memory);
+        (program.local_size()[0], memory.buffers[0].1[0])
+    };
+    assert_eq!(run(&[]), (1, 10 + 1000 + 30_000 + 30_000_000));
+    let given: [(u32, &[u8]); 5] = [
+        (1, &6i32.to_le_bytes()),
+        (2, &1u32.to_le_bytes()),
+        (3, &4f32.to_le_bytes()),
+        (4, &(9u64 << 32).to_le_bytes()),
+        (7, &20u32.to_le_bytes()),
+    ];
+    assert_eq!(
+        run(&given),
+        (20, 19 + 1900 + 80_000 + 9_000_000 + 50_000_000)
+    );
+}
+
+#[test]
+fn physical_pointers() {
+    let source = "layout(local_size_x = 1) in;
+         layout(buffer_reference) buffer Node;
+         layout(buffer_reference, std430, buffer_reference_align = 4) buffer Node { uint value; uint pad; Node next; uint8_t bytes[8]; };
+         layout(buffer_reference, std430, buffer_reference_align = 4) buffer Word { uint w; };
+         layout(set = 0, binding = 0) buffer Out { uint o[]; };
+         layout(push_constant) uniform P { Node head; uint64_t raw; };
+         void main() {
+             uint n = 0u; Node node = head;
+             while (uint64_t(node) != 0ul) { n = n * 10u + node.value; node.bytes[n & 7u] = uint8_t(n); node = node.next; }
+             Word word = Word(raw);
+             o[0] = n; o[1] = word[2].w; (word + 1).w = 5u; atomicAdd(word[3].w, 7u);
+         }";
+    let words = support::glsl(spirv_jit::program::Stage::Compute, source);
+    let program = compile(&words, &[]);
+    let mut nodes = [[0u32; 6]; 3];
+    let address = |node: &[u32; 6]| node.as_ptr() as u64;
+    for index in 0..3 {
+        nodes[index][0] = index as u32 + 1;
+        let next = nodes.get(index + 1).map_or(0, address);
+        nodes[index][2] = next as u32;
+        nodes[index][3] = (next >> 32) as u32;
+    }
+    let mut raw = [11u32, 22, 33, 44];
+    let raw_address = raw.as_mut_ptr() as u64;
+    let head = nodes.as_mut_ptr() as u64;
+    let mut memory = Memory {
+        buffers: vec![(0, vec![0; 2])],
+        push_constants: vec![
+            head as u32,
+            (head >> 32) as u32,
+            raw_address as u32,
+            (raw_address >> 32) as u32,
+        ],
+    };
+    dispatch(&program, 1, &mut memory);
+    assert_eq!(memory.buffers[0].1, [123, 33]);
+    assert_eq!(std::hint::black_box(raw), [11, 5, 33, 51]);
+    let nodes = std::hint::black_box(nodes);
+    // 1, 12, 123 at bytes 1, 4, 3.
+    assert_eq!(nodes[0][4] >> 8 & 0xff, 1);
+    assert_eq!(nodes[1][5] & 0xff, 12);
+    assert_eq!(nodes[2][4] >> 24, 123);
+}
+
+#[test]
+fn arrays_of_buffers() {
+    let source = "layout(local_size_x = 16) in;
+         layout(set = 0, binding = 0) buffer In { uint a[]; } ins[2][3];
+         layout(set = 0, binding = 1) buffer Out { uint o[]; };
+         void main() { uint i = gl_GlobalInvocationID.x;
+             o[i] = ins[nonuniformEXT(i & 1u)][nonuniformEXT(i % 3u)].a[1] + ins[1][2].a[0] * 1000u + uint(ins[0][1].a.length()) * 100000u; }";
+    let words = support::glsl(spirv_jit::program::Stage::Compute, source);
+    let program = compile(&words, &[]);
+    let mut buffers: Vec<(usize, Vec<u32>)> =
+        (0..6).map(|k| (k, vec![k as u32, 10 + k as u32])).collect();
+    buffers.push((16, vec![0; 16]));
+    let mut memory = Memory {
+        buffers,
+        push_constants: Vec::new(),
+    };
+    dispatch(&program, 1, &mut memory);
+    for (i, &word) in memory.buffers[6].1.iter().enumerate() {
+        let expected = 10 + (i & 1) * 3 + i % 3 + 5000 + 200_000;
+        assert_eq!(word as usize, expected);
+    }
+}
+
+#[test]
+fn subgroup_operations() {
+    check(
+        "",
+        "bool c = (x & 1u) != 0u;
+         r = subgroupAdd(x) + subgroupShuffleXor(x, 1u) * 3u + subgroupShuffleUp(x, 1u) * 5u * uint(gl_SubgroupInvocationID > 0u);
+         r += subgroupExclusiveAdd(x) + subgroupInclusiveMax(x) * 7u + subgroupClusteredAdd(x, 4u) * 11u;
+         r += subgroupBallot(c).x + subgroupBallotBitCount(subgroupBallot(c)) + subgroupBroadcast(x, 3u) + subgroupQuadSwapDiagonal(x);
+         if (c) r += subgroupBroadcastFirst(x) * 13u + (subgroupElect() ? 1u : 0u);
+         r += gl_SubgroupSize + gl_SubgroupLtMask.x + uint(subgroupAnd(c)) + uint(subgroupOr(c)) + uint(subgroupAllEqual(c)) + gl_SubgroupGtMask.x;",
+        &ramp(),
+        |i, x| {
+            let lane = i % 16;
+            let first = i - lane;
+            let all = first..first + 16;
+            let mut r = all.clone().sum::<u32>() + (x ^ 1) * 3;
+            if lane > 0 {
+                r += (x - 1) * 5;
+            }
+            r += (first..i).sum::<u32>() + x * 7;
+            let quad = i / 4 * 4;
+            r += (quad..quad + 4).sum::<u32>() * 11;
+            r += 0xaaaa + 8 + (first + 3) + (x ^ 3);
+            if x % 2 == 1 {
+                r += (first + 1) * 13 + (lane == 1) as u32;
+            }
+            // Some lanes are odd, not all.
+            let above = 0xffff & !((2u32 << lane) - 1);
+            r + 16 + ((1 << lane) - 1) + 1 + above
+        },
+    );
+}
+
+#[test]
+fn packing_and_conversions() {
+    check(
+        "",
+        "float f = uintBitsToFloat(x); vec2 v = vec2(f, -f) * 0.1;
+         r = packHalf2x16(v) ^ packSnorm2x16(v) ^ packUnorm4x8(vec4(v, 0.5, 1.0)) ^ packSnorm4x8(vec4(v, v.yx));
+         vec4 u = unpackSnorm4x8(r) + unpackUnorm4x8(r) + unpackHalf2x16(packHalf2x16(v)).xyxy;
+         r ^= floatBitsToUint(u.z + u.w) ^ uint(int(f * 100.0)) ^ uint(abs(f) * 7.0);
+         double d = double(f) * 3.0lf; r ^= floatBitsToUint(float(d)) ^ uint(int(d));
+         float16_t h = float16_t(f); h = h * float16_t(1.5) + float16_t(2); r ^= floatBitsToUint(float(h));
+         int e; float m = frexp(f, e); r ^= floatBitsToUint(m) + uint(e) + floatBitsToUint(ldexp(m, e + 2)); float w; r ^= floatBitsToUint(modf(f, w)) + floatBitsToUint(w);",
+        &floats(),
+        |_, x| {
+            use half::f16;
+            let f = f32::from_bits(x);
+            let v = [f * 0.1, -f * 0.1];
+            let h = |f: f32| f16::from_f32(f).to_bits() as u32;
+            let snorm = |f: f32, most: f32| (f.clamp(-1.0, 1.0) * most).round_ties_even() as i32 as u32;
+            let unorm = |f: f32| (f.clamp(0.0, 1.0) * 255.0).round_ties_even() as u32;
+            let s8 = |f: f32| snorm(f, 127.0) & 0xff;
+            let s16 = |f: f32| snorm(f, 32767.0) & 0xffff;
+            let mut r = h(v[0]) | h(v[1]) << 16;
+            r ^= s16(v[0]) | s16(v[1]) << 16;
+            r ^= unorm(v[0]) | unorm(v[1]) << 8 | unorm(0.5) << 16 | unorm(1.0) << 24;
+            r ^= s8(v[0]) | s8(v[1]) << 8 | s8(v[1]) << 16 | s8(v[0]) << 24;
+            let halves = v.map(|f| f16::from_f32(f).to_f32());
+            let u = |k: u32, half: f32| {
+                let byte = (r >> (8 * k)) as u8;
+                (byte as i8 as f32 / 127.0).max(-1.0) + byte as f32 / 255.0 + half
+            };
+            let sum = u(2, halves[0]) + u(3, halves[1]);
+            r ^= sum.to_bits() ^ (f * 100.0) as i32 as u32 ^ (f.abs() * 7.0) as u32;
+            let d = f as f64 * 3.0;
+            r ^= (d as f32).to_bits() ^ d as i32 as u32;
+            let half = f16::from_f32(f);
+            let half = f16::from_f32((half * f16::from_f32(1.5)).to_f32()) + f16::from_f32(2.0);
+            r ^= half.to_f32().to_bits();
+            let e = f.abs().log2().floor() as i32 + 1;
+            let m = f / 2f32.powi(e);
+            r ^= m
+                .to_bits()
+                .wrapping_add(e as u32)
+                .wrapping_add((f * 4.0).to_bits());
+            r ^ (f - f.trunc()).to_bits().wrapping_add(f.trunc().to_bits())
+        },
+    );
+}
+
+#[test]
+fn workgroup_memory_starts_as_zero_where_it_says_so() {
+    let source = "#extension GL_EXT_null_initializer : enable
+         layout(local_size_x = 48) in;
+         layout(set = 0, binding = 0) buffer Out { uint o[]; };
+         shared uint tile[301] = {};
+         void main() { uint s = 1u; for (uint k = 0u; k < 301u; k++) s += tile[k]; o[gl_LocalInvocationIndex] = s; }";
+    let words = support::glsl(spirv_jit::program::Stage::Compute, source);
+    let program = compile(&words, &[]);
+    let mut memory = Memory {
+        buffers: vec![(0, vec![0; 48])],
+        push_constants: Vec::new(),
+    };
+    dispatch(&program, 1, &mut memory);
+    assert_eq!(memory.buffers[0].1, [1; 48]);
+}
+
+#[test]
+fn calls_give_back_what_they_take() {
+    let step = "for (int k = 0; k < 4; k++) { y += a[k]; s = s * 3u + uint(y); a[(k + 1) & 3] ^= int(s); }\n";
+    let declarations = format!(
+        "uint s = 1u;
+         int big(inout int a[4], int y) {{ if (y == 7) return 5; {} return y; }}
+         int twice(inout int b[4], int y) {{ return big(b, y) + big(b, y + 1); }}",
+        step.repeat(16)
+    );
+    check(
+        &declarations,
+        "int a[4] = int[](1, 2, 3, int(x));
+         if (x % 3u == 0u) r = uint(twice(a, int(x)));
+         for (uint k = 0u; k < x % 5u; k++) r += uint(big(a, int(k + x)));
+         r += uint(a[2]) + s * 7u;",
+        &ramp(),
+        |_, x| {
+            fn big(a: &mut [i32; 4], s: &mut u32, mut y: i32) -> i32 {
+                if y == 7 {
+                    return 5;
+                }
+                for k in 0..64 {
+                    y = y.wrapping_add(a[k % 4]);
+                    *s = s.wrapping_mul(3).wrapping_add(y as u32);
+                    a[(k + 1) & 3] ^= *s as i32;
+                }
+                y
+            }
+            let mut a = [1, 2, 3, x as i32];
+            let (mut s, mut r) = (1, 0u32);
+            if x % 3 == 0 {
+                let first = big(&mut a, &mut s, x as i32);
+                r = first.wrapping_add(big(&mut a, &mut s, x as i32 + 1)) as u32;
+            }
+            for k in 0..x % 5 {
+                r = r.wrapping_add(big(&mut a, &mut s, (k + x) as i32) as u32);
+            }
+            r.wrapping_add(a[2] as u32).wrapping_add(s.wrapping_mul(7))
+        },
+    );
+}

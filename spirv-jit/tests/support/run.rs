@@ -1,0 +1,162 @@
+//! Runs compute programs over plain memory.
+
+use std::sync::Arc;
+
+use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
+use spirv_jit::program::{AlignedRow, Builtin, Event, InputRow, Stage, Wave};
+use spirv_jit::{CompileRequest, Program};
+
+use super::{all_capabilities, bindings, glsl};
+
+/// Compiles a compute shader through all of the compiler.
+pub fn compile(words: &[u32], specialization: &[(u32, &[u8])]) -> Arc<Program> {
+    let capabilities = all_capabilities();
+    let request = CompileRequest {
+        words,
+        entry_point: "main",
+        stage: Stage::Compute,
+        specialization,
+        bindings: &bindings,
+        capabilities: &capabilities,
+    };
+    spirv_jit::compile(&request).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// What a dispatch sees.
+#[derive(Default)]
+pub struct Memory {
+    /// Buffers of set 0: descriptor index (16 × binding + array index) and contents.
+    pub buffers: Vec<(usize, Vec<u32>)>,
+    pub push_constants: Vec<u32>,
+}
+
+/// Runs `groups` workgroups along x, one after the other.
+pub fn dispatch(program: &Program, groups: u32, memory: &mut Memory) {
+    let mut entries = vec![Descriptor::NULL; 256];
+    for (index, words) in &mut memory.buffers {
+        entries[*index] = descriptor(words);
+    }
+    let mut environment = Environment {
+        sets: [DescriptorSet {
+            entries: std::ptr::null(),
+            count: 0,
+        }; MAX_SETS],
+        dynamic: std::ptr::null(),
+        dynamic_count: 0,
+        push_constants: descriptor(&mut memory.push_constants),
+        uniforms: [0; uniform::COUNT],
+    };
+    environment.sets[0] = DescriptorSet {
+        entries: entries.as_ptr(),
+        count: entries.len() as u32,
+    };
+    environment.uniforms[uniform::NUM_WORKGROUPS as usize] = groups;
+    for group in 0..groups {
+        run_group(program, group, &environment);
+    }
+}
+
+fn descriptor(words: &mut [u32]) -> Descriptor {
+    Descriptor {
+        address: words.as_mut_ptr() as u64,
+        size_bytes: size_of_val(words) as u64,
+        ..Descriptor::NULL
+    }
+}
+
+/// The word of a built-in for an invocation of a workgroup.
+fn word(row: InputRow, size: [u32; 3], group: u32, index: u32) -> u32 {
+    let local = [
+        index % size[0],
+        index / size[0] % size[1],
+        index / size[0] / size[1],
+    ];
+    let InputRow::Builtin(built_in, component) = row else {
+        panic!("compute has no {row:?}");
+    };
+    let component = component as usize;
+    let groups = [group, 0, 0];
+    match built_in {
+        Builtin::LocalInvocationIndex => index,
+        Builtin::LocalInvocationId => local[component],
+        Builtin::WorkgroupId => groups[component],
+        Builtin::GlobalInvocationId => groups[component] * size[component] + local[component],
+        Builtin::SubgroupId => index / 16,
+        Builtin::NumSubgroups => size.iter().product::<u32>().div_ceil(16),
+        other => panic!("compute has no {other:?}"),
+    }
+}
+
+fn run_group(program: &Program, group: u32, environment: &Environment) {
+    let size = program.local_size();
+    let invocations: u32 = size.iter().product();
+    let layout = program.layout();
+    let mut states = Vec::new();
+    for subgroup in 0..invocations.div_ceil(16) {
+        let mut state = vec![AlignedRow::default(); layout.rows];
+        let lanes = (invocations - 16 * subgroup).min(16);
+        program.start(&mut state, ((1u32 << lanes) - 1) as u16);
+        for (index, &row) in program.inputs().iter().enumerate() {
+            for lane in 0..lanes {
+                let invocation = 16 * subgroup + lane;
+                state[layout.inputs + index].0[lane as usize] = word(row, size, group, invocation);
+            }
+        }
+        states.push(state);
+    }
+    let mut shared = vec![0xdead_beef_dead_beefu64; program.shared_size_bytes() as usize / 8 + 1];
+    let mut frame = Default::default();
+    let mut running: Vec<usize> = (0..states.len()).collect();
+    let mut fuel = 10_000_000;
+    while !running.is_empty() {
+        let mut waiting = Vec::new();
+        for &index in &running {
+            let mut one = [&mut states[index][..]];
+            let mut wave = Wave {
+                states: &mut one,
+                shared: shared.as_mut_ptr().cast(),
+                environment,
+            };
+            match program.run(&mut frame, &mut wave, &mut fuel) {
+                Event::End => {}
+                Event::Yield(_) => waiting.push(index),
+                Event::OutOfFuel => panic!("the shader does not end"),
+            }
+        }
+        running = waiting;
+    }
+}
+
+/// Runs a body that turns `x` (input word i) into `r` (output word i), for 64 invocations and 4 workgroups, and compares.
+pub fn check(declarations: &str, body: &str, inputs: &[u32], reference: impl Fn(u32, u32) -> u32) {
+    let source = format!(
+        "layout(local_size_x = 16) in;
+         layout(set = 0, binding = 0) buffer In {{ uint x_[]; }};
+         layout(set = 0, binding = 1) buffer Out {{ uint r_[]; }};
+         {declarations}
+         void main() {{
+             uint i = gl_GlobalInvocationID.x;
+             uint x = x_[i];
+             uint r = 0u;
+             {body}
+             r_[i] = r;
+         }}"
+    );
+    let words = glsl(Stage::Compute, &source);
+    let program = compile(&words, &[]);
+    let count = inputs.len().next_multiple_of(16);
+    let mut given = inputs.to_vec();
+    given.resize(count, 0);
+    let mut memory = Memory {
+        buffers: vec![(0, given.clone()), (16, vec![0; count])],
+        push_constants: Vec::new(),
+    };
+    dispatch(&program, count as u32 / 16, &mut memory);
+    for (index, (&x, &result)) in given.iter().zip(&memory.buffers[1].1).enumerate() {
+        let expected = reference(index as u32, x);
+        assert_eq!(
+            result, expected,
+            "invocation {index}, x = {x:#x}: {result:#x} instead of {expected:#x}\n{body}"
+        );
+    }
+}
