@@ -147,7 +147,16 @@ pub unsafe fn execute(
             } else {
                 None
             };
-            execute_block(op, image, sampler, group, operands, results);
+            if group == mask {
+                execute_block(op, image, sampler, group, operands, results);
+                return;
+            }
+            // A block leaves the lanes of other groups unspecified: theirs must survive.
+            let mut own = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
+            execute_block(op, image, sampler, group, operands, &mut own);
+            for (row, own) in results[..op.result_rows()].iter_mut().zip(&own) {
+                each_lane(group, |lane| row[lane] = own[lane]);
+            }
         }
     }
 }

@@ -855,3 +855,32 @@ fn null_descriptors_read_zero() {
     unsafe { execute_block(&op, None, None, 1, &[&[0; 16], &[0; 16]], &mut results) };
     assert_eq!(results.map(|row| row[0])[..4], [0; 4]);
 }
+
+#[test]
+fn lanes_with_different_images_keep_their_own_texels() {
+    let images = [1, 2, 3]
+        .map(|seed| Image::new(Format::R32G32B32A32_SFLOAT, Dim::D2, [4, 4, 1], 1, 1, seed));
+    let descriptors = images
+        .each_ref()
+        .map(|image| crate::environment::Descriptor {
+            image: &image.descriptor,
+            ..crate::environment::Descriptor::NULL
+        });
+    let addresses: [u64; 16] = std::array::from_fn(|lane| &raw const descriptors[lane % 3] as u64);
+    let (x, y): (Row, Row) = (
+        std::array::from_fn(|lane| lane as u32 % 4),
+        std::array::from_fn(|lane| lane as u32 / 4),
+    );
+    let op = image_op(ImageOpKind::Fetch, Dim::D2);
+    let mut results = [[0; 16]; 8];
+    // SAFETY: the descriptors are those above.
+    unsafe { super::execute::execute(&op, &addresses, &[0; 16], 0x7fff, &[&x, &y], &mut results) };
+    for lane in 0..15 {
+        let expected = images[lane % 3].words(0, 0, [x[lane], y[lane], 0]);
+        assert_eq!(
+            [0, 1, 2, 3].map(|component| results[component][lane]),
+            expected,
+            "lane {lane}"
+        );
+    }
+}
