@@ -3,6 +3,7 @@
 //! ```text
 //! ; What this case shows.
 //! pass promote_variables, eliminate_dead_code
+//! run 5, 0xffffffff -> 4, 0x3f800000
 //!
 //! module compute
 //! …
@@ -13,13 +14,19 @@
 //! …
 //! ```
 //!
+//! A `run` line gives words for the input rows and the output words that must come of them, computed by hand. Besides, every module runs on
+//! made-up inputs as it is, after its passes and after all passes, and must do the same.
+//!
 //! `TUFF_BLESS=1 cargo test -p spirv-jit --test filetests` rewrites the expectations; read the difference before you commit it.
+
+mod observe;
 
 use std::path::{Path, PathBuf};
 
+use observe::{Outcome, execute};
 use spirv_jit::ir::text::{parse_module, print_module};
-use spirv_jit::ir::verify;
-use spirv_jit::pass::run_pass;
+use spirv_jit::ir::{Module, verify};
+use spirv_jit::pass::{optimize, run_pass};
 
 fn files() -> Vec<PathBuf> {
     let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("filetests");
@@ -32,36 +39,55 @@ fn files() -> Vec<PathBuf> {
     files
 }
 
-/// A case's parts: comment and `pass` line, input, expectation.
+/// A case's parts: comment, `pass` and `run` lines, input, expectation.
 struct Case<'a> {
     head: &'a str,
     passes: Vec<&'a str>,
+    /// Inputs and outputs.
+    runs: Vec<(Vec<u32>, Vec<u32>)>,
     input: &'a str,
     expectation: &'a str,
 }
 
 fn split_case(text: &str) -> Result<Case<'_>, String> {
-    let line_start = text
-        .lines()
-        .scan(0, |at, line| {
-            let start = *at;
-            *at += line.len() + 1;
-            Some((start, line))
-        })
-        .find(|(_, line)| line.starts_with("pass "));
-    let (start, line) = line_start.ok_or("no `pass` line")?;
-    let head_end = start + line.len() + 1;
-    let rest = text.get(head_end..).unwrap_or("");
+    let head_end = text.find("\nmodule ").ok_or("no module")? + 1;
+    let (head, rest) = text.split_at(head_end);
+    let passes = head.lines().find_map(|line| line.strip_prefix("pass "));
     let (input, expectation) = match rest.split_once("\nexpect\n") {
         Some((input, expectation)) => (input, expectation.trim_start()),
         None => (rest, ""),
     };
     Ok(Case {
-        head: &text[..head_end],
-        passes: line["pass ".len()..].split(',').map(str::trim).collect(),
+        head,
+        passes: passes
+            .ok_or("no `pass` line")?
+            .split(',')
+            .map(str::trim)
+            .collect(),
+        runs: head
+            .lines()
+            .filter_map(|line| line.strip_prefix("run "))
+            .map(parse_run)
+            .collect::<Result<_, _>>()?,
         input,
         expectation,
     })
+}
+
+fn parse_run(line: &str) -> Result<(Vec<u32>, Vec<u32>), String> {
+    let words = |list: &str| -> Result<Vec<u32>, String> {
+        list.split(',')
+            .map(str::trim)
+            .filter(|word| !word.is_empty())
+            .map(|word| match word.strip_prefix("0x") {
+                Some(digits) => u32::from_str_radix(digits, 16),
+                None => word.parse::<i64>().map(|number| number as u32),
+            })
+            .map(|number| number.map_err(|error| error.to_string()))
+            .collect()
+    };
+    let (inputs, outputs) = line.split_once("->").ok_or("`run` without `->`")?;
+    Ok((words(inputs)?, words(outputs)?))
 }
 
 /// The module after the passes, as text.
@@ -74,7 +100,40 @@ fn apply(case: &Case<'_>) -> Result<String, String> {
         }
         verify(&module).map_err(|message| format!("after {pass}: {message}"))?;
     }
+    check_runs(case, &module)?;
     Ok(print_module(&module))
+}
+
+/// The module as it came, after the case's passes and after all of them must do the same, and what the `run` lines say.
+fn check_runs(case: &Case<'_>, after_passes: &Module) -> Result<(), String> {
+    let original = parse_module(case.input)?;
+    let mut optimised = original.clone();
+    optimize(&mut optimised).map_err(|error| error.to_string())?;
+    for seed in 0..4 {
+        let expected = execute(&original, seed, None).without_payloads();
+        for module in [after_passes, &optimised] {
+            let actual = execute(module, seed, None).without_payloads();
+            if actual != expected {
+                let text = print_module(module);
+                return Err(format!("{expected:?} becomes {actual:?} in\n{text}"));
+            }
+        }
+    }
+    for (inputs, outputs) in &case.runs {
+        for module in [&original, after_passes, &optimised] {
+            let Outcome::Ended(seen) = execute(module, 0, Some(inputs)) else {
+                return Err("ran out of fuel".into());
+            };
+            let first: Vec<u32> = seen.outputs.iter().map(|row| row[0]).collect();
+            if first != *outputs {
+                return Err(format!(
+                    "{inputs:x?} gives {first:x?} in\n{}",
+                    print_module(module)
+                ));
+            }
+        }
+    }
+    Ok(())
 }
 
 #[test]

@@ -60,6 +60,7 @@ pub(crate) enum Made {
 
 impl Gpu {
     /// The first device, with validation where it is installed.
+    #[expect(clippy::new_without_default, reason = "opening a device is no default")]
     pub fn new() -> Gpu {
         Gpu::open(true)
     }
@@ -80,6 +81,18 @@ impl Gpu {
     /// True when the driver under test is Tuff, for tests of behaviour that Vulkan leaves open.
     pub fn is_tuff(&self) -> bool {
         self.name().contains("Tuff")
+    }
+
+    /// True when the queue can do what only graphics queues must.
+    pub fn has_graphics(&self) -> bool {
+        // SAFETY: the physical device is of this instance.
+        let families = unsafe {
+            self.instance
+                .get_physical_device_queue_family_properties(self.physical)
+        };
+        families[self.family as usize]
+            .queue_flags
+            .contains(vk::QueueFlags::GRAPHICS)
     }
 
     fn open(validate: bool) -> Gpu {

@@ -194,10 +194,13 @@ fn intersect(ray: &Ray, corners: [[f32; 3]; 3]) -> Option<(f64, f64, f64, bool)>
     Some((t, u, v, determinant > 0.0))
 }
 
+/// A triangle's number, t, the weights of its second and third corner, and whether it faces.
+type Nearest = (usize, f64, f64, f64, bool);
+
 /// The nearest triangle by brute force, and whether the answer is too close to call in single
 /// precision: near an edge, or near a second hit.
-fn nearest(ray: &Ray, triangles: &[[[f32; 3]; 3]]) -> (Option<(usize, f64, f64, f64, bool)>, bool) {
-    let mut best: Option<(usize, f64, f64, f64, bool)> = None;
+fn nearest(ray: &Ray, triangles: &[[[f32; 3]; 3]]) -> (Option<Nearest>, bool) {
+    let mut best: Option<Nearest> = None;
     let mut doubtful = false;
     for (i, corners) in triangles.iter().enumerate() {
         let Some((t, u, v, front)) = intersect(ray, *corners) else {

@@ -173,9 +173,17 @@ pub(crate) struct InstanceRecord {
     pub custom_index_and_mask: u32,
     /// 24 bits, then the 8-bit flags.
     pub sbt_offset_and_flags: u32,
-    /// 0: never entered, whatever the reference.
-    pub active: u32,
+    /// Bits of [`instance_state`].
+    pub state: u32,
     pub reserved: [u32; 5],
+}
+
+/// What a build found out about an instance.
+pub(crate) mod instance_state {
+    /// Without it the instance is never entered, whatever the reference.
+    pub const ACTIVE: u32 = 1;
+    /// The transform changes nothing.
+    pub const IDENTITY: u32 = 2;
 }
 
 /// The flags of an instance; `VkGeometryInstanceFlagBitsKHR`.

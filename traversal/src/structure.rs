@@ -1,8 +1,8 @@
 //! A structure as its users see it: what it holds, what an instance is, whether it is sound.
 
 use crate::layout::{
-    BoxEntry, GeometryEntry, Header, InstanceRecord, MAGIC, MAX_DEPTH, Node, Parts, TriangleGroup,
-    VERSION, WIDTH, child, geometry_word,
+    ALIGNMENT, BoxEntry, GeometryEntry, Header, InstanceRecord, MAGIC, MAX_DEPTH, Node, Parts,
+    TriangleGroup, VERSION, WIDTH, child, geometry_word, leaf_bytes,
 };
 use crate::ray::Hit;
 
@@ -57,8 +57,7 @@ impl std::error::Error for StructureError {}
 
 /// A structure at an address, to be read.
 ///
-/// Its header has been checked: the parts lie one after the other inside the size that it states.
-/// Indices inside the parts are checked where they are followed.
+/// Its header has been checked: the parts lie inside the size that it states. Indices inside the parts are checked where they are followed.
 #[derive(Clone, Copy, Debug)]
 pub struct Structure {
     base: *const u8,
@@ -124,10 +123,11 @@ impl Structure {
         }
         // SAFETY: long enough and aligned.
         let header = unsafe { &*blob.as_ptr().cast::<Header>() };
-        check_header(header)?;
+        let kind = check_header(header)?;
         if header.size_bytes > blob.len() as u64 {
             return Err(StructureError::Truncated);
         }
+        check_parts(kind, header)?;
         // SAFETY: the parts were found to lie inside `size_bytes`, and those inside `blob`.
         unsafe { Structure::at(blob.as_ptr().expose_provenance() as u64) }
             .ok_or(StructureError::NotAStructure)
@@ -255,13 +255,38 @@ impl Structure {
     }
 }
 
-/// Checks that a header's parts lie where its counts put them.
+/// Checks that a header is one of ours and that its nodes and leaves are inside its size: what
+/// reading them relies on.
 #[inline(always)]
 fn check_header(header: &Header) -> Result<Kind, StructureError> {
     if header.magic != MAGIC || header.version != VERSION {
         return Err(StructureError::NotAStructure);
     }
     let kind = Kind::of(header.kind).ok_or(StructureError::NotAStructure)?;
+    let inside = |offset: u64, count: u32, bytes: u64| {
+        offset.is_multiple_of(ALIGNMENT)
+            && (offset.checked_add(u64::from(count) * bytes))
+                .is_some_and(|end| end <= header.size_bytes)
+    };
+    let references = match kind {
+        Kind::Instances => header.leaf_count,
+        _ => 0,
+    };
+    if inside(
+        header.nodes_offset,
+        header.node_count,
+        size_of::<Node>() as u64,
+    ) && inside(header.leaves_offset, header.leaf_count, leaf_bytes(kind))
+        && inside(header.references_offset, references, 8)
+    {
+        Ok(kind)
+    } else {
+        Err(StructureError::Corrupt)
+    }
+}
+
+/// Checks that all parts lie exactly where their counts put them.
+fn check_parts(kind: Kind, header: &Header) -> Result<(), StructureError> {
     let parts = Parts::new(
         kind,
         header.geometry_count.into(),
@@ -275,11 +300,8 @@ fn check_header(header: &Header) -> Result<Kind, StructureError> {
         leaves_offset: header.leaves_offset,
         size_bytes: header.size_bytes,
     };
-    if parts == stated && header.node_count > 0 && header.leaf_count <= child::INDEX {
-        Ok(kind)
-    } else {
-        Err(StructureError::Corrupt)
-    }
+    let good = parts == stated && header.node_count > 0 && header.leaf_count <= child::INDEX;
+    good.then_some(()).ok_or(StructureError::Corrupt)
 }
 
 /// Checks everything that a walk relies on, except that references of instances are alive: each

@@ -148,14 +148,13 @@ pub unsafe fn execute(
                 None
             };
             if group == mask {
-                execute_block(op, image, sampler, group, operands, results);
-                return;
+                return execute_block(op, image, sampler, group, operands, results);
             }
-            // A block leaves the lanes of other groups unspecified: theirs must survive.
-            let mut own = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
-            execute_block(op, image, sampler, group, operands, &mut own);
-            for (row, own) in results[..op.result_rows()].iter_mut().zip(&own) {
-                each_lane(group, |lane| row[lane] = own[lane]);
+            // A block writes whole rows: other groups' lanes must not be touched.
+            let mut part = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
+            execute_block(op, image, sampler, group, operands, &mut part);
+            for (row, part) in results.iter_mut().zip(&part[..op.result_rows()]) {
+                each_lane(group, |lane| row[lane] = part[lane]);
             }
         }
     }

@@ -1,7 +1,8 @@
 //! Against a straightforward sampler in f64, written from the spec's equations for one lane at a time.
 
-use super::execute::execute_block;
+use super::execute::{execute, execute_block};
 use super::*;
+use crate::environment::Descriptor;
 use crate::ir::Type;
 use crate::ir::op::AtomicOp;
 use crate::program::Row;
@@ -858,29 +859,28 @@ fn null_descriptors_read_zero() {
 
 #[test]
 fn lanes_with_different_images_keep_their_own_texels() {
-    let images = [1, 2, 3]
-        .map(|seed| Image::new(Format::R32G32B32A32_SFLOAT, Dim::D2, [4, 4, 1], 1, 1, seed));
-    let descriptors = images
-        .each_ref()
-        .map(|image| crate::environment::Descriptor {
-            image: &image.descriptor,
-            ..crate::environment::Descriptor::NULL
-        });
+    let images =
+        [1, 2, 3].map(|side| Image::new(Format::R8G8B8A8_UINT, Dim::D2, [side, 4, 1], 1, 1, side));
+    let descriptors = images.each_ref().map(|image| Descriptor {
+        image: &image.descriptor,
+        ..Descriptor::NULL
+    });
     let addresses: [u64; 16] = std::array::from_fn(|lane| &raw const descriptors[lane % 3] as u64);
-    let (x, y): (Row, Row) = (
-        std::array::from_fn(|lane| lane as u32 % 4),
-        std::array::from_fn(|lane| lane as u32 / 4),
-    );
-    let op = image_op(ImageOpKind::Fetch, Dim::D2);
-    let mut results = [[0; 16]; 8];
-    // SAFETY: the descriptors are those above.
-    unsafe { super::execute::execute(&op, &addresses, &[0; 16], 0x7fff, &[&x, &y], &mut results) };
+    let op = ImageOp {
+        texel: Type::I32,
+        ..image_op(ImageOpKind::Fetch, Dim::D2)
+    };
+    let mut results = [[7; 16]; 8];
+    let rows: [&Row; 2] = [&[0; 16], &[3; 16]];
+    // SAFETY: descriptors and images are alive.
+    unsafe { execute(&op, &addresses, &[0; 16], 0x7fff, &rows, &mut results) };
     for lane in 0..15 {
-        let expected = images[lane % 3].words(0, 0, [x[lane], y[lane], 0]);
+        let expected = images[lane % 3].words(0, 0, [0, 3, 0]);
         assert_eq!(
-            [0, 1, 2, 3].map(|component| results[component][lane]),
+            std::array::from_fn(|c| results[c][lane]),
             expected,
             "lane {lane}"
         );
     }
+    assert_eq!(results[0][15], 7);
 }

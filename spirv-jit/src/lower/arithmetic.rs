@@ -226,9 +226,9 @@ impl Lowerer<'_> {
         };
         let first = 1 + inserts as usize;
         let offset = self.scalar(operands[first])?;
-        let offset = self.b.to_i32(offset, false)?;
+        let offset = self.b.i32_of(offset, false)?;
         let count = self.scalar(operands[first + 1])?;
-        let count = self.b.to_i32(count, false)?;
+        let count = self.b.i32_of(count, false)?;
         let mut values = Vec::new();
         for (index, &base) in base.iter().enumerate() {
             let ty = self.b.ty(base);
@@ -372,7 +372,7 @@ impl Lowerer<'_> {
             let total = self.b.binary(ir::Op::IAdd, sum, accumulator)?;
             return self.saturate64(total, sum, accumulator, signed);
         }
-        let wide = self.b.to_i64(accumulator, signed)?;
+        let wide = self.b.i64_of(accumulator, signed)?;
         let total = self.b.binary(ir::Op::IAdd, sum, wide)?;
         let bits = ty.bits();
         let clamped = if signed {

@@ -111,6 +111,12 @@ impl Lowerer<'_> {
         if !matches!(ty, Type::I32 | Type::F32) {
             return Err(self.b.invalid("a built-in has the wrong type"));
         }
+        if let (Source::Record(Builtin::RayTmax), Some(variable)) = (source, self.ray_tmax) {
+            return match ty {
+                Type::F32 => self.b.emit(ir::Op::VarLoad(variable, 0), &[], ty),
+                _ => Err(self.b.invalid("a built-in has the wrong type")),
+            };
+        }
         match *source {
             Source::Record(built_in) => {
                 let word = word.min(record_words(built_in) - 1);

@@ -211,7 +211,7 @@ impl Lowerer<'_> {
             }
             GLOp::SmoothStep => self.smooth_step(ty, [parts[0], parts[1], parts[2]]),
             _ => {
-                let exponent = self.b.to_i32(parts[1], true)?;
+                let exponent = self.b.i32_of(parts[1], true)?;
                 self.b.emit(ir::Op::FLdexp, &[x, exponent], ty)
             }
         }
@@ -471,7 +471,7 @@ impl Lowerer<'_> {
             let bits = if op == GLOp::PackHalf2x16 {
                 let half = self.b.emit(ir::Op::FConvert, &[x], Type::F16)?;
                 let bits = self.b.emit(ir::Op::Bitcast, &[half], Type::I16)?;
-                self.b.to_i32(bits, false)?
+                self.b.i32_of(bits, false)?
             } else {
                 let low = self.b.f32(if signed { -1.0 } else { 0.0 });
                 let (high, most) = (self.b.f32(1.0), self.b.f32(most as f32));

@@ -193,7 +193,7 @@ impl Lowerer<'_> {
         }
         let mut values = Vec::with_capacity(count);
         for &x in &given[..count] {
-            let x = self.to_f32(x)?;
+            let x = self.f32_of(x)?;
             values.push(match divisor {
                 Some(divisor) => self.b.binary(ir::Op::FDiv, x, divisor)?,
                 None => x,
@@ -202,7 +202,7 @@ impl Lowerer<'_> {
         Ok(values)
     }
 
-    fn to_f32(&mut self, x: Value) -> Result<Value, Error> {
+    fn f32_of(&mut self, x: Value) -> Result<Value, Error> {
         match self.b.ty(x) {
             Type::F32 => Ok(x),
             _ => self.b.emit(ir::Op::FConvert, &[x], Type::F32),
@@ -215,7 +215,7 @@ impl Lowerer<'_> {
             return Err(self.b.invalid("coordinates lack components"));
         }
         let parts = given[..count].iter();
-        parts.map(|&x| self.b.to_i32(x, true)).collect()
+        parts.map(|&x| self.b.i32_of(x, true)).collect()
     }
 
     /// Appends what follows the depth reference, and notes it in the description.
@@ -232,14 +232,14 @@ impl Lowerer<'_> {
         if let Some(bias) = extras.bias {
             op.lod = LodMode::Bias;
             let bias = self.scalar(bias)?;
-            arguments.push(self.to_f32(bias)?);
+            arguments.push(self.f32_of(bias)?);
         } else if let Some(lod) = extras.lod {
             op.lod = LodMode::Lod;
             let lod = self.scalar(lod)?;
             let lod = if fetches {
-                self.b.to_i32(lod, true)?
+                self.b.i32_of(lod, true)?
             } else {
-                self.to_f32(lod)?
+                self.f32_of(lod)?
             };
             arguments.push(lod);
         } else if let Some((dx, dy)) = extras.grad {
@@ -251,7 +251,7 @@ impl Lowerer<'_> {
         if let Some(min_lod) = extras.min_lod {
             op.has_min_lod = true;
             let min_lod = self.scalar(min_lod)?;
-            arguments.push(self.to_f32(min_lod)?);
+            arguments.push(self.f32_of(min_lod)?);
         }
         if let Some(offset) = extras.offset {
             op.has_offset = true;
@@ -265,7 +265,7 @@ impl Lowerer<'_> {
             arguments.push(match extras.sample {
                 Some(sample) => {
                     let sample = self.scalar(sample)?;
-                    self.b.to_i32(sample, true)?
+                    self.b.i32_of(sample, true)?
                 }
                 None => self.b.i32(0),
             });
@@ -320,7 +320,7 @@ impl Lowerer<'_> {
             let Some(&divisor) = given.get(op.spatial_count()) else {
                 return Err(self.b.invalid("coordinates lack components"));
             };
-            Some(self.to_f32(divisor)?)
+            Some(self.f32_of(divisor)?)
         } else {
             None
         };
@@ -329,7 +329,7 @@ impl Lowerer<'_> {
         let mut rest = &operands[2..];
         if sampling.compares {
             let reference = self.scalar(rest[0])?;
-            let reference = self.to_f32(reference)?;
+            let reference = self.f32_of(reference)?;
             arguments.push(match divisor {
                 Some(divisor) => self.b.binary(ir::Op::FDiv, reference, divisor)?,
                 None => reference,
@@ -357,7 +357,7 @@ impl Lowerer<'_> {
         arguments.extend(self.float_coordinates(operands[1], count, None)?);
         if compares {
             let reference = self.scalar(operands[2])?;
-            arguments.push(self.to_f32(reference)?);
+            arguments.push(self.f32_of(reference)?);
         }
         let extras = self.extras(&operands[3..])?;
         self.push_extras(&mut op, &extras, &mut arguments)?;
@@ -430,7 +430,7 @@ impl Lowerer<'_> {
                 if instruction.opcode == Op::ImageQuerySizeLod {
                     op.lod = LodMode::Lod;
                     let lod = self.scalar(operands[1])?;
-                    arguments.push(self.b.to_i32(lod, true)?);
+                    arguments.push(self.b.i32_of(lod, true)?);
                 }
             }
             _ => arguments.push(self.handle(operands[0])?),
@@ -461,7 +461,7 @@ impl Lowerer<'_> {
             image_type,
             image: self.descriptor(&pointer)?,
             coordinate: coordinate.into(),
-            sample: self.b.to_i32(sample, true)?,
+            sample: self.b.i32_of(sample, true)?,
         };
         let pointer = Pointer::new(pointee, place);
         self.define(instruction.result, Val::Pointer(pointer))

@@ -3,15 +3,15 @@
 //! A scalar of 32 bits is a word, of 64 bits two (low first), a narrower one or a boolean the low bits of one; aggregates are their scalars in
 //! order. Caller and callee agree because both derive it from the same declaration.
 
-use rspirv::spirv::{Decoration, StorageClass};
+use rspirv::spirv::{BuiltIn, Decoration, StorageClass};
 
 use super::types::MAX_LEAVES;
 use super::values::{Place, Pointer};
 use super::{Lowerer, budget};
 use crate::Error;
-use crate::ir::{self, InputRow, Terminator, Type, Value};
+use crate::ir::{self, InputRow, Node, Space, Terminator, Type, Value};
 use crate::parse::Id;
-use crate::program::Stage;
+use crate::program::{Builtin, Stage};
 
 /// How an any-hit invocation ends; the values are those of `ir::Module::output_rows`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,11 +29,13 @@ impl Lowerer<'_> {
             None => 0,
         };
         self.output_rows = words + (self.request.stage == Stage::AnyHit) as u32;
-        self.place_shared()
+        self.declare_ray_tmax()?;
+        self.place_shared()?;
+        self.clear_shared()
     }
 
     /// The variable that goes back to the caller.
-    fn output_variable(&self) -> Option<Id> {
+    pub(super) fn output_variable(&self) -> Option<Id> {
         match self.request.stage {
             Stage::AnyHit | Stage::ClosestHit | Stage::Miss => {
                 self.interface_variable(StorageClass::IncomingRayPayloadKHR)
@@ -45,8 +47,33 @@ impl Lowerer<'_> {
 
     /// The entry's variable of a storage class of which there is one at most.
     pub(super) fn interface_variable(&self, class: StorageClass) -> Option<Id> {
-        let is_it = |id: &&Id| self.variables.get(id).is_some_and(|v| v.class == class);
-        self.entry.interface.iter().find(is_it).copied()
+        let of_class = self.variables.iter().filter(|(_, v)| v.class == class);
+        of_class
+            .map(|(&id, _)| id)
+            .filter(|&id| self.is_listed(id))
+            .min()
+    }
+
+    /// Whether the entry point may use a variable. Before SPIR-V 1.4 only inputs and outputs are listed.
+    fn is_listed(&self, id: Id) -> bool {
+        self.module.version < (1, 4) || self.entry.interface.contains(&id)
+    }
+
+    /// `RayTmaxKHR` of an intersection shader shrinks with each hit that it reports (SPIR-V's `Volatile` decoration says so).
+    fn declare_ray_tmax(&mut self) -> Result<(), Error> {
+        let is_ray_tmax = |id: &Id| {
+            let built_in = self.module.annotations.id(*id, Decoration::BuiltIn);
+            built_in == Some(BuiltIn::RayTmaxKHR as u32)
+        };
+        let read = self.entry.interface.iter().any(is_ray_tmax);
+        if self.request.stage != Stage::Intersection || !read {
+            return Ok(());
+        }
+        let variable = self.new_rows("ray_tmax", 1)?;
+        let first = self.input(InputRow::Builtin(Builtin::RayTmax, 0), Type::F32)?;
+        self.store_rows(variable, &[first])?;
+        self.ray_tmax = Some(variable);
+        Ok(())
     }
 
     fn variable_words(&self, id: Id) -> Result<u32, Error> {
@@ -124,7 +151,7 @@ impl Lowerer<'_> {
                 Type::I1 => words.push(self.bool_to_word(value)?),
                 Type::I8 | Type::I16 | Type::F16 => {
                     let bits = self.b.as_integer(value)?;
-                    words.push(self.b.to_i32(bits, false)?);
+                    words.push(self.b.i32_of(bits, false)?);
                 }
             }
         }
@@ -181,13 +208,11 @@ impl Lowerer<'_> {
     fn place_shared(&mut self) -> Result<(), Error> {
         let mut ids: Vec<Id> = self.variables.keys().copied().collect();
         ids.sort_unstable();
-        let listed = self.module.version >= (1, 4);
         let mut end = 0u64;
         let mut blocks = 0u64;
         for id in ids {
             let variable = self.variables[&id];
-            let unused = listed && !self.entry.interface.contains(&id);
-            if variable.class != StorageClass::Workgroup || unused {
+            if variable.class != StorageClass::Workgroup || !self.is_listed(id) {
                 continue;
             }
             let (size, align) = self.layout().natural(variable.pointee)?;
@@ -210,6 +235,53 @@ impl Lowerer<'_> {
         }
         self.shared_size_bytes = end.max(blocks).next_multiple_of(16) as u32;
         Ok(())
+    }
+
+    /// Workgroup memory with a (null) initializer is cleared by all invocations together before the shader starts.
+    fn clear_shared(&mut self) -> Result<(), Error> {
+        let initialized = |id: &Id| self.variables[id].initializer.is_some();
+        if !self.shared.keys().any(initialized) {
+            return Ok(());
+        }
+        let size: u32 = self.local_size()?.iter().product();
+        let index = InputRow::Builtin(Builtin::LocalInvocationIndex, 0);
+        let index = self.input(index, Type::I32)?;
+        let first = self.b.scale(index, 16)?;
+        let (step, end) = (self.b.i32(16 * size), self.b.i32(self.shared_size_bytes));
+        let zero = self.b.i32(0);
+        let (done, again, check) = (self.b.new_label(), self.b.new_label(), self.b.new_label());
+        let at = self.b.function.new_value(Type::I32);
+        let outside = self.b.open();
+        let around = self.b.open();
+        let inside = self.b.compare(ir::Op::ULt, at, end)?;
+        let before = self.b.open();
+        let then_body = self.b.close(before, Terminator::Br(check, Vec::new()));
+        let before = self.b.open();
+        let else_body = self.b.close(before, Terminator::Br(done, Vec::new()));
+        self.b.push(Node::If {
+            condition: inside,
+            label: check,
+            results: Vec::new(),
+            then_body,
+            else_body,
+        });
+        self.b.store(Space::Shared, false, &[at], &[zero; 4])?;
+        let next = self.b.binary(ir::Op::IAdd, at, step)?;
+        let body = self.b.close(around, Terminator::Br(again, vec![next]));
+        self.b.push(Node::Loop {
+            label: again,
+            params: vec![at],
+            init: vec![first],
+            body,
+        });
+        let body = self.b.close(outside, Terminator::Unreachable);
+        self.b.push(Node::Block {
+            label: done,
+            results: Vec::new(),
+            body,
+        });
+        self.b.emit_effect(ir::Op::MemoryBarrier, &[])?;
+        self.b.emit_effect(ir::Op::Barrier, &[])
     }
 
     /// Byte offset of a variable of workgroup memory.

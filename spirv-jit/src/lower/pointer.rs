@@ -172,7 +172,7 @@ impl Lowerer<'_> {
         let value = self.scalar(id)?;
         let value = match self.b.ty(value) {
             Type::I32 | Type::I64 => value,
-            _ => self.b.to_i32(value, signed)?,
+            _ => self.b.i32_of(value, signed)?,
         };
         Ok(Index::Value(value, signed))
     }
@@ -238,7 +238,7 @@ impl Lowerer<'_> {
                         *constant = constant.wrapping_add((index as u32).wrapping_mul(width));
                     }
                     Index::Value(value, signed) => {
-                        let value = self.b.to_i32(value, signed)?;
+                        let value = self.b.i32_of(value, signed)?;
                         let value = self.b.scale(value, width as u64)?;
                         *at = Some(match *at {
                             Some(at) => self.b.binary(ir::Op::IAdd, at, value)?,
@@ -342,12 +342,12 @@ impl Lowerer<'_> {
             }
             Index::Value(value, signed) => {
                 if let Place::Global { address, .. } = &mut pointer.place {
-                    let wide = self.b.to_i64(value, signed)?;
+                    let wide = self.b.i64_of(value, signed)?;
                     let step = self.b.scale(wide, stride)?;
                     *address = self.b.binary(ir::Op::IAdd, *address, step)?;
                     return Ok(pointer);
                 }
-                let mut value = self.b.to_i32(value, signed)?;
+                let mut value = self.b.i32_of(value, signed)?;
                 if in_rows {
                     pointer = self.materialize(pointer)?;
                     if let Some(count) = count {

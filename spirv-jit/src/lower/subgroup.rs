@@ -117,7 +117,7 @@ impl Lowerer<'_> {
             }
             Op::GroupNonUniformBallotBitExtract => {
                 let index = self.scalar(operands[1])?;
-                let index = self.b.to_i32(index, false)?;
+                let index = self.b.i32_of(index, false)?;
                 let word = self.ballot_word(operands[0])?;
                 let set = self.test_bit(word, index)?;
                 let lanes = self.b.i32(32);
@@ -263,7 +263,7 @@ impl Lowerer<'_> {
     fn lower_shuffle(&mut self, instruction: &Instruction, operands: &[Id]) -> Result<(), Error> {
         let lane = self.b.emit(ir::Op::LaneIndex, &[], Type::I32)?;
         let argument = self.scalar(operands[1])?;
-        let argument = self.b.to_i32(argument, false)?;
+        let argument = self.b.i32_of(argument, false)?;
         let source = match instruction.opcode {
             Op::GroupNonUniformBroadcast
             | Op::GroupNonUniformShuffle

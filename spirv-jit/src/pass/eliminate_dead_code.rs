@@ -21,6 +21,30 @@ pub fn eliminate_dead_code(function: &mut Function) {
         &|value| !live[value.index()],
         &|inst| inst.results.iter().any(|value| live[value.index()]) || rows.keeps(inst),
     );
+    narrow_loads(&mut function.body, &live);
+}
+
+/// Loads end with the last scalar that is used.
+fn narrow_loads(body: &mut Body, live: &[bool]) {
+    for node in &mut body.nodes {
+        match node {
+            Node::Inst(inst) => {
+                if matches!(inst.op, Op::Load(access) if !access.volatile) {
+                    let used = inst.results.iter().rposition(|value| live[value.index()]);
+                    inst.results.truncate(used.map_or(1, |last| last + 1));
+                }
+            }
+            Node::Block { body, .. } | Node::Loop { body, .. } => narrow_loads(body, live),
+            Node::If {
+                then_body,
+                else_body,
+                ..
+            } => {
+                narrow_loads(then_body, live);
+                narrow_loads(else_body, live);
+            }
+        }
+    }
 }
 
 /// Rows of variables that are read, at fixed places or through an address.

@@ -15,6 +15,7 @@ pub mod inline_functions;
 pub mod merge_loads;
 pub mod promote_variables;
 pub mod prune_parameters;
+pub mod renumber_values;
 pub mod resolve_variable_addresses;
 pub mod simplify;
 pub mod simplify_control_flow;
@@ -67,10 +68,11 @@ pub const PASSES: &[Pass] = &[
     pass!(Function, merge_loads, merge_loads),
     pass!(Function, eliminate_dead_code, eliminate_dead_code),
     pass!(Module, eliminate_dead_code, eliminate_unused_tables),
+    pass!(Function, renumber_values, renumber_values),
 ];
 
 /// The order in which they run.
-const ORDER: &[&str] = &[
+pub const ORDER: &[&str] = &[
     "inline_functions",
     "simplify",
     "resolve_variable_addresses",
@@ -86,9 +88,11 @@ const ORDER: &[&str] = &[
     "eliminate_dead_code",
     "hoist_loop_invariants",
     "merge_loads",
+    "simplify",
     "eliminate_common_subexpressions",
     "eliminate_dead_code",
     "eliminate_unused_tables",
+    "renumber_values",
 ];
 
 /// Runs all passes in order.

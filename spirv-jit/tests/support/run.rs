@@ -104,7 +104,7 @@ fn run_group(program: &Program, group: u32, environment: &Environment) {
         }
         states.push(state);
     }
-    let mut shared = vec![0u64; program.shared_size_bytes() as usize / 8 + 1];
+    let mut shared = vec![0xdead_beef_dead_beefu64; program.shared_size_bytes() as usize / 8 + 1];
     let mut frame = Default::default();
     let mut running: Vec<usize> = (0..states.len()).collect();
     let mut fuel = 10_000_000;

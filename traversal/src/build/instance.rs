@@ -1,7 +1,7 @@
 //! Instances: reading their records, inverting their transforms, bounding them in world space.
 
 use crate::input::{InstanceArray, InstanceSource};
-use crate::layout::{Bounds, InstanceRecord};
+use crate::layout::{Bounds, InstanceRecord, instance_state};
 use crate::structure::{Kind, Structure};
 
 /// An instance as the application wrote it.
@@ -75,11 +75,19 @@ impl Instance {
             world_to_object: placed.map_or([0.0; 12], |placed| placed.world_to_object),
             custom_index_and_mask: self.custom_index_and_mask,
             sbt_offset_and_flags: self.sbt_offset_and_flags,
-            active: placed.is_some().into(),
+            state: match placed {
+                Some(_) if self.object_to_world == IDENTITY => {
+                    instance_state::ACTIVE | instance_state::IDENTITY
+                }
+                Some(_) => instance_state::ACTIVE,
+                None => 0,
+            },
             reserved: [0; 5],
         }
     }
 }
+
+const IDENTITY: [f32; 12] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
 
 /// Half an ULP of 1: the relative error of one rounding.
 const ROUNDING: f64 = 1.0 / (1 << 24) as f64;
@@ -91,7 +99,7 @@ const ROUNDING: f64 = 1.0 / (1 << 24) as f64;
 /// many of `|A⁻¹||t d|`; seen from world space, by `5 · 2⁻²⁴ · K · (2|o| + |T| + |B|)` with
 /// `K = ‖|A||A⁻¹|‖∞` and B the box, as `|t d| ≤ |o| + |B|` where the box is hit. The part with `|o|`
 /// is the walk's to add (`origin_error`), the rest is a margin of the box here. 16 stands for
-/// 10 plus what second-order terms need.
+/// 10 plus what second-order terms need. The identity is exact.
 fn place(object_to_world: &[f32; 12], object_bounds: &Bounds) -> Option<Placed> {
     if object_bounds.is_empty() || !object_to_world.iter().all(|m| m.is_finite()) {
         return None;
@@ -129,7 +137,11 @@ fn place(object_to_world: &[f32; 12], object_bounds: &Bounds) -> Option<Placed> 
                 .sum::<f64>()
         })
         .fold(1.0, f64::max);
-    let relative_error = 16.0 * ROUNDING * condition;
+    let relative_error = if *object_to_world == IDENTITY {
+        0.0
+    } else {
+        16.0 * ROUNDING * condition
+    };
 
     let mut min = [0f64; 3];
     let mut max = [0f64; 3];

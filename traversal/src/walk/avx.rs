@@ -3,33 +3,44 @@
 
 use std::arch::x86_64::*;
 
+use super::Walk;
 use super::kernel::{Kernel, T_MARGIN};
+use super::leaf::{Leaf, Triangles};
 use super::space::Space;
-use crate::layout::{Node, TriangleGroup, WIDTH};
+use crate::layout::{GROUP, Node, TriangleGroup, WIDTH};
 
 /// Eight boxes or four triangles in one vector.
 pub(crate) struct Avx;
 
-/// A ray with each number in every lane.
+/// What box tests need of a ray, in every lane.
 #[derive(Clone, Copy)]
-pub(crate) struct AvxRay {
+pub(crate) struct AvxBoxes {
     near_origin: [__m256; 3],
     far_origin: [__m256; 3],
     near_inverse: [__m256; 3],
     far_inverse: [__m256; 3],
+    /// Offsets in bytes of the rows with the near planes.
     near_rows: [usize; 3],
     t_min: __m256,
+}
+
+/// What triangle tests need of a ray, in every lane.
+#[derive(Clone, Copy)]
+pub(crate) struct AvxShear {
     origin: [__m128; 3],
+    /// Offsets in bytes of the axes in a vertex.
     axes: [usize; 3],
     shear: [__m128; 2],
     inverse_z: __m128,
+    t_min: __m128,
 }
 
 impl Kernel for Avx {
-    type Ray = AvxRay;
+    type Boxes = AvxBoxes;
+    type Shear = AvxShear;
 
     #[inline(always)]
-    unsafe fn load(space: &Space) -> AvxRay {
+    unsafe fn load_boxes(space: &Space) -> AvxBoxes {
         // SAFETY: the caller promises AVX.
         unsafe {
             let eight = |v: [f32; 3]| {
@@ -39,33 +50,52 @@ impl Kernel for Avx {
                     _mm256_set1_ps(v[2]),
                 ]
             };
-            AvxRay {
+            AvxBoxes {
                 near_origin: eight(space.near_origin),
                 far_origin: eight(space.far_origin),
                 near_inverse: eight(space.near_inverse),
                 far_inverse: eight(space.far_inverse),
-                near_rows: space.near_rows,
+                near_rows: space.near_rows.map(|row| row * size_of::<[f32; WIDTH]>()),
                 t_min: _mm256_set1_ps(space.t_min),
-                origin: space.axes.map(|axis| _mm_set1_ps(space.origin[axis])),
-                axes: space.axes,
-                shear: [_mm_set1_ps(space.shear[0]), _mm_set1_ps(space.shear[1])],
-                inverse_z: _mm_set1_ps(space.inverse_z),
             }
         }
     }
 
     #[inline(always)]
-    unsafe fn test_node(ray: &AvxRay, node: &Node, t_far: f32, near_out: &mut [f32; WIDTH]) -> u32 {
+    unsafe fn load_shear(space: &Space) -> AvxShear {
+        // SAFETY: the caller promises AVX; axes are below three.
+        unsafe {
+            AvxShear {
+                origin: space
+                    .axes
+                    .map(|axis| _mm_set1_ps(*space.origin.get_unchecked(axis))),
+                axes: space.axes.map(|axis| axis * size_of::<[f32; GROUP]>()),
+                shear: [_mm_set1_ps(space.shear[0]), _mm_set1_ps(space.shear[1])],
+                inverse_z: _mm_set1_ps(space.inverse_z),
+                t_min: _mm_set1_ps(space.t_min),
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn test_node(
+        ray: &AvxBoxes,
+        node: &Node,
+        t_far: f32,
+        near_out: &mut [f32; WIDTH],
+    ) -> u32 {
         // SAFETY: the caller promises AVX; nodes are aligned, and rows are below six.
         unsafe {
-            let planes = |row: usize| _mm256_load_ps(node.bounds.get_unchecked(row).as_ptr());
+            let base = node.bounds.as_ptr().cast::<u8>();
+            let planes = |row: usize| _mm256_load_ps(base.add(row).cast());
+            let other_row = size_of::<[f32; WIDTH]>();
             let mut near = ray.t_min;
             let mut far = _mm256_set1_ps(t_far);
             // Operand order decides what NaN does: see `space::max`.
             for axis in [2, 1, 0] {
                 let row = ray.near_rows[axis];
                 let enter = _mm256_sub_ps(planes(row), ray.near_origin[axis]);
-                let leave = _mm256_sub_ps(planes(row ^ 1), ray.far_origin[axis]);
+                let leave = _mm256_sub_ps(planes(row ^ other_row), ray.far_origin[axis]);
                 near = _mm256_max_ps(_mm256_mul_ps(enter, ray.near_inverse[axis]), near);
                 far = _mm256_min_ps(_mm256_mul_ps(leave, ray.far_inverse[axis]), far);
             }
@@ -75,13 +105,13 @@ impl Kernel for Avx {
     }
 
     #[inline(always)]
-    unsafe fn test_group(ray: &AvxRay, group: &TriangleGroup, t_far: f32) -> u32 {
+    unsafe fn test_group(ray: &AvxShear, group: &TriangleGroup, t_far: f32) -> u32 {
         // SAFETY: the caller promises AVX; groups are aligned, and axes are below three.
         unsafe {
             let [ox, oy, oz] = ray.origin;
             let vertex = |i: usize| {
-                let axis =
-                    |k: usize| _mm_load_ps(group.vertices[i].get_unchecked(ray.axes[k]).as_ptr());
+                let base = group.vertices[i].as_ptr().cast::<u8>();
+                let axis = |k: usize| _mm_load_ps(base.add(ray.axes[k]).cast());
                 let z = _mm_sub_ps(axis(2), oz);
                 let x = _mm_sub_ps(_mm_sub_ps(axis(0), ox), _mm_mul_ps(ray.shear[0], z));
                 let y = _mm_sub_ps(_mm_sub_ps(axis(1), oy), _mm_mul_ps(ray.shear[1], z));
@@ -103,12 +133,25 @@ impl Kernel for Avx {
                 _mm_mul_ps(first, _mm_set1_ps(1.0 - T_MARGIN)),
                 _mm_set1_ps(t_far),
             );
-            let before = _mm_cmp_ps::<_CMP_LT_OQ>(
-                _mm_mul_ps(last, _mm_set1_ps(1.0 + T_MARGIN)),
-                _mm256_castps256_ps128(ray.t_min),
-            );
+            let before =
+                _mm_cmp_ps::<_CMP_LT_OQ>(_mm_mul_ps(last, _mm_set1_ps(1.0 + T_MARGIN)), ray.t_min);
             let out = _mm_or_ps(_mm_and_ps(negative, positive), _mm_or_ps(beyond, before));
             !(_mm_movemask_ps(out) as u32) & group.lanes
         }
     }
+
+    #[inline(always)]
+    unsafe fn test_leaf(leaf: &Triangles<'_>, walk: &mut Walk, t_far: &mut f32) -> Leaf {
+        // SAFETY: the caller promises AVX2.
+        unsafe { test_leaf(leaf, walk, t_far) }
+    }
+}
+
+/// # Safety
+/// The machine has AVX2.
+#[inline(never)]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+unsafe fn test_leaf(leaf: &Triangles<'_>, walk: &mut Walk, t_far: &mut f32) -> Leaf {
+    // SAFETY: the caller's promise.
+    unsafe { leaf.test::<Avx>(walk, t_far) }
 }

@@ -1,27 +1,16 @@
-//! The loop: nodes down to leaves, leaves to candidates.
+//! The loop: from nodes down to leaves.
 
 use super::kernel::Kernel;
-use super::level::{InstanceFacts, Level};
-use super::triangle::{Rim, intersect};
+use super::leaf::{self, Leaf, Triangles};
+use super::level::Level;
 use super::walker::{Entry, STACK};
 use super::{Event, Walk, Walker};
-use crate::layout::{Node, WIDTH, child, geometry_word};
-use crate::ray::{HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, Hit};
+use crate::layout::{Node, WIDTH, child};
 use crate::structure::Kind;
 
 /// Nodes of a structure that does not fit a core's caches, so that children are worth fetching
 /// ahead.
 const LARGE: u32 = 1024;
-
-/// What became of a leaf.
-enum Leaf {
-    /// All of it is done.
-    Finished,
-    /// The walk ends.
-    Over,
-    /// The candidate in this lane (counted over the leaf's groups) is the caller's to decide.
-    Ask(Event, u32),
-}
 
 /// Runs a walk until something has to be decided outside. `ANY`: its first hit ends it, so the
 /// order of children does not matter.
@@ -60,81 +49,96 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         stack[..length].copy_from_slice(&walk.pending[..length]);
         if walk.instance != Walk::NO_INSTANCE {
             // SAFETY: the contract of `Walk::new`.
-            if !unsafe { bottom.enter_bottom(instance, &top.structure, walk.instance, &walk.ray) } {
+            if !unsafe { bottom.enter_bottom(instance, top, walk.instance, &walk.ray) } {
                 return Event::Done;
             }
             in_bottom = true;
             floor = (walk.floor as usize).min(length);
         }
     }
-    // A leaf that a verdict interrupted, and its first lane to look at.
-    let mut resumed = walk.leaf.take();
     let mut left = *fuel;
+    // The rest of a leaf that a verdict interrupted.
+    if let Some((word, first_lane)) = walk.leaf.take() {
+        let space = if bottom.shares_space {
+            &top.space
+        } else {
+            &bottom.space
+        };
+        match leaf::finish(walk, bottom, space, instance, word, first_lane) {
+            Leaf::Finished => {}
+            Leaf::Over => return Event::Done,
+            Leaf::Ask(event, lane) => {
+                walk.leaf = Some((word, lane + 1));
+                return event;
+            }
+        }
+    }
 
     let event = 'level: loop {
         let level: &Level = if in_bottom { bottom } else { top };
+        let space = if in_bottom && !bottom.shares_space {
+            &bottom.space
+        } else {
+            &top.space
+        };
         let nodes = level.structure.nodes();
         let node_count = level.structure.node_count();
         let fetch_ahead = node_count > LARGE;
+        let is_boxes = level.structure.kind() == Kind::Aabbs;
         // SAFETY: the caller's promise.
-        let ray = unsafe { K::load(&level.space) };
-        let mut t_far = level.space.scaled_up(walk.hit.t);
+        let ray = unsafe { K::load_boxes(space) };
+        let mut t_far = space.scaled_up(walk.hit.t);
 
         let entered = 'next: loop {
-            let (word, first_lane) = if let Some(resumed) = resumed.take() {
-                resumed
-            } else {
-                // The nearest pending child that is still near enough.
-                let mut word = loop {
-                    if length == floor {
-                        if !in_bottom {
-                            break 'level Event::Done;
-                        }
-                        in_bottom = false;
-                        floor = 0;
-                        continue 'level;
+            // The nearest pending child that is still near enough.
+            let mut word = loop {
+                if length == floor {
+                    if !in_bottom {
+                        break 'level Event::Done;
                     }
-                    length -= 1;
-                    // SAFETY: `length` is below `STACK` wherever an entry is pushed.
-                    let entry = unsafe { *stack.get_unchecked(length) };
-                    if ANY || entry.near <= t_far {
-                        break entry.word;
-                    }
-                };
-                // Down to a leaf.
-                loop {
-                    if left == 0 {
-                        stack[length] = Entry { word, near: 0.0 };
-                        length += 1;
-                        break 'level Event::OutOfFuel;
-                    }
-                    left -= 1;
-                    // Words of leaves are above every index of a node.
-                    if word >= node_count {
-                        break;
-                    }
-                    // SAFETY: below the count, so inside the part; parts are aligned.
-                    let node = unsafe { &*nodes.add(word as usize) };
-                    if length > STACK - WIDTH {
-                        // Deeper than any structure that was built: corrupt.
-                        continue 'next;
-                    }
-                    let mut near = [0.0; WIDTH];
-                    // SAFETY: the caller's promise.
-                    let mask = unsafe { K::test_node(&ray, node, t_far, &mut near) };
-                    if mask == 0 {
-                        continue 'next;
-                    }
-                    if fetch_ahead && mask & (mask - 1) != 0 {
-                        fetch(mask, node, level);
-                    }
-                    // SAFETY: there is room for all children.
-                    word = unsafe {
-                        push_children::<ANY>(mask, &node.children, &near, stack, &mut length)
-                    };
+                    in_bottom = false;
+                    floor = 0;
+                    continue 'level;
                 }
-                (word, 0)
+                length -= 1;
+                // SAFETY: `length` is below `STACK` wherever an entry is pushed.
+                let entry = unsafe { *stack.get_unchecked(length) };
+                if ANY || entry.near <= t_far {
+                    break entry.word;
+                }
             };
+            // Down to a leaf.
+            loop {
+                if left == 0 {
+                    stack[length] = Entry { word, near: 0.0 };
+                    length += 1;
+                    break 'level Event::OutOfFuel;
+                }
+                left -= 1;
+                // Words of leaves are above every index of a node.
+                if word >= node_count {
+                    break;
+                }
+                // SAFETY: below the count, so inside the part; parts are aligned.
+                let node = unsafe { &*nodes.add(word as usize) };
+                if length > STACK - WIDTH {
+                    // Deeper than any structure that was built: corrupt.
+                    continue 'next;
+                }
+                let mut near = [0.0; WIDTH];
+                // SAFETY: the caller's promise.
+                let mask = unsafe { K::test_node(&ray, node, t_far, &mut near) };
+                if mask == 0 {
+                    continue 'next;
+                }
+                if fetch_ahead && mask & (mask - 1) != 0 {
+                    fetch(mask, node, level);
+                }
+                // SAFETY: there is room for all children.
+                word = unsafe {
+                    push_children::<ANY>(mask, &node.children, &near, stack, &mut length)
+                };
+            }
 
             if word & child::LEAF == 0 || word == child::NONE {
                 continue 'next;
@@ -142,11 +146,22 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
             if !in_bottom {
                 break 'next word & child::INDEX;
             }
-            // SAFETY: the caller's promise.
-            let leaf = unsafe {
-                test_leaf::<K>(walk, level, instance, &ray, word, first_lane, &mut t_far)
+            if is_boxes {
+                if leaf::ask_about_box(walk, level, instance, word) {
+                    walk.leaf = Some((word, 1));
+                    break 'level Event::ProceduralCandidate;
+                }
+                continue 'next;
+            }
+            let leaf = Triangles {
+                level,
+                space,
+                instance,
+                word,
+                first_lane: 0,
             };
-            match leaf {
+            // SAFETY: the caller's promise.
+            match unsafe { K::test_leaf(&leaf, walk, &mut t_far) } {
                 Leaf::Finished => {}
                 Leaf::Over => break 'level Event::Done,
                 Leaf::Ask(event, lane) => {
@@ -156,7 +171,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
             }
         };
         // SAFETY: the contract of `Walk::new`.
-        if unsafe { bottom.enter_bottom(instance, &top.structure, entered, &walk.ray) } {
+        if unsafe { bottom.enter_bottom(instance, top, entered, &walk.ray) } {
             in_bottom = true;
             floor = length;
             stack[length] = Entry { word: 0, near: 0.0 };
@@ -281,92 +296,4 @@ unsafe fn push_children<const ANY: bool>(
     *length = end - 1;
     // SAFETY: as above.
     unsafe { stack.get_unchecked(end - 1).word }
-}
-
-/// Tests the primitives of a leaf from `first_lane` on.
-///
-/// # Safety
-/// The machine has the kernel's instruction set.
-#[inline(always)]
-unsafe fn test_leaf<K: Kernel>(
-    walk: &mut Walk,
-    level: &Level,
-    instance: &InstanceFacts,
-    ray: &K::Ray,
-    word: u32,
-    first_lane: u32,
-    t_far: &mut f32,
-) -> Leaf {
-    let structure = &level.structure;
-    let index = word & child::INDEX;
-    if structure.kind() == Kind::Aabbs {
-        let entry = match structure.box_entry(index) {
-            Some(entry) if first_lane == 0 => entry,
-            _ => return Leaf::Finished,
-        };
-        let Some(opaque) = instance.opacity(entry.geometry) else {
-            return Leaf::Finished;
-        };
-        walk.candidate = Hit {
-            t: walk.ray.t_min,
-            geometry_index: entry.geometry & geometry_word::INDEX,
-            primitive_index: entry.primitive,
-            opaque,
-            ..instance.hit()
-        };
-        return Leaf::Ask(Event::ProceduralCandidate, 0);
-    }
-    let groups = if word & child::TWO_GROUPS != 0 { 2 } else { 1 };
-    for group_index in first_lane / 4..groups {
-        let Some(group) = structure.group(index + group_index) else {
-            return Leaf::Finished;
-        };
-        // SAFETY: the caller's promise.
-        let mut mask = unsafe { K::test_group(ray, group, *t_far) };
-        // A corrupt group may claim to have more lanes.
-        mask &= 0xF & u32::MAX << first_lane.saturating_sub(4 * group_index);
-        while mask != 0 {
-            let lane = mask.trailing_zeros();
-            mask &= mask - 1;
-            let geometry = group.geometries[lane as usize];
-            let Some(opaque) = instance.opacity(geometry) else {
-                continue;
-            };
-            let rim = if opaque { Rim::Included } else { Rim::Owned };
-            let triangle = group.triangle(lane as usize);
-            let Some(found) = intersect(&level.space, &triangle, rim) else {
-                continue;
-            };
-            let Some(front) = instance.facing(found.front) else {
-                continue;
-            };
-            let hit = Hit {
-                t: found.t,
-                barycentrics: found.barycentrics,
-                geometry_index: geometry & geometry_word::INDEX,
-                primitive_index: group.primitives[lane as usize],
-                slot: 4 * (index + group_index) + lane,
-                hit_kind: if front {
-                    HIT_KIND_FRONT_FACING_TRIANGLE
-                } else {
-                    HIT_KIND_BACK_FACING_TRIANGLE
-                },
-                opaque,
-                triangle: true,
-                ..instance.hit()
-            };
-            if !(walk.ray.t_min < hit.t && walk.is_nearer(&hit)) {
-                continue;
-            }
-            if !opaque {
-                walk.candidate = hit;
-                return Leaf::Ask(Event::AnyHitCandidate, 4 * group_index + lane);
-            }
-            if walk.commit(hit) {
-                return Leaf::Over;
-            }
-            *t_far = level.space.scaled_up(hit.t);
-        }
-    }
-    Leaf::Finished
 }

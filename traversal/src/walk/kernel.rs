@@ -1,5 +1,7 @@
 //! The two tests of the inner loop, one set for each instruction set. All give the same bits.
 
+use super::Walk;
+use super::leaf::{Leaf, Triangles};
 use super::space::{Space, max, min};
 use crate::layout::{GROUP, Node, TriangleGroup, WIDTH};
 
@@ -7,28 +9,44 @@ use crate::layout::{GROUP, Node, TriangleGroup, WIDTH};
 ///
 /// Methods are inlined into a function that has the instruction set enabled.
 pub(crate) trait Kernel {
-    /// A ray, ready for the tests.
-    type Ray: Copy;
+    /// A ray, ready for tests of boxes.
+    type Boxes: Copy;
+    /// A ray, ready for tests of triangles.
+    type Shear: Copy;
 
-    /// Prepares a ray.
+    /// Prepares a ray for boxes.
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn load(space: &Space) -> Self::Ray;
+    unsafe fn load_boxes(space: &Space) -> Self::Boxes;
+
+    /// Prepares a ray for triangles.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn load_shear(space: &Space) -> Self::Shear;
 
     /// Which children's boxes the ray meets in `[t_min, t_far]`, as bits, and where it enters all
     /// eight.
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn test_node(ray: &Self::Ray, node: &Node, t_far: f32, near: &mut [f32; WIDTH]) -> u32;
+    unsafe fn test_node(ray: &Self::Boxes, node: &Node, t_far: f32, near: &mut [f32; WIDTH])
+    -> u32;
 
     /// Which lanes [`intersect`](super::triangle::intersect) might report in `[t_min, t_far]`:
     /// none of those that it would is missing.
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn test_group(ray: &Self::Ray, group: &TriangleGroup, t_far: f32) -> u32;
+    unsafe fn test_group(ray: &Self::Shear, group: &TriangleGroup, t_far: f32) -> u32;
+
+    /// [`Triangles::test`] with this kernel, as a function of its own: the loop over nodes needs
+    /// the registers.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn test_leaf(leaf: &Triangles<'_>, walk: &mut Walk, t_far: &mut f32) -> Leaf;
 }
 
 /// How far distances of triangles are widened before they are compared.
@@ -38,10 +56,16 @@ pub(crate) const T_MARGIN: f32 = 1.0 / (1 << 18) as f32;
 pub(crate) struct Portable;
 
 impl Kernel for Portable {
-    type Ray = Space;
+    type Boxes = Space;
+    type Shear = Space;
 
     #[inline(always)]
-    unsafe fn load(space: &Space) -> Space {
+    unsafe fn load_boxes(space: &Space) -> Space {
+        *space
+    }
+
+    #[inline(always)]
+    unsafe fn load_shear(space: &Space) -> Space {
         *space
     }
 
@@ -93,5 +117,11 @@ impl Kernel for Portable {
             mask |= u32::from(!(outside || beyond || before)) << i;
         }
         mask & group.lanes
+    }
+
+    #[inline(never)]
+    unsafe fn test_leaf(leaf: &Triangles<'_>, walk: &mut Walk, t_far: &mut f32) -> Leaf {
+        // SAFETY: every machine has plain Rust.
+        unsafe { leaf.test::<Portable>(walk, t_far) }
     }
 }

@@ -1,7 +1,7 @@
 //! Entering a structure: the ray in its space, and what the instance says about candidates.
 
 use super::space::Space;
-use crate::layout::{InstanceRecord, features, geometry_word, instance_flags};
+use crate::layout::{InstanceRecord, features, geometry_word, instance_flags, instance_state};
 use crate::ray::{Hit, Ray, ray_flags};
 use crate::structure::{Kind, Structure};
 
@@ -10,6 +10,8 @@ use crate::structure::{Kind, Structure};
 pub(crate) struct Level {
     pub structure: Structure,
     pub space: Space,
+    /// The space is that of the level above, as it is there.
+    pub shares_space: bool,
 }
 
 impl Level {
@@ -17,6 +19,7 @@ impl Level {
     pub const NOWHERE: Level = Level {
         structure: Structure::NOWHERE,
         space: Space::NOWHERE,
+        shares_space: false,
     };
 
     /// Enters a top level; false if there is nothing to walk.
@@ -48,18 +51,20 @@ impl Level {
     pub unsafe fn enter_bottom(
         &mut self,
         facts: &mut InstanceFacts,
-        top: &Structure,
+        top: &Level,
         index: u32,
         ray: &Ray,
     ) -> bool {
-        let Some(record) = top.instance(index) else {
+        let Some(record) = top.structure.instance(index) else {
             return false;
         };
-        if record.active == 0 || record.custom_index_and_mask >> 24 & ray.cull_mask & 0xFF == 0 {
+        if record.state & instance_state::ACTIVE == 0
+            || record.custom_index_and_mask >> 24 & ray.cull_mask & 0xFF == 0
+        {
             return false;
         }
         // SAFETY: the caller's promise.
-        let Some(structure) = (unsafe { Structure::at(top.reference(index)) }) else {
+        let Some(structure) = (unsafe { Structure::at(top.structure.reference(index)) }) else {
             return false;
         };
         let skip = match structure.kind() {
@@ -71,6 +76,12 @@ impl Level {
         if ray.flags & skip != 0 || !facts.admits(&structure) {
             return false;
         }
+        self.structure = structure;
+        self.shares_space = record.state & instance_state::IDENTITY != 0
+            && top.structure.header().origin_error == 0.0;
+        if self.shares_space {
+            return true;
+        }
         let (to_world, to_object) = (&record.object_to_world, &record.world_to_object);
         // From the instance's position, so that a far one costs no more than its distance from the
         // ray.
@@ -81,7 +92,6 @@ impl Level {
                 m[0] * v[0] + m[1] * v[1] + m[2] * v[2]
             })
         };
-        self.structure = structure;
         self.space
             .set(turn(&from), turn(&ray.direction), ray.t_min, 0.0);
         true

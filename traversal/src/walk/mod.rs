@@ -26,6 +26,7 @@
 mod avx;
 mod descend;
 mod kernel;
+mod leaf;
 mod level;
 mod space;
 mod triangle;

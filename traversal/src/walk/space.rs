@@ -83,14 +83,14 @@ impl Space {
         self.origin = origin;
         self.direction = direction;
         self.axes = [x, y, z];
-        self.shear = [direction[x] / direction[z], direction[y] / direction[z]];
-
         let mut inverse = direction.map(|d| 1.0 / d);
+        self.shear = [direction[x] * inverse[z], direction[y] * inverse[z]];
         self.scale = 1.0;
         self.t_min = max(t_min, 0.0);
         if !MODEST.contains(&size[z]) {
             let length = power_of_two_near(f64::from(size[z]));
             inverse = direction.map(|d| (length / f64::from(d)) as f32);
+            self.shear = [direction[x] / direction[z], direction[y] / direction[z]];
             self.scale = 1.0 / length;
             self.t_min = max(((f64::from(t_min) * length) as f32).next_down(), 0.0);
         }

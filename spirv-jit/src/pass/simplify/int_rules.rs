@@ -10,7 +10,7 @@ impl Simplifier<'_> {
         let a = *args.first()?;
         match op {
             Op::Not => return self.not_rules(a),
-            Op::INeg => return self.operand_of(a, &Op::INeg).map(Is),
+            Op::INeg | Op::BitReverse => return self.operand_of(a, op).map(Is),
             Op::BitfieldUExtract | Op::BitfieldSExtract => return self.extract_rules(op, args, ty),
             _ => {}
         }

@@ -1,0 +1,123 @@
+//! Shows what the passes make of a shader: `cargo run -p spirv-jit --example passes -- FILE.{rgen,rchit,rahit,rmiss,rint,rcall,comp}…`
+//!
+//! For each file: size of the IR before and after, and the time of each step. `TUFF_PRINT` prints the IR itself. `#include "…"` is
+//! taken from the file's directory.
+
+#[path = "../tests/support/mod.rs"]
+mod support;
+
+use std::path::Path;
+use std::time::Instant;
+
+use spirv_jit::ir::{Body, Module, Node};
+use spirv_jit::pass::{ORDER, optimize, run_pass};
+use spirv_jit::program::Stage;
+use spirv_jit::{CompileRequest, Program};
+
+fn stage(path: &Path) -> Stage {
+    match path.extension().and_then(|e| e.to_str()) {
+        Some("rgen") => Stage::RayGeneration,
+        Some("rchit") => Stage::ClosestHit,
+        Some("rahit") => Stage::AnyHit,
+        Some("rmiss") => Stage::Miss,
+        Some("rint") => Stage::Intersection,
+        Some("rcall") => Stage::Callable,
+        _ => Stage::Compute,
+    }
+}
+
+/// The file's text, includes in place, without its version line.
+fn source(path: &Path) -> String {
+    let text = std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let mut out = String::new();
+    for line in text.lines() {
+        let included = line
+            .strip_prefix("#include \"")
+            .and_then(|r| r.strip_suffix('"'));
+        match included {
+            Some(name) => out += &source(&path.with_file_name(name)),
+            None if line.starts_with("#version") => {}
+            None => out += line,
+        }
+        out.push('\n');
+    }
+    out
+}
+
+/// Instructions and constructs.
+fn size(module: &Module) -> (usize, usize) {
+    fn count(body: &Body, size: &mut (usize, usize)) {
+        for node in &body.nodes {
+            match node {
+                Node::Inst(_) => size.0 += 1,
+                Node::Block { body, .. } | Node::Loop { body, .. } => {
+                    size.1 += 1;
+                    count(body, size);
+                }
+                Node::If {
+                    then_body,
+                    else_body,
+                    ..
+                } => {
+                    size.1 += 1;
+                    count(then_body, size);
+                    count(else_body, size);
+                }
+            }
+        }
+    }
+    let mut size = (0, 0);
+    for function in &module.functions {
+        count(&function.body, &mut size);
+    }
+    size
+}
+
+fn main() {
+    for argument in std::env::args().skip(1) {
+        let path = Path::new(&argument);
+        let stage = stage(path);
+        let words = support::glsl(stage, &source(path));
+        let capabilities = support::all_capabilities();
+        let request = CompileRequest {
+            words: &words,
+            entry_point: "main",
+            stage,
+            specialization: &[],
+            bindings: &support::bindings,
+            capabilities: &capabilities,
+        };
+        let begin = Instant::now();
+        let parsed = spirv_jit::parse::parse(&words).unwrap();
+        let parse_time = begin.elapsed();
+        let begin = Instant::now();
+        let lowered = spirv_jit::lower::lower_module(&parsed, &request).unwrap();
+        let lower_time = begin.elapsed();
+        println!("{argument}: {} words, IR {:?}", words.len(), size(&lowered));
+        println!("  {parse_time:>12.1?} parse\n  {lower_time:>12.1?} lower");
+        let mut module = lowered.clone();
+        for name in ORDER {
+            let begin = Instant::now();
+            run_pass(name, &mut module);
+            println!("  {:>12.1?} {name} {:?}", begin.elapsed(), size(&module));
+        }
+        let begin = Instant::now();
+        let program = Program::new(&module).unwrap();
+        println!("  {:>12.1?} interpreter", begin.elapsed());
+        println!(
+            "  private rows {}, state rows {}, wave {} subgroups",
+            module
+                .functions
+                .iter()
+                .flat_map(|f| &f.variables)
+                .map(|v| v.rows)
+                .sum::<u32>(),
+            program.layout().rows,
+            program.max_wave_subgroups()
+        );
+        let mut module = lowered;
+        let begin = Instant::now();
+        optimize(&mut module).unwrap();
+        println!("  {:>12.1?} all passes", begin.elapsed());
+    }
+}

@@ -1,0 +1,143 @@
+//! Modules that are deep, long, or would explode: the passes take them in bounded stack, memory and time.
+
+use std::time::{Duration, Instant};
+
+use spirv_jit::ir::text::parse_module;
+use spirv_jit::ir::{Body, Module, Node};
+use spirv_jit::pass::optimize;
+
+fn count(body: &Body) -> usize {
+    let inside = |node: &Node| match node {
+        Node::Inst(_) => 1,
+        Node::Block { body, .. } | Node::Loop { body, .. } => 1 + count(body),
+        Node::If {
+            then_body,
+            else_body,
+            ..
+        } => 1 + count(then_body) + count(else_body),
+    };
+    body.nodes.iter().map(inside).sum()
+}
+
+fn optimised(text: &str) -> (Module, Duration) {
+    let mut module = parse_module(text).unwrap();
+    let begin = Instant::now();
+    optimize(&mut module).unwrap();
+    (module, begin.elapsed())
+}
+
+/// Nests `depth` constructs of all kinds, each of which changes a variable.
+#[test]
+fn nests_of_a_thousand() {
+    let mut text = String::from(
+        "module callable\ninputs callable_data.0\noutput_rows 1\nfunc f0 {\nvar0: 4 rows zero\nv0: i32 = input[0]\nv1: i1 = ieq v0, v0\n",
+    );
+    let depth = 1000;
+    let mut ends = Vec::new();
+    for k in 0..depth {
+        let row = k % 4;
+        let value = 10 + 2 * k;
+        let change = format!(
+            "v{value}: i32 = var.load[var0, {row}]\nv{}: i32 = iadd v{value}, v0\nvar.store[var0, {row}] v{}\n",
+            value + 1,
+            value + 1
+        );
+        match k % 3 {
+            0 => {
+                text += &format!("block L{k} {{\n{change}");
+                ends.push(format!("br L{k}\n}}\n"));
+            }
+            1 => {
+                text += &format!("if v1, L{k} {{\n{change}");
+                ends.push(format!("br L{k}\n}} else {{\nbr L{k}\n}}\n"));
+            }
+            // Left to the enclosing construct.
+            _ => {
+                text += &format!("loop L{k} {{\n{change}");
+                ends.push(format!(
+                    "br L{}\n}}\nunreachable\n}} else {{\nbr L{}\n}}\n",
+                    k - 1,
+                    k - 1
+                ));
+            }
+        }
+    }
+    let mut skip = false;
+    for (k, end) in ends.iter().enumerate().rev() {
+        // The loop's end closed the `if` around it.
+        if !std::mem::take(&mut skip) {
+            text += end;
+        }
+        skip = k % 3 == 2;
+    }
+    text += "v5: i32 = var.load[var0, 0]\nend(v5)\n}\n";
+    // Test threads have 2 MiB of stack.
+    let (module, _) = optimised(&text);
+    assert!(module.functions[0].variables.is_empty());
+}
+
+#[test]
+fn call_trees_that_double() {
+    let levels = 40;
+    let mut text = String::from("module callable\noutput_rows 1\n");
+    for level in 0..levels {
+        let head = if level == 0 {
+            "func f0 {\nv0: i32 = const 1\n".to_string()
+        } else {
+            format!("func f{level} (v0: i32) -> (i32) {{\n")
+        };
+        let end = if level == 0 { "end" } else { "return" };
+        if level + 1 < levels {
+            let callee = level + 1;
+            text += &format!(
+                "{head}v1: i32 = call[f{callee}] v0\nv2: i32 = call[f{callee}] v1\n{end}(v2)\n}}\n"
+            );
+        } else {
+            text += &format!("{head}v1: i32 = imul v0, v0\n{end}(v1)\n}}\n");
+        }
+    }
+    let (module, _) = optimised(&text);
+    let total: usize = module.functions.iter().map(|f| count(&f.body)).sum();
+    assert!(total < 40_000, "{total} instructions");
+}
+
+/// Many variables, stored and read in many loops and branches: the worst for promotion.
+#[test]
+fn ten_thousand_instructions() {
+    let mut text = String::from(
+        "module callable\ninputs callable_data.0\noutput_rows 1\nfunc f0 {\nvar0: 500 rows zero\nv0: i32 = input[0]\nv1: i1 = ieq v0, v0\nv2: i32 = const 3\n",
+    );
+    let mut value = 3;
+    for k in 0..700 {
+        let (a, b) = (k * 7 % 500, k * 13 % 500);
+        let v = value;
+        value += 8;
+        text += &format!(
+            "block L{0} {{\nloop L{1} {{
+            v{v}: i32 = var.load[var0, {a}]
+            v{7}: i1 = ult v{v}, v2
+            if v{7}, L{2} {{\nvar.store[var0, {b}] v{v}\nbr L{2}\n}} else {{\nbr L{0}\n}}
+            v{3}: i32 = var.load[var0, {b}]
+            v{4}: i32 = iadd v{3}, v{v}
+            v{5}: i32 = imul v{4}, v{3}
+            v{6}: i32 = xor v{5}, v2
+            var.store[var0, {a}] v{6}
+            br L{1}\n}}\nunreachable\n}}\n",
+            3 * k,
+            3 * k + 1,
+            3 * k + 2,
+            v + 1,
+            v + 2,
+            v + 3,
+            v + 4,
+            v + 5,
+        );
+    }
+    text += &format!("v{value}: i32 = var.load[var0, 0]\nend(v{value})\n}}\n");
+    let text = text.replace("v1: i1 = ieq v0, v0\n", "");
+    let (module, time) = optimised(&text);
+    assert!(module.functions[0].variables.is_empty());
+    // A few milliseconds in release mode; the bound is for a debug build with the verifier on a busy machine.
+    assert!(time < Duration::from_secs(2), "{time:?}");
+    println!("{time:?}");
+}

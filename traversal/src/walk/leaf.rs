@@ -1,0 +1,151 @@
+//! Leaves: from primitives to candidates and hits.
+
+use super::kernel::{Kernel, Portable};
+use super::level::{InstanceFacts, Level};
+use super::space::Space;
+use super::triangle::{Rim, intersect};
+use super::{Event, Walk};
+use crate::layout::{GROUP, TriangleGroup, child, geometry_word};
+use crate::ray::{HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, Hit};
+use crate::structure::Kind;
+
+/// What became of a leaf.
+pub(crate) enum Leaf {
+    /// All of it is done.
+    Finished,
+    /// The walk ends.
+    Over,
+    /// The candidate in this lane (counted over the leaf's groups) is the caller's to decide.
+    Ask(Event, u32),
+}
+
+/// Makes a leaf's box the candidate; false if there is none.
+#[inline(never)]
+pub(crate) fn ask_about_box(
+    walk: &mut Walk,
+    level: &Level,
+    instance: &InstanceFacts,
+    word: u32,
+) -> bool {
+    let Some(entry) = level.structure.box_entry(word & child::INDEX) else {
+        return false;
+    };
+    let Some(opaque) = instance.opacity(entry.geometry) else {
+        return false;
+    };
+    walk.candidate = Hit {
+        t: walk.ray.t_min,
+        geometry_index: entry.geometry & geometry_word::INDEX,
+        primitive_index: entry.primitive,
+        opaque,
+        ..instance.hit()
+    };
+    true
+}
+
+/// Goes on with a leaf from `first_lane` on. Out of the way of the loop, so in plain Rust.
+#[cold]
+#[inline(never)]
+pub(crate) fn finish(
+    walk: &mut Walk,
+    level: &Level,
+    space: &Space,
+    instance: &InstanceFacts,
+    word: u32,
+    first_lane: u32,
+) -> Leaf {
+    // A leaf of boxes has one.
+    if level.structure.kind() == Kind::Aabbs {
+        return Leaf::Finished;
+    }
+    let mut t_far = space.scaled_up(walk.hit.t);
+    let leaf = Triangles {
+        level,
+        space,
+        instance,
+        word,
+        first_lane,
+    };
+    // SAFETY: every machine has plain Rust.
+    unsafe { leaf.test::<Portable>(walk, &mut t_far) }
+}
+
+/// A leaf of triangles.
+pub(crate) struct Triangles<'a> {
+    pub level: &'a Level,
+    pub space: &'a Space,
+    pub instance: &'a InstanceFacts,
+    pub word: u32,
+    /// First lane to look at, counted over the leaf's groups.
+    pub first_lane: u32,
+}
+
+impl Triangles<'_> {
+    /// Tests the triangles; lowers `t_far` to what is found.
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set.
+    #[inline(always)]
+    pub unsafe fn test<K: Kernel>(&self, walk: &mut Walk, t_far: &mut f32) -> Leaf {
+        // SAFETY: the caller's promise.
+        let ray = unsafe { K::load_shear(self.space) };
+        let index = self.word & child::INDEX;
+        let groups = if self.word & child::TWO_GROUPS != 0 {
+            2
+        } else {
+            1
+        };
+        for group_index in self.first_lane / 4..groups {
+            let Some(group) = self.level.structure.group(index + group_index) else {
+                return Leaf::Finished;
+            };
+            // SAFETY: the caller's promise.
+            let mut mask = unsafe { K::test_group(&ray, group, *t_far) };
+            // A corrupt group may claim to have more lanes.
+            mask &= 0xF & u32::MAX << self.first_lane.saturating_sub(4 * group_index);
+            while mask != 0 {
+                let lane = mask.trailing_zeros();
+                mask &= mask - 1;
+                let Some(hit) = self.hit(walk, group, 4 * (index + group_index) + lane) else {
+                    continue;
+                };
+                if !hit.opaque {
+                    walk.candidate = hit;
+                    return Leaf::Ask(Event::AnyHitCandidate, 4 * group_index + lane);
+                }
+                if walk.commit(hit) {
+                    return Leaf::Over;
+                }
+                *t_far = self.space.scaled_up(hit.t);
+            }
+        }
+        Leaf::Finished
+    }
+
+    /// The hit of one triangle, if it is to be preferred to what there is.
+    #[inline(always)]
+    fn hit(&self, walk: &Walk, group: &TriangleGroup, slot: u32) -> Option<Hit> {
+        let lane = slot as usize % GROUP;
+        let geometry = group.geometries[lane];
+        let opaque = self.instance.opacity(geometry)?;
+        let rim = if opaque { Rim::Included } else { Rim::Owned };
+        let found = intersect(self.space, &group.triangle(lane), rim)?;
+        let front = self.instance.facing(found.front)?;
+        let hit = Hit {
+            t: found.t,
+            barycentrics: found.barycentrics,
+            geometry_index: geometry & geometry_word::INDEX,
+            primitive_index: group.primitives[lane],
+            slot,
+            hit_kind: if front {
+                HIT_KIND_FRONT_FACING_TRIANGLE
+            } else {
+                HIT_KIND_BACK_FACING_TRIANGLE
+            },
+            opaque,
+            triangle: true,
+            ..self.instance.hit()
+        };
+        (walk.ray.t_min < hit.t && walk.is_nearer(&hit)).then_some(hit)
+    }
+}

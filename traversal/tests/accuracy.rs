@@ -1,0 +1,80 @@
+//! How exact hits are: distances and weights against f64, in the middle of well-shaped triangles.
+
+mod scene;
+
+use scene::*;
+
+/// The greatest errors of t, in units in its last place, and of the weights, in 2⁻²⁴, and the
+/// number of hits they are of.
+fn errors(scale: f64, offset: [f64; 3], rays: usize) -> (f64, f64, usize) {
+    let (vertices, indices) = icosphere(4);
+    let mesh = Mesh {
+        vertices: vertices
+            .iter()
+            .map(|v| std::array::from_fn(|i| (v[i] * scale + offset[i]) as f32))
+            .collect(),
+        indices,
+        opaque: true,
+    };
+    let scene = Scene::new(std::slice::from_ref(&mesh), 0);
+    let mut walker = traversal::Walker::new();
+    let mut random = Random(0x1234_5678_9ABC_DEF1);
+    let (mut t_error, mut weight_error, mut count) = (0f64, 0f64, 0);
+    for _ in 0..rays {
+        let index = (random.next() * mesh.indices.len() as f64) as usize;
+        let triangle = mesh.triangle(index);
+        let (mut u, mut v) = (0.02 + 0.96 * random.next(), 0.02 + 0.96 * random.next());
+        if u + v > 0.98 {
+            (u, v) = (1.0 - u, 1.0 - v);
+        }
+        let [a, b, c] = triangle.map(wide);
+        let target = std::array::from_fn(|i| a[i] * (1.0 - u - v) + b[i] * u + c[i] * v);
+        let normal = normalize(sub(target, offset));
+        let tilt = random.direction();
+        let from = normalize(std::array::from_fn(|i| normal[i] * 0.9 + tilt[i] * 0.6));
+        let origin = narrow(std::array::from_fn(|i| target[i] + 2.0 * scale * from[i]));
+        let direction = sub(target, wide(origin));
+        // Hits far from t = 1 too, and directions that are not normalised.
+        let length = 0.3 + random.next();
+        let ray = ray(origin, narrow(direction.map(|d| d * length / scale)));
+        let (t, u, v, inside) = reference(&ray, &triangle);
+        if inside < 0.01 {
+            continue;
+        }
+        let hit = closest_with(&mut walker, &scene.top, &ray).expect("the sphere is closed");
+        if hit.primitive_index as usize != index {
+            continue;
+        }
+        count += 1;
+        let unit = f64::from((t as f32).next_up()) - f64::from(t as f32);
+        t_error = t_error.max((f64::from(hit.t) - t).abs() / unit);
+        for (found, expected) in hit.barycentrics.into_iter().zip([u, v]) {
+            let error = (f64::from(found) - expected).abs() * f64::from(1u32 << 24);
+            weight_error = weight_error.max(error);
+        }
+    }
+    (t_error, weight_error, count)
+}
+
+#[test]
+fn interior_hits_are_nearly_rounded() {
+    for (scale, translation) in [
+        (1.0, 0.0),
+        (1e-3, 0.0),
+        (1e3, 0.0),
+        (1e6, 0.0),
+        (1.0, 1e4),
+        (1e3, 1e4),
+        (1e3, 1e7),
+        (1e6, 1e7),
+        (1e-30, 0.0),
+        (1e30, 0.0),
+    ] {
+        let offset = [translation, 1.3 * translation, 0.7 * translation];
+        let (t, weights, count) = errors(scale, offset, 20_000);
+        println!("{scale:e} {translation:e}: t {t:.3} ULP, weights {weights:.3} of 2⁻²⁴, {count}");
+        assert!(count > 10_000, "{scale:e} {translation:e}: {count}");
+        assert!(t <= 0.501, "{scale:e} {translation:e}: {t} ULP");
+        assert!(weights <= 1.0, "{scale:e} {translation:e}: {weights}");
+    }
+}
