@@ -12,6 +12,7 @@ pub fn clear_color_image(
     value: &vk::ClearColorValue,
     range: &vk::ImageSubresourceRange,
 ) {
+    // A 64-bit component takes two words, low and high (VkClearColorValue), as texels do here.
     // SAFETY: all members are four words, and the format says whether these are floats or integers.
     let words = unsafe { value.uint32 };
     clear(image, vk::ImageAspectFlags::COLOR, range, words);
@@ -49,21 +50,8 @@ fn clear(
             region.slice = range.base_array_layer;
             region.slices = image.layer_count(range.base_array_layer, range.layer_count);
         }
-        fill(&surface, region, texel_words(&surface, words));
+        fill(&surface, region, words);
     }
-}
-
-/// 64-bit integers take the low words, sign-extended as their format asks.
-fn texel_words(surface: &Surface, words: [u32; 4]) -> [u32; 4] {
-    use spirv_jit::image::format::Numeric;
-    if surface.format.channels[0].bits != 64 {
-        return words;
-    }
-    let high = |word: u32| match surface.format.numeric {
-        Numeric::Sint => (word as i32 >> 31) as u32,
-        _ => 0,
-    };
-    [words[0], high(words[0]), words[1], high(words[1])]
 }
 
 /// Fills a region with one texel, in every sample.

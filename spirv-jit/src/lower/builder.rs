@@ -63,6 +63,22 @@ impl Builder {
         self.function
     }
 
+    /// Operations that may still be emitted.
+    pub fn remaining(&self) -> usize {
+        self.budget.saturating_sub(self.emitted)
+    }
+
+    /// Counts operations that were emitted elsewhere.
+    pub fn spend(&mut self, operations: usize) -> Result<(), Error> {
+        self.emitted += operations;
+        if self.emitted > self.budget {
+            return Err(super::budget(
+                "the shader is too large for its module's size",
+            ));
+        }
+        Ok(())
+    }
+
     pub fn ty(&self, value: Value) -> Type {
         self.function.ty(value)
     }
@@ -190,12 +206,7 @@ impl Builder {
         args: &[Value],
         results: &[Type],
     ) -> Result<SmallVec<[Value; 2]>, Error> {
-        self.emitted += 1;
-        if self.emitted > self.budget {
-            return Err(super::budget(
-                "the shader is too large for its module's size",
-            ));
-        }
+        self.spend(1)?;
         let results: SmallVec<[Value; 2]> = results
             .iter()
             .map(|&ty| self.function.new_value(ty))
