@@ -1,6 +1,7 @@
 //! IR to better IR. Each pass is a verb-object function in a file of that name; the verifier runs between passes in debug builds.
 //!
 //! `TUFF_PRINT=ir` prints every module before the passes, `pass` after them, and the name of a pass after that one, to standard error.
+//! `TUFF_DISABLE` with a comma-separated list leaves passes out by name, or all `passes`.
 
 #![forbid(unsafe_code)]
 
@@ -106,10 +107,24 @@ pub fn optimize(module: &mut Module) -> Result<(), Error> {
         message: format!("lowering made an invalid module: {message}"),
     })?;
     for name in ORDER {
-        run_pass(name, module);
+        if !disabled(name) {
+            run_pass(name, module);
+        }
     }
     print_if("pass", "optimised", module);
     Ok(())
+}
+
+/// Whether `TUFF_DISABLE` names a pass, or `passes`: all of them.
+fn disabled(name: &str) -> bool {
+    static DISABLED: OnceLock<Vec<String>> = OnceLock::new();
+    DISABLED
+        .get_or_init(|| {
+            let value = std::env::var("TUFF_DISABLE").unwrap_or_default();
+            value.split(',').map(str::to_owned).collect()
+        })
+        .iter()
+        .any(|switch| switch == name || switch == "passes")
 }
 
 /// Runs one pass by name; whether there is one of that name.
