@@ -65,7 +65,7 @@ fn is_scaled(info: &FormatInfo) -> bool {
     matches!(info.numeric, Numeric::Uscaled | Numeric::Sscaled)
 }
 
-/// 64-bit components: integers are there for atomics, one component at a time; floats are for vertices only.
+/// 64-bit components: single integers are there for `shaderImageInt64Atomics`, the rest for vertices.
 fn is_wide(info: &FormatInfo) -> bool {
     info.channels[0].bits == 64
 }
@@ -92,6 +92,7 @@ fn has_atomics(texel: Format) -> bool {
     [
         Format::R32_UINT,
         Format::R32_SINT,
+        Format::R32_SFLOAT,
         Format::R64_UINT,
         Format::R64_SINT,
     ]
@@ -238,7 +239,14 @@ mod tests {
                 Feature::UNIFORM_TEXEL_BUFFER,
             );
         }
-        for format in [vk::Format::R32_UINT, vk::Format::R32_SINT] {
+        // The latter ones with shaderImageFloat32Atomics and shaderImageInt64Atomics.
+        for format in [
+            vk::Format::R32_UINT,
+            vk::Format::R32_SINT,
+            vk::Format::R32_SFLOAT,
+            vk::Format::R64_UINT,
+            vk::Format::R64_SINT,
+        ] {
             has(
                 format,
                 Feature::STORAGE_IMAGE_ATOMIC,

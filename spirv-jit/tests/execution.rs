@@ -629,3 +629,45 @@ fn workgroup_memory_starts_as_zero_where_it_says_so() {
     dispatch(&program, 1, &mut memory);
     assert_eq!(memory.buffers[0].1, [1; 48]);
 }
+
+#[test]
+fn calls_give_back_what_they_take() {
+    let step = "for (int k = 0; k < 4; k++) { y += a[k]; s = s * 3u + uint(y); a[(k + 1) & 3] ^= int(s); }\n";
+    let declarations = format!(
+        "uint s = 1u;
+         int big(inout int a[4], int y) {{ if (y == 7) return 5; {} return y; }}
+         int twice(inout int b[4], int y) {{ return big(b, y) + big(b, y + 1); }}",
+        step.repeat(16)
+    );
+    check(
+        &declarations,
+        "int a[4] = int[](1, 2, 3, int(x));
+         if (x % 3u == 0u) r = uint(twice(a, int(x)));
+         for (uint k = 0u; k < x % 5u; k++) r += uint(big(a, int(k + x)));
+         r += uint(a[2]) + s * 7u;",
+        &ramp(),
+        |_, x| {
+            fn big(a: &mut [i32; 4], s: &mut u32, mut y: i32) -> i32 {
+                if y == 7 {
+                    return 5;
+                }
+                for k in 0..64 {
+                    y = y.wrapping_add(a[k % 4]);
+                    *s = s.wrapping_mul(3).wrapping_add(y as u32);
+                    a[(k + 1) & 3] ^= *s as i32;
+                }
+                y
+            }
+            let mut a = [1, 2, 3, x as i32];
+            let (mut s, mut r) = (1, 0u32);
+            if x % 3 == 0 {
+                let first = big(&mut a, &mut s, x as i32);
+                r = first.wrapping_add(big(&mut a, &mut s, x as i32 + 1)) as u32;
+            }
+            for k in 0..x % 5 {
+                r = r.wrapping_add(big(&mut a, &mut s, (k + x) as i32) as u32);
+            }
+            r.wrapping_add(a[2] as u32).wrapping_add(s.wrapping_mul(7))
+        },
+    );
+}

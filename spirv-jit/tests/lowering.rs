@@ -206,3 +206,20 @@ fn the_whole_instruction_set_of_glsl() {
     lower_glsl(Stage::Compute, include_str!("shaders/memory.comp"));
     lower_glsl(Stage::Compute, include_str!("shaders/subgroups.comp"));
 }
+
+#[test]
+fn large_functions_with_several_call_sites_stay_functions() {
+    let step = "for (int k = 0; k < 4; k++) { y += a[k]; s = s * 3u + uint(y); a[(k + 1) & 3] ^= int(s); } \n";
+    let source = format!(
+        "layout(set = 0, binding = 0) buffer B {{ int data[]; }};
+         uint s = 1u;
+         int big(inout int a[4], int y) {{ if (y == 77) return 5; {} return y; }}
+         int twice(inout int b[4], int y) {{ return big(b, y) + big(b, y + 1); }}
+         void main() {{ int a[4] = int[](1, 2, 3, 4); data[0] = twice(a, data[1]) + twice(a, data[2]) + a[2] + int(s); }}",
+        step.repeat(16)
+    );
+    let module = lower_glsl(Stage::Compute, &source);
+    assert!(module.functions.len() > 1);
+    let calls = operations(&module);
+    assert!(calls.iter().any(|op| matches!(op, Op::Call(_))));
+}

@@ -79,9 +79,26 @@ fn border_color(color: vk::BorderColor) -> [u32; 4] {
     }
 }
 
+/// The border color of a sampler, a custom one where it is given.
+///
+/// # Safety
+/// `info` is valid usage of `vkCreateSampler`.
+unsafe fn border(info: &vk::SamplerCreateInfo<'_>) -> [u32; 4] {
+    // SAFETY: the caller's promise. A clear color is four words, whatever they mean.
+    unsafe {
+        chain::find::<vk::SamplerCustomBorderColorCreateInfoEXT>(info.p_next)
+            .filter(|_| info.border_color.as_raw() >= vk::BorderColor::FLOAT_CUSTOM_EXT.as_raw())
+            .map_or_else(
+                || border_color(info.border_color),
+                |custom| custom.custom_border_color.uint32,
+            )
+    }
+}
+
 fn sampler_descriptor(
     info: &vk::SamplerCreateInfo<'_>,
     reduction: vk::SamplerReductionMode,
+    border_color: [u32; 4],
 ) -> SamplerDescriptor {
     SamplerDescriptor {
         mag_filter: filter(info.mag_filter),
@@ -111,7 +128,7 @@ fn sampler_descriptor(
             vk::SamplerReductionMode::MAX => Reduction::Max,
             _ => Reduction::WeightedAverage,
         },
-        border_color: border_color(info.border_color),
+        border_color,
         unnormalized_coordinates: info.unnormalized_coordinates == vk::TRUE,
     }
 }
@@ -204,7 +221,8 @@ entry! {
         let info = &*info;
         let image = from_handle::<Image>(info.image);
         let range = info.subresource_range;
-        let descriptor = view_descriptor(image, info.view_type, info.format, info.components, &range, 0.0)?;
+        let min_lod = chain::find::<vk::ImageViewMinLodCreateInfoEXT>(info.p_next).map_or(0.0, |min| min.min_lod);
+        let descriptor = view_descriptor(image, info.view_type, info.format, info.components, &range, min_lod)?;
         *out = handle::create(ImageView {
             descriptor: device.image_descriptors.store(SendDescriptor(descriptor)),
             range,
@@ -223,7 +241,7 @@ entry! {
         let reduction = chain::find::<vk::SamplerReductionModeCreateInfo>(info.p_next)
             .map_or(vk::SamplerReductionMode::WEIGHTED_AVERAGE, |reduction| reduction.reduction_mode);
         *out = handle::create(Sampler {
-            descriptor: device.sampler_descriptors.store(sampler_descriptor(info, reduction)),
+            descriptor: device.sampler_descriptors.store(sampler_descriptor(info, reduction, border(info))),
         });
         Ok(())
     }

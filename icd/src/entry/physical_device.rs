@@ -197,6 +197,7 @@ entry! {
         flags: vk::ImageCreateFlags,
         out: *mut vk::ImageFormatProperties,
     ) -> vk::Result {
+        *out = vk::ImageFormatProperties::default();
         *out = supported_image(format, ty, tiling, usage, flags)?;
         Ok(())
     }

@@ -31,13 +31,25 @@ impl Engine {
     /// # Errors
     /// `VK_ERROR_OUT_OF_HOST_MEMORY` if they cannot be started.
     pub fn new(thread_count: usize, messengers: Arc<Messengers>) -> VkResult<Arc<Self>> {
+        Self::with_timeout(thread_count, messengers, timeout_setting())
+    }
+
+    /// As [`Self::new`], with a time limit for each dispatch instead of `TUFF_TIMEOUT`.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_timeout(
+        thread_count: usize,
+        messengers: Arc<Messengers>,
+        timeout: Option<Duration>,
+    ) -> VkResult<Arc<Self>> {
         Ok(Arc::new(Self {
             workers: Workers::start(thread_count)?,
             waiting: Arc::default(),
             dispatcher: Dispatcher::default(),
             messengers,
             cancelled: Arc::default(),
-            timeout: timeout(),
+            timeout,
         }))
     }
 
@@ -71,7 +83,7 @@ impl Engine {
 }
 
 /// `TUFF_TIMEOUT`: seconds after which a dispatch counts as hanging and the device is lost. Off if unset: a picture may take hours.
-fn timeout() -> Option<Duration> {
+fn timeout_setting() -> Option<Duration> {
     let seconds: f64 = std::env::var("TUFF_TIMEOUT").ok()?.parse().ok()?;
     Duration::try_from_secs_f64(seconds)
         .ok()

@@ -38,10 +38,13 @@ pub struct AddressWindow {
     ranges: Mutex<Ranges>,
 }
 
-/// Which parts are free: all past `next`, and what was freed below it, oldest first.
+/// Which parts are free: all from `next` to `end`, and what was freed, oldest first.
 struct Ranges {
     next: u64,
+    end: u64,
     freed: Vec<(u64, u64)>,
+    /// Mapped outside the window, to give captured addresses again: the device that captured them had another one.
+    outside: Vec<(u64, u64)>,
 }
 
 impl AddressWindow {
@@ -66,7 +69,9 @@ impl AddressWindow {
                         budget_bytes,
                         ranges: Mutex::new(Ranges {
                             next: base,
+                            end: base + size_bytes,
                             freed: Vec::new(),
+                            outside: Vec::new(),
                         }),
                     }));
                 }
@@ -85,10 +90,7 @@ impl AddressWindow {
                     .filter(|&sum| sum <= self.budget_bytes)
             })
             .map_err(|_| FULL)?;
-        let address = self
-            .ranges
-            .lock()
-            .take(size_bytes, wanted, self.base + self.size_bytes);
+        let address = self.ranges.lock().take(size_bytes, wanted, self.base);
         address.ok_or_else(|| {
             USED_BYTES.fetch_sub(size_bytes, Ordering::Relaxed);
             match wanted {
@@ -108,11 +110,11 @@ impl AddressWindow {
 
 impl Ranges {
     /// Prefers addresses that were never used; then what has been free for longest.
-    fn take(&mut self, size_bytes: u64, wanted: Option<u64>, end: u64) -> Option<u64> {
+    fn take(&mut self, size_bytes: u64, wanted: Option<u64>, base: u64) -> Option<u64> {
         if let Some(address) = wanted {
-            return self.take_at(address, size_bytes, end);
+            return self.take_at(address, size_bytes, base);
         }
-        if end - self.next >= size_bytes {
+        if self.end - self.next >= size_bytes {
             let address = self.next;
             self.next += size_bytes;
             return Some(address);
@@ -128,18 +130,29 @@ impl Ranges {
         Some(address)
     }
 
-    fn take_at(&mut self, address: u64, size_bytes: u64, end: u64) -> Option<u64> {
+    fn take_at(&mut self, address: u64, size_bytes: u64, base: u64) -> Option<u64> {
         let last = address.checked_add(size_bytes)?;
-        if address >= self.next {
-            if last > end || address % GRANULE != 0 {
-                return None;
-            }
+        if address % GRANULE != 0 {
+            return None;
+        }
+        if self.next <= address && last <= self.end {
             if address > self.next {
                 self.freed.push((self.next, address - self.next));
             }
             self.next = last;
             return Some(address);
         }
+        self.take_freed_at(address, last).or_else(|| {
+            if base < last && address < self.end {
+                return None;
+            }
+            map_zero_pages(address, size_bytes, libc::MAP_FIXED_NOREPLACE)?;
+            self.outside.push((address, size_bytes));
+            Some(address)
+        })
+    }
+
+    fn take_freed_at(&mut self, address: u64, last: u64) -> Option<u64> {
         self.merge();
         let index = self
             .freed
@@ -169,8 +182,11 @@ impl Ranges {
 
 impl Drop for AddressWindow {
     fn drop(&mut self) {
-        // SAFETY: the window is this object's own mapping, and the device that used it is gone.
-        unsafe { libc::munmap(self.base as *mut _, self.size_bytes as usize) };
+        let outside = &self.ranges.get_mut().outside;
+        for &(address, size_bytes) in outside.iter().chain([&(self.base, self.size_bytes)]) {
+            // SAFETY: these are this object's own mappings, and the device that used them is gone.
+            unsafe { libc::munmap(address as *mut _, size_bytes as usize) };
+        }
     }
 }
 
@@ -399,6 +415,20 @@ mod tests {
         let second = again(address).ok().unwrap();
         assert_eq!(second.address, address);
         assert!(again(address).is_err());
+    }
+
+    #[test]
+    fn an_address_of_another_window_can_be_had_again() {
+        let [first, second] = [0; 2].map(|_| AddressWindow::reserve(1 << 30).ok().unwrap());
+        let address = allocate(&second, 1).ok().unwrap().address;
+        let again = || DeviceMemory::allocate(&first, 1, Source::Fresh, Some(address));
+        assert!(again().is_err());
+        drop(second);
+        let memory = again().ok().unwrap();
+        assert_eq!(memory.address, address);
+        assert!(again().is_err());
+        drop(memory);
+        assert_eq!(again().ok().unwrap().address, address);
     }
 
     #[test]

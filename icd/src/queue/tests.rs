@@ -1,13 +1,17 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
 
 use ash::vk;
+use spirv_jit::Program;
+use spirv_jit::ir::text::parse_module;
 
 use super::{Queue, Submission};
 use crate::command::Command;
 use crate::execute::Engine;
 use crate::handle::{self, Ref};
-use crate::object::{Event, Fence, QueryPool, Semaphore};
+use crate::object::pipeline::PipelineKind;
+use crate::object::{Event, Fence, Pipeline, PipelineLayout, QueryPool, Semaphore};
 
 fn engine() -> Arc<Engine> {
     Engine::new(2, Arc::default()).ok().unwrap()
@@ -132,4 +136,53 @@ fn a_lost_device_ends_every_wait() {
     assert_eq!(queue.wait_idle(), Err(vk::Result::ERROR_DEVICE_LOST));
     assert_eq!(queue.submit([]), Err(vk::Result::ERROR_DEVICE_LOST));
     queue.close();
+}
+
+/// A dispatch of one workgroup of a compute program with this body.
+fn dispatch(body: &str) -> Arc<Vec<Command>> {
+    let text = format!("module compute\nfunc f0 {{\n{body}\n}}");
+    let program = Program::new(&parse_module(&text).unwrap()).unwrap();
+    let pipeline = Pipeline {
+        layout: handle::new(PipelineLayout::new(Vec::new(), 0)),
+        kind: PipelineKind::Compute(Arc::new(program)),
+    };
+    Arc::new(vec![
+        Command::BindPipeline(handle::new(pipeline)),
+        Command::Dispatch {
+            base: [0; 3],
+            count: [1; 3],
+        },
+    ])
+}
+
+/// What comes of work that goes wrong on the device: the fence is not signaled, and everyone hears of the loss.
+fn assert_lost(engine: &Arc<Engine>, commands: Arc<Vec<Command>>) {
+    let queue = Queue::new(0, Arc::clone(engine));
+    let fence = handle::new(Fence::new(false));
+    let submission = Submission {
+        commands: vec![commands],
+        fence: Some(Arc::clone(&fence)),
+        ..Submission::default()
+    };
+    assert!(queue.submit([submission]).is_ok());
+    assert_eq!(wait(engine, &fence), Err(vk::Result::ERROR_DEVICE_LOST));
+    assert_eq!(queue.wait_idle(), Err(vk::Result::ERROR_DEVICE_LOST));
+    assert!(!fence.is_signaled());
+    queue.close();
+}
+
+#[test]
+fn a_hanging_shader_loses_the_device() {
+    let timeout = Some(Duration::from_millis(20));
+    let engine = Engine::with_timeout(2, Arc::default(), timeout)
+        .ok()
+        .unwrap();
+    assert_lost(&engine, dispatch("loop L0 {\nbr L0\n}\nunreachable"));
+}
+
+#[test]
+fn a_panic_at_work_loses_the_device_and_not_the_process() {
+    // No compute shader can call a callable: the front end would have refused it.
+    let body = "v0: i32 = const 0\nv1: i32 = execute_callable v0, v0\nend";
+    assert_lost(&engine(), dispatch(body));
 }

@@ -67,7 +67,7 @@ features! {
         sampler_anisotropy;
         shader_image_gather_extended ImageGatherExtended;
         shader_storage_image_extended_formats StorageImageExtendedFormats;
-        shader_storage_image_multisample StorageImageMultisample;
+        shader_storage_image_multisample StorageImageMultisample ImageMSArray;
         shader_storage_image_read_without_format StorageImageReadWithoutFormat;
         shader_storage_image_write_without_format StorageImageWriteWithoutFormat;
         shader_uniform_buffer_array_dynamic_indexing UniformBufferArrayDynamicIndexing;
@@ -77,6 +77,7 @@ features! {
         shader_float64 Float64;
         shader_int64 Int64;
         shader_int16 Int16;
+        shader_resource_min_lod MinLod;
     }
     chained {
         storage_buffer16_bit_access: PhysicalDeviceVulkan11Features PhysicalDevice16BitStorageFeatures => StorageBuffer16BitAccess;
@@ -138,6 +139,7 @@ features! {
         synchronization2: PhysicalDeviceVulkan13Features PhysicalDeviceSynchronization2Features;
         shader_zero_initialize_workgroup_memory: PhysicalDeviceVulkan13Features PhysicalDeviceZeroInitializeWorkgroupMemoryFeatures;
         maintenance4: PhysicalDeviceVulkan13Features PhysicalDeviceMaintenance4Features;
+        shader_integer_dot_product: PhysicalDeviceVulkan13Features PhysicalDeviceShaderIntegerDotProductFeatures => DotProduct DotProductInputAll DotProductInput4x8Bit DotProductInput4x8BitPacked;
 
         acceleration_structure: PhysicalDeviceAccelerationStructureFeaturesKHR;
         acceleration_structure_capture_replay: PhysicalDeviceAccelerationStructureFeaturesKHR;
@@ -149,6 +151,37 @@ features! {
         ray_tracing_pipeline_shader_group_handle_capture_replay_mixed: PhysicalDeviceRayTracingPipelineFeaturesKHR;
         ray_tracing_pipeline_trace_rays_indirect: PhysicalDeviceRayTracingPipelineFeaturesKHR;
         ray_traversal_primitive_culling: PhysicalDeviceRayTracingPipelineFeaturesKHR => RayTraversalPrimitiveCullingKHR;
+        ray_tracing_position_fetch: PhysicalDeviceRayTracingPositionFetchFeaturesKHR => RayTracingPositionFetchKHR;
+        pipeline_library_group_handles: PhysicalDevicePipelineLibraryGroupHandlesFeaturesEXT;
+
+        shader_buffer_float32_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_buffer_float32_atomic_add: PhysicalDeviceShaderAtomicFloatFeaturesEXT => AtomicFloat32AddEXT;
+        shader_buffer_float64_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_buffer_float64_atomic_add: PhysicalDeviceShaderAtomicFloatFeaturesEXT => AtomicFloat64AddEXT;
+        shader_shared_float32_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_shared_float32_atomic_add: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_shared_float64_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_shared_float64_atomic_add: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_image_float32_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_image_float32_atomic_add: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_buffer_float32_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT => AtomicFloat32MinMaxEXT;
+        shader_buffer_float64_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT => AtomicFloat64MinMaxEXT;
+        shader_shared_float32_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
+        shader_shared_float64_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
+        shader_image_float32_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
+        shader_image_int64_atomics: PhysicalDeviceShaderImageAtomicInt64FeaturesEXT => Int64ImageEXT;
+        shader_expect_assume: PhysicalDeviceShaderExpectAssumeFeaturesKHR => ExpectAssumeKHR;
+        shader_float_controls2: PhysicalDeviceShaderFloatControls2FeaturesKHR => FloatControls2;
+        shader_subgroup_rotate: PhysicalDeviceShaderSubgroupRotateFeaturesKHR => GroupNonUniformRotateKHR;
+        shader_subgroup_rotate_clustered: PhysicalDeviceShaderSubgroupRotateFeaturesKHR;
+        workgroup_memory_explicit_layout: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR => WorkgroupMemoryExplicitLayoutKHR;
+        workgroup_memory_explicit_layout_scalar_block_layout: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR;
+        workgroup_memory_explicit_layout8_bit_access: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR => WorkgroupMemoryExplicitLayout8BitAccessKHR;
+        workgroup_memory_explicit_layout16_bit_access: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR => WorkgroupMemoryExplicitLayout16BitAccessKHR;
+        custom_border_colors: PhysicalDeviceCustomBorderColorFeaturesEXT;
+        custom_border_color_without_format: PhysicalDeviceCustomBorderColorFeaturesEXT;
+        min_lod: PhysicalDeviceImageViewMinLodFeaturesEXT;
+        memory_priority: PhysicalDeviceMemoryPriorityFeaturesEXT;
         format_a4r4g4b4: PhysicalDevice4444FormatsFeaturesEXT;
         format_a4b4g4r4: PhysicalDevice4444FormatsFeaturesEXT;
         null_descriptor: PhysicalDeviceRobustness2FeaturesEXT;
@@ -166,7 +199,6 @@ features! {
         PhysicalDeviceImagelessFramebufferFeatures
         PhysicalDeviceTextureCompressionASTCHDRFeatures
         PhysicalDeviceDynamicRenderingFeatures
-        PhysicalDeviceShaderIntegerDotProductFeatures
     }
 }
 
@@ -179,7 +211,6 @@ const BASE_CAPABILITIES: &[Capability] = &[
     Capability::SampledBuffer,
     Capability::ImageBuffer,
     Capability::ImageQuery,
-    Capability::DerivativeControl,
     Capability::DeviceGroup,
     Capability::StorageImageExtendedFormats,
     Capability::GroupNonUniform,
@@ -190,6 +221,8 @@ const BASE_CAPABILITIES: &[Capability] = &[
     Capability::GroupNonUniformShuffleRelative,
     Capability::GroupNonUniformClustered,
     Capability::GroupNonUniformQuad,
+    Capability::SubgroupBallotKHR,
+    Capability::SubgroupVoteKHR,
     Capability::DemoteToHelperInvocation,
     Capability::DenormPreserve,
     Capability::SignedZeroInfNanPreserve,

@@ -64,7 +64,9 @@ fn vulkan11(device: &PhysicalDevice) -> vk::PhysicalDeviceVulkan11Properties<'st
             | vk::SubgroupFeatureFlags::SHUFFLE
             | vk::SubgroupFeatureFlags::SHUFFLE_RELATIVE
             | vk::SubgroupFeatureFlags::CLUSTERED
-            | vk::SubgroupFeatureFlags::QUAD,
+            | vk::SubgroupFeatureFlags::QUAD
+            | vk::SubgroupFeatureFlags::ROTATE_KHR
+            | vk::SubgroupFeatureFlags::ROTATE_CLUSTERED_KHR,
         subgroup_quad_operations_in_all_stages: vk::TRUE,
         point_clipping_behavior: vk::PointClippingBehavior::ALL_CLIP_PLANES,
         max_multiview_view_count: 6,
@@ -307,6 +309,10 @@ unsafe fn fill(device: &PhysicalDevice, node: *mut vk::BaseOutStructure<'static>
             });
             PhysicalDeviceExternalMemoryHostPropertiesEXT(vk::PhysicalDeviceExternalMemoryHostPropertiesEXT {
                 min_imported_host_pointer_alignment: limits::PAGE_BYTES,
+                ..Default::default()
+            });
+            PhysicalDeviceCustomBorderColorPropertiesEXT(vk::PhysicalDeviceCustomBorderColorPropertiesEXT {
+                max_custom_border_color_samplers: u32::MAX,
                 ..Default::default()
             });
             PhysicalDeviceRobustness2PropertiesEXT(vk::PhysicalDeviceRobustness2PropertiesEXT {

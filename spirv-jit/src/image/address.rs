@@ -3,6 +3,7 @@
 //! Loops over lanes are branch-free, so that they become vector code.
 #![forbid(unsafe_code)]
 
+use super::format::block::map;
 use super::{AddressMode, Filter};
 use crate::SUBGROUP_SIZE;
 
@@ -93,9 +94,12 @@ pub(super) fn address(
         }
     }
     let has_offset = offsets.is_some();
-    let second = first.map(|i| i.wrapping_add(1));
+    let second = map(&first, |i: i32| i.wrapping_add(1));
     Axis {
-        index: [first, second].map(|indices| wrap(rule, &indices, sizes, has_offset)),
+        index: [
+            wrap(rule, &first, sizes, has_offset),
+            wrap(rule, &second, sizes, has_offset),
+        ],
         weight,
     }
 }

@@ -6,7 +6,7 @@
 use super::format::block::{Texels, each_lane};
 use super::format::{FormatInfo, Numeric};
 use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, Level, LodMode, SamplerDescriptor};
-use super::{access, sample};
+use super::{access, fast, sample};
 use crate::SUBGROUP_SIZE;
 use crate::environment::Descriptor;
 use crate::ir::Type;
@@ -147,7 +147,15 @@ pub unsafe fn execute(
             } else {
                 None
             };
-            execute_block(op, image, sampler, group, operands, results);
+            if group == mask {
+                return execute_block(op, image, sampler, group, operands, results);
+            }
+            // A block writes whole rows: other groups' lanes must not be touched.
+            let mut part = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
+            execute_block(op, image, sampler, group, operands, &mut part);
+            for (row, part) in results.iter_mut().zip(&part[..op.result_rows()]) {
+                each_lane(group, |lane| row[lane] = part[lane]);
+            }
         }
     }
 }
@@ -175,6 +183,9 @@ pub unsafe fn execute_block(
     unsafe {
         match op.kind {
             ImageOpKind::Sample | ImageOpKind::Gather(_) => match sampler {
+                Some(sampler) if fast::applies(op, image, info, sampler) => {
+                    sample::sample_fast(op, &operands, image, info, sampler, mask, results);
+                }
                 Some(sampler) => sample::sample(op, &operands, image, info, sampler, mask, results),
                 None => put_null(op, mask, results),
             },
@@ -210,7 +221,7 @@ pub(super) struct Operands<'a> {
 
 impl<'a> Operands<'a> {
     #[inline(always)]
-    fn new(op: &ImageOp, rows: &'a [&'a Row]) -> Self {
+    pub(super) fn new(op: &ImageOp, rows: &'a [&'a Row]) -> Self {
         let spatial = op.spatial_count();
         let mut rest = rows;
         let mut take = |count: usize| {

@@ -4,6 +4,7 @@
 use super::address::{Floats, Ints};
 use super::cube;
 use super::execute::Operands;
+use super::format::block::map;
 use super::{Dim, Filter, ImageDescriptor, ImageOp, Level, LodMode, SamplerDescriptor};
 use crate::SUBGROUP_SIZE;
 use crate::program::Row;
@@ -90,7 +91,9 @@ pub(super) fn clamp(lambda: &Floats, sampler: &SamplerDescriptor, min_lod: Optio
 #[inline(always)]
 pub(super) fn levels(lambda: &Floats, image: &ImageDescriptor) -> Floats {
     let last = (image.level_count - 1) as f32;
-    lambda.map(|lambda| lambda.max(0.0).max(image.min_lod).min(last))
+    map(lambda, |lambda| {
+        lambda.max(0.0).max(image.min_lod).min(last)
+    })
 }
 
 /// The nearest level to d' (`nearest(d') = ⌈d' + 0.5⌉ - 1`).
@@ -101,7 +104,7 @@ pub(super) fn nearest(level: f32) -> f32 {
 
 #[inline(always)]
 pub(super) fn floats(row: &Row) -> Floats {
-    row.map(f32::from_bits)
+    map(row, f32::from_bits)
 }
 
 /// From derivatives: the length of the footprint in texels of the base level.
@@ -206,7 +209,11 @@ impl LevelLanes {
         if is_uniform {
             let level = &image.levels[levels[0] as usize];
             return LevelLanes {
-                size: [level.width, level.height, level.depth].map(|n| [n as i32; SUBGROUP_SIZE]),
+                size: [
+                    [level.width as i32; SUBGROUP_SIZE],
+                    [level.height as i32; SUBGROUP_SIZE],
+                    [level.depth as i32; SUBGROUP_SIZE],
+                ],
                 offset_bytes: [level.offset_bytes; SUBGROUP_SIZE],
                 row_stride_bytes: [level.row_stride_bytes; SUBGROUP_SIZE],
                 slice_stride_bytes: [level.slice_stride_bytes; SUBGROUP_SIZE],
@@ -235,7 +242,7 @@ impl LevelLanes {
 #[inline(always)]
 pub(super) fn split(mode: Filter, levels: &Floats) -> (Ints, Floats) {
     match mode {
-        Filter::Nearest => (levels.map(|d| nearest(d) as i32), [0.0; SUBGROUP_SIZE]),
+        Filter::Nearest => (map(levels, |d| nearest(d) as i32), [0.0; SUBGROUP_SIZE]),
         Filter::Linear => {
             let mut whole = [0; SUBGROUP_SIZE];
             let mut fraction = [0.0; SUBGROUP_SIZE];

@@ -10,6 +10,7 @@ mod access;
 mod address;
 mod cube;
 pub mod execute;
+mod fast;
 pub mod format;
 pub mod lod;
 mod sample;

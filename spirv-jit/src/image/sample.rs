@@ -5,11 +5,11 @@
 use super::address::{self, Axis, AxisRule, Floats, Ints};
 use super::execute::{Operands, put_texels};
 use super::format::FormatInfo;
-use super::format::block::{self, Offsets, Texels};
+use super::format::block::{self, Offsets, Texels, map};
 use super::lod::{self, LevelLanes, floats};
 use super::{
     AddressMode, CompareOp, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Reduction,
-    SamplerDescriptor, cube,
+    SamplerDescriptor, cube, fast,
 };
 use crate::SUBGROUP_SIZE;
 use crate::program::Row;
@@ -59,6 +59,16 @@ vectorized!(
     sample, sample_body, (op: &ImageOp, operands: &Operands<'_>, image: &ImageDescriptor, info: &FormatInfo, sampler: &SamplerDescriptor,
         mask: u16, results: &mut [Row])
 );
+
+vectorized!(
+    /// [`sample`] where [`fast::applies`].
+    ///
+    /// # Safety
+    /// The image's memory stays allocated during the call.
+    sample_fast, fast_body, (op: &ImageOp, operands: &Operands<'_>, image: &ImageDescriptor, info: &FormatInfo, sampler: &SamplerDescriptor,
+        mask: u16, results: &mut [Row])
+);
+use fast::sample as fast_body;
 
 /// Where the lanes sample, apart from the level.
 struct Place {
@@ -111,7 +121,7 @@ fn place(
     if let Some(row) = operands.depth_reference {
         // Fixed-point depth lies in 0..1, so the reference must.
         let is_fixed = info.numeric == super::format::Numeric::Unorm;
-        place.depth_reference = Some(floats(row).map(|reference| {
+        place.depth_reference = Some(map(&floats(row), |reference| {
             if is_fixed {
                 reference.max(0.0).min(1.0)
             } else {
@@ -219,7 +229,7 @@ unsafe fn sample_body(
             }
             let mut texels = [[0; SUBGROUP_SIZE]; 4];
             for pass in 0..level_passes {
-                let pass_level = level.map(|d| (d + pass as i32).min(last_level));
+                let pass_level = map(&level, |d| (d + pass as i32).min(last_level));
                 let pass_level = if is_uniform {
                     [pass_level[first]; SUBGROUP_SIZE]
                 } else {
@@ -413,7 +423,7 @@ impl Footprint<'_> {
                 axis
             };
             let row = operands.offsets.get(index)?;
-            Some(row.map(|word| word as i32))
+            Some(map(row, |word| word as i32))
         };
         let mut axes = [Axis {
             index: [[0; SUBGROUP_SIZE]; 2],
@@ -458,7 +468,11 @@ impl Footprint<'_> {
                     true => 0,
                     false => self.image.swizzle[component as usize & 3] as usize & 3,
                 };
-                order.map(|tap| taps[tap][component])
+                let mut four = [[0; SUBGROUP_SIZE]; 4];
+                for (row, tap) in four.iter_mut().zip(order) {
+                    *row = taps[tap][component];
+                }
+                four
             }
             _ => {
                 let mut left = tap_count;
@@ -488,7 +502,7 @@ impl Footprint<'_> {
     /// The image's memory stays allocated during the call.
     #[inline(always)]
     unsafe fn tap(&self, indices: [&Ints; 3]) -> (Texels, u16) {
-        let [mut x, mut y, mut z] = indices.map(|&index| index);
+        let (mut x, mut y, mut z) = (*indices[0], *indices[1], *indices[2]);
         let mut layer = self.place.layer;
         let mut corners = 0;
         if self.op.dim == Dim::Cube {
@@ -549,7 +563,7 @@ impl Footprint<'_> {
         }
         if let Some(reference) = &self.place.depth_reference {
             let scale = block::unit_scale(self.info);
-            let depth = texels[0].map(|units| f32::from_bits(units) / scale);
+            let depth = map(&texels[0], |units| f32::from_bits(units) / scale);
             texels[0] = compare(self.sampler.compare, reference, &depth);
         }
         (texels, corners)

@@ -1,7 +1,8 @@
 //! Against a straightforward sampler in f64, written from the spec's equations for one lane at a time.
 
-use super::execute::execute_block;
+use super::execute::{execute, execute_block};
 use super::*;
+use crate::environment::Descriptor;
 use crate::ir::Type;
 use crate::ir::op::AtomicOp;
 use crate::program::Row;
@@ -597,6 +598,51 @@ proptest! {
         }
     }
 
+    /// The common case has code of its own: the same bits as the general one.
+    #[test]
+    fn the_fast_path_is_the_same(
+        format in any_format(), s in any_sampler(), size in prop::array::uniform2(1u32..40), level_count in 1u8..4, layers in 1u32..4, seed: u32,
+        coordinates in prop::array::uniform16(prop::array::uniform3(-3.5f32..3.5)), special in prop::option::of((0usize..16, prop::sample::select(vec![f32::NAN, f32::INFINITY, -1e30, 1e30, 1.0, 0.0, -1e-9]))),
+        lods in prop::array::uniform16(-1.0f32..4.0), uniform_lod: bool, bias: bool, mask in 1u16..,
+    ) {
+        let mut s = s;
+        s.min_filter = s.mag_filter;
+        s.reduction = Reduction::WeightedAverage;
+        for mode in &mut s.address_mode {
+            if matches!(mode, AddressMode::ClampToBorder | AddressMode::MirrorClampToEdge) {
+                *mode = AddressMode::ClampToEdge;
+            }
+        }
+        let image = Image::new(format, Dim::D2, [size[0], size[1], 1], level_count, layers, seed);
+        let info = format.info().unwrap();
+        let op = ImageOp {
+            arrayed: layers > 1,
+            lod: if bias { LodMode::Bias } else { LodMode::Lod },
+            ..image_op(ImageOpKind::Sample, Dim::D2)
+        };
+        prop_assert!(fast::applies(&op, &image.descriptor, info, &s));
+        let mut coordinates = coordinates;
+        if let Some((lane, value)) = special { coordinates[lane][1] = value; }
+        let mut rows: Vec<Row> = (0..2).map(|axis| coordinates.map(|c| c[axis].to_bits())).collect();
+        if layers > 1 { rows.push(coordinates.map(|c| c[2].to_bits())); }
+        rows.push(if uniform_lod { [lods[0].to_bits(); 16] } else { lods.map(f32::to_bits) });
+        let rows: Vec<&Row> = rows.iter().collect();
+        let operands = execute::Operands::new(&op, &rows);
+        let (mut fast, mut general) = ([[0; 16]; 8], [[0; 16]; 8]);
+        // SAFETY: the image's memory is alive.
+        unsafe {
+            sample::sample_fast(&op, &operands, &image.descriptor, info, &s, mask, &mut fast);
+            sample::sample(&op, &operands, &image.descriptor, info, &s, mask, &mut general);
+        }
+        for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
+            for component in 0..4 {
+                let (a, b) = (fast[component][lane], general[component][lane]);
+                let both_nan = f32::from_bits(a).is_nan() && f32::from_bits(b).is_nan();
+                prop_assert!(a == b || both_nan, "{lane} {component} {a:x} {b:x}");
+            }
+        }
+    }
+
     /// A cube's faces, nearest: the texel is where the direction, scaled to the face, points.
     #[test]
     fn cubes_select_faces(directions in prop::array::uniform16(prop::array::uniform3(-1.0f32..1.0)), cube in 0u32..2, seed: u32) {
@@ -854,4 +900,32 @@ fn null_descriptors_read_zero() {
     // SAFETY: no image.
     unsafe { execute_block(&op, None, None, 1, &[&[0; 16], &[0; 16]], &mut results) };
     assert_eq!(results.map(|row| row[0])[..4], [0; 4]);
+}
+
+#[test]
+fn lanes_with_different_images_keep_their_own_texels() {
+    let images =
+        [1, 2, 3].map(|side| Image::new(Format::R8G8B8A8_UINT, Dim::D2, [side, 4, 1], 1, 1, side));
+    let descriptors = images.each_ref().map(|image| Descriptor {
+        image: &image.descriptor,
+        ..Descriptor::NULL
+    });
+    let addresses: [u64; 16] = std::array::from_fn(|lane| &raw const descriptors[lane % 3] as u64);
+    let op = ImageOp {
+        texel: Type::I32,
+        ..image_op(ImageOpKind::Fetch, Dim::D2)
+    };
+    let mut results = [[7; 16]; 8];
+    let rows: [&Row; 2] = [&[0; 16], &[3; 16]];
+    // SAFETY: descriptors and images are alive.
+    unsafe { execute(&op, &addresses, &[0; 16], 0x7fff, &rows, &mut results) };
+    for lane in 0..15 {
+        let expected = images[lane % 3].words(0, 0, [0, 3, 0]);
+        assert_eq!(
+            std::array::from_fn(|c| results[c][lane]),
+            expected,
+            "lane {lane}"
+        );
+    }
+    assert_eq!(results[0][15], 7);
 }

@@ -21,6 +21,7 @@ pub(super) struct Builder {
     head: Vec<Node>,
     /// After `head`: initial values of variables of the module.
     prologue: Vec<Node>,
+    prologue_depth: u32,
     head_values: HashSet<Value>,
     emitted: usize,
     budget: usize,
@@ -48,6 +49,7 @@ impl Builder {
             descriptors: HashMap::new(),
             head: Vec::new(),
             prologue: Vec::new(),
+            prologue_depth: 0,
             head_values: HashSet::new(),
             emitted: 0,
             budget,
@@ -61,6 +63,22 @@ impl Builder {
         nodes.append(&mut self.nodes);
         self.function.body = Body { nodes, end };
         self.function
+    }
+
+    /// Operations that may still be emitted.
+    pub fn remaining(&self) -> usize {
+        self.budget.saturating_sub(self.emitted)
+    }
+
+    /// Counts operations that were emitted elsewhere.
+    pub fn spend(&mut self, operations: usize) -> Result<(), Error> {
+        self.emitted += operations;
+        if self.emitted > self.budget {
+            return Err(super::budget(
+                "the shader is too large for its module's size",
+            ));
+        }
+        Ok(())
     }
 
     pub fn ty(&self, value: Value) -> Type {
@@ -94,11 +112,19 @@ impl Builder {
 
     /// Opens the function's prologue instead of the open body, which [`Self::leave_prologue`] takes back.
     pub fn enter_prologue(&mut self) -> Vec<Node> {
+        self.prologue_depth += 1;
+        if self.prologue_depth > 1 {
+            return Vec::new();
+        }
         let prologue = std::mem::take(&mut self.prologue);
         std::mem::replace(&mut self.nodes, prologue)
     }
 
     pub fn leave_prologue(&mut self, nodes: Vec<Node>) {
+        self.prologue_depth -= 1;
+        if self.prologue_depth > 0 {
+            return;
+        }
         self.prologue = std::mem::replace(&mut self.nodes, nodes);
     }
 
@@ -190,12 +216,7 @@ impl Builder {
         args: &[Value],
         results: &[Type],
     ) -> Result<SmallVec<[Value; 2]>, Error> {
-        self.emitted += 1;
-        if self.emitted > self.budget {
-            return Err(super::budget(
-                "the shader is too large for its module's size",
-            ));
-        }
+        self.spend(1)?;
         let results: SmallVec<[Value; 2]> = results
             .iter()
             .map(|&ty| self.function.new_value(ty))

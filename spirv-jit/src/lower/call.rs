@@ -1,20 +1,393 @@
-//! Function calls.
+//! Function calls: lowered in place, or to a function of the IR.
+//!
+//! In place, logical pointers stay known and memory of the caller stays promotable, so that is what happens to functions that are small or
+//! called once. A large function with several call sites becomes a function of the IR, else code could double with each level of calls. It
+//! takes what it may touch by value and gives it back: the pointees of pointers to per-lane memory, and variables of the module that it or its
+//! callees name. Where two of those could be the same memory, the call is lowered in place after all.
 
-use super::Lowerer;
-use super::values::Val;
+use std::collections::{BTreeSet, HashMap};
+use std::rc::Rc;
+
+use rspirv::spirv::{Op, StorageClass};
+
+use super::builder::Builder;
+use super::function::{Frame, ReturnTo};
+use super::types::TypeKind;
+use super::values::{Local, Place, Pointer, Val};
+use super::{Lowerer, budget};
 use crate::Error;
-use crate::parse::Instruction;
+use crate::ir::{self, FunctionId, Type, Value, VariableId};
+use crate::parse::{Id, Instruction};
+
+/// Instructions from which on a function with several call sites is not lowered in place.
+const LARGE: usize = 400;
+
+/// Scalars that a call may take or give.
+const MAX_CARRIED: u64 = 128;
+
+/// What a function and its callees do.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Summary {
+    /// Instructions if lowered in place.
+    size: usize,
+    /// Per-lane variables of the module.
+    variables: BTreeSet<Id>,
+    /// Suspends the wave.
+    yields: bool,
+}
+
+/// A function of the IR, and the module variables it takes and gives back.
+#[derive(Clone)]
+pub(super) struct Outlined {
+    id: FunctionId,
+    carried: Rc<[Id]>,
+}
+
+/// What a function of the IR gives back behind its result.
+pub(super) struct GivenBack {
+    pointers: Vec<Pointer>,
+    carried: Rc<[Id]>,
+}
+
+/// The state of lowering that belongs to one function of the IR.
+struct Scope {
+    builder: Builder,
+    frames: Vec<Frame>,
+    locals: Vec<Local>,
+    module_locals: HashMap<Id, usize>,
+    push_constants: Option<Value>,
+    ray_tmax: Option<VariableId>,
+}
+
+/// Storage classes of per-lane memory.
+fn is_per_lane(class: StorageClass) -> bool {
+    matches!(
+        class,
+        StorageClass::Function
+            | StorageClass::Private
+            | StorageClass::RayPayloadKHR
+            | StorageClass::IncomingRayPayloadKHR
+            | StorageClass::HitAttributeKHR
+            | StorageClass::CallableDataKHR
+            | StorageClass::IncomingCallableDataKHR
+    )
+}
 
 impl Lowerer<'_> {
-    /// Lowers a call in place: logical pointers stay known, and memory of the caller stays promotable.
     pub(super) fn lower_call(&mut self, instruction: &Instruction) -> Result<(), Error> {
         let operands = self.module.operands(instruction);
+        let callee = operands[0];
         let arguments: Vec<Val> = operands[1..]
             .iter()
             .map(|&id| self.value(id))
             .collect::<Result<_, _>>()?;
-        let results = self.lower_inline(operands[0], arguments)?;
+        let results = match self.outline(callee)? {
+            Some(outlined) if !self.may_alias(&outlined, callee, &arguments)? => {
+                self.emit_call(&outlined, callee, &arguments)?
+            }
+            _ => self.lower_inline(callee, arguments)?,
+        };
         self.b.source = instruction.offset;
         self.define_typed(instruction, results)
+    }
+
+    /// Types of a function's parameters.
+    fn parameter_types(&self, function: Id) -> Result<Vec<Id>, Error> {
+        let Some(&index) = self.module.function_index.get(&function) else {
+            return Err(self.b.invalid(format!("{function} is not a function")));
+        };
+        let params = &self.module.functions[index].params;
+        params.iter().map(|&param| self.type_of(param)).collect()
+    }
+
+    /// The pointee of a parameter that points to per-lane memory.
+    fn per_lane_pointee(&self, ty: Id) -> Result<Option<Id>, Error> {
+        Ok(match *self.types.kind(ty)? {
+            TypeKind::Pointer { class, pointee } if is_per_lane(class) => Some(pointee),
+            _ => None,
+        })
+    }
+
+    /// What a function and its callees do. The call graph has no cycles and bounded depth.
+    fn summary(&mut self, function: Id) -> Result<Rc<Summary>, Error> {
+        if let Some(summary) = self.summaries.get(&function) {
+            return Ok(summary.clone());
+        }
+        let module = self.module;
+        let Some(&index) = module.function_index.get(&function) else {
+            return Err(self.b.invalid(format!("{function} is not a function")));
+        };
+        let mut summary = Summary::default();
+        for block in &module.functions[index].blocks {
+            for &index in block.instructions.iter().chain([&block.terminator]) {
+                let instruction = module.instruction(index);
+                summary.size = summary.size.saturating_add(1);
+                match instruction.opcode {
+                    Op::FunctionCall => {
+                        let callee = self.summary(module.operands(instruction)[0])?;
+                        summary.size = summary.size.saturating_add(callee.size);
+                        summary.yields |= callee.yields;
+                        summary.variables.extend(&callee.variables);
+                    }
+                    Op::TraceRayKHR
+                    | Op::ExecuteCallableKHR
+                    | Op::ReportIntersectionKHR
+                    | Op::ControlBarrier => summary.yields = true,
+                    Op::IgnoreIntersectionKHR
+                    | Op::TerminateRayKHR
+                    | Op::Kill
+                    | Op::TerminateInvocation => {
+                        summary.variables.extend(self.output_variable());
+                    }
+                    _ => {}
+                }
+                let used = module.uses(instruction).iter();
+                summary.variables.extend(used.filter(|id| {
+                    let variable = self.variables.get(id);
+                    variable.is_some_and(|variable| is_per_lane(variable.class))
+                }));
+            }
+        }
+        let summary = Rc::new(summary);
+        self.summaries.insert(function, summary.clone());
+        Ok(summary)
+    }
+
+    /// The IR's function for a callee, if it is to be one.
+    fn outline(&mut self, callee: Id) -> Result<Option<Outlined>, Error> {
+        if let Some(outlined) = self.outlined.get(&callee) {
+            return Ok(outlined.clone());
+        }
+        let summary = self.summary(callee)?;
+        let sites = self.call_sites.get(&callee).copied().unwrap_or(0);
+        let fits = summary.size >= LARGE
+            && sites > 1
+            && !summary.yields
+            && self.ray_tmax.is_none()
+            && self.is_carried_small(callee, &summary)?;
+        let outlined = match fits {
+            true => Some(self.lower_outlined(callee, &summary)?),
+            false => None,
+        };
+        self.outlined.insert(callee, outlined.clone());
+        Ok(outlined)
+    }
+
+    fn is_carried_small(&self, callee: Id, summary: &Summary) -> Result<bool, Error> {
+        let mut leaves = 0u64;
+        for ty in self.parameter_types(callee)? {
+            let counted = match self.types.kind(ty)? {
+                TypeKind::Pointer { class, pointee } => match class {
+                    StorageClass::Input => return Ok(false),
+                    // Arrays of descriptors have no value that stands for them.
+                    StorageClass::UniformConstant
+                        if matches!(
+                            self.types.kind(*pointee)?,
+                            TypeKind::Array { .. } | TypeKind::RuntimeArray { .. }
+                        ) =>
+                    {
+                        return Ok(false);
+                    }
+                    _ => self.per_lane_pointee(ty)?.unwrap_or(ty),
+                },
+                _ => ty,
+            };
+            leaves = leaves.saturating_add(self.types.info(counted)?.leaf_count);
+        }
+        for id in &summary.variables {
+            let pointee = self.variables[id].pointee;
+            leaves = leaves.saturating_add(self.types.info(pointee)?.leaf_count);
+        }
+        Ok(leaves <= MAX_CARRIED)
+    }
+
+    /// Whether two things that a call takes by value could be the same memory.
+    fn may_alias(
+        &mut self,
+        outlined: &Outlined,
+        callee: Id,
+        arguments: &[Val],
+    ) -> Result<bool, Error> {
+        let mut seen: Vec<usize> = Vec::new();
+        for id in outlined.carried.iter() {
+            seen.push(self.module_local(*id)?);
+        }
+        let types = self.parameter_types(callee)?;
+        for (argument, ty) in arguments.iter().zip(types) {
+            if self.per_lane_pointee(ty)?.is_none() {
+                continue;
+            }
+            match argument {
+                Val::Pointer(Pointer {
+                    place: Place::Local { local, .. },
+                    ..
+                }) if !seen.contains(local) => seen.push(*local),
+                _ => return Ok(true),
+            }
+        }
+        Ok(false)
+    }
+
+    fn swap_scope(&mut self, scope: &mut Scope) {
+        std::mem::swap(&mut self.b, &mut scope.builder);
+        std::mem::swap(&mut self.frames, &mut scope.frames);
+        std::mem::swap(&mut self.locals, &mut scope.locals);
+        std::mem::swap(&mut self.module_locals, &mut scope.module_locals);
+        std::mem::swap(&mut self.push_constants, &mut scope.push_constants);
+        std::mem::swap(&mut self.ray_tmax, &mut scope.ray_tmax);
+    }
+
+    /// Lowers a callee to a function of its own.
+    fn lower_outlined(&mut self, callee: Id, summary: &Summary) -> Result<Outlined, Error> {
+        let name = self.module.annotations.name(callee).to_owned();
+        let mut scope = Scope {
+            builder: Builder::new(&name, self.b.remaining()),
+            frames: Vec::new(),
+            locals: Vec::new(),
+            module_locals: HashMap::new(),
+            push_constants: None,
+            ray_tmax: None,
+        };
+        self.swap_scope(&mut scope);
+        let lowered = self.lower_outlined_body(callee, summary);
+        self.swap_scope(&mut scope);
+        let end = lowered?;
+        let spent = self.b.remaining() - scope.builder.remaining();
+        self.b.spend(spent)?;
+        self.functions.push(scope.builder.finish(end));
+        // The entry is function 0.
+        Ok(Outlined {
+            id: FunctionId(self.functions.len() as u32),
+            carried: summary.variables.iter().copied().collect(),
+        })
+    }
+
+    fn lower_outlined_body(
+        &mut self,
+        callee: Id,
+        summary: &Summary,
+    ) -> Result<ir::Terminator, Error> {
+        let plan = self.plan(callee)?;
+        let index = self.module.function_index[&callee];
+        let function = &self.module.functions[index];
+        let mut results: Vec<Type> = self.types.leaves(function.result_type)?.to_vec();
+        let mut arguments = Vec::new();
+        let mut pointers = Vec::new();
+        for ty in self.parameter_types(callee)? {
+            let Some(pointee) = self.per_lane_pointee(ty)? else {
+                let values = self.new_params(ty)?;
+                arguments.push(Val::Scalars(values.into()));
+                continue;
+            };
+            let pointer = self.new_carried(pointee, &mut results)?.1;
+            pointers.push(pointer.clone());
+            arguments.push(Val::Pointer(pointer));
+        }
+        let carried: Rc<[Id]> = summary.variables.iter().copied().collect();
+        for &id in carried.iter() {
+            let pointee = self.variables[&id].pointee;
+            let (local, _) = self.new_carried(pointee, &mut results)?;
+            self.module_locals.insert(id, local);
+        }
+        self.b.function.results = results;
+        let given_back = GivenBack { pointers, carried };
+        self.lower_body(
+            index,
+            plan,
+            ReturnTo::Caller(Rc::new(given_back)),
+            arguments,
+        )
+    }
+
+    /// Per-lane memory that starts with what the caller gives.
+    fn new_carried(
+        &mut self,
+        pointee: Id,
+        results: &mut Vec<Type>,
+    ) -> Result<(usize, Pointer), Error> {
+        results.extend_from_slice(&self.types.leaves(pointee)?);
+        let values = self.new_params(pointee)?;
+        let local = self.new_local("", pointee)?;
+        let pointer = Pointer::new(pointee, Place::Local { local, row: 0 });
+        self.store(&pointer, &values)?;
+        Ok((local, pointer))
+    }
+
+    fn new_params(&mut self, ty: Id) -> Result<Vec<Value>, Error> {
+        let types = self.types.leaves(ty)?;
+        let function = &mut self.b.function;
+        let values: Vec<Value> = types.iter().map(|&ty| function.new_value(ty)).collect();
+        function.params.extend_from_slice(&values);
+        Ok(values)
+    }
+
+    /// The values that a function of the IR gives back behind its result.
+    pub(super) fn given_back(&mut self, given: &GivenBack) -> Result<Vec<Value>, Error> {
+        let mut values = Vec::new();
+        for pointer in &given.pointers {
+            values.extend(self.load(pointer)?);
+        }
+        for &id in given.carried.iter() {
+            let pointer = self.module_pointer(id)?;
+            values.extend(self.load(&pointer)?);
+        }
+        Ok(values)
+    }
+
+    fn emit_call(
+        &mut self,
+        outlined: &Outlined,
+        callee: Id,
+        arguments: &[Val],
+    ) -> Result<Vec<Value>, Error> {
+        let index = self.module.function_index[&callee];
+        let mut types = self
+            .types
+            .leaves(self.module.functions[index].result_type)?
+            .to_vec();
+        let own = types.len();
+        let mut operands = Vec::new();
+        let mut pointers = Vec::new();
+        let parameters = self.parameter_types(callee)?;
+        if parameters.len() != arguments.len() {
+            return Err(self.b.invalid("a call has the wrong number of arguments"));
+        }
+        for (argument, &ty) in arguments.iter().zip(&parameters) {
+            let given = match argument {
+                Val::Pointer(pointer) if self.per_lane_pointee(ty)?.is_some() => {
+                    pointers.push(pointer.clone());
+                    self.load(pointer)?
+                }
+                Val::Pointer(pointer) => self.pointer_scalars(pointer)?,
+                Val::Scalars(values) => values.to_vec(),
+            };
+            let wanted = self.per_lane_pointee(ty)?.unwrap_or(ty);
+            let fits = self.types.leaves(wanted)?;
+            let given_types = given.iter().map(|&value| self.b.ty(value));
+            if !given_types.eq(fits.iter().copied()) {
+                return Err(self.b.invalid("an argument has the wrong type"));
+            }
+            operands.extend(given);
+        }
+        for &id in outlined.carried.iter() {
+            let pointer = self.module_pointer(id)?;
+            operands.extend(self.load(&pointer)?);
+            pointers.push(pointer);
+        }
+        for pointer in &pointers {
+            types.extend_from_slice(&self.types.leaves(pointer.pointee)?);
+        }
+        if operands.len() as u64 > 4 * MAX_CARRIED {
+            return Err(budget("a call takes too much"));
+        }
+        let op = ir::Op::Call(outlined.id);
+        let results = self.b.emit_unchecked(op, &operands, &types)?;
+        let mut at = own;
+        for pointer in &pointers {
+            let count = self.types.leaves(pointer.pointee)?.len();
+            self.store(pointer, &results[at..at + count])?;
+            at += count;
+        }
+        Ok(results[..own].to_vec())
     }
 }

@@ -1,6 +1,6 @@
 //! Conversions.
 
-use rspirv::spirv::Op;
+use rspirv::spirv::{self, Decoration, Op};
 
 use super::Lowerer;
 use super::values::Val;
@@ -46,16 +46,40 @@ impl Lowerer<'_> {
             }
         };
         let ty = self.types.component(instruction.result_type)?;
+        let rounding = self
+            .module
+            .annotations
+            .id(instruction.result, Decoration::FPRoundingMode);
+        let toward_zero = instruction.opcode == Op::FConvert
+            && rounding == Some(spirv::FPRoundingMode::RTZ as u32);
         let mut values = Vec::with_capacity(parts.len());
         for &part in parts.iter() {
             let same = self.b.ty(part) == ty && !matches!(op, ir::Op::FQuantizeF16);
             values.push(if same {
                 part
+            } else if toward_zero && ty.bits() < self.b.ty(part).bits() {
+                self.convert_toward_zero(part, ty)?
             } else {
                 self.b.emit(op.clone(), &[part], ty)?
             });
         }
         self.define_typed(instruction, values)
+    }
+
+    /// A narrower float that is no larger in magnitude: the nearest one, or the one before it. Magnitudes are ordered like their bits.
+    fn convert_toward_zero(&mut self, x: Value, ty: Type) -> Result<Value, Error> {
+        let nearest = self.b.emit(ir::Op::FConvert, &[x], ty)?;
+        let back = self.b.emit(ir::Op::FConvert, &[nearest], self.b.ty(x))?;
+        let (size, wanted) = (
+            self.b.unary(ir::Op::FAbs, back)?,
+            self.b.unary(ir::Op::FAbs, x)?,
+        );
+        let beyond = self.b.compare(ir::Op::FOLt, wanted, size)?;
+        let bits = self.b.as_integer(nearest)?;
+        let one = self.b.constant(ty.as_integer(), 1);
+        let before = self.b.binary(ir::Op::ISub, bits, one)?;
+        let before = self.b.emit(ir::Op::Bitcast, &[before], ty)?;
+        self.b.select(beyond, before, nearest)
     }
 
     fn scalar_of(&self, parts: &[Value]) -> Result<Value, Error> {

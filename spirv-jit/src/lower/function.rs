@@ -6,6 +6,7 @@ use std::rc::Rc;
 use rspirv::spirv::Op;
 use smallvec::SmallVec;
 
+use super::call::GivenBack;
 use super::structure::{BodyIndex, Condition, End, Plan, Step, plan_function};
 use super::values::{Local, Pointer, Val};
 use super::{Lowerer, budget};
@@ -23,8 +24,18 @@ pub(super) struct Frame {
     values: HashMap<Id, Val>,
     escaped: HashMap<Id, Escaped>,
     phis: HashMap<Id, VariableId>,
-    /// Where a return goes; the entry has none.
-    return_label: Option<Label>,
+    return_to: ReturnTo,
+}
+
+/// Where a return goes.
+#[derive(Clone)]
+pub(super) enum ReturnTo {
+    /// The entry's return ends the invocation.
+    End,
+    /// A function lowered in place leaves the block around it.
+    Block(Label),
+    /// A function of the IR returns its result and what it took.
+    Caller(Rc<GivenBack>),
 }
 
 /// An id that is used beyond the body of its definition.
@@ -43,7 +54,32 @@ impl<'a> Lowerer<'a> {
         self.declare_interface()?;
         let index = self.module.function_index[&entry];
         let plan = self.plan(entry)?;
-        self.frames.push(Frame::new(index, plan, None));
+        self.lower_body(index, plan, ReturnTo::End, Vec::new())
+    }
+
+    /// Emits a function's body into the open one; returns its terminator.
+    pub(super) fn lower_body(
+        &mut self,
+        index: usize,
+        plan: Rc<Plan>,
+        return_to: ReturnTo,
+        arguments: Vec<Val>,
+    ) -> Result<Terminator, Error> {
+        let params = &self.module.functions[index].params;
+        if params.len() != arguments.len() {
+            return Err(self.b.invalid("a call has the wrong number of arguments"));
+        }
+        let values = params.iter().copied().zip(arguments).collect();
+        self.frames.push(Frame {
+            function: index,
+            body: 0,
+            labels: vec![None; plan.labels],
+            plan,
+            values,
+            escaped: HashMap::new(),
+            phis: HashMap::new(),
+            return_to,
+        });
         let end = self.emit_plan_body(0)?;
         self.frames.pop();
         Ok(end)
@@ -71,19 +107,10 @@ impl<'a> Lowerer<'a> {
         let plan = self.plan(function)?;
         let index = self.module.function_index[&function];
         let callee = &self.module.functions[index];
-        if callee.params.len() != arguments.len() {
-            return Err(self.b.invalid("a call has the wrong number of arguments"));
-        }
         let label = self.b.new_label();
-        let mut frame = Frame::new(index, plan, Some(label));
-        frame
-            .values
-            .extend(callee.params.iter().copied().zip(arguments));
-        self.frames.push(frame);
         let outer = self.b.open();
-        let end = self.emit_plan_body(0)?;
+        let end = self.lower_body(index, plan, ReturnTo::Block(label), arguments)?;
         let body = self.b.close(outer, end);
-        self.frames.pop();
         let types = self.types.leaves(callee.result_type)?;
         let results: Vec<Value> = types
             .iter()
@@ -310,20 +337,28 @@ impl<'a> Lowerer<'a> {
         self.b.source = terminator.offset;
         let operands = self.module.operands(terminator);
         match terminator.opcode {
-            Op::Return | Op::ReturnValue => match self.frame().return_label {
-                None => self.end_invocation(super::interface::Verdict::Accept),
-                Some(label) => {
-                    let ty = self.function().result_type;
-                    let values = match operands.first() {
-                        Some(&id) => self.scalars_as(id, ty)?.to_vec(),
-                        None => Vec::new(),
-                    };
-                    if values.len() != self.types.leaves(ty)?.len() {
-                        return Err(self.b.invalid("the function returns nothing"));
-                    }
-                    Ok(Terminator::Br(label, values))
+            Op::Return | Op::ReturnValue => {
+                let return_to = self.frame().return_to.clone();
+                if let ReturnTo::End = return_to {
+                    return self.end_invocation(super::interface::Verdict::Accept);
                 }
-            },
+                let ty = self.function().result_type;
+                let mut values = match operands.first() {
+                    Some(&id) => self.scalars_as(id, ty)?.to_vec(),
+                    None => Vec::new(),
+                };
+                if values.len() != self.types.leaves(ty)?.len() {
+                    return Err(self.b.invalid("the function returns nothing"));
+                }
+                match return_to {
+                    ReturnTo::Block(label) => Ok(Terminator::Br(label, values)),
+                    ReturnTo::Caller(given) => {
+                        values.extend(self.given_back(&given)?);
+                        Ok(Terminator::Return(values))
+                    }
+                    ReturnTo::End => Ok(Terminator::Unreachable),
+                }
+            }
             Op::Unreachable => Ok(Terminator::Unreachable),
             Op::Kill | Op::TerminateInvocation => {
                 self.end_invocation(super::interface::Verdict::Accept)
@@ -522,20 +557,5 @@ impl<'a> Lowerer<'a> {
             parts.push((first, self.new_rows(name, rows)?));
         }
         Ok(())
-    }
-}
-
-impl Frame {
-    fn new(function: usize, plan: Rc<Plan>, return_label: Option<Label>) -> Self {
-        Self {
-            function,
-            body: 0,
-            labels: vec![None; plan.labels],
-            plan,
-            values: HashMap::new(),
-            escaped: HashMap::new(),
-            phis: HashMap::new(),
-            return_label,
-        }
     }
 }

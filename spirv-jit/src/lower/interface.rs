@@ -35,7 +35,7 @@ impl Lowerer<'_> {
     }
 
     /// The variable that goes back to the caller.
-    fn output_variable(&self) -> Option<Id> {
+    pub(super) fn output_variable(&self) -> Option<Id> {
         match self.request.stage {
             Stage::AnyHit | Stage::ClosestHit | Stage::Miss => {
                 self.interface_variable(StorageClass::IncomingRayPayloadKHR)

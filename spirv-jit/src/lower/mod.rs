@@ -46,6 +46,7 @@ use std::rc::Rc;
 use rspirv::spirv::{Op, StorageClass};
 
 use self::builder::Builder;
+use self::call::{Outlined, Summary};
 use self::constants::Constants;
 use self::function::Frame;
 use self::layout::Layout;
@@ -69,7 +70,7 @@ pub fn lower_module(
     capability::check_capabilities(parsed, request)?;
     let entry = entry::find_entry(parsed, request)?;
     let mut lowerer = Lowerer::new(parsed, request, entry)?;
-    lowerer.check_recursion(entry.function)?;
+    lowerer.check_calls(entry.function)?;
     let end = lowerer
         .lower_entry(entry.function)
         .map_err(|error| lowerer.locate(error))?;
@@ -119,6 +120,13 @@ struct Lowerer<'a> {
     output_rows: u32,
     /// `RayTmaxKHR` of an intersection shader that reads it.
     ray_tmax: Option<ir::VariableId>,
+    /// Functions besides the entry.
+    functions: Vec<ir::Function>,
+    summaries: HashMap<Id, Rc<Summary>>,
+    /// Callees that were decided on; `None` is lowered in place.
+    outlined: HashMap<Id, Option<Outlined>>,
+    /// Call instructions by callee.
+    call_sites: HashMap<Id, u32>,
     /// Rows of private memory so far.
     rows: u64,
 }
@@ -152,6 +160,10 @@ impl<'a> Lowerer<'a> {
             shared_size_bytes: 0,
             output_rows: 0,
             ray_tmax: None,
+            functions: Vec::new(),
+            summaries: HashMap::new(),
+            outlined: HashMap::new(),
+            call_sites: HashMap::new(),
             rows: 0,
         };
         lowerer.declare_globals()?;
@@ -232,10 +244,11 @@ impl<'a> Lowerer<'a> {
     fn finish(mut self, end: ir::Terminator) -> Result<ir::Module, Error> {
         let (local_size, shared_size_bytes) = (self.local_size()?, self.shared_size_bytes);
         let builder = std::mem::replace(&mut self.b, Builder::new("", 0));
-        let function = builder.finish(end);
+        let mut functions = vec![builder.finish(end)];
+        functions.append(&mut self.functions);
         Ok(ir::Module {
             stage: self.request.stage,
-            functions: vec![function],
+            functions,
             inputs: self.inputs,
             output_rows: self.output_rows,
             local_size,
@@ -243,8 +256,8 @@ impl<'a> Lowerer<'a> {
         })
     }
 
-    /// Refuses call graphs with a cycle, and ones too deep to walk.
-    fn check_recursion(&self, entry: Id) -> Result<(), Error> {
+    /// Refuses call graphs with a cycle, and ones too deep to walk; counts the call sites of the rest.
+    fn check_calls(&mut self, entry: Id) -> Result<(), Error> {
         const MAX_CALL_DEPTH: usize = 64;
         // 1: on the path, 2: done.
         let mut state: HashMap<Id, u8> = HashMap::new();
@@ -256,6 +269,7 @@ impl<'a> Lowerer<'a> {
                 path.pop();
                 continue;
             };
+            *self.call_sites.entry(callee).or_default() += 1;
             match state.get(&callee) {
                 Some(1) => return Err(Error::invalid(0, "a function calls itself")),
                 Some(_) => {}

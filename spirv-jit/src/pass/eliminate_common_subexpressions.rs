@@ -8,6 +8,7 @@ use smallvec::SmallVec;
 
 use super::effects::{Effects, find_effects};
 use super::substitution::Substitution;
+use crate::image::{ImageOpKind, LodMode};
 use crate::ir::{Body, Function, Inst, Node, Op, Space, Terminator, Type, Value};
 
 /// Merges equal operations.
@@ -248,6 +249,22 @@ impl Eliminator<'_> {
                 Space::Buffer if self.push_constants[inst.args[0].index()] => 0,
                 _ => self.memory.outer + 1,
             }),
+            Op::Image(image) => match image.kind {
+                ImageOpKind::QuerySize | ImageOpKind::QueryLevels | ImageOpKind::QuerySamples => {
+                    Some(0)
+                }
+                // Without an explicit level of detail the result depends on neighbours.
+                ImageOpKind::Sample | ImageOpKind::Gather(_)
+                    if matches!(image.lod, LodMode::Implicit | LodMode::Bias) =>
+                {
+                    None
+                }
+                ImageOpKind::Sample | ImageOpKind::Gather(_) | ImageOpKind::Fetch => {
+                    Some(self.memory.outer + 1)
+                }
+                // Storage images may be volatile, of which the operation says nothing.
+                _ => None,
+            },
             _ => inst.op.is_pure().then_some(0),
         }
     }

@@ -1,6 +1,7 @@
 //! IR to better IR. Each pass is a verb-object function in a file of that name; the verifier runs between passes in debug builds.
 //!
 //! `TUFF_PRINT=ir` prints every module before the passes, `pass` after them, and the name of a pass after that one, to standard error.
+//! `TUFF_DISABLE` with a comma-separated list leaves passes out by name, or all `passes`.
 
 #![forbid(unsafe_code)]
 
@@ -14,6 +15,7 @@ pub mod inline_functions;
 pub mod merge_loads;
 pub mod promote_variables;
 pub mod prune_parameters;
+pub mod renumber_values;
 pub mod resolve_variable_addresses;
 pub mod simplify;
 pub mod simplify_control_flow;
@@ -66,6 +68,7 @@ pub const PASSES: &[Pass] = &[
     pass!(Function, merge_loads, merge_loads),
     pass!(Function, eliminate_dead_code, eliminate_dead_code),
     pass!(Module, eliminate_dead_code, eliminate_unused_tables),
+    pass!(Function, renumber_values, renumber_values),
 ];
 
 /// The order in which they run.
@@ -89,6 +92,7 @@ pub const ORDER: &[&str] = &[
     "eliminate_common_subexpressions",
     "eliminate_dead_code",
     "eliminate_unused_tables",
+    "renumber_values",
 ];
 
 /// Runs all passes in order.
@@ -103,10 +107,24 @@ pub fn optimize(module: &mut Module) -> Result<(), Error> {
         message: format!("lowering made an invalid module: {message}"),
     })?;
     for name in ORDER {
-        run_pass(name, module);
+        if !disabled(name) {
+            run_pass(name, module);
+        }
     }
     print_if("pass", "optimised", module);
     Ok(())
+}
+
+/// Whether `TUFF_DISABLE` names a pass, or `passes`: all of them.
+fn disabled(name: &str) -> bool {
+    static DISABLED: OnceLock<Vec<String>> = OnceLock::new();
+    DISABLED
+        .get_or_init(|| {
+            let value = std::env::var("TUFF_DISABLE").unwrap_or_default();
+            value.split(',').map(str::to_owned).collect()
+        })
+        .iter()
+        .any(|switch| switch == name || switch == "passes")
 }
 
 /// Runs one pass by name; whether there is one of that name.

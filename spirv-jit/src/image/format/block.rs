@@ -15,17 +15,40 @@ pub type Texels = [Lanes; 4];
 /// A byte offset per lane.
 pub type Offsets = [u64; SUBGROUP_SIZE];
 
+/// An offset in bytes: 32 bits where the image is small enough, which halves the vectors.
+pub trait Offset: Copy {
+    fn bytes(self) -> usize;
+}
+
+impl Offset for u32 {
+    #[inline(always)]
+    fn bytes(self) -> usize {
+        self as usize
+    }
+}
+
+impl Offset for u64 {
+    #[inline(always)]
+    fn bytes(self) -> usize {
+        self as usize
+    }
+}
+
 /// Loads a plain value per lane.
 ///
 /// # Safety
 /// `base + offsets[lane]` is readable for the size of `T`, in every lane.
 #[inline(always)]
-unsafe fn gather<T: Copy + Default>(base: *const u8, offsets: &Offsets, at: usize) -> [T; 16] {
+pub(crate) unsafe fn gather<T: Copy + Default, O: Offset>(
+    base: *const u8,
+    offsets: &[O; 16],
+    at: usize,
+) -> [T; 16] {
     let mut values = [T::default(); SUBGROUP_SIZE];
     for lane in 0..SUBGROUP_SIZE {
         // SAFETY: the caller's promise.
         values[lane] = unsafe {
-            base.add(offsets[lane] as usize + at)
+            base.add(offsets[lane].bytes() + at)
                 .cast::<T>()
                 .read_unaligned()
         };
@@ -33,9 +56,10 @@ unsafe fn gather<T: Copy + Default>(base: *const u8, offsets: &Offsets, at: usiz
     values
 }
 
+/// `array::map` as a loop: the library's is not always inlined, and then neither vectorised nor compiled for the caller's vectors.
 #[inline(always)]
-fn map<T: Copy>(values: &[T; 16], f: impl Fn(T) -> u32) -> Lanes {
-    let mut out = [0; SUBGROUP_SIZE];
+pub(crate) fn map<T: Copy, U: Copy + Default>(values: &[T; 16], f: impl Fn(T) -> U) -> [U; 16] {
+    let mut out = [U::default(); SUBGROUP_SIZE];
     for lane in 0..SUBGROUP_SIZE {
         out[lane] = f(values[lane]);
     }
@@ -65,77 +89,67 @@ pub(crate) fn unit_scale(info: &FormatInfo) -> f32 {
 /// # Safety
 /// `base + offsets[lane]` is readable for the format's size, in every lane.
 #[inline(always)]
-pub unsafe fn load(info: &FormatInfo, base: *const u8, offsets: &Offsets) -> Texels {
-    let zero = [0; SUBGROUP_SIZE];
+pub unsafe fn load<O: Offset>(info: &FormatInfo, base: *const u8, offsets: &[O; 16]) -> Texels {
+    let mut texels = [[0; SUBGROUP_SIZE]; 4];
     // SAFETY: each access lies inside the texel that the caller vouches for.
     unsafe {
         match info.codec {
-            Codec::Unorm8(4) => {
-                let words = gather::<u32>(base, offsets, 0);
-                [0, 8, 16, 24].map(|shift| byte_units(&words, shift))
-            }
-            Codec::Bgra8 => {
-                let words = gather::<u32>(base, offsets, 0);
-                [16, 8, 0, 24].map(|shift| byte_units(&words, shift))
+            Codec::Unorm8(4) | Codec::Bgra8 => {
+                let words = gather::<u32, O>(base, offsets, 0);
+                for (row, channel) in texels.iter_mut().zip(&info.channels) {
+                    *row = byte_units(&words, channel.offset as u32);
+                }
             }
             Codec::Srgb8Rgba | Codec::Srgb8Bgra => {
-                let words = gather::<u32>(base, offsets, 0);
-                let linear =
-                    |shift: u32| map(&words, |word| srgb::LINEAR[(word >> shift & 0xff) as usize]);
-                let alpha = map(&words, |word| {
+                let words = gather::<u32, O>(base, offsets, 0);
+                for component in 0..3 {
+                    let shift = info.channels[component].offset as u32;
+                    texels[component] =
+                        map(&words, |word| srgb::LINEAR[(word >> shift & 0xff) as usize]);
+                }
+                texels[3] = map(&words, |word| {
                     ((word >> 24) as i32 as f32 / 255.0).to_bits()
                 });
-                if info.codec == Codec::Srgb8Rgba {
-                    [linear(0), linear(8), linear(16), alpha]
-                } else {
-                    [linear(16), linear(8), linear(0), alpha]
+            }
+            Codec::Words(count) => {
+                for component in 0..count as usize {
+                    texels[component] = gather::<u32, O>(base, offsets, 4 * component);
                 }
             }
-            Codec::Words(count) => std::array::from_fn(|i| {
-                if i < count as usize {
-                    gather::<u32>(base, offsets, 4 * i)
-                } else {
-                    zero
+            Codec::Half(count) => {
+                for component in 0..count as usize {
+                    let halves = gather::<u16, O>(base, offsets, 2 * component);
+                    texels[component] =
+                        map(&halves, |half| small_float::half_to_f32(half).to_bits());
                 }
-            }),
-            Codec::Half(count) => std::array::from_fn(|i| {
-                if i < count as usize {
-                    let halves = gather::<u16>(base, offsets, 2 * i);
-                    map(&halves, |half| small_float::half_to_f32(half).to_bits())
-                } else {
-                    zero
+            }
+            Codec::Unorm16(count) => {
+                for component in 0..count as usize {
+                    let codes = gather::<u16, O>(base, offsets, 2 * component);
+                    texels[component] = map(&codes, |code| (code as i32 as f32).to_bits());
                 }
-            }),
-            Codec::Unorm16(count) => std::array::from_fn(|i| {
-                if i < count as usize {
-                    let codes = gather::<u16>(base, offsets, 2 * i);
-                    map(&codes, |code| (code as i32 as f32).to_bits())
-                } else {
-                    zero
+            }
+            Codec::Unorm8(count) => {
+                for component in 0..count as usize {
+                    let codes = gather::<u8, O>(base, offsets, component);
+                    texels[component] = map(&codes, |code| (code as i32 as f32).to_bits());
                 }
-            }),
-            Codec::Unorm8(count) => std::array::from_fn(|i| {
-                if i < count as usize {
-                    let codes = gather::<u8>(base, offsets, i);
-                    map(&codes, |code| (code as i32 as f32).to_bits())
-                } else {
-                    zero
-                }
-            }),
-            Codec::Generic => load_generic(info, base, offsets),
+            }
+            Codec::Generic => texels = load_generic(info, base, offsets),
         }
     }
+    texels
 }
 
 /// # Safety
 /// As [`load`].
 #[inline(never)]
-unsafe fn load_generic(info: &FormatInfo, base: *const u8, offsets: &Offsets) -> Texels {
+unsafe fn load_generic<O: Offset>(info: &FormatInfo, base: *const u8, offsets: &[O; 16]) -> Texels {
     let mut texels = [[0; SUBGROUP_SIZE]; 4];
     for lane in 0..SUBGROUP_SIZE {
         // SAFETY: the caller's promise.
         let bytes = unsafe {
-            std::slice::from_raw_parts(base.add(offsets[lane] as usize), info.size_bytes as usize)
+            std::slice::from_raw_parts(base.add(offsets[lane].bytes()), info.size_bytes as usize)
         };
         let words = info.decode_generic(bytes);
         for (row, word) in texels.iter_mut().zip(words) {

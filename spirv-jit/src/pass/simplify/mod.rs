@@ -35,6 +35,8 @@ pub fn simplify(function: &mut Function) {
 enum Definition {
     Opaque,
     Constant(u64),
+    /// A word of the input record.
+    Input(u32),
     /// A pure operation with one result.
     Pure(Op, SmallVec<[Value; 3]>),
     /// A word of a 64-bit value.
@@ -139,6 +141,7 @@ impl Simplifier<'_> {
     fn define(&mut self, result: Value, op: &Op, args: &[Value]) {
         let definition = match op {
             Op::Const(bits) => Definition::Constant(*bits),
+            Op::Input(row) => Definition::Input(*row),
             _ if args.len() <= 3 && !args.is_empty() => Definition::Pure(op.clone(), args.into()),
             _ => Definition::Opaque,
         };

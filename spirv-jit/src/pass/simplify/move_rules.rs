@@ -74,6 +74,8 @@ impl Simplifier<'_> {
             return Some(Is(a));
         }
         match self.definition(a) {
+            // Inputs are words of either kind.
+            Definition::Input(row) if ty.bits() == 32 => becomes(Op::Input(*row), &[]),
             Definition::Pure(Op::Bitcast, inner) => becomes(Op::Bitcast, &[inner[0]]),
             Definition::Pure(Op::Pack64, inner) => becomes(Op::Pack64, &[inner[0], inner[1]]),
             _ => None,
