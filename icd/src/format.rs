@@ -65,7 +65,7 @@ fn is_scaled(info: &FormatInfo) -> bool {
     matches!(info.numeric, Numeric::Uscaled | Numeric::Sscaled)
 }
 
-/// 64-bit components: images of them need the feature `shaderImageInt64Atomics`; floats are for vertices.
+/// 64-bit components: single integers are there for `shaderImageInt64Atomics`, the rest for vertices.
 fn is_wide(info: &FormatInfo) -> bool {
     info.channels[0].bits == 64
 }
@@ -89,7 +89,14 @@ fn is_storable(texel: Format, info: &FormatInfo) -> bool {
 }
 
 fn has_atomics(texel: Format) -> bool {
-    [Format::R32_UINT, Format::R32_SINT].contains(&texel)
+    [
+        Format::R32_UINT,
+        Format::R32_SINT,
+        Format::R32_SFLOAT,
+        Format::R64_UINT,
+        Format::R64_SINT,
+    ]
+    .contains(&texel)
 }
 
 fn image_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
@@ -98,8 +105,14 @@ fn image_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
     let storage = Feature::STORAGE_IMAGE
         | Feature::STORAGE_READ_WITHOUT_FORMAT
         | Feature::STORAGE_WRITE_WITHOUT_FORMAT;
-    if is_scaled(info) || is_wide(info) {
+    if is_scaled(info) {
         return Feature::empty();
+    }
+    if is_wide(info) {
+        return match has_atomics(texel) {
+            true => transfer | storage | Feature::STORAGE_IMAGE_ATOMIC,
+            false => Feature::empty(),
+        };
     }
     let mut features = transfer | Feature::SAMPLED_IMAGE | Feature::BLIT_SRC | Feature::BLIT_DST;
     if !info.numeric.is_integer() {
@@ -120,7 +133,7 @@ fn image_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
 fn buffer_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
     use vk::FormatFeatureFlags2 as Feature;
     let mut features = Feature::empty();
-    if is_storable(texel, info) && !is_wide(info) {
+    if is_storable(texel, info) && (!is_wide(info) || has_atomics(texel)) {
         features |= Feature::UNIFORM_TEXEL_BUFFER
             | Feature::STORAGE_TEXEL_BUFFER
             | Feature::STORAGE_READ_WITHOUT_FORMAT
@@ -226,7 +239,14 @@ mod tests {
                 Feature::UNIFORM_TEXEL_BUFFER,
             );
         }
-        for format in [vk::Format::R32_UINT, vk::Format::R32_SINT] {
+        // The latter ones with shaderImageFloat32Atomics and shaderImageInt64Atomics.
+        for format in [
+            vk::Format::R32_UINT,
+            vk::Format::R32_SINT,
+            vk::Format::R32_SFLOAT,
+            vk::Format::R64_UINT,
+            vk::Format::R64_SINT,
+        ] {
             has(
                 format,
                 Feature::STORAGE_IMAGE_ATOMIC,

@@ -329,6 +329,22 @@ fn clears_cover_their_range_in_every_format() {
 }
 
 #[test]
+fn clears_of_64_bits_take_two_words_a_component() {
+    let to = image(kind(vk::Format::R64_UINT, 2, 2));
+    let range = vk::ImageSubresourceRange {
+        aspect_mask: COLOR,
+        level_count: 1,
+        layer_count: 1,
+        ..Default::default()
+    };
+    let value = vk::ClearColorValue {
+        uint32: [1, 2, 3, 4],
+    };
+    clear::clear_color_image(&to, &value, &range);
+    assert_eq!(get(&to, COLOR, 0, 0, [1, 1, 0])[..2], [1, 2]);
+}
+
+#[test]
 fn resolves_average_samples_and_integers_take_the_first() {
     for (format, is_averaged) in [
         (vk::Format::R32_SFLOAT, true),

@@ -21,6 +21,7 @@ pub(super) struct Builder {
     head: Vec<Node>,
     /// After `head`: initial values of variables of the module.
     prologue: Vec<Node>,
+    prologue_depth: u32,
     head_values: HashSet<Value>,
     emitted: usize,
     budget: usize,
@@ -48,6 +49,7 @@ impl Builder {
             descriptors: HashMap::new(),
             head: Vec::new(),
             prologue: Vec::new(),
+            prologue_depth: 0,
             head_values: HashSet::new(),
             emitted: 0,
             budget,
@@ -110,11 +112,19 @@ impl Builder {
 
     /// Opens the function's prologue instead of the open body, which [`Self::leave_prologue`] takes back.
     pub fn enter_prologue(&mut self) -> Vec<Node> {
+        self.prologue_depth += 1;
+        if self.prologue_depth > 1 {
+            return Vec::new();
+        }
         let prologue = std::mem::take(&mut self.prologue);
         std::mem::replace(&mut self.nodes, prologue)
     }
 
     pub fn leave_prologue(&mut self, nodes: Vec<Node>) {
+        self.prologue_depth -= 1;
+        if self.prologue_depth > 0 {
+            return;
+        }
         self.prologue = std::mem::replace(&mut self.nodes, nodes);
     }
 

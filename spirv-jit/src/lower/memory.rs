@@ -307,9 +307,15 @@ impl Lowerer<'_> {
 
     /// The scalars of a variable's initializer.
     pub(super) fn initializer(&mut self, id: Id) -> Result<std::rc::Rc<[Value]>, Error> {
+        if self.variables.contains_key(&id) {
+            let pointer = self.module_pointer(id)?;
+            return Ok(self.pointer_scalars(&pointer)?.into());
+        }
         let constant = self.constants.find(id).map(|constant| constant.ty);
         let Some(ty) = constant else {
-            return Err(self.b.invalid("an initializer must be a constant"));
+            return Err(self
+                .b
+                .invalid("an initializer must be a constant or a variable"));
         };
         let bits = self.constants.bits(&self.types, id)?;
         let types = self.types.leaves(ty)?;

@@ -2,6 +2,7 @@
 
 use rspirv::binary::{Consumer, DecodeError, ParseAction, ParseState, Parser};
 use rspirv::dr;
+use rspirv::spirv::Op;
 
 use super::framing::Frame;
 use super::module::{Instruction, InstructionTable};
@@ -10,6 +11,8 @@ use crate::Error;
 struct Notes<'a> {
     frames: &'a [Frame],
     table: InstructionTable,
+    /// The next instruction is the padding that [`digestible`] made.
+    padding: bool,
 }
 
 impl Consumer for Notes<'_> {
@@ -26,6 +29,9 @@ impl Consumer for Notes<'_> {
     }
 
     fn consume_instruction(&mut self, instruction: dr::Instruction) -> ParseAction {
+        if std::mem::take(&mut self.padding) {
+            return ParseAction::Continue;
+        }
         let Some(frame) = self.frames.get(self.table.instructions.len()) else {
             return ParseAction::Stop;
         };
@@ -35,7 +41,10 @@ impl Consumer for Notes<'_> {
         let used = instruction.operands.iter().filter_map(|o| o.id_ref_any());
         self.table.uses.extend(used);
         self.table.instructions.push(Instruction {
-            opcode: instruction.class.opcode,
+            opcode: match frame.is_specialized {
+                true => Op::SpecConstantOp,
+                false => instruction.class.opcode,
+            },
             result_type: instruction.result_type.unwrap_or(0),
             result: instruction.result_id.unwrap_or(0),
             offset: frame.offset,
@@ -44,8 +53,35 @@ impl Consumer for Notes<'_> {
             first_use,
             end_use: self.table.uses.len() as u32,
         });
+        self.padding = frame.is_specialized;
         ParseAction::Continue
     }
+}
+
+/// The words as `rspirv` can take them: it knows one operand of each kind in `OpSpecConstantOp`, so the operation stands there itself, and a
+/// no-op behind it; it insists on UTF-8 where only people read.
+fn digestible(words: &[u32], frames: &[Frame]) -> Vec<u8> {
+    let mut copy = words.to_vec();
+    for frame in frames {
+        let (at, count) = (frame.offset as usize, frame.count as usize);
+        if frame.is_specialized {
+            copy[at] = (count as u32 - 1) << 16 | words[at + 3] & 0xffff;
+            copy.copy_within(at + 4..at + count, at + 3);
+            copy[at + count - 1] = 1 << 16 | Op::Nop as u32;
+        }
+        let text = match Op::from_u32(words[at] & 0xffff) {
+            Some(Op::Name | Op::String) => 2,
+            Some(Op::MemberName) => 3,
+            Some(Op::Source) => 4,
+            Some(Op::SourceContinued | Op::SourceExtension | Op::ModuleProcessed) => 1,
+            _ => count,
+        };
+        for word in &mut copy[at..at + count][text.min(count)..] {
+            let readable = |byte: u8| if byte < 0x80 { byte } else { b'?' };
+            *word = u32::from_le_bytes(word.to_le_bytes().map(readable));
+        }
+    }
+    copy.iter().flat_map(|word| word.to_le_bytes()).collect()
 }
 
 /// Holds framed words against the grammar.
@@ -56,8 +92,9 @@ pub(super) fn check_grammar(words: &[u32], frames: &[Frame]) -> Result<Instructi
             instructions: Vec::with_capacity(frames.len()),
             uses: Vec::with_capacity(words.len() / 2),
         },
+        padding: false,
     };
-    let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+    let bytes = digestible(words, frames);
     // The framing leaves rspirv no known way to panic; should it find another one, the module is at fault and not the process.
     let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
         Parser::new(&bytes, &mut notes).parse()

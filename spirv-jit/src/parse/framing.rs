@@ -15,6 +15,8 @@ const MAX_BOUND: u32 = 0x3f_ffff;
 pub(super) struct Frame {
     pub offset: u32,
     pub count: u16,
+    /// `OpSpecConstantOp`, of an operation that it may have.
+    pub is_specialized: bool,
 }
 
 /// Cuts the words into instructions.
@@ -55,6 +57,7 @@ pub(super) fn check_framing(words: &[u32]) -> Result<Vec<Frame>, Error> {
         frames.push(Frame {
             offset: offset as u32,
             count,
+            is_specialized: opcode == Op::SpecConstantOp as u32,
         });
         offset += count as usize;
     }

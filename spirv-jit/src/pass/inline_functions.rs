@@ -3,6 +3,7 @@
 use smallvec::smallvec;
 
 use super::eliminate_dead_code::eliminate_unused_functions;
+use super::renaming::Renaming;
 use crate::ir::{
     Body, Function, Inst, Label, Module, Node, Op, Terminator, Type, Value, VariableId,
 };
@@ -43,7 +44,6 @@ pub fn inline_functions(module: &mut Module) {
             calls: &calls,
             caller: &mut caller,
             budget: &mut budget,
-            size: facts[index].size,
         };
         inliner.inline_calls(&mut body, 1, false);
         caller.body = body;
@@ -145,7 +145,6 @@ struct Inliner<'a> {
     /// Its body is being walked; this is the rest.
     caller: &'a mut Function,
     budget: &'a mut usize,
-    size: usize,
 }
 
 impl Inliner<'_> {
@@ -189,7 +188,6 @@ impl Inliner<'_> {
             }
             *self.budget -= facts.size;
         }
-        self.size += facts.size;
         true
     }
 
@@ -206,9 +204,11 @@ impl Inliner<'_> {
         }
         let renaming = Renaming {
             values,
-            labels: self.caller.labels,
-            variables: self.caller.variables.len() as u32,
-            end: label,
+            labels: (0..callee.labels)
+                .map(|index| Label(self.caller.labels + index))
+                .collect(),
+            first_variable: self.caller.variables.len() as u32,
+            returns_to: Some(label),
         };
         self.caller.value_types.extend(&callee.value_types);
         self.caller.labels += callee.labels;
@@ -218,7 +218,7 @@ impl Inliner<'_> {
         for (index, variable) in callee.variables.iter().enumerate() {
             // Entered again in each iteration.
             if variable.zero && in_loop {
-                let variable_id = VariableId(renaming.variables + index as u32);
+                let variable_id = VariableId(renaming.first_variable + index as u32);
                 for row in 0..variable.rows {
                     let zero = self.caller.new_value(Type::I32);
                     zeroing.push(inst(Op::Const(0), None, Some(zero)));
@@ -245,93 +245,4 @@ fn inst(op: Op, arg: Option<Value>, result: Option<Value>) -> Node {
         results: result.map_or(smallvec![], |result| smallvec![result]),
         source: 0,
     })
-}
-
-/// A callee's names in its caller.
-struct Renaming {
-    /// By the callee's value: the operands for its parameters, new values for the rest.
-    values: Vec<Value>,
-    /// First number of each kind.
-    labels: u32,
-    variables: u32,
-    /// Where `return` goes.
-    end: Label,
-}
-
-impl Renaming {
-    fn rename(&self, value: &mut Value) {
-        *value = self.values[value.index()];
-    }
-
-    fn rename_all(&self, values: &mut [Value]) {
-        for value in values {
-            self.rename(value);
-        }
-    }
-
-    fn rename_label(&self, label: &mut Label) {
-        label.0 += self.labels;
-    }
-
-    fn rename_body(&self, body: &mut Body) {
-        for node in &mut body.nodes {
-            match node {
-                Node::Inst(inst) => {
-                    self.rename_all(&mut inst.args);
-                    self.rename_all(&mut inst.results);
-                    if let Op::VarLoad(variable, _)
-                    | Op::VarStore(variable, _)
-                    | Op::VarAddress(variable) = &mut inst.op
-                    {
-                        variable.0 += self.variables;
-                    }
-                }
-                Node::Block {
-                    label,
-                    results,
-                    body,
-                } => {
-                    self.rename_label(label);
-                    self.rename_all(results);
-                    self.rename_body(body);
-                }
-                Node::If {
-                    condition,
-                    label,
-                    results,
-                    then_body,
-                    else_body,
-                } => {
-                    self.rename(condition);
-                    self.rename_label(label);
-                    self.rename_all(results);
-                    self.rename_body(then_body);
-                    self.rename_body(else_body);
-                }
-                Node::Loop {
-                    label,
-                    params,
-                    init,
-                    body,
-                } => {
-                    self.rename_label(label);
-                    self.rename_all(params);
-                    self.rename_all(init);
-                    self.rename_body(body);
-                }
-            }
-        }
-        match &mut body.end {
-            Terminator::Br(label, args) => {
-                self.rename_label(label);
-                self.rename_all(args);
-            }
-            Terminator::Return(args) => {
-                self.rename_all(args);
-                body.end = Terminator::Br(self.end, std::mem::take(args));
-            }
-            Terminator::End(args) => self.rename_all(args),
-            Terminator::Unreachable => {}
-        }
-    }
 }

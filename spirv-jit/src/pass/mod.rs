@@ -15,11 +15,13 @@ pub mod inline_functions;
 pub mod merge_loads;
 pub mod promote_variables;
 pub mod prune_parameters;
+mod renaming;
 pub mod renumber_values;
 pub mod resolve_variable_addresses;
 pub mod simplify;
 pub mod simplify_control_flow;
 mod substitution;
+pub mod unroll_loops;
 
 use std::sync::OnceLock;
 
@@ -65,6 +67,7 @@ pub const PASSES: &[Pass] = &[
         eliminate_common_subexpressions
     ),
     pass!(Function, hoist_loop_invariants, hoist_loop_invariants),
+    pass!(Function, unroll_loops, unroll_loops),
     pass!(Function, merge_loads, merge_loads),
     pass!(Function, eliminate_dead_code, eliminate_dead_code),
     pass!(Module, eliminate_dead_code, eliminate_unused_tables),
@@ -83,8 +86,17 @@ pub const ORDER: &[&str] = &[
     "prune_parameters",
     "simplify",
     "eliminate_common_subexpressions",
+    "unroll_loops",
     "simplify_control_flow",
     "prune_parameters",
+    "simplify",
+    "simplify_control_flow",
+    "resolve_variable_addresses",
+    "eliminate_dead_code",
+    "promote_variables",
+    "prune_parameters",
+    "simplify",
+    "eliminate_common_subexpressions",
     "eliminate_dead_code",
     "hoist_loop_invariants",
     "merge_loads",

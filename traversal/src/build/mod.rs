@@ -128,6 +128,20 @@ pub unsafe fn build(
     destination: &mut [u8],
     scratch: &mut [u8],
 ) -> Result<u64, BuildError> {
+    // SAFETY: the caller's promise.
+    unsafe { build_to_depth(input, destination, scratch, MAX_DEPTH) }
+}
+
+/// Builds a structure with at most `max_depth` levels of nodes, or a packed one.
+///
+/// # Safety
+/// As for [`build`].
+unsafe fn build_to_depth(
+    input: &BuildInput<'_>,
+    destination: &mut [u8],
+    scratch: &mut [u8],
+    max_depth: u32,
+) -> Result<u64, BuildError> {
     let shape = Shape::of(&input.geometries)?;
     let promised = structure_bytes(shape.kind, shape.geometries, shape.primitives);
     if (destination.len() as u64) < promised || !(destination.as_ptr() as usize).is_multiple_of(256)
@@ -182,7 +196,7 @@ pub unsafe fn build(
             );
         }
         let planned = (nodes[0].wide_nodes, leaves(nodes[0].wide_leaves));
-        if depth <= MAX_DEPTH && fits(planned.0, planned.1) {
+        if depth <= max_depth && fits(planned.0, planned.1) {
             written = Written {
                 node_count: planned.0,
                 leaf_count: planned.1,
@@ -413,3 +427,6 @@ unsafe fn write_head(
     // SAFETY: the blob begins with its header.
     unsafe { target.base.cast::<Header>().write(header) };
 }
+
+#[cfg(test)]
+mod tests;

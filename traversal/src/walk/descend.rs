@@ -31,30 +31,36 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         ..
     } = walker;
     // SAFETY: the contract of `Walk::new`.
-    if !unsafe { top.enter_top(walk.top_level, &walk.ray) } {
+    if !unsafe { top.enter_top(walk.top_level) } {
         return Event::Done;
+    }
+    // A top level of one instance is nothing to walk: straight to the bottom.
+    let only = only_instance(top);
+    if only.is_none() {
+        top.set_up_top(&walk.ray);
     }
     let mut length;
     // Entries of the stack that belong to the top level, while the walk is in a bottom level.
     let mut floor = 0;
     let mut in_bottom = false;
     if walk.is_fresh() {
-        stack[0] = Entry {
-            word: only_child(top),
-            near: 0.0,
-        };
+        stack[0] = Entry { word: 0, near: 0.0 };
         length = 1;
     } else {
         length = walk.pending.len().min(STACK - WIDTH);
         stack[..length].copy_from_slice(&walk.pending[..length]);
-        if walk.instance != Walk::NO_INSTANCE {
-            // SAFETY: the contract of `Walk::new`.
-            if !unsafe { bottom.enter_bottom(instance, top, walk.instance, &walk.ray) } {
-                return Event::Done;
-            }
-            in_bottom = true;
-            floor = (walk.floor as usize).min(length);
+        floor = (walk.floor as usize).min(length);
+    }
+    let index = match only {
+        Some(index) => index,
+        None => walk.instance,
+    };
+    if index != Walk::NO_INSTANCE {
+        // SAFETY: the contract of `Walk::new`.
+        if !unsafe { bottom.enter_bottom(instance, top, only.is_none(), index, &walk.ray) } {
+            return Event::Done;
         }
+        in_bottom = true;
     }
     let mut left = *fuel;
     // The rest of a leaf that a verdict interrupted.
@@ -93,7 +99,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
             // The nearest pending child that is still near enough.
             let mut word = loop {
                 if length == floor {
-                    if !in_bottom {
+                    if length == 0 {
                         break 'level Event::Done;
                     }
                     in_bottom = false;
@@ -171,7 +177,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
             }
         };
         // SAFETY: the contract of `Walk::new`.
-        if unsafe { bottom.enter_bottom(instance, top, entered, &walk.ray) } {
+        if unsafe { bottom.enter_bottom(instance, top, true, entered, &walk.ray) } {
             in_bottom = true;
             floor = length;
             stack[length] = Entry { word: 0, near: 0.0 };
@@ -192,15 +198,13 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
     event
 }
 
-/// Where to start in a top level: at its root, or, if that has but one child, an instance, there.
+/// The instance of a top level that has but one.
 #[inline(always)]
-fn only_child(top: &Level) -> u32 {
-    match top.structure.node(0) {
-        Some(root) if root.children[1] == child::NONE && root.children[0] & child::LEAF != 0 => {
-            root.children[0]
-        }
-        _ => 0,
-    }
+fn only_instance(top: &Level) -> Option<u32> {
+    let children = &top.structure.node(0)?.children;
+    let one = children[1] == child::NONE && children[0] & child::LEAF != 0;
+    (one && children[0] != child::NONE && top.structure.node_count() == 1)
+        .then_some(children[0] & child::INDEX)
 }
 
 /// Asks for the memory of the children in `mask`.

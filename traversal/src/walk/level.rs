@@ -27,23 +27,26 @@ impl Level {
     /// # Safety
     /// `address` is 0 or a structure that stays as it is meanwhile.
     #[inline(always)]
-    pub unsafe fn enter_top(&mut self, address: u64, ray: &Ray) -> bool {
+    pub unsafe fn enter_top(&mut self, address: u64) -> bool {
         // SAFETY: the caller's promise.
         let Some(structure) = (unsafe { Structure::at(address) }) else {
             return false;
         };
         self.structure = structure;
-        if structure.kind() != Kind::Instances {
-            return false;
-        }
+        structure.kind() == Kind::Instances
+    }
+
+    /// Sets up the ray for the nodes of a top level that was entered.
+    #[inline(always)]
+    pub fn set_up_top(&mut self, ray: &Ray) {
         let reach = ray.origin.iter().fold(0f32, |most, c| most.max(c.abs()));
-        let uncertainty = structure.header().origin_error * reach;
+        let uncertainty = self.structure.header().origin_error * reach;
         self.space
             .set(ray.origin, ray.direction, ray.t_min, uncertainty);
-        true
     }
 
     /// Enters the bottom level of an instance of `top`; false if the ray has no business there.
+    /// `top_is_set_up`: the ray is ready in the space of `top`.
     ///
     /// # Safety
     /// The references of `top` are 0 or structures that stay as they are meanwhile.
@@ -52,6 +55,7 @@ impl Level {
         &mut self,
         facts: &mut InstanceFacts,
         top: &Level,
+        top_is_set_up: bool,
         index: u32,
         ray: &Ray,
     ) -> bool {
@@ -77,11 +81,14 @@ impl Level {
             return false;
         }
         self.structure = structure;
-        self.shares_space = record.state & instance_state::IDENTITY != 0
-            && top.structure.header().origin_error == 0.0;
-        if self.shares_space {
+        if record.state & instance_state::IDENTITY != 0 {
+            self.shares_space = top_is_set_up && top.structure.header().origin_error == 0.0;
+            if !self.shares_space {
+                self.space.set(ray.origin, ray.direction, ray.t_min, 0.0);
+            }
             return true;
         }
+        self.shares_space = false;
         let (to_world, to_object) = (&record.object_to_world, &record.world_to_object);
         // From the instance's position, so that a far one costs no more than its distance from the
         // ray.

@@ -1,0 +1,315 @@
+//! Sampling and gathering.
+
+use super::*;
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    /// 1D, 2D and 3D sampling with every addressing, filter, level selection, reduction, offset and comparison, 16 different lanes.
+    #[test]
+    fn sampling_agrees_with_the_equations(
+        format in any_format(), s in any_sampler(), axes in 1usize..4,
+        size in prop::array::uniform3(1u32..13), level_count in 1u8..4, layers in 1u32..4, seed: u32,
+        coordinates in prop::array::uniform16(prop::array::uniform3(-2.5f32..3.5)),
+        layer_coordinates in prop::array::uniform16(-1.0f32..5.0),
+        lods in prop::array::uniform16(-1.0f32..4.0), uniform_lod: bool,
+        offsets in prop::option::of(prop::array::uniform3(-8i32..8)),
+        compare in prop::option::of((0usize..8, 0.0f32..1.0)),
+        swizzle in prop::option::of(prop::array::uniform4(0u8..6)),
+        mask: u16,
+    ) {
+        let mut s = s;
+        let dim = [Dim::D1, Dim::D2, Dim::D3][axes - 1];
+        let layers = if axes == 3 { 1 } else { layers };
+        let format = if compare.is_some() { Format::D16_UNORM } else { format };
+        let mut image = Image::new(format, dim, size, level_count, layers, seed);
+        if let (Some(swizzle), None) = (swizzle, compare) {
+            image.descriptor.swizzle = swizzle;
+        }
+        s.compare = compare.map(|(index, _)| [
+            CompareOp::Never, CompareOp::Less, CompareOp::Equal, CompareOp::LessOrEqual,
+            CompareOp::Greater, CompareOp::NotEqual, CompareOp::GreaterOrEqual, CompareOp::Always,
+        ][index]);
+        let op = ImageOp {
+            arrayed: layers > 1,
+            depth_compare: compare.is_some(),
+            lod: LodMode::Lod,
+            has_offset: offsets.is_some(),
+            ..image_op(ImageOpKind::Sample, dim)
+        };
+        let mut rows: Vec<Row> = (0..axes).map(|axis| coordinates.map(|c| c[axis].to_bits())).collect();
+        if layers > 1 { rows.push(layer_coordinates.map(f32::to_bits)); }
+        if let Some((_, reference)) = compare { rows.push(row(reference)); }
+        let lods = if uniform_lod { [lods[0]; 16] } else { lods };
+        rows.push(lods.map(f32::to_bits));
+        if let Some(offsets) = offsets { rows.extend(offsets[..axes].iter().map(|&o| [o as u32; 16])); }
+        let results = run(&op, &image.descriptor, Some(&s), mask, &rows);
+        let reference = Reference { image: &image, sampler: &s, axes };
+        for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
+            let q = Query {
+                coordinates: coordinates[lane].map(|c| c as f64),
+                layer: if layers > 1 { (layer_coordinates[lane].round_ties_even().max(0.0) as u32).min(layers - 1) } else { 0 },
+                offsets: offsets.unwrap_or([0; 3]),
+                lambda: lods[lane] as f64,
+                reference: compare.map(|(_, reference)| reference as f64),
+            };
+            let Some(expected) = reference.sample(&q) else { continue };
+            let expected = if compare.is_some() { expected } else {
+                image.descriptor.swizzle.map(|from| match from {
+                    0..=3 => expected[from as usize],
+                    4 => 0.0,
+                    _ => 1.0,
+                })
+            };
+            for component in 0..op.result_rows() {
+                let got = f32::from_bits(results[component][lane]) as f64;
+                // Coordinates are rounded relative to the texel grid: 13 texels × 3.5 repeats × 2^-24, times the texels' range.
+                prop_assert!((got - expected[component]).abs() < 4e-5, "lane {lane} component {component}: {got} {expected:?} {q:?}");
+            }
+        }
+    }
+
+    /// Gathers take the footprint of linear filtering at the base level, in the spec's order, from the component after the swizzle.
+    #[test]
+    fn gathers_take_the_footprint_in_order(
+        format in any_format(), s in any_sampler(), size in prop::array::uniform2(1u32..9), seed: u32,
+        coordinates in prop::array::uniform16(prop::array::uniform2(-1.5f32..2.5)), component in 0u8..4,
+        offsets in prop::array::uniform8(-32i32..32), offset_kind in 0usize..3, swizzle in prop::array::uniform4(0u8..6), compare: bool,
+    ) {
+        let mut s = s;
+        let format = if compare { Format::D32_SFLOAT } else { format };
+        let mut image = Image::new(format, Dim::D2, [size[0], size[1], 1], 2, 1, seed);
+        if compare { s.compare = Some(CompareOp::LessOrEqual); } else { image.descriptor.swizzle = swizzle; }
+        let op = ImageOp {
+            depth_compare: compare,
+            has_offset: offset_kind == 1,
+            has_offsets: offset_kind == 2,
+            ..image_op(ImageOpKind::Gather(component), Dim::D2)
+        };
+        let mut rows: Vec<Row> = (0..2).map(|axis| coordinates.map(|c| c[axis].to_bits())).collect();
+        if compare { rows.push(row(0.5)); }
+        let offset_rows = [0, 2, 8][offset_kind];
+        rows.extend(offsets[..offset_rows].iter().map(|&o| [o as u32; 16]));
+        let results = run(&op, &image.descriptor, Some(&s), 0xffff, &rows);
+        let reference = Reference { image: &image, sampler: &s, axes: 2 };
+        for lane in 0..16 {
+            for result in 0..4 {
+                let offset = match offset_kind {
+                    0 => [0, 0],
+                    1 => [offsets[0], offsets[1]],
+                    _ => [offsets[2 * result], offsets[2 * result + 1]],
+                };
+                let corner = if offset_kind == 2 { [0, 0] } else { [[0, 1], [1, 1], [1, 0], [0, 0]][result] };
+                let q = Query {
+                    coordinates: [coordinates[lane][0] as f64, coordinates[lane][1] as f64, 0.0],
+                    layer: 0, offsets: [offset[0], offset[1], 0], lambda: 0.0, reference: None,
+                };
+                let (texel, near) = reference.scaled(0, &q, 0.5);
+                if near { continue; }
+                let index = [texel[0].floor() as i64 + corner[0], texel[1].floor() as i64 + corner[1], 0];
+                let texel = reference.fetch(0, 0, index, compare.then_some(0.5));
+                let expected = match image.descriptor.swizzle[component as usize] {
+                    _ if compare => texel[0],
+                    4 => 0.0,
+                    5 => 1.0,
+                    from => texel[from as usize],
+                };
+                let got = f32::from_bits(results[result][lane]) as f64;
+                prop_assert!((got - expected).abs() < 1e-6, "{got} {expected} {q:?}");
+            }
+        }
+    }
+
+    /// λ of derivatives, without and with anisotropy, against logarithms in f64; seen through a LOD query.
+    #[test]
+    fn derivatives_give_the_level(
+        axes in 1usize..4, derivatives in prop::array::uniform6(-3.0f32..3.0), exponent in -12i32..3, bias in -2.0f32..2.0, linear: bool,
+        anisotropy in prop::option::of(1.0f32..16.0),
+    ) {
+        let derivatives = derivatives.map(|d| d * 2f32.powi(exponent));
+        let dim = [Dim::D1, Dim::D2, Dim::D3][axes - 1];
+        let size = [32, if axes > 1 { 16 } else { 1 }, if axes > 2 { 8 } else { 1 }];
+        let image = Image::new(Format::R8_UNORM, dim, size, 5, 1, 1);
+        let s = SamplerDescriptor {
+            mip_lod_bias: bias,
+            mipmap_mode: if linear { Filter::Linear } else { Filter::Nearest },
+            max_anisotropy: anisotropy.unwrap_or(0.0),
+            ..sampler()
+        };
+        let op = ImageOp { lod: LodMode::Grad, ..image_op(ImageOpKind::QueryLod, dim) };
+        let mut rows = vec![row(0.3); axes];
+        for screen in 0..2 { for axis in 0..axes { rows.push(row(derivatives[screen * 3 + axis])); } }
+        let results = run(&op, &image.descriptor, Some(&s), 1, &rows);
+        let length = |screen: usize| (0..axes)
+            .map(|axis| (derivatives[screen * 3 + axis] as f64 * size[axis] as f64).powi(2)).sum::<f64>().sqrt();
+        let (max, min) = (length(0).max(length(1)), length(0).min(length(1)));
+        // η as a real number in 1..=maxAnisotropy.
+        let eta = match anisotropy {
+            Some(limit) => (max / min).min(limit as f64).max(1.0),
+            None => 1.0,
+        };
+        let lambda = (max / eta).log2() + bias as f64;
+        let got = f32::from_bits(results[1][0]) as f64;
+        prop_assert!((got - lambda).abs() < 1e-4, "{got} {lambda}");
+        let d = lambda.clamp(0.0, 4.0);
+        let level = f32::from_bits(results[0][0]) as f64;
+        if linear {
+            prop_assert!((level - d).abs() < 1e-4);
+        } else if (d.fract() - 0.5).abs() > 1e-3 {
+            prop_assert_eq!(level, d.round());
+        }
+    }
+
+    /// The common case has code of its own: the same bits as the general one.
+    #[test]
+    fn the_fast_path_is_the_same(
+        format in any_format(), s in any_sampler(), size in prop::array::uniform2(1u32..40), level_count in 1u8..4, layers in 1u32..4, seed: u32,
+        coordinates in prop::array::uniform16(prop::array::uniform3(-3.5f32..3.5)), special in prop::option::of((0usize..16, prop::sample::select(vec![f32::NAN, f32::INFINITY, -1e30, 1e30, 1.0, 0.0, -1e-9]))),
+        lods in prop::array::uniform16(-1.0f32..4.0), uniform_lod: bool, bias: bool, mask in 1u16..,
+    ) {
+        let mut s = s;
+        s.min_filter = s.mag_filter;
+        s.reduction = Reduction::WeightedAverage;
+        for mode in &mut s.address_mode {
+            if matches!(mode, AddressMode::ClampToBorder | AddressMode::MirrorClampToEdge) {
+                *mode = AddressMode::ClampToEdge;
+            }
+        }
+        let image = Image::new(format, Dim::D2, [size[0], size[1], 1], level_count, layers, seed);
+        let info = format.info().unwrap();
+        let op = ImageOp {
+            arrayed: layers > 1,
+            lod: if bias { LodMode::Bias } else { LodMode::Lod },
+            ..image_op(ImageOpKind::Sample, Dim::D2)
+        };
+        prop_assert!(fast::applies(&op, &image.descriptor, info, &s));
+        let mut coordinates = coordinates;
+        if let Some((lane, value)) = special { coordinates[lane][1] = value; }
+        let mut rows: Vec<Row> = (0..2).map(|axis| coordinates.map(|c| c[axis].to_bits())).collect();
+        if layers > 1 { rows.push(coordinates.map(|c| c[2].to_bits())); }
+        rows.push(if uniform_lod { [lods[0].to_bits(); 16] } else { lods.map(f32::to_bits) });
+        let rows: Vec<&Row> = rows.iter().collect();
+        let operands = execute::Operands::new(&op, &rows);
+        let (mut fast, mut general) = ([[0; 16]; 8], [[0; 16]; 8]);
+        // SAFETY: the image's memory is alive.
+        unsafe {
+            sample::sample_fast(&op, &operands, &image.descriptor, info, &s, mask, &mut fast);
+            sample::sample(&op, &operands, &image.descriptor, info, &s, mask, &mut general);
+        }
+        for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
+            for component in 0..4 {
+                let (a, b) = (fast[component][lane], general[component][lane]);
+                let both_nan = f32::from_bits(a).is_nan() && f32::from_bits(b).is_nan();
+                prop_assert!(a == b || both_nan, "{lane} {component} {a:x} {b:x}");
+            }
+        }
+    }
+
+    /// A cube's faces, nearest: the texel is where the direction, scaled to the face, points.
+    #[test]
+    fn cubes_select_faces(directions in prop::array::uniform16(prop::array::uniform3(-1.0f32..1.0)), cube in 0u32..2, seed: u32) {
+        let image = Image::new(Format::R8G8B8A8_UNORM, Dim::Cube, [8, 8, 1], 1, 12, seed);
+        let s = SamplerDescriptor { mag_filter: Filter::Nearest, min_filter: Filter::Nearest, ..sampler() };
+        let op = ImageOp { arrayed: true, ..image_op(ImageOpKind::Sample, Dim::Cube) };
+        let mut rows: Vec<Row> = (0..3).map(|axis| directions.map(|d| d[axis].to_bits())).collect();
+        rows.push(row(cube as f32));
+        let results = run(&op, &image.descriptor, Some(&s), 0xffff, &rows);
+        for lane in 0..16 {
+            let [x, y, z] = directions[lane].map(|d| d as f64);
+            let (ax, ay, az) = (x.abs(), y.abs(), z.abs());
+            // The table of the chapter.
+            let (face, sc, tc, rc) = if az >= ax && az >= ay {
+                if z >= 0.0 { (4, x, -y, az) } else { (5, -x, -y, az) }
+            } else if ay >= ax {
+                if y >= 0.0 { (2, x, z, ay) } else { (3, x, -z, ay) }
+            } else if x >= 0.0 { (0, -z, -y, ax) } else { (1, z, -y, ax) };
+            let texel = [sc, tc].map(|c| (c / rc * 0.5 + 0.5) * 8.0);
+            if texel.iter().any(|u| (u - u.round()).abs() < 1e-4) { continue; }
+            let index = texel.map(|u| u.floor() as u32);
+            let expected = image.words(0, cube * 6 + face, [index[0], index[1], 0]);
+            prop_assert_eq!(std::array::from_fn::<u32, 4, _>(|c| results[c][lane]), expected);
+        }
+    }
+
+    /// Linear filtering is continuous over a cube's edges and corners.
+    #[test]
+    fn cubes_are_seamless(direction in prop::array::uniform3(-1.0f32..1.0), edge in 0usize..3, seed: u32) {
+        let image = Image::new(Format::R32_SFLOAT, Dim::Cube, [4, 4, 1], 1, 6, seed);
+        let op = image_op(ImageOpKind::Sample, Dim::Cube);
+        let at = |d: [f32; 3]| {
+            let rows = d.map(row);
+            f32::from_bits(run(&op, &image.descriptor, Some(&sampler()), 1, &rows)[0][0])
+        };
+        // Two components equal in magnitude: an edge, if they are the largest.
+        let mut d = direction;
+        let other = (edge + 1) % 3;
+        let largest = direction.iter().fold(0f32, |a, b| a.max(b.abs())).max(0.1);
+        d[edge] = largest.copysign(d[edge]);
+        d[other] = largest.copysign(d[other]);
+        let (mut inside, mut outside) = (d, d);
+        inside[edge] *= 1.00001;
+        outside[edge] *= 0.99999;
+        prop_assert!((at(inside) - at(outside)).abs() < 1e-3);
+    }
+}
+
+#[test]
+fn unnormalized_coordinates_count_texels() {
+    let image = Image::new(Format::R32_SFLOAT, Dim::D2, [5, 3, 1], 1, 1, 7);
+    let s = SamplerDescriptor {
+        unnormalized_coordinates: true,
+        address_mode: [AddressMode::ClampToEdge; 3],
+        ..sampler()
+    };
+    let results = run(
+        &image_op(ImageOpKind::Sample, Dim::D2),
+        &image.descriptor,
+        Some(&s),
+        1,
+        &[row(2.5), row(1.75)],
+    );
+    let expected = 0.75 * image.texel(0, 0, [2, 1, 0])[0] + 0.25 * image.texel(0, 0, [2, 2, 0])[0];
+    assert!((f32::from_bits(results[0][0]) as f64 - expected).abs() < 1e-6);
+}
+
+#[test]
+fn anisotropy_averages_along_the_longer_axis() {
+    let image = Image::new(Format::R32_SFLOAT, Dim::D2, [64, 64, 1], 1, 1, 3);
+    let s = SamplerDescriptor {
+        max_anisotropy: 4.0,
+        ..sampler()
+    };
+    let op = ImageOp {
+        lod: LodMode::Grad,
+        ..image_op(ImageOpKind::Sample, Dim::D2)
+    };
+    // 4 texels along x, 1 along y: N = 4.
+    let rows = [
+        row(0.4),
+        row(0.3),
+        row(4.0 / 64.0),
+        row(0.0),
+        row(0.0),
+        row(1.0 / 64.0),
+    ];
+    let results = run(&op, &image.descriptor, Some(&s), 1, &rows);
+    let reference = Reference {
+        image: &image,
+        sampler: &s,
+        axes: 2,
+    };
+    let mean = (1..=4)
+        .map(|i| {
+            let q = Query {
+                coordinates: [0.4 + 4.0 / 64.0 * (i as f64 / 5.0 - 0.5), 0.3, 0.0],
+                layer: 0,
+                offsets: [0; 3],
+                lambda: 0.0,
+                reference: None,
+            };
+            reference.level(0, Filter::Linear, &q).unwrap()[0]
+        })
+        .sum::<f64>()
+        / 4.0;
+    assert!((f32::from_bits(results[0][0]) as f64 - mean).abs() < 1e-4);
+}

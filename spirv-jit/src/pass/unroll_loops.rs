@@ -1,0 +1,406 @@
+//! Loops that count from a constant to a constant in a few steps, written out, so that what depends on the counter becomes constant too.
+//!
+//! Each iteration becomes a block that the back-edges leave; lanes wait at its end as they did at the loop's head. Loops that yield stay, so
+//! that waves in different iterations can still be merged.
+
+use smallvec::smallvec;
+
+use super::effects::{Effects, find_effects};
+use super::fold_constants::fold;
+use super::renaming::Renaming;
+use crate::ir::{Body, Function, Inst, Label, Node, Op, Terminator, Type, Value};
+
+/// Iterations written out.
+const MAX_ITERATIONS: usize = 32;
+
+/// Nodes that one loop may become.
+const MAX_NODES: usize = 400;
+
+/// Nodes that a function may always grow by.
+const BUDGET_FLOOR: usize = 2_048;
+
+/// Unrolls inner loops first.
+pub fn unroll_loops(function: &mut Function) {
+    let mut body = std::mem::replace(
+        &mut function.body,
+        Body {
+            nodes: Vec::new(),
+            end: Terminator::Unreachable,
+        },
+    );
+    let count = function.value_types.len();
+    let mut unroller = Unroller {
+        effects: find_effects(&body, function.labels),
+        constants: vec![None; count],
+        sums: vec![None; count],
+        renaming: Renaming {
+            values: (0..count as u32).map(Value).collect(),
+            labels: (0..function.labels).map(Label).collect(),
+            first_variable: 0,
+            returns_to: None,
+        },
+        budget: BUDGET_FLOOR.max(2 * count_nodes(&body)),
+        function,
+    };
+    unroller.walk(&mut body);
+    function.body = body;
+}
+
+fn count_nodes(body: &Body) -> usize {
+    let of_node = |node: &Node| match node {
+        Node::Inst(_) => 1,
+        Node::Block { body, .. } | Node::Loop { body, .. } => 1 + count_nodes(body),
+        Node::If {
+            then_body,
+            else_body,
+            ..
+        } => 1 + count_nodes(then_body) + count_nodes(else_body),
+    };
+    body.nodes.iter().map(of_node).sum::<usize>() + 1
+}
+
+/// A loop's counter.
+struct Counts {
+    /// Which of the parameters it is.
+    param: usize,
+    /// Its values.
+    counts: Vec<u64>,
+}
+
+struct Unroller<'a> {
+    function: &'a mut Function,
+    effects: Vec<Effects>,
+    constants: Vec<Option<u64>>,
+    /// Integers that are another plus a constant.
+    sums: Vec<Option<(Value, u64)>>,
+    /// The identity, but while an iteration is copied.
+    renaming: Renaming,
+    budget: usize,
+}
+
+impl Unroller<'_> {
+    fn walk(&mut self, body: &mut Body) {
+        let nodes = std::mem::take(&mut body.nodes);
+        body.nodes.reserve(nodes.len());
+        for mut node in nodes {
+            match &mut node {
+                Node::Inst(inst) => self.learn(inst),
+                Node::Block { body, .. } => self.walk(body),
+                Node::If {
+                    then_body,
+                    else_body,
+                    ..
+                } => {
+                    self.walk(then_body);
+                    self.walk(else_body);
+                }
+                Node::Loop {
+                    label,
+                    params,
+                    init,
+                    body: inside,
+                } => {
+                    self.walk(inside);
+                    if let Some(counts) = self.find_counts(*label, params, init, inside) {
+                        self.unroll(*label, params, init, inside, &counts, &mut body.nodes);
+                        // Nothing comes out of a loop at its end.
+                        body.end = Terminator::Unreachable;
+                        return;
+                    }
+                }
+            }
+            body.nodes.push(node);
+        }
+    }
+
+    fn learn(&mut self, inst: &Inst) {
+        let Some(&result) = inst.results.first() else {
+            return;
+        };
+        match inst.op {
+            Op::Const(bits) => self.constants[result.index()] = Some(bits),
+            Op::IAdd => {
+                self.sums[result.index()] =
+                    self.constant(inst.args[1]).map(|step| (inst.args[0], step));
+            }
+            _ => {}
+        }
+    }
+
+    fn constant(&self, value: Value) -> Option<u64> {
+        self.constants.get(value.index()).copied().flatten()
+    }
+
+    /// What the counter is in each iteration, the last being the one that leaves; `None` if that is not a few constants.
+    fn find_counts(
+        &mut self,
+        label: Label,
+        params: &[Value],
+        init: &[Value],
+        body: &Body,
+    ) -> Option<Counts> {
+        let effects = self.effects.get(label.index())?;
+        if effects.yields {
+            return None;
+        }
+        let exit = find_exit(label, body)?;
+        let comparison = exit.comparison;
+        let on_left = self.constant(comparison.args[1]);
+        let (counter, limit) = match on_left {
+            Some(limit) => (comparison.args[0], limit),
+            None => (comparison.args[1], self.constant(comparison.args[0])?),
+        };
+        let index = params.iter().position(|&param| param == counter)?;
+        let mut step = None;
+        if !self.find_step(label, index, counter, body, &mut step) {
+            return None;
+        }
+        let (step, mut count) = (step?, self.constant(init[index])?);
+        let ty = self.function.ty(counter);
+        let size = count_nodes(body);
+        let mut counts = vec![count];
+        loop {
+            let args = match on_left {
+                Some(_) => [count, limit],
+                None => [limit, count],
+            };
+            if (fold(&comparison.op, ty, Type::I1, &args)? != 0) == exit.leaves_if {
+                break;
+            }
+            count = fold(&Op::IAdd, ty, ty, &[count, step])?;
+            counts.push(count);
+            let nodes = counts.len() * size;
+            if counts.len() > MAX_ITERATIONS || nodes > MAX_NODES || nodes > self.budget {
+                return None;
+            }
+        }
+        self.budget -= counts.len() * size;
+        Some(Counts {
+            param: index,
+            counts,
+        })
+    }
+
+    /// Whether all back-edges add one constant to the counter.
+    fn find_step(
+        &self,
+        label: Label,
+        index: usize,
+        counter: Value,
+        body: &Body,
+        step: &mut Option<u64>,
+    ) -> bool {
+        let inside = body.nodes.iter().all(|node| match node {
+            Node::Inst(_) => true,
+            Node::Block { body, .. } | Node::Loop { body, .. } => {
+                self.find_step(label, index, counter, body, step)
+            }
+            Node::If {
+                then_body,
+                else_body,
+                ..
+            } => {
+                self.find_step(label, index, counter, then_body, step)
+                    && self.find_step(label, index, counter, else_body, step)
+            }
+        });
+        match &body.end {
+            Terminator::Br(target, args) if *target == label => {
+                match self.sums.get(args[index].index()).copied().flatten() {
+                    Some((base, more)) if base == counter => {
+                        inside && *step.get_or_insert(more) == more
+                    }
+                    _ => false,
+                }
+            }
+            _ => inside,
+        }
+    }
+
+    /// Writes the iterations out, the last of them as far as the exit.
+    fn unroll(
+        &mut self,
+        label: Label,
+        params: &[Value],
+        init: &[Value],
+        body: &Body,
+        counts: &Counts,
+        out: &mut Vec<Node>,
+    ) {
+        let (mut values, mut labels) = (Vec::new(), Vec::new());
+        list_definitions(body, &mut values, &mut labels);
+        // Copies of copies: inner loops have added to the tables.
+        self.extend_identity();
+        let mut current = init.to_vec();
+        let counter_type = self.function.ty(params[counts.param]);
+        for &count in &counts.counts {
+            let count_value = self.function.new_value(counter_type);
+            out.push(Node::Inst(Inst {
+                op: Op::Const(count),
+                args: smallvec![],
+                results: smallvec![count_value],
+                source: 0,
+            }));
+            current[counts.param] = count_value;
+            for (&param, &value) in params.iter().zip(&current) {
+                self.renaming.values[param.index()] = value;
+            }
+            for &value in &values {
+                let ty = self.function.ty(value);
+                self.renaming.values[value.index()] = self.function.new_value(ty);
+            }
+            for &inner in &labels {
+                self.renaming.labels[inner.index()] = self.function.new_label();
+            }
+            let end = self.function.new_label();
+            self.renaming.labels[label.index()] = end;
+            let mut copy = body.clone();
+            self.renaming.rename_body(&mut copy);
+            current = params
+                .iter()
+                .map(|&param| self.function.new_value(self.function.ty(param)))
+                .collect();
+            out.push(Node::Block {
+                label: end,
+                results: current.clone(),
+                body: copy,
+            });
+        }
+        for &value in values.iter().chain(params) {
+            self.renaming.values[value.index()] = value;
+        }
+        for label in labels.into_iter().chain([label]) {
+            self.renaming.labels[label.index()] = label;
+        }
+        self.extend_identity();
+        self.learn_copies(out);
+    }
+
+    fn extend_identity(&mut self) {
+        let renaming = &mut self.renaming;
+        let values = renaming.values.len() as u32..self.function.value_types.len() as u32;
+        renaming.values.extend(values.map(Value));
+        let labels = renaming.labels.len() as u32..self.function.labels;
+        renaming.labels.extend(labels.map(Label));
+        self.constants.resize(renaming.values.len(), None);
+        self.sums.resize(renaming.values.len(), None);
+        self.effects
+            .resize(renaming.labels.len(), Effects::default());
+    }
+
+    /// Constants and sums in copies, for the loops around.
+    fn learn_copies(&mut self, nodes: &[Node]) {
+        for node in nodes {
+            match node {
+                Node::Inst(inst) => self.learn(inst),
+                Node::Block { body, .. } | Node::Loop { body, .. } => {
+                    self.learn_copies(&body.nodes);
+                }
+                Node::If {
+                    then_body,
+                    else_body,
+                    ..
+                } => {
+                    self.learn_copies(&then_body.nodes);
+                    self.learn_copies(&else_body.nodes);
+                }
+            }
+        }
+    }
+}
+
+/// The test that every iteration makes first.
+struct Exit<'b> {
+    comparison: &'b Inst,
+    /// The outcome with which lanes leave the loop.
+    leaves_if: bool,
+}
+
+/// Finds the `if` near a loop's head of which one side leaves the loop and the other goes on, with nothing but operations before it.
+fn find_exit(label: Label, body: &Body) -> Option<Exit<'_>> {
+    let mut insts = Vec::new();
+    for node in &body.nodes {
+        match node {
+            Node::Inst(inst) => insts.push(inst),
+            Node::If {
+                condition,
+                label: own,
+                then_body,
+                else_body,
+                ..
+            } => {
+                let comparison = insts.iter().find(|inst| inst.results.contains(condition))?;
+                let compares = matches!(
+                    comparison.op,
+                    Op::SLt | Op::SLe | Op::ULt | Op::ULe | Op::IEq | Op::INe
+                );
+                let leaves = |side: &Body| !reaches(side, &[label, *own]);
+                let leaves_if = match (leaves(then_body), leaves(else_body)) {
+                    (true, false) => true,
+                    (false, true) => false,
+                    _ => return None,
+                };
+                return compares.then_some(Exit {
+                    comparison,
+                    leaves_if,
+                });
+            }
+            _ => return None,
+        }
+    }
+    None
+}
+
+/// Whether a body has a `br` to one of the labels.
+fn reaches(body: &Body, labels: &[Label]) -> bool {
+    let inside = body.nodes.iter().any(|node| match node {
+        Node::Inst(_) => false,
+        Node::Block { body, .. } | Node::Loop { body, .. } => reaches(body, labels),
+        Node::If {
+            then_body,
+            else_body,
+            ..
+        } => reaches(then_body, labels) || reaches(else_body, labels),
+    });
+    inside || matches!(&body.end, Terminator::Br(label, _) if labels.contains(label))
+}
+
+/// Values and labels that a body defines.
+fn list_definitions(body: &Body, values: &mut Vec<Value>, labels: &mut Vec<Label>) {
+    for node in &body.nodes {
+        match node {
+            Node::Inst(inst) => values.extend(&inst.results),
+            Node::Block {
+                label,
+                results,
+                body,
+            } => {
+                labels.push(*label);
+                values.extend(results);
+                list_definitions(body, values, labels);
+            }
+            Node::If {
+                label,
+                results,
+                then_body,
+                else_body,
+                ..
+            } => {
+                labels.push(*label);
+                values.extend(results);
+                list_definitions(then_body, values, labels);
+                list_definitions(else_body, values, labels);
+            }
+            Node::Loop {
+                label,
+                params,
+                body,
+                ..
+            } => {
+                labels.push(*label);
+                values.extend(params);
+                list_definitions(body, values, labels);
+            }
+        }
+    }
+}

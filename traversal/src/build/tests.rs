@@ -1,0 +1,124 @@
+//! Trees as the fallback packs them.
+
+use super::*;
+use crate::{
+    AabbGeometry, Event, IndexType, InstanceArray, InstanceSource, Memory, Ray, TriangleGeometry,
+    Verdict, VertexFormat, Walk, Walker,
+};
+
+fn memory<T>(slice: &[T]) -> Memory {
+    Memory {
+        base: slice.as_ptr().cast(),
+        bytes: size_of_val(slice),
+    }
+}
+
+#[repr(align(256))]
+#[derive(Clone, Copy)]
+struct Line(#[allow(dead_code, reason = "written through pointers")] [u8; 256]);
+
+/// A structure whose tree may have so many levels; checked.
+fn built(geometries: Geometries<'_>, max_depth: u32) -> Vec<Line> {
+    let input = BuildInput {
+        flags: BuildFlags(0),
+        geometries,
+    };
+    let shape = Shape::of(&geometries).unwrap();
+    let sizes = build_sizes(shape.kind, input.flags, &[shape.primitives as u32]);
+    let mut lines = vec![Line([0xAA; 256]); sizes.structure_bytes as usize / 256];
+    let mut scratch = vec![0xAA; sizes.build_scratch_bytes as usize];
+    // SAFETY: as long as the lines.
+    let blob = unsafe {
+        std::slice::from_raw_parts_mut(lines.as_mut_ptr().cast::<u8>(), 256 * lines.len())
+    };
+    // SAFETY: the callers keep the memory of the geometries.
+    unsafe { build_to_depth(&input, blob, &mut scratch, max_depth) }.unwrap();
+    assert_eq!(crate::validate(blob), Ok(()));
+    lines
+}
+
+/// Closest triangle, or the boxes along a ray, by primitive.
+fn found(bottom: &[Line], origin: [f32; 3]) -> Vec<u32> {
+    let mut record = [0u32; 16];
+    for diagonal in [0, 5, 10] {
+        record[diagonal] = 1f32.to_bits();
+    }
+    record[12] = 0xFF << 24;
+    let reference = bottom.as_ptr().expose_provenance() as u64;
+    record[14] = reference as u32;
+    record[15] = (reference >> 32) as u32;
+    let top = built(
+        Geometries::Instances(InstanceSource {
+            memory: memory(&record),
+            array: InstanceArray::Records,
+            count: 1,
+            flags: GeometryFlags(0),
+        }),
+        MAX_DEPTH,
+    );
+    let ray = Ray {
+        origin,
+        t_min: 0.0,
+        direction: [0.1, 0.05, -1.0],
+        t_max: f32::INFINITY,
+        flags: 0,
+        cull_mask: 0xFF,
+    };
+    // SAFETY: both levels are alive.
+    let mut walk = unsafe { Walk::new(top.as_ptr().expose_provenance() as u64, &ray) };
+    let mut walker = Walker::new();
+    let mut all = Vec::new();
+    while walk.resume(&mut walker, Verdict::Continue, &mut u64::MAX.clone()) != Event::Done {
+        all.push(walk.candidate().primitive_index);
+    }
+    all.extend(walk.committed().map(|hit| hit.primitive_index));
+    all.sort();
+    all
+}
+
+/// A scatter of points in a cube, by the golden ratio.
+fn point(i: u32) -> [f32; 3] {
+    [0.754_877_6, 0.569_840_3, 0.430_159_7].map(|step: f64| (f64::from(i) * step).fract() as f32)
+}
+
+#[test]
+fn packed_trees_hold_the_same_primitives() {
+    for count in [1, 2, 7, 8, 9, 63, 64, 65, 511, 513, 3000] {
+        let mut vertices = Vec::new();
+        let mut boxes = Vec::new();
+        for i in 0..count {
+            let [x, y, z] = point(i);
+            vertices.extend([[x, y, z], [x + 0.2, y, z], [x, y + 0.2, z]]);
+            boxes.push([x, y, z, x + 0.1, y + 0.1, z]);
+        }
+        let triangles = [TriangleGeometry {
+            vertices: memory(&vertices),
+            vertex_stride_bytes: 12,
+            vertex_format: VertexFormat::F32x3,
+            first_vertex: 0,
+            index_type: IndexType::None,
+            indices: memory::<u8>(&[]),
+            transform: None,
+            primitive_count: count,
+            flags: GeometryFlags(GeometryFlags::OPAQUE),
+        }];
+        let boxes = [AabbGeometry {
+            boxes: memory(&boxes),
+            stride_bytes: 24,
+            primitive_count: count,
+            flags: GeometryFlags(0),
+        }];
+        for geometries in [Geometries::Triangles(&triangles), Geometries::Aabbs(&boxes)] {
+            let packed = built(geometries, 0);
+            let planned = built(geometries, MAX_DEPTH);
+            let mut hits = 0;
+            for i in 0..200 {
+                let [x, y, _] = point(i + 10_000);
+                let expected = found(&planned, [x, y, 2.0]);
+                assert_eq!(found(&packed, [x, y, 2.0]), expected, "{count}");
+                hits += expected.len();
+            }
+            assert!(hits > 0 || count < 60);
+        }
+    }
+}
