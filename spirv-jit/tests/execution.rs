@@ -238,10 +238,10 @@ fn integer_arithmetic() {
                     ^ s.clamp(-100, 100) as u32,
             );
             r ^= (x << (y & 31)).wrapping_add(x >> 3).wrapping_add((s >> 5) as u32);
-            if y != 0 {
+            if let (Some(quotient), Some(rest)) = (x.checked_div(y), x.checked_rem(y)) {
                 r = r
-                    .wrapping_add(x / y)
-                    .wrapping_add(x % y)
+                    .wrapping_add(quotient)
+                    .wrapping_add(rest)
                     .wrapping_add((s / 77) as u32)
                     .wrapping_add((t / -3) as u32);
             }

@@ -201,11 +201,37 @@ int_ops! {
     umul_hi(a, b) = a.umul_hi(b);
     smul_hi(a, b) = a.smul_hi(b);
     /// 0 for a zero divisor.
-    udiv(a, b) = if b == T::ZERO { T::ZERO } else { a.div(b) };
-    sdiv(a, b) = if b == T::ZERO { T::ZERO } else { a.sdiv(b) };
+    udiv(a, b) = if T::BITS == 32 {
+        let q = quotient_32(a.to_u64() as u32 as f64, b.to_u64() as u32 as f64);
+        T::from_u64(q as u64)
+    } else if b == T::ZERO {
+        T::ZERO
+    } else {
+        a.div(b)
+    };
+    sdiv(a, b) = if T::BITS == 32 {
+        let q = quotient_32(a.to_i64() as i32 as f64, b.to_i64() as i32 as f64);
+        T::from_u64(q as u64)
+    } else if b == T::ZERO {
+        T::ZERO
+    } else {
+        a.sdiv(b)
+    };
     /// The dividend for a zero divisor.
-    urem(a, b) = if b == T::ZERO { a } else { a.rem(b) };
-    srem(a, b) = if b == T::ZERO { a } else { a.srem(b) };
+    urem(a, b) = if T::BITS == 32 {
+        a.sub(udiv(a, b).mul(b))
+    } else if b == T::ZERO {
+        a
+    } else {
+        a.rem(b)
+    };
+    srem(a, b) = if T::BITS == 32 {
+        a.sub(sdiv(a, b).mul(b))
+    } else if b == T::ZERO {
+        a
+    } else {
+        a.srem(b)
+    };
     /// The result has the divisor's sign.
     smod(a, b) = {
         let r = srem(a, b);
@@ -279,6 +305,14 @@ pub fn slt<T: Int>(a: T, b: T) -> bool {
 #[inline(always)]
 pub fn sle<T: Int>(a: T, b: T) -> bool {
     a.signed() <= b.signed()
+}
+
+/// The truncated quotient of two integers of 32 bits, by way of f64, which vector units divide: a quotient that is not an integer is at
+/// least 2^-32 away from one, and the rounding of one below 2^32 smaller than that wherever it matters. 0 for a zero divisor.
+#[inline(always)]
+fn quotient_32(a: f64, b: f64) -> u32 {
+    let quotient = (a / b).trunc();
+    super::wide::low_word(if b == 0.0 { 0.0 } else { quotient })
 }
 
 /// A mask of the lowest `count` bits; all of them from the width on.

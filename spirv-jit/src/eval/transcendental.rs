@@ -176,10 +176,12 @@ fn exp_scaled(r: f32, n: f32) -> f32 {
         ],
     );
     // In two halves, because 2^n itself may be out of range.
-    let n = n as i32;
+    // Its low bits hold the integer; an `as` conversion saturates and does not become vector code.
+    const MAGIC: f32 = 12_582_912.0;
+    let n = (n + MAGIC).to_bits().wrapping_sub(MAGIC.to_bits()) as i32;
     let half = n >> 1;
-    let two_to = |e: i32| f32::from_bits(((e + 127) as u32) << 23);
-    p * two_to(half) * two_to(n - half)
+    let two_to = |e: i32| f32::from_bits((e.wrapping_add(127) as u32) << 23);
+    p * two_to(half) * two_to(n.wrapping_sub(half))
 }
 
 #[inline(always)]

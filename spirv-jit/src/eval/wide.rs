@@ -2,6 +2,12 @@
 
 use std::f64::consts::{LN_2, LOG2_E};
 
+/// The low 32 bits, in two's complement, of an integer of at most 2^51 in magnitude.
+#[inline(always)]
+pub(super) fn low_word(integer: f64) -> u32 {
+    (integer + 6_755_399_441_055_744.0).to_bits() as u32
+}
+
 /// `x * 2^exponent`. With `rounds` the result may be subnormal in f64 and is rounded once; without it the caller rounds to a
 /// narrower type and the product itself is exact.
 #[inline(always)]

@@ -50,6 +50,8 @@ pub(super) struct Saved {
     pub row: u32,
     /// 64 bits: two rows of the state.
     pub wide: bool,
+    /// The row is an input's: it stands there already.
+    pub input: bool,
 }
 
 /// A place where a wave can be suspended.

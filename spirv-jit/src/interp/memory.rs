@@ -3,6 +3,7 @@
 //! Every access goes through [`Region`]: first byte, size, and the offset in it, checked per scalar.
 
 use super::code::AccessPlan;
+use super::kernels::Lane;
 use super::machine::{Instr, Machine, Operand, lanes_of};
 use crate::SUBGROUP_SIZE;
 use crate::environment::Descriptor;
@@ -33,6 +34,15 @@ impl Region {
         let first = (self.offset + skip) as u32 as u64;
         // SAFETY: the access is inside the region.
         (first + size_bytes <= self.size_bytes).then(|| unsafe { self.base.add(first as usize) })
+    }
+
+    /// The address of a run of scalars of `size_bytes` in all, if it is inside and does not wrap.
+    #[inline(always)]
+    fn run_at(&self, skip: u64, size_bytes: u64) -> Option<*mut u8> {
+        let first = (self.offset + skip) as u32 as u64;
+        let inside = first + size_bytes <= self.size_bytes.min(1 << 32);
+        // SAFETY: the access is inside the region.
+        inside.then(|| unsafe { self.base.add(first as usize) })
     }
 }
 
@@ -111,21 +121,6 @@ pub(super) unsafe fn read_scalar(at: *const u8, size_bytes: u32) -> u64 {
     }
 }
 
-/// # Safety
-/// As [`read_scalar`], for writing.
-#[inline(always)]
-unsafe fn write_scalar(at: *mut u8, size_bytes: u32, value: u64) {
-    // SAFETY: as the caller promises.
-    unsafe {
-        match size_bytes {
-            1 => at.write(value as u8),
-            2 => at.cast::<u16>().write_unaligned(value as u16),
-            4 => at.cast::<u32>().write_unaligned(value as u32),
-            _ => at.cast::<u64>().write_unaligned(value),
-        }
-    }
-}
-
 /// A plan's address operands and scalars.
 #[inline(always)]
 fn operands<'c>(m: &Machine<'c>, plan: &AccessPlan) -> (&'c [Operand], &'c [Operand]) {
@@ -134,6 +129,9 @@ fn operands<'c>(m: &Machine<'c>, plan: &AccessPlan) -> (&'c [Operand], &'c [Oper
     (address, &rest[..plan.scalars as usize])
 }
 
+/// Most scalars whose rows are looked up once for all lanes of a subgroup.
+const SCALARS_AT_ONCE: usize = 16;
+
 /// A load by plan `x`.
 ///
 /// # Safety
@@ -141,22 +139,91 @@ fn operands<'c>(m: &Machine<'c>, plan: &AccessPlan) -> (&'c [Operand], &'c [Oper
 pub(super) unsafe fn load(m: &mut Machine<'_>, i: &Instr) {
     let plan = m.program.code.accesses[i.x as usize];
     let (address, results) = operands(m, &plan);
-    let wide = plan.ty.rows() == 2;
-    let size = plan.ty.size_bytes();
     // SAFETY: as the caller promises.
     unsafe {
         if address.iter().all(|operand| operand.is_uniform()) {
             load_once(m, &plan, address, results);
             return;
         }
+        match plan.ty.size_bytes() {
+            1 => load_lanes::<u8>(m, &plan, address, results),
+            2 => load_lanes::<u16>(m, &plan, address, results),
+            4 => load_lanes::<u32>(m, &plan, address, results),
+            _ => load_lanes::<u64>(m, &plan, address, results),
+        }
+    }
+}
+
+/// The memory that all lanes of an access share: base and size.
+///
+/// # Safety
+/// As [`load`].
+unsafe fn shared_region(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand]) -> Option<Region> {
+    let uniform_buffer = plan.space == Space::Buffer && address[0].is_uniform();
+    // SAFETY: as the caller promises; a uniform operand is the same in the first lane.
+    (uniform_buffer || plan.space == Space::Shared)
+        .then(|| unsafe { region(m, plan.space, address, m.list[0], 0) })
+}
+
+/// The region of one lane, given what all lanes share.
+///
+/// # Safety
+/// As [`load`]; the lane is active.
+#[inline(always)]
+unsafe fn lane_region(
+    m: &Machine<'_>,
+    plan: &AccessPlan,
+    shared: &Option<Region>,
+    address: &[Operand],
+    offset: u16,
+    lane: usize,
+) -> Region {
+    // SAFETY: as the caller promises.
+    unsafe {
+        match shared {
+            Some(region) => Region {
+                offset: m.lane(address[address.len() - 1], offset, lane, false),
+                ..*region
+            },
+            None => region(m, plan.space, address, offset, lane),
+        }
+    }
+}
+
+/// # Safety
+/// As [`load`]; `T` has the scalars' size.
+unsafe fn load_lanes<T: Lane>(
+    m: &Machine<'_>,
+    plan: &AccessPlan,
+    address: &[Operand],
+    results: &[Operand],
+) {
+    let size = size_of::<T>() as u64;
+    // SAFETY: as the caller promises; addresses are checked, and rows of results are apart from those of addresses.
+    unsafe {
+        let shared = shared_region(m, plan, address);
         for &offset in m.listed() {
             let mask = m.active[offset as usize / 64];
-            for lane in lanes_of(mask) {
-                let region = region(m, plan.space, address, offset, lane);
-                for (k, &result) in results.iter().enumerate() {
-                    let at = region.at(k as u64 * size as u64, size as u64);
-                    let value = at.map_or(0, |at| read_scalar(at, size));
-                    m.set_lane(result, offset, lane, wide, value);
+            for (n, results) in results.chunks(SCALARS_AT_ONCE).enumerate() {
+                let mut rows = [std::ptr::null_mut(); SCALARS_AT_ONCE];
+                for (row, &result) in rows.iter_mut().zip(results) {
+                    *row = m.block::<T::Slot>(result, offset);
+                }
+                let rows = &rows[..results.len()];
+                let skip = (n * SCALARS_AT_ONCE) as u64 * size;
+                for lane in lanes_of(mask) {
+                    let region = lane_region(m, plan, &shared, address, offset, lane);
+                    let whole = region.run_at(skip, size * rows.len() as u64);
+                    for (k, &row) in rows.iter().enumerate() {
+                        let at = match whole {
+                            Some(at) => Some(at.add(k * size as usize)),
+                            None => region.at(skip + k as u64 * size, size),
+                        };
+                        (*row)[lane] = match at {
+                            Some(at) => at.cast::<T>().read_unaligned().write(),
+                            None => T::Slot::default(),
+                        };
+                    }
                 }
             }
         }
@@ -193,17 +260,49 @@ unsafe fn load_once(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand], res
 pub(super) unsafe fn store(m: &mut Machine<'_>, i: &Instr) {
     let plan = m.program.code.accesses[i.x as usize];
     let (address, values) = operands(m, &plan);
-    let wide = plan.ty.rows() == 2;
-    let size = plan.ty.size_bytes();
-    for &offset in m.listed() {
-        let mask = m.active[offset as usize / 64];
-        for lane in lanes_of(mask) {
-            // SAFETY: as the caller promises.
-            unsafe {
-                let region = region(m, plan.space, address, offset, lane);
-                for (k, &value) in values.iter().enumerate() {
-                    if let Some(at) = region.at(k as u64 * size as u64, size as u64) {
-                        write_scalar(at, size, m.lane(value, offset, lane, wide));
+    // SAFETY: as the caller promises.
+    unsafe {
+        match plan.ty.size_bytes() {
+            1 => store_lanes::<u8>(m, &plan, address, values),
+            2 => store_lanes::<u16>(m, &plan, address, values),
+            4 => store_lanes::<u32>(m, &plan, address, values),
+            _ => store_lanes::<u64>(m, &plan, address, values),
+        }
+    }
+}
+
+/// # Safety
+/// As [`load`]; `T` has the scalars' size.
+unsafe fn store_lanes<T: Lane>(
+    m: &Machine<'_>,
+    plan: &AccessPlan,
+    address: &[Operand],
+    values: &[Operand],
+) {
+    let size = size_of::<T>() as u64;
+    // SAFETY: as the caller promises; addresses are checked.
+    unsafe {
+        let shared = shared_region(m, plan, address);
+        for &offset in m.listed() {
+            let mask = m.active[offset as usize / 64];
+            for (n, values) in values.chunks(SCALARS_AT_ONCE).enumerate() {
+                let mut rows = [std::ptr::null_mut(); SCALARS_AT_ONCE];
+                for (row, &value) in rows.iter_mut().zip(values) {
+                    *row = m.block::<T::Slot>(value, offset);
+                }
+                let rows = &rows[..values.len()];
+                let skip = (n * SCALARS_AT_ONCE) as u64 * size;
+                for lane in lanes_of(mask) {
+                    let region = lane_region(m, plan, &shared, address, offset, lane);
+                    let whole = region.run_at(skip, size * rows.len() as u64);
+                    for (k, &row) in rows.iter().enumerate() {
+                        let at = match whole {
+                            Some(at) => Some(at.add(k * size as usize)),
+                            None => region.at(skip + k as u64 * size, size),
+                        };
+                        if let Some(at) = at {
+                            at.cast::<T>().write_unaligned(T::read((*row)[lane]));
+                        }
                     }
                 }
             }

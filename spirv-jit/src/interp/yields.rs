@@ -41,7 +41,7 @@ pub(super) unsafe fn suspend(m: &mut Machine<'_>, point: u32, event: Event) {
 /// # Safety
 /// The states have the program's layout, the list is the program's.
 unsafe fn save(m: &Machine<'_>, saved: &[Saved]) {
-    for value in saved {
+    for value in saved.iter().filter(|value| !value.input) {
         for s in 0..m.subgroups {
             // SAFETY: as the caller promises.
             unsafe {

@@ -10,7 +10,7 @@ use crate::program::CompileRequest;
 const ALWAYS: &[Capability] = &[Capability::Shader, Capability::Matrix];
 
 /// What this front end lowers.
-pub const SUPPORTED: &[Capability] = &[
+const SUPPORTED: &[Capability] = &[
     Capability::Matrix,
     Capability::Shader,
     Capability::Float16,

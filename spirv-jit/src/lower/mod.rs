@@ -3,7 +3,7 @@
 //! ```text
 //! types, constants ([`types`], [`constants`], [`fold`])  specialized, in order
 //!   └─ the entry's variables ([`interface`])
-//!        └─ functions: a tree of bodies ([`structure`]), emitted along it ([`function`])
+//!        └─ functions: a tree of bodies ([`structure`], [`switch`]), emitted along it ([`function`])
 //!             └─ instructions by group: a table ([`instruction`]) and a file a group
 //! ```
 //!
@@ -37,6 +37,7 @@ mod pointer;
 mod ray;
 mod structure;
 mod subgroup;
+mod switch;
 mod types;
 mod values;
 

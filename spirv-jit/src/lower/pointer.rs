@@ -355,6 +355,12 @@ impl Lowerer<'_> {
                         value = self.b.binary(ir::Op::UMin, value, last)?;
                     }
                 }
+                if matches!(pointer.place, Place::Buffer { .. }) && count.is_none() && stride > 1 {
+                    // An offset that wrapped would come back into the buffer; none reaches past
+                    // `maxStorageBufferRange`, 2³¹ bytes, and an index there is out of bounds.
+                    let last = self.b.i32((1u64 << 31).div_ceil(stride) as u32);
+                    value = self.b.binary(ir::Op::UMin, value, last)?;
+                }
                 let step = self.b.scale(value, stride)?;
                 match &mut pointer.place {
                     Place::Private { row, .. } => {

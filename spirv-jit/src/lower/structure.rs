@@ -12,7 +12,7 @@ use crate::Error;
 use crate::parse::{Block, Function, Id, Merge, ParsedModule};
 
 /// Constructs nested in each other. Recursion over bodies, here and in every pass, is bounded by it.
-const MAX_DEPTH: usize = 200;
+pub(super) const MAX_DEPTH: usize = 200;
 
 /// A body of the plan.
 pub(super) type BodyIndex = usize;
@@ -121,16 +121,16 @@ pub(super) fn plan_function(module: &ParsedModule, function: &Function) -> Resul
     })
 }
 
-struct Planner<'a> {
-    module: &'a ParsedModule,
-    function: &'a Function,
-    bodies: Vec<PlanBody>,
+pub(super) struct Planner<'a> {
+    pub(super) module: &'a ParsedModule,
+    pub(super) function: &'a Function,
+    pub(super) bodies: Vec<PlanBody>,
     labels: usize,
     /// Labels that enclosing constructs have announced for a block, innermost last.
     targets: HashMap<BlockIndex, Vec<LabelIndex>>,
     /// The body that a block is lowered in.
     block_body: Vec<Option<BodyIndex>>,
-    depth: usize,
+    pub(super) depth: usize,
 }
 
 /// A conditional branch: condition, target if true, target if false.
@@ -140,15 +140,8 @@ struct Fork {
     no: BlockIndex,
 }
 
-/// A switch, cases with one target put together.
-struct Switch {
-    at: BlockIndex,
-    default: BlockIndex,
-    cases: Vec<(BlockIndex, Vec<u64>)>,
-}
-
 impl Planner<'_> {
-    fn new_body(&mut self, parent: Option<BodyIndex>) -> BodyIndex {
+    pub(super) fn new_body(&mut self, parent: Option<BodyIndex>) -> BodyIndex {
         self.bodies.push(PlanBody {
             parent,
             depth: parent.map_or(0, |parent| self.bodies[parent].depth + 1),
@@ -158,30 +151,30 @@ impl Planner<'_> {
         self.bodies.len() - 1
     }
 
-    fn new_label(&mut self) -> LabelIndex {
+    pub(super) fn new_label(&mut self) -> LabelIndex {
         self.labels += 1;
         self.labels - 1
     }
 
-    fn announce(&mut self, block: BlockIndex, label: LabelIndex) {
+    pub(super) fn announce(&mut self, block: BlockIndex, label: LabelIndex) {
         self.targets.entry(block).or_default().push(label);
     }
 
-    fn withdraw(&mut self, block: BlockIndex) {
+    pub(super) fn withdraw(&mut self, block: BlockIndex) {
         if let Some(stack) = self.targets.get_mut(&block) {
             stack.pop();
         }
     }
 
-    fn target(&self, block: BlockIndex) -> Option<LabelIndex> {
+    pub(super) fn target(&self, block: BlockIndex) -> Option<LabelIndex> {
         self.targets.get(&block)?.last().copied()
     }
 
-    fn block(&self, index: BlockIndex) -> &Block {
+    pub(super) fn block(&self, index: BlockIndex) -> &Block {
         &self.function.blocks[index]
     }
 
-    fn find(&self, at: BlockIndex, label: Id) -> Result<BlockIndex, Error> {
+    pub(super) fn find(&self, at: BlockIndex, label: Id) -> Result<BlockIndex, Error> {
         let found = self.function.block_index.get(&label).copied();
         found.ok_or_else(|| {
             let offset = self.block(at).offset;
@@ -190,7 +183,7 @@ impl Planner<'_> {
     }
 
     /// A body of its own for what follows an edge.
-    fn walk_arm(
+    pub(super) fn walk_arm(
         &mut self,
         parent: BodyIndex,
         from: BlockIndex,
@@ -202,7 +195,7 @@ impl Planner<'_> {
     }
 
     /// Lowers `to` and all that follows it into `body`, until a terminator ends it.
-    fn walk(
+    pub(super) fn walk(
         &mut self,
         body: BodyIndex,
         from: Option<BlockIndex>,
@@ -420,172 +413,7 @@ impl Planner<'_> {
         Ok(next)
     }
 
-    /// Cases one after the other: lanes that take one leave from inside its `if`. Cases that fall through into each other share one.
-    fn visit_switch(
-        &mut self,
-        body: BodyIndex,
-        at: BlockIndex,
-    ) -> Result<Option<(Option<BlockIndex>, BlockIndex)>, Error> {
-        let switch = self.switch(at)?;
-        let mut chains = self.fall_through_chains(&switch)?;
-        // The default's chain comes last and needs no test.
-        let last = chains
-            .iter()
-            .position(|chain| chain.contains(&switch.default))
-            .map(|index| chains.remove(index))
-            .unwrap_or_else(|| vec![switch.default]);
-        for chain in chains {
-            let literals = chain
-                .iter()
-                .flat_map(|target| switch.literals(*target))
-                .collect();
-            let label = self.new_label();
-            let then_body = self.new_body(Some(body));
-            self.visit_chain(then_body, &switch, &chain)?;
-            let else_body = self.new_body(Some(body));
-            self.bodies[else_body].end = End::Br(label);
-            self.bodies[body].steps.push(Step::If {
-                at,
-                condition: Condition::Cases(literals),
-                label,
-                then_body,
-                else_body,
-            });
-        }
-        if let [only] = last[..] {
-            return Ok(Some((Some(at), only)));
-        }
-        self.visit_chain(body, &switch, &last)?;
-        Ok(None)
-    }
-
-    /// Cases that fall through, first to last: each is entered by a `br` out of the blocks before it.
-    fn visit_chain(
-        &mut self,
-        body: BodyIndex,
-        switch: &Switch,
-        chain: &[BlockIndex],
-    ) -> Result<(), Error> {
-        if let [only] = *chain {
-            return self.walk(body, Some(switch.at), only);
-        }
-        self.depth += chain.len();
-        if self.depth > MAX_DEPTH {
-            return Err(super::budget("control flow is nested too deeply"));
-        }
-        let mut parents = vec![body];
-        let mut labels = Vec::new();
-        for &target in chain.iter().rev() {
-            let label = self.new_label();
-            let outer = parents[parents.len() - 1];
-            let inner = self.new_body(Some(outer));
-            self.bodies[outer]
-                .steps
-                .push(Step::Block { label, body: inner });
-            self.announce(target, label);
-            parents.push(inner);
-            labels.push(label);
-        }
-        self.dispatch(parents[chain.len()], switch, chain)?;
-        for (position, &target) in chain.iter().enumerate() {
-            self.withdraw(target);
-            let outer = parents[chain.len() - 1 - position];
-            self.walk(outer, None, target)?;
-        }
-        self.depth -= chain.len();
-        Ok(())
-    }
-
-    fn dispatch(
-        &mut self,
-        body: BodyIndex,
-        switch: &Switch,
-        chain: &[BlockIndex],
-    ) -> Result<(), Error> {
-        let otherwise = if chain.contains(&switch.default) {
-            switch.default
-        } else {
-            chain[chain.len() - 1]
-        };
-        for &target in chain.iter().filter(|&&target| target != otherwise) {
-            let label = self.new_label();
-            let then_body = self.walk_arm(body, switch.at, target)?;
-            let else_body = self.new_body(Some(body));
-            self.bodies[else_body].end = End::Br(label);
-            self.bodies[body].steps.push(Step::If {
-                at: switch.at,
-                condition: Condition::Cases(switch.literals(target).collect()),
-                label,
-                then_body,
-                else_body,
-            });
-        }
-        self.walk(body, Some(switch.at), otherwise)
-    }
-
-    /// Cases grouped so that each falls through only into later ones of its group. Targets that leave the switch are groups of their own.
-    fn fall_through_chains(&self, switch: &Switch) -> Result<Vec<Vec<BlockIndex>>, Error> {
-        let mut entries: Vec<BlockIndex> = switch.cases.iter().map(|case| case.0).collect();
-        if !entries.contains(&switch.default) {
-            entries.push(switch.default);
-        }
-        let inside: HashSet<BlockIndex> = entries
-            .iter()
-            .copied()
-            .filter(|&entry| self.target(entry).is_none())
-            .collect();
-        let mut falls: HashMap<BlockIndex, Vec<BlockIndex>> = HashMap::new();
-        let mut owner: HashMap<BlockIndex, BlockIndex> = HashMap::new();
-        for &entry in entries.iter().filter(|entry| inside.contains(entry)) {
-            falls.insert(entry, self.falls_into(entry, &inside, &mut owner));
-        }
-        let order = order_cases(&entries, &falls)
-            .ok_or_else(|| Error::invalid(self.block(switch.at).offset, "cases form a loop"))?;
-        Ok(group_cases(&order, &falls))
-    }
-
-    /// The cases that control flow can get into from a case without leaving the switch. Each block is looked at for one case only.
-    fn falls_into(
-        &self,
-        entry: BlockIndex,
-        inside: &HashSet<BlockIndex>,
-        owner: &mut HashMap<BlockIndex, BlockIndex>,
-    ) -> Vec<BlockIndex> {
-        let mut found = Vec::new();
-        let mut work = vec![entry];
-        while let Some(block) = work.pop() {
-            let (opcode, operands) = self.terminator(block);
-            let targets: Vec<Id> = match opcode {
-                Op::Branch => vec![operands[0]],
-                Op::BranchConditional => operands[1..3].to_vec(),
-                Op::Switch => self.switch_labels(block),
-                _ => Vec::new(),
-            };
-            let merge = match self.block(block).merge {
-                Some(Merge::Selection(merge)) => vec![merge],
-                Some(Merge::Loop(merge, target)) => vec![merge, target],
-                None => Vec::new(),
-            };
-            for label in targets.into_iter().chain(merge) {
-                let Some(&to) = self.function.block_index.get(&label) else {
-                    continue;
-                };
-                if self.target(to).is_some() {
-                    continue;
-                }
-                if inside.contains(&to) {
-                    if to != entry && !found.contains(&to) {
-                        found.push(to);
-                    }
-                } else if owner.insert(to, entry).is_none() {
-                    work.push(to);
-                }
-            }
-        }
-        found
-    }
-
-    fn terminator(&self, block: BlockIndex) -> (Op, &[u32]) {
+    pub(super) fn terminator(&self, block: BlockIndex) -> (Op, &[u32]) {
         let instruction = self.module.instruction(self.block(block).terminator);
         (instruction.opcode, self.module.operands(instruction))
     }
@@ -597,51 +425,6 @@ impl Planner<'_> {
             yes: self.find(at, operands[1])?,
             no: self.find(at, operands[2])?,
         })
-    }
-
-    /// Words of a case literal: two if the selector has 64 bits.
-    fn literal_words(&self, block: BlockIndex) -> usize {
-        let instruction = self.module.instruction(self.block(block).terminator);
-        let uses = self.module.uses(instruction).len();
-        let operands = self.module.operands(instruction).len();
-        // Selector, default and one label a case are ids; the rest is literals.
-        let cases = uses.saturating_sub(2);
-        if cases > 0 && operands >= 2 + 3 * cases {
-            2
-        } else {
-            1
-        }
-    }
-
-    fn switch_cases(&self, block: BlockIndex) -> impl Iterator<Item = (u64, Id)> {
-        let (_, operands) = self.terminator(block);
-        let width = self.literal_words(block);
-        operands[2..].chunks_exact(width + 1).map(move |case| {
-            let high = if width == 2 { case[1] as u64 } else { 0 };
-            (case[0] as u64 | high << 32, case[width])
-        })
-    }
-
-    fn switch_labels(&self, block: BlockIndex) -> Vec<Id> {
-        let (_, operands) = self.terminator(block);
-        let cases = self.switch_cases(block).map(|case| case.1);
-        cases.chain([operands[1]]).collect()
-    }
-
-    fn switch(&self, at: BlockIndex) -> Result<Switch, Error> {
-        let (_, operands) = self.terminator(at);
-        let default = self.find(at, operands[1])?;
-        let mut cases: Vec<(BlockIndex, Vec<u64>)> = Vec::new();
-        let mut index: HashMap<BlockIndex, usize> = HashMap::new();
-        for (literal, label) in self.switch_cases(at) {
-            let target = self.find(at, label)?;
-            let slot = *index.entry(target).or_insert_with(|| {
-                cases.push((target, Vec::new()));
-                cases.len() - 1
-            });
-            cases[slot].1.push(literal);
-        }
-        Ok(Switch { at, default, cases })
     }
 
     fn has_phis(&self, block: BlockIndex) -> bool {
@@ -689,79 +472,4 @@ impl Planner<'_> {
         }
         escapes
     }
-}
-
-impl Switch {
-    fn literals(&self, target: BlockIndex) -> impl Iterator<Item = u64> {
-        let cases = self.cases.iter().filter(move |case| case.0 == target);
-        cases.flat_map(|case| case.1.iter().copied())
-    }
-}
-
-/// Cases in an order where each comes before those it falls into; `None` if there is none.
-fn order_cases(
-    entries: &[BlockIndex],
-    falls: &HashMap<BlockIndex, Vec<BlockIndex>>,
-) -> Option<Vec<BlockIndex>> {
-    let mut incoming: HashMap<BlockIndex, usize> = entries.iter().map(|&e| (e, 0)).collect();
-    for to in falls.values().flatten() {
-        *incoming.get_mut(to)? += 1;
-    }
-    let mut ready: Vec<BlockIndex> = entries.iter().rev().copied().collect();
-    ready.retain(|entry| incoming[entry] == 0);
-    let mut order = Vec::new();
-    while let Some(entry) = ready.pop() {
-        order.push(entry);
-        for &to in falls.get(&entry).into_iter().flatten() {
-            let count = incoming.get_mut(&to)?;
-            *count -= 1;
-            if *count == 0 {
-                ready.push(to);
-            }
-        }
-    }
-    (order.len() == entries.len()).then_some(order)
-}
-
-/// Groups of cases that are connected by falling through, each in the given order.
-fn group_cases(
-    order: &[BlockIndex],
-    falls: &HashMap<BlockIndex, Vec<BlockIndex>>,
-) -> Vec<Vec<BlockIndex>> {
-    let mut group: HashMap<BlockIndex, usize> = HashMap::new();
-    let mut groups: Vec<Vec<BlockIndex>> = Vec::new();
-    // Later cases first: a case joins (and unites) the groups of those it falls into.
-    for &entry in order.iter().rev() {
-        let mut joined: Vec<usize> = falls
-            .get(&entry)
-            .into_iter()
-            .flatten()
-            .filter_map(|to| group.get(to).copied())
-            .collect();
-        joined.sort_unstable();
-        joined.dedup();
-        let home = joined.first().copied().unwrap_or_else(|| {
-            groups.push(Vec::new());
-            groups.len() - 1
-        });
-        for &other in joined.iter().skip(1) {
-            for moved in std::mem::take(&mut groups[other]) {
-                group.insert(moved, home);
-                groups[home].push(moved);
-            }
-        }
-        group.insert(entry, home);
-        groups[home].push(entry);
-    }
-    let position: HashMap<BlockIndex, usize> = order
-        .iter()
-        .enumerate()
-        .map(|(index, &e)| (e, index))
-        .collect();
-    let mut groups: Vec<_> = groups.into_iter().filter(|g| !g.is_empty()).collect();
-    for group in &mut groups {
-        group.sort_by_key(|entry| position[entry]);
-    }
-    groups.sort_by_key(|group| position[&group[0]]);
-    groups
 }

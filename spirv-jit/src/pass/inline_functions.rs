@@ -44,7 +44,6 @@ pub fn inline_functions(module: &mut Module) {
             calls: &calls,
             caller: &mut caller,
             budget: &mut budget,
-            size: facts[index].size,
         };
         inliner.inline_calls(&mut body, 1, false);
         caller.body = body;
@@ -146,7 +145,6 @@ struct Inliner<'a> {
     /// Its body is being walked; this is the rest.
     caller: &'a mut Function,
     budget: &'a mut usize,
-    size: usize,
 }
 
 impl Inliner<'_> {
@@ -190,7 +188,6 @@ impl Inliner<'_> {
             }
             *self.budget -= facts.size;
         }
-        self.size += facts.size;
         true
     }
 

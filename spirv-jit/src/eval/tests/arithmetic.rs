@@ -17,6 +17,36 @@ fn division_has_no_holes() {
     assert_eq!(srem(-7i32 as u32, 3), -1i32 as u32);
 }
 
+/// Quotients close to integers, against the machine's own division.
+#[test]
+fn division_of_32_bits_is_exact() {
+    let corners = [
+        1u32,
+        2,
+        3,
+        7,
+        10,
+        641,
+        0xffff,
+        0x10001,
+        0x7fff_ffff,
+        0x8000_0001,
+        u32::MAX,
+    ];
+    for b in corners.into_iter().chain((1..2000).map(|k| k * 2_147_377)) {
+        for q in [0u32, 1, 2, 5, 1000, u32::MAX / b, u32::MAX / b / 2] {
+            for near in [0, 1, 2, u32::MAX, u32::MAX - 1] {
+                let a = q.wrapping_mul(b).wrapping_add(near);
+                assert_eq!(udiv(a, b), a / b);
+                assert_eq!(urem(a, b), a % b);
+                let (x, y) = (a as i32, b as i32);
+                assert_eq!(sdiv(a, b) as i32, x.wrapping_div(y), "{x} {y}");
+                assert_eq!(srem(a, b) as i32, x.wrapping_rem(y), "{x} {y}");
+            }
+        }
+    }
+}
+
 #[test]
 fn bits_are_found() {
     assert_eq!(find_lsb(0u32), u32::MAX);

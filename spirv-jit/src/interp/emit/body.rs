@@ -333,12 +333,19 @@ impl Emitter<'_> {
         let mut saved = Vec::new();
         for value in placed.slots.live_across(position) {
             let wide = function.ty(value).rows() == 2;
+            let input = placed.inputs.get(&value);
             saved.push(Saved {
                 operand: self.operand(value),
-                row: (self.live + row) as u32,
+                row: match input {
+                    Some(&input) => self.layout.inputs as u32 + input,
+                    None => (self.live + row) as u32,
+                },
                 wide,
+                input: input.is_some(),
             });
-            row += 1 + wide as usize;
+            if input.is_none() {
+                row += 1 + wide as usize;
+            }
         }
         self.live_rows = self.live_rows.max(row);
         saved
@@ -390,7 +397,11 @@ impl Emitter<'_> {
         } else {
             Vec::new()
         };
-        let rows: usize = saved.iter().map(|s| 1 + s.wide as usize).sum();
+        let rows: usize = saved
+            .iter()
+            .filter(|s| !s.input)
+            .map(|s| 1 + s.wide as usize)
+            .sum();
         let live_base = self.placed().live_base + rows;
         let contexts = self.placed().contexts;
         let placed = self.placed[callee].as_mut().expect("placed");

@@ -36,6 +36,8 @@ struct Placed {
     live_base: usize,
     /// Two vector rows for breaking cycles of copies.
     scratch: Operand,
+    /// Values that are rows of the input record: a state holds them anyway.
+    inputs: HashMap<Value, u32>,
     /// Call paths that lead here.
     contexts: u64,
 }
@@ -260,16 +262,22 @@ impl<'m> Emitter<'m> {
                     row => Operand::vector(row_base + row as usize),
                 })
                 .collect();
+            let mut inputs = HashMap::new();
             visit(&function.body, &mut |node| {
-                if let Node::Inst(Inst {
-                    op: Op::Call(callee),
-                    ..
-                }) = node
-                {
-                    let g = callee.index();
-                    rows[g] = next.max(rows[g]);
-                    private[g] = private_next.max(private[g]);
-                    masks[g] = mask_end.max(masks[g]);
+                let Node::Inst(inst) = node else {
+                    return;
+                };
+                match inst.op {
+                    Op::Call(callee) => {
+                        let g = callee.index();
+                        rows[g] = next.max(rows[g]);
+                        private[g] = private_next.max(private[g]);
+                        masks[g] = mask_end.max(masks[g]);
+                    }
+                    Op::Input(row) => {
+                        inputs.insert(inst.results[0], row);
+                    }
+                    _ => {}
                 }
             });
             self.code.vector_rows = self.code.vector_rows.max(next);
@@ -283,6 +291,7 @@ impl<'m> Emitter<'m> {
                 mask_base: masks[f],
                 live_base: 0,
                 scratch,
+                inputs,
                 contexts: (f == 0) as u64,
             });
         }

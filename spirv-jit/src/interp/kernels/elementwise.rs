@@ -50,6 +50,19 @@ macro_rules! by_bits {
     }};
 }
 
+/// As `by_bits`, for bitwise operations: booleans are all zeros or all ones, so that they need no conversion.
+macro_rules! by_mask {
+    ($t:ident, $ty:expr, |$x:ident| $kernel:ty) => {{
+        match $ty {
+            Type::I1 => {
+                type $x = u32;
+                $t::handler::<$kernel>()
+            }
+            other => by_int!($t, other, |$x| $kernel),
+        }
+    }};
+}
+
 macro_rules! by_float {
     ($t:ident, $ty:expr, |$x:ident| $kernel:ty) => {{
         match $ty {
@@ -108,10 +121,10 @@ fn in_tier<T: Tier>(op: &Op, from: Type, to: Type) -> Option<Handler> {
         Op::SMax => by_int!(T, to, |X| Map2<ops::smax, X, X, X>),
         Op::UMin => by_int!(T, to, |X| Map2<ops::umin, X, X, X>),
         Op::UMax => by_int!(T, to, |X| Map2<ops::umax, X, X, X>),
-        Op::And => by_bits!(T, to, |X| Map2<ops::and, X, X, X>),
-        Op::Or => by_bits!(T, to, |X| Map2<ops::or, X, X, X>),
-        Op::Xor => by_bits!(T, to, |X| Map2<ops::xor, X, X, X>),
-        Op::Not => by_bits!(T, to, |X| Map1<ops::not, X, X>),
+        Op::And => by_mask!(T, to, |X| Map2<ops::and, X, X, X>),
+        Op::Or => by_mask!(T, to, |X| Map2<ops::or, X, X, X>),
+        Op::Xor => by_mask!(T, to, |X| Map2<ops::xor, X, X, X>),
+        Op::Not => by_mask!(T, to, |X| Map1<ops::not, X, X>),
         Op::INeg => by_int!(T, to, |X| Map1<ops::ineg, X, X>),
         Op::IAbs => by_int!(T, to, |X| Map1<ops::iabs, X, X>),
         Op::ISign => by_int!(T, to, |X| Map1<ops::isign, X, X>),

@@ -7,4 +7,4 @@ mod lane;
 mod ops;
 
 pub(super) use elementwise::{Copy, MaskedCopy, Unpack64, elementwise};
-pub(super) use lane::sign_bits;
+pub(super) use lane::{Lane, sign_bits};

@@ -5,10 +5,10 @@ use super::random::hash;
 /// Gradient noise, roughly in −1..1, that repeats every `period` units in both directions
 /// (0: never).
 pub fn gradient(x: f32, y: f32, period: i32, seed: u32) -> f32 {
-    let (x0, y0) = (x.floor(), y.floor());
-    let (fx, fy) = (x - x0, y - y0);
+    let (x0, y0) = (floor(x), floor(y));
+    let (fx, fy) = (x - x0 as f32, y - y0 as f32);
     let corner = |dx: i32, dy: i32| {
-        let (mut i, mut j) = (x0 as i32 + dx, y0 as i32 + dy);
+        let (mut i, mut j) = (x0 + dx, y0 + dy);
         if period > 0 {
             (i, j) = (i.rem_euclid(period), j.rem_euclid(period));
         }
@@ -23,6 +23,12 @@ pub fn gradient(x: f32, y: f32, period: i32, seed: u32) -> f32 {
     let bottom = corner(0, 0) + u * (corner(1, 0) - corner(0, 0));
     let top = corner(0, 1) + u * (corner(1, 1) - corner(0, 1));
     (bottom + v * (top - bottom)) * 1.4
+}
+
+/// As `f32::floor`, which is a call into libm where the processor's instruction may not be used.
+fn floor(x: f32) -> i32 {
+    let whole = x as i32;
+    whole - i32::from(whole as f32 > x)
 }
 
 /// Octaves of noise, each twice as fine and half as strong; roughly in −1..1.

@@ -71,54 +71,61 @@ pub fn bark() -> Texture {
     })
 }
 
-/// Distance from (x, y) to a leaf of length 1 that grows from the origin along `angle`, and the
-/// place across it: negative inside.
-fn leaf_distance(x: f32, y: f32, angle: f32, length: f32, width: f32) -> (f32, f32, f32) {
-    let (sine, cosine) = libm::sincosf(angle);
-    let along = (x * cosine + y * sine) / length;
-    let across = (-x * sine + y * cosine) / length;
-    let profile = if (0.0..=1.0).contains(&along) {
-        width * libm::sqrtf(along) * (1.0 - along) * 2.6
-    } else {
-        -1.0
+/// A leaf of a spray: where it grows from, which way, and how it looks.
+struct Leaf {
+    root: (f32, f32),
+    /// Its direction, divided by its length.
+    along: (f32, f32),
+    tone: f32,
+}
+
+/// The leaves of one cell of the atlas, in the order in which they cover each other.
+fn spray(cell: u32) -> Vec<Leaf> {
+    let leaf = |leaf: u32| {
+        let random = |n: u32| hash(cell * 1000 + leaf * 10 + n) as f32 / u32::MAX as f32;
+        let turn = std::f32::consts::TAU * (leaf as f32 * 0.382 + 0.1 * random(1));
+        let ring = ((leaf as f32 + 0.5) / 17.0).sqrt() * 0.62 * 0.95;
+        let (sine, cosine) = libm::sincosf(turn);
+        let length = 0.36 + 0.16 * random(3);
+        let (leaf_sine, leaf_cosine) = libm::sincosf(turn + (random(2) - 0.5) * 1.6);
+        Leaf {
+            root: (ring * cosine, ring * sine),
+            along: (leaf_cosine / length, leaf_sine / length),
+            tone: 0.25 + 0.6 * random(4),
+        }
     };
-    (across.abs() - profile, along, across)
+    (0..17).map(leaf).collect()
 }
 
 /// Four sprays of leaves, each on a quarter of the texture; alpha is 0 between the leaves.
 pub fn leaves(autumn: bool) -> Texture {
+    let (dark, light, between) = if autumn {
+        ([0.30, 0.085, 0.012], [0.62, 0.30, 0.03], [0.35, 0.14, 0.02])
+    } else {
+        ([0.035, 0.10, 0.014], [0.17, 0.27, 0.03], [0.07, 0.14, 0.02])
+    };
+    let sprays: [Vec<Leaf>; 4] = std::array::from_fn(|cell| spray(cell as u32));
     let mut texture = Texture::painted(512, |x, y| {
-        let cell = (x * 2.0) as u32 + 2 * (y * 2.0) as u32;
+        let cell = (x * 2.0) as usize + 2 * (y * 2.0) as usize;
         let (u, v) = ((x * 2.0).fract() * 2.0 - 1.0, (y * 2.0).fract() * 2.0 - 1.0);
-        let mut found: Option<(f32, Rgb)> = None;
-        for leaf in 0..17u32 {
-            let random = |n: u32| hash(cell * 1000 + leaf * 10 + n) as f32 / u32::MAX as f32;
-            let turn = std::f32::consts::TAU * (leaf as f32 * 0.382 + 0.1 * random(1));
-            let ring = ((leaf as f32 + 0.5) / 17.0).sqrt() * 0.62;
-            let (sine, cosine) = libm::sincosf(turn);
-            let angle = turn + (random(2) - 0.5) * 1.6;
-            let length = 0.36 + 0.16 * random(3);
-            let (dx, dy) = (u - ring * cosine * 0.95, v - ring * sine * 0.95);
-            let (distance, along, across) = leaf_distance(dx, dy, angle, length, 0.30);
-            if distance < 0.0 {
-                let vein = smoothstep(0.025, 0.0, across.abs());
-                let side = libm::cosf(along * 38.0 - across.abs() * 30.0);
-                let young = random(4);
-                let (dark, light) = if autumn {
-                    ([0.30, 0.085, 0.012], [0.62, 0.30, 0.03])
-                } else {
-                    ([0.035, 0.10, 0.014], [0.17, 0.27, 0.03])
-                };
-                let tone = 0.25 + 0.6 * young + 0.08 * side;
-                let colour = mix(mix(dark, light, tone), [0.45, 0.5, 0.2], vein * 0.35);
-                found = Some((1.0, colour));
+        // The last leaf that covers the place is on top.
+        for leaf in sprays[cell].iter().rev() {
+            let (dx, dy) = (u - leaf.root.0, v - leaf.root.1);
+            let along = dx * leaf.along.0 + dy * leaf.along.1;
+            let across = (dy * leaf.along.0 - dx * leaf.along.1).abs();
+            if !(0.0..=1.0).contains(&along) {
+                continue;
+            }
+            let profile = 0.30 * along.sqrt() * (1.0 - along) * 2.6;
+            if across < profile {
+                let vein = smoothstep(0.025, 0.0, across);
+                let ribs = libm::cosf(along * 38.0 - across * 30.0);
+                let colour = mix(dark, light, leaf.tone + 0.08 * ribs);
+                return opaque(mix(colour, [0.45, 0.5, 0.2], vein * 0.35));
             }
         }
-        match found {
-            Some((alpha, [r, g, b])) => [r, g, b, alpha],
-            None if autumn => [0.35, 0.14, 0.02, 0.0],
-            None => [0.07, 0.14, 0.02, 0.0],
-        }
+        let [r, g, b] = between;
+        [r, g, b, 0.0]
     });
     texture.wrap = Wrap::Clamp;
     texture

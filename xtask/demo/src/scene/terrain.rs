@@ -52,20 +52,34 @@ fn grid_line(s: f32) -> f32 {
 }
 
 pub fn terrain() -> Part {
-    let row = |j: u32| {
-        (0..=QUADS).map(move |i| {
-            let (s, t) = (i as f32 / QUADS as f32, j as f32 / QUADS as f32);
-            let (x, z) = (grid_line(s), grid_line(t) - 8.0);
-            let step = 0.07 + 0.9 * (2.0 * s - 1.0).abs().max((2.0 * t - 1.0).abs()).powi(2);
+    let lines: Vec<f32> = (0..=QUADS)
+        .map(|i| grid_line(i as f32 / QUADS as f32))
+        .collect();
+    let stride = lines.len();
+    let heights: Vec<f32> = (0..stride * stride)
+        .into_par_iter()
+        .map(|i| height(lines[i % stride], lines[i / stride] - 8.0))
+        .collect();
+    let row = |j: usize| {
+        let (lines, heights) = (&lines, &heights);
+        (0..stride).map(move |i| {
+            let (x, z) = (lines[i], lines[j] - 8.0);
+            // The slopes between the neighbours on the grid.
+            let (left, right) = (i.saturating_sub(1), (i + 1).min(stride - 1));
+            let (back, front) = (j.saturating_sub(1), (j + 1).min(stride - 1));
+            let across = heights[j * stride + right] - heights[j * stride + left];
+            let along = heights[front * stride + i] - heights[back * stride + i];
+            let slope_x = across / (lines[right] - lines[left]);
+            let slope_z = along / (lines[front] - lines[back]);
             Vertex {
-                position: Vec3::new(x, height(x, z), z),
+                position: Vec3::new(x, heights[j * stride + i], z),
                 u: x * 0.33,
-                normal: normal(x, z, step),
+                normal: Vec3::new(-slope_x, 1.0, -slope_z).normalize(),
                 v: z * 0.33,
             }
         })
     };
-    let vertices = (0..=QUADS).into_par_iter().flat_map_iter(row).collect();
+    let vertices = (0..stride).into_par_iter().flat_map_iter(row).collect();
     let mut part = Part {
         vertices,
         indices: Vec::new(),
