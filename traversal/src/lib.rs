@@ -3,7 +3,7 @@
 //! An acceleration structure is one contiguous, relocatable blob in memory that the caller owns
 //! (see [`structure`]). A *bottom level* holds triangles or boxes, a *top level* holds instances:
 //! a transform, a mask, and the address of a bottom level. [`build_sizes`] says how much memory a
-//! build needs at most, [`build`] fills it, and a [`Walk`] takes one ray through it.
+//! build needs at most, [`build()`] fills it, and a [`Walk`] takes one ray through it.
 //!
 //! The crate knows no graphics API: addresses are host addresses, formats and flags are its own
 //! types with the values and the meaning that Vulkan gives them.

@@ -1,7 +1,7 @@
 //! Building and updating structures.
 //!
-//! A build collects a box for each active primitive, sorts them into a binary tree ([`tree`]),
-//! decides how that becomes an 8-wide one ([`collapse`]), and writes it ([`emit`]). All of its
+//! A build collects a box for each active primitive, sorts them into a binary tree (`tree`),
+//! decides how that becomes an 8-wide one (`collapse`), and writes it (`emit`). All of its
 //! working memory is the caller's scratch; the heap is not used. Where the tree would not fit the
 //! size that was promised, or would be too deep, a packed one is written that always does.
 

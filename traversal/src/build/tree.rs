@@ -87,9 +87,10 @@ impl SplitRules {
 
 /// An extent below this is none: its reciprocal could overflow.
 const TINY: f32 = 1.0e-36;
-/// Bins of an axis, for many and for few primitives.
-const BINS: usize = 16;
-const FEW_BINS: usize = 8;
+/// Bins of an axis, for many, some and few primitives.
+const BINS: [usize; 3] = [32, 16, 8];
+/// More primitives than this are many.
+const MANY: usize = 512;
 /// So many primitives are few.
 const FEW: usize = 24;
 /// From this depth on, splits halve the number of primitives: bounds the depth of the recursion.
@@ -169,10 +170,12 @@ fn subtree(
         return;
     }
     let chosen = if depth < HEURISTIC_DEPTH {
-        if count > FEW {
-            choose::<BINS>(primitives, rules, &extent)
+        if count > MANY {
+            choose::<{ BINS[0] }>(primitives, rules, &extent)
+        } else if count > FEW {
+            choose::<{ BINS[1] }>(primitives, rules, &extent)
         } else {
-            choose::<FEW_BINS>(primitives, rules, &extent)
+            choose::<{ BINS[2] }>(primitives, rules, &extent)
         }
     } else {
         None

@@ -10,7 +10,7 @@ use crate::structure::Kind;
 
 /// Nodes of a structure that does not fit a core's caches, so that children are worth fetching
 /// ahead.
-const LARGE: u32 = 1024;
+const LARGE: u32 = 4096;
 
 /// Runs a walk until something has to be decided outside. `ANY`: its first hit ends it, so the
 /// order of children does not matter.
@@ -70,7 +70,8 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         } else {
             &bottom.space
         };
-        match leaf::finish(walk, bottom, space, instance, word, first_lane) {
+        // SAFETY: the caller's promise.
+        match unsafe { leaf::finish::<K>(walk, bottom, space, instance, word, first_lane) } {
             Leaf::Finished => {}
             Leaf::Over => return Event::Done,
             Leaf::Ask(event, lane) => {

@@ -1,6 +1,6 @@
 //! Leaves: from primitives to candidates and hits.
 
-use super::kernel::{Kernel, Portable};
+use super::kernel::Kernel;
 use super::level::{InstanceFacts, Level};
 use super::space::Space;
 use super::triangle::{Rim, intersect};
@@ -43,10 +43,12 @@ pub(crate) fn ask_about_box(
     true
 }
 
-/// Goes on with a leaf from `first_lane` on. Out of the way of the loop, so in plain Rust.
-#[cold]
+/// Goes on with a leaf from `first_lane` on.
+///
+/// # Safety
+/// The machine has the kernel's instruction set.
 #[inline(never)]
-pub(crate) fn finish(
+pub(crate) unsafe fn finish<K: Kernel>(
     walk: &mut Walk,
     level: &Level,
     space: &Space,
@@ -66,8 +68,8 @@ pub(crate) fn finish(
         word,
         first_lane,
     };
-    // SAFETY: every machine has plain Rust.
-    unsafe { leaf.test::<Portable>(walk, &mut t_far) }
+    // SAFETY: the caller's promise.
+    unsafe { K::test_leaf(&leaf, walk, &mut t_far) }
 }
 
 /// A leaf of triangles.
