@@ -35,6 +35,8 @@ pub struct AddressWindow {
     size_bytes: u64,
     /// Bytes that allocations may take together.
     budget_bytes: u64,
+    /// Bytes in use, counted with those of other windows.
+    used_bytes: &'static AtomicU64,
     ranges: Mutex<Ranges>,
 }
 
@@ -53,6 +55,11 @@ impl AddressWindow {
     /// # Errors
     /// `VK_ERROR_OUT_OF_HOST_MEMORY` if the system gives no address space.
     pub fn reserve(budget_bytes: u64) -> VkResult<Arc<Self>> {
+        Self::reserve_counted(budget_bytes, &USED_BYTES)
+    }
+
+    /// As [`Self::reserve`], with the budget shared by the windows that count in `used_bytes`.
+    fn reserve_counted(budget_bytes: u64, used_bytes: &'static AtomicU64) -> VkResult<Arc<Self>> {
         let mut size_bytes = LARGEST_WINDOW;
         while size_bytes >= SMALLEST_WINDOW {
             let fixed = (0..PREFERRED_SLOTS).map(|slot| {
@@ -67,6 +74,7 @@ impl AddressWindow {
                         base,
                         size_bytes,
                         budget_bytes,
+                        used_bytes,
                         ranges: Mutex::new(Ranges {
                             next: base,
                             end: base + size_bytes,
@@ -84,7 +92,7 @@ impl AddressWindow {
     /// Takes a range of zero pages.
     fn take(&self, size_bytes: u64, wanted: Option<u64>) -> VkResult<u64> {
         const FULL: vk::Result = vk::Result::ERROR_OUT_OF_DEVICE_MEMORY;
-        USED_BYTES
+        self.used_bytes
             .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |used| {
                 used.checked_add(size_bytes)
                     .filter(|&sum| sum <= self.budget_bytes)
@@ -92,7 +100,7 @@ impl AddressWindow {
             .map_err(|_| FULL)?;
         let address = self.ranges.lock().take(size_bytes, wanted, self.base);
         address.ok_or_else(|| {
-            USED_BYTES.fetch_sub(size_bytes, Ordering::Relaxed);
+            self.used_bytes.fetch_sub(size_bytes, Ordering::Relaxed);
             match wanted {
                 Some(_) => vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS,
                 None => FULL,
@@ -104,7 +112,7 @@ impl AddressWindow {
     fn give_back(&self, address: u64, size_bytes: u64) {
         map_zero_pages(address, size_bytes, libc::MAP_FIXED);
         self.ranges.lock().freed.push((address, size_bytes));
-        USED_BYTES.fetch_sub(size_bytes, Ordering::Relaxed);
+        self.used_bytes.fetch_sub(size_bytes, Ordering::Relaxed);
     }
 }
 
@@ -393,7 +401,9 @@ mod tests {
 
     #[test]
     fn freed_memory_reads_zero_and_the_budget_holds() {
-        let window = AddressWindow::reserve(1 << 20).ok().unwrap();
+        // A count of its own: other tests allocate at the same time.
+        static USED: AtomicU64 = AtomicU64::new(0);
+        let window = AddressWindow::reserve_counted(1 << 20, &USED).ok().unwrap();
         let memory = allocate(&window, 1 << 19).ok().unwrap();
         let address = memory.address;
         write(address, 7);
@@ -401,6 +411,7 @@ mod tests {
         assert!(allocate(&window, u64::MAX).is_err());
         drop(memory);
         assert_eq!(read(address), 0);
+        assert_eq!(USED.load(Ordering::Relaxed), 0);
         assert!(allocate(&window, 1 << 20).is_ok());
     }
 
