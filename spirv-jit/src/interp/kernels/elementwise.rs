@@ -6,6 +6,7 @@ use half::f16;
 
 use super::lane::{Lane, Map1, Map2, Map3};
 use super::ops;
+use super::remainder::Remainder;
 use crate::SUBGROUP_SIZE;
 use crate::eval::{self, Int};
 use crate::interp::machine::{Handler, Instr, Machine};
@@ -143,6 +144,8 @@ fn in_tier<T: Tier>(op: &Op, from: Type, to: Type) -> Option<Handler> {
         Op::FSub => by_float!(T, to, |X| Map2<ops::fsub, X, X, X>),
         Op::FMul => by_float!(T, to, |X| Map2<ops::fmul, X, X, X>),
         Op::FDiv => by_float!(T, to, |X| Map2<ops::fdiv, X, X, X>),
+        Op::FRem if to == Type::F32 => T::handler::<Remainder<ops::frem>>(),
+        Op::FMod if to == Type::F32 => T::handler::<Remainder<ops::fmod>>(),
         Op::FRem => by_float!(T, to, |X| Map2<ops::frem, X, X, X>),
         Op::FMod => by_float!(T, to, |X| Map2<ops::fmod, X, X, X>),
         Op::FMin => by_float!(T, to, |X| Map2<ops::fmin, X, X, X>),

@@ -5,6 +5,7 @@
 mod elementwise;
 mod lane;
 mod ops;
+mod remainder;
 
 pub(super) use elementwise::{Copy, MaskedCopy, Unpack64, elementwise};
 pub(super) use lane::{Lane, sign_bits};

@@ -318,6 +318,51 @@ fn floats() {
     floats!(scale: fldexp);
 }
 
+/// Remainders where no lane has a large quotient, which is where the kernels take another way than `eval`.
+#[test]
+fn moderate_remainders() {
+    on_tiers(|tier| {
+        for (op, reference) in [
+            ("frem", eval::frem::<f32> as fn(f32, f32) -> f32),
+            ("fmod", eval::fmod::<f32>),
+        ] {
+            let text = program(op, &[Type::F32; 2], Type::F32);
+            for round in 0..200u32 {
+                let mut bench = Bench::new(&text, tier, 4);
+                let word = |lane: usize, k: u32| {
+                    let x = (lane as u32 + 64 * round).wrapping_mul(2_654_435_761)
+                        ^ k.wrapping_mul(0x9e37_79b9);
+                    x ^ x >> 15
+                };
+                // The divisor's exponent is anywhere, the dividend's at most 20 above it.
+                let divisor = |lane| {
+                    let e = 30 + word(lane, 1) % 180;
+                    f32::from_bits(word(lane, 2) & 0x807f_ffff | e << 23)
+                };
+                let dividend = |lane: usize| {
+                    let y = divisor(lane);
+                    match lane % 4 {
+                        // Multiples, exact or rounded.
+                        0 => y * (word(lane, 3) % 1000) as f32,
+                        _ => {
+                            let e = y.to_bits() >> 23 & 0xff;
+                            let e = e + 10 - word(lane, 4) % 30;
+                            f32::from_bits(word(lane, 5) & 0x807f_ffff | e << 23)
+                        }
+                    }
+                };
+                bench.input(0, |lane| dividend(lane).to_bits());
+                bench.input(2, |lane| divisor(lane).to_bits());
+                bench.run_to_end();
+                for (lane, &got) in bench.io(0).iter().enumerate() {
+                    let (x, y) = (dividend(lane), divisor(lane));
+                    assert_eq!(got, reference(x, y).to_bits(), "{tier:?} {op} {x:e} {y:e}");
+                }
+            }
+        }
+    });
+}
+
 #[test]
 fn transcendental_functions() {
     macro_rules! small_floats {
