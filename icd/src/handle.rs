@@ -161,9 +161,7 @@ mod tests {
     fn objects_begin_with_the_loader_magic() {
         let thing = new(Thing(1));
         // SAFETY: `Object` is `repr(C)`: its first word is the loader's.
-        assert_eq!(
-            unsafe { *Arc::as_ptr(&thing).cast::<usize>() },
-            LOADER_MAGIC
-        );
+        let first_word = unsafe { *Arc::as_ptr(&thing).cast::<usize>() };
+        assert_eq!(first_word, LOADER_MAGIC);
     }
 }

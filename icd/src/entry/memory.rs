@@ -150,7 +150,7 @@ entry! {
         pointer: *const c_void,
         out: *mut vk::MemoryHostPointerPropertiesEXT,
     ) -> vk::Result {
-        if pointer as u64 % PAGE_BYTES != 0 {
+        if !(pointer as u64).is_multiple_of(PAGE_BYTES) {
             return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
         }
         (*out).memory_type_bits = 1;

@@ -140,7 +140,7 @@ impl Ranges {
 
     fn take_at(&mut self, address: u64, size_bytes: u64, base: u64) -> Option<u64> {
         let last = address.checked_add(size_bytes)?;
-        if address % GRANULE != 0 {
+        if !address.is_multiple_of(GRANULE) {
             return None;
         }
         if self.next <= address && last <= self.end {

@@ -545,12 +545,12 @@ impl<'a> Batch<'a> {
         let index = self.new_subgroup(calls[0].program, calls[0].role, lanes)?;
         let subgroup = &mut self.worker.subgroups[index];
         let mut records = [0; SUBGROUP_SIZE];
-        for lane in 0..SUBGROUP_SIZE {
+        for (lane, record) in records.iter_mut().enumerate() {
             let call = calls.get(lane).unwrap_or(&calls[0]);
             subgroup.ray[lane] = call.ray;
             subgroup.caller[lane] = call.caller;
             subgroup.launch[lane] = call.launch;
-            records[lane] = call.record;
+            *record = call.record;
         }
         self.start(index, &records);
         Ok(())

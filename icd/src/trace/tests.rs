@@ -195,12 +195,12 @@ fn expected(x: u32, y: u32) -> u32 {
     }
     if x < 8 {
         payload += 65536;
-        if x % 2 == 0 {
+        if x.is_multiple_of(2) {
             return payload + 1_000_000;
         }
     } else if y < 8 {
         payload += 131_072;
-        if y % 2 == 0 {
+        if y.is_multiple_of(2) {
             return payload
                 .wrapping_add(y * 8_000_000)
                 .wrapping_add(5 * 16_000_000);
