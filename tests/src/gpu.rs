@@ -35,6 +35,10 @@ pub struct Gpu {
     pub features13: vk::PhysicalDeviceVulkan13Features<'static>,
     pub pipeline_properties: vk::PhysicalDeviceRayTracingPipelinePropertiesKHR<'static>,
     pub structure_properties: vk::PhysicalDeviceAccelerationStructurePropertiesKHR<'static>,
+    /// `rayQuery`.
+    pub ray_query: bool,
+    /// `rayTracingPositionFetch`; off where there is validation, of which older versions do not know it.
+    pub position_fetch: bool,
     debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     complaints: Arc<Mutex<Vec<String>>>,
     /// What to destroy, oldest first.
@@ -121,12 +125,16 @@ impl Gpu {
             let mut features13 = vk::PhysicalDeviceVulkan13Features::default();
             let mut structure = vk::PhysicalDeviceAccelerationStructureFeaturesKHR::default();
             let mut pipeline = vk::PhysicalDeviceRayTracingPipelineFeaturesKHR::default();
+            let mut query = vk::PhysicalDeviceRayQueryFeaturesKHR::default();
+            let mut position = vk::PhysicalDeviceRayTracingPositionFetchFeaturesKHR::default();
             let mut all = vk::PhysicalDeviceFeatures2::default()
                 .push_next(&mut features11)
                 .push_next(&mut features12)
                 .push_next(&mut features13)
                 .push_next(&mut structure)
-                .push_next(&mut pipeline);
+                .push_next(&mut pipeline)
+                .push_next(&mut query)
+                .push_next(&mut position);
             instance.get_physical_device_features2(physical, &mut all);
             // What changes addresses or is only for tools stays off.
             let features = all.features;
@@ -144,16 +152,21 @@ impl Gpu {
                     .iter()
                     .any(|e| e.extension_name_as_c_str().is_ok_and(|n| n == name))
             };
+            position.ray_tracing_position_fetch &= vk::Bool32::from(!has_layer);
             let wanted = [
                 khr::acceleration_structure::NAME,
                 khr::ray_tracing_pipeline::NAME,
                 khr::deferred_host_operations::NAME,
                 khr::pipeline_library::NAME,
+                khr::ray_query::NAME,
+                khr::ray_tracing_position_fetch::NAME,
                 khr::push_descriptor::NAME,
             ];
+            let wants_positions = position.ray_tracing_position_fetch == vk::TRUE;
             let names: Vec<*const c_char> = wanted
                 .into_iter()
-                .filter(|name| has(name))
+                .filter(|&name| has(name))
+                .filter(|&name| wants_positions || name != khr::ray_tracing_position_fetch::NAME)
                 .map(CStr::as_ptr)
                 .collect();
             let queues = [vk::DeviceQueueCreateInfo::default()
@@ -165,6 +178,10 @@ impl Gpu {
             f13.p_next = std::ptr::null_mut();
             structure.p_next = std::ptr::null_mut();
             pipeline.p_next = std::ptr::null_mut();
+            query.p_next = std::ptr::null_mut();
+            position.p_next = std::ptr::null_mut();
+            let (ray_query, position_fetch) =
+                (query.ray_query, position.ray_tracing_position_fetch);
             let mut info = vk::DeviceCreateInfo::default()
                 .queue_create_infos(&queues)
                 .enabled_extension_names(&names)
@@ -177,6 +194,12 @@ impl Gpu {
             }
             if has(khr::ray_tracing_pipeline::NAME) {
                 info = info.push_next(&mut pipeline);
+            }
+            if has(khr::ray_query::NAME) {
+                info = info.push_next(&mut query);
+            }
+            if position.ray_tracing_position_fetch == vk::TRUE {
+                info = info.push_next(&mut position);
             }
             let device = instance
                 .create_device(physical, &info, None)
@@ -216,6 +239,8 @@ impl Gpu {
                 features13,
                 pipeline_properties,
                 structure_properties,
+                ray_query: ray_query == vk::TRUE,
+                position_fetch: position_fetch == vk::TRUE,
                 entry,
                 instance,
                 physical,

@@ -151,7 +151,8 @@ features! {
         ray_tracing_pipeline_shader_group_handle_capture_replay_mixed: PhysicalDeviceRayTracingPipelineFeaturesKHR;
         ray_tracing_pipeline_trace_rays_indirect: PhysicalDeviceRayTracingPipelineFeaturesKHR;
         ray_traversal_primitive_culling: PhysicalDeviceRayTracingPipelineFeaturesKHR => RayTraversalPrimitiveCullingKHR;
-        ray_tracing_position_fetch: PhysicalDeviceRayTracingPositionFetchFeaturesKHR => RayTracingPositionFetchKHR;
+        ray_query: PhysicalDeviceRayQueryFeaturesKHR => RayQueryKHR;
+        ray_tracing_position_fetch: PhysicalDeviceRayTracingPositionFetchFeaturesKHR => RayTracingPositionFetchKHR RayQueryPositionFetchKHR;
         pipeline_library_group_handles: PhysicalDevicePipelineLibraryGroupHandlesFeaturesEXT;
 
         shader_buffer_float32_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;

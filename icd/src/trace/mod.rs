@@ -13,6 +13,7 @@ mod batch;
 mod calls;
 mod grid;
 mod inputs;
+mod queries;
 mod rays;
 mod slab;
 mod subgroup;
@@ -28,6 +29,7 @@ use rayon::prelude::*;
 use spirv_jit::environment::Environment;
 
 pub use grid::Grid;
+pub use queries::{Owned, Queries};
 use table::{Shaders, Tables};
 
 /// One `vkCmdTraceRays*`, whatever command it came from.

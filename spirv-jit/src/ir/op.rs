@@ -297,6 +297,9 @@ macro_rules! define_op {
             ExecuteCallable,
             /// `() -> ()`: waits for all invocations of the workgroup.
             Barrier,
+            /// `(row: i32) -> i1`: advances the ray query whose object starts at that row of private memory, and rewrites the object; false
+            /// when the walk is over.
+            RayQueryProceed,
         }
 
         impl Op {
@@ -334,6 +337,7 @@ macro_rules! define_op {
                     Op::ReportIntersection => "report_intersection",
                     Op::ExecuteCallable => "execute_callable",
                     Op::Barrier => "barrier",
+                    Op::RayQueryProceed => "ray_query_proceed",
                 }
             }
 
@@ -447,7 +451,11 @@ impl Op {
     pub fn is_yield(&self) -> bool {
         matches!(
             self,
-            Op::TraceRay | Op::ReportIntersection | Op::ExecuteCallable | Op::Barrier
+            Op::TraceRay
+                | Op::ReportIntersection
+                | Op::ExecuteCallable
+                | Op::Barrier
+                | Op::RayQueryProceed
         )
     }
 

@@ -132,6 +132,7 @@ impl Lowerer<'_> {
                     Op::TraceRayKHR
                     | Op::ExecuteCallableKHR
                     | Op::ReportIntersectionKHR
+                    | Op::RayQueryProceedKHR
                     | Op::ControlBarrier => summary.yields = true,
                     Op::IgnoreIntersectionKHR
                     | Op::TerminateRayKHR

@@ -77,7 +77,7 @@ impl Lowerer<'_> {
     }
 
     /// A 32-bit integer operand.
-    fn word(&mut self, id: Id) -> Result<Value, Error> {
+    pub(super) fn word(&mut self, id: Id) -> Result<Value, Error> {
         let value = self.scalar(id)?;
         match self.b.ty(value) {
             Type::I32 => Ok(value),

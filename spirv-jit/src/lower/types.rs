@@ -41,6 +41,7 @@ pub(super) enum TypeKind {
     Sampler,
     SampledImage { image: Id },
     AccelerationStructure,
+    RayQuery,
     Function { result: Id, params: Rc<[Id]> },
 }
 
@@ -59,6 +60,8 @@ pub(super) struct TypeInfo {
 #[derive(Default)]
 pub(super) struct Types {
     infos: HashMap<Id, TypeInfo>,
+    /// Rows of a ray query's object.
+    pub query_rows: u64,
     leaves: std::cell::RefCell<HashMap<Id, Rc<[Type]>>>,
 }
 
@@ -216,7 +219,7 @@ impl Types {
                 out.push(Type::I64);
             }
             TypeKind::SampledImage { .. } => out.extend([Type::I64, Type::I64]),
-            TypeKind::RuntimeArray { .. } | TypeKind::Function { .. } => {
+            TypeKind::RuntimeArray { .. } | TypeKind::RayQuery | TypeKind::Function { .. } => {
                 return Err(Error::invalid(0, "a value cannot have this type"));
             }
         }
@@ -272,6 +275,7 @@ impl Types {
             Op::TypeSampler => TypeKind::Sampler,
             Op::TypeSampledImage => TypeKind::SampledImage { image: operand(0) },
             Op::TypeAccelerationStructureKHR => TypeKind::AccelerationStructure,
+            Op::TypeRayQueryKHR => TypeKind::RayQuery,
             Op::TypeFunction => TypeKind::Function {
                 result: operand(0),
                 params: operands[1..].into(),
@@ -340,6 +344,8 @@ impl Types {
                 (leaves.len() as u64, rows, 0)
             }
             TypeKind::Image(_) | TypeKind::Sampler | TypeKind::AccelerationStructure => (1, 2, 0),
+            // Memory, but no value: a function that takes a pointer to one is lowered in place.
+            TypeKind::RayQuery => (MAX_LEAVES + 1, self.query_rows, 0),
             TypeKind::SampledImage { image } => {
                 if !matches!(part(*image)?.kind, TypeKind::Image(_)) {
                     return Err(Error::invalid(at, "a sampled image is made of an image"));

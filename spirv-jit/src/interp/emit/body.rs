@@ -456,6 +456,7 @@ impl Emitter<'_> {
                 let data_words = inst.results.len() as u32;
                 (1, SiteKind::ExecuteCallable { data_words })
             }
+            Op::RayQueryProceed => (1, SiteKind::RayQueryProceed),
             _ => (0, SiteKind::Barrier),
         };
         let site = SiteId(self.sites.len() as u32);
@@ -473,7 +474,7 @@ impl Emitter<'_> {
         });
         self.bind(after);
         self.jump(control::jump_if_empty, exit);
-        if inst.op == Op::ReportIntersection {
+        if matches!(inst.op, Op::ReportIntersection | Op::RayQueryProceed) {
             if let Some(&accepted) = inst.results.first() {
                 self.push(Instr {
                     d: self.operand(accepted),

@@ -4,6 +4,7 @@ use crate::image::{Dim, LodMode};
 use crate::ir::op::{AtomicOp, ReduceOp, Space, SubgroupOp};
 use crate::ir::{Op, Type};
 use crate::program::{Builtin, Stage};
+use crate::query::QueryField;
 
 macro_rules! names {
     ($type:ident, $to_text:ident, $from_text:ident: $($variant:ident = $text:literal),* $(,)?) => {
@@ -43,6 +44,14 @@ names!(Builtin, builtin_text, builtin_from_text:
     HitKind = "hit_kind", ObjectToWorld = "object_to_world", WorldToObject = "world_to_object",
     HitTriangleVertexPositions = "hit_triangle_vertex_positions", ShaderRecordAddress = "shader_record_address");
 
+names!(QueryField, query_field_text, query_field_from_text:
+    IntersectionType = "intersection_type", T = "t", InstanceCustomIndex = "instance_custom_index",
+    InstanceId = "instance_id", InstanceSbtOffset = "instance_sbt_offset", GeometryIndex = "geometry_index",
+    PrimitiveIndex = "primitive_index", Barycentrics = "barycentrics", FrontFace = "front_face",
+    AabbOpaque = "aabb_opaque", ObjectRayDirection = "object_ray_direction", ObjectRayOrigin = "object_ray_origin",
+    ObjectToWorld = "object_to_world", WorldToObject = "world_to_object",
+    TriangleVertexPositions = "triangle_vertex_positions");
+
 names!(AtomicOp, atomic_text, atomic_from_text:
     Load = "load", Store = "store", Exchange = "exchange", CompareExchange = "compare_exchange",
     IAdd = "iadd", ISub = "isub", SMin = "smin", SMax = "smax", UMin = "umin", UMax = "umax",
@@ -60,7 +69,7 @@ names!(LodMode, lod_text, lod_from_text:
 
 /// Operations whose name says everything, apart from the elementwise ones.
 pub fn plain_op_from_text(text: &str) -> Option<Op> {
-    const PLAIN: [Op; 17] = [
+    const PLAIN: [Op; 18] = [
         Op::Select,
         Op::FLdexp,
         Op::BitfieldInsert,
@@ -78,6 +87,7 @@ pub fn plain_op_from_text(text: &str) -> Option<Op> {
         Op::ReportIntersection,
         Op::ExecuteCallable,
         Op::Barrier,
+        Op::RayQueryProceed,
     ];
     Op::elementwise_from_text(text).or_else(|| PLAIN.into_iter().find(|op| op.text() == text))
 }

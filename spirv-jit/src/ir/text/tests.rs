@@ -3,6 +3,7 @@ use crate::ir::verify::verify;
 
 const SAMPLE: &str = r#"module closest_hit
 inputs launch_id.0, payload.2, hit_attribute.1
+query_words candidate.t.0, committed.object_to_world.11
 output_rows 1
 local_size 8, 4, 1
 shared 64
@@ -33,6 +34,7 @@ func f0 "ma\"in" {
   v17: i1 = subgroup.all v2
   var.store[var0, 2] v16
   v18: i32 = var.address[var0]
+  v38: i1 = ray_query_proceed v18
   v19: i64 = pack64 v18, v18
   v20: i32, v21: i32 = unpack64 v19
   v22: i32 = call[f1] v20
