@@ -182,6 +182,7 @@ features! {
         custom_border_colors: PhysicalDeviceCustomBorderColorFeaturesEXT;
         custom_border_color_without_format: PhysicalDeviceCustomBorderColorFeaturesEXT;
         min_lod: PhysicalDeviceImageViewMinLodFeaturesEXT;
+        mutable_descriptor_type: PhysicalDeviceMutableDescriptorTypeFeaturesEXT;
         memory_priority: PhysicalDeviceMemoryPriorityFeaturesEXT;
         format_a4r4g4b4: PhysicalDevice4444FormatsFeaturesEXT;
         format_a4b4g4r4: PhysicalDevice4444FormatsFeaturesEXT;
