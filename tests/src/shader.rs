@@ -67,6 +67,7 @@ pub fn glsl_for(stage: Stage, source: &str, version: SpirvVersion) -> Vec<u32> {
     ];
     if stage != Stage::Compute {
         extensions.push("GL_EXT_ray_tracing");
+        extensions.push("GL_EXT_ray_cull_mask");
     }
     for extension in extensions {
         text += &format!("#extension {extension} : enable\n");

@@ -36,6 +36,8 @@ pub enum RayTracingCommand {
     TraceRays { tables: Tables, extent: [u32; 3] },
     /// `vkCmdTraceRaysIndirectKHR`: the address of a `VkTraceRaysIndirectCommandKHR`.
     TraceRaysIndirect { tables: Tables, address: u64 },
+    /// `vkCmdTraceRaysIndirect2KHR`: the address of a `VkTraceRaysIndirectCommand2KHR`.
+    TraceRaysIndirect2 { address: u64 },
 }
 
 /// A build whose ranges an earlier command may write.

@@ -81,6 +81,7 @@ extensions! {
     Device KHR_MAP_MEMORY_2 c"VK_KHR_map_memory2" 1;
     Device KHR_PIPELINE_LIBRARY c"VK_KHR_pipeline_library" 1;
     Device KHR_PUSH_DESCRIPTOR c"VK_KHR_push_descriptor" 2;
+    Device KHR_RAY_TRACING_MAINTENANCE_1 c"VK_KHR_ray_tracing_maintenance1" 1;
     Device KHR_RAY_TRACING_PIPELINE c"VK_KHR_ray_tracing_pipeline" 1;
     Device KHR_RAY_TRACING_POSITION_FETCH c"VK_KHR_ray_tracing_position_fetch" 1;
     Device KHR_RELAXED_BLOCK_LAYOUT c"VK_KHR_relaxed_block_layout" 1;
