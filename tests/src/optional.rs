@@ -54,4 +54,5 @@ macro_rules! optional {
 
 optional! {
     maintenance1: khr::ray_tracing_maintenance1::NAME, PhysicalDeviceRayTracingMaintenance1FeaturesKHR {};
+    micromap: ext::opacity_micromap::NAME, PhysicalDeviceOpacityMicromapFeaturesEXT { micromap_capture_replay };
 }

@@ -82,6 +82,8 @@ pub fn execute<'a>(
                 });
             }
         }
+        // SAFETY: as above.
+        RayTracingCommand::Micromap(command) => unsafe { super::micromap::execute(command) },
         RayTracingCommand::TraceRays { tables, extent } => {
             return trace_rays(tables, *extent, bound());
         }

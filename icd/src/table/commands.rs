@@ -377,6 +377,20 @@ commands! {
     Device KHR_RAY_TRACING_PIPELINE PFN_vkGetRayTracingShaderGroupHandlesKHR ray_tracing::vkGetRayTracingShaderGroupHandlesKHR;
     Device KHR_RAY_TRACING_PIPELINE PFN_vkGetRayTracingShaderGroupStackSizeKHR ray_tracing::vkGetRayTracingShaderGroupStackSizeKHR;
 
+    Device EXT_OPACITY_MICROMAP PFN_vkBuildMicromapsEXT micromap::vkBuildMicromapsEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCmdBuildMicromapsEXT micromap::vkCmdBuildMicromapsEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCmdCopyMemoryToMicromapEXT micromap::vkCmdCopyMemoryToMicromapEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCmdCopyMicromapEXT micromap::vkCmdCopyMicromapEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCmdCopyMicromapToMemoryEXT micromap::vkCmdCopyMicromapToMemoryEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCmdWriteMicromapsPropertiesEXT micromap::vkCmdWriteMicromapsPropertiesEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCopyMemoryToMicromapEXT micromap::vkCopyMemoryToMicromapEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCopyMicromapEXT micromap::vkCopyMicromapEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCopyMicromapToMemoryEXT micromap::vkCopyMicromapToMemoryEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCreateMicromapEXT micromap::vkCreateMicromapEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkDestroyMicromapEXT micromap::vkDestroyMicromapEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkGetDeviceMicromapCompatibilityEXT micromap::vkGetDeviceMicromapCompatibilityEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkGetMicromapBuildSizesEXT micromap::vkGetMicromapBuildSizesEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkWriteMicromapsPropertiesEXT micromap::vkWriteMicromapsPropertiesEXT;
 
     Device EXT_DEBUG_UTILS PFN_vkSetDebugUtilsObjectNameEXT debug::vkSetDebugUtilsObjectNameEXT;
     Device EXT_DEBUG_UTILS PFN_vkSetDebugUtilsObjectTagEXT debug::vkSetDebugUtilsObjectTagEXT;

@@ -118,6 +118,7 @@ extensions! {
     Device EXT_INLINE_UNIFORM_BLOCK c"VK_EXT_inline_uniform_block" 1;
     Device EXT_MEMORY_BUDGET c"VK_EXT_memory_budget" 1;
     Device EXT_MEMORY_PRIORITY c"VK_EXT_memory_priority" 1;
+    Device EXT_OPACITY_MICROMAP c"VK_EXT_opacity_micromap" 2;
     Device EXT_PIPELINE_CREATION_CACHE_CONTROL c"VK_EXT_pipeline_creation_cache_control" 3;
     Device EXT_PIPELINE_CREATION_FEEDBACK c"VK_EXT_pipeline_creation_feedback" 1;
     Device EXT_PIPELINE_LIBRARY_GROUP_HANDLES c"VK_EXT_pipeline_library_group_handles" 1;
