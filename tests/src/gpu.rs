@@ -8,6 +8,8 @@ use std::time::Duration;
 
 use ash::{ext, khr, vk};
 
+use crate::optional::Optional;
+
 /// How long any one wait may take before the process is given up.
 pub const PATIENCE_NS: u64 = 60_000_000_000;
 /// How long any one test may take.
@@ -28,17 +30,15 @@ pub struct Gpu {
     pub limits: vk::PhysicalDeviceLimits,
     pub acceleration: khr::acceleration_structure::Device,
     pub ray_tracing: khr::ray_tracing_pipeline::Device,
+    pub micromaps: ext::opacity_micromap::Device,
     pub push_descriptor: Option<khr::push_descriptor::Device>,
     pub features: vk::PhysicalDeviceFeatures,
     pub features11: vk::PhysicalDeviceVulkan11Features<'static>,
     pub features12: vk::PhysicalDeviceVulkan12Features<'static>,
     pub features13: vk::PhysicalDeviceVulkan13Features<'static>,
+    pub optional: Optional,
     pub pipeline_properties: vk::PhysicalDeviceRayTracingPipelinePropertiesKHR<'static>,
     pub structure_properties: vk::PhysicalDeviceAccelerationStructurePropertiesKHR<'static>,
-    /// `rayQuery`.
-    pub ray_query: bool,
-    /// `rayTracingPositionFetch`; off where there is validation, of which older versions do not know it.
-    pub position_fetch: bool,
     debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     complaints: Arc<Mutex<Vec<String>>>,
     /// What to destroy, oldest first.
@@ -60,6 +60,7 @@ pub(crate) enum Made {
     Pipeline(vk::Pipeline),
     Module(vk::ShaderModule),
     Structure(vk::AccelerationStructureKHR),
+    Micromap(vk::MicromapEXT),
 }
 
 impl Gpu {
@@ -67,6 +68,13 @@ impl Gpu {
     #[expect(clippy::new_without_default, reason = "opening a device is no default")]
     pub fn new() -> Gpu {
         Gpu::open(true)
+    }
+
+    /// The same where the validation layer is of this version or newer: older ones misjudge what the test does.
+    pub fn validated_since(version: u32) -> Gpu {
+        // SAFETY: the loader's initialisers only set up its own state.
+        let entry = unsafe { ash::Entry::load() }.expect("there is a Vulkan loader");
+        Gpu::open(validation_version(&entry).is_some_and(|found| found >= version))
     }
 
     /// The same for tests that break rules on purpose.
@@ -103,7 +111,7 @@ impl Gpu {
         // SAFETY: the loader's initialisers only set up its own state.
         let entry = unsafe { ash::Entry::load() }.expect("there is a Vulkan loader");
         let complaints = Arc::new(Mutex::new(Vec::new()));
-        let has_layer = validate && has_validation(&entry);
+        let has_layer = validate && validation_version(&entry).is_some();
         let instance = create_instance(&entry, has_layer);
         let debug = has_layer.then(|| listen(&entry, &instance, &complaints));
         // SAFETY: the handles passed are of this instance, and the chains outlive the calls.
@@ -125,16 +133,12 @@ impl Gpu {
             let mut features13 = vk::PhysicalDeviceVulkan13Features::default();
             let mut structure = vk::PhysicalDeviceAccelerationStructureFeaturesKHR::default();
             let mut pipeline = vk::PhysicalDeviceRayTracingPipelineFeaturesKHR::default();
-            let mut query = vk::PhysicalDeviceRayQueryFeaturesKHR::default();
-            let mut position = vk::PhysicalDeviceRayTracingPositionFetchFeaturesKHR::default();
             let mut all = vk::PhysicalDeviceFeatures2::default()
                 .push_next(&mut features11)
                 .push_next(&mut features12)
                 .push_next(&mut features13)
                 .push_next(&mut structure)
-                .push_next(&mut pipeline)
-                .push_next(&mut query)
-                .push_next(&mut position);
+                .push_next(&mut pipeline);
             instance.get_physical_device_features2(physical, &mut all);
             // What changes addresses or is only for tools stays off.
             let features = all.features;
@@ -148,25 +152,24 @@ impl Gpu {
                 .enumerate_device_extension_properties(physical)
                 .expect("extensions can be enumerated");
             let has = |name: &CStr| {
-                offered
-                    .iter()
-                    .any(|e| e.extension_name_as_c_str().is_ok_and(|n| n == name))
+                let too_new = has_layer && name == khr::ray_tracing_position_fetch::NAME;
+                let named = |e: &vk::ExtensionProperties| {
+                    e.extension_name_as_c_str().is_ok_and(|n| n == name)
+                };
+                !too_new && offered.iter().any(named)
             };
-            position.ray_tracing_position_fetch &= vk::Bool32::from(!has_layer);
             let wanted = [
                 khr::acceleration_structure::NAME,
                 khr::ray_tracing_pipeline::NAME,
                 khr::deferred_host_operations::NAME,
                 khr::pipeline_library::NAME,
-                khr::ray_query::NAME,
-                khr::ray_tracing_position_fetch::NAME,
                 khr::push_descriptor::NAME,
             ];
-            let wants_positions = position.ray_tracing_position_fetch == vk::TRUE;
+            let mut optional = Optional::of(&instance, physical, has);
             let names: Vec<*const c_char> = wanted
                 .into_iter()
-                .filter(|&name| has(name))
-                .filter(|&name| wants_positions || name != khr::ray_tracing_position_fetch::NAME)
+                .filter(|name| has(name))
+                .chain(Optional::names(has))
                 .map(CStr::as_ptr)
                 .collect();
             let queues = [vk::DeviceQueueCreateInfo::default()
@@ -178,10 +181,6 @@ impl Gpu {
             f13.p_next = std::ptr::null_mut();
             structure.p_next = std::ptr::null_mut();
             pipeline.p_next = std::ptr::null_mut();
-            query.p_next = std::ptr::null_mut();
-            position.p_next = std::ptr::null_mut();
-            let (ray_query, position_fetch) =
-                (query.ray_query, position.ray_tracing_position_fetch);
             let mut info = vk::DeviceCreateInfo::default()
                 .queue_create_infos(&queues)
                 .enabled_extension_names(&names)
@@ -195,12 +194,7 @@ impl Gpu {
             if has(khr::ray_tracing_pipeline::NAME) {
                 info = info.push_next(&mut pipeline);
             }
-            if has(khr::ray_query::NAME) {
-                info = info.push_next(&mut query);
-            }
-            if position.ray_tracing_position_fetch == vk::TRUE {
-                info = info.push_next(&mut position);
-            }
+            info.p_next = optional.chain(has, info.p_next);
             let device = instance
                 .create_device(physical, &info, None)
                 .expect("vkCreateDevice");
@@ -231,16 +225,16 @@ impl Gpu {
                 limits,
                 acceleration: khr::acceleration_structure::Device::new(&instance, &device),
                 ray_tracing: khr::ray_tracing_pipeline::Device::new(&instance, &device),
+                micromaps: ext::opacity_micromap::Device::new(&instance, &device),
                 push_descriptor: has(khr::push_descriptor::NAME)
                     .then(|| khr::push_descriptor::Device::new(&instance, &device)),
                 features,
                 features11,
                 features12,
                 features13,
+                optional,
                 pipeline_properties,
                 structure_properties,
-                ray_query: ray_query == vk::TRUE,
-                position_fetch: position_fetch == vk::TRUE,
                 entry,
                 instance,
                 physical,
@@ -372,6 +366,13 @@ impl Drop for Gpu {
                     Made::Layout(it) => device.destroy_pipeline_layout(it, None),
                     Made::Pipeline(it) => device.destroy_pipeline(it, None),
                     Made::Module(it) => device.destroy_shader_module(it, None),
+                    Made::Micromap(it) => {
+                        (self.micromaps.fp().destroy_micromap_ext)(
+                            device.handle(),
+                            it,
+                            std::ptr::null(),
+                        );
+                    }
                     Made::Structure(it) => {
                         self.acceleration.destroy_acceleration_structure(it, None);
                     }
@@ -412,14 +413,16 @@ fn watchdog() -> Sender<()> {
     alive
 }
 
-fn has_validation(entry: &ash::Entry) -> bool {
+/// The version of Vulkan that the validation layer was made for, if it is installed.
+fn validation_version(entry: &ash::Entry) -> Option<u32> {
     // SAFETY: a plain query.
     let layers = unsafe { entry.enumerate_instance_layer_properties() }.unwrap_or_default();
-    layers.iter().any(|layer| {
+    let found = layers.iter().find(|layer| {
         layer
             .layer_name_as_c_str()
             .is_ok_and(|name| name == VALIDATION)
-    })
+    });
+    found.map(|layer| layer.spec_version)
 }
 
 fn create_instance(entry: &ash::Entry, has_layer: bool) -> ash::Instance {

@@ -37,10 +37,11 @@ fn floats(words: &[u32]) -> Vec<f32> {
 /// Opens a device that has ray queries.
 fn open() -> Option<Gpu> {
     let gpu = Gpu::new();
-    if !gpu.ray_query {
+    let there = gpu.optional.ray_query.ray_query == vk::TRUE;
+    if !there {
         println!("the device has no ray queries");
     }
-    gpu.ray_query.then_some(gpu)
+    there.then_some(gpu)
 }
 
 #[test]
@@ -508,7 +509,9 @@ fn random_rays_agree_with_a_computation() {
 #[test]
 fn positions_of_vertices_are_fetched() {
     let gpu = Gpu::without_validation();
-    if !gpu.ray_query || !gpu.position_fetch {
+    if gpu.optional.ray_query.ray_query * gpu.optional.position_fetch.ray_tracing_position_fetch
+        == 0
+    {
         println!("the device does not fetch positions in queries");
         return;
     }

@@ -86,6 +86,7 @@ const SUPPORTED: &[Capability] = &[
     Capability::RayCullMaskKHR,
     Capability::RayQueryKHR,
     Capability::RayQueryPositionFetchKHR,
+    Capability::RayTracingOpacityMicromapEXT,
     Capability::VulkanMemoryModel,
     Capability::VulkanMemoryModelDeviceScope,
     Capability::PhysicalStorageBufferAddresses,
