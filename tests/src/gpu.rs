@@ -8,6 +8,8 @@ use std::time::Duration;
 
 use ash::{ext, khr, vk};
 
+use crate::optional::Optional;
+
 /// How long any one wait may take before the process is given up.
 pub const PATIENCE_NS: u64 = 60_000_000_000;
 /// How long any one test may take.
@@ -33,6 +35,7 @@ pub struct Gpu {
     pub features11: vk::PhysicalDeviceVulkan11Features<'static>,
     pub features12: vk::PhysicalDeviceVulkan12Features<'static>,
     pub features13: vk::PhysicalDeviceVulkan13Features<'static>,
+    pub optional: Optional,
     pub pipeline_properties: vk::PhysicalDeviceRayTracingPipelinePropertiesKHR<'static>,
     pub structure_properties: vk::PhysicalDeviceAccelerationStructurePropertiesKHR<'static>,
     debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
@@ -151,9 +154,11 @@ impl Gpu {
                 khr::pipeline_library::NAME,
                 khr::push_descriptor::NAME,
             ];
+            let mut optional = Optional::of(&instance, physical, has);
             let names: Vec<*const c_char> = wanted
                 .into_iter()
                 .filter(|name| has(name))
+                .chain(Optional::names(has))
                 .map(CStr::as_ptr)
                 .collect();
             let queues = [vk::DeviceQueueCreateInfo::default()
@@ -178,6 +183,7 @@ impl Gpu {
             if has(khr::ray_tracing_pipeline::NAME) {
                 info = info.push_next(&mut pipeline);
             }
+            info.p_next = optional.chain(has, info.p_next);
             let device = instance
                 .create_device(physical, &info, None)
                 .expect("vkCreateDevice");
@@ -214,6 +220,7 @@ impl Gpu {
                 features11,
                 features12,
                 features13,
+                optional,
                 pipeline_properties,
                 structure_properties,
                 entry,

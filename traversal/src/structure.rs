@@ -164,6 +164,16 @@ impl Structure {
             .map_or([0.0; 12], |record| record.world_to_object)
     }
 
+    /// The 24 bits that the application gave an instance (`InstanceCustomIndexKHR`), and its offset into the hit records.
+    pub fn instance_indices(&self, instance_index: u32) -> (u32, u32) {
+        self.instance(instance_index).map_or((0, 0), |record| {
+            (
+                record.custom_index_and_mask & 0xFF_FFFF,
+                record.sbt_offset_and_flags & 0xFF_FFFF,
+            )
+        })
+    }
+
     /// The object-space positions of a hit triangle's vertices, in order, after the geometry's
     /// transform. `self` is the top level; zeros for what is no triangle.
     pub fn triangle_vertices(&self, hit: &Hit) -> [[f32; 3]; 3] {

@@ -7,6 +7,7 @@ pub mod enumerate;
 pub mod guard;
 pub mod pipeline;
 pub mod ray_tracing;
+pub mod vk;
 
 pub use array::{slice, string};
 pub use chain::{find, find_mut};

@@ -179,13 +179,11 @@ impl<'a> HitLanes<'a> {
             Builtin::InstanceCustomIndex => self.of_hits(|hit| hit.instance_custom_index),
             Builtin::GeometryIndex => self.of_hits(|hit| hit.geometry_index),
             Builtin::HitKind => self.of_hits(|hit| hit.hit_kind as u32),
-            Builtin::WorldRayOrigin => {
-                self.of_rays(|ray| ray.walk().ray().origin[component].to_bits())
-            }
+            Builtin::WorldRayOrigin => self.of_rays(|ray| ray.ray().origin[component].to_bits()),
             Builtin::WorldRayDirection => {
-                self.of_rays(|ray| ray.walk().ray().direction[component].to_bits())
+                self.of_rays(|ray| ray.ray().direction[component].to_bits())
             }
-            Builtin::RayTmin => self.of_rays(|ray| ray.walk().ray().t_min.to_bits()),
+            Builtin::RayTmin => self.of_rays(|ray| ray.ray().t_min.to_bits()),
             Builtin::RayTmax => Some(self.t_max_row()),
             Builtin::IncomingRayFlags => self.of_rays(|ray| ray.flags),
             Builtin::CullMask => self.of_rays(|ray| ray.cull_mask),
@@ -211,7 +209,7 @@ impl<'a> HitLanes<'a> {
             Role::AnyHit | Role::AnyHitOfReport | Role::ClosestHit => {
                 self.hits.map(|hit| hit.t.to_bits())
             }
-            _ => self.rays.map(|ray| ray.walk().t_max().to_bits()),
+            _ => self.rays.map(|ray| ray.t_max().to_bits()),
         }
     }
 
@@ -219,7 +217,7 @@ impl<'a> HitLanes<'a> {
     fn object_ray_row(&self, component: usize, origin: bool) -> Row {
         let matrices = self.world_to_object();
         std::array::from_fn(|lane| {
-            let ray = self.rays[lane].walk().ray();
+            let ray = self.rays[lane].ray();
             let (vector, w) = if origin {
                 (ray.origin, 1.0)
             } else {
@@ -245,6 +243,6 @@ fn hit_of(role: Role, ray: &RayInFlight) -> Hit {
             hit_kind: ray.report.hit_kind,
             ..*ray.walk().candidate()
         },
-        _ => ray.walk().committed().copied().unwrap_or_default(),
+        _ => ray.committed().copied().unwrap_or_default(),
     }
 }

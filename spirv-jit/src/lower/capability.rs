@@ -84,6 +84,8 @@ const SUPPORTED: &[Capability] = &[
     Capability::RayTraversalPrimitiveCullingKHR,
     Capability::RayTracingPositionFetchKHR,
     Capability::RayCullMaskKHR,
+    Capability::ShaderInvocationReorderNV,
+    Capability::ShaderInvocationReorderEXT,
     Capability::VulkanMemoryModel,
     Capability::VulkanMemoryModelDeviceScope,
     Capability::PhysicalStorageBufferAddresses,

@@ -1,5 +1,6 @@
 //! The words of the text form for everything that is an enumeration. One table each, read in both directions.
 
+use crate::hit_object::HitFact;
 use crate::image::{Dim, LodMode};
 use crate::ir::op::{AtomicOp, ReduceOp, Space, SubgroupOp};
 use crate::ir::{Op, Type};
@@ -60,7 +61,7 @@ names!(LodMode, lod_text, lod_from_text:
 
 /// Operations whose name says everything, apart from the elementwise ones.
 pub fn plain_op_from_text(text: &str) -> Option<Op> {
-    const PLAIN: [Op; 17] = [
+    const PLAIN: [Op; 20] = [
         Op::Select,
         Op::FLdexp,
         Op::BitfieldInsert,
@@ -77,9 +78,14 @@ pub fn plain_op_from_text(text: &str) -> Option<Op> {
         Op::TraceRay,
         Op::ReportIntersection,
         Op::ExecuteCallable,
+        Op::HitObjectTraceRay,
+        Op::HitObjectExecute,
+        Op::ReorderThread,
         Op::Barrier,
     ];
-    Op::elementwise_from_text(text).or_else(|| PLAIN.into_iter().find(|op| op.text() == text))
+    let facts = HitFact::ALL.iter().map(|&fact| Op::HitObjectGet(fact));
+    Op::elementwise_from_text(text)
+        .or_else(|| PLAIN.into_iter().chain(facts).find(|op| op.text() == text))
 }
 
 /// A subgroup operation's name after `subgroup.` and what its brackets hold.
