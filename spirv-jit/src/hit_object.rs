@@ -56,6 +56,8 @@ pub mod kind {
 pub mod primitive {
     pub const BOX: u32 = 0;
     pub const TRIANGLE: u32 = 1;
+    pub const SPHERE: u32 = 2;
+    pub const LINEAR_SWEPT_SPHERE: u32 = 3;
 }
 
 /// The words that tracing gives, in order; the others are the ray's.
@@ -128,6 +130,8 @@ facts! {
     WorldToObject "hit_object_get_world_to_object" 12;
     /// Three positions.
     TriangleVertexPositions "hit_object_get_triangle_vertex_positions" 9;
+    /// Positions of both ends of a sphere or linear swept sphere, then both radii.
+    SweptEnds "hit_object_get_swept_ends" 8;
     /// Device address of the data in the shader record.
     ShaderRecord "hit_object_get_shader_record" 2;
 }

@@ -65,6 +65,15 @@ pub enum Builtin {
     WorldToObject,
     /// 3 vertices of 3 f32 (`HitTriangleVertexPositionsKHR`).
     HitTriangleVertexPositions,
+    /// 1 word each, not 0 for true (`HitIsSphereNV`, `HitIsLSSNV`).
+    HitIsSphere,
+    HitIsLss,
+    /// 3 f32 and 1 f32 (`HitSpherePositionNV`, `HitSphereRadiusNV`).
+    HitSpherePosition,
+    HitSphereRadius,
+    /// 2 positions of 3 f32, and 2 f32 (`HitLSSPositionsNV`, `HitLSSRadiiNV`).
+    HitLssPositions,
+    HitLssRadii,
     /// 2 words: device address of the shader record (after the handle).
     ShaderRecordAddress,
 }

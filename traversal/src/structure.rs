@@ -2,7 +2,7 @@
 
 use crate::layout::{
     ALIGNMENT, BoxEntry, GeometryEntry, Header, InstanceRecord, MAGIC, MAX_DEPTH, Node, Parts,
-    TriangleGroup, VERSION, WIDTH, child, geometry_word, leaf_bytes,
+    SweptEntry, TriangleGroup, VERSION, WIDTH, child, geometry_word, leaf_bytes,
 };
 use crate::ray::Hit;
 
@@ -16,6 +16,8 @@ pub enum Kind {
     Aabbs = 2,
     /// A top level.
     Instances = 3,
+    /// A bottom level of spheres or of linear swept spheres.
+    Swept = 4,
 }
 
 impl Kind {
@@ -24,6 +26,7 @@ impl Kind {
             1 => Some(Kind::Triangles),
             2 => Some(Kind::Aabbs),
             3 => Some(Kind::Instances),
+            4 => Some(Kind::Swept),
             _ => None,
         }
     }
@@ -186,6 +189,15 @@ impl Structure {
             })
     }
 
+    /// The object-space ends of a hit sphere or linear swept sphere, and their radii. `self` is the top level; zeros for what is none.
+    pub fn swept_ends(&self, hit: &Hit) -> ([[f32; 3]; 2], [f32; 2]) {
+        // SAFETY: bottom levels of a structure in use are alive, by the contract of `at`.
+        let bottom = unsafe { Structure::at(self.reference(hit.instance_index)) };
+        bottom
+            .and_then(|bottom| bottom.swept_entry(hit.slot).copied())
+            .map_or_else(Default::default, |entry| (entry.positions, entry.radii))
+    }
+
     #[inline(always)]
     pub(crate) fn header(&self) -> &Header {
         // SAFETY: `at` found a header here.
@@ -232,6 +244,13 @@ impl Structure {
         (self.kind == Kind::Aabbs && index < self.leaf_count)
             // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
             .then(|| unsafe { &*self.leaves.cast::<BoxEntry>().add(index as usize) })
+    }
+
+    #[inline(always)]
+    pub(crate) fn swept_entry(&self, index: u32) -> Option<&SweptEntry> {
+        (self.kind == Kind::Swept && index < self.leaf_count)
+            // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
+            .then(|| unsafe { &*self.leaves.cast::<SweptEntry>().add(index as usize) })
     }
 
     #[inline(always)]
@@ -370,6 +389,12 @@ fn check_leaf(structure: &Structure, word: u32) -> Result<(), StructureError> {
             count == 1
                 && structure
                     .box_entry(index)
+                    .is_some_and(|entry| primitive(entry.primitive, entry.geometry))
+        }
+        Kind::Swept => {
+            count == 1
+                && structure
+                    .swept_entry(index)
                     .is_some_and(|entry| primitive(entry.primitive, entry.geometry))
         }
         Kind::Instances => count == 1 && structure.instance(index).is_some(),

@@ -44,4 +44,60 @@ structures! {
         ray_tracing_invocation_reorder_reordering_hint: RayTracingInvocationReorderModeNV,
         max_shader_binding_table_record_index: u32,
     }
+    /// `VK_NV_ray_tracing_linear_swept_spheres`.
+    PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV 1_000_429_008 *mut c_void {
+        spheres: Bool32,
+        linear_swept_spheres: Bool32,
+    }
+    AccelerationStructureGeometryLinearSweptSpheresDataNV 1_000_429_009 *const c_void {
+        vertex_format: Format,
+        vertex_data: DeviceOrHostAddressConstKHR,
+        vertex_stride: DeviceSize,
+        radius_format: Format,
+        radius_data: DeviceOrHostAddressConstKHR,
+        radius_stride: DeviceSize,
+        index_type: IndexType,
+        index_data: DeviceOrHostAddressConstKHR,
+        index_stride: DeviceSize,
+        indexing_mode: RayTracingLssIndexingModeNV,
+        end_caps_mode: RayTracingLssPrimitiveEndCapsModeNV,
+    }
+    AccelerationStructureGeometrySpheresDataNV 1_000_429_010 *const c_void {
+        vertex_format: Format,
+        vertex_data: DeviceOrHostAddressConstKHR,
+        vertex_stride: DeviceSize,
+        radius_format: Format,
+        radius_data: DeviceOrHostAddressConstKHR,
+        radius_stride: DeviceSize,
+        index_type: IndexType,
+        index_data: DeviceOrHostAddressConstKHR,
+        index_stride: DeviceSize,
+    }
 }
+
+/// `VkRayTracingLssIndexingModeNV`.
+#[repr(transparent)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RayTracingLssIndexingModeNV(pub i32);
+
+impl RayTracingLssIndexingModeNV {
+    pub const SUCCESSIVE: Self = Self(1);
+}
+
+/// `VkRayTracingLssPrimitiveEndCapsModeNV`.
+#[repr(transparent)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RayTracingLssPrimitiveEndCapsModeNV(pub i32);
+
+impl RayTracingLssPrimitiveEndCapsModeNV {
+    pub const CHAINED: Self = Self(1);
+}
+
+/// `VK_GEOMETRY_TYPE_SPHERES_NV`.
+pub const GEOMETRY_TYPE_SPHERES_NV: GeometryTypeKHR = GeometryTypeKHR::from_raw(1_000_429_004);
+/// `VK_GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV`.
+pub const GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV: GeometryTypeKHR =
+    GeometryTypeKHR::from_raw(1_000_429_005);
+/// `VK_FORMAT_FEATURE_2_ACCELERATION_STRUCTURE_RADIUS_BUFFER_BIT_NV`.
+pub const FORMAT_FEATURE_2_ACCELERATION_STRUCTURE_RADIUS_BUFFER_NV: FormatFeatureFlags2 =
+    FormatFeatureFlags2::from_raw(1 << 51);

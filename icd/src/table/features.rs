@@ -153,6 +153,8 @@ features! {
         ray_tracing_position_fetch: PhysicalDeviceRayTracingPositionFetchFeaturesKHR => RayTracingPositionFetchKHR;
         ray_tracing_invocation_reorder: PhysicalDeviceRayTracingInvocationReorderFeaturesNV => ShaderInvocationReorderNV;
         ray_tracing_invocation_reorder: PhysicalDeviceRayTracingInvocationReorderFeaturesEXT => ShaderInvocationReorderEXT;
+        spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingSpheresGeometryNV;
+        linear_swept_spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingLinearSweptSpheresGeometryNV;
         pipeline_library_group_handles: PhysicalDevicePipelineLibraryGroupHandlesFeaturesEXT;
 
         shader_buffer_float32_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;

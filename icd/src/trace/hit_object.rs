@@ -3,7 +3,7 @@
 use spirv_jit::Program;
 use spirv_jit::hit_object::{HitFact, IDENTITY, TRACED, kind, primitive, word};
 use spirv_jit::program::IO_DATA_ROW;
-use traversal::{Hit, Ray, Structure};
+use traversal::{Hit, Ray, Structure, Swept};
 
 use super::batch::Batch;
 use super::rays::Recorded;
@@ -26,7 +26,7 @@ impl Batch<'_> {
                 object[word::HIT_KIND] = hit.hit_kind as u32 | primitive_of(hit) << 8;
                 object[word::SLOT] = hit.slot;
                 let attributes = &mut object[word::ATTRIBUTES..];
-                if hit.triangle {
+                if hit.is_built_in() {
                     attributes[..2].copy_from_slice(&hit.barycentrics.map(f32::to_bits));
                 } else {
                     attributes.copy_from_slice(&ray.attributes);
@@ -113,6 +113,13 @@ impl Batch<'_> {
                     *place = coordinate.to_bits();
                 }
             }
+            HitFact::SweptEnds => {
+                let (positions, radii) = object.read(|s| s.swept_ends(&object.hit()));
+                let numbers = positions.as_flattened().iter().chain(&radii);
+                for (place, number) in answer.iter_mut().zip(numbers) {
+                    *place = number.to_bits();
+                }
+            }
             HitFact::ShaderRecord => {
                 let table = match object.state() {
                     kind::HIT => &tables.hit,
@@ -135,9 +142,11 @@ impl Batch<'_> {
 }
 
 fn primitive_of(hit: &Hit) -> u32 {
-    match hit.triangle {
-        true => primitive::TRIANGLE,
-        false => primitive::BOX,
+    match hit.swept {
+        Swept::Sphere => primitive::SPHERE,
+        Swept::LinearSweptSphere => primitive::LINEAR_SWEPT_SPHERE,
+        Swept::No if hit.triangle => primitive::TRIANGLE,
+        Swept::No => primitive::BOX,
     }
 }
 
@@ -179,6 +188,7 @@ impl Object {
     }
 
     fn hit(&self) -> Hit {
+        let primitive = self.0[word::HIT_KIND] >> 8 & 0xff;
         let instance_index = self.0[word::INSTANCE];
         let (instance_custom_index, instance_sbt_offset) =
             self.read(|structure| structure.instance_indices(instance_index));
@@ -193,7 +203,12 @@ impl Object {
             slot: self.0[word::SLOT],
             hit_kind: self.0[word::HIT_KIND] as u8,
             opaque: false,
-            triangle: self.0[word::HIT_KIND] >> 8 & 0xff == primitive::TRIANGLE,
+            triangle: primitive == primitive::TRIANGLE,
+            swept: match primitive {
+                primitive::SPHERE => Swept::Sphere,
+                primitive::LINEAR_SWEPT_SPHERE => Swept::LinearSweptSphere,
+                _ => Swept::No,
+            },
         }
     }
 

@@ -4,7 +4,7 @@ use std::cell::OnceCell;
 
 use spirv_jit::program::{AlignedRow, Builtin, IO_DATA_ROW, InputRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
-use traversal::{Hit, Structure};
+use traversal::{Hit, Structure, Swept};
 
 use super::Dispatch;
 use super::grid::Grid;
@@ -129,7 +129,7 @@ impl<'a> HitLanes<'a> {
     fn attribute_row(&self, word: usize) -> Row {
         std::array::from_fn(|lane| {
             let (ray, hit) = (self.rays[lane], &self.hits[lane]);
-            if hit.triangle {
+            if hit.is_built_in() {
                 return hit
                     .barycentrics
                     .get(word)
@@ -199,8 +199,23 @@ impl<'a> HitLanes<'a> {
                     vertices[lane][component / 3][component % 3].to_bits()
                 }))
             }
+            Builtin::HitIsSphere => self.of_hits(|hit| (hit.swept == Swept::Sphere) as u32),
+            Builtin::HitIsLss => self.of_hits(|hit| (hit.swept == Swept::LinearSweptSphere) as u32),
+            Builtin::HitSpherePosition | Builtin::HitLssPositions => {
+                let ends = self.ends();
+                Some(ends.map(|ends| ends.0.as_flattened()[component].to_bits()))
+            }
+            Builtin::HitSphereRadius | Builtin::HitLssRadii => {
+                let ends = self.ends();
+                Some(ends.map(|ends| ends.1[component].to_bits()))
+            }
             _ => None,
         }
+    }
+
+    /// Ends and radii of spheres and linear swept spheres.
+    fn ends(&self) -> Lanes<([[f32; 3]; 2], [f32; 2])> {
+        self.of_structures(|structure, hit| structure.swept_ends(hit))
     }
 
     /// `RayTmaxKHR`: the hit's distance in hit shaders, the end of the interval as it stands in the others.

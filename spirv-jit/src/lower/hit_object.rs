@@ -36,9 +36,16 @@ enum Action {
         count: usize,
     },
     HitKind,
+    /// Whether a primitive of this kind was hit.
+    IsPrimitive(u32),
     InstanceCustomIndex,
     /// All of a fact.
     Fact(HitFact),
+    /// Words of the ends of a sphere or linear swept sphere.
+    Ends {
+        first: usize,
+        count: usize,
+    },
     ObjectRay {
         origin: bool,
     },
@@ -83,6 +90,12 @@ fn action(opcode: Op) -> Option<Action> {
         }
         Op::HitObjectGetShaderBindingTableRecordIndexNV
         | Op::HitObjectGetShaderBindingTableRecordIndexEXT => words(word::RECORD_INDEX, 1),
+        Op::HitObjectIsSphereHitNV => IsPrimitive(primitive::SPHERE),
+        Op::HitObjectIsLSSHitNV => IsPrimitive(primitive::LINEAR_SWEPT_SPHERE),
+        Op::HitObjectGetSpherePositionNV => Ends { first: 0, count: 3 },
+        Op::HitObjectGetSphereRadiusNV => Ends { first: 6, count: 1 },
+        Op::HitObjectGetLSSPositionsNV => Ends { first: 0, count: 6 },
+        Op::HitObjectGetLSSRadiiNV => Ends { first: 6, count: 2 },
         Op::HitObjectGetHitKindNV | Op::HitObjectGetHitKindEXT => HitKind,
         Op::HitObjectGetInstanceCustomIndexNV | Op::HitObjectGetInstanceCustomIndexEXT => {
             InstanceCustomIndex
@@ -166,6 +179,14 @@ impl Lowerer<'_> {
             Action::HitKind => {
                 let mask = self.b.i32(0xff);
                 vec![self.b.binary(ir::Op::And, object[word::HIT_KIND], mask)?]
+            }
+            Action::IsPrimitive(wanted) => {
+                let (shift, wanted) = (self.b.i32(8), self.b.i32(wanted));
+                let found = self.b.binary(ir::Op::LShr, object[word::HIT_KIND], shift)?;
+                vec![self.b.compare(ir::Op::IEq, found, wanted)?]
+            }
+            Action::Ends { first, count } => {
+                self.fact(&object, HitFact::SweptEnds)?[first..first + count].to_vec()
             }
             Action::InstanceCustomIndex => self.fact(&object, HitFact::Instance)?[..1].to_vec(),
             Action::Fact(fact) => self.fact(&object, fact)?,

@@ -100,6 +100,13 @@ impl SweptGeometry {
 }
 
 impl SweptPrimitive {
+    /// What no ray meets.
+    pub const NOTHING: SweptPrimitive = SweptPrimitive {
+        positions: [[0.0; 3]; 2],
+        radii: [0.0; 2],
+        flags: swept_flags::SPHERE,
+    };
+
     /// The box around both spheres, rounded outwards, without infinities.
     pub fn bounds(&self) -> Bounds {
         let mut bounds = Bounds::EMPTY;

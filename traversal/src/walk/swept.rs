@@ -87,7 +87,11 @@ fn enter_cone(
 }
 
 /// Where the line enters a primitive, if it does through a part that is there.
-pub(crate) fn intersect(origin: [f32; 3], direction: [f32; 3], entry: &SweptEntry) -> Option<Meeting> {
+pub(crate) fn intersect(
+    origin: [f32; 3],
+    direction: [f32; 3],
+    entry: &SweptEntry,
+) -> Option<Meeting> {
     let origin = origin.map(f64::from);
     let direction = direction.map(f64::from);
     let ends = entry.positions.map(|position| position.map(f64::from));
@@ -101,7 +105,11 @@ pub(crate) fn intersect(origin: [f32; 3], direction: [f32; 3], entry: &SweptEntr
     let start = along(&origin, &direction, shift);
     let has = |flag: u32| entry.flags & flag != 0;
     let found = if has(swept_flags::SPHERE) {
-        (enter_sphere(&start, &direction, &ends[0], radii[0])?, 0.0, true)
+        (
+            enter_sphere(&start, &direction, &ends[0], radii[0])?,
+            0.0,
+            true,
+        )
     } else {
         let caps = [has(swept_flags::FIRST_CAP), has(swept_flags::SECOND_CAP)];
         let axis = minus(&ends[1], &ends[0]);
@@ -208,7 +216,10 @@ mod tests {
         let front = meet([0.0; 3], [0.0, 0.0, 0.5]).expect("it is there");
         assert_eq!((front.t, front.u), (6.0, 0.0));
         // From inside, the entry lies behind.
-        assert_eq!(meet([0.0, 0.0, 5.0], [0.0, 0.0, 1.0]).map(|m| m.t), Some(-2.0));
+        assert_eq!(
+            meet([0.0, 0.0, 5.0], [0.0, 0.0, 1.0]).map(|m| m.t),
+            Some(-2.0)
+        );
         assert_eq!(meet([2.1, 0.0, 0.0], [0.0, 0.0, 1.0]), None);
         // From far away, to the last bit.
         assert_eq!(
@@ -232,9 +243,7 @@ mod tests {
             let it = entry_of(ends, [2.0; 2], caps);
             let met = intersect([x, 0.0, 0.0], [0.0, 0.0, -1.0], &it);
             let close = match (met, expected) {
-                (Some(met), Some((t, u))) => {
-                    (met.t - t).abs() < 1e-5 && (met.u - u).abs() < 1e-6
-                }
+                (Some(met), Some((t, u))) => (met.t - t).abs() < 1e-5 && (met.u - u).abs() < 1e-6,
                 (None, None) => true,
                 _ => false,
             };
@@ -285,7 +294,10 @@ mod tests {
                 .reduce(f64::min);
             match (intersect(origin, direction, &it), nearest) {
                 (Some(met), Some(nearest)) => {
-                    assert!((f64::from(met.t) - nearest).abs() < 1e-4, "{met:?} {nearest}");
+                    assert!(
+                        (f64::from(met.t) - nearest).abs() < 1e-4,
+                        "{met:?} {nearest}"
+                    );
                     hits += 1;
                 }
                 (None, None) => {}

@@ -42,7 +42,9 @@ names!(Builtin, builtin_text, builtin_from_text:
     ObjectRayOrigin = "object_ray_origin", ObjectRayDirection = "object_ray_direction",
     RayTmin = "ray_tmin", RayTmax = "ray_tmax", IncomingRayFlags = "incoming_ray_flags", CullMask = "cull_mask",
     HitKind = "hit_kind", ObjectToWorld = "object_to_world", WorldToObject = "world_to_object",
-    HitTriangleVertexPositions = "hit_triangle_vertex_positions", ShaderRecordAddress = "shader_record_address");
+    HitTriangleVertexPositions = "hit_triangle_vertex_positions", HitIsSphere = "hit_is_sphere",
+    HitIsLss = "hit_is_lss", HitSpherePosition = "hit_sphere_position", HitSphereRadius = "hit_sphere_radius",
+    HitLssPositions = "hit_lss_positions", HitLssRadii = "hit_lss_radii", ShaderRecordAddress = "shader_record_address");
 
 names!(AtomicOp, atomic_text, atomic_from_text:
     Load = "load", Store = "store", Exchange = "exchange", CompareExchange = "compare_exchange",
