@@ -142,6 +142,27 @@ pub unsafe fn storage(handle: vk::AccelerationStructureKHR) -> Storage {
     unsafe { handle::from_handle::<AccelerationStructure>(handle) }.storage()
 }
 
+/// Whether a geometry names a micromap.
+///
+/// # Safety
+/// The geometry is valid.
+pub unsafe fn has_micromap(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> bool {
+    type Info = vk::AccelerationStructureTrianglesOpacityMicromapEXT<'static>;
+    // SAFETY: the caller's promise; triangles are read only of what is one of triangles.
+    geometry.geometry_type == vk::GeometryTypeKHR::TRIANGLES
+        && unsafe { find::<Info>(geometry.geometry.triangles.p_next) }.is_some()
+}
+
+/// Indices that are not there for values that there are not.
+pub fn index_type(ty: vk::IndexType) -> IndexType {
+    match ty {
+        vk::IndexType::UINT8_KHR => IndexType::U8,
+        vk::IndexType::UINT16 => IndexType::U16,
+        vk::IndexType::UINT32 => IndexType::U32,
+        _ => IndexType::None,
+    }
+}
+
 /// # Safety
 /// The geometry is one of triangles.
 unsafe fn triangles(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Triangles {
@@ -159,16 +180,8 @@ unsafe fn triangles(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Tria
             indices: data.index_data.device_address,
             transform: data.transform_data.device_address,
             primitive_count: 0,
+            micromap: super::micromap::of_geometry(data.p_next),
         }
-    }
-}
-
-fn index_type(ty: vk::IndexType) -> IndexType {
-    match ty {
-        vk::IndexType::UINT8_KHR => IndexType::U8,
-        vk::IndexType::UINT16 => IndexType::U16,
-        vk::IndexType::UINT32 => IndexType::U32,
-        _ => IndexType::None,
     }
 }
 

@@ -315,6 +315,11 @@ unsafe fn fill(device: &PhysicalDevice, node: *mut vk::BaseOutStructure<'static>
                 ray_tracing_invocation_reorder_reordering_hint,
             };
             PhysicalDeviceRayTracingInvocationReorderPropertiesEXT(invocation_reorder());
+            PhysicalDeviceOpacityMicromapPropertiesEXT(vk::PhysicalDeviceOpacityMicromapPropertiesEXT {
+                max_opacity2_state_subdivision_level: traversal::micromap::MAX_LEVEL,
+                max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,
+                ..Default::default()
+            });
             PhysicalDevicePushDescriptorPropertiesKHR(vk::PhysicalDevicePushDescriptorPropertiesKHR {
                 max_push_descriptors: limits::MAX_PUSH_DESCRIPTORS,
                 ..Default::default()

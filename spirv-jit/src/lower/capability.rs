@@ -88,6 +88,7 @@ const SUPPORTED: &[Capability] = &[
     Capability::RayTracingLinearSweptSpheresGeometryNV,
     Capability::ShaderInvocationReorderNV,
     Capability::ShaderInvocationReorderEXT,
+    Capability::RayTracingOpacityMicromapEXT,
     Capability::VulkanMemoryModel,
     Capability::VulkanMemoryModelDeviceScope,
     Capability::PhysicalStorageBufferAddresses,
