@@ -75,12 +75,22 @@ pub enum QueryField {
     WorldToObject,
     /// 9 words.
     TriangleVertexPositions,
+    /// 0 or 1 each.
+    IsSphere,
+    IsLss,
+    /// Where along the axis.
+    LssHitValue,
+    /// 6 words: both ends; of a sphere the first is its middle.
+    SweptPositions,
+    /// 2 words.
+    SweptRadii,
 }
 
 impl QueryField {
     pub fn words(self) -> u8 {
         match self {
-            QueryField::Barycentrics => 2,
+            QueryField::Barycentrics | QueryField::SweptRadii => 2,
+            QueryField::SweptPositions => 6,
             QueryField::ObjectRayDirection | QueryField::ObjectRayOrigin => 3,
             QueryField::ObjectToWorld | QueryField::WorldToObject => 12,
             QueryField::TriangleVertexPositions => 9,

@@ -9,7 +9,7 @@ use std::cell::OnceCell;
 use spirv_jit::Program;
 use spirv_jit::program::AlignedRow;
 use spirv_jit::query::{QueryField, QueryWord, row, state};
-use traversal::{Event, Hit, Ray, Structure, Verdict, Walk, Walker};
+use traversal::{Event, Hit, Ray, Structure, Swept, Verdict, Walk, Walker};
 
 use super::rays::to_object;
 use super::slab::Slab;
@@ -45,6 +45,7 @@ struct Suspended {
     walk: Option<Walk>,
     /// Place in its owner's list; `None` if nobody's.
     place: Option<u32>,
+    lane: u8,
 }
 
 impl Owned {
@@ -148,7 +149,7 @@ impl Queries {
             return Ok(false);
         }
         let handle = match query.word(row::HANDLE) {
-            0 => self.arena.add(owned)?,
+            0 => self.arena.add(query.lane, owned)?,
             handle => handle,
         };
         if let Some(suspended) = self.arena.find(handle, owned) {
@@ -162,6 +163,20 @@ impl Queries {
     /// Forgets the walks that an owner has left.
     pub fn release(&mut self, owned: &mut Owned) {
         self.arena.release(owned);
+    }
+
+    /// A lane of one owner becomes a lane of another. What is left of the first may only be moved or released.
+    pub fn move_lane(&mut self, from: (&mut Owned, usize), to: (&mut Owned, usize)) {
+        let (from, lane) = from;
+        let mut rest = 0;
+        while let Some(&index) = from.0.get(rest) {
+            if self.arena.suspended[index].lane as usize == lane {
+                from.0.swap_remove(rest);
+                self.arena.give(index, to.1, to.0);
+            } else {
+                rest += 1;
+            }
+        }
     }
 
     /// Forgets all walks; their owners are cleared before they are used again.
@@ -180,15 +195,21 @@ impl Arena {
         }
     }
 
-    fn add(&mut self, owned: &mut Owned) -> Result<u32, Stopped> {
+    fn add(&mut self, lane: usize, owned: &mut Owned) -> Result<u32, Stopped> {
         if self.count == MAX_SUSPENDED {
             return Err(Stopped::OutOfMemory);
         }
         self.count += 1;
         let index = self.suspended.take();
-        self.suspended[index].place = Some(owned.0.len() as u32);
-        owned.0.push(index);
+        self.give(index, lane, owned);
         Ok(index + 1)
+    }
+
+    fn give(&mut self, index: u32, lane: usize, owned: &mut Owned) {
+        let suspended = &mut self.suspended[index];
+        suspended.place = Some(owned.0.len() as u32);
+        suspended.lane = lane as u8;
+        owned.0.push(index);
     }
 
     /// The walk behind a handle, if it is one of this owner's.
@@ -219,8 +240,8 @@ fn decide(walk: Option<&mut Walk>, query: &Object<'_>, stands: u32) -> Verdict {
     };
     let candidate = *walk.candidate();
     match stands {
-        state::CONFIRMED if candidate.triangle => Verdict::Accept,
-        state::GENERATED if !candidate.triangle => {
+        state::CONFIRMED if candidate.is_built_in() => Verdict::Accept,
+        state::GENERATED if !candidate.is_built_in() => {
             let t = f32::from_bits(query.word(row::GENERATED_T));
             if walk.t_min() <= t && t <= walk.t_max() {
                 walk.commit_procedural(t, 0);
@@ -240,7 +261,7 @@ fn describe(walk: &Walk, query: &mut Object<'_>, words: &[QueryWord], has_candid
             walk,
             query,
             walk.candidate(),
-            u32::from(!walk.candidate().triangle),
+            u32::from(!walk.candidate().is_built_in()),
         );
         for (index, word) in candidate.iter().enumerate() {
             query.set(row::WORDS + index, facts.word(*word));
@@ -249,7 +270,7 @@ fn describe(walk: &Walk, query: &mut Object<'_>, words: &[QueryWord], has_candid
     if let Some(hit) = walk.committed()
         && !committed.is_empty()
     {
-        let facts = Facts::new(walk, query, hit, if hit.triangle { 1 } else { 2 });
+        let facts = Facts::new(walk, query, hit, if hit.is_built_in() { 1 } else { 2 });
         for (index, word) in committed.iter().enumerate() {
             query.set(row::WORDS + first_committed + index, facts.word(*word));
         }
@@ -299,6 +320,7 @@ struct Facts<'a> {
     object_to_world: OnceCell<[f32; 12]>,
     world_to_object: OnceCell<[f32; 12]>,
     vertices: OnceCell<[[f32; 3]; 3]>,
+    ends: OnceCell<([[f32; 3]; 2], [f32; 2])>,
 }
 
 impl<'a> Facts<'a> {
@@ -312,6 +334,7 @@ impl<'a> Facts<'a> {
             object_to_world: OnceCell::new(),
             world_to_object: OnceCell::new(),
             vertices: OnceCell::new(),
+            ends: OnceCell::new(),
         }
     }
 
@@ -330,6 +353,11 @@ impl<'a> Facts<'a> {
                 u32::from(hit.hit_kind == traversal::ray::HIT_KIND_FRONT_FACING_TRIANGLE)
             }
             QueryField::AabbOpaque => u32::from(hit.opaque),
+            QueryField::IsSphere => u32::from(hit.swept == Swept::Sphere),
+            QueryField::IsLss => u32::from(hit.swept == Swept::LinearSweptSphere),
+            QueryField::LssHitValue => hit.barycentrics[0].to_bits(),
+            QueryField::SweptPositions => self.ends().0.as_flattened()[component].to_bits(),
+            QueryField::SweptRadii => self.ends().1[component].to_bits(),
             QueryField::ObjectRayDirection => {
                 to_object(self.world_to_object(), component, &self.ray.direction, 0.0).to_bits()
             }
@@ -351,6 +379,14 @@ impl<'a> Facts<'a> {
                 vertices[component / 3][component % 3].to_bits()
             }
         }
+    }
+
+    /// Ends and radii of a sphere or linear swept sphere.
+    fn ends(&self) -> &([[f32; 3]; 2], [f32; 2]) {
+        self.ends.get_or_init(|| {
+            let structure = self.structure.as_ref();
+            structure.map_or_else(Default::default, |s| s.swept_ends(self.hit))
+        })
     }
 
     fn object_to_world(&self) -> &[f32; 12] {

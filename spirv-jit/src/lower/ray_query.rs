@@ -52,6 +52,15 @@ fn field_of(opcode: Op) -> Option<QueryField> {
         Op::RayQueryGetIntersectionTriangleVertexPositionsKHR => {
             QueryField::TriangleVertexPositions
         }
+        Op::RayQueryIsSphereHitNV => QueryField::IsSphere,
+        Op::RayQueryIsLSSHitNV => QueryField::IsLss,
+        Op::RayQueryGetIntersectionLSSHitValueNV => QueryField::LssHitValue,
+        Op::RayQueryGetIntersectionSpherePositionNV | Op::RayQueryGetIntersectionLSSPositionsNV => {
+            QueryField::SweptPositions
+        }
+        Op::RayQueryGetIntersectionSphereRadiusNV | Op::RayQueryGetIntersectionLSSRadiiNV => {
+            QueryField::SweptRadii
+        }
         _ => return None,
     })
 }
@@ -60,11 +69,18 @@ fn field_of(opcode: Op) -> Option<QueryField> {
 fn is_copied(word: QueryWord, of_triangles: bool) -> bool {
     match word.field {
         QueryField::IntersectionType | QueryField::AabbOpaque => false,
-        QueryField::T
-        | QueryField::Barycentrics
-        | QueryField::FrontFace
-        | QueryField::TriangleVertexPositions => of_triangles,
-        _ => true,
+        QueryField::InstanceCustomIndex
+        | QueryField::InstanceId
+        | QueryField::InstanceSbtOffset
+        | QueryField::GeometryIndex
+        | QueryField::PrimitiveIndex
+        | QueryField::ObjectRayDirection
+        | QueryField::ObjectRayOrigin
+        | QueryField::ObjectToWorld
+        | QueryField::WorldToObject
+        | QueryField::IsSphere
+        | QueryField::IsLss => true,
+        _ => of_triangles,
     }
 }
 

@@ -6,6 +6,7 @@ use std::rc::Rc;
 use rspirv::spirv::{self, Op, StorageClass};
 
 use crate::Error;
+use crate::hit_object::word;
 use crate::ir::Type;
 use crate::parse::{Id, Instruction, ParsedModule};
 
@@ -30,19 +31,45 @@ pub(super) struct ImageType {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum TypeKind {
     Void,
-    Scalar { ty: Type, signed: bool },
-    Vector { component: Id, count: u32 },
-    Matrix { column: Id, count: u32 },
-    Array { element: Id, count: u32 },
-    RuntimeArray { element: Id },
-    Struct { members: Rc<[Id]> },
-    Pointer { class: StorageClass, pointee: Id },
+    Scalar {
+        ty: Type,
+        signed: bool,
+    },
+    Vector {
+        component: Id,
+        count: u32,
+    },
+    Matrix {
+        column: Id,
+        count: u32,
+    },
+    Array {
+        element: Id,
+        count: u32,
+    },
+    RuntimeArray {
+        element: Id,
+    },
+    Struct {
+        members: Rc<[Id]>,
+    },
+    Pointer {
+        class: StorageClass,
+        pointee: Id,
+    },
     Image(ImageType),
     Sampler,
-    SampledImage { image: Id },
+    SampledImage {
+        image: Id,
+    },
     AccelerationStructure,
     RayQuery,
-    Function { result: Id, params: Rc<[Id]> },
+    /// See [`crate::hit_object`].
+    HitObject,
+    Function {
+        result: Id,
+        params: Rc<[Id]>,
+    },
 }
 
 /// A type and what follows from it.
@@ -219,6 +246,7 @@ impl Types {
                 out.push(Type::I64);
             }
             TypeKind::SampledImage { .. } => out.extend([Type::I64, Type::I64]),
+            TypeKind::HitObject => out.extend((0..word::COUNT).map(word::ty)),
             TypeKind::RuntimeArray { .. } | TypeKind::RayQuery | TypeKind::Function { .. } => {
                 return Err(Error::invalid(0, "a value cannot have this type"));
             }
@@ -276,6 +304,7 @@ impl Types {
             Op::TypeSampledImage => TypeKind::SampledImage { image: operand(0) },
             Op::TypeAccelerationStructureKHR => TypeKind::AccelerationStructure,
             Op::TypeRayQueryKHR => TypeKind::RayQuery,
+            Op::TypeHitObjectNV | Op::TypeHitObjectEXT => TypeKind::HitObject,
             Op::TypeFunction => TypeKind::Function {
                 result: operand(0),
                 params: operands[1..].into(),
@@ -346,6 +375,7 @@ impl Types {
             TypeKind::Image(_) | TypeKind::Sampler | TypeKind::AccelerationStructure => (1, 2, 0),
             // Memory, but no value: a function that takes a pointer to one is lowered in place.
             TypeKind::RayQuery => (MAX_LEAVES + 1, self.query_rows, 0),
+            TypeKind::HitObject => (word::COUNT as u64, word::COUNT as u64, 0),
             TypeKind::SampledImage { image } => {
                 if !matches!(part(*image)?.kind, TypeKind::Image(_)) {
                     return Err(Error::invalid(at, "a sampled image is made of an image"));
