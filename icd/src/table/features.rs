@@ -77,6 +77,9 @@ features! {
         shader_int64 Int64;
         shader_int16 Int16;
         shader_resource_min_lod MinLod;
+        sparse_binding;
+        sparse_residency_buffer;
+        sparse_residency_aliased;
     }
     chained {
         storage_buffer16_bit_access: PhysicalDeviceVulkan11Features PhysicalDevice16BitStorageFeatures => StorageBuffer16BitAccess;
