@@ -1,5 +1,6 @@
-//! The commands a person types: `cargo xtask demo | test | env | run | install`.
+//! The commands a person types: `cargo xtask demo | test | env | run | install | audit`.
 
+mod audit;
 mod demo;
 mod driver;
 mod install;
@@ -32,6 +33,8 @@ enum Command {
     Run(run::Options),
     /// Install the driver and its manifest where the Vulkan loader looks
     Install(install::Options),
+    /// Hold the driver's tables against the Vulkan registry (vk.xml)
+    Audit(audit::Options),
 }
 
 fn main() -> ExitCode {
@@ -41,6 +44,7 @@ fn main() -> ExitCode {
         Command::Env => run::print_environment(),
         Command::Run(options) => run::run(&options),
         Command::Install(options) => install::install(&options),
+        Command::Audit(options) => audit::audit(&options),
     };
     done.unwrap_or_else(|error| {
         eprintln!("error: {error:#}");

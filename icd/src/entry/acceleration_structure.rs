@@ -5,6 +5,7 @@ use std::ffi::c_void;
 use ash::vk;
 use traversal::BuildFlags;
 
+use super::deferred::defer;
 use crate::command::ray_tracing::IndirectBuild;
 use crate::command::{Command, RayTracingCommand};
 use crate::execute::acceleration_structure::{self as execute, CopyMode};
@@ -21,14 +22,6 @@ fn copy_mode(mode: vk::CopyAccelerationStructureModeKHR) -> CopyMode {
     match mode {
         vk::CopyAccelerationStructureModeKHR::COMPACT => CopyMode::Compact,
         _ => CopyMode::Clone,
-    }
-}
-
-/// A host command is complete when it returns, whether it was to be deferred or not.
-fn not_deferred(operation: vk::DeferredOperationKHR) -> crate::VkResult {
-    match operation == vk::DeferredOperationKHR::null() {
-        true => Ok(()),
-        false => Err(vk::Result::OPERATION_NOT_DEFERRED_KHR),
     }
 }
 
@@ -95,9 +88,19 @@ entry! {
         ranges: *const *const vk::AccelerationStructureBuildRangeInfoKHR,
     ) -> vk::Result {
         let mut builds = decode_builds(count, infos, ranges);
-        let _records: Vec<_> = builds.iter_mut().map(|build| resolve_host_instances(build)).collect();
-        from_handle::<Device>(device).engine.workers.install(|| ray_tracing::build(&builds));
-        not_deferred(operation)
+        let records: Vec<_> = builds.iter_mut().map(|build| resolve_host_instances(build)).collect();
+        let workers = &from_handle::<Device>(device).engine.workers;
+        if operation == vk::DeferredOperationKHR::null() {
+            workers.install(|| ray_tracing::build(&builds));
+            return Ok(());
+        }
+        let threads = ray_tracing::build_concurrency(&builds).min(workers.current_num_threads());
+        let work = move || {
+            ray_tracing::build(&builds);
+            drop(records);
+            Ok(())
+        };
+        defer(operation, threads, work)
     }
 
     fn vkCopyAccelerationStructureKHR(
@@ -105,8 +108,12 @@ entry! {
         operation: vk::DeferredOperationKHR,
         info: *const vk::CopyAccelerationStructureInfoKHR<'_>,
     ) -> vk::Result {
-        execute::copy(storage((*info).src), storage((*info).dst), copy_mode((*info).mode));
-        not_deferred(operation)
+        let (source, destination) = (storage((*info).src), storage((*info).dst));
+        let mode = copy_mode((*info).mode);
+        defer(operation, 1, move || {
+            execute::copy(source, destination, mode);
+            Ok(())
+        })
     }
 
     fn vkCopyAccelerationStructureToMemoryKHR(
@@ -114,8 +121,11 @@ entry! {
         operation: vk::DeferredOperationKHR,
         info: *const vk::CopyAccelerationStructureToMemoryInfoKHR<'_>,
     ) -> vk::Result {
-        execute::serialize(storage((*info).src), (*info).dst.device_address, &limits::serialization_uuids());
-        not_deferred(operation)
+        let (source, destination) = (storage((*info).src), (*info).dst.device_address);
+        defer(operation, 1, move || {
+            execute::serialize(source, destination, &limits::serialization_uuids());
+            Ok(())
+        })
     }
 
     fn vkCopyMemoryToAccelerationStructureKHR(
@@ -123,8 +133,11 @@ entry! {
         operation: vk::DeferredOperationKHR,
         info: *const vk::CopyMemoryToAccelerationStructureInfoKHR<'_>,
     ) -> vk::Result {
-        execute::deserialize((*info).src.device_address, storage((*info).dst));
-        not_deferred(operation)
+        let (source, destination) = ((*info).src.device_address, storage((*info).dst));
+        defer(operation, 1, move || {
+            execute::deserialize(source, destination);
+            Ok(())
+        })
     }
 
     fn vkWriteAccelerationStructuresPropertiesKHR(

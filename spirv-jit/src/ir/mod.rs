@@ -61,6 +61,7 @@
 //! `trace_ray`, `report_intersection`, `execute_callable` and `barrier` suspend the wave: see
 //! [`program::Event`](crate::program::Event). Their operands and results are 32-bit words.
 
+pub mod binary;
 pub mod entities;
 pub mod module;
 pub mod op;
