@@ -1,6 +1,7 @@
-//! The commands a person types: `cargo xtask demo | test | env | run | install | audit`.
+//! The commands a person types: `cargo xtask demo | test | env | run | install | bench | audit`.
 
 mod audit;
+mod bench;
 mod demo;
 mod driver;
 mod install;
@@ -33,6 +34,8 @@ enum Command {
     Run(run::Options),
     /// Install the driver and its manifest where the Vulkan loader looks
     Install(install::Options),
+    /// Measure: `bench traversal` compares walks and builds with Embree's
+    Bench(bench::Options),
     /// Hold the driver's tables against the Vulkan registry (vk.xml)
     Audit(audit::Options),
 }
@@ -44,6 +47,7 @@ fn main() -> ExitCode {
         Command::Env => run::print_environment(),
         Command::Run(options) => run::run(&options),
         Command::Install(options) => install::install(&options),
+        Command::Bench(options) => bench::bench(&options),
         Command::Audit(options) => audit::audit(&options),
     };
     done.unwrap_or_else(|error| {

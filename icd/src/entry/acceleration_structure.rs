@@ -5,13 +5,13 @@ use std::ffi::c_void;
 use ash::vk;
 use traversal::BuildFlags;
 
-use super::deferred::defer;
+use super::deferred::{defer, defer_parallel};
 use crate::command::ray_tracing::IndirectBuild;
 use crate::command::{Command, RayTracingCommand};
 use crate::execute::acceleration_structure::{self as execute, CopyMode};
 use crate::execute::ray_tracing;
 use crate::ffi::acceleration_structure::{
-    decode_build, decode_builds, geometries, kind, resolve_host_instances, storage,
+    decode_build, decode_builds, geometries, has_micromap, kind, resolve_host_instances, storage,
 };
 use crate::ffi::{commands, entry, slice};
 use crate::handle::{self, from_handle, retain};
@@ -64,10 +64,15 @@ entry! {
         max_primitive_counts: *const u32,
         sizes: *mut vk::AccelerationStructureBuildSizesInfoKHR<'_>,
     ) {
-        let kind = kind((*info).ty, &geometries(&*info));
+        let geometries = geometries(&*info);
+        let kind = kind((*info).ty, &geometries);
         let counts = slice(max_primitive_counts, (*info).geometry_count);
         let found = traversal::build_sizes(kind, BuildFlags((*info).flags.as_raw()), counts);
-        (*sizes).acceleration_structure_size = found.structure_bytes;
+        let micromap_bytes = match geometries.iter().any(|geometry| has_micromap(geometry)) {
+            true => traversal::micromap_bytes(counts),
+            false => 0,
+        };
+        (*sizes).acceleration_structure_size = found.structure_bytes + micromap_bytes;
         (*sizes).build_scratch_size = found.build_scratch_bytes;
         (*sizes).update_scratch_size = found.update_scratch_bytes;
     }
@@ -89,18 +94,11 @@ entry! {
     ) -> vk::Result {
         let mut builds = decode_builds(count, infos, ranges);
         let records: Vec<_> = builds.iter_mut().map(|build| resolve_host_instances(build)).collect();
-        let workers = &from_handle::<Device>(device).engine.workers;
-        if operation == vk::DeferredOperationKHR::null() {
-            workers.install(|| ray_tracing::build(&builds));
-            return Ok(());
-        }
-        let threads = ray_tracing::build_concurrency(&builds).min(workers.current_num_threads());
-        let work = move || {
+        let threads = ray_tracing::build_concurrency(&builds);
+        defer_parallel(from_handle::<Device>(device), operation, threads, move || {
             ray_tracing::build(&builds);
             drop(records);
-            Ok(())
-        };
-        defer(operation, threads, work)
+        })
     }
 
     fn vkCopyAccelerationStructureKHR(

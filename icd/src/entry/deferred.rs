@@ -6,7 +6,7 @@ use super::destroy;
 use crate::VkResult;
 use crate::ffi::entry;
 use crate::handle::{self, from_handle, retain};
-use crate::object::DeferredOperation;
+use crate::object::{DeferredOperation, Device};
 
 destroy! {
     vkDestroyDeferredOperationKHR: DeferredOperation, DeferredOperationKHR;
@@ -31,6 +31,34 @@ pub unsafe fn defer(
     let operation = unsafe { retain::<DeferredOperation>(operation) };
     DeferredOperation::defer(&operation, concurrency, work)?;
     Err(vk::Result::OPERATION_DEFERRED_KHR)
+}
+
+/// As [`defer`], for work that fans out: over the device's workers, or the threads that join.
+///
+/// # Errors
+/// `VK_OPERATION_DEFERRED_KHR`.
+///
+/// # Safety
+/// As [`defer`].
+pub unsafe fn defer_parallel(
+    device: &Device,
+    operation: vk::DeferredOperationKHR,
+    concurrency: usize,
+    work: impl FnOnce() + Send + 'static,
+) -> VkResult {
+    let workers = &device.engine.workers;
+    if operation == vk::DeferredOperationKHR::null() {
+        workers.install(work);
+        return Ok(());
+    }
+    let threads = concurrency.min(workers.current_num_threads());
+    // SAFETY: the caller's promise.
+    unsafe {
+        defer(operation, threads, move || {
+            work();
+            Ok(())
+        })
+    }
 }
 
 entry! {

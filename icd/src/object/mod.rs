@@ -8,6 +8,7 @@ pub mod device;
 pub mod image;
 pub mod instance;
 pub mod memory;
+pub mod micromap;
 pub mod physical_device;
 pub mod pipeline;
 pub mod pipeline_cache;
@@ -29,6 +30,7 @@ pub use device::Device;
 pub use image::{Image, ImageView};
 pub use instance::{Instance, Messenger};
 pub use memory::DeviceMemory;
+pub use micromap::Micromap;
 pub use physical_device::PhysicalDevice;
 pub use pipeline::{Pipeline, PipelineLayout, ShaderModule};
 pub use pipeline_cache::PipelineCache;
@@ -58,6 +60,7 @@ handled!(
     ImageView => ImageView,
     Instance => Instance,
     Messenger => DebugUtilsMessengerEXT,
+    Micromap => MicromapEXT,
     PhysicalDevice => PhysicalDevice,
     Pipeline => Pipeline,
     PipelineCache => PipelineCache,

@@ -1,0 +1,240 @@
+//! `cargo xtask bench traversal`: builds and walks, single-threaded, against Embree.
+//!
+//! Every engine gets the same meshes and the same rays. Engines take turns many times over, and
+//! what is compared is processor time of the same turn, so that a busy machine troubles all alike.
+//! Before anything is printed, engines must agree on the number of hits and on their distances.
+
+mod embree;
+mod mesh;
+mod random;
+mod rays;
+mod scene;
+mod table;
+mod tuff;
+mod vector;
+
+use std::path::PathBuf;
+
+use anyhow::{Result, ensure};
+use clap::Args;
+use traversal::{BuildFlags, Ray};
+
+use embree::{Embree, Quality};
+use rays::Kind;
+use scene::{RECIPES, Recipe};
+use table::{Row, Table};
+use tuff::{Place, Tuff};
+
+#[derive(Args)]
+pub struct Options {
+    /// Embree 4's library, if it is not found by itself
+    #[arg(long, value_name = "PATH")]
+    embree: Option<PathBuf>,
+    /// Leave Embree out
+    #[arg(long)]
+    alone: bool,
+    /// Only these scenes: bunny, interior, grid, soup, needles
+    #[arg(long, value_name = "NAME")]
+    scene: Vec<String>,
+    /// Only these engines, by a part of their names
+    #[arg(long, value_name = "NAME")]
+    engine: Vec<String>,
+    /// Only these kinds of rays
+    #[arg(long, value_name = "NAME")]
+    rays: Vec<String>,
+    /// Width and height of the picture whose pixels are the primary rays
+    #[arg(long, value_name = "N", default_value_t = 384)]
+    size: u32,
+    /// Turns that each engine takes
+    #[arg(long, value_name = "N", default_value_t = 9)]
+    turns: usize,
+    /// Builds of each engine; 0: no times of builds
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    builds: usize,
+    /// Write the rows as comma-separated values, too
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+}
+
+/// Who takes part.
+#[derive(Clone, Copy)]
+enum Contestant {
+    Embree(Quality, bool),
+    Tuff(u32),
+}
+
+/// The first of those that are there is what the others are compared with.
+const CONTESTANTS: [(&str, Contestant); 7] = [
+    ("embree robust", Contestant::Embree(Quality::Medium, true)),
+    ("embree", Contestant::Embree(Quality::Medium, false)),
+    ("embree low", Contestant::Embree(Quality::Low, true)),
+    ("tuff", Contestant::Tuff(0)),
+    (
+        "tuff trace",
+        Contestant::Tuff(BuildFlags::PREFER_FAST_TRACE),
+    ),
+    (
+        "tuff build",
+        Contestant::Tuff(BuildFlags::PREFER_FAST_BUILD),
+    ),
+    ("tuff memory", Contestant::Tuff(BuildFlags::LOW_MEMORY)),
+];
+
+/// A structure that was built, ready for rays.
+enum Engine<'a> {
+    Embree(embree::Built<'a>),
+    Tuff(Box<Tuff>),
+}
+
+impl Engine<'_> {
+    fn trace(&self, kind: Kind, rays: &[Ray]) -> (usize, f64) {
+        match self {
+            Engine::Embree(built) if kind == Kind::Shadow => built.occluded(rays),
+            Engine::Embree(built) => built.closest(rays),
+            Engine::Tuff(tuff) => tuff.trace(rays),
+        }
+    }
+}
+
+pub fn run(options: &Options) -> Result<()> {
+    let embree = match options.alone {
+        true => None,
+        false => Embree::open(options.embree.as_deref())?,
+    };
+    match &embree {
+        Some(embree) => println!("Embree {}, one thread", embree.version()),
+        None => println!("without Embree (--embree PATH names its library)"),
+    }
+    let mut table = Table::default();
+    for recipe in &RECIPES {
+        if options.scene.is_empty() || options.scene.iter().any(|name| name == recipe.name) {
+            run_scene(options, embree.as_ref(), recipe, &mut table)?;
+        }
+    }
+    table.print_means();
+    match &options.csv {
+        Some(path) => table.write_csv(path),
+        None => Ok(()),
+    }
+}
+
+fn run_scene(
+    options: &Options,
+    embree: Option<&Embree>,
+    recipe: &Recipe,
+    table: &mut Table,
+) -> Result<()> {
+    let scene = recipe.make();
+    let triangles = scene.mesh.indices.len();
+    let contestants: Vec<_> = CONTESTANTS
+        .iter()
+        .filter(|(name, who)| {
+            let chosen = options.engine.is_empty()
+                || options
+                    .engine
+                    .iter()
+                    .any(|part| name.contains(part.as_str()));
+            chosen && (embree.is_some() || matches!(who, Contestant::Tuff(_)))
+        })
+        .collect();
+
+    let mut rows: Vec<Row> = contestants
+        .iter()
+        .map(|(name, _)| Row::new(recipe.name, recipe.counts, name))
+        .collect();
+    for _ in 0..options.builds {
+        for (row, (_, who)) in rows.iter_mut().zip(&contestants) {
+            let seconds = match (who, embree) {
+                (Contestant::Embree(quality, robust), Some(embree)) => {
+                    timed(|| embree.build(&scene.mesh, *quality, *robust)).0
+                }
+                (Contestant::Tuff(flags), _) => {
+                    let mut place = Place::new(&scene.mesh, *flags);
+                    timed(|| place.build(&scene.mesh)).0
+                }
+                _ => continue,
+            };
+            row.build.push(triangles as f64 / seconds);
+        }
+    }
+
+    let mut engines = Vec::new();
+    for (row, (_, who)) in rows.iter_mut().zip(&contestants) {
+        match (who, embree) {
+            (Contestant::Embree(quality, robust), Some(embree)) => {
+                let before = embree.bytes();
+                let built = embree.build(&scene.mesh, *quality, *robust)?;
+                row.bytes = (embree.bytes() - before) as f64 / triangles as f64;
+                engines.push(Engine::Embree(built));
+            }
+            (Contestant::Tuff(flags), _) => {
+                let tuff = Tuff::new(&scene.mesh, Place::new(&scene.mesh, *flags))?;
+                row.bytes = tuff.bytes as f64 / triangles as f64;
+                row.reported = tuff.reported.map(|bytes| bytes as f64 / triangles as f64);
+                engines.push(Engine::Tuff(Box::new(tuff)));
+            }
+            _ => {}
+        }
+    }
+
+    let reference = Tuff::new(&scene.mesh, Place::new(&scene.mesh, 0))?;
+    let primary = rays::primary(&scene, options.size);
+    let (shadow, diffuse) = rays::secondary(&scene, &reference, &primary);
+    for (kind, rays) in Kind::ALL.into_iter().zip([primary, shadow, diffuse]) {
+        if !options.rays.is_empty() && !options.rays.iter().any(|name| name == kind.name()) {
+            continue;
+        }
+        let expected = reference.trace(&rays);
+        for turn in 0..=options.turns {
+            for (row, engine) in rows.iter_mut().zip(&engines) {
+                let (seconds, found) = timed(|| engine.trace(kind, &rays));
+                check(row.engine, recipe.name, kind, expected, found)?;
+                // The first turn warms caches up.
+                if turn > 0 {
+                    row.rays[kind as usize].push(rays.len() as f64 / seconds);
+                }
+            }
+        }
+    }
+    table.add(scene.name, triangles, rows);
+    Ok(())
+}
+
+/// Engines may differ in rays along edges: one in ten thousand.
+fn check(
+    engine: &str,
+    scene: &str,
+    kind: Kind,
+    (hits, sum): (usize, f64),
+    (found_hits, found_sum): (usize, f64),
+) -> Result<()> {
+    let slack = 2 + hits / 10_000;
+    ensure!(
+        hits.abs_diff(found_hits) <= slack,
+        "{engine} finds {found_hits} hits of {} rays in {scene}, not {hits}",
+        kind.name()
+    );
+    ensure!(
+        kind == Kind::Shadow || (sum - found_sum).abs() <= 1e-3 * sum.abs(),
+        "{engine}: distances of {} rays in {scene} add up to {found_sum}, not {sum}",
+        kind.name()
+    );
+    Ok(())
+}
+
+/// Processor time of this process, in seconds.
+fn processor_time() -> f64 {
+    let mut time = libc::timespec {
+        tv_sec: 0,
+        tv_nsec: 0,
+    };
+    // SAFETY: a clock that there is, and a place for its time.
+    unsafe { libc::clock_gettime(libc::CLOCK_PROCESS_CPUTIME_ID, &mut time) };
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
+fn timed<T>(work: impl FnOnce() -> T) -> (f64, T) {
+    let start = processor_time();
+    let result = work();
+    (processor_time() - start, result)
+}

@@ -1,0 +1,163 @@
+//! Our own structures, as an application of the driver has them: a bottom level under one identity
+//! instance.
+
+use anyhow::{Context, Result};
+use traversal::{
+    BuildFlags, BuildInput, Event, Geometries, GeometryFlags, Hit, IndexType, InstanceArray,
+    InstanceSource, Kind, Memory, Ray, TriangleGeometry, Verdict, VertexFormat, Walk, Walker,
+    build, build_sizes,
+};
+
+use super::mesh::Mesh;
+
+/// A 256-byte line of a blob.
+#[derive(Clone, Copy)]
+#[repr(align(256))]
+struct Line(#[allow(dead_code, reason = "written through pointers")] [u8; 256]);
+
+/// Memory of a structure or for a build.
+pub struct Blob(Vec<Line>);
+
+impl Blob {
+    fn new(bytes: u64) -> Blob {
+        Blob(vec![Line([0; 256]); bytes.div_ceil(256) as usize])
+    }
+
+    fn bytes(&mut self) -> &mut [u8] {
+        // SAFETY: as long as the lines.
+        unsafe { std::slice::from_raw_parts_mut(self.0.as_mut_ptr().cast(), 256 * self.0.len()) }
+    }
+
+    fn address(&self) -> u64 {
+        self.0.as_ptr().expose_provenance() as u64
+    }
+}
+
+fn memory<T>(slice: &[T]) -> Memory {
+    Memory {
+        base: slice.as_ptr().cast(),
+        bytes: size_of_val(slice),
+    }
+}
+
+/// Memory for the bottom level of a mesh, taken before the clock starts, as applications do.
+pub struct Place {
+    flags: BuildFlags,
+    blob: Blob,
+    scratch: Blob,
+}
+
+impl Place {
+    pub fn new(mesh: &Mesh, flags: u32) -> Place {
+        let flags = BuildFlags(flags);
+        let sizes = build_sizes(Kind::Triangles, flags, &[mesh.indices.len() as u32]);
+        Place {
+            flags,
+            blob: Blob::new(sizes.structure_bytes),
+            scratch: Blob::new(sizes.build_scratch_bytes),
+        }
+    }
+
+    /// Bytes that were reported for structure and scratch.
+    pub fn reported(&self) -> [usize; 2] {
+        [256 * self.blob.0.len(), 256 * self.scratch.0.len()]
+    }
+
+    /// Builds the bottom level; returns the bytes in use.
+    pub fn build(&mut self, mesh: &Mesh) -> Result<u64> {
+        let list = [TriangleGeometry {
+            vertices: memory(&mesh.vertices),
+            vertex_stride_bytes: 12,
+            vertex_format: VertexFormat::F32x3,
+            first_vertex: 0,
+            index_type: IndexType::U32,
+            indices: memory(&mesh.indices),
+            transform: None,
+            primitive_count: mesh.indices.len() as u32,
+            flags: GeometryFlags(GeometryFlags::OPAQUE),
+            micromap: None,
+        }];
+        let input = BuildInput {
+            flags: self.flags,
+            geometries: Geometries::Triangles(&list),
+        };
+        // SAFETY: the mesh is borrowed.
+        unsafe { build(&input, self.blob.bytes(), self.scratch.bytes()) }.context("building")
+    }
+}
+
+/// A structure of two levels.
+pub struct Tuff {
+    pub bytes: u64,
+    pub reported: [usize; 2],
+    _bottom: Blob,
+    top: Blob,
+}
+
+impl Tuff {
+    pub fn new(mesh: &Mesh, mut place: Place) -> Result<Tuff> {
+        let bytes = place.build(mesh)?;
+        let mut record = [0u32; 16];
+        for diagonal in [0, 5, 10] {
+            record[diagonal] = 1f32.to_bits();
+        }
+        record[12] = 0xFF << 24;
+        let reference = place.blob.address();
+        (record[14], record[15]) = (reference as u32, (reference >> 32) as u32);
+        let input = BuildInput {
+            flags: place.flags,
+            geometries: Geometries::Instances(InstanceSource {
+                memory: memory(&record),
+                array: InstanceArray::Records,
+                count: 1,
+                flags: GeometryFlags(0),
+            }),
+        };
+        let sizes = build_sizes(Kind::Instances, place.flags, &[1]);
+        let mut top = Blob::new(sizes.structure_bytes);
+        let mut scratch = Blob::new(sizes.build_scratch_bytes);
+        // SAFETY: the record is borrowed, and the bottom level is built.
+        unsafe { build(&input, top.bytes(), scratch.bytes()) }.context("building the top level")?;
+        Ok(Tuff {
+            bytes,
+            reported: place.reported(),
+            _bottom: place.blob,
+            top,
+        })
+    }
+
+    /// Walks each ray to its end, the way the driver does.
+    fn walk(&self, rays: &[Ray], mut done: impl FnMut(Option<&Hit>)) {
+        let mut walker = Walker::new();
+        // SAFETY: the structures are alive and stay as they are.
+        let mut walk = unsafe { Walk::new(0, &Ray::default()) };
+        for ray in rays {
+            // SAFETY: as above.
+            unsafe { walk.restart(self.top.address(), ray) };
+            let mut fuel = 1 << 16;
+            while walk.resume(&mut walker, Verdict::Continue, &mut fuel) == Event::OutOfFuel {
+                fuel = 1 << 16;
+            }
+            done(walk.committed());
+        }
+    }
+
+    /// The closest hit of each ray.
+    pub fn hits(&self, rays: &[Ray]) -> Vec<Option<Hit>> {
+        let mut hits = Vec::with_capacity(rays.len());
+        self.walk(rays, |hit| hits.push(hit.copied()));
+        hits
+    }
+
+    /// Walks each ray; returns how many hit and the sum of their distances.
+    pub fn trace(&self, rays: &[Ray]) -> (usize, f64) {
+        let (mut hits, mut sum) = (0, 0.0);
+        self.walk(rays, |hit| {
+            if let Some(hit) = hit {
+                hits += 1;
+                sum += f64::from(hit.t);
+            }
+        });
+        (hits, sum)
+    }
+}
