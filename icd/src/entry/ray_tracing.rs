@@ -9,6 +9,7 @@ use super::pipeline::create_each;
 use crate::VkResult;
 use crate::command::{Command, RayTracingCommand};
 use crate::ffi::array::slice_mut;
+use crate::ffi::pipeline::create_flags;
 use crate::ffi::ray_tracing::{create_pipeline, region};
 use crate::ffi::{commands, entry, slice};
 use crate::handle::{self, Ref, from_handle, retain};
@@ -96,7 +97,7 @@ impl Creation {
             create_each(
                 infos,
                 pipelines.as_mut_ptr(),
-                |info| info.flags,
+                |info| create_flags(info.flags, info.p_next),
                 |info| create_pipeline(&device, cache, info).map(handle::create),
             )
         }

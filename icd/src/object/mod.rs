@@ -18,6 +18,7 @@ pub mod ray_tracing_pipeline;
 pub mod render_pass;
 pub mod sampler;
 pub mod shader_stage;
+pub mod sparse;
 pub mod sync;
 
 pub use acceleration_structure::AccelerationStructure;

@@ -1,5 +1,6 @@
 //! What the builders sort: a box around each active primitive, and which one it is.
 
+use super::swept::swept_bounds;
 use glam::{Vec3A, Vec4};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -116,6 +117,13 @@ pub(crate) unsafe fn collect(
             let counts = list.iter().map(|geometry| geometry.primitive_count);
             // SAFETY: the caller's promise.
             fill(primitives, counts, |g, i| unsafe { aabb(&list[g], i) })
+        }
+        Geometries::Swept(list) => {
+            let counts = list.iter().map(|geometry| geometry.primitive_count);
+            fill(primitives, counts, |g, i| {
+                // SAFETY: the caller's promise.
+                unsafe { swept_bounds(&list[g], i, updatable) }
+            })
         }
         Geometries::Instances(source) => fill(primitives, [source.count].into_iter(), |_, i| {
             // SAFETY: the caller's promise.

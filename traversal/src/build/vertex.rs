@@ -59,7 +59,7 @@ impl VertexFormat {
 }
 
 /// IEEE half to single precision: exact, NaN stays NaN.
-fn half_to_f32(half: u16) -> f32 {
+pub(crate) fn half_to_f32(half: u16) -> f32 {
     let sign = u32::from(half >> 15) << 31;
     let magnitude = u32::from(half & 0x7FFF);
     let bits = match magnitude {
@@ -92,6 +92,33 @@ impl Memory {
     }
 }
 
+impl Memory {
+    /// The position at `offset`, if it is inside.
+    ///
+    /// # Safety
+    /// The memory must be readable and unchanged.
+    #[inline]
+    pub(crate) unsafe fn read_position(
+        &self,
+        format: VertexFormat,
+        offset: u64,
+    ) -> Option<[f32; 3]> {
+        if format == VertexFormat::F32x3 {
+            // SAFETY: the caller's promise.
+            let bytes: [u8; 12] = unsafe { self.read(offset) }?;
+            return Some(VertexFormat::F32x3.decode(&bytes));
+        }
+        let end = offset.checked_add(format.size_bytes() as u64)?;
+        if end > self.bytes as u64 {
+            return None;
+        }
+        let base = self.base.wrapping_add(offset as usize);
+        // SAFETY: inside the memory.
+        let bytes = unsafe { std::slice::from_raw_parts(base, format.size_bytes()) };
+        Some(format.decode(bytes))
+    }
+}
+
 /// A position transformed by a row-major 3 × 4 matrix. The order of operations is the same for
 /// every vertex, so vertices that were equal stay equal.
 #[inline]
@@ -110,21 +137,8 @@ impl TriangleGeometry {
     #[inline]
     unsafe fn vertex(&self, index: u64) -> Option<[f32; 3]> {
         let offset = index.checked_mul(self.vertex_stride_bytes)?;
-        let position = if self.vertex_format == VertexFormat::F32x3 {
-            // SAFETY: the caller's promise.
-            let bytes: [u8; 12] = unsafe { self.vertices.read(offset) }?;
-            VertexFormat::F32x3.decode(&bytes)
-        } else {
-            let end = offset.checked_add(self.vertex_format.size_bytes() as u64)?;
-            if end > self.vertices.bytes as u64 {
-                return None;
-            }
-            let base = self.vertices.base.wrapping_add(offset as usize);
-            // SAFETY: inside the memory.
-            let bytes =
-                unsafe { std::slice::from_raw_parts(base, self.vertex_format.size_bytes()) };
-            self.vertex_format.decode(bytes)
-        };
+        // SAFETY: the caller's promise.
+        let position = unsafe { self.vertices.read_position(self.vertex_format, offset) }?;
         // A transform could make a NaN, or hide one; what is inactive is decided before it.
         if position[0].is_nan() {
             return None;

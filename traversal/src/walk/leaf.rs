@@ -4,7 +4,7 @@ use super::kernel::Kernel;
 use super::level::{InstanceFacts, Level};
 use super::space::Space;
 use super::triangle::{Intersection, Rim, intersect};
-use super::{Event, Walk};
+use super::{Event, Walk, swept};
 use crate::layout::{GROUP, TriangleGroup, child, geometry_word};
 use crate::ray::{HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, Hit};
 use crate::structure::Kind;
@@ -19,14 +19,27 @@ pub(crate) enum Leaf {
     Ask(Event, u32),
 }
 
-/// Makes a leaf's box the candidate; false if there is none.
+/// Looks at the one primitive of a leaf that is not of triangles; lowers `t_far` to what is found.
 #[inline(never)]
-pub(crate) fn ask_about_box(
+pub(crate) fn test_other(
     walk: &mut Walk,
     level: &Level,
+    space: &Space,
     instance: &InstanceFacts,
     word: u32,
-) -> bool {
+    t_far: &mut f32,
+) -> Leaf {
+    if level.structure.kind() == Kind::Swept {
+        return swept::test_leaf(walk, level, space, instance, word, t_far);
+    }
+    match ask_about_box(walk, level, instance, word) {
+        true => Leaf::Ask(Event::ProceduralCandidate, 0),
+        false => Leaf::Finished,
+    }
+}
+
+/// Makes a leaf's box the candidate; false if there is none.
+fn ask_about_box(walk: &mut Walk, level: &Level, instance: &InstanceFacts, word: u32) -> bool {
     let Some(entry) = level.structure.box_entry(word & child::INDEX) else {
         return false;
     };
@@ -56,8 +69,8 @@ pub(crate) unsafe fn finish<K: Kernel>(
     word: u32,
     first_lane: u32,
 ) -> Leaf {
-    // A leaf of boxes has one.
-    if level.structure.kind() == Kind::Aabbs {
+    // A leaf of anything else has one.
+    if level.structure.kind() != Kind::Triangles {
         return Leaf::Finished;
     }
     let mut t_far = space.scaled_up(walk.hit.t);

@@ -73,7 +73,7 @@ impl Level {
             return false;
         };
         let skip = match structure.kind() {
-            Kind::Triangles => ray_flags::SKIP_TRIANGLES,
+            Kind::Triangles | Kind::Swept => ray_flags::SKIP_TRIANGLES,
             Kind::Aabbs => ray_flags::SKIP_AABBS,
             Kind::Instances => return false,
         };

@@ -29,6 +29,7 @@ mod kernel;
 mod leaf;
 mod level;
 mod space;
+mod swept;
 mod triangle;
 mod walker;
 
@@ -220,7 +221,7 @@ impl Walk {
     #[inline(always)]
     fn is_nearer(&self, hit: &Hit) -> bool {
         let key = |hit: &Hit| (hit.instance_index, hit.geometry_index, hit.primitive_index);
-        let comparable = self.has_hit && hit.opaque && self.hit.opaque && self.hit.triangle;
+        let comparable = self.has_hit && hit.opaque && self.hit.opaque && self.hit.is_built_in();
         hit.t < self.hit.t || comparable && hit.t == self.hit.t && key(hit) < key(&self.hit)
     }
 }
