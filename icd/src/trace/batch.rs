@@ -10,6 +10,7 @@ use super::inputs::Sources;
 use super::queries::Queries;
 use super::rays::{RayInFlight, Report};
 use super::slab::Slab;
+use super::stats::Tally;
 use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, lanes_of};
 use super::table::ProgramIndex;
 use super::{Dispatch, Stopped};
@@ -70,6 +71,7 @@ pub struct Batch<'a> {
     pub(super) state_bytes: usize,
     /// Waves until the next look at the limits: a shader that always yields never runs out of fuel.
     patience: u32,
+    tally: Option<Tally>,
 }
 
 impl<'a> Batch<'a> {
@@ -89,6 +91,7 @@ impl<'a> Batch<'a> {
             reordering: Vec::new(),
             state_bytes: 0,
             patience: PATIENCE,
+            tally: Tally::new(dispatch.shaders.programs.len()),
         }
     }
 
@@ -109,10 +112,14 @@ impl<'a> Batch<'a> {
                 self.form_waves()?;
             }
             if self.reordering.is_empty() {
-                return Ok(());
+                break;
             }
             self.reorder_threads();
         }
+        if let Some(tally) = &mut self.tally {
+            tally.close(|index| &self.dispatch.shaders.programs[index]);
+        }
+        Ok(())
     }
 
     /// Takes a place for a subgroup at its program's entry.
@@ -172,13 +179,14 @@ impl<'a> Batch<'a> {
         {
             let Ready {
                 program,
+                point,
                 mut subgroups,
-                ..
             } = self.ready.swap_remove(fullest);
             let width = self.dispatch.shaders.programs[program as usize]
                 .max_wave_subgroups()
                 .max(1);
             subgroups.sort_unstable();
+            self.compact(program, point, &mut subgroups);
             for wave in subgroups.chunks(width) {
                 self.run_wave(program, wave)?;
             }
@@ -192,6 +200,9 @@ impl<'a> Batch<'a> {
             .iter()
             .map(|&index| std::mem::take(&mut self.worker.subgroups[index].rows))
             .collect();
+        if let Some(tally) = &mut self.tally {
+            tally.count(program, compiled, &rows);
+        }
         let mut states: Vec<&mut [AlignedRow]> =
             rows.iter_mut().map(|rows| &mut rows[..]).collect();
         let mut fuel = FUEL;

@@ -19,6 +19,7 @@ mod queries;
 mod rays;
 mod reorder;
 mod slab;
+pub mod stats;
 mod subgroup;
 pub mod table;
 #[cfg(test)]
