@@ -247,7 +247,8 @@ impl Types {
             }
             TypeKind::SampledImage { .. } => out.extend([Type::I64, Type::I64]),
             TypeKind::HitObject => out.extend((0..word::COUNT).map(word::ty)),
-            TypeKind::RuntimeArray { .. } | TypeKind::RayQuery | TypeKind::Function { .. } => {
+            TypeKind::RayQuery => out.extend((0..self.query_rows).map(|_| Type::I32)),
+            TypeKind::RuntimeArray { .. } | TypeKind::Function { .. } => {
                 return Err(Error::invalid(0, "a value cannot have this type"));
             }
         }
@@ -373,8 +374,7 @@ impl Types {
                 (leaves.len() as u64, rows, 0)
             }
             TypeKind::Image(_) | TypeKind::Sampler | TypeKind::AccelerationStructure => (1, 2, 0),
-            // Memory, but no value: a function that takes a pointer to one is lowered in place.
-            TypeKind::RayQuery => (MAX_LEAVES + 1, self.query_rows, 0),
+            TypeKind::RayQuery => (self.query_rows, self.query_rows, 0),
             TypeKind::HitObject => (word::COUNT as u64, word::COUNT as u64, 0),
             TypeKind::SampledImage { image } => {
                 if !matches!(part(*image)?.kind, TypeKind::Image(_)) {
