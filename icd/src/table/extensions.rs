@@ -54,7 +54,9 @@ extensions! {
     Instance KHR_EXTERNAL_MEMORY_CAPABILITIES c"VK_KHR_external_memory_capabilities" 1;
     Instance KHR_EXTERNAL_SEMAPHORE_CAPABILITIES c"VK_KHR_external_semaphore_capabilities" 1;
     Instance KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 c"VK_KHR_get_physical_device_properties2" 2;
+    Instance KHR_SURFACE c"VK_KHR_surface" 25;
     Instance EXT_DEBUG_UTILS c"VK_EXT_debug_utils" 2;
+    Instance EXT_HEADLESS_SURFACE c"VK_EXT_headless_surface" 1;
     Device KHR_16BIT_STORAGE c"VK_KHR_16bit_storage" 1;
     Device KHR_8BIT_STORAGE c"VK_KHR_8bit_storage" 1;
     Device KHR_ACCELERATION_STRUCTURE c"VK_KHR_acceleration_structure" 13;
@@ -101,6 +103,7 @@ extensions! {
     Device KHR_SHADER_TERMINATE_INVOCATION c"VK_KHR_shader_terminate_invocation" 1;
     Device KHR_SPIRV_1_4 c"VK_KHR_spirv_1_4" 1;
     Device KHR_STORAGE_BUFFER_STORAGE_CLASS c"VK_KHR_storage_buffer_storage_class" 1;
+    Device KHR_SWAPCHAIN c"VK_KHR_swapchain" 70;
     Device KHR_SYNCHRONIZATION_2 c"VK_KHR_synchronization2" 1;
     Device KHR_TIMELINE_SEMAPHORE c"VK_KHR_timeline_semaphore" 2;
     Device KHR_UNIFORM_BUFFER_STANDARD_LAYOUT c"VK_KHR_uniform_buffer_standard_layout" 1;
