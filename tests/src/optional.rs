@@ -60,6 +60,8 @@ optional! {
     position_fetch: khr::ray_tracing_position_fetch::NAME, PhysicalDeviceRayTracingPositionFetchFeaturesKHR {};
     maintenance1: khr::ray_tracing_maintenance1::NAME, PhysicalDeviceRayTracingMaintenance1FeaturesKHR {};
     micromap: ext::opacity_micromap::NAME, PhysicalDeviceOpacityMicromapFeaturesEXT { micromap_capture_replay };
+    derivatives: nv::compute_shader_derivatives::NAME, PhysicalDeviceComputeShaderDerivativesFeaturesNV {};
+    mutable: ext::mutable_descriptor_type::NAME, PhysicalDeviceMutableDescriptorTypeFeaturesEXT {};
     reorder: nv::ray_tracing_invocation_reorder::NAME, PhysicalDeviceRayTracingInvocationReorderFeaturesNV {};
     swept_spheres: LINEAR_SWEPT_SPHERES, PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV {};
 }

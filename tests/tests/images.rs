@@ -908,3 +908,63 @@ fn separate_samplers_and_view_swizzles() {
     // SAFETY: nothing uses the view any more.
     unsafe { gpu.device.destroy_image_view(view, None) };
 }
+
+/// In compute, a quad is two by two invocations or four in a row.
+#[test]
+fn derivatives_in_compute() {
+    let gpu = Gpu::new();
+    let features = gpu.optional.derivatives;
+    if features.compute_derivative_group_quads * features.compute_derivative_group_linear == 0 {
+        println!("compute shaders have no derivatives");
+        return;
+    }
+    let shape = Shape {
+        levels: 5,
+        ..Shape::flat(F::R32G32B32A32_SFLOAT, 16, 16)
+    };
+    let picture = gpu.picture(shape, SAMPLED);
+    for level in 0..5u32 {
+        let texels = (16 >> level) * (16 >> level);
+        gpu.upload(&picture, level, &vec![[level as f32; 4]; texels]);
+    }
+    let sampler = gpu.sampler(
+        &vk::SamplerCreateInfo::default()
+            .mipmap_mode(vk::SamplerMipmapMode::LINEAR)
+            .max_lod(100.0),
+    );
+    let results = gpu.buffer(32 * 64);
+    let set = gpu.set(&[
+        (0, &[Bound::Sampled(picture.view, sampler)]),
+        (1, &[Bound::Storage(results)]),
+    ]);
+    for (group, dx, dy) in [("quads", 3.0, 50.0), ("linear", 3.0, 6.0)] {
+        let source = format!(
+            r"
+            #extension GL_NV_compute_shader_derivatives : enable
+            layout(derivative_group_{group}NV) in;
+            layout(local_size_x = 8, local_size_y = 4, local_size_z = 2) in;
+            layout(set = 0, binding = 0) uniform sampler2D t;
+            layout(set = 0, binding = 1, std430) buffer Results {{ vec4 results[][2]; }};
+            void main() {{
+                vec3 id = vec3(gl_LocalInvocationID);
+                float f = 3.0 * id.x + 50.0 * id.y + 1000.0 * id.z;
+                vec2 at = vec2(4.0 * id.x, 0.5 * id.y) / 16.0;
+                results[gl_LocalInvocationIndex] = vec4[2](
+                    vec4(dFdx(f), dFdyFine(f), fwidthCoarse(f), textureQueryLod(t, at).y),
+                    vec4(texture(t, at).x, texture(t, at, 1.0).x, textureLod(t, at, 0.5).x, 0.0));
+            }}"
+        );
+        let kernel = gpu.kernel(&source, &[set.layout]);
+        gpu.dispatch::<u32>(kernel, &[set], &[], [1, 1, 1]);
+        // Four texels from one invocation to its neighbour, eight to the one after that.
+        let level = if group == "quads" { 2.0 } else { 3.0 };
+        let words: Vec<[f32; 8]> = results.read();
+        for (i, got) in words.iter().enumerate() {
+            assert_eq!(got[..3], [dx, dy, dx + dy], "{group} {i}");
+            let levels = [level, level, level + 1.0, 0.5];
+            for (got, expected) in got[3..7].iter().zip(levels) {
+                assert!((got - expected).abs() < 0.05, "{group} {i}: {got} for {expected}");
+            }
+        }
+    }
+}

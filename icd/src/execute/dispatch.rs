@@ -151,7 +151,13 @@ impl<'a> Plan<'a> {
         let local_rows = (0..subgroups_per_workgroup)
             .flat_map(|subgroup| {
                 inputs.iter().map(move |&input| {
-                    local_row(input, subgroup, subgroups_per_workgroup, local_size)
+                    local_row(
+                        input,
+                        subgroup,
+                        subgroups_per_workgroup,
+                        local_size,
+                        program.quads(),
+                    )
                 })
             })
             .collect();
@@ -223,11 +229,30 @@ fn workgroup_input(input: InputRow, local_size: [u32; 3]) -> Input {
     }
 }
 
+/// `LocalInvocationIndex` of the `count`th invocation where those of a quad, two by two, follow each other.
+fn index_in_quads(count: u32, size_x: u32, size_y: u32) -> u32 {
+    let (quad, corner) = (count / 4, count % 4);
+    let (quads_x, quads_y) = ((size_x / 2).max(1), (size_y / 2).max(1));
+    let x = quad % quads_x * 2 + corner % 2;
+    let y = quad / quads_x % quads_y * 2 + corner / 2;
+    let z = quad / (quads_x * quads_y);
+    (z * size_y + y) * size_x + x
+}
+
 /// An input row in the workgroup with id 0.
-fn local_row(input: InputRow, subgroup: usize, subgroup_count: usize, local_size: [u32; 3]) -> Row {
+fn local_row(
+    input: InputRow,
+    subgroup: usize,
+    subgroup_count: usize,
+    local_size: [u32; 3],
+    quads: bool,
+) -> Row {
     let [size_x, size_y, _] = local_size.map(|n| n.max(1));
     std::array::from_fn(|lane| {
-        let index = (subgroup * SUBGROUP_SIZE + lane) as u32;
+        let mut index = (subgroup * SUBGROUP_SIZE + lane) as u32;
+        if quads {
+            index = index_in_quads(index, size_x, size_y);
+        }
         match input {
             InputRow::Builtin(
                 Builtin::LocalInvocationId | Builtin::GlobalInvocationId,

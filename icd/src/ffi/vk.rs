@@ -36,6 +36,18 @@ macro_rules! structures {
 }
 
 structures! {
+    /// `VK_KHR_compute_shader_derivatives`.
+    PhysicalDeviceComputeShaderDerivativesPropertiesKHR 1_000_511_000 *mut c_void {
+        mesh_and_task_shader_derivatives: Bool32,
+    }
+    /// `VK_EXT_shader_replicated_composites`.
+    PhysicalDeviceShaderReplicatedCompositesFeaturesEXT 1_000_564_000 *mut c_void {
+        shader_replicated_composites: Bool32,
+    }
+    /// `VK_KHR_shader_relaxed_extended_instruction`.
+    PhysicalDeviceShaderRelaxedExtendedInstructionFeaturesKHR 1_000_558_000 *mut c_void {
+        shader_relaxed_extended_instruction: Bool32,
+    }
     /// `VK_EXT_ray_tracing_invocation_reorder`.
     PhysicalDeviceRayTracingInvocationReorderFeaturesEXT 1_000_581_000 *mut c_void {
         ray_tracing_invocation_reorder: Bool32,

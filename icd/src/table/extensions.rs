@@ -63,6 +63,7 @@ extensions! {
     Device KHR_BIND_MEMORY_2 c"VK_KHR_bind_memory2" 1;
     Device KHR_BUFFER_DEVICE_ADDRESS c"VK_KHR_buffer_device_address" 1;
     Device KHR_CALIBRATED_TIMESTAMPS c"VK_KHR_calibrated_timestamps" 1;
+    Device KHR_COMPUTE_SHADER_DERIVATIVES c"VK_KHR_compute_shader_derivatives" 1;
     Device KHR_COPY_COMMANDS_2 c"VK_KHR_copy_commands2" 1;
     Device KHR_DEDICATED_ALLOCATION c"VK_KHR_dedicated_allocation" 3;
     Device KHR_DEFERRED_HOST_OPERATIONS c"VK_KHR_deferred_host_operations" 4;
@@ -97,9 +98,13 @@ extensions! {
     Device KHR_SHADER_FLOAT_CONTROLS c"VK_KHR_shader_float_controls" 4;
     Device KHR_SHADER_FLOAT_CONTROLS_2 c"VK_KHR_shader_float_controls2" 1;
     Device KHR_SHADER_INTEGER_DOT_PRODUCT c"VK_KHR_shader_integer_dot_product" 1;
+    Device KHR_SHADER_MAXIMAL_RECONVERGENCE c"VK_KHR_shader_maximal_reconvergence" 1;
     Device KHR_SHADER_NON_SEMANTIC_INFO c"VK_KHR_shader_non_semantic_info" 1;
+    Device KHR_SHADER_QUAD_CONTROL c"VK_KHR_shader_quad_control" 1;
+    Device KHR_SHADER_RELAXED_EXTENDED_INSTRUCTION c"VK_KHR_shader_relaxed_extended_instruction" 1;
     Device KHR_SHADER_SUBGROUP_EXTENDED_TYPES c"VK_KHR_shader_subgroup_extended_types" 1;
     Device KHR_SHADER_SUBGROUP_ROTATE c"VK_KHR_shader_subgroup_rotate" 2;
+    Device KHR_SHADER_SUBGROUP_UNIFORM_CONTROL_FLOW c"VK_KHR_shader_subgroup_uniform_control_flow" 1;
     Device KHR_SHADER_TERMINATE_INVOCATION c"VK_KHR_shader_terminate_invocation" 1;
     Device KHR_SPIRV_1_4 c"VK_KHR_spirv_1_4" 1;
     Device KHR_STORAGE_BUFFER_STORAGE_CLASS c"VK_KHR_storage_buffer_storage_class" 1;
@@ -137,11 +142,13 @@ extensions! {
     Device EXT_SHADER_ATOMIC_FLOAT_2 c"VK_EXT_shader_atomic_float2" 1;
     Device EXT_SHADER_DEMOTE_TO_HELPER_INVOCATION c"VK_EXT_shader_demote_to_helper_invocation" 1;
     Device EXT_SHADER_IMAGE_ATOMIC_INT64 c"VK_EXT_shader_image_atomic_int64" 1;
+    Device EXT_SHADER_REPLICATED_COMPOSITES c"VK_EXT_shader_replicated_composites" 1;
     Device EXT_SHADER_SUBGROUP_BALLOT c"VK_EXT_shader_subgroup_ballot" 1;
     Device EXT_SHADER_SUBGROUP_VOTE c"VK_EXT_shader_subgroup_vote" 1;
     Device EXT_SUBGROUP_SIZE_CONTROL c"VK_EXT_subgroup_size_control" 2;
     Device EXT_TEXEL_BUFFER_ALIGNMENT c"VK_EXT_texel_buffer_alignment" 1;
     Device EXT_TOOLING_INFO c"VK_EXT_tooling_info" 1;
+    Device NV_COMPUTE_SHADER_DERIVATIVES c"VK_NV_compute_shader_derivatives" 1;
     Device NV_RAY_TRACING_INVOCATION_REORDER c"VK_NV_ray_tracing_invocation_reorder" 1;
     Device NV_RAY_TRACING_LINEAR_SWEPT_SPHERES c"VK_NV_ray_tracing_linear_swept_spheres" 1;
     Device VALVE_MUTABLE_DESCRIPTOR_TYPE c"VK_VALVE_mutable_descriptor_type" 1;

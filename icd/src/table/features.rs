@@ -184,6 +184,13 @@ features! {
         shader_image_int64_atomics: PhysicalDeviceShaderImageAtomicInt64FeaturesEXT => Int64ImageEXT;
         shader_expect_assume: PhysicalDeviceShaderExpectAssumeFeaturesKHR => ExpectAssumeKHR;
         shader_float_controls2: PhysicalDeviceShaderFloatControls2FeaturesKHR => FloatControls2;
+        compute_derivative_group_quads: PhysicalDeviceComputeShaderDerivativesFeaturesNV => ComputeDerivativeGroupQuadsKHR;
+        compute_derivative_group_linear: PhysicalDeviceComputeShaderDerivativesFeaturesNV => ComputeDerivativeGroupLinearKHR;
+        shader_maximal_reconvergence: PhysicalDeviceShaderMaximalReconvergenceFeaturesKHR;
+        shader_quad_control: PhysicalDeviceShaderQuadControlFeaturesKHR => QuadControlKHR;
+        shader_relaxed_extended_instruction: PhysicalDeviceShaderRelaxedExtendedInstructionFeaturesKHR;
+        shader_replicated_composites: PhysicalDeviceShaderReplicatedCompositesFeaturesEXT => ReplicatedCompositesEXT;
+        shader_subgroup_uniform_control_flow: PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR;
         shader_subgroup_rotate: PhysicalDeviceShaderSubgroupRotateFeaturesKHR => GroupNonUniformRotateKHR;
         shader_subgroup_rotate_clustered: PhysicalDeviceShaderSubgroupRotateFeaturesKHR;
         workgroup_memory_explicit_layout: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR => WorkgroupMemoryExplicitLayoutKHR;
@@ -237,6 +244,7 @@ const BASE_CAPABILITIES: &[Capability] = &[
     Capability::SubgroupBallotKHR,
     Capability::SubgroupVoteKHR,
     Capability::DemoteToHelperInvocation,
+    Capability::DerivativeControl,
     Capability::DenormPreserve,
     Capability::SignedZeroInfNanPreserve,
     Capability::RoundingModeRTE,

@@ -322,6 +322,7 @@ unsafe fn fill(device: &PhysicalDevice, node: *mut vk::BaseOutStructure<'static>
                 ray_tracing_invocation_reorder_reordering_hint,
             };
             PhysicalDeviceRayTracingInvocationReorderPropertiesEXT(invocation_reorder());
+            PhysicalDeviceComputeShaderDerivativesPropertiesKHR(vk::PhysicalDeviceComputeShaderDerivativesPropertiesKHR::default());
             PhysicalDeviceOpacityMicromapPropertiesEXT(vk::PhysicalDeviceOpacityMicromapPropertiesEXT {
                 max_opacity2_state_subdivision_level: traversal::micromap::MAX_LEVEL,
                 max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,

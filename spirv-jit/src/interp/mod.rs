@@ -57,6 +57,7 @@ pub struct Program {
     inputs: Vec<InputRow>,
     query_words: Vec<QueryWord>,
     local_size: [u32; 3],
+    quads: bool,
     shared_size_bytes: u32,
     layout: StateLayout,
     /// First private row of the state.
@@ -87,6 +88,7 @@ impl Program {
             inputs: module.inputs.clone(),
             query_words: module.query_words.clone(),
             local_size: module.local_size,
+            quads: module.quads,
             shared_size_bytes: module.shared_size_bytes,
             layout: emitted.layout,
             private: emitted.private,
@@ -110,6 +112,11 @@ impl Program {
     /// Compute: the workgroup's size per dimension.
     pub fn local_size(&self) -> [u32; 3] {
         self.local_size
+    }
+
+    /// Compute: four consecutive lanes are two by two invocations of the workgroup, instead of four in a row.
+    pub fn quads(&self) -> bool {
+        self.quads
     }
 
     /// Compute: workgroup memory in bytes.

@@ -111,6 +111,8 @@ pub struct Module {
     pub output_rows: u32,
     /// Compute: the workgroup's size in invocations per dimension; otherwise ones.
     pub local_size: [u32; 3],
+    /// Compute: four consecutive lanes are two by two invocations of the workgroup, instead of four in a row.
+    pub quads: bool,
     /// Compute: workgroup memory in bytes.
     pub shared_size_bytes: u32,
 }

@@ -106,6 +106,11 @@ const SUPPORTED: &[Capability] = &[
     Capability::DotProductInput4x8Bit,
     Capability::DotProductInput4x8BitPacked,
     Capability::ExpectAssumeKHR,
+    Capability::QuadControlKHR,
+    Capability::DerivativeControl,
+    Capability::ComputeDerivativeGroupQuadsKHR,
+    Capability::ComputeDerivativeGroupLinearKHR,
+    Capability::ReplicatedCompositesEXT,
 ];
 
 /// Refuses a module that asks for what the device has not enabled, or what cannot be lowered.

@@ -63,6 +63,8 @@ impl Extras {
 struct Sampling {
     projective: bool,
     compares: bool,
+    /// Its level of detail follows from derivatives, where there are any.
+    implicit: bool,
 }
 
 fn sampling(opcode: Op) -> Option<Sampling> {
@@ -73,9 +75,17 @@ fn sampling(opcode: Op) -> Option<Sampling> {
         Op::ImageSampleProjDrefImplicitLod | Op::ImageSampleProjDrefExplicitLod => (true, true),
         _ => return None,
     };
+    let implicit = matches!(
+        opcode,
+        Op::ImageSampleImplicitLod
+            | Op::ImageSampleDrefImplicitLod
+            | Op::ImageSampleProjImplicitLod
+            | Op::ImageSampleProjDrefImplicitLod
+    );
     Some(Sampling {
         projective,
         compares,
+        implicit,
     })
 }
 
@@ -336,7 +346,12 @@ impl Lowerer<'_> {
             });
             rest = &rest[1..];
         }
-        let extras = self.extras(rest)?;
+        let mut extras = self.extras(rest)?;
+        if sampling.implicit && self.derivative_group().is_some() {
+            op.lod = LodMode::Grad;
+            let spatial = arguments[2..2 + op.spatial_count()].to_vec();
+            arguments.extend(self.gradients(&spatial, extras.bias.take())?);
+        }
         self.push_extras(&mut op, &extras, &mut arguments)?;
         let results = if sampling.compares { 1 } else { 4 };
         let values = self.emit_image(op, &arguments, results)?;
@@ -419,6 +434,11 @@ impl Lowerer<'_> {
                 arguments.extend(self.handles(operands[0])?);
                 let count = op.coordinate_count();
                 arguments.extend(self.float_coordinates(operands[1], count, None)?);
+                if self.derivative_group().is_some() {
+                    op.lod = LodMode::Grad;
+                    let spatial = arguments[2..2 + op.spatial_count()].to_vec();
+                    arguments.extend(self.gradients(&spatial, None)?);
+                }
             }
             ImageOpKind::QuerySize => {
                 arguments.push(self.handle(operands[0])?);

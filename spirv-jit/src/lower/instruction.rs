@@ -31,7 +31,7 @@ impl Lowerer<'_> {
                 self.define(instruction.result, Val::Scalars(zeros.into()))
             }
             Op::FunctionCall => self.lower_call(instruction),
-            Op::ExtInst => self.lower_extended(instruction),
+            Op::ExtInst | Op::ExtInstWithForwardRefsKHR => self.lower_extended(instruction),
             Op::AssumeTrueKHR | Op::DemoteToHelperInvocation => Ok(()),
 
             Op::CompositeConstruct
@@ -122,6 +122,9 @@ impl Lowerer<'_> {
                 self.lower_hit_object(instruction)
             }
             opcode if super::subgroup::is_subgroup(opcode) => self.lower_subgroup(instruction),
+            opcode if super::derivative::is_derivative(opcode) => {
+                self.lower_derivative(instruction)
+            }
             opcode if super::ray_query::is_ray_query(opcode) => self.lower_ray_query(instruction),
             _ => self.lower_arithmetic(instruction),
         }

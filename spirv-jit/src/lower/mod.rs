@@ -23,6 +23,7 @@ mod capability;
 mod composite;
 mod constants;
 mod convert;
+mod derivative;
 mod entry;
 mod fold;
 mod function;
@@ -215,7 +216,7 @@ impl<'a> Lowerer<'a> {
                     self.variables.insert(instruction.result, variable);
                 }
                 // Extended instructions of the module's scope only inform.
-                Op::ExtInst => {}
+                Op::ExtInst | Op::ExtInstWithForwardRefsKHR => {}
                 _ => {
                     let specialization = self.request.specialization;
                     let constants = &mut self.constants;
@@ -251,6 +252,7 @@ impl<'a> Lowerer<'a> {
 
     fn finish(mut self, end: ir::Terminator) -> Result<ir::Module, Error> {
         let (local_size, shared_size_bytes) = (self.local_size()?, self.shared_size_bytes);
+        let quads = self.derivative_group() == Some(true);
         let builder = std::mem::replace(&mut self.b, Builder::new("", 0));
         let mut functions = vec![builder.finish(end)];
         functions.append(&mut self.functions);
@@ -261,6 +263,7 @@ impl<'a> Lowerer<'a> {
             query_words: self.query_words,
             output_rows: self.output_rows,
             local_size,
+            quads,
             shared_size_bytes,
         })
     }

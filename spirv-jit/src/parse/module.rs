@@ -345,7 +345,7 @@ fn sort_functions(module: &mut ParsedModule, first: usize) -> Result<(), Error> 
             opcode => {
                 let (Some(function), Some(block)) = (&mut current, &mut open) else {
                     // Extended instructions that only inform may stand between functions.
-                    if opcode == Op::ExtInst {
+                    if matches!(opcode, Op::ExtInst | Op::ExtInstWithForwardRefsKHR) {
                         continue;
                     }
                     return Err(misplaced());

@@ -7,7 +7,7 @@ use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, u
 use spirv_jit::ir::text::parse_module;
 use spirv_jit::program::{Builtin, InputRow};
 
-use super::{Dispatch, Dispatcher, lanes_below, local_row};
+use super::{Dispatch, Dispatcher, index_in_quads, lanes_below, local_row};
 use crate::queue::Workers;
 use crate::trace::{Limits, Stopped};
 
@@ -80,6 +80,7 @@ fn local_ids_count_x_first() {
             subgroup,
             2,
             [3, 4, 2],
+            false,
         )
     };
     // Invocation 17 of 3 × 4 × 2: 17 = 2 + 3 × (1 + 4 × 1).
@@ -89,6 +90,12 @@ fn local_ids_count_x_first() {
     assert_eq!(row(Builtin::LocalInvocationIndex, 0, 1)[1], 17);
     assert_eq!(row(Builtin::SubgroupId, 0, 1)[1], 1);
     assert_eq!(row(Builtin::NumSubgroups, 0, 1)[1], 2);
+    // Sixteen invocations of 4 × 6: the first four, then those to their right.
+    let corners: Vec<u32> = (0..6).map(|i| index_in_quads(i, 4, 6)).collect();
+    assert_eq!(corners, [0, 1, 4, 5, 2, 3]);
+    let mut all: Vec<u32> = (0..24).map(|i| index_in_quads(i, 4, 6)).collect();
+    all.sort_unstable();
+    assert!(all.into_iter().eq(0..24));
     assert_eq!(lanes_below(24 - 16), 0xff);
     assert_eq!(lanes_below(16), 0xffff);
 }

@@ -231,6 +231,7 @@ impl<'a> Parser<'a> {
             query_words: Vec::new(),
             output_rows: 0,
             local_size: [1; 3],
+            quads: false,
             shared_size_bytes: 0,
         };
         while self.peek().is_some() {
@@ -260,6 +261,7 @@ impl<'a> Parser<'a> {
                     self.expect(',')?;
                     module.local_size = [x, y, self.number()?];
                 }
+                "quads" => module.quads = true,
                 "shared" => module.shared_size_bytes = self.number()?,
                 "func" => {
                     let id = self.entity("f")?;

@@ -26,6 +26,9 @@ pub fn print_module(module: &Module) -> String {
         let [x, y, z] = module.local_size;
         text += &format!("local_size {x}, {y}, {z}\n");
     }
+    if module.quads {
+        text += "quads\n";
+    }
     if module.shared_size_bytes != 0 {
         text += &format!("shared {}\n", module.shared_size_bytes);
     }

@@ -6,6 +6,7 @@ inputs launch_id.0, payload.2, hit_attribute.1
 query_words candidate.t.0, committed.object_to_world.11
 output_rows 1
 local_size 8, 4, 1
+quads
 shared 64
 
 func f0 "ma\"in" {

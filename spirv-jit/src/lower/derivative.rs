@@ -1,0 +1,104 @@
+//! Derivatives: differences between the lanes of a quad, which is four consecutive lanes: two by two, the first two side by side.
+
+use rspirv::spirv::{ExecutionMode, Op};
+
+use super::Lowerer;
+use crate::Error;
+use crate::ir::op::SubgroupOp;
+use crate::ir::{self, Type, Value};
+use crate::parse::{Id, Instruction};
+
+/// Along which axis; `None`: the sum of both lengths.
+fn axis(opcode: Op) -> Option<Option<u32>> {
+    Some(match opcode {
+        Op::DPdx | Op::DPdxFine | Op::DPdxCoarse => Some(0),
+        Op::DPdy | Op::DPdyFine | Op::DPdyCoarse => Some(1),
+        Op::Fwidth | Op::FwidthFine | Op::FwidthCoarse => None,
+        _ => return None,
+    })
+}
+
+pub(super) fn is_derivative(opcode: Op) -> bool {
+    axis(opcode).is_some()
+}
+
+impl Lowerer<'_> {
+    /// Whether the entry point has quads, and whether they are two by two invocations of its workgroup (instead of four in a row).
+    pub(super) fn derivative_group(&self) -> Option<bool> {
+        let modes = self.module.execution_modes.iter();
+        modes
+            .map(|&index| self.module.operands(self.module.instruction(index)))
+            .filter(|operands| operands[0] == self.entry.function)
+            .find_map(|operands| match ExecutionMode::from_u32(operands[1])? {
+                ExecutionMode::DerivativeGroupQuadsKHR => Some(true),
+                ExecutionMode::DerivativeGroupLinearKHR => Some(false),
+                _ => None,
+            })
+    }
+
+    pub(super) fn lower_derivative(&mut self, instruction: &Instruction) -> Result<(), Error> {
+        let Some(axis) = axis(instruction.opcode) else {
+            return Err(self.unsupported(instruction));
+        };
+        let values = self.leaves(self.module.operands(instruction)[0])?;
+        let mut results = Vec::with_capacity(values.len());
+        for &value in values.iter() {
+            if !self.b.ty(value).is_float() {
+                return Err(self.b.invalid("derivatives are of floats"));
+            }
+            results.push(match axis {
+                Some(axis) => self.difference(value, axis)?,
+                None => {
+                    let (dx, dy) = (self.difference(value, 0)?, self.difference(value, 1)?);
+                    let dx = self.b.unary(ir::Op::FAbs, dx)?;
+                    let dy = self.b.unary(ir::Op::FAbs, dy)?;
+                    self.b.binary(ir::Op::FAdd, dx, dy)?
+                }
+            });
+        }
+        self.define_typed(instruction, results)
+    }
+
+    fn difference(&mut self, value: Value, axis: u32) -> Result<Value, Error> {
+        let lane = self.b.emit(ir::Op::LaneIndex, &[], Type::I32)?;
+        let bit = self.b.i32(1 << axis);
+        let others = self.b.i32(!(1 << axis));
+        let first = self.b.binary(ir::Op::And, lane, others)?;
+        let second = self.b.binary(ir::Op::Or, lane, bit)?;
+        let at = |lowerer: &mut Self, lane| {
+            let ty = lowerer.b.ty(value);
+            lowerer
+                .b
+                .emit(ir::Op::Subgroup(SubgroupOp::Shuffle), &[value, lane], ty)
+        };
+        let (first, second) = (at(self, first)?, at(self, second)?);
+        self.b.binary(ir::Op::FSub, second, first)
+    }
+
+    /// The derivatives of coordinates that an implicit level of detail follows from: all of x, then of y. A bias of n is a footprint 2ⁿ
+    /// times as large.
+    pub(super) fn gradients(
+        &mut self,
+        coordinates: &[Value],
+        bias: Option<Id>,
+    ) -> Result<Vec<Value>, Error> {
+        let factor = match bias {
+            Some(bias) => {
+                let bias = self.scalar(bias)?;
+                Some(self.b.unary(ir::Op::FExp2, bias)?)
+            }
+            None => None,
+        };
+        let mut gradients = Vec::with_capacity(2 * coordinates.len());
+        for axis in 0..2 {
+            for &coordinate in coordinates {
+                let difference = self.difference(coordinate, axis)?;
+                gradients.push(match factor {
+                    Some(factor) => self.b.binary(ir::Op::FMul, difference, factor)?,
+                    None => difference,
+                });
+            }
+        }
+        Ok(gradients)
+    }
+}
