@@ -96,9 +96,27 @@ pub struct CompileRequest<'a> {
 /// # Errors
 /// See [`ErrorKind`](crate::error::ErrorKind). Never panics, whatever the words are; time and memory are bounded in proportion to the module.
 pub fn compile(request: &CompileRequest<'_>) -> Result<Arc<Program>, Error> {
+    Program::new(&compile_module(request)?).map(Arc::new)
+}
+
+/// Compiles one entry point as far as [`compile`] does without looking at the machine: what a cache keeps.
+///
+/// # Errors
+/// As [`compile`].
+pub fn compile_module(request: &CompileRequest<'_>) -> Result<ir::Module, Error> {
     let parsed = crate::parse::parse(request.words)?;
     let mut module = crate::lower::lower_module(&parsed, request)?;
     crate::pass::optimize(&mut module)?;
+    Ok(module)
+}
+
+/// A program from the bytes of an optimised module ([`ir::binary::encode`]).
+///
+/// # Errors
+/// Bytes that are no valid module. Never panics.
+pub fn from_bytes(bytes: &[u8]) -> Result<Arc<Program>, Error> {
+    let module = ir::binary::decode(bytes).map_err(Error::not_a_module)?;
+    ir::verify(&module).map_err(Error::not_a_module)?;
     Program::new(&module).map(Arc::new)
 }
 

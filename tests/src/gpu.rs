@@ -39,6 +39,8 @@ pub struct Gpu {
     pub optional: Optional,
     pub pipeline_properties: vk::PhysicalDeviceRayTracingPipelinePropertiesKHR<'static>,
     pub structure_properties: vk::PhysicalDeviceAccelerationStructurePropertiesKHR<'static>,
+    /// `accelerationStructureHostCommands`.
+    pub has_host_commands: bool,
     debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     complaints: Arc<Mutex<Vec<String>>>,
     /// What to destroy, oldest first.
@@ -233,6 +235,7 @@ impl Gpu {
                 optional,
                 pipeline_properties,
                 structure_properties,
+                has_host_commands: structure.acceleration_structure_host_commands == vk::TRUE,
                 entry,
                 instance,
                 physical,
@@ -431,7 +434,13 @@ fn create_instance(entry: &ash::Entry, has_layer: bool) -> ash::Instance {
         .then_some(VALIDATION.as_ptr())
         .into_iter()
         .collect();
-    let extensions: Vec<*const c_char> = has_layer
+    // SAFETY: a plain query.
+    let offered = unsafe { entry.enumerate_instance_extension_properties(None) };
+    let has_debug = offered
+        .unwrap_or_default()
+        .iter()
+        .any(|extension| extension.extension_name_as_c_str() == Ok(ext::debug_utils::NAME));
+    let extensions: Vec<*const c_char> = has_debug
         .then_some(ext::debug_utils::NAME.as_ptr())
         .into_iter()
         .collect();

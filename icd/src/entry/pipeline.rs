@@ -17,7 +17,6 @@ use crate::object::shader_stage::Compiled;
 use crate::object::{
     DescriptorSetLayout, Device, Pipeline, PipelineCache, PipelineLayout, ShaderModule,
 };
-use crate::table::properties::{DEVICE_ID, PIPELINE_CACHE_UUID, VENDOR_ID};
 
 destroy! {
     vkDestroyShaderModule: ShaderModule, ShaderModule;
@@ -125,21 +124,6 @@ pub unsafe fn create_each<T>(
     result
 }
 
-/// The head of pipeline cache data (`VkPipelineCacheHeaderVersionOne`). Programs are not serialised, so there is nothing after it.
-fn cache_header() -> Vec<u8> {
-    let mut header = Vec::with_capacity(32);
-    for word in [
-        32,
-        vk::PipelineCacheHeaderVersion::ONE.as_raw() as u32,
-        VENDOR_ID,
-        DEVICE_ID,
-    ] {
-        header.extend(word.to_le_bytes());
-    }
-    header.extend(PIPELINE_CACHE_UUID);
-    header
-}
-
 entry! {
     fn vkCreateShaderModule(
         _device: vk::Device,
@@ -169,21 +153,23 @@ entry! {
 
     fn vkCreatePipelineCache(
         _device: vk::Device,
-        _info: *const vk::PipelineCacheCreateInfo,
+        info: *const vk::PipelineCacheCreateInfo,
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::PipelineCache,
     ) -> vk::Result {
-        *out = handle::create(PipelineCache::default());
+        let data = array::bytes((*info).p_initial_data, (*info).initial_data_size);
+        *out = handle::create(PipelineCache::with_data(data));
         Ok(())
     }
 
     fn vkGetPipelineCacheData(
         _device: vk::Device,
-        _cache: vk::PipelineCache,
+        cache: vk::PipelineCache,
         size: *mut usize,
         data: *mut c_void,
     ) -> vk::Result {
-        enumerate_bytes(size, data.cast(), &cache_header())
+        let cache = from_handle::<PipelineCache>(cache);
+        enumerate_bytes(size, data.cast(), |room| cache.data(room))
     }
 
     fn vkMergePipelineCaches(

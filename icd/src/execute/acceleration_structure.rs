@@ -133,6 +133,11 @@ impl BuildGeometries {
         }
     }
 
+    /// Of all geometries.
+    pub fn primitive_count(&self) -> u64 {
+        self.primitive_counts().into_iter().map(u64::from).sum()
+    }
+
     fn primitive_counts(&self) -> Vec<u32> {
         match self {
             Self::Triangles(list) => list

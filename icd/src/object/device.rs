@@ -74,6 +74,7 @@ impl Drop for Device {
         for queue in &self.queues {
             queue.close();
         }
+        crate::trace::stats::print();
     }
 }
 

@@ -82,7 +82,8 @@ macro_rules! command_name {
 /// A row is `Level Availability PFN_type module::function [as alias];`. That the function has the PFN's type is checked by the compiler.
 macro_rules! commands {
     ($($level:ident $extension:ident $pfn:ident $module:ident::$name:ident $(as $alias:ident)?;)*) => {
-        fn table() -> &'static [Command] {
+        /// All rows.
+        pub fn table() -> &'static [Command] {
             static TABLE: OnceLock<Vec<Command>> = OnceLock::new();
             TABLE.get_or_init(|| vec![$({
                 let function: vk::$pfn = crate::entry::$module::$name;
@@ -391,6 +392,59 @@ commands! {
     Device EXT_OPACITY_MICROMAP PFN_vkGetDeviceMicromapCompatibilityEXT micromap::vkGetDeviceMicromapCompatibilityEXT;
     Device EXT_OPACITY_MICROMAP PFN_vkGetMicromapBuildSizesEXT micromap::vkGetMicromapBuildSizesEXT;
     Device EXT_OPACITY_MICROMAP PFN_vkWriteMicromapsPropertiesEXT micromap::vkWriteMicromapsPropertiesEXT;
+
+    Device Core PFN_vkCmdBeginQuery graphics::vkCmdBeginQuery;
+    Device Core PFN_vkCmdBeginRenderPass graphics::vkCmdBeginRenderPass;
+    Device Core PFN_vkCmdBeginRenderPass2 graphics::vkCmdBeginRenderPass2;
+    Device Core PFN_vkCmdBeginRendering graphics::vkCmdBeginRendering;
+    Device Core PFN_vkCmdBindIndexBuffer graphics::vkCmdBindIndexBuffer;
+    Device Core PFN_vkCmdBindVertexBuffers graphics::vkCmdBindVertexBuffers;
+    Device Core PFN_vkCmdBindVertexBuffers2 graphics::vkCmdBindVertexBuffers2;
+    Device Core PFN_vkCmdClearAttachments graphics::vkCmdClearAttachments;
+    Device Core PFN_vkCmdDraw graphics::vkCmdDraw;
+    Device Core PFN_vkCmdDrawIndexed graphics::vkCmdDrawIndexed;
+    Device Core PFN_vkCmdDrawIndexedIndirect graphics::vkCmdDrawIndexedIndirect;
+    Device Core PFN_vkCmdDrawIndexedIndirectCount graphics::vkCmdDrawIndexedIndirectCount;
+    Device Core PFN_vkCmdDrawIndirect graphics::vkCmdDrawIndirect;
+    Device Core PFN_vkCmdDrawIndirectCount graphics::vkCmdDrawIndirectCount;
+    Device Core PFN_vkCmdEndQuery graphics::vkCmdEndQuery;
+    Device Core PFN_vkCmdEndRenderPass graphics::vkCmdEndRenderPass;
+    Device Core PFN_vkCmdEndRenderPass2 graphics::vkCmdEndRenderPass2;
+    Device Core PFN_vkCmdEndRendering graphics::vkCmdEndRendering;
+    Device Core PFN_vkCmdNextSubpass graphics::vkCmdNextSubpass;
+    Device Core PFN_vkCmdNextSubpass2 graphics::vkCmdNextSubpass2;
+    Device Core PFN_vkCmdSetBlendConstants graphics::vkCmdSetBlendConstants;
+    Device Core PFN_vkCmdSetCullMode graphics::vkCmdSetCullMode;
+    Device Core PFN_vkCmdSetDepthBias graphics::vkCmdSetDepthBias;
+    Device Core PFN_vkCmdSetDepthBiasEnable graphics::vkCmdSetDepthBiasEnable;
+    Device Core PFN_vkCmdSetDepthBounds graphics::vkCmdSetDepthBounds;
+    Device Core PFN_vkCmdSetDepthBoundsTestEnable graphics::vkCmdSetDepthBoundsTestEnable;
+    Device Core PFN_vkCmdSetDepthCompareOp graphics::vkCmdSetDepthCompareOp;
+    Device Core PFN_vkCmdSetDepthTestEnable graphics::vkCmdSetDepthTestEnable;
+    Device Core PFN_vkCmdSetDepthWriteEnable graphics::vkCmdSetDepthWriteEnable;
+    Device Core PFN_vkCmdSetFrontFace graphics::vkCmdSetFrontFace;
+    Device Core PFN_vkCmdSetLineWidth graphics::vkCmdSetLineWidth;
+    Device Core PFN_vkCmdSetPrimitiveRestartEnable graphics::vkCmdSetPrimitiveRestartEnable;
+    Device Core PFN_vkCmdSetPrimitiveTopology graphics::vkCmdSetPrimitiveTopology;
+    Device Core PFN_vkCmdSetRasterizerDiscardEnable graphics::vkCmdSetRasterizerDiscardEnable;
+    Device Core PFN_vkCmdSetScissor graphics::vkCmdSetScissor;
+    Device Core PFN_vkCmdSetScissorWithCount graphics::vkCmdSetScissorWithCount;
+    Device Core PFN_vkCmdSetStencilCompareMask graphics::vkCmdSetStencilCompareMask;
+    Device Core PFN_vkCmdSetStencilOp graphics::vkCmdSetStencilOp;
+    Device Core PFN_vkCmdSetStencilReference graphics::vkCmdSetStencilReference;
+    Device Core PFN_vkCmdSetStencilTestEnable graphics::vkCmdSetStencilTestEnable;
+    Device Core PFN_vkCmdSetStencilWriteMask graphics::vkCmdSetStencilWriteMask;
+    Device Core PFN_vkCmdSetViewport graphics::vkCmdSetViewport;
+    Device Core PFN_vkCmdSetViewportWithCount graphics::vkCmdSetViewportWithCount;
+    Device Core PFN_vkCreateFramebuffer graphics::vkCreateFramebuffer;
+    Device Core PFN_vkCreateGraphicsPipelines graphics::vkCreateGraphicsPipelines;
+    Device Core PFN_vkCreateRenderPass graphics::vkCreateRenderPass;
+    Device Core PFN_vkCreateRenderPass2 graphics::vkCreateRenderPass2;
+    Device Core PFN_vkCreateSamplerYcbcrConversion graphics::vkCreateSamplerYcbcrConversion;
+    Device Core PFN_vkDestroyFramebuffer graphics::vkDestroyFramebuffer;
+    Device Core PFN_vkDestroyRenderPass graphics::vkDestroyRenderPass;
+    Device Core PFN_vkDestroySamplerYcbcrConversion graphics::vkDestroySamplerYcbcrConversion;
+    Device Core PFN_vkGetRenderAreaGranularity graphics::vkGetRenderAreaGranularity;
 
     Device EXT_DEBUG_UTILS PFN_vkSetDebugUtilsObjectNameEXT debug::vkSetDebugUtilsObjectNameEXT;
     Device EXT_DEBUG_UTILS PFN_vkSetDebugUtilsObjectTagEXT debug::vkSetDebugUtilsObjectTagEXT;

@@ -9,6 +9,7 @@ use super::grid::Grid;
 use super::inputs::Sources;
 use super::rays::{RayInFlight, Report};
 use super::slab::Slab;
+use super::stats::Tally;
 use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, lanes_of};
 use super::table::ProgramIndex;
 use super::{Dispatch, Stopped};
@@ -62,6 +63,7 @@ pub struct Batch<'a> {
     /// Subgroups that stand at a reorder instruction.
     pub(super) reordering: Vec<SubgroupIndex>,
     pub(super) state_bytes: usize,
+    tally: Option<Tally>,
 }
 
 impl<'a> Batch<'a> {
@@ -79,6 +81,7 @@ impl<'a> Batch<'a> {
             calls: Vec::new(),
             reordering: Vec::new(),
             state_bytes: 0,
+            tally: Tally::new(dispatch.shaders.programs.len()),
         }
     }
 
@@ -99,10 +102,14 @@ impl<'a> Batch<'a> {
                 self.form_waves()?;
             }
             if self.reordering.is_empty() {
-                return Ok(());
+                break;
             }
             self.reorder_threads();
         }
+        if let Some(tally) = &mut self.tally {
+            tally.close(|index| &self.dispatch.shaders.programs[index]);
+        }
+        Ok(())
     }
 
     /// Takes a place for a subgroup at its program's entry.
@@ -162,13 +169,14 @@ impl<'a> Batch<'a> {
         {
             let Ready {
                 program,
+                point,
                 mut subgroups,
-                ..
             } = self.ready.swap_remove(fullest);
             let width = self.dispatch.shaders.programs[program as usize]
                 .max_wave_subgroups()
                 .max(1);
             subgroups.sort_unstable();
+            self.compact(program, point, &mut subgroups);
             for wave in subgroups.chunks(width) {
                 self.run_wave(program, wave)?;
             }
@@ -182,6 +190,9 @@ impl<'a> Batch<'a> {
             .iter()
             .map(|&index| std::mem::take(&mut self.worker.subgroups[index].rows))
             .collect();
+        if let Some(tally) = &mut self.tally {
+            tally.count(program, compiled, &rows);
+        }
         let mut states: Vec<&mut [AlignedRow]> =
             rows.iter_mut().map(|rows| &mut rows[..]).collect();
         let mut fuel = FUEL;

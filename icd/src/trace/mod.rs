@@ -18,6 +18,7 @@ mod inputs;
 mod rays;
 mod reorder;
 mod slab;
+pub mod stats;
 mod subgroup;
 pub mod table;
 #[cfg(test)]

@@ -7,7 +7,7 @@ use std::cmp::Ordering;
 
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::hit_object::kind;
-use spirv_jit::program::{AlignedRow, ResumePoint};
+use spirv_jit::program::{AlignedRow, ResumePoint, SiteKind, Stage};
 
 use super::batch::Batch;
 use super::subgroup::{LaneRef, Subgroup, SubgroupIndex, lanes_of};
@@ -74,6 +74,43 @@ impl Batch<'_> {
         for index in sources {
             self.make_ready(index);
         }
+    }
+
+    /// Puts the lanes of ready ray generation shaders that stand behind one shader call into fewer subgroups, where many have ended.
+    pub(super) fn compact(
+        &mut self,
+        program: ProgramIndex,
+        point: ResumePoint,
+        subgroups: &mut Vec<SubgroupIndex>,
+    ) {
+        let compiled = &self.dispatch.shaders.programs[program as usize];
+        let may_move = matches!(
+            compiled.site_of(point),
+            Some(SiteKind::TraceRay { .. } | SiteKind::ExecuteCallable { .. })
+        );
+        if !may_move || compiled.stage() != Stage::RayGeneration || subgroups.len() < 2 {
+            return;
+        }
+        let mut sources = Vec::with_capacity(subgroups.len());
+        let mut lanes = Vec::new();
+        for &index in &*subgroups {
+            let rows = &self.worker.subgroups[index].rows;
+            if compiled.event_mask(rows) != u16::MAX && !compiled.has_parked_lanes(rows) {
+                lanes.extend(lanes_of(compiled.event_mask(rows)).map(|lane| LaneRef {
+                    subgroup: index,
+                    lane: lane as u8,
+                }));
+                sources.push(index);
+            }
+        }
+        // Moving costs about what it saves when a fourth of the subgroups goes.
+        let needed = lanes.len().div_ceil(SUBGROUP_SIZE);
+        if lanes.is_empty() || 4 * needed > 3 * sources.len() {
+            return;
+        }
+        self.move_lanes(program, &sources, &lanes);
+        let gone = &sources[needed..];
+        subgroups.retain(|index| gone.binary_search(index).is_err());
     }
 
     fn reorder_key(&mut self, lane: LaneRef) -> Key {

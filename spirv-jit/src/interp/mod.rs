@@ -163,6 +163,17 @@ impl Program {
         state[0].0[1] as u16
     }
 
+    /// Differs from every other program's in the process.
+    pub fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// What was asked for where a state stands; `None` at the entry and where fuel ran out.
+    pub fn site_of(&self, point: ResumePoint) -> Option<SiteKind> {
+        let (point, _) = self.code.point_of(point.0);
+        point.site.map(|site| self.sites[site.0 as usize])
+    }
+
     /// Whether lanes of a yielded state wait in an enclosing construct for those that take part in the event.
     pub fn has_parked_lanes(&self, state: &[AlignedRow]) -> bool {
         let (point, _) = self.code.point_of(state[0].0[0]);

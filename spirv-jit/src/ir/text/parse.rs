@@ -25,6 +25,16 @@ pub fn parse_module(text: &str) -> Result<Module, String> {
         .map_err(|message| format!("line {}: {message}", parser.line()))
 }
 
+/// Reads an operation that is no constant: the inverse of [`print_op`](super::print_op).
+///
+/// # Errors
+/// As [`parse_module`].
+pub fn parse_op(text: &str) -> Result<Op, String> {
+    let mut parser = Parser::new(text)?;
+    let name = parser.word("an operation")?;
+    parser.op(name, &[])
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Token<'a> {
     /// A word or a number: letters, digits, `_`, `.`, a leading `-`.

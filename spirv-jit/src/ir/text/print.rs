@@ -224,7 +224,7 @@ impl Printer<'_> {
         if !line.is_empty() {
             line += " = ";
         }
-        line += &op_text(&inst.op);
+        line += &print_op(&inst.op);
         let mut comment = String::new();
         if let Op::Const(bits) = inst.op {
             let ty = inst
@@ -294,7 +294,8 @@ fn access_text(access: &Access) -> String {
     format!("{}{volatile}", space_text(access.space))
 }
 
-fn op_text(op: &Op) -> String {
+/// The text form of an operation with what stands in its brackets, but without operands and the bits of constants.
+pub fn print_op(op: &Op) -> String {
     let name = op.text();
     match op {
         Op::VarLoad(variable, row) | Op::VarStore(variable, row) => {

@@ -1,7 +1,7 @@
 use super::{parse_module, print_module};
 use crate::ir::verify::verify;
 
-const SAMPLE: &str = r#"module closest_hit
+pub const SAMPLE: &str = r#"module closest_hit
 inputs launch_id.0, payload.2, hit_attribute.1
 output_rows 1
 local_size 8, 4, 1

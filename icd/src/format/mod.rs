@@ -2,6 +2,8 @@
 
 #![forbid(unsafe_code)]
 
+mod attachment;
+
 use ash::vk;
 use spirv_jit::image::Format;
 use spirv_jit::image::format::{Aspect, FormatInfo, Numeric};
@@ -54,9 +56,12 @@ pub fn features(format: vk::Format) -> Features {
         return Features::default();
     };
     let mut features = Features {
-        image: image_features(texel, info),
+        image: image_features(texel, info) | attachment::image_features(format),
         buffer: buffer_features(texel, info),
     };
+    if attachment::is_vertex(format) {
+        features.buffer |= vk::FormatFeatureFlags2::VERTEX_BUFFER;
+    }
     if vertex_format(format).is_some() {
         features.buffer |= vk::FormatFeatureFlags2::ACCELERATION_STRUCTURE_VERTEX_BUFFER_KHR;
     }
