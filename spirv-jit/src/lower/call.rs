@@ -135,6 +135,7 @@ impl Lowerer<'_> {
                     Op::TraceRayKHR
                     | Op::ExecuteCallableKHR
                     | Op::ReportIntersectionKHR
+                    | Op::RayQueryProceedKHR
                     | Op::ControlBarrier => summary.yields = true,
                     opcode if is_hit_object(opcode) => summary.yields = true,
                     Op::IgnoreIntersectionKHR
