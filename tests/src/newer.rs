@@ -11,6 +11,10 @@ pub const LINEAR_SWEPT_SPHERES: &CStr = c"VK_NV_ray_tracing_linear_swept_spheres
 /// Extensions that a validation layer may be too old for, and the version that knows them: enabled only without an older layer.
 pub const NEWER: &[(&CStr, u32)] = &[
     (LINEAR_SWEPT_SPHERES, make_api_version(0, 1, 4, 308)),
+    (
+        ash::khr::shader_maximal_reconvergence::NAME,
+        make_api_version(0, 1, 3, 276),
+    ),
     (ash::khr::maintenance5::NAME, make_api_version(0, 1, 3, 260)),
     (
         ash::khr::ray_tracing_position_fetch::NAME,

@@ -62,6 +62,8 @@ optional! {
     maintenance5: khr::maintenance5::NAME, PhysicalDeviceMaintenance5FeaturesKHR {};
     micromap: ext::opacity_micromap::NAME, PhysicalDeviceOpacityMicromapFeaturesEXT { micromap_capture_replay };
     derivatives: nv::compute_shader_derivatives::NAME, PhysicalDeviceComputeShaderDerivativesFeaturesNV {};
+    /// Off where there is validation, as above.
+    maximal_reconvergence: khr::shader_maximal_reconvergence::NAME, PhysicalDeviceShaderMaximalReconvergenceFeaturesKHR {};
     mutable: ext::mutable_descriptor_type::NAME, PhysicalDeviceMutableDescriptorTypeFeaturesEXT {};
     reorder: nv::ray_tracing_invocation_reorder::NAME, PhysicalDeviceRayTracingInvocationReorderFeaturesNV {};
     swept_spheres: LINEAR_SWEPT_SPHERES, PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV {};

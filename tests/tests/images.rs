@@ -963,7 +963,10 @@ fn derivatives_in_compute() {
             assert_eq!(got[..3], [dx, dy, dx + dy], "{group} {i}");
             let levels = [level, level, level + 1.0, 0.5];
             for (got, expected) in got[3..7].iter().zip(levels) {
-                assert!((got - expected).abs() < 0.05, "{group} {i}: {got} for {expected}");
+                assert!(
+                    (got - expected).abs() < 0.05,
+                    "{group} {i}: {got} for {expected}"
+                );
             }
         }
     }
