@@ -15,6 +15,10 @@ pub const NEWER: &[(&CStr, u32)] = &[
         ash::khr::shader_maximal_reconvergence::NAME,
         make_api_version(0, 1, 3, 276),
     ),
+    (
+        ash::khr::shader_quad_control::NAME,
+        make_api_version(0, 1, 3, 276),
+    ),
     (ash::khr::maintenance5::NAME, make_api_version(0, 1, 3, 260)),
     (
         ash::khr::ray_tracing_position_fetch::NAME,

@@ -297,3 +297,28 @@ fn invocations_meet_again_as_early_as_they_may() {
         }
     }
 }
+
+#[test]
+fn quads_vote() {
+    let gpu = Gpu::without_validation();
+    if gpu.optional.quad_control.shader_quad_control == vk::FALSE {
+        println!("the device has no quad control");
+        return;
+    }
+    let source = r"
+    #extension GL_KHR_shader_subgroup_basic : enable
+    #extension GL_EXT_shader_quad_control : enable
+    layout(local_size_x = 64) in;
+    layout(set = 0, binding = 0, std430) buffer Results { uint results[]; };
+    void main() {
+        uint lane = gl_SubgroupInvocationID;
+        uint quad = lane / 4;
+        bool some = subgroupQuadAny(lane % 4 == quad);
+        bool all = subgroupQuadAll(lane % 4 != 0 || quad % 2 == 0);
+        // 1 where any and all are as the lane's number says.
+        results[gl_GlobalInvocationID.x] = uint(some == (quad < 4) && all == (quad % 2 == 0));
+    }";
+    let buffer = gpu.buffer_with(&[0u32; 64]);
+    gpu.compute(source, &[buffer], [1, 1, 1]);
+    assert_eq!(buffer.read::<u32>(), [1; 64]);
+}
