@@ -86,6 +86,7 @@ const SUPPORTED: &[Capability] = &[
     Capability::RayCullMaskKHR,
     Capability::RayTracingSpheresGeometryNV,
     Capability::RayTracingLinearSweptSpheresGeometryNV,
+    Capability::RayTracingMotionBlurNV,
     Capability::ShaderInvocationReorderNV,
     Capability::ShaderInvocationReorderEXT,
     Capability::RayTracingOpacityMicromapEXT,

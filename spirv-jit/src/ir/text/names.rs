@@ -44,7 +44,8 @@ names!(Builtin, builtin_text, builtin_from_text:
     HitKind = "hit_kind", ObjectToWorld = "object_to_world", WorldToObject = "world_to_object",
     HitTriangleVertexPositions = "hit_triangle_vertex_positions", HitIsSphere = "hit_is_sphere",
     HitIsLss = "hit_is_lss", HitSpherePosition = "hit_sphere_position", HitSphereRadius = "hit_sphere_radius",
-    HitLssPositions = "hit_lss_positions", HitLssRadii = "hit_lss_radii", ShaderRecordAddress = "shader_record_address");
+    HitLssPositions = "hit_lss_positions", HitLssRadii = "hit_lss_radii",
+    CurrentRayTime = "current_ray_time", ShaderRecordAddress = "shader_record_address");
 
 names!(AtomicOp, atomic_text, atomic_from_text:
     Load = "load", Store = "store", Exchange = "exchange", CompareExchange = "compare_exchange",
@@ -63,7 +64,7 @@ names!(LodMode, lod_text, lod_from_text:
 
 /// Operations whose name says everything, apart from the elementwise ones.
 pub fn plain_op_from_text(text: &str) -> Option<Op> {
-    const PLAIN: [Op; 20] = [
+    const PLAIN: [Op; 22] = [
         Op::Select,
         Op::FLdexp,
         Op::BitfieldInsert,
@@ -80,7 +81,9 @@ pub fn plain_op_from_text(text: &str) -> Option<Op> {
         Op::TraceRay,
         Op::ReportIntersection,
         Op::ExecuteCallable,
+        Op::TraceRayMotion,
         Op::HitObjectTraceRay,
+        Op::HitObjectTraceRayMotion,
         Op::HitObjectExecute,
         Op::ReorderThread,
         Op::Barrier,
