@@ -166,6 +166,9 @@ pub enum SiteKind {
     ReorderThread,
     /// Workgroup barrier.
     Barrier,
+    /// Row 0: the first private row of a ray query's object ([`crate::query`]), which is read and rewritten there; then, over it, 1 if the
+    /// query stands at a candidate, or 0. The lanes' memory is [`Program::private_rows`].
+    RayQueryProceed,
 }
 
 /// First `io` row of payload, attribute and callable data at every site.

@@ -9,7 +9,10 @@ pub use ash::vk::*;
 pub const LINEAR_SWEPT_SPHERES: &CStr = c"VK_NV_ray_tracing_linear_swept_spheres";
 
 /// Extensions that a validation layer may be too old for: enabled only without it.
-pub const NEWER: &[&CStr] = &[LINEAR_SWEPT_SPHERES];
+pub const NEWER: &[&CStr] = &[
+    LINEAR_SWEPT_SPHERES,
+    ash::khr::ray_tracing_position_fetch::NAME,
+];
 
 pub const GEOMETRY_TYPE_SPHERES_NV: GeometryTypeKHR = GeometryTypeKHR::from_raw(1_000_429_004);
 pub const GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV: GeometryTypeKHR =

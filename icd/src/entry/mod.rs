@@ -21,6 +21,7 @@ pub mod push_descriptor;
 pub mod query;
 pub mod queue;
 pub mod ray_tracing;
+pub mod swapchain;
 pub mod sync;
 
 /// Defines `vkDestroy*` entry points that do nothing but give the handle's count back.

@@ -19,6 +19,7 @@ pub mod render_pass;
 pub mod sampler;
 pub mod shader_stage;
 pub mod sparse;
+pub mod swapchain;
 pub mod sync;
 
 pub use acceleration_structure::AccelerationStructure;
@@ -39,6 +40,7 @@ pub use private_data::PrivateDataSlot;
 pub use query::QueryPool;
 pub use render_pass::{Framebuffer, RenderPass};
 pub use sampler::Sampler;
+pub use swapchain::{Surface, Swapchain};
 pub use sync::{Event, Fence, Semaphore};
 
 use crate::handle::handled;
@@ -71,6 +73,8 @@ handled!(
     RenderPass => RenderPass,
     Sampler => Sampler,
     Semaphore => Semaphore,
+    Surface => SurfaceKHR,
+    Swapchain => SwapchainKHR,
     ShaderModule => ShaderModule,
     crate::queue::Queue => Queue,
     crate::command::CommandBuffer => CommandBuffer,

@@ -446,6 +446,22 @@ commands! {
     Device Core PFN_vkDestroySamplerYcbcrConversion graphics::vkDestroySamplerYcbcrConversion;
     Device Core PFN_vkGetRenderAreaGranularity graphics::vkGetRenderAreaGranularity;
 
+    Instance EXT_HEADLESS_SURFACE PFN_vkCreateHeadlessSurfaceEXT swapchain::vkCreateHeadlessSurfaceEXT;
+    Instance KHR_SURFACE PFN_vkDestroySurfaceKHR swapchain::vkDestroySurfaceKHR;
+    PhysicalDevice KHR_SWAPCHAIN PFN_vkGetPhysicalDevicePresentRectanglesKHR swapchain::vkGetPhysicalDevicePresentRectanglesKHR;
+    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfaceCapabilitiesKHR swapchain::vkGetPhysicalDeviceSurfaceCapabilitiesKHR;
+    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfaceFormatsKHR swapchain::vkGetPhysicalDeviceSurfaceFormatsKHR;
+    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfacePresentModesKHR swapchain::vkGetPhysicalDeviceSurfacePresentModesKHR;
+    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfaceSupportKHR swapchain::vkGetPhysicalDeviceSurfaceSupportKHR;
+    Device KHR_SWAPCHAIN PFN_vkAcquireNextImage2KHR swapchain::vkAcquireNextImage2KHR;
+    Device KHR_SWAPCHAIN PFN_vkAcquireNextImageKHR swapchain::vkAcquireNextImageKHR;
+    Device KHR_SWAPCHAIN PFN_vkCreateSwapchainKHR swapchain::vkCreateSwapchainKHR;
+    Device KHR_SWAPCHAIN PFN_vkDestroySwapchainKHR swapchain::vkDestroySwapchainKHR;
+    Device KHR_SWAPCHAIN PFN_vkGetDeviceGroupPresentCapabilitiesKHR swapchain::vkGetDeviceGroupPresentCapabilitiesKHR;
+    Device KHR_SWAPCHAIN PFN_vkGetDeviceGroupSurfacePresentModesKHR swapchain::vkGetDeviceGroupSurfacePresentModesKHR;
+    Device KHR_SWAPCHAIN PFN_vkGetSwapchainImagesKHR swapchain::vkGetSwapchainImagesKHR;
+    Device KHR_SWAPCHAIN PFN_vkQueuePresentKHR swapchain::vkQueuePresentKHR;
+
     Device EXT_DEBUG_UTILS PFN_vkSetDebugUtilsObjectNameEXT debug::vkSetDebugUtilsObjectNameEXT;
     Device EXT_DEBUG_UTILS PFN_vkSetDebugUtilsObjectTagEXT debug::vkSetDebugUtilsObjectTagEXT;
 

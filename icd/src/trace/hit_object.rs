@@ -145,7 +145,8 @@ impl Batch<'_> {
     }
 }
 
-fn primitive_of(hit: &Hit) -> u32 {
+/// What was hit, as a hit object says it.
+pub fn primitive_of(hit: &Hit) -> u32 {
     match hit.swept {
         Swept::Sphere => primitive::SPHERE,
         Swept::LinearSweptSphere => primitive::LINEAR_SWEPT_SPHERE,

@@ -8,7 +8,7 @@ use traversal::{Hit, Structure, Swept};
 
 use super::Dispatch;
 use super::grid::Grid;
-use super::rays::RayInFlight;
+use super::rays::{RayInFlight, to_object};
 use super::slab::Slab;
 use super::subgroup::{LaneRef, Role, Subgroup};
 use super::table::HANDLE_SIZE;
@@ -244,12 +244,11 @@ impl<'a> HitLanes<'a> {
         std::array::from_fn(|lane| {
             let ray = self.rays[lane].ray();
             let (vector, w) = if origin {
-                (ray.origin, 1.0)
+                (&ray.origin, 1.0)
             } else {
-                (ray.direction, 0.0)
+                (&ray.direction, 0.0)
             };
-            let row = &matrices[lane][component * 4..][..4];
-            (row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2] + row[3] * w).to_bits()
+            to_object(&matrices[lane], component, vector, w).to_bits()
         })
     }
 }

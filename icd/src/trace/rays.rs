@@ -141,3 +141,9 @@ impl RayInFlight {
             .wrapping_add(self.sbt_offset)
     }
 }
+
+/// A component of a point (`w` is 1) or a direction (0) in an instance's space, by its row-major world-to-object matrix.
+pub fn to_object(matrix: &[f32; 12], component: usize, vector: &[f32; 3], w: f32) -> f32 {
+    let row = &matrix[component * 4..][..4];
+    row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2] + row[3] * w
+}

@@ -311,6 +311,9 @@ macro_rules! define_op {
             ReorderThread,
             /// `() -> ()`: waits for all invocations of the workgroup.
             Barrier,
+            /// `(row: i32) -> i1`: advances the ray query whose object starts at that row of private memory, and rewrites the object; false
+            /// when the walk is over.
+            RayQueryProceed,
         }
 
         impl Op {
@@ -354,6 +357,7 @@ macro_rules! define_op {
                     Op::HitObjectGet(fact) => fact.text(),
                     Op::ReorderThread => "reorder_thread",
                     Op::Barrier => "barrier",
+                    Op::RayQueryProceed => "ray_query_proceed",
                 }
             }
 
@@ -477,6 +481,7 @@ impl Op {
                 | Op::HitObjectGet(_)
                 | Op::ReorderThread
                 | Op::Barrier
+                | Op::RayQueryProceed
         )
     }
 

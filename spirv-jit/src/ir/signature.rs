@@ -175,6 +175,7 @@ fn check_other(
         Op::Image(image) => check_image(image, args, results),
         Op::Subgroup(kind) => check_subgroup(*kind, args, results),
         Op::MemoryBarrier | Op::Barrier => takes(&[]).and_then(|()| gives(&[])),
+        Op::RayQueryProceed => takes(&[I32]).and_then(|()| gives(&[I1])),
         Op::Call(callee) => {
             let Some(callee) = module.functions.get(callee.index()) else {
                 return Err("no such function".into());

@@ -137,6 +137,7 @@ impl Lowerer<'_> {
                     | Op::TraceMotionNV
                     | Op::ExecuteCallableKHR
                     | Op::ReportIntersectionKHR
+                    | Op::RayQueryProceedKHR
                     | Op::ControlBarrier => summary.yields = true,
                     opcode if is_hit_object(opcode) => summary.yields = true,
                     Op::IgnoreIntersectionKHR

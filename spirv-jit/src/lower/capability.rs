@@ -84,6 +84,8 @@ const SUPPORTED: &[Capability] = &[
     Capability::RayTraversalPrimitiveCullingKHR,
     Capability::RayTracingPositionFetchKHR,
     Capability::RayCullMaskKHR,
+    Capability::RayQueryKHR,
+    Capability::RayQueryPositionFetchKHR,
     Capability::RayTracingSpheresGeometryNV,
     Capability::RayTracingLinearSweptSpheresGeometryNV,
     Capability::RayTracingMotionBlurNV,

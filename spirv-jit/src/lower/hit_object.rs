@@ -3,12 +3,14 @@
 use rspirv::spirv::Op;
 
 use super::Lowerer;
+use super::types::TypeKind;
 use super::values::Pointer;
 use crate::Error;
 use crate::hit_object::{HitFact, IDENTITY, TRACED, kind, primitive, word};
 use crate::ir::{self, Type, Value};
 use crate::parse::{Id, Instruction};
 use crate::program::Stage;
+use crate::query::{QueryField, QueryWord, row};
 
 /// What an instruction does to a hit object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,6 +34,7 @@ enum Action {
         with_index: bool,
         motion: bool,
     },
+    RecordFromQuery,
     SetRecordIndex,
     CopyAttributes,
     /// Whether it is of this kind.
@@ -82,6 +85,7 @@ fn action(opcode: Op) -> Option<Action> {
         Op::HitObjectRecordHitWithIndexNV => record_hit(true, false),
         Op::HitObjectRecordHitWithIndexMotionNV => record_hit(true, true),
         Op::HitObjectGetCurrentTimeNV | Op::HitObjectGetCurrentTimeEXT => words(word::TIME, 1),
+        Op::HitObjectRecordFromQueryEXT => RecordFromQuery,
         Op::HitObjectSetShaderBindingTableRecordIndexEXT => SetRecordIndex,
         Op::HitObjectGetAttributesNV | Op::HitObjectGetAttributesEXT => CopyAttributes,
         Op::HitObjectIsEmptyNV | Op::HitObjectIsEmptyEXT => Is(kind::EMPTY),
@@ -183,6 +187,7 @@ impl Lowerer<'_> {
             Action::RecordHit { with_index, motion } => {
                 return self.record_hit(&pointer, rest, with_index, motion);
             }
+            Action::RecordFromQuery => return self.record_from_query(&pointer, rest),
             Action::SetRecordIndex => {
                 object[word::RECORD_INDEX] = self.word(rest[0])?;
                 return self.store(&pointer, &object);
@@ -390,6 +395,77 @@ impl Lowerer<'_> {
         }
         self.record_attributes(&mut object, rest[4 + usize::from(motion)])?;
         self.store(pointer, &object)
+    }
+
+    /// Operands: query, record index, attributes(, hit kind). Without a committed intersection the hit object is empty.
+    fn record_from_query(&mut self, pointer: &Pointer, operands: &[Id]) -> Result<(), Error> {
+        let query = self.pointer(operands[0])?;
+        if !matches!(self.types.kind(query.pointee)?, TypeKind::RayQuery) {
+            return Err(self.b.invalid("the operand is not a ray query"));
+        }
+        let mut object = self.empty_hit_object();
+        for (row, index, count) in [
+            (row::STRUCTURE, word::STRUCTURE, 2),
+            (row::FLAGS, word::FLAGS, 1),
+            (row::ORIGIN, word::ORIGIN, 3),
+            (row::T_MIN, word::T_MIN, 1),
+            (row::DIRECTION, word::DIRECTION, 3),
+        ] {
+            let types: Vec<Type> = (index..index + count).map(word::ty).collect();
+            let values = self.load_query_rows(&query, row, &types)?;
+            object[index..index + count].copy_from_slice(&values);
+        }
+        let (zero, one) = (self.b.i32(0), self.b.i32(1));
+        let ty = self.committed_word(&query, QueryField::IntersectionType, 0)?;
+        let is_built_in = self.b.compare(ir::Op::IEq, ty, one)?;
+        let is_hit = self.b.compare(ir::Op::INe, ty, zero)?;
+        let mask = self.load_query_rows(&query, row::CULL_MASK, &[Type::I32])?[0];
+        let eight = self.b.i32(8);
+        let mask = self.b.binary(ir::Op::Shl, mask, eight)?;
+        let (hit, empty) = (self.b.i32(kind::HIT), self.b.i32(kind::EMPTY));
+        let state = self.b.select(is_hit, hit, empty)?;
+        object[word::KIND] = self.b.binary(ir::Op::Or, state, mask)?;
+        object[word::RECORD_INDEX] = self.word(operands[1])?;
+        object[word::T_MAX] = self.committed_word(&query, QueryField::T, 0)?;
+        object[word::INSTANCE] = self.committed_word(&query, QueryField::InstanceId, 0)?;
+        object[word::GEOMETRY] = self.committed_word(&query, QueryField::GeometryIndex, 0)?;
+        object[word::PRIMITIVE] = self.committed_word(&query, QueryField::PrimitiveIndex, 0)?;
+        object[word::SLOT] = self.committed_word(&query, QueryField::Slot, 0)?;
+        // A box's hit kind and attributes are the shader's to say.
+        let given = match operands.get(3) {
+            Some(&id) => self.word(id)?,
+            None => zero,
+        };
+        let low_byte = self.b.i32(0xff);
+        let given = self.b.binary(ir::Op::And, given, low_byte)?;
+        let found = self.committed_word(&query, QueryField::HitKind, 0)?;
+        object[word::HIT_KIND] = self.b.select(is_built_in, found, given)?;
+        self.record_attributes(&mut object, operands[2])?;
+        for component in 0..2 {
+            let weight = self.committed_word(&query, QueryField::Barycentrics, component)?;
+            let place = &mut object[word::ATTRIBUTES + usize::from(component)];
+            *place = self.b.select(is_built_in, weight, *place)?;
+        }
+        self.store(pointer, &object)
+    }
+
+    /// A word about the committed intersection of a query.
+    fn committed_word(
+        &mut self,
+        query: &Pointer,
+        field: QueryField,
+        component: u8,
+    ) -> Result<Value, Error> {
+        let row = self.query_row(QueryWord {
+            committed: true,
+            field,
+            component,
+        })?;
+        let ty = match field {
+            QueryField::T => Type::F32,
+            _ => Type::I32,
+        };
+        Ok(self.load_query_rows(query, row, &[ty])?[0])
     }
 
     /// A hit kind that the shader gives, with what it says of the primitive.

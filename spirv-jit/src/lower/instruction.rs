@@ -124,6 +124,7 @@ impl Lowerer<'_> {
                 self.lower_hit_object(instruction)
             }
             opcode if super::subgroup::is_subgroup(opcode) => self.lower_subgroup(instruction),
+            opcode if super::ray_query::is_ray_query(opcode) => self.lower_ray_query(instruction),
             _ => self.lower_arithmetic(instruction),
         }
     }

@@ -474,6 +474,7 @@ impl Emitter<'_> {
             }
             Op::HitObjectGet(fact) => (9, SiteKind::HitObjectGet { fact }),
             Op::ReorderThread => (4, SiteKind::ReorderThread),
+            Op::RayQueryProceed => (1, SiteKind::RayQueryProceed),
             _ => (0, SiteKind::Barrier),
         };
         let site = SiteId(self.sites.len() as u32);
@@ -491,7 +492,7 @@ impl Emitter<'_> {
         });
         self.bind(after);
         self.jump(control::jump_if_empty, exit);
-        if inst.op == Op::ReportIntersection {
+        if matches!(inst.op, Op::ReportIntersection | Op::RayQueryProceed) {
             if let Some(&accepted) = inst.results.first() {
                 self.push(Instr {
                     d: self.operand(accepted),
