@@ -143,6 +143,7 @@ features! {
         maintenance4: PhysicalDeviceVulkan13Features PhysicalDeviceMaintenance4Features;
         shader_integer_dot_product: PhysicalDeviceVulkan13Features PhysicalDeviceShaderIntegerDotProductFeatures => DotProduct DotProductInputAll DotProductInput4x8Bit DotProductInput4x8BitPacked;
 
+        maintenance5: PhysicalDeviceMaintenance5FeaturesKHR;
         acceleration_structure: PhysicalDeviceAccelerationStructureFeaturesKHR;
         acceleration_structure_capture_replay: PhysicalDeviceAccelerationStructureFeaturesKHR;
         acceleration_structure_indirect_build: PhysicalDeviceAccelerationStructureFeaturesKHR;
