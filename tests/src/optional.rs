@@ -2,7 +2,7 @@
 
 use std::ffi::{CStr, c_void};
 
-use ash::{ext, khr, nv};
+use ash::{ext, huawei, khr, nv};
 
 use crate::newer::{self as vk, LINEAR_SWEPT_SPHERES};
 
@@ -67,5 +67,7 @@ optional! {
     quad_control: khr::shader_quad_control::NAME, PhysicalDeviceShaderQuadControlFeaturesKHR {};
     mutable: ext::mutable_descriptor_type::NAME, PhysicalDeviceMutableDescriptorTypeFeaturesEXT {};
     reorder: nv::ray_tracing_invocation_reorder::NAME, PhysicalDeviceRayTracingInvocationReorderFeaturesNV {};
+    motion: nv::ray_tracing_motion_blur::NAME, PhysicalDeviceRayTracingMotionBlurFeaturesNV {};
+    invocation_mask: huawei::invocation_mask::NAME, PhysicalDeviceInvocationMaskFeaturesHUAWEI {};
     swept_spheres: LINEAR_SWEPT_SPHERES, PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV {};
 }
