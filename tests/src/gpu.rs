@@ -113,7 +113,8 @@ impl Gpu {
         // SAFETY: the loader's initialisers only set up its own state.
         let entry = unsafe { ash::Entry::load() }.expect("there is a Vulkan loader");
         let complaints = Arc::new(Mutex::new(Vec::new()));
-        let has_layer = validate && validation_version(&entry).is_some();
+        let layer = validation_version(&entry).filter(|_| validate);
+        let has_layer = layer.is_some();
         let instance = create_instance(&entry, has_layer);
         let debug = has_layer.then(|| listen(&entry, &instance, &complaints));
         // SAFETY: the handles passed are of this instance, and the chains outlive the calls.
@@ -154,7 +155,8 @@ impl Gpu {
                 .enumerate_device_extension_properties(physical)
                 .expect("extensions can be enumerated");
             let has = |name: &CStr| {
-                let hidden = has_layer && crate::newer::NEWER.contains(&name);
+                let since = crate::newer::NEWER.iter().find(|newer| newer.0 == name);
+                let hidden = since.is_some_and(|since| layer.is_some_and(|layer| layer < since.1));
                 let mut names = offered.iter().map(|e| e.extension_name_as_c_str());
                 !hidden && names.any(|n| n.is_ok_and(|n| n == name))
             };

@@ -37,6 +37,7 @@ refused! {
     vkCmdBeginRenderPass2(*const vk::RenderPassBeginInfo<'_>, *const vk::SubpassBeginInfo<'_>);
     vkCmdBeginRendering(*const vk::RenderingInfo<'_>);
     vkCmdBindIndexBuffer(vk::Buffer, vk::DeviceSize, vk::IndexType);
+    vkCmdBindIndexBuffer2KHR(vk::Buffer, vk::DeviceSize, vk::DeviceSize, vk::IndexType);
     vkCmdBindVertexBuffers(u32, u32, *const vk::Buffer, *const vk::DeviceSize);
     vkCmdBindVertexBuffers2(u32, u32, *const vk::Buffer, *const vk::DeviceSize, *const vk::DeviceSize, *const vk::DeviceSize);
     vkCmdClearAttachments(u32, *const vk::ClearAttachment, u32, *const vk::ClearRect);

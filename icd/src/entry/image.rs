@@ -19,7 +19,7 @@ destroy! {
 }
 
 /// Where a subresource lies, from the image's first byte.
-fn subresource_layout(
+pub(super) fn subresource_layout(
     image: &Image,
     subresource: &vk::ImageSubresource,
 ) -> VkResult<vk::SubresourceLayout> {

@@ -13,6 +13,7 @@ pub mod device;
 pub mod graphics;
 pub mod image;
 pub mod instance;
+pub mod maintenance5;
 pub mod memory;
 pub mod micromap;
 pub mod physical_device;

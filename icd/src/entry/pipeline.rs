@@ -9,7 +9,7 @@ use ash::vk;
 use super::destroy;
 use crate::VkResult;
 use crate::ffi::enumerate::enumerate_bytes;
-use crate::ffi::pipeline::decode_stage;
+use crate::ffi::pipeline::{create_flags, decode_stage};
 use crate::ffi::{self, array, chain, entry};
 use crate::handle::{self, from_handle, optional, retain};
 use crate::object::pipeline::PipelineKind;
@@ -81,8 +81,7 @@ unsafe fn create_compute(
         let start = Instant::now();
         let layout = retain::<PipelineLayout>(info.layout);
         let stage = decode_stage(&info.stage)?;
-        let allowed = !info
-            .flags
+        let allowed = !create_flags(info.flags, info.p_next)
             .contains(vk::PipelineCreateFlags::FAIL_ON_PIPELINE_COMPILE_REQUIRED);
         let Compiled { program, cache_hit } = stage.compile(device, cache, &layout, allowed)?;
         write_feedback(info.p_next, start, &[cache_hit]);
@@ -195,6 +194,6 @@ entry! {
     ) -> vk::Result {
         let device = from_handle::<Device>(device);
         let cache = optional::<PipelineCache>(cache).map(|cache| &**cache);
-        create_each(ffi::slice(infos, count), out, |info| info.flags, |info| create_compute(device, cache, info))
+        create_each(ffi::slice(infos, count), out, |info| create_flags(info.flags, info.p_next), |info| create_compute(device, cache, info))
     }
 }

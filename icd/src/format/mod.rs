@@ -46,13 +46,10 @@ pub struct Features {
     pub buffer: vk::FormatFeatureFlags2,
 }
 
-/// Formats of extensions that are not advertised, though their texels are known.
-const NOT_ADVERTISED: [Format; 2] = [Format::A1B5G5R5_UNORM_PACK16, Format::A8_UNORM];
-
 /// A format's features; empty if it is not supported.
 pub fn features(format: vk::Format) -> Features {
     let texel = texel_format(format);
-    let Some(info) = texel.info().filter(|_| !NOT_ADVERTISED.contains(&texel)) else {
+    let Some(info) = texel.info() else {
         return Features::default();
     };
     let mut features = Features {

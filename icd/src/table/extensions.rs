@@ -80,9 +80,11 @@ extensions! {
     Device KHR_MAINTENANCE_2 c"VK_KHR_maintenance2" 1;
     Device KHR_MAINTENANCE_3 c"VK_KHR_maintenance3" 1;
     Device KHR_MAINTENANCE_4 c"VK_KHR_maintenance4" 2;
+    Device KHR_MAINTENANCE_5 c"VK_KHR_maintenance5" 1;
     Device KHR_MAP_MEMORY_2 c"VK_KHR_map_memory2" 1;
     Device KHR_PIPELINE_LIBRARY c"VK_KHR_pipeline_library" 1;
     Device KHR_PUSH_DESCRIPTOR c"VK_KHR_push_descriptor" 2;
+    Device KHR_RAY_QUERY c"VK_KHR_ray_query" 1;
     Device KHR_RAY_TRACING_MAINTENANCE_1 c"VK_KHR_ray_tracing_maintenance1" 1;
     Device KHR_RAY_TRACING_PIPELINE c"VK_KHR_ray_tracing_pipeline" 1;
     Device KHR_RAY_TRACING_POSITION_FETCH c"VK_KHR_ray_tracing_position_fetch" 1;
@@ -121,6 +123,7 @@ extensions! {
     Device EXT_INLINE_UNIFORM_BLOCK c"VK_EXT_inline_uniform_block" 1;
     Device EXT_MEMORY_BUDGET c"VK_EXT_memory_budget" 1;
     Device EXT_MEMORY_PRIORITY c"VK_EXT_memory_priority" 1;
+    Device EXT_MUTABLE_DESCRIPTOR_TYPE c"VK_EXT_mutable_descriptor_type" 1;
     Device EXT_OPACITY_MICROMAP c"VK_EXT_opacity_micromap" 2;
     Device EXT_PIPELINE_CREATION_CACHE_CONTROL c"VK_EXT_pipeline_creation_cache_control" 3;
     Device EXT_PIPELINE_CREATION_FEEDBACK c"VK_EXT_pipeline_creation_feedback" 1;
@@ -141,7 +144,9 @@ extensions! {
     Device EXT_TEXEL_BUFFER_ALIGNMENT c"VK_EXT_texel_buffer_alignment" 1;
     Device EXT_TOOLING_INFO c"VK_EXT_tooling_info" 1;
     Device NV_RAY_TRACING_INVOCATION_REORDER c"VK_NV_ray_tracing_invocation_reorder" 1;
+    Device NV_RAY_TRACING_MOTION_BLUR c"VK_NV_ray_tracing_motion_blur" 1;
     Device NV_RAY_TRACING_LINEAR_SWEPT_SPHERES c"VK_NV_ray_tracing_linear_swept_spheres" 1;
+    Device VALVE_MUTABLE_DESCRIPTOR_TYPE c"VK_VALVE_mutable_descriptor_type" 1;
 }
 
 /// A set of extensions.

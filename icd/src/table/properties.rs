@@ -327,6 +327,10 @@ unsafe fn fill(device: &PhysicalDevice, node: *mut vk::BaseOutStructure<'static>
                 max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,
                 ..Default::default()
             });
+            PhysicalDeviceMaintenance5PropertiesKHR(vk::PhysicalDeviceMaintenance5PropertiesKHR {
+                depth_stencil_swizzle_one_support: vk::TRUE,
+                ..Default::default()
+            });
             PhysicalDevicePushDescriptorPropertiesKHR(vk::PhysicalDevicePushDescriptorPropertiesKHR {
                 max_push_descriptors: limits::MAX_PUSH_DESCRIPTORS,
                 ..Default::default()

@@ -7,6 +7,7 @@ use traversal::{Verdict, Walker};
 use super::calls::{Call, Records, sort_calls, split_subgroup};
 use super::grid::Grid;
 use super::inputs::Sources;
+use super::queries::Queries;
 use super::rays::{RayInFlight, Report};
 use super::slab::Slab;
 use super::stats::Tally;
@@ -16,6 +17,9 @@ use super::{Dispatch, Stopped};
 
 /// Fuel of one run or walk between two looks at the limits.
 const FUEL: u64 = 1 << 16;
+
+/// Waves between two looks at the limits.
+const PATIENCE: u32 = 256;
 
 /// Subgroup states that a batch may have in flight, in bytes: recursion ends in a device loss there, not in an abort.
 const MAX_STATE_BYTES: usize = 1 << 30;
@@ -29,6 +33,7 @@ pub struct Worker {
     pub(super) records: Records,
     /// States without a subgroup, for their memory.
     pub(super) spare_rows: Vec<Vec<AlignedRow>>,
+    pub(super) queries: Queries,
 }
 
 impl Default for Worker {
@@ -40,6 +45,7 @@ impl Default for Worker {
             rays: Slab::default(),
             records: Records::default(),
             spare_rows: Vec::new(),
+            queries: Queries::default(),
         }
     }
 }
@@ -63,6 +69,8 @@ pub struct Batch<'a> {
     /// Subgroups that stand at a reorder instruction.
     pub(super) reordering: Vec<SubgroupIndex>,
     pub(super) state_bytes: usize,
+    /// Waves until the next look at the limits: a shader that always yields never runs out of fuel.
+    patience: u32,
     tally: Option<Tally>,
 }
 
@@ -72,6 +80,7 @@ impl<'a> Batch<'a> {
         worker.subgroups.clear();
         worker.rays.clear();
         worker.records = Records::default();
+        worker.queries.clear();
         Self {
             dispatch,
             grid,
@@ -81,6 +90,7 @@ impl<'a> Batch<'a> {
             calls: Vec::new(),
             reordering: Vec::new(),
             state_bytes: 0,
+            patience: PATIENCE,
             tally: Tally::new(dispatch.shaders.programs.len()),
         }
     }
@@ -212,14 +222,35 @@ impl<'a> Batch<'a> {
             match event {
                 Event::End => self.end(index),
                 Event::OutOfFuel => self.make_ready(index),
-                Event::Yield(site) => self.answer(index, compiled.sites()[site.0 as usize]),
+                Event::Yield(site) => match compiled.sites()[site.0 as usize] {
+                    SiteKind::RayQueryProceed => self.proceed(index)?,
+                    kind => self.answer(index, kind),
+                },
             }
         }
-        if event == Event::OutOfFuel {
+        self.patience -= 1;
+        if event == Event::OutOfFuel || self.patience == 0 {
+            self.patience = PATIENCE;
             self.dispatch.limits.check()
         } else {
             Ok(())
         }
+    }
+
+    /// Advances the ray queries of a subgroup, which then goes on.
+    fn proceed(&mut self, index: SubgroupIndex) -> Result<(), Stopped> {
+        let worker = &mut *self.worker;
+        let subgroup = &mut worker.subgroups[index];
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        worker.queries.proceed(
+            &mut worker.walker,
+            program,
+            &mut subgroup.rows,
+            &mut subgroup.queries,
+            self.dispatch.limits,
+        )?;
+        self.make_ready(index);
+        Ok(())
     }
 
     /// Starts what a yield asks for, lane by lane.
@@ -230,12 +261,15 @@ impl<'a> Batch<'a> {
         subgroup.pending = mask;
         subgroup.data_words = match site {
             SiteKind::TraceRay { payload_words }
+            | SiteKind::TraceRayMotion { payload_words }
             | SiteKind::HitObjectTraceRay { payload_words }
+            | SiteKind::HitObjectTraceRayMotion { payload_words }
             | SiteKind::HitObjectExecute { payload_words } => payload_words,
             SiteKind::ExecuteCallable { data_words } => data_words,
             SiteKind::ReportIntersection { .. }
             | SiteKind::HitObjectGet { .. }
             | SiteKind::ReorderThread
+            | SiteKind::RayQueryProceed
             | SiteKind::Barrier => 0,
         };
         if site == SiteKind::ReorderThread && mask != 0 {
@@ -248,8 +282,10 @@ impl<'a> Batch<'a> {
                 lane: lane as u8,
             };
             match site {
-                SiteKind::TraceRay { .. } => self.trace_ray(caller, false),
-                SiteKind::HitObjectTraceRay { .. } => self.trace_ray(caller, true),
+                SiteKind::TraceRay { .. } => self.trace_ray(caller, false, false),
+                SiteKind::TraceRayMotion { .. } => self.trace_ray(caller, false, true),
+                SiteKind::HitObjectTraceRay { .. } => self.trace_ray(caller, true, false),
+                SiteKind::HitObjectTraceRayMotion { .. } => self.trace_ray(caller, true, true),
                 SiteKind::HitObjectExecute { .. } => self.execute_hit_object(caller),
                 SiteKind::HitObjectGet { fact } => self.answer_fact(caller, fact),
                 SiteKind::ReportIntersection { attribute_words } => {
@@ -257,7 +293,9 @@ impl<'a> Batch<'a> {
                 }
                 SiteKind::ExecuteCallable { .. } => self.execute_callable(caller),
                 // Barriers exist in compute alone; a ray tracing module that has one is refused.
-                SiteKind::Barrier | SiteKind::ReorderThread => self.answered(caller),
+                SiteKind::Barrier | SiteKind::ReorderThread | SiteKind::RayQueryProceed => {
+                    self.answered(caller)
+                }
             }
         }
         if mask == 0 {
@@ -274,12 +312,13 @@ impl<'a> Batch<'a> {
         }
     }
 
-    fn trace_ray(&mut self, caller: LaneRef, fills_hit_object: bool) {
+    fn trace_ray(&mut self, caller: LaneRef, fills_hit_object: bool, motion: bool) {
         let index = self.worker.rays.take();
         let subgroup = &self.worker.subgroups[caller.subgroup];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let ray = &mut self.worker.rays[index];
-        ray.start(caller, subgroup, program, self.dispatch.pipeline_ray_flags);
+        let flags = self.dispatch.pipeline_ray_flags;
+        ray.start(caller, subgroup, program, flags, motion);
         ray.fills_hit_object = fills_hit_object;
         self.walking.push((index, Verdict::Continue));
     }
@@ -390,6 +429,7 @@ impl<'a> Batch<'a> {
         let mut subgroup = std::mem::take(&mut self.worker.subgroups[index]);
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         self.state_bytes -= program.layout().rows * size_of::<AlignedRow>();
+        self.worker.queries.release(&mut subgroup.queries);
         for lane in lanes_of(subgroup.lanes) {
             let ray = subgroup.ray[lane];
             match subgroup.role {

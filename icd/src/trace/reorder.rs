@@ -86,7 +86,11 @@ impl Batch<'_> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
         let may_move = matches!(
             compiled.site_of(point),
-            Some(SiteKind::TraceRay { .. } | SiteKind::ExecuteCallable { .. })
+            Some(
+                SiteKind::TraceRay { .. }
+                    | SiteKind::TraceRayMotion { .. }
+                    | SiteKind::ExecuteCallable { .. }
+            )
         );
         if !may_move || compiled.stage() != Stage::RayGeneration || subgroups.len() < 2 {
             return;
@@ -150,7 +154,7 @@ impl Batch<'_> {
     /// given back.
     fn move_lanes(&mut self, program: ProgramIndex, sources: &[SubgroupIndex], lanes: &[LaneRef]) {
         let compiled = &self.dispatch.shaders.programs[program as usize];
-        let old: Vec<Subgroup> = sources
+        let mut old: Vec<Subgroup> = sources
             .iter()
             .map(|&index| std::mem::take(&mut self.worker.subgroups[index]))
             .collect();
@@ -169,7 +173,7 @@ impl Batch<'_> {
                 (&old[source].rows[..], lane)
             });
             compiled.gather_lanes(&mut rows, active, &columns);
-            self.worker.subgroups[target] = Subgroup {
+            let mut moved = Subgroup {
                 program,
                 role: old[0].role,
                 rows,
@@ -182,11 +186,20 @@ impl Batch<'_> {
                 }),
                 ..Subgroup::default()
             };
+            for (to, &(source, lane)) in from.iter().enumerate() {
+                let from = (&mut old[source].queries, lane);
+                let to = (&mut moved.queries, to);
+                self.worker.queries.move_lane(from, to);
+            }
+            self.worker.subgroups[target] = moved;
         }
         let needed = lanes.len().div_ceil(SUBGROUP_SIZE);
         for &index in &sources[needed..] {
             self.state_bytes -= compiled.layout().rows * size_of::<AlignedRow>();
             self.worker.subgroups.remove(index);
+        }
+        for subgroup in &mut old {
+            self.worker.queries.release(&mut subgroup.queries);
         }
         let spare = old.into_iter().map(|subgroup| subgroup.rows);
         self.worker.spare_rows.extend(spare);

@@ -113,26 +113,25 @@ impl Audit<'_> {
     }
 
     /// What brings what: commands, types and mandatory features of the versions and extensions that are advertised, with who asks.
-    fn required(&self) -> Vec<(String, Option<Extension>, &Require)> {
+    fn required(&self) -> Vec<(String, Availability, &Require)> {
         let versions = self
             .registry
             .versions
             .iter()
             .filter(|version| version.number <= VERSION);
         let core = versions.flat_map(|version| {
-            version
-                .requires
-                .iter()
-                .map(|require| (version.name.clone(), None, require))
+            version.requires.iter().map(|require| {
+                let (major, minor) = version.number;
+                let since = Availability::Core(vk::make_api_version(0, major, minor, 0));
+                (version.name.clone(), since, require)
+            })
         });
         let extensions = Extension::ALL.iter().filter_map(|&extension| {
             let known = self.registry.extensions.get(name(extension))?;
-            Some(
-                known
-                    .requires
-                    .iter()
-                    .map(move |require| (known.name.clone(), Some(extension), require)),
-            )
+            Some(known.requires.iter().map(move |require| {
+                let by = Availability::Extension(extension);
+                (known.name.clone(), by, require)
+            }))
         });
         core.chain(extensions.flatten())
             .filter(|(_, _, require)| self.met(require))
@@ -142,8 +141,7 @@ impl Audit<'_> {
     fn commands(&mut self) {
         let mut asked: BTreeMap<&str, Vec<Availability>> = BTreeMap::new();
         let mut missing = Vec::new();
-        for (who, extension, require) in self.required() {
-            let availability = extension.map_or(Availability::Core, Availability::Extension);
+        for (who, availability, require) in self.required() {
             for command in &require.commands {
                 asked.entry(command).or_default().push(availability);
                 if commands::find(command.as_bytes()).is_none() {
@@ -284,8 +282,11 @@ fn answer(structure: &Structure) -> Option<Vec<u8>> {
         } else if extends("VkPhysicalDeviceProperties2") {
             (*head).s_type = vk::StructureType::from_raw(structure.ty);
             (*head).p_next = std::ptr::null_mut();
-            let device =
-                PhysicalDevice::new(Arc::new(Messengers::default()), ExtensionSet::default());
+            let device = PhysicalDevice::new(
+                vk::API_VERSION_1_3,
+                Arc::new(Messengers::default()),
+                ExtensionSet::default(),
+            );
             properties::fill_chain(&device, head.cast());
         } else {
             return None;

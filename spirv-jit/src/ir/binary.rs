@@ -45,6 +45,7 @@ pub fn encode(module: &Module) -> Vec<u8> {
     let header = Module {
         functions: Vec::new(),
         inputs: module.inputs.clone(),
+        query_words: module.query_words.clone(),
         ..*module
     };
     let mut encoder = Encoder::default();

@@ -10,6 +10,7 @@ use crate::ir::{
     Variable, VariableId,
 };
 use crate::program::Stage;
+use crate::query::QueryWord;
 
 /// Nesting that the parser follows before it gives up.
 const MAX_NESTING: usize = 2_000;
@@ -227,6 +228,7 @@ impl<'a> Parser<'a> {
             stage: Stage::Compute,
             functions: Vec::new(),
             inputs: Vec::new(),
+            query_words: Vec::new(),
             output_rows: 0,
             local_size: [1; 3],
             shared_size_bytes: 0,
@@ -240,6 +242,12 @@ impl<'a> Parser<'a> {
                 }
                 "inputs" => loop {
                     module.inputs.push(self.input_row()?);
+                    if !self.accept(',') {
+                        break;
+                    }
+                },
+                "query_words" => loop {
+                    module.query_words.push(self.query_word()?);
                     if !self.accept(',') {
                         break;
                     }
@@ -277,6 +285,27 @@ impl<'a> Parser<'a> {
             })
         });
         row.ok_or_else(|| format!("`{word}` is not an input row"))
+    }
+
+    fn query_word(&mut self) -> Parsed<QueryWord> {
+        let word = self.word("a query's word")?;
+        let mut parts = word.split('.');
+        let mut parsed = || {
+            let committed = match parts.next()? {
+                "candidate" => false,
+                "committed" => true,
+                _ => return None,
+            };
+            let field = query_field_from_text(parts.next()?)?;
+            let component = parts.next()?.parse().ok()?;
+            let whole = parts.next().is_none() && component < field.words();
+            whole.then_some(QueryWord {
+                committed,
+                field,
+                component,
+            })
+        };
+        parsed().ok_or_else(|| format!("`{word}` is not a query's word"))
     }
 
     fn function(&mut self) -> Parsed<Function> {
