@@ -65,6 +65,8 @@ pub enum Builtin {
     WorldToObject,
     /// 3 vertices of 3 f32 (`HitTriangleVertexPositionsKHR`).
     HitTriangleVertexPositions,
+    /// 1 f32 (`CurrentRayTimeNV`).
+    CurrentRayTime,
     /// 1 word each, not 0 for true (`HitIsSphereNV`, `HitIsLSSNV`).
     HitIsSphere,
     HitIsLss,
@@ -150,11 +152,15 @@ pub enum SiteKind {
     ReportIntersection { attribute_words: u32 },
     /// Row 0: callable index; rows 16..16+n: data, in and out.
     ExecuteCallable { data_words: u32 },
+    /// As `TraceRay`, with the time in row 15.
+    TraceRayMotion { payload_words: u32 },
     /// As `TraceRay`, up to the hit or miss: rows 0..16 of the answer are the words that [`TRACED`](crate::hit_object::TRACED) lists.
     HitObjectTraceRay { payload_words: u32 },
+    /// As `HitObjectTraceRay`, with the time in row 15.
+    HitObjectTraceRayMotion { payload_words: u32 },
     /// Rows 0..16: the first words of the hit object; rows 16..16+n: payload, in and out; then the hit object's other words.
     HitObjectExecute { payload_words: u32 },
-    /// Rows 0..8: the words that [`IDENTITY`](crate::hit_object::IDENTITY) lists; the answer goes to the rows from 0 on.
+    /// Rows 0..9: the words that [`IDENTITY`](crate::hit_object::IDENTITY) lists; the answer goes to the rows from 0 on.
     HitObjectGet { fact: HitFact },
     /// Row 0: hint; row 1: its bits; row 2: kind of the hit object, or all ones without one; row 3: its record index.
     ReorderThread,

@@ -84,6 +84,10 @@ pub enum QueryField {
     SweptPositions,
     /// 2 words.
     SweptRadii,
+    /// As a hit object has it: see [`word::HIT_KIND`](crate::hit_object::word::HIT_KIND).
+    HitKind,
+    /// As a hit object has it: see [`word::SLOT`](crate::hit_object::word::SLOT).
+    Slot,
 }
 
 impl QueryField {

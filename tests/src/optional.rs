@@ -63,5 +63,6 @@ optional! {
     maintenance5: khr::maintenance5::NAME, PhysicalDeviceMaintenance5FeaturesKHR {};
     micromap: ext::opacity_micromap::NAME, PhysicalDeviceOpacityMicromapFeaturesEXT { micromap_capture_replay };
     reorder: nv::ray_tracing_invocation_reorder::NAME, PhysicalDeviceRayTracingInvocationReorderFeaturesNV {};
+    motion: nv::ray_tracing_motion_blur::NAME, PhysicalDeviceRayTracingMotionBlurFeaturesNV {};
     swept_spheres: LINEAR_SWEPT_SPHERES, PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV {};
 }

@@ -65,7 +65,7 @@ entry! {
         sizes: *mut vk::AccelerationStructureBuildSizesInfoKHR<'_>,
     ) {
         let geometries = geometries(&*info);
-        let kind = kind((*info).ty, &geometries);
+        let kind = kind(&*info, &geometries);
         let counts = slice(max_primitive_counts, (*info).geometry_count);
         let found = traversal::build_sizes(kind, BuildFlags((*info).flags.as_raw()), counts);
         let micromap_bytes = match geometries.iter().any(|geometry| has_micromap(geometry)) {

@@ -161,6 +161,8 @@ features! {
         ray_tracing_position_fetch: PhysicalDeviceRayTracingPositionFetchFeaturesKHR => RayTracingPositionFetchKHR RayQueryPositionFetchKHR;
         ray_tracing_invocation_reorder: PhysicalDeviceRayTracingInvocationReorderFeaturesNV => ShaderInvocationReorderNV;
         ray_tracing_invocation_reorder: PhysicalDeviceRayTracingInvocationReorderFeaturesEXT => ShaderInvocationReorderEXT;
+        ray_tracing_motion_blur: PhysicalDeviceRayTracingMotionBlurFeaturesNV => RayTracingMotionBlurNV;
+        ray_tracing_motion_blur_pipeline_trace_rays_indirect: PhysicalDeviceRayTracingMotionBlurFeaturesNV;
         spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingSpheresGeometryNV;
         linear_swept_spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingLinearSweptSpheresGeometryNV;
         micromap: PhysicalDeviceOpacityMicromapFeaturesEXT => RayTracingOpacityMicromapEXT;

@@ -261,7 +261,9 @@ impl<'a> Batch<'a> {
         subgroup.pending = mask;
         subgroup.data_words = match site {
             SiteKind::TraceRay { payload_words }
+            | SiteKind::TraceRayMotion { payload_words }
             | SiteKind::HitObjectTraceRay { payload_words }
+            | SiteKind::HitObjectTraceRayMotion { payload_words }
             | SiteKind::HitObjectExecute { payload_words } => payload_words,
             SiteKind::ExecuteCallable { data_words } => data_words,
             SiteKind::ReportIntersection { .. }
@@ -280,8 +282,10 @@ impl<'a> Batch<'a> {
                 lane: lane as u8,
             };
             match site {
-                SiteKind::TraceRay { .. } => self.trace_ray(caller, false),
-                SiteKind::HitObjectTraceRay { .. } => self.trace_ray(caller, true),
+                SiteKind::TraceRay { .. } => self.trace_ray(caller, false, false),
+                SiteKind::TraceRayMotion { .. } => self.trace_ray(caller, false, true),
+                SiteKind::HitObjectTraceRay { .. } => self.trace_ray(caller, true, false),
+                SiteKind::HitObjectTraceRayMotion { .. } => self.trace_ray(caller, true, true),
                 SiteKind::HitObjectExecute { .. } => self.execute_hit_object(caller),
                 SiteKind::HitObjectGet { fact } => self.answer_fact(caller, fact),
                 SiteKind::ReportIntersection { attribute_words } => {
@@ -308,12 +312,13 @@ impl<'a> Batch<'a> {
         }
     }
 
-    fn trace_ray(&mut self, caller: LaneRef, fills_hit_object: bool) {
+    fn trace_ray(&mut self, caller: LaneRef, fills_hit_object: bool, motion: bool) {
         let index = self.worker.rays.take();
         let subgroup = &self.worker.subgroups[caller.subgroup];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let ray = &mut self.worker.rays[index];
-        ray.start(caller, subgroup, program, self.dispatch.pipeline_ray_flags);
+        let flags = self.dispatch.pipeline_ray_flags;
+        ray.start(caller, subgroup, program, flags, motion);
         ray.fills_hit_object = fills_hit_object;
         self.walking.push((index, Verdict::Continue));
     }

@@ -11,6 +11,7 @@ use spirv_jit::program::AlignedRow;
 use spirv_jit::query::{QueryField, QueryWord, row, state};
 use traversal::{Event, Hit, Ray, Structure, Swept, Verdict, Walk, Walker};
 
+use super::hit_object::primitive_of;
 use super::rays::to_object;
 use super::slab::Slab;
 use super::subgroup::lanes_of;
@@ -357,6 +358,8 @@ impl<'a> Facts<'a> {
             QueryField::IsLss => u32::from(hit.swept == Swept::LinearSweptSphere),
             QueryField::LssHitValue => hit.barycentrics[0].to_bits(),
             QueryField::SweptPositions => self.ends().0.as_flattened()[component].to_bits(),
+            QueryField::HitKind => hit.hit_kind as u32 | primitive_of(hit) << 8,
+            QueryField::Slot => hit.slot,
             QueryField::SweptRadii => self.ends().1[component].to_bits(),
             QueryField::ObjectRayDirection => {
                 to_object(self.world_to_object(), component, &self.ray.direction, 0.0).to_bits()

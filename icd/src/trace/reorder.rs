@@ -86,7 +86,11 @@ impl Batch<'_> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
         let may_move = matches!(
             compiled.site_of(point),
-            Some(SiteKind::TraceRay { .. } | SiteKind::ExecuteCallable { .. })
+            Some(
+                SiteKind::TraceRay { .. }
+                    | SiteKind::TraceRayMotion { .. }
+                    | SiteKind::ExecuteCallable { .. }
+            )
         );
         if !may_move || compiled.stage() != Stage::RayGeneration || subgroups.len() < 2 {
             return;

@@ -222,10 +222,21 @@ fn check_other(
                 "callable data in and out differ",
             )
         }
-        Op::HitObjectTraceRay => {
+        Op::TraceRayMotion => {
             words_only(args, results)?;
             require(
-                args.len() >= 15 && args.len() - 15 + TRACED.len() == results.len(),
+                args.len() >= 16 && args.len() - 16 == results.len(),
+                "payload in and out differ",
+            )
+        }
+        Op::HitObjectTraceRay | Op::HitObjectTraceRayMotion => {
+            let fixed = match op {
+                Op::HitObjectTraceRay => 15,
+                _ => 16,
+            };
+            words_only(args, results)?;
+            require(
+                args.len() >= fixed && args.len() - fixed + TRACED.len() == results.len(),
                 "payload in and out differ",
             )
         }

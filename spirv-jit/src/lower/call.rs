@@ -133,6 +133,8 @@ impl Lowerer<'_> {
                         summary.variables.extend(&callee.variables);
                     }
                     Op::TraceRayKHR
+                    | Op::TraceRayMotionNV
+                    | Op::TraceMotionNV
                     | Op::ExecuteCallableKHR
                     | Op::ReportIntersectionKHR
                     | Op::RayQueryProceedKHR

@@ -88,6 +88,7 @@ const SUPPORTED: &[Capability] = &[
     Capability::RayQueryPositionFetchKHR,
     Capability::RayTracingSpheresGeometryNV,
     Capability::RayTracingLinearSweptSpheresGeometryNV,
+    Capability::RayTracingMotionBlurNV,
     Capability::ShaderInvocationReorderNV,
     Capability::ShaderInvocationReorderEXT,
     Capability::RayTracingOpacityMicromapEXT,

@@ -68,9 +68,11 @@ impl Lowerer<'_> {
             | Op::ConvertUToPtr
             | Op::ConvertUToAccelerationStructureKHR => self.lower_conversion(instruction),
 
-            Op::TraceRayKHR | Op::ReportIntersectionKHR | Op::ExecuteCallableKHR => {
-                self.lower_ray(instruction)
-            }
+            Op::TraceRayKHR
+            | Op::TraceRayMotionNV
+            | Op::TraceMotionNV
+            | Op::ReportIntersectionKHR
+            | Op::ExecuteCallableKHR => self.lower_ray(instruction),
 
             Op::SampledImage
             | Op::Image

@@ -12,8 +12,20 @@ use crate::parse::{Id, Instruction, ParsedModule};
 use crate::query::{QueryField, QueryWord, row, state};
 
 /// `OpRayQueryGetIntersectionTypeKHR` of a committed intersection.
-const COMMITTED_TRIANGLE: u32 = 1;
-const COMMITTED_GENERATED: u32 = 2;
+pub(super) const COMMITTED_TRIANGLE: u32 = 1;
+pub(super) const COMMITTED_GENERATED: u32 = 2;
+
+/// What a hit object takes from the committed intersection.
+const RECORDED: [QueryField; 8] = [
+    QueryField::IntersectionType,
+    QueryField::T,
+    QueryField::InstanceId,
+    QueryField::GeometryIndex,
+    QueryField::PrimitiveIndex,
+    QueryField::Barycentrics,
+    QueryField::HitKind,
+    QueryField::Slot,
+];
 
 pub(super) fn is_ray_query(opcode: Op) -> bool {
     matches!(
@@ -93,6 +105,9 @@ pub(super) fn find_query_words(module: &ParsedModule) -> Vec<QueryWord> {
         let instruction = module.instruction(index);
         confirms |= instruction.opcode == Op::RayQueryConfirmIntersectionKHR;
         generates |= instruction.opcode == Op::RayQueryGenerateIntersectionKHR;
+        if instruction.opcode == Op::HitObjectRecordFromQueryEXT {
+            words.extend(RECORDED.iter().flat_map(|field| field.all(true)));
+        }
         let Some(field) = field_of(instruction.opcode) else {
             continue;
         };
@@ -197,7 +212,7 @@ impl Lowerer<'_> {
     }
 
     /// The row of a word, which is one of the module's.
-    fn query_row(&self, word: QueryWord) -> Result<usize, Error> {
+    pub(super) fn query_row(&self, word: QueryWord) -> Result<usize, Error> {
         let found = self.query_words.binary_search(&word);
         found
             .map(|index| row::WORDS + index)
@@ -334,7 +349,7 @@ impl Lowerer<'_> {
         self.define_typed(instruction, values)
     }
 
-    fn load_query_rows(
+    pub(super) fn load_query_rows(
         &mut self,
         query: &Pointer,
         first: usize,

@@ -28,6 +28,7 @@ mod descend;
 mod kernel;
 mod leaf;
 mod level;
+mod motion;
 mod space;
 mod swept;
 mod triangle;
@@ -73,6 +74,8 @@ pub struct Walk {
     /// The committed hit; before there is one, its `t` is the ray's `t_max`.
     hit: Hit,
     candidate: Hit,
+    /// When the ray is cast, for what moves.
+    time: f32,
     has_hit: bool,
     state: State,
     /// The instance that the walk is in.
@@ -112,6 +115,7 @@ impl Walk {
                 ..Hit::default()
             },
             candidate: Hit::default(),
+            time: 0.0,
             has_hit: false,
             state: State::Fresh,
             instance: Self::NO_INSTANCE,
@@ -160,6 +164,16 @@ impl Walk {
             Event::OutOfFuel => State::OutOfFuel,
         };
         event
+    }
+
+    /// Casts the ray at another time than 0, in [0, 1]; before the first step.
+    pub fn set_time(&mut self, time: f32) {
+        self.time = time;
+    }
+
+    /// When the ray is cast.
+    pub fn time(&self) -> f32 {
+        self.time
     }
 
     /// The ray this walk was made for.
