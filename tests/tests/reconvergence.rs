@@ -307,6 +307,7 @@ fn quads_vote() {
     }
     let source = r"
     #extension GL_KHR_shader_subgroup_basic : enable
+    #extension GL_KHR_shader_subgroup_vote : enable
     #extension GL_EXT_shader_quad_control : enable
     layout(local_size_x = 64) in;
     layout(set = 0, binding = 0, std430) buffer Results { uint results[]; };
