@@ -91,6 +91,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         let nodes = level.structure.nodes();
         let node_count = level.structure.node_count();
         let fetch_ahead = node_count > LARGE;
+        let takes_all = in_bottom && instance.takes_all && space.scale == 1.0;
         let is_boxes = level.structure.kind() == Kind::Aabbs;
         // SAFETY: the caller's promise.
         let ray = unsafe { K::load_boxes(space) };
@@ -167,6 +168,13 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                 word,
                 first_lane: 0,
             };
+            if takes_all {
+                // SAFETY: the caller's promise.
+                if unsafe { leaf.take::<K, ANY>(walk, &mut t_far) } {
+                    break 'level Event::Done;
+                }
+                continue 'next;
+            }
             // SAFETY: the caller's promise.
             match unsafe { K::test_leaf(&leaf, walk, &mut t_far) } {
                 Leaf::Finished => {}

@@ -1,6 +1,6 @@
 //! Leaves: from primitives to candidates and hits.
 
-use super::kernel::Kernel;
+use super::kernel::{GroupHits, Kernel};
 use super::level::{InstanceFacts, Level};
 use super::space::Space;
 use super::triangle::{Rim, intersect};
@@ -122,6 +122,58 @@ impl Triangles<'_> {
             }
         }
         Leaf::Finished
+    }
+
+    /// Tests triangles that all count: opaque, not culled, in a space that is not scaled. Lowers
+    /// `t_far` to what is found. Returns whether the walk is over (with `ANY`, by its first hit).
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set.
+    #[inline(always)]
+    pub unsafe fn take<K: Kernel, const ANY: bool>(
+        &self,
+        walk: &mut Walk,
+        t_far: &mut f32,
+    ) -> bool {
+        let index = self.word & child::INDEX;
+        let groups = if self.word & child::TWO_GROUPS != 0 {
+            2
+        } else {
+            1
+        };
+        let mut found = GroupHits::NONE;
+        for index in index..index + groups {
+            let Some(group) = self.level.structure.group(index) else {
+                return false;
+            };
+            // SAFETY: the caller's promise.
+            let mut mask = unsafe {
+                K::intersect_group(self.space, group, walk.ray.t_min, *t_far, &mut found)
+            };
+            while mask != 0 {
+                let lane = mask.trailing_zeros() as usize % GROUP;
+                mask &= mask - 1;
+                let hit = Hit {
+                    t: found.t[lane],
+                    barycentrics: found.barycentrics.map(|weights| weights[lane]),
+                    geometry_index: group.geometries[lane] & geometry_word::INDEX,
+                    primitive_index: group.primitives[lane],
+                    slot: 4 * index + lane as u32,
+                    hit_kind: self.instance.hit_kind(found.front >> lane & 1 != 0),
+                    opaque: true,
+                    triangle: true,
+                    ..self.instance.hit()
+                };
+                if walk.is_nearer(&hit) {
+                    walk.commit(hit);
+                    if ANY {
+                        return true;
+                    }
+                    *t_far = hit.t;
+                }
+            }
+        }
+        false
     }
 
     /// The hit of one triangle, if it is to be preferred to what there is.

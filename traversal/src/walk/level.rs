@@ -2,7 +2,9 @@
 
 use super::space::Space;
 use crate::layout::{InstanceRecord, features, geometry_word, instance_flags, instance_state};
-use crate::ray::{Hit, Ray, ray_flags};
+use crate::ray::{
+    HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, Hit, Ray, ray_flags,
+};
 use crate::structure::{Kind, Structure};
 
 /// A structure and the ray in its space.
@@ -80,6 +82,7 @@ impl Level {
         if ray.flags & skip != 0 || !facts.admits(&structure) {
             return false;
         }
+        facts.look_into(&structure);
         self.structure = structure;
         if record.state & instance_state::IDENTITY != 0 {
             self.shares_space = top_is_set_up && top.structure.header().origin_error == 0.0;
@@ -92,17 +95,25 @@ impl Level {
         let (to_world, to_object) = (&record.object_to_world, &record.world_to_object);
         // From the instance's position, so that a far one costs no more than its distance from the
         // ray.
-        let from: [f32; 3] = std::array::from_fn(|i| ray.origin[i] - to_world[4 * i + 3]);
-        let turn = |v: &[f32; 3]| -> [f32; 3] {
-            std::array::from_fn(|i| {
-                let m = &to_object[4 * i..4 * i + 3];
-                m[0] * v[0] + m[1] * v[1] + m[2] * v[2]
-            })
-        };
-        self.space
-            .set(turn(&from), turn(&ray.direction), ray.t_min, 0.0);
+        let from = [
+            ray.origin[0] - to_world[3],
+            ray.origin[1] - to_world[7],
+            ray.origin[2] - to_world[11],
+        ];
+        let (origin, direction) = (turn(to_object, &from), turn(to_object, &ray.direction));
+        self.space.set(origin, direction, ray.t_min, 0.0);
         true
     }
+}
+
+/// A vector times the 3 × 3 part of a row-major 3 × 4 matrix.
+#[inline(always)]
+fn turn(m: &[f32; 12], v: &[f32; 3]) -> [f32; 3] {
+    [
+        m[0] * v[0] + m[1] * v[1] + m[2] * v[2],
+        m[4] * v[0] + m[5] * v[1] + m[6] * v[2],
+        m[8] * v[0] + m[9] * v[1] + m[10] * v[2],
+    ]
 }
 
 /// What an instance's record and the ray's flags say about candidates.
@@ -118,6 +129,8 @@ pub(crate) struct InstanceFacts {
     cull_back: bool,
     cull_opaque: bool,
     cull_no_opaque: bool,
+    /// Every triangle that is hit counts: all are opaque, and none is culled for its facing.
+    pub takes_all: bool,
 }
 
 impl InstanceFacts {
@@ -148,7 +161,17 @@ impl InstanceFacts {
             cull_back: culls && ray(ray_flags::CULL_BACK_FACING_TRIANGLES),
             cull_opaque: ray(ray_flags::CULL_OPAQUE),
             cull_no_opaque: ray(ray_flags::CULL_NO_OPAQUE),
+            takes_all: false,
         }
+    }
+
+    /// Finds out whether every triangle of a structure that is admitted counts.
+    #[inline(always)]
+    fn look_into(&mut self, structure: &Structure) {
+        let all_opaque = self
+            .opaque
+            .unwrap_or(structure.header().features & features::NOT_OPAQUE == 0);
+        self.takes_all = all_opaque && !self.cull_front && !self.cull_back;
     }
 
     /// Whether a geometry is opaque to this ray; `None` if it is culled for that.
@@ -174,6 +197,16 @@ impl InstanceFacts {
             self.cull_back
         };
         (!culled).then_some(front)
+    }
+
+    /// What a triangle whose winding has this front is called, culled or not.
+    #[inline(always)]
+    pub fn hit_kind(&self, front: bool) -> u8 {
+        if front != self.flip_facing {
+            HIT_KIND_FRONT_FACING_TRIANGLE
+        } else {
+            HIT_KIND_BACK_FACING_TRIANGLE
+        }
     }
 
     /// A hit with what the instance knows of it.

@@ -25,6 +25,8 @@
 #[cfg(target_arch = "x86_64")]
 mod avx;
 mod descend;
+#[cfg(target_arch = "x86_64")]
+mod group;
 mod kernel;
 mod leaf;
 mod level;

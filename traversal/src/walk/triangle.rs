@@ -65,11 +65,10 @@ pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Op
         return None;
     }
 
-    let inverse_z = 1.0 / f64::from(space.direction[z_axis]);
-    let [u, v, w] = weights(space, triangle, front, inverse_z).unwrap_or(edges.map(f64::abs));
+    let [u, v, w] = weights(space, triangle, front).unwrap_or(edges.map(f64::abs));
     let inverse_whole = 1.0 / (u + v + w);
     let z_of = |i: usize| f64::from(triangle[i][z_axis]) - f64::from(space.origin[z_axis]);
-    let t = (u * z_of(0) + v * z_of(1) + w * z_of(2)) * inverse_whole * inverse_z;
+    let t = (u * z_of(0) + v * z_of(1) + w * z_of(2)) * inverse_whole * space.exact_inverse_z;
 
     // The exact distance is inside the triangle's own slabs, as they are widened; where it is not
     // because the ray passes beside the rim, what no box would let pass must not be a hit.
@@ -106,14 +105,9 @@ fn moved_edge_is_positive(p: [f32; 2], q: [f32; 2]) -> bool {
 /// Weights of the three vertices, not normalised, from positions in f64; `None` where they
 /// contradict the decision that was made on rounded coordinates.
 #[inline(always)]
-fn weights(
-    space: &Space,
-    triangle: &[[f32; 3]; 3],
-    front: bool,
-    inverse_z: f64,
-) -> Option<[f64; 3]> {
+fn weights(space: &Space, triangle: &[[f32; 3]; 3], front: bool) -> Option<[f64; 3]> {
     let [x_axis, y_axis, z_axis] = space.axes;
-    let shear = [x_axis, y_axis].map(|axis| f64::from(space.direction[axis]) * inverse_z);
+    let shear = space.exact_shear;
     let flat: [[f64; 2]; 3] = std::array::from_fn(|i| {
         let moved = |axis: usize| f64::from(triangle[i][axis]) - f64::from(space.origin[axis]);
         let z = moved(z_axis);

@@ -100,11 +100,9 @@ impl Walker {
 
 /// Whether a ray can hit anything.
 pub(crate) fn is_sound(ray: &Ray) -> bool {
-    ray.origin
-        .iter()
-        .chain(&ray.direction)
-        .all(|c| c.is_finite())
-        && ray.t_min <= ray.t_max
+    let most = (ray.origin.iter().chain(&ray.direction))
+        .fold(0, |most, c| most.max(c.to_bits() & 0x7FFF_FFFF));
+    f32::from_bits(most).is_finite() & (ray.t_min <= ray.t_max)
 }
 
 /// Runs a walk until something has to be decided outside.
