@@ -190,7 +190,8 @@ impl Gpu {
         self.top(&[Instance::of(bottom)])
     }
 
-    fn build(
+    /// Builds a structure of geometries that are described in full.
+    pub fn build(
         &self,
         level: vk::AccelerationStructureTypeKHR,
         geometries: &[vk::AccelerationStructureGeometryKHR],

@@ -8,6 +8,8 @@ use std::time::Duration;
 
 use ash::{ext, khr, vk};
 
+use crate::optional::Optional;
+
 /// How long any one wait may take before the process is given up.
 pub const PATIENCE_NS: u64 = 60_000_000_000;
 /// How long any one test may take.
@@ -28,11 +30,13 @@ pub struct Gpu {
     pub limits: vk::PhysicalDeviceLimits,
     pub acceleration: khr::acceleration_structure::Device,
     pub ray_tracing: khr::ray_tracing_pipeline::Device,
+    pub micromaps: ext::opacity_micromap::Device,
     pub push_descriptor: Option<khr::push_descriptor::Device>,
     pub features: vk::PhysicalDeviceFeatures,
     pub features11: vk::PhysicalDeviceVulkan11Features<'static>,
     pub features12: vk::PhysicalDeviceVulkan12Features<'static>,
     pub features13: vk::PhysicalDeviceVulkan13Features<'static>,
+    pub optional: Optional,
     pub pipeline_properties: vk::PhysicalDeviceRayTracingPipelinePropertiesKHR<'static>,
     pub structure_properties: vk::PhysicalDeviceAccelerationStructurePropertiesKHR<'static>,
     debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
@@ -56,6 +60,7 @@ pub(crate) enum Made {
     Pipeline(vk::Pipeline),
     Module(vk::ShaderModule),
     Structure(vk::AccelerationStructureKHR),
+    Micromap(vk::MicromapEXT),
 }
 
 impl Gpu {
@@ -63,6 +68,13 @@ impl Gpu {
     #[expect(clippy::new_without_default, reason = "opening a device is no default")]
     pub fn new() -> Gpu {
         Gpu::open(true)
+    }
+
+    /// The same where the validation layer is of this version or newer: older ones misjudge what the test does.
+    pub fn validated_since(version: u32) -> Gpu {
+        // SAFETY: the loader's initialisers only set up its own state.
+        let entry = unsafe { ash::Entry::load() }.expect("there is a Vulkan loader");
+        Gpu::open(validation_version(&entry).is_some_and(|found| found >= version))
     }
 
     /// The same for tests that break rules on purpose.
@@ -99,7 +111,7 @@ impl Gpu {
         // SAFETY: the loader's initialisers only set up its own state.
         let entry = unsafe { ash::Entry::load() }.expect("there is a Vulkan loader");
         let complaints = Arc::new(Mutex::new(Vec::new()));
-        let has_layer = validate && has_validation(&entry);
+        let has_layer = validate && validation_version(&entry).is_some();
         let instance = create_instance(&entry, has_layer);
         let debug = has_layer.then(|| listen(&entry, &instance, &complaints));
         // SAFETY: the handles passed are of this instance, and the chains outlive the calls.
@@ -151,9 +163,11 @@ impl Gpu {
                 khr::pipeline_library::NAME,
                 khr::push_descriptor::NAME,
             ];
+            let mut optional = Optional::of(&instance, physical, has);
             let names: Vec<*const c_char> = wanted
                 .into_iter()
                 .filter(|name| has(name))
+                .chain(Optional::names(has))
                 .map(CStr::as_ptr)
                 .collect();
             let queues = [vk::DeviceQueueCreateInfo::default()
@@ -178,6 +192,7 @@ impl Gpu {
             if has(khr::ray_tracing_pipeline::NAME) {
                 info = info.push_next(&mut pipeline);
             }
+            info.p_next = optional.chain(has, info.p_next);
             let device = instance
                 .create_device(physical, &info, None)
                 .expect("vkCreateDevice");
@@ -208,12 +223,14 @@ impl Gpu {
                 limits,
                 acceleration: khr::acceleration_structure::Device::new(&instance, &device),
                 ray_tracing: khr::ray_tracing_pipeline::Device::new(&instance, &device),
+                micromaps: ext::opacity_micromap::Device::new(&instance, &device),
                 push_descriptor: has(khr::push_descriptor::NAME)
                     .then(|| khr::push_descriptor::Device::new(&instance, &device)),
                 features,
                 features11,
                 features12,
                 features13,
+                optional,
                 pipeline_properties,
                 structure_properties,
                 entry,
@@ -347,6 +364,13 @@ impl Drop for Gpu {
                     Made::Layout(it) => device.destroy_pipeline_layout(it, None),
                     Made::Pipeline(it) => device.destroy_pipeline(it, None),
                     Made::Module(it) => device.destroy_shader_module(it, None),
+                    Made::Micromap(it) => {
+                        (self.micromaps.fp().destroy_micromap_ext)(
+                            device.handle(),
+                            it,
+                            std::ptr::null(),
+                        );
+                    }
                     Made::Structure(it) => {
                         self.acceleration.destroy_acceleration_structure(it, None);
                     }
@@ -387,14 +411,16 @@ fn watchdog() -> Sender<()> {
     alive
 }
 
-fn has_validation(entry: &ash::Entry) -> bool {
+/// The version of Vulkan that the validation layer was made for, if it is installed.
+fn validation_version(entry: &ash::Entry) -> Option<u32> {
     // SAFETY: a plain query.
     let layers = unsafe { entry.enumerate_instance_layer_properties() }.unwrap_or_default();
-    layers.iter().any(|layer| {
+    let found = layers.iter().find(|layer| {
         layer
             .layer_name_as_c_str()
             .is_ok_and(|name| name == VALIDATION)
-    })
+    });
+    found.map(|layer| layer.spec_version)
 }
 
 fn create_instance(entry: &ash::Entry, has_layer: bool) -> ash::Instance {

@@ -12,6 +12,8 @@ mod gpu;
 mod image;
 mod known;
 mod memory;
+mod micromap;
+mod optional;
 mod shader;
 mod trace;
 
@@ -22,6 +24,8 @@ pub use gpu::{Gpu, PATIENCE_NS};
 pub use image::{Picture, Shape};
 pub use known::unless_known;
 pub use memory::Buffer;
+pub use micromap::{MicroTriangle, Micromap, MicromapParts, part_centres};
+pub use optional::Optional;
 pub use shader::{Stage, glsl, glsl_for};
 pub use trace::{Group, Rays, RaysInput, Record, Table};
 

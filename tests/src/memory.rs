@@ -35,9 +35,14 @@ impl Gpu {
     /// A zeroed buffer for any use.
     pub fn buffer(&self, size_bytes: u64) -> Buffer {
         let size_bytes = size_bytes.max(4);
+        let mut usage = ANY_USE;
+        if self.optional.micromap.micromap != 0 {
+            usage |= vk::BufferUsageFlags::MICROMAP_STORAGE_EXT
+                | vk::BufferUsageFlags::MICROMAP_BUILD_INPUT_READ_ONLY_EXT;
+        }
         let info = vk::BufferCreateInfo::default()
             .size(size_bytes)
-            .usage(ANY_USE);
+            .usage(usage);
         // SAFETY: the handles are of this device, and the memory is mapped whole.
         unsafe {
             let handle = self

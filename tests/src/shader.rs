@@ -67,6 +67,8 @@ pub fn glsl_for(stage: Stage, source: &str, version: SpirvVersion) -> Vec<u32> {
     ];
     if stage != Stage::Compute {
         extensions.push("GL_EXT_ray_tracing");
+        extensions.push("GL_EXT_ray_cull_mask");
+        extensions.push("GL_EXT_opacity_micromap");
     }
     for extension in extensions {
         text += &format!("#extension {extension} : enable\n");

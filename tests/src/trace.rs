@@ -82,6 +82,11 @@ pub struct Table {
 
 impl Gpu {
     pub fn rays(&self, input: &RaysInput) -> Rays {
+        self.rays_with(input, vk::PipelineCreateFlags::empty())
+    }
+
+    /// The same, with flags for the pipeline.
+    pub fn rays_with(&self, input: &RaysInput, flags: vk::PipelineCreateFlags) -> Rays {
         let set = self.set(input.bindings);
         let layout = self.layout(&[set.layout]);
         let words: Vec<(Stage, Vec<u32>)> = input
@@ -89,7 +94,7 @@ impl Gpu {
             .iter()
             .map(|(stage, source)| (*stage, glsl(*stage, source)))
             .collect();
-        let made = self.try_rays(&words, input.groups, input.recursion, layout);
+        let made = self.try_rays_with(&words, input.groups, input.recursion, layout, flags);
         let pipeline = made.expect("vkCreateRayTracingPipelinesKHR");
         let size = self.pipeline_properties.shader_group_handle_size as usize;
         // SAFETY: the pipeline has these groups.
@@ -122,6 +127,18 @@ impl Gpu {
         recursion: u32,
         layout: vk::PipelineLayout,
     ) -> Result<vk::Pipeline, vk::Result> {
+        let flags = vk::PipelineCreateFlags::empty();
+        self.try_rays_with(shaders, groups, recursion, layout, flags)
+    }
+
+    fn try_rays_with(
+        &self,
+        shaders: &[(Stage, Vec<u32>)],
+        groups: &[Group],
+        recursion: u32,
+        layout: vk::PipelineLayout,
+        flags: vk::PipelineCreateFlags,
+    ) -> Result<vk::Pipeline, vk::Result> {
         let mut modules = Vec::new();
         for (_, words) in shaders {
             let info = vk::ShaderModuleCreateInfo::default().code(words);
@@ -143,6 +160,7 @@ impl Gpu {
         let groups: Vec<vk::RayTracingShaderGroupCreateInfoKHR> =
             groups.iter().map(group_info).collect();
         let info = vk::RayTracingPipelineCreateInfoKHR::default()
+            .flags(flags)
             .stages(&stages)
             .groups(&groups)
             .max_pipeline_ray_recursion_depth(recursion)

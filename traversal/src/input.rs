@@ -1,5 +1,7 @@
 //! What a structure is built from: geometries in the caller's memory.
 
+use crate::micromap::GeometryMicromap;
+
 /// Readable memory of the caller.
 ///
 /// Reads outside it are not made: an index or a primitive that would need one is inactive.
@@ -121,6 +123,8 @@ pub struct TriangleGeometry {
     pub primitive_count: u32,
     /// Opaque, no duplicate any-hits.
     pub flags: GeometryFlags,
+    /// What decides opacity instead of the flag.
+    pub micromap: Option<GeometryMicromap>,
 }
 
 /// A list of boxes: min x y z, max x y z as `f32`.

@@ -6,6 +6,8 @@
 //! reference table     8 bytes for each instance (top level only): the address of its bottom level
 //! Node                256 bytes each; node 0 is the root, a child's index is above its parent's
 //! leaves              TriangleGroup (192 bytes), BoxEntry (8) or InstanceRecord (128) each
+//! micromaps           where a geometry has one: 8 bytes for each geometry (a MicromapReference), 4
+//!                     bytes for each primitive of all geometries, then micromaps of its own
 //! ```
 //!
 //! Each part starts at a multiple of 256 bytes. Nothing in a top level depends on what its bottom
@@ -17,7 +19,7 @@ use std::mem::size_of;
 /// First word of every blob.
 pub(crate) const MAGIC: u64 = u64::from_le_bytes(*b"TuffASv\0");
 /// Version of the layout; counts up with every change of it.
-pub(crate) const VERSION: u32 = 1;
+pub(crate) const VERSION: u32 = 2;
 /// Alignment of a blob and of each of its parts, in bytes.
 pub(crate) const ALIGNMENT: u64 = 256;
 
@@ -51,6 +53,8 @@ pub(crate) struct Header {
     pub references_offset: u64,
     pub nodes_offset: u64,
     pub leaves_offset: u64,
+    /// Bytes of the last part, the micromaps; 0 without.
+    pub micromap_bytes: u64,
     /// Bounds of everything active; min above max when there is nothing.
     pub bounds: Bounds,
     /// Top level: a ray's origin, times this, bounds how far in world space the rounding of
@@ -60,7 +64,7 @@ pub(crate) struct Header {
     pub features: u32,
     /// Levels of nodes.
     pub depth: u32,
-    pub reserved: [u32; 29],
+    pub reserved: [u32; 27],
 }
 
 /// What a bottom level holds; saves the walk from looking.
@@ -157,6 +161,8 @@ pub(crate) struct BoxEntry {
 pub(crate) mod geometry_word {
     /// The geometry is opaque.
     pub const OPAQUE: u32 = 1 << 31;
+    /// The geometry has a micromap, which says what is opaque.
+    pub const MICROMAP: u32 = 1 << 30;
     /// The geometry's index.
     pub const INDEX: u32 = (1 << 24) - 1;
 }
@@ -192,6 +198,8 @@ pub(crate) mod instance_flags {
     pub const TRIANGLE_FLIP_FACING: u32 = 0x2;
     pub const FORCE_OPAQUE: u32 = 0x4;
     pub const FORCE_NO_OPAQUE: u32 = 0x8;
+    pub const FORCE_OPACITY_MICROMAP_2_STATE: u32 = 0x10;
+    pub const DISABLE_OPACITY_MICROMAPS: u32 = 0x20;
 }
 
 /// An axis-aligned box.
@@ -305,6 +313,18 @@ impl Parts {
             size_bytes: align(leaves_offset + leaves * leaf_bytes(kind)),
         }
     }
+}
+
+/// Bytes of the micromap part, without micromaps of its own.
+pub(crate) fn micromap_part_bytes(geometries: u64, primitives: u64) -> u64 {
+    (8 * geometries + 4 * primitives).next_multiple_of(ALIGNMENT)
+}
+
+/// Words for the geometries in the micromap part: 0, the address of a micromap, or where it lies in
+/// the part (as it does after deserialization).
+pub(crate) mod micromap_reference {
+    /// The rest is an offset from the start of the part.
+    pub const INSIDE: u64 = 1;
 }
 
 /// Bytes of one leaf.

@@ -39,6 +39,7 @@
 //!     transform: None,
 //!     primitive_count: 1,
 //!     flags: GeometryFlags(GeometryFlags::OPAQUE),
+//!     micromap: None,
 //! }];
 //! let bottom = built(Kind::Triangles, 1, Geometries::Triangles(&triangles));
 //!
@@ -80,15 +81,20 @@
 pub mod build;
 pub mod input;
 mod layout;
+pub mod micromap;
 pub mod ray;
 pub mod structure;
 pub mod transfer;
 pub mod walk;
 
-pub use build::{BuildError, BuildSizes, build, build_sizes, update};
+pub use build::{BuildError, BuildSizes, build, build_sizes, micromap_bytes, update};
 pub use input::{
     AabbGeometry, BuildFlags, BuildInput, Geometries, GeometryFlags, IndexType, InstanceArray,
     InstanceSource, Memory, TriangleGeometry, VertexFormat,
+};
+pub use micromap::{
+    GeometryMicromap, Micromap, MicromapFormat, MicromapInput, MicromapUsage, Opacity,
+    build_micromap, copy_micromap, micromap_size,
 };
 pub use ray::{Hit, Ray, ray_flags};
 pub use structure::{Kind, Structure, StructureError, validate};

@@ -22,6 +22,8 @@ pub mod ray_flags {
     pub const SKIP_TRIANGLES: u32 = 0x100;
     /// Boxes are no candidates.
     pub const SKIP_AABBS: u32 = 0x200;
+    /// Micromaps have two states: unknown ones become transparent or opaque.
+    pub const FORCE_OPACITY_MICROMAP_2_STATE: u32 = 0x400;
 }
 
 /// `hit_kind` of a triangle seen from its front.

@@ -1,8 +1,10 @@
 //! A structure as its users see it: what it holds, what an instance is, whether it is sound.
 
+mod micromaps;
+
 use crate::layout::{
     ALIGNMENT, BoxEntry, GeometryEntry, Header, InstanceRecord, MAGIC, MAX_DEPTH, Node, Parts,
-    TriangleGroup, VERSION, WIDTH, child, geometry_word, leaf_bytes,
+    TriangleGroup, VERSION, WIDTH, child, geometry_word, leaf_bytes, micromap_part_bytes,
 };
 use crate::ray::Hit;
 
@@ -298,9 +300,14 @@ fn check_parts(kind: Kind, header: &Header) -> Result<(), StructureError> {
         references_offset: header.references_offset,
         nodes_offset: header.nodes_offset,
         leaves_offset: header.leaves_offset,
-        size_bytes: header.size_bytes,
+        size_bytes: header.size_bytes.saturating_sub(header.micromap_bytes),
     };
-    let good = parts == stated && header.node_count > 0 && header.leaf_count <= child::INDEX;
+    let micromaps = header.micromap_bytes == 0
+        || kind == Kind::Triangles
+            && header.micromap_bytes
+                >= micromap_part_bytes(header.geometry_count.into(), header.primitive_count);
+    let good =
+        parts == stated && micromaps && header.node_count > 0 && header.leaf_count <= child::INDEX;
     good.then_some(()).ok_or(StructureError::Corrupt)
 }
 
@@ -336,7 +343,7 @@ pub fn validate(blob: &[u8]) -> Result<(), StructureError> {
             }
         }
     }
-    Ok(())
+    micromaps::check(&structure, blob)
 }
 
 fn check_leaf(structure: &Structure, word: u32) -> Result<(), StructureError> {

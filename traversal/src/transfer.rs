@@ -1,6 +1,9 @@
 //! Moving structures: copies, compaction, serialization.
 
-use crate::layout::{Header, Parts};
+use std::mem::offset_of;
+
+use crate::layout::{Header, Parts, micromap_reference};
+use crate::micromap::Micromap;
 use crate::structure::{Kind, Structure, StructureError, validate};
 
 /// Bytes that [`compact_into`] writes.
@@ -83,46 +86,100 @@ impl Serialized {
 }
 
 /// What serialized data of a structure consists of, after the head: the references, then the blob
-/// without its reference table.
+/// without its reference table, then the micromaps that it refers to: nothing else may be alive where
+/// it is deserialized.
 struct Split {
     size: usize,
     references_start: usize,
     references_bytes: usize,
+    micromaps: Vec<Enclosed>,
+}
+
+/// A micromap that is put into serialized data.
+struct Enclosed {
+    address: u64,
+    micromap: Micromap,
 }
 
 impl Split {
-    fn of(structure: &Structure) -> Split {
+    /// # Safety
+    /// The micromaps of the structure are alive and unchanged.
+    unsafe fn of(structure: &Structure) -> Split {
         Split {
             size: structure.size_bytes() as usize,
             references_start: structure.header().references_offset as usize,
             references_bytes: 8 * structure.reference_count() as usize,
+            // SAFETY: the caller's promise.
+            micromaps: unsafe { outside_micromaps(structure) },
         }
     }
 
-    fn serialized_bytes(&self) -> usize {
-        Serialized::HEAD_BYTES + self.size
+    /// Bytes of the structure after deserialization.
+    fn deserialized_bytes(&self) -> usize {
+        let enclosed = self.micromaps.iter();
+        self.size
+            + enclosed
+                .map(|it| it.micromap.size_bytes() as usize)
+                .sum::<usize>()
     }
+
+    fn serialized_bytes(&self) -> usize {
+        Serialized::HEAD_BYTES + self.deserialized_bytes()
+    }
+}
+
+/// The micromaps that a structure refers to and does not hold itself, by address.
+///
+/// # Safety
+/// They are alive and unchanged.
+unsafe fn outside_micromaps(structure: &Structure) -> Vec<Enclosed> {
+    if structure.micromap_bytes() == 0 {
+        return Vec::new();
+    }
+    let inside = structure.addresses();
+    let mut addresses: Vec<u64> = (0..structure.header().geometry_count)
+        .filter_map(|geometry| structure.micromap_address(geometry))
+        .filter(|address| !inside.contains(address))
+        .collect();
+    addresses.sort_unstable();
+    addresses.dedup();
+    addresses
+        .into_iter()
+        .filter_map(|address| {
+            // SAFETY: the caller's promise.
+            let micromap = unsafe { Micromap::at(address) }?;
+            Some(Enclosed { address, micromap })
+        })
+        .collect()
 }
 
 /// Bytes that [`serialize`] writes.
 ///
 /// # Errors
 /// `source` is no structure.
-pub fn serialized_size(source: &[u8]) -> Result<u64, StructureError> {
-    Ok(Split::of(&Structure::of(source)?).serialized_bytes() as u64)
+///
+/// # Safety
+/// The micromaps that a bottom level refers to are alive and unchanged.
+pub unsafe fn serialized_size(source: &[u8]) -> Result<u64, StructureError> {
+    // SAFETY: the caller's promise.
+    Ok(unsafe { Split::of(&Structure::of(source)?) }.serialized_bytes() as u64)
 }
 
 /// Writes a structure for storage; returns the bytes written.
 ///
 /// # Errors
 /// `source` is no structure, or `destination` is too small.
-pub fn serialize(
+///
+/// # Safety
+/// The micromaps that a bottom level refers to are alive and unchanged.
+pub unsafe fn serialize(
     source: &[u8],
     uuids: &Uuids,
     destination: &mut [u8],
 ) -> Result<u64, StructureError> {
     let structure = Structure::of(source)?;
-    let split = Split::of(&structure);
+    // SAFETY: the caller's promise.
+    let split = unsafe { Split::of(&structure) };
     let bytes = split.serialized_bytes();
     let out = destination
         .get_mut(..bytes)
@@ -130,7 +187,11 @@ pub fn serialize(
     let (head, rest) = out.split_at_mut(Serialized::HEAD_BYTES);
     head[..16].copy_from_slice(&uuids[0]);
     head[16..32].copy_from_slice(&uuids[1]);
-    let words = [bytes as u64, split.size as u64, structure.reference_count()];
+    let words = [
+        bytes as u64,
+        split.deserialized_bytes() as u64,
+        structure.reference_count(),
+    ];
     for (place, word) in head[32..].chunks_exact_mut(8).zip(words) {
         place.copy_from_slice(&word.to_le_bytes());
     }
@@ -139,8 +200,46 @@ pub fn serialize(
     references.copy_from_slice(&source[split.references_start..references_end]);
     let (before, after) = body.split_at_mut(split.references_start);
     before.copy_from_slice(&source[..split.references_start]);
-    after.copy_from_slice(&source[references_end..split.size]);
+    after[..split.size - references_end].copy_from_slice(&source[references_end..split.size]);
+    if !split.micromaps.is_empty() {
+        // A bottom level has no references: the body is the whole blob.
+        // SAFETY: the caller's promise.
+        unsafe { enclose(&structure, &split, body) };
+    }
     Ok(bytes as u64)
+}
+
+/// Puts micromaps after a blob and makes its references and its header say so.
+///
+/// # Safety
+/// The micromaps are alive and unchanged.
+unsafe fn enclose(structure: &Structure, split: &Split, blob: &mut [u8]) {
+    let part_bytes = structure.micromap_bytes();
+    let part = split.size - part_bytes as usize;
+    let mut end = split.size;
+    let mut offsets = Vec::with_capacity(split.micromaps.len());
+    for enclosed in &split.micromaps {
+        // SAFETY: the caller's promise.
+        let bytes = unsafe { enclosed.micromap.bytes() };
+        blob[end..end + bytes.len()].copy_from_slice(bytes);
+        offsets.push((end - part) as u64);
+        end += bytes.len();
+    }
+    let mut put = |place: usize, word: u64| {
+        blob[place..place + 8].copy_from_slice(&word.to_le_bytes());
+    };
+    for geometry in 0..structure.header().geometry_count {
+        let address = structure.micromap_address(geometry);
+        let found =
+            (split.micromaps).binary_search_by_key(&address, |enclosed| Some(enclosed.address));
+        if let Ok(index) = found {
+            let reference = offsets[index] | micromap_reference::INSIDE;
+            put(part + 8 * geometry as usize, reference);
+        }
+    }
+    let enclosed = (end - split.size) as u64;
+    put(offset_of!(Header, size_bytes), end as u64);
+    put(offset_of!(Header, micromap_bytes), part_bytes + enclosed);
 }
 
 /// Makes a structure from serialized data, with the references as they stand in it now; returns

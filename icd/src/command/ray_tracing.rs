@@ -5,6 +5,7 @@
 use ash::vk;
 
 use crate::execute::acceleration_structure::{Build, CopyMode, Storage};
+use crate::execute::micromap::MicromapBuild;
 use crate::handle::Ref;
 use crate::object::QueryPool;
 use crate::trace::table::Tables;
@@ -22,9 +23,15 @@ pub enum RayTracingCommand {
         mode: CopyMode,
     },
     /// `vkCmdCopyAccelerationStructureToMemoryKHR`.
-    Serialize { source: Storage, destination: u64 },
+    Serialize {
+        source: Storage,
+        destination: u64,
+    },
     /// `vkCmdCopyMemoryToAccelerationStructureKHR`.
-    Deserialize { source: u64, destination: Storage },
+    Deserialize {
+        source: u64,
+        destination: Storage,
+    },
     /// `vkCmdWriteAccelerationStructuresPropertiesKHR`.
     WriteProperties {
         structures: Vec<u64>,
@@ -32,10 +39,43 @@ pub enum RayTracingCommand {
         pool: Ref<QueryPool>,
         first: u32,
     },
+    Micromap(MicromapCommand),
     /// `vkCmdTraceRaysKHR`.
-    TraceRays { tables: Tables, extent: [u32; 3] },
+    TraceRays {
+        tables: Tables,
+        extent: [u32; 3],
+    },
     /// `vkCmdTraceRaysIndirectKHR`: the address of a `VkTraceRaysIndirectCommandKHR`.
-    TraceRaysIndirect { tables: Tables, address: u64 },
+    TraceRaysIndirect {
+        tables: Tables,
+        address: u64,
+    },
+    /// `vkCmdTraceRaysIndirect2KHR`: the address of a `VkTraceRaysIndirectCommand2KHR`.
+    TraceRaysIndirect2 {
+        address: u64,
+    },
+}
+
+/// A recorded command on micromaps.
+pub enum MicromapCommand {
+    /// `vkCmdBuildMicromapsEXT`.
+    Build(Vec<MicromapBuild>),
+    /// `vkCmdCopyMicromapEXT`, in either mode.
+    Copy {
+        source: Storage,
+        destination: Storage,
+    },
+    /// `vkCmdCopyMicromapToMemoryEXT`.
+    Serialize { source: Storage, destination: u64 },
+    /// `vkCmdCopyMemoryToMicromapEXT`.
+    Deserialize { source: u64, destination: Storage },
+    /// `vkCmdWriteMicromapsPropertiesEXT`.
+    WriteProperties {
+        micromaps: Vec<u64>,
+        query_type: vk::QueryType,
+        pool: Ref<QueryPool>,
+        first: u32,
+    },
 }
 
 /// A build whose ranges an earlier command may write.

@@ -10,7 +10,7 @@ use crate::command::{Command, RayTracingCommand};
 use crate::execute::acceleration_structure::{self as execute, CopyMode};
 use crate::execute::ray_tracing;
 use crate::ffi::acceleration_structure::{
-    decode_build, decode_builds, geometries, kind, resolve_host_instances, storage,
+    decode_build, decode_builds, geometries, has_micromap, kind, resolve_host_instances, storage,
 };
 use crate::ffi::{commands, entry, slice};
 use crate::handle::{self, from_handle, retain};
@@ -25,7 +25,7 @@ fn copy_mode(mode: vk::CopyAccelerationStructureModeKHR) -> CopyMode {
 }
 
 /// A host command is complete when it returns, whether it was to be deferred or not.
-fn not_deferred(operation: vk::DeferredOperationKHR) -> crate::VkResult {
+pub(super) fn not_deferred(operation: vk::DeferredOperationKHR) -> crate::VkResult {
     match operation == vk::DeferredOperationKHR::null() {
         true => Ok(()),
         false => Err(vk::Result::OPERATION_NOT_DEFERRED_KHR),
@@ -71,10 +71,15 @@ entry! {
         max_primitive_counts: *const u32,
         sizes: *mut vk::AccelerationStructureBuildSizesInfoKHR<'_>,
     ) {
-        let kind = kind((*info).ty, &geometries(&*info));
+        let geometries = geometries(&*info);
+        let kind = kind((*info).ty, &geometries);
         let counts = slice(max_primitive_counts, (*info).geometry_count);
         let found = traversal::build_sizes(kind, BuildFlags((*info).flags.as_raw()), counts);
-        (*sizes).acceleration_structure_size = found.structure_bytes;
+        let micromap_bytes = match geometries.iter().any(|geometry| has_micromap(geometry)) {
+            true => traversal::micromap_bytes(counts),
+            false => 0,
+        };
+        (*sizes).acceleration_structure_size = found.structure_bytes + micromap_bytes;
         (*sizes).build_scratch_size = found.build_scratch_bytes;
         (*sizes).update_scratch_size = found.update_scratch_bytes;
     }

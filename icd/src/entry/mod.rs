@@ -13,6 +13,7 @@ pub mod device;
 pub mod image;
 pub mod instance;
 pub mod memory;
+pub mod micromap;
 pub mod physical_device;
 pub mod pipeline;
 pub mod push_descriptor;

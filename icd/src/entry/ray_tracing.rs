@@ -173,6 +173,10 @@ commands! {
         command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysIndirect { tables, address }))
     }
 
+    fn vkCmdTraceRaysIndirect2KHR(command_buffer, address: vk::DeviceAddress) {
+        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysIndirect2 { address }))
+    }
+
     fn vkCmdSetRayTracingPipelineStackSizeKHR(command_buffer, _size_bytes: u32) {
         // Suspended invocations live on the heap, and go on from there when the declared stack is too small: there is nothing to set aside.
         let _ = command_buffer;

@@ -5,8 +5,8 @@
 use ash::vk;
 use traversal::{
     AabbGeometry, BuildError, BuildFlags, BuildInput, BuildSizes, Geometries, GeometryFlags,
-    IndexType, InstanceArray, InstanceSource, Kind, Memory, Structure, TriangleGeometry,
-    VertexFormat,
+    GeometryMicromap, IndexType, InstanceArray, InstanceSource, Kind, Memory, Structure,
+    TriangleGeometry, VertexFormat,
 };
 
 /// The memory of an acceleration structure object.
@@ -49,6 +49,8 @@ pub struct Triangles {
     /// Address of a `VkTransformMatrixKHR`, or 0.
     pub transform: u64,
     pub primitive_count: u32,
+    /// Its indices' memory is bounded when the range is known.
+    pub micromap: Option<GeometryMicromap>,
 }
 
 /// `VkAccelerationStructureGeometryAabbsDataKHR`, restricted to its range.
@@ -212,12 +214,6 @@ impl Triangles {
     /// # Safety
     /// `transform` is 0 or readable.
     unsafe fn read(&self) -> TriangleGeometry {
-        let index_size_bytes = match self.index_type {
-            IndexType::None => 0,
-            IndexType::U8 => 1,
-            IndexType::U16 => 2,
-            IndexType::U32 => 4,
-        };
         let corners = self.primitive_count as u64 * 3;
         let vertex_count = match self.index_type {
             IndexType::None => self.first_vertex as u64 + corners,
@@ -231,13 +227,34 @@ impl Triangles {
             vertex_format: self.vertex_format,
             first_vertex: self.first_vertex,
             index_type: self.index_type,
-            indices: memory(self.indices, corners * index_size_bytes),
+            indices: memory(self.indices, corners * index_size_bytes(self.index_type)),
             // SAFETY: the caller's promise.
             transform: (self.transform != 0)
                 .then(|| unsafe { std::ptr::read_unaligned(self.transform as *const [f32; 12]) }),
             primitive_count: self.primitive_count,
             flags: self.flags,
+            micromap: self.micromap.map(|micromap| self.bounded(micromap)),
         }
+    }
+
+    /// A micromap whose indices are those of the range's triangles.
+    fn bounded(&self, micromap: GeometryMicromap) -> GeometryMicromap {
+        let last = u64::from(self.primitive_count.saturating_sub(1))
+            .saturating_mul(micromap.index_stride_bytes);
+        let bytes = last.saturating_add(index_size_bytes(micromap.index_type));
+        GeometryMicromap {
+            indices: memory(micromap.indices.base as u64, bytes),
+            ..micromap
+        }
+    }
+}
+
+fn index_size_bytes(ty: IndexType) -> u64 {
+    match ty {
+        IndexType::None => 0,
+        IndexType::U8 => 1,
+        IndexType::U16 => 2,
+        IndexType::U32 => 4,
     }
 }
 
@@ -274,7 +291,7 @@ impl Instances {
     }
 }
 
-fn memory(address: u64, bytes: u64) -> Memory {
+pub fn memory(address: u64, bytes: u64) -> Memory {
     Memory {
         base: address as *const u8,
         bytes: bytes as usize,
@@ -283,7 +300,7 @@ fn memory(address: u64, bytes: u64) -> Memory {
 
 /// # Safety
 /// The range is writable and used by nothing else for `'a`; `address` may be 0 if `size_bytes` is.
-unsafe fn bytes_mut<'a>(address: u64, size_bytes: u64) -> &'a mut [u8] {
+pub unsafe fn bytes_mut<'a>(address: u64, size_bytes: u64) -> &'a mut [u8] {
     if size_bytes == 0 || address == 0 {
         return &mut [];
     }

@@ -28,6 +28,7 @@ pub mod clear;
 pub mod copy;
 pub mod dispatch;
 mod engine;
+pub mod micromap;
 pub mod query;
 pub mod ray_tracing;
 pub mod resolve;

@@ -10,7 +10,7 @@ use crate::command::ray_tracing::IndirectBuild;
 use crate::log::{self, Level};
 use crate::object::ray_tracing_pipeline::RayTracingPipeline;
 use crate::table::limits;
-use crate::trace::table::Tables;
+use crate::trace::table::{Region, Tables};
 use crate::trace::{Dispatch, Limits, Stopped};
 
 /// What is bound at the ray tracing bind point.
@@ -82,6 +82,8 @@ pub fn execute<'a>(
                 });
             }
         }
+        // SAFETY: as above.
+        RayTracingCommand::Micromap(command) => unsafe { super::micromap::execute(command) },
         RayTracingCommand::TraceRays { tables, extent } => {
             return trace_rays(tables, *extent, bound());
         }
@@ -89,6 +91,12 @@ pub fn execute<'a>(
             // SAFETY: as above; the three words are read when the command is executed, since an earlier one may have written them.
             let extent = unsafe { std::ptr::read_unaligned(*address as *const [u32; 3]) };
             return trace_rays(tables, extent, bound());
+        }
+        RayTracingCommand::TraceRaysIndirect2 { address } => {
+            let command = *address as *const vk::TraceRaysIndirectCommand2KHR;
+            // SAFETY: as above.
+            let (tables, extent) = indirect2(&unsafe { command.read_unaligned() });
+            return trace_rays(&tables, extent, bound());
         }
     }
     Ok(())
@@ -131,6 +139,38 @@ unsafe fn with_ranges(indirect: &IndirectBuild) -> Build {
         );
     }
     build
+}
+
+/// The tables and the extent of a `VkTraceRaysIndirectCommand2KHR`. The ray generation table is one record.
+fn indirect2(command: &vk::TraceRaysIndirectCommand2KHR) -> (Tables, [u32; 3]) {
+    let region = |address, stride_bytes, size_bytes| Region {
+        address,
+        stride_bytes,
+        size_bytes,
+    };
+    let tables = Tables {
+        raygen: region(
+            command.raygen_shader_record_address,
+            command.raygen_shader_record_size,
+            command.raygen_shader_record_size,
+        ),
+        miss: region(
+            command.miss_shader_binding_table_address,
+            command.miss_shader_binding_table_stride,
+            command.miss_shader_binding_table_size,
+        ),
+        hit: region(
+            command.hit_shader_binding_table_address,
+            command.hit_shader_binding_table_stride,
+            command.hit_shader_binding_table_size,
+        ),
+        callable: region(
+            command.callable_shader_binding_table_address,
+            command.callable_shader_binding_table_stride,
+            command.callable_shader_binding_table_size,
+        ),
+    };
+    (tables, [command.width, command.height, command.depth])
 }
 
 fn trace_rays(tables: &Tables, extent: [u32; 3], bound: Option<Bound<'_>>) -> Result<(), Stopped> {

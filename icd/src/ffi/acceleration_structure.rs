@@ -3,7 +3,7 @@
 use ash::vk;
 use traversal::{BuildFlags, GeometryFlags, IndexType, InstanceArray, VertexFormat};
 
-use super::slice;
+use super::{find, slice};
 use crate::execute::acceleration_structure::{
     Aabbs, Build, BuildGeometries, Instances, Range, Storage, Triangles, vertex_format,
 };
@@ -133,18 +133,34 @@ pub unsafe fn storage(handle: vk::AccelerationStructureKHR) -> Storage {
     unsafe { handle::from_handle::<AccelerationStructure>(handle) }.storage()
 }
 
+/// Whether a geometry names a micromap.
+///
+/// # Safety
+/// The geometry is valid.
+pub unsafe fn has_micromap(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> bool {
+    type Info = vk::AccelerationStructureTrianglesOpacityMicromapEXT<'static>;
+    // SAFETY: the caller's promise; triangles are read only of what is one of triangles.
+    geometry.geometry_type == vk::GeometryTypeKHR::TRIANGLES
+        && unsafe { find::<Info>(geometry.geometry.triangles.p_next) }.is_some()
+}
+
+/// Indices that are not there for values that there are not.
+pub fn index_type(ty: vk::IndexType) -> IndexType {
+    match ty {
+        vk::IndexType::UINT8_KHR => IndexType::U8,
+        vk::IndexType::UINT16 => IndexType::U16,
+        vk::IndexType::UINT32 => IndexType::U32,
+        _ => IndexType::None,
+    }
+}
+
 /// # Safety
 /// The geometry is one of triangles.
 unsafe fn triangles(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Triangles {
     // SAFETY: the caller's promise; both members of an address union are 64 bits.
     unsafe {
         let data = geometry.geometry.triangles;
-        let index_type = match data.index_type {
-            vk::IndexType::UINT8_KHR => IndexType::U8,
-            vk::IndexType::UINT16 => IndexType::U16,
-            vk::IndexType::UINT32 => IndexType::U32,
-            _ => IndexType::None,
-        };
+        let index_type = index_type(data.index_type);
         Triangles {
             flags: GeometryFlags(geometry.flags.as_raw()),
             vertex_format: vertex_format(data.vertex_format).unwrap_or(VertexFormat::F32x3),
@@ -156,6 +172,7 @@ unsafe fn triangles(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Tria
             indices: data.index_data.device_address,
             transform: data.transform_data.device_address,
             primitive_count: 0,
+            micromap: super::micromap::of_geometry(data.p_next),
         }
     }
 }

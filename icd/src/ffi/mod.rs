@@ -5,6 +5,7 @@ pub mod array;
 pub mod chain;
 pub mod enumerate;
 pub mod guard;
+pub mod micromap;
 pub mod pipeline;
 pub mod ray_tracing;
 

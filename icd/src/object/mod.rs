@@ -7,6 +7,7 @@ pub mod device;
 pub mod image;
 pub mod instance;
 pub mod memory;
+pub mod micromap;
 pub mod physical_device;
 pub mod pipeline;
 pub mod private_data;
@@ -25,6 +26,7 @@ pub use device::Device;
 pub use image::{Image, ImageView};
 pub use instance::{Instance, Messenger};
 pub use memory::DeviceMemory;
+pub use micromap::Micromap;
 pub use physical_device::PhysicalDevice;
 pub use pipeline::{Pipeline, PipelineCache, PipelineLayout, ShaderModule};
 pub use private_data::PrivateDataSlot;
@@ -54,6 +56,7 @@ handled!(
     ImageView => ImageView,
     Instance => Instance,
     Messenger => DebugUtilsMessengerEXT,
+    Micromap => MicromapEXT,
     PhysicalDevice => PhysicalDevice,
     Pipeline => Pipeline,
     PipelineCache => PipelineCache,

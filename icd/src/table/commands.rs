@@ -369,12 +369,28 @@ commands! {
     Device KHR_ACCELERATION_STRUCTURE PFN_vkWriteAccelerationStructuresPropertiesKHR acceleration_structure::vkWriteAccelerationStructuresPropertiesKHR;
 
     Device KHR_RAY_TRACING_PIPELINE PFN_vkCmdSetRayTracingPipelineStackSizeKHR ray_tracing::vkCmdSetRayTracingPipelineStackSizeKHR;
+    Device KHR_RAY_TRACING_MAINTENANCE_1 PFN_vkCmdTraceRaysIndirect2KHR ray_tracing::vkCmdTraceRaysIndirect2KHR;
     Device KHR_RAY_TRACING_PIPELINE PFN_vkCmdTraceRaysIndirectKHR ray_tracing::vkCmdTraceRaysIndirectKHR;
     Device KHR_RAY_TRACING_PIPELINE PFN_vkCmdTraceRaysKHR ray_tracing::vkCmdTraceRaysKHR;
     Device KHR_RAY_TRACING_PIPELINE PFN_vkCreateRayTracingPipelinesKHR ray_tracing::vkCreateRayTracingPipelinesKHR;
     Device KHR_RAY_TRACING_PIPELINE PFN_vkGetRayTracingCaptureReplayShaderGroupHandlesKHR ray_tracing::vkGetRayTracingCaptureReplayShaderGroupHandlesKHR;
     Device KHR_RAY_TRACING_PIPELINE PFN_vkGetRayTracingShaderGroupHandlesKHR ray_tracing::vkGetRayTracingShaderGroupHandlesKHR;
     Device KHR_RAY_TRACING_PIPELINE PFN_vkGetRayTracingShaderGroupStackSizeKHR ray_tracing::vkGetRayTracingShaderGroupStackSizeKHR;
+
+    Device EXT_OPACITY_MICROMAP PFN_vkBuildMicromapsEXT micromap::vkBuildMicromapsEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCmdBuildMicromapsEXT micromap::vkCmdBuildMicromapsEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCmdCopyMemoryToMicromapEXT micromap::vkCmdCopyMemoryToMicromapEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCmdCopyMicromapEXT micromap::vkCmdCopyMicromapEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCmdCopyMicromapToMemoryEXT micromap::vkCmdCopyMicromapToMemoryEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCmdWriteMicromapsPropertiesEXT micromap::vkCmdWriteMicromapsPropertiesEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCopyMemoryToMicromapEXT micromap::vkCopyMemoryToMicromapEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCopyMicromapEXT micromap::vkCopyMicromapEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCopyMicromapToMemoryEXT micromap::vkCopyMicromapToMemoryEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkCreateMicromapEXT micromap::vkCreateMicromapEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkDestroyMicromapEXT micromap::vkDestroyMicromapEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkGetDeviceMicromapCompatibilityEXT micromap::vkGetDeviceMicromapCompatibilityEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkGetMicromapBuildSizesEXT micromap::vkGetMicromapBuildSizesEXT;
+    Device EXT_OPACITY_MICROMAP PFN_vkWriteMicromapsPropertiesEXT micromap::vkWriteMicromapsPropertiesEXT;
 
     Device EXT_DEBUG_UTILS PFN_vkSetDebugUtilsObjectNameEXT debug::vkSetDebugUtilsObjectNameEXT;
     Device EXT_DEBUG_UTILS PFN_vkSetDebugUtilsObjectTagEXT debug::vkSetDebugUtilsObjectTagEXT;

@@ -151,7 +151,12 @@ features! {
         ray_tracing_pipeline_shader_group_handle_capture_replay_mixed: PhysicalDeviceRayTracingPipelineFeaturesKHR;
         ray_tracing_pipeline_trace_rays_indirect: PhysicalDeviceRayTracingPipelineFeaturesKHR;
         ray_traversal_primitive_culling: PhysicalDeviceRayTracingPipelineFeaturesKHR => RayTraversalPrimitiveCullingKHR;
+        ray_tracing_maintenance1: PhysicalDeviceRayTracingMaintenance1FeaturesKHR => RayCullMaskKHR;
+        ray_tracing_pipeline_trace_rays_indirect2: PhysicalDeviceRayTracingMaintenance1FeaturesKHR;
         ray_tracing_position_fetch: PhysicalDeviceRayTracingPositionFetchFeaturesKHR => RayTracingPositionFetchKHR;
+        micromap: PhysicalDeviceOpacityMicromapFeaturesEXT => RayTracingOpacityMicromapEXT;
+        micromap_capture_replay: PhysicalDeviceOpacityMicromapFeaturesEXT;
+        micromap_host_commands: PhysicalDeviceOpacityMicromapFeaturesEXT;
         pipeline_library_group_handles: PhysicalDevicePipelineLibraryGroupHandlesFeaturesEXT;
 
         shader_buffer_float32_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;

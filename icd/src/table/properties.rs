@@ -303,6 +303,11 @@ unsafe fn fill(device: &PhysicalDevice, node: *mut vk::BaseOutStructure<'static>
             PhysicalDeviceShaderIntegerDotProductProperties(vk::PhysicalDeviceShaderIntegerDotProductProperties::default());
             PhysicalDeviceAccelerationStructurePropertiesKHR(acceleration_structure());
             PhysicalDeviceRayTracingPipelinePropertiesKHR(ray_tracing_pipeline());
+            PhysicalDeviceOpacityMicromapPropertiesEXT(vk::PhysicalDeviceOpacityMicromapPropertiesEXT {
+                max_opacity2_state_subdivision_level: traversal::micromap::MAX_LEVEL,
+                max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,
+                ..Default::default()
+            });
             PhysicalDevicePushDescriptorPropertiesKHR(vk::PhysicalDevicePushDescriptorPropertiesKHR {
                 max_push_descriptors: limits::MAX_PUSH_DESCRIPTORS,
                 ..Default::default()

@@ -282,6 +282,7 @@ fn rectangle(width: f32, height: f32, z: f32, opaque: bool) -> Blob {
         transform: None,
         primitive_count: 2,
         flags: GeometryFlags(u32::from(opaque)),
+        micromap: None,
     };
     Blob::build(Kind::Triangles, Geometries::Triangles(&[geometry]), 2)
 }

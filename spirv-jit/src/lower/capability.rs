@@ -84,6 +84,7 @@ const SUPPORTED: &[Capability] = &[
     Capability::RayTraversalPrimitiveCullingKHR,
     Capability::RayTracingPositionFetchKHR,
     Capability::RayCullMaskKHR,
+    Capability::RayTracingOpacityMicromapEXT,
     Capability::VulkanMemoryModel,
     Capability::VulkanMemoryModelDeviceScope,
     Capability::PhysicalStorageBufferAddresses,

@@ -3,7 +3,7 @@
 use super::collapse::{self, Children};
 use super::primitive::{Primitive, in_pool};
 use super::tree::{self, BinaryNode};
-use crate::input::{Geometries, GeometryFlags};
+use crate::input::{Geometries, GeometryFlags, TriangleGeometry};
 use crate::layout::{
     Bounds, BoxEntry, GROUP, LEAF_TRIANGLES, Node, Parts, TriangleGroup, WIDTH, child,
     geometry_word,
@@ -103,7 +103,7 @@ impl Target<'_> {
                 continue;
             };
             let geometry = &list[primitive.geometry as usize];
-            group.geometries[lane] = word(primitive.geometry, geometry.flags);
+            group.geometries[lane] = triangle_word(primitive.geometry, geometry);
             // SAFETY: the caller's promise.
             if let Some(triangle) = unsafe { geometry.triangle(primitive.index) } {
                 group.set_triangle(lane, &triangle);
@@ -253,6 +253,15 @@ fn sort_chunks(primitives: &mut [Primitive], size: usize) {
         sort_chunks(left, size);
         sort_chunks(right, size);
     }
+}
+
+/// See [`geometry_word`].
+pub(crate) fn triangle_word(index: u32, geometry: &TriangleGeometry) -> u32 {
+    let micromap = match geometry.micromap {
+        Some(_) => geometry_word::MICROMAP,
+        None => 0,
+    };
+    word(index, geometry.flags) | micromap
 }
 
 /// See [`geometry_word`].

@@ -8,15 +8,16 @@
 mod collapse;
 mod emit;
 mod instance;
+mod micromap;
 mod primitive;
 mod refit;
 mod tree;
 mod vertex;
 
-use crate::input::{BuildFlags, BuildInput, Geometries, GeometryFlags};
+use crate::input::{BuildFlags, BuildInput, Geometries, GeometryFlags, TriangleGeometry};
 use crate::layout::{
     Bounds, GROUP, GeometryEntry, Header, LEAF_TRIANGLES, MAGIC, MAX_DEPTH, Node, Parts, VERSION,
-    features, leaf_bytes,
+    features, leaf_bytes, micromap_part_bytes,
 };
 use crate::structure::Kind;
 use collapse::Costs;
@@ -92,6 +93,12 @@ pub fn build_sizes(kind: Kind, flags: BuildFlags, max_primitive_counts: &[u32]) 
     }
 }
 
+/// What a structure takes beyond [`build_sizes`] if a geometry has a micromap.
+pub fn micromap_bytes(max_primitive_counts: &[u32]) -> u64 {
+    let count = max_primitive_counts.iter().map(|&c| u64::from(c)).sum();
+    micromap_part_bytes(max_primitive_counts.len() as u64, count)
+}
+
 /// The promised size. Per primitive, each constant is well above what [`Target::write_packed`]
 /// takes; few primitives may each have a leaf and a node of their own.
 fn structure_bytes(kind: Kind, geometries: u64, primitives: u64) -> u64 {
@@ -144,7 +151,8 @@ unsafe fn build_to_depth(
 ) -> Result<u64, BuildError> {
     let shape = Shape::of(&input.geometries)?;
     let promised = structure_bytes(shape.kind, shape.geometries, shape.primitives);
-    if (destination.len() as u64) < promised || !(destination.as_ptr() as usize).is_multiple_of(256)
+    if (destination.len() as u64) < promised + shape.micromap_bytes
+        || !(destination.as_ptr() as usize).is_multiple_of(256)
     {
         return Err(BuildError::Destination);
     }
@@ -228,10 +236,28 @@ unsafe fn build_to_depth(
         // SAFETY: the nodes and leaves are written.
         written.bounds = unsafe { refit::refit(&target, written.node_count) };
     }
+    if let Geometries::Triangles(list) = &input.geometries
+        && shape.micromap_bytes > 0
+    {
+        // SAFETY: the destination has room for the part after the others; the caller's promise for the geometries.
+        unsafe { write_micromaps(&target, list, shape.micromap_bytes) };
+    }
     // SAFETY: the parts are inside the destination.
     unsafe { write_head(&target, input, &shape, &written, origin_error) };
     debug_assert_eq!(crate::validate(destination), Ok(()));
-    Ok(target.parts.size_bytes)
+    Ok(target.parts.size_bytes + shape.micromap_bytes)
+}
+
+/// Writes the part for micromaps, which comes after the others.
+///
+/// # Safety
+/// There are `bytes` after the target's parts, and the memory of the geometries is readable and unchanged.
+unsafe fn write_micromaps(target: &Target<'_>, list: &[TriangleGeometry], bytes: u64) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let start = target.base.add(target.parts.size_bytes as usize);
+        micromap::write(list, std::slice::from_raw_parts_mut(start, bytes as usize));
+    }
 }
 
 /// Leaves of a packed tree: only the last child is not full.
@@ -276,26 +302,31 @@ pub(crate) struct Shape {
     pub kind: Kind,
     pub geometries: u64,
     pub primitives: u64,
+    /// Of the part for micromaps; 0 without.
+    pub micromap_bytes: u64,
 }
 
 impl Shape {
     pub fn of(geometries: &Geometries<'_>) -> Result<Shape, BuildError> {
         let count = |counts: &mut dyn Iterator<Item = u32>| counts.map(u64::from).sum();
-        let shape = match geometries {
+        let mut shape = match geometries {
             Geometries::Triangles(list) => Shape {
                 kind: Kind::Triangles,
                 geometries: list.len() as u64,
                 primitives: count(&mut list.iter().map(|g| g.primitive_count)),
+                micromap_bytes: 0,
             },
             Geometries::Aabbs(list) => Shape {
                 kind: Kind::Aabbs,
                 geometries: list.len() as u64,
                 primitives: count(&mut list.iter().map(|g| g.primitive_count)),
+                micromap_bytes: 0,
             },
             Geometries::Instances(source) => Shape {
                 kind: Kind::Instances,
                 geometries: 1,
                 primitives: source.count.into(),
+                micromap_bytes: 0,
             },
         };
         let most = match shape.kind {
@@ -304,6 +335,10 @@ impl Shape {
         };
         if shape.geometries > MAX_GEOMETRIES || shape.primitives > most {
             return Err(BuildError::TooLarge);
+        }
+        if matches!(geometries, Geometries::Triangles(list) if list.iter().any(|g| g.micromap.is_some()))
+        {
+            shape.micromap_bytes = micromap_part_bytes(shape.geometries, shape.primitives);
         }
         Ok(shape)
     }
@@ -394,6 +429,9 @@ unsafe fn write_head(
             .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),
         Geometries::Instances(source) => entry(0, source.count, source.flags),
     }
+    if shape.micromap_bytes > 0 {
+        all_features |= features::OPAQUE | features::NOT_OPAQUE;
+    }
     let table_end = parts.geometries_offset + shape.geometries * size_of::<GeometryEntry>() as u64;
     gap(table_end, parts.references_offset);
     let references_end = parts.references_offset
@@ -411,18 +449,19 @@ unsafe fn write_head(
         flags: input.flags.0,
         geometry_count: shape.geometries as u32,
         primitive_count: shape.primitives,
-        size_bytes: parts.size_bytes,
+        size_bytes: parts.size_bytes + shape.micromap_bytes,
         node_count: written.node_count,
         leaf_count: written.leaf_count,
         geometries_offset: parts.geometries_offset,
         references_offset: parts.references_offset,
         nodes_offset: parts.nodes_offset,
         leaves_offset: parts.leaves_offset,
+        micromap_bytes: shape.micromap_bytes,
         bounds: written.bounds,
         origin_error,
         features: all_features,
         depth: written.depth,
-        reserved: [0; 29],
+        reserved: [0; 27],
     };
     // SAFETY: the blob begins with its header.
     unsafe { target.base.cast::<Header>().write(header) };

@@ -1,9 +1,11 @@
 //! Updates: the same tree over new positions.
 
-use super::emit::Target;
+use super::emit::{Target, triangle_word};
 use super::{BuildError, Shape, instance, primitive};
 use crate::input::{BuildFlags, BuildInput, Geometries, InstanceSource, TriangleGeometry};
-use crate::layout::{Bounds, GROUP, Header, Node, Parts, TriangleGroup, child, geometry_word};
+use crate::layout::{
+    Bounds, GROUP, Header, Node, Parts, TriangleGroup, child, geometry_word, micromap_part_bytes,
+};
 use crate::structure::Structure;
 
 /// Updates a structure: same geometries and primitive counts, new positions, transforms and
@@ -28,13 +30,18 @@ pub unsafe fn update(
         return Err(BuildError::Destination);
     }
     if let Some(source) = source {
-        let size = Structure::of(source)
-            .map_err(|_| BuildError::Source)?
-            .size_bytes() as usize;
+        let structure = Structure::of(source).map_err(|_| BuildError::Source)?;
+        let own = structure
+            .micromap_bytes()
+            .saturating_sub(shape.micromap_bytes);
+        let size = (structure.size_bytes() - own) as usize;
         destination
             .get_mut(..size)
             .ok_or(BuildError::Destination)?
             .copy_from_slice(&source[..size]);
+    }
+    if shape.micromap_bytes > 0 {
+        leave_micromaps(destination)?;
     }
     // Children have to come after their parents, and leaves to name primitives that there are.
     crate::structure::validate(destination).map_err(|_| BuildError::Source)?;
@@ -45,6 +52,7 @@ pub unsafe fn update(
         || u64::from(header.geometry_count) != shape.geometries
         || header.flags & BuildFlags::ALLOW_UPDATE == 0
         || !same_counts(&structure, &input.geometries)
+        || (header.micromap_bytes > 0) != (shape.micromap_bytes > 0)
     {
         return Err(BuildError::Source);
     }
@@ -64,7 +72,12 @@ pub unsafe fn update(
     // caller's promise.
     unsafe {
         match &input.geometries {
-            Geometries::Triangles(list) => write_triangles(&target, header.leaf_count, list),
+            Geometries::Triangles(list) => {
+                write_triangles(&target, header.leaf_count, list);
+                if shape.micromap_bytes > 0 {
+                    super::write_micromaps(&target, list, shape.micromap_bytes);
+                }
+            }
             Geometries::Aabbs(_) => {}
             Geometries::Instances(source) => header.origin_error = write_instances(&target, source),
         }
@@ -72,6 +85,39 @@ pub unsafe fn update(
         target.base.cast::<Header>().write(header);
     }
     Ok(header.size_bytes)
+}
+
+/// Makes a structure forget the micromaps that it holds itself: the update names others.
+fn leave_micromaps(destination: &mut [u8]) -> Result<(), BuildError> {
+    if destination.len() < size_of::<Header>() {
+        return Err(BuildError::Source);
+    }
+    // SAFETY: long enough; a header is plain numbers.
+    let mut header = unsafe { destination.as_ptr().cast::<Header>().read_unaligned() };
+    let part = micromap_part_bytes(header.geometry_count.into(), header.primitive_count);
+    let own = header.micromap_bytes.saturating_sub(part);
+    if own == 0 {
+        return Ok(());
+    }
+    header.micromap_bytes = part;
+    header.size_bytes = header
+        .size_bytes
+        .checked_sub(own)
+        .ok_or(BuildError::Source)?;
+    let references = (header.size_bytes as usize)
+        .checked_sub(part as usize)
+        .and_then(|start| destination.get_mut(start..))
+        .and_then(|part| part.get_mut(..8 * header.geometry_count as usize))
+        .ok_or(BuildError::Source)?;
+    references.fill(0);
+    // SAFETY: as above.
+    unsafe {
+        destination
+            .as_mut_ptr()
+            .cast::<Header>()
+            .write_unaligned(header)
+    };
+    Ok(())
 }
 
 fn same_counts(structure: &Structure, geometries: &Geometries<'_>) -> bool {
@@ -102,10 +148,8 @@ unsafe fn write_triangles(target: &Target<'_>, count: u32, list: &[TriangleGeome
                 continue;
             }
             let geometry = &list[(group.geometries[lane] & geometry_word::INDEX) as usize];
-            group.geometries[lane] = super::emit::word(
-                group.geometries[lane] & geometry_word::INDEX,
-                geometry.flags,
-            );
+            group.geometries[lane] =
+                triangle_word(group.geometries[lane] & geometry_word::INDEX, geometry);
             // SAFETY: the caller's promise.
             match unsafe { geometry.triangle(group.primitives[lane]) } {
                 Some(triangle) => {

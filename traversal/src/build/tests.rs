@@ -101,6 +101,7 @@ fn packed_trees_hold_the_same_primitives() {
             transform: None,
             primitive_count: count,
             flags: GeometryFlags(GeometryFlags::OPAQUE),
+            micromap: None,
         }];
         let boxes = [AabbGeometry {
             boxes: memory(&boxes),

@@ -230,6 +230,7 @@ mod tests {
             transform: None,
             primitive_count: 3,
             flags: crate::GeometryFlags(0),
+            micromap: None,
         };
         // SAFETY: both arrays are alive.
         unsafe {

@@ -3,7 +3,7 @@
 use super::kernel::{GroupHits, Kernel};
 use super::level::{InstanceFacts, Level};
 use super::space::Space;
-use super::triangle::{Rim, intersect};
+use super::triangle::{Intersection, Rim, intersect};
 use super::{Event, Walk};
 use crate::layout::{GROUP, TriangleGroup, child, geometry_word};
 use crate::ray::{HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, Hit};
@@ -181,9 +181,13 @@ impl Triangles<'_> {
     fn hit(&self, walk: &Walk, group: &TriangleGroup, slot: u32) -> Option<Hit> {
         let lane = slot as usize % GROUP;
         let geometry = group.geometries[lane];
-        let opaque = self.instance.opacity(geometry)?;
-        let rim = if opaque { Rim::Included } else { Rim::Owned };
-        let found = intersect(self.space, &group.triangle(lane), rim)?;
+        let (opaque, found) = if self.instance.heeds_micromap(geometry) {
+            self.meet_micromap(group, lane)?
+        } else {
+            let opaque = self.instance.opacity(geometry)?;
+            let rim = if opaque { Rim::Included } else { Rim::Owned };
+            (opaque, intersect(self.space, &group.triangle(lane), rim)?)
+        };
         let front = self.instance.facing(found.front)?;
         let hit = Hit {
             t: found.t,
@@ -201,5 +205,23 @@ impl Triangles<'_> {
             ..self.instance.hit()
         };
         (walk.ray.t_min < hit.t && walk.is_nearer(&hit)).then_some(hit)
+    }
+
+    /// Meets a triangle whose opacity depends on where it is met; whether it is opaque there. What is opaque includes
+    /// its rim; elsewhere the point must be the triangle's own.
+    #[cold]
+    #[inline(never)]
+    fn meet_micromap(&self, group: &TriangleGroup, lane: usize) -> Option<(bool, Intersection)> {
+        let triangle = group.triangle(lane);
+        let found = intersect(self.space, &triangle, Rim::Included)?;
+        let opacity = self.level.structure.micromap_opacity(
+            group.geometries[lane] & geometry_word::INDEX,
+            group.primitives[lane],
+            found.barycentrics,
+        );
+        if self.instance.micromap_opacity(opacity)? {
+            return Some((true, found));
+        }
+        Some((false, intersect(self.space, &triangle, Rim::Owned)?))
     }
 }

@@ -2,6 +2,7 @@
 
 use super::space::Space;
 use crate::layout::{InstanceRecord, features, geometry_word, instance_flags, instance_state};
+use crate::micromap::Opacity;
 use crate::ray::{
     HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, Hit, Ray, ray_flags,
 };
@@ -129,7 +130,10 @@ pub(crate) struct InstanceFacts {
     cull_back: bool,
     cull_opaque: bool,
     cull_no_opaque: bool,
-    /// Every triangle that is hit counts: all are opaque, and none is culled for its facing.
+    ignore_micromaps: bool,
+    two_states: bool,
+    /// Every triangle that is hit counts: all are opaque, none by a micromap, and none is culled
+    /// for its facing.
     pub takes_all: bool,
 }
 
@@ -161,6 +165,9 @@ impl InstanceFacts {
             cull_back: culls && ray(ray_flags::CULL_BACK_FACING_TRIANGLES),
             cull_opaque: ray(ray_flags::CULL_OPAQUE),
             cull_no_opaque: ray(ray_flags::CULL_NO_OPAQUE),
+            ignore_micromaps: instance(instance_flags::DISABLE_OPACITY_MICROMAPS),
+            two_states: instance(instance_flags::FORCE_OPACITY_MICROMAP_2_STATE)
+                || ray(ray_flags::FORCE_OPACITY_MICROMAP_2_STATE),
             takes_all: false,
         }
     }
@@ -168,16 +175,43 @@ impl InstanceFacts {
     /// Finds out whether every triangle of a structure that is admitted counts.
     #[inline(always)]
     fn look_into(&mut self, structure: &Structure) {
+        let header = structure.header();
         let all_opaque = self
             .opaque
-            .unwrap_or(structure.header().features & features::NOT_OPAQUE == 0);
-        self.takes_all = all_opaque && !self.cull_front && !self.cull_back;
+            .unwrap_or(header.features & features::NOT_OPAQUE == 0);
+        let micromaps = header.micromap_bytes != 0 && !self.ignore_micromaps;
+        self.takes_all = all_opaque && !micromaps && !self.cull_front && !self.cull_back;
     }
 
     /// Whether a geometry is opaque to this ray; `None` if it is culled for that.
     #[inline(always)]
     pub fn opacity(&self, geometry: u32) -> Option<bool> {
-        let opaque = self.opaque.unwrap_or(geometry & geometry_word::OPAQUE != 0);
+        self.unless_culled(geometry & geometry_word::OPAQUE != 0)
+    }
+
+    /// Whether a micromap decides what is opaque of a geometry.
+    #[inline(always)]
+    pub fn heeds_micromap(&self, geometry: u32) -> bool {
+        geometry & geometry_word::MICROMAP != 0 && !self.ignore_micromaps
+    }
+
+    /// Whether a point of this opacity is opaque to this ray; `None` if it is no candidate.
+    pub fn micromap_opacity(&self, opacity: Opacity) -> Option<bool> {
+        let opacity = if self.two_states {
+            opacity.in_two_states()
+        } else {
+            opacity
+        };
+        match opacity {
+            Opacity::Transparent => None,
+            Opacity::Opaque => self.unless_culled(true),
+            Opacity::UnknownTransparent | Opacity::UnknownOpaque => self.unless_culled(false),
+        }
+    }
+
+    #[inline(always)]
+    fn unless_culled(&self, opaque: bool) -> Option<bool> {
+        let opaque = self.opaque.unwrap_or(opaque);
         let culled = if opaque {
             self.cull_opaque
         } else {

@@ -66,6 +66,7 @@ impl Mesh {
             transform: None,
             primitive_count: self.indices.len() as u32,
             flags: GeometryFlags(u32::from(self.opaque)),
+            micromap: None,
         }
     }
 

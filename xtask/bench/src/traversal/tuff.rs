@@ -75,6 +75,7 @@ impl Place {
             transform: None,
             primitive_count: mesh.indices.len() as u32,
             flags: GeometryFlags(GeometryFlags::OPAQUE),
+            micromap: None,
         }];
         let input = BuildInput {
             flags: self.flags,

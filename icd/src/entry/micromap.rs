@@ -1,0 +1,174 @@
+//! `VK_EXT_opacity_micromap`: objects, sizes, and the commands on the host and on the device.
+
+use std::ffi::c_void;
+
+use ash::vk;
+
+use super::acceleration_structure::not_deferred;
+use super::destroy;
+use crate::command::ray_tracing::MicromapCommand;
+use crate::command::{Command, RayTracingCommand};
+use crate::execute::acceleration_structure::Storage;
+use crate::execute::micromap as execute;
+use crate::ffi::micromap::{decode_build, storage, usages};
+use crate::ffi::{commands, entry, slice};
+use crate::handle::{self, from_handle, retain};
+use crate::object::{Buffer, Device, Micromap, QueryPool};
+use crate::table::limits;
+
+destroy! {
+    vkDestroyMicromapEXT: Micromap, MicromapEXT;
+}
+
+entry! {
+    fn vkCreateMicromapEXT(
+        _device: vk::Device,
+        info: *const vk::MicromapCreateInfoEXT<'_>,
+        _allocator: *const vk::AllocationCallbacks<'_>,
+        micromap: *mut vk::MicromapEXT,
+    ) -> vk::Result {
+        let info = &*info;
+        let created = Micromap {
+            buffer: retain::<Buffer>(info.buffer),
+            offset: info.offset,
+            size_bytes: info.size,
+        };
+        // A micromap is where its buffer is: replaying the buffer's address replays it.
+        if info.device_address != 0 && info.device_address != created.storage().address {
+            return Err(vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS);
+        }
+        *micromap = handle::create(created);
+        Ok(())
+    }
+
+    fn vkGetMicromapBuildSizesEXT(
+        _device: vk::Device,
+        _build_type: vk::AccelerationStructureBuildTypeKHR,
+        info: *const vk::MicromapBuildInfoEXT<'_>,
+        sizes: *mut vk::MicromapBuildSizesInfoEXT<'_>,
+    ) {
+        (*sizes).micromap_size = traversal::micromap_size(usages(&*info)).unwrap_or(u64::MAX);
+        (*sizes).build_scratch_size = execute::SCRATCH_BYTES;
+        // Structures refer to micromaps.
+        (*sizes).discardable = vk::FALSE;
+    }
+
+    fn vkGetDeviceMicromapCompatibilityEXT(
+        _device: vk::Device,
+        info: *const vk::MicromapVersionInfoEXT<'_>,
+        compatibility: *mut vk::AccelerationStructureCompatibilityKHR,
+    ) {
+        *compatibility = if *(*info).p_version_data == *limits::micromap_uuids().as_flattened() {
+            vk::AccelerationStructureCompatibilityKHR::COMPATIBLE
+        } else {
+            vk::AccelerationStructureCompatibilityKHR::INCOMPATIBLE
+        };
+    }
+
+    fn vkBuildMicromapsEXT(
+        device: vk::Device,
+        operation: vk::DeferredOperationKHR,
+        count: u32,
+        infos: *const vk::MicromapBuildInfoEXT<'_>,
+    ) -> vk::Result {
+        let builds: Vec<_> = slice(infos, count).iter().map(|info| decode_build(info)).collect();
+        from_handle::<Device>(device).engine.workers.install(|| execute::build(&builds));
+        not_deferred(operation)
+    }
+
+    fn vkCopyMicromapEXT(
+        _device: vk::Device,
+        operation: vk::DeferredOperationKHR,
+        info: *const vk::CopyMicromapInfoEXT<'_>,
+    ) -> vk::Result {
+        execute::copy(storage((*info).src), storage((*info).dst));
+        not_deferred(operation)
+    }
+
+    fn vkCopyMicromapToMemoryEXT(
+        _device: vk::Device,
+        operation: vk::DeferredOperationKHR,
+        info: *const vk::CopyMicromapToMemoryInfoEXT<'_>,
+    ) -> vk::Result {
+        execute::serialize(storage((*info).src), (*info).dst.device_address, &limits::micromap_uuids());
+        not_deferred(operation)
+    }
+
+    fn vkCopyMemoryToMicromapEXT(
+        _device: vk::Device,
+        operation: vk::DeferredOperationKHR,
+        info: *const vk::CopyMemoryToMicromapInfoEXT<'_>,
+    ) -> vk::Result {
+        execute::deserialize((*info).src.device_address, storage((*info).dst));
+        not_deferred(operation)
+    }
+
+    fn vkWriteMicromapsPropertiesEXT(
+        _device: vk::Device,
+        count: u32,
+        micromaps: *const vk::MicromapEXT,
+        query_type: vk::QueryType,
+        data_bytes: usize,
+        data: *mut c_void,
+        stride_bytes: usize,
+    ) -> vk::Result {
+        for (index, &micromap) in slice(micromaps, count).iter().enumerate() {
+            let offset = index * stride_bytes;
+            if offset + size_of::<u64>() > data_bytes {
+                return Err(vk::Result::ERROR_UNKNOWN);
+            }
+            let value = execute::property(storage(micromap).address, query_type);
+            data.byte_add(offset).cast::<u64>().write_unaligned(value);
+        }
+        Ok(())
+    }
+}
+
+fn recorded(command: MicromapCommand) -> Command {
+    Command::RayTracing(RayTracingCommand::Micromap(command))
+}
+
+commands! {
+    fn vkCmdBuildMicromapsEXT(command_buffer, count: u32, infos: *const vk::MicromapBuildInfoEXT<'_>) {
+        let builds = slice(infos, count).iter().map(|info| decode_build(info));
+        command_buffer.push(recorded(MicromapCommand::Build(builds.collect())))
+    }
+
+    fn vkCmdCopyMicromapEXT(command_buffer, info: *const vk::CopyMicromapInfoEXT<'_>) {
+        command_buffer.push(recorded(MicromapCommand::Copy {
+            source: storage((*info).src),
+            destination: storage((*info).dst),
+        }))
+    }
+
+    fn vkCmdCopyMicromapToMemoryEXT(command_buffer, info: *const vk::CopyMicromapToMemoryInfoEXT<'_>) {
+        command_buffer.push(recorded(MicromapCommand::Serialize {
+            source: storage((*info).src),
+            destination: (*info).dst.device_address,
+        }))
+    }
+
+    fn vkCmdCopyMemoryToMicromapEXT(command_buffer, info: *const vk::CopyMemoryToMicromapInfoEXT<'_>) {
+        command_buffer.push(recorded(MicromapCommand::Deserialize {
+            source: (*info).src.device_address,
+            destination: storage((*info).dst),
+        }))
+    }
+
+    fn vkCmdWriteMicromapsPropertiesEXT(
+        command_buffer,
+        count: u32,
+        micromaps: *const vk::MicromapEXT,
+        query_type: vk::QueryType,
+        pool: vk::QueryPool,
+        first: u32,
+    ) {
+        let storages = slice(micromaps, count).iter().map(|&micromap| storage(micromap));
+        command_buffer.push(recorded(MicromapCommand::WriteProperties {
+            micromaps: storages.map(|storage: Storage| storage.address).collect(),
+            query_type,
+            pool: retain::<QueryPool>(pool),
+            first,
+        }))
+    }
+}

@@ -1,0 +1,178 @@
+//! Building and moving micromaps: from addresses in recorded commands to the `traversal` crate. Host and device
+//! commands end here alike.
+
+use ash::vk;
+use rayon::prelude::*;
+use traversal::{BuildError, Micromap, MicromapInput};
+
+use super::acceleration_structure::{Storage, Uuids, bytes_mut, memory};
+use crate::command::ray_tracing::MicromapCommand;
+use crate::log::{self, Level};
+use crate::table::limits;
+
+/// `VkMicromapBuildInfoEXT`, copied.
+#[derive(Clone, Copy, Debug)]
+pub struct MicromapBuild {
+    pub destination: Storage,
+    pub data: u64,
+    /// Address of the first `VkMicromapTriangleEXT`.
+    pub triangles: u64,
+    pub stride_bytes: u64,
+    /// Triangles, as the usage counts have it.
+    pub count: u32,
+}
+
+/// Offsets into a micromap's data have 32 bits; the longest states of a triangle follow.
+const MAX_DATA_BYTES: u64 = (1 << 32) + (1 << 22);
+
+/// Scratch memory is not used; an application may make a buffer of the size that it is told, which cannot be 0.
+pub const SCRATCH_BYTES: u64 = 64;
+
+impl MicromapBuild {
+    /// # Safety
+    /// Every address is readable or writable as far as the specification makes the application promise (valid usage of
+    /// `vkCmdBuildMicromapsEXT`), and not written by anyone else meanwhile.
+    unsafe fn execute(&self) -> Result<u64, BuildError> {
+        let last = u64::from(self.count.saturating_sub(1)) * self.stride_bytes;
+        let input = MicromapInput {
+            triangles: memory(
+                self.triangles,
+                last + size_of::<vk::MicromapTriangleEXT>() as u64,
+            ),
+            stride_bytes: self.stride_bytes,
+            count: self.count,
+            data: memory(self.data, MAX_DATA_BYTES),
+        };
+        // SAFETY: the caller's promise.
+        unsafe {
+            let destination = bytes_mut(self.destination.address, self.destination.size_bytes);
+            traversal::build_micromap(&input, destination)
+        }
+    }
+}
+
+/// Performs a command on the current rayon pool.
+///
+/// # Safety
+/// As the valid usage of the command has it.
+pub unsafe fn execute(command: &MicromapCommand) {
+    // SAFETY: the caller's promise, for each.
+    unsafe {
+        match command {
+            MicromapCommand::Build(builds) => build(builds),
+            MicromapCommand::Copy {
+                source,
+                destination,
+            } => copy(*source, *destination),
+            MicromapCommand::Serialize {
+                source,
+                destination,
+            } => serialize(*source, *destination, &limits::micromap_uuids()),
+            MicromapCommand::Deserialize {
+                source,
+                destination,
+            } => deserialize(*source, *destination),
+            MicromapCommand::WriteProperties {
+                micromaps,
+                query_type,
+                pool,
+                first,
+            } => {
+                for (index, &address) in (*first..).zip(micromaps) {
+                    pool.write(index, property(address, *query_type));
+                }
+            }
+        }
+    }
+}
+
+/// Builds side by side: the specification forbids that builds of one command depend on each other.
+///
+/// # Safety
+/// As the valid usage of `vkCmdBuildMicromapsEXT` has it.
+pub unsafe fn build(builds: &[MicromapBuild]) {
+    builds.par_iter().for_each(|build| {
+        // SAFETY: the caller's promise.
+        report(unsafe { build.execute() }, "build");
+    });
+}
+
+/// The bytes in use of the micromap at an address, or `None` where none was built.
+///
+/// # Safety
+/// `address` is the memory of a micromap object, unchanged for `'a`.
+unsafe fn bytes<'a>(address: u64) -> Option<&'a [u8]> {
+    // SAFETY: the caller's promise.
+    unsafe { Some(Micromap::at(address)?.bytes()) }
+}
+
+/// `VkCopyMicromapInfoEXT`: a micromap has nothing to lose by compaction, so both modes do the same.
+///
+/// # Safety
+/// Both are the memory of micromap objects; the source is built and not written meanwhile, the destination not used elsewhere.
+pub unsafe fn copy(source: Storage, destination: Storage) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let Some(source) = bytes(source.address) else {
+            return;
+        };
+        let destination = bytes_mut(destination.address, destination.size_bytes);
+        report(traversal::copy_micromap(source, destination), "copy");
+    }
+}
+
+/// `VkCopyMicromapToMemoryInfoEXT`: the identifiers, then the micromap.
+///
+/// # Safety
+/// As [`copy`], and `destination` is writable for the serialized size.
+pub unsafe fn serialize(source: Storage, destination: u64, uuids: &Uuids) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let Some(source) = bytes(source.address) else {
+            return;
+        };
+        let out = bytes_mut(destination, (size_of::<Uuids>() + source.len()) as u64);
+        let (head, body) = out.split_at_mut(size_of::<Uuids>());
+        head.copy_from_slice(uuids.as_flattened());
+        body.copy_from_slice(source);
+    }
+}
+
+/// `VkCopyMemoryToMicromapInfoEXT`.
+///
+/// # Safety
+/// As [`copy`], and `source` holds what [`serialize`] wrote.
+pub unsafe fn deserialize(source: u64, destination: Storage) {
+    // SAFETY: the caller's promise; what was serialized says how long it is.
+    unsafe {
+        let Some(source) = bytes(source + size_of::<Uuids>() as u64) else {
+            log::write(Level::Error, "micromap deserialization: not a micromap");
+            return;
+        };
+        let destination = bytes_mut(destination.address, destination.size_bytes);
+        report(
+            traversal::copy_micromap(source, destination),
+            "deserialization",
+        );
+    }
+}
+
+/// A property that `vkCmdWriteMicromapsPropertiesEXT` writes.
+///
+/// # Safety
+/// `address` is the memory of a micromap object that is built.
+pub unsafe fn property(address: u64, query_type: vk::QueryType) -> u64 {
+    // SAFETY: the caller's promise.
+    let size_bytes = unsafe { Micromap::at(address) }.map_or(0, |micromap| micromap.size_bytes());
+    match query_type {
+        vk::QueryType::MICROMAP_SERIALIZATION_SIZE_EXT => size_bytes + size_of::<Uuids>() as u64,
+        _ => size_bytes,
+    }
+}
+
+/// What failed leaves the destination undefined, and a line in the log.
+fn report<T, E: std::fmt::Debug>(result: Result<T, E>, what: &str) {
+    if let Err(error) = result {
+        log::write(Level::Error, &format!("micromap {what}: {error:?}"));
+    }
+}

@@ -1,0 +1,29 @@
+//! `VkMicromapEXT`: a name for a range of a buffer; the micromap itself is the bytes there.
+
+#![forbid(unsafe_code)]
+
+use super::Buffer;
+use crate::execute::acceleration_structure::Storage;
+use crate::handle::Ref;
+
+/// A micromap object.
+pub struct Micromap {
+    pub buffer: Ref<Buffer>,
+    /// Of the micromap in the buffer: a multiple of 256.
+    pub offset: u64,
+    pub size_bytes: u64,
+}
+
+impl Micromap {
+    /// The range of memory that it names; at 0 while the buffer is unbound.
+    pub fn storage(&self) -> Storage {
+        let address = match self.buffer.address() {
+            0 => 0,
+            address => address + self.offset,
+        };
+        Storage {
+            address,
+            size_bytes: self.size_bytes,
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! Extensions that a device may lack: enabled, with all their features, where it has them.
+
+use std::ffi::{CStr, c_void};
+
+use ash::{ext, khr, vk};
+
+macro_rules! optional {
+    ($($(#[$doc:meta])* $field:ident: $extension:path, $features:ident { $($off:ident)* };)*) => {
+        /// The features that were enabled; all off where the extension is not there.
+        #[derive(Clone, Copy, Default)]
+        pub struct Optional {
+            $($(#[$doc])* pub $field: vk::$features<'static>,)*
+        }
+
+        impl Optional {
+            /// What the device offers, less what is only for tools.
+            ///
+            /// # Safety
+            /// The physical device is of the instance.
+            pub(crate) unsafe fn of(
+                instance: &ash::Instance,
+                physical: vk::PhysicalDevice,
+                has: impl Fn(&CStr) -> bool,
+            ) -> Optional {
+                let mut it = Optional::default();
+                $(if has($extension) {
+                    let mut all = vk::PhysicalDeviceFeatures2::default().push_next(&mut it.$field);
+                    // SAFETY: the caller's promise; the chain is one structure of an extension that is there.
+                    unsafe { instance.get_physical_device_features2(physical, &mut all) };
+                    it.$field.p_next = std::ptr::null_mut();
+                    $(it.$field.$off = vk::FALSE;)*
+                })*
+                it
+            }
+
+            /// The names of the extensions, of those that are there.
+            pub(crate) fn names(has: impl Fn(&CStr) -> bool) -> Vec<&'static CStr> {
+                let all = [$($extension),*];
+                all.into_iter().filter(|name| has(name)).collect()
+            }
+
+            /// Chains the structures of the extensions that are there in front of `next`.
+            pub(crate) fn chain(&mut self, has: impl Fn(&CStr) -> bool, next: *const c_void) -> *const c_void {
+                let mut next = next;
+                $(if has($extension) {
+                    self.$field.p_next = next.cast_mut();
+                    next = (&raw const self.$field).cast();
+                })*
+                next
+            }
+        }
+    };
+}
+
+optional! {
+    maintenance1: khr::ray_tracing_maintenance1::NAME, PhysicalDeviceRayTracingMaintenance1FeaturesKHR {};
+    micromap: ext::opacity_micromap::NAME, PhysicalDeviceOpacityMicromapFeaturesEXT { micromap_capture_replay };
+}

@@ -1,0 +1,666 @@
+//! `VK_EXT_opacity_micromap`, against the tables of the specification.
+
+use tuff_tests::*;
+use vk::AccelerationStructureTypeKHR as Level;
+use vk::BuildAccelerationStructureFlagsKHR as Flags;
+use vk::GeometryInstanceFlagsKHR as InstanceFlags;
+
+const TWO_STATES: u16 = 1;
+const FOUR_STATES: u16 = 2;
+
+/// What became of a ray.
+const MISSED: u32 = 0;
+const ASKED: u32 = 1;
+const HIT: u32 = 2;
+
+fn gpu_with_micromaps() -> Option<Gpu> {
+    // The layer of 1.3.239 does not know micromaps in shaders and structures.
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 290));
+    (gpu.optional.micromap.micromap != 0).then_some(gpu)
+}
+
+/// Where a geometry's triangles find their opacity.
+struct Use<'a> {
+    micromap: Option<&'a Micromap>,
+    /// Type, words in it, bytes from one to the next.
+    indices: Option<(vk::IndexType, Buffer, u64)>,
+    base: u32,
+}
+
+impl Use<'_> {
+    /// Triangle i of the geometry is triangle i of the micromap.
+    fn of(micromap: &Micromap) -> Use<'_> {
+        Use {
+            micromap: Some(micromap),
+            indices: None,
+            base: 0,
+        }
+    }
+}
+
+/// Triangles of unit legs, side by side, two apart.
+fn corners(count: u32) -> Vec<[f32; 3]> {
+    (0..count)
+        .flat_map(|i| {
+            let x = 2.0 * i as f32;
+            [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x, 1.0, 0.0]]
+        })
+        .collect()
+}
+
+/// Describes triangles with a micromap and hands the description on.
+fn describe<T>(
+    gpu: &Gpu,
+    count: u32,
+    usage: &Use<'_>,
+    then: impl FnOnce(
+        &vk::AccelerationStructureGeometryKHR,
+        vk::AccelerationStructureBuildRangeInfoKHR,
+    ) -> T,
+) -> T {
+    let mut chained = vk::AccelerationStructureTrianglesOpacityMicromapEXT::default()
+        .index_type(vk::IndexType::NONE_KHR)
+        .base_triangle(usage.base);
+    if let Some(micromap) = usage.micromap {
+        chained = chained
+            .micromap(micromap.handle)
+            .usage_counts(&micromap.usages);
+    }
+    if let Some((ty, buffer, stride)) = usage.indices {
+        chained = chained.index_type(ty).index_stride(stride);
+        chained.index_buffer.device_address = buffer.address;
+    }
+    let mut data = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
+        .vertex_format(vk::Format::R32G32B32_SFLOAT)
+        .vertex_data(vk::DeviceOrHostAddressConstKHR {
+            device_address: gpu.buffer_with(&corners(count)).address,
+        })
+        .vertex_stride(12)
+        .max_vertex(3 * count - 1)
+        .index_type(vk::IndexType::NONE_KHR);
+    data.p_next = (&raw const chained).cast();
+    let geometry = vk::AccelerationStructureGeometryKHR::default()
+        .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
+        .geometry(vk::AccelerationStructureGeometryDataKHR { triangles: data });
+    let range = vk::AccelerationStructureBuildRangeInfoKHR::default().primitive_count(count);
+    then(&geometry, range)
+}
+
+fn bottom(gpu: &Gpu, count: u32, usage: &Use<'_>, flags: Flags) -> Structure {
+    describe(gpu, count, usage, |geometry, range| {
+        gpu.build(Level::BOTTOM_LEVEL, &[*geometry], &[range], flags)
+    })
+}
+
+/// Shoots a ray at each point of the plane of the triangles.
+fn shoot(gpu: &Gpu, world: Structure, points: &[[f32; 2]], ray_flags: u32) -> Vec<u32> {
+    let raygen = format!(
+        r"
+    layout(set = 0, binding = 0) uniform accelerationStructureEXT world;
+    layout(set = 0, binding = 1, std430) buffer P {{ vec2 points[]; }};
+    layout(set = 0, binding = 2, std430) buffer R {{ uint results[]; }};
+    layout(location = 0) rayPayloadEXT uint found;
+    void main() {{
+        uint i = gl_LaunchIDEXT.x;
+        found = 9;
+        traceRayEXT(world, {ray_flags}u{two_states}, 0xff, 0, 0, 0, vec3(points[i], 1), 0.0, vec3(0, 0, -1), 2.0, 0);
+        results[i] = found;
+    }}",
+        ray_flags = ray_flags & 0x3ff,
+        two_states = match ray_flags & 0x400 {
+            0 => "",
+            _ => " | gl_RayFlagsForceOpacityMicromap2StateEXT",
+        },
+    );
+    let of = |body: &str| {
+        format!("layout(location = 0) rayPayloadInEXT uint found; void main() {{ {body} }}")
+    };
+    let (miss, hit) = (of("found = 0;"), of("if (found != 1) found = 2;"));
+    let any_hit = of("found = 1; terminateRayEXT;");
+    let (input, output) = (gpu.buffer_with(points), gpu.buffer(4 * points.len() as u64));
+    let flags = vk::PipelineCreateFlags::RAY_TRACING_OPACITY_MICROMAP_EXT;
+    let rays = gpu.rays_with(
+        &RaysInput {
+            shaders: &[
+                (Stage::RayGeneration, &raygen),
+                (Stage::Miss, &miss),
+                (Stage::ClosestHit, &hit),
+                (Stage::AnyHit, &any_hit),
+            ],
+            groups: &[
+                Group::general(0),
+                Group::general(1),
+                Group {
+                    any_hit: Some(3),
+                    ..Group::hit(2)
+                },
+            ],
+            recursion: 1,
+            bindings: &[
+                (0, &[Bound::Structure(world.handle)]),
+                (1, &[Bound::Storage(input)]),
+                (2, &[Bound::Storage(output)]),
+            ],
+        },
+        flags,
+    );
+    let table = Table {
+        raygen: Record::of(0),
+        miss: vec![Record::of(1)],
+        hit: vec![Record::of(2)],
+        callable: vec![],
+    };
+    gpu.trace(&rays, &table, [points.len() as u32, 1, 1]);
+    output.read()
+}
+
+/// What the specification's tables make of a four-state value.
+fn outcome(state: u8) -> u32 {
+    [MISSED, HIT, ASKED, ASKED][usize::from(state)]
+}
+
+#[test]
+fn every_part_has_its_state() {
+    let Some(gpu) = gpu_with_micromaps() else {
+        return;
+    };
+    let mut random = Random::new(7);
+    let mut triangles = Vec::new();
+    for (level, format) in [(0, 1), (0, 2), (1, 1), (2, 2), (4, 1), (5, 2)] {
+        let parts = 1usize << (2 * level);
+        let states = (0..parts).map(|_| random.below(1 << format) as u8);
+        triangles.push(MicroTriangle {
+            level,
+            format,
+            states: states.collect(),
+        });
+    }
+    let micromap = gpu.micromap(&triangles);
+    let count = triangles.len() as u32;
+    let bottom = bottom(&gpu, count, &Use::of(&micromap), Flags::empty());
+    let world = gpu.top(&[Instance::of(bottom)]);
+    let (mut points, mut expected) = (Vec::new(), Vec::new());
+    for (i, triangle) in triangles.iter().enumerate() {
+        for (point, &state) in part_centres(triangle.level).iter().zip(&triangle.states) {
+            points.push([2.0 * i as f32 + point[0], point[1]]);
+            expected.push(outcome(state));
+        }
+    }
+    assert_eq!(shoot(&gpu, world, &points, 0), expected);
+}
+
+#[test]
+fn flags_change_what_states_mean() {
+    let Some(gpu) = gpu_with_micromaps() else {
+        return;
+    };
+    let micromap = gpu.micromap(&[MicroTriangle::of(1, FOUR_STATES, |part| part as u8)]);
+    let flags = Flags::ALLOW_DISABLE_OPACITY_MICROMAPS_EXT;
+    let bottom = bottom(&gpu, 1, &Use::of(&micromap), flags);
+    let points = part_centres(1);
+    const OPAQUE: u32 = 1;
+    const NO_OPAQUE: u32 = 2;
+    const CULL_OPAQUE: u32 = 0x40;
+    const CULL_NO_OPAQUE: u32 = 0x80;
+    const TWO: u32 = 0x400;
+    let two = InstanceFlags::FORCE_OPACITY_MICROMAP_2_STATE_EXT;
+    let off = InstanceFlags::DISABLE_OPACITY_MICROMAPS_EXT;
+    let none = InstanceFlags::empty();
+    for (instance, ray, expected) in [
+        (none, 0, [MISSED, HIT, ASKED, ASKED]),
+        (none, OPAQUE, [MISSED, HIT, HIT, HIT]),
+        (none, NO_OPAQUE, [MISSED, ASKED, ASKED, ASKED]),
+        (none, CULL_OPAQUE, [MISSED, MISSED, ASKED, ASKED]),
+        (none, CULL_NO_OPAQUE, [MISSED, HIT, MISSED, MISSED]),
+        (none, TWO, [MISSED, HIT, MISSED, HIT]),
+        (none, TWO | NO_OPAQUE, [MISSED, ASKED, MISSED, ASKED]),
+        (two, 0, [MISSED, HIT, MISSED, HIT]),
+        (two, CULL_OPAQUE, [MISSED; 4]),
+        (InstanceFlags::FORCE_OPAQUE, 0, [MISSED, HIT, HIT, HIT]),
+        (InstanceFlags::FORCE_OPAQUE, CULL_OPAQUE, [MISSED; 4]),
+        (
+            InstanceFlags::FORCE_NO_OPAQUE,
+            0,
+            [MISSED, ASKED, ASKED, ASKED],
+        ),
+        (
+            two | InstanceFlags::FORCE_NO_OPAQUE,
+            0,
+            [MISSED, ASKED, MISSED, ASKED],
+        ),
+        // The geometry's own flag counts again: it is not opaque.
+        (off, 0, [ASKED; 4]),
+        (off, OPAQUE, [HIT; 4]),
+        (off | two, 0, [ASKED; 4]),
+    ] {
+        let world = gpu.top(&[Instance {
+            flags: instance,
+            ..Instance::of(bottom)
+        }]);
+        assert_eq!(
+            shoot(&gpu, world, &points, ray),
+            expected,
+            "{instance:?}, ray {ray:#x}"
+        );
+    }
+}
+
+#[test]
+fn indices_choose_triangles_or_states() {
+    let Some(gpu) = gpu_with_micromaps() else {
+        return;
+    };
+    // One state each, so that the centre tells which triangle it was.
+    let of = |state: u8| MicroTriangle::of(0, FOUR_STATES, |_| state);
+    let mut micromap = gpu.micromap(&[of(2), of(0), of(1)]);
+    let words: [i32; 6] = [0, 1, -1, -2, -3, -4];
+    let expected = [MISSED, HIT, MISSED, HIT, ASKED, ASKED];
+    // Two triangles of the geometry refer to the micromap; special ones do not count.
+    micromap.usages = vec![vk::MicromapUsageEXT {
+        count: 2,
+        subdivision_level: 0,
+        format: FOUR_STATES.into(),
+    }];
+    let bytes: Vec<u8> = words
+        .iter()
+        .flat_map(|w| (*w as u16).to_le_bytes())
+        .collect();
+    let wide: Vec<i32> = words.iter().flat_map(|&w| [w, 77, 77]).collect();
+    for indices in [
+        (vk::IndexType::UINT16, gpu.buffer_with(&bytes), 2),
+        (vk::IndexType::UINT32, gpu.buffer_with(&wide), 12),
+    ] {
+        let usage = Use {
+            indices: Some(indices),
+            base: 1,
+            ..Use::of(&micromap)
+        };
+        let bottom = bottom(&gpu, 6, &usage, Flags::empty());
+        let world = gpu.top(&[Instance::of(bottom)]);
+        let points: Vec<_> = (0..6).map(|i| [2.0 * i as f32 + 0.3, 0.3]).collect();
+        assert_eq!(shoot(&gpu, world, &points, 0), expected);
+    }
+    // Without a micromap, special indices are all there is.
+    let usage = Use {
+        micromap: None,
+        indices: Some((vk::IndexType::UINT32, gpu.buffer_with(&words[2..]), 4)),
+        base: 0,
+    };
+    let bottom = bottom(&gpu, 4, &usage, Flags::empty());
+    let world = gpu.top(&[Instance::of(bottom)]);
+    let points: Vec<_> = (0..4).map(|i| [2.0 * i as f32 + 0.3, 0.3]).collect();
+    assert_eq!(shoot(&gpu, world, &points, 0), expected[2..]);
+}
+
+#[test]
+fn the_finest_level_there_is() {
+    let Some(gpu) = gpu_with_micromaps() else {
+        return;
+    };
+    let mut limits = vk::PhysicalDeviceOpacityMicromapPropertiesEXT::default();
+    let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut limits);
+    // SAFETY: the chain outlives the call.
+    unsafe {
+        gpu.instance
+            .get_physical_device_properties2(gpu.physical, &mut properties);
+    }
+    let level = limits.max_opacity2_state_subdivision_level.min(9) as u16;
+    assert!(level >= 3);
+    let state = |part: u32| u8::from(part.wrapping_mul(0x9e37_79b9) >> 31 != 0);
+    let micromap = gpu.micromap(&[MicroTriangle::of(level, TWO_STATES, state)]);
+    let bottom = bottom(&gpu, 1, &Use::of(&micromap), Flags::empty());
+    let world = gpu.top(&[Instance::of(bottom)]);
+    let (points, parts): (Vec<_>, Vec<_>) = (part_centres(level).into_iter().zip(0u32..))
+        .step_by(97)
+        .unzip();
+    let expected: Vec<u32> = parts.iter().map(|&part| outcome(state(part))).collect();
+    assert_eq!(shoot(&gpu, world, &points, 0), expected);
+}
+
+#[test]
+fn an_update_brings_another_micromap() {
+    let Some(gpu) = gpu_with_micromaps() else {
+        return;
+    };
+    let first = gpu.micromap(&[MicroTriangle::of(1, TWO_STATES, |part| part as u8 & 1)]);
+    let second = gpu.micromap(&[MicroTriangle::of(2, FOUR_STATES, |part| part as u8 & 3)]);
+    let flags = Flags::ALLOW_UPDATE | Flags::ALLOW_OPACITY_MICROMAP_UPDATE_EXT;
+    let bottom = bottom(&gpu, 1, &Use::of(&first), flags);
+    let world = gpu.top(&[Instance::of(bottom)]);
+    assert_eq!(
+        shoot(&gpu, world, &part_centres(1), 0),
+        [MISSED, HIT, MISSED, HIT]
+    );
+    describe(&gpu, 1, &Use::of(&second), |geometry, range| {
+        let geometries = [*geometry];
+        let mut info = vk::AccelerationStructureBuildGeometryInfoKHR::default()
+            .ty(Level::BOTTOM_LEVEL)
+            .flags(flags)
+            .mode(vk::BuildAccelerationStructureModeKHR::UPDATE)
+            .src_acceleration_structure(bottom.handle)
+            .dst_acceleration_structure(bottom.handle)
+            .geometries(&geometries);
+        info.scratch_data.device_address = gpu.buffer(1 << 16).address.next_multiple_of(256);
+        gpu.run(|commands| {
+            // SAFETY: every buffer that the info refers to lives as long as the device.
+            unsafe {
+                gpu.acceleration
+                    .cmd_build_acceleration_structures(commands, &[info], &[&[range]]);
+            }
+        });
+    });
+    let expected: Vec<u32> = (0..16).map(|part| outcome(part & 3)).collect();
+    assert_eq!(shoot(&gpu, world, &part_centres(2), 0), expected);
+}
+
+/// Runs commands that write a query, and reads it.
+fn query(
+    gpu: &Gpu,
+    ty: vk::QueryType,
+    record: impl FnOnce(vk::CommandBuffer, vk::QueryPool),
+) -> u64 {
+    let info = vk::QueryPoolCreateInfo::default()
+        .query_type(ty)
+        .query_count(1);
+    // SAFETY: the handles are of this device; the pool is destroyed when the commands have ended.
+    unsafe {
+        let pool = gpu.device.create_query_pool(&info, None);
+        let pool = pool.expect("vkCreateQueryPool");
+        gpu.run(|commands| {
+            gpu.device.cmd_reset_query_pool(commands, pool, 0, 1);
+            record(commands, pool);
+        });
+        let mut result = [0u64];
+        let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
+        (gpu.device
+            .get_query_pool_results(pool, 0, &mut result, flags))
+        .expect("a result");
+        gpu.device.destroy_query_pool(pool, None);
+        result[0]
+    }
+}
+
+fn micromap_property(gpu: &Gpu, micromap: vk::MicromapEXT, ty: vk::QueryType) -> u64 {
+    query(gpu, ty, |commands, pool| {
+        // SAFETY: the micromap is built, and the query reset.
+        unsafe {
+            (gpu.micromaps.fp().cmd_write_micromaps_properties_ext)(
+                commands, 1, &micromap, ty, pool, 0,
+            );
+        }
+    })
+}
+
+/// A micromap of one triangle with states of all kinds, and what rays at its parts' middles find.
+fn motley(gpu: &Gpu) -> (Micromap, Vec<u32>) {
+    let state = |part: u32| (part.wrapping_mul(7) >> 1) as u8 & 3;
+    let micromap = gpu.micromap(&[MicroTriangle::of(2, FOUR_STATES, state)]);
+    (micromap, (0..16).map(|part| outcome(state(part))).collect())
+}
+
+/// What rays find if a structure uses this micromap.
+fn found_with(gpu: &Gpu, micromap: &Micromap) -> Vec<u32> {
+    let bottom = bottom(gpu, 1, &Use::of(micromap), Flags::empty());
+    let world = gpu.top(&[Instance::of(bottom)]);
+    shoot(gpu, world, &part_centres(2), 0)
+}
+
+#[test]
+fn copies_are_as_good() {
+    let Some(gpu) = gpu_with_micromaps() else {
+        return;
+    };
+    let (original, expected) = motley(&gpu);
+    let compacted_size = micromap_property(
+        &gpu,
+        original.handle,
+        vk::QueryType::MICROMAP_COMPACTED_SIZE_EXT,
+    );
+    assert!(compacted_size > 0 && compacted_size <= original.size_bytes);
+    for (mode, size) in [
+        (vk::CopyMicromapModeEXT::CLONE, original.size_bytes),
+        (vk::CopyMicromapModeEXT::COMPACT, compacted_size),
+    ] {
+        let copy = Micromap {
+            handle: gpu.empty_micromap(size),
+            ..original.clone()
+        };
+        let info = vk::CopyMicromapInfoEXT::default()
+            .src(original.handle)
+            .dst(copy.handle)
+            .mode(mode);
+        gpu.run(|commands| {
+            // SAFETY: both live as long as the device.
+            unsafe { (gpu.micromaps.fp().cmd_copy_micromap_ext)(commands, &info) };
+        });
+        assert_eq!(found_with(&gpu, &copy), expected, "{mode:?}");
+    }
+}
+
+#[test]
+fn serialized_micromaps_come_back() {
+    let Some(gpu) = gpu_with_micromaps() else {
+        return;
+    };
+    let (original, expected) = motley(&gpu);
+    let ty = vk::QueryType::MICROMAP_SERIALIZATION_SIZE_EXT;
+    let size = micromap_property(&gpu, original.handle, ty);
+    let buffer = gpu.buffer(size + 256);
+    let aligned = buffer.address.next_multiple_of(256);
+    let copy = Micromap {
+        handle: gpu.empty_micromap(original.size_bytes),
+        ..original.clone()
+    };
+    let out = vk::CopyMicromapToMemoryInfoEXT::default()
+        .src(original.handle)
+        .dst(vk::DeviceOrHostAddressKHR {
+            device_address: aligned,
+        })
+        .mode(vk::CopyMicromapModeEXT::SERIALIZE);
+    let back = vk::CopyMemoryToMicromapInfoEXT::default()
+        .src(vk::DeviceOrHostAddressConstKHR {
+            device_address: aligned,
+        })
+        .dst(copy.handle)
+        .mode(vk::CopyMicromapModeEXT::DESERIALIZE);
+    gpu.run(|commands| {
+        // SAFETY: all of it lives as long as the device.
+        unsafe { (gpu.micromaps.fp().cmd_copy_micromap_to_memory_ext)(commands, &out) };
+        gpu.barrier(commands);
+        // SAFETY: as above.
+        unsafe { (gpu.micromaps.fp().cmd_copy_memory_to_micromap_ext)(commands, &back) };
+    });
+    assert_eq!(found_with(&gpu, &copy), expected);
+
+    let bytes: Vec<u8> = buffer.read();
+    let start = (aligned - buffer.address) as usize;
+    let mut head: [u8; 32] = bytes[start..start + 32].try_into().expect("32 bytes");
+    let mut is_compatible = |change: u8| {
+        head[20] ^= change;
+        let info = vk::MicromapVersionInfoEXT::default().version_data(&head);
+        let mut found = vk::AccelerationStructureCompatibilityKHR::INCOMPATIBLE;
+        // SAFETY: the info outlives the call.
+        unsafe {
+            (gpu.micromaps.fp().get_device_micromap_compatibility_ext)(
+                gpu.device.handle(),
+                &info,
+                &mut found,
+            );
+        }
+        found == vk::AccelerationStructureCompatibilityKHR::COMPATIBLE
+    };
+    assert!(is_compatible(0));
+    assert!(!is_compatible(0x80));
+}
+
+#[test]
+fn the_host_does_the_same() {
+    let Some(gpu) = gpu_with_micromaps() else {
+        return;
+    };
+    if gpu.optional.micromap.micromap_host_commands == 0 {
+        return;
+    }
+    let (original, expected) = motley(&gpu);
+    let device = gpu.device.handle();
+    let none = vk::DeferredOperationKHR::null();
+    let micromaps = gpu.micromaps.fp();
+
+    // Built from the host's own memory; the states are those of the original.
+    let state = |part: u32| (part.wrapping_mul(7) >> 1) as u8 & 3;
+    let states: Vec<u8> = (0..4)
+        .map(|byte| (0..4).fold(0, |sum, i| sum | state(4 * byte + i) << (2 * i)))
+        .collect();
+    let triangle = [0u32, 2 | u32::from(FOUR_STATES) << 16];
+    let built = Micromap {
+        handle: gpu.empty_micromap(original.size_bytes),
+        ..original.clone()
+    };
+    let mut scratch = vec![0u64; 4096];
+    let info = vk::MicromapBuildInfoEXT::default()
+        .ty(vk::MicromapTypeEXT::OPACITY_MICROMAP)
+        .mode(vk::BuildMicromapModeEXT::BUILD)
+        .dst_micromap(built.handle)
+        .usage_counts(&original.usages)
+        .data(vk::DeviceOrHostAddressConstKHR {
+            host_address: states.as_ptr().cast(),
+        })
+        .triangle_array(vk::DeviceOrHostAddressConstKHR {
+            host_address: triangle.as_ptr().cast(),
+        })
+        .scratch_data(vk::DeviceOrHostAddressKHR {
+            host_address: scratch.as_mut_ptr().cast(),
+        })
+        .triangle_array_stride(8);
+    // SAFETY: all that the info refers to outlives the call.
+    let done = unsafe { (micromaps.build_micromaps_ext)(device, none, 1, &info) };
+    assert_eq!(done, vk::Result::SUCCESS);
+    assert_eq!(found_with(&gpu, &built), expected);
+
+    let mut sizes = [0u64; 2];
+    for (size, ty) in sizes.iter_mut().zip([
+        vk::QueryType::MICROMAP_SERIALIZATION_SIZE_EXT,
+        vk::QueryType::MICROMAP_COMPACTED_SIZE_EXT,
+    ]) {
+        let out = std::ptr::from_mut(size).cast();
+        // SAFETY: eight bytes may be written.
+        let done = unsafe {
+            (micromaps.write_micromaps_properties_ext)(device, 1, &original.handle, ty, 8, out, 8)
+        };
+        assert_eq!(done, vk::Result::SUCCESS);
+        assert_eq!(*size, micromap_property(&gpu, original.handle, ty));
+    }
+
+    let copy = Micromap {
+        handle: gpu.empty_micromap(sizes[1]),
+        ..original.clone()
+    };
+    let info = vk::CopyMicromapInfoEXT::default()
+        .src(built.handle)
+        .dst(copy.handle)
+        .mode(vk::CopyMicromapModeEXT::CLONE);
+    // SAFETY: both are built or large enough.
+    let done = unsafe { (micromaps.copy_micromap_ext)(device, none, &info) };
+    assert_eq!(done, vk::Result::SUCCESS);
+
+    let mut memory = vec![0u128; sizes[0].div_ceil(16) as usize];
+    let out = vk::CopyMicromapToMemoryInfoEXT::default()
+        .src(copy.handle)
+        .dst(vk::DeviceOrHostAddressKHR {
+            host_address: memory.as_mut_ptr().cast(),
+        })
+        .mode(vk::CopyMicromapModeEXT::SERIALIZE);
+    let last = Micromap {
+        handle: gpu.empty_micromap(original.size_bytes),
+        ..original.clone()
+    };
+    let back = vk::CopyMemoryToMicromapInfoEXT::default()
+        .src(vk::DeviceOrHostAddressConstKHR {
+            host_address: memory.as_ptr().cast(),
+        })
+        .dst(last.handle)
+        .mode(vk::CopyMicromapModeEXT::DESERIALIZE);
+    // SAFETY: the memory is as long as was asked, and outlives the calls.
+    unsafe {
+        let done = (micromaps.copy_micromap_to_memory_ext)(device, none, &out);
+        assert_eq!(done, vk::Result::SUCCESS);
+        let done = (micromaps.copy_memory_to_micromap_ext)(device, none, &back);
+        assert_eq!(done, vk::Result::SUCCESS);
+    }
+    assert_eq!(found_with(&gpu, &last), expected);
+}
+
+#[test]
+fn structures_with_micromaps_are_copied_and_serialized() {
+    let Some(gpu) = gpu_with_micromaps() else {
+        return;
+    };
+    let (micromap, expected) = motley(&gpu);
+    let original = bottom(&gpu, 1, &Use::of(&micromap), Flags::ALLOW_COMPACTION);
+    let property = |ty| {
+        query(&gpu, ty, |commands, pool| {
+            // SAFETY: the structure is built, and the query reset.
+            unsafe {
+                gpu.acceleration
+                    .cmd_write_acceleration_structures_properties(
+                        commands,
+                        &[original.handle],
+                        ty,
+                        pool,
+                        0,
+                    );
+            }
+        })
+    };
+    let compacted_size = property(vk::QueryType::ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR);
+    let compacted = gpu.empty_structure(Level::BOTTOM_LEVEL, compacted_size);
+    let info = vk::CopyAccelerationStructureInfoKHR::default()
+        .src(original.handle)
+        .dst(compacted.handle)
+        .mode(vk::CopyAccelerationStructureModeKHR::COMPACT);
+    gpu.run(|commands| {
+        // SAFETY: both live as long as the device.
+        unsafe {
+            gpu.acceleration
+                .cmd_copy_acceleration_structure(commands, &info);
+        }
+    });
+    let world = gpu.top(&[Instance::of(compacted)]);
+    assert_eq!(shoot(&gpu, world, &part_centres(2), 0), expected);
+
+    let size = property(vk::QueryType::ACCELERATION_STRUCTURE_SERIALIZATION_SIZE_KHR);
+    let buffer = gpu.buffer(size + 256);
+    let aligned = buffer.address.next_multiple_of(256);
+    let out = vk::CopyAccelerationStructureToMemoryInfoKHR::default()
+        .src(original.handle)
+        .dst(vk::DeviceOrHostAddressKHR {
+            device_address: aligned,
+        })
+        .mode(vk::CopyAccelerationStructureModeKHR::SERIALIZE);
+    gpu.run(|commands| {
+        // SAFETY: all of it lives as long as the device.
+        unsafe {
+            gpu.acceleration
+                .cmd_copy_acceleration_structure_to_memory(commands, &out);
+        }
+    });
+    let bytes: Vec<u8> = buffer.read();
+    let word = (aligned - buffer.address) as usize + 40;
+    let deserialized_size = u64::from_le_bytes(bytes[word..word + 8].try_into().expect("a word"));
+    let copy = gpu.empty_structure(Level::BOTTOM_LEVEL, deserialized_size);
+    let back = vk::CopyMemoryToAccelerationStructureInfoKHR::default()
+        .src(vk::DeviceOrHostAddressConstKHR {
+            device_address: aligned,
+        })
+        .dst(copy.handle)
+        .mode(vk::CopyAccelerationStructureModeKHR::DESERIALIZE);
+    gpu.run(|commands| {
+        // SAFETY: as above.
+        unsafe {
+            gpu.acceleration
+                .cmd_copy_memory_to_acceleration_structure(commands, &back);
+        }
+    });
+    let world = gpu.top(&[Instance::of(copy)]);
+    assert_eq!(shoot(&gpu, world, &part_centres(2), 0), expected);
+}

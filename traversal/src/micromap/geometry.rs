@@ -1,0 +1,54 @@
+//! How the triangles of a geometry find their opacity.
+
+use super::{FIRST_SPECIAL, Opacity};
+use crate::input::{IndexType, Memory};
+
+/// How the triangles of a geometry find their opacity
+/// (`VkAccelerationStructureTrianglesOpacityMicromapEXT`).
+#[derive(Clone, Copy, Debug)]
+pub struct GeometryMicromap {
+    /// Type of `indices`; without indices, triangle `i` of the geometry has index `i`.
+    pub index_type: IndexType,
+    /// An index for each triangle of the geometry.
+    pub indices: Memory,
+    /// Bytes from one index to the next; may be 0.
+    pub index_stride_bytes: u64,
+    /// Added to each index that is not special.
+    pub base_triangle: u32,
+    /// Address of a built micromap, or 0 where all indices are special.
+    pub micromap: u64,
+}
+
+impl GeometryMicromap {
+    /// The word that a bottom level keeps for triangle `index`. Where there is no index, a shader
+    /// is asked.
+    ///
+    /// # Safety
+    /// The memory of the indices is readable and unchanged.
+    pub(crate) unsafe fn word(&self, index: u32) -> u32 {
+        let offset = u64::from(index).checked_mul(self.index_stride_bytes);
+        // SAFETY: the caller's promise, for all three. Special indices are cast to the type.
+        let read = || unsafe {
+            Some(match self.index_type {
+                IndexType::None => index,
+                IndexType::U8 => match self.indices.read::<1>(offset?)?[0] {
+                    special @ 0xFC.. => special as i8 as u32,
+                    index => index.into(),
+                },
+                IndexType::U16 => match u16::from_le_bytes(self.indices.read(offset?)?) {
+                    special @ 0xFFFC.. => special as i16 as u32,
+                    index => index.into(),
+                },
+                IndexType::U32 => u32::from_le_bytes(self.indices.read(offset?)?),
+            })
+        };
+        let unknown = !(Opacity::UnknownOpaque as u32);
+        match read() {
+            Some(special @ FIRST_SPECIAL..) if self.index_type != IndexType::None => special,
+            Some(index) => (index.checked_add(self.base_triangle))
+                .filter(|&index| index < FIRST_SPECIAL)
+                .unwrap_or(unknown),
+            None => unknown,
+        }
+    }
+}
