@@ -2,7 +2,8 @@
 
 use super::collapse::{self, Children};
 use super::primitive::{Primitive, in_pool};
-use super::tree::{self, BinaryNode};
+use super::split;
+use super::tree::BinaryNode;
 use crate::input::{Geometries, GeometryFlags, TriangleGeometry};
 use crate::layout::{
     Bounds, BoxEntry, GROUP, LEAF_TRIANGLES, Node, Parts, TriangleGroup, WIDTH, child,
@@ -248,7 +249,7 @@ fn sort_chunks(primitives: &mut [Primitive], size: usize) {
     let chunks = primitives.len().div_ceil(size);
     if chunks > 1 {
         let middle = chunks / 2 * size;
-        tree::divide(primitives, middle);
+        split::divide(primitives, middle);
         let (left, right) = primitives.split_at_mut(middle);
         sort_chunks(left, size);
         sort_chunks(right, size);

@@ -6,11 +6,13 @@
 //! size that was promised, or would be too deep, a packed one is written that always does.
 
 mod collapse;
+mod corners;
 mod emit;
 mod instance;
 mod micromap;
 mod primitive;
 mod refit;
+mod split;
 mod tree;
 mod vertex;
 
@@ -24,7 +26,8 @@ use collapse::Costs;
 use emit::Target;
 use primitive::Primitive;
 pub use refit::update;
-use tree::{BinaryNode, SplitRules};
+use split::{Extent, SplitRules};
+use tree::BinaryNode;
 
 /// Memory for a build, in bytes: upper bounds that hold for any input of that shape.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -285,8 +288,9 @@ fn grow(
     } else {
         block
     };
-    let rules = SplitRules::new(block, leaf_forced as usize + 1, primitives);
-    tree::build(primitives, nodes, &rules);
+    let extent = Extent::of(primitives);
+    let rules = SplitRules::new(block, leaf_forced as usize + 1, &extent);
+    tree::build(primitives, nodes, &rules, extent);
     Costs {
         node: 1.0,
         block: block_cost,

@@ -1,20 +1,20 @@
 //! What the builders sort: a box around each active primitive, and which one it is.
 
-use glam::{Vec3A, Vec4};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
+use super::corners::Corners;
 use crate::input::{AabbGeometry, BuildFlags, Geometries, InstanceSource, TriangleGeometry};
 use crate::layout::Bounds;
 
-/// A primitive and its box, limited to [`FAR`].
+/// A primitive and its box, limited to [`FAR`]; laid out as [`Corners`] are.
 #[derive(Clone, Copy, Debug)]
-#[repr(C, align(16))]
+#[repr(C, align(32))]
 pub(crate) struct Primitive {
     min: [f32; 3],
     /// Index of the geometry; [`INACTIVE`] while collecting.
     pub geometry: u32,
-    max: [f32; 3],
+    negative_max: [f32; 3],
     /// Index within the geometry; for instances, of the instance.
     pub index: u32,
 }
@@ -32,7 +32,7 @@ impl Primitive {
         let primitive = Primitive {
             min: limit(bounds.min),
             geometry,
-            max: limit(bounds.max),
+            negative_max: limit(bounds.max).map(|c| -c),
             index,
         };
         if primitive.bounds() != bounds {
@@ -44,36 +44,20 @@ impl Primitive {
     const HOLE: Primitive = Primitive {
         min: [0.0; 3],
         geometry: INACTIVE,
-        max: [0.0; 3],
+        negative_max: [0.0; 3],
         index: 0,
     };
 
     /// The box.
     pub fn bounds(&self) -> Bounds {
-        Bounds {
-            min: self.min,
-            max: self.max,
-        }
+        self.corners().bounds()
     }
 
-    /// Lower corner.
-    #[inline]
-    pub fn min(&self) -> Vec3A {
-        // SAFETY: 16 aligned bytes, of which the last four are an integer: any bits are an f32.
-        Vec3A::from_vec4(unsafe { std::ptr::from_ref(self).cast::<Vec4>().read() })
-    }
-
-    /// Upper corner.
-    #[inline]
-    pub fn max(&self) -> Vec3A {
-        // SAFETY: as for the lower corner, in the second half of the struct.
-        Vec3A::from_vec4(unsafe { std::ptr::from_ref(self).cast::<Vec4>().add(1).read() })
-    }
-
-    /// Twice the center.
-    #[inline]
-    pub fn center(&self) -> Vec3A {
-        self.min() + self.max()
+    /// The box, with numbers that do not matter in the places of both indices.
+    #[inline(always)]
+    pub fn corners(&self) -> Corners {
+        // SAFETY: of the same size and alignment, and any bits are an f32.
+        unsafe { std::ptr::from_ref(self).cast::<Corners>().read() }
     }
 }
 
@@ -167,6 +151,8 @@ fn fill(
     }
 }
 
+const SIGN: u32 = 1 << 31;
+
 /// The box of an active triangle. A triangle with an infinite coordinate can never be hit, so it is
 /// left out, unless an update might move it: then its box is what is finite of it.
 ///
@@ -179,7 +165,8 @@ unsafe fn triangle_bounds(
 ) -> Option<Bounds> {
     // SAFETY: the caller's promise.
     let triangle = unsafe { geometry.triangle(index) }?;
-    if triangle.as_flattened().iter().all(|c| c.is_finite()) {
+    let most = (triangle.as_flattened().iter()).fold(0, |most, c| most.max(c.to_bits() & !SIGN));
+    if f32::from_bits(most).is_finite() {
         Some(Bounds::of_triangle(&triangle))
     } else if updatable {
         Some(sanitized_triangle_bounds(&triangle))
@@ -209,7 +196,7 @@ pub(crate) fn sanitized_triangle_bounds(triangle: &[[f32; 3]; 3]) -> Bounds {
 pub(crate) unsafe fn aabb(geometry: &AabbGeometry, index: u32) -> Option<Bounds> {
     let offset = u64::from(index).checked_mul(geometry.stride_bytes)?;
     // SAFETY: the caller's promise.
-    let bytes = unsafe { geometry.boxes.read::<24>(offset) }?;
+    let bytes = unsafe { geometry.boxes.read::<24, u8>(offset) }?;
     let float = |i: usize| f32::from_le_bytes(bytes[4 * i..4 * i + 4].try_into().unwrap());
     let bounds = Bounds {
         min: [float(0), float(1), float(2)],
@@ -228,3 +215,5 @@ unsafe fn instance_bounds(source: &InstanceSource, index: u32) -> Option<Bounds>
     // SAFETY: references are 0 or built bottom levels, by the caller's promise.
     unsafe { instance.place() }.map(|placed| placed.bounds)
 }
+
+const _: () = assert!(size_of::<Primitive>() == size_of::<Corners>());

@@ -89,17 +89,18 @@ impl Kernel for Avx {
         // SAFETY: the caller promises AVX; nodes are aligned, and rows are below six.
         unsafe {
             let base = node.bounds.as_ptr().cast::<u8>();
-            let planes = |row: usize| _mm256_load_ps(base.add(row).cast());
-            let mut near = ray.t_min;
-            let mut far = _mm256_set1_ps(t_far);
             // Operand order decides what NaN does: see `space::max`.
-            for axis in [2, 1, 0] {
-                let row = ray.near_rows[axis];
-                let enter = _mm256_sub_ps(planes(row), ray.near_origin[axis]);
-                let leave = _mm256_sub_ps(planes(row ^ ROW), ray.far_origin[axis]);
-                near = _mm256_max_ps(_mm256_mul_ps(enter, ray.near_inverse[axis]), near);
-                far = _mm256_min_ps(_mm256_mul_ps(leave, ray.far_inverse[axis]), far);
-            }
+            let (x_near, x_far) = planes(ray, base, 0);
+            let (y_near, y_far) = planes(ray, base, 1);
+            let (z_near, z_far) = planes(ray, base, 2);
+            let near = _mm256_max_ps(
+                _mm256_max_ps(x_near, y_near),
+                _mm256_max_ps(z_near, ray.t_min),
+            );
+            let far = _mm256_min_ps(
+                _mm256_min_ps(x_far, y_far),
+                _mm256_min_ps(z_far, _mm256_set1_ps(t_far)),
+            );
             _mm256_storeu_ps(near_out.as_mut_ptr(), near);
             _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)) as u32
         }
@@ -157,6 +158,24 @@ impl Kernel for Avx {
     unsafe fn test_leaf(leaf: &Triangles<'_>, walk: &mut Walk, t_far: &mut f32) -> Leaf {
         // SAFETY: the caller promises AVX2.
         unsafe { test_leaf(leaf, walk, t_far) }
+    }
+}
+
+/// Where the ray meets the near and the far planes of an axis.
+#[inline(always)]
+unsafe fn planes(ray: &AvxBoxes, base: *const u8, axis: usize) -> (__m256, __m256) {
+    // SAFETY: the callers promise AVX; nodes are aligned, and rows are below six.
+    unsafe {
+        let row = ray.near_rows[axis];
+        let enter = _mm256_sub_ps(_mm256_load_ps(base.add(row).cast()), ray.near_origin[axis]);
+        let leave = _mm256_sub_ps(
+            _mm256_load_ps(base.add(row ^ ROW).cast()),
+            ray.far_origin[axis],
+        );
+        (
+            _mm256_mul_ps(enter, ray.near_inverse[axis]),
+            _mm256_mul_ps(leave, ray.far_inverse[axis]),
+        )
     }
 }
 

@@ -44,7 +44,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
     let mut floor = 0;
     let mut in_bottom = false;
     if walk.is_fresh() {
-        stack[0] = Entry { word: 0, near: 0.0 };
+        stack[0] = Entry::new(0, 0.0);
         length = 1;
     } else {
         length = walk.pending.len().min(STACK - WIDTH);
@@ -111,14 +111,14 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                 length -= 1;
                 // SAFETY: `length` is below `STACK` wherever an entry is pushed.
                 let entry = unsafe { *stack.get_unchecked(length) };
-                if ANY || entry.near <= t_far {
-                    break entry.word;
+                if ANY || entry.near() <= t_far {
+                    break entry.word();
                 }
             };
             // Down to a leaf.
             loop {
                 if left == 0 {
-                    stack[length] = Entry { word, near: 0.0 };
+                    stack[length] = Entry::new(word, 0.0);
                     length += 1;
                     break 'level Event::OutOfFuel;
                 }
@@ -189,7 +189,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         if unsafe { bottom.enter_bottom(instance, top, true, entered, &walk.ray) } {
             in_bottom = true;
             floor = length;
-            stack[length] = Entry { word: 0, near: 0.0 };
+            stack[length] = Entry::new(0, 0.0);
             length += 1;
         }
     };
@@ -227,7 +227,7 @@ fn fetch(mask: u32, node: &Node, level: &Level) {
             let word = node.children[rest.trailing_zeros() as usize & (WIDTH - 1)];
             rest &= rest - 1;
             let address = level.structure.child_address(word);
-            for line in 0..3 {
+            for line in 0..4 {
                 // SAFETY: a hint; addresses need not be valid.
                 unsafe { _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64 * line).cast()) };
             }
@@ -250,63 +250,51 @@ unsafe fn push_children<const ANY: bool>(
     stack: &mut [Entry; STACK],
     length: &mut usize,
 ) -> u32 {
-    let entry = |mask: u32| {
-        let lane = mask.trailing_zeros() as usize & (WIDTH - 1);
-        Entry {
-            word: children[lane],
-            near: near[lane],
-        }
-    };
-    let first = entry(mask);
+    let first = entry(children, near, mask);
     let mut rest = mask & (mask - 1);
     if rest == 0 {
-        return first.word;
+        return first.word();
     }
-    let base = *length;
-    let second = entry(rest);
+    // SAFETY: the caller's promise; `pushed` is below eight.
+    let places = unsafe { stack.as_mut_ptr().add(*length) };
+    let mut pushed = 1;
+    let second = entry(children, near, rest);
     rest &= rest - 1;
-    if ANY {
-        // SAFETY: the caller's promise, here and below.
-        unsafe { *stack.get_unchecked_mut(base) = second };
-        let mut end = base + 1;
-        while rest != 0 {
-            // SAFETY: as above.
-            unsafe { *stack.get_unchecked_mut(end) = entry(rest) };
-            rest &= rest - 1;
-            end += 1;
-        }
-        *length = end;
-        return first.word;
-    }
-    let (far, close) = if second.near < first.near {
+    let (mut nearest, farther) = if ANY {
         (first, second)
     } else {
-        (second, first)
+        first.ordered(second)
     };
     // SAFETY: as above.
-    unsafe { *stack.get_unchecked_mut(base) = far };
-    if rest == 0 {
-        *length = base + 1;
-        return close.word;
-    }
-    // SAFETY: as above.
-    unsafe { *stack.get_unchecked_mut(base + 1) = close };
-    let mut end = base + 2;
+    unsafe { places.write(farther) };
     while rest != 0 {
-        let entry = entry(rest);
+        let next = entry(children, near, rest);
         rest &= rest - 1;
-        let mut place = end;
-        // SAFETY: as above; `place` stays between `base` and `end`.
+        let mut place = pushed;
+        pushed += 1;
+        if ANY {
+            // SAFETY: as above.
+            unsafe { places.add(place).write(next) };
+            continue;
+        }
+        let (close, far) = nearest.ordered(next);
+        nearest = close;
+        // SAFETY: as above.
         unsafe {
-            while place > base && stack.get_unchecked(place - 1).near < entry.near {
-                *stack.get_unchecked_mut(place) = *stack.get_unchecked(place - 1);
+            while place > 0 && *places.add(place - 1) < far {
+                places.add(place).write(*places.add(place - 1));
                 place -= 1;
             }
-            *stack.get_unchecked_mut(place) = entry;
+            places.add(place).write(far);
         }
-        end += 1;
     }
-    *length = end - 1;
-    // SAFETY: as above.
-    unsafe { stack.get_unchecked(end - 1).word }
+    *length += pushed;
+    nearest.word()
+}
+
+/// The entry of the first child in a mask.
+#[inline(always)]
+fn entry(children: &[u32; WIDTH], near: &[f32; WIDTH], mask: u32) -> Entry {
+    let lane = mask.trailing_zeros() as usize & (WIDTH - 1);
+    Entry::new(children[lane], near[lane])
 }

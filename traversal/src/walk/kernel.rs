@@ -138,21 +138,20 @@ impl Kernel for Portable {
 
     #[inline(always)]
     unsafe fn test_node(ray: &Space, node: &Node, t_far: f32, near: &mut [f32; WIDTH]) -> u32 {
-        let mut far = [t_far; WIDTH];
-        *near = [ray.t_min; WIDTH];
-        for axis in (0..3).rev() {
-            let row = ray.near_row(axis);
-            let (near_planes, far_planes) = (&node.bounds[row], &node.bounds[row ^ 1]);
-            for i in 0..WIDTH {
-                near[i] = max(
-                    (near_planes[i] - ray.near_origin[axis]) * ray.near_inverse[axis],
-                    near[i],
-                );
-                far[i] = min(
-                    (far_planes[i] - ray.far_origin[axis]) * ray.far_inverse[axis],
-                    far[i],
-                );
-            }
+        let mut far = [0.0; WIDTH];
+        for i in 0..WIDTH {
+            let plane = |axis: usize| {
+                let row = ray.near_row(axis);
+                let enter = node.bounds[row][i] - ray.near_origin[axis];
+                let leave = node.bounds[row ^ 1][i] - ray.far_origin[axis];
+                (
+                    enter * ray.near_inverse[axis],
+                    leave * ray.far_inverse[axis],
+                )
+            };
+            let (x, y, z) = (plane(0), plane(1), plane(2));
+            near[i] = max(max(x.0, y.0), max(z.0, ray.t_min));
+            far[i] = min(min(x.1, y.1), min(z.1, t_far));
         }
         (0..WIDTH).fold(0, |mask, i| mask | u32::from(near[i] <= far[i]) << i)
     }
