@@ -8,6 +8,7 @@ use std::arch::x86_64::*;
 
 use super::kernel::GroupHits;
 use super::space::Space;
+use super::triangle::ORDINARY;
 use crate::layout::{GROUP, TriangleGroup};
 
 /// Bytes from one axis of a vertex to the next.
@@ -48,36 +49,23 @@ pub(crate) unsafe fn intersect(
         }
         let front = _mm_cmp_ps::<_CMP_GT_OQ>(least, zero);
         let back = _mm_cmp_ps::<_CMP_LT_OQ>(most, zero);
-        let sum = _mm_add_ps(_mm_add_ps(u, v), w);
-        let size = _mm_andnot_ps(_mm_set1_ps(-0.0), sum);
-        let finite = _mm_cmp_ps::<_CMP_LT_OQ>(size, _mm_set1_ps(f32::INFINITY));
-        let decided = _mm_and_ps(_mm_or_ps(front, back), finite);
+        let whole = _mm_add_ps(_mm_add_ps(u, v), w);
+        let size = _mm_andnot_ps(_mm_set1_ps(-0.0), whole);
+        let ordinary = _mm_and_ps(
+            _mm_cmp_ps::<_CMP_GT_OQ>(size, _mm_set1_ps(ORDINARY[0])),
+            _mm_cmp_ps::<_CMP_LT_OQ>(size, _mm_set1_ps(ORDINARY[1])),
+        );
+        let decided = _mm_and_ps(_mm_or_ps(front, back), ordinary);
+        let decided = inside & _mm_movemask_ps(decided) as u32;
 
-        // Weights from exact positions; those from behind are negative.
-        let (a, b, c) = (
-            exact(space, vertices),
-            exact(space, vertices.add(3 * AXIS)),
-            exact(space, vertices.add(6 * AXIS)),
+        let inverse_whole = _mm_div_ps(_mm_set1_ps(1.0), whole);
+        let t = _mm_add_ps(
+            _mm_add_ps(_mm_mul_ps(u, a.2), _mm_mul_ps(v, b.2)),
+            _mm_mul_ps(w, c.2),
         );
-        let sign = _mm256_and_pd(_mm256_cvtps_pd(most), _mm256_set1_pd(-0.0));
-        let u = weight(sign, c, b);
-        let v = weight(sign, a, c);
-        let w = weight(sign, b, a);
-        let whole = _mm256_add_pd(_mm256_add_pd(u, v), w);
-        let sound = _mm256_cmp_pd::<_CMP_GT_OQ>(whole, _mm256_setzero_pd());
-        let inverse_whole = _mm256_div_pd(_mm256_set1_pd(1.0), whole);
-        let t = _mm256_add_pd(
-            _mm256_add_pd(_mm256_mul_pd(u, a.2), _mm256_mul_pd(v, b.2)),
-            _mm256_mul_pd(w, c.2),
-        );
-        let t = _mm256_mul_pd(
-            _mm256_mul_pd(t, inverse_whole),
-            _mm256_set1_pd(space.exact_inverse_z),
-        );
+        let t = _mm_mul_ps(_mm_mul_ps(t, inverse_whole), _mm_set1_ps(space.inverse_z));
         let (near, far) = slab(space, vertices);
-        let t = _mm_min_ps(_mm_max_ps(_mm256_cvtpd_ps(t), near), far);
-
-        let decided = inside & (_mm_movemask_ps(decided) & _mm256_movemask_pd(sound)) as u32;
+        let t = _mm_min_ps(_mm_max_ps(t, near), far);
         let accepted = _mm_and_ps(
             _mm_cmp_ps::<_CMP_LE_OQ>(near, far),
             _mm_and_ps(
@@ -93,10 +81,8 @@ pub(crate) unsafe fn intersect(
         found.front = _mm_movemask_ps(front) as u32;
         let [second, third] = &mut found.barycentrics;
         _mm_store_ps(found.t.as_mut_ptr(), t);
-        let v = _mm256_cvtpd_ps(_mm256_mul_pd(v, inverse_whole));
-        _mm_store_ps(second.as_mut_ptr(), v);
-        let w = _mm256_cvtpd_ps(_mm256_mul_pd(w, inverse_whole));
-        _mm_store_ps(third.as_mut_ptr(), w);
+        _mm_store_ps(second.as_mut_ptr(), _mm_mul_ps(v, inverse_whole));
+        _mm_store_ps(third.as_mut_ptr(), _mm_mul_ps(w, inverse_whole));
         if undecided != 0 {
             return hits | exactly(found, space, group, undecided, t_min, t_far);
         }
@@ -125,9 +111,11 @@ unsafe fn load(space: &Space, vertex: *const u8, axis: usize) -> __m128 {
     unsafe { _mm_load_ps(vertex.add(space.axes[axis] * AXIS).cast()) }
 }
 
-/// A vertex in the plane across the ray.
+type Flat = (__m128, __m128, __m128);
+
+/// A vertex in the plane across the ray, and how far along it.
 #[inline(always)]
-unsafe fn flat(space: &Space, vertex: *const u8) -> (__m128, __m128) {
+unsafe fn flat(space: &Space, vertex: *const u8) -> Flat {
     // SAFETY: the callers'.
     unsafe {
         let origin = &space.flat_origin;
@@ -137,47 +125,15 @@ unsafe fn flat(space: &Space, vertex: *const u8) -> (__m128, __m128) {
         (
             _mm_sub_ps(x, _mm_mul_ps(_mm_set1_ps(space.shear[0]), z)),
             _mm_sub_ps(y, _mm_mul_ps(_mm_set1_ps(space.shear[1]), z)),
-        )
-    }
-}
-
-#[inline(always)]
-unsafe fn edge(p: (__m128, __m128), q: (__m128, __m128)) -> __m128 {
-    // SAFETY: the callers'.
-    unsafe { _mm_sub_ps(_mm_mul_ps(p.0, q.1), _mm_mul_ps(p.1, q.0)) }
-}
-
-/// A vertex in the plane across the ray and its distance along it, in f64.
-#[inline(always)]
-unsafe fn exact(space: &Space, vertex: *const u8) -> (__m256d, __m256d, __m256d) {
-    // SAFETY: the callers'.
-    unsafe {
-        let origin = &space.exact_origin;
-        let x = _mm256_cvtps_pd(load(space, vertex, 0));
-        let y = _mm256_cvtps_pd(load(space, vertex, 1));
-        let z = _mm256_cvtps_pd(load(space, vertex, 2));
-        let x = _mm256_sub_pd(x, _mm256_set1_pd(origin[0]));
-        let y = _mm256_sub_pd(y, _mm256_set1_pd(origin[1]));
-        let z = _mm256_sub_pd(z, _mm256_set1_pd(origin[2]));
-        let [shear_x, shear_y] = space.exact_shear;
-        (
-            _mm256_sub_pd(x, _mm256_mul_pd(_mm256_set1_pd(shear_x), z)),
-            _mm256_sub_pd(y, _mm256_mul_pd(_mm256_set1_pd(shear_y), z)),
             z,
         )
     }
 }
 
-type Exact = (__m256d, __m256d, __m256d);
-
-/// An edge function in f64; nothing where it contradicts the sign.
 #[inline(always)]
-unsafe fn weight(sign: __m256d, p: Exact, q: Exact) -> __m256d {
+unsafe fn edge(p: Flat, q: Flat) -> __m128 {
     // SAFETY: the callers'.
-    unsafe {
-        let edge = _mm256_sub_pd(_mm256_mul_pd(p.0, q.1), _mm256_mul_pd(p.1, q.0));
-        _mm256_max_pd(_mm256_xor_pd(sign, edge), _mm256_setzero_pd())
-    }
+    unsafe { _mm_sub_ps(_mm_mul_ps(p.0, q.1), _mm_mul_ps(p.1, q.0)) }
 }
 
 /// Where the ray is inside the triangles' own boxes; see [`Space::slab`].

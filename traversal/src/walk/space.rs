@@ -36,10 +36,6 @@ pub(crate) struct Space {
     pub inverse_z: f32,
     /// The direction's first two over its third component by `axes`.
     pub shear: [f32; 2],
-    /// The same and the origin in f64, and one over the third component.
-    pub exact_shear: [f64; 2],
-    pub exact_origin: [f64; 3],
-    pub exact_inverse_z: f64,
     /// Two axes, then the one along which the direction is longest; swapped if that is negative, so
     /// that winding is kept (Woop, Benthin, Wald 2013).
     pub axes: [usize; 3],
@@ -76,9 +72,6 @@ impl Space {
         flat_origin: [0.0; 3],
         inverse_z: 0.0,
         shear: [0.0; 2],
-        exact_shear: [0.0; 2],
-        exact_origin: [0.0; 3],
-        exact_inverse_z: 0.0,
         axes: [0; 3],
         scale: 1.0,
         t_min: 0.0,
@@ -97,16 +90,6 @@ impl Space {
         self.direction = [direction[0], direction[1], direction[2], 1.0];
         self.axes = [x, y, z];
         self.flat_origin = [origin[x], origin[y], origin[z]];
-        self.exact_origin = [
-            f64::from(origin[x]),
-            f64::from(origin[y]),
-            f64::from(origin[z]),
-        ];
-        self.exact_inverse_z = 1.0 / f64::from(direction[z]);
-        self.exact_shear = [
-            f64::from(direction[x]) * self.exact_inverse_z,
-            f64::from(direction[y]) * self.exact_inverse_z,
-        ];
         let mut inverse = [0.0; 4];
         for i in 0..4 {
             inverse[i] = 1.0 / self.direction[i];
