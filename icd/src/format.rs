@@ -7,6 +7,8 @@ use spirv_jit::image::Format;
 use spirv_jit::image::format::{Aspect, FormatInfo, Numeric};
 
 use crate::execute::acceleration_structure::vertex_format;
+use crate::execute::swept::radius_format;
+use crate::ffi::vk::FORMAT_FEATURE_2_ACCELERATION_STRUCTURE_RADIUS_BUFFER_NV;
 
 /// A Vulkan format as the image code knows it.
 pub fn texel_format(format: vk::Format) -> Format {
@@ -57,6 +59,9 @@ pub fn features(format: vk::Format) -> Features {
     };
     if vertex_format(format).is_some() {
         features.buffer |= vk::FormatFeatureFlags2::ACCELERATION_STRUCTURE_VERTEX_BUFFER_KHR;
+    }
+    if radius_format(format).is_some() {
+        features.buffer |= FORMAT_FEATURE_2_ACCELERATION_STRUCTURE_RADIUS_BUFFER_NV;
     }
     features
 }

@@ -11,6 +11,7 @@
 pub mod environment;
 pub mod error;
 pub mod eval;
+pub mod hit_object;
 pub mod image;
 pub mod interp;
 pub mod ir;

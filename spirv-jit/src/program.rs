@@ -14,6 +14,7 @@ use std::sync::Arc;
 
 use crate::environment::Environment;
 use crate::error::Error;
+use crate::hit_object::HitFact;
 use crate::ir;
 
 pub use crate::ir::module::InputRow;
@@ -64,6 +65,15 @@ pub enum Builtin {
     WorldToObject,
     /// 3 vertices of 3 f32 (`HitTriangleVertexPositionsKHR`).
     HitTriangleVertexPositions,
+    /// 1 word each, not 0 for true (`HitIsSphereNV`, `HitIsLSSNV`).
+    HitIsSphere,
+    HitIsLss,
+    /// 3 f32 and 1 f32 (`HitSpherePositionNV`, `HitSphereRadiusNV`).
+    HitSpherePosition,
+    HitSphereRadius,
+    /// 2 positions of 3 f32, and 2 f32 (`HitLSSPositionsNV`, `HitLSSRadiiNV`).
+    HitLssPositions,
+    HitLssRadii,
     /// 2 words: device address of the shader record (after the handle).
     ShaderRecordAddress,
 }
@@ -122,6 +132,14 @@ pub enum SiteKind {
     ReportIntersection { attribute_words: u32 },
     /// Row 0: callable index; rows 16..16+n: data, in and out.
     ExecuteCallable { data_words: u32 },
+    /// As `TraceRay`, up to the hit or miss: rows 0..16 of the answer are the words that [`TRACED`](crate::hit_object::TRACED) lists.
+    HitObjectTraceRay { payload_words: u32 },
+    /// Rows 0..16: the first words of the hit object; rows 16..16+n: payload, in and out; then the hit object's other words.
+    HitObjectExecute { payload_words: u32 },
+    /// Rows 0..8: the words that [`IDENTITY`](crate::hit_object::IDENTITY) lists; the answer goes to the rows from 0 on.
+    HitObjectGet { fact: HitFact },
+    /// Row 0: hint; row 1: its bits; row 2: kind of the hit object, or all ones without one; row 3: its record index.
+    ReorderThread,
     /// Workgroup barrier.
     Barrier,
 }

@@ -1,9 +1,11 @@
 //! Acceleration structures from lists of geometry.
 
+use std::ffi::c_void;
+
 use ash::vk;
 
 use crate::gpu::Made;
-use crate::{Buffer, Gpu};
+use crate::{Buffer, Gpu, newer};
 
 /// One geometry of a bottom-level structure.
 #[derive(Clone, Debug)]
@@ -19,6 +21,21 @@ pub enum Geometry {
         boxes: Vec<[f32; 6]>,
         flags: vk::GeometryFlagsKHR,
     },
+    /// Spheres or linear swept spheres, as positions and radii of their ends; the numbers of the ends, all in turn when there are none.
+    Swept {
+        ends: Vec<[f32; 4]>,
+        indices: Vec<u32>,
+        sweep: Sweep,
+        flags: vk::GeometryFlagsKHR,
+    },
+}
+
+/// What a list of round primitives is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sweep {
+    Spheres,
+    Pairs { caps: bool },
+    Successive { caps: bool },
 }
 
 impl Geometry {
@@ -101,7 +118,10 @@ impl Gpu {
         flags: vk::BuildAccelerationStructureFlagsKHR,
     ) -> Structure {
         let (mut described, mut ranges) = (Vec::new(), Vec::new());
+        // One for each geometry at most, so that none moves.
+        let mut chained = Vec::with_capacity(geometries.len());
         for geometry in geometries {
+            let mut next: *const c_void = std::ptr::null();
             let (data, kind, own, count) = match geometry {
                 Geometry::Triangles {
                     corners,
@@ -132,19 +152,78 @@ impl Gpu {
                     let data = vk::AccelerationStructureGeometryDataKHR { aabbs: data };
                     (data, vk::GeometryTypeKHR::AABBS, *flags, boxes.len())
                 }
+                Geometry::Swept {
+                    ends,
+                    indices,
+                    sweep,
+                    flags,
+                } => {
+                    chained.push(self.swept_data(ends, indices, *sweep));
+                    next = (&raw const chained[chained.len() - 1]).cast();
+                    let kind = match sweep {
+                        Sweep::Spheres => newer::GEOMETRY_TYPE_SPHERES_NV,
+                        _ => newer::GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV,
+                    };
+                    let numbers = if indices.is_empty() {
+                        ends.len()
+                    } else {
+                        indices.len()
+                    };
+                    let count = match sweep {
+                        Sweep::Pairs { .. } => numbers / 2,
+                        _ => numbers,
+                    };
+                    let data = vk::AccelerationStructureGeometryDataKHR::default();
+                    (data, kind, *flags, count)
+                }
             };
-            described.push(
-                vk::AccelerationStructureGeometryKHR::default()
-                    .geometry_type(kind)
-                    .geometry(data)
-                    .flags(own),
-            );
+            let mut it = vk::AccelerationStructureGeometryKHR::default()
+                .geometry_type(kind)
+                .geometry(data)
+                .flags(own);
+            it.p_next = next;
+            described.push(it);
             ranges.push(
                 vk::AccelerationStructureBuildRangeInfoKHR::default().primitive_count(count as u32),
             );
         }
         let level = vk::AccelerationStructureTypeKHR::BOTTOM_LEVEL;
         self.build(level, &described, &ranges, flags)
+    }
+
+    fn swept_data(&self, ends: &[[f32; 4]], indices: &[u32], sweep: Sweep) -> newer::SweptData {
+        let vertices = self.buffer_with(ends);
+        let mut data = newer::SweptData {
+            s_type: newer::SweptData::LINEAR_SWEPT_SPHERES,
+            p_next: std::ptr::null(),
+            vertex_format: vk::Format::R32G32B32_SFLOAT,
+            vertex_data: at(vertices),
+            vertex_stride: 16,
+            radius_format: vk::Format::R32_SFLOAT,
+            radius_data: vk::DeviceOrHostAddressConstKHR {
+                device_address: vertices.address + 12,
+            },
+            radius_stride: 16,
+            index_type: vk::IndexType::NONE_KHR,
+            index_data: vk::DeviceOrHostAddressConstKHR { device_address: 0 },
+            index_stride: 0,
+            indexing_mode: 0,
+            end_caps_mode: 0,
+        };
+        match sweep {
+            Sweep::Spheres => data.s_type = newer::SweptData::SPHERES,
+            Sweep::Pairs { caps } => data.end_caps_mode = i32::from(caps),
+            Sweep::Successive { caps } => {
+                data.indexing_mode = 1;
+                data.end_caps_mode = i32::from(caps);
+            }
+        }
+        if !indices.is_empty() {
+            data.index_type = vk::IndexType::UINT32;
+            data.index_data = at(self.buffer_with(indices));
+            data.index_stride = 4;
+        }
+        data
     }
 
     /// Builds a top-level structure.

@@ -152,9 +152,9 @@ impl Gpu {
                 .enumerate_device_extension_properties(physical)
                 .expect("extensions can be enumerated");
             let has = |name: &CStr| {
-                offered
-                    .iter()
-                    .any(|e| e.extension_name_as_c_str().is_ok_and(|n| n == name))
+                let hidden = has_layer && crate::newer::NEWER.contains(&name);
+                let mut names = offered.iter().map(|e| e.extension_name_as_c_str());
+                !hidden && names.any(|n| n.is_ok_and(|n| n == name))
             };
             let wanted = [
                 khr::acceleration_structure::NAME,

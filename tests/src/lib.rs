@@ -13,11 +13,12 @@ mod image;
 mod known;
 mod memory;
 mod micromap;
+mod newer;
 mod optional;
 mod shader;
 mod trace;
 
-pub use acceleration::{Geometry, Instance, Structure, identity, scaled, translated};
+pub use acceleration::{Geometry, Instance, Structure, Sweep, identity, scaled, translated};
 pub use bind::{Bound, Set};
 pub use compute::Kernel;
 pub use gpu::{Gpu, PATIENCE_NS};

@@ -2,7 +2,9 @@
 
 use std::ffi::{CStr, c_void};
 
-use ash::{ext, khr, vk};
+use ash::{ext, khr, nv};
+
+use crate::newer::{self as vk, LINEAR_SWEPT_SPHERES};
 
 macro_rules! optional {
     ($($(#[$doc:meta])* $field:ident: $extension:path, $features:ident { $($off:ident)* };)*) => {
@@ -55,4 +57,6 @@ macro_rules! optional {
 optional! {
     maintenance1: khr::ray_tracing_maintenance1::NAME, PhysicalDeviceRayTracingMaintenance1FeaturesKHR {};
     micromap: ext::opacity_micromap::NAME, PhysicalDeviceOpacityMicromapFeaturesEXT { micromap_capture_replay };
+    reorder: nv::ray_tracing_invocation_reorder::NAME, PhysicalDeviceRayTracingInvocationReorderFeaturesNV {};
+    swept_spheres: LINEAR_SWEPT_SPHERES, PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV {};
 }

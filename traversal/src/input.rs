@@ -127,6 +127,67 @@ pub struct TriangleGeometry {
     pub micromap: Option<GeometryMicromap>,
 }
 
+/// How a radius lies in memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs, reason = "the names say it")]
+pub enum RadiusFormat {
+    F32,
+    F16,
+}
+
+/// What primitive `i` of a list of swept spheres is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Indexing {
+    /// A sphere: number `i`.
+    Spheres,
+    /// Swept from number `2 i` to number `2 i + 1`.
+    Pairs,
+    /// Swept from number `i` to the vertex after it.
+    Successive,
+}
+
+/// Which ends of a swept sphere are round.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum EndCaps {
+    /// None of them.
+    None,
+    /// Both, but of a successive primitive that goes on where the one before it ends, the second only.
+    Chained,
+}
+
+/// A list of spheres or of linear swept spheres.
+#[derive(Clone, Copy, Debug)]
+pub struct SweptGeometry {
+    /// Vertex 0 lies at its start (a build range's `primitiveOffset` is already added when there are no indices).
+    pub vertices: Memory,
+    /// Bytes from one vertex to the next.
+    pub vertex_stride_bytes: u64,
+    /// Format of a position at the start of each vertex.
+    pub vertex_format: VertexFormat,
+    /// The radius of vertex 0 lies at its start (`primitiveOffset` likewise).
+    pub radii: Memory,
+    /// Bytes from one radius to the next.
+    pub radius_stride_bytes: u64,
+    /// Format of a radius.
+    pub radius_format: RadiusFormat,
+    /// Added to every number.
+    pub first_vertex: u32,
+    /// Type of `indices`; without, number `i` is `i`.
+    pub index_type: IndexType,
+    /// The first index lies at its start (`primitiveOffset` already added).
+    pub indices: Memory,
+    /// Bytes from one index to the next.
+    pub index_stride_bytes: u64,
+    /// What the numbers mean.
+    pub indexing: Indexing,
+    /// Means nothing for spheres.
+    pub end_caps: EndCaps,
+    /// Number of primitives.
+    pub primitive_count: u32,
+    /// Opaque, no duplicate any-hits.
+    pub flags: GeometryFlags,
+}
+
 /// A list of boxes: min x y z, max x y z as `f32`.
 #[derive(Clone, Copy, Debug)]
 pub struct AabbGeometry {
@@ -171,6 +232,8 @@ pub enum Geometries<'a> {
     Triangles(&'a [TriangleGeometry]),
     /// A bottom level of boxes.
     Aabbs(&'a [AabbGeometry]),
+    /// A bottom level of spheres or of linear swept spheres.
+    Swept(&'a [SweptGeometry]),
     /// A top level.
     Instances(InstanceSource),
 }

@@ -5,7 +5,7 @@
 //! GeometryEntry       16 bytes for each geometry
 //! reference table     8 bytes for each instance (top level only): the address of its bottom level
 //! Node                256 bytes each; node 0 is the root, a child's index is above its parent's
-//! leaves              TriangleGroup (192 bytes), BoxEntry (8) or InstanceRecord (128) each
+//! leaves              TriangleGroup (192 bytes), BoxEntry (8), SweptEntry (64) or InstanceRecord (128) each
 //! micromaps           where a geometry has one: 8 bytes for each geometry (a MicromapReference), 4
 //!                     bytes for each primitive of all geometries, then micromaps of its own
 //! ```
@@ -155,6 +155,30 @@ pub(crate) struct BoxEntry {
     pub primitive: u32,
     /// A [`geometry_word`].
     pub geometry: u32,
+}
+
+/// A sphere or a linear swept sphere.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct SweptEntry {
+    /// Both ends; of a sphere, twice its center.
+    pub positions: [[f32; 3]; 2],
+    pub radii: [f32; 2],
+    pub primitive: u32,
+    /// A [`geometry_word`].
+    pub geometry: u32,
+    /// Bits of [`swept_flags`].
+    pub flags: u32,
+    pub reserved: [u32; 5],
+}
+
+/// What a [`SweptEntry`] is.
+pub(crate) mod swept_flags {
+    pub const SPHERE: u32 = 1;
+    /// The first end is round.
+    pub const FIRST_CAP: u32 = 2;
+    /// The second end is round.
+    pub const SECOND_CAP: u32 = 4;
 }
 
 /// A geometry's index and flags in one word.
@@ -332,6 +356,7 @@ pub(crate) fn leaf_bytes(kind: crate::Kind) -> u64 {
     match kind {
         crate::Kind::Triangles => size_of::<TriangleGroup>() as u64,
         crate::Kind::Aabbs => size_of::<BoxEntry>() as u64,
+        crate::Kind::Swept => size_of::<SweptEntry>() as u64,
         crate::Kind::Instances => size_of::<InstanceRecord>() as u64,
     }
 }
@@ -341,4 +366,5 @@ const _: () = assert!(size_of::<GeometryEntry>() == 16);
 const _: () = assert!(size_of::<Node>() == 256);
 const _: () = assert!(size_of::<TriangleGroup>() == 192);
 const _: () = assert!(size_of::<BoxEntry>() == 8);
+const _: () = assert!(size_of::<SweptEntry>() == 64);
 const _: () = assert!(size_of::<InstanceRecord>() == 128);

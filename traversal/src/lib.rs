@@ -89,14 +89,15 @@ pub mod walk;
 
 pub use build::{BuildError, BuildSizes, build, build_sizes, micromap_bytes, update};
 pub use input::{
-    AabbGeometry, BuildFlags, BuildInput, Geometries, GeometryFlags, IndexType, InstanceArray,
-    InstanceSource, Memory, TriangleGeometry, VertexFormat,
+    AabbGeometry, BuildFlags, BuildInput, EndCaps, Geometries, GeometryFlags, IndexType, Indexing,
+    InstanceArray, InstanceSource, Memory, RadiusFormat, SweptGeometry, TriangleGeometry,
+    VertexFormat,
 };
 pub use micromap::{
     GeometryMicromap, Micromap, MicromapFormat, MicromapInput, MicromapUsage, Opacity,
     build_micromap, copy_micromap, micromap_size,
 };
-pub use ray::{Hit, Ray, ray_flags};
+pub use ray::{Hit, Ray, Swept, ray_flags};
 pub use structure::{Kind, Structure, StructureError, validate};
 pub use transfer::{
     Serialized, compact_into, compacted_size, copy_into, deserialize, serialize, serialized_size,

@@ -18,7 +18,7 @@ pub mod ray_flags {
     pub const CULL_OPAQUE: u32 = 0x40;
     /// Geometry that is not opaque is no candidate.
     pub const CULL_NO_OPAQUE: u32 = 0x80;
-    /// Triangles are no candidates.
+    /// Triangles, spheres and linear swept spheres are no candidates.
     pub const SKIP_TRIANGLES: u32 = 0x100;
     /// Boxes are no candidates.
     pub const SKIP_AABBS: u32 = 0x200;
@@ -30,6 +30,20 @@ pub mod ray_flags {
 pub const HIT_KIND_FRONT_FACING_TRIANGLE: u8 = 0xFE;
 /// `hit_kind` of a triangle seen from its back.
 pub const HIT_KIND_BACK_FACING_TRIANGLE: u8 = 0xFF;
+
+/// `hit_kind` of a linear swept sphere. SPIR-V leaves the number to the driver, as for the next.
+pub const HIT_KIND_LINEAR_SWEPT_SPHERE: u8 = 0xFC;
+/// `hit_kind` of a sphere.
+pub const HIT_KIND_SPHERE: u8 = 0xFD;
+
+/// Whether a hit is one of the round primitives.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Swept {
+    #[default]
+    No,
+    Sphere,
+    LinearSweptSphere,
+}
 
 /// A ray in world space and the rules for its walk.
 ///
@@ -59,7 +73,8 @@ pub struct Ray {
 pub struct Hit {
     /// Distance in units of the ray's direction. For a box that is a candidate: the ray's `t_min`.
     pub t: f32,
-    /// Weights of a triangle's second and third vertex; 0 for boxes.
+    /// Weights of a triangle's second and third vertex; of a linear swept sphere the position along its axis, 0 and 1 on its end caps; 0
+    /// for the others.
     pub barycentrics: [f32; 2],
     /// Position of the instance in the build's input: `InstanceId`.
     pub instance_index: u32,
@@ -78,6 +93,15 @@ pub struct Hit {
     pub hit_kind: u8,
     /// Opaque after the geometry's, the instance's and the ray's flags: no any-hit shader runs.
     pub opaque: bool,
-    /// A triangle; otherwise a box.
+    /// A triangle.
     pub triangle: bool,
+    /// What it is if neither a triangle nor a box.
+    pub swept: Swept,
+}
+
+impl Hit {
+    /// Traversal found it, not an intersection shader.
+    pub fn is_built_in(&self) -> bool {
+        self.triangle || self.swept != Swept::No
+    }
 }

@@ -4,7 +4,8 @@ mod micromaps;
 
 use crate::layout::{
     ALIGNMENT, BoxEntry, GeometryEntry, Header, InstanceRecord, MAGIC, MAX_DEPTH, Node, Parts,
-    TriangleGroup, VERSION, WIDTH, child, geometry_word, leaf_bytes, micromap_part_bytes,
+    SweptEntry, TriangleGroup, VERSION, WIDTH, child, geometry_word, leaf_bytes,
+    micromap_part_bytes,
 };
 use crate::ray::Hit;
 
@@ -18,6 +19,8 @@ pub enum Kind {
     Aabbs = 2,
     /// A top level.
     Instances = 3,
+    /// A bottom level of spheres or of linear swept spheres.
+    Swept = 4,
 }
 
 impl Kind {
@@ -26,6 +29,7 @@ impl Kind {
             1 => Some(Kind::Triangles),
             2 => Some(Kind::Aabbs),
             3 => Some(Kind::Instances),
+            4 => Some(Kind::Swept),
             _ => None,
         }
     }
@@ -166,6 +170,16 @@ impl Structure {
             .map_or([0.0; 12], |record| record.world_to_object)
     }
 
+    /// The 24 bits that the application gave an instance (`InstanceCustomIndexKHR`), and its offset into the hit records.
+    pub fn instance_indices(&self, instance_index: u32) -> (u32, u32) {
+        self.instance(instance_index).map_or((0, 0), |record| {
+            (
+                record.custom_index_and_mask & 0xFF_FFFF,
+                record.sbt_offset_and_flags & 0xFF_FFFF,
+            )
+        })
+    }
+
     /// The object-space positions of a hit triangle's vertices, in order, after the geometry's
     /// transform. `self` is the top level; zeros for what is no triangle.
     pub fn triangle_vertices(&self, hit: &Hit) -> [[f32; 3]; 3] {
@@ -176,6 +190,15 @@ impl Structure {
             .map_or([[0.0; 3]; 3], |group| {
                 group.triangle((hit.slot % 4) as usize)
             })
+    }
+
+    /// The object-space ends of a hit sphere or linear swept sphere, and their radii. `self` is the top level; zeros for what is none.
+    pub fn swept_ends(&self, hit: &Hit) -> ([[f32; 3]; 2], [f32; 2]) {
+        // SAFETY: bottom levels of a structure in use are alive, by the contract of `at`.
+        let bottom = unsafe { Structure::at(self.reference(hit.instance_index)) };
+        bottom
+            .and_then(|bottom| bottom.swept_entry(hit.slot).copied())
+            .map_or_else(Default::default, |entry| (entry.positions, entry.radii))
     }
 
     #[inline(always)]
@@ -224,6 +247,13 @@ impl Structure {
         (self.kind == Kind::Aabbs && index < self.leaf_count)
             // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
             .then(|| unsafe { &*self.leaves.cast::<BoxEntry>().add(index as usize) })
+    }
+
+    #[inline(always)]
+    pub(crate) fn swept_entry(&self, index: u32) -> Option<&SweptEntry> {
+        (self.kind == Kind::Swept && index < self.leaf_count)
+            // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
+            .then(|| unsafe { &*self.leaves.cast::<SweptEntry>().add(index as usize) })
     }
 
     #[inline(always)]
@@ -367,6 +397,12 @@ fn check_leaf(structure: &Structure, word: u32) -> Result<(), StructureError> {
             count == 1
                 && structure
                     .box_entry(index)
+                    .is_some_and(|entry| primitive(entry.primitive, entry.geometry))
+        }
+        Kind::Swept => {
+            count == 1
+                && structure
+                    .swept_entry(index)
                     .is_some_and(|entry| primitive(entry.primitive, entry.geometry))
         }
         Kind::Instances => count == 1 && structure.instance(index).is_some(),

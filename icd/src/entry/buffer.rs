@@ -6,6 +6,8 @@ use super::destroy;
 use crate::ffi::{self, chain, entry};
 use crate::handle::{self, from_handle};
 use crate::object::image::{SendDescriptor, texel_buffer_descriptor};
+use crate::object::memory::GRANULE;
+use crate::object::sparse::Reservation;
 use crate::object::{Buffer, BufferView, Device, DeviceMemory};
 use crate::table::limits::{MAX_BUFFER_BYTES, MEMORY_ALIGNMENT};
 
@@ -15,22 +17,34 @@ destroy! {
 }
 
 /// What memory a resource needs.
-pub fn requirements(size_bytes: u64) -> vk::MemoryRequirements {
+pub fn requirements(size_bytes: u64, is_sparse: bool) -> vk::MemoryRequirements {
+    let alignment = match is_sparse {
+        true => GRANULE,
+        false => MEMORY_ALIGNMENT,
+    };
     vk::MemoryRequirements {
-        size: size_bytes.next_multiple_of(MEMORY_ALIGNMENT),
-        alignment: MEMORY_ALIGNMENT,
+        size: size_bytes.next_multiple_of(alignment),
+        alignment,
         memory_type_bits: 1,
     }
+}
+
+fn is_sparse(flags: vk::BufferCreateFlags) -> bool {
+    flags.contains(vk::BufferCreateFlags::SPARSE_BINDING)
 }
 
 /// Answers a requirements structure and its chain. A dedicated allocation is never needed.
 ///
 /// # Safety
 /// `out` is valid, with a valid chain.
-pub unsafe fn write_requirements(out: *mut vk::MemoryRequirements2<'_>, size_bytes: u64) {
+pub unsafe fn write_requirements(
+    out: *mut vk::MemoryRequirements2<'_>,
+    size_bytes: u64,
+    is_sparse: bool,
+) {
     // SAFETY: the caller's promise.
     unsafe {
-        (*out).memory_requirements = requirements(size_bytes);
+        (*out).memory_requirements = requirements(size_bytes, is_sparse);
         if let Some(dedicated) = chain::find_mut::<vk::MemoryDedicatedRequirements>((*out).p_next) {
             dedicated.prefers_dedicated_allocation = vk::FALSE;
             dedicated.requires_dedicated_allocation = vk::FALSE;
@@ -40,7 +54,7 @@ pub unsafe fn write_requirements(out: *mut vk::MemoryRequirements2<'_>, size_byt
 
 entry! {
     fn vkCreateBuffer(
-        _device: vk::Device,
+        device: vk::Device,
         info: *const vk::BufferCreateInfo,
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::Buffer,
@@ -49,12 +63,20 @@ entry! {
         if info.size > MAX_BUFFER_BYTES {
             return Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY);
         }
-        *out = handle::create(Buffer::new(info.size, info.usage, info.flags));
+        let mut buffer = Buffer::new(info.size, info.usage, info.flags);
+        if is_sparse(info.flags) {
+            let wanted = chain::find::<vk::BufferOpaqueCaptureAddressCreateInfo>(info.p_next)
+                .map(|capture| capture.opaque_capture_address);
+            let window = &from_handle::<Device>(device).window;
+            buffer = buffer.reserved(Reservation::new(window, info.size, wanted)?);
+        }
+        *out = handle::create(buffer);
         Ok(())
     }
 
     fn vkGetBufferMemoryRequirements(_device: vk::Device, buffer: vk::Buffer, out: *mut vk::MemoryRequirements) {
-        *out = requirements(from_handle::<Buffer>(buffer).size_bytes);
+        let buffer = from_handle::<Buffer>(buffer);
+        *out = requirements(buffer.size_bytes, is_sparse(buffer.flags));
     }
 
     fn vkGetBufferMemoryRequirements2(
@@ -62,7 +84,8 @@ entry! {
         info: *const vk::BufferMemoryRequirementsInfo2,
         out: *mut vk::MemoryRequirements2,
     ) {
-        write_requirements(out, from_handle::<Buffer>((*info).buffer).size_bytes);
+        let buffer = from_handle::<Buffer>((*info).buffer);
+        write_requirements(out, buffer.size_bytes, is_sparse(buffer.flags));
     }
 
     fn vkGetDeviceBufferMemoryRequirements(
@@ -70,7 +93,8 @@ entry! {
         info: *const vk::DeviceBufferMemoryRequirements,
         out: *mut vk::MemoryRequirements2,
     ) {
-        write_requirements(out, (*(*info).p_create_info).size);
+        let info = &*(*info).p_create_info;
+        write_requirements(out, info.size, is_sparse(info.flags));
     }
 
     fn vkBindBufferMemory(
@@ -96,7 +120,7 @@ entry! {
     }
 
     fn vkGetBufferOpaqueCaptureAddress(_device: vk::Device, info: *const vk::BufferDeviceAddressInfo) -> u64 {
-        // The address follows from that of the memory, which is what is captured.
+        // The address follows from that of the memory, which is what is captured; a sparse buffer has its own.
         from_handle::<Buffer>((*info).buffer).address()
     }
 

@@ -13,6 +13,19 @@ use crate::table::commands;
 use crate::table::extensions::{ExtensionSet, Kind};
 use crate::table::features;
 
+/// Whether a device is created with the feature `sparseBinding`.
+///
+/// # Safety
+/// `info` is valid usage of `vkCreateDevice`.
+unsafe fn wants_sparse_binding(info: &vk::DeviceCreateInfo<'_>) -> bool {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let chained = ffi::find::<vk::PhysicalDeviceFeatures2>(info.p_next).map(|f| &f.features);
+        (chained.into_iter().chain(info.p_enabled_features.as_ref()))
+            .any(|features| features.sparse_binding != vk::FALSE)
+    }
+}
+
 entry! {
     fn vkCreateDevice(
         physical: vk::PhysicalDevice,
@@ -31,7 +44,7 @@ entry! {
             return Err(vk::Result::ERROR_INITIALIZATION_FAILED);
         }
         let queue_count = queues.iter().map(|queue| queue.queue_count).max().unwrap_or(0);
-        *out = handle::create(Device::new(physical, extensions, queue_count)?);
+        *out = handle::create(Device::new(physical, extensions, queue_count, wants_sparse_binding(info))?);
         Ok(())
     }
 

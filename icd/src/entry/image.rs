@@ -9,6 +9,7 @@ use crate::VkResult;
 use crate::ffi::{self, chain, entry};
 use crate::handle::{self, from_handle};
 use crate::object::image::{SendDescriptor, view_descriptor};
+use crate::object::sparse::Reservation;
 use crate::object::{Device, DeviceMemory, Image, ImageView, Sampler};
 
 destroy! {
@@ -133,19 +134,30 @@ fn sampler_descriptor(
     }
 }
 
+fn is_sparse(flags: vk::ImageCreateFlags) -> bool {
+    flags.contains(vk::ImageCreateFlags::SPARSE_BINDING)
+}
+
 entry! {
     fn vkCreateImage(
-        _device: vk::Device,
+        device: vk::Device,
         info: *const vk::ImageCreateInfo,
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::Image,
     ) -> vk::Result {
-        *out = handle::create(Image::new(&*info)?);
+        let mut image = Image::new(&*info)?;
+        if is_sparse(image.flags) {
+            let window = &from_handle::<Device>(device).window;
+            let reservation = Reservation::new(window, image.size_bytes, None)?;
+            image = image.reserved(reservation);
+        }
+        *out = handle::create(image);
         Ok(())
     }
 
     fn vkGetImageMemoryRequirements(_device: vk::Device, image: vk::Image, out: *mut vk::MemoryRequirements) {
-        *out = requirements(from_handle::<Image>(image).size_bytes);
+        let image = from_handle::<Image>(image);
+        *out = requirements(image.size_bytes, is_sparse(image.flags));
     }
 
     fn vkGetImageMemoryRequirements2(
@@ -153,7 +165,8 @@ entry! {
         info: *const vk::ImageMemoryRequirementsInfo2,
         out: *mut vk::MemoryRequirements2,
     ) {
-        write_requirements(out, from_handle::<Image>((*info).image).size_bytes);
+        let image = from_handle::<Image>((*info).image);
+        write_requirements(out, image.size_bytes, is_sparse(image.flags));
     }
 
     fn vkGetDeviceImageMemoryRequirements(
@@ -162,8 +175,9 @@ entry! {
         out: *mut vk::MemoryRequirements2,
     ) {
         // Valid usage makes the creation succeed; an impossible image asks for more than there is.
-        let size_bytes = Image::new(&*(*info).p_create_info).map_or(1 << 62, |image| image.size_bytes);
-        write_requirements(out, size_bytes);
+        let info = &*(*info).p_create_info;
+        let size_bytes = Image::new(info).map_or(1 << 62, |image| image.size_bytes);
+        write_requirements(out, size_bytes, is_sparse(info.flags));
     }
 
     fn vkGetImageSparseMemoryRequirements(

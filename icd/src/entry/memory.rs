@@ -21,7 +21,10 @@ destroy! {
 ///
 /// # Safety
 /// `info` is valid usage of `vkAllocateMemory`.
-unsafe fn source(info: &vk::MemoryAllocateInfo<'_>) -> VkResult<(Source, Option<c_int>)> {
+unsafe fn source(
+    device: &Device,
+    info: &vk::MemoryAllocateInfo<'_>,
+) -> VkResult<(Source, Option<c_int>)> {
     // SAFETY: the caller's promise.
     unsafe {
         if let Some(import) = chain::find::<vk::ImportMemoryHostPointerInfoEXT>(info.p_next)
@@ -47,6 +50,8 @@ unsafe fn source(info: &vk::MemoryAllocateInfo<'_>) -> VkResult<(Source, Option<
         Ok((
             if export {
                 Source::Exportable
+            } else if device.sparse_binding {
+                Source::Shared
             } else {
                 Source::Fresh
             },
@@ -64,7 +69,7 @@ entry! {
     ) -> vk::Result {
         let device = from_handle::<Device>(device);
         let info = &*info;
-        let (source, imported) = source(info)?;
+        let (source, imported) = source(device, info)?;
         let wanted = chain::find::<vk::MemoryOpaqueCaptureAddressAllocateInfo>(info.p_next)
             .map(|capture| capture.opaque_capture_address);
         let memory = DeviceMemory::allocate(&device.window, info.allocation_size, source, wanted)?;

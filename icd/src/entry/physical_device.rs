@@ -19,7 +19,9 @@ use crate::table::{features, properties};
 
 fn queue_family() -> vk::QueueFamilyProperties {
     vk::QueueFamilyProperties {
-        queue_flags: vk::QueueFlags::COMPUTE | vk::QueueFlags::TRANSFER,
+        queue_flags: vk::QueueFlags::COMPUTE
+            | vk::QueueFlags::TRANSFER
+            | vk::QueueFlags::SPARSE_BINDING,
         queue_count: MAX_QUEUES,
         timestamp_valid_bits: 64,
         min_image_transfer_granularity: vk::Extent3D {

@@ -1,5 +1,7 @@
 //! Queues: getting them, submitting to them, waiting for them.
 
+use std::sync::Arc;
+
 use ash::vk;
 use ash::vk::Handle;
 
@@ -7,7 +9,9 @@ use crate::VkResult;
 use crate::command::CommandBuffer;
 use crate::ffi::{self, entry};
 use crate::handle;
-use crate::object::{Device, Fence, Semaphore};
+use crate::object::memory::GRANULE;
+use crate::object::sparse::{Reservation, SparseBind};
+use crate::object::{Buffer, Device, DeviceMemory, Fence, Image, Semaphore};
 use crate::queue::{Queue, Submission};
 
 entry! {
@@ -33,13 +37,13 @@ entry! {
         submit(queue, submissions.collect::<VkResult<_>>()?, fence)
     }
 
-    /// Sparse resources do not exist, so there is nothing to bind: what is left is waiting and signaling.
     fn vkQueueBindSparse(queue: vk::Queue, count: u32, infos: *const vk::BindSparseInfo, fence: vk::Fence) -> vk::Result {
         let submissions = ffi::slice(infos, count).iter().map(|info| {
             let timeline = ffi::find::<vk::TimelineSemaphoreSubmitInfo>(info.p_next);
             Submission {
                 waits: semaphores(info.p_wait_semaphores, info.wait_semaphore_count, timeline.map(|info| wait_values(info))),
                 signals: semaphores(info.p_signal_semaphores, info.signal_semaphore_count, timeline.map(|info| signal_values(info))),
+                binds: sparse_binds(info),
                 ..Submission::default()
             }
         });
@@ -93,6 +97,45 @@ unsafe fn submit(queue: vk::Queue, mut submissions: Vec<Submission>, fence: vk::
     unsafe { handle::from_handle::<Queue>(queue) }.submit(submissions)
 }
 
+/// Bindings of buffers and of whole images; images have no parts of their own to bind. Those of resources that are not
+/// sparse are left out.
+///
+/// # Safety
+/// A valid structure of live handles.
+unsafe fn sparse_binds(info: &vk::BindSparseInfo<'_>) -> Vec<SparseBind> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let decode = |resource: &Arc<Reservation>, bind: &vk::SparseMemoryBind| SparseBind {
+            resource: Arc::clone(resource),
+            resource_offset: bind.resource_offset,
+            // The end of a resource may be inside its last block.
+            size_bytes: bind.size.next_multiple_of(GRANULE),
+            memory: (!bind.memory.is_null()).then(|| {
+                (
+                    handle::retain::<DeviceMemory>(bind.memory),
+                    bind.memory_offset,
+                )
+            }),
+        };
+        let mut binds = Vec::new();
+        for one in ffi::slice(info.p_buffer_binds, info.buffer_bind_count) {
+            let buffer = handle::from_handle::<Buffer>(one.buffer);
+            if let Some(resource) = &buffer.reservation {
+                let list = ffi::slice(one.p_binds, one.bind_count);
+                binds.extend(list.iter().map(|bind| decode(resource, bind)));
+            }
+        }
+        for one in ffi::slice(info.p_image_opaque_binds, info.image_opaque_bind_count) {
+            let image = handle::from_handle::<Image>(one.image);
+            if let Some(resource) = &image.reservation {
+                let list = ffi::slice(one.p_binds, one.bind_count);
+                binds.extend(list.iter().map(|bind| decode(resource, bind)));
+            }
+        }
+        binds
+    }
+}
+
 /// # Safety
 /// A valid structure of live handles.
 unsafe fn submission(info: &vk::SubmitInfo<'_>) -> VkResult<Submission> {
@@ -115,7 +158,7 @@ unsafe fn submission(info: &vk::SubmitInfo<'_>) -> VkResult<Submission> {
                 info.signal_semaphore_count,
                 timeline.map(|info| signal_values(info)),
             ),
-            fence: None,
+            ..Submission::default()
         })
     }
 }
@@ -141,16 +184,14 @@ unsafe fn submission2(info: &vk::SubmitInfo2<'_>) -> VkResult<Submission> {
                 .map(|info| executable(info.command_buffer))
                 .collect::<VkResult<_>>()?,
             signals: signals.iter().map(semaphore).collect(),
-            fence: None,
+            ..Submission::default()
         })
     }
 }
 
 /// # Safety
 /// The handle is alive.
-unsafe fn executable(
-    buffer: vk::CommandBuffer,
-) -> VkResult<std::sync::Arc<Vec<crate::command::Command>>> {
+unsafe fn executable(buffer: vk::CommandBuffer) -> VkResult<Arc<Vec<crate::command::Command>>> {
     // SAFETY: the caller's promise.
     let buffer = unsafe { handle::from_handle::<CommandBuffer>(buffer) };
     buffer.recording.lock().executable()

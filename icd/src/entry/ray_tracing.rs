@@ -7,6 +7,7 @@ use ash::vk;
 use crate::VkResult;
 use crate::command::{Command, RayTracingCommand};
 use crate::ffi::array::slice_mut;
+use crate::ffi::pipeline::create_flags;
 use crate::ffi::ray_tracing::{create_pipeline, region};
 use crate::ffi::{commands, entry, slice};
 use crate::handle::{self, from_handle, optional};
@@ -82,7 +83,7 @@ entry! {
                         Err(earlier) if earlier != vk::Result::PIPELINE_COMPILE_REQUIRED => Err(earlier),
                         _ => Err(code),
                     };
-                    if info.flags.contains(vk::PipelineCreateFlags::EARLY_RETURN_ON_FAILURE) {
+                    if create_flags(info.flags, info.p_next).contains(vk::PipelineCreateFlags::EARLY_RETURN_ON_FAILURE) {
                         break;
                     }
                 }

@@ -9,6 +9,8 @@ use traversal::{
     TriangleGeometry, VertexFormat,
 };
 
+use super::swept::Swept;
+
 /// The memory of an acceleration structure object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Storage {
@@ -32,6 +34,7 @@ pub struct Build {
 pub enum BuildGeometries {
     Triangles(Vec<Triangles>),
     Aabbs(Vec<Aabbs>),
+    Swept(Vec<Swept>),
     Instances(Instances),
 }
 
@@ -107,6 +110,11 @@ impl BuildGeometries {
                 geometry.primitive_count = range.primitive_count;
                 geometry.boxes += offset;
             }
+            Self::Swept(list) => {
+                if let Some(geometry) = list.get_mut(index) {
+                    geometry.apply_range(range);
+                }
+            }
             Self::Instances(instances) if index == 0 => {
                 instances.count = range.primitive_count;
                 instances.address += offset;
@@ -120,6 +128,7 @@ impl BuildGeometries {
         match self {
             Self::Triangles(_) => Kind::Triangles,
             Self::Aabbs(_) => Kind::Aabbs,
+            Self::Swept(_) => Kind::Swept,
             Self::Instances(_) => Kind::Instances,
         }
     }
@@ -131,6 +140,10 @@ impl BuildGeometries {
                 .map(|geometry| geometry.primitive_count)
                 .collect(),
             Self::Aabbs(list) => list
+                .iter()
+                .map(|geometry| geometry.primitive_count)
+                .collect(),
+            Self::Swept(list) => list
                 .iter()
                 .map(|geometry| geometry.primitive_count)
                 .collect(),
@@ -169,6 +182,10 @@ impl Build {
                 BuildGeometries::Aabbs(list) => {
                     let list: Vec<_> = list.iter().map(Aabbs::resolve).collect();
                     self.run(Geometries::Aabbs(&list), destination)
+                }
+                BuildGeometries::Swept(list) => {
+                    let list: Vec<_> = list.iter().map(Swept::resolve).collect();
+                    self.run(Geometries::Swept(&list), destination)
                 }
                 BuildGeometries::Instances(instances) => {
                     self.run(Geometries::Instances(instances.resolve()), destination)
@@ -259,7 +276,7 @@ fn index_size_bytes(ty: IndexType) -> u64 {
 }
 
 /// Largest position: four 64-bit components.
-const MAX_VERTEX_BYTES: u64 = 32;
+pub(super) const MAX_VERTEX_BYTES: u64 = 32;
 
 /// `sizeof(VkAabbPositionsKHR)`.
 const AABB_BYTES: u64 = 24;

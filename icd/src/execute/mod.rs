@@ -33,6 +33,7 @@ pub mod query;
 pub mod ray_tracing;
 pub mod resolve;
 mod surface;
+pub mod swept;
 #[cfg(test)]
 mod transfer_tests;
 

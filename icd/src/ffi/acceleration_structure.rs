@@ -1,12 +1,15 @@
 //! `VkAccelerationStructureBuildGeometryInfoKHR` to an owned [`Build`].
 
-use ash::vk;
-use traversal::{BuildFlags, GeometryFlags, IndexType, InstanceArray, VertexFormat};
+use traversal::{
+    BuildFlags, EndCaps, GeometryFlags, IndexType, Indexing, InstanceArray, RadiusFormat,
+    VertexFormat,
+};
 
-use super::{find, slice};
+use super::{find, slice, vk};
 use crate::execute::acceleration_structure::{
     Aabbs, Build, BuildGeometries, Instances, Range, Storage, Triangles, vertex_format,
 };
+use crate::execute::swept::{Swept, radius_format};
 use crate::handle;
 use crate::object::AccelerationStructure;
 
@@ -45,6 +48,9 @@ pub fn kind(
     match geometries.first().map(|geometry| geometry.geometry_type) {
         Some(vk::GeometryTypeKHR::INSTANCES) => traversal::Kind::Instances,
         Some(vk::GeometryTypeKHR::AABBS) => traversal::Kind::Aabbs,
+        Some(vk::GEOMETRY_TYPE_SPHERES_NV | vk::GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV) => {
+            traversal::Kind::Swept
+        }
         Some(_) => traversal::Kind::Triangles,
         None if ty == vk::AccelerationStructureTypeKHR::TOP_LEVEL => traversal::Kind::Instances,
         None => traversal::Kind::Triangles,
@@ -72,6 +78,9 @@ pub unsafe fn decode_build(info: &vk::AccelerationStructureBuildGeometryInfoKHR<
                 }
                 traversal::Kind::Aabbs => {
                     BuildGeometries::Aabbs(geometries.map(|g| aabbs(g)).collect())
+                }
+                traversal::Kind::Swept => {
+                    BuildGeometries::Swept(geometries.map(|g| swept(g)).collect())
                 }
                 traversal::Kind::Instances => BuildGeometries::Instances(
                     geometries.next().map_or(NO_INSTANCES, |g| instances(g)),
@@ -160,7 +169,6 @@ unsafe fn triangles(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Tria
     // SAFETY: the caller's promise; both members of an address union are 64 bits.
     unsafe {
         let data = geometry.geometry.triangles;
-        let index_type = index_type(data.index_type);
         Triangles {
             flags: GeometryFlags(geometry.flags.as_raw()),
             vertex_format: vertex_format(data.vertex_format).unwrap_or(VertexFormat::F32x3),
@@ -168,12 +176,62 @@ unsafe fn triangles(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Tria
             vertex_stride_bytes: data.vertex_stride,
             max_vertex: data.max_vertex,
             first_vertex: 0,
-            index_type,
+            index_type: index_type(data.index_type),
             indices: data.index_data.device_address,
             transform: data.transform_data.device_address,
             primitive_count: 0,
             micromap: super::micromap::of_geometry(data.p_next),
         }
+    }
+}
+
+/// Spheres and linear swept spheres come in the chain; without their structure there are none.
+///
+/// # Safety
+/// The geometry is one of them.
+unsafe fn swept(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Swept {
+    let flags = GeometryFlags(geometry.flags.as_raw());
+    macro_rules! decode {
+        ($data:ident, $indexing:expr, $end_caps:expr) => {
+            Swept {
+                flags,
+                vertex_format: vertex_format($data.vertex_format).unwrap_or(VertexFormat::F32x3),
+                vertices: $data.vertex_data.device_address,
+                vertex_stride_bytes: $data.vertex_stride,
+                radius_format: radius_format($data.radius_format).unwrap_or(RadiusFormat::F32),
+                radii: $data.radius_data.device_address,
+                radius_stride_bytes: $data.radius_stride,
+                index_type: index_type($data.index_type),
+                indices: $data.index_data.device_address,
+                index_stride_bytes: $data.index_stride,
+                indexing: $indexing,
+                end_caps: $end_caps,
+                first_vertex: 0,
+                primitive_count: 0,
+            }
+        };
+    }
+    // SAFETY: as for `triangles`.
+    unsafe {
+        if let Some(data) =
+            find::<vk::AccelerationStructureGeometrySpheresDataNV<'_>>(geometry.p_next)
+        {
+            return decode!(data, Indexing::Spheres, EndCaps::None);
+        }
+        let data =
+            find::<vk::AccelerationStructureGeometryLinearSweptSpheresDataNV<'_>>(geometry.p_next);
+        let Some(data) = data else {
+            return Swept::NONE;
+        };
+        let indexing = match data.indexing_mode {
+            vk::RayTracingLssIndexingModeNV::SUCCESSIVE => Indexing::Successive,
+            _ => Indexing::Pairs,
+        };
+        let end_caps = match data.end_caps_mode {
+            vk::RayTracingLssPrimitiveEndCapsModeNV::CHAINED => EndCaps::Chained,
+            _ => EndCaps::None,
+        };
+        decode!(data, indexing, end_caps)
     }
 }
 

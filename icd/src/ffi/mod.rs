@@ -8,6 +8,7 @@ pub mod guard;
 pub mod micromap;
 pub mod pipeline;
 pub mod ray_tracing;
+pub mod vk;
 
 pub use array::{slice, string};
 pub use chain::{find, find_mut};

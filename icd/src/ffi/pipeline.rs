@@ -11,6 +11,22 @@ use crate::handle;
 use crate::object::ShaderModule;
 use crate::object::shader_stage::ShaderStage;
 
+/// A pipeline's creation flags: those of the chained `VkPipelineCreateFlags2CreateInfo` instead, where there is one. Bits above the lower 32
+/// ask for nothing here.
+///
+/// # Safety
+/// The chain is valid.
+pub unsafe fn create_flags(
+    flags: vk::PipelineCreateFlags,
+    next: *const std::ffi::c_void,
+) -> vk::PipelineCreateFlags {
+    // SAFETY: the caller's promise.
+    let chained = unsafe { find::<vk::PipelineCreateFlags2CreateInfoKHR<'_>>(next) };
+    chained.map_or(flags, |chained| {
+        vk::PipelineCreateFlags::from_raw(chained.flags.as_raw() as u32)
+    })
+}
+
 /// Copies a stage: its words are shared with the module, or taken from the chained create info where there is none
 /// (`VK_EXT_graphics_pipeline_library`, maintenance5).
 ///

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use ash::vk;
 
-use super::pipeline::decode_stage;
+use super::pipeline::{create_flags, decode_stage};
 use super::{find, slice};
 use crate::VkResult;
 use crate::handle::{from_handle, retain};
@@ -42,9 +42,9 @@ pub unsafe fn create_pipeline(
     unsafe {
         let started = Instant::now();
         let layout = retain::<PipelineLayout>(info.layout);
-        let may_compile = !info
-            .flags
-            .contains(vk::PipelineCreateFlags::FAIL_ON_PIPELINE_COMPILE_REQUIRED);
+        let flags = create_flags(info.flags, info.p_next);
+        let may_compile =
+            !flags.contains(vk::PipelineCreateFlags::FAIL_ON_PIPELINE_COMPILE_REQUIRED);
         let stages = slice(info.p_stages, info.stage_count);
         let feedback = find::<vk::PipelineCreationFeedbackCreateInfo>(info.p_next);
         let mut programs = Vec::with_capacity(stages.len());
@@ -80,7 +80,7 @@ pub unsafe fn create_pipeline(
         Ok(Pipeline {
             layout,
             kind: PipelineKind::RayTracing(RayTracingPipeline::link(
-                programs, &groups, &libraries, info.flags,
+                programs, &groups, &libraries, flags,
             )),
         })
     }

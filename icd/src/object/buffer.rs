@@ -2,10 +2,12 @@
 
 #![forbid(unsafe_code)]
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use ash::vk;
 
+use super::sparse::Reservation;
 use crate::VkResult;
 
 /// A buffer: a size, and an address once memory is bound.
@@ -14,6 +16,8 @@ pub struct Buffer {
     pub usage: vk::BufferUsageFlags,
     pub flags: vk::BufferCreateFlags,
     address: AtomicU64,
+    /// Of a sparse buffer.
+    pub reservation: Option<Arc<Reservation>>,
 }
 
 impl Buffer {
@@ -24,6 +28,16 @@ impl Buffer {
             usage,
             flags,
             address: AtomicU64::new(0),
+            reservation: None,
+        }
+    }
+
+    /// A sparse buffer: it has its address from the start.
+    pub fn reserved(self, reservation: Arc<Reservation>) -> Self {
+        self.bind(reservation.address());
+        Self {
+            reservation: Some(reservation),
+            ..self
         }
     }
 

@@ -30,6 +30,8 @@ pub struct Device {
     /// What executes commands, on the device and on the host: workers, waiting, device loss. Shared with the queues' threads.
     pub engine: Arc<Engine>,
     pub window: Arc<AddressWindow>,
+    /// The feature `sparseBinding` is enabled: memory must be fit for it.
+    pub sparse_binding: bool,
     pub queues: Vec<Ref<Queue>>,
     pub image_descriptors: Arc<DescriptorSlab<SendDescriptor>>,
     pub sampler_descriptors: Arc<DescriptorSlab<SamplerDescriptor>>,
@@ -45,6 +47,7 @@ impl Device {
         physical: &PhysicalDevice,
         extensions: ExtensionSet,
         queue_count: u32,
+        sparse_binding: bool,
     ) -> VkResult<Self> {
         let engine = Engine::new(physical.thread_count, Arc::clone(&physical.messengers))?;
         let window = AddressWindow::reserve(physical.heap_bytes)?;
@@ -56,6 +59,7 @@ impl Device {
             queues: (0..queue_count).map(queue).collect(),
             engine,
             window,
+            sparse_binding,
             image_descriptors: DescriptorSlab::new(|slot| slot.0 = null_image()),
             sampler_descriptors: DescriptorSlab::new(|_| ()),
             private_data: Mutex::default(),

@@ -7,6 +7,7 @@ use ash::vk;
 use parking_lot::Mutex;
 use spirv_jit::image::{Dim, Format, ImageDescriptor, Level, MAX_LEVELS};
 
+use super::sparse::Reservation;
 use crate::VkResult;
 use crate::format;
 use crate::table::limits;
@@ -43,6 +44,8 @@ pub struct Image {
     pub planes: Vec<Plane>,
     pub size_bytes: u64,
     address: AtomicU64,
+    /// Of a sparse image.
+    pub reservation: Option<Arc<Reservation>>,
 }
 
 impl Image {
@@ -86,7 +89,17 @@ impl Image {
             planes,
             size_bytes,
             address: AtomicU64::new(0),
+            reservation: None,
         })
+    }
+
+    /// A sparse image: it has its address from the start.
+    pub fn reserved(self, reservation: Arc<Reservation>) -> Self {
+        self.bind(reservation.address());
+        Self {
+            reservation: Some(reservation),
+            ..self
+        }
     }
 
     /// Host address of the first byte; null while unbound.
@@ -290,13 +303,13 @@ pub fn supported_image(
     if (missing || input) && !flags.contains(vk::ImageCreateFlags::EXTENDED_USAGE) {
         return Err(UNSUPPORTED);
     }
-    let sparse = vk::ImageCreateFlags::SPARSE_BINDING
-        | vk::ImageCreateFlags::SPARSE_RESIDENCY
-        | vk::ImageCreateFlags::SPARSE_ALIASED
+    let never = vk::ImageCreateFlags::SPARSE_RESIDENCY
         | vk::ImageCreateFlags::PROTECTED
         | vk::ImageCreateFlags::DISJOINT
         | vk::ImageCreateFlags::BLOCK_TEXEL_VIEW_COMPATIBLE;
-    if flags.intersects(sparse)
+    let sparse = vk::ImageCreateFlags::SPARSE_BINDING | vk::ImageCreateFlags::SPARSE_ALIASED;
+    if flags.intersects(never)
+        || (flags.intersects(sparse) && tiling != vk::ImageTiling::OPTIMAL)
         || (tiling != vk::ImageTiling::OPTIMAL && tiling != vk::ImageTiling::LINEAR)
     {
         return Err(UNSUPPORTED);

@@ -91,28 +91,39 @@ impl AddressWindow {
 
     /// Takes a range of zero pages.
     fn take(&self, size_bytes: u64, wanted: Option<u64>) -> VkResult<u64> {
-        const FULL: vk::Result = vk::Result::ERROR_OUT_OF_DEVICE_MEMORY;
         self.used_bytes
             .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |used| {
                 used.checked_add(size_bytes)
                     .filter(|&sum| sum <= self.budget_bytes)
             })
-            .map_err(|_| FULL)?;
-        let address = self.ranges.lock().take(size_bytes, wanted, self.base);
-        address.ok_or_else(|| {
+            .map_err(|_| vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
+        self.take_range(size_bytes, wanted).inspect_err(|_| {
             self.used_bytes.fetch_sub(size_bytes, Ordering::Relaxed);
-            match wanted {
-                Some(_) => vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS,
-                None => FULL,
-            }
+        })
+    }
+
+    /// Takes a range that counts as no memory.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_DEVICE_MEMORY`, `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS`.
+    pub fn take_range(&self, size_bytes: u64, wanted: Option<u64>) -> VkResult<u64> {
+        let address = self.ranges.lock().take(size_bytes, wanted, self.base);
+        address.ok_or(match wanted {
+            Some(_) => vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS,
+            None => vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
         })
     }
 
     /// Gives a range back: its pages read as zeros from now on.
     fn give_back(&self, address: u64, size_bytes: u64) {
+        self.give_back_range(address, size_bytes);
+        self.used_bytes.fetch_sub(size_bytes, Ordering::Relaxed);
+    }
+
+    /// Gives back a range of [`Self::take_range`].
+    pub fn give_back_range(&self, address: u64, size_bytes: u64) {
         map_zero_pages(address, size_bytes, libc::MAP_FIXED);
         self.ranges.lock().freed.push((address, size_bytes));
-        self.used_bytes.fetch_sub(size_bytes, Ordering::Relaxed);
     }
 }
 
@@ -199,14 +210,18 @@ impl Drop for AddressWindow {
 }
 
 /// Maps pages that read as zeros and are committed when written; the address, unless the system refuses.
-fn map_zero_pages(address: u64, size_bytes: u64, flags: i32) -> Option<u64> {
+pub(super) fn map_zero_pages(address: u64, size_bytes: u64, flags: i32) -> Option<u64> {
+    map_pages(address, size_bytes, libc::MAP_PRIVATE | flags)
+}
+
+fn map_pages(address: u64, size_bytes: u64, flags: i32) -> Option<u64> {
     // SAFETY: either at a place of the system's choice, or one that is free, or (`MAP_FIXED`) inside a window of ours.
     let mapped = unsafe {
         libc::mmap(
             address as *mut _,
             size_bytes as usize,
             libc::PROT_READ | libc::PROT_WRITE,
-            libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_NORESERVE | flags,
+            libc::MAP_ANONYMOUS | libc::MAP_NORESERVE | flags,
             -1,
             0,
         )
@@ -237,6 +252,8 @@ enum Backing {
         window: Arc<AddressWindow>,
         mapped_bytes: u64,
         file: Option<OwnedFd>,
+        /// The mapping can be made again elsewhere.
+        shared: bool,
     },
     /// The application's own memory (`VkImportMemoryHostPointerInfoEXT`).
     Host,
@@ -245,6 +262,8 @@ enum Backing {
 /// Where an allocation's bytes come from.
 pub enum Source {
     Fresh,
+    /// Fresh, and sparse resources can be bound to it.
+    Shared,
     /// Fresh, in a file that can be exported.
     Exportable,
     /// A file that another allocation exported.
@@ -264,6 +283,7 @@ impl DeviceMemory {
         source: Source,
         wanted: Option<u64>,
     ) -> VkResult<Self> {
+        let wants_sharing = matches!(source, Source::Shared);
         let file = match source {
             Source::HostPointer(pointer) => {
                 return Ok(Self {
@@ -272,7 +292,7 @@ impl DeviceMemory {
                     backing: Backing::Host,
                 });
             }
-            Source::Fresh => None,
+            Source::Fresh | Source::Shared => None,
             Source::Exportable => Some(new_file(size_bytes)?),
             Source::File(file) if file_size(&file) < size_bytes => {
                 return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
@@ -290,9 +310,14 @@ impl DeviceMemory {
             backing: Backing::Window {
                 window: Arc::clone(window),
                 mapped_bytes,
+                shared: wants_sharing || file.is_some(),
                 file,
             },
         };
+        if wants_sharing {
+            map_pages(address, mapped_bytes, libc::MAP_SHARED | libc::MAP_FIXED)
+                .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
+        }
         memory.map_file()?;
         Ok(memory)
     }
@@ -319,6 +344,20 @@ impl DeviceMemory {
             Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE)
         } else {
             Ok(())
+        }
+    }
+
+    /// How much of it sparse resources can be bound to.
+    pub fn shared_bytes(&self) -> u64 {
+        match self.backing {
+            // Of a file, what it is long; else all that is mapped.
+            Backing::Window { file: Some(_), .. } => self.size_bytes,
+            Backing::Window {
+                shared: true,
+                mapped_bytes,
+                ..
+            } => mapped_bytes,
+            _ => 0,
         }
     }
 

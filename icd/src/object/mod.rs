@@ -15,6 +15,7 @@ pub mod query;
 pub mod ray_tracing_pipeline;
 pub mod sampler;
 pub mod shader_stage;
+pub mod sparse;
 pub mod sync;
 
 pub use acceleration_structure::AccelerationStructure;

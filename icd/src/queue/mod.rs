@@ -26,6 +26,7 @@ use crate::command::Command;
 use crate::execute::{self, Engine, Failure};
 use crate::ffi::guard::panic_message;
 use crate::handle::Ref;
+use crate::object::sparse::SparseBind;
 use crate::object::{Fence, Semaphore};
 
 pub use workers::Workers;
@@ -38,6 +39,8 @@ pub const MAX_QUEUES: u32 = 4;
 pub struct Submission {
     /// Semaphores, and the value of timeline ones.
     pub waits: Vec<(Ref<Semaphore>, u64)>,
+    /// Done before the commands, in order.
+    pub binds: Vec<SparseBind>,
     pub commands: Vec<Arc<Vec<Command>>>,
     pub signals: Vec<(Ref<Semaphore>, u64)>,
     pub fence: Option<Ref<Fence>>,
@@ -161,6 +164,7 @@ impl Line {
     fn perform(&self, submission: Submission) {
         let Submission {
             waits,
+            binds,
             commands,
             signals,
             fence,
@@ -174,6 +178,9 @@ impl Line {
             return;
         }
         waits.iter().for_each(|(semaphore, _)| semaphore.consume());
+        if let Err(why) = binds.iter().try_for_each(SparseBind::perform) {
+            return self.engine.lose(why);
+        }
         let result = catch_unwind(AssertUnwindSafe(|| {
             commands
                 .iter()

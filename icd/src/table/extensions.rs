@@ -123,6 +123,7 @@ extensions! {
     Device EXT_PIPELINE_CREATION_FEEDBACK c"VK_EXT_pipeline_creation_feedback" 1;
     Device EXT_PIPELINE_LIBRARY_GROUP_HANDLES c"VK_EXT_pipeline_library_group_handles" 1;
     Device EXT_PRIVATE_DATA c"VK_EXT_private_data" 1;
+    Device EXT_RAY_TRACING_INVOCATION_REORDER c"VK_EXT_ray_tracing_invocation_reorder" 2;
     Device EXT_ROBUSTNESS_2 c"VK_EXT_robustness2" 1;
     Device EXT_SAMPLER_FILTER_MINMAX c"VK_EXT_sampler_filter_minmax" 2;
     Device EXT_SCALAR_BLOCK_LAYOUT c"VK_EXT_scalar_block_layout" 1;
@@ -136,6 +137,8 @@ extensions! {
     Device EXT_SUBGROUP_SIZE_CONTROL c"VK_EXT_subgroup_size_control" 2;
     Device EXT_TEXEL_BUFFER_ALIGNMENT c"VK_EXT_texel_buffer_alignment" 1;
     Device EXT_TOOLING_INFO c"VK_EXT_tooling_info" 1;
+    Device NV_RAY_TRACING_INVOCATION_REORDER c"VK_NV_ray_tracing_invocation_reorder" 1;
+    Device NV_RAY_TRACING_LINEAR_SWEPT_SPHERES c"VK_NV_ray_tracing_linear_swept_spheres" 1;
 }
 
 /// A set of extensions.

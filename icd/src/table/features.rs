@@ -1,12 +1,11 @@
 //! The table of features: each that works, the structures that name it, and the SPIR-V capabilities that come with it. A feature that is
 //! not here is not supported.
 
-use ash::vk;
 use ash::vk::TaggedStructure;
 use rspirv::spirv::Capability;
 
 use crate::VkResult;
-use crate::ffi::chain;
+use crate::ffi::{chain, vk};
 
 /// Bytes of `sType` and `pNext`, before a feature structure's first word.
 const HEAD_BYTES: usize = size_of::<vk::BaseOutStructure<'_>>();
@@ -78,6 +77,9 @@ features! {
         shader_int64 Int64;
         shader_int16 Int16;
         shader_resource_min_lod MinLod;
+        sparse_binding;
+        sparse_residency_buffer;
+        sparse_residency_aliased;
     }
     chained {
         storage_buffer16_bit_access: PhysicalDeviceVulkan11Features PhysicalDevice16BitStorageFeatures => StorageBuffer16BitAccess;
@@ -154,6 +156,10 @@ features! {
         ray_tracing_maintenance1: PhysicalDeviceRayTracingMaintenance1FeaturesKHR => RayCullMaskKHR;
         ray_tracing_pipeline_trace_rays_indirect2: PhysicalDeviceRayTracingMaintenance1FeaturesKHR;
         ray_tracing_position_fetch: PhysicalDeviceRayTracingPositionFetchFeaturesKHR => RayTracingPositionFetchKHR;
+        ray_tracing_invocation_reorder: PhysicalDeviceRayTracingInvocationReorderFeaturesNV => ShaderInvocationReorderNV;
+        ray_tracing_invocation_reorder: PhysicalDeviceRayTracingInvocationReorderFeaturesEXT => ShaderInvocationReorderEXT;
+        spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingSpheresGeometryNV;
+        linear_swept_spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingLinearSweptSpheresGeometryNV;
         micromap: PhysicalDeviceOpacityMicromapFeaturesEXT => RayTracingOpacityMicromapEXT;
         micromap_capture_replay: PhysicalDeviceOpacityMicromapFeaturesEXT;
         micromap_host_commands: PhysicalDeviceOpacityMicromapFeaturesEXT;

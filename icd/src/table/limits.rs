@@ -22,6 +22,9 @@ pub const MEMORY_ALIGNMENT: u64 = 256;
 pub const PAGE_BYTES: u64 = 4096;
 pub const SAMPLE_COUNTS: vk::SampleCountFlags = vk::SampleCountFlags::from_raw(1 | 2 | 4 | 8);
 
+/// Of a device's window, what sparse resources may take together.
+pub const SPARSE_ADDRESS_SPACE_BYTES: u64 = 1 << 38;
+
 /// `VkPhysicalDeviceLimits`.
 pub fn limits() -> vk::PhysicalDeviceLimits {
     vk::PhysicalDeviceLimits {
@@ -38,6 +41,7 @@ pub fn limits() -> vk::PhysicalDeviceLimits {
         max_memory_allocation_count: u32::MAX,
         max_sampler_allocation_count: u32::MAX,
         buffer_image_granularity: 1,
+        sparse_address_space_size: SPARSE_ADDRESS_SPACE_BYTES,
         max_bound_descriptor_sets: spirv_jit::environment::MAX_SETS as u32,
         max_per_stage_descriptor_samplers: MAX_DESCRIPTORS,
         max_per_stage_descriptor_uniform_buffers: MAX_DESCRIPTORS,

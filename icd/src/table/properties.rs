@@ -1,11 +1,10 @@
 //! `VkPhysicalDeviceProperties2` and what extends it. What several structures say is written once, in the core ones.
 
-use ash::vk;
 use spirv_jit::SUBGROUP_SIZE;
 
 use super::limits;
 use crate::entry::instance::API_VERSION;
-use crate::ffi::{array, chain};
+use crate::ffi::{array, chain, vk};
 use crate::object::PhysicalDevice;
 use crate::trace::table::HANDLE_SIZE;
 
@@ -187,6 +186,15 @@ fn ray_tracing_pipeline() -> vk::PhysicalDeviceRayTracingPipelinePropertiesKHR<'
     }
 }
 
+fn invocation_reorder() -> vk::PhysicalDeviceRayTracingInvocationReorderPropertiesEXT<'static> {
+    vk::PhysicalDeviceRayTracingInvocationReorderPropertiesEXT {
+        ray_tracing_invocation_reorder_reordering_hint:
+            vk::RayTracingInvocationReorderModeNV::REORDER,
+        max_shader_binding_table_record_index: u32::MAX,
+        ..Default::default()
+    }
+}
+
 /// Answers structures: `Type(source) { field, field: source_field, … }` copies fields, `Type(source)` all of them.
 macro_rules! answer {
     ($node:expr; $($structure:ident($source:expr) $({$($field:ident $(: $from:ident)?),* $(,)?})?;)*) => {
@@ -303,6 +311,10 @@ unsafe fn fill(device: &PhysicalDevice, node: *mut vk::BaseOutStructure<'static>
             PhysicalDeviceShaderIntegerDotProductProperties(vk::PhysicalDeviceShaderIntegerDotProductProperties::default());
             PhysicalDeviceAccelerationStructurePropertiesKHR(acceleration_structure());
             PhysicalDeviceRayTracingPipelinePropertiesKHR(ray_tracing_pipeline());
+            PhysicalDeviceRayTracingInvocationReorderPropertiesNV(invocation_reorder()) {
+                ray_tracing_invocation_reorder_reordering_hint,
+            };
+            PhysicalDeviceRayTracingInvocationReorderPropertiesEXT(invocation_reorder());
             PhysicalDeviceOpacityMicromapPropertiesEXT(vk::PhysicalDeviceOpacityMicromapPropertiesEXT {
                 max_opacity2_state_subdivision_level: traversal::micromap::MAX_LEVEL,
                 max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,

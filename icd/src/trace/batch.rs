@@ -23,9 +23,11 @@ const MAX_STATE_BYTES: usize = 1 << 30;
 pub struct Worker {
     frame: Frame,
     walker: Box<Walker>,
-    subgroups: Slab<Subgroup>,
-    rays: Slab<RayInFlight>,
-    records: Records,
+    pub(super) subgroups: Slab<Subgroup>,
+    pub(super) rays: Slab<RayInFlight>,
+    pub(super) records: Records,
+    /// States without a subgroup, for their memory.
+    pub(super) spare_rows: Vec<Vec<AlignedRow>>,
 }
 
 impl Default for Worker {
@@ -36,6 +38,7 @@ impl Default for Worker {
             subgroups: Slab::default(),
             rays: Slab::default(),
             records: Records::default(),
+            spare_rows: Vec::new(),
         }
     }
 }
@@ -49,14 +52,16 @@ struct Ready {
 
 /// A batch being turned.
 pub struct Batch<'a> {
-    dispatch: &'a Dispatch<'a>,
+    pub(super) dispatch: &'a Dispatch<'a>,
     grid: &'a Grid,
-    worker: &'a mut Worker,
+    pub(super) worker: &'a mut Worker,
     ready: Vec<Ready>,
     /// Rays whose walk can go on.
     walking: Vec<(u32, Verdict)>,
-    calls: Vec<Call>,
-    state_bytes: usize,
+    pub(super) calls: Vec<Call>,
+    /// Subgroups that stand at a reorder instruction.
+    pub(super) reordering: Vec<SubgroupIndex>,
+    pub(super) state_bytes: usize,
 }
 
 impl<'a> Batch<'a> {
@@ -72,6 +77,7 @@ impl<'a> Batch<'a> {
             ready: Vec::new(),
             walking: Vec::new(),
             calls: Vec::new(),
+            reordering: Vec::new(),
             state_bytes: 0,
         }
     }
@@ -86,12 +92,17 @@ impl<'a> Batch<'a> {
             self.worker.subgroups[subgroup].launch = tile.launch;
             self.start(subgroup, &[record; SUBGROUP_SIZE]);
         }
-        while !self.ready.is_empty() || !self.walking.is_empty() || !self.calls.is_empty() {
-            self.run_ready_waves()?;
-            self.advance_walks()?;
-            self.form_waves()?;
+        loop {
+            while !self.ready.is_empty() || !self.walking.is_empty() || !self.calls.is_empty() {
+                self.run_ready_waves()?;
+                self.advance_walks()?;
+                self.form_waves()?;
+            }
+            if self.reordering.is_empty() {
+                return Ok(());
+            }
+            self.reorder_threads();
         }
-        Ok(())
     }
 
     /// Takes a place for a subgroup at its program's entry.
@@ -126,7 +137,7 @@ impl<'a> Batch<'a> {
         self.make_ready(index);
     }
 
-    fn make_ready(&mut self, index: SubgroupIndex) {
+    pub(super) fn make_ready(&mut self, index: SubgroupIndex) {
         let subgroup = &self.worker.subgroups[index];
         let program = subgroup.program;
         let point = self.dispatch.shaders.programs[program as usize].resume_point(&subgroup.rows);
@@ -207,23 +218,35 @@ impl<'a> Batch<'a> {
         let mask = program.event_mask(&subgroup.rows);
         subgroup.pending = mask;
         subgroup.data_words = match site {
-            SiteKind::TraceRay { payload_words } => payload_words,
+            SiteKind::TraceRay { payload_words }
+            | SiteKind::HitObjectTraceRay { payload_words }
+            | SiteKind::HitObjectExecute { payload_words } => payload_words,
             SiteKind::ExecuteCallable { data_words } => data_words,
-            SiteKind::ReportIntersection { .. } | SiteKind::Barrier => 0,
+            SiteKind::ReportIntersection { .. }
+            | SiteKind::HitObjectGet { .. }
+            | SiteKind::ReorderThread
+            | SiteKind::Barrier => 0,
         };
+        if site == SiteKind::ReorderThread && mask != 0 {
+            self.reordering.push(index);
+            return;
+        }
         for lane in lanes_of(mask) {
             let caller = LaneRef {
                 subgroup: index,
                 lane: lane as u8,
             };
             match site {
-                SiteKind::TraceRay { .. } => self.trace_ray(caller),
+                SiteKind::TraceRay { .. } => self.trace_ray(caller, false),
+                SiteKind::HitObjectTraceRay { .. } => self.trace_ray(caller, true),
+                SiteKind::HitObjectExecute { .. } => self.execute_hit_object(caller),
+                SiteKind::HitObjectGet { fact } => self.answer_fact(caller, fact),
                 SiteKind::ReportIntersection { attribute_words } => {
                     self.report_intersection(caller, attribute_words)
                 }
                 SiteKind::ExecuteCallable { .. } => self.execute_callable(caller),
                 // Barriers exist in compute alone; a ray tracing module that has one is refused.
-                SiteKind::Barrier => self.answered(caller),
+                SiteKind::Barrier | SiteKind::ReorderThread => self.answered(caller),
             }
         }
         if mask == 0 {
@@ -232,7 +255,7 @@ impl<'a> Batch<'a> {
     }
 
     /// A lane's event is over; the last one makes its subgroup ready.
-    fn answered(&mut self, lane: LaneRef) {
+    pub(super) fn answered(&mut self, lane: LaneRef) {
         let subgroup = &mut self.worker.subgroups[lane.subgroup];
         subgroup.pending &= !(1 << lane.lane);
         if subgroup.pending == 0 {
@@ -240,11 +263,13 @@ impl<'a> Batch<'a> {
         }
     }
 
-    fn trace_ray(&mut self, caller: LaneRef) {
+    fn trace_ray(&mut self, caller: LaneRef, fills_hit_object: bool) {
         let index = self.worker.rays.take();
         let subgroup = &self.worker.subgroups[caller.subgroup];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        self.worker.rays[index].start(caller, subgroup, program, self.dispatch.pipeline_ray_flags);
+        let ray = &mut self.worker.rays[index];
+        ray.start(caller, subgroup, program, self.dispatch.pipeline_ray_flags);
+        ray.fills_hit_object = fills_hit_object;
         self.walking.push((index, Verdict::Continue));
     }
 
@@ -415,7 +440,7 @@ impl<'a> Batch<'a> {
         }
     }
 
-    fn finish_ray(&mut self, index: u32) {
+    pub(super) fn finish_ray(&mut self, index: u32) {
         self.answered(self.worker.rays[index].caller);
         self.worker.rays.remove(index);
     }
@@ -496,12 +521,15 @@ impl<'a> Batch<'a> {
     }
 
     /// A walk is over: the closest-hit or the miss shader runs, if there is one.
-    fn end_walk(&mut self, index: u32) {
+    pub(super) fn end_walk(&mut self, index: u32) {
         let ray = &self.worker.rays[index];
+        if ray.fills_hit_object {
+            return self.fill_hit_object(index);
+        }
         let (caller, launch) = (ray.caller, ray.launch);
         let (tables, shaders) = (&self.dispatch.tables, self.dispatch.shaders);
         let records = &mut self.worker.records;
-        let call = match ray.walk().committed() {
+        let call = match ray.committed() {
             Some(_) if ray.flags & traversal::ray_flags::SKIP_CLOSEST_HIT_SHADER != 0 => None,
             Some(hit) => records
                 .find(shaders, &tables.hit, ray.hit_record_index(hit))

@@ -4,7 +4,7 @@ use std::cell::OnceCell;
 
 use spirv_jit::program::{AlignedRow, Builtin, IO_DATA_ROW, InputRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
-use traversal::{Hit, Structure};
+use traversal::{Hit, Structure, Swept};
 
 use super::Dispatch;
 use super::grid::Grid;
@@ -129,7 +129,7 @@ impl<'a> HitLanes<'a> {
     fn attribute_row(&self, word: usize) -> Row {
         std::array::from_fn(|lane| {
             let (ray, hit) = (self.rays[lane], &self.hits[lane]);
-            if hit.triangle {
+            if hit.is_built_in() {
                 return hit
                     .barycentrics
                     .get(word)
@@ -179,13 +179,11 @@ impl<'a> HitLanes<'a> {
             Builtin::InstanceCustomIndex => self.of_hits(|hit| hit.instance_custom_index),
             Builtin::GeometryIndex => self.of_hits(|hit| hit.geometry_index),
             Builtin::HitKind => self.of_hits(|hit| hit.hit_kind as u32),
-            Builtin::WorldRayOrigin => {
-                self.of_rays(|ray| ray.walk().ray().origin[component].to_bits())
-            }
+            Builtin::WorldRayOrigin => self.of_rays(|ray| ray.ray().origin[component].to_bits()),
             Builtin::WorldRayDirection => {
-                self.of_rays(|ray| ray.walk().ray().direction[component].to_bits())
+                self.of_rays(|ray| ray.ray().direction[component].to_bits())
             }
-            Builtin::RayTmin => self.of_rays(|ray| ray.walk().ray().t_min.to_bits()),
+            Builtin::RayTmin => self.of_rays(|ray| ray.ray().t_min.to_bits()),
             Builtin::RayTmax => Some(self.t_max_row()),
             Builtin::IncomingRayFlags => self.of_rays(|ray| ray.flags),
             Builtin::CullMask => self.of_rays(|ray| ray.cull_mask),
@@ -201,8 +199,23 @@ impl<'a> HitLanes<'a> {
                     vertices[lane][component / 3][component % 3].to_bits()
                 }))
             }
+            Builtin::HitIsSphere => self.of_hits(|hit| (hit.swept == Swept::Sphere) as u32),
+            Builtin::HitIsLss => self.of_hits(|hit| (hit.swept == Swept::LinearSweptSphere) as u32),
+            Builtin::HitSpherePosition | Builtin::HitLssPositions => {
+                let ends = self.ends();
+                Some(ends.map(|ends| ends.0.as_flattened()[component].to_bits()))
+            }
+            Builtin::HitSphereRadius | Builtin::HitLssRadii => {
+                let ends = self.ends();
+                Some(ends.map(|ends| ends.1[component].to_bits()))
+            }
             _ => None,
         }
+    }
+
+    /// Ends and radii of spheres and linear swept spheres.
+    fn ends(&self) -> Lanes<([[f32; 3]; 2], [f32; 2])> {
+        self.of_structures(|structure, hit| structure.swept_ends(hit))
     }
 
     /// `RayTmaxKHR`: the hit's distance in hit shaders, the end of the interval as it stands in the others.
@@ -211,7 +224,7 @@ impl<'a> HitLanes<'a> {
             Role::AnyHit | Role::AnyHitOfReport | Role::ClosestHit => {
                 self.hits.map(|hit| hit.t.to_bits())
             }
-            _ => self.rays.map(|ray| ray.walk().t_max().to_bits()),
+            _ => self.rays.map(|ray| ray.t_max().to_bits()),
         }
     }
 
@@ -219,7 +232,7 @@ impl<'a> HitLanes<'a> {
     fn object_ray_row(&self, component: usize, origin: bool) -> Row {
         let matrices = self.world_to_object();
         std::array::from_fn(|lane| {
-            let ray = self.rays[lane].walk().ray();
+            let ray = self.rays[lane].ray();
             let (vector, w) = if origin {
                 (ray.origin, 1.0)
             } else {
@@ -245,6 +258,6 @@ fn hit_of(role: Role, ray: &RayInFlight) -> Hit {
             hit_kind: ray.report.hit_kind,
             ..*ray.walk().candidate()
         },
-        _ => ray.walk().committed().copied().unwrap_or_default(),
+        _ => ray.committed().copied().unwrap_or_default(),
     }
 }

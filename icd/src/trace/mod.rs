@@ -4,6 +4,7 @@
 //! grid ──> batches ──> Batch::run:  run ready waves ──yield──> rays, calls
 //!                                   advance walks  ──event──> calls
 //!                                   form full waves of the calls, sorted by shader and record
+//!                                   nothing left but waves at a reorder instruction: sort their lanes
 //! ```
 //!
 //! Shader code never calls traversal and traversal never calls shader code: both return here with an event. Recursion therefore costs
@@ -12,8 +13,10 @@
 mod batch;
 mod calls;
 mod grid;
+mod hit_object;
 mod inputs;
 mod rays;
+mod reorder;
 mod slab;
 mod subgroup;
 pub mod table;

@@ -1,7 +1,7 @@
 //! Rays in flight: one walk each, and who waits for it.
 
 use spirv_jit::Program;
-use traversal::{Ray, Walk};
+use traversal::{Hit, Ray, Walk};
 
 use super::subgroup::{LaneRef, Subgroup};
 
@@ -16,6 +16,14 @@ pub struct Report {
     pub attributes: [u32; MAX_ATTRIBUTE_WORDS],
     /// The intersection invocation that waits for the verdict.
     pub reporter: LaneRef,
+}
+
+/// What a hit object says, for the shader that it names: nothing is walked.
+#[derive(Clone, Copy, Debug)]
+pub struct Recorded {
+    pub ray: Ray,
+    /// `None` is a miss.
+    pub hit: Option<Hit>,
 }
 
 /// A ray between its trace instruction and its closest-hit or miss shader's end.
@@ -39,6 +47,10 @@ pub struct RayInFlight {
     pub report: Report,
     /// An any-hit shader ended the search from inside an intersection shader.
     pub over: bool,
+    /// What is found goes into a hit object.
+    pub fills_hit_object: bool,
+    /// Comes from a hit object: there is no walk.
+    pub recorded: Option<Recorded>,
 }
 
 impl RayInFlight {
@@ -62,6 +74,8 @@ impl RayInFlight {
         self.sbt_stride = word(5);
         self.miss_index = word(6);
         self.over = false;
+        self.fills_hit_object = false;
+        self.recorded = None;
         let ray = Ray {
             origin: [float(7), float(8), float(9)],
             t_min: float(10),
@@ -88,6 +102,30 @@ impl RayInFlight {
     /// As [`Self::walk`].
     pub fn walk_mut(&mut self) -> &mut Walk {
         self.walk.as_mut().expect("a ray in flight was started")
+    }
+
+    /// The ray itself.
+    pub fn ray(&self) -> &Ray {
+        match &self.recorded {
+            Some(recorded) => &recorded.ray,
+            None => self.walk().ray(),
+        }
+    }
+
+    /// Upper end of the interval as it stands.
+    pub fn t_max(&self) -> f32 {
+        match &self.recorded {
+            Some(recorded) => recorded.ray.t_max,
+            None => self.walk().t_max(),
+        }
+    }
+
+    /// The hit that is committed.
+    pub fn committed(&self) -> Option<&Hit> {
+        match &self.recorded {
+            Some(recorded) => recorded.hit.as_ref(),
+            None => self.walk().committed(),
+        }
     }
 
     /// Index of the hit group record for a hit (chapter Ray Tracing, "Hit Shaders").

@@ -39,13 +39,13 @@ pub(super) unsafe fn park(m: &mut Machine<'_>, i: &Instr) {
     m.pc = i.y as usize;
 }
 
-/// The lanes parked at label `x` go on together; if there are none, to `y`, the end of the enclosing body.
+/// The lanes parked at label `x` go on together, and the mask is empty then; if there are none, to `y`, the end of the enclosing body.
 ///
 /// # Safety
 /// As [`enter`].
 pub(super) unsafe fn join(m: &mut Machine<'_>, i: &Instr) {
     // SAFETY: as the caller promises.
-    let parked = unsafe { *mask(m, i.x) };
+    let parked = std::mem::take(unsafe { mask(m, i.x) });
     if !m.set_active(parked) {
         m.pc = i.y as usize;
     }

@@ -163,6 +163,36 @@ impl Program {
         state[0].0[1] as u16
     }
 
+    /// Whether lanes of a yielded state wait in an enclosing construct for those that take part in the event.
+    pub fn has_parked_lanes(&self, state: &[AlignedRow]) -> bool {
+        let (point, _) = self.code.point_of(state[0].0[0]);
+        yields::has_parked_lanes(state, point.masks)
+    }
+
+    /// Makes up a yielded state from lanes of other states, all of which stand at one point without parked lanes: lane `k` is column
+    /// `from[k].1` of `from[k].0`. Lanes that are not `active` may be anything.
+    ///
+    /// # Panics
+    /// A state is smaller than [`StateLayout::rows`].
+    pub fn gather_lanes(
+        &self,
+        state: &mut [AlignedRow],
+        active: u16,
+        from: &[(&[AlignedRow], usize); SUBGROUP_SIZE],
+    ) {
+        let inputs = self.layout.inputs;
+        state[..inputs].copy_from_slice(&from[0].0[..inputs]);
+        state[0].0[1] = active as u32;
+        let from = from.map(|(source, lane)| (&source[..self.layout.rows], lane));
+        for (row, to) in state[..self.layout.rows]
+            .iter_mut()
+            .enumerate()
+            .skip(inputs)
+        {
+            to.0 = from.map(|(source, lane)| source[row].0[lane]);
+        }
+    }
+
     /// Runs a wave of subgroups that stand at one resume point until the next event. `fuel` is burnt at loop back-edges, one per wave.
     ///
     /// # Panics

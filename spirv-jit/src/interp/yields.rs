@@ -5,7 +5,7 @@
 use super::code::Saved;
 use super::machine::{Instr, MAX_SUBGROUPS, Machine, Operand};
 use crate::SUBGROUP_SIZE;
-use crate::program::{Event, IO_DATA_ROW, Row};
+use crate::program::{AlignedRow, Event, IO_DATA_ROW, Row};
 
 /// Words of control before the masks.
 pub(super) const CONTROL_WORDS: usize = 2;
@@ -74,6 +74,14 @@ unsafe fn restore_values(m: &Machine<'_>, saved: &[Saved]) {
             }
         }
     }
+}
+
+/// Whether a lane is parked or pending in one of the first `masks` masks of a state.
+pub(super) fn has_parked_lanes(state: &[AlignedRow], masks: u32) -> bool {
+    (0..masks as usize).any(|k| {
+        let word = CONTROL_WORDS + k / 2;
+        state[word / SUBGROUP_SIZE].0[word % SUBGROUP_SIZE] >> (k % 2 * 16) & 0xffff != 0
+    })
 }
 
 /// Takes up a wave whose states stand at one point: all but the uniform rows, which the prologue computes.

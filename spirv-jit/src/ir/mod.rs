@@ -58,8 +58,9 @@
 //!
 //! ## Yields
 //!
-//! `trace_ray`, `report_intersection`, `execute_callable` and `barrier` suspend the wave: see
-//! [`program::Event`](crate::program::Event). Their operands and results are 32-bit words.
+//! `trace_ray`, `report_intersection`, `execute_callable`, `hit_object_*`, `reorder_thread` and `barrier` suspend the wave: see
+//! [`program::Event`](crate::program::Event). Their operands and results are 32-bit words. After those that SPIR-V calls invocation repack
+//! instructions a lane may be another one, of another subgroup.
 
 pub mod entities;
 pub mod module;

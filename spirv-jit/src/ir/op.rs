@@ -3,6 +3,7 @@
 use std::fmt;
 
 use super::{FunctionId, VariableId};
+use crate::hit_object::HitFact;
 
 /// A scalar type.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -295,6 +296,15 @@ macro_rules! define_op {
             ReportIntersection,
             /// `(index: i32, data words…) -> (data words…)`.
             ExecuteCallable,
+            /// As `TraceRay`, but no closest-hit or miss shader runs: `(15 words, payload…) -> (16 words, payload…)`, the words of the hit object
+            /// that [`TRACED`](crate::hit_object::TRACED) lists.
+            HitObjectTraceRay,
+            /// Runs the closest-hit or miss shader of a hit object: `(hit object words, payload…) -> (payload…)`.
+            HitObjectExecute,
+            /// What the scheduler knows of a hit: `(8 words) -> (words…)`, see [`HitFact`](crate::hit_object::HitFact).
+            HitObjectGet(HitFact),
+            /// `(hint, bits, hit object's kind or ones, its record index) -> ()`: may move the lane to another subgroup.
+            ReorderThread,
             /// `() -> ()`: waits for all invocations of the workgroup.
             Barrier,
         }
@@ -333,6 +343,10 @@ macro_rules! define_op {
                     Op::TraceRay => "trace_ray",
                     Op::ReportIntersection => "report_intersection",
                     Op::ExecuteCallable => "execute_callable",
+                    Op::HitObjectTraceRay => "hit_object_trace_ray",
+                    Op::HitObjectExecute => "hit_object_execute",
+                    Op::HitObjectGet(fact) => fact.text(),
+                    Op::ReorderThread => "reorder_thread",
                     Op::Barrier => "barrier",
                 }
             }
@@ -447,7 +461,14 @@ impl Op {
     pub fn is_yield(&self) -> bool {
         matches!(
             self,
-            Op::TraceRay | Op::ReportIntersection | Op::ExecuteCallable | Op::Barrier
+            Op::TraceRay
+                | Op::ReportIntersection
+                | Op::ExecuteCallable
+                | Op::HitObjectTraceRay
+                | Op::HitObjectExecute
+                | Op::HitObjectGet(_)
+                | Op::ReorderThread
+                | Op::Barrier
         )
     }
 

@@ -2,6 +2,7 @@
 
 use super::op::{Access, AtomicOp, Signature, Space, SubgroupOp};
 use super::{Function, Inst, Module, Op, Type, VariableId};
+use crate::hit_object::{IDENTITY, TRACED, word};
 use crate::image::{Dim, ImageOp, ImageOpKind, LodMode};
 
 type Checked = Result<(), String>;
@@ -220,8 +221,40 @@ fn check_other(
                 "callable data in and out differ",
             )
         }
+        Op::HitObjectTraceRay => {
+            words_only(args, results)?;
+            require(
+                args.len() >= 15 && args.len() - 15 + TRACED.len() == results.len(),
+                "payload in and out differ",
+            )
+        }
+        Op::HitObjectExecute => {
+            words_only(args, results)?;
+            require(
+                args.len() >= word::COUNT && args.len() - word::COUNT == results.len(),
+                "payload in and out differ",
+            )
+        }
+        Op::HitObjectGet(fact) => {
+            words_only(args, results)?;
+            require(
+                args.len() == IDENTITY.len() && results.len() == fact.words(),
+                "needs the words that name a hit",
+            )
+        }
+        Op::ReorderThread => {
+            words_only(args, results)?;
+            require(args.len() == 4 && results.is_empty(), "needs four words")
+        }
         _ => Err("an operation without a signature".into()),
     }
+}
+
+fn words_only(args: &[Type], results: &[Type]) -> Checked {
+    require(
+        args.iter().chain(results).all(|&ty| is_word(ty)),
+        "operands and results are words",
+    )
 }
 
 fn check_variable_row(function: &Function, variable: VariableId, row: u32, ty: Type) -> Checked {

@@ -52,6 +52,12 @@ fn source(built_in: BuiltIn) -> Option<Source> {
         BuiltIn::HitTriangleVertexPositionsKHR => {
             Source::Record(Builtin::HitTriangleVertexPositions)
         }
+        BuiltIn::HitIsSphereNV => Source::Record(Builtin::HitIsSphere),
+        BuiltIn::HitIsLSSNV => Source::Record(Builtin::HitIsLss),
+        BuiltIn::HitSpherePositionNV => Source::Record(Builtin::HitSpherePosition),
+        BuiltIn::HitSphereRadiusNV => Source::Record(Builtin::HitSphereRadius),
+        BuiltIn::HitLSSPositionsNV => Source::Record(Builtin::HitLssPositions),
+        BuiltIn::HitLSSRadiiNV => Source::Record(Builtin::HitLssRadii),
         BuiltIn::SubgroupSize => Source::SubgroupSize,
         BuiltIn::SubgroupLocalInvocationId => Source::LaneIndex,
         BuiltIn::SubgroupEqMask
@@ -68,6 +74,7 @@ fn record_words(built_in: Builtin) -> u32 {
     match built_in {
         Builtin::ObjectToWorld | Builtin::WorldToObject => 12,
         Builtin::HitTriangleVertexPositions => 9,
+        Builtin::HitLssPositions => 6,
         Builtin::LaunchId
         | Builtin::WorkgroupId
         | Builtin::LocalInvocationId
@@ -75,8 +82,9 @@ fn record_words(built_in: Builtin) -> u32 {
         | Builtin::WorldRayOrigin
         | Builtin::WorldRayDirection
         | Builtin::ObjectRayOrigin
-        | Builtin::ObjectRayDirection => 3,
-        Builtin::ShaderRecordAddress => 2,
+        | Builtin::ObjectRayDirection
+        | Builtin::HitSpherePosition => 3,
+        Builtin::ShaderRecordAddress | Builtin::HitLssRadii => 2,
         _ => 1,
     }
 }
@@ -108,6 +116,10 @@ impl Lowerer<'_> {
     }
 
     fn builtin_word(&mut self, source: &Source, word: u32, ty: Type) -> Result<Value, Error> {
+        if ty == Type::I1 {
+            let word = self.builtin_word(source, word, Type::I32)?;
+            return self.word_to_bool(word);
+        }
         if !matches!(ty, Type::I32 | Type::F32) {
             return Err(self.b.invalid("a built-in has the wrong type"));
         }

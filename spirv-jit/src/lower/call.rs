@@ -12,6 +12,7 @@ use rspirv::spirv::{Op, StorageClass};
 
 use super::builder::Builder;
 use super::function::{Frame, ReturnTo};
+use super::hit_object::is_hit_object;
 use super::types::TypeKind;
 use super::values::{Local, Place, Pointer, Val};
 use super::{Lowerer, budget};
@@ -68,6 +69,8 @@ fn is_per_lane(class: StorageClass) -> bool {
             | StorageClass::RayPayloadKHR
             | StorageClass::IncomingRayPayloadKHR
             | StorageClass::HitAttributeKHR
+            | StorageClass::HitObjectAttributeNV
+            | StorageClass::HitObjectAttributeEXT
             | StorageClass::CallableDataKHR
             | StorageClass::IncomingCallableDataKHR
     )
@@ -133,6 +136,7 @@ impl Lowerer<'_> {
                     | Op::ExecuteCallableKHR
                     | Op::ReportIntersectionKHR
                     | Op::ControlBarrier => summary.yields = true,
+                    opcode if is_hit_object(opcode) => summary.yields = true,
                     Op::IgnoreIntersectionKHR
                     | Op::TerminateRayKHR
                     | Op::Kill

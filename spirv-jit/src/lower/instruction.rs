@@ -118,6 +118,9 @@ impl Lowerer<'_> {
                 self.lower_barrier(instruction)
             }
 
+            opcode if super::hit_object::is_hit_object(opcode) => {
+                self.lower_hit_object(instruction)
+            }
             opcode if super::subgroup::is_subgroup(opcode) => self.lower_subgroup(instruction),
             _ => self.lower_arithmetic(instruction),
         }

@@ -27,6 +27,7 @@ mod entry;
 mod fold;
 mod function;
 mod glsl;
+mod hit_object;
 mod image;
 mod instruction;
 mod interface;

@@ -67,6 +67,8 @@ impl Lowerer<'_> {
             | StorageClass::RayPayloadKHR
             | StorageClass::IncomingRayPayloadKHR
             | StorageClass::HitAttributeKHR
+            | StorageClass::HitObjectAttributeNV
+            | StorageClass::HitObjectAttributeEXT
             | StorageClass::CallableDataKHR
             | StorageClass::IncomingCallableDataKHR => Place::Local {
                 local: self.module_local(id)?,

@@ -12,7 +12,10 @@ impl Lowerer<'_> {
     pub(super) fn lower_ray(&mut self, instruction: &Instruction) -> Result<(), Error> {
         let operands = self.module.operands(instruction);
         match instruction.opcode {
-            Op::TraceRayKHR => self.lower_trace(operands),
+            Op::TraceRayKHR => {
+                let words = self.ray_words(operands)?;
+                self.call_out(ir::Op::TraceRay, words, operands[10])
+            }
             Op::ExecuteCallableKHR => {
                 let index = self.word(operands[0])?;
                 self.call_out(ir::Op::ExecuteCallable, vec![index], operands[1])
@@ -23,7 +26,7 @@ impl Lowerer<'_> {
 
     /// Only the low bits of some operands count (SPIR-V specification, `OpTraceRayKHR`): 8 of the cull mask, 4 of SBT offset and stride, 16 of
     /// the miss index.
-    fn lower_trace(&mut self, operands: &[Id]) -> Result<(), Error> {
+    pub(super) fn ray_words(&mut self, operands: &[Id]) -> Result<Vec<Value>, Error> {
         let structure = self.scalar(operands[0])?;
         let mut words: Vec<Value> = self.b.unpack64(structure)?.to_vec();
         words.push(self.word(operands[1])?);
@@ -39,7 +42,7 @@ impl Lowerer<'_> {
         if words.len() != 15 || !floats {
             return Err(self.b.invalid("a ray is made of 32-bit floats"));
         }
-        self.call_out(ir::Op::TraceRay, words, operands[10])
+        Ok(words)
     }
 
     /// A yield that takes the words of a variable along and brings them back.
@@ -77,7 +80,7 @@ impl Lowerer<'_> {
     }
 
     /// A 32-bit integer operand.
-    fn word(&mut self, id: Id) -> Result<Value, Error> {
+    pub(super) fn word(&mut self, id: Id) -> Result<Value, Error> {
         let value = self.scalar(id)?;
         match self.b.ty(value) {
             Type::I32 => Ok(value),

@@ -6,6 +6,7 @@ use std::rc::Rc;
 use rspirv::spirv::{self, Op, StorageClass};
 
 use crate::Error;
+use crate::hit_object::word;
 use crate::ir::Type;
 use crate::parse::{Id, Instruction, ParsedModule};
 
@@ -30,18 +31,44 @@ pub(super) struct ImageType {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum TypeKind {
     Void,
-    Scalar { ty: Type, signed: bool },
-    Vector { component: Id, count: u32 },
-    Matrix { column: Id, count: u32 },
-    Array { element: Id, count: u32 },
-    RuntimeArray { element: Id },
-    Struct { members: Rc<[Id]> },
-    Pointer { class: StorageClass, pointee: Id },
+    Scalar {
+        ty: Type,
+        signed: bool,
+    },
+    Vector {
+        component: Id,
+        count: u32,
+    },
+    Matrix {
+        column: Id,
+        count: u32,
+    },
+    Array {
+        element: Id,
+        count: u32,
+    },
+    RuntimeArray {
+        element: Id,
+    },
+    Struct {
+        members: Rc<[Id]>,
+    },
+    Pointer {
+        class: StorageClass,
+        pointee: Id,
+    },
     Image(ImageType),
     Sampler,
-    SampledImage { image: Id },
+    SampledImage {
+        image: Id,
+    },
     AccelerationStructure,
-    Function { result: Id, params: Rc<[Id]> },
+    /// See [`crate::hit_object`].
+    HitObject,
+    Function {
+        result: Id,
+        params: Rc<[Id]>,
+    },
 }
 
 /// A type and what follows from it.
@@ -216,6 +243,7 @@ impl Types {
                 out.push(Type::I64);
             }
             TypeKind::SampledImage { .. } => out.extend([Type::I64, Type::I64]),
+            TypeKind::HitObject => out.extend((0..word::COUNT).map(word::ty)),
             TypeKind::RuntimeArray { .. } | TypeKind::Function { .. } => {
                 return Err(Error::invalid(0, "a value cannot have this type"));
             }
@@ -272,6 +300,7 @@ impl Types {
             Op::TypeSampler => TypeKind::Sampler,
             Op::TypeSampledImage => TypeKind::SampledImage { image: operand(0) },
             Op::TypeAccelerationStructureKHR => TypeKind::AccelerationStructure,
+            Op::TypeHitObjectNV | Op::TypeHitObjectEXT => TypeKind::HitObject,
             Op::TypeFunction => TypeKind::Function {
                 result: operand(0),
                 params: operands[1..].into(),
@@ -340,6 +369,7 @@ impl Types {
                 (leaves.len() as u64, rows, 0)
             }
             TypeKind::Image(_) | TypeKind::Sampler | TypeKind::AccelerationStructure => (1, 2, 0),
+            TypeKind::HitObject => (word::COUNT as u64, word::COUNT as u64, 0),
             TypeKind::SampledImage { image } => {
                 if !matches!(part(*image)?.kind, TypeKind::Image(_)) {
                     return Err(Error::invalid(at, "a sampled image is made of an image"));

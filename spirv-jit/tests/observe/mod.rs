@@ -179,6 +179,16 @@ fn answer(program: &Program, kind: SiteKind, state: &mut [AlignedRow], digests: 
         SiteKind::ReportIntersection { attribute_words } => {
             ((0..2).chain(data(attribute_words)).collect(), vec![0])
         }
+        SiteKind::HitObjectTraceRay { payload_words } => (
+            (0..15).chain(data(payload_words)).collect(),
+            (0..16).chain(data(payload_words)).collect(),
+        ),
+        SiteKind::HitObjectExecute { payload_words } => (
+            (0..16).chain(data(payload_words + 11)).collect(),
+            data(payload_words).collect(),
+        ),
+        SiteKind::HitObjectGet { fact } => ((0..8).collect(), (0..fact.words()).collect()),
+        SiteKind::ReorderThread => ((0..4).collect(), Vec::new()),
         SiteKind::Barrier => (Vec::new(), Vec::new()),
     };
     let mask = program.event_mask(state);

@@ -3,6 +3,7 @@
 use super::collapse::{self, Children};
 use super::primitive::{Primitive, in_pool};
 use super::split;
+use super::swept::SweptPrimitive;
 use super::tree::BinaryNode;
 use crate::input::{Geometries, GeometryFlags, TriangleGeometry};
 use crate::layout::{
@@ -86,6 +87,20 @@ impl Target<'_> {
                     primitive: primitive.index,
                     geometry: word(primitive.geometry, list[primitive.geometry as usize].flags),
                 };
+                // SAFETY: the caller's promise.
+                unsafe { self.write_leaf(index, entry) };
+                child::LEAF | index
+            }
+            Geometries::Swept(list) => {
+                let primitive = primitives[0];
+                let geometry = &list[primitive.geometry as usize];
+                // SAFETY: the caller's promise.
+                let read = unsafe { geometry.primitive(primitive.index) };
+                let entry = read.unwrap_or(SweptPrimitive::NOTHING).entry(
+                    primitive.index,
+                    primitive.geometry,
+                    geometry,
+                );
                 // SAFETY: the caller's promise.
                 unsafe { self.write_leaf(index, entry) };
                 child::LEAF | index

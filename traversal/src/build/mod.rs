@@ -13,6 +13,7 @@ mod micromap;
 mod primitive;
 mod refit;
 mod split;
+mod swept;
 mod tree;
 mod vertex;
 
@@ -111,7 +112,7 @@ fn structure_bytes(kind: Kind, geometries: u64, primitives: u64) -> u64 {
         // 48 bytes in full groups, 256 / 56 of nodes; the rest is for sparser leaves.
         Kind::Triangles => (96, 3072),
         // 256 / 7 of nodes.
-        Kind::Aabbs | Kind::Instances => (leaf + 64, 3072),
+        Kind::Aabbs | Kind::Swept | Kind::Instances => (leaf + 64, 3072),
     };
     let sparse = primitives * (leaf + node);
     let dense = primitives * each + extra;
@@ -279,7 +280,7 @@ fn grow(
     // Cheap blocks make fuller leaves; between 0.5 and 2 the walk does not feel the difference.
     let (block, leaf_max, block_cost) = match kind {
         Kind::Triangles => (GROUP as u32, LEAF_TRIANGLES as u32, 0.5),
-        Kind::Aabbs => (1, 1, 2.0),
+        Kind::Aabbs | Kind::Swept => (1, 1, 2.0),
         Kind::Instances => (1, 1, 4.0),
     };
     // What is tested at once stays together.
@@ -322,6 +323,12 @@ impl Shape {
             },
             Geometries::Aabbs(list) => Shape {
                 kind: Kind::Aabbs,
+                geometries: list.len() as u64,
+                primitives: count(&mut list.iter().map(|g| g.primitive_count)),
+                micromap_bytes: 0,
+            },
+            Geometries::Swept(list) => Shape {
+                kind: Kind::Swept,
                 geometries: list.len() as u64,
                 primitives: count(&mut list.iter().map(|g| g.primitive_count)),
                 micromap_bytes: 0,
@@ -428,6 +435,10 @@ unsafe fn write_head(
             .enumerate()
             .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),
         Geometries::Aabbs(list) => list
+            .iter()
+            .enumerate()
+            .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),
+        Geometries::Swept(list) => list
             .iter()
             .enumerate()
             .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),

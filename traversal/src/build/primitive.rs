@@ -1,5 +1,6 @@
 //! What the builders sort: a box around each active primitive, and which one it is.
 
+use super::swept::swept_bounds;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
@@ -101,6 +102,13 @@ pub(crate) unsafe fn collect(
             // SAFETY: the caller's promise.
             fill(primitives, counts, |g, i| unsafe { aabb(&list[g], i) })
         }
+        Geometries::Swept(list) => {
+            let counts = list.iter().map(|geometry| geometry.primitive_count);
+            fill(primitives, counts, |g, i| {
+                // SAFETY: the caller's promise.
+                unsafe { swept_bounds(&list[g], i, updatable) }
+            })
+        }
         Geometries::Instances(source) => fill(primitives, [source.count].into_iter(), |_, i| {
             // SAFETY: the caller's promise.
             unsafe { instance_bounds(source, i) }
@@ -196,7 +204,7 @@ pub(crate) fn sanitized_triangle_bounds(triangle: &[[f32; 3]; 3]) -> Bounds {
 pub(crate) unsafe fn aabb(geometry: &AabbGeometry, index: u32) -> Option<Bounds> {
     let offset = u64::from(index).checked_mul(geometry.stride_bytes)?;
     // SAFETY: the caller's promise.
-    let bytes = unsafe { geometry.boxes.read::<24, u8>(offset) }?;
+    let bytes = unsafe { geometry.boxes.read::<24>(offset) }?;
     let float = |i: usize| f32::from_le_bytes(bytes[4 * i..4 * i + 4].try_into().unwrap());
     let bounds = Bounds {
         min: [float(0), float(1), float(2)],

@@ -1,10 +1,14 @@
 //! Updates: the same tree over new positions.
 
 use super::emit::{Target, triangle_word};
+use super::swept::SweptPrimitive;
 use super::{BuildError, Shape, instance, primitive};
-use crate::input::{BuildFlags, BuildInput, Geometries, InstanceSource, TriangleGeometry};
+use crate::input::{
+    BuildFlags, BuildInput, Geometries, InstanceSource, SweptGeometry, TriangleGeometry,
+};
 use crate::layout::{
-    Bounds, GROUP, Header, Node, Parts, TriangleGroup, child, geometry_word, micromap_part_bytes,
+    Bounds, GROUP, Header, Node, Parts, SweptEntry, TriangleGroup, child, geometry_word,
+    micromap_part_bytes,
 };
 use crate::structure::Structure;
 
@@ -79,6 +83,7 @@ pub unsafe fn update(
                 }
             }
             Geometries::Aabbs(_) => {}
+            Geometries::Swept(list) => write_swept(&target, header.leaf_count, list),
             Geometries::Instances(source) => header.origin_error = write_instances(&target, source),
         }
         header.bounds = refit(&target, header.node_count);
@@ -131,6 +136,7 @@ fn same_counts(structure: &Structure, geometries: &Geometries<'_>) -> bool {
     match geometries {
         Geometries::Triangles(list) => same(&mut list.iter().map(|g| g.primitive_count)),
         Geometries::Aabbs(list) => same(&mut list.iter().map(|g| g.primitive_count)),
+        Geometries::Swept(list) => same(&mut list.iter().map(|g| g.primitive_count)),
         Geometries::Instances(source) => same(&mut [source.count].into_iter()),
     }
 }
@@ -159,6 +165,24 @@ unsafe fn write_triangles(target: &Target<'_>, count: u32, list: &[TriangleGeome
                 None => group.lanes &= !(1 << lane),
             }
         }
+    }
+}
+
+/// Reads every sphere and swept sphere again.
+///
+/// # Safety
+/// The target has `count` valid entries, and the geometries' memory is readable.
+unsafe fn write_swept(target: &Target<'_>, count: u32, list: &[SweptGeometry]) {
+    for index in 0..count {
+        // SAFETY: one of the `count` entries.
+        let entry = unsafe { &mut *leaf_at::<SweptEntry>(target, index) };
+        let number = entry.geometry & geometry_word::INDEX;
+        let geometry = &list[number as usize];
+        // SAFETY: the caller's promise.
+        let read = unsafe { geometry.primitive(entry.primitive) };
+        *entry = read
+            .unwrap_or(SweptPrimitive::NOTHING)
+            .entry(entry.primitive, number, geometry);
     }
 }
 
@@ -226,6 +250,14 @@ unsafe fn leaf_bounds(target: &Target<'_>, index: u32, groups: u32) -> Bounds {
             let geometry = &list[(entry.geometry & geometry_word::INDEX) as usize];
             // SAFETY: the caller's promise.
             unsafe { primitive::aabb(geometry, entry.primitive) }.unwrap_or(Bounds::EMPTY)
+        }
+        Geometries::Swept(list) => {
+            // SAFETY: the caller's promise.
+            let entry = unsafe { *leaf_at::<SweptEntry>(target, index) };
+            let geometry = &list[(entry.geometry & geometry_word::INDEX) as usize];
+            // SAFETY: the caller's promise.
+            unsafe { geometry.primitive(entry.primitive) }
+                .map_or(Bounds::EMPTY, |primitive| primitive.bounds())
         }
         Geometries::Instances(source) => {
             // SAFETY: the caller's promise.

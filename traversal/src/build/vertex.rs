@@ -59,7 +59,7 @@ impl VertexFormat {
 }
 
 /// IEEE half to single precision: exact, NaN stays NaN.
-fn half_to_f32(half: u16) -> f32 {
+pub(crate) fn half_to_f32(half: u16) -> f32 {
     let sign = u32::from(half >> 15) << 31;
     let magnitude = u32::from(half & 0x7FFF);
     let bits = match magnitude {
@@ -72,12 +72,25 @@ fn half_to_f32(half: u16) -> f32 {
 }
 
 impl Memory {
+    /// The `N` bytes at `offset`, if they are inside.
+    ///
+    /// # Safety
+    /// The memory must be readable and unchanged.
+    #[inline]
+    pub(crate) unsafe fn read<const N: usize>(&self, offset: u64) -> Option<[u8; N]> {
+        // SAFETY: the caller's promise.
+        unsafe { self.read_integers(offset) }
+    }
+
     /// The `N` integers at `offset` bytes, as they lie there, if they are inside.
     ///
     /// # Safety
     /// The memory must be readable and unchanged, and `T` an integer.
     #[inline(always)]
-    pub(crate) unsafe fn read<const N: usize, T: Copy>(&self, offset: u64) -> Option<[T; N]> {
+    pub(crate) unsafe fn read_integers<const N: usize, T: Copy>(
+        &self,
+        offset: u64,
+    ) -> Option<[T; N]> {
         let end = offset.checked_add(size_of::<[T; N]>() as u64)?;
         if end > self.bytes as u64 {
             return None;
@@ -89,6 +102,42 @@ impl Memory {
                 .cast::<[T; N]>()
                 .read_unaligned()
         })
+    }
+}
+
+impl Memory {
+    /// The position at `offset`, if it is inside.
+    ///
+    /// # Safety
+    /// The memory must be readable and unchanged.
+    #[inline(always)]
+    pub(crate) unsafe fn read_position(
+        &self,
+        format: VertexFormat,
+        offset: u64,
+    ) -> Option<[f32; 3]> {
+        if format == VertexFormat::F32x3 {
+            // SAFETY: the caller's promise.
+            let [x, y, z] = unsafe { self.read_integers::<3, u32>(offset) }?;
+            return Some([x, y, z].map(|bits| f32::from_bits(u32::from_le(bits))));
+        }
+        // SAFETY: as above.
+        unsafe { self.read_other_position(format, offset) }
+    }
+
+    /// As [`Self::read_position`].
+    ///
+    /// # Safety
+    /// As there.
+    unsafe fn read_other_position(&self, format: VertexFormat, offset: u64) -> Option<[f32; 3]> {
+        let end = offset.checked_add(format.size_bytes() as u64)?;
+        if end > self.bytes as u64 {
+            return None;
+        }
+        let base = self.base.wrapping_add(offset as usize);
+        // SAFETY: inside the memory.
+        let bytes = unsafe { std::slice::from_raw_parts(base, format.size_bytes()) };
+        Some(format.decode(bytes))
     }
 }
 
@@ -110,14 +159,8 @@ impl TriangleGeometry {
     #[inline(always)]
     unsafe fn vertex(&self, index: u64) -> Option<[f32; 3]> {
         let offset = index.checked_mul(self.vertex_stride_bytes)?;
-        let position = if self.vertex_format == VertexFormat::F32x3 {
-            // SAFETY: the caller's promise.
-            let [x, y, z] = unsafe { self.vertices.read::<3, u32>(offset) }?;
-            [x, y, z].map(|bits| f32::from_bits(u32::from_le(bits)))
-        } else {
-            // SAFETY: the caller's promise.
-            unsafe { self.position(offset) }?
-        };
+        // SAFETY: the caller's promise.
+        let position = unsafe { self.vertices.read_position(self.vertex_format, offset) }?;
         // A transform could make a NaN, or hide one; what is inactive is decided before it.
         if position[0].is_nan() {
             return None;
@@ -126,21 +169,6 @@ impl TriangleGeometry {
             Some(matrix) => transform_point(matrix, position),
             None => position,
         })
-    }
-
-    /// A position of any format; `None` outside the memory.
-    ///
-    /// # Safety
-    /// As for [`Self::vertex`].
-    unsafe fn position(&self, offset: u64) -> Option<[f32; 3]> {
-        let end = offset.checked_add(self.vertex_format.size_bytes() as u64)?;
-        if end > self.vertices.bytes as u64 {
-            return None;
-        }
-        let base = self.vertices.base.wrapping_add(offset as usize);
-        // SAFETY: inside the memory.
-        let bytes = unsafe { std::slice::from_raw_parts(base, self.vertex_format.size_bytes()) };
-        Some(self.vertex_format.decode(bytes))
     }
 
     /// Triangle `index` in the structure's space. `None` if it is inactive: the first component of
@@ -155,10 +183,10 @@ impl TriangleGeometry {
         let [a, b, c] = unsafe {
             match self.index_type {
                 IndexType::None => [first, first + 1, first + 2],
-                IndexType::U8 => self.indices.read::<3, u8>(first)?.map(u64::from),
-                IndexType::U16 => (self.indices.read::<3, u16>(2 * first)?)
+                IndexType::U8 => self.indices.read_integers::<3, u8>(first)?.map(u64::from),
+                IndexType::U16 => (self.indices.read_integers::<3, u16>(2 * first)?)
                     .map(|index| u16::from_le(index).into()),
-                IndexType::U32 => (self.indices.read::<3, u32>(4 * first)?)
+                IndexType::U32 => (self.indices.read_integers::<3, u32>(4 * first)?)
                     .map(|index| u32::from_le(index).into()),
             }
         };

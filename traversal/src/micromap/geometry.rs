@@ -31,7 +31,7 @@ impl GeometryMicromap {
         let read = || unsafe {
             Some(match self.index_type {
                 IndexType::None => index,
-                IndexType::U8 => match self.indices.read::<1, u8>(offset?)?[0] {
+                IndexType::U8 => match self.indices.read::<1>(offset?)?[0] {
                     special @ 0xFC.. => special as i8 as u32,
                     index => index.into(),
                 },

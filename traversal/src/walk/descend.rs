@@ -92,7 +92,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         let node_count = level.structure.node_count();
         let fetch_ahead = node_count > LARGE;
         let takes_all = in_bottom && instance.takes_all && space.scale == 1.0;
-        let is_boxes = level.structure.kind() == Kind::Aabbs;
+        let is_triangles = level.structure.kind() == Kind::Triangles;
         // SAFETY: the caller's promise.
         let ray = unsafe { K::load_boxes(space) };
         let mut t_far = space.scaled_up(walk.hit.t);
@@ -154,12 +154,15 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
             if !in_bottom {
                 break 'next word & child::INDEX;
             }
-            if is_boxes {
-                if leaf::ask_about_box(walk, level, instance, word) {
-                    walk.leaf = Some((word, 1));
-                    break 'level Event::ProceduralCandidate;
+            if !is_triangles {
+                match leaf::test_other(walk, level, space, instance, word, &mut t_far) {
+                    Leaf::Finished => continue 'next,
+                    Leaf::Over => break 'level Event::Done,
+                    Leaf::Ask(event, lane) => {
+                        walk.leaf = Some((word, lane + 1));
+                        break 'level event;
+                    }
                 }
-                continue 'next;
             }
             let leaf = Triangles {
                 level,

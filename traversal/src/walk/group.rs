@@ -59,11 +59,13 @@ pub(crate) unsafe fn intersect(
         let decided = inside & _mm_movemask_ps(decided) as u32;
 
         let inverse_whole = _mm_div_ps(_mm_set1_ps(1.0), whole);
+        let v = _mm_mul_ps(v, inverse_whole);
+        let w = _mm_mul_ps(w, inverse_whole);
         let t = _mm_add_ps(
-            _mm_add_ps(_mm_mul_ps(u, a.2), _mm_mul_ps(v, b.2)),
-            _mm_mul_ps(w, c.2),
+            _mm_mul_ps(v, _mm_sub_ps(b.2, a.2)),
+            _mm_mul_ps(w, _mm_sub_ps(c.2, a.2)),
         );
-        let t = _mm_mul_ps(_mm_mul_ps(t, inverse_whole), _mm_set1_ps(space.inverse_z));
+        let t = _mm_mul_ps(_mm_add_ps(a.2, t), _mm_set1_ps(space.inverse_z));
         let (near, far) = slab(space, vertices);
         let t = _mm_min_ps(_mm_max_ps(t, near), far);
         let accepted = _mm_and_ps(
@@ -81,8 +83,8 @@ pub(crate) unsafe fn intersect(
         found.front = _mm_movemask_ps(front) as u32;
         let [second, third] = &mut found.barycentrics;
         _mm_store_ps(found.t.as_mut_ptr(), t);
-        _mm_store_ps(second.as_mut_ptr(), _mm_mul_ps(v, inverse_whole));
-        _mm_store_ps(third.as_mut_ptr(), _mm_mul_ps(w, inverse_whole));
+        _mm_store_ps(second.as_mut_ptr(), v);
+        _mm_store_ps(third.as_mut_ptr(), w);
         if undecided != 0 {
             return hits | exactly(found, space, group, undecided, t_min, t_far);
         }

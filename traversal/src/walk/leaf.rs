@@ -1,10 +1,11 @@
 //! Leaves: from primitives to candidates and hits.
 
+use super::facts::InstanceFacts;
 use super::kernel::{GroupHits, Kernel};
-use super::level::{InstanceFacts, Level};
+use super::level::Level;
 use super::space::Space;
 use super::triangle::{Intersection, Rim, intersect};
-use super::{Event, Walk};
+use super::{Event, Walk, swept};
 use crate::layout::{GROUP, TriangleGroup, child, geometry_word};
 use crate::ray::{HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, Hit};
 use crate::structure::Kind;
@@ -19,14 +20,27 @@ pub(crate) enum Leaf {
     Ask(Event, u32),
 }
 
-/// Makes a leaf's box the candidate; false if there is none.
+/// Looks at the one primitive of a leaf that is not of triangles; lowers `t_far` to what is found.
 #[inline(never)]
-pub(crate) fn ask_about_box(
+pub(crate) fn test_other(
     walk: &mut Walk,
     level: &Level,
+    space: &Space,
     instance: &InstanceFacts,
     word: u32,
-) -> bool {
+    t_far: &mut f32,
+) -> Leaf {
+    if level.structure.kind() == Kind::Swept {
+        return swept::test_leaf(walk, level, space, instance, word, t_far);
+    }
+    match ask_about_box(walk, level, instance, word) {
+        true => Leaf::Ask(Event::ProceduralCandidate, 0),
+        false => Leaf::Finished,
+    }
+}
+
+/// Makes a leaf's box the candidate; false if there is none.
+fn ask_about_box(walk: &mut Walk, level: &Level, instance: &InstanceFacts, word: u32) -> bool {
     let Some(entry) = level.structure.box_entry(word & child::INDEX) else {
         return false;
     };
@@ -56,8 +70,8 @@ pub(crate) unsafe fn finish<K: Kernel>(
     word: u32,
     first_lane: u32,
 ) -> Leaf {
-    // A leaf of boxes has one.
-    if level.structure.kind() == Kind::Aabbs {
+    // A leaf of anything else has one.
+    if level.structure.kind() != Kind::Triangles {
         return Leaf::Finished;
     }
     let mut t_far = space.scaled_up(walk.hit.t);
@@ -153,10 +167,17 @@ impl Triangles<'_> {
             while mask != 0 {
                 let lane = mask.trailing_zeros() as usize % GROUP;
                 mask &= mask - 1;
-                let hit = Hit {
-                    t: found.t[lane],
-                    barycentrics: found.barycentrics.map(|weights| weights[lane]),
-                    geometry_index: group.geometries[lane] & geometry_word::INDEX,
+                let (t, geometry) = (found.t[lane], group.geometries[lane]);
+                if t == walk.hit.t && !self.wins_tie(walk, geometry, group.primitives[lane])
+                    || t > walk.hit.t
+                {
+                    continue;
+                }
+                let [second, third] = &found.barycentrics;
+                walk.hit = Hit {
+                    t,
+                    barycentrics: [second[lane], third[lane]],
+                    geometry_index: geometry & geometry_word::INDEX,
                     primitive_index: group.primitives[lane],
                     slot: 4 * index + lane as u32,
                     hit_kind: self.instance.hit_kind(found.front >> lane & 1 != 0),
@@ -164,16 +185,28 @@ impl Triangles<'_> {
                     triangle: true,
                     ..self.instance.hit()
                 };
-                if walk.is_nearer(&hit) {
-                    walk.commit(hit);
-                    if ANY {
-                        return true;
-                    }
-                    *t_far = hit.t;
+                walk.has_hit = true;
+                if ANY {
+                    return true;
                 }
+                *t_far = t;
             }
         }
         false
+    }
+
+    /// Whether an opaque triangle at the distance of what is committed, or at the end of the ray,
+    /// comes before that.
+    #[cold]
+    fn wins_tie(&self, walk: &Walk, geometry: u32, primitive: u32) -> bool {
+        walk.is_nearer(&Hit {
+            t: walk.hit.t,
+            geometry_index: geometry & geometry_word::INDEX,
+            primitive_index: primitive,
+            opaque: true,
+            triangle: true,
+            ..self.instance.hit()
+        })
     }
 
     /// The hit of one triangle, if it is to be preferred to what there is.

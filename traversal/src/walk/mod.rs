@@ -25,12 +25,14 @@
 #[cfg(target_arch = "x86_64")]
 mod avx;
 mod descend;
+mod facts;
 #[cfg(target_arch = "x86_64")]
 mod group;
 mod kernel;
 mod leaf;
 mod level;
 mod space;
+mod swept;
 mod triangle;
 mod walker;
 
@@ -127,13 +129,15 @@ impl Walk {
     /// # Safety
     /// As for [`Self::new`].
     pub unsafe fn restart(&mut self, top_level: u64, ray: &Ray) {
-        let mut pending = std::mem::take(&mut self.pending);
-        pending.clear();
-        // SAFETY: the caller's promise.
-        *self = Walk {
-            pending,
-            ..unsafe { Walk::new(top_level, ray) }
-        };
+        self.ray = *ray;
+        self.top_level = top_level;
+        self.hit.t = ray.t_max;
+        self.has_hit = false;
+        self.state = State::Fresh;
+        self.instance = Self::NO_INSTANCE;
+        self.floor = 0;
+        self.leaf = None;
+        self.pending.clear();
     }
 
     /// Goes on until something has to be decided outside. Each visited node and each leaf costs one
@@ -222,7 +226,7 @@ impl Walk {
     #[inline(always)]
     fn is_nearer(&self, hit: &Hit) -> bool {
         let key = |hit: &Hit| (hit.instance_index, hit.geometry_index, hit.primitive_index);
-        let comparable = self.has_hit && hit.opaque && self.hit.opaque && self.hit.triangle;
+        let comparable = self.has_hit && hit.opaque && self.hit.opaque && self.hit.is_built_in();
         hit.t < self.hit.t || comparable && hit.t == self.hit.t && key(hit) < key(&self.hit)
     }
 }

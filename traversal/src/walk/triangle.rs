@@ -65,11 +65,13 @@ pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Op
         return intersect_exactly(space, triangle, &flat, rim);
     }
     let inverse_whole = 1.0 / whole;
-    let t = (u * z[0] + v * z[1] + w * z[2]) * inverse_whole * space.inverse_z;
+    let [v, w] = [v * inverse_whole, w * inverse_whole];
+    // From the first vertex, so that errors of weights count by the triangle's size.
+    let t = (z[0] + (v * (z[1] - z[0]) + w * (z[2] - z[0]))) * space.inverse_z;
     let t = t_in_slab(space, triangle, t)?;
     Some(Intersection {
         t,
-        barycentrics: [v * inverse_whole, w * inverse_whole],
+        barycentrics: [v, w],
         front,
     })
 }

@@ -1,7 +1,8 @@
 //! A thread's working state for the walk that it is running, and the instruction sets there are.
 
+use super::facts::InstanceFacts;
 use super::kernel::{Kernel, Portable};
-use super::level::{InstanceFacts, Level};
+use super::level::Level;
 use super::{Event, Walk, descend};
 use crate::layout::{MAX_DEPTH, WIDTH};
 use crate::ray::Ray;

@@ -86,6 +86,10 @@ pub fn build_blob(input: &BuildInput<'_>) -> Bytes {
             Kind::Aabbs,
             list.iter().map(|g| g.primitive_count).collect(),
         ),
+        Geometries::Swept(list) => (
+            Kind::Swept,
+            list.iter().map(|g| g.primitive_count).collect(),
+        ),
         Geometries::Instances(source) => (Kind::Instances, vec![source.count]),
     };
     let sizes = build_sizes(kind, input.flags, &counts);

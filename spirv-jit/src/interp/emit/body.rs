@@ -456,6 +456,16 @@ impl Emitter<'_> {
                 let data_words = inst.results.len() as u32;
                 (1, SiteKind::ExecuteCallable { data_words })
             }
+            Op::HitObjectTraceRay => {
+                let payload_words = (inst.args.len() - 15) as u32;
+                (15, SiteKind::HitObjectTraceRay { payload_words })
+            }
+            Op::HitObjectExecute => {
+                let payload_words = inst.results.len() as u32;
+                (16, SiteKind::HitObjectExecute { payload_words })
+            }
+            Op::HitObjectGet(fact) => (8, SiteKind::HitObjectGet { fact }),
+            Op::ReorderThread => (4, SiteKind::ReorderThread),
             _ => (0, SiteKind::Barrier),
         };
         let site = SiteId(self.sites.len() as u32);
@@ -482,11 +492,15 @@ impl Emitter<'_> {
                 self.jump(control::jump_if_empty, exit);
             }
         } else if !inst.results.is_empty() {
+            let row = match inst.op {
+                Op::HitObjectTraceRay | Op::HitObjectGet(_) => 0,
+                _ => IO_DATA_ROW,
+            };
             let first = self.list(&inst.results);
             self.push(Instr {
                 x: first,
                 b: Operand::number(inst.results.len() as u32),
-                c: Operand::number(IO_DATA_ROW as u32),
+                c: Operand::number(row as u32),
                 ..instr(yields::read_io)
             });
         }

@@ -1,5 +1,6 @@
 //! The words of the text form for everything that is an enumeration. One table each, read in both directions.
 
+use crate::hit_object::HitFact;
 use crate::image::{Dim, LodMode};
 use crate::ir::op::{AtomicOp, ReduceOp, Space, SubgroupOp};
 use crate::ir::{Op, Type};
@@ -41,7 +42,9 @@ names!(Builtin, builtin_text, builtin_from_text:
     ObjectRayOrigin = "object_ray_origin", ObjectRayDirection = "object_ray_direction",
     RayTmin = "ray_tmin", RayTmax = "ray_tmax", IncomingRayFlags = "incoming_ray_flags", CullMask = "cull_mask",
     HitKind = "hit_kind", ObjectToWorld = "object_to_world", WorldToObject = "world_to_object",
-    HitTriangleVertexPositions = "hit_triangle_vertex_positions", ShaderRecordAddress = "shader_record_address");
+    HitTriangleVertexPositions = "hit_triangle_vertex_positions", HitIsSphere = "hit_is_sphere",
+    HitIsLss = "hit_is_lss", HitSpherePosition = "hit_sphere_position", HitSphereRadius = "hit_sphere_radius",
+    HitLssPositions = "hit_lss_positions", HitLssRadii = "hit_lss_radii", ShaderRecordAddress = "shader_record_address");
 
 names!(AtomicOp, atomic_text, atomic_from_text:
     Load = "load", Store = "store", Exchange = "exchange", CompareExchange = "compare_exchange",
@@ -60,7 +63,7 @@ names!(LodMode, lod_text, lod_from_text:
 
 /// Operations whose name says everything, apart from the elementwise ones.
 pub fn plain_op_from_text(text: &str) -> Option<Op> {
-    const PLAIN: [Op; 17] = [
+    const PLAIN: [Op; 20] = [
         Op::Select,
         Op::FLdexp,
         Op::BitfieldInsert,
@@ -77,9 +80,14 @@ pub fn plain_op_from_text(text: &str) -> Option<Op> {
         Op::TraceRay,
         Op::ReportIntersection,
         Op::ExecuteCallable,
+        Op::HitObjectTraceRay,
+        Op::HitObjectExecute,
+        Op::ReorderThread,
         Op::Barrier,
     ];
-    Op::elementwise_from_text(text).or_else(|| PLAIN.into_iter().find(|op| op.text() == text))
+    let facts = HitFact::ALL.iter().map(|&fact| Op::HitObjectGet(fact));
+    Op::elementwise_from_text(text)
+        .or_else(|| PLAIN.into_iter().chain(facts).find(|op| op.text() == text))
 }
 
 /// A subgroup operation's name after `subgroup.` and what its brackets hold.

@@ -1,0 +1,158 @@
+//! Sparse binding: a resource is address space, and memory is made to show up there.
+//!
+//! A page of memory can be seen at several addresses only if its mapping is shared, so memory of devices with the feature
+//! `sparseBinding` is allocated that way. Where nothing is bound, reads give zeros.
+
+use std::sync::Arc;
+
+use ash::vk;
+
+use super::DeviceMemory;
+use super::memory::{AddressWindow, GRANULE, map_zero_pages};
+use crate::VkResult;
+use crate::handle::Ref;
+
+/// Address space of a sparse resource.
+pub struct Reservation {
+    window: Arc<AddressWindow>,
+    address: u64,
+    size_bytes: u64,
+}
+
+impl Reservation {
+    /// Takes address space, at a certain place if it is `wanted` there.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` if there is not so much; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if it is taken.
+    pub fn new(
+        window: &Arc<AddressWindow>,
+        size_bytes: u64,
+        wanted: Option<u64>,
+    ) -> VkResult<Arc<Self>> {
+        let size_bytes = size_bytes
+            .max(1)
+            .checked_next_multiple_of(GRANULE)
+            .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
+        let wanted = wanted.filter(|&address| address != 0);
+        Ok(Arc::new(Self {
+            address: window.take_range(size_bytes, wanted)?,
+            window: Arc::clone(window),
+            size_bytes,
+        }))
+    }
+
+    /// Where the resource starts.
+    pub fn address(&self) -> u64 {
+        self.address
+    }
+}
+
+impl Drop for Reservation {
+    fn drop(&mut self) {
+        self.window.give_back_range(self.address, self.size_bytes);
+    }
+}
+
+/// `VkSparseMemoryBind` of a resource.
+pub struct SparseBind {
+    pub resource: Arc<Reservation>,
+    pub resource_offset: u64,
+    pub size_bytes: u64,
+    /// Memory and an offset into it; `None` takes away what was bound.
+    pub memory: Option<(Ref<DeviceMemory>, u64)>,
+}
+
+impl SparseBind {
+    /// Performs it.
+    ///
+    /// # Errors
+    /// Says what is wrong: a range that is outside, or memory that cannot be bound.
+    pub fn perform(&self) -> Result<(), &'static str> {
+        let inside = |offset: u64, whole: u64| {
+            (offset.checked_add(self.size_bytes)).is_some_and(|end| end <= whole)
+        };
+        if !self.resource_offset.is_multiple_of(GRANULE)
+            || !self.size_bytes.is_multiple_of(GRANULE)
+            || !inside(self.resource_offset, self.resource.size_bytes)
+        {
+            return Err("a sparse binding outside of its resource");
+        }
+        let address = self.resource.address + self.resource_offset;
+        let mapped = match &self.memory {
+            None => map_zero_pages(address, self.size_bytes, libc::MAP_FIXED),
+            Some((memory, offset)) => {
+                if !offset.is_multiple_of(GRANULE) || !inside(*offset, memory.shared_bytes()) {
+                    return Err("a sparse binding to memory that cannot be bound");
+                }
+                show_at(memory.address + offset, self.size_bytes, address)
+            }
+        };
+        mapped
+            .map(drop)
+            .ok_or("the system refuses a sparse binding")
+    }
+}
+
+/// Maps the pages at `source` at `address` too, in place of what is there; the address, unless the system refuses.
+fn show_at(source: u64, size_bytes: u64, address: u64) -> Option<u64> {
+    // SAFETY: the source is a shared mapping of an allocation (of no length, which makes a second one of it), and the
+    // destination a part of a reservation, whose contents nobody relies on while it is bound.
+    let mapped = unsafe {
+        libc::mremap(
+            source as *mut _,
+            0,
+            size_bytes as usize,
+            libc::MREMAP_MAYMOVE | libc::MREMAP_FIXED,
+            address as *mut libc::c_void,
+        )
+    };
+    (mapped != libc::MAP_FAILED).then_some(mapped as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::memory::Source;
+    use super::*;
+    use crate::handle;
+
+    fn read(address: u64) -> u64 {
+        // SAFETY: the test's own mapping.
+        unsafe { *(address as *const u64) }
+    }
+
+    #[test]
+    fn memory_shows_up_where_it_is_bound() {
+        let window = AddressWindow::reserve(1 << 30).ok().unwrap();
+        let allocate = |source| DeviceMemory::allocate(&window, 4 * GRANULE, source, None);
+        let memory = handle::new(allocate(Source::Shared).ok().unwrap());
+        let resource = Reservation::new(&window, 3 * GRANULE, None).ok().unwrap();
+        let bind = |offset: u64, size_bytes: u64, memory: Option<(Ref<DeviceMemory>, u64)>| {
+            SparseBind {
+                resource: Arc::clone(&resource),
+                resource_offset: offset,
+                size_bytes,
+                memory,
+            }
+            .perform()
+        };
+        // SAFETY: inside the allocation.
+        unsafe { *((memory.address + 2 * GRANULE) as *mut u64) = 7 };
+        let place = resource.address() + GRANULE;
+        assert_eq!(read(place), 0);
+        bind(GRANULE, GRANULE, Some((Arc::clone(&memory), 2 * GRANULE))).unwrap();
+        assert_eq!(read(place), 7);
+        // SAFETY: inside the resource.
+        unsafe { *(place as *mut u64) = 8 };
+        assert_eq!(read(memory.address + 2 * GRANULE), 8);
+        bind(GRANULE, GRANULE, None).unwrap();
+        assert_eq!(read(place), 0);
+
+        assert!(bind(3 * GRANULE, GRANULE, None).is_err());
+        assert!(bind(0, 2 * GRANULE, Some((Arc::clone(&memory), 3 * GRANULE))).is_err());
+        let own = handle::new(allocate(Source::Fresh).ok().unwrap());
+        assert!(bind(0, GRANULE, Some((own, 0))).is_err());
+        let address = resource.address();
+        drop(resource);
+        assert_eq!(read(address), 0);
+    }
+}

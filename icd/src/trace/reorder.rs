@@ -1,0 +1,163 @@
+//! Reordering (`OpReorderThread*`): the lanes of a batch that stand at one reorder instruction are sorted, and form subgroups anew.
+//!
+//! A subgroup takes part with all its lanes or not at all: with lanes parked in an enclosing construct it stays as it is, so that they meet
+//! those they parted from. Which lanes meet follows from the batch alone.
+
+use std::cmp::Ordering;
+
+use spirv_jit::SUBGROUP_SIZE;
+use spirv_jit::hit_object::kind;
+use spirv_jit::program::{AlignedRow, ResumePoint};
+
+use super::batch::Batch;
+use super::subgroup::{LaneRef, Subgroup, SubgroupIndex, lanes_of};
+use super::table::ProgramIndex;
+
+/// What lanes are sorted by, first things first: the shader that the hit object names, the hint's bits, the shader's record.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct Key {
+    /// Program index + 1; 0 without one.
+    shader: u32,
+    hint: u32,
+    record: u64,
+}
+
+impl Batch<'_> {
+    /// Reorders what waits for it; all of it is ready then.
+    pub(super) fn reorder_threads(&mut self) {
+        let mut waiting: Vec<_> = std::mem::take(&mut self.reordering)
+            .into_iter()
+            .map(|index| (self.place(index), index))
+            .collect();
+        waiting.sort_unstable();
+        for group in waiting.chunk_by(|a, b| a.0 == b.0) {
+            let indices: Vec<SubgroupIndex> = group.iter().map(|&(_, index)| index).collect();
+            self.reorder_group(group[0].0.0, &indices);
+        }
+    }
+
+    fn place(&self, index: SubgroupIndex) -> (ProgramIndex, ResumePoint) {
+        let subgroup = &self.worker.subgroups[index];
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        (subgroup.program, program.resume_point(&subgroup.rows))
+    }
+
+    /// Reorders subgroups that stand at one instruction.
+    fn reorder_group(&mut self, program: ProgramIndex, indices: &[SubgroupIndex]) {
+        let compiled = &self.dispatch.shaders.programs[program as usize];
+        let mut sources = Vec::with_capacity(indices.len());
+        let mut lanes: Vec<(Key, LaneRef)> = Vec::with_capacity(indices.len() * SUBGROUP_SIZE);
+        for &index in indices {
+            self.worker.subgroups[index].pending = 0;
+            let rows = &self.worker.subgroups[index].rows;
+            if compiled.has_parked_lanes(rows) {
+                self.make_ready(index);
+                continue;
+            }
+            for lane in lanes_of(compiled.event_mask(rows)) {
+                let lane = LaneRef {
+                    subgroup: index,
+                    lane: lane as u8,
+                };
+                lanes.push((self.reorder_key(lane), lane));
+            }
+            sources.push(index);
+        }
+        let needed = lanes.len().div_ceil(SUBGROUP_SIZE);
+        if needed < sources.len() || !is_sorted(&lanes) {
+            // Stable, so that neighbours stay neighbours where nothing speaks against it.
+            lanes.sort_by(|a, b| a.0.cmp(&b.0));
+            let lanes: Vec<LaneRef> = lanes.into_iter().map(|(_, lane)| lane).collect();
+            self.move_lanes(program, &sources, &lanes);
+            sources.truncate(needed);
+        }
+        for index in sources {
+            self.make_ready(index);
+        }
+    }
+
+    fn reorder_key(&mut self, lane: LaneRef) -> Key {
+        let subgroup = &self.worker.subgroups[lane.subgroup];
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        let word = |row| subgroup.io(program, row, lane.lane as usize);
+        let mask = u32::MAX
+            .checked_shr(32u32.saturating_sub(word(1)))
+            .unwrap_or(0);
+        let (hint, state, index) = (word(0) & mask, word(2), word(3));
+        let tables = &self.dispatch.tables;
+        let table = match state {
+            kind::HIT => Some(&tables.hit),
+            kind::MISS => Some(&tables.miss),
+            _ => None,
+        };
+        let records = &mut self.worker.records;
+        let found = table.and_then(|table| records.find(self.dispatch.shaders, table, index));
+        let (shader, record) = match found {
+            Some((group, record)) => {
+                let shader = match state {
+                    kind::HIT => group.closest_hit,
+                    _ => group.general,
+                };
+                (shader.map_or(0, |program| program + 1), record)
+            }
+            None => (0, 0),
+        };
+        Key {
+            shader,
+            hint,
+            record,
+        }
+    }
+
+    /// Moves lanes, in this order, into the first of the `sources` that they all come from; the sources that are not needed any more are
+    /// given back.
+    fn move_lanes(&mut self, program: ProgramIndex, sources: &[SubgroupIndex], lanes: &[LaneRef]) {
+        let compiled = &self.dispatch.shaders.programs[program as usize];
+        let old: Vec<Subgroup> = sources
+            .iter()
+            .map(|&index| std::mem::take(&mut self.worker.subgroups[index]))
+            .collect();
+        let position = |lane: &LaneRef| {
+            let found = sources.binary_search(&lane.subgroup);
+            (found.unwrap_or(0), lane.lane as usize)
+        };
+        for (&target, lanes) in sources.iter().zip(lanes.chunks(SUBGROUP_SIZE)) {
+            let from: Vec<(usize, usize)> = lanes.iter().map(position).collect();
+            let mut rows = self.worker.spare_rows.pop().unwrap_or_default();
+            rows.resize(compiled.layout().rows, AlignedRow::default());
+            let active = u16::MAX >> (SUBGROUP_SIZE - lanes.len());
+            let pick = |lane: usize| from.get(lane).copied().unwrap_or(from[0]);
+            let columns = std::array::from_fn(|to| {
+                let (source, lane) = pick(to);
+                (&old[source].rows[..], lane)
+            });
+            compiled.gather_lanes(&mut rows, active, &columns);
+            self.worker.subgroups[target] = Subgroup {
+                program,
+                role: old[0].role,
+                rows,
+                pending: 0,
+                lanes: active,
+                data_words: old[0].data_words,
+                launch: std::array::from_fn(|to| {
+                    let (source, lane) = pick(to);
+                    old[source].launch[lane]
+                }),
+                ..Subgroup::default()
+            };
+        }
+        let needed = lanes.len().div_ceil(SUBGROUP_SIZE);
+        for &index in &sources[needed..] {
+            self.state_bytes -= compiled.layout().rows * size_of::<AlignedRow>();
+            self.worker.subgroups.remove(index);
+        }
+        let spare = old.into_iter().map(|subgroup| subgroup.rows);
+        self.worker.spare_rows.extend(spare);
+    }
+}
+
+fn is_sorted(lanes: &[(Key, LaneRef)]) -> bool {
+    lanes
+        .windows(2)
+        .all(|pair| pair[0].0.cmp(&pair[1].0) != Ordering::Greater)
+}

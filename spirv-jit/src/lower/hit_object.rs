@@ -1,0 +1,429 @@
+//! Hit objects and reordering (`SPV_EXT_shader_invocation_reorder`, `SPV_NV_shader_invocation_reorder`).
+
+use rspirv::spirv::Op;
+
+use super::Lowerer;
+use super::values::Pointer;
+use crate::Error;
+use crate::hit_object::{HitFact, IDENTITY, TRACED, kind, primitive, word};
+use crate::ir::{self, Type, Value};
+use crate::parse::{Id, Instruction};
+use crate::program::Stage;
+
+/// What an instruction does to a hit object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Action {
+    Trace,
+    Execute,
+    Reorder,
+    ReorderWithHint,
+    ReorderExecute,
+    TraceReorderExecute,
+    RecordEmpty,
+    RecordMiss {
+        with_flags: bool,
+    },
+    RecordHit {
+        with_index: bool,
+    },
+    SetRecordIndex,
+    CopyAttributes,
+    /// Whether it is of this kind.
+    Is(u32),
+    /// These words as they are.
+    Words {
+        first: usize,
+        count: usize,
+    },
+    HitKind,
+    /// Whether a primitive of this kind was hit.
+    IsPrimitive(u32),
+    InstanceCustomIndex,
+    /// All of a fact.
+    Fact(HitFact),
+    /// Words of the ends of a sphere or linear swept sphere.
+    Ends {
+        first: usize,
+        count: usize,
+    },
+    ObjectRay {
+        origin: bool,
+    },
+}
+
+/// The table of instructions.
+fn action(opcode: Op) -> Option<Action> {
+    use Action::*;
+    let words = |first, count| Words { first, count };
+    Some(match opcode {
+        Op::HitObjectTraceRayNV | Op::HitObjectTraceRayEXT => Trace,
+        Op::HitObjectExecuteShaderNV | Op::HitObjectExecuteShaderEXT => Execute,
+        Op::ReorderThreadWithHitObjectNV | Op::ReorderThreadWithHitObjectEXT => Reorder,
+        Op::ReorderThreadWithHintNV | Op::ReorderThreadWithHintEXT => ReorderWithHint,
+        Op::HitObjectReorderExecuteShaderEXT => ReorderExecute,
+        Op::HitObjectTraceReorderExecuteEXT => TraceReorderExecute,
+        Op::HitObjectRecordEmptyNV | Op::HitObjectRecordEmptyEXT => RecordEmpty,
+        Op::HitObjectRecordMissNV => RecordMiss { with_flags: false },
+        Op::HitObjectRecordMissEXT => RecordMiss { with_flags: true },
+        Op::HitObjectRecordHitNV => RecordHit { with_index: false },
+        Op::HitObjectRecordHitWithIndexNV => RecordHit { with_index: true },
+        Op::HitObjectSetShaderBindingTableRecordIndexEXT => SetRecordIndex,
+        Op::HitObjectGetAttributesNV | Op::HitObjectGetAttributesEXT => CopyAttributes,
+        Op::HitObjectIsEmptyNV | Op::HitObjectIsEmptyEXT => Is(kind::EMPTY),
+        Op::HitObjectIsMissNV | Op::HitObjectIsMissEXT => Is(kind::MISS),
+        Op::HitObjectIsHitNV | Op::HitObjectIsHitEXT => Is(kind::HIT),
+        Op::HitObjectGetRayTMinNV | Op::HitObjectGetRayTMinEXT => words(word::T_MIN, 1),
+        Op::HitObjectGetRayTMaxNV | Op::HitObjectGetRayTMaxEXT => words(word::T_MAX, 1),
+        Op::HitObjectGetRayFlagsEXT => words(word::FLAGS, 1),
+        Op::HitObjectGetWorldRayOriginNV | Op::HitObjectGetWorldRayOriginEXT => {
+            words(word::ORIGIN, 3)
+        }
+        Op::HitObjectGetWorldRayDirectionNV | Op::HitObjectGetWorldRayDirectionEXT => {
+            words(word::DIRECTION, 3)
+        }
+        Op::HitObjectGetInstanceIdNV | Op::HitObjectGetInstanceIdEXT => words(word::INSTANCE, 1),
+        Op::HitObjectGetGeometryIndexNV | Op::HitObjectGetGeometryIndexEXT => {
+            words(word::GEOMETRY, 1)
+        }
+        Op::HitObjectGetPrimitiveIndexNV | Op::HitObjectGetPrimitiveIndexEXT => {
+            words(word::PRIMITIVE, 1)
+        }
+        Op::HitObjectGetShaderBindingTableRecordIndexNV
+        | Op::HitObjectGetShaderBindingTableRecordIndexEXT => words(word::RECORD_INDEX, 1),
+        Op::HitObjectIsSphereHitNV => IsPrimitive(primitive::SPHERE),
+        Op::HitObjectIsLSSHitNV => IsPrimitive(primitive::LINEAR_SWEPT_SPHERE),
+        Op::HitObjectGetSpherePositionNV => Ends { first: 0, count: 3 },
+        Op::HitObjectGetSphereRadiusNV => Ends { first: 6, count: 1 },
+        Op::HitObjectGetLSSPositionsNV => Ends { first: 0, count: 6 },
+        Op::HitObjectGetLSSRadiiNV => Ends { first: 6, count: 2 },
+        Op::HitObjectGetHitKindNV | Op::HitObjectGetHitKindEXT => HitKind,
+        Op::HitObjectGetInstanceCustomIndexNV | Op::HitObjectGetInstanceCustomIndexEXT => {
+            InstanceCustomIndex
+        }
+        Op::HitObjectGetObjectToWorldNV | Op::HitObjectGetObjectToWorldEXT => {
+            Fact(HitFact::ObjectToWorld)
+        }
+        Op::HitObjectGetWorldToObjectNV | Op::HitObjectGetWorldToObjectEXT => {
+            Fact(HitFact::WorldToObject)
+        }
+        Op::HitObjectGetIntersectionTriangleVertexPositionsEXT => {
+            Fact(HitFact::TriangleVertexPositions)
+        }
+        Op::HitObjectGetShaderRecordBufferHandleNV
+        | Op::HitObjectGetShaderRecordBufferHandleEXT => Fact(HitFact::ShaderRecord),
+        Op::HitObjectGetObjectRayOriginNV | Op::HitObjectGetObjectRayOriginEXT => {
+            ObjectRay { origin: true }
+        }
+        Op::HitObjectGetObjectRayDirectionNV | Op::HitObjectGetObjectRayDirectionEXT => {
+            ObjectRay { origin: false }
+        }
+        _ => return None,
+    })
+}
+
+/// Whether this file lowers an opcode.
+pub(super) fn is_hit_object(opcode: Op) -> bool {
+    action(opcode).is_some()
+}
+
+impl Lowerer<'_> {
+    pub(super) fn lower_hit_object(&mut self, instruction: &Instruction) -> Result<(), Error> {
+        let operands = self.module.operands(instruction);
+        let Some(action) = action(instruction.opcode) else {
+            return Err(self.unsupported(instruction));
+        };
+        self.check_reorder_stage(action)?;
+        if action == Action::ReorderWithHint {
+            return self.reorder(None, operands);
+        }
+        let pointer = self.pointer(operands[0])?;
+        let mut object = self.load(&pointer)?;
+        if object.len() != word::COUNT {
+            return Err(self.b.invalid("this is not a hit object"));
+        }
+        let rest = &operands[1..];
+        let result = match action {
+            Action::Trace => return self.hit_object_trace(&pointer, rest),
+            Action::Execute => return self.hit_object_execute(&object, rest[0]),
+            Action::Reorder => return self.reorder(Some(&object), rest),
+            Action::ReorderWithHint => return Ok(()),
+            Action::ReorderExecute => {
+                self.reorder(Some(&object), &rest[1..])?;
+                return self.hit_object_execute(&object, rest[0]);
+            }
+            Action::TraceReorderExecute => {
+                self.hit_object_trace(&pointer, rest)?;
+                let object = self.load(&pointer)?;
+                self.reorder(Some(&object), &rest[11..])?;
+                return self.hit_object_execute(&object, rest[10]);
+            }
+            Action::RecordEmpty => {
+                let empty = self.empty_hit_object();
+                return self.store(&pointer, &empty);
+            }
+            Action::RecordMiss { with_flags } => {
+                return self.record_miss(&pointer, rest, with_flags);
+            }
+            Action::RecordHit { with_index } => return self.record_hit(&pointer, rest, with_index),
+            Action::SetRecordIndex => {
+                object[word::RECORD_INDEX] = self.word(rest[0])?;
+                return self.store(&pointer, &object);
+            }
+            Action::CopyAttributes => return self.copy_attributes(&object, rest[0]),
+            Action::Is(wanted) => {
+                let found = self.hit_object_kind(&object)?;
+                let wanted = self.b.i32(wanted);
+                vec![self.b.compare(ir::Op::IEq, found, wanted)?]
+            }
+            Action::Words { first, count } => object[first..first + count].to_vec(),
+            Action::HitKind => {
+                let mask = self.b.i32(0xff);
+                vec![self.b.binary(ir::Op::And, object[word::HIT_KIND], mask)?]
+            }
+            Action::IsPrimitive(wanted) => {
+                let (shift, wanted) = (self.b.i32(8), self.b.i32(wanted));
+                let found = self.b.binary(ir::Op::LShr, object[word::HIT_KIND], shift)?;
+                vec![self.b.compare(ir::Op::IEq, found, wanted)?]
+            }
+            Action::Ends { first, count } => {
+                self.fact(&object, HitFact::SweptEnds)?[first..first + count].to_vec()
+            }
+            Action::InstanceCustomIndex => self.fact(&object, HitFact::Instance)?[..1].to_vec(),
+            Action::Fact(fact) => self.fact(&object, fact)?,
+            Action::ObjectRay { origin } => self.object_ray(&object, origin)?,
+        };
+        self.define_typed(instruction, result)
+    }
+
+    /// `OpReorderThread*` and what has it inside are the ray generation shader's.
+    fn check_reorder_stage(&self, action: Action) -> Result<(), Error> {
+        let reorders = matches!(
+            action,
+            Action::Reorder
+                | Action::ReorderWithHint
+                | Action::ReorderExecute
+                | Action::TraceReorderExecute
+        );
+        let allowed = match self.request.stage {
+            Stage::RayGeneration => true,
+            Stage::ClosestHit | Stage::Miss => !reorders,
+            _ => false,
+        };
+        match allowed {
+            true => Ok(()),
+            false => Err(self.b.invalid("this stage must not use this instruction")),
+        }
+    }
+
+    fn hit_object_kind(&mut self, object: &[Value]) -> Result<Value, Error> {
+        let mask = self.b.i32(kind::MASK);
+        self.b.binary(ir::Op::And, object[word::KIND], mask)
+    }
+
+    fn empty_hit_object(&mut self) -> Vec<Value> {
+        (0..word::COUNT)
+            .map(|index| self.b.constant(word::ty(index), 0))
+            .collect()
+    }
+
+    /// Operands: structure, flags, cull mask, SBT offset and stride, miss index, origin, t_min, direction, t_max, payload.
+    fn hit_object_trace(&mut self, pointer: &Pointer, operands: &[Id]) -> Result<(), Error> {
+        let mut words = self.ray_words(operands)?;
+        let ray = words.clone();
+        let payload = self.pointer(operands[10])?;
+        let types = self.types.leaves(payload.pointee)?;
+        let values = self.load(&payload)?;
+        let taken = self.scalars_to_words(&values)?;
+        let traced = TRACED.iter().map(|&index| word::ty(index));
+        let results: Vec<Type> = traced.chain(taken.iter().map(|&w| self.b.ty(w))).collect();
+        words.extend(taken);
+        let returned = self
+            .b
+            .emit_unchecked(ir::Op::HitObjectTraceRay, &words, &results)?;
+        let (traced, payload_words) = returned.split_at(TRACED.len());
+        let values = self.words_to_scalars(payload_words, &types)?;
+        self.store(&payload, &values)?;
+        let mut object = self.empty_hit_object();
+        for (&index, &value) in TRACED.iter().zip(traced) {
+            object[index] = value;
+        }
+        object[word::FLAGS] = ray[2];
+        object[word::ORIGIN..word::ORIGIN + 3].copy_from_slice(&ray[7..10]);
+        object[word::T_MIN] = ray[10];
+        object[word::DIRECTION..word::DIRECTION + 3].copy_from_slice(&ray[11..14]);
+        object[word::STRUCTURE..word::STRUCTURE + 2].copy_from_slice(&ray[..2]);
+        self.store(pointer, &object)
+    }
+
+    fn hit_object_execute(&mut self, object: &[Value], payload: Id) -> Result<(), Error> {
+        let payload = self.pointer(payload)?;
+        let types = self.types.leaves(payload.pointee)?;
+        let values = self.load(&payload)?;
+        let taken = self.scalars_to_words(&values)?;
+        let word_types: Vec<Type> = taken.iter().map(|&word| self.b.ty(word)).collect();
+        // The first sixteen have rows of their own, the rest stand behind the payload.
+        let (first, rest) = object.split_at(crate::program::IO_DATA_ROW);
+        let words = [first, &taken, rest].concat();
+        let op = ir::Op::HitObjectExecute;
+        let returned = self.b.emit_unchecked(op, &words, &word_types)?;
+        let values = self.words_to_scalars(&returned, &types)?;
+        self.store(&payload, &values)
+    }
+
+    /// `hint`: nothing, or the hint and how many of its bits count.
+    fn reorder(&mut self, object: Option<&[Value]>, hint: &[Id]) -> Result<(), Error> {
+        let (hint, bits) = match *hint {
+            [hint, bits] => (self.word(hint)?, self.word(bits)?),
+            [] => (self.b.i32(0), self.b.i32(0)),
+            _ => return Err(self.b.invalid("a hint comes with its number of bits")),
+        };
+        let (kind, record) = match object {
+            Some(object) => (self.hit_object_kind(object)?, object[word::RECORD_INDEX]),
+            None => (self.b.i32(u32::MAX), self.b.i32(0)),
+        };
+        self.b
+            .emit_effect(ir::Op::ReorderThread, &[hint, bits, kind, record])
+    }
+
+    /// Operands: (flags,) miss index, origin, t_min, direction, t_max.
+    fn record_miss(
+        &mut self,
+        pointer: &Pointer,
+        operands: &[Id],
+        with_flags: bool,
+    ) -> Result<(), Error> {
+        let mut object = self.empty_hit_object();
+        object[word::KIND] = self.b.i32(kind::MISS);
+        let rest = if with_flags {
+            object[word::FLAGS] = self.word(operands[0])?;
+            &operands[1..]
+        } else {
+            operands
+        };
+        object[word::RECORD_INDEX] = self.word(rest[0])?;
+        self.record_ray(&mut object, &rest[1..5])?;
+        self.store(pointer, &object)
+    }
+
+    /// Operands: origin, t_min, direction, t_max.
+    fn record_ray(&mut self, object: &mut [Value], operands: &[Id]) -> Result<(), Error> {
+        let mut words = Vec::with_capacity(8);
+        for &id in operands {
+            words.extend_from_slice(&self.leaves(id)?);
+        }
+        if words.len() != 8 {
+            return Err(self.b.invalid("a ray is made of 32-bit floats"));
+        }
+        object[word::ORIGIN..=word::T_MAX].copy_from_slice(&words);
+        Ok(())
+    }
+
+    /// Operands: structure, instance, primitive, geometry, hit kind, record index or offset and stride, origin, t_min, direction, t_max,
+    /// attributes.
+    fn record_hit(
+        &mut self,
+        pointer: &Pointer,
+        operands: &[Id],
+        with_index: bool,
+    ) -> Result<(), Error> {
+        let mut object = self.empty_hit_object();
+        object[word::KIND] = self.b.i32(kind::HIT);
+        let structure = self.scalar(operands[0])?;
+        let address = self.b.unpack64(structure)?;
+        object[word::STRUCTURE..word::STRUCTURE + 2].copy_from_slice(&address);
+        object[word::INSTANCE] = self.word(operands[1])?;
+        object[word::PRIMITIVE] = self.word(operands[2])?;
+        object[word::GEOMETRY] = self.word(operands[3])?;
+        let hit_kind = self.word(operands[4])?;
+        object[word::HIT_KIND] = self.typed_hit_kind(hit_kind)?;
+        object[word::SLOT] = self.b.i32(u32::MAX);
+        let rest = if with_index {
+            object[word::RECORD_INDEX] = self.word(operands[5])?;
+            &operands[6..]
+        } else {
+            let (offset, stride) = (self.word(operands[5])?, self.word(operands[6])?);
+            let instance = self.fact(&object, HitFact::Instance)?[1];
+            let geometry = self
+                .b
+                .binary(ir::Op::IMul, object[word::GEOMETRY], stride)?;
+            let sum = self.b.binary(ir::Op::IAdd, instance, geometry)?;
+            object[word::RECORD_INDEX] = self.b.binary(ir::Op::IAdd, sum, offset)?;
+            &operands[7..]
+        };
+        self.record_ray(&mut object, &rest[..4])?;
+        self.record_attributes(&mut object, rest[4])?;
+        self.store(pointer, &object)
+    }
+
+    /// A hit kind that the shader gives, with what it says of the primitive.
+    fn typed_hit_kind(&mut self, hit_kind: Value) -> Result<Value, Error> {
+        let (mask, limit) = (self.b.i32(0xff), self.b.i32(0xfe));
+        let low = self.b.binary(ir::Op::And, hit_kind, mask)?;
+        let is_triangle = self.b.compare(ir::Op::ULe, limit, low)?;
+        let triangle = self.b.i32(primitive::TRIANGLE << 8);
+        let triangle = self.b.binary(ir::Op::Or, low, triangle)?;
+        self.b.select(is_triangle, triangle, low)
+    }
+
+    /// Takes the words of an attribute variable into the hit object.
+    fn record_attributes(&mut self, object: &mut [Value], attributes: Id) -> Result<(), Error> {
+        let pointer = self.pointer(attributes)?;
+        let values = self.load(&pointer)?;
+        let words = self.scalars_to_words(&values)?;
+        let places = &mut object[word::ATTRIBUTES..];
+        for (place, &value) in places.iter_mut().zip(&words) {
+            *place = match self.b.ty(value) {
+                Type::I32 => value,
+                _ => self.b.emit(ir::Op::Bitcast, &[value], Type::I32)?,
+            };
+        }
+        Ok(())
+    }
+
+    /// Writes the hit object's attributes to a variable; words that no attribute can have are zero.
+    fn copy_attributes(&mut self, object: &[Value], attributes: Id) -> Result<(), Error> {
+        let pointer = self.pointer(attributes)?;
+        let types = self.types.leaves(pointer.pointee)?;
+        let wanted: u32 = types.iter().map(|ty| ty.rows()).sum();
+        let mut words = object[word::ATTRIBUTES..].to_vec();
+        words.resize(words.len().max(wanted as usize), self.b.i32(0));
+        let values = self.words_to_scalars(&words, &types)?;
+        self.store(&pointer, &values)
+    }
+
+    fn fact(&mut self, object: &[Value], fact: HitFact) -> Result<Vec<Value>, Error> {
+        let words: Vec<Value> = IDENTITY.iter().map(|&index| object[index]).collect();
+        let ty = match fact {
+            HitFact::Instance | HitFact::ShaderRecord => Type::I32,
+            _ => Type::F32,
+        };
+        let op = ir::Op::HitObjectGet(fact);
+        let results = vec![ty; fact.words()];
+        Ok(self.b.emit_unchecked(op, &words, &results)?.to_vec())
+    }
+
+    /// The ray in the instance's space: rows of the matrix times the origin or the direction.
+    fn object_ray(&mut self, object: &[Value], origin: bool) -> Result<Vec<Value>, Error> {
+        let matrix = self.fact(object, HitFact::WorldToObject)?;
+        let first = if origin {
+            word::ORIGIN
+        } else {
+            word::DIRECTION
+        };
+        let vector = &object[first..first + 3];
+        let mut out = Vec::with_capacity(3);
+        for row in 0..3 {
+            let mut sum = self.b.binary(ir::Op::FMul, matrix[row], vector[0])?;
+            for column in 1..3 {
+                let element = matrix[3 * column + row];
+                let product = self.b.binary(ir::Op::FMul, element, vector[column])?;
+                sum = self.b.binary(ir::Op::FAdd, sum, product)?;
+            }
+            if origin {
+                sum = self.b.binary(ir::Op::FAdd, sum, matrix[9 + row])?;
+            }
+            out.push(sum);
+        }
+        Ok(out)
+    }
+}
