@@ -2,8 +2,8 @@
 
 use crate::layout::Bounds;
 
-/// The lower corner, a number that does not matter, the upper corner with opposite sign, and another
-/// such. The box around two boxes is the lesser of each number.
+/// The lower corner, a zero, the upper corner with opposite sign, and another zero (or infinities,
+/// where there is nothing). The box around two boxes is the lesser of each number.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
 pub(crate) struct Corners(pub [f32; 8]);
@@ -34,7 +34,7 @@ impl Corners {
         self
     }
 
-    /// Twice the center, and a number that does not matter.
+    /// Twice the center, and zero.
     #[inline(always)]
     pub fn center(&self) -> [f32; 4] {
         let c = &self.0;
@@ -47,7 +47,7 @@ impl Corners {
         Corners([x, y, z, w, -x, -y, -z, -w])
     }
 
-    /// The lengths of the edges, and a number that does not matter.
+    /// The lengths of the edges, and zero.
     #[inline(always)]
     pub fn edges(&self) -> [f32; 4] {
         let c = &self.0;
@@ -57,7 +57,8 @@ impl Corners {
     /// Half the surface of a box whose edges are multiplied by `scale`.
     #[inline(always)]
     pub fn half_area(&self, scale: f32) -> f32 {
-        let [x, y, z, _] = self.edges().map(|edge| edge * scale);
+        let [x, y, z, _] = self.edges();
+        let (x, y, z) = (x * scale, y * scale, z * scale);
         x * y + y * z + z * x
     }
 }

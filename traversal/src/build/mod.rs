@@ -279,7 +279,7 @@ fn grow(
 ) -> Costs {
     // Cheap blocks make fuller leaves; between 0.5 and 2 the walk does not feel the difference.
     let (block, leaf_max, block_cost) = match kind {
-        Kind::Triangles => (GROUP as u32, LEAF_TRIANGLES as u32, 0.5),
+        Kind::Triangles => (GROUP as u32, LEAF_TRIANGLES as u32, 0.3),
         Kind::Aabbs | Kind::Swept => (1, 1, 2.0),
         Kind::Instances => (1, 1, 4.0),
     };
@@ -289,8 +289,9 @@ fn grow(
     } else {
         block
     };
+    let hurry = flags.contains(BuildFlags::PREFER_FAST_BUILD);
     let extent = Extent::of(primitives);
-    let rules = SplitRules::new(block, leaf_forced as usize + 1, &extent);
+    let rules = SplitRules::new(block, leaf_forced as usize + 1, hurry, &extent);
     tree::build(primitives, nodes, &rules, extent);
     Costs {
         node: 1.0,

@@ -54,13 +54,21 @@ impl Primitive {
         self.corners().bounds()
     }
 
-    /// The box, with numbers that do not matter in the places of both indices.
+    /// The box. What stands for the indices is zero: as numbers they would be denormal, and those
+    /// cost a hundred times as much.
     #[inline(always)]
     pub fn corners(&self) -> Corners {
-        // SAFETY: of the same size and alignment, and any bits are an f32.
-        unsafe { std::ptr::from_ref(self).cast::<Corners>().read() }
+        // SAFETY: of the same size and alignment, and any bits are a u32.
+        let mut words = unsafe { std::ptr::from_ref(self).cast::<[u32; 8]>().read() };
+        for (word, mask) in words.iter_mut().zip(COORDINATES) {
+            *word &= mask;
+        }
+        Corners(words.map(f32::from_bits))
     }
 }
+
+/// The words of a primitive that are numbers.
+const COORDINATES: [u32; 8] = [!0, !0, !0, 0, !0, !0, !0, 0];
 
 /// Primitives handled by one task.
 const CHUNK: usize = 4096;

@@ -12,14 +12,21 @@ pub(crate) struct SplitRules {
     pub stop: usize,
     /// One over the extent of everything, so that areas neither over- nor underflow.
     pub scale: f32,
+    /// Planes across the longest axis are all that is looked at.
+    pub hurry: bool,
 }
 
 impl SplitRules {
-    pub fn new(block: u32, stop: usize, extent: &Extent) -> SplitRules {
+    pub fn new(block: u32, stop: usize, hurry: bool, extent: &Extent) -> SplitRules {
         let [x, y, z, _] = extent.corners.edges();
         let size = x.max(y).max(z);
         let scale = if size > TINY { 1.0 / size } else { 1.0 };
-        SplitRules { block, stop, scale }
+        SplitRules {
+            block,
+            stop,
+            scale,
+            hurry,
+        }
     }
 }
 
@@ -155,6 +162,69 @@ pub(crate) fn choose<const BINS: usize>(
         binning,
         sides: [side(&boxes[..bin]), side(&boxes[bin..])],
     })
+}
+
+/// The cheapest plane across the longest axis; `None` if all centers are in one place.
+#[inline(always)]
+pub(crate) fn choose_quickly<const BINS: usize>(
+    primitives: &[Primitive],
+    rules: &SplitRules,
+    extent: &Extent,
+) -> Option<Split> {
+    let binning = Binning::new(extent, BINS);
+    let axis = longest(extent.centers.edges());
+    if binning.factor[axis] == 0.0 {
+        return None;
+    }
+    let mut boxes = [Corners::EMPTY; BINS];
+    let mut counts = [0u32; BINS];
+    for primitive in primitives {
+        let corners = primitive.corners();
+        let bin = (corners.center()[axis] - binning.base[axis]) * binning.factor[axis];
+        // SAFETY: as in `Binning::bins`.
+        let bin = unsafe { bin.to_int_unchecked::<i32>() } as usize % BINS;
+        boxes[bin] = boxes[bin].join(&corners);
+        counts[bin] += 1;
+    }
+    let mut right_cost = [0f32; BINS];
+    let (mut sum, mut count) = (Corners::EMPTY, 0);
+    for i in (1..BINS).rev() {
+        sum = sum.join(&boxes[i]);
+        count += counts[i];
+        right_cost[i] = cost(&sum, count, rules);
+    }
+    let mut best = (f32::INFINITY, 0);
+    let (mut sum, mut count) = (Corners::EMPTY, 0);
+    for i in 1..BINS {
+        sum = sum.join(&boxes[i - 1]);
+        count += counts[i - 1];
+        // An empty side's cost is not a number, or infinite.
+        let cost = cost(&sum, count, rules) + right_cost[i];
+        if cost < best.0 && count > 0 && (count as usize) < primitives.len() {
+            best = (cost, i);
+        }
+    }
+    let (cost, bin) = best;
+    if cost == f32::INFINITY {
+        return None;
+    }
+    let side = |bins: &[Corners]| {
+        bins.iter()
+            .fold(Corners::EMPTY, |sum, corners| sum.join(corners))
+    };
+    Some(Split {
+        axis,
+        plane: bin as f32,
+        binning,
+        sides: [side(&boxes[..bin]), side(&boxes[bin..])],
+    })
+}
+
+/// What one side of a plane costs.
+#[inline(always)]
+fn cost(side: &Corners, count: u32, rules: &SplitRules) -> f32 {
+    let blocks = (count + rules.block - 1) >> rules.block.trailing_zeros();
+    side.half_area(rules.scale) * blocks as i32 as f32
 }
 
 /// Adds a bin to one side of each axis; returns what the sides cost now.

@@ -6,7 +6,7 @@
 
 use super::corners::Corners;
 use super::primitive::{Primitive, in_pool};
-use super::split::{Extent, SplitRules, choose, halve, partition};
+use super::split::{Extent, SplitRules, choose, choose_quickly, halve, partition};
 use crate::layout::Bounds;
 
 /// A node of the binary tree. The left child is the next node, the right child comes after the
@@ -147,6 +147,10 @@ fn subtree(
     // Few primitives need few bins.
     let chosen = if depth >= HEURISTIC_DEPTH {
         None
+    } else if rules.hurry && count > 32 {
+        choose_quickly::<16>(primitives, rules, &extent)
+    } else if rules.hurry {
+        choose_quickly::<8>(primitives, rules, &extent)
     } else if count > 240 {
         choose::<32>(primitives, rules, &extent)
     } else if count > 80 {

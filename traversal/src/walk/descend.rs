@@ -12,6 +12,10 @@ use crate::structure::Kind;
 /// ahead.
 const LARGE: u32 = 4096;
 
+/// Where children are entered; aligned, so that one vector's store meets no line's end.
+#[repr(align(32))]
+struct Distances([f32; WIDTH]);
+
 /// Runs a walk until something has to be decided outside. `ANY`: its first hit ends it, so the
 /// order of children does not matter.
 ///
@@ -133,9 +137,9 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                     // Deeper than any structure that was built: corrupt.
                     continue 'next;
                 }
-                let mut near = [0.0; WIDTH];
+                let mut near = Distances([0.0; WIDTH]);
                 // SAFETY: the caller's promise.
-                let mask = unsafe { K::test_node(&ray, node, t_far, &mut near) };
+                let mask = unsafe { K::test_node(&ray, node, t_far, &mut near.0) };
                 if mask == 0 {
                     continue 'next;
                 }
@@ -144,7 +148,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                 }
                 // SAFETY: there is room for all children.
                 word = unsafe {
-                    push_children::<ANY>(mask, &node.children, &near, stack, &mut length)
+                    push_children::<ANY>(mask, &node.children, &near.0, stack, &mut length)
                 };
             }
 
@@ -212,7 +216,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
 
 /// The instance of a top level that has but one.
 #[inline(always)]
-fn only_instance(top: &Level) -> Option<u32> {
+pub(crate) fn only_instance(top: &Level) -> Option<u32> {
     let children = &top.structure.node(0)?.children;
     let one = children[1] == child::NONE && children[0] & child::LEAF != 0;
     (one && children[0] != child::NONE && top.structure.node_count() == 1)

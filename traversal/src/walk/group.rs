@@ -8,7 +8,7 @@ use std::arch::x86_64::*;
 
 use super::kernel::GroupHits;
 use super::space::Space;
-use super::triangle::ORDINARY;
+use super::triangle::{ORDINARY, REACH};
 use crate::layout::{GROUP, TriangleGroup};
 
 /// Bytes from one axis of a vertex to the next.
@@ -50,7 +50,7 @@ pub(crate) unsafe fn intersect(
         let front = _mm_cmp_ps::<_CMP_GT_OQ>(least, zero);
         let back = _mm_cmp_ps::<_CMP_LT_OQ>(most, zero);
         let whole = _mm_add_ps(_mm_add_ps(u, v), w);
-        let size = _mm_andnot_ps(_mm_set1_ps(-0.0), whole);
+        let size = absolute(whole);
         let ordinary = _mm_and_ps(
             _mm_cmp_ps::<_CMP_GT_OQ>(size, _mm_set1_ps(ORDINARY[0])),
             _mm_cmp_ps::<_CMP_LT_OQ>(size, _mm_set1_ps(ORDINARY[1])),
@@ -65,7 +65,12 @@ pub(crate) unsafe fn intersect(
             _mm_mul_ps(v, _mm_sub_ps(b.2, a.2)),
             _mm_mul_ps(w, _mm_sub_ps(c.2, a.2)),
         );
-        let t = _mm_mul_ps(_mm_add_ps(a.2, t), _mm_set1_ps(space.inverse_z));
+        let z_hit = _mm_add_ps(a.2, t);
+        let reach = _mm_max_ps(_mm_max_ps(absolute(a.2), absolute(b.2)), absolute(c.2));
+        let modest =
+            _mm_cmp_ps::<_CMP_LE_OQ>(reach, _mm_mul_ps(absolute(z_hit), _mm_set1_ps(REACH)));
+        let decided = decided & _mm_movemask_ps(modest) as u32;
+        let t = _mm_mul_ps(z_hit, _mm_set1_ps(space.inverse_z));
         let (near, far) = slab(space, vertices);
         let t = _mm_min_ps(_mm_max_ps(t, near), far);
         let accepted = _mm_and_ps(
@@ -104,6 +109,12 @@ fn exactly(
     t_far: f32,
 ) -> u32 {
     found.intersect_each(space, group, mask, t_min, t_far)
+}
+
+#[inline(always)]
+unsafe fn absolute(v: __m128) -> __m128 {
+    // SAFETY: the callers'.
+    unsafe { _mm_andnot_ps(_mm_set1_ps(-0.0), v) }
 }
 
 /// A row of a vertex, by the axes of the ray.

@@ -106,7 +106,7 @@ impl Level {
 
 /// A vector times the 3 × 3 part of a row-major 3 × 4 matrix.
 #[inline(always)]
-fn turn(m: &[f32; 12], v: &[f32; 3]) -> [f32; 3] {
+pub(crate) fn turn(m: &[f32; 12], v: &[f32; 3]) -> [f32; 3] {
     [
         m[0] * v[0] + m[1] * v[1] + m[2] * v[2],
         m[4] * v[0] + m[5] * v[1] + m[6] * v[2],

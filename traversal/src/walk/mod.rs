@@ -31,6 +31,8 @@ mod group;
 mod kernel;
 mod leaf;
 mod level;
+#[cfg(target_arch = "x86_64")]
+mod packet;
 mod space;
 mod swept;
 mod triangle;
@@ -39,6 +41,9 @@ mod walker;
 use crate::ray::{Hit, Ray, ray_flags};
 use walker::Entry;
 pub use walker::{Tier, Walker};
+
+/// Walks that [`Walk::finish_together`] takes, at most.
+pub const PACKET: usize = 16;
 
 /// What the caller decided about the last event.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -165,6 +170,17 @@ impl Walk {
             Event::OutOfFuel => State::OutOfFuel,
         };
         event
+    }
+
+    /// Takes up to [`PACKET`] walks to their ends together if that can be done: they have not
+    /// started, their rays start near each other and go the same way, and the structure is one
+    /// instance of opaque triangles. The hits are those of each walk by itself, bit for bit. Returns
+    /// false if it cannot be done; then nothing has happened.
+    pub fn finish_together(walks: &mut [&mut Walk], walker: &mut Walker) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        return walker.tier() == Tier::Avx512 && packet::run(walks, walker);
+        #[cfg(not(target_arch = "x86_64"))]
+        return false;
     }
 
     /// The ray this walk was made for.

@@ -12,7 +12,7 @@
 use crate::layout::Bounds;
 
 /// Relative widening of box distances, sixteen roundings.
-const MARGIN: f32 = 1.0 / (1 << 20) as f32;
+pub(crate) const MARGIN: f32 = 1.0 / (1 << 20) as f32;
 
 /// A ray in the space of one level. Arrays of four have a component nobody looks at: they are
 /// computed as one vector.
@@ -46,7 +46,8 @@ pub(crate) struct Space {
 }
 
 /// Directions whose longest component is in here are not scaled.
-const MODEST: std::ops::RangeInclusive<f32> = 1.0 / (1u64 << 32) as f32..=(1u64 << 32) as f32;
+pub(crate) const MODEST: std::ops::RangeInclusive<f32> =
+    1.0 / (1u64 << 32) as f32..=(1u64 << 32) as f32;
 
 /// The axis of the longest component: bits are set for |x| > |y|, |x| > |z|, |y| > |z|.
 const LONGEST: [u8; 8] = [2, 2, 2, 0, 1, 2, 1, 0];

@@ -41,6 +41,10 @@ pub(crate) enum Rim {
 /// Sums of edge functions in here neither lose digits nor overflow on the way to a distance.
 pub(crate) const ORDINARY: [f32; 2] = [1.0e-30, 1.0e30];
 
+/// A triangle that reaches so many times as far as it is hit is too large for f32: rounding of its
+/// vertices' distances would show.
+pub(crate) const REACH: f32 = 32.0;
+
 /// Intersects a ray with a triangle, whatever the ray's interval.
 #[inline(always)]
 pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<Intersection> {
@@ -67,7 +71,12 @@ pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Op
     let inverse_whole = 1.0 / whole;
     let [v, w] = [v * inverse_whole, w * inverse_whole];
     // From the first vertex, so that errors of weights count by the triangle's size.
-    let t = (z[0] + (v * (z[1] - z[0]) + w * (z[2] - z[0]))) * space.inverse_z;
+    let z_hit = z[0] + (v * (z[1] - z[0]) + w * (z[2] - z[0]));
+    let reach = z[0].abs().max(z[1].abs()).max(z[2].abs());
+    if !(reach <= REACH * z_hit.abs()) {
+        return intersect_exactly(space, triangle, &flat, rim);
+    }
+    let t = z_hit * space.inverse_z;
     let t = t_in_slab(space, triangle, t)?;
     Some(Intersection {
         t,
@@ -88,7 +97,7 @@ fn t_in_slab(space: &Space, triangle: &[[f32; 3]; 3], t: f32) -> Option<f32> {
     (near <= far).then_some(t)
 }
 
-/// The same where f32 does not decide: along edges and at vertices, and with numbers out of all
+/// The same where f32 does not do: along edges and at vertices, and with numbers out of all
 /// proportion. `flat`: the sheared vertices.
 #[cold]
 #[inline(never)]

@@ -106,6 +106,11 @@ impl Walker {
         Walker::with_tier(Tier::best()).expect("the best tier is available")
     }
 
+    /// The instruction set.
+    pub(crate) fn tier(&self) -> Tier {
+        self.tier
+    }
+
     /// A walker with a certain instruction set; `None` if the machine does not have it.
     pub fn with_tier(tier: Tier) -> Option<Box<Walker>> {
         tier.is_available().then(|| {
