@@ -36,6 +36,15 @@ impl Error {
         }
     }
 
+    /// A module that came as bytes and is none.
+    pub fn not_a_module(message: String) -> Self {
+        Self {
+            kind: ErrorKind::Invalid,
+            word_offset: None,
+            message,
+        }
+    }
+
     /// A construct that is not advertised, at an instruction.
     pub fn unsupported(word_offset: u32, message: impl Into<String>) -> Self {
         Self {

@@ -81,7 +81,7 @@ pub const TRACED: [usize; 16] = [
 ];
 
 /// The words that name a hit to the scheduler, in order.
-pub const IDENTITY: [usize; 8] = [
+pub const IDENTITY: [usize; 9] = [
     word::KIND,
     word::RECORD_INDEX,
     word::STRUCTURE,
@@ -90,6 +90,7 @@ pub const IDENTITY: [usize; 8] = [
     word::GEOMETRY,
     word::PRIMITIVE,
     word::SLOT,
+    word::TIME,
 ];
 
 macro_rules! facts {

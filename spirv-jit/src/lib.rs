@@ -19,6 +19,7 @@ pub mod lower;
 pub mod parse;
 pub mod pass;
 pub mod program;
+pub mod query;
 
 pub use error::Error;
 pub use program::{CompileRequest, Program, compile};

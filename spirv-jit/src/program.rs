@@ -65,6 +65,8 @@ pub enum Builtin {
     WorldToObject,
     /// 3 vertices of 3 f32 (`HitTriangleVertexPositionsKHR`).
     HitTriangleVertexPositions,
+    /// 1 f32 (`CurrentRayTimeNV`).
+    CurrentRayTime,
     /// 1 word each, not 0 for true (`HitIsSphereNV`, `HitIsLSSNV`).
     HitIsSphere,
     HitIsLss,
@@ -96,9 +98,27 @@ pub struct CompileRequest<'a> {
 /// # Errors
 /// See [`ErrorKind`](crate::error::ErrorKind). Never panics, whatever the words are; time and memory are bounded in proportion to the module.
 pub fn compile(request: &CompileRequest<'_>) -> Result<Arc<Program>, Error> {
+    Program::new(&compile_module(request)?).map(Arc::new)
+}
+
+/// Compiles one entry point as far as [`compile`] does without looking at the machine: what a cache keeps.
+///
+/// # Errors
+/// As [`compile`].
+pub fn compile_module(request: &CompileRequest<'_>) -> Result<ir::Module, Error> {
     let parsed = crate::parse::parse(request.words)?;
     let mut module = crate::lower::lower_module(&parsed, request)?;
     crate::pass::optimize(&mut module)?;
+    Ok(module)
+}
+
+/// A program from the bytes of an optimised module ([`ir::binary::encode`]).
+///
+/// # Errors
+/// Bytes that are no valid module. Never panics.
+pub fn from_bytes(bytes: &[u8]) -> Result<Arc<Program>, Error> {
+    let module = ir::binary::decode(bytes).map_err(Error::not_a_module)?;
+    ir::verify(&module).map_err(Error::not_a_module)?;
     Program::new(&module).map(Arc::new)
 }
 
@@ -132,16 +152,23 @@ pub enum SiteKind {
     ReportIntersection { attribute_words: u32 },
     /// Row 0: callable index; rows 16..16+n: data, in and out.
     ExecuteCallable { data_words: u32 },
+    /// As `TraceRay`, with the time in row 15.
+    TraceRayMotion { payload_words: u32 },
     /// As `TraceRay`, up to the hit or miss: rows 0..16 of the answer are the words that [`TRACED`](crate::hit_object::TRACED) lists.
     HitObjectTraceRay { payload_words: u32 },
+    /// As `HitObjectTraceRay`, with the time in row 15.
+    HitObjectTraceRayMotion { payload_words: u32 },
     /// Rows 0..16: the first words of the hit object; rows 16..16+n: payload, in and out; then the hit object's other words.
     HitObjectExecute { payload_words: u32 },
-    /// Rows 0..8: the words that [`IDENTITY`](crate::hit_object::IDENTITY) lists; the answer goes to the rows from 0 on.
+    /// Rows 0..9: the words that [`IDENTITY`](crate::hit_object::IDENTITY) lists; the answer goes to the rows from 0 on.
     HitObjectGet { fact: HitFact },
     /// Row 0: hint; row 1: its bits; row 2: kind of the hit object, or all ones without one; row 3: its record index.
     ReorderThread,
     /// Workgroup barrier.
     Barrier,
+    /// Row 0: the first private row of a ray query's object ([`crate::query`]), which is read and rewritten there; then, over it, 1 if the
+    /// query stands at a candidate, or 0. The lanes' memory is [`Program::private_rows`].
+    RayQueryProceed,
 }
 
 /// First `io` row of payload, attribute and callable data at every site.

@@ -293,7 +293,12 @@ impl Gpu {
                 &mut sizes,
             );
         }
-        let structure = self.empty_structure(level, sizes.acceleration_structure_size);
+        let moves = flags.contains(vk::BuildAccelerationStructureFlagsKHR::MOTION_NV);
+        let structure = self.create_structure(
+            level,
+            sizes.acceleration_structure_size,
+            moves.then(|| counts.iter().sum()),
+        );
         let alignment = u64::from(
             self.structure_properties
                 .min_acceleration_structure_scratch_offset_alignment,
@@ -317,11 +322,28 @@ impl Gpu {
         level: vk::AccelerationStructureTypeKHR,
         size_bytes: u64,
     ) -> Structure {
+        self.create_structure(level, size_bytes, None)
+    }
+
+    /// The same; with a number of instances, for what moves.
+    fn create_structure(
+        &self,
+        level: vk::AccelerationStructureTypeKHR,
+        size_bytes: u64,
+        motion: Option<u32>,
+    ) -> Structure {
         let buffer = self.buffer(size_bytes);
-        let create = vk::AccelerationStructureCreateInfoKHR::default()
+        let mut moving =
+            vk::AccelerationStructureMotionInfoNV::default().max_instances(motion.unwrap_or(0));
+        let mut create = vk::AccelerationStructureCreateInfoKHR::default()
             .buffer(buffer.handle)
             .size(size_bytes)
             .ty(level);
+        if motion.is_some() {
+            create = create
+                .create_flags(vk::AccelerationStructureCreateFlagsKHR::MOTION_NV)
+                .push_next(&mut moving);
+        }
         // SAFETY: the buffer is large enough.
         unsafe {
             let handle = self

@@ -39,6 +39,8 @@ pub struct Gpu {
     pub optional: Optional,
     pub pipeline_properties: vk::PhysicalDeviceRayTracingPipelinePropertiesKHR<'static>,
     pub structure_properties: vk::PhysicalDeviceAccelerationStructurePropertiesKHR<'static>,
+    /// `accelerationStructureHostCommands`.
+    pub has_host_commands: bool,
     debug: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     complaints: Arc<Mutex<Vec<String>>>,
     /// What to destroy, oldest first.
@@ -111,7 +113,8 @@ impl Gpu {
         // SAFETY: the loader's initialisers only set up its own state.
         let entry = unsafe { ash::Entry::load() }.expect("there is a Vulkan loader");
         let complaints = Arc::new(Mutex::new(Vec::new()));
-        let has_layer = validate && validation_version(&entry).is_some();
+        let layer = validation_version(&entry).filter(|_| validate);
+        let has_layer = layer.is_some();
         let instance = create_instance(&entry, has_layer);
         let debug = has_layer.then(|| listen(&entry, &instance, &complaints));
         // SAFETY: the handles passed are of this instance, and the chains outlive the calls.
@@ -152,7 +155,8 @@ impl Gpu {
                 .enumerate_device_extension_properties(physical)
                 .expect("extensions can be enumerated");
             let has = |name: &CStr| {
-                let hidden = has_layer && crate::newer::NEWER.contains(&name);
+                let since = crate::newer::NEWER.iter().find(|newer| newer.0 == name);
+                let hidden = since.is_some_and(|since| layer.is_some_and(|layer| layer < since.1));
                 let mut names = offered.iter().map(|e| e.extension_name_as_c_str());
                 !hidden && names.any(|n| n.is_ok_and(|n| n == name))
             };
@@ -233,6 +237,7 @@ impl Gpu {
                 optional,
                 pipeline_properties,
                 structure_properties,
+                has_host_commands: structure.acceleration_structure_host_commands == vk::TRUE,
                 entry,
                 instance,
                 physical,
@@ -431,7 +436,13 @@ fn create_instance(entry: &ash::Entry, has_layer: bool) -> ash::Instance {
         .then_some(VALIDATION.as_ptr())
         .into_iter()
         .collect();
-    let extensions: Vec<*const c_char> = has_layer
+    // SAFETY: a plain query.
+    let offered = unsafe { entry.enumerate_instance_extension_properties(None) };
+    let has_debug = offered
+        .unwrap_or_default()
+        .iter()
+        .any(|extension| extension.extension_name_as_c_str() == Ok(ext::debug_utils::NAME));
+    let extensions: Vec<*const c_char> = has_debug
         .then_some(ext::debug_utils::NAME.as_ptr())
         .into_iter()
         .collect();

@@ -8,8 +8,15 @@ pub use ash::vk::*;
 /// `VK_NV_ray_tracing_linear_swept_spheres`.
 pub const LINEAR_SWEPT_SPHERES: &CStr = c"VK_NV_ray_tracing_linear_swept_spheres";
 
-/// Extensions that a validation layer may be too old for: enabled only without it.
-pub const NEWER: &[&CStr] = &[LINEAR_SWEPT_SPHERES];
+/// Extensions that a validation layer may be too old for, and the version that knows them: enabled only without an older layer.
+pub const NEWER: &[(&CStr, u32)] = &[
+    (LINEAR_SWEPT_SPHERES, make_api_version(0, 1, 4, 308)),
+    (ash::khr::maintenance5::NAME, make_api_version(0, 1, 3, 260)),
+    (
+        ash::khr::ray_tracing_position_fetch::NAME,
+        make_api_version(0, 1, 3, 249),
+    ),
+];
 
 pub const GEOMETRY_TYPE_SPHERES_NV: GeometryTypeKHR = GeometryTypeKHR::from_raw(1_000_429_004);
 pub const GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV: GeometryTypeKHR =

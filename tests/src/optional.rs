@@ -55,8 +55,13 @@ macro_rules! optional {
 }
 
 optional! {
+    ray_query: khr::ray_query::NAME, PhysicalDeviceRayQueryFeaturesKHR {};
+    /// Off where there is validation: older versions of it do not know the extension.
+    position_fetch: khr::ray_tracing_position_fetch::NAME, PhysicalDeviceRayTracingPositionFetchFeaturesKHR {};
     maintenance1: khr::ray_tracing_maintenance1::NAME, PhysicalDeviceRayTracingMaintenance1FeaturesKHR {};
+    maintenance5: khr::maintenance5::NAME, PhysicalDeviceMaintenance5FeaturesKHR {};
     micromap: ext::opacity_micromap::NAME, PhysicalDeviceOpacityMicromapFeaturesEXT { micromap_capture_replay };
     reorder: nv::ray_tracing_invocation_reorder::NAME, PhysicalDeviceRayTracingInvocationReorderFeaturesNV {};
+    motion: nv::ray_tracing_motion_blur::NAME, PhysicalDeviceRayTracingMotionBlurFeaturesNV {};
     swept_spheres: LINEAR_SWEPT_SPHERES, PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV {};
 }

@@ -64,6 +64,8 @@ pub fn glsl_for(stage: Stage, source: &str, version: SpirvVersion) -> Vec<u32> {
         "GL_EXT_nonuniform_qualifier",
         "GL_EXT_buffer_reference",
         "GL_EXT_shader_explicit_arithmetic_types",
+        "GL_EXT_ray_query",
+        "GL_EXT_ray_flags_primitive_culling",
     ];
     if stage != Stage::Compute {
         extensions.push("GL_EXT_ray_tracing");

@@ -4,7 +4,7 @@ use ash::vk;
 use bytemuck::Pod;
 
 use crate::gpu::Made;
-use crate::{Bound, Buffer, Gpu, Set, Stage, glsl};
+use crate::{Bound, Buffer, Gpu, Set, Stage, Structure, glsl};
 
 /// A shader group: numbers of shaders in [`RaysInput::shaders`].
 #[derive(Clone, Copy, Debug, Default)]
@@ -96,14 +96,25 @@ impl Gpu {
             .collect();
         let made = self.try_rays_with(&words, input.groups, input.recursion, layout, flags);
         let pipeline = made.expect("vkCreateRayTracingPipelinesKHR");
+        self.rays_of(pipeline, layout, set, input.groups.len())
+    }
+
+    /// What is needed to trace with a pipeline that was made elsewhere.
+    pub fn rays_of(
+        &self,
+        pipeline: vk::Pipeline,
+        layout: vk::PipelineLayout,
+        set: Set,
+        groups: usize,
+    ) -> Rays {
         let size = self.pipeline_properties.shader_group_handle_size as usize;
         // SAFETY: the pipeline has these groups.
         let handles = unsafe {
             self.ray_tracing.get_ray_tracing_shader_group_handles(
                 pipeline,
                 0,
-                input.groups.len() as u32,
-                size * input.groups.len(),
+                groups as u32,
+                size * groups,
             )
         };
         let handles = handles
@@ -254,6 +265,44 @@ impl Gpu {
             stride: stride as u64,
             size: (records.len() * stride) as u64,
         }
+    }
+
+    /// Traces straight rays along z at (x + 0.25, 0.25) for x in 0..count; returns each hit's
+    /// distance, or −1.
+    pub fn depths(&self, world: Structure, count: u32) -> Vec<f32> {
+        let raygen = r"
+        layout(set = 0, binding = 0) uniform accelerationStructureEXT world;
+        layout(set = 0, binding = 1, std430) buffer R { float results[]; };
+        layout(location = 0) rayPayloadEXT float t;
+        void main() {
+            vec3 origin = vec3(float(gl_LaunchIDEXT.x) + 0.25, 0.25, 0.0);
+            traceRayEXT(world, 0u, 0xff, 0, 0, 0, origin, 0.0, vec3(0, 0, 1), 1e9, 0);
+            results[gl_LaunchIDEXT.x] = t;
+        }";
+        let miss = "layout(location = 0) rayPayloadInEXT float t; void main() { t = -1.0; }";
+        let hit = "layout(location = 0) rayPayloadInEXT float t; void main() { t = gl_HitTEXT; }";
+        let output = self.buffer(4 * u64::from(count));
+        let rays = self.rays(&RaysInput {
+            shaders: &[
+                (Stage::RayGeneration, raygen),
+                (Stage::Miss, miss),
+                (Stage::ClosestHit, hit),
+            ],
+            groups: &[Group::general(0), Group::general(1), Group::hit(2)],
+            recursion: 1,
+            bindings: &[
+                (0, &[Bound::Structure(world.handle)]),
+                (1, &[Bound::Storage(output)]),
+            ],
+        });
+        let table = Table {
+            raygen: Record::of(0),
+            miss: vec![Record::of(1)],
+            hit: vec![Record::of(2)],
+            callable: vec![],
+        };
+        self.trace(&rays, &table, [count, 1, 1]);
+        output.read()
     }
 }
 

@@ -980,3 +980,50 @@ fn hit_shaders_know_the_ray_and_the_instance() {
     close(50, 3.25);
     assert_eq!(results[51..56], [1, 0x0012_3456, 0, 0, 1]);
 }
+
+#[test]
+fn invocations_that_end_early_do_not_disturb_the_rest() {
+    let gpu = Gpu::new();
+    let world = gpu.scene(&[Geometry::opaque(&layers(1))]);
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uint payload;
+    void main() {
+        uint i = gl_LaunchIDEXT.y * gl_LaunchSizeEXT.x + gl_LaunchIDEXT.x;
+        uint length = i * 2654435761u >> 28;
+        uint words[4] = uint[](i, i * 3u, i * 5u, i * 7u);
+        uint sum = 0u;
+        for (uint turn = 0u; turn < 16u; turn++) {
+            payload = turn;
+            traceRayEXT(world, 0u, 0xffu, 0, 0, 0, vec3(0), 0.0, vec3(0, 0, turn % 3u == 2u ? -1 : 1), 10.0, 0);
+            sum = sum * 31u + payload + words[(turn + payload) & 3u];
+            if (turn == length) {
+                results[i] = sum;
+                return;
+            }
+        }
+    }";
+    let closest =
+        "layout(location = 0) rayPayloadInEXT uint payload; void main() { payload += 100u; }";
+    let (width, height) = (50u32, 21u32);
+    let count = width * height;
+    let results = trace_words(
+        &gpu,
+        world,
+        raygen,
+        &[(Stage::ClosestHit, closest)],
+        &[Group::hit(2)],
+        [width, height, 1],
+        count as usize,
+    );
+    for i in 0..count {
+        let mut sum = 0u32;
+        for turn in 0..=(i.wrapping_mul(2_654_435_761) >> 28) {
+            let payload = if turn % 3 == 2 { u32::MAX } else { turn + 100 };
+            let factor = 1 + 2 * (turn.wrapping_add(payload) & 3);
+            sum = (sum.wrapping_mul(31))
+                .wrapping_add(payload)
+                .wrapping_add(i * factor);
+        }
+        assert_eq!(results[i as usize], sum, "invocation {i}");
+    }
+}

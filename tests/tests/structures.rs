@@ -4,44 +4,6 @@ use tuff_tests::*;
 use vk::AccelerationStructureTypeKHR as Level;
 use vk::BuildAccelerationStructureFlagsKHR as Flags;
 
-/// Traces straight rays along z at (x + 0.25, 0.25) for x in 0..count; returns each hit's
-/// distance, or −1.
-fn depths(gpu: &Gpu, world: Structure, count: u32) -> Vec<f32> {
-    let raygen = r"
-    layout(set = 0, binding = 0) uniform accelerationStructureEXT world;
-    layout(set = 0, binding = 1, std430) buffer R { float results[]; };
-    layout(location = 0) rayPayloadEXT float t;
-    void main() {
-        vec3 origin = vec3(float(gl_LaunchIDEXT.x) + 0.25, 0.25, 0.0);
-        traceRayEXT(world, 0u, 0xff, 0, 0, 0, origin, 0.0, vec3(0, 0, 1), 1e9, 0);
-        results[gl_LaunchIDEXT.x] = t;
-    }";
-    let miss = "layout(location = 0) rayPayloadInEXT float t; void main() { t = -1.0; }";
-    let hit = "layout(location = 0) rayPayloadInEXT float t; void main() { t = gl_HitTEXT; }";
-    let output = gpu.buffer(4 * u64::from(count));
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, raygen),
-            (Stage::Miss, miss),
-            (Stage::ClosestHit, hit),
-        ],
-        groups: &[Group::general(0), Group::general(1), Group::hit(2)],
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(output)]),
-        ],
-    });
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1)],
-        hit: vec![Record::of(2)],
-        callable: vec![],
-    };
-    gpu.trace(&rays, &table, [count, 1, 1]);
-    output.read()
-}
-
 fn stairs(count: u32, height: impl Fn(u32) -> f32) -> Vec<[f32; 3]> {
     (0..count)
         .flat_map(|i| {
@@ -115,12 +77,12 @@ fn updates_follow_moved_vertices() {
     let bottom = build_or_update(&gpu, corners, count, None);
     let world = gpu.top(&[Instance::of(bottom)]);
     let first: Vec<f32> = (0..count).map(|i| 1.0 + i as f32).collect();
-    assert_eq!(depths(&gpu, world, count), first);
+    assert_eq!(gpu.depths(world, count), first);
     corners.write(0, &stairs(count, |i| 500.0 - 3.0 * i as f32));
     build_or_update(&gpu, corners, count, Some(bottom));
     let world = gpu.top(&[Instance::of(bottom)]);
     let second: Vec<f32> = (0..count).map(|i| 500.0 - 3.0 * i as f32).collect();
-    assert_eq!(depths(&gpu, world, count), second);
+    assert_eq!(gpu.depths(world, count), second);
 }
 
 /// A property of a structure, by a query on the device.
@@ -187,7 +149,7 @@ fn clones_and_compacted_copies_are_hit_alike() {
     copy(&gpu, original, compacted, Mode::COMPACT);
     for structure in [original, clone, compacted] {
         let world = gpu.top(&[Instance::of(structure)]);
-        assert_eq!(depths(&gpu, world, count), expected);
+        assert_eq!(gpu.depths(world, count), expected);
     }
 }
 
@@ -266,8 +228,8 @@ fn structures_are_written_out_and_read_back() {
     written.0.write(written.1 + 56, &[new_bottom.address]);
     let new_top = read(&written, Level::TOP_LEVEL);
     let expected: Vec<f32> = (0..count).map(|i| 7.0 + i as f32).collect();
-    assert_eq!(depths(&gpu, top, count), expected);
-    assert_eq!(depths(&gpu, new_top, count), expected);
+    assert_eq!(gpu.depths(top, count), expected);
+    assert_eq!(gpu.depths(new_top, count), expected);
 }
 
 #[test]
@@ -377,7 +339,7 @@ fn vertex_formats_index_types_offsets_and_transforms() {
                 }
             });
             let world = gpu.top(&[Instance::of(bottom)]);
-            let depth = depths(&gpu, world, 1)[0];
+            let depth = gpu.depths(world, 1)[0];
             assert!(
                 (depth - 2.0 - z).abs() < 1e-4,
                 "{format:?} {index_type:?}: {depth}"
@@ -439,5 +401,5 @@ fn instances_are_read_through_pointers() {
                 .cmd_build_acceleration_structures(commands, &[info], &[&range]);
         }
     });
-    assert_eq!(depths(&gpu, world, 4), [3.0, 4.0, 5.0, -1.0]);
+    assert_eq!(gpu.depths(world, 4), [3.0, 4.0, 5.0, -1.0]);
 }

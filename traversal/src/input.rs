@@ -201,6 +201,15 @@ pub struct AabbGeometry {
     pub flags: GeometryFlags,
 }
 
+/// A list of triangles that move: each vertex on a line, from time 0 to time 1.
+#[derive(Clone, Copy, Debug)]
+pub struct MotionGeometry {
+    /// The triangles at time 0.
+    pub start: TriangleGeometry,
+    /// The vertices at time 1, otherwise as those of `start`.
+    pub end_vertices: Memory,
+}
+
 /// How instances lie in memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InstanceArray {
@@ -208,6 +217,26 @@ pub enum InstanceArray {
     Records,
     /// 64-bit addresses of such records.
     Pointers,
+    /// 160-byte `VkAccelerationStructureMotionInstanceNV` records.
+    MotionRecords,
+    /// 64-bit addresses whose low four bits are a `VkAccelerationStructureMotionInstanceTypeNV`.
+    MotionPointers,
+}
+
+impl InstanceArray {
+    /// The instances may move.
+    pub fn is_motion(self) -> bool {
+        matches!(self, Self::MotionRecords | Self::MotionPointers)
+    }
+
+    /// Bytes of an element.
+    pub fn stride_bytes(self) -> u64 {
+        match self {
+            Self::Records => 64,
+            Self::MotionRecords => 160,
+            Self::Pointers | Self::MotionPointers => 8,
+        }
+    }
 }
 
 /// The instances of a top level.
@@ -234,6 +263,8 @@ pub enum Geometries<'a> {
     Aabbs(&'a [AabbGeometry]),
     /// A bottom level of spheres or of linear swept spheres.
     Swept(&'a [SweptGeometry]),
+    /// A bottom level of triangles that move.
+    Motion(&'a [MotionGeometry]),
     /// A top level.
     Instances(InstanceSource),
 }

@@ -5,7 +5,8 @@
 //! GeometryEntry       16 bytes for each geometry
 //! reference table     8 bytes for each instance (top level only): the address of its bottom level
 //! Node                256 bytes each; node 0 is the root, a child's index is above its parent's
-//! leaves              TriangleGroup (192 bytes), BoxEntry (8), SweptEntry (64) or InstanceRecord (128) each
+//! leaves              TriangleGroup (192 bytes), BoxEntry (8), SweptEntry (64), MotionEntry (80), InstanceRecord (128)
+//!                     or MotionInstanceRecord (320) each
 //! micromaps           where a geometry has one: 8 bytes for each geometry (a MicromapReference), 4
 //!                     bytes for each primitive of all geometries, then micromaps of its own
 //! ```
@@ -181,6 +182,44 @@ pub(crate) mod swept_flags {
     pub const SECOND_CAP: u32 = 4;
 }
 
+/// A triangle that moves.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub(crate) struct MotionEntry {
+    /// At time 0 and at time 1.
+    pub triangles: [[[f32; 3]; 3]; 2],
+    pub primitive: u32,
+    /// A [`geometry_word`].
+    pub geometry: u32,
+}
+
+/// How an instance moves.
+#[derive(Clone, Copy, Debug)]
+#[repr(C)]
+pub(crate) struct Motion {
+    /// One of [`motion_type`].
+    pub ty: u32,
+    pub reserved: [u32; 3],
+    /// At time 0 and at time 1: twelve numbers of a matrix, or sixteen of `VkSRTDataNV`.
+    pub transforms: [[f32; 16]; 2],
+}
+
+/// `VkAccelerationStructureMotionInstanceTypeNV`.
+pub(crate) mod motion_type {
+    pub const STATIC: u32 = 0;
+    pub const MATRIX: u32 = 1;
+    pub const SRT: u32 = 2;
+}
+
+/// An instance that may move; the record is what it is at time 0.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct MotionInstanceRecord {
+    pub record: InstanceRecord,
+    pub motion: Motion,
+    pub reserved: [u32; 12],
+}
+
 /// A geometry's index and flags in one word.
 pub(crate) mod geometry_word {
     /// The geometry is opaque.
@@ -214,6 +253,8 @@ pub(crate) mod instance_state {
     pub const ACTIVE: u32 = 1;
     /// The transform changes nothing.
     pub const IDENTITY: u32 = 2;
+    /// The transform depends on the time.
+    pub const MOVING: u32 = 4;
 }
 
 /// The flags of an instance; `VkGeometryInstanceFlagBitsKHR`.
@@ -319,11 +360,7 @@ impl Parts {
     /// Lays out the parts one after the other. Counts are below 2³², so nothing overflows.
     pub fn new(kind: crate::Kind, geometries: u64, nodes: u64, leaves: u64) -> Parts {
         let align = |offset: u64| offset.next_multiple_of(ALIGNMENT);
-        let references = if kind == crate::Kind::Instances {
-            leaves * 8
-        } else {
-            0
-        };
+        let references = if kind.is_top() { leaves * 8 } else { 0 };
         let geometries_offset = size_of::<Header>() as u64;
         let references_offset =
             align(geometries_offset + geometries * size_of::<GeometryEntry>() as u64);
@@ -357,7 +394,9 @@ pub(crate) fn leaf_bytes(kind: crate::Kind) -> u64 {
         crate::Kind::Triangles => size_of::<TriangleGroup>() as u64,
         crate::Kind::Aabbs => size_of::<BoxEntry>() as u64,
         crate::Kind::Swept => size_of::<SweptEntry>() as u64,
+        crate::Kind::Motion => size_of::<MotionEntry>() as u64,
         crate::Kind::Instances => size_of::<InstanceRecord>() as u64,
+        crate::Kind::MotionInstances => size_of::<MotionInstanceRecord>() as u64,
     }
 }
 
@@ -367,4 +406,6 @@ const _: () = assert!(size_of::<Node>() == 256);
 const _: () = assert!(size_of::<TriangleGroup>() == 192);
 const _: () = assert!(size_of::<BoxEntry>() == 8);
 const _: () = assert!(size_of::<SweptEntry>() == 64);
+const _: () = assert!(size_of::<MotionEntry>() == 80);
+const _: () = assert!(size_of::<MotionInstanceRecord>() == 320);
 const _: () = assert!(size_of::<InstanceRecord>() == 128);

@@ -82,6 +82,7 @@ pub mod build;
 pub mod input;
 mod layout;
 pub mod micromap;
+mod motion;
 pub mod ray;
 pub mod structure;
 pub mod transfer;
@@ -90,8 +91,8 @@ pub mod walk;
 pub use build::{BuildError, BuildSizes, build, build_sizes, micromap_bytes, update};
 pub use input::{
     AabbGeometry, BuildFlags, BuildInput, EndCaps, Geometries, GeometryFlags, IndexType, Indexing,
-    InstanceArray, InstanceSource, Memory, RadiusFormat, SweptGeometry, TriangleGeometry,
-    VertexFormat,
+    InstanceArray, InstanceSource, Memory, MotionGeometry, RadiusFormat, SweptGeometry,
+    TriangleGeometry, VertexFormat,
 };
 pub use micromap::{
     GeometryMicromap, Micromap, MicromapFormat, MicromapInput, MicromapUsage, Opacity,

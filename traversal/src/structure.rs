@@ -3,10 +3,11 @@
 mod micromaps;
 
 use crate::layout::{
-    ALIGNMENT, BoxEntry, GeometryEntry, Header, InstanceRecord, MAGIC, MAX_DEPTH, Node, Parts,
-    SweptEntry, TriangleGroup, VERSION, WIDTH, child, geometry_word, leaf_bytes,
-    micromap_part_bytes,
+    ALIGNMENT, BoxEntry, GeometryEntry, Header, InstanceRecord, MAGIC, MAX_DEPTH, Motion,
+    MotionEntry, MotionInstanceRecord, Node, Parts, SweptEntry, TriangleGroup, VERSION, WIDTH,
+    child, geometry_word, instance_state, leaf_bytes, micromap_part_bytes,
 };
+use crate::motion::{Transforms, invert, transform_at, triangle_at};
 use crate::ray::Hit;
 
 /// What a structure holds.
@@ -21,15 +22,27 @@ pub enum Kind {
     Instances = 3,
     /// A bottom level of spheres or of linear swept spheres.
     Swept = 4,
+    /// A bottom level of triangles that move.
+    Motion = 5,
+    /// A top level whose instances may move.
+    MotionInstances = 6,
 }
 
 impl Kind {
+    /// A top level.
+    #[inline(always)]
+    pub fn is_top(self) -> bool {
+        matches!(self, Kind::Instances | Kind::MotionInstances)
+    }
+
     fn of(word: u32) -> Option<Kind> {
         match word {
             1 => Some(Kind::Triangles),
             2 => Some(Kind::Aabbs),
             3 => Some(Kind::Instances),
             4 => Some(Kind::Swept),
+            5 => Some(Kind::Motion),
+            6 => Some(Kind::MotionInstances),
             _ => None,
         }
     }
@@ -153,21 +166,31 @@ impl Structure {
     /// inactive ones; 0 for a bottom level.
     pub fn reference_count(&self) -> u64 {
         match self.kind {
-            Kind::Instances => self.leaf_count.into(),
+            kind if kind.is_top() => self.leaf_count.into(),
             _ => 0,
         }
     }
 
-    /// Row-major 3 × 4 matrix of an instance: `ObjectToWorldKHR`, transposed.
+    /// Row-major 3 × 4 matrix of an instance at time 0: `ObjectToWorldKHR`, transposed.
     pub fn object_to_world(&self, instance_index: u32) -> [f32; 12] {
-        self.instance(instance_index)
-            .map_or([0.0; 12], |record| record.object_to_world)
+        self.object_to_world_at(instance_index, 0.0)
     }
 
     /// Row-major 3 × 4 inverse of [`Self::object_to_world`].
     pub fn world_to_object(&self, instance_index: u32) -> [f32; 12] {
-        self.instance(instance_index)
-            .map_or([0.0; 12], |record| record.world_to_object)
+        self.world_to_object_at(instance_index, 0.0)
+    }
+
+    /// As [`Self::object_to_world`], at a time in [0, 1].
+    pub fn object_to_world_at(&self, instance_index: u32, time: f32) -> [f32; 12] {
+        self.transforms(instance_index, time)
+            .map_or([0.0; 12], |both| both.0)
+    }
+
+    /// As [`Self::world_to_object`], at a time in [0, 1].
+    pub fn world_to_object_at(&self, instance_index: u32, time: f32) -> [f32; 12] {
+        self.transforms(instance_index, time)
+            .map_or([0.0; 12], |both| both.1)
     }
 
     /// The 24 bits that the application gave an instance (`InstanceCustomIndexKHR`), and its offset into the hit records.
@@ -183,13 +206,21 @@ impl Structure {
     /// The object-space positions of a hit triangle's vertices, in order, after the geometry's
     /// transform. `self` is the top level; zeros for what is no triangle.
     pub fn triangle_vertices(&self, hit: &Hit) -> [[f32; 3]; 3] {
+        self.triangle_vertices_at(hit, 0.0)
+    }
+
+    /// As [`Self::triangle_vertices`], at a time in [0, 1].
+    pub fn triangle_vertices_at(&self, hit: &Hit, time: f32) -> [[f32; 3]; 3] {
         // SAFETY: bottom levels of a structure in use are alive, by the contract of `at`.
-        let bottom = unsafe { Structure::at(self.reference(hit.instance_index)) };
-        bottom
-            .and_then(|bottom| bottom.group(hit.slot / 4).copied())
-            .map_or([[0.0; 3]; 3], |group| {
-                group.triangle((hit.slot % 4) as usize)
-            })
+        let Some(bottom) = (unsafe { Structure::at(self.reference(hit.instance_index)) }) else {
+            return [[0.0; 3]; 3];
+        };
+        if let Some(entry) = bottom.motion_entry(hit.slot) {
+            return triangle_at(&entry.triangles, time);
+        }
+        bottom.group(hit.slot / 4).map_or([[0.0; 3]; 3], |group| {
+            group.triangle((hit.slot % 4) as usize)
+        })
     }
 
     /// The object-space ends of a hit sphere or linear swept sphere, and their radii. `self` is the top level; zeros for what is none.
@@ -258,15 +289,43 @@ impl Structure {
 
     #[inline(always)]
     pub(crate) fn instance(&self, index: u32) -> Option<&InstanceRecord> {
-        (self.kind == Kind::Instances && index < self.leaf_count)
+        (self.kind.is_top() && index < self.leaf_count).then(|| {
+            let offset = index as usize * leaf_bytes(self.kind) as usize;
+            // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes. Records of both kinds begin with this.
+            unsafe { &*self.leaves.add(offset).cast::<InstanceRecord>() }
+        })
+    }
+
+    pub(crate) fn motion_entry(&self, index: u32) -> Option<&MotionEntry> {
+        (self.kind == Kind::Motion && index < self.leaf_count)
             // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
-            .then(|| unsafe { &*self.leaves.cast::<InstanceRecord>().add(index as usize) })
+            .then(|| unsafe { &*self.leaves.cast::<MotionEntry>().add(index as usize) })
+    }
+
+    /// How an instance moves.
+    pub(crate) fn motion(&self, index: u32) -> Option<&Motion> {
+        (self.kind == Kind::MotionInstances && index < self.leaf_count).then(|| {
+            let records = self.leaves.cast::<MotionInstanceRecord>();
+            // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
+            unsafe { &(*records.add(index as usize)).motion }
+        })
+    }
+
+    /// Transform and inverse of an instance at a time in [0, 1]; `None` where it has no inverse then.
+    pub(crate) fn transforms(&self, index: u32, time: f32) -> Option<Transforms> {
+        let record = self.instance(index)?;
+        if record.state & instance_state::MOVING == 0 {
+            return Some((record.object_to_world, record.world_to_object));
+        }
+        let object_to_world = transform_at(self.motion(index)?, time);
+        let world_to_object = invert(&object_to_world)?.0;
+        Some((object_to_world, world_to_object))
     }
 
     /// The address in an instance's entry of the reference table; 0 where there is none.
     #[inline(always)]
     pub(crate) fn reference(&self, index: u32) -> u64 {
-        if self.kind != Kind::Instances || index >= self.leaf_count {
+        if !self.kind.is_top() || index >= self.leaf_count {
             return 0;
         }
         let table = self
@@ -301,7 +360,7 @@ fn check_header(header: &Header) -> Result<Kind, StructureError> {
                 .is_some_and(|end| end <= header.size_bytes)
     };
     let references = match kind {
-        Kind::Instances => header.leaf_count,
+        kind if kind.is_top() => header.leaf_count,
         _ => 0,
     };
     if inside(
@@ -405,7 +464,15 @@ fn check_leaf(structure: &Structure, word: u32) -> Result<(), StructureError> {
                     .swept_entry(index)
                     .is_some_and(|entry| primitive(entry.primitive, entry.geometry))
         }
-        Kind::Instances => count == 1 && structure.instance(index).is_some(),
+        Kind::Motion => {
+            count == 1
+                && structure
+                    .motion_entry(index)
+                    .is_some_and(|entry| primitive(entry.primitive, entry.geometry))
+        }
+        Kind::Instances | Kind::MotionInstances => {
+            count == 1 && structure.instance(index).is_some()
+        }
     };
     good.then_some(()).ok_or(StructureError::Corrupt)
 }

@@ -201,7 +201,7 @@ pub unsafe fn serialize(
     let (before, after) = body.split_at_mut(split.references_start);
     before.copy_from_slice(&source[..split.references_start]);
     after[..split.size - references_end].copy_from_slice(&source[references_end..split.size]);
-    if !split.micromaps.is_empty() {
+    if structure.micromap_bytes() > 0 {
         // A bottom level has no references: the body is the whole blob.
         // SAFETY: the caller's promise.
         unsafe { enclose(&structure, &split, body) };
@@ -232,10 +232,14 @@ unsafe fn enclose(structure: &Structure, split: &Split, blob: &mut [u8]) {
         let address = structure.micromap_address(geometry);
         let found =
             (split.micromaps).binary_search_by_key(&address, |enclosed| Some(enclosed.address));
-        if let Ok(index) = found {
-            let reference = offsets[index] | micromap_reference::INSIDE;
-            put(part + 8 * geometry as usize, reference);
-        }
+        let outside = address.is_none_or(|address| !structure.addresses().contains(&address));
+        // What is no micromap is not referred to elsewhere.
+        let reference = match found {
+            Ok(index) => offsets[index] | micromap_reference::INSIDE,
+            Err(_) if outside => 0,
+            Err(_) => continue,
+        };
+        put(part + 8 * geometry as usize, reference);
     }
     let enclosed = (end - split.size) as u64;
     put(offset_of!(Header, size_bytes), end as u64);
@@ -289,7 +293,12 @@ pub fn deserialize(data: &[u8], destination: &mut [u8]) -> Result<u64, Structure
         let structure = Structure::of(out)?;
         let same = structure.reference_count() == head.reference_count
             && structure.size_bytes() == head.deserialized_bytes;
-        same.then_some(()).ok_or(StructureError::Corrupt)
+        let holds_its_micromaps = (0..structure.header().geometry_count)
+            .filter_map(|geometry| structure.micromap_address(geometry))
+            .all(|address| address == 0 || structure.addresses().contains(&address));
+        (same && holds_its_micromaps)
+            .then_some(())
+            .ok_or(StructureError::Corrupt)
     });
     if let Err(error) = checked {
         // What is not sound must not be walked.

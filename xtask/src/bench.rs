@@ -5,6 +5,7 @@ use std::process::{Command, ExitCode};
 use anyhow::{Context, Result};
 use clap::Args;
 
+use crate::driver::Driver;
 use crate::workspace;
 
 #[derive(Args)]
@@ -15,10 +16,18 @@ pub struct Options {
 }
 
 pub fn bench(options: &Options) -> Result<ExitCode> {
-    workspace::build_release(&["bench"])?;
-    let status = Command::new(workspace::target()?.join("release/bench"))
-        .args(&options.arguments)
-        .status()
-        .context("starting the bench")?;
+    let mut bench = Command::new(workspace::target()?.join("release/bench"));
+    bench.args(&options.arguments);
+    // The others do without the driver.
+    if options
+        .arguments
+        .first()
+        .is_some_and(|name| name == "reorder")
+    {
+        Driver::build(&["bench"])?.select_for(&mut bench);
+    } else {
+        workspace::build_release(&["bench"])?;
+    }
+    let status = bench.status().context("starting the bench")?;
     Ok(workspace::exit_code(status))
 }

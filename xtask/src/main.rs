@@ -1,5 +1,6 @@
-//! The commands a person types: `cargo xtask demo | test | env | run | install | bench`.
+//! The commands a person types: `cargo xtask demo | test | env | run | install | bench | audit`.
 
+mod audit;
 mod bench;
 mod demo;
 mod driver;
@@ -35,6 +36,8 @@ enum Command {
     Install(install::Options),
     /// Measure: `bench traversal` compares walks and builds with Embree's
     Bench(bench::Options),
+    /// Hold the driver's tables against the Vulkan registry (vk.xml)
+    Audit(audit::Options),
 }
 
 fn main() -> ExitCode {
@@ -45,6 +48,7 @@ fn main() -> ExitCode {
         Command::Run(options) => run::run(&options),
         Command::Install(options) => install::install(&options),
         Command::Bench(options) => bench::bench(&options),
+        Command::Audit(options) => audit::audit(&options),
     };
     done.unwrap_or_else(|error| {
         eprintln!("error: {error:#}");

@@ -5,6 +5,7 @@ use std::ffi::c_void;
 use ash::vk;
 use traversal::BuildFlags;
 
+use super::deferred::{defer, defer_parallel};
 use crate::command::ray_tracing::IndirectBuild;
 use crate::command::{Command, RayTracingCommand};
 use crate::execute::acceleration_structure::{self as execute, CopyMode};
@@ -21,14 +22,6 @@ fn copy_mode(mode: vk::CopyAccelerationStructureModeKHR) -> CopyMode {
     match mode {
         vk::CopyAccelerationStructureModeKHR::COMPACT => CopyMode::Compact,
         _ => CopyMode::Clone,
-    }
-}
-
-/// A host command is complete when it returns, whether it was to be deferred or not.
-pub(super) fn not_deferred(operation: vk::DeferredOperationKHR) -> crate::VkResult {
-    match operation == vk::DeferredOperationKHR::null() {
-        true => Ok(()),
-        false => Err(vk::Result::OPERATION_NOT_DEFERRED_KHR),
     }
 }
 
@@ -72,7 +65,7 @@ entry! {
         sizes: *mut vk::AccelerationStructureBuildSizesInfoKHR<'_>,
     ) {
         let geometries = geometries(&*info);
-        let kind = kind((*info).ty, &geometries);
+        let kind = kind(&*info, &geometries);
         let counts = slice(max_primitive_counts, (*info).geometry_count);
         let found = traversal::build_sizes(kind, BuildFlags((*info).flags.as_raw()), counts);
         let micromap_bytes = match geometries.iter().any(|geometry| has_micromap(geometry)) {
@@ -100,9 +93,12 @@ entry! {
         ranges: *const *const vk::AccelerationStructureBuildRangeInfoKHR,
     ) -> vk::Result {
         let mut builds = decode_builds(count, infos, ranges);
-        let _records: Vec<_> = builds.iter_mut().map(|build| resolve_host_instances(build)).collect();
-        from_handle::<Device>(device).engine.workers.install(|| ray_tracing::build(&builds));
-        not_deferred(operation)
+        let records: Vec<_> = builds.iter_mut().map(|build| resolve_host_instances(build)).collect();
+        let threads = ray_tracing::build_concurrency(&builds);
+        defer_parallel(from_handle::<Device>(device), operation, threads, move || {
+            ray_tracing::build(&builds);
+            drop(records);
+        })
     }
 
     fn vkCopyAccelerationStructureKHR(
@@ -110,8 +106,12 @@ entry! {
         operation: vk::DeferredOperationKHR,
         info: *const vk::CopyAccelerationStructureInfoKHR<'_>,
     ) -> vk::Result {
-        execute::copy(storage((*info).src), storage((*info).dst), copy_mode((*info).mode));
-        not_deferred(operation)
+        let (source, destination) = (storage((*info).src), storage((*info).dst));
+        let mode = copy_mode((*info).mode);
+        defer(operation, 1, move || {
+            execute::copy(source, destination, mode);
+            Ok(())
+        })
     }
 
     fn vkCopyAccelerationStructureToMemoryKHR(
@@ -119,8 +119,11 @@ entry! {
         operation: vk::DeferredOperationKHR,
         info: *const vk::CopyAccelerationStructureToMemoryInfoKHR<'_>,
     ) -> vk::Result {
-        execute::serialize(storage((*info).src), (*info).dst.device_address, &limits::serialization_uuids());
-        not_deferred(operation)
+        let (source, destination) = (storage((*info).src), (*info).dst.device_address);
+        defer(operation, 1, move || {
+            execute::serialize(source, destination, &limits::serialization_uuids());
+            Ok(())
+        })
     }
 
     fn vkCopyMemoryToAccelerationStructureKHR(
@@ -128,8 +131,11 @@ entry! {
         operation: vk::DeferredOperationKHR,
         info: *const vk::CopyMemoryToAccelerationStructureInfoKHR<'_>,
     ) -> vk::Result {
-        execute::deserialize((*info).src.device_address, storage((*info).dst));
-        not_deferred(operation)
+        let (source, destination) = ((*info).src.device_address, storage((*info).dst));
+        defer(operation, 1, move || {
+            execute::deserialize(source, destination);
+            Ok(())
+        })
     }
 
     fn vkWriteAccelerationStructuresPropertiesKHR(

@@ -1,21 +1,24 @@
 //! Command pools and buffers, and the commands that bind, dispatch and order.
 
+use std::sync::Arc;
+
 use ash::vk;
 use smallvec::SmallVec;
 
 use crate::command::{BindDescriptorSets, Command, CommandBuffer, CommandPool, copied};
 use crate::ffi::{self, commands, entry};
 use crate::handle;
-use crate::object::{Buffer, DescriptorSet, Event};
+use crate::object::{Buffer, DescriptorSet, Device, Event};
 
 entry! {
     fn vkCreateCommandPool(
-        _device: vk::Device,
+        device: vk::Device,
         _info: *const vk::CommandPoolCreateInfo,
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::CommandPool,
     ) -> vk::Result {
-        *out = handle::create(CommandPool::default());
+        let messengers = &handle::from_handle::<Device>(device).messengers;
+        *out = handle::create(CommandPool::new(Arc::clone(messengers)));
         Ok(())
     }
 

@@ -1,15 +1,64 @@
-//! Deferred host operations. Nothing defers yet: an operation given to a command is complete when the command returns
-//! `VK_OPERATION_NOT_DEFERRED_KHR`.
+//! Deferred host operations.
 
 use ash::vk;
 
 use super::destroy;
+use crate::VkResult;
 use crate::ffi::entry;
-use crate::handle;
-use crate::object::DeferredOperation;
+use crate::handle::{self, from_handle, retain};
+use crate::object::{DeferredOperation, Device};
 
 destroy! {
     vkDestroyDeferredOperationKHR: DeferredOperation, DeferredOperationKHR;
+}
+
+/// Performs a command's work now, or leaves it to the operation, if there is one, for up to `concurrency` threads.
+///
+/// # Errors
+/// The work's; `VK_OPERATION_DEFERRED_KHR`.
+///
+/// # Safety
+/// The operation is null, or alive and complete.
+pub unsafe fn defer(
+    operation: vk::DeferredOperationKHR,
+    concurrency: usize,
+    work: impl FnOnce() -> VkResult + Send + 'static,
+) -> VkResult {
+    if operation == vk::DeferredOperationKHR::null() {
+        return work();
+    }
+    // SAFETY: the caller's promise.
+    let operation = unsafe { retain::<DeferredOperation>(operation) };
+    DeferredOperation::defer(&operation, concurrency, work)?;
+    Err(vk::Result::OPERATION_DEFERRED_KHR)
+}
+
+/// As [`defer`], for work that fans out: over the device's workers, or the threads that join.
+///
+/// # Errors
+/// `VK_OPERATION_DEFERRED_KHR`.
+///
+/// # Safety
+/// As [`defer`].
+pub unsafe fn defer_parallel(
+    device: &Device,
+    operation: vk::DeferredOperationKHR,
+    concurrency: usize,
+    work: impl FnOnce() + Send + 'static,
+) -> VkResult {
+    let workers = &device.engine.workers;
+    if operation == vk::DeferredOperationKHR::null() {
+        workers.install(work);
+        return Ok(());
+    }
+    let threads = concurrency.min(workers.current_num_threads());
+    // SAFETY: the caller's promise.
+    unsafe {
+        defer(operation, threads, move || {
+            work();
+            Ok(())
+        })
+    }
 }
 
 entry! {
@@ -18,20 +67,19 @@ entry! {
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::DeferredOperationKHR,
     ) -> vk::Result {
-        *out = handle::create(DeferredOperation);
+        *out = handle::create(DeferredOperation::default());
         Ok(())
     }
 
-    fn vkGetDeferredOperationMaxConcurrencyKHR(_device: vk::Device, _operation: vk::DeferredOperationKHR) -> u32 {
-        // Of an operation that is complete.
-        0
+    fn vkGetDeferredOperationMaxConcurrencyKHR(_device: vk::Device, operation: vk::DeferredOperationKHR) -> u32 {
+        from_handle::<DeferredOperation>(operation).max_concurrency()
     }
 
-    fn vkGetDeferredOperationResultKHR(_device: vk::Device, _operation: vk::DeferredOperationKHR) -> vk::Result {
-        Ok(())
+    fn vkGetDeferredOperationResultKHR(_device: vk::Device, operation: vk::DeferredOperationKHR) -> vk::Result {
+        from_handle::<DeferredOperation>(operation).result()
     }
 
-    fn vkDeferredOperationJoinKHR(_device: vk::Device, _operation: vk::DeferredOperationKHR) -> vk::Result {
-        Ok(())
+    fn vkDeferredOperationJoinKHR(_device: vk::Device, operation: vk::DeferredOperationKHR) -> vk::Result {
+        from_handle::<DeferredOperation>(operation).join()
     }
 }

@@ -34,22 +34,31 @@ fn buffer_descriptor(buffer: &Buffer, offset: u64, range: u64, dynamic: bool) ->
 ///
 /// # Safety
 /// `source` points to it, and what it names is alive or null. `entry` is of a set that no one else updates.
-unsafe fn write_entry(entry: *mut Descriptor, binding: &Binding, source: *const u8) {
+unsafe fn write_entry(
+    entry: *mut Descriptor,
+    binding: &Binding,
+    ty: vk::DescriptorType,
+    source: *const u8,
+) {
     use vk::DescriptorType as Ty;
     // SAFETY: the caller's promise.
     unsafe {
-        match binding.ty {
+        if binding.ty == Ty::MUTABLE_EXT {
+            // What it was before may have used other parts.
+            *entry = Descriptor::NULL;
+        }
+        match ty {
             Ty::SAMPLER
             | Ty::COMBINED_IMAGE_SAMPLER
             | Ty::SAMPLED_IMAGE
             | Ty::STORAGE_IMAGE
             | Ty::INPUT_ATTACHMENT => {
                 let info = source.cast::<vk::DescriptorImageInfo>().read_unaligned();
-                if binding.ty != Ty::SAMPLER {
+                if ty != Ty::SAMPLER {
                     (*entry).image = optional::<ImageView>(info.image_view)
                         .map_or(std::ptr::null(), |view| view.descriptor.as_ptr().cast());
                 }
-                let sampled = matches!(binding.ty, Ty::SAMPLER | Ty::COMBINED_IMAGE_SAMPLER);
+                let sampled = matches!(ty, Ty::SAMPLER | Ty::COMBINED_IMAGE_SAMPLER);
                 if sampled && binding.immutable_samplers.is_empty() {
                     (*entry).sampler = optional::<Sampler>(info.sampler)
                         .map_or(std::ptr::null(), |sampler| sampler.descriptor.as_ptr());
@@ -98,14 +107,14 @@ fn consecutive(
     })
 }
 
-/// Writes `count` descriptors (bytes, of an inline uniform block) from where `source` says each is.
+/// Writes `count` descriptors of a type (bytes, of an inline uniform block) from where `source` says each is.
 ///
 /// # Safety
 /// As [`write_entry`], for each; for inline uniform blocks `source(0)` points to all bytes.
 unsafe fn write(
     set: &DescriptorSet,
-    binding: u32,
-    element: u32,
+    (binding, element): (u32, u32),
+    ty: vk::DescriptorType,
     count: u32,
     source: impl Fn(u32) -> *const u8,
 ) {
@@ -122,7 +131,7 @@ unsafe fn write(
             return;
         }
         for (index, (binding, entry)) in (0..count).zip(consecutive(set, binding, element)) {
-            write_entry(entry, binding, source(index));
+            write_entry(entry, binding, ty, source(index));
         }
     }
 }
@@ -174,8 +183,8 @@ pub unsafe fn apply_write(set: &DescriptorSet, info: &vk::WriteDescriptorSet<'_>
         }
         write(
             set,
-            info.dst_binding,
-            info.dst_array_element,
+            (info.dst_binding, info.dst_array_element),
+            info.descriptor_type,
             info.descriptor_count,
             |index| start.wrapping_add(index as usize * stride),
         );
@@ -197,8 +206,8 @@ pub unsafe fn apply_template(
         unsafe {
             write(
                 set,
-                entry.dst_binding,
-                entry.dst_array_element,
+                (entry.dst_binding, entry.dst_array_element),
+                entry.descriptor_type,
                 entry.descriptor_count,
                 |index| start.wrapping_add(index as usize * entry.stride),
             );

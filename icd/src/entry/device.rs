@@ -55,7 +55,7 @@ entry! {
     fn vkGetDeviceProcAddr(device: vk::Device, name: *const c_char) -> vk::PFN_vkVoidFunction {
         let device = from_handle::<Device>(device);
         let command = commands::find(ffi::string(name).to_bytes())?;
-        command.available_to_device(device.extensions).then_some(command.function)
+        command.available_to_device(device.api_version, device.extensions).then_some(command.function)
     }
 
     fn vkGetDeviceGroupPeerMemoryFeatures(

@@ -10,7 +10,7 @@ use crate::ffi::{self, chain, entry};
 use crate::handle::{self, from_handle};
 use crate::object::image::{SendDescriptor, view_descriptor};
 use crate::object::sparse::Reservation;
-use crate::object::{Device, DeviceMemory, Image, ImageView, Sampler};
+use crate::object::{Device, DeviceMemory, Image, ImageView, Sampler, Swapchain};
 
 destroy! {
     vkDestroyImage: Image, Image;
@@ -19,7 +19,7 @@ destroy! {
 }
 
 /// Where a subresource lies, from the image's first byte.
-fn subresource_layout(
+pub(super) fn subresource_layout(
     image: &Image,
     subresource: &vk::ImageSubresource,
 ) -> VkResult<vk::SubresourceLayout> {
@@ -210,8 +210,14 @@ entry! {
 
     fn vkBindImageMemory2(_device: vk::Device, count: u32, infos: *const vk::BindImageMemoryInfo) -> vk::Result {
         for info in ffi::slice(infos, count) {
-            let memory = from_handle::<DeviceMemory>(info.memory);
-            from_handle::<Image>(info.image).bind(memory.address + info.memory_offset);
+            let image = from_handle::<Image>(info.image);
+            if let Some(memory) = handle::optional::<DeviceMemory>(info.memory) {
+                image.bind(memory.address + info.memory_offset);
+            } else if let Some(info) = ffi::find::<vk::BindImageMemorySwapchainInfoKHR>(info.p_next) {
+                let images = &from_handle::<Swapchain>(info.swapchain).images;
+                let shared = images.get(info.image_index as usize).ok_or(vk::Result::ERROR_UNKNOWN)?;
+                image.bind(shared.data() as u64);
+            }
         }
         Ok(())
     }

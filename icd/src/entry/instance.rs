@@ -58,11 +58,13 @@ entry! {
         let names = ffi::slice(info.pp_enabled_extension_names, info.enabled_extension_count);
         let extensions = ExtensionSet::from_names(Kind::Instance, names.iter().map(|&name| ffi::string(name)))
             .ok_or(vk::Result::ERROR_EXTENSION_NOT_PRESENT)?;
+        let asked = info.p_application_info.as_ref().map_or(0, |application| application.api_version);
+        let api_version = asked.max(vk::API_VERSION_1_0);
         let messengers = Arc::new(Messengers::default());
         // A messenger in the chain listens to creation and destruction; nothing is said there.
         *out = handle::create(Instance {
             extensions,
-            physical_device: handle::new(PhysicalDevice::new(Arc::clone(&messengers), extensions)),
+            physical_device: handle::new(PhysicalDevice::new(api_version, Arc::clone(&messengers), extensions)),
             messengers,
         });
         Ok(())

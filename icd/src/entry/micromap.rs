@@ -4,7 +4,7 @@ use std::ffi::c_void;
 
 use ash::vk;
 
-use super::acceleration_structure::not_deferred;
+use super::deferred::{defer, defer_parallel};
 use super::destroy;
 use crate::command::ray_tracing::MicromapCommand;
 use crate::command::{Command, RayTracingCommand};
@@ -72,8 +72,7 @@ entry! {
         infos: *const vk::MicromapBuildInfoEXT<'_>,
     ) -> vk::Result {
         let builds: Vec<_> = slice(infos, count).iter().map(|info| decode_build(info)).collect();
-        from_handle::<Device>(device).engine.workers.install(|| execute::build(&builds));
-        not_deferred(operation)
+        defer_parallel(from_handle::<Device>(device), operation, builds.len(), move || execute::build(&builds))
     }
 
     fn vkCopyMicromapEXT(
@@ -81,8 +80,11 @@ entry! {
         operation: vk::DeferredOperationKHR,
         info: *const vk::CopyMicromapInfoEXT<'_>,
     ) -> vk::Result {
-        execute::copy(storage((*info).src), storage((*info).dst));
-        not_deferred(operation)
+        let (source, destination) = (storage((*info).src), storage((*info).dst));
+        defer(operation, 1, move || {
+            execute::copy(source, destination);
+            Ok(())
+        })
     }
 
     fn vkCopyMicromapToMemoryEXT(
@@ -90,8 +92,11 @@ entry! {
         operation: vk::DeferredOperationKHR,
         info: *const vk::CopyMicromapToMemoryInfoEXT<'_>,
     ) -> vk::Result {
-        execute::serialize(storage((*info).src), (*info).dst.device_address, &limits::micromap_uuids());
-        not_deferred(operation)
+        let (source, destination) = (storage((*info).src), (*info).dst.device_address);
+        defer(operation, 1, move || {
+            execute::serialize(source, destination, &limits::micromap_uuids());
+            Ok(())
+        })
     }
 
     fn vkCopyMemoryToMicromapEXT(
@@ -99,8 +104,11 @@ entry! {
         operation: vk::DeferredOperationKHR,
         info: *const vk::CopyMemoryToMicromapInfoEXT<'_>,
     ) -> vk::Result {
-        execute::deserialize((*info).src.device_address, storage((*info).dst));
-        not_deferred(operation)
+        let (source, destination) = ((*info).src.device_address, storage((*info).dst));
+        defer(operation, 1, move || {
+            execute::deserialize(source, destination);
+            Ok(())
+        })
     }
 
     fn vkWriteMicromapsPropertiesEXT(

@@ -10,8 +10,10 @@ pub mod deferred;
 pub mod descriptor;
 pub mod descriptor_set;
 pub mod device;
+pub mod graphics;
 pub mod image;
 pub mod instance;
+pub mod maintenance5;
 pub mod memory;
 pub mod micromap;
 pub mod physical_device;
@@ -20,6 +22,7 @@ pub mod push_descriptor;
 pub mod query;
 pub mod queue;
 pub mod ray_tracing;
+pub mod swapchain;
 pub mod sync;
 
 /// Defines `vkDestroy*` entry points that do nothing but give the handle's count back.

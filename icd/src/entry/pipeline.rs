@@ -9,7 +9,7 @@ use ash::vk;
 use super::destroy;
 use crate::VkResult;
 use crate::ffi::enumerate::enumerate_bytes;
-use crate::ffi::pipeline::decode_stage;
+use crate::ffi::pipeline::{create_flags, decode_stage};
 use crate::ffi::{self, array, chain, entry};
 use crate::handle::{self, from_handle, optional, retain};
 use crate::object::pipeline::PipelineKind;
@@ -17,7 +17,6 @@ use crate::object::shader_stage::Compiled;
 use crate::object::{
     DescriptorSetLayout, Device, Pipeline, PipelineCache, PipelineLayout, ShaderModule,
 };
-use crate::table::properties::{DEVICE_ID, PIPELINE_CACHE_UUID, VENDOR_ID};
 
 destroy! {
     vkDestroyShaderModule: ShaderModule, ShaderModule;
@@ -82,8 +81,7 @@ unsafe fn create_compute(
         let start = Instant::now();
         let layout = retain::<PipelineLayout>(info.layout);
         let stage = decode_stage(&info.stage)?;
-        let allowed = !info
-            .flags
+        let allowed = !create_flags(info.flags, info.p_next)
             .contains(vk::PipelineCreateFlags::FAIL_ON_PIPELINE_COMPILE_REQUIRED);
         let Compiled { program, cache_hit } = stage.compile(device, cache, &layout, allowed)?;
         write_feedback(info.p_next, start, &[cache_hit]);
@@ -125,21 +123,6 @@ pub unsafe fn create_each<T>(
     result
 }
 
-/// The head of pipeline cache data (`VkPipelineCacheHeaderVersionOne`). Programs are not serialised, so there is nothing after it.
-fn cache_header() -> Vec<u8> {
-    let mut header = Vec::with_capacity(32);
-    for word in [
-        32,
-        vk::PipelineCacheHeaderVersion::ONE.as_raw() as u32,
-        VENDOR_ID,
-        DEVICE_ID,
-    ] {
-        header.extend(word.to_le_bytes());
-    }
-    header.extend(PIPELINE_CACHE_UUID);
-    header
-}
-
 entry! {
     fn vkCreateShaderModule(
         _device: vk::Device,
@@ -169,21 +152,23 @@ entry! {
 
     fn vkCreatePipelineCache(
         _device: vk::Device,
-        _info: *const vk::PipelineCacheCreateInfo,
+        info: *const vk::PipelineCacheCreateInfo,
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::PipelineCache,
     ) -> vk::Result {
-        *out = handle::create(PipelineCache::default());
+        let data = array::bytes((*info).p_initial_data, (*info).initial_data_size);
+        *out = handle::create(PipelineCache::with_data(data));
         Ok(())
     }
 
     fn vkGetPipelineCacheData(
         _device: vk::Device,
-        _cache: vk::PipelineCache,
+        cache: vk::PipelineCache,
         size: *mut usize,
         data: *mut c_void,
     ) -> vk::Result {
-        enumerate_bytes(size, data.cast(), &cache_header())
+        let cache = from_handle::<PipelineCache>(cache);
+        enumerate_bytes(size, data.cast(), |room| cache.data(room))
     }
 
     fn vkMergePipelineCaches(
@@ -209,6 +194,6 @@ entry! {
     ) -> vk::Result {
         let device = from_handle::<Device>(device);
         let cache = optional::<PipelineCache>(cache).map(|cache| &**cache);
-        create_each(ffi::slice(infos, count), out, |info| info.flags, |info| create_compute(device, cache, info))
+        create_each(ffi::slice(infos, count), out, |info| create_flags(info.flags, info.p_next), |info| create_compute(device, cache, info))
     }
 }

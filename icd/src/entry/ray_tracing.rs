@@ -4,13 +4,15 @@ use std::ffi::c_void;
 
 use ash::vk;
 
+use super::deferred::defer;
+use super::pipeline::create_each;
 use crate::VkResult;
 use crate::command::{Command, RayTracingCommand};
 use crate::ffi::array::slice_mut;
 use crate::ffi::pipeline::create_flags;
 use crate::ffi::ray_tracing::{create_pipeline, region};
 use crate::ffi::{commands, entry, slice};
-use crate::handle::{self, from_handle, optional};
+use crate::handle::{self, Ref, from_handle, retain};
 use crate::object::pipeline::PipelineKind;
 use crate::object::ray_tracing_pipeline::RayTracingPipeline;
 use crate::object::{Device, Pipeline, PipelineCache};
@@ -59,6 +61,49 @@ unsafe fn write_handles(
     }
 }
 
+/// `vkCreateRayTracingPipelinesKHR`, now or later.
+struct Creation {
+    device: Ref<Device>,
+    cache: Option<Ref<PipelineCache>>,
+    infos: &'static [vk::RayTracingPipelineCreateInfoKHR<'static>],
+    pipelines: &'static mut [vk::Pipeline],
+}
+
+impl Creation {
+    /// Threads that have something to do: stages are compiled side by side.
+    fn concurrency(&self) -> usize {
+        let stages: usize = self
+            .infos
+            .iter()
+            .map(|info| info.stage_count as usize)
+            .sum();
+        stages.clamp(1, self.device.engine.workers.current_num_threads())
+    }
+
+    /// Creates one pipeline after the other, as `create_each` does.
+    ///
+    /// # Safety
+    /// Valid usage of the command; what was passed to it is still there.
+    unsafe fn run(self) -> VkResult {
+        let Self {
+            device,
+            cache,
+            infos,
+            pipelines,
+        } = self;
+        let cache = cache.as_ref().map(|cache| &***cache);
+        // SAFETY: the caller's promise.
+        unsafe {
+            create_each(
+                infos,
+                pipelines.as_mut_ptr(),
+                |info| create_flags(info.flags, info.p_next),
+                |info| create_pipeline(&device, cache, info).map(handle::create),
+            )
+        }
+    }
+}
+
 entry! {
     fn vkCreateRayTracingPipelinesKHR(
         device: vk::Device,
@@ -69,30 +114,15 @@ entry! {
         _allocator: *const vk::AllocationCallbacks<'_>,
         pipelines: *mut vk::Pipeline,
     ) -> vk::Result {
-        let device = from_handle::<Device>(device);
-        let cache = optional::<PipelineCache>(cache);
-        let pipelines = slice_mut(pipelines, count);
-        pipelines.fill(vk::Pipeline::null());
-        let mut result = Ok(());
-        for (info, pipeline) in slice(infos, count).iter().zip(pipelines) {
-            match create_pipeline(device, cache.map(|cache| &**cache), info) {
-                Ok(created) => *pipeline = handle::create(created),
-                Err(code) => {
-                    // An error outranks "compile required", which is no error.
-                    result = match result {
-                        Err(earlier) if earlier != vk::Result::PIPELINE_COMPILE_REQUIRED => Err(earlier),
-                        _ => Err(code),
-                    };
-                    if create_flags(info.flags, info.p_next).contains(vk::PipelineCreateFlags::EARLY_RETURN_ON_FAILURE) {
-                        break;
-                    }
-                }
-            }
-        }
-        match result {
-            Ok(()) if operation != vk::DeferredOperationKHR::null() => Err(vk::Result::OPERATION_NOT_DEFERRED_KHR),
-            result => result,
-        }
+        let creation = Creation {
+            device: retain(device),
+            cache: (cache != vk::PipelineCache::null()).then(|| retain(cache)),
+            infos: slice(infos.cast(), count),
+            pipelines: slice_mut(pipelines, count),
+        };
+        let threads = creation.concurrency();
+        // What the arguments point to stays there until the operation is complete.
+        defer(operation, threads, move || creation.run())
     }
 
     fn vkGetRayTracingShaderGroupHandlesKHR(

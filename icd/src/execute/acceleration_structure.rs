@@ -5,8 +5,8 @@
 use ash::vk;
 use traversal::{
     AabbGeometry, BuildError, BuildFlags, BuildInput, BuildSizes, Geometries, GeometryFlags,
-    GeometryMicromap, IndexType, InstanceArray, InstanceSource, Kind, Memory, Structure,
-    TriangleGeometry, VertexFormat,
+    GeometryMicromap, IndexType, InstanceArray, InstanceSource, Kind, Memory, MotionGeometry,
+    Structure, TriangleGeometry, VertexFormat,
 };
 
 use super::swept::Swept;
@@ -35,7 +35,16 @@ pub enum BuildGeometries {
     Triangles(Vec<Triangles>),
     Aabbs(Vec<Aabbs>),
     Swept(Vec<Swept>),
+    Motion(Vec<MotionTriangles>),
     Instances(Instances),
+}
+
+/// Triangles with `VkAccelerationStructureGeometryMotionTrianglesDataNV`, restricted to their range.
+#[derive(Clone, Copy, Debug)]
+pub struct MotionTriangles {
+    pub start: Triangles,
+    /// The vertices at time 1.
+    pub end_vertices: u64,
 }
 
 /// `VkAccelerationStructureGeometryTrianglesDataKHR`, restricted to its range.
@@ -90,17 +99,13 @@ impl BuildGeometries {
         let offset = u64::from(range.primitive_offset);
         match self {
             Self::Triangles(list) => {
-                let Some(geometry) = list.get_mut(index) else {
-                    return;
-                };
-                geometry.primitive_count = range.primitive_count;
-                geometry.first_vertex = range.first_vertex;
-                match geometry.index_type {
-                    IndexType::None => geometry.vertices += offset,
-                    _ => geometry.indices += offset,
+                if let Some(geometry) = list.get_mut(index) {
+                    geometry.apply_range(range);
                 }
-                if geometry.transform != 0 {
-                    geometry.transform += u64::from(range.transform_offset);
+            }
+            Self::Motion(list) => {
+                if let Some(geometry) = list.get_mut(index) {
+                    geometry.apply_range(range);
                 }
             }
             Self::Aabbs(list) => {
@@ -129,8 +134,15 @@ impl BuildGeometries {
             Self::Triangles(_) => Kind::Triangles,
             Self::Aabbs(_) => Kind::Aabbs,
             Self::Swept(_) => Kind::Swept,
+            Self::Motion(_) => Kind::Motion,
+            Self::Instances(instances) if instances.array.is_motion() => Kind::MotionInstances,
             Self::Instances(_) => Kind::Instances,
         }
+    }
+
+    /// Of all geometries.
+    pub fn primitive_count(&self) -> u64 {
+        self.primitive_counts().into_iter().map(u64::from).sum()
     }
 
     fn primitive_counts(&self) -> Vec<u32> {
@@ -146,6 +158,10 @@ impl BuildGeometries {
             Self::Swept(list) => list
                 .iter()
                 .map(|geometry| geometry.primitive_count)
+                .collect(),
+            Self::Motion(list) => list
+                .iter()
+                .map(|geometry| geometry.start.primitive_count)
                 .collect(),
             Self::Instances(instances) => vec![instances.count],
         }
@@ -187,6 +203,10 @@ impl Build {
                     let list: Vec<_> = list.iter().map(Swept::resolve).collect();
                     self.run(Geometries::Swept(&list), destination)
                 }
+                BuildGeometries::Motion(list) => {
+                    let list: Vec<_> = list.iter().map(|geometry| geometry.read()).collect();
+                    self.run(Geometries::Motion(&list), destination)
+                }
                 BuildGeometries::Instances(instances) => {
                     self.run(Geometries::Instances(instances.resolve()), destination)
                 }
@@ -226,6 +246,20 @@ impl Build {
 }
 
 impl Triangles {
+    /// Restricts it to a range.
+    fn apply_range(&mut self, range: &Range) {
+        let offset = u64::from(range.primitive_offset);
+        self.primitive_count = range.primitive_count;
+        self.first_vertex = range.first_vertex;
+        match self.index_type {
+            IndexType::None => self.vertices += offset,
+            _ => self.indices += offset,
+        }
+        if self.transform != 0 {
+            self.transform += u64::from(range.transform_offset);
+        }
+    }
+
     /// Bounds the geometry's memory and reads its transform.
     ///
     /// # Safety
@@ -275,6 +309,29 @@ fn index_size_bytes(ty: IndexType) -> u64 {
     }
 }
 
+impl MotionTriangles {
+    /// Restricts it to a range; the vertices at both times move alike.
+    fn apply_range(&mut self, range: &Range) {
+        self.start.apply_range(range);
+        if self.start.index_type == IndexType::None {
+            self.end_vertices += u64::from(range.primitive_offset);
+        }
+    }
+
+    /// As [`Triangles::read`].
+    ///
+    /// # Safety
+    /// As there.
+    unsafe fn read(&self) -> MotionGeometry {
+        // SAFETY: the caller's promise.
+        let start = unsafe { self.start.read() };
+        MotionGeometry {
+            start,
+            end_vertices: memory(self.end_vertices, start.vertices.bytes as u64),
+        }
+    }
+}
+
 /// Largest position: four 64-bit components.
 pub(super) const MAX_VERTEX_BYTES: u64 = 32;
 
@@ -295,12 +352,8 @@ impl Aabbs {
 
 impl Instances {
     fn resolve(&self) -> InstanceSource {
-        let element_bytes = match self.array {
-            InstanceArray::Records => size_of::<vk::AccelerationStructureInstanceKHR>() as u64,
-            InstanceArray::Pointers => 8,
-        };
         InstanceSource {
-            memory: memory(self.address, self.count as u64 * element_bytes),
+            memory: memory(self.address, self.count as u64 * self.array.stride_bytes()),
             array: self.array,
             count: self.count,
             flags: self.flags,

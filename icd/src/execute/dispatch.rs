@@ -20,14 +20,18 @@ use spirv_jit::environment::Environment;
 use spirv_jit::interp::Frame;
 use spirv_jit::program::{AlignedRow, Builtin, Event, InputRow, ResumePoint, Row, SiteKind, Wave};
 use spirv_jit::{Program, SUBGROUP_SIZE};
+use traversal::Walker;
 
-use crate::trace::{Limits, Stopped};
+use crate::trace::{Limits, Owned, Queries, Stopped};
 
 /// Fuel of a wave between two looks at the limits.
 const FUEL: u64 = 1 << 16;
 
 /// Fuel of each subgroup of a wave that ran dry, alone: a subgroup that spins until another one of its wave has gone on sees it go on.
 const FUEL_ALONE: u64 = 64;
+
+/// Waves between two looks at the limits.
+const PATIENCE: u32 = 1024;
 
 /// Subgroups of a wave, at most.
 const MAX_WAVE: usize = 32;
@@ -259,6 +263,13 @@ struct Worker {
     states: Vec<AlignedRow>,
     status: Vec<Status>,
     shared: Vec<AlignedRow>,
+    /// Made by the first shader with a ray query.
+    walker: Option<Box<Walker>>,
+    queries: Queries,
+    /// The suspended walks of the step.
+    suspended: Owned,
+    /// Waves since the last look at the limits.
+    waves: u32,
 }
 
 impl Worker {
@@ -289,6 +300,8 @@ impl Worker {
         resize(&mut self.states, subgroups * plan.rows)?;
         self.status.clear();
         self.status.resize(subgroups, Status::Ready);
+        self.queries.clear();
+        self.suspended.clear();
         // Undefined by the specification; zeros, so that even a faulty shader gives the same result twice.
         self.shared.clear();
         let shared_bytes = plan.dispatch.program.shared_size_bytes() as usize;
@@ -335,17 +348,22 @@ impl Worker {
     fn run_wave(&mut self, plan: &Plan<'_>) -> Result<(), Stopped> {
         let event = self.run_members(plan, FUEL);
         if event != Event::OutOfFuel {
-            self.settle(plan, event);
-            return Ok(());
+            // A shader that always yields never runs out of fuel.
+            self.waves += 1;
+            if self.waves >= PATIENCE {
+                self.waves = 0;
+                plan.dispatch.limits.check()?;
+            }
+            return self.settle(plan, event);
         }
         plan.dispatch.limits.check()?;
         let members: SmallVec<[usize; 16]> = self.in_wave().collect();
-        self.settle(plan, event);
+        self.settle(plan, event)?;
         if members.len() > 1 {
             for member in members {
                 self.status[member] = Status::InWave;
                 let event = self.run_members(plan, FUEL_ALONE);
-                self.settle(plan, event);
+                self.settle(plan, event)?;
             }
         }
         Ok(())
@@ -378,29 +396,36 @@ impl Worker {
         )
     }
 
-    fn settle(&mut self, plan: &Plan<'_>, event: Event) {
+    fn settle(&mut self, plan: &Plan<'_>, event: Event) -> Result<(), Stopped> {
         let program = plan.dispatch.program;
         for (state, status) in self
             .states
-            .chunks_exact(plan.rows)
+            .chunks_exact_mut(plan.rows)
             .zip(&mut self.status)
             .filter(|(_, status)| **status == Status::InWave)
         {
             *status = match event {
                 Event::End => Status::Ended,
                 Event::OutOfFuel => Status::Ready,
-                Event::Yield(site) => {
-                    let kind = program.sites()[site.0 as usize];
-                    assert!(kind == SiteKind::Barrier, "{kind:?} in a compute shader");
+                Event::Yield(site) => match program.sites()[site.0 as usize] {
                     // A subgroup none of whose lanes has come to the barrier does not wait there.
-                    if program.event_mask(state) == 0 {
+                    SiteKind::Barrier if program.event_mask(state) == 0 => Status::Ready,
+                    SiteKind::Barrier => Status::AtBarrier,
+                    SiteKind::RayQueryProceed => {
+                        self.queries.proceed(
+                            self.walker.get_or_insert_with(Walker::new),
+                            program,
+                            state,
+                            &mut self.suspended,
+                            plan.dispatch.limits,
+                        )?;
                         Status::Ready
-                    } else {
-                        Status::AtBarrier
                     }
-                }
+                    kind => unreachable!("{kind:?} in a compute shader"),
+                },
             };
         }
+        Ok(())
     }
 
     /// When no subgroup can run: lets all go on from the barrier. False if none is there, because all have ended.

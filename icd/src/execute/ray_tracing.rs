@@ -119,6 +119,14 @@ pub fn build(builds: &[Build]) {
     }
 }
 
+/// How many threads have something to do in these builds.
+pub fn build_concurrency(builds: &[Build]) -> usize {
+    /// Primitives that are worth a thread.
+    const SHARE: u64 = 4096;
+    let shares = |build: &Build| build.geometries.primitive_count().div_ceil(SHARE).max(1);
+    usize::try_from(builds.iter().map(shares).sum::<u64>()).unwrap_or(usize::MAX)
+}
+
 /// Reads an indirect build's ranges.
 ///
 /// # Safety

@@ -5,9 +5,11 @@ use traversal::{
     VertexFormat,
 };
 
+use super::vk::Handle as _;
 use super::{find, slice, vk};
 use crate::execute::acceleration_structure::{
-    Aabbs, Build, BuildGeometries, Instances, Range, Storage, Triangles, vertex_format,
+    Aabbs, Build, BuildGeometries, Instances, MotionTriangles, Range, Storage, Triangles,
+    vertex_format,
 };
 use crate::execute::swept::{Swept, radius_format};
 use crate::handle;
@@ -41,18 +43,37 @@ pub unsafe fn geometries<'a>(
 }
 
 /// What a structure of these geometries holds; an empty one is of triangles, or of instances if it is a top level.
-pub fn kind(
-    ty: vk::AccelerationStructureTypeKHR,
+///
+/// # Safety
+/// The info and its geometries are valid.
+pub unsafe fn kind(
+    info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
     geometries: &[&vk::AccelerationStructureGeometryKHR<'_>],
 ) -> traversal::Kind {
+    let is_top = info.ty == vk::AccelerationStructureTypeKHR::TOP_LEVEL;
+    let moves = info
+        .flags
+        .contains(vk::BuildAccelerationStructureFlagsKHR::MOTION_NV);
     match geometries.first().map(|geometry| geometry.geometry_type) {
+        Some(vk::GeometryTypeKHR::INSTANCES) if moves => traversal::Kind::MotionInstances,
         Some(vk::GeometryTypeKHR::INSTANCES) => traversal::Kind::Instances,
         Some(vk::GeometryTypeKHR::AABBS) => traversal::Kind::Aabbs,
         Some(vk::GEOMETRY_TYPE_SPHERES_NV | vk::GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV) => {
             traversal::Kind::Swept
         }
+        // SAFETY: the caller's promise.
+        Some(_)
+            if unsafe {
+                geometries
+                    .iter()
+                    .any(|geometry| end_vertices(geometry).is_some())
+            } =>
+        {
+            traversal::Kind::Motion
+        }
         Some(_) => traversal::Kind::Triangles,
-        None if ty == vk::AccelerationStructureTypeKHR::TOP_LEVEL => traversal::Kind::Instances,
+        None if is_top && moves => traversal::Kind::MotionInstances,
+        None if is_top => traversal::Kind::Instances,
         None => traversal::Kind::Triangles,
     }
 }
@@ -65,7 +86,7 @@ pub unsafe fn decode_build(info: &vk::AccelerationStructureBuildGeometryInfoKHR<
     // SAFETY: the caller's promise.
     unsafe {
         let geometries = geometries(info);
-        let kind = kind(info.ty, &geometries);
+        let kind = kind(info, &geometries);
         let mut geometries = geometries.into_iter();
         let update = info.mode == vk::BuildAccelerationStructureModeKHR::UPDATE;
         Build {
@@ -82,9 +103,24 @@ pub unsafe fn decode_build(info: &vk::AccelerationStructureBuildGeometryInfoKHR<
                 traversal::Kind::Swept => {
                     BuildGeometries::Swept(geometries.map(|g| swept(g)).collect())
                 }
-                traversal::Kind::Instances => BuildGeometries::Instances(
-                    geometries.next().map_or(NO_INSTANCES, |g| instances(g)),
-                ),
+                traversal::Kind::Motion => {
+                    let motion = |g| MotionTriangles {
+                        start: triangles(g),
+                        end_vertices: end_vertices(g)
+                            .unwrap_or(g.geometry.triangles.vertex_data.device_address),
+                    };
+                    BuildGeometries::Motion(geometries.map(motion).collect())
+                }
+                traversal::Kind::Instances | traversal::Kind::MotionInstances => {
+                    let mut all = geometries.next().map_or(NO_INSTANCES, |g| instances(g));
+                    if kind == traversal::Kind::MotionInstances {
+                        all.array = match all.array {
+                            InstanceArray::Pointers => InstanceArray::MotionPointers,
+                            _ => InstanceArray::MotionRecords,
+                        };
+                    }
+                    BuildGeometries::Instances(all)
+                }
             },
             scratch: info.scratch_data.device_address,
         }
@@ -140,6 +176,22 @@ const NO_INSTANCES: Instances = Instances {
 pub unsafe fn storage(handle: vk::AccelerationStructureKHR) -> Storage {
     // SAFETY: the caller's promise.
     unsafe { handle::from_handle::<AccelerationStructure>(handle) }.storage()
+}
+
+/// Where the vertices of a geometry of triangles are at time 1, if they move.
+///
+/// # Safety
+/// The geometry is valid.
+unsafe fn end_vertices(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Option<u64> {
+    type Data = vk::AccelerationStructureGeometryMotionTrianglesDataNV<'static>;
+    if geometry.geometry_type != vk::GeometryTypeKHR::TRIANGLES {
+        return None;
+    }
+    // SAFETY: the caller's promise; triangles are read only of what is one of triangles.
+    unsafe {
+        let data = find::<Data>(geometry.geometry.triangles.p_next)?;
+        Some(data.vertex_data.device_address)
+    }
 }
 
 /// Whether a geometry names a micromap.
@@ -275,37 +327,51 @@ unsafe fn instances(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Inst
 ///
 /// # Safety
 /// The build's instances are readable, and each reference is 0 or a live `VkAccelerationStructureKHR`.
-pub unsafe fn resolve_host_instances(
-    build: &mut Build,
-) -> Vec<vk::AccelerationStructureInstanceKHR> {
+pub unsafe fn resolve_host_instances(build: &mut Build) -> Vec<u64> {
     let BuildGeometries::Instances(instances) = &mut build.geometries else {
         return Vec::new();
     };
-    let mut records = Vec::with_capacity(instances.count as usize);
-    for index in 0..instances.count as usize {
-        // SAFETY: the caller's promise.
+    let is_motion = instances.array.is_motion();
+    let record = match is_motion {
+        true => InstanceArray::MotionRecords,
+        false => InstanceArray::Records,
+    };
+    let words = record.stride_bytes() as usize / 8;
+    let mut records = vec![0u64; words * instances.count as usize];
+    for (index, record) in records.chunks_exact_mut(words).enumerate() {
+        // SAFETY: the caller's promise, for each read below; a record's type says how long it is, and where its reference is: at its end.
         unsafe {
-            let record = match instances.array {
-                InstanceArray::Records => {
-                    (instances.address as *const vk::AccelerationStructureInstanceKHR).add(index)
+            let element = instances.address + index as u64 * instances.array.stride_bytes();
+            let (source, ty, head) = match instances.array {
+                InstanceArray::Records => (element, 0, 0),
+                InstanceArray::MotionRecords => {
+                    let ty = (element as *const u32).read_unaligned();
+                    record[0] = ty.into();
+                    (element + 8, ty, 1)
                 }
-                InstanceArray::Pointers => (instances.address
-                    as *const *const vk::AccelerationStructureInstanceKHR)
-                    .add(index)
-                    .read_unaligned(),
+                InstanceArray::Pointers => ((element as *const u64).read_unaligned(), 0, 0),
+                InstanceArray::MotionPointers => {
+                    let pointer = (element as *const u64).read_unaligned();
+                    record[0] = pointer & 0xF;
+                    (pointer & !0xF, (pointer & 0xF) as u32, 1)
+                }
             };
-            let mut record = record.read_unaligned();
-            let reference = record.acceleration_structure_reference.host_handle;
-            record.acceleration_structure_reference.device_handle =
-                if reference == vk::AccelerationStructureKHR::null() {
-                    0
-                } else {
-                    storage(reference).address
-                };
-            records.push(record);
+            let length = match ty {
+                1 => 14,
+                2 => 18,
+                _ => 8,
+            };
+            for (i, word) in record[head..head + length].iter_mut().enumerate() {
+                *word = (source as *const u64).add(i).read_unaligned();
+            }
+            let reference = &mut record[head + length - 1];
+            let handle = vk::AccelerationStructureKHR::from_raw(*reference);
+            if handle != vk::AccelerationStructureKHR::null() {
+                *reference = storage(handle).address;
+            }
         }
     }
-    instances.array = InstanceArray::Records;
+    instances.array = record;
     instances.address = records.as_ptr() as u64;
     records
 }

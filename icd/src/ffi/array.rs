@@ -1,6 +1,6 @@
 //! Counted arrays and strings.
 
-use std::ffi::{CStr, c_char};
+use std::ffi::{CStr, c_char, c_void};
 
 /// A counted array as a slice; a null pointer or a count of zero is empty.
 ///
@@ -12,6 +12,18 @@ pub unsafe fn slice<'a, T>(data: *const T, count: u32) -> &'a [T] {
     }
     // SAFETY: the caller's promise.
     unsafe { std::slice::from_raw_parts(data, count as usize) }
+}
+
+/// Sized opaque data as a slice.
+///
+/// # Safety
+/// `data` is null or points to `size_bytes` bytes that live and stay unwritten for `'a`.
+pub unsafe fn bytes<'a>(data: *const c_void, size_bytes: usize) -> &'a [u8] {
+    if data.is_null() || size_bytes == 0 {
+        return &[];
+    }
+    // SAFETY: the caller's promise.
+    unsafe { std::slice::from_raw_parts(data.cast(), size_bytes) }
 }
 
 /// A counted output array as a slice.

@@ -69,27 +69,33 @@ pub unsafe fn enumerate_with<T, I>(
     }
 }
 
-/// Answers a query for opaque bytes (`vkGetPipelineCacheData`): the size if `out` is null, else all or nothing.
+/// Answers a query for opaque bytes (`vkGetPipelineCacheData`): the size if `out` is null, else what `data` gives for the room there is,
+/// and whether that is all.
 ///
 /// # Errors
-/// `VK_INCOMPLETE` if they do not fit.
+/// `VK_INCOMPLETE` if it is not.
 ///
 /// # Safety
 /// `size` is valid; `out` is null or has room for `*size` bytes.
-pub unsafe fn enumerate_bytes(size: *mut usize, out: *mut u8, bytes: &[u8]) -> VkResult {
+pub unsafe fn enumerate_bytes(
+    size: *mut usize,
+    out: *mut u8,
+    data: impl FnOnce(usize) -> (Vec<u8>, bool),
+) -> VkResult {
     // SAFETY: the caller's promise.
     unsafe {
         if out.is_null() {
-            *size = bytes.len();
+            *size = data(usize::MAX).0.len();
             return Ok(());
         }
-        if *size < bytes.len() {
-            *size = 0;
-            return Err(vk::Result::INCOMPLETE);
-        }
-        out.copy_from_nonoverlapping(bytes.as_ptr(), bytes.len());
+        let (bytes, all) = data(*size);
+        out.copy_from_nonoverlapping(bytes.as_ptr(), bytes.len().min(*size));
         *size = bytes.len();
-        Ok(())
+        if all {
+            Ok(())
+        } else {
+            Err(vk::Result::INCOMPLETE)
+        }
     }
 }
 

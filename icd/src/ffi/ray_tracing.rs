@@ -1,8 +1,9 @@
 //! `VkRayTracingPipelineCreateInfoKHR` and shader binding table regions.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use ash::vk;
+use rayon::prelude::*;
 
 use super::pipeline::{create_flags, decode_stage};
 use super::{find, slice};
@@ -10,6 +11,7 @@ use crate::VkResult;
 use crate::handle::{from_handle, retain};
 use crate::object::pipeline::PipelineKind;
 use crate::object::ray_tracing_pipeline::{GroupInfo, RayTracingPipeline};
+use crate::object::shader_stage::ShaderStage;
 use crate::object::{Device, Pipeline, PipelineCache, PipelineLayout};
 use crate::trace::table::Region;
 
@@ -49,19 +51,30 @@ pub unsafe fn create_pipeline(
         let feedback = find::<vk::PipelineCreationFeedbackCreateInfo>(info.p_next);
         let mut programs = Vec::with_capacity(stages.len());
         let mut all_hits = true;
-        for (index, stage) in stages.iter().enumerate() {
-            let stage_started = Instant::now();
-            let compiled = decode_stage(stage)?.compile(device, cache, &layout, may_compile)?;
+        let decoded: Vec<_> = stages
+            .iter()
+            .map(|stage| decode_stage(stage))
+            .collect::<VkResult<_>>()?;
+        let compile = |stage: &ShaderStage| {
+            let started = Instant::now();
+            let compiled = stage.compile(device, cache, &layout, may_compile)?;
+            Ok((compiled, started.elapsed()))
+        };
+        // The threads of a deferred operation share the stages.
+        let compiled: Vec<_> = if rayon::current_thread_index().is_some() {
+            decoded.par_iter().map(compile).collect::<VkResult<_>>()?
+        } else {
+            decoded.iter().map(compile).collect::<VkResult<_>>()?
+        };
+        for (index, (compiled, duration)) in compiled.into_iter().enumerate() {
             all_hits &= compiled.cache_hit;
             programs.push(compiled.program);
             if let Some(feedback) = feedback
                 && (index as u32) < feedback.pipeline_stage_creation_feedback_count
             {
                 let out = feedback.p_pipeline_stage_creation_feedbacks.add(index);
-                out.write(creation_feedback(
-                    stage_started,
-                    cache.is_some() && compiled.cache_hit,
-                ));
+                let hit = cache.is_some() && compiled.cache_hit;
+                out.write(creation_feedback(duration, hit));
             }
         }
         if let Some(feedback) =
@@ -70,7 +83,7 @@ pub unsafe fn create_pipeline(
             let hit = cache.is_some() && all_hits && !stages.is_empty();
             feedback
                 .p_pipeline_creation_feedback
-                .write(creation_feedback(started, hit));
+                .write(creation_feedback(started.elapsed(), hit));
         }
         let groups: Vec<_> = slice(info.p_groups, info.group_count)
             .iter()
@@ -87,14 +100,14 @@ pub unsafe fn create_pipeline(
 }
 
 /// What `VkPipelineCreationFeedback` reports.
-pub fn creation_feedback(started: Instant, cache_hit: bool) -> vk::PipelineCreationFeedback {
+pub fn creation_feedback(duration: Duration, cache_hit: bool) -> vk::PipelineCreationFeedback {
     let mut flags = vk::PipelineCreationFeedbackFlags::VALID;
     if cache_hit {
         flags |= vk::PipelineCreationFeedbackFlags::APPLICATION_PIPELINE_CACHE_HIT;
     }
     vk::PipelineCreationFeedback {
         flags,
-        duration: u64::try_from(started.elapsed().as_nanos()).unwrap_or(u64::MAX),
+        duration: u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX),
     }
 }
 

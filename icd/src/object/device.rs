@@ -22,6 +22,8 @@ use crate::table::features;
 
 /// A logical device.
 pub struct Device {
+    /// The version of Vulkan that the application asked for.
+    pub api_version: u32,
     /// Of the device and of its instance.
     pub extensions: ExtensionSet,
     pub messengers: Arc<Messengers>,
@@ -53,6 +55,7 @@ impl Device {
         let window = AddressWindow::reserve(physical.heap_bytes)?;
         let queue = |index| handle::new(Queue::new(index, Arc::clone(&engine)));
         Ok(Self {
+            api_version: physical.api_version,
             extensions: extensions.union(&physical.instance_extensions),
             messengers: Arc::clone(&physical.messengers),
             capabilities: features::capabilities(),
@@ -74,6 +77,7 @@ impl Drop for Device {
         for queue in &self.queues {
             queue.close();
         }
+        crate::trace::stats::print();
     }
 }
 

@@ -2,6 +2,7 @@
 
 pub mod acceleration_structure;
 pub mod buffer;
+pub mod deferred;
 pub mod descriptor;
 pub mod device;
 pub mod image;
@@ -10,16 +11,20 @@ pub mod memory;
 pub mod micromap;
 pub mod physical_device;
 pub mod pipeline;
+pub mod pipeline_cache;
 pub mod private_data;
 pub mod query;
 pub mod ray_tracing_pipeline;
+pub mod render_pass;
 pub mod sampler;
 pub mod shader_stage;
 pub mod sparse;
+pub mod swapchain;
 pub mod sync;
 
 pub use acceleration_structure::AccelerationStructure;
 pub use buffer::{Buffer, BufferView};
+pub use deferred::DeferredOperation;
 pub use descriptor::{
     DescriptorPool, DescriptorSet, DescriptorSetLayout, DescriptorUpdateTemplate,
 };
@@ -29,16 +34,16 @@ pub use instance::{Instance, Messenger};
 pub use memory::DeviceMemory;
 pub use micromap::Micromap;
 pub use physical_device::PhysicalDevice;
-pub use pipeline::{Pipeline, PipelineCache, PipelineLayout, ShaderModule};
+pub use pipeline::{Pipeline, PipelineLayout, ShaderModule};
+pub use pipeline_cache::PipelineCache;
 pub use private_data::PrivateDataSlot;
 pub use query::QueryPool;
+pub use render_pass::{Framebuffer, RenderPass};
 pub use sampler::Sampler;
+pub use swapchain::{Surface, Swapchain};
 pub use sync::{Event, Fence, Semaphore};
 
 use crate::handle::handled;
-
-/// `VkDeferredOperationKHR`.
-pub struct DeferredOperation;
 
 handled!(
     AccelerationStructure => AccelerationStructureKHR,
@@ -53,6 +58,7 @@ handled!(
     DeviceMemory => DeviceMemory,
     Event => Event,
     Fence => Fence,
+    Framebuffer => Framebuffer,
     Image => Image,
     ImageView => ImageView,
     Instance => Instance,
@@ -64,8 +70,11 @@ handled!(
     PipelineLayout => PipelineLayout,
     PrivateDataSlot => PrivateDataSlot,
     QueryPool => QueryPool,
+    RenderPass => RenderPass,
     Sampler => Sampler,
     Semaphore => Semaphore,
+    Surface => SurfaceKHR,
+    Swapchain => SwapchainKHR,
     ShaderModule => ShaderModule,
     crate::queue::Queue => Queue,
     crate::command::CommandBuffer => CommandBuffer,

@@ -8,6 +8,8 @@ use crate::table::extensions::ExtensionSet;
 
 /// The one physical device of an instance.
 pub struct PhysicalDevice {
+    /// The version of Vulkan that the application asked for.
+    pub api_version: u32,
     pub messengers: Arc<Messengers>,
     pub instance_extensions: ExtensionSet,
     /// Threads that a device's commands fan out over.
@@ -18,8 +20,13 @@ pub struct PhysicalDevice {
 
 impl PhysicalDevice {
     /// Looks at the machine.
-    pub fn new(messengers: Arc<Messengers>, instance_extensions: ExtensionSet) -> Self {
+    pub fn new(
+        api_version: u32,
+        messengers: Arc<Messengers>,
+        instance_extensions: ExtensionSet,
+    ) -> Self {
         Self {
+            api_version,
             messengers,
             instance_extensions,
             thread_count: thread_count(),

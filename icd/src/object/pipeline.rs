@@ -1,12 +1,10 @@
-//! Shader modules, pipeline layouts, pipelines and the cache of compiled programs.
+//! Shader modules, pipeline layouts and pipelines.
 
 #![forbid(unsafe_code)]
 
-use std::collections::HashMap;
 use std::sync::Arc;
 
 use ash::vk;
-use parking_lot::Mutex;
 use spirv_jit::Program;
 use spirv_jit::ir::op::DescriptorBinding;
 
@@ -95,17 +93,3 @@ impl Pipeline {
 
 /// What makes two compilations the same: the module, its entry point and stage, the specialization and where its descriptors are.
 pub type ProgramKey = [u8; 16];
-
-/// A pipeline cache: compiled programs by what they were compiled from.
-#[derive(Default)]
-pub struct PipelineCache {
-    pub programs: Mutex<HashMap<ProgramKey, Arc<Program>>>,
-}
-
-impl PipelineCache {
-    /// Takes over what another cache has.
-    pub fn merge(&self, other: &PipelineCache) {
-        let others = other.programs.lock().clone();
-        self.programs.lock().extend(others);
-    }
-}

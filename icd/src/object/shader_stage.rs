@@ -5,7 +5,9 @@
 use std::sync::Arc;
 
 use ash::vk;
+use spirv_jit::Program;
 use spirv_jit::error::ErrorKind;
+use spirv_jit::ir::binary;
 use spirv_jit::program::{CompileRequest, Stage};
 use xxhash_rust::xxh3::Xxh3;
 
@@ -78,7 +80,7 @@ impl ShaderStage {
         may_compile: bool,
     ) -> VkResult<Compiled> {
         let key = self.key(layout);
-        if let Some(program) = cache.and_then(|cache| cache.programs.lock().get(&key).cloned()) {
+        if let Some(program) = cache.and_then(|cache| cache.find(&key)) {
             let program = StageProgram { program, key };
             return Ok(Compiled {
                 program,
@@ -93,15 +95,17 @@ impl ShaderStage {
             .iter()
             .map(|(id, bytes)| (*id, &bytes[..]))
             .collect();
-        let compiled = spirv_jit::compile(&CompileRequest {
+        let request = CompileRequest {
             words: &self.words,
             entry_point: &self.entry_point,
             stage: self.stage,
             specialization: &specialization,
             bindings: &|set, binding| layout.descriptor_binding(set, binding),
             capabilities: &device.capabilities,
-        });
-        let program = compiled.map_err(|error| {
+        };
+        let compiled = spirv_jit::program::compile_module(&request)
+            .and_then(|module| Ok((Arc::new(Program::new(&module)?), module)));
+        let (program, module) = compiled.map_err(|error| {
             let message = format!("{:?} shader \"{}\": {error}", self.stage, self.entry_point);
             device
                 .messengers
@@ -114,7 +118,7 @@ impl ShaderStage {
             }
         })?;
         if let Some(cache) = cache {
-            cache.programs.lock().insert(key, Arc::clone(&program));
+            cache.insert(key, binary::encode(&module), Arc::clone(&program));
         }
         let program = StageProgram { program, key };
         Ok(Compiled {

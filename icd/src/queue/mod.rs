@@ -27,7 +27,7 @@ use crate::execute::{self, Engine, Failure};
 use crate::ffi::guard::panic_message;
 use crate::handle::Ref;
 use crate::object::sparse::SparseBind;
-use crate::object::{Fence, Semaphore};
+use crate::object::{Fence, Semaphore, Swapchain};
 
 pub use workers::Workers;
 
@@ -42,6 +42,8 @@ pub struct Submission {
     /// Done before the commands, in order.
     pub binds: Vec<SparseBind>,
     pub commands: Vec<Arc<Vec<Command>>>,
+    /// Images that go back to their swapchains after the commands.
+    pub presents: Vec<(Ref<Swapchain>, u32)>,
     pub signals: Vec<(Ref<Semaphore>, u64)>,
     pub fence: Option<Ref<Fence>>,
 }
@@ -166,6 +168,7 @@ impl Line {
             waits,
             binds,
             commands,
+            presents,
             signals,
             fence,
         } = submission;
@@ -194,6 +197,9 @@ impl Line {
         }
         // Whoever sees a signal may reset the command buffers: they are let go of first.
         drop(commands);
+        for (swapchain, index) in &presents {
+            swapchain.give_back(*index);
+        }
         for (semaphore, value) in &signals {
             semaphore.signal(*value);
         }

@@ -20,7 +20,8 @@ pub enum Level {
 /// What makes a command available.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Availability {
-    Core,
+    /// A version of Vulkan, or a later one.
+    Core(u32),
     Extension(Extension),
 }
 
@@ -37,18 +38,19 @@ impl Command {
     /// Whether `vkGetInstanceProcAddr` gives it: instance extensions must be enabled, device extensions advertised.
     pub fn available_to_instance(&self, enabled: ExtensionSet) -> bool {
         match self.availability {
-            Availability::Core => true,
+            Availability::Core(_) => true,
             Availability::Extension(extension) => {
                 extension.kind() == Kind::Device || enabled.contains(extension)
             }
         }
     }
 
-    /// Whether `vkGetDeviceProcAddr` gives it. `enabled` has the extensions of the device and of its instance.
-    pub fn available_to_device(&self, enabled: ExtensionSet) -> bool {
+    /// Whether `vkGetDeviceProcAddr` gives it to an application that asked for a version of Vulkan. `enabled` has the extensions of the
+    /// device and of its instance.
+    pub fn available_to_device(&self, version: u32, enabled: ExtensionSet) -> bool {
         self.level == Level::Device
             && match self.availability {
-                Availability::Core => true,
+                Availability::Core(since) => since <= version,
                 Availability::Extension(extension) => enabled.contains(extension),
             }
     }
@@ -82,7 +84,8 @@ macro_rules! command_name {
 /// A row is `Level Availability PFN_type module::function [as alias];`. That the function has the PFN's type is checked by the compiler.
 macro_rules! commands {
     ($($level:ident $extension:ident $pfn:ident $module:ident::$name:ident $(as $alias:ident)?;)*) => {
-        fn table() -> &'static [Command] {
+        /// All rows.
+        pub fn table() -> &'static [Command] {
             static TABLE: OnceLock<Vec<Command>> = OnceLock::new();
             TABLE.get_or_init(|| vec![$({
                 let function: vk::$pfn = crate::entry::$module::$name;
@@ -96,7 +99,10 @@ macro_rules! commands {
             },)*])
         }
     };
-    (@availability Core) => { Availability::Core };
+    (@availability Core) => { Availability::Core(vk::API_VERSION_1_0) };
+    (@availability Core11) => { Availability::Core(vk::API_VERSION_1_1) };
+    (@availability Core12) => { Availability::Core(vk::API_VERSION_1_2) };
+    (@availability Core13) => { Availability::Core(vk::API_VERSION_1_3) };
     (@availability $extension:ident) => { Availability::Extension(Extension::$extension) };
 }
 
@@ -107,8 +113,8 @@ commands! {
     Instance Core PFN_vkDestroyInstance instance::vkDestroyInstance;
     Global Core PFN_vkEnumerateInstanceExtensionProperties instance::vkEnumerateInstanceExtensionProperties;
     Global Core PFN_vkEnumerateInstanceLayerProperties instance::vkEnumerateInstanceLayerProperties;
-    Global Core PFN_vkEnumerateInstanceVersion instance::vkEnumerateInstanceVersion;
-    Instance Core PFN_vkEnumeratePhysicalDeviceGroups instance::vkEnumeratePhysicalDeviceGroups;
+    Global Core11 PFN_vkEnumerateInstanceVersion instance::vkEnumerateInstanceVersion;
+    Instance Core11 PFN_vkEnumeratePhysicalDeviceGroups instance::vkEnumeratePhysicalDeviceGroups;
     Instance KHR_DEVICE_GROUP_CREATION PFN_vkEnumeratePhysicalDeviceGroups instance::vkEnumeratePhysicalDeviceGroups as vkEnumeratePhysicalDeviceGroupsKHR;
     Instance Core PFN_vkEnumeratePhysicalDevices instance::vkEnumeratePhysicalDevices;
     Instance Core PFN_vkGetInstanceProcAddr instance::vkGetInstanceProcAddr;
@@ -118,63 +124,63 @@ commands! {
     PhysicalDevice Core PFN_vkEnumerateDeviceLayerProperties physical_device::vkEnumerateDeviceLayerProperties;
     PhysicalDevice KHR_CALIBRATED_TIMESTAMPS PFN_vkGetPhysicalDeviceCalibrateableTimeDomainsKHR physical_device::vkGetPhysicalDeviceCalibrateableTimeDomainsKHR;
     PhysicalDevice EXT_CALIBRATED_TIMESTAMPS PFN_vkGetPhysicalDeviceCalibrateableTimeDomainsKHR physical_device::vkGetPhysicalDeviceCalibrateableTimeDomainsKHR as vkGetPhysicalDeviceCalibrateableTimeDomainsEXT;
-    PhysicalDevice Core PFN_vkGetPhysicalDeviceExternalBufferProperties physical_device::vkGetPhysicalDeviceExternalBufferProperties;
+    PhysicalDevice Core11 PFN_vkGetPhysicalDeviceExternalBufferProperties physical_device::vkGetPhysicalDeviceExternalBufferProperties;
     PhysicalDevice KHR_EXTERNAL_MEMORY_CAPABILITIES PFN_vkGetPhysicalDeviceExternalBufferProperties physical_device::vkGetPhysicalDeviceExternalBufferProperties as vkGetPhysicalDeviceExternalBufferPropertiesKHR;
-    PhysicalDevice Core PFN_vkGetPhysicalDeviceExternalFenceProperties physical_device::vkGetPhysicalDeviceExternalFenceProperties;
+    PhysicalDevice Core11 PFN_vkGetPhysicalDeviceExternalFenceProperties physical_device::vkGetPhysicalDeviceExternalFenceProperties;
     PhysicalDevice KHR_EXTERNAL_FENCE_CAPABILITIES PFN_vkGetPhysicalDeviceExternalFenceProperties physical_device::vkGetPhysicalDeviceExternalFenceProperties as vkGetPhysicalDeviceExternalFencePropertiesKHR;
-    PhysicalDevice Core PFN_vkGetPhysicalDeviceExternalSemaphoreProperties physical_device::vkGetPhysicalDeviceExternalSemaphoreProperties;
+    PhysicalDevice Core11 PFN_vkGetPhysicalDeviceExternalSemaphoreProperties physical_device::vkGetPhysicalDeviceExternalSemaphoreProperties;
     PhysicalDevice KHR_EXTERNAL_SEMAPHORE_CAPABILITIES PFN_vkGetPhysicalDeviceExternalSemaphoreProperties physical_device::vkGetPhysicalDeviceExternalSemaphoreProperties as vkGetPhysicalDeviceExternalSemaphorePropertiesKHR;
     PhysicalDevice Core PFN_vkGetPhysicalDeviceFeatures physical_device::vkGetPhysicalDeviceFeatures;
-    PhysicalDevice Core PFN_vkGetPhysicalDeviceFeatures2 physical_device::vkGetPhysicalDeviceFeatures2;
+    PhysicalDevice Core11 PFN_vkGetPhysicalDeviceFeatures2 physical_device::vkGetPhysicalDeviceFeatures2;
     PhysicalDevice KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 PFN_vkGetPhysicalDeviceFeatures2 physical_device::vkGetPhysicalDeviceFeatures2 as vkGetPhysicalDeviceFeatures2KHR;
     PhysicalDevice Core PFN_vkGetPhysicalDeviceFormatProperties physical_device::vkGetPhysicalDeviceFormatProperties;
-    PhysicalDevice Core PFN_vkGetPhysicalDeviceFormatProperties2 physical_device::vkGetPhysicalDeviceFormatProperties2;
+    PhysicalDevice Core11 PFN_vkGetPhysicalDeviceFormatProperties2 physical_device::vkGetPhysicalDeviceFormatProperties2;
     PhysicalDevice KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 PFN_vkGetPhysicalDeviceFormatProperties2 physical_device::vkGetPhysicalDeviceFormatProperties2 as vkGetPhysicalDeviceFormatProperties2KHR;
     PhysicalDevice Core PFN_vkGetPhysicalDeviceImageFormatProperties physical_device::vkGetPhysicalDeviceImageFormatProperties;
-    PhysicalDevice Core PFN_vkGetPhysicalDeviceImageFormatProperties2 physical_device::vkGetPhysicalDeviceImageFormatProperties2;
+    PhysicalDevice Core11 PFN_vkGetPhysicalDeviceImageFormatProperties2 physical_device::vkGetPhysicalDeviceImageFormatProperties2;
     PhysicalDevice KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 PFN_vkGetPhysicalDeviceImageFormatProperties2 physical_device::vkGetPhysicalDeviceImageFormatProperties2 as vkGetPhysicalDeviceImageFormatProperties2KHR;
     PhysicalDevice Core PFN_vkGetPhysicalDeviceMemoryProperties physical_device::vkGetPhysicalDeviceMemoryProperties;
-    PhysicalDevice Core PFN_vkGetPhysicalDeviceMemoryProperties2 physical_device::vkGetPhysicalDeviceMemoryProperties2;
+    PhysicalDevice Core11 PFN_vkGetPhysicalDeviceMemoryProperties2 physical_device::vkGetPhysicalDeviceMemoryProperties2;
     PhysicalDevice KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 PFN_vkGetPhysicalDeviceMemoryProperties2 physical_device::vkGetPhysicalDeviceMemoryProperties2 as vkGetPhysicalDeviceMemoryProperties2KHR;
     PhysicalDevice Core PFN_vkGetPhysicalDeviceProperties physical_device::vkGetPhysicalDeviceProperties;
-    PhysicalDevice Core PFN_vkGetPhysicalDeviceProperties2 physical_device::vkGetPhysicalDeviceProperties2;
+    PhysicalDevice Core11 PFN_vkGetPhysicalDeviceProperties2 physical_device::vkGetPhysicalDeviceProperties2;
     PhysicalDevice KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 PFN_vkGetPhysicalDeviceProperties2 physical_device::vkGetPhysicalDeviceProperties2 as vkGetPhysicalDeviceProperties2KHR;
     PhysicalDevice Core PFN_vkGetPhysicalDeviceQueueFamilyProperties physical_device::vkGetPhysicalDeviceQueueFamilyProperties;
-    PhysicalDevice Core PFN_vkGetPhysicalDeviceQueueFamilyProperties2 physical_device::vkGetPhysicalDeviceQueueFamilyProperties2;
+    PhysicalDevice Core11 PFN_vkGetPhysicalDeviceQueueFamilyProperties2 physical_device::vkGetPhysicalDeviceQueueFamilyProperties2;
     PhysicalDevice KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 PFN_vkGetPhysicalDeviceQueueFamilyProperties2 physical_device::vkGetPhysicalDeviceQueueFamilyProperties2 as vkGetPhysicalDeviceQueueFamilyProperties2KHR;
     PhysicalDevice Core PFN_vkGetPhysicalDeviceSparseImageFormatProperties physical_device::vkGetPhysicalDeviceSparseImageFormatProperties;
-    PhysicalDevice Core PFN_vkGetPhysicalDeviceSparseImageFormatProperties2 physical_device::vkGetPhysicalDeviceSparseImageFormatProperties2;
+    PhysicalDevice Core11 PFN_vkGetPhysicalDeviceSparseImageFormatProperties2 physical_device::vkGetPhysicalDeviceSparseImageFormatProperties2;
     PhysicalDevice KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 PFN_vkGetPhysicalDeviceSparseImageFormatProperties2 physical_device::vkGetPhysicalDeviceSparseImageFormatProperties2 as vkGetPhysicalDeviceSparseImageFormatProperties2KHR;
-    PhysicalDevice Core PFN_vkGetPhysicalDeviceToolProperties physical_device::vkGetPhysicalDeviceToolProperties;
+    PhysicalDevice Core13 PFN_vkGetPhysicalDeviceToolProperties physical_device::vkGetPhysicalDeviceToolProperties;
     PhysicalDevice EXT_TOOLING_INFO PFN_vkGetPhysicalDeviceToolProperties physical_device::vkGetPhysicalDeviceToolProperties as vkGetPhysicalDeviceToolPropertiesEXT;
 
     PhysicalDevice Core PFN_vkCreateDevice device::vkCreateDevice;
-    Device Core PFN_vkCreatePrivateDataSlot device::vkCreatePrivateDataSlot;
+    Device Core13 PFN_vkCreatePrivateDataSlot device::vkCreatePrivateDataSlot;
     Device EXT_PRIVATE_DATA PFN_vkCreatePrivateDataSlot device::vkCreatePrivateDataSlot as vkCreatePrivateDataSlotEXT;
     Device Core PFN_vkDestroyDevice device::vkDestroyDevice;
-    Device Core PFN_vkDestroyPrivateDataSlot device::vkDestroyPrivateDataSlot;
+    Device Core13 PFN_vkDestroyPrivateDataSlot device::vkDestroyPrivateDataSlot;
     Device EXT_PRIVATE_DATA PFN_vkDestroyPrivateDataSlot device::vkDestroyPrivateDataSlot as vkDestroyPrivateDataSlotEXT;
     Device KHR_CALIBRATED_TIMESTAMPS PFN_vkGetCalibratedTimestampsKHR device::vkGetCalibratedTimestampsKHR;
     Device EXT_CALIBRATED_TIMESTAMPS PFN_vkGetCalibratedTimestampsKHR device::vkGetCalibratedTimestampsKHR as vkGetCalibratedTimestampsEXT;
-    Device Core PFN_vkGetDeviceGroupPeerMemoryFeatures device::vkGetDeviceGroupPeerMemoryFeatures;
+    Device Core11 PFN_vkGetDeviceGroupPeerMemoryFeatures device::vkGetDeviceGroupPeerMemoryFeatures;
     Device KHR_DEVICE_GROUP PFN_vkGetDeviceGroupPeerMemoryFeatures device::vkGetDeviceGroupPeerMemoryFeatures as vkGetDeviceGroupPeerMemoryFeaturesKHR;
-    Device Core PFN_vkGetDeviceImageSparseMemoryRequirements device::vkGetDeviceImageSparseMemoryRequirements;
+    Device Core13 PFN_vkGetDeviceImageSparseMemoryRequirements device::vkGetDeviceImageSparseMemoryRequirements;
     Device KHR_MAINTENANCE_4 PFN_vkGetDeviceImageSparseMemoryRequirements device::vkGetDeviceImageSparseMemoryRequirements as vkGetDeviceImageSparseMemoryRequirementsKHR;
     Device Core PFN_vkGetDeviceProcAddr device::vkGetDeviceProcAddr;
-    Device Core PFN_vkGetPrivateData device::vkGetPrivateData;
+    Device Core13 PFN_vkGetPrivateData device::vkGetPrivateData;
     Device EXT_PRIVATE_DATA PFN_vkGetPrivateData device::vkGetPrivateData as vkGetPrivateDataEXT;
-    Device Core PFN_vkSetPrivateData device::vkSetPrivateData;
+    Device Core13 PFN_vkSetPrivateData device::vkSetPrivateData;
     Device EXT_PRIVATE_DATA PFN_vkSetPrivateData device::vkSetPrivateData as vkSetPrivateDataEXT;
 
     Device Core PFN_vkDeviceWaitIdle queue::vkDeviceWaitIdle;
     Device Core PFN_vkGetDeviceQueue queue::vkGetDeviceQueue;
-    Device Core PFN_vkGetDeviceQueue2 queue::vkGetDeviceQueue2;
+    Device Core11 PFN_vkGetDeviceQueue2 queue::vkGetDeviceQueue2;
     Device EXT_DEBUG_UTILS PFN_vkQueueBeginDebugUtilsLabelEXT queue::vkQueueBeginDebugUtilsLabelEXT;
     Device Core PFN_vkQueueBindSparse queue::vkQueueBindSparse;
     Device EXT_DEBUG_UTILS PFN_vkQueueEndDebugUtilsLabelEXT queue::vkQueueEndDebugUtilsLabelEXT;
     Device EXT_DEBUG_UTILS PFN_vkQueueInsertDebugUtilsLabelEXT queue::vkQueueInsertDebugUtilsLabelEXT;
     Device Core PFN_vkQueueSubmit queue::vkQueueSubmit;
-    Device Core PFN_vkQueueSubmit2 queue::vkQueueSubmit2;
+    Device Core13 PFN_vkQueueSubmit2 queue::vkQueueSubmit2;
     Device KHR_SYNCHRONIZATION_2 PFN_vkQueueSubmit2 queue::vkQueueSubmit2 as vkQueueSubmit2KHR;
     Device Core PFN_vkQueueWaitIdle queue::vkQueueWaitIdle;
 
@@ -182,7 +188,7 @@ commands! {
     Device Core PFN_vkFlushMappedMemoryRanges memory::vkFlushMappedMemoryRanges;
     Device Core PFN_vkFreeMemory memory::vkFreeMemory;
     Device Core PFN_vkGetDeviceMemoryCommitment memory::vkGetDeviceMemoryCommitment;
-    Device Core PFN_vkGetDeviceMemoryOpaqueCaptureAddress memory::vkGetDeviceMemoryOpaqueCaptureAddress;
+    Device Core12 PFN_vkGetDeviceMemoryOpaqueCaptureAddress memory::vkGetDeviceMemoryOpaqueCaptureAddress;
     Device KHR_BUFFER_DEVICE_ADDRESS PFN_vkGetDeviceMemoryOpaqueCaptureAddress memory::vkGetDeviceMemoryOpaqueCaptureAddress as vkGetDeviceMemoryOpaqueCaptureAddressKHR;
     Device KHR_EXTERNAL_MEMORY_FD PFN_vkGetMemoryFdKHR memory::vkGetMemoryFdKHR;
     Device KHR_EXTERNAL_MEMORY_FD PFN_vkGetMemoryFdPropertiesKHR memory::vkGetMemoryFdPropertiesKHR;
@@ -194,24 +200,24 @@ commands! {
     Device KHR_MAP_MEMORY_2 PFN_vkUnmapMemory2KHR memory::vkUnmapMemory2KHR;
 
     Device Core PFN_vkBindBufferMemory buffer::vkBindBufferMemory;
-    Device Core PFN_vkBindBufferMemory2 buffer::vkBindBufferMemory2;
+    Device Core11 PFN_vkBindBufferMemory2 buffer::vkBindBufferMemory2;
     Device KHR_BIND_MEMORY_2 PFN_vkBindBufferMemory2 buffer::vkBindBufferMemory2 as vkBindBufferMemory2KHR;
     Device Core PFN_vkCreateBuffer buffer::vkCreateBuffer;
     Device Core PFN_vkCreateBufferView buffer::vkCreateBufferView;
     Device Core PFN_vkDestroyBuffer buffer::vkDestroyBuffer;
     Device Core PFN_vkDestroyBufferView buffer::vkDestroyBufferView;
-    Device Core PFN_vkGetBufferDeviceAddress buffer::vkGetBufferDeviceAddress;
+    Device Core12 PFN_vkGetBufferDeviceAddress buffer::vkGetBufferDeviceAddress;
     Device KHR_BUFFER_DEVICE_ADDRESS PFN_vkGetBufferDeviceAddress buffer::vkGetBufferDeviceAddress as vkGetBufferDeviceAddressKHR;
     Device Core PFN_vkGetBufferMemoryRequirements buffer::vkGetBufferMemoryRequirements;
-    Device Core PFN_vkGetBufferMemoryRequirements2 buffer::vkGetBufferMemoryRequirements2;
+    Device Core11 PFN_vkGetBufferMemoryRequirements2 buffer::vkGetBufferMemoryRequirements2;
     Device KHR_GET_MEMORY_REQUIREMENTS_2 PFN_vkGetBufferMemoryRequirements2 buffer::vkGetBufferMemoryRequirements2 as vkGetBufferMemoryRequirements2KHR;
-    Device Core PFN_vkGetBufferOpaqueCaptureAddress buffer::vkGetBufferOpaqueCaptureAddress;
+    Device Core12 PFN_vkGetBufferOpaqueCaptureAddress buffer::vkGetBufferOpaqueCaptureAddress;
     Device KHR_BUFFER_DEVICE_ADDRESS PFN_vkGetBufferOpaqueCaptureAddress buffer::vkGetBufferOpaqueCaptureAddress as vkGetBufferOpaqueCaptureAddressKHR;
-    Device Core PFN_vkGetDeviceBufferMemoryRequirements buffer::vkGetDeviceBufferMemoryRequirements;
+    Device Core13 PFN_vkGetDeviceBufferMemoryRequirements buffer::vkGetDeviceBufferMemoryRequirements;
     Device KHR_MAINTENANCE_4 PFN_vkGetDeviceBufferMemoryRequirements buffer::vkGetDeviceBufferMemoryRequirements as vkGetDeviceBufferMemoryRequirementsKHR;
 
     Device Core PFN_vkBindImageMemory image::vkBindImageMemory;
-    Device Core PFN_vkBindImageMemory2 image::vkBindImageMemory2;
+    Device Core11 PFN_vkBindImageMemory2 image::vkBindImageMemory2;
     Device KHR_BIND_MEMORY_2 PFN_vkBindImageMemory2 image::vkBindImageMemory2 as vkBindImageMemory2KHR;
     Device Core PFN_vkCreateImage image::vkCreateImage;
     Device Core PFN_vkCreateImageView image::vkCreateImageView;
@@ -219,13 +225,13 @@ commands! {
     Device Core PFN_vkDestroyImage image::vkDestroyImage;
     Device Core PFN_vkDestroyImageView image::vkDestroyImageView;
     Device Core PFN_vkDestroySampler image::vkDestroySampler;
-    Device Core PFN_vkGetDeviceImageMemoryRequirements image::vkGetDeviceImageMemoryRequirements;
+    Device Core13 PFN_vkGetDeviceImageMemoryRequirements image::vkGetDeviceImageMemoryRequirements;
     Device KHR_MAINTENANCE_4 PFN_vkGetDeviceImageMemoryRequirements image::vkGetDeviceImageMemoryRequirements as vkGetDeviceImageMemoryRequirementsKHR;
     Device Core PFN_vkGetImageMemoryRequirements image::vkGetImageMemoryRequirements;
-    Device Core PFN_vkGetImageMemoryRequirements2 image::vkGetImageMemoryRequirements2;
+    Device Core11 PFN_vkGetImageMemoryRequirements2 image::vkGetImageMemoryRequirements2;
     Device KHR_GET_MEMORY_REQUIREMENTS_2 PFN_vkGetImageMemoryRequirements2 image::vkGetImageMemoryRequirements2 as vkGetImageMemoryRequirements2KHR;
     Device Core PFN_vkGetImageSparseMemoryRequirements image::vkGetImageSparseMemoryRequirements;
-    Device Core PFN_vkGetImageSparseMemoryRequirements2 image::vkGetImageSparseMemoryRequirements2;
+    Device Core11 PFN_vkGetImageSparseMemoryRequirements2 image::vkGetImageSparseMemoryRequirements2;
     Device KHR_GET_MEMORY_REQUIREMENTS_2 PFN_vkGetImageSparseMemoryRequirements2 image::vkGetImageSparseMemoryRequirements2 as vkGetImageSparseMemoryRequirements2KHR;
     Device Core PFN_vkGetImageSubresourceLayout image::vkGetImageSubresourceLayout;
 
@@ -237,43 +243,43 @@ commands! {
     Device Core PFN_vkDestroySemaphore sync::vkDestroySemaphore;
     Device Core PFN_vkGetEventStatus sync::vkGetEventStatus;
     Device Core PFN_vkGetFenceStatus sync::vkGetFenceStatus;
-    Device Core PFN_vkGetSemaphoreCounterValue sync::vkGetSemaphoreCounterValue;
+    Device Core12 PFN_vkGetSemaphoreCounterValue sync::vkGetSemaphoreCounterValue;
     Device KHR_TIMELINE_SEMAPHORE PFN_vkGetSemaphoreCounterValue sync::vkGetSemaphoreCounterValue as vkGetSemaphoreCounterValueKHR;
     Device Core PFN_vkResetEvent sync::vkResetEvent;
     Device Core PFN_vkResetFences sync::vkResetFences;
     Device Core PFN_vkSetEvent sync::vkSetEvent;
-    Device Core PFN_vkSignalSemaphore sync::vkSignalSemaphore;
+    Device Core12 PFN_vkSignalSemaphore sync::vkSignalSemaphore;
     Device KHR_TIMELINE_SEMAPHORE PFN_vkSignalSemaphore sync::vkSignalSemaphore as vkSignalSemaphoreKHR;
     Device Core PFN_vkWaitForFences sync::vkWaitForFences;
-    Device Core PFN_vkWaitSemaphores sync::vkWaitSemaphores;
+    Device Core12 PFN_vkWaitSemaphores sync::vkWaitSemaphores;
     Device KHR_TIMELINE_SEMAPHORE PFN_vkWaitSemaphores sync::vkWaitSemaphores as vkWaitSemaphoresKHR;
 
     Device Core PFN_vkCmdCopyQueryPoolResults query::vkCmdCopyQueryPoolResults;
     Device Core PFN_vkCmdResetQueryPool query::vkCmdResetQueryPool;
     Device Core PFN_vkCmdWriteTimestamp query::vkCmdWriteTimestamp;
-    Device Core PFN_vkCmdWriteTimestamp2 query::vkCmdWriteTimestamp2;
+    Device Core13 PFN_vkCmdWriteTimestamp2 query::vkCmdWriteTimestamp2;
     Device KHR_SYNCHRONIZATION_2 PFN_vkCmdWriteTimestamp2 query::vkCmdWriteTimestamp2 as vkCmdWriteTimestamp2KHR;
     Device Core PFN_vkCreateQueryPool query::vkCreateQueryPool;
     Device Core PFN_vkDestroyQueryPool query::vkDestroyQueryPool;
     Device Core PFN_vkGetQueryPoolResults query::vkGetQueryPoolResults;
-    Device Core PFN_vkResetQueryPool query::vkResetQueryPool;
+    Device Core12 PFN_vkResetQueryPool query::vkResetQueryPool;
     Device EXT_HOST_QUERY_RESET PFN_vkResetQueryPool query::vkResetQueryPool as vkResetQueryPoolEXT;
 
     Device Core PFN_vkAllocateDescriptorSets descriptor::vkAllocateDescriptorSets;
     Device Core PFN_vkCreateDescriptorPool descriptor::vkCreateDescriptorPool;
     Device Core PFN_vkCreateDescriptorSetLayout descriptor::vkCreateDescriptorSetLayout;
-    Device Core PFN_vkCreateDescriptorUpdateTemplate descriptor::vkCreateDescriptorUpdateTemplate;
+    Device Core11 PFN_vkCreateDescriptorUpdateTemplate descriptor::vkCreateDescriptorUpdateTemplate;
     Device KHR_DESCRIPTOR_UPDATE_TEMPLATE PFN_vkCreateDescriptorUpdateTemplate descriptor::vkCreateDescriptorUpdateTemplate as vkCreateDescriptorUpdateTemplateKHR;
     Device Core PFN_vkDestroyDescriptorPool descriptor::vkDestroyDescriptorPool;
     Device Core PFN_vkDestroyDescriptorSetLayout descriptor::vkDestroyDescriptorSetLayout;
-    Device Core PFN_vkDestroyDescriptorUpdateTemplate descriptor::vkDestroyDescriptorUpdateTemplate;
+    Device Core11 PFN_vkDestroyDescriptorUpdateTemplate descriptor::vkDestroyDescriptorUpdateTemplate;
     Device KHR_DESCRIPTOR_UPDATE_TEMPLATE PFN_vkDestroyDescriptorUpdateTemplate descriptor::vkDestroyDescriptorUpdateTemplate as vkDestroyDescriptorUpdateTemplateKHR;
     Device Core PFN_vkFreeDescriptorSets descriptor::vkFreeDescriptorSets;
-    Device Core PFN_vkGetDescriptorSetLayoutSupport descriptor::vkGetDescriptorSetLayoutSupport;
+    Device Core11 PFN_vkGetDescriptorSetLayoutSupport descriptor::vkGetDescriptorSetLayoutSupport;
     Device KHR_MAINTENANCE_3 PFN_vkGetDescriptorSetLayoutSupport descriptor::vkGetDescriptorSetLayoutSupport as vkGetDescriptorSetLayoutSupportKHR;
     Device Core PFN_vkResetDescriptorPool descriptor::vkResetDescriptorPool;
 
-    Device Core PFN_vkUpdateDescriptorSetWithTemplate descriptor_set::vkUpdateDescriptorSetWithTemplate;
+    Device Core11 PFN_vkUpdateDescriptorSetWithTemplate descriptor_set::vkUpdateDescriptorSetWithTemplate;
     Device KHR_DESCRIPTOR_UPDATE_TEMPLATE PFN_vkUpdateDescriptorSetWithTemplate descriptor_set::vkUpdateDescriptorSetWithTemplate as vkUpdateDescriptorSetWithTemplateKHR;
     Device Core PFN_vkUpdateDescriptorSets descriptor_set::vkUpdateDescriptorSets;
 
@@ -297,26 +303,26 @@ commands! {
     Device Core PFN_vkCmdBindDescriptorSets command::vkCmdBindDescriptorSets;
     Device Core PFN_vkCmdBindPipeline command::vkCmdBindPipeline;
     Device Core PFN_vkCmdDispatch command::vkCmdDispatch;
-    Device Core PFN_vkCmdDispatchBase command::vkCmdDispatchBase;
+    Device Core11 PFN_vkCmdDispatchBase command::vkCmdDispatchBase;
     Device KHR_DEVICE_GROUP PFN_vkCmdDispatchBase command::vkCmdDispatchBase as vkCmdDispatchBaseKHR;
     Device Core PFN_vkCmdDispatchIndirect command::vkCmdDispatchIndirect;
     Device EXT_DEBUG_UTILS PFN_vkCmdEndDebugUtilsLabelEXT command::vkCmdEndDebugUtilsLabelEXT;
     Device Core PFN_vkCmdExecuteCommands command::vkCmdExecuteCommands;
     Device EXT_DEBUG_UTILS PFN_vkCmdInsertDebugUtilsLabelEXT command::vkCmdInsertDebugUtilsLabelEXT;
     Device Core PFN_vkCmdPipelineBarrier command::vkCmdPipelineBarrier;
-    Device Core PFN_vkCmdPipelineBarrier2 command::vkCmdPipelineBarrier2;
+    Device Core13 PFN_vkCmdPipelineBarrier2 command::vkCmdPipelineBarrier2;
     Device KHR_SYNCHRONIZATION_2 PFN_vkCmdPipelineBarrier2 command::vkCmdPipelineBarrier2 as vkCmdPipelineBarrier2KHR;
     Device Core PFN_vkCmdPushConstants command::vkCmdPushConstants;
     Device Core PFN_vkCmdResetEvent command::vkCmdResetEvent;
-    Device Core PFN_vkCmdResetEvent2 command::vkCmdResetEvent2;
+    Device Core13 PFN_vkCmdResetEvent2 command::vkCmdResetEvent2;
     Device KHR_SYNCHRONIZATION_2 PFN_vkCmdResetEvent2 command::vkCmdResetEvent2 as vkCmdResetEvent2KHR;
-    Device Core PFN_vkCmdSetDeviceMask command::vkCmdSetDeviceMask;
+    Device Core11 PFN_vkCmdSetDeviceMask command::vkCmdSetDeviceMask;
     Device KHR_DEVICE_GROUP PFN_vkCmdSetDeviceMask command::vkCmdSetDeviceMask as vkCmdSetDeviceMaskKHR;
     Device Core PFN_vkCmdSetEvent command::vkCmdSetEvent;
-    Device Core PFN_vkCmdSetEvent2 command::vkCmdSetEvent2;
+    Device Core13 PFN_vkCmdSetEvent2 command::vkCmdSetEvent2;
     Device KHR_SYNCHRONIZATION_2 PFN_vkCmdSetEvent2 command::vkCmdSetEvent2 as vkCmdSetEvent2KHR;
     Device Core PFN_vkCmdWaitEvents command::vkCmdWaitEvents;
-    Device Core PFN_vkCmdWaitEvents2 command::vkCmdWaitEvents2;
+    Device Core13 PFN_vkCmdWaitEvents2 command::vkCmdWaitEvents2;
     Device KHR_SYNCHRONIZATION_2 PFN_vkCmdWaitEvents2 command::vkCmdWaitEvents2 as vkCmdWaitEvents2KHR;
     Device Core PFN_vkCreateCommandPool command::vkCreateCommandPool;
     Device Core PFN_vkDestroyCommandPool command::vkDestroyCommandPool;
@@ -324,32 +330,37 @@ commands! {
     Device Core PFN_vkFreeCommandBuffers command::vkFreeCommandBuffers;
     Device Core PFN_vkResetCommandBuffer command::vkResetCommandBuffer;
     Device Core PFN_vkResetCommandPool command::vkResetCommandPool;
-    Device Core PFN_vkTrimCommandPool command::vkTrimCommandPool;
+    Device Core11 PFN_vkTrimCommandPool command::vkTrimCommandPool;
     Device KHR_MAINTENANCE_1 PFN_vkTrimCommandPool command::vkTrimCommandPool as vkTrimCommandPoolKHR;
 
     Device Core PFN_vkCmdCopyBuffer command_transfer::vkCmdCopyBuffer;
-    Device Core PFN_vkCmdCopyBuffer2 command_transfer::vkCmdCopyBuffer2;
+    Device Core13 PFN_vkCmdCopyBuffer2 command_transfer::vkCmdCopyBuffer2;
     Device KHR_COPY_COMMANDS_2 PFN_vkCmdCopyBuffer2 command_transfer::vkCmdCopyBuffer2 as vkCmdCopyBuffer2KHR;
     Device Core PFN_vkCmdFillBuffer command_transfer::vkCmdFillBuffer;
     Device Core PFN_vkCmdUpdateBuffer command_transfer::vkCmdUpdateBuffer;
 
     Device Core PFN_vkCmdBlitImage command_image::vkCmdBlitImage;
-    Device Core PFN_vkCmdBlitImage2 command_image::vkCmdBlitImage2;
+    Device Core13 PFN_vkCmdBlitImage2 command_image::vkCmdBlitImage2;
     Device KHR_COPY_COMMANDS_2 PFN_vkCmdBlitImage2 command_image::vkCmdBlitImage2 as vkCmdBlitImage2KHR;
     Device Core PFN_vkCmdClearColorImage command_image::vkCmdClearColorImage;
     Device Core PFN_vkCmdClearDepthStencilImage command_image::vkCmdClearDepthStencilImage;
     Device Core PFN_vkCmdCopyBufferToImage command_image::vkCmdCopyBufferToImage;
-    Device Core PFN_vkCmdCopyBufferToImage2 command_image::vkCmdCopyBufferToImage2;
+    Device Core13 PFN_vkCmdCopyBufferToImage2 command_image::vkCmdCopyBufferToImage2;
     Device KHR_COPY_COMMANDS_2 PFN_vkCmdCopyBufferToImage2 command_image::vkCmdCopyBufferToImage2 as vkCmdCopyBufferToImage2KHR;
     Device Core PFN_vkCmdCopyImage command_image::vkCmdCopyImage;
-    Device Core PFN_vkCmdCopyImage2 command_image::vkCmdCopyImage2;
+    Device Core13 PFN_vkCmdCopyImage2 command_image::vkCmdCopyImage2;
     Device KHR_COPY_COMMANDS_2 PFN_vkCmdCopyImage2 command_image::vkCmdCopyImage2 as vkCmdCopyImage2KHR;
     Device Core PFN_vkCmdCopyImageToBuffer command_image::vkCmdCopyImageToBuffer;
-    Device Core PFN_vkCmdCopyImageToBuffer2 command_image::vkCmdCopyImageToBuffer2;
+    Device Core13 PFN_vkCmdCopyImageToBuffer2 command_image::vkCmdCopyImageToBuffer2;
     Device KHR_COPY_COMMANDS_2 PFN_vkCmdCopyImageToBuffer2 command_image::vkCmdCopyImageToBuffer2 as vkCmdCopyImageToBuffer2KHR;
     Device Core PFN_vkCmdResolveImage command_image::vkCmdResolveImage;
-    Device Core PFN_vkCmdResolveImage2 command_image::vkCmdResolveImage2;
+    Device Core13 PFN_vkCmdResolveImage2 command_image::vkCmdResolveImage2;
     Device KHR_COPY_COMMANDS_2 PFN_vkCmdResolveImage2 command_image::vkCmdResolveImage2 as vkCmdResolveImage2KHR;
+
+    Device KHR_MAINTENANCE_5 PFN_vkCmdBindIndexBuffer2KHR graphics::vkCmdBindIndexBuffer2KHR;
+    Device KHR_MAINTENANCE_5 PFN_vkGetDeviceImageSubresourceLayoutKHR maintenance5::vkGetDeviceImageSubresourceLayoutKHR;
+    Device KHR_MAINTENANCE_5 PFN_vkGetImageSubresourceLayout2KHR maintenance5::vkGetImageSubresourceLayout2KHR;
+    Device KHR_MAINTENANCE_5 PFN_vkGetRenderingAreaGranularityKHR maintenance5::vkGetRenderingAreaGranularityKHR;
 
     Device KHR_ACCELERATION_STRUCTURE PFN_vkBuildAccelerationStructuresKHR acceleration_structure::vkBuildAccelerationStructuresKHR;
     Device KHR_ACCELERATION_STRUCTURE PFN_vkCmdBuildAccelerationStructuresIndirectKHR acceleration_structure::vkCmdBuildAccelerationStructuresIndirectKHR;
@@ -391,6 +402,75 @@ commands! {
     Device EXT_OPACITY_MICROMAP PFN_vkGetDeviceMicromapCompatibilityEXT micromap::vkGetDeviceMicromapCompatibilityEXT;
     Device EXT_OPACITY_MICROMAP PFN_vkGetMicromapBuildSizesEXT micromap::vkGetMicromapBuildSizesEXT;
     Device EXT_OPACITY_MICROMAP PFN_vkWriteMicromapsPropertiesEXT micromap::vkWriteMicromapsPropertiesEXT;
+
+    Device Core PFN_vkCmdBeginQuery graphics::vkCmdBeginQuery;
+    Device Core PFN_vkCmdBeginRenderPass graphics::vkCmdBeginRenderPass;
+    Device Core12 PFN_vkCmdBeginRenderPass2 graphics::vkCmdBeginRenderPass2;
+    Device Core13 PFN_vkCmdBeginRendering graphics::vkCmdBeginRendering;
+    Device Core PFN_vkCmdBindIndexBuffer graphics::vkCmdBindIndexBuffer;
+    Device Core PFN_vkCmdBindVertexBuffers graphics::vkCmdBindVertexBuffers;
+    Device Core13 PFN_vkCmdBindVertexBuffers2 graphics::vkCmdBindVertexBuffers2;
+    Device Core PFN_vkCmdClearAttachments graphics::vkCmdClearAttachments;
+    Device Core PFN_vkCmdDraw graphics::vkCmdDraw;
+    Device Core PFN_vkCmdDrawIndexed graphics::vkCmdDrawIndexed;
+    Device Core PFN_vkCmdDrawIndexedIndirect graphics::vkCmdDrawIndexedIndirect;
+    Device Core12 PFN_vkCmdDrawIndexedIndirectCount graphics::vkCmdDrawIndexedIndirectCount;
+    Device Core PFN_vkCmdDrawIndirect graphics::vkCmdDrawIndirect;
+    Device Core12 PFN_vkCmdDrawIndirectCount graphics::vkCmdDrawIndirectCount;
+    Device Core PFN_vkCmdEndQuery graphics::vkCmdEndQuery;
+    Device Core PFN_vkCmdEndRenderPass graphics::vkCmdEndRenderPass;
+    Device Core12 PFN_vkCmdEndRenderPass2 graphics::vkCmdEndRenderPass2;
+    Device Core13 PFN_vkCmdEndRendering graphics::vkCmdEndRendering;
+    Device Core PFN_vkCmdNextSubpass graphics::vkCmdNextSubpass;
+    Device Core12 PFN_vkCmdNextSubpass2 graphics::vkCmdNextSubpass2;
+    Device Core PFN_vkCmdSetBlendConstants graphics::vkCmdSetBlendConstants;
+    Device Core13 PFN_vkCmdSetCullMode graphics::vkCmdSetCullMode;
+    Device Core PFN_vkCmdSetDepthBias graphics::vkCmdSetDepthBias;
+    Device Core13 PFN_vkCmdSetDepthBiasEnable graphics::vkCmdSetDepthBiasEnable;
+    Device Core PFN_vkCmdSetDepthBounds graphics::vkCmdSetDepthBounds;
+    Device Core13 PFN_vkCmdSetDepthBoundsTestEnable graphics::vkCmdSetDepthBoundsTestEnable;
+    Device Core13 PFN_vkCmdSetDepthCompareOp graphics::vkCmdSetDepthCompareOp;
+    Device Core13 PFN_vkCmdSetDepthTestEnable graphics::vkCmdSetDepthTestEnable;
+    Device Core13 PFN_vkCmdSetDepthWriteEnable graphics::vkCmdSetDepthWriteEnable;
+    Device Core13 PFN_vkCmdSetFrontFace graphics::vkCmdSetFrontFace;
+    Device Core PFN_vkCmdSetLineWidth graphics::vkCmdSetLineWidth;
+    Device Core13 PFN_vkCmdSetPrimitiveRestartEnable graphics::vkCmdSetPrimitiveRestartEnable;
+    Device Core13 PFN_vkCmdSetPrimitiveTopology graphics::vkCmdSetPrimitiveTopology;
+    Device Core13 PFN_vkCmdSetRasterizerDiscardEnable graphics::vkCmdSetRasterizerDiscardEnable;
+    Device Core PFN_vkCmdSetScissor graphics::vkCmdSetScissor;
+    Device Core13 PFN_vkCmdSetScissorWithCount graphics::vkCmdSetScissorWithCount;
+    Device Core PFN_vkCmdSetStencilCompareMask graphics::vkCmdSetStencilCompareMask;
+    Device Core13 PFN_vkCmdSetStencilOp graphics::vkCmdSetStencilOp;
+    Device Core PFN_vkCmdSetStencilReference graphics::vkCmdSetStencilReference;
+    Device Core13 PFN_vkCmdSetStencilTestEnable graphics::vkCmdSetStencilTestEnable;
+    Device Core PFN_vkCmdSetStencilWriteMask graphics::vkCmdSetStencilWriteMask;
+    Device Core PFN_vkCmdSetViewport graphics::vkCmdSetViewport;
+    Device Core13 PFN_vkCmdSetViewportWithCount graphics::vkCmdSetViewportWithCount;
+    Device Core PFN_vkCreateFramebuffer graphics::vkCreateFramebuffer;
+    Device Core PFN_vkCreateGraphicsPipelines graphics::vkCreateGraphicsPipelines;
+    Device Core PFN_vkCreateRenderPass graphics::vkCreateRenderPass;
+    Device Core12 PFN_vkCreateRenderPass2 graphics::vkCreateRenderPass2;
+    Device Core11 PFN_vkCreateSamplerYcbcrConversion graphics::vkCreateSamplerYcbcrConversion;
+    Device Core PFN_vkDestroyFramebuffer graphics::vkDestroyFramebuffer;
+    Device Core PFN_vkDestroyRenderPass graphics::vkDestroyRenderPass;
+    Device Core11 PFN_vkDestroySamplerYcbcrConversion graphics::vkDestroySamplerYcbcrConversion;
+    Device Core PFN_vkGetRenderAreaGranularity graphics::vkGetRenderAreaGranularity;
+
+    Instance EXT_HEADLESS_SURFACE PFN_vkCreateHeadlessSurfaceEXT swapchain::vkCreateHeadlessSurfaceEXT;
+    Instance KHR_SURFACE PFN_vkDestroySurfaceKHR swapchain::vkDestroySurfaceKHR;
+    PhysicalDevice KHR_SWAPCHAIN PFN_vkGetPhysicalDevicePresentRectanglesKHR swapchain::vkGetPhysicalDevicePresentRectanglesKHR;
+    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfaceCapabilitiesKHR swapchain::vkGetPhysicalDeviceSurfaceCapabilitiesKHR;
+    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfaceFormatsKHR swapchain::vkGetPhysicalDeviceSurfaceFormatsKHR;
+    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfacePresentModesKHR swapchain::vkGetPhysicalDeviceSurfacePresentModesKHR;
+    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfaceSupportKHR swapchain::vkGetPhysicalDeviceSurfaceSupportKHR;
+    Device KHR_SWAPCHAIN PFN_vkAcquireNextImage2KHR swapchain::vkAcquireNextImage2KHR;
+    Device KHR_SWAPCHAIN PFN_vkAcquireNextImageKHR swapchain::vkAcquireNextImageKHR;
+    Device KHR_SWAPCHAIN PFN_vkCreateSwapchainKHR swapchain::vkCreateSwapchainKHR;
+    Device KHR_SWAPCHAIN PFN_vkDestroySwapchainKHR swapchain::vkDestroySwapchainKHR;
+    Device KHR_SWAPCHAIN PFN_vkGetDeviceGroupPresentCapabilitiesKHR swapchain::vkGetDeviceGroupPresentCapabilitiesKHR;
+    Device KHR_SWAPCHAIN PFN_vkGetDeviceGroupSurfacePresentModesKHR swapchain::vkGetDeviceGroupSurfacePresentModesKHR;
+    Device KHR_SWAPCHAIN PFN_vkGetSwapchainImagesKHR swapchain::vkGetSwapchainImagesKHR;
+    Device KHR_SWAPCHAIN PFN_vkQueuePresentKHR swapchain::vkQueuePresentKHR;
 
     Device EXT_DEBUG_UTILS PFN_vkSetDebugUtilsObjectNameEXT debug::vkSetDebugUtilsObjectNameEXT;
     Device EXT_DEBUG_UTILS PFN_vkSetDebugUtilsObjectTagEXT debug::vkSetDebugUtilsObjectTagEXT;

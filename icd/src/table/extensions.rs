@@ -54,7 +54,9 @@ extensions! {
     Instance KHR_EXTERNAL_MEMORY_CAPABILITIES c"VK_KHR_external_memory_capabilities" 1;
     Instance KHR_EXTERNAL_SEMAPHORE_CAPABILITIES c"VK_KHR_external_semaphore_capabilities" 1;
     Instance KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 c"VK_KHR_get_physical_device_properties2" 2;
+    Instance KHR_SURFACE c"VK_KHR_surface" 25;
     Instance EXT_DEBUG_UTILS c"VK_EXT_debug_utils" 2;
+    Instance EXT_HEADLESS_SURFACE c"VK_EXT_headless_surface" 1;
     Device KHR_16BIT_STORAGE c"VK_KHR_16bit_storage" 1;
     Device KHR_8BIT_STORAGE c"VK_KHR_8bit_storage" 1;
     Device KHR_ACCELERATION_STRUCTURE c"VK_KHR_acceleration_structure" 13;
@@ -78,9 +80,11 @@ extensions! {
     Device KHR_MAINTENANCE_2 c"VK_KHR_maintenance2" 1;
     Device KHR_MAINTENANCE_3 c"VK_KHR_maintenance3" 1;
     Device KHR_MAINTENANCE_4 c"VK_KHR_maintenance4" 2;
+    Device KHR_MAINTENANCE_5 c"VK_KHR_maintenance5" 1;
     Device KHR_MAP_MEMORY_2 c"VK_KHR_map_memory2" 1;
     Device KHR_PIPELINE_LIBRARY c"VK_KHR_pipeline_library" 1;
     Device KHR_PUSH_DESCRIPTOR c"VK_KHR_push_descriptor" 2;
+    Device KHR_RAY_QUERY c"VK_KHR_ray_query" 1;
     Device KHR_RAY_TRACING_MAINTENANCE_1 c"VK_KHR_ray_tracing_maintenance1" 1;
     Device KHR_RAY_TRACING_PIPELINE c"VK_KHR_ray_tracing_pipeline" 1;
     Device KHR_RAY_TRACING_POSITION_FETCH c"VK_KHR_ray_tracing_position_fetch" 1;
@@ -100,6 +104,7 @@ extensions! {
     Device KHR_SHADER_TERMINATE_INVOCATION c"VK_KHR_shader_terminate_invocation" 1;
     Device KHR_SPIRV_1_4 c"VK_KHR_spirv_1_4" 1;
     Device KHR_STORAGE_BUFFER_STORAGE_CLASS c"VK_KHR_storage_buffer_storage_class" 1;
+    Device KHR_SWAPCHAIN c"VK_KHR_swapchain" 70;
     Device KHR_SYNCHRONIZATION_2 c"VK_KHR_synchronization2" 1;
     Device KHR_TIMELINE_SEMAPHORE c"VK_KHR_timeline_semaphore" 2;
     Device KHR_UNIFORM_BUFFER_STANDARD_LAYOUT c"VK_KHR_uniform_buffer_standard_layout" 1;
@@ -118,6 +123,7 @@ extensions! {
     Device EXT_INLINE_UNIFORM_BLOCK c"VK_EXT_inline_uniform_block" 1;
     Device EXT_MEMORY_BUDGET c"VK_EXT_memory_budget" 1;
     Device EXT_MEMORY_PRIORITY c"VK_EXT_memory_priority" 1;
+    Device EXT_MUTABLE_DESCRIPTOR_TYPE c"VK_EXT_mutable_descriptor_type" 1;
     Device EXT_OPACITY_MICROMAP c"VK_EXT_opacity_micromap" 2;
     Device EXT_PIPELINE_CREATION_CACHE_CONTROL c"VK_EXT_pipeline_creation_cache_control" 3;
     Device EXT_PIPELINE_CREATION_FEEDBACK c"VK_EXT_pipeline_creation_feedback" 1;
@@ -138,7 +144,9 @@ extensions! {
     Device EXT_TEXEL_BUFFER_ALIGNMENT c"VK_EXT_texel_buffer_alignment" 1;
     Device EXT_TOOLING_INFO c"VK_EXT_tooling_info" 1;
     Device NV_RAY_TRACING_INVOCATION_REORDER c"VK_NV_ray_tracing_invocation_reorder" 1;
+    Device NV_RAY_TRACING_MOTION_BLUR c"VK_NV_ray_tracing_motion_blur" 1;
     Device NV_RAY_TRACING_LINEAR_SWEPT_SPHERES c"VK_NV_ray_tracing_linear_swept_spheres" 1;
+    Device VALVE_MUTABLE_DESCRIPTOR_TYPE c"VK_VALVE_mutable_descriptor_type" 1;
 }
 
 /// A set of extensions.

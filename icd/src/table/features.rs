@@ -143,6 +143,7 @@ features! {
         maintenance4: PhysicalDeviceVulkan13Features PhysicalDeviceMaintenance4Features;
         shader_integer_dot_product: PhysicalDeviceVulkan13Features PhysicalDeviceShaderIntegerDotProductFeatures => DotProduct DotProductInputAll DotProductInput4x8Bit DotProductInput4x8BitPacked;
 
+        maintenance5: PhysicalDeviceMaintenance5FeaturesKHR;
         acceleration_structure: PhysicalDeviceAccelerationStructureFeaturesKHR;
         acceleration_structure_capture_replay: PhysicalDeviceAccelerationStructureFeaturesKHR;
         acceleration_structure_indirect_build: PhysicalDeviceAccelerationStructureFeaturesKHR;
@@ -153,11 +154,14 @@ features! {
         ray_tracing_pipeline_shader_group_handle_capture_replay_mixed: PhysicalDeviceRayTracingPipelineFeaturesKHR;
         ray_tracing_pipeline_trace_rays_indirect: PhysicalDeviceRayTracingPipelineFeaturesKHR;
         ray_traversal_primitive_culling: PhysicalDeviceRayTracingPipelineFeaturesKHR => RayTraversalPrimitiveCullingKHR;
+        ray_query: PhysicalDeviceRayQueryFeaturesKHR => RayQueryKHR;
         ray_tracing_maintenance1: PhysicalDeviceRayTracingMaintenance1FeaturesKHR => RayCullMaskKHR;
         ray_tracing_pipeline_trace_rays_indirect2: PhysicalDeviceRayTracingMaintenance1FeaturesKHR;
-        ray_tracing_position_fetch: PhysicalDeviceRayTracingPositionFetchFeaturesKHR => RayTracingPositionFetchKHR;
+        ray_tracing_position_fetch: PhysicalDeviceRayTracingPositionFetchFeaturesKHR => RayTracingPositionFetchKHR RayQueryPositionFetchKHR;
         ray_tracing_invocation_reorder: PhysicalDeviceRayTracingInvocationReorderFeaturesNV => ShaderInvocationReorderNV;
         ray_tracing_invocation_reorder: PhysicalDeviceRayTracingInvocationReorderFeaturesEXT => ShaderInvocationReorderEXT;
+        ray_tracing_motion_blur: PhysicalDeviceRayTracingMotionBlurFeaturesNV => RayTracingMotionBlurNV;
+        ray_tracing_motion_blur_pipeline_trace_rays_indirect: PhysicalDeviceRayTracingMotionBlurFeaturesNV;
         spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingSpheresGeometryNV;
         linear_swept_spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingLinearSweptSpheresGeometryNV;
         micromap: PhysicalDeviceOpacityMicromapFeaturesEXT => RayTracingOpacityMicromapEXT;
@@ -192,6 +196,7 @@ features! {
         custom_border_colors: PhysicalDeviceCustomBorderColorFeaturesEXT;
         custom_border_color_without_format: PhysicalDeviceCustomBorderColorFeaturesEXT;
         min_lod: PhysicalDeviceImageViewMinLodFeaturesEXT;
+        mutable_descriptor_type: PhysicalDeviceMutableDescriptorTypeFeaturesEXT;
         memory_priority: PhysicalDeviceMemoryPriorityFeaturesEXT;
         format_a4r4g4b4: PhysicalDevice4444FormatsFeaturesEXT;
         format_a4b4g4r4: PhysicalDevice4444FormatsFeaturesEXT;

@@ -25,8 +25,15 @@ const DRIVER_UUID: [u8; vk::UUID_SIZE] = *b"tuff-driver-0001";
 /// Identifies the device: the host CPU as this driver presents it.
 const DEVICE_UUID: [u8; vk::UUID_SIZE] = *b"tuff-cpu-device1";
 
-/// Names the form of pipeline cache data.
-pub const PIPELINE_CACHE_UUID: [u8; vk::UUID_SIZE] = *b"tuff-pipe-cache1";
+/// Names the form of pipeline cache data: programs of another compiler are not this one's.
+pub fn pipeline_cache_uuid() -> [u8; vk::UUID_SIZE] {
+    let mut uuid = *b"tuff/00000000000";
+    // The build script's hash of the compiler's sources.
+    for (digit, byte) in uuid[5..].iter_mut().zip(env!("TUFF_COMPILER_HASH").bytes()) {
+        *digit = byte;
+    }
+    uuid
+}
 
 /// Our own numbers: no vendor and no device of anyone's registry is claimed.
 pub const VENDOR_ID: u32 = 0;
@@ -40,7 +47,7 @@ pub fn core(device: &PhysicalDevice) -> vk::PhysicalDeviceProperties {
         vendor_id: VENDOR_ID,
         device_id: DEVICE_ID,
         device_type: vk::PhysicalDeviceType::CPU,
-        pipeline_cache_uuid: PIPELINE_CACHE_UUID,
+        pipeline_cache_uuid: pipeline_cache_uuid(),
         limits: limits::limits(),
         ..Default::default()
     };
@@ -318,6 +325,10 @@ unsafe fn fill(device: &PhysicalDevice, node: *mut vk::BaseOutStructure<'static>
             PhysicalDeviceOpacityMicromapPropertiesEXT(vk::PhysicalDeviceOpacityMicromapPropertiesEXT {
                 max_opacity2_state_subdivision_level: traversal::micromap::MAX_LEVEL,
                 max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,
+                ..Default::default()
+            });
+            PhysicalDeviceMaintenance5PropertiesKHR(vk::PhysicalDeviceMaintenance5PropertiesKHR {
+                depth_stencil_swizzle_one_support: vk::TRUE,
                 ..Default::default()
             });
             PhysicalDevicePushDescriptorPropertiesKHR(vk::PhysicalDevicePushDescriptorPropertiesKHR {

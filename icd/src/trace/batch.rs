@@ -2,19 +2,24 @@
 
 use spirv_jit::program::{AlignedRow, Event, IO_DATA_ROW, ResumePoint, SiteKind, Wave};
 use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
-use traversal::{Verdict, Walker};
+use traversal::{PACKET, Verdict, Walk, Walker};
 
 use super::calls::{Call, Records, sort_calls, split_subgroup};
 use super::grid::Grid;
 use super::inputs::Sources;
+use super::queries::Queries;
 use super::rays::{RayInFlight, Report};
 use super::slab::Slab;
+use super::stats::Tally;
 use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, lanes_of};
 use super::table::ProgramIndex;
 use super::{Dispatch, Stopped};
 
 /// Fuel of one run or walk between two looks at the limits.
 const FUEL: u64 = 1 << 16;
+
+/// Waves between two looks at the limits.
+const PATIENCE: u32 = 256;
 
 /// Subgroup states that a batch may have in flight, in bytes: recursion ends in a device loss there, not in an abort.
 const MAX_STATE_BYTES: usize = 1 << 30;
@@ -28,6 +33,7 @@ pub struct Worker {
     pub(super) records: Records,
     /// States without a subgroup, for their memory.
     pub(super) spare_rows: Vec<Vec<AlignedRow>>,
+    pub(super) queries: Queries,
 }
 
 impl Default for Worker {
@@ -39,6 +45,7 @@ impl Default for Worker {
             rays: Slab::default(),
             records: Records::default(),
             spare_rows: Vec::new(),
+            queries: Queries::default(),
         }
     }
 }
@@ -62,6 +69,9 @@ pub struct Batch<'a> {
     /// Subgroups that stand at a reorder instruction.
     pub(super) reordering: Vec<SubgroupIndex>,
     pub(super) state_bytes: usize,
+    /// Waves until the next look at the limits: a shader that always yields never runs out of fuel.
+    patience: u32,
+    tally: Option<Tally>,
 }
 
 impl<'a> Batch<'a> {
@@ -70,6 +80,7 @@ impl<'a> Batch<'a> {
         worker.subgroups.clear();
         worker.rays.clear();
         worker.records = Records::default();
+        worker.queries.clear();
         Self {
             dispatch,
             grid,
@@ -79,6 +90,8 @@ impl<'a> Batch<'a> {
             calls: Vec::new(),
             reordering: Vec::new(),
             state_bytes: 0,
+            patience: PATIENCE,
+            tally: Tally::new(dispatch.shaders.programs.len()),
         }
     }
 
@@ -99,10 +112,14 @@ impl<'a> Batch<'a> {
                 self.form_waves()?;
             }
             if self.reordering.is_empty() {
-                return Ok(());
+                break;
             }
             self.reorder_threads();
         }
+        if let Some(tally) = &mut self.tally {
+            tally.close(|index| &self.dispatch.shaders.programs[index]);
+        }
+        Ok(())
     }
 
     /// Takes a place for a subgroup at its program's entry.
@@ -162,13 +179,14 @@ impl<'a> Batch<'a> {
         {
             let Ready {
                 program,
+                point,
                 mut subgroups,
-                ..
             } = self.ready.swap_remove(fullest);
             let width = self.dispatch.shaders.programs[program as usize]
                 .max_wave_subgroups()
                 .max(1);
             subgroups.sort_unstable();
+            self.compact(program, point, &mut subgroups);
             for wave in subgroups.chunks(width) {
                 self.run_wave(program, wave)?;
             }
@@ -182,6 +200,9 @@ impl<'a> Batch<'a> {
             .iter()
             .map(|&index| std::mem::take(&mut self.worker.subgroups[index].rows))
             .collect();
+        if let Some(tally) = &mut self.tally {
+            tally.count(program, compiled, &rows);
+        }
         let mut states: Vec<&mut [AlignedRow]> =
             rows.iter_mut().map(|rows| &mut rows[..]).collect();
         let mut fuel = FUEL;
@@ -201,14 +222,35 @@ impl<'a> Batch<'a> {
             match event {
                 Event::End => self.end(index),
                 Event::OutOfFuel => self.make_ready(index),
-                Event::Yield(site) => self.answer(index, compiled.sites()[site.0 as usize]),
+                Event::Yield(site) => match compiled.sites()[site.0 as usize] {
+                    SiteKind::RayQueryProceed => self.proceed(index)?,
+                    kind => self.answer(index, kind),
+                },
             }
         }
-        if event == Event::OutOfFuel {
+        self.patience -= 1;
+        if event == Event::OutOfFuel || self.patience == 0 {
+            self.patience = PATIENCE;
             self.dispatch.limits.check()
         } else {
             Ok(())
         }
+    }
+
+    /// Advances the ray queries of a subgroup, which then goes on.
+    fn proceed(&mut self, index: SubgroupIndex) -> Result<(), Stopped> {
+        let worker = &mut *self.worker;
+        let subgroup = &mut worker.subgroups[index];
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        worker.queries.proceed(
+            &mut worker.walker,
+            program,
+            &mut subgroup.rows,
+            &mut subgroup.queries,
+            self.dispatch.limits,
+        )?;
+        self.make_ready(index);
+        Ok(())
     }
 
     /// Starts what a yield asks for, lane by lane.
@@ -219,12 +261,15 @@ impl<'a> Batch<'a> {
         subgroup.pending = mask;
         subgroup.data_words = match site {
             SiteKind::TraceRay { payload_words }
+            | SiteKind::TraceRayMotion { payload_words }
             | SiteKind::HitObjectTraceRay { payload_words }
+            | SiteKind::HitObjectTraceRayMotion { payload_words }
             | SiteKind::HitObjectExecute { payload_words } => payload_words,
             SiteKind::ExecuteCallable { data_words } => data_words,
             SiteKind::ReportIntersection { .. }
             | SiteKind::HitObjectGet { .. }
             | SiteKind::ReorderThread
+            | SiteKind::RayQueryProceed
             | SiteKind::Barrier => 0,
         };
         if site == SiteKind::ReorderThread && mask != 0 {
@@ -237,8 +282,10 @@ impl<'a> Batch<'a> {
                 lane: lane as u8,
             };
             match site {
-                SiteKind::TraceRay { .. } => self.trace_ray(caller, false),
-                SiteKind::HitObjectTraceRay { .. } => self.trace_ray(caller, true),
+                SiteKind::TraceRay { .. } => self.trace_ray(caller, false, false),
+                SiteKind::TraceRayMotion { .. } => self.trace_ray(caller, false, true),
+                SiteKind::HitObjectTraceRay { .. } => self.trace_ray(caller, true, false),
+                SiteKind::HitObjectTraceRayMotion { .. } => self.trace_ray(caller, true, true),
                 SiteKind::HitObjectExecute { .. } => self.execute_hit_object(caller),
                 SiteKind::HitObjectGet { fact } => self.answer_fact(caller, fact),
                 SiteKind::ReportIntersection { attribute_words } => {
@@ -246,7 +293,9 @@ impl<'a> Batch<'a> {
                 }
                 SiteKind::ExecuteCallable { .. } => self.execute_callable(caller),
                 // Barriers exist in compute alone; a ray tracing module that has one is refused.
-                SiteKind::Barrier | SiteKind::ReorderThread => self.answered(caller),
+                SiteKind::Barrier | SiteKind::ReorderThread | SiteKind::RayQueryProceed => {
+                    self.answered(caller)
+                }
             }
         }
         if mask == 0 {
@@ -263,12 +312,13 @@ impl<'a> Batch<'a> {
         }
     }
 
-    fn trace_ray(&mut self, caller: LaneRef, fills_hit_object: bool) {
+    fn trace_ray(&mut self, caller: LaneRef, fills_hit_object: bool, motion: bool) {
         let index = self.worker.rays.take();
         let subgroup = &self.worker.subgroups[caller.subgroup];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let ray = &mut self.worker.rays[index];
-        ray.start(caller, subgroup, program, self.dispatch.pipeline_ray_flags);
+        let flags = self.dispatch.pipeline_ray_flags;
+        ray.start(caller, subgroup, program, flags, motion);
         ray.fills_hit_object = fills_hit_object;
         self.walking.push((index, Verdict::Continue));
     }
@@ -379,6 +429,7 @@ impl<'a> Batch<'a> {
         let mut subgroup = std::mem::take(&mut self.worker.subgroups[index]);
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         self.state_bytes -= program.layout().rows * size_of::<AlignedRow>();
+        self.worker.queries.release(&mut subgroup.queries);
         for lane in lanes_of(subgroup.lanes) {
             let ray = subgroup.ray[lane];
             match subgroup.role {
@@ -448,14 +499,47 @@ impl<'a> Batch<'a> {
     /// Advances every walk until a shader has to run, or to its end.
     fn advance_walks(&mut self) -> Result<(), Stopped> {
         let mut walking = std::mem::take(&mut self.walking);
-        for &(index, verdict) in &walking {
-            self.advance_walk(index, verdict)?;
+        let mut rest = &walking[..];
+        while let Some(&(index, verdict)) = rest.first() {
+            if let Some((wave, others)) = rest.split_first_chunk()
+                && self.finish_walks(wave)
+            {
+                rest = others;
+            } else {
+                self.advance_walk(index, verdict)?;
+                rest = &rest[1..];
+            }
         }
         walking.clear();
         if self.walking.is_empty() {
             self.walking = walking;
         }
         Ok(())
+    }
+
+    /// Takes a subgroup's rays to the ends of their walks together; false if they do not go the same way, or some
+    /// have started. What they find is the same, one way or the other.
+    fn finish_walks(&mut self, wave: &[(u32, Verdict); PACKET]) -> bool {
+        let indices = wave.map(|(index, _)| index);
+        let subgroup = |index| self.worker.rays[index].caller.subgroup;
+        if subgroup(indices[0]) != subgroup(indices[PACKET - 1])
+            || wave
+                .iter()
+                .any(|&(_, verdict)| verdict != Verdict::Continue)
+        {
+            return false;
+        }
+        let Some(rays) = self.worker.rays.many_mut(indices) else {
+            return false;
+        };
+        let mut walks = rays.map(RayInFlight::walk_mut);
+        if !Walk::finish_together(&mut walks, &mut self.worker.walker) {
+            return false;
+        }
+        for index in indices {
+            self.end_walk(index);
+        }
+        true
     }
 
     fn advance_walk(&mut self, index: u32, mut verdict: Verdict) -> Result<(), Stopped> {

@@ -65,6 +65,7 @@ impl Batch<'_> {
         ray.flags = object.0[word::FLAGS];
         ray.cull_mask = object.0[word::KIND] >> 8 & 0xff;
         ray.fills_hit_object = false;
+        ray.time = object.time();
         ray.attributes
             .copy_from_slice(&object.0[word::ATTRIBUTES..]);
         // The record's index is given: one that the rule for hits, with these, leads back to.
@@ -100,15 +101,18 @@ impl Batch<'_> {
                 answer[1] = hit.instance_sbt_offset;
             }
             HitFact::ObjectToWorld => {
-                let matrix = object.read(|s| s.object_to_world(object.0[word::INSTANCE]));
+                let matrix =
+                    object.read(|s| s.object_to_world_at(object.0[word::INSTANCE], object.time()));
                 answer[..12].copy_from_slice(&column_major(&matrix));
             }
             HitFact::WorldToObject => {
-                let matrix = object.read(|s| s.world_to_object(object.0[word::INSTANCE]));
+                let matrix =
+                    object.read(|s| s.world_to_object_at(object.0[word::INSTANCE], object.time()));
                 answer[..12].copy_from_slice(&column_major(&matrix));
             }
             HitFact::TriangleVertexPositions => {
-                let vertices = object.read(|s| s.triangle_vertices(&object.hit()));
+                let vertices =
+                    object.read(|s| s.triangle_vertices_at(&object.hit(), object.time()));
                 for (place, coordinate) in answer.iter_mut().zip(vertices.as_flattened()) {
                     *place = coordinate.to_bits();
                 }
@@ -141,7 +145,8 @@ impl Batch<'_> {
     }
 }
 
-fn primitive_of(hit: &Hit) -> u32 {
+/// What was hit, as a hit object says it.
+pub fn primitive_of(hit: &Hit) -> u32 {
     match hit.swept {
         Swept::Sphere => primitive::SPHERE,
         Swept::LinearSweptSphere => primitive::LINEAR_SWEPT_SPHERE,
@@ -169,6 +174,10 @@ impl Object {
 
     fn state(&self) -> u32 {
         self.0[word::KIND] & kind::MASK
+    }
+
+    fn time(&self) -> f32 {
+        f32::from_bits(self.0[word::TIME])
     }
 
     fn structure(&self) -> u64 {

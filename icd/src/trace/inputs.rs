@@ -8,7 +8,7 @@ use traversal::{Hit, Structure, Swept};
 
 use super::Dispatch;
 use super::grid::Grid;
-use super::rays::RayInFlight;
+use super::rays::{RayInFlight, to_object};
 use super::slab::Slab;
 use super::subgroup::{LaneRef, Role, Subgroup};
 use super::table::HANDLE_SIZE;
@@ -151,23 +151,30 @@ impl<'a> HitLanes<'a> {
         Some(std::array::from_fn(|lane| word(self.rays[lane])))
     }
 
-    fn of_structures<T: Default>(&self, read: impl Fn(Structure, &Hit) -> T) -> Lanes<T> {
+    /// What structures say of the hits at the rays' times.
+    fn of_structures<T: Default>(&self, read: impl Fn(Structure, &Hit, f32) -> T) -> Lanes<T> {
         std::array::from_fn(|lane| {
             // SAFETY: as for the walk: the structure is built and bound until the dispatch is complete.
             let structure = unsafe { Structure::at(self.rays[lane].structure) };
-            structure.map_or_else(T::default, |structure| read(structure, &self.hits[lane]))
+            structure.map_or_else(T::default, |structure| {
+                read(structure, &self.hits[lane], self.rays[lane].time)
+            })
         })
     }
 
     fn object_to_world(&self) -> &Lanes<[f32; 12]> {
         self.object_to_world.get_or_init(|| {
-            self.of_structures(|structure, hit| structure.object_to_world(hit.instance_index))
+            self.of_structures(|structure, hit, time| {
+                structure.object_to_world_at(hit.instance_index, time)
+            })
         })
     }
 
     fn world_to_object(&self) -> &Lanes<[f32; 12]> {
         self.world_to_object.get_or_init(|| {
-            self.of_structures(|structure, hit| structure.world_to_object(hit.instance_index))
+            self.of_structures(|structure, hit, time| {
+                structure.world_to_object_at(hit.instance_index, time)
+            })
         })
     }
 
@@ -193,12 +200,15 @@ impl<'a> HitLanes<'a> {
             Builtin::ObjectRayDirection => Some(self.object_ray_row(component, false)),
             Builtin::HitTriangleVertexPositions => {
                 let vertices = self.vertices.get_or_init(|| {
-                    self.of_structures(|structure, hit| structure.triangle_vertices(hit))
+                    self.of_structures(|structure, hit, time| {
+                        structure.triangle_vertices_at(hit, time)
+                    })
                 });
                 Some(std::array::from_fn(|lane| {
                     vertices[lane][component / 3][component % 3].to_bits()
                 }))
             }
+            Builtin::CurrentRayTime => self.of_rays(|ray| ray.time.to_bits()),
             Builtin::HitIsSphere => self.of_hits(|hit| (hit.swept == Swept::Sphere) as u32),
             Builtin::HitIsLss => self.of_hits(|hit| (hit.swept == Swept::LinearSweptSphere) as u32),
             Builtin::HitSpherePosition | Builtin::HitLssPositions => {
@@ -215,7 +225,7 @@ impl<'a> HitLanes<'a> {
 
     /// Ends and radii of spheres and linear swept spheres.
     fn ends(&self) -> Lanes<([[f32; 3]; 2], [f32; 2])> {
-        self.of_structures(|structure, hit| structure.swept_ends(hit))
+        self.of_structures(|structure, hit, _| structure.swept_ends(hit))
     }
 
     /// `RayTmaxKHR`: the hit's distance in hit shaders, the end of the interval as it stands in the others.
@@ -234,12 +244,11 @@ impl<'a> HitLanes<'a> {
         std::array::from_fn(|lane| {
             let ray = self.rays[lane].ray();
             let (vector, w) = if origin {
-                (ray.origin, 1.0)
+                (&ray.origin, 1.0)
             } else {
-                (ray.direction, 0.0)
+                (&ray.direction, 0.0)
             };
-            let row = &matrices[lane][component * 4..][..4];
-            (row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2] + row[3] * w).to_bits()
+            to_object(&matrices[lane], component, vector, w).to_bits()
         })
     }
 }

@@ -15,9 +15,11 @@ mod calls;
 mod grid;
 mod hit_object;
 mod inputs;
+mod queries;
 mod rays;
 mod reorder;
 mod slab;
+pub mod stats;
 mod subgroup;
 pub mod table;
 #[cfg(test)]
@@ -31,6 +33,7 @@ use rayon::prelude::*;
 use spirv_jit::environment::Environment;
 
 pub use grid::Grid;
+pub use queries::{Owned, Queries};
 use table::{Shaders, Tables};
 
 /// One `vkCmdTraceRays*`, whatever command it came from.

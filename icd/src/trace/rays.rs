@@ -47,6 +47,8 @@ pub struct RayInFlight {
     pub report: Report,
     /// An any-hit shader ended the search from inside an intersection shader.
     pub over: bool,
+    /// When it is cast.
+    pub time: f32,
     /// What is found goes into a hit object.
     pub fills_hit_object: bool,
     /// Comes from a hit object: there is no walk.
@@ -61,6 +63,7 @@ impl RayInFlight {
         subgroup: &Subgroup,
         program: &Program,
         pipeline_flags: u32,
+        motion: bool,
     ) {
         let lane = caller.lane as usize;
         let word = |row| subgroup.io(program, row, lane);
@@ -76,6 +79,7 @@ impl RayInFlight {
         self.over = false;
         self.fills_hit_object = false;
         self.recorded = None;
+        self.time = if motion { float(15) } else { 0.0 };
         let ray = Ray {
             origin: [float(7), float(8), float(9)],
             t_min: float(10),
@@ -92,6 +96,8 @@ impl RayInFlight {
                 None => self.walk = Some(Walk::new(self.structure, &ray)),
             }
         }
+        let time = self.time;
+        self.walk_mut().set_time(time);
     }
 
     /// The walk of a ray that was started.
@@ -134,4 +140,10 @@ impl RayInFlight {
             .wrapping_add(hit.geometry_index.wrapping_mul(self.sbt_stride))
             .wrapping_add(self.sbt_offset)
     }
+}
+
+/// A component of a point (`w` is 1) or a direction (0) in an instance's space, by its row-major world-to-object matrix.
+pub fn to_object(matrix: &[f32; 12], component: usize, vector: &[f32; 3], w: f32) -> f32 {
+    let row = &matrix[component * 4..][..4];
+    row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2] + row[3] * w
 }

@@ -7,7 +7,7 @@ use std::cmp::Ordering;
 
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::hit_object::kind;
-use spirv_jit::program::{AlignedRow, ResumePoint};
+use spirv_jit::program::{AlignedRow, ResumePoint, SiteKind, Stage};
 
 use super::batch::Batch;
 use super::subgroup::{LaneRef, Subgroup, SubgroupIndex, lanes_of};
@@ -76,6 +76,47 @@ impl Batch<'_> {
         }
     }
 
+    /// Puts the lanes of ready ray generation shaders that stand behind one shader call into fewer subgroups, where many have ended.
+    pub(super) fn compact(
+        &mut self,
+        program: ProgramIndex,
+        point: ResumePoint,
+        subgroups: &mut Vec<SubgroupIndex>,
+    ) {
+        let compiled = &self.dispatch.shaders.programs[program as usize];
+        let may_move = matches!(
+            compiled.site_of(point),
+            Some(
+                SiteKind::TraceRay { .. }
+                    | SiteKind::TraceRayMotion { .. }
+                    | SiteKind::ExecuteCallable { .. }
+            )
+        );
+        if !may_move || compiled.stage() != Stage::RayGeneration || subgroups.len() < 2 {
+            return;
+        }
+        let mut sources = Vec::with_capacity(subgroups.len());
+        let mut lanes = Vec::new();
+        for &index in &*subgroups {
+            let rows = &self.worker.subgroups[index].rows;
+            if compiled.event_mask(rows) != u16::MAX && !compiled.has_parked_lanes(rows) {
+                lanes.extend(lanes_of(compiled.event_mask(rows)).map(|lane| LaneRef {
+                    subgroup: index,
+                    lane: lane as u8,
+                }));
+                sources.push(index);
+            }
+        }
+        // Moving costs about what it saves when a fourth of the subgroups goes.
+        let needed = lanes.len().div_ceil(SUBGROUP_SIZE);
+        if lanes.is_empty() || 4 * needed > 3 * sources.len() {
+            return;
+        }
+        self.move_lanes(program, &sources, &lanes);
+        let gone = &sources[needed..];
+        subgroups.retain(|index| gone.binary_search(index).is_err());
+    }
+
     fn reorder_key(&mut self, lane: LaneRef) -> Key {
         let subgroup = &self.worker.subgroups[lane.subgroup];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
@@ -113,7 +154,7 @@ impl Batch<'_> {
     /// given back.
     fn move_lanes(&mut self, program: ProgramIndex, sources: &[SubgroupIndex], lanes: &[LaneRef]) {
         let compiled = &self.dispatch.shaders.programs[program as usize];
-        let old: Vec<Subgroup> = sources
+        let mut old: Vec<Subgroup> = sources
             .iter()
             .map(|&index| std::mem::take(&mut self.worker.subgroups[index]))
             .collect();
@@ -132,7 +173,7 @@ impl Batch<'_> {
                 (&old[source].rows[..], lane)
             });
             compiled.gather_lanes(&mut rows, active, &columns);
-            self.worker.subgroups[target] = Subgroup {
+            let mut moved = Subgroup {
                 program,
                 role: old[0].role,
                 rows,
@@ -145,11 +186,20 @@ impl Batch<'_> {
                 }),
                 ..Subgroup::default()
             };
+            for (to, &(source, lane)) in from.iter().enumerate() {
+                let from = (&mut old[source].queries, lane);
+                let to = (&mut moved.queries, to);
+                self.worker.queries.move_lane(from, to);
+            }
+            self.worker.subgroups[target] = moved;
         }
         let needed = lanes.len().div_ceil(SUBGROUP_SIZE);
         for &index in &sources[needed..] {
             self.state_bytes -= compiled.layout().rows * size_of::<AlignedRow>();
             self.worker.subgroups.remove(index);
+        }
+        for subgroup in &mut old {
+            self.worker.queries.release(&mut subgroup.queries);
         }
         let spare = old.into_iter().map(|subgroup| subgroup.rows);
         self.worker.spare_rows.extend(spare);

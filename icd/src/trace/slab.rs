@@ -27,6 +27,18 @@ impl<T: Default> Slab<T> {
         })
     }
 
+    /// What is at a place, if there is such a place.
+    pub fn get_mut(&mut self, index: u32) -> Option<&mut T> {
+        self.entries.get_mut(index as usize)
+    }
+
+    /// What is at several different places.
+    pub fn many_mut<const N: usize>(&mut self, indices: [u32; N]) -> Option<[&mut T; N]> {
+        self.entries
+            .get_disjoint_mut(indices.map(|index| index as usize))
+            .ok()
+    }
+
     /// Gives a place back.
     pub fn remove(&mut self, index: u32) {
         self.free.push(index);

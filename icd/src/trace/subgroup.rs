@@ -4,6 +4,7 @@
 use spirv_jit::program::AlignedRow;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
+use super::queries::Owned;
 use super::table::ProgramIndex;
 
 /// Index of a [`Subgroup`] in its batch.
@@ -48,6 +49,8 @@ pub struct Subgroup {
     pub launch: [u32; SUBGROUP_SIZE],
     /// Per lane, for hit and miss shaders: the ray.
     pub ray: [u32; SUBGROUP_SIZE],
+    /// Its ray queries' suspended walks.
+    pub queries: Owned,
     /// Per lane, for callables: who waits.
     pub caller: [LaneRef; SUBGROUP_SIZE],
 }
@@ -60,6 +63,7 @@ impl Subgroup {
         self.pending = 0;
         self.lanes = lanes;
         self.data_words = 0;
+        self.queries.clear();
         self.rows
             .resize(program.layout().rows, AlignedRow::default());
         program.start(&mut self.rows, lanes);

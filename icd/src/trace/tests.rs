@@ -468,10 +468,33 @@ func f0 {
 }
 ";
 
+/// One that asks without end: each turn of its loop suspends, and burns no fuel to speak of.
+const ASKING: &str = "
+module ray_generation
+output_rows 0
+
+func f0 {
+  var0: 15 rows zero
+  v0: i32 = const 1
+  v1: i32 = var.address[var0]
+  loop L0 {
+    var.store[var0, 1] v0
+    v2: i1 = ray_query_proceed v1
+    br L0
+  }
+  unreachable
+}
+";
+
 #[test]
 fn a_hanging_shader_is_stopped() {
+    is_stopped(ENDLESS);
+    is_stopped(ASKING);
+}
+
+fn is_stopped(text: &str) {
     let (shaders, handles) = shaders(
-        &[ENDLESS],
+        &[text],
         &[Group {
             general: Some(0),
             ..Group::default()

@@ -28,6 +28,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::ir::{self, InputRow};
 use crate::program::{AlignedRow, Event, ResumePoint, SiteKind, Stage, StateLayout, Wave};
+use crate::query::QueryWord;
 use crate::{Error, SUBGROUP_SIZE};
 use code::Code;
 use machine::{MAX_SUBGROUPS, Machine, Mask};
@@ -54,6 +55,7 @@ pub struct Program {
     stage: Stage,
     code: Code,
     inputs: Vec<InputRow>,
+    query_words: Vec<QueryWord>,
     local_size: [u32; 3],
     shared_size_bytes: u32,
     layout: StateLayout,
@@ -83,6 +85,7 @@ impl Program {
             stage: module.stage,
             code: emitted.code,
             inputs: module.inputs.clone(),
+            query_words: module.query_words.clone(),
             local_size: module.local_size,
             shared_size_bytes: module.shared_size_bytes,
             layout: emitted.layout,
@@ -130,6 +133,19 @@ impl Program {
         &self.sites
     }
 
+    /// What the objects of its ray queries hold behind their fixed rows.
+    pub fn query_words(&self) -> &[QueryWord] {
+        &self.query_words
+    }
+
+    /// The per-lane memory of a state.
+    ///
+    /// # Panics
+    /// The state is smaller than [`StateLayout::rows`].
+    pub fn private_rows<'s>(&self, state: &'s mut [AlignedRow]) -> &'s mut [AlignedRow] {
+        &mut state[self.private..self.private + self.private_rows]
+    }
+
     /// Words the program leaves in the `io` rows at its end (see `ir::Module::output_rows`).
     pub fn output_rows(&self) -> u32 {
         self.output_rows
@@ -161,6 +177,17 @@ impl Program {
     /// of the `io` rows are the event's: the others may hold outputs of lanes that have ended.
     pub fn event_mask(&self, state: &[AlignedRow]) -> u16 {
         state[0].0[1] as u16
+    }
+
+    /// Differs from every other program's in the process.
+    pub fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// What was asked for where a state stands; `None` at the entry and where fuel ran out.
+    pub fn site_of(&self, point: ResumePoint) -> Option<SiteKind> {
+        let (point, _) = self.code.point_of(point.0);
+        point.site.map(|site| self.sites[site.0 as usize])
     }
 
     /// Whether lanes of a yielded state wait in an enclosing construct for those that take part in the event.

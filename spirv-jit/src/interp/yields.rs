@@ -186,7 +186,8 @@ pub(super) unsafe fn read_io(m: &mut Machine<'_>, i: &Instr) {
     }
 }
 
-/// After a reported intersection: `d` is whether it was accepted; lanes whose search is over end.
+/// After a reported intersection: `d` is whether it was accepted; lanes whose search is over end. After a query's event, which ends none:
+/// whether there is a candidate.
 ///
 /// # Safety
 /// As [`yield_`].

@@ -62,6 +62,7 @@
 //! [`program::Event`](crate::program::Event). Their operands and results are 32-bit words. After those that SPIR-V calls invocation repack
 //! instructions a lane may be another one, of another subgroup.
 
+pub mod binary;
 pub mod entities;
 pub mod module;
 pub mod op;

@@ -4,6 +4,7 @@ use smallvec::SmallVec;
 
 use super::{FunctionId, Label, Op, Type, Value, VariableId};
 use crate::program::{Builtin, Stage};
+use crate::query::QueryWord;
 
 /// One operation: operands, results, and the SPIR-V it came from.
 #[derive(Clone, Debug, PartialEq)]
@@ -103,6 +104,8 @@ pub struct Module {
     pub functions: Vec<Function>,
     /// Rows of the input record that the module reads, by [`Op::Input`] index.
     pub inputs: Vec<InputRow>,
+    /// What ray queries' objects hold behind their fixed rows (see [`crate::query`]).
+    pub query_words: Vec<QueryWord>,
     /// Words that `end` takes. By stage: any-hit: verdict (0 accept, 1 ignore, 2 accept and terminate the ray), then payload words; closest
     /// hit and miss: payload words; callable: callable data words; intersection, ray generation and compute: none.
     pub output_rows: u32,

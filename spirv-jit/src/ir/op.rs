@@ -296,17 +296,24 @@ macro_rules! define_op {
             ReportIntersection,
             /// `(index: i32, data words…) -> (data words…)`.
             ExecuteCallable,
+            /// As `TraceRay`, with the time as the sixteenth word.
+            TraceRayMotion,
             /// As `TraceRay`, but no closest-hit or miss shader runs: `(15 words, payload…) -> (16 words, payload…)`, the words of the hit object
             /// that [`TRACED`](crate::hit_object::TRACED) lists.
             HitObjectTraceRay,
+            /// As `HitObjectTraceRay`, with the time as the sixteenth word.
+            HitObjectTraceRayMotion,
             /// Runs the closest-hit or miss shader of a hit object: `(hit object words, payload…) -> (payload…)`.
             HitObjectExecute,
-            /// What the scheduler knows of a hit: `(8 words) -> (words…)`, see [`HitFact`](crate::hit_object::HitFact).
+            /// What the scheduler knows of a hit: `(9 words) -> (words…)`, see [`HitFact`](crate::hit_object::HitFact).
             HitObjectGet(HitFact),
             /// `(hint, bits, hit object's kind or ones, its record index) -> ()`: may move the lane to another subgroup.
             ReorderThread,
             /// `() -> ()`: waits for all invocations of the workgroup.
             Barrier,
+            /// `(row: i32) -> i1`: advances the ray query whose object starts at that row of private memory, and rewrites the object; false
+            /// when the walk is over.
+            RayQueryProceed,
         }
 
         impl Op {
@@ -343,11 +350,14 @@ macro_rules! define_op {
                     Op::TraceRay => "trace_ray",
                     Op::ReportIntersection => "report_intersection",
                     Op::ExecuteCallable => "execute_callable",
+                    Op::TraceRayMotion => "trace_ray_motion",
                     Op::HitObjectTraceRay => "hit_object_trace_ray",
+                    Op::HitObjectTraceRayMotion => "hit_object_trace_ray_motion",
                     Op::HitObjectExecute => "hit_object_execute",
                     Op::HitObjectGet(fact) => fact.text(),
                     Op::ReorderThread => "reorder_thread",
                     Op::Barrier => "barrier",
+                    Op::RayQueryProceed => "ray_query_proceed",
                 }
             }
 
@@ -464,11 +474,14 @@ impl Op {
             Op::TraceRay
                 | Op::ReportIntersection
                 | Op::ExecuteCallable
+                | Op::TraceRayMotion
                 | Op::HitObjectTraceRay
+                | Op::HitObjectTraceRayMotion
                 | Op::HitObjectExecute
                 | Op::HitObjectGet(_)
                 | Op::ReorderThread
                 | Op::Barrier
+                | Op::RayQueryProceed
         )
     }
 

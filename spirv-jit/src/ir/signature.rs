@@ -175,6 +175,7 @@ fn check_other(
         Op::Image(image) => check_image(image, args, results),
         Op::Subgroup(kind) => check_subgroup(*kind, args, results),
         Op::MemoryBarrier | Op::Barrier => takes(&[]).and_then(|()| gives(&[])),
+        Op::RayQueryProceed => takes(&[I32]).and_then(|()| gives(&[I1])),
         Op::Call(callee) => {
             let Some(callee) = module.functions.get(callee.index()) else {
                 return Err("no such function".into());
@@ -221,10 +222,21 @@ fn check_other(
                 "callable data in and out differ",
             )
         }
-        Op::HitObjectTraceRay => {
+        Op::TraceRayMotion => {
             words_only(args, results)?;
             require(
-                args.len() >= 15 && args.len() - 15 + TRACED.len() == results.len(),
+                args.len() >= 16 && args.len() - 16 == results.len(),
+                "payload in and out differ",
+            )
+        }
+        Op::HitObjectTraceRay | Op::HitObjectTraceRayMotion => {
+            let fixed = match op {
+                Op::HitObjectTraceRay => 15,
+                _ => 16,
+            };
+            words_only(args, results)?;
+            require(
+                args.len() >= fixed && args.len() - fixed + TRACED.len() == results.len(),
                 "payload in and out differ",
             )
         }

@@ -52,6 +52,7 @@ fn source(built_in: BuiltIn) -> Option<Source> {
         BuiltIn::HitTriangleVertexPositionsKHR => {
             Source::Record(Builtin::HitTriangleVertexPositions)
         }
+        BuiltIn::CurrentRayTimeNV => Source::Record(Builtin::CurrentRayTime),
         BuiltIn::HitIsSphereNV => Source::Record(Builtin::HitIsSphere),
         BuiltIn::HitIsLSSNV => Source::Record(Builtin::HitIsLss),
         BuiltIn::HitSpherePositionNV => Source::Record(Builtin::HitSpherePosition),

@@ -133,8 +133,11 @@ impl Lowerer<'_> {
                         summary.variables.extend(&callee.variables);
                     }
                     Op::TraceRayKHR
+                    | Op::TraceRayMotionNV
+                    | Op::TraceMotionNV
                     | Op::ExecuteCallableKHR
                     | Op::ReportIntersectionKHR
+                    | Op::RayQueryProceedKHR
                     | Op::ControlBarrier => summary.yields = true,
                     opcode if is_hit_object(opcode) => summary.yields = true,
                     Op::IgnoreIntersectionKHR

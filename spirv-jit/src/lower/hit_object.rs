@@ -3,29 +3,38 @@
 use rspirv::spirv::Op;
 
 use super::Lowerer;
+use super::types::TypeKind;
 use super::values::Pointer;
 use crate::Error;
 use crate::hit_object::{HitFact, IDENTITY, TRACED, kind, primitive, word};
 use crate::ir::{self, Type, Value};
 use crate::parse::{Id, Instruction};
 use crate::program::Stage;
+use crate::query::{QueryField, QueryWord, row};
 
 /// What an instruction does to a hit object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Action {
-    Trace,
+    Trace {
+        motion: bool,
+    },
     Execute,
     Reorder,
     ReorderWithHint,
     ReorderExecute,
-    TraceReorderExecute,
+    TraceReorderExecute {
+        motion: bool,
+    },
     RecordEmpty,
     RecordMiss {
         with_flags: bool,
+        motion: bool,
     },
     RecordHit {
         with_index: bool,
+        motion: bool,
     },
+    RecordFromQuery,
     SetRecordIndex,
     CopyAttributes,
     /// Whether it is of this kind.
@@ -55,18 +64,28 @@ enum Action {
 fn action(opcode: Op) -> Option<Action> {
     use Action::*;
     let words = |first, count| Words { first, count };
+    let record_miss = |with_flags, motion| RecordMiss { with_flags, motion };
+    let record_hit = |with_index, motion| RecordHit { with_index, motion };
     Some(match opcode {
-        Op::HitObjectTraceRayNV | Op::HitObjectTraceRayEXT => Trace,
+        Op::HitObjectTraceRayNV | Op::HitObjectTraceRayEXT => Trace { motion: false },
+        Op::HitObjectTraceRayMotionNV | Op::HitObjectTraceRayMotionEXT => Trace { motion: true },
         Op::HitObjectExecuteShaderNV | Op::HitObjectExecuteShaderEXT => Execute,
         Op::ReorderThreadWithHitObjectNV | Op::ReorderThreadWithHitObjectEXT => Reorder,
         Op::ReorderThreadWithHintNV | Op::ReorderThreadWithHintEXT => ReorderWithHint,
         Op::HitObjectReorderExecuteShaderEXT => ReorderExecute,
-        Op::HitObjectTraceReorderExecuteEXT => TraceReorderExecute,
+        Op::HitObjectTraceReorderExecuteEXT => TraceReorderExecute { motion: false },
+        Op::HitObjectTraceMotionReorderExecuteEXT => TraceReorderExecute { motion: true },
         Op::HitObjectRecordEmptyNV | Op::HitObjectRecordEmptyEXT => RecordEmpty,
-        Op::HitObjectRecordMissNV => RecordMiss { with_flags: false },
-        Op::HitObjectRecordMissEXT => RecordMiss { with_flags: true },
-        Op::HitObjectRecordHitNV => RecordHit { with_index: false },
-        Op::HitObjectRecordHitWithIndexNV => RecordHit { with_index: true },
+        Op::HitObjectRecordMissNV => record_miss(false, false),
+        Op::HitObjectRecordMissMotionNV => record_miss(false, true),
+        Op::HitObjectRecordMissEXT => record_miss(true, false),
+        Op::HitObjectRecordMissMotionEXT => record_miss(true, true),
+        Op::HitObjectRecordHitNV => record_hit(false, false),
+        Op::HitObjectRecordHitMotionNV => record_hit(false, true),
+        Op::HitObjectRecordHitWithIndexNV => record_hit(true, false),
+        Op::HitObjectRecordHitWithIndexMotionNV => record_hit(true, true),
+        Op::HitObjectGetCurrentTimeNV | Op::HitObjectGetCurrentTimeEXT => words(word::TIME, 1),
+        Op::HitObjectRecordFromQueryEXT => RecordFromQuery,
         Op::HitObjectSetShaderBindingTableRecordIndexEXT => SetRecordIndex,
         Op::HitObjectGetAttributesNV | Op::HitObjectGetAttributesEXT => CopyAttributes,
         Op::HitObjectIsEmptyNV | Op::HitObjectIsEmptyEXT => Is(kind::EMPTY),
@@ -143,7 +162,7 @@ impl Lowerer<'_> {
         }
         let rest = &operands[1..];
         let result = match action {
-            Action::Trace => return self.hit_object_trace(&pointer, rest),
+            Action::Trace { motion } => return self.hit_object_trace(&pointer, rest, motion),
             Action::Execute => return self.hit_object_execute(&object, rest[0]),
             Action::Reorder => return self.reorder(Some(&object), rest),
             Action::ReorderWithHint => return Ok(()),
@@ -151,20 +170,24 @@ impl Lowerer<'_> {
                 self.reorder(Some(&object), &rest[1..])?;
                 return self.hit_object_execute(&object, rest[0]);
             }
-            Action::TraceReorderExecute => {
-                self.hit_object_trace(&pointer, rest)?;
+            Action::TraceReorderExecute { motion } => {
+                self.hit_object_trace(&pointer, rest, motion)?;
                 let object = self.load(&pointer)?;
-                self.reorder(Some(&object), &rest[11..])?;
-                return self.hit_object_execute(&object, rest[10]);
+                let payload = 10 + usize::from(motion);
+                self.reorder(Some(&object), &rest[payload + 1..])?;
+                return self.hit_object_execute(&object, rest[payload]);
             }
             Action::RecordEmpty => {
                 let empty = self.empty_hit_object();
                 return self.store(&pointer, &empty);
             }
-            Action::RecordMiss { with_flags } => {
-                return self.record_miss(&pointer, rest, with_flags);
+            Action::RecordMiss { with_flags, motion } => {
+                return self.record_miss(&pointer, rest, with_flags, motion);
             }
-            Action::RecordHit { with_index } => return self.record_hit(&pointer, rest, with_index),
+            Action::RecordHit { with_index, motion } => {
+                return self.record_hit(&pointer, rest, with_index, motion);
+            }
+            Action::RecordFromQuery => return self.record_from_query(&pointer, rest),
             Action::SetRecordIndex => {
                 object[word::RECORD_INDEX] = self.word(rest[0])?;
                 return self.store(&pointer, &object);
@@ -202,7 +225,7 @@ impl Lowerer<'_> {
             Action::Reorder
                 | Action::ReorderWithHint
                 | Action::ReorderExecute
-                | Action::TraceReorderExecute
+                | Action::TraceReorderExecute { .. }
         );
         let allowed = match self.request.stage {
             Stage::RayGeneration => true,
@@ -226,20 +249,30 @@ impl Lowerer<'_> {
             .collect()
     }
 
-    /// Operands: structure, flags, cull mask, SBT offset and stride, miss index, origin, t_min, direction, t_max, payload.
-    fn hit_object_trace(&mut self, pointer: &Pointer, operands: &[Id]) -> Result<(), Error> {
+    /// Operands: structure, flags, cull mask, SBT offset and stride, miss index, origin, t_min, direction, t_max, (time,) payload.
+    fn hit_object_trace(
+        &mut self,
+        pointer: &Pointer,
+        operands: &[Id],
+        motion: bool,
+    ) -> Result<(), Error> {
         let mut words = self.ray_words(operands)?;
         let ray = words.clone();
-        let payload = self.pointer(operands[10])?;
+        let (op, time) = if motion {
+            let time = self.ray_time(operands[10])?;
+            words.push(time);
+            (ir::Op::HitObjectTraceRayMotion, time)
+        } else {
+            (ir::Op::HitObjectTraceRay, self.b.f32(0.0))
+        };
+        let payload = self.pointer(operands[10 + usize::from(motion)])?;
         let types = self.types.leaves(payload.pointee)?;
         let values = self.load(&payload)?;
         let taken = self.scalars_to_words(&values)?;
         let traced = TRACED.iter().map(|&index| word::ty(index));
         let results: Vec<Type> = traced.chain(taken.iter().map(|&w| self.b.ty(w))).collect();
         words.extend(taken);
-        let returned = self
-            .b
-            .emit_unchecked(ir::Op::HitObjectTraceRay, &words, &results)?;
+        let returned = self.b.emit_unchecked(op, &words, &results)?;
         let (traced, payload_words) = returned.split_at(TRACED.len());
         let values = self.words_to_scalars(payload_words, &types)?;
         self.store(&payload, &values)?;
@@ -247,6 +280,7 @@ impl Lowerer<'_> {
         for (&index, &value) in TRACED.iter().zip(traced) {
             object[index] = value;
         }
+        object[word::TIME] = time;
         object[word::FLAGS] = ray[2];
         object[word::ORIGIN..word::ORIGIN + 3].copy_from_slice(&ray[7..10]);
         object[word::T_MIN] = ray[10];
@@ -285,12 +319,13 @@ impl Lowerer<'_> {
             .emit_effect(ir::Op::ReorderThread, &[hint, bits, kind, record])
     }
 
-    /// Operands: (flags,) miss index, origin, t_min, direction, t_max.
+    /// Operands: (flags,) miss index, origin, t_min, direction, t_max(, time).
     fn record_miss(
         &mut self,
         pointer: &Pointer,
         operands: &[Id],
         with_flags: bool,
+        motion: bool,
     ) -> Result<(), Error> {
         let mut object = self.empty_hit_object();
         object[word::KIND] = self.b.i32(kind::MISS);
@@ -302,6 +337,9 @@ impl Lowerer<'_> {
         };
         object[word::RECORD_INDEX] = self.word(rest[0])?;
         self.record_ray(&mut object, &rest[1..5])?;
+        if motion {
+            object[word::TIME] = self.ray_time(rest[5])?;
+        }
         self.store(pointer, &object)
     }
 
@@ -319,12 +357,13 @@ impl Lowerer<'_> {
     }
 
     /// Operands: structure, instance, primitive, geometry, hit kind, record index or offset and stride, origin, t_min, direction, t_max,
-    /// attributes.
+    /// (time,) attributes.
     fn record_hit(
         &mut self,
         pointer: &Pointer,
         operands: &[Id],
         with_index: bool,
+        motion: bool,
     ) -> Result<(), Error> {
         let mut object = self.empty_hit_object();
         object[word::KIND] = self.b.i32(kind::HIT);
@@ -351,8 +390,82 @@ impl Lowerer<'_> {
             &operands[7..]
         };
         self.record_ray(&mut object, &rest[..4])?;
-        self.record_attributes(&mut object, rest[4])?;
+        if motion {
+            object[word::TIME] = self.ray_time(rest[4])?;
+        }
+        self.record_attributes(&mut object, rest[4 + usize::from(motion)])?;
         self.store(pointer, &object)
+    }
+
+    /// Operands: query, record index, attributes(, hit kind). Without a committed intersection the hit object is empty.
+    fn record_from_query(&mut self, pointer: &Pointer, operands: &[Id]) -> Result<(), Error> {
+        let query = self.pointer(operands[0])?;
+        if !matches!(self.types.kind(query.pointee)?, TypeKind::RayQuery) {
+            return Err(self.b.invalid("the operand is not a ray query"));
+        }
+        let mut object = self.empty_hit_object();
+        for (row, index, count) in [
+            (row::STRUCTURE, word::STRUCTURE, 2),
+            (row::FLAGS, word::FLAGS, 1),
+            (row::ORIGIN, word::ORIGIN, 3),
+            (row::T_MIN, word::T_MIN, 1),
+            (row::DIRECTION, word::DIRECTION, 3),
+        ] {
+            let types: Vec<Type> = (index..index + count).map(word::ty).collect();
+            let values = self.load_query_rows(&query, row, &types)?;
+            object[index..index + count].copy_from_slice(&values);
+        }
+        let (zero, one) = (self.b.i32(0), self.b.i32(1));
+        let ty = self.committed_word(&query, QueryField::IntersectionType, 0)?;
+        let is_built_in = self.b.compare(ir::Op::IEq, ty, one)?;
+        let is_hit = self.b.compare(ir::Op::INe, ty, zero)?;
+        let mask = self.load_query_rows(&query, row::CULL_MASK, &[Type::I32])?[0];
+        let eight = self.b.i32(8);
+        let mask = self.b.binary(ir::Op::Shl, mask, eight)?;
+        let (hit, empty) = (self.b.i32(kind::HIT), self.b.i32(kind::EMPTY));
+        let state = self.b.select(is_hit, hit, empty)?;
+        object[word::KIND] = self.b.binary(ir::Op::Or, state, mask)?;
+        object[word::RECORD_INDEX] = self.word(operands[1])?;
+        object[word::T_MAX] = self.committed_word(&query, QueryField::T, 0)?;
+        object[word::INSTANCE] = self.committed_word(&query, QueryField::InstanceId, 0)?;
+        object[word::GEOMETRY] = self.committed_word(&query, QueryField::GeometryIndex, 0)?;
+        object[word::PRIMITIVE] = self.committed_word(&query, QueryField::PrimitiveIndex, 0)?;
+        object[word::SLOT] = self.committed_word(&query, QueryField::Slot, 0)?;
+        // A box's hit kind and attributes are the shader's to say.
+        let given = match operands.get(3) {
+            Some(&id) => self.word(id)?,
+            None => zero,
+        };
+        let low_byte = self.b.i32(0xff);
+        let given = self.b.binary(ir::Op::And, given, low_byte)?;
+        let found = self.committed_word(&query, QueryField::HitKind, 0)?;
+        object[word::HIT_KIND] = self.b.select(is_built_in, found, given)?;
+        self.record_attributes(&mut object, operands[2])?;
+        for component in 0..2 {
+            let weight = self.committed_word(&query, QueryField::Barycentrics, component)?;
+            let place = &mut object[word::ATTRIBUTES + usize::from(component)];
+            *place = self.b.select(is_built_in, weight, *place)?;
+        }
+        self.store(pointer, &object)
+    }
+
+    /// A word about the committed intersection of a query.
+    fn committed_word(
+        &mut self,
+        query: &Pointer,
+        field: QueryField,
+        component: u8,
+    ) -> Result<Value, Error> {
+        let row = self.query_row(QueryWord {
+            committed: true,
+            field,
+            component,
+        })?;
+        let ty = match field {
+            QueryField::T => Type::F32,
+            _ => Type::I32,
+        };
+        Ok(self.load_query_rows(query, row, &[ty])?[0])
     }
 
     /// A hit kind that the shader gives, with what it says of the primitive.

@@ -68,9 +68,11 @@ impl Lowerer<'_> {
             | Op::ConvertUToPtr
             | Op::ConvertUToAccelerationStructureKHR => self.lower_conversion(instruction),
 
-            Op::TraceRayKHR | Op::ReportIntersectionKHR | Op::ExecuteCallableKHR => {
-                self.lower_ray(instruction)
-            }
+            Op::TraceRayKHR
+            | Op::TraceRayMotionNV
+            | Op::TraceMotionNV
+            | Op::ReportIntersectionKHR
+            | Op::ExecuteCallableKHR => self.lower_ray(instruction),
 
             Op::SampledImage
             | Op::Image
@@ -122,6 +124,7 @@ impl Lowerer<'_> {
                 self.lower_hit_object(instruction)
             }
             opcode if super::subgroup::is_subgroup(opcode) => self.lower_subgroup(instruction),
+            opcode if super::ray_query::is_ray_query(opcode) => self.lower_ray_query(instruction),
             _ => self.lower_arithmetic(instruction),
         }
     }

@@ -36,6 +36,7 @@ mod matrix;
 mod memory;
 mod pointer;
 mod ray;
+mod ray_query;
 mod structure;
 mod subgroup;
 mod switch;
@@ -59,6 +60,7 @@ use crate::error::ErrorKind;
 use crate::ir::InputRow;
 use crate::parse::{EntryPoint, Id, ParsedModule};
 use crate::program::CompileRequest;
+use crate::query::QueryWord;
 use crate::{Error, ir};
 
 /// Lowers what the entry point reaches.
@@ -120,6 +122,8 @@ struct Lowerer<'a> {
     shared: HashMap<Id, u32>,
     shared_size_bytes: u32,
     output_rows: u32,
+    /// What ray queries' objects hold behind their fixed rows, in order.
+    query_words: Vec<QueryWord>,
     /// `RayTmaxKHR` of an intersection shader that reads it.
     ray_tmax: Option<ir::VariableId>,
     /// Functions besides the entry.
@@ -161,6 +165,7 @@ impl<'a> Lowerer<'a> {
             shared: HashMap::new(),
             shared_size_bytes: 0,
             output_rows: 0,
+            query_words: ray_query::find_query_words(module),
             ray_tmax: None,
             functions: Vec::new(),
             summaries: HashMap::new(),
@@ -168,6 +173,7 @@ impl<'a> Lowerer<'a> {
             call_sites: HashMap::new(),
             rows: 0,
         };
+        lowerer.types.query_rows = Self::query_rows(&lowerer.query_words);
         lowerer.declare_globals()?;
         Ok(lowerer)
     }
@@ -252,6 +258,7 @@ impl<'a> Lowerer<'a> {
             stage: self.request.stage,
             functions,
             inputs: self.inputs,
+            query_words: self.query_words,
             output_rows: self.output_rows,
             local_size,
             shared_size_bytes,

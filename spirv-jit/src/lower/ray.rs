@@ -1,6 +1,6 @@
 //! Ray tracing instructions: the ones that suspend.
 
-use rspirv::spirv::{Op, StorageClass};
+use rspirv::spirv::{Decoration, Op, StorageClass};
 use smallvec::SmallVec;
 
 use super::Lowerer;
@@ -15,6 +15,15 @@ impl Lowerer<'_> {
             Op::TraceRayKHR => {
                 let words = self.ray_words(operands)?;
                 self.call_out(ir::Op::TraceRay, words, operands[10])
+            }
+            Op::TraceRayMotionNV | Op::TraceMotionNV => {
+                let mut words = self.ray_words(operands)?;
+                words.push(self.ray_time(operands[10])?);
+                let payload = match instruction.opcode {
+                    Op::TraceMotionNV => self.payload_at(operands[11])?,
+                    _ => operands[11],
+                };
+                self.call_out(ir::Op::TraceRayMotion, words, payload)
             }
             Op::ExecuteCallableKHR => {
                 let index = self.word(operands[0])?;
@@ -43,6 +52,35 @@ impl Lowerer<'_> {
             return Err(self.b.invalid("a ray is made of 32-bit floats"));
         }
         Ok(words)
+    }
+
+    /// The operand `Time`.
+    pub(super) fn ray_time(&mut self, id: Id) -> Result<Value, Error> {
+        let time = self.scalar(id)?;
+        match self.b.ty(time) {
+            Type::F32 => Ok(time),
+            _ => Err(self.b.invalid("the time must be a 32-bit float")),
+        }
+    }
+
+    /// The payload variable whose `Location` is a constant (`OpTraceMotionNV`).
+    fn payload_at(&self, id: Id) -> Result<Id, Error> {
+        let location = self.constants.unsigned(&self.types, id)?;
+        let is_payload = |class| {
+            matches!(
+                class,
+                StorageClass::RayPayloadKHR | StorageClass::IncomingRayPayloadKHR
+            )
+        };
+        let found = self
+            .variables
+            .iter()
+            .filter(|(_, variable)| is_payload(variable.class))
+            .map(|(&id, _)| id)
+            .filter(|&id| self.module.annotations.id(id, Decoration::Location) == Some(location));
+        found
+            .min()
+            .ok_or_else(|| self.b.invalid("no payload has this location"))
     }
 
     /// A yield that takes the words of a variable along and brings them back.

@@ -63,6 +63,7 @@ pub(super) enum TypeKind {
         image: Id,
     },
     AccelerationStructure,
+    RayQuery,
     /// See [`crate::hit_object`].
     HitObject,
     Function {
@@ -86,6 +87,8 @@ pub(super) struct TypeInfo {
 #[derive(Default)]
 pub(super) struct Types {
     infos: HashMap<Id, TypeInfo>,
+    /// Rows of a ray query's object.
+    pub query_rows: u64,
     leaves: std::cell::RefCell<HashMap<Id, Rc<[Type]>>>,
 }
 
@@ -244,6 +247,7 @@ impl Types {
             }
             TypeKind::SampledImage { .. } => out.extend([Type::I64, Type::I64]),
             TypeKind::HitObject => out.extend((0..word::COUNT).map(word::ty)),
+            TypeKind::RayQuery => out.extend((0..self.query_rows).map(|_| Type::I32)),
             TypeKind::RuntimeArray { .. } | TypeKind::Function { .. } => {
                 return Err(Error::invalid(0, "a value cannot have this type"));
             }
@@ -300,6 +304,7 @@ impl Types {
             Op::TypeSampler => TypeKind::Sampler,
             Op::TypeSampledImage => TypeKind::SampledImage { image: operand(0) },
             Op::TypeAccelerationStructureKHR => TypeKind::AccelerationStructure,
+            Op::TypeRayQueryKHR => TypeKind::RayQuery,
             Op::TypeHitObjectNV | Op::TypeHitObjectEXT => TypeKind::HitObject,
             Op::TypeFunction => TypeKind::Function {
                 result: operand(0),
@@ -369,6 +374,7 @@ impl Types {
                 (leaves.len() as u64, rows, 0)
             }
             TypeKind::Image(_) | TypeKind::Sampler | TypeKind::AccelerationStructure => (1, 2, 0),
+            TypeKind::RayQuery => (self.query_rows, self.query_rows, 0),
             TypeKind::HitObject => (word::COUNT as u64, word::COUNT as u64, 0),
             TypeKind::SampledImage { image } => {
                 if !matches!(part(*image)?.kind, TypeKind::Image(_)) {

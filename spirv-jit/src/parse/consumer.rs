@@ -11,8 +11,9 @@ use crate::Error;
 struct Notes<'a> {
     frames: &'a [Frame],
     table: InstructionTable,
-    /// The next instruction is the padding that [`digestible`] made.
-    padding: bool,
+    words: &'a [u32],
+    /// Instructions that come next and are padding that [`digestible`] made.
+    padding: u16,
 }
 
 impl Consumer for Notes<'_> {
@@ -29,7 +30,8 @@ impl Consumer for Notes<'_> {
     }
 
     fn consume_instruction(&mut self, instruction: dr::Instruction) -> ParseAction {
-        if std::mem::take(&mut self.padding) {
+        if self.padding > 0 {
+            self.padding -= 1;
             return ParseAction::Continue;
         }
         let Some(frame) = self.frames.get(self.table.instructions.len()) else {
@@ -40,6 +42,9 @@ impl Consumer for Notes<'_> {
         let first_use = self.table.uses.len() as u32;
         let used = instruction.operands.iter().filter_map(|o| o.id_ref_any());
         self.table.uses.extend(used);
+        let end = frame.offset as usize + frame.count as usize;
+        let newer = &self.words[end - frame.newer_ids as usize..end];
+        self.table.uses.extend(newer);
         self.table.instructions.push(Instruction {
             opcode: match frame.is_specialized {
                 true => Op::SpecConstantOp,
@@ -53,13 +58,13 @@ impl Consumer for Notes<'_> {
             first_use,
             end_use: self.table.uses.len() as u32,
         });
-        self.padding = frame.is_specialized;
+        self.padding = frame.is_specialized as u16 + frame.newer_ids;
         ParseAction::Continue
     }
 }
 
 /// The words as `rspirv` can take them: it knows one operand of each kind in `OpSpecConstantOp`, so the operation stands there itself, and a
-/// no-op behind it; it insists on UTF-8 where only people read.
+/// no-op behind it; no-ops stand in for operands that are newer than it; it insists on UTF-8 where only people read.
 fn digestible(words: &[u32], frames: &[Frame]) -> Vec<u8> {
     let mut copy = words.to_vec();
     for frame in frames {
@@ -68,6 +73,11 @@ fn digestible(words: &[u32], frames: &[Frame]) -> Vec<u8> {
             copy[at] = (count as u32 - 1) << 16 | words[at + 3] & 0xffff;
             copy.copy_within(at + 4..at + count, at + 3);
             copy[at + count - 1] = 1 << 16 | Op::Nop as u32;
+        }
+        if frame.newer_ids > 0 {
+            let known = count - frame.newer_ids as usize;
+            copy[at] = (known as u32) << 16 | words[at] & 0xffff;
+            copy[at + known..at + count].fill(1 << 16 | Op::Nop as u32);
         }
         let text = match Op::from_u32(words[at] & 0xffff) {
             Some(Op::Name | Op::String) => 2,
@@ -92,7 +102,8 @@ pub(super) fn check_grammar(words: &[u32], frames: &[Frame]) -> Result<Instructi
             instructions: Vec::with_capacity(frames.len()),
             uses: Vec::with_capacity(words.len() / 2),
         },
-        padding: false,
+        words,
+        padding: 0,
     };
     let bytes = digestible(words, frames);
     // The framing leaves rspirv no known way to panic; should it find another one, the module is at fault and not the process.

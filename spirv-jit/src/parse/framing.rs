@@ -17,6 +17,14 @@ pub(super) struct Frame {
     pub count: u16,
     /// `OpSpecConstantOp`, of an operation that it may have.
     pub is_specialized: bool,
+    /// Ids at the end that `rspirv`'s grammar does not have yet.
+    pub newer_ids: u16,
+}
+
+/// Operands that instructions got after the grammar of `rspirv` was made: the hit kind of `OpHitObjectRecordFromQueryEXT` (revision 3 of
+/// `SPV_EXT_shader_invocation_reorder`).
+fn newer_ids(opcode: u32, count: u16) -> u16 {
+    (opcode == Op::HitObjectRecordFromQueryEXT as u32 && count == 6) as u16
 }
 
 /// Cuts the words into instructions.
@@ -58,6 +66,7 @@ pub(super) fn check_framing(words: &[u32]) -> Result<Vec<Frame>, Error> {
             offset: offset as u32,
             count,
             is_specialized: opcode == Op::SpecConstantOp as u32,
+            newer_ids: newer_ids(opcode, count),
         });
         offset += count as usize;
     }

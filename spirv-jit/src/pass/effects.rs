@@ -38,6 +38,12 @@ impl Effects {
                 writes_outer: true,
                 yields: true,
             },
+            // Its object is per-lane memory; nothing else is synchronized there.
+            Op::RayQueryProceed => Effects {
+                writes_private: true,
+                yields: true,
+                ..Effects::default()
+            },
             op if op.is_yield() => Effects {
                 writes_outer: true,
                 yields: true,

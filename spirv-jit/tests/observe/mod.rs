@@ -179,6 +179,14 @@ fn answer(program: &Program, kind: SiteKind, state: &mut [AlignedRow], digests: 
         SiteKind::ReportIntersection { attribute_words } => {
             ((0..2).chain(data(attribute_words)).collect(), vec![0])
         }
+        SiteKind::TraceRayMotion { payload_words } => (
+            (0..16).chain(data(payload_words)).collect(),
+            data(payload_words).collect(),
+        ),
+        SiteKind::HitObjectTraceRayMotion { payload_words } => (
+            (0..16).chain(data(payload_words)).collect(),
+            (0..16).chain(data(payload_words)).collect(),
+        ),
         SiteKind::HitObjectTraceRay { payload_words } => (
             (0..15).chain(data(payload_words)).collect(),
             (0..16).chain(data(payload_words)).collect(),
@@ -187,8 +195,9 @@ fn answer(program: &Program, kind: SiteKind, state: &mut [AlignedRow], digests: 
             (0..16).chain(data(payload_words + 11)).collect(),
             data(payload_words).collect(),
         ),
-        SiteKind::HitObjectGet { fact } => ((0..8).collect(), (0..fact.words()).collect()),
+        SiteKind::HitObjectGet { fact } => ((0..9).collect(), (0..fact.words()).collect()),
         SiteKind::ReorderThread => ((0..4).collect(), Vec::new()),
+        SiteKind::RayQueryProceed => (vec![0], vec![0]),
         SiteKind::Barrier => (Vec::new(), Vec::new()),
     };
     let mask = program.event_mask(state);

@@ -57,6 +57,7 @@ pub fn random_module(seed: u64) -> Module {
         inputs: (0..INPUTS).map(InputRow::CallableData).collect(),
         output_rows: OUTPUTS,
         local_size: [1; 3],
+        query_words: Vec::new(),
         shared_size_bytes: 0,
     }
 }

@@ -105,6 +105,16 @@ impl Target<'_> {
                 unsafe { self.write_leaf(index, entry) };
                 child::LEAF | index
             }
+            Geometries::Motion(list) => {
+                let primitive = primitives[0];
+                let geometry = &list[primitive.geometry as usize];
+                // SAFETY: the caller's promise.
+                unsafe {
+                    let entry = geometry.entry(primitive.index, primitive.geometry);
+                    self.write_leaf(index, entry);
+                }
+                child::LEAF | index
+            }
             Geometries::Instances(_) => child::LEAF | primitives[0].index,
         }
     }

@@ -1,8 +1,11 @@
 //! Instances: reading their records, inverting their transforms, bounding them in world space.
 
 use crate::input::{InstanceArray, InstanceSource};
-use crate::layout::{Bounds, InstanceRecord, instance_state};
-use crate::structure::{Kind, Structure};
+use crate::layout::{
+    Bounds, InstanceRecord, Motion, MotionInstanceRecord, instance_state, motion_type,
+};
+use crate::motion::{invert, srt_bounds, transform_at};
+use crate::structure::Structure;
 
 /// An instance as the application wrote it.
 #[derive(Clone, Copy, Debug)]
@@ -12,6 +15,8 @@ pub(crate) struct Instance {
     pub sbt_offset_and_flags: u32,
     /// Address of the bottom level; 0: inactive.
     pub reference: u64,
+    /// How it moves, if it does; the transform is that of time 0.
+    pub motion: Option<Motion>,
 }
 
 /// Where an active instance is.
@@ -24,33 +29,112 @@ pub(crate) struct Placed {
     pub origin_error: f32,
 }
 
-/// Reads a 64-byte `VkAccelerationStructureInstanceKHR` record; `None` outside the memory.
+/// Reads an instance; `None` outside the memory.
 ///
 /// # Safety
 /// The memory of `source` must be readable and unchanged, and so must records behind pointers.
 pub(crate) unsafe fn read(source: &InstanceSource, index: u32) -> Option<Instance> {
-    let i = u64::from(index);
-    let bytes: [u8; 64] = match source.array {
-        // SAFETY: the caller's promise.
-        InstanceArray::Records => unsafe { source.memory.read(64 * i) }?,
+    let offset = u64::from(index) * source.array.stride_bytes();
+    // SAFETY: the caller's promise, here and below.
+    let pointer = || unsafe { source.memory.read(offset) }.map(u64::from_le_bytes);
+    match source.array {
+        InstanceArray::Records => {
+            // SAFETY: the caller's promise.
+            let bytes: [u8; 64] = unsafe { source.memory.read(offset) }?;
+            Some(static_instance(&bytes))
+        }
         InstanceArray::Pointers => {
             // SAFETY: the caller's promise.
-            let address = u64::from_le_bytes(unsafe { source.memory.read(8 * i) }?);
-            if address == 0 {
-                return None;
-            }
-            let record = std::ptr::with_exposed_provenance::<[u8; 64]>(address as usize);
-            // SAFETY: the caller's promise; pointers need not be aligned.
-            unsafe { record.read_unaligned() }
+            let bytes: [u8; 64] = unsafe { read_behind(pointer()?) }?;
+            Some(static_instance(&bytes))
         }
+        InstanceArray::MotionRecords => {
+            // SAFETY: the caller's promise.
+            let bytes: [u8; MOTION_BYTES] = unsafe { source.memory.read(offset) }?;
+            let ty = u32::from_le_bytes(bytes[..4].try_into().expect("four bytes"));
+            Some(motion_instance(ty, &bytes[8..]))
+        }
+        InstanceArray::MotionPointers => {
+            let pointer = pointer()?;
+            let (address, ty) = (pointer & !0xF, (pointer & 0xF) as u32);
+            // SAFETY: the caller's promise, for the record of that type.
+            unsafe {
+                match ty {
+                    motion_type::MATRIX => {
+                        let bytes: [u8; 112] = read_behind(address)?;
+                        Some(motion_instance(ty, &bytes))
+                    }
+                    motion_type::SRT => {
+                        let bytes: [u8; 144] = read_behind(address)?;
+                        Some(motion_instance(ty, &bytes))
+                    }
+                    _ => {
+                        let bytes: [u8; 64] = read_behind(address)?;
+                        Some(static_instance(&bytes))
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Bytes of `VkAccelerationStructureMotionInstanceNV`, less the padding to its stride.
+const MOTION_BYTES: usize = 152;
+
+/// # Safety
+/// `address` is 0 or readable for `N` bytes.
+unsafe fn read_behind<const N: usize>(address: u64) -> Option<[u8; N]> {
+    let record = std::ptr::with_exposed_provenance::<[u8; N]>(address as usize);
+    // SAFETY: the caller's promise; pointers need not be aligned.
+    (address != 0).then(|| unsafe { record.read_unaligned() })
+}
+
+fn word(bytes: &[u8], index: usize) -> u32 {
+    u32::from_le_bytes(
+        bytes[4 * index..4 * index + 4]
+            .try_into()
+            .expect("four bytes"),
+    )
+}
+
+/// The four words behind the transform of every kind of record.
+fn with_transform(object_to_world: [f32; 12], words: &[u8]) -> Instance {
+    Instance {
+        object_to_world,
+        custom_index_and_mask: word(words, 0),
+        sbt_offset_and_flags: word(words, 1),
+        reference: u64::from(word(words, 2)) | u64::from(word(words, 3)) << 32,
+        motion: None,
+    }
+}
+
+/// `VkAccelerationStructureInstanceKHR`.
+fn static_instance(bytes: &[u8]) -> Instance {
+    let transform = std::array::from_fn(|i| f32::from_bits(word(bytes, i)));
+    with_transform(transform, &bytes[48..])
+}
+
+/// A record of a `VkAccelerationStructureMotionInstanceTypeNV`.
+fn motion_instance(ty: u32, bytes: &[u8]) -> Instance {
+    let count = match ty {
+        motion_type::MATRIX => 12,
+        motion_type::SRT => 16,
+        _ => return static_instance(bytes),
     };
-    let word = |i: usize| u32::from_le_bytes(bytes[4 * i..4 * i + 4].try_into().unwrap());
-    Some(Instance {
-        object_to_world: std::array::from_fn(|i| f32::from_bits(word(i))),
-        custom_index_and_mask: word(12),
-        sbt_offset_and_flags: word(13),
-        reference: u64::from(word(14)) | u64::from(word(15)) << 32,
-    })
+    let mut motion = Motion {
+        ty,
+        reserved: [0; 3],
+        transforms: [[0.0; 16]; 2],
+    };
+    for (i, transform) in motion.transforms.iter_mut().enumerate() {
+        for (k, number) in transform[..count].iter_mut().enumerate() {
+            *number = f32::from_bits(word(bytes, i * count + k));
+        }
+    }
+    Instance {
+        motion: Some(motion),
+        ..with_transform(transform_at(&motion, 0.0), &bytes[8 * count..])
+    }
 }
 
 impl Instance {
@@ -62,10 +146,43 @@ impl Instance {
     pub unsafe fn place(&self) -> Option<Placed> {
         // SAFETY: the caller's promise.
         let bottom = unsafe { Structure::at(self.reference) }?;
-        if bottom.kind() == Kind::Instances {
+        if bottom.kind().is_top() {
             return None;
         }
-        place(&self.object_to_world, &bottom.header().bounds)
+        let bounds = &bottom.header().bounds;
+        let start = place(&self.object_to_world, bounds)?;
+        let Some(motion) = &self.motion else {
+            return Some(start);
+        };
+        let end = place(&transform_at(motion, 1.0), bounds)?;
+        let mut all = start.bounds.union(end.bounds);
+        if motion.ty == motion_type::SRT {
+            all = all.union(srt_bounds(motion, bounds));
+        }
+        Some(Placed {
+            world_to_object: start.world_to_object,
+            bounds: all,
+            // Between the ends the condition may be worse.
+            origin_error: 4.0 * start.origin_error.max(end.origin_error),
+        })
+    }
+
+    /// The record to store where instances may move.
+    pub fn motion_record(&self, record: InstanceRecord) -> MotionInstanceRecord {
+        let active = record.state & instance_state::ACTIVE != 0;
+        let mut out = MotionInstanceRecord {
+            record,
+            motion: self.motion.unwrap_or(Motion {
+                ty: motion_type::STATIC,
+                reserved: [0; 3],
+                transforms: [[0.0; 16]; 2],
+            }),
+            reserved: [0; 12],
+        };
+        if self.motion.is_some() && active {
+            out.record.state = instance_state::ACTIVE | instance_state::MOVING;
+        }
+        out
     }
 
     /// The record to store.
@@ -107,24 +224,7 @@ fn place(object_to_world: &[f32; 12], object_bounds: &Bounds) -> Option<Placed> 
     let m: [[f64; 4]; 3] = std::array::from_fn(|row| {
         std::array::from_fn(|column| f64::from(object_to_world[4 * row + column]))
     });
-    let cofactor = |r: usize, c: usize| {
-        let (r1, r2, c1, c2) = ((r + 1) % 3, (r + 2) % 3, (c + 1) % 3, (c + 2) % 3);
-        m[r1][c1] * m[r2][c2] - m[r1][c2] * m[r2][c1]
-    };
-    let determinant: f64 = (0..3).map(|c| m[0][c] * cofactor(0, c)).sum();
-    let mut world_to_object = [0f32; 12];
-    let mut inverse = [[0f64; 3]; 3];
-    for (row, inverse_row) in inverse.iter_mut().enumerate() {
-        for (column, element) in inverse_row.iter_mut().enumerate() {
-            *element = cofactor(column, row) / determinant;
-            world_to_object[4 * row + column] = *element as f32;
-        }
-        let translation: f64 = (0..3).map(|i| inverse_row[i] * m[i][3]).sum();
-        world_to_object[4 * row + 3] = -translation as f32;
-    }
-    if !world_to_object.iter().all(|m| m.is_finite()) {
-        return None;
-    }
+    let (world_to_object, inverse) = invert(object_to_world)?;
 
     let condition = (0..3)
         .map(|row| {

@@ -10,6 +10,7 @@ mod corners;
 mod emit;
 mod instance;
 mod micromap;
+mod motion;
 mod primitive;
 mod refit;
 mod split;
@@ -112,13 +113,13 @@ fn structure_bytes(kind: Kind, geometries: u64, primitives: u64) -> u64 {
         // 48 bytes in full groups, 256 / 56 of nodes; the rest is for sparser leaves.
         Kind::Triangles => (96, 3072),
         // 256 / 7 of nodes.
-        Kind::Aabbs | Kind::Swept | Kind::Instances => (leaf + 64, 3072),
+        _ => (leaf + 64, 3072),
     };
     let sparse = primitives * (leaf + node);
     let dense = primitives * each + extra;
     // What is there without nodes and leaves, with the reference table of all instances.
     let fixed = match kind {
-        Kind::Instances => Parts::new(kind, geometries, 0, primitives).leaves_offset,
+        kind if kind.is_top() => Parts::new(kind, geometries, 0, primitives).leaves_offset,
         _ => Parts::new(kind, geometries, 0, 0).leaves_offset,
     };
     (fixed + sparse.min(dense).max(node)).next_multiple_of(256)
@@ -181,7 +182,7 @@ unsafe fn build_to_depth(
     };
     let leaves = |leaves: u32| match shape.kind {
         // One record an instance, active or not.
-        Kind::Instances => count as u32,
+        kind if kind.is_top() => count as u32,
         _ => leaves,
     };
     if active == 0 {
@@ -280,8 +281,8 @@ fn grow(
     // Cheap blocks make fuller leaves; between 0.5 and 2 the walk does not feel the difference.
     let (block, leaf_max, block_cost) = match kind {
         Kind::Triangles => (GROUP as u32, LEAF_TRIANGLES as u32, 0.3),
-        Kind::Aabbs | Kind::Swept => (1, 1, 2.0),
-        Kind::Instances => (1, 1, 4.0),
+        Kind::Aabbs | Kind::Swept | Kind::Motion => (1, 1, 2.0),
+        Kind::Instances | Kind::MotionInstances => (1, 1, 4.0),
     };
     // What is tested at once stays together.
     let leaf_forced = if flags.contains(BuildFlags::LOW_MEMORY) {
@@ -334,15 +335,24 @@ impl Shape {
                 primitives: count(&mut list.iter().map(|g| g.primitive_count)),
                 micromap_bytes: 0,
             },
+            Geometries::Motion(list) => Shape {
+                kind: Kind::Motion,
+                geometries: list.len() as u64,
+                primitives: count(&mut list.iter().map(|g| g.start.primitive_count)),
+                micromap_bytes: 0,
+            },
             Geometries::Instances(source) => Shape {
-                kind: Kind::Instances,
+                kind: match source.array.is_motion() {
+                    true => Kind::MotionInstances,
+                    false => Kind::Instances,
+                },
                 geometries: 1,
                 primitives: source.count.into(),
                 micromap_bytes: 0,
             },
         };
         let most = match shape.kind {
-            Kind::Instances => MAX_GEOMETRIES,
+            kind if kind.is_top() => MAX_GEOMETRIES,
             _ => MAX_PRIMITIVES,
         };
         if shape.geometries > MAX_GEOMETRIES || shape.primitives > most {
@@ -443,6 +453,10 @@ unsafe fn write_head(
             .iter()
             .enumerate()
             .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),
+        Geometries::Motion(list) => list
+            .iter()
+            .enumerate()
+            .for_each(|(i, g)| entry(i, g.start.primitive_count, g.start.flags)),
         Geometries::Instances(source) => entry(0, source.count, source.flags),
     }
     if shape.micromap_bytes > 0 {
@@ -452,7 +466,7 @@ unsafe fn write_head(
     gap(table_end, parts.references_offset);
     let references_end = parts.references_offset
         + match shape.kind {
-            Kind::Instances => u64::from(written.leaf_count) * 8,
+            kind if kind.is_top() => u64::from(written.leaf_count) * 8,
             _ => 0,
         };
     gap(references_end, parts.nodes_offset);

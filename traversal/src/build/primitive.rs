@@ -1,5 +1,6 @@
 //! What the builders sort: a box around each active primitive, and which one it is.
 
+use super::motion::motion_bounds;
 use super::swept::swept_bounds;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -115,6 +116,13 @@ pub(crate) unsafe fn collect(
             fill(primitives, counts, |g, i| {
                 // SAFETY: the caller's promise.
                 unsafe { swept_bounds(&list[g], i, updatable) }
+            })
+        }
+        Geometries::Motion(list) => {
+            let counts = list.iter().map(|geometry| geometry.start.primitive_count);
+            fill(primitives, counts, |g, i| {
+                // SAFETY: the caller's promise.
+                unsafe { list[g].triangles(i) }.map(|both| motion_bounds(&both))
             })
         }
         Geometries::Instances(source) => fill(primitives, [source.count].into_iter(), |_, i| {

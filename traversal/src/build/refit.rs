@@ -1,14 +1,16 @@
 //! Updates: the same tree over new positions.
 
 use super::emit::{Target, triangle_word};
+use super::motion::motion_bounds;
 use super::swept::SweptPrimitive;
 use super::{BuildError, Shape, instance, primitive};
 use crate::input::{
-    BuildFlags, BuildInput, Geometries, InstanceSource, SweptGeometry, TriangleGeometry,
+    BuildFlags, BuildInput, Geometries, InstanceSource, MotionGeometry, SweptGeometry,
+    TriangleGeometry,
 };
 use crate::layout::{
-    Bounds, GROUP, Header, Node, Parts, SweptEntry, TriangleGroup, child, geometry_word,
-    micromap_part_bytes,
+    Bounds, GROUP, Header, MotionEntry, Node, Parts, SweptEntry, TriangleGroup, child,
+    geometry_word, micromap_part_bytes,
 };
 use crate::structure::Structure;
 
@@ -84,6 +86,7 @@ pub unsafe fn update(
             }
             Geometries::Aabbs(_) => {}
             Geometries::Swept(list) => write_swept(&target, header.leaf_count, list),
+            Geometries::Motion(list) => write_motion(&target, header.leaf_count, list),
             Geometries::Instances(source) => header.origin_error = write_instances(&target, source),
         }
         header.bounds = refit(&target, header.node_count);
@@ -137,6 +140,7 @@ fn same_counts(structure: &Structure, geometries: &Geometries<'_>) -> bool {
         Geometries::Triangles(list) => same(&mut list.iter().map(|g| g.primitive_count)),
         Geometries::Aabbs(list) => same(&mut list.iter().map(|g| g.primitive_count)),
         Geometries::Swept(list) => same(&mut list.iter().map(|g| g.primitive_count)),
+        Geometries::Motion(list) => same(&mut list.iter().map(|g| g.start.primitive_count)),
         Geometries::Instances(source) => same(&mut [source.count].into_iter()),
     }
 }
@@ -186,6 +190,21 @@ unsafe fn write_swept(target: &Target<'_>, count: u32, list: &[SweptGeometry]) {
     }
 }
 
+/// Reads every triangle that moves again.
+///
+/// # Safety
+/// The target has `count` valid entries, and the geometries' memory is readable.
+unsafe fn write_motion(target: &Target<'_>, count: u32, list: &[MotionGeometry]) {
+    for index in 0..count {
+        // SAFETY: one of the `count` entries, and the caller's promise.
+        unsafe {
+            let entry = &mut *leaf_at::<MotionEntry>(target, index);
+            let number = entry.geometry & geometry_word::INDEX;
+            *entry = list[number as usize].entry(entry.primitive, number);
+        }
+    }
+}
+
 /// Writes a record and a reference for each instance. Returns the largest error factor.
 ///
 /// # Safety
@@ -200,6 +219,7 @@ pub(crate) unsafe fn write_instances(target: &Target<'_>, source: &InstanceSourc
             custom_index_and_mask: 0,
             sbt_offset_and_flags: 0,
             reference: 0,
+            motion: None,
         });
         // SAFETY: the caller's promise.
         let placed = unsafe { instance.place() };
@@ -208,7 +228,11 @@ pub(crate) unsafe fn write_instances(target: &Target<'_>, source: &InstanceSourc
         }
         // SAFETY: there is a record and a table entry for each instance.
         unsafe {
-            target.write_leaf(index, instance.record(placed.as_ref()));
+            let record = instance.record(placed.as_ref());
+            match source.array.is_motion() {
+                true => target.write_leaf(index, instance.motion_record(record)),
+                false => target.write_leaf(index, record),
+            }
             target
                 .base
                 .add(target.parts.references_offset as usize)
@@ -258,6 +282,14 @@ unsafe fn leaf_bounds(target: &Target<'_>, index: u32, groups: u32) -> Bounds {
             // SAFETY: the caller's promise.
             unsafe { geometry.primitive(entry.primitive) }
                 .map_or(Bounds::EMPTY, |primitive| primitive.bounds())
+        }
+        Geometries::Motion(list) => {
+            // SAFETY: the caller's promise.
+            let entry = unsafe { *leaf_at::<MotionEntry>(target, index) };
+            let geometry = &list[(entry.geometry & geometry_word::INDEX) as usize];
+            // SAFETY: the caller's promise.
+            unsafe { geometry.triangles(entry.primitive) }
+                .map_or(Bounds::EMPTY, |both| motion_bounds(&both))
         }
         Geometries::Instances(source) => {
             // SAFETY: the caller's promise.

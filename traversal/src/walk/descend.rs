@@ -61,7 +61,9 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
     };
     if index != Walk::NO_INSTANCE {
         // SAFETY: the contract of `Walk::new`.
-        if !unsafe { bottom.enter_bottom(instance, top, only.is_none(), index, &walk.ray) } {
+        if !unsafe {
+            bottom.enter_bottom(instance, top, only.is_none(), index, &walk.ray, walk.time)
+        } {
             return Event::Done;
         }
         in_bottom = true;
@@ -193,7 +195,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
             }
         };
         // SAFETY: the contract of `Walk::new`.
-        if unsafe { bottom.enter_bottom(instance, top, true, entered, &walk.ray) } {
+        if unsafe { bottom.enter_bottom(instance, top, true, entered, &walk.ray, walk.time) } {
             in_bottom = true;
             floor = length;
             stack[length] = Entry::new(0, 0.0);

@@ -5,7 +5,7 @@ use super::kernel::{GroupHits, Kernel};
 use super::level::Level;
 use super::space::Space;
 use super::triangle::{Intersection, Rim, intersect};
-use super::{Event, Walk, swept};
+use super::{Event, Walk, motion, swept};
 use crate::layout::{GROUP, TriangleGroup, child, geometry_word};
 use crate::ray::{HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, Hit};
 use crate::structure::Kind;
@@ -30,8 +30,10 @@ pub(crate) fn test_other(
     word: u32,
     t_far: &mut f32,
 ) -> Leaf {
-    if level.structure.kind() == Kind::Swept {
-        return swept::test_leaf(walk, level, space, instance, word, t_far);
+    match level.structure.kind() {
+        Kind::Swept => return swept::test_leaf(walk, level, space, instance, word, t_far),
+        Kind::Motion => return motion::test_leaf(walk, level, space, instance, word, t_far),
+        _ => {}
     }
     match ask_about_box(walk, level, instance, word) {
         true => Leaf::Ask(Event::ProceduralCandidate, 0),

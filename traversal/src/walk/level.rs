@@ -34,7 +34,7 @@ impl Level {
             return false;
         };
         self.structure = structure;
-        structure.kind() == Kind::Instances
+        structure.kind().is_top()
     }
 
     /// Sets up the ray for the nodes of a top level that was entered.
@@ -59,6 +59,7 @@ impl Level {
         top_is_set_up: bool,
         index: u32,
         ray: &Ray,
+        time: f32,
     ) -> bool {
         let Some(record) = top.structure.instance(index) else {
             return false;
@@ -73,9 +74,9 @@ impl Level {
             return false;
         };
         let skip = match structure.kind() {
-            Kind::Triangles | Kind::Swept => ray_flags::SKIP_TRIANGLES,
+            Kind::Triangles | Kind::Swept | Kind::Motion => ray_flags::SKIP_TRIANGLES,
             Kind::Aabbs => ray_flags::SKIP_AABBS,
-            Kind::Instances => return false,
+            Kind::Instances | Kind::MotionInstances => return false,
         };
         *facts = InstanceFacts::new(index, record, ray);
         if ray.flags & skip != 0 || !facts.admits(&structure) {
@@ -90,7 +91,15 @@ impl Level {
             return true;
         }
         self.shares_space = false;
-        let (to_world, to_object) = (&record.object_to_world, &record.world_to_object);
+        let moved;
+        let (mut to_world, mut to_object) = (&record.object_to_world, &record.world_to_object);
+        if record.state & instance_state::MOVING != 0 {
+            match top.structure.transforms(index, time) {
+                Some(found) => moved = found,
+                None => return false,
+            }
+            (to_world, to_object) = (&moved.0, &moved.1);
+        }
         // From the instance's position, so that a far one costs no more than its distance from the
         // ray.
         let from = [

@@ -31,6 +31,7 @@ mod group;
 mod kernel;
 mod leaf;
 mod level;
+mod motion;
 #[cfg(target_arch = "x86_64")]
 mod packet;
 mod space;
@@ -81,6 +82,8 @@ pub struct Walk {
     /// The committed hit; before there is one, its `t` is the ray's `t_max`.
     hit: Hit,
     candidate: Hit,
+    /// When the ray is cast, for what moves.
+    time: f32,
     has_hit: bool,
     state: State,
     /// The instance that the walk is in.
@@ -120,6 +123,7 @@ impl Walk {
                 ..Hit::default()
             },
             candidate: Hit::default(),
+            time: 0.0,
             has_hit: false,
             state: State::Fresh,
             instance: Self::NO_INSTANCE,
@@ -136,6 +140,7 @@ impl Walk {
     pub unsafe fn restart(&mut self, top_level: u64, ray: &Ray) {
         self.ray = *ray;
         self.top_level = top_level;
+        self.time = 0.0;
         self.hit.t = ray.t_max;
         self.has_hit = false;
         self.state = State::Fresh;
@@ -181,6 +186,16 @@ impl Walk {
         return walker.tier() == Tier::Avx512 && packet::run(walks, walker);
         #[cfg(not(target_arch = "x86_64"))]
         return false;
+    }
+
+    /// Casts the ray at another time than 0, in [0, 1]; before the first step.
+    pub fn set_time(&mut self, time: f32) {
+        self.time = time;
+    }
+
+    /// When the ray is cast.
+    pub fn time(&self) -> f32 {
+        self.time
     }
 
     /// The ray this walk was made for.

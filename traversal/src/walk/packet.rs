@@ -135,11 +135,14 @@ unsafe fn run_avx512(walks: &mut [&mut Walk], walker: &mut Walker) -> bool {
     if !unsafe { top.enter_top(walks[0].top_level) } {
         return false;
     }
+    if top.structure.kind() != Kind::Instances {
+        return false;
+    }
     let Some(index) = descend::only_instance(top) else {
         return false;
     };
     // SAFETY: as above.
-    if !unsafe { bottom.enter_bottom(instance, top, false, index, &ray) }
+    if !unsafe { bottom.enter_bottom(instance, top, false, index, &ray, 0.0) }
         || !instance.takes_all
         || bottom.structure.kind() != Kind::Triangles
         || bottom.space.scale != 1.0

@@ -90,6 +90,10 @@ pub fn build_blob(input: &BuildInput<'_>) -> Bytes {
             Kind::Swept,
             list.iter().map(|g| g.primitive_count).collect(),
         ),
+        Geometries::Motion(list) => (
+            Kind::Motion,
+            list.iter().map(|g| g.start.primitive_count).collect(),
+        ),
         Geometries::Instances(source) => (Kind::Instances, vec![source.count]),
     };
     let sizes = build_sizes(kind, input.flags, &counts);

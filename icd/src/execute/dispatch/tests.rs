@@ -235,3 +235,59 @@ fn a_dispatch_that_hangs_is_stopped() {
     let result = run(&text, 2, [0; 3], [64, 1, 1], &zeros(1), &limits);
     assert_eq!(result, Err(Stopped::TimedOut));
 }
+
+#[test]
+fn queries_of_nothing_end_at_once() {
+    // One query without a structure, and one whose object would lie outside the lane's memory.
+    let text = "module compute
+        inputs local_invocation_index.0
+        query_words committed.t.0
+        local_size 20, 1, 1
+        func f0 {
+            var0: 16 rows zero
+            v0: i32 = const 0
+            v1: i64 = descriptor[set 0, first 0, count 1] v0
+            v2: i32 = const 1
+            v3: i32 = var.address[var0]
+            var.store[var0, 1] v2
+            v4: i1 = ray_query_proceed v3
+            v5: i32 = iadd v3, v2
+            v6: i1 = ray_query_proceed v5
+            v7: i1 = or v4, v6
+            v8: i32 = var.load[var0, 1]
+            v9: i32 = const 100
+            v10: i32 = select v7, v0, v9
+            v11: i32 = iadd v10, v8
+            v12: i32 = input[0]
+            v13: i32 = const 2
+            v14: i32 = shl v12, v13
+            store.buffer v1, v14, v11
+            end
+        }";
+    let out = zeros(20);
+    assert_eq!(run(text, 1, [0; 3], [1; 3], &out, &no_limits()), Ok(()));
+    assert_eq!(words(&out), [100; 20]);
+}
+
+#[test]
+fn a_shader_that_only_asks_is_stopped() {
+    let text = "module compute
+        local_size 32, 1, 1
+        func f0 {
+            var0: 15 rows zero
+            v0: i32 = const 1
+            v1: i32 = var.address[var0]
+            loop L0 {
+                var.store[var0, 1] v0
+                v2: i1 = ray_query_proceed v1
+                br L0
+            }
+            unreachable
+        }";
+    let limits = Limits {
+        deadline: Some(Instant::now() + Duration::from_millis(20)),
+        ..no_limits()
+    };
+    let result = run(text, 2, [0; 3], [64, 1, 1], &zeros(1), &limits);
+    assert_eq!(result, Err(Stopped::TimedOut));
+}

@@ -456,6 +456,14 @@ impl Emitter<'_> {
                 let data_words = inst.results.len() as u32;
                 (1, SiteKind::ExecuteCallable { data_words })
             }
+            Op::TraceRayMotion => {
+                let payload_words = inst.results.len() as u32;
+                (16, SiteKind::TraceRayMotion { payload_words })
+            }
+            Op::HitObjectTraceRayMotion => {
+                let payload_words = (inst.args.len() - 16) as u32;
+                (16, SiteKind::HitObjectTraceRayMotion { payload_words })
+            }
             Op::HitObjectTraceRay => {
                 let payload_words = (inst.args.len() - 15) as u32;
                 (15, SiteKind::HitObjectTraceRay { payload_words })
@@ -464,8 +472,9 @@ impl Emitter<'_> {
                 let payload_words = inst.results.len() as u32;
                 (16, SiteKind::HitObjectExecute { payload_words })
             }
-            Op::HitObjectGet(fact) => (8, SiteKind::HitObjectGet { fact }),
+            Op::HitObjectGet(fact) => (9, SiteKind::HitObjectGet { fact }),
             Op::ReorderThread => (4, SiteKind::ReorderThread),
+            Op::RayQueryProceed => (1, SiteKind::RayQueryProceed),
             _ => (0, SiteKind::Barrier),
         };
         let site = SiteId(self.sites.len() as u32);
@@ -483,7 +492,7 @@ impl Emitter<'_> {
         });
         self.bind(after);
         self.jump(control::jump_if_empty, exit);
-        if inst.op == Op::ReportIntersection {
+        if matches!(inst.op, Op::ReportIntersection | Op::RayQueryProceed) {
             if let Some(&accepted) = inst.results.first() {
                 self.push(Instr {
                     d: self.operand(accepted),
@@ -493,7 +502,7 @@ impl Emitter<'_> {
             }
         } else if !inst.results.is_empty() {
             let row = match inst.op {
-                Op::HitObjectTraceRay | Op::HitObjectGet(_) => 0,
+                Op::HitObjectTraceRay | Op::HitObjectTraceRayMotion | Op::HitObjectGet(_) => 0,
                 _ => IO_DATA_ROW,
             };
             let first = self.list(&inst.results);

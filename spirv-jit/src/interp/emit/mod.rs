@@ -326,7 +326,10 @@ impl<'m> Emitter<'m> {
                     && inst.op != Op::Barrier
                 {
                     let words = inst.args.len().max(inst.results.len());
-                    io_rows = io_rows.max(IO_DATA_ROW + words);
+                    io_rows = io_rows.max(match inst.op {
+                        Op::RayQueryProceed => 1,
+                        _ => IO_DATA_ROW + words,
+                    });
                 }
             });
         }

@@ -28,8 +28,10 @@ mod names;
 mod parse;
 mod print;
 
-pub use parse::parse_module;
-pub use print::print_module;
+pub use parse::{parse_module, parse_op};
+pub use print::{print_module, print_op};
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+pub use tests::SAMPLE;

@@ -5,6 +5,7 @@ use crate::image::{Dim, LodMode};
 use crate::ir::op::{AtomicOp, ReduceOp, Space, SubgroupOp};
 use crate::ir::{Op, Type};
 use crate::program::{Builtin, Stage};
+use crate::query::QueryField;
 
 macro_rules! names {
     ($type:ident, $to_text:ident, $from_text:ident: $($variant:ident = $text:literal),* $(,)?) => {
@@ -44,7 +45,18 @@ names!(Builtin, builtin_text, builtin_from_text:
     HitKind = "hit_kind", ObjectToWorld = "object_to_world", WorldToObject = "world_to_object",
     HitTriangleVertexPositions = "hit_triangle_vertex_positions", HitIsSphere = "hit_is_sphere",
     HitIsLss = "hit_is_lss", HitSpherePosition = "hit_sphere_position", HitSphereRadius = "hit_sphere_radius",
-    HitLssPositions = "hit_lss_positions", HitLssRadii = "hit_lss_radii", ShaderRecordAddress = "shader_record_address");
+    HitLssPositions = "hit_lss_positions", HitLssRadii = "hit_lss_radii",
+    CurrentRayTime = "current_ray_time", ShaderRecordAddress = "shader_record_address");
+
+names!(QueryField, query_field_text, query_field_from_text:
+    IntersectionType = "intersection_type", T = "t", InstanceCustomIndex = "instance_custom_index",
+    InstanceId = "instance_id", InstanceSbtOffset = "instance_sbt_offset", GeometryIndex = "geometry_index",
+    PrimitiveIndex = "primitive_index", Barycentrics = "barycentrics", FrontFace = "front_face",
+    AabbOpaque = "aabb_opaque", ObjectRayDirection = "object_ray_direction", ObjectRayOrigin = "object_ray_origin",
+    ObjectToWorld = "object_to_world", WorldToObject = "world_to_object",
+    TriangleVertexPositions = "triangle_vertex_positions", IsSphere = "is_sphere", IsLss = "is_lss",
+    LssHitValue = "lss_hit_value", SweptPositions = "swept_positions", SweptRadii = "swept_radii",
+    HitKind = "hit_kind", Slot = "slot");
 
 names!(AtomicOp, atomic_text, atomic_from_text:
     Load = "load", Store = "store", Exchange = "exchange", CompareExchange = "compare_exchange",
@@ -63,7 +75,7 @@ names!(LodMode, lod_text, lod_from_text:
 
 /// Operations whose name says everything, apart from the elementwise ones.
 pub fn plain_op_from_text(text: &str) -> Option<Op> {
-    const PLAIN: [Op; 20] = [
+    const PLAIN: [Op; 23] = [
         Op::Select,
         Op::FLdexp,
         Op::BitfieldInsert,
@@ -80,10 +92,13 @@ pub fn plain_op_from_text(text: &str) -> Option<Op> {
         Op::TraceRay,
         Op::ReportIntersection,
         Op::ExecuteCallable,
+        Op::TraceRayMotion,
         Op::HitObjectTraceRay,
+        Op::HitObjectTraceRayMotion,
         Op::HitObjectExecute,
         Op::ReorderThread,
         Op::Barrier,
+        Op::RayQueryProceed,
     ];
     let facts = HitFact::ALL.iter().map(|&fact| Op::HitObjectGet(fact));
     Op::elementwise_from_text(text)

@@ -10,6 +10,7 @@ use crate::ir::{
     Variable, VariableId,
 };
 use crate::program::Stage;
+use crate::query::QueryWord;
 
 /// Nesting that the parser follows before it gives up.
 const MAX_NESTING: usize = 2_000;
@@ -23,6 +24,16 @@ pub fn parse_module(text: &str) -> Result<Module, String> {
     parser
         .module()
         .map_err(|message| format!("line {}: {message}", parser.line()))
+}
+
+/// Reads an operation that is no constant: the inverse of [`print_op`](super::print_op).
+///
+/// # Errors
+/// As [`parse_module`].
+pub fn parse_op(text: &str) -> Result<Op, String> {
+    let mut parser = Parser::new(text)?;
+    let name = parser.word("an operation")?;
+    parser.op(name, &[])
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -217,6 +228,7 @@ impl<'a> Parser<'a> {
             stage: Stage::Compute,
             functions: Vec::new(),
             inputs: Vec::new(),
+            query_words: Vec::new(),
             output_rows: 0,
             local_size: [1; 3],
             shared_size_bytes: 0,
@@ -230,6 +242,12 @@ impl<'a> Parser<'a> {
                 }
                 "inputs" => loop {
                     module.inputs.push(self.input_row()?);
+                    if !self.accept(',') {
+                        break;
+                    }
+                },
+                "query_words" => loop {
+                    module.query_words.push(self.query_word()?);
                     if !self.accept(',') {
                         break;
                     }
@@ -267,6 +285,27 @@ impl<'a> Parser<'a> {
             })
         });
         row.ok_or_else(|| format!("`{word}` is not an input row"))
+    }
+
+    fn query_word(&mut self) -> Parsed<QueryWord> {
+        let word = self.word("a query's word")?;
+        let mut parts = word.split('.');
+        let mut parsed = || {
+            let committed = match parts.next()? {
+                "candidate" => false,
+                "committed" => true,
+                _ => return None,
+            };
+            let field = query_field_from_text(parts.next()?)?;
+            let component = parts.next()?.parse().ok()?;
+            let whole = parts.next().is_none() && component < field.words();
+            whole.then_some(QueryWord {
+                committed,
+                field,
+                component,
+            })
+        };
+        parsed().ok_or_else(|| format!("`{word}` is not a query's word"))
     }
 
     fn function(&mut self) -> Parsed<Function> {

@@ -8,6 +8,7 @@ use super::names::*;
 use crate::image::{ImageOp, ImageOpKind};
 use crate::ir::op::{Access, DescriptorBinding};
 use crate::ir::{Body, Function, InputRow, Inst, Label, Module, Node, Op, Terminator, Type, Value};
+use crate::query::QueryWord;
 
 /// The text form of a module.
 pub fn print_module(module: &Module) -> String {
@@ -15,6 +16,10 @@ pub fn print_module(module: &Module) -> String {
     if !module.inputs.is_empty() {
         let rows: Vec<String> = module.inputs.iter().map(input_row_text).collect();
         text += &format!("inputs {}\n", rows.join(", "));
+    }
+    if !module.query_words.is_empty() {
+        let words: Vec<String> = module.query_words.iter().map(query_word_text).collect();
+        text += &format!("query_words {}\n", words.join(", "));
     }
     text += &format!("output_rows {}\n", module.output_rows);
     if module.local_size != [1; 3] {
@@ -44,6 +49,15 @@ fn input_row_text(row: &InputRow) -> String {
         InputRow::HitAttribute(word) => format!("hit_attribute.{word}"),
         InputRow::CallableData(word) => format!("callable_data.{word}"),
     }
+}
+
+fn query_word_text(word: &QueryWord) -> String {
+    let of = if word.committed {
+        "committed"
+    } else {
+        "candidate"
+    };
+    format!("{of}.{}.{}", query_field_text(word.field), word.component)
 }
 
 /// A string in quotes, with the few characters escaped that would end it or the line.
@@ -224,7 +238,7 @@ impl Printer<'_> {
         if !line.is_empty() {
             line += " = ";
         }
-        line += &op_text(&inst.op);
+        line += &print_op(&inst.op);
         let mut comment = String::new();
         if let Op::Const(bits) = inst.op {
             let ty = inst
@@ -294,7 +308,8 @@ fn access_text(access: &Access) -> String {
     format!("{}{volatile}", space_text(access.space))
 }
 
-fn op_text(op: &Op) -> String {
+/// The text form of an operation with what stands in its brackets, but without operands and the bits of constants.
+pub fn print_op(op: &Op) -> String {
     let name = op.text();
     match op {
         Op::VarLoad(variable, row) | Op::VarStore(variable, row) => {

@@ -2,6 +2,8 @@
 
 #![forbid(unsafe_code)]
 
+mod attachment;
+
 use ash::vk;
 use spirv_jit::image::Format;
 use spirv_jit::image::format::{Aspect, FormatInfo, Numeric};
@@ -44,19 +46,19 @@ pub struct Features {
     pub buffer: vk::FormatFeatureFlags2,
 }
 
-/// Formats of extensions that are not advertised, though their texels are known.
-const NOT_ADVERTISED: [Format; 2] = [Format::A1B5G5R5_UNORM_PACK16, Format::A8_UNORM];
-
 /// A format's features; empty if it is not supported.
 pub fn features(format: vk::Format) -> Features {
     let texel = texel_format(format);
-    let Some(info) = texel.info().filter(|_| !NOT_ADVERTISED.contains(&texel)) else {
+    let Some(info) = texel.info() else {
         return Features::default();
     };
     let mut features = Features {
-        image: image_features(texel, info),
+        image: image_features(texel, info) | attachment::image_features(format),
         buffer: buffer_features(texel, info),
     };
+    if attachment::is_vertex(format) {
+        features.buffer |= vk::FormatFeatureFlags2::VERTEX_BUFFER;
+    }
     if vertex_format(format).is_some() {
         features.buffer |= vk::FormatFeatureFlags2::ACCELERATION_STRUCTURE_VERTEX_BUFFER_KHR;
     }

@@ -1,0 +1,165 @@
+//! Deferred host operations: work that the application's own threads do, as many as join.
+//!
+//! An operation is a rayon pool without threads. A thread that joins becomes one of the pool's until the work is done, so everything that
+//! builds and compiles in parallel does so here too, on exactly the threads that were given.
+
+#![forbid(unsafe_code)]
+
+use ash::vk;
+use parking_lot::Mutex;
+
+use crate::VkResult;
+use crate::ffi::guard::guard;
+use crate::handle::Ref;
+
+/// `VkDeferredOperationKHR`.
+#[derive(Default)]
+pub struct DeferredOperation(Mutex<State>);
+
+enum State {
+    /// With the result of the last command; at first there was none, and that is a success.
+    Complete(VkResult),
+    Pending(Pool),
+}
+
+impl Default for State {
+    fn default() -> Self {
+        Self::Complete(Ok(()))
+    }
+}
+
+struct Pool {
+    /// Dropping it sends the threads back, once the work has ended.
+    _pool: rayon::ThreadPool,
+    /// One for each thread that may still join.
+    seats: Vec<rayon::ThreadBuilder>,
+}
+
+impl DeferredOperation {
+    /// Leaves `work` to the threads that will join: up to `concurrency` of them have something to do.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
+    pub fn defer(
+        operation: &Ref<Self>,
+        concurrency: usize,
+        work: impl FnOnce() -> VkResult + Send + 'static,
+    ) -> VkResult {
+        let mut seats = Vec::new();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(concurrency.max(1))
+            .spawn_handler(|seat| {
+                seats.push(seat);
+                Ok(())
+            })
+            .build()
+            .map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
+        let this = Ref::clone(operation);
+        pool.spawn(move || {
+            let result = guard("deferred operation", work);
+            let pool = std::mem::replace(&mut *this.0.lock(), State::Complete(result));
+            drop(pool);
+        });
+        *operation.0.lock() = State::Pending(Pool { _pool: pool, seats });
+        Ok(())
+    }
+
+    /// How many more threads may join (`vkGetDeferredOperationMaxConcurrencyKHR`); none once complete.
+    pub fn max_concurrency(&self) -> u32 {
+        match &*self.0.lock() {
+            State::Complete(_) => 0,
+            // A pending operation has at least the threads that are in it.
+            State::Pending(pool) => pool.seats.len().max(1) as u32,
+        }
+    }
+
+    /// What the deferred command returns.
+    ///
+    /// # Errors
+    /// Its own, or `VK_NOT_READY`.
+    pub fn result(&self) -> VkResult {
+        match &*self.0.lock() {
+            State::Complete(result) => *result,
+            State::Pending(_) => Err(vk::Result::NOT_READY),
+        }
+    }
+
+    /// Works on the operation until it is complete.
+    ///
+    /// # Errors
+    /// `VK_THREAD_DONE_KHR` if there is nothing left for a further thread.
+    pub fn join(&self) -> VkResult {
+        let seat = match &mut *self.0.lock() {
+            State::Complete(_) => return Ok(()),
+            State::Pending(pool) => pool.seats.pop(),
+        };
+        seat.ok_or(vk::Result::THREAD_DONE_KHR)?.run();
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::handle;
+    use rayon::prelude::*;
+    use std::collections::HashSet;
+    use std::sync::{Arc, Barrier};
+    use std::thread::{self, ThreadId};
+
+    #[test]
+    fn joining_threads_do_the_work_and_no_others() {
+        let operation = handle::new(DeferredOperation::default());
+        assert!(operation.join().is_ok() && operation.result().is_ok());
+        let workers: Arc<Mutex<HashSet<ThreadId>>> = Arc::default();
+        let seen = Arc::clone(&workers);
+        // Both parts must run at once.
+        let meet = Barrier::new(2);
+        let deferred = DeferredOperation::defer(&operation, 2, move || {
+            (0..2).into_par_iter().with_max_len(1).for_each(|_| {
+                meet.wait();
+                seen.lock().insert(thread::current().id());
+            });
+            Err(vk::Result::ERROR_UNKNOWN)
+        });
+        assert!(deferred.is_ok());
+        assert_eq!(operation.max_concurrency(), 2);
+        assert_eq!(operation.result(), Err(vk::Result::NOT_READY));
+        let joined: HashSet<_> = thread::scope(|scope| {
+            let join = || {
+                assert_eq!(operation.join(), Ok(()));
+                thread::current().id()
+            };
+            let threads = [scope.spawn(join), scope.spawn(join)];
+            threads
+                .into_iter()
+                .map(|thread| thread.join().unwrap())
+                .collect()
+        });
+        assert_eq!(*workers.lock(), joined);
+        assert_eq!(operation.max_concurrency(), 0);
+        assert_eq!(operation.result(), Err(vk::Result::ERROR_UNKNOWN));
+        assert_eq!(operation.join(), Ok(()));
+    }
+
+    #[test]
+    fn a_panic_is_a_result_and_a_thread_too_many_is_not_needed() {
+        let operation = handle::new(DeferredOperation::default());
+        let (started, starts) = std::sync::mpsc::channel();
+        let (go, goes) = std::sync::mpsc::channel::<()>();
+        let work = move || {
+            started.send(()).unwrap();
+            let _ = goes.recv();
+            panic!("expected by a test")
+        };
+        assert!(DeferredOperation::defer(&operation, 1, work).is_ok());
+        thread::scope(|scope| {
+            let first = scope.spawn(|| operation.join());
+            starts.recv().unwrap();
+            assert_eq!(operation.join(), Err(vk::Result::THREAD_DONE_KHR));
+            drop(go);
+            assert_eq!(first.join().unwrap(), Ok(()));
+        });
+        assert_eq!(operation.result(), Err(vk::Result::ERROR_UNKNOWN));
+    }
+}

@@ -1,0 +1,122 @@
+//! `TUFF_STATS=1`: how full the waves are, per shader, as a table on standard error when a device is destroyed.
+#![forbid(unsafe_code)]
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+use spirv_jit::program::AlignedRow;
+use spirv_jit::{Program, SUBGROUP_SIZE};
+
+use super::table::ProgramIndex;
+
+/// What one shader's runs amount to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Counts {
+    /// Runs of a wave from one event to the next.
+    waves: u64,
+    subgroups: u64,
+    /// Active lanes at the start of the run.
+    lanes: u64,
+}
+
+/// The counts of one batch, by program; nothing is counted where nobody asked.
+#[derive(Default)]
+pub struct Tally(Vec<Counts>);
+
+/// All of the process, by stage and the program's number.
+static TOTAL: Mutex<BTreeMap<(&'static str, u64), Counts>> = Mutex::new(BTreeMap::new());
+
+fn is_asked_for() -> bool {
+    static ASKED: OnceLock<bool> = OnceLock::new();
+    *ASKED.get_or_init(|| std::env::var_os("TUFF_STATS").is_some_and(|value| value == "1"))
+}
+
+impl Tally {
+    /// For a batch of a dispatch with so many programs; `None` where nobody asked.
+    pub fn new(programs: usize) -> Option<Tally> {
+        is_asked_for().then(|| Tally(vec![Counts::default(); programs]))
+    }
+
+    /// Notes a wave that is about to run.
+    pub fn count(&mut self, index: ProgramIndex, program: &Program, states: &[Vec<AlignedRow>]) {
+        let counts = &mut self.0[index as usize];
+        counts.waves += 1;
+        counts.subgroups += states.len() as u64;
+        for state in states {
+            counts.lanes += u64::from(program.event_mask(state).count_ones());
+        }
+    }
+
+    /// Adds the batch to the total.
+    pub fn close<'p>(&mut self, program: impl Fn(usize) -> &'p Program) {
+        let mut total = TOTAL.lock().unwrap_or_else(PoisonError::into_inner);
+        for (index, counts) in std::mem::take(&mut self.0).into_iter().enumerate() {
+            if counts.waves > 0 {
+                let program = program(index);
+                let sum = total
+                    .entry((stage_name(program), program.number()))
+                    .or_default();
+                sum.waves += counts.waves;
+                sum.subgroups += counts.subgroups;
+                sum.lanes += counts.lanes;
+            }
+        }
+    }
+}
+
+fn stage_name(program: &Program) -> &'static str {
+    use spirv_jit::program::Stage;
+    match program.stage() {
+        Stage::RayGeneration => "ray generation",
+        Stage::Intersection => "intersection",
+        Stage::AnyHit => "any hit",
+        Stage::ClosestHit => "closest hit",
+        Stage::Miss => "miss",
+        Stage::Callable => "callable",
+        _ => "compute",
+    }
+}
+
+/// Prints the table, if there is something in it, and starts over.
+pub fn print() {
+    let total = std::mem::take(&mut *TOTAL.lock().unwrap_or_else(PoisonError::into_inner));
+    if !total.is_empty() {
+        eprint!("{}", table(&total));
+    }
+}
+
+fn table(total: &BTreeMap<(&'static str, u64), Counts>) -> String {
+    let mut text = format!(
+        "{:<18}{:>8}{:>12}{:>12}{:>14}{:>11}\n",
+        "shader", "number", "waves", "subgroups", "lanes", "occupancy"
+    );
+    for ((stage, number), counts) in total {
+        let places = (counts.subgroups * SUBGROUP_SIZE as u64).max(1);
+        let percent = 100.0 * counts.lanes as f64 / places as f64;
+        let _ = writeln!(
+            text,
+            "{stage:<18}{number:>8}{:>12}{:>12}{:>14}{percent:>10.1}%",
+            counts.waves, counts.subgroups, counts.lanes
+        );
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn occupancy_is_lanes_over_places() {
+        let counts = Counts {
+            waves: 2,
+            subgroups: 5,
+            lanes: 20,
+        };
+        let text = table(&BTreeMap::from([(("miss", 7), counts)]));
+        let last = text.lines().last().expect("a row");
+        let words: Vec<&str> = last.split_whitespace().collect();
+        assert_eq!(words, ["miss", "7", "2", "5", "20", "25.0%"]);
+    }
+}

@@ -1,0 +1,297 @@
+//! The comparisons. Commands and extensions come from the tables; structures are asked for, as an application would.
+
+use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::sync::Arc;
+
+use ash::vk;
+use vulkan_tuff::object::PhysicalDevice;
+use vulkan_tuff::object::instance::Messengers;
+use vulkan_tuff::table::commands::{self, Availability, Level};
+use vulkan_tuff::table::extensions::{Extension, ExtensionSet, Kind};
+use vulkan_tuff::table::{features, properties};
+
+use crate::condition::evaluate;
+use crate::registry::{Registry, Require, Structure};
+
+/// The version that the driver reports.
+const VERSION: (u32, u32) = (1, 3);
+
+/// Features that "all Vulkan graphics implementations must support" (chapter Features, "Feature Requirements"): this one has no queue for
+/// graphics.
+const OF_GRAPHICS: [&str; 3] = ["multiview", "imagelessFramebuffer", "dynamicRendering"];
+
+/// What was found.
+#[derive(Default)]
+pub struct Report {
+    pub summary: String,
+    /// What this registry cannot tell.
+    pub notes: Vec<String>,
+    /// What is wrong.
+    pub findings: Vec<String>,
+}
+
+struct Audit<'a> {
+    registry: &'a Registry,
+    advertised: HashSet<&'static str>,
+    report: Report,
+}
+
+/// Holds the tables against the registry.
+pub fn run(registry: &Registry) -> Report {
+    let names = Extension::ALL.iter().map(|extension| name(*extension));
+    let mut audit = Audit {
+        registry,
+        advertised: names.collect(),
+        report: Report::default(),
+    };
+    audit.extensions();
+    audit.commands();
+    let structures = audit.structures();
+    audit.report.summary = format!(
+        "{} extensions, {} commands, {structures} structures",
+        Extension::ALL.len(),
+        commands::table().len(),
+    );
+    audit.report
+}
+
+fn name(extension: Extension) -> &'static str {
+    extension.name().to_str().expect("names are ASCII")
+}
+
+impl Audit<'_> {
+    fn find(&mut self, finding: String) {
+        self.report.findings.push(finding);
+    }
+
+    /// Whether a version, an extension (or what took it over), or a feature `structure::member` is there.
+    fn holds(&self, name: &str) -> bool {
+        if let Some((structure, member)) = name.split_once("::") {
+            return self.feature(structure, member) == Some(true);
+        }
+        if let Some((_, number)) = name.split_once("_VERSION_") {
+            let number = number.split_once('_');
+            let number =
+                number.and_then(|(a, b)| Some((a.parse::<u32>().ok()?, b.parse::<u32>().ok()?)));
+            return number.is_some_and(|number| number <= VERSION);
+        }
+        let promoted = || {
+            let extension = self.registry.extensions.get(name)?;
+            Some(self.holds(extension.promoted_to.as_ref()?))
+        };
+        self.advertised.contains(name) || promoted().unwrap_or(false)
+    }
+
+    /// Whether a block's condition is met, by what is advertised itself.
+    fn met(&self, require: &Require) -> bool {
+        evaluate(&require.depends, &|name| {
+            let is_extension = self.registry.extensions.contains_key(name);
+            self.holds(name) && (!is_extension || self.advertised.contains(name))
+        })
+    }
+
+    /// Extensions are known, of their kind, and what they depend on is there.
+    fn extensions(&mut self) {
+        for &extension in Extension::ALL {
+            let name = name(extension);
+            let Some(known) = self.registry.extensions.get(name) else {
+                self.report
+                    .notes
+                    .push(format!("{name} is newer than this registry"));
+                if self.registry.header_version >= vk::HEADER_VERSION {
+                    self.find(format!("{name} is no extension"));
+                }
+                continue;
+            };
+            if known.is_instance != (extension.kind() == Kind::Instance) {
+                self.find(format!("{name} is listed as {:?}", extension.kind()));
+            }
+            if !evaluate(&known.depends, &|name| self.holds(name)) {
+                self.find(format!("{name} depends on {}", known.depends));
+            }
+        }
+    }
+
+    /// What brings what: commands, types and mandatory features of the versions and extensions that are advertised, with who asks.
+    fn required(&self) -> Vec<(String, Availability, &Require)> {
+        let versions = self
+            .registry
+            .versions
+            .iter()
+            .filter(|version| version.number <= VERSION);
+        let core = versions.flat_map(|version| {
+            version.requires.iter().map(|require| {
+                let (major, minor) = version.number;
+                let since = Availability::Core(vk::make_api_version(0, major, minor, 0));
+                (version.name.clone(), since, require)
+            })
+        });
+        let extensions = Extension::ALL.iter().filter_map(|&extension| {
+            let known = self.registry.extensions.get(name(extension))?;
+            Some(known.requires.iter().map(move |require| {
+                let by = Availability::Extension(extension);
+                (known.name.clone(), by, require)
+            }))
+        });
+        core.chain(extensions.flatten())
+            .filter(|(_, _, require)| self.met(require))
+            .collect()
+    }
+
+    fn commands(&mut self) {
+        let mut asked: BTreeMap<&str, Vec<Availability>> = BTreeMap::new();
+        let mut missing = Vec::new();
+        for (who, availability, require) in self.required() {
+            for command in &require.commands {
+                asked.entry(command).or_default().push(availability);
+                if commands::find(command.as_bytes()).is_none() {
+                    missing.push(format!("{who} has {command}, the table has not"));
+                }
+            }
+        }
+        for row in commands::table() {
+            match asked.get(row.name) {
+                Some(by) if by.contains(&row.availability) => {}
+                _ if self.is_newer(row.availability) => {}
+                _ => missing.push(format!(
+                    "{}: not of what its row says, {:?}",
+                    row.name, row.availability
+                )),
+            }
+            let level = self
+                .registry
+                .commands
+                .get(row.name)
+                .map(|first| match &**first {
+                    "VkInstance" => Level::Instance,
+                    "VkPhysicalDevice" => Level::PhysicalDevice,
+                    "VkDevice" | "VkQueue" | "VkCommandBuffer" => Level::Device,
+                    _ => Level::Global,
+                });
+            if level.is_some_and(|level| level != row.level) {
+                missing.push(format!("{} is not of level {:?}", row.name, row.level));
+            }
+        }
+        // Two ways to a command (a version and an extension) are two rows or one.
+        let unique: BTreeSet<_> = missing.into_iter().collect();
+        self.report.findings.extend(unique);
+    }
+
+    fn is_newer(&self, availability: Availability) -> bool {
+        matches!(availability, Availability::Extension(extension)
+            if !self.registry.extensions.contains_key(name(extension)))
+    }
+
+    /// Chained structures are answered exactly if something advertised brings them, and mandatory features are true.
+    fn structures(&mut self) -> usize {
+        let mut wanted = BTreeSet::new();
+        let mut features = BTreeSet::new();
+        for (_, _, require) in self.required() {
+            wanted.extend(require.types.iter().map(|name| self.resolved(name)));
+            features.extend(require.features.iter().cloned());
+        }
+        let mut answered = 0;
+        let mut findings = Vec::new();
+        for (name, structure) in &self.registry.structures {
+            let answer = answer(structure);
+            let Some(answer) = answer else { continue };
+            let there = answer.iter().any(|&byte| byte != UNTOUCHED);
+            answered += usize::from(there);
+            match (there, wanted.contains(name.as_str())) {
+                (true, false) => findings.push(format!("nothing advertised brings {name}")),
+                (false, true) => findings.push(format!("{name} is not answered")),
+                _ => {}
+            }
+        }
+        if features.is_empty() {
+            self.report
+                .notes
+                .push("this registry does not say which features are mandatory".into());
+        }
+        for (structure, members) in features {
+            // Where several are listed, one must be there.
+            let mut one_of = members.split(',').map(str::trim);
+            let met = |member| {
+                OF_GRAPHICS.contains(&member) || self.feature(&structure, member) != Some(false)
+            };
+            if !one_of.any(met) {
+                findings.push(format!("{structure}::{members} is mandatory, and false"));
+            }
+        }
+        self.report.findings.extend(findings);
+        answered
+    }
+
+    fn resolved<'a>(&'a self, name: &'a str) -> &'a str {
+        self.registry
+            .aliases
+            .get(name)
+            .map_or(name, |alias| self.resolved(alias))
+    }
+
+    /// A feature's value; `None` if this registry does not know it.
+    fn feature(&self, structure: &str, member: &str) -> Option<bool> {
+        if structure == "VkPhysicalDeviceFeatures" {
+            return core_feature(member);
+        }
+        let structure = self.registry.structures.get(self.resolved(structure))?;
+        let index = structure.members.iter().position(|name| name == member)?;
+        let word = answer(structure)?[index * 4..][..4].try_into().ok()?;
+        Some(u32::from_ne_bytes(word) == vk::TRUE)
+    }
+}
+
+/// Of the optional features of Vulkan 1.0, those that versions and extensions make mandatory.
+fn core_feature(member: &str) -> Option<bool> {
+    let core = features::core_features();
+    let value = match member {
+        "robustBufferAccess" => core.robust_buffer_access,
+        "shaderInt64" => core.shader_int64,
+        "shaderSampledImageArrayDynamicIndexing" => {
+            core.shader_sampled_image_array_dynamic_indexing
+        }
+        "shaderStorageBufferArrayDynamicIndexing" => {
+            core.shader_storage_buffer_array_dynamic_indexing
+        }
+        _ => return None,
+    };
+    Some(value == vk::TRUE)
+}
+
+/// What the driver's answer is made of where it wrote nothing.
+const UNTOUCHED: u8 = 0xAA;
+
+/// A structure, after `sType` and `pNext`, as the driver fills it; `None` if it is neither of features nor of properties, or has
+/// pointers for the driver to write through.
+fn answer(structure: &Structure) -> Option<Vec<u8>> {
+    if structure.has_pointers {
+        return None;
+    }
+    const ROOM_BYTES: usize = 4096;
+    const HEAD_BYTES: usize = 16;
+    let extends = |what: &str| structure.extends.iter().any(|name| name == what);
+    let mut room = vec![u64::from_ne_bytes([UNTOUCHED; 8]); ROOM_BYTES / 8];
+    let head = room.as_mut_ptr().cast::<vk::BaseOutStructure<'_>>();
+    // SAFETY: the room is larger than any structure of the registry, and begins with a type and a null pointer. A driver that knows the type
+    // fills it in.
+    unsafe {
+        if extends("VkPhysicalDeviceFeatures2") {
+            (*head).s_type = vk::StructureType::from_raw(structure.ty);
+            (*head).p_next = std::ptr::null_mut();
+            features::fill_chain(head.cast());
+        } else if extends("VkPhysicalDeviceProperties2") {
+            (*head).s_type = vk::StructureType::from_raw(structure.ty);
+            (*head).p_next = std::ptr::null_mut();
+            let device = PhysicalDevice::new(
+                vk::API_VERSION_1_3,
+                Arc::new(Messengers::default()),
+                ExtensionSet::default(),
+            );
+            properties::fill_chain(&device, head.cast());
+        } else {
+            return None;
+        }
+    }
+    let bytes = room.iter().flat_map(|word| word.to_ne_bytes());
+    Some(bytes.skip(HEAD_BYTES).collect())
+}

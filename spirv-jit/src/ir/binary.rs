@@ -1,0 +1,415 @@
+//! The IR as bytes, for pipeline caches: [`encode`] and [`decode`] are inverse to each other.
+//!
+//! ```text
+//! header: the text form of the module without its functions
+//! operations: the text form of each that occurs, once; 0 is `const`, whose bits follow at its instructions
+//! functions: numbers of seven bits a byte; bodies by the tags below
+//! ```
+//!
+//! What is decoded is well formed, not yet valid: see [`verify`](super::verify::verify).
+
+use std::collections::HashMap;
+
+use smallvec::SmallVec;
+
+use super::text::{parse_module, parse_op, print_module, print_op};
+use super::{Body, Function, Inst, Label, Module, Node, Op, Terminator, Type, Value, Variable};
+
+/// Nesting that is followed before giving up.
+const MAX_NESTING: usize = 2_000;
+const MAX_LABELS: u32 = 1 << 20;
+
+const TYPES: [Type; 8] = [
+    Type::I1,
+    Type::I8,
+    Type::I16,
+    Type::I32,
+    Type::I64,
+    Type::F16,
+    Type::F32,
+    Type::F64,
+];
+
+/// What comes next in a body. The terminators end it.
+const INST: u8 = 0;
+const BLOCK: u8 = 1;
+const IF: u8 = 2;
+const LOOP: u8 = 3;
+const BR: u8 = 4;
+const RETURN: u8 = 5;
+const END: u8 = 6;
+const UNREACHABLE: u8 = 7;
+
+/// A module as bytes.
+pub fn encode(module: &Module) -> Vec<u8> {
+    let header = Module {
+        functions: Vec::new(),
+        inputs: module.inputs.clone(),
+        query_words: module.query_words.clone(),
+        ..*module
+    };
+    let mut encoder = Encoder::default();
+    encoder.number(module.functions.len() as u64);
+    for function in &module.functions {
+        encoder.function(function);
+    }
+    let functions = std::mem::take(&mut encoder.bytes);
+    let operations = std::mem::take(&mut encoder.texts);
+    encoder.string(&print_module(&header));
+    encoder.number(operations.len() as u64);
+    for text in &operations {
+        encoder.string(text);
+    }
+    encoder.bytes.extend(functions);
+    encoder.bytes
+}
+
+#[derive(Default)]
+struct Encoder {
+    bytes: Vec<u8>,
+    operations: HashMap<Op, u64>,
+    texts: Vec<String>,
+}
+
+impl Encoder {
+    fn number(&mut self, mut number: u64) {
+        while number >= 0x80 {
+            self.bytes.push(number as u8 | 0x80);
+            number >>= 7;
+        }
+        self.bytes.push(number as u8);
+    }
+
+    fn string(&mut self, text: &str) {
+        self.number(text.len() as u64);
+        self.bytes.extend_from_slice(text.as_bytes());
+    }
+
+    fn values(&mut self, values: &[Value]) {
+        self.number(values.len() as u64);
+        for value in values {
+            self.number(value.0.into());
+        }
+    }
+
+    fn types(&mut self, types: &[Type]) {
+        self.number(types.len() as u64);
+        let index = |ty: &Type| TYPES.iter().position(|other| other == ty).unwrap_or(0) as u8;
+        self.bytes.extend(types.iter().map(index));
+    }
+
+    fn function(&mut self, function: &Function) {
+        self.string(&function.name);
+        self.values(&function.params);
+        self.types(&function.results);
+        self.types(&function.value_types);
+        self.number(function.labels.into());
+        self.number(function.variables.len() as u64);
+        for variable in &function.variables {
+            self.string(&variable.name);
+            self.number(variable.rows.into());
+            self.number(variable.zero.into());
+        }
+        self.body(&function.body);
+    }
+
+    fn body(&mut self, body: &Body) {
+        for node in &body.nodes {
+            self.node(node);
+        }
+        match &body.end {
+            Terminator::Br(label, args) => {
+                self.bytes.push(BR);
+                self.number(label.0.into());
+                self.values(args);
+            }
+            Terminator::Return(args) => {
+                self.bytes.push(RETURN);
+                self.values(args);
+            }
+            Terminator::End(args) => {
+                self.bytes.push(END);
+                self.values(args);
+            }
+            Terminator::Unreachable => self.bytes.push(UNREACHABLE),
+        }
+    }
+
+    fn node(&mut self, node: &Node) {
+        match node {
+            Node::Inst(inst) => self.inst(inst),
+            Node::Block {
+                label,
+                results,
+                body,
+            } => {
+                self.bytes.push(BLOCK);
+                self.number(label.0.into());
+                self.values(results);
+                self.body(body);
+            }
+            Node::If {
+                condition,
+                label,
+                results,
+                then_body,
+                else_body,
+            } => {
+                self.bytes.push(IF);
+                self.number(condition.0.into());
+                self.number(label.0.into());
+                self.values(results);
+                self.body(then_body);
+                self.body(else_body);
+            }
+            Node::Loop {
+                label,
+                params,
+                init,
+                body,
+            } => {
+                self.bytes.push(LOOP);
+                self.number(label.0.into());
+                self.values(params);
+                self.values(init);
+                self.body(body);
+            }
+        }
+    }
+
+    fn inst(&mut self, inst: &Inst) {
+        self.bytes.push(INST);
+        if let Op::Const(bits) = inst.op {
+            self.number(0);
+            self.number(bits);
+        } else {
+            let index = match self.operations.get(&inst.op) {
+                Some(&index) => index,
+                None => {
+                    self.texts.push(print_op(&inst.op));
+                    let index = self.texts.len() as u64;
+                    self.operations.insert(inst.op.clone(), index);
+                    index
+                }
+            };
+            self.number(index);
+        }
+        self.values(&inst.results);
+        self.values(&inst.args);
+        self.number(inst.source.into());
+    }
+}
+
+/// The module that these bytes are.
+///
+/// # Errors
+/// Bytes that [`encode`] did not make. Never panics, and takes memory in proportion to the bytes.
+pub fn decode(bytes: &[u8]) -> Result<Module, String> {
+    let mut decoder = Decoder {
+        rest: bytes,
+        operations: Vec::new(),
+        depth: 0,
+    };
+    let mut module = parse_module(decoder.string()?)?;
+    for _ in 0..decoder.count()? {
+        let op = parse_op(decoder.string()?)?;
+        decoder.operations.push(op);
+    }
+    for _ in 0..decoder.count()? {
+        let function = decoder.function()?;
+        module.functions.push(function);
+    }
+    if !decoder.rest.is_empty() {
+        return Err("bytes after the end".into());
+    }
+    Ok(module)
+}
+
+struct Decoder<'a> {
+    rest: &'a [u8],
+    operations: Vec<Op>,
+    depth: usize,
+}
+
+type Decoded<T> = Result<T, String>;
+
+impl<'a> Decoder<'a> {
+    fn byte(&mut self) -> Decoded<u8> {
+        let (&first, rest) = self.rest.split_first().ok_or("the bytes end early")?;
+        self.rest = rest;
+        Ok(first)
+    }
+
+    fn number(&mut self) -> Decoded<u64> {
+        let mut number = 0;
+        for shift in (0..64).step_by(7) {
+            let byte = self.byte()?;
+            number |= u64::from(byte & 0x7F) << shift;
+            if byte < 0x80 {
+                return Ok(number);
+            }
+        }
+        Err("a number without an end".into())
+    }
+
+    fn small(&mut self) -> Decoded<u32> {
+        u32::try_from(self.number()?).map_err(|_| "a number too large".into())
+    }
+
+    /// A number of items that take a byte each or more.
+    fn count(&mut self) -> Decoded<usize> {
+        let count = self.small()? as usize;
+        if count > self.rest.len() {
+            return Err("more items than bytes".into());
+        }
+        Ok(count)
+    }
+
+    fn slice(&mut self) -> Decoded<&'a [u8]> {
+        let count = self.count()?;
+        let (slice, rest) = self.rest.split_at(count);
+        self.rest = rest;
+        Ok(slice)
+    }
+
+    fn string(&mut self) -> Decoded<&'a str> {
+        std::str::from_utf8(self.slice()?).map_err(|_| "text that is not UTF-8".into())
+    }
+
+    fn value(&mut self) -> Decoded<Value> {
+        self.small().map(Value)
+    }
+
+    fn label(&mut self) -> Decoded<Label> {
+        self.small().map(Label)
+    }
+
+    fn values<C: FromIterator<Value>>(&mut self) -> Decoded<C> {
+        (0..self.count()?).map(|_| self.value()).collect()
+    }
+
+    fn types(&mut self) -> Decoded<Vec<Type>> {
+        let ty = |&index: &u8| TYPES.get(usize::from(index)).copied();
+        let types = self.slice()?.iter().map(ty).collect::<Option<_>>();
+        types.ok_or_else(|| "no such type".into())
+    }
+
+    fn function(&mut self) -> Decoded<Function> {
+        let name = self.string()?.to_owned();
+        let params = self.values()?;
+        let results = self.types()?;
+        let value_types = self.types()?;
+        let labels = self.small()?;
+        if labels > MAX_LABELS {
+            return Err("too many labels".into());
+        }
+        let variables = (0..self.count()?).map(|_| {
+            Ok(Variable {
+                name: self.string()?.to_owned(),
+                rows: self.small()?,
+                zero: self.number()? != 0,
+            })
+        });
+        let variables = variables.collect::<Decoded<_>>()?;
+        let body = self.body()?;
+        Ok(Function {
+            name,
+            params,
+            results,
+            value_types,
+            labels,
+            variables,
+            body,
+        })
+    }
+
+    fn body(&mut self) -> Decoded<Body> {
+        self.depth += 1;
+        if self.depth > MAX_NESTING {
+            return Err("nested too deeply".into());
+        }
+        let mut nodes = Vec::new();
+        let end = loop {
+            match self.byte()? {
+                INST => nodes.push(Node::Inst(self.inst()?)),
+                BLOCK => nodes.push(Node::Block {
+                    label: self.label()?,
+                    results: self.values()?,
+                    body: self.body()?,
+                }),
+                IF => nodes.push(Node::If {
+                    condition: self.value()?,
+                    label: self.label()?,
+                    results: self.values()?,
+                    then_body: self.body()?,
+                    else_body: self.body()?,
+                }),
+                LOOP => nodes.push(Node::Loop {
+                    label: self.label()?,
+                    params: self.values()?,
+                    init: self.values()?,
+                    body: self.body()?,
+                }),
+                BR => break Terminator::Br(self.label()?, self.values()?),
+                RETURN => break Terminator::Return(self.values()?),
+                END => break Terminator::End(self.values()?),
+                UNREACHABLE => break Terminator::Unreachable,
+                _ => return Err("no such node".into()),
+            }
+        };
+        self.depth -= 1;
+        Ok(Body { nodes, end })
+    }
+
+    fn inst(&mut self) -> Decoded<Inst> {
+        let op = match self.number()? {
+            0 => Op::Const(self.number()?),
+            index => {
+                let op = self.operations.get(index as usize - 1);
+                op.ok_or("no such operation")?.clone()
+            }
+        };
+        let results: SmallVec<[Value; 2]> = self.values()?;
+        let args: SmallVec<[Value; 4]> = self.values()?;
+        Ok(Inst {
+            op,
+            args,
+            results,
+            source: self.small()?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Program;
+    use crate::ir::text::SAMPLE;
+    use crate::ir::verify::verify;
+
+    #[test]
+    fn bytes_round_trip() {
+        let module = parse_module(SAMPLE).unwrap();
+        assert_eq!(decode(&encode(&module)).unwrap(), module);
+    }
+
+    /// Damage gives an error or another module, which the verifier judges; never a panic.
+    #[test]
+    fn damage_is_survived() {
+        let bytes = encode(&parse_module(SAMPLE).unwrap());
+        for end in 0..bytes.len() {
+            assert!(decode(&bytes[..end]).is_err());
+        }
+        for at in 0..bytes.len() {
+            for flip in [0x01, 0x80, 0xFF] {
+                let mut damaged = bytes.clone();
+                damaged[at] ^= flip;
+                if let Ok(module) = decode(&damaged)
+                    && verify(&module).is_ok()
+                {
+                    let _ = Program::new(&module);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! Ray queries at the seam: how a query's object lies in per-lane memory.
+//!
+//! An object is a run of private rows, a word per lane each: the ones of [`row`], then the module's
+//! [`QueryWord`]s: what its getters read, and nothing else. The shader writes the ray and what it decides about
+//! candidates; at `ray_query_proceed` the executor reads them and writes the words.
+
+/// Rows of an object, from its first one.
+pub mod row {
+    /// What the executor knows the suspended walk by; 0: none. The shader never touches it.
+    pub const HANDLE: usize = 0;
+    /// One of [`state`](super::state).
+    pub const STATE: usize = 1;
+    /// Device address of the top level, low word first.
+    pub const STRUCTURE: usize = 2;
+    pub const FLAGS: usize = 4;
+    pub const CULL_MASK: usize = 5;
+    /// Three words.
+    pub const ORIGIN: usize = 6;
+    pub const T_MIN: usize = 9;
+    /// Three words.
+    pub const DIRECTION: usize = 10;
+    pub const T_MAX: usize = 13;
+    /// In state `GENERATED`: the distance that the shader gave.
+    pub const GENERATED_T: usize = 14;
+    /// The first of the module's words.
+    pub const WORDS: usize = 15;
+}
+
+/// Where a query stands.
+pub mod state {
+    /// Never initialised, terminated, or at its end: there is nothing to proceed with.
+    pub const OVER: u32 = 0;
+    /// Initialised: the walk is to be started.
+    pub const READY: u32 = 1;
+    /// Suspended at a candidate that the shader has not committed.
+    pub const CANDIDATE: u32 = 2;
+    /// Suspended at a triangle that the shader has committed.
+    pub const CONFIRMED: u32 = 3;
+    /// Suspended at a box in which the shader has committed a hit.
+    pub const GENERATED: u32 = 4;
+}
+
+/// A word about the candidate or the committed intersection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct QueryWord {
+    /// Of the committed intersection instead of the candidate.
+    pub committed: bool,
+    pub field: QueryField,
+    /// Matrices count column-major, vertices by their coordinates.
+    pub component: u8,
+}
+
+/// What a getter reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum QueryField {
+    /// Candidate: 0 triangle, 1 box; committed: 0 none, 1 triangle, 2 generated.
+    IntersectionType,
+    T,
+    InstanceCustomIndex,
+    InstanceId,
+    InstanceSbtOffset,
+    GeometryIndex,
+    PrimitiveIndex,
+    /// 2 words.
+    Barycentrics,
+    /// 0 or 1.
+    FrontFace,
+    /// 0 or 1.
+    AabbOpaque,
+    /// 3 words each.
+    ObjectRayDirection,
+    ObjectRayOrigin,
+    /// 12 words each.
+    ObjectToWorld,
+    WorldToObject,
+    /// 9 words.
+    TriangleVertexPositions,
+    /// 0 or 1 each.
+    IsSphere,
+    IsLss,
+    /// Where along the axis.
+    LssHitValue,
+    /// 6 words: both ends; of a sphere the first is its middle.
+    SweptPositions,
+    /// 2 words.
+    SweptRadii,
+    /// As a hit object has it: see [`word::HIT_KIND`](crate::hit_object::word::HIT_KIND).
+    HitKind,
+    /// As a hit object has it: see [`word::SLOT`](crate::hit_object::word::SLOT).
+    Slot,
+}
+
+impl QueryField {
+    pub fn words(self) -> u8 {
+        match self {
+            QueryField::Barycentrics | QueryField::SweptRadii => 2,
+            QueryField::SweptPositions => 6,
+            QueryField::ObjectRayDirection | QueryField::ObjectRayOrigin => 3,
+            QueryField::ObjectToWorld | QueryField::WorldToObject => 12,
+            QueryField::TriangleVertexPositions => 9,
+            _ => 1,
+        }
+    }
+
+    /// Every word of the field, about the candidate or the committed intersection.
+    pub fn all(self, committed: bool) -> impl Iterator<Item = QueryWord> {
+        (0..self.words()).map(move |component| QueryWord {
+            committed,
+            field: self,
+            component,
+        })
+    }
+}

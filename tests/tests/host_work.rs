@@ -1,0 +1,354 @@
+//! What applications leave to their own threads, and keep from one run to the next: deferred operations and pipeline caches.
+
+use std::thread;
+
+use ash::khr;
+use tuff_tests::*;
+
+/// Joins an operation from several threads until it is complete, and takes its result.
+fn join(gpu: &Gpu, operation: vk::DeferredOperationKHR, threads: usize) -> Result<(), vk::Result> {
+    let host = khr::deferred_host_operations::Device::new(&gpu.instance, &gpu.device);
+    // SAFETY: the operation outlives the threads.
+    unsafe {
+        thread::scope(|scope| {
+            for _ in 0..threads {
+                scope.spawn(|| {
+                    loop {
+                        match host.deferred_operation_join(operation) {
+                            Err(vk::Result::THREAD_IDLE_KHR) => thread::yield_now(),
+                            Ok(()) | Err(vk::Result::THREAD_DONE_KHR) => break,
+                            Err(other) => panic!("{other}"),
+                        }
+                    }
+                });
+            }
+        });
+        // A thread that came late may have gone before the others had finished; all are through now.
+        assert_eq!(host.get_deferred_operation_max_concurrency(operation), 0);
+        host.get_deferred_operation_result(operation)
+    }
+}
+
+/// Performs a command that may defer, and joins as many threads as it has work for.
+fn perform(
+    gpu: &Gpu,
+    command: impl FnOnce(vk::DeferredOperationKHR) -> vk::Result,
+) -> Result<(), vk::Result> {
+    let host = khr::deferred_host_operations::Device::new(&gpu.instance, &gpu.device);
+    // SAFETY: the operation is used by this function alone.
+    unsafe {
+        let operation = host.create_deferred_operation(None)?;
+        let result = match command(operation) {
+            vk::Result::SUCCESS | vk::Result::OPERATION_NOT_DEFERRED_KHR => Ok(()),
+            vk::Result::OPERATION_DEFERRED_KHR => {
+                let most = host.get_deferred_operation_max_concurrency(operation);
+                let pending = host.get_deferred_operation_result(operation);
+                assert!(most > 0 && pending == Err(vk::Result::NOT_READY));
+                join(gpu, operation, (most as usize).clamp(2, 5))
+            }
+            other => Err(other),
+        };
+        host.destroy_deferred_operation(operation, None);
+        result
+    }
+}
+
+const RAYGEN: &str = r"
+layout(set = 0, binding = 0, std430) buffer R { uint results[]; };
+layout(location = 0) callableDataEXT uint data;
+void main() {
+    data = 5u;
+    executeCallableEXT(gl_LaunchIDEXT.x % 3u, 0);
+    results[gl_LaunchIDEXT.x] = data;
+}";
+
+/// A shader that adds a number.
+fn callable(number: u32) -> String {
+    format!(
+        "layout(location = 0) callableDataInEXT uint data; void main() {{ data += {number}u; }}"
+    )
+}
+
+/// What pipelines are made of: a ray generation shader and three callables.
+struct Parts {
+    modules: Vec<(Stage, vk::ShaderModule)>,
+    set: Set,
+    layout: vk::PipelineLayout,
+    output: Buffer,
+}
+
+impl Parts {
+    fn new(gpu: &Gpu) -> Parts {
+        let mut modules = vec![(Stage::RayGeneration, glsl(Stage::RayGeneration, RAYGEN))];
+        for number in [100, 200, 300] {
+            modules.push((Stage::Callable, glsl(Stage::Callable, &callable(number))));
+        }
+        let module = |(stage, words): &(Stage, Vec<u32>)| (*stage, gpu.module(words));
+        let output = gpu.buffer(4 * 6);
+        let set = gpu.set(&[(0, &[Bound::Storage(output)])]);
+        let layout = gpu.layout(&[set.layout]);
+        Parts {
+            modules: modules.iter().map(module).collect(),
+            set,
+            layout,
+            output,
+        }
+    }
+
+    /// Creates a pipeline with a cache, through an operation.
+    fn create(
+        &self,
+        gpu: &Gpu,
+        operation: vk::DeferredOperationKHR,
+        cache: vk::PipelineCache,
+        flags: vk::PipelineCreateFlags,
+        run: impl FnOnce(vk::Result) -> Result<(), vk::Result>,
+    ) -> Result<vk::Pipeline, vk::Result> {
+        let stage = |(stage, module): &(Stage, vk::ShaderModule)| {
+            vk::PipelineShaderStageCreateInfo::default()
+                .stage(stage.flag())
+                .module(*module)
+                .name(c"main")
+        };
+        let stages: Vec<_> = self.modules.iter().map(stage).collect();
+        let group = |index| {
+            vk::RayTracingShaderGroupCreateInfoKHR::default()
+                .ty(vk::RayTracingShaderGroupTypeKHR::GENERAL)
+                .general_shader(index)
+                .closest_hit_shader(vk::SHADER_UNUSED_KHR)
+                .any_hit_shader(vk::SHADER_UNUSED_KHR)
+                .intersection_shader(vk::SHADER_UNUSED_KHR)
+        };
+        let groups: Vec<_> = (0..4).map(group).collect();
+        let info = [vk::RayTracingPipelineCreateInfoKHR::default()
+            .flags(flags)
+            .stages(&stages)
+            .groups(&groups)
+            .max_pipeline_ray_recursion_depth(1)
+            .layout(self.layout)];
+        let mut pipeline = vk::Pipeline::null();
+        let create = gpu.ray_tracing.fp().create_ray_tracing_pipelines_khr;
+        // SAFETY: everything lives until the operation is complete.
+        let result = unsafe {
+            let device = gpu.device.handle();
+            create(
+                device,
+                operation,
+                cache,
+                1,
+                info.as_ptr(),
+                std::ptr::null(),
+                &mut pipeline,
+            )
+        };
+        run(result).map(|()| pipeline)
+    }
+
+    fn plain(
+        &self,
+        gpu: &Gpu,
+        cache: vk::PipelineCache,
+        flags: vk::PipelineCreateFlags,
+    ) -> Result<vk::Pipeline, vk::Result> {
+        self.create(
+            gpu,
+            vk::DeferredOperationKHR::null(),
+            cache,
+            flags,
+            vk::Result::result,
+        )
+    }
+
+    /// Runs the pipeline, and destroys it.
+    fn check(&self, gpu: &Gpu, pipeline: vk::Pipeline) {
+        let rays = gpu.rays_of(pipeline, self.layout, self.set, 4);
+        let table = Table {
+            raygen: Record::of(0),
+            callable: (1..4).map(Record::of).collect(),
+            ..Table::default()
+        };
+        self.output.write(0, &[0u32; 6]);
+        gpu.trace(&rays, &table, [6, 1, 1]);
+        let results: Vec<u32> = self.output.read();
+        assert_eq!(results, [105, 205, 305, 105, 205, 305]);
+        // SAFETY: its work is done.
+        unsafe { gpu.device.destroy_pipeline(pipeline, None) };
+    }
+}
+
+#[test]
+fn pipelines_come_out_of_deferred_operations() {
+    let gpu = Gpu::new();
+    let parts = Parts::new(&gpu);
+    let none = vk::PipelineCache::null();
+    let host = khr::deferred_host_operations::Device::new(&gpu.instance, &gpu.device);
+    // SAFETY: the operation is complete before it is used again or destroyed.
+    unsafe {
+        let operation = host.create_deferred_operation(None).unwrap();
+        // An operation may be used again.
+        for threads in [1, 4] {
+            let flags = vk::PipelineCreateFlags::empty();
+            let pipeline = parts.create(&gpu, operation, none, flags, |result| match result {
+                vk::Result::SUCCESS | vk::Result::OPERATION_NOT_DEFERRED_KHR => Ok(()),
+                vk::Result::OPERATION_DEFERRED_KHR => join(&gpu, operation, threads),
+                other => Err(other),
+            });
+            parts.check(&gpu, pipeline.expect("a pipeline"));
+        }
+        host.destroy_deferred_operation(operation, None);
+    }
+}
+
+#[test]
+fn structures_are_built_by_the_threads_that_join() {
+    let gpu = Gpu::new();
+    if !gpu.has_host_commands {
+        return;
+    }
+    let count = 12_000;
+    let triangle = |i: u32| {
+        let (x, z) = (i as f32, 1.0 + (i % 7) as f32);
+        [[x, 0.0, z], [x + 1.0, 0.0, z], [x, 1.0, z]]
+    };
+    let corners: Vec<[f32; 3]> = (0..count).flat_map(triangle).collect();
+    let data = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
+        .vertex_format(vk::Format::R32G32B32_SFLOAT)
+        .vertex_data(vk::DeviceOrHostAddressConstKHR {
+            host_address: corners.as_ptr().cast(),
+        })
+        .vertex_stride(12)
+        .max_vertex(3 * count - 1)
+        .index_type(vk::IndexType::NONE_KHR);
+    let geometry = [vk::AccelerationStructureGeometryKHR::default()
+        .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
+        .flags(vk::GeometryFlagsKHR::OPAQUE)
+        .geometry(vk::AccelerationStructureGeometryDataKHR { triangles: data })];
+    let level = vk::AccelerationStructureTypeKHR::BOTTOM_LEVEL;
+    let mut info = vk::AccelerationStructureBuildGeometryInfoKHR::default()
+        .ty(level)
+        .geometries(&geometry);
+    let mut sizes = vk::AccelerationStructureBuildSizesInfoKHR::default();
+    // SAFETY: there is one count for each geometry.
+    unsafe {
+        gpu.acceleration.get_acceleration_structure_build_sizes(
+            vk::AccelerationStructureBuildTypeKHR::HOST,
+            &info,
+            &[count],
+            &mut sizes,
+        );
+    }
+    let structure = gpu.empty_structure(level, sizes.acceleration_structure_size);
+    let mut scratch = vec![0u8; sizes.build_scratch_size as usize];
+    info.scratch_data.host_address = scratch.as_mut_ptr().cast();
+    info = info.dst_acceleration_structure(structure.handle);
+    let range = vk::AccelerationStructureBuildRangeInfoKHR::default().primitive_count(count);
+    let ranges = [std::ptr::from_ref(&range)];
+    let build = gpu.acceleration.fp().build_acceleration_structures_khr;
+    // SAFETY: what the build reads and writes lives until it is complete.
+    let built = perform(&gpu, |operation| unsafe {
+        build(gpu.device.handle(), operation, 1, &info, ranges.as_ptr())
+    });
+    built.expect("the build succeeds");
+
+    let copied = gpu.empty_structure(level, sizes.acceleration_structure_size);
+    let copy = vk::CopyAccelerationStructureInfoKHR::default()
+        .src(structure.handle)
+        .dst(copied.handle)
+        .mode(vk::CopyAccelerationStructureModeKHR::CLONE);
+    let run = gpu.acceleration.fp().copy_acceleration_structure_khr;
+    // SAFETY: the structures outlive the copy.
+    let done = perform(&gpu, |operation| unsafe {
+        run(gpu.device.handle(), operation, &copy)
+    });
+    done.expect("the copy succeeds");
+    for structure in [structure, copied] {
+        let world = gpu.top(&[Instance::of(structure)]);
+        let expected: Vec<f32> = (0..count).map(|i| 1.0 + (i % 7) as f32).collect();
+        assert_eq!(gpu.depths(world, count), expected);
+    }
+}
+
+/// A cache that starts with data.
+fn cache_of(gpu: &Gpu, data: &[u8]) -> vk::PipelineCache {
+    let info = vk::PipelineCacheCreateInfo::default().initial_data(data);
+    // SAFETY: `info` outlives the call.
+    unsafe { gpu.device.create_pipeline_cache(&info, None) }.expect("vkCreatePipelineCache")
+}
+
+#[test]
+fn caches_carry_programs_from_one_to_the_next() {
+    let gpu = Gpu::new();
+    let parts = Parts::new(&gpu);
+    let (any, only_cached) = (
+        vk::PipelineCreateFlags::empty(),
+        vk::PipelineCreateFlags::FAIL_ON_PIPELINE_COMPILE_REQUIRED,
+    );
+    let can_require = gpu.features13.pipeline_creation_cache_control == vk::TRUE;
+    // SAFETY: caches and pipelines are of this device, and destroyed once.
+    unsafe {
+        let first = cache_of(&gpu, &[]);
+        // Whether a pipeline of an empty cache needs compiling is the driver's to say.
+        if can_require && gpu.is_tuff() {
+            let refused = parts.plain(&gpu, first, only_cached);
+            assert_eq!(refused, Err(vk::Result::PIPELINE_COMPILE_REQUIRED));
+        }
+        parts.check(&gpu, parts.plain(&gpu, first, any).unwrap());
+        let data = gpu.device.get_pipeline_cache_data(first).unwrap();
+        // VkPipelineCacheHeaderVersionOne.
+        let word = |at: usize| u32::from_le_bytes(data[at..at + 4].try_into().unwrap());
+        let properties = gpu.instance.get_physical_device_properties(gpu.physical);
+        assert_eq!(word(0), 32);
+        assert_eq!(word(4), 1);
+        assert_eq!(word(8), properties.vendor_id);
+        assert_eq!(word(12), properties.device_id);
+        assert_eq!(data[16..32], properties.pipeline_cache_uuid);
+
+        let second = cache_of(&gpu, &data);
+        let merged = cache_of(&gpu, &[]);
+        gpu.device.merge_pipeline_caches(merged, &[second]).unwrap();
+        for cache in [second, merged] {
+            // What is in a cache need not be compiled; drivers may keep less, but this one keeps all.
+            let flags = if can_require && gpu.is_tuff() {
+                only_cached
+            } else {
+                any
+            };
+            parts.check(&gpu, parts.plain(&gpu, cache, flags).unwrap());
+        }
+        for cache in [first, second, merged] {
+            gpu.device.destroy_pipeline_cache(cache, None);
+        }
+    }
+}
+
+#[test]
+fn damaged_cache_data_is_survived() {
+    // Such data is not what a call returned, so that only this driver promises anything.
+    let gpu = Gpu::without_validation();
+    if !gpu.is_tuff() {
+        return;
+    }
+    let parts = Parts::new(&gpu);
+    let any = vk::PipelineCreateFlags::empty();
+    // SAFETY: caches and pipelines are of this device, and destroyed once.
+    unsafe {
+        let cache = cache_of(&gpu, &[]);
+        parts.check(&gpu, parts.plain(&gpu, cache, any).unwrap());
+        let whole = gpu.device.get_pipeline_cache_data(cache).unwrap();
+        gpu.device.destroy_pipeline_cache(cache, None);
+        let mut random = Random::new(7);
+        for round in 0..40 {
+            let mut data = whole.clone();
+            for _ in 0..1 + round % 3 {
+                let at = random.bits() as usize % data.len();
+                data[at] ^= 1 << (random.bits() % 8);
+            }
+            if round % 2 == 0 {
+                data.truncate(random.bits() as usize % (data.len() + 1));
+            }
+            let cache = cache_of(&gpu, &data);
+            parts.check(&gpu, parts.plain(&gpu, cache, any).unwrap());
+            gpu.device.destroy_pipeline_cache(cache, None);
+        }
+    }
+}

@@ -1,0 +1,40 @@
+//! Reading triangles that move.
+
+use crate::input::{MotionGeometry, TriangleGeometry};
+use crate::layout::{Bounds, MotionEntry};
+
+use super::emit::word;
+use super::primitive::sanitized_triangle_bounds;
+
+impl MotionGeometry {
+    /// A triangle at times 0 and 1. `None` if it is inactive at either.
+    ///
+    /// # Safety
+    /// The geometry's memory must be readable and unchanged.
+    pub(crate) unsafe fn triangles(&self, index: u32) -> Option<[[[f32; 3]; 3]; 2]> {
+        let end = TriangleGeometry {
+            vertices: self.end_vertices,
+            ..self.start
+        };
+        // SAFETY: the caller's promise.
+        unsafe { Some([self.start.triangle(index)?, end.triangle(index)?]) }
+    }
+
+    /// What a structure keeps of a triangle; one that is inactive is nowhere.
+    ///
+    /// # Safety
+    /// As [`Self::triangles`].
+    pub(crate) unsafe fn entry(&self, primitive: u32, geometry: u32) -> MotionEntry {
+        MotionEntry {
+            // SAFETY: the caller's promise.
+            triangles: unsafe { self.triangles(primitive) }.unwrap_or([[[f32::NAN; 3]; 3]; 2]),
+            primitive,
+            geometry: word(geometry, self.start.flags),
+        }
+    }
+}
+
+/// Everything between two triangles.
+pub(crate) fn motion_bounds(triangles: &[[[f32; 3]; 3]; 2]) -> Bounds {
+    sanitized_triangle_bounds(&triangles[0]).union(sanitized_triangle_bounds(&triangles[1]))
+}

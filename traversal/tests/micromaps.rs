@@ -1,0 +1,241 @@
+//! Micromaps: closed meshes stay closed, and structures take their micromaps along.
+
+mod scene;
+
+use scene::*;
+use traversal::*;
+
+/// A sphere whose triangles all use triangle 0 of a micromap.
+struct Sphere {
+    mesh: Mesh,
+    _micromap: Bytes,
+    bottom: Bytes,
+    top: Bytes,
+}
+
+/// A micromap of one triangle of two levels, with these states.
+fn micromap(states: [u8; 16]) -> Bytes {
+    let mut packed = [0u8; 4];
+    for (part, state) in states.iter().enumerate() {
+        packed[part / 4] |= state << (2 * (part % 4));
+    }
+    let record = [0u16, 0, 2, MicromapFormat::FourStates as u16];
+    let size = micromap_size([MicromapUsage {
+        count: 1,
+        level: 2,
+        format: MicromapFormat::FourStates,
+    }]);
+    let mut blob = Bytes::new(size.unwrap());
+    let input = MicromapInput {
+        triangles: memory(&record),
+        stride_bytes: 8,
+        count: 1,
+        data: memory(&packed),
+    };
+    // SAFETY: both arrays are alive.
+    let used = unsafe { build_micromap(&input, &mut blob) }.unwrap();
+    assert!(used <= size.unwrap());
+    blob
+}
+
+/// All triangles have the micromap's first.
+fn geometry(mesh: &Mesh, micromap: &Bytes) -> TriangleGeometry {
+    static FIRST: u32 = 0;
+    TriangleGeometry {
+        micromap: Some(GeometryMicromap {
+            index_type: IndexType::U32,
+            indices: memory(std::slice::from_ref(&FIRST)),
+            index_stride_bytes: 0,
+            base_triangle: 0,
+            micromap: micromap.address(),
+        }),
+        ..mesh.geometry()
+    }
+}
+
+fn sphere(states: [u8; 16]) -> Sphere {
+    let (vertices, indices) = icosphere(2);
+    let mesh = Mesh {
+        vertices: vertices.into_iter().map(narrow).collect(),
+        indices,
+        opaque: false,
+    };
+    let micromap = micromap(states);
+    let geometry = geometry(&mesh, &micromap);
+    let input = BuildInput {
+        flags: BuildFlags(BuildFlags::ALLOW_UPDATE),
+        geometries: Geometries::Triangles(&[geometry]),
+    };
+    let count = mesh.indices.len() as u32;
+    let sizes = build_sizes(Kind::Triangles, input.flags, &[count]);
+    let mut bottom = Bytes::new(sizes.structure_bytes + micromap_bytes(&[count]));
+    let mut scratch = Bytes::new(sizes.build_scratch_bytes);
+    // SAFETY: the mesh is alive.
+    unsafe { build(&input, &mut bottom, &mut scratch) }.unwrap();
+    validate(&bottom).unwrap();
+    let top = build_instances(&[InstanceRecord::new(&bottom, IDENTITY)], 0);
+    Sphere {
+        mesh,
+        _micromap: micromap,
+        bottom,
+        top,
+    }
+}
+
+/// Rays from inside, through vertices, edges and anywhere.
+fn rays(mesh: &Mesh) -> Vec<Ray> {
+    let mut random = Random(5);
+    let mut directions: Vec<[f32; 3]> = mesh.vertices.clone();
+    for triangle in &mesh.indices {
+        let [a, b] = [0, 1].map(|i| wide(mesh.vertices[triangle[i] as usize]));
+        let share = random.next();
+        directions.push(narrow(std::array::from_fn(|i| {
+            a[i] + share * (b[i] - a[i])
+        })));
+    }
+    directions.extend((0..500).map(|_| narrow(random.direction())));
+    let mut all = Vec::new();
+    for direction in directions {
+        all.push(ray([0.0; 3], direction));
+        all.push(ray([0.01, 0.02, -0.03], direction));
+    }
+    all
+}
+
+#[test]
+fn opaque_parts_leave_no_holes() {
+    let sphere = sphere([1; 16]);
+    for ray in rays(&sphere.mesh) {
+        let hit = closest(&sphere.top, &ray).expect("the sphere is closed");
+        assert!(hit.opaque);
+        assert!(candidates(&sphere.top, &ray).is_empty());
+    }
+}
+
+#[test]
+fn unknown_parts_are_asked_about_once() {
+    for state in [2, 3] {
+        let sphere = sphere([state; 16]);
+        for ray in rays(&sphere.mesh) {
+            assert_eq!(candidates(&sphere.top, &ray).len(), 1, "{ray:?}");
+        }
+    }
+}
+
+#[test]
+fn transparent_parts_are_not_there() {
+    let sphere = sphere([0; 16]);
+    for ray in rays(&sphere.mesh) {
+        assert_eq!(closest(&sphere.top, &ray), None);
+    }
+}
+
+/// A structure from serialized data, and a top level over it.
+fn deserialized(data: &[u8]) -> (Bytes, Bytes) {
+    let size = Serialized::read(data).unwrap().deserialized_bytes;
+    let mut bottom = Bytes::new(size);
+    assert_eq!(deserialize(data, &mut bottom), Ok(size));
+    let top = build_instances(&[InstanceRecord::new(&bottom, IDENTITY)], 0);
+    (bottom, top)
+}
+
+fn serialized(blob: &[u8]) -> Vec<u8> {
+    // SAFETY: the micromaps are alive, or inside.
+    unsafe {
+        let mut data = vec![0; serialized_size(blob).unwrap() as usize];
+        serialize(blob, &[[0; 16]; 2], &mut data).unwrap();
+        data
+    }
+}
+
+#[test]
+fn serialized_structures_take_their_micromaps_along() {
+    let states = std::array::from_fn(|part| (part % 4) as u8);
+    let original = sphere(states);
+    let rays = rays(&original.mesh);
+    let found = |top: &Bytes| -> Vec<_> {
+        let walk = |ray| (closest(top, ray), candidates(top, ray));
+        rays.iter().map(walk).collect()
+    };
+    let expected = found(&original.top);
+    let data = serialized(&original.bottom);
+    drop(original);
+    let (bottom, top) = deserialized(&data);
+    assert!(found(&top) == expected);
+    // Once more, from a structure that holds its micromap.
+    let again = serialized(&bottom);
+    assert_eq!(again.len(), data.len());
+    drop((bottom, top));
+    let (_bottom, top) = deserialized(&again);
+    assert!(found(&top) == expected);
+}
+
+#[test]
+fn an_update_replaces_what_was_taken_along() {
+    let original = sphere([0; 16]);
+    let (mut bottom, _) = deserialized(&serialized(&original.bottom));
+    let opaque = micromap([1; 16]);
+    let input = BuildInput {
+        flags: BuildFlags(BuildFlags::ALLOW_UPDATE),
+        geometries: Geometries::Triangles(&[geometry(&original.mesh, &opaque)]),
+    };
+    // Into memory as large as a new structure's, and in place.
+    let mut copy = Bytes::new(original.bottom.len() as u64);
+    // SAFETY: the mesh and the micromap are alive.
+    unsafe {
+        update(&input, Some(&bottom), &mut copy, &mut []).unwrap();
+        update(&input, None, &mut bottom, &mut []).unwrap();
+    }
+    for blob in [&copy, &bottom] {
+        validate(blob).unwrap();
+        let top = build_instances(&[InstanceRecord::new(blob, IDENTITY)], 0);
+        for ray in rays(&original.mesh) {
+            assert!(closest(&top, &ray).is_some());
+        }
+    }
+}
+
+#[test]
+fn serialized_data_names_no_addresses() {
+    let original = sphere([1; 16]);
+    let data = serialized(&original.bottom);
+    let (bottom, _) = deserialized(&data);
+    // The one word that says where the micromap is: an offset, and the lowest bit.
+    let inside = (0..data.len() - 8).filter(|&place| {
+        let word = u64::from_le_bytes(data[place..place + 8].try_into().unwrap());
+        place % 8 == 0 && word % 256 == 1 && word > 1 && word < data.len() as u64
+    });
+    let mut refused = 0;
+    for place in inside {
+        let mut bad = data.clone();
+        bad[place] ^= 1;
+        let mut destination = Bytes::new(bottom.len() as u64);
+        refused += u32::from(deserialize(&bad, &mut destination).is_err());
+    }
+    assert!(refused >= 1);
+}
+
+#[test]
+fn corrupt_micromaps_are_walked_to_the_end() {
+    let original = sphere([3; 16]);
+    let data = serialized(&original.bottom);
+    let rays = rays(&original.mesh);
+    let mut random = Random(9);
+    let (mut bottom, top) = deserialized(&data);
+    let good = bottom.to_vec();
+    let part = good.len() - 4096.min(good.len() / 4);
+    for _ in 0..300 {
+        for _ in 0..4 {
+            let place = part + (random.next() * (good.len() - part) as f64) as usize;
+            // References are addresses, or the lowest bit makes them offsets: these stay.
+            let word: [u8; 8] = good[place / 8 * 8..][..8].try_into().unwrap();
+            if u64::from_le_bytes(word) % 256 != 1 {
+                bottom[place] = (random.next() * 256.0) as u8;
+            }
+        }
+        for ray in rays.iter().step_by(97) {
+            closest(&top, ray);
+        }
+        bottom.copy_from_slice(&good);
+    }
+}
