@@ -8,7 +8,7 @@ use std::arch::x86_64::*;
 
 use super::kernel::GroupHits;
 use super::space::Space;
-use super::triangle::{ORDINARY, REACH};
+use super::triangle::{ORDINARY, REACH, SLACK};
 use crate::layout::{GROUP, TriangleGroup};
 
 /// Bytes from one axis of a vertex to the next.
@@ -69,8 +69,17 @@ pub(crate) unsafe fn intersect(
         let reach = _mm_max_ps(_mm_max_ps(absolute(a.2), absolute(b.2)), absolute(c.2));
         let modest =
             _mm_cmp_ps::<_CMP_LE_OQ>(reach, _mm_mul_ps(absolute(z_hit), _mm_set1_ps(REACH)));
-        let decided = decided & _mm_movemask_ps(modest) as u32;
         let t = _mm_mul_ps(z_hit, _mm_set1_ps(space.inverse_z));
+        let slack = _mm_mul_ps(
+            _mm_mul_ps(reach, absolute(_mm_set1_ps(space.inverse_z))),
+            _mm_set1_ps(SLACK),
+        );
+        let behind = _mm_cmp_ps::<_CMP_LE_OQ>(_mm_add_ps(t, slack), _mm_set1_ps(space.t_min));
+        let inside = inside & !(decided & _mm_movemask_ps(behind) as u32);
+        if inside == 0 {
+            return 0;
+        }
+        let decided = decided & inside & _mm_movemask_ps(modest) as u32;
         let (near, far) = slab(space, vertices);
         let t = _mm_min_ps(_mm_max_ps(t, near), far);
         let accepted = _mm_and_ps(

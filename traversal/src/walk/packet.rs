@@ -12,7 +12,7 @@ use std::arch::x86_64::*;
 use super::facts::InstanceFacts;
 use super::level::{Level, turn};
 use super::space::{MARGIN, MODEST, Space};
-use super::triangle::{ORDINARY, REACH, Rim, intersect};
+use super::triangle::{ORDINARY, REACH, Rim, SLACK, intersect};
 use super::walker::{Entry, STACK, is_sound};
 use super::{PACKET, State, Walk, Walker, descend};
 use crate::layout::{GROUP, Node, TriangleGroup, WIDTH, child, geometry_word};
@@ -500,8 +500,16 @@ fn test_triangle(
         _mm512_abs_ps(c.2),
     );
     let reach_limit = _mm512_mul_ps(_mm512_abs_ps(z_hit), _mm512_set1_ps(REACH));
-    let decided = decided & _mm512_cmp_ps_mask::<_CMP_LE_OQ>(reach, reach_limit);
-    let t = _mm512_mul_ps(z_hit, spaces.inverse_z.load());
+    let modest = _mm512_cmp_ps_mask::<_CMP_LE_OQ>(reach, reach_limit);
+    let inverse_z = spaces.inverse_z.load();
+    let t = _mm512_mul_ps(z_hit, inverse_z);
+    let slack = _mm512_mul_ps(
+        _mm512_mul_ps(reach, _mm512_abs_ps(inverse_z)),
+        _mm512_set1_ps(SLACK),
+    );
+    let behind = _mm512_cmp_ps_mask::<_CMP_LE_OQ>(_mm512_add_ps(t, slack), spaces.t_min.load());
+    let inside = inside & !(decided & behind);
+    let decided = decided & inside & modest;
     let mut near = _mm512_set1_ps(f32::NEG_INFINITY);
     let mut far = _mm512_set1_ps(f32::INFINITY);
     for axis in (0..3).rev() {

@@ -45,6 +45,9 @@ pub(crate) const ORDINARY: [f32; 2] = [1.0e-30, 1.0e30];
 /// vertices' distances would show.
 pub(crate) const REACH: f32 = 32.0;
 
+/// How far off a distance in f32 may be, relative to a triangle's reach.
+pub(crate) const SLACK: f32 = 1.0 / (1 << 18) as f32;
+
 /// Intersects a ray with a triangle, whatever the ray's interval.
 #[inline(always)]
 pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<Intersection> {
@@ -73,10 +76,14 @@ pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Op
     // From the first vertex, so that errors of weights count by the triangle's size.
     let z_hit = z[0] + (v * (z[1] - z[0]) + w * (z[2] - z[0]));
     let reach = z[0].abs().max(z[1].abs()).max(z[2].abs());
+    let t = z_hit * space.inverse_z;
     if !(reach <= REACH * z_hit.abs()) {
+        // Surely behind the ray's start: mostly the surface that the ray starts from.
+        if t + reach * space.inverse_z.abs() * SLACK <= space.t_min {
+            return None;
+        }
         return intersect_exactly(space, triangle, &flat, rim);
     }
-    let t = z_hit * space.inverse_z;
     let t = t_in_slab(space, triangle, t)?;
     Some(Intersection {
         t,
