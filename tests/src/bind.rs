@@ -120,13 +120,26 @@ impl Gpu {
         bindings: &[(u32, &[Bound])],
         flags: vk::DescriptorSetLayoutCreateFlags,
     ) -> vk::DescriptorSetLayout {
+        let kinds: Vec<(u32, vk::DescriptorType, u32)> = bindings
+            .iter()
+            .map(|(binding, things)| (*binding, things[0].kind(), things.len() as u32))
+            .collect();
+        self.set_layout_of(&kinds, flags)
+    }
+
+    /// A layout of these bindings: number, kind and count.
+    pub fn set_layout_of(
+        &self,
+        bindings: &[(u32, vk::DescriptorType, u32)],
+        flags: vk::DescriptorSetLayoutCreateFlags,
+    ) -> vk::DescriptorSetLayout {
         let entries: Vec<vk::DescriptorSetLayoutBinding> = bindings
             .iter()
-            .map(|(binding, things)| {
+            .map(|&(binding, kind, count)| {
                 vk::DescriptorSetLayoutBinding::default()
-                    .binding(*binding)
-                    .descriptor_type(things[0].kind())
-                    .descriptor_count(things.len() as u32)
+                    .binding(binding)
+                    .descriptor_type(kind)
+                    .descriptor_count(count)
                     .stage_flags(vk::ShaderStageFlags::ALL)
             })
             .collect();

@@ -33,6 +33,16 @@ impl Gpu {
         Kernel { pipeline, layout }
     }
 
+    /// An empty pipeline cache.
+    pub fn pipeline_cache(&self) -> vk::PipelineCache {
+        let info = vk::PipelineCacheCreateInfo::default();
+        // SAFETY: `info` outlives the call.
+        let cache = unsafe { self.device.create_pipeline_cache(&info, None) };
+        let cache = cache.expect("vkCreatePipelineCache");
+        self.keep(Made::PipelineCache(cache));
+        cache
+    }
+
     /// Makes a pipeline of SPIR-V that may be refused.
     pub fn try_kernel(
         &self,

@@ -60,6 +60,7 @@ pub(crate) enum Made {
     Pool(vk::DescriptorPool),
     Layout(vk::PipelineLayout),
     Pipeline(vk::Pipeline),
+    PipelineCache(vk::PipelineCache),
     Module(vk::ShaderModule),
     Structure(vk::AccelerationStructureKHR),
     Micromap(vk::MicromapEXT),
@@ -368,6 +369,7 @@ impl Drop for Gpu {
                     Made::Pool(it) => device.destroy_descriptor_pool(it, None),
                     Made::Layout(it) => device.destroy_pipeline_layout(it, None),
                     Made::Pipeline(it) => device.destroy_pipeline(it, None),
+                    Made::PipelineCache(it) => device.destroy_pipeline_cache(it, None),
                     Made::Module(it) => device.destroy_shader_module(it, None),
                     Made::Micromap(it) => {
                         (self.micromaps.fp().destroy_micromap_ext)(

@@ -2,7 +2,7 @@
 
 use std::ffi::{CStr, c_void};
 
-use ash::{ext, khr, nv};
+use ash::{ext, huawei, khr, nv};
 
 use crate::newer::{self as vk, LINEAR_SWEPT_SPHERES};
 
@@ -63,5 +63,6 @@ optional! {
     micromap: ext::opacity_micromap::NAME, PhysicalDeviceOpacityMicromapFeaturesEXT { micromap_capture_replay };
     reorder: nv::ray_tracing_invocation_reorder::NAME, PhysicalDeviceRayTracingInvocationReorderFeaturesNV {};
     motion: nv::ray_tracing_motion_blur::NAME, PhysicalDeviceRayTracingMotionBlurFeaturesNV {};
+    invocation_mask: huawei::invocation_mask::NAME, PhysicalDeviceInvocationMaskFeaturesHUAWEI {};
     swept_spheres: LINEAR_SWEPT_SPHERES, PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV {};
 }

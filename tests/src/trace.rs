@@ -87,16 +87,29 @@ impl Gpu {
 
     /// The same, with flags for the pipeline.
     pub fn rays_with(&self, input: &RaysInput, flags: vk::PipelineCreateFlags) -> Rays {
-        let set = self.set(input.bindings);
-        let layout = self.layout(&[set.layout]);
         let words: Vec<(Stage, Vec<u32>)> = input
             .shaders
             .iter()
             .map(|(stage, source)| (*stage, glsl(*stage, source)))
             .collect();
-        let made = self.try_rays_with(&words, input.groups, input.recursion, layout, flags);
+        let set = self.set(input.bindings);
+        self.rays_of_words(&words, input.groups, input.recursion, set, flags)
+    }
+
+    /// A pipeline of SPIR-V that uses one set.
+    pub fn rays_of_words(
+        &self,
+        shaders: &[(Stage, Vec<u32>)],
+        groups: &[Group],
+        recursion: u32,
+        set: Set,
+        flags: vk::PipelineCreateFlags,
+    ) -> Rays {
+        let layout = self.layout(&[set.layout]);
+        let no_cache = vk::PipelineCache::null();
+        let made = self.try_rays_with(shaders, groups, recursion, layout, flags, no_cache);
         let pipeline = made.expect("vkCreateRayTracingPipelinesKHR");
-        self.rays_of(pipeline, layout, set, input.groups.len())
+        self.rays_of(pipeline, layout, set, groups.len())
     }
 
     /// What is needed to trace with a pipeline that was made elsewhere.
@@ -139,16 +152,19 @@ impl Gpu {
         layout: vk::PipelineLayout,
     ) -> Result<vk::Pipeline, vk::Result> {
         let flags = vk::PipelineCreateFlags::empty();
-        self.try_rays_with(shaders, groups, recursion, layout, flags)
+        let no_cache = vk::PipelineCache::null();
+        self.try_rays_with(shaders, groups, recursion, layout, flags, no_cache)
     }
 
-    fn try_rays_with(
+    /// The same with flags and a pipeline cache.
+    pub fn try_rays_with(
         &self,
         shaders: &[(Stage, Vec<u32>)],
         groups: &[Group],
         recursion: u32,
         layout: vk::PipelineLayout,
         flags: vk::PipelineCreateFlags,
+        cache: vk::PipelineCache,
     ) -> Result<vk::Pipeline, vk::Result> {
         let mut modules = Vec::new();
         for (_, words) in shaders {
@@ -180,7 +196,7 @@ impl Gpu {
         let made = unsafe {
             self.ray_tracing.create_ray_tracing_pipelines(
                 vk::DeferredOperationKHR::null(),
-                vk::PipelineCache::null(),
+                cache,
                 &[info],
                 None,
             )

@@ -170,6 +170,61 @@ fn hits_and_misses_are_recorded_without_a_trace() {
 }
 
 #[test]
+fn recorded_hits_know_their_triangle() {
+    // Some validation layers are older than position fetch.
+    let gpu = Gpu::without_validation();
+    let optional = &gpu.optional;
+    if optional.reorder.ray_tracing_invocation_reorder != vk::TRUE
+        || optional.position_fetch.ray_tracing_position_fetch != vk::TRUE
+    {
+        return;
+    }
+    let corners: Vec<[f32; 3]> = (0..300u16)
+        .map(|i| [f32::from(i), f32::from(i % 17), f32::from(i % 5)])
+        .collect();
+    let flags = vk::BuildAccelerationStructureFlagsKHR::ALLOW_DATA_ACCESS;
+    let bottom = gpu.bottom_with(&[Geometry::opaque(&corners)], flags);
+    let world = gpu.top(&[Instance::of(bottom)]);
+    let output = gpu.buffer(4 * 100);
+    let raygen = format!(
+        "{HEAD}
+        layout(location = 0) rayPayloadEXT float payload;
+        layout(location = 1) hitObjectAttributeNV vec2 weights;
+        void main() {{
+            int i = int(gl_LaunchIDEXT.x);
+            hitObjectNV object;
+            weights = vec2(0.5);
+            hitObjectRecordHitNV(object, world, 0, i, 0, 0xfeu, 0u, 0u, vec3(0), 0.0, vec3(0, 0, 1), 4.0, 1);
+            hitObjectExecuteShaderNV(object, 0);
+            results[i] = floatBitsToUint(payload);
+        }}"
+    );
+    let hit = r"
+        #extension GL_EXT_ray_tracing_position_fetch : enable
+        layout(location = 0) rayPayloadInEXT float payload;
+        void main() { payload = gl_HitTriangleVertexPositionsEXT[2].x; }
+    ";
+    let rays = gpu.rays(&RaysInput {
+        shaders: &[(Stage::RayGeneration, &raygen), (Stage::ClosestHit, hit)],
+        groups: &[Group::general(0), Group::hit(1)],
+        recursion: 1,
+        bindings: &[
+            (0, &[Bound::Structure(world.handle)]),
+            (1, &[Bound::Storage(output)]),
+        ],
+    });
+    let table = Table {
+        raygen: Record::of(0),
+        hit: vec![Record::of(1)],
+        ..Table::default()
+    };
+    gpu.trace(&rays, &table, [100, 1, 1]);
+    let found: Vec<f32> = output.read();
+    let expected: Vec<f32> = (0..100u16).map(|i| f32::from(3 * i + 2)).collect();
+    assert_eq!(found, expected);
+}
+
+#[test]
 fn payloads_and_locals_survive_a_reordering() {
     let Some(gpu) = gpu() else { return };
     let raygen = r"

@@ -100,6 +100,9 @@ pub struct Hit {
 }
 
 impl Hit {
+    /// The `slot` of a hit that no walk found.
+    pub const UNKNOWN_SLOT: u32 = u32::MAX;
+
     /// Traversal found it, not an intersection shader.
     pub fn is_built_in(&self) -> bool {
         self.triangle || self.swept != Swept::No

@@ -215,12 +215,46 @@ impl Structure {
         let Some(bottom) = (unsafe { Structure::at(self.reference(hit.instance_index)) }) else {
             return [[0.0; 3]; 3];
         };
-        if let Some(entry) = bottom.motion_entry(hit.slot) {
+        let slot = bottom.slot_of(hit);
+        if let Some(entry) = bottom.motion_entry(slot) {
             return triangle_at(&entry.triangles, time);
         }
-        bottom.group(hit.slot / 4).map_or([[0.0; 3]; 3], |group| {
-            group.triangle((hit.slot % 4) as usize)
-        })
+        bottom
+            .group(slot / 4)
+            .map_or([[0.0; 3]; 3], |group| group.triangle((slot % 4) as usize))
+    }
+
+    /// Where a hit's primitive lies in this bottom level. A hit that no walk found does not know; then it is looked for.
+    fn slot_of(&self, hit: &Hit) -> u32 {
+        if hit.slot != Hit::UNKNOWN_SLOT {
+            return hit.slot;
+        }
+        let is_it = |primitive: u32, geometry: u32| {
+            primitive == hit.primitive_index
+                && geometry & geometry_word::INDEX == hit.geometry_index
+        };
+        let found = (0..self.leaf_count).find_map(|index| match self.kind {
+            Kind::Triangles => {
+                let group = self.group(index)?;
+                (0..4u32)
+                    .find(|&lane| {
+                        let k = lane as usize;
+                        group.lanes >> lane & 1 != 0
+                            && is_it(group.primitives[k], group.geometries[k])
+                    })
+                    .map(|lane| 4 * index + lane)
+            }
+            Kind::Swept => {
+                let entry = self.swept_entry(index)?;
+                is_it(entry.primitive, entry.geometry).then_some(index)
+            }
+            Kind::Motion => {
+                let entry = self.motion_entry(index)?;
+                is_it(entry.primitive, entry.geometry).then_some(index)
+            }
+            _ => None,
+        });
+        found.unwrap_or(Hit::UNKNOWN_SLOT)
     }
 
     /// The object-space ends of a hit sphere or linear swept sphere, and their radii. `self` is the top level; zeros for what is none.
@@ -228,7 +262,7 @@ impl Structure {
         // SAFETY: bottom levels of a structure in use are alive, by the contract of `at`.
         let bottom = unsafe { Structure::at(self.reference(hit.instance_index)) };
         bottom
-            .and_then(|bottom| bottom.swept_entry(hit.slot).copied())
+            .and_then(|bottom| bottom.swept_entry(bottom.slot_of(hit)).copied())
             .map_or_else(Default::default, |entry| (entry.positions, entry.radii))
     }
 

@@ -17,6 +17,7 @@ use smallvec::SmallVec;
 
 use crate::handle::Ref;
 use crate::object::{DescriptorSet, Event, Image, Pipeline, QueryPool};
+use crate::trace::mask::InvocationMask;
 
 pub use buffer::{CommandBuffer, Recording, copied};
 pub use pool::CommandPool;
@@ -25,6 +26,8 @@ pub use ray_tracing::RayTracingCommand;
 /// A recorded command.
 pub enum Command {
     BindPipeline(Ref<Pipeline>),
+    /// `vkCmdBindInvocationMaskHUAWEI`; none lets all invocations run.
+    BindInvocationMask(Option<InvocationMask>),
     BindDescriptorSets(BindDescriptorSets),
     PushConstants {
         offset: u32,

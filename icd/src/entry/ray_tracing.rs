@@ -13,6 +13,7 @@ use crate::ffi::pipeline::create_flags;
 use crate::ffi::ray_tracing::{create_pipeline, region};
 use crate::ffi::{commands, entry, slice};
 use crate::handle::{self, Ref, from_handle, retain};
+use crate::object::image::ImageView;
 use crate::object::pipeline::PipelineKind;
 use crate::object::ray_tracing_pipeline::RayTracingPipeline;
 use crate::object::{Device, Pipeline, PipelineCache};
@@ -206,6 +207,11 @@ commands! {
 
     fn vkCmdTraceRaysIndirect2KHR(command_buffer, address: vk::DeviceAddress) {
         command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysIndirect2 { address }))
+    }
+
+    fn vkCmdBindInvocationMaskHUAWEI(command_buffer, view: vk::ImageView, _layout: vk::ImageLayout) {
+        let mask = handle::optional::<ImageView>(view).map(|view| view.invocation_mask());
+        command_buffer.push(Command::BindInvocationMask(mask))
     }
 
     fn vkCmdSetRayTracingPipelineStackSizeKHR(command_buffer, _size_bytes: u32) {

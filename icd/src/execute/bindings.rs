@@ -5,6 +5,7 @@ use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, u
 
 use crate::command::BindDescriptorSets;
 use crate::object::Pipeline;
+use crate::trace::mask::InvocationMask;
 
 /// `maxPushConstantsSize`.
 const PUSH_CONSTANT_BYTES: usize = 256;
@@ -18,6 +19,8 @@ pub struct Bindings<'a> {
     compute: BindPoint<'a>,
     ray_tracing: BindPoint<'a>,
     push_constants: Box<PushConstants>,
+    /// `vkCmdBindInvocationMaskHUAWEI`.
+    pub invocation_mask: Option<InvocationMask>,
 }
 
 /// Aligned for any load.

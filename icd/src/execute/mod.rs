@@ -83,6 +83,7 @@ fn perform<'a>(
     match command {
         Command::BindPipeline(pipeline) => bindings.bind_pipeline(pipeline),
         Command::BindDescriptorSets(bind) => bindings.bind_descriptor_sets(bind),
+        &Command::BindInvocationMask(mask) => bindings.invocation_mask = mask,
         Command::PushConstants { offset, bytes } => bindings.push_constants(*offset, bytes),
         &Command::Dispatch { base, count } => run_dispatch(engine, bindings, base, count)?,
         &Command::DispatchIndirect { address } => {
@@ -201,6 +202,7 @@ fn run_ray_tracing(
 ) -> Result<(), Failure> {
     let limits = engine.limits();
     // The size of the launch may be in memory: who reads it puts it into the environment.
+    let mask = bindings.invocation_mask;
     let bound = bindings.environment(vk::PipelineBindPoint::RAY_TRACING_KHR, [0; 3]);
     let bound = bound.map(|(pipeline, environment)| ray_tracing::Bound {
         pipeline: match &pipeline.kind {
@@ -208,6 +210,7 @@ fn run_ray_tracing(
             PipelineKind::Compute(_) => None,
         },
         environment,
+        mask,
         limits: &limits,
     });
     engine

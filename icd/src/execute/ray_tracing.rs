@@ -10,6 +10,7 @@ use crate::command::ray_tracing::IndirectBuild;
 use crate::log::{self, Level};
 use crate::object::ray_tracing_pipeline::RayTracingPipeline;
 use crate::table::limits;
+use crate::trace::mask::InvocationMask;
 use crate::trace::table::{Region, Tables};
 use crate::trace::{Dispatch, Limits, Stopped};
 
@@ -18,6 +19,7 @@ pub struct Bound<'a> {
     pub pipeline: Option<&'a RayTracingPipeline>,
     pub environment: Environment,
     pub limits: &'a Limits,
+    pub mask: Option<InvocationMask>,
 }
 
 /// Performs a command on the current rayon pool.
@@ -185,6 +187,7 @@ fn trace_rays(tables: &Tables, extent: [u32; 3], bound: Option<Bound<'_>>) -> Re
     let Some(Bound {
         pipeline: Some(pipeline),
         mut environment,
+        mask,
         limits,
     }) = bound
     else {
@@ -206,6 +209,7 @@ fn trace_rays(tables: &Tables, extent: [u32; 3], bound: Option<Bound<'_>>) -> Re
         extent,
         environment: &environment,
         pipeline_ray_flags: pipeline.ray_flags,
+        mask,
         limits,
     })
 }

@@ -50,6 +50,8 @@ pub unsafe fn kind(
     info: &vk::AccelerationStructureBuildGeometryInfoKHR<'_>,
     geometries: &[&vk::AccelerationStructureGeometryKHR<'_>],
 ) -> traversal::Kind {
+    // SAFETY: the caller's promise.
+    let in_motion = |geometry: &&_| unsafe { end_vertices(geometry) }.is_some();
     let is_top = info.ty == vk::AccelerationStructureTypeKHR::TOP_LEVEL;
     let moves = info
         .flags
@@ -61,16 +63,7 @@ pub unsafe fn kind(
         Some(vk::GEOMETRY_TYPE_SPHERES_NV | vk::GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV) => {
             traversal::Kind::Swept
         }
-        // SAFETY: the caller's promise.
-        Some(_)
-            if unsafe {
-                geometries
-                    .iter()
-                    .any(|geometry| end_vertices(geometry).is_some())
-            } =>
-        {
-            traversal::Kind::Motion
-        }
+        Some(_) if geometries.iter().any(in_motion) => traversal::Kind::Motion,
         Some(_) => traversal::Kind::Triangles,
         None if is_top && moves => traversal::Kind::MotionInstances,
         None if is_top => traversal::Kind::Instances,

@@ -11,6 +11,7 @@ use super::sparse::Reservation;
 use crate::VkResult;
 use crate::format;
 use crate::table::limits;
+use crate::trace::mask::InvocationMask;
 
 /// Levels, samples and layers start at multiples of this.
 const SUBRESOURCE_ALIGNMENT: u64 = 64;
@@ -255,6 +256,20 @@ impl<T: Send> DescriptorSlab<T> {
 pub struct ImageView {
     pub descriptor: StableDescriptor<SendDescriptor>,
     pub range: vk::ImageSubresourceRange,
+}
+
+impl ImageView {
+    /// Where the texels of a view of `VK_FORMAT_R8_UINT` are that is to be an invocation mask.
+    pub fn invocation_mask(&self) -> InvocationMask {
+        let image = &self.descriptor.0;
+        let level = &image.levels[0];
+        InvocationMask {
+            address: image.data as u64 + level.offset_bytes,
+            row_stride_bytes: level.row_stride_bytes,
+            width: level.width,
+            height: level.height,
+        }
+    }
 }
 
 /// An [`ImageDescriptor`] that may change threads: its pointer is the application's memory.

@@ -380,6 +380,7 @@ commands! {
     Device KHR_ACCELERATION_STRUCTURE PFN_vkWriteAccelerationStructuresPropertiesKHR acceleration_structure::vkWriteAccelerationStructuresPropertiesKHR;
 
     Device KHR_RAY_TRACING_PIPELINE PFN_vkCmdSetRayTracingPipelineStackSizeKHR ray_tracing::vkCmdSetRayTracingPipelineStackSizeKHR;
+    Device HUAWEI_INVOCATION_MASK PFN_vkCmdBindInvocationMaskHUAWEI ray_tracing::vkCmdBindInvocationMaskHUAWEI;
     Device KHR_RAY_TRACING_MAINTENANCE_1 PFN_vkCmdTraceRaysIndirect2KHR ray_tracing::vkCmdTraceRaysIndirect2KHR;
     Device KHR_RAY_TRACING_PIPELINE PFN_vkCmdTraceRaysIndirectKHR ray_tracing::vkCmdTraceRaysIndirectKHR;
     Device KHR_RAY_TRACING_PIPELINE PFN_vkCmdTraceRaysKHR ray_tracing::vkCmdTraceRaysKHR;

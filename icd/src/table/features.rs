@@ -162,6 +162,7 @@ features! {
         ray_tracing_invocation_reorder: PhysicalDeviceRayTracingInvocationReorderFeaturesEXT => ShaderInvocationReorderEXT;
         ray_tracing_motion_blur: PhysicalDeviceRayTracingMotionBlurFeaturesNV => RayTracingMotionBlurNV;
         ray_tracing_motion_blur_pipeline_trace_rays_indirect: PhysicalDeviceRayTracingMotionBlurFeaturesNV;
+        invocation_mask: PhysicalDeviceInvocationMaskFeaturesHUAWEI;
         spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingSpheresGeometryNV;
         linear_swept_spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingLinearSweptSpheresGeometryNV;
         micromap: PhysicalDeviceOpacityMicromapFeaturesEXT => RayTracingOpacityMicromapEXT;

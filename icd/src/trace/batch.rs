@@ -100,7 +100,13 @@ impl<'a> Batch<'a> {
     /// # Errors
     /// A limit was reached.
     pub fn run(mut self, raygen: ProgramIndex, record: u64, index: usize) -> Result<(), Stopped> {
-        for tile in self.grid.tiles(index) {
+        for mut tile in self.grid.tiles(index) {
+            if let Some(mask) = &self.dispatch.mask {
+                mask.apply(&mut tile, |launch| self.grid.launch_id(launch));
+                if tile.mask == 0 {
+                    continue;
+                }
+            }
             let subgroup = self.new_subgroup(raygen, Role::RayGeneration, tile.mask)?;
             self.worker.subgroups[subgroup].launch = tile.launch;
             self.start(subgroup, &[record; SUBGROUP_SIZE]);

@@ -15,6 +15,7 @@ mod calls;
 mod grid;
 mod hit_object;
 mod inputs;
+pub mod mask;
 mod queries;
 mod rays;
 mod reorder;
@@ -33,6 +34,7 @@ use rayon::prelude::*;
 use spirv_jit::environment::Environment;
 
 pub use grid::Grid;
+use mask::InvocationMask;
 pub use queries::{Owned, Queries};
 use table::{Shaders, Tables};
 
@@ -45,6 +47,7 @@ pub struct Dispatch<'a> {
     pub environment: &'a Environment,
     /// Ray flags that the pipeline adds to every ray (`SKIP_TRIANGLES`, `SKIP_AABBS`).
     pub pipeline_ray_flags: u32,
+    pub mask: Option<InvocationMask>,
     pub limits: &'a Limits,
 }
 

@@ -3,8 +3,6 @@
 //! A subgroup takes part with all its lanes or not at all: with lanes parked in an enclosing construct it stays as it is, so that they meet
 //! those they parted from. Which lanes meet follows from the batch alone.
 
-use std::cmp::Ordering;
-
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::hit_object::kind;
 use spirv_jit::program::{AlignedRow, ResumePoint, SiteKind, Stage};
@@ -66,7 +64,7 @@ impl Batch<'_> {
         let needed = lanes.len().div_ceil(SUBGROUP_SIZE);
         if needed < sources.len() || !is_sorted(&lanes) {
             // Stable, so that neighbours stay neighbours where nothing speaks against it.
-            lanes.sort_by(|a, b| a.0.cmp(&b.0));
+            lanes.sort_by_key(|lane| lane.0);
             let lanes: Vec<LaneRef> = lanes.into_iter().map(|(_, lane)| lane).collect();
             self.move_lanes(program, &sources, &lanes);
             sources.truncate(needed);
@@ -207,7 +205,5 @@ impl Batch<'_> {
 }
 
 fn is_sorted(lanes: &[(Key, LaneRef)]) -> bool {
-    lanes
-        .windows(2)
-        .all(|pair| pair[0].0.cmp(&pair[1].0) != Ordering::Greater)
+    lanes.windows(2).all(|pair| pair[0].0 <= pair[1].0)
 }

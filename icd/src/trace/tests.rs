@@ -439,6 +439,7 @@ fn every_kind_of_shader_call_returns_to_its_caller() {
         extent: [SIZE, SIZE, 1],
         environment: &environment(&descriptors),
         pipeline_ray_flags: 0,
+        mask: None,
         limits: &Limits::default(),
     };
     Tracer::default()
@@ -513,6 +514,7 @@ fn is_stopped(text: &str) {
         extent: [1, 1, 1],
         environment: &environment(&[]),
         pipeline_ray_flags: 0,
+        mask: None,
         limits: &limits,
     };
     assert_eq!(

@@ -22,8 +22,9 @@ impl SweptGeometry {
     /// The geometry's memory must be readable and unchanged.
     pub(crate) unsafe fn primitive(&self, index: u32) -> Option<SweptPrimitive> {
         let index = u64::from(index);
-        // SAFETY: the caller's promise, here and below.
+        // SAFETY: the caller's promise.
         let end = |i: u64| unsafe { self.end(i) };
+        // SAFETY: likewise.
         let number = |i: u64| unsafe { self.number(i) };
         let (first, second, flags) = match self.indexing {
             Indexing::Spheres => {

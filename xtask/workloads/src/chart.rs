@@ -1,0 +1,169 @@
+//! The results drawn: bars of ratios, and curves.
+
+use std::path::Path;
+
+use anyhow::{Result, anyhow};
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+use crate::compare::{Measurement, Results};
+
+const SIZE: (u32, u32) = (960, 600);
+
+/// Draws `ratios` and each curve into the folder, as SVG and as PNG.
+pub fn draw(results: &Results, folder: &Path) -> Result<()> {
+    let font =
+        plotters::style::register_font("sans-serif", FontStyle::Normal, dejavu::sans::regular());
+    font.map_err(|_| anyhow!("the charts' font cannot be read"))?;
+    if results.drivers.len() > 1 && !results.table.is_empty() {
+        both(
+            folder,
+            "ratios",
+            |area| ratios(results, area),
+            |area| ratios(results, area),
+        )?;
+    }
+    for (varies, points) in &results.curves {
+        let name = format!("by-{varies}");
+        both(
+            folder,
+            &name,
+            |area| curve(results, varies, points, area),
+            |area| curve(results, varies, points, area),
+        )?;
+    }
+    Ok(())
+}
+
+fn both(
+    folder: &Path,
+    name: &str,
+    svg: impl FnOnce(&DrawingArea<SVGBackend, Shift>) -> Result<()>,
+    png: impl FnOnce(&DrawingArea<BitMapBackend, Shift>) -> Result<()>,
+) -> Result<()> {
+    let path = folder.join(format!("{name}.svg"));
+    let area = SVGBackend::new(&path, SIZE).into_drawing_area();
+    svg(&area)?;
+    area.present()?;
+    drop(area);
+    let path = folder.join(format!("{name}.png"));
+    let area = BitMapBackend::new(&path, SIZE).into_drawing_area();
+    png(&area)?;
+    area.present()?;
+    Ok(())
+}
+
+/// A bar a workload: how many times as fast the first driver is as the second.
+fn ratios<B: DrawingBackend>(results: &Results, area: &DrawingArea<B, Shift>) -> Result<()> {
+    let bars: Vec<(&str, f64)> = results
+        .table
+        .iter()
+        .filter_map(|it| Some((it.name.as_str(), it.ratio(1)?)))
+        .collect();
+    let top = bars.iter().fold(2.0f64, |top, bar| top.max(bar.1)) * 1.2;
+    let low = bars.iter().fold(0.5f64, |low, bar| low.min(bar.1)) / 1.2;
+    fill(area)?;
+    let caption = format!("{} : {}", results.drivers[0], results.drivers[1]);
+    let mut chart = ChartBuilder::on(area)
+        .caption(caption, ("sans-serif", 18))
+        .margin(12)
+        .x_label_area_size(40)
+        .y_label_area_size(130)
+        .build_cartesian_2d((low..top).log_scale(), 0.0..bars.len() as f64)
+        .map_err(failed)?;
+    let label = |y: &f64| {
+        let row = bars.len() as f64 - 0.5 - y;
+        let near = row.round();
+        match (row - near).abs() < 0.01 && near >= 0.0 {
+            true => bars.get(near as usize).map_or("", |bar| bar.0).to_string(),
+            false => String::new(),
+        }
+    };
+    chart
+        .configure_mesh()
+        .disable_y_mesh()
+        .y_labels(bars.len() * 2 + 1)
+        .y_label_formatter(&label)
+        .x_desc("times as fast (logarithmic)")
+        .draw()
+        .map_err(failed)?;
+    let rectangles = bars.iter().enumerate().map(|(row, &(_, ratio))| {
+        let y = bars.len() as f64 - row as f64;
+        let colour = if ratio < 1.0 {
+            RED.mix(0.6)
+        } else {
+            BLUE.mix(0.6)
+        };
+        Rectangle::new([(1.0, y - 0.2), (ratio, y - 0.8)], colour.filled())
+    });
+    chart.draw_series(rectangles).map_err(failed)?;
+    Ok(())
+}
+
+/// Speed by what varies, a line a driver.
+fn curve<B: DrawingBackend>(
+    results: &Results,
+    varies: &str,
+    points: &[Measurement],
+    area: &DrawingArea<B, Shift>,
+) -> Result<()> {
+    let x_of = |point: &Measurement| match varies {
+        "threads" => f64::from(point.threads.unwrap_or(1)),
+        "width" => f64::from(point.scale.width),
+        "triangles" => point.scale.triangles as f64,
+        _ => point.scale.instances as f64,
+    };
+    let lines: Vec<Vec<(f64, f64)>> = (0..results.drivers.len())
+        .map(|driver| {
+            points
+                .iter()
+                .filter_map(|point| Some((x_of(point), point.speeds()[driver]?.median)))
+                .collect()
+        })
+        .collect();
+    let all = || lines.iter().flatten();
+    let right = all().fold(1.0f64, |right, point| right.max(point.0)) * 1.3;
+    let left = all().fold(right, |left, point| left.min(point.0)) / 1.3;
+    let top = all().fold(0.0f64, |top, point| top.max(point.1)) * 1.15;
+    fill(area)?;
+    let mut chart = ChartBuilder::on(area)
+        .caption(
+            format!("paths of eight bounces, by {varies}"),
+            ("sans-serif", 18),
+        )
+        .margin(12)
+        .x_label_area_size(40)
+        .y_label_area_size(60)
+        .build_cartesian_2d((left..right).log_scale(), 0.0..top)
+        .map_err(failed)?;
+    chart
+        .configure_mesh()
+        .x_desc(varies)
+        .y_desc("Mrays/s")
+        .draw()
+        .map_err(failed)?;
+    for (driver, line) in lines.iter().enumerate() {
+        let colour = Palette99::pick(driver).to_rgba();
+        chart
+            .draw_series(LineSeries::new(line.clone(), colour.stroke_width(2)).point_size(3))
+            .map_err(failed)?
+            .label(results.drivers[driver].clone())
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], colour));
+    }
+    chart
+        .configure_series_labels()
+        .background_style(WHITE.mix(0.8))
+        .border_style(BLACK)
+        .draw()
+        .map_err(failed)?;
+    Ok(())
+}
+
+fn fill<B: DrawingBackend>(area: &DrawingArea<B, Shift>) -> Result<()> {
+    area.fill(&WHITE).map_err(failed)
+}
+
+/// Drawing errors borrow from the backend: keep what they say.
+fn failed<E: std::fmt::Display>(error: E) -> anyhow::Error {
+    anyhow!("drawing: {error}")
+}

@@ -1,0 +1,322 @@
+//! Drivers against each other: every measurement in a process of its own, the drivers in turn.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use anyhow::{Context, Result, bail, ensure};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::{Deserialize, Serialize};
+
+use crate::measure::{FIRST_PIXEL, PIPELINE_CACHED, PIPELINE_COLD, Sample};
+use crate::report;
+use crate::workload::{self, Bounds};
+use crate::world::Scale;
+
+#[derive(clap::Args)]
+pub struct Options {
+    /// A driver's manifest; the first is what the others are held against
+    #[arg(long = "icd", value_name = "MANIFEST", required = true)]
+    icds: Vec<PathBuf>,
+    /// Small pictures and few rounds: under five minutes for two drivers
+    #[arg(long)]
+    quick: bool,
+    /// Only these workloads
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    only: Vec<String>,
+    /// How often the drivers take turns
+    #[arg(long, value_name = "N")]
+    rounds: Option<usize>,
+    /// Threads that the drivers may use (their own choice by default)
+    #[arg(long, value_name = "N")]
+    threads: Option<u32>,
+    /// Also measure how speed follows threads, resolution, triangles and instances
+    #[arg(long)]
+    curves: bool,
+    /// Every sample and ratio, as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// The table, as CSV
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    /// Where to draw charts, as SVG and PNG
+    #[arg(long, value_name = "FOLDER")]
+    charts: Option<PathBuf>,
+}
+
+/// One workload at one scale, on every driver.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Measurement {
+    pub name: String,
+    pub unit: String,
+    /// What bounds it: `traversal`, `shading`, `launching`, `building` or `driver`.
+    pub bounds: String,
+    pub scale: Scale,
+    pub threads: Option<u32>,
+    /// For each driver its samples, one a round; empty where it lacks what is needed.
+    pub samples: Vec<Vec<Sample>>,
+    /// Why no time is given, where the drivers' pictures differ.
+    pub disagreement: Option<String>,
+}
+
+/// All that one call measured.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub struct Results {
+    pub drivers: Vec<String>,
+    pub machine: String,
+    pub date: String,
+    pub table: Vec<Measurement>,
+    /// Curves: the measurements of each in order, by what varies.
+    pub curves: BTreeMap<String, Vec<Measurement>>,
+}
+
+/// A thing to measure.
+struct Task {
+    name: &'static str,
+    unit: &'static str,
+    bounds: &'static str,
+    scale: Scale,
+    threads: Option<u32>,
+    curve: Option<&'static str>,
+}
+
+pub fn compare(options: &Options) -> Result<()> {
+    let tasks = tasks(options)?;
+    let rounds = options.rounds.unwrap_or(if options.quick { 2 } else { 5 });
+    let turns = if options.quick { 2 } else { 3 };
+    let mut results = Results {
+        machine: report::machine(),
+        date: report::date(),
+        ..Results::default()
+    };
+    let bar = ProgressBar::new((tasks.len() * rounds * options.icds.len()) as u64);
+    bar.set_style(ProgressStyle::with_template(
+        "{bar:40} {pos}/{len} {msg} ({eta} left)",
+    )?);
+    for task in &tasks {
+        bar.set_message(task.name);
+        let mut samples = vec![Vec::new(); options.icds.len()];
+        for _ in 0..rounds {
+            for (icd, samples) in options.icds.iter().zip(&mut samples) {
+                let sample = run(icd, task, turns)
+                    .with_context(|| format!("{} with {}", task.name, icd.display()))?;
+                samples.extend(sample);
+                bar.inc(1);
+            }
+        }
+        let measurement = Measurement {
+            name: task.name.into(),
+            unit: task.unit.into(),
+            bounds: task.bounds.into(),
+            scale: task.scale,
+            threads: task.threads,
+            disagreement: disagreement(&samples),
+            samples,
+        };
+        match task.curve {
+            None => results.table.push(measurement),
+            Some(curve) => results
+                .curves
+                .entry(curve.into())
+                .or_default()
+                .push(measurement),
+        }
+    }
+    bar.finish_and_clear();
+    results.drivers = names(&results, options.icds.len());
+    ensure!(
+        !results.drivers.iter().all(String::is_empty),
+        "no driver could do any of it"
+    );
+    report::print(&results);
+    if let Some(path) = &options.json {
+        let text = serde_json::to_string_pretty(&results)?;
+        std::fs::write(path, text).with_context(|| format!("writing {}", path.display()))?;
+    }
+    if let Some(path) = &options.csv {
+        std::fs::write(path, report::csv(&results))
+            .with_context(|| format!("writing {}", path.display()))?;
+    }
+    if let Some(folder) = &options.charts {
+        std::fs::create_dir_all(folder).with_context(|| format!("making {}", folder.display()))?;
+        crate::chart::draw(&results, folder)?;
+    }
+    Ok(())
+}
+
+fn tasks(options: &Options) -> Result<Vec<Task>> {
+    let scale = if options.quick {
+        Scale {
+            width: 320,
+            height: 180,
+            triangles: 100_000,
+            instances: 128,
+        }
+    } else {
+        Scale {
+            width: 640,
+            height: 360,
+            triangles: 500_000,
+            instances: 256,
+        }
+    };
+    let task = |name, unit, bounds| Task {
+        name,
+        unit,
+        bounds,
+        scale,
+        threads: options.threads,
+        curve: None,
+    };
+    let mut tasks: Vec<Task> = workload::ALL
+        .iter()
+        .map(|workload| {
+            let bounds = match workload.bounds {
+                Bounds::Traversal => "traversal",
+                Bounds::Shading => "shading",
+                Bounds::Launching => "launching",
+                Bounds::Building => "building",
+            };
+            task(workload.name, workload.unit, bounds)
+        })
+        .collect();
+    for name in [PIPELINE_COLD, PIPELINE_CACHED, FIRST_PIXEL] {
+        tasks.push(task(name, "1/s", "driver"));
+    }
+    if let Some(unknown) = options
+        .only
+        .iter()
+        .find(|&name| !tasks.iter().any(|task| task.name == name))
+    {
+        bail!("there is no workload «{unknown}»");
+    }
+    if !options.only.is_empty() {
+        tasks.retain(|task| options.only.iter().any(|name| name == task.name));
+    }
+    if options.curves {
+        tasks.extend(curves(scale));
+    }
+    Ok(tasks)
+}
+
+/// Paths over a range of threads, resolutions, triangles and instances.
+fn curves(scale: Scale) -> Vec<Task> {
+    let mut tasks = Vec::new();
+    let mut add = |curve, scale, threads| {
+        tasks.push(Task {
+            name: "path",
+            unit: "Mrays/s",
+            bounds: "traversal",
+            scale,
+            threads,
+            curve: Some(curve),
+        });
+    };
+    let processors = std::thread::available_parallelism().map_or(1, usize::from) as u32;
+    for threads in (0..)
+        .map(|power| 1 << power)
+        .take_while(|&threads| threads <= processors)
+    {
+        add("threads", scale, Some(threads));
+    }
+    for width in [40, 160, 640, 1280] {
+        add(
+            "width",
+            Scale {
+                width,
+                height: width * 9 / 16,
+                ..scale
+            },
+            None,
+        );
+    }
+    for triangles in [1_000, 10_000, 100_000, 1_000_000] {
+        add("triangles", Scale { triangles, ..scale }, None);
+    }
+    for instances in [1, 64, 4_096, 65_536] {
+        add("instances", Scale { instances, ..scale }, None);
+    }
+    tasks
+}
+
+/// One process with one driver. `None` where it lacks what the workload needs.
+fn run(icd: &Path, task: &Task, turns: usize) -> Result<Option<Sample>> {
+    let icd = std::path::absolute(icd)?;
+    ensure!(icd.exists(), "there is no such manifest");
+    let mut child = Command::new(std::env::current_exe()?);
+    child
+        .args(["measure", task.name, "--turns", &turns.to_string()])
+        .args(["--width", &task.scale.width.to_string()])
+        .args(["--height", &task.scale.height.to_string()])
+        .args(["--triangles", &task.scale.triangles.to_string()])
+        .args(["--instances", &task.scale.instances.to_string()])
+        .env("VK_DRIVER_FILES", &icd)
+        .env("VK_ICD_FILENAMES", &icd)
+        .env_remove("VK_ADD_DRIVER_FILES")
+        // A cold pipeline must not come from a cache on disk.
+        .env("MESA_SHADER_CACHE_DISABLE", "true")
+        .stderr(Stdio::inherit());
+    if let Some(threads) = task.threads {
+        child.env("TUFF_THREADS", threads.to_string());
+        child.env("LP_NUM_THREADS", threads.to_string());
+    }
+    let output = child.output().context("starting a measurement")?;
+    ensure!(
+        output.status.success(),
+        "the measurement ended with {}",
+        output.status
+    );
+    let line = output
+        .stdout
+        .split(|&byte| byte == b'\n')
+        .next()
+        .unwrap_or_default();
+    serde_json::from_slice(line).context("the measurement's answer")
+}
+
+/// How far the mean of a picture's blocks may differ between drivers, of its mean: shaders' arithmetic may round differently, and then paths
+/// part; a driver that traces something else is far beyond it.
+const TOLERANCE: f64 = 0.02;
+
+/// Holds the first picture of each driver against the first driver's.
+fn disagreement(samples: &[Vec<Sample>]) -> Option<String> {
+    let mut there = samples.iter().filter_map(|samples| samples.first());
+    let first = there.next()?;
+    for other in there {
+        if (first.work - other.work).abs() > TOLERANCE * first.work.abs() {
+            return Some(format!("{} and {} units of work", first.work, other.work));
+        }
+        let channels = |sample: &Sample| -> Vec<f64> {
+            sample
+                .blocks
+                .iter()
+                .flatten()
+                .map(|&channel| f64::from(channel))
+                .collect()
+        };
+        let (a, b) = (channels(first), channels(other));
+        let apart: f64 = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).sum();
+        let whole: f64 = a.iter().sum();
+        if a.len() != b.len() || apart > TOLERANCE * whole {
+            return Some(format!("pictures differ by {:.1} %", 100.0 * apart / whole));
+        }
+    }
+    None
+}
+
+fn names(results: &Results, count: usize) -> Vec<String> {
+    let all = || {
+        results
+            .table
+            .iter()
+            .chain(results.curves.values().flatten())
+    };
+    (0..count)
+        .map(|driver| {
+            all()
+                .find_map(|it| it.samples[driver].first())
+                .map(|sample| sample.driver.clone())
+                .unwrap_or_default()
+        })
+        .collect()
+}

@@ -1,0 +1,55 @@
+//! Measures Vulkan ray tracing drivers against each other on the work that renderers do.
+//!
+//! One program, any driver: `compare` starts itself once for every workload, driver and round, so
+//! that drivers take turns, each in a process of its own, and no time is given for a result on
+//! which they differ.
+
+mod building;
+mod chart;
+mod compare;
+mod measure;
+mod report;
+mod scene;
+mod shader;
+mod workload;
+mod world;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+#[derive(Parser)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Measure drivers in turn, and print how they compare
+    Compare(compare::Options),
+    /// Measure one workload on the one driver that the loader finds
+    Measure(measure::Options),
+    /// List the workloads
+    List,
+}
+
+fn main() -> ExitCode {
+    let done = match Arguments::parse().command {
+        Command::Compare(options) => compare::compare(&options),
+        Command::Measure(options) => measure::measure(&options),
+        Command::List => {
+            for workload in workload::ALL {
+                println!("{:12} {}", workload.name, workload.about);
+            }
+            Ok(())
+        }
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,201 @@
+//! What was measured, as a table for people and for programs.
+
+use std::fmt::Write as _;
+
+use crate::compare::{Measurement, Results};
+use crate::measure::Sample;
+
+/// Median and spread of a driver's turns.
+#[derive(Clone, Copy, Debug)]
+pub struct Speed {
+    /// Units of work (as the workload names them) in a second of wall time.
+    pub median: f64,
+    /// Half the range from the slowest to the fastest turn, of the median.
+    pub spread: f64,
+    /// Processor seconds of the median turn.
+    pub processor_seconds: f64,
+    pub wall_seconds: f64,
+    pub peak_bytes: u64,
+}
+
+impl Speed {
+    pub fn of(samples: &[Sample], unit: &str) -> Option<Speed> {
+        let scale = match unit.as_bytes().first() {
+            Some(b'M') => 1e-6,
+            Some(b'k') => 1e-3,
+            _ => 1.0,
+        };
+        let work = samples.first()?.work * scale;
+        let sorted = |pick: fn(&Sample) -> &[f64]| {
+            let mut all: Vec<f64> = samples.iter().flat_map(pick).copied().collect();
+            all.sort_by(f64::total_cmp);
+            all
+        };
+        let wall = sorted(|sample| &sample.seconds);
+        let processor = sorted(|sample| &sample.processor_seconds);
+        let median = *wall.get(wall.len() / 2)?;
+        Some(Speed {
+            median: work / median,
+            spread: (wall[wall.len() - 1] - wall[0]) / 2.0 / median,
+            processor_seconds: processor[processor.len() / 2],
+            wall_seconds: median,
+            peak_bytes: samples.iter().map(|sample| sample.peak_bytes).max()?,
+        })
+    }
+}
+
+impl Measurement {
+    pub fn speeds(&self) -> Vec<Option<Speed>> {
+        self.samples
+            .iter()
+            .map(|samples| Speed::of(samples, &self.unit))
+            .collect()
+    }
+
+    /// The first driver's speed as a multiple of another's, where both agree on the result.
+    pub fn ratio(&self, other: usize) -> Option<f64> {
+        let speeds = self.speeds();
+        match self.disagreement {
+            None => Some(speeds[0]?.median / speeds[other]?.median),
+            Some(_) => None,
+        }
+    }
+}
+
+pub fn print(results: &Results) {
+    println!("{} · {}", results.machine, results.date);
+    for (number, driver) in results.drivers.iter().enumerate() {
+        println!("{number}: {driver}");
+    }
+    print!("{}", table(results));
+    for other in 1..results.drivers.len() {
+        for bounds in ["traversal", "shading", "launching", "building", "driver"] {
+            let ratios: Vec<f64> = results
+                .table
+                .iter()
+                .filter(|measurement| measurement.bounds == bounds)
+                .filter_map(|measurement| measurement.ratio(other))
+                .collect();
+            if !ratios.is_empty() {
+                let sum: f64 = ratios.iter().map(|ratio| ratio.ln()).sum();
+                let mean = (sum / ratios.len() as f64).exp();
+                println!("0 against {other}, bound by {bounds}: {mean:.2}× in the geometric mean");
+            }
+        }
+    }
+}
+
+/// A Markdown table: speeds, ratios, memory.
+pub fn table(results: &Results) -> String {
+    let mut text = String::from("| workload | unit |");
+    let mut rule = String::from("| --- | --- |");
+    for number in 0..results.drivers.len() {
+        let _ = write!(text, " {number} | MB |");
+        rule += " ---: | ---: |";
+        if number > 0 {
+            let _ = write!(text, " 0 : {number} |");
+            rule += " ---: |";
+        }
+    }
+    let mut lines = vec![text, rule];
+    for measurement in &results.table {
+        let mut line = format!("| {} | {} |", measurement.name, measurement.unit);
+        for (number, speed) in measurement.speeds().into_iter().enumerate() {
+            match (speed, &measurement.disagreement) {
+                (Some(speed), None) => {
+                    let _ = write!(
+                        line,
+                        " {:.3} ±{:.0} % | {} |",
+                        speed.median,
+                        speed.spread * 100.0,
+                        speed.peak_bytes >> 20
+                    );
+                }
+                (_, Some(why)) => {
+                    let _ = write!(line, " {why} | |");
+                }
+                (None, None) => line += " – | |",
+            }
+            if number > 0 {
+                match measurement.ratio(number) {
+                    Some(ratio) => {
+                        let _ = write!(line, " {ratio:.2} |");
+                    }
+                    None => line += " – |",
+                }
+            }
+        }
+        lines.push(line);
+    }
+    lines.push(String::new());
+    lines.join("\n")
+}
+
+pub fn csv(results: &Results) -> String {
+    let mut text = String::from(
+        "workload,bounds,unit,width,height,triangles,instances,threads,driver,median,spread,wall_seconds,processor_seconds,peak_bytes,ratio\n",
+    );
+    let all = results
+        .table
+        .iter()
+        .chain(results.curves.values().flatten());
+    for measurement in all {
+        for (number, speed) in measurement.speeds().into_iter().enumerate() {
+            let Some(speed) = speed else { continue };
+            let scale = measurement.scale;
+            let threads = measurement.threads.map(|threads| threads.to_string());
+            let ratio = measurement.ratio(number).map(|ratio| ratio.to_string());
+            let _ = writeln!(
+                text,
+                "{},{},{},{},{},{},{},{},\"{}\",{},{},{},{},{},{}",
+                measurement.name,
+                measurement.bounds,
+                measurement.unit,
+                scale.width,
+                scale.height,
+                scale.triangles,
+                scale.instances,
+                threads.unwrap_or_default(),
+                results.drivers[number],
+                speed.median,
+                speed.spread,
+                speed.wall_seconds,
+                speed.processor_seconds,
+                speed.peak_bytes,
+                ratio.unwrap_or_default(),
+            );
+        }
+    }
+    text
+}
+
+/// The processor's name and how many of it there are.
+pub fn machine() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = info
+        .lines()
+        .find_map(|line| line.strip_prefix("model name"))
+        .map_or("an unknown processor", |rest| {
+            rest.trim_start_matches([' ', '\t', ':'])
+        });
+    let count = std::thread::available_parallelism().map_or(1, usize::from);
+    format!("{count} × {name}")
+}
+
+/// Today in UTC, as year-month-day.
+pub fn date() -> String {
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    let days = now.map_or(0, |since| since.as_secs() / 86_400) as i64;
+    // Howard Hinnant, "chrono-Compatible Low-Level Date Algorithms", civil_from_days.
+    let shifted = days + 719_468;
+    let era = shifted.div_euclid(146_097);
+    let day_of_era = shifted.rem_euclid(146_097);
+    let year_of_era =
+        (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted_month = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * shifted_month + 2) / 5 + 1;
+    let month = (shifted_month + 2) % 12 + 1;
+    let year = year_of_era + era * 400 + i64::from(month <= 2);
+    format!("{year}-{month:02}-{day:02}")
+}

@@ -1,0 +1,62 @@
+//! The shaders, put together from their parts.
+
+use std::collections::HashMap;
+use std::sync::Mutex;
+
+use tuff_tests::Stage;
+
+const COMMON: &str = include_str!("shaders/common.glsl");
+const RAYGEN: &str = include_str!("shaders/raygen.glsl");
+
+pub const MISS: &str = include_str!("shaders/miss.glsl");
+pub const HIT: &str = include_str!("shaders/hit.glsl");
+pub const PRIMARY: &str = include_str!("shaders/primary.glsl");
+pub const SHADOW: &str = include_str!("shaders/shadow.glsl");
+pub const OCCLUSION: &str = include_str!("shaders/occlusion.glsl");
+pub const PATH: &str = include_str!("shaders/path.glsl");
+pub const REFLECTION: &str = include_str!("shaders/reflection.glsl");
+pub const REFLECTION_HIT: &str = include_str!("shaders/reflection_hit.glsl");
+pub const REFLECTION_MISS: &str = include_str!("shaders/reflection_miss.glsl");
+pub const FOLIAGE: &str = include_str!("shaders/foliage.glsl");
+pub const FOLIAGE_ANY_HIT: &str = include_str!("shaders/foliage_any_hit.glsl");
+pub const BALL: &str = include_str!("shaders/ball.glsl");
+pub const BALL_HIT: &str = include_str!("shaders/ball_hit.glsl");
+pub const ARITHMETIC: &str = include_str!("shaders/arithmetic.glsl");
+pub const TEXTURES: &str = include_str!("shaders/textures.glsl");
+const MATERIAL: &str = include_str!("shaders/material_hit.glsl");
+const QUERY: &str = include_str!("shaders/query.glsl");
+
+/// Compiles GLSL once: compiling it is not the drivers' work, and must not be timed as theirs.
+fn glsl(stage: Stage, source: &str) -> Vec<u32> {
+    static COMPILED: Mutex<Option<HashMap<String, Vec<u32>>>> = Mutex::new(None);
+    let mut compiled = COMPILED
+        .lock()
+        .unwrap_or_else(|poisoned| poisoned.into_inner());
+    let compiled = compiled.get_or_insert_default();
+    let key = format!("{stage:?} {source}");
+    let words = compiled.entry(key);
+    words
+        .or_insert_with(|| tuff_tests::glsl(stage, source))
+        .clone()
+}
+
+/// A shader with the common declarations before it.
+pub fn with_common(stage: Stage, source: &str) -> Vec<u32> {
+    glsl(stage, &format!("{COMMON}{source}"))
+}
+
+/// A ray generation shader that shoots with the common payload.
+pub fn raygen(source: &str) -> Vec<u32> {
+    glsl(Stage::RayGeneration, &format!("{COMMON}{RAYGEN}{source}"))
+}
+
+/// The closest-hit shader of one of many materials.
+pub fn material(number: u32) -> Vec<u32> {
+    let source = format!("const int KIND = {number};\n{COMMON}{MATERIAL}");
+    glsl(Stage::ClosestHit, &source)
+}
+
+/// The compute shader that traces paths by ray queries.
+pub fn query() -> Vec<u32> {
+    with_common(Stage::Compute, QUERY)
+}

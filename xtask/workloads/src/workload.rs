@@ -1,0 +1,381 @@
+//! The workloads: what each prepares, and what one turn of it is.
+
+use tuff_tests::{Bound, Buffer, Group, Picture, Rays, Record, Shape, Stage, Table};
+use tuff_tests::{Gpu, Kernel, vk};
+
+use crate::shader;
+use crate::world::{Scale, World};
+
+/// What bounds a workload's speed, in the main.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Bounds {
+    Traversal,
+    Shading,
+    Launching,
+    Building,
+}
+
+/// A workload by its name.
+pub struct Workload {
+    pub name: &'static str,
+    pub about: &'static str,
+    pub unit: &'static str,
+    pub bounds: Bounds,
+    pub prepare: fn(&Gpu, &Scale) -> Option<Prepared>,
+}
+
+/// A workload that is ready to run, again and again.
+pub struct Prepared {
+    /// One turn, from submission to its end; recorded beforehand.
+    pub turn: vk::CommandBuffer,
+    /// How many units one turn does, unless the picture counts them.
+    pub work: Option<f64>,
+    /// Four floats a pixel: a colour and a count of rays.
+    pub picture: Buffer,
+    /// Draws the picture where the turn does not.
+    pub look: Option<vk::CommandBuffer>,
+}
+
+pub const ALL: &[Workload] = &[
+    row("primary", "one ray a pixel", Bounds::Traversal, |g, s| {
+        rays(g, s, shader::PRIMARY)
+    }),
+    row(
+        "shadow",
+        "a ray a pixel, four shadow rays from its hit",
+        Bounds::Traversal,
+        |g, s| rays(g, s, shader::SHADOW),
+    ),
+    row(
+        "occlusion",
+        "eight short rays from each hit",
+        Bounds::Traversal,
+        |g, s| rays(g, s, shader::OCCLUSION),
+    ),
+    row(
+        "path",
+        "diffuse paths of eight bounces",
+        Bounds::Traversal,
+        |g, s| rays(g, s, shader::PATH),
+    ),
+    row(
+        "reflection",
+        "closest-hit shaders that trace, six deep",
+        Bounds::Traversal,
+        reflection,
+    ),
+    row(
+        "foliage",
+        "leaves cut out by an any-hit shader",
+        Bounds::Traversal,
+        foliage,
+    ),
+    row(
+        "spheres",
+        "spheres by an intersection shader",
+        Bounds::Traversal,
+        spheres,
+    ),
+    row(
+        "materials",
+        "paths over 64 closest-hit shaders",
+        Bounds::Shading,
+        materials,
+    ),
+    row(
+        "query",
+        "the paths by ray queries in a compute shader",
+        Bounds::Traversal,
+        query,
+    ),
+    Workload {
+        name: "arithmetic",
+        about: "noise of 16 octaves, no rays",
+        unit: "Mpixel/s",
+        bounds: Bounds::Shading,
+        prepare: |g, s| rays(g, s, shader::ARITHMETIC),
+    },
+    Workload {
+        name: "textures",
+        about: "32 trilinear samples a pixel",
+        unit: "Mpixel/s",
+        bounds: Bounds::Shading,
+        prepare: textures,
+    },
+    Workload {
+        name: "launches",
+        about: "2,000 launches of 8×8 rays, a barrier after each",
+        unit: "klaunch/s",
+        bounds: Bounds::Launching,
+        prepare: launches,
+    },
+    Workload {
+        name: "build",
+        about: "building the ground's structure",
+        unit: "Mtri/s",
+        bounds: Bounds::Building,
+        prepare: |g, s| Some(crate::building::build(g, s)),
+    },
+    Workload {
+        name: "refit",
+        about: "updating it after its corners moved",
+        unit: "Mtri/s",
+        bounds: Bounds::Building,
+        prepare: |g, s| Some(crate::building::refit(g, s)),
+    },
+];
+
+const fn row(
+    name: &'static str,
+    about: &'static str,
+    bounds: Bounds,
+    prepare: fn(&Gpu, &Scale) -> Option<Prepared>,
+) -> Workload {
+    Workload {
+        name,
+        about,
+        unit: "Mrays/s",
+        bounds,
+        prepare,
+    }
+}
+
+/// The shaders of a pipeline, compiled, and its groups.
+struct Parts {
+    shaders: Vec<(Stage, Vec<u32>)>,
+    groups: Vec<Group>,
+    recursion: u32,
+}
+
+/// Ray generation, miss and one closest hit.
+fn plain(raygen: &str) -> Parts {
+    Parts {
+        shaders: vec![
+            (Stage::RayGeneration, shader::raygen(raygen)),
+            (Stage::Miss, shader::with_common(Stage::Miss, shader::MISS)),
+            (
+                Stage::ClosestHit,
+                shader::with_common(Stage::ClosestHit, shader::HIT),
+            ),
+        ],
+        groups: vec![Group::general(0), Group::general(1), Group::hit(2)],
+        recursion: 1,
+    }
+}
+
+/// The words of the pipeline that [`rays`] makes of [`shader::PATH`], for measuring its creation.
+pub fn path_parts() -> (Vec<(Stage, Vec<u32>)>, Vec<Group>) {
+    let parts = plain(shader::PATH);
+    (parts.shaders, parts.groups)
+}
+
+fn rays(gpu: &Gpu, scale: &Scale, raygen: &str) -> Option<Prepared> {
+    let parts = plain(raygen);
+    let world = World::landscape(gpu, scale, 1);
+    let rays = pipeline(gpu, &parts, &world.bindings());
+    let turn = launch(gpu, scale, &rays, 1);
+    Some(Prepared::picture(turn, &world))
+}
+
+fn reflection(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    let parts = Parts {
+        shaders: vec![
+            (
+                Stage::RayGeneration,
+                shader::with_common(Stage::RayGeneration, shader::REFLECTION),
+            ),
+            (
+                Stage::Miss,
+                shader::with_common(Stage::Miss, shader::REFLECTION_MISS),
+            ),
+            (
+                Stage::ClosestHit,
+                shader::with_common(Stage::ClosestHit, shader::REFLECTION_HIT),
+            ),
+        ],
+        groups: vec![Group::general(0), Group::general(1), Group::hit(2)],
+        recursion: 7,
+    };
+    if gpu.pipeline_properties.max_ray_recursion_depth < parts.recursion {
+        return None;
+    }
+    let world = World::landscape(gpu, scale, 1);
+    let rays = pipeline(gpu, &parts, &world.bindings());
+    let turn = launch(gpu, scale, &rays, 1);
+    Some(Prepared::picture(turn, &world))
+}
+
+fn foliage(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    let mut parts = plain(shader::FOLIAGE);
+    let any_hit = shader::with_common(Stage::AnyHit, shader::FOLIAGE_ANY_HIT);
+    parts.shaders.push((Stage::AnyHit, any_hit));
+    parts.groups[2].any_hit = Some(3);
+    let world = World::foliage(gpu, scale);
+    let rays = pipeline(gpu, &parts, &world.bindings());
+    let turn = launch(gpu, scale, &rays, 1);
+    Some(Prepared::picture(turn, &world))
+}
+
+fn spheres(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    let mut parts = plain(shader::SHADOW);
+    parts.shaders[2].1 = shader::with_common(Stage::ClosestHit, shader::BALL_HIT);
+    let ball = shader::with_common(Stage::Intersection, shader::BALL);
+    parts.shaders.push((Stage::Intersection, ball));
+    parts.groups[2].intersection = Some(3);
+    let world = World::spheres(gpu, scale);
+    let rays = pipeline(gpu, &parts, &world.bindings());
+    let turn = launch(gpu, scale, &rays, 1);
+    Some(Prepared::picture(turn, &world))
+}
+
+fn materials(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    const COUNT: u32 = 64;
+    let mut parts = plain(shader::PATH);
+    parts.shaders.truncate(2);
+    parts.groups.truncate(2);
+    for number in 0..COUNT {
+        parts.groups.push(Group::hit(parts.shaders.len() as u32));
+        parts
+            .shaders
+            .push((Stage::ClosestHit, shader::material(number)));
+    }
+    let world = World::landscape(gpu, scale, COUNT);
+    let rays = pipeline(gpu, &parts, &world.bindings());
+    let turn = launch(gpu, scale, &rays, COUNT);
+    Some(Prepared::picture(turn, &world))
+}
+
+fn query(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    if gpu.optional.ray_query.ray_query == vk::FALSE {
+        return None;
+    }
+    let words = shader::query();
+    let world = World::landscape(gpu, scale, 1);
+    let size = gpu.buffer_with(&[scale.width, scale.height]);
+    let mut bindings = world.bindings();
+    bindings.push((5, [Bound::Uniform(size)]));
+    let set = gpu.set(&borrowed(&bindings));
+    let layout = gpu.layout(&[set.layout]);
+    let made = gpu.try_kernel(&words, c"main", layout, &vk::SpecializationInfo::default());
+    let pipeline = made.expect("vkCreateComputePipelines");
+    let kernel = Kernel { pipeline, layout };
+    let groups = [scale.width.div_ceil(8), scale.height.div_ceil(8), 1];
+    let turn = gpu.record(|commands| {
+        gpu.record_dispatch::<u32>(commands, kernel, &[set], &[], groups);
+        gpu.barrier(commands);
+    });
+    Some(Prepared::picture(turn, &world))
+}
+
+fn textures(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    let parts = plain(shader::TEXTURES);
+    let world = World::landscape(
+        gpu,
+        &Scale {
+            triangles: 2,
+            instances: 1,
+            ..*scale
+        },
+        1,
+    );
+    let mut bindings = world.bindings();
+    bindings.push((5, [texture(gpu)]));
+    let rays = pipeline(gpu, &parts, &bindings);
+    let turn = launch(gpu, scale, &rays, 1);
+    Some(Prepared::picture(turn, &world))
+}
+
+/// A texture of 1,024² texels with all its mips, sampled with repetition and trilinearly.
+fn texture(gpu: &Gpu) -> Bound {
+    const SIDE: u32 = 1024;
+    const LEVELS: u32 = 11;
+    let shape = Shape {
+        levels: LEVELS,
+        ..Shape::flat(vk::Format::R8G8B8A8_UNORM, SIDE, SIDE)
+    };
+    let picture: Picture = gpu.picture(shape, vk::ImageUsageFlags::SAMPLED);
+    for level in 0..LEVELS {
+        let side = SIDE >> level;
+        let texel = |i: u32| [i * 37, (i / side) * 53, (i ^ (i / side)) * 11, 255].map(|v| v as u8);
+        let texels: Vec<[u8; 4]> = (0..side * side).map(texel).collect();
+        gpu.upload(&picture, level, &texels);
+    }
+    let sampler = vk::SamplerCreateInfo::default()
+        .mag_filter(vk::Filter::LINEAR)
+        .min_filter(vk::Filter::LINEAR)
+        .mipmap_mode(vk::SamplerMipmapMode::LINEAR)
+        .max_lod(vk::LOD_CLAMP_NONE);
+    Bound::Sampled(picture.view, gpu.sampler(&sampler))
+}
+
+fn launches(gpu: &Gpu, _scale: &Scale) -> Option<Prepared> {
+    const COUNT: u32 = 2_000;
+    let parts = plain(shader::PRIMARY);
+    let small = Scale {
+        triangles: 2_000,
+        instances: 16,
+        width: 8,
+        height: 8,
+    };
+    let world = World::landscape(gpu, &small, 1);
+    let rays = pipeline(gpu, &parts, &world.bindings());
+    let regions = gpu.regions(&rays, &table(1));
+    let turn = gpu.record(|commands| {
+        for _ in 0..COUNT {
+            gpu.record_trace(commands, &rays, &regions, [8, 8, 1]);
+            gpu.barrier(commands);
+        }
+    });
+    let mut prepared = Prepared::picture(turn, &world);
+    prepared.work = Some(f64::from(COUNT));
+    Some(prepared)
+}
+
+impl Prepared {
+    /// A turn that draws a picture of the world.
+    pub fn picture(turn: vk::CommandBuffer, world: &World) -> Prepared {
+        Prepared {
+            turn,
+            work: None,
+            picture: world.out,
+            look: None,
+        }
+    }
+}
+
+/// Draws primary rays of a world, for workloads whose turn draws nothing.
+pub fn look(gpu: &Gpu, scale: &Scale, world: &World) -> vk::CommandBuffer {
+    let rays = pipeline(gpu, &plain(shader::PRIMARY), &world.bindings());
+    launch(gpu, scale, &rays, 1)
+}
+
+fn borrowed(bindings: &[(u32, [Bound; 1])]) -> Vec<(u32, &[Bound])> {
+    bindings
+        .iter()
+        .map(|(binding, bound)| (*binding, &bound[..]))
+        .collect()
+}
+
+fn pipeline(gpu: &Gpu, parts: &Parts, bindings: &[(u32, [Bound; 1])]) -> Rays {
+    let set = gpu.set(&borrowed(bindings));
+    let flags = vk::PipelineCreateFlags::empty();
+    gpu.rays_of_words(&parts.shaders, &parts.groups, parts.recursion, set, flags)
+}
+
+/// One raygen, one miss, then the hit groups in turn.
+fn table(hit_groups: u32) -> Table {
+    Table {
+        raygen: Record::of(0),
+        miss: vec![Record::of(1)],
+        hit: (0..hit_groups).map(|group| Record::of(2 + group)).collect(),
+        callable: Vec::new(),
+    }
+}
+
+fn launch(gpu: &Gpu, scale: &Scale, rays: &Rays, hit_groups: u32) -> vk::CommandBuffer {
+    let regions = gpu.regions(rays, &table(hit_groups));
+    gpu.record(|commands| {
+        gpu.record_trace(commands, rays, &regions, [scale.width, scale.height, 1]);
+        gpu.barrier(commands);
+    })
+}
