@@ -27,13 +27,14 @@ pub(crate) struct InstanceFacts {
 
 /// Whether flags make everything opaque, or not opaque: by the ray's two lowest bits (`OPAQUE`,
 /// `NO_OPAQUE`), which come first, then the instance's `FORCE_OPAQUE` and `FORCE_NO_OPAQUE`.
-const _: () = assert!(instance_flags::FORCE_NO_OPAQUE == 2 * instance_flags::FORCE_OPAQUE);
 const FORCED: [[Option<bool>; 4]; 4] = [
     [None, Some(true), Some(false), Some(true)],
     [Some(true); 4],
     [Some(false); 4],
     [Some(true); 4],
 ];
+
+const _: () = assert!(instance_flags::FORCE_NO_OPAQUE == 2 * instance_flags::FORCE_OPAQUE);
 
 impl InstanceFacts {
     #[inline(always)]
