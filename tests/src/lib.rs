@@ -26,6 +26,7 @@ pub use image::{Picture, Shape};
 pub use known::unless_known;
 pub use memory::Buffer;
 pub use micromap::{MicroTriangle, Micromap, MicromapParts, part_centres};
+pub use newer::DeviceAddressRangeKHR;
 pub use optional::Optional;
 pub use shader::{Stage, glsl, glsl_for};
 pub use trace::{Group, Rays, RaysInput, Record, Table};

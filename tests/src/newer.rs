@@ -8,10 +8,14 @@ pub use ash::vk::*;
 /// `VK_NV_ray_tracing_linear_swept_spheres`.
 pub const LINEAR_SWEPT_SPHERES: &CStr = c"VK_NV_ray_tracing_linear_swept_spheres";
 
+/// `VK_KHR_device_address_commands`.
+pub const DEVICE_ADDRESS_COMMANDS: &CStr = c"VK_KHR_device_address_commands";
+
 /// Extensions that a validation layer may be too old for, and the version that knows them: enabled only without an older layer.
 pub const NEWER: &[(&CStr, u32)] = &[
     (LINEAR_SWEPT_SPHERES, make_api_version(0, 1, 4, 308)),
     (ash::khr::maintenance5::NAME, make_api_version(0, 1, 3, 260)),
+    (DEVICE_ADDRESS_COMMANDS, make_api_version(0, 1, 4, 340)),
     (
         ash::khr::ray_tracing_position_fetch::NAME,
         make_api_version(0, 1, 3, 249),
@@ -48,6 +52,37 @@ impl Default for PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV<'_> {
 unsafe impl ExtendsPhysicalDeviceFeatures2
     for PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV<'_>
 {
+}
+
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PhysicalDeviceDeviceAddressCommandsFeaturesKHR<'a> {
+    pub s_type: StructureType,
+    pub p_next: *mut c_void,
+    pub device_address_commands: Bool32,
+    pub _marker: PhantomData<&'a ()>,
+}
+
+impl Default for PhysicalDeviceDeviceAddressCommandsFeaturesKHR<'_> {
+    fn default() -> Self {
+        Self {
+            s_type: StructureType::from_raw(1_000_318_006),
+            p_next: std::ptr::null_mut(),
+            device_address_commands: FALSE,
+            _marker: PhantomData,
+        }
+    }
+}
+
+// SAFETY: the registry says so.
+unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceDeviceAddressCommandsFeaturesKHR<'_> {}
+
+/// `VkDeviceAddressRangeKHR`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct DeviceAddressRangeKHR {
+    pub address: DeviceAddress,
+    pub size: DeviceSize,
 }
 
 /// `VkAccelerationStructureGeometryLinearSweptSpheresDataNV`; that of spheres is the same up to `index_stride`.

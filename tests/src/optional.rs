@@ -4,7 +4,7 @@ use std::ffi::{CStr, c_void};
 
 use ash::{ext, huawei, khr, nv};
 
-use crate::newer::{self as vk, LINEAR_SWEPT_SPHERES};
+use crate::newer::{self as vk, DEVICE_ADDRESS_COMMANDS, LINEAR_SWEPT_SPHERES};
 
 macro_rules! optional {
     ($($(#[$doc:meta])* $field:ident: $extension:path, $features:ident { $($off:ident)* };)*) => {
@@ -59,6 +59,7 @@ optional! {
     /// Off where there is validation: older versions of it do not know the extension.
     position_fetch: khr::ray_tracing_position_fetch::NAME, PhysicalDeviceRayTracingPositionFetchFeaturesKHR {};
     maintenance1: khr::ray_tracing_maintenance1::NAME, PhysicalDeviceRayTracingMaintenance1FeaturesKHR {};
+    address_commands: DEVICE_ADDRESS_COMMANDS, PhysicalDeviceDeviceAddressCommandsFeaturesKHR {};
     maintenance5: khr::maintenance5::NAME, PhysicalDeviceMaintenance5FeaturesKHR {};
     micromap: ext::opacity_micromap::NAME, PhysicalDeviceOpacityMicromapFeaturesEXT { micromap_capture_replay };
     reorder: nv::ray_tracing_invocation_reorder::NAME, PhysicalDeviceRayTracingInvocationReorderFeaturesNV {};

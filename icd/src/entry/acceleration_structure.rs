@@ -15,6 +15,7 @@ use crate::ffi::acceleration_structure::{
 };
 use crate::ffi::{commands, entry, slice};
 use crate::handle::{self, from_handle, retain};
+use crate::object::acceleration_structure::Location;
 use crate::object::{AccelerationStructure, Buffer, Device, QueryPool};
 use crate::table::limits;
 
@@ -35,8 +36,7 @@ entry! {
         let info = &*info;
         *structure = handle::create(AccelerationStructure {
             ty: info.ty,
-            buffer: retain::<Buffer>(info.buffer),
-            offset: info.offset,
+            location: Location::Buffer(retain::<Buffer>(info.buffer), info.offset),
             size_bytes: info.size,
         });
         Ok(())

@@ -38,6 +38,12 @@ refused! {
     vkCmdBeginRendering(*const vk::RenderingInfo<'_>);
     vkCmdBindIndexBuffer(vk::Buffer, vk::DeviceSize, vk::IndexType);
     vkCmdBindIndexBuffer2KHR(vk::Buffer, vk::DeviceSize, vk::DeviceSize, vk::IndexType);
+    vkCmdBindIndexBuffer3KHR(*const std::ffi::c_void);
+    vkCmdBindVertexBuffers3KHR(u32, u32, *const std::ffi::c_void);
+    vkCmdDrawIndexedIndirect2KHR(*const std::ffi::c_void);
+    vkCmdDrawIndexedIndirectCount2KHR(*const std::ffi::c_void);
+    vkCmdDrawIndirect2KHR(*const std::ffi::c_void);
+    vkCmdDrawIndirectCount2KHR(*const std::ffi::c_void);
     vkCmdBindVertexBuffers(u32, u32, *const vk::Buffer, *const vk::DeviceSize);
     vkCmdBindVertexBuffers2(u32, u32, *const vk::Buffer, *const vk::DeviceSize, *const vk::DeviceSize, *const vk::DeviceSize);
     vkCmdClearAttachments(u32, *const vk::ClearAttachment, u32, *const vk::ClearRect);

@@ -10,6 +10,7 @@ pub mod deferred;
 pub mod descriptor;
 pub mod descriptor_set;
 pub mod device;
+pub mod device_address;
 pub mod graphics;
 pub mod image;
 pub mod instance;

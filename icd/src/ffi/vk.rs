@@ -73,6 +73,95 @@ structures! {
         index_data: DeviceOrHostAddressConstKHR,
         index_stride: DeviceSize,
     }
+    /// `VK_KHR_device_address_commands`.
+    DeviceMemoryCopyKHR 1_000_318_000 *const c_void {
+        src_range: DeviceAddressRangeKHR,
+        src_flags: AddressCommandFlagsKHR,
+        dst_range: DeviceAddressRangeKHR,
+        dst_flags: AddressCommandFlagsKHR,
+    }
+    CopyDeviceMemoryInfoKHR 1_000_318_001 *const c_void {
+        region_count: u32,
+        p_regions: *const DeviceMemoryCopyKHR<'a>,
+    }
+    DeviceMemoryImageCopyKHR 1_000_318_002 *const c_void {
+        address_range: DeviceAddressRangeKHR,
+        address_flags: AddressCommandFlagsKHR,
+        address_row_length: u32,
+        address_image_height: u32,
+        image_subresource: ImageSubresourceLayers,
+        image_layout: ImageLayout,
+        image_offset: Offset3D,
+        image_extent: Extent3D,
+    }
+    CopyDeviceMemoryImageInfoKHR 1_000_318_003 *const c_void {
+        image: Image,
+        region_count: u32,
+        p_regions: *const DeviceMemoryImageCopyKHR<'a>,
+    }
+    PhysicalDeviceDeviceAddressCommandsFeaturesKHR 1_000_318_006 *mut c_void {
+        device_address_commands: Bool32,
+    }
+    DispatchIndirect2InfoKHR 1_000_318_011 *const c_void {
+        address_range: DeviceAddressRangeKHR,
+        address_flags: AddressCommandFlagsKHR,
+    }
+    AccelerationStructureCreateInfo2KHR 1_000_318_015 *const c_void {
+        create_flags: AccelerationStructureCreateFlagsKHR,
+        address_range: DeviceAddressRangeKHR,
+        address_flags: AddressCommandFlagsKHR,
+        ty: AccelerationStructureTypeKHR,
+    }
+}
+
+/// `VkDeviceAddressRangeKHR`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct DeviceAddressRangeKHR {
+    pub address: DeviceAddress,
+    pub size: DeviceSize,
+}
+
+/// `VkStridedDeviceAddressRangeKHR`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct StridedDeviceAddressRangeKHR {
+    pub address: DeviceAddress,
+    pub size: DeviceSize,
+    pub stride: DeviceSize,
+}
+
+/// `VkAddressCommandFlagsKHR`: what kind of memory a range is in, of which there is one.
+pub type AddressCommandFlagsKHR = u32;
+
+macro_rules! functions {
+    ($($name:ident($($ty:ty),*) $(-> $result:ty)?;)*) => {
+        $(#[allow(non_camel_case_types, reason = "Vulkan's names")]
+        pub type $name = unsafe extern "system" fn($($ty),*) $(-> $result)?;)*
+    };
+}
+
+functions! {
+    PFN_vkCmdBindIndexBuffer3KHR(CommandBuffer, *const c_void);
+    PFN_vkCmdBindVertexBuffers3KHR(CommandBuffer, u32, u32, *const c_void);
+    PFN_vkCmdCopyImageToMemoryKHR(CommandBuffer, *const CopyDeviceMemoryImageInfoKHR<'_>);
+    PFN_vkCmdCopyMemoryKHR(CommandBuffer, *const CopyDeviceMemoryInfoKHR<'_>);
+    PFN_vkCmdCopyMemoryToImageKHR(CommandBuffer, *const CopyDeviceMemoryImageInfoKHR<'_>);
+    PFN_vkCmdCopyQueryPoolResultsToMemoryKHR(
+        CommandBuffer, QueryPool, u32, u32, *const StridedDeviceAddressRangeKHR, AddressCommandFlagsKHR, QueryResultFlags
+    );
+    PFN_vkCmdDispatchIndirect2KHR(CommandBuffer, *const DispatchIndirect2InfoKHR<'_>);
+    PFN_vkCmdDrawIndexedIndirect2KHR(CommandBuffer, *const c_void);
+    PFN_vkCmdDrawIndexedIndirectCount2KHR(CommandBuffer, *const c_void);
+    PFN_vkCmdDrawIndirect2KHR(CommandBuffer, *const c_void);
+    PFN_vkCmdDrawIndirectCount2KHR(CommandBuffer, *const c_void);
+    PFN_vkCmdFillMemoryKHR(CommandBuffer, *const DeviceAddressRangeKHR, AddressCommandFlagsKHR, u32);
+    PFN_vkCmdUpdateMemoryKHR(
+        CommandBuffer, *const DeviceAddressRangeKHR, AddressCommandFlagsKHR, DeviceSize, *const c_void
+    );
+    PFN_vkCreateAccelerationStructure2KHR(
+        Device, *const AccelerationStructureCreateInfo2KHR<'_>, *const AllocationCallbacks<'_>, *mut AccelerationStructureKHR
+    ) -> Result;
 }
 
 /// `VkRayTracingLssIndexingModeNV`.

@@ -1,4 +1,4 @@
-//! `VkAccelerationStructureKHR`: a name for a range of a buffer; the structure itself is the bytes there.
+//! `VkAccelerationStructureKHR`: a name for a range of memory; the structure itself is the bytes there.
 
 #![forbid(unsafe_code)]
 
@@ -11,18 +11,26 @@ use crate::handle::Ref;
 /// An acceleration structure object.
 pub struct AccelerationStructure {
     pub ty: vk::AccelerationStructureTypeKHR,
-    pub buffer: Ref<Buffer>,
-    /// Of the structure in the buffer: a multiple of 256.
-    pub offset: u64,
+    pub location: Location,
     pub size_bytes: u64,
 }
 
+/// Where it is.
+pub enum Location {
+    /// A buffer, and the offset in it: a multiple of 256.
+    Buffer(Ref<Buffer>, u64),
+    Address(u64),
+}
+
 impl AccelerationStructure {
-    /// Device address, which is also the host address of the structure; 0 while the buffer is unbound.
+    /// Device address, which is also the host address of the structure; 0 while its buffer is unbound.
     pub fn address(&self) -> u64 {
-        match self.buffer.address() {
-            0 => 0,
-            address => address + self.offset,
+        match &self.location {
+            Location::Buffer(buffer, offset) => match buffer.address() {
+                0 => 0,
+                address => address + offset,
+            },
+            Location::Address(address) => *address,
         }
     }
 

@@ -3,9 +3,8 @@
 use std::collections::HashMap;
 use std::sync::OnceLock;
 
-use ash::vk;
-
 use super::extensions::{Extension, ExtensionSet, Kind};
+use crate::ffi::vk;
 
 /// What a command's first argument belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -356,6 +355,21 @@ commands! {
     Device Core PFN_vkCmdResolveImage command_image::vkCmdResolveImage;
     Device Core13 PFN_vkCmdResolveImage2 command_image::vkCmdResolveImage2;
     Device KHR_COPY_COMMANDS_2 PFN_vkCmdResolveImage2 command_image::vkCmdResolveImage2 as vkCmdResolveImage2KHR;
+
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdBindIndexBuffer3KHR graphics::vkCmdBindIndexBuffer3KHR;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdBindVertexBuffers3KHR graphics::vkCmdBindVertexBuffers3KHR;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdDrawIndexedIndirect2KHR graphics::vkCmdDrawIndexedIndirect2KHR;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdDrawIndexedIndirectCount2KHR graphics::vkCmdDrawIndexedIndirectCount2KHR;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdDrawIndirect2KHR graphics::vkCmdDrawIndirect2KHR;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdDrawIndirectCount2KHR graphics::vkCmdDrawIndirectCount2KHR;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdCopyImageToMemoryKHR device_address::vkCmdCopyImageToMemoryKHR;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdCopyMemoryKHR device_address::vkCmdCopyMemoryKHR;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdCopyMemoryToImageKHR device_address::vkCmdCopyMemoryToImageKHR;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdCopyQueryPoolResultsToMemoryKHR device_address::vkCmdCopyQueryPoolResultsToMemoryKHR;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdDispatchIndirect2KHR device_address::vkCmdDispatchIndirect2KHR;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdFillMemoryKHR device_address::vkCmdFillMemoryKHR;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdUpdateMemoryKHR device_address::vkCmdUpdateMemoryKHR;
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCreateAccelerationStructure2KHR device_address::vkCreateAccelerationStructure2KHR;
 
     Device KHR_MAINTENANCE_5 PFN_vkCmdBindIndexBuffer2KHR graphics::vkCmdBindIndexBuffer2KHR;
     Device KHR_MAINTENANCE_5 PFN_vkGetDeviceImageSubresourceLayoutKHR maintenance5::vkGetDeviceImageSubresourceLayoutKHR;

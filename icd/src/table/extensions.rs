@@ -67,6 +67,7 @@ extensions! {
     Device KHR_DEDICATED_ALLOCATION c"VK_KHR_dedicated_allocation" 3;
     Device KHR_DEFERRED_HOST_OPERATIONS c"VK_KHR_deferred_host_operations" 4;
     Device KHR_DESCRIPTOR_UPDATE_TEMPLATE c"VK_KHR_descriptor_update_template" 1;
+    Device KHR_DEVICE_ADDRESS_COMMANDS c"VK_KHR_device_address_commands" 1;
     Device KHR_DEVICE_GROUP c"VK_KHR_device_group" 4;
     Device KHR_DRIVER_PROPERTIES c"VK_KHR_driver_properties" 1;
     Device KHR_EXTERNAL_FENCE c"VK_KHR_external_fence" 1;

@@ -143,6 +143,7 @@ features! {
         maintenance4: PhysicalDeviceVulkan13Features PhysicalDeviceMaintenance4Features;
         shader_integer_dot_product: PhysicalDeviceVulkan13Features PhysicalDeviceShaderIntegerDotProductFeatures => DotProduct DotProductInputAll DotProductInput4x8Bit DotProductInput4x8BitPacked;
 
+        device_address_commands: PhysicalDeviceDeviceAddressCommandsFeaturesKHR;
         maintenance5: PhysicalDeviceMaintenance5FeaturesKHR;
         acceleration_structure: PhysicalDeviceAccelerationStructureFeaturesKHR;
         acceleration_structure_capture_replay: PhysicalDeviceAccelerationStructureFeaturesKHR;

@@ -12,7 +12,7 @@ use std::collections::HashMap;
 
 use smallvec::SmallVec;
 
-use super::text::{parse_module, parse_op, print_module, print_op};
+use super::text::{parse_module, parse_op, print_head, print_op};
 use super::{Body, Function, Inst, Label, Module, Node, Op, Terminator, Type, Value, Variable};
 
 /// Nesting that is followed before giving up.
@@ -42,12 +42,6 @@ const UNREACHABLE: u8 = 7;
 
 /// A module as bytes.
 pub fn encode(module: &Module) -> Vec<u8> {
-    let header = Module {
-        functions: Vec::new(),
-        inputs: module.inputs.clone(),
-        query_words: module.query_words.clone(),
-        ..*module
-    };
     let mut encoder = Encoder::default();
     encoder.number(module.functions.len() as u64);
     for function in &module.functions {
@@ -55,7 +49,7 @@ pub fn encode(module: &Module) -> Vec<u8> {
     }
     let functions = std::mem::take(&mut encoder.bytes);
     let operations = std::mem::take(&mut encoder.texts);
-    encoder.string(&print_module(&header));
+    encoder.string(&print_head(module));
     encoder.number(operations.len() as u64);
     for text in &operations {
         encoder.string(text);

@@ -4,14 +4,14 @@
 layout(location = 0) rayPayloadInEXT Surface surface;
 hitAttributeEXT vec3 outward;
 
-vec3 unit(vec3 v) {
-    return v / sqrt(dot(v, v));
-}
-
 void main() {
-    Material material = materials[procedurals[gl_InstanceCustomIndexEXT + gl_PrimitiveID].material];
-    vec3 normal = unit(outward * mat3(gl_WorldToObjectEXT));
-    bool from_inside = dot(normal, gl_WorldRayDirectionEXT) > 0.0;
+    Procedural self = procedurals[gl_InstanceCustomIndexEXT + gl_PrimitiveID];
+    Material material = materials[self.material];
+    vec3 normal = normal_by(gl_ObjectToWorldEXT, outward);
+    bool from_inside = dot3(normal, gl_WorldRayDirectionEXT) > 0.0;
+    precise vec3 way = gl_WorldRayDirectionEXT * gl_HitTEXT;
+    precise vec3 position = gl_WorldRayOriginEXT + way;
+    surface.position = position;
     if (from_inside) {
         normal = -normal;
     }

@@ -3,9 +3,13 @@
 #extension GL_EXT_ray_tracing : require
 #extension GL_EXT_nonuniform_qualifier : require
 #extension GL_EXT_scalar_block_layout : enable
+#include "exact.glsl"
 
 const uint NONE = 0xffffffffu;
 const float PI = 3.14159265358979;
+
+// In place of a material's cutoff: alpha is how likely a hit is to be one.
+const float BY_CHANCE = 2.0;
 
 // Kinds of material.
 const uint PLAIN = 0u;
@@ -80,6 +84,7 @@ layout(set = 0, binding = 9) uniform sampler2D textures[];
 
 // What a radiance ray brings home.
 struct Surface {
+    vec3 position;
     vec3 normal;       // for shading, on the ray's side
     float t;           // distance; negative after a miss
     vec3 face;         // the surface's true normal, on the ray's side

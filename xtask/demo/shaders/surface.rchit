@@ -5,21 +5,24 @@
 layout(location = 0) rayPayloadInEXT Surface surface;
 hitAttributeEXT vec2 barycentrics;
 
-vec3 unit(vec3 v) {
-    return v / sqrt(dot(v, v));
-}
-
 // A wave field's slope: a few travelling sines, calm enough to mirror the shore.
 vec2 ripple_slope(vec2 p) {
-    vec2 slope = vec2(0.0);
-    vec2 direction = vec2(0.8, 0.6);
-    float frequency = 1.7;
-    float amplitude = 0.013;
+    precise vec2 slope = vec2(0.0);
+    precise vec2 direction = vec2(0.8, 0.6);
+    // In turns per metre.
+    precise float frequency = 0.270563;
+    precise float amplitude = 0.013;
     for (int i = 0; i < 5; i++) {
-        slope += direction * (amplitude * cos(frequency * dot(direction, p) + 1.3 * float(i) + time));
-        direction = vec2(direction.x * 0.28 - direction.y * 0.96, direction.x * 0.96 + direction.y * 0.28);
-        frequency *= 1.83;
-        amplitude *= 0.72;
+        precise float along = direction.x * p.x + direction.y * p.y;
+        precise float turns = frequency * along + (0.2069014 * float(i) + time * 0.159154943);
+        precise float height = amplitude * circle(turns - floor(turns)).x;
+        precise vec2 part = direction * height;
+        slope = slope + part;
+        precise float x = direction.x * 0.28 - direction.y * 0.96;
+        precise float y = direction.x * 0.96 + direction.y * 0.28;
+        direction = vec2(x, y);
+        frequency = frequency * 1.83;
+        amplitude = amplitude * 0.72;
     }
     return slope;
 }
@@ -36,25 +39,25 @@ void main() {
     Vertex b = triangle.b;
     Vertex c = triangle.c;
     Material material = triangle.material;
-    vec3 weights = vec3(1.0 - barycentrics.x - barycentrics.y, barycentrics);
-    vec2 uv = vec2(a.u, a.v) * weights.x + vec2(b.u, b.v) * weights.y + vec2(c.u, c.v) * weights.z;
+    Meeting meeting = meet(triangle, barycentrics);
+    vec3 weights = meeting.weights;
+    vec2 uv = mixed_uv(triangle, weights);
 
-    mat3 to_world = mat3(gl_ObjectToWorldEXT);
-    vec3 edge_1 = to_world * (b.position - a.position);
-    vec3 edge_2 = to_world * (c.position - a.position);
-    vec3 crossed = cross(edge_1, edge_2);
-    float double_area = sqrt(dot(crossed, crossed));
-    vec3 face = crossed / double_area;
-    vec3 normal_object = a.normal * weights.x + b.normal * weights.y + c.normal * weights.z;
-    // Normals go to world space by the inverse's transpose.
-    vec3 normal = unit(normal_object * mat3(gl_WorldToObjectEXT));
+    vec3 edge_1 = meeting.edge_1;
+    vec3 edge_2 = meeting.edge_2;
+    vec3 crossed = cross3(edge_1, edge_2);
+    float double_area = sqrt(dot3(crossed, crossed));
+    vec3 face = unit(crossed);
+    // Normals go to world space by the cofactors.
+    mat4x3 to_world = gl_ObjectToWorldEXT;
+    vec3 normal = normal_by(to_world, combine(a.normal, b.normal, c.normal, weights));
 
     vec3 direction = gl_WorldRayDirectionEXT;
-    bool from_behind = dot(face, direction) > 0.0;
+    bool from_behind = dot3(face, direction) > 0.0;
     if (from_behind) {
         face = -face;
     }
-    if (dot(normal, face) < 0.0) {
+    if (dot3(normal, face) < 0.0) {
         normal = -normal;
     }
 
@@ -62,15 +65,15 @@ void main() {
     vec2 uv_1 = vec2(b.u - a.u, b.v - a.v);
     vec2 uv_2 = vec2(c.u - a.u, c.v - a.v);
     float uv_area = abs(uv_1.x * uv_2.y - uv_2.x * uv_1.y);
-    float width = surface.cone_width + surface.cone_spread * gl_HitTEXT;
-    float slant = max(abs(dot(direction, face)), 0.05);
+    precise float width = surface.cone_width + surface.cone_spread * meeting.t;
+    precise float slant = max(abs(dot3(direction, face)), 0.05);
     float lod_of_unit = 0.5 * log2(max(uv_area / double_area, 1e-20)) + log2(max(width / slant, 1e-12));
 
     vec3 albedo = material.base_color;
     float roughness = material.roughness;
     float metallic = material.metallic;
     vec3 emission = material.emission;
-    vec3 position = gl_WorldRayOriginEXT + direction * gl_HitTEXT;
+    vec3 position = meeting.position;
 
     if (material.kind == TERRAIN) {
         vec3 grass = sampled(terrain_grass, uv, lod_of_unit);
@@ -86,9 +89,10 @@ void main() {
         roughness = 1.0;
     } else if (material.kind == WATER) {
         // Ripples fade where a pixel covers many of them.
-        vec2 slope = ripple_slope(position.xz) / (1.0 + 6.0 * width / slant);
+        precise float calm = 1.0 / (1.0 + (6.0 * width) * (1.0 / slant));
+        precise vec2 slope = ripple_slope(position.xz) * calm;
         normal = unit(vec3(-slope.x, face.y > 0.0 ? 1.0 : -1.0, -slope.y));
-        if (dot(normal, direction) > -0.01) {
+        if (dot3(normal, direction) > -0.01) {
             normal = face;
         }
     } else if (material.base_texture != NONE) {
@@ -118,13 +122,16 @@ void main() {
         }
     }
     // A shading normal seen from behind is bent until it is seen edge-on.
-    float seen = -dot(normal, direction);
+    precise float seen = -dot3(normal, direction);
     if (seen < 0.02) {
-        normal = unit(normal - direction * (0.02 - seen));
+        precise vec3 bend = direction * (0.02 - seen);
+        precise vec3 bent = normal - bend;
+        normal = unit(bent);
     }
 
+    surface.position = position;
     surface.normal = normal;
-    surface.t = gl_HitTEXT;
+    surface.t = meeting.t;
     surface.face = face;
     surface.roughness = roughness;
     surface.albedo = albedo;

@@ -8,7 +8,7 @@ mod render;
 mod scene;
 mod vulkan;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
@@ -36,6 +36,9 @@ struct Arguments {
     /// A glTF scene (.glb or .gltf) to render instead of the landscape
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
+    /// A file to keep compiled shaders in
+    #[arg(long, value_name = "FILE")]
+    pipeline_cache: Option<PathBuf>,
     /// The driver to open where there is no Vulkan loader
     #[arg(long, value_name = "LIBRARY")]
     driver: Option<PathBuf>,
@@ -76,7 +79,7 @@ fn main() -> Result<()> {
     };
 
     let set_layout = render::set_layout(&context, scene.textures.len() as u32)?;
-    let pipeline = render::pipeline(&context, set_layout)?;
+    let pipeline = make_pipeline(&context, set_layout, arguments.pipeline_cache.as_deref())?;
     let renderer = Renderer::new(&context, &pipeline, set_layout, &scene, settings)?;
     eprintln!(
         "{}: {} triangles, {} with instances, {} instances, {} textures",
@@ -114,4 +117,29 @@ fn main() -> Result<()> {
         arguments.out.display(),
     );
     Ok(())
+}
+
+/// The pipeline, by way of a cache file if there is to be one.
+fn make_pipeline<'a>(
+    context: &'a vulkan::Context,
+    set_layout: ash::vk::DescriptorSetLayout,
+    file: Option<&Path>,
+) -> Result<vulkan::Pipeline<'a>> {
+    let known = file.and_then(|file| std::fs::read(file).ok());
+    let known = known.unwrap_or_default();
+    let started = Instant::now();
+    let cache = vulkan::PipelineCache::new(context, &known)?;
+    let pipeline = render::pipeline(context, set_layout, &cache)?;
+    let seconds = started.elapsed().as_secs_f64();
+    if let Some(file) = file {
+        let data = cache.data()?;
+        eprintln!(
+            "pipeline: {:.1} ms with {} bytes in the cache, {} bytes now",
+            seconds * 1e3,
+            known.len(),
+            data.len()
+        );
+        std::fs::write(file, data).with_context(|| format!("writing {}", file.display()))?;
+    }
+    Ok(pipeline)
 }

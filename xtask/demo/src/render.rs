@@ -16,8 +16,8 @@ use vk::{
 
 use crate::scene::{Model, Scene, Shape, Vertex, kind};
 use crate::vulkan::{
-    AccelerationStructure, BlasInput, Buffer, Context, HitGroup, Image, Pipeline, PipelineInput,
-    build_blas, build_tlas, upload_images,
+    AccelerationStructure, BlasInput, Buffer, Context, HitGroup, Image, Pipeline, PipelineCache,
+    PipelineInput, build_blas, build_tlas, upload_images,
 };
 
 macro_rules! shader {
@@ -146,7 +146,11 @@ pub fn set_layout(context: &Context, textures: u32) -> Result<vk::DescriptorSetL
 }
 
 /// The pipeline, which is the same for every scene but for the number of textures.
-pub fn pipeline(context: &Context, set_layout: vk::DescriptorSetLayout) -> Result<Pipeline<'_>> {
+pub fn pipeline<'a>(
+    context: &'a Context,
+    set_layout: vk::DescriptorSetLayout,
+    cache: &PipelineCache,
+) -> Result<Pipeline<'a>> {
     let input = PipelineInput {
         shaders: &SHADERS,
         miss: &MISS,
@@ -154,7 +158,7 @@ pub fn pipeline(context: &Context, set_layout: vk::DescriptorSetLayout) -> Resul
         set_layout,
         push_bytes: 8,
     };
-    Pipeline::new(context, &input)
+    Pipeline::new(context, &input, cache)
 }
 
 impl<'a> Renderer<'a> {

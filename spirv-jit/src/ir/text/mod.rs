@@ -29,7 +29,7 @@ mod parse;
 mod print;
 
 pub use parse::{parse_module, parse_op};
-pub use print::{print_module, print_op};
+pub use print::{print_head, print_module, print_op};
 
 #[cfg(test)]
 mod tests;

@@ -10,8 +10,8 @@ use crate::ir::op::{Access, DescriptorBinding};
 use crate::ir::{Body, Function, InputRow, Inst, Label, Module, Node, Op, Terminator, Type, Value};
 use crate::query::QueryWord;
 
-/// The text form of a module.
-pub fn print_module(module: &Module) -> String {
+/// What stands before the functions in a module's text form: all that is not a function.
+pub fn print_head(module: &Module) -> String {
     let mut text = format!("module {}\n", stage_text(module.stage));
     if !module.inputs.is_empty() {
         let rows: Vec<String> = module.inputs.iter().map(input_row_text).collect();
@@ -29,6 +29,12 @@ pub fn print_module(module: &Module) -> String {
     if module.shared_size_bytes != 0 {
         text += &format!("shared {}\n", module.shared_size_bytes);
     }
+    text
+}
+
+/// The text form of a module.
+pub fn print_module(module: &Module) -> String {
+    let mut text = print_head(module);
     for (index, function) in module.functions.iter().enumerate() {
         let mut printer = Printer {
             function,

@@ -10,9 +10,12 @@ use gltf::material::AlphaMode;
 use gltf::texture::WrappingMode;
 
 use super::mesh::Part;
-use super::{Camera, Material, Model, NONE, Roles, Scene, Sun, Texture, Vertex, Wrap, kind, paint};
+use super::{
+    BY_CHANCE, Camera, Material, Model, NONE, Roles, Scene, Sun, Texture, Vertex, Wrap, kind, paint,
+};
 
 pub fn load(path: &Path) -> Result<Scene> {
+    check(path)?;
     let (document, buffers, images) =
         gltf::import(path).with_context(|| format!("reading {}", path.display()))?;
     let gltf_scene = document
@@ -47,6 +50,35 @@ pub fn load(path: &Path) -> Result<Scene> {
     scene.extent = (high - low).length();
     scene.camera = camera.unwrap_or_else(|| looking_at(low, high));
     Ok(scene)
+}
+
+/// Extensions without which some files make no sense, and which are read here.
+const READ_EXTENSIONS: [&str; 5] = [
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_transmission",
+    "KHR_texture_transform",
+];
+
+/// Says what is wrong with a file that cannot be read for a plain reason.
+fn check(path: &Path) -> Result<()> {
+    let bytes = std::fs::read(path).with_context(|| format!("reading {}", path.display()))?;
+    let is_gltf = bytes.starts_with(b"glTF") || bytes.trim_ascii_start().starts_with(b"{");
+    ensure!(is_gltf, "{} is no glTF file", path.display());
+    let parsed = gltf::Gltf::from_slice_without_validation(&bytes)
+        .with_context(|| format!("{} is no glTF 2.0 file", path.display()))?;
+    let unread: Vec<&str> = parsed
+        .extensions_required()
+        .filter(|name| !READ_EXTENSIONS.contains(name))
+        .collect();
+    ensure!(
+        unread.is_empty(),
+        "{} needs {}, which the demo does not read",
+        path.display(),
+        unread.join(" and ")
+    );
+    Ok(())
 }
 
 fn empty_scene() -> Scene {
@@ -112,6 +144,10 @@ impl Import<'_> {
         if let Some(mesh) = node.mesh()
             && let Some((model, low, high)) = self.mesh(&mesh)?
         {
+            // A node may be scaled to nothing to hide it.
+            if !here.is_finite() || here.determinant() == 0.0 {
+                return Ok(());
+            }
             self.scene.place(model, Affine3A::from_mat4(here));
             for corner in 0..8 {
                 let pick = |axis: usize| if corner >> axis & 1 == 0 { low } else { high }[axis];
@@ -198,21 +234,22 @@ impl Import<'_> {
         if indices.is_empty() {
             return Ok(None);
         }
-        let normals: Vec<Vec3> = match reader.read_normals() {
-            Some(normals) => normals.map(Vec3::from).collect(),
-            None => smooth_normals(&positions, &indices),
-        };
+        let normals: Option<Vec<Vec3>> = reader
+            .read_normals()
+            .map(|normals| normals.map(Vec3::from).collect());
+        let mapping = Mapping::of(&primitive.material());
         let uvs: Option<Vec<[f32; 2]>> = reader
-            .read_tex_coords(0)
-            .map(|coordinates| coordinates.into_f32().collect());
-        let vertices = (0..positions.len())
+            .read_tex_coords(mapping.set)
+            .map(|coordinates| coordinates.into_f32().map(|uv| mapping.apply(uv)).collect());
+        let vertices: Vec<Vertex> = (0..positions.len())
             .map(|i| {
                 let [u, v] = uvs
                     .as_ref()
                     .and_then(|uvs| uvs.get(i))
                     .copied()
                     .unwrap_or_default();
-                let normal = normals.get(i).copied().unwrap_or(Vec3::Y);
+                let given = normals.as_ref().and_then(|normals| normals.get(i));
+                let normal = given.copied().unwrap_or(Vec3::Y);
                 Vertex {
                     position: positions[i],
                     u,
@@ -221,7 +258,10 @@ impl Import<'_> {
                 }
             })
             .collect();
-        Ok(Some(Part { vertices, indices }))
+        Ok(Some(match normals {
+            Some(_) => Part { vertices, indices },
+            None => faceted(&vertices, &indices),
+        }))
     }
 
     fn material(&mut self, material: &gltf::Material) -> Result<u32> {
@@ -244,16 +284,31 @@ impl Import<'_> {
         match material.alpha_mode() {
             AlphaMode::Opaque => {}
             AlphaMode::Mask => made.alpha_cutoff = material.alpha_cutoff().unwrap_or(0.5),
-            // What is faint all over is glass; what only has soft edges is cut out.
+            // What is faint all over is glass; otherwise rays pass by chance, as often as it is clear.
             AlphaMode::Blend if surface.base_color_texture().is_none() && a < 0.6 => clear = true,
-            AlphaMode::Blend => made.alpha_cutoff = 0.5,
+            AlphaMode::Blend => made.alpha_cutoff = BY_CHANCE,
         }
         if clear {
             made.kind = kind::GLASS;
             made.ior = material.ior().unwrap_or(1.5);
             made.alpha_cutoff = 0.0;
         }
-        if let Some(info) = surface.base_color_texture() {
+        if let Some(glossy) = material.pbr_specular_glossiness() {
+            let [r, g, b, _] = glossy.diffuse_factor();
+            let specular = Vec3::from(glossy.specular_factor());
+            made.roughness = (1.0 - glossy.glossiness_factor()).max(0.02);
+            // What mirrors in colour and scatters nothing is a metal.
+            let is_metal = specular.max_element() > 0.5 && Vec3::new(r, g, b).max_element() < 0.2;
+            made.metallic = if is_metal { 1.0 } else { 0.0 };
+            made.base_color = if is_metal {
+                specular
+            } else {
+                Vec3::new(r, g, b)
+            };
+            if let Some(info) = glossy.diffuse_texture() {
+                made.base_texture = self.texture(&info.texture(), true)?;
+            }
+        } else if let Some(info) = surface.base_color_texture() {
             made.base_texture = self.texture(&info.texture(), true)?;
         }
         if let Some(info) = surface.metallic_roughness_texture() {
@@ -289,6 +344,48 @@ impl Import<'_> {
         let made = self.scene.add_texture(made);
         self.textures.insert(key, made);
         Ok(made)
+    }
+}
+
+/// Which texture coordinates a material uses, and what becomes of them (`KHR_texture_transform`). The renderer has one pair a vertex, so
+/// the material's first texture decides for all.
+struct Mapping {
+    set: u32,
+    offset: [f32; 2],
+    rotation: f32,
+    scale: [f32; 2],
+}
+
+impl Mapping {
+    fn of(material: &gltf::Material) -> Mapping {
+        let surface = material.pbr_metallic_roughness();
+        let glossy = material.pbr_specular_glossiness();
+        let diffuse = glossy.and_then(|glossy| glossy.diffuse_texture());
+        let first = diffuse
+            .or(surface.base_color_texture())
+            .or(surface.metallic_roughness_texture())
+            .or(material.emissive_texture());
+        let transform = first.as_ref().and_then(|info| info.texture_transform());
+        let set = first.as_ref().map_or(0, |info| info.tex_coord());
+        Mapping {
+            set: transform
+                .as_ref()
+                .and_then(|transform| transform.tex_coord())
+                .unwrap_or(set),
+            offset: transform.as_ref().map_or([0.0; 2], |it| it.offset()),
+            rotation: transform.as_ref().map_or(0.0, |it| it.rotation()),
+            scale: transform.as_ref().map_or([1.0; 2], |it| it.scale()),
+        }
+    }
+
+    /// Scales, then rotates, then moves.
+    fn apply(&self, [u, v]: [f32; 2]) -> [f32; 2] {
+        let (u, v) = (u * self.scale[0], v * self.scale[1]);
+        let (sine, cosine) = (libm::sinf(self.rotation), libm::cosf(self.rotation));
+        [
+            self.offset[0] + cosine * u + sine * v,
+            self.offset[1] - sine * u + cosine * v,
+        ]
     }
 }
 
@@ -330,18 +427,15 @@ fn texels(image: &Data) -> Result<Vec<[u8; 4]>> {
     })
 }
 
-/// Normals for a mesh that has none: each vertex gets the area-weighted mean of its faces'.
-fn smooth_normals(positions: &[Vec3], indices: &[u32]) -> Vec<Vec3> {
-    let mut normals = vec![Vec3::ZERO; positions.len()];
-    for triangle in indices.chunks_exact(3) {
-        let [a, b, c] = [0, 1, 2].map(|corner| positions[triangle[corner] as usize]);
-        let face = (b - a).cross(c - a);
-        for index in triangle {
-            normals[*index as usize] += face;
-        }
-    }
-    normals
-        .iter()
-        .map(|normal| normal.normalize_or(Vec3::Y))
-        .collect()
+/// A mesh that has no normals has flat faces (glTF 2.0, "Meshes"): each triangle gets vertices of its own.
+fn faceted(vertices: &[Vertex], indices: &[u32]) -> Part {
+    let corners = indices.chunks_exact(3).flat_map(|triangle| {
+        let corners = [0, 1, 2].map(|corner| vertices[triangle[corner] as usize]);
+        let [a, b, c] = corners.map(|corner| corner.position);
+        let normal = (b - a).cross(c - a).normalize_or(Vec3::Y);
+        corners.map(|corner| Vertex { normal, ..corner })
+    });
+    let vertices: Vec<Vertex> = corners.collect();
+    let indices = (0..vertices.len() as u32).collect();
+    Part { vertices, indices }
 }

@@ -23,6 +23,9 @@ pub use texture::{Texture, Wrap};
 /// In place of a texture's index: no texture.
 pub const NONE: u32 = u32::MAX;
 
+/// In place of a material's `alpha_cutoff`: alpha is how likely a hit is to be one.
+pub const BY_CHANCE: f32 = 2.0;
+
 /// A vertex as the shaders read it (`Vertex` in scene.glsl): 32 bytes.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]

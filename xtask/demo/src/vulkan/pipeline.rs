@@ -31,6 +31,38 @@ impl HitGroup {
     }
 }
 
+/// A pipeline cache, from one run of the program to the next.
+pub struct PipelineCache<'a> {
+    context: &'a Context,
+    handle: vk::PipelineCache,
+}
+
+impl<'a> PipelineCache<'a> {
+    /// A cache that starts with what an earlier one held; drivers pass over what is not theirs.
+    pub fn new(context: &'a Context, data: &[u8]) -> Result<PipelineCache<'a>> {
+        let info = vk::PipelineCacheCreateInfo::default().initial_data(data);
+        // SAFETY: `info` outlives the call.
+        let handle = unsafe { context.device.create_pipeline_cache(&info, None) }?;
+        Ok(PipelineCache { context, handle })
+    }
+
+    pub fn data(&self) -> Result<Vec<u8>> {
+        // SAFETY: the cache is of this device.
+        Ok(unsafe { self.context.device.get_pipeline_cache_data(self.handle) }?)
+    }
+}
+
+impl Drop for PipelineCache<'_> {
+    fn drop(&mut self) {
+        // SAFETY: nothing uses the cache any more.
+        unsafe {
+            self.context
+                .device
+                .destroy_pipeline_cache(self.handle, None)
+        };
+    }
+}
+
 pub struct Pipeline<'a> {
     context: &'a Context,
     pub handle: vk::Pipeline,
@@ -42,7 +74,11 @@ pub struct Pipeline<'a> {
 }
 
 impl<'a> Pipeline<'a> {
-    pub fn new(context: &'a Context, input: &PipelineInput) -> Result<Pipeline<'a>> {
+    pub fn new(
+        context: &'a Context,
+        input: &PipelineInput,
+        cache: &PipelineCache,
+    ) -> Result<Pipeline<'a>> {
         let device = &context.device;
         let modules: Vec<vk::ShaderModule> = input
             .shaders
@@ -86,7 +122,7 @@ impl<'a> Pipeline<'a> {
                 .layout(layout);
             let made = context.ray_tracing.create_ray_tracing_pipelines(
                 vk::DeferredOperationKHR::null(),
-                vk::PipelineCache::null(),
+                cache.handle,
                 &[info],
                 None,
             );

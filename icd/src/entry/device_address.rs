@@ -1,0 +1,138 @@
+//! `VK_KHR_device_address_commands`: memory by its address. Commands are recorded by address in any case; a null range is left alone.
+
+use crate::VkResult;
+use crate::command::{Command, CopyQueryPoolResults, Recording};
+use crate::ffi::vk;
+use crate::ffi::{self, commands, entry};
+use crate::handle::{self, retain};
+use crate::object::acceleration_structure::Location;
+use crate::object::{AccelerationStructure, Image, QueryPool};
+
+fn copy_memory(commands: &mut Recording, copy: &vk::DeviceMemoryCopyKHR<'_>) -> VkResult {
+    let (source, destination) = (copy.src_range, copy.dst_range);
+    if source.address == 0 || destination.address == 0 {
+        return Ok(());
+    }
+    commands.push(Command::CopyBuffer {
+        source: source.address,
+        destination: destination.address,
+        size_bytes: source.size.min(destination.size),
+    })
+}
+
+/// The copy that a region stands for, from or to the start of its range.
+fn image_copy(region: &vk::DeviceMemoryImageCopyKHR<'_>) -> vk::BufferImageCopy {
+    vk::BufferImageCopy {
+        buffer_offset: 0,
+        buffer_row_length: region.address_row_length,
+        buffer_image_height: region.address_image_height,
+        image_subresource: region.image_subresource,
+        image_offset: region.image_offset,
+        image_extent: region.image_extent,
+    }
+}
+
+entry! {
+    fn vkCreateAccelerationStructure2KHR(
+        _device: vk::Device,
+        info: *const vk::AccelerationStructureCreateInfo2KHR<'_>,
+        _allocator: *const vk::AllocationCallbacks<'_>,
+        structure: *mut vk::AccelerationStructureKHR,
+    ) -> vk::Result {
+        let info = &*info;
+        *structure = handle::create(AccelerationStructure {
+            ty: info.ty,
+            location: Location::Address(info.address_range.address),
+            size_bytes: info.address_range.size,
+        });
+        Ok(())
+    }
+}
+
+commands! {
+    fn vkCmdCopyMemoryKHR(commands, info: *const vk::CopyDeviceMemoryInfoKHR<'_>) {
+        let regions = ffi::slice((*info).p_regions, (*info).region_count);
+        regions.iter().try_for_each(|region| copy_memory(commands, region))
+    }
+
+    fn vkCmdCopyMemoryToImageKHR(commands, info: *const vk::CopyDeviceMemoryImageInfoKHR<'_>) {
+        let regions = ffi::slice((*info).p_regions, (*info).region_count);
+        regions.iter().filter(|region| region.address_range.address != 0).try_for_each(|region| {
+            commands.push(Command::CopyBufferToImage {
+                source: region.address_range.address,
+                destination: retain::<Image>((*info).image),
+                regions: vec![image_copy(region)],
+            })
+        })
+    }
+
+    fn vkCmdCopyImageToMemoryKHR(commands, info: *const vk::CopyDeviceMemoryImageInfoKHR<'_>) {
+        let regions = ffi::slice((*info).p_regions, (*info).region_count);
+        regions.iter().filter(|region| region.address_range.address != 0).try_for_each(|region| {
+            commands.push(Command::CopyImageToBuffer {
+                source: retain::<Image>((*info).image),
+                destination: region.address_range.address,
+                regions: vec![image_copy(region)],
+            })
+        })
+    }
+
+    fn vkCmdUpdateMemoryKHR(
+        commands,
+        range: *const vk::DeviceAddressRangeKHR,
+        _flags: vk::AddressCommandFlagsKHR,
+        size_bytes: vk::DeviceSize,
+        data: *const std::ffi::c_void,
+    ) {
+        let range = *range;
+        if range.address == 0 {
+            return Ok(());
+        }
+        let bytes = ffi::slice::<u8>(data.cast(), size_bytes.min(range.size) as u32).into();
+        commands.push(Command::UpdateBuffer { address: range.address, bytes })
+    }
+
+    fn vkCmdFillMemoryKHR(
+        commands,
+        range: *const vk::DeviceAddressRangeKHR,
+        _flags: vk::AddressCommandFlagsKHR,
+        word: u32,
+    ) {
+        let vk::DeviceAddressRangeKHR { address, size } = *range;
+        if address == 0 {
+            return Ok(());
+        }
+        commands.push(Command::FillBuffer { address, size_bytes: size, word })
+    }
+
+    fn vkCmdDispatchIndirect2KHR(commands, info: *const vk::DispatchIndirect2InfoKHR<'_>) {
+        let address = (*info).address_range.address;
+        if address == 0 {
+            return Ok(());
+        }
+        commands.push(Command::DispatchIndirect { address })
+    }
+
+    fn vkCmdCopyQueryPoolResultsToMemoryKHR(
+        commands,
+        pool: vk::QueryPool,
+        first: u32,
+        count: u32,
+        range: *const vk::StridedDeviceAddressRangeKHR,
+        _flags: vk::AddressCommandFlagsKHR,
+        flags: vk::QueryResultFlags,
+    ) {
+        let range = *range;
+        if range.address == 0 {
+            return Ok(());
+        }
+        commands.push(Command::CopyQueryPoolResults(CopyQueryPoolResults {
+            pool: retain::<QueryPool>(pool),
+            first,
+            count,
+            address: range.address,
+            stride_bytes: range.stride,
+            flags,
+        }))
+    }
+}

@@ -1,0 +1,295 @@
+//! `VK_KHR_device_address_commands`: commands on memory by its address. The functions and most structures are newer than the
+//! bindings, so they are declared here.
+
+use std::ffi::{CStr, c_void};
+
+use tuff_tests::*;
+
+fn gpu_with_address_commands() -> Option<Gpu> {
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 4, 340));
+    (gpu.optional.address_commands.device_address_commands != 0).then_some(gpu)
+}
+
+/// A device function by name, as a pointer of type `T`.
+fn function<T: Copy>(gpu: &Gpu, name: &CStr) -> T {
+    assert_eq!(size_of::<T>(), size_of::<vk::PFN_vkVoidFunction>());
+    // SAFETY: the caller names the type of the function.
+    unsafe {
+        let found = gpu
+            .instance
+            .get_device_proc_addr(gpu.device.handle(), name.as_ptr());
+        assert!(found.is_some(), "{name:?}");
+        std::mem::transmute_copy(&found)
+    }
+}
+
+fn range(buffer: Buffer, offset: u64, size: u64) -> DeviceAddressRangeKHR {
+    DeviceAddressRangeKHR {
+        address: buffer.address + offset,
+        size,
+    }
+}
+
+type Fill = unsafe extern "system" fn(vk::CommandBuffer, *const DeviceAddressRangeKHR, u32, u32);
+type Update = unsafe extern "system" fn(
+    vk::CommandBuffer,
+    *const DeviceAddressRangeKHR,
+    u32,
+    u64,
+    *const c_void,
+);
+type WithInfo<T> = unsafe extern "system" fn(vk::CommandBuffer, *const T);
+
+/// `VkDeviceMemoryCopyKHR`.
+#[repr(C)]
+struct MemoryCopy {
+    s_type: vk::StructureType,
+    p_next: *const c_void,
+    source: DeviceAddressRangeKHR,
+    source_flags: u32,
+    destination: DeviceAddressRangeKHR,
+    destination_flags: u32,
+}
+
+/// `VkCopyDeviceMemoryInfoKHR`.
+#[repr(C)]
+struct CopyInfo {
+    s_type: vk::StructureType,
+    p_next: *const c_void,
+    count: u32,
+    regions: *const MemoryCopy,
+}
+
+/// `VkDeviceMemoryImageCopyKHR`.
+#[repr(C)]
+struct ImageCopy {
+    s_type: vk::StructureType,
+    p_next: *const c_void,
+    range: DeviceAddressRangeKHR,
+    flags: u32,
+    row_length: u32,
+    image_height: u32,
+    subresource: vk::ImageSubresourceLayers,
+    layout: vk::ImageLayout,
+    offset: vk::Offset3D,
+    extent: vk::Extent3D,
+}
+
+/// `VkCopyDeviceMemoryImageInfoKHR`.
+#[repr(C)]
+struct ImageCopyInfo {
+    s_type: vk::StructureType,
+    p_next: *const c_void,
+    image: vk::Image,
+    count: u32,
+    regions: *const ImageCopy,
+}
+
+const fn structure(number: i32) -> vk::StructureType {
+    vk::StructureType::from_raw(1_000_318_000 + number)
+}
+
+#[test]
+fn memory_is_filled_updated_and_copied() {
+    let Some(gpu) = gpu_with_address_commands() else {
+        return;
+    };
+    let fill: Fill = function(&gpu, c"vkCmdFillMemoryKHR");
+    let update: Update = function(&gpu, c"vkCmdUpdateMemoryKHR");
+    let copy: WithInfo<CopyInfo> = function(&gpu, c"vkCmdCopyMemoryKHR");
+    let (first, second) = (gpu.buffer(64), gpu.buffer(64));
+    let words = [5u32, 6, 7];
+    let region = |from: u64, to: u64, size: u64| MemoryCopy {
+        s_type: structure(0),
+        p_next: std::ptr::null(),
+        source: range(first, from, size),
+        source_flags: 0,
+        destination: range(second, to, size),
+        destination_flags: 0,
+    };
+    let regions = [region(8, 0, 16), region(0, 32, 4)];
+    let info = CopyInfo {
+        s_type: structure(1),
+        p_next: std::ptr::null(),
+        count: 2,
+        regions: regions.as_ptr(),
+    };
+    gpu.run(|commands| {
+        // SAFETY: the ranges lie in the buffers; the structures outlive the calls.
+        unsafe {
+            fill(commands, &range(first, 0, 24), 0, 9);
+            gpu.barrier(commands);
+            update(
+                commands,
+                &range(first, 12, 12),
+                0,
+                12,
+                words.as_ptr().cast(),
+            );
+            gpu.barrier(commands);
+            copy(commands, &info);
+        }
+    });
+    assert_eq!(first.read::<u32>()[..7], [9, 9, 9, 5, 6, 7, 0]);
+    assert_eq!(second.read::<u32>()[..9], [9, 5, 6, 7, 0, 0, 0, 0, 9]);
+}
+
+#[test]
+fn images_are_copied_from_and_to_addresses() {
+    let Some(gpu) = gpu_with_address_commands() else {
+        return;
+    };
+    let into: WithInfo<ImageCopyInfo> = function(&gpu, c"vkCmdCopyMemoryToImageKHR");
+    let out: WithInfo<ImageCopyInfo> = function(&gpu, c"vkCmdCopyImageToMemoryKHR");
+    let shape = Shape::flat(vk::Format::R32_UINT, 4, 4);
+    let picture = gpu.picture(shape, vk::ImageUsageFlags::TRANSFER_DST);
+    gpu.upload(&picture, 0, &[1u32; 16]);
+    let input = gpu.buffer_with(&[10u32, 11, 99, 12, 13, 99]);
+    let output = gpu.buffer(64);
+    let layers = vk::ImageSubresourceLayers::default()
+        .aspect_mask(vk::ImageAspectFlags::COLOR)
+        .layer_count(1);
+    let region = |range, row_length, offset, side| ImageCopy {
+        s_type: structure(2),
+        p_next: std::ptr::null(),
+        range,
+        flags: 0,
+        row_length,
+        image_height: 0,
+        subresource: layers,
+        layout: vk::ImageLayout::GENERAL,
+        offset: vk::Offset3D {
+            x: offset,
+            y: offset,
+            z: 0,
+        },
+        extent: vk::Extent3D {
+            width: side,
+            height: side,
+            depth: 1,
+        },
+    };
+    let info = |region: &ImageCopy| ImageCopyInfo {
+        s_type: structure(3),
+        p_next: std::ptr::null(),
+        image: picture.handle,
+        count: 1,
+        regions: region,
+    };
+    // Two rows of two texels, three apart in memory.
+    let inward = region(range(input, 0, 20), 3, 1, 2);
+    let outward = region(range(output, 0, 64), 0, 0, 4);
+    gpu.run(|commands| {
+        // SAFETY: the ranges lie in the buffers; the structures outlive the calls.
+        unsafe {
+            into(commands, &info(&inward));
+            gpu.barrier(commands);
+            out(commands, &info(&outward));
+        }
+    });
+    let expected = [1, 1, 1, 1, 1, 10, 11, 1, 1, 12, 13, 1, 1, 1, 1, 1];
+    assert_eq!(output.read::<u32>(), expected);
+}
+
+/// `VkDispatchIndirect2InfoKHR`.
+#[repr(C)]
+struct DispatchInfo {
+    s_type: vk::StructureType,
+    p_next: *const c_void,
+    range: DeviceAddressRangeKHR,
+    flags: u32,
+}
+
+#[test]
+fn a_dispatch_takes_its_size_from_an_address() {
+    let Some(gpu) = gpu_with_address_commands() else {
+        return;
+    };
+    let dispatch: WithInfo<DispatchInfo> = function(&gpu, c"vkCmdDispatchIndirect2KHR");
+    let counter = gpu.buffer(4);
+    let sizes = gpu.buffer_with(&[7u32, 3, 2, 1]);
+    let set = gpu.set(&[(0, &[Bound::Storage(counter)])]);
+    let kernel = gpu.kernel(
+        "layout(local_size_x = 1) in;
+        layout(set = 0, binding = 0, std430) buffer C { uint count; };
+        void main() { atomicAdd(count, 1); }",
+        &[set.layout],
+    );
+    let info = DispatchInfo {
+        s_type: structure(11),
+        p_next: std::ptr::null(),
+        range: range(sizes, 4, 12),
+        flags: 0,
+    };
+    gpu.run(|commands| {
+        let point = vk::PipelineBindPoint::COMPUTE;
+        // SAFETY: the command buffer is being recorded; everything lives as long as the device.
+        unsafe {
+            gpu.device
+                .cmd_bind_pipeline(commands, point, kernel.pipeline);
+            gpu.device.cmd_bind_descriptor_sets(
+                commands,
+                point,
+                kernel.layout,
+                0,
+                &[set.handle],
+                &[],
+            );
+            dispatch(commands, &info);
+        }
+    });
+    assert_eq!(counter.read::<u32>(), [6]);
+}
+
+/// `VkStridedDeviceAddressRangeKHR`.
+#[repr(C)]
+struct StridedRange {
+    address: u64,
+    size: u64,
+    stride: u64,
+}
+
+type CopyResults = unsafe extern "system" fn(
+    vk::CommandBuffer,
+    vk::QueryPool,
+    u32,
+    u32,
+    *const StridedRange,
+    u32,
+    vk::QueryResultFlags,
+);
+
+#[test]
+fn query_results_go_to_an_address() {
+    let Some(gpu) = gpu_with_address_commands() else {
+        return;
+    };
+    let copy: CopyResults = function(&gpu, c"vkCmdCopyQueryPoolResultsToMemoryKHR");
+    let output = gpu.buffer(48);
+    let info = vk::QueryPoolCreateInfo::default()
+        .query_type(vk::QueryType::TIMESTAMP)
+        .query_count(2);
+    let results = StridedRange {
+        address: output.address + 8,
+        size: 24,
+        stride: 16,
+    };
+    // SAFETY: the handles are of this device; the pool is destroyed when the commands have ended.
+    unsafe {
+        let pool = gpu.device.create_query_pool(&info, None);
+        let pool = pool.expect("vkCreateQueryPool");
+        gpu.run(|commands| {
+            gpu.device.cmd_reset_query_pool(commands, pool, 0, 2);
+            for query in 0..2 {
+                let stage = vk::PipelineStageFlags::ALL_COMMANDS;
+                gpu.device.cmd_write_timestamp(commands, stage, pool, query);
+            }
+            let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
+            copy(commands, pool, 0, 2, &results, 0, flags);
+        });
+        gpu.device.destroy_query_pool(pool, None);
+    }
+    let words: Vec<u64> = output.read();
+    assert_eq!([words[0], words[2], words[4], words[5]], [0; 4]);
+    assert!(words[1] > 0 && words[3] >= words[1], "{words:?}");
+}
