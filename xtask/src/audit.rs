@@ -31,7 +31,7 @@ pub fn audit(options: &Options) -> Result<ExitCode> {
     );
     let mut cargo = workspace::cargo();
     cargo.args(["test", "--quiet", "--package", "icd", "--test", "audit"]);
-    cargo.args(["--", "--nocapture", "--quiet"]);
+    cargo.args(["--", "--nocapture"]);
     cargo.env("VULKAN_REGISTRY", registry);
     let status = cargo.status().context("starting cargo")?;
     Ok(workspace::exit_code(status))
