@@ -2,7 +2,7 @@
 
 use spirv_jit::program::{AlignedRow, Event, IO_DATA_ROW, ResumePoint, SiteKind, Wave};
 use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
-use traversal::{Verdict, Walker};
+use traversal::{PACKET, Verdict, Walk, Walker};
 
 use super::calls::{Call, Records, sort_calls, split_subgroup};
 use super::grid::Grid;
@@ -505,14 +505,47 @@ impl<'a> Batch<'a> {
     /// Advances every walk until a shader has to run, or to its end.
     fn advance_walks(&mut self) -> Result<(), Stopped> {
         let mut walking = std::mem::take(&mut self.walking);
-        for &(index, verdict) in &walking {
-            self.advance_walk(index, verdict)?;
+        let mut rest = &walking[..];
+        while let Some(&(index, verdict)) = rest.first() {
+            if let Some((wave, others)) = rest.split_first_chunk()
+                && self.finish_walks(wave)
+            {
+                rest = others;
+            } else {
+                self.advance_walk(index, verdict)?;
+                rest = &rest[1..];
+            }
         }
         walking.clear();
         if self.walking.is_empty() {
             self.walking = walking;
         }
         Ok(())
+    }
+
+    /// Takes a subgroup's rays to the ends of their walks together; false if they do not go the same way, or some
+    /// have started. What they find is the same, one way or the other.
+    fn finish_walks(&mut self, wave: &[(u32, Verdict); PACKET]) -> bool {
+        let indices = wave.map(|(index, _)| index);
+        let subgroup = |index| self.worker.rays[index].caller.subgroup;
+        if subgroup(indices[0]) != subgroup(indices[PACKET - 1])
+            || wave
+                .iter()
+                .any(|&(_, verdict)| verdict != Verdict::Continue)
+        {
+            return false;
+        }
+        let Some(rays) = self.worker.rays.many_mut(indices) else {
+            return false;
+        };
+        let mut walks = rays.map(RayInFlight::walk_mut);
+        if !Walk::finish_together(&mut walks, &mut self.worker.walker) {
+            return false;
+        }
+        for index in indices {
+            self.end_walk(index);
+        }
+        true
     }
 
     fn advance_walk(&mut self, index: u32, mut verdict: Verdict) -> Result<(), Stopped> {

@@ -32,6 +32,13 @@ impl<T: Default> Slab<T> {
         self.entries.get_mut(index as usize)
     }
 
+    /// What is at several different places.
+    pub fn many_mut<const N: usize>(&mut self, indices: [u32; N]) -> Option<[&mut T; N]> {
+        self.entries
+            .get_disjoint_mut(indices.map(|index| index as usize))
+            .ok()
+    }
+
     /// Gives a place back.
     pub fn remove(&mut self, index: u32) {
         self.free.push(index);

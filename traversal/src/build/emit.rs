@@ -2,8 +2,9 @@
 
 use super::collapse::{self, Children};
 use super::primitive::{Primitive, in_pool};
+use super::split;
 use super::swept::SweptPrimitive;
-use super::tree::{self, BinaryNode};
+use super::tree::BinaryNode;
 use crate::input::{Geometries, GeometryFlags, TriangleGeometry};
 use crate::layout::{
     Bounds, BoxEntry, GROUP, LEAF_TRIANGLES, Node, Parts, TriangleGroup, WIDTH, child,
@@ -273,7 +274,7 @@ fn sort_chunks(primitives: &mut [Primitive], size: usize) {
     let chunks = primitives.len().div_ceil(size);
     if chunks > 1 {
         let middle = chunks / 2 * size;
-        tree::divide(primitives, middle);
+        split::divide(primitives, middle);
         let (left, right) = primitives.split_at_mut(middle);
         sort_chunks(left, size);
         sort_chunks(right, size);

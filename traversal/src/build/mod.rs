@@ -6,12 +6,14 @@
 //! size that was promised, or would be too deep, a packed one is written that always does.
 
 mod collapse;
+mod corners;
 mod emit;
 mod instance;
 mod micromap;
 mod motion;
 mod primitive;
 mod refit;
+mod split;
 mod swept;
 mod tree;
 mod vertex;
@@ -26,7 +28,8 @@ use collapse::Costs;
 use emit::Target;
 use primitive::Primitive;
 pub use refit::update;
-use tree::{BinaryNode, SplitRules};
+use split::{Extent, SplitRules};
+use tree::BinaryNode;
 
 /// Memory for a build, in bytes: upper bounds that hold for any input of that shape.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -277,7 +280,7 @@ fn grow(
 ) -> Costs {
     // Cheap blocks make fuller leaves; between 0.5 and 2 the walk does not feel the difference.
     let (block, leaf_max, block_cost) = match kind {
-        Kind::Triangles => (GROUP as u32, LEAF_TRIANGLES as u32, 0.5),
+        Kind::Triangles => (GROUP as u32, LEAF_TRIANGLES as u32, 0.3),
         Kind::Aabbs | Kind::Swept | Kind::Motion => (1, 1, 2.0),
         Kind::Instances | Kind::MotionInstances => (1, 1, 4.0),
     };
@@ -287,8 +290,10 @@ fn grow(
     } else {
         block
     };
-    let rules = SplitRules::new(block, leaf_forced as usize + 1, primitives);
-    tree::build(primitives, nodes, &rules);
+    let hurry = flags.contains(BuildFlags::PREFER_FAST_BUILD);
+    let extent = Extent::of(primitives);
+    let rules = SplitRules::new(block, leaf_forced as usize + 1, hurry, &extent);
+    tree::build(primitives, nodes, &rules, extent);
     Costs {
         node: 1.0,
         block: block_cost,

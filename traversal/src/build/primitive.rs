@@ -2,21 +2,21 @@
 
 use super::motion::motion_bounds;
 use super::swept::swept_bounds;
-use glam::{Vec3A, Vec4};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
+use super::corners::Corners;
 use crate::input::{AabbGeometry, BuildFlags, Geometries, InstanceSource, TriangleGeometry};
 use crate::layout::Bounds;
 
-/// A primitive and its box, limited to [`FAR`].
+/// A primitive and its box, limited to [`FAR`]; laid out as [`Corners`] are.
 #[derive(Clone, Copy, Debug)]
-#[repr(C, align(16))]
+#[repr(C, align(32))]
 pub(crate) struct Primitive {
     min: [f32; 3],
     /// Index of the geometry; [`INACTIVE`] while collecting.
     pub geometry: u32,
-    max: [f32; 3],
+    negative_max: [f32; 3],
     /// Index within the geometry; for instances, of the instance.
     pub index: u32,
 }
@@ -34,7 +34,7 @@ impl Primitive {
         let primitive = Primitive {
             min: limit(bounds.min),
             geometry,
-            max: limit(bounds.max),
+            negative_max: limit(bounds.max).map(|c| -c),
             index,
         };
         if primitive.bounds() != bounds {
@@ -46,38 +46,30 @@ impl Primitive {
     const HOLE: Primitive = Primitive {
         min: [0.0; 3],
         geometry: INACTIVE,
-        max: [0.0; 3],
+        negative_max: [0.0; 3],
         index: 0,
     };
 
     /// The box.
     pub fn bounds(&self) -> Bounds {
-        Bounds {
-            min: self.min,
-            max: self.max,
+        self.corners().bounds()
+    }
+
+    /// The box. What stands for the indices is zero: as numbers they would be denormal, and those
+    /// cost a hundred times as much.
+    #[inline(always)]
+    pub fn corners(&self) -> Corners {
+        // SAFETY: of the same size and alignment, and any bits are a u32.
+        let mut words = unsafe { std::ptr::from_ref(self).cast::<[u32; 8]>().read() };
+        for (word, mask) in words.iter_mut().zip(COORDINATES) {
+            *word &= mask;
         }
-    }
-
-    /// Lower corner.
-    #[inline]
-    pub fn min(&self) -> Vec3A {
-        // SAFETY: 16 aligned bytes, of which the last four are an integer: any bits are an f32.
-        Vec3A::from_vec4(unsafe { std::ptr::from_ref(self).cast::<Vec4>().read() })
-    }
-
-    /// Upper corner.
-    #[inline]
-    pub fn max(&self) -> Vec3A {
-        // SAFETY: as for the lower corner, in the second half of the struct.
-        Vec3A::from_vec4(unsafe { std::ptr::from_ref(self).cast::<Vec4>().add(1).read() })
-    }
-
-    /// Twice the center.
-    #[inline]
-    pub fn center(&self) -> Vec3A {
-        self.min() + self.max()
+        Corners(words.map(f32::from_bits))
     }
 }
+
+/// The words of a primitive that are numbers.
+const COORDINATES: [u32; 8] = [!0, !0, !0, 0, !0, !0, !0, 0];
 
 /// Primitives handled by one task.
 const CHUNK: usize = 4096;
@@ -183,6 +175,8 @@ fn fill(
     }
 }
 
+const SIGN: u32 = 1 << 31;
+
 /// The box of an active triangle. A triangle with an infinite coordinate can never be hit, so it is
 /// left out, unless an update might move it: then its box is what is finite of it.
 ///
@@ -195,7 +189,8 @@ unsafe fn triangle_bounds(
 ) -> Option<Bounds> {
     // SAFETY: the caller's promise.
     let triangle = unsafe { geometry.triangle(index) }?;
-    if triangle.as_flattened().iter().all(|c| c.is_finite()) {
+    let most = (triangle.as_flattened().iter()).fold(0, |most, c| most.max(c.to_bits() & !SIGN));
+    if f32::from_bits(most).is_finite() {
         Some(Bounds::of_triangle(&triangle))
     } else if updatable {
         Some(sanitized_triangle_bounds(&triangle))
@@ -244,3 +239,5 @@ unsafe fn instance_bounds(source: &InstanceSource, index: u32) -> Option<Bounds>
     // SAFETY: references are 0 or built bottom levels, by the caller's promise.
     unsafe { instance.place() }.map(|placed| placed.bounds)
 }
+
+const _: () = assert!(size_of::<Primitive>() == size_of::<Corners>());

@@ -78,7 +78,20 @@ impl Memory {
     /// The memory must be readable and unchanged.
     #[inline]
     pub(crate) unsafe fn read<const N: usize>(&self, offset: u64) -> Option<[u8; N]> {
-        let end = offset.checked_add(N as u64)?;
+        // SAFETY: the caller's promise.
+        unsafe { self.read_integers(offset) }
+    }
+
+    /// The `N` integers at `offset` bytes, as they lie there, if they are inside.
+    ///
+    /// # Safety
+    /// The memory must be readable and unchanged, and `T` an integer.
+    #[inline(always)]
+    pub(crate) unsafe fn read_integers<const N: usize, T: Copy>(
+        &self,
+        offset: u64,
+    ) -> Option<[T; N]> {
+        let end = offset.checked_add(size_of::<[T; N]>() as u64)?;
         if end > self.bytes as u64 {
             return None;
         }
@@ -86,7 +99,7 @@ impl Memory {
         Some(unsafe {
             self.base
                 .add(offset as usize)
-                .cast::<[u8; N]>()
+                .cast::<[T; N]>()
                 .read_unaligned()
         })
     }
@@ -97,7 +110,7 @@ impl Memory {
     ///
     /// # Safety
     /// The memory must be readable and unchanged.
-    #[inline]
+    #[inline(always)]
     pub(crate) unsafe fn read_position(
         &self,
         format: VertexFormat,
@@ -105,9 +118,18 @@ impl Memory {
     ) -> Option<[f32; 3]> {
         if format == VertexFormat::F32x3 {
             // SAFETY: the caller's promise.
-            let bytes: [u8; 12] = unsafe { self.read(offset) }?;
-            return Some(VertexFormat::F32x3.decode(&bytes));
+            let [x, y, z] = unsafe { self.read_integers::<3, u32>(offset) }?;
+            return Some([x, y, z].map(|bits| f32::from_bits(u32::from_le(bits))));
         }
+        // SAFETY: as above.
+        unsafe { self.read_other_position(format, offset) }
+    }
+
+    /// As [`Self::read_position`].
+    ///
+    /// # Safety
+    /// As there.
+    unsafe fn read_other_position(&self, format: VertexFormat, offset: u64) -> Option<[f32; 3]> {
         let end = offset.checked_add(format.size_bytes() as u64)?;
         if end > self.bytes as u64 {
             return None;
@@ -134,7 +156,7 @@ impl TriangleGeometry {
     ///
     /// # Safety
     /// The geometry's memory must be readable and unchanged.
-    #[inline]
+    #[inline(always)]
     unsafe fn vertex(&self, index: u64) -> Option<[f32; 3]> {
         let offset = index.checked_mul(self.vertex_stride_bytes)?;
         // SAFETY: the caller's promise.
@@ -154,28 +176,29 @@ impl TriangleGeometry {
     ///
     /// # Safety
     /// The geometry's memory must be readable and unchanged.
-    #[inline]
+    #[inline(always)]
     pub(crate) unsafe fn triangle(&self, index: u32) -> Option<[[f32; 3]; 3]> {
         let first = 3 * u64::from(index);
-        // SAFETY: the caller's promise, for all three.
-        let index_at = |i: u64| unsafe {
+        // SAFETY: the caller's promise, here and below.
+        let [a, b, c] = unsafe {
             match self.index_type {
-                IndexType::None => Some(first + i),
-                IndexType::U8 => self.indices.read::<1>(first + i).map(|b| b[0].into()),
-                IndexType::U16 => self
-                    .indices
-                    .read(2 * (first + i))
-                    .map(|b| u16::from_le_bytes(b).into()),
-                IndexType::U32 => self
-                    .indices
-                    .read(4 * (first + i))
-                    .map(|b| u32::from_le_bytes(b).into()),
+                IndexType::None => [first, first + 1, first + 2],
+                IndexType::U8 => self.indices.read_integers::<3, u8>(first)?.map(u64::from),
+                IndexType::U16 => (self.indices.read_integers::<3, u16>(2 * first)?)
+                    .map(|index| u16::from_le(index).into()),
+                IndexType::U32 => (self.indices.read_integers::<3, u32>(4 * first)?)
+                    .map(|index| u32::from_le(index).into()),
             }
         };
         let base = u64::from(self.first_vertex);
-        // SAFETY: the caller's promise.
-        let vertex = |i: u64| unsafe { self.vertex(index_at(i)? + base) };
-        Some([vertex(0)?, vertex(1)?, vertex(2)?])
+        // SAFETY: as above.
+        unsafe {
+            Some([
+                self.vertex(a + base)?,
+                self.vertex(b + base)?,
+                self.vertex(c + base)?,
+            ])
+        }
     }
 }
 

@@ -4,10 +4,14 @@
 use std::arch::x86_64::*;
 
 use super::Walk;
-use super::kernel::{Kernel, T_MARGIN};
+use super::group;
+use super::kernel::{GroupHits, Kernel, T_MARGIN};
 use super::leaf::{Leaf, Triangles};
 use super::space::Space;
 use crate::layout::{GROUP, Node, TriangleGroup, WIDTH};
+
+/// Bytes of a row of a node.
+const ROW: usize = size_of::<[f32; WIDTH]>();
 
 /// Eight boxes or four triangles in one vector.
 pub(crate) struct Avx;
@@ -43,19 +47,16 @@ impl Kernel for Avx {
     unsafe fn load_boxes(space: &Space) -> AvxBoxes {
         // SAFETY: the caller promises AVX.
         unsafe {
-            let eight = |v: [f32; 3]| {
-                [
-                    _mm256_set1_ps(v[0]),
-                    _mm256_set1_ps(v[1]),
-                    _mm256_set1_ps(v[2]),
-                ]
-            };
             AvxBoxes {
-                near_origin: eight(space.near_origin),
-                far_origin: eight(space.far_origin),
-                near_inverse: eight(space.near_inverse),
-                far_inverse: eight(space.far_inverse),
-                near_rows: space.near_rows.map(|row| row * size_of::<[f32; WIDTH]>()),
+                near_origin: eight(&space.near_origin),
+                far_origin: eight(&space.far_origin),
+                near_inverse: eight(&space.near_inverse),
+                far_inverse: eight(&space.far_inverse),
+                near_rows: [
+                    space.near_row(0) * ROW,
+                    space.near_row(1) * ROW,
+                    space.near_row(2) * ROW,
+                ],
                 t_min: _mm256_set1_ps(space.t_min),
             }
         }
@@ -65,11 +66,12 @@ impl Kernel for Avx {
     unsafe fn load_shear(space: &Space) -> AvxShear {
         // SAFETY: the caller promises AVX; axes are below three.
         unsafe {
+            let [x, y, z] = space.flat_origin;
+            let [x_axis, y_axis, z_axis] = space.axes;
+            let axis = size_of::<[f32; GROUP]>();
             AvxShear {
-                origin: space
-                    .axes
-                    .map(|axis| _mm_set1_ps(*space.origin.get_unchecked(axis))),
-                axes: space.axes.map(|axis| axis * size_of::<[f32; GROUP]>()),
+                origin: [_mm_set1_ps(x), _mm_set1_ps(y), _mm_set1_ps(z)],
+                axes: [x_axis * axis, y_axis * axis, z_axis * axis],
                 shear: [_mm_set1_ps(space.shear[0]), _mm_set1_ps(space.shear[1])],
                 inverse_z: _mm_set1_ps(space.inverse_z),
                 t_min: _mm_set1_ps(space.t_min),
@@ -87,18 +89,18 @@ impl Kernel for Avx {
         // SAFETY: the caller promises AVX; nodes are aligned, and rows are below six.
         unsafe {
             let base = node.bounds.as_ptr().cast::<u8>();
-            let planes = |row: usize| _mm256_load_ps(base.add(row).cast());
-            let other_row = size_of::<[f32; WIDTH]>();
-            let mut near = ray.t_min;
-            let mut far = _mm256_set1_ps(t_far);
             // Operand order decides what NaN does: see `space::max`.
-            for axis in [2, 1, 0] {
-                let row = ray.near_rows[axis];
-                let enter = _mm256_sub_ps(planes(row), ray.near_origin[axis]);
-                let leave = _mm256_sub_ps(planes(row ^ other_row), ray.far_origin[axis]);
-                near = _mm256_max_ps(_mm256_mul_ps(enter, ray.near_inverse[axis]), near);
-                far = _mm256_min_ps(_mm256_mul_ps(leave, ray.far_inverse[axis]), far);
-            }
+            let (x_near, x_far) = planes(ray, base, 0);
+            let (y_near, y_far) = planes(ray, base, 1);
+            let (z_near, z_far) = planes(ray, base, 2);
+            let near = _mm256_max_ps(
+                _mm256_max_ps(x_near, y_near),
+                _mm256_max_ps(z_near, ray.t_min),
+            );
+            let far = _mm256_min_ps(
+                _mm256_min_ps(x_far, y_far),
+                _mm256_min_ps(z_far, _mm256_set1_ps(t_far)),
+            );
             _mm256_storeu_ps(near_out.as_mut_ptr(), near);
             _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)) as u32
         }
@@ -141,9 +143,52 @@ impl Kernel for Avx {
     }
 
     #[inline(always)]
+    unsafe fn intersect_group(
+        space: &Space,
+        group: &TriangleGroup,
+        t_min: f32,
+        t_far: f32,
+        found: &mut GroupHits,
+    ) -> u32 {
+        // SAFETY: the caller's promise.
+        unsafe { group::intersect(space, group, t_min, t_far, found) }
+    }
+
+    #[inline(always)]
     unsafe fn test_leaf(leaf: &Triangles<'_>, walk: &mut Walk, t_far: &mut f32) -> Leaf {
         // SAFETY: the caller promises AVX2.
         unsafe { test_leaf(leaf, walk, t_far) }
+    }
+}
+
+/// Where the ray meets the near and the far planes of an axis.
+#[inline(always)]
+unsafe fn planes(ray: &AvxBoxes, base: *const u8, axis: usize) -> (__m256, __m256) {
+    // SAFETY: the callers promise AVX; nodes are aligned, and rows are below six.
+    unsafe {
+        let row = ray.near_rows[axis];
+        let enter = _mm256_sub_ps(_mm256_load_ps(base.add(row).cast()), ray.near_origin[axis]);
+        let leave = _mm256_sub_ps(
+            _mm256_load_ps(base.add(row ^ ROW).cast()),
+            ray.far_origin[axis],
+        );
+        (
+            _mm256_mul_ps(enter, ray.near_inverse[axis]),
+            _mm256_mul_ps(leave, ray.far_inverse[axis]),
+        )
+    }
+}
+
+/// A component of each axis in every lane.
+#[inline(always)]
+unsafe fn eight(v: &[f32; 4]) -> [__m256; 3] {
+    // SAFETY: the callers promise AVX.
+    unsafe {
+        [
+            _mm256_set1_ps(v[0]),
+            _mm256_set1_ps(v[1]),
+            _mm256_set1_ps(v[2]),
+        ]
     }
 }
 

@@ -12,6 +12,10 @@ use crate::structure::Kind;
 /// ahead.
 const LARGE: u32 = 4096;
 
+/// Where children are entered; aligned, so that one vector's store meets no line's end.
+#[repr(align(32))]
+struct Distances([f32; WIDTH]);
+
 /// Runs a walk until something has to be decided outside. `ANY`: its first hit ends it, so the
 /// order of children does not matter.
 ///
@@ -44,7 +48,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
     let mut floor = 0;
     let mut in_bottom = false;
     if walk.is_fresh() {
-        stack[0] = Entry { word: 0, near: 0.0 };
+        stack[0] = Entry::new(0, 0.0);
         length = 1;
     } else {
         length = walk.pending.len().min(STACK - WIDTH);
@@ -93,6 +97,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         let nodes = level.structure.nodes();
         let node_count = level.structure.node_count();
         let fetch_ahead = node_count > LARGE;
+        let takes_all = in_bottom && instance.takes_all && space.scale == 1.0;
         let is_triangles = level.structure.kind() == Kind::Triangles;
         // SAFETY: the caller's promise.
         let ray = unsafe { K::load_boxes(space) };
@@ -112,14 +117,14 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                 length -= 1;
                 // SAFETY: `length` is below `STACK` wherever an entry is pushed.
                 let entry = unsafe { *stack.get_unchecked(length) };
-                if ANY || entry.near <= t_far {
-                    break entry.word;
+                if ANY || entry.near() <= t_far {
+                    break entry.word();
                 }
             };
             // Down to a leaf.
             loop {
                 if left == 0 {
-                    stack[length] = Entry { word, near: 0.0 };
+                    stack[length] = Entry::new(word, 0.0);
                     length += 1;
                     break 'level Event::OutOfFuel;
                 }
@@ -134,9 +139,9 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                     // Deeper than any structure that was built: corrupt.
                     continue 'next;
                 }
-                let mut near = [0.0; WIDTH];
+                let mut near = Distances([0.0; WIDTH]);
                 // SAFETY: the caller's promise.
-                let mask = unsafe { K::test_node(&ray, node, t_far, &mut near) };
+                let mask = unsafe { K::test_node(&ray, node, t_far, &mut near.0) };
                 if mask == 0 {
                     continue 'next;
                 }
@@ -145,7 +150,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                 }
                 // SAFETY: there is room for all children.
                 word = unsafe {
-                    push_children::<ANY>(mask, &node.children, &near, stack, &mut length)
+                    push_children::<ANY>(mask, &node.children, &near.0, stack, &mut length)
                 };
             }
 
@@ -172,6 +177,13 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                 word,
                 first_lane: 0,
             };
+            if takes_all {
+                // SAFETY: the caller's promise.
+                if unsafe { leaf.take::<K, ANY>(walk, &mut t_far) } {
+                    break 'level Event::Done;
+                }
+                continue 'next;
+            }
             // SAFETY: the caller's promise.
             match unsafe { K::test_leaf(&leaf, walk, &mut t_far) } {
                 Leaf::Finished => {}
@@ -186,7 +198,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         if unsafe { bottom.enter_bottom(instance, top, true, entered, &walk.ray, walk.time) } {
             in_bottom = true;
             floor = length;
-            stack[length] = Entry { word: 0, near: 0.0 };
+            stack[length] = Entry::new(0, 0.0);
             length += 1;
         }
     };
@@ -206,7 +218,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
 
 /// The instance of a top level that has but one.
 #[inline(always)]
-fn only_instance(top: &Level) -> Option<u32> {
+pub(crate) fn only_instance(top: &Level) -> Option<u32> {
     let children = &top.structure.node(0)?.children;
     let one = children[1] == child::NONE && children[0] & child::LEAF != 0;
     (one && children[0] != child::NONE && top.structure.node_count() == 1)
@@ -224,7 +236,7 @@ fn fetch(mask: u32, node: &Node, level: &Level) {
             let word = node.children[rest.trailing_zeros() as usize & (WIDTH - 1)];
             rest &= rest - 1;
             let address = level.structure.child_address(word);
-            for line in 0..3 {
+            for line in 0..4 {
                 // SAFETY: a hint; addresses need not be valid.
                 unsafe { _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64 * line).cast()) };
             }
@@ -247,63 +259,51 @@ unsafe fn push_children<const ANY: bool>(
     stack: &mut [Entry; STACK],
     length: &mut usize,
 ) -> u32 {
-    let entry = |mask: u32| {
-        let lane = mask.trailing_zeros() as usize & (WIDTH - 1);
-        Entry {
-            word: children[lane],
-            near: near[lane],
-        }
-    };
-    let first = entry(mask);
+    let first = entry(children, near, mask);
     let mut rest = mask & (mask - 1);
     if rest == 0 {
-        return first.word;
+        return first.word();
     }
-    let base = *length;
-    let second = entry(rest);
+    // SAFETY: the caller's promise; `pushed` is below eight.
+    let places = unsafe { stack.as_mut_ptr().add(*length) };
+    let mut pushed = 1;
+    let second = entry(children, near, rest);
     rest &= rest - 1;
-    if ANY {
-        // SAFETY: the caller's promise, here and below.
-        unsafe { *stack.get_unchecked_mut(base) = second };
-        let mut end = base + 1;
-        while rest != 0 {
-            // SAFETY: as above.
-            unsafe { *stack.get_unchecked_mut(end) = entry(rest) };
-            rest &= rest - 1;
-            end += 1;
-        }
-        *length = end;
-        return first.word;
-    }
-    let (far, close) = if second.near < first.near {
+    let (mut nearest, farther) = if ANY {
         (first, second)
     } else {
-        (second, first)
+        first.ordered(second)
     };
     // SAFETY: as above.
-    unsafe { *stack.get_unchecked_mut(base) = far };
-    if rest == 0 {
-        *length = base + 1;
-        return close.word;
-    }
-    // SAFETY: as above.
-    unsafe { *stack.get_unchecked_mut(base + 1) = close };
-    let mut end = base + 2;
+    unsafe { places.write(farther) };
     while rest != 0 {
-        let entry = entry(rest);
+        let next = entry(children, near, rest);
         rest &= rest - 1;
-        let mut place = end;
-        // SAFETY: as above; `place` stays between `base` and `end`.
+        let mut place = pushed;
+        pushed += 1;
+        if ANY {
+            // SAFETY: as above.
+            unsafe { places.add(place).write(next) };
+            continue;
+        }
+        let (close, far) = nearest.ordered(next);
+        nearest = close;
+        // SAFETY: as above.
         unsafe {
-            while place > base && stack.get_unchecked(place - 1).near < entry.near {
-                *stack.get_unchecked_mut(place) = *stack.get_unchecked(place - 1);
+            while place > 0 && *places.add(place - 1) < far {
+                places.add(place).write(*places.add(place - 1));
                 place -= 1;
             }
-            *stack.get_unchecked_mut(place) = entry;
+            places.add(place).write(far);
         }
-        end += 1;
     }
-    *length = end - 1;
-    // SAFETY: as above.
-    unsafe { stack.get_unchecked(end - 1).word }
+    *length += pushed;
+    nearest.word()
+}
+
+/// The entry of the first child in a mask.
+#[inline(always)]
+fn entry(children: &[u32; WIDTH], near: &[f32; WIDTH], mask: u32) -> Entry {
+    let lane = mask.trailing_zeros() as usize & (WIDTH - 1);
+    Entry::new(children[lane], near[lane])
 }

@@ -3,6 +3,7 @@
 use super::Walk;
 use super::leaf::{Leaf, Triangles};
 use super::space::{Space, max, min};
+use super::triangle::{Intersection, Rim, intersect};
 use crate::layout::{GROUP, Node, TriangleGroup, WIDTH};
 
 /// Inner tests with one instruction set.
@@ -41,12 +42,78 @@ pub(crate) trait Kernel {
     /// The machine has the instruction set.
     unsafe fn test_group(ray: &Self::Shear, group: &TriangleGroup, t_far: f32) -> u32;
 
+    /// Which lanes an opaque triangle is hit in, in the interval `t_min < t <= t_far`: what
+    /// [`intersect`] says of each, its edges included. The ray's distances are not scaled.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn intersect_group(
+        space: &Space,
+        group: &TriangleGroup,
+        t_min: f32,
+        t_far: f32,
+        found: &mut GroupHits,
+    ) -> u32;
+
     /// [`Triangles::test`] with this kernel, as a function of its own: the loop over nodes needs
     /// the registers.
     ///
     /// # Safety
     /// The machine has the instruction set.
     unsafe fn test_leaf(leaf: &Triangles<'_>, walk: &mut Walk, t_far: &mut f32) -> Leaf;
+}
+
+/// Where a ray meets the triangles of a group.
+#[repr(C, align(16))]
+pub(crate) struct GroupHits {
+    pub t: [f32; GROUP],
+    /// Weights of the second and the third vertex.
+    pub barycentrics: [[f32; GROUP]; 2],
+    /// Bit i: lane i is seen from its front; see [`Intersection::front`].
+    pub front: u32,
+}
+
+impl GroupHits {
+    pub const NONE: GroupHits = GroupHits {
+        t: [0.0; GROUP],
+        barycentrics: [[0.0; GROUP]; 2],
+        front: 0,
+    };
+
+    /// Sets a lane.
+    pub fn set(&mut self, lane: usize, hit: &Intersection) {
+        self.t[lane] = hit.t;
+        for (weights, weight) in self.barycentrics.iter_mut().zip(hit.barycentrics) {
+            weights[lane] = weight;
+        }
+        self.front = self.front & !(1 << lane) | u32::from(hit.front) << lane;
+    }
+
+    /// Intersects the lanes in `mask` one by one; returns those that are hit in the interval.
+    #[inline(always)]
+    pub fn intersect_each(
+        &mut self,
+        space: &Space,
+        group: &TriangleGroup,
+        mask: u32,
+        t_min: f32,
+        t_far: f32,
+    ) -> u32 {
+        let mut hits = 0;
+        let mut rest = mask;
+        while rest != 0 {
+            let lane = rest.trailing_zeros() as usize % GROUP;
+            rest &= rest - 1;
+            if let Some(hit) = intersect(space, &group.triangle(lane), Rim::Included)
+                && t_min < hit.t
+                && hit.t <= t_far
+            {
+                self.set(lane, &hit);
+                hits |= 1 << lane;
+            }
+        }
+        hits
+    }
 }
 
 /// How far distances of triangles are widened before they are compared.
@@ -71,21 +138,20 @@ impl Kernel for Portable {
 
     #[inline(always)]
     unsafe fn test_node(ray: &Space, node: &Node, t_far: f32, near: &mut [f32; WIDTH]) -> u32 {
-        let mut far = [t_far; WIDTH];
-        *near = [ray.t_min; WIDTH];
-        for axis in (0..3).rev() {
-            let row = ray.near_rows[axis];
-            let (near_planes, far_planes) = (&node.bounds[row], &node.bounds[row ^ 1]);
-            for i in 0..WIDTH {
-                near[i] = max(
-                    (near_planes[i] - ray.near_origin[axis]) * ray.near_inverse[axis],
-                    near[i],
-                );
-                far[i] = min(
-                    (far_planes[i] - ray.far_origin[axis]) * ray.far_inverse[axis],
-                    far[i],
-                );
-            }
+        let mut far = [0.0; WIDTH];
+        for i in 0..WIDTH {
+            let plane = |axis: usize| {
+                let row = ray.near_row(axis);
+                let enter = node.bounds[row][i] - ray.near_origin[axis];
+                let leave = node.bounds[row ^ 1][i] - ray.far_origin[axis];
+                (
+                    enter * ray.near_inverse[axis],
+                    leave * ray.far_inverse[axis],
+                )
+            };
+            let (x, y, z) = (plane(0), plane(1), plane(2));
+            near[i] = max(max(x.0, y.0), max(z.0, ray.t_min));
+            far[i] = min(min(x.1, y.1), min(z.1, t_far));
         }
         (0..WIDTH).fold(0, |mask, i| mask | u32::from(near[i] <= far[i]) << i)
     }
@@ -117,6 +183,19 @@ impl Kernel for Portable {
             mask |= u32::from(!(outside || beyond || before)) << i;
         }
         mask & group.lanes
+    }
+
+    #[inline(always)]
+    unsafe fn intersect_group(
+        space: &Space,
+        group: &TriangleGroup,
+        t_min: f32,
+        t_far: f32,
+        found: &mut GroupHits,
+    ) -> u32 {
+        // SAFETY: every machine has plain Rust.
+        let mask = unsafe { Portable::test_group(space, group, t_far) };
+        found.intersect_each(space, group, mask & 0xF, t_min, t_far)
     }
 
     #[inline(never)]

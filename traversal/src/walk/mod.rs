@@ -25,10 +25,15 @@
 #[cfg(target_arch = "x86_64")]
 mod avx;
 mod descend;
+mod facts;
+#[cfg(target_arch = "x86_64")]
+mod group;
 mod kernel;
 mod leaf;
 mod level;
 mod motion;
+#[cfg(target_arch = "x86_64")]
+mod packet;
 mod space;
 mod swept;
 mod triangle;
@@ -37,6 +42,9 @@ mod walker;
 use crate::ray::{Hit, Ray, ray_flags};
 use walker::Entry;
 pub use walker::{Tier, Walker};
+
+/// Walks that [`Walk::finish_together`] takes, at most.
+pub const PACKET: usize = 16;
 
 /// What the caller decided about the last event.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -130,13 +138,16 @@ impl Walk {
     /// # Safety
     /// As for [`Self::new`].
     pub unsafe fn restart(&mut self, top_level: u64, ray: &Ray) {
-        let mut pending = std::mem::take(&mut self.pending);
-        pending.clear();
-        // SAFETY: the caller's promise.
-        *self = Walk {
-            pending,
-            ..unsafe { Walk::new(top_level, ray) }
-        };
+        self.ray = *ray;
+        self.top_level = top_level;
+        self.time = 0.0;
+        self.hit.t = ray.t_max;
+        self.has_hit = false;
+        self.state = State::Fresh;
+        self.instance = Self::NO_INSTANCE;
+        self.floor = 0;
+        self.leaf = None;
+        self.pending.clear();
     }
 
     /// Goes on until something has to be decided outside. Each visited node and each leaf costs one
@@ -164,6 +175,17 @@ impl Walk {
             Event::OutOfFuel => State::OutOfFuel,
         };
         event
+    }
+
+    /// Takes up to [`PACKET`] walks to their ends together if that can be done: they have not
+    /// started, their rays start near each other and go the same way, and the structure is one
+    /// instance of opaque triangles. The hits are those of each walk by itself, bit for bit. Returns
+    /// false if it cannot be done; then nothing has happened.
+    pub fn finish_together(walks: &mut [&mut Walk], walker: &mut Walker) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        return walker.tier() == Tier::Avx512 && packet::run(walks, walker);
+        #[cfg(not(target_arch = "x86_64"))]
+        return false;
     }
 
     /// Casts the ray at another time than 0, in [0, 1]; before the first step.

@@ -1,8 +1,9 @@
 //! Triangles that move: the test of those that do not, where they are at the ray's time.
 #![forbid(unsafe_code)]
 
+use super::facts::InstanceFacts;
 use super::leaf::Leaf;
-use super::level::{InstanceFacts, Level};
+use super::level::Level;
 use super::space::Space;
 use super::triangle::{Rim, intersect};
 use super::{Event, Walk};

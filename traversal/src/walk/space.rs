@@ -12,31 +12,33 @@
 use crate::layout::Bounds;
 
 /// Relative widening of box distances, sixteen roundings.
-const MARGIN: f32 = 1.0 / (1 << 20) as f32;
+pub(crate) const MARGIN: f32 = 1.0 / (1 << 20) as f32;
 
-/// A ray in the space of one level.
+/// A ray in the space of one level. Arrays of four have a component nobody looks at: they are
+/// computed as one vector.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Space {
-    pub origin: [f32; 3],
-    pub direction: [f32; 3],
+    pub origin: [f32; 4],
+    pub direction: [f32; 4],
     /// The origin for near planes and for far planes: they differ where the ray itself is uncertain.
-    pub near_origin: [f32; 3],
-    pub far_origin: [f32; 3],
+    pub near_origin: [f32; 4],
+    pub far_origin: [f32; 4],
     /// The scaled direction's reciprocals, made smaller and larger. Infinite where the direction is
     /// 0; NaN (the axis is not tested) where the reciprocal overflows.
-    pub near_inverse: [f32; 3],
-    pub far_inverse: [f32; 3],
-    /// Row of [`crate::layout::Node::bounds`] with the near planes of each axis; the far ones are
-    /// in the other row of the axis.
-    pub near_rows: [usize; 3],
+    pub near_inverse: [f32; 4],
+    pub far_inverse: [f32; 4],
+    /// All bits set where the direction is negative: near planes are the upper ones.
+    pub signs: [i32; 4],
+    /// The origin by `axes`.
+    pub flat_origin: [f32; 3],
+    /// One over the third component of the scaled direction.
+    pub inverse_z: f32,
+    /// The direction's first two over its third component by `axes`.
+    pub shear: [f32; 2],
     /// Two axes, then the one along which the direction is longest; swapped if that is negative, so
     /// that winding is kept (Woop, Benthin, Wald 2013).
     pub axes: [usize; 3],
-    /// The direction's first two over its third component by `axes`.
-    pub shear: [f32; 2],
-    /// One over the third component of the scaled direction.
-    pub inverse_z: f32,
     /// `t` per scaled `t`, a power of two.
     pub scale: f64,
     /// Lower end of the interval, scaled and rounded down; not negative.
@@ -44,21 +46,34 @@ pub(crate) struct Space {
 }
 
 /// Directions whose longest component is in here are not scaled.
-const MODEST: std::ops::RangeInclusive<f32> = 1.0 / (1u64 << 32) as f32..=(1u64 << 32) as f32;
+pub(crate) const MODEST: std::ops::RangeInclusive<f32> =
+    1.0 / (1u64 << 32) as f32..=(1u64 << 32) as f32;
+
+/// The axis of the longest component: bits are set for |x| > |y|, |x| > |z|, |y| > |z|.
+const LONGEST: [u8; 8] = [2, 2, 2, 0, 1, 2, 1, 0];
+
+/// By that axis, and whether the direction is negative there: it and the next two in turn, swapped
+/// in that case.
+const AXES: [[[usize; 3]; 2]; 3] = [
+    [[1, 2, 0], [2, 1, 0]],
+    [[2, 0, 1], [0, 2, 1]],
+    [[0, 1, 2], [1, 0, 2]],
+];
 
 impl Space {
     /// No ray.
     pub const NOWHERE: Space = Space {
-        origin: [0.0; 3],
-        direction: [0.0; 3],
-        near_origin: [0.0; 3],
-        far_origin: [0.0; 3],
-        near_inverse: [0.0; 3],
-        far_inverse: [0.0; 3],
-        near_rows: [0; 3],
-        axes: [0; 3],
-        shear: [0.0; 2],
+        origin: [0.0; 4],
+        direction: [0.0; 4],
+        near_origin: [0.0; 4],
+        far_origin: [0.0; 4],
+        near_inverse: [0.0; 4],
+        far_inverse: [0.0; 4],
+        signs: [0; 4],
+        flat_origin: [0.0; 3],
         inverse_z: 0.0,
+        shear: [0.0; 2],
+        axes: [0; 3],
         scale: 1.0,
         t_min: 0.0,
     };
@@ -66,50 +81,65 @@ impl Space {
     /// Sets up a finite ray. `uncertainty` is how far the ray may be off on each axis.
     #[inline(always)]
     pub fn set(&mut self, origin: [f32; 3], direction: [f32; 3], t_min: f32, uncertainty: f32) {
-        let size = direction.map(f32::abs);
-        let z = if size[0] > size[1] {
-            if size[0] > size[2] { 0 } else { 2 }
-        } else if size[1] > size[2] {
-            1
-        } else {
-            2
-        };
-        // The next two axes in turn; swapped if the third component is negative.
-        let [x, y] = if direction[z] < 0.0 {
-            [[2, 1], [0, 2], [1, 0]][z]
-        } else {
-            [[1, 2], [2, 0], [0, 1]][z]
-        };
-        self.origin = origin;
-        self.direction = direction;
+        let [x_size, y_size, z_size] = [direction[0].abs(), direction[1].abs(), direction[2].abs()];
+        let order = usize::from(x_size > y_size)
+            | usize::from(x_size > z_size) << 1
+            | usize::from(y_size > z_size) << 2;
+        let z = usize::from(LONGEST[order]);
+        let [x, y, z] = AXES[z][usize::from(direction[z] < 0.0)];
+        self.origin = [origin[0], origin[1], origin[2], 0.0];
+        self.direction = [direction[0], direction[1], direction[2], 1.0];
         self.axes = [x, y, z];
-        let mut inverse = direction.map(|d| 1.0 / d);
+        self.flat_origin = [origin[x], origin[y], origin[z]];
+        let mut inverse = [0.0; 4];
+        for i in 0..4 {
+            inverse[i] = 1.0 / self.direction[i];
+        }
         self.shear = [direction[x] * inverse[z], direction[y] * inverse[z]];
         self.scale = 1.0;
         self.t_min = max(t_min, 0.0);
-        if !MODEST.contains(&size[z]) {
-            let length = power_of_two_near(f64::from(size[z]));
-            inverse = direction.map(|d| (length / f64::from(d)) as f32);
+        let size = direction[z].abs();
+        if !MODEST.contains(&size) {
+            let length = power_of_two_near(f64::from(size));
+            for (inverse, d) in inverse.iter_mut().zip(direction) {
+                *inverse = (length / f64::from(d)) as f32;
+            }
             self.shear = [direction[x] / direction[z], direction[y] / direction[z]];
             self.scale = 1.0 / length;
             self.t_min = max(((f64::from(t_min) * length) as f32).next_down(), 0.0);
         }
         self.inverse_z = inverse[z];
-        for axis in 0..3 {
-            let d = direction[axis];
-            let mut near = inverse[axis] * (1.0 - MARGIN);
-            let mut far = inverse[axis] * (1.0 + MARGIN);
-            // A tiny component's reciprocal overflows: such an axis is left out, a zero's is not.
-            if far.is_infinite() && d != 0.0 {
-                (near, far) = (f32::NAN, f32::NAN);
-            }
-            self.near_inverse[axis] = near;
-            self.far_inverse[axis] = far;
-            let toward = uncertainty.copysign(d);
-            self.near_origin[axis] = origin[axis] + toward;
-            self.far_origin[axis] = origin[axis] - toward;
-            self.near_rows[axis] = 2 * axis + usize::from(d.is_sign_negative());
+        let mut overflows = false;
+        for i in 0..4 {
+            self.near_inverse[i] = inverse[i] * (1.0 - MARGIN);
+            self.far_inverse[i] = inverse[i] * (1.0 + MARGIN);
+            overflows |= self.far_inverse[i].is_infinite() & (self.direction[i] != 0.0);
+            let toward = uncertainty.copysign(self.direction[i]);
+            self.near_origin[i] = self.origin[i] + toward;
+            self.far_origin[i] = self.origin[i] - toward;
+            self.signs[i] = self.direction[i].to_bits() as i32 >> 31;
         }
+        if overflows {
+            self.leave_out_tiny();
+        }
+    }
+
+    /// A tiny component's reciprocal overflows: such an axis is left out, a zero's is not.
+    #[cold]
+    fn leave_out_tiny(&mut self) {
+        for i in 0..3 {
+            if self.far_inverse[i].is_infinite() && self.direction[i] != 0.0 {
+                self.near_inverse[i] = f32::NAN;
+                self.far_inverse[i] = f32::NAN;
+            }
+        }
+    }
+
+    /// Row of [`crate::layout::Node::bounds`] with the near planes of an axis; the far ones are in
+    /// the other row of the axis.
+    #[inline(always)]
+    pub fn near_row(&self, axis: usize) -> usize {
+        2 * axis + (self.signs[axis] & 1) as usize
     }
 
     /// A `t` for comparison with distances of boxes: scaled and rounded up.
@@ -129,7 +159,7 @@ impl Space {
         let planes = [bounds.min, bounds.max];
         let (mut near, mut far) = (f32::NEG_INFINITY, f32::INFINITY);
         for axis in (0..3).rev() {
-            let row = self.near_rows[axis] & 1;
+            let row = (self.signs[axis] & 1) as usize;
             near = max(
                 (planes[row][axis] - self.near_origin[axis]) * self.near_inverse[axis],
                 near,

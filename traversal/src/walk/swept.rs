@@ -4,7 +4,8 @@
 //! ray's distance. What a line enters is the convex hull of the two spheres: the sphere or the tangent cone that it meets first. Only that point
 //! counts (chapter Ray Traversal: nothing is reported from inside, or through an end cap that is not there).
 
-use super::level::{InstanceFacts, Level};
+use super::facts::InstanceFacts;
+use super::level::Level;
 use super::space::Space;
 use super::{Event, Walk};
 use crate::layout::{SweptEntry, child, geometry_word, swept_flags};
@@ -155,7 +156,9 @@ pub(crate) fn test_leaf(
     let Some(opaque) = instance.opacity(entry.geometry) else {
         return Leaf::Finished;
     };
-    let Some(meeting) = intersect(space.origin, space.direction, entry) else {
+    let [x, y, z, _] = space.origin;
+    let [dx, dy, dz, _] = space.direction;
+    let Some(meeting) = intersect([x, y, z], [dx, dy, dz], entry) else {
         return Leaf::Finished;
     };
     let is_sphere = entry.flags & swept_flags::SPHERE != 0;

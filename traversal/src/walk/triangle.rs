@@ -1,4 +1,4 @@
-//! The ray-triangle test: exact decisions, then distances and weights in f64.
+//! The ray-triangle test: exact decisions, then distances and weights.
 //!
 //! Vertices are moved to the ray's origin and sheared so that the ray is the z axis (Woop, Benthin,
 //! Wald 2013), in f32: a vertex gets the same two coordinates in whichever triangle it is met.
@@ -6,6 +6,9 @@
 //! `px qy − py qx` in f32 without a fused multiply-add has the right sign or is zero, as rounding is
 //! monotone; in f64 both products are exact, so the sign is right even where f32 gives zero, or
 //! where it overflows. So no ray passes between two triangles that share an edge.
+//!
+//! Distances and weights come from the edge functions in f32 where those decide and are of ordinary
+//! size, and from exact positions in f64 where they do not.
 //!
 //! An opaque triangle includes its rim. Where any-hit shaders count, a shared edge or vertex must
 //! belong to one triangle: the ray is thought to be moved by (−ε, −ε²) for an infinitesimal ε, which
@@ -35,19 +38,84 @@ pub(crate) enum Rim {
     Owned,
 }
 
+/// Sums of edge functions in here neither lose digits nor overflow on the way to a distance.
+pub(crate) const ORDINARY: [f32; 2] = [1.0e-30, 1.0e30];
+
+/// A triangle that reaches so many times as far as it is hit is too large for f32: rounding of its
+/// vertices' distances would show.
+pub(crate) const REACH: f32 = 32.0;
+
+/// How far off a distance in f32 may be, relative to a triangle's reach.
+pub(crate) const SLACK: f32 = 1.0 / (1 << 18) as f32;
+
 /// Intersects a ray with a triangle, whatever the ray's interval.
 #[inline(always)]
 pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<Intersection> {
     let [x_axis, y_axis, z_axis] = space.axes;
-    let flat: [[f32; 2]; 3] = std::array::from_fn(|i| {
+    let (mut flat, mut z) = ([[0f32; 2]; 3], [0f32; 3]);
+    for i in 0..3 {
         let moved = |axis: usize| triangle[i][axis] - space.origin[axis];
-        let z = moved(z_axis);
-        [
-            moved(x_axis) - space.shear[0] * z,
-            moved(y_axis) - space.shear[1] * z,
-        ]
-    });
+        z[i] = moved(z_axis);
+        flat[i] = [
+            moved(x_axis) - space.shear[0] * z[i],
+            moved(y_axis) - space.shear[1] * z[i],
+        ];
+    }
     let [a, b, c] = flat;
+    let edge = |p: [f32; 2], q: [f32; 2]| p[0] * q[1] - p[1] * q[0];
+    let [u, v, w] = [edge(c, b), edge(a, c), edge(b, a)];
+    let front = u > 0.0 && v > 0.0 && w > 0.0;
+    let back = u < 0.0 && v < 0.0 && w < 0.0;
+    let whole = u + v + w;
+    let ordinary = ORDINARY[0] < whole.abs() && whole.abs() < ORDINARY[1];
+    if !((front || back) && ordinary && space.scale == 1.0) {
+        return intersect_exactly(space, triangle, &flat, rim);
+    }
+    let inverse_whole = 1.0 / whole;
+    let [v, w] = [v * inverse_whole, w * inverse_whole];
+    // From the first vertex, so that errors of weights count by the triangle's size.
+    let z_hit = z[0] + (v * (z[1] - z[0]) + w * (z[2] - z[0]));
+    let reach = z[0].abs().max(z[1].abs()).max(z[2].abs());
+    let t = z_hit * space.inverse_z;
+    if !(reach <= REACH * z_hit.abs()) {
+        // Surely behind the ray's start: mostly the surface that the ray starts from.
+        if t + reach * space.inverse_z.abs() * SLACK <= space.t_min {
+            return None;
+        }
+        return intersect_exactly(space, triangle, &flat, rim);
+    }
+    let t = t_in_slab(space, triangle, t)?;
+    Some(Intersection {
+        t,
+        barycentrics: [v, w],
+        front,
+    })
+}
+
+/// Brings a distance into the triangle's own slabs, as they are widened. The exact distance is
+/// inside; where it is not because the ray passes beside the rim, what no box would let pass must
+/// not be a hit.
+#[inline(always)]
+fn t_in_slab(space: &Space, triangle: &[[f32; 3]; 3], t: f32) -> Option<f32> {
+    let (near, far) = space.slab(&Bounds::of_triangle(triangle));
+    let t = t
+        .max((f64::from(near) * space.scale) as f32)
+        .min((f64::from(far) * space.scale) as f32);
+    (near <= far).then_some(t)
+}
+
+/// The same where f32 does not do: along edges and at vertices, and with numbers out of all
+/// proportion. `flat`: the sheared vertices.
+#[cold]
+#[inline(never)]
+fn intersect_exactly(
+    space: &Space,
+    triangle: &[[f32; 3]; 3],
+    flat: &[[f32; 2]; 3],
+    rim: Rim,
+) -> Option<Intersection> {
+    let z_axis = space.axes[2];
+    let [a, b, c] = *flat;
     let edges = [edge(c, b), edge(a, c), edge(b, a)];
     let sum: f64 = edges.iter().sum();
     if !sum.is_finite() || sum == 0.0 {
@@ -64,24 +132,13 @@ pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Op
     if !(inside(edges[0], c, b) && inside(edges[1], a, c) && inside(edges[2], b, a)) {
         return None;
     }
-
     let inverse_z = 1.0 / f64::from(space.direction[z_axis]);
     let [u, v, w] = weights(space, triangle, front, inverse_z).unwrap_or(edges.map(f64::abs));
     let inverse_whole = 1.0 / (u + v + w);
     let z_of = |i: usize| f64::from(triangle[i][z_axis]) - f64::from(space.origin[z_axis]);
     let t = (u * z_of(0) + v * z_of(1) + w * z_of(2)) * inverse_whole * inverse_z;
-
-    // The exact distance is inside the triangle's own slabs, as they are widened; where it is not
-    // because the ray passes beside the rim, what no box would let pass must not be a hit.
-    let (near, far) = space.slab(&Bounds::of_triangle(triangle));
-    if near > far {
-        return None;
-    }
-    let t = (t as f32)
-        .max((f64::from(near) * space.scale) as f32)
-        .min((f64::from(far) * space.scale) as f32);
     Some(Intersection {
-        t,
+        t: t_in_slab(space, triangle, t as f32)?,
         barycentrics: [(v * inverse_whole) as f32, (w * inverse_whole) as f32],
         front,
     })

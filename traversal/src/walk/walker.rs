@@ -1,19 +1,41 @@
 //! A thread's working state for the walk that it is running, and the instruction sets there are.
 
+use super::facts::InstanceFacts;
 use super::kernel::{Kernel, Portable};
-use super::level::{InstanceFacts, Level};
+use super::level::Level;
 use super::{Event, Walk, descend};
 use crate::layout::{MAX_DEPTH, WIDTH};
 use crate::ray::Ray;
 
-/// A child still to be visited.
-#[derive(Clone, Copy, Debug, Default)]
-#[repr(C)]
-pub(crate) struct Entry {
+/// A child still to be visited: its [`child`] word, and above that the bits of the scaled distance
+/// to its box, which is not negative; so entries are in the order of distances.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(transparent)]
+pub(crate) struct Entry(u64);
+
+impl Entry {
+    #[inline(always)]
+    pub fn new(word: u32, near: f32) -> Entry {
+        Entry(u64::from(word) | u64::from(near.to_bits()) << 32)
+    }
+
     /// A [`child`] word.
-    pub word: u32,
+    #[inline(always)]
+    pub fn word(self) -> u32 {
+        self.0 as u32
+    }
+
     /// Scaled distance to its box.
-    pub near: f32,
+    #[inline(always)]
+    pub fn near(self) -> f32 {
+        f32::from_bits((self.0 >> 32) as u32)
+    }
+
+    /// The nearer and the farther of two.
+    #[inline(always)]
+    pub fn ordered(self, other: Entry) -> (Entry, Entry) {
+        (self.min(other), self.max(other))
+    }
 }
 
 /// Each level of a structure leaves seven siblings at most; two structures, and the eight of the
@@ -84,6 +106,11 @@ impl Walker {
         Walker::with_tier(Tier::best()).expect("the best tier is available")
     }
 
+    /// The instruction set.
+    pub(crate) fn tier(&self) -> Tier {
+        self.tier
+    }
+
     /// A walker with a certain instruction set; `None` if the machine does not have it.
     pub fn with_tier(tier: Tier) -> Option<Box<Walker>> {
         tier.is_available().then(|| {
@@ -100,11 +127,9 @@ impl Walker {
 
 /// Whether a ray can hit anything.
 pub(crate) fn is_sound(ray: &Ray) -> bool {
-    ray.origin
-        .iter()
-        .chain(&ray.direction)
-        .all(|c| c.is_finite())
-        && ray.t_min <= ray.t_max
+    let most = (ray.origin.iter().chain(&ray.direction))
+        .fold(0, |most, c| most.max(c.to_bits() & 0x7FFF_FFFF));
+    f32::from_bits(most).is_finite() & (ray.t_min <= ray.t_max)
 }
 
 /// Runs a walk until something has to be decided outside.

@@ -61,14 +61,17 @@ pub struct Options {
 enum Contestant {
     Embree(Quality, bool),
     Tuff(u32),
+    /// By packets of rays.
+    Packets(u32),
 }
 
 /// The first of those that are there is what the others are compared with.
-const CONTESTANTS: [(&str, Contestant); 7] = [
+const CONTESTANTS: [(&str, Contestant); 8] = [
     ("embree robust", Contestant::Embree(Quality::Medium, true)),
     ("embree", Contestant::Embree(Quality::Medium, false)),
     ("embree low", Contestant::Embree(Quality::Low, true)),
     ("tuff", Contestant::Tuff(0)),
+    ("tuff packets", Contestant::Packets(0)),
     (
         "tuff trace",
         Contestant::Tuff(BuildFlags::PREFER_FAST_TRACE),
@@ -84,6 +87,7 @@ const CONTESTANTS: [(&str, Contestant); 7] = [
 enum Engine<'a> {
     Embree(embree::Built<'a>),
     Tuff(Box<Tuff>),
+    Packets(Box<Tuff>),
 }
 
 impl Engine<'_> {
@@ -92,6 +96,7 @@ impl Engine<'_> {
             Engine::Embree(built) if kind == Kind::Shadow => built.occluded(rays),
             Engine::Embree(built) => built.closest(rays),
             Engine::Tuff(tuff) => tuff.trace(rays),
+            Engine::Packets(tuff) => tuff.trace_packets(rays),
         }
     }
 }
@@ -134,7 +139,7 @@ fn run_scene(
                     .engine
                     .iter()
                     .any(|part| name.contains(part.as_str()));
-            chosen && (embree.is_some() || matches!(who, Contestant::Tuff(_)))
+            chosen && (embree.is_some() || !matches!(who, Contestant::Embree(..)))
         })
         .collect();
 
@@ -148,7 +153,7 @@ fn run_scene(
                 (Contestant::Embree(quality, robust), Some(embree)) => {
                     timed(|| embree.build(&scene.mesh, *quality, *robust)).0
                 }
-                (Contestant::Tuff(flags), _) => {
+                (Contestant::Tuff(flags) | Contestant::Packets(flags), _) => {
                     let mut place = Place::new(&scene.mesh, *flags);
                     timed(|| place.build(&scene.mesh)).0
                 }
@@ -167,11 +172,14 @@ fn run_scene(
                 row.bytes = (embree.bytes() - before) as f64 / triangles as f64;
                 engines.push(Engine::Embree(built));
             }
-            (Contestant::Tuff(flags), _) => {
+            (Contestant::Tuff(flags) | Contestant::Packets(flags), _) => {
                 let tuff = Tuff::new(&scene.mesh, Place::new(&scene.mesh, *flags))?;
                 row.bytes = tuff.bytes as f64 / triangles as f64;
                 row.reported = tuff.reported.map(|bytes| bytes as f64 / triangles as f64);
-                engines.push(Engine::Tuff(Box::new(tuff)));
+                engines.push(match who {
+                    Contestant::Packets(_) => Engine::Packets(Box::new(tuff)),
+                    _ => Engine::Tuff(Box::new(tuff)),
+                });
             }
             _ => {}
         }

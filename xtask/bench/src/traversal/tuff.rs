@@ -4,8 +4,8 @@
 use anyhow::{Context, Result};
 use traversal::{
     BuildFlags, BuildInput, Event, Geometries, GeometryFlags, Hit, IndexType, InstanceArray,
-    InstanceSource, Kind, Memory, Ray, TriangleGeometry, Verdict, VertexFormat, Walk, Walker,
-    build, build_sizes,
+    InstanceSource, Kind, Memory, PACKET, Ray, TriangleGeometry, Verdict, VertexFormat, Walk,
+    Walker, build, build_sizes,
 };
 
 use super::mesh::Mesh;
@@ -140,6 +140,34 @@ impl Tuff {
             }
             done(walk.committed());
         }
+    }
+
+    /// Walks rays in packets where they cohere, and else each by itself; returns how many hit and
+    /// the sum of their distances.
+    pub fn trace_packets(&self, rays: &[Ray]) -> (usize, f64) {
+        let mut walker = Walker::new();
+        let (mut hits, mut sum) = (0, 0.0);
+        // SAFETY: the structures are alive and stay as they are.
+        let mut walks = [(); PACKET].map(|()| unsafe { Walk::new(0, &Ray::default()) });
+        for rays in rays.chunks(PACKET) {
+            for (walk, ray) in walks.iter_mut().zip(rays) {
+                // SAFETY: as above.
+                unsafe { walk.restart(self.top.address(), ray) };
+            }
+            let walks = &mut walks[..rays.len()];
+            let mut together: Vec<&mut Walk> = walks.iter_mut().collect();
+            if !Walk::finish_together(&mut together, &mut walker) {
+                for walk in together {
+                    let mut fuel = u64::MAX;
+                    walk.resume(&mut walker, Verdict::Continue, &mut fuel);
+                }
+            }
+            for hit in walks.iter().filter_map(Walk::committed) {
+                hits += 1;
+                sum += f64::from(hit.t);
+            }
+        }
+        (hits, sum)
     }
 
     /// The closest hit of each ray.

@@ -1,0 +1,164 @@
+//! What an instance's record and the ray's flags say about candidates.
+
+use crate::layout::{InstanceRecord, features, geometry_word, instance_flags};
+use crate::micromap::Opacity;
+use crate::ray::{
+    HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, Hit, Ray, ray_flags,
+};
+use crate::structure::Structure;
+
+/// The instance that a walk is in, as its candidates see it. Flags are looked at where they count:
+/// most walks never do.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct InstanceFacts {
+    pub index: u32,
+    custom_index: u32,
+    sbt_offset: u32,
+    /// Bits of [`instance_flags`].
+    flags: u32,
+    /// Bits of [`ray_flags`].
+    ray_flags: u32,
+    /// `Some`: every geometry is, or is not, opaque.
+    opaque: Option<bool>,
+    /// Every triangle that is hit counts: all are opaque, none by a micromap, and none is culled
+    /// for its facing.
+    pub takes_all: bool,
+}
+
+/// Whether flags make everything opaque, or not opaque: by the ray's two lowest bits (`OPAQUE`,
+/// `NO_OPAQUE`), which come first, then the instance's `FORCE_OPAQUE` and `FORCE_NO_OPAQUE`.
+const FORCED: [[Option<bool>; 4]; 4] = [
+    [None, Some(true), Some(false), Some(true)],
+    [Some(true); 4],
+    [Some(false); 4],
+    [Some(true); 4],
+];
+
+const _: () = assert!(instance_flags::FORCE_NO_OPAQUE == 2 * instance_flags::FORCE_OPAQUE);
+
+impl InstanceFacts {
+    #[inline(always)]
+    pub fn new(index: u32, record: &InstanceRecord, ray: &Ray) -> InstanceFacts {
+        let flags = record.sbt_offset_and_flags >> 24;
+        let by_ray = ray.flags & (ray_flags::OPAQUE | ray_flags::NO_OPAQUE);
+        let by_instance = flags / instance_flags::FORCE_OPAQUE & 3;
+        InstanceFacts {
+            index,
+            custom_index: record.custom_index_and_mask & 0xFF_FFFF,
+            sbt_offset: record.sbt_offset_and_flags & 0xFF_FFFF,
+            flags,
+            ray_flags: ray.flags,
+            opaque: FORCED[by_ray as usize][by_instance as usize],
+            takes_all: false,
+        }
+    }
+
+    /// Finds out whether a structure can have a candidate at all, and whether every triangle of it
+    /// counts.
+    #[inline(always)]
+    pub fn admits(&mut self, structure: &Structure) -> bool {
+        let header = structure.header();
+        let has = header.features;
+        let (opaque, not_opaque) = match self.opaque {
+            Some(opaque) => (opaque, !opaque),
+            None => (has & features::OPAQUE != 0, has & features::NOT_OPAQUE != 0),
+        };
+        let culls = self.ray_flags
+            & (ray_flags::CULL_BACK_FACING_TRIANGLES
+                | ray_flags::CULL_FRONT_FACING_TRIANGLES
+                | ray_flags::CULL_OPAQUE
+                | ray_flags::CULL_NO_OPAQUE);
+        if culls == 0 {
+            self.takes_all =
+                !not_opaque && (header.micromap_bytes == 0 || self.ignores_micromaps());
+            return opaque || not_opaque;
+        }
+        self.takes_all = false;
+        opaque && culls & ray_flags::CULL_OPAQUE == 0
+            || not_opaque && culls & ray_flags::CULL_NO_OPAQUE == 0
+    }
+
+    fn ignores_micromaps(&self) -> bool {
+        self.flags & instance_flags::DISABLE_OPACITY_MICROMAPS != 0
+    }
+
+    /// Whether a geometry is opaque to this ray; `None` if it is culled for that.
+    #[inline(always)]
+    pub fn opacity(&self, geometry: u32) -> Option<bool> {
+        self.unless_culled(geometry & geometry_word::OPAQUE != 0)
+    }
+
+    /// Whether a micromap decides what is opaque of a geometry.
+    #[inline(always)]
+    pub fn heeds_micromap(&self, geometry: u32) -> bool {
+        geometry & geometry_word::MICROMAP != 0 && !self.ignores_micromaps()
+    }
+
+    /// Whether a point of this opacity is opaque to this ray; `None` if it is no candidate.
+    pub fn micromap_opacity(&self, opacity: Opacity) -> Option<bool> {
+        let two_states = self.flags & instance_flags::FORCE_OPACITY_MICROMAP_2_STATE != 0
+            || self.ray_flags & ray_flags::FORCE_OPACITY_MICROMAP_2_STATE != 0;
+        let opacity = if two_states {
+            opacity.in_two_states()
+        } else {
+            opacity
+        };
+        match opacity {
+            Opacity::Transparent => None,
+            Opacity::Opaque => self.unless_culled(true),
+            Opacity::UnknownTransparent | Opacity::UnknownOpaque => self.unless_culled(false),
+        }
+    }
+
+    #[inline(always)]
+    fn unless_culled(&self, opaque: bool) -> Option<bool> {
+        let opaque = self.opaque.unwrap_or(opaque);
+        let culls = if opaque {
+            ray_flags::CULL_OPAQUE
+        } else {
+            ray_flags::CULL_NO_OPAQUE
+        };
+        (self.ray_flags & culls == 0).then_some(opaque)
+    }
+
+    /// Whether a triangle whose winding has this front counts as seen from its front; `None` if
+    /// it is culled for its facing.
+    #[inline(always)]
+    pub fn facing(&self, front: bool) -> Option<bool> {
+        let front = front != self.flips_facing();
+        let culls = if front {
+            ray_flags::CULL_FRONT_FACING_TRIANGLES
+        } else {
+            ray_flags::CULL_BACK_FACING_TRIANGLES
+        };
+        let culled = self.ray_flags & culls != 0
+            && self.flags & instance_flags::TRIANGLE_FACING_CULL_DISABLE == 0;
+        (!culled).then_some(front)
+    }
+
+    #[inline(always)]
+    fn flips_facing(&self) -> bool {
+        self.flags & instance_flags::TRIANGLE_FLIP_FACING != 0
+    }
+
+    /// What a triangle whose winding has this front is called, culled or not.
+    #[inline(always)]
+    pub fn hit_kind(&self, front: bool) -> u8 {
+        if front != self.flips_facing() {
+            HIT_KIND_FRONT_FACING_TRIANGLE
+        } else {
+            HIT_KIND_BACK_FACING_TRIANGLE
+        }
+    }
+
+    /// A hit with what the instance knows of it.
+    #[inline(always)]
+    pub fn hit(&self) -> Hit {
+        Hit {
+            instance_index: self.index,
+            instance_custom_index: self.custom_index,
+            instance_sbt_offset: self.sbt_offset,
+            ..Hit::default()
+        }
+    }
+}
