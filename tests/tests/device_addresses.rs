@@ -10,6 +10,9 @@ fn gpu_with_address_commands() -> Option<Gpu> {
     (gpu.optional.address_commands.device_address_commands != 0).then_some(gpu)
 }
 
+/// `VK_ADDRESS_COMMAND_STORAGE_BUFFER_USAGE_BIT_KHR`: every buffer of the harness may be a storage buffer.
+const OF_STORAGE: u32 = 1 << 2;
+
 /// A device function by name, as a pointer of type `T`.
 fn function<T: Copy>(gpu: &Gpu, name: &CStr) -> T {
     assert_eq!(size_of::<T>(), size_of::<vk::PFN_vkVoidFunction>());
@@ -103,9 +106,9 @@ fn memory_is_filled_updated_and_copied() {
         s_type: structure(0),
         p_next: std::ptr::null(),
         source: range(first, from, size),
-        source_flags: 0,
+        source_flags: OF_STORAGE,
         destination: range(second, to, size),
-        destination_flags: 0,
+        destination_flags: OF_STORAGE,
     };
     let regions = [region(8, 0, 16), region(0, 32, 4)];
     let info = CopyInfo {
@@ -117,12 +120,12 @@ fn memory_is_filled_updated_and_copied() {
     gpu.run(|commands| {
         // SAFETY: the ranges lie in the buffers; the structures outlive the calls.
         unsafe {
-            fill(commands, &range(first, 0, 24), 0, 9);
+            fill(commands, &range(first, 0, 24), OF_STORAGE, 9);
             gpu.barrier(commands);
             update(
                 commands,
                 &range(first, 12, 12),
-                0,
+                OF_STORAGE,
                 12,
                 words.as_ptr().cast(),
             );
@@ -153,7 +156,7 @@ fn images_are_copied_from_and_to_addresses() {
         s_type: structure(2),
         p_next: std::ptr::null(),
         range,
-        flags: 0,
+        flags: OF_STORAGE,
         row_length,
         image_height: 0,
         subresource: layers,
@@ -219,7 +222,7 @@ fn a_dispatch_takes_its_size_from_an_address() {
         s_type: structure(11),
         p_next: std::ptr::null(),
         range: range(sizes, 4, 12),
-        flags: 0,
+        flags: OF_STORAGE,
     };
     gpu.run(|commands| {
         let point = vk::PipelineBindPoint::COMPUTE;
@@ -285,7 +288,7 @@ fn query_results_go_to_an_address() {
                 gpu.device.cmd_write_timestamp(commands, stage, pool, query);
             }
             let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
-            copy(commands, pool, 0, 2, &results, 0, flags);
+            copy(commands, pool, 0, 2, &results, OF_STORAGE, flags);
         });
         gpu.device.destroy_query_pool(pool, None);
     }

@@ -294,14 +294,16 @@ fn caches_carry_programs_from_one_to_the_next() {
         }
         parts.check(&gpu, parts.plain(&gpu, first, any).unwrap());
         let data = gpu.device.get_pipeline_cache_data(first).unwrap();
-        // VkPipelineCacheHeaderVersionOne.
-        let word = |at: usize| u32::from_le_bytes(data[at..at + 4].try_into().unwrap());
-        let properties = gpu.instance.get_physical_device_properties(gpu.physical);
-        assert_eq!(word(0), 32);
-        assert_eq!(word(4), 1);
-        assert_eq!(word(8), properties.vendor_id);
-        assert_eq!(word(12), properties.device_id);
-        assert_eq!(data[16..32], properties.pipeline_cache_uuid);
+        unless_known(&gpu, "llvmpipe", "the header is cut off", || {
+            // VkPipelineCacheHeaderVersionOne.
+            let word = |at: usize| u32::from_le_bytes(data[at..at + 4].try_into().unwrap());
+            let properties = gpu.instance.get_physical_device_properties(gpu.physical);
+            assert_eq!(word(0), 32);
+            assert_eq!(word(4), 1);
+            assert_eq!(word(8), properties.vendor_id);
+            assert_eq!(word(12), properties.device_id);
+            assert_eq!(data[16..32], properties.pipeline_cache_uuid);
+        });
 
         let second = cache_of(&gpu, &data);
         let merged = cache_of(&gpu, &[]);
