@@ -1,4 +1,4 @@
-//! The commands a person types: `cargo xtask demo | test | env | run | install | bench | audit`.
+//! The commands a person types: `cargo xtask demo | test | bench | audit | env | run | install`.
 
 mod audit;
 mod bench;
