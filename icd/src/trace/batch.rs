@@ -147,7 +147,9 @@ impl<'a> Batch<'a> {
 
     /// Fills a new subgroup's inputs and makes it ready.
     fn start(&mut self, index: SubgroupIndex, records: &[u64; SUBGROUP_SIZE]) {
-        let mut subgroup = std::mem::take(&mut self.worker.subgroups[index]);
+        // Out of the list, for the others to be read meanwhile.
+        let mut rows = std::mem::take(&mut self.worker.subgroups[index].rows);
+        let subgroup = &self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let sources = Sources {
             dispatch: self.dispatch,
@@ -155,8 +157,8 @@ impl<'a> Batch<'a> {
             subgroups: &self.worker.subgroups,
             rays: &self.worker.rays,
         };
-        sources.fill(program, &mut subgroup, records);
-        self.worker.subgroups[index] = subgroup;
+        sources.fill(program, subgroup, records, &mut rows);
+        self.worker.subgroups[index].rows = rows;
         self.make_ready(index);
     }
 
