@@ -147,18 +147,17 @@ impl Batch<'_> {
         let subgroup = &self.worker.subgroups[reporter.subgroup];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let index = subgroup.ray[lane];
-        let report = Report {
-            t: f32::from_bits(subgroup.io(program, 0, lane)),
-            hit_kind: subgroup.io(program, 1, lane) as u8,
-            attributes: std::array::from_fn(|word| {
-                if (word as u32) < attribute_words {
-                    subgroup.io(program, IO_DATA_ROW + word, lane)
-                } else {
-                    0
-                }
-            }),
+        let io = &subgroup.rows[program.layout().io..];
+        let mut report = Report {
+            t: f32::from_bits(io[0].0[lane]),
+            hit_kind: io[1].0[lane] as u8,
             reporter,
+            ..Report::default()
         };
+        let words = &io[IO_DATA_ROW..][..attribute_words as usize];
+        for (attribute, row) in report.attributes.iter_mut().zip(words) {
+            *attribute = row.0[lane];
+        }
         let ray = &mut self.worker.rays[index];
         let walk = ray.walk();
         // Written so that a NaN is outside.
@@ -168,7 +167,6 @@ impl Batch<'_> {
         }
         let opaque = walk.candidate().opaque;
         let record = ray.hit_record_index(walk.candidate());
-        ray.details_mut().report = report;
         let launch = ray.launch;
         let shaders = self.dispatch.shaders;
         let found = if opaque {
@@ -181,6 +179,7 @@ impl Batch<'_> {
         match found.and_then(|(group, record)| Some((group.any_hit?, record))) {
             Some((program, record)) => {
                 let role = Role::AnyHitOfReport;
+                ray.details_mut().report = report;
                 self.calls.push(Call {
                     program,
                     role,
@@ -190,23 +189,23 @@ impl Batch<'_> {
                     launch,
                 });
             }
-            None => self.commit_report(index, false),
+            None => self.commit_report(index, &report, false),
         }
     }
 
-    /// Commits the reported hit and tells the intersection invocation.
-    fn commit_report(&mut self, index: u32, terminate: bool) {
+    /// The any-hit shader accepts the reported hit.
+    fn accept_report(&mut self, index: u32, terminate: bool) {
+        let report = self.worker.rays[index].details_mut().report;
+        self.commit_report(index, &report, terminate);
+    }
+
+    /// Commits a reported hit and tells the intersection invocation.
+    fn commit_report(&mut self, index: u32, report: &Report, terminate: bool) {
         let ray = &mut self.worker.rays[index];
-        let Report {
-            t,
-            hit_kind,
-            attributes,
-            reporter,
-        } = ray.details_mut().report;
-        ray.details_mut().attributes = attributes;
-        let over = ray.walk_mut().commit_procedural(t, hit_kind);
+        ray.details_mut().attributes = report.attributes;
+        let over = ray.walk_mut().commit_procedural(report.t, report.hit_kind);
         ray.over |= terminate;
-        self.decide_report(reporter, if over || terminate { 2 } else { 1 });
+        self.decide_report(report.reporter, if over || terminate { 2 } else { 1 });
     }
 
     /// The any-hit shader ignores the reported hit.
@@ -268,7 +267,7 @@ impl Batch<'_> {
                 for lane in lanes_of(lanes) {
                     match outputs[0].0[lane] {
                         1 => self.reject_report(rays[lane]),
-                        verdict => self.commit_report(rays[lane], verdict != 0),
+                        verdict => self.accept_report(rays[lane], verdict != 0),
                     }
                 }
             }

@@ -102,15 +102,11 @@ impl Grid {
         let [nx, ny, _] = self.batches.map(|n| n as usize);
         let (bx, by, z) = (batch % nx, batch / nx % ny, batch / (nx * ny));
         let first = [bx as u32 * self.batch[0], by as u32 * self.batch[1]];
-        (0..self.batch[0] * self.batch[1])
-            .map(move |i| {
-                self.tile(
-                    first[0] + i % self.batch[0],
-                    first[1] + i / self.batch[0],
-                    z as u32,
-                )
-            })
-            .filter(|tile| tile.mask != 0)
+        let [columns, rows] = [0, 1].map(|axis| {
+            let tiles = self.extent[axis].div_ceil(self.tile[axis]);
+            first[axis]..tiles.min(first[axis] + self.batch[axis])
+        });
+        rows.flat_map(move |y| columns.clone().map(move |x| self.tile(x, y, z as u32)))
     }
 
     fn tile(&self, tile_x: u32, tile_y: u32, z: u32) -> Tile {
