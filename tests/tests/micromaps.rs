@@ -144,12 +144,7 @@ fn shoot(gpu: &Gpu, world: Structure, points: &[[f32; 2]], ray_flags: u32) -> Ve
         },
         flags,
     );
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1)],
-        hit: vec![Record::of(2)],
-        callable: vec![],
-    };
+    let table = Table::of(0, &[1], &[2]);
     gpu.trace(&rays, &table, [points.len() as u32, 1, 1]);
     output.read()
 }

@@ -132,12 +132,7 @@ fn trace(gpu: &Gpu, world: Structure, rays: &[[f32; 7]]) -> Vec<Found> {
         },
         vk::PipelineCreateFlags::RAY_TRACING_ALLOW_MOTION_NV,
     );
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1)],
-        hit: vec![Record::of(2)],
-        callable: vec![],
-    };
+    let table = Table::of(0, &[1], &[2]);
     gpu.trace(&pipeline, &table, [rays.len() as u32, 1, 1]);
     output.read()
 }

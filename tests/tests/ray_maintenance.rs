@@ -180,12 +180,7 @@ fn shaders_see_the_cull_mask() {
             (1, &[Bound::Storage(output)]),
         ],
     });
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1)],
-        hit: vec![Record::of(2), Record::of(3)],
-        callable: vec![],
-    };
+    let table = Table::of(0, &[1], &[2, 3]);
     gpu.trace(&rays, &table, [3, 1, 1]);
     let results: Vec<[u32; 4]> = output.read();
     assert_eq!(results[0], [0, 0x31, 0x31, 0]);

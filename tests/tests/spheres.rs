@@ -96,12 +96,7 @@ fn trace(
         ],
     };
     let pipeline = gpu.rays(&rays_input);
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1)],
-        hit: vec![Record::of(2)],
-        callable: vec![],
-    };
+    let table = Table::of(0, &[1], &[2]);
     gpu.trace(&pipeline, &table, [rays.len() as u32, 1, 1]);
     let words: Vec<f32> = output.read();
     words

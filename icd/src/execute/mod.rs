@@ -194,7 +194,7 @@ fn run_dispatch(
     Ok(())
 }
 
-/// Commands of the ray tracing extensions, on the workers.
+/// Commands of the ray tracing extensions.
 fn run_ray_tracing(
     engine: &Engine,
     bindings: &mut Bindings<'_>,
@@ -213,8 +213,6 @@ fn run_ray_tracing(
         mask,
         limits: &limits,
     });
-    engine
-        .workers
-        .install(|| ray_tracing::execute(command, || bound))?;
+    ray_tracing::execute(command, bound, &engine.workers)?;
     Ok(())
 }

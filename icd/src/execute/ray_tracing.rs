@@ -22,16 +22,42 @@ pub struct Bound<'a> {
     pub mask: Option<InvocationMask>,
 }
 
-/// Performs a command on the current rayon pool.
+/// Performs a command. What fans out does so over `workers`.
 ///
 /// # Errors
 /// A dispatch that was stopped: the device is lost.
-pub fn execute<'a>(
+pub fn execute(
     command: &RayTracingCommand,
-    bound: impl FnOnce() -> Option<Bound<'a>>,
+    bound: Option<Bound<'_>>,
+    workers: &rayon::ThreadPool,
 ) -> Result<(), Stopped> {
     // SAFETY, for each block: the application keeps the valid usage of the command; the addresses were taken from live objects and
     // stay mapped for the device's life.
+    match command {
+        RayTracingCommand::TraceRays { tables, extent } => {
+            trace_rays(tables, *extent, bound, workers)
+        }
+        RayTracingCommand::TraceRaysIndirect { tables, address } => {
+            // SAFETY: as above; the three words are read when the command is executed, since an earlier one may have written them.
+            let extent = unsafe { std::ptr::read_unaligned(*address as *const [u32; 3]) };
+            trace_rays(tables, extent, bound, workers)
+        }
+        RayTracingCommand::TraceRaysIndirect2 { address } => {
+            let command = *address as *const vk::TraceRaysIndirectCommand2KHR;
+            // SAFETY: as above.
+            let (tables, extent) = indirect2(&unsafe { command.read_unaligned() });
+            trace_rays(&tables, extent, bound, workers)
+        }
+        _ => {
+            workers.install(|| on_structures(command));
+            Ok(())
+        }
+    }
+}
+
+/// Performs a command on structures, on the current rayon pool.
+fn on_structures(command: &RayTracingCommand) {
+    // SAFETY, for each block: as in `execute`.
     match command {
         RayTracingCommand::Build(builds) => build(builds),
         RayTracingCommand::BuildIndirect(builds) => {
@@ -86,22 +112,10 @@ pub fn execute<'a>(
         }
         // SAFETY: as above.
         RayTracingCommand::Micromap(command) => unsafe { super::micromap::execute(command) },
-        RayTracingCommand::TraceRays { tables, extent } => {
-            return trace_rays(tables, *extent, bound());
-        }
-        RayTracingCommand::TraceRaysIndirect { tables, address } => {
-            // SAFETY: as above; the three words are read when the command is executed, since an earlier one may have written them.
-            let extent = unsafe { std::ptr::read_unaligned(*address as *const [u32; 3]) };
-            return trace_rays(tables, extent, bound());
-        }
-        RayTracingCommand::TraceRaysIndirect2 { address } => {
-            let command = *address as *const vk::TraceRaysIndirectCommand2KHR;
-            // SAFETY: as above.
-            let (tables, extent) = indirect2(&unsafe { command.read_unaligned() });
-            return trace_rays(&tables, extent, bound());
-        }
+        RayTracingCommand::TraceRays { .. }
+        | RayTracingCommand::TraceRaysIndirect { .. }
+        | RayTracingCommand::TraceRaysIndirect2 { .. } => {}
     }
-    Ok(())
 }
 
 /// Builds side by side: the specification forbids that builds of one command depend on each other.
@@ -183,7 +197,12 @@ fn indirect2(command: &vk::TraceRaysIndirectCommand2KHR) -> (Tables, [u32; 3]) {
     (tables, [command.width, command.height, command.depth])
 }
 
-fn trace_rays(tables: &Tables, extent: [u32; 3], bound: Option<Bound<'_>>) -> Result<(), Stopped> {
+fn trace_rays(
+    tables: &Tables,
+    extent: [u32; 3],
+    bound: Option<Bound<'_>>,
+    workers: &rayon::ThreadPool,
+) -> Result<(), Stopped> {
     let Some(Bound {
         pipeline: Some(pipeline),
         mut environment,
@@ -203,7 +222,7 @@ fn trace_rays(tables: &Tables, extent: [u32; 3], bound: Option<Bound<'_>>) -> Re
     }
     let launch = uniform::LAUNCH_SIZE as usize;
     environment.uniforms[launch..launch + 3].copy_from_slice(&extent);
-    pipeline.tracer.trace_rays(&Dispatch {
+    let dispatch = Dispatch {
         shaders: &pipeline.shaders,
         tables: *tables,
         extent,
@@ -211,7 +230,8 @@ fn trace_rays(tables: &Tables, extent: [u32; 3], bound: Option<Bound<'_>>) -> Re
         pipeline_ray_flags: pipeline.ray_flags,
         mask,
         limits,
-    })
+    };
+    pipeline.tracer.trace_rays(&dispatch, workers)
 }
 
 /// `vkGetDeviceAccelerationStructureCompatibilityKHR`: whether serialized data can be deserialized here.

@@ -29,7 +29,9 @@ impl Batch<'_> {
                 if hit.is_built_in() {
                     attributes[..2].copy_from_slice(&hit.barycentrics.map(f32::to_bits));
                 } else {
-                    attributes.copy_from_slice(&ray.attributes);
+                    let details = ray.details();
+                    attributes
+                        .copy_from_slice(&details.map_or_else(Default::default, |d| d.attributes));
                 }
                 kind::HIT
             }
@@ -66,8 +68,6 @@ impl Batch<'_> {
         ray.cull_mask = object.0[word::KIND] >> 8 & 0xff;
         ray.fills_hit_object = false;
         ray.time = object.time();
-        ray.attributes
-            .copy_from_slice(&object.0[word::ATTRIBUTES..]);
         // The record's index is given: one that the rule for hits, with these, leads back to.
         ray.sbt_stride = 0;
         ray.miss_index = object.0[word::RECORD_INDEX];
@@ -76,10 +76,15 @@ impl Batch<'_> {
             Some(hit) => object.0[word::RECORD_INDEX].wrapping_sub(hit.instance_sbt_offset),
             None => 0,
         };
-        ray.recorded = Some(Recorded {
+        ray.is_recorded = true;
+        let details = ray.details_mut();
+        details
+            .attributes
+            .copy_from_slice(&object.0[word::ATTRIBUTES..]);
+        details.recorded = Recorded {
             ray: object.ray(),
             hit,
-        });
+        };
         self.end_walk(index);
     }
 

@@ -10,6 +10,7 @@
 //! Shader code never calls traversal and traversal never calls shader code: both return here with an event. Recursion therefore costs
 //! heap, never native stack, and callees are repacked across all waves of the batch.
 
+mod answers;
 mod batch;
 mod calls;
 mod grid;
@@ -25,6 +26,7 @@ mod subgroup;
 pub mod table;
 #[cfg(test)]
 mod tests;
+mod walks;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -93,11 +95,15 @@ pub struct Tracer {
 }
 
 impl Tracer {
-    /// Executes a dispatch on the current rayon pool and returns when it is complete.
+    /// Executes a dispatch and returns when it is complete. What is too small to be shared runs on the current thread.
     ///
     /// # Errors
     /// When a limit stopped it; what it wrote so far stays written.
-    pub fn trace_rays(&self, dispatch: &Dispatch<'_>) -> Result<(), Stopped> {
+    pub fn trace_rays(
+        &self,
+        dispatch: &Dispatch<'_>,
+        workers: &rayon::ThreadPool,
+    ) -> Result<(), Stopped> {
         let Some((raygen, record)) = dispatch.raygen() else {
             return Ok(());
         };
@@ -109,9 +115,11 @@ impl Tracer {
         match grid.batch_count() {
             0 => Ok(()),
             1 => run(&mut self.lease(), 0),
-            count => (0..count)
-                .into_par_iter()
-                .try_for_each_init(|| self.lease(), run),
+            count => workers.install(|| {
+                (0..count)
+                    .into_par_iter()
+                    .try_for_each_init(|| self.lease(), run)
+            }),
         }
     }
 

@@ -359,6 +359,11 @@ fn region(handles: &[Handle], first: usize, count: usize) -> Region {
     }
 }
 
+fn workers() -> rayon::ThreadPool {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2);
+    pool.build().expect("threads can be started")
+}
+
 fn environment(descriptors: &[Descriptor]) -> Environment {
     let null = DescriptorSet {
         entries: std::ptr::null(),
@@ -443,7 +448,7 @@ fn every_kind_of_shader_call_returns_to_its_caller() {
         limits: &Limits::default(),
     };
     Tracer::default()
-        .trace_rays(&dispatch)
+        .trace_rays(&dispatch, &workers())
         .expect("no limit is reached");
     for y in 0..SIZE {
         for x in 0..SIZE {
@@ -518,7 +523,7 @@ fn is_stopped(text: &str) {
         limits: &limits,
     };
     assert_eq!(
-        Tracer::default().trace_rays(&dispatch),
+        Tracer::default().trace_rays(&dispatch, &workers()),
         Err(Stopped::TimedOut)
     );
 }

@@ -112,6 +112,7 @@ impl Program {
     }
 
     /// Input rows the program reads, in order; row `i` of the state's inputs is `inputs()[i]`.
+    #[inline]
     pub fn inputs(&self) -> &[InputRow] {
         &self.inputs
     }
@@ -132,6 +133,7 @@ impl Program {
     }
 
     /// Rows of a subgroup's state.
+    #[inline]
     pub fn layout(&self) -> StateLayout {
         self.layout
     }
@@ -143,6 +145,7 @@ impl Program {
     }
 
     /// What yields ask for, by `SiteId`.
+    #[inline]
     pub fn sites(&self) -> &[SiteKind] {
         &self.sites
     }
@@ -161,6 +164,7 @@ impl Program {
     }
 
     /// Words the program leaves in the `io` rows at its end (see `ir::Module::output_rows`).
+    #[inline]
     pub fn output_rows(&self) -> u32 {
         self.output_rows
     }
@@ -183,12 +187,14 @@ impl Program {
     }
 
     /// Where a state stands.
+    #[inline]
     pub fn resume_point(&self, state: &[AlignedRow]) -> ResumePoint {
         ResumePoint(state[0].0[0])
     }
 
     /// Lanes of a yielded state that take part in its event (may be none: such a subgroup is ready at once). Only their columns
     /// of the `io` rows are the event's: the others may hold outputs of lanes that have ended.
+    #[inline]
     pub fn event_mask(&self, state: &[AlignedRow]) -> u16 {
         state[0].0[1] as u16
     }
