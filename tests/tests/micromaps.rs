@@ -16,7 +16,9 @@ const HIT: u32 = 2;
 fn gpu_with_micromaps() -> Option<Gpu> {
     // The layer of 1.3.239 does not know micromaps in shaders and structures.
     let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 290));
-    (gpu.optional.micromap.micromap != 0).then_some(gpu)
+    gpu.with("VK_EXT_opacity_micromap", |gpu| {
+        gpu.optional.micromap.micromap != 0
+    })
 }
 
 /// Where a geometry's triangles find their opacity.

@@ -475,8 +475,8 @@ fn callables_call_callables() {
 fn closest_hit_shaders_trace_rays_to_the_allowed_depth() {
     let gpu = Gpu::new();
     let depth = gpu.pipeline_properties.max_ray_recursion_depth.min(6);
-    if depth < 2 {
-        return println!("this device does not recurse");
+    if !has("recursion", depth >= 2) {
+        return;
     }
     let world = gpu.scene(&[Geometry::opaque(&layers(8))]);
     // A ray that hits layer k goes on from there until `left` is used up; each level keeps a
@@ -681,8 +681,8 @@ fn several_rays_use_several_payloads_and_miss_shaders() {
     struct Deep { dvec2 d; uint u; float f[3]; };
     layout(location = 2) rayPayloadInEXT Deep c;
     void main() { c.d = c.d.yx; c.u *= 2u; c.f[2] = c.f[0] + c.f[1]; }";
-    if gpu.features.shader_float64 == 0 {
-        return println!("this device has no doubles");
+    if !has("doubles", gpu.features.shader_float64 != 0) {
+        return;
     }
     let output = gpu.buffer(12 * 40);
     let raygen = format!("{WORLD}{RESULTS}{raygen}");

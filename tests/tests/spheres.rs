@@ -6,7 +6,8 @@ use tuff_tests::*;
 fn gpu() -> Option<Gpu> {
     let gpu = Gpu::without_validation();
     let features = gpu.optional.swept_spheres;
-    (features.spheres == vk::TRUE && features.linear_swept_spheres == vk::TRUE).then_some(gpu)
+    let there = features.spheres * features.linear_swept_spheres == vk::TRUE;
+    gpu.with("VK_NV_ray_tracing_linear_swept_spheres", |_| there)
 }
 
 const HEAD: &str = r"

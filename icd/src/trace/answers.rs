@@ -8,6 +8,7 @@ use super::batch::Batch;
 use super::calls::Call;
 use super::rays::Report;
 use super::subgroup::{LaneRef, Role, SubgroupIndex, by_subgroup, in_place, lanes_of};
+use crate::validate::{Instruction, Need};
 
 impl Batch<'_> {
     /// Starts what a yield asks for, lane by lane.
@@ -105,10 +106,17 @@ impl Batch<'_> {
             };
             let ray_index = worker.rays.take();
             let ray = &mut worker.rays[ray_index];
-            let flags = self.dispatch.pipeline_ray_flags;
-            ray.start(caller, subgroup.launch[lane], operands, flags, motion);
+            let launch = subgroup.launch[lane];
+            ray.start(caller, launch, operands, self.dispatch, motion);
             ray.fills_hit_object = fills_hit_object;
             self.walking.push((ray_index, Verdict::Continue));
+        }
+        if let Some(traced) = self.dispatch.checks {
+            let instruction = Instruction {
+                fills_hit_object,
+                has_time: motion,
+            };
+            self.check_rays(traced, index, lanes, instruction);
         }
         if lanes == 0 {
             self.make_ready(index);
@@ -120,6 +128,9 @@ impl Batch<'_> {
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let callable = subgroup.io(program, 0, caller.lane as usize);
         let launch = subgroup.launch[caller.lane as usize];
+        if let Some(traced) = self.dispatch.checks {
+            self.check_record(traced, Need::Callable, callable);
+        }
         let shaders = self.dispatch.shaders;
         let found = self
             .worker
@@ -147,6 +158,9 @@ impl Batch<'_> {
         let subgroup = &self.worker.subgroups[reporter.subgroup];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let index = subgroup.ray[lane];
+        if let Some(traced) = self.dispatch.checks {
+            self.check_hit_kind(traced, reporter, subgroup.io(program, 1, lane));
+        }
         let io = &subgroup.rows[program.layout().io..];
         let mut report = Report {
             t: f32::from_bits(io[0].0[lane]),
@@ -165,9 +179,13 @@ impl Batch<'_> {
         if !inside || ray.over {
             return self.decide_report(reporter, 0);
         }
-        let opaque = walk.candidate().opaque;
-        let record = ray.hit_record_index(walk.candidate());
+        let candidate = *walk.candidate();
+        let opaque = candidate.opaque;
+        let record = ray.hit_record_index(&candidate);
         let launch = ray.launch;
+        if let Some(traced) = self.dispatch.checks.filter(|_| !opaque) {
+            self.check_hit_record(traced, Need::AnyHit, record, &candidate);
+        }
         let shaders = self.dispatch.shaders;
         let found = if opaque {
             None
@@ -179,7 +197,7 @@ impl Batch<'_> {
         match found.and_then(|(group, record)| Some((group.any_hit?, record))) {
             Some((program, record)) => {
                 let role = Role::AnyHitOfReport;
-                ray.details_mut().report = report;
+                self.worker.rays[index].details_mut().report = report;
                 self.calls.push(Call {
                     program,
                     role,

@@ -277,6 +277,9 @@ impl<'a> Batch<'a> {
     }
 
     fn form_subgroup(&mut self, calls: &[Call]) -> Result<(), Stopped> {
+        if let Some(traced) = self.dispatch.checks {
+            calls.iter().for_each(|call| self.check_call(traced, call));
+        }
         let lanes = u16::MAX >> (SUBGROUP_SIZE - calls.len());
         let index = self.new_subgroup(calls[0].program, calls[0].role, lanes)?;
         let subgroup = &mut self.worker.subgroups[index];

@@ -5,6 +5,7 @@ use spirv_jit::hit_object::{HitFact, IDENTITY, TRACED, kind, primitive, word};
 use spirv_jit::program::IO_DATA_ROW;
 use traversal::{Hit, Ray, Structure, Swept};
 
+use super::Limits;
 use super::batch::Batch;
 use super::rays::Recorded;
 use super::subgroup::{LaneRef, Subgroup};
@@ -54,7 +55,8 @@ impl Batch<'_> {
     pub(super) fn execute_hit_object(&mut self, caller: LaneRef) {
         let subgroup = &self.worker.subgroups[caller.subgroup];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        let object = Object::of_execute(subgroup, program, caller.lane as usize);
+        let object = Object::of_execute(subgroup, program, caller.lane as usize)
+            .confined(self.dispatch.limits);
         if object.state() == kind::EMPTY {
             return self.answered(caller);
         }
@@ -97,6 +99,7 @@ impl Batch<'_> {
         for (row, &index) in IDENTITY.iter().enumerate() {
             object.0[index] = subgroup.io(program, row, lane);
         }
+        let object = object.confined(self.dispatch.limits);
         let mut answer = [0; IO_DATA_ROW];
         let tables = &self.dispatch.tables;
         match fact {
@@ -183,6 +186,14 @@ impl Object {
 
     fn time(&self) -> f32 {
         f32::from_bits(self.0[word::TIME])
+    }
+
+    /// Forgets a structure that leads nowhere.
+    fn confined(mut self, limits: &Limits) -> Self {
+        let structure = limits.structure(self.structure());
+        self.0[word::STRUCTURE] = structure as u32;
+        self.0[word::STRUCTURE + 1] = (structure >> 32) as u32;
+        self
     }
 
     fn structure(&self) -> u64 {

@@ -3,6 +3,7 @@
 use spirv_jit::program::{AlignedRow, IO_DATA_ROW};
 use traversal::{Hit, Ray, Walk};
 
+use super::Dispatch;
 use super::subgroup::LaneRef;
 
 /// `maxRayHitAttributeSize` in words.
@@ -70,7 +71,7 @@ impl RayInFlight {
         caller: LaneRef,
         launch: u32,
         operands: &[AlignedRow; IO_DATA_ROW],
-        pipeline_flags: u32,
+        dispatch: &Dispatch<'_>,
         motion: bool,
     ) {
         let lane = caller.lane as usize;
@@ -78,7 +79,8 @@ impl RayInFlight {
         let float = |row| f32::from_bits(word(row));
         self.caller = caller;
         self.launch = launch;
-        self.structure = word(0) as u64 | (word(1) as u64) << 32;
+        let named = word(0) as u64 | (word(1) as u64) << 32;
+        self.structure = dispatch.limits.structure(named);
         self.flags = word(2);
         self.cull_mask = word(3) & 0xff;
         self.sbt_offset = word(4);
@@ -93,7 +95,7 @@ impl RayInFlight {
             t_min: float(10),
             direction: [float(11), float(12), float(13)],
             t_max: float(14),
-            flags: self.flags | pipeline_flags,
+            flags: self.flags | dispatch.pipeline_ray_flags,
             cull_mask: self.cull_mask,
         };
         // SAFETY: the application keeps the structures that a trace may reach built and bound until the dispatch is

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use spirv_jit::Program;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
 use spirv_jit::ir::text::parse_module;
+use spirv_jit::reach::Reach;
 use traversal::{
     AabbGeometry, BuildFlags, BuildInput, Geometries, GeometryFlags, IndexType, InstanceArray,
     InstanceSource, Kind, Memory, TriangleGeometry, VertexFormat,
@@ -382,6 +383,8 @@ fn environment(descriptors: &[Descriptor]) -> Environment {
         dynamic_count: 0,
         push_constants: Descriptor::NULL,
         uniforms,
+        reach: Arc::new(Reach::everywhere()),
+        strays: None,
     }
 }
 
@@ -446,6 +449,7 @@ fn every_kind_of_shader_call_returns_to_its_caller() {
         pipeline_ray_flags: 0,
         mask: None,
         limits: &Limits::default(),
+        checks: None,
     };
     Tracer::default()
         .trace_rays(&dispatch, &workers())
@@ -521,6 +525,7 @@ fn is_stopped(text: &str) {
         pipeline_ray_flags: 0,
         mask: None,
         limits: &limits,
+        checks: None,
     };
     assert_eq!(
         Tracer::default().trace_rays(&dispatch, &workers()),

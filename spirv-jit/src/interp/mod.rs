@@ -26,6 +26,7 @@ mod yields;
 #[cfg(test)]
 mod tests;
 
+use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::ir::{self, InputRow};
@@ -275,6 +276,7 @@ impl Program {
             states,
             subgroups,
             shared: wave.shared,
+            near: Cell::new(wave.environment.reach.likely()),
             resume_pc: 0,
             resume_active: [0; MAX_SUBGROUPS],
         };

@@ -31,6 +31,7 @@ mod group;
 mod kernel;
 mod leaf;
 mod level;
+mod micromap;
 mod motion;
 #[cfg(target_arch = "x86_64")]
 mod packet;
