@@ -18,6 +18,7 @@ pub mod loader;
 pub mod log;
 pub mod object;
 pub mod queue;
+mod settings;
 pub mod table;
 pub mod trace;
 pub mod validate;

@@ -52,6 +52,7 @@ fn compile_entries(path: &str, words: &[u32], capabilities: &[Capability]) {
             specialization: &[],
             bindings: &binding,
             capabilities,
+            accuracy: spirv_jit::Accuracy::Spec,
         };
         let start = Instant::now();
         let lowered = spirv_jit::lower::lower_module(&parsed, &request);

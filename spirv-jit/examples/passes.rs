@@ -86,6 +86,7 @@ fn main() {
             specialization: &[],
             bindings: &support::bindings,
             capabilities: &capabilities,
+            accuracy: spirv_jit::Accuracy::Spec,
         };
         let begin = Instant::now();
         let parsed = spirv_jit::parse::parse(&words).unwrap();

@@ -8,6 +8,7 @@
 //! [`Environment`](environment::Environment) (descriptor sets, push constants, dispatch size) and the states of
 //! up to a wave of subgroups; the program runs until the wave *yields* and the caller answers the event.
 
+mod accuracy;
 pub mod environment;
 pub mod error;
 pub mod eval;
@@ -22,6 +23,7 @@ pub mod program;
 pub mod query;
 pub mod reach;
 
+pub use accuracy::Accuracy;
 pub use error::Error;
 pub use program::{CompileRequest, Program, compile};
 

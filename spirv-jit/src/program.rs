@@ -12,6 +12,7 @@
 
 use std::sync::Arc;
 
+use crate::accuracy::Accuracy;
 use crate::environment::Environment;
 use crate::error::Error;
 use crate::hit_object::HitFact;
@@ -91,6 +92,7 @@ pub struct CompileRequest<'a> {
     pub bindings: &'a dyn Fn(u32, u32) -> Option<ir::op::DescriptorBinding>,
     /// What the device has enabled; anything a module declares beyond it is refused.
     pub capabilities: &'a [rspirv::spirv::Capability],
+    pub accuracy: Accuracy,
 }
 
 /// Compiles one entry point.

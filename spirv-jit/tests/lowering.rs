@@ -2,9 +2,10 @@
 
 mod support;
 
+use spirv_jit::Accuracy;
 use spirv_jit::ir::{Node, Op, Terminator};
 use spirv_jit::program::{InputRow, Stage};
-use support::lower_glsl;
+use support::{glsl, lower_as, lower_glsl};
 
 fn operations(module: &spirv_jit::ir::Module) -> Vec<Op> {
     fn walk(body: &spirv_jit::ir::Body, out: &mut Vec<Op>) {
@@ -222,4 +223,27 @@ fn large_functions_with_several_call_sites_stay_functions() {
     assert!(module.functions.len() > 1);
     let calls = operations(&module);
     assert!(calls.iter().any(|op| matches!(op, Op::Call(_))));
+}
+
+#[test]
+fn functions_are_as_exact_as_was_asked_for() {
+    let words = glsl(
+        Stage::Compute,
+        "layout(set = 0, binding = 1) buffer Out { float data[]; };
+         void main() { data[0] = sin(data[1]) + sqrt(data[2]) + normalize(vec2(data[3], data[4])).x; }",
+    );
+    let compiled = |accuracy| {
+        let module = lower_as(Stage::Compute, &words, &[], accuracy).expect("it compiles");
+        operations(&module)
+    };
+    let spec = compiled(Accuracy::Spec);
+    assert!(spec.contains(&Op::FSin) && spec.contains(&Op::FInverseSqrt));
+    assert!(!spec.contains(&Op::FConvert));
+    let fast = compiled(Accuracy::Fast);
+    assert!(fast.contains(&Op::FSinFast) && fast.contains(&Op::FInverseSqrtFast));
+    assert!(!fast.contains(&Op::FSin) && fast.contains(&Op::FSqrt));
+    let exact = compiled(Accuracy::Exact);
+    // Two functions go to f64 and back; a square root is exact as it is.
+    let conversions = exact.iter().filter(|op| **op == Op::FConvert).count();
+    assert_eq!(conversions, 4);
 }

@@ -17,6 +17,7 @@ fn try_compile(stage: Stage, words: &[u32]) {
         specialization: &[],
         bindings: &bindings,
         capabilities: &capabilities,
+        accuracy: spirv_jit::Accuracy::Spec,
     };
     let _: Result<std::sync::Arc<Program>, _> = spirv_jit::compile(&request);
 }

@@ -22,6 +22,7 @@ use spirv_jit::program::{AlignedRow, Builtin, Event, InputRow, ResumePoint, Row,
 use spirv_jit::{Program, SUBGROUP_SIZE};
 use traversal::Walker;
 
+use crate::settings::settings;
 use crate::trace::{Limits, Owned, Queries, Stopped};
 
 /// Fuel of a wave between two looks at the limits.
@@ -438,7 +439,7 @@ impl Worker {
                     SiteKind::Barrier => Status::AtBarrier,
                     SiteKind::RayQueryProceed => {
                         self.queries.proceed(
-                            self.walker.get_or_insert_with(Walker::new),
+                            self.walker.get_or_insert_with(|| settings().walker()),
                             program,
                             state,
                             &mut self.suspended,

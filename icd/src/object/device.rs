@@ -17,6 +17,7 @@ use crate::VkResult;
 use crate::execute::Engine;
 use crate::handle::{self, Ref};
 use crate::queue::Queue;
+use crate::settings;
 use crate::table::extensions::ExtensionSet;
 use crate::table::features;
 use crate::validate::{self, Validator};
@@ -57,13 +58,17 @@ impl Device {
     /// A device with its workers and `queue_count` queues.
     ///
     /// # Errors
-    /// Memory or threads that the system does not give.
+    /// Memory or threads that the system does not give; `VK_ERROR_INITIALIZATION_FAILED` where the environment asks for what there is not.
     pub fn new(
         physical: &PhysicalDevice,
         extensions: ExtensionSet,
         queue_count: u32,
         enabled: Enabled,
     ) -> VkResult<Self> {
+        settings::checked().map_err(|message| {
+            physical.messengers.error(c"TUFF-settings", message);
+            vk::Result::ERROR_INITIALIZATION_FAILED
+        })?;
         let window = AddressWindow::reserve(physical.heap_bytes)?;
         let validates = enabled.ray_tracing_validation || validate::is_asked_for();
         let validator =

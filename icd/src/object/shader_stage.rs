@@ -15,6 +15,7 @@ use super::pipeline::ProgramKey;
 use super::ray_tracing_pipeline::StageProgram;
 use super::{Device, PipelineCache, PipelineLayout};
 use crate::VkResult;
+use crate::settings::settings;
 
 /// `VkPipelineShaderStageCreateInfo`, copied.
 #[derive(Clone, Debug)]
@@ -33,7 +34,8 @@ pub struct Compiled {
 }
 
 impl ShaderStage {
-    /// What makes two compilations the same: the module, its entry point and stage, the specialization and where its descriptors are.
+    /// What makes two compilations the same: the module, its entry point and stage, the specialization, where its descriptors are, and how
+    /// exact its functions are.
     pub fn key(&self, layout: &PipelineLayout) -> ProgramKey {
         let mut hash = Xxh3::new();
         for word in self.words.iter() {
@@ -41,7 +43,7 @@ impl ShaderStage {
         }
         hash.update(&(self.words.len() as u64).to_le_bytes());
         hash.update(self.entry_point.as_bytes());
-        hash.update(&[0, self.stage as u8]);
+        hash.update(&[0, self.stage as u8, settings().accuracy as u8]);
         for (id, bytes) in &self.specialization {
             hash.update(&id.to_le_bytes());
             hash.update(&(bytes.len() as u64).to_le_bytes());
@@ -102,6 +104,7 @@ impl ShaderStage {
             specialization: &specialization,
             bindings: &|set, binding| layout.descriptor_binding(set, binding),
             capabilities: &device.capabilities,
+            accuracy: settings().accuracy,
         };
         let compiled = spirv_jit::program::compile_module(&request)
             .and_then(|module| Ok((Arc::new(Program::new(&module)?), module)));

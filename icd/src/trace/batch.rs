@@ -14,6 +14,7 @@ use super::stats::Tally;
 use super::subgroup::{Role, Subgroup, SubgroupIndex};
 use super::table::ProgramIndex;
 use super::{Dispatch, Stopped};
+use crate::settings::settings;
 
 /// Fuel of one run or walk between two looks at the limits.
 pub(super) const FUEL: u64 = 1 << 16;
@@ -40,7 +41,7 @@ impl Default for Worker {
     fn default() -> Self {
         Self {
             frame: Frame::default(),
-            walker: Walker::new(),
+            walker: settings().walker(),
             subgroups: Slab::default(),
             rays: Slab::default(),
             records: Records::default(),

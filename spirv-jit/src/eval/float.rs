@@ -5,11 +5,12 @@
 
 use half::f16;
 
+use super::fast::Fast;
 use super::int::Int;
 use super::{convert, transcendental as t, wide};
 
 /// A type that arithmetic is done in: `f32` or `f64`.
-pub trait Native: Copy + PartialOrd + std::fmt::Debug + 'static {
+pub trait Native: Fast + Copy + PartialOrd + std::fmt::Debug + 'static {
     const ZERO: Self;
     const ONE: Self;
     fn add(self, b: Self) -> Self;
@@ -301,6 +302,15 @@ float_unary! {
     fexp2 exp2
     flog2 log2
     fquantize_f16 quantize_f16
+    fsin_fast sin_fast
+    fcos_fast cos_fast
+    ftan_fast tan_fast
+    fatan_fast atan_fast
+    fexp_fast exp_fast
+    fexp2_fast exp2_fast
+    flog_fast log_fast
+    flog2_fast log2_fast
+    finverse_sqrt_fast inverse_sqrt_fast
 }
 
 macro_rules! float_binary {
@@ -319,6 +329,8 @@ float_binary! {
     frem rem
     fpow pow
     fatan2 atan2
+    fpow_fast pow_fast
+    fatan2_fast atan2_fast
 }
 
 /// The result has the divisor's sign.

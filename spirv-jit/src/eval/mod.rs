@@ -7,6 +7,7 @@
 #![forbid(unsafe_code)]
 
 mod convert;
+mod fast;
 mod float;
 mod int;
 mod transcendental;

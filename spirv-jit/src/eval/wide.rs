@@ -146,3 +146,8 @@ pub(super) fn pow(x: f64, y: f64) -> f64 {
 pub(super) fn atan2(y: f64, x: f64) -> f64 {
     y.atan2(x)
 }
+
+#[inline(always)]
+pub(super) fn inverse_sqrt(x: f64) -> f64 {
+    1.0 / x.sqrt()
+}

@@ -35,7 +35,7 @@ use crate::query::QueryWord;
 use crate::{Error, SUBGROUP_SIZE};
 use code::Code;
 use machine::{MAX_SUBGROUPS, Machine, Mask};
-pub use tier::TierKind;
+pub use tier::{NAMES as TIER_NAMES, TierKind, limit as limit_tier};
 
 /// What a frame's rows may take, in bytes, before they leave the nearest cache.
 const FRAME_BYTES: usize = 40 << 10;

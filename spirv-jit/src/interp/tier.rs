@@ -56,6 +56,22 @@ pub enum TierKind {
     Avx512,
 }
 
+static LIMIT: OnceLock<TierKind> = OnceLock::new();
+
+/// The names of the tiers, for those who want no better one than this: [`limit`].
+pub const NAMES: [&str; 3] = ["portable", "avx2", "avx512"];
+
+/// Lets programs from now on use no better tier than the one of this name; the first call counts. Returns whether there is such a
+/// name.
+pub fn limit(name: &str) -> bool {
+    let tiers = [TierKind::Portable, TierKind::Avx2, TierKind::Avx512];
+    let named = NAMES.iter().zip(tiers).find(|(known, _)| **known == name);
+    if let Some((_, tier)) = named {
+        LIMIT.get_or_init(|| tier);
+    }
+    named.is_some()
+}
+
 impl TierKind {
     /// Tiers that this machine has, the best last.
     pub fn present() -> &'static [TierKind] {
@@ -88,7 +104,10 @@ impl TierKind {
         })
     }
 
+    /// The best that is present, up to what [`limit`] says.
     pub fn best() -> TierKind {
-        TierKind::present()[TierKind::present().len() - 1]
+        let limit = LIMIT.get().copied().unwrap_or(TierKind::Avx512);
+        let present = TierKind::present().iter().filter(|tier| **tier <= limit);
+        present.max().copied().unwrap_or(TierKind::Portable)
     }
 }

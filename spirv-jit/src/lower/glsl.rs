@@ -4,6 +4,7 @@ use rspirv::spirv::GlslStd450Op as GLOp;
 
 use super::Lowerer;
 use crate::Error;
+use crate::accuracy::{self, Accuracy};
 use crate::ir::{self, Type, Value};
 use crate::parse::{Id, Instruction};
 
@@ -157,14 +158,31 @@ impl Lowerer<'_> {
         for index in 0..count {
             let parts: Vec<Value> = arguments.iter().map(|argument| argument[index]).collect();
             values.push(match elementwise(op) {
-                Some(op) => {
-                    let ty = self.b.ty(parts[0]);
-                    self.b.emit(op, &parts, ty)?
-                }
+                Some(op) => self.accurate(op, &parts)?,
                 None => self.component(op, &parts)?,
             });
         }
         self.define_typed(instruction, values)
+    }
+
+    /// One operation, as exact as was asked for.
+    fn accurate(&mut self, op: ir::Op, parts: &[Value]) -> Result<Value, Error> {
+        let ty = self.b.ty(parts[0]);
+        match self.request.accuracy {
+            Accuracy::Fast if ty == Type::F32 => {
+                let op = accuracy::fast(&op).unwrap_or(op);
+                self.b.emit(op, parts, ty)
+            }
+            Accuracy::Exact if ty == Type::F32 && accuracy::gains_from_f64(&op) => {
+                let mut wide = Vec::with_capacity(parts.len());
+                for &part in parts {
+                    wide.push(self.b.emit(ir::Op::FConvert, &[part], Type::F64)?);
+                }
+                let value = self.b.emit(op, &wide, Type::F64)?;
+                self.b.emit(ir::Op::FConvert, &[value], ty)
+            }
+            _ => self.b.emit(op, parts, ty),
+        }
     }
 
     /// One component of a composed instruction.
@@ -385,7 +403,7 @@ impl Lowerer<'_> {
                     return Ok(vec![self.b.unary(ir::Op::FSign, x)?]);
                 }
                 let square = self.dot(&a, &a)?;
-                let factor = self.b.unary(ir::Op::FInverseSqrt, square)?;
+                let factor = self.accurate(ir::Op::FInverseSqrt, &[square])?;
                 self.scaled(&a, factor)
             }
             GLOp::FaceForward => {

@@ -28,6 +28,17 @@ pub fn cost(op: &Op) -> u32 {
         | Op::FLog
         | Op::FExp2
         | Op::FLog2 => 16,
+        Op::FSinFast
+        | Op::FCosFast
+        | Op::FTanFast
+        | Op::FAtanFast
+        | Op::FExpFast
+        | Op::FExp2Fast
+        | Op::FLogFast
+        | Op::FLog2Fast
+        | Op::FInverseSqrtFast
+        | Op::FPowFast
+        | Op::FAtan2Fast => 10,
         _ => 1,
     }
 }

@@ -77,10 +77,11 @@ fn fold_float<T: Float>(op: &Op, args: &[u64]) -> Option<u64> {
         FSin = fsin, FCos = fcos, FTan = ftan, FAsin = fasin, FAcos = facos, FAtan = fatan, FSinh = fsinh,
         FCosh = fcosh, FTanh = ftanh, FAsinh = fasinh, FAcosh = facosh, FAtanh = fatanh, FExp = fexp, FLog = flog,
         FExp2 = fexp2, FLog2 = flog2, FQuantizeF16 = fquantize_f16, FFrexpMantissa = ffrexp_mantissa);
+    unary_table!(op, a, bits; FSinFast = fsin_fast, FCosFast = fcos_fast, FTanFast = ftan_fast, FAtanFast = fatan_fast, FExpFast = fexp_fast, FExp2Fast = fexp2_fast, FLogFast = flog_fast, FLog2Fast = flog2_fast, FInverseSqrtFast = finverse_sqrt_fast);
     unary_table!(op, a, bit; FIsNan = fis_nan, FIsInf = fis_inf);
     let b = float(*args.get(1)?);
     binary_table!(op, a, b, bits; FAdd = fadd, FSub = fsub, FMul = fmul, FDiv = fdiv, FRem = frem, FMod = fmod,
-        FMin = fmin, FMax = fmax, FPow = fpow, FAtan2 = fatan2);
+        FMin = fmin, FMax = fmax, FPow = fpow, FAtan2 = fatan2, FPowFast = fpow_fast, FAtan2Fast = fatan2_fast);
     binary_table!(op, a, b, bit; FOEq = foeq, FONe = fone, FOLt = folt, FOLe = fole, FUEq = fueq, FUNe = fune,
         FULt = fult, FULe = fule);
     match op {

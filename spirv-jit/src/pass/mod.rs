@@ -127,16 +127,24 @@ pub fn optimize(module: &mut Module) -> Result<(), Error> {
     Ok(())
 }
 
-/// Whether `TUFF_DISABLE` names a pass, or `passes`: all of them.
+/// Whether a name in `TUFF_DISABLE` is that of a pass, or `passes`: all of them.
+pub fn is_switch(name: &str) -> bool {
+    name == "passes" || PASSES.iter().any(|pass| pass.name == name)
+}
+
+/// Whether `TUFF_DISABLE` names a pass, or all of them.
 fn disabled(name: &str) -> bool {
     static DISABLED: OnceLock<Vec<String>> = OnceLock::new();
     DISABLED
         .get_or_init(|| {
             let value = std::env::var("TUFF_DISABLE").unwrap_or_default();
-            value.split(',').map(str::to_owned).collect()
+            value
+                .split(',')
+                .map(|name| name.trim().to_owned())
+                .collect()
         })
         .iter()
-        .any(|switch| switch == name || switch == "passes")
+        .any(|switch: &String| switch == name || switch == "passes")
 }
 
 /// Runs one pass by name; whether there is one of that name.

@@ -12,7 +12,7 @@ use glslang::{
 use rspirv::spirv::Capability;
 use spirv_jit::ir::op::DescriptorBinding;
 use spirv_jit::program::Stage;
-use spirv_jit::{CompileRequest, Error, ir};
+use spirv_jit::{Accuracy, CompileRequest, Error, ir};
 
 /// Extensions that every test shader may use.
 const EXTENSIONS: &[&str] = &[
@@ -112,6 +112,16 @@ pub fn lower_with(
     words: &[u32],
     specialization: &[(u32, &[u8])],
 ) -> Result<ir::Module, Error> {
+    lower_as(stage, words, specialization, Accuracy::Spec)
+}
+
+/// The same with functions of this accuracy.
+pub fn lower_as(
+    stage: Stage,
+    words: &[u32],
+    specialization: &[(u32, &[u8])],
+    accuracy: Accuracy,
+) -> Result<ir::Module, Error> {
     let capabilities = all_capabilities();
     let request = CompileRequest {
         words,
@@ -120,6 +130,7 @@ pub fn lower_with(
         specialization,
         bindings: &bindings,
         capabilities: &capabilities,
+        accuracy,
     };
     let parsed = spirv_jit::parse::parse(words)?;
     let module = spirv_jit::lower::lower_module(&parsed, &request)?;

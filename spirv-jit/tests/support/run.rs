@@ -19,6 +19,7 @@ pub fn compile(words: &[u32], specialization: &[(u32, &[u8])]) -> Arc<Program> {
         specialization,
         bindings: &bindings,
         capabilities: &capabilities,
+        accuracy: spirv_jit::Accuracy::Spec,
     };
     spirv_jit::compile(&request).unwrap_or_else(|error| panic!("{error}"))
 }

@@ -3,6 +3,7 @@
 use super::kernel::Kernel;
 use super::leaf::{self, Leaf, Triangles};
 use super::level::Level;
+use super::options::Specialisation;
 use super::walker::{Entry, STACK};
 use super::{Event, Walk, Walker};
 use crate::layout::{Node, WIDTH, child};
@@ -27,6 +28,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
     walker: &mut Walker,
     fuel: &mut u64,
 ) -> Event {
+    let without = walker.without();
     let Walker {
         stack,
         top,
@@ -39,7 +41,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         return Event::Done;
     }
     // A top level of one instance is nothing to walk: straight to the bottom.
-    let only = only_instance(top);
+    let only = only_instance(top).filter(|_| !without.contains(Specialisation::OneInstance));
     if only.is_none() {
         top.set_up_top(&walk.ray);
     }
@@ -55,15 +57,14 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         stack[..length].copy_from_slice(&walk.pending[..length]);
         floor = (walk.floor as usize).min(length);
     }
+    let shares = only.is_none() && !without.contains(Specialisation::SharedSpace);
     let index = match only {
         Some(index) => index,
         None => walk.instance,
     };
     if index != Walk::NO_INSTANCE {
         // SAFETY: the contract of `Walk::new`.
-        if !unsafe {
-            bottom.enter_bottom(instance, top, only.is_none(), index, &walk.ray, walk.time)
-        } {
+        if !unsafe { bottom.enter_bottom(instance, top, shares, index, &walk.ray, walk.time) } {
             return Event::Done;
         }
         in_bottom = true;
@@ -96,8 +97,11 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         };
         let nodes = level.structure.nodes();
         let node_count = level.structure.node_count();
-        let fetch_ahead = node_count > LARGE;
-        let takes_all = in_bottom && instance.takes_all && space.scale == 1.0;
+        let fetch_ahead = node_count > LARGE && !without.contains(Specialisation::Prefetch);
+        let takes_all = in_bottom
+            && instance.takes_all
+            && space.scale == 1.0
+            && !without.contains(Specialisation::Opaque);
         let is_triangles = level.structure.kind() == Kind::Triangles;
         // SAFETY: the caller's promise.
         let ray = unsafe { K::load_boxes(space) };
@@ -195,7 +199,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
             }
         };
         // SAFETY: the contract of `Walk::new`.
-        if unsafe { bottom.enter_bottom(instance, top, true, entered, &walk.ray, walk.time) } {
+        if unsafe { bottom.enter_bottom(instance, top, shares, entered, &walk.ray, walk.time) } {
             in_bottom = true;
             floor = length;
             stack[length] = Entry::new(0, 0.0);

@@ -8,7 +8,7 @@ use std::arch::x86_64::*;
 
 use super::kernel::GroupHits;
 use super::space::Space;
-use super::triangle::{ORDINARY, REACH, SLACK};
+use super::triangle::{ORDINARY, SLACK};
 use crate::layout::{GROUP, TriangleGroup};
 
 /// Bytes from one axis of a vertex to the next.
@@ -68,7 +68,7 @@ pub(crate) unsafe fn intersect(
         let z_hit = _mm_add_ps(a.2, t);
         let reach = _mm_max_ps(_mm_max_ps(absolute(a.2), absolute(b.2)), absolute(c.2));
         let modest =
-            _mm_cmp_ps::<_CMP_LE_OQ>(reach, _mm_mul_ps(absolute(z_hit), _mm_set1_ps(REACH)));
+            _mm_cmp_ps::<_CMP_LE_OQ>(reach, _mm_mul_ps(absolute(z_hit), _mm_set1_ps(space.reach)));
         let t = _mm_mul_ps(z_hit, _mm_set1_ps(space.inverse_z));
         let slack = _mm_mul_ps(
             _mm_mul_ps(reach, absolute(_mm_set1_ps(space.inverse_z))),

@@ -33,14 +33,18 @@ mod leaf;
 mod level;
 mod micromap;
 mod motion;
+mod options;
 #[cfg(target_arch = "x86_64")]
 mod packet;
+mod probe;
 mod space;
 mod swept;
 mod triangle;
 mod walker;
 
 use crate::ray::{Hit, Ray, ray_flags};
+pub use options::{Accuracy, Options, Specialisation, Switches};
+pub use probe::TriangleTest;
 use walker::Entry;
 pub use walker::{Tier, Walker};
 
@@ -185,7 +189,7 @@ impl Walk {
     /// false if it cannot be done; then nothing has happened.
     pub fn finish_together(walks: &mut [&mut Walk], walker: &mut Walker) -> bool {
         #[cfg(target_arch = "x86_64")]
-        return walker.tier() == Tier::Avx512 && packet::run(walks, walker);
+        return walker.takes_packets() && packet::run(walks, walker);
         #[cfg(not(target_arch = "x86_64"))]
         return false;
     }

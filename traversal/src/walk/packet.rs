@@ -11,8 +11,9 @@ use std::arch::x86_64::*;
 
 use super::facts::InstanceFacts;
 use super::level::{Level, turn};
+use super::options::Accuracy;
 use super::space::{MARGIN, MODEST, Space};
-use super::triangle::{ORDINARY, REACH, Rim, SLACK, intersect};
+use super::triangle::{ORDINARY, Rim, SLACK, intersect};
 use super::walker::{Entry, STACK, is_sound};
 use super::{PACKET, State, Walk, Walker, descend};
 use crate::layout::{GROUP, Node, TriangleGroup, WIDTH, child, geometry_word};
@@ -499,7 +500,7 @@ fn test_triangle(
         _mm512_max_ps(_mm512_abs_ps(a.2), _mm512_abs_ps(b.2)),
         _mm512_abs_ps(c.2),
     );
-    let reach_limit = _mm512_mul_ps(_mm512_abs_ps(z_hit), _mm512_set1_ps(REACH));
+    let reach_limit = _mm512_mul_ps(_mm512_abs_ps(z_hit), _mm512_set1_ps(Accuracy::Spec.reach()));
     let modest = _mm512_cmp_ps_mask::<_CMP_LE_OQ>(reach, reach_limit);
     let inverse_z = spaces.inverse_z.load();
     let t = _mm512_mul_ps(z_hit, inverse_z);

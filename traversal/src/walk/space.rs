@@ -9,6 +9,7 @@
 //! Directions far from unit length are brought near it by a power of two, so that distances to
 //! boxes neither over- nor underflow: `t = scaled t · scale`.
 
+use super::options::Accuracy;
 use crate::layout::Bounds;
 
 /// Relative widening of box distances, sixteen roundings.
@@ -43,6 +44,8 @@ pub(crate) struct Space {
     pub scale: f64,
     /// Lower end of the interval, scaled and rounded down; not negative.
     pub t_min: f32,
+    /// [`Accuracy::reach`].
+    pub reach: f32,
 }
 
 /// Directions whose longest component is in here are not scaled.
@@ -76,6 +79,7 @@ impl Space {
         axes: [0; 3],
         scale: 1.0,
         t_min: 0.0,
+        reach: Accuracy::Spec.reach(),
     };
 
     /// Sets up a finite ray. `uncertainty` is how far the ray may be off on each axis.

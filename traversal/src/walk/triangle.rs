@@ -41,10 +41,6 @@ pub(crate) enum Rim {
 /// Sums of edge functions in here neither lose digits nor overflow on the way to a distance.
 pub(crate) const ORDINARY: [f32; 2] = [1.0e-30, 1.0e30];
 
-/// A triangle that reaches so many times as far as it is hit is too large for f32: rounding of its
-/// vertices' distances would show.
-pub(crate) const REACH: f32 = 32.0;
-
 /// How far off a distance in f32 may be, relative to a triangle's reach.
 pub(crate) const SLACK: f32 = 1.0 / (1 << 18) as f32;
 
@@ -77,7 +73,7 @@ pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Op
     let z_hit = z[0] + (v * (z[1] - z[0]) + w * (z[2] - z[0]));
     let reach = z[0].abs().max(z[1].abs()).max(z[2].abs());
     let t = z_hit * space.inverse_z;
-    if !(reach <= REACH * z_hit.abs()) {
+    if !(reach <= space.reach * z_hit.abs()) {
         // Surely behind the ray's start: mostly the surface that the ray starts from.
         if t + reach * space.inverse_z.abs() * SLACK <= space.t_min {
             return None;

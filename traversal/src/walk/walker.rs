@@ -3,6 +3,7 @@
 use super::facts::InstanceFacts;
 use super::kernel::{Kernel, Portable};
 use super::level::Level;
+use super::options::{Accuracy, Options, Specialisation, Switches};
 use super::{Event, Walk, descend};
 use crate::layout::{MAX_DEPTH, WIDTH};
 use crate::ray::Ray;
@@ -51,7 +52,7 @@ pub struct Walker {
     /// The bottom level that the walk is in, and its instance.
     pub(crate) bottom: Level,
     pub(crate) instance: InstanceFacts,
-    tier: Tier,
+    options: Options,
 }
 
 /// An instruction set to walk with. The hits are the same bits in each.
@@ -103,25 +104,43 @@ impl Tier {
 impl Walker {
     /// A walker for one thread, as fast as the machine allows.
     pub fn new() -> Box<Walker> {
-        Walker::with_tier(Tier::best()).expect("the best tier is available")
-    }
-
-    /// The instruction set.
-    pub(crate) fn tier(&self) -> Tier {
-        self.tier
+        Walker::with(Options::default()).expect("the best tier is available")
     }
 
     /// A walker with a certain instruction set; `None` if the machine does not have it.
     pub fn with_tier(tier: Tier) -> Option<Box<Walker>> {
-        tier.is_available().then(|| {
+        Walker::with(Options {
+            tier,
+            ..Options::default()
+        })
+    }
+
+    /// A walker as described; `None` if the machine does not have its instruction set.
+    pub fn with(options: Options) -> Option<Box<Walker>> {
+        let mut level = Level::NOWHERE;
+        level.space.reach = options.accuracy.reach();
+        options.tier.is_available().then(|| {
             Box::new(Walker {
                 stack: [Entry::default(); STACK],
-                top: Level::NOWHERE,
-                bottom: Level::NOWHERE,
+                top: level,
+                bottom: level,
                 instance: InstanceFacts::default(),
-                tier,
+                options,
             })
         })
+    }
+
+    /// What is left out.
+    #[inline(always)]
+    pub(crate) fn without(&self) -> Switches {
+        self.options.without
+    }
+
+    /// Whether rays may walk together: packets have one accuracy.
+    pub(crate) fn takes_packets(&self) -> bool {
+        self.options.tier == Tier::Avx512
+            && self.options.accuracy == Accuracy::Spec
+            && !self.without().contains(Specialisation::Packets)
     }
 }
 
@@ -134,7 +153,7 @@ pub(crate) fn is_sound(ray: &Ray) -> bool {
 
 /// Runs a walk until something has to be decided outside.
 pub(crate) fn run(walk: &mut Walk, walker: &mut Walker, fuel: &mut u64) -> Event {
-    match walker.tier {
+    match walker.options.tier {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: a walker has this tier only on machines that have the instruction set.
         Tier::Avx512 => unsafe { run_avx512(walk, walker, fuel) },

@@ -5,14 +5,14 @@
 use crate::eval::*;
 
 /// Every 997th f32, and the first and last ones of each binade.
-fn samples() -> impl Iterator<Item = f32> {
+pub(super) fn samples() -> impl Iterator<Item = f32> {
     let sparse = (0..=u32::MAX / 997).map(|k| k * 997);
     let edges = (0..512u32).flat_map(|e| [e << 23, (e << 23) + 1, (e << 23).wrapping_sub(1)]);
     sparse.chain(edges).map(f32::from_bits)
 }
 
 /// Distance in units of the exact result's last f32 place.
-fn ulps(got: f32, exact: f64) -> f64 {
+pub(super) fn ulps(got: f32, exact: f64) -> f64 {
     let rounded = exact as f32;
     if got.is_nan() || exact.is_nan() {
         return if got.is_nan() && exact.is_nan() {
@@ -117,7 +117,7 @@ fn vulkan_table() {
 }
 
 /// Pairs of floats of moderate size: a small linear congruence walks through their bits.
-fn pairs(count: usize) -> impl Iterator<Item = (f32, f32)> {
+pub(super) fn pairs(count: usize) -> impl Iterator<Item = (f32, f32)> {
     let mut state = 0x1234_5678_9abc_def0u64;
     let mut next = move || {
         state = state

@@ -52,8 +52,9 @@ unary!(Bits: not);
 unary!(Int: ineg iabs isign bit_reverse bit_count find_lsb find_smsb find_umsb);
 compare!(Bits: ieq ine);
 compare!(Int: ult ule slt sle);
-binary!(Float: fadd fsub fmul fdiv frem fmod fmin fmax fpow fatan2);
+binary!(Float: fadd fsub fmul fdiv frem fmod fmin fmax fpow fatan2 fpow_fast fatan2_fast);
 unary!(Float: fneg fabs fsign ffloor fceil ftrunc fround_even fround ffract fsqrt finverse_sqrt fsin fcos ftan fasin facos fatan fsinh fcosh ftanh fasinh facosh fatanh fexp flog fexp2 flog2 fquantize_f16 ffrexp_mantissa);
+unary!(Float: fsin_fast fcos_fast ftan_fast fatan_fast fexp_fast fexp2_fast flog_fast flog2_fast finverse_sqrt_fast);
 compare!(Float: foeq fone folt fole fueq fune fult fule);
 
 operation!(ffma select bitfield_sextract bitfield_uextract fldexp pack64 unpack_low unpack_high);

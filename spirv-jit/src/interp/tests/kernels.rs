@@ -380,6 +380,8 @@ fn transcendental_functions() {
     small_floats!(binary: fpow fatan2);
     small_floats!(float_unary: fsin fcos ftan fasin facos fatan fsinh fcosh ftanh fasinh facosh);
     small_floats!(float_unary: fatanh fexp flog fexp2 flog2);
+    small_floats!(binary: fpow_fast fatan2_fast);
+    small_floats!(float_unary: fsin_fast fcos_fast ftan_fast fatan_fast fexp_fast fexp2_fast flog_fast flog2_fast finverse_sqrt_fast);
 }
 
 fn conversions<A: Scalar + Float, B: Scalar + Int>() {

@@ -1,0 +1,89 @@
+//! How walks are done, besides what rays and structures ask for.
+
+use super::Tier;
+
+/// How exact distances and weights are. Which triangles are hit is the same in each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Accuracy {
+    /// In f32, but in f64 where that would show: see [`Accuracy::reach`].
+    #[default]
+    Spec,
+    /// Always in f64, from exact positions, rounded once. Rays walk one by one.
+    Exact,
+}
+
+impl Accuracy {
+    /// A triangle that reaches more than so many times as far as it is hit is computed in f64:
+    /// rounding of its vertices' distances would show.
+    pub(crate) const fn reach(self) -> f32 {
+        match self {
+            Accuracy::Spec => 32.0,
+            Accuracy::Exact => 0.0,
+        }
+    }
+}
+
+/// What is done for scenes that need no more. Each can be left out, to see what it brings; hits stay
+/// the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Specialisation {
+    /// Coherent rays walk together.
+    Packets = 1,
+    /// Triangles that all count are tested without flags, opacity and suspension.
+    Opaque = 2,
+    /// A top level of one instance is not walked.
+    OneInstance = 4,
+    /// An untransformed instance takes over the ray as it was set up for the top level.
+    SharedSpace = 8,
+    /// Children are fetched ahead in structures larger than a core's caches.
+    Prefetch = 16,
+}
+
+impl Specialisation {
+    /// All, by name.
+    pub const ALL: [(&str, Specialisation); 5] = [
+        ("packets", Specialisation::Packets),
+        ("opaque_path", Specialisation::Opaque),
+        ("one_instance", Specialisation::OneInstance),
+        ("shared_space", Specialisation::SharedSpace),
+        ("prefetch", Specialisation::Prefetch),
+    ];
+}
+
+/// A set of specialisations.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Switches(u32);
+
+impl Switches {
+    #[inline(always)]
+    pub fn contains(self, one: Specialisation) -> bool {
+        self.0 & one as u32 != 0
+    }
+}
+
+impl FromIterator<Specialisation> for Switches {
+    fn from_iter<I: IntoIterator<Item = Specialisation>>(all: I) -> Switches {
+        Switches(all.into_iter().fold(0, |bits, one| bits | one as u32))
+    }
+}
+
+/// What a [`Walker`](super::Walker) is made with.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    pub tier: Tier,
+    pub accuracy: Accuracy,
+    /// Specialisations that are left out.
+    pub without: Switches,
+}
+
+impl Default for Options {
+    /// As fast as the machine allows.
+    fn default() -> Options {
+        Options {
+            tier: Tier::best(),
+            accuracy: Accuracy::Spec,
+            without: Switches::default(),
+        }
+    }
+}

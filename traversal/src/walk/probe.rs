@@ -1,0 +1,29 @@
+//! The test of single triangles by itself, for those who measure it.
+
+use super::options::Accuracy;
+use super::space::Space;
+use super::triangle::{Rim, intersect};
+use crate::ray::Ray;
+
+/// A ray, set up for tests of triangles as walks do them.
+#[derive(Clone, Copy)]
+pub struct TriangleTest {
+    space: Space,
+}
+
+impl TriangleTest {
+    /// Sets up a finite ray.
+    pub fn new(ray: &Ray, accuracy: Accuracy) -> TriangleTest {
+        let mut space = Space::NOWHERE;
+        space.reach = accuracy.reach();
+        space.set(ray.origin, ray.direction, ray.t_min, 0.0);
+        TriangleTest { space }
+    }
+
+    /// Where the ray's line meets an opaque triangle: the distance, and the weights of the second and
+    /// the third vertex.
+    #[inline]
+    pub fn meet(&self, triangle: &[[f32; 3]; 3]) -> Option<(f32, [f32; 2])> {
+        intersect(&self.space, triangle, Rim::Included).map(|hit| (hit.t, hit.barycentrics))
+    }
+}
