@@ -1,11 +1,13 @@
-//! The commands a person types: `cargo xtask demo | test | bench | audit | vuids | env | run | install`.
+//! The commands a person types: `cargo xtask demo | test | bench | chart | profile | audit | vuids | env | run | install`.
 
 mod audit;
 mod bench;
+mod chart;
 mod demo;
 mod driver;
 mod install;
 mod loader;
+mod profile;
 mod run;
 mod skips;
 mod test;
@@ -38,6 +40,10 @@ enum Command {
     Install(install::Options),
     /// Measure: `bench traversal` compares walks and builds with Embree's
     Bench(bench::Options),
+    /// Draw accuracy against cost, where methods fail, and what specialisations bring
+    Chart(chart::Options),
+    /// Sample a workload with perf, and draw where its time goes as a flame graph
+    Profile(profile::Options),
     /// Write docs/valid-usage.md: who looks after which rule of valid usage
     Vuids,
     /// Hold the driver's tables against the Vulkan registry (vk.xml)
@@ -52,6 +58,8 @@ fn main() -> ExitCode {
         Command::Run(options) => run::run(&options),
         Command::Install(options) => install::install(&options),
         Command::Bench(options) => bench::bench(&options),
+        Command::Chart(options) => chart::chart(&options),
+        Command::Profile(options) => profile::profile(&options),
         Command::Audit(options) => audit::audit(&options),
         Command::Vuids => vuids::write(),
     };

@@ -37,6 +37,7 @@ pub fn test(options: &Options) -> Result<ExitCode> {
             loader::require()?;
             let mut inner = workspace::cargo();
             inner.args(["test", "--workspace", "--exclude", "tuff-tests"]);
+            inner.args(["--exclude", "workloads"]);
             inner
                 .args(["--no-fail-fast", "--"])
                 .args(&options.arguments);
@@ -61,7 +62,8 @@ pub fn test(options: &Options) -> Result<ExitCode> {
 /// The tests that see nothing but Vulkan.
 fn black_box_tests(options: &Options, skips: &Skips) -> Command {
     let mut tests = workspace::cargo();
-    tests.args(["test", "--package", "tuff-tests", "--no-fail-fast", "--"]);
+    tests.args(["test", "--package", "tuff-tests", "--package", "workloads"]);
+    tests.args(["--no-fail-fast", "--"]);
     tests.args(&options.arguments);
     skips.tell(&mut tests);
     tests

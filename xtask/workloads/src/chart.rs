@@ -2,55 +2,57 @@
 
 use std::path::Path;
 
-use anyhow::{Result, anyhow};
-use plotters::coord::Shift;
-use plotters::prelude::*;
+use anyhow::Result;
+use canvas::plotters::coord::Shift;
+use canvas::plotters::prelude::*;
+use canvas::{Drawing, FONT, failed, save};
 
 use crate::compare::{Measurement, Results};
 
-const SIZE: (u32, u32) = (960, 600);
-
 /// Draws `ratios` and each curve into the folder, as SVG and as PNG.
 pub fn draw(results: &Results, folder: &Path) -> Result<()> {
-    let font =
-        plotters::style::register_font("sans-serif", FontStyle::Normal, dejavu::sans::regular());
-    font.map_err(|_| anyhow!("the charts' font cannot be read"))?;
     if results.drivers.len() > 1 && !results.table.is_empty() {
-        both(
-            folder,
-            "ratios",
-            |area| ratios(results, area),
-            |area| ratios(results, area),
-        )?;
+        save(&Ratios(results), folder, "ratios")?;
     }
     for (varies, points) in &results.curves {
-        let name = format!("by-{varies}");
-        both(
-            folder,
-            &name,
-            |area| curve(results, varies, points, area),
-            |area| curve(results, varies, points, area),
-        )?;
+        let curve = Curve {
+            results,
+            varies,
+            points,
+        };
+        save(&curve, folder, &format!("by-{varies}"))?;
     }
     Ok(())
 }
 
-fn both(
-    folder: &Path,
-    name: &str,
-    svg: impl FnOnce(&DrawingArea<SVGBackend, Shift>) -> Result<()>,
-    png: impl FnOnce(&DrawingArea<BitMapBackend, Shift>) -> Result<()>,
-) -> Result<()> {
-    let path = folder.join(format!("{name}.svg"));
-    let area = SVGBackend::new(&path, SIZE).into_drawing_area();
-    svg(&area)?;
-    area.present()?;
-    drop(area);
-    let path = folder.join(format!("{name}.png"));
-    let area = BitMapBackend::new(&path, SIZE).into_drawing_area();
-    png(&area)?;
-    area.present()?;
-    Ok(())
+const SIZE: (u32, u32) = (960, 600);
+
+struct Ratios<'a>(&'a Results);
+
+impl Drawing for Ratios<'_> {
+    fn size(&self) -> (u32, u32) {
+        SIZE
+    }
+
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<()> {
+        ratios(self.0, area)
+    }
+}
+
+struct Curve<'a> {
+    results: &'a Results,
+    varies: &'a str,
+    points: &'a [Measurement],
+}
+
+impl Drawing for Curve<'_> {
+    fn size(&self) -> (u32, u32) {
+        SIZE
+    }
+
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<()> {
+        curve(self.results, self.varies, self.points, area)
+    }
 }
 
 /// A bar a workload: how many times as fast the first driver is as the second.
@@ -62,10 +64,9 @@ fn ratios<B: DrawingBackend>(results: &Results, area: &DrawingArea<B, Shift>) ->
         .collect();
     let top = bars.iter().fold(2.0f64, |top, bar| top.max(bar.1)) * 1.2;
     let low = bars.iter().fold(0.5f64, |low, bar| low.min(bar.1)) / 1.2;
-    fill(area)?;
     let caption = format!("{} : {}", results.drivers[0], results.drivers[1]);
     let mut chart = ChartBuilder::on(area)
-        .caption(caption, ("sans-serif", 18))
+        .caption(caption, (FONT, 18))
         .margin(12)
         .x_label_area_size(40)
         .y_label_area_size(130)
@@ -125,12 +126,8 @@ fn curve<B: DrawingBackend>(
     let right = all().fold(1.0f64, |right, point| right.max(point.0)) * 1.3;
     let left = all().fold(right, |left, point| left.min(point.0)) / 1.3;
     let top = all().fold(0.0f64, |top, point| top.max(point.1)) * 1.15;
-    fill(area)?;
     let mut chart = ChartBuilder::on(area)
-        .caption(
-            format!("paths of eight bounces, by {varies}"),
-            ("sans-serif", 18),
-        )
+        .caption(format!("paths of eight bounces, by {varies}"), (FONT, 18))
         .margin(12)
         .x_label_area_size(40)
         .y_label_area_size(60)
@@ -157,13 +154,4 @@ fn curve<B: DrawingBackend>(
         .draw()
         .map_err(failed)?;
     Ok(())
-}
-
-fn fill<B: DrawingBackend>(area: &DrawingArea<B, Shift>) -> Result<()> {
-    area.fill(&WHITE).map_err(failed)
-}
-
-/// Drawing errors borrow from the backend: keep what they say.
-fn failed<E: std::fmt::Display>(error: E) -> anyhow::Error {
-    anyhow!("drawing: {error}")
 }

@@ -85,8 +85,8 @@ pub fn compare(options: &Options) -> Result<()> {
     let rounds = options.rounds.unwrap_or(if options.quick { 2 } else { 5 });
     let turns = if options.quick { 2 } else { 3 };
     let mut results = Results {
-        machine: report::machine(),
-        date: report::date(),
+        machine: canvas::machine(),
+        date: canvas::date(),
         ..Results::default()
     };
     let bar = ProgressBar::new((tasks.len() * rounds * options.icds.len()) as u64);

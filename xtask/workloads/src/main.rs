@@ -7,7 +7,9 @@
 mod building;
 mod chart;
 mod compare;
+mod digest;
 mod measure;
+mod reference;
 mod report;
 mod scene;
 mod shader;
@@ -30,6 +32,10 @@ enum Command {
     Compare(compare::Options),
     /// Measure one workload on the one driver that the loader finds
     Measure(measure::Options),
+    /// Print digests of every workload's picture, drawn twice
+    Digest(digest::Options),
+    /// Trace the workload `path` in f64 on no driver at all, and write its picture
+    Reference(reference::Options),
     /// List the workloads
     List,
 }
@@ -38,6 +44,8 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Compare(options) => compare::compare(&options),
         Command::Measure(options) => measure::measure(&options),
+        Command::Digest(options) => digest::digest(&options),
+        Command::Reference(options) => reference::reference(&options),
         Command::List => {
             for workload in workload::ALL {
                 println!("{:12} {}", workload.name, workload.about);

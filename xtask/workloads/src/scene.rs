@@ -1,6 +1,6 @@
 //! Meshes made by code, the same on every machine.
 
-use glam::{Vec3, vec3};
+use glam::{Affine3A, Quat, Vec3, vec3};
 use tuff_tests::Random;
 
 /// Corners, and three numbers of corners for each triangle.
@@ -101,6 +101,28 @@ pub fn places(count: usize) -> Vec<Vec3> {
             vec3(x, height(x, z) + random.between(0.5, 2.5), z)
         })
         .collect()
+}
+
+/// A ball on the ground.
+pub struct Placement {
+    pub transform: Affine3A,
+    /// One of so many.
+    pub material: u32,
+}
+
+/// Balls of different sizes, stretched and turned.
+pub fn placements(count: usize, materials: u32) -> Vec<Placement> {
+    let mut random = Random::new(11);
+    let mut place = |at: Vec3| {
+        let size = random.between(0.3, 1.2);
+        let turn = Quat::from_rotation_y(random.between(0.0, 6.0));
+        let stretched = vec3(size, size * random.between(0.6, 1.4), size);
+        Placement {
+            transform: Affine3A::from_scale_rotation_translation(stretched, turn, at),
+            material: random.below(materials),
+        }
+    };
+    places(count).into_iter().map(&mut place).collect()
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! A scene on the device: structures, the meshes for shading, a camera and room for the picture.
 
-use glam::{Affine3A, Quat, Vec3, vec3};
-use tuff_tests::{Bound, Buffer, Geometry, Gpu, Instance, Random, Structure, vk};
+use glam::{Affine3A, Vec3, vec3};
+use tuff_tests::{Bound, Buffer, Geometry, Gpu, Instance, Structure, vk};
 
 use crate::scene::{self, Mesh};
 
@@ -44,19 +44,11 @@ impl World {
         let opaque = vk::GeometryFlagsKHR::OPAQUE;
         let bottoms = [&ground, &ball].map(|mesh| gpu.bottom(&[geometry(mesh, opaque)]));
         let mut instances = vec![Instance::of(bottoms[0])];
-        let mut random = Random::new(11);
-        for place in scene::places(scale.instances) {
-            let size = random.between(0.3, 1.2);
-            let turn = Quat::from_rotation_y(random.between(0.0, 6.0));
-            let transform = Affine3A::from_scale_rotation_translation(
-                vec3(size, size * random.between(0.6, 1.4), size),
-                turn,
-                place,
-            );
+        for placed in scene::placements(scale.instances, materials) {
             instances.push(Instance {
-                transform: rows(&transform),
+                transform: rows(&placed.transform),
                 custom_index: ground.indices.len() as u32,
-                table_offset: random.below(materials),
+                table_offset: placed.material,
                 ..Instance::of(bottoms[1])
             });
         }
@@ -138,7 +130,8 @@ pub fn geometry(mesh: &Mesh, flags: vk::GeometryFlagsKHR) -> Geometry {
     }
 }
 
-fn camera(scale: &Scale) -> [[f32; 3]; 4] {
+/// Where the camera is, what is to its right and above it at the picture's edges, and where it looks.
+pub fn camera(scale: &Scale) -> [[f32; 3]; 4] {
     let eye = vec3(-14.0, 7.0, -22.0);
     let ahead = (vec3(2.0, 0.0, 3.0) - eye).normalize();
     let wide = 0.6 * scale.width as f32 / scale.height as f32;
@@ -147,7 +140,8 @@ fn camera(scale: &Scale) -> [[f32; 3]; 4] {
     [eye, right * wide, up * 0.6, ahead].map(Into::into)
 }
 
-fn rows(transform: &Affine3A) -> [f32; 12] {
+/// The rows of a transform, one after the other.
+pub fn rows(transform: &Affine3A) -> [f32; 12] {
     let columns = transform.to_cols_array_2d();
     std::array::from_fn(|i| columns[i % 4][i / 4])
 }

@@ -1,0 +1,50 @@
+//! Instruction sets: what each gains, and that all draw the same bits.
+
+use anyhow::{Context, Result, ensure};
+use spirv_jit::interp::TIER_NAMES;
+
+use crate::Options;
+use crate::report::Report;
+use crate::workload::{self, Scale};
+
+pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
+    let Some(tuff) = options.icds.first() else {
+        eprintln!("no driver is given: no instruction sets");
+        return Ok(());
+    };
+    let scale = Scale {
+        width: if options.quick { 96 } else { 320 },
+        height: if options.quick { 54 } else { 180 },
+        triangles: 20_000,
+        instances: 32,
+    };
+    let rounds = if options.quick { 1 } else { 3 };
+    std::fs::create_dir_all(&options.out)?;
+    let raw = options.out.join("picture.raw");
+    println!("\nInstruction sets: ms of processor time a picture");
+    println!(
+        "{:<14}{:>12}{:>12}{:>12}",
+        "", "primary", "path", "arithmetic"
+    );
+    let mut pictures: [Option<Vec<u8>>; 3] = Default::default();
+    for tier in TIER_NAMES {
+        print!("{tier:<14}");
+        let workloads = ["primary", "path", "arithmetic"];
+        for (name, first) in workloads.into_iter().zip(&mut pictures) {
+            let mut least = f64::INFINITY;
+            for _ in 0..rounds {
+                let settings = [("TUFF_TIER", tier)];
+                let sample =
+                    workload::measure(options, tuff, name, &scale, 3, &settings, Some(&raw))?;
+                least = least.min(sample.context("the driver cannot draw")?.least());
+            }
+            let bits = std::fs::read(&raw).context("reading a picture")?;
+            let same = first.get_or_insert_with(|| bits.clone()) == &bits;
+            ensure!(same, "{name} has other bits with {tier}");
+            report.number("tiers", tier, name, least * 1e3);
+            print!("{:>12.1}", least * 1e3);
+        }
+        println!();
+    }
+    std::fs::remove_file(&raw).context("removing a picture")
+}

@@ -1,0 +1,38 @@
+//! `cargo xtask chart`: accuracy against cost, where methods fail, and what specialisations bring.
+
+use std::path::PathBuf;
+use std::process::{Command, ExitCode};
+
+use anyhow::{Context, Result};
+use clap::Args;
+
+use crate::driver::Driver;
+use crate::{loader, workspace};
+
+#[derive(Args)]
+pub struct Options {
+    /// Another driver whose picture is held against the reference, given by its manifest
+    #[arg(long = "icd", value_name = "MANIFEST")]
+    icds: Vec<PathBuf>,
+    /// Subjects (triangles, walks, functions, denormals, builds, stability, pictures, tiers, switches; all by default), `--quick` for
+    /// under two minutes, `--out FOLDER`
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    arguments: Vec<String>,
+}
+
+pub fn chart(options: &Options) -> Result<ExitCode> {
+    let driver = Driver::build(&["chart", "workloads"])?;
+    loader::require()?;
+    let release = workspace::target()?.join("release");
+    let mut chart = Command::new(release.join("chart"));
+    chart.arg("--workloads").arg(release.join("workloads"));
+    chart.arg("--icd").arg(&driver.manifest);
+    for icd in &options.icds {
+        chart.arg("--icd").arg(icd);
+    }
+    let status = chart
+        .args(&options.arguments)
+        .status()
+        .context("starting the charts' program")?;
+    Ok(workspace::exit_code(status))
+}
