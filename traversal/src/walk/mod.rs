@@ -73,6 +73,16 @@ pub enum Event {
     OutOfFuel,
 }
 
+/// A walk to be resumed among others.
+pub struct Step<'a> {
+    /// The walk.
+    pub walk: &'a mut Walk,
+    /// What the caller decided about its last event.
+    pub verdict: Verdict,
+    /// Out: why it stopped.
+    pub event: Event,
+}
+
 /// One ray's way through a scene. Small: the live part of the stack is kept beside it only while
 /// the walk is suspended.
 #[derive(Clone, Debug)]
@@ -103,6 +113,18 @@ enum State {
     Procedural,
     OutOfFuel,
     Done,
+}
+
+impl State {
+    #[inline(always)]
+    fn after(event: Event) -> State {
+        match event {
+            Event::Done => State::Done,
+            Event::AnyHitCandidate => State::AnyHit,
+            Event::ProceduralCandidate => State::Procedural,
+            Event::OutOfFuel => State::OutOfFuel,
+        }
+    }
 }
 
 impl Walk {
@@ -153,6 +175,24 @@ impl Walk {
     /// Goes on until something has to be decided outside. Each visited node and each leaf costs one
     /// unit of `fuel`.
     pub fn resume(&mut self, walker: &mut Walker, verdict: Verdict, fuel: &mut u64) -> Event {
+        let mut step = [Step {
+            walk: self,
+            verdict,
+            event: Event::OutOfFuel,
+        }];
+        walker::run(&mut step, walker, fuel);
+        step[0].event
+    }
+
+    /// [`Self::resume`] for each of many walks in turn, for less than one by one: what they have in common is done once.
+    /// `fuel` is for all of them.
+    pub fn resume_all(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
+        walker::run(steps, walker, fuel);
+    }
+
+    /// Heeds a verdict; whether that ends the walk.
+    #[inline(always)]
+    fn is_over(&mut self, verdict: Verdict) -> bool {
         let accepts = matches!(verdict, Verdict::Accept | Verdict::AcceptAndTerminate);
         let ends = matches!(verdict, Verdict::Terminate | Verdict::AcceptAndTerminate);
         let over = match self.state {
@@ -163,18 +203,7 @@ impl Walk {
             State::AnyHit | State::OutOfFuel => false,
             State::Done => true,
         };
-        let event = if over || ends {
-            Event::Done
-        } else {
-            walker::run(self, walker, fuel)
-        };
-        self.state = match event {
-            Event::Done => State::Done,
-            Event::AnyHitCandidate => State::AnyHit,
-            Event::ProceduralCandidate => State::Procedural,
-            Event::OutOfFuel => State::OutOfFuel,
-        };
-        event
+        over || ends
     }
 
     /// Takes up to [`PACKET`] walks to their ends together if that can be done: they have not

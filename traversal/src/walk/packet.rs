@@ -235,7 +235,7 @@ fn set_up(walks: &[&mut Walk], top: &Level, index: u32, first: &Level) -> Option
         }
         t_min.0[lane] = super::space::max(ray.t_min, 0.0);
     }
-    let axes = first.space.axes;
+    let axes = first.space.axes();
     let absolute = |v: __m512| _mm512_abs_ps(v);
     let size = [
         absolute(direction[0].load()),
