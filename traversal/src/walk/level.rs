@@ -122,6 +122,29 @@ impl Level {
         ray: &Ray,
         time: f32,
     ) -> bool {
+        // SAFETY: the caller's promise.
+        if !unsafe { self.admit(facts, top, index, ray) } {
+            return false;
+        }
+        let is_identity = (top.structure.instance(index))
+            .is_some_and(|record| record.state & instance_state::IDENTITY != 0);
+        self.shares_space =
+            is_identity && top_is_set_up && top.structure.header().origin_error == 0.0;
+        self.shares_space || self.place(top, index, ray, time)
+    }
+
+    /// Finds the bottom level of an instance of `top`, and what its record says; false if the ray has no business there.
+    ///
+    /// # Safety
+    /// As for [`Self::enter_bottom`].
+    #[inline(always)]
+    pub unsafe fn admit(
+        &mut self,
+        facts: &mut InstanceFacts,
+        top: &Level,
+        index: u32,
+        ray: &Ray,
+    ) -> bool {
         let Some(record) = top.structure.instance(index) else {
             return false;
         };
@@ -141,13 +164,7 @@ impl Level {
             Kind::Instances | Kind::MotionInstances => return false,
         };
         *facts = InstanceFacts::new(index, record, ray);
-        if ray.flags & skip != 0 || !facts.admits(&structure) {
-            return false;
-        }
-        self.shares_space = record.state & instance_state::IDENTITY != 0
-            && top_is_set_up
-            && top.structure.header().origin_error == 0.0;
-        self.shares_space || self.place(top, index, ray, time)
+        ray.flags & skip == 0 && facts.admits(&structure)
     }
 
     /// Moves the ray to the space of an instance of `top` that was entered.

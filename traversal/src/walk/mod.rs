@@ -83,6 +83,17 @@ pub struct Step<'a> {
     pub event: Event,
 }
 
+impl<'a> Step<'a> {
+    /// A walk to be resumed with a verdict.
+    pub fn new(walk: &'a mut Walk, verdict: Verdict) -> Step<'a> {
+        Step {
+            walk,
+            verdict,
+            event: Event::OutOfFuel,
+        }
+    }
+}
+
 /// One ray's way through a scene. Small: the live part of the stack is kept beside it only while
 /// the walk is suspended.
 #[derive(Clone, Debug)]
@@ -175,11 +186,7 @@ impl Walk {
     /// Goes on until something has to be decided outside. Each visited node and each leaf costs one
     /// unit of `fuel`.
     pub fn resume(&mut self, walker: &mut Walker, verdict: Verdict, fuel: &mut u64) -> Event {
-        let mut step = [Step {
-            walk: self,
-            verdict,
-            event: Event::OutOfFuel,
-        }];
+        let mut step = [Step::new(self, verdict)];
         walker::run(&mut step, walker, fuel);
         step[0].event
     }
@@ -210,9 +217,9 @@ impl Walk {
     /// started, their rays start near each other and go the same way, and the structure is one
     /// instance of opaque triangles. The hits are those of each walk by itself, bit for bit. Returns
     /// false if it cannot be done; then nothing has happened.
-    pub fn finish_together(walks: &mut [&mut Walk], walker: &mut Walker) -> bool {
+    pub fn finish_together(steps: &mut [Step<'_>], walker: &mut Walker) -> bool {
         #[cfg(target_arch = "x86_64")]
-        return walker.tier() == Tier::Avx512 && packet::run(walks, walker);
+        return walker.tier() == Tier::Avx512 && packet::run(steps, walker);
         #[cfg(not(target_arch = "x86_64"))]
         return false;
     }

@@ -3,6 +3,8 @@
 use super::facts::InstanceFacts;
 use super::kernel::{GroupHits, Kernel, Portable};
 use super::level::{Entered, Level};
+#[cfg(target_arch = "x86_64")]
+use super::packet::PacketSpace;
 use super::{Event, State, Step, descend};
 use crate::layout::{MAX_DEPTH, WIDTH};
 use crate::ray::Ray;
@@ -14,6 +16,9 @@ use crate::ray::Ray;
 pub(crate) struct Entry(u64);
 
 impl Entry {
+    /// The root, wherever it is entered.
+    pub const ROOT: Entry = Entry(0);
+
     #[inline(always)]
     pub fn new(word: u32, near: f32) -> Entry {
         Entry(u64::from(word) | u64::from(near.to_bits()) << 32)
@@ -52,6 +57,8 @@ pub struct Walker {
     pub(crate) bottom: Level,
     pub(crate) instance: InstanceFacts,
     pub(crate) hits: GroupHits,
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) packet: PacketSpace,
     tier: Tier,
 }
 
@@ -121,6 +128,8 @@ impl Walker {
                 bottom: Level::NOWHERE,
                 instance: InstanceFacts::NONE,
                 hits: GroupHits::NONE,
+                #[cfg(target_arch = "x86_64")]
+                packet: PacketSpace::EMPTY,
                 tier,
             })
         })
