@@ -147,6 +147,7 @@ impl Walk {
     /// # Safety
     /// `top_level` and the bottom levels it refers to must be 0 or built structures, and stay
     /// unchanged until the walk is dropped or done.
+    #[inline]
     pub unsafe fn new(top_level: u64, ray: &Ray) -> Walk {
         Walk {
             ray: *ray,
@@ -170,6 +171,7 @@ impl Walk {
     ///
     /// # Safety
     /// As for [`Self::new`].
+    #[inline]
     pub unsafe fn restart(&mut self, top_level: u64, ray: &Ray) {
         self.ray = *ray;
         self.top_level = top_level;
@@ -214,9 +216,9 @@ impl Walk {
     }
 
     /// Takes up to [`PACKET`] walks to their ends together if that can be done: they have not
-    /// started, their rays start near each other and go the same way, and the structure is one
-    /// instance of opaque triangles. The hits are those of each walk by itself, bit for bit. Returns
-    /// false if it cannot be done; then nothing has happened.
+    /// started, their rays start near each other and go the same way, and what they meet are instances of opaque
+    /// triangles. The hits are those of each walk by itself, bit for bit, but for rays that end with their first hit,
+    /// which may find another one first. Returns false if it cannot be done; then nothing has happened.
     pub fn finish_together(steps: &mut [Step<'_>], walker: &mut Walker) -> bool {
         #[cfg(target_arch = "x86_64")]
         return walker.tier() == Tier::Avx512 && packet::run(steps, walker);
