@@ -1,4 +1,4 @@
-//! The commands a person types: `cargo xtask demo | test | bench | audit | env | run | install`.
+//! The commands a person types: `cargo xtask demo | test | bench | audit | vuids | env | run | install`.
 
 mod audit;
 mod bench;
@@ -7,7 +7,9 @@ mod driver;
 mod install;
 mod loader;
 mod run;
+mod skips;
 mod test;
+mod vuids;
 mod workspace;
 
 use std::process::ExitCode;
@@ -36,6 +38,8 @@ enum Command {
     Install(install::Options),
     /// Measure: `bench traversal` compares walks and builds with Embree's
     Bench(bench::Options),
+    /// Write docs/valid-usage.md: who looks after which rule of valid usage
+    Vuids,
     /// Hold the driver's tables against the Vulkan registry (vk.xml)
     Audit(audit::Options),
 }
@@ -49,6 +53,7 @@ fn main() -> ExitCode {
         Command::Install(options) => install::install(&options),
         Command::Bench(options) => bench::bench(&options),
         Command::Audit(options) => audit::audit(&options),
+        Command::Vuids => vuids::write(),
     };
     done.unwrap_or_else(|error| {
         eprintln!("error: {error:#}");
