@@ -315,7 +315,7 @@ impl Packet {
     ) -> bool {
         for lane in lanes_of(lanes & self.live()) {
             let walk = &mut *steps[lane].walk;
-            self.settle(lane, walk, &walker.top);
+            self.settle(lane, walk, &walker.top, &mut None);
             let (before, had_hit) = (walk.hit, walk.has_hit);
             (walk.state, walk.instance) = (State::OutOfFuel, index);
             walk.pending.clear();
@@ -335,30 +335,37 @@ impl Packet {
 
     /// Ends all walks with what was found.
     fn finish(&self, steps: &mut [Step<'_>], top: &Level) -> bool {
+        let mut place = None;
         for (lane, step) in steps.iter_mut().enumerate() {
-            self.settle(lane, step.walk, top);
+            self.settle(lane, step.walk, top, &mut place);
             step.walk.state = State::Done;
             step.event = Event::Done;
         }
         true
     }
 
-    /// Puts down in a lane's walk what was found for it.
-    fn settle(&self, lane: usize, walk: &mut Walk, top: &Level) {
+    /// Puts down in a lane's walk what was found for it. `place` is the instance of the lane before.
+    fn settle(
+        &self,
+        lane: usize,
+        walk: &mut Walk,
+        top: &Level,
+        place: &mut Option<(InstanceFacts, Structure)>,
+    ) {
         if self.found.hit >> lane & 1 == 0 {
             return;
         }
         let index = self.found.instances[lane];
-        let Some(record) = top.structure.instance(index) else {
-            return;
-        };
-        // SAFETY: the contract of `Walk::new`.
-        let Some(structure) = (unsafe { Structure::at(top.structure.reference(index)) }) else {
-            return;
-        };
-        let facts = InstanceFacts::new(index, record, &walk.ray);
-        walk.hit = self.found.hit(lane, &structure, &facts);
-        walk.has_hit = true;
+        if place.is_none_or(|(facts, _)| facts.index != index) {
+            let facts = (top.structure.instance(index))
+                .map(|record| InstanceFacts::new(index, record, &walk.ray));
+            // SAFETY: the contract of `Walk::new`.
+            *place = facts.zip(unsafe { Structure::at(top.structure.reference(index)) });
+        }
+        if let Some((facts, structure)) = place {
+            walk.hit = self.found.hit(lane, structure, facts);
+            walk.has_hit = true;
+        }
     }
 }
 

@@ -54,6 +54,9 @@ pub struct Options {
     /// Write the rows as comma-separated values, too
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
+    /// Write every sample and ratio as JSON, too
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
 }
 
 /// Who takes part.
@@ -122,10 +125,13 @@ pub fn run(options: &Options) -> Result<()> {
         }
     }
     table.print_means();
-    match &options.csv {
-        Some(path) => table.write_csv(path),
-        None => Ok(()),
+    if let Some(path) = &options.csv {
+        table.write_csv(path)?;
     }
+    if let Some(path) = &options.json {
+        table.write_json(path)?;
+    }
+    Ok(())
 }
 
 fn run_scene(
