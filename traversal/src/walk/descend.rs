@@ -55,10 +55,14 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         let index = only.unwrap_or(walk.instance);
         if index == Walk::NO_INSTANCE {
             in_bottom = false;
-        } else if !unsafe {
-            bottom.enter_bottom(instance, top, only.is_none(), index, &walk.ray, walk.time)
-        } {
-            return Event::Done;
+        } else {
+            let is_up = only.is_none();
+            // SAFETY: as above.
+            let entered =
+                unsafe { bottom.enter_bottom(instance, top, is_up, index, &walk.ray, walk.time) };
+            if !entered {
+                return Event::Done;
+            }
         }
         entered.set(walk.top_level, &walk.ray, only);
     }
