@@ -83,6 +83,7 @@ fn perform<'a>(
     match command {
         Command::BindPipeline(pipeline) => bindings.bind_pipeline(pipeline),
         Command::BindDescriptorSets(bind) => bindings.bind_descriptor_sets(bind),
+        Command::BindDescriptorBuffer(bind) => bindings.bind_descriptor_buffer(bind),
         &Command::BindInvocationMask(mask) => bindings.invocation_mask = mask,
         Command::PushConstants { offset, bytes } => bindings.push_constants(*offset, bytes),
         &Command::Dispatch { base, count } => run_dispatch(engine, bindings, base, count)?,
