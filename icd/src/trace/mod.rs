@@ -10,6 +10,7 @@
 //! Shader code never calls traversal and traversal never calls shader code: both return here with an event. Recursion therefore costs
 //! heap, never native stack, and callees are repacked across all waves of the batch.
 
+mod answers;
 mod batch;
 mod calls;
 mod grid;
@@ -25,6 +26,7 @@ mod subgroup;
 pub mod table;
 #[cfg(test)]
 mod tests;
+mod walks;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
