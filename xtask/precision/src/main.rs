@@ -1,6 +1,6 @@
-//! How exact the float functions are: `cargo xtask precision [--quick] [--threads N] [--out FILE]`.
+//! How exact the float functions are: `cargo xtask precision [--step N] [--threads N] [--out FILE]`.
 //!
-//! Functions of one 32-bit float run over all 2^32 inputs (`--quick`: every 4,099th), those of a 16-bit float over all 65,536, those of
+//! Functions of one 32-bit float run over all 2^32 inputs (or over every N-th), those of a 16-bit float over all 65,536, those of
 //! several over structured and random samples; each on the interpreter's best tier, each against a reference of 64 bits. An error past
 //! what Vulkan allows, or past our own bound, fails the run.
 
@@ -18,10 +18,8 @@ fn main() -> ExitCode {
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
-            "--quick" => options.step = 4_099,
-            "--threads" => {
-                options.threads = arguments.next().and_then(|n| n.parse().ok()).unwrap_or(1)
-            }
+            "--step" => options.step = number(arguments.next()),
+            "--threads" => options.threads = number(arguments.next()) as usize,
             "--out" => out = arguments.next(),
             other => {
                 eprintln!("unknown argument {other}");
@@ -43,4 +41,10 @@ fn main() -> ExitCode {
         eprintln!("{row:?}");
     }
     ExitCode::FAILURE
+}
+
+/// An argument's value, at least 1.
+fn number(argument: Option<String>) -> u64 {
+    let number = argument.and_then(|text| text.parse().ok());
+    number.unwrap_or(1).max(1)
 }

@@ -81,7 +81,7 @@ fn half(format: Format) -> bool {
 pub fn render(rows: &[Row], options: &Options) -> String {
     let coverage = match options.step {
         1 => "all 2³² inputs".into(),
-        step => format!("every {}th input of 2³²", thousands(step)),
+        step => format!("every {}th of the 2³² inputs", thousands(step)),
     };
     let mut text = format!(
         "# Precision\n\n\
