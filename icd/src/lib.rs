@@ -20,6 +20,7 @@ pub mod object;
 pub mod queue;
 pub mod table;
 pub mod trace;
+pub mod validate;
 
 /// A result with the Vulkan code that an entry point returns. Codes other than `VK_SUCCESS` travel as `Err`, `VK_INCOMPLETE` and
 /// `VK_NOT_READY` included.

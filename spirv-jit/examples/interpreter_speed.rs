@@ -4,12 +4,14 @@
 //! side and a square root on the other.
 
 use std::fmt::Write;
+use std::sync::Arc;
 use std::time::Instant;
 
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS};
 use spirv_jit::eval;
 use spirv_jit::ir::text::parse_module;
 use spirv_jit::program::{AlignedRow, Event, Wave};
+use spirv_jit::reach::Reach;
 use spirv_jit::{Program, program::Frame};
 
 /// The loop's body, as text and as a function.
@@ -166,6 +168,8 @@ fn main() {
         dynamic_count: 0,
         push_constants: Descriptor::NULL,
         uniforms: [0; 8],
+        reach: Arc::new(Reach::everywhere()),
+        strays: None,
     };
     let mut frame = Frame::default();
     let mut best = [f64::INFINITY; 3];

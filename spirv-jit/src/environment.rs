@@ -2,7 +2,10 @@
 //!
 //! All of it is plain data at stable addresses; whoever runs a program keeps it alive for that long.
 
+use std::sync::Arc;
+
 use crate::image::{Format, ImageDescriptor, SamplerDescriptor};
+use crate::reach::{Reach, Strays};
 
 /// Descriptor sets that can be bound (`maxBoundDescriptorSets`).
 pub const MAX_SETS: usize = 32;
@@ -95,6 +98,10 @@ pub struct Environment {
     pub push_constants: Descriptor,
     /// See [`uniform`].
     pub uniforms: [u32; uniform::COUNT],
+    /// Where physical pointers may lead: elsewhere, reads give zero and writes are dropped.
+    pub reach: Arc<Reach>,
+    /// Counts the pointers that lead nowhere, if anyone wants to know.
+    pub strays: Option<Arc<Strays>>,
 }
 
 // SAFETY: as for `Descriptor`.

@@ -20,6 +20,7 @@ pub mod parse;
 pub mod pass;
 pub mod program;
 pub mod query;
+pub mod reach;
 
 pub use error::Error;
 pub use program::{CompileRequest, Program, compile};

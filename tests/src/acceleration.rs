@@ -363,6 +363,17 @@ impl Gpu {
             }
         }
     }
+
+    /// Destroys a structure before its time.
+    pub fn destroy(&self, structure: Structure) {
+        let is_it = |made: &Made| matches!(made, Made::Structure(it) if *it == structure.handle);
+        self.made.borrow_mut().retain(|made| !is_it(made));
+        // SAFETY: it was made on this device, and is not destroyed again.
+        unsafe {
+            self.acceleration
+                .destroy_acceleration_structure(structure.handle, None);
+        }
+    }
 }
 
 fn at(buffer: Buffer) -> vk::DeviceOrHostAddressConstKHR {

@@ -70,19 +70,29 @@ impl Gpu {
     /// The first device, with validation where it is installed.
     #[expect(clippy::new_without_default, reason = "opening a device is no default")]
     pub fn new() -> Gpu {
-        Gpu::open(true)
+        Gpu::open(true, false)
+    }
+
+    /// Without the layer, and with the driver's own ray tracing validation (`VK_NV_ray_tracing_validation`): what that says is in
+    /// [`Gpu::take_complaints`].
+    #[track_caller]
+    pub fn validated_by_driver() -> Option<Gpu> {
+        Gpu::open(false, true).with("VK_NV_ray_tracing_validation", |gpu| {
+            gpu.optional.driver_validation.ray_tracing_validation == vk::TRUE
+        })
     }
 
     /// The same where the validation layer is of this version or newer: older ones misjudge what the test does.
     pub fn validated_since(version: u32) -> Gpu {
         // SAFETY: the loader's initialisers only set up its own state.
         let entry = unsafe { ash::Entry::load() }.expect("there is a Vulkan loader");
-        Gpu::open(validation_version(&entry).is_some_and(|found| found >= version))
+        let is_new = validation_version(&entry).is_some_and(|found| found >= version);
+        Gpu::open(is_new, false)
     }
 
     /// The same for tests that break rules on purpose.
     pub fn without_validation() -> Gpu {
-        Gpu::open(false)
+        Gpu::open(false, false)
     }
 
     /// What the device calls itself.
@@ -110,14 +120,14 @@ impl Gpu {
             .contains(vk::QueueFlags::GRAPHICS)
     }
 
-    fn open(validate: bool) -> Gpu {
+    fn open(validate: bool, by_driver: bool) -> Gpu {
         // SAFETY: the loader's initialisers only set up its own state.
         let entry = unsafe { ash::Entry::load() }.expect("there is a Vulkan loader");
         let complaints = Arc::new(Mutex::new(Vec::new()));
         let layer = validation_version(&entry).filter(|_| validate);
         let has_layer = layer.is_some();
         let instance = create_instance(&entry, has_layer);
-        let debug = has_layer.then(|| listen(&entry, &instance, &complaints));
+        let debug = (has_layer || by_driver).then(|| listen(&entry, &instance, &complaints));
         // SAFETY: the handles passed are of this instance, and the chains outlive the calls.
         unsafe {
             let physical = instance
@@ -169,6 +179,9 @@ impl Gpu {
                 khr::push_descriptor::NAME,
             ];
             let mut optional = Optional::of(&instance, physical, has);
+            if !by_driver {
+                optional.driver_validation.ray_tracing_validation = vk::FALSE;
+            }
             let names: Vec<*const c_char> = wanted
                 .into_iter()
                 .filter(|name| has(name))

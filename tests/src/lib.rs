@@ -16,6 +16,7 @@ mod micromap;
 mod newer;
 mod optional;
 mod shader;
+mod skip;
 mod trace;
 
 pub use acceleration::{Geometry, Instance, Structure, Sweep, identity, scaled, translated};
@@ -29,6 +30,7 @@ pub use micromap::{MicroTriangle, Micromap, MicromapParts, part_centres};
 pub use newer::DeviceAddressRangeKHR;
 pub use optional::Optional;
 pub use shader::{Stage, glsl, glsl_for};
+pub use skip::has;
 pub use trace::{Group, Rays, RaysInput, Record, Table};
 
 pub use ash::vk;

@@ -22,6 +22,10 @@ pub const NEWER: &[(&CStr, u32)] = &[
         ash::khr::shader_quad_control::NAME,
         make_api_version(0, 1, 3, 276),
     ),
+    (
+        ash::nv::ray_tracing_validation::NAME,
+        make_api_version(0, 1, 3, 279),
+    ),
     (ash::khr::maintenance5::NAME, make_api_version(0, 1, 3, 260)),
     (DEVICE_ADDRESS_COMMANDS, make_api_version(0, 1, 4, 340)),
     (

@@ -72,6 +72,8 @@ optional! {
     mutable: ext::mutable_descriptor_type::NAME, PhysicalDeviceMutableDescriptorTypeFeaturesEXT {};
     reorder: nv::ray_tracing_invocation_reorder::NAME, PhysicalDeviceRayTracingInvocationReorderFeaturesNV {};
     motion: nv::ray_tracing_motion_blur::NAME, PhysicalDeviceRayTracingMotionBlurFeaturesNV {};
+    /// Off but where a test asks for it: see [`Gpu::validated_by_driver`](crate::Gpu::validated_by_driver).
+    driver_validation: nv::ray_tracing_validation::NAME, PhysicalDeviceRayTracingValidationFeaturesNV {};
     invocation_mask: huawei::invocation_mask::NAME, PhysicalDeviceInvocationMaskFeaturesHUAWEI {};
     swept_spheres: LINEAR_SWEPT_SPHERES, PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV {};
 }

@@ -80,6 +80,19 @@ pub struct Table {
     pub callable: Vec<Record>,
 }
 
+impl Table {
+    /// Records without data: the groups of the ray generation shader, the miss shaders and the hit groups.
+    pub fn of(raygen: u32, miss: &[u32], hit: &[u32]) -> Table {
+        let records = |groups: &[u32]| groups.iter().map(|&group| Record::of(group)).collect();
+        Table {
+            raygen: Record::of(raygen),
+            miss: records(miss),
+            hit: records(hit),
+            callable: Vec::new(),
+        }
+    }
+}
+
 impl Gpu {
     pub fn rays(&self, input: &RaysInput) -> Rays {
         self.rays_with(input, vk::PipelineCreateFlags::empty())
@@ -311,12 +324,7 @@ impl Gpu {
                 (1, &[Bound::Storage(output)]),
             ],
         });
-        let table = Table {
-            raygen: Record::of(0),
-            miss: vec![Record::of(1)],
-            hit: vec![Record::of(2)],
-            callable: vec![],
-        };
+        let table = Table::of(0, &[1], &[2]);
         self.trace(&rays, &table, [count, 1, 1]);
         output.read()
     }

@@ -47,11 +47,7 @@ void main() { payload = vec4(gl_HitTEXT, weights, gl_ObjectToWorldEXT[1][2]); }"
 
 /// A device, and a layout with room for what the shaders above name.
 fn open() -> Option<(Gpu, vk::PipelineLayout)> {
-    let gpu = Gpu::without_validation();
-    if !gpu.is_tuff() {
-        println!("this test is for Tuff");
-        return None;
-    }
+    let gpu = Gpu::without_validation().with("a driver that promises this", Gpu::is_tuff)?;
     let buffer = gpu.buffer(4096);
     let picture = gpu.picture(
         Shape::flat(vk::Format::R8G8B8A8_UNORM, 8, 8),

@@ -106,13 +106,15 @@ fn integer_arithmetic_wraps_and_shifts() {
 #[test]
 fn small_and_large_integers() {
     let gpu = Gpu::new();
-    if gpu.features.shader_int64 == 0
-        || gpu.features.shader_int16 == 0
-        || gpu.features12.shader_int8 == 0
-        || gpu.features12.storage_buffer8_bit_access == 0
-        || gpu.features11.storage_buffer16_bit_access == 0
-    {
-        return println!("this device has not all sizes of integers");
+    let sizes = [
+        gpu.features.shader_int64,
+        gpu.features.shader_int16,
+        gpu.features12.shader_int8,
+        gpu.features12.storage_buffer8_bit_access,
+        gpu.features11.storage_buffer16_bit_access,
+    ];
+    if !has("integers of all sizes", sizes == [vk::TRUE; 5]) {
+        return;
     }
     let source = r"
     layout(local_size_x = 32) in;
@@ -755,16 +757,17 @@ fn push_constants_and_specialization_constants() {
 #[test]
 fn descriptors_in_arrays_with_dynamic_offsets_and_addresses() {
     let gpu = Gpu::new();
-    if gpu
-        .features12
-        .shader_uniform_buffer_array_non_uniform_indexing
-        == 0
-        || gpu
-            .features12
-            .shader_storage_buffer_array_non_uniform_indexing
-            == 0
-    {
-        return println!("this device does not index descriptors non-uniformly");
+    let indexes = [
+        gpu.features12
+            .shader_uniform_buffer_array_non_uniform_indexing,
+        gpu.features12
+            .shader_storage_buffer_array_non_uniform_indexing,
+    ];
+    if !has(
+        "descriptors indexed non-uniformly",
+        indexes == [vk::TRUE; 2],
+    ) {
+        return;
     }
     let source = r"
     layout(local_size_x = 32) in;

@@ -7,7 +7,9 @@ use tuff_tests::*;
 
 fn gpu_with_address_commands() -> Option<Gpu> {
     let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 4, 340));
-    (gpu.optional.address_commands.device_address_commands != 0).then_some(gpu)
+    gpu.with("VK_KHR_device_address_commands", |gpu| {
+        gpu.optional.address_commands.device_address_commands != 0
+    })
 }
 
 /// `VK_ADDRESS_COMMAND_STORAGE_BUFFER_USAGE_BIT_KHR`: every buffer of the harness may be a storage buffer.

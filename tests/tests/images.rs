@@ -264,8 +264,8 @@ fn blits_scale_flip_and_convert() {
     // Blits are for graphics queues; where there is none Tuff does them all the same.
     let mut gpu = Gpu::new();
     if !gpu.has_graphics() {
-        if !gpu.is_tuff() {
-            return println!("this device has no graphics queue");
+        if !has("a graphics queue", gpu.is_tuff()) {
+            return;
         }
         gpu = Gpu::without_validation();
     }
@@ -914,8 +914,9 @@ fn separate_samplers_and_view_swizzles() {
 fn derivatives_in_compute() {
     let gpu = Gpu::new();
     let features = gpu.optional.derivatives;
-    if features.compute_derivative_group_quads * features.compute_derivative_group_linear == 0 {
-        println!("compute shaders have no derivatives");
+    let quads = features.compute_derivative_group_quads;
+    let there = quads * features.compute_derivative_group_linear != 0;
+    if !has("derivatives in compute", there) {
         return;
     }
     let shape = Shape {

@@ -8,7 +8,9 @@ use tuff_tests::*;
 /// A device with the feature; without the validation layer where that is too old to know it.
 fn gpu_with_maintenance5() -> Option<Gpu> {
     let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 260));
-    (gpu.optional.maintenance5.maintenance5 != 0).then_some(gpu)
+    gpu.with("VK_KHR_maintenance5", |gpu| {
+        gpu.optional.maintenance5.maintenance5 != 0
+    })
 }
 
 const DOUBLE: &str = "
@@ -102,7 +104,8 @@ fn alpha_alone_is_a_format() {
         return;
     };
     let format = vk::Format::A8_UNORM_KHR;
-    if !gpu.supports(format, vk::FormatFeatureFlags::SAMPLED_IMAGE) {
+    let there = gpu.supports(format, vk::FormatFeatureFlags::SAMPLED_IMAGE);
+    if !has("the format A8_UNORM", there) {
         return;
     }
     let shape = Shape::flat(format, 2, 2);

@@ -16,7 +16,9 @@ const HIT: u32 = 2;
 fn gpu_with_micromaps() -> Option<Gpu> {
     // The layer of 1.3.239 does not know micromaps in shaders and structures.
     let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 290));
-    (gpu.optional.micromap.micromap != 0).then_some(gpu)
+    gpu.with("VK_EXT_opacity_micromap", |gpu| {
+        gpu.optional.micromap.micromap != 0
+    })
 }
 
 /// Where a geometry's triangles find their opacity.
@@ -144,12 +146,7 @@ fn shoot(gpu: &Gpu, world: Structure, points: &[[f32; 2]], ray_flags: u32) -> Ve
         },
         flags,
     );
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1)],
-        hit: vec![Record::of(2)],
-        callable: vec![],
-    };
+    let table = Table::of(0, &[1], &[2]);
     gpu.trace(&rays, &table, [points.len() as u32, 1, 1]);
     output.read()
 }

@@ -8,7 +8,15 @@ const MOTION: vk::BuildAccelerationStructureFlagsKHR =
 /// A device that has motion; `None` skips the test. Some validation layers take its structures and its SPIR-V extension for unknown ones.
 fn gpu() -> Option<Gpu> {
     let gpu = Gpu::without_validation();
-    (gpu.optional.motion.ray_tracing_motion_blur == vk::TRUE).then_some(gpu)
+    gpu.with("VK_NV_ray_tracing_motion_blur", |gpu| {
+        gpu.optional.motion.ray_tracing_motion_blur == vk::TRUE
+    })
+}
+
+fn gpu_with_micromaps() -> Option<Gpu> {
+    gpu()?.with("VK_EXT_opacity_micromap", |gpu| {
+        gpu.optional.micromap.micromap == vk::TRUE
+    })
 }
 
 fn at(buffer: Buffer) -> vk::DeviceOrHostAddressConstKHR {
@@ -17,21 +25,41 @@ fn at(buffer: Buffer) -> vk::DeviceOrHostAddressConstKHR {
     }
 }
 
-/// A bottom level of triangles that move.
+/// A bottom level of opaque triangles that move.
 fn moving(gpu: &Gpu, start: &[[f32; 3]], end: &[[f32; 3]]) -> Structure {
+    moving_with(gpu, start, end, vk::GeometryFlagsKHR::OPAQUE, None)
+}
+
+/// A bottom level of triangles that move, the first of which takes its opacity from a micromap's first, and so on.
+fn moving_with(
+    gpu: &Gpu,
+    start: &[[f32; 3]],
+    end: &[[f32; 3]],
+    flags: vk::GeometryFlagsKHR,
+    micromap: Option<&Micromap>,
+) -> Structure {
     let mut data = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
         .vertex_format(vk::Format::R32G32B32_SFLOAT)
         .vertex_data(at(gpu.buffer_with(start)))
         .vertex_stride(12)
         .max_vertex(start.len() as u32 - 1)
         .index_type(vk::IndexType::NONE_KHR);
-    let motion = vk::AccelerationStructureGeometryMotionTrianglesDataNV::default()
+    let mut motion = vk::AccelerationStructureGeometryMotionTrianglesDataNV::default()
         .vertex_data(at(gpu.buffer_with(end)));
+    let opacity = micromap.map(|micromap| {
+        vk::AccelerationStructureTrianglesOpacityMicromapEXT::default()
+            .index_type(vk::IndexType::NONE_KHR)
+            .micromap(micromap.handle)
+            .usage_counts(&micromap.usages)
+    });
+    if let Some(opacity) = &opacity {
+        motion.p_next = (&raw const *opacity).cast();
+    }
     data.p_next = (&raw const motion).cast();
     let geometry = vk::AccelerationStructureGeometryKHR::default()
         .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
         .geometry(vk::AccelerationStructureGeometryDataKHR { triangles: data })
-        .flags(vk::GeometryFlagsKHR::OPAQUE);
+        .flags(flags);
     let range = vk::AccelerationStructureBuildRangeInfoKHR::default()
         .primitive_count(start.len() as u32 / 3);
     let level = vk::AccelerationStructureTypeKHR::BOTTOM_LEVEL;
@@ -84,6 +112,29 @@ type Found = [f32; 6];
 
 /// Traces rays: origin, direction, time. A negative time traces without motion.
 fn trace(gpu: &Gpu, world: Structure, rays: &[[f32; 7]]) -> Vec<Found> {
+    trace_with(gpu, world, rays, vk::PipelineCreateFlags::empty())
+}
+
+const MICROMAPS: vk::PipelineCreateFlags =
+    vk::PipelineCreateFlags::RAY_TRACING_OPACITY_MICROMAP_EXT;
+
+fn trace_with(
+    gpu: &Gpu,
+    world: Structure,
+    rays: &[[f32; 7]],
+    flags: vk::PipelineCreateFlags,
+) -> Vec<Found> {
+    trace_any(gpu, world, rays, flags, None)
+}
+
+/// As [`trace`], with flags of the pipeline and an any-hit shader.
+fn trace_any(
+    gpu: &Gpu,
+    world: Structure,
+    rays: &[[f32; 7]],
+    flags: vk::PipelineCreateFlags,
+    any_hit: Option<&str>,
+) -> Vec<Found> {
     let output = gpu.buffer(24 * rays.len() as u64);
     let raygen = format!(
         "{HEAD}
@@ -115,14 +166,20 @@ fn trace(gpu: &Gpu, world: Structure, rays: &[[f32; 7]]) -> Vec<Found> {
                 gl_ObjectToWorldEXT[0].x, gl_ObjectToWorldEXT[3].x, gl_WorldToObjectEXT[3].x);
         }}"
     );
+    let mut shaders = vec![
+        (Stage::RayGeneration, &raygen[..]),
+        (Stage::Miss, &miss),
+        (Stage::ClosestHit, &hit),
+    ];
+    shaders.extend(any_hit.map(|source| (Stage::AnyHit, source)));
+    let hit_group = Group {
+        any_hit: any_hit.map(|_| 3),
+        ..Group::hit(2)
+    };
     let pipeline = gpu.rays_with(
         &RaysInput {
-            shaders: &[
-                (Stage::RayGeneration, &raygen),
-                (Stage::Miss, &miss),
-                (Stage::ClosestHit, &hit),
-            ],
-            groups: &[Group::general(0), Group::general(1), Group::hit(2)],
+            shaders: &shaders,
+            groups: &[Group::general(0), Group::general(1), hit_group],
             recursion: 1,
             bindings: &[
                 (0, &[Bound::Structure(world.handle)]),
@@ -130,14 +187,9 @@ fn trace(gpu: &Gpu, world: Structure, rays: &[[f32; 7]]) -> Vec<Found> {
                 (2, &[Bound::Storage(gpu.buffer_with(rays))]),
             ],
         },
-        vk::PipelineCreateFlags::RAY_TRACING_ALLOW_MOTION_NV,
+        flags | vk::PipelineCreateFlags::RAY_TRACING_ALLOW_MOTION_NV,
     );
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1)],
-        hit: vec![Record::of(2)],
-        callable: vec![],
-    };
+    let table = Table::of(0, &[1], &[2]);
     gpu.trace(&pipeline, &table, [rays.len() as u32, 1, 1]);
     output.read()
 }
@@ -269,4 +321,54 @@ fn moving_meshes_have_no_gaps() {
         let middle = 5.0 + 2.0 * ray[6];
         assert!((found[0] - middle).abs() < 0.25, "{ray:?}: {found:?}");
     }
+}
+
+#[test]
+fn micromaps_move_with_their_triangles() {
+    let Some(gpu) = gpu_with_micromaps() else {
+        return;
+    };
+    // Transparent, opaque, unknown, unknown, over and over.
+    let states = MicroTriangle::of(2, 2, |part| (part % 4) as u8);
+    let micromap = gpu.micromap(std::slice::from_ref(&states));
+    let shift = |by: f32| triangle(1.0).map(|[x, y, z]| [x + by, y, z]);
+    let (start, end) = (shift(0.0), shift(4.0));
+    for flags in [vk::GeometryFlagsKHR::empty(), vk::GeometryFlagsKHR::OPAQUE] {
+        let bottom = moving_with(&gpu, &start, &end, flags, Some(&micromap));
+        let world = top(&gpu, &[(bottom, Moves::Not(identity()))]);
+        for time in [0.0, 0.25, 1.0] {
+            let rays: Vec<[f32; 7]> = part_centres(2)
+                .iter()
+                .map(|[x, y]| [x + 4.0 * time, *y, 0.0, 0.0, 0.0, 1.0, time])
+                .collect();
+            let hits: Vec<bool> = trace_with(&gpu, world, &rays, MICROMAPS)
+                .iter()
+                .map(|found| found[0] > 0.0)
+                .collect();
+            // There is no any-hit shader: what is unknown is hit.
+            let expected: Vec<bool> = states.states.iter().map(|&state| state != 0).collect();
+            assert_eq!(hits, expected, "{time} {flags:?}");
+        }
+    }
+}
+
+#[test]
+fn any_hit_shaders_decide_on_unknown_parts_in_motion() {
+    let Some(gpu) = gpu_with_micromaps() else {
+        return;
+    };
+    let states = MicroTriangle::of(1, 2, |part| part as u8);
+    let micromap = gpu.micromap(std::slice::from_ref(&states));
+    let end = triangle(3.0);
+    let flags = vk::GeometryFlagsKHR::empty();
+    let bottom = moving_with(&gpu, &triangle(1.0), &end, flags, Some(&micromap));
+    let world = top(&gpu, &[(bottom, Moves::Not(identity()))]);
+    let rays: Vec<[f32; 7]> = part_centres(1)
+        .iter()
+        .map(|[x, y]| [*x, *y, 0.0, 0.0, 0.0, 1.0, 0.5])
+        .collect();
+    let ignore = Some("void main() { ignoreIntersectionEXT; }");
+    let found = trace_any(&gpu, world, &rays, MICROMAPS, ignore);
+    let distances: Vec<f32> = found.iter().map(|found| found[0]).collect();
+    assert_eq!(distances, [-1.0, 2.0, -1.0, -1.0]);
 }

@@ -137,12 +137,7 @@ fn shoot_with(
             (3, &[Bound::Storage(corners)]),
         ],
     });
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1)],
-        hit: vec![Record::of(2)],
-        callable: vec![],
-    };
+    let table = Table::of(0, &[1], &[2]);
     let regions = gpu.regions(&pipeline, &table);
     gpu.run(|commands| {
         let all = vk::ShaderStageFlags::ALL;

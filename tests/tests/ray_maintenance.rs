@@ -6,19 +6,18 @@ use vk::QueryType as Query;
 
 const TRIANGLE: [[f32; 3]; 3] = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]];
 
+#[track_caller]
 fn has_maintenance1(gpu: &Gpu) -> bool {
-    gpu.optional.maintenance1.ray_tracing_maintenance1 != 0
+    let there = gpu.optional.maintenance1.ray_tracing_maintenance1 != 0;
+    has("VK_KHR_ray_tracing_maintenance1", there)
 }
 
 #[test]
 fn tables_and_extent_come_from_memory() {
     let gpu = Gpu::new();
-    if gpu
-        .optional
-        .maintenance1
-        .ray_tracing_pipeline_trace_rays_indirect2
-        == 0
-    {
+    let features = gpu.optional.maintenance1;
+    let there = features.ray_tracing_pipeline_trace_rays_indirect2 != 0;
+    if !has("vkCmdTraceRaysIndirect2KHR", there) {
         return;
     }
     let extension = khr::ray_tracing_maintenance1::Device::new(&gpu.instance, &gpu.device);
@@ -90,7 +89,7 @@ fn tables_and_extent_come_from_memory() {
     // SAFETY: words without padding up to the last one.
     let bytes =
         unsafe { std::slice::from_raw_parts((&raw const command).cast::<u8>(), size) }.to_vec();
-    let place = gpu.buffer(bytes.len() as u64);
+    let place = gpu.buffer(size_of_val(&command) as u64);
     gpu.run(|commands| {
         // SAFETY: the command buffer is being recorded; the buffers live as long as the device.
         unsafe {
@@ -180,12 +179,7 @@ fn shaders_see_the_cull_mask() {
             (1, &[Bound::Storage(output)]),
         ],
     });
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1)],
-        hit: vec![Record::of(2), Record::of(3)],
-        callable: vec![],
-    };
+    let table = Table::of(0, &[1], &[2, 3]);
     gpu.trace(&rays, &table, [3, 1, 1]);
     let results: Vec<[u32; 4]> = output.read();
     assert_eq!(results[0], [0, 0x31, 0x31, 0]);
@@ -249,7 +243,8 @@ fn query(gpu: &Gpu, structure: Structure, ty: Query) -> u64 {
 #[test]
 fn structures_tell_their_size_and_references() {
     let gpu = Gpu::new();
-    if !has_maintenance1(&gpu) || gpu.features13.synchronization2 == 0 {
+    let sync = gpu.features13.synchronization2 != 0;
+    if !has_maintenance1(&gpu) || !has("synchronization2", sync) {
         return;
     }
     let bottom = gpu.bottom(&[Geometry::opaque(&TRIANGLE)]);

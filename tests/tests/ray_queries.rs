@@ -36,12 +36,9 @@ fn floats(words: &[u32]) -> Vec<f32> {
 
 /// Opens a device that has ray queries.
 fn open() -> Option<Gpu> {
-    let gpu = Gpu::new();
-    let there = gpu.optional.ray_query.ray_query == vk::TRUE;
-    if !there {
-        println!("the device has no ray queries");
-    }
-    there.then_some(gpu)
+    Gpu::new().with("VK_KHR_ray_query", |gpu| {
+        gpu.optional.ray_query.ray_query == vk::TRUE
+    })
 }
 
 #[test]
@@ -509,10 +506,9 @@ fn random_rays_agree_with_a_computation() {
 #[test]
 fn positions_of_vertices_are_fetched() {
     let gpu = Gpu::without_validation();
-    if gpu.optional.ray_query.ray_query * gpu.optional.position_fetch.ray_tracing_position_fetch
-        == 0
-    {
-        println!("the device does not fetch positions in queries");
+    let fetches = gpu.optional.position_fetch.ray_tracing_position_fetch;
+    let there = gpu.optional.ray_query.ray_query * fetches != 0;
+    if !has("positions fetched in queries", there) {
         return;
     }
     let corners = [layers(&[7.0]), layers(&[5.0])].concat();

@@ -188,12 +188,7 @@ fn any_hit_shaders_ignore_and_end_the_search() {
             (1, &[Bound::Storage(output)]),
         ],
     });
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1)],
-        hit: vec![Record::of(2)],
-        callable: vec![],
-    };
+    let table = Table::of(0, &[1], &[2]);
     gpu.trace(&rays, &table, [140, 1, 1]);
     for (i, result) in output.read::<[u32; 2]>().into_iter().enumerate() {
         let below = i as u32 % 14;
@@ -480,8 +475,8 @@ fn callables_call_callables() {
 fn closest_hit_shaders_trace_rays_to_the_allowed_depth() {
     let gpu = Gpu::new();
     let depth = gpu.pipeline_properties.max_ray_recursion_depth.min(6);
-    if depth < 2 {
-        return println!("this device does not recurse");
+    if !has("recursion", depth >= 2) {
+        return;
     }
     let world = gpu.scene(&[Geometry::opaque(&layers(8))]);
     // A ray that hits layer k goes on from there until `left` is used up; each level keeps a
@@ -527,12 +522,7 @@ fn closest_hit_shaders_trace_rays_to_the_allowed_depth() {
             (1, &[Bound::Storage(output)]),
         ],
     });
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1)],
-        hit: vec![Record::of(2)],
-        callable: vec![],
-    };
+    let table = Table::of(0, &[1], &[2]);
     gpu.trace(&rays, &table, [depth, 1, 1]);
     fn expected(layer: u32, left: u32) -> u32 {
         let own = (layer + 1) * (left + 1);
@@ -645,12 +635,7 @@ fn payloads_of_many_sizes_come_back() {
                 (1, &[Bound::Storage(output)]),
             ],
         });
-        let table = Table {
-            raygen: Record::of(0),
-            miss: vec![Record::of(1)],
-            hit: vec![Record::of(2)],
-            callable: vec![],
-        };
+        let table = Table::of(0, &[1], &[2]);
         gpu.trace(&rays, &table, [70, 1, 1]);
         for (i, got) in output.read::<u32>().chunks(words as usize).enumerate() {
             for (k, word) in got.iter().enumerate() {
@@ -696,8 +681,8 @@ fn several_rays_use_several_payloads_and_miss_shaders() {
     struct Deep { dvec2 d; uint u; float f[3]; };
     layout(location = 2) rayPayloadInEXT Deep c;
     void main() { c.d = c.d.yx; c.u *= 2u; c.f[2] = c.f[0] + c.f[1]; }";
-    if gpu.features.shader_float64 == 0 {
-        return println!("this device has no doubles");
+    if !has("doubles", gpu.features.shader_float64 != 0) {
+        return;
     }
     let output = gpu.buffer(12 * 40);
     let raygen = format!("{WORLD}{RESULTS}{raygen}");
@@ -715,12 +700,7 @@ fn several_rays_use_several_payloads_and_miss_shaders() {
             (1, &[Bound::Storage(output)]),
         ],
     });
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1), Record::of(2), Record::of(3)],
-        hit: vec![],
-        callable: vec![],
-    };
+    let table = Table::of(0, &[1, 2, 3], &[]);
     gpu.trace(&rays, &table, [40, 1, 1]);
     for (i, got) in output.read::<[u32; 3]>().into_iter().enumerate() {
         let first = if i % 2 == 1 { 51 } else { 1 };
@@ -864,12 +844,7 @@ fn intersection_shaders_report_what_is_kept() {
             (2, &[Bound::Storage(cases)]),
         ],
     });
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1)],
-        hit: vec![Record::of(2)],
-        callable: vec![],
-    };
+    let table = Table::of(0, &[1], &[2]);
     gpu.trace(&rays, &table, [5, 1, 1]);
     let t = |t: f32| t.to_bits();
     let why = "a reported hit that is too far away overwrites the attributes of the nearer one";

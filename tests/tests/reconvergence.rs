@@ -238,13 +238,9 @@ impl Machine {
 fn invocations_meet_again_as_early_as_they_may() {
     // Validation layers may be older than the extension.
     let gpu = Gpu::without_validation();
-    if gpu
-        .optional
-        .maximal_reconvergence
-        .shader_maximal_reconvergence
-        == vk::FALSE
-    {
-        println!("the device does not promise maximal reconvergence");
+    let feature = gpu.optional.maximal_reconvergence;
+    let there = feature.shader_maximal_reconvergence == vk::TRUE;
+    if !has("VK_KHR_shader_maximal_reconvergence", there) {
         return;
     }
     let mut properties = vk::PhysicalDeviceVulkan11Properties::default();
@@ -301,8 +297,8 @@ fn invocations_meet_again_as_early_as_they_may() {
 #[test]
 fn quads_vote() {
     let gpu = Gpu::without_validation();
-    if gpu.optional.quad_control.shader_quad_control == vk::FALSE {
-        println!("the device has no quad control");
+    let there = gpu.optional.quad_control.shader_quad_control == vk::TRUE;
+    if !has("VK_KHR_shader_quad_control", there) {
         return;
     }
     let source = r"

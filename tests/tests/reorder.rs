@@ -5,7 +5,9 @@ use tuff_tests::*;
 /// A device that has hit objects; `None` skips the test.
 fn gpu() -> Option<Gpu> {
     let gpu = Gpu::new();
-    (gpu.optional.reorder.ray_tracing_invocation_reorder == vk::TRUE).then_some(gpu)
+    gpu.with("VK_NV_ray_tracing_invocation_reorder", |gpu| {
+        gpu.optional.reorder.ray_tracing_invocation_reorder == vk::TRUE
+    })
 }
 
 const HEAD: &str = r"
@@ -174,9 +176,9 @@ fn recorded_hits_know_their_triangle() {
     // Some validation layers are older than position fetch.
     let gpu = Gpu::without_validation();
     let optional = &gpu.optional;
-    if optional.reorder.ray_tracing_invocation_reorder != vk::TRUE
-        || optional.position_fetch.ray_tracing_position_fetch != vk::TRUE
-    {
+    let fetches = optional.position_fetch.ray_tracing_position_fetch;
+    let there = optional.reorder.ray_tracing_invocation_reorder * fetches == vk::TRUE;
+    if !has("hit objects and positions fetched", there) {
         return;
     }
     let corners: Vec<[f32; 3]> = (0..300u16)

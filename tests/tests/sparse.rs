@@ -11,8 +11,10 @@ fn gpu_with_sparse_binding() -> Option<Gpu> {
             .get_physical_device_queue_family_properties(gpu.physical)
     };
     let flags = families[gpu.family as usize].queue_flags;
-    let has = gpu.features.sparse_binding != 0 && flags.contains(vk::QueueFlags::SPARSE_BINDING);
-    has.then_some(gpu)
+    let binds = flags.contains(vk::QueueFlags::SPARSE_BINDING);
+    gpu.with("sparse binding", |gpu| {
+        gpu.features.sparse_binding != 0 && binds
+    })
 }
 
 /// Binds, and waits until it is done.

@@ -6,7 +6,8 @@ use tuff_tests::*;
 fn gpu() -> Option<Gpu> {
     let gpu = Gpu::without_validation();
     let features = gpu.optional.swept_spheres;
-    (features.spheres == vk::TRUE && features.linear_swept_spheres == vk::TRUE).then_some(gpu)
+    let there = features.spheres * features.linear_swept_spheres == vk::TRUE;
+    gpu.with("VK_NV_ray_tracing_linear_swept_spheres", |_| there)
 }
 
 const HEAD: &str = r"
@@ -96,12 +97,7 @@ fn trace(
         ],
     };
     let pipeline = gpu.rays(&rays_input);
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1)],
-        hit: vec![Record::of(2)],
-        callable: vec![],
-    };
+    let table = Table::of(0, &[1], &[2]);
     gpu.trace(&pipeline, &table, [rays.len() as u32, 1, 1]);
     let words: Vec<f32> = output.read();
     words

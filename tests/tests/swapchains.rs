@@ -30,7 +30,10 @@ impl Presenter {
             let entry = ash::Entry::load().unwrap();
             let instance = match entry.create_instance(&info, None) {
                 Ok(instance) => instance,
-                Err(vk::Result::ERROR_EXTENSION_NOT_PRESENT) => return None,
+                Err(vk::Result::ERROR_EXTENSION_NOT_PRESENT) => {
+                    has("VK_EXT_headless_surface", false);
+                    return None;
+                }
                 Err(other) => panic!("{other}"),
             };
             let physical = instance.enumerate_physical_devices().unwrap()[0];

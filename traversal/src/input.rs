@@ -269,6 +269,18 @@ pub enum Geometries<'a> {
     Instances(InstanceSource),
 }
 
+impl<'a> Geometries<'a> {
+    /// Lists of triangles, of those that move as they are at time 0; none of anything else.
+    pub(crate) fn triangle_lists(&self) -> impl Iterator<Item = &'a TriangleGeometry> {
+        let (still, moving): (&'a [_], &'a [MotionGeometry]) = match *self {
+            Self::Triangles(list) => (list, &[]),
+            Self::Motion(list) => (&[], list),
+            _ => (&[], &[]),
+        };
+        still.iter().chain(moving.iter().map(|list| &list.start))
+    }
+}
+
 /// A build: what and how.
 #[derive(Clone, Copy, Debug)]
 pub struct BuildInput<'a> {

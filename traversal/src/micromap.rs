@@ -262,6 +262,9 @@ pub struct Micromap {
 }
 
 impl Micromap {
+    /// Bytes of the head that every micromap has.
+    pub const HEADER_BYTES: u64 = size_of::<MicromapHeader>() as u64;
+
     /// The micromap at `address`; `None` if the address is 0 or not aligned, or no micromap lies there.
     ///
     /// # Safety

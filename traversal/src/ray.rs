@@ -103,7 +103,24 @@ impl Hit {
     /// The `slot` of a hit that no walk found.
     pub const UNKNOWN_SLOT: u32 = u32::MAX;
 
+    /// What stands for a hit where there is none: all zero.
+    pub const NONE: Hit = Hit {
+        t: 0.0,
+        barycentrics: [0.0; 2],
+        instance_index: 0,
+        instance_custom_index: 0,
+        instance_sbt_offset: 0,
+        geometry_index: 0,
+        primitive_index: 0,
+        slot: 0,
+        hit_kind: 0,
+        opaque: false,
+        triangle: false,
+        swept: Swept::No,
+    };
+
     /// Traversal found it, not an intersection shader.
+    #[inline]
     pub fn is_built_in(&self) -> bool {
         self.triangle || self.swept != Swept::No
     }

@@ -119,6 +119,9 @@ impl Structure {
         })
     }
 
+    /// Bytes of the head that every structure has.
+    pub const HEADER_BYTES: u64 = size_of::<Header>() as u64;
+
     /// No structure: without nodes and leaves.
     pub(crate) const NOWHERE: Structure = Structure {
         base: std::ptr::null(),
@@ -426,7 +429,7 @@ fn check_parts(kind: Kind, header: &Header) -> Result<(), StructureError> {
         size_bytes: header.size_bytes.saturating_sub(header.micromap_bytes),
     };
     let micromaps = header.micromap_bytes == 0
-        || kind == Kind::Triangles
+        || matches!(kind, Kind::Triangles | Kind::Motion)
             && header.micromap_bytes
                 >= micromap_part_bytes(header.geometry_count.into(), header.primitive_count);
     let good =

@@ -1,4 +1,4 @@
-//! The commands a person types: `cargo xtask demo | test | bench | precision | audit | env | run | install`.
+//! The commands a person types: `cargo xtask demo | test | bench | precision | audit | vuids | env | run | install`.
 
 mod audit;
 mod bench;
@@ -8,7 +8,9 @@ mod install;
 mod loader;
 mod precision;
 mod run;
+mod skips;
 mod test;
+mod vuids;
 mod workspace;
 
 use std::process::ExitCode;
@@ -39,6 +41,8 @@ enum Command {
     Bench(bench::Options),
     /// Measure how exact the float functions are, and write docs/precision.md
     Precision(precision::Options),
+    /// Write docs/valid-usage.md: who looks after which rule of valid usage
+    Vuids,
     /// Hold the driver's tables against the Vulkan registry (vk.xml)
     Audit(audit::Options),
 }
@@ -53,6 +57,7 @@ fn main() -> ExitCode {
         Command::Bench(options) => bench::bench(&options),
         Command::Precision(options) => precision::precision(&options),
         Command::Audit(options) => audit::audit(&options),
+        Command::Vuids => vuids::write(),
     };
     done.unwrap_or_else(|error| {
         eprintln!("error: {error:#}");

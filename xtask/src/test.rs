@@ -8,6 +8,7 @@ use clap::Args;
 
 use crate::demo::select_other;
 use crate::driver::Driver;
+use crate::skips::Skips;
 use crate::{loader, workspace};
 
 #[derive(Args)]
@@ -24,9 +25,12 @@ pub fn test(options: &Options) -> Result<ExitCode> {
     match &options.icd {
         Some(manifest) => {
             loader::require()?;
-            let mut tests = black_box_tests(options);
+            let skips = Skips::new()?;
+            let mut tests = black_box_tests(options, &skips);
             select_other(&mut tests, manifest)?;
-            passes(tests)
+            let passed = passes(tests)?;
+            skips.print()?;
+            Ok(passed)
         }
         None => {
             let driver = Driver::build(&[])?;
@@ -37,12 +41,15 @@ pub fn test(options: &Options) -> Result<ExitCode> {
                 .args(["--no-fail-fast", "--"])
                 .args(&options.arguments);
             let inner = passes(inner)?;
-            let mut tests = black_box_tests(options);
+            let skips = Skips::new()?;
+            let mut tests = black_box_tests(options, &skips);
             driver.select_for(&mut tests);
             tests.env("TUFF_UNDER_TEST", "1");
             let outer = passes(tests)?;
             let both = [inner, outer].iter().all(|code| *code == ExitCode::SUCCESS);
-            Ok(if both {
+            // Tuff has all that there are tests of.
+            let all_ran = skips.print()? == 0;
+            Ok(if both && all_ran {
                 ExitCode::SUCCESS
             } else {
                 ExitCode::FAILURE
@@ -52,10 +59,11 @@ pub fn test(options: &Options) -> Result<ExitCode> {
 }
 
 /// The tests that see nothing but Vulkan.
-fn black_box_tests(options: &Options) -> Command {
+fn black_box_tests(options: &Options, skips: &Skips) -> Command {
     let mut tests = workspace::cargo();
     tests.args(["test", "--package", "tuff-tests", "--no-fail-fast", "--"]);
     tests.args(&options.arguments);
+    skips.tell(&mut tests);
     tests
 }
 

@@ -26,6 +26,8 @@ pub use ray_tracing::RayTracingCommand;
 /// A recorded command.
 pub enum Command {
     BindPipeline(Ref<Pipeline>),
+    /// `vkCmdSetRayTracingPipelineStackSizeKHR`.
+    SetRayTracingStackSize(u32),
     /// `vkCmdBindInvocationMaskHUAWEI`; none lets all invocations run.
     BindInvocationMask(Option<InvocationMask>),
     BindDescriptorSets(BindDescriptorSets),

@@ -2,7 +2,8 @@
 
 use std::ffi::c_void;
 
-use ash::vk;
+use ash::vk::{self, Handle};
+use spirv_jit::reach::Reach;
 use traversal::BuildFlags;
 
 use super::deferred::{defer, defer_parallel};
@@ -26,15 +27,25 @@ fn copy_mode(mode: vk::CopyAccelerationStructureModeKHR) -> CopyMode {
     }
 }
 
+/// A new structure's handle; validation is told of it.
+pub fn create(device: &Device, structure: AccelerationStructure) -> vk::AccelerationStructureKHR {
+    let address = structure.address();
+    let handle: vk::AccelerationStructureKHR = handle::create(structure);
+    if let Some(validator) = device.validator() {
+        validator.registry.add_structure(handle.as_raw(), address);
+    }
+    handle
+}
+
 entry! {
     fn vkCreateAccelerationStructureKHR(
-        _device: vk::Device,
+        device: vk::Device,
         info: *const vk::AccelerationStructureCreateInfoKHR<'_>,
         _allocator: *const vk::AllocationCallbacks<'_>,
         structure: *mut vk::AccelerationStructureKHR,
     ) -> vk::Result {
         let info = &*info;
-        *structure = handle::create(AccelerationStructure {
+        *structure = create(from_handle::<Device>(device), AccelerationStructure {
             ty: info.ty,
             location: Location::Buffer(retain::<Buffer>(info.buffer), info.offset),
             size_bytes: info.size,
@@ -43,10 +54,13 @@ entry! {
     }
 
     fn vkDestroyAccelerationStructureKHR(
-        _device: vk::Device,
+        device: vk::Device,
         structure: vk::AccelerationStructureKHR,
         _allocator: *const vk::AllocationCallbacks<'_>,
     ) {
+        if let Some(validator) = from_handle::<Device>(device).validator() {
+            validator.registry.remove_structure(structure.as_raw());
+        }
         drop(handle::take::<AccelerationStructure>(structure));
     }
 
@@ -96,7 +110,7 @@ entry! {
         let records: Vec<_> = builds.iter_mut().map(|build| resolve_host_instances(build)).collect();
         let threads = ray_tracing::build_concurrency(&builds);
         defer_parallel(from_handle::<Device>(device), operation, threads, move || {
-            ray_tracing::build(&builds);
+            ray_tracing::build(&builds, &Reach::everywhere(), None);
             drop(records);
         })
     }
@@ -109,7 +123,7 @@ entry! {
         let (source, destination) = (storage((*info).src), storage((*info).dst));
         let mode = copy_mode((*info).mode);
         defer(operation, 1, move || {
-            execute::copy(source, destination, mode);
+            execute::copy(source, destination, mode, &Reach::everywhere());
             Ok(())
         })
     }
@@ -121,7 +135,8 @@ entry! {
     ) -> vk::Result {
         let (source, destination) = (storage((*info).src), (*info).dst.device_address);
         defer(operation, 1, move || {
-            execute::serialize(source, destination, &limits::serialization_uuids());
+            let uuids = limits::serialization_uuids();
+            execute::serialize(source, destination, &uuids, &Reach::everywhere());
             Ok(())
         })
     }
@@ -133,7 +148,7 @@ entry! {
     ) -> vk::Result {
         let (source, destination) = ((*info).src.device_address, storage((*info).dst));
         defer(operation, 1, move || {
-            execute::deserialize(source, destination);
+            execute::deserialize(source, destination, &Reach::everywhere());
             Ok(())
         })
     }
@@ -152,7 +167,7 @@ entry! {
             if offset + size_of::<u64>() > data_bytes {
                 return Err(vk::Result::ERROR_UNKNOWN);
             }
-            let value = execute::property(storage(structure).address, query_type);
+            let value = execute::property(storage(structure).address, query_type, &Reach::everywhere());
             data.byte_add(offset).cast::<u64>().write_unaligned(value);
         }
         Ok(())

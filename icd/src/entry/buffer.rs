@@ -1,6 +1,6 @@
 //! Buffers and texel buffer views.
 
-use ash::vk;
+use ash::vk::{self, Handle};
 use spirv_jit::image::{Format, ImageDescriptor};
 
 use super::destroy;
@@ -13,7 +13,6 @@ use crate::object::{Buffer, BufferView, Device, DeviceMemory};
 use crate::table::limits::{MAX_BUFFER_BYTES, MEMORY_ALIGNMENT};
 
 destroy! {
-    vkDestroyBuffer: Buffer, Buffer;
     vkDestroyBufferView: BufferView, BufferView;
 }
 
@@ -53,7 +52,42 @@ pub unsafe fn write_requirements(
     }
 }
 
+/// Gives a buffer its memory.
+///
+/// # Safety
+/// The handles are alive.
+unsafe fn bind(device: vk::Device, handle: vk::Buffer, memory: vk::DeviceMemory, offset: u64) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let buffer = from_handle::<Buffer>(handle);
+        buffer.bind(from_handle::<DeviceMemory>(memory).address + offset);
+        register(from_handle::<Device>(device), handle, buffer);
+    }
+}
+
+/// Tells validation of a buffer that has an address.
+fn register(device: &Device, handle: vk::Buffer, buffer: &Buffer) {
+    if let Some(validator) = device.validator() {
+        let registry = &validator.registry;
+        registry.add_buffer(
+            handle.as_raw(),
+            buffer.address(),
+            buffer.size_bytes,
+            buffer.usage,
+        );
+    }
+}
+
 entry! {
+    fn vkDestroyBuffer(device: vk::Device, buffer: vk::Buffer, _allocator: *const vk::AllocationCallbacks) {
+        if let (Some(object), Some(validator)) =
+            (handle::optional::<Buffer>(buffer), from_handle::<Device>(device).validator())
+        {
+            validator.registry.remove_buffer(buffer.as_raw(), object.address());
+        }
+        drop(handle::take::<Buffer>(buffer));
+    }
+
     fn vkCreateBuffer(
         device: vk::Device,
         info: *const vk::BufferCreateInfo,
@@ -64,14 +98,23 @@ entry! {
         if info.size > MAX_BUFFER_BYTES {
             return Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY);
         }
-        let mut buffer = Buffer::new(info.size, info.usage, info.flags);
-        if is_sparse(info.flags) {
+        let usage = match chain::find::<vk::BufferUsageFlags2CreateInfoKHR>(info.p_next) {
+            // The first 32 flags are the old ones.
+            Some(more) => vk::BufferUsageFlags::from_raw(more.usage.as_raw() as u32),
+            None => info.usage,
+        };
+        let mut buffer = Buffer::new(info.size, usage, info.flags);
+        let is_sparse = is_sparse(info.flags);
+        if is_sparse {
             let wanted = chain::find::<vk::BufferOpaqueCaptureAddressCreateInfo>(info.p_next)
                 .map(|capture| capture.opaque_capture_address);
             let window = &from_handle::<Device>(device).window;
             buffer = buffer.reserved(Reservation::new(window, info.size, wanted)?);
         }
         *out = handle::create(buffer);
+        if is_sparse {
+            register(from_handle::<Device>(device), *out, from_handle::<Buffer>(*out));
+        }
         Ok(())
     }
 
@@ -99,19 +142,18 @@ entry! {
     }
 
     fn vkBindBufferMemory(
-        _device: vk::Device,
+        device: vk::Device,
         buffer: vk::Buffer,
         memory: vk::DeviceMemory,
         offset: vk::DeviceSize,
     ) -> vk::Result {
-        from_handle::<Buffer>(buffer).bind(from_handle::<DeviceMemory>(memory).address + offset);
+        bind(device, buffer, memory, offset);
         Ok(())
     }
 
-    fn vkBindBufferMemory2(_device: vk::Device, count: u32, infos: *const vk::BindBufferMemoryInfo) -> vk::Result {
+    fn vkBindBufferMemory2(device: vk::Device, count: u32, infos: *const vk::BindBufferMemoryInfo) -> vk::Result {
         for info in ffi::slice(infos, count) {
-            let memory = from_handle::<DeviceMemory>(info.memory);
-            from_handle::<Buffer>(info.buffer).bind(memory.address + info.memory_offset);
+            bind(device, info.buffer, info.memory, info.memory_offset);
         }
         Ok(())
     }

@@ -7,22 +7,28 @@ use ash::vk;
 use crate::execute::query::clock_ns;
 use crate::ffi::{self, array, entry};
 use crate::handle::{self, from_handle};
+use crate::object::device::Enabled;
 use crate::object::{Device, PhysicalDevice, PrivateDataSlot};
 use crate::queue::MAX_QUEUES;
 use crate::table::commands;
 use crate::table::extensions::{ExtensionSet, Kind};
 use crate::table::features;
 
-/// Whether a device is created with the feature `sparseBinding`.
+/// The features of a device that change how it works.
 ///
 /// # Safety
 /// `info` is valid usage of `vkCreateDevice`.
-unsafe fn wants_sparse_binding(info: &vk::DeviceCreateInfo<'_>) -> bool {
+unsafe fn enabled(info: &vk::DeviceCreateInfo<'_>) -> Enabled {
     // SAFETY: the caller's promise.
     unsafe {
         let chained = ffi::find::<vk::PhysicalDeviceFeatures2>(info.p_next).map(|f| &f.features);
-        (chained.into_iter().chain(info.p_enabled_features.as_ref()))
-            .any(|features| features.sparse_binding != vk::FALSE)
+        let validation = ffi::find::<vk::PhysicalDeviceRayTracingValidationFeaturesNV>(info.p_next);
+        Enabled {
+            sparse_binding: (chained.into_iter().chain(info.p_enabled_features.as_ref()))
+                .any(|features| features.sparse_binding != vk::FALSE),
+            ray_tracing_validation: validation
+                .is_some_and(|features| features.ray_tracing_validation != vk::FALSE),
+        }
     }
 }
 
@@ -44,7 +50,7 @@ entry! {
             return Err(vk::Result::ERROR_INITIALIZATION_FAILED);
         }
         let queue_count = queues.iter().map(|queue| queue.queue_count).max().unwrap_or(0);
-        *out = handle::create(Device::new(physical, extensions, queue_count, wants_sparse_binding(info))?);
+        *out = handle::create(Device::new(physical, extensions, queue_count, enabled(info))?);
         Ok(())
     }
 

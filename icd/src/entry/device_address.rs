@@ -1,12 +1,13 @@
 //! `VK_KHR_device_address_commands`: memory by its address. Commands are recorded by address in any case; a null range is left alone.
 
+use super::acceleration_structure::create;
 use crate::VkResult;
 use crate::command::{Command, CopyQueryPoolResults, Recording};
 use crate::ffi::vk;
 use crate::ffi::{self, commands, entry};
-use crate::handle::{self, retain};
+use crate::handle::{from_handle, retain};
 use crate::object::acceleration_structure::Location;
-use crate::object::{AccelerationStructure, Image, QueryPool};
+use crate::object::{AccelerationStructure, Device, Image, QueryPool};
 
 fn copy_memory(commands: &mut Recording, copy: &vk::DeviceMemoryCopyKHR<'_>) -> VkResult {
     let (source, destination) = (copy.src_range, copy.dst_range);
@@ -34,13 +35,13 @@ fn image_copy(region: &vk::DeviceMemoryImageCopyKHR<'_>) -> vk::BufferImageCopy 
 
 entry! {
     fn vkCreateAccelerationStructure2KHR(
-        _device: vk::Device,
+        device: vk::Device,
         info: *const vk::AccelerationStructureCreateInfo2KHR<'_>,
         _allocator: *const vk::AllocationCallbacks<'_>,
         structure: *mut vk::AccelerationStructureKHR,
     ) -> vk::Result {
         let info = &*info;
-        *structure = handle::create(AccelerationStructure {
+        *structure = create(from_handle::<Device>(device), AccelerationStructure {
             ty: info.ty,
             location: Location::Address(info.address_range.address),
             size_bytes: info.address_range.size,

@@ -3,6 +3,7 @@
 use std::ffi::c_void;
 
 use ash::vk;
+use spirv_jit::reach::Reach;
 
 use super::deferred::{defer, defer_parallel};
 use super::destroy;
@@ -72,7 +73,9 @@ entry! {
         infos: *const vk::MicromapBuildInfoEXT<'_>,
     ) -> vk::Result {
         let builds: Vec<_> = slice(infos, count).iter().map(|info| decode_build(info)).collect();
-        defer_parallel(from_handle::<Device>(device), operation, builds.len(), move || execute::build(&builds))
+        defer_parallel(from_handle::<Device>(device), operation, builds.len(), move || {
+            execute::build(&builds, &Reach::everywhere());
+        })
     }
 
     fn vkCopyMicromapEXT(
@@ -82,7 +85,7 @@ entry! {
     ) -> vk::Result {
         let (source, destination) = (storage((*info).src), storage((*info).dst));
         defer(operation, 1, move || {
-            execute::copy(source, destination);
+            execute::copy(source, destination, &Reach::everywhere());
             Ok(())
         })
     }
@@ -94,7 +97,8 @@ entry! {
     ) -> vk::Result {
         let (source, destination) = (storage((*info).src), (*info).dst.device_address);
         defer(operation, 1, move || {
-            execute::serialize(source, destination, &limits::micromap_uuids());
+            let uuids = limits::micromap_uuids();
+            execute::serialize(source, destination, &uuids, &Reach::everywhere());
             Ok(())
         })
     }
@@ -106,7 +110,7 @@ entry! {
     ) -> vk::Result {
         let (source, destination) = ((*info).src.device_address, storage((*info).dst));
         defer(operation, 1, move || {
-            execute::deserialize(source, destination);
+            execute::deserialize(source, destination, &Reach::everywhere());
             Ok(())
         })
     }
@@ -125,7 +129,7 @@ entry! {
             if offset + size_of::<u64>() > data_bytes {
                 return Err(vk::Result::ERROR_UNKNOWN);
             }
-            let value = execute::property(storage(micromap).address, query_type);
+            let value = execute::property(storage(micromap).address, query_type, &Reach::everywhere());
             data.byte_add(offset).cast::<u64>().write_unaligned(value);
         }
         Ok(())

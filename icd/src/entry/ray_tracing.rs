@@ -214,9 +214,8 @@ commands! {
         command_buffer.push(Command::BindInvocationMask(mask))
     }
 
-    fn vkCmdSetRayTracingPipelineStackSizeKHR(command_buffer, _size_bytes: u32) {
-        // Suspended invocations live on the heap, and go on from there when the declared stack is too small: there is nothing to set aside.
-        let _ = command_buffer;
-        Ok(())
+    fn vkCmdSetRayTracingPipelineStackSizeKHR(command_buffer, size_bytes: u32) {
+        // Suspended invocations live on the heap, and go on from there when the declared stack is too small: it is for validation alone.
+        command_buffer.push(Command::SetRayTracingStackSize(size_bytes))
     }
 }

@@ -3,12 +3,14 @@
 //! Host and device commands end here alike, since a device address is a host address.
 
 use ash::vk;
+use spirv_jit::reach::Reach;
 use traversal::{
     AabbGeometry, BuildError, BuildFlags, BuildInput, BuildSizes, Geometries, GeometryFlags,
-    GeometryMicromap, IndexType, InstanceArray, InstanceSource, Kind, Memory, MotionGeometry,
-    Structure, TriangleGeometry, VertexFormat,
+    GeometryMicromap, IndexType, Kind, MotionGeometry, Structure, TriangleGeometry, VertexFormat,
 };
 
+use super::instances::Instances;
+use super::reachable::{bytes, read, readable, writable};
 use super::swept::Swept;
 
 /// The memory of an acceleration structure object.
@@ -72,15 +74,6 @@ pub struct Aabbs {
     pub boxes: u64,
     pub stride_bytes: u64,
     pub primitive_count: u32,
-}
-
-/// `VkAccelerationStructureGeometryInstancesDataKHR`, restricted to its range.
-#[derive(Clone, Copy, Debug)]
-pub struct Instances {
-    pub flags: GeometryFlags,
-    pub array: InstanceArray,
-    pub address: u64,
-    pub count: u32,
 }
 
 /// `VkAccelerationStructureBuildRangeInfoKHR`.
@@ -186,29 +179,34 @@ impl Build {
     /// # Safety
     /// Every address is readable (geometry) or writable (destination, scratch) as far as the specification makes the application promise
     /// (valid usage of `vkCmdBuildAccelerationStructuresKHR`), and not written by anyone else meanwhile.
-    pub unsafe fn execute(&self) -> Result<u64, BuildError> {
+    pub unsafe fn execute(&self, reach: &Reach) -> Result<u64, BuildError> {
         // SAFETY: the caller's promise, for each use below.
         unsafe {
-            let destination = bytes_mut(self.destination.address, self.destination.size_bytes);
+            let Storage {
+                address,
+                size_bytes,
+            } = self.destination;
+            let destination = writable(reach, address, size_bytes);
             match &self.geometries {
                 BuildGeometries::Triangles(list) => {
-                    let list: Vec<_> = list.iter().map(|geometry| geometry.read()).collect();
-                    self.run(Geometries::Triangles(&list), destination)
+                    let list: Vec<_> = list.iter().map(|geometry| geometry.read(reach)).collect();
+                    self.run(Geometries::Triangles(&list), destination, reach)
                 }
                 BuildGeometries::Aabbs(list) => {
-                    let list: Vec<_> = list.iter().map(Aabbs::resolve).collect();
-                    self.run(Geometries::Aabbs(&list), destination)
+                    let list: Vec<_> = list.iter().map(|list| list.resolve(reach)).collect();
+                    self.run(Geometries::Aabbs(&list), destination, reach)
                 }
                 BuildGeometries::Swept(list) => {
-                    let list: Vec<_> = list.iter().map(Swept::resolve).collect();
-                    self.run(Geometries::Swept(&list), destination)
+                    let list: Vec<_> = list.iter().map(|list| list.resolve(reach)).collect();
+                    self.run(Geometries::Swept(&list), destination, reach)
                 }
                 BuildGeometries::Motion(list) => {
-                    let list: Vec<_> = list.iter().map(|geometry| geometry.read()).collect();
-                    self.run(Geometries::Motion(&list), destination)
+                    let list: Vec<_> = list.iter().map(|geometry| geometry.read(reach)).collect();
+                    self.run(Geometries::Motion(&list), destination, reach)
                 }
                 BuildGeometries::Instances(instances) => {
-                    self.run(Geometries::Instances(instances.resolve()), destination)
+                    let (source, _copies) = instances.resolve(reach);
+                    self.run(Geometries::Instances(source), destination, reach)
                 }
             }
         }
@@ -220,6 +218,7 @@ impl Build {
         &self,
         geometries: Geometries<'_>,
         destination: &mut [u8],
+        reach: &Reach,
     ) -> Result<u64, BuildError> {
         let input = BuildInput {
             flags: self.flags,
@@ -232,14 +231,14 @@ impl Build {
                 return traversal::build(
                     &input,
                     destination,
-                    bytes_mut(self.scratch, sizes.build_scratch_bytes),
+                    writable(reach, self.scratch, sizes.build_scratch_bytes),
                 );
             };
-            let scratch = bytes_mut(self.scratch, sizes.update_scratch_bytes);
+            let scratch = writable(reach, self.scratch, sizes.update_scratch_bytes);
             if source.address == self.destination.address {
                 return traversal::update(&input, None, destination, scratch);
             }
-            let source = structure_bytes(source.address).ok_or(BuildError::Source)?;
+            let source = structure_bytes(reach, source.address).ok_or(BuildError::Source)?;
             traversal::update(&input, Some(source), destination, scratch)
         }
     }
@@ -263,8 +262,8 @@ impl Triangles {
     /// Bounds the geometry's memory and reads its transform.
     ///
     /// # Safety
-    /// `transform` is 0 or readable.
-    unsafe fn read(&self) -> TriangleGeometry {
+    /// Nothing writes the transform meanwhile.
+    unsafe fn read(&self, reach: &Reach) -> TriangleGeometry {
         let corners = self.primitive_count as u64 * 3;
         let vertex_count = match self.index_type {
             IndexType::None => self.first_vertex as u64 + corners,
@@ -273,28 +272,31 @@ impl Triangles {
         // The last vertex counts with a whole stride or its own size, whichever is larger.
         let vertex_bytes = vertex_count * self.vertex_stride_bytes + MAX_VERTEX_BYTES;
         TriangleGeometry {
-            vertices: memory(self.vertices, vertex_bytes),
+            vertices: readable(reach, self.vertices, vertex_bytes),
             vertex_stride_bytes: self.vertex_stride_bytes,
             vertex_format: self.vertex_format,
             first_vertex: self.first_vertex,
             index_type: self.index_type,
-            indices: memory(self.indices, corners * index_size_bytes(self.index_type)),
+            indices: readable(
+                reach,
+                self.indices,
+                corners * index_size_bytes(self.index_type),
+            ),
             // SAFETY: the caller's promise.
-            transform: (self.transform != 0)
-                .then(|| unsafe { std::ptr::read_unaligned(self.transform as *const [f32; 12]) }),
+            transform: unsafe { read(reach, self.transform) },
             primitive_count: self.primitive_count,
             flags: self.flags,
-            micromap: self.micromap.map(|micromap| self.bounded(micromap)),
+            micromap: (self.micromap).map(|micromap| self.bounded(micromap, reach)),
         }
     }
 
     /// A micromap whose indices are those of the range's triangles.
-    fn bounded(&self, micromap: GeometryMicromap) -> GeometryMicromap {
+    fn bounded(&self, micromap: GeometryMicromap, reach: &Reach) -> GeometryMicromap {
         let last = u64::from(self.primitive_count.saturating_sub(1))
             .saturating_mul(micromap.index_stride_bytes);
         let bytes = last.saturating_add(index_size_bytes(micromap.index_type));
         GeometryMicromap {
-            indices: memory(micromap.indices.base as u64, bytes),
+            indices: readable(reach, micromap.indices.base as u64, bytes),
             ..micromap
         }
     }
@@ -322,12 +324,12 @@ impl MotionTriangles {
     ///
     /// # Safety
     /// As there.
-    unsafe fn read(&self) -> MotionGeometry {
+    unsafe fn read(&self, reach: &Reach) -> MotionGeometry {
         // SAFETY: the caller's promise.
-        let start = unsafe { self.start.read() };
+        let start = unsafe { self.start.read(reach) };
         MotionGeometry {
             start,
-            end_vertices: memory(self.end_vertices, start.vertices.bytes as u64),
+            end_vertices: readable(reach, self.end_vertices, start.vertices.bytes as u64),
         }
     }
 }
@@ -339,10 +341,10 @@ pub(super) const MAX_VERTEX_BYTES: u64 = 32;
 const AABB_BYTES: u64 = 24;
 
 impl Aabbs {
-    fn resolve(&self) -> AabbGeometry {
+    fn resolve(&self, reach: &Reach) -> AabbGeometry {
         let last = (self.primitive_count as u64).saturating_sub(1) * self.stride_bytes;
         AabbGeometry {
-            boxes: memory(self.boxes, last + AABB_BYTES),
+            boxes: readable(reach, self.boxes, last + AABB_BYTES),
             stride_bytes: self.stride_bytes,
             primitive_count: self.primitive_count,
             flags: self.flags,
@@ -350,47 +352,28 @@ impl Aabbs {
     }
 }
 
-impl Instances {
-    fn resolve(&self) -> InstanceSource {
-        InstanceSource {
-            memory: memory(self.address, self.count as u64 * self.array.stride_bytes()),
-            array: self.array,
-            count: self.count,
-            flags: self.flags,
-        }
-    }
-}
-
-pub fn memory(address: u64, bytes: u64) -> Memory {
-    Memory {
-        base: address as *const u8,
-        bytes: bytes as usize,
-    }
-}
-
-/// # Safety
-/// The range is writable and used by nothing else for `'a`; `address` may be 0 if `size_bytes` is.
-pub unsafe fn bytes_mut<'a>(address: u64, size_bytes: u64) -> &'a mut [u8] {
-    if size_bytes == 0 || address == 0 {
-        return &mut [];
-    }
-    // SAFETY: the caller's promise.
-    unsafe { std::slice::from_raw_parts_mut(address as *mut u8, size_bytes as usize) }
-}
-
 /// The bytes in use of the structure at an address, or `None` where none was built.
 ///
 /// # Safety
-/// `address` is the memory of an acceleration structure object, unchanged for `'a`.
-pub unsafe fn structure_bytes<'a>(address: u64) -> Option<&'a [u8]> {
+/// A structure at the address is unchanged for `'a`.
+unsafe fn structure_bytes<'a>(reach: &Reach, address: u64) -> Option<&'a [u8]> {
     // SAFETY: the caller's promise.
     unsafe {
-        let structure = Structure::at(address)?;
-        Some(std::slice::from_raw_parts(
-            address as *const u8,
-            structure.size_bytes() as usize,
-        ))
+        let size_bytes = structure_at(reach, address)?.size_bytes();
+        Some(bytes(reach, address, size_bytes)).filter(|bytes| !bytes.is_empty())
     }
+}
+
+/// The structure at an address, or `None` where none was built.
+///
+/// # Safety
+/// As [`structure_bytes`].
+unsafe fn structure_at(reach: &Reach, address: u64) -> Option<Structure> {
+    if !reach.contains(address, Structure::HEADER_BYTES) {
+        return None;
+    }
+    // SAFETY: there is memory, and the caller's promise.
+    unsafe { Structure::at(address) }
 }
 
 /// The vertex formats that structures are built from, by `VkFormat`; those with
@@ -435,13 +418,13 @@ pub enum CopyMode {
 ///
 /// # Safety
 /// Both are the memory of acceleration structure objects; the source is built and not written meanwhile, the destination not used elsewhere.
-pub unsafe fn copy(source: Storage, destination: Storage, mode: CopyMode) {
+pub unsafe fn copy(source: Storage, destination: Storage, mode: CopyMode, reach: &Reach) {
     // SAFETY: the caller's promise.
     unsafe {
-        let Some(source) = structure_bytes(source.address) else {
+        let Some(source) = structure_bytes(reach, source.address) else {
             return;
         };
-        let destination = bytes_mut(destination.address, destination.size_bytes);
+        let destination = writable(reach, destination.address, destination.size_bytes);
         let done = match mode {
             CopyMode::Clone => traversal::copy_into(source, destination),
             CopyMode::Compact => traversal::compact_into(source, destination),
@@ -457,17 +440,17 @@ pub type Uuids = [[u8; 16]; 2];
 ///
 /// # Safety
 /// As [`copy`], and `destination` is writable for the serialized size.
-pub unsafe fn serialize(source: Storage, destination: u64, uuids: &Uuids) {
+pub unsafe fn serialize(source: Storage, destination: u64, uuids: &Uuids, reach: &Reach) {
     // SAFETY: the caller's promise.
     unsafe {
-        let Some(source) = structure_bytes(source.address) else {
+        let Some(source) = structure_bytes(reach, source.address) else {
             return;
         };
         let Ok(size_bytes) = traversal::serialized_size(source) else {
             return;
         };
         report(
-            traversal::serialize(source, uuids, bytes_mut(destination, size_bytes)).map(drop),
+            traversal::serialize(source, uuids, writable(reach, destination, size_bytes)).map(drop),
             "serialization",
         );
     }
@@ -477,16 +460,15 @@ pub unsafe fn serialize(source: Storage, destination: u64, uuids: &Uuids) {
 ///
 /// # Safety
 /// As [`copy`], and `source` holds what [`serialize`] wrote.
-pub unsafe fn deserialize(source: u64, destination: Storage) {
+pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach) {
     // SAFETY: the caller's promise; the head says how long the rest is.
     unsafe {
-        let head =
-            std::slice::from_raw_parts(source as *const u8, traversal::Serialized::HEAD_BYTES);
+        let head = bytes(reach, source, traversal::Serialized::HEAD_BYTES as u64);
         let Ok(head) = traversal::Serialized::read(head) else {
             return;
         };
-        let data = std::slice::from_raw_parts(source as *const u8, head.serialized_bytes as usize);
-        let destination = bytes_mut(destination.address, destination.size_bytes);
+        let data = bytes(reach, source, head.serialized_bytes);
+        let destination = writable(reach, destination.address, destination.size_bytes);
         report(
             traversal::deserialize(data, destination).map(drop),
             "deserialization",
@@ -508,13 +490,13 @@ fn report(result: Result<(), traversal::StructureError>, what: &str) {
 ///
 /// # Safety
 /// `address` is the memory of an acceleration structure object that is built.
-pub unsafe fn property(address: u64, query_type: vk::QueryType) -> u64 {
+pub unsafe fn property(address: u64, query_type: vk::QueryType, reach: &Reach) -> u64 {
     // SAFETY: the caller's promise.
     unsafe {
-        let Some(structure) = Structure::at(address) else {
+        let Some(structure) = structure_at(reach, address) else {
             return 0;
         };
-        let bytes = structure_bytes(address).unwrap_or(&[]);
+        let bytes = structure_bytes(reach, address).unwrap_or(&[]);
         match query_type {
             vk::QueryType::ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR => {
                 traversal::compacted_size(bytes).unwrap_or(0)

@@ -1,8 +1,11 @@
 //! What is bound while a command buffer is performed, and the environment that programs see of it.
 
+use std::sync::Arc;
+
 use ash::vk;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
 
+use super::engine::Surroundings;
 use crate::command::{BindDescriptorBuffer, BindDescriptorSets};
 use crate::object::Pipeline;
 use crate::trace::mask::InvocationMask;
@@ -21,6 +24,8 @@ pub struct Bindings<'a> {
     push_constants: Box<PushConstants>,
     /// `vkCmdBindInvocationMaskHUAWEI`.
     pub invocation_mask: Option<InvocationMask>,
+    /// `vkCmdSetRayTracingPipelineStackSizeKHR`.
+    pub stack_bytes: Option<u32>,
 }
 
 /// Aligned for any load.
@@ -120,6 +125,7 @@ impl<'a> Bindings<'a> {
         &mut self,
         bind_point: vk::PipelineBindPoint,
         extent: [u32; 3],
+        surroundings: &Surroundings,
     ) -> Option<(&'a Pipeline, Environment)> {
         let push_constants = Descriptor {
             address: self.push_constants.0.as_ptr() as u64,
@@ -141,6 +147,8 @@ impl<'a> Bindings<'a> {
             dynamic_count: bound.dynamic.len() as u32,
             push_constants,
             uniforms,
+            reach: Arc::clone(&surroundings.shader_reach),
+            strays: surroundings.strays.clone(),
         };
         Some((pipeline, environment))
     }

@@ -1,7 +1,13 @@
-//! Copying, filling and updating buffers. Ranges were checked against their buffers when they were recorded.
+//! Copying, filling and updating buffers. Ranges were checked against their buffers when they were recorded, if they were given as such; what
+//! is given by its address is left alone if there is no memory.
+
+use spirv_jit::reach::Reach;
 
 /// `vkCmdCopyBuffer`, one region. Source and destination may overlap only by mistake; the bytes are well defined even then.
-pub fn copy(source: u64, destination: u64, size_bytes: u64) {
+pub fn copy(reach: &Reach, source: u64, destination: u64, size_bytes: u64) {
+    if !reach.contains(source, size_bytes) || !reach.contains(destination, size_bytes) {
+        return;
+    }
     // SAFETY: both ranges are inside buffers that are bound to memory, which the application keeps for the time of execution.
     unsafe {
         std::ptr::copy(
@@ -13,7 +19,10 @@ pub fn copy(source: u64, destination: u64, size_bytes: u64) {
 }
 
 /// `vkCmdFillBuffer`: whole words only.
-pub fn fill(address: u64, size_bytes: u64, word: u32) {
+pub fn fill(reach: &Reach, address: u64, size_bytes: u64, word: u32) {
+    if !reach.contains(address, size_bytes) || !address.is_multiple_of(4) {
+        return;
+    }
     // SAFETY: as for `copy`; buffers and the offset are aligned to words.
     let words =
         unsafe { std::slice::from_raw_parts_mut(address as *mut u32, (size_bytes / 4) as usize) };
@@ -21,15 +30,12 @@ pub fn fill(address: u64, size_bytes: u64, word: u32) {
 }
 
 /// `vkCmdUpdateBuffer`.
-pub fn update(address: u64, bytes: &[u8]) {
+pub fn update(reach: &Reach, address: u64, bytes: &[u8]) {
+    if !reach.contains(address, bytes.len() as u64) {
+        return;
+    }
     // SAFETY: as for `copy`.
     unsafe {
         std::ptr::copy_nonoverlapping(bytes.as_ptr(), address as *mut u8, bytes.len());
     }
-}
-
-/// The `VkDispatchIndirectCommand` at an address.
-pub fn read_dispatch_size(address: u64) -> [u32; 3] {
-    // SAFETY: as for `copy`; the offset is a multiple of four.
-    unsafe { std::ptr::read_unaligned(address as *const [u32; 3]) }
 }

@@ -6,18 +6,35 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use spirv_jit::reach::{Reach, Strays};
+
 use super::dispatch::Dispatcher;
 use crate::VkResult;
 use crate::object::instance::Messengers;
+use crate::object::live_memory::LiveMemory;
 use crate::object::sync::Waiting;
 use crate::queue::Workers;
 use crate::trace::Limits;
+use crate::validate::{Caller, Checks, Validator};
+
+/// What a command's addresses may lead to.
+pub struct Surroundings {
+    pub reach: Arc<Reach>,
+    /// For physical pointers of shaders: with validation, buffers of that usage alone.
+    pub shader_reach: Arc<Reach>,
+    /// Counts what shaders do wrong, where there is validation.
+    pub strays: Option<Arc<Strays>>,
+}
 
 /// Workers, the memory that they keep, all waiting of the device, and how it is lost.
 pub struct Engine {
     pub workers: Arc<Workers>,
     pub waiting: Arc<Waiting>,
     pub dispatcher: Dispatcher,
+    /// What addresses may lead to.
+    pub memory: Arc<LiveMemory>,
+    /// Validation, where it is on.
+    pub validator: Option<Arc<Validator>>,
     messengers: Arc<Messengers>,
     /// Ends what runs: the device is lost or about to go.
     cancelled: Arc<AtomicBool>,
@@ -30,8 +47,14 @@ impl Engine {
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_HOST_MEMORY` if they cannot be started.
-    pub fn new(thread_count: usize, messengers: Arc<Messengers>) -> VkResult<Arc<Self>> {
-        Self::with_timeout(thread_count, messengers, timeout_setting())
+    pub fn new(
+        thread_count: usize,
+        messengers: Arc<Messengers>,
+        memory: Arc<LiveMemory>,
+        validator: Option<Arc<Validator>>,
+    ) -> VkResult<Arc<Self>> {
+        let timeout = timeout_setting();
+        Self::with_timeout(thread_count, messengers, memory, validator, timeout)
     }
 
     /// As [`Self::new`], with a time limit for each dispatch instead of `TUFF_TIMEOUT`.
@@ -41,12 +64,16 @@ impl Engine {
     pub fn with_timeout(
         thread_count: usize,
         messengers: Arc<Messengers>,
+        memory: Arc<LiveMemory>,
+        validator: Option<Arc<Validator>>,
         timeout: Option<Duration>,
     ) -> VkResult<Arc<Self>> {
         Ok(Arc::new(Self {
             workers: Workers::start(thread_count)?,
             waiting: Arc::default(),
             dispatcher: Dispatcher::default(),
+            memory,
+            validator,
             messengers,
             cancelled: Arc::default(),
             timeout,
@@ -60,7 +87,32 @@ impl Engine {
             deadline: self
                 .timeout
                 .and_then(|timeout| Instant::now().checked_add(timeout)),
+            reach: self.memory.reach(),
         }
+    }
+
+    /// What the next command may reach.
+    pub fn surroundings(&self) -> Surroundings {
+        let reach = self.memory.reach();
+        match &self.validator {
+            None => Surroundings {
+                shader_reach: Arc::clone(&reach),
+                reach,
+                strays: None,
+            },
+            Some(validator) => Surroundings {
+                shader_reach: validator.registry.reach(),
+                reach,
+                strays: Some(Arc::default()),
+            },
+        }
+    }
+
+    /// Validation of one command, where it is on.
+    pub fn checks(&self, caller: Caller) -> Option<Checks<'_>> {
+        self.validator
+            .as_ref()
+            .map(|validator| validator.command(caller))
     }
 
     /// Loses the device: everyone who waits gets `VK_ERROR_DEVICE_LOST`, and running work ends at its next look at its limits. The first

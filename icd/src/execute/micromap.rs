@@ -3,9 +3,11 @@
 
 use ash::vk;
 use rayon::prelude::*;
+use spirv_jit::reach::Reach;
 use traversal::{BuildError, Micromap, MicromapInput};
 
-use super::acceleration_structure::{Storage, Uuids, bytes_mut, memory};
+use super::acceleration_structure::{Storage, Uuids};
+use super::reachable::{self, readable, writable};
 use crate::command::ray_tracing::MicromapCommand;
 use crate::log::{self, Level};
 use crate::table::limits;
@@ -32,20 +34,22 @@ impl MicromapBuild {
     /// # Safety
     /// Every address is readable or writable as far as the specification makes the application promise (valid usage of
     /// `vkCmdBuildMicromapsEXT`), and not written by anyone else meanwhile.
-    unsafe fn execute(&self) -> Result<u64, BuildError> {
+    unsafe fn execute(&self, reach: &Reach) -> Result<u64, BuildError> {
         let last = u64::from(self.count.saturating_sub(1)) * self.stride_bytes;
         let input = MicromapInput {
-            triangles: memory(
+            triangles: readable(
+                reach,
                 self.triangles,
                 last + size_of::<vk::MicromapTriangleEXT>() as u64,
             ),
             stride_bytes: self.stride_bytes,
             count: self.count,
-            data: memory(self.data, MAX_DATA_BYTES),
+            data: readable(reach, self.data, MAX_DATA_BYTES),
         };
         // SAFETY: the caller's promise.
         unsafe {
-            let destination = bytes_mut(self.destination.address, self.destination.size_bytes);
+            let destination =
+                writable(reach, self.destination.address, self.destination.size_bytes);
             traversal::build_micromap(&input, destination)
         }
     }
@@ -55,23 +59,23 @@ impl MicromapBuild {
 ///
 /// # Safety
 /// As the valid usage of the command has it.
-pub unsafe fn execute(command: &MicromapCommand) {
+pub unsafe fn execute(command: &MicromapCommand, reach: &Reach) {
     // SAFETY: the caller's promise, for each.
     unsafe {
         match command {
-            MicromapCommand::Build(builds) => build(builds),
+            MicromapCommand::Build(builds) => build(builds, reach),
             MicromapCommand::Copy {
                 source,
                 destination,
-            } => copy(*source, *destination),
+            } => copy(*source, *destination, reach),
             MicromapCommand::Serialize {
                 source,
                 destination,
-            } => serialize(*source, *destination, &limits::micromap_uuids()),
+            } => serialize(*source, *destination, &limits::micromap_uuids(), reach),
             MicromapCommand::Deserialize {
                 source,
                 destination,
-            } => deserialize(*source, *destination),
+            } => deserialize(*source, *destination, reach),
             MicromapCommand::WriteProperties {
                 micromaps,
                 query_type,
@@ -79,7 +83,7 @@ pub unsafe fn execute(command: &MicromapCommand) {
                 first,
             } => {
                 for (index, &address) in (*first..).zip(micromaps) {
-                    pool.write(index, property(address, *query_type));
+                    pool.write(index, property(address, *query_type, reach));
                 }
             }
         }
@@ -90,33 +94,40 @@ pub unsafe fn execute(command: &MicromapCommand) {
 ///
 /// # Safety
 /// As the valid usage of `vkCmdBuildMicromapsEXT` has it.
-pub unsafe fn build(builds: &[MicromapBuild]) {
+pub unsafe fn build(builds: &[MicromapBuild], reach: &Reach) {
     builds.par_iter().for_each(|build| {
         // SAFETY: the caller's promise.
-        report(unsafe { build.execute() }, "build");
+        report(unsafe { build.execute(reach) }, "build");
     });
 }
 
 /// The bytes in use of the micromap at an address, or `None` where none was built.
 ///
 /// # Safety
-/// `address` is the memory of a micromap object, unchanged for `'a`.
-unsafe fn bytes<'a>(address: u64) -> Option<&'a [u8]> {
-    // SAFETY: the caller's promise.
-    unsafe { Some(Micromap::at(address)?.bytes()) }
+/// A micromap at the address is unchanged for `'a`.
+unsafe fn bytes<'a>(reach: &Reach, address: u64) -> Option<&'a [u8]> {
+    if !reach.contains(address, Micromap::HEADER_BYTES) {
+        return None;
+    }
+    // SAFETY: there is memory, and the caller's promise.
+    unsafe {
+        let micromap = Micromap::at(address)?;
+        Some(reachable::bytes(reach, address, micromap.size_bytes()))
+            .filter(|bytes| !bytes.is_empty())
+    }
 }
 
 /// `VkCopyMicromapInfoEXT`: a micromap has nothing to lose by compaction, so both modes do the same.
 ///
 /// # Safety
 /// Both are the memory of micromap objects; the source is built and not written meanwhile, the destination not used elsewhere.
-pub unsafe fn copy(source: Storage, destination: Storage) {
+pub unsafe fn copy(source: Storage, destination: Storage, reach: &Reach) {
     // SAFETY: the caller's promise.
     unsafe {
-        let Some(source) = bytes(source.address) else {
+        let Some(source) = bytes(reach, source.address) else {
             return;
         };
-        let destination = bytes_mut(destination.address, destination.size_bytes);
+        let destination = writable(reach, destination.address, destination.size_bytes);
         report(traversal::copy_micromap(source, destination), "copy");
     }
 }
@@ -125,14 +136,20 @@ pub unsafe fn copy(source: Storage, destination: Storage) {
 ///
 /// # Safety
 /// As [`copy`], and `destination` is writable for the serialized size.
-pub unsafe fn serialize(source: Storage, destination: u64, uuids: &Uuids) {
+pub unsafe fn serialize(source: Storage, destination: u64, uuids: &Uuids, reach: &Reach) {
     // SAFETY: the caller's promise.
     unsafe {
-        let Some(source) = bytes(source.address) else {
+        let Some(source) = bytes(reach, source.address) else {
             return;
         };
-        let out = bytes_mut(destination, (size_of::<Uuids>() + source.len()) as u64);
-        let (head, body) = out.split_at_mut(size_of::<Uuids>());
+        let out = writable(
+            reach,
+            destination,
+            (size_of::<Uuids>() + source.len()) as u64,
+        );
+        let Some((head, body)) = out.split_at_mut_checked(size_of::<Uuids>()) else {
+            return;
+        };
         head.copy_from_slice(uuids.as_flattened());
         body.copy_from_slice(source);
     }
@@ -142,14 +159,14 @@ pub unsafe fn serialize(source: Storage, destination: u64, uuids: &Uuids) {
 ///
 /// # Safety
 /// As [`copy`], and `source` holds what [`serialize`] wrote.
-pub unsafe fn deserialize(source: u64, destination: Storage) {
+pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach) {
     // SAFETY: the caller's promise; what was serialized says how long it is.
     unsafe {
-        let Some(source) = bytes(source + size_of::<Uuids>() as u64) else {
+        let Some(source) = bytes(reach, source.wrapping_add(size_of::<Uuids>() as u64)) else {
             log::write(Level::Error, "micromap deserialization: not a micromap");
             return;
         };
-        let destination = bytes_mut(destination.address, destination.size_bytes);
+        let destination = writable(reach, destination.address, destination.size_bytes);
         report(
             traversal::copy_micromap(source, destination),
             "deserialization",
@@ -161,9 +178,9 @@ pub unsafe fn deserialize(source: u64, destination: Storage) {
 ///
 /// # Safety
 /// `address` is the memory of a micromap object that is built.
-pub unsafe fn property(address: u64, query_type: vk::QueryType) -> u64 {
+pub unsafe fn property(address: u64, query_type: vk::QueryType, reach: &Reach) -> u64 {
     // SAFETY: the caller's promise.
-    let size_bytes = unsafe { Micromap::at(address) }.map_or(0, |micromap| micromap.size_bytes());
+    let size_bytes = unsafe { bytes(reach, address) }.map_or(0, |bytes| bytes.len() as u64);
     match query_type {
         vk::QueryType::MICROMAP_SERIALIZATION_SIZE_EXT => size_bytes + size_of::<Uuids>() as u64,
         _ => size_bytes,

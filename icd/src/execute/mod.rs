@@ -28,9 +28,11 @@ pub mod clear;
 pub mod copy;
 pub mod dispatch;
 mod engine;
+pub mod instances;
 pub mod micromap;
 pub mod query;
 pub mod ray_tracing;
+pub mod reachable;
 pub mod resolve;
 mod surface;
 pub mod swept;
@@ -40,11 +42,14 @@ mod transfer_tests;
 use ash::vk;
 
 use crate::command::{Command, RayTracingCommand};
+use crate::object::Image;
 use crate::object::pipeline::PipelineKind;
 use crate::trace::Stopped;
+use crate::validate::Caller;
+use ray_tracing::Access;
 
 pub use bindings::Bindings;
-pub use engine::Engine;
+pub use engine::{Engine, Surroundings};
 pub use query::{timestamp_ns, write_results};
 
 /// Why replay ended early.
@@ -85,23 +90,28 @@ fn perform<'a>(
         Command::BindDescriptorSets(bind) => bindings.bind_descriptor_sets(bind),
         Command::BindDescriptorBuffer(bind) => bindings.bind_descriptor_buffer(bind),
         &Command::BindInvocationMask(mask) => bindings.invocation_mask = mask,
+        &Command::SetRayTracingStackSize(bytes) => bindings.stack_bytes = Some(bytes),
         Command::PushConstants { offset, bytes } => bindings.push_constants(*offset, bytes),
         &Command::Dispatch { base, count } => run_dispatch(engine, bindings, base, count)?,
         &Command::DispatchIndirect { address } => {
-            let count = buffer::read_dispatch_size(address);
-            run_dispatch(engine, bindings, [0; 3], count)?;
+            // SAFETY: the queue's commands are performed one after the other: nothing writes the parameters now.
+            if let Some(count) = unsafe { reachable::read(&engine.memory.reach(), address) } {
+                run_dispatch(engine, bindings, [0; 3], count)?;
+            }
         }
         &Command::CopyBuffer {
             source,
             destination,
             size_bytes,
-        } => buffer::copy(source, destination, size_bytes),
+        } => buffer::copy(&engine.memory.reach(), source, destination, size_bytes),
         &Command::FillBuffer {
             address,
             size_bytes,
             word,
-        } => buffer::fill(address, size_bytes, word),
-        Command::UpdateBuffer { address, bytes } => buffer::update(*address, bytes),
+        } => buffer::fill(&engine.memory.reach(), address, size_bytes, word),
+        Command::UpdateBuffer { address, bytes } => {
+            buffer::update(&engine.memory.reach(), *address, bytes);
+        }
         Command::CopyImage {
             source,
             destination,
@@ -115,6 +125,7 @@ fn perform<'a>(
             regions,
         } => regions
             .iter()
+            .filter(|region| has_bytes(engine, *source, destination, region))
             .for_each(|region| copy::copy_buffer_to_image(*source, destination, region)),
         Command::CopyImageToBuffer {
             source,
@@ -122,6 +133,7 @@ fn perform<'a>(
             regions,
         } => regions
             .iter()
+            .filter(|region| has_bytes(engine, *destination, source, region))
             .for_each(|region| copy::copy_image_to_buffer(source, *destination, region)),
         Command::BlitImage {
             source,
@@ -154,7 +166,7 @@ fn perform<'a>(
             .for_each(|range| clear::clear_depth_stencil_image(image, value, range)),
         Command::ResetQueryPool { pool, first, count } => pool.reset(*first, *count),
         Command::WriteTimestamp { pool, query } => pool.write(*query, timestamp_ns()),
-        Command::CopyQueryPoolResults(copy) => query::copy_results(copy)?,
+        Command::CopyQueryPoolResults(copy) => query::copy_results(copy, &engine.memory.reach())?,
         Command::SetEvent(event) => event.set(),
         Command::ResetEvent(event) => event.reset(),
         Command::WaitEvents(events) => engine
@@ -169,13 +181,22 @@ fn perform<'a>(
     Ok(())
 }
 
+/// Whether there is memory for what a region touches of a buffer.
+fn has_bytes(engine: &Engine, buffer: u64, image: &Image, region: &vk::BufferImageCopy) -> bool {
+    let start = buffer.wrapping_add(region.buffer_offset);
+    copy::buffer_size_bytes(image, region)
+        .is_some_and(|bytes| bytes == 0 || engine.memory.reach().contains(start, bytes))
+}
+
 fn run_dispatch(
     engine: &Engine,
     bindings: &mut Bindings<'_>,
     base: [u32; 3],
     count: [u32; 3],
 ) -> Result<(), Failure> {
-    let Some((pipeline, environment)) = bindings.environment(vk::PipelineBindPoint::COMPUTE, count)
+    let surroundings = engine.surroundings();
+    let bind_point = vk::PipelineBindPoint::COMPUTE;
+    let Some((pipeline, environment)) = bindings.environment(bind_point, count, &surroundings)
     else {
         return Ok(());
     };
@@ -192,19 +213,31 @@ fn run_dispatch(
             limits: &engine.limits(),
         },
     )?;
+    if let Some(checks) = engine.checks(Caller::Other) {
+        checks.strays(&surroundings);
+    }
     Ok(())
 }
 
-/// Commands of the ray tracing extensions, on the workers.
+/// Commands of the ray tracing extensions.
 fn run_ray_tracing(
     engine: &Engine,
     bindings: &mut Bindings<'_>,
     command: &RayTracingCommand,
 ) -> Result<(), Failure> {
     let limits = engine.limits();
+    let surroundings = engine.surroundings();
+    let checks = engine.checks(match command {
+        RayTracingCommand::TraceRays { .. } => Caller::TraceRays,
+        RayTracingCommand::TraceRaysIndirect { .. } => Caller::TraceRaysIndirect,
+        RayTracingCommand::TraceRaysIndirect2 { .. } => Caller::TraceRaysIndirect2,
+        _ => Caller::Other,
+    });
     // The size of the launch may be in memory: who reads it puts it into the environment.
     let mask = bindings.invocation_mask;
-    let bound = bindings.environment(vk::PipelineBindPoint::RAY_TRACING_KHR, [0; 3]);
+    let stack_bytes = bindings.stack_bytes;
+    let bind_point = vk::PipelineBindPoint::RAY_TRACING_KHR;
+    let bound = bindings.environment(bind_point, [0; 3], &surroundings);
     let bound = bound.map(|(pipeline, environment)| ray_tracing::Bound {
         pipeline: match &pipeline.kind {
             PipelineKind::RayTracing(pipeline) => Some(pipeline),
@@ -212,10 +245,13 @@ fn run_ray_tracing(
         },
         environment,
         mask,
+        stack_bytes,
         limits: &limits,
     });
-    engine
-        .workers
-        .install(|| ray_tracing::execute(command, || bound))?;
+    let access = Access {
+        surroundings: &surroundings,
+        checks,
+    };
+    ray_tracing::execute(command, access, bound, &engine.workers)?;
     Ok(())
 }

@@ -5,6 +5,7 @@ use crate::command::CopyQueryPoolResults;
 use crate::object::QueryPool;
 
 use ash::vk;
+use spirv_jit::reach::Reach;
 
 /// Now, in nanoseconds of `CLOCK_MONOTONIC`: `timestampPeriod` is 1, and the device's time domain is the host's.
 pub fn timestamp_ns() -> u64 {
@@ -23,13 +24,23 @@ pub fn clock_ns(clock: libc::clockid_t) -> u64 {
 }
 
 /// `vkCmdCopyQueryPoolResults`.
-pub fn copy_results(copy: &CopyQueryPoolResults) -> Result<(), Failure> {
+pub fn copy_results(copy: &CopyQueryPoolResults, reach: &Reach) -> Result<(), Failure> {
     if copy.flags.contains(vk::QueryResultFlags::WAIT) {
         copy.pool
             .wait(copy.first, copy.count)
             .map_err(|_| Failure::AlreadyLost)?;
     }
-    // SAFETY: the application's promise: the range is inside a buffer that is bound to memory.
+    let last = u64::from(copy.count.saturating_sub(1)).saturating_mul(copy.stride_bytes);
+    let word = match copy.flags.contains(vk::QueryResultFlags::TYPE_64) {
+        true => 8,
+        false => 4,
+    };
+    let availability = (copy.flags).contains(vk::QueryResultFlags::WITH_AVAILABILITY);
+    let words = 1 + u64::from(availability);
+    if !reach.contains(copy.address, last.saturating_add(word * words)) {
+        return Ok(());
+    }
+    // SAFETY: there is memory, which the application keeps for the time of execution.
     unsafe {
         write_results(
             &copy.pool,

@@ -2,11 +2,13 @@
 #![forbid(unsafe_code)]
 
 use ash::vk;
+use spirv_jit::reach::Reach;
 use traversal::{
     EndCaps, GeometryFlags, IndexType, Indexing, RadiusFormat, SweptGeometry, VertexFormat,
 };
 
-use super::acceleration_structure::{MAX_VERTEX_BYTES, Range, memory};
+use super::acceleration_structure::{MAX_VERTEX_BYTES, Range};
+use super::reachable::readable;
 
 /// `VkAccelerationStructureGeometrySpheresDataNV` or `VkAccelerationStructureGeometryLinearSweptSpheresDataNV`, restricted to its range.
 #[derive(Clone, Copy, Debug)]
@@ -61,7 +63,7 @@ impl Swept {
     }
 
     /// Bounds the geometry's memory. What an index can reach is known from its type alone: the structures name no greatest vertex.
-    pub fn resolve(&self) -> SweptGeometry {
+    pub fn resolve(&self, reach: &Reach) -> SweptGeometry {
         let count = u64::from(self.primitive_count);
         let numbers = match self.indexing {
             Indexing::Pairs => 2 * count,
@@ -80,18 +82,24 @@ impl Swept {
             _ => vertices.saturating_mul(stride).saturating_add(size),
         };
         SweptGeometry {
-            vertices: memory(
+            vertices: readable(
+                reach,
                 self.vertices,
                 bytes(self.vertices, self.vertex_stride_bytes, MAX_VERTEX_BYTES),
             ),
             vertex_stride_bytes: self.vertex_stride_bytes,
             vertex_format: self.vertex_format,
-            radii: memory(self.radii, bytes(self.radii, self.radius_stride_bytes, 4)),
+            radii: readable(
+                reach,
+                self.radii,
+                bytes(self.radii, self.radius_stride_bytes, 4),
+            ),
             radius_stride_bytes: self.radius_stride_bytes,
             radius_format: self.radius_format,
             first_vertex: self.first_vertex,
             index_type: self.index_type,
-            indices: memory(
+            indices: readable(
+                reach,
                 self.indices,
                 numbers.saturating_sub(1) * self.index_stride_bytes + index_bytes,
             ),

@@ -1,5 +1,6 @@
 //! `VkAccelerationStructureBuildGeometryInfoKHR` to an owned [`Build`].
 
+use spirv_jit::reach::Reach;
 use traversal::{
     BuildFlags, EndCaps, GeometryFlags, IndexType, Indexing, InstanceArray, RadiusFormat,
     VertexFormat,
@@ -8,9 +9,9 @@ use traversal::{
 use super::vk::Handle as _;
 use super::{find, slice, vk};
 use crate::execute::acceleration_structure::{
-    Aabbs, Build, BuildGeometries, Instances, MotionTriangles, Range, Storage, Triangles,
-    vertex_format,
+    Aabbs, Build, BuildGeometries, MotionTriangles, Range, Storage, Triangles, vertex_format,
 };
+use crate::execute::instances::Instances;
 use crate::execute::swept::{Swept, radius_format};
 use crate::handle;
 use crate::object::AccelerationStructure;
@@ -324,47 +325,13 @@ pub unsafe fn resolve_host_instances(build: &mut Build) -> Vec<u64> {
     let BuildGeometries::Instances(instances) = &mut build.geometries else {
         return Vec::new();
     };
-    let is_motion = instances.array.is_motion();
-    let record = match is_motion {
-        true => InstanceArray::MotionRecords,
-        false => InstanceArray::Records,
+    let address = |reference| match vk::AccelerationStructureKHR::from_raw(reference) {
+        handle if handle == vk::AccelerationStructureKHR::null() => 0,
+        // SAFETY: the caller's promise.
+        handle => unsafe { storage(handle) }.address,
     };
-    let words = record.stride_bytes() as usize / 8;
-    let mut records = vec![0u64; words * instances.count as usize];
-    for (index, record) in records.chunks_exact_mut(words).enumerate() {
-        // SAFETY: the caller's promise, for each read below; a record's type says how long it is, and where its reference is: at its end.
-        unsafe {
-            let element = instances.address + index as u64 * instances.array.stride_bytes();
-            let (source, ty, head) = match instances.array {
-                InstanceArray::Records => (element, 0, 0),
-                InstanceArray::MotionRecords => {
-                    let ty = (element as *const u32).read_unaligned();
-                    record[0] = ty.into();
-                    (element + 8, ty, 1)
-                }
-                InstanceArray::Pointers => ((element as *const u64).read_unaligned(), 0, 0),
-                InstanceArray::MotionPointers => {
-                    let pointer = (element as *const u64).read_unaligned();
-                    record[0] = pointer & 0xF;
-                    (pointer & !0xF, (pointer & 0xF) as u32, 1)
-                }
-            };
-            let length = match ty {
-                1 => 14,
-                2 => 18,
-                _ => 8,
-            };
-            for (i, word) in record[head..head + length].iter_mut().enumerate() {
-                *word = (source as *const u64).add(i).read_unaligned();
-            }
-            let reference = &mut record[head + length - 1];
-            let handle = vk::AccelerationStructureKHR::from_raw(*reference);
-            if handle != vk::AccelerationStructureKHR::null() {
-                *reference = storage(handle).address;
-            }
-        }
-    }
-    instances.array = record;
-    instances.address = records.as_ptr() as u64;
+    // SAFETY: the caller's promise.
+    let (copy, records) = unsafe { instances.copied(&Reach::everywhere(), address) };
+    *instances = copy;
     records
 }

@@ -4,7 +4,7 @@ use ash::vk;
 use traversal::{GeometryMicromap, IndexType, MicromapFormat, MicromapUsage};
 
 use super::{find, slice};
-use crate::execute::acceleration_structure::{Storage, memory};
+use crate::execute::acceleration_structure::Storage;
 use crate::execute::micromap::MicromapBuild;
 use crate::handle;
 use crate::object::Micromap;
@@ -81,7 +81,10 @@ pub unsafe fn of_geometry(next: *const std::ffi::c_void) -> Option<GeometryMicro
         Some(GeometryMicromap {
             index_type,
             // The range says for how many triangles.
-            indices: memory(indices, 0),
+            indices: traversal::Memory {
+                base: indices as *const u8,
+                bytes: 0,
+            },
             index_stride_bytes: info.index_stride,
             base_triangle: info.base_triangle,
             micromap,

@@ -93,7 +93,12 @@ pub unsafe fn create_pipeline(
         Ok(Pipeline {
             layout,
             kind: PipelineKind::RayTracing(RayTracingPipeline::link(
-                programs, &groups, &libraries, flags,
+                programs,
+                &groups,
+                &libraries,
+                info,
+                flags,
+                has_dynamic_stack(info),
             )),
         })
     }
@@ -130,6 +135,18 @@ fn group(info: &vk::RayTracingShaderGroupCreateInfoKHR<'_>) -> GroupInfo {
         } else {
             None
         },
+    }
+}
+
+/// # Safety
+/// The info is valid.
+unsafe fn has_dynamic_stack(info: &vk::RayTracingPipelineCreateInfoKHR<'_>) -> bool {
+    // SAFETY: the caller's promise.
+    unsafe {
+        info.p_dynamic_state.as_ref().is_some_and(|state| {
+            slice(state.p_dynamic_states, state.dynamic_state_count)
+                .contains(&vk::DynamicState::RAY_TRACING_PIPELINE_STACK_SIZE_KHR)
+        })
     }
 }
 

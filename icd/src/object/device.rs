@@ -19,6 +19,7 @@ use crate::handle::{self, Ref};
 use crate::queue::Queue;
 use crate::table::extensions::ExtensionSet;
 use crate::table::features;
+use crate::validate::{self, Validator};
 
 /// A logical device.
 pub struct Device {
@@ -40,7 +41,19 @@ pub struct Device {
     pub private_data: Mutex<PrivateData>,
 }
 
+/// Features that change how a device works.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Enabled {
+    pub sparse_binding: bool,
+    pub ray_tracing_validation: bool,
+}
+
 impl Device {
+    /// Validation, where it is on.
+    pub fn validator(&self) -> Option<&Validator> {
+        self.engine.validator.as_deref()
+    }
+
     /// A device with its workers and `queue_count` queues.
     ///
     /// # Errors
@@ -49,10 +62,18 @@ impl Device {
         physical: &PhysicalDevice,
         extensions: ExtensionSet,
         queue_count: u32,
-        sparse_binding: bool,
+        enabled: Enabled,
     ) -> VkResult<Self> {
-        let engine = Engine::new(physical.thread_count, Arc::clone(&physical.messengers))?;
         let window = AddressWindow::reserve(physical.heap_bytes)?;
+        let validates = enabled.ray_tracing_validation || validate::is_asked_for();
+        let validator =
+            validates.then(|| Arc::new(Validator::new(Arc::clone(&physical.messengers))));
+        let engine = Engine::new(
+            physical.thread_count,
+            Arc::clone(&physical.messengers),
+            Arc::clone(&window.live),
+            validator,
+        )?;
         let queue = |index| handle::new(Queue::new(index, Arc::clone(&engine)));
         Ok(Self {
             api_version: physical.api_version,
@@ -62,7 +83,7 @@ impl Device {
             queues: (0..queue_count).map(queue).collect(),
             engine,
             window,
-            sparse_binding,
+            sparse_binding: enabled.sparse_binding,
             image_descriptors: DescriptorSlab::new(|slot| slot.0 = null_image()),
             sampler_descriptors: DescriptorSlab::new(|_| ()),
             private_data: Mutex::default(),

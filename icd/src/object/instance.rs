@@ -39,7 +39,7 @@ impl Messengers {
     /// Tells the application, and `TUFF_LOG`, about a failure of validation's kind.
     pub fn error(&self, id: &CStr, message: &str) {
         log::write(log::Level::Error, message);
-        self.send(
+        let _ = self.send(
             vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
             vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION,
             id,
@@ -47,19 +47,19 @@ impl Messengers {
         );
     }
 
-    /// Calls every messenger that listens to this severity and type.
+    /// Calls every messenger that listens to this severity and type; whether there is one.
     pub fn send(
         &self,
         severity: vk::DebugUtilsMessageSeverityFlagsEXT,
         types: vk::DebugUtilsMessageTypeFlagsEXT,
         id: &CStr,
         message: &str,
-    ) {
+    ) -> bool {
         let text = CString::new(message.replace('\0', " ")).unwrap_or_default();
         let data = vk::DebugUtilsMessengerCallbackDataEXT::default()
             .message_id_name(id)
             .message(&text);
-        self.forward(severity, types, &data);
+        self.forward(severity, types, &data)
     }
 
     /// Passes a message on (`vkSubmitDebugUtilsMessageEXT`).
@@ -68,7 +68,8 @@ impl Messengers {
         severity: vk::DebugUtilsMessageSeverityFlagsEXT,
         types: vk::DebugUtilsMessageTypeFlagsEXT,
         data: &vk::DebugUtilsMessengerCallbackDataEXT<'_>,
-    ) {
+    ) -> bool {
+        let mut heard = false;
         let messengers = self.0.read().clone();
         for messenger in &messengers {
             if let Some(callback) = messenger.callback
@@ -77,7 +78,9 @@ impl Messengers {
             {
                 // SAFETY: the application's callback with the data it asked for; the lock is not held, so it may call back in.
                 unsafe { callback(severity, types, data, messenger.user_data) };
+                heard = true;
             }
         }
+        heard
     }
 }

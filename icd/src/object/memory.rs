@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use ash::vk;
 use parking_lot::Mutex;
 
+use super::live_memory::LiveMemory;
 use crate::VkResult;
 
 /// Allocations are multiples of this, and start at multiples of it (at least a page; `VkMemoryRequirements::alignment` is smaller).
@@ -38,6 +39,8 @@ pub struct AddressWindow {
     /// Bytes in use, counted with those of other windows.
     used_bytes: &'static AtomicU64,
     ranges: Mutex<Ranges>,
+    /// What is taken, and imported host memory.
+    pub live: Arc<LiveMemory>,
 }
 
 /// Which parts are free: all from `next` to `end`, and what was freed, oldest first.
@@ -81,6 +84,7 @@ impl AddressWindow {
                             freed: Vec::new(),
                             outside: Vec::new(),
                         }),
+                        live: Arc::default(),
                     }));
                 }
             }
@@ -107,11 +111,13 @@ impl AddressWindow {
     /// # Errors
     /// `VK_ERROR_OUT_OF_DEVICE_MEMORY`, `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS`.
     pub fn take_range(&self, size_bytes: u64, wanted: Option<u64>) -> VkResult<u64> {
-        let address = self.ranges.lock().take(size_bytes, wanted, self.base);
-        address.ok_or(match wanted {
+        let taken = self.ranges.lock().take(size_bytes, wanted, self.base);
+        let address = taken.ok_or(match wanted {
             Some(_) => vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS,
             None => vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
-        })
+        })?;
+        self.live.add(address, size_bytes);
+        Ok(address)
     }
 
     /// Gives a range back: its pages read as zeros from now on.
@@ -122,6 +128,7 @@ impl AddressWindow {
 
     /// Gives back a range of [`Self::take_range`].
     pub fn give_back_range(&self, address: u64, size_bytes: u64) {
+        self.live.remove(address, size_bytes);
         map_zero_pages(address, size_bytes, libc::MAP_FIXED);
         self.ranges.lock().freed.push((address, size_bytes));
     }
@@ -256,7 +263,7 @@ enum Backing {
         shared: bool,
     },
     /// The application's own memory (`VkImportMemoryHostPointerInfoEXT`).
-    Host,
+    Host { window: Arc<AddressWindow> },
 }
 
 /// Where an allocation's bytes come from.
@@ -286,10 +293,13 @@ impl DeviceMemory {
         let wants_sharing = matches!(source, Source::Shared);
         let file = match source {
             Source::HostPointer(pointer) => {
+                window.live.add(pointer as u64, size_bytes);
                 return Ok(Self {
                     address: pointer as u64,
                     size_bytes,
-                    backing: Backing::Host,
+                    backing: Backing::Host {
+                        window: Arc::clone(window),
+                    },
                 });
             }
             Source::Fresh | Source::Shared => None,
@@ -379,13 +389,13 @@ impl DeviceMemory {
 
 impl Drop for DeviceMemory {
     fn drop(&mut self) {
-        if let Backing::Window {
-            window,
-            mapped_bytes,
-            ..
-        } = &self.backing
-        {
-            window.give_back(self.address, *mapped_bytes);
+        match &self.backing {
+            Backing::Window {
+                window,
+                mapped_bytes,
+                ..
+            } => window.give_back(self.address, *mapped_bytes),
+            Backing::Host { window } => window.live.remove(self.address, self.size_bytes),
         }
     }
 }

@@ -7,6 +7,7 @@ pub mod descriptor;
 pub mod device;
 pub mod image;
 pub mod instance;
+pub mod live_memory;
 pub mod memory;
 pub mod micromap;
 pub mod physical_device;

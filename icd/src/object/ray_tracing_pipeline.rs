@@ -6,11 +6,12 @@ use std::sync::Arc;
 
 use ash::vk;
 use spirv_jit::Program;
+use spirv_jit::program::Stage;
 use xxhash_rust::xxh3::xxh3_128_with_seed;
 
 use super::pipeline::ProgramKey;
 use crate::trace::Tracer;
-use crate::trace::table::{Group, HANDLE_SIZE, Handle, ProgramIndex, Shaders};
+use crate::trace::table::{Group, GroupKind, HANDLE_SIZE, Handle, ProgramIndex, Shaders};
 
 /// What a ray tracing pipeline, or a library to make one of, consists of.
 pub struct RayTracingPipeline {
@@ -19,8 +20,21 @@ pub struct RayTracingPipeline {
     pub keys: Vec<ProgramKey>,
     /// Ray flags that every trace gets (`SKIP_TRIANGLES`, `SKIP_AABBS`).
     pub ray_flags: u32,
+    pub facts: PipelineFacts,
     /// The workers' memory for traces with this pipeline.
     pub tracer: Tracer,
+}
+
+/// What a pipeline promises of its execution.
+#[derive(Clone, Copy, Debug)]
+pub struct PipelineFacts {
+    pub flags: vk::PipelineCreateFlags,
+    /// `maxPipelineRayRecursionDepth`.
+    pub max_recursion_depth: u32,
+    /// `VK_DYNAMIC_STATE_RAY_TRACING_PIPELINE_STACK_SIZE_KHR`: the command buffer says how large the stack is.
+    pub has_dynamic_stack: bool,
+    /// The stack without that (chapter Pipelines, "Ray Tracing Pipeline Stack").
+    pub default_stack_bytes: u64,
 }
 
 /// A compiled stage of a pipeline or library.
@@ -46,7 +60,9 @@ impl RayTracingPipeline {
         stages: Vec<StageProgram>,
         groups: &[GroupInfo],
         libraries: &[&RayTracingPipeline],
+        info: &vk::RayTracingPipelineCreateInfoKHR<'_>,
         flags: vk::PipelineCreateFlags,
+        has_dynamic_stack: bool,
     ) -> Self {
         let mut programs = Vec::new();
         let mut keys = Vec::new();
@@ -70,7 +86,14 @@ impl RayTracingPipeline {
                     .map(|group| shifted(group, first)),
             );
         }
+        let max_recursion_depth = info.max_pipeline_ray_recursion_depth;
         Self {
+            facts: PipelineFacts {
+                flags,
+                max_recursion_depth,
+                has_dynamic_stack,
+                default_stack_bytes: default_stack_bytes(&programs, max_recursion_depth),
+            },
             shaders: Shaders::new(programs, all),
             keys,
             ray_flags: ray_flags(flags),
@@ -100,6 +123,11 @@ fn new_group(info: &GroupInfo, keys: &[ProgramKey]) -> Group {
     let known = |index: Option<u32>| index.filter(|&index| (index as usize) < keys.len());
     let mut group = Group {
         handle: [0; HANDLE_SIZE],
+        kind: match info.ty {
+            vk::RayTracingShaderGroupTypeKHR::TRIANGLES_HIT_GROUP => GroupKind::Triangles,
+            vk::RayTracingShaderGroupTypeKHR::PROCEDURAL_HIT_GROUP => GroupKind::Procedural,
+            _ => GroupKind::General,
+        },
         general: known(info.general),
         closest_hit: known(info.closest_hit),
         any_hit: known(info.any_hit),
@@ -113,6 +141,7 @@ fn shifted(group: &Group, first: ProgramIndex) -> Group {
     let shift = |index: Option<ProgramIndex>| index.map(|index| index + first);
     Group {
         handle: group.handle,
+        kind: group.kind,
         general: shift(group.general),
         closest_hit: shift(group.closest_hit),
         any_hit: shift(group.any_hit),
@@ -142,6 +171,22 @@ fn handle(ty: vk::RayTracingShaderGroupTypeKHR, group: &Group, keys: &[ProgramKe
     handle[..16].copy_from_slice(&xxh3_128_with_seed(&content, 1).to_le_bytes());
     handle[16..].copy_from_slice(&xxh3_128_with_seed(&content, 2).to_le_bytes());
     handle
+}
+
+/// The stack of a pipeline that does not leave it to the command buffer: the rule that the specification suggests.
+fn default_stack_bytes(programs: &[Arc<Program>], max_recursion_depth: u32) -> u64 {
+    let most = |stage| {
+        let of_stage = programs.iter().filter(|program| program.stage() == stage);
+        let sizes = of_stage.map(|program| u64::from(program.stack_size_bytes()));
+        sizes.max().unwrap_or(0)
+    };
+    let depth = u64::from(max_recursion_depth);
+    let traced = most(Stage::ClosestHit).max(most(Stage::Miss));
+    let first = traced.max(most(Stage::Intersection) + most(Stage::AnyHit));
+    most(Stage::RayGeneration)
+        + depth.min(1) * first
+        + depth.saturating_sub(1) * traced
+        + 2 * most(Stage::Callable)
 }
 
 fn ray_flags(flags: vk::PipelineCreateFlags) -> u32 {

@@ -10,11 +10,13 @@ use super::{Queue, Submission};
 use crate::command::Command;
 use crate::execute::Engine;
 use crate::handle::{self, Ref};
+use crate::object::live_memory::LiveMemory;
 use crate::object::pipeline::PipelineKind;
 use crate::object::{Event, Fence, Pipeline, PipelineLayout, QueryPool, Semaphore};
 
 fn engine() -> Arc<Engine> {
-    Engine::new(2, Arc::default()).ok().unwrap()
+    let memory = LiveMemory::everywhere();
+    Engine::new(2, Arc::default(), memory, None).ok().unwrap()
 }
 
 fn semaphore(engine: &Engine, ty: vk::SemaphoreType) -> Ref<Semaphore> {
@@ -174,7 +176,7 @@ fn assert_lost(engine: &Arc<Engine>, commands: Arc<Vec<Command>>) {
 #[test]
 fn a_hanging_shader_loses_the_device() {
     let timeout = Some(Duration::from_millis(20));
-    let engine = Engine::with_timeout(2, Arc::default(), timeout)
+    let engine = Engine::with_timeout(2, Arc::default(), LiveMemory::everywhere(), None, timeout)
         .ok()
         .unwrap();
     assert_lost(&engine, dispatch("loop L0 {\nbr L0\n}\nunreachable"));

@@ -160,6 +160,7 @@ extensions! {
     Device NV_RAY_TRACING_INVOCATION_REORDER c"VK_NV_ray_tracing_invocation_reorder" 1;
     Device NV_RAY_TRACING_MOTION_BLUR c"VK_NV_ray_tracing_motion_blur" 1;
     Device NV_RAY_TRACING_LINEAR_SWEPT_SPHERES c"VK_NV_ray_tracing_linear_swept_spheres" 1;
+    Device NV_RAY_TRACING_VALIDATION c"VK_NV_ray_tracing_validation" 1;
     Device VALVE_MUTABLE_DESCRIPTOR_TYPE c"VK_VALVE_mutable_descriptor_type" 1;
 }
 

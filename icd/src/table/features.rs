@@ -163,6 +163,7 @@ features! {
         ray_tracing_invocation_reorder: PhysicalDeviceRayTracingInvocationReorderFeaturesEXT => ShaderInvocationReorderEXT;
         ray_tracing_motion_blur: PhysicalDeviceRayTracingMotionBlurFeaturesNV => RayTracingMotionBlurNV;
         ray_tracing_motion_blur_pipeline_trace_rays_indirect: PhysicalDeviceRayTracingMotionBlurFeaturesNV;
+        ray_tracing_validation: PhysicalDeviceRayTracingValidationFeaturesNV;
         invocation_mask: PhysicalDeviceInvocationMaskFeaturesHUAWEI;
         spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingSpheresGeometryNV;
         linear_swept_spheres: PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV => RayTracingLinearSweptSpheresGeometryNV;

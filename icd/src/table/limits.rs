@@ -131,6 +131,13 @@ pub const SCRATCH_ALIGNMENT: u32 = 128;
 /// `maxRayRecursionDepth`: depth costs heap, never stack.
 pub const MAX_RAY_RECURSION_DEPTH: u32 = 31;
 
+/// `shaderGroupBaseAlignment`.
+pub const SHADER_GROUP_BASE_ALIGNMENT: u32 = 64;
+/// `shaderGroupHandleAlignment`.
+pub const SHADER_GROUP_HANDLE_ALIGNMENT: u32 = 32;
+/// `maxShaderGroupStride`.
+pub const MAX_SHADER_GROUP_STRIDE: u32 = 1 << 20;
+
 /// `maxRayDispatchInvocationCount`.
 pub const MAX_RAY_DISPATCH_INVOCATIONS: u32 = 1 << 30;
 

@@ -186,11 +186,11 @@ fn ray_tracing_pipeline() -> vk::PhysicalDeviceRayTracingPipelinePropertiesKHR<'
     vk::PhysicalDeviceRayTracingPipelinePropertiesKHR {
         shader_group_handle_size: HANDLE_SIZE as u32,
         max_ray_recursion_depth: limits::MAX_RAY_RECURSION_DEPTH,
-        max_shader_group_stride: 1 << 20,
-        shader_group_base_alignment: 64,
+        max_shader_group_stride: limits::MAX_SHADER_GROUP_STRIDE,
+        shader_group_base_alignment: limits::SHADER_GROUP_BASE_ALIGNMENT,
         shader_group_handle_capture_replay_size: HANDLE_SIZE as u32,
         max_ray_dispatch_invocation_count: limits::MAX_RAY_DISPATCH_INVOCATIONS,
-        shader_group_handle_alignment: 32,
+        shader_group_handle_alignment: limits::SHADER_GROUP_HANDLE_ALIGNMENT,
         max_ray_hit_attribute_size: 32,
         ..Default::default()
     }

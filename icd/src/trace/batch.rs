@@ -147,7 +147,9 @@ impl<'a> Batch<'a> {
 
     /// Fills a new subgroup's inputs and makes it ready.
     fn start(&mut self, index: SubgroupIndex, records: &[u64; SUBGROUP_SIZE]) {
-        let mut subgroup = std::mem::take(&mut self.worker.subgroups[index]);
+        // Out of the list, for the others to be read meanwhile.
+        let mut rows = std::mem::take(&mut self.worker.subgroups[index].rows);
+        let subgroup = &self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let sources = Sources {
             dispatch: self.dispatch,
@@ -155,8 +157,8 @@ impl<'a> Batch<'a> {
             subgroups: &self.worker.subgroups,
             rays: &self.worker.rays,
         };
-        sources.fill(program, &mut subgroup, records);
-        self.worker.subgroups[index] = subgroup;
+        sources.fill(program, subgroup, records, &mut rows);
+        self.worker.subgroups[index].rows = rows;
         self.make_ready(index);
     }
 
@@ -275,6 +277,9 @@ impl<'a> Batch<'a> {
     }
 
     fn form_subgroup(&mut self, calls: &[Call]) -> Result<(), Stopped> {
+        if let Some(traced) = self.dispatch.checks {
+            calls.iter().for_each(|call| self.check_call(traced, call));
+        }
         let lanes = u16::MAX >> (SUBGROUP_SIZE - calls.len());
         let index = self.new_subgroup(calls[0].program, calls[0].role, lanes)?;
         let subgroup = &mut self.worker.subgroups[index];

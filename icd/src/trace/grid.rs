@@ -22,6 +22,9 @@ pub struct Grid {
     batch: [u32; 2],
     /// Batches in x, y, z.
     batches: [u32; 3],
+    /// For a launch index's row and column.
+    width: Divisor,
+    height: Divisor,
 }
 
 /// One tile: the linear launch index of each lane and which lanes are inside the grid.
@@ -29,6 +32,32 @@ pub struct Grid {
 pub struct Tile {
     pub launch: [u32; SUBGROUP_SIZE],
     pub mask: u16,
+}
+
+/// A number to divide by, many times: by multiplication (Lemire, Kaser, Kurz 2019).
+#[derive(Clone, Copy, Debug)]
+struct Divisor {
+    /// 2⁶⁴ over the divisor, rounded up; 0 for 1.
+    reciprocal: u64,
+}
+
+impl Divisor {
+    /// Zero, which nothing is divided by, counts as one.
+    fn new(divisor: u32) -> Self {
+        Self {
+            reciprocal: match divisor {
+                0 | 1 => 0,
+                _ => u64::MAX / u64::from(divisor) + 1,
+            },
+        }
+    }
+
+    fn divide(self, number: u32) -> u32 {
+        match self.reciprocal {
+            0 => number,
+            reciprocal => ((u128::from(number) * u128::from(reciprocal)) >> 64) as u32,
+        }
+    }
 }
 
 impl Grid {
@@ -58,6 +87,8 @@ impl Grid {
             tile,
             batch,
             batches,
+            width: Divisor::new(extent[0]),
+            height: Divisor::new(extent[1]),
         }
     }
 
@@ -71,15 +102,11 @@ impl Grid {
         let [nx, ny, _] = self.batches.map(|n| n as usize);
         let (bx, by, z) = (batch % nx, batch / nx % ny, batch / (nx * ny));
         let first = [bx as u32 * self.batch[0], by as u32 * self.batch[1]];
-        (0..self.batch[0] * self.batch[1])
-            .map(move |i| {
-                self.tile(
-                    first[0] + i % self.batch[0],
-                    first[1] + i / self.batch[0],
-                    z as u32,
-                )
-            })
-            .filter(|tile| tile.mask != 0)
+        let [columns, rows] = [0, 1].map(|axis| {
+            let tiles = self.extent[axis].div_ceil(self.tile[axis]);
+            first[axis]..tiles.min(first[axis] + self.batch[axis])
+        });
+        rows.flat_map(move |y| columns.clone().map(move |x| self.tile(x, y, z as u32)))
     }
 
     fn tile(&self, tile_x: u32, tile_y: u32, z: u32) -> Tile {
@@ -115,14 +142,49 @@ impl Grid {
     /// `LaunchIdKHR` of a linear launch index.
     pub fn launch_id(&self, launch: u32) -> [u32; 3] {
         let [width, height, _] = self.extent;
-        let row = launch / width;
-        [launch % width, row % height, row / height]
+        let row = self.width.divide(launch);
+        let layer = self.height.divide(row);
+        [launch - row * width, row - layer * height, layer]
+    }
+
+    /// A component of `LaunchIdKHR` for each lane.
+    pub fn launch_id_row(
+        &self,
+        launch: &[u32; SUBGROUP_SIZE],
+        component: u8,
+    ) -> [u32; SUBGROUP_SIZE] {
+        launch.map(|launch| self.launch_id(launch)[component as usize])
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn division_by_multiplication_is_exact() {
+        let numbers = [
+            0,
+            1,
+            2,
+            3,
+            6,
+            7,
+            640,
+            641,
+            1 << 16,
+            0x7FFF_FFFF,
+            u32::MAX - 1,
+            u32::MAX,
+        ];
+        for divisor in numbers.into_iter().skip(1) {
+            for number in numbers {
+                for number in [number, number.wrapping_sub(1), number / divisor * divisor] {
+                    assert_eq!(Divisor::new(divisor).divide(number), number / divisor);
+                }
+            }
+        }
+    }
 
     #[test]
     fn every_invocation_is_launched_once() {

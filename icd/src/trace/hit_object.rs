@@ -5,6 +5,7 @@ use spirv_jit::hit_object::{HitFact, IDENTITY, TRACED, kind, primitive, word};
 use spirv_jit::program::IO_DATA_ROW;
 use traversal::{Hit, Ray, Structure, Swept};
 
+use super::Limits;
 use super::batch::Batch;
 use super::rays::Recorded;
 use super::subgroup::{LaneRef, Subgroup};
@@ -29,7 +30,9 @@ impl Batch<'_> {
                 if hit.is_built_in() {
                     attributes[..2].copy_from_slice(&hit.barycentrics.map(f32::to_bits));
                 } else {
-                    attributes.copy_from_slice(&ray.attributes);
+                    let details = ray.details();
+                    attributes
+                        .copy_from_slice(&details.map_or_else(Default::default, |d| d.attributes));
                 }
                 kind::HIT
             }
@@ -52,7 +55,8 @@ impl Batch<'_> {
     pub(super) fn execute_hit_object(&mut self, caller: LaneRef) {
         let subgroup = &self.worker.subgroups[caller.subgroup];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        let object = Object::of_execute(subgroup, program, caller.lane as usize);
+        let object = Object::of_execute(subgroup, program, caller.lane as usize)
+            .confined(self.dispatch.limits);
         if object.state() == kind::EMPTY {
             return self.answered(caller);
         }
@@ -66,8 +70,6 @@ impl Batch<'_> {
         ray.cull_mask = object.0[word::KIND] >> 8 & 0xff;
         ray.fills_hit_object = false;
         ray.time = object.time();
-        ray.attributes
-            .copy_from_slice(&object.0[word::ATTRIBUTES..]);
         // The record's index is given: one that the rule for hits, with these, leads back to.
         ray.sbt_stride = 0;
         ray.miss_index = object.0[word::RECORD_INDEX];
@@ -76,10 +78,15 @@ impl Batch<'_> {
             Some(hit) => object.0[word::RECORD_INDEX].wrapping_sub(hit.instance_sbt_offset),
             None => 0,
         };
-        ray.recorded = Some(Recorded {
+        ray.is_recorded = true;
+        let details = ray.details_mut();
+        details
+            .attributes
+            .copy_from_slice(&object.0[word::ATTRIBUTES..]);
+        details.recorded = Recorded {
             ray: object.ray(),
             hit,
-        });
+        };
         self.end_walk(index);
     }
 
@@ -92,6 +99,7 @@ impl Batch<'_> {
         for (row, &index) in IDENTITY.iter().enumerate() {
             object.0[index] = subgroup.io(program, row, lane);
         }
+        let object = object.confined(self.dispatch.limits);
         let mut answer = [0; IO_DATA_ROW];
         let tables = &self.dispatch.tables;
         match fact {
@@ -178,6 +186,14 @@ impl Object {
 
     fn time(&self) -> f32 {
         f32::from_bits(self.0[word::TIME])
+    }
+
+    /// Forgets a structure that leads nowhere.
+    fn confined(mut self, limits: &Limits) -> Self {
+        let structure = limits.structure(self.structure());
+        self.0[word::STRUCTURE] = structure as u32;
+        self.0[word::STRUCTURE + 1] = (structure >> 32) as u32;
+        self
     }
 
     fn structure(&self) -> u64 {

@@ -8,7 +8,7 @@ use traversal::{Hit, Structure, Swept};
 
 use super::Dispatch;
 use super::grid::Grid;
-use super::rays::{RayInFlight, to_object};
+use super::rays::{RayInFlight, Report, to_object};
 use super::slab::Slab;
 use super::subgroup::{LaneRef, Role, Subgroup};
 use super::table::HANDLE_SIZE;
@@ -25,20 +25,28 @@ pub struct Sources<'a> {
 type Lanes<T> = [T; SUBGROUP_SIZE];
 
 impl Sources<'_> {
-    /// Fills the inputs of `subgroup`, which is not yet among the others. `records` has a record address per lane.
-    pub fn fill(&self, program: &Program, subgroup: &mut Subgroup, records: &Lanes<u64>) {
-        let first = program.layout().inputs;
+    /// Fills the inputs of a new subgroup into `rows`, its state. `records` has a record address per lane.
+    pub fn fill(
+        &self,
+        program: &Program,
+        subgroup: &Subgroup,
+        records: &Lanes<u64>,
+        rows: &mut [AlignedRow],
+    ) {
+        let inputs = program.inputs();
+        let rows = &mut rows[program.layout().inputs..][..inputs.len()];
+        let inputs = rows.iter_mut().zip(inputs);
         match subgroup.role {
             Role::RayGeneration => {
-                for (index, &input) in program.inputs().iter().enumerate() {
-                    subgroup.rows[first + index].0 = self.common_row(subgroup, records, input);
+                for (row, &input) in inputs {
+                    row.0 = self.common_row(subgroup, records, input);
                 }
             }
             Role::Callable => {
                 let callers = self.callers(&subgroup.caller);
-                for (index, &input) in program.inputs().iter().enumerate() {
-                    subgroup.rows[first + index].0 = match input {
-                        InputRow::CallableData(word) => gather(&callers, word),
+                for (row, &input) in inputs {
+                    row.0 = match input {
+                        InputRow::CallableData(word) => callers.gather(word as usize),
                         _ => self.common_row(subgroup, records, input),
                     };
                 }
@@ -46,9 +54,9 @@ impl Sources<'_> {
             _ => {
                 let hits = HitLanes::new(self.rays, subgroup);
                 let callers = self.callers(&hits.rays.map(|ray| ray.caller));
-                for (index, &input) in program.inputs().iter().enumerate() {
-                    subgroup.rows[first + index].0 = match input {
-                        InputRow::Payload(word) => gather(&callers, word),
+                for (row, &input) in inputs {
+                    row.0 = match input {
+                        InputRow::Payload(word) => callers.gather(word as usize),
                         InputRow::HitAttribute(word) => hits.attribute_row(word as usize),
                         InputRow::Builtin(builtin, component) => hits
                             .row(builtin, component as usize)
@@ -63,9 +71,9 @@ impl Sources<'_> {
     /// Inputs that every stage has.
     fn common_row(&self, subgroup: &Subgroup, records: &Lanes<u64>, input: InputRow) -> Row {
         match input {
-            InputRow::Builtin(Builtin::LaunchId, component) => subgroup
-                .launch
-                .map(|launch| self.grid.launch_id(launch)[component as usize]),
+            InputRow::Builtin(Builtin::LaunchId, component) => {
+                self.grid.launch_id_row(&subgroup.launch, component)
+            }
             InputRow::Builtin(Builtin::ShaderRecordAddress, component) => {
                 records.map(|record| ((record + HANDLE_SIZE as u64) >> (32 * component)) as u32)
             }
@@ -74,40 +82,53 @@ impl Sources<'_> {
     }
 
     /// Where each lane's caller keeps its payload or callable data.
-    fn callers(&self, callers: &Lanes<LaneRef>) -> Lanes<Data<'_>> {
-        callers.map(|caller| {
+    fn callers(&self, callers: &Lanes<LaneRef>) -> Callers<'_> {
+        let data = |caller: &LaneRef| {
             let subgroup = &self.subgroups[caller.subgroup];
             let program = &self.dispatch.shaders.programs[subgroup.program as usize];
             let first = program.layout().io + IO_DATA_ROW;
-            Data {
-                rows: &subgroup.rows[first..first + subgroup.data_words as usize],
-                lane: caller.lane as usize,
-            }
-        })
+            &subgroup.rows[first..first + subgroup.data_words as usize]
+        };
+        let same = callers
+            .iter()
+            .all(|caller| caller.subgroup == callers[0].subgroup);
+        if same {
+            let lanes = callers.map(|caller| caller.lane);
+            return Callers::One(data(&callers[0]), lanes);
+        }
+        Callers::Many(std::array::from_fn(|lane| {
+            (data(&callers[lane]), callers[lane].lane)
+        }))
     }
 }
 
-/// The payload or callable data of one caller.
-#[derive(Clone, Copy)]
-struct Data<'a> {
-    rows: &'a [AlignedRow],
-    lane: usize,
+/// The payloads or callable data of the callers.
+enum Callers<'a> {
+    /// Of one subgroup, and which lane of it each is.
+    One(&'a [AlignedRow], Lanes<u8>),
+    Many(Lanes<(&'a [AlignedRow], u8)>),
 }
 
-/// A word of every caller's data; zero past the end of it.
-fn gather(callers: &Lanes<Data<'_>>, word: u32) -> Row {
-    callers.map(|data| {
-        data.rows
-            .get(word as usize)
-            .map_or(0, |row| row.0[data.lane])
-    })
+impl Callers<'_> {
+    /// A word of every caller's data; zero past the end of it.
+    fn gather(&self, word: usize) -> Row {
+        match self {
+            Callers::One(data, lanes) => data.get(word).map_or([0; SUBGROUP_SIZE], |row| {
+                lanes.map(|lane| row.0[lane as usize % SUBGROUP_SIZE])
+            }),
+            Callers::Many(callers) => callers.map(|(data, lane)| {
+                data.get(word)
+                    .map_or(0, |row| row.0[lane as usize % SUBGROUP_SIZE])
+            }),
+        }
+    }
 }
 
 /// The rays of a subgroup of hit or miss shaders, and the hits that they are about.
 struct HitLanes<'a> {
     role: Role,
     rays: Lanes<&'a RayInFlight>,
-    hits: Lanes<Hit>,
+    hits: Lanes<&'a Hit>,
     object_to_world: OnceCell<Lanes<[f32; 12]>>,
     world_to_object: OnceCell<Lanes<[f32; 12]>>,
     vertices: OnceCell<Lanes<[[f32; 3]; 3]>>,
@@ -128,27 +149,37 @@ impl<'a> HitLanes<'a> {
 
     fn attribute_row(&self, word: usize) -> Row {
         std::array::from_fn(|lane| {
-            let (ray, hit) = (self.rays[lane], &self.hits[lane]);
+            let (ray, hit) = (self.rays[lane], self.hits[lane]);
             if hit.is_built_in() {
                 return hit
                     .barycentrics
                     .get(word)
                     .map_or(0, |weight| weight.to_bits());
             }
-            let attributes = match self.role {
-                Role::AnyHitOfReport => &ray.report.attributes,
-                _ => &ray.attributes,
-            };
-            attributes.get(word).copied().unwrap_or(0)
+            let attributes = ray.details().map(|details| match self.role {
+                Role::AnyHitOfReport => &details.report.attributes,
+                _ => &details.attributes,
+            });
+            let found = attributes.and_then(|words| words.get(word));
+            found.copied().unwrap_or(0)
         })
     }
 
+    #[inline(always)]
     fn of_hits(&self, word: impl Fn(&Hit) -> u32) -> Option<Row> {
-        Some(std::array::from_fn(|lane| word(&self.hits[lane])))
+        Some(self.hits.map(word))
     }
 
+    #[inline(always)]
     fn of_rays(&self, word: impl Fn(&RayInFlight) -> u32) -> Option<Row> {
-        Some(std::array::from_fn(|lane| word(self.rays[lane])))
+        Some(self.rays.map(word))
+    }
+
+    fn of_reports(&self, word: impl Fn(&Report) -> u32) -> Option<Row> {
+        Some(
+            self.rays
+                .map(|ray| ray.details().map_or(0, |details| word(&details.report))),
+        )
     }
 
     /// What structures say of the hits at the rays' times.
@@ -157,7 +188,7 @@ impl<'a> HitLanes<'a> {
             // SAFETY: as for the walk: the structure is built and bound until the dispatch is complete.
             let structure = unsafe { Structure::at(self.rays[lane].structure) };
             structure.map_or_else(T::default, |structure| {
-                read(structure, &self.hits[lane], self.rays[lane].time)
+                read(structure, self.hits[lane], self.rays[lane].time)
             })
         })
     }
@@ -185,13 +216,16 @@ impl<'a> HitLanes<'a> {
             Builtin::InstanceId => self.of_hits(|hit| hit.instance_index),
             Builtin::InstanceCustomIndex => self.of_hits(|hit| hit.instance_custom_index),
             Builtin::GeometryIndex => self.of_hits(|hit| hit.geometry_index),
+            Builtin::HitKind if self.role == Role::AnyHitOfReport => {
+                self.of_reports(|report| report.hit_kind as u32)
+            }
             Builtin::HitKind => self.of_hits(|hit| hit.hit_kind as u32),
             Builtin::WorldRayOrigin => self.of_rays(|ray| ray.ray().origin[component].to_bits()),
             Builtin::WorldRayDirection => {
                 self.of_rays(|ray| ray.ray().direction[component].to_bits())
             }
             Builtin::RayTmin => self.of_rays(|ray| ray.ray().t_min.to_bits()),
-            Builtin::RayTmax => Some(self.t_max_row()),
+            Builtin::RayTmax => self.t_max_row(),
             Builtin::IncomingRayFlags => self.of_rays(|ray| ray.flags),
             Builtin::CullMask => self.of_rays(|ray| ray.cull_mask),
             Builtin::ObjectToWorld => Some(column_major(self.object_to_world(), component)),
@@ -229,13 +263,12 @@ impl<'a> HitLanes<'a> {
     }
 
     /// `RayTmaxKHR`: the hit's distance in hit shaders, the end of the interval as it stands in the others.
-    fn t_max_row(&self) -> Row {
-        match self.role {
-            Role::AnyHit | Role::AnyHitOfReport | Role::ClosestHit => {
-                self.hits.map(|hit| hit.t.to_bits())
-            }
+    fn t_max_row(&self) -> Option<Row> {
+        Some(match self.role {
+            Role::AnyHit | Role::ClosestHit => self.hits.map(|hit| hit.t.to_bits()),
+            Role::AnyHitOfReport => self.of_reports(|report| report.t.to_bits())?,
             _ => self.rays.map(|ray| ray.t_max().to_bits()),
-        }
+        })
     }
 
     /// A component of the ray in the instance's space: the matrix rows times the origin or the direction.
@@ -258,15 +291,12 @@ fn column_major(matrices: &Lanes<[f32; 12]>, component: usize) -> Row {
     std::array::from_fn(|lane| matrices[lane][component % 3 * 4 + component / 3].to_bits())
 }
 
-/// The hit that an invocation of this role is about.
-fn hit_of(role: Role, ray: &RayInFlight) -> Hit {
+/// The hit that an invocation of this role is about. Where it is about a report, this is the box.
+#[inline(always)]
+fn hit_of(role: Role, ray: &RayInFlight) -> &Hit {
+    static NONE: Hit = Hit::NONE;
     match role {
-        Role::AnyHit | Role::Intersection => *ray.walk().candidate(),
-        Role::AnyHitOfReport => Hit {
-            t: ray.report.t,
-            hit_kind: ray.report.hit_kind,
-            ..*ray.walk().candidate()
-        },
-        _ => ray.committed().copied().unwrap_or_default(),
+        Role::AnyHit | Role::Intersection | Role::AnyHitOfReport => ray.walk().candidate(),
+        _ => ray.committed().unwrap_or(&NONE),
     }
 }

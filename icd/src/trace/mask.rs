@@ -14,6 +14,11 @@ pub struct InvocationMask {
 }
 
 impl InvocationMask {
+    /// From the first texel to the end of the last.
+    pub fn size_bytes(&self) -> u64 {
+        u64::from(self.height.saturating_sub(1)) * self.row_stride_bytes + u64::from(self.width)
+    }
+
     /// Takes out the lanes of a tile that the mask excludes; what is outside the image runs.
     pub fn apply(&self, tile: &mut Tile, launch_id: impl Fn(u32) -> [u32; 3]) {
         for lane in lanes_of(tile.mask) {

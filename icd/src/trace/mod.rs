@@ -13,6 +13,7 @@
 mod answers;
 mod batch;
 mod calls;
+mod checked;
 mod grid;
 mod hit_object;
 mod inputs;
@@ -34,7 +35,10 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 use spirv_jit::environment::Environment;
+use spirv_jit::reach::Reach;
+use traversal::Structure;
 
+use crate::validate::Traced;
 pub use grid::Grid;
 use mask::InvocationMask;
 pub use queries::{Owned, Queries};
@@ -51,18 +55,40 @@ pub struct Dispatch<'a> {
     pub pipeline_ray_flags: u32,
     pub mask: Option<InvocationMask>,
     pub limits: &'a Limits,
+    /// Validation, where it is on.
+    pub checks: Option<&'a Traced<'a>>,
 }
 
-/// What ends a dispatch that does not end by itself.
-#[derive(Default)]
+/// What ends a dispatch that does not end by itself, and what keeps it from going astray.
 pub struct Limits {
     /// Set from outside to make every worker stop at its next budget check.
     pub cancelled: Arc<AtomicBool>,
     /// When the dispatch counts as hanging (`TUFF_TIMEOUT`).
     pub deadline: Option<Instant>,
+    /// Where structures may lie.
+    pub reach: Arc<Reach>,
+}
+
+impl Default for Limits {
+    /// No limit.
+    fn default() -> Self {
+        Self {
+            cancelled: Arc::default(),
+            deadline: None,
+            reach: Arc::new(Reach::everywhere()),
+        }
+    }
 }
 
 impl Limits {
+    /// The address of a structure that a shader names: 0, which is none, if it leads nowhere.
+    pub fn structure(&self, address: u64) -> u64 {
+        match self.reach.contains(address, Structure::HEADER_BYTES) {
+            true => address,
+            false => 0,
+        }
+    }
+
     /// Called when fuel runs dry.
     ///
     /// # Errors
@@ -95,11 +121,15 @@ pub struct Tracer {
 }
 
 impl Tracer {
-    /// Executes a dispatch on the current rayon pool and returns when it is complete.
+    /// Executes a dispatch and returns when it is complete. What is too small to be shared runs on the current thread.
     ///
     /// # Errors
     /// When a limit stopped it; what it wrote so far stays written.
-    pub fn trace_rays(&self, dispatch: &Dispatch<'_>) -> Result<(), Stopped> {
+    pub fn trace_rays(
+        &self,
+        dispatch: &Dispatch<'_>,
+        workers: &rayon::ThreadPool,
+    ) -> Result<(), Stopped> {
         let Some((raygen, record)) = dispatch.raygen() else {
             return Ok(());
         };
@@ -111,9 +141,11 @@ impl Tracer {
         match grid.batch_count() {
             0 => Ok(()),
             1 => run(&mut self.lease(), 0),
-            count => (0..count)
-                .into_par_iter()
-                .try_for_each_init(|| self.lease(), run),
+            count => workers.install(|| {
+                (0..count)
+                    .into_par_iter()
+                    .try_for_each_init(|| self.lease(), run)
+            }),
         }
     }
 

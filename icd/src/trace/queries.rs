@@ -105,12 +105,14 @@ impl Queries {
             state::READY => {
                 self.arena.remove(handle, owned);
                 query.set(row::HANDLE, 0);
+                // An address that leads nowhere is none.
                 // SAFETY: the application keeps the structures that its queries may reach built and bound until the dispatch is
                 // complete (VUID-RuntimeSpirv-OpRayQueryInitializeKHR and the build commands' rules).
+                let structure = limits.structure(query.structure());
                 unsafe {
                     match &mut self.walk {
-                        Some(walk) => walk.restart(query.structure(), &query.ray()),
-                        None => self.walk = Some(Walk::new(query.structure(), &query.ray())),
+                        Some(walk) => walk.restart(structure, &query.ray()),
+                        None => self.walk = Some(Walk::new(structure, &query.ray())),
                     }
                 }
             }

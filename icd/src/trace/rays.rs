@@ -1,9 +1,10 @@
 //! Rays in flight: one walk each, and who waits for it.
 
-use spirv_jit::Program;
+use spirv_jit::program::{AlignedRow, IO_DATA_ROW};
 use traversal::{Hit, Ray, Walk};
 
-use super::subgroup::{LaneRef, Subgroup};
+use super::Dispatch;
+use super::subgroup::LaneRef;
 
 /// `maxRayHitAttributeSize` in words.
 pub const MAX_ATTRIBUTE_WORDS: usize = 8;
@@ -19,11 +20,21 @@ pub struct Report {
 }
 
 /// What a hit object says, for the shader that it names: nothing is walked.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Recorded {
     pub ray: Ray,
     /// `None` is a miss.
     pub hit: Option<Hit>,
+}
+
+/// What few rays have, kept apart: a batch passes over thousands of rays, and what it passes over should be small.
+#[derive(Default)]
+pub struct Details {
+    /// The hit attribute of the committed hit, if a box's.
+    pub attributes: [u32; MAX_ATTRIBUTE_WORDS],
+    pub report: Report,
+    /// What there is instead of a walk.
+    pub recorded: Recorded,
 }
 
 /// A ray between its trace instruction and its closest-hit or miss shader's end.
@@ -42,9 +53,7 @@ pub struct RayInFlight {
     pub cull_mask: u32,
     /// The walk, kept to be restarted when the place is used again.
     pub walk: Option<Walk>,
-    /// The hit attribute of the committed hit, if a box's.
-    pub attributes: [u32; MAX_ATTRIBUTE_WORDS],
-    pub report: Report,
+    details: Option<Box<Details>>,
     /// An any-hit shader ended the search from inside an intersection shader.
     pub over: bool,
     /// When it is cast.
@@ -52,7 +61,7 @@ pub struct RayInFlight {
     /// What is found goes into a hit object.
     pub fills_hit_object: bool,
     /// Comes from a hit object: there is no walk.
-    pub recorded: Option<Recorded>,
+    pub is_recorded: bool,
 }
 
 impl RayInFlight {
@@ -60,17 +69,18 @@ impl RayInFlight {
     pub fn start(
         &mut self,
         caller: LaneRef,
-        subgroup: &Subgroup,
-        program: &Program,
-        pipeline_flags: u32,
+        launch: u32,
+        operands: &[AlignedRow; IO_DATA_ROW],
+        dispatch: &Dispatch<'_>,
         motion: bool,
     ) {
         let lane = caller.lane as usize;
-        let word = |row| subgroup.io(program, row, lane);
+        let word = |row: usize| operands[row].0[lane];
         let float = |row| f32::from_bits(word(row));
         self.caller = caller;
-        self.launch = subgroup.launch[lane];
-        self.structure = word(0) as u64 | (word(1) as u64) << 32;
+        self.launch = launch;
+        let named = word(0) as u64 | (word(1) as u64) << 32;
+        self.structure = dispatch.limits.structure(named);
         self.flags = word(2);
         self.cull_mask = word(3) & 0xff;
         self.sbt_offset = word(4);
@@ -78,14 +88,14 @@ impl RayInFlight {
         self.miss_index = word(6);
         self.over = false;
         self.fills_hit_object = false;
-        self.recorded = None;
+        self.is_recorded = false;
         self.time = if motion { float(15) } else { 0.0 };
         let ray = Ray {
             origin: [float(7), float(8), float(9)],
             t_min: float(10),
             direction: [float(11), float(12), float(13)],
             t_max: float(14),
-            flags: self.flags | pipeline_flags,
+            flags: self.flags | dispatch.pipeline_ray_flags,
             cull_mask: self.cull_mask,
         };
         // SAFETY: the application keeps the structures that a trace may reach built and bound until the dispatch is
@@ -101,6 +111,7 @@ impl RayInFlight {
     }
 
     /// The walk of a ray that was started.
+    #[inline]
     pub fn walk(&self) -> &Walk {
         self.walk.as_ref().expect("a ray in flight was started")
     }
@@ -110,9 +121,29 @@ impl RayInFlight {
         self.walk.as_mut().expect("a ray in flight was started")
     }
 
+    /// What few rays have; all zero where nothing was written since the place was made.
+    pub fn details_mut(&mut self) -> &mut Details {
+        self.details.get_or_insert_default()
+    }
+
+    /// As [`Self::details_mut`]; `None` where nothing was ever written.
+    #[inline]
+    pub fn details(&self) -> Option<&Details> {
+        self.details.as_deref()
+    }
+
+    #[inline]
+    fn recorded(&self) -> Option<&Recorded> {
+        match &self.details {
+            Some(details) if self.is_recorded => Some(&details.recorded),
+            _ => None,
+        }
+    }
+
     /// The ray itself.
+    #[inline]
     pub fn ray(&self) -> &Ray {
-        match &self.recorded {
+        match self.recorded() {
             Some(recorded) => &recorded.ray,
             None => self.walk().ray(),
         }
@@ -120,15 +151,16 @@ impl RayInFlight {
 
     /// Upper end of the interval as it stands.
     pub fn t_max(&self) -> f32 {
-        match &self.recorded {
+        match self.recorded() {
             Some(recorded) => recorded.ray.t_max,
             None => self.walk().t_max(),
         }
     }
 
     /// The hit that is committed.
+    #[inline]
     pub fn committed(&self) -> Option<&Hit> {
-        match &self.recorded {
+        match self.recorded() {
             Some(recorded) => recorded.hit.as_ref(),
             None => self.walk().committed(),
         }

@@ -70,14 +70,39 @@ impl Subgroup {
     }
 
     /// A word of the yield's operands or of the outputs.
+    #[inline]
     pub fn io(&self, program: &Program, row: usize, lane: usize) -> u32 {
         self.rows[program.layout().io + row].0[lane]
     }
 
     /// Overwrites a word of the yield's operands with a result.
+    #[inline]
     pub fn set_io(&mut self, program: &Program, row: usize, lane: usize, word: u32) {
         self.rows[program.layout().io + row].0[lane] = word;
     }
+}
+
+/// Sorts lanes by the subgroup that a reference of theirs names: the subgroup, and which of `lanes` name it.
+pub fn by_subgroup(
+    lanes: u16,
+    of: &[LaneRef; SUBGROUP_SIZE],
+) -> impl Iterator<Item = (SubgroupIndex, u16)> {
+    let mut rest = lanes;
+    std::iter::from_fn(move || {
+        let subgroup = of.get(rest.trailing_zeros() as usize)?.subgroup;
+        let mut same = 0;
+        for (lane, other) in of.iter().enumerate() {
+            same |= u16::from(other.subgroup == subgroup) << lane;
+        }
+        same &= rest;
+        rest &= !same;
+        Some((subgroup, same))
+    })
+}
+
+/// Whether each of these lanes refers to the lane of its own number.
+pub fn in_place(lanes: u16, of: &[LaneRef; SUBGROUP_SIZE]) -> bool {
+    lanes_of(lanes).all(|lane| of[lane].lane as usize == lane)
 }
 
 /// The lanes of a mask, lowest first.

@@ -15,10 +15,20 @@ pub type Handle = [u8; HANDLE_SIZE];
 /// Index into [`Shaders::programs`].
 pub type ProgramIndex = u32;
 
+/// `VkRayTracingShaderGroupTypeKHR`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum GroupKind {
+    #[default]
+    General,
+    Triangles,
+    Procedural,
+}
+
 /// The programs of a shader group (`VkRayTracingShaderGroupCreateInfoKHR`).
 #[derive(Clone, Debug, Default)]
 pub struct Group {
     pub handle: Handle,
+    pub kind: GroupKind,
     /// Ray generation, miss or callable shader.
     pub general: Option<ProgramIndex>,
     pub closest_hit: Option<ProgramIndex>,

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use spirv_jit::Program;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
 use spirv_jit::ir::text::parse_module;
+use spirv_jit::reach::Reach;
 use traversal::{
     AabbGeometry, BuildFlags, BuildInput, Geometries, GeometryFlags, IndexType, InstanceArray,
     InstanceSource, Kind, Memory, TriangleGeometry, VertexFormat,
@@ -359,6 +360,11 @@ fn region(handles: &[Handle], first: usize, count: usize) -> Region {
     }
 }
 
+fn workers() -> rayon::ThreadPool {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2);
+    pool.build().expect("threads can be started")
+}
+
 fn environment(descriptors: &[Descriptor]) -> Environment {
     let null = DescriptorSet {
         entries: std::ptr::null(),
@@ -377,6 +383,8 @@ fn environment(descriptors: &[Descriptor]) -> Environment {
         dynamic_count: 0,
         push_constants: Descriptor::NULL,
         uniforms,
+        reach: Arc::new(Reach::everywhere()),
+        strays: None,
     }
 }
 
@@ -441,9 +449,10 @@ fn every_kind_of_shader_call_returns_to_its_caller() {
         pipeline_ray_flags: 0,
         mask: None,
         limits: &Limits::default(),
+        checks: None,
     };
     Tracer::default()
-        .trace_rays(&dispatch)
+        .trace_rays(&dispatch, &workers())
         .expect("no limit is reached");
     for y in 0..SIZE {
         for x in 0..SIZE {
@@ -516,9 +525,10 @@ fn is_stopped(text: &str) {
         pipeline_ray_flags: 0,
         mask: None,
         limits: &limits,
+        checks: None,
     };
     assert_eq!(
-        Tracer::default().trace_rays(&dispatch),
+        Tracer::default().trace_rays(&dispatch, &workers()),
         Err(Stopped::TimedOut)
     );
 }

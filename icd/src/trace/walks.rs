@@ -7,6 +7,7 @@ use super::batch::{Batch, FUEL};
 use super::calls::Call;
 use super::rays::RayInFlight;
 use super::subgroup::Role;
+use crate::validate::Need;
 
 impl Batch<'_> {
     /// Advances every walk until a shader has to run, or to its end.
@@ -91,7 +92,15 @@ impl Batch<'_> {
     /// Calls the shader that decides on a candidate; false if its group has none.
     fn call_for_candidate(&mut self, index: u32, role: Role) -> bool {
         let ray = &self.worker.rays[index];
-        let record = ray.hit_record_index(ray.walk().candidate());
+        let candidate = ray.walk().candidate();
+        let record = ray.hit_record_index(candidate);
+        if let Some(traced) = self.dispatch.checks {
+            let need = match role {
+                Role::AnyHit => Need::AnyHit,
+                _ => Need::Intersection,
+            };
+            self.check_hit_record(traced, need, record, candidate);
+        }
         let found =
             self.worker
                 .records
@@ -124,6 +133,16 @@ impl Batch<'_> {
             return self.fill_hit_object(index);
         }
         let (caller, launch) = (ray.caller, ray.launch);
+        if let Some(traced) = self.dispatch.checks {
+            match ray.committed() {
+                Some(_) if ray.flags & traversal::ray_flags::SKIP_CLOSEST_HIT_SHADER != 0 => {}
+                Some(hit) => {
+                    let record = ray.hit_record_index(hit);
+                    self.check_hit_record(traced, Need::ClosestHit, record, hit);
+                }
+                None => self.check_record(traced, Need::Miss, ray.miss_index),
+            }
+        }
         let (tables, shaders) = (&self.dispatch.tables, self.dispatch.shaders);
         let records = &mut self.worker.records;
         let call = match ray.committed() {

@@ -4,10 +4,13 @@
 //! consecutive rows holding lanes of 64 bits. Vector rows are as long as the wave; *uniform* rows have 16 equal lanes and are read with
 //! stride 0, so that every kernel takes either kind for each operand.
 
+use std::cell::Cell;
+
 use super::Program;
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
 use crate::program::Event;
+use crate::reach::Range;
 
 /// Subgroups in the longest wave.
 pub(super) const MAX_SUBGROUPS: usize = 16;
@@ -91,6 +94,8 @@ pub(super) struct Machine<'p> {
     pub states: [*mut u32; MAX_SUBGROUPS],
     pub subgroups: usize,
     pub shared: *mut u8,
+    /// Where the last physical pointer led that was looked up.
+    pub near: Cell<Range>,
     /// Where the prologue hands over to, and with which lanes.
     pub resume_pc: usize,
     pub resume_active: Mask,

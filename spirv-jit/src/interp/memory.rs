@@ -9,7 +9,7 @@ use crate::SUBGROUP_SIZE;
 use crate::environment::Descriptor;
 use crate::ir::{Space, Type};
 
-/// Addresses below this are never mapped: a null device address reads zero instead of faulting.
+/// Descriptors are never below this: what is, is none.
 const LOWEST_ADDRESS: u64 = 1 << 16;
 
 /// Where an access lies.
@@ -90,15 +90,31 @@ pub(super) unsafe fn region(
             }
             Space::Global => {
                 let address = m.lane(address[0], offset, lane, true);
-                if address < LOWEST_ADDRESS {
-                    return Region::NOWHERE;
-                }
+                let near = m.near.get().bytes_from(address);
                 Region {
                     base: address as *mut u8,
-                    size_bytes: 1 << 47,
+                    size_bytes: if near > 0 { near } else { look_up(m, address) },
                     offset: 0,
                 }
             }
+        }
+    }
+}
+
+/// How much memory there is from an address on that is not near the last one. An address that leads nowhere is counted.
+#[cold]
+#[inline(never)]
+fn look_up(m: &Machine<'_>, address: u64) -> u64 {
+    match m.environment.reach.find(address) {
+        Some(range) => {
+            m.near.set(range);
+            range.bytes_from(address)
+        }
+        None => {
+            if let Some(strays) = &m.environment.strays {
+                strays.count(m.program.number(), m.pc, address);
+            }
+            0
         }
     }
 }

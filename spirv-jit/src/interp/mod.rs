@@ -24,6 +24,7 @@ mod yields;
 #[cfg(test)]
 mod tests;
 
+use std::cell::Cell;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::ir::{self, InputRow};
@@ -105,6 +106,7 @@ impl Program {
     }
 
     /// Input rows the program reads, in order; row `i` of the state's inputs is `inputs()[i]`.
+    #[inline]
     pub fn inputs(&self) -> &[InputRow] {
         &self.inputs
     }
@@ -125,6 +127,7 @@ impl Program {
     }
 
     /// Rows of a subgroup's state.
+    #[inline]
     pub fn layout(&self) -> StateLayout {
         self.layout
     }
@@ -136,6 +139,7 @@ impl Program {
     }
 
     /// What yields ask for, by `SiteId`.
+    #[inline]
     pub fn sites(&self) -> &[SiteKind] {
         &self.sites
     }
@@ -154,6 +158,7 @@ impl Program {
     }
 
     /// Words the program leaves in the `io` rows at its end (see `ir::Module::output_rows`).
+    #[inline]
     pub fn output_rows(&self) -> u32 {
         self.output_rows
     }
@@ -176,12 +181,14 @@ impl Program {
     }
 
     /// Where a state stands.
+    #[inline]
     pub fn resume_point(&self, state: &[AlignedRow]) -> ResumePoint {
         ResumePoint(state[0].0[0])
     }
 
     /// Lanes of a yielded state that take part in its event (may be none: such a subgroup is ready at once). Only their columns
     /// of the `io` rows are the event's: the others may hold outputs of lanes that have ended.
+    #[inline]
     pub fn event_mask(&self, state: &[AlignedRow]) -> u16 {
         state[0].0[1] as u16
     }
@@ -262,6 +269,7 @@ impl Program {
             states,
             subgroups,
             shared: wave.shared,
+            near: Cell::new(wave.environment.reach.likely()),
             resume_pc: 0,
             resume_active: [0; MAX_SUBGROUPS],
         };

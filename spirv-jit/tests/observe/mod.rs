@@ -1,10 +1,13 @@
 //! Runs a module on made-up inputs, and keeps what can be seen of it: outputs, what it wrote, what it yielded, by lane.
 
+use std::sync::Arc;
+
 use spirv_jit::Program;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
 use spirv_jit::interp::Frame;
 use spirv_jit::ir::{InputRow, Module};
 use spirv_jit::program::{AlignedRow, Event, IO_DATA_ROW, SiteKind, Wave};
+use spirv_jit::reach::Reach;
 
 const LANES: usize = 16;
 
@@ -102,6 +105,8 @@ pub fn execute(module: &Module, seed: u64, inputs: Option<&[u32]>) -> Outcome {
         dynamic_count: 0,
         push_constants: descriptor(pushed.as_ptr(), pushed.len()),
         uniforms: std::array::from_fn::<_, { uniform::COUNT }, _>(|k| 5 + k as u32),
+        reach: Arc::new(Reach::everywhere()),
+        strays: None,
     };
     environment.sets[0] = DescriptorSet {
         entries: entries.as_ptr(),

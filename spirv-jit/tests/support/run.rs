@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
 use spirv_jit::program::{AlignedRow, Builtin, Event, InputRow, Stage, Wave};
+use spirv_jit::reach::Reach;
 use spirv_jit::{CompileRequest, Program};
 
 use super::{all_capabilities, bindings, glsl};
@@ -45,6 +46,8 @@ pub fn dispatch(program: &Program, groups: u32, memory: &mut Memory) {
         dynamic_count: 0,
         push_constants: descriptor(&mut memory.push_constants),
         uniforms: [0; uniform::COUNT],
+        reach: Arc::new(Reach::everywhere()),
+        strays: None,
     };
     environment.sets[0] = DescriptorSet {
         entries: entries.as_ptr(),

@@ -13,7 +13,7 @@ const CHUNK: usize = 16384;
 ///
 /// # Safety
 /// The memory of the geometries is readable and unchanged.
-pub(crate) unsafe fn write(list: &[TriangleGeometry], part: &mut [u8]) {
+pub(crate) unsafe fn write(list: &[&TriangleGeometry], part: &mut [u8]) {
     let (references, mut words) = part.split_at_mut(8 * list.len());
     for (geometry, reference) in list.iter().zip(references.chunks_exact_mut(8)) {
         let address = geometry.micromap.map_or(0, |micromap| micromap.micromap);

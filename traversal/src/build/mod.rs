@@ -18,7 +18,7 @@ mod swept;
 mod tree;
 mod vertex;
 
-use crate::input::{BuildFlags, BuildInput, Geometries, GeometryFlags, TriangleGeometry};
+use crate::input::{BuildFlags, BuildInput, Geometries, GeometryFlags};
 use crate::layout::{
     Bounds, GROUP, GeometryEntry, Header, LEAF_TRIANGLES, MAGIC, MAX_DEPTH, Node, Parts, VERSION,
     features, leaf_bytes, micromap_part_bytes,
@@ -241,11 +241,9 @@ unsafe fn build_to_depth(
         // SAFETY: the nodes and leaves are written.
         written.bounds = unsafe { refit::refit(&target, written.node_count) };
     }
-    if let Geometries::Triangles(list) = &input.geometries
-        && shape.micromap_bytes > 0
-    {
+    if shape.micromap_bytes > 0 {
         // SAFETY: the destination has room for the part after the others; the caller's promise for the geometries.
-        unsafe { write_micromaps(&target, list, shape.micromap_bytes) };
+        unsafe { write_micromaps(&target, shape.micromap_bytes) };
     }
     // SAFETY: the parts are inside the destination.
     unsafe { write_head(&target, input, &shape, &written, origin_error) };
@@ -257,11 +255,12 @@ unsafe fn build_to_depth(
 ///
 /// # Safety
 /// There are `bytes` after the target's parts, and the memory of the geometries is readable and unchanged.
-unsafe fn write_micromaps(target: &Target<'_>, list: &[TriangleGeometry], bytes: u64) {
+unsafe fn write_micromaps(target: &Target<'_>, bytes: u64) {
+    let list: Vec<_> = target.geometries.triangle_lists().collect();
     // SAFETY: the caller's promise.
     unsafe {
         let start = target.base.add(target.parts.size_bytes as usize);
-        micromap::write(list, std::slice::from_raw_parts_mut(start, bytes as usize));
+        micromap::write(&list, std::slice::from_raw_parts_mut(start, bytes as usize));
     }
 }
 
@@ -358,7 +357,9 @@ impl Shape {
         if shape.geometries > MAX_GEOMETRIES || shape.primitives > most {
             return Err(BuildError::TooLarge);
         }
-        if matches!(geometries, Geometries::Triangles(list) if list.iter().any(|g| g.micromap.is_some()))
+        if geometries
+            .triangle_lists()
+            .any(|list| list.micromap.is_some())
         {
             shape.micromap_bytes = micromap_part_bytes(shape.geometries, shape.primitives);
         }

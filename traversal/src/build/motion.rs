@@ -3,7 +3,7 @@
 use crate::input::{MotionGeometry, TriangleGeometry};
 use crate::layout::{Bounds, MotionEntry};
 
-use super::emit::word;
+use super::emit::triangle_word;
 use super::primitive::sanitized_triangle_bounds;
 
 impl MotionGeometry {
@@ -29,7 +29,7 @@ impl MotionGeometry {
             // SAFETY: the caller's promise.
             triangles: unsafe { self.triangles(primitive) }.unwrap_or([[[f32::NAN; 3]; 3]; 2]),
             primitive,
-            geometry: word(geometry, self.start.flags),
+            geometry: triangle_word(geometry, &self.start),
         }
     }
 }

@@ -78,16 +78,14 @@ pub unsafe fn update(
     // caller's promise.
     unsafe {
         match &input.geometries {
-            Geometries::Triangles(list) => {
-                write_triangles(&target, header.leaf_count, list);
-                if shape.micromap_bytes > 0 {
-                    super::write_micromaps(&target, list, shape.micromap_bytes);
-                }
-            }
+            Geometries::Triangles(list) => write_triangles(&target, header.leaf_count, list),
             Geometries::Aabbs(_) => {}
             Geometries::Swept(list) => write_swept(&target, header.leaf_count, list),
             Geometries::Motion(list) => write_motion(&target, header.leaf_count, list),
             Geometries::Instances(source) => header.origin_error = write_instances(&target, source),
+        }
+        if shape.micromap_bytes > 0 {
+            super::write_micromaps(&target, shape.micromap_bytes);
         }
         header.bounds = refit(&target, header.node_count);
         target.base.cast::<Header>().write(header);

@@ -4,8 +4,8 @@ use super::facts::InstanceFacts;
 use super::kernel::{GroupHits, Kernel};
 use super::level::Level;
 use super::space::Space;
-use super::triangle::{Intersection, Rim, intersect};
-use super::{Event, Walk, motion, swept};
+use super::triangle::{Rim, intersect};
+use super::{Event, Walk, micromap, motion, swept};
 use crate::layout::{GROUP, TriangleGroup, child, geometry_word};
 use crate::ray::{HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, Hit};
 use crate::structure::Kind;
@@ -217,7 +217,15 @@ impl Triangles<'_> {
         let lane = slot as usize % GROUP;
         let geometry = group.geometries[lane];
         let (opaque, found) = if self.instance.heeds_micromap(geometry) {
-            self.meet_micromap(group, lane)?
+            let (triangle, primitive) = (group.triangle(lane), group.primitives[lane]);
+            micromap::meet(
+                self.level,
+                self.space,
+                self.instance,
+                &triangle,
+                geometry,
+                primitive,
+            )?
         } else {
             let opaque = self.instance.opacity(geometry)?;
             let rim = if opaque { Rim::Included } else { Rim::Owned };
@@ -240,23 +248,5 @@ impl Triangles<'_> {
             ..self.instance.hit()
         };
         (walk.ray.t_min < hit.t && walk.is_nearer(&hit)).then_some(hit)
-    }
-
-    /// Meets a triangle whose opacity depends on where it is met; whether it is opaque there. What is opaque includes
-    /// its rim; elsewhere the point must be the triangle's own.
-    #[cold]
-    #[inline(never)]
-    fn meet_micromap(&self, group: &TriangleGroup, lane: usize) -> Option<(bool, Intersection)> {
-        let triangle = group.triangle(lane);
-        let found = intersect(self.space, &triangle, Rim::Included)?;
-        let opacity = self.level.structure.micromap_opacity(
-            group.geometries[lane] & geometry_word::INDEX,
-            group.primitives[lane],
-            found.barycentrics,
-        );
-        if self.instance.micromap_opacity(opacity)? {
-            return Some((true, found));
-        }
-        Some((false, intersect(self.space, &triangle, Rim::Owned)?))
     }
 }

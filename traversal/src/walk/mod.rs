@@ -31,6 +31,7 @@ mod group;
 mod kernel;
 mod leaf;
 mod level;
+mod micromap;
 mod motion;
 #[cfg(target_arch = "x86_64")]
 mod packet;
@@ -137,6 +138,7 @@ impl Walk {
     ///
     /// # Safety
     /// As for [`Self::new`].
+    #[inline]
     pub unsafe fn restart(&mut self, top_level: u64, ray: &Ray) {
         self.ray = *ray;
         self.top_level = top_level;
@@ -189,36 +191,43 @@ impl Walk {
     }
 
     /// Casts the ray at another time than 0, in [0, 1]; before the first step.
+    #[inline]
     pub fn set_time(&mut self, time: f32) {
         self.time = time;
     }
 
     /// When the ray is cast.
+    #[inline]
     pub fn time(&self) -> f32 {
         self.time
     }
 
     /// The ray this walk was made for.
+    #[inline]
     pub fn ray(&self) -> &Ray {
         &self.ray
     }
 
     /// Lower end of the ray's interval.
+    #[inline]
     pub fn t_min(&self) -> f32 {
         self.ray.t_min
     }
 
     /// Upper end of the interval now: the committed hit's `t`, or the ray's `t_max`.
+    #[inline]
     pub fn t_max(&self) -> f32 {
         self.hit.t
     }
 
     /// What the last event is about.
+    #[inline]
     pub fn candidate(&self) -> &Hit {
         &self.candidate
     }
 
     /// The committed hit.
+    #[inline]
     pub fn committed(&self) -> Option<&Hit> {
         self.has_hit.then_some(&self.hit)
     }
@@ -226,6 +235,7 @@ impl Walk {
     /// Commits a hit that an intersection shader reported for the current box candidate, at
     /// `t_min() <= t <= t_max()`. Returns whether the walk is over by it (the ray terminates on
     /// its first hit), so that the intersection shader ends at once.
+    #[inline]
     pub fn commit_procedural(&mut self, t: f32, hit_kind: u8) -> bool {
         self.commit(Hit {
             t,

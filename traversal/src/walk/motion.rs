@@ -6,7 +6,7 @@ use super::leaf::Leaf;
 use super::level::Level;
 use super::space::Space;
 use super::triangle::{Rim, intersect};
-use super::{Event, Walk};
+use super::{Event, Walk, micromap};
 use crate::layout::{child, geometry_word};
 use crate::motion::triangle_at;
 use crate::ray::{HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, Hit};
@@ -42,9 +42,21 @@ fn meet(
     slot: u32,
 ) -> Option<Hit> {
     let entry = level.structure.motion_entry(slot)?;
-    let opaque = instance.opacity(entry.geometry)?;
-    let rim = if opaque { Rim::Included } else { Rim::Owned };
-    let found = intersect(space, &triangle_at(&entry.triangles, walk.time), rim)?;
+    let triangle = triangle_at(&entry.triangles, walk.time);
+    let (opaque, found) = if instance.heeds_micromap(entry.geometry) {
+        micromap::meet(
+            level,
+            space,
+            instance,
+            &triangle,
+            entry.geometry,
+            entry.primitive,
+        )?
+    } else {
+        let opaque = instance.opacity(entry.geometry)?;
+        let rim = if opaque { Rim::Included } else { Rim::Owned };
+        (opaque, intersect(space, &triangle, rim)?)
+    };
     let front = instance.facing(found.front)?;
     let hit = Hit {
         t: found.t,

@@ -108,12 +108,7 @@ pub fn run(options: &Options) -> Result<()> {
                 (1, &[Bound::Storage(output)]),
             ],
         });
-        let table = Table {
-            raygen: Record::of(0),
-            miss: vec![Record::of(1)],
-            hit: vec![Record::of(2)],
-            callable: vec![],
-        };
+        let table = Table::of(0, &[1], &[2]);
         let regions = gpu.regions(&rays, &table);
         (name, rays, regions, output)
     });

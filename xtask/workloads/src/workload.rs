@@ -96,6 +96,13 @@ pub const ALL: &[Workload] = &[
         prepare: |g, s| rays(g, s, shader::ARITHMETIC),
     },
     Workload {
+        name: "pointers",
+        about: "64 physical pointers followed a pixel",
+        unit: "Mpixel/s",
+        bounds: Bounds::Shading,
+        prepare: pointers,
+    },
+    Workload {
         name: "textures",
         about: "32 trilinear samples a pixel",
         unit: "Mpixel/s",
@@ -281,6 +288,38 @@ fn textures(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     let mut bindings = world.bindings();
     bindings.push((5, [texture(gpu)]));
     let rays = pipeline(gpu, &parts, &bindings);
+    let turn = launch(gpu, scale, &rays, 1);
+    Some(Prepared::picture(turn, &world))
+}
+
+/// A list of 4,096 places in memory, in an order that is no order.
+fn pointers(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    const COUNT: u64 = 4096;
+    const PLACE_BYTES: u64 = 16;
+    let places = gpu.buffer(COUNT * PLACE_BYTES);
+    let address = |i: u64| places.address + i % COUNT * PLACE_BYTES;
+    // An odd factor: every place is followed by another one.
+    let after = |i: u64| address(i * 1_597 + 1);
+    let words: Vec<u64> = (0..COUNT)
+        .flat_map(|i| {
+            let value = (i as f32 / COUNT as f32).to_bits();
+            [after(i), u64::from(value) | (i * 7 % COUNT) << 32]
+        })
+        .collect();
+    places.write(0, &words);
+    let starts: Vec<u64> = (0..COUNT).map(|i| address(i * 31)).collect();
+    let world = World::landscape(
+        gpu,
+        &Scale {
+            triangles: 2,
+            instances: 1,
+            ..*scale
+        },
+        1,
+    );
+    let mut bindings = world.bindings();
+    bindings.push((5, [Bound::Storage(gpu.buffer_with(&starts))]));
+    let rays = pipeline(gpu, &plain(shader::POINTERS), &bindings);
     let turn = launch(gpu, scale, &rays, 1);
     Some(Prepared::picture(turn, &world))
 }

@@ -1,21 +1,19 @@
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use spirv_jit::Program;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
 use spirv_jit::ir::text::parse_module;
 use spirv_jit::program::{Builtin, InputRow};
+use spirv_jit::reach::Reach;
 
 use super::{Dispatch, Dispatcher, index_in_quads, lanes_below, local_row};
 use crate::queue::Workers;
 use crate::trace::{Limits, Stopped};
 
 fn no_limits() -> Limits {
-    Limits {
-        cancelled: Arc::new(AtomicBool::new(false)),
-        deadline: None,
-    }
+    Limits::default()
 }
 
 /// Runs a program with `out` as its buffer (set 0, entry 0).
@@ -48,6 +46,8 @@ fn run(
         dynamic_count: 0,
         push_constants: Descriptor::NULL,
         uniforms: [0; uniform::COUNT],
+        reach: Arc::new(Reach::everywhere()),
+        strays: None,
     };
     let workers = Workers::start(threads).ok().unwrap();
     Dispatcher::default().run(

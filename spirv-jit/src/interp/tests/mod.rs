@@ -5,12 +5,15 @@ mod kernels;
 mod memory;
 mod yields;
 
+use std::sync::Arc;
+
 use super::tier::TierKind;
 use super::{Frame, Program};
 use crate::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS};
 use crate::ir::text::parse_module;
 use crate::ir::verify::verify;
 use crate::program::{AlignedRow, Event, SiteKind, Wave};
+use crate::reach::Reach;
 
 /// An environment with nothing in it.
 pub(super) fn empty_environment() -> Environment {
@@ -23,6 +26,8 @@ pub(super) fn empty_environment() -> Environment {
         dynamic_count: 0,
         push_constants: Descriptor::NULL,
         uniforms: [0; crate::environment::uniform::COUNT],
+        reach: Arc::new(Reach::everywhere()),
+        strays: None,
     }
 }
 

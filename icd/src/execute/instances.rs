@@ -1,0 +1,168 @@
+//! The instances of a build. What they refer to is checked before the build looks at it.
+
+use spirv_jit::reach::Reach;
+use traversal::{GeometryFlags, InstanceArray, InstanceSource, Structure};
+
+use super::reachable::{read, readable};
+
+/// `VkAccelerationStructureGeometryInstancesDataKHR`, restricted to its range.
+#[derive(Clone, Copy, Debug)]
+pub struct Instances {
+    pub flags: GeometryFlags,
+    pub array: InstanceArray,
+    pub address: u64,
+    pub count: u32,
+}
+
+/// Words of the longest record, `VkAccelerationStructureSRTMotionInstanceNV`.
+const MAX_WORDS: usize = 18;
+
+/// One record: its type (0 static, 1 by matrices, 2 by decompositions) and its words, of which the last is the reference.
+struct Record {
+    ty: u32,
+    length: usize,
+    words: [u64; MAX_WORDS],
+}
+
+impl Instances {
+    /// Bounds the memory. The copies are what the source points to if some instances led nowhere: those are inactive there.
+    ///
+    /// # Safety
+    /// Nothing writes the instances meanwhile.
+    pub unsafe fn resolve(&self, reach: &Reach) -> (InstanceSource, Vec<u64>) {
+        let source = |instances: &Instances| InstanceSource {
+            memory: readable(reach, instances.address, instances.size_bytes()),
+            array: instances.array,
+            count: instances.count,
+            flags: instances.flags,
+        };
+        // SAFETY: the caller's promise.
+        if unsafe { self.all_lead_somewhere(reach) } {
+            return (source(self), Vec::new());
+        }
+        let known = |reference| match leads_to_structure(reach, reference) {
+            true => reference,
+            false => 0,
+        };
+        // SAFETY: as above.
+        let (copy, records) = unsafe { self.copied(reach, known) };
+        let memory = traversal::Memory {
+            base: copy.address as *const u8,
+            bytes: 8 * records.len(),
+        };
+        (
+            InstanceSource {
+                memory,
+                ..source(&copy)
+            },
+            records,
+        )
+    }
+
+    /// What each instance refers to; `None` for one that is not where the array says.
+    ///
+    /// # Safety
+    /// Nothing writes the instances meanwhile.
+    pub unsafe fn references(&self, reach: &Reach) -> impl Iterator<Item = Option<u64>> {
+        // SAFETY: the caller's promise.
+        (0..self.count)
+            .map(|index| unsafe { self.record(reach, index).map(|record| record.reference()) })
+    }
+
+    fn size_bytes(&self) -> u64 {
+        u64::from(self.count) * self.array.stride_bytes()
+    }
+
+    /// # Safety
+    /// Nothing writes the instances meanwhile.
+    unsafe fn all_lead_somewhere(&self, reach: &Reach) -> bool {
+        // SAFETY: the caller's promise.
+        reach.contains(self.address, self.size_bytes())
+            && unsafe { self.references(reach) }.all(|reference| {
+                reference.is_some_and(|reference| leads_to_structure(reach, reference))
+            })
+    }
+
+    /// An array of records whose references are `resolved`, and the instances that are in it; it must outlive them. An instance that is not
+    /// where the array says is inactive.
+    ///
+    /// # Safety
+    /// Nothing writes the instances meanwhile.
+    pub unsafe fn copied(
+        &self,
+        reach: &Reach,
+        resolved: impl Fn(u64) -> u64,
+    ) -> (Instances, Vec<u64>) {
+        let is_motion = self.array.is_motion();
+        let array = match is_motion {
+            true => InstanceArray::MotionRecords,
+            false => InstanceArray::Records,
+        };
+        let words = array.stride_bytes() as usize / 8;
+        let mut records = vec![0u64; words * self.count as usize];
+        for (index, place) in records.chunks_exact_mut(words).enumerate() {
+            // SAFETY: the caller's promise.
+            let Some(mut record) = (unsafe { self.record(reach, index as u32) }) else {
+                continue;
+            };
+            let reference = resolved(record.reference());
+            record.words[record.length - 1] = reference;
+            let head = usize::from(is_motion);
+            if is_motion {
+                place[0] = record.ty.into();
+            }
+            place[head..head + record.length].copy_from_slice(&record.words[..record.length]);
+        }
+        let copy = Instances {
+            array,
+            address: records.as_ptr() as u64,
+            ..*self
+        };
+        (copy, records)
+    }
+
+    /// Reads a record, through its pointer if the array is one of pointers.
+    ///
+    /// # Safety
+    /// Nothing writes it meanwhile.
+    unsafe fn record(&self, reach: &Reach, index: u32) -> Option<Record> {
+        let element = self
+            .address
+            .wrapping_add(u64::from(index) * self.array.stride_bytes());
+        // SAFETY: the caller's promise; all are plain numbers.
+        unsafe {
+            let (address, ty) = match self.array {
+                InstanceArray::Records => (element, 0),
+                InstanceArray::MotionRecords => (element + 8, read::<u32>(reach, element)?),
+                InstanceArray::Pointers => (read::<u64>(reach, element)?, 0),
+                InstanceArray::MotionPointers => {
+                    let pointer = read::<u64>(reach, element)?;
+                    (pointer & !0xF, (pointer & 0xF) as u32)
+                }
+            };
+            let mut words = [0; MAX_WORDS];
+            let length = match ty {
+                1 => 14,
+                2 => 18,
+                _ => 8,
+            };
+            match ty {
+                1 => words[..14].copy_from_slice(&read::<[u64; 14]>(reach, address)?),
+                2 => words = read::<[u64; 18]>(reach, address)?,
+                _ => words[..8].copy_from_slice(&read::<[u64; 8]>(reach, address)?),
+            }
+            Some(Record { ty, length, words })
+        }
+    }
+}
+
+impl Record {
+    fn reference(&self) -> u64 {
+        self.words[self.length - 1]
+    }
+}
+
+/// Whether a reference is null, or there is room for a structure's head where it leads.
+fn leads_to_structure(reach: &Reach, reference: u64) -> bool {
+    reference == 0 || reach.contains(reference, Structure::HEADER_BYTES)
+}

@@ -1,0 +1,210 @@
+//! Operands of the instructions that trace, and the structures that they name.
+#![forbid(unsafe_code)]
+
+use std::collections::HashSet;
+
+use ash::vk;
+use traversal::{Kind, Ray, ray_flags};
+
+use super::{Checks, Rule};
+use crate::object::ray_tracing_pipeline::PipelineFacts;
+
+/// One command's dispatch, while it runs.
+pub struct Traced<'a> {
+    pub checks: Checks<'a>,
+    pub(super) facts: PipelineFacts,
+    /// Bytes that the command buffer set for the stack, or the pipeline's default.
+    pub(super) stack_bytes: u64,
+    /// Addresses of the structures that exist.
+    structures: HashSet<u64>,
+}
+
+/// Which instruction traces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Instruction {
+    pub fills_hit_object: bool,
+    pub has_time: bool,
+}
+
+/// The rules of one instruction; those that it does not have are `None`.
+struct RayRules {
+    finite: Rule,
+    not_negative: Rule,
+    order: Rule,
+    nan: Rule,
+    time: Option<Rule>,
+    top: Option<Rule>,
+    /// A structure with motion needs a pipeline that allows it.
+    motion: Option<Rule>,
+    /// The instruction itself needs one.
+    pipeline: Option<Rule>,
+    flags: Option<FlagRules>,
+}
+
+#[derive(Clone, Copy)]
+struct FlagRules {
+    skips: Rule,
+    culls: Rule,
+    opacity: Rule,
+    skips_triangles: Rule,
+    skips_boxes: Rule,
+}
+
+const TRACE: RayRules = RayRules {
+    finite: Rule::TraceFinite,
+    not_negative: Rule::TraceNotNegative,
+    order: Rule::TraceOrder,
+    nan: Rule::TraceNan,
+    time: None,
+    top: Some(Rule::TraceTop),
+    motion: Some(Rule::TraceMotion),
+    pipeline: None,
+    flags: Some(FlagRules {
+        skips: Rule::TraceSkips,
+        culls: Rule::TraceCulls,
+        opacity: Rule::TraceOpacity,
+        skips_triangles: Rule::TraceSkipsTriangles,
+        skips_boxes: Rule::TraceSkipsBoxes,
+    }),
+};
+const MOTION: RayRules = RayRules {
+    finite: Rule::MotionFinite,
+    not_negative: Rule::MotionNotNegative,
+    order: Rule::MotionOrder,
+    nan: Rule::MotionNan,
+    time: Some(Rule::MotionTime),
+    top: Some(Rule::MotionTop),
+    motion: None,
+    pipeline: Some(Rule::MotionPipeline),
+    flags: None,
+};
+const HIT_OBJECT: RayRules = RayRules {
+    finite: Rule::HitObjectFinite,
+    not_negative: Rule::HitObjectNotNegative,
+    order: Rule::HitObjectOrder,
+    nan: Rule::HitObjectNan,
+    time: Some(Rule::HitObjectTime),
+    top: None,
+    motion: Some(Rule::HitObjectMotion),
+    pipeline: None,
+    flags: Some(FlagRules {
+        skips: Rule::HitObjectSkips,
+        culls: Rule::HitObjectCulls,
+        opacity: Rule::HitObjectOpacity,
+        skips_triangles: Rule::HitObjectSkipsTriangles,
+        skips_boxes: Rule::HitObjectSkipsBoxes,
+    }),
+};
+
+impl Instruction {
+    fn rules(self) -> &'static RayRules {
+        match (self.fills_hit_object, self.has_time) {
+            (true, _) => &HIT_OBJECT,
+            (false, true) => &MOTION,
+            (false, false) => &TRACE,
+        }
+    }
+}
+
+impl<'a> Traced<'a> {
+    /// With what exists now.
+    pub fn new(checks: Checks<'a>, facts: PipelineFacts, stack_bytes: Option<u64>) -> Self {
+        Self {
+            stack_bytes: stack_bytes.unwrap_or(facts.default_stack_bytes),
+            facts,
+            structures: checks.validator.registry.structures(),
+            checks,
+        }
+    }
+
+    /// Looks at a ray: flags as the shader gave them, the address that it named, and what lies there. `place` tells instructions apart.
+    pub fn ray(
+        &self,
+        instruction: Instruction,
+        place: u64,
+        ray: &Ray,
+        time: f32,
+        structure: u64,
+        kind: Option<Kind>,
+    ) {
+        let rules = instruction.rules();
+        let detail = || format!("{ray:?}, time {time}, structure {structure:#x}");
+        let require = |holds, rule| self.checks.require(holds, rule, place, detail);
+        let numbers = || ray.origin.iter().chain(&ray.direction);
+        let has_nan = numbers().any(|n| n.is_nan()) || ray.t_min.is_nan() || ray.t_max.is_nan();
+        require(!has_nan, rules.nan);
+        if !has_nan {
+            require(numbers().all(|n| n.is_finite()), rules.finite);
+            require(ray.t_min >= 0.0 && ray.t_max >= 0.0, rules.not_negative);
+            require(ray.t_min <= ray.t_max, rules.order);
+            require(ray.direction != [0.0; 3], Rule::ZeroDirection);
+        }
+        if let Some(rule) = rules.time.filter(|_| instruction.has_time) {
+            require((0.0..=1.0).contains(&time), rule);
+        }
+        if let Some(rules) = rules.flags {
+            self.flags(ray.flags, &rules, require);
+        }
+        if structure != 0 {
+            require(self.structures.contains(&structure), Rule::DeadStructure);
+        }
+        let allows_motion = self
+            .facts
+            .flags
+            .contains(vk::PipelineCreateFlags::RAY_TRACING_ALLOW_MOTION_NV);
+        let in_motion = kind == Some(Kind::MotionInstances);
+        if let (Some(rule), Some(kind)) = (rules.top, kind) {
+            require(kind.is_top() && (in_motion || !instruction.has_time), rule);
+        }
+        if let Some(rule) = rules.motion.filter(|_| in_motion) {
+            require(allows_motion, rule);
+        }
+        if let Some(rule) = rules.pipeline {
+            require(allows_motion, rule);
+        }
+    }
+
+    fn flags(&self, flags: u32, rules: &FlagRules, require: impl Fn(bool, Rule)) {
+        let at_most_one = |bits: u32| (flags & bits).count_ones() <= 1;
+        let skips = |bit: u32| flags & bit != 0;
+        let pipeline_skips = |flag| self.facts.flags.contains(flag);
+        require(
+            at_most_one(ray_flags::SKIP_TRIANGLES | ray_flags::SKIP_AABBS),
+            rules.skips,
+        );
+        require(
+            at_most_one(
+                ray_flags::SKIP_TRIANGLES
+                    | ray_flags::CULL_BACK_FACING_TRIANGLES
+                    | ray_flags::CULL_FRONT_FACING_TRIANGLES,
+            ),
+            rules.culls,
+        );
+        require(
+            at_most_one(
+                ray_flags::OPAQUE
+                    | ray_flags::NO_OPAQUE
+                    | ray_flags::CULL_OPAQUE
+                    | ray_flags::CULL_NO_OPAQUE,
+            ),
+            rules.opacity,
+        );
+        require(
+            !(skips(ray_flags::SKIP_TRIANGLES)
+                && pipeline_skips(vk::PipelineCreateFlags::RAY_TRACING_SKIP_AABBS_KHR)),
+            rules.skips_triangles,
+        );
+        require(
+            !(skips(ray_flags::SKIP_AABBS)
+                && pipeline_skips(vk::PipelineCreateFlags::RAY_TRACING_SKIP_TRIANGLES_KHR)),
+            rules.skips_boxes,
+        );
+    }
+
+    /// Looks at a hit kind that an intersection shader reports.
+    pub fn hit_kind(&self, place: u64, kind: u32) {
+        self.checks.require(kind <= 127, Rule::HitKind, place, || {
+            format!("it is {kind}")
+        });
+    }
+}

@@ -1,0 +1,129 @@
+//! Which buffers and acceleration structures are alive, and what the buffers are for.
+#![forbid(unsafe_code)]
+
+use std::collections::{BTreeMap, HashSet};
+use std::sync::Arc;
+
+use ash::vk;
+use parking_lot::Mutex;
+use spirv_jit::reach::{Range, Reach};
+
+/// What is alive on a device.
+#[derive(Default)]
+pub struct Registry {
+    /// By address and handle: more than one buffer may lie at an address.
+    buffers: Mutex<BTreeMap<(u64, u64), Buffer>>,
+    /// Address of each structure, by handle.
+    structures: Mutex<BTreeMap<u64, u64>>,
+}
+
+#[derive(Clone, Copy)]
+struct Buffer {
+    size_bytes: u64,
+    usage: vk::BufferUsageFlags,
+}
+
+/// What is known of a range of addresses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Known {
+    /// It lies in a buffer as a whole; of the usages, all that one of these buffers has.
+    Inside(vk::BufferUsageFlags),
+    Outside,
+}
+
+impl Registry {
+    /// A buffer has memory.
+    pub fn add_buffer(
+        &self,
+        handle: u64,
+        address: u64,
+        size_bytes: u64,
+        usage: vk::BufferUsageFlags,
+    ) {
+        let buffer = Buffer { size_bytes, usage };
+        self.buffers.lock().insert((address, handle), buffer);
+    }
+
+    /// A buffer is gone.
+    pub fn remove_buffer(&self, handle: u64, address: u64) {
+        self.buffers.lock().remove(&(address, handle));
+    }
+
+    /// A structure has an address.
+    pub fn add_structure(&self, handle: u64, address: u64) {
+        self.structures.lock().insert(handle, address);
+    }
+
+    /// A structure is gone.
+    pub fn remove_structure(&self, handle: u64) {
+        self.structures.lock().remove(&handle);
+    }
+
+    /// Addresses of the structures that are alive.
+    pub fn structures(&self) -> HashSet<u64> {
+        self.structures.lock().values().copied().collect()
+    }
+
+    /// What is known of a range of addresses.
+    pub fn find(&self, address: u64, size_bytes: u64) -> Known {
+        let last = address.saturating_add(size_bytes.max(1));
+        let buffers = self.buffers.lock();
+        let below = buffers.range(..=(address, u64::MAX));
+        let mut known = Known::Outside;
+        for (&(start, _), buffer) in below {
+            if last > start.saturating_add(buffer.size_bytes) {
+                continue;
+            }
+            known = Known::Inside(match known {
+                Known::Inside(usage) => usage | buffer.usage,
+                Known::Outside => buffer.usage,
+            });
+        }
+        known
+    }
+
+    /// Where physical pointers may lead: buffers of that usage.
+    pub fn reach(&self) -> Arc<Reach> {
+        let usage = vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS;
+        let buffers = self.buffers.lock();
+        let ranges = buffers
+            .iter()
+            .filter(|(_, buffer)| buffer.usage.contains(usage))
+            .map(|(&(start, _), buffer)| Range {
+                start,
+                size_bytes: buffer.size_bytes,
+            });
+        Arc::new(Reach::new(ranges.collect()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_found_in_the_buffers_that_hold_all_of_them() {
+        const TABLE: vk::BufferUsageFlags = vk::BufferUsageFlags::SHADER_BINDING_TABLE_KHR;
+        const ADDRESS: vk::BufferUsageFlags = vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS;
+        let registry = Registry::default();
+        registry.add_buffer(1, 0x1000, 0x100, TABLE);
+        registry.add_buffer(2, 0x1000, 0x80, ADDRESS);
+        registry.add_buffer(3, 0x2000, 0x10, ADDRESS);
+        assert_eq!(registry.find(0x1000, 0x80), Known::Inside(TABLE | ADDRESS));
+        assert_eq!(registry.find(0x1000, 0x81), Known::Inside(TABLE));
+        assert_eq!(registry.find(0x10F0, 0x11), Known::Outside);
+        assert!(registry.reach().contains(0x2000, 0x10));
+        assert!(!registry.reach().contains(0x1080, 1));
+        registry.remove_buffer(1, 0x1000);
+        assert_eq!(registry.find(0x1080, 1), Known::Outside);
+    }
+
+    #[test]
+    fn structures_are_known_until_they_are_gone() {
+        let registry = Registry::default();
+        registry.add_structure(7, 0x100);
+        assert!(registry.structures().contains(&0x100));
+        registry.remove_structure(7);
+        assert!(registry.structures().is_empty());
+    }
+}

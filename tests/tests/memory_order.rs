@@ -1,0 +1,341 @@
+//! Memory order across shader calls: litmus tests of what the chapter says of payloads, callable data, hit attributes, and of storage
+//! buffers, images and shader records at `ShaderCallKHR` scope, and of built-ins that change. Each runs with one thread and with several.
+
+use tuff_tests::*;
+
+const TRIANGLE: [[f32; 3]; 3] = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]];
+
+/// Invocations of each launch: some batches, and one that is not full.
+const COUNT: u32 = 1000;
+
+const HEAD: &str = r"
+#extension GL_KHR_memory_scope_semantics : enable
+#extension GL_KHR_shader_subgroup_basic : enable
+#extension GL_KHR_shader_subgroup_ballot : enable
+layout(set = 0, binding = 0) uniform accelerationStructureEXT world;
+layout(set = 0, binding = 1, std430) shadercallcoherent buffer W { uint words[]; };
+layout(set = 0, binding = 2, r32ui) shadercallcoherent uniform uimage2D picture;
+layout(set = 0, binding = 3, std430) buffer R { uint results[]; };
+uint me() { return gl_LaunchIDEXT.x; }
+void share() {
+    memoryBarrier(gl_ScopeShaderCallEXT, gl_StorageSemanticsBuffer | gl_StorageSemanticsImage,
+        gl_SemanticsAcquireRelease);
+}
+";
+
+/// One litmus test: what its shaders do, and what invocation i leaves in `results`.
+struct Litmus<'a> {
+    globals: &'a str,
+    /// As above, in the shaders of the hit group alone.
+    hit_globals: &'a str,
+    raygen: &'a str,
+    miss: &'a str,
+    hit: &'a str,
+    any_hit: Option<&'a str>,
+    intersection: Option<&'a str>,
+    callable: Option<&'a str>,
+    recursion: u32,
+    expected: &'a dyn Fn(u32) -> u32,
+}
+
+impl Default for Litmus<'_> {
+    fn default() -> Self {
+        Self {
+            globals: "",
+            hit_globals: "",
+            raygen: "",
+            miss: "",
+            hit: "",
+            any_hit: None,
+            intersection: None,
+            callable: None,
+            recursion: 1,
+            expected: &|_| 0,
+        }
+    }
+}
+
+/// Runs a litmus test, a few times.
+fn run(litmus: &Litmus<'_>) {
+    // Some validation layers take the barrier's scope for an unknown one.
+    let gpu = Gpu::without_validation();
+    let world = gpu.scene(&[match litmus.intersection {
+        Some(_) => Geometry::boxes(
+            &[[-1.0, -1.0, -0.5, 1.0, 1.0, 0.0]],
+            vk::GeometryFlagsKHR::empty(),
+        ),
+        None => Geometry::triangles(&TRIANGLE, vk::GeometryFlagsKHR::empty()),
+    }]);
+    let incoming = "layout(location = 0) rayPayloadInEXT uint payload;";
+    let of_hit = format!("{incoming}{}", litmus.hit_globals);
+    let outgoing = "layout(location = 1) rayPayloadEXT uint deeper;";
+    let calling = "layout(location = 2) callableDataEXT uint data;";
+    let source = |declared: &str, body: &str| {
+        let globals = litmus.globals;
+        format!("{HEAD}{declared}\n{globals}\nvoid main() {{ {body} }}")
+    };
+    let of_raygen = format!("layout(location = 0) rayPayloadEXT uint payload; {calling}");
+    let mut shaders = vec![
+        (Stage::RayGeneration, source(&of_raygen, litmus.raygen)),
+        (Stage::Miss, source(incoming, litmus.miss)),
+        (
+            Stage::ClosestHit,
+            source(&format!("{of_hit}{outgoing}{calling}"), litmus.hit),
+        ),
+    ];
+    let mut add = |stage, declared: &str, body: Option<&str>| {
+        body.map(|body| {
+            shaders.push((stage, source(declared, body)));
+            shaders.len() as u32 - 1
+        })
+    };
+    let hit_group = Group {
+        any_hit: add(Stage::AnyHit, &of_hit, litmus.any_hit),
+        intersection: add(Stage::Intersection, litmus.hit_globals, litmus.intersection),
+        ..Group::hit(2)
+    };
+    let called = add(
+        Stage::Callable,
+        "layout(location = 2) callableDataInEXT uint data; layout(location = 3) callableDataEXT uint more;",
+        litmus.callable,
+    );
+    let mut groups = vec![Group::general(0), Group::general(1), hit_group];
+    groups.extend(called.map(Group::general));
+    let shaders: Vec<(Stage, &str)> = shaders
+        .iter()
+        .map(|(stage, source)| (*stage, &source[..]))
+        .collect();
+    let shape = Shape::flat(vk::Format::R32_UINT, COUNT, 1);
+    let picture = gpu.picture(shape, vk::ImageUsageFlags::STORAGE);
+    gpu.upload(&picture, 0, &[0u32; COUNT as usize]);
+    let words = gpu.buffer(16 * u64::from(COUNT));
+    let results = gpu.buffer(4 * u64::from(COUNT));
+    let place = gpu.buffer(8);
+    let rays = gpu.rays(&RaysInput {
+        shaders: &shaders,
+        groups: &groups,
+        recursion: litmus.recursion,
+        bindings: &[
+            (0, &[Bound::Structure(world.handle)]),
+            (1, &[Bound::Storage(words)]),
+            (2, &[Bound::StorageImage(picture.view)]),
+            (3, &[Bound::Storage(results)]),
+            (4, &[Bound::Storage(place)]),
+        ],
+    });
+    let table = Table {
+        raygen: Record::of(0),
+        miss: vec![Record::with(1, &[100u32])],
+        hit: vec![Record::with(2, &[200u32])],
+        callable: called.iter().map(|_| Record::with(3, &[300u32])).collect(),
+    };
+    let regions = gpu.regions(&rays, &table);
+    let handle_bytes = u64::from(gpu.pipeline_properties.shader_group_handle_size);
+    place.write(0, &[regions[2].device_address + handle_bytes]);
+    let expected: Vec<u32> = (0..COUNT).map(litmus.expected).collect();
+    for _ in 0..3 {
+        gpu.run(|commands| gpu.record_trace(commands, &rays, &regions, [COUNT, 1, 1]));
+        assert_eq!(results.read::<u32>(), expected);
+    }
+}
+
+/// Down to the triangle or the box.
+const DOWN: &str =
+    "traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);";
+
+#[test]
+fn storage_buffers_follow_the_calls() {
+    run(&Litmus {
+        raygen: &format!(
+            "words[4 * me()] = 7 + me(); share(); {DOWN} share(); results[me()] = words[4 * me()];"
+        ),
+        hit: "share(); words[4 * me()] *= 3; share();",
+        expected: &|i| 3 * (7 + i),
+        ..Litmus::default()
+    });
+}
+
+#[test]
+fn storage_images_follow_the_calls() {
+    run(&Litmus {
+        raygen: &format!(
+            "ivec2 at = ivec2(me(), 0); imageStore(picture, at, uvec4(5 + me())); share(); {DOWN} share();
+            results[me()] = imageLoad(picture, at).x;"
+        ),
+        hit: "share(); ivec2 at = ivec2(me(), 0); imageStore(picture, at, imageLoad(picture, at) * 2u + 1u); share();",
+        expected: &|i| 2 * (5 + i) + 1,
+        ..Litmus::default()
+    });
+}
+
+#[test]
+fn one_invocation_sees_its_own_writes_in_order() {
+    // No barrier: program order, across calls that do something else.
+    run(&Litmus {
+        raygen: &format!(
+            "uint sum = 0; for (uint turn = 0; turn < 5; turn++) {{ words[4 * me()] = turn; {DOWN} sum = 10 * sum + words[4 * me()]; }}
+            results[me()] = sum;"
+        ),
+        hit: "payload++;",
+        expected: &|_| 1234,
+        ..Litmus::default()
+    });
+}
+
+#[test]
+fn payloads_need_no_barrier() {
+    run(&Litmus {
+        raygen: &format!("payload = me(); {DOWN} results[me()] = payload;"),
+        any_hit: Some("payload = payload * 2 + 1; if ((me() & 3u) == 0u) ignoreIntersectionEXT;"),
+        hit: "payload += 1000;",
+        miss: "payload += 5000;",
+        // What an any-hit shader writes stays, even if it ignores the hit.
+        expected: &|i| 2 * i + 1 + if i % 4 == 0 { 5000 } else { 1000 },
+        ..Litmus::default()
+    });
+}
+
+#[test]
+fn callable_data_needs_no_barrier() {
+    run(&Litmus {
+        raygen: "data = me(); executeCallableEXT(0, 2); results[me()] = data;",
+        callable: Some(
+            "if ((data & 7u) != 0u) { more = data - 1u; executeCallableEXT(0, 3); data = more * 2u; } else data += 1u;",
+        ),
+        expected: &|i| ((i & !7) + 1) << (i & 7),
+        ..Litmus::default()
+    });
+}
+
+#[test]
+fn hit_attributes_are_those_of_the_hit_that_counts() {
+    run(&Litmus {
+        hit_globals: "hitAttributeEXT uvec2 mark;",
+        raygen: &format!("payload = 0; {DOWN} results[me()] = payload;"),
+        intersection: Some(
+            "mark = uvec2(me(), 1); reportIntersectionEXT(1.25, 1u);
+            mark = uvec2(me(), 2); reportIntersectionEXT(1.125, 2u);
+            mark = uvec2(me(), 3); reportIntersectionEXT(1.375, 3u);
+            mark = uvec2(me(), 4); reportIntersectionEXT(1.0625, 4u);
+            mark = uvec2(9);",
+        ),
+        // The last one is ignored, the one before it is too far.
+        any_hit: Some("payload += mark.y << 16; if (mark.y == 4u) ignoreIntersectionEXT;"),
+        hit: "payload += mark.x * 8u + mark.y;",
+        expected: &|i| ((1 + 2 + 4) << 16) + 8 * i + 2,
+        ..Litmus::default()
+    });
+}
+
+#[test]
+fn the_end_of_the_ray_is_read_anew() {
+    run(&Litmus {
+        hit_globals: "hitAttributeEXT uvec2 mark;",
+        raygen: &format!("payload = 0; {DOWN} results[me()] = payload;"),
+        intersection: Some(
+            "float before = gl_RayTmaxEXT; mark = uvec2(0); bool first = reportIntersectionEXT(1.25, 1u);
+            float between = gl_RayTmaxEXT; bool second = reportIntersectionEXT(1.5, 1u);
+            float after = gl_RayTmaxEXT;
+            mark = uvec2(before == 9.0 && between == 1.25 && after == 1.25, first && !second);
+            reportIntersectionEXT(1.125, 2u);",
+        ),
+        hit: "payload = mark.x * 2 + mark.y + 4u * uint(gl_RayTmaxEXT == 1.125);",
+        expected: &|_| 7,
+        ..Litmus::default()
+    });
+}
+
+#[test]
+fn subgroup_builtins_are_read_anew() {
+    run(&Litmus {
+        globals: "
+            uint consistent() {
+                bool mine = (subgroupBallot(true) & gl_SubgroupEqMask) != uvec4(0);
+                return uint(mine && gl_SubgroupInvocationID < gl_SubgroupSize);
+            }",
+        raygen: &format!(
+            "payload = 0; uint sum = consistent(); for (uint turn = 0; turn < (me() & 3u); turn++) {{ {DOWN} sum += consistent(); }}
+            results[me()] = sum * 16u + payload;"
+        ),
+        hit: "payload += consistent();",
+        expected: &|i| (1 + (i & 3)) * 16 + (i & 3),
+        ..Litmus::default()
+    });
+}
+
+#[test]
+fn shader_records_follow_what_is_written_to_them() {
+    run(&Litmus {
+        globals: "
+            #extension GL_EXT_buffer_reference : enable
+            #extension GL_EXT_buffer_reference_uvec2 : enable
+            layout(set = 0, binding = 4, std430) buffer P { uvec2 place; };
+            layout(buffer_reference, std430) shadercallcoherent buffer Record { uint word; };
+            layout(shaderRecordEXT, std430) buffer Own { uint own; };",
+        // Every invocation writes the same.
+        raygen: &format!(
+            "Record(place).word = 4711u; share(); payload = 0; {DOWN} results[me()] = payload;"
+        ),
+        hit: "share(); payload = own;",
+        expected: &|_| 4711,
+        ..Litmus::default()
+    });
+}
+
+#[test]
+fn chains_of_calls_hand_on_what_they_write() {
+    run(&Litmus {
+        raygen: &format!(
+            "words[4 * me()] = 1; words[4 * me() + 1] = 0; share(); payload = 0; {DOWN} share();
+            results[me()] = words[4 * me()] * 100u + words[4 * me() + 1];"
+        ),
+        hit: "share(); uint seen = words[4 * me()]; words[4 * me()] = seen * 2u; share();
+            if (payload < 3u) {
+                deeper = payload + 1u;
+                traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 1);
+            } else {
+                data = 1u;
+                executeCallableEXT(0, 2);
+            }
+            share(); words[4 * me() + 1] += words[4 * me()] == 48u ? 1u : 0u; share();",
+        callable: Some("share(); words[4 * me()] = words[4 * me()] * 3u; share();"),
+        recursion: 4,
+        expected: &|_| 4804,
+        ..Litmus::default()
+    });
+}
+
+#[test]
+fn atomics_of_all_invocations_add_up() {
+    run(&Litmus {
+        raygen: &format!(
+            "payload = 0; {DOWN} {DOWN} share(); results[me()] = atomicAdd(words[4 * me()], 0u) % 4u + payload;"
+        ),
+        hit: "atomicAdd(words[4 * me()], 2u); atomicAdd(words[4 * ((me() + 1u) % 1000u) + 1u], 1u); payload++;",
+        expected: &|_| 2,
+        ..Litmus::default()
+    });
+}
+
+/// All of the above in processes whose device has one thread, and more than there are processors.
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    const CHILD: &str = "TUFF_TEST_THREADS";
+    if std::env::var_os(CHILD).is_some() {
+        return;
+    }
+    for threads in ["1", "5"] {
+        let program = std::env::current_exe().expect("this program");
+        let child = std::process::Command::new(program)
+            .args([
+                "--test-threads=1",
+                "--skip",
+                "the_number_of_threads_changes_nothing",
+            ])
+            .envs([("TUFF_THREADS", threads), (CHILD, "1")])
+            .output()
+            .expect("this program runs again");
+        let said = String::from_utf8_lossy(&child.stdout);
+        assert!(child.status.success(), "{threads} threads: {said}");
+    }
+}

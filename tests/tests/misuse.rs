@@ -1,0 +1,598 @@
+//! Broken rules that only execution can see: with the driver's validation each is reported by its name, without it nothing of it brings
+//! the process down, and the device goes on working.
+
+use tuff_tests::*;
+use vk::PipelineCreateFlags as Flags;
+use vk::StridedDeviceAddressRegionKHR as Region;
+
+const TRIANGLE: [[f32; 3]; 3] = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]];
+
+const RAYGEN: &str =
+    "traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);";
+
+/// A trace that is right as it stands; each test spoils a part.
+struct Case<'a> {
+    /// What the ray generation shader does with `payload`, `world`, `words` and `numbers`.
+    raygen: &'a str,
+    hit: &'a str,
+    more: &'a [(Stage, &'a str)],
+    /// The hit group.
+    hit_group: Group,
+    flags: Flags,
+    recursion: u32,
+    boxes: bool,
+    /// Numbers in a buffer, so that no compiler knows them.
+    numbers: [f32; 8],
+}
+
+impl Default for Case<'_> {
+    fn default() -> Self {
+        Self {
+            raygen: RAYGEN,
+            hit: "payload = 2u;",
+            more: &[],
+            hit_group: Group::hit(2),
+            flags: Flags::empty(),
+            recursion: 1,
+            boxes: false,
+            numbers: [0.0; 8],
+        }
+    }
+}
+
+/// What a case is traced with.
+struct Trace<'a> {
+    gpu: &'a Gpu,
+    rays: Rays,
+    regions: [Region; 4],
+    results: Buffer,
+    world: Structure,
+}
+
+fn shader(body: &str, storage: &str) -> String {
+    format!(
+        r"#extension GL_EXT_buffer_reference : enable
+        #extension GL_EXT_buffer_reference_uvec2 : enable
+        layout(set = 0, binding = 0) uniform accelerationStructureEXT world;
+        layout(set = 0, binding = 1, std430) buffer W {{ uint words[]; }};
+        layout(set = 0, binding = 2, std430) buffer N {{ float numbers[]; }};
+        layout(buffer_reference, std430) buffer Place {{ uint word; }};
+        layout(location = 0) {storage} uint payload;
+        {body}"
+    )
+}
+
+impl<'a> Trace<'a> {
+    fn new(gpu: &'a Gpu, case: &Case<'_>) -> Self {
+        let geometry = match case.boxes {
+            true => Geometry::boxes(
+                &[[-1.0, -1.0, -1.0, 1.0, 1.0, 0.0]],
+                vk::GeometryFlagsKHR::empty(),
+            ),
+            false => Geometry::triangles(&TRIANGLE, vk::GeometryFlagsKHR::empty()),
+        };
+        let world = gpu.scene(&[geometry]);
+        let results = gpu.buffer(64);
+        let main = |body: &str| format!("void main() {{ {body} }}");
+        let raygen = format!("payload = 9u; {} words[0] = payload;", case.raygen);
+        let data = "layout(location = 1) callableDataEXT uint data;";
+        let raygen = shader(&format!("{data}\n{}", main(&raygen)), "rayPayloadEXT");
+        let miss = shader(&main("payload = 1u;"), "rayPayloadInEXT");
+        let hit = shader(&main(case.hit), "rayPayloadInEXT");
+        let mut shaders = vec![
+            (Stage::RayGeneration, &raygen[..]),
+            (Stage::Miss, &miss),
+            (Stage::ClosestHit, &hit),
+        ];
+        shaders.extend(case.more);
+        let mut groups = vec![Group::general(0), Group::general(1), case.hit_group];
+        groups.extend(
+            (3..shaders.len())
+                .filter(|&index| shaders[index].0 == Stage::Callable)
+                .map(|index| Group::general(index as u32)),
+        );
+        let rays = gpu.rays_with(
+            &RaysInput {
+                shaders: &shaders,
+                groups: &groups,
+                recursion: case.recursion,
+                bindings: &[
+                    (0, &[Bound::Structure(world.handle)]),
+                    (1, &[Bound::Storage(results)]),
+                    (2, &[Bound::Storage(gpu.buffer_with(&case.numbers))]),
+                ],
+            },
+            case.flags,
+        );
+        let table = Table {
+            raygen: Record::of(0),
+            miss: vec![Record::of(1); 4],
+            hit: vec![Record::of(2); 4],
+            callable: (3..groups.len() as u32).map(Record::of).collect(),
+        };
+        let regions = gpu.regions(&rays, &table);
+        Self {
+            gpu,
+            rays,
+            regions,
+            results,
+            world,
+        }
+    }
+
+    /// Traces one ray, or 64, and returns the first word of the results.
+    fn run(&self, width: u32) -> u32 {
+        self.gpu.run(|commands| {
+            let size = [width, 1, 1];
+            self.gpu
+                .record_trace(commands, &self.rays, &self.regions, size);
+        });
+        self.results.read::<u32>()[0]
+    }
+
+    /// A table of one record of these bytes.
+    fn record(&self, handle: &[u8]) -> Region {
+        let base = u64::from(self.gpu.pipeline_properties.shader_group_base_alignment);
+        let buffer = self.gpu.buffer(2 * base);
+        let start = buffer.address.next_multiple_of(base);
+        buffer.write((start - buffer.address) as usize, handle);
+        Region {
+            device_address: start,
+            stride: 32,
+            size: 32,
+        }
+    }
+}
+
+type Check = fn(&Gpu);
+
+/// Each check breaks one rule, whose name is on the left; what it asserts holds with validation and without.
+const CHECKS: &[(&str, Check)] = &[
+    ("VUID-vkCmdTraceRaysKHR-None-03429", |gpu| {
+        let mut trace = Trace::new(gpu, &Case::default());
+        trace.regions[2] = trace.record(&[0x5a; 32]);
+        assert_eq!(trace.run(1), 9, "such a group is as good as none");
+    }),
+    ("VUID-vkCmdTraceRaysKHR-None-03429", |gpu| {
+        let other = Trace::new(
+            gpu,
+            &Case {
+                hit: "payload = 77u;",
+                ..Case::default()
+            },
+        );
+        let mut trace = Trace::new(gpu, &Case::default());
+        trace.regions[2] = trace.record(&other.rays.handles[2]);
+        assert_eq!(trace.run(1), 9);
+    }),
+    ("VUID-vkCmdTraceRaysKHR-flags-03511", |gpu| {
+        let case = Case {
+            raygen: "traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, 1), 9.0, 0);",
+            flags: Flags::RAY_TRACING_NO_NULL_MISS_SHADERS_KHR,
+            ..Case::default()
+        };
+        let mut trace = Trace::new(gpu, &case);
+        trace.regions[1] = trace.record(&[0; 32]);
+        assert_eq!(trace.run(1), 9);
+    }),
+    ("VUID-vkCmdTraceRaysKHR-flags-03513", |gpu| {
+        let case = Case {
+            flags: Flags::RAY_TRACING_NO_NULL_CLOSEST_HIT_SHADERS_KHR,
+            ..Case::default()
+        };
+        let mut trace = Trace::new(gpu, &case);
+        trace.regions[2] = trace.record(&[0; 32]);
+        assert_eq!(trace.run(1), 9);
+    }),
+    (
+        "VUID-vkCmdTraceRaysKHR-pMissShaderBindingTable-03685",
+        |gpu| {
+            let mut trace = Trace::new(gpu, &Case::default());
+            trace.regions[1].device_address += 16;
+            trace.run(64);
+        },
+    ),
+    ("VUID-vkCmdTraceRaysKHR-stride-03690", |gpu| {
+        let mut trace = Trace::new(gpu, &Case::default());
+        trace.regions[2].stride = 33;
+        trace.run(64);
+    }),
+    ("VUID-vkCmdTraceRaysKHR-stride-04041", |gpu| {
+        let mut trace = Trace::new(gpu, &Case::default());
+        trace.regions[3] = Region {
+            stride: 1 << 40,
+            ..trace.regions[2]
+        };
+        trace.run(64);
+    }),
+    ("VUID-VkStridedDeviceAddressRegionKHR-size-04631", |gpu| {
+        let case = Case {
+            raygen: "traceRayEXT(world, 0u, 0xff, 12, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);",
+            ..Case::default()
+        };
+        let mut trace = Trace::new(gpu, &case);
+        trace.regions[2].size = 1 << 50;
+        assert_eq!(trace.run(1), 9);
+    }),
+    ("VUID-VkStridedDeviceAddressRegionKHR-size-04631", |gpu| {
+        for address in [64, 1 << 46, u64::MAX - 63, 0xdead_0000_0000_0000] {
+            let mut trace = Trace::new(gpu, &Case::default());
+            for region in &mut trace.regions[1..] {
+                region.device_address = address;
+                (region.size, region.stride) = (1 << 20, 32);
+            }
+            assert_eq!(trace.run(1), 9);
+            trace.regions[0].device_address = address;
+            trace.run(1);
+        }
+    }),
+    ("TUFF-record-index", |gpu| {
+        let case = Case {
+            raygen: "traceRayEXT(world, 0u, 0xff, 9, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);",
+            ..Case::default()
+        };
+        assert_eq!(Trace::new(gpu, &case).run(1), 9);
+    }),
+    (
+        "VUID-vkCmdTraceRaysKHR-pHitShaderBindingTable-04736",
+        |gpu| {
+            let case = Case {
+                boxes: true,
+                ..Case::default()
+            };
+            assert_eq!(
+                Trace::new(gpu, &case).run(1),
+                1,
+                "boxes without a shader are missed"
+            );
+        },
+    ),
+    (
+        "VUID-vkCmdTraceRaysKHR-maxPipelineRayRecursionDepth-03679",
+        |gpu| {
+            let case = Case {
+                raygen: "payload = 0u; traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);",
+                hit: "payload++; if (payload < 40u) traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);",
+                ..Case::default()
+            };
+            assert_eq!(Trace::new(gpu, &case).run(64), 40, "depth costs heap only");
+        },
+    ),
+    (
+        "VUID-vkCmdSetRayTracingPipelineStackSizeKHR-pipelineStackSize-03610",
+        |gpu| {
+            let call = "layout(location = 0) callableDataInEXT uint data;
+            layout(location = 1) callableDataEXT uint deeper;
+            void main() { deeper = data + 1u; if (deeper < 20u) executeCallableEXT(0, 1); data = deeper; }";
+            let case = Case {
+                raygen: "data = 0u; executeCallableEXT(0, 1); payload = data;",
+                more: &[(Stage::Callable, call)],
+                ..Case::default()
+            };
+            assert_eq!(Trace::new(gpu, &case).run(64), 20);
+        },
+    ),
+    ("VUID-vkCmdTraceRaysKHR-None-08114", |gpu| {
+        let trace = Trace::new(gpu, &Case::default());
+        gpu.destroy(trace.world);
+        trace.run(64);
+    }),
+    ("VUID-vkCmdTraceRaysKHR-None-08114", |gpu| {
+        for address in ["uvec2(64, 0)", "uvec2(0x1230, 0x4567)", "uvec2(-1, -1)"] {
+            let raygen = format!(
+                "traceRayEXT(accelerationStructureEXT({address}), 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);"
+            );
+            let case = Case {
+                raygen: &raygen,
+                ..Case::default()
+            };
+            assert_eq!(Trace::new(gpu, &case).run(64), 1);
+        }
+    }),
+    ("VUID-RuntimeSpirv-OpReportIntersectionKHR-06998", |gpu| {
+        let case = Case {
+            boxes: true,
+            hit: "payload = gl_HitKindEXT;",
+            more: &[(
+                Stage::Intersection,
+                "void main() { reportIntersectionEXT(1.0, 200u); }",
+            )],
+            hit_group: Group {
+                intersection: Some(3),
+                ..Group::hit(2)
+            },
+            ..Case::default()
+        };
+        assert_eq!(Trace::new(gpu, &case).run(1), 200);
+    }),
+    ("VUID-RuntimeSpirv-PhysicalStorageBuffer64-11819", |gpu| {
+        for place in [
+            "uvec2(0)",
+            "uvec2(4, 0)",
+            "uvec2(0x10, 0x3210)",
+            "uvec2(-8, -1)",
+        ] {
+            let raygen = format!(
+                "Place place = Place({place}); place.word = 5u; atomicAdd(place.word, 1u); payload = place.word + 30u;"
+            );
+            let case = Case {
+                raygen: &raygen,
+                ..Case::default()
+            };
+            assert_eq!(Trace::new(gpu, &case).run(64), 30, "{place}");
+        }
+    }),
+];
+
+/// A ray whose numbers break a rule: the end of its name, flags, and origin, tmin, direction, tmax.
+type Numbers = (&'static str, u32, [f32; 8]);
+
+fn rays() -> Vec<Numbers> {
+    let (nan, infinity) = (f32::NAN, f32::INFINITY);
+    let at = |x: f32, t_min: f32, z: f32, t_max: f32| [x, 0.0, 1.0, t_min, 0.0, 0.0, z, t_max];
+    vec![
+        ("06358", 0, at(nan, 0.0, -1.0, 9.0)),
+        ("06358", 0, at(0.0, nan, -1.0, 9.0)),
+        ("06358", 0, at(0.0, 0.0, nan, 9.0)),
+        ("06358", 0, at(0.0, 0.0, -1.0, nan)),
+        ("06355", 0, at(infinity, 0.0, -1.0, 9.0)),
+        ("06355", 0, at(0.0, 0.0, -infinity, 9.0)),
+        ("06356", 0, at(0.0, -1.0, -1.0, 9.0)),
+        ("06357", 0, at(0.0, 5.0, -1.0, 4.0)),
+        ("06552", 0x300, at(0.0, 0.0, -1.0, 9.0)),
+        ("06892", 0x30, at(0.0, 0.0, -1.0, 9.0)),
+        ("06893", 0x3, at(0.0, 0.0, -1.0, 9.0)),
+        ("zero-direction", 0, at(0.0, 0.0, 0.0, 9.0)),
+    ]
+}
+
+fn trace_numbers(gpu: &Gpu, flags: u32, numbers: [f32; 8]) {
+    let raygen = format!(
+        "traceRayEXT(world, {flags}u, 0xff, 0, 0, 0, vec3(numbers[0], numbers[1], numbers[2]), numbers[3],
+            vec3(numbers[4], numbers[5], numbers[6]), numbers[7], 0);"
+    );
+    let case = Case {
+        raygen: &raygen,
+        numbers,
+        ..Case::default()
+    };
+    let result = Trace::new(gpu, &case).run(64);
+    assert!(result == 1 || result == 2, "{numbers:?}: {result}");
+}
+
+fn gpu() -> Option<Gpu> {
+    Gpu::without_validation().with("a driver that promises this", Gpu::is_tuff)
+}
+
+fn reporting() -> Option<Gpu> {
+    Gpu::validated_by_driver()?.with("a driver that promises this", Gpu::is_tuff)
+}
+
+/// The device does what it should, after all that.
+fn still_works(gpu: &Gpu) {
+    assert_eq!(Trace::new(gpu, &Case::default()).run(1), 2);
+}
+
+#[test]
+fn misuse_is_survived() {
+    let Some(gpu) = gpu() else { return };
+    for (name, check) in CHECKS {
+        println!("{name}");
+        check(&gpu);
+    }
+    for (_, flags, numbers) in rays() {
+        trace_numbers(&gpu, flags, numbers);
+    }
+    still_works(&gpu);
+}
+
+#[test]
+fn misuse_is_reported_by_its_name() {
+    let Some(gpu) = reporting() else { return };
+    still_works(&gpu);
+    assert_eq!(gpu.take_complaints(), [""; 0]);
+    for (name, check) in CHECKS {
+        check(&gpu);
+        let said = gpu.take_complaints();
+        let named = said.iter().filter(|text| text.starts_with(name)).count();
+        assert!(named > 0, "{name} is not in {said:#?}");
+    }
+    for (rule, flags, numbers) in rays() {
+        trace_numbers(&gpu, flags, numbers);
+        let said = gpu.take_complaints();
+        let name = format!("-{rule}:");
+        assert!(
+            said.iter().any(|text| text.contains(&name)),
+            "{rule}: {said:#?}"
+        );
+    }
+    still_works(&gpu);
+    assert_eq!(gpu.take_complaints(), [""; 0]);
+}
+
+#[test]
+fn a_place_is_reported_once_with_a_count() {
+    let Some(gpu) = reporting() else { return };
+    let mut trace = Trace::new(&gpu, &Case::default());
+    trace.regions[2] = trace.record(&[0x5a; 32]);
+    trace.run(64);
+    let said = gpu.take_complaints();
+    // The any-hit and the closest-hit shader are looked for, by each ray, in one record.
+    assert_eq!(said.len(), 1, "{said:#?}");
+    assert!(said[0].contains("128 times"), "{said:#?}");
+    trace.run(64);
+    assert_eq!(gpu.take_complaints(), [""; 0]);
+}
+
+#[test]
+fn parameters_in_memory_are_looked_at() {
+    let Some(gpu) = reporting() else { return };
+    let trace = Trace::new(&gpu, &Case::default());
+    let parameters = gpu.buffer_with(&[1u32 << 16, 1 << 16, 1]);
+    let places = [
+        (
+            "VkTraceRaysIndirectCommandKHR-width-03641",
+            parameters.address,
+        ),
+        (
+            "vkCmdTraceRaysIndirectKHR-indirectDeviceAddress-03634",
+            parameters.address + 2,
+        ),
+        (
+            "vkCmdTraceRaysIndirectKHR-indirectDeviceAddress-03636",
+            1 << 45,
+        ),
+        ("vkCmdTraceRaysIndirectKHR-indirectDeviceAddress-03636", 4),
+    ];
+    for (name, address) in places {
+        gpu.run(|commands| {
+            gpu.bind_rays(commands, &trace.rays);
+            let [raygen, miss, hit, callable] = &trace.regions;
+            // SAFETY: the driver promises to survive this.
+            unsafe {
+                gpu.ray_tracing
+                    .cmd_trace_rays_indirect(commands, raygen, miss, hit, callable, address);
+            }
+        });
+        let said = gpu.take_complaints();
+        assert!(
+            said.iter().any(|text| text.contains(name)),
+            "{name}: {said:#?}"
+        );
+    }
+    still_works(&gpu);
+}
+
+/// Builds from addresses that lead nowhere, or to what is not there any more.
+fn build_astray(gpu: &Gpu, of: vk::GeometryTypeKHR, address: u64) -> Structure {
+    let at = vk::DeviceOrHostAddressConstKHR {
+        device_address: address,
+    };
+    let is_top = of == vk::GeometryTypeKHR::INSTANCES;
+    let data = match of {
+        vk::GeometryTypeKHR::INSTANCES => vk::AccelerationStructureGeometryDataKHR {
+            instances: vk::AccelerationStructureGeometryInstancesDataKHR::default().data(at),
+        },
+        vk::GeometryTypeKHR::AABBS => vk::AccelerationStructureGeometryDataKHR {
+            aabbs: vk::AccelerationStructureGeometryAabbsDataKHR::default()
+                .data(at)
+                .stride(24),
+        },
+        _ => vk::AccelerationStructureGeometryDataKHR {
+            triangles: vk::AccelerationStructureGeometryTrianglesDataKHR::default()
+                .vertex_format(vk::Format::R32G32B32_SFLOAT)
+                .vertex_data(at)
+                .vertex_stride(12)
+                .max_vertex(300)
+                .index_type(vk::IndexType::UINT32)
+                .index_data(at)
+                .transform_data(at),
+        },
+    };
+    let geometry = vk::AccelerationStructureGeometryKHR::default()
+        .geometry_type(of)
+        .geometry(data);
+    let range = vk::AccelerationStructureBuildRangeInfoKHR::default().primitive_count(100);
+    let level = match is_top {
+        true => vk::AccelerationStructureTypeKHR::TOP_LEVEL,
+        false => vk::AccelerationStructureTypeKHR::BOTTOM_LEVEL,
+    };
+    let flags = vk::BuildAccelerationStructureFlagsKHR::empty();
+    gpu.build(level, &[geometry], &[range], flags)
+}
+
+const KINDS: [vk::GeometryTypeKHR; 3] = [
+    vk::GeometryTypeKHR::TRIANGLES,
+    vk::GeometryTypeKHR::AABBS,
+    vk::GeometryTypeKHR::INSTANCES,
+];
+
+#[test]
+fn builds_from_nowhere_are_empty() {
+    let Some(gpu) = gpu() else { return };
+    for of in KINDS {
+        for address in [16, 1 << 46, 0xdead_beef_0000_0010, u64::MAX - 15] {
+            let structure = build_astray(&gpu, of, address);
+            let world = match of {
+                vk::GeometryTypeKHR::INSTANCES => structure,
+                _ => gpu.top(&[Instance::of(structure)]),
+            };
+            assert_eq!(gpu.depths(world, 4), [-1.0; 4], "{of:?} {address:#x}");
+        }
+    }
+    // References that lead nowhere, beside one that does not.
+    let bottom = gpu.bottom(&[Geometry::opaque(&TRIANGLE)]);
+    let astray = |address| Instance::of(Structure { address, ..bottom });
+    let right = Instance {
+        transform: translated([0.0, 0.0, 3.0]),
+        ..Instance::of(bottom)
+    };
+    let world = gpu.top(&[astray(64), astray(u64::MAX - 255), right, astray(1 << 45)]);
+    assert_eq!(gpu.depths(world, 1), [3.0]);
+    still_works(&gpu);
+}
+
+#[test]
+fn builds_from_nowhere_are_reported() {
+    let Some(gpu) = reporting() else { return };
+    for (i, of) in KINDS.into_iter().enumerate() {
+        build_astray(&gpu, of, (1 << 46) + 4096 * i as u64);
+        let said = gpu.take_complaints();
+        let name = "TUFF-build-input";
+        assert!(
+            said.iter().any(|text| text.starts_with(name)),
+            "{of:?}: {said:#?}"
+        );
+    }
+    let bottom = gpu.bottom(&[Geometry::opaque(&TRIANGLE)]);
+    assert_eq!(gpu.take_complaints(), [""; 0]);
+    gpu.destroy(bottom);
+    gpu.top(&[Instance::of(bottom)]);
+    let said = gpu.take_complaints();
+    assert!(
+        said.len() == 1 && said[0].starts_with("TUFF-build-reference"),
+        "{said:#?}"
+    );
+}
+
+/// The test is run again in a process of its own, whose dispatches may take half a second.
+#[test]
+fn a_hang_loses_the_device_and_no_more() {
+    const LIMIT: &str = "TUFF_TIMEOUT";
+    const CHILD: &str = "TUFF_TEST_HANGS";
+    let Some(gpu) = gpu() else { return };
+    if std::env::var_os(CHILD).is_none() {
+        let program = std::env::current_exe().expect("this program");
+        let child = std::process::Command::new(program)
+            .args(["--exact", "a_hang_loses_the_device_and_no_more"])
+            .envs([(LIMIT, "0.5"), (CHILD, "1")])
+            .output()
+            .expect("this program runs again");
+        let said = String::from_utf8_lossy(&child.stdout);
+        assert!(child.status.success(), "{said}");
+        return;
+    }
+    let case = Case {
+        raygen: "while (words[1] == 0u) payload += words[2];",
+        ..Case::default()
+    };
+    let trace = Trace::new(&gpu, &case);
+    let lost = Err(vk::Result::ERROR_DEVICE_LOST);
+    let ended = gpu.try_run(|commands| {
+        gpu.record_trace(commands, &trace.rays, &trace.regions, [64, 1, 1]);
+    });
+    assert_eq!(ended, lost);
+    let device = &gpu.device;
+    // SAFETY: plain waits, on handles of this device.
+    unsafe {
+        assert_eq!(device.device_wait_idle(), lost);
+        assert_eq!(device.queue_wait_idle(gpu.queue), lost);
+        let fence = device.create_fence(&vk::FenceCreateInfo::default(), None);
+        let fence = fence.expect("objects can be made of a lost device");
+        let waited = device.wait_for_fences(&[fence], true, u64::MAX);
+        assert_eq!(waited, lost);
+        device.destroy_fence(fence, None);
+    }
+    drop(gpu);
+    still_works(&Gpu::without_validation());
+}

@@ -1,0 +1,23 @@
+//! `cargo xtask vuids`: writes docs/valid-usage.md.
+
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+
+use crate::workspace;
+
+/// Runs the test that holds the table against the rules, in the mood to write it.
+pub fn write() -> Result<ExitCode> {
+    let mut cargo = workspace::cargo();
+    cargo.args([
+        "test",
+        "--quiet",
+        "--package",
+        "icd",
+        "--test",
+        "valid_usage",
+    ]);
+    cargo.env("TUFF_WRITE_DOCS", "1");
+    let status = cargo.status().context("starting cargo")?;
+    Ok(workspace::exit_code(status))
+}
