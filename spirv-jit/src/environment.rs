@@ -52,6 +52,16 @@ impl Descriptor {
         }
     }
 
+    /// The image that the descriptor points to; null if it holds one itself.
+    #[inline]
+    pub fn viewed_image(&self) -> *const ImageDescriptor {
+        if self.image.addr() & 1 == 0 {
+            self.image
+        } else {
+            std::ptr::null()
+        }
+    }
+
     /// The image that the descriptor holds instead of pointing to it, if it does.
     #[inline]
     pub fn held_image(&self) -> Option<ImageDescriptor> {

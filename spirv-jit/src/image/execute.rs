@@ -146,7 +146,7 @@ pub unsafe fn execute(
             let held = descriptor.held_image();
             let image = match &held {
                 Some(image) => Some(image),
-                None => descriptor.image.as_ref(),
+                None => descriptor.viewed_image().as_ref(),
             };
             let sampler = if has_sampler {
                 (*(samplers[first] as *const Descriptor)).sampler.as_ref()
