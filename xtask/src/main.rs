@@ -1,4 +1,4 @@
-//! The commands a person types: `cargo xtask demo | test | bench | chart | profile | audit | vuids | env | run | install`.
+//! The commands a person types: `cargo xtask demo | test | bench | chart | precision | profile | audit | vuids | env | run | install`.
 
 mod audit;
 mod bench;
@@ -7,6 +7,7 @@ mod demo;
 mod driver;
 mod install;
 mod loader;
+mod precision;
 mod profile;
 mod run;
 mod skips;
@@ -40,6 +41,8 @@ enum Command {
     Install(install::Options),
     /// Measure: `bench traversal` compares walks and builds with Embree's
     Bench(bench::Options),
+    /// Measure how exact the float functions are, and write docs/precision.md
+    Precision(precision::Options),
     /// Draw accuracy against cost, where methods fail, and what specialisations bring
     Chart(chart::Options),
     /// Sample a workload with perf, and draw where its time goes as a flame graph
@@ -58,6 +61,7 @@ fn main() -> ExitCode {
         Command::Run(options) => run::run(&options),
         Command::Install(options) => install::install(&options),
         Command::Bench(options) => bench::bench(&options),
+        Command::Precision(options) => precision::precision(&options),
         Command::Chart(options) => chart::chart(&options),
         Command::Profile(options) => profile::profile(&options),
         Command::Audit(options) => audit::audit(&options),
