@@ -3,10 +3,11 @@
 //! The unit is a block of 16 lanes. Descriptors that are the same in all active lanes, the common case, are set up once for the block; where they
 //! differ, lanes are grouped by descriptor.
 
+use super::fast::Fast;
 use super::format::block::{Texels, each_lane};
 use super::format::{FormatInfo, Numeric};
 use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, Level, LodMode, SamplerDescriptor};
-use super::{access, fast, sample};
+use super::{access, sample};
 use crate::SUBGROUP_SIZE;
 use crate::environment::Descriptor;
 use crate::ir::Type;
@@ -173,20 +174,17 @@ pub unsafe fn execute_block(
     results: &mut [Row],
 ) {
     let operands = Operands::new(op, operands);
-    let usable = image.filter(|image| {
-        !image.data.is_null() && image.level_count != 0 && image.levels[0].width != 0
-    });
-    let Some((image, info)) = usable.and_then(|image| Some((image, image.format.info()?))) else {
+    let Some((image, info)) = usable(image) else {
         return put_null(op, mask, results);
     };
     // SAFETY: the caller's promise.
     unsafe {
         match op.kind {
             ImageOpKind::Sample | ImageOpKind::Gather(_) => match sampler {
-                Some(sampler) if fast::applies(op, image, info, sampler) => {
-                    sample::sample_fast(op, &operands, image, info, sampler, mask, results);
-                }
-                Some(sampler) => sample::sample(op, &operands, image, info, sampler, mask, results),
+                Some(sampler) => match Fast::new(op, image, info, sampler, 0xf) {
+                    Some(fast) => sample::sample_fast(&fast, &operands, mask, results),
+                    None => sample::sample(op, &operands, image, info, sampler, mask, results),
+                },
                 None => put_null(op, mask, results),
             },
             ImageOpKind::QueryLod => match sampler {
@@ -207,8 +205,19 @@ pub unsafe fn execute_block(
     }
 }
 
+/// An image that is there, and its format.
+#[inline(always)]
+pub(crate) fn usable(
+    image: Option<&ImageDescriptor>,
+) -> Option<(&ImageDescriptor, &'static FormatInfo)> {
+    let image = image.filter(|image| {
+        !image.data.is_null() && image.level_count != 0 && image.levels[0].width != 0
+    })?;
+    Some((image, image.format.info()?))
+}
+
 /// An operation's operand rows, by name.
-pub(super) struct Operands<'a> {
+pub(crate) struct Operands<'a> {
     pub coordinates: &'a [&'a Row],
     pub depth_reference: Option<&'a Row>,
     /// Bias, level, or derivatives along the screen's x, then y.
@@ -221,7 +230,7 @@ pub(super) struct Operands<'a> {
 
 impl<'a> Operands<'a> {
     #[inline(always)]
-    pub(super) fn new(op: &ImageOp, rows: &'a [&'a Row]) -> Self {
+    pub(crate) fn new(op: &ImageOp, rows: &'a [&'a Row]) -> Self {
         let spatial = op.spatial_count();
         let mut rest = rows;
         let mut take = |count: usize| {

@@ -1,317 +1,440 @@
-//! The common sample, with as few passes over the lanes as possible: a 2D image, averaged, without comparison, offsets, border or derivatives. Gives the
-//! same results as [`sample`](super::sample), bit for bit.
+//! The common sample: a 2D image, averaged, without comparison, offsets, border or derivatives. Everything about the image and the sampler is
+//! looked up once ([`Fast`]), then blocks of lanes are sampled in vectors of the machine. Gives the same results as [`sample`](super::sample),
+//! bit for bit.
 
-use super::address::{Floats, Ints};
+use std::mem::offset_of;
+
 use super::execute::{Operands, put_texels};
 use super::format::FormatInfo;
-use super::format::block::{self, Texels, map};
+use super::format::block::{self, Texels};
 use super::format::layout::Codec;
-use super::lod::{self, LevelLanes};
+use super::format::srgb;
+use super::lod;
+use super::vector::Vector;
 use super::{
-    AddressMode, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, LodMode, Reduction,
+    AddressMode, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Level, LodMode, Reduction,
     SamplerDescriptor,
 };
 use crate::SUBGROUP_SIZE;
 use crate::program::Row;
 
-/// Whether [`sample`] serves.
-#[inline(always)]
-pub(super) fn applies(
-    op: &ImageOp,
-    image: &ImageDescriptor,
-    info: &FormatInfo,
-    sampler: &SamplerDescriptor,
-) -> bool {
-    let plain_mode = |mode: AddressMode| {
-        matches!(
-            mode,
-            AddressMode::Repeat | AddressMode::ClampToEdge | AddressMode::MirroredRepeat
-        )
-    };
+/// Whether an operation is one of these, as far as its instruction tells.
+pub(crate) fn may_apply(op: &ImageOp) -> bool {
     op.kind == ImageOpKind::Sample
         && op.dim == Dim::D2
         && !op.depth_compare
         && !op.has_offset
         && !op.has_min_lod
         && op.lod != LodMode::Grad
-        && !sampler.unnormalized_coordinates
-        && sampler.mag_filter == sampler.min_filter
-        && sampler.reduction == Reduction::WeightedAverage
-        && plain_mode(sampler.address_mode[0])
-        && plain_mode(sampler.address_mode[1])
-        && !info.numeric.is_integer()
-        && image.size_bytes <= u32::MAX as u64
+}
+
+/// An operation that [`may_apply`], with an image and a sampler for which it does.
+#[derive(Clone, Copy)]
+pub(crate) struct Fast<'a> {
+    op: &'a ImageOp,
+    image: &'a ImageDescriptor,
+    info: &'a FormatInfo,
+    sampler: &'a SamplerDescriptor,
+    /// A bit per result that is looked at.
+    wanted: u8,
+    /// Texels are four bytes of 8 bits.
+    bytes: bool,
+    srgb: bool,
+}
+
+impl<'a> Fast<'a> {
+    #[inline(always)]
+    pub(crate) fn new(
+        op: &'a ImageOp,
+        image: &'a ImageDescriptor,
+        info: &'a FormatInfo,
+        sampler: &'a SamplerDescriptor,
+        wanted: u8,
+    ) -> Option<Fast<'a>> {
+        let plain_mode = |mode: AddressMode| {
+            matches!(
+                mode,
+                AddressMode::Repeat | AddressMode::ClampToEdge | AddressMode::MirroredRepeat
+            )
+        };
+        let applies = may_apply(op)
+            && !sampler.unnormalized_coordinates
+            && sampler.mag_filter == sampler.min_filter
+            && sampler.reduction == Reduction::WeightedAverage
+            && plain_mode(sampler.address_mode[0])
+            && plain_mode(sampler.address_mode[1])
+            && !info.numeric.is_integer()
+            && image.size_bytes <= i32::MAX as u64;
+        let srgb = matches!(info.codec, Codec::Srgb8Rgba | Codec::Srgb8Bgra);
+        applies.then_some(Fast {
+            op,
+            image,
+            info,
+            sampler,
+            wanted: if image.swizzle == [0, 1, 2, 3] {
+                wanted
+            } else {
+                0xf
+            },
+            bytes: srgb || matches!(info.codec, Codec::Unorm8(4) | Codec::Bgra8),
+            srgb,
+        })
+    }
+}
+
+/// The levels of the lanes.
+struct Levels<V: Vector> {
+    width: V::I,
+    height: V::I,
+    row_stride: V::I,
+    offset: V::I,
 }
 
 /// Byte offsets of an axis's two texels, and the second one's weight.
-struct Axis {
-    offsets: [[u32; SUBGROUP_SIZE]; 2],
-    weight: Floats,
+struct Axis<V: Vector> {
+    first: V::I,
+    second: V::I,
+    weight: V::F,
 }
 
-/// One axis by a rule for coordinates and one for indices, in one loop.
-#[inline(always)]
-fn axis(
-    shift: f32,
-    coordinates: &Floats,
-    sizes: &Ints,
-    strides: &[u32; SUBGROUP_SIZE],
-    scale: impl Fn(f32, f32) -> f32,
-    wrap: impl Fn(i32, i32) -> i32,
-) -> Axis {
-    let mut axis = Axis {
-        offsets: [[0; SUBGROUP_SIZE]; 2],
-        weight: [0.0; SUBGROUP_SIZE],
-    };
-    for lane in 0..SUBGROUP_SIZE {
-        let size = sizes[lane];
-        let texel = scale(coordinates[lane], size as f32) - shift;
-        let floor = texel.floor();
-        let first = floor as i32;
-        let clamped = |i: i32| wrap(i, size).max(0).min(size - 1) as u32;
-        axis.weight[lane] = texel - floor;
-        axis.offsets[0][lane] = clamped(first).wrapping_mul(strides[lane]);
-        axis.offsets[1][lane] = clamped(first.wrapping_add(1)).wrapping_mul(strides[lane]);
-    }
-    axis
-}
-
-#[inline(always)]
-fn address(
-    mode: AddressMode,
-    shift: f32,
-    coordinates: &Floats,
-    sizes: &Ints,
-    strides: &[u32; SUBGROUP_SIZE],
-) -> Axis {
-    match mode {
-        AddressMode::Repeat => axis(
-            shift,
-            coordinates,
-            sizes,
-            strides,
-            |s, size| (s - s.floor()) * size,
-            |i, size| {
-                let i = if i < 0 { i + size } else { i };
-                if i >= size { i.wrapping_sub(size) } else { i }
-            },
-        ),
-        AddressMode::MirroredRepeat => axis(
-            shift,
-            coordinates,
-            sizes,
-            strides,
-            |s, size| (s - 2.0 * (s * 0.5).floor()) * size,
-            |i, size| {
-                // Reduced to -1..=2 size: the ends reflect to the first texel.
-                let i = if i < 0 { !i } else { i };
-                let mirrored = 2 * size - 1 - i;
-                if i < size { i } else { mirrored }
-            },
-        ),
-        _ => axis(
-            shift,
-            coordinates,
-            sizes,
-            strides,
-            // Far enough outside for both texels to be the edge's.
-            |s, size| (s * size).max(-size - 64.0).min(size + 64.0),
-            |i, _| i,
-        ),
-    }
-}
-
-/// `a + w (b - a)`.
-#[inline(always)]
-fn lerp(a: f32, b: f32, w: f32) -> f32 {
-    a + w * (b - a)
-}
-
-/// A level's texels in units. `offsets` are those of the level, the layer included.
+/// A texel's index by the mode, inside the level for any index.
 ///
-/// # Safety
-/// All offsets that the axes give are of texels of the image.
+/// Here and below there are no closures: those would not be compiled for the vectors' instruction set.
 #[inline(always)]
-unsafe fn filtered(
-    info: &FormatInfo,
-    data: *const u8,
-    filter: Filter,
-    level_offsets: &[u32; SUBGROUP_SIZE],
-    x: &Axis,
-    y: &Axis,
-) -> Texels {
-    let offsets = |i: usize, j: usize| {
-        let mut sum = [0u32; SUBGROUP_SIZE];
-        for lane in 0..SUBGROUP_SIZE {
-            sum[lane] = level_offsets[lane]
-                .wrapping_add(x.offsets[i][lane])
-                .wrapping_add(y.offsets[j][lane]);
+fn wrapped<V: Vector>(v: V, mode: AddressMode, i: V::I, size: V::I, last: V::I) -> V::I {
+    let i = match mode {
+        // At most one texel out, since the coordinate is reduced.
+        AddressMode::Repeat => {
+            let i = v.add_i(i, v.and_i(size, v.sign_i(i)));
+            let over = v.sign_i(v.sub_i(last, i));
+            v.sub_i(i, v.and_i(size, over))
         }
-        sum
+        AddressMode::MirroredRepeat => {
+            // Reduced to -1..=2 size: the ends reflect to the first texel.
+            let i = v.xor_i(i, v.sign_i(i));
+            v.min_i(i, v.sub_i(v.add_i(last, size), i))
+        }
+        _ => i,
     };
-    // SAFETY (of all loads): the caller's promise.
-    if filter == Filter::Nearest {
-        // SAFETY: as above.
-        return unsafe { block::load(info, data, &offsets(0, 0)) };
-    }
-    let mut texels = [[0; SUBGROUP_SIZE]; 4];
-    if matches!(info.codec, Codec::Unorm8(4) | Codec::Bgra8) {
-        // SAFETY: as above.
-        let [a, b, c, d] = unsafe {
-            [
-                block::gather::<u32, u32>(data, &offsets(0, 0), 0),
-                block::gather::<u32, u32>(data, &offsets(1, 0), 0),
-                block::gather::<u32, u32>(data, &offsets(0, 1), 0),
-                block::gather::<u32, u32>(data, &offsets(1, 1), 0),
-            ]
-        };
-        for (row, channel) in texels.iter_mut().zip(&info.channels) {
-            let shift = channel.offset as u32;
-            let units = |word: u32| ((word >> shift & 0xff) as i32) as f32;
-            for lane in 0..SUBGROUP_SIZE {
-                let upper = lerp(units(a[lane]), units(b[lane]), x.weight[lane]);
-                let lower = lerp(units(c[lane]), units(d[lane]), x.weight[lane]);
-                row[lane] = lerp(upper, lower, y.weight[lane]).to_bits();
-            }
-        }
-        return texels;
-    }
-    let mut taps = [[[0; SUBGROUP_SIZE]; 4]; 4];
-    for (tap, texels) in taps.iter_mut().enumerate() {
-        // SAFETY: as above.
-        *texels = unsafe { block::load(info, data, &offsets(tap & 1, tap >> 1)) };
-    }
-    for (component, row) in texels.iter_mut().enumerate() {
-        if info.channels[component].bits == 0 {
-            continue;
-        }
-        let [a, b, c, d] = [
-            &taps[0][component],
-            &taps[1][component],
-            &taps[2][component],
-            &taps[3][component],
-        ];
-        for lane in 0..SUBGROUP_SIZE {
-            let f = f32::from_bits;
-            let upper = lerp(f(a[lane]), f(b[lane]), x.weight[lane]);
-            let lower = lerp(f(c[lane]), f(d[lane]), x.weight[lane]);
-            row[lane] = lerp(upper, lower, y.weight[lane]).to_bits();
-        }
-    }
-    texels
+    v.min_i(v.max_i(i, v.splat_i(0)), last)
 }
 
-/// `OpImageSample*` where it [`applies`].
-///
-/// # Safety
-/// The image's memory stays allocated during the call.
-#[inline(always)]
-pub(super) unsafe fn sample(
-    op: &ImageOp,
-    operands: &Operands<'_>,
-    image: &ImageDescriptor,
-    info: &FormatInfo,
-    sampler: &SamplerDescriptor,
-    mask: u16,
-    results: &mut [Row],
-) {
-    let u = lod::floats(operands.coordinates[0]);
-    let v = lod::floats(operands.coordinates[1]);
-    let last_level = (image.level_count - 1) as f32;
-    let has_operand = op.lod != LodMode::Implicit;
-    let is_bias = op.lod == LodMode::Bias;
-    // λ' to d', as in `lod`.
-    let mut levels = [0.0; SUBGROUP_SIZE];
-    for lane in 0..SUBGROUP_SIZE {
-        let operand = if has_operand {
-            f32::from_bits(operands.lod[0][lane])
-        } else {
-            0.0
-        };
-        let (base, extra) = if is_bias {
-            (0.0, operand)
-        } else {
-            (operand, 0.0)
-        };
-        let bias = (sampler.mip_lod_bias + extra)
-            .max(-lod::MAX_LOD_BIAS)
-            .min(lod::MAX_LOD_BIAS);
-        let lambda = (base + bias).min(sampler.max_lod).max(sampler.min_lod);
-        levels[lane] = lambda.max(0.0).max(image.min_lod).min(last_level);
-    }
-    let (level, weight) = lod::split(sampler.mipmap_mode, &levels);
-    // Inactive lanes follow the first active one.
-    let first = mask.trailing_zeros() as usize & 15;
-    let (mut differ, mut between) = (0u32, 0u32);
-    for lane in 0..SUBGROUP_SIZE {
-        let active = (mask as u32 >> lane) & 1;
-        differ |= active & (level[lane] != level[first]) as u32;
-        between |= active & (weight[lane] > 0.0) as u32;
-    }
-    let layer_offset = layer_offsets(op, operands, image);
-    let shift = if sampler.mag_filter == Filter::Linear {
-        0.5
-    } else {
-        0.0
-    };
-    let texel_bytes = [info.size_bytes as u32; SUBGROUP_SIZE];
-    let mut texels = [[0; SUBGROUP_SIZE]; 4];
-    for pass in 0..1 + between as i32 {
-        let is_uniform = differ == 0;
-        let of_pass = if is_uniform {
-            [(level[first] + pass).min(last_level as i32); SUBGROUP_SIZE]
-        } else {
-            map(&level, |d| (d + pass).min(last_level as i32))
-        };
-        let lanes = LevelLanes::new(image, &of_pass, is_uniform);
-        let rows = map(&lanes.row_stride_bytes, |stride| stride as u32);
-        let mut level_offsets = layer_offset;
-        for lane in 0..SUBGROUP_SIZE {
-            level_offsets[lane] = level_offsets[lane].wrapping_add(lanes.offset_bytes[lane] as u32);
-        }
-        let x = address(
-            sampler.address_mode[0],
-            shift,
-            &u,
-            &lanes.size[0],
-            &texel_bytes,
+/// What a lane samples: numbers between 0 and 255 for 8-bit formats, else values.
+type Components<V> = [<V as Vector>::F; 4];
+
+/// Results of a block; only those that are wanted are written.
+type Results<'r> = &'r mut [Row];
+
+impl Fast<'_> {
+    /// Samples the lanes of `mask`, which is not empty.
+    ///
+    /// # Safety
+    /// The image's memory stays allocated during the call.
+    #[inline(always)]
+    pub(crate) unsafe fn sample<V: Vector>(
+        &self,
+        v: V,
+        operands: &Operands<'_>,
+        mask: u16,
+        results: Results<'_>,
+    ) {
+        let (s, t) = (
+            v.load(operands.coordinates[0]),
+            v.load(operands.coordinates[1]),
         );
-        let y = address(sampler.address_mode[1], shift, &v, &lanes.size[1], &rows);
-        // SAFETY: indices are inside the level and layers inside the view, so that each offset is of a texel of the image; sums fit in 32 bits, as
-        // the image's size does.
-        let of_level =
-            unsafe { filtered(info, image.data, sampler.mag_filter, &level_offsets, &x, &y) };
-        if pass == 0 {
-            texels = of_level;
-        } else {
-            for (row, next) in texels.iter_mut().zip(&of_level) {
-                for lane in 0..SUBGROUP_SIZE {
-                    let (a, b) = (f32::from_bits(row[lane]), f32::from_bits(next[lane]));
-                    row[lane] = lerp(a, b, weight[lane]).to_bits();
+        let levels = self.levels_of_detail(v, operands);
+        let (level, weight) = match self.sampler.mipmap_mode {
+            // ⌈d' + 0.5⌉ - 1.
+            Filter::Nearest => {
+                let up = v.ceil(v.add(levels, v.splat(0.5)));
+                let level = v.max(v.sub(up, v.splat(1.0)), v.splat(0.0));
+                (v.to_i(level), v.splat(0.0))
+            }
+            Filter::Linear => {
+                let floor = v.floor(levels);
+                (v.to_i(floor), v.sub(levels, floor))
+            }
+        };
+        let layer = self.layer_offsets(v, operands);
+        let last = v.splat_i(self.image.level_count as i32 - 1);
+        // SAFETY: indices are inside the level, levels and layers inside the view, so that each offset is of a texel of the image; sums fit in 31
+        // bits, as the image's size does.
+        unsafe {
+            let mut components = self.of_level(v, level, layer, s, t, mask);
+            if v.gt(weight, v.splat(0.0)) & mask != 0 {
+                let next = v.min_i(v.add_i(level, v.splat_i(1)), last);
+                let next = self.of_level(v, next, layer, s, t, mask);
+                for (a, b) in components.iter_mut().zip(next) {
+                    *a = v.lerp(*a, b, weight);
                 }
             }
+            self.finish(v, components, results);
         }
     }
-    block::finish(info, &mut texels);
-    super::sample::swizzle(image, info, &mut texels);
-    put_texels(op, info, &texels, results);
-}
 
-/// Offsets of the lanes' layers.
-#[inline(always)]
-fn layer_offsets(
-    op: &ImageOp,
-    operands: &Operands<'_>,
-    image: &ImageDescriptor,
-) -> [u32; SUBGROUP_SIZE] {
-    let mut offsets = [0; SUBGROUP_SIZE];
-    if op.arrayed {
-        let last = image.layer_count.max(1) as i32 - 1;
-        for lane in 0..SUBGROUP_SIZE {
-            let layer = f32::from_bits(operands.coordinates[2][lane]).round_ties_even();
-            let layer = (layer as i32).max(0).min(last) as u32;
-            offsets[lane] = layer.wrapping_mul(image.layer_stride_bytes as u32);
+    /// λ' to d', as in [`lod`].
+    #[inline(always)]
+    fn levels_of_detail<V: Vector>(&self, v: V, operands: &Operands<'_>) -> V::F {
+        let bias = v.splat(self.sampler.mip_lod_bias);
+        let bias = match self.op.lod {
+            LodMode::Bias => v.add(bias, v.load(operands.lod[0])),
+            _ => bias,
+        };
+        let bias = v.max(bias, v.splat(-lod::MAX_LOD_BIAS));
+        let bias = v.min(bias, v.splat(lod::MAX_LOD_BIAS));
+        let lambda = match self.op.lod {
+            LodMode::Lod => v.add(v.load(operands.lod[0]), bias),
+            _ => bias,
+        };
+        let lambda = v.min(lambda, v.splat(self.sampler.max_lod));
+        let lambda = v.max(lambda, v.splat(self.sampler.min_lod));
+        let level = v.max(v.max(lambda, v.splat(0.0)), v.splat(self.image.min_lod));
+        v.min(level, v.splat((self.image.level_count - 1) as f32))
+    }
+
+    /// Offsets of the lanes' layers.
+    #[inline(always)]
+    fn layer_offsets<V: Vector>(&self, v: V, operands: &Operands<'_>) -> V::I {
+        if !self.op.arrayed {
+            return v.splat_i(0);
+        }
+        let last = self.image.layer_count.max(1) - 1;
+        let layer = v.round_ties_even(v.load(operands.coordinates[2]));
+        let layer = v.max(layer, v.splat(0.0));
+        let layer = v.to_i(v.min(layer, v.splat(last as f32)));
+        v.mul_i(layer, v.splat_i(self.image.layer_stride_bytes as i32))
+    }
+
+    /// # Safety
+    /// The levels are the image's.
+    #[inline(always)]
+    unsafe fn levels<V: Vector>(&self, v: V, level: V::I, mask: u16) -> Levels<V> {
+        let mut row = [0; SUBGROUP_SIZE];
+        v.store_i(level, &mut row);
+        let first = row[mask.trailing_zeros() as usize & 15];
+        // Inactive lanes follow the first active one.
+        if v.ne_i(level, v.splat_i(first as i32)) & mask == 0 {
+            let level = &self.image.levels[first as usize];
+            return Levels {
+                width: v.splat_i(level.width as i32),
+                height: v.splat_i(level.height as i32),
+                row_stride: v.splat_i(level.row_stride_bytes as i32),
+                offset: v.splat_i(level.offset_bytes as i32),
+            };
+        }
+        let at = v.mul_i(level, v.splat_i(size_of::<Level>() as i32));
+        let base = self.image.levels.as_ptr().cast::<u8>();
+        // The lower words of 64-bit fields.
+        let low = if cfg!(target_endian = "big") { 4 } else { 0 };
+        // SAFETY: fields of the image's levels.
+        unsafe {
+            Levels {
+                width: v.gather(base.add(offset_of!(Level, width)), at),
+                height: v.gather(base.add(offset_of!(Level, height)), at),
+                row_stride: v.gather(base.add(offset_of!(Level, row_stride_bytes) + low), at),
+                offset: v.gather(base.add(offset_of!(Level, offset_bytes) + low), at),
+            }
         }
     }
-    offsets
+
+    #[inline(always)]
+    fn axis<V: Vector>(
+        &self,
+        v: V,
+        mode: AddressMode,
+        coordinate: V::F,
+        size: V::I,
+        stride: V::I,
+    ) -> Axis<V> {
+        let size_f = v.to_f(size);
+        let scaled = match mode {
+            // Periodic: reduced before scaling, which loses nothing.
+            AddressMode::Repeat => v.mul(v.sub(coordinate, v.floor(coordinate)), size_f),
+            AddressMode::MirroredRepeat => {
+                let half = v.floor(v.mul(coordinate, v.splat(0.5)));
+                v.mul(v.sub(coordinate, v.mul(v.splat(2.0), half)), size_f)
+            }
+            // Far enough outside for both texels to be the edge's.
+            _ => {
+                let reach = v.add(size_f, v.splat(64.0));
+                let least = v.sub(v.splat(0.0), reach);
+                v.min(v.max(v.mul(coordinate, size_f), least), reach)
+            }
+        };
+        let texel = match self.sampler.mag_filter {
+            Filter::Linear => v.sub(scaled, v.splat(0.5)),
+            Filter::Nearest => scaled,
+        };
+        let floor = v.floor(texel);
+        let first = v.to_i(floor);
+        let last = v.sub_i(size, v.splat_i(1));
+        let second = v.add_i(first, v.splat_i(1));
+        Axis {
+            first: v.mul_i(wrapped(v, mode, first, size, last), stride),
+            second: v.mul_i(wrapped(v, mode, second, size, last), stride),
+            weight: v.sub(texel, floor),
+        }
+    }
+
+    /// # Safety
+    /// As [`Self::sample`]; the levels are the image's, and offsets of its layers are given.
+    #[inline(always)]
+    unsafe fn of_level<V: Vector>(
+        &self,
+        v: V,
+        level: V::I,
+        layer: V::I,
+        s: V::F,
+        t: V::F,
+        mask: u16,
+    ) -> Components<V> {
+        let mode = &self.sampler.address_mode;
+        let texel_bytes = v.splat_i(self.info.size_bytes as i32);
+        // SAFETY: the caller's promise; indices on both axes are inside the level.
+        unsafe {
+            let levels = self.levels(v, level, mask);
+            let x = self.axis(v, mode[0], s, levels.width, texel_bytes);
+            let y = self.axis(v, mode[1], t, levels.height, levels.row_stride);
+            let offset = v.add_i(levels.offset, layer);
+            let upper = v.add_i(offset, y.first);
+            if self.sampler.mag_filter == Filter::Nearest {
+                let at = v.add_i(upper, x.first);
+                return match self.bytes {
+                    true => self.unpack(v, v.gather(self.image.data, at)),
+                    false => self.load(v, at),
+                };
+            }
+            let lower = v.add_i(offset, y.second);
+            if !self.bytes {
+                let taps = [
+                    self.load(v, v.add_i(upper, x.first)),
+                    self.load(v, v.add_i(upper, x.second)),
+                    self.load(v, v.add_i(lower, x.first)),
+                    self.load(v, v.add_i(lower, x.second)),
+                ];
+                return self.blend(v, taps, &x, &y);
+            }
+            let words = self.words(v, [upper, lower], &x, texel_bytes);
+            let taps = [
+                self.unpack(v, words[0]),
+                self.unpack(v, words[1]),
+                self.unpack(v, words[2]),
+                self.unpack(v, words[3]),
+            ];
+            self.blend(v, taps, &x, &y)
+        }
+    }
+
+    /// The four texels around each lane, of four bytes each.
+    ///
+    /// # Safety
+    /// As [`Self::of_level`]: the offsets are of texels of the image.
+    #[inline(always)]
+    unsafe fn words<V: Vector>(
+        &self,
+        v: V,
+        rows: [V::I; 2],
+        x: &Axis<V>,
+        texel_bytes: V::I,
+    ) -> [V::I; 4] {
+        let data = self.image.data.cast_const();
+        let (upper, lower) = (v.add_i(rows[0], x.first), v.add_i(rows[1], x.first));
+        // SAFETY: the caller's promise; a texel's right neighbour is of the image too.
+        unsafe {
+            if v.ne_i(v.sub_i(x.second, x.first), texel_bytes) == 0 {
+                let ((a, b), (c, d)) = (v.gather_pairs(data, upper), v.gather_pairs(data, lower));
+                return [a, b, c, d];
+            }
+            [
+                v.gather(data, upper),
+                v.gather(data, v.add_i(rows[0], x.second)),
+                v.gather(data, lower),
+                v.gather(data, v.add_i(rows[1], x.second)),
+            ]
+        }
+    }
+
+    /// Linear between the four texels.
+    #[inline(always)]
+    fn blend<V: Vector>(
+        &self,
+        v: V,
+        taps: [Components<V>; 4],
+        x: &Axis<V>,
+        y: &Axis<V>,
+    ) -> Components<V> {
+        let mut blended = [v.splat(0.0); 4];
+        for (component, result) in blended.iter_mut().enumerate() {
+            if self.takes(component) {
+                let upper = v.lerp(taps[0][component], taps[1][component], x.weight);
+                let lower = v.lerp(taps[2][component], taps[3][component], x.weight);
+                *result = v.lerp(upper, lower, y.weight);
+            }
+        }
+        blended
+    }
+
+    /// Whether a component is wanted and the format has it.
+    #[inline(always)]
+    fn takes(&self, component: usize) -> bool {
+        self.wanted >> component & 1 == 1 && self.info.channels[component].bits != 0
+    }
+
+    /// The components of 8 bits each.
+    #[inline(always)]
+    fn unpack<V: Vector>(&self, v: V, word: V::I) -> Components<V> {
+        let mut components = [v.splat(0.0); 4];
+        for (component, result) in components.iter_mut().enumerate() {
+            if !self.takes(component) {
+                continue;
+            }
+            let byte = v.byte(word, self.info.channels[component].offset as u32 / 8);
+            *result = match (self.srgb, component) {
+                (false, _) => v.to_f(byte),
+                (true, 3) => v.div_units(v.to_f(byte), 255.0),
+                (true, _) => {
+                    let at = v.mul_i(byte, v.splat_i(4));
+                    // SAFETY: the table has an entry for every byte.
+                    v.bits_to_f(unsafe { v.gather(srgb::LINEAR.as_ptr().cast(), at) })
+                }
+            };
+        }
+        components
+    }
+
+    /// Texels of any format.
+    ///
+    /// # Safety
+    /// The offsets are of texels of the image.
+    #[inline(always)]
+    unsafe fn load<V: Vector>(&self, v: V, at: V::I) -> Components<V> {
+        let mut offsets = [0u32; SUBGROUP_SIZE];
+        v.store_i(at, &mut offsets);
+        // SAFETY: the caller's promise.
+        let texels = unsafe { block::load(self.info, self.image.data, &offsets) };
+        [
+            v.load(&texels[0]),
+            v.load(&texels[1]),
+            v.load(&texels[2]),
+            v.load(&texels[3]),
+        ]
+    }
+
+    /// Units to values, missing components, the view's component mapping.
+    #[inline(always)]
+    fn finish<V: Vector>(&self, v: V, components: Components<V>, results: Results<'_>) {
+        let scale = block::unit_scale(self.info);
+        let mut texels: Texels = [[0; SUBGROUP_SIZE]; 4];
+        for (component, row) in texels.iter_mut().enumerate() {
+            if !self.takes(component) {
+                *row = [self.info.missing(component); SUBGROUP_SIZE];
+            } else if scale != 1.0 {
+                v.store(v.div_units(components[component], scale), row);
+            } else {
+                v.store(components[component], row);
+            }
+        }
+        super::sample::swizzle(self.image, self.info, &mut texels);
+        put_texels(self.op, self.info, &texels, results);
+    }
 }

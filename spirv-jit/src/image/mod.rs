@@ -10,12 +10,13 @@ mod access;
 mod address;
 mod cube;
 pub mod execute;
-mod fast;
+pub(crate) mod fast;
 pub mod format;
 pub mod lod;
 mod sample;
 #[cfg(test)]
 mod tests;
+pub(crate) mod vector;
 
 pub use format::Format;
 

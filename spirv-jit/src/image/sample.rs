@@ -9,7 +9,9 @@ use super::format::block::{self, Offsets, Texels, map};
 use super::lod::{self, LevelLanes, floats};
 use super::{
     AddressMode, CompareOp, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Reduction,
-    SamplerDescriptor, cube, fast,
+    SamplerDescriptor, cube,
+    fast::Fast,
+    vector::{self, Vector},
 };
 use crate::SUBGROUP_SIZE;
 use crate::program::Row;
@@ -60,15 +62,44 @@ vectorized!(
         mask: u16, results: &mut [Row])
 );
 
-vectorized!(
-    /// [`sample`] where [`fast::applies`].
-    ///
-    /// # Safety
-    /// The image's memory stays allocated during the call.
-    sample_fast, fast_body, (op: &ImageOp, operands: &Operands<'_>, image: &ImageDescriptor, info: &FormatInfo, sampler: &SamplerDescriptor,
-        mask: u16, results: &mut [Row])
-);
-use fast::sample as fast_body;
+/// [`sample`] where there is a [`Fast`].
+///
+/// # Safety
+/// The image's memory stays allocated during the call.
+pub(super) unsafe fn sample_fast(
+    fast: &Fast<'_>,
+    operands: &Operands<'_>,
+    mask: u16,
+    results: &mut [Row],
+) {
+    #[cfg(target_arch = "x86_64")]
+    {
+        #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")]
+        unsafe fn avx512(fast: &Fast<'_>, operands: &Operands<'_>, mask: u16, results: &mut [Row]) {
+            // SAFETY: the function's features, and the caller's promise.
+            unsafe { fast.sample(vector::Avx512::new(), operands, mask, results) }
+        }
+        #[target_feature(enable = "avx2,fma")]
+        unsafe fn avx2(fast: &Fast<'_>, operands: &Operands<'_>, mask: u16, results: &mut [Row]) {
+            // SAFETY: the function's features, and the caller's promise.
+            unsafe { fast.sample(vector::Avx2::new(), operands, mask, results) }
+        }
+        if is_x86_feature_detected!("avx512dq")
+            && is_x86_feature_detected!("avx512bw")
+            && is_x86_feature_detected!("avx512vl")
+            && is_x86_feature_detected!("fma")
+        {
+            // SAFETY: the machine has the features; for the rest, the caller's promise.
+            return unsafe { avx512(fast, operands, mask, results) };
+        }
+        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            // SAFETY: as above.
+            return unsafe { avx2(fast, operands, mask, results) };
+        }
+    }
+    // SAFETY: the caller's promise.
+    unsafe { fast.sample(vector::Portable, operands, mask, results) }
+}
 
 /// Where the lanes sample, apart from the level.
 struct Place {

@@ -40,6 +40,8 @@ pub(super) struct ImagePlan {
     /// With whether they are of 64 bits.
     pub operands: Vec<(Operand, bool)>,
     pub results: Vec<(Operand, bool)>,
+    /// A bit per result that is used.
+    pub wanted: u8,
 }
 
 /// A vector row that is saved, and where in the state.

@@ -1,8 +1,16 @@
-//! Image operations: operands gathered into rows for [`crate::image::execute`].
+//! Image operations: operand rows for [`crate::image::execute`], and the common sample over a whole wave.
 
-use super::machine::{Instr, Machine, Operand};
+use std::marker::PhantomData;
+
+use super::code::ImagePlan;
+use super::machine::{Handler, Instr, Machine, Operand};
+use super::tier::{Kernel, Portable, Tier, TierKind};
 use crate::SUBGROUP_SIZE;
-use crate::image::execute::{MAX_RESULT_ROWS, execute};
+use crate::environment::Descriptor;
+use crate::image::execute::{MAX_RESULT_ROWS, Operands, execute, usable};
+use crate::image::fast::{self, Fast};
+use crate::image::vector::{self, Vector};
+use crate::image::{ImageDescriptor, ImageOp, SamplerDescriptor};
 use crate::program::Row;
 
 /// Most operand rows: coordinates, derivatives, offsets and texels of the widest operation, with room.
@@ -13,6 +21,20 @@ pub(super) fn fits(operand_rows: usize, result_rows: usize) -> bool {
     operand_rows <= MAX_OPERAND_ROWS && result_rows <= MAX_RESULT_ROWS
 }
 
+/// What performs an operation in a tier.
+pub(super) fn handler(tier: TierKind, op: &ImageOp) -> Handler {
+    if !fast::may_apply(op) {
+        return image;
+    }
+    match tier {
+        #[cfg(target_arch = "x86_64")]
+        TierKind::Avx2 => super::tier::Avx2::handler::<Sample<vector::Avx2>>(),
+        #[cfg(target_arch = "x86_64")]
+        TierKind::Avx512 => super::tier::Avx512::handler::<Sample<vector::Avx512>>(),
+        _ => Portable::handler::<Sample<vector::Portable>>(),
+    }
+}
+
 /// The image operation by plan `x`.
 ///
 /// # Safety
@@ -20,46 +42,58 @@ pub(super) fn fits(operand_rows: usize, result_rows: usize) -> bool {
 pub(super) unsafe fn image(m: &mut Machine<'_>, i: &Instr) {
     let plan = &m.program.code.images[i.x as usize];
     for &offset in m.listed() {
-        let mask = m.active[offset as usize / 64];
-        let mut words = [[0u32; SUBGROUP_SIZE]; MAX_OPERAND_ROWS];
+        // SAFETY: as the caller promises.
+        unsafe { block(m, plan, offset) };
+    }
+}
+
+/// One subgroup's operation.
+///
+/// # Safety
+/// As [`image`]; the offset is one of the wave's.
+unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, offset: u16) {
+    let mask = m.active[offset as usize / 64];
+    let mut halves = [[0u32; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
+    let mut results = [[0u32; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
+    // SAFETY: as the caller promises; active lanes hold addresses of descriptors, and rows of results are apart from those of operands.
+    unsafe {
+        let mut wide_rows = halves.chunks_exact_mut(2);
+        let mut rows = [&[0; SUBGROUP_SIZE]; MAX_OPERAND_ROWS];
         let mut count = 0;
-        let mut results = [[0u32; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
-        // SAFETY: as the caller promises; active lanes hold addresses of descriptors.
-        unsafe {
-            for &(operand, wide) in &plan.operands {
-                if wide {
-                    let (low, high) = split(&*m.block::<u64>(operand, offset));
-                    words[count] = low;
-                    words[count + 1] = high;
-                    count += 2;
-                } else {
-                    words[count] = *m.block::<u32>(operand, offset);
-                    count += 1;
-                }
+        for &(operand, wide) in &plan.operands {
+            if wide {
+                let [low, high] = wide_rows.next().expect("at most four wide operands") else {
+                    unreachable!()
+                };
+                (*low, *high) = split(&*m.block::<u64>(operand, offset));
+                (rows[count], rows[count + 1]) = (low, high);
+                count += 2;
+            } else {
+                rows[count] = &*m.block::<u32>(operand, offset);
+                count += 1;
             }
-            let rows: [&Row; MAX_OPERAND_ROWS] = std::array::from_fn(|k| &words[k]);
-            let images = &*m.block::<u64>(plan.image, offset);
-            let samplers = match plan.sampler == Operand::NONE {
-                true => &[0; SUBGROUP_SIZE],
-                false => &*m.block::<u64>(plan.sampler, offset),
-            };
-            execute(
-                &plan.op,
-                images,
-                samplers,
-                mask,
-                &rows[..count],
-                &mut results,
-            );
-            let mut row = 0;
-            for &(result, wide) in &plan.results {
-                if wide {
-                    *m.block::<u64>(result, offset) = join(&results[row], &results[row + 1]);
-                    row += 2;
-                } else {
-                    *m.block::<u32>(result, offset) = results[row];
-                    row += 1;
-                }
+        }
+        let images = &*m.block::<u64>(plan.image, offset);
+        let samplers = match plan.sampler == Operand::NONE {
+            true => &[0; SUBGROUP_SIZE],
+            false => &*m.block::<u64>(plan.sampler, offset),
+        };
+        execute(
+            &plan.op,
+            images,
+            samplers,
+            mask,
+            &rows[..count],
+            &mut results,
+        );
+        let mut row = 0;
+        for &(result, wide) in &plan.results {
+            if wide {
+                *m.block::<u64>(result, offset) = join(&results[row], &results[row + 1]);
+                row += 2;
+            } else {
+                *m.block::<u32>(result, offset) = results[row];
+                row += 1;
             }
         }
     }
@@ -74,4 +108,102 @@ fn split(lanes: &[u64; SUBGROUP_SIZE]) -> (Row, Row) {
 
 fn join(low: &Row, high: &Row) -> [u64; SUBGROUP_SIZE] {
     std::array::from_fn(|k| low[k] as u64 | (high[k] as u64) << 32)
+}
+
+/// A sample that [`fast::may_apply`] to: subgroups whose lanes share an image and a sampler take the short way, if that serves for those.
+struct Sample<V>(PhantomData<V>);
+
+impl<V: Vector> Kernel for Sample<V> {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let plan = &m.program.code.images[i.x as usize];
+        // SAFETY: the tier is the token's; for the rest, as for `image`.
+        unsafe {
+            let mut known = (0, 0);
+            let mut sample = None;
+            for &offset in m.listed() {
+                let mask = m.active[offset as usize / 64];
+                let found =
+                    shared(m, plan.image, offset, mask).zip(shared(m, plan.sampler, offset, mask));
+                let Some(descriptors) = found else {
+                    block(m, plan, offset);
+                    continue;
+                };
+                if descriptors != known {
+                    known = descriptors;
+                    sample = resolve(plan, descriptors);
+                }
+                match &sample {
+                    Some(sample) => sample_block(V::new(), sample, m, plan, offset, mask),
+                    None => block(m, plan, offset),
+                }
+            }
+        }
+    }
+}
+
+/// The descriptor address that all lanes of a subgroup have.
+///
+/// # Safety
+/// As [`block`]; the mask is not empty.
+#[inline(always)]
+unsafe fn shared(m: &Machine<'_>, operand: Operand, offset: u16, mask: u16) -> Option<u64> {
+    // SAFETY: as the caller promises.
+    let lanes = unsafe { &*m.block::<u64>(operand, offset) };
+    let first = lanes[mask.trailing_zeros() as usize & 15];
+    if operand.is_uniform() {
+        return Some(first);
+    }
+    let mut same = 0u16;
+    for (lane, &address) in lanes.iter().enumerate() {
+        same |= ((address == first) as u16) << lane;
+    }
+    (mask & !same == 0).then_some(first)
+}
+
+/// What two descriptors are to a sample, if the short way serves.
+///
+/// # Safety
+/// As [`block`]: the addresses are an active lane's.
+#[inline(always)]
+unsafe fn resolve<'p>(plan: &'p ImagePlan, (image, sampler): (u64, u64)) -> Option<Fast<'p>> {
+    // SAFETY: as the caller promises; what descriptors point to outlives the dispatch.
+    let (image, sampler): (Option<&'p ImageDescriptor>, Option<&'p SamplerDescriptor>) = unsafe {
+        (
+            (*(image as *const Descriptor)).image.as_ref(),
+            (*(sampler as *const Descriptor)).sampler.as_ref(),
+        )
+    };
+    let (image, info) = usable(image)?;
+    Fast::new(&plan.op, image, info, sampler?, plan.wanted)
+}
+
+/// # Safety
+/// As [`block`].
+#[inline(always)]
+unsafe fn sample_block<V: Vector>(
+    v: V,
+    sample: &Fast<'_>,
+    m: &Machine<'_>,
+    plan: &ImagePlan,
+    offset: u16,
+    mask: u16,
+) {
+    let mut rows = [&[0; SUBGROUP_SIZE]; 4];
+    let mut results = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
+    // SAFETY: as for `block`. Such a sample has at most three coordinates and a level, all of 32 bits.
+    unsafe {
+        for (row, &(operand, _)) in rows.iter_mut().zip(&plan.operands) {
+            *row = &*m.block::<u32>(operand, offset);
+        }
+        let operands = Operands::new(&plan.op, &rows[..plan.operands.len().min(4)]);
+        sample.sample(v, &operands, mask, &mut results);
+        for (row, &(result, wide)) in plan.results.iter().enumerate() {
+            if wide {
+                *m.block::<u64>(result, offset) = join(&results[2 * row], &results[2 * row + 1]);
+            } else if plan.wanted >> row & 1 == 1 {
+                *m.block::<u32>(result, offset) = results[row];
+            }
+        }
+    }
 }

@@ -8,9 +8,11 @@
 //!   the others; [`control`]: masks and jumps; [`yields`]: suspending and resuming.
 
 mod atomics;
+mod coalesce;
 mod code;
 mod control;
 mod emit;
+mod fusion;
 mod images;
 mod kernels;
 mod machine;
@@ -33,7 +35,7 @@ use crate::query::QueryWord;
 use crate::{Error, SUBGROUP_SIZE};
 use code::Code;
 use machine::{MAX_SUBGROUPS, Machine, Mask};
-use tier::TierKind;
+pub use tier::TierKind;
 
 /// What a frame's rows may take, in bytes, before they leave the nearest cache.
 const FRAME_BYTES: usize = 40 << 10;
@@ -79,7 +81,12 @@ impl Program {
         Self::with_tier(module, TierKind::best())
     }
 
-    fn with_tier(module: &ir::Module, tier: TierKind) -> Result<Program, Error> {
+    /// As [`Self::new`], for a tier that is not the best: for tests and measurements. The tier is one that the machine has.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_tier(module: &ir::Module, tier: TierKind) -> Result<Program, Error> {
+        assert!(TierKind::present().contains(&tier), "not on this machine");
         static NUMBER: AtomicU64 = AtomicU64::new(1);
         let emitted = emit::emit(module, tier)?;
         Ok(Program {

@@ -11,6 +11,8 @@
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
+use super::coalesce::{Candidate, candidates};
+use super::fusion::Fusion;
 use crate::ir::op::Signature;
 use crate::ir::{Body, Function, Inst, Node, Terminator, Type, Value};
 
@@ -26,6 +28,8 @@ pub(super) struct Range {
 pub(super) struct Slots {
     /// By value: first row, relative to the function's; `u32::MAX` for values without one.
     pub row: Vec<u32>,
+    /// By value: something uses it.
+    pub used: Vec<bool>,
     /// By value, for finding what lives at a position.
     ranges: Vec<Range>,
     /// Rows used.
@@ -47,7 +51,10 @@ impl Slots {
 /// instruction and terminator; a `block` has one at its start and one at its end, an `if` also one at its `else`, a loop as a block.
 struct Walk<'f> {
     uniform: &'f [bool],
+    fusion: &'f Fusion,
     ranges: Vec<Option<(u32, u32)>>,
+    /// By value: its last use's half-step, or 0. A range may be longer.
+    last_use: Vec<u32>,
     position: u32,
     /// Open loops: position, and values from outside that are used inside.
     loops: Vec<(u32, Vec<Value>)>,
@@ -62,6 +69,8 @@ impl Walk<'_> {
     }
 
     fn use_at(&mut self, value: Value, half_step: u32) {
+        let last = &mut self.last_use[value.index()];
+        *last = half_step.max(*last);
         let Some((start, end)) = &mut self.ranges[value.index()] else {
             return;
         };
@@ -98,7 +107,15 @@ impl Walk<'_> {
         let position = self.position;
         self.position += 1;
         match node {
+            Node::Inst(inst) if self.fusion.absorbs(inst) => {}
             Node::Inst(inst) => {
+                if let Some(fused) = self.fusion.of(inst) {
+                    for &arg in fused.operands.iter().flatten() {
+                        self.use_at(arg, 2 * position);
+                    }
+                    self.define(inst.results[0], position);
+                    return;
+                }
                 let late = !shares_rows(inst);
                 for &arg in &inst.args {
                     self.use_at(arg, 2 * position + late as u32);
@@ -177,10 +194,12 @@ fn shares_rows(inst: &Inst) -> bool {
 }
 
 /// Gives each vector value of a function its rows.
-pub(super) fn allocate(function: &Function, uniform: &[bool]) -> Slots {
+pub(super) fn allocate(function: &Function, uniform: &[bool], fusion: &Fusion) -> Slots {
     let mut walk = Walk {
         uniform,
+        fusion,
         ranges: vec![None; function.value_types.len()],
+        last_use: vec![0; function.value_types.len()],
         position: 1,
         loops: Vec::new(),
     };
@@ -188,6 +207,7 @@ pub(super) fn allocate(function: &Function, uniform: &[bool]) -> Slots {
         walk.define(param, 0);
     }
     walk.body(&function.body);
+    let into = coalesce(function, &walk);
 
     let mut ranges: Vec<Range> = walk
         .ranges
@@ -204,6 +224,7 @@ pub(super) fn allocate(function: &Function, uniform: &[bool]) -> Slots {
     ranges.sort_by_key(|range| range.start);
 
     let mut slots = Slots {
+        used: walk.last_use.iter().map(|&at| at != 0).collect(),
         row: vec![u32::MAX; function.value_types.len()],
         ranges: Vec::new(),
         rows: 0,
@@ -211,6 +232,9 @@ pub(super) fn allocate(function: &Function, uniform: &[bool]) -> Slots {
     let mut free = FreeRows::default();
     let mut ending = BinaryHeap::new();
     for range in &ranges {
+        if into[range.value.index()].is_some() {
+            continue;
+        }
         while let Some(&Reverse((end, row, count))) = ending.peek() {
             if end >= range.start {
                 break;
@@ -223,9 +247,47 @@ pub(super) fn allocate(function: &Function, uniform: &[bool]) -> Slots {
         slots.row[range.value.index()] = row;
         ending.push(Reverse((range.end, row, count)));
     }
+    for range in &ranges {
+        let mut owner = range.value;
+        while let Some(next) = into[owner.index()] {
+            owner = next;
+        }
+        slots.row[range.value.index()] = slots.row[owner.index()];
+    }
     slots.rows = free.taken.len() as u32;
     slots.ranges = ranges;
     slots
+}
+
+/// By value: whose row it shares, where that row is free when the value is defined (see [`super::coalesce`]). The other value's range
+/// covers its own.
+fn coalesce(function: &Function, walk: &Walk<'_>) -> Vec<Option<Value>> {
+    let mut into = vec![None; function.value_types.len()];
+    let mut taken = vec![false; function.value_types.len()];
+    for Candidate {
+        from,
+        to,
+        is_parameter,
+    } in candidates(&function.body)
+    {
+        let (Some((start, end)), Some((to_start, to_end))) =
+            (walk.ranges[from.index()], walk.ranges[to.index()])
+        else {
+            continue;
+        };
+        let free = !is_parameter || walk.last_use[to.index()] < start;
+        let covered = to_start <= start && end <= to_end;
+        if covered
+            && free
+            && into[from.index()].is_none()
+            && !taken[to.index()]
+            && rows_of(function, from) == rows_of(function, to)
+        {
+            into[from.index()] = Some(to);
+            taken[to.index()] = true;
+        }
+    }
+    into
 }
 
 fn rows_of(function: &Function, value: Value) -> u32 {

@@ -50,7 +50,7 @@ tier! {
 
 /// The tiers by name, to choose one at run time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum TierKind {
+pub enum TierKind {
     Portable,
     Avx2,
     Avx512,
@@ -58,7 +58,7 @@ pub(super) enum TierKind {
 
 impl TierKind {
     /// Tiers that this machine has, the best last.
-    pub(super) fn present() -> &'static [TierKind] {
+    pub fn present() -> &'static [TierKind] {
         static PRESENT: OnceLock<Vec<TierKind>> = OnceLock::new();
         PRESENT.get_or_init(|| {
             #[allow(unused_mut)]
@@ -88,7 +88,7 @@ impl TierKind {
         })
     }
 
-    pub(super) fn best() -> TierKind {
+    pub fn best() -> TierKind {
         TierKind::present()[TierKind::present().len() - 1]
     }
 }

@@ -10,7 +10,7 @@ pub mod block;
 mod codec;
 pub mod layout;
 pub mod small_float;
-mod srgb;
+pub(super) mod srgb;
 mod table;
 #[cfg(test)]
 mod tests;

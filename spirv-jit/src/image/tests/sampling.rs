@@ -182,7 +182,7 @@ proptest! {
             lod: if bias { LodMode::Bias } else { LodMode::Lod },
             ..image_op(ImageOpKind::Sample, Dim::D2)
         };
-        prop_assert!(fast::applies(&op, &image.descriptor, info, &s));
+        let fast_sample = fast::Fast::new(&op, &image.descriptor, info, &s, 0xf).expect("applies");
         let mut coordinates = coordinates;
         if let Some((lane, value)) = special { coordinates[lane][1] = value; }
         let mut rows: Vec<Row> = (0..2).map(|axis| coordinates.map(|c| c[axis].to_bits())).collect();
@@ -190,10 +190,11 @@ proptest! {
         rows.push(if uniform_lod { [lods[0].to_bits(); 16] } else { lods.map(f32::to_bits) });
         let rows: Vec<&Row> = rows.iter().collect();
         let operands = execute::Operands::new(&op, &rows);
-        let (mut fast, mut general) = ([[0; 16]; 8], [[0; 16]; 8]);
+        let (mut fast, mut portable, mut general) = ([[0; 16]; 8], [[0; 16]; 8], [[0; 16]; 8]);
         // SAFETY: the image's memory is alive.
         unsafe {
-            sample::sample_fast(&op, &operands, &image.descriptor, info, &s, mask, &mut fast);
+            sample::sample_fast(&fast_sample, &operands, mask, &mut fast);
+            fast_sample.sample(vector::Portable, &operands, mask, &mut portable);
             sample::sample(&op, &operands, &image.descriptor, info, &s, mask, &mut general);
         }
         for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
@@ -201,6 +202,8 @@ proptest! {
                 let (a, b) = (fast[component][lane], general[component][lane]);
                 let both_nan = f32::from_bits(a).is_nan() && f32::from_bits(b).is_nan();
                 prop_assert!(a == b || both_nan, "{lane} {component} {a:x} {b:x}");
+                let c = portable[component][lane];
+                prop_assert!(c == b || both_nan, "{lane} {component} {c:x} {b:x}");
             }
         }
     }

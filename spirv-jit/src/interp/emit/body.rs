@@ -320,6 +320,14 @@ impl Emitter<'_> {
                     // In the prologue.
                     return Ok(());
                 }
+                if self.placed().fusion.absorbs(inst) {
+                    return Ok(());
+                }
+                if let Some(pair) = self.placed().fusion.of(inst) {
+                    let pair = self.fused(inst, pair);
+                    self.push(pair);
+                    return Ok(());
+                }
                 self.emit_operation(inst)
             }
         }

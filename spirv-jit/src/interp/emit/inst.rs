@@ -3,7 +3,8 @@
 use super::{Emitter, instr};
 use crate::Error;
 use crate::interp::code::{AccessPlan, AtomicPlan, ImagePlan, SubgroupPlan};
-use crate::interp::kernels::{Unpack64, elementwise};
+use crate::interp::fusion::Fused;
+use crate::interp::kernels::{Unpack64, elementwise, fused};
 use crate::interp::machine::{Handler, Instr, Operand};
 use crate::interp::{atomics, images, memory, subgroup, yields};
 use crate::ir::op::{Access, AtomicOp};
@@ -99,6 +100,20 @@ impl Emitter<'_> {
         };
         self.push(emitted);
         Ok(())
+    }
+
+    /// The instruction that performs two.
+    pub(super) fn fused(&self, inst: &Inst, pair: &Fused) -> Instr {
+        let operand = |value: Option<Value>| value.map_or(Operand::NONE, |v| self.operand(v));
+        let [a, b, c] = pair.operands.map(operand);
+        let kernel = fused(self.tier, &pair.first, &inst.op, pair.side, pair.ty);
+        Instr {
+            d: self.operand(inst.results[0]),
+            a,
+            b,
+            c,
+            ..instr(kernel.expect("found by `Fusion`"))
+        }
     }
 
     /// First private row of a variable of function `f`.
@@ -228,10 +243,13 @@ impl Emitter<'_> {
             },
             operands,
             results,
+            wanted: (inst.results.iter().enumerate())
+                .filter(|(_, value)| self.placed().slots.used[value.index()])
+                .fold(0, |wanted, (k, _)| wanted | 1 << k),
         };
         self.push(Instr {
             x: self.code.images.len() as u32,
-            ..instr(images::image)
+            ..instr(images::handler(self.tier, &op))
         });
         self.code.images.push(plan);
         Ok(())

@@ -10,6 +10,7 @@ mod inst;
 mod prologue;
 
 use super::code::Code;
+use super::fusion::Fusion;
 use super::machine::{Handler, Instr, Operand};
 use super::slots::{Slots, allocate};
 use super::tier::{Kernel, Portable, Tier, TierKind};
@@ -27,6 +28,7 @@ struct Target(usize);
 /// Where a function's things lie; all of them absolute.
 struct Placed {
     slots: Slots,
+    fusion: Fusion,
     /// Vector rows of results, after the values'.
     results: Vec<Operand>,
     /// First private row of each variable, absolute.
@@ -234,7 +236,8 @@ impl<'m> Emitter<'m> {
         for &f in order {
             let function = &self.module.functions[f];
             let uniform = find_uniform_values(function);
-            let slots = allocate(function, &uniform);
+            let fusion = Fusion::find(function, &uniform);
+            let slots = allocate(function, &uniform, &fusion);
             let row_base = rows[f];
             let mut next = row_base + slots.rows as usize;
             let mut results = Vec::new();
@@ -286,6 +289,7 @@ impl<'m> Emitter<'m> {
             self.uniform[f] = uniform;
             self.placed[f] = Some(Placed {
                 slots,
+                fusion,
                 results,
                 variables,
                 mask_base: masks[f],

@@ -60,7 +60,10 @@ pub(in crate::interp) struct Map3<O, A, B, C, R>(PhantomData<(O, A, B, C, R)>);
 /// # Safety
 /// `base` is the row's start and `offset` one of the wave's subgroups'.
 #[inline(always)]
-unsafe fn at<S>((base, stride): (*mut u8, usize), offset: u16) -> *mut [S; SUBGROUP_SIZE] {
+pub(super) unsafe fn at<S>(
+    (base, stride): (*mut u8, usize),
+    offset: u16,
+) -> *mut [S; SUBGROUP_SIZE] {
     // SAFETY: as the caller promises.
     unsafe {
         base.add((offset as usize * (size_of::<S>() / 4)) & stride)

@@ -3,9 +3,11 @@
 //! They compute inactive lanes of those subgroups too; slots are allocated so that this harms nobody.
 
 mod elementwise;
+mod fused;
 mod lane;
 mod ops;
 mod remainder;
 
 pub(super) use elementwise::{Copy, MaskedCopy, Unpack64, elementwise};
+pub(super) use fused::{Side, fused};
 pub(super) use lane::{Lane, sign_bits};

@@ -3,6 +3,7 @@
 mod control;
 mod kernels;
 mod memory;
+mod pairs;
 mod yields;
 
 use std::sync::Arc;

@@ -1,0 +1,201 @@
+//! AVX2 and FMA: two registers for sixteen lanes.
+
+use std::arch::x86_64::*;
+
+use super::Vector;
+use crate::program::Row;
+
+/// AVX2 and FMA.
+#[derive(Clone, Copy)]
+pub(crate) struct Avx2(());
+
+type F = [__m256; 2];
+type I = [__m256i; 2];
+
+/// Functions of one or two operands that are one expression of intrinsics on each half.
+macro_rules! halves {
+    ($(fn $name:ident($a:ident: $at:ty $(, $b:ident: $bt:ty)?) -> $result:ty = $body:expr;)*) => {$(
+        #[inline(always)]
+        fn $name(self, $a: $at $(, $b: $bt)?) -> $result {
+            // SAFETY: the token says that the machine has the instructions.
+            unsafe {
+                [
+                    { let $a = $a[0]; $(let $b = $b[0];)? $body },
+                    { let $a = $a[1]; $(let $b = $b[1];)? $body },
+                ]
+            }
+        }
+    )*};
+}
+
+/// Two halves' words, of which the even go to one result and the odd to the other.
+///
+/// # Safety
+/// The machine has AVX2.
+#[inline(always)]
+unsafe fn split_pairs(low: __m256i, high: __m256i) -> (__m256i, __m256i) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let (low, high) = (_mm256_castsi256_ps(low), _mm256_castsi256_ps(high));
+        let even = _mm256_castps_si256(_mm256_shuffle_ps::<0b10_00_10_00>(low, high));
+        let odd = _mm256_castps_si256(_mm256_shuffle_ps::<0b11_01_11_01>(low, high));
+        (
+            _mm256_permute4x64_epi64::<0b11_01_10_00>(even),
+            _mm256_permute4x64_epi64::<0b11_01_10_00>(odd),
+        )
+    }
+}
+
+impl Vector for Avx2 {
+    type F = F;
+    type I = I;
+
+    #[inline(always)]
+    unsafe fn new() -> Self {
+        Avx2(())
+    }
+
+    #[inline(always)]
+    fn splat(self, x: f32) -> F {
+        // SAFETY: the token.
+        [unsafe { _mm256_set1_ps(x) }; 2]
+    }
+    #[inline(always)]
+    fn splat_i(self, x: i32) -> I {
+        // SAFETY: the token.
+        [unsafe { _mm256_set1_epi32(x) }; 2]
+    }
+    #[inline(always)]
+    fn load(self, row: &Row) -> F {
+        let at = row.as_ptr();
+        // SAFETY: the token; a row is two registers long.
+        unsafe {
+            [
+                _mm256_loadu_ps(at.cast()),
+                _mm256_loadu_ps(at.add(8).cast()),
+            ]
+        }
+    }
+    #[inline(always)]
+    fn store(self, [a, b]: F, row: &mut Row) {
+        let at = row.as_mut_ptr();
+        // SAFETY: the token; a row is two registers long.
+        unsafe {
+            _mm256_storeu_ps(at.cast(), a);
+            _mm256_storeu_ps(at.add(8).cast(), b);
+        }
+    }
+    #[inline(always)]
+    fn store_i(self, a: I, row: &mut Row) {
+        self.store(self.bits_to_f(a), row);
+    }
+
+    halves! {
+        fn bits_to_f(a: I) -> F = _mm256_castsi256_ps(a);
+        fn add(a: F, b: F) -> F = _mm256_add_ps(a, b);
+        fn sub(a: F, b: F) -> F = _mm256_sub_ps(a, b);
+        fn mul(a: F, b: F) -> F = _mm256_mul_ps(a, b);
+        fn floor(a: F) -> F = _mm256_floor_ps(a);
+        fn ceil(a: F) -> F = _mm256_ceil_ps(a);
+        fn round_ties_even(a: F) -> F =
+            _mm256_round_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(a);
+        fn min(a: F, b: F) -> F = _mm256_min_ps(a, b);
+        fn max(a: F, b: F) -> F = _mm256_max_ps(a, b);
+        fn to_i(a: F) -> I = _mm256_cvttps_epi32(a);
+        fn to_f(a: I) -> F = _mm256_cvtepi32_ps(a);
+        fn add_i(a: I, b: I) -> I = _mm256_add_epi32(a, b);
+        fn sub_i(a: I, b: I) -> I = _mm256_sub_epi32(a, b);
+        fn mul_i(a: I, b: I) -> I = _mm256_mullo_epi32(a, b);
+        fn and_i(a: I, b: I) -> I = _mm256_and_si256(a, b);
+        fn xor_i(a: I, b: I) -> I = _mm256_xor_si256(a, b);
+        fn min_i(a: I, b: I) -> I = _mm256_min_epi32(a, b);
+        fn max_i(a: I, b: I) -> I = _mm256_max_epi32(a, b);
+        fn sign_i(a: I) -> I = _mm256_srai_epi32::<31>(a);
+    }
+
+    #[inline(always)]
+    fn div_units(self, a: F, divisor: f32) -> F {
+        let (d, r) = (self.splat(divisor), self.splat(1.0 / divisor));
+        let q = self.mul(a, r);
+        // SAFETY: the token.
+        unsafe {
+            let rest = [
+                _mm256_fnmadd_ps(q[0], d[0], a[0]),
+                _mm256_fnmadd_ps(q[1], d[1], a[1]),
+            ];
+            [
+                _mm256_fmadd_ps(rest[0], r[0], q[0]),
+                _mm256_fmadd_ps(rest[1], r[1], q[1]),
+            ]
+        }
+    }
+    #[inline(always)]
+    fn byte(self, [a, b]: I, index: u32) -> I {
+        // SAFETY: the token.
+        unsafe {
+            // Of each word the one byte, and zeros.
+            let word = _mm_setr_epi32(0, 4, 8, 12);
+            let pick = _mm256_broadcastsi128_si256(_mm_or_si128(
+                _mm_add_epi32(word, _mm_set1_epi32(index as i32)),
+                _mm_set1_epi32(0x8080_8000u32 as i32),
+            ));
+            [_mm256_shuffle_epi8(a, pick), _mm256_shuffle_epi8(b, pick)]
+        }
+    }
+    #[inline(always)]
+    fn ne_i(self, a: I, b: I) -> u16 {
+        // SAFETY: the token.
+        let (low, high) = unsafe {
+            let low = _mm256_castsi256_ps(_mm256_cmpeq_epi32(a[0], b[0]));
+            let high = _mm256_castsi256_ps(_mm256_cmpeq_epi32(a[1], b[1]));
+            (_mm256_movemask_ps(low), _mm256_movemask_ps(high))
+        };
+        !(low | high << 8) as u16
+    }
+    #[inline(always)]
+    fn gt(self, a: F, b: F) -> u16 {
+        // SAFETY: the token.
+        let (low, high) = unsafe {
+            let low = _mm256_cmp_ps::<_CMP_GT_OQ>(a[0], b[0]);
+            let high = _mm256_cmp_ps::<_CMP_GT_OQ>(a[1], b[1]);
+            (_mm256_movemask_ps(low), _mm256_movemask_ps(high))
+        };
+        (low | high << 8) as u16
+    }
+    #[inline(always)]
+    unsafe fn gather(self, base: *const u8, [a, b]: I) -> I {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            [
+                _mm256_i32gather_epi32::<1>(base.cast(), a),
+                _mm256_i32gather_epi32::<1>(base.cast(), b),
+            ]
+        }
+    }
+    #[inline(always)]
+    unsafe fn gather_pairs(self, base: *const u8, [a, b]: I) -> (I, I) {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let (a0, b0) = gather_halves(base, a);
+            let (a1, b1) = gather_halves(base, b);
+            ([a0, a1], [b0, b1])
+        }
+    }
+}
+
+/// The words at eight offsets, and those behind them.
+///
+/// # Safety
+/// The machine has AVX2, and eight bytes are readable at each offset.
+#[inline(always)]
+unsafe fn gather_halves(base: *const u8, offsets: __m256i) -> (__m256i, __m256i) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let low = _mm256_castsi256_si128(offsets);
+        let high = _mm256_extracti128_si256::<1>(offsets);
+        split_pairs(
+            _mm256_i32gather_epi64::<1>(base.cast(), low),
+            _mm256_i32gather_epi64::<1>(base.cast(), high),
+        )
+    }
+}

@@ -1,0 +1,101 @@
+//! AVX-512: one register for sixteen lanes.
+
+use std::arch::x86_64::*;
+
+use super::Vector;
+use crate::program::Row;
+
+/// AVX-512 F, VL, DQ and BW.
+#[derive(Clone, Copy)]
+pub(crate) struct Avx512(());
+
+type F = __m512;
+type I = __m512i;
+
+/// Functions that are one expression of intrinsics.
+macro_rules! intrinsics {
+    ($(fn $name:ident($($arg:ident: $ty:ty),*) -> $result:ty = $body:expr;)*) => {$(
+        #[inline(always)]
+        fn $name(self, $($arg: $ty),*) -> $result {
+            // SAFETY: the token says that the machine has the instructions; rows are as long as a register.
+            unsafe { $body }
+        }
+    )*};
+}
+
+impl Vector for Avx512 {
+    type F = F;
+    type I = I;
+
+    #[inline(always)]
+    unsafe fn new() -> Self {
+        Avx512(())
+    }
+
+    intrinsics! {
+        fn splat(x: f32) -> F = _mm512_set1_ps(x);
+        fn splat_i(x: i32) -> I = _mm512_set1_epi32(x);
+        fn load(row: &Row) -> F = _mm512_loadu_ps(row.as_ptr().cast());
+        fn store(a: F, row: &mut Row) -> () = _mm512_storeu_ps(row.as_mut_ptr().cast(), a);
+        fn store_i(a: I, row: &mut Row) -> () = _mm512_storeu_si512(row.as_mut_ptr().cast(), a);
+        fn bits_to_f(a: I) -> F = _mm512_castsi512_ps(a);
+        fn add(a: F, b: F) -> F = _mm512_add_ps(a, b);
+        fn sub(a: F, b: F) -> F = _mm512_sub_ps(a, b);
+        fn mul(a: F, b: F) -> F = _mm512_mul_ps(a, b);
+        fn div_units(a: F, divisor: f32) -> F = {
+            let (d, r) = (_mm512_set1_ps(divisor), _mm512_set1_ps(1.0 / divisor));
+            let quotient = _mm512_mul_ps(a, r);
+            _mm512_fmadd_ps(_mm512_fnmadd_ps(quotient, d, a), r, quotient)
+        };
+        fn floor(a: F) -> F = _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(a);
+        fn ceil(a: F) -> F = _mm512_roundscale_ps::<{ _MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC }>(a);
+        fn round_ties_even(a: F) -> F =
+            _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(a);
+        fn min(a: F, b: F) -> F = _mm512_min_ps(a, b);
+        fn max(a: F, b: F) -> F = _mm512_max_ps(a, b);
+        fn to_i(a: F) -> I = _mm512_cvttps_epi32(a);
+        fn to_f(a: I) -> F = _mm512_cvtepi32_ps(a);
+        fn add_i(a: I, b: I) -> I = _mm512_add_epi32(a, b);
+        fn sub_i(a: I, b: I) -> I = _mm512_sub_epi32(a, b);
+        fn mul_i(a: I, b: I) -> I = _mm512_mullo_epi32(a, b);
+        fn and_i(a: I, b: I) -> I = _mm512_and_si512(a, b);
+        fn xor_i(a: I, b: I) -> I = _mm512_xor_si512(a, b);
+        fn min_i(a: I, b: I) -> I = _mm512_min_epi32(a, b);
+        fn max_i(a: I, b: I) -> I = _mm512_max_epi32(a, b);
+        fn sign_i(a: I) -> I = _mm512_srai_epi32::<31>(a);
+        fn byte(a: I, index: u32) -> I = {
+            // Of each word the one byte, and zeros.
+            let word = _mm_setr_epi32(0, 4, 8, 12);
+            let pick = _mm_or_si128(
+                _mm_add_epi32(word, _mm_set1_epi32(index as i32)),
+                _mm_set1_epi32(0x8080_8000u32 as i32),
+            );
+            _mm512_shuffle_epi8(a, _mm512_broadcast_i32x4(pick))
+        };
+        fn ne_i(a: I, b: I) -> u16 = _mm512_cmpneq_epi32_mask(a, b);
+        fn gt(a: F, b: F) -> u16 = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(a, b);
+    }
+
+    #[inline(always)]
+    unsafe fn gather(self, base: *const u8, offsets: I) -> I {
+        // SAFETY: the token, and the caller's promise.
+        unsafe { _mm512_i32gather_epi32::<1>(offsets, base.cast()) }
+    }
+
+    #[inline(always)]
+    unsafe fn gather_pairs(self, base: *const u8, offsets: I) -> (I, I) {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let low = _mm512_castsi512_si256(offsets);
+            let high = _mm512_extracti64x4_epi64::<1>(offsets);
+            let low = _mm512_i32gather_epi64::<1>(low, base.cast());
+            let high = _mm512_i32gather_epi64::<1>(high, base.cast());
+            let even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
+            let odd = _mm512_add_epi32(even, _mm512_set1_epi32(1));
+            (
+                _mm512_permutex2var_epi32(low, even, high),
+                _mm512_permutex2var_epi32(low, odd, high),
+            )
+        }
+    }
+}

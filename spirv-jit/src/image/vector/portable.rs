@@ -1,0 +1,167 @@
+//! Arrays and loops.
+
+use super::Vector;
+use crate::SUBGROUP_SIZE;
+use crate::image::format::block::map;
+use crate::program::Row;
+
+#[derive(Clone, Copy)]
+pub(crate) struct Portable;
+
+type F = [f32; SUBGROUP_SIZE];
+type I = [i32; SUBGROUP_SIZE];
+
+#[inline(always)]
+fn zip<T: Copy, U: Copy + Default>(a: &[T; 16], b: &[T; 16], f: impl Fn(T, T) -> U) -> [U; 16] {
+    let mut out = [U::default(); SUBGROUP_SIZE];
+    for lane in 0..SUBGROUP_SIZE {
+        out[lane] = f(a[lane], b[lane]);
+    }
+    out
+}
+
+#[inline(always)]
+fn bits<T: Copy>(a: &[T; 16], b: &[T; 16], f: impl Fn(T, T) -> bool) -> u16 {
+    (0..SUBGROUP_SIZE).fold(0, |all, lane| all | (f(a[lane], b[lane]) as u16) << lane)
+}
+
+impl Vector for Portable {
+    type F = F;
+    type I = I;
+
+    #[inline(always)]
+    unsafe fn new() -> Self {
+        Portable
+    }
+
+    #[inline(always)]
+    fn splat(self, x: f32) -> F {
+        [x; SUBGROUP_SIZE]
+    }
+    #[inline(always)]
+    fn splat_i(self, x: i32) -> I {
+        [x; SUBGROUP_SIZE]
+    }
+    #[inline(always)]
+    fn load(self, row: &Row) -> F {
+        map(row, f32::from_bits)
+    }
+    #[inline(always)]
+    fn store(self, a: F, row: &mut Row) {
+        *row = map(&a, f32::to_bits);
+    }
+    #[inline(always)]
+    fn store_i(self, a: I, row: &mut Row) {
+        *row = map(&a, |x| x as u32);
+    }
+    #[inline(always)]
+    fn bits_to_f(self, a: I) -> F {
+        map(&a, |x| f32::from_bits(x as u32))
+    }
+    #[inline(always)]
+    fn add(self, a: F, b: F) -> F {
+        zip(&a, &b, |x, y| x + y)
+    }
+    #[inline(always)]
+    fn sub(self, a: F, b: F) -> F {
+        zip(&a, &b, |x, y| x - y)
+    }
+    #[inline(always)]
+    fn mul(self, a: F, b: F) -> F {
+        zip(&a, &b, |x, y| x * y)
+    }
+    #[inline(always)]
+    fn div_units(self, a: F, divisor: f32) -> F {
+        map(&a, |x| x / divisor)
+    }
+    #[inline(always)]
+    fn floor(self, a: F) -> F {
+        map(&a, f32::floor)
+    }
+    #[inline(always)]
+    fn ceil(self, a: F) -> F {
+        map(&a, f32::ceil)
+    }
+    #[inline(always)]
+    fn round_ties_even(self, a: F) -> F {
+        map(&a, f32::round_ties_even)
+    }
+    #[inline(always)]
+    fn min(self, a: F, b: F) -> F {
+        zip(&a, &b, |x, y| if x < y { x } else { y })
+    }
+    #[inline(always)]
+    fn max(self, a: F, b: F) -> F {
+        zip(&a, &b, |x, y| if x > y { x } else { y })
+    }
+    #[inline(always)]
+    fn to_i(self, a: F) -> I {
+        map(&a, |x| x as i32)
+    }
+    #[inline(always)]
+    fn to_f(self, a: I) -> F {
+        map(&a, |x| x as f32)
+    }
+    #[inline(always)]
+    fn add_i(self, a: I, b: I) -> I {
+        zip(&a, &b, i32::wrapping_add)
+    }
+    #[inline(always)]
+    fn sub_i(self, a: I, b: I) -> I {
+        zip(&a, &b, i32::wrapping_sub)
+    }
+    #[inline(always)]
+    fn mul_i(self, a: I, b: I) -> I {
+        zip(&a, &b, i32::wrapping_mul)
+    }
+    #[inline(always)]
+    fn and_i(self, a: I, b: I) -> I {
+        zip(&a, &b, |x, y| x & y)
+    }
+    #[inline(always)]
+    fn xor_i(self, a: I, b: I) -> I {
+        zip(&a, &b, |x, y| x ^ y)
+    }
+    #[inline(always)]
+    fn min_i(self, a: I, b: I) -> I {
+        zip(&a, &b, |x, y| if x < y { x } else { y })
+    }
+    #[inline(always)]
+    fn max_i(self, a: I, b: I) -> I {
+        zip(&a, &b, |x, y| if x > y { x } else { y })
+    }
+    #[inline(always)]
+    fn sign_i(self, a: I) -> I {
+        map(&a, |x| x >> 31)
+    }
+    #[inline(always)]
+    fn byte(self, a: I, index: u32) -> I {
+        map(&a, |x| x >> (8 * index) & 0xff)
+    }
+    #[inline(always)]
+    fn ne_i(self, a: I, b: I) -> u16 {
+        bits(&a, &b, |x, y| x != y)
+    }
+    #[inline(always)]
+    fn gt(self, a: F, b: F) -> u16 {
+        bits(&a, &b, |x, y| x > y)
+    }
+    #[inline(always)]
+    unsafe fn gather(self, base: *const u8, offsets: I) -> I {
+        // SAFETY: the caller's promise.
+        map(&offsets, |offset| unsafe {
+            let at = base.add(offset as u32 as usize);
+            at.cast::<i32>().read_unaligned()
+        })
+    }
+    #[inline(always)]
+    unsafe fn gather_pairs(self, base: *const u8, offsets: I) -> (I, I) {
+        // SAFETY: the caller's promise.
+        unsafe {
+            (
+                self.gather(base, offsets),
+                self.gather(base.wrapping_add(4), offsets),
+            )
+        }
+    }
+}

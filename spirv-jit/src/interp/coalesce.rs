@@ -1,0 +1,106 @@
+//! Which values are computed right where a branch would copy them to: a loop's parameter, or a construct's result.
+//!
+//! Kernels compute inactive lanes of a subgroup too. So a value may only share the row of what it is copied to if no lane that is
+//! inactive where the value is defined still needs that row:
+//!
+//! * a loop's parameter, if there is one branch to the loop's start and the value is defined directly in the loop's body: all lanes that are
+//!   in the loop are active there, none waits for the next iteration yet;
+//! * an `if`'s result, for values defined directly in the first body, if that has no other branch to the construct's end: the lanes of the second body
+//!   write the row later.
+//!
+//! Whether a parameter's old value is still used afterwards is the allocation's to see.
+
+use std::collections::HashMap;
+
+use crate::ir::{Body, Label, Node, Terminator, Value};
+
+/// A value and what it would be copied to.
+pub(super) struct Candidate {
+    pub from: Value,
+    pub to: Value,
+    /// `to` is a loop's parameter, and may be used before `from` is defined; a construct's result is not.
+    pub is_parameter: bool,
+}
+
+/// A function's candidates, inner constructs first.
+pub(super) fn candidates(body: &Body) -> Vec<Candidate> {
+    let mut finder = Finder {
+        branches: HashMap::new(),
+        candidates: Vec::new(),
+    };
+    finder.walk(body);
+    finder.candidates
+}
+
+struct Finder<'b> {
+    /// Branches by label, of the constructs that are closed: how many, and what one of them takes along.
+    branches: HashMap<Label, (u32, &'b [Value])>,
+    candidates: Vec<Candidate>,
+}
+
+impl<'b> Finder<'b> {
+    fn walk(&mut self, body: &'b Body) {
+        for node in &body.nodes {
+            match node {
+                Node::Inst(_) => {}
+                Node::Block { body, .. } => self.walk(body),
+                Node::If {
+                    label,
+                    results,
+                    then_body,
+                    else_body,
+                    ..
+                } => {
+                    self.walk(then_body);
+                    if let Terminator::Br(to, args) = &then_body.end
+                        && to == label
+                        && self
+                            .branches
+                            .get(label)
+                            .is_some_and(|&(count, _)| count == 1)
+                    {
+                        self.propose(then_body, args, results, false);
+                    }
+                    self.walk(else_body);
+                }
+                Node::Loop {
+                    label,
+                    params,
+                    body,
+                    ..
+                } => {
+                    self.walk(body);
+                    if let Some(&(1, args)) = self.branches.get(label) {
+                        self.propose(body, args, params, true);
+                    }
+                }
+            }
+        }
+        if let Terminator::Br(label, args) = &body.end {
+            let (count, taken) = self.branches.entry(*label).or_default();
+            *count += 1;
+            *taken = args;
+        }
+    }
+
+    fn propose(&mut self, body: &Body, from: &[Value], to: &[Value], is_parameter: bool) {
+        let mut direct: Vec<Value> = Vec::new();
+        for node in &body.nodes {
+            match node {
+                Node::Inst(inst) => direct.extend(&inst.results),
+                Node::Block { results, .. } | Node::If { results, .. } => direct.extend(results),
+                Node::Loop { .. } => {}
+            }
+        }
+        direct.sort_unstable();
+        for (&from, &to) in from.iter().zip(to) {
+            if direct.binary_search(&from).is_ok() {
+                self.candidates.push(Candidate {
+                    from,
+                    to,
+                    is_parameter,
+                });
+            }
+        }
+    }
+}

@@ -1,0 +1,183 @@
+//! Which instructions are performed together with the one that uses their result ([`kernels::fused`](super::kernels)).
+
+use std::collections::HashMap;
+
+use super::kernels::{Side, fused};
+use super::tier::TierKind;
+use crate::ir::{Body, Function, Inst, Node, Op, Terminator, Type, Value};
+
+/// How many instructions a first operation may be put off: its operands live on for as long.
+const REACH: usize = 24;
+
+/// Two instructions that are performed as one.
+#[derive(Clone, Debug)]
+pub(super) struct Fused {
+    pub first: Op,
+    /// Type of the first one's result.
+    pub ty: Type,
+    pub side: Side,
+    /// `a`, `b`, `c` of the kernel; `None` where an operation has one operand.
+    pub operands: [Option<Value>; 3],
+}
+
+/// A function's pairs.
+#[derive(Default)]
+pub(super) struct Fusion {
+    /// By the second one's result.
+    pairs: HashMap<Value, Fused>,
+    /// By value: the result of a first one, which exists nowhere.
+    absorbed: Vec<bool>,
+}
+
+impl Fusion {
+    /// The pair that ends in this instruction.
+    pub fn of(&self, inst: &Inst) -> Option<&Fused> {
+        self.pairs.get(inst.results.first()?)
+    }
+
+    /// The instruction is performed with a later one.
+    pub fn absorbs(&self, inst: &Inst) -> bool {
+        inst.results
+            .first()
+            .is_some_and(|v| self.absorbed[v.index()])
+    }
+
+    /// Finds the pairs of a function.
+    pub fn find(function: &Function, uniform: &[bool]) -> Fusion {
+        let mut finder = Finder {
+            function,
+            uniform,
+            uses: vec![0; function.value_types.len()],
+            fusion: Fusion {
+                pairs: HashMap::new(),
+                absorbed: vec![false; function.value_types.len()],
+            },
+        };
+        finder.count(&function.body);
+        finder.walk(&function.body);
+        finder.fusion
+    }
+}
+
+struct Finder<'f> {
+    function: &'f Function,
+    uniform: &'f [bool],
+    uses: Vec<u32>,
+    fusion: Fusion,
+}
+
+impl<'f> Finder<'f> {
+    fn count_all(&mut self, values: &[Value]) {
+        for value in values {
+            self.uses[value.index()] += 1;
+        }
+    }
+
+    fn count(&mut self, body: &Body) {
+        for node in &body.nodes {
+            match node {
+                Node::Inst(inst) => self.count_all(&inst.args),
+                Node::Block { body, .. } => self.count(body),
+                Node::If {
+                    condition,
+                    then_body,
+                    else_body,
+                    ..
+                } => {
+                    self.count_all(&[*condition]);
+                    self.count(then_body);
+                    self.count(else_body);
+                }
+                Node::Loop { init, body, .. } => {
+                    self.count_all(init);
+                    self.count(body);
+                }
+            }
+        }
+        match &body.end {
+            Terminator::Br(_, args) | Terminator::Return(args) | Terminator::End(args) => {
+                self.count_all(args);
+            }
+            Terminator::Unreachable => {}
+        }
+    }
+
+    fn walk(&mut self, body: &'f Body) {
+        // Instructions since the last node of another kind, by their results.
+        let mut run: HashMap<Value, (usize, &Inst)> = HashMap::new();
+        for (at, node) in body.nodes.iter().enumerate() {
+            match node {
+                Node::Inst(inst) => {
+                    // Across a suspension operands would have to be saved instead of the result.
+                    if inst.op.is_yield() || matches!(inst.op, Op::Call(_)) {
+                        run.clear();
+                    } else if let [result] = inst.results[..]
+                        && !self.uniform[result.index()]
+                        && !self.fuse(inst, result, at, &run)
+                        && self.uses[result.index()] == 1
+                    {
+                        run.insert(result, (at, inst));
+                    }
+                    continue;
+                }
+                Node::Block { body, .. } | Node::Loop { body, .. } => self.walk(body),
+                Node::If {
+                    then_body,
+                    else_body,
+                    ..
+                } => {
+                    self.walk(then_body);
+                    self.walk(else_body);
+                }
+            }
+            run.clear();
+        }
+    }
+
+    /// Whether the instruction was made the second of a pair.
+    fn fuse(
+        &mut self,
+        second: &Inst,
+        result: Value,
+        at: usize,
+        run: &HashMap<Value, (usize, &Inst)>,
+    ) -> bool {
+        if second.args.len() > 2 {
+            return false;
+        }
+        for (k, arg) in second.args.iter().enumerate() {
+            let Some(&(first_at, first)) = run.get(arg) else {
+                continue;
+            };
+            let ty = self.function.ty(*arg);
+            let side = if k == 0 { Side::Left } else { Side::Right };
+            let result_ty = self.function.ty(result);
+            let types_fit = result_ty == ty || second.op == Op::UToF && result_ty == Type::F32;
+            let from_fits = (first.args.iter()).all(|&v| {
+                self.function.ty(v) == ty
+                    || first.op == Op::UToF && self.function.ty(v) == Type::I32
+            });
+            if at - first_at > REACH
+                || !types_fit
+                || !from_fits
+                || fused(TierKind::Portable, &first.op, &second.op, side, ty).is_none()
+            {
+                continue;
+            }
+            self.fusion.absorbed[arg.index()] = true;
+            let pair = Fused {
+                first: first.op.clone(),
+                ty,
+                side,
+                operands: [
+                    first.args.first().copied(),
+                    first.args.get(1).copied(),
+                    second.args.get(1 - k).copied(),
+                ],
+            };
+            self.fusion.pairs.insert(result, pair);
+            return true;
+        }
+        false
+    }
+}
