@@ -85,8 +85,8 @@ impl Limits {
     pub fn structure(&self, address: u64) -> u64 {
         const SIZE: u64 = Structure::HEADER_BYTES;
         // Nearly all are in one range: no search.
-        let is_there = self.reach.likely().bytes_from(address) >= SIZE
-            || self.reach.contains(address, SIZE);
+        let is_there =
+            self.reach.likely().bytes_from(address) >= SIZE || self.reach.contains(address, SIZE);
         if is_there { address } else { 0 }
     }
 
