@@ -103,4 +103,4 @@ pub use structure::{Kind, Structure, StructureError, validate};
 pub use transfer::{
     Serialized, compact_into, compacted_size, copy_into, deserialize, serialize, serialized_size,
 };
-pub use walk::{Event, PACKET, Tier, Verdict, Walk, Walker};
+pub use walk::{Event, PACKET, Step, Tier, Verdict, Walk, Walker};

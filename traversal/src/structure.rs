@@ -74,6 +74,39 @@ impl std::fmt::Display for StructureError {
 
 impl std::error::Error for StructureError {}
 
+/// What a header says of where things are.
+#[derive(Clone, Copy)]
+#[repr(transparent)]
+pub(crate) struct Key([u64; 10]);
+
+const _: () = assert!(std::mem::offset_of!(Header, leaves_offset) == 72);
+
+impl Key {
+    pub const NONE: Key = Key([0; 10]);
+}
+
+impl PartialEq for Key {
+    #[inline(always)]
+    fn eq(&self, other: &Key) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: SSE2 is part of x86-64; five vectors each.
+        unsafe {
+            use std::arch::x86_64::*;
+            let equal = |i: usize| {
+                let load = |key: &Key| _mm_loadu_si128(key.0.as_ptr().add(2 * i).cast());
+                _mm_cmpeq_epi8(load(self), load(other))
+            };
+            let most = _mm_and_si128(_mm_and_si128(equal(0), equal(1)), equal(2));
+            let rest = _mm_and_si128(equal(3), equal(4));
+            _mm_movemask_epi8(_mm_and_si128(most, rest)) == 0xFFFF
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        {
+            self.0 == other.0
+        }
+    }
+}
+
 /// A structure at an address, to be read.
 ///
 /// Its header has been checked: the parts lie inside the size that it states. Indices inside the parts are checked where they are followed.
@@ -131,6 +164,13 @@ impl Structure {
         nodes: std::ptr::null(),
         leaves: std::ptr::null(),
     };
+
+    /// The words of the header that [`Self::at`] looks at; not of [`Self::NOWHERE`].
+    #[inline(always)]
+    pub(crate) fn key(&self) -> &Key {
+        // SAFETY: `at` found a header here, which begins with these.
+        unsafe { &*self.base.cast() }
+    }
 
     /// The structure that `blob` starts with.
     ///

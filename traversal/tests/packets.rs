@@ -10,11 +10,20 @@ fn compare(walker: &mut Walker, top: &Bytes, rays: &[Ray]) -> bool {
     // SAFETY: the structures are alive.
     let walk = |ray: &Ray| unsafe { Walk::new(top.address(), ray) };
     let mut walks: Vec<_> = rays.iter().map(walk).collect();
-    let mut together: Vec<_> = walks.iter_mut().collect();
+    let mut together: Vec<_> = walks
+        .iter_mut()
+        .map(|walk| Step::new(walk, Verdict::Continue))
+        .collect();
     if !Walk::finish_together(&mut together, walker) {
         return false;
     }
     for (walk, ray) in walks.iter().zip(rays) {
+        if ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0 {
+            // Which hit comes first is open.
+            let expected = closest_with(walker, top, ray).is_some();
+            assert_eq!(walk.committed().is_some(), expected, "{ray:?}");
+            continue;
+        }
         assert_eq!(
             walk.committed().copied(),
             closest_with(walker, top, ray),
@@ -98,6 +107,69 @@ fn packets_find_what_single_walks_find() {
     }
 }
 
+/// Instances turned in all ways, some in the same place; rays of one tile, some of them shadow rays.
+#[test]
+fn packets_go_through_many_instances() {
+    let mesh = mesh();
+    let bottom = build_meshes(std::slice::from_ref(&mesh), 0);
+    let mut random = Random(0x8ACE_1357_9BDF_0246);
+    let mut instances = Vec::new();
+    for i in 0..60 {
+        let mut transform = IDENTITY;
+        if i % 7 != 0 {
+            let [x, y, z] = [0.4, 0.7, 0.3].map(|c: f64| c * random.signed());
+            let columns = [[1.0, x, y], [-x, 0.8, z], [-y, -z, 1.2]];
+            for (row, column) in columns.iter().enumerate() {
+                for (i, c) in column.iter().enumerate() {
+                    transform[4 * row + i] = (0.4 * c) as f32;
+                }
+            }
+        }
+        let at = random.vector();
+        for (axis, at) in at.into_iter().enumerate() {
+            transform[4 * axis + 3] = (5.0 * at) as f32;
+        }
+        instances.push(InstanceRecord::new(&bottom, transform));
+        if i % 5 == 0 {
+            instances.push(InstanceRecord::new(&bottom, transform));
+        }
+    }
+    instances[3].custom_index_and_mask = 0x0100_0000;
+    let top = build_instances(&instances, 0);
+    let mut walker = Walker::new();
+    let (mut done, mut hits) = (0, 0);
+    for round in 0..500 {
+        let from = random.direction().map(|c| 9.0 * c);
+        let at = random.vector().map(|c| 5.0 * c);
+        let spread = 0.5 * random.next();
+        let apart = [0.0, 0.05][round / 2 % 2];
+        let rays: Vec<_> = (0..6 + round % 11)
+            .map(|_| {
+                let (aside, moved) = (random.vector(), random.vector());
+                let origin: [f64; 3] = std::array::from_fn(|i| from[i] + apart * moved[i]);
+                let target: [f64; 3] = std::array::from_fn(|i| at[i] + spread * aside[i]);
+                let mut ray = ray(narrow(origin), narrow(sub(target, origin)));
+                ray.cull_mask = [0xFF, 0xFE][round % 2];
+                if round % 3 == 0 {
+                    ray.flags = ray_flags::TERMINATE_ON_FIRST_HIT;
+                    ray.t_max = 0.9;
+                }
+                ray
+            })
+            .collect();
+        if compare(&mut walker, &top, &rays) {
+            done += 1;
+            hits += rays
+                .iter()
+                .filter(|ray| closest(&top, ray).is_some())
+                .count();
+        }
+    }
+    if Tier::best() == Tier::Avx512 {
+        assert!(done > 200 && hits > 1000, "{done} {hits}");
+    }
+}
+
 #[test]
 fn what_is_unusual_is_left_alone() {
     let mesh = mesh();
@@ -120,4 +192,67 @@ fn what_is_unusual_is_left_alone() {
     assert!(!compare(&mut walker, &scene.top, &endless));
     assert!(!compare(&mut walker, &open.top, &[down; PACKET]));
     assert!(!compare(&mut walker, &scene.top, &[]));
+}
+
+/// Every walk of a list stops where it stops by itself, whatever the walks before it were.
+#[test]
+fn walks_in_turn_are_walks_by_themselves() {
+    let opaque = mesh();
+    let glass = Mesh {
+        opaque: false,
+        ..mesh()
+    };
+    let scenes = [&opaque, &glass].map(|mesh| Scene::new(std::slice::from_ref(mesh), 0));
+    let mut random = Random(0x0246_8ACE_1357_9BDF);
+    let rays: Vec<_> = (0..400)
+        .map(|i| {
+            let from = random.direction().map(|c| 3.0 * c);
+            let mut ray = ray(narrow(from), narrow(sub(random.vector(), from)));
+            ray.flags = [0, ray_flags::TERMINATE_ON_FIRST_HIT, ray_flags::OPAQUE][i % 3];
+            ray.cull_mask = if i % 11 == 0 { 0 } else { 0xFF };
+            (ray, i / 7 % 2)
+        })
+        .collect();
+    // SAFETY: the structures are alive.
+    let walk =
+        |(ray, which): &(Ray, usize)| unsafe { Walk::new(scenes[*which].top.address(), ray) };
+    for tier in Tier::ALL.into_iter().filter(|tier| tier.is_available()) {
+        let mut walker = Walker::with_tier(tier).expect("it is available");
+        let mut alone: Vec<_> = rays.iter().map(walk).collect();
+        let mut listed = alone.clone();
+        let mut verdict = Verdict::Continue;
+        // Candidates are ignored, then accepted; the list runs out of fuel now and then.
+        let mut going = true;
+        while going {
+            let mut steps: Vec<_> = listed
+                .iter_mut()
+                .map(|walk| Step::new(walk, verdict))
+                .collect();
+            Walk::resume_all(&mut steps, &mut walker, &mut 5000);
+            while steps.iter().any(|step| step.event == Event::OutOfFuel) {
+                for step in &mut steps {
+                    if step.event == Event::OutOfFuel {
+                        // It has heeded its verdict.
+                        step.event = step.walk.resume(&mut walker, Verdict::Continue, &mut 100);
+                    }
+                }
+            }
+            let events: Vec<_> = steps.iter().map(|step| step.event).collect();
+            for ((alone, listed), event) in alone.iter_mut().zip(&listed).zip(&events) {
+                assert_eq!(
+                    alone.resume(&mut walker, verdict, &mut u64::MAX.clone()),
+                    *event
+                );
+                assert_eq!(alone.committed(), listed.committed());
+                if *event != Event::Done {
+                    assert_eq!(alone.candidate(), listed.candidate());
+                }
+            }
+            going = events.iter().any(|event| *event != Event::Done);
+            verdict = match verdict {
+                Verdict::Continue => Verdict::Accept,
+                _ => Verdict::Continue,
+            };
+        }
+    }
 }

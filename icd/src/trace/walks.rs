@@ -1,11 +1,11 @@
 //! Advancing the walks of a batch's rays, and what their events call.
 
-use traversal::{PACKET, Verdict, Walk};
+use smallvec::SmallVec;
+use traversal::{Event, PACKET, Step, Verdict, Walk};
 
 use super::Stopped;
 use super::batch::{Batch, FUEL};
 use super::calls::Call;
-use super::rays::RayInFlight;
 use super::subgroup::Role;
 use crate::validate::Need;
 
@@ -14,15 +14,10 @@ impl Batch<'_> {
     pub(super) fn advance_walks(&mut self) -> Result<(), Stopped> {
         let mut walking = std::mem::take(&mut self.walking);
         let mut rest = &walking[..];
-        while let Some(&(index, verdict)) = rest.first() {
-            if let Some((wave, others)) = rest.split_first_chunk()
-                && self.finish_walks(wave)
-            {
-                rest = others;
-            } else {
-                self.advance_walk(index, verdict)?;
-                rest = &rest[1..];
-            }
+        while !rest.is_empty() {
+            let (some, others) = rest.split_at(self.count_beside(rest));
+            self.advance_some(some)?;
+            rest = others;
         }
         walking.clear();
         if self.walking.is_empty() {
@@ -31,62 +26,64 @@ impl Batch<'_> {
         Ok(())
     }
 
-    /// Takes a subgroup's rays to the ends of their walks together; false if they do not go the same way, or some
-    /// have started. What they find is the same, one way or the other.
-    fn finish_walks(&mut self, wave: &[(u32, Verdict); PACKET]) -> bool {
-        let indices = wave.map(|(index, _)| index);
-        let subgroup = |index| self.worker.rays[index].caller.subgroup;
-        if subgroup(indices[0]) != subgroup(indices[PACKET - 1])
-            || wave
-                .iter()
-                .any(|&(_, verdict)| verdict != Verdict::Continue)
-        {
-            return false;
+    /// How many of the next rays come from one subgroup.
+    fn count_beside(&self, walking: &[(u32, Verdict)]) -> usize {
+        let subgroup = |&(index, _): &(u32, _)| self.worker.rays[index].caller.subgroup;
+        let first = subgroup(&walking[0]);
+        let beside = walking.iter().take(PACKET);
+        beside.take_while(|entry| subgroup(entry) == first).count()
+    }
+
+    /// Advances up to [`PACKET`] walks: together if they go the same way. What they find is the same, one way or the other.
+    fn advance_some(&mut self, some: &[(u32, Verdict)]) -> Result<(), Stopped> {
+        let mut sorted: SmallVec<[_; PACKET]> = some.into();
+        sorted.sort_unstable_by_key(|&(index, _)| index);
+        let indices = sorted.iter().map(|&(index, _)| index);
+        let rays = self.worker.rays.ascending_mut(indices);
+        let mut steps: SmallVec<[_; PACKET]> = (rays.zip(&sorted))
+            .map(|(ray, &(_, verdict))| Step::new(ray.walk_mut(), verdict))
+            .collect();
+        let mut fuel = FUEL;
+        if !Walk::finish_together(&mut steps, &mut self.worker.walker) {
+            Walk::resume_all(&mut steps, &mut self.worker.walker, &mut fuel);
         }
-        let Some(rays) = self.worker.rays.many_mut(indices) else {
-            return false;
-        };
-        let mut walks = rays.map(RayInFlight::walk_mut);
-        if !Walk::finish_together(&mut walks, &mut self.worker.walker) {
-            return false;
+        let events: SmallVec<[_; PACKET]> = steps.iter().map(|step| step.event).collect();
+        drop(steps);
+        for (&(index, _), event) in sorted.iter().zip(events) {
+            if let Some(verdict) = self.heed(index, event)? {
+                self.advance_walk(index, verdict)?;
+            }
         }
-        for index in indices {
-            self.end_walk(index);
-        }
-        true
+        Ok(())
     }
 
     fn advance_walk(&mut self, index: u32, mut verdict: Verdict) -> Result<(), Stopped> {
-        let mut fuel = FUEL;
         loop {
-            let ray = &mut self.worker.rays[index];
-            let event = ray
-                .walk_mut()
-                .resume(&mut self.worker.walker, verdict, &mut fuel);
-            verdict = match event {
-                traversal::Event::OutOfFuel => {
-                    self.dispatch.limits.check()?;
-                    fuel = FUEL;
-                    Verdict::Continue
-                }
-                traversal::Event::AnyHitCandidate => {
-                    match self.call_for_candidate(index, Role::AnyHit) {
-                        true => return Ok(()),
-                        false => Verdict::Accept,
-                    }
-                }
-                traversal::Event::ProceduralCandidate => {
-                    match self.call_for_candidate(index, Role::Intersection) {
-                        true => return Ok(()),
-                        false => Verdict::Continue,
-                    }
-                }
-                traversal::Event::Done => {
-                    self.end_walk(index);
-                    return Ok(());
-                }
-            };
+            let walk = self.worker.rays[index].walk_mut();
+            let event = walk.resume(&mut self.worker.walker, verdict, &mut { FUEL });
+            match self.heed(index, event)? {
+                Some(next) => verdict = next,
+                None => return Ok(()),
+            }
         }
+    }
+
+    /// Does what a walk's event asks for; a verdict if the walk goes on at once.
+    fn heed(&mut self, index: u32, event: Event) -> Result<Option<Verdict>, Stopped> {
+        let (role, otherwise) = match event {
+            Event::OutOfFuel => {
+                self.dispatch.limits.check()?;
+                return Ok(Some(Verdict::Continue));
+            }
+            Event::Done => {
+                self.end_walk(index);
+                return Ok(None);
+            }
+            Event::AnyHitCandidate => (Role::AnyHit, Verdict::Accept),
+            Event::ProceduralCandidate => (Role::Intersection, Verdict::Continue),
+        };
+        let called = self.call_for_candidate(index, role);
+        Ok((!called).then_some(otherwise))
     }
 
     /// Calls the shader that decides on a candidate; false if its group has none.

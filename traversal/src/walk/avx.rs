@@ -67,7 +67,7 @@ impl Kernel for Avx {
         // SAFETY: the caller promises AVX; axes are below three.
         unsafe {
             let [x, y, z] = space.flat_origin;
-            let [x_axis, y_axis, z_axis] = space.axes;
+            let [x_axis, y_axis, z_axis] = space.axes();
             let axis = size_of::<[f32; GROUP]>();
             AvxShear {
                 origin: [_mm_set1_ps(x), _mm_set1_ps(y), _mm_set1_ps(z)],

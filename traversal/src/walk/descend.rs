@@ -2,7 +2,7 @@
 
 use super::kernel::Kernel;
 use super::leaf::{self, Leaf, Triangles};
-use super::level::Level;
+use super::level::{Entered, Level};
 use super::walker::{Entry, STACK};
 use super::{Event, Walk, Walker};
 use crate::layout::{Node, WIDTH, child};
@@ -25,6 +25,7 @@ struct Distances([f32; WIDTH]);
 pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
     walk: &mut Walk,
     walker: &mut Walker,
+    entered: &mut Entered,
     fuel: &mut u64,
 ) -> Event {
     let Walker {
@@ -32,21 +33,42 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         top,
         bottom,
         instance,
+        hits,
         ..
     } = walker;
-    // SAFETY: the contract of `Walk::new`.
-    if !unsafe { top.enter_top(walk.top_level) } {
-        return Event::Done;
-    }
-    // A top level of one instance is nothing to walk: straight to the bottom.
-    let only = only_instance(top);
-    if only.is_none() {
-        top.set_up_top(&walk.ray);
+    let mut in_bottom = true;
+    if let Some(index) = entered.again(walk.top_level, &walk.ray) {
+        if !bottom.place(top, index, &walk.ray, walk.time) {
+            return Event::Done;
+        }
+    } else {
+        // SAFETY: the contract of `Walk::new`, here and below.
+        if !unsafe { top.enter_top(walk.top_level) } {
+            return Event::Done;
+        }
+        // A top level of one instance is nothing to walk: straight to the bottom.
+        let only = only_instance(top);
+        if only.is_none() {
+            top.set_up_top(&walk.ray);
+        }
+        entered.set(0, &walk.ray, None);
+        let index = only.unwrap_or(walk.instance);
+        if index == Walk::NO_INSTANCE {
+            in_bottom = false;
+        } else {
+            let is_up = only.is_none();
+            // SAFETY: as above.
+            let entered =
+                unsafe { bottom.enter_bottom(instance, top, is_up, index, &walk.ray, walk.time) };
+            if !entered {
+                return Event::Done;
+            }
+        }
+        entered.set(walk.top_level, &walk.ray, only);
     }
     let mut length;
     // Entries of the stack that belong to the top level, while the walk is in a bottom level.
     let mut floor = 0;
-    let mut in_bottom = false;
     if walk.is_fresh() {
         stack[0] = Entry::new(0, 0.0);
         length = 1;
@@ -54,19 +76,6 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         length = walk.pending.len().min(STACK - WIDTH);
         stack[..length].copy_from_slice(&walk.pending[..length]);
         floor = (walk.floor as usize).min(length);
-    }
-    let index = match only {
-        Some(index) => index,
-        None => walk.instance,
-    };
-    if index != Walk::NO_INSTANCE {
-        // SAFETY: the contract of `Walk::new`.
-        if !unsafe {
-            bottom.enter_bottom(instance, top, only.is_none(), index, &walk.ray, walk.time)
-        } {
-            return Event::Done;
-        }
-        in_bottom = true;
     }
     let mut left = *fuel;
     // The rest of a leaf that a verdict interrupted.
@@ -179,7 +188,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
             };
             if takes_all {
                 // SAFETY: the caller's promise.
-                if unsafe { leaf.take::<K, ANY>(walk, &mut t_far) } {
+                if unsafe { leaf.take::<K, ANY>(walk, hits, &mut t_far) } {
                     break 'level Event::Done;
                 }
                 continue 'next;

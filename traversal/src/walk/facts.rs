@@ -9,7 +9,7 @@ use crate::structure::Structure;
 
 /// The instance that a walk is in, as its candidates see it. Flags are looked at where they count:
 /// most walks never do.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 pub(crate) struct InstanceFacts {
     pub index: u32,
     custom_index: u32,
@@ -37,6 +37,17 @@ const FORCED: [[Option<bool>; 4]; 4] = [
 const _: () = assert!(instance_flags::FORCE_NO_OPAQUE == 2 * instance_flags::FORCE_OPAQUE);
 
 impl InstanceFacts {
+    /// In no instance.
+    pub const NONE: InstanceFacts = InstanceFacts {
+        index: 0,
+        custom_index: 0,
+        sbt_offset: 0,
+        flags: 0,
+        ray_flags: 0,
+        opaque: None,
+        takes_all: false,
+    };
+
     #[inline(always)]
     pub fn new(index: u32, record: &InstanceRecord, ray: &Ray) -> InstanceFacts {
         let flags = record.sbt_offset_and_flags >> 24;

@@ -130,7 +130,7 @@ unsafe fn absolute(v: __m128) -> __m128 {
 #[inline(always)]
 unsafe fn load(space: &Space, vertex: *const u8, axis: usize) -> __m128 {
     // SAFETY: the callers': axes are below three, and a vertex has three rows.
-    unsafe { _mm_load_ps(vertex.add(space.axes[axis] * AXIS).cast()) }
+    unsafe { _mm_load_ps(vertex.add(space.axes()[axis] * AXIS).cast()) }
 }
 
 type Flat = (__m128, __m128, __m128);

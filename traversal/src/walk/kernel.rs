@@ -158,7 +158,7 @@ impl Kernel for Portable {
 
     #[inline(always)]
     unsafe fn test_group(ray: &Space, group: &TriangleGroup, t_far: f32) -> u32 {
-        let [x_axis, y_axis, z_axis] = ray.axes;
+        let [x_axis, y_axis, z_axis] = ray.axes();
         let mut flat = [[[0f32; GROUP]; 2]; 3];
         let mut t = [[0f32; GROUP]; 3];
         for vertex in 0..3 {

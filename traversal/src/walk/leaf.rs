@@ -140,7 +140,7 @@ impl Triangles<'_> {
         Leaf::Finished
     }
 
-    /// Tests triangles that all count: opaque, not culled, in a space that is not scaled. Lowers
+    /// Tests triangles that all count: opaque, not culled, in a space that is not scaled; `found` is room for that. Lowers
     /// `t_far` to what is found. Returns whether the walk is over (with `ANY`, by its first hit).
     ///
     /// # Safety
@@ -149,6 +149,7 @@ impl Triangles<'_> {
     pub unsafe fn take<K: Kernel, const ANY: bool>(
         &self,
         walk: &mut Walk,
+        found: &mut GroupHits,
         t_far: &mut f32,
     ) -> bool {
         let index = self.word & child::INDEX;
@@ -157,15 +158,13 @@ impl Triangles<'_> {
         } else {
             1
         };
-        let mut found = GroupHits::NONE;
         for index in index..index + groups {
             let Some(group) = self.level.structure.group(index) else {
                 return false;
             };
             // SAFETY: the caller's promise.
-            let mut mask = unsafe {
-                K::intersect_group(self.space, group, walk.ray.t_min, *t_far, &mut found)
-            };
+            let mut mask =
+                unsafe { K::intersect_group(self.space, group, walk.ray.t_min, *t_far, found) };
             while mask != 0 {
                 let lane = mask.trailing_zeros() as usize % GROUP;
                 mask &= mask - 1;

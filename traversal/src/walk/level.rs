@@ -4,7 +4,46 @@ use super::facts::InstanceFacts;
 use super::space::Space;
 use crate::layout::instance_state;
 use crate::ray::{Ray, ray_flags};
-use crate::structure::{Kind, Structure};
+use crate::structure::{Key, Kind, Structure};
+
+/// What the walk before entered, while nobody can have changed it.
+#[derive(Clone, Copy)]
+pub(crate) struct Entered {
+    top_level: u64,
+    flags: u32,
+    cull_mask: u32,
+    /// The only instance of the top level; its bottom level was entered, and admits the ray.
+    only: Option<u32>,
+}
+
+impl Entered {
+    pub const NOTHING: Entered = Entered {
+        top_level: 0,
+        flags: 0,
+        cull_mask: 0,
+        only: None,
+    };
+
+    /// Remembers what a walk has entered.
+    #[inline(always)]
+    pub fn set(&mut self, top_level: u64, ray: &Ray, only: Option<u32>) {
+        *self = Entered {
+            top_level,
+            flags: ray.flags,
+            cull_mask: ray.cull_mask,
+            only,
+        };
+    }
+
+    /// The only instance, if that is what a ray enters again.
+    #[inline(always)]
+    pub fn again(&self, top_level: u64, ray: &Ray) -> Option<u32> {
+        let same = self.top_level == top_level
+            && self.flags == ray.flags
+            && self.cull_mask == ray.cull_mask;
+        if same { self.only } else { None }
+    }
+}
 
 /// A structure and the ray in its space.
 #[derive(Clone, Copy)]
@@ -13,6 +52,9 @@ pub(crate) struct Level {
     pub space: Space,
     /// The space is that of the level above, as it is there.
     pub shares_space: bool,
+    /// Where the structure is, and what its header said.
+    address: u64,
+    key: Key,
 }
 
 impl Level {
@@ -21,7 +63,30 @@ impl Level {
         structure: Structure::NOWHERE,
         space: Space::NOWHERE,
         shares_space: false,
+        address: 0,
+        key: Key::NONE,
     };
+
+    /// Looks at the structure at an address, mostly that of the ray before; false if there is none.
+    ///
+    /// # Safety
+    /// `address` is 0 or a structure that stays as it is meanwhile.
+    #[inline(always)]
+    unsafe fn find(&mut self, address: u64) -> bool {
+        // It may be another one by now.
+        if address == self.address && address != 0 && *self.structure.key() == self.key {
+            return true;
+        }
+        self.address = 0;
+        // SAFETY: the caller's promise.
+        let Some(structure) = (unsafe { Structure::at(address) }) else {
+            return false;
+        };
+        self.structure = structure;
+        self.address = address;
+        self.key = *structure.key();
+        true
+    }
 
     /// Enters a top level; false if there is nothing to walk.
     ///
@@ -30,11 +95,7 @@ impl Level {
     #[inline(always)]
     pub unsafe fn enter_top(&mut self, address: u64) -> bool {
         // SAFETY: the caller's promise.
-        let Some(structure) = (unsafe { Structure::at(address) }) else {
-            return false;
-        };
-        self.structure = structure;
-        structure.kind().is_top()
+        unsafe { self.find(address) && self.structure.kind().is_top() }
     }
 
     /// Sets up the ray for the nodes of a top level that was entered.
@@ -61,6 +122,29 @@ impl Level {
         ray: &Ray,
         time: f32,
     ) -> bool {
+        // SAFETY: the caller's promise.
+        if !unsafe { self.admit(facts, top, index, ray) } {
+            return false;
+        }
+        let is_identity = (top.structure.instance(index))
+            .is_some_and(|record| record.state & instance_state::IDENTITY != 0);
+        self.shares_space =
+            is_identity && top_is_set_up && top.structure.header().origin_error == 0.0;
+        self.shares_space || self.place(top, index, ray, time)
+    }
+
+    /// Finds the bottom level of an instance of `top`, and what its record says; false if the ray has no business there.
+    ///
+    /// # Safety
+    /// As for [`Self::enter_bottom`].
+    #[inline(always)]
+    pub unsafe fn admit(
+        &mut self,
+        facts: &mut InstanceFacts,
+        top: &Level,
+        index: u32,
+        ray: &Ray,
+    ) -> bool {
         let Some(record) = top.structure.instance(index) else {
             return false;
         };
@@ -70,27 +154,29 @@ impl Level {
             return false;
         }
         // SAFETY: the caller's promise.
-        let Some(structure) = (unsafe { Structure::at(top.structure.reference(index)) }) else {
+        if !unsafe { self.find(top.structure.reference(index)) } {
             return false;
-        };
+        }
+        let structure = self.structure;
         let skip = match structure.kind() {
             Kind::Triangles | Kind::Swept | Kind::Motion => ray_flags::SKIP_TRIANGLES,
             Kind::Aabbs => ray_flags::SKIP_AABBS,
             Kind::Instances | Kind::MotionInstances => return false,
         };
         *facts = InstanceFacts::new(index, record, ray);
-        if ray.flags & skip != 0 || !facts.admits(&structure) {
+        ray.flags & skip == 0 && facts.admits(&structure)
+    }
+
+    /// Moves the ray to the space of an instance of `top` that was entered.
+    #[inline(always)]
+    pub fn place(&mut self, top: &Level, index: u32, ray: &Ray, time: f32) -> bool {
+        let Some(record) = top.structure.instance(index) else {
             return false;
-        }
-        self.structure = structure;
+        };
         if record.state & instance_state::IDENTITY != 0 {
-            self.shares_space = top_is_set_up && top.structure.header().origin_error == 0.0;
-            if !self.shares_space {
-                self.space.set(ray.origin, ray.direction, ray.t_min, 0.0);
-            }
+            self.space.set(ray.origin, ray.direction, ray.t_min, 0.0);
             return true;
         }
-        self.shares_space = false;
         let moved;
         let (mut to_world, mut to_object) = (&record.object_to_world, &record.world_to_object);
         if record.state & instance_state::MOVING != 0 {

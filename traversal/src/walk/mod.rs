@@ -74,6 +74,27 @@ pub enum Event {
     OutOfFuel,
 }
 
+/// A walk to be resumed among others.
+pub struct Step<'a> {
+    /// The walk.
+    pub walk: &'a mut Walk,
+    /// What the caller decided about its last event.
+    pub verdict: Verdict,
+    /// Out: why it stopped.
+    pub event: Event,
+}
+
+impl<'a> Step<'a> {
+    /// A walk to be resumed with a verdict.
+    pub fn new(walk: &'a mut Walk, verdict: Verdict) -> Step<'a> {
+        Step {
+            walk,
+            verdict,
+            event: Event::OutOfFuel,
+        }
+    }
+}
+
 /// One ray's way through a scene. Small: the live part of the stack is kept beside it only while
 /// the walk is suspended.
 #[derive(Clone, Debug)]
@@ -106,6 +127,18 @@ enum State {
     Done,
 }
 
+impl State {
+    #[inline(always)]
+    fn after(event: Event) -> State {
+        match event {
+            Event::Done => State::Done,
+            Event::AnyHitCandidate => State::AnyHit,
+            Event::ProceduralCandidate => State::Procedural,
+            Event::OutOfFuel => State::OutOfFuel,
+        }
+    }
+}
+
 impl Walk {
     pub(crate) const NO_INSTANCE: u32 = u32::MAX;
 
@@ -115,6 +148,7 @@ impl Walk {
     /// # Safety
     /// `top_level` and the bottom levels it refers to must be 0 or built structures, and stay
     /// unchanged until the walk is dropped or done.
+    #[inline]
     pub unsafe fn new(top_level: u64, ray: &Ray) -> Walk {
         Walk {
             ray: *ray,
@@ -155,6 +189,20 @@ impl Walk {
     /// Goes on until something has to be decided outside. Each visited node and each leaf costs one
     /// unit of `fuel`.
     pub fn resume(&mut self, walker: &mut Walker, verdict: Verdict, fuel: &mut u64) -> Event {
+        let mut step = [Step::new(self, verdict)];
+        walker::run(&mut step, walker, fuel);
+        step[0].event
+    }
+
+    /// [`Self::resume`] for each of many walks in turn, for less than one by one: what they have in common is done once.
+    /// `fuel` is for all of them.
+    pub fn resume_all(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
+        walker::run(steps, walker, fuel);
+    }
+
+    /// Heeds a verdict; whether that ends the walk.
+    #[inline(always)]
+    fn is_over(&mut self, verdict: Verdict) -> bool {
         let accepts = matches!(verdict, Verdict::Accept | Verdict::AcceptAndTerminate);
         let ends = matches!(verdict, Verdict::Terminate | Verdict::AcceptAndTerminate);
         let over = match self.state {
@@ -165,27 +213,16 @@ impl Walk {
             State::AnyHit | State::OutOfFuel => false,
             State::Done => true,
         };
-        let event = if over || ends {
-            Event::Done
-        } else {
-            walker::run(self, walker, fuel)
-        };
-        self.state = match event {
-            Event::Done => State::Done,
-            Event::AnyHitCandidate => State::AnyHit,
-            Event::ProceduralCandidate => State::Procedural,
-            Event::OutOfFuel => State::OutOfFuel,
-        };
-        event
+        over || ends
     }
 
     /// Takes up to [`PACKET`] walks to their ends together if that can be done: they have not
-    /// started, their rays start near each other and go the same way, and the structure is one
-    /// instance of opaque triangles. The hits are those of each walk by itself, bit for bit. Returns
-    /// false if it cannot be done; then nothing has happened.
-    pub fn finish_together(walks: &mut [&mut Walk], walker: &mut Walker) -> bool {
+    /// started, their rays start near each other and go the same way, and what they meet are instances of opaque
+    /// triangles. The hits are those of each walk by itself, bit for bit, but for rays that end with their first hit,
+    /// which may find another one first. Returns false if it cannot be done; then nothing has happened.
+    pub fn finish_together(steps: &mut [Step<'_>], walker: &mut Walker) -> bool {
         #[cfg(target_arch = "x86_64")]
-        return walker.tier() == Tier::Avx512 && packet::run(walks, walker);
+        return walker.tier() == Tier::Avx512 && packet::run(steps, walker);
         #[cfg(not(target_arch = "x86_64"))]
         return false;
     }

@@ -9,6 +9,9 @@
 //! Directions far from unit length are brought near it by a power of two, so that distances to
 //! boxes neither over- nor underflow: `t = scaled t · scale`.
 
+#[cfg(target_arch = "x86_64")]
+use std::arch::x86_64::*;
+
 use crate::layout::Bounds;
 
 /// Relative widening of box distances, sixteen roundings.
@@ -38,7 +41,7 @@ pub(crate) struct Space {
     pub shear: [f32; 2],
     /// Two axes, then the one along which the direction is longest; swapped if that is negative, so
     /// that winding is kept (Woop, Benthin, Wald 2013).
-    pub axes: [usize; 3],
+    axes: [u32; 4],
     /// `t` per scaled `t`, a power of two.
     pub scale: f64,
     /// Lower end of the interval, scaled and rounded down; not negative.
@@ -54,10 +57,10 @@ const LONGEST: [u8; 8] = [2, 2, 2, 0, 1, 2, 1, 0];
 
 /// By that axis, and whether the direction is negative there: it and the next two in turn, swapped
 /// in that case.
-const AXES: [[[usize; 3]; 2]; 3] = [
-    [[1, 2, 0], [2, 1, 0]],
-    [[2, 0, 1], [0, 2, 1]],
-    [[0, 1, 2], [1, 0, 2]],
+const AXES: [[[u32; 4]; 2]; 3] = [
+    [[1, 2, 0, 0], [2, 1, 0, 0]],
+    [[2, 0, 1, 0], [0, 2, 1, 0]],
+    [[0, 1, 2, 0], [1, 0, 2, 0]],
 ];
 
 impl Space {
@@ -73,7 +76,7 @@ impl Space {
         flat_origin: [0.0; 3],
         inverse_z: 0.0,
         shear: [0.0; 2],
-        axes: [0; 3],
+        axes: [0; 4],
         scale: 1.0,
         t_min: 0.0,
     };
@@ -81,47 +84,118 @@ impl Space {
     /// Sets up a finite ray. `uncertainty` is how far the ray may be off on each axis.
     #[inline(always)]
     pub fn set(&mut self, origin: [f32; 3], direction: [f32; 3], t_min: f32, uncertainty: f32) {
-        let [x_size, y_size, z_size] = [direction[0].abs(), direction[1].abs(), direction[2].abs()];
-        let order = usize::from(x_size > y_size)
-            | usize::from(x_size > z_size) << 1
-            | usize::from(y_size > z_size) << 2;
-        let z = usize::from(LONGEST[order]);
-        let [x, y, z] = AXES[z][usize::from(direction[z] < 0.0)];
-        self.origin = [origin[0], origin[1], origin[2], 0.0];
-        self.direction = [direction[0], direction[1], direction[2], 1.0];
-        self.axes = [x, y, z];
-        self.flat_origin = [origin[x], origin[y], origin[z]];
-        let mut inverse = [0.0; 4];
-        for i in 0..4 {
-            inverse[i] = 1.0 / self.direction[i];
-        }
-        self.shear = [direction[x] * inverse[z], direction[y] * inverse[z]];
+        let origin = [origin[0], origin[1], origin[2], 0.0];
+        let direction = [direction[0], direction[1], direction[2], 1.0];
+        self.origin = origin;
+        self.direction = direction;
+        let inverse = reciprocals(direction);
+        self.orient(origin, direction, inverse);
         self.scale = 1.0;
         self.t_min = max(t_min, 0.0);
-        let size = direction[z].abs();
-        if !MODEST.contains(&size) {
-            let length = power_of_two_near(f64::from(size));
-            for (inverse, d) in inverse.iter_mut().zip(direction) {
-                *inverse = (length / f64::from(d)) as f32;
-            }
-            self.shear = [direction[x] / direction[z], direction[y] / direction[z]];
-            self.scale = 1.0 / length;
-            self.t_min = max(((f64::from(t_min) * length) as f32).next_down(), 0.0);
-        }
-        self.inverse_z = inverse[z];
-        let mut overflows = false;
-        for i in 0..4 {
-            self.near_inverse[i] = inverse[i] * (1.0 - MARGIN);
-            self.far_inverse[i] = inverse[i] * (1.0 + MARGIN);
-            overflows |= self.far_inverse[i].is_infinite() & (self.direction[i] != 0.0);
-            let toward = uncertainty.copysign(self.direction[i]);
-            self.near_origin[i] = self.origin[i] + toward;
-            self.far_origin[i] = self.origin[i] - toward;
-            self.signs[i] = self.direction[i].to_bits() as i32 >> 31;
-        }
-        if overflows {
+        let size = self.direction[self.axes[2] as usize].abs();
+        let inverse = if MODEST.contains(&size) {
+            inverse
+        } else {
+            self.rescale(t_min)
+        };
+        if self.widen(origin, direction, inverse, uncertainty) {
             self.leave_out_tiny();
         }
+    }
+
+    /// Finds the axis of the longest component and what follows from it.
+    #[inline(always)]
+    fn orient(&mut self, origin: [f32; 4], direction: [f32; 4], inverse: [f32; 4]) {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: SSE2 is part of x86-64; four numbers.
+        let order = unsafe {
+            let d = _mm_loadu_ps(direction.as_ptr());
+            let size = _mm_andnot_ps(_mm_set1_ps(-0.0), d);
+            let (first, second) = (
+                _mm_shuffle_ps::<0b00_01_00_00>(size, size),
+                _mm_shuffle_ps::<0b00_10_10_01>(size, size),
+            );
+            _mm_movemask_ps(_mm_cmpgt_ps(first, second)) as usize & 7
+        };
+        #[cfg(not(target_arch = "x86_64"))]
+        let order = {
+            let [x, y, z] = [0, 1, 2].map(|axis| direction[axis].abs());
+            usize::from(x > y) | usize::from(x > z) << 1 | usize::from(y > z) << 2
+        };
+        let z = LONGEST[order];
+        self.axes = AXES[usize::from(z) % 3][usize::from(direction[usize::from(z)] < 0.0)];
+        let [x, y, z] = self.axes();
+        self.flat_origin = [origin[x], origin[y], origin[z]];
+        self.inverse_z = inverse[z];
+        self.shear = [direction[x] * inverse[z], direction[y] * inverse[z]];
+    }
+
+    /// Brings a direction far from unit length near it; returns the scaled direction's reciprocals.
+    #[cold]
+    #[inline(never)]
+    fn rescale(&mut self, t_min: f32) -> [f32; 4] {
+        let direction = self.direction;
+        let [x, y, z] = self.axes();
+        let length = power_of_two_near(f64::from(direction[z].abs()));
+        let mut inverse = direction.map(|d| (length / f64::from(d)) as f32);
+        inverse[3] = 1.0;
+        self.shear = [direction[x] / direction[z], direction[y] / direction[z]];
+        self.scale = 1.0 / length;
+        self.t_min = max(((f64::from(t_min) * length) as f32).next_down(), 0.0);
+        self.inverse_z = inverse[z];
+        inverse
+    }
+
+    /// Makes reciprocals and origins for near and for far planes; whether a reciprocal overflows.
+    #[inline(always)]
+    fn widen(
+        &mut self,
+        origin: [f32; 4],
+        direction: [f32; 4],
+        inverse: [f32; 4],
+        uncertainty: f32,
+    ) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: SSE2 is part of x86-64; four numbers each, the space's aligned.
+        unsafe {
+            let inverse = _mm_loadu_ps(inverse.as_ptr());
+            let d = _mm_loadu_ps(direction.as_ptr());
+            let origin = _mm_loadu_ps(origin.as_ptr());
+            let far = _mm_mul_ps(inverse, _mm_set1_ps(1.0 + MARGIN));
+            let near = _mm_mul_ps(inverse, _mm_set1_ps(1.0 - MARGIN));
+            let sign = _mm_set1_ps(-0.0);
+            let toward = _mm_or_ps(_mm_and_ps(d, sign), _mm_set1_ps(uncertainty));
+            let signs = _mm_srai_epi32::<31>(_mm_castps_si128(d));
+            _mm_store_ps(self.near_inverse.as_mut_ptr(), near);
+            _mm_store_ps(self.far_inverse.as_mut_ptr(), far);
+            _mm_store_ps(self.near_origin.as_mut_ptr(), _mm_add_ps(origin, toward));
+            _mm_store_ps(self.far_origin.as_mut_ptr(), _mm_sub_ps(origin, toward));
+            _mm_store_si128(self.signs.as_mut_ptr().cast(), signs);
+            let infinite = _mm_cmpeq_ps(_mm_andnot_ps(sign, far), _mm_set1_ps(f32::INFINITY));
+            let moves = _mm_cmpneq_ps(d, _mm_setzero_ps());
+            _mm_movemask_ps(_mm_and_ps(infinite, moves)) != 0
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        {
+            let mut overflows = false;
+            for i in 0..4 {
+                self.near_inverse[i] = inverse[i] * (1.0 - MARGIN);
+                self.far_inverse[i] = inverse[i] * (1.0 + MARGIN);
+                overflows |= self.far_inverse[i].is_infinite() & (direction[i] != 0.0);
+                let toward = uncertainty.copysign(direction[i]);
+                self.near_origin[i] = origin[i] + toward;
+                self.far_origin[i] = origin[i] - toward;
+                self.signs[i] = direction[i].to_bits() as i32 >> 31;
+            }
+            overflows
+        }
+    }
+
+    /// The axes by which the triangle test takes coordinates.
+    #[inline(always)]
+    pub fn axes(&self) -> [usize; 3] {
+        let [x, y, z, _] = self.axes;
+        [x as usize, y as usize, z as usize]
     }
 
     /// A tiny component's reciprocal overflows: such an axis is left out, a zero's is not.
@@ -171,6 +245,21 @@ impl Space {
         }
         (near, far)
     }
+}
+
+/// One over each number.
+#[inline(always)]
+fn reciprocals(v: [f32; 4]) -> [f32; 4] {
+    #[cfg(target_arch = "x86_64")]
+    // SAFETY: SSE2 is part of x86-64; four numbers each.
+    unsafe {
+        let mut inverse = [0.0; 4];
+        let v = _mm_loadu_ps(v.as_ptr());
+        _mm_storeu_ps(inverse.as_mut_ptr(), _mm_div_ps(_mm_set1_ps(1.0), v));
+        inverse
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    v.map(|v| 1.0 / v)
 }
 
 /// The greater, or `b` if one is NaN: the x86 instruction.

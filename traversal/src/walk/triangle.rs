@@ -51,7 +51,7 @@ pub(crate) const SLACK: f32 = 1.0 / (1 << 18) as f32;
 /// Intersects a ray with a triangle, whatever the ray's interval.
 #[inline(always)]
 pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<Intersection> {
-    let [x_axis, y_axis, z_axis] = space.axes;
+    let [x_axis, y_axis, z_axis] = space.axes();
     let (mut flat, mut z) = ([[0f32; 2]; 3], [0f32; 3]);
     for i in 0..3 {
         let moved = |axis: usize| triangle[i][axis] - space.origin[axis];
@@ -114,7 +114,7 @@ fn intersect_exactly(
     flat: &[[f32; 2]; 3],
     rim: Rim,
 ) -> Option<Intersection> {
-    let z_axis = space.axes[2];
+    let z_axis = space.axes()[2];
     let [a, b, c] = *flat;
     let edges = [edge(c, b), edge(a, c), edge(b, a)];
     let sum: f64 = edges.iter().sum();
@@ -169,7 +169,7 @@ fn weights(
     front: bool,
     inverse_z: f64,
 ) -> Option<[f64; 3]> {
-    let [x_axis, y_axis, z_axis] = space.axes;
+    let [x_axis, y_axis, z_axis] = space.axes();
     let shear = [x_axis, y_axis].map(|axis| f64::from(space.direction[axis]) * inverse_z);
     let flat: [[f64; 2]; 3] = std::array::from_fn(|i| {
         let moved = |axis: usize| f64::from(triangle[i][axis]) - f64::from(space.origin[axis]);

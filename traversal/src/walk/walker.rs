@@ -1,9 +1,11 @@
 //! A thread's working state for the walk that it is running, and the instruction sets there are.
 
 use super::facts::InstanceFacts;
-use super::kernel::{Kernel, Portable};
-use super::level::Level;
-use super::{Event, Walk, descend};
+use super::kernel::{GroupHits, Kernel, Portable};
+use super::level::{Entered, Level};
+#[cfg(target_arch = "x86_64")]
+use super::packet::PacketSpace;
+use super::{Event, State, Step, descend};
 use crate::layout::{MAX_DEPTH, WIDTH};
 use crate::ray::Ray;
 
@@ -14,6 +16,9 @@ use crate::ray::Ray;
 pub(crate) struct Entry(u64);
 
 impl Entry {
+    /// The root, wherever it is entered.
+    pub const ROOT: Entry = Entry(0);
+
     #[inline(always)]
     pub fn new(word: u32, near: f32) -> Entry {
         Entry(u64::from(word) | u64::from(near.to_bits()) << 32)
@@ -51,6 +56,9 @@ pub struct Walker {
     /// The bottom level that the walk is in, and its instance.
     pub(crate) bottom: Level,
     pub(crate) instance: InstanceFacts,
+    pub(crate) hits: GroupHits,
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) packet: PacketSpace,
     tier: Tier,
 }
 
@@ -118,7 +126,10 @@ impl Walker {
                 stack: [Entry::default(); STACK],
                 top: Level::NOWHERE,
                 bottom: Level::NOWHERE,
-                instance: InstanceFacts::default(),
+                instance: InstanceFacts::NONE,
+                hits: GroupHits::NONE,
+                #[cfg(target_arch = "x86_64")]
+                packet: PacketSpace::EMPTY,
                 tier,
             })
         })
@@ -132,17 +143,17 @@ pub(crate) fn is_sound(ray: &Ray) -> bool {
     f32::from_bits(most).is_finite() & (ray.t_min <= ray.t_max)
 }
 
-/// Runs a walk until something has to be decided outside.
-pub(crate) fn run(walk: &mut Walk, walker: &mut Walker, fuel: &mut u64) -> Event {
+/// Runs walks, each until something has to be decided outside.
+pub(crate) fn run(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
     match walker.tier {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: a walker has this tier only on machines that have the instruction set.
-        Tier::Avx512 => unsafe { run_avx512(walk, walker, fuel) },
+        Tier::Avx512 => unsafe { run_avx512(steps, walker, fuel) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: likewise.
-        Tier::Avx2 => unsafe { run_avx2(walk, walker, fuel) },
+        Tier::Avx2 => unsafe { run_avx2(steps, walker, fuel) },
         // SAFETY: every machine has plain Rust.
-        _ => unsafe { run_with::<Portable>(walk, walker, fuel) },
+        _ => unsafe { run_with::<Portable>(steps, walker, fuel) },
     }
 }
 
@@ -150,30 +161,40 @@ pub(crate) fn run(walk: &mut Walk, walker: &mut Walker, fuel: &mut u64) -> Event
 /// The machine has these features.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2")]
-unsafe fn run_avx512(walk: &mut Walk, walker: &mut Walker, fuel: &mut u64) -> Event {
+unsafe fn run_avx512(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
     // SAFETY: the caller's promise.
-    unsafe { run_with::<super::avx::Avx>(walk, walker, fuel) }
+    unsafe { run_with::<super::avx::Avx>(steps, walker, fuel) }
 }
 
 /// # Safety
 /// The machine has these features.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2")]
-unsafe fn run_avx2(walk: &mut Walk, walker: &mut Walker, fuel: &mut u64) -> Event {
+unsafe fn run_avx2(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
     // SAFETY: the caller's promise.
-    unsafe { run_with::<super::avx::Avx>(walk, walker, fuel) }
+    unsafe { run_with::<super::avx::Avx>(steps, walker, fuel) }
 }
 
 /// # Safety
 /// The machine has the kernel's instruction set.
 #[inline(always)]
-unsafe fn run_with<K: Kernel>(walk: &mut Walk, walker: &mut Walker, fuel: &mut u64) -> Event {
-    // SAFETY: the caller's promise.
-    unsafe {
-        if walk.terminates_on_first_hit() {
-            descend::run::<K, true>(walk, walker, fuel)
-        } else {
-            descend::run::<K, false>(walk, walker, fuel)
+unsafe fn run_with<K: Kernel>(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
+    let mut entered = Entered::NOTHING;
+    for step in steps {
+        let walk = &mut *step.walk;
+        if walk.is_over(step.verdict) {
+            walk.state = State::Done;
+            step.event = Event::Done;
+            continue;
         }
+        // SAFETY: the caller's promise.
+        step.event = unsafe {
+            if walk.terminates_on_first_hit() {
+                descend::run::<K, true>(walk, walker, &mut entered, fuel)
+            } else {
+                descend::run::<K, false>(walk, walker, &mut entered, fuel)
+            }
+        };
+        walk.state = State::after(step.event);
     }
 }

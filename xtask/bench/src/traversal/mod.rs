@@ -54,6 +54,9 @@ pub struct Options {
     /// Write the rows as comma-separated values, too
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
+    /// Write every sample and ratio as JSON, too
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
 }
 
 /// Who takes part.
@@ -63,15 +66,18 @@ enum Contestant {
     Tuff(u32),
     /// By packets of rays.
     Packets(u32),
+    /// Each ray by a call of its own.
+    Singly(u32),
 }
 
 /// The first of those that are there is what the others are compared with.
-const CONTESTANTS: [(&str, Contestant); 8] = [
+const CONTESTANTS: [(&str, Contestant); 9] = [
     ("embree robust", Contestant::Embree(Quality::Medium, true)),
     ("embree", Contestant::Embree(Quality::Medium, false)),
     ("embree low", Contestant::Embree(Quality::Low, true)),
     ("tuff", Contestant::Tuff(0)),
     ("tuff packets", Contestant::Packets(0)),
+    ("tuff singly", Contestant::Singly(0)),
     (
         "tuff trace",
         Contestant::Tuff(BuildFlags::PREFER_FAST_TRACE),
@@ -88,6 +94,7 @@ enum Engine<'a> {
     Embree(embree::Built<'a>),
     Tuff(Box<Tuff>),
     Packets(Box<Tuff>),
+    Singly(Box<Tuff>),
 }
 
 impl Engine<'_> {
@@ -95,8 +102,9 @@ impl Engine<'_> {
         match self {
             Engine::Embree(built) if kind == Kind::Shadow => built.occluded(rays),
             Engine::Embree(built) => built.closest(rays),
-            Engine::Tuff(tuff) => tuff.trace(rays),
-            Engine::Packets(tuff) => tuff.trace_packets(rays),
+            Engine::Tuff(tuff) => tuff.trace(rays, false),
+            Engine::Packets(tuff) => tuff.trace(rays, true),
+            Engine::Singly(tuff) => tuff.trace_singly(rays),
         }
     }
 }
@@ -117,10 +125,13 @@ pub fn run(options: &Options) -> Result<()> {
         }
     }
     table.print_means();
-    match &options.csv {
-        Some(path) => table.write_csv(path),
-        None => Ok(()),
+    if let Some(path) = &options.csv {
+        table.write_csv(path)?;
     }
+    if let Some(path) = &options.json {
+        table.write_json(path)?;
+    }
+    Ok(())
 }
 
 fn run_scene(
@@ -153,7 +164,12 @@ fn run_scene(
                 (Contestant::Embree(quality, robust), Some(embree)) => {
                     timed(|| embree.build(&scene.mesh, *quality, *robust)).0
                 }
-                (Contestant::Tuff(flags) | Contestant::Packets(flags), _) => {
+                (
+                    Contestant::Tuff(flags)
+                    | Contestant::Packets(flags)
+                    | Contestant::Singly(flags),
+                    _,
+                ) => {
                     let mut place = Place::new(&scene.mesh, *flags);
                     timed(|| place.build(&scene.mesh)).0
                 }
@@ -172,12 +188,16 @@ fn run_scene(
                 row.bytes = (embree.bytes() - before) as f64 / triangles as f64;
                 engines.push(Engine::Embree(built));
             }
-            (Contestant::Tuff(flags) | Contestant::Packets(flags), _) => {
+            (
+                Contestant::Tuff(flags) | Contestant::Packets(flags) | Contestant::Singly(flags),
+                _,
+            ) => {
                 let tuff = Tuff::new(&scene.mesh, Place::new(&scene.mesh, *flags))?;
                 row.bytes = tuff.bytes as f64 / triangles as f64;
                 row.reported = tuff.reported.map(|bytes| bytes as f64 / triangles as f64);
                 engines.push(match who {
                     Contestant::Packets(_) => Engine::Packets(Box::new(tuff)),
+                    Contestant::Singly(_) => Engine::Singly(Box::new(tuff)),
                     _ => Engine::Tuff(Box::new(tuff)),
                 });
             }
@@ -192,7 +212,7 @@ fn run_scene(
         if !options.rays.is_empty() && !options.rays.iter().any(|name| name == kind.name()) {
             continue;
         }
-        let expected = reference.trace(&rays);
+        let expected = reference.trace(&rays, false);
         for turn in 0..=options.turns {
             for (row, engine) in rows.iter_mut().zip(&engines) {
                 let (seconds, found) = timed(|| engine.trace(kind, &rays));

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use serde_json::{Value, json};
 
 use super::rays::Kind;
 
@@ -127,6 +128,33 @@ impl Table {
             let [structure, scratch] = row.reported;
             let _ = writeln!(text, ",{:.2},{structure:.2},{scratch:.2}", row.bytes);
         }
+        std::fs::write(path, text).with_context(|| format!("writing {}", path.display()))
+    }
+}
+
+impl Table {
+    /// Every sample of every row, and its ratios to the first row of its scene.
+    pub fn write_json(&self, path: &Path) -> Result<()> {
+        let cells = ["build", "primary", "shadow", "diffuse"];
+        let rows: Vec<_> = (self.rows.iter())
+            .map(|(row, ratios)| {
+                let by_cell = |value: &dyn Fn(usize) -> Value| -> Value {
+                    let pairs = cells.iter().enumerate();
+                    pairs
+                        .map(|(i, cell)| (cell.to_string(), value(i)))
+                        .collect()
+                };
+                json!({
+                    "scene": row.scene,
+                    "engine": row.engine,
+                    "samples_per_second": by_cell(&|i| json!(row.rates()[i])),
+                    "ratios": by_cell(&|i| json!(ratios[i])),
+                    "bytes_per_triangle": row.bytes,
+                    "reported_bytes_per_triangle": row.reported,
+                })
+            })
+            .collect();
+        let text = serde_json::to_string_pretty(&rows)?;
         std::fs::write(path, text).with_context(|| format!("writing {}", path.display()))
     }
 }

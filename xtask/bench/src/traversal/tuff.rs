@@ -3,8 +3,8 @@
 
 use anyhow::{Context, Result};
 use traversal::{
-    BuildFlags, BuildInput, Event, Geometries, GeometryFlags, Hit, IndexType, InstanceArray,
-    InstanceSource, Kind, Memory, PACKET, Ray, TriangleGeometry, Verdict, VertexFormat, Walk,
+    BuildFlags, BuildInput, Geometries, GeometryFlags, Hit, IndexType, InstanceArray,
+    InstanceSource, Kind, Memory, PACKET, Ray, Step, TriangleGeometry, Verdict, VertexFormat, Walk,
     Walker, build, build_sizes,
 };
 
@@ -126,43 +126,41 @@ impl Tuff {
         })
     }
 
-    /// Walks each ray to its end, the way the driver does.
-    fn walk(&self, rays: &[Ray], mut done: impl FnMut(Option<&Hit>)) {
+    /// Walks rays to their ends in lists of one subgroup's, the way the driver does; together where they cohere, if
+    /// that is wanted.
+    fn walk(&self, rays: &[Ray], packets: bool, mut done: impl FnMut(Option<&Hit>)) {
         let mut walker = Walker::new();
+        // SAFETY: the structures are alive and stay as they are.
+        let mut walks = [(); PACKET].map(|()| unsafe { Walk::new(0, &Ray::default()) });
+        for rays in rays.chunks(PACKET) {
+            let walks = &mut walks[..rays.len()];
+            for (walk, ray) in walks.iter_mut().zip(rays) {
+                // SAFETY: as above.
+                unsafe { walk.restart(self.top.address(), ray) };
+            }
+            let mut steps: Vec<_> = (walks.iter_mut())
+                .map(|walk| Step::new(walk, Verdict::Continue))
+                .collect();
+            if !packets || !Walk::finish_together(&mut steps, &mut walker) {
+                Walk::resume_all(&mut steps, &mut walker, &mut { u64::MAX });
+            }
+            for walk in walks {
+                done(walk.committed());
+            }
+        }
+    }
+
+    /// Walks each ray by itself; returns how many hit and the sum of their distances.
+    pub fn trace_singly(&self, rays: &[Ray]) -> (usize, f64) {
+        let mut walker = Walker::new();
+        let (mut hits, mut sum) = (0, 0.0);
         // SAFETY: the structures are alive and stay as they are.
         let mut walk = unsafe { Walk::new(0, &Ray::default()) };
         for ray in rays {
             // SAFETY: as above.
             unsafe { walk.restart(self.top.address(), ray) };
-            let mut fuel = 1 << 16;
-            while walk.resume(&mut walker, Verdict::Continue, &mut fuel) == Event::OutOfFuel {
-                fuel = 1 << 16;
-            }
-            done(walk.committed());
-        }
-    }
-
-    /// Walks rays in packets where they cohere, and else each by itself; returns how many hit and
-    /// the sum of their distances.
-    pub fn trace_packets(&self, rays: &[Ray]) -> (usize, f64) {
-        let mut walker = Walker::new();
-        let (mut hits, mut sum) = (0, 0.0);
-        // SAFETY: the structures are alive and stay as they are.
-        let mut walks = [(); PACKET].map(|()| unsafe { Walk::new(0, &Ray::default()) });
-        for rays in rays.chunks(PACKET) {
-            for (walk, ray) in walks.iter_mut().zip(rays) {
-                // SAFETY: as above.
-                unsafe { walk.restart(self.top.address(), ray) };
-            }
-            let walks = &mut walks[..rays.len()];
-            let mut together: Vec<&mut Walk> = walks.iter_mut().collect();
-            if !Walk::finish_together(&mut together, &mut walker) {
-                for walk in together {
-                    let mut fuel = u64::MAX;
-                    walk.resume(&mut walker, Verdict::Continue, &mut fuel);
-                }
-            }
-            for hit in walks.iter().filter_map(Walk::committed) {
+            walk.resume(&mut walker, Verdict::Continue, &mut { u64::MAX });
+            if let Some(hit) = walk.committed() {
                 hits += 1;
                 sum += f64::from(hit.t);
             }
@@ -173,14 +171,14 @@ impl Tuff {
     /// The closest hit of each ray.
     pub fn hits(&self, rays: &[Ray]) -> Vec<Option<Hit>> {
         let mut hits = Vec::with_capacity(rays.len());
-        self.walk(rays, |hit| hits.push(hit.copied()));
+        self.walk(rays, false, |hit| hits.push(hit.copied()));
         hits
     }
 
-    /// Walks each ray; returns how many hit and the sum of their distances.
-    pub fn trace(&self, rays: &[Ray]) -> (usize, f64) {
+    /// Walks rays; returns how many hit and the sum of their distances.
+    pub fn trace(&self, rays: &[Ray], packets: bool) -> (usize, f64) {
         let (mut hits, mut sum) = (0, 0.0);
-        self.walk(rays, |hit| {
+        self.walk(rays, packets, |hit| {
             if let Some(hit) = hit {
                 hits += 1;
                 sum += f64::from(hit.t);

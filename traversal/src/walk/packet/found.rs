@@ -1,0 +1,94 @@
+//! The nearest hits of a packet so far.
+
+use super::rays::Lanes;
+use crate::layout::{GROUP, geometry_word};
+use crate::ray::Hit;
+use crate::structure::Structure;
+use crate::walk::facts::InstanceFacts;
+use crate::walk::{PACKET, Step};
+
+pub(super) struct Found {
+    pub t: Lanes,
+    pub barycentrics: [Lanes; 2],
+    pub slots: [u32; PACKET],
+    pub instances: [u32; PACKET],
+    /// The instance that the packet is in.
+    pub instance: u32,
+    pub front: u16,
+    pub hit: u16,
+}
+
+impl Found {
+    pub fn new(steps: &[Step<'_>]) -> Found {
+        let mut found = Found {
+            t: Lanes::ZERO,
+            barycentrics: [Lanes::ZERO; 2],
+            slots: [0; PACKET],
+            instances: [0; PACKET],
+            instance: 0,
+            front: 0,
+            hit: 0,
+        };
+        for (lane, step) in steps.iter().enumerate() {
+            found.t.0[lane] = step.walk.ray.t_max;
+        }
+        found
+    }
+
+    /// The hit of a lane that has one, in an instance of this structure.
+    pub fn hit(&self, lane: usize, structure: &Structure, instance: &InstanceFacts) -> Hit {
+        let slot = self.slots[lane];
+        let (geometry, primitive) = identity(structure, slot);
+        Hit {
+            t: self.t.0[lane],
+            barycentrics: [self.barycentrics[0].0[lane], self.barycentrics[1].0[lane]],
+            geometry_index: geometry,
+            primitive_index: primitive,
+            slot,
+            hit_kind: instance.hit_kind(self.front >> lane & 1 != 0),
+            opaque: true,
+            triangle: true,
+            ..instance.hit()
+        }
+    }
+
+    /// Takes over what a lane's walk has found by itself in the instance.
+    pub fn set(&mut self, lane: usize, hit: &Hit, instance: &InstanceFacts) {
+        self.t.0[lane] = hit.t;
+        for (weights, weight) in self.barycentrics.iter_mut().zip(hit.barycentrics) {
+            weights.0[lane] = weight;
+        }
+        self.slots[lane] = hit.slot;
+        self.instances[lane] = hit.instance_index;
+        let front = hit.hit_kind == instance.hit_kind(true);
+        self.front = self.front & !(1 << lane) | u16::from(front) << lane;
+        self.hit |= 1 << lane;
+    }
+
+    /// In which lanes a triangle of the instance comes before the one that was found at the same distance.
+    #[cold]
+    pub fn won_ties(&self, structure: &Structure, slot: u32, ties: u16) -> u16 {
+        let key = identity(structure, slot);
+        let wins = |lane: usize| {
+            let other = self.instances[lane];
+            self.instance < other
+                || self.instance == other && key < identity(structure, self.slots[lane])
+        };
+        (0..PACKET)
+            .filter(|&lane| ties >> lane & 1 != 0 && wins(lane))
+            .fold(0, |mask, lane| mask | 1 << lane)
+    }
+}
+
+/// Geometry and primitive in a slot.
+fn identity(structure: &Structure, slot: u32) -> (u32, u32) {
+    let lane = slot as usize % GROUP;
+    structure
+        .group(slot / GROUP as u32)
+        .map_or((0, 0), |group| {
+            (
+                group.geometries[lane] & geometry_word::INDEX,
+                group.primitives[lane],
+            )
+        })
+}
