@@ -671,3 +671,59 @@ fn calls_give_back_what_they_take() {
         },
     );
 }
+
+#[test]
+fn partitions_are_reduced_and_scanned_apart() {
+    let inputs: Vec<u32> = (0..64u32)
+        .map(|i| i.wrapping_mul(0x9e37_79b9) >> 20)
+        .collect();
+    // The lanes of an invocation's part, as invocations.
+    let part = |i: u32| {
+        let base = i as usize / 16 * 16;
+        let same = |k: &usize| (inputs[*k] ^ inputs[i as usize]) & 3 == 0;
+        (base..base + 16).filter(same).collect::<Vec<usize>>()
+    };
+    let sum = |lanes: Vec<usize>| lanes.into_iter().map(|k| inputs[k]).sum::<u32>();
+    let until = |i: u32, end: usize| part(i).into_iter().filter(|&k| k < end).collect();
+    let partition = "uvec4 part = subgroupPartitionNV(uvec2(x & 1u, x & 2u));";
+    check("", &format!("{partition} r = part.x;"), &inputs, |i, _| {
+        part(i).iter().fold(0, |bits, k| bits | 1 << (k % 16))
+    });
+    check(
+        "",
+        &format!("{partition} r = subgroupPartitionedAddNV(x, part);"),
+        &inputs,
+        |i, _| sum(part(i)),
+    );
+    check(
+        "",
+        &format!("{partition} r = subgroupPartitionedExclusiveAddNV(x, part);"),
+        &inputs,
+        |i, _| sum(until(i, i as usize)),
+    );
+    check(
+        "",
+        &format!("{partition} r = uint(subgroupPartitionedInclusiveAddNV(float(x), part));"),
+        &inputs,
+        |i, _| sum(until(i, i as usize + 1)),
+    );
+}
+
+#[test]
+fn atomics_on_half_floats_leave_their_neighbours_alone() {
+    let inputs: Vec<u32> = (0..64).map(|i| i % 16).collect();
+    check(
+        "shared float16_t cells[4];",
+        "if (gl_LocalInvocationIndex < 4u) cells[gl_LocalInvocationIndex] = float16_t(7);
+         barrier();
+         atomicAdd(cells[1], float16_t(0.25) * float16_t(x));
+         atomicMin(cells[2], float16_t(3) - float16_t(x));
+         atomicMax(cells[3], float16_t(x));
+         float16_t old = atomicExchange(cells[0], float16_t(7));
+         barrier();
+         r = uint(cells[1] + float16_t(0.5)) | uint(-cells[2]) << 8 | uint(cells[3]) << 16 | uint(old) << 24;",
+        &inputs,
+        // 7 + 120/4, 3 - 15, 15, what was there.
+        |_, _| 37 | 12 << 8 | 15 << 16 | 7 << 24,
+    );
+}

@@ -146,8 +146,16 @@ impl Gpu {
         let info = vk::DescriptorSetLayoutCreateInfo::default()
             .flags(flags)
             .bindings(&entries);
+        self.set_layout_from(&info)
+    }
+
+    /// A layout as described.
+    pub fn set_layout_from(
+        &self,
+        info: &vk::DescriptorSetLayoutCreateInfo,
+    ) -> vk::DescriptorSetLayout {
         // SAFETY: `info` outlives the call.
-        let layout = unsafe { self.device.create_descriptor_set_layout(&info, None) };
+        let layout = unsafe { self.device.create_descriptor_set_layout(info, None) };
         let layout = layout.expect("vkCreateDescriptorSetLayout");
         self.keep(Made::SetLayout(layout));
         layout

@@ -33,6 +33,21 @@ impl Gpu {
         Kernel { pipeline, layout }
     }
 
+    /// The same as [`Self::kernel`], with flags for the pipeline.
+    pub fn kernel_with(
+        &self,
+        source: &str,
+        sets: &[vk::DescriptorSetLayout],
+        flags: vk::PipelineCreateFlags,
+    ) -> Kernel {
+        let words = glsl(Stage::Compute, source);
+        let layout = self.layout(sets);
+        let constants = vk::SpecializationInfo::default();
+        let made = self.try_kernel_with(&words, c"main", layout, &constants, flags);
+        let pipeline = made.expect("vkCreateComputePipelines");
+        Kernel { pipeline, layout }
+    }
+
     /// An empty pipeline cache.
     pub fn pipeline_cache(&self) -> vk::PipelineCache {
         let info = vk::PipelineCacheCreateInfo::default();
@@ -51,6 +66,18 @@ impl Gpu {
         layout: vk::PipelineLayout,
         constants: &vk::SpecializationInfo,
     ) -> Result<vk::Pipeline, vk::Result> {
+        let flags = vk::PipelineCreateFlags::empty();
+        self.try_kernel_with(words, entry_point, layout, constants, flags)
+    }
+
+    fn try_kernel_with(
+        &self,
+        words: &[u32],
+        entry_point: &std::ffi::CStr,
+        layout: vk::PipelineLayout,
+        constants: &vk::SpecializationInfo,
+        flags: vk::PipelineCreateFlags,
+    ) -> Result<vk::Pipeline, vk::Result> {
         let info = vk::ShaderModuleCreateInfo::default().code(words);
         // SAFETY: the structures outlive the calls; the module goes when the pipeline is made.
         unsafe {
@@ -63,6 +90,7 @@ impl Gpu {
                 stage = stage.specialization_info(constants);
             }
             let info = vk::ComputePipelineCreateInfo::default()
+                .flags(flags)
                 .stage(stage)
                 .layout(layout);
             let made =

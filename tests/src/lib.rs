@@ -23,7 +23,7 @@ pub use acceleration::{Geometry, Instance, Structure, Sweep, identity, scaled, t
 pub use bind::{Bound, Set};
 pub use compute::Kernel;
 pub use gpu::{Gpu, PATIENCE_NS};
-pub use image::{Picture, Shape};
+pub use image::{Picture, Shape, all_of};
 pub use known::unless_known;
 pub use memory::Buffer;
 pub use micromap::{MicroTriangle, Micromap, MicromapParts, part_centres};

@@ -32,17 +32,27 @@ const ANY_USE: vk::BufferUsageFlags = vk::BufferUsageFlags::from_raw(
 );
 
 impl Gpu {
-    /// A zeroed buffer for any use.
-    pub fn buffer(&self, size_bytes: u64) -> Buffer {
-        let size_bytes = size_bytes.max(4);
+    /// What buffers are made for.
+    pub fn usual_uses(&self) -> vk::BufferUsageFlags {
         let mut usage = ANY_USE;
         if self.optional.micromap.micromap != 0 {
             usage |= vk::BufferUsageFlags::MICROMAP_STORAGE_EXT
                 | vk::BufferUsageFlags::MICROMAP_BUILD_INPUT_READ_ONLY_EXT;
         }
+        usage
+    }
+
+    /// A zeroed buffer for any usual use.
+    pub fn buffer(&self, size_bytes: u64) -> Buffer {
+        self.buffer_for(size_bytes, vk::BufferUsageFlags::empty())
+    }
+
+    /// A zeroed buffer for uses that not every device knows, besides the usual ones.
+    pub fn buffer_for(&self, size_bytes: u64, uses: vk::BufferUsageFlags) -> Buffer {
+        let size_bytes = size_bytes.max(4);
         let info = vk::BufferCreateInfo::default()
             .size(size_bytes)
-            .usage(usage);
+            .usage(self.usual_uses() | uses);
         // SAFETY: the handles are of this device, and the memory is mapped whole.
         unsafe {
             let handle = self

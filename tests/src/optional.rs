@@ -66,6 +66,9 @@ optional! {
     /// Off where there is validation, as above.
     maximal_reconvergence: khr::shader_maximal_reconvergence::NAME, PhysicalDeviceShaderMaximalReconvergenceFeaturesKHR {};
     quad_control: khr::shader_quad_control::NAME, PhysicalDeviceShaderQuadControlFeaturesKHR {};
+    /// Null descriptors alone.
+    robustness2: ext::robustness2::NAME, PhysicalDeviceRobustness2FeaturesEXT { robust_buffer_access2 robust_image_access2 };
+    descriptor_buffer: ext::descriptor_buffer::NAME, PhysicalDeviceDescriptorBufferFeaturesEXT {};
     mutable: ext::mutable_descriptor_type::NAME, PhysicalDeviceMutableDescriptorTypeFeaturesEXT {};
     reorder: nv::ray_tracing_invocation_reorder::NAME, PhysicalDeviceRayTracingInvocationReorderFeaturesNV {};
     motion: nv::ray_tracing_motion_blur::NAME, PhysicalDeviceRayTracingMotionBlurFeaturesNV {};

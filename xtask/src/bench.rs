@@ -10,7 +10,7 @@ use crate::{loader, workspace};
 
 #[derive(Args)]
 pub struct Options {
-    /// `traversal …`: structures alone, against Embree; `reorder`: what reordering brings. Otherwise the driver on what renderers do:
+    /// `traversal …`: structures alone, against Embree; `reorder`: what reordering brings; `shader`: the interpreter against native code. Otherwise the driver on what renderers do:
     /// `--icd MANIFEST` adds another driver to hold it against, and `--help` after `--` tells the rest
     #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
     arguments: Vec<String>,
@@ -19,7 +19,7 @@ pub struct Options {
 pub fn bench(options: &Options) -> Result<ExitCode> {
     let release = workspace::target()?.join("release");
     let mut bench = match options.arguments.first().map(String::as_str) {
-        Some("traversal") => {
+        Some("traversal" | "shader") => {
             workspace::build_release(&["bench"])?;
             Command::new(release.join("bench"))
         }

@@ -1,4 +1,4 @@
-//! The commands a person types: `cargo xtask demo | test | bench | audit | vuids | env | run | install`.
+//! The commands a person types: `cargo xtask demo | test | bench | precision | audit | vuids | env | run | install`.
 
 mod audit;
 mod bench;
@@ -6,6 +6,7 @@ mod demo;
 mod driver;
 mod install;
 mod loader;
+mod precision;
 mod run;
 mod skips;
 mod test;
@@ -38,6 +39,8 @@ enum Command {
     Install(install::Options),
     /// Measure: `bench traversal` compares walks and builds with Embree's
     Bench(bench::Options),
+    /// Measure how exact the float functions are, and write docs/precision.md
+    Precision(precision::Options),
     /// Write docs/valid-usage.md: who looks after which rule of valid usage
     Vuids,
     /// Hold the driver's tables against the Vulkan registry (vk.xml)
@@ -52,6 +55,7 @@ fn main() -> ExitCode {
         Command::Run(options) => run::run(&options),
         Command::Install(options) => install::install(&options),
         Command::Bench(options) => bench::bench(&options),
+        Command::Precision(options) => precision::precision(&options),
         Command::Audit(options) => audit::audit(&options),
         Command::Vuids => vuids::write(),
     };

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use ash::vk;
 use parking_lot::Mutex;
+use smallvec::SmallVec;
 
 use super::Command;
 use crate::VkResult;
@@ -54,6 +55,8 @@ pub struct Recording {
     failure: Option<vk::Result>,
     /// The last push descriptor set of each bind point and set number: the next push changes a copy.
     pushed: Vec<((vk::PipelineBindPoint, u32), Ref<DescriptorSet>)>,
+    /// Addresses of the descriptor buffers that are bound (`vkCmdBindDescriptorBuffersEXT`).
+    pub descriptor_buffers: SmallVec<[u64; 4]>,
 }
 
 impl Recording {
@@ -89,6 +92,7 @@ impl Recording {
         self.commands.clear();
         self.failure = None;
         self.pushed.clear();
+        self.descriptor_buffers.clear();
     }
 
     /// A new set with the contents of the last push to this place.

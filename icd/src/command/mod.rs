@@ -16,7 +16,7 @@ use ash::vk;
 use smallvec::SmallVec;
 
 use crate::handle::Ref;
-use crate::object::{DescriptorSet, Event, Image, Pipeline, QueryPool};
+use crate::object::{DescriptorSet, DescriptorSetLayout, Event, Image, Pipeline, QueryPool};
 use crate::trace::mask::InvocationMask;
 
 pub use buffer::{CommandBuffer, Recording, copied};
@@ -31,6 +31,7 @@ pub enum Command {
     /// `vkCmdBindInvocationMaskHUAWEI`; none lets all invocations run.
     BindInvocationMask(Option<InvocationMask>),
     BindDescriptorSets(BindDescriptorSets),
+    BindDescriptorBuffer(BindDescriptorBuffer),
     PushConstants {
         offset: u32,
         bytes: SmallVec<[u8; 32]>,
@@ -118,6 +119,15 @@ pub struct BindDescriptorSets {
     pub first_set: u32,
     pub sets: SmallVec<[Option<Ref<DescriptorSet>>; 4]>,
     pub dynamic_offsets: SmallVec<[u32; 4]>,
+}
+
+/// One set of `vkCmdSetDescriptorBufferOffsetsEXT`.
+pub struct BindDescriptorBuffer {
+    pub bind_point: vk::PipelineBindPoint,
+    pub set: u32,
+    pub layout: Ref<DescriptorSetLayout>,
+    /// Device address of the set's first byte.
+    pub address: u64,
 }
 
 /// `vkCmdCopyQueryPoolResults`.

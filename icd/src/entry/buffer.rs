@@ -1,11 +1,12 @@
 //! Buffers and texel buffer views.
 
 use ash::vk::{self, Handle};
+use spirv_jit::image::{Format, ImageDescriptor};
 
 use super::destroy;
 use crate::ffi::{self, chain, entry};
 use crate::handle::{self, from_handle};
-use crate::object::image::{SendDescriptor, texel_buffer_descriptor};
+use crate::object::image::SendDescriptor;
 use crate::object::memory::GRANULE;
 use crate::object::sparse::Reservation;
 use crate::object::{Buffer, BufferView, Device, DeviceMemory};
@@ -175,7 +176,8 @@ entry! {
         let device = from_handle::<Device>(device);
         let info = &*info;
         let (data, size_bytes) = from_handle::<Buffer>(info.buffer).range(info.offset, info.range)?;
-        let descriptor = texel_buffer_descriptor(data, size_bytes, info.format);
+        let format = Format(info.format.as_raw() as u32);
+        let descriptor = ImageDescriptor::texel_buffer(data, size_bytes, format);
         *out = handle::create(BufferView {
             descriptor: device.image_descriptors.store(SendDescriptor(descriptor)),
         });

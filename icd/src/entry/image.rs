@@ -4,6 +4,7 @@ use ash::vk;
 use spirv_jit::image::{AddressMode, CompareOp, Filter, Reduction, SamplerDescriptor};
 
 use super::buffer::{requirements, write_requirements};
+use super::descriptor_buffer::captured;
 use super::destroy;
 use crate::VkResult;
 use crate::ffi::{self, chain, entry};
@@ -243,10 +244,13 @@ entry! {
         let range = info.subresource_range;
         let min_lod = chain::find::<vk::ImageViewMinLodCreateInfoEXT>(info.p_next).map_or(0.0, |min| min.min_lod);
         let descriptor = view_descriptor(image, info.view_type, info.format, info.components, &range, min_lod)?;
-        *out = handle::create(ImageView {
-            descriptor: device.image_descriptors.store(SendDescriptor(descriptor)),
-            range,
-        });
+        let (slab, contents) = (&device.image_descriptors, SendDescriptor(descriptor));
+        let descriptor = if info.flags.contains(vk::ImageViewCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT) {
+            slab.store_replayable(contents, &device.window, captured(info.p_next))?
+        } else {
+            slab.store(contents)
+        };
+        *out = handle::create(ImageView { descriptor, range });
         Ok(())
     }
 
@@ -260,9 +264,13 @@ entry! {
         let info = &*info;
         let reduction = chain::find::<vk::SamplerReductionModeCreateInfo>(info.p_next)
             .map_or(vk::SamplerReductionMode::WEIGHTED_AVERAGE, |reduction| reduction.reduction_mode);
-        *out = handle::create(Sampler {
-            descriptor: device.sampler_descriptors.store(sampler_descriptor(info, reduction, border(info))),
-        });
+        let (slab, contents) = (&device.sampler_descriptors, sampler_descriptor(info, reduction, border(info)));
+        let descriptor = if info.flags.contains(vk::SamplerCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT) {
+            slab.store_replayable(contents, &device.window, captured(info.p_next))?
+        } else {
+            slab.store(contents)
+        };
+        *out = handle::create(Sampler { descriptor });
         Ok(())
     }
 }

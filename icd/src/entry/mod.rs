@@ -8,6 +8,7 @@ pub mod command_transfer;
 pub mod debug;
 pub mod deferred;
 pub mod descriptor;
+pub mod descriptor_buffer;
 pub mod descriptor_set;
 pub mod device;
 pub mod device_address;

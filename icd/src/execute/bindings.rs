@@ -6,7 +6,7 @@ use ash::vk;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
 
 use super::engine::Surroundings;
-use crate::command::BindDescriptorSets;
+use crate::command::{BindDescriptorBuffer, BindDescriptorSets};
 use crate::object::Pipeline;
 use crate::trace::mask::InvocationMask;
 
@@ -77,6 +77,38 @@ impl<'a> Bindings<'a> {
     /// `vkCmdBindDescriptorSets`, and pushed descriptors.
     pub fn bind_descriptor_sets(&mut self, bind: &'a BindDescriptorSets) {
         self.bind_point(bind.bind_point).bind(bind);
+    }
+
+    /// One set of `vkCmdSetDescriptorBufferOffsetsEXT`.
+    pub fn bind_descriptor_buffer(&mut self, bind: &BindDescriptorBuffer) {
+        let place = bind.layout.buffer_layout();
+        let entries = (bind.address + place.entries_offset_bytes) as *mut Descriptor;
+        for binding in bind.layout.bindings.iter().filter(|b| b.is_inline()) {
+            // The entry of an inline uniform block is ours to write: the application has the block's bytes alone.
+            // SAFETY: it lies in the set, which the application keeps in memory that shaders may use. Whoever else binds the set writes the
+            // same.
+            unsafe {
+                entries
+                    .wrapping_add(binding.first as usize)
+                    .write_unaligned(Descriptor {
+                        address: bind.address + place.offset_of(binding),
+                        size_bytes: u64::from(binding.count),
+                        ..Descriptor::NULL
+                    });
+            }
+        }
+        let bound = self.bind_point(bind.bind_point);
+        let number = bind.set as usize;
+        if number < MAX_SETS {
+            bound.sets[number] = DescriptorSet {
+                entries,
+                count: bind.layout.entry_count,
+            };
+            // Dynamic buffers of a set that was bound here before.
+            if let Some(dynamic) = bound.dynamic_of_set.get_mut(number) {
+                dynamic.clear();
+            }
+        }
     }
 
     /// `vkCmdPushConstants`.

@@ -88,6 +88,7 @@ fn perform<'a>(
     match command {
         Command::BindPipeline(pipeline) => bindings.bind_pipeline(pipeline),
         Command::BindDescriptorSets(bind) => bindings.bind_descriptor_sets(bind),
+        Command::BindDescriptorBuffer(bind) => bindings.bind_descriptor_buffer(bind),
         &Command::BindInvocationMask(mask) => bindings.invocation_mask = mask,
         &Command::SetRayTracingStackSize(bytes) => bindings.stack_bytes = Some(bytes),
         Command::PushConstants { offset, bytes } => bindings.push_constants(*offset, bytes),

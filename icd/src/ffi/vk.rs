@@ -44,6 +44,10 @@ structures! {
     PhysicalDeviceShaderReplicatedCompositesFeaturesEXT 1_000_564_000 *mut c_void {
         shader_replicated_composites: Bool32,
     }
+    /// `VK_EXT_shader_subgroup_partitioned`.
+    PhysicalDeviceShaderSubgroupPartitionedFeaturesEXT 1_000_662_000 *mut c_void {
+        shader_subgroup_partitioned: Bool32,
+    }
     /// `VK_KHR_shader_relaxed_extended_instruction`.
     PhysicalDeviceShaderRelaxedExtendedInstructionFeaturesKHR 1_000_558_000 *mut c_void {
         shader_relaxed_extended_instruction: Bool32,

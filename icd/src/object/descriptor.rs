@@ -98,6 +98,22 @@ impl DescriptorSetLayout {
         })
     }
 
+    /// Where things are when the set lies in a descriptor buffer.
+    pub fn buffer_layout(&self) -> BufferLayout {
+        let entries_bytes = u64::from(self.entry_count) * size_of::<Descriptor>() as u64;
+        let inline_bytes =
+            u64::from(self.inline_bytes).next_multiple_of(size_of::<Descriptor>() as u64);
+        let inline_is_last = self
+            .bindings
+            .iter()
+            .any(|binding| binding.is_variable() && binding.is_inline());
+        BufferLayout {
+            entries_offset_bytes: if inline_is_last { 0 } else { inline_bytes },
+            inline_offset_bytes: if inline_is_last { entries_bytes } else { 0 },
+            size_bytes: entries_bytes + inline_bytes,
+        }
+    }
+
     /// A binding by its number.
     pub fn binding(&self, binding: u32) -> Option<&Binding> {
         let index = self
@@ -105,6 +121,26 @@ impl DescriptorSetLayout {
             .binary_search_by_key(&binding, |b| b.binding)
             .ok()?;
         Some(&self.bindings[index])
+    }
+}
+
+/// A set in a descriptor buffer: the plain entries, and the inline uniform blocks' bytes. Whichever has the binding of variable count is
+/// last.
+#[derive(Clone, Copy, Debug)]
+pub struct BufferLayout {
+    pub entries_offset_bytes: u64,
+    pub inline_offset_bytes: u64,
+    pub size_bytes: u64,
+}
+
+impl BufferLayout {
+    /// Where a binding's descriptors (an inline uniform block's bytes) begin.
+    pub fn offset_of(&self, binding: &Binding) -> u64 {
+        if binding.is_inline() {
+            self.inline_offset_bytes + u64::from(binding.inline_offset)
+        } else {
+            self.entries_offset_bytes + u64::from(binding.first) * size_of::<Descriptor>() as u64
+        }
     }
 }
 

@@ -7,6 +7,7 @@ use ash::vk;
 use parking_lot::Mutex;
 use spirv_jit::image::{Dim, Format, ImageDescriptor, Level, MAX_LEVELS};
 
+use super::memory::{AddressWindow, DeviceMemory, Source};
 use super::sparse::Reservation;
 use crate::VkResult;
 use crate::format;
@@ -189,18 +190,27 @@ fn lay_out_plane(
 }
 
 /// Descriptor contents at an address that stays readable for the device's life: a descriptor set may still name a view that is gone.
-/// Slots of destroyed objects are nulled and used again.
+/// Slots of destroyed objects are nulled and used again; those that can be replayed lie in memory of their own, whose address can be had
+/// again, and which reads as zeros afterwards.
 pub struct StableDescriptor<T: Send + 'static> {
-    slot: Option<Box<T>>,
+    slot: Slot<T>,
     home: Arc<DescriptorSlab<T>>,
+}
+
+enum Slot<T> {
+    Shared(Box<T>),
+    Own(DeviceMemory),
+    Gone,
 }
 
 impl<T: Send> StableDescriptor<T> {
     /// What descriptor sets store.
     pub fn as_ptr(&self) -> *const T {
-        self.slot
-            .as_deref()
-            .map_or(std::ptr::null(), std::ptr::from_ref)
+        match &self.slot {
+            Slot::Shared(slot) => std::ptr::from_ref(&**slot),
+            Slot::Own(memory) => memory.address as *const T,
+            Slot::Gone => std::ptr::null(),
+        }
     }
 }
 
@@ -208,13 +218,14 @@ impl<T: Send> std::ops::Deref for StableDescriptor<T> {
     type Target = T;
 
     fn deref(&self) -> &T {
-        self.slot.as_deref().expect("present until dropped")
+        // SAFETY: present until dropped, and never written while it is.
+        unsafe { self.as_ptr().as_ref() }.expect("present until dropped")
     }
 }
 
 impl<T: Send> Drop for StableDescriptor<T> {
     fn drop(&mut self) {
-        if let Some(mut slot) = self.slot.take() {
+        if let Slot::Shared(mut slot) = std::mem::replace(&mut self.slot, Slot::Gone) {
             (self.home.nullify)(&mut slot);
             self.home.free.lock().push(slot);
         }
@@ -246,9 +257,29 @@ impl<T: Send> DescriptorSlab<T> {
             None => Box::new(contents),
         };
         StableDescriptor {
-            slot: Some(slot),
+            slot: Slot::Shared(slot),
             home: Arc::clone(self),
         }
+    }
+
+    /// Stores contents at an address that can be asked for again: `wanted`, if it was captured.
+    ///
+    /// # Errors
+    /// `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if it is taken, `VK_ERROR_OUT_OF_DEVICE_MEMORY`.
+    pub fn store_replayable(
+        self: &Arc<Self>,
+        contents: T,
+        window: &Arc<AddressWindow>,
+        wanted: Option<u64>,
+    ) -> VkResult<StableDescriptor<T>> {
+        let size_bytes = size_of::<T>() as u64;
+        let memory = DeviceMemory::allocate(window, size_bytes, Source::Fresh, wanted)?;
+        // SAFETY: fresh memory of that size, aligned to a page.
+        unsafe { (memory.address as *mut T).write(contents) };
+        Ok(StableDescriptor {
+            slot: Slot::Own(memory),
+            home: Arc::clone(self),
+        })
     }
 }
 
@@ -453,39 +484,6 @@ fn swizzle(mapping: vk::ComponentMapping) -> [u8; 4] {
         vk::ComponentSwizzle::ONE => 5,
         _ => index as u8,
     })
-}
-
-/// What shaders read through a texel buffer view.
-pub fn texel_buffer_descriptor(
-    data: *mut u8,
-    size_bytes: u64,
-    format: vk::Format,
-) -> ImageDescriptor {
-    let texel_size_bytes = format::texel_size_bytes(format).max(1);
-    let mut levels = [Level::default(); MAX_LEVELS];
-    levels[0] = Level {
-        offset_bytes: 0,
-        row_stride_bytes: size_bytes,
-        slice_stride_bytes: size_bytes,
-        width: u32::try_from(size_bytes / texel_size_bytes).unwrap_or(u32::MAX),
-        height: 1,
-        depth: 1,
-    };
-    ImageDescriptor {
-        data,
-        size_bytes,
-        format: Format(format.as_raw() as u32),
-        dim: Dim::Buffer,
-        arrayed: false,
-        samples: 1,
-        level_count: 1,
-        layer_count: 1,
-        layer_stride_bytes: size_bytes,
-        sample_stride_bytes: size_bytes,
-        swizzle: [0, 1, 2, 3],
-        min_lod: 0.0,
-        levels,
-    }
 }
 
 #[cfg(test)]

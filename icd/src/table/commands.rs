@@ -285,6 +285,18 @@ commands! {
     Device KHR_PUSH_DESCRIPTOR PFN_vkCmdPushDescriptorSetKHR push_descriptor::vkCmdPushDescriptorSetKHR;
     Device KHR_PUSH_DESCRIPTOR PFN_vkCmdPushDescriptorSetWithTemplateKHR push_descriptor::vkCmdPushDescriptorSetWithTemplateKHR;
 
+    Device EXT_DESCRIPTOR_BUFFER PFN_vkCmdBindDescriptorBufferEmbeddedSamplersEXT descriptor_buffer::vkCmdBindDescriptorBufferEmbeddedSamplersEXT;
+    Device EXT_DESCRIPTOR_BUFFER PFN_vkCmdBindDescriptorBuffersEXT descriptor_buffer::vkCmdBindDescriptorBuffersEXT;
+    Device EXT_DESCRIPTOR_BUFFER PFN_vkCmdSetDescriptorBufferOffsetsEXT descriptor_buffer::vkCmdSetDescriptorBufferOffsetsEXT;
+    Device EXT_DESCRIPTOR_BUFFER PFN_vkGetAccelerationStructureOpaqueCaptureDescriptorDataEXT descriptor_buffer::vkGetAccelerationStructureOpaqueCaptureDescriptorDataEXT;
+    Device EXT_DESCRIPTOR_BUFFER PFN_vkGetBufferOpaqueCaptureDescriptorDataEXT descriptor_buffer::vkGetBufferOpaqueCaptureDescriptorDataEXT;
+    Device EXT_DESCRIPTOR_BUFFER PFN_vkGetDescriptorEXT descriptor_buffer::vkGetDescriptorEXT;
+    Device EXT_DESCRIPTOR_BUFFER PFN_vkGetDescriptorSetLayoutBindingOffsetEXT descriptor_buffer::vkGetDescriptorSetLayoutBindingOffsetEXT;
+    Device EXT_DESCRIPTOR_BUFFER PFN_vkGetDescriptorSetLayoutSizeEXT descriptor_buffer::vkGetDescriptorSetLayoutSizeEXT;
+    Device EXT_DESCRIPTOR_BUFFER PFN_vkGetImageOpaqueCaptureDescriptorDataEXT descriptor_buffer::vkGetImageOpaqueCaptureDescriptorDataEXT;
+    Device EXT_DESCRIPTOR_BUFFER PFN_vkGetImageViewOpaqueCaptureDescriptorDataEXT descriptor_buffer::vkGetImageViewOpaqueCaptureDescriptorDataEXT;
+    Device EXT_DESCRIPTOR_BUFFER PFN_vkGetSamplerOpaqueCaptureDescriptorDataEXT descriptor_buffer::vkGetSamplerOpaqueCaptureDescriptorDataEXT;
+
     Device Core PFN_vkCreateComputePipelines pipeline::vkCreateComputePipelines;
     Device Core PFN_vkCreatePipelineCache pipeline::vkCreatePipelineCache;
     Device Core PFN_vkCreatePipelineLayout pipeline::vkCreatePipelineLayout;
@@ -471,6 +483,10 @@ commands! {
     Device Core11 PFN_vkDestroySamplerYcbcrConversion graphics::vkDestroySamplerYcbcrConversion;
     Device Core PFN_vkGetRenderAreaGranularity graphics::vkGetRenderAreaGranularity;
 
+    Instance KHR_XCB_SURFACE PFN_vkCreateXcbSurfaceKHR swapchain::vkCreateXcbSurfaceKHR;
+    PhysicalDevice KHR_XCB_SURFACE PFN_vkGetPhysicalDeviceXcbPresentationSupportKHR swapchain::vkGetPhysicalDeviceXcbPresentationSupportKHR;
+    Instance KHR_XLIB_SURFACE PFN_vkCreateXlibSurfaceKHR swapchain::vkCreateXlibSurfaceKHR;
+    PhysicalDevice KHR_XLIB_SURFACE PFN_vkGetPhysicalDeviceXlibPresentationSupportKHR swapchain::vkGetPhysicalDeviceXlibPresentationSupportKHR;
     Instance EXT_HEADLESS_SURFACE PFN_vkCreateHeadlessSurfaceEXT swapchain::vkCreateHeadlessSurfaceEXT;
     Instance KHR_SURFACE PFN_vkDestroySurfaceKHR swapchain::vkDestroySurfaceKHR;
     PhysicalDevice KHR_SWAPCHAIN PFN_vkGetPhysicalDevicePresentRectanglesKHR swapchain::vkGetPhysicalDevicePresentRectanglesKHR;

@@ -55,6 +55,8 @@ extensions! {
     Instance KHR_EXTERNAL_SEMAPHORE_CAPABILITIES c"VK_KHR_external_semaphore_capabilities" 1;
     Instance KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 c"VK_KHR_get_physical_device_properties2" 2;
     Instance KHR_SURFACE c"VK_KHR_surface" 25;
+    Instance KHR_XCB_SURFACE c"VK_KHR_xcb_surface" 6;
+    Instance KHR_XLIB_SURFACE c"VK_KHR_xlib_surface" 6;
     Instance EXT_DEBUG_UTILS c"VK_EXT_debug_utils" 2;
     Instance EXT_HEADLESS_SURFACE c"VK_EXT_headless_surface" 1;
     Device KHR_16BIT_STORAGE c"VK_KHR_16bit_storage" 1;
@@ -121,6 +123,7 @@ extensions! {
     Device EXT_4444_FORMATS c"VK_EXT_4444_formats" 1;
     Device EXT_CALIBRATED_TIMESTAMPS c"VK_EXT_calibrated_timestamps" 2;
     Device EXT_CUSTOM_BORDER_COLOR c"VK_EXT_custom_border_color" 12;
+    Device EXT_DESCRIPTOR_BUFFER c"VK_EXT_descriptor_buffer" 1;
     Device EXT_DESCRIPTOR_INDEXING c"VK_EXT_descriptor_indexing" 2;
     Device EXT_EXTERNAL_MEMORY_HOST c"VK_EXT_external_memory_host" 1;
     Device EXT_HOST_QUERY_RESET c"VK_EXT_host_query_reset" 1;
@@ -146,12 +149,14 @@ extensions! {
     Device EXT_SHADER_IMAGE_ATOMIC_INT64 c"VK_EXT_shader_image_atomic_int64" 1;
     Device EXT_SHADER_REPLICATED_COMPOSITES c"VK_EXT_shader_replicated_composites" 1;
     Device EXT_SHADER_SUBGROUP_BALLOT c"VK_EXT_shader_subgroup_ballot" 1;
+    Device EXT_SHADER_SUBGROUP_PARTITIONED c"VK_EXT_shader_subgroup_partitioned" 1;
     Device EXT_SHADER_SUBGROUP_VOTE c"VK_EXT_shader_subgroup_vote" 1;
     Device EXT_SUBGROUP_SIZE_CONTROL c"VK_EXT_subgroup_size_control" 2;
     Device EXT_TEXEL_BUFFER_ALIGNMENT c"VK_EXT_texel_buffer_alignment" 1;
     Device EXT_TOOLING_INFO c"VK_EXT_tooling_info" 1;
     Device NV_COMPUTE_SHADER_DERIVATIVES c"VK_NV_compute_shader_derivatives" 1;
     Device HUAWEI_INVOCATION_MASK c"VK_HUAWEI_invocation_mask" 1;
+    Device NV_SHADER_SUBGROUP_PARTITIONED c"VK_NV_shader_subgroup_partitioned" 1;
     Device NV_RAY_TRACING_INVOCATION_REORDER c"VK_NV_ray_tracing_invocation_reorder" 1;
     Device NV_RAY_TRACING_MOTION_BLUR c"VK_NV_ray_tracing_motion_blur" 1;
     Device NV_RAY_TRACING_LINEAR_SWEPT_SPHERES c"VK_NV_ray_tracing_linear_swept_spheres" 1;

@@ -182,6 +182,12 @@ features! {
         shader_shared_float64_atomic_add: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
         shader_image_float32_atomics: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
         shader_image_float32_atomic_add: PhysicalDeviceShaderAtomicFloatFeaturesEXT;
+        shader_buffer_float16_atomics: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
+        shader_buffer_float16_atomic_add: PhysicalDeviceShaderAtomicFloat2FeaturesEXT => AtomicFloat16AddEXT;
+        shader_buffer_float16_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT => AtomicFloat16MinMaxEXT;
+        shader_shared_float16_atomics: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
+        shader_shared_float16_atomic_add: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
+        shader_shared_float16_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
         shader_buffer_float32_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT => AtomicFloat32MinMaxEXT;
         shader_buffer_float64_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT => AtomicFloat64MinMaxEXT;
         shader_shared_float32_atomic_min_max: PhysicalDeviceShaderAtomicFloat2FeaturesEXT;
@@ -199,6 +205,7 @@ features! {
         shader_subgroup_uniform_control_flow: PhysicalDeviceShaderSubgroupUniformControlFlowFeaturesKHR;
         shader_subgroup_rotate: PhysicalDeviceShaderSubgroupRotateFeaturesKHR => GroupNonUniformRotateKHR;
         shader_subgroup_rotate_clustered: PhysicalDeviceShaderSubgroupRotateFeaturesKHR;
+        shader_subgroup_partitioned: PhysicalDeviceShaderSubgroupPartitionedFeaturesEXT;
         workgroup_memory_explicit_layout: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR => WorkgroupMemoryExplicitLayoutKHR;
         workgroup_memory_explicit_layout_scalar_block_layout: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR;
         workgroup_memory_explicit_layout8_bit_access: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR => WorkgroupMemoryExplicitLayout8BitAccessKHR;
@@ -206,6 +213,10 @@ features! {
         custom_border_colors: PhysicalDeviceCustomBorderColorFeaturesEXT;
         custom_border_color_without_format: PhysicalDeviceCustomBorderColorFeaturesEXT;
         min_lod: PhysicalDeviceImageViewMinLodFeaturesEXT;
+        descriptor_buffer: PhysicalDeviceDescriptorBufferFeaturesEXT;
+        descriptor_buffer_capture_replay: PhysicalDeviceDescriptorBufferFeaturesEXT;
+        descriptor_buffer_image_layout_ignored: PhysicalDeviceDescriptorBufferFeaturesEXT;
+        descriptor_buffer_push_descriptors: PhysicalDeviceDescriptorBufferFeaturesEXT;
         mutable_descriptor_type: PhysicalDeviceMutableDescriptorTypeFeaturesEXT;
         memory_priority: PhysicalDeviceMemoryPriorityFeaturesEXT;
         format_a4r4g4b4: PhysicalDevice4444FormatsFeaturesEXT;
@@ -247,6 +258,7 @@ const BASE_CAPABILITIES: &[Capability] = &[
     Capability::GroupNonUniformShuffleRelative,
     Capability::GroupNonUniformClustered,
     Capability::GroupNonUniformQuad,
+    Capability::GroupNonUniformPartitionedEXT,
     Capability::SubgroupBallotKHR,
     Capability::SubgroupVoteKHR,
     Capability::DemoteToHelperInvocation,

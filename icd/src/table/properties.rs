@@ -1,8 +1,10 @@
 //! `VkPhysicalDeviceProperties2` and what extends it. What several structures say is written once, in the core ones.
 
 use spirv_jit::SUBGROUP_SIZE;
+use spirv_jit::environment::{Descriptor, MAX_SETS};
 
 use super::limits;
+use crate::entry::descriptor_buffer::CAPTURE_BYTES;
 use crate::entry::instance::API_VERSION;
 use crate::ffi::{array, chain, vk};
 use crate::object::PhysicalDevice;
@@ -71,6 +73,7 @@ fn vulkan11(device: &PhysicalDevice) -> vk::PhysicalDeviceVulkan11Properties<'st
             | vk::SubgroupFeatureFlags::SHUFFLE_RELATIVE
             | vk::SubgroupFeatureFlags::CLUSTERED
             | vk::SubgroupFeatureFlags::QUAD
+            | vk::SubgroupFeatureFlags::PARTITIONED_NV
             | vk::SubgroupFeatureFlags::ROTATE_KHR
             | vk::SubgroupFeatureFlags::ROTATE_CLUSTERED_KHR,
         subgroup_quad_operations_in_all_stages: vk::TRUE,
@@ -189,6 +192,48 @@ fn ray_tracing_pipeline() -> vk::PhysicalDeviceRayTracingPipelinePropertiesKHR<'
         max_ray_dispatch_invocation_count: limits::MAX_RAY_DISPATCH_INVOCATIONS,
         shader_group_handle_alignment: limits::SHADER_GROUP_HANDLE_ALIGNMENT,
         max_ray_hit_attribute_size: 32,
+        ..Default::default()
+    }
+}
+
+fn descriptor_buffer() -> vk::PhysicalDeviceDescriptorBufferPropertiesEXT<'static> {
+    const SIZE: usize = size_of::<Descriptor>();
+    const SETS: u32 = MAX_SETS as u32;
+    const RANGE: u64 = limits::MAX_BUFFER_BYTES;
+    vk::PhysicalDeviceDescriptorBufferPropertiesEXT {
+        combined_image_sampler_descriptor_single_array: vk::TRUE,
+        bufferless_push_descriptors: vk::TRUE,
+        allow_sampler_image_view_post_submit_creation: vk::TRUE,
+        descriptor_buffer_offset_alignment: SIZE as u64,
+        max_descriptor_buffer_bindings: SETS,
+        max_resource_descriptor_buffer_bindings: SETS,
+        max_sampler_descriptor_buffer_bindings: SETS,
+        max_embedded_immutable_sampler_bindings: SETS,
+        max_embedded_immutable_samplers: u32::MAX,
+        buffer_capture_replay_descriptor_data_size: CAPTURE_BYTES,
+        image_capture_replay_descriptor_data_size: CAPTURE_BYTES,
+        image_view_capture_replay_descriptor_data_size: CAPTURE_BYTES,
+        sampler_capture_replay_descriptor_data_size: CAPTURE_BYTES,
+        acceleration_structure_capture_replay_descriptor_data_size: CAPTURE_BYTES,
+        sampler_descriptor_size: SIZE,
+        combined_image_sampler_descriptor_size: SIZE,
+        sampled_image_descriptor_size: SIZE,
+        storage_image_descriptor_size: SIZE,
+        uniform_texel_buffer_descriptor_size: SIZE,
+        robust_uniform_texel_buffer_descriptor_size: SIZE,
+        storage_texel_buffer_descriptor_size: SIZE,
+        robust_storage_texel_buffer_descriptor_size: SIZE,
+        uniform_buffer_descriptor_size: SIZE,
+        robust_uniform_buffer_descriptor_size: SIZE,
+        storage_buffer_descriptor_size: SIZE,
+        robust_storage_buffer_descriptor_size: SIZE,
+        input_attachment_descriptor_size: SIZE,
+        acceleration_structure_descriptor_size: SIZE,
+        max_sampler_descriptor_buffer_range: RANGE,
+        max_resource_descriptor_buffer_range: RANGE,
+        sampler_descriptor_buffer_address_space_size: RANGE,
+        resource_descriptor_buffer_address_space_size: RANGE,
+        descriptor_buffer_address_space_size: RANGE,
         ..Default::default()
     }
 }
@@ -318,6 +363,11 @@ unsafe fn fill(device: &PhysicalDevice, node: *mut vk::BaseOutStructure<'static>
             PhysicalDeviceShaderIntegerDotProductProperties(vk::PhysicalDeviceShaderIntegerDotProductProperties::default());
             PhysicalDeviceAccelerationStructurePropertiesKHR(acceleration_structure());
             PhysicalDeviceRayTracingPipelinePropertiesKHR(ray_tracing_pipeline());
+            PhysicalDeviceDescriptorBufferPropertiesEXT(descriptor_buffer());
+            PhysicalDeviceDescriptorBufferDensityMapPropertiesEXT(vk::PhysicalDeviceDescriptorBufferDensityMapPropertiesEXT {
+                combined_image_sampler_density_map_descriptor_size: size_of::<Descriptor>(),
+                ..Default::default()
+            });
             PhysicalDeviceRayTracingInvocationReorderPropertiesNV(invocation_reorder()) {
                 ray_tracing_invocation_reorder_reordering_hint,
             };

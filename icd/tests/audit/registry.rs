@@ -159,18 +159,17 @@ impl Registry {
     }
 }
 
-/// A condition over versions and extensions: names, `+` for and, `,` for or, parentheses; older registries have lists that all must hold.
+/// A condition over versions and extensions: names, `+` for and, `,` for or, parentheses; older registries have a list that must hold
+/// whole, and one of which any will do.
 fn dependencies(node: Node<'_, '_>) -> String {
     match node.attribute("depends") {
         Some(depends) => depends.into(),
         None => {
-            let all = [node.attribute("requires"), node.attribute("extension")];
-            let all: Vec<_> = all
-                .into_iter()
-                .flatten()
-                .map(|list| list.replace(',', "+"))
-                .collect();
-            all.join("+")
+            let all = node.attribute("requires");
+            let all = all.map(|list| list.replace(',', "+"));
+            let any = node.attribute("extension");
+            let any = any.map(|list| format!("({list})"));
+            all.into_iter().chain(any).collect::<Vec<_>>().join("+")
         }
     }
 }

@@ -30,9 +30,10 @@ fn reduce_half_pi(x: f32) -> (f32, u32) {
     let k = shifted - MAGIC;
     let r = (-k).mul_add(std::f64::consts::FRAC_PI_2, x);
     let r = (-k).mul_add(6.123_233_995_736_766e-17, r);
-    // Far out r is noise, but must stay a sine's argument; NaN passes.
-    let r = if r > 0.8 { 0.8 } else { r };
-    let r = if r < -0.8 { -0.8 } else { r };
+    // Towards 2^50 rounding may have chosen the neighbour of k, whose r is up to 0.85; beyond that r is noise, but must stay a sine's
+    // argument. NaN passes.
+    let r = if r > 1.0 { 1.0 } else { r };
+    let r = if r < -1.0 { -1.0 } else { r };
     (r as f32, shifted.to_bits() as u32)
 }
 

@@ -142,7 +142,12 @@ pub unsafe fn execute(
         rest &= !group;
         // SAFETY: the caller vouches for the descriptors of active lanes.
         unsafe {
-            let image = (*(images[first] as *const Descriptor)).image.as_ref();
+            let descriptor = &*(images[first] as *const Descriptor);
+            let held = descriptor.held_image();
+            let image = match &held {
+                Some(image) => Some(image),
+                None => descriptor.viewed_image().as_ref(),
+            };
             let sampler = if has_sampler {
                 (*(samplers[first] as *const Descriptor)).sampler.as_ref()
             } else {

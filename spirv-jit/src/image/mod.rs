@@ -73,6 +73,37 @@ pub struct ImageDescriptor {
     pub levels: [Level; MAX_LEVELS],
 }
 
+impl ImageDescriptor {
+    /// A texel buffer.
+    pub fn texel_buffer(data: *mut u8, size_bytes: u64, format: Format) -> Self {
+        let texel_size_bytes = format.size_bytes().max(1) as u64;
+        let mut levels = [Level::default(); MAX_LEVELS];
+        levels[0] = Level {
+            offset_bytes: 0,
+            row_stride_bytes: size_bytes,
+            slice_stride_bytes: size_bytes,
+            width: u32::try_from(size_bytes / texel_size_bytes).unwrap_or(u32::MAX),
+            height: 1,
+            depth: 1,
+        };
+        Self {
+            data,
+            size_bytes,
+            format,
+            dim: Dim::Buffer,
+            arrayed: false,
+            samples: 1,
+            level_count: 1,
+            layer_count: 1,
+            layer_stride_bytes: size_bytes,
+            sample_stride_bytes: size_bytes,
+            swizzle: [0, 1, 2, 3],
+            min_lod: 0.0,
+            levels,
+        }
+    }
+}
+
 /// `VkFilter`, `VkSamplerMipmapMode`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]

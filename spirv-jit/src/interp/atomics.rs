@@ -1,6 +1,8 @@
 //! Atomics on real memory, in lane order.
 
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU16, AtomicU32, AtomicU64, Ordering};
+
+use half::f16;
 
 use super::code::AtomicPlan;
 use super::machine::{Instr, Machine, lanes_of};
@@ -38,6 +40,10 @@ pub(super) unsafe fn atomic(m: &mut Machine<'_>, i: &Instr) {
                     Some(at) if wide => {
                         let cell = AtomicU64::from_ptr(at.cast());
                         perform_64(cell, plan.op, plan.ty, value, comparator)
+                    }
+                    Some(at) if size == 2 => {
+                        let cell = AtomicU16::from_ptr(at.cast());
+                        perform_16(cell, plan.op, plan.ty, value as u16, comparator as u16) as u64
                     }
                     Some(at) => {
                         let cell = AtomicU32::from_ptr(at.cast());
@@ -103,5 +109,6 @@ macro_rules! perform {
         }
     };
 }
+perform!(perform_16, AtomicU16, u16, f16);
 perform!(perform_32, AtomicU32, u32, f32);
 perform!(perform_64, AtomicU64, u64, f64);

@@ -170,7 +170,7 @@ unsafe fn resolve<'p>(plan: &'p ImagePlan, (image, sampler): (u64, u64)) -> Opti
     // SAFETY: as the caller promises; what descriptors point to outlives the dispatch.
     let (image, sampler): (Option<&'p ImageDescriptor>, Option<&'p SamplerDescriptor>) = unsafe {
         (
-            (*(image as *const Descriptor)).image.as_ref(),
+            (*(image as *const Descriptor)).viewed_image().as_ref(),
             (*(sampler as *const Descriptor)).sampler.as_ref(),
         )
     };

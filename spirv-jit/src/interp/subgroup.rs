@@ -44,10 +44,15 @@ fn shape(plan: &SubgroupPlan) -> (bool, bool, bool) {
     let wide = plan.ty.rows() == 2;
     match plan.op {
         SubgroupOp::Elect => (false, false, false),
-        SubgroupOp::All | SubgroupOp::Any | SubgroupOp::AllEqual | SubgroupOp::Ballot => {
-            (true, false, false)
-        }
-        SubgroupOp::Shuffle => (true, true, wide),
+        SubgroupOp::All
+        | SubgroupOp::Any
+        | SubgroupOp::AllEqual
+        | SubgroupOp::Ballot
+        | SubgroupOp::Match => (true, false, false),
+        SubgroupOp::Shuffle
+        | SubgroupOp::PartitionedReduce(_)
+        | SubgroupOp::PartitionedInclusiveScan(_)
+        | SubgroupOp::PartitionedExclusiveScan(_) => (true, true, wide),
         _ => (true, false, wide),
     }
 }
@@ -87,7 +92,33 @@ fn perform(plan: &SubgroupPlan, a: &Lanes, b: &Lanes, mask: u16) -> Lanes {
         }
         SubgroupOp::InclusiveScan(op) => scan(op, plan.ty, a, mask, true),
         SubgroupOp::ExclusiveScan(op) => scan(op, plan.ty, a, mask, false),
+        SubgroupOp::Match => std::array::from_fn(|k| {
+            let same = lanes_of(mask).filter(|&other| a[other] == a[k]);
+            same.fold(0, |bits, other| bits | 1 << other)
+        }),
+        SubgroupOp::PartitionedReduce(op) => partitioned(mask, b, |part, k| {
+            scan(op, plan.ty, a, part, true)[last_lane(part).unwrap_or(k)]
+        }),
+        SubgroupOp::PartitionedInclusiveScan(op) => {
+            partitioned(mask, b, |part, k| scan(op, plan.ty, a, part, true)[k])
+        }
+        SubgroupOp::PartitionedExclusiveScan(op) => {
+            partitioned(mask, b, |part, k| scan(op, plan.ty, a, part, false)[k])
+        }
     }
+}
+
+/// For each active lane, what is computed over the part that it names, and for it.
+fn partitioned(mask: u16, parts: &Lanes, of: impl Fn(u16, usize) -> u64) -> Lanes {
+    let mut result = [0; SUBGROUP_SIZE];
+    for k in lanes_of(mask) {
+        result[k] = of(mask & parts[k] as u16, k);
+    }
+    result
+}
+
+fn last_lane(part: u16) -> Option<usize> {
+    part.checked_ilog2().map(|lane| lane as usize)
 }
 
 fn scan(op: ReduceOp, ty: Type, a: &Lanes, mask: u16, inclusive: bool) -> Lanes {

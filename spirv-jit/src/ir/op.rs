@@ -446,6 +446,14 @@ pub enum SubgroupOp {
     InclusiveScan(ReduceOp),
     /// `(T) -> T`: the identity in the first lane.
     ExclusiveScan(ReduceOp),
+    /// `(T) -> i32`: bit per active lane with the same bits.
+    Match,
+    /// `(T, lanes: i32) -> T` over the active lanes whose bit is set: each lane has the bits of its own part.
+    PartitionedReduce(ReduceOp),
+    /// `(T, lanes: i32) -> T`.
+    PartitionedInclusiveScan(ReduceOp),
+    /// `(T, lanes: i32) -> T`: the identity in a part's first lane.
+    PartitionedExclusiveScan(ReduceOp),
 }
 
 /// The combining operation of a reduction or scan.

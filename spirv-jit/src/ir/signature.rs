@@ -336,7 +336,15 @@ fn check_subgroup(kind: SubgroupOp, args: &[Type], results: &[Type]) -> Checked 
         (SubgroupOp::All | SubgroupOp::Any, [I1], [I1]) => true,
         (SubgroupOp::AllEqual, [_], [I1]) => true,
         (SubgroupOp::Ballot, [I1], [I32]) => true,
-        (SubgroupOp::Shuffle, [value, I32], [result]) => value == result,
+        (SubgroupOp::Match, [_], [I32]) => true,
+        (
+            SubgroupOp::Shuffle
+            | SubgroupOp::PartitionedReduce(_)
+            | SubgroupOp::PartitionedInclusiveScan(_)
+            | SubgroupOp::PartitionedExclusiveScan(_),
+            [value, I32],
+            [result],
+        ) => value == result,
         (
             SubgroupOp::BroadcastFirst
             | SubgroupOp::Reduce { .. }

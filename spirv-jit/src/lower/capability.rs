@@ -49,6 +49,7 @@ const SUPPORTED: &[Capability] = &[
     Capability::GroupNonUniformClustered,
     Capability::GroupNonUniformQuad,
     Capability::GroupNonUniformRotateKHR,
+    Capability::GroupNonUniformPartitionedEXT,
     Capability::SubgroupBallotKHR,
     Capability::SubgroupVoteKHR,
     Capability::DeviceGroup,

@@ -19,6 +19,7 @@ pub(super) fn is_subgroup(opcode: Op) -> bool {
         || matches!(
             opcode,
             Op::GroupNonUniformRotateKHR
+                | Op::GroupNonUniformPartitionEXT
                 | Op::GroupNonUniformQuadAllKHR
                 | Op::GroupNonUniformQuadAnyKHR
                 | Op::SubgroupBallotKHR
@@ -64,6 +65,7 @@ impl Lowerer<'_> {
                 | Op::SubgroupAnyKHR
                 | Op::SubgroupAllEqualKHR
                 | Op::SubgroupReadInvocationKHR
+                | Op::GroupNonUniformPartitionEXT
                 | Op::GroupNonUniformQuadAllKHR
                 | Op::GroupNonUniformQuadAnyKHR
         );
@@ -107,6 +109,16 @@ impl Lowerer<'_> {
             Op::GroupNonUniformBallot | Op::SubgroupBallotKHR => {
                 let condition = self.bool_scalar(operands[0])?;
                 let word = self.across(SubgroupOp::Ballot, &[condition], Type::I32)?;
+                let zero = self.b.i32(0);
+                vec![word, zero, zero, zero]
+            }
+            Op::GroupNonUniformPartitionEXT => {
+                let mut word = self.b.i32((1 << LANES) - 1);
+                for &part in self.leaves(operands[0])?.iter() {
+                    let part = self.lane_word(part)?;
+                    let same = self.across(SubgroupOp::Match, &[part], Type::I32)?;
+                    word = self.b.binary(ir::Op::And, word, same)?;
+                }
                 let zero = self.b.i32(0);
                 vec![word, zero, zero, zero]
             }
@@ -211,6 +223,10 @@ impl Lowerer<'_> {
         op: ReduceOp,
         operands: &[u32],
     ) -> Result<(), Error> {
+        let is_float = matches!(
+            op,
+            ReduceOp::FAdd | ReduceOp::FMul | ReduceOp::FMin | ReduceOp::FMax
+        );
         let operation = GroupOperation::from_u32(operands[1]);
         let op = match operation {
             Some(GroupOperation::Reduce) => SubgroupOp::Reduce {
@@ -232,23 +248,40 @@ impl Lowerer<'_> {
                     cluster: cluster.min(LANES) as u8,
                 }
             }
+            Some(GroupOperation::PartitionedReduceEXT) => SubgroupOp::PartitionedReduce(op),
+            Some(GroupOperation::PartitionedInclusiveScanEXT) => {
+                SubgroupOp::PartitionedInclusiveScan(op)
+            }
+            Some(GroupOperation::PartitionedExclusiveScanEXT) => {
+                SubgroupOp::PartitionedExclusiveScan(op)
+            }
             _ => return Err(self.unsupported(instruction)),
         };
-        let is_float = matches!(
-            match op {
-                SubgroupOp::Reduce { op, .. } => op,
-                SubgroupOp::InclusiveScan(op) | SubgroupOp::ExclusiveScan(op) => op,
-                _ => ReduceOp::And,
-            },
-            ReduceOp::FAdd | ReduceOp::FMul | ReduceOp::FMin | ReduceOp::FMax
-        );
+        let partition = match (op, operands.get(3)) {
+            (
+                SubgroupOp::PartitionedReduce(_)
+                | SubgroupOp::PartitionedInclusiveScan(_)
+                | SubgroupOp::PartitionedExclusiveScan(_),
+                Some(&ballot),
+            ) => Some(self.ballot_word(ballot)?),
+            (SubgroupOp::PartitionedReduce(_), None)
+            | (SubgroupOp::PartitionedInclusiveScan(_), None)
+            | (SubgroupOp::PartitionedExclusiveScan(_), None) => {
+                return Err(self
+                    .b
+                    .invalid("a partitioned reduction lacks its partition"));
+            }
+            _ => None,
+        };
         let logical_and = matches!(instruction.opcode, Op::GroupNonUniformLogicalAnd);
         let values = self.per_part(operands[2], |lowerer, part| {
             let ty = lowerer.b.ty(part);
             if ty.is_float() != is_float {
                 return Err(lowerer.b.invalid("a reduction has the wrong type"));
             }
-            let result = lowerer.across(op, &[part], ty)?;
+            let mut args = vec![part];
+            args.extend(partition);
+            let result = lowerer.across(op, &args, ty)?;
             // The identity of a logical and is 1, not all ones.
             if logical_and {
                 let one = lowerer.b.constant(ty, 1);

@@ -1,8 +1,9 @@
 //! Makes programs that verify, end, and show what they computed.
 
+mod lanes;
 mod operations;
 
-use spirv_jit::ir::op::{Access, DescriptorBinding, SubgroupOp};
+use spirv_jit::ir::op::{Access, DescriptorBinding};
 use spirv_jit::ir::{
     Body, Function, FunctionId, InputRow, Inst, Label, Module, Node, Op, Space, Terminator, Type,
     Value, Variable, VariableId,
@@ -498,6 +499,9 @@ impl Generator<'_> {
             let own = self.emit_one(Op::IMul, &[lane, stride], Type::I32, nodes);
             offset = self.emit_one(Op::IAdd, &[own, offset], Type::I32, nodes);
         }
+        if which == 1 && self.random.one_in(4) {
+            return self.atomic(descriptor, offset, access, nodes);
+        }
         if which == 1 && self.random.one_in(2) {
             let value = self.word(nodes);
             self.emit(Op::Store(access), &[descriptor, offset, value], &[], nodes);
@@ -516,12 +520,7 @@ impl Generator<'_> {
     /// Yields, subgroup operations, dispatch-wide words.
     fn uncommon(&mut self, nodes: &mut Vec<Node>) {
         match self.random.below(6) {
-            0 => {
-                let condition = self.pick(Type::I1, nodes);
-                let op = Op::Subgroup(SubgroupOp::Ballot);
-                let value = self.emit_one(op, &[condition], Type::I32, nodes);
-                self.visible.push(value);
-            }
+            0 => self.subgroup_operation(nodes),
             1 => {
                 let value = self.emit_one(Op::Uniform(3), &[], Type::I32, nodes);
                 self.visible.push(value);

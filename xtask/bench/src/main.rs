@@ -1,6 +1,7 @@
 //! Benches: each alternates its contestants in one run and checks that they agree before it prints.
 
 mod reorder;
+mod shader;
 mod traversal;
 
 use std::process::ExitCode;
@@ -20,12 +21,15 @@ enum Bench {
     Traversal(traversal::Options),
     /// What reordering gains a path tracer with divergent materials
     Reorder(reorder::Options),
+    /// The interpreter of shaders, as a share of what the compiler makes of the same operations
+    Shader(shader::Options),
 }
 
 fn main() -> ExitCode {
     let done = match Arguments::parse().bench {
         Bench::Traversal(options) => traversal::run(&options),
         Bench::Reorder(options) => reorder::run(&options),
+        Bench::Shader(options) => shader::run(&options),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

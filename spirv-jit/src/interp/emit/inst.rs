@@ -184,7 +184,7 @@ impl Emitter<'_> {
             Some(&result) => self.ty(result),
             None => self.ty(inst.args[address]),
         };
-        if ty.bits() < 32 || access.space == Space::Private {
+        if ty.bits() < 16 || access.space == Space::Private {
             return Err(Error::unsupported(
                 inst.source,
                 format!("atomic on {ty} in this memory"),

@@ -118,6 +118,14 @@ pub fn subgroup_text(op: SubgroupOp) -> (&'static str, String) {
         SubgroupOp::Reduce { op, cluster } => ("reduce", format!("{}, {cluster}", reduce_text(op))),
         SubgroupOp::InclusiveScan(op) => ("inclusive_scan", reduce_text(op).into()),
         SubgroupOp::ExclusiveScan(op) => ("exclusive_scan", reduce_text(op).into()),
+        SubgroupOp::Match => ("match", String::new()),
+        SubgroupOp::PartitionedReduce(op) => ("partitioned_reduce", reduce_text(op).into()),
+        SubgroupOp::PartitionedInclusiveScan(op) => {
+            ("partitioned_inclusive_scan", reduce_text(op).into())
+        }
+        SubgroupOp::PartitionedExclusiveScan(op) => {
+            ("partitioned_exclusive_scan", reduce_text(op).into())
+        }
     }
 }
 
@@ -145,6 +153,10 @@ pub fn subgroup_from_text(name: &str, words: &[&str]) -> Option<SubgroupOp> {
         },
         "inclusive_scan" => scan().map(SubgroupOp::InclusiveScan),
         "exclusive_scan" => scan().map(SubgroupOp::ExclusiveScan),
+        "match" => plain(SubgroupOp::Match),
+        "partitioned_reduce" => scan().map(SubgroupOp::PartitionedReduce),
+        "partitioned_inclusive_scan" => scan().map(SubgroupOp::PartitionedInclusiveScan),
+        "partitioned_exclusive_scan" => scan().map(SubgroupOp::PartitionedExclusiveScan),
         _ => None,
     }
 }

@@ -1,0 +1,256 @@
+//! `VK_EXT_descriptor_buffer`: descriptors in the application's memory.
+//!
+//! A descriptor there is an entry as descriptor sets have it ([`Descriptor`]), whatever its type, so that binding a set is naming its address.
+
+use std::ffi::c_void;
+
+use ash::vk;
+use smallvec::SmallVec;
+use spirv_jit::environment::Descriptor;
+use spirv_jit::image::Format;
+
+use crate::VkResult;
+use crate::command::{BindDescriptorBuffer, BindDescriptorSets, Command};
+use crate::ffi::{self, chain, commands, entry};
+use crate::handle::{self, Ref, from_handle, optional};
+use crate::object::{
+    AccelerationStructure, Buffer, DescriptorSet, DescriptorSetLayout, ImageView, PipelineLayout,
+    Sampler,
+};
+
+/// Bytes of what captures an object: its address, or that of its descriptor.
+pub const CAPTURE_BYTES: usize = size_of::<u64>();
+
+/// The address that an object captured (`VkOpaqueCaptureDescriptorDataCreateInfoEXT`), to have it again.
+///
+/// # Safety
+/// As [`chain::nodes`].
+pub(super) unsafe fn captured(next: *const c_void) -> Option<u64> {
+    // SAFETY: the caller's promise: the data is what a capture wrote.
+    unsafe {
+        let info = chain::find::<vk::OpaqueCaptureDescriptorDataCreateInfoEXT>(next)?;
+        let data: *const u64 = info.opaque_capture_descriptor_data.cast();
+        (!data.is_null()).then(|| data.read_unaligned())
+    }
+}
+
+/// A sampler's or image view's part of a descriptor.
+///
+/// # Safety
+/// `info` is null or valid; what it names is alive or null.
+unsafe fn image_descriptor(info: *const vk::DescriptorImageInfo) -> Descriptor {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let view = info
+            .as_ref()
+            .and_then(|info| optional::<ImageView>(info.image_view));
+        Descriptor {
+            image: view.map_or(std::ptr::null(), |view| view.descriptor.as_ptr().cast()),
+            ..Descriptor::NULL
+        }
+    }
+}
+
+/// # Safety
+/// As [`image_descriptor`].
+unsafe fn sampler_descriptor(sampler: vk::Sampler) -> *const spirv_jit::image::SamplerDescriptor {
+    // SAFETY: the caller's promise.
+    unsafe { optional::<Sampler>(sampler) }
+        .map_or(std::ptr::null(), |sampler| sampler.descriptor.as_ptr())
+}
+
+/// What is not the null descriptor.
+///
+/// # Safety
+/// `info` is null or valid.
+unsafe fn range_of<'a>(
+    info: *const vk::DescriptorAddressInfoEXT<'a>,
+) -> Option<&'a vk::DescriptorAddressInfoEXT<'a>> {
+    // SAFETY: the caller's promise.
+    unsafe { info.as_ref() }.filter(|info| info.address != 0)
+}
+
+/// The descriptor of what a `VkDescriptorGetInfoEXT` describes.
+///
+/// # Safety
+/// Valid usage of `vkGetDescriptorEXT`.
+unsafe fn descriptor(info: &vk::DescriptorGetInfoEXT<'_>) -> Descriptor {
+    use vk::DescriptorType as Ty;
+    // SAFETY: the caller's promise: the type says which part of the union there is.
+    unsafe {
+        let data = &info.data;
+        match info.ty {
+            Ty::SAMPLER => Descriptor {
+                sampler: data
+                    .p_sampler
+                    .as_ref()
+                    .map_or(std::ptr::null(), |&sampler| sampler_descriptor(sampler)),
+                ..Descriptor::NULL
+            },
+            Ty::COMBINED_IMAGE_SAMPLER => Descriptor {
+                sampler: data
+                    .p_combined_image_sampler
+                    .as_ref()
+                    .map_or(std::ptr::null(), |info| sampler_descriptor(info.sampler)),
+                ..image_descriptor(data.p_combined_image_sampler)
+            },
+            Ty::SAMPLED_IMAGE => image_descriptor(data.p_sampled_image),
+            Ty::STORAGE_IMAGE => image_descriptor(data.p_storage_image),
+            Ty::INPUT_ATTACHMENT => image_descriptor(data.p_input_attachment_image),
+            Ty::UNIFORM_TEXEL_BUFFER | Ty::STORAGE_TEXEL_BUFFER => {
+                range_of(data.p_uniform_texel_buffer).map_or(Descriptor::NULL, |info| {
+                    let format = Format(info.format.as_raw() as u32);
+                    Descriptor::texel_buffer(info.address, info.range, format)
+                })
+            }
+            Ty::ACCELERATION_STRUCTURE_KHR => Descriptor {
+                address: data.acceleration_structure,
+                ..Descriptor::NULL
+            },
+            _ => range_of(data.p_uniform_buffer).map_or(Descriptor::NULL, |info| Descriptor {
+                address: info.address,
+                size_bytes: info.range,
+                ..Descriptor::NULL
+            }),
+        }
+    }
+}
+
+entry! {
+    fn vkGetDescriptorSetLayoutSizeEXT(
+        _device: vk::Device,
+        layout: vk::DescriptorSetLayout,
+        size: *mut vk::DeviceSize,
+    ) {
+        *size = from_handle::<DescriptorSetLayout>(layout).buffer_layout().size_bytes;
+    }
+
+    fn vkGetDescriptorSetLayoutBindingOffsetEXT(
+        _device: vk::Device,
+        layout: vk::DescriptorSetLayout,
+        binding: u32,
+        offset: *mut vk::DeviceSize,
+    ) {
+        let layout = from_handle::<DescriptorSetLayout>(layout);
+        *offset = layout.binding(binding).map_or(0, |binding| layout.buffer_layout().offset_of(binding));
+    }
+
+    fn vkGetDescriptorEXT(
+        _device: vk::Device,
+        info: *const vk::DescriptorGetInfoEXT,
+        data_size: usize,
+        data: *mut c_void,
+    ) {
+        let descriptor = descriptor(&*info);
+        let bytes = std::ptr::from_ref(&descriptor).cast::<u8>();
+        data.cast::<u8>().copy_from(bytes, data_size.min(size_of::<Descriptor>()));
+    }
+
+    fn vkGetBufferOpaqueCaptureDescriptorDataEXT(
+        _device: vk::Device,
+        info: *const vk::BufferCaptureDescriptorDataInfoEXT,
+        data: *mut c_void,
+    ) -> vk::Result {
+        // Its address follows from that of its memory, which is captured by itself.
+        data.cast::<u64>().write_unaligned(from_handle::<Buffer>((*info).buffer).address());
+        Ok(())
+    }
+
+    fn vkGetImageOpaqueCaptureDescriptorDataEXT(
+        _device: vk::Device,
+        _info: *const vk::ImageCaptureDescriptorDataInfoEXT,
+        data: *mut c_void,
+    ) -> vk::Result {
+        // Descriptors name views only.
+        data.cast::<u64>().write_unaligned(0);
+        Ok(())
+    }
+
+    fn vkGetImageViewOpaqueCaptureDescriptorDataEXT(
+        _device: vk::Device,
+        info: *const vk::ImageViewCaptureDescriptorDataInfoEXT,
+        data: *mut c_void,
+    ) -> vk::Result {
+        let view = from_handle::<ImageView>((*info).image_view);
+        data.cast::<u64>().write_unaligned(view.descriptor.as_ptr() as u64);
+        Ok(())
+    }
+
+    fn vkGetSamplerOpaqueCaptureDescriptorDataEXT(
+        _device: vk::Device,
+        info: *const vk::SamplerCaptureDescriptorDataInfoEXT,
+        data: *mut c_void,
+    ) -> vk::Result {
+        let sampler = from_handle::<Sampler>((*info).sampler);
+        data.cast::<u64>().write_unaligned(sampler.descriptor.as_ptr() as u64);
+        Ok(())
+    }
+
+    fn vkGetAccelerationStructureOpaqueCaptureDescriptorDataEXT(
+        _device: vk::Device,
+        info: *const vk::AccelerationStructureCaptureDescriptorDataInfoEXT,
+        data: *mut c_void,
+    ) -> vk::Result {
+        let structure = optional::<AccelerationStructure>((*info).acceleration_structure);
+        data.cast::<u64>().write_unaligned(structure.map_or(0, |structure| structure.address()));
+        Ok(())
+    }
+}
+
+/// A pipeline layout's set layout.
+fn set_layout(layout: &PipelineLayout, set: u32) -> VkResult<&Ref<DescriptorSetLayout>> {
+    let layout = layout.sets.get(set as usize).and_then(Option::as_ref);
+    layout.ok_or(vk::Result::ERROR_UNKNOWN)
+}
+
+commands! {
+    fn vkCmdBindDescriptorBuffersEXT(
+        commands,
+        count: u32,
+        infos: *const vk::DescriptorBufferBindingInfoEXT,
+    ) {
+        commands.descriptor_buffers = ffi::slice(infos, count).iter().map(|info| info.address).collect();
+        Ok(())
+    }
+
+    fn vkCmdSetDescriptorBufferOffsetsEXT(
+        commands,
+        bind_point: vk::PipelineBindPoint,
+        layout: vk::PipelineLayout,
+        first_set: u32,
+        count: u32,
+        buffers: *const u32,
+        offsets: *const vk::DeviceSize,
+    ) {
+        let layout = from_handle::<PipelineLayout>(layout);
+        let (buffers, offsets) = (ffi::slice(buffers, count), ffi::slice(offsets, count));
+        for (index, (&buffer, &offset)) in buffers.iter().zip(offsets).enumerate() {
+            let set = first_set + index as u32;
+            let address = commands.descriptor_buffers.get(buffer as usize).copied();
+            let address = address.ok_or(vk::Result::ERROR_UNKNOWN)?;
+            commands.push(Command::BindDescriptorBuffer(BindDescriptorBuffer {
+                bind_point,
+                set,
+                layout: Ref::clone(set_layout(layout, set)?),
+                address: address + offset,
+            }))?;
+        }
+        Ok(())
+    }
+
+    fn vkCmdBindDescriptorBufferEmbeddedSamplersEXT(
+        commands,
+        bind_point: vk::PipelineBindPoint,
+        layout: vk::PipelineLayout,
+        set: u32,
+    ) {
+        let layout = set_layout(from_handle::<PipelineLayout>(layout), set)?;
+        let samplers = handle::new(DescriptorSet::new(Ref::clone(layout), 0)?);
+        commands.push(Command::BindDescriptorSets(BindDescriptorSets {
+            bind_point,
+            first_set: set,
+            sets: SmallVec::from_elem(Some(samplers), 1),
+            dynamic_offsets: SmallVec::new(),
+        }))
+    }
+}

@@ -1,0 +1,49 @@
+//! Real modules, corrupted word by word. The first byte of an input says for which stage it is compiled.
+#![no_main]
+
+#[path = "../../tests/corrupt/mod.rs"]
+mod corrupt;
+
+use corrupt::Random;
+use libfuzzer_sys::{fuzz_mutator, fuzz_target};
+use spirv_jit::program::Stage;
+
+const STAGES: [Stage; 7] = [
+    Stage::Compute,
+    Stage::RayGeneration,
+    Stage::Miss,
+    Stage::ClosestHit,
+    Stage::AnyHit,
+    Stage::Intersection,
+    Stage::Callable,
+];
+
+fn words(bytes: &[u8]) -> Vec<u32> {
+    let (words, _) = bytes.as_chunks::<4>();
+    words.iter().map(|word| u32::from_le_bytes(*word)).collect()
+}
+
+fuzz_target!(|data: &[u8]| {
+    if let Some((&stage, module)) = data.split_first() {
+        corrupt::try_compile(STAGES[stage as usize % STAGES.len()], &words(module));
+    }
+});
+
+fuzz_mutator!(|data: &mut [u8], size: usize, max_size: usize, seed: u32| {
+    let mut module = match data[..size].split_first() {
+        Some((_, module)) => words(module),
+        None => return size,
+    };
+    if module.is_empty() {
+        return size;
+    }
+    corrupt::corrupt(&mut module, &mut Random(u64::from(seed) << 1 | 1));
+    let bytes = module.iter().flat_map(|word| word.to_le_bytes());
+    let room = &mut data[1..max_size];
+    let mut count = 1;
+    for (byte, place) in bytes.zip(room) {
+        *place = byte;
+        count += 1;
+    }
+    count
+});

@@ -1,0 +1,54 @@
+//! Modules that a compiler made, for what corrupts them.
+
+use spirv_jit::program::Stage;
+
+use crate::support::glsl;
+
+/// Each with its stage.
+pub fn samples() -> Vec<(Stage, Vec<u32>)> {
+    let compute = [
+        include_str!("../shaders/arithmetic.comp"),
+        include_str!("../shaders/images.comp"),
+        include_str!("../shaders/memory.comp"),
+        include_str!("../shaders/subgroups.comp"),
+    ];
+    let mut samples: Vec<_> = compute
+        .iter()
+        .map(|source| (Stage::Compute, glsl(Stage::Compute, source)))
+        .collect();
+    let control = "layout(set = 0, binding = 0) buffer B { int data[]; };
+        int f(int x, inout int y) { for (int i = 0; i < x; i++) { if (i == y) continue; switch (i) { case 1: y++; case 2: return y; default: break; } y += i; } return y; }
+        void main() { int y = data[0]; data[1] = f(data[2], y); data[y] = y > 3 && data[4] < 2 ? 1 : f(3, y); }";
+    samples.push((Stage::Compute, glsl(Stage::Compute, control)));
+    let hit = "layout(location = 0) rayPayloadInEXT vec4 payload; hitAttributeEXT vec2 b;
+        layout(shaderRecordEXT) buffer R { vec4 tint; };
+        void main() { payload += tint * b.x; if (b.y > 0.5) ignoreIntersectionEXT; if (payload.x > 1.0) terminateRayEXT; }";
+    samples.push((Stage::AnyHit, glsl(Stage::AnyHit, hit)));
+    let query = "#extension GL_EXT_ray_query : require
+        layout(set = 0, binding = 0) uniform accelerationStructureEXT world;
+        layout(set = 0, binding = 1) buffer B { float data[]; };
+        void main() {
+            rayQueryEXT q[2];
+            for (int i = 0; i < 2; i++) {
+                rayQueryInitializeEXT(q[i], world, 0, 0xff, vec3(data[0]), 0.0, vec3(0.0, 0.0, 1.0), data[1]);
+                while (rayQueryProceedEXT(q[i])) { if (data[2] > 1.0) rayQueryConfirmIntersectionEXT(q[i]); }
+            }
+            data[3] = rayQueryGetIntersectionTEXT(q[1], true);
+        }";
+    samples.push((Stage::Compute, glsl(Stage::Compute, query)));
+    let raygen = "layout(set = 0, binding = 0) uniform accelerationStructureEXT world;
+        layout(set = 0, binding = 1, rgba8) uniform image2D result;
+        layout(location = 0) rayPayloadEXT vec4 payload;
+        layout(location = 1) callableDataEXT float shade;
+        void main() {
+            payload = vec4(0.0);
+            for (uint i = 0u; i < gl_LaunchSizeEXT.x; i++) {
+                traceRayEXT(world, gl_RayFlagsOpaqueEXT, 0xff, 0, 1, 0, vec3(gl_LaunchIDEXT), 0.0, vec3(1.0), 100.0, 0);
+                executeCallableEXT(i & 3u, 1);
+                if (payload.w * shade > 1.0) break;
+            }
+            imageStore(result, ivec2(gl_LaunchIDEXT.xy), payload);
+        }";
+    samples.push((Stage::RayGeneration, glsl(Stage::RayGeneration, raygen)));
+    samples
+}

@@ -1,0 +1,290 @@
+//! Errors, and the greatest of them over many inputs.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use half::f16;
+use spirv_jit::ir::Type;
+
+use super::functions::{Allowance, Sampling, Several, Unary};
+use super::kernel::Kernel;
+
+pub struct Options {
+    /// Of the 32-bit inputs, every how many-th is taken.
+    pub step: u64,
+    pub threads: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            step: 1,
+            threads: std::thread::available_parallelism().map_or(1, usize::from),
+        }
+    }
+}
+
+/// A binary format of floats.
+#[derive(Clone, Copy, Debug)]
+pub struct Format {
+    pub ty: Type,
+    /// Bits of the significand after the point.
+    fraction: i32,
+    least_exponent: i32,
+    greatest_exponent: i32,
+}
+
+pub const F32: Format = Format {
+    ty: Type::F32,
+    fraction: 23,
+    least_exponent: -126,
+    greatest_exponent: 127,
+};
+
+pub const F16: Format = Format {
+    ty: Type::F16,
+    fraction: 10,
+    least_exponent: -14,
+    greatest_exponent: 15,
+};
+
+impl Format {
+    pub fn value(self, bits: u32) -> f64 {
+        match self.ty {
+            Type::F16 => f16::from_bits(bits as u16).to_f64(),
+            _ => f32::from_bits(bits) as f64,
+        }
+    }
+
+    /// The last place of a number in this format.
+    fn unit(self, exact: f64) -> f64 {
+        let exponent = (exact.to_bits() >> 52 & 0x7ff) as i32 - 1023;
+        let exponent = exponent.clamp(self.least_exponent, self.greatest_exponent);
+        power_of_two(exponent - self.fraction)
+    }
+
+    /// How far a result is off, in units of the exact one's last place. What is past the greatest number counts as the next one after it.
+    fn error(self, got: f64, exact: f64) -> f64 {
+        if got.is_nan() || exact.is_nan() {
+            return if got.is_nan() && exact.is_nan() {
+                0.0
+            } else {
+                f64::INFINITY
+            };
+        }
+        let end = power_of_two(self.greatest_exponent + 1);
+        let (got, exact) = (got.clamp(-end, end), exact.clamp(-end, end));
+        (got - exact).abs() / self.unit(exact)
+    }
+
+    /// What a function gives. Vulkan defines sinh and cosh by exponentials, and they overflow with those.
+    fn exact(self, function: &Unary, x: f64) -> f64 {
+        let exact = (function.exact)(x);
+        let end = match self.ty {
+            Type::F16 => 11.09,
+            _ => 88.722_84,
+        };
+        if matches!(function.operation, "fsinh" | "fcosh") && x.abs() >= end {
+            return f64::INFINITY.copysign(exact);
+        }
+        exact
+    }
+
+    /// Whether a result is the exact one, rounded.
+    fn is_rounded(self, got: f64, exact: f64) -> bool {
+        match self.ty {
+            Type::F16 => got == f16::from_f64(exact).to_f64(),
+            _ => got == (exact as f32) as f64,
+        }
+    }
+
+    /// What is allowed at an input, in the same units.
+    fn allowed(self, allowance: Allowance, x: f64, exact: f64) -> f64 {
+        let half = matches!(self.ty, Type::F16);
+        let absolute = |exponent: i32| power_of_two(exponent) / self.unit(exact);
+        match allowance {
+            Allowance::Correct => 0.5,
+            Allowance::ArcTangent => {
+                if half {
+                    5.0
+                } else {
+                    4096.0
+                }
+            }
+            Allowance::Ulp(units) | Allowance::Inherited(_, units) => units,
+            Allowance::Exponential if x.is_infinite() => 0.5,
+            Allowance::Exponential => 2.0f64.mul_add(x.abs(), if half { 1.0 } else { 3.0 }),
+            Allowance::Logarithm if (0.5..=2.0).contains(&x) => {
+                absolute(if half { -7 } else { -21 })
+            }
+            Allowance::Logarithm => 3.0,
+            Allowance::Circular if x.abs() <= 3.1415927410125732 => {
+                absolute(if half { -7 } else { -11 })
+            }
+            Allowance::Circular => f64::INFINITY,
+        }
+    }
+}
+
+fn power_of_two(exponent: i32) -> f64 {
+    f64::from_bits(((exponent + 1023) as u64) << 52)
+}
+
+/// The greatest errors so far.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Worst {
+    pub error: f64,
+    /// Where it is.
+    pub at: [f64; 3],
+    /// The greatest share of what is allowed.
+    pub share: f64,
+    pub count: u64,
+}
+
+impl Worst {
+    fn add(&mut self, error: f64, allowed: f64, at: [f64; 3]) {
+        if error > self.error {
+            (self.error, self.at) = (error, at);
+        }
+        if error > self.share * allowed {
+            self.share = error / allowed;
+        }
+    }
+
+    fn merge(self, other: Self) -> Self {
+        let greater = if other.error > self.error {
+            other
+        } else {
+            self
+        };
+        Self {
+            share: self.share.max(other.share),
+            count: self.count + other.count,
+            ..greater
+        }
+    }
+}
+
+/// Inputs of one block: what a thread takes at a time.
+const BLOCK: u64 = 1 << 20;
+
+/// Runs `block` for each block of `0..count` on all threads.
+fn over_blocks(
+    options: &Options,
+    count: u64,
+    block: impl Fn(std::ops::Range<u64>, &mut Kernel, &mut Worst) + Sync,
+    kernel: impl Fn() -> Kernel + Sync,
+) -> Worst {
+    let next = AtomicU64::new(0);
+    let work = || {
+        let (mut kernel, mut worst) = (kernel(), Worst::default());
+        loop {
+            let start = next.fetch_add(1, Ordering::Relaxed) * BLOCK;
+            if start >= count {
+                return worst;
+            }
+            block(start..(start + BLOCK).min(count), &mut kernel, &mut worst);
+        }
+    };
+    std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..options.threads.max(1))
+            .map(|_| scope.spawn(work))
+            .collect();
+        let worst = threads.into_iter().map(|thread| thread.join().unwrap());
+        worst.fold(Worst::default(), Worst::merge)
+    })
+}
+
+/// The greatest error of a function of one operand.
+pub fn unary(function: &Unary, format: Format, options: &Options) -> Worst {
+    let step = match function.sampling() {
+        Sampling::All => options.step,
+        Sampling::Every(step) => options.step.max(step),
+    };
+    let (count, step) = match format.ty {
+        Type::F16 => (1 << 16, 1),
+        _ => ((1u64 << 32).div_ceil(step), step),
+    };
+    over_blocks(
+        options,
+        count,
+        |range, kernel, worst| {
+            let inputs = range
+                .map(|index| (index * step) as u32)
+                .filter(|&bits| function.domain.contains(format.value(bits)));
+            let mut check = |column: &[Vec<u32>], results: &[u32]| {
+                for (&bits, &result) in column[0].iter().zip(results) {
+                    let x = format.value(bits);
+                    let (got, exact) = (format.value(result), format.exact(function, x));
+                    worst.count += 1;
+                    if got == exact {
+                        continue;
+                    }
+                    // Most results; what is left is worth a closer look.
+                    if worst.error >= 0.5 && format.is_rounded(got, exact) {
+                        continue;
+                    }
+                    let error = format.error(got, exact);
+                    let allowed = format.allowed(function.allowance, x, exact);
+                    worst.add(error, allowed, [x, 0.0, 0.0]);
+                }
+            };
+            in_waves(kernel, inputs.map(|bits| [bits, 0, 0]), 1, &mut check);
+        },
+        || Kernel::new(function.operation, 1, format.ty),
+    )
+}
+
+/// The greatest error of a function of several operands.
+pub fn several(function: &Several, format: Format, options: &Options) -> Worst {
+    let count = (1u64 << 26).div_ceil(options.step).max(1 << 16);
+    over_blocks(
+        options,
+        count,
+        |range, kernel, worst| {
+            let mut check = |columns: &[Vec<u32>], results: &[u32]| {
+                for (lane, &result) in results.iter().enumerate() {
+                    let operand = |k: usize| columns.get(k).map_or(0.0, |c| format.value(c[lane]));
+                    let operands = [operand(0), operand(1), operand(2)];
+                    let exact = (function.exact)(&operands);
+                    let error = format.error(format.value(result), exact);
+                    worst.count += 1;
+                    let allowed = format.allowed(function.allowance, operands[0], exact);
+                    worst.add(error, allowed, operands);
+                }
+            };
+            let operands = range.map(|index| super::samples::operands(index, format));
+            in_waves(kernel, operands, function.arity, &mut check);
+        },
+        || Kernel::new(function.operation, function.arity, format.ty),
+    )
+}
+
+/// Cuts operands into waves; the last one is filled up with its last operands.
+fn in_waves(
+    kernel: &mut Kernel,
+    operands: impl Iterator<Item = [u32; 3]>,
+    arity: usize,
+    check: &mut dyn FnMut(&[Vec<u32>], &[u32]),
+) {
+    let lanes = kernel.lanes();
+    let mut columns = vec![Vec::with_capacity(lanes); arity];
+    let mut results = vec![0; lanes];
+    let mut operands = operands.peekable();
+    while operands.peek().is_some() {
+        columns.iter_mut().for_each(Vec::clear);
+        for given in operands.by_ref().take(lanes) {
+            for (column, word) in columns.iter_mut().zip(given) {
+                column.push(word);
+            }
+        }
+        let count = columns[0].len();
+        for column in &mut columns {
+            column.resize(lanes, column[count - 1]);
+        }
+        kernel.run(&columns, &mut results);
+        for column in &mut columns {
+            column.truncate(count);
+        }
+        check(&columns, &results[..count]);
+    }
+}
