@@ -1,6 +1,7 @@
 //! `VK_KHR_acceleration_structure`: objects, sizes, and the commands on the host and on the device.
 
 use std::ffi::c_void;
+use std::sync::Arc;
 
 use ash::vk::{self, Handle};
 use spirv_jit::reach::Reach;
@@ -29,10 +30,11 @@ fn copy_mode(mode: vk::CopyAccelerationStructureModeKHR) -> CopyMode {
 
 /// A new structure's handle; validation is told of it.
 pub fn create(device: &Device, structure: AccelerationStructure) -> vk::AccelerationStructureKHR {
-    let address = structure.address();
-    let handle: vk::AccelerationStructureKHR = handle::create(structure);
+    let structure = handle::new(structure);
+    let handle: vk::AccelerationStructureKHR = handle::into_handle(Arc::clone(&structure));
     if let Some(validator) = device.validator() {
-        validator.registry.add_structure(handle.as_raw(), address);
+        let registry = &validator.registry;
+        registry.add_structure(handle.as_raw(), structure);
     }
     handle
 }

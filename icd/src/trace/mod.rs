@@ -83,10 +83,11 @@ impl Default for Limits {
 impl Limits {
     /// The address of a structure that a shader names: 0, which is none, if it leads nowhere.
     pub fn structure(&self, address: u64) -> u64 {
-        match self.reach.contains(address, Structure::HEADER_BYTES) {
-            true => address,
-            false => 0,
-        }
+        const SIZE: u64 = Structure::HEADER_BYTES;
+        // Nearly all are in one range: no search.
+        let is_there =
+            self.reach.likely().bytes_from(address) >= SIZE || self.reach.contains(address, SIZE);
+        if is_there { address } else { 0 }
     }
 
     /// Called when fuel runs dry.

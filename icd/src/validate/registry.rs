@@ -8,13 +8,16 @@ use ash::vk;
 use parking_lot::Mutex;
 use spirv_jit::reach::{Range, Reach};
 
+use crate::handle::Ref;
+use crate::object::AccelerationStructure;
+
 /// What is alive on a device.
 #[derive(Default)]
 pub struct Registry {
     /// By address and handle: more than one buffer may lie at an address.
     buffers: Mutex<BTreeMap<(u64, u64), Buffer>>,
-    /// Address of each structure, by handle.
-    structures: Mutex<BTreeMap<u64, u64>>,
+    /// By handle. Their buffers may get memory later than they are made.
+    structures: Mutex<BTreeMap<u64, Ref<AccelerationStructure>>>,
 }
 
 #[derive(Clone, Copy)]
@@ -49,9 +52,9 @@ impl Registry {
         self.buffers.lock().remove(&(address, handle));
     }
 
-    /// A structure has an address.
-    pub fn add_structure(&self, handle: u64, address: u64) {
-        self.structures.lock().insert(handle, address);
+    /// There is a new structure.
+    pub fn add_structure(&self, handle: u64, structure: Ref<AccelerationStructure>) {
+        self.structures.lock().insert(handle, structure);
     }
 
     /// A structure is gone.
@@ -61,7 +64,11 @@ impl Registry {
 
     /// Addresses of the structures that are alive.
     pub fn structures(&self) -> HashSet<u64> {
-        self.structures.lock().values().copied().collect()
+        let structures = self.structures.lock();
+        structures
+            .values()
+            .map(|structure| structure.address())
+            .collect()
     }
 
     /// What is known of a range of addresses.
@@ -100,6 +107,8 @@ impl Registry {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::handle;
+    use crate::object::acceleration_structure::Location;
 
     #[test]
     fn ranges_are_found_in_the_buffers_that_hold_all_of_them() {
@@ -121,7 +130,12 @@ mod tests {
     #[test]
     fn structures_are_known_until_they_are_gone() {
         let registry = Registry::default();
-        registry.add_structure(7, 0x100);
+        let structure = AccelerationStructure {
+            ty: vk::AccelerationStructureTypeKHR::GENERIC,
+            location: Location::Address(0x100),
+            size_bytes: 0,
+        };
+        registry.add_structure(7, handle::new(structure));
         assert!(registry.structures().contains(&0x100));
         registry.remove_structure(7);
         assert!(registry.structures().is_empty());
