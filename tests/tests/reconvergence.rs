@@ -319,3 +319,22 @@ fn quads_vote() {
     gpu.compute(source, &[buffer], [1, 1, 1]);
     assert_eq!(buffer.read::<u32>(), [1; 64]);
 }
+
+#[test]
+fn ballots_are_searched_among_the_lanes_that_there_are() {
+    let gpu = Gpu::without_validation();
+    let source = r"
+    #extension GL_KHR_shader_subgroup_ballot : enable
+    layout(local_size_x = 64) in;
+    layout(set = 0, binding = 0, std430) buffer Results { uint results[]; };
+    void main() {
+        uvec4 all = uvec4(0xffffffffu);
+        bool most = subgroupBallotFindMSB(all) == gl_SubgroupSize - 1u;
+        bool least = subgroupBallotFindLSB(all) == 0u;
+        bool count = subgroupBallotBitCount(all) == gl_SubgroupSize;
+        results[gl_GlobalInvocationID.x] = uint(most && least && count);
+    }";
+    let buffer = gpu.buffer_with(&[0u32; 64]);
+    gpu.compute(source, &[buffer], [1, 1, 1]);
+    assert_eq!(buffer.read::<u32>(), [1; 64]);
+}

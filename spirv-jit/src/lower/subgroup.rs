@@ -140,11 +140,11 @@ impl Lowerer<'_> {
                 vec![self.count_ballot(operands[0], operands[1])?]
             }
             Op::GroupNonUniformBallotFindLSB => {
-                let word = self.ballot_word(operands[0])?;
+                let word = self.ballot_of_lanes(operands[0])?;
                 vec![self.b.unary(ir::Op::FindLsb, word)?]
             }
             Op::GroupNonUniformBallotFindMSB => {
-                let word = self.ballot_word(operands[0])?;
+                let word = self.ballot_of_lanes(operands[0])?;
                 vec![self.b.unary(ir::Op::FindUMsb, word)?]
             }
             _ => return self.lower_shuffle(instruction, operands),
@@ -193,6 +193,13 @@ impl Lowerer<'_> {
             Some(word) if self.b.ty(word) == Type::I32 => Ok(word),
             _ => Err(self.b.invalid("a ballot is four 32-bit words")),
         }
+    }
+
+    /// The bits of a ballot that stand for invocations of the subgroup: searches and counts consider no others.
+    fn ballot_of_lanes(&mut self, id: Id) -> Result<Value, Error> {
+        let word = self.ballot_word(id)?;
+        let lanes = self.b.i32((1 << LANES) - 1);
+        self.b.binary(ir::Op::And, word, lanes)
     }
 
     fn test_bit(&mut self, word: Value, index: Value) -> Result<Value, Error> {
