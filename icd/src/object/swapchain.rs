@@ -16,11 +16,8 @@ use crate::VkResult;
 use crate::handle::{self, Ref};
 use crate::table::limits::{MAX_IMAGE_ARRAY_LAYERS, MAX_IMAGE_DIMENSION, MEMORY_ALIGNMENT};
 
-/// `VkSurfaceKHR`. What is presented to a headless one is seen by nobody.
-pub struct Surface {
-    /// Of a window: no queue presents to it. It is there for applications that will not start without the extension.
-    pub is_window: bool,
-}
+/// `VkSurfaceKHR`: headless. What is presented to it is seen by nobody.
+pub struct Surface;
 
 /// `VkSwapchainKHR`.
 pub struct Swapchain {

@@ -483,10 +483,6 @@ commands! {
     Device Core11 PFN_vkDestroySamplerYcbcrConversion graphics::vkDestroySamplerYcbcrConversion;
     Device Core PFN_vkGetRenderAreaGranularity graphics::vkGetRenderAreaGranularity;
 
-    Instance KHR_XCB_SURFACE PFN_vkCreateXcbSurfaceKHR swapchain::vkCreateXcbSurfaceKHR;
-    PhysicalDevice KHR_XCB_SURFACE PFN_vkGetPhysicalDeviceXcbPresentationSupportKHR swapchain::vkGetPhysicalDeviceXcbPresentationSupportKHR;
-    Instance KHR_XLIB_SURFACE PFN_vkCreateXlibSurfaceKHR swapchain::vkCreateXlibSurfaceKHR;
-    PhysicalDevice KHR_XLIB_SURFACE PFN_vkGetPhysicalDeviceXlibPresentationSupportKHR swapchain::vkGetPhysicalDeviceXlibPresentationSupportKHR;
     Instance EXT_HEADLESS_SURFACE PFN_vkCreateHeadlessSurfaceEXT swapchain::vkCreateHeadlessSurfaceEXT;
     Instance KHR_SURFACE PFN_vkDestroySurfaceKHR swapchain::vkDestroySurfaceKHR;
     PhysicalDevice KHR_SWAPCHAIN PFN_vkGetPhysicalDevicePresentRectanglesKHR swapchain::vkGetPhysicalDevicePresentRectanglesKHR;

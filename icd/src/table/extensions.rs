@@ -55,8 +55,6 @@ extensions! {
     Instance KHR_EXTERNAL_SEMAPHORE_CAPABILITIES c"VK_KHR_external_semaphore_capabilities" 1;
     Instance KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 c"VK_KHR_get_physical_device_properties2" 2;
     Instance KHR_SURFACE c"VK_KHR_surface" 25;
-    Instance KHR_XCB_SURFACE c"VK_KHR_xcb_surface" 6;
-    Instance KHR_XLIB_SURFACE c"VK_KHR_xlib_surface" 6;
     Instance EXT_DEBUG_UTILS c"VK_EXT_debug_utils" 2;
     Instance EXT_HEADLESS_SURFACE c"VK_EXT_headless_surface" 1;
     Device KHR_16BIT_STORAGE c"VK_KHR_16bit_storage" 1;
