@@ -114,6 +114,25 @@ pub struct Environment {
     pub strays: Option<Arc<Strays>>,
 }
 
+impl Environment {
+    /// Nothing is bound; physical pointers are followed wherever they lead.
+    pub fn unbound() -> Self {
+        let no_set = DescriptorSet {
+            entries: std::ptr::null(),
+            count: 0,
+        };
+        Self {
+            sets: [no_set; MAX_SETS],
+            dynamic: std::ptr::null(),
+            dynamic_count: 0,
+            push_constants: Descriptor::NULL,
+            uniforms: [0; uniform::COUNT],
+            reach: Arc::new(Reach::everywhere()),
+            strays: None,
+        }
+    }
+}
+
 // SAFETY: as for `Descriptor`.
 unsafe impl Send for Environment {}
 // SAFETY: as for `Descriptor`.

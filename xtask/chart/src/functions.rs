@@ -2,15 +2,13 @@
 
 use std::fmt::Write as _;
 use std::hint::black_box;
-use std::sync::Arc;
 
 use anyhow::{Result, anyhow, ensure};
 use canvas::{Axis, Mark, Point, Scatter, save};
-use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS};
+use spirv_jit::environment::Environment;
 use spirv_jit::eval;
 use spirv_jit::ir::text::parse_module;
 use spirv_jit::program::{AlignedRow, Event, Frame, Wave};
-use spirv_jit::reach::Reach;
 use spirv_jit::{Accuracy, Program};
 
 use crate::Options;
@@ -225,18 +223,7 @@ impl Bench {
 
     /// Runs the wave so many times; what it computes stays the same.
     fn run(&mut self, times: usize) {
-        let environment = Environment {
-            sets: [DescriptorSet {
-                entries: std::ptr::null(),
-                count: 0,
-            }; MAX_SETS],
-            dynamic: std::ptr::null(),
-            dynamic_count: 0,
-            push_constants: Descriptor::NULL,
-            uniforms: [0; 8],
-            reach: Arc::new(Reach::everywhere()),
-            strays: None,
-        };
+        let environment = Environment::unbound();
         for _ in 0..times {
             for state in &mut self.states {
                 // Back to the entry, with the inputs that are there.

@@ -1,19 +1,16 @@
 //! One operation of the IR as a program over columns of operands.
 
 use std::fmt::Write;
-use std::sync::Arc;
 
-use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS};
+use spirv_jit::environment::Environment;
 use spirv_jit::ir::Type;
 use spirv_jit::ir::text::parse_module;
 use spirv_jit::program::{AlignedRow, Event, Frame, Program, Wave};
-use spirv_jit::reach::Reach;
 
 pub struct Kernel {
     program: Program,
     states: Vec<Vec<AlignedRow>>,
     frame: Frame,
-    reach: Arc<Reach>,
 }
 
 impl Kernel {
@@ -25,7 +22,6 @@ impl Kernel {
             states: vec![vec![AlignedRow::default(); rows]; program.max_wave_subgroups()],
             program,
             frame: Frame::default(),
-            reach: Arc::new(Reach::everywhere()),
         }
     }
 
@@ -44,18 +40,7 @@ impl Kernel {
                 state[layout.inputs + row].0.copy_from_slice(words);
             }
         }
-        let environment = Environment {
-            sets: [DescriptorSet {
-                entries: std::ptr::null(),
-                count: 0,
-            }; MAX_SETS],
-            dynamic: std::ptr::null(),
-            dynamic_count: 0,
-            push_constants: Descriptor::NULL,
-            uniforms: [0; 8],
-            reach: Arc::clone(&self.reach),
-            strays: None,
-        };
+        let environment = Environment::unbound();
         let mut states: Vec<&mut [AlignedRow]> =
             self.states.iter_mut().map(|state| &mut state[..]).collect();
         let mut wave = Wave {

@@ -6,31 +6,12 @@ mod memory;
 mod pairs;
 mod yields;
 
-use std::sync::Arc;
-
 use super::tier::TierKind;
 use super::{Frame, Program};
-use crate::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS};
+use crate::environment::Environment;
 use crate::ir::text::parse_module;
 use crate::ir::verify::verify;
 use crate::program::{AlignedRow, Event, SiteKind, Wave};
-use crate::reach::Reach;
-
-/// An environment with nothing in it.
-pub(super) fn empty_environment() -> Environment {
-    Environment {
-        sets: [DescriptorSet {
-            entries: std::ptr::null(),
-            count: 0,
-        }; MAX_SETS],
-        dynamic: std::ptr::null(),
-        dynamic_count: 0,
-        push_constants: Descriptor::NULL,
-        uniforms: [0; crate::environment::uniform::COUNT],
-        reach: Arc::new(Reach::everywhere()),
-        strays: None,
-    }
-}
 
 /// A program with the states of some subgroups.
 pub(super) struct Bench {
@@ -57,7 +38,7 @@ impl Bench {
         Bench {
             program,
             states,
-            environment: empty_environment(),
+            environment: Environment::unbound(),
             shared,
             frame: Frame::default(),
         }

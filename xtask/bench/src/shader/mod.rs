@@ -3,15 +3,13 @@
 mod large;
 mod small;
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, Error, Result, ensure};
-use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS};
+use spirv_jit::environment::Environment;
 use spirv_jit::interp::TierKind;
 use spirv_jit::ir::text::parse_module;
 use spirv_jit::program::{AlignedRow, Event, Wave};
-use spirv_jit::reach::Reach;
 use spirv_jit::{Program, program::Frame};
 
 #[derive(clap::Args)]
@@ -170,18 +168,7 @@ impl Bench {
                     std::array::from_fn(|lane| column[s * 16 + lane].to_bits());
             }
         }
-        let environment = Environment {
-            sets: [DescriptorSet {
-                entries: std::ptr::null(),
-                count: 0,
-            }; MAX_SETS],
-            dynamic: std::ptr::null(),
-            dynamic_count: 0,
-            push_constants: Descriptor::NULL,
-            uniforms: [0; 8],
-            reach: Arc::new(Reach::everywhere()),
-            strays: None,
-        };
+        let environment = Environment::unbound();
         let start = Instant::now();
         for wave in self.states.chunks_mut(self.subgroups) {
             let mut states: Vec<&mut [AlignedRow]> =
