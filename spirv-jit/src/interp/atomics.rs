@@ -6,7 +6,7 @@ use half::f16;
 
 use super::code::AtomicPlan;
 use super::machine::{Instr, Machine, lanes_of};
-use super::memory::region;
+use super::region::region;
 use crate::eval;
 use crate::ir::Type;
 use crate::ir::op::AtomicOp;

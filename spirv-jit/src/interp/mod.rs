@@ -4,9 +4,10 @@
 //! ir ──> uniformity, slots (rows by live ranges) ──> emit ──> code: instructions that point at their kernels
 //! ```
 //!
-//! * [`machine`]: a running wave; [`tier`]: instruction sets; [`kernels`]: pure operations; [`memory`], [`atomics`], [`subgroup`], [`images`]:
+//! * [`machine`]: a running wave; [`tier`]: instruction sets; [`kernels`]: pure operations; [`access`], [`memory`], [`atomics`], [`subgroup`], [`images`]:
 //!   the others; [`control`]: masks and jumps; [`yields`]: suspending and resuming.
 
+mod access;
 mod atomics;
 mod coalesce;
 mod code;
@@ -17,6 +18,7 @@ mod images;
 mod kernels;
 mod machine;
 mod memory;
+mod region;
 mod slots;
 mod subgroup;
 mod tier;

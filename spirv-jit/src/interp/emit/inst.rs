@@ -6,7 +6,7 @@ use crate::interp::code::{AccessPlan, AtomicPlan, ImagePlan, SubgroupPlan};
 use crate::interp::fusion::Fused;
 use crate::interp::kernels::{Unpack64, elementwise, fused};
 use crate::interp::machine::{Handler, Instr, Operand};
-use crate::interp::{atomics, images, memory, subgroup, yields};
+use crate::interp::{access, atomics, images, memory, subgroup, yields};
 use crate::ir::op::{Access, AtomicOp};
 use crate::ir::{Inst, Op, Space, Type, Value, VariableId};
 
@@ -146,30 +146,29 @@ impl Emitter<'_> {
         Ok(first + row)
     }
 
-    fn emit_access(&mut self, access: Access, inst: &Inst, store: bool) -> Result<(), Error> {
-        let (address, values) = inst.args.split_at(access.space.address_operands());
+    fn emit_access(&mut self, place: Access, inst: &Inst, store: bool) -> Result<(), Error> {
+        let (address, values) = inst.args.split_at(place.space.address_operands());
         let scalars = if store { values } else { &inst.results[..] };
         let Some(&first) = scalars.first() else {
             return Ok(());
         };
         let ty = self.ty(first);
-        if ty == Type::I1 && access.space != Space::Private {
+        if ty == Type::I1 && place.space != Space::Private {
             return Err(Error::invalid(inst.source, "boolean in memory"));
         }
         let operands = self.list(address);
         self.list(scalars);
         let plan = self.code.accesses.len() as u32;
         self.code.accesses.push(AccessPlan {
-            space: access.space,
+            space: place.space,
             ty,
             operands,
             scalars: scalars.len() as u32,
         });
-        let handler: Handler = match (access.space, store) {
+        let handler: Handler = match (place.space, store) {
             (Space::Private, false) => memory::load_private,
             (Space::Private, true) => memory::store_private,
-            (_, false) => memory::load,
-            (_, true) => memory::store,
+            (_, store) => access::handler(self.tier, ty, store),
         };
         self.push(Instr {
             x: plan,

@@ -1,0 +1,322 @@
+//! Loads and stores in buffers, in workgroup memory and through physical pointers.
+//!
+//! The addresses of a subgroup's lanes are found and checked together. Where one of them is not inside, that subgroup's scalars are
+//! checked one by one, as robustness has it.
+
+use std::marker::PhantomData;
+
+use super::code::AccessPlan;
+use super::kernels::Lane;
+use super::machine::{Handler, Instr, Machine, Operand, lanes_of};
+use super::region::{Region, read_scalar, region};
+use super::tier::{Kernel, Portable, Tier, TierKind};
+use crate::SUBGROUP_SIZE;
+use crate::ir::{Space, Type};
+
+/// Most scalars that a lane copies before it is the next lane's turn.
+const SCALARS_AT_ONCE: usize = 4;
+
+/// What loads scalars of a type, or stores them, in a tier. Not for private memory.
+pub(super) fn handler(tier: TierKind, ty: Type, store: bool) -> Handler {
+    match tier {
+        #[cfg(target_arch = "x86_64")]
+        TierKind::Avx2 => in_tier::<super::tier::Avx2>(ty, store),
+        #[cfg(target_arch = "x86_64")]
+        TierKind::Avx512 => in_tier::<super::tier::Avx512>(ty, store),
+        _ => in_tier::<Portable>(ty, store),
+    }
+}
+
+fn in_tier<T: Tier>(ty: Type, store: bool) -> Handler {
+    match (ty.size_bytes(), store) {
+        (1, false) => T::handler::<Load<u8>>(),
+        (2, false) => T::handler::<Load<u16>>(),
+        (4, false) => T::handler::<Load<u32>>(),
+        (_, false) => T::handler::<Load<u64>>(),
+        (1, true) => T::handler::<Store<u8>>(),
+        (2, true) => T::handler::<Store<u16>>(),
+        (4, true) => T::handler::<Store<u32>>(),
+        (_, true) => T::handler::<Store<u64>>(),
+    }
+}
+
+/// A plan's address operands and scalars.
+#[inline(always)]
+pub(super) fn operands<'c>(m: &Machine<'c>, plan: &AccessPlan) -> (&'c [Operand], &'c [Operand]) {
+    let all = &m.program.code.operands[plan.operands as usize..];
+    let (address, rest) = all.split_at(plan.space.address_operands());
+    (address, &rest[..plan.scalars as usize])
+}
+
+/// Where the lanes of a subgroup have their scalars, if all of the active ones have them all.
+///
+/// # Safety
+/// As [`Kernel::run`]; the offset is one of the wave's, and `shared` is what [`shared_region`] gave.
+#[inline(always)]
+unsafe fn places(
+    m: &Machine<'_>,
+    space: Space,
+    shared: &Option<Region>,
+    address: &[Operand],
+    offset: u16,
+    size_bytes: u64,
+) -> Option<[u64; SUBGROUP_SIZE]> {
+    let active = m.active[offset as usize / 64];
+    // SAFETY: as the caller promises.
+    unsafe {
+        if let Some(region) = shared {
+            let offsets = &*m.block::<u32>(address[address.len() - 1], offset);
+            let base = region.base as u64;
+            let mut addresses = [0; SUBGROUP_SIZE];
+            for k in 0..SUBGROUP_SIZE {
+                addresses[k] = base.wrapping_add(offsets[k] as u64);
+            }
+            // Offsets are 32 bits wide: what lies behind those would wrap.
+            let last = region.size_bytes.min(1 << 32).checked_sub(size_bytes)?;
+            return all_within(&addresses, active, base, last).then_some(addresses);
+        }
+        if space == Space::Global {
+            let near = m.near.get();
+            let addresses = *m.block::<u64>(address[0], offset);
+            let last = near.size_bytes.checked_sub(size_bytes)?;
+            return all_within(&addresses, active, near.start, last).then_some(addresses);
+        }
+        let mut addresses = [0; SUBGROUP_SIZE];
+        for lane in lanes_of(active) {
+            let region = region(m, space, address, offset, lane);
+            addresses[lane] = region.run_at(0, size_bytes)? as u64;
+        }
+        Some(addresses)
+    }
+}
+
+/// Whether the addresses of active lanes are at most `last` past `first`.
+#[inline(always)]
+fn all_within(addresses: &[u64; SUBGROUP_SIZE], active: u16, first: u64, last: u64) -> bool {
+    let mut outside = 0;
+    for k in 0..SUBGROUP_SIZE {
+        let is_active = active >> k & 1 != 0;
+        outside |= (is_active & (addresses[k].wrapping_sub(first) > last)) as u64;
+    }
+    outside == 0
+}
+
+/// The memory that all lanes of an access share, if they do.
+///
+/// # Safety
+/// As [`Kernel::run`].
+#[inline(always)]
+unsafe fn shared_region(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand]) -> Option<Region> {
+    let uniform_buffer = plan.space == Space::Buffer && address[0].is_uniform();
+    // SAFETY: as the caller promises; a uniform operand is the same in the first lane.
+    (uniform_buffer || plan.space == Space::Shared)
+        .then(|| unsafe { region(m, plan.space, address, m.list[0], 0) })
+}
+
+/// Copies scalars between memory and rows.
+trait Copying {
+    /// # Safety
+    /// As for [`Kernel::run`]: the address is of a scalar, and the row one of the frame's.
+    unsafe fn copy<T: Lane>(at: *mut T, row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize);
+    /// What becomes of a scalar that is not there.
+    ///
+    /// # Safety
+    /// As [`Self::copy`].
+    unsafe fn miss<T: Lane>(row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize);
+}
+
+struct In;
+struct Out;
+
+impl Copying for In {
+    #[inline(always)]
+    unsafe fn copy<T: Lane>(at: *mut T, row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize) {
+        // SAFETY: as the caller promises.
+        unsafe { (*row)[lane] = at.read_unaligned().write() };
+    }
+    #[inline(always)]
+    unsafe fn miss<T: Lane>(row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize) {
+        // SAFETY: as the caller promises.
+        unsafe { (*row)[lane] = T::Slot::default() };
+    }
+}
+
+impl Copying for Out {
+    #[inline(always)]
+    unsafe fn copy<T: Lane>(at: *mut T, row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize) {
+        // SAFETY: as the caller promises.
+        unsafe { at.write_unaligned(T::read((*row)[lane])) };
+    }
+    #[inline(always)]
+    unsafe fn miss<T: Lane>(_: *mut [T::Slot; SUBGROUP_SIZE], _: usize) {}
+}
+
+/// One lane's scalars.
+///
+/// # Safety
+/// As [`copy_inside`].
+#[inline(always)]
+unsafe fn copy_lane<C: Copying, T: Lane, const N: usize>(
+    addresses: &[u64; SUBGROUP_SIZE],
+    rows: &[*mut [T::Slot; SUBGROUP_SIZE]; N],
+    lane: usize,
+) {
+    for k in 0..N {
+        // SAFETY: as the caller promises.
+        unsafe { C::copy((addresses[lane] as *mut T).add(k), rows[k], lane) };
+    }
+}
+
+/// The scalars of an access, all of whose active lanes are inside: lane by lane, so that the order of stores is that of the lanes.
+///
+/// # Safety
+/// The addresses of active lanes are of as many scalars as there are rows, and the rows are the frame's.
+// Not inlined: the addresses would be taken apart into more registers than there are.
+#[inline(never)]
+unsafe fn copy_inside<C: Copying, T: Lane, const N: usize>(
+    addresses: &[u64; SUBGROUP_SIZE],
+    rows: [*mut [T::Slot; SUBGROUP_SIZE]; N],
+    active: u16,
+) {
+    // SAFETY: as the caller promises.
+    unsafe {
+        if active == u16::MAX {
+            for lane in 0..SUBGROUP_SIZE {
+                copy_lane::<C, T, N>(addresses, &rows, lane);
+            }
+        } else {
+            for lane in lanes_of(active) {
+                copy_lane::<C, T, N>(addresses, &rows, lane);
+            }
+        }
+    }
+}
+
+/// One subgroup's part of an access.
+///
+/// # Safety
+/// As [`Kernel::run`]; the offset is one of the wave's, and `shared` is what [`shared_region`] gave.
+#[inline(always)]
+unsafe fn access_block<C: Copying, T: Lane>(
+    m: &Machine<'_>,
+    plan: &AccessPlan,
+    shared: &Option<Region>,
+    (address, scalars): (&[Operand], &[Operand]),
+    offset: u16,
+) {
+    let active = m.active[offset as usize / 64];
+    let size = size_of::<T>() as u64;
+    // SAFETY: as the caller promises; addresses are checked, and rows of results are apart from those of addresses.
+    unsafe {
+        let total = size * scalars.len() as u64;
+        let Some(at) = &places(m, plan.space, shared, address, offset, total) else {
+            return access_scalars::<C, T>(m, plan.space, (address, scalars), offset);
+        };
+        let row = |k: usize| m.block::<T::Slot>(scalars[k], offset);
+        match scalars.len() {
+            1 => copy_inside::<C, T, 1>(at, [row(0)], active),
+            2 => copy_inside::<C, T, 2>(at, [row(0), row(1)], active),
+            3 => copy_inside::<C, T, 3>(at, [row(0), row(1), row(2)], active),
+            SCALARS_AT_ONCE => {
+                copy_inside::<C, T, 4>(at, [row(0), row(1), row(2), row(3)], active);
+            }
+            count => {
+                for lane in lanes_of(active) {
+                    for k in 0..count {
+                        C::copy((at[lane] as *mut T).add(k), row(k), lane);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// As [`access_block`], for any addresses: every scalar is checked.
+///
+/// # Safety
+/// As [`access_block`].
+#[cold]
+#[inline(never)]
+unsafe fn access_scalars<C: Copying, T: Lane>(
+    m: &Machine<'_>,
+    space: Space,
+    (address, scalars): (&[Operand], &[Operand]),
+    offset: u16,
+) {
+    let size = size_of::<T>() as u64;
+    for lane in lanes_of(m.active[offset as usize / 64]) {
+        // SAFETY: as the caller promises; addresses are checked.
+        unsafe {
+            let region = region(m, space, address, offset, lane);
+            for (k, &scalar) in scalars.iter().enumerate() {
+                let row = m.block::<T::Slot>(scalar, offset);
+                match region.at(k as u64 * size, size) {
+                    Some(at) => C::copy(at.cast::<T>(), row, lane),
+                    None => C::miss::<T>(row, lane),
+                }
+            }
+        }
+    }
+}
+
+/// A load by plan `x`, of scalars of `T`'s size.
+struct Load<T>(PhantomData<T>);
+
+impl<T: Lane> Kernel for Load<T> {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let plan = m.program.code.accesses[i.x as usize];
+        let (address, results) = operands(m, &plan);
+        // SAFETY: as the caller promises.
+        unsafe {
+            if address.iter().all(|operand| operand.is_uniform()) {
+                return load_once(m, &plan, address, results);
+            }
+            let shared = shared_region(m, &plan, address);
+            for &offset in m.listed() {
+                access_block::<In, T>(m, &plan, &shared, (address, results), offset);
+            }
+        }
+    }
+}
+
+/// A store by plan `x`, of scalars of `T`'s size.
+struct Store<T>(PhantomData<T>);
+
+impl<T: Lane> Kernel for Store<T> {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let plan = m.program.code.accesses[i.x as usize];
+        let (address, values) = operands(m, &plan);
+        // SAFETY: as the caller promises.
+        unsafe {
+            let shared = shared_region(m, &plan, address);
+            for &offset in m.listed() {
+                access_block::<Out, T>(m, &plan, &shared, (address, values), offset);
+            }
+        }
+    }
+}
+
+/// A load whose address is the same in all lanes.
+///
+/// # Safety
+/// As [`Kernel::run`].
+unsafe fn load_once(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand], results: &[Operand]) {
+    let size = plan.ty.size_bytes();
+    // SAFETY: as the caller promises; uniform operands have no offset.
+    unsafe {
+        let region = region(m, plan.space, address, 0, 0);
+        for (k, &result) in results.iter().enumerate() {
+            let at = region.at(k as u64 * size as u64, size as u64);
+            let value = at.map_or(0, |at| read_scalar(at, size));
+            for &offset in m.listed() {
+                if plan.ty.rows() == 2 {
+                    *m.block::<u64>(result, offset) = [value; SUBGROUP_SIZE];
+                } else {
+                    *m.block::<u32>(result, offset) = [value as u32; SUBGROUP_SIZE];
+                }
+            }
+        }
+    }
+}

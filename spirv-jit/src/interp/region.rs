@@ -1,0 +1,135 @@
+//! Where an access to a buffer, to workgroup memory or through a physical pointer lies.
+//!
+//! Every access goes through [`Region`]: first byte, size, and the offset in it, checked per scalar.
+
+use super::machine::{Machine, Operand};
+use crate::environment::Descriptor;
+use crate::ir::Space;
+
+/// Descriptors are never below this: what is, is none.
+const LOWEST_ADDRESS: u64 = 1 << 16;
+
+/// Where an access lies.
+#[derive(Clone, Copy)]
+pub(super) struct Region {
+    pub(super) base: *mut u8,
+    pub(super) size_bytes: u64,
+    offset: u64,
+}
+
+impl Region {
+    const NOWHERE: Region = Region {
+        base: std::ptr::null_mut(),
+        size_bytes: 0,
+        offset: 0,
+    };
+
+    /// The address of `size_bytes` bytes at `skip` past the offset, if they are inside.
+    #[inline(always)]
+    pub(super) fn at(&self, skip: u64, size_bytes: u64) -> Option<*mut u8> {
+        // Offsets are 32 bits wide and wrap, also between the scalars of one access.
+        let first = (self.offset + skip) as u32 as u64;
+        // SAFETY: the access is inside the region.
+        (first + size_bytes <= self.size_bytes).then(|| unsafe { self.base.add(first as usize) })
+    }
+
+    /// The address of a run of scalars of `size_bytes` in all, if it is inside and does not wrap.
+    #[inline(always)]
+    pub(super) fn run_at(&self, skip: u64, size_bytes: u64) -> Option<*mut u8> {
+        let first = (self.offset + skip) as u32 as u64;
+        let inside = first + size_bytes <= self.size_bytes.min(1 << 32);
+        // SAFETY: the access is inside the region.
+        inside.then(|| unsafe { self.base.add(first as usize) })
+    }
+}
+
+/// The descriptor at an address that `Op::Descriptor` gave.
+///
+/// # Safety
+/// The address is such a one, or zero.
+#[inline(always)]
+pub(super) unsafe fn descriptor_at(address: u64) -> Descriptor {
+    if address < LOWEST_ADDRESS {
+        return Descriptor::NULL;
+    }
+    // SAFETY: as the caller promises; sets outlive the dispatch.
+    unsafe { *(address as *const Descriptor) }
+}
+
+/// The memory that one lane's address operands mean; not for private memory.
+///
+/// # Safety
+/// Operands are the program's, and the lane is active.
+#[inline(always)]
+pub(super) unsafe fn region(
+    m: &Machine<'_>,
+    space: Space,
+    address: &[Operand],
+    offset: u16,
+    lane: usize,
+) -> Region {
+    // SAFETY: as the caller promises.
+    unsafe {
+        match space {
+            Space::Private => Region::NOWHERE,
+            Space::Shared => Region {
+                base: m.shared,
+                size_bytes: m.program.shared_size_bytes as u64,
+                offset: m.lane(address[0], offset, lane, false),
+            },
+            Space::Buffer => {
+                let descriptor = descriptor_at(m.lane(address[0], offset, lane, true));
+                Region {
+                    base: descriptor.address as *mut u8,
+                    size_bytes: descriptor.size_bytes,
+                    offset: m.lane(address[1], offset, lane, false),
+                }
+            }
+            Space::Global => {
+                let address = m.lane(address[0], offset, lane, true);
+                let near = m.near.get().bytes_from(address);
+                Region {
+                    base: address as *mut u8,
+                    size_bytes: if near > 0 { near } else { look_up(m, address) },
+                    offset: 0,
+                }
+            }
+        }
+    }
+}
+
+/// How much memory there is from an address on that is not near the last one. An address that leads nowhere is counted.
+#[cold]
+#[inline(never)]
+fn look_up(m: &Machine<'_>, address: u64) -> u64 {
+    match m.environment.reach.find(address) {
+        Some(range) => {
+            m.near.set(range);
+            range.bytes_from(address)
+        }
+        None => {
+            if let Some(strays) = &m.environment.strays {
+                strays.count(m.program.number(), m.pc, address);
+            }
+            0
+        }
+    }
+}
+
+/// One scalar from memory, extended with zeros.
+///
+/// # Safety
+/// `at` may be read for the type's size. Another thread may write meanwhile: the value is then any mix of old and new, as the memory model
+/// of the shader language has it.
+#[inline(always)]
+pub(super) unsafe fn read_scalar(at: *const u8, size_bytes: u32) -> u64 {
+    // SAFETY: as the caller promises.
+    unsafe {
+        match size_bytes {
+            1 => at.read() as u64,
+            2 => at.cast::<u16>().read_unaligned() as u64,
+            4 => at.cast::<u32>().read_unaligned() as u64,
+            _ => at.cast::<u64>().read_unaligned(),
+        }
+    }
+}
