@@ -79,9 +79,10 @@ impl Format {
     /// What a function gives. Vulkan defines sinh and cosh by exponentials, and they overflow with those.
     fn exact(self, function: &Unary, x: f64) -> f64 {
         let exact = (function.exact)(x);
+        // The first float whose exponential overflows.
         let end = match self.ty {
             Type::F16 => 11.09,
-            _ => 88.722_84,
+            _ => f64::from(88.722_84_f32),
         };
         if matches!(function.operation, "fsinh" | "fcosh") && x.abs() >= end {
             return f64::INFINITY.copysign(exact);
