@@ -172,6 +172,15 @@ rules! {
     Whole HitObjectSkipsTriangles "VUID-RuntimeSpirv-OpHitObjectTraceRayEXT-11886" "a ray does not skip triangles in a pipeline that skips boxes";
     Whole HitObjectSkipsBoxes "VUID-RuntimeSpirv-OpHitObjectTraceRayEXT-11887" "a ray does not skip boxes in a pipeline that skips triangles";
     Whole HitObjectMotion "VUID-RuntimeSpirv-flags-11875" "a structure with motion is traced by a pipeline that allows motion";
+    Whole QueryFinite "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06348" "a ray's origin and direction are finite";
+    Whole QueryNotNegative "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06349" "a ray's tmin and tmax are not negative";
+    Whole QueryOrder "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06350" "a ray's tmin is at most its tmax";
+    Whole QueryNan "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06351" "a ray has no NaN";
+    Whole QueryTop "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352" "a query's structure is a top level";
+    Whole QuerySkips "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06889" "a ray's flags do not skip both triangles and boxes";
+    Whole QueryCulls "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06890" "a ray's flags do at most one of skipping triangles, culling front faces and culling back faces";
+    Whole QueryOpacity "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06891" "a ray's flags say at most one thing of opacity";
+    Whole QueryStructure "TUFF-query-structure" "a structure that a query names exists";
     Whole ZeroDirection "TUFF-zero-direction" "a ray's direction is not zero: such a ray hits nothing";
     Whole HitKind "VUID-RuntimeSpirv-OpReportIntersectionKHR-06998" "a hit kind that is reported is at most 127";
     Whole PhysicalPointer "VUID-RuntimeSpirv-PhysicalStorageBuffer64-11819" "a physical pointer leads into a buffer of shader device address usage";
@@ -181,6 +190,11 @@ rules! {
     Whole RangeUsage "VUID-vkCmdBuildAccelerationStructuresIndirectKHR-pIndirectDeviceAddresses-03647" "a build's ranges lie in a buffer of indirect buffer usage";
     Whole RangeCount "VUID-vkCmdBuildAccelerationStructuresIndirectKHR-ppMaxPrimitiveCounts-03653" "a build's primitive count in memory is at most what the command names";
     Whole MaxVertex "VUID-VkAccelerationStructureBuildRangeInfoKHR-maxVertex-10774" "a build's indices are at most maxVertex";
+    Whole MicromapFormat "VUID-VkMicromapBuildInfoEXT-format-11657" "a micromap's triangles are of formats that exist";
+    Whole MicromapLevel2 "VUID-VkMicromapBuildInfoEXT-subdivisionLevel-11659" "a triangle of two states is of level maxOpacity2StateSubdivisionLevel at most";
+    Whole MicromapLevel4 "VUID-VkMicromapBuildInfoEXT-subdivisionLevel-11660" "a triangle of four states is of level maxOpacity4StateSubdivisionLevel at most";
+    Whole MicromapUsage "TUFF-micromap-usage" "a micromap's triangles are those that its usage counts name";
+    Whole MicromapIndex "TUFF-micromap-index" "a triangle's micromap index names a triangle of its micromap";
     Whole BuildInput "TUFF-build-input" "what a build reads lies in live memory";
     Whole BuildReference "TUFF-build-reference" "an instance refers to a bottom level that exists";
     Whole TransformFinite "TUFF-build-transform" "a geometry's transform is finite";

@@ -51,7 +51,7 @@ const CALLABLE: TableRules = TableRules {
     strides: Some((Rule::CallableStride, Rule::CallableStrideLimit)),
 };
 
-impl Checks<'_> {
+impl Checks {
     /// Looks at the four tables of a dispatch.
     pub fn tables(&self, tables: &Tables) {
         self.table(&RAYGEN, &tables.raygen);
