@@ -16,6 +16,7 @@ mod refit;
 mod split;
 mod swept;
 mod tree;
+mod vector;
 mod vertex;
 
 use crate::input::{BuildFlags, BuildInput, Geometries, GeometryFlags};
@@ -28,7 +29,7 @@ use collapse::Costs;
 use emit::Target;
 use primitive::Primitive;
 pub use refit::update;
-use split::{Extent, SplitRules};
+use split::SplitRules;
 use tree::BinaryNode;
 
 /// Memory for a build, in bytes: upper bounds that hold for any input of that shape.
@@ -290,7 +291,7 @@ fn grow(
         block
     };
     let hurry = flags.contains(BuildFlags::PREFER_FAST_BUILD);
-    let extent = Extent::of(primitives);
+    let extent = tree::extent(primitives);
     let rules = SplitRules::new(block, leaf_forced as usize + 1, hurry, &extent);
     tree::build(primitives, nodes, &rules, extent);
     Costs {

@@ -43,7 +43,7 @@ impl Primitive {
         primitive
     }
 
-    const HOLE: Primitive = Primitive {
+    pub const HOLE: Primitive = Primitive {
         min: [0.0; 3],
         geometry: INACTIVE,
         negative_max: [0.0; 3],
@@ -53,6 +53,12 @@ impl Primitive {
     /// The box.
     pub fn bounds(&self) -> Bounds {
         self.corners().bounds()
+    }
+
+    /// Twice the center on an axis.
+    #[inline(always)]
+    pub fn center(&self, axis: usize) -> f32 {
+        self.min[axis] - self.negative_max[axis]
     }
 
     /// The box. What stands for the indices is zero: as numbers they would be denormal, and those

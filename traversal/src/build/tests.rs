@@ -123,3 +123,53 @@ fn packed_trees_hold_the_same_primitives() {
         }
     }
 }
+
+/// Boxes of all sizes, some of them the same.
+fn boxes(count: u32) -> Vec<[f32; 6]> {
+    let mut state = 1u32;
+    let mut next = move || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 24) as f32
+    };
+    (0..count)
+        .map(|i| {
+            let corner = match i % 7 {
+                0 => [0.5; 3],
+                _ => [next(), next(), next()],
+            };
+            let size = 0.1 * next() * next();
+            let [x, y, z] = corner;
+            [x, y, z, x + size, y + size, z]
+        })
+        .collect()
+}
+
+#[test]
+fn instruction_sets_do_not_show() {
+    let boxes = boxes(20_000);
+    let list = [AabbGeometry {
+        boxes: memory(&boxes),
+        stride_bytes: 24,
+        primitive_count: boxes.len() as u32,
+        flags: GeometryFlags(0),
+    }];
+    for hurry in [false, true] {
+        let tree = |portable: bool| {
+            let hole = Primitive::HOLE;
+            let mut primitives = vec![hole; boxes.len()];
+            // SAFETY: the boxes are alive.
+            unsafe {
+                primitive::collect(&Geometries::Aabbs(&list), BuildFlags(0), &mut primitives)
+            };
+            let extent = tree::extent(&primitives);
+            let rules = SplitRules::new(4, 5, hurry, &extent);
+            let mut nodes = vec![BinaryNode::default(); 2 * boxes.len() - 1];
+            match portable {
+                true => tree::build_portable(&mut primitives, &mut nodes, &rules, extent),
+                false => tree::build(&mut primitives, &mut nodes, &rules, extent),
+            }
+            format!("{primitives:?} {nodes:?}")
+        };
+        assert!(tree(false) == tree(true), "{hurry}");
+    }
+}

@@ -7,11 +7,15 @@
 use super::corners::Corners;
 use super::primitive::{Primitive, in_pool};
 use super::split::{Extent, SplitRules, choose, choose_quickly, halve, partition};
+use super::vector::{Portable, Vector};
 use crate::layout::Bounds;
+
+#[cfg(target_arch = "x86_64")]
+use super::vector::Avx2;
 
 /// A node of the binary tree. The left child is the next node, the right child comes after the
 /// left one's 2n − 1; primitives of a subtree are consecutive.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 #[repr(C, align(16))]
 pub(crate) struct BinaryNode {
     min: [f32; 3],
@@ -83,7 +87,35 @@ pub(crate) fn build(
         // SAFETY: the machine has it.
         return unsafe { subtree_avx2(primitives, nodes, rules, extent, 0) };
     }
+    build_portable(primitives, nodes, rules, extent);
+}
+
+/// The same on any machine.
+pub(crate) fn build_portable(
+    primitives: &mut [Primitive],
+    nodes: &mut [BinaryNode],
+    rules: &SplitRules,
+    extent: Extent,
+) {
     subtree_portable(primitives, nodes, rules, extent, 0);
+}
+
+/// What all primitives extend over.
+pub(crate) fn extent(primitives: &[Primitive]) -> Extent {
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") {
+        // SAFETY: the machine has it.
+        return unsafe { extent_avx2(primitives) };
+    }
+    Extent::of::<Portable>(primitives)
+}
+
+/// # Safety
+/// The machine has AVX2.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+unsafe fn extent_avx2(primitives: &[Primitive]) -> Extent {
+    Extent::of::<Avx2>(primitives)
 }
 
 /// One of the two instances of [`subtree`].
@@ -104,7 +136,7 @@ unsafe fn subtree_avx2(
     extent: Extent,
     depth: u32,
 ) {
-    subtree(primitives, nodes, rules, extent, depth, subtree_avx2);
+    subtree::<Avx2>(primitives, nodes, rules, extent, depth, subtree_avx2);
 }
 
 fn subtree_portable(
@@ -114,13 +146,13 @@ fn subtree_portable(
     extent: Extent,
     depth: u32,
 ) {
-    subtree(primitives, nodes, rules, extent, depth, subtree_portable);
+    subtree::<Portable>(primitives, nodes, rules, extent, depth, subtree_portable);
 }
 
 /// Inlined into one function for each instruction set, `again`, which is also who builds the
 /// subtrees.
 #[inline(always)]
-fn subtree(
+fn subtree<V: Vector>(
     primitives: &mut [Primitive],
     nodes: &mut [BinaryNode],
     rules: &SplitRules,
@@ -148,19 +180,19 @@ fn subtree(
     let chosen = if depth >= HEURISTIC_DEPTH {
         None
     } else if rules.hurry && count > 32 {
-        choose_quickly::<16>(primitives, rules, &extent)
+        choose_quickly::<V, 16>(primitives, rules, &extent)
     } else if rules.hurry {
-        choose_quickly::<8>(primitives, rules, &extent)
+        choose_quickly::<V, 8>(primitives, rules, &extent)
     } else if count > 240 {
-        choose::<32>(primitives, rules, &extent)
+        choose::<V, 32>(primitives, rules, &extent)
     } else if count > 80 {
-        choose::<16>(primitives, rules, &extent)
+        choose::<V, 16>(primitives, rules, &extent)
     } else {
-        choose::<8>(primitives, rules, &extent)
+        choose::<V, 8>(primitives, rules, &extent)
     };
     let (middle, left_extent, right_extent) = match chosen {
-        Some(split) => partition(primitives, &split),
-        None => halve(primitives, &extent),
+        Some(split) => partition::<V>(primitives, &split),
+        None => halve::<V>(primitives, &extent),
     };
     let (left, right) = primitives.split_at_mut(middle);
     let (left_nodes, right_nodes) = nodes[1..].split_at_mut(2 * middle - 1);
