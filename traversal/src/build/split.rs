@@ -31,6 +31,14 @@ impl SplitRules {
     }
 }
 
+impl SplitRules {
+    /// Blocks are 2 to the power of this.
+    #[inline(always)]
+    pub fn shift(&self) -> u32 {
+        self.block.trailing_zeros()
+    }
+}
+
 /// An extent below this is none: its reciprocal could overflow.
 const TINY: f32 = 1.0e-36;
 
@@ -108,10 +116,17 @@ struct Bins<const BINS: usize> {
 }
 
 impl<const BINS: usize> Bins<BINS> {
-    const EMPTY: Bins<BINS> = Bins {
-        boxes: [[Corners::EMPTY; 3]; BINS],
-        counts: [[0; 4]; BINS],
-    };
+    #[inline(always)]
+    fn empty<V: Vector>() -> Bins<BINS> {
+        let mut bins = Bins {
+            boxes: [[Corners([0.0; 8]); 3]; BINS],
+            counts: [[0; 4]; BINS],
+        };
+        for place in bins.boxes.as_flattened_mut() {
+            *place = V::of(&Corners::EMPTY).corners();
+        }
+        bins
+    }
 
     #[inline(always)]
     fn add<V: Vector>(&mut self, binning: &Binning, primitive: &Primitive) {
@@ -161,9 +176,9 @@ pub(crate) fn choose<V: Vector, const BINS: usize>(
     extent: &Extent,
 ) -> Option<Split> {
     let binning = Binning::new(extent, BINS);
-    let mut bins = Bins::<BINS>::EMPTY;
+    let mut bins = Bins::<BINS>::empty::<V>();
     if primitives.len() > TWO_ROWS {
-        let mut others = Bins::<BINS>::EMPTY;
+        let mut others = Bins::<BINS>::empty::<V>();
         let (pairs, rest) = primitives.as_chunks::<2>();
         for [one, other] in pairs {
             bins.add::<V>(&binning, one);
@@ -179,31 +194,28 @@ pub(crate) fn choose<V: Vector, const BINS: usize>(
         }
     }
     // What the right side of each plane costs, on each axis; then both sides.
-    let mut right_cost = [[0f32; 4]; BINS];
+    let mut right_cost = [V::four(0.0); BINS];
     let mut side = Side::<V>::new();
     for i in (1..BINS).rev() {
         right_cost[i] = side.add(&bins.boxes[i], &bins.counts[i], rules);
     }
-    let mut best = (f32::INFINITY, 0, 0);
+    let mut best = [V::four(f32::INFINITY), V::four(0.0)];
     let mut side = Side::<V>::new();
-    let total = primitives.len() as u32;
     for i in 1..BINS {
         let cost = side.add(&bins.boxes[i - 1], &bins.counts[i - 1], rules);
-        for axis in 0..3 {
-            let cost = cost[axis] + right_cost[i][axis];
-            // An empty side's cost is not a number, or infinite.
-            if cost < best.0 && side.counts[axis] > 0 && side.counts[axis] < total {
-                best = (cost, axis, i);
-            }
-        }
+        // An empty side's cost is not a number, or infinite.
+        V::lower(&mut best, V::add(cost, right_cost[i]), i as f32);
     }
-    let (cost, axis, bin) = best;
-    if cost == f32::INFINITY {
+    let [costs, planes] = best.map(V::numbers);
+    let axis = longest([-costs[0], -costs[1], -costs[2], 0.0]);
+    if costs[axis] == f32::INFINITY {
         return None;
     }
+    let plane = planes[axis];
+    let bin = plane as usize % BINS;
     Some(Split {
         axis,
-        plane: bin as f32,
+        plane,
         binning,
         sides: [
             bins.side::<V>(0..bin, axis),
@@ -213,9 +225,9 @@ pub(crate) fn choose<V: Vector, const BINS: usize>(
 }
 
 /// One side of a plane across each axis.
-struct Side<V> {
+struct Side<V: Vector> {
     boxes: [V; 3],
-    counts: [u32; 4],
+    counts: V::Counts,
 }
 
 impl<V: Vector> Side<V> {
@@ -223,22 +235,18 @@ impl<V: Vector> Side<V> {
     fn new() -> Side<V> {
         Side {
             boxes: [V::of(&Corners::EMPTY); 3],
-            counts: [0; 4],
+            counts: V::counts(&[0; 4]),
         }
     }
 
     /// Adds a bin; returns what the sides cost now.
     #[inline(always)]
-    fn add(&mut self, boxes: &[Corners; 3], counts: &[u32; 4], rules: &SplitRules) -> [f32; 4] {
+    fn add(&mut self, boxes: &[Corners; 3], counts: &[u32; 4], rules: &SplitRules) -> V::Four {
         for axis in 0..3 {
             self.boxes[axis] = self.boxes[axis].join(V::of(&boxes[axis]));
         }
-        let mut blocks = [0; 4];
-        for i in 0..4 {
-            self.counts[i] += counts[i];
-            blocks[i] = (self.counts[i] + rules.block - 1) >> rules.block.trailing_zeros();
-        }
-        V::weighted_areas(self.boxes, rules.scale, blocks)
+        self.counts = V::add_counts(self.counts, V::counts(counts));
+        V::costs(self.boxes, rules.scale, self.counts, rules.shift())
     }
 }
 
@@ -302,7 +310,7 @@ pub(crate) fn choose_quickly<V: Vector, const BINS: usize>(
 /// What one side of a plane costs.
 #[inline(always)]
 fn cost(side: &Corners, count: u32, rules: &SplitRules) -> f32 {
-    let blocks = (count + rules.block - 1) >> rules.block.trailing_zeros();
+    let blocks = (count + rules.block - 1) >> rules.shift();
     side.half_area(rules.scale) * blocks as i32 as f32
 }
 

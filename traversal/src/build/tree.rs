@@ -34,6 +34,17 @@ pub(crate) struct BinaryNode {
 }
 
 impl BinaryNode {
+    pub fn new(corners: &Corners, count: usize, leaf: bool) -> BinaryNode {
+        let bounds = corners.bounds();
+        BinaryNode {
+            min: bounds.min,
+            count: count as u32,
+            max: bounds.max,
+            leaf: leaf.into(),
+            ..BinaryNode::default()
+        }
+    }
+
     /// The box.
     pub fn bounds(&self) -> Bounds {
         Bounds {
@@ -70,9 +81,9 @@ pub(crate) fn children(nodes: &[BinaryNode]) -> (&[BinaryNode], &[BinaryNode]) {
 }
 
 /// From this depth on, splits halve the number of primitives: bounds the depth of the recursion.
-const HEURISTIC_DEPTH: u32 = 64;
+pub(crate) const HEURISTIC_DEPTH: u32 = 64;
 /// Subtrees with more primitives than this are built side by side.
-const PARALLEL: usize = 2048;
+pub(crate) const PARALLEL: usize = 2048;
 
 /// Builds the tree of `primitives`, whose extent is given, into `nodes` (2n − 1 of them) and sorts
 /// the primitives into the order of its leaves. The tree is the same on every machine.
@@ -122,14 +133,14 @@ unsafe fn extent_avx2(primitives: &[Primitive]) -> Extent {
 ///
 /// # Safety
 /// The machine has the instruction set.
-type Subtree =
+pub(crate) type Subtree =
     unsafe fn(&mut [Primitive], &mut [BinaryNode], rules: &SplitRules, extent: Extent, depth: u32);
 
 /// # Safety
 /// The machine has AVX2.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2")]
-unsafe fn subtree_avx2(
+pub(crate) unsafe fn subtree_avx2(
     primitives: &mut [Primitive],
     nodes: &mut [BinaryNode],
     rules: &SplitRules,
@@ -139,7 +150,7 @@ unsafe fn subtree_avx2(
     subtree::<Avx2>(primitives, nodes, rules, extent, depth, subtree_avx2);
 }
 
-fn subtree_portable(
+pub(crate) fn subtree_portable(
     primitives: &mut [Primitive],
     nodes: &mut [BinaryNode],
     rules: &SplitRules,
@@ -162,17 +173,7 @@ fn subtree<V: Vector>(
 ) {
     let count = primitives.len();
     let leaf = count < rules.stop.max(2);
-    let bounds = extent.corners.bounds();
-    nodes[0] = BinaryNode {
-        min: bounds.min,
-        count: count as u32,
-        max: bounds.max,
-        wide_nodes: 0,
-        wide_leaves: 0,
-        decisions: [0; 7],
-        leaf: leaf.into(),
-        reserved: 0,
-    };
+    nodes[0] = BinaryNode::new(&extent.corners, count, leaf);
     if leaf {
         return;
     }

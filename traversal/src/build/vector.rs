@@ -27,8 +27,21 @@ pub(crate) unsafe trait Vector: Copy {
     fn only_if(self, wanted: bool) -> Self;
     /// (`self` − `base`) · `factor` of the lower corner, rounded toward 0. All are inside i32.
     fn places(self, base: &[f32; 4], factor: &[f32; 4]) -> [i32; 4];
-    /// Half the surfaces of three boxes whose edges are multiplied by `scale`, times `weights`, and 0.
-    fn weighted_areas(boxes: [Self; 3], scale: f32, weights: [u32; 4]) -> [f32; 4];
+    /// Four numbers, one for each axis and one that means nothing.
+    type Four: Copy;
+    /// Four counts, likewise.
+    type Counts: Copy;
+
+    fn counts(counts: &[u32; 4]) -> Self::Counts;
+    fn add_counts(one: Self::Counts, other: Self::Counts) -> Self::Counts;
+    /// Half the surfaces of three boxes whose edges are multiplied by `scale`, times the number of blocks
+    /// of 2^`shift` that hold so many.
+    fn costs(boxes: [Self; 3], scale: f32, counts: Self::Counts, shift: u32) -> Self::Four;
+    fn add(one: Self::Four, other: Self::Four) -> Self::Four;
+    /// Replaces what is greater than `cost`, and where it was found.
+    fn lower(least: &mut [Self::Four; 2], cost: Self::Four, place: f32);
+    fn four(number: f32) -> Self::Four;
+    fn numbers(four: Self::Four) -> [f32; 4];
 }
 
 /// Everywhere.
@@ -77,13 +90,53 @@ unsafe impl Vector for Portable {
         std::array::from_fn(|i| ((self.0[i] - base[i]) * factor[i]) as i32)
     }
 
+    type Four = [f32; 4];
+    type Counts = [u32; 4];
+
     #[inline(always)]
-    fn weighted_areas(boxes: [Portable; 3], scale: f32, weights: [u32; 4]) -> [f32; 4] {
+    fn counts(counts: &[u32; 4]) -> [u32; 4] {
+        *counts
+    }
+
+    #[inline(always)]
+    fn add_counts(one: [u32; 4], other: [u32; 4]) -> [u32; 4] {
+        std::array::from_fn(|i| one[i] + other[i])
+    }
+
+    #[inline(always)]
+    fn costs(boxes: [Portable; 3], scale: f32, counts: [u32; 4], shift: u32) -> [f32; 4] {
         let areas = boxes.map(|part| Corners(part.0).half_area(scale));
         std::array::from_fn(|i| match areas.get(i) {
-            Some(area) => area * weights[i] as i32 as f32,
-            None => 0.0,
+            Some(area) => {
+                let blocks = (counts[i] + (1 << shift) - 1) >> shift;
+                area * blocks as i32 as f32
+            }
+            None => f32::NAN,
         })
+    }
+
+    #[inline(always)]
+    fn add(one: [f32; 4], other: [f32; 4]) -> [f32; 4] {
+        std::array::from_fn(|i| one[i] + other[i])
+    }
+
+    #[inline(always)]
+    fn lower([least, places]: &mut [[f32; 4]; 2], cost: [f32; 4], place: f32) {
+        for i in 0..4 {
+            if cost[i] < least[i] {
+                (least[i], places[i]) = (cost[i], place);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn four(number: f32) -> [f32; 4] {
+        [number; 4]
+    }
+
+    #[inline(always)]
+    fn numbers(four: [f32; 4]) -> [f32; 4] {
+        four
     }
 }
 
@@ -172,8 +225,23 @@ unsafe impl Vector for Avx2 {
         }
     }
 
+    type Four = __m128;
+    type Counts = __m128i;
+
     #[inline(always)]
-    fn weighted_areas(boxes: [Avx2; 3], scale: f32, weights: [u32; 4]) -> [f32; 4] {
+    fn counts(counts: &[u32; 4]) -> __m128i {
+        // SAFETY: four numbers.
+        unsafe { _mm_loadu_si128(counts.as_ptr().cast()) }
+    }
+
+    #[inline(always)]
+    fn add_counts(one: __m128i, other: __m128i) -> __m128i {
+        // SAFETY: SSE2 is part of x86-64.
+        unsafe { _mm_add_epi32(one, other) }
+    }
+
+    #[inline(always)]
+    fn costs(boxes: [Avx2; 3], scale: f32, counts: __m128i, shift: u32) -> __m128 {
         // SAFETY: the trait's promise.
         unsafe {
             let [a, b, c] = [boxes[0].edges(), boxes[1].edges(), boxes[2].edges()];
@@ -187,10 +255,39 @@ unsafe impl Vector for Avx2 {
                 _mm_add_ps(_mm_mul_ps(x, y), _mm_mul_ps(y, z)),
                 _mm_mul_ps(z, x),
             );
-            let weights = _mm_cvtepi32_ps(_mm_loadu_si128(weights.as_ptr().cast()));
-            let mut result = [0.0; 4];
-            _mm_storeu_ps(result.as_mut_ptr(), _mm_mul_ps(area, weights));
-            result
+            let up = _mm_add_epi32(counts, _mm_set1_epi32((1 << shift) - 1));
+            let blocks = _mm_srl_epi32(up, _mm_cvtsi32_si128(shift as i32));
+            _mm_mul_ps(area, _mm_cvtepi32_ps(blocks))
         }
+    }
+
+    #[inline(always)]
+    fn add(one: __m128, other: __m128) -> __m128 {
+        // SAFETY: SSE is part of x86-64.
+        unsafe { _mm_add_ps(one, other) }
+    }
+
+    #[inline(always)]
+    fn lower([least, places]: &mut [__m128; 2], cost: __m128, place: f32) {
+        // SAFETY: the trait's promise.
+        unsafe {
+            let better = _mm_cmplt_ps(cost, *least);
+            *least = _mm_blendv_ps(*least, cost, better);
+            *places = _mm_blendv_ps(*places, _mm_set1_ps(place), better);
+        }
+    }
+
+    #[inline(always)]
+    fn four(number: f32) -> __m128 {
+        // SAFETY: SSE is part of x86-64.
+        unsafe { _mm_set1_ps(number) }
+    }
+
+    #[inline(always)]
+    fn numbers(four: __m128) -> [f32; 4] {
+        let mut numbers = [0.0; 4];
+        // SAFETY: four numbers.
+        unsafe { _mm_storeu_ps(numbers.as_mut_ptr(), four) };
+        numbers
     }
 }
