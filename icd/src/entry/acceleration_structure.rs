@@ -21,7 +21,7 @@ use crate::object::acceleration_structure::Location;
 use crate::object::{AccelerationStructure, Buffer, Device, QueryPool};
 use crate::table::limits;
 
-fn copy_mode(mode: vk::CopyAccelerationStructureModeKHR) -> CopyMode {
+pub(super) fn copy_mode(mode: vk::CopyAccelerationStructureModeKHR) -> CopyMode {
     match mode {
         vk::CopyAccelerationStructureModeKHR::COMPACT => CopyMode::Compact,
         _ => CopyMode::Clone,

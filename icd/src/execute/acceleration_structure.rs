@@ -498,7 +498,8 @@ pub unsafe fn property(address: u64, query_type: vk::QueryType, reach: &Reach) -
         };
         let bytes = structure_bytes(reach, address).unwrap_or(&[]);
         match query_type {
-            vk::QueryType::ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR => {
+            vk::QueryType::ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR
+            | vk::QueryType::ACCELERATION_STRUCTURE_COMPACTED_SIZE_NV => {
                 traversal::compacted_size(bytes).unwrap_or(0)
             }
             vk::QueryType::ACCELERATION_STRUCTURE_SERIALIZATION_SIZE_KHR => {

@@ -48,7 +48,8 @@ pub fn execute(
     let checks = access.checks.as_ref();
     // SAFETY, for each block: what an address leads to is memory, which the application does not use otherwise while the command is performed.
     match *command {
-        RayTracingCommand::TraceRays { ref tables, extent } => {
+        RayTracingCommand::TraceRays { ref tables, extent }
+        | RayTracingCommand::TraceRaysNv { ref tables, extent } => {
             trace_rays(tables, extent, access, bound, workers)
         }
         RayTracingCommand::TraceRaysIndirect {
@@ -138,6 +139,7 @@ fn on_structures(command: &RayTracingCommand, reach: &Reach, checks: Option<&Che
         // SAFETY: as above.
         RayTracingCommand::Micromap(command) => unsafe { super::micromap::execute(command, reach) },
         RayTracingCommand::TraceRays { .. }
+        | RayTracingCommand::TraceRaysNv { .. }
         | RayTracingCommand::TraceRaysIndirect { .. }
         | RayTracingCommand::TraceRaysIndirect2 { .. } => {}
     }

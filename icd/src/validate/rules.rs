@@ -7,16 +7,18 @@ pub enum Caller {
     TraceRays,
     TraceRaysIndirect,
     TraceRaysIndirect2,
+    TraceRaysNv,
     /// Any other: its rules have one name only.
     Other,
 }
 
 impl Caller {
     /// The commands that trace.
-    pub const TRACES: [Caller; 3] = [
+    pub const TRACES: [Caller; 4] = [
         Caller::TraceRays,
         Caller::TraceRaysIndirect,
         Caller::TraceRaysIndirect2,
+        Caller::TraceRaysNv,
     ];
 }
 
@@ -31,9 +33,13 @@ enum Of {
     Extent,
     /// The command that reads its parameters from memory.
     Indirect,
+    /// `vkCmdTraceRaysNV`, which alone has the rule.
+    Nv,
     /// Nothing: the name is whole.
     Whole,
 }
+
+const NV: &str = "VUID-vkCmdTraceRaysNV-";
 
 impl Of {
     /// `None` where the rule does not apply to the command.
@@ -42,6 +48,9 @@ impl Of {
             Caller::TraceRays => "VUID-vkCmdTraceRaysKHR-",
             Caller::TraceRaysIndirect => "VUID-vkCmdTraceRaysIndirectKHR-",
             Caller::TraceRaysIndirect2 => "VUID-vkCmdTraceRaysIndirect2KHR-",
+            Caller::TraceRaysNv if self == Of::Whole => "",
+            Caller::TraceRaysNv if self == Of::Nv => NV,
+            Caller::TraceRaysNv => return None,
             Caller::Other if self == Of::Whole => "",
             Caller::Other => return None,
         };
@@ -52,6 +61,7 @@ impl Of {
             }
             (Of::Extent, Caller::TraceRaysIndirect) => "VUID-VkTraceRaysIndirectCommandKHR-",
             (Of::Indirect, Caller::TraceRays) => return None,
+            (Of::Nv, caller) if caller != Caller::TraceRaysNv => return None,
             _ => command,
         })
     }
@@ -107,6 +117,10 @@ rules! {
     Tables CallableAlignment "pCallableShaderBindingTable-03693" "the callable table is aligned to shaderGroupBaseAlignment";
     Tables CallableStride "stride-03694" "the callable table's stride is a multiple of shaderGroupHandleAlignment";
     Tables CallableStrideLimit "stride-04041" "the callable table's stride is at most maxShaderGroupStride";
+    Nv RaygenMemory "raygenShaderBindingTableBuffer-04042" "the ray generation table's buffer has memory";
+    Nv MissMemory "missShaderBindingTableBuffer-04043" "the miss table's buffer has memory";
+    Nv HitMemory "hitShaderBindingTableBuffer-04044" "the hit table's buffer has memory";
+    Nv CallableMemory "callableShaderBindingTableBuffer-04045" "the callable table's buffer has memory";
     Whole TableSize "VUID-VkStridedDeviceAddressRegionKHR-size-04631" "a table lies in one buffer as a whole";
     // The size of the launch.
     Extent Invocations "width-03641" "width × height × depth is at most maxRayDispatchInvocationCount";
@@ -174,8 +188,30 @@ rules! {
 }
 
 impl Rule {
+    /// What `vkCmdTraceRaysNV` calls it, where that has another name for the rule.
+    fn name_in_nv(self) -> Option<&'static str> {
+        Some(match self {
+            Rule::RaygenAlignment => "raygenShaderBindingOffset-02456",
+            Rule::MissAlignment => "missShaderBindingOffset-02458",
+            Rule::MissStride => "missShaderBindingStride-02463",
+            Rule::MissStrideLimit => "missShaderBindingStride-02466",
+            Rule::HitAlignment => "hitShaderBindingOffset-02460",
+            Rule::HitStride => "hitShaderBindingStride-02464",
+            Rule::HitStrideLimit => "hitShaderBindingStride-02467",
+            Rule::CallableAlignment => "callableShaderBindingOffset-02462",
+            Rule::CallableStride => "callableShaderBindingStride-02465",
+            Rule::CallableStrideLimit => "callableShaderBindingStride-02468",
+            Rule::Recursion => "maxRecursionDepth-03625",
+            Rule::ForeignHandle | Rule::DeadStructure => self.name(),
+            _ => return None,
+        })
+    }
+
     /// The rule's name in the specification, as the command has it; `None` if it does not apply to the command.
     pub fn vuid(self, caller: Caller) -> Option<String> {
+        if let (Caller::TraceRaysNv, Some(name)) = (caller, self.name_in_nv()) {
+            return Some(format!("{NV}{name}"));
+        }
         let prefix = self.of().prefix(caller)?;
         Some(format!("{prefix}{}", self.name()))
     }
@@ -210,6 +246,16 @@ mod tests {
             name(Rule::Invocations, Caller::TraceRaysIndirect),
             of("VUID-VkTraceRaysIndirectCommandKHR-width-03641")
         );
+        assert_eq!(
+            name(Rule::HitStride, Caller::TraceRaysNv),
+            of("VUID-vkCmdTraceRaysNV-hitShaderBindingStride-02464")
+        );
+        assert_eq!(
+            name(Rule::HitMemory, Caller::TraceRaysNv),
+            of("VUID-vkCmdTraceRaysNV-hitShaderBindingTableBuffer-04044")
+        );
+        assert_eq!(name(Rule::HitMemory, Caller::TraceRays), None);
+        assert_eq!(name(Rule::Invocations, Caller::TraceRaysNv), None);
         assert_eq!(name(Rule::IndirectSize, Caller::TraceRays), None);
         assert_eq!(name(Rule::IndirectSize, Caller::Other), None);
         assert_eq!(
