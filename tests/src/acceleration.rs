@@ -228,31 +228,8 @@ impl Gpu {
 
     /// Builds a top-level structure.
     pub fn top(&self, instances: &[Instance]) -> Structure {
-        let records: Vec<vk::AccelerationStructureInstanceKHR> = instances
-            .iter()
-            .map(|instance| vk::AccelerationStructureInstanceKHR {
-                transform: vk::TransformMatrixKHR {
-                    matrix: instance.transform,
-                },
-                instance_custom_index_and_mask: vk::Packed24_8::new(
-                    instance.custom_index,
-                    instance.mask,
-                ),
-                instance_shader_binding_table_record_offset_and_flags: vk::Packed24_8::new(
-                    instance.table_offset,
-                    instance.flags.as_raw() as u8,
-                ),
-                acceleration_structure_reference: vk::AccelerationStructureReferenceKHR {
-                    device_handle: instance.structure.address,
-                },
-            })
-            .collect();
-        // SAFETY: the records are plain data of 64 bytes without padding.
-        let bytes = unsafe {
-            std::slice::from_raw_parts(records.as_ptr().cast::<u8>(), size_of_val(&records[..]))
-        };
         let data = vk::AccelerationStructureGeometryInstancesDataKHR::default()
-            .data(at(self.buffer_with(bytes)));
+            .data(at(self.buffer_with(&instance_records(instances))));
         let geometry = vk::AccelerationStructureGeometryKHR::default()
             .geometry_type(vk::GeometryTypeKHR::INSTANCES)
             .geometry(vk::AccelerationStructureGeometryDataKHR { instances: data });
@@ -374,6 +351,34 @@ impl Gpu {
                 .destroy_acceleration_structure(structure.handle, None);
         }
     }
+}
+
+/// Instances as a build reads them.
+pub(crate) fn instance_records(instances: &[Instance]) -> Vec<u8> {
+    let records: Vec<vk::AccelerationStructureInstanceKHR> = instances
+        .iter()
+        .map(|instance| vk::AccelerationStructureInstanceKHR {
+            transform: vk::TransformMatrixKHR {
+                matrix: instance.transform,
+            },
+            instance_custom_index_and_mask: vk::Packed24_8::new(
+                instance.custom_index,
+                instance.mask,
+            ),
+            instance_shader_binding_table_record_offset_and_flags: vk::Packed24_8::new(
+                instance.table_offset,
+                instance.flags.as_raw() as u8,
+            ),
+            acceleration_structure_reference: vk::AccelerationStructureReferenceKHR {
+                device_handle: instance.structure.address,
+            },
+        })
+        .collect();
+    // SAFETY: the records are plain data of 64 bytes without padding.
+    let bytes = unsafe {
+        std::slice::from_raw_parts(records.as_ptr().cast::<u8>(), size_of_val(&records[..]))
+    };
+    bytes.to_vec()
 }
 
 fn at(buffer: Buffer) -> vk::DeviceOrHostAddressConstKHR {

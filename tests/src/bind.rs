@@ -20,6 +20,7 @@ pub enum Bound {
     UniformTexels(vk::BufferView),
     StorageTexels(vk::BufferView),
     Structure(vk::AccelerationStructureKHR),
+    StructureNv(vk::AccelerationStructureNV),
 }
 
 impl Bound {
@@ -37,6 +38,7 @@ impl Bound {
             Bound::UniformTexels(_) => Kind::UNIFORM_TEXEL_BUFFER,
             Bound::StorageTexels(_) => Kind::STORAGE_TEXEL_BUFFER,
             Bound::Structure(_) => Kind::ACCELERATION_STRUCTURE_KHR,
+            Bound::StructureNv(_) => Kind::ACCELERATION_STRUCTURE_NV,
         }
     }
 
@@ -171,8 +173,8 @@ impl Gpu {
             .dst_array_element(element)
             .descriptor_count(1)
             .descriptor_type(thing.kind());
-        let (views, structures);
-        let mut structure_write;
+        let (views, structures, structures_nv);
+        let (mut structure_write, mut structure_write_nv);
         match thing {
             Bound::UniformTexels(view) | Bound::StorageTexels(view) => {
                 views = [*view];
@@ -183,6 +185,12 @@ impl Gpu {
                 structure_write = vk::WriteDescriptorSetAccelerationStructureKHR::default()
                     .acceleration_structures(&structures);
                 write = write.push_next(&mut structure_write);
+            }
+            Bound::StructureNv(structure) => {
+                structures_nv = [*structure];
+                structure_write_nv = vk::WriteDescriptorSetAccelerationStructureNV::default()
+                    .acceleration_structures(&structures_nv);
+                write = write.push_next(&mut structure_write_nv);
             }
             _ if !buffers.is_empty() => write = write.buffer_info(&buffers),
             _ => write = write.image_info(&images),

@@ -6,7 +6,7 @@ use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use ash::{ext, khr, vk};
+use ash::{ext, khr, nv, vk};
 
 use crate::optional::Optional;
 
@@ -31,6 +31,7 @@ pub struct Gpu {
     pub acceleration: khr::acceleration_structure::Device,
     pub ray_tracing: khr::ray_tracing_pipeline::Device,
     pub micromaps: ext::opacity_micromap::Device,
+    pub nv_ray_tracing: Option<nv::ray_tracing::Device>,
     pub push_descriptor: Option<khr::push_descriptor::Device>,
     pub features: vk::PhysicalDeviceFeatures,
     pub features11: vk::PhysicalDeviceVulkan11Features<'static>,
@@ -63,6 +64,7 @@ pub(crate) enum Made {
     PipelineCache(vk::PipelineCache),
     Module(vk::ShaderModule),
     Structure(vk::AccelerationStructureKHR),
+    StructureNv(vk::AccelerationStructureNV),
     Micromap(vk::MicromapEXT),
 }
 
@@ -177,6 +179,7 @@ impl Gpu {
                 khr::deferred_host_operations::NAME,
                 khr::pipeline_library::NAME,
                 khr::push_descriptor::NAME,
+                nv::ray_tracing::NAME,
             ];
             let mut optional = Optional::of(&instance, physical, has);
             if !by_driver {
@@ -242,6 +245,8 @@ impl Gpu {
                 acceleration: khr::acceleration_structure::Device::new(&instance, &device),
                 ray_tracing: khr::ray_tracing_pipeline::Device::new(&instance, &device),
                 micromaps: ext::opacity_micromap::Device::new(&instance, &device),
+                nv_ray_tracing: has(nv::ray_tracing::NAME)
+                    .then(|| nv::ray_tracing::Device::new(&instance, &device)),
                 push_descriptor: has(khr::push_descriptor::NAME)
                     .then(|| khr::push_descriptor::Device::new(&instance, &device)),
                 features,
@@ -391,6 +396,7 @@ impl Drop for Gpu {
                             std::ptr::null(),
                         );
                     }
+                    Made::StructureNv(it) => self.nv().destroy_acceleration_structure(it, None),
                     Made::Structure(it) => {
                         self.acceleration.destroy_acceleration_structure(it, None);
                     }

@@ -14,6 +14,7 @@ mod known;
 mod memory;
 mod micromap;
 mod newer;
+mod nv_ray_tracing;
 mod optional;
 mod shader;
 mod skip;
@@ -28,8 +29,9 @@ pub use known::unless_known;
 pub use memory::Buffer;
 pub use micromap::{MicroTriangle, Micromap, MicromapParts, part_centres};
 pub use newer::DeviceAddressRangeKHR;
+pub use nv_ray_tracing::{DescribedNv, StructureNv, TableNv, TablesNv};
 pub use optional::Optional;
-pub use shader::{Stage, glsl, glsl_for};
+pub use shader::{Stage, glsl, glsl_for, glsl_nv};
 pub use skip::has;
 pub use trace::{Group, Rays, RaysInput, Record, Table};
 

@@ -51,14 +51,14 @@ pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
     glsl_for(stage, source, SpirvVersion::SPIRV1_6)
 }
 
-/// The same, to a given version of SPIR-V.
+/// Compiles GLSL with `GL_NV_ray_tracing` in place of the newer extensions.
+pub fn glsl_nv(stage: Stage, source: &str) -> Vec<u32> {
+    let extensions = ["GL_NV_ray_tracing", "GL_EXT_scalar_block_layout"];
+    compile(stage, &extensions, source, SpirvVersion::SPIRV1_4)
+}
+
+/// The same as [`glsl`], to a given version of SPIR-V.
 pub fn glsl_for(stage: Stage, source: &str, version: SpirvVersion) -> Vec<u32> {
-    // glslang keeps state that is shared by all threads.
-    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-    let _guard = ONE_AT_A_TIME
-        .lock()
-        .unwrap_or_else(|poisoned| poisoned.into_inner());
-    let mut text = String::from("#version 460\n");
     let mut extensions = vec![
         "GL_EXT_scalar_block_layout",
         "GL_EXT_nonuniform_qualifier",
@@ -72,6 +72,16 @@ pub fn glsl_for(stage: Stage, source: &str, version: SpirvVersion) -> Vec<u32> {
         extensions.push("GL_EXT_ray_cull_mask");
         extensions.push("GL_EXT_opacity_micromap");
     }
+    compile(stage, &extensions, source, version)
+}
+
+fn compile(stage: Stage, extensions: &[&str], source: &str, version: SpirvVersion) -> Vec<u32> {
+    // glslang keeps state that is shared by all threads.
+    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+    let _guard = ONE_AT_A_TIME
+        .lock()
+        .unwrap_or_else(|poisoned| poisoned.into_inner());
+    let mut text = String::from("#version 460\n");
     for extension in extensions {
         text += &format!("#extension {extension} : enable\n");
     }

@@ -330,7 +330,7 @@ impl Gpu {
     }
 }
 
-fn group_info(group: &Group) -> vk::RayTracingShaderGroupCreateInfoKHR<'static> {
+pub(crate) fn group_info(group: &Group) -> vk::RayTracingShaderGroupCreateInfoKHR<'static> {
     use vk::RayTracingShaderGroupTypeKHR as Kind;
     let or_unused = |shader: Option<u32>| shader.unwrap_or(vk::SHADER_UNUSED_KHR);
     let kind = match (group.general, group.intersection) {

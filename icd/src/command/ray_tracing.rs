@@ -45,6 +45,11 @@ pub enum RayTracingCommand {
         tables: Tables,
         extent: [u32; 3],
     },
+    /// `vkCmdTraceRaysNV`.
+    TraceRaysNv {
+        tables: Tables,
+        extent: [u32; 3],
+    },
     /// `vkCmdTraceRaysIndirectKHR`: the address of a `VkTraceRaysIndirectCommandKHR`.
     TraceRaysIndirect {
         tables: Tables,

@@ -14,8 +14,8 @@ use crate::command::{BindDescriptorBuffer, BindDescriptorSets, Command};
 use crate::ffi::{self, chain, commands, entry};
 use crate::handle::{self, Ref, from_handle, optional};
 use crate::object::{
-    AccelerationStructure, Buffer, DescriptorSet, DescriptorSetLayout, ImageView, PipelineLayout,
-    Sampler,
+    AccelerationStructure, AccelerationStructureNv, Buffer, DescriptorSet, DescriptorSetLayout,
+    ImageView, PipelineLayout, Sampler,
 };
 
 /// Bytes of what captures an object: its address, or that of its descriptor.
@@ -103,7 +103,7 @@ unsafe fn descriptor(info: &vk::DescriptorGetInfoEXT<'_>) -> Descriptor {
                     Descriptor::texel_buffer(info.address, info.range, format)
                 })
             }
-            Ty::ACCELERATION_STRUCTURE_KHR => Descriptor {
+            Ty::ACCELERATION_STRUCTURE_KHR | Ty::ACCELERATION_STRUCTURE_NV => Descriptor {
                 address: data.acceleration_structure,
                 ..Descriptor::NULL
             },
@@ -192,6 +192,8 @@ entry! {
         data: *mut c_void,
     ) -> vk::Result {
         let structure = optional::<AccelerationStructure>((*info).acceleration_structure);
+        let older = optional::<AccelerationStructureNv>((*info).acceleration_structure_nv);
+        let structure = structure.or(older.map(|older| &*older.structure));
         data.cast::<u64>().write_unaligned(structure.map_or(0, |structure| structure.address()));
         Ok(())
     }

@@ -10,8 +10,8 @@ use crate::ffi::{self, chain, entry};
 use crate::handle::{from_handle, optional};
 use crate::object::descriptor::Binding;
 use crate::object::{
-    AccelerationStructure, Buffer, BufferView, DescriptorSet, DescriptorUpdateTemplate, ImageView,
-    Sampler,
+    AccelerationStructure, AccelerationStructureNv, Buffer, BufferView, DescriptorSet,
+    DescriptorUpdateTemplate, ImageView, Sampler,
 };
 
 /// A buffer's entry.
@@ -30,7 +30,7 @@ fn buffer_descriptor(buffer: &Buffer, offset: u64, range: u64, dynamic: bool) ->
 }
 
 /// Writes one entry from the structure or handle that its type takes: `VkDescriptorImageInfo`, `VkDescriptorBufferInfo`,
-/// `VkBufferView` or `VkAccelerationStructureKHR`.
+/// `VkBufferView`, `VkAccelerationStructureKHR` or `VkAccelerationStructureNV`.
 ///
 /// # Safety
 /// `source` points to it, and what it names is alive or null. `entry` is of a set that no one else updates.
@@ -75,6 +75,13 @@ unsafe fn write_entry(
                     .read_unaligned();
                 (*entry).address = optional::<AccelerationStructure>(structure)
                     .map_or(0, |structure| structure.address());
+            }
+            Ty::ACCELERATION_STRUCTURE_NV => {
+                let structure = source
+                    .cast::<vk::AccelerationStructureNV>()
+                    .read_unaligned();
+                (*entry).address = optional::<AccelerationStructureNv>(structure)
+                    .map_or(0, |structure| structure.structure.address());
             }
             _ => {
                 let info = source.cast::<vk::DescriptorBufferInfo>().read_unaligned();
@@ -164,6 +171,16 @@ pub unsafe fn apply_write(set: &DescriptorSet, info: &vk::WriteDescriptorSet<'_>
                         info.p_acceleration_structures.cast()
                     }),
                     size_of::<vk::AccelerationStructureKHR>(),
+                )
+            }
+            Ty::ACCELERATION_STRUCTURE_NV => {
+                let structures =
+                    chain::find::<vk::WriteDescriptorSetAccelerationStructureNV>(info.p_next);
+                (
+                    structures.map_or(std::ptr::null(), |info| {
+                        info.p_acceleration_structures.cast()
+                    }),
+                    size_of::<vk::AccelerationStructureNV>(),
                 )
             }
             Ty::INLINE_UNIFORM_BLOCK => {

@@ -18,6 +18,7 @@ pub mod instance;
 pub mod maintenance5;
 pub mod memory;
 pub mod micromap;
+pub mod nv_ray_tracing;
 pub mod physical_device;
 pub mod pipeline;
 pub mod push_descriptor;

@@ -14,22 +14,8 @@ use crate::ffi::ray_tracing::{create_pipeline, region};
 use crate::ffi::{commands, entry, slice};
 use crate::handle::{self, Ref, from_handle, retain};
 use crate::object::image::ImageView;
-use crate::object::pipeline::PipelineKind;
-use crate::object::ray_tracing_pipeline::RayTracingPipeline;
 use crate::object::{Device, Pipeline, PipelineCache};
 use crate::trace::table::{HANDLE_SIZE, Tables};
-
-/// The ray tracing pipeline behind a handle.
-///
-/// # Safety
-/// The handle is alive for `'a`.
-unsafe fn pipeline<'a>(pipeline: vk::Pipeline) -> VkResult<&'a RayTracingPipeline> {
-    // SAFETY: the caller's promise.
-    match &unsafe { from_handle::<'a, Pipeline>(pipeline) }.kind {
-        PipelineKind::RayTracing(pipeline) => Ok(pipeline),
-        _ => Err(vk::Result::ERROR_UNKNOWN),
-    }
-}
 
 /// Writes the handles of `count` groups from `first` on.
 ///
@@ -44,7 +30,7 @@ unsafe fn write_handles(
 ) -> VkResult {
     // SAFETY: the caller's promise.
     unsafe {
-        let groups = &pipeline(handle)?.shaders.groups;
+        let groups = from_handle::<Pipeline>(handle).groups();
         let room = data_bytes / HANDLE_SIZE;
         for index in 0..(count as usize).min(room) {
             let group = groups
@@ -154,7 +140,8 @@ entry! {
         group: u32,
         shader: vk::ShaderGroupShaderKHR,
     ) -> vk::DeviceSize {
-        pipeline(handle).map_or(0, |pipeline| pipeline.stack_size_bytes(group, shader))
+        let pipeline = from_handle::<Pipeline>(handle).ray_tracing();
+        pipeline.map_or(0, |pipeline| pipeline.stack_size_bytes(group, shader))
     }
 }
 

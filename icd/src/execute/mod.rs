@@ -229,6 +229,7 @@ fn run_ray_tracing(
     let surroundings = engine.surroundings();
     let checks = engine.checks(match command {
         RayTracingCommand::TraceRays { .. } => Caller::TraceRays,
+        RayTracingCommand::TraceRaysNv { .. } => Caller::TraceRaysNv,
         RayTracingCommand::TraceRaysIndirect { .. } => Caller::TraceRaysIndirect,
         RayTracingCommand::TraceRaysIndirect2 { .. } => Caller::TraceRaysIndirect2,
         _ => Caller::Other,
@@ -239,10 +240,7 @@ fn run_ray_tracing(
     let bind_point = vk::PipelineBindPoint::RAY_TRACING_KHR;
     let bound = bindings.environment(bind_point, [0; 3], &surroundings);
     let bound = bound.map(|(pipeline, environment)| ray_tracing::Bound {
-        pipeline: match &pipeline.kind {
-            PipelineKind::RayTracing(pipeline) => Some(pipeline),
-            PipelineKind::Compute(_) => None,
-        },
+        pipeline: pipeline.ray_tracing(),
         environment,
         mask,
         stack_bytes,

@@ -6,6 +6,7 @@ pub mod chain;
 pub mod enumerate;
 pub mod guard;
 pub mod micromap;
+pub mod nv_ray_tracing;
 pub mod pipeline;
 pub mod ray_tracing;
 pub mod vk;

@@ -96,7 +96,7 @@ pub unsafe fn create_pipeline(
                 programs,
                 &groups,
                 &libraries,
-                info,
+                info.max_pipeline_ray_recursion_depth,
                 flags,
                 has_dynamic_stack(info),
             )),
@@ -116,7 +116,7 @@ pub fn creation_feedback(duration: Duration, cache_hit: bool) -> vk::PipelineCre
     }
 }
 
-fn group(info: &vk::RayTracingShaderGroupCreateInfoKHR<'_>) -> GroupInfo {
+pub(super) fn group(info: &vk::RayTracingShaderGroupCreateInfoKHR<'_>) -> GroupInfo {
     let used = |index: u32| (index != vk::SHADER_UNUSED_KHR).then_some(index);
     let general = info.ty == vk::RayTracingShaderGroupTypeKHR::GENERAL;
     let of_hit = |index| if general { None } else { used(index) };
@@ -162,12 +162,10 @@ unsafe fn libraries<'a>(
         };
         slice(library_info.p_libraries, library_info.library_count)
             .iter()
-            .map(
-                |&library| match &from_handle::<'a, Pipeline>(library).kind {
-                    PipelineKind::RayTracing(pipeline) => Ok(pipeline),
-                    PipelineKind::Compute(_) => Err(vk::Result::ERROR_UNKNOWN),
-                },
-            )
+            .map(|&library| {
+                let library = from_handle::<'a, Pipeline>(library);
+                library.ray_tracing().ok_or(vk::Result::ERROR_UNKNOWN)
+            })
             .collect()
     }
 }

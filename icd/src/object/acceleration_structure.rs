@@ -2,6 +2,8 @@
 
 #![forbid(unsafe_code)]
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use ash::vk;
 
 use super::Buffer;
@@ -20,10 +22,12 @@ pub enum Location {
     /// A buffer, and the offset in it: a multiple of 256.
     Buffer(Ref<Buffer>, u64),
     Address(u64),
+    /// Memory that is bound to the structure itself; 0 until then.
+    Memory(AtomicU64),
 }
 
 impl AccelerationStructure {
-    /// Device address, which is also the host address of the structure; 0 while its buffer is unbound.
+    /// Device address, which is also the host address of the structure; 0 while it has no memory.
     pub fn address(&self) -> u64 {
         match &self.location {
             Location::Buffer(buffer, offset) => match buffer.address() {
@@ -31,6 +35,7 @@ impl AccelerationStructure {
                 address => address + offset,
             },
             Location::Address(address) => *address,
+            Location::Memory(address) => address.load(Ordering::Relaxed),
         }
     }
 
@@ -39,6 +44,22 @@ impl AccelerationStructure {
         Storage {
             address: self.address(),
             size_bytes: self.size_bytes,
+        }
+    }
+}
+
+/// `VkAccelerationStructureNV`: it has memory of its own, and says what building it takes.
+pub struct AccelerationStructureNv {
+    pub structure: Ref<AccelerationStructure>,
+    pub build_scratch_bytes: u64,
+    pub update_scratch_bytes: u64,
+}
+
+impl AccelerationStructureNv {
+    /// Gives it memory.
+    pub fn bind(&self, address: u64) {
+        if let Location::Memory(bound) = &self.structure.location {
+            bound.store(address, Ordering::Relaxed);
         }
     }
 }

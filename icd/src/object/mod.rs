@@ -3,6 +3,7 @@
 pub mod acceleration_structure;
 pub mod buffer;
 pub mod deferred;
+pub mod deferred_pipeline;
 pub mod descriptor;
 pub mod device;
 pub mod image;
@@ -23,7 +24,7 @@ pub mod sparse;
 pub mod swapchain;
 pub mod sync;
 
-pub use acceleration_structure::AccelerationStructure;
+pub use acceleration_structure::{AccelerationStructure, AccelerationStructureNv};
 pub use buffer::{Buffer, BufferView};
 pub use deferred::DeferredOperation;
 pub use descriptor::{
@@ -48,6 +49,7 @@ use crate::handle::handled;
 
 handled!(
     AccelerationStructure => AccelerationStructureKHR,
+    AccelerationStructureNv => AccelerationStructureNV,
     Buffer => Buffer,
     BufferView => BufferView,
     DeferredOperation => DeferredOperationKHR,

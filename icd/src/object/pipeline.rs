@@ -9,8 +9,10 @@ use spirv_jit::Program;
 use spirv_jit::ir::op::DescriptorBinding;
 
 use super::DescriptorSetLayout;
+use super::deferred_pipeline::DeferredPipeline;
 use super::ray_tracing_pipeline::RayTracingPipeline;
 use crate::handle::Ref;
+use crate::trace::table::Group;
 
 /// A shader module: its words, checked when a pipeline uses them.
 pub struct ShaderModule {
@@ -80,13 +82,34 @@ pub struct Pipeline {
 pub enum PipelineKind {
     Compute(Arc<Program>),
     RayTracing(RayTracingPipeline),
+    Deferred(DeferredPipeline),
 }
 
 impl Pipeline {
     pub fn bind_point(&self) -> vk::PipelineBindPoint {
         match self.kind {
             PipelineKind::Compute(_) => vk::PipelineBindPoint::COMPUTE,
-            PipelineKind::RayTracing(_) => vk::PipelineBindPoint::RAY_TRACING_KHR,
+            PipelineKind::RayTracing(_) | PipelineKind::Deferred(_) => {
+                vk::PipelineBindPoint::RAY_TRACING_KHR
+            }
+        }
+    }
+
+    /// The ray tracing pipeline that it is, as far as that can run.
+    pub fn ray_tracing(&self) -> Option<&RayTracingPipeline> {
+        match &self.kind {
+            PipelineKind::RayTracing(pipeline) => Some(pipeline),
+            PipelineKind::Deferred(pipeline) => pipeline.linked(),
+            PipelineKind::Compute(_) => None,
+        }
+    }
+
+    /// Its shader groups; none, of a compute pipeline.
+    pub fn groups(&self) -> &[Group] {
+        match &self.kind {
+            PipelineKind::RayTracing(pipeline) => &pipeline.shaders.groups,
+            PipelineKind::Deferred(pipeline) => &pipeline.groups,
+            PipelineKind::Compute(_) => &[],
         }
     }
 }

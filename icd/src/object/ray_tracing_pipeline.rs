@@ -60,7 +60,7 @@ impl RayTracingPipeline {
         stages: Vec<StageProgram>,
         groups: &[GroupInfo],
         libraries: &[&RayTracingPipeline],
-        info: &vk::RayTracingPipelineCreateInfoKHR<'_>,
+        max_recursion_depth: u32,
         flags: vk::PipelineCreateFlags,
         has_dynamic_stack: bool,
     ) -> Self {
@@ -76,7 +76,7 @@ impl RayTracingPipeline {
             programs.extend(library.shaders.programs.iter().cloned());
             keys.extend_from_slice(&library.keys);
         }
-        let mut all: Vec<Group> = groups.iter().map(|info| new_group(info, &keys)).collect();
+        let mut all = new_groups(groups, &keys);
         for (library, first) in libraries.iter().zip(firsts) {
             all.extend(
                 library
@@ -86,7 +86,6 @@ impl RayTracingPipeline {
                     .map(|group| shifted(group, first)),
             );
         }
-        let max_recursion_depth = info.max_pipeline_ray_recursion_depth;
         Self {
             facts: PipelineFacts {
                 flags,
@@ -117,6 +116,11 @@ impl RayTracingPipeline {
             u64::from(self.shaders.programs[index as usize].stack_size_bytes())
         })
     }
+}
+
+/// Groups of shaders that are compiled from what the keys name.
+pub fn new_groups(infos: &[GroupInfo], keys: &[ProgramKey]) -> Vec<Group> {
+    infos.iter().map(|info| new_group(info, keys)).collect()
 }
 
 fn new_group(info: &GroupInfo, keys: &[ProgramKey]) -> Group {

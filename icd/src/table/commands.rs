@@ -406,6 +406,18 @@ commands! {
     Device KHR_ACCELERATION_STRUCTURE PFN_vkWriteAccelerationStructuresPropertiesKHR acceleration_structure::vkWriteAccelerationStructuresPropertiesKHR;
 
     Device KHR_RAY_TRACING_PIPELINE PFN_vkCmdSetRayTracingPipelineStackSizeKHR ray_tracing::vkCmdSetRayTracingPipelineStackSizeKHR;
+    Device NV_RAY_TRACING PFN_vkBindAccelerationStructureMemoryNV nv_ray_tracing::vkBindAccelerationStructureMemoryNV;
+    Device NV_RAY_TRACING PFN_vkCmdBuildAccelerationStructureNV nv_ray_tracing::vkCmdBuildAccelerationStructureNV;
+    Device NV_RAY_TRACING PFN_vkCmdCopyAccelerationStructureNV nv_ray_tracing::vkCmdCopyAccelerationStructureNV;
+    Device NV_RAY_TRACING PFN_vkCmdTraceRaysNV nv_ray_tracing::vkCmdTraceRaysNV;
+    Device NV_RAY_TRACING PFN_vkCmdWriteAccelerationStructuresPropertiesNV nv_ray_tracing::vkCmdWriteAccelerationStructuresPropertiesNV;
+    Device NV_RAY_TRACING PFN_vkCompileDeferredNV nv_ray_tracing::vkCompileDeferredNV;
+    Device NV_RAY_TRACING PFN_vkCreateAccelerationStructureNV nv_ray_tracing::vkCreateAccelerationStructureNV;
+    Device NV_RAY_TRACING PFN_vkCreateRayTracingPipelinesNV nv_ray_tracing::vkCreateRayTracingPipelinesNV;
+    Device NV_RAY_TRACING PFN_vkDestroyAccelerationStructureNV nv_ray_tracing::vkDestroyAccelerationStructureNV;
+    Device NV_RAY_TRACING PFN_vkGetAccelerationStructureHandleNV nv_ray_tracing::vkGetAccelerationStructureHandleNV;
+    Device NV_RAY_TRACING PFN_vkGetAccelerationStructureMemoryRequirementsNV nv_ray_tracing::vkGetAccelerationStructureMemoryRequirementsNV;
+    Device NV_RAY_TRACING PFN_vkGetRayTracingShaderGroupHandlesKHR ray_tracing::vkGetRayTracingShaderGroupHandlesKHR as vkGetRayTracingShaderGroupHandlesNV;
     Device HUAWEI_INVOCATION_MASK PFN_vkCmdBindInvocationMaskHUAWEI ray_tracing::vkCmdBindInvocationMaskHUAWEI;
     Device KHR_RAY_TRACING_MAINTENANCE_1 PFN_vkCmdTraceRaysIndirect2KHR ray_tracing::vkCmdTraceRaysIndirect2KHR;
     Device KHR_RAY_TRACING_PIPELINE PFN_vkCmdTraceRaysIndirectKHR ray_tracing::vkCmdTraceRaysIndirectKHR;

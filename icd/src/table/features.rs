@@ -266,6 +266,8 @@ const BASE_CAPABILITIES: &[Capability] = &[
     Capability::DenormPreserve,
     Capability::SignedZeroInfNanPreserve,
     Capability::RoundingModeRTE,
+    // `VK_NV_ray_tracing` has no features.
+    Capability::RayTracingNV,
 ];
 
 /// All that a shader module may declare.

@@ -196,6 +196,23 @@ fn ray_tracing_pipeline() -> vk::PhysicalDeviceRayTracingPipelinePropertiesKHR<'
     }
 }
 
+/// What the KHR structures say.
+fn ray_tracing_nv() -> vk::PhysicalDeviceRayTracingPropertiesNV<'static> {
+    let (structures, pipelines) = (acceleration_structure(), ray_tracing_pipeline());
+    vk::PhysicalDeviceRayTracingPropertiesNV {
+        shader_group_handle_size: pipelines.shader_group_handle_size,
+        max_recursion_depth: pipelines.max_ray_recursion_depth,
+        max_shader_group_stride: pipelines.max_shader_group_stride,
+        shader_group_base_alignment: pipelines.shader_group_base_alignment,
+        max_geometry_count: structures.max_geometry_count,
+        max_instance_count: structures.max_instance_count,
+        max_triangle_count: structures.max_primitive_count,
+        max_descriptor_set_acceleration_structures: structures
+            .max_descriptor_set_acceleration_structures,
+        ..Default::default()
+    }
+}
+
 fn descriptor_buffer() -> vk::PhysicalDeviceDescriptorBufferPropertiesEXT<'static> {
     const SIZE: usize = size_of::<Descriptor>();
     const SETS: u32 = MAX_SETS as u32;
@@ -363,6 +380,7 @@ unsafe fn fill(device: &PhysicalDevice, node: *mut vk::BaseOutStructure<'static>
             PhysicalDeviceShaderIntegerDotProductProperties(vk::PhysicalDeviceShaderIntegerDotProductProperties::default());
             PhysicalDeviceAccelerationStructurePropertiesKHR(acceleration_structure());
             PhysicalDeviceRayTracingPipelinePropertiesKHR(ray_tracing_pipeline());
+            PhysicalDeviceRayTracingPropertiesNV(ray_tracing_nv());
             PhysicalDeviceDescriptorBufferPropertiesEXT(descriptor_buffer());
             PhysicalDeviceDescriptorBufferDensityMapPropertiesEXT(vk::PhysicalDeviceDescriptorBufferDensityMapPropertiesEXT {
                 combined_image_sampler_density_map_descriptor_size: size_of::<Descriptor>(),

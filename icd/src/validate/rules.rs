@@ -7,16 +7,18 @@ pub enum Caller {
     TraceRays,
     TraceRaysIndirect,
     TraceRaysIndirect2,
+    TraceRaysNv,
     /// Any other: its rules have one name only.
     Other,
 }
 
 impl Caller {
     /// The commands that trace.
-    pub const TRACES: [Caller; 3] = [
+    pub const TRACES: [Caller; 4] = [
         Caller::TraceRays,
         Caller::TraceRaysIndirect,
         Caller::TraceRaysIndirect2,
+        Caller::TraceRaysNv,
     ];
 }
 
@@ -31,9 +33,13 @@ enum Of {
     Extent,
     /// The command that reads its parameters from memory.
     Indirect,
+    /// `vkCmdTraceRaysNV`, which alone has the rule.
+    Nv,
     /// Nothing: the name is whole.
     Whole,
 }
+
+const NV: &str = "VUID-vkCmdTraceRaysNV-";
 
 impl Of {
     /// `None` where the rule does not apply to the command.
@@ -42,6 +48,9 @@ impl Of {
             Caller::TraceRays => "VUID-vkCmdTraceRaysKHR-",
             Caller::TraceRaysIndirect => "VUID-vkCmdTraceRaysIndirectKHR-",
             Caller::TraceRaysIndirect2 => "VUID-vkCmdTraceRaysIndirect2KHR-",
+            Caller::TraceRaysNv if self == Of::Whole => "",
+            Caller::TraceRaysNv if self == Of::Nv => NV,
+            Caller::TraceRaysNv => return None,
             Caller::Other if self == Of::Whole => "",
             Caller::Other => return None,
         };
@@ -52,6 +61,7 @@ impl Of {
             }
             (Of::Extent, Caller::TraceRaysIndirect) => "VUID-VkTraceRaysIndirectCommandKHR-",
             (Of::Indirect, Caller::TraceRays) => return None,
+            (Of::Nv, caller) if caller != Caller::TraceRaysNv => return None,
             _ => command,
         })
     }
@@ -107,6 +117,10 @@ rules! {
     Tables CallableAlignment "pCallableShaderBindingTable-03693" "the callable table is aligned to shaderGroupBaseAlignment";
     Tables CallableStride "stride-03694" "the callable table's stride is a multiple of shaderGroupHandleAlignment";
     Tables CallableStrideLimit "stride-04041" "the callable table's stride is at most maxShaderGroupStride";
+    Nv RaygenMemory "raygenShaderBindingTableBuffer-04042" "the ray generation table's buffer has memory";
+    Nv MissMemory "missShaderBindingTableBuffer-04043" "the miss table's buffer has memory";
+    Nv HitMemory "hitShaderBindingTableBuffer-04044" "the hit table's buffer has memory";
+    Nv CallableMemory "callableShaderBindingTableBuffer-04045" "the callable table's buffer has memory";
     Whole TableSize "VUID-VkStridedDeviceAddressRegionKHR-size-04631" "a table lies in one buffer as a whole";
     // The size of the launch.
     Extent Invocations "width-03641" "width × height × depth is at most maxRayDispatchInvocationCount";
@@ -158,6 +172,15 @@ rules! {
     Whole HitObjectSkipsTriangles "VUID-RuntimeSpirv-OpHitObjectTraceRayEXT-11886" "a ray does not skip triangles in a pipeline that skips boxes";
     Whole HitObjectSkipsBoxes "VUID-RuntimeSpirv-OpHitObjectTraceRayEXT-11887" "a ray does not skip boxes in a pipeline that skips triangles";
     Whole HitObjectMotion "VUID-RuntimeSpirv-flags-11875" "a structure with motion is traced by a pipeline that allows motion";
+    Whole QueryFinite "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06348" "a ray's origin and direction are finite";
+    Whole QueryNotNegative "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06349" "a ray's tmin and tmax are not negative";
+    Whole QueryOrder "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06350" "a ray's tmin is at most its tmax";
+    Whole QueryNan "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06351" "a ray has no NaN";
+    Whole QueryTop "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352" "a query's structure is a top level";
+    Whole QuerySkips "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06889" "a ray's flags do not skip both triangles and boxes";
+    Whole QueryCulls "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06890" "a ray's flags do at most one of skipping triangles, culling front faces and culling back faces";
+    Whole QueryOpacity "VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06891" "a ray's flags say at most one thing of opacity";
+    Whole QueryStructure "TUFF-query-structure" "a structure that a query names exists";
     Whole ZeroDirection "TUFF-zero-direction" "a ray's direction is not zero: such a ray hits nothing";
     Whole HitKind "VUID-RuntimeSpirv-OpReportIntersectionKHR-06998" "a hit kind that is reported is at most 127";
     Whole PhysicalPointer "VUID-RuntimeSpirv-PhysicalStorageBuffer64-11819" "a physical pointer leads into a buffer of shader device address usage";
@@ -167,6 +190,11 @@ rules! {
     Whole RangeUsage "VUID-vkCmdBuildAccelerationStructuresIndirectKHR-pIndirectDeviceAddresses-03647" "a build's ranges lie in a buffer of indirect buffer usage";
     Whole RangeCount "VUID-vkCmdBuildAccelerationStructuresIndirectKHR-ppMaxPrimitiveCounts-03653" "a build's primitive count in memory is at most what the command names";
     Whole MaxVertex "VUID-VkAccelerationStructureBuildRangeInfoKHR-maxVertex-10774" "a build's indices are at most maxVertex";
+    Whole MicromapFormat "VUID-VkMicromapBuildInfoEXT-format-11657" "a micromap's triangles are of formats that exist";
+    Whole MicromapLevel2 "VUID-VkMicromapBuildInfoEXT-subdivisionLevel-11659" "a triangle of two states is of level maxOpacity2StateSubdivisionLevel at most";
+    Whole MicromapLevel4 "VUID-VkMicromapBuildInfoEXT-subdivisionLevel-11660" "a triangle of four states is of level maxOpacity4StateSubdivisionLevel at most";
+    Whole MicromapUsage "TUFF-micromap-usage" "a micromap's triangles are those that its usage counts name";
+    Whole MicromapIndex "TUFF-micromap-index" "a triangle's micromap index names a triangle of its micromap";
     Whole BuildInput "TUFF-build-input" "what a build reads lies in live memory";
     Whole BuildReference "TUFF-build-reference" "an instance refers to a bottom level that exists";
     Whole TransformFinite "TUFF-build-transform" "a geometry's transform is finite";
@@ -174,8 +202,30 @@ rules! {
 }
 
 impl Rule {
+    /// What `vkCmdTraceRaysNV` calls it, where that has another name for the rule.
+    fn name_in_nv(self) -> Option<&'static str> {
+        Some(match self {
+            Rule::RaygenAlignment => "raygenShaderBindingOffset-02456",
+            Rule::MissAlignment => "missShaderBindingOffset-02458",
+            Rule::MissStride => "missShaderBindingStride-02463",
+            Rule::MissStrideLimit => "missShaderBindingStride-02466",
+            Rule::HitAlignment => "hitShaderBindingOffset-02460",
+            Rule::HitStride => "hitShaderBindingStride-02464",
+            Rule::HitStrideLimit => "hitShaderBindingStride-02467",
+            Rule::CallableAlignment => "callableShaderBindingOffset-02462",
+            Rule::CallableStride => "callableShaderBindingStride-02465",
+            Rule::CallableStrideLimit => "callableShaderBindingStride-02468",
+            Rule::Recursion => "maxRecursionDepth-03625",
+            Rule::ForeignHandle | Rule::DeadStructure => self.name(),
+            _ => return None,
+        })
+    }
+
     /// The rule's name in the specification, as the command has it; `None` if it does not apply to the command.
     pub fn vuid(self, caller: Caller) -> Option<String> {
+        if let (Caller::TraceRaysNv, Some(name)) = (caller, self.name_in_nv()) {
+            return Some(format!("{NV}{name}"));
+        }
         let prefix = self.of().prefix(caller)?;
         Some(format!("{prefix}{}", self.name()))
     }
@@ -210,6 +260,16 @@ mod tests {
             name(Rule::Invocations, Caller::TraceRaysIndirect),
             of("VUID-VkTraceRaysIndirectCommandKHR-width-03641")
         );
+        assert_eq!(
+            name(Rule::HitStride, Caller::TraceRaysNv),
+            of("VUID-vkCmdTraceRaysNV-hitShaderBindingStride-02464")
+        );
+        assert_eq!(
+            name(Rule::HitMemory, Caller::TraceRaysNv),
+            of("VUID-vkCmdTraceRaysNV-hitShaderBindingTableBuffer-04044")
+        );
+        assert_eq!(name(Rule::HitMemory, Caller::TraceRays), None);
+        assert_eq!(name(Rule::Invocations, Caller::TraceRaysNv), None);
         assert_eq!(name(Rule::IndirectSize, Caller::TraceRays), None);
         assert_eq!(name(Rule::IndirectSize, Caller::Other), None);
         assert_eq!(

@@ -16,6 +16,7 @@ use crate::trace::table::{Region, Tables};
 /// The rules of one table. The ray generation table is one record: it has no stride to speak of.
 struct TableRules {
     name: &'static str,
+    memory: Rule,
     usage: Rule,
     alignment: Rule,
     strides: Option<(Rule, Rule)>,
@@ -23,30 +24,34 @@ struct TableRules {
 
 const RAYGEN: TableRules = TableRules {
     name: "ray generation",
+    memory: Rule::RaygenMemory,
     usage: Rule::RaygenUsage,
     alignment: Rule::RaygenAlignment,
     strides: None,
 };
 const MISS: TableRules = TableRules {
     name: "miss",
+    memory: Rule::MissMemory,
     usage: Rule::MissUsage,
     alignment: Rule::MissAlignment,
     strides: Some((Rule::MissStride, Rule::MissStrideLimit)),
 };
 const HIT: TableRules = TableRules {
     name: "hit",
+    memory: Rule::HitMemory,
     usage: Rule::HitUsage,
     alignment: Rule::HitAlignment,
     strides: Some((Rule::HitStride, Rule::HitStrideLimit)),
 };
 const CALLABLE: TableRules = TableRules {
     name: "callable",
+    memory: Rule::CallableMemory,
     usage: Rule::CallableUsage,
     alignment: Rule::CallableAlignment,
     strides: Some((Rule::CallableStride, Rule::CallableStrideLimit)),
 };
 
-impl Checks<'_> {
+impl Checks {
     /// Looks at the four tables of a dispatch.
     pub fn tables(&self, tables: &Tables) {
         self.table(&RAYGEN, &tables.raygen);
@@ -67,6 +72,12 @@ impl Checks<'_> {
             self.require(is_multiple, multiple, stride_bytes, stride);
             let is_in_limit = stride_bytes <= MAX_SHADER_GROUP_STRIDE.into();
             self.require(is_in_limit, limit, stride_bytes, stride);
+        }
+        if address == 0 {
+            let is_none = size_bytes == 0;
+            self.require(is_none, rules.memory, 0, || {
+                format!("the {} table", rules.name)
+            });
         }
         if address == 0 || size_bytes == 0 {
             return;

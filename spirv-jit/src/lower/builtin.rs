@@ -43,7 +43,7 @@ fn source(built_in: BuiltIn) -> Option<Source> {
         BuiltIn::ObjectRayOriginKHR => Source::Record(Builtin::ObjectRayOrigin),
         BuiltIn::ObjectRayDirectionKHR => Source::Record(Builtin::ObjectRayDirection),
         BuiltIn::RayTminKHR => Source::Record(Builtin::RayTmin),
-        BuiltIn::RayTmaxKHR => Source::Record(Builtin::RayTmax),
+        BuiltIn::RayTmaxKHR | BuiltIn::HitTNV => Source::Record(Builtin::RayTmax),
         BuiltIn::IncomingRayFlagsKHR => Source::Record(Builtin::IncomingRayFlags),
         BuiltIn::CullMaskKHR => Source::Record(Builtin::CullMask),
         BuiltIn::HitKindKHR => Source::Record(Builtin::HitKind),

@@ -133,15 +133,19 @@ impl Lowerer<'_> {
                         summary.variables.extend(&callee.variables);
                     }
                     Op::TraceRayKHR
+                    | Op::TraceNV
                     | Op::TraceRayMotionNV
                     | Op::TraceMotionNV
                     | Op::ExecuteCallableKHR
+                    | Op::ExecuteCallableNV
                     | Op::ReportIntersectionKHR
                     | Op::RayQueryProceedKHR
                     | Op::ControlBarrier => summary.yields = true,
                     opcode if is_hit_object(opcode) => summary.yields = true,
                     Op::IgnoreIntersectionKHR
+                    | Op::IgnoreIntersectionNV
                     | Op::TerminateRayKHR
+                    | Op::TerminateRayNV
                     | Op::Kill
                     | Op::TerminateInvocation => {
                         summary.variables.extend(self.output_variable());

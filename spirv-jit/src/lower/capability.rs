@@ -82,6 +82,7 @@ const SUPPORTED: &[Capability] = &[
     Capability::UniformTexelBufferArrayNonUniformIndexing,
     Capability::StorageTexelBufferArrayNonUniformIndexing,
     Capability::RayTracingKHR,
+    Capability::RayTracingNV,
     Capability::RayTraversalPrimitiveCullingKHR,
     Capability::RayTracingPositionFetchKHR,
     Capability::RayCullMaskKHR,

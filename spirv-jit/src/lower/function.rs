@@ -363,8 +363,12 @@ impl<'a> Lowerer<'a> {
             Op::Kill | Op::TerminateInvocation => {
                 self.end_invocation(super::interface::Verdict::Accept)
             }
-            Op::IgnoreIntersectionKHR => self.end_invocation(super::interface::Verdict::Ignore),
-            Op::TerminateRayKHR => self.end_invocation(super::interface::Verdict::Terminate),
+            Op::IgnoreIntersectionKHR | Op::IgnoreIntersectionNV => {
+                self.end_invocation(super::interface::Verdict::Ignore)
+            }
+            Op::TerminateRayKHR | Op::TerminateRayNV => {
+                self.end_invocation(super::interface::Verdict::Terminate)
+            }
             other => Err(Error::unsupported(
                 terminator.offset,
                 format!("Op{other:?} is not supported"),

@@ -69,10 +69,12 @@ impl Lowerer<'_> {
             | Op::ConvertUToAccelerationStructureKHR => self.lower_conversion(instruction),
 
             Op::TraceRayKHR
+            | Op::TraceNV
             | Op::TraceRayMotionNV
             | Op::TraceMotionNV
             | Op::ReportIntersectionKHR
-            | Op::ExecuteCallableKHR => self.lower_ray(instruction),
+            | Op::ExecuteCallableKHR
+            | Op::ExecuteCallableNV => self.lower_ray(instruction),
 
             Op::SampledImage
             | Op::Image

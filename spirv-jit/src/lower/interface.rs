@@ -55,7 +55,7 @@ impl Lowerer<'_> {
     }
 
     /// Whether the entry point may use a variable. Before SPIR-V 1.4 only inputs and outputs are listed.
-    fn is_listed(&self, id: Id) -> bool {
+    pub(super) fn is_listed(&self, id: Id) -> bool {
         self.module.version < (1, 4) || self.entry.interface.contains(&id)
     }
 

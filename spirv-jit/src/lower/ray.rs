@@ -12,9 +12,13 @@ impl Lowerer<'_> {
     pub(super) fn lower_ray(&mut self, instruction: &Instruction) -> Result<(), Error> {
         let operands = self.module.operands(instruction);
         match instruction.opcode {
-            Op::TraceRayKHR => {
+            Op::TraceRayKHR | Op::TraceNV => {
                 let words = self.ray_words(operands)?;
-                self.call_out(ir::Op::TraceRay, words, operands[10])
+                let payload = match instruction.opcode {
+                    Op::TraceNV => self.payload_at(operands[10])?,
+                    _ => operands[10],
+                };
+                self.call_out(ir::Op::TraceRay, words, payload)
             }
             Op::TraceRayMotionNV | Op::TraceMotionNV => {
                 let mut words = self.ray_words(operands)?;
@@ -25,9 +29,13 @@ impl Lowerer<'_> {
                 };
                 self.call_out(ir::Op::TraceRayMotion, words, payload)
             }
-            Op::ExecuteCallableKHR => {
+            Op::ExecuteCallableKHR | Op::ExecuteCallableNV => {
                 let index = self.word(operands[0])?;
-                self.call_out(ir::Op::ExecuteCallable, vec![index], operands[1])
+                let data = match instruction.opcode {
+                    Op::ExecuteCallableNV => self.callable_data_at(operands[1])?,
+                    _ => operands[1],
+                };
+                self.call_out(ir::Op::ExecuteCallable, vec![index], data)
             }
             _ => self.lower_report(instruction, operands),
         }
@@ -63,24 +71,46 @@ impl Lowerer<'_> {
         }
     }
 
-    /// The payload variable whose `Location` is a constant (`OpTraceMotionNV`).
-    fn payload_at(&self, id: Id) -> Result<Id, Error> {
-        let location = self.constants.unsigned(&self.types, id)?;
-        let is_payload = |class| {
-            matches!(
-                class,
-                StorageClass::RayPayloadKHR | StorageClass::IncomingRayPayloadKHR
-            )
+    /// The payload whose `Location` is a constant (`OpTraceNV`, `OpTraceMotionNV`).
+    fn payload_at(&self, location: Id) -> Result<Id, Error> {
+        self.variable_at(
+            location,
+            [
+                StorageClass::RayPayloadKHR,
+                StorageClass::IncomingRayPayloadKHR,
+            ],
+        )
+    }
+
+    /// The callable data whose `Location` is a constant (`OpExecuteCallableNV`).
+    fn callable_data_at(&self, location: Id) -> Result<Id, Error> {
+        self.variable_at(
+            location,
+            [
+                StorageClass::CallableDataKHR,
+                StorageClass::IncomingCallableDataKHR,
+            ],
+        )
+    }
+
+    /// The entry's variable of the first of two classes that has one at a location.
+    fn variable_at(&self, location: Id, classes: [StorageClass; 2]) -> Result<Id, Error> {
+        let location = self.constants.unsigned(&self.types, location)?;
+        let is_there =
+            |id: Id| self.module.annotations.id(id, Decoration::Location) == Some(location);
+        let of_class = |class| {
+            let ids = self
+                .variables
+                .iter()
+                .filter(move |(_, it)| it.class == class);
+            ids.map(|(&id, _)| id)
+                .filter(|&id| self.is_listed(id) && is_there(id))
+                .min()
         };
-        let found = self
-            .variables
-            .iter()
-            .filter(|(_, variable)| is_payload(variable.class))
-            .map(|(&id, _)| id)
-            .filter(|&id| self.module.annotations.id(id, Decoration::Location) == Some(location));
-        found
-            .min()
-            .ok_or_else(|| self.b.invalid("no payload has this location"))
+        classes
+            .into_iter()
+            .find_map(of_class)
+            .ok_or_else(|| self.b.invalid("no variable has this location"))
     }
 
     /// A yield that takes the words of a variable along and brings them back.

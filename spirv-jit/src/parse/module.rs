@@ -295,6 +295,7 @@ fn is_debug(opcode: Op) -> bool {
 fn sort_functions(module: &mut ParsedModule, first: usize) -> Result<(), Error> {
     let mut current: Option<Function> = None;
     let mut open: Option<Block> = None;
+    let mut is_dead = false;
     let mut end = 0;
     let count = module.table.instructions.len();
     for index in first..count {
@@ -303,6 +304,10 @@ fn sort_functions(module: &mut ParsedModule, first: usize) -> Result<(), Error> 
         end = offset;
         let misplaced = || Error::invalid(offset, format!("misplaced {:?}", instruction.opcode));
         let operands = instruction.operands(&module.words);
+        is_dead &= !matches!(instruction.opcode, Op::Label | Op::FunctionEnd);
+        if is_dead {
+            continue;
+        }
         match instruction.opcode {
             Op::Function if current.is_none() => {
                 current = Some(Function {
@@ -357,6 +362,7 @@ fn sort_functions(module: &mut ParsedModule, first: usize) -> Result<(), Error> 
                     Op::SelectionMerge => block.merge = Some(Merge::Selection(operands[0])),
                     Op::LoopMerge => block.merge = Some(Merge::Loop(operands[0], operands[1])),
                     _ if is_terminator(opcode) => {
+                        is_dead = ends_invocation(opcode);
                         block.terminator = index as u32;
                         let next = function.blocks.len();
                         function.block_index.insert(block.label, next);
@@ -373,19 +379,25 @@ fn sort_functions(module: &mut ParsedModule, first: usize) -> Result<(), Error> 
     Ok(())
 }
 
+/// Instructions of `SPV_NV_ray_tracing` that end the invocation, but not their block: nothing behind them in it is reached.
+fn ends_invocation(opcode: Op) -> bool {
+    matches!(opcode, Op::IgnoreIntersectionNV | Op::TerminateRayNV)
+}
+
 fn is_terminator(opcode: Op) -> bool {
-    matches!(
-        opcode,
-        Op::Branch
-            | Op::BranchConditional
-            | Op::Switch
-            | Op::Return
-            | Op::ReturnValue
-            | Op::Kill
-            | Op::Unreachable
-            | Op::TerminateInvocation
-            | Op::IgnoreIntersectionKHR
-            | Op::TerminateRayKHR
-            | Op::EmitMeshTasksEXT
-    )
+    ends_invocation(opcode)
+        || matches!(
+            opcode,
+            Op::Branch
+                | Op::BranchConditional
+                | Op::Switch
+                | Op::Return
+                | Op::ReturnValue
+                | Op::Kill
+                | Op::Unreachable
+                | Op::TerminateInvocation
+                | Op::IgnoreIntersectionKHR
+                | Op::TerminateRayKHR
+                | Op::EmitMeshTasksEXT
+        )
 }

@@ -4,17 +4,18 @@
 use std::arch::x86_64::*;
 
 use super::Walk;
+use super::beams::{Beams, Lanes, ROW};
+use super::descend::push_children;
 use super::group;
 use super::kernel::{GroupHits, Kernel, T_MARGIN};
 use super::leaf::{Leaf, Triangles};
+use super::opaque::{End, Opaque, Pending};
 use super::space::Space;
+use super::walker::Entry;
 use crate::layout::{GROUP, Node, TriangleGroup, WIDTH};
 
-/// Bytes of a row of a node.
-const ROW: usize = size_of::<[f32; WIDTH]>();
-
-/// Eight boxes or four triangles in one vector.
-pub(crate) struct Avx;
+/// Eight boxes or four triangles in one vector. `WIDE`: with AVX-512.
+pub(crate) struct Avx<const WIDE: bool>;
 
 /// What box tests need of a ray, in every lane.
 #[derive(Clone, Copy)]
@@ -39,9 +40,23 @@ pub(crate) struct AvxShear {
     t_min: __m128,
 }
 
-impl Kernel for Avx {
+/// What box tests need of a ray of a list, in every lane.
+#[derive(Clone, Copy)]
+pub(crate) struct AvxBeam {
+    origin: [__m256; 3],
+    far_origin: [__m256; 3],
+    near_inverse: [__m256; 3],
+    far_inverse: [__m256; 3],
+    near_rows: [usize; 3],
+    t_min: __m256i,
+    t_far: __m256i,
+}
+
+impl<const WIDE: bool> Kernel for Avx<WIDE> {
     type Boxes = AvxBoxes;
     type Shear = AvxShear;
+    type Beam = AvxBeam;
+    type Near = __m256i;
 
     #[inline(always)]
     unsafe fn load_boxes(space: &Space) -> AvxBoxes {
@@ -53,9 +68,9 @@ impl Kernel for Avx {
                 near_inverse: eight(&space.near_inverse),
                 far_inverse: eight(&space.far_inverse),
                 near_rows: [
-                    space.near_row(0) * ROW,
-                    space.near_row(1) * ROW,
-                    space.near_row(2) * ROW,
+                    space.near_row(0) * ROW as usize,
+                    space.near_row(1) * ROW as usize,
+                    space.near_row(2) * ROW as usize,
                 ],
                 t_min: _mm256_set1_ps(space.t_min),
             }
@@ -143,15 +158,101 @@ impl Kernel for Avx {
     }
 
     #[inline(always)]
-    unsafe fn intersect_group(
-        space: &Space,
-        group: &TriangleGroup,
+    unsafe fn load_beam(beams: &Beams, lane: usize, t_far: f32) -> AvxBeam {
+        let row = |axis: usize| beams.near_rows[axis][lane] as usize;
+        // SAFETY: the caller promises AVX.
+        unsafe {
+            AvxBeam {
+                origin: in_lane(&beams.origin, lane),
+                far_origin: in_lane(&beams.far_origin, lane),
+                near_inverse: in_lane(&beams.near_inverse, lane),
+                far_inverse: in_lane(&beams.far_inverse, lane),
+                near_rows: [row(0), row(1), row(2)],
+                t_min: _mm256_castps_si256(_mm256_set1_ps(beams.t_min[lane])),
+                t_far: _mm256_castps_si256(_mm256_set1_ps(t_far)),
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn shorten(beam: &mut AvxBeam, t_far: f32) {
+        // SAFETY: the caller promises AVX.
+        beam.t_far = unsafe { _mm256_castps_si256(_mm256_set1_ps(t_far)) };
+    }
+
+    #[inline(always)]
+    unsafe fn meet(beam: &AvxBeam, node: &Node) -> (u32, __m256i) {
+        // SAFETY: the caller promises AVX; nodes are aligned, and rows are below six.
+        unsafe {
+            let base = node.bounds.as_ptr().cast::<u8>();
+            // As integers, which are faster: from 0 on the order is that of numbers, and what is negative, NaN with it (0 · ∞
+            // has its sign), is below `t_min` and any near plane.
+            let (x_near, x_far) = beam_planes(beam, base, 0);
+            let (y_near, y_far) = beam_planes(beam, base, 1);
+            let (z_near, z_far) = beam_planes(beam, base, 2);
+            let near = _mm256_max_epi32(
+                _mm256_max_epi32(x_near, y_near),
+                _mm256_max_epi32(z_near, beam.t_min),
+            );
+            let far = _mm256_min_epi32(
+                _mm256_min_epi32(x_far, y_far),
+                _mm256_min_epi32(z_far, beam.t_far),
+            );
+            let mask = if WIDE {
+                u32::from(_mm256_cmple_epi32_mask(near, far))
+            } else {
+                let beyond = _mm256_castsi256_ps(_mm256_cmpgt_epi32(near, far));
+                !_mm256_movemask_ps(beyond) as u32 & 0xFF
+            };
+            (mask, near)
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn push<const ANY: bool>(
+        near: __m256i,
+        mask: u32,
+        children: &[u32; WIDTH],
+        place: *mut Entry,
+    ) -> (u32, usize) {
+        let mut nears = Nears([0.0; WIDTH]);
+        // SAFETY: the caller's promise.
+        unsafe {
+            _mm256_store_si256(nears.0.as_mut_ptr().cast(), near);
+            push_children::<ANY>(mask, children, &nears.0, place)
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn intersect_leaf(
+        beams: &Beams,
+        lane: usize,
+        _: &AvxBeam,
+        groups: [&TriangleGroup; 2],
         t_min: f32,
         t_far: f32,
         found: &mut GroupHits,
     ) -> u32 {
         // SAFETY: the caller's promise.
-        unsafe { group::intersect(space, group, t_min, t_far, found) }
+        unsafe { group::intersect(beams, lane, groups, t_min, t_far, found) }
+    }
+
+    #[inline(always)]
+    unsafe fn walk_opaque<const ANY: bool>(
+        way: &Opaque<'_>,
+        walk: &mut Walk,
+        pending: &mut Pending<'_>,
+        found: &mut GroupHits,
+        fuel: &mut u64,
+    ) -> End {
+        // SAFETY: the caller's promise.
+        unsafe {
+            if WIDE {
+                walk_opaque_wide::<ANY>(way, walk, pending, found, fuel)
+            } else {
+                walk_opaque::<ANY>(way, walk, pending, found, fuel)
+            }
+        }
     }
 
     #[inline(always)]
@@ -169,7 +270,7 @@ unsafe fn planes(ray: &AvxBoxes, base: *const u8, axis: usize) -> (__m256, __m25
         let row = ray.near_rows[axis];
         let enter = _mm256_sub_ps(_mm256_load_ps(base.add(row).cast()), ray.near_origin[axis]);
         let leave = _mm256_sub_ps(
-            _mm256_load_ps(base.add(row ^ ROW).cast()),
+            _mm256_load_ps(base.add(row ^ ROW as usize).cast()),
             ray.far_origin[axis],
         );
         (
@@ -178,6 +279,39 @@ unsafe fn planes(ray: &AvxBoxes, base: *const u8, axis: usize) -> (__m256, __m25
         )
     }
 }
+
+/// The same for a ray of a list.
+#[inline(always)]
+unsafe fn beam_planes(beam: &AvxBeam, base: *const u8, axis: usize) -> (__m256i, __m256i) {
+    // SAFETY: the callers promise AVX; nodes are aligned, and rows are below six.
+    unsafe {
+        let row = beam.near_rows[axis];
+        let enter = _mm256_sub_ps(beam.origin[axis], _mm256_load_ps(base.add(row).cast()));
+        let far_row = base.add(row ^ ROW as usize);
+        let leave = _mm256_sub_ps(beam.far_origin[axis], _mm256_load_ps(far_row.cast()));
+        (
+            _mm256_castps_si256(_mm256_mul_ps(enter, beam.near_inverse[axis])),
+            _mm256_castps_si256(_mm256_mul_ps(leave, beam.far_inverse[axis])),
+        )
+    }
+}
+
+/// A component of each axis of a ray of a list in every lane.
+#[inline(always)]
+unsafe fn in_lane(v: &[Lanes; 3], lane: usize) -> [__m256; 3] {
+    // SAFETY: the callers promise AVX.
+    unsafe {
+        [
+            _mm256_set1_ps(v[0][lane]),
+            _mm256_set1_ps(v[1][lane]),
+            _mm256_set1_ps(v[2][lane]),
+        ]
+    }
+}
+
+/// Where children are entered; aligned, so that one vector's store meets no line's end.
+#[repr(align(32))]
+struct Nears([f32; WIDTH]);
 
 /// A component of each axis in every lane.
 #[inline(always)]
@@ -198,5 +332,35 @@ unsafe fn eight(v: &[f32; 4]) -> [__m256; 3] {
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 unsafe fn test_leaf(leaf: &Triangles<'_>, walk: &mut Walk, t_far: &mut f32) -> Leaf {
     // SAFETY: the caller's promise.
-    unsafe { leaf.test::<Avx>(walk, t_far) }
+    unsafe { leaf.test::<Avx<false>>(walk, t_far) }
+}
+
+/// # Safety
+/// The machine has AVX2.
+#[inline(never)]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+unsafe fn walk_opaque<const ANY: bool>(
+    way: &Opaque<'_>,
+    walk: &mut Walk,
+    pending: &mut Pending<'_>,
+    found: &mut GroupHits,
+    fuel: &mut u64,
+) -> End {
+    // SAFETY: the caller's promise.
+    unsafe { way.run::<Avx<false>, ANY>(walk, pending, found, fuel) }
+}
+
+/// # Safety
+/// The machine has these features.
+#[inline(never)]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+unsafe fn walk_opaque_wide<const ANY: bool>(
+    way: &Opaque<'_>,
+    walk: &mut Walk,
+    pending: &mut Pending<'_>,
+    found: &mut GroupHits,
+    fuel: &mut u64,
+) -> End {
+    // SAFETY: the caller's promise.
+    unsafe { way.run::<Avx<true>, ANY>(walk, pending, found, fuel) }
 }

@@ -3,15 +3,12 @@
 use super::kernel::Kernel;
 use super::leaf::{self, Leaf, Triangles};
 use super::level::{Entered, Level};
+use super::opaque::{End, LARGE, Opaque, Pending};
 use super::options::Specialisation;
 use super::walker::{Entry, STACK};
 use super::{Event, Walk, Walker};
 use crate::layout::{Node, WIDTH, child};
-use crate::structure::Kind;
-
-/// Nodes of a structure that does not fit a core's caches, so that children are worth fetching
-/// ahead.
-const LARGE: u32 = 4096;
+use crate::structure::{Kind, Structure};
 
 /// Where children are entered; aligned, so that one vector's store meets no line's end.
 #[repr(align(32))]
@@ -36,6 +33,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         bottom,
         instance,
         hits,
+        beams,
         ..
     } = walker;
     let shares = !without.contains(Specialisation::SharedSpace);
@@ -109,11 +107,39 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         let nodes = level.structure.nodes();
         let node_count = level.structure.node_count();
         let fetch_ahead = node_count > LARGE && !without.contains(Specialisation::Prefetch);
+        let is_triangles = level.structure.kind() == Kind::Triangles;
         let takes_all = in_bottom
+            && is_triangles
             && instance.takes_all
             && space.scale == 1.0
             && !without.contains(Specialisation::Opaque);
-        let is_triangles = level.structure.kind() == Kind::Triangles;
+        if takes_all {
+            beams.set(0, space);
+            let way = Opaque {
+                structure: &level.structure,
+                instance,
+                beams,
+                lane: 0,
+                fetches_ahead: fetch_ahead,
+            };
+            let mut pending = Pending {
+                stack,
+                floor,
+                length,
+            };
+            // SAFETY: the caller's promise.
+            let end = unsafe { K::walk_opaque::<ANY>(&way, walk, &mut pending, hits, &mut left) };
+            length = pending.length;
+            match end {
+                End::Over => break 'level Event::Done,
+                End::OutOfFuel => break 'level Event::OutOfFuel,
+                End::Finished if length == 0 => break 'level Event::Done,
+                End::Finished => {}
+            }
+            in_bottom = false;
+            floor = 0;
+            continue 'level;
+        }
         // SAFETY: the caller's promise.
         let ray = unsafe { K::load_boxes(space) };
         let mut t_far = space.scaled_up(walk.hit.t);
@@ -161,12 +187,15 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                     continue 'next;
                 }
                 if fetch_ahead && mask & (mask - 1) != 0 {
-                    fetch(mask, node, level);
+                    fetch(mask, node, &level.structure);
                 }
                 // SAFETY: there is room for all children.
-                word = unsafe {
-                    push_children::<ANY>(mask, &node.children, &near.0, stack, &mut length)
-                };
+                unsafe {
+                    let place = stack.as_mut_ptr().add(length);
+                    let pushed;
+                    (word, pushed) = push_children::<ANY>(mask, &node.children, &near.0, place);
+                    length += pushed;
+                }
             }
 
             if word & child::LEAF == 0 || word == child::NONE {
@@ -192,13 +221,6 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                 word,
                 first_lane: 0,
             };
-            if takes_all {
-                // SAFETY: the caller's promise.
-                if unsafe { leaf.take::<K, ANY>(walk, hits, &mut t_far) } {
-                    break 'level Event::Done;
-                }
-                continue 'next;
-            }
             // SAFETY: the caller's promise.
             match unsafe { K::test_leaf(&leaf, walk, &mut t_far) } {
                 Leaf::Finished => {}
@@ -242,7 +264,7 @@ pub(crate) fn only_instance(top: &Level) -> Option<u32> {
 
 /// Asks for the memory of the children in `mask`.
 #[inline(always)]
-fn fetch(mask: u32, node: &Node, level: &Level) {
+pub(super) fn fetch(mask: u32, node: &Node, structure: &Structure) {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
@@ -250,7 +272,7 @@ fn fetch(mask: u32, node: &Node, level: &Level) {
         while rest != 0 {
             let word = node.children[rest.trailing_zeros() as usize & (WIDTH - 1)];
             rest &= rest - 1;
-            let address = level.structure.child_address(word);
+            let address = structure.child_address(word);
             for line in 0..4 {
                 // SAFETY: a hint; addresses need not be valid.
                 unsafe { _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64 * line).cast()) };
@@ -258,29 +280,26 @@ fn fetch(mask: u32, node: &Node, level: &Level) {
         }
     }
     #[cfg(not(target_arch = "x86_64"))]
-    let _ = (mask, node, level);
+    let _ = (mask, node, structure);
 }
 
-/// Pushes the children in `mask`, farthest first, but for the nearest, which it returns. With
-/// `ANY`, in any order.
+/// Puts the children in `mask` down from `places` on, farthest first, but for the nearest. Returns that one's word, and how
+/// many were put down. With `ANY`, in any order.
 ///
 /// # Safety
-/// `mask` is not 0, and the stack has room for eight entries.
+/// `mask` is not 0, and there is room for eight entries.
 #[inline(always)]
-unsafe fn push_children<const ANY: bool>(
+pub(super) unsafe fn push_children<const ANY: bool>(
     mask: u32,
     children: &[u32; WIDTH],
     near: &[f32; WIDTH],
-    stack: &mut [Entry; STACK],
-    length: &mut usize,
-) -> u32 {
+    places: *mut Entry,
+) -> (u32, usize) {
     let first = entry(children, near, mask);
     let mut rest = mask & (mask - 1);
     if rest == 0 {
-        return first.word();
+        return (first.word(), 0);
     }
-    // SAFETY: the caller's promise; `pushed` is below eight.
-    let places = unsafe { stack.as_mut_ptr().add(*length) };
     let mut pushed = 1;
     let second = entry(children, near, rest);
     rest &= rest - 1;
@@ -289,7 +308,7 @@ unsafe fn push_children<const ANY: bool>(
     } else {
         first.ordered(second)
     };
-    // SAFETY: as above.
+    // SAFETY: the caller's promise; `pushed` is below eight.
     unsafe { places.write(farther) };
     while rest != 0 {
         let next = entry(children, near, rest);
@@ -312,8 +331,7 @@ unsafe fn push_children<const ANY: bool>(
             places.add(place).write(far);
         }
     }
-    *length += pushed;
-    nearest.word()
+    (nearest.word(), pushed)
 }
 
 /// The entry of the first child in a mask.

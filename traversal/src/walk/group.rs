@@ -1,18 +1,21 @@
-//! Four triangles at once, as [`intersect`](super::triangle::intersect) does it for one, operation
+//! The triangles of a leaf at once, as [`intersect`](super::triangle::intersect) does it for one, operation
 //! by operation and so to the same bits. Where edge functions in f32 do not decide, that function does.
+//!
+//! Coordinates have the opposite sign here, so that vertices are subtracted where they lie in memory. Edge functions are
+//! the same bits, as they are made of products of two.
 //!
 //! Everything here is inlined into functions that have the instruction set enabled; closures would
 //! not be.
 
 use std::arch::x86_64::*;
 
-use super::kernel::GroupHits;
-use super::space::Space;
+use super::beams::Beams;
+use super::kernel::{GroupHits, lanes};
 use super::triangle::{ORDINARY, SLACK};
 use crate::layout::{GROUP, TriangleGroup};
 
-/// Bytes from one axis of a vertex to the next.
-const AXIS: usize = size_of::<[f32; GROUP]>();
+/// Bytes from one vertex to the next.
+const VERTEX: usize = size_of::<[[f32; GROUP]; 3]>();
 
 /// Which lanes are hit, their edges included, with `t_min < t <= t_far`. The ray's distances are not
 /// scaled.
@@ -21,86 +24,95 @@ const AXIS: usize = size_of::<[f32; GROUP]>();
 /// The machine has AVX2.
 #[inline(always)]
 pub(crate) unsafe fn intersect(
-    space: &Space,
-    group: &TriangleGroup,
+    beams: &Beams,
+    lane: usize,
+    groups: [&TriangleGroup; 2],
     t_min: f32,
     t_far: f32,
     found: &mut GroupHits,
 ) -> u32 {
     // SAFETY: the caller promises AVX2; groups are aligned, and axes are below three.
     unsafe {
-        let vertices = group.vertices.as_ptr().cast::<u8>();
+        let vertices = groups.map(|group| group.vertices.as_ptr().cast::<u8>());
         let (a, b, c) = (
-            flat(space, vertices),
-            flat(space, vertices.add(3 * AXIS)),
-            flat(space, vertices.add(6 * AXIS)),
+            flat(beams, lane, vertices, 0),
+            flat(beams, lane, vertices, VERTEX),
+            flat(beams, lane, vertices, 2 * VERTEX),
         );
         let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
-        let zero = _mm_setzero_ps();
-        let least = _mm_min_ps(u, _mm_min_ps(v, w));
-        let most = _mm_max_ps(u, _mm_max_ps(v, w));
-        let outside = _mm_and_ps(
-            _mm_cmp_ps::<_CMP_LT_OQ>(least, zero),
-            _mm_cmp_ps::<_CMP_GT_OQ>(most, zero),
+        let zero = _mm256_setzero_ps();
+        let least = _mm256_min_ps(u, _mm256_min_ps(v, w));
+        let most = _mm256_max_ps(u, _mm256_max_ps(v, w));
+        let outside = _mm256_and_ps(
+            _mm256_cmp_ps::<_CMP_LT_OQ>(least, zero),
+            _mm256_cmp_ps::<_CMP_GT_OQ>(most, zero),
         );
-        let inside = !(_mm_movemask_ps(outside) as u32) & group.lanes & 0xF;
+        let inside = !(_mm256_movemask_ps(outside) as u32) & lanes(groups);
         if inside == 0 {
             return 0;
         }
-        let front = _mm_cmp_ps::<_CMP_GT_OQ>(least, zero);
-        let back = _mm_cmp_ps::<_CMP_LT_OQ>(most, zero);
-        let whole = _mm_add_ps(_mm_add_ps(u, v), w);
+        let front = _mm256_cmp_ps::<_CMP_GT_OQ>(least, zero);
+        let back = _mm256_cmp_ps::<_CMP_LT_OQ>(most, zero);
+        let whole = _mm256_add_ps(_mm256_add_ps(u, v), w);
         let size = absolute(whole);
-        let ordinary = _mm_and_ps(
-            _mm_cmp_ps::<_CMP_GT_OQ>(size, _mm_set1_ps(ORDINARY[0])),
-            _mm_cmp_ps::<_CMP_LT_OQ>(size, _mm_set1_ps(ORDINARY[1])),
+        let ordinary = _mm256_and_ps(
+            _mm256_cmp_ps::<_CMP_GT_OQ>(size, _mm256_set1_ps(ORDINARY[0])),
+            _mm256_cmp_ps::<_CMP_LT_OQ>(size, _mm256_set1_ps(ORDINARY[1])),
         );
-        let decided = _mm_and_ps(_mm_or_ps(front, back), ordinary);
-        let decided = inside & _mm_movemask_ps(decided) as u32;
+        let decided = _mm256_and_ps(_mm256_or_ps(front, back), ordinary);
+        let decided = inside & _mm256_movemask_ps(decided) as u32;
 
-        let inverse_whole = _mm_div_ps(_mm_set1_ps(1.0), whole);
-        let v = _mm_mul_ps(v, inverse_whole);
-        let w = _mm_mul_ps(w, inverse_whole);
-        let t = _mm_add_ps(
-            _mm_mul_ps(v, _mm_sub_ps(b.2, a.2)),
-            _mm_mul_ps(w, _mm_sub_ps(c.2, a.2)),
+        let inverse_whole = _mm256_div_ps(_mm256_set1_ps(1.0), whole);
+        let v = _mm256_mul_ps(v, inverse_whole);
+        let w = _mm256_mul_ps(w, inverse_whole);
+        let [a, b, c] = [a.apart, b.apart, c.apart];
+        let t = _mm256_add_ps(
+            _mm256_mul_ps(v, _mm256_sub_ps(b[2], a[2])),
+            _mm256_mul_ps(w, _mm256_sub_ps(c[2], a[2])),
         );
-        let z_hit = _mm_add_ps(a.2, t);
-        let reach = _mm_max_ps(_mm_max_ps(absolute(a.2), absolute(b.2)), absolute(c.2));
-        let modest =
-            _mm_cmp_ps::<_CMP_LE_OQ>(reach, _mm_mul_ps(absolute(z_hit), _mm_set1_ps(space.reach)));
-        let t = _mm_mul_ps(z_hit, _mm_set1_ps(space.inverse_z));
-        let slack = _mm_mul_ps(
-            _mm_mul_ps(reach, absolute(_mm_set1_ps(space.inverse_z))),
-            _mm_set1_ps(SLACK),
+        let z_hit = _mm256_add_ps(a[2], t);
+        let reach = _mm256_max_ps(
+            _mm256_max_ps(absolute(a[2]), absolute(b[2])),
+            absolute(c[2]),
         );
-        let behind = _mm_cmp_ps::<_CMP_LE_OQ>(_mm_add_ps(t, slack), _mm_set1_ps(space.t_min));
-        let inside = inside & !(decided & _mm_movemask_ps(behind) as u32);
+        let inverse_z = _mm256_set1_ps(beams.inverse_z[lane]);
+        let modest = _mm256_cmp_ps::<_CMP_LE_OQ>(
+            reach,
+            _mm256_mul_ps(absolute(z_hit), _mm256_set1_ps(beams.reach)),
+        );
+        let t = _mm256_mul_ps(z_hit, inverse_z);
+        let slack = _mm256_mul_ps(
+            _mm256_mul_ps(reach, absolute(inverse_z)),
+            _mm256_set1_ps(SLACK),
+        );
+        let behind =
+            _mm256_cmp_ps::<_CMP_LE_OQ>(_mm256_add_ps(t, slack), _mm256_set1_ps(beams.t_min[lane]));
+        let inside = inside & !(decided & _mm256_movemask_ps(behind) as u32);
         if inside == 0 {
             return 0;
         }
-        let decided = decided & inside & _mm_movemask_ps(modest) as u32;
-        let (near, far) = slab(space, vertices);
-        let t = _mm_min_ps(_mm_max_ps(t, near), far);
-        let accepted = _mm_and_ps(
-            _mm_cmp_ps::<_CMP_LE_OQ>(near, far),
-            _mm_and_ps(
-                _mm_cmp_ps::<_CMP_GT_OQ>(t, _mm_set1_ps(t_min)),
-                _mm_cmp_ps::<_CMP_LE_OQ>(t, _mm_set1_ps(t_far)),
+        let decided = decided & inside & _mm256_movemask_ps(modest) as u32;
+        let (near, far) = slab(beams, lane, &[a, b, c]);
+        let t = _mm256_min_ps(_mm256_max_ps(t, near), far);
+        let accepted = _mm256_and_ps(
+            _mm256_cmp_ps::<_CMP_LE_OQ>(near, far),
+            _mm256_and_ps(
+                _mm256_cmp_ps::<_CMP_GT_OQ>(t, _mm256_set1_ps(t_min)),
+                _mm256_cmp_ps::<_CMP_LE_OQ>(t, _mm256_set1_ps(t_far)),
             ),
         );
-        let hits = decided & _mm_movemask_ps(accepted) as u32;
+        let hits = decided & _mm256_movemask_ps(accepted) as u32;
         let undecided = inside & !decided;
         if hits | undecided == 0 {
             return 0;
         }
-        found.front = _mm_movemask_ps(front) as u32;
+        found.front = _mm256_movemask_ps(front) as u32;
         let [second, third] = &mut found.barycentrics;
-        _mm_store_ps(found.t.as_mut_ptr(), t);
-        _mm_store_ps(second.as_mut_ptr(), v);
-        _mm_store_ps(third.as_mut_ptr(), w);
+        _mm256_store_ps(found.t.as_mut_ptr(), t);
+        _mm256_store_ps(second.as_mut_ptr(), v);
+        _mm256_store_ps(third.as_mut_ptr(), w);
         if undecided != 0 {
-            return hits | exactly(found, space, group, undecided, t_min, t_far);
+            return hits | exactly(found, beams, lane, groups, undecided, [t_min, t_far]);
         }
         hits
     }
@@ -111,76 +123,90 @@ pub(crate) unsafe fn intersect(
 #[inline(never)]
 fn exactly(
     found: &mut GroupHits,
-    space: &Space,
-    group: &TriangleGroup,
+    beams: &Beams,
+    lane: usize,
+    groups: [&TriangleGroup; 2],
     mask: u32,
-    t_min: f32,
-    t_far: f32,
+    [t_min, t_far]: [f32; 2],
 ) -> u32 {
-    found.intersect_each(space, group, mask, t_min, t_far)
+    found.intersect_each(&beams.space(lane), groups, mask, t_min, t_far)
 }
 
 #[inline(always)]
-unsafe fn absolute(v: __m128) -> __m128 {
+unsafe fn absolute(v: __m256) -> __m256 {
     // SAFETY: the callers'.
-    unsafe { _mm_andnot_ps(_mm_set1_ps(-0.0), v) }
+    unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), v) }
 }
 
-/// A row of a vertex, by the axes of the ray.
+/// A vertex as seen from the ray's origin, by the axes of the ray.
+#[derive(Clone, Copy)]
+struct Flat {
+    /// From the vertex to the origin.
+    apart: [__m256; 3],
+    /// In the plane across the ray.
+    x: __m256,
+    y: __m256,
+}
+
+/// From the vertices at an offset to the origin, along an axis of the ray.
 #[inline(always)]
-unsafe fn load(space: &Space, vertex: *const u8, axis: usize) -> __m128 {
+unsafe fn apart(
+    beams: &Beams,
+    lane: usize,
+    vertices: [*const u8; 2],
+    offset: usize,
+    axis: usize,
+) -> __m256 {
     // SAFETY: the callers': axes are below three, and a vertex has three rows.
-    unsafe { _mm_load_ps(vertex.add(space.axes()[axis] * AXIS).cast()) }
-}
-
-type Flat = (__m128, __m128, __m128);
-
-/// A vertex in the plane across the ray, and how far along it.
-#[inline(always)]
-unsafe fn flat(space: &Space, vertex: *const u8) -> Flat {
-    // SAFETY: the callers'.
     unsafe {
-        let origin = &space.flat_origin;
-        let x = _mm_sub_ps(load(space, vertex, 0), _mm_set1_ps(origin[0]));
-        let y = _mm_sub_ps(load(space, vertex, 1), _mm_set1_ps(origin[1]));
-        let z = _mm_sub_ps(load(space, vertex, 2), _mm_set1_ps(origin[2]));
-        (
-            _mm_sub_ps(x, _mm_mul_ps(_mm_set1_ps(space.shear[0]), z)),
-            _mm_sub_ps(y, _mm_mul_ps(_mm_set1_ps(space.shear[1]), z)),
-            z,
-        )
+        let row = offset + beams.axes[axis][lane] as usize;
+        let first = _mm256_castps128_ps256(_mm_load_ps(vertices[0].add(row).cast()));
+        let last = _mm_load_ps(vertices[1].add(row).cast());
+        let both = _mm256_insertf128_ps::<1>(first, last);
+        _mm256_sub_ps(_mm256_set1_ps(beams.origin[axis][lane]), both)
     }
 }
 
 #[inline(always)]
-unsafe fn edge(p: Flat, q: Flat) -> __m128 {
-    // SAFETY: the callers'.
-    unsafe { _mm_sub_ps(_mm_mul_ps(p.0, q.1), _mm_mul_ps(p.1, q.0)) }
-}
-
-/// Where the ray is inside the triangles' own boxes; see [`Space::slab`].
-#[inline(always)]
-unsafe fn slab(space: &Space, vertices: *const u8) -> (__m128, __m128) {
+unsafe fn flat(beams: &Beams, lane: usize, vertices: [*const u8; 2], offset: usize) -> Flat {
     // SAFETY: the callers'.
     unsafe {
-        let mut near = _mm_set1_ps(f32::NEG_INFINITY);
-        let mut far = _mm_set1_ps(f32::INFINITY);
+        let x = apart(beams, lane, vertices, offset, 0);
+        let y = apart(beams, lane, vertices, offset, 1);
+        let z = apart(beams, lane, vertices, offset, 2);
+        Flat {
+            apart: [x, y, z],
+            x: _mm256_sub_ps(x, _mm256_mul_ps(_mm256_set1_ps(beams.shear[0][lane]), z)),
+            y: _mm256_sub_ps(y, _mm256_mul_ps(_mm256_set1_ps(beams.shear[1][lane]), z)),
+        }
+    }
+}
+
+#[inline(always)]
+unsafe fn edge(p: Flat, q: Flat) -> __m256 {
+    // SAFETY: the callers'.
+    unsafe { _mm256_sub_ps(_mm256_mul_ps(p.x, q.y), _mm256_mul_ps(p.y, q.x)) }
+}
+
+/// Where the ray is inside the triangles' own boxes; see [`Space::slab`](super::space::Space::slab). As rounding is
+/// monotone, the extreme products are those of the extreme vertices. Operand order decides what NaN does: where a zero of the
+/// direction meets the plane that counts, the axis does not.
+#[inline(always)]
+unsafe fn slab(beams: &Beams, lane: usize, vertices: &[[__m256; 3]; 3]) -> (__m256, __m256) {
+    // SAFETY: the callers'.
+    unsafe {
+        let mut near = _mm256_set1_ps(f32::NEG_INFINITY);
+        let mut far = _mm256_set1_ps(f32::INFINITY);
+        let [a, b, c] = vertices;
         for axis in [2, 1, 0] {
-            let a = _mm_load_ps(vertices.add(axis * AXIS).cast());
-            let b = _mm_load_ps(vertices.add((3 + axis) * AXIS).cast());
-            let c = _mm_load_ps(vertices.add((6 + axis) * AXIS).cast());
-            let low = _mm_min_ps(_mm_min_ps(a, b), c);
-            let high = _mm_max_ps(_mm_max_ps(a, b), c);
-            let swap = _mm_castsi128_ps(_mm_set1_epi32(space.signs[axis]));
-            let first = _mm_blendv_ps(low, high, swap);
-            let last = _mm_blendv_ps(high, low, swap);
-            let enter = _mm_sub_ps(first, _mm_set1_ps(space.near_origin[axis]));
-            let leave = _mm_sub_ps(last, _mm_set1_ps(space.far_origin[axis]));
-            near = _mm_max_ps(
-                _mm_mul_ps(enter, _mm_set1_ps(space.near_inverse[axis])),
-                near,
-            );
-            far = _mm_min_ps(_mm_mul_ps(leave, _mm_set1_ps(space.far_inverse[axis])), far);
+            let upper = _mm256_min_ps(_mm256_min_ps(a[axis], b[axis]), c[axis]);
+            let lower = _mm256_max_ps(_mm256_max_ps(a[axis], b[axis]), c[axis]);
+            let inverse = _mm256_set1_ps(beams.near_inverse[axis][lane]);
+            let enter = _mm256_min_ps(_mm256_mul_ps(upper, inverse), _mm256_mul_ps(lower, inverse));
+            let inverse = _mm256_set1_ps(beams.far_inverse[axis][lane]);
+            let leave = _mm256_max_ps(_mm256_mul_ps(lower, inverse), _mm256_mul_ps(upper, inverse));
+            near = _mm256_max_ps(enter, near);
+            far = _mm256_min_ps(leave, far);
         }
         (near, far)
     }

@@ -1,10 +1,14 @@
 //! The two tests of the inner loop, one set for each instruction set. All give the same bits.
 
 use super::Walk;
+use super::beams::Beams;
+use super::descend::push_children;
 use super::leaf::{Leaf, Triangles};
+use super::opaque::{End, Opaque, Pending};
 use super::space::{Space, max, min};
 use super::triangle::{Intersection, Rim, intersect};
-use crate::layout::{GROUP, Node, TriangleGroup, WIDTH};
+use super::walker::Entry;
+use crate::layout::{GROUP, LEAF_TRIANGLES, Node, TriangleGroup, WIDTH};
 
 /// Inner tests with one instruction set.
 ///
@@ -14,6 +18,10 @@ pub(crate) trait Kernel {
     type Boxes: Copy;
     /// A ray, ready for tests of triangles.
     type Shear: Copy;
+    /// A ray of a list, ready for tests of boxes.
+    type Beam: Copy;
+    /// Where a ray enters the boxes of a node.
+    type Near: Copy;
 
     /// Prepares a ray for boxes.
     ///
@@ -42,18 +50,62 @@ pub(crate) trait Kernel {
     /// The machine has the instruction set.
     unsafe fn test_group(ray: &Self::Shear, group: &TriangleGroup, t_far: f32) -> u32;
 
-    /// Which lanes an opaque triangle is hit in, in the interval `t_min < t <= t_far`: what
-    /// [`intersect`] says of each, its edges included. The ray's distances are not scaled.
+    /// Prepares a ray of a list, whose interval ends at `t_far`.
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn intersect_group(
-        space: &Space,
-        group: &TriangleGroup,
+    unsafe fn load_beam(beams: &Beams, lane: usize, t_far: f32) -> Self::Beam;
+
+    /// Ends the ray's interval sooner.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn shorten(beam: &mut Self::Beam, t_far: f32);
+
+    /// [`Self::test_node`] for a ray of a list.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn meet(beam: &Self::Beam, node: &Node) -> (u32, Self::Near);
+
+    /// Puts the children in `mask`, of which there are two or more, down from `place` on, farthest first, but for the
+    /// nearest. Returns that one's word, and how many were put down. With `ANY`, in any order.
+    ///
+    /// # Safety
+    /// The machine has the instruction set; there is room for eight entries.
+    unsafe fn push<const ANY: bool>(
+        near: Self::Near,
+        mask: u32,
+        children: &[u32; WIDTH],
+        place: *mut Entry,
+    ) -> (u32, usize);
+
+    /// Which lanes of one or two groups (then the same twice) an opaque triangle is hit in, in the interval
+    /// `t_min < t <= t_far`: what [`intersect`] says of each, its edges included. The ray's distances are not scaled.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn intersect_leaf(
+        beams: &Beams,
+        lane: usize,
+        beam: &Self::Beam,
+        groups: [&TriangleGroup; 2],
         t_min: f32,
         t_far: f32,
         found: &mut GroupHits,
     ) -> u32;
+
+    /// [`Opaque::run`] with this kernel, as a function of its own.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn walk_opaque<const ANY: bool>(
+        way: &Opaque<'_>,
+        walk: &mut Walk,
+        pending: &mut Pending<'_>,
+        found: &mut GroupHits,
+        fuel: &mut u64,
+    ) -> End;
 
     /// [`Triangles::test`] with this kernel, as a function of its own: the loop over nodes needs
     /// the registers.
@@ -63,20 +115,31 @@ pub(crate) trait Kernel {
     unsafe fn test_leaf(leaf: &Triangles<'_>, walk: &mut Walk, t_far: &mut f32) -> Leaf;
 }
 
-/// Where a ray meets the triangles of a group.
-#[repr(C, align(16))]
+/// The lanes of one or two groups (then the same twice) that hold triangles.
+#[inline(always)]
+pub(crate) fn lanes([first, last]: [&TriangleGroup; 2]) -> u32 {
+    let second = if std::ptr::eq(first, last) {
+        0
+    } else {
+        last.lanes & 0xF
+    };
+    first.lanes & 0xF | second << GROUP
+}
+
+/// Where a ray meets the triangles of a leaf.
+#[repr(C, align(32))]
 pub(crate) struct GroupHits {
-    pub t: [f32; GROUP],
+    pub t: [f32; LEAF_TRIANGLES],
     /// Weights of the second and the third vertex.
-    pub barycentrics: [[f32; GROUP]; 2],
+    pub barycentrics: [[f32; LEAF_TRIANGLES]; 2],
     /// Bit i: lane i is seen from its front; see [`Intersection::front`].
     pub front: u32,
 }
 
 impl GroupHits {
     pub const NONE: GroupHits = GroupHits {
-        t: [0.0; GROUP],
-        barycentrics: [[0.0; GROUP]; 2],
+        t: [0.0; LEAF_TRIANGLES],
+        barycentrics: [[0.0; LEAF_TRIANGLES]; 2],
         front: 0,
     };
 
@@ -94,7 +157,7 @@ impl GroupHits {
     pub fn intersect_each(
         &mut self,
         space: &Space,
-        group: &TriangleGroup,
+        groups: [&TriangleGroup; 2],
         mask: u32,
         t_min: f32,
         t_far: f32,
@@ -102,9 +165,10 @@ impl GroupHits {
         let mut hits = 0;
         let mut rest = mask;
         while rest != 0 {
-            let lane = rest.trailing_zeros() as usize % GROUP;
+            let lane = rest.trailing_zeros() as usize % LEAF_TRIANGLES;
             rest &= rest - 1;
-            if let Some(hit) = intersect(space, &group.triangle(lane), Rim::Included)
+            let triangle = groups[lane / GROUP].triangle(lane % GROUP);
+            if let Some(hit) = intersect(space, &triangle, Rim::Included)
                 && t_min < hit.t
                 && hit.t <= t_far
             {
@@ -125,6 +189,8 @@ pub(crate) struct Portable;
 impl Kernel for Portable {
     type Boxes = Space;
     type Shear = Space;
+    type Beam = (Space, f32);
+    type Near = [f32; WIDTH];
 
     #[inline(always)]
     unsafe fn load_boxes(space: &Space) -> Space {
@@ -186,16 +252,62 @@ impl Kernel for Portable {
     }
 
     #[inline(always)]
-    unsafe fn intersect_group(
-        space: &Space,
-        group: &TriangleGroup,
+    unsafe fn load_beam(beams: &Beams, lane: usize, t_far: f32) -> (Space, f32) {
+        (beams.space(lane), t_far)
+    }
+
+    #[inline(always)]
+    unsafe fn shorten(beam: &mut (Space, f32), t_far: f32) {
+        beam.1 = t_far;
+    }
+
+    #[inline(always)]
+    unsafe fn meet(beam: &(Space, f32), node: &Node) -> (u32, [f32; WIDTH]) {
+        let mut near = [0.0; WIDTH];
+        // SAFETY: every machine has plain Rust.
+        let mask = unsafe { Portable::test_node(&beam.0, node, beam.1, &mut near) };
+        (mask, near)
+    }
+
+    #[inline(always)]
+    unsafe fn push<const ANY: bool>(
+        near: [f32; WIDTH],
+        mask: u32,
+        children: &[u32; WIDTH],
+        place: *mut Entry,
+    ) -> (u32, usize) {
+        // SAFETY: the caller's promise.
+        unsafe { push_children::<ANY>(mask, children, &near, place) }
+    }
+
+    #[inline(always)]
+    unsafe fn intersect_leaf(
+        _: &Beams,
+        _: usize,
+        (space, _): &(Space, f32),
+        groups: [&TriangleGroup; 2],
         t_min: f32,
         t_far: f32,
         found: &mut GroupHits,
     ) -> u32 {
+        let mut mask = 0;
+        for (i, group) in groups.into_iter().enumerate() {
+            // SAFETY: every machine has plain Rust.
+            mask |= unsafe { Portable::test_group(space, group, t_far) & 0xF } << (GROUP * i);
+        }
+        found.intersect_each(space, groups, mask & lanes(groups), t_min, t_far)
+    }
+
+    #[inline(never)]
+    unsafe fn walk_opaque<const ANY: bool>(
+        way: &Opaque<'_>,
+        walk: &mut Walk,
+        pending: &mut Pending<'_>,
+        found: &mut GroupHits,
+        fuel: &mut u64,
+    ) -> End {
         // SAFETY: every machine has plain Rust.
-        let mask = unsafe { Portable::test_group(space, group, t_far) };
-        found.intersect_each(space, group, mask & 0xF, t_min, t_far)
+        unsafe { way.run::<Portable, ANY>(walk, pending, found, fuel) }
     }
 
     #[inline(never)]

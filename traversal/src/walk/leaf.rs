@@ -1,7 +1,7 @@
 //! Leaves: from primitives to candidates and hits.
 
 use super::facts::InstanceFacts;
-use super::kernel::{GroupHits, Kernel};
+use super::kernel::Kernel;
 use super::level::Level;
 use super::space::Space;
 use super::triangle::{Rim, intersect};
@@ -138,76 +138,6 @@ impl Triangles<'_> {
             }
         }
         Leaf::Finished
-    }
-
-    /// Tests triangles that all count: opaque, not culled, in a space that is not scaled; `found` is room for that. Lowers
-    /// `t_far` to what is found. Returns whether the walk is over (with `ANY`, by its first hit).
-    ///
-    /// # Safety
-    /// The machine has the kernel's instruction set.
-    #[inline(always)]
-    pub unsafe fn take<K: Kernel, const ANY: bool>(
-        &self,
-        walk: &mut Walk,
-        found: &mut GroupHits,
-        t_far: &mut f32,
-    ) -> bool {
-        let index = self.word & child::INDEX;
-        let groups = if self.word & child::TWO_GROUPS != 0 {
-            2
-        } else {
-            1
-        };
-        for index in index..index + groups {
-            let Some(group) = self.level.structure.group(index) else {
-                return false;
-            };
-            // SAFETY: the caller's promise.
-            let mut mask =
-                unsafe { K::intersect_group(self.space, group, walk.ray.t_min, *t_far, found) };
-            while mask != 0 {
-                let lane = mask.trailing_zeros() as usize % GROUP;
-                mask &= mask - 1;
-                let (t, geometry) = (found.t[lane], group.geometries[lane]);
-                if t == walk.hit.t && !self.wins_tie(walk, geometry, group.primitives[lane])
-                    || t > walk.hit.t
-                {
-                    continue;
-                }
-                let [second, third] = &found.barycentrics;
-                walk.hit = Hit {
-                    t,
-                    barycentrics: [second[lane], third[lane]],
-                    geometry_index: geometry & geometry_word::INDEX,
-                    primitive_index: group.primitives[lane],
-                    slot: 4 * index + lane as u32,
-                    hit_kind: self.instance.hit_kind(found.front >> lane & 1 != 0),
-                    opaque: true,
-                    triangle: true,
-                    ..self.instance.hit()
-                };
-                walk.has_hit = true;
-                if ANY {
-                    return true;
-                }
-                *t_far = t;
-            }
-        }
-        false
-    }
-
-    /// Whether an opaque triangle at the distance of what is committed, or at the end of the ray,
-    /// comes before that.
-    #[cold]
-    fn wins_tie(&self, walk: &Walk, geometry: u32, primitive: u32) -> bool {
-        walk.is_nearer(&Hit {
-            t: walk.hit.t,
-            geometry_index: geometry & geometry_word::INDEX,
-            primitive_index: primitive,
-            opaque: true,
-            triangle: true,
-            ..self.instance.hit()
-        })
     }
 
     /// The hit of one triangle, if it is to be preferred to what there is.

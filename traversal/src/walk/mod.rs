@@ -24,6 +24,7 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx;
+mod beams;
 mod descend;
 mod facts;
 #[cfg(target_arch = "x86_64")]
@@ -33,6 +34,7 @@ mod leaf;
 mod level;
 mod micromap;
 mod motion;
+mod opaque;
 mod options;
 #[cfg(target_arch = "x86_64")]
 mod packet;

@@ -1,12 +1,13 @@
 //! A thread's working state for the walk that it is running, and the instruction sets there are.
 
+use super::beams::Beams;
 use super::facts::InstanceFacts;
 use super::kernel::{GroupHits, Kernel, Portable};
 use super::level::{Entered, Level};
 use super::options::{Accuracy, Options, Specialisation, Switches};
 #[cfg(target_arch = "x86_64")]
 use super::packet::PacketSpace;
-use super::{Event, State, Step, descend};
+use super::{Event, PACKET, State, Step, descend, opaque};
 use crate::layout::{MAX_DEPTH, WIDTH};
 use crate::ray::Ray;
 
@@ -37,6 +38,12 @@ impl Entry {
         f32::from_bits((self.0 >> 32) as u32)
     }
 
+    /// The last of all entries that are not beyond a distance.
+    #[inline(always)]
+    pub fn last_at(t: f32) -> Entry {
+        Entry::new(u32::MAX, t)
+    }
+
     /// The nearer and the farther of two.
     #[inline(always)]
     pub fn ordered(self, other: Entry) -> (Entry, Entry) {
@@ -58,6 +65,7 @@ pub struct Walker {
     pub(crate) bottom: Level,
     pub(crate) instance: InstanceFacts,
     pub(crate) hits: GroupHits,
+    pub(crate) beams: Beams,
     #[cfg(target_arch = "x86_64")]
     pub(crate) packet: PacketSpace,
     options: Options,
@@ -93,6 +101,7 @@ impl Tier {
                     && is_x86_feature_detected!("avx512f")
                     && is_x86_feature_detected!("avx512vl")
                     && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("popcnt")
             }
         }
         #[cfg(not(target_arch = "x86_64"))]
@@ -127,6 +136,8 @@ impl Walker {
     pub fn with(options: Options) -> Option<Box<Walker>> {
         let mut level = Level::NOWHERE;
         level.space.reach = options.accuracy.reach();
+        let mut beams = Beams::NOWHERE;
+        beams.reach = options.accuracy.reach();
         options.tier.is_available().then(|| {
             Box::new(Walker {
                 stack: [Entry::default(); STACK],
@@ -134,6 +145,7 @@ impl Walker {
                 bottom: level,
                 instance: InstanceFacts::NONE,
                 hits: GroupHits::NONE,
+                beams,
                 #[cfg(target_arch = "x86_64")]
                 packet: PacketSpace::EMPTY,
                 options,
@@ -179,10 +191,10 @@ pub(crate) fn run(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
 /// # Safety
 /// The machine has these features.
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2")]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 unsafe fn run_avx512(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
     // SAFETY: the caller's promise.
-    unsafe { run_with::<super::avx::Avx>(steps, walker, fuel) }
+    unsafe { run_with::<super::avx::Avx<true>>(steps, walker, fuel) }
 }
 
 /// # Safety
@@ -191,29 +203,36 @@ unsafe fn run_avx512(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 unsafe fn run_avx2(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
     // SAFETY: the caller's promise.
-    unsafe { run_with::<super::avx::Avx>(steps, walker, fuel) }
+    unsafe { run_with::<super::avx::Avx<false>>(steps, walker, fuel) }
 }
 
 /// # Safety
 /// The machine has the kernel's instruction set.
 #[inline(always)]
 unsafe fn run_with<K: Kernel>(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
-    let mut entered = Entered::NOTHING;
-    for step in steps {
-        let walk = &mut *step.walk;
-        if walk.is_over(step.verdict) {
-            walk.state = State::Done;
-            step.event = Event::Done;
-            continue;
-        }
+    for steps in steps.chunks_mut(PACKET) {
         // SAFETY: the caller's promise.
-        step.event = unsafe {
-            if walk.terminates_on_first_hit() {
-                descend::run::<K, true>(walk, walker, &mut entered, fuel)
-            } else {
-                descend::run::<K, false>(walk, walker, &mut entered, fuel)
+        let done = unsafe { opaque::run_list::<K>(steps, walker, fuel) };
+        let mut entered = Entered::NOTHING;
+        for (lane, step) in steps.iter_mut().enumerate() {
+            if done >> lane & 1 != 0 {
+                continue;
             }
-        };
-        walk.state = State::after(step.event);
+            let walk = &mut *step.walk;
+            if walk.is_over(step.verdict) {
+                walk.state = State::Done;
+                step.event = Event::Done;
+                continue;
+            }
+            // SAFETY: the caller's promise.
+            step.event = unsafe {
+                if walk.terminates_on_first_hit() {
+                    descend::run::<K, true>(walk, walker, &mut entered, fuel)
+                } else {
+                    descend::run::<K, false>(walk, walker, &mut entered, fuel)
+                }
+            };
+            walk.state = State::after(step.event);
+        }
     }
 }

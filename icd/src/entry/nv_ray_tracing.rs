@@ -1,0 +1,234 @@
+//! `VK_NV_ray_tracing`: the commands of before the KHR extensions, on the same structures, pipelines and dispatches.
+
+use std::ffi::c_void;
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+
+use ash::vk::{self, Handle};
+use traversal::BuildFlags;
+
+use super::acceleration_structure::copy_mode;
+use super::buffer::write_requirements;
+use super::pipeline::create_each;
+use crate::command::{Command, RayTracingCommand};
+use crate::ffi::nv_ray_tracing::{
+    create_pipeline_nv, decode_build, kind_and_counts, place, region, storage,
+};
+use crate::ffi::pipeline::create_flags;
+use crate::ffi::{commands, entry, slice};
+use crate::handle::{self, from_handle, optional, retain};
+use crate::object::acceleration_structure::Location;
+use crate::object::pipeline::PipelineKind;
+use crate::object::{
+    AccelerationStructure, AccelerationStructureNv, Device, DeviceMemory, Pipeline, PipelineCache,
+    QueryPool,
+};
+use crate::trace::table::Tables;
+
+/// A structure that has no memory yet.
+///
+/// # Safety
+/// The info is valid but for the buffers that it names.
+unsafe fn create(info: &vk::AccelerationStructureCreateInfoNV<'_>) -> AccelerationStructureNv {
+    // SAFETY: the caller's promise.
+    let (kind, counts) = unsafe { kind_and_counts(&info.info) };
+    let sizes = traversal::build_sizes(kind, BuildFlags(info.info.flags.as_raw()), &counts);
+    let size_bytes = match info.compacted_size {
+        0 => sizes.structure_bytes,
+        compacted => compacted,
+    };
+    AccelerationStructureNv {
+        structure: handle::new(AccelerationStructure {
+            ty: info.info.ty,
+            location: Location::Memory(AtomicU64::new(0)),
+            size_bytes,
+        }),
+        build_scratch_bytes: sizes.build_scratch_bytes,
+        update_scratch_bytes: sizes.update_scratch_bytes,
+    }
+}
+
+entry! {
+    fn vkCreateAccelerationStructureNV(
+        device: vk::Device,
+        info: *const vk::AccelerationStructureCreateInfoNV<'_>,
+        _allocator: *const vk::AllocationCallbacks<'_>,
+        out: *mut vk::AccelerationStructureNV,
+    ) -> vk::Result {
+        let created = create(&*info);
+        let structure = Arc::clone(&created.structure);
+        *out = handle::create(created);
+        if let Some(validator) = from_handle::<Device>(device).validator() {
+            validator.registry.add_structure((*out).as_raw(), structure);
+        }
+        Ok(())
+    }
+
+    fn vkDestroyAccelerationStructureNV(
+        device: vk::Device,
+        structure: vk::AccelerationStructureNV,
+        _allocator: *const vk::AllocationCallbacks<'_>,
+    ) {
+        if let Some(validator) = from_handle::<Device>(device).validator() {
+            validator.registry.remove_structure(structure.as_raw());
+        }
+        drop(handle::take::<AccelerationStructureNv>(structure));
+    }
+
+    fn vkGetAccelerationStructureMemoryRequirementsNV(
+        _device: vk::Device,
+        info: *const vk::AccelerationStructureMemoryRequirementsInfoNV<'_>,
+        out: *mut vk::MemoryRequirements2KHR<'_>,
+    ) {
+        use vk::AccelerationStructureMemoryRequirementsTypeNV as Of;
+        let of = from_handle::<AccelerationStructureNv>((*info).acceleration_structure);
+        let scratch_bytes = match (*info).ty {
+            Of::BUILD_SCRATCH => of.build_scratch_bytes,
+            Of::UPDATE_SCRATCH => of.update_scratch_bytes,
+            _ => return write_requirements(out, of.structure.size_bytes, false),
+        };
+        // Scratch memory is a buffer, which has requirements of its own.
+        (*out).memory_requirements = vk::MemoryRequirements {
+            size: scratch_bytes,
+            ..Default::default()
+        };
+    }
+
+    fn vkBindAccelerationStructureMemoryNV(
+        _device: vk::Device,
+        count: u32,
+        infos: *const vk::BindAccelerationStructureMemoryInfoNV<'_>,
+    ) -> vk::Result {
+        for info in slice(infos, count) {
+            let memory = from_handle::<DeviceMemory>(info.memory);
+            from_handle::<AccelerationStructureNv>(info.acceleration_structure)
+                .bind(memory.address + info.memory_offset);
+        }
+        Ok(())
+    }
+
+    fn vkGetAccelerationStructureHandleNV(
+        _device: vk::Device,
+        structure: vk::AccelerationStructureNV,
+        size_bytes: usize,
+        data: *mut c_void,
+    ) -> vk::Result {
+        if size_bytes < size_of::<u64>() {
+            return Err(vk::Result::ERROR_UNKNOWN);
+        }
+        data.cast::<u64>().write_unaligned(storage(structure).address);
+        Ok(())
+    }
+
+    fn vkCreateRayTracingPipelinesNV(
+        device: vk::Device,
+        cache: vk::PipelineCache,
+        count: u32,
+        infos: *const vk::RayTracingPipelineCreateInfoNV<'_>,
+        _allocator: *const vk::AllocationCallbacks<'_>,
+        pipelines: *mut vk::Pipeline,
+    ) -> vk::Result {
+        let device = from_handle::<Device>(device);
+        let cache = (cache != vk::PipelineCache::null()).then(|| retain::<PipelineCache>(cache));
+        create_each(
+            slice(infos, count),
+            pipelines,
+            |info| create_flags(info.flags, info.p_next),
+            |info| create_pipeline_nv(device, cache.as_ref(), info).map(handle::create),
+        )
+    }
+
+    fn vkCompileDeferredNV(device: vk::Device, pipeline: vk::Pipeline, shader: u32) -> vk::Result {
+        let pipeline = from_handle::<Pipeline>(pipeline);
+        match &pipeline.kind {
+            PipelineKind::Deferred(deferred) => {
+                deferred.compile(from_handle::<Device>(device), &pipeline.layout, shader)
+            }
+            _ => Err(vk::Result::ERROR_UNKNOWN),
+        }
+    }
+}
+
+commands! {
+    fn vkCmdBuildAccelerationStructureNV(
+        command_buffer,
+        info: *const vk::AccelerationStructureInfoNV<'_>,
+        instance_data: vk::Buffer,
+        instance_offset: vk::DeviceSize,
+        update: vk::Bool32,
+        destination: vk::AccelerationStructureNV,
+        source: vk::AccelerationStructureNV,
+        scratch: vk::Buffer,
+        scratch_offset: vk::DeviceSize,
+    ) {
+        let source = match update {
+            vk::FALSE => None,
+            _ => optional::<AccelerationStructureNv>(source),
+        };
+        let build = decode_build(
+            &*info,
+            place(instance_data, instance_offset),
+            storage(destination),
+            source.map(|source| source.structure.storage()),
+            place(scratch, scratch_offset),
+        );
+        command_buffer.push(Command::RayTracing(RayTracingCommand::Build(vec![build])))
+    }
+
+    fn vkCmdCopyAccelerationStructureNV(
+        command_buffer,
+        destination: vk::AccelerationStructureNV,
+        source: vk::AccelerationStructureNV,
+        mode: vk::CopyAccelerationStructureModeKHR,
+    ) {
+        command_buffer.push(Command::RayTracing(RayTracingCommand::Copy {
+            source: storage(source),
+            destination: storage(destination),
+            mode: copy_mode(mode),
+        }))
+    }
+
+    fn vkCmdWriteAccelerationStructuresPropertiesNV(
+        command_buffer,
+        count: u32,
+        structures: *const vk::AccelerationStructureNV,
+        query_type: vk::QueryType,
+        pool: vk::QueryPool,
+        first: u32,
+    ) {
+        let structures = slice(structures, count);
+        command_buffer.push(Command::RayTracing(RayTracingCommand::WriteProperties {
+            structures: structures.iter().map(|&structure| storage(structure).address).collect(),
+            query_type,
+            pool: retain::<QueryPool>(pool),
+            first,
+        }))
+    }
+
+    fn vkCmdTraceRaysNV(
+        command_buffer,
+        raygen: vk::Buffer,
+        raygen_offset: vk::DeviceSize,
+        miss: vk::Buffer,
+        miss_offset: vk::DeviceSize,
+        miss_stride: vk::DeviceSize,
+        hit: vk::Buffer,
+        hit_offset: vk::DeviceSize,
+        hit_stride: vk::DeviceSize,
+        callable: vk::Buffer,
+        callable_offset: vk::DeviceSize,
+        callable_stride: vk::DeviceSize,
+        width: u32,
+        height: u32,
+        depth: u32,
+    ) {
+        let tables = Tables {
+            raygen: region(raygen, raygen_offset, 0),
+            miss: region(miss, miss_offset, miss_stride),
+            hit: region(hit, hit_offset, hit_stride),
+            callable: region(callable, callable_offset, callable_stride),
+        };
+        let extent = [width, height, depth];
+        command_buffer.push(Command::RayTracing(RayTracingCommand::TraceRaysNv { tables, extent }))
+    }
+}

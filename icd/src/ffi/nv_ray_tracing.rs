@@ -1,0 +1,251 @@
+//! The structures of `VK_NV_ray_tracing`, which become those of the KHR extensions.
+
+use ash::vk;
+use traversal::{BuildFlags, GeometryFlags, InstanceArray, Kind, VertexFormat};
+
+use super::acceleration_structure::index_type;
+use super::pipeline::{create_flags, decode_stage};
+use super::ray_tracing::{create_pipeline, group};
+use super::{find, slice};
+use crate::VkResult;
+use crate::execute::acceleration_structure::{
+    Aabbs, Build, BuildGeometries, Storage, Triangles, vertex_format,
+};
+use crate::execute::instances::Instances;
+use crate::handle::{self, Ref, from_handle, retain};
+use crate::object::deferred_pipeline::DeferredPipeline;
+use crate::object::pipeline::PipelineKind;
+use crate::object::{
+    AccelerationStructureNv, Buffer, Device, Pipeline, PipelineCache, PipelineLayout,
+};
+use crate::trace::table::Region;
+
+/// Where a structure lies.
+///
+/// # Safety
+/// The handle is alive.
+pub unsafe fn storage(handle: vk::AccelerationStructureNV) -> Storage {
+    // SAFETY: the caller's promise.
+    let structure = unsafe { from_handle::<AccelerationStructureNv>(handle) };
+    structure.structure.storage()
+}
+
+/// Device address of a place in a buffer; 0 of none, and of one without memory.
+///
+/// # Safety
+/// The handle is null or alive.
+pub unsafe fn place(buffer: vk::Buffer, offset: u64) -> u64 {
+    // SAFETY: the caller's promise.
+    match unsafe { handle::optional::<Buffer>(buffer) }.map_or(0, |buffer| buffer.address()) {
+        0 => 0,
+        address => address.wrapping_add(offset),
+    }
+}
+
+/// A binding table: from a place in a buffer to its end. That of a buffer without memory has a size, but no address.
+///
+/// # Safety
+/// The handle is null or alive.
+pub unsafe fn region(buffer: vk::Buffer, offset: u64, stride_bytes: u64) -> Region {
+    // SAFETY: the caller's promise.
+    unsafe {
+        handle::optional::<Buffer>(buffer).map_or_else(Region::default, |object| Region {
+            address: place(buffer, offset),
+            stride_bytes,
+            size_bytes: object.size_bytes.saturating_sub(offset),
+        })
+    }
+}
+
+/// What a structure of this info is to hold, and how much. Of the geometries only counts are read.
+///
+/// # Safety
+/// The info is valid but for the buffers that it names.
+pub unsafe fn kind_and_counts(info: &vk::AccelerationStructureInfoNV<'_>) -> (Kind, Vec<u32>) {
+    if is_top(info) {
+        return (Kind::Instances, vec![info.instance_count]);
+    }
+    // SAFETY: the caller's promise.
+    let geometries = unsafe { slice(info.p_geometries, info.geometry_count) };
+    match holds_boxes(geometries) {
+        true => {
+            let count = |it: &vk::GeometryNV<'_>| it.geometry.aabbs.num_aab_bs;
+            (Kind::Aabbs, geometries.iter().map(count).collect())
+        }
+        false => {
+            let count = |it: &vk::GeometryNV<'_>| triangle_count(&it.geometry.triangles);
+            (Kind::Triangles, geometries.iter().map(count).collect())
+        }
+    }
+}
+
+fn is_top(info: &vk::AccelerationStructureInfoNV<'_>) -> bool {
+    info.ty == vk::AccelerationStructureTypeKHR::TOP_LEVEL
+}
+
+/// Geometries of a structure are all of one type.
+fn holds_boxes(geometries: &[vk::GeometryNV<'_>]) -> bool {
+    let first = geometries.first().map(|first| first.geometry_type);
+    first == Some(vk::GeometryTypeKHR::AABBS)
+}
+
+/// Without indices, the vertices are the corners.
+fn triangle_count(triangles: &vk::GeometryTrianglesNV<'_>) -> u32 {
+    match triangles.index_type {
+        vk::IndexType::NONE_KHR => triangles.vertex_count / 3,
+        _ => triangles.index_count / 3,
+    }
+}
+
+/// Copies a build; `instances` is where those of a top level are.
+///
+/// # Safety
+/// The info is valid and its handles are alive.
+pub unsafe fn decode_build(
+    info: &vk::AccelerationStructureInfoNV<'_>,
+    instances: u64,
+    destination: Storage,
+    update_from: Option<Storage>,
+    scratch: u64,
+) -> Build {
+    // SAFETY: the caller's promise.
+    let geometries = unsafe { slice(info.p_geometries, info.geometry_count) };
+    let geometries = if is_top(info) {
+        BuildGeometries::Instances(Instances {
+            flags: GeometryFlags(0),
+            array: InstanceArray::Records,
+            address: instances,
+            count: info.instance_count,
+        })
+    } else if holds_boxes(geometries) {
+        // SAFETY: the caller's promise.
+        let aabbs = |it| unsafe { aabbs(it) };
+        BuildGeometries::Aabbs(geometries.iter().map(aabbs).collect())
+    } else {
+        // SAFETY: the caller's promise.
+        let triangles = |it| unsafe { triangles(it) };
+        BuildGeometries::Triangles(geometries.iter().map(triangles).collect())
+    };
+    Build {
+        flags: BuildFlags(info.flags.as_raw()),
+        update_from,
+        destination,
+        geometries,
+        scratch,
+    }
+}
+
+/// # Safety
+/// The geometry is valid and its handles are alive.
+unsafe fn triangles(geometry: &vk::GeometryNV<'_>) -> Triangles {
+    let data = &geometry.geometry.triangles;
+    // SAFETY: the caller's promise.
+    unsafe {
+        Triangles {
+            flags: GeometryFlags(geometry.flags.as_raw()),
+            vertex_format: vertex_format(data.vertex_format).unwrap_or(VertexFormat::F32x3),
+            vertices: place(data.vertex_data, data.vertex_offset),
+            vertex_stride_bytes: data.vertex_stride,
+            max_vertex: data.vertex_count.saturating_sub(1),
+            first_vertex: 0,
+            index_type: index_type(data.index_type),
+            indices: place(data.index_data, data.index_offset),
+            transform: place(data.transform_data, data.transform_offset),
+            primitive_count: triangle_count(data),
+            micromap: None,
+        }
+    }
+}
+
+/// # Safety
+/// The geometry is valid and its handles are alive.
+unsafe fn aabbs(geometry: &vk::GeometryNV<'_>) -> Aabbs {
+    let data = &geometry.geometry.aabbs;
+    Aabbs {
+        flags: GeometryFlags(geometry.flags.as_raw()),
+        // SAFETY: the caller's promise.
+        boxes: unsafe { place(data.aabb_data, data.offset) },
+        stride_bytes: data.stride.into(),
+        primitive_count: data.num_aab_bs,
+    }
+}
+
+/// Makes a pipeline: compiled and linked, or deferred.
+///
+/// # Errors
+/// As [`create_pipeline`].
+///
+/// # Safety
+/// The info is valid and its handles are alive.
+pub unsafe fn create_pipeline_nv(
+    device: &Device,
+    cache: Option<&Ref<PipelineCache>>,
+    info: &vk::RayTracingPipelineCreateInfoNV<'_>,
+) -> VkResult<Pipeline> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let groups: Vec<_> = slice(info.p_groups, info.group_count)
+            .iter()
+            .map(|group| vk::RayTracingShaderGroupCreateInfoKHR {
+                ty: group.ty,
+                general_shader: group.general_shader,
+                closest_hit_shader: group.closest_hit_shader,
+                any_hit_shader: group.any_hit_shader,
+                intersection_shader: group.intersection_shader,
+                ..Default::default()
+            })
+            .collect();
+        let flags = create_flags(info.flags, info.p_next);
+        if !flags.contains(vk::PipelineCreateFlags::DEFER_COMPILE_NV) {
+            let info = vk::RayTracingPipelineCreateInfoKHR {
+                p_next: info.p_next,
+                flags: info.flags,
+                stage_count: info.stage_count,
+                p_stages: info.p_stages,
+                group_count: info.group_count,
+                p_groups: groups.as_ptr(),
+                max_pipeline_ray_recursion_depth: info.max_recursion_depth,
+                layout: info.layout,
+                ..Default::default()
+            };
+            return create_pipeline(device, cache.map(|cache| &***cache), &info);
+        }
+        no_feedback(info.p_next);
+        let layout = retain::<PipelineLayout>(info.layout);
+        let stages = slice(info.p_stages, info.stage_count);
+        let deferred = DeferredPipeline::new(
+            stages
+                .iter()
+                .map(|stage| decode_stage(stage))
+                .collect::<VkResult<_>>()?,
+            groups.iter().map(group).collect(),
+            &layout,
+            cache.cloned(),
+            info.max_recursion_depth,
+            flags,
+        );
+        Ok(Pipeline {
+            layout,
+            kind: PipelineKind::Deferred(deferred),
+        })
+    }
+}
+
+/// Says that there is nothing to say of a creation that compiles nothing.
+///
+/// # Safety
+/// The chain is valid.
+unsafe fn no_feedback(next: *const std::ffi::c_void) {
+    // SAFETY: the caller's promise: the structure's pointers are valid outputs.
+    unsafe {
+        let Some(feedback) = find::<vk::PipelineCreationFeedbackCreateInfo<'_>>(next) else {
+            return;
+        };
+        let stages = feedback.p_pipeline_stage_creation_feedbacks;
+        let count = feedback.pipeline_stage_creation_feedback_count;
+        super::array::slice_mut(stages, count).fill(vk::PipelineCreationFeedback::default());
+        feedback
+            .p_pipeline_creation_feedback
+            .write(vk::PipelineCreationFeedback::default());
+    }
+}

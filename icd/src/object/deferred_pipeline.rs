@@ -1,0 +1,88 @@
+//! Ray tracing pipelines whose shaders are compiled one by one (`VK_PIPELINE_CREATE_DEFER_COMPILE_BIT_NV`).
+
+#![forbid(unsafe_code)]
+
+use std::sync::OnceLock;
+
+use ash::vk;
+
+use super::pipeline::ProgramKey;
+use super::ray_tracing_pipeline::{GroupInfo, RayTracingPipeline, StageProgram, new_groups};
+use super::shader_stage::ShaderStage;
+use super::{Device, PipelineCache, PipelineLayout};
+use crate::VkResult;
+use crate::handle::Ref;
+use crate::trace::table::Group;
+
+/// A pipeline that is linked when all its shaders are compiled.
+pub struct DeferredPipeline {
+    stages: Vec<DeferredStage>,
+    group_infos: Vec<GroupInfo>,
+    /// With the handles that they have once they are linked: those follow from what is to be compiled.
+    pub groups: Vec<Group>,
+    cache: Option<Ref<PipelineCache>>,
+    max_recursion_depth: u32,
+    flags: vk::PipelineCreateFlags,
+    linked: OnceLock<RayTracingPipeline>,
+}
+
+struct DeferredStage {
+    stage: ShaderStage,
+    program: OnceLock<StageProgram>,
+}
+
+impl DeferredPipeline {
+    /// With nothing compiled.
+    pub fn new(
+        stages: Vec<ShaderStage>,
+        group_infos: Vec<GroupInfo>,
+        layout: &PipelineLayout,
+        cache: Option<Ref<PipelineCache>>,
+        max_recursion_depth: u32,
+        flags: vk::PipelineCreateFlags,
+    ) -> Self {
+        let keys: Vec<ProgramKey> = stages.iter().map(|stage| stage.key(layout)).collect();
+        let deferred = |stage| DeferredStage {
+            stage,
+            program: OnceLock::new(),
+        };
+        Self {
+            stages: stages.into_iter().map(deferred).collect(),
+            groups: new_groups(&group_infos, &keys),
+            group_infos,
+            cache,
+            max_recursion_depth,
+            flags,
+            linked: OnceLock::new(),
+        }
+    }
+
+    /// Compiles a shader; the last one links the pipeline (`vkCompileDeferredNV`). Threads may compile different shaders at once.
+    ///
+    /// # Errors
+    /// As [`ShaderStage::compile`]; `VK_ERROR_UNKNOWN` for a shader that there is not.
+    pub fn compile(&self, device: &Device, layout: &PipelineLayout, shader: u32) -> VkResult {
+        let deferred = self.stages.get(shader as usize);
+        let deferred = deferred.ok_or(vk::Result::ERROR_UNKNOWN)?;
+        if deferred.program.get().is_none() {
+            let cache = self.cache.as_ref().map(|cache| &***cache);
+            let compiled = deferred.stage.compile(device, cache, layout, true)?;
+            let _ = deferred.program.set(compiled.program);
+        }
+        let programs = self.stages.iter().map(|stage| stage.program.get().cloned());
+        if let Some(programs) = programs.collect() {
+            self.linked.get_or_init(|| self.link(programs));
+        }
+        Ok(())
+    }
+
+    /// The pipeline, once all is compiled.
+    pub fn linked(&self) -> Option<&RayTracingPipeline> {
+        self.linked.get()
+    }
+
+    fn link(&self, programs: Vec<StageProgram>) -> RayTracingPipeline {
+        let (infos, depth) = (&self.group_infos, self.max_recursion_depth);
+        RayTracingPipeline::link(programs, infos, &[], depth, self.flags, false)
+    }
+}

@@ -1,0 +1,795 @@
+//! `VK_NV_ray_tracing`, against what the scenes are made of.
+
+use tuff_tests::*;
+use vk::AccelerationStructureMemoryRequirementsTypeNV as Needs;
+use vk::BuildAccelerationStructureFlagsKHR as BuildFlags;
+use vk::CopyAccelerationStructureModeKHR as CopyMode;
+
+/// A device that has the extension; `None` skips the test.
+#[track_caller]
+fn gpu() -> Option<Gpu> {
+    Gpu::new().with("VK_NV_ray_tracing", |gpu| gpu.nv_ray_tracing.is_some())
+}
+
+const HEAD: &str = r"
+layout(set = 0, binding = 0) uniform accelerationStructureNV world;
+layout(set = 0, binding = 1, std430) buffer Results { float results[]; };
+";
+
+/// Rays along z through points on a line, four floats of payload each.
+const RAYGEN: &str = r"
+layout(location = 3) rayPayloadNV vec4 found;
+void main() {
+    found = vec4(-2.0);
+    vec3 origin = vec3(float(gl_LaunchIDNV.x) + 0.25, float(gl_LaunchIDNV.y) + 0.25, 0.0);
+    traceNV(world, gl_RayFlagsNoneNV, 0xff, 0, 1, 0, origin, 0.0, vec3(0, 0, 1), 100.0, 3);
+    uint place = 4u * (gl_LaunchIDNV.y * gl_LaunchSizeNV.x + gl_LaunchIDNV.x);
+    for (uint i = 0u; i < 4u; i++) results[place + i] = found[i];
+}";
+
+const MISS: &str = r"
+layout(location = 3) rayPayloadInNV vec4 found;
+void main() { found = vec4(-1.0); }";
+
+/// Traces a grid with [`RAYGEN`] and [`MISS`]; the other shaders come after them, the hit groups after theirs.
+struct Traced<'a> {
+    gpu: &'a Gpu,
+    rays: Rays,
+    results: Buffer,
+    table: Table,
+    size: [u32; 3],
+}
+
+impl<'a> Traced<'a> {
+    fn new(
+        gpu: &'a Gpu,
+        world: StructureNv,
+        more: &[(Stage, &str)],
+        hit_groups: &[Group],
+        size: [u32; 3],
+    ) -> Self {
+        let texts: Vec<(Stage, String)> = [(Stage::RayGeneration, RAYGEN), (Stage::Miss, MISS)]
+            .iter()
+            .chain(more)
+            .map(|(stage, text)| (*stage, format!("{HEAD}{text}")))
+            .collect();
+        let shaders: Vec<(Stage, &str)> = texts
+            .iter()
+            .map(|(stage, text)| (*stage, &text[..]))
+            .collect();
+        let general = [Group::general(0), Group::general(1)];
+        let results = gpu.buffer(16 * u64::from(size[0] * size[1] * size[2]));
+        let rays = gpu.rays_nv(&RaysInput {
+            shaders: &shaders,
+            groups: &[&general[..], hit_groups].concat(),
+            recursion: 1,
+            bindings: &[
+                (0, &[Bound::StructureNv(world.handle)]),
+                (1, &[Bound::Storage(results)]),
+            ],
+        });
+        let hits: Vec<u32> = (0..hit_groups.len() as u32)
+            .map(|group| 2 + group)
+            .collect();
+        Self {
+            gpu,
+            rays,
+            results,
+            table: Table::of(0, &[1], &hits),
+            size,
+        }
+    }
+
+    fn trace(&self) -> Vec<[f32; 4]> {
+        self.gpu.trace_nv(&self.rays, &self.table, self.size);
+        self.results.read()
+    }
+
+    fn trace_into(&self, world: StructureNv) -> Vec<[f32; 4]> {
+        self.gpu.write(
+            self.rays.set.handle,
+            0,
+            0,
+            &Bound::StructureNv(world.handle),
+        );
+        self.trace()
+    }
+}
+
+/// The distance, and who was hit.
+const HIT: &str = r"
+layout(location = 3) rayPayloadInNV vec4 found;
+void main() { found = vec4(gl_HitTNV, gl_InstanceCustomIndexNV, gl_PrimitiveID, gl_InstanceID); }";
+
+fn close(a: f32, b: f32) -> bool {
+    (a - b).abs() <= 1e-5 * b.abs().max(1.0)
+}
+
+/// Two triangles over a unit square at x, at a depth.
+fn square(x: f32, z: f32) -> [[f32; 3]; 6] {
+    let corner = |dx: f32, y: f32| [x + dx, y, z];
+    [
+        corner(0.0, 0.0),
+        corner(1.0, 0.0),
+        corner(0.0, 1.0),
+        corner(1.0, 0.0),
+        corner(1.0, 1.0),
+        corner(0.0, 1.0),
+    ]
+}
+
+fn squares(at: &[(f32, f32)]) -> Vec<[f32; 3]> {
+    at.iter().flat_map(|&(x, z)| square(x, z)).collect()
+}
+
+#[test]
+fn properties_are_those_of_the_newer_extensions() {
+    let Some(gpu) = gpu() else { return };
+    let mut nv = vk::PhysicalDeviceRayTracingPropertiesNV::default();
+    let mut all = vk::PhysicalDeviceProperties2::default().push_next(&mut nv);
+    // SAFETY: the chain is one structure of an extension that is there.
+    unsafe {
+        gpu.instance
+            .get_physical_device_properties2(gpu.physical, &mut all)
+    };
+    let (pipelines, structures) = (&gpu.pipeline_properties, &gpu.structure_properties);
+    assert_eq!(
+        nv.shader_group_handle_size,
+        pipelines.shader_group_handle_size
+    );
+    assert_eq!(
+        nv.shader_group_base_alignment,
+        pipelines.shader_group_base_alignment
+    );
+    assert_eq!(
+        nv.max_shader_group_stride,
+        pipelines.max_shader_group_stride
+    );
+    assert_eq!(nv.max_geometry_count, structures.max_geometry_count);
+    assert_eq!(nv.max_instance_count, structures.max_instance_count);
+    assert!(nv.max_recursion_depth >= 31);
+    assert!(nv.max_triangle_count >= (1 << 29) - 1);
+}
+
+#[test]
+fn memory_is_asked_for_by_what_it_is_for() {
+    let Some(gpu) = gpu() else { return };
+    let flags = BuildFlags::ALLOW_UPDATE;
+    let geometry = Geometry::opaque(&squares(&[(0.0, 1.0); 50]));
+    let described = gpu.describe_nv(&[geometry], flags);
+    let structure = gpu.structure_nv(&described);
+    let needs = |what| gpu.needs_nv(structure.handle, what);
+    assert!(needs(Needs::OBJECT).size > 0);
+    assert!(needs(Needs::OBJECT).memory_type_bits != 0);
+    for scratch in [needs(Needs::BUILD_SCRATCH), needs(Needs::UPDATE_SCRATCH)] {
+        assert_eq!((scratch.alignment, scratch.memory_type_bits), (0, 0));
+    }
+    assert!(needs(Needs::BUILD_SCRATCH).size > 0);
+    assert_ne!(structure.reference, 0);
+}
+
+#[test]
+fn triangles_are_where_they_were_put() {
+    let Some(gpu) = gpu() else { return };
+    // A slope: z = 2 + x / 2 over [0, 4] × [0, 4]; then a square at z = 1 with indices, moved by a transform from x = 0 to x = 6.
+    let slope = [
+        [0.0, 0.0, 2.0],
+        [4.0, 0.0, 4.0],
+        [0.0, 4.0, 2.0],
+        [4.0, 4.0, 4.0],
+    ];
+    let indexed = Geometry::Triangles {
+        corners: slope.to_vec(),
+        indices: vec![0, 1, 2, 3, 2, 1],
+        flags: vk::GeometryFlagsKHR::OPAQUE,
+    };
+    let moved = Geometry::opaque(&square(0.0, 1.0));
+    let mut described = gpu.describe_nv(&[indexed, moved], BuildFlags::PREFER_FAST_TRACE);
+    described.transform(&gpu, 1, translated([6.0, 0.0, 0.0]));
+    let bottom = gpu.structure_nv(&described);
+    gpu.build_nv(&described, &bottom, None);
+    let world = gpu.top_nv(&[Instance {
+        custom_index: 77,
+        ..bottom.instance()
+    }]);
+    let hit = r"
+    layout(location = 3) rayPayloadInNV vec4 found;
+    hitAttributeNV vec2 weights;
+    void main() {
+        vec3 there = gl_WorldRayOriginNV + gl_HitTNV * gl_WorldRayDirectionNV;
+        bool same = gl_HitTNV == gl_RayTmaxNV && gl_RayTminNV == 0.0 && gl_HitKindNV >= 254u
+            && gl_ObjectRayOriginNV == gl_WorldRayOriginNV && gl_IncomingRayFlagsNV == gl_RayFlagsNoneNV
+            && gl_ObjectToWorldNV[0] == vec3(1, 0, 0) && gl_WorldToObjectNV[3] == vec3(0);
+        found = vec4(there.z, gl_PrimitiveID, same ? gl_InstanceCustomIndexNV : -3, weights.x + weights.y);
+    }";
+    let size = [8, 4, 1];
+    let traced = Traced::new(
+        &gpu,
+        world,
+        &[(Stage::ClosestHit, hit)],
+        &[Group::hit(2), Group::hit(2)],
+        size,
+    );
+    let found = traced.trace();
+    for (index, [z, primitive, custom, weights]) in found.iter().copied().enumerate() {
+        let (x, y) = ((index % 8) as f32 + 0.25, (index / 8) as f32 + 0.25);
+        if x < 4.0 {
+            // The diagonal goes from (4, 0) to (0, 4); the weights of the far corners add up to the part of the way to it.
+            let second = x + y > 4.0;
+            let part = if second { 8.0 - x - y } else { x + y } / 4.0;
+            assert!(close(z, 2.0 + x / 2.0), "{x} {y}: {z}");
+            assert_eq!((primitive, custom), (f32::from(u8::from(second)), 77.0));
+            assert!(close(weights, part), "{x} {y}: {weights}, {part}");
+        } else if (6.0..7.0).contains(&x) && y < 1.0 {
+            assert_eq!((z, primitive, custom), (1.0, 0.0, 77.0));
+        } else {
+            assert_eq!(z, -1.0, "{x} {y}");
+        }
+    }
+}
+
+#[test]
+fn intersection_shaders_find_spheres_in_boxes() {
+    let Some(gpu) = gpu() else { return };
+    let centres = [[0.25f32, 0.25, 5.0], [2.0, 0.25, 7.0], [4.75, 0.5, 9.0]];
+    let boxes = centres.map(|[x, y, z]| [x - 0.5, y - 0.5, z - 0.5, x + 0.5, y + 0.5, z + 0.5]);
+    let opaque = vk::GeometryFlagsKHR::OPAQUE;
+    let world = gpu.scene_nv(&[
+        Geometry::boxes(&boxes[..1], opaque),
+        Geometry::boxes(&boxes[1..], opaque),
+    ]);
+    let intersection = r"
+    hitAttributeNV vec3 normal;
+    void main() {
+        // The geometry is known by its hit group alone: the second one is of primitives 1 and 2.
+        vec3 centres[3] = vec3[3](vec3(0.25, 0.25, 5.0), vec3(2.0, 0.25, 7.0), vec3(4.75, 0.5, 9.0));
+        vec3 centre = centres[FIRST + gl_PrimitiveID];
+        vec3 o = gl_ObjectRayOriginNV - centre;
+        float b = dot(o, gl_ObjectRayDirectionNV);
+        float d = b * b - dot(o, o) + 0.25;
+        if (d >= 0.0) {
+            float t = -b - sqrt(d);
+            normal = (o + t * gl_ObjectRayDirectionNV) / 0.5;
+            // What lies past the ray's end is not accepted.
+            bool far = reportIntersectionNV(1e6, 7u);
+            if (!far) reportIntersectionNV(t, 3u + uint(gl_PrimitiveID));
+        }
+    }";
+    let [first, second] = ["0", "1"].map(|n| intersection.replace("FIRST", n));
+    let hit = r"
+    layout(location = 3) rayPayloadInNV vec4 found;
+    hitAttributeNV vec3 normal;
+    void main() { found = vec4(gl_HitTNV, float(gl_HitKindNV), normal.x, normal.z); }";
+    let group = |intersection| Group {
+        intersection: Some(intersection),
+        ..Group::hit(2)
+    };
+    let traced = Traced::new(
+        &gpu,
+        world,
+        &[
+            (Stage::ClosestHit, hit),
+            (Stage::Intersection, &first),
+            (Stage::Intersection, &second),
+        ],
+        &[group(3), group(4)],
+        [6, 1, 1],
+    );
+    for (index, [t, kind, nx, nz]) in traced.trace().into_iter().enumerate() {
+        let (x, y) = (index as f32 + 0.25, 0.25);
+        let hit = centres.iter().enumerate().find_map(|(i, c)| {
+            let below = 0.25 - (x - c[0]).powi(2) - (y - c[1]).powi(2);
+            (below >= 0.0).then(|| {
+                (
+                    i,
+                    c[2] - below.sqrt(),
+                    (x - c[0]) / 0.5,
+                    -below.sqrt() / 0.5,
+                )
+            })
+        });
+        let Some((i, depth, expected_x, expected_z)) = hit else {
+            assert_eq!(t, -1.0, "{index}");
+            continue;
+        };
+        assert!(close(t, depth), "{index}: {t}, {depth}");
+        assert_eq!(kind, [3.0, 3.0, 4.0][i]);
+        assert!(
+            close(nx, expected_x) && close(nz, expected_z),
+            "{index}: {nx} {nz}"
+        );
+    }
+}
+
+#[test]
+fn any_hit_shaders_ignore_and_end_there() {
+    let Some(gpu) = gpu() else { return };
+    // Layers at z = 1, 2, 3 …: the first of x = i that counts is the one at 1 + i.
+    let layers: Vec<_> = (0..4).map(|z| (0.0, 1.0 + z as f32)).collect();
+    let corners: Vec<[f32; 3]> = squares(&layers)
+        .iter()
+        .map(|[x, y, z]| [x * 4.0, *y, *z])
+        .collect();
+    let world = gpu.scene_nv(&[Geometry::triangles(
+        &corners,
+        vk::GeometryFlagsKHR::NO_DUPLICATE_ANY_HIT_INVOCATION,
+    )]);
+    let any_hit = r"
+    layout(location = 3) rayPayloadInNV vec4 found;
+    void drop_it(bool really) {
+        if (really) { ignoreIntersectionNV(); found.y = 99.0; }
+        found.w += 1.0;
+    }
+    void main() {
+        uint layer = uint(gl_PrimitiveID) / 2u;
+        for (uint i = 0u; i < 3u; i++) {
+            if (layer == i && gl_LaunchIDNV.x > i) {
+                drop_it(gl_HitTNV > 0.5);
+                found.z = 99.0;
+            }
+        }
+    }";
+    let hit = r"
+    layout(location = 3) rayPayloadInNV vec4 found;
+    void main() { found.x = gl_HitTNV; }";
+    let group = Group {
+        any_hit: Some(3),
+        ..Group::hit(2)
+    };
+    let shaders = [(Stage::ClosestHit, hit), (Stage::AnyHit, any_hit)];
+    let found = Traced::new(&gpu, world, &shaders, &[group], [4, 1, 1]).trace();
+    for (x, found) in found.iter().enumerate() {
+        // Nothing behind an ignored intersection is executed.
+        assert_eq!(*found, [1.0 + x as f32, -2.0, -2.0, -2.0], "{x}");
+    }
+}
+
+#[test]
+fn any_hit_shaders_end_the_ray() {
+    let Some(gpu) = gpu() else { return };
+    let layers: Vec<_> = (0..40).map(|z| (0.0, 1.0 + z as f32)).collect();
+    let world = gpu.scene_nv(&[Geometry::triangles(
+        &squares(&layers),
+        vk::GeometryFlagsKHR::NO_DUPLICATE_ANY_HIT_INVOCATION,
+    )]);
+    let any_hit = r"
+    layout(location = 3) rayPayloadInNV vec4 found;
+    void main() {
+        found.y += 1.0;
+        found.w = gl_HitTNV;
+        switch (gl_PrimitiveID & 0) {
+        case 0: terminateRayNV(); found.z = 99.0; break;
+        default: found.z = 98.0;
+        }
+        found.z = 97.0;
+    }";
+    let hit = r"
+    layout(location = 3) rayPayloadInNV vec4 found;
+    void main() { found.x = gl_HitTNV; }";
+    let group = Group {
+        any_hit: Some(3),
+        ..Group::hit(2)
+    };
+    let shaders = [(Stage::ClosestHit, hit), (Stage::AnyHit, any_hit)];
+    let found = Traced::new(&gpu, world, &shaders, &[group], [2, 1, 1]).trace();
+    // One call, whichever candidate comes first; it is the hit.
+    let [t, count, untouched, seen] = found[0];
+    assert_eq!((count, untouched), (-1.0, -2.0));
+    assert!(
+        t == seen && t.fract() == 0.0 && (1.0..=40.0).contains(&t),
+        "{t} {seen}"
+    );
+    assert_eq!(found[1], [-1.0; 4]);
+}
+
+#[test]
+fn callable_shaders_take_data_by_location() {
+    let Some(gpu) = gpu() else { return };
+    let results = gpu.buffer(4 * 32);
+    let results_are = "layout(set = 0, binding = 0, std430) buffer R { float results[]; };";
+    let raygen = format!(
+        "{results_are}
+        layout(location = 5) callableDataNV vec2 pair;
+        layout(location = 2) callableDataNV float single;
+        void main() {{
+            single = float(gl_LaunchIDNV.x);
+            executeCallableNV(gl_LaunchIDNV.x % 2u, 2);
+            pair = vec2(single, 1000.0);
+            executeCallableNV(2u, 5);
+            results[gl_LaunchIDNV.x] = pair.x + pair.y;
+        }}"
+    );
+    let scale = r"
+    layout(shaderRecordNV, std430) buffer Record { float factor; };
+    layout(location = 2) callableDataInNV float single;
+    void main() { single *= factor; }";
+    let both = r"
+    layout(location = 5) callableDataInNV vec2 pair;
+    layout(location = 2) callableDataNV float inner;
+    void main() {
+        inner = pair.x;
+        executeCallableNV(0u, 2);
+        pair = vec2(inner, pair.y + 1.0);
+    }";
+    let rays = gpu.rays_nv(&RaysInput {
+        shaders: &[
+            (Stage::RayGeneration, &raygen),
+            (Stage::Callable, scale),
+            (Stage::Callable, both),
+        ],
+        groups: &[Group::general(0), Group::general(1), Group::general(2)],
+        recursion: 0,
+        bindings: &[(0, &[Bound::Storage(results)])],
+    });
+    let table = Table {
+        raygen: Record::of(0),
+        callable: vec![
+            Record::with(1, &[3.0f32]),
+            Record::with(1, &[5.0f32]),
+            Record::of(2),
+        ],
+        ..Table::default()
+    };
+    gpu.trace_nv(&rays, &table, [32, 1, 1]);
+    let factor = |x: usize| if x % 2 == 0 { 3.0 } else { 5.0 };
+    let expected: Vec<f32> = (0..32)
+        .map(|x| x as f32 * factor(x) * 3.0 + 1001.0)
+        .collect();
+    assert_eq!(results.read::<f32>(), expected);
+}
+
+#[test]
+fn instances_choose_by_mask_flags_and_table_offset() {
+    let Some(gpu) = gpu() else { return };
+    let bottom = gpu.bottom_nv(&[Geometry::opaque(&square(0.0, 0.0))]);
+    // Each a unit square at x = 0, 1 … 5; the fourth is not in the mask of any ray, the fifth is scaled by 2 along y.
+    let at = |x: f32, y_scale: f32, z: f32| scaled([1.0, y_scale, 1.0], [x, 0.0, z]);
+    let instance = |x: f32, table_offset: u32| Instance {
+        transform: at(x, 1.0, 2.0 + x),
+        custom_index: 100 + x as u32,
+        table_offset,
+        ..bottom.instance()
+    };
+    let instances = [
+        instance(0.0, 0),
+        instance(1.0, 2),
+        instance(2.0, 1),
+        Instance {
+            mask: 0,
+            ..instance(3.0, 0)
+        },
+        Instance {
+            transform: at(4.0, 2.0, 9.0),
+            ..instance(4.0, 3)
+        },
+    ];
+    let world = gpu.top_nv(&instances);
+    let hit = r"
+    layout(location = 3) rayPayloadInNV vec4 found;
+    layout(shaderRecordNV, std430) buffer Record { float number; };
+    void main() { found = vec4(gl_HitTNV, gl_InstanceCustomIndexNV, gl_InstanceID, number); }";
+    let mut traced = Traced::new(
+        &gpu,
+        world,
+        &[(Stage::ClosestHit, hit)],
+        &[Group::hit(2)],
+        [6, 2, 1],
+    );
+    traced.table.hit = [10.0f32, 11.0, 12.0, 13.0]
+        .iter()
+        .map(|&n| Record::with(2, &[n]))
+        .collect();
+    let found = traced.trace();
+    let none = [-1.0; 4];
+    let first_row = [
+        [2.0, 100.0, 0.0, 10.0],
+        [3.0, 101.0, 1.0, 12.0],
+        [4.0, 102.0, 2.0, 11.0],
+        none,
+        [9.0, 104.0, 4.0, 13.0],
+        none,
+    ];
+    assert_eq!(found[..6], first_row);
+    assert_eq!(found[6..], [none, none, none, none, first_row[4], none]);
+}
+
+#[test]
+fn updates_move_what_is_there() {
+    let Some(gpu) = gpu() else { return };
+    let corners = squares(&[(0.0, 2.0), (1.0, 3.0)]);
+    let vertices = Geometry::opaque(&corners);
+    let mut described = gpu.describe_nv(&[vertices], BuildFlags::ALLOW_UPDATE);
+    described.transform(&gpu, 0, identity());
+    let bottom = gpu.structure_nv(&described);
+    gpu.build_nv(&described, &bottom, None);
+    let top = gpu.describe_top_nv(&[bottom.instance()], BuildFlags::ALLOW_UPDATE);
+    let world = gpu.structure_nv(&top);
+    gpu.build_nv(&top, &world, None);
+    let traced = Traced::new(
+        &gpu,
+        world,
+        &[(Stage::ClosestHit, HIT)],
+        &[Group::hit(2)],
+        [3, 1, 1],
+    );
+    let depths = |found: Vec<[f32; 4]>| found.iter().map(|found| found[0]).collect::<Vec<_>>();
+    assert_eq!(depths(traced.trace()), [2.0, 3.0, -1.0]);
+
+    // In place: the second square goes to x = 2.
+    described.transform(&gpu, 0, translated([1.0, 0.0, 0.5]));
+    gpu.build_nv(&described, &bottom, Some(&bottom));
+    gpu.build_nv(&top, &world, Some(&world));
+    assert_eq!(depths(traced.trace()), [-1.0, 2.5, 3.5]);
+
+    // From one structure to another.
+    let other = gpu.structure_nv(&described);
+    described.transform(&gpu, 0, translated([0.0, 0.0, 4.0]));
+    gpu.build_nv(&described, &other, Some(&bottom));
+    let moved = gpu.top_nv(&[other.instance()]);
+    assert_eq!(depths(traced.trace_into(moved)), [6.0, 7.0, -1.0]);
+    assert_eq!(depths(traced.trace_into(world)), [-1.0, 2.5, 3.5]);
+}
+
+#[test]
+fn copies_are_as_good_and_compact_ones_smaller() {
+    let Some(gpu) = gpu() else { return };
+    let at: Vec<(f32, f32)> = (0..200)
+        .map(|i| ((i % 50) as f32, 1.0 + (i / 50) as f32))
+        .collect();
+    let described = gpu.describe_nv(
+        &[Geometry::opaque(&squares(&at))],
+        BuildFlags::ALLOW_COMPACTION,
+    );
+    let original = gpu.structure_nv(&described);
+    gpu.build_nv(&described, &original, None);
+    let query = vk::QueryType::ACCELERATION_STRUCTURE_COMPACTED_SIZE_NV;
+    let info = vk::QueryPoolCreateInfo::default()
+        .query_type(query)
+        .query_count(3);
+    let mut sizes = [0u64; 1];
+    // SAFETY: the handles are of this device; the pool is destroyed when the commands have ended.
+    unsafe {
+        let pool = gpu.device.create_query_pool(&info, None).expect("a pool");
+        gpu.run(|commands| {
+            gpu.device.cmd_reset_query_pool(commands, pool, 0, 3);
+            gpu.nv().cmd_write_acceleration_structures_properties(
+                commands,
+                &[original.handle],
+                query,
+                pool,
+                1,
+            );
+        });
+        let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
+        gpu.device
+            .get_query_pool_results(pool, 1, &mut sizes, flags)
+            .expect("results");
+        gpu.device.destroy_query_pool(pool, None);
+    }
+    let full = gpu.needs_nv(original.handle, Needs::OBJECT).size;
+    assert!((1..=full).contains(&sizes[0]), "{} of {full}", sizes[0]);
+    let clone = gpu.structure_nv(&described);
+    let compact = gpu.compact_structure_nv(&described, sizes[0]);
+    gpu.run(|commands| {
+        // SAFETY: the structures live as long as the device.
+        unsafe {
+            let copy = |to: StructureNv, mode| {
+                gpu.nv().cmd_copy_acceleration_structure(
+                    commands,
+                    to.handle,
+                    original.handle,
+                    mode,
+                );
+            };
+            copy(clone, CopyMode::CLONE);
+            copy(compact, CopyMode::COMPACT);
+        }
+    });
+    let worlds = [original, clone, compact].map(|bottom| gpu.top_nv(&[bottom.instance()]));
+    let traced = Traced::new(
+        &gpu,
+        worlds[0],
+        &[(Stage::ClosestHit, HIT)],
+        &[Group::hit(2)],
+        [52, 1, 1],
+    );
+    for world in worlds {
+        let found = traced.trace_into(world);
+        for (x, found) in found.into_iter().enumerate() {
+            // (0.25, 0.25) is in the first of a square's triangles.
+            let expected = if x < 50 {
+                [1.0, 0.0, 2.0 * x as f32, 0.0]
+            } else {
+                [-1.0; 4]
+            };
+            assert_eq!(found, expected, "{x}");
+        }
+    }
+}
+
+#[test]
+fn shaders_that_are_hit_trace_by_location() {
+    let Some(gpu) = gpu() else { return };
+    // Each hit traces on from where it is, up to a depth; layers at z = 1, 2 … 6.
+    let layers: Vec<_> = (0..6).map(|z| (0.0, 1.0 + z as f32)).collect();
+    let world = gpu.scene_nv(&[Geometry::opaque(&squares(&layers))]);
+    let raygen = format!(
+        "{HEAD}
+        layout(location = 0) rayPayloadNV vec2 result;
+        void main() {{
+            result = vec2(0.0, float(gl_LaunchIDNV.x));
+            traceNV(world, 0u, 0xff, 0, 0, 1, vec3(0.25, 0.25, 0), 0.0, vec3(0, 0, 1), 100.0, 0);
+            results[gl_LaunchIDNV.x] = result.x;
+        }}"
+    );
+    let hit = format!(
+        "{HEAD}
+        layout(location = 0) rayPayloadInNV vec2 result;
+        layout(location = 1) rayPayloadNV vec2 next;
+        void main() {{
+            vec3 there = gl_WorldRayOriginNV + gl_HitTNV * gl_WorldRayDirectionNV;
+            next = vec2(0.0, result.y - 1.0);
+            if (result.y > 0.0) {{
+                traceNV(world, 0u, 0xff, 0, 0, 0, there, 0.5, vec3(0, 0, 1), 100.0, 1);
+            }}
+            result.x = there.z + 10.0 * next.x;
+        }}"
+    );
+    let miss = "layout(location = 0) rayPayloadInNV vec2 result; void main() { result.x = 7.0; }";
+    let results = gpu.buffer(4 * 8);
+    let rays = gpu.rays_nv(&RaysInput {
+        shaders: &[
+            (Stage::RayGeneration, &raygen),
+            (Stage::Miss, miss),
+            (Stage::ClosestHit, &hit),
+        ],
+        groups: &[Group::general(0), Group::general(1), Group::hit(2)],
+        recursion: 9,
+        bindings: &[
+            (0, &[Bound::StructureNv(world.handle)]),
+            (1, &[Bound::Storage(results)]),
+        ],
+    });
+    gpu.trace_nv(&rays, &Table::of(0, &[1, 1], &[2]), [8, 1, 1]);
+    // What is seen from layer z on, so many layers deep: z + 10 (z + 1) + 100 (z + 2) …, and 7 past the last.
+    fn seen(z: u32, depth: u32) -> f32 {
+        match (z, depth) {
+            (7, _) => 7.0,
+            (z, 0) => z as f32,
+            (z, depth) => z as f32 + 10.0 * seen(z + 1, depth - 1),
+        }
+    }
+    let found = results.read::<f32>();
+    for (depth, found) in found.iter().enumerate() {
+        assert!(close(*found, seen(1, depth as u32)), "{depth}: {found}");
+    }
+}
+
+#[test]
+fn deferred_pipelines_are_compiled_shader_by_shader() {
+    let Some(gpu) = gpu() else { return };
+    let world = gpu.scene_nv(&[Geometry::opaque(&square(1.0, 4.0))]);
+    let results = gpu.buffer(16 * 3);
+    let [raygen, miss, hit] = [RAYGEN, MISS, HIT].map(|text| format!("{HEAD}{text}"));
+    let input = RaysInput {
+        shaders: &[
+            (Stage::RayGeneration, &raygen),
+            (Stage::Miss, &miss),
+            (Stage::ClosestHit, &hit),
+        ],
+        groups: &[Group::general(0), Group::general(1), Group::hit(2)],
+        recursion: 1,
+        bindings: &[
+            (0, &[Bound::StructureNv(world.handle)]),
+            (1, &[Bound::Storage(results)]),
+        ],
+    };
+    let deferred = gpu.rays_nv_with(&input, vk::PipelineCreateFlags::DEFER_COMPILE_NV);
+    let nv = gpu.nv();
+    let pipeline = deferred.pipeline;
+    std::thread::scope(|scope| {
+        for shader in 0..3 {
+            // SAFETY: each shader of the pipeline is compiled once.
+            scope.spawn(move || unsafe {
+                nv.compile_deferred(pipeline, shader)
+                    .expect("vkCompileDeferredNV");
+            });
+        }
+    });
+    gpu.trace_nv(&deferred, &Table::of(0, &[1], &[2]), [3, 1, 1]);
+    let expected = [[-1.0; 4], [4.0, 0.0, 0.0, 0.0], [-1.0; 4]];
+    assert_eq!(results.read::<[f32; 4]>(), expected);
+}
+
+#[test]
+fn empty_launches_and_empty_tables_do_nothing() {
+    let Some(gpu) = gpu() else { return };
+    let world = gpu.scene_nv(&[Geometry::opaque(&square(0.0, 1.0))]);
+    let traced = Traced::new(
+        &gpu,
+        world,
+        &[(Stage::ClosestHit, HIT)],
+        &[Group::hit(2)],
+        [1, 1, 1],
+    );
+    let tables = gpu.tables_nv(&traced.rays, &traced.table);
+    gpu.run(|commands| {
+        for size in [[0, 1, 1], [1, 0, 1], [1, 1, 0], [0, 0, 0]] {
+            gpu.record_trace_nv(commands, &traced.rays, &tables, size);
+        }
+    });
+    assert_eq!(traced.results.read::<[f32; 4]>(), [[0.0; 4]]);
+    // Zero records are no shaders: the payload stays as it is.
+    let without = Table {
+        miss: vec![Record::default()],
+        hit: vec![Record::default()],
+        ..traced.table.clone()
+    };
+    gpu.trace_nv(&traced.rays, &without, [1, 1, 1]);
+    assert_eq!(traced.results.read::<[f32; 4]>(), [[-2.0; 4]]);
+}
+
+#[test]
+fn descriptors_come_in_arrays_and_by_template() {
+    let Some(gpu) = gpu() else { return };
+    let worlds = [1.0, 5.0].map(|z| gpu.scene_nv(&[Geometry::opaque(&square(0.0, z))]));
+    let raygen = r"
+    layout(set = 0, binding = 0) uniform accelerationStructureNV worlds[2];
+    layout(set = 0, binding = 1, std430) buffer Results { float results[]; };
+    layout(location = 0) rayPayloadNV float t;
+    void main() {
+        for (int i = 0; i < 2; i++) {
+            traceNV(worlds[i], 0u, 0xff, 0, 0, 0, vec3(0.25, 0.25, 0), 0.0, vec3(0, 0, 1), 9.0, 0);
+            results[i] = t;
+        }
+    }";
+    let miss = "layout(location = 0) rayPayloadInNV float t; void main() { t = -1.0; }";
+    let hit = "layout(location = 0) rayPayloadInNV float t; void main() { t = gl_HitTNV; }";
+    let results = gpu.buffer(8);
+    let rays = gpu.rays_nv(&RaysInput {
+        shaders: &[
+            (Stage::RayGeneration, raygen),
+            (Stage::Miss, miss),
+            (Stage::ClosestHit, hit),
+        ],
+        groups: &[Group::general(0), Group::general(1), Group::hit(2)],
+        recursion: 1,
+        bindings: &[
+            (0, &worlds.map(|world| Bound::StructureNv(world.handle))),
+            (1, &[Bound::Storage(results)]),
+        ],
+    });
+    let table = Table::of(0, &[1], &[2]);
+    gpu.trace_nv(&rays, &table, [1, 1, 1]);
+    assert_eq!(results.read::<f32>(), [1.0, 5.0]);
+
+    let entries = [vk::DescriptorUpdateTemplateEntry::default()
+        .descriptor_type(vk::DescriptorType::ACCELERATION_STRUCTURE_NV)
+        .descriptor_count(2)
+        .stride(16)];
+    let info = vk::DescriptorUpdateTemplateCreateInfo::default()
+        .descriptor_update_entries(&entries)
+        .descriptor_set_layout(rays.set.layout);
+    let handles = [
+        worlds[1].handle,
+        Default::default(),
+        worlds[0].handle,
+        Default::default(),
+    ];
+    // SAFETY: the template's data is two handles, 16 bytes apart; nothing uses the set meanwhile.
+    unsafe {
+        let template = gpu
+            .device
+            .create_descriptor_update_template(&info, None)
+            .expect("a template");
+        gpu.device.update_descriptor_set_with_template(
+            rays.set.handle,
+            template,
+            handles.as_ptr().cast(),
+        );
+        gpu.device
+            .destroy_descriptor_update_template(template, None);
+    }
+    gpu.trace_nv(&rays, &table, [1, 1, 1]);
+    assert_eq!(results.read::<f32>(), [5.0, 1.0]);
+}

@@ -1,0 +1,271 @@
+//! The rays of a list in a bottom level, set up at once: an array of sixteen for each number.
+//!
+//! What [`Space`] is for one ray, but for rays of ordinary length and for structures whose distances are not
+//! scaled. Loops over lanes are written so that compilers turn them into vectors.
+
+use super::space::{MARGIN, MODEST, Space, max};
+use super::{PACKET, Step};
+use crate::layout::{GROUP, InstanceRecord, WIDTH, instance_state};
+
+/// A number of each ray.
+pub(crate) type Lanes = [f32; PACKET];
+
+/// Bits of numbers that are not finite, but for the sign: from here on.
+const INFINITE: u32 = f32::INFINITY.to_bits();
+
+/// The bits of a number without its sign: in the order of sizes.
+#[inline(always)]
+fn magnitude(v: f32) -> u32 {
+    v.to_bits() & !(1 << 31)
+}
+
+/// The next lower number.
+#[inline(always)]
+fn lower(v: f32) -> f32 {
+    let bits = v.to_bits() as i32;
+    let next = if v > 0.0 { bits - 1 } else { bits + 1 };
+    f32::from_bits(if v == 0.0 { 0x8000_0001 } else { next as u32 })
+}
+
+/// The number of an axis.
+#[inline(always)]
+fn pick(axis: u32, x: f32, y: f32, z: f32) -> f32 {
+    let x_or_y = if axis == 0 { x } else { y };
+    if axis == 2 { z } else { x_or_y }
+}
+
+/// Bytes from one axis of a vertex to the next.
+const AXIS: u32 = size_of::<[f32; GROUP]>() as u32;
+
+/// Bytes of a row of a node.
+pub(crate) const ROW: u32 = size_of::<[f32; WIDTH]>() as u32;
+
+/// Rays by their own axes: two, then the one along which the direction is longest; the first two are swapped if that is
+/// negative. See [`Space::axes`].
+#[repr(C, align(64))]
+pub(crate) struct Beams {
+    pub origin: [Lanes; 3],
+    /// The origin for far planes. The next lower number where the direction is 0: so a plane through the origin, which it
+    /// meets everywhere, is beyond it, not at 0 · ∞.
+    pub far_origin: [Lanes; 3],
+    /// One over the direction, made smaller for near planes and larger for far ones, with the opposite sign: distances are
+    /// `(o − p) · −(1/d)`.
+    pub near_inverse: [Lanes; 3],
+    pub far_inverse: [Lanes; 3],
+    /// Offsets in bytes of the rows of a node with the near planes.
+    pub near_rows: [[u32; PACKET]; 3],
+    /// Offsets in bytes of the axes in a vertex.
+    pub axes: [[u32; PACKET]; 3],
+    /// The direction's first two over its third component.
+    pub shear: [Lanes; 2],
+    /// One over the third component, with the opposite sign.
+    pub inverse_z: Lanes,
+    /// Lower ends of the intervals; not negative.
+    pub t_min: Lanes,
+    /// As given, by the axes of space.
+    space_origin: [Lanes; 3],
+    space_direction: [Lanes; 3],
+    /// [`Accuracy::reach`](super::options::Accuracy::reach).
+    pub reach: f32,
+}
+
+impl Beams {
+    /// No rays.
+    pub const NOWHERE: Beams = Beams {
+        origin: [[0.0; PACKET]; 3],
+        far_origin: [[0.0; PACKET]; 3],
+        near_inverse: [[0.0; PACKET]; 3],
+        far_inverse: [[0.0; PACKET]; 3],
+        near_rows: [[0; PACKET]; 3],
+        axes: [[0; PACKET]; 3],
+        shear: [[0.0; PACKET]; 2],
+        inverse_z: [0.0; PACKET],
+        t_min: [0.0; PACKET],
+        space_origin: [[0.0; PACKET]; 3],
+        space_direction: [[0.0; PACKET]; 3],
+        reach: 0.0,
+    };
+
+    /// Sets up the rays of up to sixteen walks in an instance that does not move; returns the lanes in which that is all
+    /// there is to say: the ray is sound and of ordinary length.
+    #[inline(always)]
+    pub fn set_up(&mut self, steps: &[Step<'_>], record: &InstanceRecord) -> u32 {
+        let mut t_max = [0.0; PACKET];
+        for (lane, step) in steps.iter().enumerate().take(PACKET) {
+            let ray = &step.walk.ray;
+            for axis in 0..3 {
+                self.space_origin[axis][lane] = ray.origin[axis];
+                self.space_direction[axis][lane] = ray.direction[axis];
+            }
+            self.t_min[lane] = ray.t_min;
+            t_max[lane] = ray.t_max;
+        }
+        let mut sound = [0; PACKET];
+        for i in 0..PACKET {
+            let (o, d) = (&self.space_origin, &self.space_direction);
+            let most = magnitude(o[0][i]).max(magnitude(o[1][i]).max(magnitude(o[2][i])));
+            let most = magnitude(d[0][i]).max(magnitude(d[1][i]).max(magnitude(d[2][i]).max(most)));
+            sound[i] = u32::from((most < INFINITE) & (self.t_min[i] <= t_max[i]));
+        }
+        if record.state & instance_state::IDENTITY == 0 {
+            self.turn(record);
+        }
+        self.derive(&mut sound);
+        let all = u32::MAX >> (32 - steps.len().min(PACKET));
+        (0..PACKET).fold(0, |mask, i| mask | sound[i] << i) & all
+    }
+
+    /// Moves rays to the space of an instance, as [`Level::place`](super::level::Level::place) does.
+    #[inline(always)]
+    fn turn(&mut self, record: &InstanceRecord) {
+        let (to_world, m) = (&record.object_to_world, &record.world_to_object);
+        let (o, d) = (&mut self.space_origin, &mut self.space_direction);
+        for i in 0..PACKET {
+            let (x, y, z) = (
+                o[0][i] - to_world[3],
+                o[1][i] - to_world[7],
+                o[2][i] - to_world[11],
+            );
+            o[0][i] = m[0] * x + m[1] * y + m[2] * z;
+            o[1][i] = m[4] * x + m[5] * y + m[6] * z;
+            o[2][i] = m[8] * x + m[9] * y + m[10] * z;
+            let (x, y, z) = (d[0][i], d[1][i], d[2][i]);
+            d[0][i] = m[0] * x + m[1] * y + m[2] * z;
+            d[1][i] = m[4] * x + m[5] * y + m[6] * z;
+            d[2][i] = m[8] * x + m[9] * y + m[10] * z;
+        }
+    }
+
+    /// Sets up from origins, directions and lower ends; clears lanes that this is not for.
+    #[inline(always)]
+    fn derive(&mut self, sound: &mut [u32; PACKET]) {
+        let d = &self.space_direction;
+        // The longest axis, as `Space::set` finds it, and the two that follow in turn.
+        let mut axes = [[0u32; PACKET]; 3];
+        for i in 0..PACKET {
+            let [x, y, z] = [d[0][i].abs(), d[1][i].abs(), d[2][i].abs()];
+            let is_x = (x > y) & (x > z);
+            let is_y = (y >= x) & (y > z);
+            let direction = if is_x {
+                d[0][i]
+            } else if is_y {
+                d[1][i]
+            } else {
+                d[2][i]
+            };
+            let first = if is_x {
+                1
+            } else if is_y {
+                2
+            } else {
+                0
+            };
+            let second = if is_x {
+                2
+            } else if is_y {
+                0
+            } else {
+                1
+            };
+            let backward = direction < 0.0;
+            axes[0][i] = if backward { second } else { first };
+            axes[1][i] = if backward { first } else { second };
+            axes[2][i] = if is_x {
+                0
+            } else if is_y {
+                1
+            } else {
+                2
+            };
+        }
+        // Written out, so that each is a loop of its own with known places.
+        let directions = [
+            self.derive_axis(0, &axes[0], sound),
+            self.derive_axis(1, &axes[1], sound),
+            self.derive_axis(2, &axes[2], sound),
+        ];
+        for i in 0..PACKET {
+            let length = directions[2][i].abs();
+            let inverse = 1.0 / directions[2][i];
+            self.shear[0][i] = directions[0][i] * inverse;
+            self.shear[1][i] = directions[1][i] * inverse;
+            self.inverse_z[i] = -inverse;
+            self.t_min[i] = max(self.t_min[i], 0.0);
+            sound[i] &= u32::from((*MODEST.start() <= length) & (length <= *MODEST.end()));
+        }
+    }
+
+    /// Sets up the `k`th of the rays' own axes; returns the directions along it.
+    #[inline(always)]
+    fn derive_axis(&mut self, k: usize, axes: &[u32; PACKET], sound: &mut [u32; PACKET]) -> Lanes {
+        let (o, d) = (self.space_origin, self.space_direction);
+        let mut directions = [0.0; PACKET];
+        for i in 0..PACKET {
+            let axis = axes[i];
+            let origin = pick(axis, o[0][i], o[1][i], o[2][i]);
+            let direction = pick(axis, d[0][i], d[1][i], d[2][i]);
+            // A zero counts as positive.
+            let inverse = 1.0 / (direction + 0.0);
+            let far = inverse * (1.0 + MARGIN);
+            let upper = if direction < 0.0 { ROW } else { 0 };
+            directions[i] = direction;
+            self.origin[k][i] = origin;
+            self.far_origin[k][i] = if direction == 0.0 {
+                lower(origin)
+            } else {
+                origin
+            };
+            self.near_inverse[k][i] = -(inverse * (1.0 - MARGIN));
+            self.far_inverse[k][i] = -far;
+            self.near_rows[k][i] = axis * (2 * ROW) + upper;
+            self.axes[k][i] = axis * AXIS;
+            let reaches = (magnitude(far) < INFINITE) | (direction == 0.0);
+            sound[i] &= u32::from(reaches & (magnitude(origin) < INFINITE));
+        }
+        directions
+    }
+
+    /// Sets a lane up as a ray is in a space that is not scaled.
+    #[inline(always)]
+    pub fn set(&mut self, lane: usize, space: &Space) {
+        for (k, axis) in space.axes().into_iter().enumerate() {
+            // A zero counts as positive.
+            let (mut near, mut far) = (-space.near_inverse[axis], -space.far_inverse[axis]);
+            let mut far_origin = space.origin[axis];
+            if space.direction[axis] == 0.0 {
+                (near, far) = (f32::NEG_INFINITY, f32::NEG_INFINITY);
+                far_origin = lower(far_origin);
+            } else if far.is_nan() {
+                // Not tested: as integers, one is below and the other above all distances.
+                (near, far) = (-f32::NAN.abs(), f32::NAN.abs());
+            }
+            let upper = u32::from(space.direction[axis] < 0.0);
+            self.origin[k][lane] = space.origin[axis];
+            self.far_origin[k][lane] = far_origin;
+            self.near_inverse[k][lane] = near;
+            self.far_inverse[k][lane] = far;
+            self.near_rows[k][lane] = axis as u32 * (2 * ROW) + upper * ROW;
+            self.axes[k][lane] = axis as u32 * AXIS;
+            self.space_origin[k][lane] = space.origin[k];
+            self.space_direction[k][lane] = space.direction[k];
+        }
+        self.shear[0][lane] = space.shear[0];
+        self.shear[1][lane] = space.shear[1];
+        self.inverse_z[lane] = -space.inverse_z;
+        self.t_min[lane] = space.t_min;
+    }
+
+    /// A ray as it is set up by itself.
+    #[inline(always)]
+    pub fn space(&self, lane: usize) -> Space {
+        let mut space = Space::NOWHERE;
+        space.reach = self.reach;
+        space.set(
+            [0, 1, 2].map(|axis: usize| self.space_origin[axis][lane]),
+            [0, 1, 2].map(|axis: usize| self.space_direction[axis][lane]),
+            self.t_min[lane],
+            0.0,
+        );
+        space
+    }
+}
