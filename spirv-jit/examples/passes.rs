@@ -10,7 +10,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use spirv_jit::ir::{Body, Module, Node};
-use spirv_jit::pass::{ORDER, optimize, run_pass};
+use spirv_jit::pass::{optimize, order, run_pass};
 use spirv_jit::program::Stage;
 use spirv_jit::{CompileRequest, Program};
 
@@ -97,7 +97,7 @@ fn main() {
         println!("{argument}: {} words, IR {:?}", words.len(), size(&lowered));
         println!("  {parse_time:>12.1?} parse\n  {lower_time:>12.1?} lower");
         let mut module = lowered.clone();
-        for name in ORDER {
+        for name in order() {
             let begin = Instant::now();
             run_pass(name, &mut module);
             println!("  {:>12.1?} {name} {:?}", begin.elapsed(), size(&module));

@@ -9,12 +9,12 @@ use observe::{Outcome, execute};
 use spirv_jit::ir::Module;
 use spirv_jit::ir::text::{parse_module, print_module};
 use spirv_jit::ir::verify;
-use spirv_jit::pass::{ORDER, optimize, run_pass};
+use spirv_jit::pass::{optimize, order, run_pass};
 
 /// The first pass after which the program does something else, by applying the passes in their order.
 fn find_culprit(original: &Module, seed: u64, expected: &Outcome) -> String {
     let mut module = original.clone();
-    for name in ORDER {
+    for name in order() {
         let before = print_module(&module);
         run_pass(name, &mut module);
         if execute(&module, seed, None) != *expected {

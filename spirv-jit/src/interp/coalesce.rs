@@ -10,7 +10,7 @@
 //!
 //! Whether a parameter's old value is still used afterwards is the allocation's to see.
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 
 use crate::ir::{Body, Label, Node, Terminator, Value};
 
@@ -25,7 +25,7 @@ pub(super) struct Candidate {
 /// A function's candidates, inner constructs first.
 pub(super) fn candidates(body: &Body) -> Vec<Candidate> {
     let mut finder = Finder {
-        branches: HashMap::new(),
+        branches: HashMap::default(),
         candidates: Vec::new(),
     };
     finder.walk(body);

@@ -1,6 +1,6 @@
 //! Which instructions are performed together with the one that uses their result ([`kernels::fused`](super::kernels)).
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 
 use super::kernels::{Side, fused};
 use super::tier::TierKind;
@@ -49,7 +49,7 @@ impl Fusion {
             uniform,
             uses: vec![0; function.value_types.len()],
             fusion: Fusion {
-                pairs: HashMap::new(),
+                pairs: HashMap::default(),
                 absorbed: vec![false; function.value_types.len()],
             },
         };
@@ -104,7 +104,7 @@ impl<'f> Finder<'f> {
 
     fn walk(&mut self, body: &'f Body) {
         // Instructions since the last node of another kind, by their results.
-        let mut run: HashMap<Value, (usize, &Inst)> = HashMap::new();
+        let mut run: HashMap<Value, (usize, &Inst)> = HashMap::default();
         for (at, node) in body.nodes.iter().enumerate() {
             match node {
                 Node::Inst(inst) => {

@@ -8,7 +8,7 @@
 //!
 //! What is decoded is well formed, not yet valid: see [`verify`](super::verify::verify).
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 
 use smallvec::SmallVec;
 

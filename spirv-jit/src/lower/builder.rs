@@ -1,6 +1,6 @@
 //! Builds one IR function: appends typed operations to the body that is open, and keeps what belongs to the function's head.
 
-use std::collections::{HashMap, HashSet};
+use foldhash::{HashMap, HashSet};
 
 use smallvec::SmallVec;
 
@@ -45,12 +45,12 @@ impl Builder {
             },
             source: 0,
             nodes: Vec::new(),
-            constants: HashMap::new(),
-            descriptors: HashMap::new(),
+            constants: HashMap::default(),
+            descriptors: HashMap::default(),
             head: Vec::new(),
             prologue: Vec::new(),
             prologue_depth: 0,
-            head_values: HashSet::new(),
+            head_values: HashSet::default(),
             emitted: 0,
             budget,
         }

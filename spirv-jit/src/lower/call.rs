@@ -5,7 +5,8 @@
 //! takes what it may touch by value and gives it back: the pointees of pointers to per-lane memory, and variables of the module that it or its
 //! callees name. Where two of those could be the same memory, the call is lowered in place after all.
 
-use std::collections::{BTreeSet, HashMap};
+use foldhash::HashMap;
+use std::collections::BTreeSet;
 use std::rc::Rc;
 
 use rspirv::spirv::{Op, StorageClass};
@@ -255,7 +256,7 @@ impl Lowerer<'_> {
             builder: Builder::new(&name, self.b.remaining()),
             frames: Vec::new(),
             locals: Vec::new(),
-            module_locals: HashMap::new(),
+            module_locals: HashMap::default(),
             push_constants: None,
             ray_tmax: None,
         };

@@ -1,6 +1,6 @@
 //! Constants, specialized: every constant id as the bits of its scalars.
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 use std::rc::Rc;
 
 use rspirv::spirv::{Decoration, Op};

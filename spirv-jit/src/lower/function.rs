@@ -1,6 +1,6 @@
 //! Emits a function along its plan, and keeps what its ids are.
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 use std::rc::Rc;
 
 use rspirv::spirv::Op;
@@ -76,8 +76,8 @@ impl<'a> Lowerer<'a> {
             labels: vec![None; plan.labels],
             plan,
             values,
-            escaped: HashMap::new(),
-            phis: HashMap::new(),
+            escaped: HashMap::default(),
+            phis: HashMap::default(),
             return_to,
         });
         let end = self.emit_plan_body(0)?;

@@ -44,7 +44,7 @@ mod switch;
 mod types;
 mod values;
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 use std::rc::Rc;
 
 use rspirv::spirv::{Op, StorageClass};
@@ -154,24 +154,24 @@ impl<'a> Lowerer<'a> {
             entry,
             types: Types::default(),
             constants: Constants::default(),
-            variables: HashMap::new(),
-            plans: HashMap::new(),
+            variables: HashMap::default(),
+            plans: HashMap::default(),
             b: Builder::new(&entry.name, allowance),
             frames: Vec::new(),
             locals: Vec::new(),
-            module_locals: HashMap::new(),
+            module_locals: HashMap::default(),
             push_constants: None,
             inputs: Vec::new(),
-            input_index: HashMap::new(),
-            shared: HashMap::new(),
+            input_index: HashMap::default(),
+            shared: HashMap::default(),
             shared_size_bytes: 0,
             output_rows: 0,
             query_words: ray_query::find_query_words(module),
             ray_tmax: None,
             functions: Vec::new(),
-            summaries: HashMap::new(),
-            outlined: HashMap::new(),
-            call_sites: HashMap::new(),
+            summaries: HashMap::default(),
+            outlined: HashMap::default(),
+            call_sites: HashMap::default(),
             rows: 0,
         };
         lowerer.types.query_rows = Self::query_rows(&lowerer.query_words);
@@ -272,7 +272,7 @@ impl<'a> Lowerer<'a> {
     fn check_calls(&mut self, entry: Id) -> Result<(), Error> {
         const MAX_CALL_DEPTH: usize = 64;
         // 1: on the path, 2: done.
-        let mut state: HashMap<Id, u8> = HashMap::new();
+        let mut state: HashMap<Id, u8> = HashMap::default();
         let mut path: Vec<(Id, Vec<Id>)> = vec![(entry, self.callees(entry)?)];
         state.insert(entry, 1);
         while let Some((function, rest)) = path.last_mut() {

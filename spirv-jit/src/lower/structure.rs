@@ -4,7 +4,7 @@
 //! its merge instructions. A branch to a block that some enclosing construct has announced (merge block, continue target, loop header, case) becomes
 //! a `br` to that construct's label; any other block is lowered in place, once. What breaks the rules reaches a block twice and is refused.
 
-use std::collections::{HashMap, HashSet};
+use foldhash::{HashMap, HashSet};
 
 use rspirv::spirv::Op;
 
@@ -107,7 +107,7 @@ pub(super) fn plan_function(module: &ParsedModule, function: &Function) -> Resul
         function,
         bodies: Vec::new(),
         labels: 0,
-        targets: HashMap::new(),
+        targets: HashMap::default(),
         block_body: vec![None; function.blocks.len()],
         depth: 0,
     };
@@ -433,7 +433,7 @@ impl Planner<'_> {
     }
 
     fn find_escapes(&self) -> HashSet<Id> {
-        let mut defined: HashMap<Id, BodyIndex> = HashMap::new();
+        let mut defined: HashMap<Id, BodyIndex> = HashMap::default();
         for (block, body) in self.function.blocks.iter().zip(&self.block_body) {
             let Some(body) = *body else { continue };
             for &index in &block.instructions {
@@ -444,7 +444,7 @@ impl Planner<'_> {
                 }
             }
         }
-        let mut escapes = HashSet::new();
+        let mut escapes = HashSet::default();
         for (block, body) in self.function.blocks.iter().zip(&self.block_body) {
             let Some(body) = *body else { continue };
             for &index in block.instructions.iter().chain([&block.terminator]) {

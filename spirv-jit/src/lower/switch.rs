@@ -1,6 +1,6 @@
 //! Switches in the plan: cases one after the other, and those that fall through into each other together.
 
-use std::collections::{HashMap, HashSet};
+use foldhash::{HashMap, HashSet};
 
 use rspirv::spirv::Op;
 
@@ -130,8 +130,8 @@ impl Planner<'_> {
             .copied()
             .filter(|&entry| self.target(entry).is_none())
             .collect();
-        let mut falls: HashMap<BlockIndex, Vec<BlockIndex>> = HashMap::new();
-        let mut owner: HashMap<BlockIndex, BlockIndex> = HashMap::new();
+        let mut falls: HashMap<BlockIndex, Vec<BlockIndex>> = HashMap::default();
+        let mut owner: HashMap<BlockIndex, BlockIndex> = HashMap::default();
         for &entry in entries.iter().filter(|entry| inside.contains(entry)) {
             falls.insert(entry, self.falls_into(entry, &inside, &mut owner));
         }
@@ -214,7 +214,7 @@ impl Planner<'_> {
         let (_, operands) = self.terminator(at);
         let default = self.find(at, operands[1])?;
         let mut cases: Vec<(BlockIndex, Vec<u64>)> = Vec::new();
-        let mut index: HashMap<BlockIndex, usize> = HashMap::new();
+        let mut index: HashMap<BlockIndex, usize> = HashMap::default();
         for (literal, label) in self.switch_cases(at) {
             let target = self.find(at, label)?;
             let slot = *index.entry(target).or_insert_with(|| {
@@ -264,7 +264,7 @@ fn group_cases(
     order: &[BlockIndex],
     falls: &HashMap<BlockIndex, Vec<BlockIndex>>,
 ) -> Vec<Vec<BlockIndex>> {
-    let mut group: HashMap<BlockIndex, usize> = HashMap::new();
+    let mut group: HashMap<BlockIndex, usize> = HashMap::default();
     let mut groups: Vec<Vec<BlockIndex>> = Vec::new();
     // Later cases first: a case joins (and unites) the groups of those it falls into.
     for &entry in order.iter().rev() {

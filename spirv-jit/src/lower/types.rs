@@ -1,6 +1,6 @@
 //! SPIR-V types: what each is made of, how many scalars it has, and which.
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 use std::rc::Rc;
 
 use rspirv::spirv::{self, Op, StorageClass};

@@ -1,6 +1,6 @@
 //! Names and decorations by id, decoration groups taken apart.
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 
 use rspirv::spirv::{Decoration, Op};
 

@@ -1,6 +1,6 @@
 //! A module's instructions by section, function and block.
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 
 use rspirv::spirv::{Capability, ExecutionModel, Op};
 
@@ -161,13 +161,13 @@ pub(super) fn sort_module(words: &[u32], table: InstructionTable) -> Result<Pars
         bound,
         capabilities: Vec::new(),
         extensions: Vec::new(),
-        instruction_sets: HashMap::new(),
+        instruction_sets: HashMap::default(),
         entry_points: Vec::new(),
         execution_modes: Vec::new(),
         annotations,
         globals: Vec::new(),
         functions: Vec::new(),
-        function_index: HashMap::new(),
+        function_index: HashMap::default(),
         definitions,
         table: InstructionTable {
             instructions: Vec::new(),
@@ -316,7 +316,7 @@ fn sort_functions(module: &mut ParsedModule, first: usize) -> Result<(), Error> 
                     function_type: operands[1],
                     params: Vec::new(),
                     blocks: Vec::new(),
-                    block_index: HashMap::new(),
+                    block_index: HashMap::default(),
                     offset,
                 });
             }

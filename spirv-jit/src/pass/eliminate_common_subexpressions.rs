@@ -1,11 +1,13 @@
 //! One computation for several of the same: pure operations, and reads of memory that nothing can have changed in between. A value serves where
 //! its definition is visible; constants and dispatch-wide words move to the function's head, where they are visible everywhere.
 
-use std::collections::HashMap;
-use std::hash::{BuildHasher, BuildHasherDefault, Hasher};
+use std::hash::BuildHasher;
 
+use foldhash::HashMap;
+use foldhash::fast::RandomState;
 use smallvec::SmallVec;
 
+use super::edit::edit_nodes;
 use super::effects::{Effects, find_effects};
 use super::substitution::Substitution;
 use crate::image::{ImageOpKind, LodMode};
@@ -25,6 +27,7 @@ pub fn eliminate_common_subexpressions(function: &mut Function) {
         substitution: Substitution::identity(function),
         push_constants: vec![false; function.value_types.len()],
         function,
+        hasher: RandomState::default(),
         table: HashMap::default(),
         entries: Vec::new(),
         head: Vec::new(),
@@ -59,70 +62,33 @@ struct Epochs {
     outer: u32,
 }
 
-/// A multiplicative hash: the keys are small integers, and no attacker gains by collisions more than a slow compilation.
-#[derive(Default)]
-struct MultiplyHasher(u64);
-
-impl Hasher for MultiplyHasher {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-
-    fn write(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            self.write_u64(byte as u64);
-        }
-    }
-
-    fn write_u8(&mut self, value: u8) {
-        self.write_u64(value as u64);
-    }
-
-    fn write_u32(&mut self, value: u32) {
-        self.write_u64(value as u64);
-    }
-
-    fn write_u64(&mut self, value: u64) {
-        self.0 = (self.0.rotate_left(23) ^ value).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    }
-
-    fn write_usize(&mut self, value: usize) {
-        self.write_u64(value as u64);
-    }
-}
-
-type BuildMultiplyHasher = BuildHasherDefault<MultiplyHasher>;
-
 struct Eliminator<'a> {
     function: &'a Function,
     effects: Vec<Effects>,
     substitution: Substitution,
     /// Values that are the descriptor of the push constants, which nothing writes.
     push_constants: Vec<bool>,
+    hasher: RandomState,
     /// The newest entry by hash.
-    table: HashMap<u64, u32, BuildMultiplyHasher>,
+    table: HashMap<u64, u32>,
     entries: Vec<Entry>,
     /// What moves to the head of the function.
     head: Vec<Node>,
-    dispatch_wide: HashMap<(Op, Type), Value, BuildMultiplyHasher>,
+    dispatch_wide: HashMap<(Op, Type), Value>,
     memory: Epochs,
     next_epoch: u32,
 }
 
 impl Eliminator<'_> {
     fn walk(&mut self, body: &mut Body) {
-        let nodes = std::mem::take(&mut body.nodes);
-        body.nodes.reserve(nodes.len());
-        for mut node in nodes {
-            match &mut node {
+        edit_nodes(&mut body.nodes, |node, _| {
+            match node {
                 Node::Inst(inst) => {
                     if is_dispatch_wide(&inst.op) {
                         self.move_to_head(inst);
-                        continue;
+                        return false;
                     }
-                    if !self.visit(inst) {
-                        continue;
-                    }
+                    return self.visit(inst);
                 }
                 Node::Block { label, body, .. } => {
                     self.walk_scope(body);
@@ -153,8 +119,8 @@ impl Eliminator<'_> {
                     self.disturb(self.effects[label.index()]);
                 }
             }
-            body.nodes.push(node);
-        }
+            true
+        });
         self.substitution.resolve_terminator(&mut body.end);
     }
 
@@ -209,7 +175,7 @@ impl Eliminator<'_> {
         };
         let types: SmallVec<[Type; 2]> =
             inst.results.iter().map(|&v| self.function.ty(v)).collect();
-        let hash = BuildMultiplyHasher::default().hash_one((&inst.op, &inst.args, &types, epoch));
+        let hash = self.hasher.hash_one((&inst.op, &inst.args, &types, epoch));
         let newest = self.table.get(&hash).copied();
         let mut candidate = newest;
         while let Some(index) = candidate {

@@ -1,7 +1,7 @@
 //! What no effect depends on: instructions, results and parameters of constructs, stores to rows that nobody reads, functions
 //! that nobody calls, variables and input rows without a use.
 
-use std::collections::HashSet;
+use foldhash::HashSet;
 
 use super::substitution::{Substitution, rewrite_function};
 use crate::ir::{

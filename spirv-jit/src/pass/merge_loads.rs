@@ -1,6 +1,6 @@
 //! Loads of consecutive scalars made one: what a shader reads as `v[3 * i]`, `v[3 * i + 1]`, `v[3 * i + 2]`.
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 
 use smallvec::{SmallVec, smallvec};
 
@@ -108,7 +108,7 @@ struct Merger<'a> {
 
 impl Merger<'_> {
     fn walk(&mut self, body: &mut Body) {
-        let mut families: HashMap<Family, Vec<Candidate>> = HashMap::new();
+        let mut families: HashMap<Family, Vec<Candidate>> = HashMap::default();
         let mut merges = Vec::new();
         for (index, node) in body.nodes.iter_mut().enumerate() {
             match node {
@@ -209,7 +209,7 @@ impl Merger<'_> {
 
     /// Puts each merged load where the first of its loads was.
     fn apply(&mut self, body: &mut Body, merges: Vec<Merge>) {
-        let mut emitted: HashMap<usize, Vec<Node>> = HashMap::new();
+        let mut emitted: HashMap<usize, Vec<Node>> = HashMap::default();
         let mut removed = vec![false; body.nodes.len()];
         for merge in merges {
             let first = merge.loads.iter().map(|load| load.node).min();

@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 mod cost;
+mod edit;
 mod effects;
 pub mod eliminate_common_subexpressions;
 pub mod eliminate_dead_code;
@@ -67,15 +68,20 @@ pub const PASSES: &[Pass] = &[
         eliminate_common_subexpressions
     ),
     pass!(Function, hoist_loop_invariants, hoist_loop_invariants),
-    pass!(Function, unroll_loops, unroll_loops),
+    Pass {
+        name: UNROLL,
+        run: Run::Function(|function| {
+            unroll_loops::unroll_loops(function);
+        }),
+    },
     pass!(Function, merge_loads, merge_loads),
     pass!(Function, eliminate_dead_code, eliminate_dead_code),
     pass!(Module, eliminate_dead_code, eliminate_unused_tables),
     pass!(Function, renumber_values, renumber_values),
 ];
 
-/// The order in which they run.
-pub const ORDER: &[&str] = &[
+/// The order in which they run: these on every function, ...
+const FIRST: &[&str] = &[
     "inline_functions",
     "simplify",
     "resolve_variable_addresses",
@@ -86,7 +92,10 @@ pub const ORDER: &[&str] = &[
     "prune_parameters",
     "simplify",
     "eliminate_common_subexpressions",
-    "unroll_loops",
+];
+const UNROLL: &str = "unroll_loops";
+/// ... these if a loop was unrolled, ...
+const UNROLLED: &[&str] = &[
     "simplify_control_flow",
     "prune_parameters",
     "simplify",
@@ -97,6 +106,9 @@ pub const ORDER: &[&str] = &[
     "prune_parameters",
     "simplify",
     "eliminate_common_subexpressions",
+];
+/// ... and these on every one again.
+const LAST: &[&str] = &[
     "eliminate_dead_code",
     "hoist_loop_invariants",
     "merge_loads",
@@ -106,6 +118,12 @@ pub const ORDER: &[&str] = &[
     "eliminate_unused_tables",
     "renumber_values",
 ];
+
+/// All of them in order, as if there were a loop to unroll.
+pub fn order() -> impl Iterator<Item = &'static str> {
+    let parts = [FIRST, &[UNROLL], UNROLLED, LAST];
+    parts.into_iter().flatten().copied()
+}
 
 /// Runs all passes in order.
 ///
@@ -118,13 +136,35 @@ pub fn optimize(module: &mut Module) -> Result<(), Error> {
         word_offset: None,
         message: format!("lowering made an invalid module: {message}"),
     })?;
-    for name in ORDER {
+    run_passes(FIRST, module);
+    if unroll(module) {
+        run_passes(UNROLLED, module);
+    }
+    run_passes(LAST, module);
+    print_if("pass", "optimised", module);
+    Ok(())
+}
+
+fn run_passes(names: &[&str], module: &mut Module) {
+    for name in names {
         if !disabled(name) {
             run_pass(name, module);
         }
     }
-    print_if("pass", "optimised", module);
-    Ok(())
+}
+
+/// Runs the pass that unrolls; whether there was a loop to unroll in any function.
+fn unroll(module: &mut Module) -> bool {
+    if disabled(UNROLL) {
+        return false;
+    }
+    let mut unrolled = false;
+    for function in &mut module.functions {
+        unrolled |= unroll_loops::unroll_loops(function);
+    }
+    print_if(UNROLL, UNROLL, module);
+    check(UNROLL, module);
+    unrolled
 }
 
 /// Whether a name in `TUFF_DISABLE` is that of a pass, or `passes`: all of them.

@@ -2,6 +2,7 @@
 
 use smallvec::smallvec;
 
+use super::edit::edit_nodes;
 use crate::ir::{Body, Function, Inst, Node, Op, Space, Type, Value, VariableId};
 
 /// Rewrites loads and stores of known rows inside a variable; others stay as they are.
@@ -31,15 +32,13 @@ struct Resolver<'a> {
 
 impl Resolver<'_> {
     fn walk(&mut self, body: &mut Body) {
-        let nodes = std::mem::take(&mut body.nodes);
-        body.nodes.reserve(nodes.len());
-        for mut node in nodes {
-            match &mut node {
+        edit_nodes(&mut body.nodes, |node, before| {
+            match node {
                 Node::Inst(inst) => {
                     self.learn(inst);
                     if let Some(resolved) = self.resolve(inst) {
-                        body.nodes.extend(resolved.into_iter().map(Node::Inst));
-                        continue;
+                        before.extend(resolved.into_iter().map(Node::Inst));
+                        return false;
                     }
                 }
                 Node::Block { body, .. } | Node::Loop { body, .. } => self.walk(body),
@@ -52,8 +51,8 @@ impl Resolver<'_> {
                     self.walk(else_body);
                 }
             }
-            body.nodes.push(node);
-        }
+            true
+        });
     }
 
     fn known(&self, value: Value) -> Known {

@@ -19,8 +19,8 @@ const MAX_NODES: usize = 400;
 /// Nodes that a function may always grow by.
 const BUDGET_FLOOR: usize = 2_048;
 
-/// Unrolls inner loops first.
-pub fn unroll_loops(function: &mut Function) {
+/// Unrolls inner loops first. Returns whether there was one to unroll.
+pub fn unroll_loops(function: &mut Function) -> bool {
     let mut body = std::mem::replace(
         &mut function.body,
         Body {
@@ -42,8 +42,11 @@ pub fn unroll_loops(function: &mut Function) {
         budget: BUDGET_FLOOR.max(2 * count_nodes(&body)),
         function,
     };
+    let budget = unroller.budget;
     unroller.walk(&mut body);
+    let unrolled = unroller.budget < budget;
     function.body = body;
+    unrolled
 }
 
 fn count_nodes(body: &Body) -> usize {

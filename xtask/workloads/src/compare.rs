@@ -8,7 +8,9 @@ use anyhow::{Context, Result, bail, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::{Deserialize, Serialize};
 
-use crate::measure::{FIRST_PIXEL, PIPELINE_CACHED, PIPELINE_COLD, Sample};
+use crate::measure::{
+    FIRST_PIXEL, MODULE_CACHED, MODULE_COLD, PIPELINE_CACHED, PIPELINE_COLD, Sample,
+};
 use crate::report;
 use crate::workload::{self, Bounds};
 use crate::world::Scale;
@@ -180,7 +182,13 @@ fn tasks(options: &Options) -> Result<Vec<Task>> {
             task(workload.name, workload.unit, bounds)
         })
         .collect();
-    for name in [PIPELINE_COLD, PIPELINE_CACHED, FIRST_PIXEL] {
+    for name in [
+        PIPELINE_COLD,
+        PIPELINE_CACHED,
+        MODULE_COLD,
+        MODULE_CACHED,
+        FIRST_PIXEL,
+    ] {
         tasks.push(task(name, "1/s", "driver"));
     }
     if let Some(unknown) = options

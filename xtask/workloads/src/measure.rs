@@ -30,6 +30,8 @@ pub struct Sample {
 /// The names of the measurements that are not turns of a [`Workload`].
 pub const PIPELINE_COLD: &str = "pipeline cold";
 pub const PIPELINE_CACHED: &str = "pipeline cached";
+pub const MODULE_COLD: &str = "module cold";
+pub const MODULE_CACHED: &str = "module cached";
 pub const FIRST_PIXEL: &str = "first pixel";
 
 #[derive(clap::Args)]
@@ -49,8 +51,10 @@ pub struct Options {
 /// Prints a [`Sample`] as JSON, or `null` where the driver lacks what the workload needs.
 pub fn measure(options: &Options) -> Result<()> {
     let sample = match options.name.as_str() {
-        PIPELINE_COLD => Some(pipeline(options.turns, false)),
-        PIPELINE_CACHED => Some(pipeline(options.turns, true)),
+        PIPELINE_COLD => Some(pipeline(options.turns, false, path_salted)),
+        PIPELINE_CACHED => Some(pipeline(options.turns, true, path_salted)),
+        MODULE_COLD => Some(pipeline(options.turns, false, large_salted)),
+        MODULE_CACHED => Some(pipeline(options.turns, true, large_salted)),
         FIRST_PIXEL => first_pixel(&options.scale),
         name => {
             let found = workload::ALL.iter().find(|workload| workload.name == name);
@@ -123,9 +127,26 @@ fn blocks(pixels: &[[f32; 4]], width: usize) -> Vec<[f32; 3]> {
     blocks
 }
 
-/// The time that creating the path tracer's pipeline takes: each turn a new one (a constant of the shader differs), or, when `cached`, the
-/// same from a pipeline cache.
-fn pipeline(turns: usize, cached: bool) -> Sample {
+/// Shaders of a pipeline, and its groups.
+type Parts = (Vec<(Stage, Vec<u32>)>, Vec<Group>);
+
+/// The path tracer's, of which a constant is the salt.
+fn path_salted(salt: usize) -> Parts {
+    let (mut shaders, groups) = path_parts();
+    let salted = shader::PATH.replace("bounce < 8u", &format!("bounce < {}u", 8 + salt));
+    shaders[0].1 = shader::raygen(&salted);
+    (shaders, groups)
+}
+
+/// The path tracer's, but for a ray generation shader of about 10,000 instructions.
+fn large_salted(salt: usize) -> Parts {
+    let (mut shaders, groups) = path_parts();
+    shaders[0].1 = shader::large(salt);
+    (shaders, groups)
+}
+
+/// The time that creating a pipeline takes: each turn a new one, or, when `cached`, the same from a pipeline cache.
+fn pipeline(turns: usize, cached: bool, parts: fn(usize) -> Parts) -> Sample {
     let gpu = Gpu::without_validation();
     let mut sample = Sample {
         driver: gpu.name(),
@@ -137,12 +158,7 @@ fn pipeline(turns: usize, cached: bool) -> Sample {
     let layout = gpu.layout(&[gpu.set_layout_of(&bindings, plain)]);
     let cache = cached.then(|| gpu.pipeline_cache());
     for turn in 0..=turns {
-        let (mut shaders, groups) = path_parts();
-        if !cached {
-            let salted = format!("{}\nconst int SALT = {turn};\n", shader::PATH)
-                .replace("bounce < 8u", &format!("bounce < {}u", 8 + turn));
-            shaders[0].1 = shader::raygen(&salted);
-        }
+        let (shaders, groups) = parts(if cached { 0 } else { turn });
         let (start, processor) = (Instant::now(), processor_seconds());
         create(&gpu, &shaders, &groups, layout, cache);
         if turn > 0 {
@@ -220,5 +236,18 @@ fn usage() -> libc::rusage {
         let mut usage: libc::rusage = std::mem::zeroed();
         libc::getrusage(libc::RUSAGE_SELF, &mut usage);
         usage
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn large_modules_are_large() {
+        let (shaders, _) = large_salted(3);
+        let count = shader::instruction_count(&shaders[0].1);
+        assert!((10_000..12_000).contains(&count), "{count}");
+        assert_ne!(shaders[0].1, large_salted(4).0[0].1);
     }
 }

@@ -25,6 +25,7 @@ pub const ARITHMETIC: &str = include_str!("shaders/arithmetic.glsl");
 pub const POINTERS: &str = include_str!("shaders/pointers.glsl");
 pub const TEXTURES: &str = include_str!("shaders/textures.glsl");
 const MATERIAL: &str = include_str!("shaders/material_hit.glsl");
+const LAYER: &str = include_str!("shaders/large.glsl");
 const QUERY: &str = include_str!("shaders/query.glsl");
 
 /// Compiles GLSL once: compiling it is not the drivers' work, and must not be timed as theirs.
@@ -55,6 +56,42 @@ pub fn raygen(source: &str) -> Vec<u32> {
 pub fn material(number: u32) -> Vec<u32> {
     let source = format!("const int KIND = {number};\n{COMMON}{MATERIAL}");
     glsl(Stage::ClosestHit, &source)
+}
+
+/// A ray generation shader of about 10,000 instructions: many layers, one of which each pixel takes. Shaders of other salts differ a little.
+pub fn large(salt: usize) -> Vec<u32> {
+    const LAYERS: usize = 43;
+    let layers: String = (0..LAYERS)
+        .map(|kind| {
+            let named = LAYER.replace("KIND", &kind.to_string());
+            named.replace("SALT", &salt.to_string())
+        })
+        .collect();
+    let cases: String = (0..LAYERS)
+        .map(|kind| format!("case {kind}u: color = layer_{kind}(at, normal, seed); break;\n"))
+        .collect();
+    raygen(&format!(
+        "{layers}
+        void main() {{
+            vec3 at = direction() * 4.0, normal = normalize(at.yzx + 0.1), color = vec3(0.0);
+            uint seed = hash(number());
+            switch (seed % {LAYERS}u) {{ {cases} }}
+            put(color, 1.0);
+        }}"
+    ))
+}
+
+/// Instructions of a module.
+#[cfg(test)]
+pub fn instruction_count(words: &[u32]) -> usize {
+    const HEADER: usize = 5;
+    let mut rest = &words[HEADER..];
+    let mut count = 0;
+    while let Some(&first) = rest.first() {
+        rest = &rest[(first >> 16) as usize..];
+        count += 1;
+    }
+    count
 }
 
 /// The compute shader that traces paths by ray queries.

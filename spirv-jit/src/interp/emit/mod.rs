@@ -3,7 +3,7 @@
 //! Bodies become straight code with an *exit*: where control goes when no lane is active any more, which is the body's end. There the
 //! enclosing construct takes up its pending or parked lanes.
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 
 mod body;
 mod inst;
@@ -113,7 +113,7 @@ pub(super) fn emit(module: &Module, tier: TierKind) -> Result<Emitted, Error> {
         targets: Vec::new(),
         jumps: Vec::new(),
         entries: Vec::new(),
-        constants: HashMap::new(),
+        constants: HashMap::default(),
         layout: StateLayout::default(),
         private_rows: 0,
         suspends: vec![false; count],
@@ -124,7 +124,7 @@ pub(super) fn emit(module: &Module, tier: TierKind) -> Result<Emitted, Error> {
         function: 0,
         position: 0,
         depth: 0,
-        labels: HashMap::new(),
+        labels: HashMap::default(),
     };
     let order = call_order(module)?;
     e.place_functions(&order)?;
@@ -265,7 +265,7 @@ impl<'m> Emitter<'m> {
                     row => Operand::vector(row_base + row as usize),
                 })
                 .collect();
-            let mut inputs = HashMap::new();
+            let mut inputs = HashMap::default();
             visit(&function.body, &mut |node| {
                 let Node::Inst(inst) = node else {
                     return;

@@ -1,6 +1,6 @@
 //! Which rows of variables become values, and of which type.
 
-use std::collections::HashMap;
+use foldhash::HashMap;
 
 use crate::ir::{Body, Function, Node, Op, Type, VariableId};
 
@@ -47,7 +47,7 @@ pub fn find_cells(function: &Function) -> Cells {
     let mut accesses = Vec::new();
     let mut pinned = vec![false; function.variables.len()];
     collect_accesses(function, &function.body, &mut accesses, &mut pinned);
-    let mut uses: HashMap<(u32, u32), RowUse> = HashMap::new();
+    let mut uses: HashMap<(u32, u32), RowUse> = HashMap::default();
     for access in accesses.iter().filter(|a| !pinned[a.variable.index()]) {
         let at = (access.variable.0, access.row);
         let set = 1 << access.ty as u8;
@@ -62,7 +62,7 @@ pub fn find_cells(function: &Function) -> Cells {
     rows.sort_unstable_by_key(|&(at, _)| at);
 
     let mut types = Vec::new();
-    let mut placed: HashMap<(u32, u32), Promotion> = HashMap::new();
+    let mut placed: HashMap<(u32, u32), Promotion> = HashMap::default();
     let mut rest = &rows[..];
     while !rest.is_empty() {
         // Rows that 64-bit accesses tie together are decided together.

@@ -7,6 +7,7 @@ mod move_rules;
 
 use smallvec::{SmallVec, smallvec};
 
+use super::edit::edit_nodes;
 use super::fold_constants::fold;
 use super::substitution::Substitution;
 use crate::ir::{Body, Function, Inst, Node, Op, Type, Value};
@@ -68,16 +69,12 @@ struct Simplifier<'a> {
 
 impl Simplifier<'_> {
     fn walk(&mut self, body: &mut Body) {
-        let nodes = std::mem::take(&mut body.nodes);
-        body.nodes.reserve(nodes.len());
-        for mut node in nodes {
-            match &mut node {
+        edit_nodes(&mut body.nodes, |node, before| {
+            match node {
                 Node::Inst(inst) => {
                     let keeps = self.simplify_inst(inst);
-                    body.nodes.append(&mut self.emitted);
-                    if !keeps {
-                        continue;
-                    }
+                    before.append(&mut self.emitted);
+                    return keeps;
                 }
                 Node::Block { body, .. } => self.walk(body),
                 Node::If {
@@ -95,8 +92,8 @@ impl Simplifier<'_> {
                     self.walk(body);
                 }
             }
-            body.nodes.push(node);
-        }
+            true
+        });
         self.substitution.resolve_terminator(&mut body.end);
     }
 
