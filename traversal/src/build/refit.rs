@@ -36,12 +36,12 @@ pub(crate) unsafe fn write_triangles(target: &Target<'_>, count: u32, list: &[Tr
         // SAFETY: one of the `count` groups.
         let group = unsafe { &mut *target.leaf_at::<TriangleGroup>(index) };
         for lane in 0..GROUP {
-            // Nothing is known of leaves that no node leads to.
+            // Nothing is known of lanes without a triangle, and of leaves that no node leads to.
             let number = (group.geometries[lane] & geometry_word::INDEX) as usize;
             let Some(geometry) = list.get(number) else {
                 continue;
             };
-            if group.primitives[lane] == u32::MAX {
+            if group.primitives[lane] >= geometry.primitive_count {
                 continue;
             }
             group.geometries[lane] =
