@@ -1,7 +1,6 @@
 //! The nearest hits of a packet so far.
 
 use super::rays::Lanes;
-use crate::layout::{GROUP, geometry_word};
 use crate::ray::Hit;
 use crate::structure::Structure;
 use crate::walk::facts::InstanceFacts;
@@ -38,7 +37,7 @@ impl Found {
     /// The hit of a lane that has one, in an instance of this structure.
     pub fn hit(&self, lane: usize, structure: &Structure, instance: &InstanceFacts) -> Hit {
         let slot = self.slots[lane];
-        let (geometry, primitive) = identity(structure, slot);
+        let (geometry, primitive) = structure.identity(slot);
         Hit {
             t: self.t.0[lane],
             barycentrics: [self.barycentrics[0].0[lane], self.barycentrics[1].0[lane]],
@@ -68,27 +67,14 @@ impl Found {
     /// In which lanes a triangle of the instance comes before the one that was found at the same distance.
     #[cold]
     pub fn won_ties(&self, structure: &Structure, slot: u32, ties: u16) -> u16 {
-        let key = identity(structure, slot);
+        let key = structure.identity(slot);
         let wins = |lane: usize| {
             let other = self.instances[lane];
             self.instance < other
-                || self.instance == other && key < identity(structure, self.slots[lane])
+                || self.instance == other && key < structure.identity(self.slots[lane])
         };
         (0..PACKET)
             .filter(|&lane| ties >> lane & 1 != 0 && wins(lane))
             .fold(0, |mask, lane| mask | 1 << lane)
     }
-}
-
-/// Geometry and primitive in a slot.
-fn identity(structure: &Structure, slot: u32) -> (u32, u32) {
-    let lane = slot as usize % GROUP;
-    structure
-        .group(slot / GROUP as u32)
-        .map_or((0, 0), |group| {
-            (
-                group.geometries[lane] & geometry_word::INDEX,
-                group.primitives[lane],
-            )
-        })
 }
