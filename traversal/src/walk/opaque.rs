@@ -1,7 +1,7 @@
 //! Walks through triangles that all count: opaque, not culled, in a space that is not scaled. Nothing there suspends a
 //! walk but want of fuel, so the loop is small.
 
-use super::beams::Beams;
+use super::beams::{Beams, Given};
 use super::facts::InstanceFacts;
 use super::kernel::{GroupHits, Kernel};
 use super::options::Specialisation;
@@ -95,7 +95,7 @@ pub(crate) unsafe fn run_list<K: Kernel>(
             && step.verdict == Verdict::Continue;
         alike |= u32::from(same) << lane;
     }
-    alike &= beams.set_up(steps, record);
+    alike &= beams.set_up(&Given::new(steps), record);
     let fetches_ahead =
         bottom.structure.node_count() > LARGE && !without.contains(Specialisation::Prefetch);
     let any = steps[0].walk.terminates_on_first_hit();
