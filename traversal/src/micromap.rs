@@ -290,6 +290,11 @@ impl Micromap {
             })
     }
 
+    /// How many triangles it has.
+    pub fn triangle_count(&self) -> u32 {
+        self.triangle_count
+    }
+
     /// Bytes in use: its size after compaction.
     pub fn size_bytes(&self) -> u64 {
         self.size_bytes

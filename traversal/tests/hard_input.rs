@@ -186,20 +186,56 @@ fn degenerate_triangles_are_never_hit() {
 
 #[test]
 fn identical_triangles_build_fast_and_the_first_wins() {
-    let mesh = mesh_of(&vec![SQUARE; 20_000], true);
-    let start = Instant::now();
-    let scene = Scene::new(std::slice::from_ref(&mesh), 0);
-    assert!(start.elapsed() < Duration::from_secs(5));
-    let hit = closest(&scene.top, &down(0.1, 0.1)).unwrap();
-    assert_eq!((hit.t, hit.primitive_index), (5.0, 0));
-    let open = Scene::new(
-        &[Mesh {
+    for flags in QUALITIES {
+        let mesh = mesh_of(&vec![SQUARE; 20_000], true);
+        let start = Instant::now();
+        let scene = Scene::new(std::slice::from_ref(&mesh), flags);
+        assert!(start.elapsed() < Duration::from_secs(5));
+        let hit = closest(&scene.top, &down(0.1, 0.1)).unwrap();
+        assert_eq!((hit.t, hit.primitive_index), (5.0, 0));
+        let open = Mesh {
             opaque: false,
             ..mesh
-        }],
-        0,
-    );
-    assert_eq!(candidates(&open.top, &down(0.1, 0.1)).len(), 20_000);
+        };
+        let open = Scene::new(&[open], flags);
+        assert_eq!(candidates(&open.top, &down(0.1, 0.1)).len(), 20_000);
+    }
+}
+
+#[test]
+fn a_crowd_in_one_place_of_a_large_scene_builds_fast() {
+    // 20,000 triangles in a billionth of what the others take.
+    let mut random = Random(3);
+    let triangles: Vec<_> = (0..20_100)
+        .map(|i| {
+            let size = if i < 20_000 { 1e-3 } else { 1e6 };
+            let center = random.vector().map(|c| c * size);
+            [(); 3].map(|()| {
+                let offset = random.vector();
+                narrow(std::array::from_fn(|k| center[k] + 0.02 * size * offset[k]))
+            })
+        })
+        .collect();
+    let mesh = mesh_of(&triangles, true);
+    let rays: Vec<_> = (0..200)
+        .map(|_| {
+            let target = random.vector().map(|c| 5e-4 * c);
+            ray([0.0, 0.0, 0.01], narrow(sub(target, [0.0, 0.0, 0.01])))
+        })
+        .collect();
+    let hits = |flags| {
+        let start = Instant::now();
+        let scene = Scene::new(std::slice::from_ref(&mesh), flags);
+        assert!(start.elapsed() < Duration::from_secs(5));
+        let hits = rays.iter().map(|ray| closest(&scene.top, ray));
+        hits.map(|hit| hit.map(|hit| (hit.t.to_bits(), hit.primitive_index)))
+            .collect::<Vec<_>>()
+    };
+    let expected = hits(0);
+    assert!(expected.iter().flatten().count() > 50);
+    for flags in QUALITIES {
+        assert_eq!(hits(flags), expected, "{flags:#x}");
+    }
 }
 
 #[test]
@@ -212,12 +248,14 @@ fn nested_triangles_of_all_sizes() {
         })
         .collect();
     let mesh = mesh_of(&triangles, false);
-    let scene = Scene::new(std::slice::from_ref(&mesh), 0);
-    let through = ray([0.0, -1e-33, 1.0], [0.0, 0.0, -1.0]);
-    // From above, only those that contain the point below: all but the smallest few.
-    let found = candidates(&scene.top, &through);
-    let expected = triangles.iter().filter(|t| t[0][1] < -1e-33).count();
-    assert_eq!(found.len(), expected);
+    for flags in QUALITIES {
+        let scene = Scene::new(std::slice::from_ref(&mesh), flags);
+        let through = ray([0.0, -1e-33, 1.0], [0.0, 0.0, -1.0]);
+        // From above, only those that contain the point below: all but the smallest few.
+        let found = candidates(&scene.top, &through);
+        let expected = triangles.iter().filter(|t| t[0][1] < -1e-33).count();
+        assert_eq!(found.len(), expected);
+    }
 }
 
 #[test]

@@ -20,6 +20,7 @@ use crate::handle::{self, from_handle, retain};
 use crate::object::acceleration_structure::Location;
 use crate::object::{AccelerationStructure, Buffer, Device, QueryPool};
 use crate::table::limits;
+use crate::validate::Caller;
 
 pub(super) fn copy_mode(mode: vk::CopyAccelerationStructureModeKHR) -> CopyMode {
     match mode {
@@ -109,10 +110,13 @@ entry! {
         ranges: *const *const vk::AccelerationStructureBuildRangeInfoKHR,
     ) -> vk::Result {
         let mut builds = decode_builds(count, infos, ranges);
-        let records: Vec<_> = builds.iter_mut().map(|build| resolve_host_instances(build)).collect();
+        let device = from_handle::<Device>(device);
+        let checks = device.engine.checks(Caller::Other);
+        let resolve = |build| resolve_host_instances(build, checks.as_ref());
+        let records: Vec<_> = builds.iter_mut().map(resolve).collect();
         let threads = ray_tracing::build_concurrency(&builds);
-        defer_parallel(from_handle::<Device>(device), operation, threads, move || {
-            ray_tracing::build(&builds, &Reach::everywhere(), None);
+        defer_parallel(device, operation, threads, move || {
+            ray_tracing::build(&builds, &Reach::everywhere(), checks.as_ref());
             drop(records);
         })
     }

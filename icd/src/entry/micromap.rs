@@ -16,6 +16,7 @@ use crate::ffi::{commands, entry, slice};
 use crate::handle::{self, from_handle, retain};
 use crate::object::{Buffer, Device, Micromap, QueryPool};
 use crate::table::limits;
+use crate::validate::Caller;
 
 destroy! {
     vkDestroyMicromapEXT: Micromap, MicromapEXT;
@@ -73,8 +74,10 @@ entry! {
         infos: *const vk::MicromapBuildInfoEXT<'_>,
     ) -> vk::Result {
         let builds: Vec<_> = slice(infos, count).iter().map(|info| decode_build(info)).collect();
-        defer_parallel(from_handle::<Device>(device), operation, builds.len(), move || {
-            execute::build(&builds, &Reach::everywhere());
+        let device = from_handle::<Device>(device);
+        let checks = device.engine.checks(Caller::Other);
+        defer_parallel(device, operation, builds.len(), move || {
+            execute::build(&builds, &Reach::everywhere(), checks.as_ref());
         })
     }
 

@@ -286,23 +286,25 @@ impl Triangles {
             transform: unsafe { read(reach, self.transform) },
             primitive_count: self.primitive_count,
             flags: self.flags,
-            micromap: (self.micromap).map(|micromap| self.bounded(micromap, reach)),
+            micromap: self.bounded_micromap(reach),
         }
     }
 
-    /// A micromap whose indices are those of the range's triangles.
-    fn bounded(&self, micromap: GeometryMicromap, reach: &Reach) -> GeometryMicromap {
+    /// The micromap, with indices for the range's triangles.
+    pub fn bounded_micromap(&self, reach: &Reach) -> Option<GeometryMicromap> {
+        let micromap = self.micromap?;
         let last = u64::from(self.primitive_count.saturating_sub(1))
             .saturating_mul(micromap.index_stride_bytes);
         let bytes = last.saturating_add(index_size_bytes(micromap.index_type));
-        GeometryMicromap {
+        Some(GeometryMicromap {
             indices: readable(reach, micromap.indices.base as u64, bytes),
             ..micromap
-        }
+        })
     }
 }
 
-fn index_size_bytes(ty: IndexType) -> u64 {
+/// Bytes of an index.
+pub fn index_size_bytes(ty: IndexType) -> u64 {
     match ty {
         IndexType::None => 0,
         IndexType::U8 => 1,

@@ -15,7 +15,7 @@ use crate::object::live_memory::LiveMemory;
 use crate::object::sync::Waiting;
 use crate::queue::Workers;
 use crate::trace::Limits;
-use crate::validate::{Caller, Checks, Validator};
+use crate::validate::{Caller, Checks, Queried, Validator};
 
 /// What a command's addresses may lead to.
 pub struct Surroundings {
@@ -88,6 +88,9 @@ impl Engine {
                 .timeout
                 .and_then(|timeout| Instant::now().checked_add(timeout)),
             reach: self.memory.reach(),
+            queried: self
+                .checks(Caller::Other)
+                .map(|checks| Arc::new(Queried::new(checks))),
         }
     }
 
@@ -109,7 +112,7 @@ impl Engine {
     }
 
     /// Validation of one command, where it is on.
-    pub fn checks(&self, caller: Caller) -> Option<Checks<'_>> {
+    pub fn checks(&self, caller: Caller) -> Option<Checks> {
         self.validator
             .as_ref()
             .map(|validator| validator.command(caller))

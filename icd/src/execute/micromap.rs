@@ -4,24 +4,24 @@
 use ash::vk;
 use rayon::prelude::*;
 use spirv_jit::reach::Reach;
-use traversal::{BuildError, Micromap, MicromapInput};
+use traversal::{BuildError, Micromap, MicromapInput, MicromapUsage};
 
 use super::acceleration_structure::{Storage, Uuids};
 use super::reachable::{self, readable, writable};
 use crate::command::ray_tracing::MicromapCommand;
 use crate::log::{self, Level};
 use crate::table::limits;
+use crate::validate::Checks;
 
 /// `VkMicromapBuildInfoEXT`, copied.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct MicromapBuild {
     pub destination: Storage,
     pub data: u64,
     /// Address of the first `VkMicromapTriangleEXT`.
     pub triangles: u64,
     pub stride_bytes: u64,
-    /// Triangles, as the usage counts have it.
-    pub count: u32,
+    pub usages: Vec<MicromapUsage>,
 }
 
 /// Offsets into a micromap's data have 32 bits; the longest states of a triangle follow.
@@ -31,11 +31,18 @@ const MAX_DATA_BYTES: u64 = (1 << 32) + (1 << 22);
 pub const SCRATCH_BYTES: u64 = 64;
 
 impl MicromapBuild {
+    /// How many triangles there are, as the usage counts have it.
+    pub fn count(&self) -> u32 {
+        let counts = self.usages.iter().map(|usage| u64::from(usage.count));
+        counts.sum::<u64>().min(u32::MAX.into()) as u32
+    }
+
     /// # Safety
     /// Every address is readable or writable as far as the specification makes the application promise (valid usage of
     /// `vkCmdBuildMicromapsEXT`), and not written by anyone else meanwhile.
     unsafe fn execute(&self, reach: &Reach) -> Result<u64, BuildError> {
-        let last = u64::from(self.count.saturating_sub(1)) * self.stride_bytes;
+        let count = self.count();
+        let last = u64::from(count.saturating_sub(1)) * self.stride_bytes;
         let input = MicromapInput {
             triangles: readable(
                 reach,
@@ -43,7 +50,7 @@ impl MicromapBuild {
                 last + size_of::<vk::MicromapTriangleEXT>() as u64,
             ),
             stride_bytes: self.stride_bytes,
-            count: self.count,
+            count,
             data: readable(reach, self.data, MAX_DATA_BYTES),
         };
         // SAFETY: the caller's promise.
@@ -59,11 +66,11 @@ impl MicromapBuild {
 ///
 /// # Safety
 /// As the valid usage of the command has it.
-pub unsafe fn execute(command: &MicromapCommand, reach: &Reach) {
+pub unsafe fn execute(command: &MicromapCommand, reach: &Reach, checks: Option<&Checks>) {
     // SAFETY: the caller's promise, for each.
     unsafe {
         match command {
-            MicromapCommand::Build(builds) => build(builds, reach),
+            MicromapCommand::Build(builds) => build(builds, reach, checks),
             MicromapCommand::Copy {
                 source,
                 destination,
@@ -94,8 +101,12 @@ pub unsafe fn execute(command: &MicromapCommand, reach: &Reach) {
 ///
 /// # Safety
 /// As the valid usage of `vkCmdBuildMicromapsEXT` has it.
-pub unsafe fn build(builds: &[MicromapBuild], reach: &Reach) {
+pub unsafe fn build(builds: &[MicromapBuild], reach: &Reach, checks: Option<&Checks>) {
     builds.par_iter().for_each(|build| {
+        if let Some(checks) = checks {
+            // SAFETY: the caller's promise.
+            unsafe { checks.micromap(build, reach) };
+        }
         // SAFETY: the caller's promise.
         report(unsafe { build.execute(reach) }, "build");
     });

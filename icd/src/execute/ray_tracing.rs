@@ -31,7 +31,7 @@ pub struct Bound<'a> {
 pub struct Access<'a> {
     pub surroundings: &'a Surroundings,
     /// Validation, where it is on.
-    pub checks: Option<Checks<'a>>,
+    pub checks: Option<Checks>,
 }
 
 /// Performs a command. What fans out does so over `workers`.
@@ -87,7 +87,7 @@ pub fn execute(
 }
 
 /// Performs a command on structures, on the current rayon pool.
-fn on_structures(command: &RayTracingCommand, reach: &Reach, checks: Option<&Checks<'_>>) {
+fn on_structures(command: &RayTracingCommand, reach: &Reach, checks: Option<&Checks>) {
     // SAFETY, for each block: as in `execute`.
     match command {
         RayTracingCommand::Build(builds) => build(builds, reach, checks),
@@ -137,7 +137,9 @@ fn on_structures(command: &RayTracingCommand, reach: &Reach, checks: Option<&Che
             }
         }
         // SAFETY: as above.
-        RayTracingCommand::Micromap(command) => unsafe { super::micromap::execute(command, reach) },
+        RayTracingCommand::Micromap(command) => unsafe {
+            super::micromap::execute(command, reach, checks)
+        },
         RayTracingCommand::TraceRays { .. }
         | RayTracingCommand::TraceRaysNv { .. }
         | RayTracingCommand::TraceRaysIndirect { .. }
@@ -146,7 +148,7 @@ fn on_structures(command: &RayTracingCommand, reach: &Reach, checks: Option<&Che
 }
 
 /// Builds side by side: the specification forbids that builds of one command depend on each other.
-pub fn build(builds: &[Build], reach: &Reach, checks: Option<&Checks<'_>>) {
+pub fn build(builds: &[Build], reach: &Reach, checks: Option<&Checks>) {
     let run = |build: &Build| {
         if let Some(checks) = checks {
             // SAFETY: as in `execute`.
@@ -178,11 +180,7 @@ pub fn build_concurrency(builds: &[Build]) -> usize {
 ///
 /// # Safety
 /// Nothing writes the ranges meanwhile.
-unsafe fn with_ranges(
-    indirect: &IndirectBuild,
-    reach: &Reach,
-    checks: Option<&Checks<'_>>,
-) -> Build {
+unsafe fn with_ranges(indirect: &IndirectBuild, reach: &Reach, checks: Option<&Checks>) -> Build {
     let mut build = indirect.build.clone();
     for (index, &max) in indirect.max_primitive_counts.iter().enumerate() {
         let offset = index as u64 * u64::from(indirect.stride_bytes);

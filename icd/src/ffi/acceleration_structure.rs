@@ -15,6 +15,7 @@ use crate::execute::instances::Instances;
 use crate::execute::swept::{Swept, radius_format};
 use crate::handle;
 use crate::object::AccelerationStructure;
+use crate::validate::Checks;
 
 /// The geometries of a build info, through whichever of its two arrays is set.
 ///
@@ -317,16 +318,18 @@ unsafe fn instances(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Inst
 }
 
 /// Instance records of a host build, copied with each reference turned from a handle into an address; the build then reads the copy,
-/// which must outlive it.
+/// which must outlive it. With validation, handles of nothing are reported, and as good as none.
 ///
 /// # Safety
 /// The build's instances are readable, and each reference is 0 or a live `VkAccelerationStructureKHR`.
-pub unsafe fn resolve_host_instances(build: &mut Build) -> Vec<u64> {
+pub unsafe fn resolve_host_instances(build: &mut Build, checks: Option<&Checks>) -> Vec<u64> {
+    let destination = build.destination.address;
     let BuildGeometries::Instances(instances) = &mut build.geometries else {
         return Vec::new();
     };
     let address = |reference| match vk::AccelerationStructureKHR::from_raw(reference) {
         handle if handle == vk::AccelerationStructureKHR::null() => 0,
+        _ if checks.is_some_and(|checks| !checks.host_reference(reference, destination)) => 0,
         // SAFETY: the caller's promise.
         handle => unsafe { storage(handle) }.address,
     };

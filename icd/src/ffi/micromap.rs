@@ -50,13 +50,12 @@ pub unsafe fn usages(info: &vk::MicromapBuildInfoEXT<'_>) -> Vec<MicromapUsage> 
 pub unsafe fn decode_build(info: &vk::MicromapBuildInfoEXT<'_>) -> MicromapBuild {
     // SAFETY: the caller's promise; both members of an address union are 64 bits.
     unsafe {
-        let counts = usages(info).into_iter().map(|usage| u64::from(usage.count));
         MicromapBuild {
             destination: storage(info.dst_micromap),
             data: info.data.device_address,
             triangles: info.triangle_array.device_address,
             stride_bytes: info.triangle_array_stride,
-            count: counts.sum::<u64>().min(u32::MAX.into()) as u32,
+            usages: usages(info),
         }
     }
 }

@@ -13,7 +13,7 @@ impl Batch<'_> {
     #[cold]
     pub(super) fn check_rays(
         &self,
-        traced: &Traced<'_>,
+        traced: &Traced,
         index: SubgroupIndex,
         lanes: u16,
         instruction: Instruction,
@@ -38,20 +38,20 @@ impl Batch<'_> {
 
     /// A hit kind that is reported.
     #[cold]
-    pub(super) fn check_hit_kind(&self, traced: &Traced<'_>, reporter: LaneRef, kind: u32) {
+    pub(super) fn check_hit_kind(&self, traced: &Traced, reporter: LaneRef, kind: u32) {
         traced.hit_kind(self.shader_of(reporter), kind);
     }
 
     /// A record that is looked up for a hit.
     #[cold]
-    pub(super) fn check_hit_record(&self, traced: &Traced<'_>, need: Need, index: u32, hit: &Hit) {
+    pub(super) fn check_hit_record(&self, traced: &Traced, need: Need, index: u32, hit: &Hit) {
         let is_box = !hit.is_built_in();
         self.check(traced, need, &self.dispatch.tables.hit, index, is_box);
     }
 
     /// A record that is looked up for a miss or a callable shader.
     #[cold]
-    pub(super) fn check_record(&self, traced: &Traced<'_>, need: Need, index: u32) {
+    pub(super) fn check_record(&self, traced: &Traced, need: Need, index: u32) {
         let tables = &self.dispatch.tables;
         let region = match need {
             Need::Callable => &tables.callable,
@@ -60,7 +60,7 @@ impl Batch<'_> {
         self.check(traced, need, region, index, false);
     }
 
-    fn check(&self, traced: &Traced<'_>, need: Need, region: &Region, index: u32, is_box: bool) {
+    fn check(&self, traced: &Traced, need: Need, region: &Region, index: u32, is_box: bool) {
         let record = region.record(index).map(|record| {
             let handle = read_handle(record);
             (handle, self.dispatch.shaders.group(&handle))
@@ -76,7 +76,7 @@ impl Batch<'_> {
 
     /// A shader that is about to be called.
     #[cold]
-    pub(super) fn check_call(&self, traced: &Traced<'_>, call: &Call) {
+    pub(super) fn check_call(&self, traced: &Traced, call: &Call) {
         let programs = &self.dispatch.shaders.programs;
         let stack = |program: u32| u64::from(programs[program as usize].stack_size_bytes());
         let mut bytes = stack(call.program);

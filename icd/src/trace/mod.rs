@@ -38,7 +38,7 @@ use spirv_jit::environment::Environment;
 use spirv_jit::reach::Reach;
 use traversal::Structure;
 
-use crate::validate::Traced;
+use crate::validate::{Queried, Traced};
 pub use grid::Grid;
 use mask::InvocationMask;
 pub use queries::{Owned, Queries};
@@ -56,7 +56,7 @@ pub struct Dispatch<'a> {
     pub mask: Option<InvocationMask>,
     pub limits: &'a Limits,
     /// Validation, where it is on.
-    pub checks: Option<&'a Traced<'a>>,
+    pub checks: Option<&'a Traced>,
 }
 
 /// What ends a dispatch that does not end by itself, and what keeps it from going astray.
@@ -67,6 +67,8 @@ pub struct Limits {
     pub deadline: Option<Instant>,
     /// Where structures may lie.
     pub reach: Arc<Reach>,
+    /// Validation of ray queries, where it is on.
+    pub queried: Option<Arc<Queried>>,
 }
 
 impl Default for Limits {
@@ -76,6 +78,7 @@ impl Default for Limits {
             cancelled: Arc::default(),
             deadline: None,
             reach: Arc::new(Reach::everywhere()),
+            queried: None,
         }
     }
 }

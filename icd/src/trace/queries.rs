@@ -80,7 +80,11 @@ impl Queries {
             let Some(object) = private.get_mut(object) else {
                 continue;
             };
-            let mut query = Object { rows: object, lane };
+            let mut query = Object {
+                rows: object,
+                lane,
+                program: program.number(),
+            };
             answers[lane] = self.advance(walker, &mut query, words, owned, limits)? as u32;
         }
         for lane in lanes_of(mask) {
@@ -110,6 +114,10 @@ impl Queries {
                 // complete (VUID-RuntimeSpirv-OpRayQueryInitializeKHR and the build commands' rules).
                 let structure = limits.structure(query.structure());
                 unsafe {
+                    if let Some(queried) = &limits.queried {
+                        let kind = Structure::at(structure).map(|structure| structure.kind());
+                        queried.ray(query.program, &query.ray(), query.structure(), kind);
+                    }
                     match &mut self.walk {
                         Some(walk) => walk.restart(structure, &query.ray()),
                         None => self.walk = Some(Walk::new(structure, &query.ray())),
@@ -284,6 +292,8 @@ fn describe(walk: &Walk, query: &mut Object<'_>, words: &[QueryWord], has_candid
 struct Object<'a> {
     rows: &'a mut [AlignedRow],
     lane: usize,
+    /// Tells the programs of the process apart.
+    program: u64,
 }
 
 impl Object<'_> {

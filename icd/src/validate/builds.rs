@@ -1,13 +1,14 @@
 //! What builds read on the device.
 
 use spirv_jit::reach::Reach;
-use traversal::IndexType;
+use traversal::{IndexType, Indexing};
 
 use super::{Checks, Rule};
-use crate::execute::acceleration_structure::{Build, BuildGeometries, Triangles};
+use crate::execute::acceleration_structure::{Build, BuildGeometries, Triangles, index_size_bytes};
 use crate::execute::reachable::read;
+use crate::execute::swept::Swept;
 
-impl Checks<'_> {
+impl Checks {
     /// Looks at a build with its ranges.
     ///
     /// # Safety
@@ -43,12 +44,9 @@ impl Checks<'_> {
                         self.input("boxes", list.boxes, bytes, reach);
                     }
                 }),
-                BuildGeometries::Swept(list) => list.iter().for_each(|list| {
-                    if list.primitive_count > 0 {
-                        self.input("vertices", list.vertices, 1, reach);
-                        self.input("radii", list.radii, 1, reach);
-                    }
-                }),
+                BuildGeometries::Swept(list) => {
+                    list.iter().for_each(|list| self.swept(list, reach));
+                }
                 BuildGeometries::Instances(instances) => {
                     let known = self.validator.registry.structures();
                     for (index, reference) in instances.references(reach).enumerate() {
@@ -85,31 +83,26 @@ impl Checks<'_> {
                 format!("{transform:?}")
             });
         }
-        // SAFETY: the caller's promise.
-        unsafe { self.indices(list, reach) };
+        // SAFETY: the caller's promise, for both.
+        unsafe {
+            self.indices(list, reach);
+            self.geometry_micromap(list, reach);
+        }
     }
 
     /// # Safety
     /// Nothing writes the indices meanwhile.
     unsafe fn indices(&self, list: &Triangles, reach: &Reach) {
-        let (size, restart) = match list.index_type {
-            IndexType::None => return,
-            IndexType::U8 => (1, u8::MAX.into()),
-            IndexType::U16 => (2, u16::MAX.into()),
-            IndexType::U32 => (4, u32::MAX),
-        };
+        let size = index_size_bytes(list.index_type);
+        if size == 0 {
+            return;
+        }
+        let restart = u32::MAX >> (32 - 8 * size);
         let count = 3 * u64::from(list.primitive_count);
         self.input("indices", list.indices, size * count, reach);
         for i in 0..reach.clip(list.indices, size * count) / size {
-            let address = list.indices + size * i;
             // SAFETY: the caller's promise.
-            let index = unsafe {
-                match size {
-                    1 => read::<u8>(reach, address).map(u32::from),
-                    2 => read::<u16>(reach, address).map(u32::from),
-                    _ => read::<u32>(reach, address),
-                }
-            };
+            let index = unsafe { read_index(list.index_type, reach, list.indices + size * i) };
             let Some(index) = index.filter(|&index| index != restart) else {
                 continue;
             };
@@ -121,14 +114,71 @@ impl Checks<'_> {
         }
     }
 
-    fn input(&self, what: &str, address: u64, size_bytes: u64, reach: &Reach) {
+    /// The structures name no greatest vertex: all that the indices lead to must be there.
+    ///
+    /// # Safety
+    /// Nothing writes the indices meanwhile.
+    unsafe fn swept(&self, list: &Swept, reach: &Reach) {
+        let primitives = u64::from(list.primitive_count);
+        let numbers = match list.indexing {
+            Indexing::Pairs => 2 * primitives,
+            _ => primitives,
+        };
+        let Some(last) = numbers.checked_sub(1) else {
+            return;
+        };
+        let size = index_size_bytes(list.index_type);
+        let highest = match list.index_type {
+            IndexType::None => last,
+            ty => {
+                let stride = list.index_stride_bytes;
+                let bytes = last.saturating_mul(stride).saturating_add(size);
+                self.input("indices", list.indices, bytes, reach);
+                (0..=last)
+                    .map_while(|i| {
+                        let address = list.indices.wrapping_add(i.wrapping_mul(stride));
+                        // SAFETY: the caller's promise.
+                        unsafe { read_index(ty, reach, address) }
+                    })
+                    .max()
+                    .unwrap_or(0)
+                    .into()
+            }
+        };
+        // The second end of a successive primitive is the vertex behind the first.
+        let second = u64::from(list.indexing == Indexing::Successive);
+        let vertex = highest + second + u64::from(list.first_vertex);
+        for (what, address, stride) in [
+            ("vertices", list.vertices, list.vertex_stride_bytes),
+            ("radii", list.radii, list.radius_stride_bytes),
+        ] {
+            // The smallest position and the smallest radius that there are.
+            self.input(
+                what,
+                address,
+                vertex.saturating_mul(stride).saturating_add(2),
+                reach,
+            );
+        }
+    }
+
+    /// Whether a reference of a host build is the handle of a structure.
+    pub fn host_reference(&self, handle: u64, destination: u64) -> bool {
+        let exists = self.validator.registry.has_structure(handle);
+        self.require(exists, Rule::BuildReference, destination, || {
+            format!("an instance refers to {handle:#x}, which is no structure's handle")
+        });
+        exists
+    }
+
+    pub(super) fn input(&self, what: &str, address: u64, size_bytes: u64, reach: &Reach) {
         let there = reach.contains(address, size_bytes);
         self.require(there, Rule::BuildInput, address, || {
             format!("{what} at {address:#x}, {size_bytes} bytes")
         });
     }
 
-    fn output(&self, what: &str, address: u64, size_bytes: u64, reach: &Reach) {
+    pub(super) fn output(&self, what: &str, address: u64, size_bytes: u64, reach: &Reach) {
         let there = size_bytes == 0 || reach.contains(address, size_bytes);
         self.require(there, Rule::BuildOutput, address, || {
             format!("{what} at {address:#x}, {size_bytes} bytes")
@@ -158,6 +208,22 @@ impl Checks<'_> {
         self.require(count <= max, Rule::RangeCount, address, || {
             format!("{count}, of {max}")
         });
+    }
+}
+
+/// An index of a type, if it is there.
+///
+/// # Safety
+/// Nothing writes it meanwhile.
+unsafe fn read_index(ty: IndexType, reach: &Reach, address: u64) -> Option<u32> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        match ty {
+            IndexType::None => None,
+            IndexType::U8 => read::<u8>(reach, address).map(u32::from),
+            IndexType::U16 => read::<u16>(reach, address).map(u32::from),
+            IndexType::U32 => read::<u32>(reach, address),
+        }
     }
 }
 

@@ -27,7 +27,7 @@ pub struct Lookup<'a> {
     pub is_box: bool,
 }
 
-impl Traced<'_> {
+impl Traced {
     /// Looks at a record that is met.
     pub fn lookup(&self, lookup: &Lookup<'_>) {
         let Lookup {

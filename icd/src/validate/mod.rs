@@ -7,15 +7,17 @@
 //! rules     the table: each rule, its name by command, what must hold
 //! registry  which buffers and structures are alive
 //! tables    binding tables, the launch's size, parameters in memory: before a dispatch
-//! rays      operands of trace instructions, and the structures that they name
+//! rays      operands of trace instructions and ray queries, and the structures that they name
 //! calls     the records that are met, recursion, the stack
-//! builds    what builds read
+//! builds    what builds of structures read
+//! micromaps what builds of micromaps read, and what geometries say of theirs
 //! ```
 //!
 //! A rule that is broken is reported once for each place where that happens, when the command is complete, with how often it happened.
 
 mod builds;
 mod calls;
+mod micromaps;
 mod rays;
 mod registry;
 mod rules;
@@ -31,7 +33,7 @@ use parking_lot::Mutex;
 use crate::object::instance::Messengers;
 
 pub use calls::{Lookup, Need};
-pub use rays::{Instruction, Traced};
+pub use rays::{Instruction, Queried, Traced};
 pub use registry::Registry;
 pub use rules::{Caller, Rule};
 pub use tables::invocations;
@@ -63,9 +65,9 @@ impl Validator {
     }
 
     /// Looks at one command.
-    pub fn command(&self, caller: Caller) -> Checks<'_> {
+    pub fn command(self: &Arc<Self>, caller: Caller) -> Checks {
         Checks {
-            validator: self,
+            validator: Arc::clone(self),
             caller,
             found: Mutex::default(),
         }
@@ -87,8 +89,8 @@ impl Validator {
 }
 
 /// What one command's execution does wrong.
-pub struct Checks<'a> {
-    pub validator: &'a Validator,
+pub struct Checks {
+    pub validator: Arc<Validator>,
     caller: Caller,
     found: Mutex<BTreeMap<(Rule, u64), Found>>,
 }
@@ -99,7 +101,7 @@ struct Found {
     detail: String,
 }
 
-impl Checks<'_> {
+impl Checks {
     /// A rule was broken at a place.
     #[cold]
     pub fn broken(&self, rule: Rule, place: u64, detail: impl FnOnce() -> String) {
@@ -131,7 +133,7 @@ impl Checks<'_> {
     }
 }
 
-impl Drop for Checks<'_> {
+impl Drop for Checks {
     /// Reports what is new.
     fn drop(&mut self) {
         for ((rule, place), found) in std::mem::take(self.found.get_mut()) {
@@ -166,7 +168,7 @@ mod tests {
 
     #[test]
     fn a_place_is_reported_once_and_counted() {
-        let validator = Validator::new(Arc::default());
+        let validator = Arc::new(Validator::new(Arc::default()));
         for _ in 0..2 {
             let checks = validator.command(Caller::TraceRays);
             checks.broken(Rule::TraceNan, 3, || "first".into());

@@ -10,8 +10,8 @@ use super::{Checks, Rule};
 use crate::object::ray_tracing_pipeline::PipelineFacts;
 
 /// One command's dispatch, while it runs.
-pub struct Traced<'a> {
-    pub checks: Checks<'a>,
+pub struct Traced {
+    pub checks: Checks,
     pub(super) facts: PipelineFacts,
     /// Bytes that the command buffer set for the stack, or the pipeline's default.
     pub(super) stack_bytes: u64,
@@ -46,8 +46,8 @@ struct FlagRules {
     skips: Rule,
     culls: Rule,
     opacity: Rule,
-    skips_triangles: Rule,
-    skips_boxes: Rule,
+    /// What the pipeline skips and the ray does: queries know no pipeline.
+    with_pipeline: Option<(Rule, Rule)>,
 }
 
 const TRACE: RayRules = RayRules {
@@ -63,8 +63,7 @@ const TRACE: RayRules = RayRules {
         skips: Rule::TraceSkips,
         culls: Rule::TraceCulls,
         opacity: Rule::TraceOpacity,
-        skips_triangles: Rule::TraceSkipsTriangles,
-        skips_boxes: Rule::TraceSkipsBoxes,
+        with_pipeline: Some((Rule::TraceSkipsTriangles, Rule::TraceSkipsBoxes)),
     }),
 };
 const MOTION: RayRules = RayRules {
@@ -91,83 +90,42 @@ const HIT_OBJECT: RayRules = RayRules {
         skips: Rule::HitObjectSkips,
         culls: Rule::HitObjectCulls,
         opacity: Rule::HitObjectOpacity,
-        skips_triangles: Rule::HitObjectSkipsTriangles,
-        skips_boxes: Rule::HitObjectSkipsBoxes,
+        with_pipeline: Some((Rule::HitObjectSkipsTriangles, Rule::HitObjectSkipsBoxes)),
     }),
 };
 
-impl Instruction {
-    fn rules(self) -> &'static RayRules {
-        match (self.fills_hit_object, self.has_time) {
-            (true, _) => &HIT_OBJECT,
-            (false, true) => &MOTION,
-            (false, false) => &TRACE,
-        }
-    }
-}
+/// `OpRayQueryInitializeKHR`.
+const QUERY: RayRules = RayRules {
+    finite: Rule::QueryFinite,
+    not_negative: Rule::QueryNotNegative,
+    order: Rule::QueryOrder,
+    nan: Rule::QueryNan,
+    time: None,
+    top: Some(Rule::QueryTop),
+    motion: None,
+    pipeline: None,
+    flags: Some(FlagRules {
+        skips: Rule::QuerySkips,
+        culls: Rule::QueryCulls,
+        opacity: Rule::QueryOpacity,
+        with_pipeline: None,
+    }),
+};
 
-impl<'a> Traced<'a> {
-    /// With what exists now.
-    pub fn new(checks: Checks<'a>, facts: PipelineFacts, stack_bytes: Option<u64>) -> Self {
-        Self {
-            stack_bytes: stack_bytes.unwrap_or(facts.default_stack_bytes),
-            facts,
-            structures: checks.validator.registry.structures(),
-            checks,
-        }
-    }
-
-    /// Looks at a ray: flags as the shader gave them, the address that it named, and what lies there. `place` tells instructions apart.
-    pub fn ray(
-        &self,
-        instruction: Instruction,
-        place: u64,
-        ray: &Ray,
-        time: f32,
-        structure: u64,
-        kind: Option<Kind>,
-    ) {
-        let rules = instruction.rules();
-        let detail = || format!("{ray:?}, time {time}, structure {structure:#x}");
-        let require = |holds, rule| self.checks.require(holds, rule, place, detail);
+impl RayRules {
+    /// Looks at the numbers and flags of a ray.
+    fn ray(&self, ray: &Ray, require: impl Fn(bool, Rule)) {
         let numbers = || ray.origin.iter().chain(&ray.direction);
         let has_nan = numbers().any(|n| n.is_nan()) || ray.t_min.is_nan() || ray.t_max.is_nan();
-        require(!has_nan, rules.nan);
+        require(!has_nan, self.nan);
         if !has_nan {
-            require(numbers().all(|n| n.is_finite()), rules.finite);
-            require(ray.t_min >= 0.0 && ray.t_max >= 0.0, rules.not_negative);
-            require(ray.t_min <= ray.t_max, rules.order);
+            require(numbers().all(|n| n.is_finite()), self.finite);
+            require(ray.t_min >= 0.0 && ray.t_max >= 0.0, self.not_negative);
+            require(ray.t_min <= ray.t_max, self.order);
             require(ray.direction != [0.0; 3], Rule::ZeroDirection);
         }
-        if let Some(rule) = rules.time.filter(|_| instruction.has_time) {
-            require((0.0..=1.0).contains(&time), rule);
-        }
-        if let Some(rules) = rules.flags {
-            self.flags(ray.flags, &rules, require);
-        }
-        if structure != 0 {
-            require(self.structures.contains(&structure), Rule::DeadStructure);
-        }
-        let allows_motion = self
-            .facts
-            .flags
-            .contains(vk::PipelineCreateFlags::RAY_TRACING_ALLOW_MOTION_NV);
-        let in_motion = kind == Some(Kind::MotionInstances);
-        if let (Some(rule), Some(kind)) = (rules.top, kind) {
-            require(kind.is_top() && (in_motion || !instruction.has_time), rule);
-        }
-        if let Some(rule) = rules.motion.filter(|_| in_motion) {
-            require(allows_motion, rule);
-        }
-        if let Some(rule) = rules.pipeline {
-            require(allows_motion, rule);
-        }
-    }
-
-    fn flags(&self, flags: u32, rules: &FlagRules, require: impl Fn(bool, Rule)) {
-        let at_most_one = |bits: u32| (flags & bits).count_ones() <= 1;
-        let skips = |bit: u32| flags & bit != 0;
-        let pipeline_skips = |flag| self.facts.flags.contains(flag);
+        let Some(rules) = &self.flags else { return };
+        let at_most_one = |bits: u32| (ray.flags & bits).count_ones() <= 1;
         require(
             at_most_one(ray_flags::SKIP_TRIANGLES | ray_flags::SKIP_AABBS),
             rules.skips,
@@ -189,15 +147,115 @@ impl<'a> Traced<'a> {
             ),
             rules.opacity,
         );
+    }
+}
+
+/// One command's ray queries, while it runs.
+pub struct Queried {
+    checks: Checks,
+    /// Addresses of the structures that exist.
+    structures: HashSet<u64>,
+}
+
+impl Queried {
+    /// With what exists now.
+    pub fn new(checks: Checks) -> Self {
+        Self {
+            structures: checks.validator.registry.structures(),
+            checks,
+        }
+    }
+
+    /// Looks at the ray that a query starts with, the address that it names, and what lies there. `place` tells programs apart.
+    #[cold]
+    pub fn ray(&self, place: u64, ray: &Ray, structure: u64, kind: Option<Kind>) {
+        let detail = || format!("{ray:?}, structure {structure:#x}");
+        let require = |holds, rule| self.checks.require(holds, rule, place, detail);
+        QUERY.ray(ray, require);
+        if structure != 0 {
+            let exists = self.structures.contains(&structure);
+            require(exists, Rule::QueryStructure);
+        }
+        if let Some(kind) = kind {
+            require(kind.is_top(), Rule::QueryTop);
+        }
+    }
+}
+
+impl Instruction {
+    fn rules(self) -> &'static RayRules {
+        match (self.fills_hit_object, self.has_time) {
+            (true, _) => &HIT_OBJECT,
+            (false, true) => &MOTION,
+            (false, false) => &TRACE,
+        }
+    }
+}
+
+impl Traced {
+    /// With what exists now.
+    pub fn new(checks: Checks, facts: PipelineFacts, stack_bytes: Option<u64>) -> Self {
+        Self {
+            stack_bytes: stack_bytes.unwrap_or(facts.default_stack_bytes),
+            facts,
+            structures: checks.validator.registry.structures(),
+            checks,
+        }
+    }
+
+    /// Looks at a ray: flags as the shader gave them, the address that it named, and what lies there. `place` tells instructions apart.
+    pub fn ray(
+        &self,
+        instruction: Instruction,
+        place: u64,
+        ray: &Ray,
+        time: f32,
+        structure: u64,
+        kind: Option<Kind>,
+    ) {
+        let rules = instruction.rules();
+        let detail = || format!("{ray:?}, time {time}, structure {structure:#x}");
+        let require = |holds, rule| self.checks.require(holds, rule, place, detail);
+        rules.ray(ray, require);
+        if let Some(rule) = rules.time.filter(|_| instruction.has_time) {
+            require((0.0..=1.0).contains(&time), rule);
+        }
+        if let Some(rules) = rules.flags.and_then(|flags| flags.with_pipeline) {
+            self.skips(ray.flags, rules, require);
+        }
+        if structure != 0 {
+            require(self.structures.contains(&structure), Rule::DeadStructure);
+        }
+        let allows_motion = self
+            .facts
+            .flags
+            .contains(vk::PipelineCreateFlags::RAY_TRACING_ALLOW_MOTION_NV);
+        let in_motion = kind == Some(Kind::MotionInstances);
+        if let (Some(rule), Some(kind)) = (rules.top, kind) {
+            require(kind.is_top() && (in_motion || !instruction.has_time), rule);
+        }
+        if let Some(rule) = rules.motion.filter(|_| in_motion) {
+            require(allows_motion, rule);
+        }
+        if let Some(rule) = rules.pipeline {
+            require(allows_motion, rule);
+        }
+    }
+
+    /// What neither the ray nor its pipeline skips.
+    fn skips(&self, flags: u32, (triangles, boxes): (Rule, Rule), require: impl Fn(bool, Rule)) {
+        use vk::PipelineCreateFlags as Pipeline;
+        let skips = |bit: u32| flags & bit != 0;
+        let pipeline_skips = |flag| self.facts.flags.contains(flag);
         require(
             !(skips(ray_flags::SKIP_TRIANGLES)
-                && pipeline_skips(vk::PipelineCreateFlags::RAY_TRACING_SKIP_AABBS_KHR)),
-            rules.skips_triangles,
+                && pipeline_skips(Pipeline::RAY_TRACING_SKIP_AABBS_KHR)),
+            triangles,
         );
         require(
             !(skips(ray_flags::SKIP_AABBS)
-                && pipeline_skips(vk::PipelineCreateFlags::RAY_TRACING_SKIP_TRIANGLES_KHR)),
-            rules.skips_boxes,
+                && pipeline_skips(Pipeline::RAY_TRACING_SKIP_TRIANGLES_KHR)),
+            boxes,
         );
     }
 

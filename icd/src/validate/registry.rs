@@ -62,6 +62,11 @@ impl Registry {
         self.structures.lock().remove(&handle);
     }
 
+    /// Whether a structure with this handle is alive.
+    pub fn has_structure(&self, handle: u64) -> bool {
+        self.structures.lock().contains_key(&handle)
+    }
+
     /// Addresses of the structures that are alive.
     pub fn structures(&self) -> HashSet<u64> {
         let structures = self.structures.lock();

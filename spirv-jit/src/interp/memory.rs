@@ -112,7 +112,7 @@ fn look_up(m: &Machine<'_>, address: u64) -> u64 {
         }
         None => {
             if let Some(strays) = &m.environment.strays {
-                strays.count(m.program.number(), m.pc, address);
+                strays.count(m.program.number(), m.pc, address, 0);
             }
             0
         }
@@ -148,6 +148,27 @@ fn operands<'c>(m: &Machine<'c>, plan: &AccessPlan) -> (&'c [Operand], &'c [Oper
 /// Most scalars whose rows are looked up once for all lanes of a subgroup.
 const SCALARS_AT_ONCE: usize = 16;
 
+/// Counts device addresses that are less aligned than their access says.
+///
+/// # Safety
+/// As [`load`]; the space is that of device addresses.
+#[cold]
+unsafe fn check_alignment(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand]) {
+    let Some(strays) = &m.environment.strays else {
+        return;
+    };
+    let alignment = 1u64 << plan.alignment.min(63);
+    for &offset in m.listed() {
+        for lane in lanes_of(m.active[offset as usize / 64]) {
+            // SAFETY: as the caller promises.
+            let address = unsafe { m.lane(address[0], offset, lane, true) };
+            if !address.is_multiple_of(alignment) {
+                strays.count(m.program.number(), m.pc, address, alignment);
+            }
+        }
+    }
+}
+
 /// A load by plan `x`.
 ///
 /// # Safety
@@ -157,6 +178,9 @@ pub(super) unsafe fn load(m: &mut Machine<'_>, i: &Instr) {
     let (address, results) = operands(m, &plan);
     // SAFETY: as the caller promises.
     unsafe {
+        if plan.alignment != 0 {
+            check_alignment(m, &plan, address);
+        }
         if address.iter().all(|operand| operand.is_uniform()) {
             load_once(m, &plan, address, results);
             return;
@@ -278,6 +302,9 @@ pub(super) unsafe fn store(m: &mut Machine<'_>, i: &Instr) {
     let (address, values) = operands(m, &plan);
     // SAFETY: as the caller promises.
     unsafe {
+        if plan.alignment != 0 {
+            check_alignment(m, &plan, address);
+        }
         match plan.ty.size_bytes() {
             1 => store_lanes::<u8>(m, &plan, address, values),
             2 => store_lanes::<u16>(m, &plan, address, values),

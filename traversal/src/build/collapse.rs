@@ -53,17 +53,28 @@ fn decide(nodes: &mut [BinaryNode], costs: &Costs) -> [f32; 7] {
         return [leaf_cost; 7];
     }
     let (root, left, right) = children_mut(nodes);
+    let is_leaf = [left[0].is_leaf(), right[0].is_leaf()];
     let (left, right) = if count > PARALLEL && in_pool() {
         rayon::join(|| decide(left, costs), || decide(right, costs))
     } else {
         (decide(left, costs), decide(right, costs))
     };
-    // The best way to make i + 2 children out of both halves, and how many go to the left one.
+    // The best way to make i + 2 children out of both halves, and how many go to the left one. A leaf costs
+    // the same however many children it may be, and others cost less the more they may be.
     let share = |i: usize| {
-        (0..=i)
-            .map(|k| (left[k] + right[i - k], k as u8))
-            .reduce(|best, other| if other.0 < best.0 { other } else { best })
-            .expect("at least one way")
+        if is_leaf[0] {
+            return (left[0] + right[i], 0);
+        } else if is_leaf[1] {
+            return (left[i] + right[0], i as u8);
+        }
+        let mut best = (left[0] + right[i], 0);
+        for k in 1..=i {
+            let cost = left[k] + right[i - k];
+            if cost < best.0 {
+                best = (cost, k as u8);
+            }
+        }
+        best
     };
     let (inner_cost, split) = share(WIDTH - 2);
     let inner_cost = inner_cost + area * costs.node;

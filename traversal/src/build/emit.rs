@@ -28,6 +28,8 @@ unsafe impl Sync for Target<'_> {}
 
 /// Subtrees with more primitives than this are written side by side.
 const PARALLEL: u32 = 8192;
+/// Subtrees of so many primitives have their vertices brought near before they are written.
+const NEAR: u32 = 64;
 
 impl Target<'_> {
     /// # Safety
@@ -38,12 +40,19 @@ impl Target<'_> {
         unsafe { self.base.add(offset).cast::<Node>().write(*node) }
     }
 
+    /// Where a leaf is.
+    pub fn leaf_at<T>(&self, index: u32) -> *mut T {
+        self.base
+            .wrapping_add(self.parts.leaves_offset as usize)
+            .cast::<T>()
+            .wrapping_add(index as usize)
+    }
+
     /// # Safety
     /// `index` is inside the part, `T` is the kind's leaf, and nobody else writes or reads it.
     pub unsafe fn write_leaf<T>(&self, index: u32, leaf: T) {
-        let offset = self.parts.leaves_offset as usize + index as usize * size_of::<T>();
         // SAFETY: the caller's promise; leaves are as aligned as their sizes ask, from 256 on.
-        unsafe { self.base.add(offset).cast::<T>().write(leaf) }
+        unsafe { self.leaf_at::<T>(index).write(leaf) }
     }
 
     /// Leaves that `count` primitives of one child need.
@@ -72,7 +81,7 @@ impl Target<'_> {
             Geometries::Triangles(_) => {
                 for (i, primitives) in primitives.chunks(GROUP).enumerate() {
                     // SAFETY: the caller's promise.
-                    unsafe { self.write_leaf(index + i as u32, self.group(primitives)) };
+                    unsafe { self.write_group(primitives, index + i as u32) };
                 }
                 let two = if primitives.len() > GROUP {
                     child::TWO_GROUPS
@@ -120,9 +129,14 @@ impl Target<'_> {
     }
 
     /// # Safety
-    /// The memory of the geometries is readable.
-    unsafe fn group(&self, primitives: &[Primitive]) -> TriangleGroup {
-        let mut group = TriangleGroup::EMPTY;
+    /// As for [`Self::write_primitives`].
+    unsafe fn write_group(&self, primitives: &[Primitive], index: u32) {
+        // SAFETY: the caller's promise. It is filled in where it is, as copies of what was just written
+        // number by number are slow.
+        let group = unsafe {
+            self.write_leaf(index, TriangleGroup::EMPTY);
+            &mut *self.leaf_at::<TriangleGroup>(index)
+        };
         for (lane, primitive) in primitives.iter().enumerate() {
             group.primitives[lane] = primitive.index;
             let Geometries::Triangles(list) = self.geometries else {
@@ -136,7 +150,19 @@ impl Target<'_> {
                 group.lanes |= 1 << lane;
             }
         }
-        group
+    }
+
+    /// Has vertices brought near that are about to be written.
+    ///
+    /// # Safety
+    /// The memory of the geometries is readable.
+    unsafe fn prefetch(&self, primitives: &[Primitive]) {
+        if let Geometries::Triangles(list) = self.geometries {
+            for primitive in primitives {
+                // SAFETY: the caller's promise.
+                unsafe { list[primitive.geometry as usize].prefetch(primitive.index) };
+            }
+        }
     }
 
     /// Writes the planned subtree whose wide root is node `node_index`; its nodes follow that one,
@@ -178,6 +204,10 @@ impl Target<'_> {
         unsafe { self.write_node(node_index, &node) };
         let run = |(subtree, first, node_index, leaf_index): Task<'_>| {
             let own = &primitives[first as usize..][..subtree[0].count as usize];
+            if subtree[0].count <= NEAR && nodes[0].count > NEAR {
+                // SAFETY: the caller's promise.
+                unsafe { self.prefetch(own) };
+            }
             // SAFETY: the plan gave this subtree these nodes and leaves.
             unsafe { self.write_tree(subtree, own, node_index, leaf_index) };
         };

@@ -7,6 +7,7 @@
 
 mod collapse;
 mod corners;
+mod curve;
 mod emit;
 mod instance;
 mod micromap;
@@ -14,8 +15,10 @@ mod motion;
 mod primitive;
 mod refit;
 mod split;
+mod sweep;
 mod swept;
 mod tree;
+mod vector;
 mod vertex;
 
 use crate::input::{BuildFlags, BuildInput, Geometries, GeometryFlags};
@@ -25,10 +28,11 @@ use crate::layout::{
 };
 use crate::structure::Kind;
 use collapse::Costs;
+use corners::Corners;
 use emit::Target;
 use primitive::Primitive;
 pub use refit::update;
-use split::{Extent, SplitRules};
+use split::SplitRules;
 use tree::BinaryNode;
 
 /// Memory for a build, in bytes: upper bounds that hold for any input of that shape.
@@ -85,7 +89,8 @@ const SCRATCH_ALIGNMENT: usize = 64;
 /// Never decreases when a count or the number of geometries increases.
 pub fn build_sizes(kind: Kind, flags: BuildFlags, max_primitive_counts: &[u32]) -> BuildSizes {
     let count: u64 = max_primitive_counts.iter().map(|&c| u64::from(c)).sum();
-    let scratch = count * (size_of::<Primitive>() + 2 * size_of::<BinaryNode>()) as u64;
+    let scratch = count * (size_of::<Primitive>() + 2 * size_of::<BinaryNode>()) as u64
+        + block_bytes(flags, count);
     BuildSizes {
         structure_bytes: structure_bytes(kind, max_primitive_counts.len() as u64, count),
         build_scratch_bytes: scratch + SCRATCH_ALIGNMENT as u64,
@@ -95,6 +100,14 @@ pub fn build_sizes(kind: Kind, flags: BuildFlags, max_primitive_counts: &[u32]) 
         } else {
             0
         },
+    }
+}
+
+/// Scratch for boxes beside the tree.
+fn block_bytes(flags: BuildFlags, count: u64) -> u64 {
+    match flags.contains(BuildFlags::PREFER_FAST_BUILD) {
+        true => sweep::block_count(count) * size_of::<Corners>() as u64,
+        false => 0,
     }
 }
 
@@ -162,9 +175,22 @@ unsafe fn build_to_depth(
         return Err(BuildError::Destination);
     }
     let count = shape.primitives as usize;
-    let (primitives, nodes) = carve(scratch, count).ok_or(BuildError::Scratch)?;
-    // SAFETY: the caller's promise.
-    let collected = unsafe { primitive::collect(&input.geometries, input.flags, primitives) };
+    let Workspace {
+        primitives,
+        nodes,
+        blocks,
+    } = carve(scratch, input.flags, count).ok_or(BuildError::Scratch)?;
+    let along_curve = input.flags.contains(BuildFlags::PREFER_FAST_BUILD);
+    let collected = {
+        let places = match along_curve {
+            // They are sorted from there into their places.
+            // SAFETY: nodes are larger and as aligned, and both are plain numbers.
+            true => unsafe { std::slice::from_raw_parts_mut(nodes.as_mut_ptr().cast(), count) },
+            false => &mut *primitives,
+        };
+        // SAFETY: the caller's promise.
+        unsafe { primitive::collect(&input.geometries, input.flags, places) }
+    };
     let active = collected.count;
     let primitives = &mut primitives[..active];
 
@@ -192,7 +218,7 @@ unsafe fn build_to_depth(
         unsafe { target.write_node(0, &Node::EMPTY) };
     } else {
         let nodes = &mut nodes[..2 * active - 1];
-        let costs = grow(shape.kind, input.flags, primitives, nodes);
+        let costs = grow(shape.kind, input.flags, primitives, nodes, blocks);
         let fits = |nodes: u32, leaves: u32| {
             let parts = Parts::new(shape.kind, shape.geometries, nodes.into(), leaves.into());
             parts.size_bytes <= promised
@@ -276,6 +302,7 @@ fn grow(
     flags: BuildFlags,
     primitives: &mut [Primitive],
     nodes: &mut [BinaryNode],
+    blocks: &mut [Corners],
 ) -> Costs {
     // Cheap blocks make fuller leaves; between 0.5 and 2 the walk does not feel the difference.
     let (block, leaf_max, block_cost) = match kind {
@@ -290,9 +317,18 @@ fn grow(
         block
     };
     let hurry = flags.contains(BuildFlags::PREFER_FAST_BUILD);
-    let extent = Extent::of(primitives);
+    let extent = match hurry {
+        // SAFETY: that is where they were collected.
+        true => tree::extent(unsafe {
+            std::slice::from_raw_parts(nodes.as_ptr().cast(), primitives.len())
+        }),
+        false => tree::extent(primitives),
+    };
     let rules = SplitRules::new(block, leaf_forced as usize + 1, hurry, &extent);
-    tree::build(primitives, nodes, &rules, extent);
+    match hurry {
+        true => curve::build(primitives, nodes, blocks, &rules, &extent),
+        false => tree::build(primitives, nodes, &rules, extent),
+    }
     Costs {
         node: 1.0,
         block: block_cost,
@@ -385,20 +421,32 @@ impl Written {
     }
 }
 
-/// The scratch memory as places for primitives and for a binary tree over them.
-fn carve(scratch: &mut [u8], count: usize) -> Option<(&mut [Primitive], &mut [BinaryNode])> {
+/// The scratch memory: places for primitives, for a binary tree over them, and for boxes beside it.
+struct Workspace<'a> {
+    primitives: &'a mut [Primitive],
+    nodes: &'a mut [BinaryNode],
+    blocks: &'a mut [Corners],
+}
+
+fn carve(scratch: &mut [u8], flags: BuildFlags, count: usize) -> Option<Workspace<'_>> {
     let start = scratch.as_ptr().align_offset(SCRATCH_ALIGNMENT);
     let primitive_bytes = count * size_of::<Primitive>();
     let node_bytes = count * 2 * size_of::<BinaryNode>();
-    let bytes = scratch.get_mut(start..start + primitive_bytes + node_bytes)?;
-    let (primitives, nodes) = bytes.split_at_mut(primitive_bytes);
-    // SAFETY: aligned to 64 bytes, long enough, disjoint, and both types are plain numbers for
+    let block_bytes = block_bytes(flags, count as u64) as usize;
+    let bytes = scratch.get_mut(start..start + primitive_bytes + node_bytes + block_bytes)?;
+    let (primitives, rest) = bytes.split_at_mut(primitive_bytes);
+    let (nodes, blocks) = rest.split_at_mut(node_bytes);
+    // SAFETY: aligned to 32 bytes, long enough, disjoint, and all three types are plain numbers for
     // which any bytes will do.
     unsafe {
-        Some((
-            std::slice::from_raw_parts_mut(primitives.as_mut_ptr().cast(), count),
-            std::slice::from_raw_parts_mut(nodes.as_mut_ptr().cast(), 2 * count),
-        ))
+        Some(Workspace {
+            primitives: std::slice::from_raw_parts_mut(primitives.as_mut_ptr().cast(), count),
+            nodes: std::slice::from_raw_parts_mut(nodes.as_mut_ptr().cast(), 2 * count),
+            blocks: std::slice::from_raw_parts_mut(
+                blocks.as_mut_ptr().cast(),
+                block_bytes / size_of::<Corners>(),
+            ),
+        })
     }
 }
 

@@ -150,7 +150,7 @@ fn same_counts(structure: &Structure, geometries: &Geometries<'_>) -> bool {
 unsafe fn write_triangles(target: &Target<'_>, count: u32, list: &[TriangleGeometry]) {
     for index in 0..count {
         // SAFETY: one of the `count` groups.
-        let group = unsafe { &mut *leaf_at::<TriangleGroup>(target, index) };
+        let group = unsafe { &mut *target.leaf_at::<TriangleGroup>(index) };
         for lane in 0..GROUP {
             if group.primitives[lane] == u32::MAX {
                 continue;
@@ -177,7 +177,7 @@ unsafe fn write_triangles(target: &Target<'_>, count: u32, list: &[TriangleGeome
 unsafe fn write_swept(target: &Target<'_>, count: u32, list: &[SweptGeometry]) {
     for index in 0..count {
         // SAFETY: one of the `count` entries.
-        let entry = unsafe { &mut *leaf_at::<SweptEntry>(target, index) };
+        let entry = unsafe { &mut *target.leaf_at::<SweptEntry>(index) };
         let number = entry.geometry & geometry_word::INDEX;
         let geometry = &list[number as usize];
         // SAFETY: the caller's promise.
@@ -196,7 +196,7 @@ unsafe fn write_motion(target: &Target<'_>, count: u32, list: &[MotionGeometry])
     for index in 0..count {
         // SAFETY: one of the `count` entries, and the caller's promise.
         unsafe {
-            let entry = &mut *leaf_at::<MotionEntry>(target, index);
+            let entry = &mut *target.leaf_at::<MotionEntry>(index);
             let number = entry.geometry & geometry_word::INDEX;
             *entry = list[number as usize].entry(entry.primitive, number);
         }
@@ -242,14 +242,6 @@ pub(crate) unsafe fn write_instances(target: &Target<'_>, source: &InstanceSourc
     origin_error
 }
 
-fn leaf_at<T>(target: &Target<'_>, index: u32) -> *mut T {
-    target
-        .base
-        .wrapping_add(target.parts.leaves_offset as usize)
-        .cast::<T>()
-        .wrapping_add(index as usize)
-}
-
 /// The box of a child's primitives as they are now.
 ///
 /// # Safety
@@ -259,7 +251,7 @@ unsafe fn leaf_bounds(target: &Target<'_>, index: u32, groups: u32) -> Bounds {
         Geometries::Triangles(_) => (index..index + groups)
             .map(|index| {
                 // SAFETY: the caller's promise.
-                let group = unsafe { &*leaf_at::<TriangleGroup>(target, index) };
+                let group = unsafe { &*target.leaf_at::<TriangleGroup>(index) };
                 (0..GROUP)
                     .filter(|lane| group.lanes >> lane & 1 != 0)
                     .map(|lane| primitive::sanitized_triangle_bounds(&group.triangle(lane)))
@@ -268,14 +260,14 @@ unsafe fn leaf_bounds(target: &Target<'_>, index: u32, groups: u32) -> Bounds {
             .fold(Bounds::EMPTY, Bounds::union),
         Geometries::Aabbs(list) => {
             // SAFETY: the caller's promise.
-            let entry = unsafe { *leaf_at::<crate::layout::BoxEntry>(target, index) };
+            let entry = unsafe { *target.leaf_at::<crate::layout::BoxEntry>(index) };
             let geometry = &list[(entry.geometry & geometry_word::INDEX) as usize];
             // SAFETY: the caller's promise.
             unsafe { primitive::aabb(geometry, entry.primitive) }.unwrap_or(Bounds::EMPTY)
         }
         Geometries::Swept(list) => {
             // SAFETY: the caller's promise.
-            let entry = unsafe { *leaf_at::<SweptEntry>(target, index) };
+            let entry = unsafe { *target.leaf_at::<SweptEntry>(index) };
             let geometry = &list[(entry.geometry & geometry_word::INDEX) as usize];
             // SAFETY: the caller's promise.
             unsafe { geometry.primitive(entry.primitive) }
@@ -283,7 +275,7 @@ unsafe fn leaf_bounds(target: &Target<'_>, index: u32, groups: u32) -> Bounds {
         }
         Geometries::Motion(list) => {
             // SAFETY: the caller's promise.
-            let entry = unsafe { *leaf_at::<MotionEntry>(target, index) };
+            let entry = unsafe { *target.leaf_at::<MotionEntry>(index) };
             let geometry = &list[(entry.geometry & geometry_word::INDEX) as usize];
             // SAFETY: the caller's promise.
             unsafe { geometry.triangles(entry.primitive) }

@@ -2,6 +2,7 @@
 
 use super::corners::Corners;
 use super::primitive::Primitive;
+use super::vector::{Portable, Vector};
 
 /// How splits are chosen.
 #[derive(Clone, Copy, Debug)]
@@ -30,6 +31,14 @@ impl SplitRules {
     }
 }
 
+impl SplitRules {
+    /// Blocks are 2 to the power of this.
+    #[inline(always)]
+    pub fn shift(&self) -> u32 {
+        self.block.trailing_zeros()
+    }
+}
+
 /// An extent below this is none: its reciprocal could overflow.
 const TINY: f32 = 1.0e-36;
 
@@ -41,20 +50,18 @@ pub(crate) struct Extent {
 }
 
 impl Extent {
-    const EMPTY: Extent = Extent {
-        corners: Corners::EMPTY,
-        centers: Corners::EMPTY,
-    };
-
     #[inline(always)]
-    pub fn of(primitives: &[Primitive]) -> Extent {
-        let mut extent = Extent::EMPTY;
+    pub fn of<V: Vector>(primitives: &[Primitive]) -> Extent {
+        let (mut corners, mut centers) = (V::of(&Corners::EMPTY), V::of(&Corners::EMPTY));
         for primitive in primitives {
-            let corners = primitive.corners();
-            extent.corners = extent.corners.join(&corners);
-            extent.centers = (extent.centers).join(&Corners::point(corners.center()));
+            let own = V::of_primitive(primitive);
+            corners = corners.join(own);
+            centers = centers.join(own.center());
         }
-        extent
+        Extent {
+            corners: corners.corners(),
+            centers: centers.corners(),
+        }
     }
 }
 
@@ -94,79 +101,158 @@ impl Binning {
         }
     }
 
+    /// On each axis. Centers are inside the extent and everything is finite, so this is between 0 and `BINS`.
     #[inline(always)]
-    fn bins<const BINS: usize>(&self, center: [f32; 4]) -> [usize; 3] {
-        let mut bins = [0i32; 4];
-        for i in 0..4 {
-            let bin = (center[i] - self.base[i]) * self.factor[i];
-            // SAFETY: centers are inside the extent and everything is finite, so this is between 0
-            // and `BINS`; the fourth number is multiplied by 0, and NaN only if it is not finite.
-            bins[i] = unsafe { (if i < 3 { bin } else { 0.0 }).to_int_unchecked() };
-        }
-        let [x, y, z, _] = bins;
+    fn bins<V: Vector, const BINS: usize>(&self, center: V) -> [usize; 3] {
+        let [x, y, z, _] = center.places(&self.base, &self.factor);
         [x as usize % BINS, y as usize % BINS, z as usize % BINS]
     }
 }
 
+/// What falls into each bin of each axis.
+struct Bins<const BINS: usize> {
+    boxes: [[Corners; 3]; BINS],
+    counts: [[u32; 4]; BINS],
+}
+
+impl<const BINS: usize> Bins<BINS> {
+    #[inline(always)]
+    fn empty<V: Vector>() -> Bins<BINS> {
+        let mut bins = Bins {
+            boxes: [[Corners([0.0; 8]); 3]; BINS],
+            counts: [[0; 4]; BINS],
+        };
+        for place in bins.boxes.as_flattened_mut() {
+            *place = V::of(&Corners::EMPTY).corners();
+        }
+        bins
+    }
+
+    #[inline(always)]
+    fn add<V: Vector>(&mut self, binning: &Binning, primitive: &Primitive) {
+        let own = V::of_primitive(primitive);
+        let bins = binning.bins::<V, BINS>(own.center());
+        for axis in 0..3 {
+            let place = &mut self.boxes[bins[axis]][axis];
+            *place = V::of(place).join(own).corners();
+            self.counts[bins[axis]][axis] += 1;
+        }
+    }
+
+    #[inline(always)]
+    fn add_all<V: Vector>(&mut self, other: &Bins<BINS>) {
+        for i in 0..BINS {
+            for axis in 0..3 {
+                let place = &mut self.boxes[i][axis];
+                *place = V::of(place).join(V::of(&other.boxes[i][axis])).corners();
+            }
+            for axis in 0..4 {
+                self.counts[i][axis] += other.counts[i][axis];
+            }
+        }
+    }
+
+    /// The box around some bins of an axis.
+    #[inline(always)]
+    fn side<V: Vector>(&self, bins: std::ops::Range<usize>, axis: usize) -> Corners {
+        // A closure would not have the instruction set.
+        let mut sum = V::of(&Corners::EMPTY);
+        for bin in &self.boxes[bins] {
+            sum = sum.join(V::of(&bin[axis]));
+        }
+        sum.corners()
+    }
+}
+
+/// More primitives than this are binned in two rows: neighbours often fall into the same bin, which
+/// would have them wait for each other.
+const TWO_ROWS: usize = 240;
+
 /// The cheapest plane; `None` if all centers fall into one bin.
 #[inline(always)]
-pub(crate) fn choose<const BINS: usize>(
+pub(crate) fn choose<V: Vector, const BINS: usize>(
     primitives: &[Primitive],
     rules: &SplitRules,
     extent: &Extent,
 ) -> Option<Split> {
     let binning = Binning::new(extent, BINS);
-    let mut boxes = [[Corners::EMPTY; 3]; BINS];
-    let mut counts = [[0u32; 4]; BINS];
-    for primitive in primitives {
-        let corners = primitive.corners();
-        let bins = binning.bins::<BINS>(corners.center());
-        for axis in 0..3 {
-            let place = &mut boxes[bins[axis]][axis];
-            *place = place.join(&corners);
-            counts[bins[axis]][axis] += 1;
+    let mut bins = Bins::<BINS>::empty::<V>();
+    if primitives.len() > TWO_ROWS {
+        let mut others = Bins::<BINS>::empty::<V>();
+        let (pairs, rest) = primitives.as_chunks::<2>();
+        for [one, other] in pairs {
+            bins.add::<V>(&binning, one);
+            others.add::<V>(&binning, other);
+        }
+        for primitive in rest {
+            bins.add::<V>(&binning, primitive);
+        }
+        bins.add_all::<V>(&others);
+    } else {
+        for primitive in primitives {
+            bins.add::<V>(&binning, primitive);
         }
     }
     // What the right side of each plane costs, on each axis; then both sides.
-    let mut right_cost = [[0f32; 4]; BINS];
-    let mut sum = [Corners::EMPTY; 3];
-    let mut count = [0; 4];
+    let mut right_cost = [V::four(0.0); BINS];
+    let mut side = Side::<V>::new();
     for i in (1..BINS).rev() {
-        right_cost[i] = add_bin(&mut sum, &mut count, &boxes[i], &counts[i], rules);
+        right_cost[i] = side.add(&bins.boxes[i], &bins.counts[i], rules);
     }
-    let mut best = (f32::INFINITY, 0, 0);
-    let mut sum = [Corners::EMPTY; 3];
-    let mut count = [0; 4];
-    let total = primitives.len() as u32;
+    let mut best = [V::four(f32::INFINITY), V::four(0.0)];
+    let mut side = Side::<V>::new();
     for i in 1..BINS {
-        let cost = add_bin(&mut sum, &mut count, &boxes[i - 1], &counts[i - 1], rules);
-        for axis in 0..3 {
-            let cost = cost[axis] + right_cost[i][axis];
-            // An empty side's cost is not a number, or infinite.
-            if cost < best.0 && count[axis] > 0 && count[axis] < total {
-                best = (cost, axis, i);
-            }
-        }
+        let cost = side.add(&bins.boxes[i - 1], &bins.counts[i - 1], rules);
+        // An empty side's cost is not a number, or infinite.
+        V::lower(&mut best, V::add(cost, right_cost[i]), i as f32);
     }
-    let (cost, axis, bin) = best;
-    if cost == f32::INFINITY {
+    let [costs, planes] = best.map(V::numbers);
+    let axis = longest([-costs[0], -costs[1], -costs[2], 0.0]);
+    if costs[axis] == f32::INFINITY {
         return None;
     }
-    let side = |bins: &[[Corners; 3]]| {
-        bins.iter()
-            .fold(Corners::EMPTY, |sum, bin| sum.join(&bin[axis]))
-    };
+    let plane = planes[axis];
+    let bin = plane as usize % BINS;
     Some(Split {
         axis,
-        plane: bin as f32,
+        plane,
         binning,
-        sides: [side(&boxes[..bin]), side(&boxes[bin..])],
+        sides: [
+            bins.side::<V>(0..bin, axis),
+            bins.side::<V>(bin..BINS, axis),
+        ],
     })
+}
+
+/// One side of a plane across each axis.
+struct Side<V: Vector> {
+    boxes: [V; 3],
+    counts: V::Counts,
+}
+
+impl<V: Vector> Side<V> {
+    #[inline(always)]
+    fn new() -> Side<V> {
+        Side {
+            boxes: [V::of(&Corners::EMPTY); 3],
+            counts: V::counts(&[0; 4]),
+        }
+    }
+
+    /// Adds a bin; returns what the sides cost now.
+    #[inline(always)]
+    fn add(&mut self, boxes: &[Corners; 3], counts: &[u32; 4], rules: &SplitRules) -> V::Four {
+        for axis in 0..3 {
+            self.boxes[axis] = self.boxes[axis].join(V::of(&boxes[axis]));
+        }
+        self.counts = V::add_counts(self.counts, V::counts(counts));
+        V::costs(self.boxes, rules.scale, self.counts, rules.shift())
+    }
 }
 
 /// The cheapest plane across the longest axis; `None` if all centers are in one place.
 #[inline(always)]
-pub(crate) fn choose_quickly<const BINS: usize>(
+pub(crate) fn choose_quickly<V: Vector, const BINS: usize>(
     primitives: &[Primitive],
     rules: &SplitRules,
     extent: &Extent,
@@ -179,27 +265,27 @@ pub(crate) fn choose_quickly<const BINS: usize>(
     let mut boxes = [Corners::EMPTY; BINS];
     let mut counts = [0u32; BINS];
     for primitive in primitives {
-        let corners = primitive.corners();
-        let bin = (corners.center()[axis] - binning.base[axis]) * binning.factor[axis];
+        let bin = (primitive.center(axis) - binning.base[axis]) * binning.factor[axis];
         // SAFETY: as in `Binning::bins`.
         let bin = unsafe { bin.to_int_unchecked::<i32>() } as usize % BINS;
-        boxes[bin] = boxes[bin].join(&corners);
+        let own = V::of_primitive(primitive);
+        boxes[bin] = V::of(&boxes[bin]).join(own).corners();
         counts[bin] += 1;
     }
     let mut right_cost = [0f32; BINS];
-    let (mut sum, mut count) = (Corners::EMPTY, 0);
+    let (mut sum, mut count) = (V::of(&Corners::EMPTY), 0);
     for i in (1..BINS).rev() {
-        sum = sum.join(&boxes[i]);
+        sum = sum.join(V::of(&boxes[i]));
         count += counts[i];
-        right_cost[i] = cost(&sum, count, rules);
+        right_cost[i] = cost(&sum.corners(), count, rules);
     }
     let mut best = (f32::INFINITY, 0);
-    let (mut sum, mut count) = (Corners::EMPTY, 0);
+    let (mut sum, mut count) = (V::of(&Corners::EMPTY), 0);
     for i in 1..BINS {
-        sum = sum.join(&boxes[i - 1]);
+        sum = sum.join(V::of(&boxes[i - 1]));
         count += counts[i - 1];
         // An empty side's cost is not a number, or infinite.
-        let cost = cost(&sum, count, rules) + right_cost[i];
+        let cost = cost(&sum.corners(), count, rules) + right_cost[i];
         if cost < best.0 && count > 0 && (count as usize) < primitives.len() {
             best = (cost, i);
         }
@@ -208,100 +294,66 @@ pub(crate) fn choose_quickly<const BINS: usize>(
     if cost == f32::INFINITY {
         return None;
     }
-    let side = |bins: &[Corners]| {
-        bins.iter()
-            .fold(Corners::EMPTY, |sum, corners| sum.join(corners))
-    };
+    let mut sides = [V::of(&Corners::EMPTY); 2];
+    for (i, part) in boxes.iter().enumerate() {
+        let side = &mut sides[usize::from(i >= bin)];
+        *side = side.join(V::of(part));
+    }
     Some(Split {
         axis,
         plane: bin as f32,
         binning,
-        sides: [side(&boxes[..bin]), side(&boxes[bin..])],
+        sides: [sides[0].corners(), sides[1].corners()],
     })
 }
 
 /// What one side of a plane costs.
 #[inline(always)]
 fn cost(side: &Corners, count: u32, rules: &SplitRules) -> f32 {
-    let blocks = (count + rules.block - 1) >> rules.block.trailing_zeros();
+    let blocks = (count + rules.block - 1) >> rules.shift();
     side.half_area(rules.scale) * blocks as i32 as f32
-}
-
-/// Adds a bin to one side of each axis; returns what the sides cost now.
-#[inline(always)]
-fn add_bin(
-    sum: &mut [Corners; 3],
-    count: &mut [u32; 4],
-    boxes: &[Corners; 3],
-    counts: &[u32; 4],
-    rules: &SplitRules,
-) -> [f32; 4] {
-    for axis in 0..3 {
-        sum[axis] = sum[axis].join(&boxes[axis]);
-    }
-    let [a, b, c] = [sum[0].edges(), sum[1].edges(), sum[2].edges()];
-    let mut cost = [0.0; 4];
-    let (x, y, z) = (
-        [a[0], b[0], c[0], 0.0],
-        [a[1], b[1], c[1], 0.0],
-        [a[2], b[2], c[2], 0.0],
-    );
-    for i in 0..4 {
-        count[i] += counts[i];
-        let (x, y, z) = (x[i] * rules.scale, y[i] * rules.scale, z[i] * rules.scale);
-        let blocks = (count[i] + rules.block - 1) >> rules.block.trailing_zeros();
-        cost[i] = (x * y + y * z + z * x) * blocks as i32 as f32;
-    }
-    cost
 }
 
 /// Moves the primitives left of the plane to the front; returns how many and both extents.
 #[inline(always)]
-pub(crate) fn partition(primitives: &mut [Primitive], split: &Split) -> (usize, Extent, Extent) {
+pub(crate) fn partition<V: Vector>(
+    primitives: &mut [Primitive],
+    split: &Split,
+) -> (usize, Extent, Extent) {
     let axis = split.axis;
     let (base, factor) = (split.binning.base[axis], split.binning.factor[axis]);
     // Half of the primitives are left in no order, so a branch here would be guessed wrong often.
-    let mut left = Corners::EMPTY;
-    let mut right = Corners::EMPTY;
+    let mut centers = [V::of(&Corners::EMPTY); 2];
+    let plane = split.plane;
     let mut middle = 0;
     for i in 0..primitives.len() {
-        let primitive = primitives[i];
-        let corners = primitive.corners();
-        let center = corners.center();
-        let is_left = (center[axis] - base) * factor < split.plane;
-        let point = Corners::point(center);
-        for k in 0..8 {
-            let (l, r) = if is_left {
-                (point.0[k], f32::INFINITY)
-            } else {
-                (f32::INFINITY, point.0[k])
-            };
-            left.0[k] = if l < left.0[k] { l } else { left.0[k] };
-            right.0[k] = if r < right.0[k] { r } else { right.0[k] };
-        }
-        primitives[i] = primitives[middle];
-        primitives[middle] = primitive;
+        let is_left = (primitives[i].center(axis) - base) * factor < plane;
+        let center = V::of_primitive(&primitives[i]).center();
+        centers[0] = centers[0].join(center.only_if(is_left));
+        centers[1] = centers[1].join(center.only_if(!is_left));
+        primitives.swap(i, middle);
         middle += usize::from(is_left);
     }
-    let [left_corners, right_corners] = split.sides;
-    let extent = |corners, centers| Extent { corners, centers };
-    (
-        middle,
-        extent(left_corners, left),
-        extent(right_corners, right),
-    )
+    let [left, right] = [0, 1].map(|side| Extent {
+        corners: split.sides[side],
+        centers: centers[side].corners(),
+    });
+    (middle, left, right)
 }
 
 /// Splits in the middle of the longest axis' order; where centers coincide, in the middle of the
 /// order there is.
-pub(crate) fn halve(primitives: &mut [Primitive], extent: &Extent) -> (usize, Extent, Extent) {
+pub(crate) fn halve<V: Vector>(
+    primitives: &mut [Primitive],
+    extent: &Extent,
+) -> (usize, Extent, Extent) {
     let middle = primitives.len() / 2;
     let size = extent.centers.edges();
     if size[..3].iter().any(|&size| size > 0.0) {
         sort_middle(primitives, middle, longest(size));
     }
     let (left, right) = primitives.split_at(middle);
-    (middle, Extent::of(left), Extent::of(right))
+    (middle, Extent::of::<V>(left), Extent::of::<V>(right))
 }
 
 fn longest([x, y, z, _]: [f32; 4]) -> usize {
@@ -317,7 +369,7 @@ fn longest([x, y, z, _]: [f32; 4]) -> usize {
 /// Puts the primitives before position `middle` of the order along `axis` in front of it.
 fn sort_middle(primitives: &mut [Primitive], middle: usize, axis: usize) {
     primitives.select_nth_unstable_by(middle, |a, b| {
-        (a.corners().center()[axis].total_cmp(&b.corners().center()[axis]))
+        (a.center(axis).total_cmp(&b.center(axis)))
             .then(a.geometry.cmp(&b.geometry))
             .then(a.index.cmp(&b.index))
     });
@@ -325,7 +377,7 @@ fn sort_middle(primitives: &mut [Primitive], middle: usize, axis: usize) {
 
 /// Orders primitives into two halves at `middle` along the longest axis of their centers.
 pub(crate) fn divide(primitives: &mut [Primitive], middle: usize) {
-    let size = Extent::of(primitives).centers.edges();
+    let size = Extent::of::<Portable>(primitives).centers.edges();
     if middle > 0 && middle < primitives.len() && size[..3].iter().any(|&size| size > 0.0) {
         sort_middle(primitives, middle, longest(size));
     }

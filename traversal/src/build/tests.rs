@@ -123,3 +123,93 @@ fn packed_trees_hold_the_same_primitives() {
         }
     }
 }
+
+/// Boxes of all sizes, some of them the same.
+fn boxes(count: u32) -> Vec<[f32; 6]> {
+    let mut state = 1u32;
+    let mut next = move || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 24) as f32
+    };
+    (0..count)
+        .map(|i| {
+            let corner = match i % 7 {
+                0 => [0.5; 3],
+                _ => [next(), next(), next()],
+            };
+            let size = 0.1 * next() * next();
+            let [x, y, z] = corner;
+            [x, y, z, x + size, y + size, z]
+        })
+        .collect()
+}
+
+#[test]
+fn instruction_sets_do_not_show() {
+    let boxes = boxes(20_000);
+    let list = [AabbGeometry {
+        boxes: memory(&boxes),
+        stride_bytes: 24,
+        primitive_count: boxes.len() as u32,
+        flags: GeometryFlags(0),
+    }];
+    for along_curve in [false, true] {
+        let tree = |vectors: bool| {
+            let mut primitives = vec![Primitive::HOLE; boxes.len()];
+            // SAFETY: the boxes are alive.
+            unsafe {
+                primitive::collect(&Geometries::Aabbs(&list), BuildFlags(0), &mut primitives)
+            };
+            let extent = tree::extent(&primitives);
+            let rules = SplitRules::new(4, 5, along_curve, &extent);
+            let mut nodes = vec![BinaryNode::default(); 2 * boxes.len() - 1];
+            let mut blocks = vec![Corners::EMPTY; sweep::block_count(boxes.len() as u64) as usize];
+            let (primitives, nodes) = (&mut primitives[..], &mut nodes[..]);
+            match (along_curve, vectors) {
+                (true, _) => {
+                    curve::grow_all(primitives, nodes, &mut blocks, &rules, &extent, vectors);
+                }
+                (false, true) => tree::build(primitives, nodes, &rules, extent),
+                (false, false) => tree::build_portable(primitives, nodes, &rules, extent),
+            }
+            format!("{primitives:?} {nodes:?}")
+        };
+        assert!(tree(false) == tree(true), "{along_curve}");
+    }
+}
+
+#[test]
+fn primitives_are_sorted_along_the_curve() {
+    let boxes = boxes(5000);
+    let list = [AabbGeometry {
+        boxes: memory(&boxes),
+        stride_bytes: 24,
+        primitive_count: boxes.len() as u32,
+        flags: GeometryFlags(0),
+    }];
+    let mut from = vec![Primitive::HOLE; boxes.len()];
+    // SAFETY: the boxes are alive.
+    unsafe { primitive::collect(&Geometries::Aabbs(&list), BuildFlags(0), &mut from) };
+    let sorted = || {
+        let mut to = from.clone();
+        curve::arrange_for_test(&from, &mut to);
+        to.iter()
+            .map(|primitive| primitive.index)
+            .collect::<Vec<_>>()
+    };
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(2)
+        .build()
+        .unwrap();
+    let serial = sorted();
+    assert_eq!(serial, pool.install(sorted));
+    // The box in the lower half comes before the one in the upper half.
+    let place = |i: usize| serial.iter().position(|&index| index == i as u32).unwrap();
+    let half = |i: usize| boxes[i][0] + boxes[i][3] < 0.9;
+    let other = |i: usize| boxes[i][0] + boxes[i][3] > 1.2;
+    for i in (0..200).filter(|&i| half(i)) {
+        for k in (0..200).filter(|&k| other(k)) {
+            assert!(place(i) < place(k), "{i} {k}");
+        }
+    }
+}

@@ -7,11 +7,15 @@
 use super::corners::Corners;
 use super::primitive::{Primitive, in_pool};
 use super::split::{Extent, SplitRules, choose, choose_quickly, halve, partition};
+use super::vector::{Portable, Vector};
 use crate::layout::Bounds;
+
+#[cfg(target_arch = "x86_64")]
+use super::vector::Avx2;
 
 /// A node of the binary tree. The left child is the next node, the right child comes after the
 /// left one's 2n − 1; primitives of a subtree are consecutive.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 #[repr(C, align(16))]
 pub(crate) struct BinaryNode {
     min: [f32; 3],
@@ -30,6 +34,17 @@ pub(crate) struct BinaryNode {
 }
 
 impl BinaryNode {
+    pub fn new(corners: &Corners, count: usize, leaf: bool) -> BinaryNode {
+        let bounds = corners.bounds();
+        BinaryNode {
+            min: bounds.min,
+            count: count as u32,
+            max: bounds.max,
+            leaf: leaf.into(),
+            ..BinaryNode::default()
+        }
+    }
+
     /// The box.
     pub fn bounds(&self) -> Bounds {
         Bounds {
@@ -66,9 +81,9 @@ pub(crate) fn children(nodes: &[BinaryNode]) -> (&[BinaryNode], &[BinaryNode]) {
 }
 
 /// From this depth on, splits halve the number of primitives: bounds the depth of the recursion.
-const HEURISTIC_DEPTH: u32 = 64;
+pub(crate) const HEURISTIC_DEPTH: u32 = 64;
 /// Subtrees with more primitives than this are built side by side.
-const PARALLEL: usize = 2048;
+pub(crate) const PARALLEL: usize = 2048;
 
 /// Builds the tree of `primitives`, whose extent is given, into `nodes` (2n − 1 of them) and sorts
 /// the primitives into the order of its leaves. The tree is the same on every machine.
@@ -83,44 +98,72 @@ pub(crate) fn build(
         // SAFETY: the machine has it.
         return unsafe { subtree_avx2(primitives, nodes, rules, extent, 0) };
     }
+    build_portable(primitives, nodes, rules, extent);
+}
+
+/// The same on any machine.
+pub(crate) fn build_portable(
+    primitives: &mut [Primitive],
+    nodes: &mut [BinaryNode],
+    rules: &SplitRules,
+    extent: Extent,
+) {
     subtree_portable(primitives, nodes, rules, extent, 0);
+}
+
+/// What all primitives extend over.
+pub(crate) fn extent(primitives: &[Primitive]) -> Extent {
+    #[cfg(target_arch = "x86_64")]
+    if is_x86_feature_detected!("avx2") {
+        // SAFETY: the machine has it.
+        return unsafe { extent_avx2(primitives) };
+    }
+    Extent::of::<Portable>(primitives)
+}
+
+/// # Safety
+/// The machine has AVX2.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+unsafe fn extent_avx2(primitives: &[Primitive]) -> Extent {
+    Extent::of::<Avx2>(primitives)
 }
 
 /// One of the two instances of [`subtree`].
 ///
 /// # Safety
 /// The machine has the instruction set.
-type Subtree =
+pub(crate) type Subtree =
     unsafe fn(&mut [Primitive], &mut [BinaryNode], rules: &SplitRules, extent: Extent, depth: u32);
 
 /// # Safety
 /// The machine has AVX2.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2")]
-unsafe fn subtree_avx2(
+pub(crate) unsafe fn subtree_avx2(
     primitives: &mut [Primitive],
     nodes: &mut [BinaryNode],
     rules: &SplitRules,
     extent: Extent,
     depth: u32,
 ) {
-    subtree(primitives, nodes, rules, extent, depth, subtree_avx2);
+    subtree::<Avx2>(primitives, nodes, rules, extent, depth, subtree_avx2);
 }
 
-fn subtree_portable(
+pub(crate) fn subtree_portable(
     primitives: &mut [Primitive],
     nodes: &mut [BinaryNode],
     rules: &SplitRules,
     extent: Extent,
     depth: u32,
 ) {
-    subtree(primitives, nodes, rules, extent, depth, subtree_portable);
+    subtree::<Portable>(primitives, nodes, rules, extent, depth, subtree_portable);
 }
 
 /// Inlined into one function for each instruction set, `again`, which is also who builds the
 /// subtrees.
 #[inline(always)]
-fn subtree(
+fn subtree<V: Vector>(
     primitives: &mut [Primitive],
     nodes: &mut [BinaryNode],
     rules: &SplitRules,
@@ -130,17 +173,7 @@ fn subtree(
 ) {
     let count = primitives.len();
     let leaf = count < rules.stop.max(2);
-    let bounds = extent.corners.bounds();
-    nodes[0] = BinaryNode {
-        min: bounds.min,
-        count: count as u32,
-        max: bounds.max,
-        wide_nodes: 0,
-        wide_leaves: 0,
-        decisions: [0; 7],
-        leaf: leaf.into(),
-        reserved: 0,
-    };
+    nodes[0] = BinaryNode::new(&extent.corners, count, leaf);
     if leaf {
         return;
     }
@@ -148,19 +181,19 @@ fn subtree(
     let chosen = if depth >= HEURISTIC_DEPTH {
         None
     } else if rules.hurry && count > 32 {
-        choose_quickly::<16>(primitives, rules, &extent)
+        choose_quickly::<V, 16>(primitives, rules, &extent)
     } else if rules.hurry {
-        choose_quickly::<8>(primitives, rules, &extent)
+        choose_quickly::<V, 8>(primitives, rules, &extent)
     } else if count > 240 {
-        choose::<32>(primitives, rules, &extent)
+        choose::<V, 32>(primitives, rules, &extent)
     } else if count > 80 {
-        choose::<16>(primitives, rules, &extent)
+        choose::<V, 16>(primitives, rules, &extent)
     } else {
-        choose::<8>(primitives, rules, &extent)
+        choose::<V, 8>(primitives, rules, &extent)
     };
     let (middle, left_extent, right_extent) = match chosen {
-        Some(split) => partition(primitives, &split),
-        None => halve(primitives, &extent),
+        Some(split) => partition::<V>(primitives, &split),
+        None => halve::<V>(primitives, &extent),
     };
     let (left, right) = primitives.split_at_mut(middle);
     let (left_nodes, right_nodes) = nodes[1..].split_at_mut(2 * middle - 1);

@@ -151,6 +151,9 @@ pub(crate) fn transform_point(matrix: &[f32; 12], point: [f32; 3]) -> [f32; 3] {
     })
 }
 
+/// Less memory than this stays near by itself.
+const FAR_BYTES: usize = 1 << 20;
+
 impl TriangleGeometry {
     /// A vertex as it is in the structure's space; `None` outside the memory.
     ///
@@ -171,16 +174,15 @@ impl TriangleGeometry {
         })
     }
 
-    /// Triangle `index` in the structure's space. `None` if it is inactive: the first component of
-    /// a vertex is NaN, or a vertex or an index lies outside the memory.
+    /// The vertices of a triangle; `None` if an index lies outside the memory.
     ///
     /// # Safety
     /// The geometry's memory must be readable and unchanged.
     #[inline(always)]
-    pub(crate) unsafe fn triangle(&self, index: u32) -> Option<[[f32; 3]; 3]> {
+    unsafe fn corners(&self, index: u32) -> Option<[u64; 3]> {
         let first = 3 * u64::from(index);
-        // SAFETY: the caller's promise, here and below.
-        let [a, b, c] = unsafe {
+        // SAFETY: the caller's promise.
+        let corners = unsafe {
             match self.index_type {
                 IndexType::None => [first, first + 1, first + 2],
                 IndexType::U8 => self.indices.read_integers::<3, u8>(first)?.map(u64::from),
@@ -190,14 +192,43 @@ impl TriangleGeometry {
                     .map(|index| u32::from_le(index).into()),
             }
         };
-        let base = u64::from(self.first_vertex);
-        // SAFETY: as above.
+        Some(corners.map(|corner| corner + u64::from(self.first_vertex)))
+    }
+
+    /// Triangle `index` in the structure's space. `None` if it is inactive: the first component of
+    /// a vertex is NaN, or a vertex or an index lies outside the memory.
+    ///
+    /// # Safety
+    /// The geometry's memory must be readable and unchanged.
+    #[inline(always)]
+    pub(crate) unsafe fn triangle(&self, index: u32) -> Option<[[f32; 3]; 3]> {
+        // SAFETY: the caller's promise.
         unsafe {
-            Some([
-                self.vertex(a + base)?,
-                self.vertex(b + base)?,
-                self.vertex(c + base)?,
-            ])
+            let [a, b, c] = self.corners(index)?;
+            Some([self.vertex(a)?, self.vertex(b)?, self.vertex(c)?])
+        }
+    }
+
+    /// Has the vertices of a triangle brought near, where the machine can.
+    ///
+    /// # Safety
+    /// The geometry's memory must be readable and unchanged.
+    #[inline(always)]
+    pub(crate) unsafe fn prefetch(&self, index: u32) {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the caller's promise; any address may be prefetched.
+        unsafe {
+            use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+            if self.vertices.bytes < FAR_BYTES {
+                return;
+            }
+            let size = self.vertex_format.size_bytes() - 1;
+            for corner in self.corners(index).into_iter().flatten() {
+                let offset = corner.wrapping_mul(self.vertex_stride_bytes) as usize;
+                let start = self.vertices.base.wrapping_add(offset);
+                _mm_prefetch::<_MM_HINT_T0>(start.cast());
+                _mm_prefetch::<_MM_HINT_T0>(start.wrapping_add(size).cast());
+            }
         }
     }
 }

@@ -20,6 +20,17 @@ pub struct GeometryMicromap {
 }
 
 impl GeometryMicromap {
+    /// The micromap's triangle for the geometry's triangle `index`; none where one state stands for
+    /// all of it.
+    ///
+    /// # Safety
+    /// The memory of the indices is readable and unchanged.
+    pub unsafe fn triangle(&self, index: u32) -> Option<u32> {
+        // SAFETY: the caller's promise.
+        let word = unsafe { self.word(index) };
+        (word < FIRST_SPECIAL).then_some(word)
+    }
+
     /// The word that a bottom level keeps for triangle `index`. Where there is no index, a shader
     /// is asked.
     ///

@@ -65,7 +65,11 @@ impl Mesh {
             indices: memory(&self.indices),
             transform: None,
             primitive_count: self.indices.len() as u32,
-            flags: GeometryFlags(u32::from(self.opaque)),
+            // Tests count candidates.
+            flags: GeometryFlags(match self.opaque {
+                true => GeometryFlags::OPAQUE,
+                false => GeometryFlags::NO_DUPLICATE_ANY_HIT_INVOCATION,
+            }),
             micromap: None,
         }
     }
@@ -74,6 +78,14 @@ impl Mesh {
         self.indices[index].map(|i| self.vertices[i as usize])
     }
 }
+
+/// The builds that differ in their trees.
+pub const QUALITIES: [u32; 4] = [
+    0,
+    BuildFlags::PREFER_FAST_BUILD,
+    BuildFlags::PREFER_FAST_TRACE,
+    BuildFlags::LOW_MEMORY,
+];
 
 /// Builds with memory of exactly the promised sizes.
 pub fn build_blob(input: &BuildInput<'_>) -> Bytes {

@@ -162,6 +162,7 @@ impl Emitter<'_> {
         self.code.accesses.push(AccessPlan {
             space: access.space,
             ty,
+            alignment: access.alignment,
             operands,
             scalars: scalars.len() as u32,
         });

@@ -1,0 +1,106 @@
+//! What builds of micromaps read, and what geometries say of theirs.
+
+use spirv_jit::reach::Reach;
+use traversal::{Micromap, MicromapFormat};
+
+use super::{Checks, Rule};
+use crate::execute::acceleration_structure::Triangles;
+use crate::execute::micromap::MicromapBuild;
+use crate::execute::reachable::read;
+
+/// `VkMicromapTriangleEXT`: offset, level, format.
+#[derive(Clone, Copy)]
+#[repr(C)]
+struct MicromapTriangle {
+    data_offset: u32,
+    level: u16,
+    format: u16,
+}
+
+impl Checks {
+    /// Looks at a build.
+    ///
+    /// # Safety
+    /// Nothing writes what the build reads meanwhile.
+    pub unsafe fn micromap(&self, build: &MicromapBuild, reach: &Reach) {
+        let destination = build.destination;
+        self.output(
+            "micromap",
+            destination.address,
+            destination.size_bytes,
+            reach,
+        );
+        let size = size_of::<MicromapTriangle>() as u64;
+        let Some(last) = build.count().checked_sub(1) else {
+            return;
+        };
+        let bytes = (u64::from(last) * build.stride_bytes).saturating_add(size);
+        self.input("micromap triangles", build.triangles, bytes, reach);
+        // How many triangles there may still be of each usage.
+        let mut left: Vec<u32> = build.usages.iter().map(|usage| usage.count).collect();
+        for index in 0..=u64::from(last) {
+            let address = build
+                .triangles
+                .wrapping_add(index.wrapping_mul(build.stride_bytes));
+            // SAFETY: the caller's promise.
+            let Some(triangle) = (unsafe { read::<MicromapTriangle>(reach, address) }) else {
+                break;
+            };
+            let level = u32::from(triangle.level);
+            let place = build.triangles;
+            let detail = || {
+                let format = triangle.format;
+                format!("triangle {index} is of format {format} and level {level}")
+            };
+            let Some(format) = MicromapFormat::of(triangle.format.into()) else {
+                self.broken(Rule::MicromapFormat, place, detail);
+                continue;
+            };
+            let limit = match format {
+                MicromapFormat::TwoStates => Rule::MicromapLevel2,
+                MicromapFormat::FourStates => Rule::MicromapLevel4,
+            };
+            let is_there = level <= traversal::micromap::MAX_LEVEL;
+            self.require(is_there, limit, place, detail);
+            if !is_there {
+                continue;
+            }
+            let states = build.data.wrapping_add(triangle.data_offset.into());
+            let bytes = format.triangle_bytes(level);
+            self.input("micromap states", states, bytes, reach);
+            let usage = (build.usages.iter().zip(&mut left))
+                .find(|(usage, left)| usage.format == format && usage.level == level && **left > 0);
+            match usage {
+                Some((_, left)) => *left -= 1,
+                None => self.broken(Rule::MicromapUsage, place, detail),
+            }
+        }
+    }
+
+    /// Looks at the micromap of a geometry that is built.
+    ///
+    /// # Safety
+    /// Nothing writes the indices or the micromap meanwhile.
+    pub(super) unsafe fn geometry_micromap(&self, list: &Triangles, reach: &Reach) {
+        let Some(micromap) = list.bounded_micromap(reach) else {
+            return;
+        };
+        let is_reachable = reach.contains(micromap.micromap, Micromap::HEADER_BYTES);
+        // SAFETY: there is memory, and the caller's promise.
+        let built = is_reachable.then(|| unsafe { Micromap::at(micromap.micromap) });
+        let built = built.flatten();
+        let count = built.map_or(0, |built| built.triangle_count());
+        for index in 0..list.primitive_count {
+            // SAFETY: the indices are bounded, and the caller's promise.
+            let Some(triangle) = (unsafe { micromap.triangle(index) }) else {
+                continue;
+            };
+            self.require(
+                triangle < count,
+                Rule::MicromapIndex,
+                micromap.micromap,
+                || format!("triangle {index} has the micromap's {triangle}, of {count}"),
+            );
+        }
+    }
+}
