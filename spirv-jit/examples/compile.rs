@@ -53,6 +53,7 @@ fn compile_entries(path: &str, words: &[u32], capabilities: &[Capability]) {
             bindings: &binding,
             capabilities,
             accuracy: spirv_jit::Accuracy::Spec,
+            checks_alignment: false,
         };
         let start = Instant::now();
         let lowered = spirv_jit::lower::lower_module(&parsed, &request);

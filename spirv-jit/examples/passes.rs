@@ -87,6 +87,7 @@ fn main() {
             bindings: &support::bindings,
             capabilities: &capabilities,
             accuracy: spirv_jit::Accuracy::Spec,
+            checks_alignment: false,
         };
         let begin = Instant::now();
         let parsed = spirv_jit::parse::parse(&words).unwrap();

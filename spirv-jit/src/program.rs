@@ -93,6 +93,8 @@ pub struct CompileRequest<'a> {
     /// What the device has enabled; anything a module declares beyond it is refused.
     pub capabilities: &'a [rspirv::spirv::Capability],
     pub accuracy: Accuracy,
+    /// Whether accesses through physical pointers say when those are less aligned than the module promises.
+    pub checks_alignment: bool,
 }
 
 /// Compiles one entry point.

@@ -79,7 +79,7 @@ impl Reach {
     }
 }
 
-/// An instruction that followed a pointer to nowhere.
+/// An instruction that followed a pointer to nowhere, or one less aligned than it said.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stray {
     /// The program, by its number.
@@ -88,29 +88,32 @@ pub struct Stray {
     pub site: usize,
     /// The first pointer.
     pub address: u64,
+    /// What it is not a multiple of; 0 where it leads nowhere.
+    pub alignment: u64,
     pub count: u64,
 }
 
-/// Accesses that led nowhere, by instruction.
+/// Accesses that went wrong, by instruction.
 #[derive(Debug, Default)]
 pub struct Strays(Mutex<Vec<Stray>>);
 
 impl Strays {
-    /// Counts one.
-    pub fn count(&self, program: u64, site: usize, address: u64) {
+    /// Counts one; `alignment` as a [`Stray`] has it.
+    pub fn count(&self, program: u64, site: usize, address: u64, alignment: u64) {
         let mut strays = self
             .0
             .lock()
             .unwrap_or_else(|poisoned| poisoned.into_inner());
         match strays
             .iter_mut()
-            .find(|stray| (stray.program, stray.site) == (program, site))
+            .find(|it| (it.program, it.site, it.alignment) == (program, site, alignment))
         {
             Some(stray) => stray.count += 1,
             None => strays.push(Stray {
                 program,
                 site,
                 address,
+                alignment,
                 count: 1,
             }),
         }
@@ -160,11 +163,12 @@ mod tests {
     #[test]
     fn strays_are_counted_by_site() {
         let strays = Strays::default();
-        strays.count(1, 5, 0xAA);
-        strays.count(1, 6, 0xBB);
-        strays.count(1, 5, 0xCC);
+        strays.count(1, 5, 0xAA, 0);
+        strays.count(1, 6, 0xBB, 0);
+        strays.count(1, 5, 0xCC, 0);
+        strays.count(1, 5, 0xAA, 4);
         let taken = strays.take();
-        assert_eq!(taken.len(), 2);
+        assert_eq!(taken.len(), 3);
         assert_eq!((taken[0].address, taken[0].count), (0xAA, 2));
         assert!(strays.take().is_empty());
     }

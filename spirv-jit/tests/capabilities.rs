@@ -78,6 +78,7 @@ fn is_refused(capability: Capability) -> bool {
         bindings: &bindings,
         capabilities: &capabilities,
         accuracy: spirv_jit::Accuracy::Spec,
+        checks_alignment: false,
     };
     let error = spirv_jit::compile(&request).err().expect("no entry point");
     error

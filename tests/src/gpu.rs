@@ -364,6 +364,11 @@ impl Gpu {
         )
     }
 
+    /// Destroys a pipeline at the end.
+    pub fn keep_pipeline(&self, pipeline: vk::Pipeline) {
+        self.keep(Made::Pipeline(pipeline));
+    }
+
     pub(crate) fn keep(&self, made: Made) {
         self.made.borrow_mut().push(made);
     }

@@ -322,6 +322,21 @@ const CHECKS: &[(&str, Check)] = &[
             assert_eq!(Trace::new(gpu, &case).run(64), 30, "{place}");
         }
     }),
+    ("VUID-RuntimeSpirv-PhysicalStorageBuffer64-06315", |gpu| {
+        // References are aligned to 16 unless they say otherwise.
+        let buffer = gpu.buffer_with(&[0u32, 1, 2, 3]);
+        let at = buffer.address + 8;
+        let raygen = format!(
+            "Place place = Place(uvec2({}u, {}u)); place.word += 10u; payload = place.word;",
+            at as u32,
+            at >> 32
+        );
+        let case = Case {
+            raygen: &raygen,
+            ..Case::default()
+        };
+        assert_eq!(Trace::new(gpu, &case).run(1), 12);
+    }),
 ];
 
 /// A ray whose numbers break a rule: the end of its name, flags, and origin, tmin, direction, tmax.

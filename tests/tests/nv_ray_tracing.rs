@@ -431,7 +431,7 @@ fn callable_shaders_take_data_by_location() {
         ..Table::default()
     };
     gpu.trace_nv(&rays, &table, [32, 1, 1]);
-    let factor = |x: usize| if x % 2 == 0 { 3.0 } else { 5.0 };
+    let factor = |x: usize| if x.is_multiple_of(2) { 3.0 } else { 5.0 };
     let expected: Vec<f32> = (0..32)
         .map(|x| x as f32 * factor(x) * 3.0 + 1001.0)
         .collect();

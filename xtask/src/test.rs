@@ -46,6 +46,10 @@ pub fn test(options: &Options) -> Result<ExitCode> {
             let mut tests = black_box_tests(options, &skips);
             driver.select_for(&mut tests);
             tests.env("TUFF_UNDER_TEST", "1");
+            // No dispatch of the tests takes long: one that hangs loses its device, not the evening.
+            if std::env::var_os("TUFF_TIMEOUT").is_none() {
+                tests.env("TUFF_TIMEOUT", "60");
+            }
             let outer = passes(tests)?;
             let both = [inner, outer].iter().all(|code| *code == ExitCode::SUCCESS);
             // Tuff has all that there are tests of.

@@ -105,6 +105,8 @@ impl ShaderStage {
             bindings: &|set, binding| layout.descriptor_binding(set, binding),
             capabilities: &device.capabilities,
             accuracy: settings().accuracy,
+            // A program that a cache has from a device without validation says nothing of alignment.
+            checks_alignment: device.validator().is_some(),
         };
         let compiled = spirv_jit::program::compile_module(&request)
             .and_then(|module| Ok((Arc::new(Program::new(&module)?), module)));

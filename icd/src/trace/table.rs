@@ -45,7 +45,7 @@ pub struct Shaders {
 }
 
 impl Shaders {
-    /// Indexes groups by handle.
+    /// Indexes groups by handle. Groups of the same shaders have the same one: the first stands for all of them.
     pub fn new(programs: Vec<Arc<Program>>, groups: Vec<Group>) -> Self {
         let mut shaders = Self {
             programs,
@@ -53,11 +53,16 @@ impl Shaders {
             groups,
         };
         for index in 0..shaders.groups.len() {
-            let mut slot = shaders.first_slot(&shaders.groups[index].handle);
-            while shaders.slots[slot] != 0 {
+            let handle = &shaders.groups[index].handle;
+            let mut slot = shaders.first_slot(handle);
+            while let Some(other) = shaders.slots[slot].checked_sub(1)
+                && shaders.groups[other as usize].handle != *handle
+            {
                 slot = (slot + 1) & (shaders.slots.len() - 1);
             }
-            shaders.slots[slot] = index as u32 + 1;
+            if shaders.slots[slot] == 0 {
+                shaders.slots[slot] = index as u32 + 1;
+            }
         }
         shaders
     }
@@ -147,6 +152,20 @@ mod tests {
         }
         assert!(shaders.group(&[0; HANDLE_SIZE]).is_none());
         assert!(shaders.group(&handle(10)).is_none());
+    }
+
+    #[test]
+    fn many_groups_of_the_same_shaders_are_one_entry() {
+        let group = |i: u8| Group {
+            handle: handle(i),
+            ..Group::default()
+        };
+        // Were each searched for behind all others, this would not end.
+        let mut groups = vec![group(3); 1 << 20];
+        groups.push(group(5));
+        let shaders = Shaders::new(Vec::new(), groups);
+        assert_eq!(shaders.group_index(&handle(3)), Some(0));
+        assert_eq!(shaders.group_index(&handle(5)), Some(1 << 20));
     }
 
     #[test]

@@ -184,6 +184,7 @@ rules! {
     Whole ZeroDirection "TUFF-zero-direction" "a ray's direction is not zero: such a ray hits nothing";
     Whole HitKind "VUID-RuntimeSpirv-OpReportIntersectionKHR-06998" "a hit kind that is reported is at most 127";
     Whole PhysicalPointer "VUID-RuntimeSpirv-PhysicalStorageBuffer64-11819" "a physical pointer leads into a buffer of shader device address usage";
+    Whole PointerAlignment "VUID-RuntimeSpirv-PhysicalStorageBuffer64-06315" "a physical pointer is as aligned as the access through it says";
     // Builds.
     Whole RangeAlignment "VUID-vkCmdBuildAccelerationStructuresIndirectKHR-pIndirectDeviceAddresses-03648" "the address of a build's ranges is a multiple of 4";
     Whole RangeMemory "VUID-vkCmdBuildAccelerationStructuresIndirectKHR-pIndirectDeviceAddresses-03646" "a build's ranges lie in one buffer";

@@ -126,12 +126,17 @@ impl Checks {
         self.require(depth == 1, Rule::MaskDepth, mask.address, detail);
     }
 
-    /// Reports the physical pointers of shaders that led nowhere.
+    /// Reports the physical pointers of shaders that led nowhere or were misaligned.
     pub fn strays(&self, surroundings: &Surroundings) {
         for stray in surroundings.strays.iter().flat_map(|strays| strays.take()) {
             let place = stray.program << 32 | stray.site as u64;
-            self.broken_times(Rule::PhysicalPointer, place, stray.count, || {
-                format!("a shader follows {:#x}", stray.address)
+            let rule = match stray.alignment {
+                0 => Rule::PhysicalPointer,
+                _ => Rule::PointerAlignment,
+            };
+            self.broken_times(rule, place, stray.count, || match stray.alignment {
+                0 => format!("a shader follows {:#x}", stray.address),
+                bytes => format!("{:#x} is no multiple of {bytes}", stray.address),
             });
         }
     }

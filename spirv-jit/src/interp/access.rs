@@ -259,6 +259,28 @@ unsafe fn access_scalars<C: Copying, T: Lane>(
     }
 }
 
+/// Counts device addresses that are less aligned than their access says.
+///
+/// # Safety
+/// As [`Kernel::run`]; the space is that of device addresses.
+#[cold]
+#[inline(never)]
+unsafe fn check_alignment(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand]) {
+    let Some(strays) = &m.environment.strays else {
+        return;
+    };
+    let alignment = 1u64 << plan.alignment.min(63);
+    for &offset in m.listed() {
+        for lane in lanes_of(m.active[offset as usize / 64]) {
+            // SAFETY: as the caller promises.
+            let address = unsafe { m.lane(address[0], offset, lane, true) };
+            if !address.is_multiple_of(alignment) {
+                strays.count(m.program.number(), m.pc, address, alignment);
+            }
+        }
+    }
+}
+
 /// A load by plan `x`, of scalars of `T`'s size.
 struct Load<T>(PhantomData<T>);
 
@@ -269,6 +291,9 @@ impl<T: Lane> Kernel for Load<T> {
         let (address, results) = operands(m, &plan);
         // SAFETY: as the caller promises.
         unsafe {
+            if plan.alignment != 0 {
+                check_alignment(m, &plan, address);
+            }
             if address.iter().all(|operand| operand.is_uniform()) {
                 return load_once(m, &plan, address, results);
             }
@@ -290,6 +315,9 @@ impl<T: Lane> Kernel for Store<T> {
         let (address, values) = operands(m, &plan);
         // SAFETY: as the caller promises.
         unsafe {
+            if plan.alignment != 0 {
+                check_alignment(m, &plan, address);
+            }
             let shared = shared_region(m, &plan, address);
             for &offset in m.listed() {
                 access_block::<Out, T>(m, &plan, &shared, (address, values), offset);

@@ -11,6 +11,8 @@ use crate::program::SiteId;
 pub(super) struct AccessPlan {
     pub space: Space,
     pub ty: Type,
+    /// As [`Access`](crate::ir::op::Access) has it.
+    pub alignment: u8,
     /// First of the operands: address, then results (load) or values (store).
     pub operands: u32,
     pub scalars: u32,

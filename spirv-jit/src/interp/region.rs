@@ -109,7 +109,7 @@ fn look_up(m: &Machine<'_>, address: u64) -> u64 {
         }
         None => {
             if let Some(strays) = &m.environment.strays {
-                strays.count(m.program.number(), m.pc, address);
+                strays.count(m.program.number(), m.pc, address, 0);
             }
             0
         }

@@ -399,6 +399,19 @@ pub struct Access {
     pub space: Space,
     /// Must be performed as written, neither merged nor moved (`Volatile`, or atomic ordering with other invocations).
     pub volatile: bool,
+    /// log₂ of what a device address must be a multiple of, where that is to be checked; 0 asks nothing.
+    pub alignment: u8,
+}
+
+impl Access {
+    /// That nobody else looks at, and that needs no alignment.
+    pub fn plain(space: Space) -> Self {
+        Self {
+            space,
+            volatile: false,
+            alignment: 0,
+        }
+    }
 }
 
 /// Read-modify-write operations. The operand's type is the result's: i32, i64, f32, f64 (f16 and i16 where the feature is advertised).

@@ -290,6 +290,9 @@ fn address_types(space: Space) -> &'static [Type] {
 
 /// Checks the leading address operands and gives the rest.
 fn check_address<'a>(access: &Access, args: &'a [Type]) -> Result<&'a [Type], String> {
+    if access.alignment != 0 && access.space != Space::Global {
+        return Err("only device addresses have an alignment".into());
+    }
     args.strip_prefix(address_types(access.space))
         .ok_or_else(|| "wrong address operands".into())
 }

@@ -91,6 +91,7 @@ impl Lowerer<'_> {
         let access = Access {
             space,
             volatile: true,
+            alignment: 0,
         };
         let results: &[Type] = if op == AtomicOp::Store { &[] } else { &[ty] };
         let op = ir::Op::Atomic(op, access);

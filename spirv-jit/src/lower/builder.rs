@@ -7,7 +7,7 @@ use smallvec::SmallVec;
 use crate::Error;
 use crate::ir::op::{Access, DescriptorBinding, Signature};
 use crate::ir::{
-    Body, Function, Inst, Label, Node, Op, Space, Terminator, Type, Value, Variable, VariableId,
+    Body, Function, Inst, Label, Node, Op, Terminator, Type, Value, Variable, VariableId,
 };
 
 pub(super) struct Builder {
@@ -364,23 +364,21 @@ impl Builder {
 
     pub fn load(
         &mut self,
-        space: Space,
-        volatile: bool,
+        access: Access,
         address: &[Value],
         types: &[Type],
     ) -> Result<SmallVec<[Value; 2]>, Error> {
-        self.emit_unchecked(Op::Load(Access { space, volatile }), address, types)
+        self.emit_unchecked(Op::Load(access), address, types)
     }
 
     pub fn store(
         &mut self,
-        space: Space,
-        volatile: bool,
+        access: Access,
         address: &[Value],
         values: &[Value],
     ) -> Result<(), Error> {
         let args: SmallVec<[Value; 8]> = address.iter().chain(values).copied().collect();
-        self.emit_effect(Op::Store(Access { space, volatile }), &args)
+        self.emit_effect(Op::Store(access), &args)
     }
 }
 

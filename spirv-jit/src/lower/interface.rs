@@ -9,6 +9,7 @@ use super::types::MAX_LEAVES;
 use super::values::{Place, Pointer};
 use super::{Lowerer, budget};
 use crate::Error;
+use crate::ir::op::Access;
 use crate::ir::{self, InputRow, Node, Space, Terminator, Type, Value};
 use crate::parse::Id;
 use crate::program::{Builtin, Stage};
@@ -265,7 +266,8 @@ impl Lowerer<'_> {
             then_body,
             else_body,
         });
-        self.b.store(Space::Shared, false, &[at], &[zero; 4])?;
+        self.b
+            .store(Access::plain(Space::Shared), &[at], &[zero; 4])?;
         let next = self.b.binary(ir::Op::IAdd, at, step)?;
         let body = self.b.close(around, Terminator::Br(again, vec![next]));
         self.b.push(Node::Loop {

@@ -7,6 +7,7 @@ use super::Lowerer;
 use super::types::TypeKind;
 use super::values::{Place, Pointer, Val};
 use crate::Error;
+use crate::ir::op::Access;
 use crate::ir::{self, Space, Type, Value};
 use crate::parse::{Id, Instruction};
 
@@ -105,7 +106,7 @@ impl Lowerer<'_> {
                 stored(run.ty)
             };
             let types: SmallVec<[Type; MAX_RUN]> = SmallVec::from_elem(ty, run.count);
-            let loaded = self.b.load(space, pointer.volatile, &address, &types)?;
+            let loaded = self.b.load(access(pointer, run.offset), &address, &types)?;
             for value in loaded {
                 values.push(if ty == run.ty {
                     value
@@ -171,7 +172,8 @@ impl Lowerer<'_> {
                     self.bool_to_word(value)?
                 });
             }
-            self.b.store(space, pointer.volatile, &address, &words)?;
+            self.b
+                .store(access(pointer, run.offset), &address, &words)?;
         }
         Ok(())
     }
@@ -241,6 +243,11 @@ impl Lowerer<'_> {
         let bits = operands.first().copied().unwrap_or(0);
         let access = MemoryAccess::from_bits_truncate(bits);
         pointer.volatile |= access.contains(MemoryAccess::VOLATILE);
+        let is_checked = self.request.checks_alignment && space(&pointer) == Space::Global;
+        if access.contains(MemoryAccess::ALIGNED) && is_checked {
+            let bytes = operands.get(1).copied().unwrap_or(1);
+            pointer.alignment = bytes.checked_ilog2().unwrap_or(0) as u8;
+        }
         pointer
     }
 
@@ -323,6 +330,15 @@ impl Lowerer<'_> {
         Ok(pairs
             .map(|(&ty, &bits)| self.b.constant(ty, bits))
             .collect())
+    }
+}
+
+/// How memory some bytes behind a pointer is accessed: as aligned as the pointer and the distance are.
+fn access(pointer: &Pointer, offset: u64) -> Access {
+    Access {
+        space: space(pointer),
+        volatile: pointer.volatile,
+        alignment: pointer.alignment.min(offset.trailing_zeros() as u8),
     }
 }
 

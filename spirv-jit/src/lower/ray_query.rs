@@ -7,6 +7,7 @@ use super::Lowerer;
 use super::types::TypeKind;
 use super::values::{Place, Pointer};
 use crate::Error;
+use crate::ir::op::Access;
 use crate::ir::{self, Space, Type, Value};
 use crate::parse::{Id, Instruction, ParsedModule};
 use crate::query::{QueryField, QueryWord, row, state};
@@ -369,7 +370,10 @@ impl Lowerer<'_> {
                 let mut values = Vec::with_capacity(types.len());
                 for (index, &ty) in types.iter().enumerate() {
                     let address = self.address(query, (first + index) as u64)?;
-                    values.extend(self.b.load(Space::Private, false, &address, &[ty])?);
+                    values.extend(
+                        self.b
+                            .load(Access::plain(Space::Private), &address, &[ty])?,
+                    );
                 }
                 Ok(values)
             }
@@ -391,7 +395,8 @@ impl Lowerer<'_> {
                 }
                 _ => {
                     let address = self.address(query, (first + index) as u64)?;
-                    self.b.store(Space::Private, false, &address, &[value])?;
+                    self.b
+                        .store(Access::plain(Space::Private), &address, &[value])?;
                 }
             }
         }

@@ -32,6 +32,8 @@ pub(super) struct Pointer {
     pub place: Place,
     pub shape: Shape,
     pub volatile: bool,
+    /// log₂ of what its address must be a multiple of, where that is to be checked.
+    pub alignment: u8,
 }
 
 #[derive(Clone, Debug)]
@@ -95,6 +97,7 @@ impl Pointer {
             place,
             shape: Shape::default(),
             volatile: false,
+            alignment: 0,
         }
     }
 

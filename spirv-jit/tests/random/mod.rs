@@ -443,10 +443,7 @@ impl Generator<'_> {
             self.emit_one(Op::URem, &[any, count], Type::I32, nodes)
         };
         let address = self.emit_one(Op::IAdd, &[address, row], Type::I32, nodes);
-        let access = Access {
-            space: Space::Private,
-            volatile: false,
-        };
+        let access = Access::plain(Space::Private);
         if self.random.one_in(2) {
             let value = self.pick(Type::I32, nodes);
             self.emit(Op::Store(access), &[address, value], &[], nodes);
@@ -460,6 +457,7 @@ impl Generator<'_> {
         let access = Access {
             space: Space::Buffer,
             volatile: self.random.one_in(10),
+            alignment: 0,
         };
         let which = self.random.below(3);
         let descriptor = if which == 2 {

@@ -133,6 +133,7 @@ pub fn lower_as(
         bindings: &bindings,
         capabilities: &capabilities,
         accuracy,
+        checks_alignment: false,
     };
     let parsed = spirv_jit::parse::parse(words)?;
     let module = spirv_jit::lower::lower_module(&parsed, &request)?;

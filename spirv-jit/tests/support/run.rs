@@ -20,6 +20,7 @@ pub fn compile(words: &[u32], specialization: &[(u32, &[u8])]) -> Arc<Program> {
         bindings: &bindings,
         capabilities: &capabilities,
         accuracy: spirv_jit::Accuracy::Spec,
+        checks_alignment: false,
     };
     spirv_jit::compile(&request).unwrap_or_else(|error| panic!("{error}"))
 }

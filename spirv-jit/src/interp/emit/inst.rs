@@ -162,6 +162,7 @@ impl Emitter<'_> {
         self.code.accesses.push(AccessPlan {
             space: place.space,
             ty,
+            alignment: place.alignment,
             operands,
             scalars: scalars.len() as u32,
         });

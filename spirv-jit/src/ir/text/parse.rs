@@ -597,10 +597,22 @@ fn access_from_text(text: &str) -> Option<Access> {
         Some(space) => (space, true),
         None => (text, false),
     };
+    let (space, alignment) = match space.split_once(".align") {
+        Some((space, bytes)) => (space, log2(bytes.parse().ok()?)?),
+        None => (space, 0),
+    };
     Some(Access {
         space: space_from_text(space)?,
         volatile,
+        alignment,
     })
+}
+
+/// log₂ of a power of two.
+fn log2(number: u64) -> Option<u8> {
+    number
+        .is_power_of_two()
+        .then_some(number.trailing_zeros() as u8)
 }
 
 fn index_from_text(prefix: &str, words: &[&str]) -> Option<u32> {
