@@ -65,7 +65,9 @@ pub(crate) struct Header {
     pub features: u32,
     /// Levels of nodes.
     pub depth: u32,
-    pub reserved: [u32; 27],
+    /// What a ray through the bounds was expected to cost when this was built, if it may be updated; else 0.
+    pub cost: f32,
+    pub reserved: [u32; 26],
 }
 
 /// What a bottom level holds; saves the walk from looking.
@@ -378,7 +380,11 @@ impl Parts {
 
 /// Bytes of the micromap part, without micromaps of its own.
 pub(crate) fn micromap_part_bytes(geometries: u64, primitives: u64) -> u64 {
-    (8 * geometries + 4 * primitives).next_multiple_of(ALIGNMENT)
+    // Counts in a blob may be anything.
+    (8 * geometries)
+        .saturating_add(primitives.saturating_mul(4))
+        .checked_next_multiple_of(ALIGNMENT)
+        .unwrap_or(u64::MAX)
 }
 
 /// Words for the geometries in the micromap part: 0, the address of a micromap, or where it lies in

@@ -3,7 +3,7 @@
 mod micromaps;
 
 use crate::layout::{
-    ALIGNMENT, BoxEntry, GeometryEntry, Header, InstanceRecord, MAGIC, MAX_DEPTH, Motion,
+    ALIGNMENT, BoxEntry, GROUP, GeometryEntry, Header, InstanceRecord, MAGIC, MAX_DEPTH, Motion,
     MotionEntry, MotionInstanceRecord, Node, Parts, SweptEntry, TriangleGroup, VERSION, WIDTH,
     child, geometry_word, instance_state, leaf_bytes, micromap_part_bytes,
 };
@@ -348,6 +348,27 @@ impl Structure {
         (self.kind == Kind::Triangles && index < self.leaf_count)
             // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
             .then(|| unsafe { &*self.leaves.cast::<TriangleGroup>().add(index as usize) })
+    }
+
+    /// The first of the groups of a structure of triangles, and how many there are.
+    #[inline(always)]
+    pub(crate) fn groups(&self) -> (*const TriangleGroup, u32) {
+        match self.kind {
+            Kind::Triangles => (self.leaves.cast(), self.leaf_count),
+            _ => (self.leaves.cast(), 0),
+        }
+    }
+
+    /// Geometry and primitive of the triangle in a slot.
+    #[inline(always)]
+    pub(crate) fn identity(&self, slot: u32) -> (u32, u32) {
+        let lane = slot as usize % GROUP;
+        self.group(slot / GROUP as u32).map_or((0, 0), |group| {
+            (
+                group.geometries[lane] & geometry_word::INDEX,
+                group.primitives[lane],
+            )
+        })
     }
 
     #[inline(always)]

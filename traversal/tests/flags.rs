@@ -26,9 +26,21 @@ struct Bottom {
     boxes: Vec<(Vec<[f32; 6]>, bool)>,
 }
 
+/// A crowd of small triangles, or a few large ones.
 fn random_mesh(random: &mut Random, triangles: usize) -> Mesh {
-    let vertices = (0..3 * triangles)
-        .map(|_| narrow(random.vector()))
+    let crowd = random.next() < 0.05;
+    let triangles = if crowd { 20 * triangles } else { triangles };
+    let vertices = (0..triangles)
+        .flat_map(|_| {
+            let center = random.vector();
+            [(); 3].map(|()| {
+                let offset = random.vector();
+                match crowd {
+                    true => narrow(std::array::from_fn(|i| center[i] + 0.1 * offset[i])),
+                    false => narrow(offset),
+                }
+            })
+        })
         .collect();
     Mesh {
         vertices,
@@ -49,6 +61,15 @@ fn random_boxes(random: &mut Random, count: usize) -> Vec<[f32; 6]> {
             })
         })
         .collect()
+}
+
+/// Any quality of build, with or without updates.
+fn random_flags(random: &mut Random) -> u32 {
+    let quality = QUALITIES[(random.next() * QUALITIES.len() as f64) as usize];
+    match random.next() < 0.5 {
+        true => quality | BuildFlags::ALLOW_UPDATE,
+        false => quality,
+    }
 }
 
 /// A transform without much shear, mirrored half of the time.
@@ -87,7 +108,7 @@ fn random_world(random: &mut Random) -> World {
                     })
                     .collect();
                 let blob = build_blob(&BuildInput {
-                    flags: BuildFlags(0),
+                    flags: BuildFlags(random_flags(random)),
                     geometries: Geometries::Aabbs(&geometries),
                 });
                 Bottom {
@@ -103,7 +124,7 @@ fn random_world(random: &mut Random) -> World {
                     })
                     .collect();
                 Bottom {
-                    blob: build_meshes(&meshes, 0),
+                    blob: build_meshes(&meshes, random_flags(random)),
                     meshes,
                     boxes: vec![],
                 }
@@ -127,7 +148,7 @@ fn random_world(random: &mut Random) -> World {
             record
         })
         .collect();
-    let top = build_instances(&instances, 0);
+    let top = build_instances(&instances, random_flags(random));
     World {
         bottoms,
         instances,

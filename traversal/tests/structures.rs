@@ -222,6 +222,100 @@ fn updates_find_what_a_new_build_finds() {
     assert_eq!(result, Err(BuildError::Source));
 }
 
+/// Triangles that all change places with each other.
+fn shuffled(mesh: &Mesh) -> Mesh {
+    let mut after = mesh.clone();
+    let count = mesh.indices.len();
+    for i in 0..count {
+        let from = mesh.triangle(i * 7919 % count);
+        let to = mesh.indices[i];
+        for (vertex, position) in to.into_iter().zip(from) {
+            after.vertices[vertex as usize] = position;
+        }
+    }
+    after
+}
+
+#[test]
+fn worn_structures_are_built_anew_where_there_is_room() {
+    let before = soup(6000, 0.02);
+    let flags = BuildFlags::ALLOW_UPDATE;
+    let sizes = build_sizes(Kind::Triangles, BuildFlags(flags), &[6000]);
+    let built = build_meshes(std::slice::from_ref(&before), flags);
+    let updated = |after: &Mesh, mut blob: Bytes, scratch: u64| {
+        let geometry = [after.geometry()];
+        let input = BuildInput {
+            flags: BuildFlags(flags),
+            geometries: Geometries::Triangles(&geometry),
+        };
+        let mut scratch = Bytes::new(scratch);
+        // SAFETY: the mesh is alive.
+        let used = unsafe { update(&input, Some(&built), &mut blob, &mut scratch) }.unwrap();
+        validate(&blob).unwrap();
+        blob[..used as usize].to_vec()
+    };
+    let full = || Bytes::new(sizes.structure_bytes);
+    let new = |mesh: &Mesh| {
+        let blob = build_meshes(std::slice::from_ref(mesh), flags);
+        blob[..compacted_size(&blob).unwrap() as usize].to_vec()
+    };
+    // A small step: the tree stays.
+    let mut moved = before.clone();
+    for vertex in &mut moved.vertices {
+        vertex[0] *= 1.01;
+    }
+    let step = updated(&moved, full(), sizes.update_scratch_bytes);
+    assert!(step != new(&moved));
+    // Nothing is where it was.
+    let after = shuffled(&before);
+    assert!(updated(&after, full(), sizes.update_scratch_bytes) == new(&after));
+    // Without scratch memory or in a compacted place, it is refitted all the same.
+    let place = Bytes::new(compacted_size(&built).unwrap());
+    for worn in [
+        updated(&after, full(), 0),
+        updated(&after, place, sizes.update_scratch_bytes),
+    ] {
+        assert!(worn != new(&after));
+        let mut blob = Bytes::new(worn.len() as u64);
+        blob.copy_from_slice(&worn);
+        let top = build_instances(&[InstanceRecord::new(&blob, IDENTITY)], 0);
+        let expected = Scene::new(std::slice::from_ref(&after), 0);
+        assert_eq!(
+            without_slots(&hits(&top)),
+            without_slots(&hits(&expected.top))
+        );
+    }
+}
+
+#[test]
+fn threads_do_not_show_in_updates() {
+    let before = [sphere(5, 0.9, true), soup(5000, 0.05)];
+    let mut after = before.clone();
+    for vertex in after.iter_mut().flat_map(|mesh| &mut mesh.vertices) {
+        vertex[1] += 0.2 * (4.0 * vertex[0]).sin();
+    }
+    let flags = BuildFlags::ALLOW_UPDATE;
+    let list: Vec<_> = after.iter().map(Mesh::geometry).collect();
+    let input = BuildInput {
+        flags: BuildFlags(flags),
+        geometries: Geometries::Triangles(&list),
+    };
+    let blob = || {
+        let mut blob = build_meshes(&before, flags);
+        // SAFETY: the meshes are alive.
+        unsafe { update(&input, None, &mut blob, &mut []) }.unwrap();
+        blob[..compacted_size(&blob).unwrap() as usize].to_vec()
+    };
+    let serial = blob();
+    for threads in [1, 2, 5] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+        assert!(
+            pool.build().unwrap().install(blob) == serial,
+            "{threads} threads"
+        );
+    }
+}
+
 #[test]
 fn top_levels_and_boxes_update() {
     let flags = BuildFlags::ALLOW_UPDATE;

@@ -18,6 +18,7 @@ mod split;
 mod sweep;
 mod swept;
 mod tree;
+mod update;
 mod vector;
 mod vertex;
 
@@ -31,9 +32,9 @@ use collapse::Costs;
 use corners::Corners;
 use emit::Target;
 use primitive::Primitive;
-pub use refit::update;
 use split::SplitRules;
 use tree::BinaryNode;
+pub use update::update;
 
 /// Memory for a build, in bytes: upper bounds that hold for any input of that shape.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -94,9 +95,9 @@ pub fn build_sizes(kind: Kind, flags: BuildFlags, max_primitive_counts: &[u32]) 
     BuildSizes {
         structure_bytes: structure_bytes(kind, max_primitive_counts.len() as u64, count),
         build_scratch_bytes: scratch + SCRATCH_ALIGNMENT as u64,
-        // A refit works in place.
+        // A refit works in place; what it does not suit any more is built anew.
         update_scratch_bytes: if flags.contains(BuildFlags::ALLOW_UPDATE) {
-            SCRATCH_ALIGNMENT as u64
+            scratch + SCRATCH_ALIGNMENT as u64
         } else {
             0
         },
@@ -205,6 +206,7 @@ unsafe fn build_to_depth(
         leaf_count: target.leaves_of(0),
         depth: 1,
         bounds: Bounds::EMPTY,
+        cost: 0.0,
     };
     let leaves = |leaves: u32| match shape.kind {
         // One record an instance, active or not.
@@ -241,6 +243,7 @@ unsafe fn build_to_depth(
                 leaf_count: planned.1,
                 depth,
                 bounds: nodes[0].bounds(),
+                cost: 0.0,
             };
             target.parts = written.parts(&shape);
             // SAFETY: the parts are inside the destination, and the plan fills exactly them.
@@ -251,6 +254,7 @@ unsafe fn build_to_depth(
                 leaf_count: leaves(packed_leaves(&target, active)),
                 depth: target.packed_depth(active),
                 bounds: Bounds::EMPTY,
+                cost: 0.0,
             };
             target.parts = written.parts(&shape);
             debug_assert!(target.parts.size_bytes <= promised);
@@ -263,9 +267,14 @@ unsafe fn build_to_depth(
         // SAFETY: the caller's promise; the parts have a record for each instance.
         origin_error = unsafe { refit::write_instances(&target, source) };
     }
+    let (nodes, leaves) = (written.node_count, written.leaf_count);
     if collected.limited {
         // SAFETY: the nodes and leaves are written.
-        written.bounds = unsafe { refit::refit(&target, written.node_count) };
+        written.bounds = unsafe { refit::refit(&target, nodes, leaves) }.bounds;
+    }
+    if input.flags.contains(BuildFlags::ALLOW_UPDATE) {
+        // SAFETY: as above.
+        written.cost = unsafe { refit::measure(&target, nodes, leaves) };
     }
     if shape.micromap_bytes > 0 {
         // SAFETY: the destination has room for the part after the others; the caller's promise for the geometries.
@@ -304,11 +313,9 @@ fn grow(
     nodes: &mut [BinaryNode],
     blocks: &mut [Corners],
 ) -> Costs {
-    // Cheap blocks make fuller leaves; between 0.5 and 2 the walk does not feel the difference.
-    let (block, leaf_max, block_cost) = match kind {
-        Kind::Triangles => (GROUP as u32, LEAF_TRIANGLES as u32, 0.3),
-        Kind::Aabbs | Kind::Swept | Kind::Motion => (1, 1, 2.0),
-        Kind::Instances | Kind::MotionInstances => (1, 1, 4.0),
+    let (block, leaf_max) = match kind {
+        Kind::Triangles => (GROUP as u32, LEAF_TRIANGLES as u32),
+        _ => (1, 1),
     };
     // What is tested at once stays together.
     let leaf_forced = if flags.contains(BuildFlags::LOW_MEMORY) {
@@ -331,12 +338,29 @@ fn grow(
     }
     Costs {
         node: 1.0,
-        block: block_cost,
+        block: block_cost(kind),
         block_size: block,
         leaf_max,
         leaf_forced,
         scale: rules.scale,
     }
+}
+
+/// What it costs to test what a leaf holds, where testing a node's children costs 1.
+fn block_cost(kind: Kind) -> f32 {
+    match kind {
+        // Cheap blocks make fuller leaves; between 0.5 and 2 the walk does not feel the difference.
+        Kind::Triangles => 0.3,
+        Kind::Aabbs | Kind::Swept | Kind::Motion => 2.0,
+        Kind::Instances | Kind::MotionInstances => 4.0,
+    }
+}
+
+/// Whether memory suffices for a build, and not only for a refit.
+fn has_room(input: &BuildInput<'_>, shape: &Shape, destination: &[u8], scratch: &mut [u8]) -> bool {
+    let promised = structure_bytes(shape.kind, shape.geometries, shape.primitives);
+    destination.len() as u64 >= promised + shape.micromap_bytes
+        && carve(scratch, input.flags, shape.primitives as usize).is_some()
 }
 
 /// What kind of structure an input makes, and how large.
@@ -408,6 +432,8 @@ struct Written {
     leaf_count: u32,
     depth: u32,
     bounds: Bounds,
+    /// [`Header::cost`].
+    cost: f32,
 }
 
 impl Written {
@@ -540,7 +566,8 @@ unsafe fn write_head(
         origin_error,
         features: all_features,
         depth: written.depth,
-        reserved: [0; 27],
+        cost: written.cost,
+        reserved: [0; 26],
     };
     // SAFETY: the blob begins with its header.
     unsafe { target.base.cast::<Header>().write(header) };

@@ -1,145 +1,29 @@
-//! Updates: the same tree over new positions.
+//! The same tree over new positions: leaves are written again, boxes are refitted around them, and it is
+//! measured what walks are expected to cost now.
+//!
+//! A blob may have been written into: whatever a node says is checked before it is followed.
+
+use rayon::prelude::*;
 
 use super::emit::{Target, triangle_word};
 use super::motion::motion_bounds;
+use super::primitive::in_pool;
 use super::swept::SweptPrimitive;
-use super::{BuildError, Shape, instance, primitive};
-use crate::input::{
-    BuildFlags, BuildInput, Geometries, InstanceSource, MotionGeometry, SweptGeometry,
-    TriangleGeometry,
-};
+use super::{block_cost, instance, primitive};
+use crate::input::{Geometries, InstanceSource, MotionGeometry, SweptGeometry, TriangleGeometry};
 use crate::layout::{
-    Bounds, GROUP, Header, MotionEntry, Node, Parts, SweptEntry, TriangleGroup, child,
-    geometry_word, micromap_part_bytes,
+    Bounds, GROUP, MotionEntry, Node, SweptEntry, TriangleGroup, WIDTH, child, geometry_word,
 };
-use crate::structure::Structure;
 
-/// Updates a structure: same geometries and primitive counts, new positions, transforms and
-/// instances. `source` is the structure to start from; `None` updates `destination` in place.
-///
-/// Boxes are refitted around the new positions and the tree stays: a structure that was updated
-/// far away from what it was built for is right, but slower than a new one.
-///
-/// # Safety
-/// As for [`build`](super::build).
-///
-/// # Errors
-/// See [`BuildError`]; [`BuildError::Source`] if `source` does not fit `input`.
-pub unsafe fn update(
-    input: &BuildInput<'_>,
-    source: Option<&[u8]>,
-    destination: &mut [u8],
-    _scratch: &mut [u8],
-) -> Result<u64, BuildError> {
-    let shape = Shape::of(&input.geometries)?;
-    if !(destination.as_ptr() as usize).is_multiple_of(256) {
-        return Err(BuildError::Destination);
-    }
-    if let Some(source) = source {
-        let structure = Structure::of(source).map_err(|_| BuildError::Source)?;
-        let own = structure
-            .micromap_bytes()
-            .saturating_sub(shape.micromap_bytes);
-        let size = (structure.size_bytes() - own) as usize;
-        destination
-            .get_mut(..size)
-            .ok_or(BuildError::Destination)?
-            .copy_from_slice(&source[..size]);
-    }
-    if shape.micromap_bytes > 0 {
-        leave_micromaps(destination)?;
-    }
-    // Children have to come after their parents, and leaves to name primitives that there are.
-    crate::structure::validate(destination).map_err(|_| BuildError::Source)?;
-    let structure = Structure::of(destination).map_err(|_| BuildError::Source)?;
-    let header = *structure.header();
-    if structure.kind() != shape.kind
-        || header.primitive_count != shape.primitives
-        || u64::from(header.geometry_count) != shape.geometries
-        || header.flags & BuildFlags::ALLOW_UPDATE == 0
-        || !same_counts(&structure, &input.geometries)
-        || (header.micromap_bytes > 0) != (shape.micromap_bytes > 0)
-    {
-        return Err(BuildError::Source);
-    }
-    let target = Target {
-        base: destination.as_mut_ptr(),
-        parts: Parts::new(
-            shape.kind,
-            shape.geometries,
-            header.node_count.into(),
-            header.leaf_count.into(),
-        ),
-        kind: shape.kind,
-        geometries: &input.geometries,
-    };
-    let mut header = header;
-    // SAFETY: the parts are inside the destination, and the memory of the input is readable by the
-    // caller's promise.
-    unsafe {
-        match &input.geometries {
-            Geometries::Triangles(list) => write_triangles(&target, header.leaf_count, list),
-            Geometries::Aabbs(_) => {}
-            Geometries::Swept(list) => write_swept(&target, header.leaf_count, list),
-            Geometries::Motion(list) => write_motion(&target, header.leaf_count, list),
-            Geometries::Instances(source) => header.origin_error = write_instances(&target, source),
-        }
-        if shape.micromap_bytes > 0 {
-            super::write_micromaps(&target, shape.micromap_bytes);
-        }
-        header.bounds = refit(&target, header.node_count);
-        target.base.cast::<Header>().write(header);
-    }
-    Ok(header.size_bytes)
-}
+/// So many leaves or nodes are one task.
+const FEW: usize = 1024;
 
-/// Makes a structure forget the micromaps that it holds itself: the update names others.
-fn leave_micromaps(destination: &mut [u8]) -> Result<(), BuildError> {
-    if destination.len() < size_of::<Header>() {
-        return Err(BuildError::Source);
-    }
-    // SAFETY: long enough; a header is plain numbers.
-    let mut header = unsafe { destination.as_ptr().cast::<Header>().read_unaligned() };
-    let part = micromap_part_bytes(header.geometry_count.into(), header.primitive_count);
-    let own = header.micromap_bytes.saturating_sub(part);
-    if own == 0 {
-        return Ok(());
-    }
-    header.micromap_bytes = part;
-    header.size_bytes = header
-        .size_bytes
-        .checked_sub(own)
-        .ok_or(BuildError::Source)?;
-    let references = (header.size_bytes as usize)
-        .checked_sub(part as usize)
-        .and_then(|start| destination.get_mut(start..))
-        .and_then(|part| part.get_mut(..8 * header.geometry_count as usize))
-        .ok_or(BuildError::Source)?;
-    references.fill(0);
-    // SAFETY: as above.
-    unsafe {
-        destination
-            .as_mut_ptr()
-            .cast::<Header>()
-            .write_unaligned(header)
-    };
-    Ok(())
-}
-
-fn same_counts(structure: &Structure, geometries: &Geometries<'_>) -> bool {
-    let same = |counts: &mut dyn Iterator<Item = u32>| {
-        counts.enumerate().all(|(i, count)| {
-            structure
-                .geometry(i as u32)
-                .is_some_and(|entry| entry.primitive_count == count)
-        })
-    };
-    match geometries {
-        Geometries::Triangles(list) => same(&mut list.iter().map(|g| g.primitive_count)),
-        Geometries::Aabbs(list) => same(&mut list.iter().map(|g| g.primitive_count)),
-        Geometries::Swept(list) => same(&mut list.iter().map(|g| g.primitive_count)),
-        Geometries::Motion(list) => same(&mut list.iter().map(|g| g.start.primitive_count)),
-        Geometries::Instances(source) => same(&mut [source.count].into_iter()),
+/// Calls `write` with each index below `count`, side by side if there are many.
+fn for_each(count: u32, write: impl Fn(u32) + Send + Sync) {
+    if in_pool() && count as usize > FEW {
+        (0..count).into_par_iter().with_min_len(FEW).for_each(write);
+    } else {
+        (0..count).for_each(write);
     }
 }
 
@@ -147,15 +31,19 @@ fn same_counts(structure: &Structure, geometries: &Geometries<'_>) -> bool {
 ///
 /// # Safety
 /// The target has `count` valid groups, and the geometries' memory is readable.
-unsafe fn write_triangles(target: &Target<'_>, count: u32, list: &[TriangleGeometry]) {
-    for index in 0..count {
+pub(crate) unsafe fn write_triangles(target: &Target<'_>, count: u32, list: &[TriangleGeometry]) {
+    for_each(count, |index| {
         // SAFETY: one of the `count` groups.
         let group = unsafe { &mut *target.leaf_at::<TriangleGroup>(index) };
         for lane in 0..GROUP {
-            if group.primitives[lane] == u32::MAX {
+            // Nothing is known of lanes without a triangle, and of leaves that no node leads to.
+            let number = (group.geometries[lane] & geometry_word::INDEX) as usize;
+            let Some(geometry) = list.get(number) else {
+                continue;
+            };
+            if group.primitives[lane] >= geometry.primitive_count {
                 continue;
             }
-            let geometry = &list[(group.geometries[lane] & geometry_word::INDEX) as usize];
             group.geometries[lane] =
                 triangle_word(group.geometries[lane] & geometry_word::INDEX, geometry);
             // SAFETY: the caller's promise.
@@ -167,40 +55,44 @@ unsafe fn write_triangles(target: &Target<'_>, count: u32, list: &[TriangleGeome
                 None => group.lanes &= !(1 << lane),
             }
         }
-    }
+    });
 }
 
 /// Reads every sphere and swept sphere again.
 ///
 /// # Safety
 /// The target has `count` valid entries, and the geometries' memory is readable.
-unsafe fn write_swept(target: &Target<'_>, count: u32, list: &[SweptGeometry]) {
-    for index in 0..count {
+pub(crate) unsafe fn write_swept(target: &Target<'_>, count: u32, list: &[SweptGeometry]) {
+    for_each(count, |index| {
         // SAFETY: one of the `count` entries.
         let entry = unsafe { &mut *target.leaf_at::<SweptEntry>(index) };
         let number = entry.geometry & geometry_word::INDEX;
-        let geometry = &list[number as usize];
+        let Some(geometry) = list.get(number as usize) else {
+            return;
+        };
         // SAFETY: the caller's promise.
         let read = unsafe { geometry.primitive(entry.primitive) };
         *entry = read
             .unwrap_or(SweptPrimitive::NOTHING)
             .entry(entry.primitive, number, geometry);
-    }
+    });
 }
 
 /// Reads every triangle that moves again.
 ///
 /// # Safety
 /// The target has `count` valid entries, and the geometries' memory is readable.
-unsafe fn write_motion(target: &Target<'_>, count: u32, list: &[MotionGeometry]) {
-    for index in 0..count {
+pub(crate) unsafe fn write_motion(target: &Target<'_>, count: u32, list: &[MotionGeometry]) {
+    for_each(count, |index| {
         // SAFETY: one of the `count` entries, and the caller's promise.
         unsafe {
             let entry = &mut *target.leaf_at::<MotionEntry>(index);
             let number = entry.geometry & geometry_word::INDEX;
-            *entry = list[number as usize].entry(entry.primitive, number);
+            if let Some(geometry) = list.get(number as usize) {
+                *entry = geometry.entry(entry.primitive, number);
+            }
         }
-    }
+    });
 }
 
 /// Writes a record and a reference for each instance. Returns the largest error factor.
@@ -209,8 +101,7 @@ unsafe fn write_motion(target: &Target<'_>, count: u32, list: &[MotionGeometry])
 /// The target has a record for each instance; the source's memory is readable and its references
 /// are 0 or built bottom levels.
 pub(crate) unsafe fn write_instances(target: &Target<'_>, source: &InstanceSource) -> f32 {
-    let mut origin_error = 0f32;
-    for index in 0..source.count {
+    let write = |index| {
         // SAFETY: the caller's promise.
         let instance = unsafe { instance::read(source, index) }.unwrap_or(instance::Instance {
             object_to_world: [0.0; 12],
@@ -221,9 +112,6 @@ pub(crate) unsafe fn write_instances(target: &Target<'_>, source: &InstanceSourc
         });
         // SAFETY: the caller's promise.
         let placed = unsafe { instance.place() };
-        if let Some(placed) = &placed {
-            origin_error = origin_error.max(placed.origin_error);
-        }
         // SAFETY: there is a record and a table entry for each instance.
         unsafe {
             let record = instance.record(placed.as_ref());
@@ -238,8 +126,16 @@ pub(crate) unsafe fn write_instances(target: &Target<'_>, source: &InstanceSourc
                 .add(index as usize)
                 .write(instance.reference);
         }
+        placed.map_or(0.0, |placed| placed.origin_error)
+    };
+    match in_pool() && source.count as usize > FEW {
+        true => (0..source.count)
+            .into_par_iter()
+            .with_min_len(FEW)
+            .map(write)
+            .reduce(|| 0.0, f32::max),
+        false => (0..source.count).map(write).fold(0.0, f32::max),
     }
-    origin_error
 }
 
 /// The box of a child's primitives as they are now.
@@ -261,14 +157,18 @@ unsafe fn leaf_bounds(target: &Target<'_>, index: u32, groups: u32) -> Bounds {
         Geometries::Aabbs(list) => {
             // SAFETY: the caller's promise.
             let entry = unsafe { *target.leaf_at::<crate::layout::BoxEntry>(index) };
-            let geometry = &list[(entry.geometry & geometry_word::INDEX) as usize];
+            let Some(geometry) = list.get((entry.geometry & geometry_word::INDEX) as usize) else {
+                return Bounds::EMPTY;
+            };
             // SAFETY: the caller's promise.
             unsafe { primitive::aabb(geometry, entry.primitive) }.unwrap_or(Bounds::EMPTY)
         }
         Geometries::Swept(list) => {
             // SAFETY: the caller's promise.
             let entry = unsafe { *target.leaf_at::<SweptEntry>(index) };
-            let geometry = &list[(entry.geometry & geometry_word::INDEX) as usize];
+            let Some(geometry) = list.get((entry.geometry & geometry_word::INDEX) as usize) else {
+                return Bounds::EMPTY;
+            };
             // SAFETY: the caller's promise.
             unsafe { geometry.primitive(entry.primitive) }
                 .map_or(Bounds::EMPTY, |primitive| primitive.bounds())
@@ -276,7 +176,9 @@ unsafe fn leaf_bounds(target: &Target<'_>, index: u32, groups: u32) -> Bounds {
         Geometries::Motion(list) => {
             // SAFETY: the caller's promise.
             let entry = unsafe { *target.leaf_at::<MotionEntry>(index) };
-            let geometry = &list[(entry.geometry & geometry_word::INDEX) as usize];
+            let Some(geometry) = list.get((entry.geometry & geometry_word::INDEX) as usize) else {
+                return Bounds::EMPTY;
+            };
             // SAFETY: the caller's promise.
             unsafe { geometry.triangles(entry.primitive) }
                 .map_or(Bounds::EMPTY, |both| motion_bounds(&both))
@@ -292,34 +194,169 @@ unsafe fn leaf_bounds(target: &Target<'_>, index: u32, groups: u32) -> Bounds {
     }
 }
 
-/// Recomputes every box, children before parents. Returns the root's.
+/// What a structure is like after its boxes were refitted.
+#[derive(Clone, Copy)]
+pub(crate) struct Refitted {
+    pub bounds: Bounds,
+    /// The cost that is to be expected of a ray that meets the bounds (surface area heuristic).
+    pub cost: f32,
+}
+
+/// Recomputes every box, children before parents.
 ///
 /// # Safety
-/// The target has `count` valid nodes over valid leaves, and the geometries' memory is readable.
-pub(crate) unsafe fn refit(target: &Target<'_>, count: u32) -> Bounds {
-    let nodes = target
-        .base
-        .wrapping_add(target.parts.nodes_offset as usize)
-        .cast::<Node>();
-    let mut all = Bounds::EMPTY;
-    for index in (0..count).rev() {
-        // SAFETY: one of the `count` nodes; nobody else has them.
-        let node = unsafe { &mut *nodes.add(index as usize) };
-        for lane in 0..crate::layout::WIDTH {
+/// The target has so many nodes and leaves, nobody else has them, and the geometries' memory is readable.
+pub(crate) unsafe fn refit(target: &Target<'_>, nodes: u32, leaves: u32) -> Refitted {
+    // SAFETY: the caller's promise.
+    unsafe { visit::<true>(target, nodes, leaves) }
+}
+
+/// Looks at every box without changing it.
+///
+/// # Safety
+/// As for [`refit`].
+pub(crate) unsafe fn measure(target: &Target<'_>, nodes: u32, leaves: u32) -> f32 {
+    // SAFETY: the caller's promise.
+    unsafe { visit::<false>(target, nodes, leaves) }.cost
+}
+
+/// # Safety
+/// As for [`refit`].
+unsafe fn visit<const REFIT: bool>(target: &Target<'_>, nodes: u32, leaves: u32) -> Refitted {
+    let pass = Pass::<REFIT> {
+        target,
+        leaves,
+        block_cost: block_cost(target.kind).into(),
+    };
+    // SAFETY: the caller's promise.
+    let (bounds, sum) = unsafe {
+        pass.subtree(0, nodes).unwrap_or_else(|| {
+            let mut sum = 0.0;
+            for index in (0..nodes).rev() {
+                sum += pass.node(index, nodes).0;
+            }
+            ((*pass.node_at(0)).all_bounds(), sum)
+        })
+    };
+    let area = area(&bounds);
+    let cost = if area > 0.0 { sum / area } else { 0.0 };
+    Refitted {
+        bounds,
+        cost: cost as f32,
+    }
+}
+
+/// Half the surface of a box.
+fn area(bounds: &Bounds) -> f64 {
+    if bounds.is_empty() {
+        return 0.0;
+    }
+    let [x, y, z]: [f64; 3] =
+        std::array::from_fn(|i| f64::from(bounds.max[i]) - f64::from(bounds.min[i]));
+    x * y + y * z + z * x
+}
+
+/// A pass over all nodes, which refits them or only looks.
+struct Pass<'a, const REFIT: bool> {
+    target: &'a Target<'a>,
+    leaves: u32,
+    block_cost: f64,
+}
+
+impl<const REFIT: bool> Pass<'_, REFIT> {
+    fn node_at(&self, index: u32) -> *mut Node {
+        let nodes = self.target.parts.nodes_offset as usize;
+        let start = self.target.base.wrapping_add(nodes).cast::<Node>();
+        start.wrapping_add(index as usize)
+    }
+
+    /// Visits the nodes from `start` up to `end`, a subtree in the order in which builds write it. `None`, with
+    /// some of its nodes visited, if it is none. Sums are made in the same order on any number of threads.
+    ///
+    /// # Safety
+    /// As for [`refit`], for these nodes.
+    unsafe fn subtree(&self, start: u32, end: u32) -> Option<(Bounds, f64)> {
+        let mut sum = 0.0;
+        if ((end - start) as usize) < FEW {
+            for index in (start..end).rev() {
+                // SAFETY: the caller's promise.
+                let (cost, inside) = unsafe { self.node(index, end) };
+                sum += inside.then_some(cost)?;
+            }
+        } else {
+            // SAFETY: the caller's promise.
+            let children = unsafe { (*self.node_at(start)).children };
+            let mut parts = [(0, 0, None); WIDTH];
+            let mut length = 0;
+            let mut next = start + 1;
+            for word in children {
+                if word == child::NONE || word & child::LEAF != 0 {
+                    continue;
+                }
+                if length > 0 {
+                    parts[length - 1].1 = word;
+                } else if word != next {
+                    return None;
+                }
+                if word < next || word >= end {
+                    return None;
+                }
+                parts[length] = (word, end, None);
+                (length, next) = (length + 1, word + 1);
+            }
+            let visit = |part: &mut (u32, u32, Option<(Bounds, f64)>)| {
+                // SAFETY: the ranges are disjoint, and the caller's promise.
+                part.2 = unsafe { self.subtree(part.0, part.1) };
+            };
+            match in_pool() {
+                true => parts[..length].par_iter_mut().for_each(visit),
+                false => parts[..length].iter_mut().for_each(visit),
+            }
+            for part in &parts[..length] {
+                sum += part.2?.1;
+            }
+            // SAFETY: the caller's promise.
+            let (cost, inside) = unsafe { self.node(start, end) };
+            sum += inside.then_some(cost)?;
+        }
+        // SAFETY: the caller's promise.
+        Some((unsafe { (*self.node_at(start)).all_bounds() }, sum))
+    }
+
+    /// Visits a node after its children, which are after it and before `end`: others count as empty. Returns
+    /// what its children cost and whether all of them were there.
+    ///
+    /// # Safety
+    /// As for [`refit`], for this node and those up to `end`.
+    unsafe fn node(&self, index: u32, end: u32) -> (f64, bool) {
+        // SAFETY: the caller's promise.
+        let node = unsafe { &mut *self.node_at(index) };
+        let (mut cost, mut inside) = (0.0, true);
+        for lane in 0..WIDTH {
             let word = node.children[lane];
-            let bounds = if word == child::NONE {
-                Bounds::EMPTY
+            let mut bounds = node.child_bounds(lane);
+            if word == child::NONE {
+                bounds = Bounds::EMPTY;
             } else if word & child::LEAF != 0 {
                 let groups = if word & child::TWO_GROUPS != 0 { 2 } else { 1 };
-                // SAFETY: a valid child.
-                unsafe { leaf_bounds(target, word & child::INDEX, groups) }
-            } else {
-                // SAFETY: a valid child is another node, above this one.
-                unsafe { (*nodes.add(word as usize)).all_bounds() }
-            };
-            node.set_bounds(lane, bounds);
+                let first = word & child::INDEX;
+                if u64::from(first) + u64::from(groups) > u64::from(self.leaves) {
+                    bounds = Bounds::EMPTY;
+                } else if REFIT {
+                    // SAFETY: a leaf that there is.
+                    bounds = unsafe { leaf_bounds(self.target, first, groups) };
+                }
+                cost += area(&bounds) * self.block_cost * f64::from(groups);
+            } else if word <= index || word >= end {
+                (bounds, inside) = (Bounds::EMPTY, false);
+            } else if REFIT {
+                // SAFETY: another node that there is.
+                bounds = unsafe { (*self.node_at(word)).all_bounds() };
+            }
+            if REFIT {
+                node.set_bounds(lane, bounds);
+            }
         }
-        all = node.all_bounds();
+        (cost + area(&node.all_bounds()), inside)
     }
-    all
 }

@@ -229,12 +229,12 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
         lane: usize,
         _: &AvxBeam,
         groups: [&TriangleGroup; 2],
-        t_min: f32,
-        t_far: f32,
+        lanes: u32,
+        interval: [f32; 2],
         found: &mut GroupHits,
     ) -> u32 {
         // SAFETY: the caller's promise.
-        unsafe { group::intersect(beams, lane, groups, t_min, t_far, found) }
+        unsafe { group::intersect(beams, lane, groups, lanes, interval, found) }
     }
 
     #[inline(always)]

@@ -3,6 +3,7 @@
 //! What [`Space`] is for one ray, but for rays of ordinary length and for structures whose distances are not
 //! scaled. Loops over lanes are written so that compilers turn them into vectors.
 
+use super::options::Accuracy;
 use super::space::{MARGIN, MODEST, Space, max};
 use super::{PACKET, Step};
 use crate::layout::{GROUP, InstanceRecord, WIDTH, instance_state};
@@ -35,10 +36,51 @@ fn pick(axis: u32, x: f32, y: f32, z: f32) -> f32 {
 }
 
 /// Bytes from one axis of a vertex to the next.
-const AXIS: u32 = size_of::<[f32; GROUP]>() as u32;
+pub(crate) const AXIS: u32 = size_of::<[f32; GROUP]>() as u32;
 
 /// Bytes of a row of a node.
 pub(crate) const ROW: u32 = size_of::<[f32; WIDTH]>() as u32;
+
+/// Rays of walks, in world space.
+#[repr(C, align(64))]
+pub(crate) struct Given {
+    pub origin: [Lanes; 3],
+    pub direction: [Lanes; 3],
+    pub t_min: Lanes,
+    /// 1 where there is a ray that can hit anything.
+    pub sound: [u32; PACKET],
+}
+
+impl Given {
+    /// The rays of up to sixteen walks.
+    #[inline(always)]
+    pub fn new(steps: &[Step<'_>]) -> Given {
+        let mut given = Given {
+            origin: [[0.0; PACKET]; 3],
+            direction: [[0.0; PACKET]; 3],
+            t_min: [0.0; PACKET],
+            sound: [0; PACKET],
+        };
+        // Ends before the starts of rays that are not there.
+        let mut t_max = [-1.0; PACKET];
+        for (lane, step) in steps.iter().enumerate().take(PACKET) {
+            let ray = &step.walk.ray;
+            for axis in 0..3 {
+                given.origin[axis][lane] = ray.origin[axis];
+                given.direction[axis][lane] = ray.direction[axis];
+            }
+            given.t_min[lane] = ray.t_min;
+            t_max[lane] = ray.t_max;
+        }
+        let (o, d) = (&given.origin, &given.direction);
+        for i in 0..PACKET {
+            let most = magnitude(o[0][i]).max(magnitude(o[1][i]).max(magnitude(o[2][i])));
+            let most = magnitude(d[0][i]).max(magnitude(d[1][i]).max(magnitude(d[2][i]).max(most)));
+            given.sound[i] = u32::from((most < INFINITE) & (given.t_min[i] <= t_max[i]));
+        }
+        given
+    }
+}
 
 /// Rays by their own axes: two, then the one along which the direction is longest; the first two are swapped if that is
 /// negative. See [`Space::axes`].
@@ -65,7 +107,7 @@ pub(crate) struct Beams {
     /// As given, by the axes of space.
     space_origin: [Lanes; 3],
     space_direction: [Lanes; 3],
-    /// [`Accuracy::reach`](super::options::Accuracy::reach).
+    /// [`Accuracy::reach`].
     pub reach: f32,
 }
 
@@ -83,36 +125,39 @@ impl Beams {
         t_min: [0.0; PACKET],
         space_origin: [[0.0; PACKET]; 3],
         space_direction: [[0.0; PACKET]; 3],
-        reach: 0.0,
+        reach: Accuracy::Spec.reach(),
     };
 
-    /// Sets up the rays of up to sixteen walks in an instance that does not move; returns the lanes in which that is all
-    /// there is to say: the ray is sound and of ordinary length.
+    /// Sets rays up in an instance that does not move; returns the lanes in which that is all there is to say: the ray is
+    /// sound and of ordinary length.
     #[inline(always)]
-    pub fn set_up(&mut self, steps: &[Step<'_>], record: &InstanceRecord) -> u32 {
-        let mut t_max = [0.0; PACKET];
-        for (lane, step) in steps.iter().enumerate().take(PACKET) {
-            let ray = &step.walk.ray;
-            for axis in 0..3 {
-                self.space_origin[axis][lane] = ray.origin[axis];
-                self.space_direction[axis][lane] = ray.direction[axis];
-            }
-            self.t_min[lane] = ray.t_min;
-            t_max[lane] = ray.t_max;
-        }
-        let mut sound = [0; PACKET];
-        for i in 0..PACKET {
-            let (o, d) = (&self.space_origin, &self.space_direction);
-            let most = magnitude(o[0][i]).max(magnitude(o[1][i]).max(magnitude(o[2][i])));
-            let most = magnitude(d[0][i]).max(magnitude(d[1][i]).max(magnitude(d[2][i]).max(most)));
-            sound[i] = u32::from((most < INFINITE) & (self.t_min[i] <= t_max[i]));
-        }
+    pub fn set_up(&mut self, given: &Given, record: &InstanceRecord) -> u32 {
+        self.space_origin = given.origin;
+        self.space_direction = given.direction;
         if record.state & instance_state::IDENTITY == 0 {
             self.turn(record);
         }
-        self.derive(&mut sound);
-        let all = u32::MAX >> (32 - steps.len().min(PACKET));
-        (0..PACKET).fold(0, |mask, i| mask | sound[i] << i) & all
+        self.derive(given)
+    }
+
+    /// Sets rays up in a top level. `origin_error`: how far rays may be off, relative to how far from the origin of space they
+    /// start.
+    #[inline(always)]
+    pub fn set_up_top(&mut self, given: &Given, origin_error: f32) -> u32 {
+        self.space_origin = given.origin;
+        self.space_direction = given.direction;
+        let sound = self.derive(given);
+        let o = &given.origin;
+        for i in 0..PACKET {
+            let reach = max(o[0][i].abs(), max(o[1][i].abs(), o[2][i].abs()));
+            let uncertainty = reach * origin_error;
+            for k in 0..3 {
+                let toward = uncertainty.copysign(-self.near_inverse[k][i]);
+                self.far_origin[k][i] -= toward;
+                self.origin[k][i] += toward;
+            }
+        }
+        sound
     }
 
     /// Moves rays to the space of an instance, as [`Level::place`](super::level::Level::place) does.
@@ -136,9 +181,10 @@ impl Beams {
         }
     }
 
-    /// Sets up from origins, directions and lower ends; clears lanes that this is not for.
+    /// Sets up from origins and directions; returns the lanes that this is for.
     #[inline(always)]
-    fn derive(&mut self, sound: &mut [u32; PACKET]) {
+    fn derive(&mut self, given: &Given) -> u32 {
+        let mut sound = given.sound;
         let d = &self.space_direction;
         // The longest axis, as `Space::set` finds it, and the two that follow in turn.
         let mut axes = [[0u32; PACKET]; 3];
@@ -180,9 +226,9 @@ impl Beams {
         }
         // Written out, so that each is a loop of its own with known places.
         let directions = [
-            self.derive_axis(0, &axes[0], sound),
-            self.derive_axis(1, &axes[1], sound),
-            self.derive_axis(2, &axes[2], sound),
+            self.derive_axis(0, &axes[0], &mut sound),
+            self.derive_axis(1, &axes[1], &mut sound),
+            self.derive_axis(2, &axes[2], &mut sound),
         ];
         for i in 0..PACKET {
             let length = directions[2][i].abs();
@@ -190,9 +236,10 @@ impl Beams {
             self.shear[0][i] = directions[0][i] * inverse;
             self.shear[1][i] = directions[1][i] * inverse;
             self.inverse_z[i] = -inverse;
-            self.t_min[i] = max(self.t_min[i], 0.0);
+            self.t_min[i] = max(given.t_min[i], 0.0);
             sound[i] &= u32::from((*MODEST.start() <= length) & (length <= *MODEST.end()));
         }
+        (0..PACKET).fold(0, |mask, i| mask | sound[i] << i)
     }
 
     /// Sets up the `k`th of the rays' own axes; returns the directions along it.

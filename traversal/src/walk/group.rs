@@ -10,14 +10,14 @@
 use std::arch::x86_64::*;
 
 use super::beams::Beams;
-use super::kernel::{GroupHits, lanes};
+use super::kernel::GroupHits;
 use super::triangle::{ORDINARY, SLACK};
 use crate::layout::{GROUP, TriangleGroup};
 
 /// Bytes from one vertex to the next.
 const VERTEX: usize = size_of::<[[f32; GROUP]; 3]>();
 
-/// Which lanes are hit, their edges included, with `t_min < t <= t_far`. The ray's distances are not
+/// Which of some lanes are hit, their edges included, after the interval's start and not after its end. The ray's distances are not
 /// scaled.
 ///
 /// # Safety
@@ -27,8 +27,8 @@ pub(crate) unsafe fn intersect(
     beams: &Beams,
     lane: usize,
     groups: [&TriangleGroup; 2],
-    t_min: f32,
-    t_far: f32,
+    lanes: u32,
+    interval: [f32; 2],
     found: &mut GroupHits,
 ) -> u32 {
     // SAFETY: the caller promises AVX2; groups are aligned, and axes are below three.
@@ -47,7 +47,7 @@ pub(crate) unsafe fn intersect(
             _mm256_cmp_ps::<_CMP_LT_OQ>(least, zero),
             _mm256_cmp_ps::<_CMP_GT_OQ>(most, zero),
         );
-        let inside = !(_mm256_movemask_ps(outside) as u32) & lanes(groups);
+        let inside = !(_mm256_movemask_ps(outside) as u32) & lanes;
         if inside == 0 {
             return 0;
         }
@@ -97,8 +97,8 @@ pub(crate) unsafe fn intersect(
         let accepted = _mm256_and_ps(
             _mm256_cmp_ps::<_CMP_LE_OQ>(near, far),
             _mm256_and_ps(
-                _mm256_cmp_ps::<_CMP_GT_OQ>(t, _mm256_set1_ps(t_min)),
-                _mm256_cmp_ps::<_CMP_LE_OQ>(t, _mm256_set1_ps(t_far)),
+                _mm256_cmp_ps::<_CMP_GT_OQ>(t, _mm256_set1_ps(interval[0])),
+                _mm256_cmp_ps::<_CMP_LE_OQ>(t, _mm256_set1_ps(interval[1])),
             ),
         );
         let hits = decided & _mm256_movemask_ps(accepted) as u32;
@@ -112,7 +112,7 @@ pub(crate) unsafe fn intersect(
         _mm256_store_ps(second.as_mut_ptr(), v);
         _mm256_store_ps(third.as_mut_ptr(), w);
         if undecided != 0 {
-            return hits | exactly(found, beams, lane, groups, undecided, [t_min, t_far]);
+            return hits | exactly(found, beams, lane, groups, undecided, interval);
         }
         hits
     }
@@ -127,9 +127,9 @@ fn exactly(
     lane: usize,
     groups: [&TriangleGroup; 2],
     mask: u32,
-    [t_min, t_far]: [f32; 2],
+    interval: [f32; 2],
 ) -> u32 {
-    found.intersect_each(&beams.space(lane), groups, mask, t_min, t_far)
+    found.intersect_each(&beams.space(lane), groups, mask, interval)
 }
 
 #[inline(always)]

@@ -80,7 +80,7 @@ pub(crate) trait Kernel {
         place: *mut Entry,
     ) -> (u32, usize);
 
-    /// Which lanes of one or two groups (then the same twice) an opaque triangle is hit in, in the interval
+    /// Which of some lanes of one or two groups (then the same twice) an opaque triangle is hit in, in the interval
     /// `t_min < t <= t_far`: what [`intersect`] says of each, its edges included. The ray's distances are not scaled.
     ///
     /// # Safety
@@ -90,8 +90,8 @@ pub(crate) trait Kernel {
         lane: usize,
         beam: &Self::Beam,
         groups: [&TriangleGroup; 2],
-        t_min: f32,
-        t_far: f32,
+        lanes: u32,
+        interval: [f32; 2],
         found: &mut GroupHits,
     ) -> u32;
 
@@ -113,17 +113,6 @@ pub(crate) trait Kernel {
     /// # Safety
     /// The machine has the instruction set.
     unsafe fn test_leaf(leaf: &Triangles<'_>, walk: &mut Walk, t_far: &mut f32) -> Leaf;
-}
-
-/// The lanes of one or two groups (then the same twice) that hold triangles.
-#[inline(always)]
-pub(crate) fn lanes([first, last]: [&TriangleGroup; 2]) -> u32 {
-    let second = if std::ptr::eq(first, last) {
-        0
-    } else {
-        last.lanes & 0xF
-    };
-    first.lanes & 0xF | second << GROUP
 }
 
 /// Where a ray meets the triangles of a leaf.
@@ -159,8 +148,7 @@ impl GroupHits {
         space: &Space,
         groups: [&TriangleGroup; 2],
         mask: u32,
-        t_min: f32,
-        t_far: f32,
+        [t_min, t_far]: [f32; 2],
     ) -> u32 {
         let mut hits = 0;
         let mut rest = mask;
@@ -286,16 +274,16 @@ impl Kernel for Portable {
         _: usize,
         (space, _): &(Space, f32),
         groups: [&TriangleGroup; 2],
-        t_min: f32,
-        t_far: f32,
+        lanes: u32,
+        interval: [f32; 2],
         found: &mut GroupHits,
     ) -> u32 {
         let mut mask = 0;
         for (i, group) in groups.into_iter().enumerate() {
             // SAFETY: every machine has plain Rust.
-            mask |= unsafe { Portable::test_group(space, group, t_far) & 0xF } << (GROUP * i);
+            mask |= unsafe { Portable::test_group(space, group, interval[1]) & 0xF } << (GROUP * i);
         }
-        found.intersect_each(space, groups, mask & lanes(groups), t_min, t_far)
+        found.intersect_each(space, groups, mask & lanes, interval)
     }
 
     #[inline(never)]

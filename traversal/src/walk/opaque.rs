@@ -1,13 +1,13 @@
 //! Walks through triangles that all count: opaque, not culled, in a space that is not scaled. Nothing there suspends a
 //! walk but want of fuel, so the loop is small.
 
-use super::beams::Beams;
+use super::beams::{Beams, Given};
 use super::facts::InstanceFacts;
 use super::kernel::{GroupHits, Kernel};
 use super::options::Specialisation;
 use super::walker::{Entry, STACK};
 use super::{Event, PACKET, State, Step, Verdict, Walk, Walker, descend};
-use crate::layout::{GROUP, LEAF_TRIANGLES, WIDTH, child, geometry_word, instance_state};
+use crate::layout::{GROUP, LEAF_TRIANGLES, WIDTH, child, instance_state};
 use crate::ray::Hit;
 use crate::structure::{Kind, Structure};
 
@@ -95,7 +95,7 @@ pub(crate) unsafe fn run_list<K: Kernel>(
             && step.verdict == Verdict::Continue;
         alike |= u32::from(same) << lane;
     }
-    alike &= beams.set_up(steps, record);
+    alike &= beams.set_up(&Given::new(steps), record);
     let fetches_ahead =
         bottom.structure.node_count() > LARGE && !without.contains(Specialisation::Prefetch);
     let any = steps[0].walk.terminates_on_first_hit();
@@ -153,8 +153,10 @@ impl Opaque<'_> {
         fuel: &mut u64,
     ) -> End {
         let (nodes, node_count) = (self.structure.nodes(), self.structure.node_count());
+        let (groups, group_count) = self.structure.groups();
         let lane = self.lane % PACKET;
-        let t_min = walk.ray.t_min;
+        let (t_min, mut t_far) = (walk.ray.t_min, walk.hit.t);
+        let mut nearest = Nearest::NONE;
         let mut left = *fuel;
         let stack = pending.stack.as_mut_ptr();
         // SAFETY: `floor` and `length` are inside the stack.
@@ -166,8 +168,8 @@ impl Opaque<'_> {
             )
         };
         // SAFETY: the caller's promise.
-        let mut beam = unsafe { K::load_beam(self.beams, lane, walk.hit.t) };
-        let mut limit = Entry::last_at(walk.hit.t);
+        let mut beam = unsafe { K::load_beam(self.beams, lane, t_far) };
+        let mut limit = Entry::last_at(t_far);
         let end = 'next: loop {
             // The nearest pending child that is still near enough.
             let mut word = loop {
@@ -226,16 +228,16 @@ impl Opaque<'_> {
             }
             let index = word & child::INDEX;
             let two = word & child::TWO_GROUPS != 0;
+            let last = index + u32::from(two);
             // Of no child there is no group.
-            let Some(last) = self.structure.group(index + u32::from(two)) else {
+            if last >= group_count {
                 continue 'next;
-            };
-            let first = if two {
-                // SAFETY: below one that there is.
-                unsafe { &*std::ptr::from_ref(last).sub(1) }
-            } else {
-                last
-            };
+            }
+            // SAFETY: below the count, so inside the part; parts are aligned.
+            let [first, last] =
+                unsafe { [&*groups.add(index as usize), &*groups.add(last as usize)] };
+            let others = if two { last.lanes & 0xF } else { 0 };
+            let lanes = first.lanes & 0xF | others << GROUP;
             // SAFETY: the caller's promise.
             let mut mask = unsafe {
                 K::intersect_leaf(
@@ -243,33 +245,26 @@ impl Opaque<'_> {
                     lane,
                     &beam,
                     [first, last],
-                    t_min,
-                    walk.hit.t,
+                    lanes,
+                    [t_min, t_far],
                     found,
                 )
             };
             while mask != 0 {
                 let i = mask.trailing_zeros() as usize % LEAF_TRIANGLES;
                 mask &= mask - 1;
-                let group = if i < GROUP { first } else { last };
-                let (t, lane) = (found.t[i], i % GROUP);
-                let (geometry, primitive) = (group.geometries[lane], group.primitives[lane]);
-                if t == walk.hit.t && !self.wins_tie(walk, geometry, primitive) || t > walk.hit.t {
+                let t = found.t[i];
+                let slot = GROUP as u32 * index + i as u32;
+                if t > t_far || t == t_far && !self.wins_tie(walk, nearest.slot, slot) {
                     continue;
                 }
                 let [second, third] = &found.barycentrics;
-                walk.hit = Hit {
-                    t,
+                nearest = Nearest {
+                    slot,
                     barycentrics: [second[i], third[i]],
-                    geometry_index: geometry & geometry_word::INDEX,
-                    primitive_index: primitive,
-                    slot: GROUP as u32 * index + i as u32,
-                    hit_kind: self.instance.hit_kind(found.front >> i & 1 != 0),
-                    opaque: true,
-                    triangle: true,
-                    ..self.instance.hit()
+                    front: found.front >> i & 1 != 0,
                 };
-                walk.has_hit = true;
+                t_far = t;
                 if ANY {
                     break 'next End::Over;
                 }
@@ -281,21 +276,57 @@ impl Opaque<'_> {
         // SAFETY: both are in the stack.
         pending.length = unsafe { top.offset_from(stack) } as usize;
         *fuel = left;
+        if nearest.slot != Hit::UNKNOWN_SLOT {
+            walk.hit = self.hit(t_far, &nearest);
+            walk.has_hit = true;
+        }
         end
     }
 
-    /// Whether an opaque triangle at the distance of what is committed, or at the end of the ray,
-    /// comes before that.
-    #[cold]
-    #[inline(never)]
-    fn wins_tie(&self, walk: &Walk, geometry: u32, primitive: u32) -> bool {
-        walk.is_nearer(&Hit {
-            t: walk.hit.t,
-            geometry_index: geometry & geometry_word::INDEX,
-            primitive_index: primitive,
+    #[inline(always)]
+    fn hit(&self, t: f32, nearest: &Nearest) -> Hit {
+        let (geometry_index, primitive_index) = self.structure.identity(nearest.slot);
+        Hit {
+            t,
+            barycentrics: nearest.barycentrics,
+            geometry_index,
+            primitive_index,
+            slot: nearest.slot,
+            hit_kind: self.instance.hit_kind(nearest.front),
             opaque: true,
             triangle: true,
             ..self.instance.hit()
-        })
+        }
     }
+
+    /// Whether a triangle at the distance of the nearest one, or of what is committed, or at the end of the ray, comes
+    /// before that.
+    #[cold]
+    #[inline(never)]
+    fn wins_tie(&self, walk: &Walk, nearest: u32, slot: u32) -> bool {
+        if nearest != Hit::UNKNOWN_SLOT {
+            return self.structure.identity(slot) < self.structure.identity(nearest);
+        }
+        let nearest = Nearest {
+            slot,
+            ..Nearest::NONE
+        };
+        walk.is_nearer(&self.hit(walk.hit.t, &nearest))
+    }
+}
+
+/// The nearest triangle so far.
+struct Nearest {
+    /// Where it lies, as in [`Hit::slot`].
+    slot: u32,
+    barycentrics: [f32; 2],
+    front: bool,
+}
+
+impl Nearest {
+    const NONE: Nearest = Nearest {
+        slot: Hit::UNKNOWN_SLOT,
+        barycentrics: [0.0; 2],
+        front: false,
+    };
 }

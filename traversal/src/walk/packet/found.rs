@@ -1,12 +1,13 @@
 //! The nearest hits of a packet so far.
 
-use super::rays::Lanes;
-use crate::layout::{GROUP, geometry_word};
 use crate::ray::Hit;
 use crate::structure::Structure;
+use crate::walk::beams::Lanes;
 use crate::walk::facts::InstanceFacts;
+use crate::walk::triangle::Intersection;
 use crate::walk::{PACKET, Step};
 
+#[repr(C, align(64))]
 pub(super) struct Found {
     pub t: Lanes,
     pub barycentrics: [Lanes; 2],
@@ -21,8 +22,8 @@ pub(super) struct Found {
 impl Found {
     pub fn new(steps: &[Step<'_>]) -> Found {
         let mut found = Found {
-            t: Lanes::ZERO,
-            barycentrics: [Lanes::ZERO; 2],
+            t: [0.0; PACKET],
+            barycentrics: [[0.0; PACKET]; 2],
             slots: [0; PACKET],
             instances: [0; PACKET],
             instance: 0,
@@ -30,7 +31,7 @@ impl Found {
             hit: 0,
         };
         for (lane, step) in steps.iter().enumerate() {
-            found.t.0[lane] = step.walk.ray.t_max;
+            found.t[lane] = step.walk.ray.t_max;
         }
         found
     }
@@ -38,10 +39,10 @@ impl Found {
     /// The hit of a lane that has one, in an instance of this structure.
     pub fn hit(&self, lane: usize, structure: &Structure, instance: &InstanceFacts) -> Hit {
         let slot = self.slots[lane];
-        let (geometry, primitive) = identity(structure, slot);
+        let (geometry, primitive) = structure.identity(slot);
         Hit {
-            t: self.t.0[lane],
-            barycentrics: [self.barycentrics[0].0[lane], self.barycentrics[1].0[lane]],
+            t: self.t[lane],
+            barycentrics: [self.barycentrics[0][lane], self.barycentrics[1][lane]],
             geometry_index: geometry,
             primitive_index: primitive,
             slot,
@@ -54,9 +55,9 @@ impl Found {
 
     /// Takes over what a lane's walk has found by itself in the instance.
     pub fn set(&mut self, lane: usize, hit: &Hit, instance: &InstanceFacts) {
-        self.t.0[lane] = hit.t;
+        self.t[lane] = hit.t;
         for (weights, weight) in self.barycentrics.iter_mut().zip(hit.barycentrics) {
-            weights.0[lane] = weight;
+            weights[lane] = weight;
         }
         self.slots[lane] = hit.slot;
         self.instances[lane] = hit.instance_index;
@@ -65,30 +66,34 @@ impl Found {
         self.hit |= 1 << lane;
     }
 
+    /// Takes a hit in a lane, a triangle of the instance, if it is to be preferred to what there is.
+    #[inline]
+    pub fn offer(&mut self, structure: &Structure, lane: usize, slot: u32, hit: &Intersection) {
+        let t_far = self.t[lane];
+        let wins = hit.t < t_far
+            || hit.t == t_far && self.won_ties(structure, slot, (1 << lane) & self.hit) != 0;
+        if wins {
+            self.t[lane] = hit.t;
+            self.barycentrics[0][lane] = hit.barycentrics[0];
+            self.barycentrics[1][lane] = hit.barycentrics[1];
+            self.slots[lane] = slot;
+            self.instances[lane] = self.instance;
+            self.front = self.front & !(1 << lane) | u16::from(hit.front) << lane;
+            self.hit |= 1 << lane;
+        }
+    }
+
     /// In which lanes a triangle of the instance comes before the one that was found at the same distance.
     #[cold]
     pub fn won_ties(&self, structure: &Structure, slot: u32, ties: u16) -> u16 {
-        let key = identity(structure, slot);
+        let key = structure.identity(slot);
         let wins = |lane: usize| {
             let other = self.instances[lane];
             self.instance < other
-                || self.instance == other && key < identity(structure, self.slots[lane])
+                || self.instance == other && key < structure.identity(self.slots[lane])
         };
         (0..PACKET)
             .filter(|&lane| ties >> lane & 1 != 0 && wins(lane))
             .fold(0, |mask, lane| mask | 1 << lane)
     }
-}
-
-/// Geometry and primitive in a slot.
-fn identity(structure: &Structure, slot: u32) -> (u32, u32) {
-    let lane = slot as usize % GROUP;
-    structure
-        .group(slot / GROUP as u32)
-        .map_or((0, 0), |group| {
-            (
-                group.geometries[lane] & geometry_word::INDEX,
-                group.primitives[lane],
-            )
-        })
 }

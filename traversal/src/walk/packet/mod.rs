@@ -14,15 +14,18 @@ mod triangle;
 
 use std::arch::x86_64::*;
 
+use super::beams::Given;
 use super::facts::InstanceFacts;
 use super::level::Level;
-use super::walker::{Entry, STACK, is_sound};
+use super::opaque::LARGE;
+use super::space::max;
+use super::walker::{Entry, STACK};
 use super::{Event, PACKET, State, Step, Verdict, Walk, Walker, descend, walker};
 use crate::layout::{WIDTH, child};
 use crate::ray::ray_flags;
 use crate::structure::{Kind, Structure};
 use found::Found;
-use rays::{Given, Rays};
+use rays::{Rays, load};
 use triangle::test_leaf;
 
 /// Fewer rays are not worth it.
@@ -78,12 +81,14 @@ impl PacketSpace {
 /// Walks on to their ends together, if they have not started and their rays cohere. Otherwise
 /// returns false, and nothing has happened.
 pub(crate) fn run(steps: &mut [Step<'_>], walker: &mut Walker) -> bool {
-    if steps.len() < ENOUGH || steps.len() > PACKET || !cohere(steps) {
+    if steps.len() < ENOUGH || steps.len() > PACKET || !may_cohere(steps) {
         return false;
     }
     // SAFETY: packets are for walkers with this instruction set.
-    if unsafe { run_avx512(steps, walker) } {
-        return true;
+    match unsafe { run_avx512(steps, walker) } {
+        Some(true) => return true,
+        Some(false) => {}
+        None => return false,
     }
     for step in steps {
         let (ray, top_level, time) = (step.walk.ray, step.walk.top_level, step.walk.time);
@@ -94,31 +99,72 @@ pub(crate) fn run(steps: &mut [Step<'_>], walker: &mut Walker) -> bool {
     false
 }
 
-/// Whether rays start near each other (by the size of their distances from the origin of space), go
-/// the same way, and want the same.
-fn cohere(steps: &[Step<'_>]) -> bool {
-    let first = &steps[0].walk.ray;
-    let most = |v: &[f32; 3]| v.iter().fold(0f32, |most, c| most.max(c.abs()));
-    let (longest, far) = (most(&first.direction), most(&first.origin));
-    steps.iter().all(|step| {
-        let walk = &*step.walk;
-        let ray = &walk.ray;
-        let near = (0..3).all(|i| {
-            (ray.direction[i] - first.direction[i]).abs() <= SPREAD * longest
-                && (ray.origin[i] - first.origin[i]).abs() <= far * WIDTH_OF_BEAM
-        });
-        near && walk.state == State::Fresh
-            && step.verdict == Verdict::Continue
-            && walk.top_level == steps[0].walk.top_level
-            && (ray.flags, ray.cull_mask) == (first.flags, first.cull_mask)
-            && is_sound(ray)
-    })
+/// Whether walks are alike but for their rays, and the first and the last ray are.
+fn may_cohere(steps: &[Step<'_>]) -> bool {
+    let (first, last) = (&steps[0].walk, &steps[steps.len() - 1].walk.ray);
+    let longest = most(&first.ray.direction);
+    let close =
+        (0..3).all(|i| (last.direction[i] - first.ray.direction[i]).abs() <= SPREAD * longest);
+    close
+        && steps.iter().all(|step| {
+            let walk = &*step.walk;
+            walk.state == State::Fresh
+                && step.verdict == Verdict::Continue
+                && walk.top_level == first.top_level
+                && walk.ray.flags == first.ray.flags
+                && walk.ray.cull_mask == first.ray.cull_mask
+        })
+}
+
+/// Whether rays start near each other (by the size of their distances from the origin of space), and go
+/// the same way.
+#[inline(always)]
+fn cohere(given: &Given, lanes: u16) -> bool {
+    let (o, d) = (&given.origin, &given.direction);
+    let spread = SPREAD * most(&[d[0][0], d[1][0], d[2][0]]);
+    let width = WIDTH_OF_BEAM * most(&[o[0][0], o[1][0], o[2][0]]);
+    let mut near = [0u32; PACKET];
+    for i in 0..PACKET {
+        let turned = max(
+            (d[0][i] - d[0][0]).abs(),
+            max((d[1][i] - d[1][0]).abs(), (d[2][i] - d[2][0]).abs()),
+        );
+        let moved = max(
+            (o[0][i] - o[0][0]).abs(),
+            max((o[1][i] - o[1][0]).abs(), (o[2][i] - o[2][0]).abs()),
+        );
+        near[i] = u32::from((turned <= spread) & (moved <= width)) & given.sound[i];
+    }
+    let near = (0..PACKET).fold(0, |mask, i| mask | (near[i] as u16) << i);
+    near & lanes == lanes
+}
+
+/// The longest component.
+fn most(v: &[f32; 3]) -> f32 {
+    v.iter().fold(0f32, |most, c| most.max(c.abs()))
+}
+
+/// Whether the walks were taken to their ends; `None` if nothing has happened.
+///
+/// # Safety
+/// The machine has the instruction set.
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+unsafe fn run_avx512(steps: &mut [Step<'_>], walker: &mut Walker) -> Option<bool> {
+    let given = Given::new(steps);
+    let lanes = u16::MAX >> (PACKET - steps.len());
+    // SAFETY: the caller's promise.
+    cohere(&given, lanes).then(|| unsafe { run_together(steps, walker, given, lanes) })
 }
 
 /// # Safety
 /// The machine has the instruction set.
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2")]
-unsafe fn run_avx512(steps: &mut [Step<'_>], walker: &mut Walker) -> bool {
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+unsafe fn run_together(
+    steps: &mut [Step<'_>],
+    walker: &mut Walker,
+    given: Given,
+    lanes: u16,
+) -> bool {
     let ray = steps[0].walk.ray;
     let any = ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
     // SAFETY: the contract of `Walk::new`, here and below.
@@ -130,13 +176,12 @@ unsafe fn run_avx512(steps: &mut [Step<'_>], walker: &mut Walker) -> bool {
         return false;
     }
     let mut packet = Packet {
-        lanes: u16::MAX >> (PACKET - steps.len()),
+        lanes,
         any,
         patience: PATIENCE,
         found: Found::new(steps),
-        given: Given::new(steps),
+        given,
     };
-    let lanes = packet.lanes;
     if let Some(index) = descend::only_instance(&walker.top) {
         if packet.visit_instance(steps, walker, index, lanes) != Visit::Done {
             return false;
@@ -148,7 +193,8 @@ unsafe fn run_avx512(steps: &mut [Step<'_>], walker: &mut Walker) -> bool {
             return false;
         }
         walker.packet.top.start(lanes);
-        while let Some((word, lanes)) = packet.next_leaf(&rays, &structure, &mut walker.packet.top)
+        while let Some((word, lanes, _)) =
+            packet.next_leaf(&rays, &structure, &mut walker.packet.top)
         {
             let index = word & child::INDEX;
             let done = match packet.visit_instance(steps, walker, index, lanes) {
@@ -196,20 +242,21 @@ impl Packet {
 
     /// Down from what is pending to the next leaf, and the rays that may meet it.
     #[inline]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2")]
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
     fn next_leaf(
         &mut self,
         rays: &Rays,
         structure: &Structure,
         stack: &mut Stack,
-    ) -> Option<(u32, u16)> {
+    ) -> Option<(u32, u16, f32)> {
         let Stack {
             entries,
             lanes,
             length,
         } = stack;
         let live = self.live();
-        let t = self.found.t.load();
+        let fetches_ahead = structure.node_count() > LARGE;
+        let t = load(&self.found.t);
         let t_far = _mm512_mask_reduce_max_ps(live, t);
         while *length > 0 && live != 0 {
             *length -= 1;
@@ -224,7 +271,7 @@ impl Packet {
             let word = entry.word();
             if word & child::LEAF != 0 {
                 if word != child::NONE {
-                    return Some((word, here));
+                    return Some((word, here, t_far));
                 }
                 continue;
             }
@@ -235,17 +282,19 @@ impl Packet {
                 continue;
             }
             let base = *length;
-            let mut rest = rays.test_interval(node, t_far);
+            let mut near = [0.0; WIDTH];
+            let mut rest = rays.test_interval(node, t_far, &mut near);
+            if fetches_ahead && rest != 0 {
+                descend::fetch(rest, node, structure);
+            }
             while rest != 0 {
                 let child = rest.trailing_zeros() as usize % WIDTH;
                 rest &= rest - 1;
-                let (mask, near) = rays.test_box(node, child, t);
-                let mask = mask & here;
+                let mask = rays.test_box(node, child, t) & here;
                 if mask == 0 {
                     continue;
                 }
-                let near = _mm512_mask_reduce_min_ps(mask, near);
-                let entry = Entry::new(node.children[child], near);
+                let entry = Entry::new(node.children[child], near[child]);
                 // The nearest goes last.
                 let mut place = *length;
                 while place > base && entries[place - 1] < entry {
@@ -262,7 +311,7 @@ impl Packet {
     }
 
     /// Takes the rays of `lanes` through an instance.
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2")]
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
     fn visit_instance(
         &mut self,
         steps: &[Step<'_>],
@@ -298,8 +347,8 @@ impl Packet {
         }
         self.found.instance = index;
         stack.start(lanes);
-        while let Some((word, here)) = self.next_leaf(rays, &structure, stack) {
-            test_leaf(rays, &structure, word, here, &mut self.found);
+        while let Some((word, here, t_far)) = self.next_leaf(rays, &structure, stack) {
+            test_leaf(rays, &structure, word, here, t_far, &mut self.found);
         }
         Visit::Done
     }

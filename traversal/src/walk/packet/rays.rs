@@ -1,58 +1,38 @@
-//! The rays of a packet, set up for one level: a vector of sixteen for each number.
+//! The rays of a packet, set up for one level.
 
 use std::arch::x86_64::*;
 
-use crate::layout::{InstanceRecord, Node, WIDTH, instance_state};
-use crate::walk::space::{MARGIN, MODEST};
-use crate::walk::{PACKET, Step};
+use crate::layout::{InstanceRecord, Node, TriangleGroup, WIDTH};
+use crate::walk::PACKET;
+use crate::walk::beams::{AXIS, Beams, Given, Lanes, ROW};
+use crate::walk::space::MARGIN;
 
 /// Inverses of directions that are not along a plane.
 const STEEP: f32 = 1.0e30;
 
-/// A number of each ray.
-#[derive(Clone, Copy)]
-#[repr(align(64))]
-pub(super) struct Lanes(pub [f32; PACKET]);
-
-impl Lanes {
-    pub const ZERO: Lanes = Lanes([0.0; PACKET]);
-
-    #[inline]
-    #[target_feature(enable = "avx512f")]
-    pub fn load(&self) -> __m512 {
-        // SAFETY: sixteen numbers, aligned.
-        unsafe { _mm512_load_ps(self.0.as_ptr()) }
-    }
-
-    #[inline]
-    #[target_feature(enable = "avx512f")]
-    pub fn store(&mut self, value: __m512) {
-        // SAFETY: as above.
-        unsafe { _mm512_store_ps(self.0.as_mut_ptr(), value) }
-    }
+/// A number of each ray, as one vector.
+#[inline]
+#[target_feature(enable = "avx512f")]
+pub(super) fn load(lanes: &Lanes) -> __m512 {
+    // SAFETY: sixteen numbers.
+    unsafe { _mm512_loadu_ps(lanes.as_ptr()) }
 }
 
-/// Rays as they were given, in world space.
-pub(super) struct Given {
-    origin: [Lanes; 3],
-    direction: [Lanes; 3],
-    t_min: Lanes,
+/// Sets a number of each ray.
+#[inline]
+#[target_feature(enable = "avx512f")]
+pub(super) fn store(lanes: &mut Lanes, value: __m512) {
+    // SAFETY: as above.
+    unsafe { _mm512_storeu_ps(lanes.as_mut_ptr(), value) }
 }
 
-/// What [`Space`](crate::walk::space::Space) is for one ray.
+/// Rays that have their axes and the signs of their directions in common.
 pub(crate) struct Rays {
-    pub origin: [Lanes; 3],
-    pub direction: [Lanes; 3],
-    near_origin: [Lanes; 3],
-    far_origin: [Lanes; 3],
-    pub near_inverse: [Lanes; 3],
-    pub far_inverse: [Lanes; 3],
-    pub shear: [Lanes; 2],
-    pub inverse_z: Lanes,
+    pub beams: Beams,
+    /// Offsets in bytes of the rows of a node with the near planes.
+    near_rows: [usize; 3],
+    /// Offsets in bytes of the axes in a vertex.
     pub axes: [usize; 3],
-    /// Whether directions are negative.
-    pub signs: [bool; 3],
-    pub t_min: Lanes,
     interval: Interval,
 }
 
@@ -66,38 +46,11 @@ struct Interval {
     t_min: f32,
 }
 
-impl Given {
-    pub fn new(steps: &[Step<'_>]) -> Given {
-        let mut given = Given {
-            origin: [Lanes::ZERO; 3],
-            direction: [Lanes::ZERO; 3],
-            t_min: Lanes::ZERO,
-        };
-        for (lane, step) in steps.iter().enumerate() {
-            let ray = step.walk.ray();
-            for axis in 0..3 {
-                given.origin[axis].0[lane] = ray.origin[axis];
-                given.direction[axis].0[lane] = ray.direction[axis];
-            }
-            given.t_min.0[lane] = crate::walk::space::max(ray.t_min, 0.0);
-        }
-        given
-    }
-}
-
 impl Rays {
     pub const NOWHERE: Rays = Rays {
-        origin: [Lanes::ZERO; 3],
-        direction: [Lanes::ZERO; 3],
-        near_origin: [Lanes::ZERO; 3],
-        far_origin: [Lanes::ZERO; 3],
-        near_inverse: [Lanes::ZERO; 3],
-        far_inverse: [Lanes::ZERO; 3],
-        shear: [Lanes::ZERO; 2],
-        inverse_z: Lanes::ZERO,
-        axes: [0, 1, 2],
-        signs: [false; 3],
-        t_min: Lanes::ZERO,
+        beams: Beams::NOWHERE,
+        near_rows: [0; 3],
+        axes: [0; 3],
         interval: Interval {
             near_origin: [0.0; 3],
             far_origin: [0.0; 3],
@@ -108,139 +61,84 @@ impl Rays {
     };
 
     /// Sets the rays of `lanes` up for a top level; false if they are not alike.
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2")]
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
     pub fn set_up(&mut self, given: &Given, origin_error: f32, lanes: u16) -> bool {
-        let origin = [0, 1, 2].map(|axis: usize| given.origin[axis].load());
-        let direction = [0, 1, 2].map(|axis: usize| given.direction[axis].load());
-        let reach = _mm512_max_ps(
-            _mm512_max_ps(_mm512_abs_ps(origin[0]), _mm512_abs_ps(origin[1])),
-            _mm512_abs_ps(origin[2]),
-        );
-        let uncertainty = _mm512_mul_ps(reach, _mm512_set1_ps(origin_error));
-        self.store(origin, direction, given, uncertainty, lanes)
+        let sound = self.beams.set_up_top(given, origin_error);
+        self.join(sound, lanes)
     }
 
-    /// As [`Level::place`](crate::walk::level::Level::place) for one ray; false if rays of `lanes` are not alike.
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2")]
+    /// Sets the rays of `lanes` up for an instance; false if they are not alike.
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
     pub fn set_up_instance(&mut self, given: &Given, record: &InstanceRecord, lanes: u16) -> bool {
-        let mut origin = [0, 1, 2].map(|axis: usize| given.origin[axis].load());
-        let mut direction = [0, 1, 2].map(|axis: usize| given.direction[axis].load());
-        if record.state & instance_state::IDENTITY == 0 {
-            let m = &record.object_to_world;
-            let position = [m[3], m[7], m[11]];
-            for (origin, position) in origin.iter_mut().zip(position) {
-                *origin = _mm512_sub_ps(*origin, _mm512_set1_ps(position));
-            }
-            origin = turn(&record.world_to_object, origin);
-            direction = turn(&record.world_to_object, direction);
-        }
-        self.store(origin, direction, given, _mm512_setzero_ps(), lanes)
+        let sound = self.beams.set_up(given, record);
+        self.join(sound, lanes)
     }
 
+    /// Finds what the rays have in common.
     #[inline]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2")]
-    fn store(
-        &mut self,
-        origin: [__m512; 3],
-        direction: [__m512; 3],
-        given: &Given,
-        uncertainty: __m512,
-        lanes: u16,
-    ) -> bool {
-        let size = direction.map(|d| _mm512_abs_ps(d));
-        // The longest component is that of `Space::set`: the first of equals is not taken.
-        let longest = |z: usize| {
-            [1, 2].into_iter().fold(lanes, |alike, i| {
-                let axis = (z + i) % 3;
-                let longer = if z > axis {
-                    _mm512_cmp_ps_mask::<_CMP_GE_OQ>(size[z], size[axis])
-                } else {
-                    _mm512_cmp_ps_mask::<_CMP_GT_OQ>(size[z], size[axis])
-                };
-                alike & longer
-            })
-        };
-        let Some(z) = (0..3).find(|&z| longest(z) == lanes) else {
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    fn join(&mut self, sound: u32, lanes: u16) -> bool {
+        if sound as u16 & lanes != lanes {
             return false;
-        };
-        let mut alike = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(size[z], _mm512_set1_ps(*MODEST.start()))
-            & _mm512_cmp_ps_mask::<_CMP_LE_OQ>(size[z], _mm512_set1_ps(*MODEST.end()));
+        }
+        let first = lanes.trailing_zeros() as usize % PACKET;
         let ends = |v: __m512| {
             [
                 _mm512_mask_reduce_min_ps(lanes, v),
                 _mm512_mask_reduce_max_ps(lanes, v),
             ]
         };
-        self.t_min = given.t_min;
-        self.interval.t_min = _mm512_mask_reduce_min_ps(lanes, given.t_min.load());
-        for axis in 0..3 {
-            let d = direction[axis];
-            let negative = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(d, _mm512_setzero_ps()) & lanes;
-            if negative != 0 && negative != lanes {
-                return false;
-            }
-            let sign = negative != 0;
-            self.signs[axis] = sign;
-            let inverse = _mm512_div_ps(_mm512_set1_ps(1.0), d);
-            let near = _mm512_mul_ps(inverse, _mm512_set1_ps(1.0 - MARGIN));
-            let far = _mm512_mul_ps(inverse, _mm512_set1_ps(1.0 + MARGIN));
-            alike &= _mm512_cmp_ps_mask::<_CMP_LT_OQ>(_mm512_abs_ps(far), _mm512_set1_ps(STEEP));
-            let (toward, away) = (
-                _mm512_add_ps(origin[axis], uncertainty),
-                _mm512_sub_ps(origin[axis], uncertainty),
-            );
-            let (near_origin, far_origin) = if sign { (away, toward) } else { (toward, away) };
-            self.origin[axis].store(origin[axis]);
-            self.direction[axis].store(d);
-            self.near_origin[axis].store(near_origin);
-            self.far_origin[axis].store(far_origin);
-            self.near_inverse[axis].store(near);
-            self.far_inverse[axis].store(far);
-            let interval = &mut self.interval;
-            interval.near_origin[axis] = ends(near_origin)[usize::from(!sign)];
-            interval.far_origin[axis] = ends(far_origin)[usize::from(sign)];
-            interval.near_inverse[axis] = ends(near);
-            interval.far_inverse[axis] = ends(far);
-            if axis == z {
-                self.inverse_z.store(inverse);
-            }
+        let (beams, interval) = (&self.beams, &mut self.interval);
+        let mut alike = lanes;
+        for k in 0..3 {
+            let row = beams.near_rows[k][first];
+            // SAFETY: sixteen words.
+            let rows = unsafe { _mm512_loadu_si512(beams.near_rows[k].as_ptr().cast()) };
+            alike &= _mm512_cmpeq_epi32_mask(rows, _mm512_set1_epi32(row as i32));
+            self.near_rows[k] = row as usize;
+            self.axes[k] = beams.axes[k][first] as usize;
+            let inverse = load(&beams.near_inverse[k]);
+            let flat = _mm512_abs_ps(inverse);
+            alike &= _mm512_cmp_ps_mask::<_CMP_LT_OQ>(flat, _mm512_set1_ps(STEEP));
+            let upper = row & ROW != 0;
+            let (origin, far_origin) = (load(&beams.origin[k]), load(&beams.far_origin[k]));
+            interval.near_origin[k] = ends(origin)[usize::from(!upper)];
+            interval.far_origin[k] = ends(far_origin)[usize::from(upper)];
+            let [low, high] = ends(inverse);
+            interval.near_inverse[k] = [low, high];
+            // Those of far planes are larger by two margins and some roundings.
+            let wider = 1.0 + 4.0 * MARGIN;
+            interval.far_inverse[k] = if upper {
+                [low, high * wider]
+            } else {
+                [low * wider, high]
+            };
         }
-        let [x, y] = match self.signs[z] {
-            false => [(z + 1) % 3, (z + 2) % 3],
-            true => [(z + 2) % 3, (z + 1) % 3],
-        };
-        self.axes = [x, y, z];
-        let inverse_z = self.inverse_z.load();
-        for (place, axis) in self.shear.iter_mut().zip([x, y]) {
-            place.store(_mm512_mul_ps(direction[axis], inverse_z));
-        }
-        alike & lanes == lanes
+        interval.t_min = _mm512_mask_reduce_min_ps(lanes, load(&beams.t_min));
+        alike == lanes
     }
 
-    /// Which children's boxes any of the rays might meet.
+    /// Which of eight boxes any of the rays might meet, by their near and their far planes, and where at the soonest.
     #[inline]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2")]
-    pub fn test_interval(&self, node: &Node, t_far: f32) -> u32 {
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    fn test_planes(
+        &self,
+        near_planes: [__m256; 3],
+        far_planes: [__m256; 3],
+        t_far: f32,
+    ) -> (u32, __m256) {
         let interval = &self.interval;
         let mut near = _mm256_set1_ps(interval.t_min);
         let mut far = _mm256_set1_ps(t_far);
-        for axis in 0..3 {
-            let sign = usize::from(self.signs[axis]);
-            // SAFETY: eight numbers each.
-            let (first, last) = unsafe {
-                (
-                    _mm256_loadu_ps(node.bounds[2 * axis + sign].as_ptr()),
-                    _mm256_loadu_ps(node.bounds[2 * axis + 1 - sign].as_ptr()),
-                )
-            };
-            let enter = _mm256_sub_ps(first, _mm256_set1_ps(interval.near_origin[axis]));
-            let leave = _mm256_sub_ps(last, _mm256_set1_ps(interval.far_origin[axis]));
-            let [low, high] = interval.near_inverse[axis];
+        for k in 0..3 {
+            let enter = _mm256_sub_ps(_mm256_set1_ps(interval.near_origin[k]), near_planes[k]);
+            let leave = _mm256_sub_ps(_mm256_set1_ps(interval.far_origin[k]), far_planes[k]);
+            let [low, high] = interval.near_inverse[k];
             let enter = _mm256_min_ps(
                 _mm256_mul_ps(enter, _mm256_set1_ps(low)),
                 _mm256_mul_ps(enter, _mm256_set1_ps(high)),
             );
-            let [low, high] = interval.far_inverse[axis];
+            let [low, high] = interval.far_inverse[k];
             let leave = _mm256_max_ps(
                 _mm256_mul_ps(leave, _mm256_set1_ps(low)),
                 _mm256_mul_ps(leave, _mm256_set1_ps(high)),
@@ -248,41 +146,90 @@ impl Rays {
             near = _mm256_max_ps(enter, near);
             far = _mm256_min_ps(leave, far);
         }
-        u32::from(_mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far))
+        (u32::from(_mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far)), near)
     }
 
-    /// Which rays meet a child's box before `t_far`, and where they enter it.
+    /// A row of a node: eight planes.
     #[inline]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2")]
-    pub fn test_box(&self, node: &Node, child: usize, t_far: __m512) -> (u16, __m512) {
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    fn planes(node: &Node, row: usize) -> __m256 {
+        let row = row / ROW as usize % 6;
+        // SAFETY: eight numbers.
+        unsafe { _mm256_loadu_ps(node.bounds[row].as_ptr()) }
+    }
+
+    /// Which children's boxes any of the rays might meet, and where at the soonest.
+    #[inline]
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    pub fn test_interval(&self, node: &Node, t_far: f32, near: &mut [f32; WIDTH]) -> u32 {
+        let rows = self.near_rows;
+        let far = |k: usize| rows[k] ^ ROW as usize;
+        let near_planes = [
+            Self::planes(node, rows[0]),
+            Self::planes(node, rows[1]),
+            Self::planes(node, rows[2]),
+        ];
+        let far_planes = [
+            Self::planes(node, far(0)),
+            Self::planes(node, far(1)),
+            Self::planes(node, far(2)),
+        ];
+        let (mask, soonest) = self.test_planes(near_planes, far_planes, t_far);
+        // SAFETY: eight numbers.
+        unsafe { _mm256_storeu_ps(near.as_mut_ptr(), soonest) };
+        mask
+    }
+
+    /// Which triangles' boxes any of the rays might meet, of two groups (or one twice).
+    #[inline]
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    pub fn test_triangles(&self, groups: [&TriangleGroup; 2], t_far: f32) -> u32 {
+        let mut near_planes = [_mm256_setzero_ps(); 3];
+        let mut far_planes = near_planes;
+        for k in 0..3 {
+            let axis = self.axes[k] / AXIS as usize % 3;
+            let [a, b, c] = [0, 1, 2].map(|vertex: usize| {
+                let row = |group: &TriangleGroup| group.vertices[vertex][axis].as_ptr();
+                // SAFETY: four numbers each.
+                unsafe { _mm256_loadu2_m128(row(groups[1]), row(groups[0])) }
+            });
+            let low = _mm256_min_ps(_mm256_min_ps(a, b), c);
+            let high = _mm256_max_ps(_mm256_max_ps(a, b), c);
+            let upper = self.near_rows[k] & ROW as usize != 0;
+            (near_planes[k], far_planes[k]) = if upper { (high, low) } else { (low, high) };
+        }
+        self.test_planes(near_planes, far_planes, t_far).0
+    }
+
+    /// Which rays meet a child's box before `t_far`.
+    #[inline]
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    pub fn test_box(&self, node: &Node, child: usize, t_far: __m512) -> u16 {
         let child = child % WIDTH;
-        let mut near = self.t_min.load();
+        let beams = &self.beams;
+        let mut near = load(&beams.t_min);
         let mut far = t_far;
-        for axis in 0..3 {
-            let sign = usize::from(self.signs[axis]);
-            let first = _mm512_set1_ps(node.bounds[2 * axis + sign][child]);
-            let last = _mm512_set1_ps(node.bounds[2 * axis + 1 - sign][child]);
+        for k in 0..3 {
+            let row = self.near_rows[k] / ROW as usize % 6;
+            let first = _mm512_set1_ps(node.bounds[row][child]);
+            let last = _mm512_set1_ps(node.bounds[row ^ 1][child]);
             let enter = _mm512_mul_ps(
-                _mm512_sub_ps(first, self.near_origin[axis].load()),
-                self.near_inverse[axis].load(),
+                _mm512_sub_ps(load(&beams.origin[k]), first),
+                load(&beams.near_inverse[k]),
             );
             let leave = _mm512_mul_ps(
-                _mm512_sub_ps(last, self.far_origin[axis].load()),
-                self.far_inverse[axis].load(),
+                _mm512_sub_ps(load(&beams.far_origin[k]), last),
+                load(&beams.far_inverse[k]),
             );
             near = _mm512_max_ps(enter, near);
             far = _mm512_min_ps(leave, far);
         }
-        (_mm512_cmp_ps_mask::<_CMP_LE_OQ>(near, far), near)
+        _mm512_cmp_ps_mask::<_CMP_LE_OQ>(near, far)
     }
-}
 
-/// As [`turn`](crate::walk::level::turn) for one ray.
-#[inline]
-#[target_feature(enable = "avx512f")]
-fn turn(m: &[f32; 12], v: [__m512; 3]) -> [__m512; 3] {
-    [0, 4, 8].map(|row: usize| {
-        let product = |i: usize| _mm512_mul_ps(_mm512_set1_ps(m[row + i]), v[i]);
-        _mm512_add_ps(_mm512_add_ps(product(0), product(1)), product(2))
-    })
+    /// Whether near planes of one of the rays' axes are the upper ones.
+    #[inline]
+    pub fn is_backward(&self, k: usize) -> bool {
+        self.near_rows[k] & ROW as usize != 0
+    }
 }

@@ -3,42 +3,88 @@
 use std::arch::x86_64::*;
 
 use super::found::Found;
-use super::rays::Rays;
-use crate::layout::{GROUP, TriangleGroup, child};
+use super::rays::{Rays, load, store};
+use crate::layout::{GROUP, LEAF_TRIANGLES, TriangleGroup, child};
 use crate::structure::Structure;
 use crate::walk::PACKET;
+use crate::walk::beams::AXIS;
+use crate::walk::group;
+use crate::walk::kernel::GroupHits;
 use crate::walk::options::Accuracy;
-use crate::walk::space::Space;
-use crate::walk::triangle::{ORDINARY, Rim, SLACK, intersect};
+use crate::walk::triangle::{Intersection, ORDINARY, Rim, SLACK, intersect};
 
-/// Tests the triangles of a leaf.
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2")]
+/// Tests the triangles of a leaf: those whose boxes any ray might meet, or all for each ray where those are fewer.
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 pub(super) fn test_leaf(
     rays: &Rays,
     structure: &Structure,
     word: u32,
     lanes: u16,
+    t_far: f32,
     found: &mut Found,
 ) {
     let index = word & child::INDEX;
-    let groups = if word & child::TWO_GROUPS != 0 { 2 } else { 1 };
-    for index in index..index + groups {
-        let Some(group) = structure.group(index) else {
-            return;
-        };
-        for i in 0..GROUP {
-            if group.lanes >> i & 1 != 0 {
-                let slot = GROUP as u32 * index + i as u32;
-                test_triangle(rays, structure, group, slot, lanes, found);
-            }
+    let two = word & child::TWO_GROUPS != 0;
+    let Some(first) = structure.group(index) else {
+        return;
+    };
+    let last = match two {
+        true => structure.group(index + 1).unwrap_or(first),
+        false => first,
+    };
+    let others = if two { last.lanes & 0xF } else { 0 };
+    let there = first.lanes & 0xF | others << GROUP;
+    let groups = [first, last];
+    let mut rest = there & rays.test_triangles(groups, t_far);
+    if 2 * lanes.count_ones() <= rest.count_ones() {
+        return test_singly(rays, structure, groups, there, index, lanes, found);
+    }
+    while rest != 0 {
+        let i = rest.trailing_zeros() as usize % LEAF_TRIANGLES;
+        rest &= rest - 1;
+        let slot = GROUP as u32 * index + i as u32;
+        test_triangle(rays, structure, groups[i / GROUP], slot, lanes, found);
+    }
+}
+
+/// All triangles of a leaf at once, one ray after the other.
+#[inline]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+fn test_singly(
+    rays: &Rays,
+    structure: &Structure,
+    groups: [&TriangleGroup; 2],
+    there: u32,
+    index: u32,
+    lanes: u16,
+    found: &mut Found,
+) {
+    let mut hits = GroupHits::NONE;
+    let mut rest = lanes;
+    while rest != 0 {
+        let lane = rest.trailing_zeros() as usize % PACKET;
+        rest &= rest - 1;
+        let interval = [rays.beams.t_min[lane], found.t[lane]];
+        // SAFETY: the machine has AVX2.
+        let mut mask =
+            unsafe { group::intersect(&rays.beams, lane, groups, there, interval, &mut hits) };
+        while mask != 0 {
+            let i = mask.trailing_zeros() as usize % LEAF_TRIANGLES;
+            mask &= mask - 1;
+            let hit = Intersection {
+                t: hits.t[i],
+                barycentrics: [hits.barycentrics[0][i], hits.barycentrics[1][i]],
+                front: hits.front >> i & 1 != 0,
+            };
+            found.offer(structure, lane, GROUP as u32 * index + i as u32, &hit);
         }
     }
 }
 
 type Flat = (__m512, __m512, __m512);
 
-/// As [`intersect`](crate::walk::group::intersect) does it for four triangles and one ray.
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2")]
+/// As [`intersect`](crate::walk::group::intersect) does it for a leaf's triangles and one ray.
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 fn test_triangle(
     rays: &Rays,
     structure: &Structure,
@@ -48,19 +94,20 @@ fn test_triangle(
     found: &mut Found,
 ) {
     let i = slot as usize % GROUP;
-    let [x_axis, y_axis, z_axis] = rays.axes;
-    let moved = |vertex: usize, axis: usize| {
+    let beams = &rays.beams;
+    let axes = rays.axes.map(|axis| axis / AXIS as usize % 3);
+    let moved = |vertex: usize, k: usize| {
         _mm512_sub_ps(
-            _mm512_set1_ps(group.vertices[vertex][axis][i]),
-            rays.origin[axis].load(),
+            load(&beams.origin[k]),
+            _mm512_set1_ps(group.vertices[vertex][axes[k]][i]),
         )
     };
-    let (shear_x, shear_y) = (rays.shear[0].load(), rays.shear[1].load());
+    let (shear_x, shear_y) = (load(&beams.shear[0]), load(&beams.shear[1]));
     let flat = |vertex: usize| -> Flat {
-        let z = moved(vertex, z_axis);
+        let z = moved(vertex, 2);
         (
-            _mm512_sub_ps(moved(vertex, x_axis), _mm512_mul_ps(shear_x, z)),
-            _mm512_sub_ps(moved(vertex, y_axis), _mm512_mul_ps(shear_y, z)),
+            _mm512_sub_ps(moved(vertex, 0), _mm512_mul_ps(shear_x, z)),
+            _mm512_sub_ps(moved(vertex, 1), _mm512_mul_ps(shear_y, z)),
             z,
         )
     };
@@ -98,45 +145,46 @@ fn test_triangle(
     );
     let reach_limit = _mm512_mul_ps(_mm512_abs_ps(z_hit), _mm512_set1_ps(Accuracy::Spec.reach()));
     let modest = _mm512_cmp_ps_mask::<_CMP_LE_OQ>(reach, reach_limit);
-    let inverse_z = rays.inverse_z.load();
+    let inverse_z = load(&beams.inverse_z);
     let t = _mm512_mul_ps(z_hit, inverse_z);
     let slack = _mm512_mul_ps(
         _mm512_mul_ps(reach, _mm512_abs_ps(inverse_z)),
         _mm512_set1_ps(SLACK),
     );
-    let behind = _mm512_cmp_ps_mask::<_CMP_LE_OQ>(_mm512_add_ps(t, slack), rays.t_min.load());
+    let behind = _mm512_cmp_ps_mask::<_CMP_LE_OQ>(_mm512_add_ps(t, slack), load(&beams.t_min));
     let inside = inside & !(decided & behind);
     let decided = decided & inside & modest;
     let mut near = _mm512_set1_ps(f32::NEG_INFINITY);
     let mut far = _mm512_set1_ps(f32::INFINITY);
-    for axis in (0..3).rev() {
-        let [a, b, c] = [0, 1, 2].map(|vertex| group.vertices[vertex][axis][i]);
+    for k in 0..3 {
+        let [a, b, c] = [0, 1, 2].map(|vertex: usize| group.vertices[vertex][axes[k]][i]);
         let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-        let (first, last) = if rays.signs[axis] {
+        let (first, last) = if rays.is_backward(k) {
             (high, low)
         } else {
             (low, high)
         };
-        let origin = rays.origin[axis].load();
-        let enter = _mm512_sub_ps(_mm512_set1_ps(first), origin);
-        let leave = _mm512_sub_ps(_mm512_set1_ps(last), origin);
-        near = _mm512_max_ps(_mm512_mul_ps(enter, rays.near_inverse[axis].load()), near);
-        far = _mm512_min_ps(_mm512_mul_ps(leave, rays.far_inverse[axis].load()), far);
+        let origin = load(&beams.origin[k]);
+        let enter = _mm512_sub_ps(origin, _mm512_set1_ps(first));
+        let leave = _mm512_sub_ps(origin, _mm512_set1_ps(last));
+        near = _mm512_max_ps(_mm512_mul_ps(enter, load(&beams.near_inverse[k])), near);
+        far = _mm512_min_ps(_mm512_mul_ps(leave, load(&beams.far_inverse[k])), far);
     }
     let t = _mm512_min_ps(_mm512_max_ps(t, near), far);
-    let t_far = found.t.load();
+    let t_far = load(&found.t);
     let accepted = decided
         & _mm512_cmp_ps_mask::<_CMP_LE_OQ>(near, far)
-        & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(t, rays.t_min.load());
+        & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(t, load(&beams.t_min));
     let mut nearer = accepted & _mm512_cmp_ps_mask::<_CMP_LT_OQ>(t, t_far);
     let ties = accepted & _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(t, t_far) & found.hit;
     if ties != 0 {
         nearer |= found.won_ties(structure, slot, ties);
     }
     if nearer != 0 {
-        found.t.store(_mm512_mask_blend_ps(nearer, t_far, t));
+        store(&mut found.t, _mm512_mask_blend_ps(nearer, t_far, t));
         for (place, weight) in found.barycentrics.iter_mut().zip([v, w]) {
-            place.store(_mm512_mask_blend_ps(nearer, place.load(), weight));
+            let weights = _mm512_mask_blend_ps(nearer, load(place), weight);
+            store(place, weights);
         }
         // SAFETY: sixteen words.
         unsafe {
@@ -167,28 +215,11 @@ fn test_exactly(
     found: &mut Found,
 ) {
     for lane in (0..PACKET).filter(|lane| lanes >> lane & 1 != 0) {
-        let mut space = Space::NOWHERE;
-        space.set(
-            [0, 1, 2].map(|axis| rays.origin[axis].0[lane]),
-            [0, 1, 2].map(|axis| rays.direction[axis].0[lane]),
-            rays.t_min.0[lane],
-            0.0,
-        );
         let triangle = group.triangle(slot as usize % GROUP);
-        let Some(hit) = intersect(&space, &triangle, Rim::Included) else {
-            continue;
-        };
-        let t_far = found.t.0[lane];
-        let wins = hit.t < t_far
-            || hit.t == t_far && found.won_ties(structure, slot, (1 << lane) & found.hit) != 0;
-        if hit.t > rays.t_min.0[lane] && wins {
-            found.t.0[lane] = hit.t;
-            found.barycentrics[0].0[lane] = hit.barycentrics[0];
-            found.barycentrics[1].0[lane] = hit.barycentrics[1];
-            found.slots[lane] = slot;
-            found.instances[lane] = found.instance;
-            found.front = found.front & !(1 << lane) | u16::from(hit.front) << lane;
-            found.hit |= 1 << lane;
+        if let Some(hit) = intersect(&rays.beams.space(lane), &triangle, Rim::Included)
+            && hit.t > rays.beams.t_min[lane]
+        {
+            found.offer(structure, lane, slot, &hit);
         }
     }
 }

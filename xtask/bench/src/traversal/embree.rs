@@ -2,6 +2,7 @@
 //! single rays needs (`rtcore.h` of version 4).
 
 use std::ffi::{c_char, c_int, c_uint, c_void};
+use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
@@ -109,7 +110,8 @@ pub struct Embree {
     device: Device,
     /// Bytes that the device holds, counted by its own monitor.
     bytes: Box<std::sync::atomic::AtomicIsize>,
-    _library: Library,
+    /// Never closed: its threads may run on for a while.
+    _library: ManuallyDrop<Library>,
 }
 
 impl Embree {
@@ -146,7 +148,7 @@ impl Embree {
             functions,
             device,
             bytes,
-            _library: library,
+            _library: ManuallyDrop::new(library),
         })
     }
 

@@ -1,0 +1,124 @@
+//! Structures that somebody wrote into: serialized ones are refused or valid, and what lies in memory is
+//! walked, updated and validated without leaving it.
+#![no_main]
+
+use arbitrary::Arbitrary;
+use libfuzzer_sys::fuzz_target;
+use traversal::*;
+use traversal_fuzz::*;
+
+#[derive(Arbitrary, Debug)]
+struct Given {
+    kind: u8,
+    list: List,
+    copies: u8,
+    /// Where, as a share of the length, and what.
+    writes: Vec<(u16, u32, u8)>,
+    rays: Vec<GivenRay>,
+}
+
+/// Corrupts what comes after `start`.
+fn corrupt(bytes: &mut [u8], start: usize, writes: &[(u16, u32, u8)]) {
+    let length = bytes.len().saturating_sub(start + 4);
+    if length == 0 {
+        return;
+    }
+    for &(place, word, size) in writes {
+        let at = start + usize::from(place) * length / 65536;
+        match size % 4 {
+            0 => bytes[at] = word as u8,
+            1 => bytes[at] ^= 1 << (word % 8),
+            _ => {
+                let at = at & !3;
+                bytes[at..at + 4].copy_from_slice(&word.to_le_bytes());
+            }
+        }
+    }
+}
+
+/// Steps of a walk that may go in circles.
+const FUEL: u64 = 20_000;
+const HEADER: usize = 256;
+
+fuzz_target!(|given: Given| {
+    let mut given = given;
+    given.rays.truncate(4);
+    given.writes.truncate(64);
+    let flags = BuildFlags::ALLOW_UPDATE;
+    let (triangles, boxes) = ([given.list.triangles()], [given.list.boxes()]);
+    let (swept, motion) = ([given.list.swept()], [given.list.motion()]);
+    let counts = [triangles[0].primitive_count];
+    let (kind, geometries) = match given.kind % 4 {
+        0 => (Kind::Triangles, Geometries::Triangles(&triangles)),
+        1 => (Kind::Aabbs, Geometries::Aabbs(&boxes)),
+        2 => (Kind::Swept, Geometries::Swept(&swept)),
+        _ => (Kind::Motion, Geometries::Motion(&motion)),
+    };
+    let bottom = built(kind, flags, geometries, &counts);
+    let records: Vec<_> = (0..1 + given.copies % 20)
+        .map(|i| {
+            let mut transform = IDENTITY;
+            transform[3] = f32::from(i);
+            Record {
+                transform,
+                custom_index_and_mask: 0xFF00_0000,
+                sbt_offset_and_flags: 0,
+                reference: bottom.address(),
+            }
+        })
+        .collect();
+    let top = placed(&records, flags);
+
+    for (whole, is_top) in [(&bottom, false), (&top, true)] {
+        // SAFETY: there are no micromaps.
+        let size = unsafe { serialized_size(whole) }.unwrap();
+        let mut data = Exact::new(size);
+        // SAFETY: as above.
+        unsafe { serialize(whole, &[[7; 16]; 2], &mut data) }.unwrap();
+        corrupt(&mut data, 0, &given.writes);
+        let mut place = Exact::new(compacted_size(whole).unwrap());
+        if deserialize(&data, &mut place).is_ok() {
+            assert_eq!(validate(&place), Ok(()));
+            if !is_top {
+                let top = over(&place, IDENTITY, 0);
+                for ray in &given.rays {
+                    walked(&top, &ray.ray(ray.flags()), FUEL);
+                }
+            }
+        }
+
+        // In memory, with its header, which only validation has to bear.
+        let mut place = Exact::new(compacted_size(whole).unwrap());
+        compact_into(whole, &mut place).unwrap();
+        corrupt(&mut place, 0, &given.writes);
+        let _ = validate(&place);
+    }
+
+    // The bottom level but for its header, and the top level's nodes but not its references.
+    let mut place = Exact::new(compacted_size(&bottom).unwrap());
+    compact_into(&bottom, &mut place).unwrap();
+    corrupt(&mut place, HEADER, &given.writes);
+    let tops = over(&place, IDENTITY, 0);
+    for ray in &given.rays {
+        walked(&tops, &ray.ray(ray.flags()), FUEL);
+    }
+    let input = BuildInput {
+        flags: BuildFlags(flags),
+        geometries,
+    };
+    // SAFETY: the list is alive.
+    if unsafe { update(&input, None, &mut place, &mut Exact::new(64)) }.is_ok() {
+        assert_eq!(validate(&place), Ok(()));
+        for ray in &given.rays {
+            walked(&tops, &ray.ray(ray.flags()), FUEL);
+        }
+    }
+
+    let mut place = Exact::new(compacted_size(&top).unwrap());
+    compact_into(&top, &mut place).unwrap();
+    let references = HEADER + 256 + (8 * records.len()).next_multiple_of(256);
+    corrupt(&mut place, references, &given.writes);
+    for ray in &given.rays {
+        walked(&place, &ray.ray(ray.flags()), FUEL);
+    }
+});

@@ -1,0 +1,273 @@
+//! What both targets need: memory with nothing behind it, geometries from bytes, and walks to the end.
+
+use std::alloc::Layout;
+use std::ops::{Deref, DerefMut};
+
+use arbitrary::Arbitrary;
+use traversal::*;
+
+/// Memory at a 256-byte boundary of exactly some length: the sanitizer sees who leaves it.
+pub struct Exact {
+    start: *mut u8,
+    length: usize,
+}
+
+// SAFETY: it owns its memory.
+unsafe impl Send for Exact {}
+
+impl Exact {
+    pub fn new(length: u64) -> Exact {
+        let length = length as usize;
+        // SAFETY: never empty.
+        let start = unsafe { std::alloc::alloc(Exact::layout(length)) };
+        assert!(!start.is_null());
+        // As an application's memory may be.
+        // SAFETY: as long as that.
+        unsafe { start.write_bytes(0xAA, length) };
+        Exact { start, length }
+    }
+
+    fn layout(length: usize) -> Layout {
+        Layout::from_size_align(length.max(1), 256).unwrap()
+    }
+
+    pub fn address(&self) -> u64 {
+        self.start.expose_provenance() as u64
+    }
+}
+
+impl Drop for Exact {
+    fn drop(&mut self) {
+        // SAFETY: allocated with that layout.
+        unsafe { std::alloc::dealloc(self.start, Exact::layout(self.length)) }
+    }
+}
+
+impl Deref for Exact {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        // SAFETY: as long as that, and written.
+        unsafe { std::slice::from_raw_parts(self.start, self.length) }
+    }
+}
+
+impl DerefMut for Exact {
+    fn deref_mut(&mut self) -> &mut [u8] {
+        // SAFETY: as above.
+        unsafe { std::slice::from_raw_parts_mut(self.start, self.length) }
+    }
+}
+
+pub fn memory<T>(slice: &[T]) -> Memory {
+    Memory {
+        base: slice.as_ptr().cast(),
+        bytes: size_of_val(slice),
+    }
+}
+
+/// A geometry of any kind, out of bytes.
+#[derive(Arbitrary, Clone, Debug)]
+pub struct List {
+    format: u8,
+    index_type: u8,
+    stride: u8,
+    count: u16,
+    first: u8,
+    flags: u8,
+    how: u8,
+    transform: Option<[f32; 12]>,
+    vertices: Vec<u8>,
+    indices: Vec<u8>,
+}
+
+const FORMATS: [VertexFormat; 23] = {
+    use VertexFormat::*;
+    [
+        F32x2, F32x3, F32x4, F16x2, F16x3, F16x4, F64x2, F64x3, F64x4, Snorm8x2, Snorm8x3,
+        Snorm8x4, Unorm8x2, Unorm8x3, Unorm8x4, Snorm16x2, Snorm16x3, Snorm16x4, Unorm16x2,
+        Unorm16x3, Unorm16x4, Unorm10x3A2, Snorm10x3A2,
+    ]
+};
+
+impl List {
+    /// Changes positions, and nothing that an update may not.
+    pub fn move_by(&mut self, change: u8) {
+        for byte in self.vertices.iter_mut().step_by(3) {
+            *byte ^= change;
+        }
+    }
+
+    /// Repeats what there is, a little changed, so that there are enough for the larger trees.
+    pub fn repeat(&mut self, times: u8) {
+        let once = self.vertices.clone();
+        for i in 0..times % 16 {
+            self.vertices.extend(once.iter().map(|byte| byte ^ i.wrapping_mul(37)));
+        }
+    }
+
+    fn index_type(&self) -> IndexType {
+        use IndexType::*;
+        [None, U8, U16, U32][usize::from(self.index_type) % 4]
+    }
+
+    fn count(&self) -> u32 {
+        u32::from(self.count) % 4096
+    }
+
+    pub fn triangles(&self) -> TriangleGeometry {
+        TriangleGeometry {
+            vertices: memory(&self.vertices),
+            vertex_stride_bytes: self.stride.into(),
+            vertex_format: FORMATS[usize::from(self.format) % FORMATS.len()],
+            first_vertex: u32::from(self.first) % 4,
+            index_type: self.index_type(),
+            indices: memory(&self.indices),
+            transform: self.transform,
+            primitive_count: self.count(),
+            flags: GeometryFlags(u32::from(self.flags) % 4),
+            micromap: None,
+        }
+    }
+
+    pub fn motion(&self) -> MotionGeometry {
+        MotionGeometry {
+            start: self.triangles(),
+            end_vertices: memory(&self.indices),
+        }
+    }
+
+    pub fn boxes(&self) -> AabbGeometry {
+        AabbGeometry {
+            boxes: memory(&self.vertices),
+            stride_bytes: self.stride.into(),
+            primitive_count: self.count(),
+            flags: GeometryFlags(u32::from(self.flags) % 4),
+        }
+    }
+
+    pub fn swept(&self) -> SweptGeometry {
+        SweptGeometry {
+            vertices: memory(&self.vertices),
+            vertex_stride_bytes: self.stride.into(),
+            vertex_format: FORMATS[usize::from(self.format) % FORMATS.len()],
+            radii: memory(&self.indices),
+            radius_stride_bytes: (self.how % 16).into(),
+            radius_format: match self.how & 16 {
+                0 => RadiusFormat::F32,
+                _ => RadiusFormat::F16,
+            },
+            first_vertex: u32::from(self.first) % 4,
+            index_type: self.index_type(),
+            indices: memory(&self.indices),
+            index_stride_bytes: (self.how / 16).into(),
+            indexing: [Indexing::Spheres, Indexing::Pairs, Indexing::Successive]
+                [usize::from(self.how / 32) % 3],
+            end_caps: match self.how & 32 {
+                0 => EndCaps::None,
+                _ => EndCaps::Chained,
+            },
+            primitive_count: self.count(),
+            flags: GeometryFlags(u32::from(self.flags) % 4),
+        }
+    }
+}
+
+/// Builds with memory of exactly the promised sizes; on threads of its own if that is wanted.
+pub fn built(kind: Kind, flags: u32, geometries: Geometries<'_>, counts: &[u32]) -> Exact {
+    let sizes = build_sizes(kind, BuildFlags(flags), counts);
+    let mut blob = Exact::new(sizes.structure_bytes);
+    let mut scratch = Exact::new(sizes.build_scratch_bytes);
+    let input = BuildInput {
+        flags: BuildFlags(flags),
+        geometries,
+    };
+    // SAFETY: the callers keep what is referred to.
+    let used = unsafe { build(&input, &mut blob, &mut scratch) }.expect("the sizes suffice");
+    assert!(used <= sizes.structure_bytes);
+    assert_eq!(validate(&blob), Ok(()));
+    blob
+}
+
+#[derive(Clone, Copy)]
+#[repr(C)]
+pub struct Record {
+    pub transform: [f32; 12],
+    pub custom_index_and_mask: u32,
+    pub sbt_offset_and_flags: u32,
+    pub reference: u64,
+}
+
+pub const IDENTITY: [f32; 12] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+
+/// A top level of instances.
+pub fn placed(records: &[Record], flags: u32) -> Exact {
+    let source = InstanceSource {
+        memory: memory(records),
+        array: InstanceArray::Records,
+        count: records.len() as u32,
+        flags: GeometryFlags(0),
+    };
+    let count = records.len() as u32;
+    built(Kind::Instances, flags, Geometries::Instances(source), &[count])
+}
+
+/// A top level of one structure.
+pub fn over(bottom: &Exact, transform: [f32; 12], flags: u32) -> Exact {
+    placed(
+        &[Record {
+            transform,
+            custom_index_and_mask: 0xFF00_0000,
+            sbt_offset_and_flags: 0,
+            reference: bottom.address(),
+        }],
+        flags,
+    )
+}
+
+/// A ray out of numbers; every other one starts and goes where there may be something.
+#[derive(Arbitrary, Clone, Copy, Debug)]
+pub struct GivenRay {
+    numbers: [f32; 6],
+    small: Option<[i8; 6]>,
+    flags: u8,
+}
+
+impl GivenRay {
+    pub fn ray(&self, flags: u32) -> Ray {
+        let numbers = match self.small {
+            Some(small) => small.map(|number| f32::from(number) / 64.0),
+            None => self.numbers,
+        };
+        let [a, b, c, d, e, f] = numbers;
+        Ray {
+            origin: [a, b, c],
+            t_min: 0.0,
+            direction: [d, e, f],
+            t_max: f32::INFINITY,
+            flags,
+            cull_mask: 0xFF,
+        }
+    }
+
+    pub fn flags(&self) -> u32 {
+        self.flags.into()
+    }
+}
+
+/// Where a walk ends, by bits, and how many candidates there were, none of them accepted.
+pub fn walked(top: &Exact, ray: &Ray, fuel: u64) -> (Option<(u32, u32, u32)>, u32) {
+    let mut walker = Walker::new();
+    // SAFETY: the structures are alive.
+    let mut walk = unsafe { Walk::new(top.address(), ray) };
+    let (mut fuel, mut candidates) = (fuel, 0);
+    loop {
+        match walk.resume(&mut walker, Verdict::Continue, &mut fuel) {
+            Event::Done | Event::OutOfFuel => break,
+            Event::AnyHitCandidate | Event::ProceduralCandidate => candidates += 1,
+        }
+    }
+    let hit = walk.committed();
+    let hit = hit.map(|hit| (hit.t.to_bits(), hit.geometry_index, hit.primitive_index));
+    (hit, candidates)
+}
