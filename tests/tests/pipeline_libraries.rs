@@ -20,8 +20,6 @@ layout(location = 0) rayPayloadInEXT uint word;
 layout(shaderRecordEXT, std430) buffer Record { uint number; };
 void main() { word = ADDED + number; }";
 
-const GROUPS: u32 = 5000;
-
 /// Parts of pipelines that share an interface.
 struct Parts<'a> {
     gpu: &'a Gpu,
@@ -101,10 +99,12 @@ fn general_group(shader: u32) -> vk::RayTracingShaderGroupCreateInfoKHR<'static>
 #[test]
 fn thousands_of_groups_are_linked() {
     let gpu = Gpu::new();
+    // Some drivers take their time: lavapipe minutes for as many.
+    let count = if gpu.is_tuff() { 5000 } else { 20 };
     let triangle = |x: f32| [[x, 0.0, 1.0], [x + 1.0, 0.0, 1.0], [x, 1.0, 1.0]];
     let bottom = gpu.bottom(&[Geometry::opaque(&triangle(0.0))]);
     // The first, one in the middle, the last of the first library; then of the second one.
-    let offsets = [0, GROUPS / 2, GROUPS - 1, GROUPS, 2 * GROUPS - 1];
+    let offsets = [0, count / 2, count - 1, count, 2 * count - 1];
     let instances: Vec<Instance> = (offsets.iter().enumerate())
         .map(|(i, &table_offset)| Instance {
             transform: translated([i as f32, 0.0, 0.0]),
@@ -123,10 +123,10 @@ fn thousands_of_groups_are_linked() {
     // The first library's groups are all of one shader, as materials are; the second's are of two by turns.
     let [thousand, million, more] =
         ["1000u", "1000000u", "2000000u"].map(|added| HIT.replace("ADDED", added));
-    let groups = vec![hit_group(0); GROUPS as usize];
+    let groups = vec![hit_group(0); count as usize];
     let shaders = [(Stage::ClosestHit, &thousand[..])];
     let (first, _) = parts.link(&shaders, &groups, &[], Flags::LIBRARY_KHR);
-    let groups: Vec<_> = (0..GROUPS).map(|i| hit_group(i % 2)).collect();
+    let groups: Vec<_> = (0..count).map(|i| hit_group(i % 2)).collect();
     let shaders = [
         (Stage::ClosestHit, &million[..]),
         (Stage::ClosestHit, &more),
@@ -136,20 +136,20 @@ fn thousands_of_groups_are_linked() {
     let groups = [general_group(0), general_group(1)];
     let libraries = [first, second];
     let (pipeline, _) = parts.link(&shaders, &groups, &libraries, Flags::empty());
-    let rays = gpu.rays_of(pipeline, layout, set, 2 + 2 * GROUPS as usize);
+    let rays = gpu.rays_of(pipeline, layout, set, 2 + 2 * count as usize);
     let table = Table {
         raygen: Record::of(0),
         miss: vec![Record::of(1)],
-        hit: (0..2 * GROUPS).map(|i| Record::with(2 + i, &[i])).collect(),
+        hit: (0..2 * count).map(|i| Record::with(2 + i, &[i])).collect(),
         ..Table::default()
     };
     gpu.trace(&rays, &table, [6, 1, 1]);
-    let last = 2 * GROUPS - 1;
+    let last = 2 * count - 1;
     let expected = [
         1000,
-        1000 + GROUPS / 2,
-        1000 + GROUPS - 1,
-        1_000_000 + GROUPS,
+        1000 + count / 2,
+        1000 + count - 1,
+        1_000_000 + count,
         2_000_000 + last,
         7,
     ];
@@ -163,7 +163,7 @@ fn thousands_of_groups_are_linked() {
     ];
     let linked = (0..5).map(|_| parts.link(&[], &[], &all, Flags::empty()).1);
     let fastest = linked.min().expect("five links");
-    println!("{} groups are linked in {fastest:?}", 2 * GROUPS + 2);
+    println!("{} groups are linked in {fastest:?}", 2 * count + 2);
     if gpu.is_tuff() {
         assert!(fastest < Duration::from_millis(10), "{fastest:?}");
     }

@@ -330,3 +330,106 @@ fn reordering_sorts_by_hint() {
         assert!(results[1] > 3000, "{} of 4000 lanes are sorted", results[1]);
     }
 }
+
+/// Lanes leave a loop one after the other, and wait behind it while the others are sorted, turn by turn.
+#[test]
+fn lanes_that_wait_stay_where_they_are() {
+    let Some(gpu) = gpu() else { return };
+    let raygen = r"
+    #extension GL_KHR_shader_subgroup_vote : enable
+    #extension GL_EXT_shader_explicit_arithmetic_types_int64 : enable
+    layout(location = 0) rayPayloadEXT uint payload;
+    void main() {
+        uint i = gl_LaunchIDEXT.x, sorted = 0u, met = 0u;
+        uint64_t wide = uint64_t(i) * 0x300000007ul;
+        double fraction = 1.0LF / double(i + 3u);
+        for (uint turn = 0u; turn < 6u; turn++) {
+            if ((i * 2654435761u >> 7) % 5u == turn)
+                break;
+            uint hint = (i * 2654435761u + turn * 77777777u) >> 30;
+            if ((i & 3u) != turn) {
+                reorderThreadNV(hint, 2u);
+                sorted += uint(subgroupAllEqual(hint));
+                met++;
+            }
+            wide = wide * 3ul + uint64_t(turn);
+            fraction = fraction * 2.0LF + 1.0LF;
+        }
+        results[5u * i] = uint(wide);
+        results[5u * i + 1u] = uint(wide >> 32);
+        results[5u * i + 2u] = uint(fraction * 65536.0LF);
+        results[5u * i + 3u] = met;
+        atomicAdd(results[4u], sorted);
+    }";
+    if !has("64-bit numbers in shaders", {
+        gpu.features.shader_int64 * gpu.features.shader_float64 == vk::TRUE
+    }) {
+        return;
+    }
+    let count = 3000;
+    let results = trace(&gpu, raygen, [count, 1, 1], 5 * count as usize);
+    let mut all_met = 0;
+    for i in 0..count {
+        let hash = i.wrapping_mul(2654435761);
+        let mut wide = u64::from(i).wrapping_mul(0x3_0000_0007);
+        let mut fraction = 1.0 / f64::from(i + 3);
+        let mut met = 0;
+        for turn in 0..6 {
+            if (hash >> 7) % 5 == turn {
+                break;
+            }
+            met += u32::from(i & 3 != turn);
+            wide = wide.wrapping_mul(3).wrapping_add(turn.into());
+            fraction = fraction * 2.0 + 1.0;
+        }
+        all_met += met;
+        let found = &results[5 * i as usize..][..4];
+        let expected = [
+            wide as u32,
+            (wide >> 32) as u32,
+            (fraction * 65536.0) as u32,
+            met,
+        ];
+        assert_eq!(found, expected, "invocation {i}");
+    }
+    if gpu.is_tuff() {
+        assert!(results[4] * 4 > all_met * 3, "{} of {all_met}", results[4]);
+    }
+}
+
+/// Lanes end one after the other, so that those which are left may be put together.
+#[test]
+fn wide_numbers_survive_the_end_of_neighbours() {
+    let Some(gpu) = gpu() else { return };
+    if !has(
+        "64-bit integers in shaders",
+        gpu.features.shader_int64 == vk::TRUE,
+    ) {
+        return;
+    }
+    let raygen = r"
+    #extension GL_EXT_shader_explicit_arithmetic_types_int64 : enable
+    layout(location = 0) rayPayloadEXT uint payload;
+    void main() {
+        uint i = gl_LaunchIDEXT.x;
+        uint64_t wide = uint64_t(i) * 0x300000007ul;
+        for (uint turn = 0u; ; turn++) {
+            results[2u * i] = uint(wide);
+            results[2u * i + 1u] = uint(wide >> 32);
+            if ((i * 2654435761u >> 7) % 16u <= turn)
+                return;
+            traceRayEXT(world, 0u, 0xffu, 0u, 0u, 0u, vec3(0), 0.0, vec3(0, 0, 1), 9.0, 0);
+            wide = wide * 3ul + uint64_t(turn);
+        }
+    }";
+    let count = 3000;
+    let results = trace(&gpu, raygen, [count, 1, 1], 2 * count as usize);
+    for i in 0..count {
+        let turns = (i.wrapping_mul(2654435761) >> 7) % 16;
+        let wide = (0..turns).fold(u64::from(i).wrapping_mul(0x3_0000_0007), |wide, turn| {
+            wide.wrapping_mul(3).wrapping_add(turn.into())
+        });
+        let found = &results[2 * i as usize..][..2];
+        assert_eq!(found, [wide as u32, (wide >> 32) as u32], "invocation {i}");
+    }
+}

@@ -121,7 +121,7 @@ impl<'a> Batch<'a> {
             if self.reordering.is_empty() {
                 break;
             }
-            self.reorder_threads();
+            self.reorder_threads()?;
         }
         if let Some(tally) = &mut self.tally {
             tally.close(|index| &self.dispatch.shaders.programs[index]);
@@ -137,13 +137,19 @@ impl<'a> Batch<'a> {
         lanes: u16,
     ) -> Result<SubgroupIndex, Stopped> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
-        self.state_bytes += compiled.layout().rows * size_of::<AlignedRow>();
-        if self.state_bytes > MAX_STATE_BYTES {
-            return Err(Stopped::OutOfMemory);
-        }
+        self.take_state_bytes(compiled.layout().rows * size_of::<AlignedRow>())?;
         let index = self.worker.subgroups.take();
         self.worker.subgroups[index].start(program, compiled, role, lanes);
         Ok(index)
+    }
+
+    /// Counts a subgroup's state.
+    pub(super) fn take_state_bytes(&mut self, bytes: usize) -> Result<(), Stopped> {
+        self.state_bytes += bytes;
+        if self.state_bytes > MAX_STATE_BYTES {
+            return Err(Stopped::OutOfMemory);
+        }
+        Ok(())
     }
 
     /// Fills a new subgroup's inputs and makes it ready.
@@ -195,7 +201,7 @@ impl<'a> Batch<'a> {
                 .max_wave_subgroups()
                 .max(1);
             subgroups.sort_unstable();
-            self.compact(program, point, &mut subgroups);
+            self.compact(program, point, &mut subgroups)?;
             for wave in subgroups.chunks(width) {
                 self.run_wave(program, wave)?;
             }

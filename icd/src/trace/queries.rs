@@ -110,9 +110,9 @@ impl Queries {
                 self.arena.remove(handle, owned);
                 query.set(row::HANDLE, 0);
                 // An address that leads nowhere is none.
+                let structure = limits.structure(query.structure());
                 // SAFETY: the application keeps the structures that its queries may reach built and bound until the dispatch is
                 // complete (VUID-RuntimeSpirv-OpRayQueryInitializeKHR and the build commands' rules).
-                let structure = limits.structure(query.structure());
                 unsafe {
                     if let Some(queried) = &limits.queried {
                         let kind = Structure::at(structure).map(|structure| structure.kind());

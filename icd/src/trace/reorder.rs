@@ -1,12 +1,13 @@
 //! Reordering (`OpReorderThread*`): the lanes of a batch that stand at one reorder instruction are sorted, and form subgroups anew.
 //!
-//! A subgroup takes part with all its lanes or not at all: with lanes parked in an enclosing construct it stays as it is, so that they meet
-//! those they parted from. Which lanes meet follows from the batch alone.
+//! Only lanes that execute the instruction move. Those that wait for them in an enclosing construct stay where they are, as the
+//! specification has it ("Repacking"), and go on without them. Which lanes meet follows from the batch alone.
 
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::hit_object::kind;
 use spirv_jit::program::{AlignedRow, ResumePoint, SiteKind, Stage};
 
+use super::Stopped;
 use super::batch::Batch;
 use super::subgroup::{LaneRef, Subgroup, SubgroupIndex, lanes_of};
 use super::table::ProgramIndex;
@@ -22,7 +23,10 @@ struct Key {
 
 impl Batch<'_> {
     /// Reorders what waits for it; all of it is ready then.
-    pub(super) fn reorder_threads(&mut self) {
+    ///
+    /// # Errors
+    /// The batch would need too much memory.
+    pub(super) fn reorder_threads(&mut self) -> Result<(), Stopped> {
         let mut waiting: Vec<_> = std::mem::take(&mut self.reordering)
             .into_iter()
             .map(|index| (self.place(index), index))
@@ -30,8 +34,9 @@ impl Batch<'_> {
         waiting.sort_unstable();
         for group in waiting.chunk_by(|a, b| a.0 == b.0) {
             let indices: Vec<SubgroupIndex> = group.iter().map(|&(_, index)| index).collect();
-            self.reorder_group(group[0].0.0, &indices);
+            self.reorder_group(group[0].0.0, &indices)?;
         }
+        Ok(())
     }
 
     fn place(&self, index: SubgroupIndex) -> (ProgramIndex, ResumePoint) {
@@ -41,17 +46,16 @@ impl Batch<'_> {
     }
 
     /// Reorders subgroups that stand at one instruction.
-    fn reorder_group(&mut self, program: ProgramIndex, indices: &[SubgroupIndex]) {
+    fn reorder_group(
+        &mut self,
+        program: ProgramIndex,
+        indices: &[SubgroupIndex],
+    ) -> Result<(), Stopped> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
-        let mut sources = Vec::with_capacity(indices.len());
         let mut lanes: Vec<(Key, LaneRef)> = Vec::with_capacity(indices.len() * SUBGROUP_SIZE);
         for &index in indices {
             self.worker.subgroups[index].pending = 0;
             let rows = &self.worker.subgroups[index].rows;
-            if compiled.has_parked_lanes(rows) {
-                self.make_ready(index);
-                continue;
-            }
             for lane in lanes_of(compiled.event_mask(rows)) {
                 let lane = LaneRef {
                     subgroup: index,
@@ -59,19 +63,19 @@ impl Batch<'_> {
                 };
                 lanes.push((self.reorder_key(lane), lane));
             }
-            sources.push(index);
         }
         let needed = lanes.len().div_ceil(SUBGROUP_SIZE);
-        if needed < sources.len() || !is_sorted(&lanes) {
+        let mut ready = indices.to_vec();
+        if needed < indices.len() || !is_sorted(&lanes) {
             // Stable, so that neighbours stay neighbours where nothing speaks against it.
             lanes.sort_by_key(|lane| lane.0);
             let lanes: Vec<LaneRef> = lanes.into_iter().map(|(_, lane)| lane).collect();
-            self.move_lanes(program, &sources, &lanes);
-            sources.truncate(needed);
+            ready = self.move_lanes(program, indices, &lanes)?;
         }
-        for index in sources {
+        for index in ready {
             self.make_ready(index);
         }
+        Ok(())
     }
 
     /// Puts the lanes of ready ray generation shaders that stand behind one shader call into fewer subgroups, where many have ended.
@@ -80,7 +84,7 @@ impl Batch<'_> {
         program: ProgramIndex,
         point: ResumePoint,
         subgroups: &mut Vec<SubgroupIndex>,
-    ) {
+    ) -> Result<(), Stopped> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
         let may_move = matches!(
             compiled.site_of(point),
@@ -91,7 +95,7 @@ impl Batch<'_> {
             )
         );
         if !may_move || compiled.stage() != Stage::RayGeneration || subgroups.len() < 2 {
-            return;
+            return Ok(());
         }
         let mut sources = Vec::with_capacity(subgroups.len());
         let mut lanes = Vec::new();
@@ -108,11 +112,13 @@ impl Batch<'_> {
         // Moving costs about what it saves when a fourth of the subgroups goes.
         let needed = lanes.len().div_ceil(SUBGROUP_SIZE);
         if lanes.is_empty() || 4 * needed > 3 * sources.len() {
-            return;
+            return Ok(());
         }
-        self.move_lanes(program, &sources, &lanes);
-        let gone = &sources[needed..];
-        subgroups.retain(|index| gone.binary_search(index).is_err());
+        let targets = self.move_lanes(program, &sources, &lanes)?;
+        subgroups.retain(|index| sources.binary_search(index).is_err());
+        subgroups.extend(targets);
+        subgroups.sort_unstable();
+        Ok(())
     }
 
     fn reorder_key(&mut self, lane: LaneRef) -> Key {
@@ -148,9 +154,14 @@ impl Batch<'_> {
         }
     }
 
-    /// Moves lanes, in this order, into the first of the `sources` that they all come from; the sources that are not needed any more are
-    /// given back.
-    fn move_lanes(&mut self, program: ProgramIndex, sources: &[SubgroupIndex], lanes: &[LaneRef]) {
+    /// Moves lanes, in this order, out of the `sources` that they all come from (ascending) into as few subgroups as will do. A source
+    /// with lanes that wait for them stays, with those; the others are used again or given back. Returns what can go on.
+    fn move_lanes(
+        &mut self,
+        program: ProgramIndex,
+        sources: &[SubgroupIndex],
+        lanes: &[LaneRef],
+    ) -> Result<Vec<SubgroupIndex>, Stopped> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
         let mut old: Vec<Subgroup> = sources
             .iter()
@@ -160,7 +171,16 @@ impl Batch<'_> {
             let found = sources.binary_search(&lane.subgroup);
             (found.unwrap_or(0), lane.lane as usize)
         };
-        for (&target, lanes) in sources.iter().zip(lanes.chunks(SUBGROUP_SIZE)) {
+        let stays = |subgroup: &Subgroup| compiled.has_parked_lanes(&subgroup.rows);
+        let (mut staying, mut targets) = (Vec::new(), Vec::new());
+        for (place, &index) in sources.iter().enumerate() {
+            match stays(&old[place]) {
+                true => staying.push((place, index)),
+                false => targets.push(index),
+            }
+        }
+        self.room_for(program, lanes.len().div_ceil(SUBGROUP_SIZE), &mut targets)?;
+        for (&target, lanes) in targets.iter().zip(lanes.chunks(SUBGROUP_SIZE)) {
             let from: Vec<(usize, usize)> = lanes.iter().map(position).collect();
             let mut rows = self.worker.spare_rows.pop().unwrap_or_default();
             rows.resize(compiled.layout().rows, AlignedRow::default());
@@ -191,16 +211,39 @@ impl Batch<'_> {
             }
             self.worker.subgroups[target] = moved;
         }
-        let needed = lanes.len().div_ceil(SUBGROUP_SIZE);
-        for &index in &sources[needed..] {
-            self.state_bytes -= compiled.layout().rows * size_of::<AlignedRow>();
-            self.worker.subgroups.remove(index);
+        for &(place, index) in &staying {
+            compiled.leave_parked_lanes(&mut old[place].rows);
+            self.worker.subgroups[index] = std::mem::take(&mut old[place]);
         }
         for subgroup in &mut old {
             self.worker.queries.release(&mut subgroup.queries);
         }
         let spare = old.into_iter().map(|subgroup| subgroup.rows);
-        self.worker.spare_rows.extend(spare);
+        self.worker
+            .spare_rows
+            .extend(spare.filter(|rows| !rows.is_empty()));
+        targets.extend(staying.into_iter().map(|(_, index)| index));
+        Ok(targets)
+    }
+
+    /// Brings places for subgroups of a program to a count.
+    fn room_for(
+        &mut self,
+        program: ProgramIndex,
+        count: usize,
+        places: &mut Vec<SubgroupIndex>,
+    ) -> Result<(), Stopped> {
+        let compiled = &self.dispatch.shaders.programs[program as usize];
+        let bytes = compiled.layout().rows * size_of::<AlignedRow>();
+        for index in places.drain(count.min(places.len())..) {
+            self.state_bytes -= bytes;
+            self.worker.subgroups.remove(index);
+        }
+        while places.len() < count {
+            self.take_state_bytes(bytes)?;
+            places.push(self.worker.subgroups.take());
+        }
+        Ok(())
     }
 }
 

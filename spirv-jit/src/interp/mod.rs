@@ -219,8 +219,8 @@ impl Program {
         yields::has_parked_lanes(state, point.masks)
     }
 
-    /// Makes up a yielded state from lanes of other states, all of which stand at one point without parked lanes: lane `k` is column
-    /// `from[k].1` of `from[k].0`. Lanes that are not `active` may be anything.
+    /// Makes up a yielded state from lanes of other states, all of which stand at one point: lane `k` is column `from[k].1` of
+    /// `from[k].0`. Lanes that are not `active` may be anything; lanes that wait for others in enclosing constructs stay behind.
     ///
     /// # Panics
     /// A state is smaller than [`StateLayout::rows`].
@@ -231,7 +231,8 @@ impl Program {
         from: &[(&[AlignedRow], usize); SUBGROUP_SIZE],
     ) {
         let inputs = self.layout.inputs;
-        state[..inputs].copy_from_slice(&from[0].0[..inputs]);
+        state[..inputs].fill(AlignedRow::default());
+        state[0].0[0] = from[0].0[0].0[0];
         state[0].0[1] = active as u32;
         let from = from.map(|(source, lane)| (&source[..self.layout.rows], lane));
         for (row, to) in state[..self.layout.rows]
@@ -241,6 +242,31 @@ impl Program {
         {
             to.0 = from.map(|(source, lane)| source[row].0[lane]);
         }
+        // Values of 64 bits are saved as such, over two rows.
+        let (point, context) = self.code.point_of(state[0].0[0]);
+        let callers = self.code.path(point.function, context);
+        let saved = std::iter::once(&point.saved).chain(callers.map(|site| &site.saved));
+        for value in saved.flatten().filter(|value| value.wide && !value.input) {
+            let place = |word: usize| {
+                (
+                    value.row as usize + word / SUBGROUP_SIZE,
+                    word % SUBGROUP_SIZE,
+                )
+            };
+            for (k, (source, lane)) in from.iter().enumerate() {
+                for half in 0..2 {
+                    let (row, column) = place(2 * lane + half);
+                    let word = source[row].0[column];
+                    let (row, column) = place(2 * k + half);
+                    state[row].0[column] = word;
+                }
+            }
+        }
+    }
+
+    /// Takes the lanes of a yielded state's event out of it: they go on elsewhere, those that wait for them go on without them.
+    pub fn leave_parked_lanes(&self, state: &mut [AlignedRow]) {
+        state[0].0[1] = 0;
     }
 
     /// Runs a wave of subgroups that stand at one resume point until the next event. `fuel` is burnt at loop back-edges, one per wave.

@@ -9,7 +9,7 @@ use super::emit::{Target, triangle_word};
 use super::motion::motion_bounds;
 use super::primitive::in_pool;
 use super::swept::SweptPrimitive;
-use super::{block_cost, instance, primitive};
+use super::{NODE_COST, block_cost, instance, primitive};
 use crate::input::{Geometries, InstanceSource, MotionGeometry, SweptGeometry, TriangleGeometry};
 use crate::layout::{
     Bounds, GROUP, MotionEntry, Node, SweptEntry, TriangleGroup, WIDTH, child, geometry_word,
@@ -33,29 +33,35 @@ fn for_each(count: u32, write: impl Fn(u32) + Send + Sync) {
 /// The target has `count` valid groups, and the geometries' memory is readable.
 pub(crate) unsafe fn write_triangles(target: &Target<'_>, count: u32, list: &[TriangleGeometry]) {
     for_each(count, |index| {
-        // SAFETY: one of the `count` groups.
-        let group = unsafe { &mut *target.leaf_at::<TriangleGroup>(index) };
-        for lane in 0..GROUP {
-            // Nothing is known of lanes without a triangle, and of leaves that no node leads to.
-            let number = (group.geometries[lane] & geometry_word::INDEX) as usize;
-            let Some(geometry) = list.get(number) else {
-                continue;
-            };
-            if group.primitives[lane] >= geometry.primitive_count {
-                continue;
-            }
-            group.geometries[lane] =
-                triangle_word(group.geometries[lane] & geometry_word::INDEX, geometry);
-            // SAFETY: the caller's promise.
-            match unsafe { geometry.triangle(group.primitives[lane]) } {
-                Some(triangle) => {
-                    group.set_triangle(lane, &triangle);
-                    group.lanes |= 1 << lane;
-                }
-                None => group.lanes &= !(1 << lane),
-            }
-        }
+        // SAFETY: one of the `count` groups, and the caller's promise.
+        unsafe { write_group(&mut *target.leaf_at::<TriangleGroup>(index), list) };
     });
+}
+
+/// Reads the positions of a group's triangles again.
+///
+/// # Safety
+/// The geometries' memory is readable.
+unsafe fn write_group(group: &mut TriangleGroup, list: &[TriangleGeometry]) {
+    for lane in 0..GROUP {
+        // Nothing is known of lanes without a triangle, and of leaves that no node leads to.
+        let number = group.geometries[lane] & geometry_word::INDEX;
+        let Some(geometry) = list.get(number as usize) else {
+            continue;
+        };
+        if group.primitives[lane] >= geometry.primitive_count {
+            continue;
+        }
+        group.geometries[lane] = triangle_word(number, geometry);
+        // SAFETY: the caller's promise.
+        match unsafe { geometry.triangle(group.primitives[lane]) } {
+            Some(triangle) => {
+                group.set_triangle(lane, &triangle);
+                group.lanes |= 1 << lane;
+            }
+            None => group.lanes &= !(1 << lane),
+        }
+    }
 }
 
 /// Reads every sphere and swept sphere again.
@@ -63,7 +69,7 @@ pub(crate) unsafe fn write_triangles(target: &Target<'_>, count: u32, list: &[Tr
 /// # Safety
 /// The target has `count` valid entries, and the geometries' memory is readable.
 pub(crate) unsafe fn write_swept(target: &Target<'_>, count: u32, list: &[SweptGeometry]) {
-    for_each(count, |index| {
+    let write = |index| {
         // SAFETY: one of the `count` entries.
         let entry = unsafe { &mut *target.leaf_at::<SweptEntry>(index) };
         let number = entry.geometry & geometry_word::INDEX;
@@ -75,7 +81,8 @@ pub(crate) unsafe fn write_swept(target: &Target<'_>, count: u32, list: &[SweptG
         *entry = read
             .unwrap_or(SweptPrimitive::NOTHING)
             .entry(entry.primitive, number, geometry);
-    });
+    };
+    for_each(count, write);
 }
 
 /// Reads every triangle that moves again.
@@ -83,7 +90,7 @@ pub(crate) unsafe fn write_swept(target: &Target<'_>, count: u32, list: &[SweptG
 /// # Safety
 /// The target has `count` valid entries, and the geometries' memory is readable.
 pub(crate) unsafe fn write_motion(target: &Target<'_>, count: u32, list: &[MotionGeometry]) {
-    for_each(count, |index| {
+    let write = |index| {
         // SAFETY: one of the `count` entries, and the caller's promise.
         unsafe {
             let entry = &mut *target.leaf_at::<MotionEntry>(index);
@@ -92,7 +99,8 @@ pub(crate) unsafe fn write_motion(target: &Target<'_>, count: u32, list: &[Motio
                 *entry = geometry.entry(entry.primitive, number);
             }
         }
-    });
+    };
+    for_each(count, write);
 }
 
 /// Writes a record and a reference for each instance. Returns the largest error factor.
@@ -226,7 +234,7 @@ unsafe fn visit<const REFIT: bool>(target: &Target<'_>, nodes: u32, leaves: u32)
     let pass = Pass::<REFIT> {
         target,
         leaves,
-        block_cost: block_cost(target.kind).into(),
+        block_cost: block_cost(target.kind),
     };
     // SAFETY: the caller's promise.
     let (bounds, sum) = unsafe {
@@ -238,7 +246,9 @@ unsafe fn visit<const REFIT: bool>(target: &Target<'_>, nodes: u32, leaves: u32)
             ((*pass.node_at(0)).all_bounds(), sum)
         })
     };
-    let area = area(&bounds);
+    let mut root = Node::EMPTY;
+    root.set_bounds(0, bounds);
+    let area = f64::from(weighted_area(&root, &[1.0; WIDTH]));
     let cost = if area > 0.0 { sum / area } else { 0.0 };
     Refitted {
         bounds,
@@ -246,21 +256,11 @@ unsafe fn visit<const REFIT: bool>(target: &Target<'_>, nodes: u32, leaves: u32)
     }
 }
 
-/// Half the surface of a box.
-fn area(bounds: &Bounds) -> f64 {
-    if bounds.is_empty() {
-        return 0.0;
-    }
-    let [x, y, z]: [f64; 3] =
-        std::array::from_fn(|i| f64::from(bounds.max[i]) - f64::from(bounds.min[i]));
-    x * y + y * z + z * x
-}
-
 /// A pass over all nodes, which refits them or only looks.
 struct Pass<'a, const REFIT: bool> {
     target: &'a Target<'a>,
     leaves: u32,
-    block_cost: f64,
+    block_cost: f32,
 }
 
 impl<const REFIT: bool> Pass<'_, REFIT> {
@@ -331,32 +331,49 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
     unsafe fn node(&self, index: u32, end: u32) -> (f64, bool) {
         // SAFETY: the caller's promise.
         let node = unsafe { &mut *self.node_at(index) };
-        let (mut cost, mut inside) = (0.0, true);
-        for lane in 0..WIDTH {
+        let (mut weights, mut inside) = ([0f32; WIDTH], true);
+        for (lane, weight) in weights.iter_mut().enumerate() {
             let word = node.children[lane];
-            let mut bounds = node.child_bounds(lane);
+            let mut bounds = Bounds::EMPTY;
             if word == child::NONE {
-                bounds = Bounds::EMPTY;
+                // Empty it is.
             } else if word & child::LEAF != 0 {
                 let groups = if word & child::TWO_GROUPS != 0 { 2 } else { 1 };
                 let first = word & child::INDEX;
-                if u64::from(first) + u64::from(groups) > u64::from(self.leaves) {
-                    bounds = Bounds::EMPTY;
-                } else if REFIT {
+                *weight = self.block_cost * groups as f32;
+                if REFIT && u64::from(first) + u64::from(groups) <= u64::from(self.leaves) {
                     // SAFETY: a leaf that there is.
                     bounds = unsafe { leaf_bounds(self.target, first, groups) };
                 }
-                cost += area(&bounds) * self.block_cost * f64::from(groups);
             } else if word <= index || word >= end {
-                (bounds, inside) = (Bounds::EMPTY, false);
-            } else if REFIT {
-                // SAFETY: another node that there is.
-                bounds = unsafe { (*self.node_at(word)).all_bounds() };
+                inside = false;
+            } else {
+                *weight = NODE_COST;
+                if REFIT {
+                    // SAFETY: another node that there is.
+                    bounds = unsafe { (*self.node_at(word)).all_bounds() };
+                }
             }
             if REFIT {
                 node.set_bounds(lane, bounds);
             }
         }
-        (cost + area(&node.all_bounds()), inside)
+        (weighted_area(node, &weights).into(), inside)
     }
+}
+
+/// The sum of half the surfaces of a node's boxes, weighted. Infinite or 0 where numbers are out of all proportion.
+fn weighted_area(node: &Node, weights: &[f32; WIDTH]) -> f32 {
+    let [x0, x1, y0, y1, z0, z1] = &node.bounds;
+    let mut areas = [0f32; WIDTH];
+    for (lane, area) in areas.iter_mut().enumerate() {
+        let edge = |low: &[f32; WIDTH], high: &[f32; WIDTH]| {
+            let edge = high[lane] - low[lane];
+            // Not so where there is nothing.
+            if edge > 0.0 { edge } else { 0.0 }
+        };
+        let (x, y, z) = (edge(x0, x1), edge(y0, y1), edge(z0, z1));
+        *area = weights[lane] * (x * y + y * z + z * x);
+    }
+    areas.iter().sum()
 }

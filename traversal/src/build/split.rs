@@ -132,10 +132,10 @@ impl<const BINS: usize> Bins<BINS> {
     fn add<V: Vector>(&mut self, binning: &Binning, primitive: &Primitive) {
         let own = V::of_primitive(primitive);
         let bins = binning.bins::<V, BINS>(own.center());
-        for axis in 0..3 {
-            let place = &mut self.boxes[bins[axis]][axis];
+        for (axis, bin) in bins.into_iter().enumerate() {
+            let place = &mut self.boxes[bin][axis];
             *place = V::of(place).join(own).corners();
-            self.counts[bins[axis]][axis] += 1;
+            self.counts[bin][axis] += 1;
         }
     }
 
@@ -201,10 +201,10 @@ pub(crate) fn choose<V: Vector, const BINS: usize>(
     }
     let mut best = [V::four(f32::INFINITY), V::four(0.0)];
     let mut side = Side::<V>::new();
-    for i in 1..BINS {
+    for (i, &right_cost) in right_cost.iter().enumerate().skip(1) {
         let cost = side.add(&bins.boxes[i - 1], &bins.counts[i - 1], rules);
         // An empty side's cost is not a number, or infinite.
-        V::lower(&mut best, V::add(cost, right_cost[i]), i as f32);
+        V::lower(&mut best, V::add(cost, right_cost), i as f32);
     }
     let [costs, planes] = best.map(V::numbers);
     let axis = longest([-costs[0], -costs[1], -costs[2], 0.0]);
@@ -242,8 +242,8 @@ impl<V: Vector> Side<V> {
     /// Adds a bin; returns what the sides cost now.
     #[inline(always)]
     fn add(&mut self, boxes: &[Corners; 3], counts: &[u32; 4], rules: &SplitRules) -> V::Four {
-        for axis in 0..3 {
-            self.boxes[axis] = self.boxes[axis].join(V::of(&boxes[axis]));
+        for (sum, part) in self.boxes.iter_mut().zip(boxes) {
+            *sum = sum.join(V::of(part));
         }
         self.counts = V::add_counts(self.counts, V::counts(counts));
         V::costs(self.boxes, rules.scale, self.counts, rules.shift())

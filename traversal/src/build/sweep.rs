@@ -164,20 +164,20 @@ impl Stretch<'_> {
             at: low,
             sides: [left, rights[0]],
         };
-        for i in 0..=count {
+        for (i, &right) in rights.iter().enumerate() {
             if i > 0 {
                 left = left.join(self.block(level, low_block + i - 1));
             }
             let at = low + (i << shift);
             let counts = V::counts(&[(at - self.first) as u32, (end - at) as u32, 0, 0]);
-            let costs = V::costs([left, rights[i], left], rules.scale, counts, rules.shift());
+            let costs = V::costs([left, right, left], rules.scale, counts, rules.shift());
             let [one, other, ..] = V::numbers(costs);
             let cost = one + other;
             if cost < best.cost {
                 best = Cut {
                     cost,
                     at,
-                    sides: [left, rights[i]],
+                    sides: [left, right],
                 };
             }
         }

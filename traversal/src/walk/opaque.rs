@@ -15,6 +15,9 @@ use crate::structure::{Kind, Structure};
 /// ahead.
 pub(super) const LARGE: u32 = 4096;
 
+/// Fewer rays are set up one by one for less.
+const ENOUGH: usize = 4;
+
 /// Why a walk left a bottom level.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum End {
@@ -53,7 +56,10 @@ pub(crate) unsafe fn run_list<K: Kernel>(
     fuel: &mut u64,
 ) -> u32 {
     let without = walker.without();
-    if without.contains(Specialisation::OneInstance) || without.contains(Specialisation::Opaque) {
+    let by_itself = steps.len() < ENOUGH
+        || without.contains(Specialisation::OneInstance)
+        || without.contains(Specialisation::Opaque);
+    if by_itself {
         return 0;
     }
     let Walker {
