@@ -13,9 +13,6 @@ use super::tier::{Kernel, Portable, Tier, TierKind};
 use crate::SUBGROUP_SIZE;
 use crate::ir::{Space, Type};
 
-/// Most scalars that a lane copies before it is the next lane's turn.
-const SCALARS_AT_ONCE: usize = 4;
-
 /// What loads scalars of a type, or stores them, in a tier. Not for private memory.
 pub(super) fn handler(tier: TierKind, ty: Type, store: bool) -> Handler {
     match tier {
@@ -217,9 +214,7 @@ unsafe fn access_block<C: Copying, T: Lane>(
             1 => copy_inside::<C, T, 1>(at, [row(0)], active),
             2 => copy_inside::<C, T, 2>(at, [row(0), row(1)], active),
             3 => copy_inside::<C, T, 3>(at, [row(0), row(1), row(2)], active),
-            SCALARS_AT_ONCE => {
-                copy_inside::<C, T, 4>(at, [row(0), row(1), row(2), row(3)], active);
-            }
+            4 => copy_inside::<C, T, 4>(at, [row(0), row(1), row(2), row(3)], active),
             count => {
                 for lane in lanes_of(active) {
                     for k in 0..count {
