@@ -5,7 +5,7 @@
 //! GeometryEntry       16 bytes for each geometry
 //! reference table     8 bytes for each instance (top level only): the address of its bottom level
 //! Node                256 bytes each; node 0 is the root, a child's index is above its parent's
-//! leaves              TriangleGroup (192 bytes), BoxEntry (8), SweptEntry (64), MotionEntry (80), InstanceRecord (128)
+//! leaves              TriangleGroup (192 bytes) or Block (units of 16), BoxEntry (8), SweptEntry (64), MotionEntry (80), InstanceRecord (128)
 //!                     or MotionInstanceRecord (320) each
 //! micromaps           where a geometry has one: 8 bytes for each geometry (a MicromapReference), 4
 //!                     bytes for each primitive of all geometries, then micromaps of its own
@@ -15,12 +15,18 @@
 //! levels hold except the boxes, so the reference table alone has to be rewritten when a top level
 //! moves to another process.
 
+mod block;
+mod bounds;
+
 use std::mem::size_of;
+
+pub(crate) use block::{BLOCK_UNIT, BLOCK_UNITS, BLOCK_VERTICES, Block};
+pub(crate) use bounds::Bounds;
 
 /// First word of every blob.
 pub(crate) const MAGIC: u64 = u64::from_le_bytes(*b"TuffASv\0");
 /// Version of the layout; counts up with every change of it.
-pub(crate) const VERSION: u32 = 2;
+pub(crate) const VERSION: u32 = 3;
 /// Alignment of a blob and of each of its parts, in bytes.
 pub(crate) const ALIGNMENT: u64 = 256;
 
@@ -40,7 +46,9 @@ pub(crate) struct Header {
     pub magic: u64,
     pub version: u32,
     /// A [`crate::Kind`].
-    pub kind: u32,
+    pub kind: u16,
+    /// A [`Form`].
+    pub form: u16,
     /// The [`crate::BuildFlags`] of the build.
     pub flags: u32,
     pub geometry_count: u32,
@@ -49,6 +57,7 @@ pub(crate) struct Header {
     /// Bytes in use.
     pub size_bytes: u64,
     pub node_count: u32,
+    /// Leaves; of blocks, units.
     pub leaf_count: u32,
     pub geometries_offset: u64,
     pub references_offset: u64,
@@ -68,6 +77,26 @@ pub(crate) struct Header {
     /// What a ray through the bounds was expected to cost when this was built, if it may be updated; else 0.
     pub cost: f32,
     pub reserved: [u32; 26],
+}
+
+/// How the leaves of a structure of triangles are written; all others have the first form.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u16)]
+pub(crate) enum Form {
+    /// [`TriangleGroup`]s.
+    Groups = 0,
+    /// [`Block`]s, counted in units of 16 bytes. After the start of the last one there is room for the largest.
+    Blocks = 1,
+}
+
+impl Form {
+    pub fn of(word: u16) -> Option<Form> {
+        match word {
+            0 => Some(Form::Groups),
+            1 => Some(Form::Blocks),
+            _ => None,
+        }
+    }
 }
 
 /// What a bottom level holds; saves the walk from looking.
@@ -106,9 +135,9 @@ pub(crate) mod child {
     pub const NONE: u32 = u32::MAX;
     /// The child is a leaf.
     pub const LEAF: u32 = 1 << 31;
-    /// The leaf is two triangle groups, not one.
+    /// The leaf is two triangle groups, not one; a block says itself how many triangles it has.
     pub const TWO_GROUPS: u32 = 1 << 30;
-    /// Index of the leaf.
+    /// Index of the leaf; of a block, of its first unit.
     pub const INDEX: u32 = TWO_GROUPS - 1;
 }
 
@@ -269,46 +298,6 @@ pub(crate) mod instance_flags {
     pub const DISABLE_OPACITY_MICROMAPS: u32 = 0x20;
 }
 
-/// An axis-aligned box.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C)]
-pub(crate) struct Bounds {
-    pub min: [f32; 3],
-    pub max: [f32; 3],
-}
-
-impl Bounds {
-    /// Holds nothing; the neutral element of [`Self::union`].
-    pub const EMPTY: Bounds = Bounds {
-        min: [f32::INFINITY; 3],
-        max: [f32::NEG_INFINITY; 3],
-    };
-
-    /// The smallest box around both.
-    #[inline]
-    pub fn union(self, other: Bounds) -> Bounds {
-        Bounds {
-            min: std::array::from_fn(|i| self.min[i].min(other.min[i])),
-            max: std::array::from_fn(|i| self.max[i].max(other.max[i])),
-        }
-    }
-
-    /// The smallest box around three points.
-    #[inline]
-    pub fn of_triangle(triangle: &[[f32; 3]; 3]) -> Bounds {
-        let [a, b, c] = triangle;
-        Bounds {
-            min: std::array::from_fn(|i| a[i].min(b[i]).min(c[i])),
-            max: std::array::from_fn(|i| a[i].max(b[i]).max(c[i])),
-        }
-    }
-
-    /// Whether there is a point in it.
-    pub fn is_empty(&self) -> bool {
-        (0..3).any(|i| self.min[i] > self.max[i])
-    }
-}
-
 impl Node {
     /// A node without children.
     pub const EMPTY: Node = Node {
@@ -360,7 +349,7 @@ pub(crate) struct Parts {
 
 impl Parts {
     /// Lays out the parts one after the other. Counts are below 2³², so nothing overflows.
-    pub fn new(kind: crate::Kind, geometries: u64, nodes: u64, leaves: u64) -> Parts {
+    pub fn new(kind: crate::Kind, form: Form, geometries: u64, nodes: u64, leaves: u64) -> Parts {
         let align = |offset: u64| offset.next_multiple_of(ALIGNMENT);
         let references = if kind.is_top() { leaves * 8 } else { 0 };
         let geometries_offset = size_of::<Header>() as u64;
@@ -373,7 +362,7 @@ impl Parts {
             references_offset,
             nodes_offset,
             leaves_offset,
-            size_bytes: align(leaves_offset + leaves * leaf_bytes(kind)),
+            size_bytes: align(leaves_offset + leaves * leaf_bytes(kind, form)),
         }
     }
 }
@@ -394,9 +383,10 @@ pub(crate) mod micromap_reference {
     pub const INSIDE: u64 = 1;
 }
 
-/// Bytes of one leaf.
-pub(crate) fn leaf_bytes(kind: crate::Kind) -> u64 {
+/// Bytes of one leaf, or of one unit.
+pub(crate) fn leaf_bytes(kind: crate::Kind, form: Form) -> u64 {
     match kind {
+        crate::Kind::Triangles if form == Form::Blocks => BLOCK_UNIT as u64,
         crate::Kind::Triangles => size_of::<TriangleGroup>() as u64,
         crate::Kind::Aabbs => size_of::<BoxEntry>() as u64,
         crate::Kind::Swept => size_of::<SweptEntry>() as u64,

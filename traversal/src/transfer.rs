@@ -2,7 +2,7 @@
 
 use std::mem::offset_of;
 
-use crate::layout::{Header, Parts, micromap_reference};
+use crate::layout::{Form, Header, Parts, micromap_reference};
 use crate::micromap::Micromap;
 use crate::structure::{Kind, Structure, StructureError, validate};
 
@@ -278,7 +278,7 @@ pub fn deserialize(data: &[u8], destination: &mut [u8]) -> Result<u64, Structure
     } else {
         Kind::Instances
     };
-    let parts = Parts::new(kind, header.geometry_count.into(), 0, 0);
+    let parts = Parts::new(kind, Form::Groups, header.geometry_count.into(), 0, 0);
     let (before, after) = body
         .split_at_checked(parts.references_offset as usize)
         .ok_or(StructureError::Truncated)?;

@@ -4,6 +4,8 @@
 //! least cost of handing its primitives to a parent as 1 … 7 children is known from those of its
 //! two halves. The decisions are kept in the nodes, the costs only on the way up.
 
+use rayon::prelude::*;
+
 use super::primitive::in_pool;
 use super::tree::{BinaryNode, children, children_mut};
 use crate::layout::WIDTH;
@@ -33,10 +35,15 @@ const FEWER: u8 = 0x80;
 /// Subtrees with more primitives than this are planned side by side.
 const PARALLEL: u32 = 8192;
 
-/// Plans the whole tree: fills in decisions, then sizes. Returns the levels of nodes.
-pub(crate) fn plan(nodes: &mut [BinaryNode], costs: &Costs) -> u32 {
+/// Plans the whole tree: fills in decisions, then sizes, where `leaves` says how many leaves of the blob some
+/// consecutive primitives take as one child: the first of them, and how many. Returns the levels of nodes.
+pub(crate) fn plan(
+    nodes: &mut [BinaryNode],
+    costs: &Costs,
+    leaves: &(impl Fn(u32, u32) -> u32 + Sync),
+) -> u32 {
     decide(nodes, costs);
-    measure(nodes, costs.block_size)
+    measure(nodes, 0, leaves)
 }
 
 /// `result[i]`: least cost of the subtree as up to i + 1 children.
@@ -159,29 +166,67 @@ pub(crate) fn is_leaf(nodes: &[BinaryNode]) -> bool {
 }
 
 /// Fills in how many nodes and leaves each wide subtree has. Returns its levels of nodes.
-fn measure(nodes: &mut [BinaryNode], block_size: u32) -> u32 {
+fn measure(
+    nodes: &mut [BinaryNode],
+    first: u32,
+    leaves: &(impl Fn(u32, u32) -> u32 + Sync),
+) -> u32 {
     // Offsets first: the children borrow the slice that is to be written.
-    let mut offsets = [(0usize, 0usize); WIDTH];
+    let mut offsets = [(0, 0, 0); WIDTH];
     let mut length = 0;
-    for (child, _) in Children::of(nodes).iter() {
+    for (child, own_first) in Children::of(nodes).iter() {
         // SAFETY: a child is a part of `nodes`.
         let offset = unsafe { child.as_ptr().offset_from_unsigned(nodes.as_ptr()) };
-        offsets[length] = (offset, offset + child.len());
+        offsets[length] = (offset, child.len(), first + own_first);
         length += 1;
     }
-    let root_is_leaf = is_leaf(nodes);
-    let (mut wide_nodes, mut wide_leaves, mut depth) = (1, 0, 1);
-    for &(start, end) in &offsets[..length] {
-        let child = &mut nodes[start..end];
-        if root_is_leaf || is_leaf(child) {
-            wide_leaves += child[0].count.div_ceil(block_size);
-        } else {
-            depth = depth.max(1 + measure(child, block_size));
-            wide_nodes += child[0].wide_nodes;
-            wide_leaves += child[0].wide_leaves;
-        }
+    let (root_is_leaf, count) = (is_leaf(nodes), nodes[0].count);
+    let mut parts = [const { (Sizes::LEAF, None) }; WIDTH];
+    let (mut rest, mut start) = (&mut *nodes, 0);
+    for (part, &(offset, length, first)) in parts.iter_mut().zip(&offsets[..length]) {
+        let (child, after) = rest[offset - start..].split_at_mut(length);
+        (rest, start) = (after, offset + length);
+        part.1 = Some((child, first));
     }
-    nodes[0].wide_nodes = wide_nodes;
-    nodes[0].wide_leaves = wide_leaves;
-    depth
+    let measure = |part: &mut (Sizes, Option<(&mut [BinaryNode], u32)>)| {
+        let Some((child, first)) = &mut part.1 else {
+            return;
+        };
+        if root_is_leaf || is_leaf(child) {
+            part.0.leaves = leaves(*first, child[0].count);
+        } else {
+            let depth = measure(child, *first, leaves);
+            part.0 = Sizes {
+                nodes: child[0].wide_nodes,
+                leaves: child[0].wide_leaves,
+                depth,
+            };
+        }
+    };
+    match count > PARALLEL && in_pool() {
+        true => parts[..length].par_iter_mut().for_each(measure),
+        false => parts[..length].iter_mut().for_each(measure),
+    }
+    let sizes = parts.map(|part| part.0);
+    let depth = sizes.iter().map(|child| child.depth).max().unwrap_or(0);
+    nodes[0].wide_nodes = 1 + sizes.iter().map(|child| child.nodes).sum::<u32>();
+    nodes[0].wide_leaves = sizes.iter().map(|child| child.leaves).sum();
+    1 + depth
+}
+
+/// What a child of a wide node takes.
+#[derive(Clone, Copy)]
+struct Sizes {
+    nodes: u32,
+    leaves: u32,
+    /// Levels of nodes.
+    depth: u32,
+}
+
+impl Sizes {
+    const LEAF: Sizes = Sizes {
+        nodes: 0,
+        leaves: 0,
+        depth: 0,
+    };
 }

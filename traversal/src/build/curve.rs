@@ -264,7 +264,8 @@ fn grow<V: Vector>(
         if (ends[0] ^ ends[1]) >> (3 * BITS - SHARED) == 0 {
             let extent = Extent::of::<V>(primitives);
             // SAFETY: the machine that runs this has the instruction set.
-            return unsafe { binned(primitives, nodes, growth.rules, extent, depth) };
+            unsafe { binned(primitives, nodes, growth.rules, extent, depth) };
+            return;
         }
     }
     nodes[0] = BinaryNode::new(corners, count);

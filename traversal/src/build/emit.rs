@@ -1,14 +1,15 @@
 //! Writing nodes and leaves into the destination.
 
+use super::Shape;
 use super::collapse::{self, Children};
+use super::head::Written;
 use super::primitive::{Primitive, in_pool};
-use super::split;
 use super::swept::SweptPrimitive;
 use super::tree::BinaryNode;
 use crate::input::{Geometries, GeometryFlags, TriangleGeometry};
 use crate::layout::{
-    Bounds, BoxEntry, GROUP, LEAF_TRIANGLES, Node, Parts, TriangleGroup, WIDTH, child,
-    geometry_word,
+    BLOCK_UNIT, Block, BoxEntry, Form, GROUP, LEAF_TRIANGLES, Node, Parts, TriangleGroup, WIDTH,
+    child, geometry_word,
 };
 use crate::structure::Kind;
 
@@ -18,6 +19,7 @@ pub(crate) struct Target<'a> {
     pub base: *mut u8,
     pub parts: Parts,
     pub kind: Kind,
+    pub form: Form,
     pub geometries: &'a Geometries<'a>,
 }
 
@@ -55,7 +57,62 @@ impl Target<'_> {
         unsafe { self.leaf_at::<T>(index).write(leaf) }
     }
 
-    /// Leaves that `count` primitives of one child need.
+    /// Lays out the parts for what is to be written; a top level has one record an instance, active or not.
+    pub fn lay_out(&mut self, shape: &Shape, written: &mut Written) {
+        if self.kind.is_top() {
+            written.leaf_count = shape.primitives as u32;
+        }
+        self.parts = Parts::new(
+            self.kind,
+            self.form,
+            shape.geometries,
+            written.node_count.into(),
+            written.leaf_count.into(),
+        );
+    }
+
+    /// Leaves that the primitives of one child need in the target's form.
+    ///
+    /// # Safety
+    /// The memory of the geometries is readable.
+    pub unsafe fn leaves_for(&self, primitives: &[Primitive]) -> u32 {
+        match self.form {
+            Form::Groups => self.leaves_of(primitives.len()),
+            // SAFETY: the caller's promise.
+            Form::Blocks => unsafe { self.block(primitives) }.units(),
+        }
+    }
+
+    /// The block of some triangles.
+    ///
+    /// # Safety
+    /// The memory of the geometries is readable.
+    unsafe fn block(&self, primitives: &[Primitive]) -> Block {
+        let Geometries::Triangles(list) = self.geometries else {
+            return Block::EMPTY;
+        };
+        Block::of(primitives.iter().map(|primitive| {
+            let geometry = &list[primitive.geometry as usize];
+            // SAFETY: the caller's promise.
+            let triangle = unsafe { geometry.triangle(primitive.index) };
+            let word = triangle_word(primitive.geometry, geometry);
+            (primitive.index, word, triangle.unwrap_or_default())
+        }))
+    }
+
+    /// Fills the units from `start` to `end`, which are there to be read after the last block.
+    ///
+    /// # Safety
+    /// They are inside the part, and nobody else writes or reads them.
+    pub unsafe fn end_blocks(&self, start: u32, end: u32) {
+        if self.form == Form::Blocks {
+            let first = self.leaf_at::<[u8; BLOCK_UNIT]>(start);
+            // SAFETY: the caller's promise.
+            unsafe { first.write_bytes(0, (end - start) as usize) };
+        }
+    }
+
+    /// Groups or other leaves that `count` primitives of one child need.
     pub fn leaves_of(&self, count: usize) -> u32 {
         match self.kind {
             Kind::Triangles => count.div_ceil(GROUP) as u32,
@@ -71,12 +128,36 @@ impl Target<'_> {
         }
     }
 
-    /// Writes one child's primitives from leaf `index` on; returns the word for the child. (An
+    /// Writes one child's primitives from leaf `index` on; returns the word for the child and how many leaves it took. (An
     /// instance's leaf is its record, which stands at the instance's own index.)
     ///
     /// # Safety
     /// As for [`Self::write_leaf`]; the memory of the geometries is readable.
-    unsafe fn write_primitives(&self, primitives: &[Primitive], index: u32) -> u32 {
+    pub unsafe fn write_primitives(&self, primitives: &[Primitive], index: u32) -> (u32, u32) {
+        if self.form == Form::Blocks {
+            // SAFETY: the caller's promise.
+            return unsafe { self.write_block(primitives, index) };
+        }
+        // SAFETY: the caller's promise.
+        let word = unsafe { self.write_leaves(primitives, index) };
+        (word, self.leaves_of(primitives.len()))
+    }
+
+    /// # Safety
+    /// As for [`Self::write_primitives`].
+    unsafe fn write_block(&self, primitives: &[Primitive], index: u32) -> (u32, u32) {
+        // SAFETY: the caller's promise.
+        let block = unsafe { self.block(primitives) };
+        let units = block.units();
+        let from = std::ptr::from_ref(&block).cast::<[u8; BLOCK_UNIT]>();
+        // SAFETY: so many units are this child's; a block is as long.
+        unsafe { (self.leaf_at::<[u8; BLOCK_UNIT]>(index)).copy_from(from, units as usize) };
+        (child::LEAF | index, units)
+    }
+
+    /// # Safety
+    /// As for [`Self::write_primitives`].
+    unsafe fn write_leaves(&self, primitives: &[Primitive], index: u32) -> u32 {
         match self.geometries {
             Geometries::Triangles(_) => {
                 for (i, primitives) in primitives.chunks(GROUP).enumerate() {
@@ -186,8 +267,9 @@ impl Target<'_> {
             if root_is_leaf || collapse::is_leaf(subtree) {
                 let own = &primitives[first as usize..][..subtree[0].count as usize];
                 // SAFETY: these leaves are this child's by the plan.
-                node.children[lane] = unsafe { self.write_primitives(own, next_leaf) };
-                next_leaf += self.leaves_of(own.len());
+                let (word, leaves) = unsafe { self.write_primitives(own, next_leaf) };
+                node.children[lane] = word;
+                next_leaf += leaves;
             }
         }
         let mut tasks = [None; WIDTH];
@@ -221,95 +303,9 @@ impl Target<'_> {
             tasks.into_iter().flatten().for_each(run);
         }
     }
-
-    /// Nodes of [`Self::write_packed`] for `count` primitives.
-    pub fn packed_nodes(&self, count: usize) -> u32 {
-        let size = self.packed_child(count);
-        if size == self.leaf_max() {
-            return 1;
-        }
-        let full = count / size;
-        let rest = count % size;
-        let mut sum = 1 + full as u32 * self.packed_nodes(size);
-        if rest > 0 {
-            sum += self.packed_nodes(rest);
-        }
-        sum
-    }
-
-    /// Levels of nodes of [`Self::write_packed`].
-    pub fn packed_depth(&self, count: usize) -> u32 {
-        let size = self.packed_child(count);
-        if size == self.leaf_max() {
-            1
-        } else {
-            1 + self.packed_depth(size)
-        }
-    }
-
-    /// Primitives of each child but the last: the smallest full subtree of which eight suffice.
-    fn packed_child(&self, count: usize) -> usize {
-        let mut size = self.leaf_max();
-        while size * WIDTH < count {
-            size *= WIDTH;
-        }
-        size
-    }
-
-    /// Writes a tree of full nodes over full leaves: the smallest and the flattest there is.
-    /// Returns its box.
-    ///
-    /// # Safety
-    /// As for [`Self::write_tree`].
-    pub unsafe fn write_packed(
-        &self,
-        primitives: &mut [Primitive],
-        node_index: u32,
-        leaf_index: u32,
-    ) -> Bounds {
-        let size = self.packed_child(primitives.len());
-        sort_chunks(primitives, size);
-        let mut node = Node::EMPTY;
-        let mut all = Bounds::EMPTY;
-        let (mut next_node, mut next_leaf) = (node_index + 1, leaf_index);
-        for (lane, own) in primitives.chunks_mut(size).enumerate() {
-            let bounds = if size == self.leaf_max() {
-                // SAFETY: chunks before this one took the leaves before these.
-                node.children[lane] = unsafe { self.write_primitives(own, next_leaf) };
-                own.iter().fold(Bounds::EMPTY, |sum, primitive| {
-                    sum.union(primitive.bounds())
-                })
-            } else {
-                node.children[lane] = next_node;
-                let nodes = self.packed_nodes(own.len());
-                // SAFETY: likewise.
-                let bounds = unsafe { self.write_packed(own, next_node, next_leaf) };
-                next_node += nodes;
-                bounds
-            };
-            next_leaf += self.leaves_of(own.len());
-            node.set_bounds(lane, bounds);
-            all = all.union(bounds);
-        }
-        // SAFETY: the caller's promise.
-        unsafe { self.write_node(node_index, &node) };
-        all
-    }
 }
 
 type Task<'a> = (&'a [BinaryNode], u32, u32, u32);
-
-/// Orders primitives so that each chunk of `size` is close together.
-fn sort_chunks(primitives: &mut [Primitive], size: usize) {
-    let chunks = primitives.len().div_ceil(size);
-    if chunks > 1 {
-        let middle = chunks / 2 * size;
-        split::divide(primitives, middle);
-        let (left, right) = primitives.split_at_mut(middle);
-        sort_chunks(left, size);
-        sort_chunks(right, size);
-    }
-}
 
 /// See [`geometry_word`].
 pub(crate) fn triangle_word(index: u32, geometry: &TriangleGeometry) -> u32 {

@@ -9,12 +9,16 @@ mod collapse;
 mod corners;
 mod curve;
 mod emit;
+mod head;
 mod instance;
 mod micromap;
 mod motion;
+mod packed;
 mod primitive;
 mod refit;
 mod reinsert;
+mod shape;
+mod sizes;
 mod split;
 mod sweep;
 mod swept;
@@ -23,31 +27,23 @@ mod update;
 mod vector;
 mod vertex;
 
-use crate::input::{BuildFlags, BuildInput, Geometries, GeometryFlags};
+use crate::input::{BuildFlags, BuildInput, Geometries};
 use crate::layout::{
-    Bounds, GROUP, GeometryEntry, Header, LEAF_TRIANGLES, MAGIC, MAX_DEPTH, Node, Parts, VERSION,
-    features, leaf_bytes, micromap_part_bytes,
+    BLOCK_UNITS, Bounds, Form, GROUP, LEAF_TRIANGLES, MAX_DEPTH, Node, Parts, child,
 };
 use crate::structure::Kind;
 use collapse::Costs;
 use corners::Corners;
 use emit::Target;
-use primitive::Primitive;
-use reinsert::Piece;
+use head::{Written, write_head};
+pub(crate) use primitive::in_pool;
+use primitive::{Collected, Primitive};
+pub(crate) use shape::Shape;
+pub use sizes::{BuildSizes, build_sizes, micromap_bytes};
+use sizes::{Workspace, carve, has_room, structure_bytes};
 use split::SplitRules;
 use tree::BinaryNode;
 pub use update::update;
-
-/// Memory for a build, in bytes: upper bounds that hold for any input of that shape.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct BuildSizes {
-    /// The blob.
-    pub structure_bytes: u64,
-    /// Scratch for [`build`].
-    pub build_scratch_bytes: u64,
-    /// Scratch for [`update`]; 0 if the flags do not allow updates.
-    pub update_scratch_bytes: u64,
-}
 
 /// Why a build was refused. The destination's contents are undefined then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,86 +78,6 @@ impl std::error::Error for BuildError {}
 pub const MAX_GEOMETRIES: u64 = (1 << 24) - 1;
 /// Primitives of a bottom level, at most.
 pub const MAX_PRIMITIVES: u64 = (1 << 29) - 1;
-
-/// Alignment that scratch memory is brought to inside; its size has room for that.
-const SCRATCH_ALIGNMENT: usize = 64;
-
-/// How much memory a build of `kind` needs whose geometry `i` has at most
-/// `max_primitive_counts[i]` primitives. For instances, there is one geometry.
-///
-/// Never decreases when a count or the number of geometries increases.
-pub fn build_sizes(kind: Kind, flags: BuildFlags, max_primitive_counts: &[u32]) -> BuildSizes {
-    let count: u64 = max_primitive_counts.iter().map(|&c| u64::from(c)).sum();
-    let scratch = Places::new(kind, flags, count).bytes();
-    BuildSizes {
-        structure_bytes: structure_bytes(kind, max_primitive_counts.len() as u64, count),
-        build_scratch_bytes: scratch + SCRATCH_ALIGNMENT as u64,
-        // A refit works in place; what it does not suit any more is built anew.
-        update_scratch_bytes: if flags.contains(BuildFlags::ALLOW_UPDATE) {
-            scratch + SCRATCH_ALIGNMENT as u64
-        } else {
-            0
-        },
-    }
-}
-
-/// How many places of each kind the scratch memory has.
-struct Places {
-    primitives: u64,
-    nodes: u64,
-    blocks: u64,
-    pieces: u64,
-}
-
-impl Places {
-    fn new(kind: Kind, flags: BuildFlags, count: u64) -> Places {
-        let hurry = flags.contains(BuildFlags::PREFER_FAST_BUILD);
-        let (pieces, spare_nodes) = match hurry {
-            true => (0, 0),
-            false => reinsert::places(kind, count),
-        };
-        Places {
-            primitives: count,
-            nodes: 2 * count + spare_nodes,
-            blocks: if hurry { sweep::block_count(count) } else { 0 },
-            pieces,
-        }
-    }
-
-    fn bytes(&self) -> u64 {
-        self.primitives * size_of::<Primitive>() as u64
-            + self.nodes * size_of::<BinaryNode>() as u64
-            + self.blocks * size_of::<Corners>() as u64
-            + self.pieces * (size_of::<Piece>() + size_of::<u32>()) as u64
-    }
-}
-
-/// What a structure takes beyond [`build_sizes`] if a geometry has a micromap.
-pub fn micromap_bytes(max_primitive_counts: &[u32]) -> u64 {
-    let count = max_primitive_counts.iter().map(|&c| u64::from(c)).sum();
-    micromap_part_bytes(max_primitive_counts.len() as u64, count)
-}
-
-/// The promised size. Per primitive, each constant is well above what [`Target::write_packed`]
-/// takes; few primitives may each have a leaf and a node of their own.
-fn structure_bytes(kind: Kind, geometries: u64, primitives: u64) -> u64 {
-    let node = size_of::<Node>() as u64;
-    let leaf = leaf_bytes(kind);
-    let (each, extra) = match kind {
-        // 48 bytes in full groups, 256 / 56 of nodes; the rest is for sparser leaves.
-        Kind::Triangles => (96, 3072),
-        // 256 / 7 of nodes.
-        _ => (leaf + 64, 3072),
-    };
-    let sparse = primitives * (leaf + node);
-    let dense = primitives * each + extra;
-    // What is there without nodes and leaves, with the reference table of all instances.
-    let fixed = match kind {
-        kind if kind.is_top() => Parts::new(kind, geometries, 0, primitives).leaves_offset,
-        _ => Parts::new(kind, geometries, 0, 0).leaves_offset,
-    };
-    (fixed + sparse.min(dense).max(node)).next_multiple_of(256)
-}
 
 /// Builds a structure into `destination` (256-byte aligned) and returns how many of its bytes it
 /// uses: the compacted size.
@@ -223,25 +139,20 @@ unsafe fn build_to_depth(
 
     let mut target = Target {
         base: destination.as_mut_ptr(),
-        parts: Parts::new(shape.kind, shape.geometries, 1, 0),
+        parts: Parts::new(shape.kind, Form::Groups, shape.geometries, 1, 0),
         kind: shape.kind,
+        form: Form::Groups,
         geometries: &input.geometries,
     };
     let mut written = Written {
         node_count: 1,
-        leaf_count: target.leaves_of(0),
+        leaf_count: 0,
         depth: 1,
         bounds: Bounds::EMPTY,
         cost: 0.0,
     };
-    let leaves = |leaves: u32| match shape.kind {
-        // One record an instance, active or not.
-        kind if kind.is_top() => count as u32,
-        _ => leaves,
-    };
     if active == 0 {
-        written.leaf_count = leaves(0);
-        target.parts = Parts::new(shape.kind, shape.geometries, 1, written.leaf_count.into());
+        target.lay_out(&shape, &mut written);
         // SAFETY: the promised size has room for a node.
         unsafe { target.write_node(0, &Node::EMPTY) };
     } else {
@@ -253,45 +164,31 @@ unsafe fn build_to_depth(
             blocks,
         );
         let nodes = reinsert::improve(primitives, nodes, (pieces, order), &costs);
-        let fits = |nodes: u32, leaves: u32| {
-            let parts = Parts::new(shape.kind, shape.geometries, nodes.into(), leaves.into());
-            parts.size_bytes <= promised
-        };
-        let mut depth = collapse::plan(nodes, &costs);
-        if !fits(nodes[0].wide_nodes, leaves(nodes[0].wide_leaves)) {
-            // Fuller leaves, at some cost to the walk.
-            depth = collapse::plan(
-                nodes,
-                &Costs {
-                    leaf_forced: costs.leaf_max,
-                    ..costs
-                },
-            );
+        if takes_blocks(&shape, input.flags, &collected) {
+            target.form = Form::Blocks;
         }
-        let planned = (nodes[0].wide_nodes, leaves(nodes[0].wide_leaves));
-        if depth <= max_depth && fits(planned.0, planned.1) {
-            written = Written {
-                node_count: planned.0,
-                leaf_count: planned.1,
-                depth,
-                bounds: nodes[0].bounds(),
-                cost: 0.0,
-            };
-            target.parts = written.parts(&shape);
-            // SAFETY: the parts are inside the destination, and the plan fills exactly them.
-            unsafe { target.write_tree(nodes, primitives, 0, 0) };
-        } else {
-            written = Written {
-                node_count: target.packed_nodes(active),
-                leaf_count: leaves(packed_leaves(&target, active)),
-                depth: target.packed_depth(active),
-                bounds: Bounds::EMPTY,
-                cost: 0.0,
-            };
-            target.parts = written.parts(&shape);
-            debug_assert!(target.parts.size_bytes <= promised);
-            // SAFETY: as above.
-            written.bounds = unsafe { target.write_packed(primitives, 0, 0) };
+        // SAFETY: the caller's promise for the memory of the geometries.
+        let planned = unsafe { plan(&mut target, &shape, nodes, primitives, &costs) };
+        match planned.filter(|planned| planned.depth <= max_depth) {
+            Some(planned) => {
+                written = planned;
+                target.lay_out(&shape, &mut written);
+                // SAFETY: the parts are inside the destination, and the plan fills exactly them.
+                unsafe {
+                    target.write_tree(nodes, primitives, 0, 0);
+                    target.end_blocks(nodes[0].wide_leaves, written.leaf_count);
+                }
+            }
+            None => {
+                target.form = Form::Groups;
+                written.node_count = target.packed_nodes(active);
+                written.leaf_count = target.packed_leaves(active);
+                written.depth = target.packed_depth(active);
+                target.lay_out(&shape, &mut written);
+                debug_assert!(target.parts.size_bytes <= promised);
+                // SAFETY: as above.
+                written.bounds = unsafe { target.write_packed(primitives, 0, 0) };
+            }
         }
     }
     let mut origin_error = 0.0;
@@ -331,10 +228,62 @@ unsafe fn write_micromaps(target: &Target<'_>, bytes: u64) {
     }
 }
 
-/// Leaves of a packed tree: only the last child is not full.
-fn packed_leaves(target: &Target<'_>, count: usize) -> u32 {
-    let full = target.leaf_max();
-    (count / full) as u32 * target.leaves_of(full) + target.leaves_of(count % full)
+/// Whether a structure is written with [`Form::Blocks`]. Updates may part what shares vertices.
+fn takes_blocks(shape: &Shape, flags: BuildFlags, collected: &Collected) -> bool {
+    shape.kind == Kind::Triangles
+        && flags.contains(BuildFlags::LOW_MEMORY)
+        && !flags.contains(BuildFlags::ALLOW_UPDATE)
+        && collected.count >= WORTH_BLOCKS
+        && !collected.limited
+}
+
+/// Fewer triangles take no less memory in blocks, as there has to be room after the last.
+const WORTH_BLOCKS: usize = 32;
+
+/// Plans the wide tree so that it fits what was promised, in the target's form if that does; `None` if none does.
+///
+/// # Safety
+/// The memory of the geometries is readable.
+unsafe fn plan(
+    target: &mut Target<'_>,
+    shape: &Shape,
+    nodes: &mut [BinaryNode],
+    primitives: &[Primitive],
+    costs: &Costs,
+) -> Option<Written> {
+    let promised = structure_bytes(shape.kind, shape.geometries, shape.primitives);
+    // Fuller leaves are at some cost to the walk.
+    let full = Costs {
+        leaf_forced: costs.leaf_max,
+        ..*costs
+    };
+    let in_blocks = (target.form == Form::Blocks).then_some((Form::Blocks, costs));
+    let in_groups = [(Form::Groups, costs), (Form::Groups, &full)];
+    for (form, costs) in in_blocks.into_iter().chain(in_groups) {
+        target.form = form;
+        let depth = collapse::plan(nodes, costs, &|first, count| {
+            let own = &primitives[first as usize..][..count as usize];
+            // SAFETY: the caller's promise.
+            unsafe { target.leaves_for(own) }
+        });
+        let mut written = Written {
+            node_count: nodes[0].wide_nodes,
+            leaf_count: nodes[0].wide_leaves,
+            depth,
+            bounds: nodes[0].bounds(),
+            cost: 0.0,
+        };
+        // Slots of triangles have to be numbers.
+        let has_slots = form == Form::Groups || written.leaf_count < child::INDEX / 2 - BLOCK_UNITS;
+        if form == Form::Blocks && has_slots {
+            written.leaf_count += BLOCK_UNITS;
+        }
+        target.lay_out(shape, &mut written);
+        if has_slots && target.parts.size_bytes <= promised {
+            return Some(written);
+        }
+    }
+    None
 }
 
 /// Builds the binary tree and says what collapsing it costs.
@@ -389,233 +338,6 @@ fn block_cost(kind: Kind) -> f32 {
         Kind::Aabbs | Kind::Swept | Kind::Motion => 2.0,
         Kind::Instances | Kind::MotionInstances => 4.0,
     }
-}
-
-/// Whether memory suffices for a build, and not only for a refit.
-fn has_room(input: &BuildInput<'_>, shape: &Shape, destination: &[u8], scratch: &mut [u8]) -> bool {
-    let promised = structure_bytes(shape.kind, shape.geometries, shape.primitives);
-    destination.len() as u64 >= promised + shape.micromap_bytes
-        && carve(scratch, shape, input.flags).is_some()
-}
-
-/// What kind of structure an input makes, and how large.
-pub(crate) struct Shape {
-    pub kind: Kind,
-    pub geometries: u64,
-    pub primitives: u64,
-    /// Of the part for micromaps; 0 without.
-    pub micromap_bytes: u64,
-}
-
-impl Shape {
-    pub fn of(geometries: &Geometries<'_>) -> Result<Shape, BuildError> {
-        let count = |counts: &mut dyn Iterator<Item = u32>| counts.map(u64::from).sum();
-        let mut shape = match geometries {
-            Geometries::Triangles(list) => Shape {
-                kind: Kind::Triangles,
-                geometries: list.len() as u64,
-                primitives: count(&mut list.iter().map(|g| g.primitive_count)),
-                micromap_bytes: 0,
-            },
-            Geometries::Aabbs(list) => Shape {
-                kind: Kind::Aabbs,
-                geometries: list.len() as u64,
-                primitives: count(&mut list.iter().map(|g| g.primitive_count)),
-                micromap_bytes: 0,
-            },
-            Geometries::Swept(list) => Shape {
-                kind: Kind::Swept,
-                geometries: list.len() as u64,
-                primitives: count(&mut list.iter().map(|g| g.primitive_count)),
-                micromap_bytes: 0,
-            },
-            Geometries::Motion(list) => Shape {
-                kind: Kind::Motion,
-                geometries: list.len() as u64,
-                primitives: count(&mut list.iter().map(|g| g.start.primitive_count)),
-                micromap_bytes: 0,
-            },
-            Geometries::Instances(source) => Shape {
-                kind: match source.array.is_motion() {
-                    true => Kind::MotionInstances,
-                    false => Kind::Instances,
-                },
-                geometries: 1,
-                primitives: source.count.into(),
-                micromap_bytes: 0,
-            },
-        };
-        let most = match shape.kind {
-            kind if kind.is_top() => MAX_GEOMETRIES,
-            _ => MAX_PRIMITIVES,
-        };
-        if shape.geometries > MAX_GEOMETRIES || shape.primitives > most {
-            return Err(BuildError::TooLarge);
-        }
-        if geometries
-            .triangle_lists()
-            .any(|list| list.micromap.is_some())
-        {
-            shape.micromap_bytes = micromap_part_bytes(shape.geometries, shape.primitives);
-        }
-        Ok(shape)
-    }
-}
-
-struct Written {
-    node_count: u32,
-    leaf_count: u32,
-    depth: u32,
-    bounds: Bounds,
-    /// [`Header::cost`].
-    cost: f32,
-}
-
-impl Written {
-    fn parts(&self, shape: &Shape) -> Parts {
-        Parts::new(
-            shape.kind,
-            shape.geometries,
-            self.node_count.into(),
-            self.leaf_count.into(),
-        )
-    }
-}
-
-/// The scratch memory: places for primitives, for a binary tree over them, and for boxes beside it.
-struct Workspace<'a> {
-    primitives: &'a mut [Primitive],
-    nodes: &'a mut [BinaryNode],
-    blocks: &'a mut [Corners],
-    pieces: &'a mut [Piece],
-    /// As many numbers as pieces.
-    order: &'a mut [u32],
-}
-
-fn carve<'a>(scratch: &'a mut [u8], shape: &Shape, flags: BuildFlags) -> Option<Workspace<'a>> {
-    let start = scratch.as_ptr().align_offset(SCRATCH_ALIGNMENT);
-    let places = Places::new(shape.kind, flags, shape.primitives);
-    let mut rest = scratch.get_mut(start..)?;
-    // SAFETY: all four types are plain numbers for which any bytes will do.
-    unsafe {
-        Some(Workspace {
-            pieces: take(&mut rest, places.pieces)?,
-            primitives: take(&mut rest, places.primitives)?,
-            blocks: take(&mut rest, places.blocks)?,
-            nodes: take(&mut rest, places.nodes)?,
-            order: take(&mut rest, places.pieces)?,
-        })
-    }
-}
-
-/// Takes places for `count` of a type from the front of memory, which has to be aligned to them.
-///
-/// # Safety
-/// Any bytes will do for a `T`.
-unsafe fn take<'a, T>(memory: &mut &'a mut [u8], count: u64) -> Option<&'a mut [T]> {
-    let count = count as usize;
-    let (taken, rest) = std::mem::take(memory).split_at_mut_checked(count * size_of::<T>())?;
-    *memory = rest;
-    debug_assert!(taken.is_empty() || taken.as_ptr().cast::<T>().is_aligned());
-    // SAFETY: long enough and nobody else's; every size before is a multiple of the alignment.
-    Some(unsafe { std::slice::from_raw_parts_mut(taken.as_mut_ptr().cast(), count) })
-}
-
-/// Writes the header and the geometry table, and zeros in the gaps between parts.
-///
-/// # Safety
-/// The target's parts are inside memory that is the caller's to write.
-unsafe fn write_head(
-    target: &Target<'_>,
-    input: &BuildInput<'_>,
-    shape: &Shape,
-    written: &Written,
-    origin_error: f32,
-) {
-    let parts = &target.parts;
-    let gap = |start: u64, end: u64| {
-        // SAFETY: inside the blob.
-        unsafe {
-            target
-                .base
-                .add(start as usize)
-                .write_bytes(0, (end - start) as usize);
-        }
-    };
-    let mut all_features = 0;
-    let mut first_primitive = 0;
-    let mut entry = |index: usize, primitive_count: u32, flags: GeometryFlags| {
-        all_features |= if flags.contains(GeometryFlags::OPAQUE) {
-            features::OPAQUE
-        } else {
-            features::NOT_OPAQUE
-        };
-        let entry = GeometryEntry {
-            first_primitive,
-            primitive_count,
-            flags: flags.0,
-        };
-        first_primitive += u64::from(primitive_count);
-        let offset = parts.geometries_offset as usize + index * size_of::<GeometryEntry>();
-        // SAFETY: inside the geometry table; 16-byte aligned.
-        unsafe { target.base.add(offset).cast::<GeometryEntry>().write(entry) };
-    };
-    match &input.geometries {
-        Geometries::Triangles(list) => list
-            .iter()
-            .enumerate()
-            .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),
-        Geometries::Aabbs(list) => list
-            .iter()
-            .enumerate()
-            .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),
-        Geometries::Swept(list) => list
-            .iter()
-            .enumerate()
-            .for_each(|(i, g)| entry(i, g.primitive_count, g.flags)),
-        Geometries::Motion(list) => list
-            .iter()
-            .enumerate()
-            .for_each(|(i, g)| entry(i, g.start.primitive_count, g.start.flags)),
-        Geometries::Instances(source) => entry(0, source.count, source.flags),
-    }
-    if shape.micromap_bytes > 0 {
-        all_features |= features::OPAQUE | features::NOT_OPAQUE;
-    }
-    let table_end = parts.geometries_offset + shape.geometries * size_of::<GeometryEntry>() as u64;
-    gap(table_end, parts.references_offset);
-    let references_end = parts.references_offset
-        + match shape.kind {
-            kind if kind.is_top() => u64::from(written.leaf_count) * 8,
-            _ => 0,
-        };
-    gap(references_end, parts.nodes_offset);
-    let leaves_end = parts.leaves_offset + u64::from(written.leaf_count) * leaf_bytes(shape.kind);
-    gap(leaves_end, parts.size_bytes);
-    let header = Header {
-        magic: MAGIC,
-        version: VERSION,
-        kind: shape.kind as u32,
-        flags: input.flags.0,
-        geometry_count: shape.geometries as u32,
-        primitive_count: shape.primitives,
-        size_bytes: parts.size_bytes + shape.micromap_bytes,
-        node_count: written.node_count,
-        leaf_count: written.leaf_count,
-        geometries_offset: parts.geometries_offset,
-        references_offset: parts.references_offset,
-        nodes_offset: parts.nodes_offset,
-        leaves_offset: parts.leaves_offset,
-        micromap_bytes: shape.micromap_bytes,
-        bounds: written.bounds,
-        origin_error,
-        features: all_features,
-        depth: written.depth,
-        cost: written.cost,
-        reserved: [0; 26],
-    };
-    // SAFETY: the blob begins with its header.
-    unsafe { target.base.cast::<Header>().write(header) };
 }
 
 #[cfg(test)]

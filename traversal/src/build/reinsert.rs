@@ -8,7 +8,7 @@ use rayon::join;
 use super::collapse::Costs;
 use super::corners::Corners;
 use super::primitive::{Primitive, in_pool};
-use super::tree::BinaryNode;
+use super::tree::{BinaryNode, PARALLEL};
 use crate::structure::Kind;
 
 /// A node of the top of the tree; one without children stands for the subtree that hangs there.
@@ -50,7 +50,7 @@ pub(crate) fn places(kind: Kind, count: u64) -> (u64, u64) {
     match kind {
         _ if count < FEW => (0, 0),
         // Leaves hold several, so that two trees have room where one is grown.
-        Kind::Triangles => ((count / 8 + 16).min(MOST), 0),
+        Kind::Triangles => ((count / 32 + 16).min(MOST), 0),
         // Instances overlap more than anything else. All nodes are pieces.
         kind if kind.is_top() => ((2 * count).min(MOST), count.min(MOST / 2)),
         _ => (0, 0),
@@ -292,7 +292,7 @@ impl<'a> Top<'a> {
                 self.at_mut(piece).count = counts.iter().sum();
                 size
             }
-            false => packed_size(nodes, at as usize),
+            false => nodes[at as usize].wide_nodes,
         };
         self.at_mut(piece).size = size;
         size
@@ -367,7 +367,7 @@ impl Piece {
 
 /// Does both, side by side if that is worth it.
 fn both(count: u32, one: impl FnOnce() + Send, other: impl FnOnce() + Send) {
-    if count > super::tree::PARALLEL as u32 && in_pool() {
+    if count > PARALLEL as u32 && in_pool() {
         join(one, other);
     } else {
         one();
@@ -375,20 +375,14 @@ fn both(count: u32, one: impl FnOnce() + Send, other: impl FnOnce() + Send) {
     }
 }
 
-/// Nodes of the subtree at a place.
-fn packed_size(nodes: &[BinaryNode], at: usize) -> u32 {
-    match nodes[at].is_leaf() {
-        true => 1,
-        false => {
-            let right = at + nodes[at].right();
-            1 + packed_size(nodes, at + 1) + packed_size(nodes, right)
-        }
-    }
-}
-
 /// Moves a subtree to the front of where it is, without gaps. Returns its size.
 fn pack(nodes: &mut [BinaryNode], from: usize, to: usize) -> usize {
     let mut node = nodes[from];
+    if node.count as usize <= PARALLEL {
+        let size = node.wide_nodes as usize;
+        nodes.copy_within(from..from + size, to);
+        return size;
+    }
     let mut size = 1;
     if !node.is_leaf() {
         let right = from + node.right();

@@ -1,6 +1,7 @@
 //! Trees as the fallback packs them.
 
 use super::*;
+use crate::input::GeometryFlags;
 use crate::{
     AabbGeometry, Event, IndexType, InstanceArray, InstanceSource, Memory, Ray, TriangleGeometry,
     Verdict, VertexFormat, Walk, Walker,

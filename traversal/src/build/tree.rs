@@ -1,7 +1,7 @@
 //! A binary tree over primitives by the surface area heuristic, in the caller's scratch memory.
 //!
-//! Top down, by the splits of [`super::split`]. A subtree of n primitives
-//! occupies the 2n − 1 nodes from its root on, whatever its shape: the place of a node depends on
+//! Top down, by the splits of [`super::split`]. A subtree of n primitives has room for
+//! 2n − 1 nodes from its root on, whatever its shape: the place of a node depends on
 //! the primitives alone and never on which thread came first.
 
 use super::corners::Corners;
@@ -14,6 +14,7 @@ use crate::layout::Bounds;
 use super::vector::Avx2;
 
 /// A node of the binary tree. The left child is the next node; nodes of a subtree lie together, and so do its primitives.
+/// Subtrees of up to [`PARALLEL`] primitives that [`build`] makes have no gaps between their nodes.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C, align(16))]
 pub(crate) struct BinaryNode {
@@ -21,7 +22,7 @@ pub(crate) struct BinaryNode {
     /// Primitives below.
     pub count: u32,
     max: [f32; 3],
-    /// Nodes of the wide tree below and including this one, once planned.
+    /// Nodes below and including this one; once planned, those of the wide tree.
     pub wide_nodes: u32,
     /// Leaves of the blob below, once planned.
     pub wide_leaves: u32,
@@ -40,6 +41,7 @@ impl BinaryNode {
             min: bounds.min,
             count: count as u32,
             max: bounds.max,
+            wide_nodes: 1,
             ..BinaryNode::default()
         }
     }
@@ -104,7 +106,8 @@ pub(crate) fn build(
     #[cfg(target_arch = "x86_64")]
     if is_x86_feature_detected!("avx2") {
         // SAFETY: the machine has it.
-        return unsafe { subtree_avx2(primitives, nodes, rules, extent, 0) };
+        unsafe { subtree_avx2(primitives, nodes, rules, extent, 0) };
+        return;
     }
     build_portable(primitives, nodes, rules, extent);
 }
@@ -137,12 +140,12 @@ unsafe fn extent_avx2(primitives: &[Primitive]) -> Extent {
     Extent::of::<Avx2>(primitives)
 }
 
-/// One of the two instances of [`subtree`].
+/// One of the two instances of [`subtree`]; returns how many nodes there are.
 ///
 /// # Safety
 /// The machine has the instruction set.
 pub(crate) type Subtree =
-    unsafe fn(&mut [Primitive], &mut [BinaryNode], rules: &SplitRules, extent: Extent, depth: u32);
+    unsafe fn(&mut [Primitive], &mut [BinaryNode], &SplitRules, Extent, u32) -> usize;
 
 /// # Safety
 /// The machine has AVX2.
@@ -154,8 +157,8 @@ pub(crate) unsafe fn subtree_avx2(
     rules: &SplitRules,
     extent: Extent,
     depth: u32,
-) {
-    subtree::<Avx2>(primitives, nodes, rules, extent, depth, subtree_avx2);
+) -> usize {
+    subtree::<Avx2>(primitives, nodes, rules, extent, depth, subtree_avx2)
 }
 
 pub(crate) fn subtree_portable(
@@ -164,8 +167,8 @@ pub(crate) fn subtree_portable(
     rules: &SplitRules,
     extent: Extent,
     depth: u32,
-) {
-    subtree::<Portable>(primitives, nodes, rules, extent, depth, subtree_portable);
+) -> usize {
+    subtree::<Portable>(primitives, nodes, rules, extent, depth, subtree_portable)
 }
 
 /// Inlined into one function for each instruction set, `again`, which is also who builds the
@@ -178,12 +181,12 @@ fn subtree<V: Vector>(
     extent: Extent,
     depth: u32,
     again: Subtree,
-) {
+) -> usize {
     let count = primitives.len();
     let leaf = count < rules.stop.max(2);
     nodes[0] = BinaryNode::new(&extent.corners, count);
     if leaf {
-        return;
+        return 1;
     }
     // Few primitives need few bins.
     let chosen = if depth >= HEURISTIC_DEPTH {
@@ -203,17 +206,29 @@ fn subtree<V: Vector>(
         Some(split) => partition::<V>(primitives, &split),
         None => halve::<V>(primitives, &extent),
     };
-    nodes[0].set_right(2 * middle);
     let (left, right) = primitives.split_at_mut(middle);
-    let (left_nodes, right_nodes) = nodes[1..].split_at_mut(2 * middle - 1);
-    // SAFETY: the machine that runs this has the instruction set.
-    let mut go_left = || unsafe { again(left, left_nodes, rules, left_extent, depth + 1) };
-    // SAFETY: as above.
-    let mut go_right = || unsafe { again(right, right_nodes, rules, right_extent, depth + 1) };
-    if count > PARALLEL && in_pool() {
-        rayon::join(go_left, go_right);
+    let sizes = if count > PARALLEL {
+        // Each side has room for whatever it becomes.
+        nodes[0].set_right(2 * middle);
+        let (left_nodes, right_nodes) = nodes[1..].split_at_mut(2 * middle - 1);
+        // SAFETY: the machine that runs this has the instruction set.
+        let mut go_left = || unsafe { again(left, left_nodes, rules, left_extent, depth + 1) };
+        // SAFETY: as above.
+        let mut go_right = || unsafe { again(right, right_nodes, rules, right_extent, depth + 1) };
+        match in_pool() {
+            true => rayon::join(go_left, go_right),
+            false => (go_left(), go_right()),
+        }
     } else {
-        go_left();
-        go_right();
-    }
+        // SAFETY: as above.
+        unsafe {
+            let size = again(left, &mut nodes[1..], rules, left_extent, depth + 1);
+            nodes[0].set_right(1 + size);
+            let rest = &mut nodes[1 + size..];
+            (size, again(right, rest, rules, right_extent, depth + 1))
+        }
+    };
+    let size = 1 + sizes.0 + sizes.1;
+    nodes[0].wide_nodes = size as u32;
+    size
 }

@@ -3,7 +3,7 @@
 use super::emit::Target;
 use super::{BuildError, Shape, refit};
 use crate::input::{BuildFlags, BuildInput, Geometries};
-use crate::layout::{Header, Parts, micromap_part_bytes};
+use crate::layout::{Form, Header, Parts, micromap_part_bytes};
 use crate::structure::Structure;
 
 /// How much dearer walks may become by updates before a structure is built anew.
@@ -50,6 +50,7 @@ pub unsafe fn update(
     let structure = Structure::of(destination).map_err(|_| BuildError::Source)?;
     let header = *structure.header();
     if structure.kind() != shape.kind
+        || structure.form() != Form::Groups
         || header.primitive_count != shape.primitives
         || u64::from(header.geometry_count) != shape.geometries
         || header.flags & BuildFlags::ALLOW_UPDATE == 0
@@ -62,11 +63,13 @@ pub unsafe fn update(
         base: destination.as_mut_ptr(),
         parts: Parts::new(
             shape.kind,
+            Form::Groups,
             shape.geometries,
             header.node_count.into(),
             header.leaf_count.into(),
         ),
         kind: shape.kind,
+        form: Form::Groups,
         geometries: &input.geometries,
     };
     let mut header = header;

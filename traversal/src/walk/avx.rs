@@ -5,6 +5,7 @@ use std::arch::x86_64::*;
 
 use super::Walk;
 use super::beams::{Beams, Lanes, ROW};
+use super::block;
 use super::descend::push_children;
 use super::group;
 use super::kernel::{GroupHits, Kernel, T_MARGIN};
@@ -12,7 +13,7 @@ use super::leaf::{Leaf, Triangles};
 use super::opaque::{End, Opaque, Pending};
 use super::space::Space;
 use super::walker::Entry;
-use crate::layout::{GROUP, Node, TriangleGroup, WIDTH};
+use crate::layout::{Block, GROUP, Node, TriangleGroup, WIDTH};
 
 /// Eight boxes or four triangles in one vector. `WIDE`: with AVX-512.
 pub(crate) struct Avx<const WIDE: bool>;
@@ -221,6 +222,12 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
             _mm256_store_si256(nears.0.as_mut_ptr().cast(), near);
             push_children::<ANY>(mask, children, &nears.0, place)
         }
+    }
+
+    #[inline(always)]
+    unsafe fn expand(block: &Block, groups: [&mut TriangleGroup; 2]) -> u32 {
+        // SAFETY: the caller promises AVX2.
+        unsafe { block::expand(block, groups) }
     }
 
     #[inline(always)]

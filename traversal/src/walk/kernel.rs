@@ -8,7 +8,7 @@ use super::opaque::{End, Opaque, Pending};
 use super::space::{Space, max, min};
 use super::triangle::{Intersection, Rim, intersect};
 use super::walker::Entry;
-use crate::layout::{GROUP, LEAF_TRIANGLES, Node, TriangleGroup, WIDTH};
+use crate::layout::{Block, GROUP, LEAF_TRIANGLES, Node, TriangleGroup, WIDTH};
 
 /// Inner tests with one instruction set.
 ///
@@ -79,6 +79,12 @@ pub(crate) trait Kernel {
         children: &[u32; WIDTH],
         place: *mut Entry,
     ) -> (u32, usize);
+
+    /// Writes the vertices of a block's triangles into two groups. Returns which of their lanes there are.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn expand(block: &Block, groups: [&mut TriangleGroup; 2]) -> u32;
 
     /// Which of some lanes of one or two groups (then the same twice) an opaque triangle is hit in, in the interval
     /// `t_min < t <= t_far`: what [`intersect`] says of each, its edges included. The ray's distances are not scaled.
@@ -266,6 +272,11 @@ impl Kernel for Portable {
     ) -> (u32, usize) {
         // SAFETY: the caller's promise.
         unsafe { push_children::<ANY>(mask, children, &near, place) }
+    }
+
+    #[inline(always)]
+    unsafe fn expand(block: &Block, groups: [&mut TriangleGroup; 2]) -> u32 {
+        block.expand(groups)
     }
 
     #[inline(always)]

@@ -6,7 +6,7 @@ use super::level::Level;
 use super::space::Space;
 use super::triangle::{Rim, intersect};
 use super::{Event, Walk, micromap, motion, swept};
-use crate::layout::{GROUP, TriangleGroup, child, geometry_word};
+use crate::layout::{Block, GROUP, TriangleGroup, child, geometry_word};
 use crate::ray::{HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, Hit};
 use crate::structure::Kind;
 
@@ -108,13 +108,20 @@ impl Triangles<'_> {
         // SAFETY: the caller's promise.
         let ray = unsafe { K::load_shear(self.space) };
         let index = self.word & child::INDEX;
-        let groups = if self.word & child::TWO_GROUPS != 0 {
-            2
-        } else {
-            1
+        let structure = &self.level.structure;
+        let first_slot = structure.first_slot(index);
+        let block = structure.block(index).map(Block::groups);
+        let groups = match &block {
+            Some([_, last]) if last.lanes != 0 => 2,
+            None if self.word & child::TWO_GROUPS != 0 => 2,
+            _ => 1,
         };
         for group_index in self.first_lane / 4..groups {
-            let Some(group) = self.level.structure.group(index + group_index) else {
+            let group = match &block {
+                Some(groups) => groups.get(group_index as usize),
+                None => structure.group(index + group_index),
+            };
+            let Some(group) = group else {
                 return Leaf::Finished;
             };
             // SAFETY: the caller's promise.
@@ -124,7 +131,7 @@ impl Triangles<'_> {
             while mask != 0 {
                 let lane = mask.trailing_zeros();
                 mask &= mask - 1;
-                let Some(hit) = self.hit(walk, group, 4 * (index + group_index) + lane) else {
+                let Some(hit) = self.hit(walk, group, first_slot + 4 * group_index + lane) else {
                     continue;
                 };
                 if !hit.opaque {

@@ -25,6 +25,8 @@
 #[cfg(target_arch = "x86_64")]
 mod avx;
 mod beams;
+#[cfg(target_arch = "x86_64")]
+mod block;
 mod descend;
 mod facts;
 #[cfg(target_arch = "x86_64")]

@@ -7,7 +7,7 @@ use super::kernel::{GroupHits, Kernel};
 use super::options::Specialisation;
 use super::walker::{Entry, STACK};
 use super::{Event, PACKET, State, Step, Verdict, Walk, Walker, descend};
-use crate::layout::{GROUP, LEAF_TRIANGLES, WIDTH, child, instance_state};
+use crate::layout::{Form, GROUP, LEAF_TRIANGLES, TriangleGroup, WIDTH, child, instance_state};
 use crate::ray::Hit;
 use crate::structure::{Kind, Structure};
 
@@ -159,7 +159,9 @@ impl Opaque<'_> {
         fuel: &mut u64,
     ) -> End {
         let (nodes, node_count) = (self.structure.nodes(), self.structure.node_count());
-        let (groups, group_count) = self.structure.groups();
+        let (all_groups, group_count) = self.structure.groups();
+        let is_blocks = self.structure.form() == Form::Blocks;
+        let mut place = None;
         let lane = self.lane % PACKET;
         let (t_min, mut t_far) = (walk.ray.t_min, walk.hit.t);
         let mut nearest = Nearest::NONE;
@@ -233,24 +235,40 @@ impl Opaque<'_> {
                 }
             }
             let index = word & child::INDEX;
-            let two = word & child::TWO_GROUPS != 0;
-            let last = index + u32::from(two);
-            // Of no child there is no group.
-            if last >= group_count {
-                continue 'next;
+            let (groups, lanes);
+            if is_blocks {
+                let Some(block) = self.structure.block(index) else {
+                    continue 'next;
+                };
+                let [first, last] = &mut *place.get_or_insert([TriangleGroup::EMPTY; 2]);
+                // SAFETY: the caller's promise.
+                lanes = unsafe { K::expand(block, [first, last]) };
+                groups = [&*first, &*last];
+            } else {
+                let two = word & child::TWO_GROUPS != 0;
+                let last = index + u32::from(two);
+                // Of no child there is no group.
+                if last >= group_count {
+                    continue 'next;
+                }
+                // SAFETY: below the count, so inside the part; parts are aligned.
+                let [first, last] = unsafe {
+                    [
+                        &*all_groups.add(index as usize),
+                        &*all_groups.add(last as usize),
+                    ]
+                };
+                let others = if two { last.lanes & 0xF } else { 0 };
+                lanes = first.lanes & 0xF | others << GROUP;
+                groups = [first, last];
             }
-            // SAFETY: below the count, so inside the part; parts are aligned.
-            let [first, last] =
-                unsafe { [&*groups.add(index as usize), &*groups.add(last as usize)] };
-            let others = if two { last.lanes & 0xF } else { 0 };
-            let lanes = first.lanes & 0xF | others << GROUP;
             // SAFETY: the caller's promise.
             let mut mask = unsafe {
                 K::intersect_leaf(
                     self.beams,
                     lane,
                     &beam,
-                    [first, last],
+                    groups,
                     lanes,
                     [t_min, t_far],
                     found,
@@ -260,7 +278,7 @@ impl Opaque<'_> {
                 let i = mask.trailing_zeros() as usize % LEAF_TRIANGLES;
                 mask &= mask - 1;
                 let t = found.t[i];
-                let slot = GROUP as u32 * index + i as u32;
+                let slot = self.structure.first_slot(index) + i as u32;
                 if t > t_far || t == t_far && !self.wins_tie(walk, nearest.slot, slot) {
                     continue;
                 }

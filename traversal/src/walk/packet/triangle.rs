@@ -8,6 +8,7 @@ use crate::layout::{GROUP, LEAF_TRIANGLES, TriangleGroup, child};
 use crate::structure::Structure;
 use crate::walk::PACKET;
 use crate::walk::beams::AXIS;
+use crate::walk::block;
 use crate::walk::group;
 use crate::walk::kernel::GroupHits;
 use crate::walk::options::Accuracy;
@@ -24,26 +25,36 @@ pub(super) fn test_leaf(
     found: &mut Found,
 ) {
     let index = word & child::INDEX;
-    let two = word & child::TWO_GROUPS != 0;
-    let Some(first) = structure.group(index) else {
-        return;
-    };
-    let last = match two {
-        true => structure.group(index + 1).unwrap_or(first),
-        false => first,
-    };
-    let others = if two { last.lanes & 0xF } else { 0 };
-    let there = first.lanes & 0xF | others << GROUP;
-    let groups = [first, last];
+    let (mut first_place, mut last_place);
+    let (groups, there);
+    if let Some(block) = structure.block(index) {
+        (first_place, last_place) = (TriangleGroup::EMPTY, TriangleGroup::EMPTY);
+        // SAFETY: the machine has AVX2.
+        there = unsafe { block::expand(block, [&mut first_place, &mut last_place]) };
+        groups = [&first_place, &last_place];
+    } else {
+        let two = word & child::TWO_GROUPS != 0;
+        let Some(first) = structure.group(index) else {
+            return;
+        };
+        let last = match two {
+            true => structure.group(index + 1).unwrap_or(first),
+            false => first,
+        };
+        let others = if two { last.lanes & 0xF } else { 0 };
+        there = first.lanes & 0xF | others << GROUP;
+        groups = [first, last];
+    }
+    let first_slot = structure.first_slot(index);
     let mut rest = there & rays.test_triangles(groups, t_far);
     if 2 * lanes.count_ones() <= rest.count_ones() {
-        return test_singly(rays, structure, groups, there, index, lanes, found);
+        return test_singly(rays, structure, groups, there, first_slot, lanes, found);
     }
     while rest != 0 {
         let i = rest.trailing_zeros() as usize % LEAF_TRIANGLES;
         rest &= rest - 1;
-        let slot = GROUP as u32 * index + i as u32;
-        test_triangle(rays, structure, groups[i / GROUP], slot, lanes, found);
+        let place = (groups[i / GROUP], i % GROUP);
+        test_triangle(rays, structure, place, first_slot + i as u32, lanes, found);
     }
 }
 
@@ -55,7 +66,7 @@ fn test_singly(
     structure: &Structure,
     groups: [&TriangleGroup; 2],
     there: u32,
-    index: u32,
+    first_slot: u32,
     lanes: u16,
     found: &mut Found,
 ) {
@@ -76,7 +87,7 @@ fn test_singly(
                 barycentrics: [hits.barycentrics[0][i], hits.barycentrics[1][i]],
                 front: hits.front >> i & 1 != 0,
             };
-            found.offer(structure, lane, GROUP as u32 * index + i as u32, &hit);
+            found.offer(structure, lane, first_slot + i as u32, &hit);
         }
     }
 }
@@ -88,12 +99,11 @@ type Flat = (__m512, __m512, __m512);
 fn test_triangle(
     rays: &Rays,
     structure: &Structure,
-    group: &TriangleGroup,
+    (group, i): (&TriangleGroup, usize),
     slot: u32,
     lanes: u16,
     found: &mut Found,
 ) {
-    let i = slot as usize % GROUP;
     let beams = &rays.beams;
     let axes = rays.axes.map(|axis| axis / AXIS as usize % 3);
     let moved = |vertex: usize, k: usize| {
@@ -199,7 +209,7 @@ fn test_triangle(
     }
     let undecided = inside & !decided;
     if undecided != 0 {
-        test_exactly(rays, structure, group, slot, undecided, found);
+        test_exactly(rays, structure, &group.triangle(i), slot, undecided, found);
     }
 }
 
@@ -209,14 +219,13 @@ fn test_triangle(
 fn test_exactly(
     rays: &Rays,
     structure: &Structure,
-    group: &TriangleGroup,
+    triangle: &[[f32; 3]; 3],
     slot: u32,
     lanes: u16,
     found: &mut Found,
 ) {
     for lane in (0..PACKET).filter(|lane| lanes >> lane & 1 != 0) {
-        let triangle = group.triangle(slot as usize % GROUP);
-        if let Some(hit) = intersect(&rays.beams.space(lane), &triangle, Rim::Included)
+        if let Some(hit) = intersect(&rays.beams.space(lane), triangle, Rim::Included)
             && hit.t > rays.beams.t_min[lane]
         {
             found.offer(structure, lane, slot, &hit);
