@@ -67,6 +67,18 @@ pub struct Ray {
     pub cull_mask: u32,
 }
 
+impl Ray {
+    /// No ray: all zero.
+    pub(crate) const NONE: Ray = Ray {
+        origin: [0.0; 3],
+        t_min: 0.0,
+        direction: [0.0; 3],
+        t_max: 0.0,
+        flags: 0,
+        cull_mask: 0,
+    };
+}
+
 /// A point where a ray meets a primitive: a candidate, or the hit that is committed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[repr(C)]
@@ -118,6 +130,14 @@ impl Hit {
         triangle: false,
         swept: Swept::No,
     };
+
+    /// Whether this is to be preferred to another hit at the same distance. Among opaque primitives that traversal finds, the one with
+    /// the least instance, geometry and primitive is, so that the order of the walk does not show.
+    #[inline(always)]
+    pub(crate) fn wins_tie(&self, other: &Hit) -> bool {
+        let key = |hit: &Hit| (hit.instance_index, hit.geometry_index, hit.primitive_index);
+        self.opaque && other.opaque && other.is_built_in() && key(self) < key(other)
+    }
 
     /// Traversal found it, not an intersection shader.
     #[inline]
