@@ -18,6 +18,8 @@ pub mod ray_flags {
     pub const CULL_OPAQUE: u32 = 0x40;
     /// Geometry that is not opaque is no candidate.
     pub const CULL_NO_OPAQUE: u32 = 0x80;
+    /// All that opacity decides about.
+    pub const OPACITY: u32 = OPAQUE | NO_OPAQUE | CULL_OPAQUE | CULL_NO_OPAQUE;
     /// Triangles, spheres and linear swept spheres are no candidates.
     pub const SKIP_TRIANGLES: u32 = 0x100;
     /// Boxes are no candidates.

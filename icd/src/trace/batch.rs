@@ -1,5 +1,6 @@
 //! One batch: run ready waves, advance walks, form waves of the calls; until nothing is left.
 
+use smallvec::SmallVec;
 use spirv_jit::program::{AlignedRow, Event, ResumePoint, SiteKind, Wave};
 use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
 use traversal::{RayRows, Verdict, Walk, Walker};
@@ -18,6 +19,9 @@ use crate::settings::settings;
 
 /// Fuel of one run or walk between two looks at the limits.
 pub(super) const FUEL: u64 = 1 << 16;
+
+/// Subgroups in a wave of most shaders, at most.
+const USUAL_WAVE: usize = 16;
 
 /// Waves between two looks at the limits.
 const PATIENCE: u32 = 256;
@@ -228,7 +232,7 @@ impl<'a> Batch<'a> {
 
     fn run_wave(&mut self, program: ProgramIndex, wave: &[SubgroupIndex]) -> Result<(), Stopped> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
-        let mut rows: Vec<_> = wave
+        let mut rows: SmallVec<[_; USUAL_WAVE]> = wave
             .iter()
             .map(|&index| std::mem::take(&mut self.worker.subgroups[index].rows))
             .collect();

@@ -10,7 +10,7 @@ use super::Dispatch;
 use super::grid::Grid;
 use super::rays::{Operands, RayGroup, Report, operand, structure_in, to_object};
 use super::slab::Slab;
-use super::subgroup::{LaneRef, Role, Subgroup};
+use super::subgroup::{LaneRef, Role, Subgroup, in_place};
 use super::table::HANDLE_SIZE;
 
 /// What inputs are read from.
@@ -94,7 +94,12 @@ impl Sources<'_> {
             .iter()
             .all(|caller| caller.index() == callers[0].index());
         if same {
-            return Callers::One(data(&callers[0]), callers.map(LaneRef::lane));
+            let data = data(&callers[0]);
+            let in_place = in_place(u16::MAX, callers);
+            return match in_place {
+                true => Callers::InPlace(data),
+                false => Callers::One(data, callers.map(LaneRef::lane)),
+            };
         }
         Callers::Many(callers.map(|caller| (data(&caller), caller.lane())))
     }
@@ -102,6 +107,8 @@ impl Sources<'_> {
 
 /// The payloads or callable data of the callers.
 enum Callers<'a> {
+    /// Of one subgroup, each in its own lane.
+    InPlace(&'a [AlignedRow]),
     /// Of one subgroup, and which lane of it each is.
     One(&'a [AlignedRow], Lanes<usize>),
     Many(Lanes<(&'a [AlignedRow], usize)>),
@@ -111,6 +118,7 @@ impl Callers<'_> {
     /// A word of every caller's data; zero past the end of it.
     fn gather(&self, word: usize) -> Row {
         match self {
+            Callers::InPlace(data) => data.get(word).map_or([0; SUBGROUP_SIZE], |row| row.0),
             Callers::One(data, lanes) => data.get(word).map_or([0; SUBGROUP_SIZE], |row| {
                 lanes.map(|lane| row.0[lane % SUBGROUP_SIZE])
             }),
@@ -162,15 +170,14 @@ impl<'a> HitLanes<'a> {
         let walks = decides.then(|| {
             std::array::from_fn(|lane| &sources.walks[groups[lane].walks[of[lane].lane()]])
         });
-        let first = LaneRef::new(of[0].index(), 0);
         Self {
             dispatch: sources.dispatch,
             role: subgroup.role,
             groups,
             operands,
             lanes: of.map(LaneRef::lane),
-            is_in_place: (of.iter().enumerate())
-                .all(|(lane, &ray)| ray == LaneRef::new(first.index(), lane)),
+            is_in_place: of.iter().all(|ray| ray.index() == of[0].index())
+                && in_place(u16::MAX, of),
             walks,
             object_to_world: OnceCell::new(),
             world_to_object: OnceCell::new(),
@@ -273,19 +280,35 @@ impl<'a> HitLanes<'a> {
         }
     }
 
+    /// What structures say of the instances that were hit.
+    fn of_instances(&self, read: impl Fn(Structure, u32, f32) -> [f32; 12]) -> Lanes<[f32; 12]> {
+        let mut last: Option<((u64, u32, u32), [f32; 12])> = None;
+        std::array::from_fn(|lane| {
+            let named = structure_in(self.operands[lane], self.lanes[lane]);
+            let (index, time) = (self.hit(lane).instance_index, self.time(lane));
+            let asked = (named, index, time.to_bits());
+            if let Some((before, matrix)) = last
+                && before == asked
+            {
+                return matrix;
+            }
+            // SAFETY: as for the walk: the structure is built and bound until the dispatch is complete.
+            let structure = unsafe { Structure::at(self.dispatch.limits.structure(named)) };
+            let matrix = structure.map_or([0.0; 12], |structure| read(structure, index, time));
+            last = Some((asked, matrix));
+            matrix
+        })
+    }
+
     fn object_to_world(&self) -> &Lanes<[f32; 12]> {
         self.object_to_world.get_or_init(|| {
-            self.of_structures(|structure, hit, time| {
-                structure.object_to_world_at(hit.instance_index, time)
-            })
+            self.of_instances(|structure, index, time| structure.object_to_world_at(index, time))
         })
     }
 
     fn world_to_object(&self) -> &Lanes<[f32; 12]> {
         self.world_to_object.get_or_init(|| {
-            self.of_structures(|structure, hit, time| {
-                structure.world_to_object_at(hit.instance_index, time)
-            })
+            self.of_instances(|structure, index, time| structure.world_to_object_at(index, time))
         })
     }
 

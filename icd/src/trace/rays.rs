@@ -133,8 +133,11 @@ impl RayGroup {
             true => floats(operand::TIME),
             false => [0.0; SUBGROUP_SIZE],
         };
-        let flags = dispatch.pipeline_ray_flags;
-        rays.flags = operands[operand::FLAGS].0.map(|given| given | flags);
+        let (flags, all) = (dispatch.pipeline_ray_flags, dispatch.takes_all_hits);
+        rays.flags = operands[operand::FLAGS].0.map(|given| {
+            let opaque = all && given & ray_flags::OPACITY == 0;
+            given | flags | if opaque { ray_flags::OPAQUE } else { 0 }
+        });
         rays.cull_mask = operands[operand::CULL_MASK].0.map(|mask| mask & 0xff);
         let mut last = (0, 0);
         for lane in lanes_of(self.in_flight) {
