@@ -135,10 +135,8 @@ impl Frame {
 
     fn part(&self) -> Option<&'static str> {
         let file = self.file.as_ref()?;
-        let here = |path: &&str| file.contains(path);
-        let found = PARTS
-            .iter()
-            .find(|(_, paths)| paths.iter().any(|path| here(path)));
+        let here = |path: &&str| file.contains(*path);
+        let found = PARTS.iter().find(|(_, paths)| paths.iter().any(here));
         found.map(|(part, _)| *part)
     }
 
