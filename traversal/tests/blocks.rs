@@ -143,38 +143,6 @@ fn vertices_of_hits_are_those_that_were_given() {
 }
 
 #[test]
-fn packets_find_what_single_walks_find() {
-    let meshes = shared([true, true]);
-    let small = Scene::new(&meshes, BuildFlags::LOW_MEMORY);
-    let mut random = Random(0x2468_ACE0_1357_9BDF);
-    let mut walker = Walker::new();
-    for round in 0..200 {
-        let from = random.direction().map(|c| 4.0 * c);
-        let at = random.vector().map(|c| 0.5 * c);
-        let rays: Vec<_> = (0..PACKET)
-            .map(|_| {
-                let offset = random.vector().map(|c| 0.001 * f64::from(round) * c);
-                let to: [f64; 3] = std::array::from_fn(|i| at[i] + offset[i] - from[i]);
-                ray(narrow(from), narrow(to))
-            })
-            .collect();
-        // SAFETY: the structures are alive.
-        let walk = |ray: &Ray| unsafe { Walk::new(small.top.address(), ray) };
-        let mut walks: Vec<_> = rays.iter().map(walk).collect();
-        let mut steps: Vec<_> = (walks.iter_mut())
-            .map(|walk| Step::new(walk, Verdict::Continue))
-            .collect();
-        if !Walk::finish_together(&mut steps, &mut walker) {
-            Walk::resume_all(&mut steps, &mut walker, &mut { u64::MAX });
-        }
-        for (walk, ray) in walks.iter().zip(&rays) {
-            let expected = closest_with(&mut walker, &small.top, ray);
-            assert_eq!(walk.committed().copied(), expected, "{ray:?}");
-        }
-    }
-}
-
-#[test]
 fn corrupt_blocks_are_refused_or_walked_without_harm() {
     let meshes = shared([true, false]);
     let mut random = Random(0x1122_3344_5566_7788);
