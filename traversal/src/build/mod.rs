@@ -155,41 +155,43 @@ unsafe fn build_to_depth(
         target.lay_out(&shape, &mut written);
         // SAFETY: the promised size has room for a node.
         unsafe { target.write_node(0, &Node::EMPTY) };
-    } else {
-        let costs = grow(
-            shape.kind,
-            input.flags,
-            primitives,
-            &mut nodes[..2 * active - 1],
-            blocks,
-        );
-        let nodes = reinsert::improve(primitives, nodes, (pieces, order), &costs);
+    }
+    let mut is_written = active == 0;
+    // Where subtrees that moved make the tree too deep, they stay.
+    for moves in [true, false] {
+        if is_written || (!moves && pieces.is_empty()) {
+            continue;
+        }
+        let grown = &mut nodes[..2 * active - 1];
+        let costs = grow(shape.kind, input.flags, primitives, grown, blocks);
+        let tree = match moves {
+            true => reinsert::improve(primitives, nodes, (&mut *pieces, &mut *order), &costs),
+            false => &mut *nodes,
+        };
         if takes_blocks(&shape, input.flags, &collected) {
             target.form = Form::Blocks;
         }
         // SAFETY: the caller's promise for the memory of the geometries.
-        let planned = unsafe { plan(&mut target, &shape, nodes, primitives, &costs) };
-        match planned.filter(|planned| planned.depth <= max_depth) {
-            Some(planned) => {
-                written = planned;
-                target.lay_out(&shape, &mut written);
-                // SAFETY: the parts are inside the destination, and the plan fills exactly them.
-                unsafe {
-                    target.write_tree(nodes, primitives, 0, 0);
-                    target.end_blocks(nodes[0].wide_leaves, written.leaf_count);
-                }
-            }
-            None => {
-                target.form = Form::Groups;
-                written.node_count = target.packed_nodes(active);
-                written.leaf_count = target.packed_leaves(active);
-                written.depth = target.packed_depth(active);
-                target.lay_out(&shape, &mut written);
-                debug_assert!(target.parts.size_bytes <= promised);
-                // SAFETY: as above.
-                written.bounds = unsafe { target.write_packed(primitives, 0, 0) };
+        let planned = unsafe { plan(&mut target, &shape, tree, primitives, &costs) };
+        if let Some(planned) = planned.filter(|planned| planned.depth <= max_depth) {
+            written = planned;
+            is_written = true;
+            // SAFETY: the parts are inside the destination, and the plan fills exactly them.
+            unsafe {
+                target.write_tree(tree, primitives, 0, 0);
+                target.end_blocks(tree[0].wide_leaves, written.leaf_count);
             }
         }
+    }
+    if !is_written {
+        target.form = Form::Groups;
+        written.node_count = target.packed_nodes(active);
+        written.leaf_count = target.packed_leaves(active);
+        written.depth = target.packed_depth(active);
+        target.lay_out(&shape, &mut written);
+        debug_assert!(target.parts.size_bytes <= promised);
+        // SAFETY: the parts are inside the destination.
+        written.bounds = unsafe { target.write_packed(primitives, 0, 0) };
     }
     let mut origin_error = 0.0;
     if let Geometries::Instances(source) = &input.geometries {

@@ -43,7 +43,9 @@ const FINER: f32 = 0.7;
 /// What is no smaller part of the cost of the tree's top is worth another round, and laying the tree out anew.
 const WORTHWHILE: f32 = 0.01;
 /// Levels of the top, at most.
-const DEEPEST: usize = 64;
+const DEEPEST: usize = 128;
+/// Nothing is hung deeper by itself: what is large attracts what is small in long rows.
+const DEEP: u32 = 40;
 
 /// Places for pieces that a tree of so many primitives takes, and for nodes beyond two for each primitive.
 pub(crate) fn places(kind: Kind, count: u64) -> (u64, u64) {
@@ -194,14 +196,15 @@ impl<'a> Top<'a> {
         let mut pivot = parent;
         let mut other = self.sibling(piece);
         let mut without = self.at(other).corners;
-        let mut stack = [(0.0, ROOT); 2 * DEEPEST];
+        let mut level = self.levels_above(piece) as u32;
+        let mut stack = [(0.0, ROOT, 0); DEEPEST];
         loop {
-            stack[0] = (gained, other);
+            stack[0] = (gained, other, level);
             let mut length = 1;
             while length > 0 {
                 length -= 1;
-                let (gained, there) = stack[length];
-                if gained - own.area <= best.1 {
+                let (gained, there, level) = stack[length];
+                if gained - own.area <= best.1 || level > DEEP {
                     continue;
                 }
                 let target = self.at(there);
@@ -211,8 +214,8 @@ impl<'a> Top<'a> {
                 }
                 let below = gain + target.area;
                 if target.has_children() && below - own.area > best.1 && length + 2 <= stack.len() {
-                    stack[length] = (below, target.children[0]);
-                    stack[length + 1] = (below, target.children[1]);
+                    stack[length] = (below, target.children[0], level + 1);
+                    stack[length + 1] = (below, target.children[1], level + 1);
                     length += 2;
                 }
             }
@@ -225,6 +228,7 @@ impl<'a> Top<'a> {
             }
             other = self.sibling(pivot);
             pivot = self.at(pivot).parent;
+            level = level.saturating_sub(1);
         }
         (best.0 != ROOT && best.0 != self.sibling(piece)).then_some(best)
     }
@@ -263,16 +267,19 @@ impl<'a> Top<'a> {
         }
     }
 
+    /// Pieces above one; beyond [`DEEPEST`], some more.
+    fn levels_above(&self, piece: u32) -> usize {
+        let mut above = 0;
+        let mut at = piece;
+        while at != ROOT && above <= DEEPEST {
+            at = self.at(at).parent;
+            above += 1;
+        }
+        above
+    }
+
     fn is_too_deep(&self) -> bool {
-        let depth = |mut piece: u32| {
-            let up = std::iter::from_fn(|| {
-                let is_root = piece == ROOT;
-                piece = self.at(piece).parent;
-                (!is_root).then_some(())
-            });
-            up.take(DEEPEST + 1).count()
-        };
-        (1..self.pieces.len() as u32).any(|piece| depth(piece) > DEEPEST)
+        (1..self.pieces.len() as u32).any(|piece| self.levels_above(piece) > DEEPEST)
     }
 
     /// Fills in sizes and counts below a piece; returns its size.

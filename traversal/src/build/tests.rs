@@ -214,3 +214,67 @@ fn primitives_are_sorted_along_the_curve() {
         }
     }
 }
+
+/// The sum of all boxes' surfaces, where every box holds those below it and counts what is there.
+fn checked_area(nodes: &[BinaryNode], primitives: &[Primitive]) -> f32 {
+    assert_eq!(nodes[0].count as usize, primitives.len());
+    let holds = |inner: Bounds| assert_eq!(nodes[0].bounds().union(inner), nodes[0].bounds());
+    let below = if nodes[0].is_leaf() {
+        primitives.iter().for_each(|it| holds(it.bounds()));
+        0.0
+    } else {
+        let (left, right) = tree::children(nodes);
+        let (first, last) = primitives.split_at(left[0].count as usize);
+        holds(left[0].bounds());
+        holds(right[0].bounds());
+        checked_area(left, first) + checked_area(right, last)
+    };
+    below + nodes[0].area(1.0)
+}
+
+#[test]
+fn badly_placed_subtrees_move() {
+    let mut boxes = boxes(6000);
+    // Shelves through everything.
+    for (i, shelf) in boxes.iter_mut().enumerate().step_by(40) {
+        let [x, y, z, ..] = *shelf;
+        *shelf = match i % 3 {
+            0 => [0.0, y, z, 1.0, y + 0.01, z + 0.01],
+            1 => [x, 0.0, z, x + 0.01, 1.0, z + 0.01],
+            _ => [x, y, 0.0, x + 0.01, y + 0.01, 1.0],
+        };
+    }
+    let list = [AabbGeometry {
+        boxes: memory(&boxes),
+        stride_bytes: 24,
+        primitive_count: boxes.len() as u32,
+        flags: GeometryFlags(0),
+    }];
+    let geometries = Geometries::Aabbs(&list);
+    for kind in [Kind::Triangles, Kind::Instances] {
+        let shape = Shape {
+            kind,
+            ..Shape::of(&geometries).unwrap()
+        };
+        let sizes = build_sizes(kind, BuildFlags(0), &[boxes.len() as u32]);
+        let mut scratch = vec![0xAA; sizes.build_scratch_bytes as usize];
+        let places = carve(&mut scratch, &shape, BuildFlags(0)).unwrap();
+        let primitives = places.primitives;
+        // SAFETY: the boxes are alive.
+        unsafe { primitive::collect(&geometries, BuildFlags(0), primitives) };
+        let nodes = &mut places.nodes[..2 * boxes.len() - 1];
+        let costs = grow(kind, BuildFlags(0), primitives, nodes, places.blocks);
+        let before = checked_area(nodes, primitives);
+        let improved = reinsert::improve(
+            primitives,
+            places.nodes,
+            (places.pieces, places.order),
+            &costs,
+        );
+        let after = checked_area(improved, primitives);
+        assert!(after < 0.95 * before, "{kind:?}: {before} {after}");
+        let mut all: Vec<_> = primitives.iter().map(|it| it.index).collect();
+        all.sort_unstable();
+        assert!(all.into_iter().eq(0..boxes.len() as u32));
+    }
+}
