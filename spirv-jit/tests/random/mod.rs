@@ -108,7 +108,7 @@ fn generate(random: &mut Random, index: usize, callees: &[Function]) -> Function
         budget: 10 + size,
     };
     let body = generator.body(0, None);
-    generator.function.body = body;
+    generator.function.body = *body;
     generator.function
 }
 
@@ -134,7 +134,7 @@ pub struct Generator<'a> {
 
 impl Generator<'_> {
     /// A body; it ends by leaving `own`, or the function.
-    fn body(&mut self, depth: usize, own: Option<usize>) -> Body {
+    fn body(&mut self, depth: usize, own: Option<usize>) -> Box<Body> {
         let scope = self.visible.len();
         let mut nodes = Vec::new();
         let steps = if depth == 0 {
@@ -151,7 +151,7 @@ impl Generator<'_> {
         }
         let end = self.terminator(own, &mut nodes);
         self.visible.truncate(scope);
-        Body { nodes, end }
+        Box::new(Body { nodes, end })
     }
 
     fn step(&mut self, depth: usize, nodes: &mut Vec<Node>) {
@@ -370,14 +370,14 @@ impl Generator<'_> {
             condition: goes_on,
             label: check,
             results: Vec::new(),
-            then_body: Body {
+            then_body: Box::new(Body {
                 nodes: Vec::new(),
                 end: Terminator::Br(check, Vec::new()),
-            },
-            else_body: Body {
+            }),
+            else_body: Box::new(Body {
                 nodes: leaving,
                 end,
-            },
+            }),
         });
         let mut body = self.body(depth + 1, Some(loop_index));
         head.append(&mut body.nodes);
@@ -394,10 +394,10 @@ impl Generator<'_> {
         nodes.push(Node::Block {
             label: outer,
             results,
-            body: Body {
+            body: Box::new(Body {
                 nodes: inside,
                 end: Terminator::Unreachable,
-            },
+            }),
         });
     }
 
