@@ -14,7 +14,12 @@ pub struct Settings {
     /// Of shaders' functions.
     pub accuracy: Accuracy,
     walks: Options,
+    /// Whether all geometry is opaque to pipelines without any-hit shaders.
+    pub opaque_without_any_hit: bool,
 }
+
+/// The switch for [`Settings::opaque_without_any_hit`].
+const NO_ANY_HIT: &str = "no_any_hit";
 
 impl Settings {
     /// From the variables' values.
@@ -38,15 +43,18 @@ impl Settings {
         };
         let names = disabled.unwrap_or_default().split(',').map(str::trim);
         let mut without = Vec::new();
+        let mut opaque_without_any_hit = true;
         for name in names.filter(|name| !name.is_empty()) {
             match Specialisation::ALL.iter().find(|(known, _)| *known == name) {
                 Some(&(_, specialisation)) => without.push(specialisation),
+                None if name == NO_ANY_HIT => opaque_without_any_hit = false,
                 None if pass::is_switch(name) => {}
                 None => return Err(format!("TUFF_DISABLE: {}", unknown(name))),
             }
         }
         Ok(Settings {
             accuracy,
+            opaque_without_any_hit,
             walks: Options {
                 // What is cheaper than the default gains nothing in walks: docs/accuracy.md.
                 accuracy: match accuracy {
@@ -83,7 +91,11 @@ fn no_better_than(name: &str) -> Result<Tier, String> {
 fn unknown(name: &str) -> String {
     let walks = Specialisation::ALL.iter().map(|(name, _)| *name);
     let passes = pass::PASSES.iter().map(|pass| pass.name);
-    let known: Vec<&str> = walks.chain(passes).chain(["passes"]).collect();
+    let known: Vec<&str> = walks
+        .chain([NO_ANY_HIT])
+        .chain(passes)
+        .chain(["passes"])
+        .collect();
     format!("\"{name}\" is not one of {}", known.join(", "))
 }
 
@@ -128,6 +140,9 @@ mod tests {
         assert_eq!(exact.walks.tier, Tier::Portable);
         assert!(exact.walks.without.contains(Specialisation::Packets));
         assert!(!exact.walks.without.contains(Specialisation::Opaque));
+        assert!(exact.opaque_without_any_hit);
+        let without = Settings::parse(None, None, Some("no_any_hit")).unwrap();
+        assert!(!without.opaque_without_any_hit);
         let message = Settings::parse(Some("best"), None, None).unwrap_err();
         assert!(
             message.contains("\"best\" is not one of fast, spec and exact"),

@@ -20,6 +20,7 @@ mod optional;
 mod shader;
 mod skip;
 mod trace;
+mod words;
 
 pub use acceleration::{Geometry, Instance, Structure, Sweep, identity, scaled, translated};
 pub use bind::{Bound, Set};
@@ -36,6 +37,7 @@ pub use optional::Optional;
 pub use shader::{Stage, glsl, glsl_for, glsl_nv};
 pub use skip::has;
 pub use trace::{Group, Rays, RaysInput, Record, Table};
+pub use words::{MISS, RESULTS, WORLD, layers, trace_words};
 
 pub use ash::vk;
 

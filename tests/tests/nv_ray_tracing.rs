@@ -48,6 +48,18 @@ impl<'a> Traced<'a> {
         hit_groups: &[Group],
         size: [u32; 3],
     ) -> Self {
+        let no_flags = vk::PipelineCreateFlags::empty();
+        Self::with_flags(gpu, world, more, hit_groups, size, no_flags)
+    }
+
+    fn with_flags(
+        gpu: &'a Gpu,
+        world: StructureNv,
+        more: &[(Stage, &str)],
+        hit_groups: &[Group],
+        size: [u32; 3],
+        flags: vk::PipelineCreateFlags,
+    ) -> Self {
         let texts: Vec<(Stage, String)> = [(Stage::RayGeneration, RAYGEN), (Stage::Miss, MISS)]
             .iter()
             .chain(more)
@@ -59,7 +71,7 @@ impl<'a> Traced<'a> {
             .collect();
         let general = [Group::general(0), Group::general(1)];
         let results = gpu.buffer(16 * u64::from(size[0] * size[1] * size[2]));
-        let rays = gpu.rays_nv(&RaysInput {
+        let input = RaysInput {
             shaders: &shaders,
             groups: &[&general[..], hit_groups].concat(),
             recursion: 1,
@@ -67,7 +79,8 @@ impl<'a> Traced<'a> {
                 (0, &[Bound::StructureNv(world.handle)]),
                 (1, &[Bound::Storage(results)]),
             ],
-        });
+        };
+        let rays = gpu.rays_nv_with(&input, flags);
         let hits: Vec<u32> = (0..hit_groups.len() as u32)
             .map(|group| 2 + group)
             .collect();
@@ -669,24 +682,16 @@ fn shaders_that_are_hit_trace_by_location() {
 fn deferred_pipelines_are_compiled_shader_by_shader() {
     let Some(gpu) = gpu() else { return };
     let world = gpu.scene_nv(&[Geometry::opaque(&square(1.0, 4.0))]);
-    let results = gpu.buffer(16 * 3);
-    let [raygen, miss, hit] = [RAYGEN, MISS, HIT].map(|text| format!("{HEAD}{text}"));
-    let input = RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, &raygen),
-            (Stage::Miss, &miss),
-            (Stage::ClosestHit, &hit),
-        ],
-        groups: &[Group::general(0), Group::general(1), Group::hit(2)],
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::StructureNv(world.handle)]),
-            (1, &[Bound::Storage(results)]),
-        ],
-    };
-    let deferred = gpu.rays_nv_with(&input, vk::PipelineCreateFlags::DEFER_COMPILE_NV);
+    let deferred = Traced::with_flags(
+        &gpu,
+        world,
+        &[(Stage::ClosestHit, HIT)],
+        &[Group::hit(2)],
+        [3, 1, 1],
+        vk::PipelineCreateFlags::DEFER_COMPILE_NV,
+    );
     let nv = gpu.nv();
-    let pipeline = deferred.pipeline;
+    let pipeline = deferred.rays.pipeline;
     std::thread::scope(|scope| {
         for shader in 0..3 {
             // SAFETY: each shader of the pipeline is compiled once.
@@ -696,9 +701,8 @@ fn deferred_pipelines_are_compiled_shader_by_shader() {
             });
         }
     });
-    gpu.trace_nv(&deferred, &Table::of(0, &[1], &[2]), [3, 1, 1]);
     let expected = [[-1.0; 4], [4.0, 0.0, 0.0, 0.0], [-1.0; 4]];
-    assert_eq!(results.read::<[f32; 4]>(), expected);
+    assert_eq!(deferred.trace(), expected);
 }
 
 #[test]

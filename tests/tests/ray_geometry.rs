@@ -428,6 +428,42 @@ fn the_range_of_a_ray_bounds_its_hits() {
     }
 }
 
+/// No pipeline here has an any-hit shader, so what is not opaque is hit like all else; but flags tell them apart.
+#[test]
+fn opacity_is_heeded_without_any_hit_shaders() {
+    let gpu = Gpu::new();
+    let layer = |z: f32| [[-50.0, -50.0, z], [50.0, -50.0, z], [0.0, 50.0, z]];
+    let (clear, opaque) = (vk::GeometryFlagsKHR::empty(), vk::GeometryFlagsKHR::OPAQUE);
+    let triangles = gpu.scene(&[
+        Geometry::triangles(&layer(1.0), clear),
+        Geometry::triangles(&layer(2.0), opaque),
+    ]);
+    let boxes = [[-0.5, -0.5, 0.5, 0.5, 0.5, 1.5]];
+    let clear_box = gpu.scene(&[Geometry::boxes(&boxes, clear)]);
+    let opaque_box = gpu.scene(&[Geometry::boxes(&boxes, opaque)]);
+    const OPAQUE: u32 = 0x1;
+    const NO_OPAQUE: u32 = 0x2;
+    const CULL_OPAQUE: u32 = 0x40;
+    const CULL_NO_OPAQUE: u32 = 0x80;
+    let ray = [Ray::new([0.1, 0.2, 0.0], [0.0, 0.0, 1.0])];
+    // The layer that is hit, and whether the clear and the opaque box are.
+    let cases = [
+        (0, 0, true, true),
+        (OPAQUE, 0, true, true),
+        (NO_OPAQUE, 0, true, true),
+        (CULL_OPAQUE, 0, true, false),
+        (CULL_NO_OPAQUE, 1, false, true),
+    ];
+    for (flags, layer, clear, opaque) in cases {
+        let hit = shoot_with(&gpu, triangles, &ray, &[], flags, 0xff)[0];
+        assert_eq!((hit.primitive, hit.geometry), (0, layer), "{flags:#x}");
+        for (world, is_hit) in [(clear_box, clear), (opaque_box, opaque)] {
+            let hit = shoot_with(&gpu, world, &ray, &boxes, flags, 0xff)[0];
+            assert_eq!(hit.primitive != MISSED, is_hit, "{flags:#x}");
+        }
+    }
+}
+
 #[test]
 fn spheres_in_boxes() {
     let gpu = Gpu::new();

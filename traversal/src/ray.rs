@@ -18,6 +18,8 @@ pub mod ray_flags {
     pub const CULL_OPAQUE: u32 = 0x40;
     /// Geometry that is not opaque is no candidate.
     pub const CULL_NO_OPAQUE: u32 = 0x80;
+    /// All that opacity decides about.
+    pub const OPACITY: u32 = OPAQUE | NO_OPAQUE | CULL_OPAQUE | CULL_NO_OPAQUE;
     /// Triangles, spheres and linear swept spheres are no candidates.
     pub const SKIP_TRIANGLES: u32 = 0x100;
     /// Boxes are no candidates.
@@ -65,6 +67,18 @@ pub struct Ray {
     pub flags: u32,
     /// An instance takes part if its mask shares a bit with this; the low eight bits count.
     pub cull_mask: u32,
+}
+
+impl Ray {
+    /// No ray: all zero.
+    pub(crate) const NONE: Ray = Ray {
+        origin: [0.0; 3],
+        t_min: 0.0,
+        direction: [0.0; 3],
+        t_max: 0.0,
+        flags: 0,
+        cull_mask: 0,
+    };
 }
 
 /// A point where a ray meets a primitive: a candidate, or the hit that is committed.
@@ -118,6 +132,14 @@ impl Hit {
         triangle: false,
         swept: Swept::No,
     };
+
+    /// Whether this is to be preferred to another hit at the same distance. Among opaque primitives that traversal finds, the one with
+    /// the least instance, geometry and primitive is, so that the order of the walk does not show.
+    #[inline(always)]
+    pub(crate) fn wins_tie(&self, other: &Hit) -> bool {
+        let key = |hit: &Hit| (hit.instance_index, hit.geometry_index, hit.primitive_index);
+        self.opaque && other.opaque && other.is_built_in() && key(self) < key(other)
+    }
 
     /// Traversal found it, not an intersection shader.
     #[inline]

@@ -69,18 +69,20 @@ fn compare(scene: &Scene, tier: Tier) {
     .unwrap();
     let mut hits = 0;
     for rays in rays.chunks(PACKET) {
+        let mut rows = RayRows::NONE;
+        for (lane, ray) in rays.iter().enumerate() {
+            rows.set(lane, top.address(), ray, 0.0);
+        }
+        let lanes = u16::MAX >> (PACKET - rays.len());
+        let mut found = HitRows::default();
         // SAFETY: the structures are alive.
-        let mut walks: Vec<_> = (rays.iter())
-            .map(|ray| unsafe { Walk::new(top.address(), ray) })
-            .collect();
-        let mut steps: Vec<_> = walks
-            .iter_mut()
-            .map(|walk| Step::new(walk, Verdict::Continue))
-            .collect();
-        Walk::resume_all(&mut steps, &mut walker, &mut { u64::MAX });
-        for (walk, ray) in walks.iter().zip(rays) {
+        unsafe {
+            let mut never = |_, _: &mut Walk, event| panic!("{event:?}");
+            walker.trace_in_turn(&rows, lanes, &mut found, &mut { u64::MAX }, &mut never);
+        }
+        for (lane, ray) in rays.iter().enumerate() {
             let expected = closest_with(&mut plain, top, ray);
-            assert_eq!(walk.committed().copied(), expected, "{tier:?} {ray:?}");
+            assert_eq!(found.get(lane), expected, "{tier:?} {ray:?}");
             hits += usize::from(expected.is_some());
         }
     }

@@ -1,34 +1,50 @@
-//! Walks that are finished together find what each finds by itself, bit for bit.
+//! Rays that are traced together or in turn find what each finds by itself, bit for bit.
 
 mod scene;
 
 use scene::*;
 use traversal::*;
 
-/// Finishes walks together and one by one; returns whether the first could be done.
+/// Traces rays together and one by one; returns whether the first could be done. Lanes that take no part stay as they are.
 fn compare(walker: &mut Walker, top: &Bytes, rays: &[Ray]) -> bool {
+    // With few rays some lanes are left out, the first among them.
+    let apart = if 2 * rays.len() < PACKET { 2 } else { 1 };
+    let lane_of = |i: usize| (i * apart + apart - 1) % PACKET;
+    let lanes = (0..rays.len()).fold(0u16, |lanes, i| lanes | 1 << lane_of(i));
+    let mut rows = RayRows::NONE;
+    rows.origin[0] = [f32::NAN; PACKET];
+    for (i, ray) in rays.iter().enumerate() {
+        rows.set(lane_of(i), top.address(), ray, 0.0);
+    }
+    let mut hits = HitRows::default();
+    let other = Hit {
+        t: 7.0,
+        primitive_index: 77,
+        ..Hit::default()
+    };
+    for lane in 0..PACKET {
+        hits.set(lane, &other);
+    }
     // SAFETY: the structures are alive.
-    let walk = |ray: &Ray| unsafe { Walk::new(top.address(), ray) };
-    let mut walks: Vec<_> = rays.iter().map(walk).collect();
-    let mut together: Vec<_> = walks
-        .iter_mut()
-        .map(|walk| Step::new(walk, Verdict::Continue))
-        .collect();
-    if !Walk::finish_together(&mut together, walker) {
+    let done = unsafe { walker.trace_together(&rows, lanes, &mut hits) };
+    for lane in (0..PACKET).filter(|&lane| !done || lanes >> lane & 1 == 0) {
+        assert_eq!(hits.get(lane), Some(other));
+    }
+    if !done {
         return false;
     }
-    for (walk, ray) in walks.iter().zip(rays) {
+    for (i, ray) in rays.iter().enumerate() {
+        let found = hits.get(lane_of(i));
         if ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0 {
             // Which hit comes first is open.
             let expected = closest_with(walker, top, ray).is_some();
-            assert_eq!(walk.committed().is_some(), expected, "{ray:?}");
+            assert_eq!(found.is_some(), expected, "{ray:?}");
             continue;
         }
-        assert_eq!(
-            walk.committed().copied(),
-            closest_with(walker, top, ray),
-            "{ray:?}"
-        );
+        assert_eq!(found, closest_with(walker, top, ray), "{ray:?}");
+        if found.is_none() {
+            assert_eq!(hits.t[lane_of(i)], ray.t_max);
+        }
     }
     true
 }
@@ -194,9 +210,9 @@ fn what_is_unusual_is_left_alone() {
     assert!(!compare(&mut walker, &scene.top, &[]));
 }
 
-/// Every walk of a list stops where it stops by itself, whatever the walks before it were.
+/// Every ray of a list stops where it stops by itself, whatever the rays before it were.
 #[test]
-fn walks_in_turn_are_walks_by_themselves() {
+fn rays_in_turn_are_rays_by_themselves() {
     let opaque = mesh();
     let glass = Mesh {
         opaque: false,
@@ -213,46 +229,70 @@ fn walks_in_turn_are_walks_by_themselves() {
             (ray, i / 7 % 2)
         })
         .collect();
-    // SAFETY: the structures are alive.
-    let walk =
-        |(ray, which): &(Ray, usize)| unsafe { Walk::new(scenes[*which].top.address(), ray) };
     for tier in Tier::ALL.into_iter().filter(|tier| tier.is_available()) {
         let mut walker = Walker::with_tier(tier).expect("it is available");
-        let mut alone: Vec<_> = rays.iter().map(walk).collect();
-        let mut listed = alone.clone();
-        let mut verdict = Verdict::Continue;
-        // Candidates are ignored, then accepted; the list runs out of fuel now and then.
-        let mut going = true;
-        while going {
-            let mut steps: Vec<_> = listed
-                .iter_mut()
-                .map(|walk| Step::new(walk, verdict))
-                .collect();
-            Walk::resume_all(&mut steps, &mut walker, &mut 5000);
-            while steps.iter().any(|step| step.event == Event::OutOfFuel) {
-                for step in &mut steps {
-                    if step.event == Event::OutOfFuel {
-                        // It has heeded its verdict.
-                        step.event = step.walk.resume(&mut walker, Verdict::Continue, &mut 100);
-                    }
-                }
+        for rays in rays.chunks(PACKET) {
+            compare_in_turn(&mut walker, &scenes, rays);
+        }
+    }
+}
+
+/// Candidates are ignored, then accepted, and so on; rays run out of fuel now and then.
+fn compare_in_turn(walker: &mut Walker, scenes: &[Scene; 2], rays: &[(Ray, usize)]) {
+    let mut rows = RayRows::NONE;
+    for (lane, (ray, which)) in rays.iter().enumerate() {
+        rows.set(lane, scenes[*which].top.address(), ray, 0.0);
+    }
+    let mut hits = HitRows::default();
+    let mut suspended: Vec<(usize, Walk, Event)> = Vec::new();
+    let lanes = (1u32 << rays.len()) - 1;
+    // SAFETY: the structures are alive.
+    unsafe {
+        let mut keep = |lane, walk: &mut Walk, event| suspended.push((lane, walk.clone(), event));
+        walker.trace_in_turn(&rows, lanes as u16, &mut hits, &mut 300, &mut keep);
+    }
+    let waits: Vec<usize> = suspended.iter().map(|&(lane, ..)| lane).collect();
+    for (lane, (ray, which)) in rays.iter().enumerate() {
+        if !waits.contains(&lane) {
+            // SAFETY: as above.
+            let mut alone = unsafe { Walk::new(scenes[*which].top.address(), ray) };
+            let event = alone.resume(walker, Verdict::Continue, &mut { u64::MAX });
+            assert_eq!(event, Event::Done);
+            assert_eq!(hits.get(lane), alone.committed().copied());
+        }
+    }
+    let mut alone: Vec<_> = (waits.iter())
+        .map(|&lane| {
+            let (ray, which) = &rays[lane];
+            // SAFETY: as above.
+            unsafe { Walk::new(scenes[*which].top.address(), ray) }
+        })
+        .collect();
+    let mut verdict = Verdict::Continue;
+    let mut going = true;
+    while going {
+        going = false;
+        for ((_, walk, event), alone) in suspended.iter_mut().zip(&mut alone) {
+            while *event == Event::OutOfFuel {
+                *event = walk.resume(walker, Verdict::Continue, &mut 100);
             }
-            let events: Vec<_> = steps.iter().map(|step| step.event).collect();
-            for ((alone, listed), event) in alone.iter_mut().zip(&listed).zip(&events) {
-                assert_eq!(
-                    alone.resume(&mut walker, verdict, &mut u64::MAX.clone()),
-                    *event
-                );
-                assert_eq!(alone.committed(), listed.committed());
-                if *event != Event::Done {
-                    assert_eq!(alone.candidate(), listed.candidate());
-                }
+            let expected = alone.resume(walker, verdict, &mut { u64::MAX });
+            assert_eq!(*event, expected);
+            assert_eq!(walk.committed(), alone.committed());
+            if *event != Event::Done {
+                assert_eq!(walk.candidate(), alone.candidate());
+                going = true;
             }
-            going = events.iter().any(|event| *event != Event::Done);
-            verdict = match verdict {
-                Verdict::Continue => Verdict::Accept,
-                _ => Verdict::Continue,
-            };
+        }
+        verdict = match verdict {
+            Verdict::Continue => Verdict::Accept,
+            _ => Verdict::Continue,
+        };
+        // SAFETY: as above.
+        let mut list = unsafe { walker.list() };
+        let mut fuel = 2000;
+        for (_, walk, event) in &mut suspended {
+            *event = list.resume(walk, verdict, &mut fuel);
         }
     }
 }

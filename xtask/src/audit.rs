@@ -33,8 +33,7 @@ pub fn audit(options: &Options) -> Result<ExitCode> {
     cargo.args(["test", "--quiet", "--package", "icd", "--test", "audit"]);
     cargo.args(["--", "--nocapture"]);
     cargo.env("VULKAN_REGISTRY", registry);
-    let status = cargo.status().context("starting cargo")?;
-    Ok(workspace::exit_code(status))
+    workspace::run(cargo)
 }
 
 fn installed() -> PathBuf {

@@ -1,12 +1,12 @@
 //! `cargo xtask bench`: builds the benches in release mode and runs one.
 
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 
 use crate::driver::Driver;
-use crate::{loader, workspace};
+use crate::workspace;
 
 #[derive(Args)]
 pub struct Options {
@@ -17,28 +17,22 @@ pub struct Options {
 }
 
 pub fn bench(options: &Options) -> Result<ExitCode> {
-    let release = workspace::target()?.join("release");
     let mut bench = match options.arguments.first().map(String::as_str) {
         Some("traversal" | "shader") => {
             workspace::build_release(&["bench"])?;
-            Command::new(release.join("bench"))
+            workspace::program("bench")?
         }
         Some("reorder") => {
-            let mut bench = Command::new(release.join("bench"));
-            Driver::build(&["bench"])?.select_for(&mut bench);
+            let (driver, mut bench) = Driver::with("bench")?;
+            driver.select_for(&mut bench);
             bench
         }
         _ => {
-            let driver = Driver::build(&["workloads"])?;
-            loader::require()?;
-            let mut bench = Command::new(release.join("workloads"));
+            let (driver, mut bench) = Driver::with("workloads")?;
             bench.arg("compare").arg("--icd").arg(&driver.manifest);
             bench
         }
     };
-    let status = bench
-        .args(&options.arguments)
-        .status()
-        .context("starting the bench")?;
-    Ok(workspace::exit_code(status))
+    bench.args(&options.arguments);
+    workspace::run(bench)
 }

@@ -1,9 +1,9 @@
 //! `cargo xtask chart`: accuracy against cost, where methods fail, and what specialisations bring.
 
 use std::path::PathBuf;
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 
 use crate::driver::Driver;
@@ -23,16 +23,13 @@ pub struct Options {
 pub fn chart(options: &Options) -> Result<ExitCode> {
     let driver = Driver::build(&["chart", "workloads"])?;
     loader::require()?;
-    let release = workspace::target()?.join("release");
-    let mut chart = Command::new(release.join("chart"));
-    chart.arg("--workloads").arg(release.join("workloads"));
+    let mut chart = workspace::program("chart")?;
+    let workloads = workspace::program("workloads")?;
+    chart.arg("--workloads").arg(workloads.get_program());
     chart.arg("--icd").arg(&driver.manifest);
     for icd in &options.icds {
         chart.arg("--icd").arg(icd);
     }
-    let status = chart
-        .args(&options.arguments)
-        .status()
-        .context("starting the charts' program")?;
-    Ok(workspace::exit_code(status))
+    chart.args(&options.arguments);
+    workspace::run(chart)
 }

@@ -1,12 +1,12 @@
 //! `cargo xtask demo`: builds the driver and the demo, and lets the one draw on the other.
 
-use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::path::PathBuf;
+use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 
-use crate::driver::Driver;
+use crate::driver::{Driver, select_other};
 use crate::workspace;
 
 #[derive(Args)]
@@ -32,8 +32,7 @@ pub struct Options {
 }
 
 pub fn demo(options: &Options) -> Result<ExitCode> {
-    let program = workspace::target()?.join("release/demo");
-    let mut demo = Command::new(program);
+    let mut demo = workspace::program("demo")?;
     match &options.icd {
         Some(manifest) => {
             workspace::build_release(&["demo"])?;
@@ -59,16 +58,5 @@ pub fn demo(options: &Options) -> Result<ExitCode> {
     if let Some(scene) = &options.scene {
         demo.arg("--scene").arg(scene);
     }
-    let status = demo.status().context("starting the demo")?;
-    Ok(workspace::exit_code(status))
-}
-
-/// Makes `program` see the driver of this manifest and no other.
-pub fn select_other(program: &mut Command, manifest: &Path) -> Result<()> {
-    let manifest = std::path::absolute(manifest).context("the manifest's path")?;
-    program
-        .env("VK_DRIVER_FILES", &manifest)
-        .env("VK_ICD_FILENAMES", &manifest)
-        .env_remove("VK_ADD_DRIVER_FILES");
-    Ok(())
+    workspace::run(demo)
 }

@@ -6,7 +6,7 @@ use std::process::Command;
 
 use anyhow::{Context, Result};
 
-use crate::workspace;
+use crate::{loader, workspace};
 
 /// The file name of the driver's library.
 pub const LIBRARY: &str = "libvulkan_tuff.so";
@@ -37,22 +37,41 @@ impl Driver {
         Ok(Driver { library, manifest })
     }
 
-    /// Makes a program see this driver and no other.
-    pub fn select_for(&self, program: &mut Command) {
-        for (name, value) in self.environment() {
-            program.env(name, value);
-        }
-        program.env_remove("VK_ADD_DRIVER_FILES");
+    /// Builds the driver and a program of the workspace that needs the Vulkan loader.
+    pub fn with(program: &str) -> Result<(Driver, Command)> {
+        let driver = Driver::build(&[program])?;
+        loader::require()?;
+        Ok((driver, workspace::program(program)?))
     }
 
-    /// The variables by which loaders find the driver: `VK_DRIVER_FILES` for current ones,
-    /// `VK_ICD_FILENAMES` for those before 1.3.207.
-    pub fn environment(&self) -> [(&'static str, &Path); 2] {
-        [
-            ("VK_DRIVER_FILES", &self.manifest),
-            ("VK_ICD_FILENAMES", &self.manifest),
-        ]
+    /// Makes a program see this driver and no other.
+    pub fn select_for(&self, program: &mut Command) {
+        select(program, &self.manifest);
     }
+}
+
+/// Makes a program see the driver of this manifest, an absolute path, and no other.
+fn select(program: &mut Command, manifest: &Path) {
+    for (name, value) in environment(manifest) {
+        program.env(name, value);
+    }
+    program.env_remove("VK_ADD_DRIVER_FILES");
+}
+
+/// Makes a program see another driver than Tuff and no other.
+pub fn select_other(program: &mut Command, manifest: &Path) -> Result<()> {
+    let manifest = std::path::absolute(manifest).context("the manifest's path")?;
+    select(program, &manifest);
+    Ok(())
+}
+
+/// The variables by which loaders find a driver: `VK_DRIVER_FILES` for current ones,
+/// `VK_ICD_FILENAMES` for those before 1.3.207.
+pub fn environment(manifest: &Path) -> [(&'static str, &Path); 2] {
+    [
+        ("VK_DRIVER_FILES", manifest),
+        ("VK_ICD_FILENAMES", manifest),
+    ]
 }
 
 /// Writes a manifest that names `library`.

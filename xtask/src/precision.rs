@@ -1,8 +1,8 @@
 //! `cargo xtask precision`: measures the float functions' errors, and writes `docs/precision.md`.
 
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 
 use crate::workspace;
@@ -22,7 +22,7 @@ pub struct Options {
 
 pub fn precision(options: &Options) -> Result<ExitCode> {
     workspace::build_release(&["precision"])?;
-    let mut command = Command::new(workspace::target()?.join("release/precision"));
+    let mut command = workspace::program("precision")?;
     command.args(["--step", &options.step.to_string()]);
     if !options.print {
         command
@@ -32,6 +32,5 @@ pub fn precision(options: &Options) -> Result<ExitCode> {
     if let Some(threads) = options.threads {
         command.args(["--threads", &threads.to_string()]);
     }
-    let status = command.status().context("starting the measurement")?;
-    Ok(workspace::exit_code(status))
+    workspace::run(command)
 }

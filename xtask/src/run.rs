@@ -6,7 +6,7 @@ use std::process::{Command, ExitCode};
 use anyhow::{Context, Result};
 use clap::Args;
 
-use crate::driver::Driver;
+use crate::driver::{self, Driver};
 use crate::{loader, workspace};
 
 #[derive(Args)]
@@ -23,17 +23,14 @@ pub fn run(options: &Options) -> Result<ExitCode> {
     let (name, arguments) = options.program.split_first().context("no program given")?;
     let mut program = Command::new(name);
     driver.select_for(&mut program);
-    let status = program
-        .args(arguments)
-        .status()
-        .with_context(|| format!("starting {}", name.display()))?;
-    Ok(workspace::exit_code(status))
+    program.args(arguments);
+    workspace::run(program)
 }
 
 /// Prints lines for a shell's `eval`: nothing else may reach standard output.
 pub fn print_environment() -> Result<ExitCode> {
     let driver = Driver::build(&[])?;
-    for (name, value) in driver.environment() {
+    for (name, value) in driver::environment(&driver.manifest) {
         let quoted = value.display().to_string().replace('\'', r"'\''");
         println!("export {name}='{quoted}'");
     }

@@ -3,11 +3,10 @@
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 
-use crate::demo::select_other;
-use crate::driver::Driver;
+use crate::driver::{Driver, select_other};
 use crate::skips::Skips;
 use crate::{loader, workspace};
 
@@ -28,7 +27,7 @@ pub fn test(options: &Options) -> Result<ExitCode> {
             let skips = Skips::new()?;
             let mut tests = black_box_tests(options, &skips);
             select_other(&mut tests, manifest)?;
-            let passed = passes(tests)?;
+            let passed = workspace::run(tests)?;
             skips.print()?;
             Ok(passed)
         }
@@ -41,7 +40,7 @@ pub fn test(options: &Options) -> Result<ExitCode> {
             inner
                 .args(["--no-fail-fast", "--"])
                 .args(&options.arguments);
-            let inner = passes(inner)?;
+            let inner = workspace::run(inner)?;
             let skips = Skips::new()?;
             let mut tests = black_box_tests(options, &skips);
             driver.select_for(&mut tests);
@@ -50,7 +49,7 @@ pub fn test(options: &Options) -> Result<ExitCode> {
             if std::env::var_os("TUFF_TIMEOUT").is_none() {
                 tests.env("TUFF_TIMEOUT", "60");
             }
-            let outer = passes(tests)?;
+            let outer = workspace::run(tests)?;
             let both = [inner, outer].iter().all(|code| *code == ExitCode::SUCCESS);
             // Tuff has all that there are tests of.
             let all_ran = skips.print()? == 0;
@@ -71,10 +70,4 @@ fn black_box_tests(options: &Options, skips: &Skips) -> Command {
     tests.args(&options.arguments);
     skips.tell(&mut tests);
     tests
-}
-
-fn passes(mut cargo: Command) -> Result<ExitCode> {
-    Ok(workspace::exit_code(
-        cargo.status().context("starting cargo")?,
-    ))
 }

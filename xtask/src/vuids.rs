@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 
 use crate::workspace;
 
@@ -18,6 +18,5 @@ pub fn write() -> Result<ExitCode> {
         "valid_usage",
     ]);
     cargo.env("TUFF_WRITE_DOCS", "1");
-    let status = cargo.status().context("starting cargo")?;
-    Ok(workspace::exit_code(status))
+    workspace::run(cargo)
 }

@@ -39,8 +39,21 @@ pub fn build_release(packages: &[&str]) -> Result<()> {
     Ok(())
 }
 
+/// A program that was built in release mode.
+pub fn program(name: &str) -> Result<Command> {
+    Ok(Command::new(target()?.join("release").join(name)))
+}
+
+/// Runs a program to its end, which becomes ours.
+pub fn run(mut program: Command) -> Result<ExitCode> {
+    let status = program
+        .status()
+        .with_context(|| format!("starting {}", program.get_program().display()))?;
+    Ok(exit_code(status))
+}
+
 /// What a child's end means for this program's own.
-pub fn exit_code(status: ExitStatus) -> ExitCode {
+fn exit_code(status: ExitStatus) -> ExitCode {
     match status.code() {
         Some(code) => ExitCode::from(u8::try_from(code).unwrap_or(1)),
         None => {

@@ -12,6 +12,7 @@ use crate::command::RayTracingCommand;
 use crate::command::ray_tracing::IndirectBuild;
 use crate::log::{self, Level};
 use crate::object::ray_tracing_pipeline::RayTracingPipeline;
+use crate::settings::settings;
 use crate::table::limits;
 use crate::trace::mask::InvocationMask;
 use crate::trace::table::{Region, Tables};
@@ -276,6 +277,10 @@ fn trace_rays(
         extent,
         environment: &environment,
         pipeline_ray_flags: pipeline.ray_flags,
+        // Validation is to see every record that is looked up.
+        takes_all_hits: settings().opaque_without_any_hit
+            && !pipeline.shaders.has_any_hit
+            && checks.is_none(),
         mask: mask.filter(|mask| surroundings.reach.contains(mask.address, mask.size_bytes())),
         limits,
         checks: checks.as_ref(),

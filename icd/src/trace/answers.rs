@@ -4,10 +4,11 @@ use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::{AlignedRow, IO_DATA_ROW, SiteKind};
 use traversal::Verdict;
 
-use super::batch::Batch;
-use super::calls::Call;
-use super::rays::Report;
-use super::subgroup::{LaneRef, Role, SubgroupIndex, by_subgroup, in_place, lanes_of};
+use super::batch::{Batch, Worker};
+use super::rays::{Report, hit_record_index};
+use super::subgroup::{
+    LaneRef, Role, SubgroupIndex, by_index, copy_lanes, in_place, lanes_named, lanes_of,
+};
 use crate::validate::{Instruction, Need};
 
 impl Batch<'_> {
@@ -34,55 +35,49 @@ impl Batch<'_> {
             self.reordering.push(index);
             return;
         }
-        match site {
-            SiteKind::TraceRay { .. } => return self.trace_rays(index, mask, false, false),
-            SiteKind::TraceRayMotion { .. } => return self.trace_rays(index, mask, false, true),
-            SiteKind::HitObjectTraceRay { .. } => return self.trace_rays(index, mask, true, false),
-            SiteKind::HitObjectTraceRayMotion { .. } => {
-                return self.trace_rays(index, mask, true, true);
-            }
-            _ => {}
-        }
-        for lane in lanes_of(mask) {
-            let caller = LaneRef {
-                subgroup: index,
-                lane: lane as u8,
-            };
-            match site {
-                SiteKind::HitObjectExecute { .. } => self.execute_hit_object(caller),
-                SiteKind::HitObjectGet { fact } => self.answer_fact(caller, fact),
-                SiteKind::ReportIntersection { attribute_words } => {
-                    self.report_intersection(caller, attribute_words)
-                }
-                SiteKind::ExecuteCallable { .. } => self.execute_callable(caller),
-                // Barriers exist in compute alone; a ray tracing module that has one is refused.
-                _ => self.answered(caller),
-            }
-        }
         if mask == 0 {
+            return self.make_ready(index);
+        }
+        match site {
+            SiteKind::TraceRay { .. } => self.trace_rays(index, mask, false, false),
+            SiteKind::TraceRayMotion { .. } => self.trace_rays(index, mask, false, true),
+            SiteKind::HitObjectTraceRay { .. } => self.trace_rays(index, mask, true, false),
+            SiteKind::HitObjectTraceRayMotion { .. } => self.trace_rays(index, mask, true, true),
+            SiteKind::HitObjectExecute { .. } => self.execute_hit_objects(index, mask),
+            SiteKind::ReportIntersection { attribute_words } => {
+                self.report_intersections(index, mask, attribute_words as usize)
+            }
+            SiteKind::HitObjectGet { fact } => {
+                lanes_of(mask).for_each(|lane| self.answer_fact(index, lane, fact));
+                self.answered(index, mask)
+            }
+            SiteKind::ExecuteCallable { .. } => self.execute_callables(index, mask),
+            // Barriers exist in compute alone; a ray tracing module that has one is refused.
+            _ => self.answered(index, mask),
+        }
+    }
+
+    /// The events of some lanes are over; the last one makes their subgroup ready.
+    pub(super) fn answered(&mut self, index: SubgroupIndex, lanes: u16) {
+        let subgroup = &mut self.worker.subgroups[index];
+        subgroup.pending &= !lanes;
+        if subgroup.pending == 0 {
             self.make_ready(index);
         }
     }
 
-    /// A lane's event is over; the last one makes its subgroup ready.
-    pub(super) fn answered(&mut self, lane: LaneRef) {
-        let subgroup = &mut self.worker.subgroups[lane.subgroup];
-        subgroup.pending &= !(1 << lane.lane);
-        if subgroup.pending == 0 {
-            self.make_ready(lane.subgroup);
+    /// Rays of a group are answered.
+    pub(super) fn finish_rays(&mut self, index: u32, lanes: u16) {
+        if lanes == 0 {
+            return;
         }
-    }
-
-    /// As [`Self::answered`], for all `lanes` at once.
-    fn answered_lanes(&mut self, lanes: u16, waiting: &[LaneRef; SUBGROUP_SIZE]) {
-        for (index, lanes) in by_subgroup(lanes, waiting) {
-            let answered = lanes_of(lanes).fold(0, |mask, lane| mask | 1 << waiting[lane].lane);
-            let subgroup = &mut self.worker.subgroups[index];
-            subgroup.pending &= !answered;
-            if subgroup.pending == 0 {
-                self.make_ready(index);
-            }
+        let group = &mut self.worker.ray_groups[index];
+        let caller = group.caller;
+        group.in_flight &= !lanes;
+        if group.in_flight == 0 {
+            self.worker.ray_groups.remove(index);
         }
+        self.answered(caller, lanes);
     }
 
     /// Starts the rays that a subgroup's lanes ask for.
@@ -91,152 +86,142 @@ impl Batch<'_> {
         index: SubgroupIndex,
         lanes: u16,
         fills_hit_object: bool,
-        motion: bool,
+        has_time: bool,
     ) {
         let worker = &mut *self.worker;
-        let subgroup = &worker.subgroups[index];
-        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        let operands = subgroup.rows[program.layout().io..]
-            .first_chunk()
-            .expect("a state has a yield's operands");
-        for lane in lanes_of(lanes) {
-            let caller = LaneRef {
-                subgroup: index,
-                lane: lane as u8,
-            };
-            let ray_index = worker.rays.take();
-            let ray = &mut worker.rays[ray_index];
-            let launch = subgroup.launch[lane];
-            ray.start(caller, launch, operands, self.dispatch, motion);
-            ray.fills_hit_object = fills_hit_object;
-            self.walking.push((ray_index, Verdict::Continue));
-        }
+        let program = worker.subgroups[index].program;
+        let io = self.dispatch.shaders.programs[program as usize].layout().io;
+        let group_index = worker.ray_groups.take();
+        let group = &mut worker.ray_groups[group_index];
+        group.start(index, io, lanes);
+        group.fills_hit_object = fills_hit_object;
+        group.has_time = has_time;
+        self.starting.push(group_index);
         if let Some(traced) = self.dispatch.checks {
             let instruction = Instruction {
                 fills_hit_object,
-                has_time: motion,
+                has_time,
             };
-            self.check_rays(traced, index, lanes, instruction);
-        }
-        if lanes == 0 {
-            self.make_ready(index);
+            self.check_rays(traced, group_index, instruction);
         }
     }
 
-    fn execute_callable(&mut self, caller: LaneRef) {
-        let subgroup = &self.worker.subgroups[caller.subgroup];
+    fn execute_callables(&mut self, index: SubgroupIndex, lanes: u16) {
+        let subgroup = &self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        let callable = subgroup.io(program, 0, caller.lane as usize);
-        let launch = subgroup.launch[caller.lane as usize];
-        if let Some(traced) = self.dispatch.checks {
-            self.check_record(traced, Need::Callable, callable);
-        }
+        let callables = subgroup.rows[program.layout().io].0;
         let shaders = self.dispatch.shaders;
-        let found = self
-            .worker
-            .records
-            .find(shaders, &self.dispatch.tables.callable, callable);
-        match found.and_then(|(group, record)| Some((group.general?, record))) {
-            Some((program, record)) => {
-                self.calls.push(Call {
-                    program,
-                    role: Role::Callable,
-                    record,
-                    ray: 0,
-                    caller,
-                    launch,
-                });
+        let table = &self.dispatch.tables.callable;
+        let mut silent = 0;
+        for lane in lanes_of(lanes) {
+            if let Some(traced) = self.dispatch.checks {
+                self.check_record(traced, Need::Callable, callables[lane]);
             }
-            None => self.answered(caller),
+            let found = self.worker.records.find(shaders, table, callables[lane]);
+            match found.and_then(|(group, record)| Some((group.general?, record))) {
+                Some((program, record)) => {
+                    let caller = LaneRef::new(index, lane);
+                    self.calls.push(program, Role::Callable, record, caller);
+                }
+                None => silent |= 1 << lane,
+            }
+        }
+        if silent != 0 {
+            self.answered(index, silent);
         }
     }
 
-    /// A hit that an intersection shader reports: counts if it is in the ray's interval as it stands; the any-hit shader, if
+    /// Hits that intersection shaders report: each counts if it is in its ray's interval as it stands; the any-hit shader, if
     /// the geometry is not opaque and there is one, has the last word.
-    fn report_intersection(&mut self, reporter: LaneRef, attribute_words: u32) {
-        let lane = reporter.lane as usize;
-        let subgroup = &self.worker.subgroups[reporter.subgroup];
-        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        let index = subgroup.ray[lane];
+    fn report_intersections(&mut self, index: SubgroupIndex, lanes: u16, attribute_words: usize) {
         if let Some(traced) = self.dispatch.checks {
-            self.check_hit_kind(traced, reporter, subgroup.io(program, 1, lane));
-        }
-        let io = &subgroup.rows[program.layout().io..];
-        let mut report = Report {
-            t: f32::from_bits(io[0].0[lane]),
-            hit_kind: io[1].0[lane] as u8,
-            reporter,
-            ..Report::default()
-        };
-        let words = &io[IO_DATA_ROW..][..attribute_words as usize];
-        for (attribute, row) in report.attributes.iter_mut().zip(words) {
-            *attribute = row.0[lane];
-        }
-        let ray = &mut self.worker.rays[index];
-        let walk = ray.walk();
-        // Written so that a NaN is outside.
-        let inside = report.t >= walk.t_min() && report.t <= walk.t_max();
-        if !inside || ray.over {
-            return self.decide_report(reporter, 0);
-        }
-        let candidate = *walk.candidate();
-        let opaque = candidate.opaque;
-        let record = ray.hit_record_index(&candidate);
-        let launch = ray.launch;
-        if let Some(traced) = self.dispatch.checks.filter(|_| !opaque) {
-            self.check_hit_record(traced, Need::AnyHit, record, &candidate);
+            lanes_of(lanes).for_each(|lane| self.check_report(traced, index, lane));
         }
         let shaders = self.dispatch.shaders;
-        let found = if opaque {
-            None
-        } else {
-            self.worker
-                .records
-                .find(shaders, &self.dispatch.tables.hit, record)
-        };
-        match found.and_then(|(group, record)| Some((group.any_hit?, record))) {
-            Some((program, record)) => {
-                let role = Role::AnyHitOfReport;
-                self.worker.rays[index].details_mut().report = report;
-                self.calls.push(Call {
-                    program,
-                    role,
-                    record,
-                    ray: index,
-                    caller: reporter,
-                    launch,
-                });
+        let Worker {
+            subgroups,
+            ray_groups,
+            walks,
+            records,
+            ..
+        } = &mut *self.worker;
+        let subgroup = &subgroups[index];
+        let io = shaders.programs[subgroup.program as usize].layout().io;
+        let (numbers, words) = subgroup.rows[io..].split_at(IO_DATA_ROW);
+        let words = &words[..attribute_words];
+        let (mut verdicts, mut decided) = ([0; SUBGROUP_SIZE], lanes);
+        for lane in lanes_of(lanes) {
+            let ray = subgroup.of[lane];
+            let group = &mut ray_groups[ray.index()];
+            let walk = &mut walks[group.walks[ray.lane()]];
+            let t = f32::from_bits(numbers[0].0[lane]);
+            let hit_kind = numbers[1].0[lane] as u8;
+            // Written so that a NaN is outside.
+            let inside = t >= walk.t_min() && t <= walk.t_max();
+            if !inside || group.over >> ray.lane() & 1 != 0 {
+                continue;
             }
-            None => self.commit_report(index, &report, false),
+            let any_hit = if walk.candidate().opaque {
+                None
+            } else {
+                let operands = group.operands(subgroups);
+                let record = hit_record_index(operands, ray.lane(), walk.candidate());
+                (records.find(shaders, &self.dispatch.tables.hit, record))
+                    .and_then(|(group, record)| Some((group.any_hit?, record)))
+            };
+            if let Some((program, record)) = any_hit {
+                let mut report = Report {
+                    t,
+                    hit_kind,
+                    reporter: LaneRef::new(index, lane),
+                    ..Report::default()
+                };
+                for (attribute, row) in report.attributes.iter_mut().zip(words) {
+                    *attribute = row.0[lane];
+                }
+                group.procedural_mut().reports[ray.lane()] = report;
+                self.calls.push(program, Role::AnyHitOfReport, record, ray);
+                decided &= !(1 << lane);
+                continue;
+            }
+            if attribute_words > 0 {
+                let attributes = &mut group.procedural_mut().attributes;
+                for (attribute, row) in attributes.iter_mut().zip(words) {
+                    attribute[ray.lane()] = row.0[lane];
+                }
+            }
+            let over = walk.commit_procedural(t, hit_kind);
+            verdicts[lane] = if over { 2 } else { 1 };
         }
+        let row = &mut subgroups[index].rows[io].0;
+        for lane in lanes_of(decided) {
+            row[lane] = verdicts[lane];
+        }
+        self.answered(index, decided);
     }
 
-    /// The any-hit shader accepts the reported hit.
-    fn accept_report(&mut self, index: u32, terminate: bool) {
-        let report = self.worker.rays[index].details_mut().report;
-        self.commit_report(index, &report, terminate);
-    }
-
-    /// Commits a reported hit and tells the intersection invocation.
-    fn commit_report(&mut self, index: u32, report: &Report, terminate: bool) {
-        let ray = &mut self.worker.rays[index];
-        ray.details_mut().attributes = report.attributes;
-        let over = ray.walk_mut().commit_procedural(report.t, report.hit_kind);
-        ray.over |= terminate;
-        self.decide_report(report.reporter, if over || terminate { 2 } else { 1 });
-    }
-
-    /// The any-hit shader ignores the reported hit.
-    fn reject_report(&mut self, index: u32) {
-        let reporter = self.worker.rays[index].details_mut().report.reporter;
-        self.decide_report(reporter, 0);
-    }
-
-    fn decide_report(&mut self, reporter: LaneRef, verdict: u32) {
-        let subgroup = &mut self.worker.subgroups[reporter.subgroup];
+    /// An any-hit shader has decided on the hit that was reported for a ray: tells the intersection invocation.
+    fn decide_report(&mut self, ray: LaneRef, accepts: bool, terminates: bool) {
+        let worker = &mut *self.worker;
+        let group = &mut worker.ray_groups[ray.index()];
+        let lane = ray.lane();
+        let procedural = group.procedural_mut();
+        let report = procedural.reports[lane];
+        let mut verdict = 0;
+        if accepts {
+            for (attribute, word) in procedural.attributes.iter_mut().zip(report.attributes) {
+                attribute[lane] = word;
+            }
+            let walk = &mut worker.walks[group.walks[lane]];
+            let over = walk.commit_procedural(report.t, report.hit_kind);
+            group.over |= u16::from(terminates) << lane;
+            verdict = if over || terminates { 2 } else { 1 };
+        }
+        let (index, lane) = (report.reporter.index(), report.reporter.lane());
+        let subgroup = &mut worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        subgroup.set_io(program, 0, reporter.lane as usize, verdict);
-        self.answered(reporter);
+        subgroup.set_io(program, 0, lane, verdict);
+        self.answered(index, 1 << lane);
     }
 
     /// All invocations of a subgroup have ended: copies what they leave to those who wait.
@@ -244,58 +229,45 @@ impl Batch<'_> {
         let worker = &mut *self.worker;
         let subgroup = &mut worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        let (role, lanes, rays) = (subgroup.role, subgroup.lanes, subgroup.ray);
+        let (role, lanes, of) = (subgroup.role, subgroup.lanes, subgroup.of);
         // Out of the list, for the others to be written meanwhile.
         let rows = std::mem::take(&mut subgroup.rows);
         worker.queries.release(&mut subgroup.queries);
-        let waiting = match role {
-            Role::RayGeneration => [LaneRef::default(); SUBGROUP_SIZE],
-            Role::Callable => subgroup.caller,
-            _ => rays.map(|ray| worker.rays[ray].caller),
-        };
         let layout = program.layout();
         self.state_bytes -= layout.rows * size_of::<AlignedRow>();
         let outputs = &rows[layout.io..][..program.output_rows() as usize];
         match role {
             Role::RayGeneration => {}
             Role::Callable => {
-                self.copy_outputs(outputs, lanes, &waiting);
-                self.answered_lanes(lanes, &waiting);
+                for (caller, lanes) in by_index(lanes, &of) {
+                    self.copy_outputs(outputs, lanes, caller, &of);
+                    self.answered(caller, lanes_named(lanes, &of));
+                }
             }
             Role::ClosestHit | Role::Miss => {
-                self.copy_outputs(outputs, lanes, &waiting);
-                self.answered_lanes(lanes, &waiting);
-                for lane in lanes_of(lanes) {
-                    self.worker.rays.remove(rays[lane]);
+                for (group, lanes) in by_index(lanes, &of) {
+                    let caller = self.worker.ray_groups[group].caller;
+                    self.copy_outputs(outputs, lanes, caller, &of);
+                    self.finish_rays(group, lanes_named(lanes, &of));
                 }
             }
-            Role::AnyHit => {
-                self.copy_outputs(&outputs[1..], lanes, &waiting);
-                for lane in lanes_of(lanes) {
-                    let verdict = match outputs[0].0[lane] {
-                        0 => Verdict::Accept,
-                        1 => Verdict::Continue,
-                        _ => Verdict::AcceptAndTerminate,
-                    };
-                    self.walking.push((rays[lane], verdict));
+            Role::AnyHit | Role::AnyHitOfReport => {
+                for (group, lanes) in by_index(lanes, &of) {
+                    let caller = self.worker.ray_groups[group].caller;
+                    self.copy_outputs(&outputs[1..], lanes, caller, &of);
                 }
-            }
-            Role::AnyHitOfReport => {
-                self.copy_outputs(&outputs[1..], lanes, &waiting);
                 for lane in lanes_of(lanes) {
-                    match outputs[0].0[lane] {
-                        1 => self.reject_report(rays[lane]),
-                        verdict => self.accept_report(rays[lane], verdict != 0),
-                    }
+                    self.decide(role, of[lane], outputs[0].0[lane]);
                 }
             }
             Role::Intersection => {
                 for lane in lanes_of(lanes) {
-                    let verdict = match self.worker.rays[rays[lane]].over {
-                        true => Verdict::Terminate,
-                        false => Verdict::Continue,
+                    let group = &self.worker.ray_groups[of[lane].index()];
+                    let verdict = match group.over >> of[lane].lane() & 1 {
+                        0 => Verdict::Continue,
+                        _ => Verdict::Terminate,
                     };
-                    self.walking.push((rays[lane], verdict));
+                    self.walking.push((of[lane], verdict));
                 }
             }
         }
@@ -305,40 +277,42 @@ impl Batch<'_> {
         self.worker.subgroups.remove(index);
     }
 
-    /// Copies what lanes leave over the data that those stand with who wait for them.
+    /// What an any-hit shader says of its ray's candidate: 0 accepts it, 1 ignores it, all else accepts and terminates.
+    fn decide(&mut self, role: Role, ray: LaneRef, decision: u32) {
+        if role == Role::AnyHitOfReport {
+            return self.decide_report(ray, decision != 1, decision > 1);
+        }
+        let verdict = match decision {
+            0 => Verdict::Accept,
+            1 => Verdict::Continue,
+            _ => Verdict::AcceptAndTerminate,
+        };
+        self.walking.push((ray, verdict));
+    }
+
+    /// Copies what lanes leave over the data of a caller that waits for them: `of` says in which of its lanes.
     fn copy_outputs(
         &mut self,
         outputs: &[AlignedRow],
         lanes: u16,
-        waiting: &[LaneRef; SUBGROUP_SIZE],
+        caller: SubgroupIndex,
+        of: &[LaneRef; SUBGROUP_SIZE],
     ) {
-        for (index, lanes) in by_subgroup(lanes, waiting) {
-            let target = &mut self.worker.subgroups[index];
-            let program = &self.dispatch.shaders.programs[target.program as usize];
-            let data = &mut target.rows[program.layout().io + IO_DATA_ROW..];
-            let words = data
-                .iter_mut()
-                .zip(outputs)
-                .take(target.data_words as usize);
-            if in_place(lanes, waiting) {
-                for (to, from) in words {
-                    for lane in 0..SUBGROUP_SIZE {
-                        let copied = lanes & 1 << lane != 0;
-                        to.0[lane] = if copied { from.0[lane] } else { to.0[lane] };
-                    }
-                }
-            } else {
-                for (to, from) in words {
-                    for lane in lanes_of(lanes) {
-                        to.0[waiting[lane].lane as usize % SUBGROUP_SIZE] = from.0[lane];
-                    }
+        let target = &mut self.worker.subgroups[caller];
+        let program = &self.dispatch.shaders.programs[target.program as usize];
+        let data = &mut target.rows[program.layout().io + IO_DATA_ROW..];
+        let words = data
+            .iter_mut()
+            .zip(outputs)
+            .take(target.data_words as usize);
+        if in_place(lanes, of) {
+            words.for_each(|(to, from)| copy_lanes(&mut to.0, &from.0, lanes));
+        } else {
+            for (to, from) in words {
+                for lane in lanes_of(lanes) {
+                    to.0[of[lane].lane()] = from.0[lane];
                 }
             }
         }
-    }
-
-    pub(super) fn finish_ray(&mut self, index: u32) {
-        self.answered(self.worker.rays[index].caller);
-        self.worker.rays.remove(index);
     }
 }

@@ -1,23 +1,27 @@
 //! One batch: run ready waves, advance walks, form waves of the calls; until nothing is left.
 
+use smallvec::SmallVec;
 use spirv_jit::program::{AlignedRow, Event, ResumePoint, SiteKind, Wave};
 use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
-use traversal::{Verdict, Walker};
+use traversal::{RayRows, Verdict, Walk, Walker};
 
-use super::calls::{Call, Records, sort_calls, split_subgroup};
+use super::calls::{Call, Calls, Records};
 use super::grid::Grid;
 use super::inputs::Sources;
 use super::queries::Queries;
-use super::rays::RayInFlight;
+use super::rays::RayGroup;
 use super::slab::Slab;
 use super::stats::Tally;
-use super::subgroup::{Role, Subgroup, SubgroupIndex};
+use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex};
 use super::table::ProgramIndex;
 use super::{Dispatch, Stopped};
 use crate::settings::settings;
 
 /// Fuel of one run or walk between two looks at the limits.
 pub(super) const FUEL: u64 = 1 << 16;
+
+/// Subgroups in a wave of most shaders, at most.
+const USUAL_WAVE: usize = 16;
 
 /// Waves between two looks at the limits.
 const PATIENCE: u32 = 256;
@@ -30,7 +34,11 @@ pub struct Worker {
     frame: Frame,
     pub(super) walker: Box<Walker>,
     pub(super) subgroups: Slab<Subgroup>,
-    pub(super) rays: Slab<RayInFlight>,
+    pub(super) ray_groups: Slab<RayGroup>,
+    /// Walks that wait for a shader.
+    pub(super) walks: Slab<Walk>,
+    /// The rays that are being started.
+    pub(super) rays: RayRows,
     pub(super) records: Records,
     /// States without a subgroup, for their memory.
     pub(super) spare_rows: Vec<Vec<AlignedRow>>,
@@ -43,7 +51,9 @@ impl Default for Worker {
             frame: Frame::default(),
             walker: settings().walker(),
             subgroups: Slab::default(),
-            rays: Slab::default(),
+            ray_groups: Slab::default(),
+            walks: Slab::default(),
+            rays: RayRows::NONE,
             records: Records::default(),
             spare_rows: Vec::new(),
             queries: Queries::default(),
@@ -64,9 +74,11 @@ pub struct Batch<'a> {
     grid: &'a Grid,
     pub(super) worker: &'a mut Worker,
     ready: Vec<Ready>,
+    /// Groups of rays whose walks begin.
+    pub(super) starting: Vec<u32>,
     /// Rays whose walk can go on.
-    pub(super) walking: Vec<(u32, Verdict)>,
-    pub(super) calls: Vec<Call>,
+    pub(super) walking: Vec<(LaneRef, Verdict)>,
+    pub(super) calls: Calls,
     /// Subgroups that stand at a reorder instruction.
     pub(super) reordering: Vec<SubgroupIndex>,
     pub(super) state_bytes: usize,
@@ -79,7 +91,8 @@ impl<'a> Batch<'a> {
     /// An empty batch of a dispatch.
     pub fn new(dispatch: &'a Dispatch<'a>, grid: &'a Grid, worker: &'a mut Worker) -> Self {
         worker.subgroups.clear();
-        worker.rays.clear();
+        worker.ray_groups.clear();
+        worker.walks.clear();
         worker.records = Records::default();
         worker.queries.clear();
         Self {
@@ -87,8 +100,9 @@ impl<'a> Batch<'a> {
             grid,
             worker,
             ready: Vec::new(),
+            starting: Vec::new(),
             walking: Vec::new(),
-            calls: Vec::new(),
+            calls: Calls::default(),
             reordering: Vec::new(),
             state_bytes: 0,
             patience: PATIENCE,
@@ -113,7 +127,7 @@ impl<'a> Batch<'a> {
             self.start(subgroup, &[record; SUBGROUP_SIZE]);
         }
         loop {
-            while !self.ready.is_empty() || !self.walking.is_empty() || !self.calls.is_empty() {
+            while self.is_busy() {
                 self.run_ready_waves()?;
                 self.advance_walks()?;
                 self.form_waves()?;
@@ -127,6 +141,12 @@ impl<'a> Batch<'a> {
             tally.close(|index| &self.dispatch.shaders.programs[index]);
         }
         Ok(())
+    }
+
+    /// Something other than a reordering is to be done.
+    fn is_busy(&self) -> bool {
+        let walks = self.starting.is_empty() && self.walking.is_empty();
+        !(self.ready.is_empty() && walks && self.calls.is_empty())
     }
 
     /// Takes a place for a subgroup at its program's entry.
@@ -162,7 +182,8 @@ impl<'a> Batch<'a> {
             dispatch: self.dispatch,
             grid: self.grid,
             subgroups: &self.worker.subgroups,
-            rays: &self.worker.rays,
+            ray_groups: &self.worker.ray_groups,
+            walks: &self.worker.walks,
         };
         sources.fill(program, subgroup, records, &mut rows);
         self.worker.subgroups[index].rows = rows;
@@ -211,7 +232,7 @@ impl<'a> Batch<'a> {
 
     fn run_wave(&mut self, program: ProgramIndex, wave: &[SubgroupIndex]) -> Result<(), Stopped> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
-        let mut rows: Vec<_> = wave
+        let mut rows: SmallVec<[_; USUAL_WAVE]> = wave
             .iter()
             .map(|&index| std::mem::take(&mut self.worker.subgroups[index].rows))
             .collect();
@@ -271,33 +292,44 @@ impl<'a> Batch<'a> {
     /// Makes subgroups of the waiting calls: full ones of one shader each, whatever the divergence of those who called.
     fn form_waves(&mut self) -> Result<(), Stopped> {
         let mut calls = std::mem::take(&mut self.calls);
-        sort_calls(&mut calls);
-        let mut rest = &calls[..];
-        while !rest.is_empty() {
-            let (these, others) = split_subgroup(rest);
-            self.form_subgroup(these)?;
-            rest = others;
+        for bucket in calls.sorted() {
+            let (program, role) = (bucket.program, bucket.role);
+            for calls in bucket.sorted().chunks(SUBGROUP_SIZE) {
+                self.form_subgroup(program, role, calls)?;
+            }
+            bucket.clear();
         }
-        calls.clear();
         self.calls = calls;
         Ok(())
     }
 
-    fn form_subgroup(&mut self, calls: &[Call]) -> Result<(), Stopped> {
+    fn form_subgroup(
+        &mut self,
+        program: ProgramIndex,
+        role: Role,
+        calls: &[Call],
+    ) -> Result<(), Stopped> {
         if let Some(traced) = self.dispatch.checks {
-            calls.iter().for_each(|call| self.check_call(traced, call));
+            for &(_, of) in calls {
+                self.check_call(traced, program, role, of);
+            }
         }
         let lanes = u16::MAX >> (SUBGROUP_SIZE - calls.len());
-        let index = self.new_subgroup(calls[0].program, calls[0].role, lanes)?;
-        let subgroup = &mut self.worker.subgroups[index];
-        let mut records = [0; SUBGROUP_SIZE];
-        for (lane, record) in records.iter_mut().enumerate() {
-            let call = calls.get(lane).unwrap_or(&calls[0]);
-            subgroup.ray[lane] = call.ray;
-            subgroup.caller[lane] = call.caller;
-            subgroup.launch[lane] = call.launch;
-            *record = call.record;
+        let index = self.new_subgroup(program, role, lanes)?;
+        let (mut records, mut of) = ([calls[0].0; SUBGROUP_SIZE], [calls[0].1; SUBGROUP_SIZE]);
+        for (lane, call) in calls.iter().enumerate() {
+            (records[lane], of[lane]) = *call;
         }
+        let worker = &mut *self.worker;
+        let launch = of.map(|of| {
+            let caller = match role {
+                Role::Callable => of.index(),
+                _ => worker.ray_groups[of.index()].caller,
+            };
+            worker.subgroups[caller].launch[of.lane()]
+        });
+        let subgroup = &mut worker.subgroups[index];
+        (subgroup.of, subgroup.launch) = (of, launch);
         self.start(index, &records);
         Ok(())
     }

@@ -4,35 +4,84 @@
 use super::subgroup::{LaneRef, Role};
 use super::table::{Group, ProgramIndex, Region, Shaders, read_handle};
 
-/// An invocation to be created.
-#[derive(Clone, Copy, Debug)]
-pub struct Call {
+/// An invocation to be created: the address of its shader record, and what it is about. See [`Subgroup::of`](super::subgroup::Subgroup).
+pub type Call = (u64, LaneRef);
+
+/// Calls by shader and role.
+#[derive(Default)]
+pub struct Calls {
+    /// Those with calls first, in the order of their first ones.
+    buckets: Vec<Bucket>,
+    used: usize,
+    /// Bucket + 1 by program and role.
+    places: Vec<u32>,
+}
+
+/// Calls of one shader in one role.
+#[derive(Default)]
+pub struct Bucket {
     pub program: ProgramIndex,
     pub role: Role,
-    /// Address of the shader record.
-    pub record: u64,
-    /// The ray, for hit and miss shaders.
-    pub ray: u32,
-    /// Who waits, for callables.
-    pub caller: LaneRef,
-    /// Linear launch index.
-    pub launch: u32,
+    calls: Vec<Call>,
 }
 
-/// Sorts calls by role, shader and record. The sort is stable, so that the order follows from the batch alone.
-pub fn sort_calls(calls: &mut [Call]) {
-    calls.sort_by_key(|call| (call.role, call.program, call.record));
+impl Calls {
+    /// Nothing has to be called.
+    pub fn is_empty(&self) -> bool {
+        self.used == 0
+    }
+
+    /// Adds a call.
+    #[inline]
+    pub fn push(&mut self, program: ProgramIndex, role: Role, record: u64, of: LaneRef) {
+        let place = program as usize * Role::COUNT + role as usize;
+        let bucket = match self.places.get(place) {
+            Some(&known) if known != 0 => known as usize - 1,
+            _ => self.add(place, program, role),
+        };
+        self.buckets[bucket].calls.push((record, of));
+    }
+
+    #[cold]
+    fn add(&mut self, place: usize, program: ProgramIndex, role: Role) -> usize {
+        if self.places.len() <= place {
+            self.places.resize(place + 1, 0);
+        }
+        if self.used == self.buckets.len() {
+            self.buckets.push(Bucket::default());
+        }
+        let bucket = &mut self.buckets[self.used];
+        (bucket.program, bucket.role) = (program, role);
+        self.used += 1;
+        self.places[place] = self.used as u32;
+        self.used - 1
+    }
+
+    /// The buckets with calls, by role and shader: an order that follows from the batch alone.
+    pub fn sorted(&mut self) -> &mut [Bucket] {
+        let buckets = &mut self.buckets[..self.used];
+        for bucket in &*buckets {
+            self.places[bucket.program as usize * Role::COUNT + bucket.role as usize] = 0;
+        }
+        buckets.sort_by_key(|bucket| (bucket.role, bucket.program));
+        self.used = 0;
+        buckets
+    }
 }
 
-/// The next calls that one subgroup can hold: same shader and role, at most a subgroup's width.
-pub fn split_subgroup(calls: &[Call]) -> (&[Call], &[Call]) {
-    let first = calls[0];
-    let count = calls
-        .iter()
-        .take(spirv_jit::SUBGROUP_SIZE)
-        .take_while(|call| (call.role, call.program) == (first.role, first.program))
-        .count();
-    calls.split_at(count)
+impl Bucket {
+    /// The calls, by record; those of one record as they came.
+    pub fn sorted(&mut self) -> &[Call] {
+        if !self.calls.is_sorted_by_key(|call| call.0) {
+            self.calls.sort_by_key(|call| call.0);
+        }
+        &self.calls
+    }
+
+    /// Forgets the calls.
+    pub fn clear(&mut self) {
+        self.calls.clear();
+    }
 }
 
 const REMEMBERED: usize = 64;

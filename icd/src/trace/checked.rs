@@ -1,45 +1,51 @@
 //! What validation looks at while a batch is turned. Nothing of this runs where it is off.
 
-use traversal::{Hit, Ray, Structure};
+use traversal::{Hit, Ray, RayRows, Structure};
 
 use super::batch::Batch;
-use super::calls::Call;
-use super::subgroup::{LaneRef, Role, SubgroupIndex};
-use super::table::{Region, read_handle};
+use super::rays::{hit_record_index, operand, structure_in};
+use super::subgroup::{LaneRef, Role, SubgroupIndex, lanes_of};
+use super::table::{ProgramIndex, Region, read_handle};
 use crate::validate::{Instruction, Lookup, Need, Traced};
 
 impl Batch<'_> {
-    /// The rays that a subgroup's lanes have just started: the last that are to walk.
+    /// The rays of a group that has just been started.
     #[cold]
-    pub(super) fn check_rays(
-        &self,
-        traced: &Traced,
-        index: SubgroupIndex,
-        lanes: u16,
-        instruction: Instruction,
-    ) {
-        let subgroup = &self.worker.subgroups[index];
-        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        let first = self.walking.len() - lanes.count_ones() as usize;
-        for &(ray, _) in &self.walking[first..] {
-            let ray = &self.worker.rays[ray];
-            let word = |row| u64::from(subgroup.io(program, row, ray.caller.lane as usize));
-            let named = word(0) | word(1) << 32;
+    pub(super) fn check_rays(&self, traced: &Traced, index: u32, instruction: Instruction) {
+        let group = &self.worker.ray_groups[index];
+        let operands = group.operands(&self.worker.subgroups);
+        let mut rays = RayRows::NONE;
+        group.load(operands, self.dispatch, &mut rays);
+        for lane in lanes_of(group.in_flight) {
             let as_given = Ray {
-                flags: ray.flags,
-                ..*ray.walk().ray()
+                flags: operands[operand::FLAGS].0[lane],
+                ..rays.ray(lane)
             };
             // SAFETY: an address that leads nowhere is 0 here; what lies at others is kept by the application, as for the walk.
-            let kind = unsafe { Structure::at(ray.structure) }.map(|structure| structure.kind());
-            let place = program.number();
-            traced.ray(instruction, place, &as_given, ray.time, named, kind);
+            let kind =
+                unsafe { Structure::at(rays.top_level[lane]) }.map(|structure| structure.kind());
+            let (place, named) = (self.shader_of(group.caller), structure_in(operands, lane));
+            traced.ray(instruction, place, &as_given, rays.time[lane], named, kind);
         }
     }
 
-    /// A hit kind that is reported.
+    /// A hit that an intersection shader reports.
     #[cold]
-    pub(super) fn check_hit_kind(&self, traced: &Traced, reporter: LaneRef, kind: u32) {
-        traced.hit_kind(self.shader_of(reporter), kind);
+    pub(super) fn check_report(&self, traced: &Traced, index: SubgroupIndex, lane: usize) {
+        let worker = &*self.worker;
+        let subgroup = &worker.subgroups[index];
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        traced.hit_kind(self.shader_of(index), subgroup.io(program, 1, lane));
+        let ray = subgroup.of[lane];
+        let group = &worker.ray_groups[ray.index()];
+        let walk = &worker.walks[group.walks[ray.lane()]];
+        let t = f32::from_bits(subgroup.io(program, 0, lane));
+        let candidate = walk.candidate();
+        let counts = t >= walk.t_min() && t <= walk.t_max() && group.over >> ray.lane() & 1 == 0;
+        if counts && !candidate.opaque {
+            let record = hit_record_index(group.operands(&worker.subgroups), ray.lane(), candidate);
+            self.check_hit_record(traced, Need::AnyHit, record, candidate);
+        }
     }
 
     /// A record that is looked up for a hit.
@@ -76,33 +82,33 @@ impl Batch<'_> {
 
     /// A shader that is about to be called.
     #[cold]
-    pub(super) fn check_call(&self, traced: &Traced, call: &Call) {
+    pub(super) fn check_call(
+        &self,
+        traced: &Traced,
+        program: ProgramIndex,
+        role: Role,
+        of: LaneRef,
+    ) {
         let programs = &self.dispatch.shaders.programs;
         let stack = |program: u32| u64::from(programs[program as usize].stack_size_bytes());
-        let mut bytes = stack(call.program);
-        let mut depth = u32::from(call.role != Role::Callable);
-        let mut waits = Some(match call.role {
-            Role::Callable => call.caller,
-            _ => self.worker.rays[call.ray].caller,
-        });
-        while let Some(lane) = waits {
-            let subgroup = &self.worker.subgroups[lane.subgroup];
+        let (mut bytes, mut depth) = (stack(program), 0);
+        let (mut role, mut of) = (role, of);
+        while role != Role::RayGeneration {
+            let mut waits = of;
+            if role != Role::Callable {
+                depth += 1;
+                waits = LaneRef::new(self.worker.ray_groups[of.index()].caller, of.lane());
+            }
+            let subgroup = &self.worker.subgroups[waits.index()];
             bytes += stack(subgroup.program);
-            waits = match subgroup.role {
-                Role::RayGeneration => None,
-                Role::Callable => Some(subgroup.caller[lane.lane as usize]),
-                _ => {
-                    depth += 1;
-                    Some(self.worker.rays[subgroup.ray[lane.lane as usize]].caller)
-                }
-            };
+            (role, of) = (subgroup.role, subgroup.of[waits.lane()]);
         }
-        traced.call(programs[call.program as usize].number(), depth, bytes);
+        traced.call(programs[program as usize].number(), depth, bytes);
     }
 
     /// Tells the shaders of the process apart.
-    fn shader_of(&self, lane: LaneRef) -> u64 {
-        let program = self.worker.subgroups[lane.subgroup].program;
+    fn shader_of(&self, index: SubgroupIndex) -> u64 {
+        let program = self.worker.subgroups[index].program;
         self.dispatch.shaders.programs[program as usize].number()
     }
 }

@@ -3,97 +3,89 @@
 use spirv_jit::Program;
 use spirv_jit::hit_object::{HitFact, IDENTITY, TRACED, kind, primitive, word};
 use spirv_jit::program::IO_DATA_ROW;
-use traversal::{Hit, Ray, Structure, Swept};
+use traversal::{Hit, Structure, Swept};
 
 use super::Limits;
-use super::batch::Batch;
-use super::rays::Recorded;
-use super::subgroup::{LaneRef, Subgroup};
+use super::batch::{Batch, Worker};
+use super::rays::{Operands, RayGroup, operand};
+use super::subgroup::{Subgroup, SubgroupIndex, lanes_of};
 use super::table::HANDLE_SIZE;
 
 impl Batch<'_> {
-    /// A walk is over: what it found goes to the caller, no shader runs.
-    pub(super) fn fill_hit_object(&mut self, index: u32) {
-        let ray = &self.worker.rays[index];
-        let caller = ray.caller;
-        let mut object = [0; word::COUNT];
-        let state = match ray.committed() {
-            Some(hit) => {
-                object[word::T_MAX] = hit.t.to_bits();
-                object[word::RECORD_INDEX] = ray.hit_record_index(hit);
-                object[word::INSTANCE] = hit.instance_index;
-                object[word::GEOMETRY] = hit.geometry_index;
-                object[word::PRIMITIVE] = hit.primitive_index;
-                object[word::HIT_KIND] = hit.hit_kind as u32 | primitive_of(hit) << 8;
-                object[word::SLOT] = hit.slot;
-                let attributes = &mut object[word::ATTRIBUTES..];
-                if hit.is_built_in() {
-                    attributes[..2].copy_from_slice(&hit.barycentrics.map(f32::to_bits));
-                } else {
-                    let details = ray.details();
-                    attributes
-                        .copy_from_slice(&details.map_or_else(Default::default, |d| d.attributes));
-                }
-                kind::HIT
+    /// Walks are over: what they found goes to the caller, no shader runs.
+    pub(super) fn fill_hit_objects(&mut self, index: u32, lanes: u16) {
+        let Worker {
+            ray_groups,
+            subgroups,
+            ..
+        } = &mut *self.worker;
+        let group = &ray_groups[index];
+        for lane in lanes_of(lanes) {
+            let object = found_by(group, group.operands(subgroups), lane);
+            let subgroup = &mut subgroups[group.caller];
+            for (row, &word) in TRACED.iter().enumerate() {
+                subgroup.rows[group.io + row].0[lane] = object[word];
             }
-            None => {
-                object[word::T_MAX] = ray.t_max().to_bits();
-                object[word::RECORD_INDEX] = ray.miss_index;
-                kind::MISS
-            }
-        };
-        object[word::KIND] = state | ray.cull_mask << 8;
-        let subgroup = &mut self.worker.subgroups[caller.subgroup];
-        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        for (row, &index) in TRACED.iter().enumerate() {
-            subgroup.set_io(program, row, caller.lane as usize, object[index]);
         }
-        self.finish_ray(index);
+        self.finish_rays(index, lanes);
     }
 
-    /// Calls the closest-hit or miss shader of a hit object; an empty one has none.
-    pub(super) fn execute_hit_object(&mut self, caller: LaneRef) {
-        let subgroup = &self.worker.subgroups[caller.subgroup];
+    /// Calls the closest-hit or miss shaders of hit objects; an empty one has none.
+    pub(super) fn execute_hit_objects(&mut self, index: SubgroupIndex, lanes: u16) {
+        let worker = &mut *self.worker;
+        let subgroup = &worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        let object = Object::of_execute(subgroup, program, caller.lane as usize)
-            .confined(self.dispatch.limits);
-        if object.state() == kind::EMPTY {
-            return self.answered(caller);
+        let group_index = worker.ray_groups.take();
+        let group = &mut worker.ray_groups[group_index];
+        group.start(index, program.layout().io, lanes);
+        group.record();
+        let mut empty = 0;
+        for lane in lanes_of(lanes) {
+            let object = Object::of_execute(subgroup, program, lane).confined(self.dispatch.limits);
+            if object.state() == kind::EMPTY {
+                empty |= 1 << lane;
+                continue;
+            }
+            let mut sbt_offset = 0;
+            group.hits.t[lane] = f32::from_bits(object.0[word::T_MAX]);
+            if object.state() == kind::HIT {
+                let hit = object.hit();
+                // The record's index is given: one that the rule for hits leads back to, with a stride of 0.
+                sbt_offset = object.0[word::RECORD_INDEX].wrapping_sub(hit.instance_sbt_offset);
+                group.hits.set(lane, &hit);
+                let attributes = &mut group.procedural_mut().attributes;
+                for (attribute, word) in attributes.iter_mut().zip(&object.0[word::ATTRIBUTES..]) {
+                    attribute[lane] = *word;
+                }
+            }
+            let words = [
+                (operand::STRUCTURE, object.0[word::STRUCTURE]),
+                (operand::STRUCTURE + 1, object.0[word::STRUCTURE + 1]),
+                (operand::FLAGS, object.0[word::FLAGS]),
+                (operand::CULL_MASK, object.0[word::KIND] >> 8 & 0xff),
+                (operand::SBT_OFFSET, sbt_offset),
+                (operand::SBT_STRIDE, 0),
+                (operand::MISS_INDEX, object.0[word::RECORD_INDEX]),
+                (operand::T_MIN, object.0[word::T_MIN]),
+                (operand::T_MAX, object.0[word::T_MAX]),
+                (operand::TIME, object.0[word::TIME]),
+            ];
+            let operands = group.recorded_mut();
+            for (row, word) in words {
+                operands[row].0[lane] = word;
+            }
+            for axis in 0..3 {
+                operands[operand::ORIGIN + axis].0[lane] = object.0[word::ORIGIN + axis];
+                operands[operand::DIRECTION + axis].0[lane] = object.0[word::DIRECTION + axis];
+            }
         }
-        let launch = subgroup.launch[caller.lane as usize];
-        let index = self.worker.rays.take();
-        let ray = &mut self.worker.rays[index];
-        ray.caller = caller;
-        ray.launch = launch;
-        ray.structure = object.structure();
-        ray.flags = object.0[word::FLAGS];
-        ray.cull_mask = object.0[word::KIND] >> 8 & 0xff;
-        ray.fills_hit_object = false;
-        ray.time = object.time();
-        // The record's index is given: one that the rule for hits, with these, leads back to.
-        ray.sbt_stride = 0;
-        ray.miss_index = object.0[word::RECORD_INDEX];
-        let hit = (object.state() == kind::HIT).then(|| object.hit());
-        ray.sbt_offset = match &hit {
-            Some(hit) => object.0[word::RECORD_INDEX].wrapping_sub(hit.instance_sbt_offset),
-            None => 0,
-        };
-        ray.is_recorded = true;
-        let details = ray.details_mut();
-        details
-            .attributes
-            .copy_from_slice(&object.0[word::ATTRIBUTES..]);
-        details.recorded = Recorded {
-            ray: object.ray(),
-            hit,
-        };
-        self.end_walk(index);
+        self.end_walks(group_index, lanes & !empty);
+        self.finish_rays(group_index, empty);
     }
 
     /// Answers a question about a hit at once.
-    pub(super) fn answer_fact(&mut self, caller: LaneRef, fact: HitFact) {
-        let lane = caller.lane as usize;
-        let subgroup = &mut self.worker.subgroups[caller.subgroup];
+    pub(super) fn answer_fact(&mut self, index: SubgroupIndex, lane: usize, fact: HitFact) {
+        let subgroup = &mut self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let mut object = Object([0; word::COUNT]);
         for (row, &index) in IDENTITY.iter().enumerate() {
@@ -149,8 +141,38 @@ impl Batch<'_> {
         for (row, &value) in answer[..fact.words()].iter().enumerate() {
             subgroup.set_io(program, row, lane, value);
         }
-        self.answered(caller);
     }
+}
+
+/// The words of the hit object that a trace fills.
+fn found_by(group: &RayGroup, operands: &Operands, lane: usize) -> [u32; word::COUNT] {
+    let mut object = [0; word::COUNT];
+    object[word::RECORD_INDEX] = group.record_indices(operands)[lane];
+    let state = match group.hits.get(lane) {
+        Some(hit) => {
+            object[word::T_MAX] = hit.t.to_bits();
+            object[word::INSTANCE] = hit.instance_index;
+            object[word::GEOMETRY] = hit.geometry_index;
+            object[word::PRIMITIVE] = hit.primitive_index;
+            object[word::HIT_KIND] = hit.hit_kind as u32 | primitive_of(&hit) << 8;
+            object[word::SLOT] = hit.slot;
+            let attributes = &mut object[word::ATTRIBUTES..];
+            if hit.is_built_in() {
+                attributes[..2].copy_from_slice(&hit.barycentrics.map(f32::to_bits));
+            } else if let Some(procedural) = group.procedural() {
+                for (word, attribute) in attributes.iter_mut().zip(&procedural.attributes) {
+                    *word = attribute[lane];
+                }
+            }
+            kind::HIT
+        }
+        None => {
+            object[word::T_MAX] = operands[operand::T_MAX].0[lane];
+            kind::MISS
+        }
+    };
+    object[word::KIND] = state | (operands[operand::CULL_MASK].0[lane] & 0xff) << 8;
+    object
 }
 
 /// What was hit, as a hit object says it.
@@ -198,18 +220,6 @@ impl Object {
 
     fn structure(&self) -> u64 {
         self.0[word::STRUCTURE] as u64 | (self.0[word::STRUCTURE + 1] as u64) << 32
-    }
-
-    fn ray(&self) -> Ray {
-        let float = |index: usize| f32::from_bits(self.0[index]);
-        Ray {
-            origin: [0, 1, 2].map(|axis| float(word::ORIGIN + axis)),
-            t_min: float(word::T_MIN),
-            direction: [0, 1, 2].map(|axis| float(word::DIRECTION + axis)),
-            t_max: float(word::T_MAX),
-            flags: self.0[word::FLAGS],
-            cull_mask: self.0[word::KIND] >> 8 & 0xff,
-        }
     }
 
     fn hit(&self) -> Hit {

@@ -4,13 +4,13 @@ use std::cell::OnceCell;
 
 use spirv_jit::program::{AlignedRow, Builtin, IO_DATA_ROW, InputRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
-use traversal::{Hit, Structure, Swept};
+use traversal::{Hit, HitRows, Structure, Swept, Walk};
 
 use super::Dispatch;
 use super::grid::Grid;
-use super::rays::{RayInFlight, Report, to_object};
+use super::rays::{Operands, RayGroup, Report, operand, structure_in, to_object};
 use super::slab::Slab;
-use super::subgroup::{LaneRef, Role, Subgroup};
+use super::subgroup::{LaneRef, Role, Subgroup, in_place};
 use super::table::HANDLE_SIZE;
 
 /// What inputs are read from.
@@ -18,7 +18,8 @@ pub struct Sources<'a> {
     pub dispatch: &'a Dispatch<'a>,
     pub grid: &'a Grid,
     pub subgroups: &'a Slab<Subgroup>,
-    pub rays: &'a Slab<RayInFlight>,
+    pub ray_groups: &'a Slab<RayGroup>,
+    pub walks: &'a Slab<Walk>,
 }
 
 /// Per lane; lanes that were not started repeat the first one.
@@ -43,7 +44,7 @@ impl Sources<'_> {
                 }
             }
             Role::Callable => {
-                let callers = self.callers(&subgroup.caller);
+                let callers = self.callers(&subgroup.of);
                 for (row, &input) in inputs {
                     row.0 = match input {
                         InputRow::CallableData(word) => callers.gather(word as usize),
@@ -52,8 +53,8 @@ impl Sources<'_> {
                 }
             }
             _ => {
-                let hits = HitLanes::new(self.rays, subgroup);
-                let callers = self.callers(&hits.rays.map(|ray| ray.caller));
+                let hits = HitLanes::new(self, subgroup);
+                let callers = self.callers(&hits.callers());
                 for (row, &input) in inputs {
                     row.0 = match input {
                         InputRow::Payload(word) => callers.gather(word as usize),
@@ -84,150 +85,265 @@ impl Sources<'_> {
     /// Where each lane's caller keeps its payload or callable data.
     fn callers(&self, callers: &Lanes<LaneRef>) -> Callers<'_> {
         let data = |caller: &LaneRef| {
-            let subgroup = &self.subgroups[caller.subgroup];
+            let subgroup = &self.subgroups[caller.index()];
             let program = &self.dispatch.shaders.programs[subgroup.program as usize];
             let first = program.layout().io + IO_DATA_ROW;
             &subgroup.rows[first..first + subgroup.data_words as usize]
         };
         let same = callers
             .iter()
-            .all(|caller| caller.subgroup == callers[0].subgroup);
+            .all(|caller| caller.index() == callers[0].index());
         if same {
-            let lanes = callers.map(|caller| caller.lane);
-            return Callers::One(data(&callers[0]), lanes);
+            let data = data(&callers[0]);
+            let in_place = in_place(u16::MAX, callers);
+            return match in_place {
+                true => Callers::InPlace(data),
+                false => Callers::One(data, callers.map(LaneRef::lane)),
+            };
         }
-        Callers::Many(std::array::from_fn(|lane| {
-            (data(&callers[lane]), callers[lane].lane)
-        }))
+        Callers::Many(callers.map(|caller| (data(&caller), caller.lane())))
     }
 }
 
 /// The payloads or callable data of the callers.
 enum Callers<'a> {
+    /// Of one subgroup, each in its own lane.
+    InPlace(&'a [AlignedRow]),
     /// Of one subgroup, and which lane of it each is.
-    One(&'a [AlignedRow], Lanes<u8>),
-    Many(Lanes<(&'a [AlignedRow], u8)>),
+    One(&'a [AlignedRow], Lanes<usize>),
+    Many(Lanes<(&'a [AlignedRow], usize)>),
 }
 
 impl Callers<'_> {
     /// A word of every caller's data; zero past the end of it.
     fn gather(&self, word: usize) -> Row {
         match self {
+            Callers::InPlace(data) => data.get(word).map_or([0; SUBGROUP_SIZE], |row| row.0),
             Callers::One(data, lanes) => data.get(word).map_or([0; SUBGROUP_SIZE], |row| {
-                lanes.map(|lane| row.0[lane as usize % SUBGROUP_SIZE])
+                lanes.map(|lane| row.0[lane % SUBGROUP_SIZE])
             }),
-            Callers::Many(callers) => callers.map(|(data, lane)| {
-                data.get(word)
-                    .map_or(0, |row| row.0[lane as usize % SUBGROUP_SIZE])
-            }),
+            Callers::Many(callers) => callers
+                .map(|(data, lane)| data.get(word).map_or(0, |row| row.0[lane % SUBGROUP_SIZE])),
         }
     }
 }
 
 /// The rays of a subgroup of hit or miss shaders, and the hits that they are about.
 struct HitLanes<'a> {
+    dispatch: &'a Dispatch<'a>,
     role: Role,
-    rays: Lanes<&'a RayInFlight>,
-    hits: Lanes<&'a Hit>,
+    groups: Lanes<&'a RayGroup>,
+    operands: Lanes<&'a Operands>,
+    /// The lane of each ray in its group.
+    lanes: Lanes<usize>,
+    /// They are one group, each ray in its own lane.
+    is_in_place: bool,
+    /// Walks that stand at the candidate which the shader decides on.
+    walks: Option<Lanes<&'a Walk>>,
     object_to_world: OnceCell<Lanes<[f32; 12]>>,
     world_to_object: OnceCell<Lanes<[f32; 12]>>,
     vertices: OnceCell<Lanes<[[f32; 3]; 3]>>,
 }
 
 impl<'a> HitLanes<'a> {
-    fn new(rays: &'a Slab<RayInFlight>, subgroup: &Subgroup) -> Self {
-        let rays = subgroup.ray.map(|ray| &rays[ray]);
+    fn new(sources: &Sources<'a>, subgroup: &Subgroup) -> Self {
+        let of = &subgroup.of;
+        let (ray_groups, subgroups) = (sources.ray_groups, sources.subgroups);
+        let mut last = (of[0].index(), &ray_groups[of[0].index()]);
+        let groups = of.map(|ray| {
+            if ray.index() != last.0 {
+                last = (ray.index(), &ray_groups[ray.index()]);
+            }
+            last.1
+        });
+        let mut last = (of[0].index(), groups[0].operands(subgroups));
+        let operands = std::array::from_fn(|lane| {
+            if of[lane].index() != last.0 {
+                last = (of[lane].index(), groups[lane].operands(subgroups));
+            }
+            last.1
+        });
+        let decides = matches!(
+            subgroup.role,
+            Role::AnyHit | Role::AnyHitOfReport | Role::Intersection
+        );
+        let walks = decides.then(|| {
+            std::array::from_fn(|lane| &sources.walks[groups[lane].walks[of[lane].lane()]])
+        });
         Self {
+            dispatch: sources.dispatch,
             role: subgroup.role,
-            rays,
-            hits: rays.map(|ray| hit_of(subgroup.role, ray)),
+            groups,
+            operands,
+            lanes: of.map(LaneRef::lane),
+            is_in_place: of.iter().all(|ray| ray.index() == of[0].index())
+                && in_place(u16::MAX, of),
+            walks,
             object_to_world: OnceCell::new(),
             world_to_object: OnceCell::new(),
             vertices: OnceCell::new(),
         }
     }
 
-    fn attribute_row(&self, word: usize) -> Row {
-        std::array::from_fn(|lane| {
-            let (ray, hit) = (self.rays[lane], self.hits[lane]);
-            if hit.is_built_in() {
-                return hit
-                    .barycentrics
-                    .get(word)
-                    .map_or(0, |weight| weight.to_bits());
+    /// Who waits for the rays.
+    fn callers(&self) -> Lanes<LaneRef> {
+        std::array::from_fn(|lane| LaneRef::new(self.groups[lane].caller, self.lanes[lane]))
+    }
+
+    /// The hit in a lane. Where it is about a report, this is the box.
+    fn hit(&self, lane: usize) -> Hit {
+        match &self.walks {
+            Some(walks) => *walks[lane].candidate(),
+            None => (self.groups[lane].hits.get(self.lanes[lane])).unwrap_or(Hit::NONE),
+        }
+    }
+
+    /// A row of what was hit: from the rows of hits, or from candidates.
+    #[inline(always)]
+    fn of_hits(
+        &self,
+        row: impl Fn(&HitRows, usize) -> u32,
+        candidate: impl Fn(&Hit) -> u32,
+    ) -> Option<Row> {
+        Some(match &self.walks {
+            Some(walks) => walks.map(|walk| candidate(walk.candidate())),
+            None if self.is_in_place => {
+                let hits = &self.groups[0].hits;
+                std::array::from_fn(|lane| row(hits, lane))
             }
-            let attributes = ray.details().map(|details| match self.role {
-                Role::AnyHitOfReport => &details.report.attributes,
-                _ => &details.attributes,
-            });
-            let found = attributes.and_then(|words| words.get(word));
-            found.copied().unwrap_or(0)
+            None => std::array::from_fn(|lane| row(&self.groups[lane].hits, self.lanes[lane])),
         })
     }
 
+    /// A row of the operands.
     #[inline(always)]
-    fn of_hits(&self, word: impl Fn(&Hit) -> u32) -> Option<Row> {
-        Some(self.hits.map(word))
+    fn of_rays(&self, row: usize) -> Row {
+        if self.is_in_place {
+            return self.operands[0][row].0;
+        }
+        std::array::from_fn(|lane| self.operands[lane][row].0[self.lanes[lane] % SUBGROUP_SIZE])
     }
 
-    #[inline(always)]
-    fn of_rays(&self, word: impl Fn(&RayInFlight) -> u32) -> Option<Row> {
-        Some(self.rays.map(word))
+    fn of_reports(&self, word: impl Fn(&Report) -> u32) -> Row {
+        std::array::from_fn(|lane| {
+            let procedural = self.groups[lane].procedural();
+            procedural.map_or(0, |rays| word(&rays.reports[self.lanes[lane]]))
+        })
     }
 
-    fn of_reports(&self, word: impl Fn(&Report) -> u32) -> Option<Row> {
-        Some(
-            self.rays
-                .map(|ray| ray.details().map_or(0, |details| word(&details.report))),
-        )
+    fn attribute_row(&self, word: usize) -> Row {
+        std::array::from_fn(|lane| {
+            let (group, from) = (self.groups[lane], self.lanes[lane]);
+            let built_in = match &self.walks {
+                Some(walks) => Some(walks[lane].candidate())
+                    .filter(|hit| hit.is_built_in())
+                    .map(|hit| hit.barycentrics),
+                None => (group.hits.is_built_in(from)).then(|| {
+                    let [second, third] = &group.hits.barycentrics;
+                    [second[from], third[from]]
+                }),
+            };
+            if let Some(weights) = built_in {
+                return weights.get(word).map_or(0, |weight| weight.to_bits());
+            }
+            let attribute = group.procedural().and_then(|rays| match self.role {
+                Role::AnyHitOfReport => rays.reports[from].attributes.get(word).copied(),
+                _ => rays.attributes.get(word).map(|row| row[from]),
+            });
+            attribute.unwrap_or(0)
+        })
     }
 
     /// What structures say of the hits at the rays' times.
     fn of_structures<T: Default>(&self, read: impl Fn(Structure, &Hit, f32) -> T) -> Lanes<T> {
+        let mut last = (0, None);
         std::array::from_fn(|lane| {
-            // SAFETY: as for the walk: the structure is built and bound until the dispatch is complete.
-            let structure = unsafe { Structure::at(self.rays[lane].structure) };
-            structure.map_or_else(T::default, |structure| {
-                read(structure, self.hits[lane], self.rays[lane].time)
+            let (operands, from) = (self.operands[lane], self.lanes[lane]);
+            let named = structure_in(operands, from);
+            if named != last.0 {
+                // SAFETY: as for the walk: the structure is built and bound until the dispatch is complete.
+                let structure = unsafe { Structure::at(self.dispatch.limits.structure(named)) };
+                last = (named, structure);
+            }
+            let hit = self.hit(lane);
+            last.1.map_or_else(T::default, |structure| {
+                read(structure, &hit, self.time(lane))
             })
+        })
+    }
+
+    /// When a ray is cast.
+    fn time(&self, lane: usize) -> f32 {
+        match self.groups[lane].has_time {
+            true => f32::from_bits(self.operands[lane][operand::TIME].0[self.lanes[lane]]),
+            false => 0.0,
+        }
+    }
+
+    /// What structures say of the instances that were hit.
+    fn of_instances(&self, read: impl Fn(Structure, u32, f32) -> [f32; 12]) -> Lanes<[f32; 12]> {
+        let mut last: Option<((u64, u32, u32), [f32; 12])> = None;
+        std::array::from_fn(|lane| {
+            let named = structure_in(self.operands[lane], self.lanes[lane]);
+            let (index, time) = (self.hit(lane).instance_index, self.time(lane));
+            let asked = (named, index, time.to_bits());
+            if let Some((before, matrix)) = last
+                && before == asked
+            {
+                return matrix;
+            }
+            // SAFETY: as for the walk: the structure is built and bound until the dispatch is complete.
+            let structure = unsafe { Structure::at(self.dispatch.limits.structure(named)) };
+            let matrix = structure.map_or([0.0; 12], |structure| read(structure, index, time));
+            last = Some((asked, matrix));
+            matrix
         })
     }
 
     fn object_to_world(&self) -> &Lanes<[f32; 12]> {
         self.object_to_world.get_or_init(|| {
-            self.of_structures(|structure, hit, time| {
-                structure.object_to_world_at(hit.instance_index, time)
-            })
+            self.of_instances(|structure, index, time| structure.object_to_world_at(index, time))
         })
     }
 
     fn world_to_object(&self) -> &Lanes<[f32; 12]> {
         self.world_to_object.get_or_init(|| {
-            self.of_structures(|structure, hit, time| {
-                structure.world_to_object_at(hit.instance_index, time)
-            })
+            self.of_instances(|structure, index, time| structure.world_to_object_at(index, time))
         })
     }
 
     /// A row of a built-in that hit or miss shaders have; `None` for those that every stage has.
     fn row(&self, builtin: Builtin, component: usize) -> Option<Row> {
         match builtin {
-            Builtin::PrimitiveId => self.of_hits(|hit| hit.primitive_index),
-            Builtin::InstanceId => self.of_hits(|hit| hit.instance_index),
-            Builtin::InstanceCustomIndex => self.of_hits(|hit| hit.instance_custom_index),
-            Builtin::GeometryIndex => self.of_hits(|hit| hit.geometry_index),
+            Builtin::PrimitiveId => self.of_hits(
+                |hits, lane| hits.primitive_index[lane],
+                |hit| hit.primitive_index,
+            ),
+            Builtin::InstanceId => self.of_hits(
+                |hits, lane| hits.instance_index[lane],
+                |hit| hit.instance_index,
+            ),
+            Builtin::InstanceCustomIndex => self.of_hits(
+                |hits, lane| hits.instance_custom_index[lane],
+                |hit| hit.instance_custom_index,
+            ),
+            Builtin::GeometryIndex => self.of_hits(
+                |hits, lane| hits.geometry_index[lane],
+                |hit| hit.geometry_index,
+            ),
             Builtin::HitKind if self.role == Role::AnyHitOfReport => {
-                self.of_reports(|report| report.hit_kind as u32)
+                Some(self.of_reports(|report| report.hit_kind as u32))
             }
-            Builtin::HitKind => self.of_hits(|hit| hit.hit_kind as u32),
-            Builtin::WorldRayOrigin => self.of_rays(|ray| ray.ray().origin[component].to_bits()),
-            Builtin::WorldRayDirection => {
-                self.of_rays(|ray| ray.ray().direction[component].to_bits())
-            }
-            Builtin::RayTmin => self.of_rays(|ray| ray.ray().t_min.to_bits()),
+            Builtin::HitKind => self.of_hits(
+                |hits, lane| hits.hit_kind(lane) as u32,
+                |hit| hit.hit_kind as u32,
+            ),
+            Builtin::WorldRayOrigin => Some(self.of_rays(operand::ORIGIN + component)),
+            Builtin::WorldRayDirection => Some(self.of_rays(operand::DIRECTION + component)),
+            Builtin::RayTmin => Some(self.of_rays(operand::T_MIN)),
             Builtin::RayTmax => self.t_max_row(),
-            Builtin::IncomingRayFlags => self.of_rays(|ray| ray.flags),
-            Builtin::CullMask => self.of_rays(|ray| ray.cull_mask),
+            Builtin::IncomingRayFlags => Some(self.of_rays(operand::FLAGS)),
+            Builtin::CullMask => Some(self.of_rays(operand::CULL_MASK).map(|mask| mask & 0xff)),
             Builtin::ObjectToWorld => Some(column_major(self.object_to_world(), component)),
             Builtin::WorldToObject => Some(column_major(self.world_to_object(), component)),
             Builtin::ObjectRayOrigin => Some(self.object_ray_row(component, true)),
@@ -242,9 +358,9 @@ impl<'a> HitLanes<'a> {
                     vertices[lane][component / 3][component % 3].to_bits()
                 }))
             }
-            Builtin::CurrentRayTime => self.of_rays(|ray| ray.time.to_bits()),
-            Builtin::HitIsSphere => self.of_hits(|hit| (hit.swept == Swept::Sphere) as u32),
-            Builtin::HitIsLss => self.of_hits(|hit| (hit.swept == Swept::LinearSweptSphere) as u32),
+            Builtin::CurrentRayTime => Some(std::array::from_fn(|lane| self.time(lane).to_bits())),
+            Builtin::HitIsSphere => self.is_swept(Swept::Sphere),
+            Builtin::HitIsLss => self.is_swept(Swept::LinearSweptSphere),
             Builtin::HitSpherePosition | Builtin::HitLssPositions => {
                 let ends = self.ends();
                 Some(ends.map(|ends| ends.0.as_flattened()[component].to_bits()))
@@ -257,6 +373,13 @@ impl<'a> HitLanes<'a> {
         }
     }
 
+    fn is_swept(&self, swept: Swept) -> Option<Row> {
+        self.of_hits(
+            |hits, lane| u32::from(hits.swept(lane) == swept),
+            |hit| u32::from(hit.swept == swept),
+        )
+    }
+
     /// Ends and radii of spheres and linear swept spheres.
     fn ends(&self) -> Lanes<([[f32; 3]; 2], [f32; 2])> {
         self.of_structures(|structure, hit, _| structure.swept_ends(hit))
@@ -264,24 +387,24 @@ impl<'a> HitLanes<'a> {
 
     /// `RayTmaxKHR`: the hit's distance in hit shaders, the end of the interval as it stands in the others.
     fn t_max_row(&self) -> Option<Row> {
-        Some(match self.role {
-            Role::AnyHit | Role::ClosestHit => self.hits.map(|hit| hit.t.to_bits()),
-            Role::AnyHitOfReport => self.of_reports(|report| report.t.to_bits())?,
-            _ => self.rays.map(|ray| ray.t_max().to_bits()),
-        })
+        match (self.role, &self.walks) {
+            (Role::AnyHitOfReport, _) => Some(self.of_reports(|report| report.t.to_bits())),
+            (Role::Intersection, Some(walks)) => Some(walks.map(|walk| walk.t_max().to_bits())),
+            _ => self.of_hits(|hits, lane| hits.t[lane].to_bits(), |hit| hit.t.to_bits()),
+        }
     }
 
     /// A component of the ray in the instance's space: the matrix rows times the origin or the direction.
     fn object_ray_row(&self, component: usize, origin: bool) -> Row {
         let matrices = self.world_to_object();
+        let (first, w) = match origin {
+            true => (operand::ORIGIN, 1.0),
+            false => (operand::DIRECTION, 0.0),
+        };
+        let vector = [0, 1, 2].map(|axis| self.of_rays(first + axis).map(f32::from_bits));
         std::array::from_fn(|lane| {
-            let ray = self.rays[lane].ray();
-            let (vector, w) = if origin {
-                (&ray.origin, 1.0)
-            } else {
-                (&ray.direction, 0.0)
-            };
-            to_object(&matrices[lane], component, vector, w).to_bits()
+            let vector = [vector[0][lane], vector[1][lane], vector[2][lane]];
+            to_object(&matrices[lane], component, &vector, w).to_bits()
         })
     }
 }
@@ -289,14 +412,4 @@ impl<'a> HitLanes<'a> {
 /// A component of a 4 × 3 column-major shader matrix, from row-major 3 × 4 ones.
 fn column_major(matrices: &Lanes<[f32; 12]>, component: usize) -> Row {
     std::array::from_fn(|lane| matrices[lane][component % 3 * 4 + component / 3].to_bits())
-}
-
-/// The hit that an invocation of this role is about. Where it is about a report, this is the box.
-#[inline(always)]
-fn hit_of(role: Role, ray: &RayInFlight) -> &Hit {
-    static NONE: Hit = Hit::NONE;
-    match role {
-        Role::AnyHit | Role::Intersection | Role::AnyHitOfReport => ray.walk().candidate(),
-        _ => ray.committed().unwrap_or(&NONE),
-    }
 }

@@ -1,13 +1,35 @@
-//! Rays in flight: one walk each, and who waits for it.
+//! Rays in flight, sixteen at a time: those that the lanes of one subgroup have traced with one instruction.
 
-use spirv_jit::program::{AlignedRow, IO_DATA_ROW};
-use traversal::{Hit, Ray, Walk};
+use spirv_jit::SUBGROUP_SIZE;
+use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row};
+use traversal::{Hit, HitRows, RayRows, ray_flags};
 
 use super::Dispatch;
-use super::subgroup::LaneRef;
+use super::slab::Slab;
+use super::subgroup::{LaneRef, Subgroup, SubgroupIndex, lanes_of};
 
 /// `maxRayHitAttributeSize` in words.
 pub const MAX_ATTRIBUTE_WORDS: usize = 8;
+
+/// The operands of a trace instruction, as a subgroup that stands there has them.
+pub type Operands = [AlignedRow; IO_DATA_ROW];
+
+/// Rows of [`Operands`].
+pub mod operand {
+    /// Device address of the top level, two words.
+    pub const STRUCTURE: usize = 0;
+    pub const FLAGS: usize = 2;
+    pub const CULL_MASK: usize = 3;
+    pub const SBT_OFFSET: usize = 4;
+    pub const SBT_STRIDE: usize = 5;
+    pub const MISS_INDEX: usize = 6;
+    pub const ORIGIN: usize = 7;
+    pub const T_MIN: usize = 10;
+    pub const DIRECTION: usize = 11;
+    pub const T_MAX: usize = 14;
+    /// With motion only.
+    pub const TIME: usize = 15;
+}
 
 /// A hit that an intersection shader reported and an any-hit shader is to decide on.
 #[derive(Clone, Copy, Debug, Default)]
@@ -19,159 +41,156 @@ pub struct Report {
     pub reporter: LaneRef,
 }
 
-/// What a hit object says, for the shader that it names: nothing is walked.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Recorded {
-    pub ray: Ray,
-    /// `None` is a miss.
-    pub hit: Option<Hit>,
+/// What rays have that meet boxes.
+#[derive(Default)]
+pub struct Procedural {
+    /// The hit attributes of committed hits.
+    pub attributes: [Row; MAX_ATTRIBUTE_WORDS],
+    pub reports: [Report; SUBGROUP_SIZE],
 }
 
-/// What few rays have, kept apart: a batch passes over thousands of rays, and what it passes over should be small.
+/// Rays between their trace instruction and the end of their closest-hit or miss shaders, one a lane. What they were asked for is
+/// where the subgroup that waits for them has it.
 #[derive(Default)]
-pub struct Details {
-    /// The hit attribute of the committed hit, if a box's.
-    pub attributes: [u32; MAX_ATTRIBUTE_WORDS],
-    pub report: Report,
-    /// What there is instead of a walk.
-    pub recorded: Recorded,
-}
-
-/// A ray between its trace instruction and its closest-hit or miss shader's end.
-#[derive(Default)]
-pub struct RayInFlight {
-    pub caller: LaneRef,
-    /// Linear launch index of the caller.
-    pub launch: u32,
-    /// Device address of the top level.
-    pub structure: u64,
-    pub sbt_offset: u32,
-    pub sbt_stride: u32,
-    pub miss_index: u32,
-    /// As given to the trace instruction.
-    pub flags: u32,
-    pub cull_mask: u32,
-    /// The walk, kept to be restarted when the place is used again.
-    pub walk: Option<Walk>,
-    details: Option<Box<Details>>,
-    /// An any-hit shader ended the search from inside an intersection shader.
-    pub over: bool,
-    /// When it is cast.
-    pub time: f32,
-    /// What is found goes into a hit object.
+pub struct RayGroup {
+    /// The subgroup that waits.
+    pub caller: SubgroupIndex,
+    /// Row of its state where the operands begin.
+    pub io: usize,
+    /// Lanes whose ray is not answered yet.
+    pub in_flight: u16,
+    /// What was found where the walk is over.
+    pub hits: HitRows,
+    /// By lane, where the walk is suspended: its place.
+    pub walks: [u32; SUBGROUP_SIZE],
+    /// Lanes whose search an any-hit shader has ended from inside an intersection shader.
+    pub over: u16,
+    /// What is found goes into hit objects.
     pub fills_hit_object: bool,
-    /// Comes from a hit object: there is no walk.
-    pub is_recorded: bool,
+    /// The instruction says when rays are cast.
+    pub has_time: bool,
+    /// They come from hit objects: nothing is walked, and the operands are here.
+    is_recorded: bool,
+    recorded: Option<Box<Operands>>,
+    procedural: Option<Box<Procedural>>,
 }
 
-impl RayInFlight {
-    /// Reads the operands of a `trace_ray` that `caller` stands at and starts the walk.
-    pub fn start(
-        &mut self,
-        caller: LaneRef,
-        launch: u32,
-        operands: &[AlignedRow; IO_DATA_ROW],
-        dispatch: &Dispatch<'_>,
-        motion: bool,
-    ) {
-        let lane = caller.lane as usize;
-        let word = |row: usize| operands[row].0[lane];
-        let float = |row| f32::from_bits(word(row));
+impl RayGroup {
+    /// Uses the place for the rays of `lanes` of a subgroup.
+    pub fn start(&mut self, caller: SubgroupIndex, io: usize, lanes: u16) {
         self.caller = caller;
-        self.launch = launch;
-        let named = word(0) as u64 | (word(1) as u64) << 32;
-        self.structure = dispatch.limits.structure(named);
-        self.flags = word(2);
-        self.cull_mask = word(3) & 0xff;
-        self.sbt_offset = word(4);
-        self.sbt_stride = word(5);
-        self.miss_index = word(6);
-        self.over = false;
+        self.io = io;
+        self.in_flight = lanes;
+        self.over = 0;
         self.fills_hit_object = false;
+        self.has_time = false;
         self.is_recorded = false;
-        self.time = if motion { float(15) } else { 0.0 };
-        let ray = Ray {
-            origin: [float(7), float(8), float(9)],
-            t_min: float(10),
-            direction: [float(11), float(12), float(13)],
-            t_max: float(14),
-            flags: self.flags | dispatch.pipeline_ray_flags,
-            cull_mask: self.cull_mask,
+    }
+
+    /// Makes the rays come from hit objects; hits and operands are to be filled in.
+    pub fn record(&mut self) {
+        self.is_recorded = true;
+        self.has_time = true;
+        self.hits.found = 0;
+    }
+
+    /// The operands of rays that come from hit objects.
+    pub fn recorded_mut(&mut self) -> &mut Operands {
+        self.recorded.get_or_insert_default()
+    }
+
+    /// The operands.
+    #[inline]
+    pub fn operands<'a>(&'a self, subgroups: &'a Slab<Subgroup>) -> &'a Operands {
+        match &self.recorded {
+            Some(recorded) if self.is_recorded => recorded,
+            _ => subgroups[self.caller].rows[self.io..]
+                .first_chunk()
+                .expect("a state has a yield's operands"),
+        }
+    }
+
+    /// What rays have that meet boxes; anything where nothing was written since the lane began.
+    pub fn procedural_mut(&mut self) -> &mut Procedural {
+        self.procedural.get_or_insert_default()
+    }
+
+    /// As [`Self::procedural_mut`]; `None` where nothing was ever written.
+    pub fn procedural(&self) -> Option<&Procedural> {
+        self.procedural.as_deref()
+    }
+
+    /// Reads the rays of a trace.
+    pub fn load(&self, operands: &Operands, dispatch: &Dispatch<'_>, rays: &mut RayRows) {
+        let floats = |row: usize| operands[row].0.map(f32::from_bits);
+        for axis in 0..3 {
+            rays.origin[axis] = floats(operand::ORIGIN + axis);
+            rays.direction[axis] = floats(operand::DIRECTION + axis);
+        }
+        rays.t_min = floats(operand::T_MIN);
+        rays.t_max = floats(operand::T_MAX);
+        rays.time = match self.has_time {
+            true => floats(operand::TIME),
+            false => [0.0; SUBGROUP_SIZE],
         };
-        // SAFETY: the application keeps the structures that a trace may reach built and bound until the dispatch is
-        // complete (VUID-vkCmdTraceRaysKHR-None-03429 and the build commands' rules).
-        unsafe {
-            match &mut self.walk {
-                Some(walk) => walk.restart(self.structure, &ray),
-                None => self.walk = Some(Walk::new(self.structure, &ray)),
+        let (flags, all) = (dispatch.pipeline_ray_flags, dispatch.takes_all_hits);
+        rays.flags = operands[operand::FLAGS].0.map(|given| {
+            let opaque = all && given & ray_flags::OPACITY == 0;
+            given | flags | if opaque { ray_flags::OPAQUE } else { 0 }
+        });
+        rays.cull_mask = operands[operand::CULL_MASK].0.map(|mask| mask & 0xff);
+        let mut last = (0, 0);
+        for lane in lanes_of(self.in_flight) {
+            let named = structure_in(operands, lane);
+            if named != last.0 {
+                last = (named, dispatch.limits.structure(named));
             }
-        }
-        let time = self.time;
-        self.walk_mut().set_time(time);
-    }
-
-    /// The walk of a ray that was started.
-    #[inline]
-    pub fn walk(&self) -> &Walk {
-        self.walk.as_ref().expect("a ray in flight was started")
-    }
-
-    /// As [`Self::walk`].
-    pub fn walk_mut(&mut self) -> &mut Walk {
-        self.walk.as_mut().expect("a ray in flight was started")
-    }
-
-    /// What few rays have; all zero where nothing was written since the place was made.
-    pub fn details_mut(&mut self) -> &mut Details {
-        self.details.get_or_insert_default()
-    }
-
-    /// As [`Self::details_mut`]; `None` where nothing was ever written.
-    #[inline]
-    pub fn details(&self) -> Option<&Details> {
-        self.details.as_deref()
-    }
-
-    #[inline]
-    fn recorded(&self) -> Option<&Recorded> {
-        match &self.details {
-            Some(details) if self.is_recorded => Some(&details.recorded),
-            _ => None,
+            rays.top_level[lane] = last.1;
         }
     }
 
-    /// The ray itself.
-    #[inline]
-    pub fn ray(&self) -> &Ray {
-        match self.recorded() {
-            Some(recorded) => &recorded.ray,
-            None => self.walk().ray(),
-        }
+    /// Indices of the hit group records for hits, and of the miss records where there is none.
+    pub fn record_indices(&self, operands: &Operands) -> Row {
+        let hits = &self.hits;
+        let [offset, stride, miss] = [
+            &operands[operand::SBT_OFFSET].0,
+            &operands[operand::SBT_STRIDE].0,
+            &operands[operand::MISS_INDEX].0,
+        ];
+        std::array::from_fn(|lane| {
+            let hit = hits.instance_sbt_offset[lane]
+                .wrapping_add(hits.geometry_index[lane].wrapping_mul(stride[lane]))
+                .wrapping_add(offset[lane]);
+            match hits.found >> lane & 1 {
+                0 => miss[lane],
+                _ => hit,
+            }
+        })
     }
+}
 
-    /// Upper end of the interval as it stands.
-    pub fn t_max(&self) -> f32 {
-        match self.recorded() {
-            Some(recorded) => recorded.ray.t_max,
-            None => self.walk().t_max(),
-        }
-    }
+/// Index of the hit group record for a hit (chapter Ray Tracing, "Hit Shaders").
+pub fn hit_record_index(operands: &Operands, lane: usize, hit: &Hit) -> u32 {
+    let word = |row: usize| operands[row].0[lane];
+    hit.instance_sbt_offset
+        .wrapping_add(hit.geometry_index.wrapping_mul(word(operand::SBT_STRIDE)))
+        .wrapping_add(word(operand::SBT_OFFSET))
+}
 
-    /// The hit that is committed.
-    #[inline]
-    pub fn committed(&self) -> Option<&Hit> {
-        match self.recorded() {
-            Some(recorded) => recorded.hit.as_ref(),
-            None => self.walk().committed(),
-        }
-    }
+/// The address that a lane names for its top level.
+#[inline]
+pub fn structure_in(operands: &Operands, lane: usize) -> u64 {
+    let word = |row: usize| u64::from(operands[row].0[lane]);
+    word(operand::STRUCTURE) | word(operand::STRUCTURE + 1) << 32
+}
 
-    /// Index of the hit group record for a hit (chapter Ray Tracing, "Hit Shaders").
-    pub fn hit_record_index(&self, hit: &traversal::Hit) -> u32 {
-        hit.instance_sbt_offset
-            .wrapping_add(hit.geometry_index.wrapping_mul(self.sbt_stride))
-            .wrapping_add(self.sbt_offset)
+/// Lanes whose hits no closest-hit shader is to see.
+pub fn skips_closest_hit(operands: &Operands) -> u16 {
+    let mut skips = 0;
+    for (lane, flags) in operands[operand::FLAGS].0.iter().enumerate() {
+        skips |= u16::from(flags & ray_flags::SKIP_CLOSEST_HIT_SHADER != 0) << lane;
     }
+    skips
 }
 
 /// A component of a point (`w` is 1) or a direction (0) in an instance's space, by its row-major world-to-object matrix.

@@ -57,10 +57,7 @@ impl Batch<'_> {
             self.worker.subgroups[index].pending = 0;
             let rows = &self.worker.subgroups[index].rows;
             for lane in lanes_of(compiled.event_mask(rows)) {
-                let lane = LaneRef {
-                    subgroup: index,
-                    lane: lane as u8,
-                };
+                let lane = LaneRef::new(index, lane);
                 lanes.push((self.reorder_key(lane), lane));
             }
         }
@@ -102,10 +99,9 @@ impl Batch<'_> {
         for &index in &*subgroups {
             let rows = &self.worker.subgroups[index].rows;
             if compiled.event_mask(rows) != u16::MAX && !compiled.has_parked_lanes(rows) {
-                lanes.extend(lanes_of(compiled.event_mask(rows)).map(|lane| LaneRef {
-                    subgroup: index,
-                    lane: lane as u8,
-                }));
+                lanes.extend(
+                    lanes_of(compiled.event_mask(rows)).map(|lane| LaneRef::new(index, lane)),
+                );
                 sources.push(index);
             }
         }
@@ -122,9 +118,9 @@ impl Batch<'_> {
     }
 
     fn reorder_key(&mut self, lane: LaneRef) -> Key {
-        let subgroup = &self.worker.subgroups[lane.subgroup];
+        let subgroup = &self.worker.subgroups[lane.index()];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        let word = |row| subgroup.io(program, row, lane.lane as usize);
+        let word = |row| subgroup.io(program, row, lane.lane());
         let mask = u32::MAX
             .checked_shr(32u32.saturating_sub(word(1)))
             .unwrap_or(0);
@@ -168,8 +164,8 @@ impl Batch<'_> {
             .map(|&index| std::mem::take(&mut self.worker.subgroups[index]))
             .collect();
         let position = |lane: &LaneRef| {
-            let found = sources.binary_search(&lane.subgroup);
-            (found.unwrap_or(0), lane.lane as usize)
+            let found = sources.binary_search(&lane.index());
+            (found.unwrap_or(0), lane.lane())
         };
         let stays = |subgroup: &Subgroup| compiled.has_parked_lanes(&subgroup.rows);
         let (mut staying, mut targets) = (Vec::new(), Vec::new());

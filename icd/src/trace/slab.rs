@@ -32,20 +32,6 @@ impl<T: Default> Slab<T> {
         self.entries.get_mut(index as usize)
     }
 
-    /// What is at several places, given in ascending order, each once.
-    pub fn ascending_mut(
-        &mut self,
-        indices: impl Iterator<Item = u32>,
-    ) -> impl Iterator<Item = &mut T> {
-        let (mut rest, mut base) = (&mut self.entries[..], 0);
-        indices.map(move |index| {
-            let from = &mut std::mem::take(&mut rest)[index as usize - base..];
-            let (entry, after) = from.split_first_mut().expect("a place that was taken");
-            (rest, base) = (after, index as usize + 1);
-            entry
-        })
-    }
-
     /// Gives a place back.
     pub fn remove(&mut self, index: u32) {
         self.free.push(index);

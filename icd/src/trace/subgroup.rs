@@ -1,7 +1,7 @@
 //! A subgroup of invocations in flight: its program's state, and whom each lane answers.
 #![forbid(unsafe_code)]
 
-use spirv_jit::program::AlignedRow;
+use spirv_jit::program::{AlignedRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::queries::Owned;
@@ -10,12 +10,30 @@ use super::table::ProgramIndex;
 /// Index of a [`Subgroup`] in its batch.
 pub type SubgroupIndex = u32;
 
-/// One lane of one subgroup of the batch.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LaneRef {
-    pub subgroup: SubgroupIndex,
-    pub lane: u8,
+/// One lane of a subgroup of the batch, or the ray of one lane of a [`RayGroup`](super::rays::RayGroup): by index and lane.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct LaneRef(u32);
+
+impl LaneRef {
+    /// A lane of what has this index.
+    #[inline]
+    pub fn new(index: u32, lane: usize) -> Self {
+        Self(index << 4 | lane as u32 & 0xF)
+    }
+
+    /// Of the subgroup, or of the group of rays.
+    #[inline]
+    pub fn index(self) -> u32 {
+        self.0 >> 4
+    }
+
+    #[inline]
+    pub fn lane(self) -> usize {
+        self.0 as usize & 0xF
+    }
 }
+
+const _: () = assert!(SUBGROUP_SIZE == 16);
 
 /// Why an invocation was created: whom its end answers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -33,6 +51,10 @@ pub enum Role {
     Callable,
 }
 
+impl Role {
+    pub const COUNT: usize = Role::Callable as usize + 1;
+}
+
 /// Sixteen invocations of one program.
 #[derive(Default)]
 pub struct Subgroup {
@@ -47,12 +69,10 @@ pub struct Subgroup {
     pub data_words: u32,
     /// Per lane: linear launch index.
     pub launch: [u32; SUBGROUP_SIZE],
-    /// Per lane, for hit and miss shaders: the ray.
-    pub ray: [u32; SUBGROUP_SIZE],
+    /// Per lane: the ray, for hit and miss shaders; who waits, for callables.
+    pub of: [LaneRef; SUBGROUP_SIZE],
     /// Its ray queries' suspended walks.
     pub queries: Owned,
-    /// Per lane, for callables: who waits.
-    pub caller: [LaneRef; SUBGROUP_SIZE],
 }
 
 impl Subgroup {
@@ -82,27 +102,45 @@ impl Subgroup {
     }
 }
 
-/// Sorts lanes by the subgroup that a reference of theirs names: the subgroup, and which of `lanes` name it.
-pub fn by_subgroup(
-    lanes: u16,
-    of: &[LaneRef; SUBGROUP_SIZE],
-) -> impl Iterator<Item = (SubgroupIndex, u16)> {
+/// Sorts lanes by what a reference of theirs names: its index, and which of `lanes` name it.
+pub fn by_index(lanes: u16, of: &[LaneRef; SUBGROUP_SIZE]) -> impl Iterator<Item = (u32, u16)> {
     let mut rest = lanes;
     std::iter::from_fn(move || {
-        let subgroup = of.get(rest.trailing_zeros() as usize)?.subgroup;
+        let index = of.get(rest.trailing_zeros() as usize)?.index();
         let mut same = 0;
         for (lane, other) in of.iter().enumerate() {
-            same |= u16::from(other.subgroup == subgroup) << lane;
+            same |= u16::from(other.index() == index) << lane;
         }
         same &= rest;
         rest &= !same;
-        Some((subgroup, same))
+        Some((index, same))
     })
+}
+
+/// The lanes that these refer to, as a mask.
+pub fn lanes_named(lanes: u16, of: &[LaneRef; SUBGROUP_SIZE]) -> u16 {
+    if in_place(lanes, of) {
+        return lanes;
+    }
+    lanes_of(lanes).fold(0, |mask, lane| mask | 1 << of[lane].lane())
 }
 
 /// Whether each of these lanes refers to the lane of its own number.
 pub fn in_place(lanes: u16, of: &[LaneRef; SUBGROUP_SIZE]) -> bool {
-    lanes_of(lanes).all(|lane| of[lane].lane as usize == lane)
+    let mut elsewhere = 0;
+    for (lane, other) in of.iter().enumerate() {
+        elsewhere |= u16::from(other.lane() != lane) << lane;
+    }
+    elsewhere & lanes == 0
+}
+
+/// Takes over some lanes of a row.
+#[inline]
+pub fn copy_lanes(to: &mut Row, from: &Row, lanes: u16) {
+    for lane in 0..SUBGROUP_SIZE {
+        let copied = lanes & 1 << lane != 0;
+        to[lane] = if copied { from[lane] } else { to[lane] };
+    }
 }
 
 /// The lanes of a mask, lowest first.

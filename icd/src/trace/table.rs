@@ -40,6 +40,8 @@ pub struct Group {
 pub struct Shaders {
     pub programs: Vec<Arc<Program>>,
     pub groups: Vec<Group>,
+    /// A group has an any-hit shader.
+    pub has_any_hit: bool,
     /// Open addressing by the handle's first word: group index + 1, or 0.
     slots: Vec<u32>,
 }
@@ -50,6 +52,7 @@ impl Shaders {
         let mut shaders = Self {
             programs,
             slots: vec![0; (groups.len() * 2).next_power_of_two().max(2)],
+            has_any_hit: groups.iter().any(|group| group.any_hit.is_some()),
             groups,
         };
         for index in 0..shaders.groups.len() {

@@ -1,168 +1,236 @@
 //! Advancing the walks of a batch's rays, and what their events call.
 
 use smallvec::SmallVec;
-use traversal::{Event, PACKET, Step, Verdict, Walk};
+use traversal::{Event, PACKET, Verdict, Walk};
 
 use super::Stopped;
-use super::batch::{Batch, FUEL};
-use super::calls::Call;
-use super::subgroup::Role;
+use super::batch::{Batch, FUEL, Worker};
+use super::rays::{hit_record_index, skips_closest_hit};
+use super::subgroup::{LaneRef, Role, lanes_of};
 use crate::validate::Need;
+
+/// What becomes of a walk after an event.
+enum Next {
+    /// It goes on at once.
+    Resume(Verdict),
+    /// A shader decides.
+    Wait,
+    Over,
+}
 
 impl Batch<'_> {
     /// Advances every walk until a shader has to run, or to its end.
     pub(super) fn advance_walks(&mut self) -> Result<(), Stopped> {
-        let mut walking = std::mem::take(&mut self.walking);
-        let mut rest = &walking[..];
-        while !rest.is_empty() {
-            let (some, others) = rest.split_at(self.count_beside(rest));
-            self.advance_some(some)?;
-            rest = others;
+        let starting = std::mem::take(&mut self.starting);
+        for &group in &starting {
+            self.start_walks(group)?;
         }
-        walking.clear();
-        if self.walking.is_empty() {
-            self.walking = walking;
+        self.starting = recycled(starting);
+        let walking = std::mem::take(&mut self.walking);
+        for some in walking.chunks(PACKET) {
+            self.resume_walks(some)?;
         }
+        self.walking = recycled(walking);
         Ok(())
     }
 
-    /// How many of the next rays come from one subgroup.
-    fn count_beside(&self, walking: &[(u32, Verdict)]) -> usize {
-        let subgroup = |&(index, _): &(u32, _)| self.worker.rays[index].caller.subgroup;
-        let first = subgroup(&walking[0]);
-        let beside = walking.iter().take(PACKET);
-        beside.take_while(|entry| subgroup(entry) == first).count()
+    /// Walks the rays of a group that has just been started.
+    fn start_walks(&mut self, index: u32) -> Result<(), Stopped> {
+        let Worker {
+            walker,
+            walks,
+            rays,
+            ray_groups,
+            subgroups,
+            ..
+        } = &mut *self.worker;
+        let group = &mut ray_groups[index];
+        group.load(group.operands(subgroups), self.dispatch, rays);
+        let lanes = group.in_flight;
+        let mut events: SmallVec<[(usize, Event); PACKET]> = SmallVec::new();
+        let mut keep = |lane: usize, walk: &mut Walk, event| {
+            let place = walks.take();
+            std::mem::swap(&mut walks[place], walk);
+            group.walks[lane] = place;
+            events.push((lane, event));
+        };
+        // SAFETY: the application keeps the structures that a trace may reach built and bound until the dispatch is
+        // complete (VUID-vkCmdTraceRaysKHR-None-03429 and the build commands' rules).
+        unsafe { walker.trace(rays, lanes, &mut group.hits, &mut { FUEL }, &mut keep) };
+        let mut done = lanes;
+        for (lane, event) in events {
+            if !self.is_over(LaneRef::new(index, lane), event)? {
+                done &= !(1 << lane);
+            }
+        }
+        self.end_walks(index, done);
+        Ok(())
     }
 
-    /// Advances up to [`PACKET`] walks: together if they go the same way. What they find is the same, one way or the other.
-    fn advance_some(&mut self, some: &[(u32, Verdict)]) -> Result<(), Stopped> {
-        let mut sorted: SmallVec<[_; PACKET]> = some.into();
-        sorted.sort_unstable_by_key(|&(index, _)| index);
-        let indices = sorted.iter().map(|&(index, _)| index);
-        let rays = self.worker.rays.ascending_mut(indices);
-        let mut steps: SmallVec<[_; PACKET]> = (rays.zip(&sorted))
-            .map(|(ray, &(_, verdict))| Step::new(ray.walk_mut(), verdict))
-            .collect();
+    /// Resumes some walks, most of them likely neighbours.
+    fn resume_walks(&mut self, some: &[(LaneRef, Verdict)]) -> Result<(), Stopped> {
+        let Worker {
+            walker,
+            walks,
+            ray_groups,
+            ..
+        } = &mut *self.worker;
+        // SAFETY: as for their start.
+        let mut list = unsafe { walker.list() };
         let mut fuel = FUEL;
-        if !Walk::finish_together(&mut steps, &mut self.worker.walker) {
-            Walk::resume_all(&mut steps, &mut self.worker.walker, &mut fuel);
-        }
-        let events: SmallVec<[_; PACKET]> = steps.iter().map(|step| step.event).collect();
-        drop(steps);
-        for (&(index, _), event) in sorted.iter().zip(events) {
-            if let Some(verdict) = self.heed(index, event)? {
-                self.advance_walk(index, verdict)?;
+        let events: SmallVec<[_; PACKET]> = (some.iter())
+            .map(|&(ray, verdict)| {
+                let walk = &mut walks[ray_groups[ray.index()].walks[ray.lane()]];
+                list.resume(walk, verdict, &mut fuel)
+            })
+            .collect();
+        let (mut group, mut done) = (some[0].0.index(), 0);
+        for (&(ray, _), event) in some.iter().zip(events) {
+            if ray.index() != group {
+                self.end_walks(group, done);
+                (group, done) = (ray.index(), 0);
+            }
+            if self.is_over(ray, event)? {
+                done |= 1 << ray.lane();
             }
         }
+        self.end_walks(group, done);
         Ok(())
     }
 
-    fn advance_walk(&mut self, index: u32, mut verdict: Verdict) -> Result<(), Stopped> {
+    /// Heeds an event, and goes on as long as no shader has a say. Whether the walk is over, and its hit put down.
+    fn is_over(&mut self, ray: LaneRef, mut event: Event) -> Result<bool, Stopped> {
         loop {
-            let walk = self.worker.rays[index].walk_mut();
-            let event = walk.resume(&mut self.worker.walker, verdict, &mut { FUEL });
-            match self.heed(index, event)? {
-                Some(next) => verdict = next,
-                None => return Ok(()),
-            }
+            let verdict = match self.heed(ray, event)? {
+                Next::Resume(verdict) => verdict,
+                Next::Wait => return Ok(false),
+                Next::Over => break,
+            };
+            let Worker {
+                walker,
+                walks,
+                ray_groups,
+                ..
+            } = &mut *self.worker;
+            let walk = &mut walks[ray_groups[ray.index()].walks[ray.lane()]];
+            event = walk.resume(walker, verdict, &mut { FUEL });
         }
+        let worker = &mut *self.worker;
+        let group = &mut worker.ray_groups[ray.index()];
+        let place = group.walks[ray.lane()];
+        if let Some(hit) = worker.walks[place].committed() {
+            group.hits.set(ray.lane(), hit);
+        }
+        worker.walks.remove(place);
+        Ok(true)
     }
 
-    /// Does what a walk's event asks for; a verdict if the walk goes on at once.
-    fn heed(&mut self, index: u32, event: Event) -> Result<Option<Verdict>, Stopped> {
+    /// Does what a walk's event asks for.
+    fn heed(&mut self, ray: LaneRef, event: Event) -> Result<Next, Stopped> {
         let (role, otherwise) = match event {
             Event::OutOfFuel => {
                 self.dispatch.limits.check()?;
-                return Ok(Some(Verdict::Continue));
+                return Ok(Next::Resume(Verdict::Continue));
             }
-            Event::Done => {
-                self.end_walk(index);
-                return Ok(None);
-            }
+            Event::Done => return Ok(Next::Over),
             Event::AnyHitCandidate => (Role::AnyHit, Verdict::Accept),
             Event::ProceduralCandidate => (Role::Intersection, Verdict::Continue),
         };
-        let called = self.call_for_candidate(index, role);
-        Ok((!called).then_some(otherwise))
+        Ok(match self.call_for_candidate(ray, role) {
+            true => Next::Wait,
+            false => Next::Resume(otherwise),
+        })
     }
 
     /// Calls the shader that decides on a candidate; false if its group has none.
-    fn call_for_candidate(&mut self, index: u32, role: Role) -> bool {
-        let ray = &self.worker.rays[index];
-        let candidate = ray.walk().candidate();
-        let record = ray.hit_record_index(candidate);
+    fn call_for_candidate(&mut self, ray: LaneRef, role: Role) -> bool {
+        let worker = &*self.worker;
+        let group = &worker.ray_groups[ray.index()];
+        let candidate = worker.walks[group.walks[ray.lane()]].candidate();
+        let index = hit_record_index(group.operands(&worker.subgroups), ray.lane(), candidate);
         if let Some(traced) = self.dispatch.checks {
             let need = match role {
                 Role::AnyHit => Need::AnyHit,
                 _ => Need::Intersection,
             };
-            self.check_hit_record(traced, need, record, candidate);
+            self.check_hit_record(traced, need, index, candidate);
         }
         let found =
             self.worker
                 .records
-                .find(self.dispatch.shaders, &self.dispatch.tables.hit, record);
+                .find(self.dispatch.shaders, &self.dispatch.tables.hit, index);
         let Some((group, record)) = found else {
             return false;
         };
-        let Some(program) = (if role == Role::AnyHit {
-            group.any_hit
-        } else {
-            group.intersection
-        }) else {
+        let program = match role {
+            Role::AnyHit => group.any_hit,
+            _ => group.intersection,
+        };
+        let Some(program) = program else {
             return false;
         };
-        self.calls.push(Call {
-            program,
-            role,
-            record,
-            ray: index,
-            caller: ray.caller,
-            launch: ray.launch,
-        });
+        self.calls.push(program, role, record, ray);
         true
     }
 
-    /// A walk is over: the closest-hit or the miss shader runs, if there is one.
-    pub(super) fn end_walk(&mut self, index: u32) {
-        let ray = &self.worker.rays[index];
-        if ray.fills_hit_object {
-            return self.fill_hit_object(index);
+    /// Walks of a group are over: the closest-hit or the miss shaders run, where there are any.
+    pub(super) fn end_walks(&mut self, index: u32, lanes: u16) {
+        if lanes == 0 {
+            return;
         }
-        let (caller, launch) = (ray.caller, ray.launch);
+        let worker = &*self.worker;
+        let group = &worker.ray_groups[index];
+        if group.fills_hit_object {
+            return self.fill_hit_objects(index, lanes);
+        }
+        let operands = group.operands(&worker.subgroups);
+        let records = group.record_indices(operands);
+        let hits = group.hits.found & lanes;
+        let mut silent = hits & skips_closest_hit(operands);
         if let Some(traced) = self.dispatch.checks {
-            match ray.committed() {
-                Some(_) if ray.flags & traversal::ray_flags::SKIP_CLOSEST_HIT_SHADER != 0 => {}
-                Some(hit) => {
-                    let record = ray.hit_record_index(hit);
-                    self.check_hit_record(traced, Need::ClosestHit, record, hit);
+            for lane in lanes_of(lanes & !silent) {
+                match group.hits.get(lane) {
+                    Some(hit) => {
+                        self.check_hit_record(traced, Need::ClosestHit, records[lane], &hit)
+                    }
+                    None => self.check_record(traced, Need::Miss, records[lane]),
                 }
-                None => self.check_record(traced, Need::Miss, ray.miss_index),
             }
         }
         let (tables, shaders) = (&self.dispatch.tables, self.dispatch.shaders);
-        let records = &mut self.worker.records;
-        let call = match ray.committed() {
-            Some(_) if ray.flags & traversal::ray_flags::SKIP_CLOSEST_HIT_SHADER != 0 => None,
-            Some(hit) => records
-                .find(shaders, &tables.hit, ray.hit_record_index(hit))
-                .and_then(|(group, record)| Some((group.closest_hit?, Role::ClosestHit, record))),
-            None => records
-                .find(shaders, &tables.miss, ray.miss_index)
-                .and_then(|(group, record)| Some((group.general?, Role::Miss, record))),
-        };
-        match call {
-            Some((program, role, record)) => {
-                self.calls.push(Call {
-                    program,
-                    role,
-                    record,
-                    ray: index,
-                    caller,
-                    launch,
-                });
+        // What the lane before was told.
+        let mut last = None;
+        for lane in lanes_of(lanes & !silent) {
+            let is_hit = hits >> lane & 1 != 0;
+            let asked = (is_hit, records[lane]);
+            let called = match last {
+                Some((before, called)) if before == asked => called,
+                _ if is_hit => (self.worker.records)
+                    .find(shaders, &tables.hit, asked.1)
+                    .and_then(|(group, record)| Some((group.closest_hit?, record))),
+                _ => (self.worker.records)
+                    .find(shaders, &tables.miss, asked.1)
+                    .and_then(|(group, record)| Some((group.general?, record))),
+            };
+            last = Some((asked, called));
+            let role = match is_hit {
+                true => Role::ClosestHit,
+                false => Role::Miss,
+            };
+            match called {
+                Some((program, record)) => {
+                    let ray = LaneRef::new(index, lane);
+                    self.calls.push(program, role, record, ray);
+                }
+                None => silent |= 1 << lane,
             }
-            None => self.finish_ray(index),
         }
+        self.finish_rays(index, silent);
     }
+}
+
+/// An emptied list, for its memory.
+fn recycled<T>(mut list: Vec<T>) -> Vec<T> {
+    list.clear();
+    list
 }

@@ -191,14 +191,20 @@ impl Audit<'_> {
             features.extend(require.features.iter().cloned());
         }
         let mut answered = 0;
-        let mut findings = Vec::new();
+        let (mut findings, mut notes) = (Vec::new(), Vec::new());
         for (name, structure) in &self.registry.structures {
             let answer = answer(structure);
             let Some(answer) = answer else { continue };
             let there = answer.iter().any(|&byte| byte != UNTOUCHED);
             answered += usize::from(there);
             match (there, wanted.contains(name.as_str())) {
-                (true, false) => findings.push(format!("nothing advertised brings {name}")),
+                (true, false) => match self.conditional(name) {
+                    // Registries have made conditions of what used to come with an extension.
+                    Some((who, depends)) => {
+                        notes.push(format!("{who} brings {name} with {depends} only"));
+                    }
+                    None => findings.push(format!("nothing advertised brings {name}")),
+                },
                 (false, true) => findings.push(format!("{name} is not answered")),
                 _ => {}
             }
@@ -219,7 +225,18 @@ impl Audit<'_> {
             }
         }
         self.report.findings.extend(findings);
+        self.report.notes.extend(notes);
         answered
+    }
+
+    /// The advertised extension that brings a type on a condition which is not met, and the condition.
+    fn conditional(&self, ty: &str) -> Option<(&'static str, String)> {
+        self.advertised.iter().find_map(|&who| {
+            let known = self.registry.extensions.get(who)?;
+            let mut requires = known.requires.iter();
+            let of = requires.find(|require| require.types.iter().any(|name| name == ty))?;
+            Some((who, of.depends.clone()))
+        })
     }
 
     fn resolved<'a>(&'a self, name: &'a str) -> &'a str {

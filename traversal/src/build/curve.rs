@@ -267,7 +267,7 @@ fn grow<V: Vector>(
             return unsafe { binned(primitives, nodes, growth.rules, extent, depth) };
         }
     }
-    nodes[0] = BinaryNode::new(corners, count, leaf);
+    nodes[0] = BinaryNode::new(corners, count);
     if leaf {
         return;
     }
@@ -282,6 +282,7 @@ fn grow<V: Vector>(
     };
     let sides = [cut.sides[0].corners(), cut.sides[1].corners()];
     let middle = cut.at - first;
+    nodes[0].set_right(2 * middle);
     let (left, right) = primitives.split_at_mut(middle);
     let (left_nodes, right_nodes) = nodes[1..].split_at_mut(2 * middle - 1);
     // SAFETY: the machine that runs this has the instruction set.

@@ -14,6 +14,7 @@ mod micromap;
 mod motion;
 mod primitive;
 mod refit;
+mod reinsert;
 mod split;
 mod sweep;
 mod swept;
@@ -32,6 +33,7 @@ use collapse::Costs;
 use corners::Corners;
 use emit::Target;
 use primitive::Primitive;
+use reinsert::Piece;
 use split::SplitRules;
 use tree::BinaryNode;
 pub use update::update;
@@ -90,8 +92,7 @@ const SCRATCH_ALIGNMENT: usize = 64;
 /// Never decreases when a count or the number of geometries increases.
 pub fn build_sizes(kind: Kind, flags: BuildFlags, max_primitive_counts: &[u32]) -> BuildSizes {
     let count: u64 = max_primitive_counts.iter().map(|&c| u64::from(c)).sum();
-    let scratch = count * (size_of::<Primitive>() + 2 * size_of::<BinaryNode>()) as u64
-        + block_bytes(flags, count);
+    let scratch = Places::new(kind, flags, count).bytes();
     BuildSizes {
         structure_bytes: structure_bytes(kind, max_primitive_counts.len() as u64, count),
         build_scratch_bytes: scratch + SCRATCH_ALIGNMENT as u64,
@@ -104,11 +105,34 @@ pub fn build_sizes(kind: Kind, flags: BuildFlags, max_primitive_counts: &[u32]) 
     }
 }
 
-/// Scratch for boxes beside the tree.
-fn block_bytes(flags: BuildFlags, count: u64) -> u64 {
-    match flags.contains(BuildFlags::PREFER_FAST_BUILD) {
-        true => sweep::block_count(count) * size_of::<Corners>() as u64,
-        false => 0,
+/// How many places of each kind the scratch memory has.
+struct Places {
+    primitives: u64,
+    nodes: u64,
+    blocks: u64,
+    pieces: u64,
+}
+
+impl Places {
+    fn new(kind: Kind, flags: BuildFlags, count: u64) -> Places {
+        let hurry = flags.contains(BuildFlags::PREFER_FAST_BUILD);
+        let (pieces, spare_nodes) = match hurry {
+            true => (0, 0),
+            false => reinsert::places(kind, count),
+        };
+        Places {
+            primitives: count,
+            nodes: 2 * count + spare_nodes,
+            blocks: if hurry { sweep::block_count(count) } else { 0 },
+            pieces,
+        }
+    }
+
+    fn bytes(&self) -> u64 {
+        self.primitives * size_of::<Primitive>() as u64
+            + self.nodes * size_of::<BinaryNode>() as u64
+            + self.blocks * size_of::<Corners>() as u64
+            + self.pieces * (size_of::<Piece>() + size_of::<u32>()) as u64
     }
 }
 
@@ -180,7 +204,9 @@ unsafe fn build_to_depth(
         primitives,
         nodes,
         blocks,
-    } = carve(scratch, input.flags, count).ok_or(BuildError::Scratch)?;
+        pieces,
+        order,
+    } = carve(scratch, &shape, input.flags).ok_or(BuildError::Scratch)?;
     let along_curve = input.flags.contains(BuildFlags::PREFER_FAST_BUILD);
     let collected = {
         let places = match along_curve {
@@ -219,8 +245,14 @@ unsafe fn build_to_depth(
         // SAFETY: the promised size has room for a node.
         unsafe { target.write_node(0, &Node::EMPTY) };
     } else {
-        let nodes = &mut nodes[..2 * active - 1];
-        let costs = grow(shape.kind, input.flags, primitives, nodes, blocks);
+        let costs = grow(
+            shape.kind,
+            input.flags,
+            primitives,
+            &mut nodes[..2 * active - 1],
+            blocks,
+        );
+        let nodes = reinsert::improve(primitives, nodes, (pieces, order), &costs);
         let fits = |nodes: u32, leaves: u32| {
             let parts = Parts::new(shape.kind, shape.geometries, nodes.into(), leaves.into());
             parts.size_bytes <= promised
@@ -363,7 +395,7 @@ fn block_cost(kind: Kind) -> f32 {
 fn has_room(input: &BuildInput<'_>, shape: &Shape, destination: &[u8], scratch: &mut [u8]) -> bool {
     let promised = structure_bytes(shape.kind, shape.geometries, shape.primitives);
     destination.len() as u64 >= promised + shape.micromap_bytes
-        && carve(scratch, input.flags, shape.primitives as usize).is_some()
+        && carve(scratch, shape, input.flags).is_some()
 }
 
 /// What kind of structure an input makes, and how large.
@@ -455,28 +487,38 @@ struct Workspace<'a> {
     primitives: &'a mut [Primitive],
     nodes: &'a mut [BinaryNode],
     blocks: &'a mut [Corners],
+    pieces: &'a mut [Piece],
+    /// As many numbers as pieces.
+    order: &'a mut [u32],
 }
 
-fn carve(scratch: &mut [u8], flags: BuildFlags, count: usize) -> Option<Workspace<'_>> {
+fn carve<'a>(scratch: &'a mut [u8], shape: &Shape, flags: BuildFlags) -> Option<Workspace<'a>> {
     let start = scratch.as_ptr().align_offset(SCRATCH_ALIGNMENT);
-    let primitive_bytes = count * size_of::<Primitive>();
-    let node_bytes = count * 2 * size_of::<BinaryNode>();
-    let block_bytes = block_bytes(flags, count as u64) as usize;
-    let bytes = scratch.get_mut(start..start + primitive_bytes + node_bytes + block_bytes)?;
-    let (primitives, rest) = bytes.split_at_mut(primitive_bytes);
-    let (nodes, blocks) = rest.split_at_mut(node_bytes);
-    // SAFETY: aligned to 32 bytes, long enough, disjoint, and all three types are plain numbers for
-    // which any bytes will do.
+    let places = Places::new(shape.kind, flags, shape.primitives);
+    let mut rest = scratch.get_mut(start..)?;
+    // SAFETY: all four types are plain numbers for which any bytes will do.
     unsafe {
         Some(Workspace {
-            primitives: std::slice::from_raw_parts_mut(primitives.as_mut_ptr().cast(), count),
-            nodes: std::slice::from_raw_parts_mut(nodes.as_mut_ptr().cast(), 2 * count),
-            blocks: std::slice::from_raw_parts_mut(
-                blocks.as_mut_ptr().cast(),
-                block_bytes / size_of::<Corners>(),
-            ),
+            pieces: take(&mut rest, places.pieces)?,
+            primitives: take(&mut rest, places.primitives)?,
+            blocks: take(&mut rest, places.blocks)?,
+            nodes: take(&mut rest, places.nodes)?,
+            order: take(&mut rest, places.pieces)?,
         })
     }
+}
+
+/// Takes places for `count` of a type from the front of memory, which has to be aligned to them.
+///
+/// # Safety
+/// Any bytes will do for a `T`.
+unsafe fn take<'a, T>(memory: &mut &'a mut [u8], count: u64) -> Option<&'a mut [T]> {
+    let count = count as usize;
+    let (taken, rest) = std::mem::take(memory).split_at_mut_checked(count * size_of::<T>())?;
+    *memory = rest;
+    debug_assert!(taken.is_empty() || taken.as_ptr().cast::<T>().is_aligned());
+    // SAFETY: long enough and nobody else's; every size before is a multiple of the alignment.
+    Some(unsafe { std::slice::from_raw_parts_mut(taken.as_mut_ptr().cast(), count) })
 }
 
 /// Writes the header and the geometry table, and zeros in the gaps between parts.

@@ -13,8 +13,7 @@ use crate::layout::Bounds;
 #[cfg(target_arch = "x86_64")]
 use super::vector::Avx2;
 
-/// A node of the binary tree. The left child is the next node, the right child comes after the
-/// left one's 2n − 1; primitives of a subtree are consecutive.
+/// A node of the binary tree. The left child is the next node; nodes of a subtree lie together, and so do its primitives.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C, align(16))]
 pub(crate) struct BinaryNode {
@@ -28,19 +27,19 @@ pub(crate) struct BinaryNode {
     pub wide_leaves: u32,
     /// What [`super::collapse`] decided.
     pub decisions: [u8; 7],
-    /// 1: no children.
-    leaf: u8,
-    reserved: u32,
+    reserved: u8,
+    /// How far away the right child is; 0 without children.
+    right: u32,
 }
 
 impl BinaryNode {
-    pub fn new(corners: &Corners, count: usize, leaf: bool) -> BinaryNode {
+    /// A node without children.
+    pub fn new(corners: &Corners, count: usize) -> BinaryNode {
         let bounds = corners.bounds();
         BinaryNode {
             min: bounds.min,
             count: count as u32,
             max: bounds.max,
-            leaf: leaf.into(),
             ..BinaryNode::default()
         }
     }
@@ -55,7 +54,17 @@ impl BinaryNode {
 
     /// Whether it has no children.
     pub fn is_leaf(&self) -> bool {
-        self.leaf != 0
+        self.right == 0
+    }
+
+    /// How far away its right child is.
+    pub fn right(&self) -> usize {
+        self.right as usize
+    }
+
+    /// Gives it children: the next node, and one so far away.
+    pub fn set_right(&mut self, distance: usize) {
+        self.right = distance as u32;
     }
 
     /// Half the surface of the box, in units that keep it finite.
@@ -70,14 +79,13 @@ pub(crate) fn children_mut(
     nodes: &mut [BinaryNode],
 ) -> (&mut BinaryNode, &mut [BinaryNode], &mut [BinaryNode]) {
     let (root, rest) = nodes.split_first_mut().expect("a subtree has a root");
-    let left = 2 * rest[0].count as usize - 1;
-    let (left, right) = rest.split_at_mut(left);
+    let (left, right) = rest.split_at_mut(root.right() - 1);
     (root, left, right)
 }
 
 /// The subtrees of an inner node's slice.
 pub(crate) fn children(nodes: &[BinaryNode]) -> (&[BinaryNode], &[BinaryNode]) {
-    nodes[1..].split_at(2 * nodes[1].count as usize - 1)
+    nodes[1..].split_at(nodes[0].right() - 1)
 }
 
 /// From this depth on, splits halve the number of primitives: bounds the depth of the recursion.
@@ -173,7 +181,7 @@ fn subtree<V: Vector>(
 ) {
     let count = primitives.len();
     let leaf = count < rules.stop.max(2);
-    nodes[0] = BinaryNode::new(&extent.corners, count, leaf);
+    nodes[0] = BinaryNode::new(&extent.corners, count);
     if leaf {
         return;
     }
@@ -195,6 +203,7 @@ fn subtree<V: Vector>(
         Some(split) => partition::<V>(primitives, &split),
         None => halve::<V>(primitives, &extent),
     };
+    nodes[0].set_right(2 * middle);
     let (left, right) = primitives.split_at_mut(middle);
     let (left_nodes, right_nodes) = nodes[1..].split_at_mut(2 * middle - 1);
     // SAFETY: the machine that runs this has the instruction set.

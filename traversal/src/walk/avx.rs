@@ -4,12 +4,13 @@
 use std::arch::x86_64::*;
 
 use super::Walk;
-use super::beams::{Beams, Lanes, ROW};
+use super::beams::{Beams, ROW};
 use super::descend::push_children;
 use super::group;
 use super::kernel::{GroupHits, Kernel, T_MARGIN};
 use super::leaf::{Leaf, Triangles};
-use super::opaque::{End, Opaque, Pending};
+use super::opaque::{End, Nearest, Opaque, Pending};
+use super::rows::Lanes;
 use super::space::Space;
 use super::walker::Entry;
 use crate::layout::{GROUP, Node, TriangleGroup, WIDTH};
@@ -240,7 +241,7 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
     #[inline(always)]
     unsafe fn walk_opaque<const ANY: bool>(
         way: &Opaque<'_>,
-        walk: &mut Walk,
+        best: &mut Nearest,
         pending: &mut Pending<'_>,
         found: &mut GroupHits,
         fuel: &mut u64,
@@ -248,9 +249,9 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
         // SAFETY: the caller's promise.
         unsafe {
             if WIDE {
-                walk_opaque_wide::<ANY>(way, walk, pending, found, fuel)
+                walk_opaque_wide::<ANY>(way, best, pending, found, fuel)
             } else {
-                walk_opaque::<ANY>(way, walk, pending, found, fuel)
+                walk_opaque::<ANY>(way, best, pending, found, fuel)
             }
         }
     }
@@ -341,13 +342,13 @@ unsafe fn test_leaf(leaf: &Triangles<'_>, walk: &mut Walk, t_far: &mut f32) -> L
 #[target_feature(enable = "avx2,bmi1,bmi2")]
 unsafe fn walk_opaque<const ANY: bool>(
     way: &Opaque<'_>,
-    walk: &mut Walk,
+    best: &mut Nearest,
     pending: &mut Pending<'_>,
     found: &mut GroupHits,
     fuel: &mut u64,
 ) -> End {
     // SAFETY: the caller's promise.
-    unsafe { way.run::<Avx<false>, ANY>(walk, pending, found, fuel) }
+    unsafe { way.run::<Avx<false>, ANY>(best, pending, found, fuel) }
 }
 
 /// # Safety
@@ -356,11 +357,11 @@ unsafe fn walk_opaque<const ANY: bool>(
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 unsafe fn walk_opaque_wide<const ANY: bool>(
     way: &Opaque<'_>,
-    walk: &mut Walk,
+    best: &mut Nearest,
     pending: &mut Pending<'_>,
     found: &mut GroupHits,
     fuel: &mut u64,
 ) -> End {
     // SAFETY: the caller's promise.
-    unsafe { way.run::<Avx<true>, ANY>(walk, pending, found, fuel) }
+    unsafe { way.run::<Avx<true>, ANY>(best, pending, found, fuel) }
 }

@@ -3,13 +3,11 @@
 //! What [`Space`] is for one ray, but for rays of ordinary length and for structures whose distances are not
 //! scaled. Loops over lanes are written so that compilers turn them into vectors.
 
+use super::PACKET;
 use super::options::Accuracy;
+use super::rows::{Lanes, RayRows, Words, blend};
 use super::space::{MARGIN, MODEST, Space, max};
-use super::{PACKET, Step};
 use crate::layout::{GROUP, InstanceRecord, WIDTH, instance_state};
-
-/// A number of each ray.
-pub(crate) type Lanes = [f32; PACKET];
 
 /// Bits of numbers that are not finite, but for the sign: from here on.
 const INFINITE: u32 = f32::INFINITY.to_bits();
@@ -41,42 +39,47 @@ pub(crate) const AXIS: u32 = size_of::<[f32; GROUP]>() as u32;
 /// Bytes of a row of a node.
 pub(crate) const ROW: u32 = size_of::<[f32; WIDTH]>() as u32;
 
-/// Rays of walks, in world space.
+/// Rays in world space.
 #[repr(C, align(64))]
 pub(crate) struct Given {
     pub origin: [Lanes; 3],
     pub direction: [Lanes; 3],
     pub t_min: Lanes,
     /// 1 where there is a ray that can hit anything.
-    pub sound: [u32; PACKET],
+    pub sound: Words,
 }
 
 impl Given {
-    /// The rays of up to sixteen walks.
+    /// The rays of some lanes; the others repeat the first of them, so that nothing odd is computed there.
     #[inline(always)]
-    pub fn new(steps: &[Step<'_>]) -> Given {
+    pub fn new(rays: &RayRows, lanes: u16) -> Given {
+        let first = lanes.trailing_zeros() as usize % PACKET;
+        let pick = |row: &Lanes| {
+            let mut picked = [row[first]; PACKET];
+            blend(&mut picked, row, lanes);
+            picked
+        };
         let mut given = Given {
-            origin: [[0.0; PACKET]; 3],
-            direction: [[0.0; PACKET]; 3],
-            t_min: [0.0; PACKET],
+            origin: [
+                pick(&rays.origin[0]),
+                pick(&rays.origin[1]),
+                pick(&rays.origin[2]),
+            ],
+            direction: [
+                pick(&rays.direction[0]),
+                pick(&rays.direction[1]),
+                pick(&rays.direction[2]),
+            ],
+            t_min: pick(&rays.t_min),
             sound: [0; PACKET],
         };
-        // Ends before the starts of rays that are not there.
-        let mut t_max = [-1.0; PACKET];
-        for (lane, step) in steps.iter().enumerate().take(PACKET) {
-            let ray = &step.walk.ray;
-            for axis in 0..3 {
-                given.origin[axis][lane] = ray.origin[axis];
-                given.direction[axis][lane] = ray.direction[axis];
-            }
-            given.t_min[lane] = ray.t_min;
-            t_max[lane] = ray.t_max;
-        }
         let (o, d) = (&given.origin, &given.direction);
         for i in 0..PACKET {
             let most = magnitude(o[0][i]).max(magnitude(o[1][i]).max(magnitude(o[2][i])));
             let most = magnitude(d[0][i]).max(magnitude(d[1][i]).max(magnitude(d[2][i]).max(most)));
-            given.sound[i] = u32::from((most < INFINITE) & (given.t_min[i] <= t_max[i]));
+            let there = lanes >> i & 1 != 0;
+            let sound = (most < INFINITE) & (given.t_min[i] <= rays.t_max[i]) & there;
+            given.sound[i] = u32::from(sound);
         }
         given
     }
@@ -95,9 +98,9 @@ pub(crate) struct Beams {
     pub near_inverse: [Lanes; 3],
     pub far_inverse: [Lanes; 3],
     /// Offsets in bytes of the rows of a node with the near planes.
-    pub near_rows: [[u32; PACKET]; 3],
+    pub near_rows: [Words; 3],
     /// Offsets in bytes of the axes in a vertex.
-    pub axes: [[u32; PACKET]; 3],
+    pub axes: [Words; 3],
     /// The direction's first two over its third component.
     pub shear: [Lanes; 2],
     /// One over the third component, with the opposite sign.
@@ -244,7 +247,7 @@ impl Beams {
 
     /// Sets up the `k`th of the rays' own axes; returns the directions along it.
     #[inline(always)]
-    fn derive_axis(&mut self, k: usize, axes: &[u32; PACKET], sound: &mut [u32; PACKET]) -> Lanes {
+    fn derive_axis(&mut self, k: usize, axes: &Words, sound: &mut Words) -> Lanes {
         let (o, d) = (self.space_origin, self.space_direction);
         let mut directions = [0.0; PACKET];
         for i in 0..PACKET {

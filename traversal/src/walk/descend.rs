@@ -3,7 +3,7 @@
 use super::kernel::Kernel;
 use super::leaf::{self, Leaf, Triangles};
 use super::level::{Entered, Level};
-use super::opaque::{End, LARGE, Opaque, Pending};
+use super::opaque::{End, LARGE, Nearest, Opaque, Pending};
 use super::options::Specialisation;
 use super::walker::{Entry, STACK};
 use super::{Event, Walk, Walker};
@@ -120,16 +120,22 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                 instance,
                 beams,
                 lane: 0,
+                committed: walk.committed(),
                 fetches_ahead: fetch_ahead,
             };
+            let mut best = Nearest::none_in(walk.ray.t_min, walk.hit.t);
             let mut pending = Pending {
                 stack,
                 floor,
                 length,
             };
             // SAFETY: the caller's promise.
-            let end = unsafe { K::walk_opaque::<ANY>(&way, walk, &mut pending, hits, &mut left) };
+            let end =
+                unsafe { K::walk_opaque::<ANY>(&way, &mut best, &mut pending, hits, &mut left) };
             length = pending.length;
+            if let Some(hit) = way.hit(&best) {
+                (walk.hit, walk.has_hit) = (hit, true);
+            }
             match end {
                 End::Over => break 'level Event::Done,
                 End::OutOfFuel => break 'level Event::OutOfFuel,

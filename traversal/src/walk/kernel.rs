@@ -4,7 +4,7 @@ use super::Walk;
 use super::beams::Beams;
 use super::descend::push_children;
 use super::leaf::{Leaf, Triangles};
-use super::opaque::{End, Opaque, Pending};
+use super::opaque::{End, Nearest, Opaque, Pending};
 use super::space::{Space, max, min};
 use super::triangle::{Intersection, Rim, intersect};
 use super::walker::Entry;
@@ -101,7 +101,7 @@ pub(crate) trait Kernel {
     /// The machine has the instruction set.
     unsafe fn walk_opaque<const ANY: bool>(
         way: &Opaque<'_>,
-        walk: &mut Walk,
+        best: &mut Nearest,
         pending: &mut Pending<'_>,
         found: &mut GroupHits,
         fuel: &mut u64,
@@ -289,13 +289,13 @@ impl Kernel for Portable {
     #[inline(never)]
     unsafe fn walk_opaque<const ANY: bool>(
         way: &Opaque<'_>,
-        walk: &mut Walk,
+        best: &mut Nearest,
         pending: &mut Pending<'_>,
         found: &mut GroupHits,
         fuel: &mut u64,
     ) -> End {
         // SAFETY: every machine has plain Rust.
-        unsafe { way.run::<Portable, ANY>(walk, pending, found, fuel) }
+        unsafe { way.run::<Portable, ANY>(best, pending, found, fuel) }
     }
 
     #[inline(never)]

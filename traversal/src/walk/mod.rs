@@ -32,6 +32,7 @@ mod group;
 mod kernel;
 mod leaf;
 mod level;
+mod list;
 mod micromap;
 mod motion;
 mod opaque;
@@ -39,18 +40,22 @@ mod options;
 #[cfg(target_arch = "x86_64")]
 mod packet;
 mod probe;
+mod rows;
 mod space;
 mod swept;
 mod triangle;
 mod walker;
 
 use crate::ray::{Hit, Ray, ray_flags};
+use level::Entered;
+pub use list::List;
 pub use options::{Accuracy, Options, Specialisation, Switches};
 pub use probe::TriangleTest;
+pub use rows::{HitRows, Lanes, RayRows, Words};
 use walker::Entry;
 pub use walker::{Tier, Walker};
 
-/// Walks that [`Walk::finish_together`] takes, at most.
+/// Rays that [`Walker::trace`] takes, at most.
 pub const PACKET: usize = 16;
 
 /// What the caller decided about the last event.
@@ -78,27 +83,6 @@ pub enum Event {
     ProceduralCandidate,
     /// The fuel ran dry; resume with [`Verdict::Continue`].
     OutOfFuel,
-}
-
-/// A walk to be resumed among others.
-pub struct Step<'a> {
-    /// The walk.
-    pub walk: &'a mut Walk,
-    /// What the caller decided about its last event.
-    pub verdict: Verdict,
-    /// Out: why it stopped.
-    pub event: Event,
-}
-
-impl<'a> Step<'a> {
-    /// A walk to be resumed with a verdict.
-    pub fn new(walk: &'a mut Walk, verdict: Verdict) -> Step<'a> {
-        Step {
-            walk,
-            verdict,
-            event: Event::OutOfFuel,
-        }
-    }
 }
 
 /// One ray's way through a scene. Small: the live part of the stack is kept beside it only while
@@ -142,6 +126,13 @@ impl State {
             Event::ProceduralCandidate => State::Procedural,
             Event::OutOfFuel => State::OutOfFuel,
         }
+    }
+}
+
+impl Default for Walk {
+    /// A walk that is over.
+    fn default() -> Walk {
+        Walk::OVER
     }
 }
 
@@ -195,15 +186,7 @@ impl Walk {
     /// Goes on until something has to be decided outside. Each visited node and each leaf costs one
     /// unit of `fuel`.
     pub fn resume(&mut self, walker: &mut Walker, verdict: Verdict, fuel: &mut u64) -> Event {
-        let mut step = [Step::new(self, verdict)];
-        walker::run(&mut step, walker, fuel);
-        step[0].event
-    }
-
-    /// [`Self::resume`] for each of many walks in turn, for less than one by one: what they have in common is done once.
-    /// `fuel` is for all of them.
-    pub fn resume_all(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
-        walker::run(steps, walker, fuel);
+        walker::run(self, verdict, walker, &mut { Entered::NOTHING }, fuel)
     }
 
     /// Heeds a verdict; whether that ends the walk.
@@ -222,17 +205,6 @@ impl Walk {
         over || ends
     }
 
-    /// Takes up to [`PACKET`] walks to their ends together if that can be done: they have not
-    /// started, their rays start near each other and go the same way, and what they meet are instances of opaque
-    /// triangles. The hits are those of each walk by itself, bit for bit, but for rays that end with their first hit,
-    /// which may find another one first. Returns false if it cannot be done; then nothing has happened.
-    pub fn finish_together(steps: &mut [Step<'_>], walker: &mut Walker) -> bool {
-        #[cfg(target_arch = "x86_64")]
-        return walker.takes_packets() && packet::run(steps, walker);
-        #[cfg(not(target_arch = "x86_64"))]
-        return false;
-    }
-
     /// Casts the ray at another time than 0, in [0, 1]; before the first step.
     #[inline]
     pub fn set_time(&mut self, time: f32) {
@@ -243,6 +215,12 @@ impl Walk {
     #[inline]
     pub fn time(&self) -> f32 {
         self.time
+    }
+
+    /// The address of the top level.
+    #[inline]
+    pub fn top_level(&self) -> u64 {
+        self.top_level
     }
 
     /// The ray this walk was made for.
@@ -287,6 +265,21 @@ impl Walk {
         })
     }
 
+    /// A walk that is over.
+    pub(crate) const OVER: Walk = Walk {
+        ray: Ray::NONE,
+        top_level: 0,
+        hit: Hit::NONE,
+        candidate: Hit::NONE,
+        time: 0.0,
+        has_hit: false,
+        state: State::Done,
+        instance: Self::NO_INSTANCE,
+        floor: 0,
+        leaf: None,
+        pending: Vec::new(),
+    };
+
     fn is_fresh(&self) -> bool {
         self.state == State::Fresh
     }
@@ -309,8 +302,6 @@ impl Walk {
     /// of the walk does not show.
     #[inline(always)]
     fn is_nearer(&self, hit: &Hit) -> bool {
-        let key = |hit: &Hit| (hit.instance_index, hit.geometry_index, hit.primitive_index);
-        let comparable = self.has_hit && hit.opaque && self.hit.opaque && self.hit.is_built_in();
-        hit.t < self.hit.t || comparable && hit.t == self.hit.t && key(hit) < key(&self.hit)
+        hit.t < self.hit.t || self.has_hit && hit.t == self.hit.t && hit.wins_tie(&self.hit)
     }
 }

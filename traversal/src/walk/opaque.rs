@@ -1,22 +1,18 @@
 //! Walks through triangles that all count: opaque, not culled, in a space that is not scaled. Nothing there suspends a
 //! walk but want of fuel, so the loop is small.
 
-use super::beams::{Beams, Given};
+use super::beams::Beams;
 use super::facts::InstanceFacts;
 use super::kernel::{GroupHits, Kernel};
-use super::options::Specialisation;
 use super::walker::{Entry, STACK};
-use super::{Event, PACKET, State, Step, Verdict, Walk, Walker, descend};
-use crate::layout::{GROUP, LEAF_TRIANGLES, WIDTH, child, instance_state};
+use super::{PACKET, descend};
+use crate::layout::{GROUP, LEAF_TRIANGLES, WIDTH, child};
 use crate::ray::Hit;
-use crate::structure::{Kind, Structure};
+use crate::structure::Structure;
 
 /// Nodes of a structure that does not fit a core's caches, so that children are worth fetching
 /// ahead.
 pub(super) const LARGE: u32 = 4096;
-
-/// Fewer rays are set up one by one for less.
-const ENOUGH: usize = 4;
 
 /// Why a walk left a bottom level.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -41,119 +37,20 @@ pub(crate) struct Opaque<'a> {
     pub instance: &'a InstanceFacts,
     pub beams: &'a Beams,
     pub lane: usize,
+    /// What was found before.
+    pub committed: Option<&'a Hit>,
     pub fetches_ahead: bool,
 }
 
-/// Takes the walks of a list to their ends that have just begun in a top level whose only instance is of this kind. Returns
-/// which those are.
-///
-/// # Safety
-/// The machine has the kernel's instruction set.
-#[inline(always)]
-pub(crate) unsafe fn run_list<K: Kernel>(
-    steps: &mut [Step<'_>],
-    walker: &mut Walker,
-    fuel: &mut u64,
-) -> u32 {
-    let without = walker.without();
-    let by_itself = steps.len() < ENOUGH
-        || without.contains(Specialisation::OneInstance)
-        || without.contains(Specialisation::Opaque);
-    if by_itself {
-        return 0;
-    }
-    let Walker {
-        stack,
-        top,
-        bottom,
-        instance,
-        hits,
-        beams,
-        ..
-    } = walker;
-    let first = &*steps[0].walk;
-    let (address, flags, cull_mask) = (first.top_level, first.ray.flags, first.ray.cull_mask);
-    // SAFETY: the contract of `Walk::new`.
-    let index = unsafe { top.enter_top(address) }
-        .then(|| descend::only_instance(top))
-        .flatten();
-    let Some(index) = index else { return 0 };
-    // SAFETY: as above.
-    if !unsafe { bottom.admit(instance, top, index, &first.ray) } {
-        return 0;
-    }
-    let Some(record) = top.structure.instance(index) else {
-        return 0;
-    };
-    if !instance.takes_all
-        || bottom.structure.kind() != Kind::Triangles
-        || record.state & instance_state::MOVING != 0
-    {
-        return 0;
-    }
-    let mut alike = 0;
-    for (lane, step) in steps.iter().enumerate() {
-        let walk = &*step.walk;
-        let same = walk.top_level == address
-            && walk.ray.flags == flags
-            && walk.ray.cull_mask == cull_mask
-            && walk.state == State::Fresh
-            && step.verdict == Verdict::Continue;
-        alike |= u32::from(same) << lane;
-    }
-    alike &= beams.set_up(&Given::new(steps), record);
-    let fetches_ahead =
-        bottom.structure.node_count() > LARGE && !without.contains(Specialisation::Prefetch);
-    let any = steps[0].walk.terminates_on_first_hit();
-    for (lane, step) in steps.iter_mut().enumerate().take(PACKET) {
-        if alike >> lane & 1 == 0 {
-            continue;
-        }
-        let walk = &mut *step.walk;
-        let way = Opaque {
-            structure: &bottom.structure,
-            instance,
-            beams,
-            lane,
-            fetches_ahead,
-        };
-        stack[0] = Entry::ROOT;
-        let mut pending = Pending {
-            stack,
-            floor: 0,
-            length: 1,
-        };
-        // SAFETY: the caller's promise.
-        let end = unsafe {
-            if any {
-                K::walk_opaque::<true>(&way, walk, &mut pending, hits, fuel)
-            } else {
-                K::walk_opaque::<false>(&way, walk, &mut pending, hits, fuel)
-            }
-        };
-        step.event = Event::Done;
-        if end == End::OutOfFuel {
-            walk.instance = index;
-            walk.floor = 0;
-            walk.pending.clear();
-            let length = pending.length;
-            walk.pending.extend_from_slice(&stack[..length]);
-            step.event = Event::OutOfFuel;
-        }
-        walk.state = State::after(step.event);
-    }
-    alike
-}
-
 impl Opaque<'_> {
-    /// Goes on with what is pending.
+    /// Goes on with what is pending, for triangles in the interval of `best`: that is the nearest then.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.
     #[inline(always)]
     pub unsafe fn run<K: Kernel, const ANY: bool>(
         &self,
-        walk: &mut Walk,
+        best: &mut Nearest,
         pending: &mut Pending<'_>,
         found: &mut GroupHits,
         fuel: &mut u64,
@@ -161,8 +58,8 @@ impl Opaque<'_> {
         let (nodes, node_count) = (self.structure.nodes(), self.structure.node_count());
         let (groups, group_count) = self.structure.groups();
         let lane = self.lane % PACKET;
-        let (t_min, mut t_far) = (walk.ray.t_min, walk.hit.t);
-        let mut nearest = Nearest::NONE;
+        let t_min = best.t_min;
+        let mut nearest = *best;
         let mut left = *fuel;
         let stack = pending.stack.as_mut_ptr();
         // SAFETY: `floor` and `length` are inside the stack.
@@ -174,8 +71,8 @@ impl Opaque<'_> {
             )
         };
         // SAFETY: the caller's promise.
-        let mut beam = unsafe { K::load_beam(self.beams, lane, t_far) };
-        let mut limit = Entry::last_at(t_far);
+        let mut beam = unsafe { K::load_beam(self.beams, lane, nearest.t) };
+        let mut limit = Entry::last_at(nearest.t);
         let end = 'next: loop {
             // The nearest pending child that is still near enough.
             let mut word = loop {
@@ -252,7 +149,7 @@ impl Opaque<'_> {
                     &beam,
                     [first, last],
                     lanes,
-                    [t_min, t_far],
+                    [t_min, nearest.t],
                     found,
                 )
             };
@@ -261,16 +158,17 @@ impl Opaque<'_> {
                 mask &= mask - 1;
                 let t = found.t[i];
                 let slot = GROUP as u32 * index + i as u32;
-                if t > t_far || t == t_far && !self.wins_tie(walk, nearest.slot, slot) {
+                if t > nearest.t || t == nearest.t && !self.wins_tie(&nearest, slot) {
                     continue;
                 }
                 let [second, third] = &found.barycentrics;
                 nearest = Nearest {
+                    t_min,
+                    t,
                     slot,
                     barycentrics: [second[i], third[i]],
                     front: found.front >> i & 1 != 0,
                 };
-                t_far = t;
                 if ANY {
                     break 'next End::Over;
                 }
@@ -282,18 +180,19 @@ impl Opaque<'_> {
         // SAFETY: both are in the stack.
         pending.length = unsafe { top.offset_from(stack) } as usize;
         *fuel = left;
-        if nearest.slot != Hit::UNKNOWN_SLOT {
-            walk.hit = self.hit(t_far, &nearest);
-            walk.has_hit = true;
-        }
+        *best = nearest;
         end
     }
 
+    /// What was found, as a hit; `None` if nothing was.
     #[inline(always)]
-    fn hit(&self, t: f32, nearest: &Nearest) -> Hit {
+    pub fn hit(&self, nearest: &Nearest) -> Option<Hit> {
+        if nearest.slot == Hit::UNKNOWN_SLOT {
+            return None;
+        }
         let (geometry_index, primitive_index) = self.structure.identity(nearest.slot);
-        Hit {
-            t,
+        Some(Hit {
+            t: nearest.t,
             barycentrics: nearest.barycentrics,
             geometry_index,
             primitive_index,
@@ -302,37 +201,43 @@ impl Opaque<'_> {
             opaque: true,
             triangle: true,
             ..self.instance.hit()
-        }
+        })
     }
 
-    /// Whether a triangle at the distance of the nearest one, or of what is committed, or at the end of the ray, comes
+    /// Whether a triangle at the distance of the nearest one, or of what was found before, or at the end of the ray, comes
     /// before that.
     #[cold]
     #[inline(never)]
-    fn wins_tie(&self, walk: &Walk, nearest: u32, slot: u32) -> bool {
-        if nearest != Hit::UNKNOWN_SLOT {
-            return self.structure.identity(slot) < self.structure.identity(nearest);
+    fn wins_tie(&self, nearest: &Nearest, slot: u32) -> bool {
+        if nearest.slot != Hit::UNKNOWN_SLOT {
+            return self.structure.identity(slot) < self.structure.identity(nearest.slot);
         }
-        let nearest = Nearest {
-            slot,
-            ..Nearest::NONE
-        };
-        walk.is_nearer(&self.hit(walk.hit.t, &nearest))
+        let hit = self.hit(&Nearest { slot, ..*nearest });
+        (hit.zip(self.committed)).is_some_and(|(hit, committed)| hit.wins_tie(committed))
     }
 }
 
 /// The nearest triangle so far.
-struct Nearest {
-    /// Where it lies, as in [`Hit::slot`].
+#[derive(Clone, Copy)]
+pub(crate) struct Nearest {
+    /// The ray's interval; `t` is the distance of what was found.
+    pub t_min: f32,
+    pub t: f32,
+    /// Where it lies, as in [`Hit::slot`]; [`Hit::UNKNOWN_SLOT`] if there is none.
     slot: u32,
     barycentrics: [f32; 2],
     front: bool,
 }
 
 impl Nearest {
-    const NONE: Nearest = Nearest {
-        slot: Hit::UNKNOWN_SLOT,
-        barycentrics: [0.0; 2],
-        front: false,
-    };
+    /// None yet in an interval.
+    pub const fn none_in(t_min: f32, t_max: f32) -> Nearest {
+        Nearest {
+            t_min,
+            t: t_max,
+            slot: Hit::UNKNOWN_SLOT,
+            barycentrics: [0.0; 2],
+            front: false,
+        }
+    }
 }

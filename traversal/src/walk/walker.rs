@@ -7,7 +7,7 @@ use super::level::{Entered, Level};
 use super::options::{Accuracy, Options, Specialisation, Switches};
 #[cfg(target_arch = "x86_64")]
 use super::packet::PacketSpace;
-use super::{Event, PACKET, State, Step, descend, opaque};
+use super::{Event, State, Verdict, Walk, descend};
 use crate::layout::{MAX_DEPTH, WIDTH};
 use crate::ray::Ray;
 
@@ -68,7 +68,7 @@ pub struct Walker {
     pub(crate) beams: Beams,
     #[cfg(target_arch = "x86_64")]
     pub(crate) packet: PacketSpace,
-    options: Options,
+    pub(crate) options: Options,
 }
 
 /// An instruction set to walk with. The hits are the same bits in each.
@@ -174,17 +174,23 @@ pub(crate) fn is_sound(ray: &Ray) -> bool {
     f32::from_bits(most).is_finite() & (ray.t_min <= ray.t_max)
 }
 
-/// Runs walks, each until something has to be decided outside.
-pub(crate) fn run(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
+/// Runs a walk until something has to be decided outside. What the walk before entered may be in `entered`.
+pub(crate) fn run(
+    walk: &mut Walk,
+    verdict: Verdict,
+    walker: &mut Walker,
+    entered: &mut Entered,
+    fuel: &mut u64,
+) -> Event {
     match walker.options.tier {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: a walker has this tier only on machines that have the instruction set.
-        Tier::Avx512 => unsafe { run_avx512(steps, walker, fuel) },
+        Tier::Avx512 => unsafe { run_avx512(walk, verdict, walker, entered, fuel) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: likewise.
-        Tier::Avx2 => unsafe { run_avx2(steps, walker, fuel) },
+        Tier::Avx2 => unsafe { run_avx2(walk, verdict, walker, entered, fuel) },
         // SAFETY: every machine has plain Rust.
-        _ => unsafe { run_with::<Portable>(steps, walker, fuel) },
+        _ => unsafe { run_with::<Portable>(walk, verdict, walker, entered, fuel) },
     }
 }
 
@@ -192,47 +198,56 @@ pub(crate) fn run(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
 /// The machine has these features.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-unsafe fn run_avx512(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
+unsafe fn run_avx512(
+    walk: &mut Walk,
+    verdict: Verdict,
+    walker: &mut Walker,
+    entered: &mut Entered,
+    fuel: &mut u64,
+) -> Event {
     // SAFETY: the caller's promise.
-    unsafe { run_with::<super::avx::Avx<true>>(steps, walker, fuel) }
+    unsafe { run_with::<super::avx::Avx<true>>(walk, verdict, walker, entered, fuel) }
 }
 
 /// # Safety
 /// The machine has these features.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2")]
-unsafe fn run_avx2(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
+unsafe fn run_avx2(
+    walk: &mut Walk,
+    verdict: Verdict,
+    walker: &mut Walker,
+    entered: &mut Entered,
+    fuel: &mut u64,
+) -> Event {
     // SAFETY: the caller's promise.
-    unsafe { run_with::<super::avx::Avx<false>>(steps, walker, fuel) }
+    unsafe { run_with::<super::avx::Avx<false>>(walk, verdict, walker, entered, fuel) }
 }
 
+/// [`run`] with a kernel.
+///
 /// # Safety
 /// The machine has the kernel's instruction set.
 #[inline(always)]
-unsafe fn run_with<K: Kernel>(steps: &mut [Step<'_>], walker: &mut Walker, fuel: &mut u64) {
-    for steps in steps.chunks_mut(PACKET) {
-        // SAFETY: the caller's promise.
-        let done = unsafe { opaque::run_list::<K>(steps, walker, fuel) };
-        let mut entered = Entered::NOTHING;
-        for (lane, step) in steps.iter_mut().enumerate() {
-            if done >> lane & 1 != 0 {
-                continue;
-            }
-            let walk = &mut *step.walk;
-            if walk.is_over(step.verdict) {
-                walk.state = State::Done;
-                step.event = Event::Done;
-                continue;
-            }
-            // SAFETY: the caller's promise.
-            step.event = unsafe {
-                if walk.terminates_on_first_hit() {
-                    descend::run::<K, true>(walk, walker, &mut entered, fuel)
-                } else {
-                    descend::run::<K, false>(walk, walker, &mut entered, fuel)
-                }
-            };
-            walk.state = State::after(step.event);
-        }
+pub(crate) unsafe fn run_with<K: Kernel>(
+    walk: &mut Walk,
+    verdict: Verdict,
+    walker: &mut Walker,
+    entered: &mut Entered,
+    fuel: &mut u64,
+) -> Event {
+    if walk.is_over(verdict) {
+        walk.state = State::Done;
+        return Event::Done;
     }
+    // SAFETY: the caller's promise.
+    let event = unsafe {
+        if walk.terminates_on_first_hit() {
+            descend::run::<K, true>(walk, walker, entered, fuel)
+        } else {
+            descend::run::<K, false>(walk, walker, entered, fuel)
+        }
+    };
+    walk.state = State::after(event);
+    event
 }

@@ -74,10 +74,16 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
             mark: *mark,
         })
         .collect();
+    let mut rows = Vec::new();
     for ((label, ..), scene) in FLAGS.iter().zip(&scenes) {
         let used = traversal::compacted_size(&scene.bottom).unwrap_or(0) as f64;
         report.number("builds", label, "bytes a triangle", used / triangles);
+        rows.push(vec![
+            (*label).to_string(),
+            format!("{:.1}", used / triangles),
+        ]);
     }
+    report.table("Build flags", &["bytes a triangle"], &rows);
     points.extend(others(&mesh, &rays, rounds));
     let chart = Chart {
         name: "builds",

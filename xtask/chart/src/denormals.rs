@@ -65,8 +65,7 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
         }));
     }
     let times = alternate(if options.quick { 10 } else { 100 }, &mut runs);
-    let mut points = Vec::new();
-    println!("\nDenormal numbers: ns a step, error of the result");
+    let (mut points, mut rows) = (Vec::new(), Vec::new());
     for ((label, start, flush, mark), time) in cases.into_iter().zip(times) {
         let expected = 2.0 * f64::from(start);
         let off = (f64::from(chain(start, 0.5, flush)) - expected).abs() / expected;
@@ -74,7 +73,11 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
             time / STEPS as f64 * 1e9,
             if off < 1e-5 { 0.0 } else { off },
         );
-        println!("{label:<28}{cost:>8.2}{:>8.0} %", error * 100.0);
+        rows.push(vec![
+            label.to_string(),
+            format!("{cost:.2}"),
+            format!("{:.0} %", error * 100.0),
+        ]);
         report.number("denormals", label, "ns", cost);
         report.number("denormals", label, "error", error);
         points.push(Point {
@@ -84,6 +87,11 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
             mark,
         });
     }
+    report.table(
+        "Denormal numbers",
+        &["ns a step", "error of the result"],
+        &rows,
+    );
     let scatter = Scatter {
         title: "Denormal numbers: one multiplication and one addition of four".into(),
         x: Axis::of("ns a step", points.iter().map(|point| point.x)),

@@ -3,13 +3,10 @@
 use std::fmt::Write as _;
 use std::hint::black_box;
 
-use anyhow::{Result, anyhow, ensure};
-use canvas::{Axis, Mark, Point, Scatter, save};
-use spirv_jit::environment::Environment;
-use spirv_jit::eval;
-use spirv_jit::ir::text::parse_module;
-use spirv_jit::program::{AlignedRow, Event, Frame, Wave};
-use spirv_jit::{Accuracy, Program};
+use anyhow::{Result, ensure};
+use canvas::{Axis, Mark, Point, Scatter, save, short};
+use spirv_jit::{Accuracy, eval};
+use waves::Waves;
 
 use crate::Options;
 use crate::report::Report;
@@ -188,60 +185,15 @@ fn text(function: &Function, accuracy: Accuracy) -> String {
     text
 }
 
-/// A program with its states, ready to run.
-struct Bench {
-    program: Program,
-    states: Vec<Vec<AlignedRow>>,
-    frame: Frame,
-}
-
-impl Bench {
-    fn new(text: &str, function: &Function) -> Result<Bench> {
-        let module = parse_module(text).map_err(|error| anyhow!("{error:?} in\n{text}"))?;
-        let program = Program::new(&module).map_err(|error| anyhow!("{error}"))?;
-        let layout = program.layout();
-        let mut states =
-            vec![vec![AlignedRow::default(); layout.rows]; program.max_wave_subgroups()];
-        for (number, state) in states.iter_mut().enumerate() {
-            program.start(state, !0);
-            for lane in 0..16 {
-                let at = (number * 16 + lane) as u32;
-                state[layout.inputs].0[lane] = argument(function, 2 * at).to_bits();
-                state[layout.inputs + 1].0[lane] = argument(function, 2 * at + 1).to_bits();
-            }
-        }
-        Ok(Bench {
-            program,
-            states,
-            frame: Frame::default(),
-        })
+/// The program of a function with its arguments, one wave.
+fn waves(function: &Function, accuracy: Accuracy) -> Result<Waves> {
+    let mut waves = Waves::new(&text(function, accuracy), None, 1)?;
+    for number in 0..2 {
+        waves.set_input(number, |lane| {
+            argument(function, (2 * lane + number) as u32).to_bits()
+        });
     }
-
-    fn lanes(&self) -> f64 {
-        (self.states.len() * 16) as f64
-    }
-
-    /// Runs the wave so many times; what it computes stays the same.
-    fn run(&mut self, times: usize) {
-        let environment = Environment::unbound();
-        for _ in 0..times {
-            for state in &mut self.states {
-                // Back to the entry, with the inputs that are there.
-                state[0].0[0] = 0;
-                state[0].0[1] = 0xFFFF;
-            }
-            let mut states: Vec<&mut [AlignedRow]> =
-                self.states.iter_mut().map(|state| &mut state[..]).collect();
-            let mut wave = Wave {
-                states: &mut states,
-                shared: std::ptr::null_mut(),
-                environment: &environment,
-            };
-            let event = self.program.run(&mut self.frame, &mut wave, &mut 1000);
-            assert_eq!(event, Event::End);
-        }
-        black_box(&self.states);
-    }
+    Ok(waves)
 }
 
 /// An argument inside the domain.
@@ -296,15 +248,21 @@ fn rows(rounds: usize, samples: u32) -> Result<Vec<Row>> {
                 Accuracy::Exact => function.wide.is_some(),
             };
             if exists {
-                let bench = Bench::new(&text(function, accuracy), function)?;
-                benches.push((function, accuracy, bench));
+                benches.push((function, accuracy, waves(function, accuracy)?));
             }
         }
     }
-    let lanes: Vec<f64> = benches.iter().map(|(.., bench)| bench.lanes()).collect();
+    let lanes = benches.iter().map(|(.., waves)| waves.lanes() as f64);
+    let lanes: Vec<f64> = lanes.collect();
     let mut runs: Vec<Box<dyn FnMut() + '_>> = Vec::new();
-    for (.., bench) in &mut benches {
-        runs.push(Box::new(move || bench.run(RUNS)));
+    for (.., waves) in &mut benches {
+        runs.push(Box::new(move || {
+            for _ in 0..RUNS {
+                waves.restart();
+                waves.run().expect("functions run to their end");
+            }
+            black_box(waves.results().next());
+        }));
     }
     let times = alternate(rounds, &mut runs);
     drop(runs);
@@ -332,20 +290,12 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
     };
     let rows = rows(rounds, samples)?;
     ensure!(!rows.is_empty(), "no function was measured");
-    println!("\nFunctions: ns a lane, greatest and mean error in ULP");
-    println!(
-        "{:<12}{:>8}{:>10}{:>10}{:>10}",
-        "", "", "ns", "max ULP", "mean ULP"
-    );
     let mut points = Vec::new();
     let mut groups: Vec<Vec<usize>> = Vec::new();
+    let mut table: Vec<Vec<String>> = Vec::new();
     let mut last = "";
     for row in &rows {
         let accuracy = row.accuracy.name();
-        println!(
-            "{:<12}{accuracy:>8}{:>10.3}{:>10.3}{:>10.4}",
-            row.name, row.cost, row.worst, row.mean
-        );
         for (what, value) in [
             ("ns", row.cost),
             ("max ULP", row.worst),
@@ -360,7 +310,16 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
         }
         if row.name != last {
             groups.push(Vec::new());
+            let mut cells = vec![String::new(); 1 + 2 * Accuracy::ALL.len()];
+            cells[0] = row.name.into();
+            table.push(cells);
             last = row.name;
+        }
+        if let Some(cells) = table.last_mut() {
+            let place = Accuracy::ALL.iter().position(|(_, it)| *it == row.accuracy);
+            let place = 1 + 2 * place.unwrap_or(0);
+            cells[place] = short(row.cost);
+            cells[place + 1] = short(row.worst);
         }
         if let Some(group) = groups.last_mut() {
             group.push(points.len());
@@ -377,6 +336,8 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
             mark: if chosen { Mark::Default } else { Mark::Ours },
         });
     }
+    let columns = ["fast ns", "ULP", "spec ns", "ULP", "exact ns", "ULP"];
+    report.table("Functions", &columns, &table);
     let scatter = Scatter {
         title: "Functions of f32: fast, spec (named) and exact, joined".into(),
         x: Axis::of(

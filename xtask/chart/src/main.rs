@@ -46,6 +46,9 @@ struct Options {
     /// The program that runs workloads
     #[arg(long, value_name = "FILE")]
     workloads: PathBuf,
+    /// How many workloads `switches` runs at once, each on a processor of its own [default: one on each processor]
+    #[arg(long, value_name = "N")]
+    jobs: Option<usize>,
     /// Drivers' manifests; the first is Tuff's
     #[arg(long = "icd", value_name = "MANIFEST")]
     icds: Vec<PathBuf>,

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use canvas::{Mark, Point};
+use canvas::{Mark, Point, short};
 use nv_flip::{DEFAULT_PIXELS_PER_DEGREE, FlipImageRgb8, FlipPool};
 
 use crate::Options;
@@ -120,16 +120,15 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
         }
     }
     std::fs::remove_file(&raw).context("removing a picture")?;
-    println!("\nPictures against f64: ms of processor time, RMSE, visibly different, mean of ꟻLIP");
-    let mut points = Vec::new();
+    let (mut points, mut rows) = (Vec::new(), Vec::new());
     for (((name, ..), time), off) in contestants.iter().zip(&times).zip(&differences) {
-        println!(
-            "{name:<14}{:>10.2}{:>12.6}{:>10.4} %{:>12.6}",
-            time * 1e3,
-            off.rmse,
-            off.visible * 100.0,
-            off.flip
-        );
+        rows.push(vec![
+            name.clone(),
+            format!("{:.2}", time * 1e3),
+            short(off.rmse),
+            format!("{:.4} %", off.visible * 100.0),
+            short(off.flip),
+        ]);
         for (what, value) in [
             ("ms", time * 1e3),
             ("RMSE", off.rmse),
@@ -149,6 +148,13 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
             },
         });
     }
+    let columns = [
+        "ms of processor time",
+        "RMSE",
+        "off by more than 1/255",
+        "mean of ꟻLIP",
+    ];
+    report.table("Pictures against f64", &columns, &rows);
     let chart = Chart {
         name: "pictures",
         title: "Pictures: diffuse paths of eight bounces against the same in f64",

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use canvas::{Axis, Mark, Point, Scatter, dominated, save};
+use canvas::{Axis, Mark, Point, Scatter, dominated, save, short};
 use serde::Serialize;
 
 /// One method on one chart.
@@ -36,6 +36,9 @@ pub struct Report {
     pub date: String,
     pub methods: Vec<Method>,
     pub numbers: Vec<Number>,
+    /// What was printed, in Markdown.
+    #[serde(skip)]
+    tables: String,
 }
 
 /// What a chart of methods shows.
@@ -53,7 +56,25 @@ impl Report {
             date: canvas::date(),
             methods: Vec::new(),
             numbers: Vec::new(),
+            tables: String::new(),
         }
+    }
+
+    /// Prints Markdown, which [`Self::write`] writes too.
+    pub fn say(&mut self, text: &str) {
+        println!("{text}");
+        self.tables += text;
+        self.tables.push('\n');
+    }
+
+    /// A table of which each row begins with a name.
+    pub fn table(&mut self, title: &str, columns: &[&str], rows: &[Vec<String>]) {
+        let mut text = format!("{title}\n\n| | {} |\n| --- |", columns.join(" | "));
+        text += &" ---: |".repeat(columns.len());
+        for row in rows {
+            let _ = write!(text, "\n| {} |", row.join(" | "));
+        }
+        self.say(&(text + "\n"));
     }
 
     pub fn foot(&self) -> String {
@@ -73,18 +94,15 @@ impl Report {
     /// Notes methods, draws them, and prints who is dominated.
     pub fn frontier(&mut self, out: &Path, chart: &Chart<'_>, points: Vec<Point>) -> Result<()> {
         let pairs: Vec<_> = points.iter().map(|point| (point.x, point.y)).collect();
-        println!("\n{}", chart.title);
-        println!("{:<34}{:>14}{:>14}", "", chart.cost, chart.error);
+        let mut rows = Vec::new();
         for (point, beaten) in points.iter().zip(dominated(&pairs)) {
             let by = beaten.map(|index| points[index].label.clone());
-            let remark = match &by {
-                Some(by) => format!("  dominated by {by}"),
-                None => String::new(),
-            };
-            println!(
-                "{:<34}{:>14.3}{:>14.4}{remark}",
-                point.label, point.x, point.y
-            );
+            rows.push(vec![
+                point.label.clone(),
+                short(point.x),
+                short(point.y),
+                by.clone().unwrap_or_default(),
+            ]);
             self.methods.push(Method {
                 chart: chart.name.into(),
                 name: point.label.clone(),
@@ -98,6 +116,8 @@ impl Report {
                 dominated_by: by,
             });
         }
+        let columns = [chart.cost, chart.error, "dominated by"];
+        self.table(chart.title, &columns, &rows);
         let scatter = Scatter {
             title: chart.title.into(),
             x: Axis::of(chart.cost, points.iter().map(|point| point.x)),
@@ -109,7 +129,7 @@ impl Report {
         save(&scatter, out, chart.name)
     }
 
-    /// `results.json` and `results.csv`.
+    /// `results.json`, `results.csv` and `tables.md`.
     pub fn write(&self, out: &Path) -> Result<()> {
         std::fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
         let json = serde_json::to_string_pretty(self)?;
@@ -125,7 +145,13 @@ impl Report {
             let (table, row, column) = (&number.table, &number.row, &number.column);
             let _ = writeln!(csv, "{table},\"{row}\",\"{column}\",{},", number.value);
         }
-        for (name, text) in [("results.json", json), ("results.csv", csv)] {
+        let tables = format!("{}\n\n{}", self.foot(), self.tables);
+        let files = [
+            ("results.json", json),
+            ("results.csv", csv),
+            ("tables.md", tables),
+        ];
+        for (name, text) in files {
             let path = out.join(name);
             std::fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
         }

@@ -21,15 +21,11 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
     let rounds = if options.quick { 1 } else { 3 };
     std::fs::create_dir_all(&options.out)?;
     let raw = options.out.join("picture.raw");
-    println!("\nInstruction sets: ms of processor time a picture");
-    println!(
-        "{:<14}{:>12}{:>12}{:>12}",
-        "", "primary", "path", "arithmetic"
-    );
+    let workloads = ["primary", "path", "arithmetic"];
+    let mut rows = Vec::new();
     let mut pictures: [Option<Vec<u8>>; 3] = Default::default();
     for tier in TIER_NAMES {
-        print!("{tier:<14}");
-        let workloads = ["primary", "path", "arithmetic"];
+        let mut row = vec![tier.to_string()];
         for (name, first) in workloads.into_iter().zip(&mut pictures) {
             let mut least = f64::INFINITY;
             for _ in 0..rounds {
@@ -42,9 +38,11 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
             let same = first.get_or_insert_with(|| bits.clone()) == &bits;
             ensure!(same, "{name} has other bits with {tier}");
             report.number("tiers", tier, name, least * 1e3);
-            print!("{:>12.1}", least * 1e3);
+            row.push(format!("{:.1}", least * 1e3));
         }
-        println!();
+        rows.push(row);
     }
+    let title = "Instruction sets: ms of processor time a picture";
+    report.table(title, &workloads, &rows);
     std::fs::remove_file(&raw).context("removing a picture")
 }

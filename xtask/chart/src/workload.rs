@@ -22,6 +22,8 @@ pub struct Scale {
 pub struct Sample {
     pub driver: String,
     pub processor_seconds: Vec<f64>,
+    /// Means over blocks of the picture, where there is one.
+    pub blocks: Vec<[f32; 3]>,
 }
 
 impl Sample {
@@ -67,6 +69,9 @@ pub fn measure(
         .env("VK_DRIVER_FILES", &icd)
         .env("VK_ICD_FILENAMES", &icd)
         .env_remove("VK_ADD_DRIVER_FILES")
+        // What is compared is processor time: threads that wait for work would add to it.
+        .env("TUFF_THREADS", "1")
+        .env("LP_NUM_THREADS", "1")
         .envs(settings.iter().copied());
     let output = command.output().context("starting a workload")?;
     ensure!(

@@ -2,56 +2,31 @@
 
 use std::fmt::Write;
 
-use spirv_jit::environment::Environment;
 use spirv_jit::ir::Type;
-use spirv_jit::ir::text::parse_module;
-use spirv_jit::program::{AlignedRow, Event, Frame, Program, Wave};
+use waves::Waves;
 
-pub struct Kernel {
-    program: Program,
-    states: Vec<Vec<AlignedRow>>,
-    frame: Frame,
-}
+pub struct Kernel(Waves);
 
 impl Kernel {
     /// `operation` on `arity` operands of a type, given and returned as bits in words.
     pub fn new(operation: &str, arity: usize, ty: Type) -> Self {
-        let program = Program::new(&parse_module(&text(operation, arity, ty)).unwrap()).unwrap();
-        let rows = program.layout().rows;
-        Self {
-            states: vec![vec![AlignedRow::default(); rows]; program.max_wave_subgroups()],
-            program,
-            frame: Frame::default(),
-        }
+        Self(Waves::new(&text(operation, arity, ty), None, 1).unwrap())
     }
 
     /// How many lanes one wave has.
     pub fn lanes(&self) -> usize {
-        self.states.len() * 16
+        self.0.lanes()
     }
 
     /// Runs one wave over columns of [`Self::lanes`] words.
     pub fn run(&mut self, columns: &[Vec<u32>], results: &mut [u32]) {
-        let layout = self.program.layout();
-        for (subgroup, state) in self.states.iter_mut().enumerate() {
-            self.program.start(state, !0);
-            for (row, column) in columns.iter().enumerate() {
-                let words = &column[subgroup * 16..][..16];
-                state[layout.inputs + row].0.copy_from_slice(words);
-            }
+        for (number, column) in columns.iter().enumerate() {
+            self.0.set_input(number, |lane| column[lane]);
         }
-        let environment = Environment::unbound();
-        let mut states: Vec<&mut [AlignedRow]> =
-            self.states.iter_mut().map(|state| &mut state[..]).collect();
-        let mut wave = Wave {
-            states: &mut states,
-            shared: std::ptr::null_mut(),
-            environment: &environment,
-        };
-        let event = self.program.run(&mut self.frame, &mut wave, &mut 1000);
-        assert_eq!(event, Event::End);
-        for (state, results) in wave.states.iter().zip(results.chunks_exact_mut(16)) {
-            results.copy_from_slice(&state[layout.io].0);
+        self.0.restart();
+        self.0.run().unwrap();
+        for (result, found) in results.iter_mut().zip(self.0.results()) {
+            *result = found;
         }
     }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::Result;
 use canvas::plotters::coord::Shift;
 use canvas::plotters::prelude::*;
-use canvas::{Drawing, FONT, failed, save};
+use canvas::{Drawing, FONT, failed, save, short};
 
 use crate::compare::{Measurement, Results};
 
@@ -108,35 +108,35 @@ fn curve<B: DrawingBackend>(
     points: &[Measurement],
     area: &DrawingArea<B, Shift>,
 ) -> Result<()> {
-    let x_of = |point: &Measurement| match varies {
-        "threads" => f64::from(point.threads.unwrap_or(1)),
-        "width" => f64::from(point.scale.width),
-        "triangles" => point.scale.triangles as f64,
-        _ => point.scale.instances as f64,
-    };
     let lines: Vec<Vec<(f64, f64)>> = (0..results.drivers.len())
         .map(|driver| {
             points
                 .iter()
-                .filter_map(|point| Some((x_of(point), point.speeds()[driver]?.median)))
+                .filter_map(|point| Some((point.at(varies) as f64, point.speeds()[driver]?.median)))
                 .collect()
         })
         .collect();
     let all = || lines.iter().flatten();
     let right = all().fold(1.0f64, |right, point| right.max(point.0)) * 1.3;
     let left = all().fold(right, |left, point| left.min(point.0)) / 1.3;
-    let top = all().fold(0.0f64, |top, point| top.max(point.1)) * 1.15;
+    let top = all().fold(0.0f64, |top, point| top.max(point.1)) * 1.5;
+    let low = all().fold(top, |low, point| low.min(point.1)) / 1.5;
     let mut chart = ChartBuilder::on(area)
-        .caption(format!("paths of eight bounces, by {varies}"), (FONT, 18))
+        .caption(
+            format!("paths of eight bounces, by {varies} (logarithmic)"),
+            (FONT, 18),
+        )
         .margin(12)
         .x_label_area_size(40)
         .y_label_area_size(60)
-        .build_cartesian_2d((left..right).log_scale(), 0.0..top)
+        .build_cartesian_2d((left..right).log_scale(), (low..top).log_scale())
         .map_err(failed)?;
     chart
         .configure_mesh()
         .x_desc(varies)
+        .x_label_formatter(&|x| short(*x))
         .y_desc("Mrays/s")
+        .y_label_formatter(&|y| short(*y))
         .draw()
         .map_err(failed)?;
     for (driver, line) in lines.iter().enumerate() {

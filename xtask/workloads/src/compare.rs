@@ -1,6 +1,6 @@
 //! Drivers against each other: every measurement in a process of its own, the drivers in turn.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -23,7 +23,7 @@ pub struct Options {
     /// Small pictures and few rounds: under five minutes for two drivers
     #[arg(long)]
     quick: bool,
-    /// Only these workloads
+    /// Only these workloads and curves (`threads`, `width`, `triangles`, `instances`)
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     only: Vec<String>,
     /// How often the drivers take turns
@@ -32,7 +32,7 @@ pub struct Options {
     /// Threads that the drivers may use (their own choice by default)
     #[arg(long, value_name = "N")]
     threads: Option<u32>,
-    /// Also measure how speed follows threads, resolution, triangles and instances
+    /// Also measure how the speed of paths follows threads, resolution, triangles and instances
     #[arg(long)]
     curves: bool,
     /// Every sample and ratio, as JSON
@@ -82,6 +82,13 @@ struct Task {
     curve: Option<&'static str>,
 }
 
+impl Task {
+    /// What `--only` calls it.
+    fn title(&self) -> &'static str {
+        self.curve.unwrap_or(self.name)
+    }
+}
+
 pub fn compare(options: &Options) -> Result<()> {
     let tasks = tasks(options)?;
     let rounds = options.rounds.unwrap_or(if options.quick { 2 } else { 5 });
@@ -106,13 +113,18 @@ pub fn compare(options: &Options) -> Result<()> {
                 bar.inc(1);
             }
         }
+        let disagreement = disagreement(&samples);
+        // Pictures have served their purpose.
+        for sample in samples.iter_mut().flatten() {
+            sample.blocks.clear();
+        }
         let measurement = Measurement {
             name: task.name.into(),
             unit: task.unit.into(),
             bounds: task.bounds.into(),
             scale: task.scale,
             threads: task.threads,
-            disagreement: disagreement(&samples),
+            disagreement,
             samples,
         };
         match task.curve {
@@ -191,19 +203,19 @@ fn tasks(options: &Options) -> Result<Vec<Task>> {
     ] {
         tasks.push(task(name, "1/s", "driver"));
     }
-    if let Some(unknown) = options
-        .only
-        .iter()
-        .find(|&name| !tasks.iter().any(|task| task.name == name))
-    {
-        bail!("there is no workload «{unknown}»");
+    let curves = curves(scale);
+    let known = tasks.iter().chain(&curves).map(Task::title);
+    let known: BTreeSet<&str> = known.collect();
+    if let Some(unknown) = options.only.iter().find(|name| !known.contains(&name[..])) {
+        bail!("there is no workload or curve «{unknown}»");
     }
-    if !options.only.is_empty() {
-        tasks.retain(|task| options.only.iter().any(|name| name == task.name));
-    }
-    if options.curves {
-        tasks.extend(curves(scale));
-    }
+    let wanted = |task: &Task| options.only.iter().any(|name| name == task.title());
+    tasks.retain(|task| options.only.is_empty() || wanted(task));
+    tasks.extend(
+        curves
+            .into_iter()
+            .filter(|task| options.curves || wanted(task)),
+    );
     Ok(tasks)
 }
 

@@ -9,6 +9,7 @@ mod chart;
 mod compare;
 mod digest;
 mod measure;
+mod profile;
 mod reference;
 mod report;
 mod scene;
@@ -32,6 +33,8 @@ enum Command {
     Compare(compare::Options),
     /// Measure one workload on the one driver that the loader finds
     Measure(measure::Options),
+    /// Sample one workload on the one driver that the loader finds, and draw where its time goes
+    Profile(profile::Options),
     /// Print digests of every workload's picture, drawn twice
     Digest(digest::Options),
     /// Trace the workload `path` in f64 on no driver at all, and write its picture
@@ -44,6 +47,7 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Compare(options) => compare::compare(&options),
         Command::Measure(options) => measure::measure(&options),
+        Command::Profile(options) => profile::profile(&options),
         Command::Digest(options) => digest::digest(&options),
         Command::Reference(options) => reference::reference(&options),
         Command::List => {

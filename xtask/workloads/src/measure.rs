@@ -57,8 +57,7 @@ pub fn measure(options: &Options) -> Result<()> {
         MODULE_CACHED => Some(pipeline(options.turns, true, large_salted)),
         FIRST_PIXEL => first_pixel(&options.scale),
         name => {
-            let found = workload::ALL.iter().find(|workload| workload.name == name);
-            let workload = found.with_context(|| format!("there is no workload «{name}»"))?;
+            let workload = workload::named(name)?;
             turns(workload, options)?
         }
     };

@@ -100,7 +100,7 @@ fn paint(material: u32) -> DVec3 {
 
 fn scattered(normal: DVec3, seed: &mut u32) -> DVec3 {
     let z = 1.0 - 2.0 * random(seed);
-    let turn = constant(6.283_185_3) * random(seed);
+    let turn = constant(std::f32::consts::TAU) * random(seed);
     let r = (1.0 - z * z).max(0.0).sqrt();
     let direction = dvec3(r * turn.cos(), r * turn.sin(), z);
     (normal + direction * constant(0.999)).normalize()

@@ -52,6 +52,16 @@ impl Measurement {
             .collect()
     }
 
+    /// Where it lies on a curve.
+    pub fn at(&self, varies: &str) -> u64 {
+        match varies {
+            "threads" => u64::from(self.threads.unwrap_or(1)),
+            "width" => u64::from(self.scale.width),
+            "triangles" => self.scale.triangles as u64,
+            _ => self.scale.instances as u64,
+        }
+    }
+
     /// The first driver's speed as a multiple of another's, where both agree on the result.
     pub fn ratio(&self, other: usize) -> Option<f64> {
         let speeds = self.speeds();
@@ -67,7 +77,13 @@ pub fn print(results: &Results) {
     for (number, driver) in results.drivers.iter().enumerate() {
         println!("{number}: {driver}");
     }
-    print!("{}", table(results));
+    if !results.table.is_empty() {
+        print!("{}", table(results, "workload", &results.table));
+    }
+    for (varies, points) in &results.curves {
+        println!();
+        print!("{}", table(results, varies, points));
+    }
     for other in 1..results.drivers.len() {
         for bounds in ["traversal", "shading", "launching", "building", "driver"] {
             let ratios: Vec<f64> = results
@@ -85,9 +101,9 @@ pub fn print(results: &Results) {
     }
 }
 
-/// A Markdown table: speeds, ratios, memory.
-pub fn table(results: &Results) -> String {
-    let mut text = String::from("| workload | unit |");
+/// A Markdown table of speeds, ratios and memory; rows are called by workload or by what varies.
+fn table(results: &Results, rows: &str, measurements: &[Measurement]) -> String {
+    let mut text = format!("| {rows} | unit |");
     let mut rule = String::from("| --- | --- |");
     for number in 0..results.drivers.len() {
         let _ = write!(text, " {number} | MB |");
@@ -98,8 +114,12 @@ pub fn table(results: &Results) -> String {
         }
     }
     let mut lines = vec![text, rule];
-    for measurement in &results.table {
-        let mut line = format!("| {} | {} |", measurement.name, measurement.unit);
+    for measurement in measurements {
+        let name = match rows {
+            "workload" => measurement.name.clone(),
+            varies => measurement.at(varies).to_string(),
+        };
+        let mut line = format!("| {name} | {} |", measurement.unit);
         for (number, speed) in measurement.speeds().into_iter().enumerate() {
             match (speed, &measurement.disagreement) {
                 (Some(speed), None) => {

@@ -1,5 +1,6 @@
 //! The workloads: what each prepares, and what one turn of it is.
 
+use anyhow::{Context, Result};
 use tuff_tests::{Bound, Buffer, Group, Picture, Rays, Record, Shape, Stage, Table};
 use tuff_tests::{Gpu, Kernel, vk};
 
@@ -131,6 +132,12 @@ pub const ALL: &[Workload] = &[
         prepare: |g, s| Some(crate::building::refit(g, s)),
     },
 ];
+
+/// The workload of this name.
+pub fn named(name: &str) -> Result<&'static Workload> {
+    let found = ALL.iter().find(|workload| workload.name == name);
+    found.with_context(|| format!("there is no workload «{name}»"))
+}
 
 const fn row(
     name: &'static str,

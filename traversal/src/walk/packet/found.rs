@@ -2,17 +2,17 @@
 
 use crate::ray::Hit;
 use crate::structure::Structure;
-use crate::walk::beams::Lanes;
+use crate::walk::PACKET;
 use crate::walk::facts::InstanceFacts;
+use crate::walk::rows::{Lanes, RayRows, Words};
 use crate::walk::triangle::Intersection;
-use crate::walk::{PACKET, Step};
 
 #[repr(C, align(64))]
 pub(super) struct Found {
     pub t: Lanes,
     pub barycentrics: [Lanes; 2],
-    pub slots: [u32; PACKET],
-    pub instances: [u32; PACKET],
+    pub slots: Words,
+    pub instances: Words,
     /// The instance that the packet is in.
     pub instance: u32,
     pub front: u16,
@@ -20,20 +20,27 @@ pub(super) struct Found {
 }
 
 impl Found {
-    pub fn new(steps: &[Step<'_>]) -> Found {
-        let mut found = Found {
-            t: [0.0; PACKET],
+    pub fn new(rays: &RayRows) -> Found {
+        Found {
+            t: rays.t_max,
             barycentrics: [[0.0; PACKET]; 2],
             slots: [0; PACKET],
             instances: [0; PACKET],
             instance: 0,
             front: 0,
             hit: 0,
-        };
-        for (lane, step) in steps.iter().enumerate() {
-            found.t[lane] = step.walk.ray.t_max;
         }
-        found
+    }
+
+    /// Lanes whose hit is in the same instance as that of one.
+    #[inline]
+    pub fn instances_alike(&self, lane: usize) -> u16 {
+        let index = self.instances[lane % PACKET];
+        let mut alike = 0;
+        for (i, &other) in self.instances.iter().enumerate() {
+            alike |= u16::from(other == index) << i;
+        }
+        alike
     }
 
     /// The hit of a lane that has one, in an instance of this structure.

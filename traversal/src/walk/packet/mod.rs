@@ -18,18 +18,19 @@ use super::beams::Given;
 use super::facts::InstanceFacts;
 use super::level::Level;
 use super::opaque::LARGE;
+use super::rows::{HitRows, RayRows, blend, lanes_of};
 use super::space::max;
 use super::walker::{Entry, STACK};
-use super::{Event, PACKET, State, Step, Verdict, Walk, Walker, descend, walker};
+use super::{Event, PACKET, State, Verdict, Walk, Walker, descend};
 use crate::layout::{WIDTH, child};
-use crate::ray::ray_flags;
+use crate::ray::{Ray, ray_flags};
 use crate::structure::{Kind, Structure};
 use found::Found;
 use rays::{Rays, load};
 use triangle::test_leaf;
 
 /// Fewer rays are not worth it.
-const ENOUGH: usize = 6;
+const ENOUGH: u32 = 6;
 
 /// Steps after which an attempt is given up: only a corrupt structure takes so many.
 const PATIENCE: u32 = 1 << 16;
@@ -78,42 +79,32 @@ impl PacketSpace {
     };
 }
 
-/// Walks on to their ends together, if they have not started and their rays cohere. Otherwise
-/// returns false, and nothing has happened.
-pub(crate) fn run(steps: &mut [Step<'_>], walker: &mut Walker) -> bool {
-    if steps.len() < ENOUGH || steps.len() > PACKET || !may_cohere(steps) {
-        return false;
-    }
-    // SAFETY: packets are for walkers with this instruction set.
-    match unsafe { run_avx512(steps, walker) } {
-        Some(true) => return true,
-        Some(false) => {}
-        None => return false,
-    }
-    for step in steps {
-        let (ray, top_level, time) = (step.walk.ray, step.walk.top_level, step.walk.time);
-        // SAFETY: the promise that was made for the walk.
-        unsafe { step.walk.restart(top_level, &ray) };
-        step.walk.time = time;
-    }
-    false
+/// Traces rays to their ends together if they cohere. Otherwise returns false, and nothing has happened.
+///
+/// # Safety
+/// The contract of [`Walk::new`], for every ray; the machine has AVX-512.
+pub(crate) unsafe fn run(
+    rays: &RayRows,
+    lanes: u16,
+    hits: &mut HitRows,
+    walker: &mut Walker,
+) -> bool {
+    // SAFETY: the caller's promise.
+    may_cohere(rays, lanes) && unsafe { run_avx512(rays, lanes, hits, walker) }
 }
 
-/// Whether walks are alike but for their rays, and the first and the last ray are.
-fn may_cohere(steps: &[Step<'_>]) -> bool {
-    let (first, last) = (&steps[0].walk, &steps[steps.len() - 1].walk.ray);
-    let longest = most(&first.ray.direction);
-    let close =
-        (0..3).all(|i| (last.direction[i] - first.ray.direction[i]).abs() <= SPREAD * longest);
-    close
-        && steps.iter().all(|step| {
-            let walk = &*step.walk;
-            walk.state == State::Fresh
-                && step.verdict == Verdict::Continue
-                && walk.top_level == first.top_level
-                && walk.ray.flags == first.ray.flags
-                && walk.ray.cull_mask == first.ray.cull_mask
-        })
+/// Whether rays are enough, have structure, flags and mask in common, and the first and the last go the same way.
+fn may_cohere(rays: &RayRows, lanes: u16) -> bool {
+    if lanes.count_ones() < ENOUGH {
+        return false;
+    }
+    let first = lanes.trailing_zeros() as usize % PACKET;
+    let last = lanes.ilog2() as usize % PACKET;
+    let direction = |lane: usize| rays.direction.map(|row| row[lane]);
+    let (from, to) = (direction(first), direction(last));
+    let longest = most(&from);
+    let close = (0..3).all(|i| (to[i] - from[i]).abs() <= SPREAD * longest);
+    close && rays.alike(first, lanes) == lanes
 }
 
 /// Whether rays start near each other (by the size of their distances from the origin of space), and go
@@ -144,31 +135,23 @@ fn most(v: &[f32; 3]) -> f32 {
     v.iter().fold(0f32, |most, c| most.max(c.abs()))
 }
 
-/// Whether the walks were taken to their ends; `None` if nothing has happened.
+/// Whether the rays were traced to their ends.
 ///
 /// # Safety
-/// The machine has the instruction set.
+/// The contract of [`Walk::new`], for every ray; the machine has the instruction set.
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-unsafe fn run_avx512(steps: &mut [Step<'_>], walker: &mut Walker) -> Option<bool> {
-    let given = Given::new(steps);
-    let lanes = u16::MAX >> (PACKET - steps.len());
-    // SAFETY: the caller's promise.
-    cohere(&given, lanes).then(|| unsafe { run_together(steps, walker, given, lanes) })
-}
-
-/// # Safety
-/// The machine has the instruction set.
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-unsafe fn run_together(
-    steps: &mut [Step<'_>],
-    walker: &mut Walker,
-    given: Given,
-    lanes: u16,
-) -> bool {
-    let ray = steps[0].walk.ray;
-    let any = ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
-    // SAFETY: the contract of `Walk::new`, here and below.
-    if !unsafe { walker.top.enter_top(steps[0].walk.top_level) } {
+unsafe fn run_avx512(rays: &RayRows, lanes: u16, hits: &mut HitRows, walker: &mut Walker) -> bool {
+    let given = Given::new(rays, lanes);
+    if !cohere(&given, lanes) {
+        return false;
+    }
+    let first = rays.ray(lanes.trailing_zeros() as usize % PACKET);
+    // SAFETY: the caller's promise, here and below.
+    if !unsafe {
+        walker
+            .top
+            .enter_top(rays.top_level[lanes.trailing_zeros() as usize % PACKET])
+    } {
         return false;
     }
     let structure = walker.top.structure;
@@ -177,37 +160,39 @@ unsafe fn run_together(
     }
     let mut packet = Packet {
         lanes,
-        any,
+        any: first.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0,
         patience: PATIENCE,
-        found: Found::new(steps),
+        found: Found::new(rays),
         given,
+        first,
+        rays,
     };
     if let Some(index) = descend::only_instance(&walker.top) {
-        if packet.visit_instance(steps, walker, index, lanes) != Visit::Done {
+        if packet.visit_instance(walker, index, lanes) != Visit::Done {
             return false;
         }
     } else {
-        let mut rays = Rays::NOWHERE;
+        let mut ways = Rays::NOWHERE;
         let origin_error = structure.header().origin_error;
-        if !rays.set_up(&packet.given, origin_error, lanes) {
+        if !ways.set_up(&packet.given, origin_error, lanes) {
             return false;
         }
         walker.packet.top.start(lanes);
         while let Some((word, lanes, _)) =
-            packet.next_leaf(&rays, &structure, &mut walker.packet.top)
+            packet.next_leaf(&ways, &structure, &mut walker.packet.top)
         {
             let index = word & child::INDEX;
-            let done = match packet.visit_instance(steps, walker, index, lanes) {
+            let done = match packet.visit_instance(walker, index, lanes) {
                 Visit::Done => true,
                 Visit::Unusual => false,
-                Visit::Apart => packet.go_singly(steps, walker, index, lanes),
+                Visit::Apart => packet.go_singly(walker, index, lanes),
             };
             if !done {
                 return false;
             }
         }
     }
-    packet.patience > 0 && packet.finish(steps, &walker.top)
+    packet.patience > 0 && packet.finish(hits, &walker.top)
 }
 
 /// What became of an instance.
@@ -221,7 +206,10 @@ enum Visit {
 }
 
 /// Rays on their way.
-struct Packet {
+struct Packet<'a> {
+    rays: &'a RayRows,
+    /// One of them, for what they have in common.
+    first: Ray,
     lanes: u16,
     /// The first hit of a ray ends it.
     any: bool,
@@ -230,7 +218,7 @@ struct Packet {
     given: Given,
 }
 
-impl Packet {
+impl Packet<'_> {
     /// Rays that are not over.
     fn live(&self) -> u16 {
         if self.any {
@@ -312,13 +300,7 @@ impl Packet {
 
     /// Takes the rays of `lanes` through an instance.
     #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    fn visit_instance(
-        &mut self,
-        steps: &[Step<'_>],
-        walker: &mut Walker,
-        index: u32,
-        lanes: u16,
-    ) -> Visit {
+    fn visit_instance(&mut self, walker: &mut Walker, index: u32, lanes: u16) -> Visit {
         let Walker {
             top,
             bottom,
@@ -332,7 +314,7 @@ impl Packet {
             ..
         } = walker;
         // SAFETY: the contract of `Walk::new`.
-        if !unsafe { bottom.admit(instance, top, index, &steps[0].walk.ray) } {
+        if !unsafe { bottom.admit(instance, top, index, &self.first) } {
             return Visit::Done;
         }
         let structure = bottom.structure;
@@ -355,70 +337,67 @@ impl Packet {
 
     /// Takes each ray of `lanes` through an instance of a top level of several; false if a walk has a question.
     #[cold]
-    fn go_singly(
-        &mut self,
-        steps: &mut [Step<'_>],
-        walker: &mut Walker,
-        index: u32,
-        lanes: u16,
-    ) -> bool {
+    fn go_singly(&mut self, walker: &mut Walker, index: u32, lanes: u16) -> bool {
+        let mut walk = Walk::OVER;
         for lane in lanes_of(lanes & self.live()) {
-            let walk = &mut *steps[lane].walk;
-            self.settle(lane, walk, &walker.top, &mut None);
-            let (before, had_hit) = (walk.hit, walk.has_hit);
+            // SAFETY: the promise that was made for the rays.
+            unsafe { walk.restart(self.rays.top_level[lane], &self.rays.ray(lane)) };
+            walk.time = self.rays.time[lane];
+            if let Some((facts, structure)) = self.place(lane, &walker.top) {
+                (walk.hit, walk.has_hit) = (self.found.hit(lane, &structure, &facts), true);
+            }
+            let before = (walk.has_hit, walk.hit);
             (walk.state, walk.instance) = (State::OutOfFuel, index);
-            walk.pending.clear();
             walk.pending.push(Entry::ROOT);
-            let mut step = [Step::new(walk, Verdict::Continue)];
-            walker::run(&mut step, walker, &mut { u64::MAX });
-            if step[0].event != Event::Done {
+            if walk.resume(walker, Verdict::Continue, &mut { u64::MAX }) != Event::Done {
                 return false;
             }
-            let walk = &*step[0].walk;
-            if walk.has_hit && !(had_hit && walk.hit == before) {
+            if (walk.has_hit, walk.hit) != before {
                 self.found.set(lane, &walk.hit, &walker.instance);
             }
         }
         true
     }
 
-    /// Ends all walks with what was found.
-    fn finish(&self, steps: &mut [Step<'_>], top: &Level) -> bool {
-        let mut place = None;
-        for (lane, step) in steps.iter_mut().enumerate() {
-            self.settle(lane, step.walk, top, &mut place);
-            step.walk.state = State::Done;
-            step.event = Event::Done;
+    /// Puts down what was found.
+    fn finish(&self, hits: &mut HitRows, top: &Level) -> bool {
+        let found = &self.found;
+        hits.start(self.rays, self.lanes);
+        let mut rest = found.hit;
+        blend(&mut hits.t, &found.t, rest);
+        for (weights, found) in hits.barycentrics.iter_mut().zip(&found.barycentrics) {
+            blend(weights, found, rest);
+        }
+        blend(&mut hits.slot, &found.slots, rest);
+        blend(&mut hits.instance_index, &found.instances, rest);
+        while rest != 0 {
+            let first = rest.trailing_zeros() as usize % PACKET;
+            let there = found.instances_alike(first) & rest;
+            rest &= !there;
+            let Some((facts, structure)) = self.place(first, top) else {
+                continue;
+            };
+            hits.set_instance(there, &facts.hit());
+            hits.found |= there;
+            for lane in lanes_of(there) {
+                let (geometry, primitive) = structure.identity(found.slots[lane]);
+                hits.geometry_index[lane] = geometry;
+                hits.primitive_index[lane] = primitive;
+                hits.set_opaque_triangle(lane, facts.hit_kind(found.front >> lane & 1 != 0));
+            }
         }
         true
     }
 
-    /// Puts down in a lane's walk what was found for it. `place` is the instance of the lane before.
-    fn settle(
-        &self,
-        lane: usize,
-        walk: &mut Walk,
-        top: &Level,
-        place: &mut Option<(InstanceFacts, Structure)>,
-    ) {
+    /// The instance in which a lane has its hit, and what is there; `None` without a hit.
+    fn place(&self, lane: usize, top: &Level) -> Option<(InstanceFacts, Structure)> {
         if self.found.hit >> lane & 1 == 0 {
-            return;
+            return None;
         }
         let index = self.found.instances[lane];
-        if place.is_none_or(|(facts, _)| facts.index != index) {
-            let facts = (top.structure.instance(index))
-                .map(|record| InstanceFacts::new(index, record, &walk.ray));
-            // SAFETY: the contract of `Walk::new`.
-            *place = facts.zip(unsafe { Structure::at(top.structure.reference(index)) });
-        }
-        if let Some((facts, structure)) = place {
-            walk.hit = self.found.hit(lane, structure, facts);
-            walk.has_hit = true;
-        }
+        let record = top.structure.instance(index)?;
+        // SAFETY: the contract of `Walk::new`.
+        let structure = unsafe { Structure::at(top.structure.reference(index)) }?;
+        Some((InstanceFacts::new(index, record, &self.first), structure))
     }
-}
-
-/// The lanes of a mask.
-fn lanes_of(mask: u16) -> impl Iterator<Item = usize> {
-    (0..PACKET).filter(move |&lane| mask >> lane & 1 != 0)
 }

@@ -4,7 +4,8 @@ use std::arch::x86_64::*;
 
 use crate::layout::{InstanceRecord, Node, TriangleGroup, WIDTH};
 use crate::walk::PACKET;
-use crate::walk::beams::{AXIS, Beams, Given, Lanes, ROW};
+use crate::walk::beams::{AXIS, Beams, Given, ROW};
+use crate::walk::rows::Lanes;
 use crate::walk::space::MARGIN;
 
 /// Inverses of directions that are not along a plane.

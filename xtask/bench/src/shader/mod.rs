@@ -5,12 +5,9 @@ mod small;
 
 use std::time::Instant;
 
-use anyhow::{Context, Error, Result, ensure};
-use spirv_jit::environment::Environment;
+use anyhow::{Context, Result, ensure};
 use spirv_jit::interp::TierKind;
-use spirv_jit::ir::text::parse_module;
-use spirv_jit::program::{AlignedRow, Event, Wave};
-use spirv_jit::{Program, program::Frame};
+use waves::Waves;
 
 #[derive(clap::Args)]
 pub struct Options {
@@ -93,7 +90,7 @@ pub fn run(options: &Options) -> Result<()> {
             println!(
                 "| {} | {tier:?} | {} | {interpreter:.2} ns | {native:.2} ns | {:.0} % | {:.0} % |",
                 kernel.name,
-                bench.subgroups * 16,
+                bench.waves.lanes_a_wave(),
                 100.0 * native / interpreter,
                 100.0 * wanted,
             );
@@ -106,33 +103,29 @@ pub fn run(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// A program, its states, and inputs for both contestants.
+/// A program, and inputs for both contestants.
 struct Bench {
-    program: Program,
-    frame: Frame,
-    subgroups: usize,
+    waves: Waves,
     columns: [Vec<f32>; 3],
-    states: Vec<Vec<AlignedRow>>,
     out: Vec<f32>,
 }
 
 impl Bench {
     fn new(text: &str, tier: TierKind) -> Result<Bench> {
-        let module = parse_module(text).map_err(Error::msg)?;
-        let program = Program::with_tier(&module, tier).context("the kernel")?;
-        let subgroups = program.max_wave_subgroups();
-        let lanes = LANES.next_multiple_of(subgroups * 16);
+        let mut waves = Waves::new(text, Some(tier), LANES).context("the kernel")?;
+        let lanes = waves.lanes();
         let value = |lane: usize, k: usize| {
             ((lane * 3 + k) as u32).wrapping_mul(2_654_435_761) as f32 / 4_294_967_296.0
         };
-        let rows = program.layout().rows;
+        let columns: [Vec<f32>; 3] =
+            std::array::from_fn(|k| (0..lanes).map(|lane| value(lane, k)).collect());
+        for (number, column) in columns.iter().enumerate() {
+            waves.set_input(number, |lane| column[lane].to_bits());
+        }
         Ok(Bench {
-            frame: Frame::default(),
-            subgroups,
-            columns: std::array::from_fn(|k| (0..lanes).map(|lane| value(lane, k)).collect()),
-            states: vec![vec![AlignedRow::default(); rows]; lanes / 16],
+            waves,
+            columns,
             out: vec![0.0; lanes],
-            program,
         })
     }
 
@@ -160,37 +153,18 @@ impl Bench {
     }
 
     fn interpret(&mut self) -> Result<f64> {
-        let layout = self.program.layout();
-        for (s, state) in self.states.iter_mut().enumerate() {
-            self.program.start(state, !0);
-            for (k, column) in self.columns.iter().enumerate() {
-                state[layout.inputs + k].0 =
-                    std::array::from_fn(|lane| column[s * 16 + lane].to_bits());
-            }
-        }
-        let environment = Environment::unbound();
+        self.waves.restart();
         let start = Instant::now();
-        for wave in self.states.chunks_mut(self.subgroups) {
-            let mut states: Vec<&mut [AlignedRow]> =
-                wave.iter_mut().map(|state| &mut state[..]).collect();
-            let mut wave = Wave {
-                states: &mut states,
-                shared: std::ptr::null_mut(),
-                environment: &environment,
-            };
-            let event = self.program.run(&mut self.frame, &mut wave, &mut 1000);
-            ensure!(event == Event::End, "the kernel stopped");
-        }
+        self.waves.run()?;
         Ok(start.elapsed().as_secs_f64())
     }
 
     fn check(&self) -> Result<()> {
-        let io = self.program.layout().io;
-        for (lane, wanted) in self.out.iter().enumerate() {
-            let got = f32::from_bits(self.states[lane / 16][io].0[lane % 16]);
+        for (lane, (got, wanted)) in self.waves.results().zip(&self.out).enumerate() {
             ensure!(
-                got.to_bits() == wanted.to_bits(),
-                "lane {lane}: the interpreter says {got}, native code {wanted}"
+                got == wanted.to_bits(),
+                "lane {lane}: the interpreter says {}, native code {wanted}",
+                f32::from_bits(got)
             );
         }
         Ok(())

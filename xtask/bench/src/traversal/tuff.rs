@@ -3,9 +3,9 @@
 
 use anyhow::{Context, Result};
 use traversal::{
-    BuildFlags, BuildInput, Geometries, GeometryFlags, Hit, IndexType, InstanceArray,
-    InstanceSource, Kind, Memory, PACKET, Ray, Step, TriangleGeometry, Verdict, VertexFormat, Walk,
-    Walker, build, build_sizes,
+    BuildFlags, BuildInput, Geometries, GeometryFlags, Hit, HitRows, IndexType, InstanceArray,
+    InstanceSource, Kind, Memory, PACKET, Ray, RayRows, TriangleGeometry, Verdict, VertexFormat,
+    Walk, Walker, build, build_sizes,
 };
 
 use super::mesh::Mesh;
@@ -130,22 +130,23 @@ impl Tuff {
     /// that is wanted.
     fn walk(&self, rays: &[Ray], packets: bool, mut done: impl FnMut(Option<&Hit>)) {
         let mut walker = Walker::new();
-        // SAFETY: the structures are alive and stay as they are.
-        let mut walks = [(); PACKET].map(|()| unsafe { Walk::new(0, &Ray::default()) });
+        let (mut rows, mut hits) = (RayRows::NONE, HitRows::default());
         for rays in rays.chunks(PACKET) {
-            let walks = &mut walks[..rays.len()];
-            for (walk, ray) in walks.iter_mut().zip(rays) {
-                // SAFETY: as above.
-                unsafe { walk.restart(self.top.address(), ray) };
+            for (lane, ray) in rays.iter().enumerate() {
+                rows.set(lane, self.top.address(), ray, 0.0);
             }
-            let mut steps: Vec<_> = (walks.iter_mut())
-                .map(|walk| Step::new(walk, Verdict::Continue))
-                .collect();
-            if !packets || !Walk::finish_together(&mut steps, &mut walker) {
-                Walk::resume_all(&mut steps, &mut walker, &mut { u64::MAX });
+            let lanes = u16::MAX >> (PACKET - rays.len());
+            let fuel = &mut { u64::MAX };
+            let never = &mut |_, _: &mut Walk, _| {};
+            // SAFETY: the structures are alive and stay as they are.
+            unsafe {
+                match packets {
+                    true => walker.trace(&rows, lanes, &mut hits, fuel, never),
+                    false => walker.trace_in_turn(&rows, lanes, &mut hits, fuel, never),
+                }
             }
-            for walk in walks {
-                done(walk.committed());
+            for lane in 0..rays.len() {
+                done(hits.get(lane).as_ref());
             }
         }
     }

@@ -1,0 +1,301 @@
+//! Ray queries: walks whose driver is the shader. A wave that proceeds suspends, its lanes' walks are advanced here, and it goes on at once;
+//! no lane moves.
+//!
+//! The shader's side of a query is its object in per-lane memory (`spirv_jit::query`). This side, the walk, is kept only while it is
+//! suspended at a candidate: opaque triangles never are.
+
+mod arena;
+mod facts;
+
+use smallvec::SmallVec;
+use spirv_jit::Program;
+use spirv_jit::SUBGROUP_SIZE;
+use spirv_jit::program::AlignedRow;
+use spirv_jit::query::{row, state};
+use traversal::{Event, HitRows, RayRows, Structure, Verdict, Walk, Walker};
+
+use super::subgroup::lanes_of;
+use super::{Limits, Stopped};
+use arena::Arena;
+pub use arena::Owned;
+use facts::{describe_candidate, describe_committed, describe_rows};
+
+/// Fuel of a walk between two looks at the limits.
+const FUEL: u64 = 1 << 16;
+
+/// The ray queries of a worker.
+pub struct Queries {
+    arena: Arena,
+    /// The rays that are being started, and their hits.
+    rays: RayRows,
+    hits: HitRows,
+}
+
+impl Default for Queries {
+    fn default() -> Self {
+        Self {
+            arena: Arena::default(),
+            rays: RayRows::NONE,
+            hits: HitRows::default(),
+        }
+    }
+}
+
+/// What queries are answered with.
+struct Context<'a> {
+    walker: &'a mut Walker,
+    program: &'a Program,
+    limits: &'a Limits,
+    owned: &'a mut Owned,
+}
+
+impl Queries {
+    /// Answers a `RayQueryProceed` at which a subgroup stands. Whatever memory the shader has spoilt, the answer is an answer.
+    ///
+    /// # Errors
+    /// A limit was reached.
+    pub fn proceed(
+        &mut self,
+        walker: &mut Walker,
+        program: &Program,
+        rows: &mut [AlignedRow],
+        owned: &mut Owned,
+        limits: &Limits,
+    ) -> Result<(), Stopped> {
+        let io = program.layout().io;
+        let mask = program.event_mask(rows);
+        let first = rows[io].0;
+        let private = program.private_rows(rows);
+        let mut context = Context {
+            walker,
+            program,
+            limits,
+            owned,
+        };
+        // Lanes that stand at a candidate.
+        let (mut rest, mut stand) = (mask, 0);
+        while rest != 0 {
+            let place = first[rest.trailing_zeros() as usize];
+            let lanes = lanes_of(rest)
+                .filter(|&lane| first[lane] == place)
+                .fold(0, |lanes, lane| lanes | 1 << lane);
+            rest &= !lanes;
+            let size = row::WORDS + program.query_words().len();
+            if let Some(object) = private.get_mut(place as usize..place as usize + size) {
+                stand |= self.proceed_together(&mut context, object, lanes)?;
+            }
+        }
+        for lane in lanes_of(mask) {
+            rows[io].0[lane] = u32::from(stand >> lane & 1 != 0);
+        }
+        Ok(())
+    }
+
+    /// The queries of lanes that lie in the same rows; returns which of them stand at a candidate now.
+    fn proceed_together(
+        &mut self,
+        context: &mut Context<'_>,
+        object: &mut [AlignedRow],
+        lanes: u16,
+    ) -> Result<u16, Stopped> {
+        let mut ready = 0;
+        for (lane, &state) in object[row::STATE].0.iter().enumerate() {
+            ready |= u16::from(state == state::READY) << lane;
+        }
+        ready &= lanes;
+        let mut stand = 0;
+        if ready != 0 {
+            stand = self.start(context, object, ready)?;
+        }
+        for lane in lanes_of(lanes & !ready) {
+            let mut query = Object { rows: object, lane };
+            stand |= u16::from(self.advance(context, &mut query)?) << lane;
+        }
+        Ok(stand)
+    }
+
+    /// Begins the walks of queries; returns which of them stand at a candidate.
+    fn start(
+        &mut self,
+        context: &mut Context<'_>,
+        object: &mut [AlignedRow],
+        lanes: u16,
+    ) -> Result<u16, Stopped> {
+        for lane in lanes_of(lanes) {
+            let handle = std::mem::take(&mut object[row::HANDLE].0[lane]);
+            self.arena.remove(handle, context.owned);
+            object[row::STATE].0[lane] = state::OVER;
+        }
+        self.load(object, lanes, context.limits);
+        if context.limits.queried.is_some() {
+            self.check(context, object, lanes);
+        }
+        let Self { arena, rays, hits } = self;
+        let Context { walker, owned, .. } = context;
+        let mut events: SmallVec<[(usize, u32, Event); SUBGROUP_SIZE]> = SmallVec::new();
+        let mut result = Ok(());
+        let mut keep = |lane, walk: &mut Walk, event| match arena.add(lane, owned) {
+            Ok(handle) => {
+                if let Some(suspended) = arena.find(handle, owned) {
+                    std::mem::swap(&mut suspended.walk, walk);
+                }
+                events.push((lane, handle, event));
+            }
+            Err(stopped) => result = Err(stopped),
+        };
+        // SAFETY: the application keeps the structures that its queries may reach built and bound until the dispatch is
+        // complete (VUID-RuntimeSpirv-OpRayQueryInitializeKHR and the build commands' rules).
+        unsafe { walker.trace(rays, lanes, hits, &mut { FUEL }, &mut keep) };
+        result?;
+        let suspended = (events.iter()).fold(0, |suspended, event| suspended | 1 << event.0);
+        let words = context.program.query_words();
+        describe_rows(rays, hits, lanes & !suspended, object, words);
+        let mut stand = 0;
+        for (lane, handle, event) in events {
+            let mut query = Object { rows: object, lane };
+            query.set(row::HANDLE, handle);
+            stand |= u16::from(self.settle(context, &mut query, event)?) << lane;
+        }
+        Ok(stand)
+    }
+
+    /// Reads the rays of queries.
+    fn load(&mut self, object: &[AlignedRow], lanes: u16, limits: &Limits) {
+        let rays = &mut self.rays;
+        let floats = |row: usize| object[row].0.map(f32::from_bits);
+        for axis in 0..3 {
+            rays.origin[axis] = floats(row::ORIGIN + axis);
+            rays.direction[axis] = floats(row::DIRECTION + axis);
+        }
+        rays.t_min = floats(row::T_MIN);
+        rays.t_max = floats(row::T_MAX);
+        rays.flags = object[row::FLAGS].0;
+        rays.cull_mask = object[row::CULL_MASK].0;
+        for lane in lanes_of(lanes) {
+            // An address that leads nowhere is none.
+            rays.top_level[lane] = limits.structure(structure_in(object, lane));
+        }
+    }
+
+    #[cold]
+    fn check(&self, context: &Context<'_>, object: &[AlignedRow], lanes: u16) {
+        let Some(queried) = &context.limits.queried else {
+            return;
+        };
+        for lane in lanes_of(lanes) {
+            // SAFETY: as for the walk.
+            let structure = unsafe { Structure::at(self.rays.top_level[lane]) };
+            let kind = structure.map(|structure| structure.kind());
+            let named = structure_in(object, lane);
+            queried.ray(context.program.number(), &self.rays.ray(lane), named, kind);
+        }
+    }
+
+    /// Goes on with the walk of a query that the shader has decided about. Whether it stands at a candidate now.
+    fn advance(
+        &mut self,
+        context: &mut Context<'_>,
+        query: &mut Object<'_>,
+    ) -> Result<bool, Stopped> {
+        let (stands, handle) = (query.word(row::STATE), query.word(row::HANDLE));
+        if !matches!(
+            stands,
+            state::CANDIDATE | state::CONFIRMED | state::GENERATED
+        ) {
+            self.arena.remove(handle, context.owned);
+            query.set(row::HANDLE, 0);
+            return Ok(false);
+        }
+        let Some(suspended) = self.arena.find(handle, context.owned) else {
+            query.set(row::STATE, state::OVER);
+            return Ok(false);
+        };
+        let walk = &mut suspended.walk;
+        let verdict = decide(walk, query, stands);
+        let event = walk.resume(context.walker, verdict, &mut { FUEL });
+        self.settle(context, query, event)
+    }
+
+    /// Puts down what has become of a query's walk; goes on with it where only fuel was missing. Whether it stands at a candidate.
+    fn settle(
+        &mut self,
+        context: &mut Context<'_>,
+        query: &mut Object<'_>,
+        mut event: Event,
+    ) -> Result<bool, Stopped> {
+        let handle = query.word(row::HANDLE);
+        let Some(suspended) = self.arena.find(handle, context.owned) else {
+            query.set(row::STATE, state::OVER);
+            return Ok(false);
+        };
+        let walk = &mut suspended.walk;
+        while event == Event::OutOfFuel {
+            context.limits.check()?;
+            event = walk.resume(context.walker, Verdict::Continue, &mut { FUEL });
+        }
+        let words = context.program.query_words();
+        describe_committed(walk, query, words);
+        if event != Event::Done {
+            describe_candidate(walk, query, words);
+            query.set(row::STATE, state::CANDIDATE);
+            return Ok(true);
+        }
+        self.arena.remove(handle, context.owned);
+        query.set(row::HANDLE, 0);
+        query.set(row::STATE, state::OVER);
+        Ok(false)
+    }
+
+    /// Forgets the walks that an owner has left.
+    pub fn release(&mut self, owned: &mut Owned) {
+        self.arena.release(owned);
+    }
+
+    /// See [`Arena::move_lane`].
+    pub fn move_lane(&mut self, from: (&mut Owned, usize), to: (&mut Owned, usize)) {
+        self.arena.move_lane(from, to);
+    }
+
+    /// Forgets all walks; their owners are cleared before they are used again.
+    pub fn clear(&mut self) {
+        self.arena.clear();
+    }
+}
+
+/// What the shader has decided about the candidate; nonsense counts as nothing.
+fn decide(walk: &mut Walk, query: &Object<'_>, stands: u32) -> Verdict {
+    let candidate = *walk.candidate();
+    match stands {
+        state::CONFIRMED if candidate.is_built_in() => Verdict::Accept,
+        state::GENERATED if !candidate.is_built_in() => {
+            let t = f32::from_bits(query.word(row::GENERATED_T));
+            if walk.t_min() <= t && t <= walk.t_max() {
+                walk.commit_procedural(t, 0);
+            }
+            Verdict::Continue
+        }
+        _ => Verdict::Continue,
+    }
+}
+
+/// The object of a query in one lane.
+struct Object<'a> {
+    rows: &'a mut [AlignedRow],
+    lane: usize,
+}
+
+impl Object<'_> {
+    fn word(&self, row: usize) -> u32 {
+        self.rows[row].0[self.lane]
+    }
+
+    fn set(&mut self, row: usize, word: u32) {
+        self.rows[row].0[self.lane] = word;
+    }
+}
+
+/// The address that a lane names for its top level.
+fn structure_in(object: &[AlignedRow], lane: usize) -> u64 {
+    let word = |row: usize| u64::from(object[row].0[lane]);
+    word(row::STRUCTURE) | word(row::STRUCTURE + 1) << 32
+}

@@ -1,0 +1,111 @@
+//! Images and texel buffers that shaders load, store and change.
+
+use tuff_tests::*;
+use vk::Format as F;
+
+const STORAGE: vk::ImageUsageFlags = vk::ImageUsageFlags::STORAGE;
+
+#[test]
+fn storage_images_are_loaded_stored_and_changed_atomically() {
+    let gpu = Gpu::new();
+    let shape = Shape::flat(F::R32G32B32A32_SFLOAT, 16, 16);
+    let floats = gpu.picture(shape, STORAGE);
+    let colours = gpu.picture(Shape::flat(F::R8G8B8A8_UNORM, 16, 16), STORAGE);
+    let halves = gpu.picture(Shape::flat(F::R16G16B16A16_SFLOAT, 16, 16), STORAGE);
+    let counters = gpu.picture(Shape::flat(F::R32_UINT, 4, 4), STORAGE);
+    let volume_shape = Shape {
+        kind: vk::ImageViewType::TYPE_3D,
+        extent: [4, 4, 16],
+        ..Shape::flat(F::R32_SINT, 0, 0)
+    };
+    let volume = gpu.picture(volume_shape, STORAGE);
+    gpu.upload(&counters, 0, &[0u32; 16]);
+    gpu.upload(
+        &floats,
+        0,
+        &(0..1024).map(|i| i as f32).collect::<Vec<f32>>(),
+    );
+    let source = r"
+    layout(local_size_x = 8, local_size_y = 8) in;
+    layout(set = 0, binding = 0, rgba32f) uniform image2D floats;
+    layout(set = 0, binding = 1, rgba8) uniform writeonly image2D colours;
+    layout(set = 0, binding = 2, rgba16f) uniform image2D halves;
+    layout(set = 0, binding = 3, r32ui) uniform uimage2D counters;
+    layout(set = 0, binding = 4, r32i) uniform iimage3D volume;
+    void main() {
+        ivec2 p = ivec2(gl_GlobalInvocationID.xy);
+        vec4 v = imageLoad(floats, p);
+        imageStore(floats, p, v.wzyx + vec4(imageSize(floats), 0, 0));
+        imageStore(colours, p, vec4(p, 0.0, 15.0) / 15.0);
+        imageStore(halves, p, v * 0.5);
+        imageAtomicAdd(counters, p / 4, uint(p.x));
+        imageAtomicMax(counters, ivec2(0, 0), 1000u);
+        imageStore(volume, ivec3(p.x % 4, p.y % 4, (p.x / 4) + 4 * (p.y / 4)), ivec4(p.x - 100 * p.y));
+    }";
+    gpu.compute_with(
+        source,
+        &[
+            (0, &[Bound::StorageImage(floats.view)]),
+            (1, &[Bound::StorageImage(colours.view)]),
+            (2, &[Bound::StorageImage(halves.view)]),
+            (3, &[Bound::StorageImage(counters.view)]),
+            (4, &[Bound::StorageImage(volume.view)]),
+        ],
+        [2, 2, 1],
+    );
+    let got_floats: Vec<[f32; 4]> = gpu.download(&floats, 0, 16).read();
+    let got_colours: Vec<[u8; 4]> = gpu.download(&colours, 0, 4).read();
+    let got_halves: Vec<[u16; 4]> = gpu.download(&halves, 0, 8).read();
+    let got_volume: Vec<i32> = gpu.download(&volume, 0, 4).read();
+    for y in 0..16usize {
+        for x in 0..16usize {
+            let i = y * 16 + x;
+            let v = 4.0 * i as f32;
+            assert_eq!(got_floats[i], [v + 19.0, v + 18.0, v + 1.0, v]);
+            assert_eq!(got_colours[i], [17 * x as u8, 17 * y as u8, 0, 255]);
+            assert_eq!(
+                got_halves[i][1],
+                half::f16::from_f32((v + 1.0) * 0.5).to_bits()
+            );
+            let z = x / 4 + 4 * (y / 4);
+            assert_eq!(
+                got_volume[z * 16 + (y % 4) * 4 + x % 4],
+                x as i32 - 100 * y as i32
+            );
+        }
+    }
+    let got_counters: Vec<u32> = gpu.download(&counters, 0, 4).read();
+    assert_eq!(got_counters[1..4], [4 * (4 + 5 + 6 + 7), 4 * 38, 4 * 54]);
+    assert!(got_counters[0] >= 1000);
+}
+
+#[test]
+fn texel_buffers_convert() {
+    let gpu = Gpu::new();
+    let bytes: Vec<[u8; 4]> = (0..64u8).map(|i| [i, 255 - i, 2 * i, 255]).collect();
+    let from = gpu.buffer_with(bytes.as_flattened());
+    let to = gpu.buffer(16 * 64);
+    let source = r"
+    layout(local_size_x = 64) in;
+    layout(set = 0, binding = 0) uniform samplerBuffer from;
+    layout(set = 0, binding = 1, rgba32f) uniform imageBuffer to;
+    void main() {
+        int i = int(gl_GlobalInvocationID.x);
+        imageStore(to, i, texelFetch(from, i) * float(textureSize(from)) + imageSize(to));
+    }";
+    let view = gpu.buffer_view(&from, F::R8G8B8A8_UNORM);
+    let target = gpu.buffer_view(&to, F::R32G32B32A32_SFLOAT);
+    gpu.compute_with(
+        source,
+        &[
+            (0, &[Bound::UniformTexels(view)]),
+            (1, &[Bound::StorageTexels(target)]),
+        ],
+        [1, 1, 1],
+    );
+    for (got, texel) in to.read::<[f32; 4]>().iter().zip(&bytes) {
+        for (got, byte) in got.iter().zip(texel) {
+            assert!((got - (f32::from(*byte) / 255.0 * 64.0 + 64.0)).abs() < 1e-4);
+        }
+    }
+}

@@ -1,0 +1,401 @@
+//! Putting badly placed subtrees elsewhere (Meister and Bittner 2018): the top of a binary tree, where a split by planes
+//! had to part what is large from what is near, is taken apart and each piece put where it makes boxes grow least.
+//!
+//! That helps where sizes differ: walls around furniture. Where they do not, nothing moves, and it has cost next to nothing.
+
+use rayon::join;
+
+use super::collapse::Costs;
+use super::corners::Corners;
+use super::primitive::{Primitive, in_pool};
+use super::tree::BinaryNode;
+use crate::structure::Kind;
+
+/// A node of the top of the tree; one without children stands for the subtree that hangs there.
+#[derive(Clone, Copy)]
+#[repr(C, align(32))]
+pub(crate) struct Piece {
+    corners: Corners,
+    area: f32,
+    parent: u32,
+    /// The root's index, which is nobody's child, if there are none.
+    children: [u32; 2],
+    /// Of a subtree that hangs there: where its nodes are.
+    nodes: u32,
+    /// Nodes below and including this one, packed.
+    size: u32,
+    /// Of a subtree that hangs there: its first primitive.
+    first: u32,
+    /// Primitives below.
+    count: u32,
+}
+
+const ROOT: u32 = 0;
+
+/// Fewer primitives have nothing to gain.
+const FEW: u64 = 64;
+/// Pieces, at most: they are moved by one thread.
+const MOST: u64 = 16384;
+/// How often every piece is looked at, at most.
+const ROUNDS: usize = 3;
+/// From one look at the tree's top for what is large to the next.
+const FINER: f32 = 0.7;
+/// What is no smaller part of the cost of the tree's top is worth another round, and laying the tree out anew.
+const WORTHWHILE: f32 = 0.01;
+/// Levels of the top, at most.
+const DEEPEST: usize = 64;
+
+/// Places for pieces that a tree of so many primitives takes, and for nodes beyond two for each primitive.
+pub(crate) fn places(kind: Kind, count: u64) -> (u64, u64) {
+    match kind {
+        _ if count < FEW => (0, 0),
+        // Leaves hold several, so that two trees have room where one is grown.
+        Kind::Triangles => ((count / 8 + 16).min(MOST), 0),
+        // Instances overlap more than anything else. All nodes are pieces.
+        kind if kind.is_top() => ((2 * count).min(MOST), count.min(MOST / 2)),
+        _ => (0, 0),
+    }
+}
+
+/// Improves a tree over `primitives` in `nodes`, whose first node is its root. Returns the nodes of the improved one.
+pub(crate) fn improve<'a>(
+    primitives: &mut [Primitive],
+    nodes: &'a mut [BinaryNode],
+    (pieces, order): (&mut [Piece], &mut [u32]),
+    costs: &Costs,
+) -> &'a mut [BinaryNode] {
+    let count = primitives.len();
+    let fits_twice = costs.leaf_max > 1 || nodes.len() >= 3 * count;
+    if (count as u64) < FEW || pieces.is_empty() || nodes[0].is_leaf() || !fits_twice {
+        return nodes;
+    }
+    let mut top = Top::of(nodes, pieces, costs.scale);
+    let worthwhile = WORTHWHILE * top.pieces.iter().map(|piece| piece.area).sum::<f32>();
+    let mut gained = 0.0;
+    for _ in 0..ROUNDS {
+        let gain: f32 = (1..top.pieces.len() as u32)
+            .map(|piece| top.improve(piece))
+            .sum();
+        gained += gain;
+        if gain <= worthwhile {
+            break;
+        }
+    }
+    if gained <= worthwhile || top.is_too_deep() {
+        return nodes;
+    }
+    let size = top.measure(ROOT, nodes) as usize;
+    // The new tree goes to the end of the memory; before it, what it is made of is put together, then primitives.
+    let room = nodes.len() - size;
+    if top.hanging_size() > room || count > room {
+        return nodes;
+    }
+    top.pack(nodes, order);
+    let (packed, improved) = nodes.split_at_mut(room);
+    top.write_nodes(ROOT, packed, improved);
+    // SAFETY: nodes are larger than primitives, aligned as they are by [`super::carve`], and both are plain numbers.
+    let spare = unsafe { std::slice::from_raw_parts_mut(packed.as_mut_ptr().cast(), count) };
+    top.write_primitives(ROOT, primitives, spare);
+    primitives.copy_from_slice(spare);
+    improved
+}
+
+/// The top of a tree.
+struct Top<'a> {
+    pieces: &'a mut [Piece],
+    scale: f32,
+}
+
+impl<'a> Top<'a> {
+    /// Takes the largest nodes of a tree, the larger ones first, roughly.
+    fn of(nodes: &[BinaryNode], pieces: &'a mut [Piece], scale: f32) -> Top<'a> {
+        let piece = |at: u32, first: u32, parent: u32| {
+            let node = &nodes[at as usize];
+            let corners = Corners::of(&node.bounds());
+            Piece {
+                corners,
+                area: corners.half_area(scale),
+                parent,
+                children: [ROOT; 2],
+                nodes: at,
+                size: 0,
+                first,
+                count: node.count,
+            }
+        };
+        pieces[0] = piece(0, 0, ROOT);
+        let mut length = 1;
+        let mut least = pieces[0].area;
+        let mut is_all = false;
+        while length + 2 <= pieces.len() && !is_all {
+            least *= FINER;
+            is_all = true;
+            let mut i = 0;
+            while i < length && length + 2 <= pieces.len() {
+                let Piece {
+                    nodes: at, first, ..
+                } = pieces[i];
+                let node = &nodes[at as usize];
+                if !pieces[i].has_children() && !node.is_leaf() {
+                    if pieces[i].area > least {
+                        let right = at + node.right() as u32;
+                        pieces[length] = piece(at + 1, first, i as u32);
+                        let middle = first + pieces[length].count;
+                        pieces[length + 1] = piece(right, middle, i as u32);
+                        pieces[i].children = [length as u32, length as u32 + 1];
+                        length += 2;
+                    }
+                    is_all = false;
+                }
+                i += 1;
+            }
+            // Points and lines have no area.
+            is_all |= least < f32::MIN_POSITIVE;
+        }
+        Top {
+            pieces: &mut pieces[..length],
+            scale,
+        }
+    }
+
+    fn at(&self, piece: u32) -> &Piece {
+        &self.pieces[piece as usize]
+    }
+
+    fn at_mut(&mut self, piece: u32) -> &mut Piece {
+        &mut self.pieces[piece as usize]
+    }
+
+    fn sibling(&self, piece: u32) -> u32 {
+        let [left, right] = self.at(self.at(piece).parent).children;
+        if left == piece { right } else { left }
+    }
+
+    /// Puts a piece where it costs least. Returns how much less than before.
+    fn improve(&mut self, piece: u32) -> f32 {
+        let place = self.best_place(piece);
+        if let Some((sibling, _)) = place {
+            self.put(piece, sibling);
+        }
+        place.map_or(0.0, |(_, gain)| gain)
+    }
+
+    /// Which piece should be the sibling of another, and how much less the boxes above them have of surface then.
+    fn best_place(&self, piece: u32) -> Option<(u32, f32)> {
+        let own = self.at(piece);
+        let parent = own.parent;
+        if parent == ROOT {
+            return None;
+        }
+        let mut best = (ROOT, 0.0);
+        // Upwards from its place, and from each node there down the other side. What is gained so far is that boxes
+        // need not hold it any more.
+        let mut gained = self.at(parent).area;
+        let mut pivot = parent;
+        let mut other = self.sibling(piece);
+        let mut without = self.at(other).corners;
+        let mut stack = [(0.0, ROOT); 2 * DEEPEST];
+        loop {
+            stack[0] = (gained, other);
+            let mut length = 1;
+            while length > 0 {
+                length -= 1;
+                let (gained, there) = stack[length];
+                if gained - own.area <= best.1 {
+                    continue;
+                }
+                let target = self.at(there);
+                let gain = gained - target.corners.join(&own.corners).half_area(self.scale);
+                if gain > best.1 {
+                    best = (there, gain);
+                }
+                let below = gain + target.area;
+                if target.has_children() && below - own.area > best.1 && length + 2 <= stack.len() {
+                    stack[length] = (below, target.children[0]);
+                    stack[length + 1] = (below, target.children[1]);
+                    length += 2;
+                }
+            }
+            if pivot != parent {
+                without = without.join(&self.at(other).corners);
+                gained += self.at(pivot).area - without.half_area(self.scale);
+            }
+            if pivot == ROOT {
+                break;
+            }
+            other = self.sibling(pivot);
+            pivot = self.at(pivot).parent;
+        }
+        (best.0 != ROOT && best.0 != self.sibling(piece)).then_some(best)
+    }
+
+    /// Makes a piece, with its parent, the sibling of another.
+    fn put(&mut self, piece: u32, sibling: u32) {
+        let parent = self.at(piece).parent;
+        let (left_behind, above) = (self.sibling(piece), self.at(parent).parent);
+        self.replace(above, parent, left_behind);
+        let target = self.at(sibling).parent;
+        self.replace(target, sibling, parent);
+        self.at_mut(parent).children = [piece, sibling];
+        self.at_mut(sibling).parent = parent;
+        self.refit(above);
+        self.refit(parent);
+    }
+
+    fn replace(&mut self, parent: u32, child: u32, other: u32) {
+        let children = &mut self.at_mut(parent).children;
+        children[usize::from(children[0] != child)] = other;
+        self.at_mut(other).parent = parent;
+    }
+
+    /// Computes the boxes of a piece and those above it.
+    fn refit(&mut self, mut piece: u32) {
+        loop {
+            let [left, right] = self.at(piece).children;
+            let corners = self.at(left).corners.join(&self.at(right).corners);
+            let area = corners.half_area(self.scale);
+            let own = self.at_mut(piece);
+            (own.corners, own.area) = (corners, area);
+            if piece == ROOT {
+                return;
+            }
+            piece = own.parent;
+        }
+    }
+
+    fn is_too_deep(&self) -> bool {
+        let depth = |mut piece: u32| {
+            let up = std::iter::from_fn(|| {
+                let is_root = piece == ROOT;
+                piece = self.at(piece).parent;
+                (!is_root).then_some(())
+            });
+            up.take(DEEPEST + 1).count()
+        };
+        (1..self.pieces.len() as u32).any(|piece| depth(piece) > DEEPEST)
+    }
+
+    /// Fills in sizes and counts below a piece; returns its size.
+    fn measure(&mut self, piece: u32, nodes: &[BinaryNode]) -> u32 {
+        let Piece {
+            children,
+            nodes: at,
+            ..
+        } = *self.at(piece);
+        let size = match self.at(piece).has_children() {
+            true => {
+                let size = 1 + children
+                    .map(|child| self.measure(child, nodes))
+                    .iter()
+                    .sum::<u32>();
+                let counts = children.map(|child| self.at(child).count);
+                self.at_mut(piece).count = counts.iter().sum();
+                size
+            }
+            false => packed_size(nodes, at as usize),
+        };
+        self.at_mut(piece).size = size;
+        size
+    }
+
+    /// Nodes of all that hangs there.
+    fn hanging_size(&self) -> usize {
+        let hanging = self.pieces.iter().filter(|piece| !piece.has_children());
+        hanging.map(|piece| piece.size as usize).sum()
+    }
+
+    /// Moves the nodes of what hangs there together at the front. `order` has a place for each piece.
+    fn pack(&mut self, nodes: &mut [BinaryNode], order: &mut [u32]) {
+        let hanging = (0..self.pieces.len() as u32).filter(|&piece| !self.at(piece).has_children());
+        let mut length = 0;
+        for (place, piece) in order.iter_mut().zip(hanging) {
+            *place = piece;
+            length += 1;
+        }
+        // Each moves to the front of where it is, over those before.
+        let order = &mut order[..length];
+        order.sort_unstable_by_key(|&piece| self.at(piece).nodes);
+        let mut end = 0;
+        for &mut piece in order {
+            let start = self.at(piece).nodes as usize;
+            self.at_mut(piece).nodes = end as u32;
+            end += pack(nodes, start, end);
+        }
+    }
+
+    /// Writes the subtree of a piece.
+    fn write_nodes(&self, piece: u32, packed: &[BinaryNode], to: &mut [BinaryNode]) {
+        let piece = self.at(piece);
+        if !piece.has_children() {
+            to.copy_from_slice(&packed[piece.nodes as usize..][..piece.size as usize]);
+            return;
+        }
+        let [left, right] = piece.children;
+        let right_at = 1 + self.at(left).size;
+        to[0] = BinaryNode::new(&piece.corners, piece.count as usize);
+        to[0].set_right(right_at as usize);
+        let (first, last) = to[1..].split_at_mut(right_at as usize - 1);
+        both(
+            piece.count,
+            || self.write_nodes(left, packed, first),
+            || self.write_nodes(right, packed, last),
+        );
+    }
+
+    /// Copies the primitives of a piece.
+    fn write_primitives(&self, piece: u32, from: &[Primitive], to: &mut [Primitive]) {
+        let piece = self.at(piece);
+        if !piece.has_children() {
+            to.copy_from_slice(&from[piece.first as usize..][..piece.count as usize]);
+            return;
+        }
+        let [left, right] = piece.children;
+        let (first, last) = to.split_at_mut(self.at(left).count as usize);
+        both(
+            piece.count,
+            || self.write_primitives(left, from, first),
+            || self.write_primitives(right, from, last),
+        );
+    }
+}
+
+impl Piece {
+    fn has_children(&self) -> bool {
+        self.children != [ROOT; 2]
+    }
+}
+
+/// Does both, side by side if that is worth it.
+fn both(count: u32, one: impl FnOnce() + Send, other: impl FnOnce() + Send) {
+    if count > super::tree::PARALLEL as u32 && in_pool() {
+        join(one, other);
+    } else {
+        one();
+        other();
+    }
+}
+
+/// Nodes of the subtree at a place.
+fn packed_size(nodes: &[BinaryNode], at: usize) -> u32 {
+    match nodes[at].is_leaf() {
+        true => 1,
+        false => {
+            let right = at + nodes[at].right();
+            1 + packed_size(nodes, at + 1) + packed_size(nodes, right)
+        }
+    }
+}
+
+/// Moves a subtree to the front of where it is, without gaps. Returns its size.
+fn pack(nodes: &mut [BinaryNode], from: usize, to: usize) -> usize {
+    let mut node = nodes[from];
+    let mut size = 1;
+    if !node.is_leaf() {
+        let right = from + node.right();
+        size += pack(nodes, from + 1, to + size);
+        node.set_right(size);
+        size += pack(nodes, right, to + size);
+    }
+    nodes[to] = node;
+    size
+}

@@ -1,0 +1,274 @@
+//! Rays of one subgroup: together where they cohere, else in turn. What they have in common is done once.
+
+use super::beams::Given;
+use super::kernel::{Kernel, Portable};
+use super::level::Entered;
+use super::opaque::{End, LARGE, Nearest, Opaque, Pending};
+use super::options::Specialisation;
+#[cfg(target_arch = "x86_64")]
+use super::packet;
+use super::rows::{HitRows, RayRows, lanes_of};
+use super::walker::{self, Entry, Tier};
+use super::{Event, PACKET, State, Verdict, Walk, Walker, descend};
+use crate::layout::instance_state;
+use crate::ray::ray_flags;
+use crate::structure::Kind;
+
+/// Fewer rays are set up one by one for less.
+const ENOUGH: u32 = 4;
+
+/// Takes over a walk that stopped at an event, by changing places with it: `(lane, walk, event)`.
+pub type Suspend<'a> = dyn FnMut(usize, &mut Walk, Event) + 'a;
+
+impl Walker {
+    /// Takes the rays of `lanes` to their ends; their hits are in `hits` then. Those about which something has to be decided outside,
+    /// or that run out of fuel, are handed to `suspend` instead, which may change places with the walk to keep it.
+    ///
+    /// The hits are those of each ray by itself, bit for bit, but for rays that end with their first hit, which may find another one
+    /// first.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray.
+    pub unsafe fn trace(
+        &mut self,
+        rays: &RayRows,
+        lanes: u16,
+        hits: &mut HitRows,
+        fuel: &mut u64,
+        suspend: &mut Suspend<'_>,
+    ) {
+        // SAFETY: the caller's promise.
+        unsafe {
+            if !self.trace_together(rays, lanes, hits) {
+                self.trace_in_turn(rays, lanes, hits, fuel, suspend);
+            }
+        }
+    }
+
+    /// [`Self::trace`] for rays that start near each other and go the same way, and that meet instances of opaque triangles only.
+    /// Returns false if that cannot be done; then nothing has happened.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray.
+    pub unsafe fn trace_together(
+        &mut self,
+        rays: &RayRows,
+        lanes: u16,
+        hits: &mut HitRows,
+    ) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the caller's promise.
+        return self.takes_packets() && unsafe { packet::run(rays, lanes, hits, self) };
+        #[cfg(not(target_arch = "x86_64"))]
+        return false;
+    }
+
+    /// [`Self::trace`] one ray after the other.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray.
+    pub unsafe fn trace_in_turn(
+        &mut self,
+        rays: &RayRows,
+        lanes: u16,
+        hits: &mut HitRows,
+        fuel: &mut u64,
+        suspend: &mut Suspend<'_>,
+    ) {
+        hits.start(rays, lanes);
+        let mut turns = Turns {
+            rays,
+            lanes,
+            hits,
+            walk: Walk::OVER,
+            suspend,
+        };
+        match self.options.tier {
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: a walker has this tier only on machines that have the instruction set.
+            Tier::Avx512 => unsafe { run_avx512(&mut turns, self, fuel) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: likewise.
+            Tier::Avx2 => unsafe { run_avx2(&mut turns, self, fuel) },
+            // SAFETY: every machine has plain Rust.
+            _ => unsafe { turns.run::<Portable>(self, fuel) },
+        }
+    }
+
+    /// Resumes walks that are likely to have something in common.
+    ///
+    /// # Safety
+    /// What the walks' rays may meet stays unchanged as long as the list is there.
+    pub unsafe fn list(&mut self) -> List<'_> {
+        List {
+            walker: self,
+            entered: Entered::NOTHING,
+        }
+    }
+}
+
+/// Walks in turn.
+pub struct List<'a> {
+    walker: &'a mut Walker,
+    entered: Entered,
+}
+
+impl List<'_> {
+    /// [`Walk::resume`].
+    #[inline]
+    pub fn resume(&mut self, walk: &mut Walk, verdict: Verdict, fuel: &mut u64) -> Event {
+        walker::run(walk, verdict, self.walker, &mut self.entered, fuel)
+    }
+}
+
+/// # Safety
+/// The machine has these features.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+unsafe fn run_avx512(turns: &mut Turns<'_, '_>, walker: &mut Walker, fuel: &mut u64) {
+    // SAFETY: the caller's promise.
+    unsafe { turns.run::<super::avx::Avx<true>>(walker, fuel) }
+}
+
+/// # Safety
+/// The machine has these features.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+unsafe fn run_avx2(turns: &mut Turns<'_, '_>, walker: &mut Walker, fuel: &mut u64) {
+    // SAFETY: the caller's promise.
+    unsafe { turns.run::<super::avx::Avx<false>>(walker, fuel) }
+}
+
+/// Rays to be traced in turn.
+struct Turns<'a, 's> {
+    rays: &'a RayRows,
+    lanes: u16,
+    hits: &'a mut HitRows,
+    /// The walk of the lane at hand.
+    walk: Walk,
+    suspend: &'a mut Suspend<'s>,
+}
+
+impl Turns<'_, '_> {
+    /// # Safety
+    /// The machine has the kernel's instruction set; the contract of [`Walk::new`].
+    #[inline(always)]
+    unsafe fn run<K: Kernel>(&mut self, walker: &mut Walker, fuel: &mut u64) {
+        // SAFETY: the caller's promise.
+        let done = unsafe { self.run_opaque::<K>(walker, fuel) };
+        let mut entered = Entered::NOTHING;
+        for lane in lanes_of(self.lanes & !done) {
+            self.start(lane);
+            let walk = &mut self.walk;
+            let verdict = Verdict::Continue;
+            // SAFETY: the caller's promise.
+            let event = unsafe { walker::run_with::<K>(walk, verdict, walker, &mut entered, fuel) };
+            if event != Event::Done {
+                (self.suspend)(lane, walk, event);
+            } else if let Some(hit) = walk.committed() {
+                self.hits.set(lane, hit);
+            }
+        }
+    }
+
+    /// The walk of a lane, which has not started.
+    #[inline(always)]
+    fn start(&mut self, lane: usize) {
+        // SAFETY: the promise that was made for the rays.
+        unsafe { (self.walk).restart(self.rays.top_level[lane], &self.rays.ray(lane)) };
+        self.walk.time = self.rays.time[lane];
+    }
+
+    /// Traces those rays to their ends that have a top level whose only instance holds triangles that all count. Returns which those
+    /// are.
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set; the contract of [`Walk::new`].
+    #[inline(always)]
+    unsafe fn run_opaque<K: Kernel>(&mut self, walker: &mut Walker, fuel: &mut u64) -> u16 {
+        let without = walker.without();
+        let by_itself = self.lanes.count_ones() < ENOUGH
+            || without.contains(Specialisation::OneInstance)
+            || without.contains(Specialisation::Opaque);
+        if by_itself {
+            return 0;
+        }
+        let Walker {
+            stack,
+            top,
+            bottom,
+            instance,
+            hits: found,
+            beams,
+            ..
+        } = walker;
+        let rays = self.rays;
+        let first = self.lanes.trailing_zeros() as usize % PACKET;
+        let (address, ray) = (rays.top_level[first], rays.ray(first));
+        // SAFETY: the contract of `Walk::new`.
+        let index = unsafe { top.enter_top(address) }
+            .then(|| descend::only_instance(top))
+            .flatten();
+        let Some(index) = index else { return 0 };
+        // SAFETY: as above.
+        if !unsafe { bottom.admit(instance, top, index, &ray) } {
+            return 0;
+        }
+        let Some(record) = top.structure.instance(index) else {
+            return 0;
+        };
+        if !instance.takes_all
+            || bottom.structure.kind() != Kind::Triangles
+            || record.state & instance_state::MOVING != 0
+        {
+            return 0;
+        }
+        let alike = rays.alike(first, self.lanes);
+        let sound = beams.set_up(&Given::new(rays, alike), record) as u16;
+        let fetches_ahead =
+            bottom.structure.node_count() > LARGE && !without.contains(Specialisation::Prefetch);
+        let any = ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
+        for lane in lanes_of(sound) {
+            let way = Opaque {
+                structure: &bottom.structure,
+                instance,
+                beams,
+                lane,
+                committed: None,
+                fetches_ahead,
+            };
+            stack[0] = Entry::ROOT;
+            let mut pending = Pending {
+                stack,
+                floor: 0,
+                length: 1,
+            };
+            let mut best = Nearest::none_in(rays.t_min[lane], rays.t_max[lane]);
+            // SAFETY: the caller's promise.
+            let end = unsafe {
+                if any {
+                    K::walk_opaque::<true>(&way, &mut best, &mut pending, found, fuel)
+                } else {
+                    K::walk_opaque::<false>(&way, &mut best, &mut pending, found, fuel)
+                }
+            };
+            let hit = way.hit(&best);
+            if end != End::OutOfFuel {
+                if let Some(hit) = hit {
+                    self.hits.set(lane, &hit);
+                }
+                continue;
+            }
+            let length = pending.length;
+            self.start(lane);
+            let walk = &mut self.walk;
+            if let Some(hit) = hit {
+                (walk.hit, walk.has_hit) = (hit, true);
+            }
+            (walk.state, walk.instance) = (State::OutOfFuel, index);
+            walk.pending.extend_from_slice(&stack[..length]);
+            (self.suspend)(lane, walk, Event::OutOfFuel);
+        }
+        sound
+    }
+}

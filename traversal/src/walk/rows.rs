@@ -1,0 +1,259 @@
+//! Rays and hits of up to sixteen lanes, a row for each number: as a subgroup of shader invocations has them.
+
+use super::PACKET;
+use crate::ray::{Hit, Ray, Swept};
+
+/// A number of each lane.
+pub type Lanes = [f32; PACKET];
+
+/// A word of each lane.
+pub type Words = [u32; PACKET];
+
+/// Rays by rows; see [`Ray`].
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+pub struct RayRows {
+    pub origin: [Lanes; 3],
+    pub t_min: Lanes,
+    pub direction: [Lanes; 3],
+    pub t_max: Lanes,
+    /// When they are cast, in [0, 1].
+    pub time: Lanes,
+    pub flags: Words,
+    pub cull_mask: Words,
+    /// Addresses of the top levels; with 0 a ray misses.
+    pub top_level: [u64; PACKET],
+}
+
+impl RayRows {
+    /// Rays that miss.
+    pub const NONE: RayRows = RayRows {
+        origin: [[0.0; PACKET]; 3],
+        t_min: [0.0; PACKET],
+        direction: [[0.0; PACKET]; 3],
+        t_max: [0.0; PACKET],
+        time: [0.0; PACKET],
+        flags: [0; PACKET],
+        cull_mask: [0; PACKET],
+        top_level: [0; PACKET],
+    };
+
+    /// Puts a ray into a lane.
+    pub fn set(&mut self, lane: usize, top_level: u64, ray: &Ray, time: f32) {
+        for axis in 0..3 {
+            self.origin[axis][lane] = ray.origin[axis];
+            self.direction[axis][lane] = ray.direction[axis];
+        }
+        self.t_min[lane] = ray.t_min;
+        self.t_max[lane] = ray.t_max;
+        self.time[lane] = time;
+        self.flags[lane] = ray.flags;
+        self.cull_mask[lane] = ray.cull_mask;
+        self.top_level[lane] = top_level;
+    }
+
+    /// Which of some lanes have the structure, the flags and the mask of the first.
+    #[inline(always)]
+    pub(crate) fn alike(&self, first: usize, lanes: u16) -> u16 {
+        let (top_level, flags, mask) = (
+            self.top_level[first],
+            self.flags[first],
+            self.cull_mask[first],
+        );
+        let mut alike = 0;
+        for i in 0..PACKET {
+            let same = (self.top_level[i] == top_level)
+                & (self.flags[i] == flags)
+                & (self.cull_mask[i] == mask);
+            alike |= u16::from(same) << i;
+        }
+        alike & lanes
+    }
+
+    /// The ray of a lane.
+    #[inline]
+    pub fn ray(&self, lane: usize) -> Ray {
+        Ray {
+            origin: [0, 1, 2].map(|axis: usize| self.origin[axis][lane]),
+            t_min: self.t_min[lane],
+            direction: [0, 1, 2].map(|axis: usize| self.direction[axis][lane]),
+            t_max: self.t_max[lane],
+            flags: self.flags[lane],
+            cull_mask: self.cull_mask[lane],
+        }
+    }
+}
+
+/// Hits by rows; see [`Hit`].
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+pub struct HitRows {
+    /// Where there is no hit: the end of the ray's interval.
+    pub t: Lanes,
+    pub barycentrics: [Lanes; 2],
+    pub instance_index: Words,
+    pub instance_custom_index: Words,
+    pub instance_sbt_offset: Words,
+    pub geometry_index: Words,
+    pub primitive_index: Words,
+    pub slot: Words,
+    /// [`Hit::hit_kind`] in the lowest eight bits, above them what else is said in bits.
+    kind: Words,
+    /// Lanes with a hit; rows of others but `t` hold anything.
+    pub found: u16,
+}
+
+impl Default for HitRows {
+    fn default() -> HitRows {
+        HitRows {
+            t: [0.0; PACKET],
+            barycentrics: [[0.0; PACKET]; 2],
+            instance_index: [0; PACKET],
+            instance_custom_index: [0; PACKET],
+            instance_sbt_offset: [0; PACKET],
+            geometry_index: [0; PACKET],
+            primitive_index: [0; PACKET],
+            slot: [0; PACKET],
+            kind: [0; PACKET],
+            found: 0,
+        }
+    }
+}
+
+const OPAQUE: u32 = 1 << 8;
+const TRIANGLE: u32 = 1 << 9;
+const SPHERE: u32 = 1 << 10;
+const LINEAR_SWEPT_SPHERE: u32 = 1 << 11;
+
+/// The word of `HitRows::kind` for an opaque triangle.
+#[inline(always)]
+pub(crate) fn opaque_triangle(hit_kind: u8) -> u32 {
+    u32::from(hit_kind) | OPAQUE | TRIANGLE
+}
+
+impl HitRows {
+    /// Puts a hit into a lane.
+    #[inline]
+    pub fn set(&mut self, lane: usize, hit: &Hit) {
+        let lane = lane % PACKET;
+        let swept = match hit.swept {
+            Swept::No => 0,
+            Swept::Sphere => SPHERE,
+            Swept::LinearSweptSphere => LINEAR_SWEPT_SPHERE,
+        };
+        self.t[lane] = hit.t;
+        self.barycentrics[0][lane] = hit.barycentrics[0];
+        self.barycentrics[1][lane] = hit.barycentrics[1];
+        self.instance_index[lane] = hit.instance_index;
+        self.instance_custom_index[lane] = hit.instance_custom_index;
+        self.instance_sbt_offset[lane] = hit.instance_sbt_offset;
+        self.geometry_index[lane] = hit.geometry_index;
+        self.primitive_index[lane] = hit.primitive_index;
+        self.slot[lane] = hit.slot;
+        self.kind[lane] = u32::from(hit.hit_kind)
+            | if hit.opaque { OPAQUE } else { 0 }
+            | if hit.triangle { TRIANGLE } else { 0 }
+            | swept;
+        self.found |= 1 << lane;
+    }
+
+    /// The hit of a lane that has one.
+    #[inline]
+    pub fn hit(&self, lane: usize) -> Hit {
+        let lane = lane % PACKET;
+        Hit {
+            t: self.t[lane],
+            barycentrics: [self.barycentrics[0][lane], self.barycentrics[1][lane]],
+            instance_index: self.instance_index[lane],
+            instance_custom_index: self.instance_custom_index[lane],
+            instance_sbt_offset: self.instance_sbt_offset[lane],
+            geometry_index: self.geometry_index[lane],
+            primitive_index: self.primitive_index[lane],
+            slot: self.slot[lane],
+            hit_kind: self.hit_kind(lane),
+            opaque: self.kind[lane] & OPAQUE != 0,
+            triangle: self.kind[lane] & TRIANGLE != 0,
+            swept: self.swept(lane),
+        }
+    }
+
+    /// The hit of a lane, if there is one.
+    #[inline]
+    pub fn get(&self, lane: usize) -> Option<Hit> {
+        (self.found >> (lane % PACKET) & 1 != 0).then(|| self.hit(lane))
+    }
+
+    /// [`Hit::hit_kind`].
+    #[inline]
+    pub fn hit_kind(&self, lane: usize) -> u8 {
+        self.kind[lane % PACKET] as u8
+    }
+
+    /// [`Hit::swept`].
+    #[inline]
+    pub fn swept(&self, lane: usize) -> Swept {
+        let kind = self.kind[lane % PACKET];
+        match kind & (SPHERE | LINEAR_SWEPT_SPHERE) {
+            0 => Swept::No,
+            SPHERE => Swept::Sphere,
+            _ => Swept::LinearSweptSphere,
+        }
+    }
+
+    /// [`Hit::is_built_in`].
+    #[inline]
+    pub fn is_built_in(&self, lane: usize) -> bool {
+        self.kind[lane % PACKET] & (TRIANGLE | SPHERE | LINEAR_SWEPT_SPHERE) != 0
+    }
+
+    /// Forgets the hits of lanes, whose rays begin now.
+    #[inline]
+    pub(crate) fn start(&mut self, rays: &RayRows, lanes: u16) {
+        blend(&mut self.t, &rays.t_max, lanes);
+        self.found &= !lanes;
+    }
+
+    /// Puts what the triangles of an instance have in common into lanes.
+    #[inline]
+    pub(crate) fn set_instance(&mut self, lanes: u16, instance: &Hit) {
+        blend(
+            &mut self.instance_custom_index,
+            &[instance.instance_custom_index; PACKET],
+            lanes,
+        );
+        blend(
+            &mut self.instance_sbt_offset,
+            &[instance.instance_sbt_offset; PACKET],
+            lanes,
+        );
+    }
+
+    /// What kind of opaque triangle the hit of a lane is.
+    #[inline]
+    pub(crate) fn set_opaque_triangle(&mut self, lane: usize, hit_kind: u8) {
+        self.kind[lane % PACKET] = opaque_triangle(hit_kind);
+    }
+}
+
+/// Takes over some lanes.
+#[inline(always)]
+pub(crate) fn blend<T: Copy>(to: &mut [T; PACKET], from: &[T; PACKET], lanes: u16) {
+    for lane in 0..PACKET {
+        to[lane] = if lanes >> lane & 1 != 0 {
+            from[lane]
+        } else {
+            to[lane]
+        };
+    }
+}
+
+/// The lanes of a mask, lowest first.
+#[inline(always)]
+pub(crate) fn lanes_of(mask: u16) -> impl Iterator<Item = usize> {
+    let mut rest = mask;
+    std::iter::from_fn(move || {
+        let lane = rest.trailing_zeros() as usize;
+        rest &= rest.wrapping_sub(1);
+        (lane < PACKET).then_some(lane)
+    })
+}
