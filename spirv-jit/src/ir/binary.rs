@@ -182,7 +182,7 @@ impl Encoder {
                 None => {
                     self.texts.push(print_op(&inst.op));
                     let index = self.texts.len() as u64;
-                    self.operations.insert(inst.op.clone(), index);
+                    self.operations.insert(inst.op, index);
                     index
                 }
             };
@@ -360,7 +360,7 @@ impl<'a> Decoder<'a> {
             0 => Op::Const(self.number()?),
             index => {
                 let op = self.operations.get(index as usize - 1);
-                op.ok_or("no such operation")?.clone()
+                *op.ok_or("no such operation")?
             }
         };
         let results: SmallVec<[Value; 2]> = self.values()?;

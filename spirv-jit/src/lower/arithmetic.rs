@@ -172,7 +172,7 @@ impl Lowerer<'_> {
                 };
                 self.lower_pair(instruction, |lowerer, a, b| {
                     let low = lowerer.b.binary(ir::Op::IMul, a, b)?;
-                    Ok((low, lowerer.b.binary(high.clone(), a, b)?))
+                    Ok((low, lowerer.b.binary(high, a, b)?))
                 })
             }
             Op::PtrEqual | Op::PtrNotEqual | Op::PtrDiff => {
