@@ -5,7 +5,7 @@ mod scene;
 use scene::*;
 use traversal::*;
 
-/// Traces rays together and one by one; returns whether the first could be done. Lanes that take no part stay as they are.
+/// Traces rays together, in turn and one by one; returns whether the first could be done. Lanes that take no part stay as they are.
 fn compare(walker: &mut Walker, top: &Bytes, rays: &[Ray]) -> bool {
     // With few rays some lanes are left out, the first among them.
     let apart = if 2 * rays.len() < PACKET { 2 } else { 1 };
@@ -16,6 +16,21 @@ fn compare(walker: &mut Walker, top: &Bytes, rays: &[Ray]) -> bool {
     for (i, ray) in rays.iter().enumerate() {
         rows.set(lane_of(i), top.address(), ray, 0.0);
     }
+    let check = |hits: &HitRows, walker: &mut Walker| {
+        for (i, ray) in rays.iter().enumerate() {
+            let found = hits.get(lane_of(i));
+            let expected = closest_with(walker, top, ray);
+            if ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0 {
+                // Which hit comes first is open.
+                assert_eq!(found.is_some(), expected.is_some(), "{ray:?}");
+                continue;
+            }
+            assert_eq!(found, expected, "{ray:?}");
+            if found.is_none() {
+                assert_eq!(hits.t[lane_of(i)], ray.t_max);
+            }
+        }
+    };
     let mut hits = HitRows::default();
     let other = Hit {
         t: 7.0,
@@ -30,23 +45,19 @@ fn compare(walker: &mut Walker, top: &Bytes, rays: &[Ray]) -> bool {
     for lane in (0..PACKET).filter(|&lane| !done || lanes >> lane & 1 == 0) {
         assert_eq!(hits.get(lane), Some(other));
     }
-    if !done {
-        return false;
+    if done {
+        check(&hits, walker);
     }
-    for (i, ray) in rays.iter().enumerate() {
-        let found = hits.get(lane_of(i));
-        if ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0 {
-            // Which hit comes first is open.
-            let expected = closest_with(walker, top, ray).is_some();
-            assert_eq!(found.is_some(), expected, "{ray:?}");
-            continue;
-        }
-        assert_eq!(found, closest_with(walker, top, ray), "{ray:?}");
-        if found.is_none() {
-            assert_eq!(hits.t[lane_of(i)], ray.t_max);
-        }
+    let mut waits = 0u16;
+    // SAFETY: as above.
+    unsafe {
+        let mut wait = |lane: usize, _: &mut Walk, _| waits |= 1 << lane;
+        walker.trace_in_turn(&rows, lanes, &mut hits, &mut { u64::MAX }, &mut wait);
     }
-    true
+    if waits == 0 {
+        check(&hits, walker);
+    }
+    done
 }
 
 /// A sphere with coincident triangles, so that rays meet edges, vertices and ties.
@@ -219,6 +230,20 @@ fn rays_in_turn_are_rays_by_themselves() {
         ..mesh()
     };
     let scenes = [&opaque, &glass].map(|mesh| Scene::new(std::slice::from_ref(mesh), 0));
+    // Many instances, opaque ones first; every fifth is of glass.
+    let bottoms = [&opaque, &glass].map(|mesh| build_meshes(std::slice::from_ref(mesh), 0));
+    let instances: Vec<_> = (0..40)
+        .map(|i| {
+            let mut transform = IDENTITY;
+            for axis in 0..3 {
+                transform[5 * axis] = 0.3;
+                transform[4 * axis + 3] = ((i >> (2 * axis)) & 3) as f32 - 1.5;
+            }
+            InstanceRecord::new(&bottoms[usize::from(i % 5 == 4)], transform)
+        })
+        .collect();
+    let many = build_instances(&instances, 0);
+    let tops = [&scenes[0].top, &scenes[1].top, &many];
     let mut random = Random(0x0246_8ACE_1357_9BDF);
     let rays: Vec<_> = (0..400)
         .map(|i| {
@@ -226,22 +251,22 @@ fn rays_in_turn_are_rays_by_themselves() {
             let mut ray = ray(narrow(from), narrow(sub(random.vector(), from)));
             ray.flags = [0, ray_flags::TERMINATE_ON_FIRST_HIT, ray_flags::OPAQUE][i % 3];
             ray.cull_mask = if i % 11 == 0 { 0 } else { 0xFF };
-            (ray, i / 7 % 2)
+            (ray, i / 40 % 3)
         })
         .collect();
     for tier in Tier::ALL.into_iter().filter(|tier| tier.is_available()) {
         let mut walker = Walker::with_tier(tier).expect("it is available");
         for rays in rays.chunks(PACKET) {
-            compare_in_turn(&mut walker, &scenes, rays);
+            compare_in_turn(&mut walker, &tops, rays);
         }
     }
 }
 
 /// Candidates are ignored, then accepted, and so on; rays run out of fuel now and then.
-fn compare_in_turn(walker: &mut Walker, scenes: &[Scene; 2], rays: &[(Ray, usize)]) {
+fn compare_in_turn(walker: &mut Walker, tops: &[&Bytes], rays: &[(Ray, usize)]) {
     let mut rows = RayRows::NONE;
     for (lane, (ray, which)) in rays.iter().enumerate() {
-        rows.set(lane, scenes[*which].top.address(), ray, 0.0);
+        rows.set(lane, tops[*which].address(), ray, 0.0);
     }
     let mut hits = HitRows::default();
     let mut suspended: Vec<(usize, Walk, Event)> = Vec::new();
@@ -255,7 +280,7 @@ fn compare_in_turn(walker: &mut Walker, scenes: &[Scene; 2], rays: &[(Ray, usize
     for (lane, (ray, which)) in rays.iter().enumerate() {
         if !waits.contains(&lane) {
             // SAFETY: as above.
-            let mut alone = unsafe { Walk::new(scenes[*which].top.address(), ray) };
+            let mut alone = unsafe { Walk::new(tops[*which].address(), ray) };
             let event = alone.resume(walker, Verdict::Continue, &mut { u64::MAX });
             assert_eq!(event, Event::Done);
             assert_eq!(hits.get(lane), alone.committed().copied());
@@ -265,7 +290,7 @@ fn compare_in_turn(walker: &mut Walker, scenes: &[Scene; 2], rays: &[(Ray, usize
         .map(|&lane| {
             let (ray, which) = &rays[lane];
             // SAFETY: as above.
-            unsafe { Walk::new(scenes[*which].top.address(), ray) }
+            unsafe { Walk::new(tops[*which].address(), ray) }
         })
         .collect();
     let mut verdict = Verdict::Continue;

@@ -17,6 +17,7 @@ pub mod merge_loads;
 pub mod promote_variables;
 pub mod prune_parameters;
 mod renaming;
+mod row_index;
 pub mod renumber_values;
 pub mod resolve_variable_addresses;
 pub mod simplify;
