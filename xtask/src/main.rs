@@ -11,6 +11,7 @@ mod precision;
 mod profile;
 mod run;
 mod skips;
+mod slang;
 mod test;
 mod vuids;
 mod workspace;
@@ -47,6 +48,8 @@ enum Command {
     Chart(chart::Options),
     /// Sample a workload with perf, and draw where its time goes as a flame graph
     Profile(profile::Options),
+    /// Run slangpy's ray tracing examples, compiled by the Slang compiler; fetches both
+    Slang(slang::Options),
     /// Write docs/valid-usage.md: who looks after which rule of valid usage
     Vuids,
     /// Hold the driver's tables against the Vulkan registry (vk.xml)
@@ -65,6 +68,7 @@ fn main() -> ExitCode {
         Command::Chart(options) => chart::chart(&options),
         Command::Profile(options) => profile::profile(&options),
         Command::Audit(options) => audit::audit(&options),
+        Command::Slang(options) => slang::slang(&options),
         Command::Vuids => vuids::write(),
     };
     done.unwrap_or_else(|error| {

@@ -179,6 +179,8 @@ fn log2_core(x: f32) -> f32 {
     let p = p.mul_add(f, -0.360_239_63);
     let p = p.mul_add(f, 0.480_923_23);
     let p = p.mul_add(f, -0.721_352_8);
+    // A coefficient of the fit, however near it comes to a constant.
+    #[allow(clippy::approx_constant)]
     let p = p.mul_add(f, 1.442_695);
     f.mul_add(p, n)
 }

@@ -166,7 +166,7 @@ impl<'f> Finder<'f> {
             }
             self.fusion.absorbed[arg.index()] = true;
             let pair = Fused {
-                first: first.op.clone(),
+                first: first.op,
                 ty,
                 side,
                 operands: [

@@ -8,9 +8,6 @@
 //! Position `p` has two half-steps: operands that may share a row with the result are used at `2p`, others at `2p + 1`; results
 //! are defined at `2p + 1`.
 
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
-
 use super::coalesce::{Candidate, candidates};
 use super::fusion::Fusion;
 use crate::ir::op::Signature;
@@ -30,7 +27,7 @@ pub(super) struct Slots {
     pub row: Vec<u32>,
     /// By value: something uses it.
     pub used: Vec<bool>,
-    /// By value, for finding what lives at a position.
+    /// In order of their starts, for finding what lives at a position.
     ranges: Vec<Range>,
     /// Rows used.
     pub rows: u32,
@@ -40,9 +37,10 @@ impl Slots {
     /// Values that live across a position: defined before it and used after it.
     pub fn live_across(&self, position: u32) -> impl Iterator<Item = Value> + '_ {
         let (before, after) = (2 * position, 2 * position + 1);
-        self.ranges
+        let begun = self.ranges.partition_point(|range| range.start <= before);
+        self.ranges[..begun]
             .iter()
-            .filter(move |range| range.start <= before && range.end > after)
+            .filter(move |range| range.end > after)
             .map(|range| range.value)
     }
 }
@@ -230,22 +228,17 @@ pub(super) fn allocate(function: &Function, uniform: &[bool], fusion: &Fusion) -
         rows: 0,
     };
     let mut free = FreeRows::default();
-    let mut ending = BinaryHeap::new();
-    for range in &ranges {
+    let mut ending = Ending::new(&ranges);
+    for (index, range) in ranges.iter().enumerate() {
         if into[range.value.index()].is_some() {
             continue;
         }
-        while let Some(&Reverse((end, row, count))) = ending.peek() {
-            if end >= range.start {
-                break;
-            }
-            ending.pop();
-            free.release(row, count);
-        }
-        let count = rows_of(function, range.value);
-        let row = free.take(count);
-        slots.row[range.value.index()] = row;
-        ending.push(Reverse((range.end, row, count)));
+        ending.take_before(range.start, |index| {
+            let value = ranges[index].value;
+            free.release(slots.row[value.index()], rows_of(function, value));
+        });
+        slots.row[range.value.index()] = free.take(rows_of(function, range.value));
+        ending.push(index, range.end);
     }
     for range in &ranges {
         let mut owner = range.value;
@@ -292,6 +285,44 @@ fn coalesce(function: &Function, walk: &Walk<'_>) -> Vec<Option<Value>> {
 
 fn rows_of(function: &Function, value: Value) -> u32 {
     Type::rows(function.ty(value))
+}
+
+/// Ranges by the half-step that they end at.
+struct Ending {
+    /// By half-step: the newest of its ranges, plus one.
+    newest: Vec<u32>,
+    /// By range: the one before it in its half-step, plus one.
+    before: Vec<u32>,
+    /// What ends before this half-step has been taken.
+    taken: u32,
+}
+
+impl Ending {
+    fn new(ranges: &[Range]) -> Self {
+        let last = ranges.iter().map(|range| range.end).max();
+        Self {
+            newest: vec![0; last.map_or(0, |last| last as usize + 1)],
+            before: vec![0; ranges.len()],
+            taken: 0,
+        }
+    }
+
+    fn push(&mut self, index: usize, end: u32) {
+        let newest = &mut self.newest[end as usize];
+        self.before[index] = std::mem::replace(newest, index as u32 + 1);
+    }
+
+    /// Takes the ranges that end before a half-step.
+    fn take_before(&mut self, half_step: u32, mut take: impl FnMut(usize)) {
+        for at in self.taken..half_step.min(self.newest.len() as u32) {
+            let mut next = self.newest[at as usize];
+            while let Some(index) = next.checked_sub(1) {
+                take(index as usize);
+                next = self.before[index as usize];
+            }
+        }
+        self.taken = self.taken.max(half_step);
+    }
 }
 
 /// First-fit allocation of one row or two neighbours.

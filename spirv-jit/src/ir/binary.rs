@@ -182,7 +182,7 @@ impl Encoder {
                 None => {
                     self.texts.push(print_op(&inst.op));
                     let index = self.texts.len() as u64;
-                    self.operations.insert(inst.op.clone(), index);
+                    self.operations.insert(inst.op, index);
                     index
                 }
             };
@@ -329,20 +329,20 @@ impl<'a> Decoder<'a> {
                 BLOCK => nodes.push(Node::Block {
                     label: self.label()?,
                     results: self.values()?,
-                    body: self.body()?,
+                    body: self.body()?.into(),
                 }),
                 IF => nodes.push(Node::If {
                     condition: self.value()?,
                     label: self.label()?,
                     results: self.values()?,
-                    then_body: self.body()?,
-                    else_body: self.body()?,
+                    then_body: self.body()?.into(),
+                    else_body: self.body()?.into(),
                 }),
                 LOOP => nodes.push(Node::Loop {
                     label: self.label()?,
                     params: self.values()?,
                     init: self.values()?,
-                    body: self.body()?,
+                    body: self.body()?.into(),
                 }),
                 BR => break Terminator::Br(self.label()?, self.values()?),
                 RETURN => break Terminator::Return(self.values()?),
@@ -360,7 +360,7 @@ impl<'a> Decoder<'a> {
             0 => Op::Const(self.number()?),
             index => {
                 let op = self.operations.get(index as usize - 1);
-                op.ok_or("no such operation")?.clone()
+                *op.ok_or("no such operation")?
             }
         };
         let results: SmallVec<[Value; 2]> = self.values()?;

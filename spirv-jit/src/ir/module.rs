@@ -16,27 +16,27 @@ pub struct Inst {
     pub source: u32,
 }
 
-/// A step of a body.
+/// A step of a body. Passes move steps about; bodies stay behind boxes, so that a step is no larger than an instruction.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Node {
     Inst(Inst),
     Block {
         label: Label,
         results: Vec<Value>,
-        body: Body,
+        body: Box<Body>,
     },
     If {
         condition: Value,
         label: Label,
         results: Vec<Value>,
-        then_body: Body,
-        else_body: Body,
+        then_body: Box<Body>,
+        else_body: Box<Body>,
     },
     Loop {
         label: Label,
         params: Vec<Value>,
         init: Vec<Value>,
-        body: Body,
+        body: Box<Body>,
     },
 }
 
@@ -147,5 +147,17 @@ impl Module {
     /// The function behind an id.
     pub fn function(&self, id: FunctionId) -> &Function {
         &self.functions[id.index()]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Passes move nodes about: large kinds of them belong behind boxes.
+    #[test]
+    fn nodes_are_small() {
+        assert!(size_of::<Op>() <= 24, "{}", size_of::<Op>());
+        assert!(size_of::<Node>() <= 80, "{}", size_of::<Node>());
     }
 }

@@ -244,7 +244,7 @@ macro_rules! elementwise_ops {
 macro_rules! define_op {
     ($(($variant:ident, $text:literal, $signature:ident))*) => {
         /// An operation. The elementwise ones come from [`elementwise_ops!`](crate::elementwise_ops); the rest say what they take.
-        #[derive(Clone, Debug, PartialEq, Eq, Hash)]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum Op {
             $(#[doc = $text] $variant,)*
             /// `() -> T`: the bits, low end of the word.

@@ -331,7 +331,7 @@ fn called_functions(function: &Function) -> Vec<FunctionId> {
                     then_body,
                     else_body,
                     ..
-                } => bodies.extend([then_body, else_body]),
+                } => bodies.extend([&**then_body, &**else_body]),
             }
         }
     }

@@ -3,13 +3,14 @@
 use rspirv::spirv::Op;
 
 use super::Lowerer;
+use super::memory::Values;
 use super::types::TypeKind;
 use crate::Error;
 use crate::ir::{self, Type, Value};
 use crate::parse::Instruction;
 
 /// How a SPIR-V operation is one of the IR.
-#[derive(Clone)]
+#[derive(Clone, Copy)]
 enum Row {
     Unary(ir::Op),
     Binary(ir::Op),
@@ -93,9 +94,9 @@ impl Lowerer<'_> {
                 .b
                 .invalid("operands have different numbers of components"));
         }
-        let mut values = Vec::with_capacity(a.len());
+        let mut values = Values::with_capacity(a.len());
         for (&a, &b) in a.iter().zip(b.iter()) {
-            values.push(match row.clone() {
+            values.push(match row {
                 Row::Unary(op) => self.b.unary(op, a)?,
                 Row::Binary(op) => self.b.binary(op, a, b)?,
                 Row::Compare(op) => self.b.compare(op, a, b)?,
@@ -133,11 +134,11 @@ impl Lowerer<'_> {
                 let mut result = parts.first().copied();
                 for &part in parts.iter().skip(1) {
                     result = match result {
-                        Some(result) => Some(self.b.binary(op.clone(), result, part)?),
+                        Some(result) => Some(self.b.binary(op, result, part)?),
                         None => Some(part),
                     };
                 }
-                self.define_typed(instruction, result.into_iter().collect())
+                self.define_typed(instruction, result.as_slice())
             }
             Op::BitCount => {
                 let parts = self.leaves(operands[0])?;
@@ -171,7 +172,7 @@ impl Lowerer<'_> {
                 };
                 self.lower_pair(instruction, |lowerer, a, b| {
                     let low = lowerer.b.binary(ir::Op::IMul, a, b)?;
-                    Ok((low, lowerer.b.binary(high.clone(), a, b)?))
+                    Ok((low, lowerer.b.binary(high, a, b)?))
                 })
             }
             Op::PtrEqual | Op::PtrNotEqual | Op::PtrDiff => {

@@ -101,9 +101,9 @@ impl Builder {
     }
 
     /// Ends the nested body and goes back to the outer one.
-    pub fn close(&mut self, outer: Vec<Node>, end: Terminator) -> Body {
+    pub fn close(&mut self, outer: Vec<Node>, end: Terminator) -> Box<Body> {
         let nodes = std::mem::replace(&mut self.nodes, outer);
-        Body { nodes, end }
+        Box::new(Body { nodes, end })
     }
 
     pub fn push(&mut self, node: Node) {
@@ -173,7 +173,7 @@ impl Builder {
         let value = self.function.new_value(ty);
         self.head.push(Node::Inst(Inst {
             op,
-            args: args.into(),
+            args: SmallVec::from_slice(args),
             results: SmallVec::from_slice(&[value]),
             source: 0,
         }));
@@ -217,17 +217,32 @@ impl Builder {
         results: &[Type],
     ) -> Result<SmallVec<[Value; 2]>, Error> {
         self.spend(1)?;
-        let results: SmallVec<[Value; 2]> = results
-            .iter()
-            .map(|&ty| self.function.new_value(ty))
-            .collect();
+        let first = self.function.value_types.len() as u32;
+        self.function.value_types.extend_from_slice(results);
+        let mut values = SmallVec::with_capacity(results.len());
+        for index in 0..results.len() as u32 {
+            values.push(Value(first + index));
+        }
         self.nodes.push(Node::Inst(Inst {
             op,
-            args: args.into(),
-            results: results.clone(),
+            args: SmallVec::from_slice(args),
+            results: SmallVec::from_slice(&values),
             source: self.source,
         }));
-        Ok(results)
+        Ok(values)
+    }
+
+    /// The same, of an operation with one result.
+    pub fn emit_one(&mut self, op: Op, args: &[Value], result: Type) -> Result<Value, Error> {
+        self.spend(1)?;
+        let value = self.function.new_value(result);
+        self.nodes.push(Node::Inst(Inst {
+            op,
+            args: SmallVec::from_slice(args),
+            results: SmallVec::from_slice(&[value]),
+            source: self.source,
+        }));
+        Ok(value)
     }
 
     /// Appends an operation without result.
@@ -238,11 +253,15 @@ impl Builder {
     /// Appends an elementwise operation; operands of wrong types are the module's fault.
     pub fn emit(&mut self, op: Op, args: &[Value], result: Type) -> Result<Value, Error> {
         self.check(&op, args, result)?;
-        Ok(self.emit_unchecked(op, args, &[result])?[0])
+        self.emit_one(op, args, result)
     }
 
     fn check(&self, op: &Op, args: &[Value], result: Type) -> Result<(), Error> {
-        let types: SmallVec<[Type; 4]> = args.iter().map(|&arg| self.ty(arg)).collect();
+        let mut types = [Type::I1; 4];
+        for (ty, &arg) in types.iter_mut().zip(args) {
+            *ty = self.ty(arg);
+        }
+        let types = &types[..args.len().min(4)];
         let int = |ty: Type| !ty.is_float();
         let ok = match op.signature() {
             Signature::IntUnary => types[..] == [result] && int(result),

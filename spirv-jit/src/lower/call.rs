@@ -288,7 +288,7 @@ impl Lowerer<'_> {
         for ty in self.parameter_types(callee)? {
             let Some(pointee) = self.per_lane_pointee(ty)? else {
                 let values = self.new_params(ty)?;
-                arguments.push(Val::Scalars(values.into()));
+                arguments.push(Self::scalars(values));
                 continue;
             };
             let pointer = self.new_carried(pointee, &mut results)?.1;
@@ -368,7 +368,7 @@ impl Lowerer<'_> {
             let given = match argument {
                 Val::Pointer(pointer) if self.per_lane_pointee(ty)?.is_some() => {
                     pointers.push(pointer.clone());
-                    self.load(pointer)?
+                    self.load(pointer)?.into_vec()
                 }
                 Val::Pointer(pointer) => self.pointer_scalars(pointer)?,
                 Val::Scalars(values) => values.to_vec(),

@@ -3,6 +3,7 @@
 use rspirv::spirv::Op;
 
 use super::Lowerer;
+use super::memory::Values;
 use crate::Error;
 use crate::ir::{self, Value};
 use crate::parse::Instruction;
@@ -12,7 +13,7 @@ impl Lowerer<'_> {
         let operands = self.module.operands(instruction);
         let values = match instruction.opcode {
             Op::CompositeConstruct => {
-                let mut values = Vec::new();
+                let mut values = Values::new();
                 for &id in operands {
                     values.extend_from_slice(&self.leaves(id)?);
                 }
@@ -24,19 +25,19 @@ impl Lowerer<'_> {
                 if part.len() as u64 * count as u64 > super::types::MAX_LEAVES {
                     return Err(super::budget("a composite is too large"));
                 }
-                part.repeat(count as usize)
+                part.repeat(count as usize).into()
             }
             Op::CompositeExtract => {
                 let ty = self.type_of(operands[0])?;
                 let whole = self.leaves(operands[0])?;
                 let (first, part) = self.types.path(ty, &operands[1..])?;
                 let count = self.types.leaves(part)?.len();
-                self.slice(&whole, first, count)?.to_vec()
+                Values::from_slice(self.slice(&whole, first, count)?)
             }
             Op::CompositeInsert => {
                 let part = self.leaves(operands[0])?;
                 let ty = self.type_of(operands[1])?;
-                let mut whole = self.leaves(operands[1])?.to_vec();
+                let mut whole = Values::from_slice(&self.leaves(operands[1])?);
                 let (first, _) = self.types.path(ty, &operands[2..])?;
                 self.slice(&whole, first, part.len())?;
                 whole[first..first + part.len()].copy_from_slice(&part);
@@ -47,7 +48,7 @@ impl Lowerer<'_> {
                 let b = self.leaves(operands[1])?;
                 let ty = self.types.component(instruction.result_type)?;
                 let undefined = self.b.constant(ty, 0);
-                let mut values = Vec::new();
+                let mut values = Values::new();
                 for &index in &operands[2..] {
                     let index = index as usize;
                     values.push(match index {
@@ -62,14 +63,14 @@ impl Lowerer<'_> {
             Op::VectorExtractDynamic => {
                 let vector = self.leaves(operands[0])?;
                 let index = self.scalar(operands[1])?;
-                vec![self.select_component(&vector, index)?]
+                Values::from_slice(&[self.select_component(&vector, index)?])
             }
             _ => {
                 let vector = self.leaves(operands[0])?;
                 let component = self.scalar(operands[1])?;
                 let index = self.scalar(operands[2])?;
                 let ty = self.b.ty(index);
-                let mut values = Vec::new();
+                let mut values = Values::new();
                 for (lane, &old) in vector.iter().enumerate() {
                     let lane = self.b.constant(ty, lane as u64);
                     let here = self.b.compare(ir::Op::IEq, index, lane)?;

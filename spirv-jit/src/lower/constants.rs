@@ -1,11 +1,11 @@
 //! Constants, specialized: every constant id as the bits of its scalars.
 
-use foldhash::HashMap;
 use std::rc::Rc;
 
 use rspirv::spirv::{Decoration, Op};
 
 use super::fold::fold_operation;
+use super::id_table::IdTable;
 use super::types::{MAX_LEAVES, TypeKind, Types};
 use crate::Error;
 use crate::ir::Type;
@@ -21,14 +21,14 @@ pub(super) struct Constant {
 /// All constants of a module.
 #[derive(Default)]
 pub(super) struct Constants {
-    by_id: HashMap<Id, Constant>,
+    by_id: IdTable<Constant>,
     /// Scalars of all constants together: composites of composites could otherwise double with each line.
     total: u64,
 }
 
 impl Constants {
     pub fn find(&self, id: Id) -> Option<&Constant> {
-        self.by_id.get(&id)
+        self.by_id.get(id)
     }
 
     /// The bits of a constant's scalars.

@@ -3,7 +3,7 @@
 use rspirv::spirv::{self, Decoration, Op};
 
 use super::Lowerer;
-use super::values::Val;
+use super::memory::Values;
 use crate::Error;
 use crate::ir::{self, Type, Value};
 use crate::parse::Instruction;
@@ -28,7 +28,7 @@ impl Lowerer<'_> {
             }
             Op::ConvertUToPtr => {
                 let address = self.b.i64_of(self.scalar_of(&parts)?, false)?;
-                let value = Val::Scalars([address].into());
+                let value = Self::scalars([address]);
                 return self.define(instruction.result, value);
             }
             Op::ConvertPtrToU => {
@@ -52,7 +52,7 @@ impl Lowerer<'_> {
             .id(instruction.result, Decoration::FPRoundingMode);
         let toward_zero = instruction.opcode == Op::FConvert
             && rounding == Some(spirv::FPRoundingMode::RTZ as u32);
-        let mut values = Vec::with_capacity(parts.len());
+        let mut values = Values::with_capacity(parts.len());
         for &part in parts.iter() {
             let same = self.b.ty(part) == ty && !matches!(op, ir::Op::FQuantizeF16);
             values.push(if same {
@@ -60,7 +60,7 @@ impl Lowerer<'_> {
             } else if toward_zero && ty.bits() < self.b.ty(part).bits() {
                 self.convert_toward_zero(part, ty)?
             } else {
-                self.b.emit(op.clone(), &[part], ty)?
+                self.b.emit(op, &[part], ty)?
             });
         }
         self.define_typed(instruction, values)

@@ -8,7 +8,7 @@ use smallvec::SmallVec;
 
 use super::call::GivenBack;
 use super::structure::{BodyIndex, Condition, End, Plan, Step, plan_function};
-use super::values::{Local, Pointer, Val};
+use super::values::{Local, Pointer, Scalars, Val};
 use super::{Lowerer, budget};
 use crate::Error;
 use crate::ir::{self, Label, Node, Terminator, Type, Value, VariableId};
@@ -21,7 +21,8 @@ pub(super) struct Frame {
     /// The plan's body that is open.
     body: BodyIndex,
     labels: Vec<Option<Label>>,
-    values: HashMap<Id, Val>,
+    /// Length of the table of values before this function's.
+    first_value: usize,
     escaped: HashMap<Id, Escaped>,
     phis: HashMap<Id, VariableId>,
     return_to: ReturnTo,
@@ -69,19 +70,23 @@ impl<'a> Lowerer<'a> {
         if params.len() != arguments.len() {
             return Err(self.b.invalid("a call has the wrong number of arguments"));
         }
-        let values = params.iter().copied().zip(arguments).collect();
+        let first_value = self.values.len();
+        for (&param, argument) in params.iter().zip(arguments) {
+            self.values.insert(param, argument);
+        }
         self.frames.push(Frame {
             function: index,
             body: 0,
             labels: vec![None; plan.labels],
             plan,
-            values,
+            first_value,
             escaped: HashMap::default(),
             phis: HashMap::default(),
             return_to,
         });
         let end = self.emit_plan_body(0)?;
         self.frames.pop();
+        self.values.truncate(first_value);
         Ok(end)
     }
 
@@ -208,7 +213,7 @@ impl<'a> Lowerer<'a> {
         Ok(end)
     }
 
-    fn emit_nested(&mut self, index: BodyIndex) -> Result<ir::Body, Error> {
+    fn emit_nested(&mut self, index: BodyIndex) -> Result<Box<ir::Body>, Error> {
         let outer = self.b.open();
         let end = self.emit_plan_body(index)?;
         Ok(self.b.close(outer, end))
@@ -245,7 +250,7 @@ impl<'a> Lowerer<'a> {
                 let types = self.types.leaves(instruction.result_type)?;
                 let variable = self.phi_variable(instruction.result, instruction.result_type)?;
                 let values = self.load_rows(variable, &types)?;
-                self.define(instruction.result, Val::Scalars(values.into()))?;
+                self.define(instruction.result, Self::scalars(values))?;
             } else {
                 self.lower_instruction(instruction)?;
             }
@@ -326,7 +331,7 @@ impl<'a> Lowerer<'a> {
         let mut values = Vec::with_capacity(types.len());
         for &ty in types {
             let op = ir::Op::VarLoad(variable, row);
-            values.push(self.b.emit_unchecked(op, &[], &[ty])?[0]);
+            values.push(self.b.emit_one(op, &[], ty)?);
             row += ty.rows();
         }
         Ok(values)
@@ -379,12 +384,12 @@ impl<'a> Lowerer<'a> {
     /// Gives an id its value.
     pub(super) fn define(&mut self, id: Id, value: Val) -> Result<(), Error> {
         if !self.frame().plan.escapes.contains(&id) {
-            self.frame_mut().values.insert(id, value);
+            self.values.insert(id, value);
             return Ok(());
         }
         let kept = self.computed_parts(&value);
         if kept.is_empty() {
-            self.frame_mut().values.insert(id, value);
+            self.values.insert(id, value);
             return Ok(());
         }
         let types: SmallVec<[Type; 8]> = kept.iter().map(|&value| self.b.ty(value)).collect();
@@ -413,7 +418,7 @@ impl<'a> Lowerer<'a> {
     /// The value of an id, visible here.
     pub(super) fn value(&mut self, id: Id) -> Result<Val, Error> {
         let frame = self.frame();
-        if let Some(value) = frame.values.get(&id) {
+        if let Some(value) = self.values.get_since(id, frame.first_value) {
             return Ok(value.clone());
         }
         if let Some(escaped) = frame.escaped.get(&id) {
@@ -427,7 +432,7 @@ impl<'a> Lowerer<'a> {
             let ty = constant.ty;
             let bits = self.constants.bits(&self.types, id)?;
             let types = self.types.leaves(ty)?;
-            let values: Rc<[Value]> = types
+            let values: Scalars = types
                 .iter()
                 .zip(bits.iter())
                 .map(|(&ty, &bits)| self.b.constant(ty, bits))
@@ -459,21 +464,21 @@ impl<'a> Lowerer<'a> {
             });
         }
         Ok(match value {
-            Val::Scalars(_) => Val::Scalars(fresh.into()),
+            Val::Scalars(_) => Self::scalars(fresh),
             Val::Pointer(pointer) => Val::Pointer(pointer.with_values(&fresh)),
         })
     }
 
     /// The scalars of an id; pointers become the values that stand for them.
-    pub(super) fn leaves(&mut self, id: Id) -> Result<Rc<[Value]>, Error> {
+    pub(super) fn leaves(&mut self, id: Id) -> Result<Scalars, Error> {
         match self.value(id)? {
             Val::Scalars(values) => Ok(values),
-            Val::Pointer(pointer) => Ok(self.pointer_scalars(&pointer)?.into()),
+            Val::Pointer(pointer) => Ok(self.pointer_scalars(&pointer)?[..].into()),
         }
     }
 
     /// The scalars of an id, which must be those of a type.
-    pub(super) fn scalars_as(&mut self, id: Id, ty: Id) -> Result<Rc<[Value]>, Error> {
+    pub(super) fn scalars_as(&mut self, id: Id, ty: Id) -> Result<Scalars, Error> {
         let values = self.leaves(id)?;
         let types = self.types.leaves(ty)?;
         let same = values.len() == types.len()

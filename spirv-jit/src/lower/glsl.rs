@@ -3,6 +3,7 @@
 use rspirv::spirv::GlslStd450Op as GLOp;
 
 use super::Lowerer;
+use super::memory::Values;
 use crate::Error;
 use crate::accuracy::{self, Accuracy};
 use crate::ir::{self, Type, Value};
@@ -154,9 +155,9 @@ impl Lowerer<'_> {
                 .b
                 .invalid("operands have different numbers of components"));
         }
-        let mut values = Vec::with_capacity(count);
+        let mut values = Values::with_capacity(count);
         for index in 0..count {
-            let parts: Vec<Value> = arguments.iter().map(|argument| argument[index]).collect();
+            let parts: Values = arguments.iter().map(|argument| argument[index]).collect();
             values.push(match elementwise(op) {
                 Some(op) => self.accurate(op, &parts)?,
                 None => self.component(op, &parts)?,

@@ -102,7 +102,7 @@ impl Lowerer<'_> {
             }
             Op::Image => {
                 let pair = self.leaves(operands[0])?;
-                self.define_typed(instruction, pair.iter().take(1).copied().collect())
+                self.define_typed(instruction, &pair[..pair.len().min(1)])
             }
             Op::ImageTexelPointer => self.lower_texel_pointer(instruction, operands),
             Op::ImageFetch | Op::ImageRead => self.lower_texel_read(instruction, operands),

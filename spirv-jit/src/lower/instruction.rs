@@ -3,7 +3,6 @@
 use rspirv::spirv::Op;
 
 use super::Lowerer;
-use super::values::Val;
 use crate::Error;
 use crate::parse::Instruction;
 
@@ -28,7 +27,7 @@ impl Lowerer<'_> {
             Op::Undef => {
                 let types = self.types.leaves(instruction.result_type)?;
                 let zeros: Vec<_> = types.iter().map(|&ty| self.b.constant(ty, 0)).collect();
-                self.define(instruction.result, Val::Scalars(zeros.into()))
+                self.define(instruction.result, Self::scalars(zeros))
             }
             Op::FunctionCall => self.lower_call(instruction),
             Op::ExtInst | Op::ExtInstWithForwardRefsKHR => self.lower_extended(instruction),

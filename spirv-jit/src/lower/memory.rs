@@ -5,11 +5,14 @@ use smallvec::SmallVec;
 
 use super::Lowerer;
 use super::types::TypeKind;
-use super::values::{Place, Pointer, Val};
+use super::values::{Place, Pointer, Scalars, Val};
 use crate::Error;
 use crate::ir::op::Access;
 use crate::ir::{self, Space, Type, Value};
 use crate::parse::{Id, Instruction};
+
+/// Scalars that an instruction has computed.
+pub(super) type Values = SmallVec<[Value; 4]>;
 
 /// Scalars that one load or store moves at most.
 const MAX_RUN: usize = 16;
@@ -62,21 +65,27 @@ fn stored(ty: Type) -> Type {
 
 impl Lowerer<'_> {
     /// The scalars behind a pointer.
-    pub(super) fn load(&mut self, pointer: &Pointer) -> Result<Vec<Value>, Error> {
+    pub(super) fn load(&mut self, pointer: &Pointer) -> Result<Values, Error> {
         let ty = pointer.pointee;
         match &pointer.place {
             Place::Local { local, row } => {
                 let types = self.types.leaves(ty)?;
-                let mut values = Vec::with_capacity(types.len());
-                for (leaf, at) in row_leaves(&types) {
-                    let (variable, row) = self.locals[*local].find(row + at as u32);
+                let mut values = Values::with_capacity(types.len());
+                let mut at = *row;
+                for &ty in types.iter() {
+                    let (variable, row) = self.locals[*local].find(at);
                     let op = ir::Op::VarLoad(variable, row);
-                    values.push(self.b.emit_unchecked(op, &[], &[leaf])?[0]);
+                    values.push(self.b.emit_one(op, &[], ty)?);
+                    at += ty.rows();
                 }
                 Ok(values)
             }
-            Place::Builtin { variable, word } => self.load_builtin(*variable, *word, ty),
-            Place::Handle { .. } | Place::Descriptor(_) => self.load_handle(pointer),
+            Place::Builtin { variable, word } => {
+                self.load_builtin(*variable, *word, ty).map(Values::from)
+            }
+            Place::Handle { .. } | Place::Descriptor(_) => {
+                self.load_handle(pointer).map(Values::from)
+            }
             Place::Texel { .. } => Err(self.b.invalid("a texel is not loaded through a pointer")),
             Place::Private { .. } => {
                 let types = self.types.leaves(ty)?;
@@ -95,8 +104,8 @@ impl Lowerer<'_> {
         pointer: &Pointer,
         leaves: &[(Type, u64)],
         step: impl Fn(Type) -> u64,
-    ) -> Result<Vec<Value>, Error> {
-        let mut values = Vec::with_capacity(leaves.len());
+    ) -> Result<Values, Error> {
+        let mut values = Values::with_capacity(leaves.len());
         let space = space(pointer);
         for run in find_runs(leaves, step) {
             let address = self.address(pointer, run.offset)?;
@@ -134,10 +143,12 @@ impl Lowerer<'_> {
         }
         match &pointer.place {
             Place::Local { local, row } => {
-                for ((_, at), &value) in row_leaves(&types).into_iter().zip(values) {
-                    let (variable, row) = self.locals[*local].find(row + at as u32);
+                let mut at = *row;
+                for (&ty, &value) in types.iter().zip(values) {
+                    let (variable, row) = self.locals[*local].find(at);
                     self.b
                         .emit_effect(ir::Op::VarStore(variable, row), &[value])?;
+                    at += ty.rows();
                 }
                 Ok(())
             }
@@ -297,13 +308,14 @@ impl Lowerer<'_> {
     pub(super) fn define_typed(
         &mut self,
         instruction: &Instruction,
-        values: Vec<Value>,
+        values: impl AsRef<[Value]>,
     ) -> Result<(), Error> {
+        let values = values.as_ref();
         let types = self.types.leaves(instruction.result_type)?;
         let fits = types.len() == values.len()
             && types
                 .iter()
-                .zip(&values)
+                .zip(values)
                 .all(|(&ty, &value)| self.b.ty(value) == ty);
         if !fits {
             let message = format!("the result of Op{:?} has another type", instruction.opcode);
@@ -313,10 +325,10 @@ impl Lowerer<'_> {
     }
 
     /// The scalars of a variable's initializer.
-    pub(super) fn initializer(&mut self, id: Id) -> Result<std::rc::Rc<[Value]>, Error> {
+    pub(super) fn initializer(&mut self, id: Id) -> Result<Scalars, Error> {
         if self.variables.contains_key(&id) {
             let pointer = self.module_pointer(id)?;
-            return Ok(self.pointer_scalars(&pointer)?.into());
+            return Ok(self.pointer_scalars(&pointer)?[..].into());
         }
         let constant = self.constants.find(id).map(|constant| constant.ty);
         let Some(ty) = constant else {

@@ -29,6 +29,7 @@ mod fold;
 mod function;
 mod glsl;
 mod hit_object;
+mod id_table;
 mod image;
 mod instruction;
 mod interface;
@@ -53,6 +54,7 @@ use self::builder::Builder;
 use self::call::{Outlined, Summary};
 use self::constants::Constants;
 use self::function::Frame;
+use self::id_table::IdTable;
 use self::layout::Layout;
 use self::structure::Plan;
 use self::types::Types;
@@ -112,6 +114,8 @@ struct Lowerer<'a> {
     b: Builder,
     /// Functions that are being lowered, innermost last.
     frames: Vec<Frame>,
+    /// What ids are, of all frames, innermost last.
+    values: IdTable<Val>,
     locals: Vec<Local>,
     /// Per-lane memory of module variables, made at their first use.
     module_locals: HashMap<Id, usize>,
@@ -158,6 +162,7 @@ impl<'a> Lowerer<'a> {
             plans: HashMap::default(),
             b: Builder::new(&entry.name, allowance),
             frames: Vec::new(),
+            values: IdTable::default(),
             locals: Vec::new(),
             module_locals: HashMap::default(),
             push_constants: None,
@@ -313,7 +318,7 @@ impl<'a> Lowerer<'a> {
     }
 
     /// Scalars as a value.
-    fn scalars(values: impl Into<Rc<[ir::Value]>>) -> Val {
-        Val::Scalars(values.into())
+    fn scalars(values: impl AsRef<[ir::Value]>) -> Val {
+        Val::Scalars(values.as_ref().into())
     }
 }

@@ -172,7 +172,7 @@ impl Lowerer<'_> {
                 let row = self.pointer_scalars(&query)?;
                 let op = ir::Op::RayQueryProceed;
                 let more = self.b.emit_unchecked(op, &row, &[Type::I1])?;
-                self.define_typed(instruction, more.to_vec())
+                self.define_typed(instruction, &more)
             }
             Op::RayQueryGetRayTMinKHR => self.get_query_rows(instruction, &query, row::T_MIN),
             Op::RayQueryGetRayFlagsKHR => self.get_query_rows(instruction, &query, row::FLAGS),

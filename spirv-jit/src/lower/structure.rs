@@ -433,17 +433,22 @@ impl Planner<'_> {
     }
 
     fn find_escapes(&self) -> HashSet<Id> {
-        let mut defined: HashMap<Id, BodyIndex> = HashMap::default();
-        for (block, body) in self.function.blocks.iter().zip(&self.block_body) {
-            let Some(body) = *body else { continue };
+        // A function's instructions stand together: where each is lowered, by its index less that of the first.
+        let blocks = &self.function.blocks;
+        let all = blocks.iter().flat_map(|block| &block.instructions);
+        let first = all.clone().min().copied().unwrap_or(0);
+        let count = all.max().map_or(0, |last| last + 1 - first);
+        let mut bodies = vec![None; count as usize];
+        for (block, body) in blocks.iter().zip(&self.block_body) {
             for &index in &block.instructions {
-                let instruction = self.module.instruction(index);
-                // Phis are variables already.
-                if instruction.result != 0 {
-                    defined.insert(instruction.result, body);
-                }
+                bodies[(index - first) as usize] = *body;
             }
         }
+        // Phis are variables already.
+        let defined = |id: Id| -> Option<BodyIndex> {
+            let index = self.module.definition(id)?.checked_sub(first)?;
+            *bodies.get(index as usize)?
+        };
         let mut escapes = HashSet::default();
         for (block, body) in self.function.blocks.iter().zip(&self.block_body) {
             let Some(body) = *body else { continue };
@@ -453,8 +458,8 @@ impl Planner<'_> {
                     for pair in self.module.operands(instruction).chunks_exact(2) {
                         let from = self.function.block_index.get(&pair[1]);
                         let from = from.and_then(|&from| self.block_body[from]);
-                        if let (Some(at), Some(from)) = (defined.get(&pair[0]), from)
-                            && !encloses(&self.bodies, *at, from)
+                        if let (Some(at), Some(from)) = (defined(pair[0]), from)
+                            && !encloses(&self.bodies, at, from)
                         {
                             escapes.insert(pair[0]);
                         }
@@ -462,7 +467,7 @@ impl Planner<'_> {
                     continue;
                 }
                 for id in self.module.uses(instruction) {
-                    if let Some(&at) = defined.get(id)
+                    if let Some(at) = defined(*id)
                         && !encloses(&self.bodies, at, body)
                     {
                         escapes.insert(*id);

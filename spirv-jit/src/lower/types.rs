@@ -1,10 +1,10 @@
 //! SPIR-V types: what each is made of, how many scalars it has, and which.
 
-use foldhash::HashMap;
 use std::rc::Rc;
 
 use rspirv::spirv::{self, Op, StorageClass};
 
+use super::id_table::IdTable;
 use crate::Error;
 use crate::hit_object::word;
 use crate::ir::Type;
@@ -86,17 +86,17 @@ pub(super) struct TypeInfo {
 /// All types of a module.
 #[derive(Default)]
 pub(super) struct Types {
-    infos: HashMap<Id, TypeInfo>,
+    infos: IdTable<TypeInfo>,
     /// Rows of a ray query's object.
     pub query_rows: u64,
-    leaves: std::cell::RefCell<HashMap<Id, Rc<[Type]>>>,
+    leaves: std::cell::RefCell<IdTable<Rc<[Type]>>>,
 }
 
 impl Types {
     /// The type with an id.
     pub fn info(&self, id: Id) -> Result<&TypeInfo, Error> {
         self.infos
-            .get(&id)
+            .get(id)
             .ok_or_else(|| Error::invalid(0, format!("id {id} is not a type")))
     }
 
@@ -202,7 +202,7 @@ impl Types {
 
     /// The scalars of a value of this type, in order. Handles are descriptor addresses, logical pointers what [`pointer_leaves`] says.
     pub fn leaves(&self, id: Id) -> Result<Rc<[Type]>, Error> {
-        if let Some(found) = self.leaves.borrow().get(&id) {
+        if let Some(found) = self.leaves.borrow().get(id) {
             return Ok(found.clone());
         }
         let info = self.info(id)?;
@@ -324,7 +324,7 @@ impl Types {
 
     fn measure(&self, at: u32, kind: TypeKind) -> Result<TypeInfo, Error> {
         let part = |id: Id| {
-            self.infos.get(&id).ok_or_else(|| {
+            self.infos.get(id).ok_or_else(|| {
                 Error::invalid(at, format!("type {id} is used before it is declared"))
             })
         };

@@ -12,8 +12,47 @@ use crate::parse::Id;
 #[derive(Clone, Debug)]
 pub(super) enum Val {
     /// The scalars of a value in the order of [`super::types::Types::leaves`].
-    Scalars(Rc<[Value]>),
+    Scalars(Scalars),
     Pointer(Pointer),
+}
+
+/// The scalars of a value: a few in place, many shared.
+#[derive(Clone, Debug)]
+pub(super) enum Scalars {
+    Few([Value; Self::FEW], u8),
+    Many(Rc<[Value]>),
+}
+
+impl Scalars {
+    const FEW: usize = 4;
+}
+
+impl std::ops::Deref for Scalars {
+    type Target = [Value];
+
+    fn deref(&self) -> &[Value] {
+        match self {
+            Self::Few(values, count) => &values[..usize::from(*count)],
+            Self::Many(values) => values,
+        }
+    }
+}
+
+impl From<&[Value]> for Scalars {
+    fn from(values: &[Value]) -> Self {
+        if values.len() > Self::FEW {
+            return Self::Many(values.into());
+        }
+        let mut few = [Value(0); Self::FEW];
+        few[..values.len()].copy_from_slice(values);
+        Self::Few(few, values.len() as u8)
+    }
+}
+
+impl FromIterator<Value> for Scalars {
+    fn from_iter<I: IntoIterator<Item = Value>>(values: I) -> Self {
+        Self::from(&values.into_iter().collect::<SmallVec<[Value; 4]>>()[..])
+    }
 }
 
 /// How the scalars of a matrix or vector lie in memory; 0 = tightly.

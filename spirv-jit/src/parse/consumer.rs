@@ -1,22 +1,92 @@
-//! The grammar check: `rspirv` parses, and this consumer notes what later steps need.
+//! The grammar check: what later steps need of each instruction. Where [`grammar`] is at its end, `rspirv` parses the instruction.
 
 use rspirv::binary::{Consumer, DecodeError, ParseAction, ParseState, Parser};
 use rspirv::dr;
-use rspirv::spirv::Op;
+use rspirv::spirv::{MAGIC_NUMBER, Op};
 
 use super::framing::Frame;
-use super::module::{Instruction, InstructionTable};
+use super::grammar::{self, Head, Stop, Walk, Widths};
+use super::module::{Id, Instruction, InstructionTable};
 use crate::Error;
 
-struct Notes<'a> {
-    frames: &'a [Frame],
-    table: InstructionTable,
-    words: &'a [u32],
-    /// Instructions that come next and are padding that [`digestible`] made.
-    padding: u16,
+/// Holds framed words against the grammar.
+pub(super) fn check_grammar(words: &[u32], frames: &[Frame]) -> Result<InstructionTable, Error> {
+    let mut table = InstructionTable {
+        instructions: Vec::with_capacity(frames.len()),
+        uses: Vec::with_capacity(words.len() / 2),
+    };
+    let mut widths = Widths::default();
+    for frame in frames {
+        let first_use = table.uses.len() as u32;
+        let (offset, end) = (frame.offset, frame.offset + u32::from(frame.count));
+        let (opcode, head) = check_instruction(words, *frame, &widths, &mut table.uses)?;
+        let newer = end as usize - usize::from(frame.newer_ids);
+        table.uses.extend(&words[newer..end as usize]);
+        let first_operand = offset + 1 + head.words;
+        widths.note(opcode, head, &words[first_operand as usize..end as usize]);
+        table.instructions.push(Instruction {
+            opcode,
+            result_type: head.result_type,
+            result: head.result,
+            offset,
+            first_operand,
+            end,
+            first_use,
+            end_use: table.uses.len() as u32,
+        });
+    }
+    Ok(table)
 }
 
-impl Consumer for Notes<'_> {
+/// One instruction: its opcode and head. The ids that it uses go behind `uses`.
+fn check_instruction(
+    words: &[u32],
+    frame: Frame,
+    widths: &Widths,
+    uses: &mut Vec<Id>,
+) -> Result<(Op, Head), Error> {
+    let at = frame.offset as usize;
+    let known = &words[at + 1..at + usize::from(frame.count - frame.newer_ids)];
+    let used = uses.len();
+    let opcode = match frame.is_specialized {
+        true => words[at + 3],
+        false => words[at] & 0xffff,
+    };
+    let walk = Walk::new(known, widths, uses);
+    let stop = match grammar::entry(opcode) {
+        Some(entry) if frame.is_specialized => match walk.specialized(entry) {
+            Ok(head) => return Ok((Op::SpecConstantOp, head)),
+            Err(stop) => stop,
+        },
+        Some(entry) => match walk.instruction(entry) {
+            Ok(head) => return Ok((entry.opcode, head)),
+            Err(stop) => stop,
+        },
+        None => Stop::Refused,
+    };
+    uses.truncate(used);
+    let parsed = parse(words, frame)?;
+    if let Stop::Refused = stop {
+        // `rspirv` does not see the types that literals depend on.
+        let message = "the operands do not fit the instruction";
+        return Err(Error::invalid(frame.offset, message));
+    }
+    uses.extend(parsed.operands.iter().filter_map(|o| o.id_ref_any()));
+    let head = Head {
+        result_type: parsed.result_type.unwrap_or(0),
+        result: parsed.result_id.unwrap_or(0),
+        words: u32::from(parsed.result_type.is_some()) + u32::from(parsed.result_id.is_some()),
+    };
+    Ok(match frame.is_specialized {
+        true => (Op::SpecConstantOp, head),
+        false => (parsed.class.opcode, head),
+    })
+}
+
+/// Keeps the only instruction of a module.
+struct Keeper(Option<dr::Instruction>);
+
+impl Consumer for Keeper {
     fn initialize(&mut self) -> ParseAction {
         ParseAction::Continue
     }
@@ -30,93 +100,38 @@ impl Consumer for Notes<'_> {
     }
 
     fn consume_instruction(&mut self, instruction: dr::Instruction) -> ParseAction {
-        if self.padding > 0 {
-            self.padding -= 1;
-            return ParseAction::Continue;
-        }
-        let Some(frame) = self.frames.get(self.table.instructions.len()) else {
-            return ParseAction::Stop;
-        };
-        let skipped =
-            1 + instruction.result_type.is_some() as u32 + instruction.result_id.is_some() as u32;
-        let first_use = self.table.uses.len() as u32;
-        let used = instruction.operands.iter().filter_map(|o| o.id_ref_any());
-        self.table.uses.extend(used);
-        let end = frame.offset as usize + frame.count as usize;
-        let newer = &self.words[end - frame.newer_ids as usize..end];
-        self.table.uses.extend(newer);
-        self.table.instructions.push(Instruction {
-            opcode: match frame.is_specialized {
-                true => Op::SpecConstantOp,
-                false => instruction.class.opcode,
-            },
-            result_type: instruction.result_type.unwrap_or(0),
-            result: instruction.result_id.unwrap_or(0),
-            offset: frame.offset,
-            first_operand: frame.offset + skipped,
-            end: frame.offset + frame.count as u32,
-            first_use,
-            end_use: self.table.uses.len() as u32,
-        });
-        self.padding = frame.is_specialized as u16 + frame.newer_ids;
+        self.0 = Some(instruction);
         ParseAction::Continue
     }
 }
 
-/// The words as `rspirv` can take them: it knows one operand of each kind in `OpSpecConstantOp`, so the operation stands there itself, and a
-/// no-op behind it; no-ops stand in for operands that are newer than it; it insists on UTF-8 where only people read.
-fn digestible(words: &[u32], frames: &[Frame]) -> Vec<u8> {
-    let mut copy = words.to_vec();
-    for frame in frames {
-        let (at, count) = (frame.offset as usize, frame.count as usize);
-        if frame.is_specialized {
-            copy[at] = (count as u32 - 1) << 16 | words[at + 3] & 0xffff;
-            copy.copy_within(at + 4..at + count, at + 3);
-            copy[at + count - 1] = 1 << 16 | Op::Nop as u32;
-        }
-        if frame.newer_ids > 0 {
-            let known = count - frame.newer_ids as usize;
-            copy[at] = (known as u32) << 16 | words[at] & 0xffff;
-            copy[at + known..at + count].fill(1 << 16 | Op::Nop as u32);
-        }
-        let text = match Op::from_u32(words[at] & 0xffff) {
-            Some(Op::Name | Op::String) => 2,
-            Some(Op::MemberName) => 3,
-            Some(Op::Source) => 4,
-            Some(Op::SourceContinued | Op::SourceExtension | Op::ModuleProcessed) => 1,
-            _ => count,
-        };
-        for word in &mut copy[at..at + count][text.min(count)..] {
-            let readable = |byte: u8| if byte < 0x80 { byte } else { b'?' };
-            *word = u32::from_le_bytes(word.to_le_bytes().map(readable));
-        }
+/// Lets `rspirv` parse an instruction. It knows one operand of each kind in `OpSpecConstantOp`, so the operation stands there itself; and it does
+/// not get operands that are newer than it.
+fn parse(words: &[u32], frame: Frame) -> Result<dr::Instruction, Error> {
+    let at = frame.offset as usize;
+    let count = usize::from(frame.count - frame.newer_ids);
+    let mut module = vec![MAGIC_NUMBER, words[1], 0, words[3], 0];
+    if frame.is_specialized {
+        module.push((count as u32 - 1) << 16 | words[at + 3] & 0xffff);
+        module.extend(&words[at + 1..at + 3]);
+        module.extend(&words[at + 4..at + count]);
+    } else {
+        module.push((count as u32) << 16 | words[at] & 0xffff);
+        module.extend(&words[at + 1..at + count]);
     }
-    copy.iter().flat_map(|word| word.to_le_bytes()).collect()
-}
-
-/// Holds framed words against the grammar.
-pub(super) fn check_grammar(words: &[u32], frames: &[Frame]) -> Result<InstructionTable, Error> {
-    let mut notes = Notes {
-        frames,
-        table: InstructionTable {
-            instructions: Vec::with_capacity(frames.len()),
-            uses: Vec::with_capacity(words.len() / 2),
-        },
-        words,
-        padding: 0,
-    };
-    let bytes = digestible(words, frames);
+    let bytes: Vec<u8> = module.iter().flat_map(|word| word.to_le_bytes()).collect();
+    let mut keeper = Keeper(None);
     // The framing leaves rspirv no known way to panic; should it find another one, the module is at fault and not the process.
     let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-        Parser::new(&bytes, &mut notes).parse()
+        Parser::new(&bytes, &mut keeper).parse()
     }));
-    let offset = frames
-        .get(notes.table.instructions.len())
-        .map_or(words.len() as u32, |frame| frame.offset);
-    match outcome {
-        Ok(Ok(())) => Ok(notes.table),
-        Ok(Err(state)) => Err(refuse(offset, &state)),
-        Err(_) => Err(Error::invalid(offset, "the instruction cannot be decoded")),
+    match (outcome, keeper.0) {
+        (Ok(Ok(())), Some(instruction)) => Ok(instruction),
+        (Ok(Err(state)), _) => Err(refuse(frame.offset, &state)),
+        _ => {
+            let message = "the instruction cannot be decoded";
+            Err(Error::invalid(frame.offset, message))
+        }
     }
 }
 
@@ -127,6 +142,13 @@ fn refuse(offset: u32, state: &ParseState) -> Error {
         }
         ParseState::OpcodeUnknown(_, _, opcode) => {
             Error::unsupported(offset, format!("opcode {opcode} is not supported"))
+        }
+        ParseState::OperandExpected(..)
+        | ParseState::OperandError(DecodeError::LimitReached(_)) => {
+            Error::invalid(offset, "the instruction lacks operands")
+        }
+        ParseState::OperandExceeded(..) => {
+            Error::invalid(offset, "the instruction has too many operands")
         }
         other => Error::invalid(offset, other.to_string()),
     }

@@ -1,4 +1,4 @@
-//! What must hold before the grammar is looked at: header, word counts, and the few shapes that would make `rspirv` panic.
+//! What must hold before the grammar is looked at: header, word counts, and the operations of specialization constants.
 
 use rspirv::spirv::{self, Op};
 

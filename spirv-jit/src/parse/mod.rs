@@ -1,6 +1,6 @@
 //! SPIR-V words to a checked module.
 //!
-//! `rspirv` holds the words against the grammar; what it cannot cope with is checked before ([`framing`]). Instructions are then kept as
+//! The words are cut into instructions ([`framing`]) and held against the grammar of `rspirv` ([`consumer`]). Instructions are then kept as
 //! offsets into the words, with the ids that they use, and sorted into sections, functions and blocks ([`module`]).
 
 #![forbid(unsafe_code)]
@@ -8,6 +8,7 @@
 mod annotations;
 mod consumer;
 mod framing;
+mod grammar;
 mod module;
 
 pub use annotations::Annotations;

@@ -1,11 +1,10 @@
 //! One computation for several of the same: pure operations, and reads of memory that nothing can have changed in between. A value serves where
 //! its definition is visible; constants and dispatch-wide words move to the function's head, where they are visible everywhere.
 
-use std::hash::BuildHasher;
+use std::hash::{BuildHasher, Hash, Hasher};
 
 use foldhash::HashMap;
 use foldhash::fast::RandomState;
-use smallvec::SmallVec;
 
 use super::edit::edit_nodes;
 use super::effects::{Effects, find_effects};
@@ -28,8 +27,9 @@ pub fn eliminate_common_subexpressions(function: &mut Function) {
         push_constants: vec![false; function.value_types.len()],
         function,
         hasher: RandomState::default(),
-        table: HashMap::default(),
+        newest: vec![0; (function.value_types.len() / 2).next_power_of_two()],
         entries: Vec::new(),
+        values: Vec::new(),
         head: Vec::new(),
         dispatch_wide: HashMap::default(),
         memory: Epochs::default(),
@@ -44,13 +44,14 @@ pub fn eliminate_common_subexpressions(function: &mut Function) {
 struct Entry {
     hash: u64,
     op: Op,
-    args: SmallVec<[Value; 4]>,
-    types: SmallVec<[Type; 2]>,
+    /// Where its operands and then its results begin, and how many there are.
+    first: u32,
+    args: u32,
+    results: u32,
     /// The state of memory that it read; 0 for none.
     epoch: u32,
-    results: SmallVec<[Value; 2]>,
-    /// The entry before it with the same hash.
-    shadowed: Option<u32>,
+    /// The entry before it in the same place of the table, plus one.
+    shadowed: u32,
 }
 
 /// Numbers of the present states of memory: equal numbers, equal contents.
@@ -69,9 +70,11 @@ struct Eliminator<'a> {
     /// Values that are the descriptor of the push constants, which nothing writes.
     push_constants: Vec<bool>,
     hasher: RandomState,
-    /// The newest entry by hash.
-    table: HashMap<u64, u32>,
+    /// A hash table of two values a place: the newest entry by the hash's low bits, plus one.
+    newest: Vec<u32>,
     entries: Vec<Entry>,
+    /// Operands and results of the entries.
+    values: Vec<Value>,
     /// What moves to the head of the function.
     head: Vec<Node>,
     dispatch_wide: HashMap<(Op, Type), Value>,
@@ -128,12 +131,10 @@ impl Eliminator<'_> {
     fn walk_scope(&mut self, body: &mut Body) {
         let begin = self.entries.len();
         self.walk(body);
-        while self.entries.len() > begin {
-            let entry = self.entries.pop().expect("longer than before");
-            match entry.shadowed {
-                Some(shadowed) => self.table.insert(entry.hash, shadowed),
-                None => self.table.remove(&entry.hash),
-            };
+        for entry in self.entries.drain(begin..).rev() {
+            let place = entry.hash as usize & (self.newest.len() - 1);
+            self.newest[place] = entry.shadowed;
+            self.values.truncate(entry.first as usize);
         }
     }
 
@@ -154,7 +155,7 @@ impl Eliminator<'_> {
 
     fn move_to_head(&mut self, inst: &Inst) {
         let result = inst.results[0];
-        let key = (inst.op.clone(), self.function.ty(result));
+        let key = (inst.op, self.function.ty(result));
         match self.dispatch_wide.get(&key) {
             Some(&same) => self.substitution.replace(result, same),
             None => {
@@ -173,36 +174,64 @@ impl Eliminator<'_> {
             self.disturb(Effects::of(&inst.op));
             return true;
         };
-        let types: SmallVec<[Type; 2]> =
-            inst.results.iter().map(|&v| self.function.ty(v)).collect();
-        let hash = self.hasher.hash_one((&inst.op, &inst.args, &types, epoch));
-        let newest = self.table.get(&hash).copied();
-        let mut candidate = newest;
-        while let Some(index) = candidate {
+        let types = self.types(&inst.results);
+        let hash = self.hash(inst, types, epoch);
+        let place = hash as usize & (self.newest.len() - 1);
+        let mut candidate = self.newest[place];
+        while let Some(index) = candidate.checked_sub(1) {
             let entry = &self.entries[index as usize];
-            if entry.epoch == epoch
+            let (args, results) = self.operands(entry);
+            if entry.hash == hash
+                && entry.epoch == epoch
                 && entry.op == inst.op
-                && entry.args == inst.args
-                && entry.types == types
+                && args == &inst.args[..]
+                && results.len() == inst.results.len()
+                && self.types(results).eq(self.types(&inst.results))
             {
-                for (&result, &same) in inst.results.iter().zip(&entry.results) {
-                    self.substitution.replace(result, same);
+                let first = (entry.first + entry.args) as usize;
+                for (index, &result) in inst.results.iter().enumerate() {
+                    self.substitution
+                        .replace(result, self.values[first + index]);
                 }
                 return false;
             }
             candidate = entry.shadowed;
         }
-        self.table.insert(hash, self.entries.len() as u32);
         self.entries.push(Entry {
             hash,
-            op: inst.op.clone(),
-            args: inst.args.clone(),
-            types,
+            op: inst.op,
+            first: self.values.len() as u32,
+            args: inst.args.len() as u32,
+            results: inst.results.len() as u32,
             epoch,
-            results: inst.results.clone(),
-            shadowed: newest,
+            shadowed: self.newest[place],
         });
+        self.newest[place] = self.entries.len() as u32;
+        self.values.extend_from_slice(&inst.args);
+        self.values.extend_from_slice(&inst.results);
         true
+    }
+
+    fn types(&self, values: &[Value]) -> impl Iterator<Item = Type> {
+        values.iter().map(|&value| self.function.ty(value))
+    }
+
+    fn operands(&self, entry: &Entry) -> (&[Value], &[Value]) {
+        let values = &self.values[entry.first as usize..][..(entry.args + entry.results) as usize];
+        values.split_at(entry.args as usize)
+    }
+
+    fn hash(&self, inst: &Inst, types: impl Iterator<Item = Type>, epoch: u32) -> u64 {
+        let mut hasher = self.hasher.build_hasher();
+        inst.op.hash(&mut hasher);
+        hasher.write_u32(epoch);
+        for arg in &inst.args {
+            hasher.write_u32(arg.0);
+        }
+        for ty in types {
+            hasher.write_u8(ty as u8);
+        }
+        hasher.finish()
     }
 
     /// The state of memory that an operation reads, 0 if none; `None` for operations that are not to be merged.

@@ -1,17 +1,13 @@
 //! What no effect depends on: instructions, results and parameters of constructs, stores to rows that nobody reads, functions
 //! that nobody calls, variables and input rows without a use.
 
-use foldhash::HashSet;
-
+use super::row_index::RowIndex;
 use super::substitution::{Substitution, rewrite_function};
-use crate::ir::{
-    Body, Function, FunctionId, Inst, Module, Node, Op, Terminator, Value, VariableId,
-};
+use crate::ir::{Body, Function, FunctionId, Inst, Module, Node, Op, Terminator, Value};
 
 /// Removes dead code from one function.
 pub fn eliminate_dead_code(function: &mut Function) {
-    let mut rows = ReadRows::default();
-    rows.collect(function, &function.body);
+    let rows = ReadRows::new(function);
     let mut graph = UseGraph::new(function);
     graph.add_body(&function.body, &|inst| rows.keeps(inst));
     let live = graph.mark();
@@ -48,35 +44,52 @@ fn narrow_loads(body: &mut Body, live: &[bool]) {
 }
 
 /// Rows of variables that are read, at fixed places or through an address.
-#[derive(Default)]
 struct ReadRows {
-    fixed: HashSet<(VariableId, u32)>,
-    addressed: HashSet<VariableId>,
+    /// `None`: all rows count as read.
+    index: Option<RowIndex>,
+    fixed: Vec<bool>,
+    addressed: Vec<bool>,
 }
 
 impl ReadRows {
-    fn collect(&mut self, function: &Function, body: &Body) {
+    fn new(function: &Function) -> Self {
+        let mut rows = Self {
+            index: None,
+            fixed: Vec::new(),
+            addressed: vec![false; function.variables.len()],
+        };
+        if let Some(index) = RowIndex::new(function, |_| true) {
+            rows.fixed.resize(index.count, false);
+            if index.count > 0 {
+                rows.collect(function, &function.body, &index);
+            }
+            rows.index = Some(index);
+        }
+        rows
+    }
+
+    fn collect(&mut self, function: &Function, body: &Body, index: &RowIndex) {
         for node in &body.nodes {
             match node {
                 Node::Inst(inst) => match inst.op {
                     Op::VarLoad(variable, row) => {
-                        let rows = function.ty(inst.results[0]).rows();
-                        self.fixed
-                            .extend((row..row + rows).map(|row| (variable, row)));
+                        let at = index.place(variable, row);
+                        let rows = function.ty(inst.results[0]).rows() as usize;
+                        self.fixed[at..at + rows].fill(true);
                     }
-                    Op::VarAddress(variable) => {
-                        self.addressed.insert(variable);
-                    }
+                    Op::VarAddress(variable) => self.addressed[variable.index()] = true,
                     _ => {}
                 },
-                Node::Block { body, .. } | Node::Loop { body, .. } => self.collect(function, body),
+                Node::Block { body, .. } | Node::Loop { body, .. } => {
+                    self.collect(function, body, index);
+                }
                 Node::If {
                     then_body,
                     else_body,
                     ..
                 } => {
-                    self.collect(function, then_body);
-                    self.collect(function, else_body);
+                    self.collect(function, then_body, index);
+                    self.collect(function, else_body, index);
                 }
             }
         }
@@ -87,9 +100,11 @@ impl ReadRows {
         match inst.op {
             // The high row of a 64-bit store is the next one; nearly always both are read.
             Op::VarStore(variable, row) => {
-                self.addressed.contains(&variable)
-                    || self.fixed.contains(&(variable, row))
-                    || self.fixed.contains(&(variable, row + 1))
+                let Some(index) = &self.index else {
+                    return true;
+                };
+                let at = index.place(variable, row);
+                self.addressed[variable.index()] || self.fixed[at] || self.fixed[at + 1]
             }
             _ => !inst.op.is_removable(),
         }

@@ -2,6 +2,7 @@
 //! there, which costs more than most operations.
 
 use super::cost::cost;
+use super::edit::edit_nodes;
 use super::effects::{Effects, find_effects};
 use crate::ir::{Body, Function, Node, Op, Value};
 
@@ -31,18 +32,16 @@ struct Hoister {
 
 impl Hoister {
     fn walk(&mut self, body: &mut Body) {
-        let nodes = std::mem::take(&mut body.nodes);
-        body.nodes.reserve(nodes.len());
-        for mut node in nodes {
-            match &mut node {
+        edit_nodes(&mut body.nodes, |node, before| {
+            match node {
                 Node::Inst(inst) => {
                     let target = self.target(&inst.op, &inst.args);
                     for result in &inst.results {
                         self.depth[result.index()] = target as u32;
                     }
                     if target < self.loops.len() {
-                        self.loops[target].hoisted.push(node);
-                        continue;
+                        self.loops[target].hoisted.push(Node::Inst(inst.clone()));
+                        return false;
                     }
                 }
                 Node::Block { results, body, .. } => {
@@ -72,11 +71,11 @@ impl Hoister {
                     self.define(params);
                     self.walk(inside);
                     let done = self.loops.pop().expect("pushed above");
-                    body.nodes.extend(done.hoisted);
+                    before.extend(done.hoisted);
                 }
             }
-            body.nodes.push(node);
-        }
+            true
+        });
     }
 
     fn define(&mut self, values: &[Value]) {

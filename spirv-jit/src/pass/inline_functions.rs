@@ -233,7 +233,7 @@ impl Inliner<'_> {
         Node::Block {
             label,
             results: call.results.to_vec(),
-            body,
+            body: body.into(),
         }
     }
 }

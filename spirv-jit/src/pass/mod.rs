@@ -10,6 +10,7 @@ mod edit;
 mod effects;
 pub mod eliminate_common_subexpressions;
 pub mod eliminate_dead_code;
+mod features;
 mod fold_constants;
 pub mod hoist_loop_invariants;
 pub mod inline_functions;
@@ -19,6 +20,7 @@ pub mod prune_parameters;
 mod renaming;
 pub mod renumber_values;
 pub mod resolve_variable_addresses;
+mod row_index;
 pub mod simplify;
 pub mod simplify_control_flow;
 mod substitution;
@@ -26,6 +28,7 @@ pub mod unroll_loops;
 
 use std::sync::OnceLock;
 
+use self::features::Features;
 use crate::error::{Error, ErrorKind};
 use crate::ir::{self, Module, text::print_module};
 
@@ -80,49 +83,84 @@ pub const PASSES: &[Pass] = &[
     pass!(Function, renumber_values, renumber_values),
 ];
 
-/// The order in which they run: these on every function, ...
-const FIRST: &[&str] = &[
-    "inline_functions",
-    "simplify",
-    "resolve_variable_addresses",
-    "eliminate_dead_code",
-    "promote_variables",
-    "simplify",
-    "simplify_control_flow",
-    "prune_parameters",
-    "simplify",
-    "eliminate_common_subexpressions",
-];
-const UNROLL: &str = "unroll_loops";
-/// ... these if a loop was unrolled, ...
-const UNROLLED: &[&str] = &[
-    "simplify_control_flow",
-    "prune_parameters",
-    "simplify",
-    "simplify_control_flow",
-    "resolve_variable_addresses",
-    "eliminate_dead_code",
-    "promote_variables",
-    "prune_parameters",
-    "simplify",
-    "eliminate_common_subexpressions",
-];
-/// ... and these on every one again.
-const LAST: &[&str] = &[
-    "eliminate_dead_code",
-    "hoist_loop_invariants",
-    "merge_loads",
-    "simplify",
-    "eliminate_common_subexpressions",
-    "eliminate_dead_code",
-    "eliminate_unused_tables",
-    "renumber_values",
+/// The order in which they run.
+const ORDER: &[(When, &[&str])] = &[
+    (When::Always, &["inline_functions", "simplify"]),
+    (When::Addresses, ADDRESSES),
+    (When::Variables, &["promote_variables"]),
+    (
+        When::Always,
+        &[
+            "simplify",
+            "simplify_control_flow",
+            "prune_parameters",
+            "simplify",
+            "eliminate_common_subexpressions",
+        ],
+    ),
+    (When::Loops, &[UNROLL]),
+    (
+        When::Unrolled,
+        &[
+            "simplify_control_flow",
+            "prune_parameters",
+            "simplify",
+            "simplify_control_flow",
+        ],
+    ),
+    (When::UnrolledAddresses, ADDRESSES),
+    (When::UnrolledVariables, &["promote_variables"]),
+    (
+        When::Unrolled,
+        &[
+            "prune_parameters",
+            "simplify",
+            "eliminate_common_subexpressions",
+        ],
+    ),
+    (When::Always, &["eliminate_dead_code"]),
+    (When::Loops, &["hoist_loop_invariants"]),
+    (When::Loads, &["merge_loads"]),
+    (
+        When::Always,
+        &[
+            "simplify",
+            "eliminate_common_subexpressions",
+            "eliminate_dead_code",
+            "eliminate_unused_tables",
+            "renumber_values",
+        ],
+    ),
 ];
 
-/// All of them in order, as if there were a loop to unroll.
+/// When passes run: if there is, somewhere in the module, ...
+#[derive(Clone, Copy, PartialEq)]
+enum When {
+    Always,
+    /// ... an address of a variable;
+    Addresses,
+    /// ... an access to a variable;
+    Variables,
+    /// ... a loop;
+    Loops,
+    /// ... a loop that was unrolled;
+    Unrolled,
+    /// ... such a loop and an address;
+    UnrolledAddresses,
+    /// ... such a loop and an access to a variable;
+    UnrolledVariables,
+    /// ... a load from memory.
+    Loads,
+}
+
+const UNROLL: &str = "unroll_loops";
+
+/// Addresses made rows, and what is left of them removed, so that the variables can be promoted.
+const ADDRESSES: &[&str] = &["resolve_variable_addresses", "eliminate_dead_code"];
+
+/// All of them in order, as if each had something to do.
 pub fn order() -> impl Iterator<Item = &'static str> {
-    let parts = [FIRST, &[UNROLL], UNROLLED, LAST];
-    parts.into_iter().flatten().copied()
+    ORDER.iter().flat_map(|(_, names)| *names).copied()
 }
 
 /// Runs all passes in order.
@@ -136,19 +174,34 @@ pub fn optimize(module: &mut Module) -> Result<(), Error> {
         word_offset: None,
         message: format!("lowering made an invalid module: {message}"),
     })?;
-    run_passes(FIRST, module);
-    if unroll(module) {
-        run_passes(UNROLLED, module);
-    }
-    run_passes(LAST, module);
+    run_passes(module);
     print_if("pass", "optimised", module);
     Ok(())
 }
 
-fn run_passes(names: &[&str], module: &mut Module) {
-    for name in names {
-        if !disabled(name) {
-            run_pass(name, module);
+fn run_passes(module: &mut Module) {
+    let mut unrolled = false;
+    for &(when, names) in ORDER {
+        let features = || Features::of(module);
+        let runs = match when {
+            When::Always => true,
+            When::Addresses => features().addresses,
+            When::Variables => features().variables,
+            When::Loops => features().loops,
+            When::Unrolled => unrolled,
+            When::UnrolledAddresses => unrolled && features().addresses,
+            When::UnrolledVariables => unrolled && features().variables,
+            When::Loads => features().loads,
+        };
+        if !runs {
+            continue;
+        }
+        for name in names {
+            if *name == UNROLL {
+                unrolled = unroll(module);
+            } else if !disabled(name) {
+                run_pass(name, module);
+            }
         }
     }
 }

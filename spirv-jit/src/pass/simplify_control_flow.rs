@@ -75,7 +75,15 @@ impl Simplifier {
     }
 
     fn simplify_body(&mut self, body: &mut Body) {
-        let nodes = std::mem::take(&mut body.nodes);
+        // What comes before the first construct stays where it is.
+        let is_construct = |node: &Node| !matches!(node, Node::Inst(_));
+        let first = body.nodes.iter().position(is_construct);
+        let nodes = body.nodes.split_off(first.unwrap_or(body.nodes.len()));
+        for node in &mut body.nodes {
+            if let Node::Inst(inst) = node {
+                self.visit_inst(inst);
+            }
+        }
         body.nodes.reserve(nodes.len());
         let mut nodes = nodes.into_iter();
         while let Some(node) = nodes.next() {
@@ -94,21 +102,23 @@ impl Simplifier {
         self.substitution.resolve_terminator(&mut body.end);
     }
 
+    fn visit_inst(&mut self, inst: &mut Inst) {
+        self.substitution.resolve_all(&mut inst.args);
+        if let (Op::Const(bits), [result]) = (&inst.op, &inst.results[..]) {
+            self.constants[result.index()] = Some(*bits != 0);
+        }
+    }
+
     fn simplify_node(&mut self, mut node: Node, out: &mut Vec<Node>) -> Flow {
         match &mut node {
-            Node::Inst(inst) => {
-                self.substitution.resolve_all(&mut inst.args);
-                if let (Op::Const(bits), [result]) = (&inst.op, &inst.results[..]) {
-                    self.constants[result.index()] = Some(*bits != 0);
-                }
-            }
+            Node::Inst(inst) => self.visit_inst(inst),
             Node::Block {
                 label,
                 results,
                 body,
             } => {
                 let (label, results) = (*label, std::mem::take(results));
-                let body = std::mem::replace(body, unreachable());
+                let body = std::mem::replace(body, Box::new(unreachable()));
                 return self.simplify_block(label, results, body, out);
             }
             Node::If {
@@ -126,7 +136,7 @@ impl Simplifier {
                     };
                     self.count_branches(dropped, -1);
                     let (label, results) = (*label, std::mem::take(results));
-                    let body = std::mem::replace(taken, unreachable());
+                    let body = std::mem::replace(taken, Box::new(unreachable()));
                     return self.simplify_block(label, results, body, out);
                 }
                 self.simplify_body(then_body);
@@ -169,7 +179,7 @@ impl Simplifier {
         &mut self,
         label: Label,
         mut results: Vec<Value>,
-        mut body: Body,
+        mut body: Box<Body>,
         out: &mut Vec<Node>,
     ) -> Flow {
         self.simplify_body(&mut body);

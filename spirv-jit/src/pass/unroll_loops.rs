@@ -83,10 +83,9 @@ struct Unroller<'a> {
 
 impl Unroller<'_> {
     fn walk(&mut self, body: &mut Body) {
-        let nodes = std::mem::take(&mut body.nodes);
-        body.nodes.reserve(nodes.len());
-        for mut node in nodes {
-            match &mut node {
+        let mut unrolled = None;
+        for (index, node) in body.nodes.iter_mut().enumerate() {
+            match node {
                 Node::Inst(inst) => self.learn(inst),
                 Node::Block { body, .. } => self.walk(body),
                 Node::If {
@@ -105,14 +104,19 @@ impl Unroller<'_> {
                 } => {
                     self.walk(inside);
                     if let Some(counts) = self.find_counts(*label, params, init, inside) {
-                        self.unroll(*label, params, init, inside, &counts, &mut body.nodes);
-                        // Nothing comes out of a loop at its end.
-                        body.end = Terminator::Unreachable;
-                        return;
+                        let mut iterations = Vec::with_capacity(2 * counts.counts.len());
+                        self.unroll(*label, params, init, inside, &counts, &mut iterations);
+                        unrolled = Some((index, iterations));
+                        break;
                     }
                 }
             }
-            body.nodes.push(node);
+        }
+        if let Some((index, mut iterations)) = unrolled {
+            body.nodes.truncate(index);
+            body.nodes.append(&mut iterations);
+            // Nothing comes out of a loop at its end.
+            body.end = Terminator::Unreachable;
         }
     }
 
@@ -266,7 +270,7 @@ impl Unroller<'_> {
             out.push(Node::Block {
                 label: end,
                 results: current.clone(),
-                body: copy,
+                body: copy.into(),
             });
         }
         for &value in values.iter().chain(params) {

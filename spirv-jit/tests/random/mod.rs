@@ -1,7 +1,9 @@
 //! Makes programs that verify, end, and show what they computed.
 
+mod flow;
 mod lanes;
 mod operations;
+mod shared;
 
 use spirv_jit::ir::op::{Access, DescriptorBinding};
 use spirv_jit::ir::{
@@ -60,7 +62,7 @@ pub fn random_module(seed: u64) -> Module {
         local_size: [1; 3],
         quads: false,
         query_words: Vec::new(),
-        shared_size_bytes: 0,
+        shared_size_bytes: shared::SIZE_BYTES,
     }
 }
 
@@ -106,9 +108,10 @@ fn generate(random: &mut Random, index: usize, callees: &[Function]) -> Function
         visible,
         labels: Vec::new(),
         budget: 10 + size,
+        barriers: 0,
     };
     let body = generator.body(0, None);
-    generator.function.body = body;
+    generator.function.body = *body;
     generator.function
 }
 
@@ -130,11 +133,13 @@ pub struct Generator<'a> {
     labels: Vec<Open>,
     /// Instructions that may still be made.
     budget: i32,
+    /// Barriers so far.
+    barriers: u32,
 }
 
 impl Generator<'_> {
     /// A body; it ends by leaving `own`, or the function.
-    fn body(&mut self, depth: usize, own: Option<usize>) -> Body {
+    fn body(&mut self, depth: usize, own: Option<usize>) -> Box<Body> {
         let scope = self.visible.len();
         let mut nodes = Vec::new();
         let steps = if depth == 0 {
@@ -151,11 +156,11 @@ impl Generator<'_> {
         }
         let end = self.terminator(own, &mut nodes);
         self.visible.truncate(scope);
-        Body { nodes, end }
+        Box::new(Body { nodes, end })
     }
 
     fn step(&mut self, depth: usize, nodes: &mut Vec<Node>) {
-        match self.random.below(24) {
+        match self.random.below(28) {
             0..11 => self.operation(nodes),
             11..15 => self.variable_access(nodes),
             15 | 16 => self.buffer_access(nodes),
@@ -165,6 +170,11 @@ impl Generator<'_> {
             20 if depth < 6 => self.block(depth, nodes),
             21 | 22 if depth < 6 => self.branch(depth, nodes),
             23 if depth < 6 => self.counted_loop(depth, nodes),
+            24 if depth < 6 => self.switch(depth, nodes),
+            25 if depth > 0 => self.leave(nodes),
+            // Where all lanes that have not ended are together.
+            25 if self.index == 0 => self.barrier(nodes),
+            26 if self.index == 0 => self.shared_access(nodes),
             _ => self.operation(nodes),
         }
     }
@@ -244,15 +254,31 @@ impl Generator<'_> {
                 self.br(label, nodes)
             }
             Some(_) if self.random.one_in(8) => Terminator::Unreachable,
-            _ if self.index > 0 && !self.random.one_in(16) => {
-                let types = self.function.results.clone();
-                Terminator::Return(self.pick_all(&types, nodes))
-            }
-            _ => {
-                let words = (0..OUTPUTS).map(|_| self.word(nodes)).collect();
-                Terminator::End(words)
-            }
+            _ => self.exit(nodes),
         }
+    }
+
+    /// Leaves the function, or ends the invocation.
+    fn exit(&mut self, nodes: &mut Vec<Node>) -> Terminator {
+        if self.index > 0 && !self.random.one_in(16) {
+            let types = self.function.results.clone();
+            return Terminator::Return(self.pick_all(&types, nodes));
+        }
+        let words = (0..OUTPUTS).map(|_| self.word(nodes)).collect();
+        Terminator::End(words)
+    }
+
+    fn open_labels(&self) -> usize {
+        self.labels.len()
+    }
+
+    /// What is visible now, for [`Self::leave_scope`].
+    fn scope(&self) -> usize {
+        self.visible.len()
+    }
+
+    fn leave_scope(&mut self, scope: usize) {
+        self.visible.truncate(scope);
     }
 
     /// Leaves the open construct of that index, counting if it is a loop.
@@ -370,14 +396,14 @@ impl Generator<'_> {
             condition: goes_on,
             label: check,
             results: Vec::new(),
-            then_body: Body {
+            then_body: Box::new(Body {
                 nodes: Vec::new(),
                 end: Terminator::Br(check, Vec::new()),
-            },
-            else_body: Body {
+            }),
+            else_body: Box::new(Body {
                 nodes: leaving,
                 end,
-            },
+            }),
         });
         let mut body = self.body(depth + 1, Some(loop_index));
         head.append(&mut body.nodes);
@@ -394,10 +420,10 @@ impl Generator<'_> {
         nodes.push(Node::Block {
             label: outer,
             results,
-            body: Body {
+            body: Box::new(Body {
                 nodes: inside,
                 end: Terminator::Unreachable,
-            },
+            }),
         });
     }
 

@@ -68,6 +68,7 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
             height: 90,
             triangles: 20_000,
             instances: 32,
+            no_any_hit: false,
         };
         (scale, 2)
     } else {
@@ -76,6 +77,7 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
             height: 270,
             triangles: 200_000,
             instances: 256,
+            no_any_hit: false,
         };
         (scale, 5)
     };

@@ -17,6 +17,7 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
         height: if options.quick { 54 } else { 180 },
         triangles: 20_000,
         instances: 32,
+        no_any_hit: false,
     };
     let rounds = if options.quick { 1 } else { 3 };
     std::fs::create_dir_all(&options.out)?;

@@ -15,6 +15,8 @@ pub struct Scale {
     pub height: u32,
     pub triangles: u32,
     pub instances: u32,
+    /// Whether `foliage` goes without its any-hit shader.
+    pub no_any_hit: bool,
 }
 
 /// What a process tells; `workloads` has more.
@@ -44,6 +46,9 @@ fn arguments(command: &mut Command, scale: &Scale) {
         ("--instances", scale.instances),
     ] {
         command.args([name, &value.to_string()]);
+    }
+    if scale.no_any_hit {
+        command.arg("--no-any-hit");
     }
 }
 

@@ -120,6 +120,8 @@ fn curve<B: DrawingBackend>(
     let right = all().fold(1.0f64, |right, point| right.max(point.0)) * 1.3;
     let left = all().fold(right, |left, point| left.min(point.0)) / 1.3;
     let top = all().fold(0.0f64, |top, point| top.max(point.1)) * 1.5;
+    // What is doubled has its ticks at powers of two.
+    let base = if right > 5_000.0 { 10.0 } else { 2.0 };
     let low = all().fold(top, |low, point| low.min(point.1)) / 1.5;
     let mut chart = ChartBuilder::on(area)
         .caption(
@@ -129,7 +131,10 @@ fn curve<B: DrawingBackend>(
         .margin(12)
         .x_label_area_size(40)
         .y_label_area_size(60)
-        .build_cartesian_2d((left..right).log_scale(), (low..top).log_scale())
+        .build_cartesian_2d(
+            (left..right).log_scale().base(base),
+            (low..top).log_scale().base(2.0),
+        )
         .map_err(failed)?;
     chart
         .configure_mesh()
@@ -145,7 +150,7 @@ fn curve<B: DrawingBackend>(
             .draw_series(LineSeries::new(line.clone(), colour.stroke_width(2)).point_size(3))
             .map_err(failed)?
             .label(results.drivers[driver].clone())
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], colour));
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], colour.stroke_width(2)));
     }
     chart
         .configure_series_labels()

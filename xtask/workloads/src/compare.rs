@@ -165,6 +165,7 @@ fn tasks(options: &Options) -> Result<Vec<Task>> {
             height: 180,
             triangles: 100_000,
             instances: 128,
+            no_any_hit: false,
         }
     } else {
         Scale {
@@ -172,6 +173,7 @@ fn tasks(options: &Options) -> Result<Vec<Task>> {
             height: 360,
             triangles: 500_000,
             instances: 256,
+            no_any_hit: false,
         }
     };
     let task = |name, unit, bounds| Task {

@@ -243,6 +243,7 @@ mod tests {
             height: 1,
             triangles: 2_000,
             instances: 3,
+            no_any_hit: false,
         };
         let tree = Tree::new(triangles(&scale));
         let eye = dvec3(-14.0, 7.0, -22.0);

@@ -221,9 +221,11 @@ fn reflection(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
 
 fn foliage(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     let mut parts = plain(shader::FOLIAGE);
-    let any_hit = shader::with_common(Stage::AnyHit, shader::FOLIAGE_ANY_HIT);
-    parts.shaders.push((Stage::AnyHit, any_hit));
-    parts.groups[2].any_hit = Some(3);
+    if !scale.no_any_hit {
+        let any_hit = shader::with_common(Stage::AnyHit, shader::FOLIAGE_ANY_HIT);
+        parts.shaders.push((Stage::AnyHit, any_hit));
+        parts.groups[2].any_hit = Some(3);
+    }
     let world = World::foliage(gpu, scale);
     let rays = pipeline(gpu, &parts, &world.bindings());
     let turn = launch(gpu, scale, &rays, 1);
@@ -362,6 +364,7 @@ fn launches(gpu: &Gpu, _scale: &Scale) -> Option<Prepared> {
         instances: 16,
         width: 8,
         height: 8,
+        no_any_hit: false,
     };
     let world = World::landscape(gpu, &small, 1);
     let rays = pipeline(gpu, &parts, &world.bindings());

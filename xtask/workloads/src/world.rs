@@ -20,6 +20,9 @@ pub struct Scale {
     /// Balls of 2,048 triangles on it
     #[arg(long, default_value_t = 256)]
     pub instances: usize,
+    /// Leave out the any-hit shader of `foliage`
+    #[arg(long)]
+    pub no_any_hit: bool,
 }
 
 impl Scale {

@@ -415,7 +415,7 @@ impl<'a> Parser<'a> {
             let label = self.label()?;
             let results = self.construct_results()?;
             self.expect('{')?;
-            let body = self.body()?;
+            let body = self.body()?.into();
             return Ok(Node::Block {
                 label,
                 results,
@@ -436,7 +436,7 @@ impl<'a> Parser<'a> {
                 init = self.values_until(')')?;
             }
             self.expect('{')?;
-            let body = self.body()?;
+            let body = self.body()?.into();
             return Ok(Node::Loop {
                 label,
                 params,
@@ -453,12 +453,12 @@ impl<'a> Parser<'a> {
         let label = self.label()?;
         let results = self.construct_results()?;
         self.expect('{')?;
-        let then_body = self.body()?;
+        let then_body = self.body()?.into();
         if !self.accept_word("else") {
             return Err(format!("expected `else`, found {}", self.found()));
         }
         self.expect('{')?;
-        let else_body = self.body()?;
+        let else_body = self.body()?.into();
         Ok(Node::If {
             condition,
             label,

@@ -1,8 +1,7 @@
 //! Which rows of variables become values, and of which type.
 
-use foldhash::HashMap;
-
 use crate::ir::{Body, Function, Node, Op, Type, VariableId};
+use crate::pass::row_index::RowIndex;
 
 /// An access to a variable at a fixed row, in tree order.
 #[derive(Clone, Copy)]
@@ -10,6 +9,8 @@ struct RowAccess {
     variable: VariableId,
     row: u32,
     ty: Type,
+    /// The variable has an address.
+    is_pinned: bool,
 }
 
 /// What becomes of one access.
@@ -24,6 +25,7 @@ pub enum Promotion {
 }
 
 /// The rows that become values.
+#[derive(Default)]
 pub struct Cells {
     /// Type of each cell.
     pub types: Vec<Type>,
@@ -42,40 +44,56 @@ struct RowUse {
     high: bool,
 }
 
+impl RowUse {
+    fn is_unused(self) -> bool {
+        self.narrow == 0 && self.low == 0 && !self.high
+    }
+}
+
 /// Finds the cells of a function: rows of variables without an address, whose accesses agree in width or are 64-bit ones over words.
 pub fn find_cells(function: &Function) -> Cells {
     let mut accesses = Vec::new();
     let mut pinned = vec![false; function.variables.len()];
     collect_accesses(function, &function.body, &mut accesses, &mut pinned);
-    let mut uses: HashMap<(u32, u32), RowUse> = HashMap::default();
-    for access in accesses.iter().filter(|a| !pinned[a.variable.index()]) {
-        let at = (access.variable.0, access.row);
+    accesses.iter_mut().for_each(|access| {
+        access.is_pinned = pinned[access.variable.index()];
+    });
+    let Some(rows) = RowIndex::new(function, |variable| !pinned[variable]) else {
+        return Cells::default();
+    };
+    let mut uses = vec![RowUse::default(); rows.count];
+    for access in accesses.iter().filter(|access| !access.is_pinned) {
+        let at = rows.place(access.variable, access.row);
         let set = 1 << access.ty as u8;
         if access.ty.rows() == 2 {
-            uses.entry(at).or_default().low |= set;
-            uses.entry((at.0, at.1 + 1)).or_default().high = true;
+            uses[at].low |= set;
+            uses[at + 1].high = true;
         } else {
-            uses.entry(at).or_default().narrow |= set;
+            uses[at].narrow |= set;
         }
     }
-    let mut rows: Vec<((u32, u32), RowUse)> = uses.into_iter().collect();
-    rows.sort_unstable_by_key(|&(at, _)| at);
 
     let mut types = Vec::new();
-    let mut placed: HashMap<(u32, u32), Promotion> = HashMap::default();
-    let mut rest = &rows[..];
-    while !rest.is_empty() {
+    let mut placed = vec![Promotion::Keep; rows.count];
+    let mut at = 0;
+    while at < rows.count {
+        if uses[at].is_unused() {
+            at += 1;
+            continue;
+        }
         // Rows that 64-bit accesses tie together are decided together.
-        let length = rest.iter().take_while(|(_, row)| row.low != 0).count() + 1;
-        let (group, others) = rest.split_at(length);
-        rest = others;
-        place_group(group, &mut types, &mut placed);
+        let length = uses[at..].iter().take_while(|row| row.low != 0).count() + 1;
+        let group = at..at + length;
+        place_group(&uses[group.clone()], &mut types, &mut placed[group]);
+        at += length;
     }
     let promotions = accesses
         .iter()
         .map(|access| {
-            let place = placed.get(&(access.variable.0, access.row));
-            match place.copied().unwrap_or(Promotion::Keep) {
+            if access.is_pinned {
+                return Promotion::Keep;
+            }
+            match placed[rows.place(access.variable, access.row)] {
                 Promotion::Cell(cell) if types[cell as usize].bits() < access.ty.bits() => {
                     Promotion::Pair(cell)
                 }
@@ -100,11 +118,13 @@ fn collect_accesses(
                     variable,
                     row,
                     ty: function.ty(inst.results[0]),
+                    is_pinned: false,
                 }),
                 Op::VarStore(variable, row) => accesses.push(RowAccess {
                     variable,
                     row,
                     ty: function.ty(inst.args[0]),
+                    is_pinned: false,
                 }),
                 _ => {}
             },
@@ -124,24 +144,20 @@ fn collect_accesses(
 }
 
 /// Makes cells of a run of rows if their accesses can be told in values.
-fn place_group(
-    group: &[((u32, u32), RowUse)],
-    types: &mut Vec<Type>,
-    placed: &mut HashMap<(u32, u32), Promotion>,
-) {
+fn place_group(group: &[RowUse], types: &mut Vec<Type>, placed: &mut [Promotion]) {
     const WORDS: u8 = 1 << Type::I32 as u8 | 1 << Type::F32 as u8;
-    let first = group[0].1;
-    if let [(at, row)] = group {
+    let first = group[0];
+    if let [row] = group {
         if let Some(ty) = one_type(row.narrow) {
-            placed.insert(*at, Promotion::Cell(types.len() as u32));
+            placed[0] = Promotion::Cell(types.len() as u32);
             types.push(ty);
         }
-    } else if group.len() == 2 && first.narrow | group[1].1.narrow == 0 && !first.high {
-        placed.insert(group[0].0, Promotion::Cell(types.len() as u32));
+    } else if group.len() == 2 && first.narrow | group[1].narrow == 0 && !first.high {
+        placed[0] = Promotion::Cell(types.len() as u32);
         types.push(one_type(first.low).expect("64-bit types have one width"));
-    } else if group.iter().all(|(_, row)| row.narrow & !WORDS == 0) {
-        for (at, _) in group {
-            placed.insert(*at, Promotion::Cell(types.len() as u32));
+    } else if group.iter().all(|row| row.narrow & !WORDS == 0) {
+        for place in placed {
+            *place = Promotion::Cell(types.len() as u32);
             types.push(Type::I32);
         }
     }

@@ -4,10 +4,11 @@
 mod cells;
 mod liveness;
 
-use smallvec::smallvec;
+use smallvec::{SmallVec, smallvec};
 
 use self::cells::{Cells, Promotion, find_cells};
 use self::liveness::{Candidates, find_candidates};
+use super::edit::edit_nodes;
 use super::substitution::Substitution;
 use crate::ir::{Body, Function, Inst, Node, Op, Terminator, Type, Value};
 
@@ -65,14 +66,11 @@ struct Promoter<'a> {
 
 impl Promoter<'_> {
     fn walk(&mut self, body: &mut Body) {
-        let nodes = std::mem::take(&mut body.nodes);
-        body.nodes.reserve(nodes.len());
-        for mut node in nodes {
-            match &mut node {
+        edit_nodes(&mut body.nodes, |node, before| {
+            match node {
                 Node::Inst(inst) => {
                     if matches!(inst.op, Op::VarLoad(..) | Op::VarStore(..)) {
-                        self.promote_access(inst, &mut body.nodes);
-                        continue;
+                        return self.promote_access(inst, before);
                     }
                     self.substitution.resolve_all(&mut inst.args);
                 }
@@ -112,8 +110,8 @@ impl Promoter<'_> {
                     self.leave_loop(label.index(), begin);
                 }
             }
-            body.nodes.push(node);
-        }
+            true
+        });
         self.substitution.resolve_terminator(&mut body.end);
         if let Terminator::Br(label, args) = &mut body.end {
             for index in 0..self.handed_on[label.index()].len() {
@@ -189,8 +187,10 @@ impl Promoter<'_> {
     }
 
     /// Replaces a load by what the cell holds, or makes a store's operand that; with conversions where types differ.
+    ///
+    /// Whether the access stays; what replaces it goes to `nodes`.
     #[inline(never)]
-    fn promote_access(&mut self, inst: &mut Inst, nodes: &mut Vec<Node>) {
+    fn promote_access(&mut self, inst: &mut Inst, nodes: &mut Vec<Node>) -> bool {
         let promotion = self.cells.promotions[self.next_access];
         self.next_access += 1;
         self.substitution.resolve_all(&mut inst.args);
@@ -198,13 +198,13 @@ impl Promoter<'_> {
         let mut emit = |op, args: &[Value], results: &[Value]| {
             nodes.push(Node::Inst(Inst {
                 op,
-                args: args.into(),
-                results: results.into(),
+                args: SmallVec::from_slice(args),
+                results: SmallVec::from_slice(results),
                 source: inst.source,
             }));
         };
         match promotion {
-            Promotion::Keep => nodes.push(Node::Inst(inst.clone())),
+            Promotion::Keep => return true,
             Promotion::Cell(cell) if is_load => {
                 let result = inst.results[0];
                 let content = self.content(cell);
@@ -236,6 +236,7 @@ impl Promoter<'_> {
                 self.set(cell + 1, high);
             }
         }
+        false
     }
 
     /// Puts the zeros that were asked for at the head of the function.

@@ -77,7 +77,7 @@ impl Simplifier<'_> {
         }
         let x = self.operand_of(a, &Op::FNeg)?;
         let y = self.operand_of(b, &Op::FNeg)?;
-        becomes(op.clone(), &[x, y])
+        becomes(*op, &[x, y])
     }
 }
 

@@ -146,7 +146,7 @@ impl Simplifier<'_> {
             // Counts are modulo the width.
             (Op::Shl | Op::LShr | Op::AShr, _) if k >= ty.bits() as u64 => {
                 let count = self.emit_constant(k % ty.bits() as u64, ty);
-                becomes(op.clone(), &[a, count])
+                becomes(*op, &[a, count])
             }
             (Op::ISub, _) if ty != Type::I1 => {
                 let negative = self.emit_constant(k.wrapping_neg() & ones, ty);
@@ -180,7 +180,7 @@ impl Simplifier<'_> {
         }
         let c = self.constant(args[1])?;
         let both = fold(op, ty, ty, &[c, k])?;
-        self.with_constant(op.clone(), args[0], both, ty)
+        self.with_constant(*op, args[0], both, ty)
     }
 
     fn shift_chain(&mut self, op: &Op, a: Value, k: u64, ty: Type) -> Option<Outcome> {
@@ -193,7 +193,7 @@ impl Simplifier<'_> {
         if both >= width {
             return Some(Outcome::Constant(0));
         }
-        self.with_constant(op.clone(), args[0], both, ty)
+        self.with_constant(*op, args[0], both, ty)
     }
 }
 

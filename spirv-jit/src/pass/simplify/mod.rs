@@ -24,6 +24,7 @@ pub fn simplify(function: &mut Function) {
     let mut simplifier = Simplifier {
         substitution: Substitution::identity(function),
         definitions: vec![Definition::Opaque; function.value_types.len()],
+        pure: Vec::with_capacity(function.value_types.len()),
         function,
         emitted: Vec::new(),
     };
@@ -32,14 +33,14 @@ pub fn simplify(function: &mut Function) {
 }
 
 /// How a value was made, as far as rules look.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 enum Definition {
     Opaque,
     Constant(u64),
     /// A word of the input record.
     Input(u32),
-    /// A pure operation with one result.
-    Pure(Op, SmallVec<[Value; 3]>),
+    /// A pure operation with one result: its place among those.
+    Pure(u32),
     /// A word of a 64-bit value.
     Word {
         of: Value,
@@ -63,6 +64,8 @@ struct Simplifier<'a> {
     function: &'a mut Function,
     substitution: Substitution,
     definitions: Vec<Definition>,
+    /// Pure operations with one result and up to three operands, the first of them in the places that are left.
+    pure: Vec<(Op, [Value; 3])>,
     /// Instructions to put before the one at hand.
     emitted: Vec<Node>,
 }
@@ -139,7 +142,12 @@ impl Simplifier<'_> {
         let definition = match op {
             Op::Const(bits) => Definition::Constant(*bits),
             Op::Input(row) => Definition::Input(*row),
-            _ if args.len() <= 3 && !args.is_empty() => Definition::Pure(op.clone(), args.into()),
+            _ if args.len() <= 3 && !args.is_empty() => {
+                let mut operands = [args[0]; 3];
+                operands[..args.len()].copy_from_slice(args);
+                self.pure.push((*op, operands));
+                Definition::Pure(self.pure.len() as u32 - 1)
+            }
             _ => Definition::Opaque,
         };
         if self.definitions.len() <= result.index() {
@@ -197,7 +205,7 @@ impl Simplifier<'_> {
             && self.constant(args[1]).is_none()
         {
             let swapped = smallvec![args[1], args[0]];
-            return Some(Becomes(inst.op.clone(), swapped));
+            return Some(Becomes(inst.op, swapped));
         }
         self.apply_int_rules(&inst.op, args, ty)
             .or_else(|| self.apply_float_rules(&inst.op, args, ty))
@@ -222,19 +230,17 @@ impl Simplifier<'_> {
     }
 
     /// The operation and operands that a value comes from, if pure.
-    fn pure(&self, value: Value) -> Option<(Op, SmallVec<[Value; 3]>)> {
+    fn pure(&self, value: Value) -> Option<(Op, [Value; 3])> {
         match self.definition(value) {
-            Definition::Pure(op, args) => Some((op.clone(), args.clone())),
+            Definition::Pure(place) => Some(self.pure[*place as usize]),
             _ => None,
         }
     }
 
     /// The operand of a unary operation that a value comes from.
     fn operand_of(&self, value: Value, wanted: &Op) -> Option<Value> {
-        match self.definition(value) {
-            Definition::Pure(op, args) if op == wanted => Some(args[0]),
-            _ => None,
-        }
+        let (op, args) = self.pure(value)?;
+        (op == *wanted).then_some(args[0])
     }
 
     fn emit_constant(&mut self, bits: u64, ty: Type) -> Value {
@@ -246,7 +252,7 @@ impl Simplifier<'_> {
         self.define(result, &op, args);
         self.emitted.push(Node::Inst(Inst {
             op,
-            args: args.into(),
+            args: SmallVec::from_slice(args),
             results: smallvec![result],
             source: 0,
         }));
@@ -255,7 +261,7 @@ impl Simplifier<'_> {
 }
 
 fn becomes(op: Op, args: &[Value]) -> Option<Outcome> {
-    Some(Becomes(op, args.into()))
+    Some(Becomes(op, SmallVec::from_slice(args)))
 }
 
 fn is_commutative(op: &Op) -> bool {

@@ -55,14 +55,14 @@ impl Simplifier<'_> {
             }
         }
         // The same condition once more.
-        match self.definition(x) {
-            Definition::Pure(Op::Select, inner) if inner[0] == condition => {
+        match self.pure(x) {
+            Some((Op::Select, inner)) if inner[0] == condition => {
                 return becomes(Op::Select, &[condition, inner[1], y]);
             }
             _ => {}
         }
-        match self.definition(y) {
-            Definition::Pure(Op::Select, inner) if inner[0] == condition => {
+        match self.pure(y) {
+            Some((Op::Select, inner)) if inner[0] == condition => {
                 becomes(Op::Select, &[condition, x, inner[2]])
             }
             _ => None,
@@ -73,11 +73,14 @@ impl Simplifier<'_> {
         if self.ty(a) == ty {
             return Some(Is(a));
         }
+        match self.pure(a) {
+            Some((Op::Bitcast, inner)) => return becomes(Op::Bitcast, &[inner[0]]),
+            Some((Op::Pack64, inner)) => return becomes(Op::Pack64, &[inner[0], inner[1]]),
+            _ => {}
+        }
         match self.definition(a) {
             // Inputs are words of either kind.
             Definition::Input(row) if ty.bits() == 32 => becomes(Op::Input(*row), &[]),
-            Definition::Pure(Op::Bitcast, inner) => becomes(Op::Bitcast, &[inner[0]]),
-            Definition::Pure(Op::Pack64, inner) => becomes(Op::Pack64, &[inner[0], inner[1]]),
             _ => None,
         }
     }

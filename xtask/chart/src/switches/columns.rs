@@ -22,9 +22,12 @@ enum Size {
     OneInstance,
     /// A ground that no cache holds.
     Large,
+    /// Leaves that no any-hit shader cuts out.
+    NoAnyHit,
 }
 
 const WALKS: &[&str] = &["walks"];
+const SCHEDULER: &[&str] = &["scheduler"];
 const COMPILER: &[&str] = &["compiler"];
 const BOTH: &[&str] = &["walks", "compiler"];
 
@@ -60,6 +63,11 @@ pub const COLUMNS: &[Column] = &[
         size: Size::Large,
         ..column("path", WALKS)
     },
+    Column {
+        name: "foliage, no any-hit",
+        size: Size::NoAnyHit,
+        ..quick(column("foliage", SCHEDULER))
+    },
     column("reflection", BOTH),
     column("foliage", BOTH),
     column("spheres", BOTH),
@@ -84,11 +92,16 @@ impl Column {
             height: if quick { 90 } else { 180 },
             triangles: 100_000,
             instances: 128,
+            no_any_hit: false,
         };
         match self.size {
             Size::Usual => usual,
             Size::OneInstance => Scale {
                 instances: 0,
+                ..usual
+            },
+            Size::NoAnyHit => Scale {
+                no_any_hit: true,
                 ..usual
             },
             Size::Large => Scale {

@@ -17,13 +17,13 @@ use columns::{COLUMNS, Column};
 use table::{Gain, Table};
 
 /// What `TUFF_DISABLE` takes, by what it belongs to.
-fn switches() -> [(&'static str, Vec<&'static str>); 2] {
+fn switches() -> [(&'static str, Vec<&'static str>); 3] {
+    let walks = Specialisation::ALL.iter().map(|(name, _)| *name);
+    let passes = PASSES.iter().map(|pass| pass.name);
     [
-        (
-            "walks",
-            Specialisation::ALL.iter().map(|(name, _)| *name).collect(),
-        ),
-        ("compiler", PASSES.iter().map(|pass| pass.name).collect()),
+        ("walks", walks.collect()),
+        ("scheduler", vec!["no_any_hit"]),
+        ("compiler", passes.collect()),
     ]
 }
 

@@ -95,6 +95,8 @@ impl Stacks {
         }
         labels.push(thread.into());
         labels.reverse();
+        // Closures in closures, and whatever calls itself.
+        labels.dedup();
         *self.folded.entry(labels.join(";")).or_default() += count;
     }
 
