@@ -50,7 +50,7 @@ pub(crate) fn places(kind: Kind, count: u64) -> (u64, u64) {
     match kind {
         _ if count < FEW => (0, 0),
         // Leaves hold several, so that two trees have room where one is grown.
-        Kind::Triangles => ((count / 8 + 16).min(MOST), 0),
+        Kind::Triangles => ((count / 32 + 16).min(MOST), 0),
         // Instances overlap more than anything else. All nodes are pieces.
         kind if kind.is_top() => ((2 * count).min(MOST), count.min(MOST / 2)),
         _ => (0, 0),
