@@ -1,5 +1,5 @@
-//! What the Slang compiler makes of the ray tracing examples of slangpy. `cargo xtask slang` fetches both and runs these; they are
-//! ignored otherwise. Expectations are by geometry: barycentric weights, and a plane in a white furnace.
+//! What the Slang compiler makes of the ray tracing examples of slangpy. `cargo xtask slang` fetches both, and builds and runs this
+//! program, which the feature `slang` stands for. Expectations are by geometry: barycentric weights, and a plane in a white furnace.
 
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::path::PathBuf;
@@ -53,6 +53,17 @@ impl Slang {
             "-o",
             "entry.spv",
         ])
+    }
+
+    /// The ray generation, miss and closest-hit shader of an example, by their names there.
+    fn stages(&self, file: &str, names: [&str; 3]) -> [(Stage, Vec<u32>); 3] {
+        let [ray_generation, miss, closest_hit] = names;
+        [
+            (Stage::RayGeneration, ray_generation, "raygeneration"),
+            (Stage::Miss, miss, "miss"),
+            (Stage::ClosestHit, closest_hit, "closesthit"),
+        ]
+        .map(|(stage, name, called)| (stage, self.compile(file, name, called)))
     }
 
     /// Compiles as the command line says; the first entry point's code.
@@ -139,7 +150,6 @@ fn check_triangle(gpu: &Gpu, picture: &Picture) {
 }
 
 #[test]
-#[ignore = "needs the Slang compiler and the examples: cargo xtask slang"]
 fn a_triangle_by_a_ray_query() {
     let words = Slang::new().compile("raytracing/raytracing.slang", "main", "compute");
     let gpu = gpu();
@@ -159,21 +169,10 @@ fn a_triangle_by_a_ray_query() {
 }
 
 #[test]
-#[ignore = "needs the Slang compiler and the examples: cargo xtask slang"]
 fn a_triangle_by_a_pipeline() {
     let slang = Slang::new();
     let file = "raytracing_pipeline/raytracing_pipeline.slang";
-    let shaders = [
-        (
-            Stage::RayGeneration,
-            slang.compile(file, "ray_gen", "raygeneration"),
-        ),
-        (Stage::Miss, slang.compile(file, "miss", "miss")),
-        (
-            Stage::ClosestHit,
-            slang.compile(file, "closest_hit", "closesthit"),
-        ),
-    ];
+    let shaders = slang.stages(file, ["ray_gen", "miss", "closest_hit"]);
     let gpu = gpu();
     let world = gpu.scene(&[Geometry::opaque(&TRIANGLE)]);
     let picture = canvas(&gpu);
@@ -254,22 +253,11 @@ fn check_square(gpu: &Gpu, picture: &Picture) {
 
 /// The path tracer by a ray query and by a pipeline that recurs.
 #[test]
-#[ignore = "needs the Slang compiler and the examples: cargo xtask slang"]
 fn a_path_tracer_in_a_furnace() {
     let slang = Slang::new();
     let file = "pathtracer/pathtracer.slang";
     let compute = slang.compile(file, "compute_main", "compute");
-    let shaders = [
-        (
-            Stage::RayGeneration,
-            slang.compile(file, "rt_ray_gen", "raygeneration"),
-        ),
-        (Stage::Miss, slang.compile(file, "rt_miss", "miss")),
-        (
-            Stage::ClosestHit,
-            slang.compile(file, "rt_closest_hit", "closesthit"),
-        ),
-    ];
+    let shaders = slang.stages(file, ["rt_ray_gen", "rt_miss", "rt_closest_hit"]);
     let gpu = gpu();
     let corners: Vec<[f32; 3]> = INDICES.iter().map(|&i| CORNERS[i as usize]).collect();
     let world = gpu.scene(&[Geometry::opaque(&corners)]);

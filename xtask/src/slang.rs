@@ -37,7 +37,7 @@ pub fn slang(options: &Options) -> Result<ExitCode> {
     loader::require()?;
     let mut tests = workspace::cargo();
     tests.args(["test", "--package", "tuff-tests", "--test", "slang"]);
-    tests.args(["--", "--ignored"]);
+    tests.args(["--features", "slang"]);
     tests.env("TUFF_SLANG", std::path::absolute(compiler)?);
     tests.env("TUFF_SLANG_EXAMPLES", std::path::absolute(examples)?);
     driver.select_for(&mut tests);
