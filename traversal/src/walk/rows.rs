@@ -125,12 +125,6 @@ const TRIANGLE: u32 = 1 << 9;
 const SPHERE: u32 = 1 << 10;
 const LINEAR_SWEPT_SPHERE: u32 = 1 << 11;
 
-/// The word of `HitRows::kind` for an opaque triangle.
-#[inline(always)]
-pub(crate) fn opaque_triangle(hit_kind: u8) -> u32 {
-    u32::from(hit_kind) | OPAQUE | TRIANGLE
-}
-
 impl HitRows {
     /// Puts a hit into a lane.
     #[inline]
@@ -231,7 +225,7 @@ impl HitRows {
     /// What kind of opaque triangle the hit of a lane is.
     #[inline]
     pub(crate) fn set_opaque_triangle(&mut self, lane: usize, hit_kind: u8) {
-        self.kind[lane % PACKET] = opaque_triangle(hit_kind);
+        self.kind[lane % PACKET] = u32::from(hit_kind) | OPAQUE | TRIANGLE;
     }
 }
 
