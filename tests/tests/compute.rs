@@ -2,8 +2,6 @@
 
 use tuff_tests::*;
 
-const ONE: [u32; 3] = [1, 1, 1];
-
 #[test]
 fn every_invocation_knows_its_place() {
     let gpu = Gpu::new();
