@@ -14,6 +14,7 @@ mod answers;
 mod batch;
 mod calls;
 mod checked;
+mod companies;
 mod grid;
 mod hit_object;
 mod inputs;
