@@ -29,6 +29,7 @@ mod beams;
 mod block;
 mod company;
 mod descend;
+mod enlist;
 mod facts;
 mod found;
 #[cfg(target_arch = "x86_64")]
@@ -45,13 +46,18 @@ mod options;
 mod packet;
 mod probe;
 mod rows;
+#[cfg(target_arch = "x86_64")]
+mod sight;
 mod space;
+#[cfg(target_arch = "x86_64")]
+mod stream;
 mod swept;
 mod triangle;
 mod walker;
 
 use crate::ray::{Hit, Ray, ray_flags};
 pub use company::{Company, Progress};
+pub use enlist::Caller;
 use level::Entered;
 pub use list::List;
 pub use options::{Accuracy, Options, Specialisation, Switches};

@@ -12,6 +12,7 @@ use crate::walk::found::Found;
 use crate::walk::group;
 use crate::walk::kernel::GroupHits;
 use crate::walk::options::Accuracy;
+use crate::walk::sight::LaneOf;
 use crate::walk::triangle::{Intersection, ORDINARY, Rim, SLACK, intersect};
 
 /// Tests the triangles of a leaf: those whose boxes any ray might meet, or all for each ray where those are fewer.
@@ -77,8 +78,18 @@ fn test_singly(
         rest &= rest - 1;
         let interval = [rays.beams.t_min[lane], found.t[lane]];
         // SAFETY: the machine has AVX2.
-        let mut mask =
-            unsafe { group::intersect(&rays.beams, lane, groups, there, interval, &mut hits) };
+        let mut mask = unsafe {
+            group::intersect(
+                LaneOf {
+                    beams: &rays.beams,
+                    lane,
+                },
+                groups,
+                there,
+                interval,
+                &mut hits,
+            )
+        };
         while mask != 0 {
             let i = mask.trailing_zeros() as usize % LEAF_TRIANGLES;
             mask &= mask - 1;
