@@ -82,6 +82,8 @@ pub struct Batch<'a> {
     ready: Vec<Ready>,
     /// Groups of rays whose walks begin.
     pub(super) starting: Vec<u32>,
+    /// Rays that the walker has taken up, by groups.
+    pub(super) enlisted: Vec<(u32, u16)>,
     /// Rays whose walk can go on.
     pub(super) walking: Vec<(LaneRef, Verdict)>,
     /// Groups of rays that can go on together.
@@ -104,12 +106,14 @@ impl<'a> Batch<'a> {
         worker.companies.clear();
         worker.records = Records::default();
         worker.queries.clear();
+        worker.walker.dismiss();
         Self {
             dispatch,
             grid,
             worker,
             ready: Vec::new(),
             starting: Vec::new(),
+            enlisted: Vec::new(),
             walking: Vec::new(),
             going_on: Vec::new(),
             calls: Calls::default(),

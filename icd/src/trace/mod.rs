@@ -24,6 +24,7 @@ mod rays;
 mod reorder;
 mod slab;
 pub mod stats;
+mod streams;
 mod subgroup;
 pub mod table;
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Advancing the walks of a batch's rays, and what their events call.
 
 use smallvec::SmallVec;
-use traversal::{Event, PACKET, Progress, Verdict, Walk};
+use traversal::{Event, PACKET, Progress, Verdict, Walk, Walker};
 
 use super::Stopped;
 use super::batch::{Batch, FUEL, Worker};
@@ -9,6 +9,10 @@ use super::rays::{hit_record_index, record_indices, skips_closest_hit};
 use super::subgroup::{LaneRef, Role, lanes_of};
 use super::table::ProgramIndex;
 use crate::validate::Need;
+
+/// Groups of which rays are walked together: fewer are not worth it, and a walker takes up no more.
+const ENOUGH: usize = 4;
+const MOST: usize = Walker::MOST_ENLISTED / PACKET;
 
 /// What becomes of a walk after an event.
 enum Next {
@@ -24,8 +28,12 @@ impl Batch<'_> {
     pub(super) fn advance_walks(&mut self) -> Result<(), Stopped> {
         let starting = std::mem::take(&mut self.starting);
         for &group in &starting {
-            self.start_walks(group)?;
+            self.start_walks(group, starting.len() >= ENOUGH)?;
+            if self.enlisted.len() >= MOST {
+                self.trace_enlisted()?;
+            }
         }
+        self.trace_enlisted()?;
         self.starting = recycled(starting);
         let walking = std::mem::take(&mut self.walking);
         for some in walking.chunks(PACKET) {
@@ -40,8 +48,8 @@ impl Batch<'_> {
         Ok(())
     }
 
-    /// Walks the rays of a group that has just been started.
-    fn start_walks(&mut self, index: u32) -> Result<(), Stopped> {
+    /// Walks the rays of a group that has just been started. `together`: or has the walker take them up, to be traced with others.
+    fn start_walks(&mut self, index: u32, together: bool) -> Result<(), Stopped> {
         let Worker {
             walker,
             walks,
@@ -68,8 +76,21 @@ impl Batch<'_> {
         };
         // SAFETY: the application keeps the structures that a trace may reach built and bound until the dispatch is
         // complete (VUID-vkCmdTraceRaysKHR-None-03429 and the build commands' rules).
-        unsafe { walker.trace_in_turn(rays, lanes, &mut group.hits, &mut { FUEL }, &mut keep) };
-        let mut done = lanes;
+        let enlisted = unsafe {
+            let hits = &mut group.hits;
+            let enlisted = match together {
+                true => walker.enlist(rays, lanes, hits, index),
+                false => 0,
+            };
+            if enlisted != lanes {
+                walker.trace_in_turn(rays, lanes & !enlisted, hits, &mut { FUEL }, &mut keep);
+            }
+            enlisted
+        };
+        if enlisted != 0 {
+            self.enlisted.push((index, enlisted));
+        }
+        let mut done = lanes & !enlisted;
         for (lane, event) in events {
             if !self.is_over(LaneRef::new(index, lane), event)? {
                 done &= !(1 << lane);
