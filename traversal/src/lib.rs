@@ -104,6 +104,6 @@ pub use transfer::{
     Serialized, compact_into, compacted_size, copy_into, deserialize, serialize, serialized_size,
 };
 pub use walk::{
-    Accuracy, Event, HitRows, Lanes, List, Options, PACKET, RayRows, Specialisation, Switches,
-    Tier, TriangleTest, Verdict, Walk, Walker, Words,
+    Accuracy, Caller, Company, Event, HitRows, Lanes, List, Options, PACKET, Progress, RayRows,
+    Specialisation, Switches, Tier, TriangleTest, Verdict, Walk, Walker, Words,
 };

@@ -2,12 +2,13 @@
 
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::{AlignedRow, IO_DATA_ROW, SiteKind};
-use traversal::Verdict;
+use traversal::{Company, Hit, Verdict, Walk};
 
 use super::batch::{Batch, Worker};
-use super::rays::{Report, hit_record_index};
+use super::rays::{RayGroup, Report, hit_record_index, operand};
+use super::slab::Slab;
 use super::subgroup::{
-    LaneRef, Role, SubgroupIndex, by_index, copy_lanes, in_place, lanes_named, lanes_of,
+    LaneRef, Role, Subgroup, SubgroupIndex, by_index, copy_lanes, in_place, lanes_named, lanes_of,
 };
 use crate::validate::{Instruction, Need};
 
@@ -142,6 +143,7 @@ impl Batch<'_> {
             subgroups,
             ray_groups,
             walks,
+            companies,
             records,
             ..
         } = &mut *self.worker;
@@ -153,19 +155,17 @@ impl Batch<'_> {
         for lane in lanes_of(lanes) {
             let ray = subgroup.of[lane];
             let group = &mut ray_groups[ray.index()];
-            let walk = &mut walks[group.walks[ray.lane()]];
             let t = f32::from_bits(numbers[0].0[lane]);
             let hit_kind = numbers[1].0[lane] as u8;
-            // Written so that a NaN is outside.
-            let inside = t >= walk.t_min() && t <= walk.t_max();
-            if !inside || group.over >> ray.lane() & 1 != 0 {
+            let decider = Decider::of(group, subgroups, walks, companies, ray.lane());
+            if !decider.is_inside(t) || group.over >> ray.lane() & 1 != 0 {
                 continue;
             }
-            let any_hit = if walk.candidate().opaque {
+            let any_hit = if decider.candidate.opaque {
                 None
             } else {
                 let operands = group.operands(subgroups);
-                let record = hit_record_index(operands, ray.lane(), walk.candidate());
+                let record = hit_record_index(operands, ray.lane(), &decider.candidate);
                 (records.find(shaders, &self.dispatch.tables.hit, record))
                     .and_then(|(group, record)| Some((group.any_hit?, record)))
             };
@@ -190,7 +190,7 @@ impl Batch<'_> {
                     attribute[ray.lane()] = row.0[lane];
                 }
             }
-            let over = walk.commit_procedural(t, hit_kind);
+            let over = commit(group, walks, companies, ray.lane(), (t, hit_kind));
             verdicts[lane] = if over { 2 } else { 1 };
         }
         let row = &mut subgroups[index].rows[io].0;
@@ -212,8 +212,14 @@ impl Batch<'_> {
             for (attribute, word) in procedural.attributes.iter_mut().zip(report.attributes) {
                 attribute[lane] = word;
             }
-            let walk = &mut worker.walks[group.walks[lane]];
-            let over = walk.commit_procedural(report.t, report.hit_kind);
+            let reported = (report.t, report.hit_kind);
+            let over = commit(
+                group,
+                &mut worker.walks,
+                &mut worker.companies,
+                lane,
+                reported,
+            );
             group.over |= u16::from(terminates) << lane;
             verdict = if over || terminates { 2 } else { 1 };
         }
@@ -252,9 +258,11 @@ impl Batch<'_> {
                 }
             }
             Role::AnyHit | Role::AnyHitOfReport => {
-                for (group, lanes) in by_index(lanes, &of) {
-                    let caller = self.worker.ray_groups[group].caller;
-                    self.copy_outputs(&outputs[1..], lanes, caller, &of);
+                if outputs.len() > 1 {
+                    for (group, lanes) in by_index(lanes, &of) {
+                        let caller = self.worker.ray_groups[group].caller;
+                        self.copy_outputs(&outputs[1..], lanes, caller, &of);
+                    }
                 }
                 for lane in lanes_of(lanes) {
                     self.decide(role, of[lane], outputs[0].0[lane]);
@@ -263,6 +271,10 @@ impl Batch<'_> {
             Role::Intersection => {
                 for lane in lanes_of(lanes) {
                     let group = &self.worker.ray_groups[of[lane].index()];
+                    if group.company.is_some() {
+                        self.decided(of[lane]);
+                        continue;
+                    }
                     let verdict = match group.over >> of[lane].lane() & 1 {
                         0 => Verdict::Continue,
                         _ => Verdict::Terminate,
@@ -281,6 +293,14 @@ impl Batch<'_> {
     fn decide(&mut self, role: Role, ray: LaneRef, decision: u32) {
         if role == Role::AnyHitOfReport {
             return self.decide_report(ray, decision != 1, decision > 1);
+        }
+        let group = &mut self.worker.ray_groups[ray.index()];
+        if group.company.is_some() {
+            if decision != 1 {
+                group.over |= u16::from(decision > 1) << ray.lane();
+                self.accept(ray);
+            }
+            return self.decided(ray);
         }
         let verdict = match decision {
             0 => Verdict::Accept,
@@ -314,5 +334,58 @@ impl Batch<'_> {
                 }
             }
         }
+    }
+}
+
+/// What decides whether a reported hit counts.
+pub(super) struct Decider {
+    pub candidate: Hit,
+    t_min: f32,
+    t_max: f32,
+}
+
+impl Decider {
+    pub fn of(
+        group: &RayGroup,
+        subgroups: &Slab<Subgroup>,
+        walks: &Slab<Walk>,
+        companies: &Slab<Box<Company>>,
+        lane: usize,
+    ) -> Decider {
+        let t_min = group.operands(subgroups)[operand::T_MIN].0[lane];
+        let (candidate, t_max) = match group.company {
+            Some(place) => {
+                let company = &companies[place];
+                (company.candidates().hit(lane), company.t_max()[lane])
+            }
+            None => {
+                let walk = &walks[group.walks[lane]];
+                (*walk.candidate(), walk.t_max())
+            }
+        };
+        Decider {
+            candidate,
+            t_min: f32::from_bits(t_min),
+            t_max,
+        }
+    }
+
+    /// Written so that a NaN is outside.
+    pub fn is_inside(&self, t: f32) -> bool {
+        t >= self.t_min && t <= self.t_max
+    }
+}
+
+/// Commits a hit that was reported for the candidate of a ray. Returns whether the ray is over by it.
+fn commit(
+    group: &mut RayGroup,
+    walks: &mut Slab<Walk>,
+    companies: &mut Slab<Box<Company>>,
+    lane: usize,
+    (t, hit_kind): (f32, u8),
+) -> bool {
+    match group.company {
+        Some(place) => companies[place].report(lane, t, hit_kind, &mut group.hits),
+        None => walks[group.walks[lane]].commit_procedural(t, hit_kind),
     }
 }

@@ -3,7 +3,7 @@
 use smallvec::SmallVec;
 use spirv_jit::program::{AlignedRow, Event, ResumePoint, SiteKind, Wave};
 use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
-use traversal::{RayRows, Verdict, Walk, Walker};
+use traversal::{Company, RayRows, Verdict, Walk, Walker};
 
 use super::calls::{Call, Calls, Records};
 use super::grid::Grid;
@@ -12,7 +12,7 @@ use super::queries::Queries;
 use super::rays::RayGroup;
 use super::slab::Slab;
 use super::stats::Tally;
-use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex};
+use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, lanes_of};
 use super::table::ProgramIndex;
 use super::{Dispatch, Stopped};
 use crate::settings::settings;
@@ -37,6 +37,10 @@ pub struct Worker {
     pub(super) ray_groups: Slab<RayGroup>,
     /// Walks that wait for a shader.
     pub(super) walks: Slab<Walk>,
+    /// Rays that wait together.
+    pub(super) companies: Slab<Box<Company>>,
+    /// Rays that set out together.
+    pub(super) company: Box<Company>,
     /// The rays that are being started.
     pub(super) rays: RayRows,
     pub(super) records: Records,
@@ -53,6 +57,8 @@ impl Default for Worker {
             subgroups: Slab::default(),
             ray_groups: Slab::default(),
             walks: Slab::default(),
+            companies: Slab::default(),
+            company: Box::default(),
             rays: RayRows::NONE,
             records: Records::default(),
             spare_rows: Vec::new(),
@@ -76,8 +82,12 @@ pub struct Batch<'a> {
     ready: Vec<Ready>,
     /// Groups of rays whose walks begin.
     pub(super) starting: Vec<u32>,
+    /// Rays that the walker has taken up, by groups.
+    pub(super) enlisted: Vec<(u32, u16)>,
     /// Rays whose walk can go on.
     pub(super) walking: Vec<(LaneRef, Verdict)>,
+    /// Groups of rays that can go on together.
+    pub(super) going_on: Vec<u32>,
     pub(super) calls: Calls,
     /// Subgroups that stand at a reorder instruction.
     pub(super) reordering: Vec<SubgroupIndex>,
@@ -93,15 +103,19 @@ impl<'a> Batch<'a> {
         worker.subgroups.clear();
         worker.ray_groups.clear();
         worker.walks.clear();
+        worker.companies.clear();
         worker.records = Records::default();
         worker.queries.clear();
+        worker.walker.dismiss();
         Self {
             dispatch,
             grid,
             worker,
             ready: Vec::new(),
             starting: Vec::new(),
+            enlisted: Vec::new(),
             walking: Vec::new(),
+            going_on: Vec::new(),
             calls: Calls::default(),
             reordering: Vec::new(),
             state_bytes: 0,
@@ -145,7 +159,7 @@ impl<'a> Batch<'a> {
 
     /// Something other than a reordering is to be done.
     fn is_busy(&self) -> bool {
-        let walks = self.starting.is_empty() && self.walking.is_empty();
+        let walks = self.starting.is_empty() && self.walking.is_empty() && self.going_on.is_empty();
         !(self.ready.is_empty() && walks && self.calls.is_empty())
     }
 
@@ -184,6 +198,7 @@ impl<'a> Batch<'a> {
             subgroups: &self.worker.subgroups,
             ray_groups: &self.worker.ray_groups,
             walks: &self.worker.walks,
+            companies: &self.worker.companies,
         };
         sources.fill(program, subgroup, records, &mut rows);
         self.worker.subgroups[index].rows = rows;
@@ -300,6 +315,28 @@ impl<'a> Batch<'a> {
             bucket.clear();
         }
         self.calls = calls;
+        Ok(())
+    }
+
+    /// Makes a subgroup of rays of a group, each in its own lane.
+    pub(super) fn form_in_place(
+        &mut self,
+        (program, role, record): (ProgramIndex, Role, u64),
+        group: u32,
+        lanes: u16,
+    ) -> Result<(), Stopped> {
+        let of = std::array::from_fn(|lane| LaneRef::new(group, lane));
+        if let Some(traced) = self.dispatch.checks {
+            for lane in lanes_of(lanes) {
+                self.check_call(traced, program, role, of[lane]);
+            }
+        }
+        let index = self.new_subgroup(program, role, lanes)?;
+        let worker = &mut *self.worker;
+        let launch = worker.subgroups[worker.ray_groups[group].caller].launch;
+        let subgroup = &mut worker.subgroups[index];
+        (subgroup.of, subgroup.launch) = (of, launch);
+        self.start(index, &[record; SUBGROUP_SIZE]);
         Ok(())
     }
 

@@ -2,7 +2,8 @@
 
 use traversal::{Hit, Ray, RayRows, Structure};
 
-use super::batch::Batch;
+use super::answers::Decider;
+use super::batch::{Batch, Worker};
 use super::rays::{hit_record_index, operand, structure_in};
 use super::subgroup::{LaneRef, Role, SubgroupIndex, lanes_of};
 use super::table::{ProgramIndex, Region, read_handle};
@@ -38,10 +39,16 @@ impl Batch<'_> {
         traced.hit_kind(self.shader_of(index), subgroup.io(program, 1, lane));
         let ray = subgroup.of[lane];
         let group = &worker.ray_groups[ray.index()];
-        let walk = &worker.walks[group.walks[ray.lane()]];
         let t = f32::from_bits(subgroup.io(program, 0, lane));
-        let candidate = walk.candidate();
-        let counts = t >= walk.t_min() && t <= walk.t_max() && group.over >> ray.lane() & 1 == 0;
+        let Worker {
+            subgroups,
+            walks,
+            companies,
+            ..
+        } = worker;
+        let decider = Decider::of(group, subgroups, walks, companies, ray.lane());
+        let candidate = &decider.candidate;
+        let counts = decider.is_inside(t) && group.over >> ray.lane() & 1 == 0;
         if counts && !candidate.opaque {
             let record = hit_record_index(group.operands(&worker.subgroups), ray.lane(), candidate);
             self.check_hit_record(traced, Need::AnyHit, record, candidate);

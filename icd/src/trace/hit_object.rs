@@ -7,7 +7,7 @@ use traversal::{Hit, Structure, Swept};
 
 use super::Limits;
 use super::batch::{Batch, Worker};
-use super::rays::{Operands, RayGroup, operand};
+use super::rays::{Operands, RayGroup, operand, record_indices};
 use super::subgroup::{Subgroup, SubgroupIndex, lanes_of};
 use super::table::HANDLE_SIZE;
 
@@ -147,7 +147,7 @@ impl Batch<'_> {
 /// The words of the hit object that a trace fills.
 fn found_by(group: &RayGroup, operands: &Operands, lane: usize) -> [u32; word::COUNT] {
     let mut object = [0; word::COUNT];
-    object[word::RECORD_INDEX] = group.record_indices(operands)[lane];
+    object[word::RECORD_INDEX] = record_indices(&group.hits, operands)[lane];
     let state = match group.hits.get(lane) {
         Some(hit) => {
             object[word::T_MAX] = hit.t.to_bits();

@@ -4,7 +4,7 @@ use std::cell::OnceCell;
 
 use spirv_jit::program::{AlignedRow, Builtin, IO_DATA_ROW, InputRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
-use traversal::{Hit, HitRows, Structure, Swept, Walk};
+use traversal::{Company, Hit, HitRows, Structure, Swept, Walk};
 
 use super::Dispatch;
 use super::grid::Grid;
@@ -20,6 +20,7 @@ pub struct Sources<'a> {
     pub subgroups: &'a Slab<Subgroup>,
     pub ray_groups: &'a Slab<RayGroup>,
     pub walks: &'a Slab<Walk>,
+    pub companies: &'a Slab<Box<Company>>,
 }
 
 /// Per lane; lanes that were not started repeat the first one.
@@ -128,6 +129,44 @@ impl Callers<'_> {
     }
 }
 
+/// What a shader is about.
+enum Subject<'a> {
+    /// What was found in the end, or nothing.
+    Hits,
+    /// Candidates of rays that walk together, each in its own lane.
+    Together(&'a Company),
+    /// Candidates, and where their rays' intervals end.
+    Candidates(Lanes<(Hit, f32)>),
+}
+
+impl<'a> Subject<'a> {
+    fn new(
+        sources: &Sources<'a>,
+        of: &Lanes<LaneRef>,
+        groups: &Lanes<&RayGroup>,
+        in_place: bool,
+    ) -> Self {
+        if let Some(place) = groups[0].company
+            && in_place
+        {
+            return Self::Together(&sources.companies[place]);
+        }
+        Self::Candidates(std::array::from_fn(|i| {
+            let lane = of[i].lane();
+            match groups[i].company {
+                Some(place) => {
+                    let company = &sources.companies[place];
+                    (company.candidates().hit(lane), company.t_max()[lane])
+                }
+                None => {
+                    let walk = &sources.walks[groups[i].walks[lane]];
+                    (*walk.candidate(), walk.t_max())
+                }
+            }
+        }))
+    }
+}
+
 /// The rays of a subgroup of hit or miss shaders, and the hits that they are about.
 struct HitLanes<'a> {
     dispatch: &'a Dispatch<'a>,
@@ -138,8 +177,7 @@ struct HitLanes<'a> {
     lanes: Lanes<usize>,
     /// They are one group, each ray in its own lane.
     is_in_place: bool,
-    /// Walks that stand at the candidate which the shader decides on.
-    walks: Option<Lanes<&'a Walk>>,
+    subject: Subject<'a>,
     object_to_world: OnceCell<Lanes<[f32; 12]>>,
     world_to_object: OnceCell<Lanes<[f32; 12]>>,
     vertices: OnceCell<Lanes<[[f32; 3]; 3]>>,
@@ -167,18 +205,20 @@ impl<'a> HitLanes<'a> {
             subgroup.role,
             Role::AnyHit | Role::AnyHitOfReport | Role::Intersection
         );
-        let walks = decides.then(|| {
-            std::array::from_fn(|lane| &sources.walks[groups[lane].walks[of[lane].lane()]])
-        });
+        let is_in_place =
+            of.iter().all(|ray| ray.index() == of[0].index()) && in_place(u16::MAX, of);
+        let subject = match decides {
+            true => Subject::new(sources, of, &groups, is_in_place),
+            false => Subject::Hits,
+        };
         Self {
             dispatch: sources.dispatch,
             role: subgroup.role,
             groups,
             operands,
             lanes: of.map(LaneRef::lane),
-            is_in_place: of.iter().all(|ray| ray.index() == of[0].index())
-                && in_place(u16::MAX, of),
-            walks,
+            is_in_place,
+            subject,
             object_to_world: OnceCell::new(),
             world_to_object: OnceCell::new(),
             vertices: OnceCell::new(),
@@ -192,9 +232,18 @@ impl<'a> HitLanes<'a> {
 
     /// The hit in a lane. Where it is about a report, this is the box.
     fn hit(&self, lane: usize) -> Hit {
-        match &self.walks {
-            Some(walks) => *walks[lane].candidate(),
-            None => (self.groups[lane].hits.get(self.lanes[lane])).unwrap_or(Hit::NONE),
+        match &self.subject {
+            Subject::Candidates(candidates) => candidates[lane].0,
+            Subject::Together(company) => company.candidates().hit(lane),
+            Subject::Hits => (self.groups[lane].hits.get(self.lanes[lane])).unwrap_or(Hit::NONE),
+        }
+    }
+
+    /// Whether there is something in a lane: those that were not started repeat one that was, but where each has its own lane.
+    fn is_there(&self, lane: usize) -> bool {
+        match &self.subject {
+            Subject::Together(company) => company.candidates().found >> lane & 1 != 0,
+            _ => true,
         }
     }
 
@@ -205,13 +254,20 @@ impl<'a> HitLanes<'a> {
         row: impl Fn(&HitRows, usize) -> u32,
         candidate: impl Fn(&Hit) -> u32,
     ) -> Option<Row> {
-        Some(match &self.walks {
-            Some(walks) => walks.map(|walk| candidate(walk.candidate())),
-            None if self.is_in_place => {
+        Some(match &self.subject {
+            Subject::Candidates(candidates) => {
+                std::array::from_fn(|lane| candidate(&candidates[lane].0))
+            }
+            Subject::Together(company) => {
+                std::array::from_fn(|lane| row(company.candidates(), lane))
+            }
+            Subject::Hits if self.is_in_place => {
                 let hits = &self.groups[0].hits;
                 std::array::from_fn(|lane| row(hits, lane))
             }
-            None => std::array::from_fn(|lane| row(&self.groups[lane].hits, self.lanes[lane])),
+            Subject::Hits => {
+                std::array::from_fn(|lane| row(&self.groups[lane].hits, self.lanes[lane]))
+            }
         })
     }
 
@@ -234,14 +290,16 @@ impl<'a> HitLanes<'a> {
     fn attribute_row(&self, word: usize) -> Row {
         std::array::from_fn(|lane| {
             let (group, from) = (self.groups[lane], self.lanes[lane]);
-            let built_in = match &self.walks {
-                Some(walks) => Some(walks[lane].candidate())
+            let weights = |hits: &HitRows, lane: usize| {
+                let [second, third] = &hits.barycentrics;
+                (hits.is_built_in(lane)).then(|| [second[lane], third[lane]])
+            };
+            let built_in = match &self.subject {
+                Subject::Candidates(candidates) => Some(&candidates[lane].0)
                     .filter(|hit| hit.is_built_in())
                     .map(|hit| hit.barycentrics),
-                None => (group.hits.is_built_in(from)).then(|| {
-                    let [second, third] = &group.hits.barycentrics;
-                    [second[from], third[from]]
-                }),
+                Subject::Together(company) => weights(company.candidates(), lane),
+                Subject::Hits => weights(&group.hits, from),
             };
             if let Some(weights) = built_in {
                 return weights.get(word).map_or(0, |weight| weight.to_bits());
@@ -258,6 +316,9 @@ impl<'a> HitLanes<'a> {
     fn of_structures<T: Default>(&self, read: impl Fn(Structure, &Hit, f32) -> T) -> Lanes<T> {
         let mut last = (0, None);
         std::array::from_fn(|lane| {
+            if !self.is_there(lane) {
+                return T::default();
+            }
             let (operands, from) = (self.operands[lane], self.lanes[lane]);
             let named = structure_in(operands, from);
             if named != last.0 {
@@ -284,6 +345,9 @@ impl<'a> HitLanes<'a> {
     fn of_instances(&self, read: impl Fn(Structure, u32, f32) -> [f32; 12]) -> Lanes<[f32; 12]> {
         let mut last: Option<((u64, u32, u32), [f32; 12])> = None;
         std::array::from_fn(|lane| {
+            if !self.is_there(lane) {
+                return [0.0; 12];
+            }
             let named = structure_in(self.operands[lane], self.lanes[lane]);
             let (index, time) = (self.hit(lane).instance_index, self.time(lane));
             let asked = (named, index, time.to_bits());
@@ -387,9 +451,14 @@ impl<'a> HitLanes<'a> {
 
     /// `RayTmaxKHR`: the hit's distance in hit shaders, the end of the interval as it stands in the others.
     fn t_max_row(&self) -> Option<Row> {
-        match (self.role, &self.walks) {
+        match (self.role, &self.subject) {
             (Role::AnyHitOfReport, _) => Some(self.of_reports(|report| report.t.to_bits())),
-            (Role::Intersection, Some(walks)) => Some(walks.map(|walk| walk.t_max().to_bits())),
+            (Role::Intersection, Subject::Candidates(candidates)) => {
+                Some(std::array::from_fn(|lane| candidates[lane].1.to_bits()))
+            }
+            (Role::Intersection, Subject::Together(company)) => {
+                Some(company.t_max().map(f32::to_bits))
+            }
             _ => self.of_hits(|hits, lane| hits.t[lane].to_bits(), |hit| hit.t.to_bits()),
         }
     }

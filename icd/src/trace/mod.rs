@@ -14,6 +14,7 @@ mod answers;
 mod batch;
 mod calls;
 mod checked;
+mod companies;
 mod grid;
 mod hit_object;
 mod inputs;
@@ -23,6 +24,7 @@ mod rays;
 mod reorder;
 mod slab;
 pub mod stats;
+mod streams;
 mod subgroup;
 pub mod table;
 #[cfg(test)]

@@ -63,8 +63,12 @@ pub struct RayGroup {
     pub hits: HitRows,
     /// By lane, where the walk is suspended: its place.
     pub walks: [u32; SUBGROUP_SIZE],
-    /// Lanes whose search an any-hit shader has ended from inside an intersection shader.
+    /// Lanes whose search an any-hit shader has ended.
     pub over: u16,
+    /// Where rays that walk together wait for decisions; there they are all.
+    pub company: Option<u32>,
+    /// Those of them about which shaders have not decided yet.
+    pub undecided: u16,
     /// What is found goes into hit objects.
     pub fills_hit_object: bool,
     /// The instruction says when rays are cast.
@@ -82,6 +86,7 @@ impl RayGroup {
         self.io = io;
         self.in_flight = lanes;
         self.over = 0;
+        self.company = None;
         self.fills_hit_object = false;
         self.has_time = false;
         self.is_recorded = false;
@@ -148,25 +153,24 @@ impl RayGroup {
             rays.top_level[lane] = last.1;
         }
     }
+}
 
-    /// Indices of the hit group records for hits, and of the miss records where there is none.
-    pub fn record_indices(&self, operands: &Operands) -> Row {
-        let hits = &self.hits;
-        let [offset, stride, miss] = [
-            &operands[operand::SBT_OFFSET].0,
-            &operands[operand::SBT_STRIDE].0,
-            &operands[operand::MISS_INDEX].0,
-        ];
-        std::array::from_fn(|lane| {
-            let hit = hits.instance_sbt_offset[lane]
-                .wrapping_add(hits.geometry_index[lane].wrapping_mul(stride[lane]))
-                .wrapping_add(offset[lane]);
-            match hits.found >> lane & 1 {
-                0 => miss[lane],
-                _ => hit,
-            }
-        })
-    }
+/// Indices of the hit group records for hits, and of the miss records where there is none.
+pub fn record_indices(hits: &HitRows, operands: &Operands) -> Row {
+    let [offset, stride, miss] = [
+        &operands[operand::SBT_OFFSET].0,
+        &operands[operand::SBT_STRIDE].0,
+        &operands[operand::MISS_INDEX].0,
+    ];
+    std::array::from_fn(|lane| {
+        let hit = hits.instance_sbt_offset[lane]
+            .wrapping_add(hits.geometry_index[lane].wrapping_mul(stride[lane]))
+            .wrapping_add(offset[lane]);
+        match hits.found >> lane & 1 {
+            0 => miss[lane],
+            _ => hit,
+        }
+    })
 }
 
 /// Index of the hit group record for a hit (chapter Ray Tracing, "Hit Shaders").

@@ -1,13 +1,18 @@
 //! Advancing the walks of a batch's rays, and what their events call.
 
 use smallvec::SmallVec;
-use traversal::{Event, PACKET, Verdict, Walk};
+use traversal::{Event, PACKET, Progress, Verdict, Walk, Walker};
 
 use super::Stopped;
 use super::batch::{Batch, FUEL, Worker};
-use super::rays::{hit_record_index, skips_closest_hit};
+use super::rays::{hit_record_index, record_indices, skips_closest_hit};
 use super::subgroup::{LaneRef, Role, lanes_of};
+use super::table::ProgramIndex;
 use crate::validate::Need;
+
+/// Groups of which rays are walked together: fewer are not worth it, and a walker takes up no more.
+const ENOUGH: usize = 4;
+const MOST: usize = Walker::MOST_ENLISTED / PACKET;
 
 /// What becomes of a walk after an event.
 enum Next {
@@ -23,30 +28,45 @@ impl Batch<'_> {
     pub(super) fn advance_walks(&mut self) -> Result<(), Stopped> {
         let starting = std::mem::take(&mut self.starting);
         for &group in &starting {
-            self.start_walks(group)?;
+            self.start_walks(group, starting.len() >= ENOUGH)?;
+            if self.enlisted.len() >= MOST {
+                self.trace_enlisted()?;
+            }
         }
+        self.trace_enlisted()?;
         self.starting = recycled(starting);
         let walking = std::mem::take(&mut self.walking);
         for some in walking.chunks(PACKET) {
             self.resume_walks(some)?;
         }
         self.walking = recycled(walking);
+        let going_on = std::mem::take(&mut self.going_on);
+        for &group in &going_on {
+            self.go_on(group)?;
+        }
+        self.going_on = recycled(going_on);
         Ok(())
     }
 
-    /// Walks the rays of a group that has just been started.
-    fn start_walks(&mut self, index: u32) -> Result<(), Stopped> {
+    /// Walks the rays of a group that has just been started. `together`: or has the walker take them up, to be traced with others.
+    fn start_walks(&mut self, index: u32, together: bool) -> Result<(), Stopped> {
         let Worker {
             walker,
             walks,
             rays,
             ray_groups,
             subgroups,
+            company,
             ..
         } = &mut *self.worker;
         let group = &mut ray_groups[index];
         group.load(group.operands(subgroups), self.dispatch, rays);
         let lanes = group.in_flight;
+        // SAFETY: as below.
+        let progress = unsafe { walker.set_out(rays, lanes, &mut group.hits, company) };
+        if progress != Progress::Apart {
+            return self.heed_company(index, lanes, progress);
+        }
         let mut events: SmallVec<[(usize, Event); PACKET]> = SmallVec::new();
         let mut keep = |lane: usize, walk: &mut Walk, event| {
             let place = walks.take();
@@ -56,8 +76,21 @@ impl Batch<'_> {
         };
         // SAFETY: the application keeps the structures that a trace may reach built and bound until the dispatch is
         // complete (VUID-vkCmdTraceRaysKHR-None-03429 and the build commands' rules).
-        unsafe { walker.trace(rays, lanes, &mut group.hits, &mut { FUEL }, &mut keep) };
-        let mut done = lanes;
+        let enlisted = unsafe {
+            let hits = &mut group.hits;
+            let enlisted = match together {
+                true => walker.enlist(rays, lanes, hits, index),
+                false => 0,
+            };
+            if enlisted != lanes {
+                walker.trace_in_turn(rays, lanes & !enlisted, hits, &mut { FUEL }, &mut keep);
+            }
+            enlisted
+        };
+        if enlisted != 0 {
+            self.enlisted.push((index, enlisted));
+        }
+        let mut done = lanes & !enlisted;
         for (lane, event) in events {
             if !self.is_over(LaneRef::new(index, lane), event)? {
                 done &= !(1 << lane);
@@ -99,7 +132,7 @@ impl Batch<'_> {
     }
 
     /// Heeds an event, and goes on as long as no shader has a say. Whether the walk is over, and its hit put down.
-    fn is_over(&mut self, ray: LaneRef, mut event: Event) -> Result<bool, Stopped> {
+    pub(super) fn is_over(&mut self, ray: LaneRef, mut event: Event) -> Result<bool, Stopped> {
         loop {
             let verdict = match self.heed(ray, event)? {
                 Next::Resume(verdict) => verdict,
@@ -149,28 +182,24 @@ impl Batch<'_> {
         let candidate = worker.walks[group.walks[ray.lane()]].candidate();
         let index = hit_record_index(group.operands(&worker.subgroups), ray.lane(), candidate);
         if let Some(traced) = self.dispatch.checks {
-            let need = match role {
-                Role::AnyHit => Need::AnyHit,
-                _ => Need::Intersection,
-            };
-            self.check_hit_record(traced, need, index, candidate);
+            self.check_hit_record(traced, need(role), index, candidate);
         }
-        let found =
-            self.worker
-                .records
-                .find(self.dispatch.shaders, &self.dispatch.tables.hit, index);
-        let Some((group, record)) = found else {
-            return false;
-        };
+        match self.find_decider(index, role) {
+            Some((program, record)) => self.calls.push(program, role, record, ray),
+            None => return false,
+        }
+        true
+    }
+
+    /// The shader that decides on a candidate, and the record, if the record's group has one.
+    pub(super) fn find_decider(&mut self, index: u32, role: Role) -> Option<(ProgramIndex, u64)> {
+        let (shaders, table) = (self.dispatch.shaders, &self.dispatch.tables.hit);
+        let (group, record) = self.worker.records.find(shaders, table, index)?;
         let program = match role {
             Role::AnyHit => group.any_hit,
             _ => group.intersection,
         };
-        let Some(program) = program else {
-            return false;
-        };
-        self.calls.push(program, role, record, ray);
-        true
+        Some((program?, record))
     }
 
     /// Walks of a group are over: the closest-hit or the miss shaders run, where there are any.
@@ -184,7 +213,7 @@ impl Batch<'_> {
             return self.fill_hit_objects(index, lanes);
         }
         let operands = group.operands(&worker.subgroups);
-        let records = group.record_indices(operands);
+        let records = record_indices(&group.hits, operands);
         let hits = group.hits.found & lanes;
         let mut silent = hits & skips_closest_hit(operands);
         if let Some(traced) = self.dispatch.checks {
@@ -226,6 +255,14 @@ impl Batch<'_> {
             }
         }
         self.finish_rays(index, silent);
+    }
+}
+
+/// What the record of a candidate is looked up for.
+pub(super) fn need(role: Role) -> Need {
+    match role {
+        Role::AnyHit => Need::AnyHit,
+        _ => Need::Intersection,
     }
 }
 

@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 mod cost;
+pub mod drop_unchanged_payload;
 mod edit;
 mod effects;
 pub mod eliminate_common_subexpressions;
@@ -78,6 +79,7 @@ pub const PASSES: &[Pass] = &[
         }),
     },
     pass!(Function, merge_loads, merge_loads),
+    pass!(Module, drop_unchanged_payload, drop_unchanged_payload),
     pass!(Function, eliminate_dead_code, eliminate_dead_code),
     pass!(Module, eliminate_dead_code, eliminate_unused_tables),
     pass!(Function, renumber_values, renumber_values),
@@ -126,6 +128,7 @@ const ORDER: &[(When, &[&str])] = &[
         &[
             "simplify",
             "eliminate_common_subexpressions",
+            "drop_unchanged_payload",
             "eliminate_dead_code",
             "eliminate_unused_tables",
             "renumber_values",

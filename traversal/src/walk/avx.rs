@@ -12,6 +12,7 @@ use super::kernel::{GroupHits, Kernel, T_MARGIN};
 use super::leaf::{Leaf, Triangles};
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::rows::Lanes;
+use super::sight::LaneOf;
 use super::space::Space;
 use super::walker::Entry;
 use crate::layout::{Block, GROUP, Node, TriangleGroup, WIDTH};
@@ -242,7 +243,7 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
         found: &mut GroupHits,
     ) -> u32 {
         // SAFETY: the caller's promise.
-        unsafe { group::intersect(beams, lane, groups, lanes, interval, found) }
+        unsafe { group::intersect(LaneOf { beams, lane }, groups, lanes, interval, found) }
     }
 
     #[inline(always)]

@@ -39,6 +39,39 @@ pub(crate) const AXIS: u32 = size_of::<[f32; GROUP]>() as u32;
 /// Bytes of a row of a node.
 pub(crate) const ROW: u32 = size_of::<[f32; WIDTH]>() as u32;
 
+/// What box tests need of a ray along an axis; see [`Beams`].
+struct Terms {
+    far_origin: f32,
+    near_inverse: f32,
+    far_inverse: f32,
+}
+
+impl Terms {
+    #[inline(always)]
+    fn new(origin: f32, direction: f32) -> Terms {
+        // A zero counts as positive.
+        let inverse = 1.0 / (direction + 0.0);
+        Terms {
+            far_origin: if direction == 0.0 {
+                lower(origin)
+            } else {
+                origin
+            },
+            near_inverse: -(inverse * (1.0 - MARGIN)),
+            far_inverse: -(inverse * (1.0 + MARGIN)),
+        }
+    }
+}
+
+/// What box tests need of rays, by the axes of space.
+#[repr(C, align(64))]
+pub(crate) struct Boxes {
+    pub origin: [Lanes; 3],
+    pub far_origin: [Lanes; 3],
+    pub near_inverse: [Lanes; 3],
+    pub far_inverse: [Lanes; 3],
+}
+
 /// Rays in world space.
 #[repr(C, align(64))]
 pub(crate) struct Given {
@@ -108,8 +141,8 @@ pub(crate) struct Beams {
     /// Lower ends of the intervals; not negative.
     pub t_min: Lanes,
     /// As given, by the axes of space.
-    space_origin: [Lanes; 3],
-    space_direction: [Lanes; 3],
+    pub space_origin: [Lanes; 3],
+    pub space_direction: [Lanes; 3],
     /// [`Accuracy::reach`].
     pub reach: f32,
 }
@@ -254,25 +287,52 @@ impl Beams {
             let axis = axes[i];
             let origin = pick(axis, o[0][i], o[1][i], o[2][i]);
             let direction = pick(axis, d[0][i], d[1][i], d[2][i]);
-            // A zero counts as positive.
-            let inverse = 1.0 / (direction + 0.0);
-            let far = inverse * (1.0 + MARGIN);
+            let terms = Terms::new(origin, direction);
             let upper = if direction < 0.0 { ROW } else { 0 };
             directions[i] = direction;
             self.origin[k][i] = origin;
-            self.far_origin[k][i] = if direction == 0.0 {
-                lower(origin)
-            } else {
-                origin
-            };
-            self.near_inverse[k][i] = -(inverse * (1.0 - MARGIN));
-            self.far_inverse[k][i] = -far;
+            self.far_origin[k][i] = terms.far_origin;
+            self.near_inverse[k][i] = terms.near_inverse;
+            self.far_inverse[k][i] = terms.far_inverse;
             self.near_rows[k][i] = axis * (2 * ROW) + upper;
             self.axes[k][i] = axis * AXIS;
-            let reaches = (magnitude(far) < INFINITE) | (direction == 0.0);
+            let reaches = (magnitude(terms.far_inverse) < INFINITE) | (direction == 0.0);
             sound[i] &= u32::from(reaches & (magnitude(origin) < INFINITE));
         }
         directions
+    }
+
+    /// What box tests need, by the axes of space, of rays that were set up together. `origin_error`: as for [`Self::set_up_top`].
+    #[inline(always)]
+    pub fn by_axes(&self, origin_error: Option<f32>) -> Boxes {
+        let o = &self.space_origin;
+        let mut boxes = Boxes {
+            origin: *o,
+            far_origin: [[0.0; PACKET]; 3],
+            near_inverse: [[0.0; PACKET]; 3],
+            far_inverse: [[0.0; PACKET]; 3],
+        };
+        for axis in 0..3 {
+            let d = &self.space_direction[axis];
+            for i in 0..PACKET {
+                let terms = Terms::new(o[axis][i], d[i]);
+                boxes.far_origin[axis][i] = terms.far_origin;
+                boxes.near_inverse[axis][i] = terms.near_inverse;
+                boxes.far_inverse[axis][i] = terms.far_inverse;
+            }
+        }
+        let Some(origin_error) = origin_error else {
+            return boxes;
+        };
+        for axis in 0..3 {
+            for i in 0..PACKET {
+                let reach = max(o[0][i].abs(), max(o[1][i].abs(), o[2][i].abs()));
+                let toward = (reach * origin_error).copysign(-boxes.near_inverse[axis][i]);
+                boxes.far_origin[axis][i] -= toward;
+                boxes.origin[axis][i] += toward;
+            }
+        }
+        boxes
     }
 
     /// Sets a lane up as a ray is in a space that is not scaled.

@@ -290,7 +290,7 @@ pub(super) fn fetch(mask: u32, node: &Node, structure: &Structure) {
 }
 
 /// Puts the children in `mask` down from `places` on, farthest first, but for the nearest. Returns that one's word, and how
-/// many were put down. With `ANY`, in any order.
+/// many were put down. With `ANY`, the last one is taken for the nearest: an order that does not depend on the ray.
 ///
 /// # Safety
 /// `mask` is not 0, and there is room for eight entries.
@@ -306,26 +306,28 @@ pub(super) unsafe fn push_children<const ANY: bool>(
     if rest == 0 {
         return (first.word(), 0);
     }
+    if ANY {
+        let (mut last, mut pushed) = (first, 0);
+        while rest != 0 {
+            // SAFETY: the caller's promise; `pushed` is below eight.
+            unsafe { places.add(pushed).write(last) };
+            pushed += 1;
+            last = entry(children, near, rest);
+            rest &= rest - 1;
+        }
+        return (last.word(), pushed);
+    }
     let mut pushed = 1;
     let second = entry(children, near, rest);
     rest &= rest - 1;
-    let (mut nearest, farther) = if ANY {
-        (first, second)
-    } else {
-        first.ordered(second)
-    };
-    // SAFETY: the caller's promise; `pushed` is below eight.
+    let (mut nearest, farther) = first.ordered(second);
+    // SAFETY: as above.
     unsafe { places.write(farther) };
     while rest != 0 {
         let next = entry(children, near, rest);
         rest &= rest - 1;
         let mut place = pushed;
         pushed += 1;
-        if ANY {
-            // SAFETY: as above.
-            unsafe { places.add(place).write(next) };
-            continue;
-        }
         let (close, far) = nearest.ordered(next);
         nearest = close;
         // SAFETY: as above.

@@ -23,6 +23,8 @@ pub(crate) struct InstanceFacts {
     /// Every triangle that is hit counts: all are opaque, none by a micromap, and none is culled
     /// for its facing.
     pub takes_all: bool,
+    /// Triangles that are hit count by their geometry alone: none is culled, or has a micromap.
+    pub is_plain: bool,
 }
 
 /// Whether flags make everything opaque, or not opaque: by the ray's two lowest bits (`OPAQUE`,
@@ -46,6 +48,7 @@ impl InstanceFacts {
         ray_flags: 0,
         opaque: None,
         takes_all: false,
+        is_plain: false,
     };
 
     #[inline(always)]
@@ -61,6 +64,7 @@ impl InstanceFacts {
             ray_flags: ray.flags,
             opaque: FORCED[by_ray as usize][by_instance as usize],
             takes_all: false,
+            is_plain: false,
         }
     }
 
@@ -80,11 +84,11 @@ impl InstanceFacts {
                 | ray_flags::CULL_OPAQUE
                 | ray_flags::CULL_NO_OPAQUE);
         if culls == 0 {
-            self.takes_all =
-                !not_opaque && (header.micromap_bytes == 0 || self.ignores_micromaps());
+            self.is_plain = header.micromap_bytes == 0 || self.ignores_micromaps();
+            self.takes_all = !not_opaque && self.is_plain;
             return opaque || not_opaque;
         }
-        self.takes_all = false;
+        (self.takes_all, self.is_plain) = (false, false);
         opaque && culls & ray_flags::CULL_OPAQUE == 0
             || not_opaque && culls & ray_flags::CULL_NO_OPAQUE == 0
     }

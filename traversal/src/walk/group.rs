@@ -9,8 +9,9 @@
 
 use std::arch::x86_64::*;
 
-use super::beams::Beams;
 use super::kernel::GroupHits;
+use super::sight::Sight;
+use super::space::Space;
 use super::triangle::{ORDINARY, SLACK};
 use crate::layout::{GROUP, TriangleGroup};
 
@@ -23,9 +24,8 @@ const VERTEX: usize = size_of::<[[f32; GROUP]; 3]>();
 /// # Safety
 /// The machine has AVX2.
 #[inline(always)]
-pub(crate) unsafe fn intersect(
-    beams: &Beams,
-    lane: usize,
+pub(crate) unsafe fn intersect<S: Sight>(
+    ray: S,
     groups: [&TriangleGroup; 2],
     lanes: u32,
     interval: [f32; 2],
@@ -35,9 +35,9 @@ pub(crate) unsafe fn intersect(
     unsafe {
         let vertices = groups.map(|group| group.vertices.as_ptr().cast::<u8>());
         let (a, b, c) = (
-            flat(beams, lane, vertices, 0),
-            flat(beams, lane, vertices, VERTEX),
-            flat(beams, lane, vertices, 2 * VERTEX),
+            flat(ray, vertices, 0),
+            flat(ray, vertices, VERTEX),
+            flat(ray, vertices, 2 * VERTEX),
         );
         let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
         let zero = _mm256_setzero_ps();
@@ -75,10 +75,10 @@ pub(crate) unsafe fn intersect(
             _mm256_max_ps(absolute(a[2]), absolute(b[2])),
             absolute(c[2]),
         );
-        let inverse_z = _mm256_set1_ps(beams.inverse_z[lane]);
+        let inverse_z = _mm256_set1_ps(ray.inverse_z());
         let modest = _mm256_cmp_ps::<_CMP_LE_OQ>(
             reach,
-            _mm256_mul_ps(absolute(z_hit), _mm256_set1_ps(beams.reach)),
+            _mm256_mul_ps(absolute(z_hit), _mm256_set1_ps(ray.reach())),
         );
         let t = _mm256_mul_ps(z_hit, inverse_z);
         let slack = _mm256_mul_ps(
@@ -86,13 +86,13 @@ pub(crate) unsafe fn intersect(
             _mm256_set1_ps(SLACK),
         );
         let behind =
-            _mm256_cmp_ps::<_CMP_LE_OQ>(_mm256_add_ps(t, slack), _mm256_set1_ps(beams.t_min[lane]));
+            _mm256_cmp_ps::<_CMP_LE_OQ>(_mm256_add_ps(t, slack), _mm256_set1_ps(ray.t_min()));
         let inside = inside & !(decided & _mm256_movemask_ps(behind) as u32);
         if inside == 0 {
             return 0;
         }
         let decided = decided & inside & _mm256_movemask_ps(modest) as u32;
-        let (near, far) = slab(beams, lane, &[a, b, c]);
+        let (near, far) = slab(ray, &[a, b, c]);
         let t = _mm256_min_ps(_mm256_max_ps(t, near), far);
         let accepted = _mm256_and_ps(
             _mm256_cmp_ps::<_CMP_LE_OQ>(near, far),
@@ -112,7 +112,7 @@ pub(crate) unsafe fn intersect(
         _mm256_store_ps(second.as_mut_ptr(), v);
         _mm256_store_ps(third.as_mut_ptr(), w);
         if undecided != 0 {
-            return hits | exactly(found, beams, lane, groups, undecided, interval);
+            return hits | exactly(found, &ray.space(), groups, undecided, interval);
         }
         hits
     }
@@ -123,13 +123,12 @@ pub(crate) unsafe fn intersect(
 #[inline(never)]
 fn exactly(
     found: &mut GroupHits,
-    beams: &Beams,
-    lane: usize,
+    space: &Space,
     groups: [&TriangleGroup; 2],
     mask: u32,
     interval: [f32; 2],
 ) -> u32 {
-    found.intersect_each(&beams.space(lane), groups, mask, interval)
+    found.intersect_each(space, groups, mask, interval)
 }
 
 #[inline(always)]
@@ -150,34 +149,28 @@ struct Flat {
 
 /// From the vertices at an offset to the origin, along an axis of the ray.
 #[inline(always)]
-unsafe fn apart(
-    beams: &Beams,
-    lane: usize,
-    vertices: [*const u8; 2],
-    offset: usize,
-    axis: usize,
-) -> __m256 {
+unsafe fn apart<S: Sight>(ray: S, vertices: [*const u8; 2], offset: usize, axis: usize) -> __m256 {
     // SAFETY: the callers': axes are below three, and a vertex has three rows.
     unsafe {
-        let row = offset + beams.axes[axis][lane] as usize;
+        let row = offset + ray.axis(axis);
         let first = _mm256_castps128_ps256(_mm_load_ps(vertices[0].add(row).cast()));
         let last = _mm_load_ps(vertices[1].add(row).cast());
         let both = _mm256_insertf128_ps::<1>(first, last);
-        _mm256_sub_ps(_mm256_set1_ps(beams.origin[axis][lane]), both)
+        _mm256_sub_ps(_mm256_set1_ps(ray.origin(axis)), both)
     }
 }
 
 #[inline(always)]
-unsafe fn flat(beams: &Beams, lane: usize, vertices: [*const u8; 2], offset: usize) -> Flat {
+unsafe fn flat<S: Sight>(ray: S, vertices: [*const u8; 2], offset: usize) -> Flat {
     // SAFETY: the callers'.
     unsafe {
-        let x = apart(beams, lane, vertices, offset, 0);
-        let y = apart(beams, lane, vertices, offset, 1);
-        let z = apart(beams, lane, vertices, offset, 2);
+        let x = apart(ray, vertices, offset, 0);
+        let y = apart(ray, vertices, offset, 1);
+        let z = apart(ray, vertices, offset, 2);
         Flat {
             apart: [x, y, z],
-            x: _mm256_sub_ps(x, _mm256_mul_ps(_mm256_set1_ps(beams.shear[0][lane]), z)),
-            y: _mm256_sub_ps(y, _mm256_mul_ps(_mm256_set1_ps(beams.shear[1][lane]), z)),
+            x: _mm256_sub_ps(x, _mm256_mul_ps(_mm256_set1_ps(ray.shear(0)), z)),
+            y: _mm256_sub_ps(y, _mm256_mul_ps(_mm256_set1_ps(ray.shear(1)), z)),
         }
     }
 }
@@ -192,7 +185,7 @@ unsafe fn edge(p: Flat, q: Flat) -> __m256 {
 /// monotone, the extreme products are those of the extreme vertices. Operand order decides what NaN does: where a zero of the
 /// direction meets the plane that counts, the axis does not.
 #[inline(always)]
-unsafe fn slab(beams: &Beams, lane: usize, vertices: &[[__m256; 3]; 3]) -> (__m256, __m256) {
+unsafe fn slab<S: Sight>(ray: S, vertices: &[[__m256; 3]; 3]) -> (__m256, __m256) {
     // SAFETY: the callers'.
     unsafe {
         let mut near = _mm256_set1_ps(f32::NEG_INFINITY);
@@ -201,9 +194,9 @@ unsafe fn slab(beams: &Beams, lane: usize, vertices: &[[__m256; 3]; 3]) -> (__m2
         for axis in [2, 1, 0] {
             let upper = _mm256_min_ps(_mm256_min_ps(a[axis], b[axis]), c[axis]);
             let lower = _mm256_max_ps(_mm256_max_ps(a[axis], b[axis]), c[axis]);
-            let inverse = _mm256_set1_ps(beams.near_inverse[axis][lane]);
+            let inverse = _mm256_set1_ps(ray.near_inverse(axis));
             let enter = _mm256_min_ps(_mm256_mul_ps(upper, inverse), _mm256_mul_ps(lower, inverse));
-            let inverse = _mm256_set1_ps(beams.far_inverse[axis][lane]);
+            let inverse = _mm256_set1_ps(ray.far_inverse(axis));
             let leave = _mm256_max_ps(_mm256_mul_ps(lower, inverse), _mm256_mul_ps(upper, inverse));
             near = _mm256_max_ps(enter, near);
             far = _mm256_min_ps(leave, far);

@@ -69,7 +69,7 @@ pub(crate) trait Kernel {
     unsafe fn meet(beam: &Self::Beam, node: &Node) -> (u32, Self::Near);
 
     /// Puts the children in `mask`, of which there are two or more, down from `place` on, farthest first, but for the
-    /// nearest. Returns that one's word, and how many were put down. With `ANY`, in any order.
+    /// nearest. Returns that one's word, and how many were put down. With `ANY`, in an order that does not depend on the ray.
     ///
     /// # Safety
     /// The machine has the instruction set; there is room for eight entries.

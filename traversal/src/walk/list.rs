@@ -1,6 +1,7 @@
 //! Rays of one subgroup: together where they cohere, else in turn. What they have in common is done once.
 
 use super::beams::Given;
+use super::company::{Company, Progress};
 use super::kernel::{Kernel, Portable};
 use super::level::Entered;
 use super::opaque::{End, LARGE, Nearest, Opaque, Pending};
@@ -46,7 +47,7 @@ impl Walker {
     }
 
     /// [`Self::trace`] for rays that start near each other and go the same way, and that meet instances of opaque triangles only.
-    /// Returns false if that cannot be done; then nothing has happened.
+    /// Returns false if that cannot be done: each ray has to start by itself then.
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray.
@@ -56,11 +57,58 @@ impl Walker {
         lanes: u16,
         hits: &mut HitRows,
     ) -> bool {
-        #[cfg(target_arch = "x86_64")]
         // SAFETY: the caller's promise.
-        return self.takes_packets() && unsafe { packet::run(rays, lanes, hits, self) };
+        unsafe { self.packet(rays, lanes, hits, None) == Progress::Done }
+    }
+
+    /// Traces rays that start near each other and go the same way. Where they meet triangles that are not opaque, or boxes, `company` keeps
+    /// them until that is decided. With [`Progress::Apart`] each ray has to start by itself.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray.
+    pub unsafe fn set_out(
+        &mut self,
+        rays: &RayRows,
+        lanes: u16,
+        hits: &mut HitRows,
+        company: &mut Company,
+    ) -> Progress {
+        // SAFETY: the caller's promise.
+        unsafe { self.packet(rays, lanes, hits, Some(company)) }
+    }
+
+    /// Goes on with the same rays after all candidates were decided on.
+    ///
+    /// # Safety
+    /// As for [`Self::set_out`].
+    pub unsafe fn go_on(
+        &mut self,
+        rays: &RayRows,
+        hits: &mut HitRows,
+        company: &mut Company,
+    ) -> Progress {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the caller's promise; they have set out with the instruction set.
+        return unsafe { packet::resume(rays, hits, self, company) };
         #[cfg(not(target_arch = "x86_64"))]
-        return false;
+        return Progress::Done;
+    }
+
+    /// # Safety
+    /// As for [`Walk::new`], for every ray.
+    unsafe fn packet(
+        &mut self,
+        rays: &RayRows,
+        lanes: u16,
+        hits: &mut HitRows,
+        company: Option<&mut Company>,
+    ) -> Progress {
+        #[cfg(target_arch = "x86_64")]
+        if self.takes_packets() {
+            // SAFETY: the caller's promise.
+            return unsafe { packet::run(rays, lanes, hits, self, company) };
+        }
+        Progress::Apart
     }
 
     /// [`Self::trace`] one ray after the other.

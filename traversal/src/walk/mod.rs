@@ -27,8 +27,11 @@ mod avx;
 mod beams;
 #[cfg(target_arch = "x86_64")]
 mod block;
+mod company;
 mod descend;
+mod enlist;
 mod facts;
+mod found;
 #[cfg(target_arch = "x86_64")]
 mod group;
 mod kernel;
@@ -43,12 +46,18 @@ mod options;
 mod packet;
 mod probe;
 mod rows;
+#[cfg(target_arch = "x86_64")]
+mod sight;
 mod space;
+#[cfg(target_arch = "x86_64")]
+mod stream;
 mod swept;
 mod triangle;
 mod walker;
 
 use crate::ray::{Hit, Ray, ray_flags};
+pub use company::{Company, Progress};
+pub use enlist::Caller;
 use level::Entered;
 pub use list::List;
 pub use options::{Accuracy, Options, Specialisation, Switches};
@@ -281,6 +290,25 @@ impl Walk {
         leaf: None,
         pending: Vec::new(),
     };
+
+    /// Goes on with what was found, and what is to be visited: of the top level, and all of an instance.
+    fn go_on_from(
+        &mut self,
+        found: Option<Hit>,
+        top: impl Iterator<Item = Entry>,
+        instance: Option<u32>,
+    ) {
+        if let Some(hit) = found {
+            (self.hit, self.has_hit) = (hit, true);
+        }
+        self.state = State::OutOfFuel;
+        self.pending.extend(top);
+        if let Some(index) = instance {
+            self.instance = index;
+            self.floor = self.pending.len() as u32;
+            self.pending.push(Entry::ROOT);
+        }
+    }
 
     fn is_fresh(&self) -> bool {
         self.state == State::Fresh

@@ -208,25 +208,14 @@ impl Opaque<'_> {
         if nearest.slot == Hit::UNKNOWN_SLOT {
             return None;
         }
-        let (geometry_index, primitive_index) = self.structure.identity(nearest.slot);
-        Some(Hit {
-            t: nearest.t,
-            barycentrics: nearest.barycentrics,
-            geometry_index,
-            primitive_index,
-            slot: nearest.slot,
-            hit_kind: self.instance.hit_kind(nearest.front),
-            opaque: true,
-            triangle: true,
-            ..self.instance.hit()
-        })
+        Some(nearest.hit(self.instance, self.structure))
     }
 
     /// Whether a triangle at the distance of the nearest one, or of what was found before, or at the end of the ray, comes
     /// before that.
     #[cold]
     #[inline(never)]
-    fn wins_tie(&self, nearest: &Nearest, slot: u32) -> bool {
+    pub fn wins_tie(&self, nearest: &Nearest, slot: u32) -> bool {
         if nearest.slot != Hit::UNKNOWN_SLOT {
             return self.structure.identity(slot) < self.structure.identity(nearest.slot);
         }
@@ -242,9 +231,9 @@ pub(crate) struct Nearest {
     pub t_min: f32,
     pub t: f32,
     /// Where it lies, as in [`Hit::slot`]; [`Hit::UNKNOWN_SLOT`] if there is none.
-    slot: u32,
-    barycentrics: [f32; 2],
-    front: bool,
+    pub slot: u32,
+    pub barycentrics: [f32; 2],
+    pub front: bool,
 }
 
 impl Nearest {
@@ -256,6 +245,23 @@ impl Nearest {
             slot: Hit::UNKNOWN_SLOT,
             barycentrics: [0.0; 2],
             front: false,
+        }
+    }
+
+    /// As a hit; there is one.
+    #[inline(always)]
+    pub fn hit(&self, instance: &InstanceFacts, structure: &Structure) -> Hit {
+        let (geometry_index, primitive_index) = structure.identity(self.slot);
+        Hit {
+            t: self.t,
+            barycentrics: self.barycentrics,
+            geometry_index,
+            primitive_index,
+            slot: self.slot,
+            hit_kind: instance.hit_kind(self.front),
+            opaque: true,
+            triangle: true,
+            ..instance.hit()
         }
     }
 }

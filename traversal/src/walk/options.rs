@@ -38,16 +38,19 @@ pub enum Specialisation {
     SharedSpace = 8,
     /// Children are fetched ahead in structures larger than a core's caches.
     Prefetch = 16,
+    /// Rays of many lists walk node by node.
+    Streams = 32,
 }
 
 impl Specialisation {
     /// All, by name.
-    pub const ALL: [(&str, Specialisation); 5] = [
+    pub const ALL: [(&str, Specialisation); 6] = [
         ("packets", Specialisation::Packets),
         ("opaque_path", Specialisation::Opaque),
         ("one_instance", Specialisation::OneInstance),
         ("shared_space", Specialisation::SharedSpace),
         ("prefetch", Specialisation::Prefetch),
+        ("streams", Specialisation::Streams),
     ];
 }
 

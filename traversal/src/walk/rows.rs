@@ -105,18 +105,7 @@ pub struct HitRows {
 
 impl Default for HitRows {
     fn default() -> HitRows {
-        HitRows {
-            t: [0.0; PACKET],
-            barycentrics: [[0.0; PACKET]; 2],
-            instance_index: [0; PACKET],
-            instance_custom_index: [0; PACKET],
-            instance_sbt_offset: [0; PACKET],
-            geometry_index: [0; PACKET],
-            primitive_index: [0; PACKET],
-            slot: [0; PACKET],
-            kind: [0; PACKET],
-            found: 0,
-        }
+        HitRows::NONE
     }
 }
 
@@ -126,6 +115,20 @@ const SPHERE: u32 = 1 << 10;
 const LINEAR_SWEPT_SPHERE: u32 = 1 << 11;
 
 impl HitRows {
+    /// No hits.
+    pub(crate) const NONE: HitRows = HitRows {
+        t: [0.0; PACKET],
+        barycentrics: [[0.0; PACKET]; 2],
+        instance_index: [0; PACKET],
+        instance_custom_index: [0; PACKET],
+        instance_sbt_offset: [0; PACKET],
+        geometry_index: [0; PACKET],
+        primitive_index: [0; PACKET],
+        slot: [0; PACKET],
+        kind: [0; PACKET],
+        found: 0,
+    };
+
     /// Puts a hit into a lane.
     #[inline]
     pub fn set(&mut self, lane: usize, hit: &Hit) {
@@ -149,6 +152,56 @@ impl HitRows {
             | if hit.triangle { TRIANGLE } else { 0 }
             | swept;
         self.found |= 1 << lane;
+    }
+
+    /// Puts a box into lanes as their candidate: `t` is the lower end of each ray's interval.
+    pub(crate) fn set_box(&mut self, lanes: u16, hit: &Hit, t_min: &Lanes) {
+        blend(&mut self.t, t_min, lanes);
+        for weights in &mut self.barycentrics {
+            blend(weights, &[0.0; PACKET], lanes);
+        }
+        self.set_place(lanes, hit);
+        let kind = if hit.opaque { OPAQUE } else { 0 };
+        blend(&mut self.kind, &[kind; PACKET], lanes);
+    }
+
+    /// Puts a triangle that is not opaque into lanes as their candidate: where they meet it, and as what kind by those that see its
+    /// front.
+    pub(crate) fn set_triangle(
+        &mut self,
+        lanes: u16,
+        hit: &Hit,
+        t: &Lanes,
+        barycentrics: &[Lanes; 2],
+        kinds: &[u8; PACKET],
+    ) {
+        blend(&mut self.t, t, lanes);
+        for (weights, found) in self.barycentrics.iter_mut().zip(barycentrics) {
+            blend(weights, found, lanes);
+        }
+        self.set_place(lanes, hit);
+        let kinds = kinds.map(|kind| u32::from(kind) | TRIANGLE);
+        blend(&mut self.kind, &kinds, lanes);
+    }
+
+    /// Puts what and where a primitive is into lanes.
+    fn set_place(&mut self, lanes: u16, hit: &Hit) {
+        self.set_instance(lanes, hit);
+        for (row, word) in [
+            (&mut self.instance_index, hit.instance_index),
+            (&mut self.geometry_index, hit.geometry_index),
+            (&mut self.primitive_index, hit.primitive_index),
+            (&mut self.slot, hit.slot),
+        ] {
+            blend(row, &[word; PACKET], lanes);
+        }
+        self.found |= lanes;
+    }
+
+    /// Whether the geometry of a lane's candidate is opaque.
+    #[inline]
+    pub fn is_opaque(&self, lane: usize) -> bool {
+        self.kind[lane % PACKET] & OPAQUE != 0
     }
 
     /// The hit of a lane that has one.

@@ -7,6 +7,8 @@ use super::level::{Entered, Level};
 use super::options::{Accuracy, Options, Specialisation, Switches};
 #[cfg(target_arch = "x86_64")]
 use super::packet::PacketSpace;
+#[cfg(target_arch = "x86_64")]
+use super::stream::Streams;
 use super::{Event, State, Verdict, Walk, descend};
 use crate::layout::{MAX_DEPTH, WIDTH};
 use crate::ray::Ray;
@@ -68,6 +70,8 @@ pub struct Walker {
     pub(crate) beams: Beams,
     #[cfg(target_arch = "x86_64")]
     pub(crate) packet: PacketSpace,
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) streams: Streams,
     pub(crate) options: Options,
 }
 
@@ -148,6 +152,8 @@ impl Walker {
                 beams,
                 #[cfg(target_arch = "x86_64")]
                 packet: PacketSpace::EMPTY,
+                #[cfg(target_arch = "x86_64")]
+                streams: Streams::new(),
                 options,
             })
         })

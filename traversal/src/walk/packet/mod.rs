@@ -6,16 +6,20 @@
 //! all rays, leaves one or two of them for the test of each ray.
 //!
 //! In an instance where rays no longer go the same way, each goes by itself. Anything unusual ends
-//! the attempt, and every walk starts anew.
+//! the attempt, and every walk starts anew. Where a [`Company`] keeps them, packets stop for candidates that shaders are to decide on:
+//! the next one of each ray in a leaf of triangles, or a box with all rays that meet it. Once they have, what is unusual parts them.
 
-mod found;
+mod candidates;
+mod journey;
 mod rays;
 mod triangle;
 
 use std::arch::x86_64::*;
 
 use super::beams::Given;
+use super::company::{Company, Progress};
 use super::facts::InstanceFacts;
+use super::found::Found;
 use super::level::Level;
 use super::opaque::LARGE;
 use super::rows::{HitRows, RayRows, blend, lanes_of};
@@ -25,9 +29,8 @@ use super::{Event, PACKET, State, Verdict, Walk, Walker, descend};
 use crate::layout::{WIDTH, child};
 use crate::ray::{Ray, ray_flags};
 use crate::structure::{Kind, Structure};
-use found::Found;
+use journey::Entering;
 use rays::{Rays, load};
-use triangle::test_leaf;
 
 /// Fewer rays are not worth it.
 const ENOUGH: u32 = 6;
@@ -40,6 +43,10 @@ const SPREAD: f32 = 0.125;
 
 /// Origins differ by at most this, relative to their distance from the origin of space.
 const WIDTH_OF_BEAM: f32 = 1.0 / 64.0;
+
+/// The same for directions and origins of rays that are nearly parallel: to one light far away, for instance.
+const SPREAD_OF_PARALLEL: f32 = 1.0 / 256.0;
+const WIDTH_OF_PARALLEL: f32 = 1.0 / 4.0;
 
 /// Children still to be visited, and by which rays.
 pub(crate) struct Stack {
@@ -61,12 +68,29 @@ impl Stack {
         self.lanes[0] = lanes;
         self.length = 1;
     }
+
+    /// Copies what is pending for rays.
+    fn save(&self, rays: u16, to: &mut Vec<(Entry, u16)>) {
+        to.clear();
+        let pending = self.entries[..self.length].iter().zip(&self.lanes);
+        to.extend(pending.map(|(&entry, &lanes)| (entry, lanes & rays)));
+    }
+
+    /// Takes over what is pending.
+    fn restore(&mut self, from: &[(Entry, u16)]) {
+        self.length = from.len().min(STACK);
+        for (i, &(entry, lanes)) in from.iter().enumerate().take(STACK) {
+            (self.entries[i], self.lanes[i]) = (entry, lanes);
+        }
+    }
 }
 
 /// What a packet needs of a walker beyond what walks need.
 pub(crate) struct PacketSpace {
     top: Stack,
     bottom: Stack,
+    /// In a top level of several instances.
+    ways: Rays,
     /// In the instance that is being visited.
     rays: Rays,
 }
@@ -75,11 +99,12 @@ impl PacketSpace {
     pub const EMPTY: PacketSpace = PacketSpace {
         top: Stack::EMPTY,
         bottom: Stack::EMPTY,
+        ways: Rays::NOWHERE,
         rays: Rays::NOWHERE,
     };
 }
 
-/// Traces rays to their ends together if they cohere. Otherwise returns false, and nothing has happened.
+/// Traces rays together if they cohere: to their ends or, with a company to keep them, to candidates.
 ///
 /// # Safety
 /// The contract of [`Walk::new`], for every ray; the machine has AVX-512.
@@ -88,9 +113,27 @@ pub(crate) unsafe fn run(
     lanes: u16,
     hits: &mut HitRows,
     walker: &mut Walker,
-) -> bool {
+    company: Option<&mut Company>,
+) -> Progress {
+    if !may_cohere(rays, lanes) {
+        return Progress::Apart;
+    }
     // SAFETY: the caller's promise.
-    may_cohere(rays, lanes) && unsafe { run_avx512(rays, lanes, hits, walker) }
+    unsafe { set_out(rays, lanes, hits, walker, company) }
+}
+
+/// Goes on with rays after decisions about their candidates.
+///
+/// # Safety
+/// The contract of [`Walk::new`], for every ray; the machine has AVX-512.
+pub(crate) unsafe fn resume(
+    rays: &RayRows,
+    hits: &mut HitRows,
+    walker: &mut Walker,
+    company: &mut Company,
+) -> Progress {
+    // SAFETY: the caller's promise.
+    unsafe { go_on(rays, hits, walker, company) }
 }
 
 /// Whether rays are enough, have structure, flags and mask in common, and the first and the last go the same way.
@@ -112,8 +155,11 @@ fn may_cohere(rays: &RayRows, lanes: u16) -> bool {
 #[inline(always)]
 fn cohere(given: &Given, lanes: u16) -> bool {
     let (o, d) = (&given.origin, &given.direction);
-    let spread = SPREAD * most(&[d[0][0], d[1][0], d[2][0]]);
-    let width = WIDTH_OF_BEAM * most(&[o[0][0], o[1][0], o[2][0]]);
+    let longest = most(&[d[0][0], d[1][0], d[2][0]]);
+    let farthest = most(&[o[0][0], o[1][0], o[2][0]]);
+    let (spread, width) = (SPREAD * longest, WIDTH_OF_BEAM * farthest);
+    let (spread_of_parallel, width_of_parallel) =
+        (SPREAD_OF_PARALLEL * longest, WIDTH_OF_PARALLEL * farthest);
     let mut near = [0u32; PACKET];
     for i in 0..PACKET {
         let turned = max(
@@ -124,7 +170,9 @@ fn cohere(given: &Given, lanes: u16) -> bool {
             (o[0][i] - o[0][0]).abs(),
             max((o[1][i] - o[1][0]).abs(), (o[2][i] - o[2][0]).abs()),
         );
-        near[i] = u32::from((turned <= spread) & (moved <= width)) & given.sound[i];
+        let close = (turned <= spread) & (moved <= width)
+            | (turned <= spread_of_parallel) & (moved <= width_of_parallel);
+        near[i] = u32::from(close) & given.sound[i];
     }
     let near = (0..PACKET).fold(0, |mask, i| mask | (near[i] as u16) << i);
     near & lanes == lanes
@@ -135,30 +183,31 @@ fn most(v: &[f32; 3]) -> f32 {
     v.iter().fold(0f32, |most, c| most.max(c.abs()))
 }
 
-/// Whether the rays were traced to their ends.
-///
 /// # Safety
 /// The contract of [`Walk::new`], for every ray; the machine has the instruction set.
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-unsafe fn run_avx512(rays: &RayRows, lanes: u16, hits: &mut HitRows, walker: &mut Walker) -> bool {
+unsafe fn set_out(
+    rays: &RayRows,
+    lanes: u16,
+    hits: &mut HitRows,
+    walker: &mut Walker,
+    company: Option<&mut Company>,
+) -> Progress {
     let given = Given::new(rays, lanes);
     if !cohere(&given, lanes) {
-        return false;
+        return Progress::Apart;
     }
-    let first = rays.ray(lanes.trailing_zeros() as usize % PACKET);
+    let first = lanes.trailing_zeros() as usize % PACKET;
     // SAFETY: the caller's promise, here and below.
-    if !unsafe {
-        walker
-            .top
-            .enter_top(rays.top_level[lanes.trailing_zeros() as usize % PACKET])
-    } {
-        return false;
+    if !unsafe { walker.top.enter_top(rays.top_level[first]) } {
+        return Progress::Apart;
     }
     let structure = walker.top.structure;
     if structure.kind() != Kind::Instances {
-        return false;
+        return Progress::Apart;
     }
-    let mut packet = Packet {
+    let first = rays.ray(first);
+    let packet = Packet {
         lanes,
         any: first.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0,
         patience: PATIENCE,
@@ -166,43 +215,66 @@ unsafe fn run_avx512(rays: &RayRows, lanes: u16, hits: &mut HitRows, walker: &mu
         given,
         first,
         rays,
+        has_asked: false,
+        company,
     };
     if let Some(index) = descend::only_instance(&walker.top) {
-        if packet.visit_instance(walker, index, lanes) != Visit::Done {
-            return false;
-        }
-    } else {
-        let mut ways = Rays::NOWHERE;
-        let origin_error = structure.header().origin_error;
-        if !ways.set_up(&packet.given, origin_error, lanes) {
-            return false;
-        }
-        walker.packet.top.start(lanes);
-        while let Some((word, lanes, _)) =
-            packet.next_leaf(&ways, &structure, &mut walker.packet.top)
-        {
-            let index = word & child::INDEX;
-            let done = match packet.visit_instance(walker, index, lanes) {
-                Visit::Done => true,
-                Visit::Unusual => false,
-                Visit::Apart => packet.go_singly(walker, index, lanes),
-            };
-            if !done {
-                return false;
-            }
-        }
+        return packet.go(walker, hits, Some((index, lanes)));
     }
-    packet.patience > 0 && packet.finish(hits, &walker.top)
+    let origin_error = structure.header().origin_error;
+    if !(walker.packet.ways).set_up(&packet.given, origin_error, lanes) {
+        return Progress::Apart;
+    }
+    walker.packet.top.start(lanes);
+    packet.go(walker, hits, None)
 }
 
-/// What became of an instance.
-#[derive(PartialEq, Eq)]
-enum Visit {
-    Done,
-    /// The rays do not go the same way there.
-    Apart,
-    /// It holds something that a packet does not do.
-    Unusual,
+/// # Safety
+/// The contract of [`Walk::new`], for every ray; the machine has the instruction set.
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+unsafe fn go_on(
+    rays: &RayRows,
+    hits: &mut HitRows,
+    walker: &mut Walker,
+    company: &mut Company,
+) -> Progress {
+    let started = company.started;
+    let first = started.trailing_zeros() as usize % PACKET;
+    let mut packet = Packet {
+        lanes: company.lanes,
+        any: company.any,
+        patience: company.patience,
+        found: company.found.clone(),
+        given: Given::new(rays, started),
+        first: rays.ray(first),
+        rays,
+        has_asked: true,
+        company: None,
+    };
+    // SAFETY: the caller's promise.
+    if !unsafe { walker.top.enter_top(rays.top_level[first]) } {
+        return packet.finish(hits, &walker.top);
+    }
+    if descend::only_instance(&walker.top).is_none() {
+        let origin_error = walker.top.structure.header().origin_error;
+        (walker.packet.ways).set_up(&packet.given, origin_error, started);
+        walker.packet.top.restore(&company.top);
+    }
+    if let Some((index, lanes)) = company.instance {
+        let Entering::Inside(way) = packet.enter(walker, index, lanes, true) else {
+            return packet.finish(hits, &walker.top);
+        };
+        walker.packet.bottom.restore(&company.bottom);
+        let standing = company.leaf;
+        packet.company = Some(company);
+        if packet.walk_instance(walker, way, (index, lanes), standing) {
+            return Progress::Candidates;
+        }
+        if descend::only_instance(&walker.top).is_some() {
+            return packet.finish(hits, &walker.top);
+        }
+    }
+    packet.go(walker, hits, None)
 }
 
 /// Rays on their way.
@@ -216,13 +288,17 @@ struct Packet<'a> {
     patience: u32,
     found: Found,
     given: Given,
+    /// Shaders have decided on candidates: there is no way back.
+    has_asked: bool,
+    /// Keeps them while shaders decide.
+    company: Option<&'a mut Company>,
 }
 
 impl Packet<'_> {
     /// Rays that are not over.
     fn live(&self) -> u16 {
         if self.any {
-            self.lanes & !self.found.hit
+            self.lanes & !(self.found.hit | self.found.outside)
         } else {
             self.lanes
         }
@@ -248,8 +324,10 @@ impl Packet<'_> {
         let t_far = _mm512_mask_reduce_max_ps(live, t);
         while *length > 0 && live != 0 {
             *length -= 1;
-            let (entry, here) = (entries[*length], lanes[*length] & live);
-            if entry.near() > t_far || here == 0 {
+            let entry = entries[*length];
+            let near_enough = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(t, _mm512_set1_ps(entry.near()));
+            let here = lanes[*length] & live & near_enough;
+            if here == 0 {
                 continue;
             }
             self.patience = self.patience.saturating_sub(1);
@@ -298,43 +376,6 @@ impl Packet<'_> {
         None
     }
 
-    /// Takes the rays of `lanes` through an instance.
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    fn visit_instance(&mut self, walker: &mut Walker, index: u32, lanes: u16) -> Visit {
-        let Walker {
-            top,
-            bottom,
-            instance,
-            packet:
-                PacketSpace {
-                    bottom: stack,
-                    rays,
-                    ..
-                },
-            ..
-        } = walker;
-        // SAFETY: the contract of `Walk::new`.
-        if !unsafe { bottom.admit(instance, top, index, &self.first) } {
-            return Visit::Done;
-        }
-        let structure = bottom.structure;
-        let Some(record) = top.structure.instance(index) else {
-            return Visit::Done;
-        };
-        if !instance.takes_all || structure.kind() != Kind::Triangles {
-            return Visit::Unusual;
-        }
-        if !rays.set_up_instance(&self.given, record, lanes) {
-            return Visit::Apart;
-        }
-        self.found.instance = index;
-        stack.start(lanes);
-        while let Some((word, here, t_far)) = self.next_leaf(rays, &structure, stack) {
-            test_leaf(rays, &structure, word, here, t_far, &mut self.found);
-        }
-        Visit::Done
-    }
-
     /// Takes each ray of `lanes` through an instance of a top level of several; false if a walk has a question.
     #[cold]
     fn go_singly(&mut self, walker: &mut Walker, index: u32, lanes: u16) -> bool {
@@ -359,10 +400,17 @@ impl Packet<'_> {
         true
     }
 
+    /// Makes the rows of hits those of these rays: from here on there is no way back.
+    fn open(&self, hits: &mut HitRows) {
+        if !self.has_asked {
+            hits.start(self.rays, self.lanes);
+        }
+    }
+
     /// Puts down what was found.
-    fn finish(&self, hits: &mut HitRows, top: &Level) -> bool {
+    fn finish(&self, hits: &mut HitRows, top: &Level) -> Progress {
+        self.open(hits);
         let found = &self.found;
-        hits.start(self.rays, self.lanes);
         let mut rest = found.hit;
         blend(&mut hits.t, &found.t, rest);
         for (weights, found) in hits.barycentrics.iter_mut().zip(&found.barycentrics) {
@@ -386,7 +434,7 @@ impl Packet<'_> {
                 hits.set_opaque_triangle(lane, facts.hit_kind(found.front >> lane & 1 != 0));
             }
         }
-        true
+        Progress::Done
     }
 
     /// The instance in which a lane has its hit, and what is there; `None` without a hit.

@@ -2,16 +2,17 @@
 
 use std::arch::x86_64::*;
 
-use super::found::Found;
 use super::rays::{Rays, load, store};
 use crate::layout::{GROUP, LEAF_TRIANGLES, TriangleGroup, child};
 use crate::structure::Structure;
 use crate::walk::PACKET;
 use crate::walk::beams::AXIS;
 use crate::walk::block;
+use crate::walk::found::Found;
 use crate::walk::group;
 use crate::walk::kernel::GroupHits;
 use crate::walk::options::Accuracy;
+use crate::walk::sight::LaneOf;
 use crate::walk::triangle::{Intersection, ORDINARY, Rim, SLACK, intersect};
 
 /// Tests the triangles of a leaf: those whose boxes any ray might meet, or all for each ray where those are fewer.
@@ -77,8 +78,18 @@ fn test_singly(
         rest &= rest - 1;
         let interval = [rays.beams.t_min[lane], found.t[lane]];
         // SAFETY: the machine has AVX2.
-        let mut mask =
-            unsafe { group::intersect(&rays.beams, lane, groups, there, interval, &mut hits) };
+        let mut mask = unsafe {
+            group::intersect(
+                LaneOf {
+                    beams: &rays.beams,
+                    lane,
+                },
+                groups,
+                there,
+                interval,
+                &mut hits,
+            )
+        };
         while mask != 0 {
             let i = mask.trailing_zeros() as usize % LEAF_TRIANGLES;
             mask &= mask - 1;
@@ -94,16 +105,68 @@ fn test_singly(
 
 type Flat = (__m512, __m512, __m512);
 
-/// As [`intersect`](crate::walk::group::intersect) does it for a leaf's triangles and one ray.
+/// Where rays meet a triangle: after the lower ends of their intervals.
+pub(super) struct Meeting {
+    /// Those that meet it inside, for sure.
+    pub lanes: u16,
+    /// Those for which that is to be found out one by one.
+    pub undecided: u16,
+    pub t: __m512,
+    /// Of the second and the third vertex.
+    pub weights: [__m512; 2],
+    pub front: u16,
+}
+
+/// Tests an opaque triangle.
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-fn test_triangle(
+pub(super) fn test_triangle(
     rays: &Rays,
     structure: &Structure,
-    (group, i): (&TriangleGroup, usize),
+    place: (&TriangleGroup, usize),
     slot: u32,
     lanes: u16,
     found: &mut Found,
 ) {
+    let Some(meeting) = meet(rays, place, lanes) else {
+        return;
+    };
+    let (accepted, t) = (meeting.lanes, meeting.t);
+    let t_far = load(&found.t);
+    let mut nearer = accepted & _mm512_cmp_ps_mask::<_CMP_LT_OQ>(t, t_far);
+    let ties = accepted & _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(t, t_far) & found.hit;
+    if ties != 0 {
+        nearer |= found.won_ties(structure, slot, ties);
+    }
+    if nearer != 0 {
+        store(&mut found.t, _mm512_mask_blend_ps(nearer, t_far, t));
+        for (place, weight) in found.barycentrics.iter_mut().zip(meeting.weights) {
+            let weights = _mm512_mask_blend_ps(nearer, load(place), weight);
+            store(place, weights);
+        }
+        // SAFETY: sixteen words.
+        unsafe {
+            let slots = found.slots.as_mut_ptr().cast();
+            _mm512_mask_storeu_epi32(slots, nearer, _mm512_set1_epi32(slot as i32));
+            let instances = found.instances.as_mut_ptr().cast();
+            let instance = _mm512_set1_epi32(found.instance as i32);
+            _mm512_mask_storeu_epi32(instances, nearer, instance);
+        }
+        found.mark(nearer, meeting.front);
+    }
+    if meeting.undecided != 0 {
+        let triangle = place.0.triangle(place.1);
+        test_exactly(rays, structure, &triangle, slot, meeting.undecided, found);
+    }
+}
+
+/// As [`intersect`](crate::walk::group::intersect) does it for a leaf's triangles and one ray; `None` if no ray meets the triangle.
+#[inline]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+pub(super) fn meet(
+    rays: &Rays,
+    (group, i): (&TriangleGroup, usize),
+    lanes: u16,
+) -> Option<Meeting> {
     let beams = &rays.beams;
     let axes = rays.axes.map(|axis| axis / AXIS as usize % 3);
     let moved = |vertex: usize, k: usize| {
@@ -131,7 +194,7 @@ fn test_triangle(
         & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(most, zero);
     let inside = !outside & lanes;
     if inside == 0 {
-        return;
+        return None;
     }
     let front = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(least, zero);
     let back = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(most, zero);
@@ -181,36 +244,16 @@ fn test_triangle(
         far = _mm512_min_ps(_mm512_mul_ps(leave, load(&beams.far_inverse[k])), far);
     }
     let t = _mm512_min_ps(_mm512_max_ps(t, near), far);
-    let t_far = load(&found.t);
     let accepted = decided
         & _mm512_cmp_ps_mask::<_CMP_LE_OQ>(near, far)
         & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(t, load(&beams.t_min));
-    let mut nearer = accepted & _mm512_cmp_ps_mask::<_CMP_LT_OQ>(t, t_far);
-    let ties = accepted & _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(t, t_far) & found.hit;
-    if ties != 0 {
-        nearer |= found.won_ties(structure, slot, ties);
-    }
-    if nearer != 0 {
-        store(&mut found.t, _mm512_mask_blend_ps(nearer, t_far, t));
-        for (place, weight) in found.barycentrics.iter_mut().zip([v, w]) {
-            let weights = _mm512_mask_blend_ps(nearer, load(place), weight);
-            store(place, weights);
-        }
-        // SAFETY: sixteen words.
-        unsafe {
-            let slots = found.slots.as_mut_ptr().cast();
-            _mm512_mask_storeu_epi32(slots, nearer, _mm512_set1_epi32(slot as i32));
-            let instances = found.instances.as_mut_ptr().cast();
-            let instance = _mm512_set1_epi32(found.instance as i32);
-            _mm512_mask_storeu_epi32(instances, nearer, instance);
-        }
-        found.front = found.front & !nearer | front & nearer;
-        found.hit |= nearer;
-    }
-    let undecided = inside & !decided;
-    if undecided != 0 {
-        test_exactly(rays, structure, &group.triangle(i), slot, undecided, found);
-    }
+    Some(Meeting {
+        lanes: accepted,
+        undecided: inside & !decided,
+        t,
+        weights: [v, w],
+        front,
+    })
 }
 
 /// One ray after the other, where rays meet edges and vertices.

@@ -23,7 +23,7 @@ use embree::{Embree, Quality};
 use rays::Kind;
 use scene::{RECIPES, Recipe};
 use table::{Row, Table};
-use tuff::{Place, Tuff};
+use tuff::{How, Place, Tuff};
 
 #[derive(Args)]
 pub struct Options {
@@ -36,7 +36,7 @@ pub struct Options {
     /// Only these scenes: bunny, interior, grid, soup, needles
     #[arg(long, value_name = "NAME")]
     scene: Vec<String>,
-    /// Only these engines, by a part of their names
+    /// Only these engines, by a part of their names, or "=" and the whole
     #[arg(long, value_name = "NAME")]
     engine: Vec<String>,
     /// Only these kinds of rays
@@ -63,20 +63,24 @@ pub struct Options {
 #[derive(Clone, Copy)]
 enum Contestant {
     Embree(Quality, bool),
+    /// In streams of one batch's rays.
     Tuff(u32),
-    /// By packets of rays.
+    /// By packets of rays where they cohere.
     Packets(u32),
+    /// In lists of one subgroup's rays, one ray after the other.
+    Lists(u32),
     /// Each ray by a call of its own.
     Singly(u32),
 }
 
 /// The first of those that are there is what the others are compared with.
-const CONTESTANTS: [(&str, Contestant); 9] = [
+const CONTESTANTS: [(&str, Contestant); 10] = [
     ("embree robust", Contestant::Embree(Quality::Medium, true)),
     ("embree", Contestant::Embree(Quality::Medium, false)),
     ("embree low", Contestant::Embree(Quality::Low, true)),
     ("tuff", Contestant::Tuff(0)),
     ("tuff packets", Contestant::Packets(0)),
+    ("tuff lists", Contestant::Lists(0)),
     ("tuff singly", Contestant::Singly(0)),
     (
         "tuff trace",
@@ -92,8 +96,7 @@ const CONTESTANTS: [(&str, Contestant); 9] = [
 /// A structure that was built, ready for rays.
 enum Engine<'a> {
     Embree(embree::Built<'a>),
-    Tuff(Box<Tuff>),
-    Packets(Box<Tuff>),
+    Tuff(Box<Tuff>, How),
     Singly(Box<Tuff>),
 }
 
@@ -102,8 +105,7 @@ impl Engine<'_> {
         match self {
             Engine::Embree(built) if kind == Kind::Shadow => built.occluded(rays),
             Engine::Embree(built) => built.closest(rays),
-            Engine::Tuff(tuff) => tuff.trace(rays, false),
-            Engine::Packets(tuff) => tuff.trace(rays, true),
+            Engine::Tuff(tuff, how) => tuff.trace(rays, *how),
             Engine::Singly(tuff) => tuff.trace_singly(rays),
         }
     }
@@ -145,11 +147,11 @@ fn run_scene(
     let contestants: Vec<_> = CONTESTANTS
         .iter()
         .filter(|(name, who)| {
-            let chosen = options.engine.is_empty()
-                || options
-                    .engine
-                    .iter()
-                    .any(|part| name.contains(part.as_str()));
+            let is_meant = |part: &String| match part.strip_prefix('=') {
+                Some(whole) => *name == whole,
+                None => name.contains(part.as_str()),
+            };
+            let chosen = options.engine.is_empty() || options.engine.iter().any(is_meant);
             chosen && (embree.is_some() || !matches!(who, Contestant::Embree(..)))
         })
         .collect();
@@ -167,6 +169,7 @@ fn run_scene(
                 (
                     Contestant::Tuff(flags)
                     | Contestant::Packets(flags)
+                    | Contestant::Lists(flags)
                     | Contestant::Singly(flags),
                     _,
                 ) => {
@@ -189,16 +192,20 @@ fn run_scene(
                 engines.push(Engine::Embree(built));
             }
             (
-                Contestant::Tuff(flags) | Contestant::Packets(flags) | Contestant::Singly(flags),
+                Contestant::Tuff(flags)
+                | Contestant::Packets(flags)
+                | Contestant::Lists(flags)
+                | Contestant::Singly(flags),
                 _,
             ) => {
                 let tuff = Tuff::new(&scene.mesh, Place::new(&scene.mesh, *flags))?;
                 row.bytes = tuff.bytes as f64 / triangles as f64;
                 row.reported = tuff.reported.map(|bytes| bytes as f64 / triangles as f64);
                 engines.push(match who {
-                    Contestant::Packets(_) => Engine::Packets(Box::new(tuff)),
+                    Contestant::Packets(_) => Engine::Tuff(Box::new(tuff), How::Packets),
+                    Contestant::Lists(_) => Engine::Tuff(Box::new(tuff), How::Lists),
                     Contestant::Singly(_) => Engine::Singly(Box::new(tuff)),
-                    _ => Engine::Tuff(Box::new(tuff)),
+                    _ => Engine::Tuff(Box::new(tuff), How::Streams),
                 });
             }
             _ => {}
@@ -212,7 +219,7 @@ fn run_scene(
         if !options.rays.is_empty() && !options.rays.iter().any(|name| name == kind.name()) {
             continue;
         }
-        let expected = reference.trace(&rays, false);
+        let expected = reference.trace(&rays, How::Lists);
         for turn in 0..=options.turns {
             for (row, engine) in rows.iter_mut().zip(&engines) {
                 let (seconds, found) = timed(|| engine.trace(kind, &rays));

@@ -3,9 +3,9 @@
 
 use anyhow::{Context, Result};
 use traversal::{
-    BuildFlags, BuildInput, Geometries, GeometryFlags, Hit, HitRows, IndexType, InstanceArray,
-    InstanceSource, Kind, Memory, PACKET, Ray, RayRows, TriangleGeometry, Verdict, VertexFormat,
-    Walk, Walker, build, build_sizes,
+    BuildFlags, BuildInput, Caller, Event, Geometries, GeometryFlags, Hit, HitRows, IndexType,
+    InstanceArray, InstanceSource, Kind, Memory, PACKET, Ray, RayRows, TriangleGeometry, Verdict,
+    VertexFormat, Walk, Walker, build, build_sizes,
 };
 
 use super::mesh::Mesh;
@@ -86,6 +86,33 @@ impl Place {
     }
 }
 
+/// Subgroups whose rays the driver has at one trace instruction, at most.
+const BATCH: usize = 256;
+
+/// How rays are walked.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum How {
+    /// Coherent ones by sixteen, others in streams: what the driver does.
+    Packets,
+    /// All in streams.
+    Streams,
+    /// In turn.
+    Lists,
+}
+
+/// The hits of a batch.
+struct Found(Vec<HitRows>);
+
+impl Caller for Found {
+    fn hit(&mut self, group: u32, lane: usize, hit: &Hit) {
+        self.0[group as usize].set(lane, hit);
+    }
+
+    fn rays(&mut self, _: u32, _: &mut RayRows) {}
+
+    fn suspend(&mut self, _: u32, _: usize, _: &mut Walk, _: Event) {}
+}
+
 /// A structure of two levels.
 pub struct Tuff {
     pub bytes: u64,
@@ -126,27 +153,39 @@ impl Tuff {
         })
     }
 
-    /// Walks rays to their ends in lists of one subgroup's, the way the driver does; together where they cohere, if
-    /// that is wanted.
-    fn walk(&self, rays: &[Ray], packets: bool, mut done: impl FnMut(Option<&Hit>)) {
+    /// Walks rays to their ends in lists of one subgroup's, as many together as the driver has in one batch.
+    fn walk(&self, rays: &[Ray], how: How, mut done: impl FnMut(Option<&Hit>)) {
         let mut walker = Walker::new();
-        let (mut rows, mut hits) = (RayRows::NONE, HitRows::default());
-        for rays in rays.chunks(PACKET) {
-            for (lane, ray) in rays.iter().enumerate() {
-                rows.set(lane, self.top.address(), ray, 0.0);
-            }
-            let lanes = u16::MAX >> (PACKET - rays.len());
-            let fuel = &mut { u64::MAX };
-            let never = &mut |_, _: &mut Walk, _| {};
-            // SAFETY: the structures are alive and stay as they are.
-            unsafe {
-                match packets {
-                    true => walker.trace(&rows, lanes, &mut hits, fuel, never),
-                    false => walker.trace_in_turn(&rows, lanes, &mut hits, fuel, never),
+        let mut rows = RayRows::NONE;
+        let mut found = Found(vec![HitRows::default(); BATCH]);
+        for rays in rays.chunks(BATCH * PACKET) {
+            for (group, rays) in rays.chunks(PACKET).enumerate() {
+                for (lane, ray) in rays.iter().enumerate() {
+                    rows.set(lane, self.top.address(), ray, 0.0);
+                }
+                let lanes = u16::MAX >> (PACKET - rays.len());
+                let hits = &mut found.0[group];
+                let group = group as u32;
+                let fuel = &mut { u64::MAX };
+                let never = &mut |_, _: &mut Walk, _| {};
+                // SAFETY: the structures are alive and stay as they are.
+                unsafe {
+                    if how == How::Packets && walker.trace_together(&rows, lanes, hits) {
+                        continue;
+                    }
+                    let enlisted = match how {
+                        How::Packets | How::Streams => walker.enlist(&rows, lanes, hits, group),
+                        How::Lists => 0,
+                    };
+                    if enlisted != lanes {
+                        walker.trace_in_turn(&rows, lanes & !enlisted, hits, fuel, never);
+                    }
                 }
             }
-            for lane in 0..rays.len() {
-                done(hits.get(lane).as_ref());
+            // SAFETY: as above.
+            unsafe { walker.trace_enlisted(&mut { u64::MAX }, &mut found) };
+            for i in 0..rays.len() {
+                done(found.0[i / PACKET].get(i % PACKET).as_ref());
             }
         }
     }
@@ -172,14 +211,14 @@ impl Tuff {
     /// The closest hit of each ray.
     pub fn hits(&self, rays: &[Ray]) -> Vec<Option<Hit>> {
         let mut hits = Vec::with_capacity(rays.len());
-        self.walk(rays, false, |hit| hits.push(hit.copied()));
+        self.walk(rays, How::Lists, |hit| hits.push(hit.copied()));
         hits
     }
 
     /// Walks rays; returns how many hit and the sum of their distances.
-    pub fn trace(&self, rays: &[Ray], packets: bool) -> (usize, f64) {
+    pub fn trace(&self, rays: &[Ray], how: How) -> (usize, f64) {
         let (mut hits, mut sum) = (0, 0.0);
-        self.walk(rays, packets, |hit| {
+        self.walk(rays, how, |hit| {
             if let Some(hit) = hit {
                 hits += 1;
                 sum += f64::from(hit.t);

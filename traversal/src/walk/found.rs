@@ -7,8 +7,9 @@ use crate::walk::facts::InstanceFacts;
 use crate::walk::rows::{Lanes, RayRows, Words};
 use crate::walk::triangle::Intersection;
 
+#[derive(Clone)]
 #[repr(C, align(64))]
-pub(super) struct Found {
+pub(crate) struct Found {
     pub t: Lanes,
     pub barycentrics: [Lanes; 2],
     pub slots: Words,
@@ -16,20 +17,46 @@ pub(super) struct Found {
     /// The instance that the packet is in.
     pub instance: u32,
     pub front: u16,
+    /// Lanes with an opaque triangle.
     pub hit: u16,
+    /// Lanes with what was decided on outside: but for `t`, that hit is in the rows of hits.
+    pub outside: u16,
 }
 
 impl Found {
+    /// Nothing, for no rays.
+    pub const NOTHING: Found = Found {
+        t: [0.0; PACKET],
+        barycentrics: [[0.0; PACKET]; 2],
+        slots: [0; PACKET],
+        instances: [0; PACKET],
+        instance: 0,
+        front: 0,
+        hit: 0,
+        outside: 0,
+    };
+
+    /// Nothing yet.
     pub fn new(rays: &RayRows) -> Found {
         Found {
             t: rays.t_max,
-            barycentrics: [[0.0; PACKET]; 2],
-            slots: [0; PACKET],
-            instances: [0; PACKET],
-            instance: 0,
-            front: 0,
-            hit: 0,
+            ..Found::NOTHING
         }
+    }
+
+    /// Takes note of a hit that was decided on outside.
+    pub fn set_outside(&mut self, lane: usize, t: f32) {
+        self.t[lane] = t;
+        self.hit &= !(1 << lane);
+        self.outside |= 1 << lane;
+    }
+
+    /// Opaque triangles are nearest now in some lanes.
+    #[inline]
+    pub fn mark(&mut self, lanes: u16, front: u16) {
+        self.front = self.front & !lanes | front & lanes;
+        self.hit |= lanes;
+        self.outside &= !lanes;
     }
 
     /// Lanes whose hit is in the same instance as that of one.
@@ -69,8 +96,7 @@ impl Found {
         self.slots[lane] = hit.slot;
         self.instances[lane] = hit.instance_index;
         let front = hit.hit_kind == instance.hit_kind(true);
-        self.front = self.front & !(1 << lane) | u16::from(front) << lane;
-        self.hit |= 1 << lane;
+        self.mark(1 << lane, u16::from(front) << lane);
     }
 
     /// Takes a hit in a lane, a triangle of the instance, if it is to be preferred to what there is.
@@ -85,8 +111,7 @@ impl Found {
             self.barycentrics[1][lane] = hit.barycentrics[1];
             self.slots[lane] = slot;
             self.instances[lane] = self.instance;
-            self.front = self.front & !(1 << lane) | u16::from(hit.front) << lane;
-            self.hit |= 1 << lane;
+            self.mark(1 << lane, u16::from(hit.front) << lane);
         }
     }
 

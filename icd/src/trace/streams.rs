@@ -1,0 +1,77 @@
+//! Rays of many groups that are walked together, node by node.
+
+use traversal::{Caller, Event, Hit, RayRows, Walk};
+
+use super::batch::{Batch, FUEL, Worker};
+use super::rays::RayGroup;
+use super::slab::Slab;
+use super::subgroup::{LaneRef, Subgroup};
+use super::{Dispatch, Stopped};
+
+/// Groups of rays that hear of their rays.
+struct Groups<'a, 'd> {
+    groups: &'a mut Slab<RayGroup>,
+    subgroups: &'a Slab<Subgroup>,
+    walks: &'a mut Slab<Walk>,
+    dispatch: &'a Dispatch<'d>,
+    stopped: Vec<(LaneRef, Event)>,
+}
+
+impl Caller for Groups<'_, '_> {
+    fn hit(&mut self, group: u32, lane: usize, hit: &Hit) {
+        self.groups[group].hits.set(lane, hit);
+    }
+
+    fn rays(&mut self, group: u32, rays: &mut RayRows) {
+        let group = &self.groups[group];
+        group.load(group.operands(self.subgroups), self.dispatch, rays);
+    }
+
+    fn suspend(&mut self, group: u32, lane: usize, walk: &mut Walk, event: Event) {
+        let place = self.walks.take();
+        std::mem::swap(&mut self.walks[place], walk);
+        self.groups[group].walks[lane] = place;
+        self.stopped.push((LaneRef::new(group, lane), event));
+    }
+}
+
+impl Batch<'_> {
+    /// Walks the rays that the walker has taken up.
+    pub(super) fn trace_enlisted(&mut self) -> Result<(), Stopped> {
+        if self.enlisted.is_empty() {
+            return Ok(());
+        }
+        let mut enlisted = std::mem::take(&mut self.enlisted);
+        let Worker {
+            walker,
+            walks,
+            ray_groups,
+            subgroups,
+            ..
+        } = &mut *self.worker;
+        let mut groups = Groups {
+            groups: ray_groups,
+            subgroups,
+            walks,
+            dispatch: self.dispatch,
+            stopped: Vec::new(),
+        };
+        let fuel = &mut (FUEL * enlisted.len() as u64);
+        // SAFETY: as for walks that are started one by one.
+        unsafe { walker.trace_enlisted(fuel, &mut groups) };
+        let mut waiting = Vec::new();
+        for (ray, event) in groups.stopped {
+            if !self.is_over(ray, event)? {
+                waiting.push(ray);
+            }
+        }
+        for &(index, lanes) in &enlisted {
+            let waits = waiting.iter().filter(|ray| ray.index() == index);
+            let waits = waits.fold(0, |lanes, ray| lanes | 1 << ray.lane());
+            self.end_walks(index, lanes & !waits);
+        }
+        enlisted.clear();
+        self.enlisted = enlisted;
+        Ok(())
+    }
+}

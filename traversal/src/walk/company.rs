@@ -1,0 +1,130 @@
+//! Rays of one subgroup that walk together, while they wait for decisions about candidates.
+
+use super::found::Found;
+use super::rows::{HitRows, RayRows};
+use super::walker::Entry;
+use super::{PACKET, Walk};
+use crate::layout::LEAF_TRIANGLES;
+use crate::ray::Hit;
+
+/// How far rays have come that walk together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// They do not go the same way, or meet what is not done together: nothing has happened.
+    Apart,
+    /// All are at their ends; their hits are in the rows.
+    Done,
+    /// [`Company::candidates`] are to be decided on.
+    Candidates,
+    /// From here on these go singly: [`Company::part`]. The others are at their ends.
+    Parted(u16),
+}
+
+/// Rays that wait for decisions about candidates, one each at most.
+pub struct Company {
+    /// Those that set out.
+    pub(crate) started: u16,
+    /// Those that no decision has ended.
+    pub(crate) lanes: u16,
+    /// The first hit of a ray ends it.
+    pub(crate) any: bool,
+    pub(crate) patience: u32,
+    pub(crate) found: Found,
+    pub(crate) candidates: HitRows,
+    /// What is to be visited yet in the top level, and in the instance.
+    pub(crate) top: Vec<(Entry, u16)>,
+    pub(crate) bottom: Vec<(Entry, u16)>,
+    /// The instance they are in, and those that entered it.
+    pub(crate) instance: Option<(u32, u16)>,
+    pub(crate) leaf: Standing,
+}
+
+/// The leaf at which rays stand.
+#[derive(Clone, Copy)]
+pub(crate) struct Standing {
+    pub word: u32,
+    /// By triangle: rays that have not been tested against it yet.
+    pub rest: [u16; LEAF_TRIANGLES],
+}
+
+impl Standing {
+    pub const NOWHERE: Standing = Standing {
+        word: 0,
+        rest: [0; LEAF_TRIANGLES],
+    };
+}
+
+impl Default for Company {
+    /// Of no rays.
+    fn default() -> Company {
+        Company {
+            started: 0,
+            lanes: 0,
+            any: false,
+            patience: 0,
+            found: Found::NOTHING,
+            candidates: HitRows::NONE,
+            top: Vec::new(),
+            bottom: Vec::new(),
+            instance: None,
+            leaf: Standing::NOWHERE,
+        }
+    }
+}
+
+impl Company {
+    /// The candidates: `found` says which rays have one. Of a box, `t` is the lower end of the ray's interval.
+    #[inline]
+    pub fn candidates(&self) -> &HitRows {
+        &self.candidates
+    }
+
+    /// Upper ends of the rays' intervals now.
+    #[inline]
+    pub fn t_max(&self) -> &[f32; PACKET] {
+        &self.found.t
+    }
+
+    /// Commits a ray's candidate, a triangle. `hits` are the rows that the rays set out with, here and below.
+    pub fn accept(&mut self, lane: usize, hits: &mut HitRows) {
+        let hit = self.candidates.hit(lane);
+        self.commit(lane, &hit, hits);
+    }
+
+    /// Commits a hit that an intersection shader reported for a ray's candidate, in the ray's interval as it stands. Returns
+    /// whether the ray is over by it.
+    pub fn report(&mut self, lane: usize, t: f32, hit_kind: u8, hits: &mut HitRows) -> bool {
+        let candidate = self.candidates.hit(lane);
+        let hit = Hit {
+            t,
+            hit_kind,
+            ..candidate
+        };
+        self.commit(lane, &hit, hits);
+        self.any
+    }
+
+    fn commit(&mut self, lane: usize, hit: &Hit, hits: &mut HitRows) {
+        self.found.set_outside(lane, hit.t);
+        hits.set(lane, hit);
+    }
+
+    /// Ends rays with what is committed.
+    pub fn end(&mut self, lanes: u16) {
+        self.lanes &= !lanes;
+    }
+
+    /// The walk of a ray that goes singly from here on. It is to be resumed.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`].
+    pub unsafe fn part(&self, lane: usize, rays: &RayRows, hits: &HitRows, walk: &mut Walk) {
+        // SAFETY: the caller's promise.
+        unsafe { walk.restart(rays.top_level[lane], &rays.ray(lane)) };
+        walk.set_time(rays.time[lane]);
+        let mine = |&(entry, lanes): &(Entry, u16)| (lanes >> lane & 1 != 0).then_some(entry);
+        let instance =
+            (self.instance.filter(|(_, lanes)| lanes >> lane & 1 != 0)).map(|(index, _)| index);
+        walk.go_on_from(hits.get(lane), self.top.iter().filter_map(mine), instance);
+    }
+}

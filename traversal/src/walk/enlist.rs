@@ -1,0 +1,79 @@
+//! Rays of many lists, traced together: see [`stream`](super::stream).
+
+use super::options::Specialisation;
+use super::rows::{HitRows, RayRows};
+use super::walker::Tier;
+use super::{Event, Walk, Walker};
+use crate::ray::Hit;
+
+/// Who has rays traced by [`Walker::trace_enlisted`], and hears of them by group and lane.
+pub trait Caller {
+    /// A ray has met something.
+    fn hit(&mut self, group: u32, lane: usize, hit: &Hit);
+
+    /// The rays of a group once more, as they were given.
+    fn rays(&mut self, group: u32, rays: &mut RayRows);
+
+    /// Takes over the walk of a ray that ran out of fuel, by changing places with it.
+    fn suspend(&mut self, group: u32, lane: usize, walk: &mut Walk, event: Event);
+}
+
+impl Walker {
+    /// Rays that are taken up, at most.
+    pub const MOST_ENLISTED: usize = 4096;
+
+    /// Takes rays up, to be traced with others by [`Self::trace_enlisted`]; returns which. Those are rays of ordinary length through a
+    /// top level whose only instance holds triangles that all count, like those taken up before; and none where the
+    /// machine has no AVX-512. Their hits are none so far.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray, until they are traced.
+    pub unsafe fn enlist(
+        &mut self,
+        rays: &RayRows,
+        lanes: u16,
+        hits: &mut HitRows,
+        group: u32,
+    ) -> u16 {
+        let without = self.without();
+        let needed = [
+            Specialisation::Streams,
+            Specialisation::OneInstance,
+            Specialisation::Opaque,
+        ];
+        if lanes == 0
+            || self.options.tier != Tier::Avx512
+            || needed.into_iter().any(|one| without.contains(one))
+        {
+            return 0;
+        }
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the caller's promise; a walker has this tier only on machines that have the instruction set.
+        return unsafe { self.take_up(rays, lanes, hits, group) };
+        #[cfg(not(target_arch = "x86_64"))]
+        {
+            let _ = (rays, hits, group);
+            0
+        }
+    }
+
+    /// Forgets rays that were taken up.
+    pub fn dismiss(&mut self) {
+        #[cfg(target_arch = "x86_64")]
+        self.streams.clear();
+    }
+
+    /// Traces the rays that were taken up, and forgets them. The hits are those of each ray by itself, bit for bit.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray.
+    pub unsafe fn trace_enlisted(&mut self, fuel: &mut u64, caller: &mut dyn Caller) {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the caller's promise.
+        unsafe {
+            self.run_streams(fuel, caller);
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = (fuel, caller);
+    }
+}

@@ -1,0 +1,189 @@
+//! Leaves whose triangles are not all opaque: rays stop there for candidates.
+
+use std::arch::x86_64::*;
+
+use super::rays::{Rays, load, store};
+use super::triangle::{meet, test_triangle};
+use crate::layout::{Block, GROUP, LEAF_TRIANGLES, TriangleGroup, child, geometry_word};
+use crate::ray::Hit;
+use crate::structure::Structure;
+use crate::walk::PACKET;
+use crate::walk::company::Standing;
+use crate::walk::facts::InstanceFacts;
+use crate::walk::found::Found;
+use crate::walk::rows::{HitRows, Lanes};
+use crate::walk::triangle::{Rim, intersect};
+/// Tests the opaque triangles of a leaf, and notes at which others rays have to look.
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+pub(super) fn test_some(
+    rays: &Rays,
+    structure: &Structure,
+    facts: &InstanceFacts,
+    (word, lanes): (u32, u16),
+    t_far: f32,
+    found: &mut Found,
+) -> Standing {
+    let mut standing = Standing {
+        word,
+        ..Standing::NOWHERE
+    };
+    let Some(leaf) = LeafGroups::of(structure, word) else {
+        return standing;
+    };
+    let groups = leaf.groups(structure);
+    let mut rest = leaf.lanes & rays.test_triangles(groups, t_far);
+    while rest != 0 {
+        let i = rest.trailing_zeros() as usize % LEAF_TRIANGLES;
+        rest &= rest - 1;
+        let (group, lane) = (groups[i / GROUP], i % GROUP);
+        match facts.opacity(group.geometries[lane]) {
+            Some(true) => {
+                let slot = leaf.first_slot + i as u32;
+                test_triangle(rays, structure, (group, lane), slot, lanes, found);
+            }
+            Some(false) => standing.rest[i] = lanes,
+            None => {}
+        }
+    }
+    standing
+}
+
+/// Looks for one candidate for each of the rays of `live`, in the leaf where they stand.
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+pub(super) fn next_candidates(
+    rays: &Rays,
+    structure: &Structure,
+    facts: &InstanceFacts,
+    standing: &mut Standing,
+    live: u16,
+    found: &Found,
+    candidates: &mut HitRows,
+) {
+    candidates.found = 0;
+    let rest = standing.rest.iter().fold(0, |all, lanes| all | lanes) & live;
+    let Some(leaf) = LeafGroups::of(structure, standing.word).filter(|_| rest != 0) else {
+        return;
+    };
+    let groups = leaf.groups(structure);
+    for i in 0..LEAF_TRIANGLES {
+        let lanes = standing.rest[i] & live & !candidates.found;
+        if lanes == 0 {
+            continue;
+        }
+        standing.rest[i] &= !lanes;
+        let (group, lane) = (groups[i / GROUP], i % GROUP);
+        let Some(meeting) = meet(rays, (group, lane), lanes) else {
+            continue;
+        };
+        let slot = leaf.first_slot + i as u32;
+        let hit = Hit {
+            geometry_index: group.geometries[lane] & geometry_word::INDEX,
+            primitive_index: group.primitives[lane],
+            slot,
+            ..facts.hit()
+        };
+        let mut place = Place {
+            t: [0.0; PACKET],
+            barycentrics: [[0.0; PACKET]; 2],
+        };
+        store(&mut place.t, meeting.t);
+        for (weights, weight) in place.barycentrics.iter_mut().zip(meeting.weights) {
+            store(weights, weight);
+        }
+        let t_far = load(&found.t);
+        let mut met = meeting.lanes & _mm512_cmp_ps_mask::<_CMP_LT_OQ>(meeting.t, t_far);
+        let mut front = meeting.front;
+        if meeting.undecided != 0 {
+            let triangle = group.triangle(lane);
+            let exactly = place.meet_exactly(rays, &triangle, meeting.undecided, found);
+            met |= exactly.0;
+            front = front & !meeting.undecided | exactly.1;
+        }
+        let kinds = std::array::from_fn(|lane| facts.hit_kind(front >> lane & 1 != 0));
+        candidates.set_triangle(met, &hit, &place.t, &place.barycentrics, &kinds);
+    }
+}
+
+/// Where rays meet a triangle, in memory.
+struct Place {
+    t: Lanes,
+    barycentrics: [Lanes; 2],
+}
+
+impl Place {
+    /// One ray after the other, by the rule that gives an edge to one of its triangles. Returns those that meet the triangle nearer than
+    /// what was found, and those of them that see its front.
+    #[cold]
+    #[inline(never)]
+    fn meet_exactly(
+        &mut self,
+        rays: &Rays,
+        triangle: &[[f32; 3]; 3],
+        lanes: u16,
+        found: &Found,
+    ) -> (u16, u16) {
+        let (mut met, mut front) = (0, 0);
+        for lane in (0..PACKET).filter(|lane| lanes >> lane & 1 != 0) {
+            if let Some(hit) = intersect(&rays.beams.space(lane), triangle, Rim::Owned)
+                && hit.t > rays.beams.t_min[lane]
+                && hit.t < found.t[lane]
+            {
+                met |= 1 << lane;
+                front |= u16::from(hit.front) << lane;
+                self.t[lane] = hit.t;
+                for (weights, weight) in self.barycentrics.iter_mut().zip(hit.barycentrics) {
+                    weights[lane] = weight;
+                }
+            }
+        }
+        (met, front)
+    }
+}
+
+/// A leaf by its groups.
+struct LeafGroups {
+    index: u32,
+    has_two: bool,
+    /// A block's triangles, written out.
+    expanded: Option<[TriangleGroup; 2]>,
+    lanes: u32,
+    first_slot: u32,
+}
+
+impl LeafGroups {
+    /// `None` for the word of a corrupt structure.
+    fn of(structure: &Structure, word: u32) -> Option<LeafGroups> {
+        let index = word & child::INDEX;
+        let expanded = structure.block(index).map(Block::groups);
+        let has_two = word & child::TWO_GROUPS != 0;
+        let mut leaf = LeafGroups {
+            index,
+            has_two,
+            expanded,
+            lanes: 0,
+            first_slot: structure.first_slot(index),
+        };
+        if leaf.expanded.is_none() {
+            structure.group(index)?;
+        }
+        let [first, last] = leaf.groups(structure);
+        let others = match leaf.has_two || leaf.expanded.is_some() {
+            true => last.lanes & 0xF,
+            false => 0,
+        };
+        leaf.lanes = first.lanes & 0xF | others << GROUP;
+        Some(leaf)
+    }
+
+    /// The groups; the same twice if there is one.
+    fn groups<'a>(&'a self, structure: &'a Structure) -> [&'a TriangleGroup; 2] {
+        if let Some([first, last]) = &self.expanded {
+            return [first, last];
+        }
+        let first = structure.group(self.index).unwrap_or(&TriangleGroup::EMPTY);
+        match self.has_two {
+            true => [first, structure.group(self.index + 1).unwrap_or(first)],
+            false => [first, first],
+        }
+    }
+}

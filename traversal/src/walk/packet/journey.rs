@@ -1,0 +1,251 @@
+//! From instance to instance, and where a company keeps the rays.
+
+use super::candidates::{next_candidates, test_some};
+use super::triangle::test_leaf;
+use super::{Packet, PacketSpace};
+use crate::layout::{child, geometry_word};
+use crate::ray::Hit;
+use crate::structure::Kind;
+use crate::walk::company::{Progress, Standing};
+use crate::walk::facts::InstanceFacts;
+use crate::walk::rows::HitRows;
+use crate::walk::{Walker, descend};
+
+/// What becomes of an instance.
+pub(super) enum Entering {
+    /// There is nothing for these rays.
+    Nothing,
+    Inside(Way),
+    /// The rays do not go the same way there.
+    Apart,
+    /// It holds something that a packet does not do.
+    Unusual,
+}
+
+/// What a bottom level holds.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Way {
+    /// Triangles that all count.
+    Opaque,
+    /// Triangles, some of which are candidates.
+    Mixed,
+    Boxes,
+}
+
+impl Packet<'_> {
+    /// Goes on, in an instance first if one is given, then with what is pending in the top level.
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    pub(super) fn go(
+        mut self,
+        walker: &mut Walker,
+        hits: &mut HitRows,
+        only: Option<(u32, u16)>,
+    ) -> Progress {
+        let structure = walker.top.structure;
+        let mut next = only;
+        loop {
+            let (index, lanes) = match next.take() {
+                Some(instance) => instance,
+                None if only.is_some() => break,
+                None => {
+                    let PacketSpace { top, ways, .. } = &mut walker.packet;
+                    match self.next_leaf(ways, &structure, top) {
+                        Some((word, lanes, _)) => (word & child::INDEX, lanes),
+                        None => break,
+                    }
+                }
+            };
+            match self.enter(walker, index, lanes, false) {
+                Entering::Nothing => {}
+                Entering::Inside(way) => {
+                    let instance = (index, lanes);
+                    if self.walk_instance(walker, way, instance, Standing::NOWHERE) {
+                        self.open(hits);
+                        return Progress::Candidates;
+                    }
+                }
+                Entering::Apart if !self.has_asked && only.is_none() => {
+                    if !self.go_singly(walker, index, lanes) {
+                        return Progress::Apart;
+                    }
+                }
+                _ if !self.has_asked => return Progress::Apart,
+                _ => return self.part(walker, hits, (index, lanes)),
+            }
+        }
+        match self.patience == 0 && !self.has_asked {
+            true => Progress::Apart,
+            false => self.finish(hits, &walker.top),
+        }
+    }
+
+    /// Sets the rays of `lanes` up for an instance; `again` if they were there before.
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    pub(super) fn enter(
+        &mut self,
+        walker: &mut Walker,
+        index: u32,
+        lanes: u16,
+        again: bool,
+    ) -> Entering {
+        let Walker {
+            top,
+            bottom,
+            instance,
+            packet:
+                PacketSpace {
+                    bottom: stack,
+                    rays,
+                    ..
+                },
+            ..
+        } = walker;
+        // SAFETY: the contract of `Walk::new`.
+        if !unsafe { bottom.admit(instance, top, index, &self.first) } {
+            return Entering::Nothing;
+        }
+        let Some(record) = top.structure.instance(index) else {
+            return Entering::Nothing;
+        };
+        let asks = again || self.company.is_some();
+        let way = match bottom.structure.kind() {
+            Kind::Triangles if instance.takes_all => Way::Opaque,
+            Kind::Triangles if instance.is_plain && asks => Way::Mixed,
+            Kind::Aabbs if asks => Way::Boxes,
+            _ => return Entering::Unusual,
+        };
+        if !rays.set_up_instance(&self.given, record, lanes) {
+            return Entering::Apart;
+        }
+        self.found.instance = index;
+        if !again {
+            stack.start(lanes);
+        }
+        Entering::Inside(way)
+    }
+
+    /// Takes rays through the instance that they have entered, from the leaf on at which they stand. Whether they stand at candidates
+    /// now, and the company keeps them.
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    pub(super) fn walk_instance(
+        &mut self,
+        walker: &mut Walker,
+        way: Way,
+        instance: (u32, u16),
+        mut standing: Standing,
+    ) -> bool {
+        let structure = walker.bottom.structure;
+        let facts = walker.instance;
+        loop {
+            if way == Way::Mixed && self.stands(walker, &facts, instance, &mut standing) {
+                return true;
+            }
+            let PacketSpace { bottom, rays, .. } = &mut walker.packet;
+            let Some((word, here, t_far)) = self.next_leaf(rays, &structure, bottom) else {
+                return false;
+            };
+            match way {
+                Way::Opaque => test_leaf(rays, &structure, word, here, t_far, &mut self.found),
+                Way::Mixed => {
+                    let leaf = (word, here);
+                    standing = test_some(rays, &structure, &facts, leaf, t_far, &mut self.found);
+                }
+                Way::Boxes => {
+                    if self.stands_at_box(walker, &facts, instance, word, here) {
+                        return true;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Whether rays have candidates among the triangles of the leaf where they stand.
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    fn stands(
+        &mut self,
+        walker: &Walker,
+        facts: &InstanceFacts,
+        instance: (u32, u16),
+        standing: &mut Standing,
+    ) -> bool {
+        let (live, structure) = (self.live(), &walker.bottom.structure);
+        let Some(company) = self.company.as_deref_mut() else {
+            return false;
+        };
+        let (rays, candidates) = (&walker.packet.rays, &mut company.candidates);
+        next_candidates(
+            rays,
+            structure,
+            facts,
+            standing,
+            live,
+            &self.found,
+            candidates,
+        );
+        if company.candidates.found == 0 {
+            return false;
+        }
+        company.leaf = *standing;
+        self.keep(walker, instance);
+        true
+    }
+
+    /// Whether there is a box for rays in a leaf.
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    fn stands_at_box(
+        &mut self,
+        walker: &Walker,
+        facts: &InstanceFacts,
+        instance: (u32, u16),
+        word: u32,
+        lanes: u16,
+    ) -> bool {
+        let entry = walker.bottom.structure.box_entry(word & child::INDEX);
+        let (Some(company), Some(entry)) = (self.company.as_deref_mut(), entry) else {
+            return false;
+        };
+        let Some(opaque) = facts.opacity(entry.geometry) else {
+            return false;
+        };
+        let hit = Hit {
+            geometry_index: entry.geometry & geometry_word::INDEX,
+            primitive_index: entry.primitive,
+            opaque,
+            ..facts.hit()
+        };
+        company.candidates.found = 0;
+        company.candidates.set_box(lanes, &hit, &self.rays.t_min);
+        company.leaf = Standing::NOWHERE;
+        self.keep(walker, instance);
+        true
+    }
+
+    /// Leaves the rays to the company.
+    fn keep(&mut self, walker: &Walker, instance: (u32, u16)) {
+        let live = self.live();
+        let Some(company) = self.company.as_deref_mut() else {
+            return;
+        };
+        if !self.has_asked {
+            company.started = self.lanes;
+        }
+        company.lanes = self.lanes;
+        company.any = self.any;
+        company.patience = self.patience;
+        company.found = self.found.clone();
+        company.instance = Some(instance);
+        match descend::only_instance(&walker.top) {
+            Some(_) => company.top.clear(),
+            None => walker.packet.top.save(live, &mut company.top),
+        }
+        walker.packet.bottom.save(live, &mut company.bottom);
+    }
+
+    /// Before an instance, each ray goes by itself from here on.
+    #[cold]
+    fn part(mut self, walker: &Walker, hits: &mut HitRows, (index, lanes): (u32, u16)) -> Progress {
+        self.keep(walker, (index, lanes & self.live()));
+        self.finish(hits, &walker.top);
+        Progress::Parted(self.live())
+    }
+}

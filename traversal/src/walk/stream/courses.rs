@@ -1,0 +1,309 @@
+//! Lists of rays, and whose turn it is.
+
+use std::arch::x86_64::*;
+use std::mem::MaybeUninit;
+
+use super::nodes::meet;
+use super::rays::{self, APART, StreamRay};
+use crate::layout::{WIDTH, child};
+use crate::structure::Structure;
+use crate::walk::PACKET;
+use crate::walk::opaque::Nearest;
+use crate::walk::rows::{Words, lanes_of};
+use crate::walk::walker::STACK;
+
+/// Words of a course's lists for each of its rays: enough unless rays meet nearly all children. Where they do, they go on singly.
+const WORDS: usize = 24;
+
+/// Lanes that a vector may write beyond the end of a list.
+const SLACK: usize = 16;
+
+/// Words that each course has besides, so that few rays find room too.
+const REST: usize = 8 * SLACK;
+
+/// Rays in one structure.
+#[derive(Default)]
+pub(super) struct Stream {
+    pub rays: Vec<StreamRay>,
+    /// What they have found here.
+    pub best: Vec<Nearest>,
+    /// The instance of what they have found before; 0 as well if that is nothing.
+    pub before: Vec<u32>,
+    /// Their octants, and which there are.
+    octants: Vec<u32>,
+    present: u8,
+    courses: [Course; 8],
+    /// Lists of rays, the courses' one after the other.
+    pub words: Vec<u32>,
+    /// Room for the rays of the list at hand.
+    pub here: Vec<u32>,
+    /// Which children each meets, one a byte.
+    pub masks: Vec<u8>,
+}
+
+/// The rays of an octant on their way.
+#[derive(Default)]
+pub(super) struct Course {
+    pub octant: usize,
+    /// Lists of rays, and where they go.
+    pub lists: Vec<List>,
+    /// Where the words of its lists end.
+    end: usize,
+}
+
+/// Rays that enter a child.
+#[derive(Clone, Copy)]
+pub(super) struct List {
+    /// The child's word.
+    pub word: u32,
+    pub first: u32,
+    pub count: u32,
+    /// The child's near planes, with the opposite sign.
+    pub planes: [f32; 3],
+}
+
+impl List {
+    /// The near planes of the child in one vector.
+    #[inline]
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    pub fn planes(&self) -> __m128 {
+        let [x, y, z] = self.planes;
+        _mm_setr_ps(x, y, z, 0.0)
+    }
+}
+
+/// A structure with what is needed at its leaves.
+pub(super) trait Place {
+    fn structure(&self) -> &Structure;
+
+    /// Whether nodes and leaves are fetched ahead.
+    fn fetches_ahead(&self) -> bool;
+
+    /// Takes a list to a leaf.
+    ///
+    /// # Safety
+    /// The machine has the instruction set; the list is one of the stream's.
+    unsafe fn visit<const ANY: bool>(&mut self, stream: &mut Stream, list: &List, fuel: &mut u64);
+
+    /// Takes a list on, each ray by itself.
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn go_singly<const ANY: bool>(
+        &mut self,
+        stream: &mut Stream,
+        list: &List,
+        fuel: &mut u64,
+    );
+}
+
+impl Stream {
+    /// Forgets all rays.
+    pub fn clear(&mut self) {
+        self.rays.clear();
+        self.best.clear();
+        self.before.clear();
+        self.octants.clear();
+        self.present = 0;
+    }
+
+    /// Takes rays up, with what they have found before. `rays` puts all sixteen down, and returns their octants.
+    #[inline]
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    pub fn take_up(
+        &mut self,
+        lanes: u16,
+        rays: impl FnOnce(&mut [MaybeUninit<StreamRay>; PACKET]) -> Words,
+        found: impl Fn(usize) -> (Nearest, u32),
+    ) {
+        let first = self.rays.len();
+        self.rays.reserve(PACKET);
+        self.octants.reserve(PACKET);
+        self.best.reserve(PACKET);
+        self.before.reserve(PACKET);
+        let places = self.rays.spare_capacity_mut();
+        let Some(places) = places.first_chunk_mut() else {
+            return;
+        };
+        let octants = rays(places);
+        let mut count = 0;
+        for lane in lanes_of(lanes) {
+            if count != lane {
+                places[count] = places[lane];
+            }
+            count += 1;
+            let octant = octants[lane] % 8;
+            self.octants.push(octant);
+            self.present |= 1 << octant;
+            let (best, before) = found(lane);
+            self.best.push(best);
+            self.before.push(before);
+        }
+        // SAFETY: so many were put down.
+        unsafe { self.rays.set_len(first + count) };
+    }
+
+    /// Leaves the rays of a list to walks by themselves, but for those that are over.
+    #[cold]
+    pub fn part(&mut self, list: &List) {
+        for i in 0..list.count as usize {
+            let ray = &mut self.rays[rays::index(self.words[list.first as usize + i])];
+            if ray.t_far >= 0.0 {
+                ray.t_far = APART;
+            }
+        }
+    }
+
+    /// All rays at the root.
+    pub fn all(&mut self) -> List {
+        let count = self.rays.len();
+        if self.words.len() < count {
+            self.words.resize(count, 0);
+        }
+        for (i, word) in self.words[..count].iter_mut().enumerate() {
+            *word = rays::offset(i);
+        }
+        List {
+            word: 0,
+            first: 0,
+            count: count as u32,
+            planes: [f32::NAN; 3],
+        }
+    }
+
+    /// Takes all rays through a structure, as far as fuel lasts.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    pub unsafe fn run<P: Place>(&mut self, place: &mut P, any: bool, fuel: &mut u64) {
+        // SAFETY: the caller's promise.
+        unsafe {
+            let going = self.start();
+            if any {
+                run::<P, true>(self, place, going, fuel);
+            } else {
+                run::<P, false>(self, place, going, fuel);
+            }
+        }
+    }
+
+    /// Puts the rays of each octant down at the root; returns which courses there are.
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    fn start(&mut self) -> u32 {
+        let count = self.rays.len();
+        if self.here.len() < count + SLACK {
+            self.here.resize(count + SLACK, 0);
+            self.masks.resize(count + SLACK, 0);
+        }
+        let words = WORDS * count + 8 * REST;
+        if self.words.len() < words {
+            self.words.resize(words, 0);
+        }
+        self.octants
+            .resize(count.next_multiple_of(PACKET), u32::MAX);
+        let size = rays::offset(1) as i32;
+        let lanes = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+        let (mut active, mut end) = (0, 0);
+        for octant in lanes_of(self.present.into()) {
+            let first = end;
+            let mut top = first;
+            for (block, octants) in self.octants.chunks_exact(PACKET).enumerate() {
+                let base = _mm512_set1_epi32((block * PACKET) as i32);
+                let offsets =
+                    _mm512_mullo_epi32(_mm512_add_epi32(lanes, base), _mm512_set1_epi32(size));
+                // SAFETY: sixteen each; a list has no more words than there are rays in its octant, and there is slack.
+                unsafe {
+                    let octants = _mm512_loadu_si512(octants.as_ptr().cast());
+                    let ours = _mm512_cmpeq_epi32_mask(octants, _mm512_set1_epi32(octant as i32));
+                    let offsets = _mm512_maskz_compress_epi32(ours, offsets);
+                    _mm512_storeu_si512(self.words.as_mut_ptr().add(top).cast(), offsets);
+                    top += ours.count_ones() as usize;
+                }
+            }
+            end = first + WORDS * (top - first) + REST;
+            let course = &mut self.courses[active];
+            (course.octant, course.end) = (octant, end);
+            course.lists.clear();
+            course.lists.push(List {
+                word: 0,
+                first: first as u32,
+                count: (top - first) as u32,
+                planes: [f32::NAN; 3],
+            });
+            active += 1;
+        }
+        (1 << active) - 1
+    }
+}
+
+/// Takes turns with the courses until all are at their ends, or fuel is.
+///
+/// # Safety
+/// The machine has the instruction set.
+#[inline(never)]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+unsafe fn run<P: Place, const ANY: bool>(
+    stream: &mut Stream,
+    place: &mut P,
+    mut going: u32,
+    fuel: &mut u64,
+) {
+    let mut courses = std::mem::take(&mut stream.courses);
+    let mut turn = 0;
+    while going != 0 {
+        // The next course in turn that is not at its end.
+        let rest = going & u32::MAX << turn;
+        let next = (if rest != 0 { rest } else { going }).trailing_zeros() as usize % 8;
+        turn = next + 1;
+        let course = &mut courses[next];
+        let Some(list) = course.lists.pop() else {
+            going &= !(1 << next);
+            continue;
+        };
+        let count = list.count as usize;
+        let Some(left) = fuel.checked_sub(count as u64) else {
+            *fuel = 0;
+            course.lists.push(list);
+            break;
+        };
+        let has_room = list.first as usize + WIDTH * count + SLACK <= course.end;
+        // SAFETY: the caller's promise; words of nodes are below the count, so inside the part, and parts are aligned.
+        unsafe {
+            // Words of leaves are above every index of a node.
+            if list.word >= place.structure().node_count() {
+                *fuel = left;
+                if list.word & child::LEAF != 0 && list.word != child::NONE {
+                    place.visit::<ANY>(stream, &list, fuel);
+                }
+            } else if !has_room || course.lists.len() > STACK {
+                place.go_singly::<ANY>(stream, &list, fuel);
+            } else {
+                *fuel = left;
+                let node = &*place.structure().nodes().add(list.word as usize);
+                meet::<ANY>(stream, course, &list, node);
+            }
+        }
+        if place.fetches_ahead()
+            && let Some(next) = course.lists.last()
+        {
+            fetch(place.structure(), next.word);
+        }
+    }
+    for course in &mut courses {
+        for list in course.lists.drain(..) {
+            stream.part(&list);
+        }
+    }
+    stream.courses = courses;
+}
+
+/// Asks for the memory of a child.
+#[inline(always)]
+fn fetch(structure: &Structure, word: u32) {
+    let address = structure.child_address(word);
+    let lines = if word & child::TWO_GROUPS != 0 { 6 } else { 4 };
+    for line in 0..lines {
+        // SAFETY: a hint; addresses need not be valid.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64 * line).cast()) };
+    }
+}

@@ -1,0 +1,127 @@
+//! Rays in a top level of several instances.
+
+use super::courses::{List, Place, Stream};
+use super::leaf::{Bottom, comes_to};
+use super::rays::{self, APART, OVER};
+use crate::layout::{child, instance_state};
+use crate::ray::{Hit, Ray};
+use crate::structure::{Kind, Structure};
+use crate::walk::PACKET;
+use crate::walk::beams::Beams;
+use crate::walk::facts::InstanceFacts;
+use crate::walk::kernel::GroupHits;
+use crate::walk::level::Level;
+use crate::walk::opaque::{LARGE, Nearest};
+use crate::walk::walker::{Entry, STACK};
+
+/// Fewer rays are not worth streams of their own.
+const FEW: usize = 8;
+
+/// A top level, and what walks through its instances need.
+pub(super) struct Top<'a> {
+    pub stack: &'a mut [Entry; STACK],
+    pub top: &'a Level,
+    pub bottom: &'a mut Level,
+    pub instance: &'a mut InstanceFacts,
+    pub hits: &'a mut GroupHits,
+    pub beams: &'a mut Beams,
+    /// The rays in an instance.
+    pub inner: &'a mut Stream,
+    /// Where rays have found something.
+    pub instances: &'a mut [u32],
+    /// One of them, for what they have in common.
+    pub ray: &'a Ray,
+    pub fetches_ahead: bool,
+}
+
+impl Place for Top<'_> {
+    fn structure(&self) -> &Structure {
+        &self.top.structure
+    }
+
+    fn fetches_ahead(&self) -> bool {
+        false
+    }
+
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    unsafe fn visit<const ANY: bool>(&mut self, stream: &mut Stream, list: &List, fuel: &mut u64) {
+        let index = list.word & child::INDEX;
+        // SAFETY: the contract of `Walk::new`, for every ray.
+        if !unsafe { (self.bottom).admit(self.instance, self.top, index, self.ray) } {
+            return;
+        }
+        let Some(record) = self.top.structure.instance(index) else {
+            return;
+        };
+        if !self.instance.takes_all
+            || self.bottom.structure.kind() != Kind::Triangles
+            || record.state & instance_state::MOVING != 0
+        {
+            return stream.part(list);
+        }
+        let inner = &mut *self.inner;
+        inner.clear();
+        let listed = list.first as usize..(list.first + list.count) as usize;
+        for offsets in stream.words[listed].chunks(PACKET) {
+            let (given, t_far, names) = rays::given(&stream.rays, offsets);
+            let sound = self.beams.set_up(&given, record) as u16;
+            let mut going = 0;
+            for (lane, &offset) in offsets.iter().enumerate() {
+                let ray = &mut stream.rays[rays::index(offset)];
+                let is_on_its_way = comes_to(ray, list.planes());
+                going |= u16::from(is_on_its_way) << lane;
+                if is_on_its_way && sound >> lane & 1 == 0 {
+                    ray.t_far = APART;
+                }
+            }
+            let put = |places: &mut _| rays::put(self.beams, &t_far, &names, places);
+            inner.take_up(sound & going, put, |lane| {
+                let index = rays::index(offsets[lane]);
+                let best = &stream.best[index];
+                let before = match best.slot {
+                    Hit::UNKNOWN_SLOT => 0,
+                    _ => self.instances[index],
+                };
+                (Nearest::none_in(best.t_min, best.t), before)
+            });
+        }
+        if inner.rays.is_empty() {
+            return;
+        }
+        let mut place = Bottom {
+            stack: self.stack,
+            bottom: self.bottom,
+            instance: self.instance,
+            hits: self.hits,
+            beams: self.beams,
+            fetches_ahead: self.fetches_ahead && self.bottom.structure.node_count() > LARGE,
+        };
+        // SAFETY: the caller's promise.
+        unsafe {
+            if inner.rays.len() < FEW {
+                let all = inner.all();
+                place.go_singly::<ANY>(inner, &all, fuel);
+            } else {
+                inner.run(&mut place, ANY, fuel);
+            }
+        }
+        for (ray, best) in inner.rays.iter().zip(&inner.best) {
+            let place = rays::index(ray.name);
+            if ray.t_far == APART || ray.t_far == OVER {
+                stream.rays[place].t_far = ray.t_far;
+            }
+            if best.slot != Hit::UNKNOWN_SLOT {
+                stream.best[place] = *best;
+                self.instances[place] = index;
+                if !ANY {
+                    stream.rays[place].t_far = best.t;
+                }
+            }
+        }
+    }
+
+    #[cold]
+    unsafe fn go_singly<const ANY: bool>(&mut self, stream: &mut Stream, list: &List, _: &mut u64) {
+        stream.part(list);
+    }
+}

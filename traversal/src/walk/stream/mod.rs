@@ -1,0 +1,321 @@
+//! Many rays at once, node by node (Barringer and Akenine-Möller 2014).
+//!
+//! Rays of one octant make a stream: a list of them enters the root, and each node sorts its list into one for each child.
+//! Nothing that is computed for a ray depends on the ray before, so the tests of many overlap; what follows from them is done without
+//! branches, sixteen rays at a time. Up to eight streams take turns, node by node, so that the memory of the next node is
+//! on its way while others are at theirs. A list that comes to an instance makes streams of its own there.
+//!
+//! Each ray is tested as by itself, with the same operations. The hit does not depend on the order of the walk; and rays that end
+//! with their first hit visit children in the same order as by themselves. So the hits are the same bits.
+//!
+//! What a stream does not do (glass, boxes, motion, rays of odd lengths, an end of fuel) is left to walks that start anew.
+
+mod courses;
+mod instances;
+mod leaf;
+mod nodes;
+mod rays;
+
+use super::beams::Given;
+use super::enlist::Caller;
+use super::facts::InstanceFacts;
+use super::opaque::{LARGE, Nearest};
+use super::options::Specialisation;
+use super::rows::{HitRows, RayRows, Words, lanes_of};
+use super::{Event, PACKET, Walk, Walker, descend};
+use crate::layout::instance_state;
+use crate::ray::{Hit, Ray, ray_flags};
+use crate::structure::{Kind, Structure};
+use courses::Stream;
+use instances::Top;
+use leaf::Bottom;
+
+/// Fewer rays say nothing about others.
+const ENOUGH: usize = 256;
+
+/// Times that rays are not taken up after many of them were in vain.
+const PAUSE: u32 = 1 << 13;
+
+/// Rays that wait to be traced together, and memory to do so.
+pub(crate) struct Streams {
+    /// What all have in common.
+    address: u64,
+    ray: Ray,
+    /// The only instance: the rays are in its space. Else they are in that of the top level.
+    only: Option<u32>,
+    outer: Stream,
+    /// Of hits in a top level of several instances.
+    instances: Vec<u32>,
+    /// The rays in an instance of several.
+    inner: Stream,
+    /// Groups and lanes of those that are to be traced by themselves.
+    apart: Vec<(u32, u16)>,
+    /// Rays through this top level are not taken up for some time: too many had to be traced by themselves.
+    unsuited: u64,
+    pause: u32,
+}
+
+impl Streams {
+    pub fn new() -> Streams {
+        Streams {
+            address: 0,
+            ray: Ray::NONE,
+            only: None,
+            outer: Stream::default(),
+            instances: Vec::new(),
+            inner: Stream::default(),
+            apart: Vec::new(),
+            unsuited: 0,
+            pause: 0,
+        }
+    }
+
+    /// Forgets all rays.
+    pub fn clear(&mut self) {
+        self.outer.clear();
+        self.instances.clear();
+    }
+
+    /// Whether rays that have these things in common can join.
+    fn admits(&mut self, address: u64, ray: &Ray) -> bool {
+        if address == self.unsuited && self.pause > 0 {
+            self.pause -= 1;
+            return false;
+        }
+        let ours = (self.address, self.ray.flags, self.ray.cull_mask);
+        let has_room = self.outer.rays.len() + PACKET <= Walker::MOST_ENLISTED;
+        self.outer.rays.is_empty() || has_room && ours == (address, ray.flags, ray.cull_mask)
+    }
+}
+
+impl Walker {
+    /// [`Walker::enlist`].
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray, until they are traced; the machine has AVX-512.
+    pub(super) unsafe fn take_up(
+        &mut self,
+        rays: &RayRows,
+        lanes: u16,
+        hits: &mut HitRows,
+        group: u32,
+    ) -> u16 {
+        let first = lanes.trailing_zeros() as usize % PACKET;
+        let (address, ray) = (rays.top_level[first], rays.ray(first));
+        // SAFETY: the caller's promise.
+        if !self.streams.admits(address, &ray) || !unsafe { self.top.enter_top(address) } {
+            return 0;
+        }
+        let only = descend::only_instance(&self.top);
+        let enters = match only {
+            // SAFETY: as above.
+            Some(index) => unsafe { self.enter_only(index, &ray) },
+            None => self.top.structure.kind() == Kind::Instances,
+        };
+        if !enters {
+            return 0;
+        }
+        let streams = &mut self.streams;
+        (streams.address, streams.ray, streams.only) = (address, ray, only);
+        let alike = rays.alike(first, lanes);
+        // SAFETY: the caller's promise.
+        let taken = unsafe { self.set_up(rays, alike, group) };
+        hits.start(rays, taken);
+        taken
+    }
+
+    /// Sets rays up where they begin; returns those that are sound.
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    fn set_up(&mut self, rays: &RayRows, lanes: u16, group: u32) -> u16 {
+        let Walker {
+            top,
+            beams,
+            streams,
+            ..
+        } = self;
+        let given = Given::new(rays, lanes);
+        let names: Words = std::array::from_fn(|lane| rays::name(group, lane));
+        let found = |lane: usize| (Nearest::none_in(rays.t_min[lane], rays.t_max[lane]), 0);
+        let t_far = &rays.t_max;
+        if let Some(index) = streams.only {
+            let Some(record) = top.structure.instance(index) else {
+                return 0;
+            };
+            let sound = beams.set_up(&given, record) as u16;
+            let put = |places: &mut _| rays::put(beams, t_far, &names, places);
+            streams.outer.take_up(sound, put, found);
+            sound
+        } else {
+            let origin_error = top.structure.header().origin_error;
+            let sound = beams.set_up_top(&given, 0.0) as u16;
+            let put = |places: &mut _| rays::put_at_top(beams, origin_error, t_far, &names, places);
+            streams.outer.take_up(sound, put, found);
+            sound
+        }
+    }
+
+    /// Enters an instance, if a ray has business there and its triangles all count.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`].
+    unsafe fn enter_only(&mut self, index: u32, ray: &Ray) -> bool {
+        let Walker {
+            top,
+            bottom,
+            instance,
+            ..
+        } = self;
+        // SAFETY: the caller's promise.
+        let admits = unsafe { bottom.admit(instance, top, index, ray) };
+        admits
+            && instance.takes_all
+            && bottom.structure.kind() == Kind::Triangles
+            && (top.structure.instance(index))
+                .is_some_and(|record| record.state & instance_state::MOVING == 0)
+    }
+
+    /// [`Walker::trace_enlisted`].
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray.
+    pub(super) unsafe fn run_streams(&mut self, fuel: &mut u64, caller: &mut dyn Caller) {
+        if self.streams.outer.rays.is_empty() {
+            return;
+        }
+        // SAFETY: the caller's promise; rays were taken up only by a tier that has the instruction set.
+        unsafe {
+            self.run_outer(fuel);
+            self.tell(caller);
+        }
+        self.trace_apart(fuel, caller);
+        self.streams.clear();
+    }
+
+    /// Takes the rays to their ends, or as far as streams go.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray; the machine has AVX-512.
+    unsafe fn run_outer(&mut self, fuel: &mut u64) {
+        let (address, ray, only) = (self.streams.address, self.streams.ray, self.streams.only);
+        // SAFETY: the caller's promise, here and below.
+        let enters = unsafe {
+            self.top.enter_top(address) && only.is_none_or(|index| self.enter_only(index, &ray))
+        };
+        if !enters {
+            return;
+        }
+        let fetches_ahead = !self.without().contains(Specialisation::Prefetch);
+        let Walker {
+            stack,
+            top,
+            bottom,
+            instance,
+            hits,
+            beams,
+            streams,
+            ..
+        } = self;
+        let Streams {
+            outer,
+            inner,
+            instances,
+            ..
+        } = streams;
+        let any = ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
+        if only.is_some() {
+            let mut place = Bottom {
+                stack,
+                bottom,
+                instance,
+                hits,
+                beams,
+                fetches_ahead: fetches_ahead && bottom.structure.node_count() > LARGE,
+            };
+            // SAFETY: as above.
+            unsafe { outer.run(&mut place, any, fuel) };
+            return;
+        }
+        instances.clear();
+        instances.resize(outer.rays.len(), 0);
+        let mut place = Top {
+            stack,
+            top,
+            bottom,
+            instance,
+            hits,
+            beams,
+            inner,
+            instances,
+            ray: &ray,
+            fetches_ahead,
+        };
+        // SAFETY: as above.
+        unsafe { outer.run(&mut place, any, fuel) };
+    }
+
+    /// Tells what was found, and finds out which rays are not at their ends.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray.
+    unsafe fn tell(&mut self, caller: &mut dyn Caller) {
+        let Walker { top, streams, .. } = self;
+        streams.apart.clear();
+        // Neighbours mostly hit the same instance.
+        let mut last: Option<(u32, InstanceFacts, Structure)> = None;
+        let outer = &streams.outer;
+        for (i, (ray, best)) in outer.rays.iter().zip(&outer.best).enumerate() {
+            let (group, lane) = ray.lane();
+            if ray.t_far == rays::APART {
+                match streams.apart.last_mut() {
+                    Some((last, lanes)) if *last == group => *lanes |= 1 << lane,
+                    _ => streams.apart.push((group, 1 << lane)),
+                }
+                continue;
+            }
+            if best.slot == Hit::UNKNOWN_SLOT {
+                continue;
+            }
+            let index = match streams.only {
+                Some(index) => index,
+                None => streams.instances[i],
+            };
+            if last.as_ref().is_none_or(|(known, ..)| *known != index) {
+                // SAFETY: the caller's promise.
+                last = (top.structure.instance(index)).and_then(|record| unsafe {
+                    let structure = Structure::at(top.structure.reference(index))?;
+                    let facts = InstanceFacts::new(index, record, &streams.ray);
+                    Some((index, facts, structure))
+                });
+            }
+            if let Some((_, facts, structure)) = &last {
+                caller.hit(group, lane, &best.hit(facts, structure));
+            }
+        }
+    }
+
+    /// Traces rays in turn that streams have left over.
+    fn trace_apart(&mut self, fuel: &mut u64, caller: &mut dyn Caller) {
+        let apart = std::mem::take(&mut self.streams.apart);
+        let mut rows = RayRows::NONE;
+        let mut hits = HitRows::default();
+        let mut count = 0;
+        for &(group, lanes) in &apart {
+            caller.rays(group, &mut rows);
+            let mut suspend = |lane: usize, walk: &mut Walk, event: Event| {
+                caller.suspend(group, lane, walk, event);
+            };
+            // SAFETY: the promise that was made for the rays.
+            unsafe { self.trace_in_turn(&rows, lanes, &mut hits, fuel, &mut suspend) };
+            for lane in lanes_of(lanes & hits.found) {
+                caller.hit(group, lane, &hits.hit(lane));
+            }
+            count += lanes.count_ones() as usize;
+        }
+        let streams = &mut self.streams;
+        let all = streams.outer.rays.len();
+        if all >= ENOUGH && 4 * count > all && *fuel > 0 {
+            (streams.unsuited, streams.pause) = (streams.address, PAUSE);
+        }
+        streams.apart = apart;
+    }
+}

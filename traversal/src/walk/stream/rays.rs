@@ -1,0 +1,335 @@
+//! Rays of a stream: two lines of memory each.
+
+use std::arch::x86_64::*;
+use std::mem::MaybeUninit;
+
+use crate::walk::PACKET;
+use crate::walk::beams::{AXIS, Beams, Boxes, Given, ROW};
+use crate::walk::rows::{Lanes, Words};
+use crate::walk::sight::Sight;
+use crate::walk::space::Space;
+
+/// A ray in its bottom level: a line for boxes, by the axes of space, and a line for triangles, by its own; see [`Beams`].
+#[derive(Clone, Copy)]
+#[repr(C, align(128))]
+pub(super) struct StreamRay {
+    pub minus_origin: [f32; 3],
+    pub t_min: f32,
+    pub near_inverse: [f32; 3],
+    /// The end of the interval; [`OVER`] or [`APART`].
+    pub t_far: f32,
+    pub minus_far_origin: [f32; 3],
+    pub far_inverse: [f32; 3],
+    octant: u32,
+    /// Who it is: group and lane, or where it lies in the top level.
+    pub name: u32,
+
+    pub own_origin: [f32; 3],
+    own_near_inverse: [f32; 3],
+    own_far_inverse: [f32; 3],
+    pub shear: [f32; 2],
+    inverse_z: f32,
+    /// Offsets in bytes of its axes in a vertex.
+    pub axes: [u8; 4],
+    direction: [f32; 3],
+}
+
+const _: () = assert!(size_of::<StreamRay>() == 128);
+const _: () = assert!(std::mem::offset_of!(StreamRay, own_origin) == 64);
+
+/// Where a ray lies, in bytes.
+pub(super) const fn offset(index: usize) -> u32 {
+    (index * size_of::<StreamRay>()) as u32
+}
+
+/// Which ray lies somewhere.
+pub(super) const fn index(offset: u32) -> usize {
+    offset as usize / size_of::<StreamRay>()
+}
+
+/// For [`StreamRay::t_far`], so that it meets nothing more: the ray has ended with its first hit.
+pub(super) const OVER: f32 = -1.0;
+
+/// The same: the ray is to be traced by itself.
+pub(super) const APART: f32 = -2.0;
+
+/// The name of a lane's ray.
+pub(super) fn name(group: u32, lane: usize) -> u32 {
+    group * PACKET as u32 + lane as u32
+}
+
+impl StreamRay {
+    /// Group and lane.
+    pub fn lane(&self) -> (u32, usize) {
+        (self.name / PACKET as u32, self.name as usize % PACKET)
+    }
+
+    /// Sets a lane up as this ray is.
+    pub fn put(&self, beams: &mut Beams, lane: usize) {
+        for k in 0..3 {
+            let axis = usize::from(self.axes[k] / AXIS as u8) % 3;
+            beams.origin[k][lane] = self.own_origin[k];
+            beams.far_origin[k][lane] = -self.minus_far_origin[axis];
+            beams.near_inverse[k][lane] = self.own_near_inverse[k];
+            beams.far_inverse[k][lane] = self.own_far_inverse[k];
+            beams.near_rows[k][lane] = axis as u32 * (2 * ROW) + (self.octant >> axis & 1) * ROW;
+            beams.axes[k][lane] = self.axes[k].into();
+            beams.space_origin[k][lane] = -self.minus_origin[k];
+            beams.space_direction[k][lane] = self.direction[k];
+        }
+        beams.shear[0][lane] = self.shear[0];
+        beams.shear[1][lane] = self.shear[1];
+        beams.inverse_z[lane] = self.inverse_z;
+        beams.t_min[lane] = self.t_min;
+    }
+}
+
+/// A ray of a stream, and [`Accuracy::reach`](crate::walk::options::Accuracy::reach).
+#[derive(Clone, Copy)]
+pub(super) struct View<'a>(pub &'a StreamRay, pub f32);
+
+impl Sight for View<'_> {
+    #[inline(always)]
+    fn origin(self, axis: usize) -> f32 {
+        self.0.own_origin[axis]
+    }
+
+    #[inline(always)]
+    fn near_inverse(self, axis: usize) -> f32 {
+        self.0.own_near_inverse[axis]
+    }
+
+    #[inline(always)]
+    fn far_inverse(self, axis: usize) -> f32 {
+        self.0.own_far_inverse[axis]
+    }
+
+    #[inline(always)]
+    fn axis(self, axis: usize) -> usize {
+        self.0.axes[axis].into()
+    }
+
+    #[inline(always)]
+    fn shear(self, axis: usize) -> f32 {
+        self.0.shear[axis]
+    }
+
+    #[inline(always)]
+    fn inverse_z(self) -> f32 {
+        self.0.inverse_z
+    }
+
+    #[inline(always)]
+    fn t_min(self) -> f32 {
+        self.0.t_min
+    }
+
+    #[inline(always)]
+    fn reach(self) -> f32 {
+        self.1
+    }
+
+    fn space(self) -> Space {
+        let mut space = Space::NOWHERE;
+        space.reach = self.1;
+        space.set(
+            self.0.minus_origin.map(|c| -c),
+            self.0.direction,
+            self.0.t_min,
+            0.0,
+        );
+        space
+    }
+}
+
+/// Puts rays that were set up together down one after the other; returns their octants.
+#[inline]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+pub(super) fn put(
+    beams: &Beams,
+    t_far: &Lanes,
+    names: &Words,
+    places: &mut [MaybeUninit<StreamRay>; PACKET],
+) -> Words {
+    let boxes = beams.by_axes(None);
+    let mut axes = [0; PACKET];
+    for i in 0..PACKET {
+        axes[i] = beams.axes[0][i] | beams.axes[1][i] << 8 | beams.axes[2][i] << 16;
+    }
+    let last = transpose([
+        load(&beams.origin[0]),
+        load(&beams.origin[1]),
+        load(&beams.origin[2]),
+        load(&beams.near_inverse[0]),
+        load(&beams.near_inverse[1]),
+        load(&beams.near_inverse[2]),
+        load(&beams.far_inverse[0]),
+        load(&beams.far_inverse[1]),
+        load(&beams.far_inverse[2]),
+        load(&beams.shear[0]),
+        load(&beams.shear[1]),
+        load(&beams.inverse_z),
+        load_words(&axes),
+        load(&beams.space_direction[0]),
+        load(&beams.space_direction[1]),
+        load(&beams.space_direction[2]),
+    ]);
+    with_boxes(beams, &boxes, t_far, names, last, places)
+}
+
+/// Puts rays that were set up together in a top level down one after the other; returns their octants. What instances have of them is in the second
+/// line: see [`given`].
+#[inline]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+pub(super) fn put_at_top(
+    beams: &Beams,
+    origin_error: f32,
+    t_far: &Lanes,
+    names: &Words,
+    places: &mut [MaybeUninit<StreamRay>; PACKET],
+) -> Words {
+    let boxes = beams.by_axes(Some(origin_error));
+    let mut last = [_mm512_setzero_ps(); PACKET];
+    for axis in 0..3 {
+        last[axis] = load(&beams.space_origin[axis]);
+        last[13 + axis] = load(&beams.space_direction[axis]);
+    }
+    with_boxes(beams, &boxes, t_far, names, transpose(last), places)
+}
+
+/// The rays of a list in a top level, for the places of an instance; there are sixteen at most. Lanes without a ray repeat the first.
+#[inline]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+pub(super) fn given(rays: &[StreamRay], offsets: &[u32]) -> (Given, Lanes, Words) {
+    let (mut t_min, mut t_far) = ([0.0; PACKET], [0.0; PACKET]);
+    let (mut names, mut sound) = ([0; PACKET], [0; PACKET]);
+    let lines: [__m512; PACKET] = std::array::from_fn(|lane| {
+        let offset = *offsets.get(lane).unwrap_or(&offsets[0]);
+        let ray = &rays[index(offset)];
+        sound[lane] = u32::from(lane < offsets.len());
+        (t_min[lane], t_far[lane], names[lane]) = (ray.t_min, ray.t_far, offset);
+        // SAFETY: the second line of a ray.
+        unsafe { _mm512_load_ps(ray.own_origin.as_ptr()) }
+    });
+    let rows = transpose(lines);
+    let row = |i: usize| {
+        let mut row = [0.0; PACKET];
+        // SAFETY: sixteen numbers.
+        unsafe { _mm512_storeu_ps(row.as_mut_ptr(), rows[i]) };
+        row
+    };
+    let given = Given {
+        origin: [row(0), row(1), row(2)],
+        direction: [row(13), row(14), row(15)],
+        t_min,
+        sound,
+    };
+    (given, t_far, names)
+}
+
+/// Puts rays down of which the second line is there; returns their octants.
+#[inline]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+fn with_boxes(
+    beams: &Beams,
+    boxes: &Boxes,
+    t_far: &Lanes,
+    names: &Words,
+    last: [__m512; PACKET],
+    places: &mut [MaybeUninit<StreamRay>; PACKET],
+) -> Words {
+    let mut octants = [0; PACKET];
+    for i in 0..PACKET {
+        let d = &beams.space_direction;
+        octants[i] = u32::from(d[0][i] < 0.0)
+            | u32::from(d[1][i] < 0.0) << 1
+            | u32::from(d[2][i] < 0.0) << 2;
+    }
+    let first = transpose([
+        minus(&boxes.origin[0]),
+        minus(&boxes.origin[1]),
+        minus(&boxes.origin[2]),
+        load(&beams.t_min),
+        load(&boxes.near_inverse[0]),
+        load(&boxes.near_inverse[1]),
+        load(&boxes.near_inverse[2]),
+        load(t_far),
+        minus(&boxes.far_origin[0]),
+        minus(&boxes.far_origin[1]),
+        minus(&boxes.far_origin[2]),
+        load(&boxes.far_inverse[0]),
+        load(&boxes.far_inverse[1]),
+        load(&boxes.far_inverse[2]),
+        load_words(&octants),
+        load_words(names),
+    ]);
+    for (i, place) in places.iter_mut().enumerate() {
+        let place = place.as_mut_ptr().cast::<f32>();
+        // SAFETY: two lines of sixteen plain numbers.
+        unsafe {
+            _mm512_store_ps(place, first[i]);
+            _mm512_store_ps(place.add(PACKET), last[i]);
+        }
+    }
+    octants
+}
+
+#[inline]
+#[target_feature(enable = "avx512f,avx512dq")]
+fn minus(row: &Lanes) -> __m512 {
+    _mm512_xor_ps(load(row), _mm512_set1_ps(-0.0))
+}
+
+#[inline]
+#[target_feature(enable = "avx512f")]
+fn load(row: &Lanes) -> __m512 {
+    // SAFETY: sixteen numbers.
+    unsafe { _mm512_loadu_ps(row.as_ptr()) }
+}
+
+#[inline]
+#[target_feature(enable = "avx512f")]
+fn load_words(row: &Words) -> __m512 {
+    // SAFETY: sixteen words.
+    unsafe { _mm512_castsi512_ps(_mm512_loadu_si512(row.as_ptr().cast())) }
+}
+
+/// Rows become columns.
+#[inline]
+#[target_feature(enable = "avx512f")]
+fn transpose(rows: [__m512; PACKET]) -> [__m512; PACKET] {
+    let zero = _mm512_setzero_ps();
+    // Of four rows each, in four parts of vectors: columns j, 4 + j, 8 + j, 12 + j.
+    let mut quads = [[zero; 4]; 4];
+    for q in 0..4 {
+        let [a, b, c, d] = [0, 1, 2, 3].map(|i| rows[4 * q + i]);
+        let (ab_low, ab_high) = (_mm512_unpacklo_ps(a, b), _mm512_unpackhi_ps(a, b));
+        let (cd_low, cd_high) = (_mm512_unpacklo_ps(c, d), _mm512_unpackhi_ps(c, d));
+        let pair = |first, second, high: bool| {
+            let (first, second) = (_mm512_castps_pd(first), _mm512_castps_pd(second));
+            _mm512_castpd_ps(if high {
+                _mm512_unpackhi_pd(first, second)
+            } else {
+                _mm512_unpacklo_pd(first, second)
+            })
+        };
+        quads[q] = [
+            pair(ab_low, cd_low, false),
+            pair(ab_low, cd_low, true),
+            pair(ab_high, cd_high, false),
+            pair(ab_high, cd_high, true),
+        ];
+    }
+    let mut columns = [zero; PACKET];
+    for j in 0..4 {
+        let even = _mm512_shuffle_f32x4::<0x88>(quads[0][j], quads[1][j]);
+        let odd = _mm512_shuffle_f32x4::<0xDD>(quads[0][j], quads[1][j]);
+        let even_last = _mm512_shuffle_f32x4::<0x88>(quads[2][j], quads[3][j]);
+        let odd_last = _mm512_shuffle_f32x4::<0xDD>(quads[2][j], quads[3][j]);
+        columns[j] = _mm512_shuffle_f32x4::<0x88>(even, even_last);
+        columns[4 + j] = _mm512_shuffle_f32x4::<0x88>(odd, odd_last);
+        columns[8 + j] = _mm512_shuffle_f32x4::<0xDD>(even, even_last);
+        columns[12 + j] = _mm512_shuffle_f32x4::<0xDD>(odd, odd_last);
+    }
+    columns
+}

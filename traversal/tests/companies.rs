@@ -1,0 +1,265 @@
+//! Rays that walk together and stop for candidates find what each finds by itself.
+
+mod scene;
+
+use scene::*;
+use traversal::*;
+
+/// What shaders are taken to decide: a number for each candidate.
+fn lot(hit: &Hit) -> u32 {
+    let word = hit.primitive_index * 31 + hit.geometry_index * 7 + hit.instance_index * 3;
+    (word ^ word >> 7).wrapping_mul(0x7FEB_352D) >> 8
+}
+
+/// Whether a triangle counts.
+fn counts(hit: &Hit) -> bool {
+    lot(hit).is_multiple_of(3)
+}
+
+/// A top level, and the boxes of its instances that hold boxes.
+struct World {
+    top: Bytes,
+    boxes: Vec<[f32; 6]>,
+}
+
+impl World {
+    /// Where a ray is taken to meet what is in a box, if it does: after it has entered the box, so that no walk may lose it.
+    fn reported(&self, ray: &Ray, hit: &Hit) -> Option<f32> {
+        // SAFETY: the structures are alive.
+        let top = unsafe { Structure::at(self.top.address()) }.expect("it was built");
+        let m = top
+            .world_to_object_at(hit.instance_index, 0.0)
+            .map(f64::from);
+        let turn = |v: [f32; 3], w: f64| -> [f64; 3] {
+            std::array::from_fn(|row| {
+                let row = &m[4 * row..];
+                row[0] * f64::from(v[0])
+                    + row[1] * f64::from(v[1])
+                    + row[2] * f64::from(v[2])
+                    + row[3] * w
+            })
+        };
+        let (o, d) = (turn(ray.origin, 1.0), turn(ray.direction, 0.0));
+        let bounds = self.boxes[hit.primitive_index as usize].map(f64::from);
+        let (mut near, mut far) = (0f64, f64::INFINITY);
+        for axis in 0..3 {
+            let [a, b] = [bounds[axis], bounds[axis + 3]].map(|plane| (plane - o[axis]) / d[axis]);
+            (near, far) = (near.max(a.min(b)), far.min(a.max(b)));
+        }
+        // Far from edges, where a wider test would find it as well.
+        (far - near > 1e-3 && !lot(hit).is_multiple_of(4)).then_some((0.5 * (near + far)) as f32)
+    }
+}
+
+/// A ray by itself.
+fn alone(walker: &mut Walker, world: &World, ray: &Ray) -> Option<Hit> {
+    // SAFETY: the structures are alive.
+    let mut walk = unsafe { Walk::new(world.top.address(), ray) };
+    finish(&mut walk, walker, world);
+    walk.committed().copied()
+}
+
+/// Takes a walk to its end.
+fn finish(walk: &mut Walk, walker: &mut Walker, world: &World) {
+    let mut verdict = Verdict::Continue;
+    loop {
+        verdict = match walk.resume(walker, verdict, &mut { u64::MAX }) {
+            Event::Done => return,
+            Event::AnyHitCandidate if counts(walk.candidate()) => Verdict::Accept,
+            Event::ProceduralCandidate => {
+                if let Some(t) = world.reported(walk.ray(), walk.candidate())
+                    && (walk.t_min()..=walk.t_max()).contains(&t)
+                {
+                    walk.commit_procedural(t, 9);
+                }
+                Verdict::Continue
+            }
+            _ => Verdict::Continue,
+        };
+    }
+}
+
+/// How often what happened.
+#[derive(Debug, Default)]
+struct Tally {
+    asked: usize,
+    done: usize,
+    parted: usize,
+}
+
+/// Rays together, as a scheduler would do it.
+fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally) {
+    let mut rows = RayRows::NONE;
+    for (lane, ray) in rays.iter().enumerate() {
+        rows.set(lane, world.top.address(), ray, 0.0);
+    }
+    let lanes = u16::MAX >> (PACKET - rays.len());
+    let (mut hits, mut company) = (HitRows::default(), Company::default());
+    // SAFETY: the structures are alive, here and below.
+    let mut progress = unsafe { walker.set_out(&rows, lanes, &mut hits, &mut company) };
+    let any = rays[0].flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
+    while progress == Progress::Candidates {
+        tally.asked += 1;
+        // What the walker holds meanwhile is of others.
+        alone(walker, world, &rays[0]);
+        let asked = company.candidates().found;
+        assert!(asked != 0 && asked & !lanes == 0);
+        for lane in (0..PACKET).filter(|lane| asked >> lane & 1 != 0) {
+            let candidate = company.candidates().hit(lane);
+            assert!(
+                !(any && hits.get(lane).is_some()),
+                "a ray goes on after its end"
+            );
+            if candidate.is_built_in() {
+                assert!(!candidate.opaque && candidate.t < company.t_max()[lane]);
+                if counts(&candidate) {
+                    company.accept(lane, &mut hits);
+                }
+            } else if let Some(t) = world.reported(&rays[lane], &candidate)
+                && (rays[lane].t_min..=company.t_max()[lane]).contains(&t)
+            {
+                assert_eq!(company.report(lane, t, 9, &mut hits), any);
+            }
+        }
+        // SAFETY: as above.
+        progress = unsafe { walker.go_on(&rows, &mut hits, &mut company) };
+    }
+    let parted = match progress {
+        Progress::Apart => return,
+        Progress::Parted(lanes) => lanes,
+        _ => 0,
+    };
+    tally.done += usize::from(parted == 0);
+    tally.parted += usize::from(parted != 0);
+    for (lane, ray) in rays.iter().enumerate() {
+        let mut found = hits.get(lane);
+        if parted >> lane & 1 != 0 {
+            let mut walk = Walk::default();
+            // SAFETY: as above.
+            unsafe { company.part(lane, &rows, &hits, &mut walk) };
+            finish(&mut walk, walker, world);
+            found = walk.committed().copied();
+        }
+        let expected = alone(walker, world, ray);
+        match any {
+            // Which hit comes first is open.
+            true => assert_eq!(found.is_some(), expected.is_some(), "{ray:?}"),
+            false => assert_eq!(found, expected, "{ray:?}"),
+        }
+    }
+}
+
+/// Rays from one place to places near each other, some of them vertices.
+fn bundle(random: &mut Random, vertices: &[[f32; 3]], count: usize, flags: u32) -> Vec<Ray> {
+    let from = random.direction().map(|c| 4.0 * c);
+    let at = random.vector();
+    let spread = 0.4 * random.next();
+    (0..count)
+        .map(|i| {
+            let aside = random.vector();
+            let mut target: [f64; 3] = std::array::from_fn(|axis| at[axis] + spread * aside[axis]);
+            if i % 4 == 0 {
+                let place = (random.next() * vertices.len() as f64) as usize;
+                let vertex = wide(vertices[place]);
+                target = std::array::from_fn(|axis| 0.9 * target[axis] + 0.1 * vertex[axis]);
+            }
+            let mut ray = ray(narrow(from), narrow(sub(target, from)));
+            ray.flags = flags;
+            ray
+        })
+        .collect()
+}
+
+fn sphere(radius: f64, opaque: bool) -> Mesh {
+    let (vertices, faces) = icosphere(3);
+    Mesh {
+        vertices: vertices
+            .into_iter()
+            .map(|vertex| narrow(vertex.map(|c| radius * c)))
+            .collect(),
+        indices: faces,
+        opaque,
+    }
+}
+
+fn boxes(random: &mut Random) -> Vec<[f32; 6]> {
+    (0..200)
+        .map(|_| {
+            let middle = random.vector();
+            std::array::from_fn(|i| middle[i % 3] as f32 + if i < 3 { -0.1 } else { 0.1 })
+        })
+        .collect()
+}
+
+fn check(world: &World, parts: bool) {
+    let mut random = Random(0x0BAD_5EED_1357_2468);
+    let vertices = sphere(1.0, true).vertices;
+    let (mut walker, mut tally) = (Walker::new(), Tally::default());
+    for round in 0..600 {
+        let flags = [
+            0,
+            ray_flags::TERMINATE_ON_FIRST_HIT,
+            0,
+            ray_flags::NO_OPAQUE,
+        ][round % 4];
+        let count = PACKET - round % 7;
+        let rays = bundle(&mut random, &vertices, count, flags);
+        together(&mut walker, world, &rays, &mut tally);
+    }
+    if Tier::best() == Tier::Avx512 {
+        let enough = tally.asked > 200 && tally.done > 50 && (tally.parted > 20) == parts;
+        assert!(enough, "{tally:?}");
+    }
+}
+
+#[test]
+fn triangles_are_decided_on_in_one_instance() {
+    for flags in [0, BuildFlags::LOW_MEMORY] {
+        let scene = Scene::new(
+            &[sphere(1.0, false), sphere(0.9, true), sphere(0.95, false)],
+            flags,
+        );
+        let world = World {
+            top: scene.top,
+            boxes: Vec::new(),
+        };
+        check(&world, false);
+    }
+}
+
+#[test]
+fn boxes_are_decided_on_in_one_instance() {
+    let boxes = boxes(&mut Random(5));
+    let blob = build_boxes(&boxes, true, 0);
+    let top = build_instances(&[InstanceRecord::new(&blob, IDENTITY)], 0);
+    check(&World { top, boxes }, false);
+}
+
+#[test]
+fn rays_part_where_they_must() {
+    let leaves = build_meshes(&[sphere(1.0, false)], 0);
+    let rocks = build_meshes(&[sphere(1.0, true)], 0);
+    let boxes = boxes(&mut Random(7));
+    let blobs = build_boxes(&boxes, false, 0);
+    let mut random = Random(99);
+    let instances: Vec<_> = (0..24)
+        .map(|i| {
+            let x = random.direction();
+            let y = normalize(cross(x, random.direction()));
+            let z = cross(x, y);
+            let (size, to) = (0.3 + 0.4 * random.next(), random.vector());
+            let axes = [x, y, z].map(|axis| axis.map(|c| c * size));
+            let mut transform = [0.0f32; 12];
+            for row in 0..3 {
+                for (column, axis) in axes.iter().enumerate() {
+                    transform[4 * row + column] = axis[row] as f32;
+                }
+                transform[4 * row + 3] = to[row] as f32;
+            }
+            let blob = [&leaves, &rocks, &blobs][i % 3];
+            InstanceRecord::new(blob, transform)
+        })
+        .collect();
+    let top = build_instances(&instances, 0);
+    check(&World { top, boxes }, true);
+}
