@@ -1,11 +1,12 @@
-//! Random structured programs: what the passes make of one must do the same as it did before, in every lane and bit.
+//! Random structured programs: what the passes make of one must do the same on every tier as it did before, in every lane and bit.
 //!
-//! `TUFF_SEED=N` runs one program and prints it; `TUFF_CASES=N` sets how many are made.
+//! `TUFF_SEED=N` runs one program and prints it; `TUFF_CASES=N` sets how many are made, from the first or, with both, from that seed.
 
 mod observe;
 mod random;
 
-use observe::{Outcome, execute};
+use observe::{Outcome, execute, execute_on};
+use spirv_jit::interp::TierKind;
 use spirv_jit::ir::Module;
 use spirv_jit::ir::text::{parse_module, print_module};
 use spirv_jit::ir::verify;
@@ -39,20 +40,23 @@ fn check(seed: u64) {
     let expected = execute(&original, seed, None);
     let mut optimised = original.clone();
     optimize(&mut optimised).unwrap();
-    let actual = execute(&optimised, seed, None);
-    if actual != expected {
-        let culprit = find_culprit(&original, seed, &expected);
-        panic!("seed {seed}: {culprit}\n{expected:?}\n{actual:?}");
+    for &tier in TierKind::present() {
+        let actual = execute_on(tier, &optimised, seed, None);
+        if actual != expected {
+            let culprit = find_culprit(&original, seed, &expected);
+            panic!("seed {seed} on {tier:?}: {culprit}\n{expected:?}\n{actual:?}");
+        }
     }
 }
 
 #[test]
 fn passes_keep_what_programs_do() {
     let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse().ok());
-    if let Some(seed) = number("TUFF_SEED") {
+    let (seed, cases) = (number("TUFF_SEED"), number("TUFF_CASES"));
+    if let (Some(seed), None) = (seed, cases) {
         eprintln!("{}", print_module(&random::random_module(seed)));
-        check(seed);
-        return;
+        return check(seed);
     }
-    (0..number("TUFF_CASES").unwrap_or(2_000)).for_each(check);
+    let first = seed.unwrap_or(0);
+    (first..first + cases.unwrap_or(2_000)).for_each(check);
 }

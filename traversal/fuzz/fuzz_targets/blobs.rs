@@ -10,7 +10,7 @@ use traversal_fuzz::*;
 #[derive(Arbitrary, Debug)]
 struct Given {
     kind: u8,
-    list: List,
+    list: GivenList,
     copies: u8,
     /// Where, as a share of the length, and what.
     writes: Vec<(u16, u32, u8)>,

@@ -16,7 +16,7 @@ struct Given {
     parallel: bool,
     change: u8,
     transform: Option<[f32; 12]>,
-    lists: Vec<List>,
+    lists: Vec<GivenList>,
     rays: Vec<GivenRay>,
 }
 
@@ -24,25 +24,25 @@ static POOL: LazyLock<rayon::ThreadPool> =
     LazyLock::new(|| rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap());
 
 /// Calls `then` with the lists as geometries of one kind.
-fn with<T>(kind: u8, lists: &[List], then: impl FnOnce(Kind, Geometries<'_>, &[u32]) -> T) -> T {
+fn with<T>(kind: u8, lists: &[GivenList], then: impl FnOnce(Kind, Geometries<'_>, &[u32]) -> T) -> T {
     match kind % 8 {
         0..=3 => {
-            let list: Vec<_> = lists.iter().map(List::triangles).collect();
+            let list: Vec<_> = lists.iter().map(GivenList::triangles).collect();
             let counts: Vec<_> = list.iter().map(|list| list.primitive_count).collect();
             then(Kind::Triangles, Geometries::Triangles(&list), &counts)
         }
         4 | 5 => {
-            let list: Vec<_> = lists.iter().map(List::boxes).collect();
+            let list: Vec<_> = lists.iter().map(GivenList::boxes).collect();
             let counts: Vec<_> = list.iter().map(|list| list.primitive_count).collect();
             then(Kind::Aabbs, Geometries::Aabbs(&list), &counts)
         }
         6 => {
-            let list: Vec<_> = lists.iter().map(List::swept).collect();
+            let list: Vec<_> = lists.iter().map(GivenList::swept).collect();
             let counts: Vec<_> = list.iter().map(|list| list.primitive_count).collect();
             then(Kind::Swept, Geometries::Swept(&list), &counts)
         }
         _ => {
-            let list: Vec<_> = lists.iter().map(List::motion).collect();
+            let list: Vec<_> = lists.iter().map(GivenList::motion).collect();
             let counts: Vec<_> = list.iter().map(|list| list.start.primitive_count).collect();
             then(Kind::Motion, Geometries::Motion(&list), &counts)
         }

@@ -68,7 +68,7 @@ pub fn memory<T>(slice: &[T]) -> Memory {
 
 /// A geometry of any kind, out of bytes.
 #[derive(Arbitrary, Clone, Debug)]
-pub struct List {
+pub struct GivenList {
     format: u8,
     index_type: u8,
     stride: u8,
@@ -90,7 +90,7 @@ const FORMATS: [VertexFormat; 23] = {
     ]
 };
 
-impl List {
+impl GivenList {
     /// Changes positions, and nothing that an update may not.
     pub fn move_by(&mut self, change: u8) {
         for byte in self.vertices.iter_mut().step_by(3) {
