@@ -22,6 +22,7 @@ pub const FOLIAGE_ANY_HIT: &str = include_str!("shaders/foliage_any_hit.glsl");
 pub const BALL: &str = include_str!("shaders/ball.glsl");
 pub const BALL_HIT: &str = include_str!("shaders/ball_hit.glsl");
 pub const ARITHMETIC: &str = include_str!("shaders/arithmetic.glsl");
+pub const GENERATED: &str = include_str!("shaders/generated.glsl");
 pub const POINTERS: &str = include_str!("shaders/pointers.glsl");
 pub const TEXTURES: &str = include_str!("shaders/textures.glsl");
 const MATERIAL: &str = include_str!("shaders/material_hit.glsl");

@@ -97,6 +97,13 @@ pub const ALL: &[Workload] = &[
         prepare: |g, s| rays(g, s, shader::ARITHMETIC),
     },
     Workload {
+        name: "generated",
+        about: "sorting in local arrays, as other compilers write it",
+        unit: "Mpixel/s",
+        bounds: Bounds::Shading,
+        prepare: |g, s| rays(g, s, shader::GENERATED),
+    },
+    Workload {
         name: "pointers",
         about: "64 physical pointers followed a pixel",
         unit: "Mpixel/s",

@@ -74,6 +74,7 @@ pub const COLUMNS: &[Column] = &[
     column("materials", COMPILER),
     column("query", BOTH),
     quick(column("arithmetic", COMPILER)),
+    quick(column("generated", COMPILER)),
     column("textures", COMPILER),
     Column {
         turns: 20,
