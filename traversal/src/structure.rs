@@ -228,12 +228,12 @@ impl Structure {
         self.form
     }
 
-    /// The slot of the first triangle of a leaf; see [`Hit::slot`].
+    /// The slot of the first triangle of a leaf; see [`Hit::slot`]. The index that a corrupt node has may wrap: there are no triangles.
     #[inline(always)]
     pub(crate) fn first_slot(&self, index: u32) -> u32 {
         match self.form {
-            Form::Groups => index * GROUP as u32,
-            Form::Blocks => index * LEAF_TRIANGLES as u32,
+            Form::Groups => index.wrapping_mul(GROUP as u32),
+            Form::Blocks => index.wrapping_mul(LEAF_TRIANGLES as u32),
         }
     }
 
