@@ -303,3 +303,54 @@ fn intersection_shaders_report_what_is_kept() {
         assert_eq!(output.read::<[u32; 4]>(), expected);
     });
 }
+
+/// Sixteen and more rays that go the same way meet triangles of which shaders decide, and others that are not opaque either but whose
+/// group has no any-hit shader, so that they count.
+#[test]
+fn triangles_without_an_any_hit_shader_count_beside_others() {
+    const SIDE: u32 = 32;
+    let gpu = Gpu::new();
+    let through = gpu.bottom(&[Geometry::triangles(
+        &layers(3),
+        vk::GeometryFlagsKHR::empty(),
+    )]);
+    let far = gpu.bottom(&[Geometry::triangles(
+        &layers(6),
+        vk::GeometryFlagsKHR::empty(),
+    )]);
+    // The second group's triangles come after those that the first group's shader lets rays through.
+    let beyond = Instance {
+        transform: translated([0.0, 0.0, 20.0]),
+        table_offset: 1,
+        ..Instance::of(far)
+    };
+    let world = gpu.top(&[Instance::of(through), beyond]);
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uint payload;
+    void main() {
+        payload = 0u;
+        vec3 from = vec3((vec2(gl_LaunchIDEXT.xy) + 0.5) * 1e-3, 0.0);
+        traceRayEXT(world, 0, 0xff, 0, 0, 0, from, 0.0, vec3(0, 0, 1), 100.0, 0);
+        results[gl_LaunchIDEXT.y * 32u + gl_LaunchIDEXT.x] = payload;
+    }";
+    let ignore = "void main() { ignoreIntersectionEXT; }";
+    let closest = r"
+    layout(location = 0) rayPayloadInEXT uint payload;
+    void main() { payload = 100u * uint(gl_InstanceID) + uint(gl_PrimitiveID) + 1u; }";
+    let results = trace_words(
+        &gpu,
+        world,
+        raygen,
+        &[(Stage::AnyHit, ignore), (Stage::ClosestHit, closest)],
+        &[
+            Group {
+                any_hit: Some(2),
+                ..Group::hit(3)
+            },
+            Group::hit(3),
+        ],
+        [SIDE, SIDE, 1],
+        (SIDE * SIDE) as usize,
+    );
+    assert_eq!(results, vec![101; (SIDE * SIDE) as usize]);
+}

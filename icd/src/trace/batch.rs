@@ -151,6 +151,10 @@ impl<'a> Batch<'a> {
             }
             self.reorder_threads()?;
         }
+        debug_assert!(
+            self.worker.subgroups.is_empty() && self.worker.ray_groups.is_empty(),
+            "a batch ends with invocations in flight"
+        );
         if let Some(tally) = &mut self.tally {
             tally.close(|index| &self.dispatch.shaders.programs[index]);
         }

@@ -37,6 +37,11 @@ impl<T: Default> Slab<T> {
         self.free.push(index);
     }
 
+    /// Whether no place is taken.
+    pub fn is_empty(&self) -> bool {
+        self.free.len() == self.entries.len()
+    }
+
     /// Gives all places back, keeping their memory.
     pub fn clear(&mut self) {
         self.free.clear();

@@ -40,11 +40,12 @@ impl Batch<'_> {
             self.resume_walks(some)?;
         }
         self.walking = recycled(walking);
-        let going_on = std::mem::take(&mut self.going_on);
-        for &group in &going_on {
-            self.go_on(group)?;
+        // Those about whose candidates no shader has a say can go on again at once.
+        while !self.going_on.is_empty() {
+            for group in std::mem::take(&mut self.going_on) {
+                self.go_on(group)?;
+            }
         }
-        self.going_on = recycled(going_on);
         Ok(())
     }
 
