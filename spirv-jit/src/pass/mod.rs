@@ -85,8 +85,11 @@ pub const PASSES: &[Pass] = &[
     pass!(Function, renumber_values, renumber_values),
 ];
 
-/// The order in which they run.
-const ORDER: &[(When, &[&str])] = &[
+/// What runs when.
+type Stages = &'static [(When, &'static [&'static str])];
+
+/// What runs before loops are unrolled.
+const BEFORE: Stages = &[
     (When::Always, &["inline_functions", "simplify"]),
     (When::Addresses, ADDRESSES),
     (When::Variables, &["promote_variables"]),
@@ -100,6 +103,10 @@ const ORDER: &[(When, &[&str])] = &[
             "eliminate_common_subexpressions",
         ],
     ),
+];
+
+/// Unrolling, and what it opens up. Loops inside one that was unrolled may be next.
+const ROUND: Stages = &[
     (When::Loops, &[UNROLL]),
     (
         When::Unrolled,
@@ -120,6 +127,10 @@ const ORDER: &[(When, &[&str])] = &[
             "eliminate_common_subexpressions",
         ],
     ),
+];
+
+/// What runs after that.
+const AFTER: Stages = &[
     (When::Always, &["eliminate_dead_code"]),
     (When::Loops, &["hoist_loop_invariants"]),
     (When::Loads, &["merge_loads"]),
@@ -163,7 +174,12 @@ const ADDRESSES: &[&str] = &["resolve_variable_addresses", "eliminate_dead_code"
 
 /// All of them in order, as if each had something to do.
 pub fn order() -> impl Iterator<Item = &'static str> {
-    ORDER.iter().flat_map(|(_, names)| *names).copied()
+    let stages = [BEFORE, ROUND, AFTER];
+    stages
+        .into_iter()
+        .flatten()
+        .flat_map(|(_, names)| *names)
+        .copied()
 }
 
 /// Runs all passes in order.
@@ -182,9 +198,23 @@ pub fn optimize(module: &mut Module) -> Result<(), Error> {
     Ok(())
 }
 
+/// Loops inside each other that are unrolled, at most.
+const MAX_ROUNDS: usize = 3;
+
 fn run_passes(module: &mut Module) {
+    run_stages(BEFORE, module);
+    for _ in 0..MAX_ROUNDS {
+        if !run_stages(ROUND, module) {
+            break;
+        }
+    }
+    run_stages(AFTER, module);
+}
+
+/// Whether there was a loop to unroll.
+fn run_stages(stages: Stages, module: &mut Module) -> bool {
     let mut unrolled = false;
-    for &(when, names) in ORDER {
+    for &(when, names) in stages {
         let features = || Features::of(module);
         let runs = match when {
             When::Always => true,
@@ -207,6 +237,7 @@ fn run_passes(module: &mut Module) {
             }
         }
     }
+    unrolled
 }
 
 /// Runs the pass that unrolls; whether there was a loop to unroll in any function.
