@@ -10,7 +10,6 @@ pub struct Features {
     /// Accesses to variables at fixed rows.
     pub variables: bool,
     pub loops: bool,
-    pub loads: bool,
 }
 
 impl Features {
@@ -29,7 +28,6 @@ impl Features {
                 Node::Inst(inst) => match inst.op {
                     Op::VarAddress(_) => self.addresses = true,
                     Op::VarLoad(..) | Op::VarStore(..) => self.variables = true,
-                    Op::Load(_) => self.loads = true,
                     _ => {}
                 },
                 Node::Block { body, .. } => self.add(body),

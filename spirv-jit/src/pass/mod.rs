@@ -15,7 +15,6 @@ mod features;
 mod fold_constants;
 pub mod hoist_loop_invariants;
 pub mod inline_functions;
-pub mod merge_loads;
 pub mod promote_variables;
 pub mod prune_parameters;
 mod renaming;
@@ -78,7 +77,6 @@ pub const PASSES: &[Pass] = &[
             unroll_loops::unroll_loops(function);
         }),
     },
-    pass!(Function, merge_loads, merge_loads),
     pass!(Module, drop_unchanged_payload, drop_unchanged_payload),
     pass!(Function, eliminate_dead_code, eliminate_dead_code),
     pass!(Module, eliminate_dead_code, eliminate_unused_tables),
@@ -133,7 +131,6 @@ const ROUND: Stages = &[
 const AFTER: Stages = &[
     (When::Always, &["eliminate_dead_code"]),
     (When::Loops, &["hoist_loop_invariants"]),
-    (When::Loads, &["merge_loads"]),
     (
         When::Always,
         &[
@@ -161,10 +158,8 @@ enum When {
     Unrolled,
     /// ... such a loop and an address;
     UnrolledAddresses,
-    /// ... such a loop and an access to a variable;
+    /// ... such a loop and an access to a variable.
     UnrolledVariables,
-    /// ... a load from memory.
-    Loads,
 }
 
 const UNROLL: &str = "unroll_loops";
@@ -224,7 +219,6 @@ fn run_stages(stages: Stages, module: &mut Module) -> bool {
             When::Unrolled => unrolled,
             When::UnrolledAddresses => unrolled && features().addresses,
             When::UnrolledVariables => unrolled && features().variables,
-            When::Loads => features().loads,
         };
         if !runs {
             continue;
