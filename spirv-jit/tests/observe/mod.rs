@@ -6,7 +6,7 @@ use spirv_jit::Program;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
 use spirv_jit::interp::{Frame, TierKind};
 use spirv_jit::ir::{InputRow, Module};
-use spirv_jit::program::{AlignedRow, Event, IO_DATA_ROW, SiteKind, Wave};
+use spirv_jit::program::{AlignedRow, Event, IO_DATA_ROW, SiteKind, Stage, Wave};
 use spirv_jit::reach::Reach;
 
 const LANES: usize = 16;
@@ -47,6 +47,22 @@ impl Outcome {
         }
         self
     }
+
+    /// With the payload words that an any-hit module leaves out because it leaves them as they came: those of a module that has them.
+    #[allow(dead_code)]
+    pub fn with_payload_of(mut self, whole: &Module, seed: u64) -> Outcome {
+        if let Outcome::Ended(seen) = &mut self
+            && whole.stage == Stage::AnyHit
+            && seen.outputs.len() == 1
+        {
+            let lanes = seen.outputs[0].len();
+            for word in 0..whole.output_rows - 1 {
+                let row = (0..lanes).map(|lane| input_word(InputRow::Payload(word), lane, seed));
+                seen.outputs.push(row.collect());
+            }
+        }
+        self
+    }
 }
 
 /// A word that looks random, or now and then special.
@@ -70,7 +86,9 @@ fn input_word(row: InputRow, lane: usize, seed: u64) -> u32 {
     match row {
         // The lane's number: what it may write follows from it.
         InputRow::CallableData(0) => lane as u32,
-        InputRow::CallableData(word) => scramble(seed ^ (word as u64) << 32 ^ lane as u64),
+        InputRow::CallableData(word) | InputRow::Payload(word) => {
+            scramble(seed ^ (word as u64) << 32 ^ lane as u64)
+        }
         other => scramble(seed ^ format!("{other:?}").len() as u64 ^ (lane as u64) << 8),
     }
 }
