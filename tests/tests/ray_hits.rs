@@ -329,8 +329,8 @@ fn triangles_without_an_any_hit_shader_count_beside_others() {
     layout(location = 0) rayPayloadEXT uint payload;
     void main() {
         payload = 0u;
-        vec3 from = vec3((vec2(gl_LaunchIDEXT.xy) + 0.5) * 1e-3, 0.0);
-        traceRayEXT(world, 0, 0xff, 0, 0, 0, from, 0.0, vec3(0, 0, 1), 100.0, 0);
+        vec3 from = vec3(1.0 + (vec2(gl_LaunchIDEXT.xy) + 0.5) * 1e-3, 0.0);
+        traceRayEXT(world, 0, 0xff, 0, 0, 0, from, 0.0, vec3(-0.02, -0.03, 1), 100.0, 0);
         results[gl_LaunchIDEXT.y * 32u + gl_LaunchIDEXT.x] = payload;
     }";
     let ignore = "void main() { ignoreIntersectionEXT; }";
@@ -353,4 +353,84 @@ fn triangles_without_an_any_hit_shader_count_beside_others() {
         (SIDE * SIDE) as usize,
     );
     assert_eq!(results, vec![101; (SIDE * SIDE) as usize]);
+}
+
+/// Rays side by side that go the same way, each with decisions of its own about the same layers: one rank after the other is ignored,
+/// or ends the search, by an any-hit shader that keeps count in the payload. Layers are triangles, or boxes whose hits are reported.
+#[test]
+fn neighbours_decide_each_for_itself() {
+    const SIDE: u32 = 24;
+    const LAYERS: u32 = 8;
+    let gpu = Gpu::new();
+    let flags = vk::GeometryFlagsKHR::NO_DUPLICATE_ANY_HIT_INVOCATION;
+    let boxes: Vec<[f32; 6]> = (1..=LAYERS)
+        .map(|z| [-9.0, -9.0, z as f32 - 0.3, 9.0, 9.0, z as f32 + 0.3])
+        .collect();
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uint payload[4]; // ignore below, end at, count, answer
+    void main() {
+        uvec2 at = gl_LaunchIDEXT.xy;
+        payload = uint[](at.x % 7u, at.y % 3u == 0u ? at.x % 7u : 99u, 0u, 0u);
+        vec3 from = vec3(1.0 + vec2(at) * 1e-3, 0.0);
+        traceRayEXT(world, 0, 0xff, 0, 0, 0, from, 0.0, vec3(-0.02, -0.03, 1), 100.0, 0);
+        uint place = 2u * (at.y * 24u + at.x);
+        results[place] = payload[3];
+        results[place + 1u] = payload[2];
+    }";
+    let any = r"
+    layout(location = 0) rayPayloadInEXT uint payload[4];
+    void main() {
+        payload[2] += 1u;
+        if (gl_PrimitiveID < payload[0]) { ignoreIntersectionEXT; }
+        if (gl_PrimitiveID == payload[1]) { terminateRayEXT; }
+    }";
+    let closest = r"
+    layout(location = 0) rayPayloadInEXT uint payload[4];
+    void main() { payload[3] = 100u * uint(round(gl_HitTEXT)) + gl_PrimitiveID; }";
+    let intersection = r"
+    hitAttributeEXT uint extra;
+    void main() {
+        extra = gl_PrimitiveID;
+        reportIntersectionEXT(float(gl_PrimitiveID) + 1.0, 5u);
+    }";
+    let shaders = [
+        (Stage::AnyHit, any),
+        (Stage::ClosestHit, closest),
+        (Stage::Intersection, intersection),
+    ];
+    for is_boxes in [false, true] {
+        let geometry = match is_boxes {
+            true => Geometry::boxes(&boxes, flags),
+            false => Geometry::triangles(&layers(LAYERS), flags),
+        };
+        let group = Group {
+            any_hit: Some(2),
+            intersection: is_boxes.then_some(4),
+            ..Group::hit(3)
+        };
+        let shaders = &shaders[..if is_boxes { 3 } else { 2 }];
+        let words = (2 * SIDE * SIDE) as usize;
+        let world = gpu.scene(&[geometry]);
+        let results = trace_words(
+            &gpu,
+            world,
+            raygen,
+            shaders,
+            &[group],
+            [SIDE, SIDE, 1],
+            words,
+        );
+        for (place, answer) in results.chunks(2).enumerate() {
+            let first = place as u32 % SIDE % 7;
+            assert_eq!(
+                answer[0],
+                100 * (first + 1) + first,
+                "{place}, boxes: {is_boxes}"
+            );
+            // All that are nearer have a say, unless the search ends before; those beyond may have.
+            let ends = place as u32 / SIDE % 3 == 0;
+            let met = if ends { 1 } else { first + 1 }..=LAYERS;
+            assert!(met.contains(&answer[1]), "{place}: {} layers", answer[1]);
+        }
+    }
 }
