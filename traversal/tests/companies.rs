@@ -20,6 +20,8 @@ fn counts(hit: &Hit) -> bool {
 struct World {
     top: Bytes,
     boxes: Vec<[f32; 6]>,
+    /// Of so many boxes, one holds something.
+    one_in: u32,
 }
 
 impl World {
@@ -46,8 +48,13 @@ impl World {
             let [a, b] = [bounds[axis], bounds[axis + 3]].map(|plane| (plane - o[axis]) / d[axis]);
             (near, far) = (near.max(a.min(b)), far.min(a.max(b)));
         }
+        if !hit.primitive_index.is_multiple_of(self.one_in) {
+            return None;
+        }
         // Far from edges, where a wider test would find it as well.
-        (far - near > 1e-3 && !lot(hit).is_multiple_of(4)).then_some((0.5 * (near + far)) as f32)
+        let part = (f64::from(lot(hit) % 65_536) + 0.5) / 65_536.0;
+        (far - near > 1e-3 && !lot(hit).is_multiple_of(4))
+            .then_some((near + part * (far - near)) as f32)
     }
 }
 
@@ -101,7 +108,9 @@ fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally)
     while progress == Progress::Candidates {
         tally.asked += 1;
         // What the walker holds meanwhile is of others.
-        alone(walker, world, &rays[0]);
+        if world.one_in == 1 {
+            alone(walker, world, &rays[0]);
+        }
         let asked = company.candidates().found;
         assert!(asked != 0 && asked & !lanes == 0);
         for lane in (0..PACKET).filter(|lane| asked >> lane & 1 != 0) {
@@ -222,6 +231,7 @@ fn triangles_are_decided_on_in_one_instance() {
         let world = World {
             top: scene.top,
             boxes: Vec::new(),
+            one_in: 1,
         };
         check(&world, false);
     }
@@ -232,7 +242,12 @@ fn boxes_are_decided_on_in_one_instance() {
     let boxes = boxes(&mut Random(5));
     let blob = build_boxes(&boxes, true, 0);
     let top = build_instances(&[InstanceRecord::new(&blob, IDENTITY)], 0);
-    check(&World { top, boxes }, false);
+    let world = World {
+        top,
+        boxes,
+        one_in: 1,
+    };
+    check(&world, false);
 }
 
 #[test]
@@ -261,5 +276,39 @@ fn rays_part_where_they_must() {
         })
         .collect();
     let top = build_instances(&instances, 0);
-    check(&World { top, boxes }, true);
+    let world = World {
+        top,
+        boxes,
+        one_in: 1,
+    };
+    check(&world, true);
+}
+
+/// A journey of more steps than packets have patience for.
+#[test]
+fn rays_part_on_long_journeys() {
+    let boxes: Vec<[f32; 6]> = (0..70_000u32)
+        .map(|i| {
+            let shift = i as f32 * 1e-5;
+            [-1.0, -1.0, -1.0 + shift, 1.0, 1.0, 1.0 + shift]
+        })
+        .collect();
+    let blob = build_boxes(&boxes, false, 0);
+    let top = build_instances(&[InstanceRecord::new(&blob, IDENTITY)], 0);
+    let world = World {
+        top,
+        boxes,
+        one_in: 69_001,
+    };
+    let (mut walker, mut tally) = (Walker::new(), Tally::default());
+    let rays: Vec<_> = (0..8)
+        .map(|i| {
+            let aside = 0.01 * i as f32;
+            ray([aside, 0.1, -5.0], [0.02, 0.01, 1.0])
+        })
+        .collect();
+    together(&mut walker, &world, &rays, &mut tally);
+    if Tier::best() == Tier::Avx512 {
+        assert!(tally.asked > 10_000 && tally.parted == 1, "{tally:?}");
+    }
 }

@@ -125,6 +125,12 @@ impl Company {
         let mine = |&(entry, lanes): &(Entry, u16)| (lanes >> lane & 1 != 0).then_some(entry);
         let instance =
             (self.instance.filter(|(_, lanes)| lanes >> lane & 1 != 0)).map(|(index, _)| index);
-        walk.go_on_from(hits.get(lane), self.top.iter().filter_map(mine), instance);
+        let (top, bottom) = (self.top.iter(), self.bottom.iter());
+        walk.go_on_from(
+            hits.get(lane),
+            top.filter_map(mine),
+            instance,
+            bottom.filter_map(mine),
+        );
     }
 }

@@ -291,12 +291,13 @@ impl Walk {
         pending: Vec::new(),
     };
 
-    /// Goes on with what was found, and what is to be visited: of the top level, and all of an instance.
+    /// Goes on with what was found, and what is to be visited: of the top level, and of an instance.
     fn go_on_from(
         &mut self,
         found: Option<Hit>,
         top: impl Iterator<Item = Entry>,
         instance: Option<u32>,
+        bottom: impl Iterator<Item = Entry>,
     ) {
         if let Some(hit) = found {
             (self.hit, self.has_hit) = (hit, true);
@@ -306,7 +307,7 @@ impl Walk {
         if let Some(index) = instance {
             self.instance = index;
             self.floor = self.pending.len() as u32;
-            self.pending.push(Entry::ROOT);
+            self.pending.extend(bottom);
         }
     }
 

@@ -63,6 +63,9 @@ impl Packet<'_> {
                         self.open(hits);
                         return Progress::Candidates;
                     }
+                    if self.patience == 0 && self.has_asked {
+                        return self.part(walker, hits, instance);
+                    }
                 }
                 Entering::Apart if !self.has_asked && only.is_none() => {
                     if !self.go_singly(walker, index, lanes) {
@@ -70,12 +73,19 @@ impl Packet<'_> {
                     }
                 }
                 _ if !self.has_asked => return Progress::Apart,
-                _ => return self.part(walker, hits, (index, lanes)),
+                _ => {
+                    walker.packet.bottom.start(lanes);
+                    return self.part(walker, hits, (index, lanes));
+                }
             }
         }
-        match self.patience == 0 && !self.has_asked {
-            true => Progress::Apart,
-            false => self.finish(hits, &walker.top),
+        match self.patience {
+            0 if self.has_asked => {
+                walker.packet.bottom.start(0);
+                self.part(walker, hits, (0, 0))
+            }
+            0 => Progress::Apart,
+            _ => self.finish(hits, &walker.top),
         }
     }
 
@@ -241,9 +251,14 @@ impl Packet<'_> {
         walker.packet.bottom.save(live, &mut company.bottom);
     }
 
-    /// Before an instance, each ray goes by itself from here on.
+    /// Each ray goes by itself from here on: in an instance first, with what is pending there.
     #[cold]
-    fn part(mut self, walker: &Walker, hits: &mut HitRows, (index, lanes): (u32, u16)) -> Progress {
+    pub(super) fn part(
+        mut self,
+        walker: &Walker,
+        hits: &mut HitRows,
+        (index, lanes): (u32, u16),
+    ) -> Progress {
         self.keep(walker, (index, lanes & self.live()));
         self.finish(hits, &walker.top);
         Progress::Parted(self.live())

@@ -35,7 +35,7 @@ use rays::{Rays, load};
 /// Fewer rays are not worth it.
 const ENOUGH: u32 = 6;
 
-/// Steps after which an attempt is given up: only a corrupt structure takes so many.
+/// Steps after which an attempt is given up, or rays part: few structures that are not corrupt take so many.
 const PATIENCE: u32 = 1 << 16;
 
 /// Directions differ by at most this, relative to the longest component.
@@ -270,6 +270,9 @@ unsafe fn go_on(
         if packet.walk_instance(walker, way, (index, lanes), standing) {
             return Progress::Candidates;
         }
+        if packet.patience == 0 {
+            return packet.part(walker, hits, (index, lanes));
+        }
         if descend::only_instance(&walker.top).is_some() {
             return packet.finish(hits, &walker.top);
         }
@@ -322,17 +325,14 @@ impl Packet<'_> {
         let fetches_ahead = structure.node_count() > LARGE;
         let t = load(&self.found.t);
         let t_far = _mm512_mask_reduce_max_ps(live, t);
-        while *length > 0 && live != 0 {
+        while *length > 0 && live != 0 && self.patience > 0 {
+            self.patience -= 1;
             *length -= 1;
             let entry = entries[*length];
             let near_enough = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(t, _mm512_set1_ps(entry.near()));
             let here = lanes[*length] & live & near_enough;
             if here == 0 {
                 continue;
-            }
-            self.patience = self.patience.saturating_sub(1);
-            if self.patience == 0 {
-                return None;
             }
             let word = entry.word();
             if word & child::LEAF != 0 {
