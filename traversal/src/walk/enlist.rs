@@ -22,9 +22,9 @@ impl Walker {
     /// Rays that are taken up, at most.
     pub const MOST_ENLISTED: usize = 4096;
 
-    /// Takes rays up, to be traced with others by [`Self::trace_enlisted`]; returns which. Those are rays of ordinary length through a
-    /// top level whose only instance holds triangles that all count, like those taken up before; and none where the
-    /// machine has no AVX-512. Their hits are none so far.
+    /// Takes rays up, to be traced with others by [`Self::trace_enlisted`]; returns which. Those are rays of ordinary length
+    /// through the same top level as those taken up before, with the same flags and mask; where it has one instance, that holds triangles
+    /// that all count. None are taken where the machine has no AVX-512. Their hits are none so far.
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray, until they are traced.

@@ -165,8 +165,7 @@ impl HitRows {
         blend(&mut self.kind, &[kind; PACKET], lanes);
     }
 
-    /// Puts a triangle that is not opaque into lanes as their candidate: where they meet it, and as what kind by those that see its
-    /// front.
+    /// Puts a triangle that is not opaque into lanes as their candidate: where each meets it, and the kind of hit that is.
     pub(crate) fn set_triangle(
         &mut self,
         lanes: u16,
