@@ -1,5 +1,6 @@
 //! What applications leave to their own threads, and keep from one run to the next: deferred operations and pipeline caches.
 
+use std::sync::Mutex;
 use std::thread;
 
 use ash::khr;
@@ -353,4 +354,62 @@ fn damaged_cache_data_is_survived() {
             gpu.device.destroy_pipeline_cache(cache, None);
         }
     }
+}
+
+/// Devices of one process have nothing to do with one another. Making and destroying them takes turns: the loader's list of devices
+/// has no lock (Vulkan-Loader issue 2018), nor has the table of handles of older validation layers
+/// (Vulkan-ValidationLayers issue 4391).
+#[test]
+fn devices_of_several_threads_work_side_by_side() {
+    const RAYS: u32 = 256;
+    let turn = Mutex::new(());
+    let raygen = r"
+    layout(location = 0) rayPayloadEXT uint payload;
+    void main() {
+        uint i = gl_LaunchIDEXT.x;
+        traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, (float(i) + 0.5) / 16.0), 0.0, vec3(0, 0, 1), 100.0, 0);
+        results[i] = payload;
+    }";
+    let closest = r"
+    layout(location = 0) rayPayloadInEXT uint payload;
+    void main() { payload = gl_PrimitiveID; }";
+    let work = |layer_count: u32| {
+        let alone = turn.lock().unwrap();
+        let gpu = Gpu::without_validation();
+        drop(alone);
+        for _ in 0..8 {
+            let world = gpu.scene(&[Geometry::triangles(
+                &layers(layer_count),
+                vk::GeometryFlagsKHR::OPAQUE,
+            )]);
+            let got = trace_words(
+                &gpu,
+                world,
+                raygen,
+                &[(Stage::ClosestHit, closest)],
+                &[Group::hit(2)],
+                [RAYS, 1, 1],
+                RAYS as usize,
+            );
+            for (i, got) in got.into_iter().enumerate() {
+                // The layers stand at 1, 2, 3, ….
+                let next = i as u32 / 16;
+                let expected = if next < layer_count { next } else { u32::MAX };
+                assert_eq!(
+                    got, expected,
+                    "ray {i} of the device with {layer_count} layers"
+                );
+            }
+        }
+        let _alone = turn.lock();
+        drop(gpu);
+    };
+    thread::scope(|scope| {
+        for layer_count in [3, 6, 9, 12] {
+            scope.spawn({
+                let work = &work;
+                move || work(layer_count)
+            });
+        }
+    });
 }

@@ -69,5 +69,10 @@ fn black_box_tests(options: &Options, skips: &Skips) -> Command {
     tests.args(["--no-fail-fast", "--"]);
     tests.args(&options.arguments);
     skips.tell(&mut tests);
+    // Older validation layers (1.3.239 was seen to crash) read their table of handles while another thread's new device grows
+    // it (Vulkan-ValidationLayers issue 4391): one test at a time.
+    if std::env::var_os("RUST_TEST_THREADS").is_none() {
+        tests.env("RUST_TEST_THREADS", "1");
+    }
     tests
 }
