@@ -106,8 +106,8 @@ pub struct Module {
     pub inputs: Vec<InputRow>,
     /// What ray queries' objects hold behind their fixed rows (see [`crate::query`]).
     pub query_words: Vec<QueryWord>,
-    /// Words that `end` takes. By stage: any-hit: verdict (0 accept, 1 ignore, 2 accept and terminate the ray), then payload words, or none
-    /// where it leaves them alone; closest hit and miss: payload words; callable: callable data words; intersection, ray generation and compute: none.
+    /// Words that `end` takes. By stage: any-hit: verdict (0 accept, 1 ignore, 2 accept and terminate the ray), then payload words; closest
+    /// hit and miss: payload words; callable: callable data words; intersection, ray generation and compute: none.
     pub output_rows: u32,
     /// Compute: the workgroup's size in invocations per dimension; otherwise ones.
     pub local_size: [u32; 3],

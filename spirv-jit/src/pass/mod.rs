@@ -6,19 +6,15 @@
 #![forbid(unsafe_code)]
 
 mod cost;
-pub mod drop_unchanged_payload;
 mod edit;
 mod effects;
 pub mod eliminate_common_subexpressions;
 pub mod eliminate_dead_code;
 mod features;
 mod fold_constants;
-pub mod hoist_loop_invariants;
-pub mod inline_functions;
 pub mod promote_variables;
 pub mod prune_parameters;
 mod renaming;
-pub mod renumber_values;
 pub mod resolve_variable_addresses;
 mod row_index;
 pub mod simplify;
@@ -55,7 +51,6 @@ macro_rules! pass {
 
 /// The passes, in no order.
 pub const PASSES: &[Pass] = &[
-    pass!(Module, inline_functions, inline_functions),
     pass!(Function, simplify, simplify),
     pass!(
         Function,
@@ -70,17 +65,14 @@ pub const PASSES: &[Pass] = &[
         eliminate_common_subexpressions,
         eliminate_common_subexpressions
     ),
-    pass!(Function, hoist_loop_invariants, hoist_loop_invariants),
     Pass {
         name: UNROLL,
         run: Run::Function(|function| {
             unroll_loops::unroll_loops(function);
         }),
     },
-    pass!(Module, drop_unchanged_payload, drop_unchanged_payload),
     pass!(Function, eliminate_dead_code, eliminate_dead_code),
     pass!(Module, eliminate_dead_code, eliminate_unused_tables),
-    pass!(Function, renumber_values, renumber_values),
 ];
 
 /// What runs when.
@@ -88,7 +80,7 @@ type Stages = &'static [(When, &'static [&'static str])];
 
 /// What runs before loops are unrolled.
 const BEFORE: Stages = &[
-    (When::Always, &["inline_functions", "simplify"]),
+    (When::Always, &["simplify"]),
     (When::Addresses, ADDRESSES),
     (When::Variables, &["promote_variables"]),
     (
@@ -130,16 +122,13 @@ const ROUND: Stages = &[
 /// What runs after that.
 const AFTER: Stages = &[
     (When::Always, &["eliminate_dead_code"]),
-    (When::Loops, &["hoist_loop_invariants"]),
     (
         When::Always,
         &[
             "simplify",
             "eliminate_common_subexpressions",
-            "drop_unchanged_payload",
             "eliminate_dead_code",
             "eliminate_unused_tables",
-            "renumber_values",
         ],
     ),
 ];

@@ -36,7 +36,6 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         beams,
         ..
     } = walker;
-    let shares = !without.contains(Specialisation::SharedSpace);
     let mut in_bottom = true;
     if let Some(index) = entered.again(walk.top_level, &walk.ray) {
         if !bottom.place(top, index, &walk.ray, walk.time) {
@@ -57,10 +56,9 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         if index == Walk::NO_INSTANCE {
             in_bottom = false;
         } else {
-            let is_up = shares && only.is_none();
             // SAFETY: as above.
             let entered =
-                unsafe { bottom.enter_bottom(instance, top, is_up, index, &walk.ray, walk.time) };
+                unsafe { bottom.enter_bottom(instance, top, index, &walk.ray, walk.time) };
             if !entered {
                 return Event::Done;
             }
@@ -81,13 +79,8 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
     let mut left = *fuel;
     // The rest of a leaf that a verdict interrupted.
     if let Some((word, first_lane)) = walk.leaf.take() {
-        let space = if bottom.shares_space {
-            &top.space
-        } else {
-            &bottom.space
-        };
         // SAFETY: the caller's promise.
-        match unsafe { leaf::finish::<K>(walk, bottom, space, instance, word, first_lane) } {
+        match unsafe { leaf::finish::<K>(walk, bottom, instance, word, first_lane) } {
             Leaf::Finished => {}
             Leaf::Over => return Event::Done,
             Leaf::Ask(event, lane) => {
@@ -99,11 +92,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
 
     let event = 'level: loop {
         let level: &Level = if in_bottom { bottom } else { top };
-        let space = if in_bottom && !bottom.shares_space {
-            &bottom.space
-        } else {
-            &top.space
-        };
+        let space = &level.space;
         let nodes = level.structure.nodes();
         let node_count = level.structure.node_count();
         let fetch_ahead = node_count > LARGE && !without.contains(Specialisation::Prefetch);
@@ -211,7 +200,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                 break 'next word & child::INDEX;
             }
             if !is_triangles {
-                match leaf::test_other(walk, level, space, instance, word, &mut t_far) {
+                match leaf::test_other(walk, level, instance, word, &mut t_far) {
                     Leaf::Finished => continue 'next,
                     Leaf::Over => break 'level Event::Done,
                     Leaf::Ask(event, lane) => {
@@ -222,7 +211,6 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
             }
             let leaf = Triangles {
                 level,
-                space,
                 instance,
                 word,
                 first_lane: 0,
@@ -238,7 +226,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
             }
         };
         // SAFETY: the contract of `Walk::new`.
-        if unsafe { bottom.enter_bottom(instance, top, shares, entered, &walk.ray, walk.time) } {
+        if unsafe { bottom.enter_bottom(instance, top, entered, &walk.ray, walk.time) } {
             in_bottom = true;
             floor = length;
             stack[length] = Entry::new(0, 0.0);

@@ -3,7 +3,6 @@
 use super::facts::InstanceFacts;
 use super::kernel::Kernel;
 use super::level::Level;
-use super::space::Space;
 use super::triangle::{Rim, intersect};
 use super::{Event, Walk, micromap, motion, swept};
 use crate::layout::{Block, GROUP, TriangleGroup, child, geometry_word};
@@ -25,14 +24,13 @@ pub(crate) enum Leaf {
 pub(crate) fn test_other(
     walk: &mut Walk,
     level: &Level,
-    space: &Space,
     instance: &InstanceFacts,
     word: u32,
     t_far: &mut f32,
 ) -> Leaf {
     match level.structure.kind() {
-        Kind::Swept => return swept::test_leaf(walk, level, space, instance, word, t_far),
-        Kind::Motion => return motion::test_leaf(walk, level, space, instance, word, t_far),
+        Kind::Swept => return swept::test_leaf(walk, level, instance, word, t_far),
+        Kind::Motion => return motion::test_leaf(walk, level, instance, word, t_far),
         _ => {}
     }
     match ask_about_box(walk, level, instance, word) {
@@ -67,7 +65,6 @@ fn ask_about_box(walk: &mut Walk, level: &Level, instance: &InstanceFacts, word:
 pub(crate) unsafe fn finish<K: Kernel>(
     walk: &mut Walk,
     level: &Level,
-    space: &Space,
     instance: &InstanceFacts,
     word: u32,
     first_lane: u32,
@@ -76,10 +73,9 @@ pub(crate) unsafe fn finish<K: Kernel>(
     if level.structure.kind() != Kind::Triangles {
         return Leaf::Finished;
     }
-    let mut t_far = space.scaled_up(walk.hit.t);
+    let mut t_far = level.space.scaled_up(walk.hit.t);
     let leaf = Triangles {
         level,
-        space,
         instance,
         word,
         first_lane,
@@ -91,7 +87,6 @@ pub(crate) unsafe fn finish<K: Kernel>(
 /// A leaf of triangles.
 pub(crate) struct Triangles<'a> {
     pub level: &'a Level,
-    pub space: &'a Space,
     pub instance: &'a InstanceFacts,
     pub word: u32,
     /// First lane to look at, counted over the leaf's groups.
@@ -106,7 +101,7 @@ impl Triangles<'_> {
     #[inline(always)]
     pub unsafe fn test<K: Kernel>(&self, walk: &mut Walk, t_far: &mut f32) -> Leaf {
         // SAFETY: the caller's promise.
-        let ray = unsafe { K::load_shear(self.space) };
+        let ray = unsafe { K::load_shear(&self.level.space) };
         let index = self.word & child::INDEX;
         let structure = &self.level.structure;
         let first_slot = structure.first_slot(index);
@@ -141,7 +136,7 @@ impl Triangles<'_> {
                 if walk.commit(hit) {
                     return Leaf::Over;
                 }
-                *t_far = self.space.scaled_up(hit.t);
+                *t_far = self.level.space.scaled_up(hit.t);
             }
         }
         Leaf::Finished
@@ -156,7 +151,7 @@ impl Triangles<'_> {
             let (triangle, primitive) = (group.triangle(lane), group.primitives[lane]);
             micromap::meet(
                 self.level,
-                self.space,
+                &self.level.space,
                 self.instance,
                 &triangle,
                 geometry,
@@ -165,7 +160,10 @@ impl Triangles<'_> {
         } else {
             let opaque = self.instance.opacity(geometry)?;
             let rim = if opaque { Rim::Included } else { Rim::Owned };
-            (opaque, intersect(self.space, &group.triangle(lane), rim)?)
+            (
+                opaque,
+                intersect(&self.level.space, &group.triangle(lane), rim)?,
+            )
         };
         let front = self.instance.facing(found.front)?;
         let hit = Hit {

@@ -50,8 +50,6 @@ impl Entered {
 pub(crate) struct Level {
     pub structure: Structure,
     pub space: Space,
-    /// The space is that of the level above, as it is there.
-    pub shares_space: bool,
     /// Where the structure is, and what its header said.
     address: u64,
     key: Key,
@@ -62,7 +60,6 @@ impl Level {
     pub const NOWHERE: Level = Level {
         structure: Structure::NOWHERE,
         space: Space::NOWHERE,
-        shares_space: false,
         address: 0,
         key: Key::NONE,
     };
@@ -108,7 +105,6 @@ impl Level {
     }
 
     /// Enters the bottom level of an instance of `top`; false if the ray has no business there.
-    /// `top_is_set_up`: the ray is ready in the space of `top`.
     ///
     /// # Safety
     /// The references of `top` are 0 or structures that stay as they are meanwhile.
@@ -117,20 +113,13 @@ impl Level {
         &mut self,
         facts: &mut InstanceFacts,
         top: &Level,
-        top_is_set_up: bool,
         index: u32,
         ray: &Ray,
         time: f32,
     ) -> bool {
         // SAFETY: the caller's promise.
-        if !unsafe { self.admit(facts, top, index, ray) } {
-            return false;
-        }
-        let is_identity = (top.structure.instance(index))
-            .is_some_and(|record| record.state & instance_state::IDENTITY != 0);
-        self.shares_space =
-            is_identity && top_is_set_up && top.structure.header().origin_error == 0.0;
-        self.shares_space || self.place(top, index, ray, time)
+        let is_admitted = unsafe { self.admit(facts, top, index, ray) };
+        is_admitted && self.place(top, index, ray, time)
     }
 
     /// Finds the bottom level of an instance of `top`, and what its record says; false if the ray has no business there.

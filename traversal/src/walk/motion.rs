@@ -4,7 +4,6 @@
 use super::facts::InstanceFacts;
 use super::leaf::Leaf;
 use super::level::Level;
-use super::space::Space;
 use super::triangle::{Rim, intersect};
 use super::{Event, Walk, micromap};
 use crate::layout::{child, geometry_word};
@@ -15,12 +14,11 @@ use crate::ray::{HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, 
 pub(crate) fn test_leaf(
     walk: &mut Walk,
     level: &Level,
-    space: &Space,
     instance: &InstanceFacts,
     word: u32,
     t_far: &mut f32,
 ) -> Leaf {
-    let Some(hit) = meet(walk, level, space, instance, word & child::INDEX) else {
+    let Some(hit) = meet(walk, level, instance, word & child::INDEX) else {
         return Leaf::Finished;
     };
     if !hit.opaque {
@@ -30,23 +28,17 @@ pub(crate) fn test_leaf(
     if walk.commit(hit) {
         return Leaf::Over;
     }
-    *t_far = space.scaled_up(hit.t);
+    *t_far = level.space.scaled_up(hit.t);
     Leaf::Finished
 }
 
-fn meet(
-    walk: &Walk,
-    level: &Level,
-    space: &Space,
-    instance: &InstanceFacts,
-    slot: u32,
-) -> Option<Hit> {
+fn meet(walk: &Walk, level: &Level, instance: &InstanceFacts, slot: u32) -> Option<Hit> {
     let entry = level.structure.motion_entry(slot)?;
     let triangle = triangle_at(&entry.triangles, walk.time);
     let (opaque, found) = if instance.heeds_micromap(entry.geometry) {
         micromap::meet(
             level,
-            space,
+            &level.space,
             instance,
             &triangle,
             entry.geometry,
@@ -55,7 +47,7 @@ fn meet(
     } else {
         let opaque = instance.opacity(entry.geometry)?;
         let rim = if opaque { Rim::Included } else { Rim::Owned };
-        (opaque, intersect(space, &triangle, rim)?)
+        (opaque, intersect(&level.space, &triangle, rim)?)
     };
     let front = instance.facing(found.front)?;
     let hit = Hit {

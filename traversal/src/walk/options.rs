@@ -34,21 +34,18 @@ pub enum Specialisation {
     Opaque = 2,
     /// A top level of one instance is not walked.
     OneInstance = 4,
-    /// An untransformed instance takes over the ray as it was set up for the top level.
-    SharedSpace = 8,
     /// Children are fetched ahead in structures larger than a core's caches.
-    Prefetch = 16,
+    Prefetch = 8,
     /// Rays of many lists walk node by node.
-    Streams = 32,
+    Streams = 16,
 }
 
 impl Specialisation {
     /// All, by name.
-    pub const ALL: [(&str, Specialisation); 6] = [
+    pub const ALL: [(&str, Specialisation); 5] = [
         ("packets", Specialisation::Packets),
         ("opaque_path", Specialisation::Opaque),
         ("one_instance", Specialisation::OneInstance),
-        ("shared_space", Specialisation::SharedSpace),
         ("prefetch", Specialisation::Prefetch),
         ("streams", Specialisation::Streams),
     ];

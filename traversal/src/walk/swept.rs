@@ -6,7 +6,6 @@
 
 use super::facts::InstanceFacts;
 use super::level::Level;
-use super::space::Space;
 use super::{Event, Walk};
 use crate::layout::{SweptEntry, child, geometry_word, swept_flags};
 use crate::ray::{HIT_KIND_LINEAR_SWEPT_SPHERE, HIT_KIND_SPHERE, Hit, Swept};
@@ -145,7 +144,6 @@ pub(crate) fn intersect(
 pub(crate) fn test_leaf(
     walk: &mut Walk,
     level: &Level,
-    space: &Space,
     instance: &InstanceFacts,
     word: u32,
     t_far: &mut f32,
@@ -156,8 +154,8 @@ pub(crate) fn test_leaf(
     let Some(opaque) = instance.opacity(entry.geometry) else {
         return Leaf::Finished;
     };
-    let [x, y, z, _] = space.origin;
-    let [dx, dy, dz, _] = space.direction;
+    let [x, y, z, _] = level.space.origin;
+    let [dx, dy, dz, _] = level.space.direction;
     let Some(meeting) = intersect([x, y, z], [dx, dy, dz], entry) else {
         return Leaf::Finished;
     };
@@ -191,7 +189,7 @@ pub(crate) fn test_leaf(
     if walk.commit(hit) {
         return Leaf::Over;
     }
-    *t_far = space.scaled_up(hit.t);
+    *t_far = level.space.scaled_up(hit.t);
     Leaf::Finished
 }
 
