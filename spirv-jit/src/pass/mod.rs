@@ -120,18 +120,10 @@ const ROUND: Stages = &[
 ];
 
 /// What runs after that.
-const AFTER: Stages = &[
-    (When::Always, &["eliminate_dead_code"]),
-    (
-        When::Always,
-        &[
-            "simplify",
-            "eliminate_common_subexpressions",
-            "eliminate_dead_code",
-            "eliminate_unused_tables",
-        ],
-    ),
-];
+const AFTER: Stages = &[(
+    When::Always,
+    &["eliminate_dead_code", "eliminate_unused_tables"],
+)];
 
 /// When passes run: if there is, somewhere in the module, ...
 #[derive(Clone, Copy, PartialEq)]
