@@ -80,7 +80,7 @@ type Stages = &'static [(When, &'static [&'static str])];
 
 /// What runs before loops are unrolled.
 const BEFORE: Stages = &[
-    (When::Always, &["simplify"]),
+    (When::Addresses, &["simplify"]),
     (When::Addresses, ADDRESSES),
     (When::Variables, &["promote_variables"]),
     (
