@@ -8,8 +8,12 @@ use spirv_jit::SUBGROUP_SIZE;
 
 /// Bytes of subgroup states that a batch aims at: what a worker keeps in its second-level cache.
 const BATCH_BYTES: usize = 512 * 1024;
-const MIN_BATCH_SUBGROUPS: usize = 32;
-const MAX_BATCH_SUBGROUPS: usize = 256;
+/// The least and the most subgroups that these come to.
+const BATCH_SUBGROUPS: [usize; 2] = [32, 256];
+/// Batches that even a small grid is cut into, so that many threads have work ...
+const MIN_BATCHES: u64 = 28;
+/// ... unless each had fewer subgroups than this.
+const MIN_BATCH_SUBGROUPS: u64 = 8;
 
 /// The invocations of `vkCmdTraceRays*`: `width * height * depth` of them, tiled.
 #[derive(Clone, Copy, Debug)]
@@ -68,9 +72,14 @@ impl Grid {
             2 | 3 => [8, 2],
             _ => [4, 4],
         };
+        let [least, most] = BATCH_SUBGROUPS;
         let subgroups = (BATCH_BYTES / state_bytes.max(1))
-            .clamp(MIN_BATCH_SUBGROUPS, MAX_BATCH_SUBGROUPS)
+            .clamp(least, most)
             .next_power_of_two();
+        let tiles = [extent[0].div_ceil(tile[0]), extent[1].div_ceil(tile[1])];
+        let tiles = tiles.into_iter().chain([extent[2]]).map(u64::from);
+        let share = (tiles.product::<u64>() / MIN_BATCHES).max(MIN_BATCH_SUBGROUPS);
+        let subgroups = subgroups.min(1 << share.ilog2());
         let batch = if extent[1] <= 1 {
             [subgroups as u32, 1]
         } else {
