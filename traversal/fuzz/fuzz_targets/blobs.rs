@@ -44,6 +44,7 @@ fuzz_target!(|given: Given| {
     let mut given = given;
     given.rays.truncate(4);
     given.writes.truncate(64);
+    let rays: Vec<Ray> = given.rays.iter().map(|ray| ray.ray(ray.flags())).collect();
     // What may be updated has no blocks.
     let flags = match given.kind / 4 % 2 {
         0 => BuildFlags::ALLOW_UPDATE,
@@ -85,9 +86,10 @@ fuzz_target!(|given: Given| {
             assert_eq!(validate(&place), Ok(()));
             if !is_top {
                 let top = over(&place, IDENTITY, 0);
-                for ray in &given.rays {
-                    walked(&top, &ray.ray(ray.flags()), FUEL);
+                for ray in &rays {
+                    walked(&top, ray, FUEL);
                 }
+                walked_together(&top, &rays, FUEL);
             }
         }
 
@@ -103,9 +105,10 @@ fuzz_target!(|given: Given| {
     compact_into(&bottom, &mut place).unwrap();
     corrupt(&mut place, HEADER, &given.writes);
     let tops = over(&place, IDENTITY, 0);
-    for ray in &given.rays {
-        walked(&tops, &ray.ray(ray.flags()), FUEL);
+    for ray in &rays {
+        walked(&tops, ray, FUEL);
     }
+    walked_together(&tops, &rays, FUEL);
     let input = BuildInput {
         flags: BuildFlags(flags),
         geometries,
@@ -113,16 +116,18 @@ fuzz_target!(|given: Given| {
     // SAFETY: the list is alive.
     if unsafe { update(&input, None, &mut place, &mut Exact::new(64)) }.is_ok() {
         assert_eq!(validate(&place), Ok(()));
-        for ray in &given.rays {
-            walked(&tops, &ray.ray(ray.flags()), FUEL);
+        for ray in &rays {
+            walked(&tops, ray, FUEL);
         }
+        walked_together(&tops, &rays, FUEL);
     }
 
     let mut place = Exact::new(compacted_size(&top).unwrap());
     compact_into(&top, &mut place).unwrap();
     let references = HEADER + 256 + (8 * records.len()).next_multiple_of(256);
     corrupt(&mut place, references, &given.writes);
-    for ray in &given.rays {
-        walked(&place, &ray.ray(ray.flags()), FUEL);
+    for ray in &rays {
+        walked(&place, ray, FUEL);
     }
+    walked_together(&place, &rays, FUEL);
 });

@@ -84,9 +84,29 @@ pub struct GivenList {
 const FORMATS: [VertexFormat; 23] = {
     use VertexFormat::*;
     [
-        F32x2, F32x3, F32x4, F16x2, F16x3, F16x4, F64x2, F64x3, F64x4, Snorm8x2, Snorm8x3,
-        Snorm8x4, Unorm8x2, Unorm8x3, Unorm8x4, Snorm16x2, Snorm16x3, Snorm16x4, Unorm16x2,
-        Unorm16x3, Unorm16x4, Unorm10x3A2, Snorm10x3A2,
+        F32x2,
+        F32x3,
+        F32x4,
+        F16x2,
+        F16x3,
+        F16x4,
+        F64x2,
+        F64x3,
+        F64x4,
+        Snorm8x2,
+        Snorm8x3,
+        Snorm8x4,
+        Unorm8x2,
+        Unorm8x3,
+        Unorm8x4,
+        Snorm16x2,
+        Snorm16x3,
+        Snorm16x4,
+        Unorm16x2,
+        Unorm16x3,
+        Unorm16x4,
+        Unorm10x3A2,
+        Snorm10x3A2,
     ]
 };
 
@@ -102,7 +122,8 @@ impl GivenList {
     pub fn repeat(&mut self, times: u8) {
         let once = self.vertices.clone();
         for i in 0..times % 16 {
-            self.vertices.extend(once.iter().map(|byte| byte ^ i.wrapping_mul(37)));
+            self.vertices
+                .extend(once.iter().map(|byte| byte ^ i.wrapping_mul(37)));
         }
     }
 
@@ -209,7 +230,12 @@ pub fn placed(records: &[Record], flags: u32) -> Exact {
         flags: GeometryFlags(0),
     };
     let count = records.len() as u32;
-    built(Kind::Instances, flags, Geometries::Instances(source), &[count])
+    built(
+        Kind::Instances,
+        flags,
+        Geometries::Instances(source),
+        &[count],
+    )
 }
 
 /// A top level of one structure.
@@ -270,4 +296,75 @@ pub fn walked(top: &Exact, ray: &Ray, fuel: u64) -> (Option<(u32, u32, u32)>, u3
     let hit = walk.committed();
     let hit = hit.map(|hit| (hit.t.to_bits(), hit.geometry_index, hit.primitive_index));
     (hit, candidates)
+}
+
+/// Rays that walk together, and what each walk takes.
+struct Together<'a> {
+    walker: Box<Walker>,
+    rows: Vec<RayRows>,
+    fuel: &'a mut u64,
+}
+
+impl Caller for Together<'_> {
+    fn hit(&mut self, _: u32, _: usize, _: &Hit) {}
+
+    fn rays(&mut self, group: u32, rows: &mut RayRows) {
+        rows.clone_from(&self.rows[group as usize]);
+    }
+
+    fn suspend(&mut self, _: u32, _: usize, walk: &mut Walk, event: Event) {
+        let mut event = event;
+        while matches!(event, Event::AnyHitCandidate | Event::ProceduralCandidate) {
+            event = walk.resume(&mut self.walker, Verdict::Continue, self.fuel);
+        }
+    }
+}
+
+/// Walks each ray with fifteen neighbours: as a packet that stops for candidates, all of which count, and all in streams. To their
+/// ends or the end of fuel.
+pub fn walked_together(top: &Exact, rays: &[Ray], fuel: u64) {
+    let (mut packets_fuel, mut streams_fuel) = (fuel, fuel);
+    let mut walker = Walker::new();
+    let mut together = Together {
+        walker: Walker::new(),
+        rows: Vec::new(),
+        fuel: &mut packets_fuel,
+    };
+    for (group, ray) in rays.iter().enumerate() {
+        let mut rows = RayRows::NONE;
+        for lane in 0..PACKET {
+            let mut ray = *ray;
+            ray.origin[lane % 3] += lane as f32 / 512.0;
+            rows.set(lane, top.address(), &ray, 0.0);
+        }
+        let (mut hits, mut company) = (HitRows::default(), Company::default());
+        // SAFETY: the structures are alive, here and below.
+        let mut progress = unsafe { walker.set_out(&rows, u16::MAX, &mut hits, &mut company) };
+        while progress == Progress::Candidates {
+            let asked = company.candidates().found;
+            for lane in (0..PACKET).filter(|lane| asked >> lane & 1 != 0) {
+                if company.candidates().hit(lane).is_built_in() {
+                    company.accept(lane, &mut hits);
+                } else {
+                    let t = company.t_max()[lane];
+                    company.report(lane, t, 0, &mut hits);
+                }
+            }
+            // SAFETY: as above.
+            progress = unsafe { walker.go_on(&rows, &mut hits, &mut company) };
+        }
+        if let Progress::Parted(lanes) = progress {
+            for lane in (0..PACKET).filter(|lane| lanes >> lane & 1 != 0) {
+                let mut walk = Walk::default();
+                // SAFETY: as above.
+                unsafe { company.part(lane, &rows, &hits, &mut walk) };
+                together.suspend(0, lane, &mut walk, Event::AnyHitCandidate);
+            }
+        }
+        // SAFETY: as above.
+        unsafe { walker.enlist(&rows, u16::MAX, &mut hits, group as u32) };
+        together.rows.push(rows);
+    }
+    // SAFETY: as above.
+    unsafe { walker.trace_enlisted(&mut streams_fuel, &mut together) };
 }

@@ -18,11 +18,15 @@ fn magnitude(v: f32) -> u32 {
     v.to_bits() & !(1 << 31)
 }
 
-/// The next lower number.
+/// The next lower number; of what is none, anything.
 #[inline(always)]
 fn lower(v: f32) -> f32 {
     let bits = v.to_bits() as i32;
-    let next = if v > 0.0 { bits - 1 } else { bits + 1 };
+    let next = if v > 0.0 {
+        bits - 1
+    } else {
+        bits.wrapping_add(1)
+    };
     f32::from_bits(if v == 0.0 { 0x8000_0001 } else { next as u32 })
 }
 
