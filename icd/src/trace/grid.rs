@@ -13,7 +13,7 @@ const BATCH_SUBGROUPS: [usize; 2] = [32, 256];
 /// Batches that even a small grid is cut into, so that many threads have work ...
 const MIN_BATCHES: u64 = 28;
 /// ... unless each had fewer subgroups than this.
-const MIN_BATCH_SUBGROUPS: u64 = 8;
+const MIN_BATCH_SUBGROUPS: u64 = 16;
 
 /// The invocations of `vkCmdTraceRays*`: `width * height * depth` of them, tiled.
 #[derive(Clone, Copy, Debug)]
@@ -65,8 +65,9 @@ impl Divisor {
 }
 
 impl Grid {
-    /// Cuts a grid for a ray generation shader whose subgroup states take `state_bytes` each.
-    pub fn new(extent: [u32; 3], state_bytes: usize) -> Self {
+    /// Cuts a grid for a ray generation shader whose subgroup states take `state_bytes` each. One that `reorders` invocations gets batches
+    /// as large as they can be: no others are reordered together.
+    pub fn new(extent: [u32; 3], state_bytes: usize, reorders: bool) -> Self {
         let tile = match extent[1] {
             0 | 1 => [16, 1],
             2 | 3 => [8, 2],
@@ -76,10 +77,10 @@ impl Grid {
         let subgroups = (BATCH_BYTES / state_bytes.max(1))
             .clamp(least, most)
             .next_power_of_two();
-        let tiles = [extent[0].div_ceil(tile[0]), extent[1].div_ceil(tile[1])];
-        let tiles = tiles.into_iter().chain([extent[2]]).map(u64::from);
-        let share = (tiles.product::<u64>() / MIN_BATCHES).max(MIN_BATCH_SUBGROUPS);
-        let subgroups = subgroups.min(1 << share.ilog2());
+        let subgroups = match reorders {
+            true => subgroups,
+            false => subgroups.min(share_of(extent, tile)),
+        };
         let batch = if extent[1] <= 1 {
             [subgroups as u32, 1]
         } else {
@@ -166,6 +167,14 @@ impl Grid {
     }
 }
 
+/// Subgroups of each batch if there are [`MIN_BATCHES`]; a power of two.
+fn share_of(extent: [u32; 3], tile: [u32; 2]) -> usize {
+    let tiles = [extent[0].div_ceil(tile[0]), extent[1].div_ceil(tile[1])];
+    let tiles = tiles.into_iter().chain([extent[2]]).map(u64::from);
+    let tiles = tiles.fold(1, u64::saturating_mul);
+    1 << (tiles / MIN_BATCHES).max(MIN_BATCH_SUBGROUPS).ilog2()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -196,6 +205,16 @@ mod tests {
     }
 
     #[test]
+    fn small_grids_are_cut_for_many_threads_unless_they_reorder() {
+        let batches = |extent, reorders| Grid::new(extent, 64, reorders).batch_count();
+        assert_eq!(batches([320, 180, 1], false), 5 * 6);
+        assert_eq!(batches([320, 180, 1], true), 5 * 3);
+        assert_eq!(batches([40, 22, 1], false), 3 * 2);
+        assert_eq!(batches([1920, 1080, 1], false), 30 * 17);
+        assert_eq!(batches([256, 1, 1], false), 1);
+    }
+
+    #[test]
     fn every_invocation_is_launched_once() {
         for extent in [
             [1, 1, 1],
@@ -207,7 +226,7 @@ mod tests {
             [130, 71, 2],
         ] {
             for state_bytes in [64, 4096, 1 << 20] {
-                let grid = Grid::new(extent, state_bytes);
+                let grid = Grid::new(extent, state_bytes, state_bytes == 64);
                 let count = extent.iter().product::<u32>() as usize;
                 let mut seen = vec![0u32; count];
                 for batch in 0..grid.batch_count() {

@@ -37,6 +37,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 use spirv_jit::environment::Environment;
+use spirv_jit::program::SiteKind;
 use spirv_jit::reach::Reach;
 use traversal::Structure;
 
@@ -142,8 +143,10 @@ impl Tracer {
         let Some((raygen, record)) = dispatch.raygen() else {
             return Ok(());
         };
-        let state_bytes = dispatch.shaders.programs[raygen as usize].layout().rows * 64;
-        let grid = Grid::new(dispatch.extent, state_bytes);
+        let program = &dispatch.shaders.programs[raygen as usize];
+        let state_bytes = program.layout().rows * 64;
+        let reorders = program.sites().contains(&SiteKind::ReorderThread);
+        let grid = Grid::new(dispatch.extent, state_bytes, reorders);
         let run = |worker: &mut Lease<'_>, index| {
             batch::Batch::new(dispatch, &grid, worker.worker()).run(raygen, record, index)
         };
