@@ -222,6 +222,34 @@ impl Structure {
         }
     }
 
+    /// The groups of a leaf of triangles, the same twice if there is one, and which of their lanes hold one. A block's are written to
+    /// `room` by `expand`, as [`Block::expand`]. `None` for what a corrupt node takes for a leaf.
+    #[inline(always)]
+    pub(crate) fn leaf_groups<'a>(
+        &'a self,
+        word: u32,
+        room: &'a mut Option<[TriangleGroup; 2]>,
+        expand: impl FnOnce(&Block, [&mut TriangleGroup; 2]) -> u32,
+    ) -> Option<([&'a TriangleGroup; 2], u32)> {
+        let index = word & child::INDEX;
+        if self.form == Form::Blocks {
+            let block = self.block(index)?;
+            let [first, last] = room.get_or_insert([TriangleGroup::EMPTY; 2]);
+            let lanes = expand(block, [&mut *first, &mut *last]);
+            return Some(([first, last], lanes));
+        }
+        let two = word & child::TWO_GROUPS != 0;
+        let last = index + u32::from(two);
+        let (groups, group_count) = self.groups();
+        if last >= group_count {
+            return None;
+        }
+        // SAFETY: below the count, so inside the part; parts are aligned.
+        let [first, last] = unsafe { [&*groups.add(index as usize), &*groups.add(last as usize)] };
+        let others = if two { last.lanes & 0xF } else { 0 };
+        Some(([first, last], first.lanes & 0xF | others << GROUP))
+    }
+
     /// How the leaves of triangles are written.
     #[inline(always)]
     pub(crate) fn form(&self) -> Form {

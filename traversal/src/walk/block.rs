@@ -3,6 +3,19 @@
 use std::arch::x86_64::*;
 
 use crate::layout::{BLOCK_VERTICES, Block, GROUP, LEAF_TRIANGLES, TriangleGroup};
+use crate::structure::Structure;
+
+/// As [`Structure::leaf_groups`].
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+pub(super) fn leaf_groups<'a>(
+    structure: &'a Structure,
+    word: u32,
+    room: &'a mut Option<[TriangleGroup; 2]>,
+) -> Option<([&'a TriangleGroup; 2], u32)> {
+    // SAFETY: the machine has AVX2.
+    structure.leaf_groups(word, room, |block, room| unsafe { expand(block, room) })
+}
 
 /// As [`Block::expand`]. What a corrupt block has read lies inside the largest block.
 ///

@@ -6,7 +6,7 @@ use super::facts::InstanceFacts;
 use super::kernel::{GroupHits, Kernel};
 use super::walker::{Entry, STACK};
 use super::{PACKET, descend};
-use crate::layout::{Form, GROUP, LEAF_TRIANGLES, TriangleGroup, WIDTH, child};
+use crate::layout::{LEAF_TRIANGLES, WIDTH, child};
 use crate::ray::Hit;
 use crate::structure::Structure;
 
@@ -56,9 +56,7 @@ impl Opaque<'_> {
         fuel: &mut u64,
     ) -> End {
         let (nodes, node_count) = (self.structure.nodes(), self.structure.node_count());
-        let (all_groups, group_count) = self.structure.groups();
-        let is_blocks = self.structure.form() == Form::Blocks;
-        let mut place = None;
+        let mut room = None;
         let lane = self.lane % PACKET;
         let t_min = best.t_min;
         let mut nearest = *best;
@@ -131,34 +129,16 @@ impl Opaque<'_> {
                     top = top.add(pushed);
                 }
             }
-            let index = word & child::INDEX;
-            let (groups, lanes);
-            if is_blocks {
-                let Some(block) = self.structure.block(index) else {
-                    continue 'next;
-                };
-                let [first, last] = &mut *place.get_or_insert([TriangleGroup::EMPTY; 2]);
-                // SAFETY: the caller's promise.
-                lanes = unsafe { K::expand(block, [first, last]) };
-                groups = [&*first, &*last];
-            } else {
-                let two = word & child::TWO_GROUPS != 0;
-                let last = index + u32::from(two);
-                // Of no child there is no group.
-                if last >= group_count {
-                    continue 'next;
-                }
-                // SAFETY: below the count, so inside the part; parts are aligned.
-                let [first, last] = unsafe {
-                    [
-                        &*all_groups.add(index as usize),
-                        &*all_groups.add(last as usize),
-                    ]
-                };
-                let others = if two { last.lanes & 0xF } else { 0 };
-                lanes = first.lanes & 0xF | others << GROUP;
-                groups = [first, last];
-            }
+            // SAFETY: the caller's promise.
+            let groups = self
+                .structure
+                .leaf_groups(word, &mut room, |block, room| unsafe {
+                    K::expand(block, room)
+                });
+            // Of no child there is none.
+            let Some((groups, lanes)) = groups else {
+                continue 'next;
+            };
             // SAFETY: the caller's promise.
             let mut mask = unsafe {
                 K::intersect_leaf(
@@ -175,7 +155,7 @@ impl Opaque<'_> {
                 let i = mask.trailing_zeros() as usize % LEAF_TRIANGLES;
                 mask &= mask - 1;
                 let t = found.t[i];
-                let slot = self.structure.first_slot(index) + i as u32;
+                let slot = self.structure.first_slot(word & child::INDEX) + i as u32;
                 if t > nearest.t || t == nearest.t && !self.wins_tie(&nearest, slot) {
                     continue;
                 }

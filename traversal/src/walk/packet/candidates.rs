@@ -13,6 +13,7 @@ use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::rows::{HitRows, Lanes};
 use crate::walk::triangle::{Rim, intersect};
+
 /// Tests the opaque triangles of a leaf, and notes at which others rays have to look.
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 pub(super) fn test_some(
@@ -27,18 +28,19 @@ pub(super) fn test_some(
         word,
         ..Standing::NOWHERE
     };
-    let Some(leaf) = LeafGroups::of(structure, word) else {
+    let mut room = None;
+    let Some((groups, there)) = structure.leaf_groups(word, &mut room, in_full) else {
         return standing;
     };
-    let groups = leaf.groups(structure);
-    let mut rest = leaf.lanes & rays.test_triangles(groups, t_far);
+    let first_slot = structure.first_slot(word & child::INDEX);
+    let mut rest = there & rays.test_triangles(groups, t_far);
     while rest != 0 {
         let i = rest.trailing_zeros() as usize % LEAF_TRIANGLES;
         rest &= rest - 1;
         let (group, lane) = (groups[i / GROUP], i % GROUP);
         match facts.opacity(group.geometries[lane]) {
             Some(true) => {
-                let slot = leaf.first_slot + i as u32;
+                let slot = first_slot + i as u32;
                 test_triangle(rays, structure, (group, lane), slot, lanes, found);
             }
             Some(false) => standing.rest[i] = lanes,
@@ -46,6 +48,14 @@ pub(super) fn test_some(
         }
     }
     standing
+}
+
+/// As [`Block::expand`], with what is known of the triangles besides.
+fn in_full(block: &Block, groups: [&mut TriangleGroup; 2]) -> u32 {
+    for (group, found) in groups.into_iter().zip(block.groups()) {
+        *group = found;
+    }
+    block.lanes()
 }
 
 /// Looks for one candidate for each of the rays of `live`, in the leaf where they stand.
@@ -61,10 +71,14 @@ pub(super) fn next_candidates(
 ) {
     candidates.found = 0;
     let rest = standing.rest.iter().fold(0, |all, lanes| all | lanes) & live;
-    let Some(leaf) = LeafGroups::of(structure, standing.word).filter(|_| rest != 0) else {
+    if rest == 0 {
+        return;
+    }
+    let mut room = None;
+    let Some((groups, _)) = structure.leaf_groups(standing.word, &mut room, in_full) else {
         return;
     };
-    let groups = leaf.groups(structure);
+    let first_slot = structure.first_slot(standing.word & child::INDEX);
     for i in 0..LEAF_TRIANGLES {
         let lanes = standing.rest[i] & live & !candidates.found;
         if lanes == 0 {
@@ -75,7 +89,7 @@ pub(super) fn next_candidates(
         let Some(meeting) = meet(rays, (group, lane), lanes) else {
             continue;
         };
-        let slot = leaf.first_slot + i as u32;
+        let slot = first_slot + i as u32;
         let hit = Hit {
             geometry_index: group.geometries[lane] & geometry_word::INDEX,
             primitive_index: group.primitives[lane],
@@ -137,53 +151,5 @@ impl Place {
             }
         }
         (met, front)
-    }
-}
-
-/// A leaf by its groups.
-struct LeafGroups {
-    index: u32,
-    has_two: bool,
-    /// A block's triangles, written out.
-    expanded: Option<[TriangleGroup; 2]>,
-    lanes: u32,
-    first_slot: u32,
-}
-
-impl LeafGroups {
-    /// `None` for the word of a corrupt structure.
-    fn of(structure: &Structure, word: u32) -> Option<LeafGroups> {
-        let index = word & child::INDEX;
-        let expanded = structure.block(index).map(Block::groups);
-        let has_two = word & child::TWO_GROUPS != 0;
-        let mut leaf = LeafGroups {
-            index,
-            has_two,
-            expanded,
-            lanes: 0,
-            first_slot: structure.first_slot(index),
-        };
-        if leaf.expanded.is_none() {
-            structure.group(index)?;
-        }
-        let [first, last] = leaf.groups(structure);
-        let others = match leaf.has_two || leaf.expanded.is_some() {
-            true => last.lanes & 0xF,
-            false => 0,
-        };
-        leaf.lanes = first.lanes & 0xF | others << GROUP;
-        Some(leaf)
-    }
-
-    /// The groups; the same twice if there is one.
-    fn groups<'a>(&'a self, structure: &'a Structure) -> [&'a TriangleGroup; 2] {
-        if let Some([first, last]) = &self.expanded {
-            return [first, last];
-        }
-        let first = structure.group(self.index).unwrap_or(&TriangleGroup::EMPTY);
-        match self.has_two {
-            true => [first, structure.group(self.index + 1).unwrap_or(first)],
-            false => [first, first],
-        }
     }
 }

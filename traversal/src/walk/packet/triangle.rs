@@ -25,28 +25,11 @@ pub(super) fn test_leaf(
     t_far: f32,
     found: &mut Found,
 ) {
-    let index = word & child::INDEX;
-    let (mut first_place, mut last_place);
-    let (groups, there);
-    if let Some(block) = structure.block(index) {
-        (first_place, last_place) = (TriangleGroup::EMPTY, TriangleGroup::EMPTY);
-        // SAFETY: the machine has AVX2.
-        there = unsafe { block::expand(block, [&mut first_place, &mut last_place]) };
-        groups = [&first_place, &last_place];
-    } else {
-        let two = word & child::TWO_GROUPS != 0;
-        let Some(first) = structure.group(index) else {
-            return;
-        };
-        let last = match two {
-            true => structure.group(index + 1).unwrap_or(first),
-            false => first,
-        };
-        let others = if two { last.lanes & 0xF } else { 0 };
-        there = first.lanes & 0xF | others << GROUP;
-        groups = [first, last];
-    }
-    let first_slot = structure.first_slot(index);
+    let mut room = None;
+    let Some((groups, there)) = block::leaf_groups(structure, word, &mut room) else {
+        return;
+    };
+    let first_slot = structure.first_slot(word & child::INDEX);
     let mut rest = there & rays.test_triangles(groups, t_far);
     if 2 * lanes.count_ones() <= rest.count_ones() {
         return test_singly(rays, structure, groups, there, first_slot, lanes, found);

@@ -4,7 +4,7 @@ use std::arch::x86_64::*;
 
 use super::courses::{List, Place, Stream};
 use super::rays::{self, APART, OVER, StreamRay, View};
-use crate::layout::{GROUP, LEAF_TRIANGLES, TriangleGroup, child};
+use crate::layout::{LEAF_TRIANGLES, TriangleGroup, child};
 use crate::ray::Hit;
 use crate::structure::Structure;
 use crate::walk::avx::Avx;
@@ -67,31 +67,10 @@ impl Place for Bottom<'_> {
         if count == 0 {
             return;
         }
-        let index = word & child::INDEX;
-        let (mut first_place, mut last_place);
-        let (groups, lanes): ([&TriangleGroup; 2], u32);
-        if let Some(block) = structure.block(index) {
-            (first_place, last_place) = (TriangleGroup::EMPTY, TriangleGroup::EMPTY);
-            // SAFETY: the machine has AVX2.
-            lanes = unsafe { block::expand(block, [&mut first_place, &mut last_place]) };
-            groups = [&first_place, &last_place];
-        } else {
-            let two = word & child::TWO_GROUPS != 0;
-            let (all_groups, group_count) = structure.groups();
-            let last = index + u32::from(two);
-            if last >= group_count {
-                return;
-            }
-            // SAFETY: below the count, so inside the part; parts are aligned.
-            groups = unsafe {
-                [
-                    &*all_groups.add(index as usize),
-                    &*all_groups.add(last as usize),
-                ]
-            };
-            let others = if two { groups[1].lanes & 0xF } else { 0 };
-            lanes = groups[0].lanes & 0xF | others << GROUP;
-        }
+        let mut room = None;
+        let Some((groups, lanes)) = block::leaf_groups(structure, word, &mut room) else {
+            return;
+        };
         if count > 1 {
             let leaf = side_by_side(groups);
             let listed = count;
@@ -103,7 +82,7 @@ impl Place for Bottom<'_> {
                 });
             }
         }
-        let first_slot = structure.first_slot(index);
+        let first_slot = structure.first_slot(word & child::INDEX);
         for i in 0..count {
             // SAFETY: words of lists are offsets of rays.
             let (offset, ray) = unsafe {
