@@ -32,11 +32,32 @@ pub struct Company {
     pub(crate) found: Found,
     pub(crate) candidates: HitRows,
     /// What is to be visited yet in the top level, and in the instance.
-    pub(crate) top: Vec<(Entry, u16)>,
-    pub(crate) bottom: Vec<(Entry, u16)>,
+    pub(crate) top: Ahead,
+    pub(crate) bottom: Ahead,
     /// The instance they are in, and those that entered it.
     pub(crate) instance: Option<(u32, u16)>,
     pub(crate) leaf: Standing,
+}
+
+/// Children that are to be visited yet, and by which rays.
+#[derive(Default)]
+pub(crate) struct Ahead {
+    pub entries: Vec<Entry>,
+    /// As many.
+    pub lanes: Vec<u16>,
+}
+
+impl Ahead {
+    pub fn clear(&mut self) {
+        self.entries.clear();
+        self.lanes.clear();
+    }
+
+    /// Those that a ray is to visit.
+    fn of(&self, lane: usize) -> impl Iterator<Item = Entry> {
+        let all = self.entries.iter().zip(&self.lanes);
+        all.filter_map(move |(&entry, lanes)| (lanes >> lane & 1 != 0).then_some(entry))
+    }
 }
 
 /// The leaf at which rays stand.
@@ -64,8 +85,8 @@ impl Default for Company {
             patience: 0,
             found: Found::NOTHING,
             candidates: HitRows::NONE,
-            top: Vec::new(),
-            bottom: Vec::new(),
+            top: Ahead::default(),
+            bottom: Ahead::default(),
             instance: None,
             leaf: Standing::NOWHERE,
         }
@@ -122,15 +143,13 @@ impl Company {
         // SAFETY: the caller's promise.
         unsafe { walk.restart(rays.top_level[lane], &rays.ray(lane)) };
         walk.set_time(rays.time[lane]);
-        let mine = |&(entry, lanes): &(Entry, u16)| (lanes >> lane & 1 != 0).then_some(entry);
         let instance =
             (self.instance.filter(|(_, lanes)| lanes >> lane & 1 != 0)).map(|(index, _)| index);
-        let (top, bottom) = (self.top.iter(), self.bottom.iter());
         walk.go_on_from(
             hits.get(lane),
-            top.filter_map(mine),
+            self.top.of(lane),
             instance,
-            bottom.filter_map(mine),
+            self.bottom.of(lane),
         );
     }
 }

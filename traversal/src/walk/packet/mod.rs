@@ -17,7 +17,7 @@ mod triangle;
 use std::arch::x86_64::*;
 
 use super::beams::Given;
-use super::company::{Company, Progress};
+use super::company::{Ahead, Company, Progress};
 use super::facts::InstanceFacts;
 use super::found::Found;
 use super::level::Level;
@@ -70,18 +70,19 @@ impl Stack {
     }
 
     /// Copies what is pending for rays.
-    fn save(&self, rays: u16, to: &mut Vec<(Entry, u16)>) {
+    fn save(&self, rays: u16, to: &mut Ahead) {
         to.clear();
-        let pending = self.entries[..self.length].iter().zip(&self.lanes);
-        to.extend(pending.map(|(&entry, &lanes)| (entry, lanes & rays)));
+        to.entries.extend_from_slice(&self.entries[..self.length]);
+        let lanes = &self.lanes[..self.length];
+        to.lanes.extend(lanes.iter().map(|lanes| lanes & rays));
     }
 
     /// Takes over what is pending.
-    fn restore(&mut self, from: &[(Entry, u16)]) {
-        self.length = from.len().min(STACK);
-        for (i, &(entry, lanes)) in from.iter().enumerate().take(STACK) {
-            (self.entries[i], self.lanes[i]) = (entry, lanes);
-        }
+    fn restore(&mut self, from: &Ahead) {
+        let length = from.entries.len().min(from.lanes.len()).min(STACK);
+        self.entries[..length].copy_from_slice(&from.entries[..length]);
+        self.lanes[..length].copy_from_slice(&from.lanes[..length]);
+        self.length = length;
     }
 }
 
