@@ -84,29 +84,9 @@ pub struct GivenList {
 const FORMATS: [VertexFormat; 23] = {
     use VertexFormat::*;
     [
-        F32x2,
-        F32x3,
-        F32x4,
-        F16x2,
-        F16x3,
-        F16x4,
-        F64x2,
-        F64x3,
-        F64x4,
-        Snorm8x2,
-        Snorm8x3,
-        Snorm8x4,
-        Unorm8x2,
-        Unorm8x3,
-        Unorm8x4,
-        Snorm16x2,
-        Snorm16x3,
-        Snorm16x4,
-        Unorm16x2,
-        Unorm16x3,
-        Unorm16x4,
-        Unorm10x3A2,
-        Snorm10x3A2,
+        F32x2, F32x3, F32x4, F16x2, F16x3, F16x4, F64x2, F64x3, F64x4, Snorm8x2, Snorm8x3,
+        Snorm8x4, Unorm8x2, Unorm8x3, Unorm8x4, Snorm16x2, Snorm16x3, Snorm16x4, Unorm16x2,
+        Unorm16x3, Unorm16x4, Unorm10x3A2, Snorm10x3A2,
     ]
 };
 
@@ -122,8 +102,7 @@ impl GivenList {
     pub fn repeat(&mut self, times: u8) {
         let once = self.vertices.clone();
         for i in 0..times % 16 {
-            self.vertices
-                .extend(once.iter().map(|byte| byte ^ i.wrapping_mul(37)));
+            self.vertices.extend(once.iter().map(|byte| byte ^ i.wrapping_mul(37)));
         }
     }
 
@@ -230,12 +209,7 @@ pub fn placed(records: &[Record], flags: u32) -> Exact {
         flags: GeometryFlags(0),
     };
     let count = records.len() as u32;
-    built(
-        Kind::Instances,
-        flags,
-        Geometries::Instances(source),
-        &[count],
-    )
+    built(Kind::Instances, flags, Geometries::Instances(source), &[count])
 }
 
 /// A top level of one structure.
