@@ -252,7 +252,8 @@ pub fn eliminate_unused_tables(module: &mut Module) {
     }
 }
 
-pub fn eliminate_unused_functions(module: &mut Module) {
+/// Removes functions that the entry does not reach.
+fn eliminate_unused_functions(module: &mut Module) {
     let mut used = vec![false; module.functions.len()];
     let mut work = vec![0];
     while let Some(index) = work.pop() {

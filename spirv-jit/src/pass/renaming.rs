@@ -1,15 +1,11 @@
-//! Copies of bodies under new names: of a callee in its caller, of an iteration.
+//! Copies of bodies under new names: of an iteration.
 
-use crate::ir::{Body, Label, Node, Op, Terminator, Value};
+use crate::ir::{Body, Label, Node, Terminator, Value};
 
 /// New names for what a copy of a body uses and defines.
 pub struct Renaming {
     pub values: Vec<Value>,
     pub labels: Vec<Label>,
-    /// Added to the numbers of variables.
-    pub first_variable: u32,
-    /// Where `return` goes, if it does not stay.
-    pub returns_to: Option<Label>,
 }
 
 impl Renaming {
@@ -34,12 +30,6 @@ impl Renaming {
                 Node::Inst(inst) => {
                     self.rename_all(&mut inst.args);
                     self.rename_all(&mut inst.results);
-                    if let Op::VarLoad(variable, _)
-                    | Op::VarStore(variable, _)
-                    | Op::VarAddress(variable) = &mut inst.op
-                    {
-                        variable.0 += self.first_variable;
-                    }
                 }
                 Node::Block {
                     label,
@@ -81,13 +71,7 @@ impl Renaming {
                 self.rename_label(label);
                 self.rename_all(args);
             }
-            Terminator::Return(args) => {
-                self.rename_all(args);
-                if let Some(label) = self.returns_to {
-                    body.end = Terminator::Br(label, std::mem::take(args));
-                }
-            }
-            Terminator::End(args) => self.rename_all(args),
+            Terminator::Return(args) | Terminator::End(args) => self.rename_all(args),
             Terminator::Unreachable => {}
         }
     }

@@ -36,8 +36,6 @@ pub fn unroll_loops(function: &mut Function) -> bool {
         renaming: Renaming {
             values: (0..count as u32).map(Value).collect(),
             labels: (0..function.labels).map(Label).collect(),
-            first_variable: 0,
-            returns_to: None,
         },
         budget: BUDGET_FLOOR.max(2 * count_nodes(&body)),
         function,
