@@ -1,27 +1,33 @@
 //! Tuff: a Vulkan driver that traces rays on the CPU.
 //!
 //! ```text
-//! ffi ──> entry ──> object, command, queue ──> execute ──> trace
-//!          │
-//!        table (commands, extensions, features, limits)
+//! entry ──> decode ──> device ──> queue ──> execute ──> compute, trace, structures, transfer
+//!                                                              │
+//!           validate ──> command ──> object ──> format ──> wave ──> table ──> ffi
 //! ```
 //!
-//! [`loader`] has the three symbols that the shared library exports; [`table::commands`] names every entry point.
+//! [`entry::loader`] has the three symbols that the shared library exports; [`entry::commands`] names every entry point.
 
 pub mod command;
-mod entry;
+pub mod compute;
+mod decode;
+pub mod device;
+pub mod entry;
 pub mod execute;
 pub mod ffi;
 pub mod format;
+pub mod guard;
 pub mod handle;
-pub mod loader;
 pub mod log;
 pub mod object;
 pub mod queue;
 mod settings;
+pub mod structures;
 pub mod table;
 pub mod trace;
+pub mod transfer;
 pub mod validate;
+pub mod wave;
 
 /// A result with the Vulkan code that an entry point returns. Codes other than `VK_SUCCESS` travel as `Err`, `VK_INCOMPLETE` and
 /// `VK_NOT_READY` included.

@@ -7,8 +7,12 @@
 #![forbid(unsafe_code)]
 
 mod buffer;
+pub mod build;
+pub mod instances;
+pub mod micromap;
 mod pool;
 pub mod ray_tracing;
+pub mod swept;
 
 use std::sync::Arc;
 
@@ -17,11 +21,16 @@ use smallvec::SmallVec;
 
 use crate::handle::Ref;
 use crate::object::{DescriptorSet, DescriptorSetLayout, Event, Image, Pipeline, QueryPool};
-use crate::trace::mask::InvocationMask;
+use crate::wave::mask::InvocationMask;
 
 pub use buffer::{CommandBuffer, Recording, copied};
 pub use pool::CommandPool;
 pub use ray_tracing::RayTracingCommand;
+
+crate::handle::handled!(
+    CommandBuffer => CommandBuffer,
+    CommandPool => CommandPool,
+);
 
 /// A recorded command.
 pub enum Command {

@@ -4,11 +4,12 @@
 
 use ash::vk;
 
-use crate::execute::acceleration_structure::{Build, CopyMode, Storage};
-use crate::execute::micromap::MicromapBuild;
+use super::build::{Build, CopyMode};
+use super::micromap::MicromapCommand;
 use crate::handle::Ref;
 use crate::object::QueryPool;
-use crate::trace::table::Tables;
+use crate::object::acceleration_structure::Storage;
+use crate::wave::table::Tables;
 
 /// A recorded command of the ray tracing extensions.
 pub enum RayTracingCommand {
@@ -58,28 +59,6 @@ pub enum RayTracingCommand {
     /// `vkCmdTraceRaysIndirect2KHR`: the address of a `VkTraceRaysIndirectCommand2KHR`.
     TraceRaysIndirect2 {
         address: u64,
-    },
-}
-
-/// A recorded command on micromaps.
-pub enum MicromapCommand {
-    /// `vkCmdBuildMicromapsEXT`.
-    Build(Vec<MicromapBuild>),
-    /// `vkCmdCopyMicromapEXT`, in either mode.
-    Copy {
-        source: Storage,
-        destination: Storage,
-    },
-    /// `vkCmdCopyMicromapToMemoryEXT`.
-    Serialize { source: Storage, destination: u64 },
-    /// `vkCmdCopyMemoryToMicromapEXT`.
-    Deserialize { source: u64, destination: Storage },
-    /// `vkCmdWriteMicromapsPropertiesEXT`.
-    WriteProperties {
-        micromaps: Vec<u64>,
-        query_type: vk::QueryType,
-        pool: Ref<QueryPool>,
-        first: u32,
     },
 }
 

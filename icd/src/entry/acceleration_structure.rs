@@ -8,17 +8,20 @@ use spirv_jit::reach::Reach;
 use traversal::BuildFlags;
 
 use super::deferred::{defer, defer_parallel};
+use super::define::{commands, entry};
+use crate::command::build::CopyMode;
 use crate::command::ray_tracing::IndirectBuild;
 use crate::command::{Command, RayTracingCommand};
-use crate::execute::acceleration_structure::{self as execute, CopyMode};
-use crate::execute::ray_tracing;
-use crate::ffi::acceleration_structure::{
+use crate::decode::acceleration_structure::{
     decode_build, decode_builds, geometries, has_micromap, kind, resolve_host_instances, storage,
 };
-use crate::ffi::{commands, entry, slice};
+use crate::device::Device;
+use crate::ffi::slice;
 use crate::handle::{self, from_handle, retain};
 use crate::object::acceleration_structure::Location;
-use crate::object::{AccelerationStructure, Buffer, Device, QueryPool};
+use crate::object::{AccelerationStructure, Buffer, QueryPool};
+use crate::structures::acceleration_structure::{self as execute};
+use crate::structures::build;
 use crate::table::limits;
 use crate::validate::Caller;
 
@@ -99,7 +102,7 @@ entry! {
         info: *const vk::AccelerationStructureVersionInfoKHR<'_>,
         compatibility: *mut vk::AccelerationStructureCompatibilityKHR,
     ) {
-        *compatibility = ray_tracing::compatibility((*info).p_version_data.cast());
+        *compatibility = execute::compatibility((*info).p_version_data.cast());
     }
 
     fn vkBuildAccelerationStructuresKHR(
@@ -114,9 +117,9 @@ entry! {
         let checks = device.engine.checks(Caller::Other);
         let resolve = |build| resolve_host_instances(build, checks.as_ref());
         let records: Vec<_> = builds.iter_mut().map(resolve).collect();
-        let threads = ray_tracing::build_concurrency(&builds);
+        let threads = build::build_concurrency(&builds);
         defer_parallel(device, operation, threads, move || {
-            ray_tracing::build(&builds, &Reach::everywhere(), checks.as_ref());
+            build::build(&builds, &Reach::everywhere(), checks.as_ref());
             drop(records);
         })
     }

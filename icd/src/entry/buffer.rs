@@ -3,13 +3,15 @@
 use ash::vk::{self, Handle};
 use spirv_jit::image::{Format, ImageDescriptor};
 
+use super::define::entry;
 use super::destroy;
-use crate::ffi::{self, chain, entry};
+use crate::device::Device;
+use crate::ffi::{self, chain};
 use crate::handle::{self, from_handle};
 use crate::object::image::SendDescriptor;
 use crate::object::memory::GRANULE;
 use crate::object::sparse::Reservation;
-use crate::object::{Buffer, BufferView, Device, DeviceMemory};
+use crate::object::{Buffer, BufferView, DeviceMemory};
 use crate::table::limits::{MAX_BUFFER_BYTES, MEMORY_ALIGNMENT};
 
 destroy! {

@@ -5,10 +5,12 @@ use std::sync::Arc;
 use ash::vk;
 use smallvec::SmallVec;
 
+use super::define::{commands, entry};
 use crate::command::{BindDescriptorSets, Command, CommandBuffer, CommandPool, copied};
-use crate::ffi::{self, commands, entry};
+use crate::device::Device;
+use crate::ffi;
 use crate::handle;
-use crate::object::{Buffer, DescriptorSet, Device, Event};
+use crate::object::{Buffer, DescriptorSet, Event};
 
 entry! {
     fn vkCreateCommandPool(

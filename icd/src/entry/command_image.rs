@@ -2,9 +2,10 @@
 
 use ash::vk;
 
+use super::define::commands;
 use crate::VkResult;
 use crate::command::{Command, copied};
-use crate::ffi::{self, commands};
+use crate::ffi;
 use crate::handle::{self, from_handle};
 use crate::object::{Buffer, Image};
 

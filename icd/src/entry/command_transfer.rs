@@ -2,9 +2,10 @@
 
 use ash::vk;
 
+use super::define::commands;
 use crate::VkResult;
 use crate::command::{Command, Recording};
-use crate::ffi::{self, commands};
+use crate::ffi;
 use crate::handle;
 use crate::object::Buffer;
 

@@ -2,7 +2,7 @@
 
 use ash::vk;
 
-use crate::ffi::entry;
+use super::define::entry;
 
 entry! {
     fn vkSetDebugUtilsObjectNameEXT(_device: vk::Device, _info: *const vk::DebugUtilsObjectNameInfoEXT) -> vk::Result {

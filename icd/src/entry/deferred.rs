@@ -2,11 +2,12 @@
 
 use ash::vk;
 
+use super::define::entry;
 use super::destroy;
 use crate::VkResult;
-use crate::ffi::entry;
+use crate::device::Device;
 use crate::handle::{self, from_handle, retain};
-use crate::object::{DeferredOperation, Device};
+use crate::object::DeferredOperation;
 
 destroy! {
     vkDestroyDeferredOperationKHR: DeferredOperation, DeferredOperationKHR;

@@ -3,9 +3,10 @@
 use ash::vk;
 use ash::vk::Handle;
 
+use super::define::entry;
 use super::destroy;
 use crate::VkResult;
-use crate::ffi::{self, array, chain, entry};
+use crate::ffi::{self, array, chain};
 use crate::handle::{self, from_handle, retain};
 use crate::object::descriptor::{Binding, PoolState};
 use crate::object::{

@@ -9,17 +9,15 @@ use smallvec::SmallVec;
 use spirv_jit::environment::Descriptor;
 use spirv_jit::image::Format;
 
+use super::define::{commands, entry};
 use crate::VkResult;
 use crate::command::{BindDescriptorBuffer, BindDescriptorSets, Command};
-use crate::ffi::{self, chain, commands, entry};
+use crate::ffi::{self, chain};
 use crate::handle::{self, Ref, from_handle, optional};
 use crate::object::{
     AccelerationStructure, AccelerationStructureNv, Buffer, DescriptorSet, DescriptorSetLayout,
     ImageView, PipelineLayout, Sampler,
 };
-
-/// Bytes of what captures an object: its address, or that of its descriptor.
-pub const CAPTURE_BYTES: usize = size_of::<u64>();
 
 /// The address that an object captured (`VkOpaqueCaptureDescriptorDataCreateInfoEXT`), to have it again.
 ///

@@ -5,8 +5,9 @@ use std::ffi::c_void;
 use ash::vk;
 use spirv_jit::environment::Descriptor;
 
+use super::define::entry;
 use crate::execute::bindings::SHRINKS_WITH_OFFSET;
-use crate::ffi::{self, chain, entry};
+use crate::ffi::{self, chain};
 use crate::handle::{from_handle, optional};
 use crate::object::descriptor::Binding;
 use crate::object::{

@@ -4,13 +4,15 @@ use std::ffi::c_char;
 
 use ash::vk;
 
+use super::define::entry;
+use crate::device::Device;
+use crate::device::Enabled;
+use crate::entry::commands;
 use crate::execute::query::clock_ns;
-use crate::ffi::{self, array, entry};
+use crate::ffi::{self, array};
 use crate::handle::{self, from_handle};
-use crate::object::device::Enabled;
-use crate::object::{Device, PhysicalDevice, PrivateDataSlot};
+use crate::object::{PhysicalDevice, PrivateDataSlot};
 use crate::queue::MAX_QUEUES;
-use crate::table::commands;
 use crate::table::extensions::{ExtensionSet, Kind};
 use crate::table::features;
 

@@ -1,13 +1,15 @@
 //! `VK_KHR_device_address_commands`: memory by its address. Commands are recorded by address in any case; a null range is left alone.
 
 use super::acceleration_structure::create;
+use super::define::{commands, entry};
 use crate::VkResult;
 use crate::command::{Command, CopyQueryPoolResults, Recording};
+use crate::device::Device;
+use crate::ffi;
 use crate::ffi::vk;
-use crate::ffi::{self, commands, entry};
 use crate::handle::{from_handle, retain};
 use crate::object::acceleration_structure::Location;
-use crate::object::{AccelerationStructure, Device, Image, QueryPool};
+use crate::object::{AccelerationStructure, Image, QueryPool};
 
 fn copy_memory(commands: &mut Recording, copy: &vk::DeviceMemoryCopyKHR<'_>) -> VkResult {
     let (source, destination) = (copy.src_range, copy.dst_range);

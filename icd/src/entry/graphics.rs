@@ -4,13 +4,15 @@
 
 use ash::vk;
 
+use super::define::entry;
 use super::destroy;
 use crate::command::CommandBuffer;
+use crate::device::Device;
 use crate::ffi::array::slice_mut;
-use crate::ffi::guard::guard;
-use crate::ffi::{entry, slice};
+use crate::ffi::slice;
+use crate::guard::guard;
 use crate::handle::{self, from_handle, retain};
-use crate::object::{Device, Framebuffer, ImageView, RenderPass};
+use crate::object::{Framebuffer, ImageView, RenderPass};
 
 destroy! {
     vkDestroyFramebuffer: Framebuffer, Framebuffer;

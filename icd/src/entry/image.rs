@@ -4,14 +4,16 @@ use ash::vk;
 use spirv_jit::image::{AddressMode, CompareOp, Filter, Reduction, SamplerDescriptor};
 
 use super::buffer::{requirements, write_requirements};
+use super::define::entry;
 use super::descriptor_buffer::captured;
 use super::destroy;
 use crate::VkResult;
-use crate::ffi::{self, chain, entry};
+use crate::device::Device;
+use crate::ffi::{self, chain};
 use crate::handle::{self, from_handle};
 use crate::object::image::{SendDescriptor, view_descriptor};
 use crate::object::sparse::Reservation;
-use crate::object::{Device, DeviceMemory, Image, ImageView, Sampler, Swapchain};
+use crate::object::{DeviceMemory, Image, ImageView, Sampler, Swapchain};
 
 destroy! {
     vkDestroyImage: Image, Image;

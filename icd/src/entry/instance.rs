@@ -5,14 +5,13 @@ use std::sync::Arc;
 
 use ash::vk;
 
-use crate::ffi::{self, array, entry, enumerate};
+use super::define::entry;
+use crate::ffi::{self, array, enumerate};
 use crate::handle;
 use crate::object::instance::Messengers;
 use crate::object::{Instance, Messenger, PhysicalDevice};
 use crate::table::extensions::{self, Extension, ExtensionSet, Kind};
-
-/// The API version of instance and device.
-pub const API_VERSION: u32 = vk::make_api_version(0, 1, 3, 281);
+use crate::table::limits::API_VERSION;
 
 /// A row of an extension enumeration.
 pub fn extension_properties(extension: Extension) -> vk::ExtensionProperties {
@@ -75,7 +74,7 @@ entry! {
     }
 
     fn vkGetInstanceProcAddr(instance: vk::Instance, name: *const c_char) -> vk::PFN_vkVoidFunction {
-        crate::loader::vk_icdGetInstanceProcAddr(instance, name)
+        super::loader::vk_icdGetInstanceProcAddr(instance, name)
     }
 
     fn vkEnumeratePhysicalDevices(instance: vk::Instance, count: *mut u32, out: *mut vk::PhysicalDevice) -> vk::Result {

@@ -2,8 +2,8 @@
 
 use ash::vk;
 
+use super::define::entry;
 use super::image::subresource_layout;
-use crate::ffi::entry;
 use crate::handle::from_handle;
 use crate::object::Image;
 

@@ -5,12 +5,14 @@ use std::os::fd::{FromRawFd, IntoRawFd, OwnedFd};
 
 use ash::vk;
 
+use super::define::entry;
 use super::destroy;
 use crate::VkResult;
-use crate::ffi::{chain, entry};
+use crate::device::Device;
+use crate::ffi::chain;
 use crate::handle::{self, from_handle};
+use crate::object::DeviceMemory;
 use crate::object::memory::{Source, file_size};
-use crate::object::{Device, DeviceMemory};
 use crate::table::limits::PAGE_BYTES;
 
 destroy! {

@@ -6,15 +6,17 @@ use ash::vk;
 use spirv_jit::reach::Reach;
 
 use super::deferred::{defer, defer_parallel};
+use super::define::{commands, entry};
 use super::destroy;
-use crate::command::ray_tracing::MicromapCommand;
+use crate::command::micromap::MicromapCommand;
 use crate::command::{Command, RayTracingCommand};
-use crate::execute::acceleration_structure::Storage;
-use crate::execute::micromap as execute;
-use crate::ffi::micromap::{decode_build, storage, usages};
-use crate::ffi::{commands, entry, slice};
+use crate::decode::micromap::{decode_build, storage, usages};
+use crate::device::Device;
+use crate::ffi::slice;
 use crate::handle::{self, from_handle, retain};
-use crate::object::{Buffer, Device, Micromap, QueryPool};
+use crate::object::acceleration_structure::Storage;
+use crate::object::{Buffer, Micromap, QueryPool};
+use crate::structures::micromap as execute;
 use crate::table::limits;
 use crate::validate::Caller;
 

@@ -5,8 +5,10 @@ pub mod buffer;
 pub mod command;
 pub mod command_image;
 pub mod command_transfer;
+pub mod commands;
 pub mod debug;
 pub mod deferred;
+mod define;
 pub mod descriptor;
 pub mod descriptor_buffer;
 pub mod descriptor_set;
@@ -15,6 +17,7 @@ pub mod device_address;
 pub mod graphics;
 pub mod image;
 pub mod instance;
+pub mod loader;
 pub mod maintenance5;
 pub mod memory;
 pub mod micromap;
@@ -31,7 +34,7 @@ pub mod sync;
 /// Defines `vkDestroy*` entry points that do nothing but give the handle's count back.
 macro_rules! destroy {
     ($($name:ident: $object:ty, $handle:ident;)*) => {
-        $crate::ffi::entry! {
+        $crate::entry::define::entry! {
             $(fn $name(_device: vk::Device, handle: vk::$handle, _allocator: *const vk::AllocationCallbacks) {
                 drop($crate::handle::take::<$object>(handle));
             })*

@@ -9,21 +9,23 @@ use traversal::BuildFlags;
 
 use super::acceleration_structure::copy_mode;
 use super::buffer::write_requirements;
+use super::define::{commands, entry};
 use super::pipeline::create_each;
 use crate::command::{Command, RayTracingCommand};
-use crate::ffi::nv_ray_tracing::{
+use crate::decode::nv_ray_tracing::{
     create_pipeline_nv, decode_build, kind_and_counts, place, region, storage,
 };
-use crate::ffi::pipeline::create_flags;
-use crate::ffi::{commands, entry, slice};
+use crate::decode::pipeline::create_flags;
+use crate::device::Device;
+use crate::ffi::slice;
 use crate::handle::{self, from_handle, optional, retain};
 use crate::object::acceleration_structure::Location;
 use crate::object::pipeline::PipelineKind;
 use crate::object::{
-    AccelerationStructure, AccelerationStructureNv, Device, DeviceMemory, Pipeline, PipelineCache,
+    AccelerationStructure, AccelerationStructureNv, DeviceMemory, Pipeline, PipelineCache,
     QueryPool,
 };
-use crate::trace::table::Tables;
+use crate::wave::table::Tables;
 
 /// A structure that has no memory yet.
 ///
@@ -142,7 +144,7 @@ entry! {
         let pipeline = from_handle::<Pipeline>(pipeline);
         match &pipeline.kind {
             PipelineKind::Deferred(deferred) => {
-                deferred.compile(from_handle::<Device>(device), &pipeline.layout, shader)
+                deferred.compile(&from_handle::<Device>(device).compiler(), &pipeline.layout, shader)
             }
             _ => Err(vk::Result::ERROR_UNKNOWN),
         }

@@ -4,10 +4,11 @@ use std::ffi::c_char;
 
 use ash::vk;
 
+use super::define::entry;
 use super::instance::extension_properties;
 use crate::VkResult;
 use crate::ffi::enumerate::enumerate_with;
-use crate::ffi::{chain, entry, enumerate};
+use crate::ffi::{chain, enumerate};
 use crate::format;
 use crate::handle::from_handle;
 use crate::object::PhysicalDevice;
@@ -116,13 +117,13 @@ entry! {
     }
 
     fn vkGetPhysicalDeviceProperties(device: vk::PhysicalDevice, out: *mut vk::PhysicalDeviceProperties) {
-        *out = properties::core(from_handle::<PhysicalDevice>(device));
+        *out = properties::core(&from_handle::<PhysicalDevice>(device).machine());
     }
 
     fn vkGetPhysicalDeviceProperties2(device: vk::PhysicalDevice, out: *mut vk::PhysicalDeviceProperties2) {
-        let device = from_handle::<PhysicalDevice>(device);
-        (*out).properties = properties::core(device);
-        properties::fill_chain(device, (*out).p_next);
+        let machine = from_handle::<PhysicalDevice>(device).machine();
+        (*out).properties = properties::core(&machine);
+        properties::fill_chain(&machine, (*out).p_next);
     }
 
     fn vkGetPhysicalDeviceFeatures(_device: vk::PhysicalDevice, out: *mut vk::PhysicalDeviceFeatures) {

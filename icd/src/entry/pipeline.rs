@@ -6,17 +6,17 @@ use std::time::Instant;
 
 use ash::vk;
 
+use super::define::entry;
 use super::destroy;
 use crate::VkResult;
+use crate::decode::pipeline::{create_flags, decode_stage};
+use crate::device::Device;
 use crate::ffi::enumerate::enumerate_bytes;
-use crate::ffi::pipeline::{create_flags, decode_stage};
-use crate::ffi::{self, array, chain, entry};
+use crate::ffi::{self, array, chain};
 use crate::handle::{self, from_handle, optional, retain};
 use crate::object::pipeline::PipelineKind;
 use crate::object::shader_stage::Compiled;
-use crate::object::{
-    DescriptorSetLayout, Device, Pipeline, PipelineCache, PipelineLayout, ShaderModule,
-};
+use crate::object::{DescriptorSetLayout, Pipeline, PipelineCache, PipelineLayout, ShaderModule};
 
 destroy! {
     vkDestroyShaderModule: ShaderModule, ShaderModule;
@@ -83,7 +83,8 @@ unsafe fn create_compute(
         let stage = decode_stage(&info.stage)?;
         let allowed = !create_flags(info.flags, info.p_next)
             .contains(vk::PipelineCreateFlags::FAIL_ON_PIPELINE_COMPILE_REQUIRED);
-        let Compiled { program, cache_hit } = stage.compile(device, cache, &layout, allowed)?;
+        let Compiled { program, cache_hit } =
+            stage.compile(&device.compiler(), cache, &layout, allowed)?;
         write_feedback(info.p_next, start, &[cache_hit]);
         Ok(handle::create(Pipeline {
             layout,

@@ -5,10 +5,11 @@ use std::ffi::c_void;
 use ash::vk;
 use smallvec::SmallVec;
 
+use super::define::commands;
 use super::descriptor_set::{apply_template, apply_write};
 use crate::VkResult;
 use crate::command::{BindDescriptorSets, Command, Recording};
-use crate::ffi::{self, commands};
+use crate::ffi;
 use crate::handle::{Ref, from_handle};
 use crate::object::{DescriptorSet, DescriptorUpdateTemplate, PipelineLayout};
 

@@ -4,11 +4,12 @@ use std::sync::Arc;
 
 use ash::vk;
 
+use super::define::{commands, entry};
 use crate::command::{Command, CopyQueryPoolResults};
+use crate::device::Device;
 use crate::execute::write_results;
-use crate::ffi::{commands, entry};
 use crate::handle;
-use crate::object::{Buffer, Device, QueryPool};
+use crate::object::{Buffer, QueryPool};
 
 entry! {
     fn vkCreateQueryPool(

@@ -5,13 +5,15 @@ use std::sync::Arc;
 use ash::vk;
 use ash::vk::Handle;
 
+use super::define::entry;
 use crate::VkResult;
 use crate::command::CommandBuffer;
-use crate::ffi::{self, entry};
+use crate::device::Device;
+use crate::ffi;
 use crate::handle;
 use crate::object::memory::GRANULE;
 use crate::object::sparse::{Reservation, SparseBind};
-use crate::object::{Buffer, Device, DeviceMemory, Fence, Image, Semaphore};
+use crate::object::{Buffer, DeviceMemory, Fence, Image, Semaphore};
 use crate::queue::{Queue, Submission};
 
 entry! {

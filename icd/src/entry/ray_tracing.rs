@@ -5,17 +5,19 @@ use std::ffi::c_void;
 use ash::vk;
 
 use super::deferred::defer;
+use super::define::{commands, entry};
 use super::pipeline::create_each;
 use crate::VkResult;
 use crate::command::{Command, RayTracingCommand};
+use crate::decode::pipeline::create_flags;
+use crate::decode::ray_tracing::{create_pipeline, region};
+use crate::device::Device;
 use crate::ffi::array::slice_mut;
-use crate::ffi::pipeline::create_flags;
-use crate::ffi::ray_tracing::{create_pipeline, region};
-use crate::ffi::{commands, entry, slice};
+use crate::ffi::slice;
 use crate::handle::{self, Ref, from_handle, retain};
 use crate::object::image::ImageView;
-use crate::object::{Device, Pipeline, PipelineCache};
-use crate::trace::table::{HANDLE_SIZE, Tables};
+use crate::object::{Pipeline, PipelineCache};
+use crate::wave::table::{HANDLE_SIZE, Tables};
 
 /// Writes the handles of `count` groups from `first` on.
 ///

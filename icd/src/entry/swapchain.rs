@@ -4,13 +4,15 @@ use std::sync::Arc;
 
 use ash::vk;
 
+use super::define::entry;
 use super::destroy;
 use crate::VkResult;
+use crate::device::Device;
 use crate::ffi::enumerate::enumerate;
-use crate::ffi::{array, entry, slice};
+use crate::ffi::{array, slice};
 use crate::handle::{self, from_handle, optional, retain};
 use crate::object::swapchain::{FORMATS, PRESENT_MODES, capabilities};
-use crate::object::{Device, Fence, Semaphore, Surface, Swapchain};
+use crate::object::{Fence, Semaphore, Surface, Swapchain};
 use crate::queue::{Queue, Submission};
 
 destroy! {
@@ -218,7 +220,7 @@ entry! {
             ..Submission::default()
         };
         let result = from_handle::<Queue>(queue).submit([submission]);
-        let code = crate::ffi::guard::code(result);
+        let code = crate::guard::code(result);
         array::slice_mut(info.p_results, info.swapchain_count).fill(code);
         result
     }

@@ -4,9 +4,11 @@ use std::sync::Arc;
 
 use ash::vk;
 
-use crate::ffi::{self, entry};
+use super::define::entry;
+use crate::device::Device;
+use crate::ffi;
 use crate::handle;
-use crate::object::{Device, Event, Fence, Semaphore};
+use crate::object::{Event, Fence, Semaphore};
 
 entry! {
     fn vkCreateFence(

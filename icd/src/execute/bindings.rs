@@ -5,10 +5,10 @@ use std::sync::Arc;
 use ash::vk;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
 
-use super::engine::Surroundings;
 use crate::command::{BindDescriptorBuffer, BindDescriptorSets};
 use crate::object::Pipeline;
-use crate::trace::mask::InvocationMask;
+use crate::wave::Surroundings;
+use crate::wave::mask::InvocationMask;
 
 /// `maxPushConstantsSize`.
 const PUSH_CONSTANT_BYTES: usize = 256;

@@ -6,31 +6,21 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use spirv_jit::reach::{Reach, Strays};
-
-use super::dispatch::Dispatcher;
 use crate::VkResult;
+use crate::compute::Dispatcher;
 use crate::object::instance::Messengers;
 use crate::object::live_memory::LiveMemory;
 use crate::object::sync::Waiting;
-use crate::queue::Workers;
-use crate::trace::Limits;
+use crate::trace::Tracer;
 use crate::validate::{Caller, Checks, Queried, Validator};
-
-/// What a command's addresses may lead to.
-pub struct Surroundings {
-    pub reach: Arc<Reach>,
-    /// For physical pointers of shaders: with validation, buffers of that usage alone.
-    pub shader_reach: Arc<Reach>,
-    /// Counts what shaders do wrong, where there is validation.
-    pub strays: Option<Arc<Strays>>,
-}
+use crate::wave::{Limits, Surroundings, Workers};
 
 /// Workers, the memory that they keep, all waiting of the device, and how it is lost.
 pub struct Engine {
     pub workers: Arc<Workers>,
     pub waiting: Arc<Waiting>,
     pub dispatcher: Dispatcher,
+    pub tracer: Tracer,
     /// What addresses may lead to.
     pub memory: Arc<LiveMemory>,
     /// Validation, where it is on.
@@ -72,6 +62,7 @@ impl Engine {
             workers: Workers::start(thread_count)?,
             waiting: Arc::default(),
             dispatcher: Dispatcher::default(),
+            tracer: Tracer::default(),
             memory,
             validator,
             messengers,

@@ -20,36 +20,24 @@
 //!
 //! Buffers are device addresses of their first byte.
 
-pub mod acceleration_structure;
 pub mod bindings;
-pub mod blit;
-pub mod buffer;
-pub mod clear;
-pub mod copy;
-pub mod dispatch;
 mod engine;
-pub mod instances;
-pub mod micromap;
 pub mod query;
 pub mod ray_tracing;
-pub mod reachable;
-pub mod resolve;
-mod surface;
-pub mod swept;
-#[cfg(test)]
-mod transfer_tests;
 
 use ash::vk;
 
 use crate::command::{Command, RayTracingCommand};
+use crate::compute;
 use crate::object::Image;
 use crate::object::pipeline::PipelineKind;
-use crate::trace::Stopped;
+use crate::transfer::{blit, buffer, clear, copy, resolve};
 use crate::validate::Caller;
+use crate::wave::{Stopped, reachable};
 use ray_tracing::Access;
 
 pub use bindings::Bindings;
-pub use engine::{Engine, Surroundings};
+pub use engine::Engine;
 pub use query::{timestamp_ns, write_results};
 
 /// Why replay ended early.
@@ -205,7 +193,7 @@ fn run_dispatch(
     };
     engine.dispatcher.run(
         &engine.workers,
-        &dispatch::Dispatch {
+        &compute::Dispatch {
             program,
             base,
             count,
@@ -250,6 +238,6 @@ fn run_ray_tracing(
         surroundings: &surroundings,
         checks,
     };
-    ray_tracing::execute(command, access, bound, &engine.workers)?;
+    ray_tracing::execute(command, access, bound, engine)?;
     Ok(())
 }

@@ -3,13 +3,14 @@
 #![forbid(unsafe_code)]
 
 mod attachment;
+pub mod structure;
 
 use ash::vk;
 use spirv_jit::image::Format;
 use spirv_jit::image::format::{Aspect, FormatInfo, Numeric};
 
-use crate::execute::acceleration_structure::vertex_format;
-use crate::execute::swept::radius_format;
+use self::structure::radius_format;
+use self::structure::vertex_format;
 use crate::ffi::vk::FORMAT_FEATURE_2_ACCELERATION_STRUCTURE_RADIUS_BUFFER_NV;
 
 /// A Vulkan format as the image code knows it.

@@ -7,8 +7,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use ash::vk;
 
 use super::Buffer;
-use crate::execute::acceleration_structure::Storage;
 use crate::handle::Ref;
+
+/// The memory of an acceleration structure object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Storage {
+    pub address: u64,
+    pub size_bytes: u64,
+}
 
 /// An acceleration structure object.
 pub struct AccelerationStructure {

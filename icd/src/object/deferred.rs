@@ -9,7 +9,7 @@ use ash::vk;
 use parking_lot::Mutex;
 
 use crate::VkResult;
-use crate::ffi::guard::guard;
+use crate::guard::guard;
 use crate::handle::Ref;
 
 /// `VkDeferredOperationKHR`.

@@ -8,11 +8,12 @@ use ash::vk;
 
 use super::pipeline::ProgramKey;
 use super::ray_tracing_pipeline::{GroupInfo, RayTracingPipeline, StageProgram, new_groups};
+use super::shader_stage::Compiler;
 use super::shader_stage::ShaderStage;
-use super::{Device, PipelineCache, PipelineLayout};
+use super::{PipelineCache, PipelineLayout};
 use crate::VkResult;
 use crate::handle::Ref;
-use crate::trace::table::Group;
+use crate::wave::table::Group;
 
 /// A pipeline that is linked when all its shaders are compiled.
 pub struct DeferredPipeline {
@@ -61,12 +62,17 @@ impl DeferredPipeline {
     ///
     /// # Errors
     /// As [`ShaderStage::compile`]; `VK_ERROR_UNKNOWN` for a shader that there is not.
-    pub fn compile(&self, device: &Device, layout: &PipelineLayout, shader: u32) -> VkResult {
+    pub fn compile(
+        &self,
+        compiler: &Compiler<'_>,
+        layout: &PipelineLayout,
+        shader: u32,
+    ) -> VkResult {
         let deferred = self.stages.get(shader as usize);
         let deferred = deferred.ok_or(vk::Result::ERROR_UNKNOWN)?;
         if deferred.program.get().is_none() {
             let cache = self.cache.as_ref().map(|cache| &***cache);
-            let compiled = deferred.stage.compile(device, cache, layout, true)?;
+            let compiled = deferred.stage.compile(compiler, cache, layout, true)?;
             let _ = deferred.program.set(compiled.program);
         }
         let programs = self.stages.iter().map(|stage| stage.program.get().cloned());

@@ -12,7 +12,7 @@ use super::sparse::Reservation;
 use crate::VkResult;
 use crate::format;
 use crate::table::limits;
-use crate::trace::mask::InvocationMask;
+use crate::wave::mask::InvocationMask;
 
 /// Levels, samples and layers start at multiples of this.
 const SUBRESOURCE_ALIGNMENT: u64 = 64;

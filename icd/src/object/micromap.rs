@@ -3,8 +3,8 @@
 #![forbid(unsafe_code)]
 
 use super::Buffer;
-use crate::execute::acceleration_structure::Storage;
 use crate::handle::Ref;
+use crate::object::acceleration_structure::Storage;
 
 /// A micromap object.
 pub struct Micromap {

@@ -5,7 +5,6 @@ pub mod buffer;
 pub mod deferred;
 pub mod deferred_pipeline;
 pub mod descriptor;
-pub mod device;
 pub mod image;
 pub mod instance;
 pub mod live_memory;
@@ -30,7 +29,6 @@ pub use deferred::DeferredOperation;
 pub use descriptor::{
     DescriptorPool, DescriptorSet, DescriptorSetLayout, DescriptorUpdateTemplate,
 };
-pub use device::Device;
 pub use image::{Image, ImageView};
 pub use instance::{Instance, Messenger};
 pub use memory::DeviceMemory;
@@ -57,7 +55,6 @@ handled!(
     DescriptorSet => DescriptorSet,
     DescriptorSetLayout => DescriptorSetLayout,
     DescriptorUpdateTemplate => DescriptorUpdateTemplate,
-    Device => Device,
     DeviceMemory => DeviceMemory,
     Event => Event,
     Fence => Fence,
@@ -79,7 +76,4 @@ handled!(
     Surface => SurfaceKHR,
     Swapchain => SwapchainKHR,
     ShaderModule => ShaderModule,
-    crate::queue::Queue => Queue,
-    crate::command::CommandBuffer => CommandBuffer,
-    crate::command::CommandPool => CommandPool,
 );

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::instance::Messengers;
 use super::memory;
 use crate::table::extensions::ExtensionSet;
+use crate::table::properties::Machine;
 
 /// The one physical device of an instance.
 pub struct PhysicalDevice {
@@ -47,8 +48,16 @@ impl PhysicalDevice {
         (memory::used_bytes() + free).min(self.heap_bytes)
     }
 
+    /// What its properties say of this machine.
+    pub fn machine(&self) -> Machine {
+        Machine {
+            device_name: self.name(),
+            heap_bytes: self.heap_bytes,
+        }
+    }
+
     /// The device's name, with what decides its speed.
-    pub fn name(&self) -> String {
+    fn name(&self) -> String {
         let threads = self.thread_count;
         let plural = if threads == 1 { "" } else { "s" };
         format!("Tuff ({threads} thread{plural}, {})", simd_level())

@@ -12,7 +12,7 @@ use super::DescriptorSetLayout;
 use super::deferred_pipeline::DeferredPipeline;
 use super::ray_tracing_pipeline::RayTracingPipeline;
 use crate::handle::Ref;
-use crate::trace::table::Group;
+use crate::wave::table::Group;
 
 /// A shader module: its words, checked when a pipeline uses them.
 pub struct ShaderModule {

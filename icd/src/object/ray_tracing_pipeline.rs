@@ -10,8 +10,7 @@ use spirv_jit::program::Stage;
 use xxhash_rust::xxh3::xxh3_128_with_seed;
 
 use super::pipeline::ProgramKey;
-use crate::trace::Tracer;
-use crate::trace::table::{Group, GroupKind, HANDLE_SIZE, Handle, ProgramIndex, Shaders};
+use crate::wave::table::{Group, GroupKind, HANDLE_SIZE, Handle, ProgramIndex, Shaders};
 
 /// What a ray tracing pipeline, or a library to make one of, consists of.
 pub struct RayTracingPipeline {
@@ -21,8 +20,6 @@ pub struct RayTracingPipeline {
     /// Ray flags that every trace gets (`SKIP_TRIANGLES`, `SKIP_AABBS`).
     pub ray_flags: u32,
     pub facts: PipelineFacts,
-    /// The workers' memory for traces with this pipeline.
-    pub tracer: Tracer,
 }
 
 /// What a pipeline promises of its execution.
@@ -96,7 +93,6 @@ impl RayTracingPipeline {
             shaders: Shaders::new(programs, all),
             keys,
             ray_flags: ray_flags(flags),
-            tracer: Tracer::default(),
         }
     }
 

@@ -5,17 +5,28 @@
 use std::sync::Arc;
 
 use ash::vk;
+use rspirv::spirv::Capability;
 use spirv_jit::Program;
 use spirv_jit::error::ErrorKind;
 use spirv_jit::ir::binary;
 use spirv_jit::program::{CompileRequest, Stage};
 use xxhash_rust::xxh3::Xxh3;
 
+use super::instance::Messengers;
 use super::pipeline::ProgramKey;
 use super::ray_tracing_pipeline::StageProgram;
-use super::{Device, PipelineCache, PipelineLayout};
+use super::{PipelineCache, PipelineLayout};
 use crate::VkResult;
 use crate::settings::settings;
+
+/// What the device says of all shaders that are compiled for it.
+pub struct Compiler<'a> {
+    /// What modules may declare.
+    pub capabilities: &'a [Capability],
+    pub messengers: &'a Messengers,
+    /// Programs count misaligned pointers, for validation.
+    pub checks_alignment: bool,
+}
 
 /// `VkPipelineShaderStageCreateInfo`, copied.
 #[derive(Clone, Debug)]
@@ -76,7 +87,7 @@ impl ShaderStage {
     /// the debug messengers.
     pub fn compile(
         &self,
-        device: &Device,
+        compiler: &Compiler<'_>,
         cache: Option<&PipelineCache>,
         layout: &PipelineLayout,
         may_compile: bool,
@@ -103,16 +114,15 @@ impl ShaderStage {
             stage: self.stage,
             specialization: &specialization,
             bindings: &|set, binding| layout.descriptor_binding(set, binding),
-            capabilities: &device.capabilities,
+            capabilities: compiler.capabilities,
             accuracy: settings().accuracy,
-            // A program that a cache has from a device without validation says nothing of alignment.
-            checks_alignment: device.validator().is_some(),
+            checks_alignment: compiler.checks_alignment,
         };
         let compiled = spirv_jit::program::compile_module(&request)
             .and_then(|module| Ok((Arc::new(Program::new(&module)?), module)));
         let (program, module) = compiled.map_err(|error| {
             let message = format!("{:?} shader \"{}\": {error}", self.stage, self.entry_point);
-            device
+            compiler
                 .messengers
                 .error(c"TUFF-shader-compilation", &message);
             match error.kind {

@@ -9,8 +9,28 @@ use std::time::{Duration, Instant};
 use ash::vk;
 use parking_lot::{Condvar, Mutex};
 
-use super::device::Lost;
 use crate::VkResult;
+
+/// Whether a device is lost. Once it is, it stays so.
+#[derive(Default)]
+pub struct Lost(AtomicBool);
+
+impl Lost {
+    /// Marks the device lost.
+    pub fn set(&self) {
+        self.0.store(true, Ordering::Release);
+    }
+
+    /// # Errors
+    /// `VK_ERROR_DEVICE_LOST`.
+    pub fn check(&self) -> VkResult {
+        if self.0.load(Ordering::Acquire) {
+            Err(vk::Result::ERROR_DEVICE_LOST)
+        } else {
+            Ok(())
+        }
+    }
+}
 
 /// What all waiting of a device goes through: one lock and one condition, so that waiting for any of several things is simple.
 #[derive(Default)]

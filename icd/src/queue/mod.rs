@@ -8,8 +8,6 @@
 
 #![forbid(unsafe_code)]
 
-pub mod workers;
-
 #[cfg(test)]
 mod tests;
 
@@ -24,12 +22,10 @@ use parking_lot::{Condvar, Mutex};
 use crate::VkResult;
 use crate::command::Command;
 use crate::execute::{self, Engine, Failure};
-use crate::ffi::guard::panic_message;
+use crate::guard::panic_message;
 use crate::handle::Ref;
 use crate::object::sparse::SparseBind;
 use crate::object::{Fence, Semaphore, Swapchain};
-
-pub use workers::Workers;
 
 /// Queues that a device can have, all of one family.
 pub const MAX_QUEUES: u32 = 4;
@@ -47,6 +43,8 @@ pub struct Submission {
     pub signals: Vec<(Ref<Semaphore>, u64)>,
     pub fence: Option<Ref<Fence>>,
 }
+
+crate::handle::handled!(Queue => Queue);
 
 /// `VkQueue`.
 pub struct Queue {

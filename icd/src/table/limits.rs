@@ -150,3 +150,12 @@ pub fn micromap_uuids() -> [[u8; 16]; 2] {
 pub fn serialization_uuids() -> [[u8; 16]; 2] {
     [*b"tuff vulkan cpu\0", *b"tuff structure 2"]
 }
+
+/// The API version of instance and device.
+pub const API_VERSION: u32 = vk::make_api_version(0, 1, 3, 281);
+
+/// Bytes of what captures an object: its address, or that of its descriptor.
+pub const CAPTURE_BYTES: usize = size_of::<u64>();
+
+/// `shaderGroupHandleSize`.
+pub const HANDLE_SIZE: usize = 32;

@@ -1,6 +1,5 @@
 //! The tables: each the only place where its kind of thing is listed.
 
-pub mod commands;
 pub mod extensions;
 pub mod features;
 pub mod limits;

@@ -3,12 +3,8 @@
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::environment::{Descriptor, MAX_SETS};
 
-use super::limits;
-use crate::entry::descriptor_buffer::CAPTURE_BYTES;
-use crate::entry::instance::API_VERSION;
+use super::limits::{self, API_VERSION, CAPTURE_BYTES, HANDLE_SIZE};
 use crate::ffi::{array, chain, vk};
-use crate::object::PhysicalDevice;
-use crate::trace::table::HANDLE_SIZE;
 
 /// Stages whose shaders may use subgroup operations.
 const SUBGROUP_STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
@@ -41,8 +37,15 @@ pub fn pipeline_cache_uuid() -> [u8; vk::UUID_SIZE] {
 pub const VENDOR_ID: u32 = 0;
 pub const DEVICE_ID: u32 = 1;
 
+/// What differs from one machine, and one environment, to the next.
+pub struct Machine {
+    pub device_name: String,
+    /// Size of the memory heap.
+    pub heap_bytes: u64,
+}
+
 /// `VkPhysicalDeviceProperties`.
-pub fn core(device: &PhysicalDevice) -> vk::PhysicalDeviceProperties {
+pub fn core(machine: &Machine) -> vk::PhysicalDeviceProperties {
     let mut properties = vk::PhysicalDeviceProperties {
         api_version: API_VERSION,
         driver_version: vk::make_api_version(0, 0, 1, 0),
@@ -53,11 +56,11 @@ pub fn core(device: &PhysicalDevice) -> vk::PhysicalDeviceProperties {
         limits: limits::limits(),
         ..Default::default()
     };
-    array::write_text(&mut properties.device_name, &device.name());
+    array::write_text(&mut properties.device_name, &machine.device_name);
     properties
 }
 
-fn vulkan11(device: &PhysicalDevice) -> vk::PhysicalDeviceVulkan11Properties<'static> {
+fn vulkan11(machine: &Machine) -> vk::PhysicalDeviceVulkan11Properties<'static> {
     vk::PhysicalDeviceVulkan11Properties {
         device_uuid: DEVICE_UUID,
         driver_uuid: DRIVER_UUID,
@@ -82,7 +85,7 @@ fn vulkan11(device: &PhysicalDevice) -> vk::PhysicalDeviceVulkan11Properties<'st
         max_multiview_instance_index: (1 << 27) - 1,
         protected_no_fault: vk::FALSE,
         max_per_set_descriptors: limits::MAX_DESCRIPTORS,
-        max_memory_allocation_size: device.heap_bytes,
+        max_memory_allocation_size: machine.heap_bytes,
         ..Default::default()
     }
 }
@@ -292,37 +295,37 @@ macro_rules! answer {
 ///
 /// # Safety
 /// As [`chain::nodes_mut`].
-pub unsafe fn fill_chain(device: &PhysicalDevice, next: *mut std::ffi::c_void) {
+pub unsafe fn fill_chain(machine: &Machine, next: *mut std::ffi::c_void) {
     // SAFETY: the caller's promise; the type word says what a structure is.
     unsafe {
         for node in chain::nodes_mut(next) {
-            fill(device, node);
+            fill(machine, node);
         }
     }
 }
 
 /// # Safety
 /// `node` is a structure of the type that its `sType` says.
-unsafe fn fill(device: &PhysicalDevice, node: *mut vk::BaseOutStructure<'static>) {
+unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
     // SAFETY: the caller's promise.
     unsafe {
         answer! { node;
-            PhysicalDeviceVulkan11Properties(vulkan11(device));
+            PhysicalDeviceVulkan11Properties(vulkan11(machine));
             PhysicalDeviceVulkan12Properties(vulkan12());
             PhysicalDeviceVulkan13Properties(vulkan13());
-            PhysicalDeviceIDProperties(vulkan11(device)) {
+            PhysicalDeviceIDProperties(vulkan11(machine)) {
                 device_uuid, driver_uuid, device_luid, device_node_mask, device_luid_valid,
             };
-            PhysicalDeviceSubgroupProperties(vulkan11(device)) {
+            PhysicalDeviceSubgroupProperties(vulkan11(machine)) {
                 subgroup_size,
                 supported_stages: subgroup_supported_stages,
                 supported_operations: subgroup_supported_operations,
                 quad_operations_in_all_stages: subgroup_quad_operations_in_all_stages,
             };
-            PhysicalDevicePointClippingProperties(vulkan11(device)) { point_clipping_behavior };
-            PhysicalDeviceMultiviewProperties(vulkan11(device)) { max_multiview_view_count, max_multiview_instance_index };
-            PhysicalDeviceProtectedMemoryProperties(vulkan11(device)) { protected_no_fault };
-            PhysicalDeviceMaintenance3Properties(vulkan11(device)) { max_per_set_descriptors, max_memory_allocation_size };
+            PhysicalDevicePointClippingProperties(vulkan11(machine)) { point_clipping_behavior };
+            PhysicalDeviceMultiviewProperties(vulkan11(machine)) { max_multiview_view_count, max_multiview_instance_index };
+            PhysicalDeviceProtectedMemoryProperties(vulkan11(machine)) { protected_no_fault };
+            PhysicalDeviceMaintenance3Properties(vulkan11(machine)) { max_per_set_descriptors, max_memory_allocation_size };
             PhysicalDeviceDriverProperties(vulkan12()) { driver_id, driver_name, driver_info, conformance_version };
             PhysicalDeviceFloatControlsProperties(vulkan12()) {
                 denorm_behavior_independence, rounding_mode_independence,

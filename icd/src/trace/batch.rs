@@ -5,6 +5,7 @@ use spirv_jit::program::{AlignedRow, Event, ResumePoint, SiteKind, Wave};
 use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
 use traversal::{Company, RayRows, Verdict, Walk, Walker};
 
+use super::Dispatch;
 use super::calls::{Call, Calls, Records};
 use super::grid::Grid;
 use super::inputs::Sources;
@@ -13,9 +14,9 @@ use super::rays::RayGroup;
 use super::slab::Slab;
 use super::stats::Tally;
 use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, lanes_of};
-use super::table::ProgramIndex;
-use super::{Dispatch, Stopped};
 use crate::settings::settings;
+use crate::wave::Stopped;
+use crate::wave::table::ProgramIndex;
 
 /// Fuel of one run or walk between two looks at the limits.
 pub(super) const FUEL: u64 = 1 << 16;
@@ -131,7 +132,10 @@ impl<'a> Batch<'a> {
     pub fn run(mut self, raygen: ProgramIndex, record: u64, index: usize) -> Result<(), Stopped> {
         for mut tile in self.grid.tiles(index) {
             if let Some(mask) = &self.dispatch.mask {
-                mask.apply(&mut tile, |launch| self.grid.launch_id(launch));
+                for lane in lanes_of(tile.mask) {
+                    let [x, y, _] = self.grid.launch_id(tile.launch[lane]);
+                    tile.mask &= !(u16::from(mask.excludes(x, y)) << lane);
+                }
                 if tile.mask == 0 {
                     continue;
                 }

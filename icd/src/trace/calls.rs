@@ -2,7 +2,7 @@
 #![forbid(unsafe_code)]
 
 use super::subgroup::{LaneRef, Role};
-use super::table::{Group, ProgramIndex, Region, Shaders, read_handle};
+use crate::wave::table::{Group, ProgramIndex, Region, Shaders, read_handle};
 
 /// An invocation to be created: the address of its shader record, and what it is about. See [`Subgroup::of`](super::subgroup::Subgroup).
 pub type Call = (u64, LaneRef);

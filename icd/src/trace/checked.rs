@@ -6,8 +6,8 @@ use super::answers::Decider;
 use super::batch::{Batch, Worker};
 use super::rays::{hit_record_index, operand, structure_in};
 use super::subgroup::{LaneRef, Role, SubgroupIndex, lanes_of};
-use super::table::{ProgramIndex, Region, read_handle};
 use crate::validate::{Instruction, Lookup, Need, Traced};
+use crate::wave::table::{ProgramIndex, Region, read_handle};
 
 impl Batch<'_> {
     /// The rays of a group that has just been started.

@@ -2,11 +2,11 @@
 
 use traversal::{Event, Progress};
 
-use super::Stopped;
 use super::batch::{Batch, Worker};
 use super::rays::record_indices;
 use super::subgroup::{LaneRef, Role, lanes_of};
 use super::walks::need;
+use crate::wave::Stopped;
 
 /// Rays with a candidate, from which on a subgroup is made of those of one group.
 const FULL_ENOUGH: u32 = 6;

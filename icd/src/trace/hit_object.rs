@@ -5,11 +5,11 @@ use spirv_jit::hit_object::{HitFact, IDENTITY, TRACED, kind, primitive, word};
 use spirv_jit::program::IO_DATA_ROW;
 use traversal::{Hit, Structure, Swept};
 
-use super::Limits;
 use super::batch::{Batch, Worker};
 use super::rays::{Operands, RayGroup, operand, record_indices};
 use super::subgroup::{Subgroup, SubgroupIndex, lanes_of};
-use super::table::HANDLE_SIZE;
+use crate::wave::Limits;
+use crate::wave::table::HANDLE_SIZE;
 
 impl Batch<'_> {
     /// Walks are over: what they found goes to the caller, no shader runs.

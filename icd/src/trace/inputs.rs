@@ -11,7 +11,7 @@ use super::grid::Grid;
 use super::rays::{Operands, RayGroup, Report, operand, structure_in, to_object};
 use super::slab::Slab;
 use super::subgroup::{LaneRef, Role, Subgroup, in_place};
-use super::table::HANDLE_SIZE;
+use crate::wave::table::HANDLE_SIZE;
 
 /// What inputs are read from.
 pub struct Sources<'a> {

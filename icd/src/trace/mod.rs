@@ -18,7 +18,6 @@ mod companies;
 mod grid;
 mod hit_object;
 mod inputs;
-pub mod mask;
 mod queries;
 mod rays;
 mod reorder;
@@ -26,26 +25,22 @@ mod slab;
 pub mod stats;
 mod streams;
 mod subgroup;
-pub mod table;
 #[cfg(test)]
 mod tests;
 mod walks;
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
-use std::time::Instant;
+use std::sync::Mutex;
 
 use rayon::prelude::*;
 use spirv_jit::environment::Environment;
 use spirv_jit::program::SiteKind;
-use spirv_jit::reach::Reach;
-use traversal::Structure;
 
-use crate::validate::{Queried, Traced};
+use crate::validate::Traced;
+use crate::wave::mask::InvocationMask;
+use crate::wave::table::{self, Shaders, Tables};
+use crate::wave::{Limits, Stopped};
 pub use grid::Grid;
-use mask::InvocationMask;
 pub use queries::{Owned, Queries};
-use table::{Shaders, Tables};
 
 /// One `vkCmdTraceRays*`, whatever command it came from.
 pub struct Dispatch<'a> {
@@ -63,64 +58,6 @@ pub struct Dispatch<'a> {
     pub limits: &'a Limits,
     /// Validation, where it is on.
     pub checks: Option<&'a Traced>,
-}
-
-/// What ends a dispatch that does not end by itself, and what keeps it from going astray.
-pub struct Limits {
-    /// Set from outside to make every worker stop at its next budget check.
-    pub cancelled: Arc<AtomicBool>,
-    /// When the dispatch counts as hanging (`TUFF_TIMEOUT`).
-    pub deadline: Option<Instant>,
-    /// Where structures may lie.
-    pub reach: Arc<Reach>,
-    /// Validation of ray queries, where it is on.
-    pub queried: Option<Arc<Queried>>,
-}
-
-impl Default for Limits {
-    /// No limit.
-    fn default() -> Self {
-        Self {
-            cancelled: Arc::default(),
-            deadline: None,
-            reach: Arc::new(Reach::everywhere()),
-            queried: None,
-        }
-    }
-}
-
-impl Limits {
-    /// The address of a structure that a shader names: 0, which is none, if it leads nowhere.
-    pub fn structure(&self, address: u64) -> u64 {
-        const SIZE: u64 = Structure::HEADER_BYTES;
-        // Nearly all are in one range: no search.
-        let is_there =
-            self.reach.likely().bytes_from(address) >= SIZE || self.reach.contains(address, SIZE);
-        if is_there { address } else { 0 }
-    }
-
-    /// Called when fuel runs dry.
-    ///
-    /// # Errors
-    /// When a limit is reached.
-    pub fn check(&self) -> Result<(), Stopped> {
-        let late = self
-            .deadline
-            .is_some_and(|deadline| Instant::now() >= deadline);
-        if late || self.cancelled.load(Ordering::Relaxed) {
-            Err(Stopped::TimedOut)
-        } else {
-            Ok(())
-        }
-    }
-}
-
-/// Why a dispatch was given up: the device is lost.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stopped {
-    TimedOut,
-    /// Invocations in flight would need more memory than a batch may have.
-    OutOfMemory,
 }
 
 /// The workers' memory, kept from one dispatch to the next.

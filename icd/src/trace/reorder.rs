@@ -7,10 +7,10 @@ use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::hit_object::kind;
 use spirv_jit::program::{AlignedRow, ResumePoint, SiteKind, Stage};
 
-use super::Stopped;
 use super::batch::Batch;
 use super::subgroup::{LaneRef, Subgroup, SubgroupIndex, lanes_of};
-use super::table::ProgramIndex;
+use crate::wave::Stopped;
+use crate::wave::table::ProgramIndex;
 
 /// What lanes are sorted by, first things first: the shader that the hit object names, the hint's bits, the shader's record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -8,7 +8,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use spirv_jit::program::AlignedRow;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
-use super::table::ProgramIndex;
+use crate::wave::table::ProgramIndex;
 
 /// What one shader's runs amount to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -2,11 +2,12 @@
 
 use traversal::{Caller, Event, Hit, RayRows, Walk};
 
+use super::Dispatch;
 use super::batch::{Batch, FUEL, Worker};
 use super::rays::RayGroup;
 use super::slab::Slab;
 use super::subgroup::{LaneRef, Subgroup};
-use super::{Dispatch, Stopped};
+use crate::wave::Stopped;
 
 /// Groups of rays that hear of their rays.
 struct Groups<'a, 'd> {

@@ -5,7 +5,7 @@ use spirv_jit::program::{AlignedRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::queries::Owned;
-use super::table::ProgramIndex;
+use crate::wave::table::ProgramIndex;
 
 /// Index of a [`Subgroup`] in its batch.
 pub type SubgroupIndex = u32;

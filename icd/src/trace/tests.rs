@@ -11,8 +11,9 @@ use traversal::{
     InstanceSource, Kind, Memory, TriangleGeometry, VertexFormat,
 };
 
-use super::table::{Group, HANDLE_SIZE, Handle, Region, Shaders, Tables};
-use super::{Dispatch, Limits, Stopped, Tracer};
+use super::{Dispatch, Tracer};
+use crate::wave::table::{Group, HANDLE_SIZE, Handle, Region, Shaders, Tables};
+use crate::wave::{Limits, Stopped};
 
 const SIZE: u32 = 20;
 

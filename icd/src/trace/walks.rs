@@ -3,12 +3,12 @@
 use smallvec::SmallVec;
 use traversal::{Event, PACKET, Progress, Verdict, Walk, Walker};
 
-use super::Stopped;
 use super::batch::{Batch, FUEL, Worker};
 use super::rays::{hit_record_index, record_indices, skips_closest_hit};
 use super::subgroup::{LaneRef, Role, lanes_of};
-use super::table::ProgramIndex;
 use crate::validate::Need;
+use crate::wave::Stopped;
+use crate::wave::table::ProgramIndex;
 
 /// Groups of which rays are walked together: fewer are not worth it, and a walker takes up no more.
 const ENOUGH: usize = 4;

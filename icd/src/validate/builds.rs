@@ -4,9 +4,10 @@ use spirv_jit::reach::Reach;
 use traversal::{IndexType, Indexing};
 
 use super::{Checks, Rule};
-use crate::execute::acceleration_structure::{Build, BuildGeometries, Triangles, index_size_bytes};
-use crate::execute::reachable::read;
-use crate::execute::swept::Swept;
+use crate::command::build::{Build, BuildGeometries, Triangles};
+use crate::command::swept::Swept;
+use crate::format::structure::index_size_bytes;
+use crate::wave::reachable::read;
 
 impl Checks {
     /// Looks at a build with its ranges.

@@ -4,7 +4,7 @@
 use ash::vk;
 
 use super::{Rule, Traced};
-use crate::trace::table::{Group, GroupKind, HANDLE_SIZE, Handle, Region};
+use crate::wave::table::{Group, GroupKind, HANDLE_SIZE, Handle, Region};
 
 /// What a record is looked up for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,9 +4,9 @@ use spirv_jit::reach::Reach;
 use traversal::{Micromap, MicromapFormat};
 
 use super::{Checks, Rule};
-use crate::execute::acceleration_structure::Triangles;
-use crate::execute::micromap::MicromapBuild;
-use crate::execute::reachable::read;
+use crate::command::build::Triangles;
+use crate::command::micromap::MicromapBuild;
+use crate::wave::reachable::read;
 
 /// `VkMicromapTriangleEXT`: offset, level, format.
 #[derive(Clone, Copy)]

@@ -5,13 +5,13 @@ use ash::vk;
 
 use super::registry::Known;
 use super::{Checks, Rule};
-use crate::execute::Surroundings;
 use crate::table::limits::{
     MAX_RAY_DISPATCH_INVOCATIONS, MAX_SHADER_GROUP_STRIDE, SHADER_GROUP_BASE_ALIGNMENT,
     SHADER_GROUP_HANDLE_ALIGNMENT,
 };
-use crate::trace::mask::InvocationMask;
-use crate::trace::table::{Region, Tables};
+use crate::wave::Surroundings;
+use crate::wave::mask::InvocationMask;
+use crate::wave::table::{Region, Tables};
 
 /// The rules of one table. The ray generation table is one record: it has no stride to speak of.
 struct TableRules {

@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::Arc;
 
 use ash::vk;
+use vulkan_tuff::entry::commands::{self, Availability, Level};
 use vulkan_tuff::object::PhysicalDevice;
 use vulkan_tuff::object::instance::Messengers;
-use vulkan_tuff::table::commands::{self, Availability, Level};
 use vulkan_tuff::table::extensions::{Extension, ExtensionSet, Kind};
 use vulkan_tuff::table::{features, properties};
 
@@ -304,7 +304,7 @@ fn answer(structure: &Structure) -> Option<Vec<u8>> {
                 Arc::new(Messengers::default()),
                 ExtensionSet::default(),
             );
-            properties::fill_chain(&device, head.cast());
+            properties::fill_chain(&device.machine(), head.cast());
         } else {
             return None;
         }

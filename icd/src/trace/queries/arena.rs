@@ -3,8 +3,8 @@
 
 use traversal::Walk;
 
-use super::super::Stopped;
 use super::super::slab::Slab;
+use crate::wave::Stopped;
 
 /// Suspended walks that a worker may keep, at most.
 const MAX_SUSPENDED: usize = 1 << 20;

@@ -15,7 +15,7 @@ use spirv_jit::query::{row, state};
 use traversal::{Event, HitRows, RayRows, Structure, Verdict, Walk, Walker};
 
 use super::subgroup::lanes_of;
-use super::{Limits, Stopped};
+use crate::wave::{Limits, Stopped};
 use arena::Arena;
 pub use arena::Owned;
 use facts::{describe_candidate, describe_committed, describe_rows};

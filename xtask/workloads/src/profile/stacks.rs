@@ -43,7 +43,16 @@ const PARTS: &[(&str, &[&str])] = &[
         ],
     ),
     ("scheduler: the rest", &["icd/src/trace"]),
-    ("commands", &["icd/src/execute", "icd/src/command"]),
+    (
+        "commands",
+        &[
+            "icd/src/execute",
+            "icd/src/compute",
+            "icd/src/structures",
+            "icd/src/transfer",
+            "icd/src/command",
+        ],
+    ),
     ("objects, queues, entry points", &["icd/src/"]),
     (
         "handing out work (rayon)",

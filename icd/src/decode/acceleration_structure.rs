@@ -6,15 +6,16 @@ use traversal::{
     VertexFormat,
 };
 
-use super::vk::Handle as _;
-use super::{find, slice, vk};
-use crate::execute::acceleration_structure::{
-    Aabbs, Build, BuildGeometries, MotionTriangles, Range, Storage, Triangles, vertex_format,
-};
-use crate::execute::instances::Instances;
-use crate::execute::swept::{Swept, radius_format};
+use crate::command::build::{Aabbs, Build, BuildGeometries, MotionTriangles, Range, Triangles};
+use crate::command::instances::Instances;
+use crate::command::swept::Swept;
+use crate::ffi::vk::Handle as _;
+use crate::ffi::{find, slice, vk};
+use crate::format::structure::radius_format;
+use crate::format::structure::vertex_format;
 use crate::handle;
 use crate::object::AccelerationStructure;
+use crate::object::acceleration_structure::Storage;
 use crate::validate::Checks;
 
 /// The geometries of a build info, through whichever of its two arrays is set.

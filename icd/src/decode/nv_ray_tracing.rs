@@ -6,19 +6,18 @@ use traversal::{BuildFlags, GeometryFlags, InstanceArray, Kind, VertexFormat};
 use super::acceleration_structure::index_type;
 use super::pipeline::{create_flags, decode_stage};
 use super::ray_tracing::{create_pipeline, group};
-use super::{find, slice};
 use crate::VkResult;
-use crate::execute::acceleration_structure::{
-    Aabbs, Build, BuildGeometries, Storage, Triangles, vertex_format,
-};
-use crate::execute::instances::Instances;
+use crate::command::build::{Aabbs, Build, BuildGeometries, Triangles};
+use crate::command::instances::Instances;
+use crate::device::Device;
+use crate::ffi::{find, slice};
+use crate::format::structure::vertex_format;
 use crate::handle::{self, Ref, from_handle, retain};
+use crate::object::acceleration_structure::Storage;
 use crate::object::deferred_pipeline::DeferredPipeline;
 use crate::object::pipeline::PipelineKind;
-use crate::object::{
-    AccelerationStructureNv, Buffer, Device, Pipeline, PipelineCache, PipelineLayout,
-};
-use crate::trace::table::Region;
+use crate::object::{AccelerationStructureNv, Buffer, Pipeline, PipelineCache, PipelineLayout};
+use crate::wave::table::Region;
 
 /// Where a structure lies.
 ///
@@ -243,7 +242,7 @@ unsafe fn no_feedback(next: *const std::ffi::c_void) {
         };
         let stages = feedback.p_pipeline_stage_creation_feedbacks;
         let count = feedback.pipeline_stage_creation_feedback_count;
-        super::array::slice_mut(stages, count).fill(vk::PipelineCreationFeedback::default());
+        crate::ffi::array::slice_mut(stages, count).fill(vk::PipelineCreationFeedback::default());
         feedback
             .p_pipeline_creation_feedback
             .write(vk::PipelineCreationFeedback::default());

@@ -4,25 +4,15 @@
 use ash::vk;
 use rayon::prelude::*;
 use spirv_jit::reach::Reach;
-use traversal::{BuildError, Micromap, MicromapInput, MicromapUsage};
+use traversal::{BuildError, Micromap, MicromapInput};
 
-use super::acceleration_structure::{Storage, Uuids};
-use super::reachable::{self, readable, writable};
-use crate::command::ray_tracing::MicromapCommand;
+use super::acceleration_structure::Uuids;
+use crate::command::micromap::{MicromapBuild, MicromapCommand};
 use crate::log::{self, Level};
+use crate::object::acceleration_structure::Storage;
 use crate::table::limits;
 use crate::validate::Checks;
-
-/// `VkMicromapBuildInfoEXT`, copied.
-#[derive(Clone, Debug)]
-pub struct MicromapBuild {
-    pub destination: Storage,
-    pub data: u64,
-    /// Address of the first `VkMicromapTriangleEXT`.
-    pub triangles: u64,
-    pub stride_bytes: u64,
-    pub usages: Vec<MicromapUsage>,
-}
+use crate::wave::reachable::{self, readable, writable};
 
 /// Offsets into a micromap's data have 32 bits; the longest states of a triangle follow.
 const MAX_DATA_BYTES: u64 = (1 << 32) + (1 << 22);
@@ -31,12 +21,6 @@ const MAX_DATA_BYTES: u64 = (1 << 32) + (1 << 22);
 pub const SCRATCH_BYTES: u64 = 64;
 
 impl MicromapBuild {
-    /// How many triangles there are, as the usage counts have it.
-    pub fn count(&self) -> u32 {
-        let counts = self.usages.iter().map(|usage| u64::from(usage.count));
-        counts.sum::<u64>().min(u32::MAX.into()) as u32
-    }
-
     /// # Safety
     /// Every address is readable or writable as far as the specification makes the application promise (valid usage of
     /// `vkCmdBuildMicromapsEXT`), and not written by anyone else meanwhile.

@@ -9,8 +9,8 @@ use spirv_jit::program::{Builtin, InputRow};
 use spirv_jit::reach::Reach;
 
 use super::{Dispatch, Dispatcher, index_in_quads, lanes_below, local_row};
-use crate::queue::Workers;
-use crate::trace::{Limits, Stopped};
+use crate::wave::Workers;
+use crate::wave::{Limits, Stopped};
 
 fn no_limits() -> Limits {
     Limits::default()

@@ -3,11 +3,11 @@
 use ash::vk;
 use traversal::{GeometryMicromap, IndexType, MicromapFormat, MicromapUsage};
 
-use super::{find, slice};
-use crate::execute::acceleration_structure::Storage;
-use crate::execute::micromap::MicromapBuild;
+use crate::command::micromap::MicromapBuild;
+use crate::ffi::{find, slice};
 use crate::handle;
 use crate::object::Micromap;
+use crate::object::acceleration_structure::Storage;
 
 /// Where a micromap lies.
 ///

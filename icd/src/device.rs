@@ -1,26 +1,28 @@
 //! Devices.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use ash::vk;
 use parking_lot::Mutex;
 use rspirv::spirv::Capability;
 use spirv_jit::image::{Dim, Format, ImageDescriptor, Level, SamplerDescriptor};
 
-use super::PhysicalDevice;
-use super::image::{DescriptorSlab, SendDescriptor};
-use super::instance::Messengers;
-use super::memory::AddressWindow;
-use super::private_data::PrivateData;
 use crate::VkResult;
 use crate::execute::Engine;
 use crate::handle::{self, Ref};
+use crate::object::PhysicalDevice;
+use crate::object::image::{DescriptorSlab, SendDescriptor};
+use crate::object::instance::Messengers;
+use crate::object::memory::AddressWindow;
+use crate::object::private_data::PrivateData;
+use crate::object::shader_stage::Compiler;
 use crate::queue::Queue;
 use crate::settings;
 use crate::table::extensions::ExtensionSet;
 use crate::table::features;
 use crate::validate::{self, Validator};
+
+crate::handle::handled!(Device => Device);
 
 /// A logical device.
 pub struct Device {
@@ -50,6 +52,16 @@ pub struct Enabled {
 }
 
 impl Device {
+    /// What shaders are compiled with.
+    pub fn compiler(&self) -> Compiler<'_> {
+        Compiler {
+            capabilities: &self.capabilities,
+            messengers: &self.messengers,
+            // A program that a cache has from a device without validation says nothing of alignment.
+            checks_alignment: self.validator().is_some(),
+        }
+    }
+
     /// Validation, where it is on.
     pub fn validator(&self) -> Option<&Validator> {
         self.engine.validator.as_deref()
@@ -123,26 +135,5 @@ fn null_image() -> ImageDescriptor {
         swizzle: [0, 1, 2, 3],
         min_lod: 0.0,
         levels: [Level::default(); spirv_jit::image::MAX_LEVELS],
-    }
-}
-
-/// Whether a device is lost. Once it is, it stays so.
-#[derive(Default)]
-pub struct Lost(AtomicBool);
-
-impl Lost {
-    /// Marks the device lost.
-    pub fn set(&self) {
-        self.0.store(true, Ordering::Release);
-    }
-
-    /// # Errors
-    /// `VK_ERROR_DEVICE_LOST`.
-    pub fn check(&self) -> VkResult {
-        if self.0.load(Ordering::Acquire) {
-            Err(vk::Result::ERROR_DEVICE_LOST)
-        } else {
-            Ok(())
-        }
     }
 }

@@ -4,9 +4,9 @@ use std::ffi::c_char;
 
 use ash::vk;
 
-use crate::ffi::guard::{code, guard};
+use crate::entry::commands::{self, Level};
+use crate::guard::{code, guard};
 use crate::object::Instance;
-use crate::table::commands::{self, Level};
 use crate::{ffi, handle};
 
 /// Interface versions that are spoken.

@@ -1,18 +1,10 @@
 //! The instances of a build. What they refer to is checked before the build looks at it.
 
 use spirv_jit::reach::Reach;
-use traversal::{GeometryFlags, InstanceArray, InstanceSource, Structure};
+use traversal::{InstanceArray, InstanceSource, Structure};
 
-use super::reachable::{read, readable};
-
-/// `VkAccelerationStructureGeometryInstancesDataKHR`, restricted to its range.
-#[derive(Clone, Copy, Debug)]
-pub struct Instances {
-    pub flags: GeometryFlags,
-    pub array: InstanceArray,
-    pub address: u64,
-    pub count: u32,
-}
+use crate::command::instances::Instances;
+use crate::wave::reachable::{read, readable};
 
 /// Words of the longest record, `VkAccelerationStructureSRTMotionInstanceNV`.
 const MAX_WORDS: usize = 18;

@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 use std::sync::OnceLock;
 
-use super::extensions::{Extension, ExtensionSet, Kind};
 use crate::ffi::vk;
+use crate::table::extensions::{Extension, ExtensionSet, Kind};
 
 /// What a command's first argument belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use ash::vk;
 use spirv_jit::program::Stage;
 
-use super::{find, slice, string};
 use crate::VkResult;
+use crate::ffi::{find, slice, string};
 use crate::handle;
 use crate::object::ShaderModule;
 use crate::object::shader_stage::ShaderStage;

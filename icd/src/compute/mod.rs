@@ -23,7 +23,8 @@ use spirv_jit::{Program, SUBGROUP_SIZE};
 use traversal::Walker;
 
 use crate::settings::settings;
-use crate::trace::{Limits, Owned, Queries, Stopped};
+use crate::trace::{Owned, Queries};
+use crate::wave::{Limits, Stopped};
 
 /// Fuel of a wave between two looks at the limits.
 const FUEL: u64 = 1 << 16;

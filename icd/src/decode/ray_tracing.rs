@@ -6,14 +6,15 @@ use ash::vk;
 use rayon::prelude::*;
 
 use super::pipeline::{create_flags, decode_stage};
-use super::{find, slice};
 use crate::VkResult;
+use crate::device::Device;
+use crate::ffi::{find, slice};
 use crate::handle::{from_handle, retain};
 use crate::object::pipeline::PipelineKind;
 use crate::object::ray_tracing_pipeline::{GroupInfo, RayTracingPipeline};
 use crate::object::shader_stage::ShaderStage;
-use crate::object::{Device, Pipeline, PipelineCache, PipelineLayout};
-use crate::trace::table::Region;
+use crate::object::{Pipeline, PipelineCache, PipelineLayout};
+use crate::wave::table::Region;
 
 /// `VkStridedDeviceAddressRegionKHR`, or none.
 ///
@@ -57,7 +58,7 @@ pub unsafe fn create_pipeline(
             .collect::<VkResult<_>>()?;
         let compile = |stage: &ShaderStage| {
             let started = Instant::now();
-            let compiled = stage.compile(device, cache, &layout, may_compile)?;
+            let compiled = stage.compile(&device.compiler(), cache, &layout, may_compile)?;
             Ok((compiled, started.elapsed()))
         };
         // The threads of a deferred operation share the stages.

@@ -6,8 +6,7 @@ use std::sync::Arc;
 
 use spirv_jit::Program;
 
-/// `shaderGroupHandleSize`.
-pub const HANDLE_SIZE: usize = 32;
+pub use crate::table::limits::HANDLE_SIZE;
 
 /// A shader group handle: 32 bytes derived from the group's content. All zero is an unused group.
 pub type Handle = [u8; HANDLE_SIZE];

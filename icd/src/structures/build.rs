@@ -1,0 +1,237 @@
+//! Building acceleration structures: from addresses in recorded commands to the `traversal` crate.
+//!
+//! Host and device commands end here alike, since a device address is a host address.
+
+use rayon::prelude::*;
+use spirv_jit::reach::Reach;
+use traversal::{
+    AabbGeometry, BuildError, BuildInput, BuildSizes, Geometries, GeometryMicromap, IndexType,
+    MotionGeometry, TriangleGeometry,
+};
+
+use super::acceleration_structure::structure_bytes;
+use crate::command::build::{Aabbs, Build, BuildGeometries, MotionTriangles, Range, Triangles};
+use crate::command::ray_tracing::IndirectBuild;
+use crate::format::structure::{MAX_VERTEX_BYTES, index_size_bytes};
+use crate::log::{self, Level};
+use crate::object::acceleration_structure::Storage;
+use crate::validate::Checks;
+use crate::wave::reachable::{read, readable, writable};
+
+impl Build {
+    /// Memory that this build needs, for its actual primitive counts.
+    pub fn sizes(&self) -> BuildSizes {
+        traversal::build_sizes(
+            self.geometries.kind(),
+            self.flags,
+            &self.geometries.primitive_counts(),
+        )
+    }
+
+    /// Performs the build or update on the current rayon pool.
+    ///
+    /// # Errors
+    /// See [`BuildError`]; the destination's contents are undefined then.
+    ///
+    /// # Safety
+    /// Every address is readable (geometry) or writable (destination, scratch) as far as the specification makes the application promise
+    /// (valid usage of `vkCmdBuildAccelerationStructuresKHR`), and not written by anyone else meanwhile.
+    pub unsafe fn execute(&self, reach: &Reach) -> Result<u64, BuildError> {
+        // SAFETY: the caller's promise, for each use below.
+        unsafe {
+            let Storage {
+                address,
+                size_bytes,
+            } = self.destination;
+            let destination = writable(reach, address, size_bytes);
+            match &self.geometries {
+                BuildGeometries::Triangles(list) => {
+                    let list: Vec<_> = list.iter().map(|geometry| geometry.read(reach)).collect();
+                    self.run(Geometries::Triangles(&list), destination, reach)
+                }
+                BuildGeometries::Aabbs(list) => {
+                    let list: Vec<_> = list.iter().map(|list| list.resolve(reach)).collect();
+                    self.run(Geometries::Aabbs(&list), destination, reach)
+                }
+                BuildGeometries::Swept(list) => {
+                    let list: Vec<_> = list.iter().map(|list| list.resolve(reach)).collect();
+                    self.run(Geometries::Swept(&list), destination, reach)
+                }
+                BuildGeometries::Motion(list) => {
+                    let list: Vec<_> = list.iter().map(|geometry| geometry.read(reach)).collect();
+                    self.run(Geometries::Motion(&list), destination, reach)
+                }
+                BuildGeometries::Instances(instances) => {
+                    let (source, _copies) = instances.resolve(reach);
+                    self.run(Geometries::Instances(source), destination, reach)
+                }
+            }
+        }
+    }
+
+    /// # Safety
+    /// As [`Self::execute`].
+    unsafe fn run(
+        &self,
+        geometries: Geometries<'_>,
+        destination: &mut [u8],
+        reach: &Reach,
+    ) -> Result<u64, BuildError> {
+        let input = BuildInput {
+            flags: self.flags,
+            geometries,
+        };
+        let sizes = self.sizes();
+        // SAFETY: the caller's promise.
+        unsafe {
+            let Some(source) = self.update_from else {
+                return traversal::build(
+                    &input,
+                    destination,
+                    writable(reach, self.scratch, sizes.build_scratch_bytes),
+                );
+            };
+            let scratch = writable(reach, self.scratch, sizes.update_scratch_bytes);
+            if source.address == self.destination.address {
+                return traversal::update(&input, None, destination, scratch);
+            }
+            let source = structure_bytes(reach, source.address).ok_or(BuildError::Source)?;
+            traversal::update(&input, Some(source), destination, scratch)
+        }
+    }
+}
+
+impl Triangles {
+    /// Bounds the geometry's memory and reads its transform.
+    ///
+    /// # Safety
+    /// Nothing writes the transform meanwhile.
+    unsafe fn read(&self, reach: &Reach) -> TriangleGeometry {
+        let corners = self.primitive_count as u64 * 3;
+        let vertex_count = match self.index_type {
+            IndexType::None => self.first_vertex as u64 + corners,
+            _ => self.first_vertex as u64 + self.max_vertex as u64 + 1,
+        };
+        // The last vertex counts with a whole stride or its own size, whichever is larger.
+        let vertex_bytes = vertex_count * self.vertex_stride_bytes + MAX_VERTEX_BYTES;
+        TriangleGeometry {
+            vertices: readable(reach, self.vertices, vertex_bytes),
+            vertex_stride_bytes: self.vertex_stride_bytes,
+            vertex_format: self.vertex_format,
+            first_vertex: self.first_vertex,
+            index_type: self.index_type,
+            indices: readable(
+                reach,
+                self.indices,
+                corners * index_size_bytes(self.index_type),
+            ),
+            // SAFETY: the caller's promise.
+            transform: unsafe { read(reach, self.transform) },
+            primitive_count: self.primitive_count,
+            flags: self.flags,
+            micromap: self.bounded_micromap(reach),
+        }
+    }
+
+    /// The micromap, with indices for the range's triangles.
+    pub fn bounded_micromap(&self, reach: &Reach) -> Option<GeometryMicromap> {
+        let micromap = self.micromap?;
+        let last = u64::from(self.primitive_count.saturating_sub(1))
+            .saturating_mul(micromap.index_stride_bytes);
+        let bytes = last.saturating_add(index_size_bytes(micromap.index_type));
+        Some(GeometryMicromap {
+            indices: readable(reach, micromap.indices.base as u64, bytes),
+            ..micromap
+        })
+    }
+}
+
+impl MotionTriangles {
+    /// As [`Triangles::read`].
+    ///
+    /// # Safety
+    /// As there.
+    unsafe fn read(&self, reach: &Reach) -> MotionGeometry {
+        // SAFETY: the caller's promise.
+        let start = unsafe { self.start.read(reach) };
+        MotionGeometry {
+            start,
+            end_vertices: readable(reach, self.end_vertices, start.vertices.bytes as u64),
+        }
+    }
+}
+
+/// `sizeof(VkAabbPositionsKHR)`.
+const AABB_BYTES: u64 = 24;
+
+impl Aabbs {
+    fn resolve(&self, reach: &Reach) -> AabbGeometry {
+        let last = (self.primitive_count as u64).saturating_sub(1) * self.stride_bytes;
+        AabbGeometry {
+            boxes: readable(reach, self.boxes, last + AABB_BYTES),
+            stride_bytes: self.stride_bytes,
+            primitive_count: self.primitive_count,
+            flags: self.flags,
+        }
+    }
+}
+
+/// Builds side by side: the specification forbids that builds of one command depend on each other.
+pub fn build(builds: &[Build], reach: &Reach, checks: Option<&Checks>) {
+    let run = |build: &Build| {
+        if let Some(checks) = checks {
+            // SAFETY: as in `execute`.
+            unsafe { checks.build(build, reach) };
+        }
+        // SAFETY: as in `execute`.
+        if let Err(error) = unsafe { build.execute(reach) } {
+            log::write(
+                Level::Error,
+                &format!("acceleration structure build: {error:?}"),
+            );
+        }
+    };
+    match builds {
+        [one] => run(one),
+        _ => builds.par_iter().for_each(run),
+    }
+}
+
+/// How many threads have something to do in these builds.
+pub fn build_concurrency(builds: &[Build]) -> usize {
+    /// Primitives that are worth a thread.
+    const SHARE: u64 = 4096;
+    let shares = |build: &Build| build.geometries.primitive_count().div_ceil(SHARE).max(1);
+    usize::try_from(builds.iter().map(shares).sum::<u64>()).unwrap_or(usize::MAX)
+}
+
+/// Reads an indirect build's ranges.
+///
+/// # Safety
+/// Nothing writes the ranges meanwhile.
+pub(super) unsafe fn with_ranges(
+    indirect: &IndirectBuild,
+    reach: &Reach,
+    checks: Option<&Checks>,
+) -> Build {
+    let mut build = indirect.build.clone();
+    for (index, &max) in indirect.max_primitive_counts.iter().enumerate() {
+        let offset = index as u64 * u64::from(indirect.stride_bytes);
+        let address = indirect.ranges.wrapping_add(offset);
+        // SAFETY: the caller's promise. What is not there is a range of nothing.
+        let range = unsafe { read::<Range>(reach, address) }.unwrap_or_default();
+        if let Some(checks) = checks {
+            checks.ranges(address, size_of::<Range>() as u64);
+            checks.range_count(address, range.primitive_count, max);
+        }
+        let primitive_count = range.primitive_count.min(max);
+        build.geometries.apply_range(
+            index,
+            &Range {
+                primitive_count,
+                ..range
+            },
+        );
+    }
+    build
+}

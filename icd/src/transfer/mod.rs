@@ -1,0 +1,10 @@
+//! Transfers: copies, blits, clears and resolves of buffers and images.
+
+pub mod blit;
+pub mod buffer;
+pub mod clear;
+pub mod copy;
+pub mod resolve;
+mod surface;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,10 @@
+//! What running waves of a program takes, whoever runs them: workers, limits, what addresses may lead to, shader tables.
+
+mod limits;
+pub mod mask;
+pub mod reachable;
+pub mod table;
+mod workers;
+
+pub use limits::{Limits, Stopped, Surroundings};
+pub use workers::Workers;

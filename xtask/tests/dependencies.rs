@@ -1,0 +1,235 @@
+//! Dependencies between the folders of a crate point one way.
+//!
+//! Each crate's folders (and files at its root) stand in an order; a folder may use those behind it in the
+//! order, never one before it. Paths are taken from the parsed sources: `use` trees, paths inside
+//! expressions and types, and `crate::` inside macros.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use proc_macro2::{TokenStream, TokenTree};
+use syn::visit::{self, Visit};
+
+/// A crate's folders, from what uses to what is used.
+struct House {
+    name: &'static str,
+    order: &'static [&'static str],
+    /// Arrows back that are still there: each entry must be found, so that none outlives its reason.
+    still_back: &'static [(&'static str, &'static str)],
+}
+
+const HOUSES: [House; 1] = [House {
+    name: "icd",
+    order: &[
+        "entry",
+        "decode",
+        "device",
+        "queue",
+        "execute",
+        "compute",
+        "trace",
+        "structures",
+        "transfer",
+        "validate",
+        "command",
+        "object",
+        "format",
+        "wave",
+        "table",
+        "settings",
+        "guard",
+        "handle",
+        "log",
+        "ffi",
+    ],
+    // The limits of a dispatch carry its validation of ray queries.
+    still_back: &[("wave", "validate")],
+}];
+
+#[test]
+fn folders_use_only_what_stands_behind_them() {
+    for house in &HOUSES {
+        let source = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("..")
+            .join(house.name)
+            .join("src");
+        let arrows = arrows(&source);
+        let place = |folder: &str| house.order.iter().position(|other| *other == folder);
+        let mut back = BTreeMap::new();
+        for ((from, to), files) in &arrows {
+            let places = (place(from), place(to));
+            let (Some(from_place), Some(to_place)) = places else {
+                panic!("{}: {from} -> {to}: not in the order", house.name);
+            };
+            if from_place > to_place {
+                back.insert((from.as_str(), to.as_str()), files);
+            }
+        }
+        let known: BTreeSet<_> = house.still_back.iter().copied().collect();
+        for (arrow, files) in &back {
+            assert!(
+                known.contains(arrow),
+                "{}: {arrow:?} in {files:?}",
+                house.name
+            );
+        }
+        for arrow in known {
+            assert!(
+                back.contains_key(&arrow),
+                "{}: {arrow:?} is gone",
+                house.name
+            );
+        }
+    }
+}
+
+/// Which folder names which other one, and in which files.
+fn arrows(source: &Path) -> BTreeMap<(String, String), BTreeSet<PathBuf>> {
+    let mut files = Vec::new();
+    collect(source, &mut files);
+    assert!(!files.is_empty(), "no sources in {}", source.display());
+    let mut arrows: BTreeMap<_, BTreeSet<_>> = BTreeMap::new();
+    for file in files {
+        let inside = file.strip_prefix(source).expect("found below the folder");
+        let module = module_of(inside);
+        let Some(from) = module.first().cloned() else {
+            // The crate's root names everything.
+            continue;
+        };
+        let text = fs::read_to_string(&file).expect("a source file can be read");
+        let parsed = syn::parse_file(&text).expect("a source file can be parsed");
+        let mut names = Names {
+            module,
+            found: BTreeSet::new(),
+        };
+        names.visit_file(&parsed);
+        for to in names.found {
+            if to != from {
+                arrows
+                    .entry((from.clone(), to))
+                    .or_default()
+                    .insert(inside.to_path_buf());
+            }
+        }
+    }
+    // Names of the root itself, such as a type of `lib.rs`, are no folders.
+    arrows
+        .retain(|(_, to), _| source.join(to).is_dir() || source.join(format!("{to}.rs")).is_file());
+    arrows
+}
+
+fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).expect("a folder of sources can be listed") {
+        let path = entry.expect("an entry can be read").path();
+        if path.is_dir() {
+            collect(&path, files);
+        } else if path.extension().is_some_and(|ending| ending == "rs") {
+            files.push(path);
+        }
+    }
+}
+
+/// The module that a file is: `a/b.rs` and `a/b/mod.rs` are `a::b`, `lib.rs` is the root.
+fn module_of(file: &Path) -> Vec<String> {
+    let without_ending = file.with_extension("");
+    let mut module: Vec<String> = without_ending
+        .iter()
+        .map(|part| part.to_string_lossy().into_owned())
+        .collect();
+    if module
+        .last()
+        .is_some_and(|last| last == "mod" || last == "lib")
+    {
+        module.pop();
+    }
+    module
+}
+
+/// The top-level modules that a file names.
+struct Names {
+    /// The module being read, inner ones included.
+    module: Vec<String>,
+    found: BTreeSet<String>,
+}
+
+impl Names {
+    /// A path by its segments, if it starts from the crate or from a parent module.
+    fn note(&mut self, segments: &[String]) {
+        let mut at = match segments.first().map(String::as_str) {
+            Some("crate") => Vec::new(),
+            Some("super") => self.module[..self.module.len().saturating_sub(1)].to_vec(),
+            _ => return,
+        };
+        for segment in &segments[1..] {
+            if segment == "super" {
+                at.pop();
+            } else {
+                at.push(segment.clone());
+            }
+        }
+        self.found.extend(at.into_iter().next());
+    }
+
+    fn note_tree(&mut self, before: &mut Vec<String>, tree: &syn::UseTree) {
+        match tree {
+            syn::UseTree::Path(path) => {
+                before.push(path.ident.to_string());
+                self.note_tree(before, &path.tree);
+                before.pop();
+            }
+            syn::UseTree::Group(group) => {
+                for tree in &group.items {
+                    self.note_tree(before, tree);
+                }
+            }
+            syn::UseTree::Name(syn::UseName { ident })
+            | syn::UseTree::Rename(syn::UseRename { ident, .. }) => {
+                before.push(ident.to_string());
+                self.note(before);
+                before.pop();
+            }
+            syn::UseTree::Glob(_) => self.note(before),
+        }
+    }
+
+    /// `crate::name` in a macro's tokens.
+    fn note_tokens(&mut self, tokens: TokenStream) {
+        let trees: Vec<TokenTree> = tokens.into_iter().collect();
+        for (index, tree) in trees.iter().enumerate() {
+            match tree {
+                TokenTree::Group(group) => self.note_tokens(group.stream()),
+                TokenTree::Ident(ident) if ident == "crate" => {
+                    if let Some(TokenTree::Ident(name)) = trees.get(index + 3) {
+                        self.note(&["crate".into(), name.to_string()]);
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+}
+
+impl<'ast> Visit<'ast> for Names {
+    fn visit_item_mod(&mut self, module: &'ast syn::ItemMod) {
+        self.module.push(module.ident.to_string());
+        visit::visit_item_mod(self, module);
+        self.module.pop();
+    }
+
+    fn visit_item_use(&mut self, item: &'ast syn::ItemUse) {
+        self.note_tree(&mut Vec::new(), &item.tree);
+    }
+
+    fn visit_path(&mut self, path: &'ast syn::Path) {
+        let segments = path.segments.iter();
+        let segments: Vec<_> = segments.map(|segment| segment.ident.to_string()).collect();
+        self.note(&segments);
+        visit::visit_path(self, path);
+    }
+
+    fn visit_macro(&mut self, mac: &'ast syn::Macro) {
+        self.visit_path(&mac.path);
+        self.note_tokens(mac.tokens.clone());
+    }
+}
