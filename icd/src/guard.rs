@@ -5,6 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use ash::vk;
 
 use crate::VkResult;
+use crate::float_environment::DefaultEnvironment;
 use crate::log::{self, Level};
 
 /// What an entry point gives its caller when it panicked.
@@ -29,8 +30,9 @@ macro_rules! default_on_panic {
 }
 default_on_panic!((), u32, u64, vk::PFN_vkVoidFunction);
 
-/// Runs an entry point's body; a panic is logged once and becomes [`OnPanic::on_panic`].
+/// Runs an entry point's body in the default floating-point environment; a panic is logged once and becomes [`OnPanic::on_panic`].
 pub fn guard<R: OnPanic>(name: &str, body: impl FnOnce() -> R) -> R {
+    let _environment = DefaultEnvironment::enter();
     catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|payload| {
         log::write(
             Level::Error,

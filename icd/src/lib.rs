@@ -15,6 +15,7 @@ pub mod device;
 pub mod entry;
 pub mod execute;
 pub mod ffi;
+pub mod float_environment;
 pub mod format;
 pub mod guard;
 pub mod handle;

@@ -39,6 +39,7 @@ const HOUSES: [House; 1] = [House {
         "table",
         "settings",
         "guard",
+        "float_environment",
         "handle",
         "log",
         "ffi",

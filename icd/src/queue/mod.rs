@@ -22,6 +22,7 @@ use parking_lot::{Condvar, Mutex};
 use crate::VkResult;
 use crate::command::Command;
 use crate::execute::{self, Engine, Failure};
+use crate::float_environment::DefaultEnvironment;
 use crate::guard::panic_message;
 use crate::handle::Ref;
 use crate::object::sparse::SparseBind;
@@ -107,7 +108,10 @@ impl Queue {
             let line = Arc::clone(&self.line);
             let started = std::thread::Builder::new()
                 .name(format!("tuff-queue-{}", self.index))
-                .spawn(move || line.run())
+                .spawn(move || {
+                    let _environment = DefaultEnvironment::enter();
+                    line.run();
+                })
                 .map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
             *thread = Some(started);
         }

@@ -10,6 +10,7 @@ use ash::vk;
 use parking_lot::Mutex;
 
 use crate::VkResult;
+use crate::float_environment::DefaultEnvironment;
 
 /// A device's workers. Dropping them waits for their threads to end, so no code of this library runs after the device is gone.
 pub struct Workers {
@@ -31,7 +32,10 @@ impl Workers {
             .spawn_handler(move |worker| {
                 let handle = std::thread::Builder::new()
                     .name(format!("tuff-worker-{}", worker.index()))
-                    .spawn(move || worker.run())?;
+                    .spawn(move || {
+                        let _environment = DefaultEnvironment::enter();
+                        worker.run();
+                    })?;
                 handles.lock().push(handle);
                 Ok(())
             })
@@ -82,5 +86,35 @@ mod tests {
         assert_eq!(ALIVE.load(Ordering::SeqCst), 3);
         drop(workers);
         assert_eq!(ALIVE.load(Ordering::SeqCst), 0);
+    }
+
+    /// Half of the least normal number, as the processor computes it here and now: a call, or compilers move it.
+    #[inline(never)]
+    fn halved() -> u32 {
+        use std::hint::black_box;
+        black_box(black_box(f32::MIN_POSITIVE) * black_box(0.5)).to_bits()
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[test]
+    fn a_flushing_host_gets_its_environment_back_and_denormals_are_kept_meanwhile() {
+        use crate::float_environment;
+        use crate::guard::guard;
+        // All exceptions masked; with it, results flushed to zero, and denormals read as zero.
+        const USUAL: u32 = 0x1F80;
+        const FLUSHING: u32 = USUAL | 1 << 15 | 1 << 6;
+        // A thread of its own: it ends with what it set.
+        let run = || {
+            float_environment::set(FLUSHING);
+            let outside = halved();
+            let inside = guard("test", || halved());
+            let workers = Workers::start(1).ok().expect("a thread starts");
+            let on_worker = workers.install(halved);
+            let after = float_environment::control();
+            float_environment::set(USUAL);
+            (outside, inside, on_worker, after)
+        };
+        let results = std::thread::spawn(run).join().expect("nothing panics");
+        assert_eq!(results, (0, 0x0040_0000, 0x0040_0000, FLUSHING));
     }
 }
