@@ -108,43 +108,28 @@ fn log_parts(x: f64) -> (f64, f64, f64) {
     (n, p, s)
 }
 
-// The f64 forms: SPIR-V's extended instructions take 16 and 32 bits only, so these are there for completeness and go to the
-// system's library.
-macro_rules! std_unary {
-    ($($name:ident $method:ident)*) => {$(
+// The f64 forms: SPIR-V's extended instructions take 16 and 32 bits only, but exact results of `f32` come from here. They are those of
+// the `libm` crate: the system's library differs from machine to machine.
+macro_rules! unary {
+    ($($name:ident)*) => {$(
         #[inline(always)]
         pub(super) fn $name(x: f64) -> f64 {
-            x.$method()
+            libm::$name(x)
         }
     )*};
 }
-std_unary! {
-    sin sin
-    cos cos
-    tan tan
-    asin asin
-    acos acos
-    atan atan
-    sinh sinh
-    cosh cosh
-    tanh tanh
-    asinh asinh
-    acosh acosh
-    atanh atanh
-    exp exp
-    log ln
-    exp2 exp2
-    log2 log2
+unary! {
+    sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh exp log exp2 log2
 }
 
 #[inline(always)]
 pub(super) fn pow(x: f64, y: f64) -> f64 {
-    x.powf(y)
+    libm::pow(x, y)
 }
 
 #[inline(always)]
 pub(super) fn atan2(y: f64, x: f64) -> f64 {
-    y.atan2(x)
+    libm::atan2(y, x)
 }
 
 #[inline(always)]
