@@ -14,6 +14,8 @@ use super::vector::{Portable, Vector};
 
 #[cfg(target_arch = "x86_64")]
 use super::vector::Avx2;
+#[cfg(target_arch = "x86_64")]
+use crate::walk::Tier;
 
 /// Bits of a code for each axis.
 const BITS: u32 = 10;
@@ -174,7 +176,7 @@ pub(crate) fn grow_all(
 ) {
     let (curve, corners) = (Curve::new(extent), &extent.corners);
     #[cfg(target_arch = "x86_64")]
-    if vectors && is_x86_feature_detected!("avx2") {
+    if vectors && Tier::best() >= Tier::Avx2 {
         // SAFETY: the machine has it.
         return unsafe { build_avx2(primitives, nodes, blocks, rules, curve, corners) };
     }

@@ -9,6 +9,8 @@ use super::primitive::{Primitive, in_pool};
 use super::split::{Extent, SplitRules, choose, choose_quickly, halve, partition};
 use super::vector::{Portable, Vector};
 use crate::layout::Bounds;
+#[cfg(target_arch = "x86_64")]
+use crate::walk::Tier;
 
 #[cfg(target_arch = "x86_64")]
 use super::vector::Avx2;
@@ -104,7 +106,7 @@ pub(crate) fn build(
     extent: Extent,
 ) {
     #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") {
+    if Tier::best() >= Tier::Avx2 {
         // SAFETY: the machine has it.
         unsafe { subtree_avx2(primitives, nodes, rules, extent, 0) };
         return;
@@ -125,7 +127,7 @@ pub(crate) fn build_portable(
 /// What all primitives extend over.
 pub(crate) fn extent(primitives: &[Primitive]) -> Extent {
     #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") {
+    if Tier::best() >= Tier::Avx2 {
         // SAFETY: the machine has it.
         return unsafe { extent_avx2(primitives) };
     }

@@ -6,7 +6,6 @@ use super::kernel::{Kernel, Portable};
 use super::level::Entered;
 use super::opaque::{End, LARGE, Nearest, Opaque, Pending};
 use super::options::Specialisation;
-#[cfg(target_arch = "x86_64")]
 use super::packet;
 use super::rows::{HitRows, RayRows, lanes_of};
 use super::walker::{self, Entry, Tier};
@@ -87,11 +86,8 @@ impl Walker {
         hits: &mut HitRows,
         company: &mut Company,
     ) -> Progress {
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: the caller's promise; they have set out with the instruction set.
-        return unsafe { packet::resume(rays, hits, self, company) };
-        #[cfg(not(target_arch = "x86_64"))]
-        return Progress::Done;
+        // SAFETY: the caller's promise.
+        unsafe { packet::resume(rays, hits, self, company) }
     }
 
     /// # Safety
@@ -103,7 +99,6 @@ impl Walker {
         hits: &mut HitRows,
         company: Option<&mut Company>,
     ) -> Progress {
-        #[cfg(target_arch = "x86_64")]
         if self.takes_packets() {
             // SAFETY: the caller's promise.
             return unsafe { packet::run(rays, lanes, hits, self, company) };

@@ -42,7 +42,6 @@ mod micromap;
 mod motion;
 mod opaque;
 mod options;
-#[cfg(target_arch = "x86_64")]
 mod packet;
 mod probe;
 mod rows;

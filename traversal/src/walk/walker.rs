@@ -1,11 +1,12 @@
 //! A thread's working state for the walk that it is running, and the instruction sets there are.
 
+use std::sync::atomic::{AtomicU8, Ordering};
+
 use super::beams::Beams;
 use super::facts::InstanceFacts;
 use super::kernel::{GroupHits, Kernel, Portable};
 use super::level::{Entered, Level};
 use super::options::{Accuracy, Options, Specialisation, Switches};
-#[cfg(target_arch = "x86_64")]
 use super::packet::PacketSpace;
 #[cfg(target_arch = "x86_64")]
 use super::stream::Streams;
@@ -68,7 +69,6 @@ pub struct Walker {
     pub(crate) instance: InstanceFacts,
     pub(crate) hits: GroupHits,
     pub(crate) beams: Beams,
-    #[cfg(target_arch = "x86_64")]
     pub(crate) packet: PacketSpace,
     #[cfg(target_arch = "x86_64")]
     pub(crate) streams: Streams,
@@ -85,6 +85,9 @@ pub enum Tier {
     /// AVX-512 with 256-bit vectors.
     Avx512,
 }
+
+/// The best tier that may be used: a [`Tier`].
+static LIMIT: AtomicU8 = AtomicU8::new(Tier::Avx512 as u8);
 
 impl Tier {
     /// All tiers, the fastest last.
@@ -112,13 +115,16 @@ impl Tier {
         return self == Tier::Portable;
     }
 
-    /// The fastest that this machine has.
+    /// Lets builds, and walkers that ask for the best, use no better tier than this from now on.
+    pub fn limit(self) {
+        LIMIT.store(self as u8, Ordering::Relaxed);
+    }
+
+    /// The fastest that this machine has, up to what [`Self::limit`] says.
     pub fn best() -> Tier {
-        *Tier::ALL
-            .iter()
-            .rev()
-            .find(|tier| tier.is_available())
-            .unwrap_or(&Tier::Portable)
+        let limit = LIMIT.load(Ordering::Relaxed);
+        let mut allowed = (Tier::ALL.into_iter().rev()).filter(|tier| *tier as u8 <= limit);
+        (allowed.find(|tier| tier.is_available())).unwrap_or(Tier::Portable)
     }
 }
 
@@ -150,7 +156,6 @@ impl Walker {
                 instance: InstanceFacts::NONE,
                 hits: GroupHits::NONE,
                 beams,
-                #[cfg(target_arch = "x86_64")]
                 packet: PacketSpace::EMPTY,
                 #[cfg(target_arch = "x86_64")]
                 streams: Streams::new(),
@@ -167,9 +172,7 @@ impl Walker {
 
     /// Whether rays may walk together: packets have one accuracy.
     pub(crate) fn takes_packets(&self) -> bool {
-        self.options.tier == Tier::Avx512
-            && self.options.accuracy == Accuracy::Spec
-            && !self.without().contains(Specialisation::Packets)
+        self.options.accuracy == Accuracy::Spec && !self.without().contains(Specialisation::Packets)
     }
 }
 

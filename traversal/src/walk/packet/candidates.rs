@@ -1,8 +1,12 @@
 //! Leaves whose triangles are not all opaque: rays stop there for candidates.
 
+#[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::*;
 
-use super::rays::{Rays, load, store};
+use super::rays::Rays;
+#[cfg(target_arch = "x86_64")]
+use super::rays::{load, store};
+#[cfg(target_arch = "x86_64")]
 use super::triangle::{meet, test_triangle};
 use crate::layout::{Block, GROUP, LEAF_TRIANGLES, TriangleGroup, child, geometry_word};
 use crate::ray::Hit;
@@ -15,6 +19,7 @@ use crate::walk::rows::{HitRows, Lanes};
 use crate::walk::triangle::{Rim, intersect};
 
 /// Tests the opaque triangles of a leaf, and notes at which others rays have to look.
+#[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 pub(super) fn test_some(
     rays: &Rays,
@@ -51,7 +56,7 @@ pub(super) fn test_some(
 }
 
 /// As [`Block::expand`], with what is known of the triangles besides.
-fn in_full(block: &Block, groups: [&mut TriangleGroup; 2]) -> u32 {
+pub(super) fn in_full(block: &Block, groups: [&mut TriangleGroup; 2]) -> u32 {
     for (group, found) in groups.into_iter().zip(block.groups()) {
         *group = found;
     }
@@ -59,6 +64,7 @@ fn in_full(block: &Block, groups: [&mut TriangleGroup; 2]) -> u32 {
 }
 
 /// Looks for one candidate for each of the rays of `live`, in the leaf where they stand.
+#[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 pub(super) fn next_candidates(
     rays: &Rays,
@@ -119,9 +125,9 @@ pub(super) fn next_candidates(
 }
 
 /// Where rays meet a triangle, in memory.
-struct Place {
-    t: Lanes,
-    barycentrics: [Lanes; 2],
+pub(super) struct Place {
+    pub t: Lanes,
+    pub barycentrics: [Lanes; 2],
 }
 
 impl Place {
@@ -129,7 +135,7 @@ impl Place {
     /// what was found, and those of them that see its front.
     #[cold]
     #[inline(never)]
-    fn meet_exactly(
+    pub fn meet_exactly(
         &mut self,
         rays: &Rays,
         triangle: &[[f32; 3]; 3],

@@ -1,7 +1,6 @@
 //! From instance to instance, and where a company keeps the rays.
 
-use super::candidates::{next_candidates, test_some};
-use super::triangle::test_leaf;
+use super::kernel::PacketKernel;
 use super::{Packet, PacketSpace};
 use crate::layout::{child, geometry_word};
 use crate::ray::Hit;
@@ -34,8 +33,11 @@ pub(super) enum Way {
 
 impl Packet<'_> {
     /// Goes on, in an instance first if one is given, then with what is pending in the top level.
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    pub(super) fn go(
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set.
+    #[inline(always)]
+    pub(super) unsafe fn go<K: PacketKernel>(
         mut self,
         walker: &mut Walker,
         hits: &mut HitRows,
@@ -49,17 +51,21 @@ impl Packet<'_> {
                 None if only.is_some() => break,
                 None => {
                     let PacketSpace { top, ways, .. } = &mut walker.packet;
-                    match self.next_leaf(ways, &structure, top) {
+                    // SAFETY: the caller's promise, here and below.
+                    match unsafe { K::next_leaf(&mut self, ways, &structure, top) } {
                         Some((word, lanes, _)) => (word & child::INDEX, lanes),
                         None => break,
                     }
                 }
             };
-            match self.enter(walker, index, lanes, false) {
+            // SAFETY: as above.
+            match unsafe { self.enter::<K>(walker, index, lanes, false) } {
                 Entering::Nothing => {}
                 Entering::Inside(way) => {
                     let instance = (index, lanes);
-                    if self.walk_instance(walker, way, instance, Standing::NOWHERE) {
+                    let standing = Standing::NOWHERE;
+                    // SAFETY: as above.
+                    if unsafe { self.walk_instance::<K>(walker, way, instance, standing) } {
                         self.open(hits);
                         return Progress::Candidates;
                     }
@@ -90,8 +96,11 @@ impl Packet<'_> {
     }
 
     /// Sets the rays of `lanes` up for an instance; `again` if they were there before.
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    pub(super) fn enter(
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set.
+    #[inline(always)]
+    pub(super) unsafe fn enter<K: PacketKernel>(
         &mut self,
         walker: &mut Walker,
         index: u32,
@@ -124,7 +133,8 @@ impl Packet<'_> {
             Kind::Aabbs if asks => Way::Boxes,
             _ => return Entering::Unusual,
         };
-        if !rays.set_up_instance(&self.given, record, lanes) {
+        // SAFETY: the caller's promise.
+        if !unsafe { K::set_up_instance(rays, &self.given, record, lanes) } {
             return Entering::Apart;
         }
         self.found.instance = index;
@@ -136,8 +146,11 @@ impl Packet<'_> {
 
     /// Takes rays through the instance that they have entered, from the leaf on at which they stand. Whether they stand at candidates
     /// now, and the company keeps them.
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    pub(super) fn walk_instance(
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set.
+    #[inline(always)]
+    pub(super) unsafe fn walk_instance<K: PacketKernel>(
         &mut self,
         walker: &mut Walker,
         way: Way,
@@ -147,18 +160,26 @@ impl Packet<'_> {
         let structure = walker.bottom.structure;
         let facts = walker.instance;
         loop {
-            if way == Way::Mixed && self.stands(walker, &facts, instance, &mut standing) {
+            // SAFETY: the caller's promise, here and below.
+            let stands = way == Way::Mixed
+                && unsafe { self.stands::<K>(walker, &facts, instance, &mut standing) };
+            if stands {
                 return true;
             }
             let PacketSpace { bottom, rays, .. } = &mut walker.packet;
-            let Some((word, here, t_far)) = self.next_leaf(rays, &structure, bottom) else {
+            // SAFETY: as above.
+            let next = unsafe { K::next_leaf(self, rays, &structure, bottom) };
+            let Some((word, here, t_far)) = next else {
                 return false;
             };
+            let (leaf, found) = ((word, here), &mut self.found);
             match way {
-                Way::Opaque => test_leaf(rays, &structure, word, here, t_far, &mut self.found),
+                // SAFETY: as above.
+                Way::Opaque => unsafe { K::test_leaf(rays, &structure, leaf, t_far, found) },
                 Way::Mixed => {
-                    let leaf = (word, here);
-                    standing = test_some(rays, &structure, &facts, leaf, t_far, &mut self.found);
+                    standing =
+                        // SAFETY: as above.
+                        unsafe { K::test_some(rays, &structure, &facts, leaf, t_far, found) };
                 }
                 Way::Boxes => {
                     if self.stands_at_box(walker, &facts, instance, word, here) {
@@ -170,8 +191,11 @@ impl Packet<'_> {
     }
 
     /// Whether rays have candidates among the triangles of the leaf where they stand.
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    fn stands(
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set.
+    #[inline(always)]
+    unsafe fn stands<K: PacketKernel>(
         &mut self,
         walker: &Walker,
         facts: &InstanceFacts,
@@ -183,15 +207,18 @@ impl Packet<'_> {
             return false;
         };
         let (rays, candidates) = (&walker.packet.rays, &mut company.candidates);
-        next_candidates(
-            rays,
-            structure,
-            facts,
-            standing,
-            live,
-            &self.found,
-            candidates,
-        );
+        // SAFETY: the caller's promise.
+        unsafe {
+            K::next_candidates(
+                rays,
+                structure,
+                facts,
+                standing,
+                live,
+                &self.found,
+                candidates,
+            );
+        }
         if company.candidates.found == 0 {
             return false;
         }
@@ -201,7 +228,7 @@ impl Packet<'_> {
     }
 
     /// Whether there is a box for rays in a leaf.
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    #[inline(always)]
     fn stands_at_box(
         &mut self,
         walker: &Walker,

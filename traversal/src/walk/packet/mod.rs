@@ -11,10 +11,11 @@
 
 mod candidates;
 mod journey;
+mod kernel;
+mod plain;
 mod rays;
+#[cfg(target_arch = "x86_64")]
 mod triangle;
-
-use std::arch::x86_64::*;
 
 use super::beams::Given;
 use super::company::{Ahead, Company, Progress};
@@ -24,13 +25,14 @@ use super::level::Level;
 use super::opaque::LARGE;
 use super::rows::{HitRows, RayRows, blend, lanes_of};
 use super::space::max;
-use super::walker::{Entry, STACK};
+use super::walker::{Entry, STACK, Tier};
 use super::{Event, PACKET, State, Verdict, Walk, Walker, descend};
 use crate::layout::{WIDTH, child};
 use crate::ray::{Ray, ray_flags};
 use crate::structure::{Kind, Structure};
 use journey::Entering;
-use rays::{Rays, load};
+use kernel::PacketKernel;
+use rays::Rays;
 
 /// Fewer rays are not worth it.
 const ENOUGH: u32 = 6;
@@ -108,7 +110,7 @@ impl PacketSpace {
 /// Traces rays together if they cohere: to their ends or, with a company to keep them, to candidates.
 ///
 /// # Safety
-/// The contract of [`Walk::new`], for every ray; the machine has AVX-512.
+/// The contract of [`Walk::new`], for every ray.
 pub(crate) unsafe fn run(
     rays: &RayRows,
     lanes: u16,
@@ -119,22 +121,38 @@ pub(crate) unsafe fn run(
     if !may_cohere(rays, lanes) {
         return Progress::Apart;
     }
-    // SAFETY: the caller's promise.
-    unsafe { set_out(rays, lanes, hits, walker, company) }
+    match walker.options.tier {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the caller's promise; a walker has this tier only on machines that have the instruction set.
+        Tier::Avx512 => unsafe { kernel::Avx512::set_out(rays, lanes, hits, walker, company) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: likewise.
+        Tier::Avx2 => unsafe { plain::Avx2::set_out(rays, lanes, hits, walker, company) },
+        // SAFETY: the caller's promise; every machine has plain Rust.
+        _ => unsafe { plain::Portable::set_out(rays, lanes, hits, walker, company) },
+    }
 }
 
 /// Goes on with rays after decisions about their candidates.
 ///
 /// # Safety
-/// The contract of [`Walk::new`], for every ray; the machine has AVX-512.
+/// The contract of [`Walk::new`], for every ray.
 pub(crate) unsafe fn resume(
     rays: &RayRows,
     hits: &mut HitRows,
     walker: &mut Walker,
     company: &mut Company,
 ) -> Progress {
-    // SAFETY: the caller's promise.
-    unsafe { go_on(rays, hits, walker, company) }
+    match walker.options.tier {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: as above.
+        Tier::Avx512 => unsafe { kernel::Avx512::go_on(rays, hits, walker, company) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: likewise.
+        Tier::Avx2 => unsafe { plain::Avx2::go_on(rays, hits, walker, company) },
+        // SAFETY: likewise.
+        _ => unsafe { plain::Portable::go_on(rays, hits, walker, company) },
+    }
 }
 
 /// Whether rays are enough, have structure, flags and mask in common, and the first and the last go the same way.
@@ -186,8 +204,8 @@ fn most(v: &[f32; 3]) -> f32 {
 
 /// # Safety
 /// The contract of [`Walk::new`], for every ray; the machine has the instruction set.
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-unsafe fn set_out(
+#[inline(always)]
+unsafe fn set_out<K: PacketKernel>(
     rays: &RayRows,
     lanes: u16,
     hits: &mut HitRows,
@@ -219,21 +237,23 @@ unsafe fn set_out(
         has_asked: false,
         company,
     };
-    if let Some(index) = descend::only_instance(&walker.top) {
-        return packet.go(walker, hits, Some((index, lanes)));
+    let only = descend::only_instance(&walker.top).map(|index| (index, lanes));
+    if only.is_none() {
+        let (ways, origin_error) = (&mut walker.packet.ways, structure.header().origin_error);
+        // SAFETY: as above.
+        if !unsafe { K::set_up_top(ways, &packet.given, origin_error, lanes) } {
+            return Progress::Apart;
+        }
+        walker.packet.top.start(lanes);
     }
-    let origin_error = structure.header().origin_error;
-    if !(walker.packet.ways).set_up(&packet.given, origin_error, lanes) {
-        return Progress::Apart;
-    }
-    walker.packet.top.start(lanes);
-    packet.go(walker, hits, None)
+    // SAFETY: as above.
+    unsafe { packet.go::<K>(walker, hits, only) }
 }
 
 /// # Safety
 /// The contract of [`Walk::new`], for every ray; the machine has the instruction set.
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-unsafe fn go_on(
+#[inline(always)]
+unsafe fn go_on<K: PacketKernel>(
     rays: &RayRows,
     hits: &mut HitRows,
     walker: &mut Walker,
@@ -252,23 +272,34 @@ unsafe fn go_on(
         has_asked: true,
         company: None,
     };
-    // SAFETY: the caller's promise.
+    // SAFETY: the caller's promise, here and below.
     if !unsafe { walker.top.enter_top(rays.top_level[first]) } {
         return packet.finish(hits, &walker.top);
     }
     if descend::only_instance(&walker.top).is_none() {
         let origin_error = walker.top.structure.header().origin_error;
-        (walker.packet.ways).set_up(&packet.given, origin_error, started);
+        // SAFETY: as above.
+        unsafe {
+            K::set_up_top(
+                &mut walker.packet.ways,
+                &packet.given,
+                origin_error,
+                started,
+            )
+        };
         walker.packet.top.restore(&company.top);
     }
     if let Some((index, lanes)) = company.instance {
-        let Entering::Inside(way) = packet.enter(walker, index, lanes, true) else {
+        // SAFETY: as above.
+        let entering = unsafe { packet.enter::<K>(walker, index, lanes, true) };
+        let Entering::Inside(way) = entering else {
             return packet.finish(hits, &walker.top);
         };
         walker.packet.bottom.restore(&company.bottom);
         let standing = company.leaf;
         packet.company = Some(company);
-        if packet.walk_instance(walker, way, (index, lanes), standing) {
+        // SAFETY: as above.
+        if unsafe { packet.walk_instance::<K>(walker, way, (index, lanes), standing) } {
             return Progress::Candidates;
         }
         if packet.patience == 0 {
@@ -278,7 +309,8 @@ unsafe fn go_on(
             return packet.finish(hits, &walker.top);
         }
     }
-    packet.go(walker, hits, None)
+    // SAFETY: as above.
+    unsafe { packet.go::<K>(walker, hits, None) }
 }
 
 /// Rays on their way.
@@ -309,9 +341,11 @@ impl Packet<'_> {
     }
 
     /// Down from what is pending to the next leaf, and the rays that may meet it.
-    #[inline]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    fn next_leaf(
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set.
+    #[inline(always)]
+    unsafe fn next_leaf<K: PacketKernel>(
         &mut self,
         rays: &Rays,
         structure: &Structure,
@@ -324,13 +358,14 @@ impl Packet<'_> {
         } = stack;
         let live = self.live();
         let fetches_ahead = structure.node_count() > LARGE;
-        let t = load(&self.found.t);
-        let t_far = _mm512_mask_reduce_max_ps(live, t);
+        // SAFETY: the caller's promise, here and below.
+        let (t, t_far) = unsafe { (K::load(&self.found.t), K::farthest(&self.found.t, live)) };
         while *length > 0 && live != 0 && self.patience > 0 {
             self.patience -= 1;
             *length -= 1;
             let entry = entries[*length];
-            let near_enough = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(t, _mm512_set1_ps(entry.near()));
+            // SAFETY: as above.
+            let near_enough = unsafe { K::at_least(t, entry.near()) };
             let here = lanes[*length] & live & near_enough;
             if here == 0 {
                 continue;
@@ -350,14 +385,16 @@ impl Packet<'_> {
             }
             let base = *length;
             let mut near = [0.0; WIDTH];
-            let mut rest = rays.test_interval(node, t_far, &mut near);
+            // SAFETY: as above.
+            let mut rest = unsafe { K::test_interval(rays, node, t_far, &mut near) };
             if fetches_ahead && rest != 0 {
                 descend::fetch(rest, node, structure);
             }
             while rest != 0 {
                 let child = rest.trailing_zeros() as usize % WIDTH;
                 rest &= rest - 1;
-                let mask = rays.test_box(node, child, t) & here;
+                // SAFETY: as above.
+                let mask = unsafe { K::test_box(rays, node, child, t) } & here;
                 if mask == 0 {
                     continue;
                 }

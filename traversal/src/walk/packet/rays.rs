@@ -1,17 +1,25 @@
 //! The rays of a packet, set up for one level.
 
+#[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::*;
 
-use crate::layout::{InstanceRecord, Node, TriangleGroup, WIDTH};
+use super::kernel::PacketKernel;
+use crate::layout::InstanceRecord;
+#[cfg(target_arch = "x86_64")]
+use crate::layout::{Node, TriangleGroup, WIDTH};
 use crate::walk::PACKET;
-use crate::walk::beams::{AXIS, Beams, Given, ROW};
+#[cfg(target_arch = "x86_64")]
+use crate::walk::beams::AXIS;
+use crate::walk::beams::{Beams, Given, ROW};
+#[cfg(target_arch = "x86_64")]
 use crate::walk::rows::Lanes;
 use crate::walk::space::MARGIN;
 
 /// Inverses of directions that are not along a plane.
-const STEEP: f32 = 1.0e30;
+pub(super) const STEEP: f32 = 1.0e30;
 
 /// A number of each ray, as one vector.
+#[cfg(target_arch = "x86_64")]
 #[inline]
 #[target_feature(enable = "avx512f")]
 pub(super) fn load(lanes: &Lanes) -> __m512 {
@@ -20,6 +28,7 @@ pub(super) fn load(lanes: &Lanes) -> __m512 {
 }
 
 /// Sets a number of each ray.
+#[cfg(target_arch = "x86_64")]
 #[inline]
 #[target_feature(enable = "avx512f")]
 pub(super) fn store(lanes: &mut Lanes, value: __m512) {
@@ -31,20 +40,20 @@ pub(super) fn store(lanes: &mut Lanes, value: __m512) {
 pub(crate) struct Rays {
     pub beams: Beams,
     /// Offsets in bytes of the rows of a node with the near planes.
-    near_rows: [usize; 3],
+    pub(super) near_rows: [usize; 3],
     /// Offsets in bytes of the axes in a vertex.
     pub axes: [usize; 3],
-    interval: Interval,
+    pub(super) interval: Interval,
 }
 
 /// What all rays have in common, for a test of eight boxes: lower and upper ends.
-struct Interval {
+pub(super) struct Interval {
     /// The origin for near planes and for far planes.
-    near_origin: [f32; 3],
-    far_origin: [f32; 3],
-    near_inverse: [[f32; 2]; 3],
-    far_inverse: [[f32; 2]; 3],
-    t_min: f32,
+    pub near_origin: [f32; 3],
+    pub far_origin: [f32; 3],
+    pub near_inverse: [[f32; 2]; 3],
+    pub far_inverse: [[f32; 2]; 3],
+    pub t_min: f32,
 }
 
 impl Rays {
@@ -62,50 +71,66 @@ impl Rays {
     };
 
     /// Sets the rays of `lanes` up for a top level; false if they are not alike.
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    pub fn set_up(&mut self, given: &Given, origin_error: f32, lanes: u16) -> bool {
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set.
+    #[inline(always)]
+    pub unsafe fn set_up_top<K: PacketKernel>(
+        &mut self,
+        given: &Given,
+        origin_error: f32,
+        lanes: u16,
+    ) -> bool {
         let sound = self.beams.set_up_top(given, origin_error);
-        self.join(sound, lanes)
+        // SAFETY: the caller's promise.
+        unsafe { self.join::<K>(sound, lanes) }
     }
 
     /// Sets the rays of `lanes` up for an instance; false if they are not alike.
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    pub fn set_up_instance(&mut self, given: &Given, record: &InstanceRecord, lanes: u16) -> bool {
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set.
+    #[inline(always)]
+    pub unsafe fn set_up_instance<K: PacketKernel>(
+        &mut self,
+        given: &Given,
+        record: &InstanceRecord,
+        lanes: u16,
+    ) -> bool {
         let sound = self.beams.set_up(given, record);
-        self.join(sound, lanes)
+        // SAFETY: the caller's promise.
+        unsafe { self.join::<K>(sound, lanes) }
     }
 
     /// Finds what the rays have in common.
-    #[inline]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    fn join(&mut self, sound: u32, lanes: u16) -> bool {
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set.
+    #[inline(always)]
+    unsafe fn join<K: PacketKernel>(&mut self, sound: u32, lanes: u16) -> bool {
         if sound as u16 & lanes != lanes {
             return false;
         }
         let first = lanes.trailing_zeros() as usize % PACKET;
-        let ends = |v: __m512| {
-            [
-                _mm512_mask_reduce_min_ps(lanes, v),
-                _mm512_mask_reduce_max_ps(lanes, v),
-            ]
-        };
         let (beams, interval) = (&self.beams, &mut self.interval);
         let mut alike = lanes;
         for k in 0..3 {
             let row = beams.near_rows[k][first];
-            // SAFETY: sixteen words.
-            let rows = unsafe { _mm512_loadu_si512(beams.near_rows[k].as_ptr().cast()) };
-            alike &= _mm512_cmpeq_epi32_mask(rows, _mm512_set1_epi32(row as i32));
             self.near_rows[k] = row as usize;
             self.axes[k] = beams.axes[k][first] as usize;
-            let inverse = load(&beams.near_inverse[k]);
-            let flat = _mm512_abs_ps(inverse);
-            alike &= _mm512_cmp_ps_mask::<_CMP_LT_OQ>(flat, _mm512_set1_ps(STEEP));
             let upper = row & ROW != 0;
-            let (origin, far_origin) = (load(&beams.origin[k]), load(&beams.far_origin[k]));
-            interval.near_origin[k] = ends(origin)[usize::from(!upper)];
-            interval.far_origin[k] = ends(far_origin)[usize::from(upper)];
-            let [low, high] = ends(inverse);
+            // SAFETY: the caller's promise.
+            let [origin, far_origin, inverse] = unsafe {
+                alike &= K::equal(&beams.near_rows[k], row) & K::flat(&beams.near_inverse[k]);
+                [
+                    K::ends(&beams.origin[k], lanes),
+                    K::ends(&beams.far_origin[k], lanes),
+                    K::ends(&beams.near_inverse[k], lanes),
+                ]
+            };
+            interval.near_origin[k] = origin[usize::from(!upper)];
+            interval.far_origin[k] = far_origin[usize::from(upper)];
+            let [low, high] = inverse;
             interval.near_inverse[k] = [low, high];
             // Those of far planes are larger by two margins and some roundings.
             let wider = 1.0 + 4.0 * MARGIN;
@@ -115,10 +140,20 @@ impl Rays {
                 [low * wider, high]
             };
         }
-        interval.t_min = _mm512_mask_reduce_min_ps(lanes, load(&beams.t_min));
+        // SAFETY: the caller's promise.
+        interval.t_min = unsafe { K::ends(&beams.t_min, lanes) }[0];
         alike == lanes
     }
 
+    /// Whether near planes of one of the rays' axes are the upper ones.
+    #[inline]
+    pub fn is_backward(&self, k: usize) -> bool {
+        self.near_rows[k] & ROW as usize != 0
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Rays {
     /// Which of eight boxes any of the rays might meet, by their near and their far planes, and where at the soonest.
     #[inline]
     #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
@@ -226,11 +261,5 @@ impl Rays {
             far = _mm512_min_ps(leave, far);
         }
         _mm512_cmp_ps_mask::<_CMP_LE_OQ>(near, far)
-    }
-
-    /// Whether near planes of one of the rays' axes are the upper ones.
-    #[inline]
-    pub fn is_backward(&self, k: usize) -> bool {
-        self.near_rows[k] & ROW as usize != 0
     }
 }

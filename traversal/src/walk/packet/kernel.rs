@@ -1,0 +1,365 @@
+//! What packets compute, one set for each instruction set. All give the same bits, and visit the same things in the same order.
+
+use super::candidates;
+use super::rays::Rays;
+use super::{Packet, Stack};
+use crate::layout::{InstanceRecord, Node, TriangleGroup, WIDTH};
+use crate::structure::Structure;
+use crate::walk::Walker;
+use crate::walk::beams::Given;
+use crate::walk::company::{Company, Progress, Standing};
+use crate::walk::facts::InstanceFacts;
+use crate::walk::found::Found;
+use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
+
+/// The tests of packets with one instruction set, and the functions that are made of them.
+///
+/// Functions that are to be calls are compiled for the instruction set; the others are inlined into those.
+pub(super) trait PacketKernel: Sized {
+    /// A number of each ray, ready for tests.
+    type Row: Copy;
+
+    /// Loads a row.
+    ///
+    /// # Safety
+    /// The machine has the instruction set, here and below.
+    unsafe fn load(row: &Lanes) -> Self::Row;
+
+    /// The greatest number of some lanes.
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn farthest(row: &Lanes, lanes: u16) -> f32;
+
+    /// The least and the greatest number of some lanes.
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn ends(row: &Lanes, lanes: u16) -> [f32; 2];
+
+    /// Lanes whose number is not less.
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn at_least(row: Self::Row, number: f32) -> u16;
+
+    /// Lanes with this word.
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn equal(row: &Words, word: u32) -> u16;
+
+    /// Lanes whose inverse is not that of a direction along a plane: below [`STEEP`](super::rays::STEEP).
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn flat(inverses: &Lanes) -> u16;
+
+    /// Which children's boxes any of the rays might meet, and where at the soonest.
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn test_interval(rays: &Rays, node: &Node, t_far: f32, near: &mut [f32; WIDTH]) -> u32;
+
+    /// Which triangles' boxes any of the rays might meet, of two groups (or one twice).
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn test_triangles(rays: &Rays, groups: [&TriangleGroup; 2], t_far: f32) -> u32;
+
+    /// Which rays meet a child's box before `t_far`.
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn test_box(rays: &Rays, node: &Node, child: usize, t_far: Self::Row) -> u16;
+
+    /// Tests the opaque triangles of a leaf, a word and the rays that come there.
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn test_leaf(
+        rays: &Rays,
+        structure: &Structure,
+        leaf: (u32, u16),
+        t_far: f32,
+        found: &mut Found,
+    );
+
+    /// Tests the opaque triangles of a leaf, and notes at which others rays have to look.
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn test_some(
+        rays: &Rays,
+        structure: &Structure,
+        facts: &InstanceFacts,
+        leaf: (u32, u16),
+        t_far: f32,
+        found: &mut Found,
+    ) -> Standing;
+
+    /// Looks for one candidate for each of the rays of `live`, in the leaf where they stand.
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn next_candidates(
+        rays: &Rays,
+        structure: &Structure,
+        facts: &InstanceFacts,
+        standing: &mut Standing,
+        live: u16,
+        found: &Found,
+        candidates: &mut HitRows,
+    );
+
+    /// [`Packet::next_leaf`].
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn next_leaf(
+        packet: &mut Packet<'_>,
+        rays: &Rays,
+        structure: &Structure,
+        stack: &mut Stack,
+    ) -> Option<(u32, u16, f32)>;
+
+    /// [`Rays::set_up_top`].
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn set_up_top(rays: &mut Rays, given: &Given, origin_error: f32, lanes: u16) -> bool;
+
+    /// [`Rays::set_up_instance`].
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn set_up_instance(
+        rays: &mut Rays,
+        given: &Given,
+        record: &InstanceRecord,
+        lanes: u16,
+    ) -> bool;
+
+    /// [`super::set_out`].
+    ///
+    /// # Safety
+    /// As above; the contract of [`Walk::new`](crate::walk::Walk::new), for every ray.
+    unsafe fn set_out(
+        rays: &RayRows,
+        lanes: u16,
+        hits: &mut HitRows,
+        walker: &mut Walker,
+        company: Option<&mut Company>,
+    ) -> Progress;
+
+    /// [`super::go_on`].
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn go_on(
+        rays: &RayRows,
+        hits: &mut HitRows,
+        walker: &mut Walker,
+        company: &mut Company,
+    ) -> Progress;
+}
+
+/// Defines the functions of a kernel that are compiled for its instruction set, each with the kernel's own tests inside.
+macro_rules! compiled {
+    ($($(#[$feature:meta])? as $kernel:ty;)*) => {$(
+        $(#[$feature])?
+        #[inline]
+        unsafe fn next_leaf(
+            packet: &mut Packet<'_>,
+            rays: &Rays,
+            structure: &Structure,
+            stack: &mut Stack,
+        ) -> Option<(u32, u16, f32)> {
+            // SAFETY: the caller's promise.
+            unsafe { packet.next_leaf::<$kernel>(rays, structure, stack) }
+        }
+
+        $(#[$feature])?
+        unsafe fn set_up_top(
+            rays: &mut Rays,
+            given: &Given,
+            origin_error: f32,
+            lanes: u16,
+        ) -> bool {
+            // SAFETY: the caller's promise.
+            unsafe { rays.set_up_top::<$kernel>(given, origin_error, lanes) }
+        }
+
+        $(#[$feature])?
+        unsafe fn set_up_instance(
+            rays: &mut Rays,
+            given: &Given,
+            record: &InstanceRecord,
+            lanes: u16,
+        ) -> bool {
+            // SAFETY: the caller's promise.
+            unsafe { rays.set_up_instance::<$kernel>(given, record, lanes) }
+        }
+
+        $(#[$feature])?
+        unsafe fn set_out(
+            rays: &RayRows,
+            lanes: u16,
+            hits: &mut HitRows,
+            walker: &mut Walker,
+            company: Option<&mut Company>,
+        ) -> Progress {
+            // SAFETY: the caller's promise.
+            unsafe { crate::walk::packet::set_out::<$kernel>(rays, lanes, hits, walker, company) }
+        }
+
+        $(#[$feature])?
+        unsafe fn go_on(
+            rays: &RayRows,
+            hits: &mut HitRows,
+            walker: &mut Walker,
+            company: &mut Company,
+        ) -> Progress {
+            // SAFETY: the caller's promise.
+            unsafe { crate::walk::packet::go_on::<$kernel>(rays, hits, walker, company) }
+        }
+    )*};
+}
+pub(super) use compiled;
+
+#[cfg(target_arch = "x86_64")]
+pub(super) use wide::Avx512;
+
+#[cfg(target_arch = "x86_64")]
+mod wide {
+    use std::arch::x86_64::*;
+
+    use super::*;
+    use crate::walk::packet::rays::{STEEP, load};
+    use crate::walk::packet::triangle;
+
+    /// AVX-512: a row is one vector.
+    pub(in crate::walk::packet) struct Avx512;
+
+    impl PacketKernel for Avx512 {
+        type Row = __m512;
+
+        #[inline(always)]
+        unsafe fn load(row: &Lanes) -> __m512 {
+            // SAFETY: the caller promises AVX-512, here and below.
+            unsafe { load(row) }
+        }
+
+        #[inline(always)]
+        unsafe fn farthest(row: &Lanes, lanes: u16) -> f32 {
+            // SAFETY: as above.
+            unsafe { _mm512_mask_reduce_max_ps(lanes, load(row)) }
+        }
+
+        #[inline(always)]
+        unsafe fn ends(row: &Lanes, lanes: u16) -> [f32; 2] {
+            // SAFETY: as above.
+            unsafe {
+                let row = load(row);
+                [
+                    _mm512_mask_reduce_min_ps(lanes, row),
+                    _mm512_mask_reduce_max_ps(lanes, row),
+                ]
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn at_least(row: __m512, number: f32) -> u16 {
+            // SAFETY: as above.
+            unsafe { _mm512_cmp_ps_mask::<_CMP_GE_OQ>(row, _mm512_set1_ps(number)) }
+        }
+
+        #[inline(always)]
+        unsafe fn equal(row: &Words, word: u32) -> u16 {
+            // SAFETY: as above; sixteen words.
+            unsafe {
+                let row = _mm512_loadu_si512(row.as_ptr().cast());
+                _mm512_cmpeq_epi32_mask(row, _mm512_set1_epi32(word as i32))
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn flat(inverses: &Lanes) -> u16 {
+            // SAFETY: as above.
+            unsafe {
+                let size = _mm512_abs_ps(load(inverses));
+                _mm512_cmp_ps_mask::<_CMP_LT_OQ>(size, _mm512_set1_ps(STEEP))
+            }
+        }
+
+        #[inline(always)]
+        unsafe fn test_interval(
+            rays: &Rays,
+            node: &Node,
+            t_far: f32,
+            near: &mut [f32; WIDTH],
+        ) -> u32 {
+            // SAFETY: as above.
+            unsafe { rays.test_interval(node, t_far, near) }
+        }
+
+        #[inline(always)]
+        unsafe fn test_triangles(rays: &Rays, groups: [&TriangleGroup; 2], t_far: f32) -> u32 {
+            // SAFETY: as above.
+            unsafe { rays.test_triangles(groups, t_far) }
+        }
+
+        #[inline(always)]
+        unsafe fn test_box(rays: &Rays, node: &Node, child: usize, t_far: __m512) -> u16 {
+            // SAFETY: as above.
+            unsafe { rays.test_box(node, child, t_far) }
+        }
+
+        #[inline(always)]
+        unsafe fn test_leaf(
+            rays: &Rays,
+            structure: &Structure,
+            (word, lanes): (u32, u16),
+            t_far: f32,
+            found: &mut Found,
+        ) {
+            // SAFETY: as above.
+            unsafe { triangle::test_leaf(rays, structure, word, lanes, t_far, found) }
+        }
+
+        #[inline(always)]
+        unsafe fn test_some(
+            rays: &Rays,
+            structure: &Structure,
+            facts: &InstanceFacts,
+            leaf: (u32, u16),
+            t_far: f32,
+            found: &mut Found,
+        ) -> Standing {
+            // SAFETY: as above.
+            unsafe { candidates::test_some(rays, structure, facts, leaf, t_far, found) }
+        }
+
+        #[inline(always)]
+        unsafe fn next_candidates(
+            rays: &Rays,
+            structure: &Structure,
+            facts: &InstanceFacts,
+            standing: &mut Standing,
+            live: u16,
+            found: &Found,
+            candidates: &mut HitRows,
+        ) {
+            // SAFETY: as above.
+            unsafe {
+                candidates::next_candidates(
+                    rays, structure, facts, standing, live, found, candidates,
+                );
+            }
+        }
+
+        compiled! {
+            #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")] as Avx512;
+        }
+    }
+}

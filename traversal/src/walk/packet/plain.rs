@@ -1,0 +1,491 @@
+//! Packets where there are no vectors of sixteen: loops over lanes that compilers turn into vectors, and leaves one ray after the other.
+
+use super::candidates::{Place, in_full};
+use super::kernel::{PacketKernel, compiled};
+use super::rays::{Rays, STEEP};
+use super::{Packet, Stack};
+use crate::layout::{
+    GROUP, InstanceRecord, LEAF_TRIANGLES, Node, TriangleGroup, WIDTH, child, geometry_word,
+};
+use crate::ray::Hit;
+use crate::structure::Structure;
+use crate::walk::beams::{AXIS, Given, ROW};
+use crate::walk::company::{Company, Progress, Standing};
+use crate::walk::facts::InstanceFacts;
+use crate::walk::found::Found;
+use crate::walk::kernel::{self, GroupHits, Kernel};
+use crate::walk::rows::{HitRows, Lanes, RayRows, Words, lanes_of};
+use crate::walk::space::{max, min};
+use crate::walk::triangle::Intersection;
+use crate::walk::{PACKET, Walker};
+
+/// What every machine has.
+pub(super) struct Portable;
+
+/// AVX2.
+#[cfg(target_arch = "x86_64")]
+pub(super) struct Avx2;
+
+/// Eight numbers, one for each child or triangle.
+type Eight = [f32; WIDTH];
+
+/// Lanes in which a number is not greater than another.
+#[inline(always)]
+fn not_greater<const N: usize>(numbers: &[f32; N], others: &[f32; N]) -> u32 {
+    let mut lanes = 0;
+    for i in 0..N {
+        lanes |= u32::from(numbers[i] <= others[i]) << i;
+    }
+    lanes
+}
+
+#[inline(always)]
+fn ends(row: &Lanes, lanes: u16) -> [f32; 2] {
+    let [mut least, mut most] = [f32::INFINITY, f32::NEG_INFINITY];
+    for (lane, &number) in row.iter().enumerate() {
+        let is_there = lanes >> lane & 1 != 0;
+        least = min(if is_there { number } else { f32::INFINITY }, least);
+        most = max(if is_there { number } else { f32::NEG_INFINITY }, most);
+    }
+    [least, most]
+}
+
+/// As with AVX-512: where the soonest of the rays enters boxes, and where the last leaves them.
+#[inline(always)]
+fn test_planes(
+    rays: &Rays,
+    near_planes: [&Eight; 3],
+    far_planes: [&Eight; 3],
+    t_far: f32,
+) -> (Eight, Eight) {
+    let interval = &rays.interval;
+    let mut near = [interval.t_min; WIDTH];
+    let mut far = [t_far; WIDTH];
+    for k in 0..3 {
+        let (origin, far_origin) = (interval.near_origin[k], interval.far_origin[k]);
+        let ([low, high], [far_low, far_high]) =
+            (interval.near_inverse[k], interval.far_inverse[k]);
+        for i in 0..WIDTH {
+            let enter = origin - near_planes[k][i];
+            let leave = far_origin - far_planes[k][i];
+            near[i] = max(min(enter * low, enter * high), near[i]);
+            far[i] = min(max(leave * far_low, leave * far_high), far[i]);
+        }
+    }
+    (near, far)
+}
+
+/// A row of a node.
+#[inline(always)]
+fn planes(node: &Node, row: usize) -> &Eight {
+    &node.bounds[row / ROW as usize % 6]
+}
+
+/// As with AVX-512.
+#[inline(always)]
+fn test_interval(rays: &Rays, node: &Node, t_far: f32) -> (Eight, Eight) {
+    let rows = rays.near_rows;
+    test_planes(
+        rays,
+        rows.map(|row| planes(node, row)),
+        rows.map(|row| planes(node, row ^ ROW as usize)),
+        t_far,
+    )
+}
+
+/// As with AVX-512.
+#[inline(always)]
+fn test_triangles(rays: &Rays, groups: [&TriangleGroup; 2], t_far: f32) -> (Eight, Eight) {
+    let (mut near_planes, mut far_planes) = ([[0.0; WIDTH]; 3], [[0.0; WIDTH]; 3]);
+    for k in 0..3 {
+        let axis = rays.axes[k] / AXIS as usize % 3;
+        let (mut low, mut high) = ([0.0; WIDTH], [0.0; WIDTH]);
+        for i in 0..LEAF_TRIANGLES {
+            let vertices = &groups[i / GROUP].vertices;
+            let [a, b, c] = [0, 1, 2].map(|vertex: usize| vertices[vertex][axis][i % GROUP]);
+            (low[i], high[i]) = (min(min(a, b), c), max(max(a, b), c));
+        }
+        (near_planes[k], far_planes[k]) = match rays.is_backward(k) {
+            true => (high, low),
+            false => (low, high),
+        };
+    }
+    test_planes(rays, near_planes.each_ref(), far_planes.each_ref(), t_far)
+}
+
+/// As with AVX-512.
+#[inline(always)]
+fn test_box(rays: &Rays, node: &Node, child: usize, t_far: &Lanes) -> (Lanes, Lanes) {
+    let (child, beams) = (child % WIDTH, &rays.beams);
+    let (mut near, mut far) = (beams.t_min, *t_far);
+    for k in 0..3 {
+        let row = rays.near_rows[k] / ROW as usize % 6;
+        let (first, last) = (node.bounds[row][child], node.bounds[row ^ 1][child]);
+        for i in 0..PACKET {
+            let enter = (beams.origin[k][i] - first) * beams.near_inverse[k][i];
+            let leave = (beams.far_origin[k][i] - last) * beams.far_inverse[k][i];
+            near[i] = max(enter, near[i]);
+            far[i] = min(leave, far[i]);
+        }
+    }
+    (near, far)
+}
+
+/// Tests opaque triangles of a leaf, one ray after the other.
+///
+/// # Safety
+/// The machine has the kernel's instruction set.
+#[inline(always)]
+unsafe fn test_each<K: Kernel>(
+    rays: &Rays,
+    structure: &Structure,
+    groups: [&TriangleGroup; 2],
+    (triangles, first_slot): (u32, u32),
+    lanes: u16,
+    found: &mut Found,
+) {
+    let mut hits = GroupHits::NONE;
+    for lane in lanes_of(lanes) {
+        // SAFETY: the caller's promise.
+        let mut mask = unsafe { hit_in::<K>(rays, lane, groups, triangles, found, &mut hits) };
+        while mask != 0 {
+            let i = mask.trailing_zeros() as usize % LEAF_TRIANGLES;
+            mask &= mask - 1;
+            found.offer(structure, lane, first_slot + i as u32, &hit_of(&hits, i));
+        }
+    }
+}
+
+/// Which triangles of a leaf a ray hits, no farther than what it has found.
+///
+/// # Safety
+/// The machine has the kernel's instruction set.
+#[inline(always)]
+unsafe fn hit_in<K: Kernel>(
+    rays: &Rays,
+    lane: usize,
+    groups: [&TriangleGroup; 2],
+    triangles: u32,
+    found: &Found,
+    hits: &mut GroupHits,
+) -> u32 {
+    let (beams, interval) = (&rays.beams, [rays.beams.t_min[lane], found.t[lane]]);
+    // SAFETY: the caller's promise.
+    unsafe {
+        let beam = K::load_beam(beams, lane, interval[1]);
+        K::intersect_leaf(beams, lane, &beam, groups, triangles, interval, hits)
+    }
+}
+
+fn hit_of(hits: &GroupHits, i: usize) -> Intersection {
+    Intersection {
+        t: hits.t[i],
+        barycentrics: [hits.barycentrics[0][i], hits.barycentrics[1][i]],
+        front: hits.front >> i & 1 != 0,
+    }
+}
+
+/// # Safety
+/// The machine has the kernels' instruction set.
+#[inline(always)]
+unsafe fn test_leaf<P: PacketKernel, K: Kernel>(
+    rays: &Rays,
+    structure: &Structure,
+    (word, lanes): (u32, u16),
+    t_far: f32,
+    found: &mut Found,
+) {
+    let mut room = None;
+    // SAFETY: the caller's promise.
+    let leaf = structure.leaf_groups(word, &mut room, |block, room| unsafe {
+        K::expand(block, room)
+    });
+    let Some((groups, there)) = leaf else { return };
+    let first_slot = structure.first_slot(word & child::INDEX);
+    // SAFETY: likewise.
+    unsafe {
+        let triangles = there & P::test_triangles(rays, groups, t_far);
+        if triangles != 0 {
+            test_each::<K>(
+                rays,
+                structure,
+                groups,
+                (triangles, first_slot),
+                lanes,
+                found,
+            );
+        }
+    }
+}
+
+/// # Safety
+/// The machine has the kernels' instruction set.
+#[inline(always)]
+unsafe fn test_some<P: PacketKernel, K: Kernel>(
+    rays: &Rays,
+    structure: &Structure,
+    facts: &InstanceFacts,
+    (word, lanes): (u32, u16),
+    t_far: f32,
+    found: &mut Found,
+) -> Standing {
+    let mut standing = Standing {
+        word,
+        ..Standing::NOWHERE
+    };
+    let mut room = None;
+    let Some((groups, there)) = structure.leaf_groups(word, &mut room, in_full) else {
+        return standing;
+    };
+    let first_slot = structure.first_slot(word & child::INDEX);
+    // SAFETY: the caller's promise.
+    let mut rest = there & unsafe { P::test_triangles(rays, groups, t_far) };
+    let (mut opaque, mut others) = (0, 0);
+    while rest != 0 {
+        let i = rest.trailing_zeros() as usize % LEAF_TRIANGLES;
+        rest &= rest - 1;
+        match facts.opacity(groups[i / GROUP].geometries[i % GROUP]) {
+            Some(true) => opaque |= 1 << i,
+            Some(false) => others |= 1 << i,
+            None => {}
+        }
+    }
+    if others == 0 {
+        if opaque != 0 {
+            // SAFETY: likewise.
+            unsafe { test_each::<K>(rays, structure, groups, (opaque, first_slot), lanes, found) };
+        }
+        return standing;
+    }
+    let mut hits = GroupHits::NONE;
+    for lane in lanes_of(lanes) {
+        // Candidates are found with their edges here, and looked at without later.
+        // SAFETY: likewise.
+        let mut mask =
+            unsafe { hit_in::<K>(rays, lane, groups, opaque | others, found, &mut hits) };
+        while mask != 0 {
+            let i = mask.trailing_zeros() as usize % LEAF_TRIANGLES;
+            mask &= mask - 1;
+            if others >> i & 1 != 0 {
+                standing.rest[i] |= 1 << lane;
+            } else {
+                found.offer(structure, lane, first_slot + i as u32, &hit_of(&hits, i));
+            }
+        }
+    }
+    standing
+}
+
+/// As with AVX-512.
+fn next_candidates(
+    rays: &Rays,
+    structure: &Structure,
+    facts: &InstanceFacts,
+    standing: &mut Standing,
+    live: u16,
+    found: &Found,
+    candidates: &mut HitRows,
+) {
+    candidates.found = 0;
+    let rest = standing.rest.iter().fold(0, |all, lanes| all | lanes) & live;
+    if rest == 0 {
+        return;
+    }
+    let mut room = None;
+    let Some((groups, _)) = structure.leaf_groups(standing.word, &mut room, in_full) else {
+        return;
+    };
+    let first_slot = structure.first_slot(standing.word & child::INDEX);
+    for i in 0..LEAF_TRIANGLES {
+        let lanes = standing.rest[i] & live & !candidates.found;
+        if lanes == 0 {
+            continue;
+        }
+        standing.rest[i] &= !lanes;
+        let (group, lane) = (groups[i / GROUP], i % GROUP);
+        let mut place = Place {
+            t: [0.0; PACKET],
+            barycentrics: [[0.0; PACKET]; 2],
+        };
+        let (met, front) = place.meet_exactly(rays, &group.triangle(lane), lanes, found);
+        let hit = Hit {
+            geometry_index: group.geometries[lane] & geometry_word::INDEX,
+            primitive_index: group.primitives[lane],
+            slot: first_slot + i as u32,
+            ..facts.hit()
+        };
+        let kinds = std::array::from_fn(|lane| facts.hit_kind(front >> lane & 1 != 0));
+        candidates.set_triangle(met, &hit, &place.t, &place.barycentrics, &kinds);
+    }
+}
+
+macro_rules! plain {
+    ($name:ident, $kernel:ty, $eight:path, $sixteen:path $(, #[$feature:meta])?) => {
+        impl PacketKernel for $name {
+            type Row = Lanes;
+
+            #[inline(always)]
+            unsafe fn load(row: &Lanes) -> Lanes {
+                *row
+            }
+
+            #[inline(always)]
+            unsafe fn farthest(row: &Lanes, lanes: u16) -> f32 {
+                ends(row, lanes)[1]
+            }
+
+            #[inline(always)]
+            unsafe fn ends(row: &Lanes, lanes: u16) -> [f32; 2] {
+                ends(row, lanes)
+            }
+
+            #[inline(always)]
+            unsafe fn at_least(row: Lanes, number: f32) -> u16 {
+                // SAFETY: the caller's promise, here and below.
+                #[allow(unused_unsafe)]
+                unsafe {
+                    $sixteen(&[number; PACKET], &row) as u16
+                }
+            }
+
+            #[inline(always)]
+            unsafe fn equal(row: &Words, word: u32) -> u16 {
+                let mut lanes = 0;
+                for (lane, &other) in row.iter().enumerate() {
+                    lanes |= u16::from(other == word) << lane;
+                }
+                lanes
+            }
+
+            #[inline(always)]
+            unsafe fn flat(inverses: &Lanes) -> u16 {
+                let mut lanes = 0;
+                for (lane, inverse) in inverses.iter().enumerate() {
+                    lanes |= u16::from(inverse.abs() < STEEP) << lane;
+                }
+                lanes
+            }
+
+            #[inline(always)]
+            unsafe fn test_interval(
+                rays: &Rays,
+                node: &Node,
+                t_far: f32,
+                soonest: &mut [f32; WIDTH],
+            ) -> u32 {
+                let (near, far) = test_interval(rays, node, t_far);
+                *soonest = near;
+                // SAFETY: as above.
+                #[allow(unused_unsafe)]
+                unsafe {
+                    $eight(&near, &far)
+                }
+            }
+
+            #[inline(always)]
+            unsafe fn test_triangles(rays: &Rays, groups: [&TriangleGroup; 2], t_far: f32) -> u32 {
+                let (near, far) = test_triangles(rays, groups, t_far);
+                // SAFETY: as above.
+                #[allow(unused_unsafe)]
+                unsafe {
+                    $eight(&near, &far)
+                }
+            }
+
+            #[inline(always)]
+            unsafe fn test_box(rays: &Rays, node: &Node, child: usize, t_far: Lanes) -> u16 {
+                let (near, far) = test_box(rays, node, child, &t_far);
+                // SAFETY: as above.
+                #[allow(unused_unsafe)]
+                unsafe {
+                    $sixteen(&near, &far) as u16
+                }
+            }
+
+            $(#[$feature])?
+            unsafe fn test_leaf(
+                rays: &Rays,
+                structure: &Structure,
+                leaf: (u32, u16),
+                t_far: f32,
+                found: &mut Found,
+            ) {
+                // SAFETY: as above.
+                unsafe { test_leaf::<$name, $kernel>(rays, structure, leaf, t_far, found) }
+            }
+
+            $(#[$feature])?
+            unsafe fn test_some(
+                rays: &Rays,
+                structure: &Structure,
+                facts: &InstanceFacts,
+                leaf: (u32, u16),
+                t_far: f32,
+                found: &mut Found,
+            ) -> Standing {
+                // SAFETY: as above.
+                unsafe { test_some::<$name, $kernel>(rays, structure, facts, leaf, t_far, found) }
+            }
+
+            unsafe fn next_candidates(
+                rays: &Rays,
+                structure: &Structure,
+                facts: &InstanceFacts,
+                standing: &mut Standing,
+                live: u16,
+                found: &Found,
+                candidates: &mut HitRows,
+            ) {
+                next_candidates(rays, structure, facts, standing, live, found, candidates);
+            }
+
+            compiled! { $(#[$feature])? as $name; }
+        }
+    };
+}
+
+plain!(Portable, kernel::Portable, not_greater, not_greater);
+
+#[cfg(target_arch = "x86_64")]
+plain!(
+    Avx2,
+    crate::walk::avx::Avx<false>,
+    masks::of_eight,
+    masks::of_sixteen,
+    #[target_feature(enable = "avx2,bmi1,bmi2")]
+);
+
+/// [`not_greater`] in vectors.
+#[cfg(target_arch = "x86_64")]
+mod masks {
+    use std::arch::x86_64::*;
+
+    use super::Eight;
+    use crate::walk::rows::Lanes;
+
+    /// # Safety
+    /// The machine has AVX2.
+    #[inline(always)]
+    pub unsafe fn of_eight(numbers: &Eight, others: &Eight) -> u32 {
+        // SAFETY: the caller's promise; eight numbers each.
+        unsafe {
+            let (one, other) = (
+                _mm256_loadu_ps(numbers.as_ptr()),
+                _mm256_loadu_ps(others.as_ptr()),
+            );
+            _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(one, other)) as u32
+        }
+    }
+
+    /// # Safety
+    /// The machine has AVX2.
+    #[inline(always)]
+    pub unsafe fn of_sixteen(numbers: &Lanes, others: &Lanes) -> u32 {
+        let half = |row: &Lanes, from: usize| -> Eight { std::array::from_fn(|i| row[from + i]) };
+        // SAFETY: the caller's promise.
+        unsafe {
+            let low = of_eight(&half(numbers, 0), &half(others, 0));
+            low | of_eight(&half(numbers, 8), &half(others, 8)) << 8
+        }
+    }
+}
