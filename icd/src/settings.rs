@@ -1,4 +1,4 @@
-//! What the environment asks for: `TUFF_ACCURACY`, `TUFF_TIER` and `TUFF_DISABLE`, read once.
+//! What the environment asks for: `TUFF_ACCURACY`, `TUFF_TIER`, `TUFF_DISABLE` and `TUFF_WAVE`, read once.
 
 #![forbid(unsafe_code)]
 
@@ -14,6 +14,8 @@ pub struct Settings {
     /// Of shaders' functions.
     pub accuracy: Accuracy,
     walks: Options,
+    /// Subgroups of a wave, at most (`TUFF_WAVE`).
+    pub wave: usize,
     /// Whether all geometry is opaque to pipelines without any-hit shaders.
     pub opaque_without_any_hit: bool,
 }
@@ -30,6 +32,7 @@ impl Settings {
         accuracy: Option<&str>,
         tier: Option<&str>,
         disabled: Option<&str>,
+        wave: Option<&str>,
     ) -> Result<Settings, String> {
         let accuracy: Accuracy = match accuracy {
             None | Some("") => Accuracy::Spec,
@@ -40,6 +43,12 @@ impl Settings {
         let tier = match tier {
             None | Some("") => Tier::best(),
             Some(text) => no_better_than(text)?,
+        };
+        let wave = match wave {
+            None | Some("") => usize::MAX,
+            Some(text) => (text.parse().ok())
+                .filter(|&subgroups| subgroups > 0)
+                .ok_or_else(|| format!("TUFF_WAVE: \"{text}\" is not a number of subgroups"))?,
         };
         let names = disabled.unwrap_or_default().split(',').map(str::trim);
         let mut without = Vec::new();
@@ -54,6 +63,7 @@ impl Settings {
         }
         Ok(Settings {
             accuracy,
+            wave,
             opaque_without_any_hit,
             walks: Options {
                 // What is cheaper than the default gains nothing in walks: docs/accuracy.md.
@@ -106,16 +116,20 @@ fn unknown(name: &str) -> String {
 pub fn checked() -> Result<&'static Settings, &'static str> {
     static SETTINGS: OnceLock<Result<Settings, String>> = OnceLock::new();
     let settings = SETTINGS.get_or_init(|| {
-        let names = ["TUFF_ACCURACY", "TUFF_TIER", "TUFF_DISABLE"];
+        let names = ["TUFF_ACCURACY", "TUFF_TIER", "TUFF_DISABLE", "TUFF_WAVE"];
         let values = names.map(|name| {
             let value = std::env::var_os(name)?;
             Some(value.to_string_lossy().into_owned())
         });
-        let [accuracy, tier, disabled] = &values;
+        let [accuracy, tier, disabled, wave] = &values;
+        let of = Option::<String>::as_deref;
+        let settings = Settings::parse(of(accuracy), of(tier), of(disabled), of(wave))?;
+        // One limit for all: programs and samplers, walks and builds.
         if let Some(tier) = tier {
             limit_tier(tier);
+            settings.walks.tier.limit();
         }
-        Settings::parse(accuracy.as_deref(), tier.as_deref(), disabled.as_deref())
+        Ok(settings)
     });
     settings.as_ref().map_err(String::as_str)
 }
@@ -131,29 +145,36 @@ mod tests {
 
     #[test]
     fn values_are_taken_or_refused() {
-        let plain = Settings::parse(None, None, None).unwrap();
+        let plain = Settings::parse(None, None, None, None).unwrap();
         assert_eq!(plain.accuracy, Accuracy::Spec);
-        let exact =
-            Settings::parse(Some("exact"), Some("portable"), Some("packets, simplify")).unwrap();
+        let exact = Settings::parse(
+            Some("exact"),
+            Some("portable"),
+            Some("packets, simplify"),
+            Some("4"),
+        )
+        .unwrap();
         assert_eq!(exact.accuracy, Accuracy::Exact);
         assert_eq!(exact.walks.accuracy, traversal::Accuracy::Exact);
         assert_eq!(exact.walks.tier, Tier::Portable);
         assert!(exact.walks.without.contains(Specialisation::Packets));
         assert!(!exact.walks.without.contains(Specialisation::Opaque));
         assert!(exact.opaque_without_any_hit);
-        let without = Settings::parse(None, None, Some("no_any_hit")).unwrap();
+        let without = Settings::parse(None, None, Some("no_any_hit"), None).unwrap();
         assert!(!without.opaque_without_any_hit);
-        let message = Settings::parse(Some("best"), None, None).unwrap_err();
+        let message = Settings::parse(Some("best"), None, None, None).unwrap_err();
         assert!(
             message.contains("\"best\" is not one of fast, spec and exact"),
             "{message}"
         );
-        let message = Settings::parse(None, Some("sse9"), None).unwrap_err();
+        assert_eq!((plain.wave, exact.wave), (usize::MAX, 4));
+        assert!(Settings::parse(None, None, None, Some("0")).is_err());
+        let message = Settings::parse(None, Some("sse9"), None, None).unwrap_err();
         assert!(
             message.contains("not one of portable, avx2, avx512"),
             "{message}"
         );
-        let message = Settings::parse(None, None, Some("pakets")).unwrap_err();
+        let message = Settings::parse(None, None, Some("pakets"), None).unwrap_err();
         assert!(
             message.contains("\"pakets\" is not one of packets,"),
             "{message}"

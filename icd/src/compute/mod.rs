@@ -354,7 +354,8 @@ impl Worker {
     fn form_wave(&mut self, plan: &Plan<'_>, leader: usize) {
         let program = plan.dispatch.program;
         let point = self.resume_point(plan, leader);
-        let mut room = program.max_wave_subgroups().clamp(1, MAX_WAVE);
+        let room = program.max_wave_subgroups().min(settings().wave);
+        let mut room = room.clamp(1, MAX_WAVE);
         for index in (leader..self.status.len()).chain(0..leader) {
             if room == 0 {
                 break;

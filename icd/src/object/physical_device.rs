@@ -2,8 +2,11 @@
 
 use std::sync::Arc;
 
+use spirv_jit::interp::TierKind;
+
 use super::instance::Messengers;
 use super::memory;
+use crate::settings;
 use crate::table::extensions::ExtensionSet;
 use crate::table::properties::Machine;
 
@@ -58,9 +61,14 @@ impl PhysicalDevice {
 
     /// The device's name, with what decides its speed.
     fn name(&self) -> String {
+        // The environment's limit, if it is a good one, binds from now on.
+        let _ = settings::checked();
         let threads = self.thread_count;
         let plural = if threads == 1 { "" } else { "s" };
-        format!("Tuff ({threads} thread{plural}, {})", simd_level())
+        format!(
+            "Tuff ({threads} thread{plural}, {})",
+            TierKind::best().instruction_set()
+        )
     }
 }
 
@@ -71,32 +79,6 @@ fn thread_count() -> usize {
         .and_then(|text| text.parse().ok())
         .filter(|&count: &usize| (1..=1024).contains(&count))
         .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
-}
-
-/// The vector instructions that programs run with.
-fn simd_level() -> &'static str {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if is_x86_feature_detected!("avx512f")
-            && is_x86_feature_detected!("avx512vl")
-            && is_x86_feature_detected!("avx512dq")
-            && is_x86_feature_detected!("avx512bw")
-        {
-            return "AVX-512";
-        }
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            return "AVX2";
-        }
-        "SSE2"
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    {
-        if cfg!(target_arch = "aarch64") {
-            "NEON"
-        } else {
-            "scalar"
-        }
-    }
 }
 
 /// Three quarters of the machine's memory.

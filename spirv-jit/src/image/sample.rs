@@ -14,6 +14,8 @@ use super::{
     vector::{self, Vector},
 };
 use crate::SUBGROUP_SIZE;
+#[cfg(target_arch = "x86_64")]
+use crate::interp::TierKind;
 use crate::program::Row;
 
 /// Declares `$name`, which runs `$body` compiled for the widest vectors that the machine has. Results are the same on all: the body is IEEE
@@ -34,17 +36,12 @@ macro_rules! vectorized {
                     // SAFETY: the caller's promise.
                     unsafe { $body($($arg),*) }
                 }
-                if is_x86_feature_detected!("avx512dq")
-                    && is_x86_feature_detected!("avx512bw")
-                    && is_x86_feature_detected!("avx512vl")
-                    && is_x86_feature_detected!("bmi2")
-                {
+                match TierKind::best() {
                     // SAFETY: the machine has the features; for the rest, the caller's promise.
-                    return unsafe { avx512($($arg),*) };
-                }
-                if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi2") {
+                    TierKind::Avx512 => return unsafe { avx512($($arg),*) },
                     // SAFETY: as above.
-                    return unsafe { avx2($($arg),*) };
+                    TierKind::Avx2 => return unsafe { avx2($($arg),*) },
+                    TierKind::Portable => {}
                 }
             }
             // SAFETY: the caller's promise.
@@ -84,17 +81,12 @@ pub(super) unsafe fn sample_fast(
             // SAFETY: the function's features, and the caller's promise.
             unsafe { fast.sample(vector::Avx2::new(), operands, mask, results) }
         }
-        if is_x86_feature_detected!("avx512dq")
-            && is_x86_feature_detected!("avx512bw")
-            && is_x86_feature_detected!("avx512vl")
-            && is_x86_feature_detected!("fma")
-        {
+        match TierKind::best() {
             // SAFETY: the machine has the features; for the rest, the caller's promise.
-            return unsafe { avx512(fast, operands, mask, results) };
-        }
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+            TierKind::Avx512 => return unsafe { avx512(fast, operands, mask, results) },
             // SAFETY: as above.
-            return unsafe { avx2(fast, operands, mask, results) };
+            TierKind::Avx2 => return unsafe { avx2(fast, operands, mask, results) },
+            TierKind::Portable => {}
         }
     }
     // SAFETY: the caller's promise.

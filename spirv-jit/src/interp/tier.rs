@@ -1,6 +1,7 @@
 //! Instruction sets, chosen at run time. A kernel is written once and instantiated in each; the results are the same bits.
 
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU8, Ordering};
 
 use super::machine::{Handler, Instr, Machine};
 
@@ -56,18 +57,19 @@ pub enum TierKind {
     Avx512,
 }
 
-static LIMIT: OnceLock<TierKind> = OnceLock::new();
+/// The best tier that may be used: a [`TierKind`].
+static LIMIT: AtomicU8 = AtomicU8::new(TierKind::Avx512 as u8);
 
 /// The names of the tiers, for those who want no better one than this: [`limit`].
 pub const NAMES: [&str; 3] = ["portable", "avx2", "avx512"];
 
-/// Lets programs from now on use no better tier than the one of this name; the first call counts. Returns whether there is such a
-/// name.
+/// Lets everything from now on (programs, samplers, copies of texels) use no better tier than the one of this name. Returns whether
+/// there is such a name.
 pub fn limit(name: &str) -> bool {
     let tiers = [TierKind::Portable, TierKind::Avx2, TierKind::Avx512];
     let named = NAMES.iter().zip(tiers).find(|(known, _)| **known == name);
     if let Some((_, tier)) = named {
-        LIMIT.get_or_init(|| tier);
+        LIMIT.store(tier as u8, Ordering::Relaxed);
     }
     named.is_some()
 }
@@ -104,10 +106,30 @@ impl TierKind {
         })
     }
 
-    /// The best that is present, up to what [`limit`] says.
+    /// The best that is present, up to what [`limit`] says. Cheap enough to be asked for each sample.
+    #[inline]
     pub fn best() -> TierKind {
-        let limit = LIMIT.get().copied().unwrap_or(TierKind::Avx512);
-        let present = TierKind::present().iter().filter(|tier| **tier <= limit);
-        present.max().copied().unwrap_or(TierKind::Portable)
+        static BEST: OnceLock<TierKind> = OnceLock::new();
+        let best = *BEST.get_or_init(|| {
+            let present = TierKind::present().iter();
+            present.max().copied().unwrap_or(TierKind::Portable)
+        });
+        let limit = LIMIT.load(Ordering::Relaxed);
+        match best as u8 <= limit {
+            true => best,
+            false if limit == TierKind::Avx2 as u8 => TierKind::Avx2,
+            false => TierKind::Portable,
+        }
+    }
+
+    /// The vector instructions, as processors' manuals name them.
+    pub fn instruction_set(self) -> &'static str {
+        match self {
+            TierKind::Avx512 => "AVX-512",
+            TierKind::Avx2 => "AVX2",
+            TierKind::Portable if cfg!(target_arch = "x86_64") => "SSE2",
+            TierKind::Portable if cfg!(target_arch = "aarch64") => "NEON",
+            TierKind::Portable => "scalar",
+        }
     }
 }

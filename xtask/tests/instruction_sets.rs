@@ -1,0 +1,44 @@
+//! Instruction sets are chosen in two places, one for shaders and one for structures, which `TUFF_TIER` limits: nothing asks the processor
+//! past them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Where it is asked.
+const ASKING: [&str; 2] = [
+    "spirv-jit/src/interp/tier.rs",
+    "traversal/src/walk/walker.rs",
+];
+
+#[test]
+fn the_processor_is_asked_in_two_places() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut asking = Vec::new();
+    for name in ["icd", "spirv-jit", "traversal"] {
+        collect(&root.join(name).join("src"), &mut asking);
+    }
+    let mut found: Vec<String> = asking
+        .iter()
+        .filter(|file| {
+            let text = fs::read_to_string(file).expect("a source file can be read");
+            text.contains("is_x86_feature_detected!") || text.contains("__cpuid")
+        })
+        .map(|file| {
+            let inside = file.strip_prefix(&root).expect("found below the root");
+            inside.display().to_string()
+        })
+        .collect();
+    found.sort();
+    assert_eq!(found, ASKING);
+}
+
+fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).expect("a folder of sources") {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() {
+            collect(&path, files);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            files.push(path);
+        }
+    }
+}
