@@ -5,16 +5,17 @@ use spirv_jit::program::{AlignedRow, IO_DATA_ROW, SiteKind};
 use traversal::{Company, Hit, Verdict, Walk};
 
 use super::batch::{Batch, Worker};
-use super::rays::{RayGroup, Report, hit_record_index, operand};
+use super::rays::{RayGroup, Report, alike, hit_record_index, operand};
 use super::slab::Slab;
 use super::subgroup::{
     LaneRef, Role, Subgroup, SubgroupIndex, by_index, copy_lanes, in_place, lanes_named, lanes_of,
 };
 use crate::validate::{Instruction, Need};
+use crate::wave::Stopped;
 
 impl Batch<'_> {
     /// Starts what a yield asks for, lane by lane.
-    pub(super) fn answer(&mut self, index: SubgroupIndex, site: SiteKind) {
+    pub(super) fn answer(&mut self, index: SubgroupIndex, site: SiteKind) -> Result<(), Stopped> {
         let subgroup = &mut self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let mask = program.event_mask(&subgroup.rows);
@@ -34,28 +35,30 @@ impl Batch<'_> {
         };
         if site == SiteKind::ReorderThread && mask != 0 {
             self.reordering.push(index);
-            return;
+            return Ok(());
         }
         if mask == 0 {
-            return self.make_ready(index);
+            self.make_ready(index);
+            return Ok(());
         }
         match site {
             SiteKind::TraceRay { .. } => self.trace_rays(index, mask, false, false),
             SiteKind::TraceRayMotion { .. } => self.trace_rays(index, mask, false, true),
             SiteKind::HitObjectTraceRay { .. } => self.trace_rays(index, mask, true, false),
             SiteKind::HitObjectTraceRayMotion { .. } => self.trace_rays(index, mask, true, true),
-            SiteKind::HitObjectExecute { .. } => self.execute_hit_objects(index, mask),
+            SiteKind::HitObjectExecute { .. } => return self.execute_hit_objects(index, mask),
             SiteKind::ReportIntersection { attribute_words } => {
-                self.report_intersections(index, mask, attribute_words as usize)
+                return self.report_intersections(index, mask, attribute_words as usize);
             }
             SiteKind::HitObjectGet { fact } => {
                 lanes_of(mask).for_each(|lane| self.answer_fact(index, lane, fact));
                 self.answered(index, mask)
             }
-            SiteKind::ExecuteCallable { .. } => self.execute_callables(index, mask),
+            SiteKind::ExecuteCallable { .. } => return self.execute_callables(index, mask),
             // Barriers exist in compute alone; a ray tracing module that has one is refused.
             _ => self.answered(index, mask),
         }
+        Ok(())
     }
 
     /// The events of some lanes are over; the last one makes their subgroup ready.
@@ -107,34 +110,44 @@ impl Batch<'_> {
         }
     }
 
-    fn execute_callables(&mut self, index: SubgroupIndex, lanes: u16) {
+    fn execute_callables(&mut self, index: SubgroupIndex, lanes: u16) -> Result<(), Stopped> {
         let subgroup = &self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let callables = subgroup.rows[program.layout().io].0;
         let shaders = self.dispatch.shaders;
         let table = &self.dispatch.tables.callable;
-        let mut silent = 0;
-        for lane in lanes_of(lanes) {
-            if let Some(traced) = self.dispatch.checks {
+        if let Some(traced) = self.dispatch.checks {
+            lanes_of(lanes).for_each(|lane| {
                 self.check_record(traced, Need::Callable, callables[lane]);
-            }
-            let found = self.worker.records.find(shaders, table, callables[lane]);
+            });
+        }
+        let (mut rest, mut silent) = (lanes, 0);
+        while rest != 0 {
+            let callable = callables[rest.trailing_zeros() as usize];
+            let alike = alike(&callables, rest);
+            rest &= !alike;
+            let found = self.worker.records.find(shaders, table, callable);
             match found.and_then(|(group, record)| Some((group.general?, record))) {
                 Some((program, record)) => {
-                    let caller = LaneRef::new(index, lane);
-                    self.calls.push(program, Role::Callable, record, caller);
+                    self.call((program, Role::Callable, record), index, alike)?;
                 }
-                None => silent |= 1 << lane,
+                None => silent |= alike,
             }
         }
         if silent != 0 {
             self.answered(index, silent);
         }
+        Ok(())
     }
 
     /// Hits that intersection shaders report: each counts if it is in its ray's interval as it stands; the any-hit shader, if
     /// the geometry is not opaque and there is one, has the last word.
-    fn report_intersections(&mut self, index: SubgroupIndex, lanes: u16, attribute_words: usize) {
+    fn report_intersections(
+        &mut self,
+        index: SubgroupIndex,
+        lanes: u16,
+        attribute_words: usize,
+    ) -> Result<(), Stopped> {
         if let Some(traced) = self.dispatch.checks {
             lanes_of(lanes).for_each(|lane| self.check_report(traced, index, lane));
         }
@@ -152,6 +165,8 @@ impl Batch<'_> {
         let (numbers, words) = subgroup.rows[io..].split_at(IO_DATA_ROW);
         let words = &words[..attribute_words];
         let (mut verdicts, mut decided) = ([0; SUBGROUP_SIZE], lanes);
+        let mut callees = [(0, Role::AnyHitOfReport, 0); SUBGROUP_SIZE];
+        let of = subgroup.of;
         for lane in lanes_of(lanes) {
             let ray = subgroup.of[lane];
             let group = &mut ray_groups[ray.index()];
@@ -180,7 +195,7 @@ impl Batch<'_> {
                     *attribute = row.0[lane];
                 }
                 group.procedural_mut().reports[ray.lane()] = report;
-                self.calls.push(program, Role::AnyHitOfReport, record, ray);
+                callees[lane] = (program, Role::AnyHitOfReport, record);
                 decided &= !(1 << lane);
                 continue;
             }
@@ -197,7 +212,18 @@ impl Batch<'_> {
         for lane in lanes_of(decided) {
             row[lane] = verdicts[lane];
         }
+        let mut rest = lanes & !decided;
         self.answered(index, decided);
+        while rest != 0 {
+            let first = rest.trailing_zeros() as usize;
+            let (group, callee) = (of[first].index(), callees[first]);
+            let alike = lanes_of(rest)
+                .filter(|&lane| of[lane].index() == group && callees[lane] == callee)
+                .fold(0, |alike, lane| alike | 1 << lane);
+            rest &= !alike;
+            self.call(callee, group, lanes_named(alike, &of))?;
+        }
+        Ok(())
     }
 
     /// An any-hit shader has decided on the hit that was reported for a ray: tells the intersection invocation.
@@ -270,16 +296,9 @@ impl Batch<'_> {
             }
             Role::Intersection => {
                 for lane in lanes_of(lanes) {
-                    let group = &self.worker.ray_groups[of[lane].index()];
-                    if group.company.is_some() {
-                        self.decided(of[lane]);
-                        continue;
-                    }
-                    let verdict = match group.over >> of[lane].lane() & 1 {
-                        0 => Verdict::Continue,
-                        _ => Verdict::Terminate,
-                    };
-                    self.walking.push((of[lane], verdict));
+                    let group = &mut self.worker.ray_groups[of[lane].index()];
+                    group.verdicts[of[lane].lane()] = Verdict::Continue;
+                    self.decided(of[lane]);
                 }
             }
         }
@@ -295,19 +314,17 @@ impl Batch<'_> {
             return self.decide_report(ray, decision != 1, decision > 1);
         }
         let group = &mut self.worker.ray_groups[ray.index()];
-        if group.company.is_some() {
-            if decision != 1 {
-                group.over |= u16::from(decision > 1) << ray.lane();
-                self.accept(ray);
-            }
-            return self.decided(ray);
+        if group.company.is_none() {
+            group.verdicts[ray.lane()] = match decision {
+                0 => Verdict::Accept,
+                1 => Verdict::Continue,
+                _ => Verdict::AcceptAndTerminate,
+            };
+        } else if decision != 1 {
+            group.over |= u16::from(decision > 1) << ray.lane();
+            self.accept(ray);
         }
-        let verdict = match decision {
-            0 => Verdict::Accept,
-            1 => Verdict::Continue,
-            _ => Verdict::AcceptAndTerminate,
-        };
-        self.walking.push((ray, verdict));
+        self.decided(ray);
     }
 
     /// Copies what lanes leave over the data of a caller that waits for them: `of` says in which of its lanes.

@@ -1,19 +1,27 @@
-//! One batch: run ready waves, advance walks, form waves of the calls; until nothing is left.
+//! One batch, in rounds, until nothing is left:
+//!
+//! 1. rays walk to their ends, with the shaders that decide on their candidates ([`Turn::Deciders`]);
+//! 2. hit, miss and callable shaders run until each has ended or waits ([`Turn::Callees`]);
+//! 3. so do ray generation shaders ([`Turn::Launches`]), whose lanes are moved together first where many have ended.
+//!
+//! A step ends when nothing in it can go on. What it leaves does not depend on what was done first in it, as no subgroup's shader can tell:
+//! so who meets in the subgroups that the next step forms follows from the launch alone, whatever the order of answers, the length of
+//! waves or the way that rays walk.
 
 use smallvec::SmallVec;
 use spirv_jit::program::{AlignedRow, Event, ResumePoint, SiteKind, Wave};
 use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
-use traversal::{Company, RayRows, Verdict, Walk, Walker};
+use traversal::{Company, Event as WalkEvent, RayRows, Walk, Walker};
 
 use super::Dispatch;
-use super::calls::{Call, Calls, Records};
+use super::calls::{Calls, Records};
 use super::grid::Grid;
 use super::inputs::Sources;
 use super::queries::Queries;
 use super::rays::RayGroup;
 use super::slab::Slab;
 use super::stats::Tally;
-use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, lanes_of};
+use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, Turn, lanes_of};
 use crate::settings::settings;
 use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
@@ -78,17 +86,23 @@ struct Ready {
 /// A batch being turned.
 pub struct Batch<'a> {
     pub(super) dispatch: &'a Dispatch<'a>,
-    grid: &'a Grid,
+    pub(super) grid: &'a Grid,
     pub(super) worker: &'a mut Worker,
-    ready: Vec<Ready>,
+    /// By [`Turn`].
+    ready: [Vec<Ready>; Turn::COUNT],
+    /// Lists of ready subgroups that are not in use, for their memory.
+    spare: Vec<Vec<SubgroupIndex>>,
     /// Groups of rays whose walks begin.
     pub(super) starting: Vec<u32>,
     /// Rays that the walker has taken up, by groups.
     pub(super) enlisted: Vec<(u32, u16)>,
-    /// Rays whose walk can go on.
-    pub(super) walking: Vec<(LaneRef, Verdict)>,
-    /// Groups of rays that can go on together.
+    /// Rays of such groups that the walker has not taken up, and that have stopped.
+    pub(super) stopped: Vec<(LaneRef, WalkEvent)>,
+    /// Groups of rays about all of whose candidates shaders have decided.
     pub(super) going_on: Vec<u32>,
+    /// Calls of shaders that decide on candidates.
+    pub(super) deciding: Calls,
+    /// Calls of hit, miss and callable shaders.
     pub(super) calls: Calls,
     /// Subgroups that stand at a reorder instruction.
     pub(super) reordering: Vec<SubgroupIndex>,
@@ -112,11 +126,13 @@ impl<'a> Batch<'a> {
             dispatch,
             grid,
             worker,
-            ready: Vec::new(),
+            ready: Default::default(),
+            spare: Vec::new(),
             starting: Vec::new(),
             enlisted: Vec::new(),
-            walking: Vec::new(),
+            stopped: Vec::new(),
             going_on: Vec::new(),
+            deciding: Calls::default(),
             calls: Calls::default(),
             reordering: Vec::new(),
             state_bytes: 0,
@@ -146,9 +162,10 @@ impl<'a> Batch<'a> {
         }
         loop {
             while self.is_busy() {
-                self.run_ready_waves()?;
-                self.advance_walks()?;
-                self.form_waves()?;
+                self.trace_rays_to_their_ends()?;
+                self.form_callees()?;
+                self.run_ready(Turn::Callees)?;
+                self.run_launches()?;
             }
             if self.reordering.is_empty() {
                 break;
@@ -167,12 +184,26 @@ impl<'a> Batch<'a> {
 
     /// Something other than a reordering is to be done.
     fn is_busy(&self) -> bool {
-        let walks = self.starting.is_empty() && self.walking.is_empty() && self.going_on.is_empty();
-        !(self.ready.is_empty() && walks && self.calls.is_empty())
+        let waits = self.ready.iter().all(Vec::is_empty) && self.starting.is_empty();
+        !(waits && self.calls.is_empty())
+    }
+
+    /// Walks all rays to their ends, with the shaders that decide on their candidates.
+    fn trace_rays_to_their_ends(&mut self) -> Result<(), Stopped> {
+        loop {
+            self.advance_walks()?;
+            if self.ready[Turn::Deciders as usize].is_empty() {
+                if self.deciding.is_empty() {
+                    return Ok(());
+                }
+                self.form_deciders()?;
+            }
+            self.run_ready(Turn::Deciders)?;
+        }
     }
 
     /// Takes a place for a subgroup at its program's entry.
-    fn new_subgroup(
+    pub(super) fn new_subgroup(
         &mut self,
         program: ProgramIndex,
         role: Role,
@@ -195,7 +226,7 @@ impl<'a> Batch<'a> {
     }
 
     /// Fills a new subgroup's inputs and makes it ready.
-    fn start(&mut self, index: SubgroupIndex, records: &[u64; SUBGROUP_SIZE]) {
+    pub(super) fn start(&mut self, index: SubgroupIndex, records: &[u64; SUBGROUP_SIZE]) {
         // Out of the list, for the others to be read meanwhile.
         let mut rows = std::mem::take(&mut self.worker.subgroups[index].rows);
         let subgroup = &self.worker.subgroups[index];
@@ -217,39 +248,64 @@ impl<'a> Batch<'a> {
         let subgroup = &self.worker.subgroups[index];
         let program = subgroup.program;
         let point = self.dispatch.shaders.programs[program as usize].resume_point(&subgroup.rows);
-        match self
-            .ready
-            .iter_mut()
-            .find(|ready| (ready.program, ready.point) == (program, point))
-        {
+        let ready = &mut self.ready[subgroup.role.turn() as usize];
+        // Most come where the one before came.
+        let known = (ready.iter_mut().rev()).find(|r| (r.program, r.point) == (program, point));
+        match known {
             Some(ready) => ready.subgroups.push(index),
-            None => self.ready.push(Ready {
-                program,
-                point,
-                subgroups: vec![index],
-            }),
+            None => {
+                let mut subgroups = self.spare.pop().unwrap_or_default();
+                subgroups.push(index);
+                ready.push(Ready {
+                    program,
+                    point,
+                    subgroups,
+                });
+            }
         }
     }
 
-    /// Runs until every subgroup waits for a ray, a verdict or a callee.
-    fn run_ready_waves(&mut self) -> Result<(), Stopped> {
+    /// Runs all whose turn it is until each waits or has ended.
+    fn run_ready(&mut self, turn: Turn) -> Result<(), Stopped> {
+        let turn = turn as usize;
         while let Some(fullest) =
-            (0..self.ready.len()).max_by_key(|&i| self.ready[i].subgroups.len())
+            (0..self.ready[turn].len()).max_by_key(|&i| self.ready[turn][i].subgroups.len())
         {
-            let Ready {
-                program,
-                point,
-                mut subgroups,
-            } = self.ready.swap_remove(fullest);
-            let width = self.dispatch.shaders.programs[program as usize]
-                .max_wave_subgroups()
-                .max(1);
-            subgroups.sort_unstable();
-            self.compact(program, point, &mut subgroups)?;
-            for wave in subgroups.chunks(width) {
-                self.run_wave(program, wave)?;
-            }
+            let ready = self.ready[turn].swap_remove(fullest);
+            self.run_subgroups(ready)?;
         }
+        Ok(())
+    }
+
+    /// Runs ray generation shaders until each waits or has ended. Those that come back from a shader call are moved together first.
+    fn run_launches(&mut self) -> Result<(), Stopped> {
+        let turn = Turn::Launches as usize;
+        for mut ready in std::mem::take(&mut self.ready[turn]) {
+            self.compact(ready.program, ready.point, &mut ready.subgroups)?;
+            self.run_subgroups(ready)?;
+        }
+        self.run_ready(Turn::Launches)
+    }
+
+    /// Runs subgroups that stand at one point, in waves.
+    fn run_subgroups(&mut self, ready: Ready) -> Result<(), Stopped> {
+        let Ready {
+            program,
+            mut subgroups,
+            ..
+        } = ready;
+        let width = self.dispatch.shaders.programs[program as usize]
+            .max_wave_subgroups()
+            .min(settings().wave)
+            .max(1);
+        if !subgroups.is_sorted() {
+            subgroups.sort_unstable();
+        }
+        for wave in subgroups.chunks(width) {
+            self.run_wave(program, wave)?;
+        }
+        subgroups.clear();
+        self.spare.push(subgroups);
         Ok(())
     }
 
@@ -283,7 +339,7 @@ impl<'a> Batch<'a> {
                 Event::OutOfFuel => self.make_ready(index),
                 Event::Yield(site) => match compiled.sites()[site.0 as usize] {
                     SiteKind::RayQueryProceed => self.proceed(index)?,
-                    kind => self.answer(index, kind),
+                    kind => self.answer(index, kind)?,
                 },
             }
         }
@@ -309,73 +365,6 @@ impl<'a> Batch<'a> {
             self.dispatch.limits,
         )?;
         self.make_ready(index);
-        Ok(())
-    }
-
-    /// Makes subgroups of the waiting calls: full ones of one shader each, whatever the divergence of those who called.
-    fn form_waves(&mut self) -> Result<(), Stopped> {
-        let mut calls = std::mem::take(&mut self.calls);
-        for bucket in calls.sorted() {
-            let (program, role) = (bucket.program, bucket.role);
-            for calls in bucket.sorted().chunks(SUBGROUP_SIZE) {
-                self.form_subgroup(program, role, calls)?;
-            }
-            bucket.clear();
-        }
-        self.calls = calls;
-        Ok(())
-    }
-
-    /// Makes a subgroup of rays of a group, each in its own lane.
-    pub(super) fn form_in_place(
-        &mut self,
-        (program, role, record): (ProgramIndex, Role, u64),
-        group: u32,
-        lanes: u16,
-    ) -> Result<(), Stopped> {
-        let of = std::array::from_fn(|lane| LaneRef::new(group, lane));
-        if let Some(traced) = self.dispatch.checks {
-            for lane in lanes_of(lanes) {
-                self.check_call(traced, program, role, of[lane]);
-            }
-        }
-        let index = self.new_subgroup(program, role, lanes)?;
-        let worker = &mut *self.worker;
-        let launch = worker.subgroups[worker.ray_groups[group].caller].launch;
-        let subgroup = &mut worker.subgroups[index];
-        (subgroup.of, subgroup.launch) = (of, launch);
-        self.start(index, &[record; SUBGROUP_SIZE]);
-        Ok(())
-    }
-
-    fn form_subgroup(
-        &mut self,
-        program: ProgramIndex,
-        role: Role,
-        calls: &[Call],
-    ) -> Result<(), Stopped> {
-        if let Some(traced) = self.dispatch.checks {
-            for &(_, of) in calls {
-                self.check_call(traced, program, role, of);
-            }
-        }
-        let lanes = u16::MAX >> (SUBGROUP_SIZE - calls.len());
-        let index = self.new_subgroup(program, role, lanes)?;
-        let (mut records, mut of) = ([calls[0].0; SUBGROUP_SIZE], [calls[0].1; SUBGROUP_SIZE]);
-        for (lane, call) in calls.iter().enumerate() {
-            (records[lane], of[lane]) = *call;
-        }
-        let worker = &mut *self.worker;
-        let launch = of.map(|of| {
-            let caller = match role {
-                Role::Callable => of.index(),
-                _ => worker.ray_groups[of.index()].caller,
-            };
-            worker.subgroups[caller].launch[of.lane()]
-        });
-        let subgroup = &mut worker.subgroups[index];
-        (subgroup.of, subgroup.launch) = (of, launch);
-        self.start(index, &records);
         Ok(())
     }
 }

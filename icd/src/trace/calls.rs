@@ -4,10 +4,19 @@
 use super::subgroup::{LaneRef, Role};
 use crate::wave::table::{Group, ProgramIndex, Region, Shaders, read_handle};
 
-/// An invocation to be created: the address of its shader record, and what it is about. See [`Subgroup::of`](super::subgroup::Subgroup).
-pub type Call = (u64, LaneRef);
+/// An invocation to be created.
+#[derive(Clone, Copy, Debug)]
+pub struct Call {
+    /// Address of its shader record.
+    pub record: u64,
+    /// Where its launch stands in the batch: [`Grid::place`](super::grid::Grid::place).
+    pub place: u32,
+    /// What it is about. See [`Subgroup::of`](super::subgroup::Subgroup).
+    pub of: LaneRef,
+}
 
-/// Calls by shader and role.
+/// Calls by shader and role. A launch waits for one at a time, so their order by record and launch is complete: who shares a subgroup
+/// does not depend on when they came.
 #[derive(Default)]
 pub struct Calls {
     /// Those with calls first, in the order of their first ones.
@@ -33,13 +42,13 @@ impl Calls {
 
     /// Adds a call.
     #[inline]
-    pub fn push(&mut self, program: ProgramIndex, role: Role, record: u64, of: LaneRef) {
+    pub fn push(&mut self, program: ProgramIndex, role: Role, call: Call) {
         let place = program as usize * Role::COUNT + role as usize;
         let bucket = match self.places.get(place) {
             Some(&known) if known != 0 => known as usize - 1,
             _ => self.add(place, program, role),
         };
-        self.buckets[bucket].calls.push((record, of));
+        self.buckets[bucket].calls.push(call);
     }
 
     #[cold]
@@ -70,10 +79,11 @@ impl Calls {
 }
 
 impl Bucket {
-    /// The calls, by record; those of one record as they came.
+    /// The calls, by record and launch.
     pub fn sorted(&mut self) -> &[Call] {
-        if !self.calls.is_sorted_by_key(|call| call.0) {
-            self.calls.sort_by_key(|call| call.0);
+        let key = |call: &Call| (call.record, call.place);
+        if !self.calls.is_sorted_by_key(key) {
+            self.calls.sort_unstable_by_key(key);
         }
         &self.calls
     }

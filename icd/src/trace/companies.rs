@@ -1,19 +1,17 @@
 //! Rays of one group that walk together: what decisions they wait for, and how they go on.
 
-use traversal::{Event, Progress};
+use smallvec::SmallVec;
+use traversal::{Event, PACKET, Progress};
 
 use super::batch::{Batch, Worker};
-use super::rays::record_indices;
+use super::rays::{alike, record_indices};
 use super::subgroup::{LaneRef, Role, lanes_of};
 use super::walks::need;
 use crate::wave::Stopped;
 
-/// Rays with a candidate, from which on a subgroup is made of those of one group.
-const FULL_ENOUGH: u32 = 6;
-
 impl Batch<'_> {
     /// Goes on with rays that walk together.
-    pub(super) fn go_on(&mut self, index: u32) -> Result<(), Stopped> {
+    pub(super) fn go_on_together(&mut self, index: u32) -> Result<(), Stopped> {
         let Worker {
             walker,
             rays,
@@ -32,26 +30,17 @@ impl Batch<'_> {
         company.end(group.over);
         // Of all that set out, for what they have in common.
         group.load(group.operands(subgroups), self.dispatch, rays);
-        let lanes = group.in_flight;
         // SAFETY: as for their start.
         let progress = unsafe { walker.go_on(rays, &mut group.hits, company) };
-        self.heed_company(index, lanes, progress)
+        self.heed_company(index, progress)
     }
 
     /// Does what rays ask for that walk together.
-    pub(super) fn heed_company(
-        &mut self,
-        index: u32,
-        lanes: u16,
-        progress: Progress,
-    ) -> Result<(), Stopped> {
+    pub(super) fn heed_company(&mut self, index: u32, progress: Progress) -> Result<(), Stopped> {
         match progress {
             Progress::Candidates => self.ask_about_candidates(index),
-            Progress::Parted(parted) => self.part(index, lanes, parted),
-            Progress::Apart | Progress::Done => {
-                self.end_walks(index, lanes);
-                Ok(())
-            }
+            Progress::Parted(parted) => self.part(index, parted),
+            Progress::Apart | Progress::Done => self.end_walks(index),
         }
     }
 
@@ -62,7 +51,7 @@ impl Batch<'_> {
         std::mem::swap(&mut worker.company, &mut worker.companies[place]);
         let lanes = worker.companies[place].candidates().found;
         let group = &mut worker.ray_groups[index];
-        (group.company, group.undecided) = (Some(place), lanes);
+        group.company = Some(place);
         let worker = &*self.worker;
         let (group, subgroups) = (&worker.ray_groups[index], &worker.subgroups);
         let candidates = worker.companies[place].candidates();
@@ -78,42 +67,33 @@ impl Batch<'_> {
                 self.check_hit_record(traced, need, records[lane], &candidates.hit(lane));
             }
         }
-        let mut rest = lanes;
+        let (mut rest, mut undecided) = (lanes, 0);
+        let mut callees: SmallVec<[_; 4]> = SmallVec::new();
         while rest != 0 {
             let record = records[rest.trailing_zeros() as usize];
-            let mut alike = 0;
-            for (lane, &other) in records.iter().enumerate() {
-                alike |= u16::from(other == record) << lane;
-            }
-            alike &= rest;
+            let alike = alike(&records, rest);
             rest &= !alike;
-            match self.find_decider(record, role) {
-                Some((program, record)) if alike.count_ones() >= FULL_ENOUGH => {
-                    self.form_in_place((program, role, record), index, alike)?;
-                }
-                Some((program, record)) => {
-                    for lane in lanes_of(alike) {
-                        let ray = LaneRef::new(index, lane);
-                        self.calls.push(program, role, record, ray);
-                    }
-                }
-                None => {
-                    for lane in lanes_of(alike) {
-                        if role == Role::AnyHit {
-                            self.accept(LaneRef::new(index, lane));
-                        }
-                        self.decided(LaneRef::new(index, lane));
-                    }
-                }
+            if let Some((program, record)) = self.find_decider(record, role) {
+                undecided |= alike;
+                callees.push(((program, role, record), alike));
+            } else if role == Role::AnyHit {
+                lanes_of(alike).for_each(|lane| self.accept(LaneRef::new(index, lane)));
             }
+        }
+        self.worker.ray_groups[index].undecided = undecided;
+        if undecided == 0 {
+            self.going_on.push(index);
+        }
+        for (callee, lanes) in callees {
+            self.call(callee, index, lanes)?;
         }
         Ok(())
     }
 
     /// Rays that walked together go on one by one, the others are at their ends.
     #[cold]
-    fn part(&mut self, index: u32, lanes: u16, parted: u16) -> Result<(), Stopped> {
-        let mut done = lanes;
+    fn part(&mut self, index: u32, parted: u16) -> Result<(), Stopped> {
+        let mut events: SmallVec<[(usize, Event); PACKET]> = SmallVec::new();
         for lane in lanes_of(parted) {
             let Worker {
                 walks,
@@ -127,12 +107,9 @@ impl Batch<'_> {
             group.walks[lane] = place;
             // SAFETY: as for their start.
             unsafe { company.part(lane, rays, &group.hits, &mut walks[place]) };
-            if !self.is_over(LaneRef::new(index, lane), Event::OutOfFuel)? {
-                done &= !(1 << lane);
-            }
+            events.push((lane, Event::OutOfFuel));
         }
-        self.end_walks(index, done);
-        Ok(())
+        self.settle(index, &events)
     }
 
     /// An any-hit shader, or the want of one, accepts a ray's triangle.
@@ -148,7 +125,7 @@ impl Batch<'_> {
         }
     }
 
-    /// A shader has decided on the candidate of a ray that walks with others; after the last one they go on.
+    /// A shader has decided on the candidate of a ray; after the last one of a group it goes on.
     pub(super) fn decided(&mut self, ray: LaneRef) {
         let group = &mut self.worker.ray_groups[ray.index()];
         group.undecided &= !(1 << ray.lane());

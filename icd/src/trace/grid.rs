@@ -157,6 +157,25 @@ impl Grid {
         [launch - row * width, row - layer * height, layer]
     }
 
+    /// Where a linear launch index stands among those of its batch: tile by tile, lane by lane, as ray generation shaders begin.
+    pub fn place(&self, launch: u32) -> u32 {
+        let [x, y, _] = self.launch_id(launch);
+        let [width, height] = self.tile;
+        let (tile_x, tile_y) = (x / width, y / height);
+        let [columns, rows] = self.batch;
+        let tile = tile_y % rows * columns + tile_x % columns;
+        tile * SUBGROUP_SIZE as u32 + self.lane(x % width, y % height)
+    }
+
+    /// The lane of a position in a tile: see [`Self::lane_offset`].
+    fn lane(&self, dx: u32, dy: u32) -> u32 {
+        if self.tile[1] == 1 {
+            return dx;
+        }
+        let quad = dy / 2 * (self.tile[0] / 2) + dx / 2;
+        4 * quad + dy % 2 * 2 + dx % 2
+    }
+
     /// A component of `LaunchIdKHR` for each lane.
     pub fn launch_id_row(
         &self,
@@ -230,9 +249,13 @@ mod tests {
                 let count = extent.iter().product::<u32>() as usize;
                 let mut seen = vec![0u32; count];
                 for batch in 0..grid.batch_count() {
+                    let mut last = None;
                     for tile in grid.tiles(batch) {
                         for lane in (0..SUBGROUP_SIZE).filter(|lane| tile.mask >> lane & 1 != 0) {
                             let launch = tile.launch[lane];
+                            let place = grid.place(launch);
+                            assert!(last < Some(place) && place % 16 == lane as u32);
+                            last = Some(place);
                             let [x, y, z] = grid.launch_id(launch);
                             assert!(x < extent[0] && y < extent[1] && z < extent[2]);
                             seen[launch as usize] += 1;

@@ -8,8 +8,8 @@ use traversal::{Hit, Structure, Swept};
 use super::batch::{Batch, Worker};
 use super::rays::{Operands, RayGroup, operand, record_indices};
 use super::subgroup::{Subgroup, SubgroupIndex, lanes_of};
-use crate::wave::Limits;
 use crate::wave::table::HANDLE_SIZE;
+use crate::wave::{Limits, Stopped};
 
 impl Batch<'_> {
     /// Walks are over: what they found goes to the caller, no shader runs.
@@ -31,7 +31,11 @@ impl Batch<'_> {
     }
 
     /// Calls the closest-hit or miss shaders of hit objects; an empty one has none.
-    pub(super) fn execute_hit_objects(&mut self, index: SubgroupIndex, lanes: u16) {
+    pub(super) fn execute_hit_objects(
+        &mut self,
+        index: SubgroupIndex,
+        lanes: u16,
+    ) -> Result<(), Stopped> {
         let worker = &mut *self.worker;
         let subgroup = &worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
@@ -79,8 +83,15 @@ impl Batch<'_> {
                 operands[operand::DIRECTION + axis].0[lane] = object.0[word::DIRECTION + axis];
             }
         }
-        self.end_walks(group_index, lanes & !empty);
-        self.finish_rays(group_index, empty);
+        group.in_flight &= !empty;
+        match group.in_flight {
+            0 => worker.ray_groups.remove(group_index),
+            _ => self.end_walks(group_index)?,
+        }
+        if empty != 0 {
+            self.answered(index, empty);
+        }
+        Ok(())
     }
 
     /// Answers a question about a hit at once.

@@ -23,7 +23,7 @@ pub struct Sources<'a> {
     pub companies: &'a Slab<Box<Company>>,
 }
 
-/// Per lane; lanes that were not started repeat the first one.
+/// Per lane; of lanes that were not started, anything.
 type Lanes<T> = [T; SUBGROUP_SIZE];
 
 impl Sources<'_> {
@@ -142,10 +142,11 @@ enum Subject<'a> {
 impl<'a> Subject<'a> {
     fn new(
         sources: &Sources<'a>,
-        of: &Lanes<LaneRef>,
+        subgroup: &Subgroup,
         groups: &Lanes<&RayGroup>,
         in_place: bool,
     ) -> Self {
+        let (of, lanes) = (&subgroup.of, subgroup.lanes);
         if let Some(place) = groups[0].company
             && in_place
         {
@@ -154,6 +155,7 @@ impl<'a> Subject<'a> {
         Self::Candidates(std::array::from_fn(|i| {
             let lane = of[i].lane();
             match groups[i].company {
+                _ if lanes >> i & 1 == 0 => (Hit::NONE, 0.0),
                 Some(place) => {
                     let company = &sources.companies[place];
                     (company.candidates().hit(lane), company.t_max()[lane])
@@ -171,6 +173,8 @@ impl<'a> Subject<'a> {
 struct HitLanes<'a> {
     dispatch: &'a Dispatch<'a>,
     role: Role,
+    /// Those that were started.
+    started: u16,
     groups: Lanes<&'a RayGroup>,
     operands: Lanes<&'a Operands>,
     /// The lane of each ray in its group.
@@ -208,12 +212,13 @@ impl<'a> HitLanes<'a> {
         let is_in_place =
             of.iter().all(|ray| ray.index() == of[0].index()) && in_place(u16::MAX, of);
         let subject = match decides {
-            true => Subject::new(sources, of, &groups, is_in_place),
+            true => Subject::new(sources, subgroup, &groups, is_in_place),
             false => Subject::Hits,
         };
         Self {
             dispatch: sources.dispatch,
             role: subgroup.role,
+            started: subgroup.lanes,
             groups,
             operands,
             lanes: of.map(LaneRef::lane),
@@ -239,12 +244,9 @@ impl<'a> HitLanes<'a> {
         }
     }
 
-    /// Whether there is something in a lane: those that were not started repeat one that was, but where each has its own lane.
+    /// Whether a lane was started: rows have anything elsewhere.
     fn is_there(&self, lane: usize) -> bool {
-        match &self.subject {
-            Subject::Together(company) => company.candidates().found >> lane & 1 != 0,
-            _ => true,
-        }
+        self.started >> lane & 1 != 0
     }
 
     /// A row of what was hit: from the rows of hits, or from candidates.

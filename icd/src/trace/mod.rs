@@ -1,10 +1,11 @@
 //! Executing `vkCmdTraceRays*`: a dispatch's grid in batches, each turned by one worker until it is empty.
 //!
 //! ```text
-//! grid ──> batches ──> Batch::run:  run ready waves ──yield──> rays, calls
-//!                                   advance walks  ──event──> calls
-//!                                   form full waves of the calls, sorted by shader and record
-//!                                   nothing left but waves at a reorder instruction: sort their lanes
+//! grid ──> batches ──> Batch::run, in rounds:
+//!                        walk rays to their ends, with the shaders that decide on their candidates
+//!                        form subgroups of the hit and miss shaders and callables, and run them ──> rays, calls
+//!                        run ray generation shaders ──> rays, calls
+//!                      nothing left but subgroups at a reorder instruction: sort their lanes
 //! ```
 //!
 //! Shader code never calls traversal and traversal never calls shader code: both return here with an event. Recursion therefore costs
@@ -15,6 +16,7 @@ mod batch;
 mod calls;
 mod checked;
 mod companies;
+mod forming;
 mod grid;
 mod hit_object;
 mod inputs;

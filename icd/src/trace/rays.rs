@@ -2,7 +2,7 @@
 
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row};
-use traversal::{Hit, HitRows, RayRows, ray_flags};
+use traversal::{Hit, HitRows, RayRows, Verdict, ray_flags};
 
 use super::Dispatch;
 use super::slab::Slab;
@@ -67,7 +67,11 @@ pub struct RayGroup {
     pub over: u16,
     /// Where rays that walk together wait for decisions; there they are all.
     pub company: Option<u32>,
-    /// Those of them about which shaders have not decided yet.
+    /// Lanes that wait for decisions, each at a candidate of its walk, where rays walk singly.
+    pub asked: u16,
+    /// What was decided there.
+    pub verdicts: [Verdict; SUBGROUP_SIZE],
+    /// Lanes about which shaders have not decided yet.
     pub undecided: u16,
     /// What is found goes into hit objects.
     pub fills_hit_object: bool,
@@ -171,6 +175,27 @@ pub fn record_indices(hits: &HitRows, operands: &Operands) -> Row {
             _ => hit,
         }
     })
+}
+
+/// Which of some lanes have the number of the first of them in a row.
+pub fn alike(row: &Row, lanes: u16) -> u16 {
+    let number = row[lanes.trailing_zeros() as usize % SUBGROUP_SIZE];
+    let mut alike = 0;
+    for (lane, &other) in row.iter().enumerate() {
+        alike |= u16::from(other == number) << lane;
+    }
+    alike & lanes
+}
+
+/// Whether which hit rays find first can be seen, where their first hit ends them.
+pub fn shows_first_hit(operands: &Operands, lanes: u16, fills_hit_object: bool) -> bool {
+    let mut shows = 0;
+    for (lane, flags) in operands[operand::FLAGS].0.iter().enumerate() {
+        let ends = flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
+        let calls = flags & ray_flags::SKIP_CLOSEST_HIT_SHADER == 0;
+        shows |= u16::from(ends & (calls | fills_hit_object)) << lane;
+    }
+    shows & lanes != 0
 }
 
 /// Index of the hit group record for a hit (chapter Ray Tracing, "Hit Shaders").

@@ -53,7 +53,10 @@ impl Batch<'_> {
     ) -> Result<(), Stopped> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
         let mut lanes: Vec<(Key, LaneRef)> = Vec::with_capacity(indices.len() * SUBGROUP_SIZE);
-        for &index in indices {
+        // In the order of launches: that of places in the list is an accident.
+        let mut in_order = indices.to_vec();
+        in_order.sort_by_cached_key(|&index| self.first_launch(index));
+        for index in in_order {
             self.worker.subgroups[index].pending = 0;
             let rows = &self.worker.subgroups[index].rows;
             for lane in lanes_of(compiled.event_mask(rows)) {
@@ -75,6 +78,14 @@ impl Batch<'_> {
         Ok(())
     }
 
+    /// Where the launch of a subgroup's first active lane stands in the batch.
+    fn first_launch(&self, index: SubgroupIndex) -> u32 {
+        let subgroup = &self.worker.subgroups[index];
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        let first = program.event_mask(&subgroup.rows).trailing_zeros() as usize;
+        self.grid.place(subgroup.launch[first % SUBGROUP_SIZE])
+    }
+
     /// Puts the lanes of ready ray generation shaders that stand behind one shader call into fewer subgroups, where many have ended.
     pub(super) fn compact(
         &mut self,
@@ -94,11 +105,13 @@ impl Batch<'_> {
         if !may_move || compiled.stage() != Stage::RayGeneration || subgroups.len() < 2 {
             return Ok(());
         }
+        subgroups.sort_unstable();
         let mut sources = Vec::with_capacity(subgroups.len());
         let mut lanes = Vec::new();
         for &index in &*subgroups {
             let rows = &self.worker.subgroups[index].rows;
-            if compiled.event_mask(rows) != u16::MAX && !compiled.has_parked_lanes(rows) {
+            let is_partial = !matches!(compiled.event_mask(rows), 0 | u16::MAX);
+            if is_partial && !compiled.has_parked_lanes(rows) {
                 lanes.extend(
                     lanes_of(compiled.event_mask(rows)).map(|lane| LaneRef::new(index, lane)),
                 );
@@ -110,6 +123,10 @@ impl Batch<'_> {
         if lanes.is_empty() || 4 * needed > 3 * sources.len() {
             return Ok(());
         }
+        lanes.sort_by_cached_key(|lane| {
+            let launch = &self.worker.subgroups[lane.index()].launch;
+            self.grid.place(launch[lane.lane()])
+        });
         let targets = self.move_lanes(program, &sources, &lanes)?;
         subgroups.retain(|index| sources.binary_search(index).is_err());
         subgroups.extend(targets);

@@ -1,6 +1,7 @@
 //! Rays of many groups that are walked together, node by node.
 
-use traversal::{Caller, Event, Hit, RayRows, Walk};
+use smallvec::SmallVec;
+use traversal::{Caller, Event, Hit, PACKET, RayRows, Walk};
 
 use super::Dispatch;
 use super::batch::{Batch, FUEL, Worker};
@@ -55,22 +56,20 @@ impl Batch<'_> {
             subgroups,
             walks,
             dispatch: self.dispatch,
-            stopped: Vec::new(),
+            stopped: std::mem::take(&mut self.stopped),
         };
         let fuel = &mut (FUEL * enlisted.len() as u64);
         // SAFETY: as for walks that are started one by one.
         unsafe { walker.trace_enlisted(fuel, &mut groups) };
-        let mut waiting = Vec::new();
-        for (ray, event) in groups.stopped {
-            if !self.is_over(ray, event)? {
-                waiting.push(ray);
-            }
+        let mut stopped = groups.stopped;
+        for &(index, _) in &enlisted {
+            let of_group = stopped.iter().filter(|(ray, _)| ray.index() == index);
+            let events: SmallVec<[_; PACKET]> =
+                of_group.map(|&(ray, event)| (ray.lane(), event)).collect();
+            self.settle(index, &events)?;
         }
-        for &(index, lanes) in &enlisted {
-            let waits = waiting.iter().filter(|ray| ray.index() == index);
-            let waits = waits.fold(0, |lanes, ray| lanes | 1 << ray.lane());
-            self.end_walks(index, lanes & !waits);
-        }
+        stopped.clear();
+        self.stopped = stopped;
         enlisted.clear();
         self.enlisted = enlisted;
         Ok(())

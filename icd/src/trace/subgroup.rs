@@ -53,6 +53,31 @@ pub enum Role {
 
 impl Role {
     pub const COUNT: usize = Role::Callable as usize + 1;
+
+    /// When shaders of this role run.
+    #[inline]
+    pub fn turn(self) -> Turn {
+        match self {
+            Role::AnyHit | Role::AnyHitOfReport | Role::Intersection => Turn::Deciders,
+            Role::ClosestHit | Role::Miss | Role::Callable => Turn::Callees,
+            Role::RayGeneration => Turn::Launches,
+        }
+    }
+}
+
+/// Whose turn it is to run, in the order of a round: see [`Batch`](super::batch::Batch).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Turn {
+    /// Shaders that decide on candidates of rays.
+    Deciders,
+    /// Hit, miss and callable shaders.
+    Callees,
+    /// Ray generation shaders.
+    Launches,
+}
+
+impl Turn {
+    pub const COUNT: usize = Turn::Launches as usize + 1;
 }
 
 /// Sixteen invocations of one program.

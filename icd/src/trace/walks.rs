@@ -4,7 +4,8 @@ use smallvec::SmallVec;
 use traversal::{Event, PACKET, Progress, Verdict, Walk, Walker};
 
 use super::batch::{Batch, FUEL, Worker};
-use super::rays::{hit_record_index, record_indices, skips_closest_hit};
+use super::forming::Callee;
+use super::rays::{alike, hit_record_index, record_indices, shows_first_hit, skips_closest_hit};
 use super::subgroup::{LaneRef, Role, lanes_of};
 use crate::validate::Need;
 use crate::wave::Stopped;
@@ -13,15 +14,6 @@ use crate::wave::table::ProgramIndex;
 /// Groups of which rays are walked together: fewer are not worth it, and a walker takes up no more.
 const ENOUGH: usize = 4;
 const MOST: usize = Walker::MOST_ENLISTED / PACKET;
-
-/// What becomes of a walk after an event.
-enum Next {
-    /// It goes on at once.
-    Resume(Verdict),
-    /// A shader decides.
-    Wait,
-    Over,
-}
 
 impl Batch<'_> {
     /// Advances every walk until a shader has to run, or to its end.
@@ -35,15 +27,17 @@ impl Batch<'_> {
         }
         self.trace_enlisted()?;
         self.starting = recycled(starting);
-        let walking = std::mem::take(&mut self.walking);
-        for some in walking.chunks(PACKET) {
-            self.resume_walks(some)?;
-        }
-        self.walking = recycled(walking);
         // Those about whose candidates no shader has a say can go on again at once.
         while !self.going_on.is_empty() {
-            for group in std::mem::take(&mut self.going_on) {
-                self.go_on(group)?;
+            let going_on = std::mem::take(&mut self.going_on);
+            for &group in &going_on {
+                match self.worker.ray_groups[group].company {
+                    Some(_) => self.go_on_together(group)?,
+                    None => self.go_on_singly(group)?,
+                }
+            }
+            if self.going_on.is_empty() {
+                self.going_on = recycled(going_on);
             }
         }
         Ok(())
@@ -61,12 +55,16 @@ impl Batch<'_> {
             ..
         } = &mut *self.worker;
         let group = &mut ray_groups[index];
-        group.load(group.operands(subgroups), self.dispatch, rays);
+        let operands = group.operands(subgroups);
+        group.load(operands, self.dispatch, rays);
         let lanes = group.in_flight;
-        // SAFETY: as below.
-        let progress = unsafe { walker.set_out(rays, lanes, &mut group.hits, company) };
-        if progress != Progress::Apart {
-            return self.heed_company(index, lanes, progress);
+        // Together, rays may find another first hit: no shader is to see that.
+        if !shows_first_hit(operands, lanes, group.fills_hit_object) {
+            // SAFETY: as below.
+            let progress = unsafe { walker.set_out(rays, lanes, &mut group.hits, company) };
+            if progress != Progress::Apart {
+                return self.heed_company(index, progress);
+            }
         }
         let mut events: SmallVec<[(usize, Event); PACKET]> = SmallVec::new();
         let mut keep = |lane: usize, walk: &mut Walk, event| {
@@ -88,66 +86,84 @@ impl Batch<'_> {
             }
             enlisted
         };
-        if enlisted != 0 {
-            self.enlisted.push((index, enlisted));
+        if enlisted == 0 {
+            return self.settle(index, &events);
         }
-        let mut done = lanes & !enlisted;
-        for (lane, event) in events {
-            if !self.is_over(LaneRef::new(index, lane), event)? {
-                done &= !(1 << lane);
-            }
-        }
-        self.end_walks(index, done);
+        self.enlisted.push((index, enlisted));
+        let stopped = events.into_iter();
+        (self.stopped).extend(stopped.map(|(lane, event)| (LaneRef::new(index, lane), event)));
         Ok(())
     }
 
-    /// Resumes some walks, most of them likely neighbours.
-    fn resume_walks(&mut self, some: &[(LaneRef, Verdict)]) -> Result<(), Stopped> {
+    /// Goes on with rays that walk one by one, after shaders have decided on their candidates.
+    fn go_on_singly(&mut self, index: u32) -> Result<(), Stopped> {
         let Worker {
             walker,
             walks,
             ray_groups,
             ..
         } = &mut *self.worker;
+        let group = &ray_groups[index];
         // SAFETY: as for their start.
         let mut list = unsafe { walker.list() };
         let mut fuel = FUEL;
-        let events: SmallVec<[_; PACKET]> = (some.iter())
-            .map(|&(ray, verdict)| {
-                let walk = &mut walks[ray_groups[ray.index()].walks[ray.lane()]];
-                list.resume(walk, verdict, &mut fuel)
+        let events: SmallVec<[_; PACKET]> = lanes_of(group.asked)
+            .map(|lane| {
+                let verdict = match group.over >> lane & 1 {
+                    0 => group.verdicts[lane],
+                    _ => Verdict::Terminate,
+                };
+                let walk = &mut walks[group.walks[lane]];
+                (lane, list.resume(walk, verdict, &mut fuel))
             })
             .collect();
-        let (mut group, mut done) = (some[0].0.index(), 0);
-        for (&(ray, _), event) in some.iter().zip(events) {
-            if ray.index() != group {
-                self.end_walks(group, done);
-                (group, done) = (ray.index(), 0);
-            }
-            if self.is_over(ray, event)? {
-                done |= 1 << ray.lane();
+        self.settle(index, &events)
+    }
+
+    /// Takes rays of a group that walk one by one on to candidates on which shaders decide, and calls those; or all to their ends.
+    pub(super) fn settle(&mut self, index: u32, events: &[(usize, Event)]) -> Result<(), Stopped> {
+        let mut asked = 0;
+        let mut callees = [(0, Role::AnyHit, 0); PACKET];
+        for &(lane, event) in events {
+            if let Some(callee) = self.advance(LaneRef::new(index, lane), event)? {
+                asked |= 1 << lane;
+                callees[lane] = callee;
             }
         }
-        self.end_walks(group, done);
+        let group = &mut self.worker.ray_groups[index];
+        (group.asked, group.undecided) = (asked, asked);
+        if asked == 0 {
+            return self.end_walks(index);
+        }
+        while asked != 0 {
+            let callee = callees[asked.trailing_zeros() as usize];
+            let alike = lanes_of(asked)
+                .filter(|&lane| callees[lane] == callee)
+                .fold(0, |alike, lane| alike | 1 << lane);
+            asked &= !alike;
+            self.call(callee, index, alike)?;
+        }
         Ok(())
     }
 
-    /// Heeds an event, and goes on as long as no shader has a say. Whether the walk is over, and its hit put down.
-    pub(super) fn is_over(&mut self, ray: LaneRef, mut event: Event) -> Result<bool, Stopped> {
+    /// Heeds an event of a walk, and goes on as long as no shader has a say. Returns the one that has; at the end of the walk, puts its
+    /// hit down.
+    fn advance(&mut self, ray: LaneRef, mut event: Event) -> Result<Option<Callee>, Stopped> {
         loop {
-            let verdict = match self.heed(ray, event)? {
-                Next::Resume(verdict) => verdict,
-                Next::Wait => return Ok(false),
-                Next::Over => break,
+            let (role, otherwise) = match event {
+                Event::OutOfFuel => {
+                    self.dispatch.limits.check()?;
+                    event = self.resume(ray, Verdict::Continue);
+                    continue;
+                }
+                Event::Done => break,
+                Event::AnyHitCandidate => (Role::AnyHit, Verdict::Accept),
+                Event::ProceduralCandidate => (Role::Intersection, Verdict::Continue),
             };
-            let Worker {
-                walker,
-                walks,
-                ray_groups,
-                ..
-            } = &mut *self.worker;
-            let walk = &mut walks[ray_groups[ray.index()].walks[ray.lane()]];
-            event = walk.resume(walker, verdict, &mut { FUEL });
+            if let Some((program, record)) = self.decider_of(ray, role) {
+                return Ok(Some((program, role, record)));
+            }
+            event = self.resume(ray, otherwise);
         }
         let worker = &mut *self.worker;
         let group = &mut worker.ray_groups[ray.index()];
@@ -156,28 +172,22 @@ impl Batch<'_> {
             group.hits.set(ray.lane(), hit);
         }
         worker.walks.remove(place);
-        Ok(true)
+        Ok(None)
     }
 
-    /// Does what a walk's event asks for.
-    fn heed(&mut self, ray: LaneRef, event: Event) -> Result<Next, Stopped> {
-        let (role, otherwise) = match event {
-            Event::OutOfFuel => {
-                self.dispatch.limits.check()?;
-                return Ok(Next::Resume(Verdict::Continue));
-            }
-            Event::Done => return Ok(Next::Over),
-            Event::AnyHitCandidate => (Role::AnyHit, Verdict::Accept),
-            Event::ProceduralCandidate => (Role::Intersection, Verdict::Continue),
-        };
-        Ok(match self.call_for_candidate(ray, role) {
-            true => Next::Wait,
-            false => Next::Resume(otherwise),
-        })
+    fn resume(&mut self, ray: LaneRef, verdict: Verdict) -> Event {
+        let Worker {
+            walker,
+            walks,
+            ray_groups,
+            ..
+        } = &mut *self.worker;
+        let walk = &mut walks[ray_groups[ray.index()].walks[ray.lane()]];
+        walk.resume(walker, verdict, &mut { FUEL })
     }
 
-    /// Calls the shader that decides on a candidate; false if its group has none.
-    fn call_for_candidate(&mut self, ray: LaneRef, role: Role) -> bool {
+    /// The shader that decides on the candidate at which a walk stands, and its record, if its group has one.
+    fn decider_of(&mut self, ray: LaneRef, role: Role) -> Option<(ProgramIndex, u64)> {
         let worker = &*self.worker;
         let group = &worker.ray_groups[ray.index()];
         let candidate = worker.walks[group.walks[ray.lane()]].candidate();
@@ -185,11 +195,7 @@ impl Batch<'_> {
         if let Some(traced) = self.dispatch.checks {
             self.check_hit_record(traced, need(role), index, candidate);
         }
-        match self.find_decider(index, role) {
-            Some((program, record)) => self.calls.push(program, role, record, ray),
-            None => return false,
-        }
-        true
+        self.find_decider(index, role)
     }
 
     /// The shader that decides on a candidate, and the record, if the record's group has one.
@@ -203,15 +209,14 @@ impl Batch<'_> {
         Some((program?, record))
     }
 
-    /// Walks of a group are over: the closest-hit or the miss shaders run, where there are any.
-    pub(super) fn end_walks(&mut self, index: u32, lanes: u16) {
-        if lanes == 0 {
-            return;
-        }
+    /// All walks of a group are over: the closest-hit and the miss shaders run, where there are any.
+    pub(super) fn end_walks(&mut self, index: u32) -> Result<(), Stopped> {
         let worker = &*self.worker;
         let group = &worker.ray_groups[index];
+        let lanes = group.in_flight;
         if group.fills_hit_object {
-            return self.fill_hit_objects(index, lanes);
+            self.fill_hit_objects(index, lanes);
+            return Ok(());
         }
         let operands = group.operands(&worker.subgroups);
         let records = record_indices(&group.hits, operands);
@@ -228,34 +233,31 @@ impl Batch<'_> {
             }
         }
         let (tables, shaders) = (&self.dispatch.tables, self.dispatch.shaders);
-        // What the lane before was told.
-        let mut last = None;
-        for lane in lanes_of(lanes & !silent) {
-            let is_hit = hits >> lane & 1 != 0;
-            let asked = (is_hit, records[lane]);
-            let called = match last {
-                Some((before, called)) if before == asked => called,
-                _ if is_hit => (self.worker.records)
-                    .find(shaders, &tables.hit, asked.1)
-                    .and_then(|(group, record)| Some((group.closest_hit?, record))),
-                _ => (self.worker.records)
-                    .find(shaders, &tables.miss, asked.1)
-                    .and_then(|(group, record)| Some((group.general?, record))),
+        let mut rest = lanes & !silent;
+        while rest != 0 {
+            let first = rest.trailing_zeros() as usize;
+            let is_hit = hits >> first & 1 != 0;
+            let alike = alike(&records, rest & if is_hit { hits } else { !hits });
+            rest &= !alike;
+            let (role, table) = match is_hit {
+                true => (Role::ClosestHit, &tables.hit),
+                false => (Role::Miss, &tables.miss),
             };
-            last = Some((asked, called));
-            let role = match is_hit {
-                true => Role::ClosestHit,
-                false => Role::Miss,
-            };
+            let found = self.worker.records.find(shaders, table, records[first]);
+            let called = found.and_then(|(group, record)| {
+                let program = match is_hit {
+                    true => group.closest_hit,
+                    false => group.general,
+                };
+                Some((program?, role, record))
+            });
             match called {
-                Some((program, record)) => {
-                    let ray = LaneRef::new(index, lane);
-                    self.calls.push(program, role, record, ray);
-                }
-                None => silent |= 1 << lane,
+                Some(callee) => self.call(callee, index, alike)?,
+                None => silent |= alike,
             }
         }
         self.finish_rays(index, silent);
+        Ok(())
     }
 }
 

@@ -9,6 +9,7 @@ mod chart;
 mod compare;
 mod digest;
 mod measure;
+mod probe;
 mod profile;
 mod reference;
 mod report;
@@ -37,6 +38,8 @@ enum Command {
     Profile(profile::Options),
     /// Print digests of every workload's picture, drawn twice
     Digest(digest::Options),
+    /// Print digests of what shaders can see of how they are run, drawn twice
+    Probe(probe::Options),
     /// Trace the workload `path` in f64 on no driver at all, and write its picture
     Reference(reference::Options),
     /// List the workloads
@@ -49,6 +52,7 @@ fn main() -> ExitCode {
         Command::Measure(options) => measure::measure(&options),
         Command::Profile(options) => profile::profile(&options),
         Command::Digest(options) => digest::digest(&options),
+        Command::Probe(options) => probe::probe(&options),
         Command::Reference(options) => reference::reference(&options),
         Command::List => {
             for workload in workload::ALL {

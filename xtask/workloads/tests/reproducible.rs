@@ -1,16 +1,37 @@
-//! The same input gives the same bits: for any number of threads, on every instruction set, and again.
+//! The same input gives the same bits: for any number of threads, on every instruction set, in waves of any length, in hosts that flush
+//! denormals, and again.
 
 use std::process::Command;
 
-/// The digests of every workload's picture, drawn with so many threads and an instruction set; those of two turns are equal.
-fn digests(threads: u32, tier: &str) -> Vec<String> {
+/// A way to run.
+#[derive(Clone, Copy, Debug)]
+struct Way {
+    threads: u32,
+    tier: &'static str,
+    /// Subgroups of a wave, at most.
+    wave: &'static str,
+    accuracy: &'static str,
+    flushes: bool,
+}
+
+/// As it is by default, but for the number of threads.
+const USUAL: Way = Way {
+    threads: 1,
+    tier: "",
+    wave: "",
+    accuracy: "",
+    flushes: false,
+};
+
+/// What the workloads print; digests of two turns are equal.
+fn run(arguments: &[&str], way: Way) -> Vec<String> {
     let output = Command::new(env!("CARGO_BIN_EXE_workloads"))
-        .arg("digest")
-        .args(["--width", "48", "--height", "32"])
-        .args(["--triangles", "2000", "--instances", "8"])
-        .env("TUFF_THREADS", threads.to_string())
-        .env("TUFF_TIER", tier)
-        .env("LP_NUM_THREADS", threads.to_string())
+        .args(arguments)
+        .env("TUFF_THREADS", way.threads.to_string())
+        .env("TUFF_TIER", way.tier)
+        .env("TUFF_WAVE", way.wave)
+        .env("TUFF_ACCURACY", way.accuracy)
+        .env("LP_NUM_THREADS", way.threads.to_string())
         .output()
         .expect("the workloads start");
     let errors = String::from_utf8_lossy(&output.stderr);
@@ -18,23 +39,70 @@ fn digests(threads: u32, tier: &str) -> Vec<String> {
     let text = String::from_utf8(output.stdout).expect("text");
     for line in text.lines() {
         let mut fields = line.split('\t').skip(1);
-        assert_eq!(
-            fields.next(),
-            fields.next(),
-            "with {threads} threads: {line}"
-        );
+        assert_eq!(fields.next(), fields.next(), "{way:?}: {line}");
     }
     text.lines().map(str::to_owned).collect()
 }
 
+/// The digests of every workload's picture.
+fn pictures(way: Way) -> Vec<String> {
+    let size = ["--width", "48", "--height", "32"];
+    let scene = ["--triangles", "2000", "--instances", "8"];
+    run(&[&["digest"], &size[..], &scene[..]].concat(), way)
+}
+
+/// The digests of what shaders can see of how they are run.
+fn probes(way: Way) -> Vec<String> {
+    let arguments: &[&str] = match way.flushes {
+        true => &["probe", "--flush"],
+        false => &["probe"],
+    };
+    run(arguments, way)
+}
+
 #[test]
 fn pictures_depend_on_their_input_alone() {
-    let one = digests(1, "");
+    let one = pictures(USUAL);
     assert!(one.len() > 10, "{one:?}");
     for threads in [2, 8] {
-        assert_eq!(digests(threads, ""), one, "with {threads} threads");
+        let way = Way { threads, ..USUAL };
+        assert_eq!(pictures(way), one, "{way:?}");
     }
-    for tier in ["avx2", "portable"] {
-        assert_eq!(digests(2, tier), one, "with {tier}");
+    for (tier, wave) in [("avx2", "4"), ("portable", "1")] {
+        let way = Way {
+            threads: 2,
+            tier,
+            wave,
+            ..USUAL
+        };
+        assert_eq!(pictures(way), one, "{way:?}");
+    }
+}
+
+/// Who shares a subgroup in hit, miss, any-hit, intersection and callable shaders; candidates in their order; which hit is the first;
+/// functions and denormals.
+#[test]
+fn shaders_cannot_tell_how_they_are_run() {
+    for accuracy in ["", "exact"] {
+        let usual = Way { accuracy, ..USUAL };
+        let one = probes(usual);
+        for (threads, tier, wave, flushes) in [
+            (8, "", "", false),
+            (1, "", "1", true),
+            (2, "", "4", false),
+            (2, "avx2", "", true),
+            (1, "avx2", "1", false),
+            (2, "portable", "16", false),
+            (2, "portable", "4", true),
+        ] {
+            let way = Way {
+                threads,
+                tier,
+                wave,
+                flushes,
+                ..usual
+            };
+            assert_eq!(probes(way), one, "{way:?}");
+        }
     }
 }

@@ -54,6 +54,12 @@ fn split(words: &[QueryWord]) -> (&[QueryWord], &[QueryWord]) {
     words.split_at(words.partition_point(|word| !word.committed))
 }
 
+/// Whether getters read more of committed hits than whether there is one.
+pub(super) fn shows_committed(words: &[QueryWord]) -> bool {
+    let (_, committed) = split(words);
+    (committed.iter()).any(|word| word.field != QueryField::IntersectionType)
+}
+
 /// Writes what getters read of the hits that `lanes` have: rows at once where they are rows already.
 pub(super) fn describe_rows(
     rays: &RayRows,

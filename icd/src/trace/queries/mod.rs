@@ -12,13 +12,13 @@ use spirv_jit::Program;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::AlignedRow;
 use spirv_jit::query::{row, state};
-use traversal::{Event, HitRows, RayRows, Structure, Verdict, Walk, Walker};
+use traversal::{Event, HitRows, RayRows, Structure, Verdict, Walk, Walker, ray_flags};
 
 use super::subgroup::lanes_of;
 use crate::wave::{Limits, Stopped};
 use arena::Arena;
 pub use arena::Owned;
-use facts::{describe_candidate, describe_committed, describe_rows};
+use facts::{describe_candidate, describe_committed, describe_rows, shows_committed};
 
 /// Fuel of a walk between two looks at the limits.
 const FUEL: u64 = 1 << 16;
@@ -143,12 +143,19 @@ impl Queries {
             }
             Err(stopped) => result = Err(stopped),
         };
+        let words = context.program.query_words();
+        // Together, rays that their first hit ends may find another one: nothing is to show which.
+        let in_turn = shows_committed(words) && ends_with_first_hit(rays, lanes);
         // SAFETY: the application keeps the structures that its queries may reach built and bound until the dispatch is
         // complete (VUID-RuntimeSpirv-OpRayQueryInitializeKHR and the build commands' rules).
-        unsafe { walker.trace(rays, lanes, hits, &mut { FUEL }, &mut keep) };
+        unsafe {
+            match in_turn {
+                true => walker.trace_in_turn(rays, lanes, hits, &mut { FUEL }, &mut keep),
+                false => walker.trace(rays, lanes, hits, &mut { FUEL }, &mut keep),
+            }
+        }
         result?;
         let suspended = (events.iter()).fold(0, |suspended, event| suspended | 1 << event.0);
-        let words = context.program.query_words();
         describe_rows(rays, hits, lanes & !suspended, object, words);
         let mut stand = 0;
         for (lane, handle, event) in events {
@@ -260,6 +267,11 @@ impl Queries {
     pub fn clear(&mut self) {
         self.arena.clear();
     }
+}
+
+/// Whether the first hit of one of some rays ends it.
+fn ends_with_first_hit(rays: &RayRows, lanes: u16) -> bool {
+    lanes_of(lanes).any(|lane| rays.flags[lane] & ray_flags::TERMINATE_ON_FIRST_HIT != 0)
 }
 
 /// What the shader has decided about the candidate; nonsense counts as nothing.
