@@ -17,16 +17,18 @@
 
 mod block;
 mod bounds;
+mod margin;
 
 use std::mem::size_of;
 
 pub(crate) use block::{BLOCK_UNIT, BLOCK_UNITS, BLOCK_VERTICES, Block};
 pub(crate) use bounds::Bounds;
+pub(crate) use margin::{MARGIN_RISE, Margin};
 
 /// First word of every blob.
 pub(crate) const MAGIC: u64 = u64::from_le_bytes(*b"TuffASv\0");
 /// Version of the layout; counts up with every change of it.
-pub(crate) const VERSION: u32 = 3;
+pub(crate) const VERSION: u32 = 4;
 /// Alignment of a blob and of each of its parts, in bytes.
 pub(crate) const ALIGNMENT: u64 = 256;
 
@@ -152,7 +154,9 @@ pub(crate) struct TriangleGroup {
     pub geometries: [u32; GROUP],
     /// Bit i: lane i holds a triangle.
     pub lanes: u32,
-    pub reserved: [u32; 3],
+    /// For the largest of the triangles.
+    pub margin: Margin,
+    pub reserved: u32,
 }
 
 impl TriangleGroup {
@@ -162,7 +166,8 @@ impl TriangleGroup {
         primitives: [u32::MAX; GROUP],
         geometries: [0; GROUP],
         lanes: 0,
-        reserved: [0; 3],
+        margin: Margin::NONE,
+        reserved: 0,
     };
 
     /// The three vertices of a lane.
@@ -177,6 +182,13 @@ impl TriangleGroup {
                 axis[lane] = *coordinate;
             }
         }
+    }
+
+    /// Sets the margin, after all triangles.
+    pub fn set_margin(&mut self) {
+        let lanes = (0..GROUP).filter(|lane| self.lanes >> lane & 1 != 0);
+        let of = |lane| Margin::of(&self.triangle(lane));
+        self.margin = lanes.map(of).reduce(Margin::max).unwrap_or(Margin::NONE);
     }
 }
 

@@ -231,6 +231,7 @@ impl Target<'_> {
                 group.lanes |= 1 << lane;
             }
         }
+        group.set_margin();
     }
 
     /// Has vertices brought near that are about to be written.

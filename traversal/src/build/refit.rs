@@ -62,6 +62,7 @@ unsafe fn write_group(group: &mut TriangleGroup, list: &[TriangleGeometry]) {
             None => group.lanes &= !(1 << lane),
         }
     }
+    group.set_margin();
 }
 
 /// Reads every sphere and swept sphere again.

@@ -1,6 +1,7 @@
 //! Leaves of little memory: up to eight triangles over the vertices that they share.
 
-use super::{GROUP, LEAF_TRIANGLES, TriangleGroup};
+use super::margin::longest_side;
+use super::{GROUP, LEAF_TRIANGLES, Margin, TriangleGroup};
 
 /// Vertices of a block, at most: three for each triangle.
 pub(crate) const BLOCK_VERTICES: usize = 3 * LEAF_TRIANGLES;
@@ -26,7 +27,8 @@ pub(crate) struct Block {
     pub vertex_count: u8,
     /// 1: triangles are of several geometries.
     pub mixed: u8,
-    pub reserved: u8,
+    /// The exponent of a power of two, as f32 has it: no side of a box around a triangle is longer.
+    pub extent: u8,
     /// The [`super::geometry_word`] of all triangles, unless they are mixed.
     pub geometry: u32,
     pub words: [u32; WORDS],
@@ -40,7 +42,7 @@ impl Block {
         triangle_count: 0,
         vertex_count: 0,
         mixed: 0,
-        reserved: 0,
+        extent: u8::MAX,
         geometry: 0,
         words: [0; WORDS],
     };
@@ -105,8 +107,15 @@ impl Block {
                 group.set_triangle(lane, &self.triangle(GROUP * i + lane));
             }
             group.lanes = lanes >> (GROUP * i) & 0xF;
+            group.margin = self.margin();
         }
         lanes
+    }
+
+    /// For the largest of the triangles.
+    #[inline(always)]
+    pub fn margin(&self) -> Margin {
+        Margin::of_extent(f32::from_bits(u32::from(self.extent) << 23))
     }
 
     /// The same with everything else that groups say.
@@ -149,7 +158,9 @@ impl Block {
         let mut vertex_count = 0;
         let mut geometries = [0; LEAF_TRIANGLES];
         let mut count = 0;
+        let mut extent = 0f32;
         for (primitive, geometry, triangle) in triangles.take(LEAF_TRIANGLES) {
+            extent = extent.max(longest_side(&triangle));
             for (corners, vertex) in block.corners.iter_mut().zip(triangle) {
                 let vertex = vertex.map(f32::to_bits);
                 // By their bits: what is read is what was given.
@@ -167,6 +178,7 @@ impl Block {
         }
         block.triangle_count = count as u8;
         block.vertex_count = vertex_count as u8;
+        block.extent = (extent.to_bits() >> 23).min(254) as u8 + 1;
         for (i, vertex) in vertices[..vertex_count].iter().enumerate() {
             for (axis, &bits) in vertex.iter().enumerate() {
                 block.words[count + axis * vertex_count + i] = bits;

@@ -15,7 +15,7 @@ use super::rows::Lanes;
 use super::sight::LaneOf;
 use super::space::Space;
 use super::walker::Entry;
-use crate::layout::{Block, GROUP, Node, TriangleGroup, WIDTH};
+use crate::layout::{Block, GROUP, MARGIN_RISE, Node, TriangleGroup, WIDTH};
 
 /// Eight boxes or four triangles in one vector. `WIDE`: with AVX-512.
 pub(crate) struct Avx<const WIDE: bool>;
@@ -135,18 +135,25 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
                 let z = _mm_sub_ps(axis(2), oz);
                 let x = _mm_sub_ps(_mm_sub_ps(axis(0), ox), _mm_mul_ps(ray.shear[0], z));
                 let y = _mm_sub_ps(_mm_sub_ps(axis(1), oy), _mm_mul_ps(ray.shear[1], z));
-                (x, y, _mm_mul_ps(z, ray.inverse_z))
+                (x, y, z)
             };
-            let (ax, ay, at) = vertex(0);
-            let (bx, by, bt) = vertex(1);
-            let (cx, cy, ct) = vertex(2);
+            let (ax, ay, az) = vertex(0);
+            let (bx, by, bz) = vertex(1);
+            let (cx, cy, cz) = vertex(2);
+            let [at, bt, ct] = [az, bz, cz].map(|z| _mm_mul_ps(z, ray.inverse_z));
+            let distance = _mm_andnot_ps(_mm_set1_ps(-0.0), az);
             let edge = |px, py, qx, qy| _mm_sub_ps(_mm_mul_ps(px, qy), _mm_mul_ps(py, qx));
             let u = edge(cx, cy, bx, by);
             let v = edge(ax, ay, cx, cy);
             let w = edge(bx, by, ax, ay);
-            let zero = _mm_setzero_ps();
-            let negative = _mm_cmp_ps::<_CMP_LT_OQ>(_mm_min_ps(u, _mm_min_ps(v, w)), zero);
-            let positive = _mm_cmp_ps::<_CMP_GT_OQ>(_mm_max_ps(u, _mm_max_ps(v, w)), zero);
+            let rise = _mm_mul_ps(distance, _mm_set1_ps(MARGIN_RISE));
+            let error = _mm_mul_ps(
+                _mm_add_ps(distance, _mm_set1_ps(group.margin.reach)),
+                _mm_add_ps(_mm_set1_ps(group.margin.slope), rise),
+            );
+            let minus_error = _mm_xor_ps(error, _mm_set1_ps(-0.0));
+            let negative = _mm_cmp_ps::<_CMP_LT_OQ>(_mm_min_ps(u, _mm_min_ps(v, w)), minus_error);
+            let positive = _mm_cmp_ps::<_CMP_GT_OQ>(_mm_max_ps(u, _mm_max_ps(v, w)), error);
             let first = _mm_min_ps(at, _mm_min_ps(bt, ct));
             let last = _mm_max_ps(at, _mm_max_ps(bt, ct));
             let beyond = _mm_cmp_ps::<_CMP_GT_OQ>(

@@ -142,13 +142,15 @@ pub(crate) struct Beams {
     pub shear: [Lanes; 2],
     /// One over the third component, with the opposite sign.
     pub inverse_z: Lanes,
+    /// The third component, with the opposite sign.
+    pub direction_z: Lanes,
     /// Lower ends of the intervals; not negative.
     pub t_min: Lanes,
     /// As given, by the axes of space.
     pub space_origin: [Lanes; 3],
     pub space_direction: [Lanes; 3],
-    /// [`Accuracy::reach`].
-    pub reach: f32,
+    /// [`Accuracy::tolerance`].
+    pub tolerance: f32,
 }
 
 impl Beams {
@@ -162,10 +164,11 @@ impl Beams {
         axes: [[0; PACKET]; 3],
         shear: [[0.0; PACKET]; 2],
         inverse_z: [0.0; PACKET],
+        direction_z: [0.0; PACKET],
         t_min: [0.0; PACKET],
         space_origin: [[0.0; PACKET]; 3],
         space_direction: [[0.0; PACKET]; 3],
-        reach: Accuracy::Spec.reach(),
+        tolerance: Accuracy::Spec.tolerance(),
     };
 
     /// Sets rays up in an instance that does not move; returns the lanes in which that is all there is to say: the ray is
@@ -272,10 +275,10 @@ impl Beams {
         ];
         for i in 0..PACKET {
             let length = directions[2][i].abs();
-            let inverse = 1.0 / directions[2][i];
-            self.shear[0][i] = directions[0][i] * inverse;
-            self.shear[1][i] = directions[1][i] * inverse;
-            self.inverse_z[i] = -inverse;
+            self.shear[0][i] = directions[0][i] / directions[2][i];
+            self.shear[1][i] = directions[1][i] / directions[2][i];
+            self.inverse_z[i] = -(1.0 / directions[2][i]);
+            self.direction_z[i] = -directions[2][i];
             self.t_min[i] = max(given.t_min[i], 0.0);
             sound[i] &= u32::from((*MODEST.start() <= length) & (length <= *MODEST.end()));
         }
@@ -366,20 +369,24 @@ impl Beams {
         self.shear[0][lane] = space.shear[0];
         self.shear[1][lane] = space.shear[1];
         self.inverse_z[lane] = -space.inverse_z;
+        self.direction_z[lane] = -space.direction[space.axes()[2]];
         self.t_min[lane] = space.t_min;
+    }
+
+    /// Origin and direction of a lane, by the axes of space.
+    #[inline(always)]
+    pub fn given(&self, lane: usize) -> ([f32; 3], [f32; 3]) {
+        let pick = |rows: &[Lanes; 3]| [rows[0][lane], rows[1][lane], rows[2][lane]];
+        (pick(&self.space_origin), pick(&self.space_direction))
     }
 
     /// A ray as it is set up by itself.
     #[inline(always)]
     pub fn space(&self, lane: usize) -> Space {
         let mut space = Space::NOWHERE;
-        space.reach = self.reach;
-        space.set(
-            [0, 1, 2].map(|axis: usize| self.space_origin[axis][lane]),
-            [0, 1, 2].map(|axis: usize| self.space_direction[axis][lane]),
-            self.t_min[lane],
-            0.0,
-        );
+        space.tolerance = self.tolerance;
+        let (origin, direction) = self.given(lane);
+        space.set(origin, direction, self.t_min[lane], 0.0);
         space
     }
 }

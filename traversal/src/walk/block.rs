@@ -55,6 +55,8 @@ pub(super) unsafe fn expand(block: &Block, groups: [&mut TriangleGroup; 2]) -> u
     }
     let lanes = block.lanes();
     (first.lanes, last.lanes) = (lanes & 0xF, lanes >> GROUP);
+    first.margin = block.margin();
+    last.margin = first.margin;
     lanes
 }
 

@@ -1,5 +1,5 @@
 //! The triangles of a leaf at once, as [`intersect`](super::triangle::intersect) does it for one, operation
-//! by operation and so to the same bits. Where edge functions in f32 do not decide, that function does.
+//! by operation and so to the same bits. Where bounds do not decide, that function does.
 //!
 //! Coordinates have the opposite sign here, so that vertices are subtracted where they lie in memory. Edge functions are
 //! the same bits, as they are made of products of two.
@@ -9,11 +9,11 @@
 
 use std::arch::x86_64::*;
 
+use super::decide;
 use super::kernel::GroupHits;
 use super::sight::Sight;
-use super::space::Space;
-use super::triangle::{ORDINARY, SLACK};
-use crate::layout::{GROUP, TriangleGroup};
+use super::triangle::{Intersection, ORDINARY, Rim, rounding};
+use crate::layout::{GROUP, LEAF_TRIANGLES, MARGIN_RISE, Margin, TriangleGroup};
 
 /// Bytes from one vertex to the next.
 const VERTEX: usize = size_of::<[[f32; GROUP]; 3]>();
@@ -40,19 +40,21 @@ pub(crate) unsafe fn intersect<S: Sight>(
             flat(ray, vertices, 2 * VERTEX),
         );
         let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
-        let zero = _mm256_setzero_ps();
         let least = _mm256_min_ps(u, _mm256_min_ps(v, w));
         let most = _mm256_max_ps(u, _mm256_max_ps(v, w));
+        let margin = groups[0].margin.max(groups[1].margin);
+        let error = error(margin, absolute(a.apart[2]));
+        let minus_error = _mm256_xor_ps(error, _mm256_set1_ps(-0.0));
         let outside = _mm256_and_ps(
-            _mm256_cmp_ps::<_CMP_LT_OQ>(least, zero),
-            _mm256_cmp_ps::<_CMP_GT_OQ>(most, zero),
+            _mm256_cmp_ps::<_CMP_LT_OQ>(least, minus_error),
+            _mm256_cmp_ps::<_CMP_GT_OQ>(most, error),
         );
         let inside = !(_mm256_movemask_ps(outside) as u32) & lanes;
         if inside == 0 {
             return 0;
         }
-        let front = _mm256_cmp_ps::<_CMP_GT_OQ>(least, zero);
-        let back = _mm256_cmp_ps::<_CMP_LT_OQ>(most, zero);
+        let front = _mm256_cmp_ps::<_CMP_GT_OQ>(least, error);
+        let back = _mm256_cmp_ps::<_CMP_LT_OQ>(most, minus_error);
         let whole = _mm256_add_ps(_mm256_add_ps(u, v), w);
         let size = absolute(whole);
         let ordinary = _mm256_and_ps(
@@ -63,78 +65,209 @@ pub(crate) unsafe fn intersect<S: Sight>(
         let decided = inside & _mm256_movemask_ps(decided) as u32;
 
         let inverse_whole = _mm256_div_ps(_mm256_set1_ps(1.0), whole);
-        let v = _mm256_mul_ps(v, inverse_whole);
-        let w = _mm256_mul_ps(w, inverse_whole);
-        let [a, b, c] = [a.apart, b.apart, c.apart];
-        let t = _mm256_add_ps(
-            _mm256_mul_ps(v, _mm256_sub_ps(b[2], a[2])),
-            _mm256_mul_ps(w, _mm256_sub_ps(c[2], a[2])),
+        let size = absolute(inverse_whole);
+        let [v_weight, w_weight] = [
+            _mm256_mul_ps(v, inverse_whole),
+            _mm256_mul_ps(w, inverse_whole),
+        ];
+        let [az, bz, cz] = [a.apart[2], b.apart[2], c.apart[2]];
+        let z_hit = _mm256_add_ps(
+            az,
+            _mm256_add_ps(
+                _mm256_mul_ps(v_weight, _mm256_sub_ps(bz, az)),
+                _mm256_mul_ps(w_weight, _mm256_sub_ps(cz, az)),
+            ),
         );
-        let z_hit = _mm256_add_ps(a[2], t);
-        let reach = _mm256_max_ps(
-            _mm256_max_ps(absolute(a[2]), absolute(b[2])),
-            absolute(c[2]),
-        );
+        // Surely not in the interval: mostly the surface that the ray starts from. Edge functions that are off by the bound
+        // move what is between three distances by three times that at most; a margin's reach is more than twice their extent.
         let inverse_z = _mm256_set1_ps(ray.inverse_z());
-        let modest = _mm256_cmp_ps::<_CMP_LE_OQ>(
-            reach,
-            _mm256_mul_ps(absolute(z_hit), _mm256_set1_ps(ray.reach())),
-        );
+        let length = absolute(inverse_z);
         let t = _mm256_mul_ps(z_hit, inverse_z);
-        let slack = _mm256_mul_ps(
-            _mm256_mul_ps(reach, absolute(inverse_z)),
-            _mm256_set1_ps(SLACK),
+        let room = _mm256_mul_ps(
+            _mm256_mul_ps(_mm256_mul_ps(error, size), length),
+            _mm256_set1_ps(1.5 * margin.reach),
         );
-        let behind =
-            _mm256_cmp_ps::<_CMP_LE_OQ>(_mm256_add_ps(t, slack), _mm256_set1_ps(ray.t_min()));
-        let inside = inside & !(decided & _mm256_movemask_ps(behind) as u32);
+        let t_min = _mm256_set1_ps(interval[0]);
+        let t_far = _mm256_set1_ps(interval[1]);
+        let apart = _mm256_or_ps(
+            _mm256_cmp_ps::<_CMP_LE_OQ>(_mm256_add_ps(t, room), t_min),
+            _mm256_cmp_ps::<_CMP_GT_OQ>(_mm256_sub_ps(t, room), t_far),
+        );
+        let inside = inside & !(decided & _mm256_movemask_ps(apart) as u32);
         if inside == 0 {
             return 0;
         }
-        let decided = decided & inside & _mm256_movemask_ps(modest) as u32;
-        let (near, far) = slab(ray, &[a, b, c]);
-        let t = _mm256_min_ps(_mm256_max_ps(t, near), far);
-        let accepted = _mm256_and_ps(
-            _mm256_cmp_ps::<_CMP_LE_OQ>(near, far),
-            _mm256_and_ps(
-                _mm256_cmp_ps::<_CMP_GT_OQ>(t, _mm256_set1_ps(interval[0])),
-                _mm256_cmp_ps::<_CMP_LE_OQ>(t, _mm256_set1_ps(interval[1])),
+        let u_weight = _mm256_mul_ps(u, inverse_whole);
+        let z_mean = _mm256_add_ps(
+            _mm256_add_ps(
+                _mm256_mul_ps(u_weight, absolute(az)),
+                _mm256_mul_ps(v_weight, absolute(bz)),
+            ),
+            _mm256_mul_ps(w_weight, absolute(cz)),
+        );
+        let width = _mm256_max_ps(extent(a.x, b.x, c.x), extent(a.y, b.y, c.y));
+        let products = _mm256_add_ps(
+            _mm256_add_ps(products(c, b), products(a, c)),
+            products(b, a),
+        );
+        let shear = (ray.shear(0).abs() + ray.shear(1).abs()) * rounding::SHEAR;
+        let moved = _mm256_mul_ps(
+            width,
+            _mm256_add_ps(
+                _mm256_mul_ps(width, _mm256_set1_ps(rounding::WIDTH)),
+                _mm256_mul_ps(z_mean, _mm256_set1_ps(shear)),
             ),
         );
-        let hits = decided & _mm256_movemask_ps(accepted) as u32;
-        let undecided = inside & !decided;
-        if hits | undecided == 0 {
+        let products = _mm256_mul_ps(products, _mm256_set1_ps(rounding::PRODUCTS));
+        let weight_error = _mm256_add_ps(
+            _mm256_mul_ps(size, _mm256_add_ps(moved, products)),
+            _mm256_set1_ps(rounding::WEIGHTS),
+        );
+        let z_error = _mm256_add_ps(
+            _mm256_mul_ps(extent(az, bz, cz), weight_error),
+            _mm256_mul_ps(z_mean, _mm256_set1_ps(rounding::DISTANCE)),
+        );
+        let precise = _mm256_and_ps(
+            _mm256_cmp_ps::<_CMP_LE_OQ>(
+                z_error,
+                _mm256_mul_ps(_mm256_set1_ps(ray.tolerance()), absolute(z_hit)),
+            ),
+            _mm256_cmp_ps::<_CMP_LT_OQ>(weight_error, _mm256_set1_ps(rounding::MOST)),
+        );
+        let (near, far) = slab(ray, &[a.apart, b.apart, c.apart]);
+        let t = _mm256_div_ps(z_hit, _mm256_set1_ps(ray.direction_z()));
+        let t = _mm256_min_ps(_mm256_max_ps(t, near), far);
+        let accepted = _mm256_and_ps(
+            _mm256_cmp_ps::<_CMP_GT_OQ>(t, t_min),
+            _mm256_cmp_ps::<_CMP_LE_OQ>(t, t_far),
+        );
+        let precise = _mm256_movemask_ps(precise) as u32;
+        let hits = decided & precise & inside & _mm256_movemask_ps(accepted) as u32;
+        let rest = inside & !(decided & precise);
+        if hits | rest == 0 {
             return 0;
         }
         found.front = _mm256_movemask_ps(front) as u32;
         let [second, third] = &mut found.barycentrics;
         _mm256_store_ps(found.t.as_mut_ptr(), t);
-        _mm256_store_ps(second.as_mut_ptr(), v);
-        _mm256_store_ps(third.as_mut_ptr(), w);
-        if undecided != 0 {
-            return hits | exactly(found, &ray.space(), groups, undecided, interval);
+        _mm256_store_ps(second.as_mut_ptr(), v_weight);
+        _mm256_store_ps(third.as_mut_ptr(), w_weight);
+        if rest != 0 {
+            // Edge functions of one sign, whatever the bound, and a sum of ordinary size: then the place is the one that was
+            // computed. The sign is that of the sum.
+            let one_sign = _mm256_or_ps(
+                _mm256_cmp_ps::<_CMP_GT_OQ>(least, _mm256_setzero_ps()),
+                _mm256_cmp_ps::<_CMP_LT_OQ>(most, _mm256_setzero_ps()),
+            );
+            let mut slabs = Slabs([[0.0; LEAF_TRIANGLES]; 2]);
+            _mm256_store_ps(slabs.0[0].as_mut_ptr(), near);
+            _mm256_store_ps(slabs.0[1].as_mut_ptr(), far);
+            let rest = Rest {
+                lanes: rest,
+                placed: precise & _mm256_movemask_ps(_mm256_and_ps(one_sign, ordinary)) as u32,
+                positive: !_mm256_movemask_ps(whole) as u32,
+                slabs,
+            };
+            return hits | rest.decide(found, ray, groups, interval);
         }
         hits
     }
 }
 
-/// Rays along edges and vertices, and numbers out of all proportion.
-#[cold]
-#[inline(never)]
-fn exactly(
-    found: &mut GroupHits,
-    space: &Space,
-    groups: [&TriangleGroup; 2],
-    mask: u32,
-    interval: [f32; 2],
-) -> u32 {
-    found.intersect_each(space, groups, mask, interval)
+/// Where the ray enters and leaves the triangles' boxes.
+#[repr(align(32))]
+struct Slabs([[f32; LEAF_TRIANGLES]; 2]);
+
+/// Triangles about which bounds do not say everything.
+struct Rest {
+    lanes: u32,
+    /// Those whose place is known once it is certain that they are hit, and which of those are seen from the front then.
+    placed: u32,
+    positive: u32,
+    slabs: Slabs,
+}
+
+impl Rest {
+    /// Rays near edges and vertices, and numbers out of all proportion.
+    #[cold]
+    #[inline(never)]
+    fn decide<S: Sight>(
+        &self,
+        found: &mut GroupHits,
+        ray: S,
+        groups: [&TriangleGroup; 2],
+        [t_min, t_far]: [f32; 2],
+    ) -> u32 {
+        let (origin, direction) = ray.given();
+        let (mut hits, mut rest) = (0, self.lanes);
+        while rest != 0 {
+            let lane = rest.trailing_zeros() as usize % LEAF_TRIANGLES;
+            rest &= rest - 1;
+            let bit = 1 << lane;
+            let in_interval = |t: f32| t_min < t && t <= t_far;
+            let triangle = groups[lane / GROUP].triangle(lane % GROUP);
+            if self.placed & bit != 0 {
+                let front = decide::faces(origin, direction, &triangle, Rim::Included);
+                if front == Some(self.positive & bit != 0) {
+                    found.front = found.front & !bit | self.positive & bit;
+                    hits |= if in_interval(found.t[lane]) { bit } else { 0 };
+                    continue;
+                }
+                if front.is_none() {
+                    continue;
+                }
+            }
+            let Some((front, t, weights)) =
+                decide::meet(origin, direction, &triangle, Rim::Included)
+            else {
+                continue;
+            };
+            let [near, far] = self.slabs.0.map(|row| row[lane]);
+            let t = (t as f32).max(near).min(far);
+            if in_interval(t) {
+                let barycentrics = weights.map(|weight| weight as f32);
+                found.set(
+                    lane,
+                    &Intersection {
+                        t,
+                        barycentrics,
+                        front,
+                    },
+                );
+                hits |= bit;
+            }
+        }
+        hits
+    }
 }
 
 #[inline(always)]
 unsafe fn absolute(v: __m256) -> __m256 {
     // SAFETY: the callers'.
     unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), v) }
+}
+
+/// How far off edge functions may be; see [`Margin`](crate::layout::Margin). `distance`: the first vertices'.
+#[inline(always)]
+unsafe fn error(margin: Margin, distance: __m256) -> __m256 {
+    // SAFETY: the callers'.
+    unsafe {
+        let rise = _mm256_mul_ps(distance, _mm256_set1_ps(MARGIN_RISE));
+        _mm256_mul_ps(
+            _mm256_add_ps(distance, _mm256_set1_ps(margin.reach)),
+            _mm256_add_ps(_mm256_set1_ps(margin.slope), rise),
+        )
+    }
+}
+
+/// From the least to the greatest of three.
+#[inline(always)]
+unsafe fn extent(a: __m256, b: __m256, c: __m256) -> __m256 {
+    // SAFETY: the callers'.
+    unsafe {
+        let most = _mm256_max_ps(_mm256_max_ps(a, b), c);
+        _mm256_sub_ps(most, _mm256_min_ps(_mm256_min_ps(a, b), c))
+    }
 }
 
 /// A vertex as seen from the ray's origin, by the axes of the ray.
@@ -179,6 +312,18 @@ unsafe fn flat<S: Sight>(ray: S, vertices: [*const u8; 2], offset: usize) -> Fla
 unsafe fn edge(p: Flat, q: Flat) -> __m256 {
     // SAFETY: the callers'.
     unsafe { _mm256_sub_ps(_mm256_mul_ps(p.x, q.y), _mm256_mul_ps(p.y, q.x)) }
+}
+
+/// The sizes of an edge function's products.
+#[inline(always)]
+unsafe fn products(p: Flat, q: Flat) -> __m256 {
+    // SAFETY: the callers'.
+    unsafe {
+        _mm256_add_ps(
+            absolute(_mm256_mul_ps(p.x, q.y)),
+            absolute(_mm256_mul_ps(p.y, q.x)),
+        )
+    }
 }
 
 /// Where the ray is inside the triangles' own boxes; see [`Space::slab`](super::space::Space::slab). As rounding is

@@ -221,6 +221,7 @@ impl Kernel for Portable {
         let [x_axis, y_axis, z_axis] = ray.axes();
         let mut flat = [[[0f32; GROUP]; 2]; 3];
         let mut t = [[0f32; GROUP]; 3];
+        let mut distance = [0f32; GROUP];
         for vertex in 0..3 {
             let coordinates = &group.vertices[vertex];
             for i in 0..GROUP {
@@ -228,6 +229,9 @@ impl Kernel for Portable {
                 flat[vertex][0][i] = coordinates[x_axis][i] - ray.origin[x_axis] - ray.shear[0] * z;
                 flat[vertex][1][i] = coordinates[y_axis][i] - ray.origin[y_axis] - ray.shear[1] * z;
                 t[vertex][i] = z * ray.inverse_z;
+                if vertex == 0 {
+                    distance[i] = z.abs();
+                }
             }
         }
         let mut mask = 0;
@@ -235,7 +239,9 @@ impl Kernel for Portable {
             let edge =
                 |p: usize, q: usize| flat[p][0][i] * flat[q][1][i] - flat[p][1][i] * flat[q][0][i];
             let (u, v, w) = (edge(2, 1), edge(0, 2), edge(1, 0));
-            let outside = (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0);
+            let error = group.margin.error(distance[i]);
+            let outside =
+                (u < -error || v < -error || w < -error) && (u > error || v > error || w > error);
             let first = min(t[0][i], min(t[1][i], t[2][i]));
             let last = max(t[0][i], max(t[1][i], t[2][i]));
             let beyond = first * (1.0 - T_MARGIN) > t_far;

@@ -28,8 +28,10 @@ mod beams;
 #[cfg(target_arch = "x86_64")]
 mod block;
 mod company;
+mod decide;
 mod descend;
 mod enlist;
+mod expansion;
 mod facts;
 mod found;
 #[cfg(target_arch = "x86_64")]

@@ -5,7 +5,7 @@ use super::Tier;
 /// How exact distances and weights are. Which triangles are hit is the same in each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Accuracy {
-    /// In f32, but in f64 where that would show: see [`Accuracy::reach`].
+    /// In f32, but in f64 where that would show: see [`Accuracy::tolerance`].
     #[default]
     Spec,
     /// Always in f64, from exact positions, rounded once. Rays walk one by one.
@@ -13,11 +13,11 @@ pub enum Accuracy {
 }
 
 impl Accuracy {
-    /// A triangle that reaches more than so many times as far as it is hit is computed in f64:
-    /// rounding of its vertices' distances would show.
-    pub(crate) const fn reach(self) -> f32 {
+    /// How far off a distance may be, relative to itself, as bounds say: where it may be more, it is computed in f64. See
+    /// [`rounding`](super::triangle::rounding).
+    pub(crate) const fn tolerance(self) -> f32 {
         match self {
-            Accuracy::Spec => 32.0,
+            Accuracy::Spec => 64.0 / (1 << 24) as f32,
             Accuracy::Exact => 0.0,
         }
     }

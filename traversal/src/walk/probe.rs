@@ -15,7 +15,7 @@ impl TriangleTest {
     /// Sets up a finite ray.
     pub fn new(ray: &Ray, accuracy: Accuracy) -> TriangleTest {
         let mut space = Space::NOWHERE;
-        space.reach = accuracy.reach();
+        space.tolerance = accuracy.tolerance();
         space.set(ray.origin, ray.direction, ray.t_min, 0.0);
         TriangleTest { space }
     }

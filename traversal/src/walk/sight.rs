@@ -1,7 +1,6 @@
 //! A ray by its own axes, as tests of triangles take it, wherever it lies.
 
 use super::beams::Beams;
-use super::space::Space;
 
 /// Numbers of a ray; see [`Beams`].
 pub(crate) trait Sight: Copy {
@@ -12,10 +11,11 @@ pub(crate) trait Sight: Copy {
     fn axis(self, axis: usize) -> usize;
     fn shear(self, axis: usize) -> f32;
     fn inverse_z(self) -> f32;
-    fn t_min(self) -> f32;
-    fn reach(self) -> f32;
-    /// The ray as it is set up by itself.
-    fn space(self) -> Space;
+    /// The third component of the direction, with the opposite sign.
+    fn direction_z(self) -> f32;
+    fn tolerance(self) -> f32;
+    /// Origin and direction as given, by the axes of space.
+    fn given(self) -> ([f32; 3], [f32; 3]);
 }
 
 /// A ray of a list.
@@ -57,17 +57,17 @@ impl Sight for LaneOf<'_> {
     }
 
     #[inline(always)]
-    fn t_min(self) -> f32 {
-        self.beams.t_min[self.lane]
+    fn direction_z(self) -> f32 {
+        self.beams.direction_z[self.lane]
     }
 
     #[inline(always)]
-    fn reach(self) -> f32 {
-        self.beams.reach
+    fn tolerance(self) -> f32 {
+        self.beams.tolerance
     }
 
     #[inline(always)]
-    fn space(self) -> Space {
-        self.beams.space(self.lane)
+    fn given(self) -> ([f32; 3], [f32; 3]) {
+        self.beams.given(self.lane)
     }
 }

@@ -2,9 +2,8 @@
 //!
 //! The box test is conservative (Ize 2013): for a plane at `p` it takes `(p − o) · (1/d)` in f32,
 //! three roundings, with the reciprocal made smaller for near and larger for far planes by
-//! [`MARGIN`]. That covers the test's own error and, near a box's corners and edges, that of the
-//! triangle test's sheared coordinates, so a triangle that the ray hits by
-//! [`intersect`](super::triangle) is inside every box around it.
+//! [`MARGIN`]. A triangle that the ray hits by [`intersect`](super::triangle) is hit by the exact ray, so the ray is inside every box
+//! around it at the exact distance.
 //!
 //! Directions far from unit length are brought near it by a power of two, so that distances to
 //! boxes neither over- nor underflow: `t = scaled t · scale`.
@@ -47,8 +46,8 @@ pub(crate) struct Space {
     pub scale: f64,
     /// Lower end of the interval, scaled and rounded down; not negative.
     pub t_min: f32,
-    /// [`Accuracy::reach`].
-    pub reach: f32,
+    /// [`Accuracy::tolerance`].
+    pub tolerance: f32,
 }
 
 /// Directions whose longest component is in here are not scaled.
@@ -82,7 +81,7 @@ impl Space {
         axes: [0; 4],
         scale: 1.0,
         t_min: 0.0,
-        reach: Accuracy::Spec.reach(),
+        tolerance: Accuracy::Spec.tolerance(),
     };
 
     /// Sets up a finite ray. `uncertainty` is how far the ray may be off on each axis.
@@ -131,7 +130,8 @@ impl Space {
         let [x, y, z] = self.axes();
         self.flat_origin = [origin[x], origin[y], origin[z]];
         self.inverse_z = inverse[z];
-        self.shear = [direction[x] * inverse[z], direction[y] * inverse[z]];
+        // Rounded once: all vertices are moved by what is lost here.
+        self.shear = [direction[x] / direction[z], direction[y] / direction[z]];
     }
 
     /// Brings a direction far from unit length near it; returns the scaled direction's reciprocals.
@@ -139,11 +139,10 @@ impl Space {
     #[inline(never)]
     fn rescale(&mut self, t_min: f32) -> [f32; 4] {
         let direction = self.direction;
-        let [x, y, z] = self.axes();
+        let z = self.axes()[2];
         let length = power_of_two_near(f64::from(direction[z].abs()));
         let mut inverse = direction.map(|d| (length / f64::from(d)) as f32);
         inverse[3] = 1.0;
-        self.shear = [direction[x] / direction[z], direction[y] / direction[z]];
         self.scale = 1.0 / length;
         self.t_min = max(((f64::from(t_min) * length) as f32).next_down(), 0.0);
         self.inverse_z = inverse[z];

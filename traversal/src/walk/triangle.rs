@@ -1,23 +1,19 @@
 //! The ray-triangle test: exact decisions, then distances and weights.
 //!
-//! Vertices are moved to the ray's origin and sheared so that the ray is the z axis (Woop, Benthin,
-//! Wald 2013), in f32: a vertex gets the same two coordinates in whichever triangle it is met.
-//! Whether the origin of that plane is inside a triangle is then decided exactly. An edge function
-//! `px qy − py qx` in f32 without a fused multiply-add has the right sign or is zero, as rounding is
-//! monotone; in f64 both products are exact, so the sign is right even where f32 gives zero, or
-//! where it overflows. So no ray passes between two triangles that share an edge.
+//! Vertices are moved to the ray's origin and sheared so that the ray is the z axis (Woop, Benthin, Wald 2013), in f32. Edge
+//! functions that exceed a bound for everything that was rounded on the way ([`Margin`]) have the signs of the determinants of the
+//! numbers that were given; where they do not exceed it, those are computed ([`decide`](super::decide)). So which triangles are hit
+//! depends on nothing but the ray and the triangles, no ray passes between two that share an edge, and what is hit is inside the
+//! boxes that are around it. docs/watertightness.md has the whole proof.
 //!
-//! Distances and weights come from the edge functions in f32 where those decide and are of ordinary
-//! size, and from exact positions in f64 where they do not.
+//! Distances and weights come from the edge functions in f32 where a bound of their errors is small, else from f64.
 //!
-//! An opaque triangle includes its rim. Where any-hit shaders count, a shared edge or vertex must
-//! belong to one triangle: the ray is thought to be moved by (−ε, −ε²) for an infinitesimal ε, which
-//! leaves no edge function at zero (simulation of simplicity, Edelsbrunner, Mücke 1990). A closed fan
-//! around a vertex is crossed once by the moved ray, so exactly one of its triangles is hit,
-//! seen from either side.
+//! An opaque triangle includes its rim. Where any-hit shaders count, a shared edge or vertex must belong to one triangle: see
+//! [`decide`](super::decide).
 
+use super::decide;
 use super::space::Space;
-use crate::layout::Bounds;
+use crate::layout::{Bounds, Margin};
 
 /// Where a ray meets a triangle.
 #[derive(Clone, Copy, Debug)]
@@ -41,140 +37,207 @@ pub(crate) enum Rim {
 /// Sums of edge functions in here neither lose digits nor overflow on the way to a distance.
 pub(crate) const ORDINARY: [f32; 2] = [1.0e-30, 1.0e30];
 
-/// How far off a distance in f32 may be, relative to a triangle's reach.
-pub(crate) const SLACK: f32 = 1.0 / (1 << 18) as f32;
+/// 2⁻²⁴.
+const UNIT: f32 = f32::EPSILON / 2.0;
+
+/// How far off weights and distances in f32 may be, where the sheared triangle contains the ray and edge functions have one sign. With
+/// F, the longest side of the box around it across the ray, A, the sum of its edge functions, P, the sum of the sizes of their
+/// products, D, the distance along the ray from the nearest to the farthest vertex, M, the mean of the vertices' |z| by their weights, and
+/// u = 2⁻²⁴:
+///
+/// * Rounding moves each vertex on either axis by u (2 |X| + 4 |s z|), as [`Margin`](crate::layout::Margin) says. That moves
+///   the plane under the ray by the mean of those moves: u (F + 4 |s| M), as the mean of |X| is at most F / 2. A weight changes by at most
+///   F / A for each unit on either axis, and z by D F / A.
+/// * Products and differences of edge functions round by u P in all, and by u of themselves. A weight changes by no more than
+///   u P / A, and z by D u P / A.
+/// * Sum, reciprocal and product round weights by 4 u, and z − z₀, its product and sum by 3 u D.
+/// * z itself is rounded by u M at first and by u |z| in the end.
+///
+/// So a weight is off by `F (2 F + 4 (|s_x| + |s_y|) M) u / A + P u / A + 8 u`, and the distance by D times that and 2 u M. Factors
+/// are larger by 1/8 for what is left out here: the terms of higher order, as weights are off by less than 1/256.
+pub(crate) mod rounding {
+    use super::UNIT;
+
+    pub const WIDTH: f32 = 2.25 * UNIT;
+    pub const SHEAR: f32 = 4.5 * UNIT;
+    pub const PRODUCTS: f32 = 1.125 * UNIT;
+    pub const WEIGHTS: f32 = 9.0 * UNIT;
+    pub const DISTANCE: f32 = 2.25 * UNIT;
+
+    /// Weights that may be farther off are computed in f64.
+    pub const MOST: f32 = 1.0 / 256.0;
+}
+
+/// Three vertices as seen from the ray's start: sheared, and along the ray.
+pub(crate) struct Flat {
+    x: [f32; 3],
+    y: [f32; 3],
+    pub z: [f32; 3],
+}
+
+impl Flat {
+    #[inline(always)]
+    pub fn new(space: &Space, triangle: &[[f32; 3]; 3]) -> Flat {
+        let [x_axis, y_axis, z_axis] = space.axes();
+        let mut flat = Flat {
+            x: [0.0; 3],
+            y: [0.0; 3],
+            z: [0.0; 3],
+        };
+        for i in 0..3 {
+            let moved = |axis: usize| triangle[i][axis] - space.origin[axis];
+            let z = moved(z_axis);
+            flat.x[i] = moved(x_axis) - space.shear[0] * z;
+            flat.y[i] = moved(y_axis) - space.shear[1] * z;
+            flat.z[i] = z;
+        }
+        flat
+    }
+
+    #[inline(always)]
+    pub fn edge(&self, p: usize, q: usize) -> f32 {
+        self.x[p] * self.y[q] - self.y[p] * self.x[q]
+    }
+
+    /// The sizes of an edge function's products.
+    #[inline(always)]
+    fn products(&self, p: usize, q: usize) -> f32 {
+        (self.x[p] * self.y[q]).abs() + (self.y[p] * self.x[q]).abs()
+    }
+}
 
 /// Intersects a ray with a triangle, whatever the ray's interval.
 #[inline(always)]
 pub(crate) fn intersect(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<Intersection> {
-    let [x_axis, y_axis, z_axis] = space.axes();
-    let (mut flat, mut z) = ([[0f32; 2]; 3], [0f32; 3]);
-    for i in 0..3 {
-        let moved = |axis: usize| triangle[i][axis] - space.origin[axis];
-        z[i] = moved(z_axis);
-        flat[i] = [
-            moved(x_axis) - space.shear[0] * z[i],
-            moved(y_axis) - space.shear[1] * z[i],
-        ];
+    let flat = Flat::new(space, triangle);
+    let edges = [flat.edge(2, 1), flat.edge(0, 2), flat.edge(1, 0)];
+    let [u, v, w] = edges;
+    let error = Margin::of(triangle).error(flat.z[0].abs());
+    let (least, most) = (u.min(v).min(w), u.max(v).max(w));
+    if least < -error && most > error {
+        return None;
     }
-    let [a, b, c] = flat;
-    let edge = |p: [f32; 2], q: [f32; 2]| p[0] * q[1] - p[1] * q[0];
-    let [u, v, w] = [edge(c, b), edge(a, c), edge(b, a)];
-    let front = u > 0.0 && v > 0.0 && w > 0.0;
-    let back = u < 0.0 && v < 0.0 && w < 0.0;
     let whole = u + v + w;
     let ordinary = ORDINARY[0] < whole.abs() && whole.abs() < ORDINARY[1];
-    if !((front || back) && ordinary && space.scale == 1.0) {
-        return intersect_exactly(space, triangle, &flat, rim);
+    let front = least > error;
+    if !(ordinary && (front || most < -error)) {
+        return intersect_exactly(space, triangle, &flat, edges, rim);
     }
-    let inverse_whole = 1.0 / whole;
-    let [v, w] = [v * inverse_whole, w * inverse_whole];
+    match place(space, &flat, edges) {
+        Place::At(t, barycentrics) => Some(Intersection {
+            t: t_in_slab(space, triangle, t),
+            barycentrics,
+            front,
+        }),
+        Place::Behind => None,
+        Place::Uncertain => meet_exactly(space, triangle, rim),
+    }
+}
+
+/// Where a triangle is hit.
+enum Place {
+    At(f32, [f32; 2]),
+    /// Surely not after the start of the interval: mostly the surface that the ray starts from.
+    Behind,
+    /// Rounding would show.
+    Uncertain,
+}
+
+/// Where a triangle is hit whose edge functions have one sign and a sum of ordinary size.
+#[inline(always)]
+fn place(space: &Space, flat: &Flat, [u, v, w]: [f32; 3]) -> Place {
+    let z_axis = space.axes()[2];
+    let Flat { x, y, z } = flat;
+    let inverse_whole = 1.0 / (u + v + w);
+    let [u, v, w] = [u * inverse_whole, v * inverse_whole, w * inverse_whole];
     // From the first vertex, so that errors of weights count by the triangle's size.
     let z_hit = z[0] + (v * (z[1] - z[0]) + w * (z[2] - z[0]));
-    let reach = z[0].abs().max(z[1].abs()).max(z[2].abs());
-    let t = z_hit * space.inverse_z;
-    if !(reach <= space.reach * z_hit.abs()) {
-        // Surely behind the ray's start: mostly the surface that the ray starts from.
-        if t + reach * space.inverse_z.abs() * SLACK <= space.t_min {
-            return None;
-        }
-        return intersect_exactly(space, triangle, &flat, rim);
+    let z_mean = u * z[0].abs() + v * z[1].abs() + w * z[2].abs();
+    let width = extent(x).max(extent(y));
+    let products = flat.products(2, 1) + flat.products(0, 2) + flat.products(1, 0);
+    let shear = (space.shear[0].abs() + space.shear[1].abs()) * rounding::SHEAR;
+    let moved = width * (width * rounding::WIDTH + z_mean * shear);
+    let weight_error =
+        inverse_whole.abs() * (moved + products * rounding::PRODUCTS) + rounding::WEIGHTS;
+    let z_error = extent(z) * weight_error + z_mean * rounding::DISTANCE;
+    if z_error <= space.tolerance * z_hit.abs() && weight_error < rounding::MOST {
+        return match space.scale == 1.0 {
+            true => Place::At(z_hit / space.direction[z_axis], [v, w]),
+            false => Place::Uncertain,
+        };
     }
-    let t = t_in_slab(space, triangle, t)?;
-    Some(Intersection {
-        t,
-        barycentrics: [v, w],
-        front,
-    })
+    let last = z_hit * space.inverse_z + z_error * space.inverse_z.abs() * ROOM;
+    match space.scale == 1.0 && last <= space.t_min {
+        true => Place::Behind,
+        false => Place::Uncertain,
+    }
 }
 
-/// Brings a distance into the triangle's own slabs, as they are widened. The exact distance is
-/// inside; where it is not because the ray passes beside the rim, what no box would let pass must
-/// not be a hit.
+/// Times the error of a distance, for what the sum of both rounds.
+const ROOM: f32 = 2.5;
+
 #[inline(always)]
-fn t_in_slab(space: &Space, triangle: &[[f32; 3]; 3], t: f32) -> Option<f32> {
-    let (near, far) = space.slab(&Bounds::of_triangle(triangle));
-    let t = t
-        .max((f64::from(near) * space.scale) as f32)
-        .min((f64::from(far) * space.scale) as f32);
-    (near <= far).then_some(t)
+fn extent([a, b, c]: &[f32; 3]) -> f32 {
+    a.max(*b).max(*c) - a.min(*b).min(*c)
 }
 
-/// The same where f32 does not do: along edges and at vertices, and with numbers out of all
-/// proportion. `flat`: the sheared vertices.
+/// Brings a distance into the triangle's own slabs, as they are widened, so that no box around it contradicts it. The exact distance is
+/// inside.
+#[inline(always)]
+fn t_in_slab(space: &Space, triangle: &[[f32; 3]; 3], t: f32) -> f32 {
+    let (near, far) = space.slab(&Bounds::of_triangle(triangle));
+    t.max((f64::from(near) * space.scale) as f32)
+        .min((f64::from(far) * space.scale) as f32)
+}
+
+/// The same where bounds do not decide: near edges and vertices, and with numbers out of all proportion. `edges`: the edge
+/// functions in f32.
 #[cold]
 #[inline(never)]
 fn intersect_exactly(
     space: &Space,
     triangle: &[[f32; 3]; 3],
-    flat: &[[f32; 2]; 3],
+    flat: &Flat,
+    edges: [f32; 3],
     rim: Rim,
 ) -> Option<Intersection> {
-    let z_axis = space.axes()[2];
-    let [a, b, c] = *flat;
-    let edges = [edge(c, b), edge(a, c), edge(b, a)];
-    let sum: f64 = edges.iter().sum();
-    if !sum.is_finite() || sum == 0.0 {
-        return None;
+    let [u, v, w] = edges;
+    let whole = u + v + w;
+    let one_sign = u > 0.0 && v > 0.0 && w > 0.0 || u < 0.0 && v < 0.0 && w < 0.0;
+    let ordinary = ORDINARY[0] < whole.abs() && whole.abs() < ORDINARY[1];
+    if !(one_sign && ordinary) {
+        return meet_exactly(space, triangle, rim);
     }
-    let front = sum > 0.0;
-    let inside = |value: f64, p: [f32; 2], q: [f32; 2]| {
-        if value != 0.0 {
-            (value > 0.0) == front
-        } else {
-            rim == Rim::Included || moved_edge_is_positive(p, q) == front
+    // What a test of several triangles does that has decided by its bounds.
+    match place(space, flat, edges) {
+        Place::At(t, barycentrics) => {
+            let front = decide::faces(first(space.origin), first(space.direction), triangle, rim)?;
+            if front != (whole > 0.0) {
+                return meet_exactly(space, triangle, rim);
+            }
+            Some(Intersection {
+                t: t_in_slab(space, triangle, t),
+                barycentrics,
+                front,
+            })
         }
-    };
-    if !(inside(edges[0], c, b) && inside(edges[1], a, c) && inside(edges[2], b, a)) {
-        return None;
+        Place::Behind | Place::Uncertain => meet_exactly(space, triangle, rim),
     }
-    let inverse_z = 1.0 / f64::from(space.direction[z_axis]);
-    let [u, v, w] = weights(space, triangle, front, inverse_z).unwrap_or(edges.map(f64::abs));
-    let inverse_whole = 1.0 / (u + v + w);
-    let z_of = |i: usize| f64::from(triangle[i][z_axis]) - f64::from(space.origin[z_axis]);
-    let t = (u * z_of(0) + v * z_of(1) + w * z_of(2)) * inverse_whole * inverse_z;
+}
+
+fn first([x, y, z, _]: [f32; 4]) -> [f32; 3] {
+    [x, y, z]
+}
+
+/// All of it from the numbers that were given.
+#[cold]
+#[inline(never)]
+fn meet_exactly(space: &Space, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<Intersection> {
+    let (front, t, weights) =
+        decide::meet(first(space.origin), first(space.direction), triangle, rim)?;
     Some(Intersection {
-        t: t_in_slab(space, triangle, t as f32)?,
-        barycentrics: [(v * inverse_whole) as f32, (w * inverse_whole) as f32],
+        t: t_in_slab(space, triangle, t as f32),
+        barycentrics: weights.map(|weight| weight as f32),
         front,
     })
-}
-
-/// The edge function, with the exact sign.
-#[inline]
-fn edge(p: [f32; 2], q: [f32; 2]) -> f64 {
-    f64::from(p[0]) * f64::from(q[1]) - f64::from(p[1]) * f64::from(q[0])
-}
-
-/// The sign of the edge function, zero where the ray is, when the ray is moved aside.
-#[inline]
-fn moved_edge_is_positive(p: [f32; 2], q: [f32; 2]) -> bool {
-    if q[1] == p[1] {
-        p[0] > q[0]
-    } else {
-        q[1] > p[1]
-    }
-}
-
-/// Weights of the three vertices, not normalised, from positions in f64; `None` where they
-/// contradict the decision that was made on rounded coordinates.
-#[inline(always)]
-fn weights(
-    space: &Space,
-    triangle: &[[f32; 3]; 3],
-    front: bool,
-    inverse_z: f64,
-) -> Option<[f64; 3]> {
-    let [x_axis, y_axis, z_axis] = space.axes();
-    let shear = [x_axis, y_axis].map(|axis| f64::from(space.direction[axis]) * inverse_z);
-    let flat: [[f64; 2]; 3] = std::array::from_fn(|i| {
-        let moved = |axis: usize| f64::from(triangle[i][axis]) - f64::from(space.origin[axis]);
-        let z = moved(z_axis);
-        [moved(x_axis) - shear[0] * z, moved(y_axis) - shear[1] * z]
-    });
-    let [a, b, c] = flat;
-    let sign = if front { 1.0 } else { -1.0 };
-    let edge = |p: [f64; 2], q: [f64; 2]| (sign * (p[0] * q[1] - p[1] * q[0])).max(0.0);
-    let weights = [edge(c, b), edge(a, c), edge(b, a)];
-    (weights.iter().sum::<f64>() > 0.0).then_some(weights)
 }

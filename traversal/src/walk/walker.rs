@@ -145,9 +145,9 @@ impl Walker {
     /// A walker as described; `None` if the machine does not have its instruction set.
     pub fn with(options: Options) -> Option<Box<Walker>> {
         let mut level = Level::NOWHERE;
-        level.space.reach = options.accuracy.reach();
+        level.space.tolerance = options.accuracy.tolerance();
         let mut beams = Beams::NOWHERE;
-        beams.reach = options.accuracy.reach();
+        beams.tolerance = options.accuracy.tolerance();
         options.tier.is_available().then(|| {
             Box::new(Walker {
                 stack: [Entry::default(); STACK],

@@ -92,7 +92,7 @@ pub(super) fn next_candidates(
         }
         standing.rest[i] &= !lanes;
         let (group, lane) = (groups[i / GROUP], i % GROUP);
-        let Some(meeting) = meet(rays, (group, lane), lanes) else {
+        let Some(meeting) = meet(rays, (group, lane), lanes, load(&found.t)) else {
             continue;
         };
         let slot = first_slot + i as u32;

@@ -3,7 +3,7 @@
 use std::arch::x86_64::*;
 
 use super::rays::{Rays, load, store};
-use crate::layout::{GROUP, LEAF_TRIANGLES, TriangleGroup, child};
+use crate::layout::{GROUP, LEAF_TRIANGLES, MARGIN_RISE, TriangleGroup, child};
 use crate::structure::Structure;
 use crate::walk::PACKET;
 use crate::walk::beams::AXIS;
@@ -11,9 +11,8 @@ use crate::walk::block;
 use crate::walk::found::Found;
 use crate::walk::group;
 use crate::walk::kernel::GroupHits;
-use crate::walk::options::Accuracy;
 use crate::walk::sight::LaneOf;
-use crate::walk::triangle::{Intersection, ORDINARY, Rim, SLACK, intersect};
+use crate::walk::triangle::{Intersection, ORDINARY, Rim, intersect, rounding};
 
 /// Tests the triangles of a leaf: those whose boxes any ray might meet, or all for each ray where those are fewer.
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
@@ -88,7 +87,7 @@ fn test_singly(
 
 type Flat = (__m512, __m512, __m512);
 
-/// Where rays meet a triangle: after the lower ends of their intervals.
+/// Where rays meet a triangle: after the lower ends of their intervals, and not surely after the upper ones.
 pub(super) struct Meeting {
     /// Those that meet it inside, for sure.
     pub lanes: u16,
@@ -110,11 +109,11 @@ pub(super) fn test_triangle(
     lanes: u16,
     found: &mut Found,
 ) {
-    let Some(meeting) = meet(rays, place, lanes) else {
+    let t_far = load(&found.t);
+    let Some(meeting) = meet(rays, place, lanes, t_far) else {
         return;
     };
     let (accepted, t) = (meeting.lanes, meeting.t);
-    let t_far = load(&found.t);
     let mut nearer = accepted & _mm512_cmp_ps_mask::<_CMP_LT_OQ>(t, t_far);
     let ties = accepted & _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(t, t_far) & found.hit;
     if ties != 0 {
@@ -149,6 +148,7 @@ pub(super) fn meet(
     rays: &Rays,
     (group, i): (&TriangleGroup, usize),
     lanes: u16,
+    t_far: __m512,
 ) -> Option<Meeting> {
     let beams = &rays.beams;
     let axes = rays.axes.map(|axis| axis / AXIS as usize % 3);
@@ -170,17 +170,23 @@ pub(super) fn meet(
     let edge = |p: Flat, q: Flat| _mm512_sub_ps(_mm512_mul_ps(p.0, q.1), _mm512_mul_ps(p.1, q.0));
     let (a, b, c) = (flat(0), flat(1), flat(2));
     let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
-    let zero = _mm512_setzero_ps();
     let least = _mm512_min_ps(u, _mm512_min_ps(v, w));
     let most = _mm512_max_ps(u, _mm512_max_ps(v, w));
-    let outside = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(least, zero)
-        & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(most, zero);
+    let distance = _mm512_abs_ps(a.2);
+    let rise = _mm512_mul_ps(distance, _mm512_set1_ps(MARGIN_RISE));
+    let error = _mm512_mul_ps(
+        _mm512_add_ps(distance, _mm512_set1_ps(group.margin.reach)),
+        _mm512_add_ps(_mm512_set1_ps(group.margin.slope), rise),
+    );
+    let minus_error = _mm512_xor_ps(error, _mm512_set1_ps(-0.0));
+    let outside = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(least, minus_error)
+        & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(most, error);
     let inside = !outside & lanes;
     if inside == 0 {
         return None;
     }
-    let front = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(least, zero);
-    let back = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(most, zero);
+    let front = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(least, error);
+    let back = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(most, minus_error);
     let whole = _mm512_add_ps(_mm512_add_ps(u, v), w);
     let size = _mm512_abs_ps(whole);
     let ordinary = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(size, _mm512_set1_ps(ORDINARY[0]))
@@ -188,28 +194,68 @@ pub(super) fn meet(
     let decided = (front | back) & ordinary & inside;
 
     let inverse_whole = _mm512_div_ps(_mm512_set1_ps(1.0), whole);
-    let v = _mm512_mul_ps(v, inverse_whole);
-    let w = _mm512_mul_ps(w, inverse_whole);
+    let size = _mm512_abs_ps(inverse_whole);
+    let weights = [
+        _mm512_mul_ps(v, inverse_whole),
+        _mm512_mul_ps(w, inverse_whole),
+    ];
+    let [v, w] = weights;
     let t = _mm512_add_ps(
         _mm512_mul_ps(v, _mm512_sub_ps(b.2, a.2)),
         _mm512_mul_ps(w, _mm512_sub_ps(c.2, a.2)),
     );
     let z_hit = _mm512_add_ps(a.2, t);
-    let reach = _mm512_max_ps(
-        _mm512_max_ps(_mm512_abs_ps(a.2), _mm512_abs_ps(b.2)),
-        _mm512_abs_ps(c.2),
-    );
-    let reach_limit = _mm512_mul_ps(_mm512_abs_ps(z_hit), _mm512_set1_ps(Accuracy::Spec.reach()));
-    let modest = _mm512_cmp_ps_mask::<_CMP_LE_OQ>(reach, reach_limit);
     let inverse_z = load(&beams.inverse_z);
     let t = _mm512_mul_ps(z_hit, inverse_z);
-    let slack = _mm512_mul_ps(
-        _mm512_mul_ps(reach, _mm512_abs_ps(inverse_z)),
-        _mm512_set1_ps(SLACK),
+    let room = _mm512_mul_ps(
+        _mm512_mul_ps(_mm512_mul_ps(error, size), _mm512_abs_ps(inverse_z)),
+        _mm512_set1_ps(1.5 * group.margin.reach),
     );
-    let behind = _mm512_cmp_ps_mask::<_CMP_LE_OQ>(_mm512_add_ps(t, slack), load(&beams.t_min));
-    let inside = inside & !(decided & behind);
-    let decided = decided & inside & modest;
+    let apart = _mm512_cmp_ps_mask::<_CMP_LE_OQ>(_mm512_add_ps(t, room), load(&beams.t_min))
+        | _mm512_cmp_ps_mask::<_CMP_GT_OQ>(_mm512_sub_ps(t, room), t_far);
+    let inside = inside & !(decided & apart);
+    if inside == 0 {
+        return None;
+    }
+    let u = _mm512_mul_ps(u, inverse_whole);
+    let z_mean = _mm512_add_ps(
+        _mm512_add_ps(
+            _mm512_mul_ps(u, _mm512_abs_ps(a.2)),
+            _mm512_mul_ps(v, _mm512_abs_ps(b.2)),
+        ),
+        _mm512_mul_ps(w, _mm512_abs_ps(c.2)),
+    );
+    let width = _mm512_max_ps(extent(a.0, b.0, c.0), extent(a.1, b.1, c.1));
+    let products = _mm512_add_ps(
+        _mm512_add_ps(products(c, b), products(a, c)),
+        products(b, a),
+    );
+    let shear = _mm512_mul_ps(
+        _mm512_add_ps(_mm512_abs_ps(shear_x), _mm512_abs_ps(shear_y)),
+        _mm512_set1_ps(rounding::SHEAR),
+    );
+    let moved = _mm512_mul_ps(
+        width,
+        _mm512_add_ps(
+            _mm512_mul_ps(width, _mm512_set1_ps(rounding::WIDTH)),
+            _mm512_mul_ps(z_mean, shear),
+        ),
+    );
+    let products = _mm512_mul_ps(products, _mm512_set1_ps(rounding::PRODUCTS));
+    let weight_error = _mm512_add_ps(
+        _mm512_mul_ps(size, _mm512_add_ps(moved, products)),
+        _mm512_set1_ps(rounding::WEIGHTS),
+    );
+    let z_error = _mm512_add_ps(
+        _mm512_mul_ps(extent(a.2, b.2, c.2), weight_error),
+        _mm512_mul_ps(z_mean, _mm512_set1_ps(rounding::DISTANCE)),
+    );
+    let limit = _mm512_mul_ps(_mm512_set1_ps(beams.tolerance), _mm512_abs_ps(z_hit));
+    let precise = decided
+        & inside
+        & _mm512_cmp_ps_mask::<_CMP_LE_OQ>(z_error, limit)
+        & _mm512_cmp_ps_mask::<_CMP_LT_OQ>(weight_error, _mm512_set1_ps(rounding::MOST));
+    let t = _mm512_div_ps(z_hit, load(&beams.direction_z));
     let mut near = _mm512_set1_ps(f32::NEG_INFINITY);
     let mut far = _mm512_set1_ps(f32::INFINITY);
     for k in 0..3 {
@@ -227,16 +273,30 @@ pub(super) fn meet(
         far = _mm512_min_ps(_mm512_mul_ps(leave, load(&beams.far_inverse[k])), far);
     }
     let t = _mm512_min_ps(_mm512_max_ps(t, near), far);
-    let accepted = decided
-        & _mm512_cmp_ps_mask::<_CMP_LE_OQ>(near, far)
-        & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(t, load(&beams.t_min));
+    let accepted = precise & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(t, load(&beams.t_min));
     Some(Meeting {
         lanes: accepted,
-        undecided: inside & !decided,
+        undecided: inside & !precise,
         t,
-        weights: [v, w],
+        weights,
         front,
     })
+}
+
+/// The sizes of an edge function's products.
+#[inline]
+#[target_feature(enable = "avx512f,avx512dq")]
+fn products(p: Flat, q: Flat) -> __m512 {
+    let (first, second) = (_mm512_mul_ps(p.0, q.1), _mm512_mul_ps(p.1, q.0));
+    _mm512_add_ps(_mm512_abs_ps(first), _mm512_abs_ps(second))
+}
+
+/// From the least to the greatest of three.
+#[inline]
+#[target_feature(enable = "avx512f")]
+fn extent(a: __m512, b: __m512, c: __m512) -> __m512 {
+    let most = _mm512_max_ps(_mm512_max_ps(a, b), c);
+    _mm512_sub_ps(most, _mm512_min_ps(_mm512_min_ps(a, b), c))
 }
 
 /// One ray after the other, where rays meet edges and vertices.

@@ -4,7 +4,7 @@ use std::arch::x86_64::*;
 
 use super::courses::{List, Place, Stream};
 use super::rays::{self, APART, OVER, StreamRay, View};
-use crate::layout::{LEAF_TRIANGLES, TriangleGroup, child};
+use crate::layout::{LEAF_TRIANGLES, MARGIN_RISE, Margin, TriangleGroup, child};
 use crate::ray::Hit;
 use crate::structure::Structure;
 use crate::walk::avx::Avx;
@@ -99,8 +99,9 @@ impl Place for Bottom<'_> {
             };
             let interval = [best.t_min, best.t];
             // SAFETY: the machine has AVX2.
-            let mut mask =
-                unsafe { group::intersect(View(ray, beams.reach), groups, lanes, interval, found) };
+            let mut mask = unsafe {
+                group::intersect(View(ray, beams.tolerance), groups, lanes, interval, found)
+            };
             while mask != 0 {
                 let i = mask.trailing_zeros() as usize % LEAF_TRIANGLES;
                 mask &= mask - 1;
@@ -198,9 +199,9 @@ fn wins_tie(
     }
 }
 
-/// The vertices of a leaf: `[vertex][axis][lane]`.
+/// The vertices of a leaf: `[vertex][axis][lane]`, and the margin of its groups.
 #[repr(C, align(64))]
-struct Leaf([[[f32; LEAF_TRIANGLES]; 3]; 3]);
+struct Leaf([[[f32; LEAF_TRIANGLES]; 3]; 3], Margin);
 
 /// Copies those words of a list that are wanted; without branches.
 ///
@@ -246,7 +247,8 @@ pub(super) fn comes_to(ray: &StreamRay, planes: __m128) -> bool {
 #[inline]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 fn side_by_side(groups: [&TriangleGroup; 2]) -> Leaf {
-    let mut leaf = Leaf([[[0.0; LEAF_TRIANGLES]; 3]; 3]);
+    let margin = groups[0].margin.max(groups[1].margin);
+    let mut leaf = Leaf([[[0.0; LEAF_TRIANGLES]; 3]; 3], margin);
     for vertex in 0..3 {
         for axis in 0..3 {
             let [low, high] = groups.map(|group| &group.vertices[vertex][axis]);
@@ -258,6 +260,12 @@ fn side_by_side(groups: [&TriangleGroup; 2]) -> Leaf {
         }
     }
     leaf
+}
+
+#[inline]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+fn minus(v: __m256) -> __m256 {
+    _mm256_xor_ps(_mm256_set1_ps(-0.0), v)
 }
 
 /// Whether a ray passes inside a triangle, or may do so: as [`group::intersect`] finds out.
@@ -278,6 +286,7 @@ fn passes_inside(ray: &StreamRay, leaf: &Leaf, lanes: u32) -> bool {
             (
                 _mm256_sub_ps(x, _mm256_mul_ps(_mm256_set1_ps(sx), z)),
                 _mm256_sub_ps(y, _mm256_mul_ps(_mm256_set1_ps(sy), z)),
+                z,
             )
         }};
     }
@@ -288,10 +297,16 @@ fn passes_inside(ray: &StreamRay, leaf: &Leaf, lanes: u32) -> bool {
     }
     let (a, b, c) = (flat!(0), flat!(1), flat!(2));
     let (u, v, w) = (edge!(c, b), edge!(a, c), edge!(b, a));
-    let zero = _mm256_setzero_ps();
     let least = _mm256_min_ps(u, _mm256_min_ps(v, w));
     let most = _mm256_max_ps(u, _mm256_max_ps(v, w));
-    let negative = _mm256_cmp_ps_mask::<_CMP_LT_OQ>(least, zero);
-    let outside = _mm256_mask_cmp_ps_mask::<_CMP_GT_OQ>(negative, most, zero);
+    let Margin { reach, slope } = leaf.1;
+    let distance = _mm256_andnot_ps(_mm256_set1_ps(-0.0), a.2);
+    let rise = _mm256_mul_ps(distance, _mm256_set1_ps(MARGIN_RISE));
+    let error = _mm256_mul_ps(
+        _mm256_add_ps(distance, _mm256_set1_ps(reach)),
+        _mm256_add_ps(_mm256_set1_ps(slope), rise),
+    );
+    let negative = _mm256_cmp_ps_mask::<_CMP_LT_OQ>(least, minus(error));
+    let outside = _mm256_mask_cmp_ps_mask::<_CMP_GT_OQ>(negative, most, error);
     !outside & lanes as u8 != 0
 }

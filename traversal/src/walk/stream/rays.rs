@@ -7,7 +7,6 @@ use crate::walk::PACKET;
 use crate::walk::beams::{AXIS, Beams, Boxes, Given, ROW};
 use crate::walk::rows::{Lanes, Words};
 use crate::walk::sight::Sight;
-use crate::walk::space::Space;
 
 /// A ray in its bottom level: a line for boxes, by the axes of space, and a line for triangles, by its own; see [`Beams`].
 #[derive(Clone, Copy)]
@@ -80,11 +79,12 @@ impl StreamRay {
         beams.shear[0][lane] = self.shear[0];
         beams.shear[1][lane] = self.shear[1];
         beams.inverse_z[lane] = self.inverse_z;
+        beams.direction_z[lane] = View(self, 0.0).direction_z();
         beams.t_min[lane] = self.t_min;
     }
 }
 
-/// A ray of a stream, and [`Accuracy::reach`](crate::walk::options::Accuracy::reach).
+/// A ray of a stream, and [`Accuracy::tolerance`](crate::walk::options::Accuracy::reach).
 #[derive(Clone, Copy)]
 pub(super) struct View<'a>(pub &'a StreamRay, pub f32);
 
@@ -120,25 +120,18 @@ impl Sight for View<'_> {
     }
 
     #[inline(always)]
-    fn t_min(self) -> f32 {
-        self.0.t_min
+    fn direction_z(self) -> f32 {
+        -self.0.direction[usize::from(self.0.axes[2] / AXIS as u8) % 3]
     }
 
     #[inline(always)]
-    fn reach(self) -> f32 {
+    fn tolerance(self) -> f32 {
         self.1
     }
 
-    fn space(self) -> Space {
-        let mut space = Space::NOWHERE;
-        space.reach = self.1;
-        space.set(
-            self.0.minus_origin.map(|c| -c),
-            self.0.direction,
-            self.0.t_min,
-            0.0,
-        );
-        space
+    #[inline(always)]
+    fn given(self) -> ([f32; 3], [f32; 3]) {
+        (self.0.minus_origin.map(|c| -c), self.0.direction)
     }
 }
 
