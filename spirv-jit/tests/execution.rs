@@ -727,3 +727,35 @@ fn atomics_on_half_floats_leave_their_neighbours_alone() {
         |_, _| 37 | 12 << 8 | 15 << 16 | 7 << 24,
     );
 }
+
+/// C's `modf`: the fraction has the argument's sign, also where it is zero.
+#[test]
+fn fractions_have_the_sign_of_the_whole() {
+    let values = [
+        -0.0f32,
+        0.0,
+        -1.0,
+        1.0,
+        -2.75,
+        2.75,
+        f32::NEG_INFINITY,
+        f32::INFINITY,
+        -1.0e-40,
+    ];
+    let bits: Vec<u32> = values.iter().map(|value| value.to_bits()).collect();
+    check(
+        "",
+        "float whole; float fraction = modf(uintBitsToFloat(x), whole);
+         r = floatBitsToUint(fraction) ^ (floatBitsToUint(whole) << 1);",
+        &bits,
+        |_, x| {
+            let value = f32::from_bits(x);
+            let size = if value.is_infinite() {
+                0.0
+            } else {
+                value.fract()
+            };
+            size.copysign(value).to_bits() ^ (value.trunc().to_bits() << 1)
+        },
+    );
+}

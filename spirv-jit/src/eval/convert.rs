@@ -12,7 +12,7 @@ pub(super) fn f16_from_f32(value: f32) -> f16 {
 
 /// Rounds once: by way of an `f32` that is rounded to odd, which keeps the second rounding exact.
 #[inline(always)]
-pub(super) fn f16_from_f64(value: f64) -> f16 {
+pub(crate) fn f16_from_f64(value: f64) -> f16 {
     let near = value as f32;
     let bits = near.to_bits();
     let back = near as f64;

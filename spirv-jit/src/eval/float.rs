@@ -388,16 +388,17 @@ pub fn fabs<T: Float>(a: T) -> T {
     T::from_bits(a.bits().and(sign_bit::<T>().not()))
 }
 
-/// −1, ±0 or 1; NaN stays.
+/// −1, ±0 or 1; ±0 for NaN, too (`GLSL.std.450`, `FSign`: the result is one of these).
 #[inline(always)]
 pub fn fsign<T: Float>(a: T) -> T {
     let x = a.widen();
-    let one = T::Native::ONE.copysign(x);
-    T::narrow(if x < T::Native::ZERO || x > T::Native::ZERO {
-        one
+    let is_signed = x < T::Native::ZERO || x > T::Native::ZERO;
+    let size = if is_signed {
+        T::Native::ONE
     } else {
-        x
-    })
+        T::Native::ZERO
+    };
+    T::narrow(size.copysign(x))
 }
 
 /// Vulkan defines sinh and cosh by exponentials: where those overflow, so must they, half a binade before their own values would.

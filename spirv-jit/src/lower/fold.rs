@@ -7,6 +7,7 @@ use rspirv::spirv::Op;
 use super::constants::{Constants, truncate};
 use super::types::Types;
 use crate::Error;
+use crate::eval;
 use crate::ir::Type;
 use crate::parse::{Id, Instruction};
 
@@ -162,7 +163,7 @@ fn fold_float(from: Type, to: Type, bits: u64) -> Option<u64> {
         _ => return None,
     };
     match to {
-        Type::F16 => Some(half::f16::from_f64(value).to_bits() as u64),
+        Type::F16 => Some(eval::f16_from_f64(value).to_bits() as u64),
         Type::F32 => Some((value as f32).to_bits() as u64),
         Type::F64 => Some(value.to_bits()),
         _ => None,

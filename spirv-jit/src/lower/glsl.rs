@@ -230,10 +230,21 @@ impl Lowerer<'_> {
             }
             GLOp::SmoothStep => self.smooth_step(ty, [parts[0], parts[1], parts[2]]),
             _ => {
-                let exponent = self.b.i32_of(parts[1], true)?;
+                let exponent = self.ldexp_exponent(parts[1])?;
                 self.b.emit(ir::Op::FLdexp, &[x, exponent], ty)
             }
         }
+    }
+
+    /// The exponent as i32: one of 64 bits is clamped to what makes every float 0 or infinite anyway.
+    fn ldexp_exponent(&mut self, exponent: Value) -> Result<Value, Error> {
+        let mut exponent = exponent;
+        if self.b.ty(exponent) == Type::I64 {
+            let least = self.b.constant(Type::I64, i64::from(i32::MIN) as u64);
+            let most = self.b.constant(Type::I64, i32::MAX as u64);
+            exponent = self.clamp(ir::Op::SMax, ir::Op::SMin, &[exponent, least, most])?;
+        }
+        self.b.i32_of(exponent, true)
     }
 
     fn clamp(&mut self, max: ir::Op, min: ir::Op, parts: &[Value]) -> Result<Value, Error> {
@@ -270,10 +281,22 @@ impl Lowerer<'_> {
             // An infinity has no fraction.
             let infinite = self.b.emit(ir::Op::FIsInf, &[x], Type::I1)?;
             let zero = self.b.float(self.b.ty(x), 0.0);
-            fractions.push(self.b.select(infinite, zero, fraction)?);
+            let fraction = self.b.select(infinite, zero, fraction)?;
+            fractions.push(self.with_sign_of(fraction, x)?);
             wholes.push(whole);
         }
         self.define_parts(instruction, op == GLOp::Modf, fractions, wholes, operands)
+    }
+
+    /// A float that has the same sign as another one or is +0, with that one's sign.
+    fn with_sign_of(&mut self, size: Value, signed: Value) -> Result<Value, Error> {
+        let ty = self.b.ty(size);
+        let [size, signed] = [self.b.as_integer(size)?, self.b.as_integer(signed)?];
+        let integer = self.b.ty(size);
+        let sign_bit = self.b.constant(integer, 1 << (integer.bits() - 1));
+        let sign = self.b.binary(ir::Op::And, signed, sign_bit)?;
+        let bits = self.b.binary(ir::Op::Or, size, sign)?;
+        self.b.emit(ir::Op::Bitcast, &[bits], ty)
     }
 
     fn lower_frexp(

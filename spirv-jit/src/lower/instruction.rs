@@ -3,6 +3,7 @@
 use rspirv::spirv::Op;
 
 use super::Lowerer;
+use super::types::TypeKind;
 use crate::Error;
 use crate::parse::Instruction;
 
@@ -25,6 +26,11 @@ impl Lowerer<'_> {
                 self.define_typed(instruction, values.to_vec())
             }
             Op::Undef => {
+                let info = self.types.info(instruction.result_type)?;
+                if matches!(info.kind, TypeKind::RuntimeArray { .. }) {
+                    // Of unknown length, so that nothing can be taken from it.
+                    return self.define(instruction.result, Self::scalars(Vec::new()));
+                }
                 let types = self.types.leaves(instruction.result_type)?;
                 let zeros: Vec<_> = types.iter().map(|&ty| self.b.constant(ty, 0)).collect();
                 self.define(instruction.result, Self::scalars(zeros))

@@ -179,10 +179,21 @@ impl Lowerer<'_> {
         Ok(Index::Value(value, signed))
     }
 
+    /// Workgroup memory has explicit layouts: its variables are blocks (`SPV_KHR_workgroup_memory_explicit_layout`).
+    fn lays_out_shared(&self) -> bool {
+        let block = |pointee| self.module.annotations.id(pointee, Decoration::Block);
+        (self.variables.values()).any(|variable| {
+            variable.class == StorageClass::Workgroup && block(variable.pointee).is_some()
+        })
+    }
+
     /// The element operand of `OpPtrAccessChain`: the pointer is one into an array.
     fn step_element(&mut self, pointer: Pointer, base: Id, index: Id) -> Result<Pointer, Error> {
         let index = self.index(index)?;
         let given = self.module.annotations.id(base, Decoration::ArrayStride);
+        let is_shared = matches!(pointer.place, Place::Shared { .. });
+        // Workgroup memory is laid out by the compiler, unless the module says that it does so itself.
+        let given = given.filter(|_| !is_shared || self.lays_out_shared());
         let pointee = pointer.pointee;
         match &pointer.place {
             Place::Shared { .. } | Place::Buffer { .. } | Place::Global { .. } => {

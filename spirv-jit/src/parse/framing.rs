@@ -43,8 +43,8 @@ pub(super) fn check_framing(words: &[u32]) -> Result<Vec<Frame>, Error> {
         ));
     }
     let bound = words[3];
-    // Tables are sized by the bound: a bound far beyond what the words could define would only waste memory.
-    if bound == 0 || bound > MAX_BOUND || bound as usize > 65_536 + 16 * words.len() {
+    // Tables are sized by the bound, at 4 bytes an id.
+    if bound == 0 || bound > MAX_BOUND {
         return Err(Error::invalid(
             3,
             format!("id bound {bound} is out of range"),
