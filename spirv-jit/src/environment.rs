@@ -85,6 +85,26 @@ pub struct DescriptorSet {
     pub count: u32,
 }
 
+/// Numbers that name descriptors, for what a descriptor cannot be: a value that is kept, passed on or compared.
+///
+/// The low half is the entry, the high half the table: 0 for none, so that 0 is the null descriptor; then the sets, the dynamic descriptors,
+/// and the push constants. Whoever follows a reference checks both, so any number may be one.
+pub mod reference {
+    use super::MAX_SETS;
+
+    /// The first set.
+    pub const SETS: u32 = 1;
+    /// [`Environment::dynamic`](super::Environment::dynamic).
+    pub const DYNAMIC: u32 = SETS + MAX_SETS as u32;
+    /// [`Environment::push_constants`](super::Environment::push_constants), which is the only entry.
+    pub const PUSH_CONSTANTS: u32 = DYNAMIC + 1;
+
+    /// The reference to an entry of a table.
+    pub const fn of(table: u32, entry: u32) -> u64 {
+        (table as u64) << 32 | entry as u64
+    }
+}
+
 /// Indices into [`Environment::uniforms`], for `Op::Uniform`.
 pub mod uniform {
     /// `LaunchSizeKHR`, 3 words.

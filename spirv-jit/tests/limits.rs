@@ -2,9 +2,11 @@
 
 use std::time::{Duration, Instant};
 
+use spirv_jit::environment::Environment;
 use spirv_jit::ir::text::parse_module;
 use spirv_jit::ir::{Body, Module, Node};
 use spirv_jit::pass::optimize;
+use spirv_jit::program::{AlignedRow, Event, Frame, Program, Wave};
 
 fn count(body: &Body) -> usize {
     let inside = |node: &Node| match node {
@@ -76,9 +78,8 @@ fn nests_of_a_thousand() {
     assert!(module.functions[0].variables.is_empty());
 }
 
-#[test]
-fn call_trees_that_double() {
-    let levels = 40;
+/// Functions each of which calls the next one twice.
+fn call_tree(levels: u32) -> String {
     let mut text = String::from("module callable\noutput_rows 1\n");
     for level in 0..levels {
         let head = if level == 0 {
@@ -93,12 +94,50 @@ fn call_trees_that_double() {
                 "{head}v1: i32 = call[f{callee}] v0\nv2: i32 = call[f{callee}] v1\n{end}(v2)\n}}\n"
             );
         } else {
-            text += &format!("{head}v1: i32 = imul v0, v0\n{end}(v1)\n}}\n");
+            text += &format!("{head}v2: i32 = const 1\nv1: i32 = iadd v0, v2\n{end}(v1)\n}}\n");
         }
     }
-    let (module, _) = optimised(&text);
+    text
+}
+
+#[test]
+fn call_trees_that_double() {
+    let (module, _) = optimised(&call_tree(40));
     let total: usize = module.functions.iter().map(|f| count(&f.body)).sum();
     assert!(total < 40_000, "{total} instructions");
+}
+
+/// However little fuel a run has, it comes back where that is spent, and the next one goes on there.
+#[test]
+fn calls_burn_fuel() {
+    let (levels, fuel) = (12, 100);
+    let program = Program::new(&parse_module(&call_tree(levels)).unwrap()).unwrap();
+    let mut state = vec![AlignedRow::default(); program.layout().rows];
+    program.start(&mut state, 0x0ff0);
+    let (mut frame, environment) = (Frame::default(), Environment::unbound());
+    let mut runs = 0;
+    loop {
+        runs += 1;
+        let mut states = [&mut state[..]];
+        let mut wave = Wave {
+            states: &mut states,
+            shared: std::ptr::null_mut(),
+            environment: &environment,
+        };
+        // SAFETY: nothing is bound, and the program shares no memory.
+        match unsafe { program.run(&mut frame, &mut wave, &mut { fuel }) } {
+            Event::End => break,
+            event => assert_eq!(event, Event::OutOfFuel),
+        }
+    }
+    // 2 + 4 + … + 2¹¹ calls, 100 a run.
+    let calls = (1u64 << levels) - 2;
+    assert_eq!(runs, calls / fuel + 1);
+    // The last function adds one to a number that goes through all of its calls and is one at first.
+    let sum = 1 + (1 << (levels - 1));
+    let io = state[program.layout().io].0;
+    let expected = std::array::from_fn(|lane| if 0x0ff0 >> lane & 1 == 1 { sum } else { 0 });
+    assert_eq!(io, expected);
 }
 
 /// Many variables, stored and read in many loops and branches: the worst for promotion.

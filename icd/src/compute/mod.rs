@@ -413,15 +413,19 @@ impl Worker {
             *place = state;
             count += 1;
         }
-        plan.dispatch.program.run(
-            &mut self.frame,
-            &mut Wave {
-                states: &mut states[..count],
-                shared: self.shared.as_mut_ptr().cast(),
-                environment: plan.dispatch.environment,
-            },
-            &mut fuel,
-        )
+        // SAFETY: the command's bindings keep what the environment names, and the application keeps what those name; `shared` has the
+        // program's size; the states are the program's.
+        unsafe {
+            plan.dispatch.program.run(
+                &mut self.frame,
+                &mut Wave {
+                    states: &mut states[..count],
+                    shared: self.shared.as_mut_ptr().cast(),
+                    environment: plan.dispatch.environment,
+                },
+                &mut fuel,
+            )
+        }
     }
 
     fn settle(&mut self, plan: &Plan<'_>, event: Event) -> Result<(), Stopped> {

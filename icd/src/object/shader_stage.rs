@@ -93,7 +93,9 @@ impl ShaderStage {
         may_compile: bool,
     ) -> VkResult<Compiled> {
         let key = self.key(layout);
-        if let Some(program) = cache.and_then(|cache| cache.find(&key)) {
+        let cached = cache.and_then(|cache| cache.find(&key));
+        // What comes as data may say anything.
+        if let Some(program) = cached.filter(|program| program.stage() == self.stage) {
             let program = StageProgram { program, key };
             return Ok(Compiled {
                 program,

@@ -321,15 +321,19 @@ impl<'a> Batch<'a> {
         let mut states: Vec<&mut [AlignedRow]> =
             rows.iter_mut().map(|rows| &mut rows[..]).collect();
         let mut fuel = FUEL;
-        let event = compiled.run(
-            &mut self.worker.frame,
-            &mut Wave {
-                states: &mut states,
-                shared: std::ptr::null_mut(),
-                environment: self.dispatch.environment,
-            },
-            &mut fuel,
-        );
+        // SAFETY: the command's bindings keep what the environment names, and the application keeps what those name; only compute
+        // shaders have workgroup memory; the states are this program's.
+        let event = unsafe {
+            compiled.run(
+                &mut self.worker.frame,
+                &mut Wave {
+                    states: &mut states,
+                    shared: std::ptr::null_mut(),
+                    environment: self.dispatch.environment,
+                },
+                &mut fuel,
+            )
+        };
         for (&index, rows) in wave.iter().zip(rows) {
             self.worker.subgroups[index].rows = rows;
         }

@@ -37,7 +37,7 @@ func f0 {
   v10: f32 = uto_f v1
   v11: f32 = fadd v9, v4
   v12: f32 = fadd v10, v4
-  v13: i64 = descriptor[set 0, first 0, count 2] v2
+  v13: descriptor = descriptor[set 0, first 0, count 2] v2
   v14: i64 = descriptor_address v13
   v15: i32, v16: i32 = unpack64 v14
   v17: i32 = uniform[0]
@@ -47,7 +47,7 @@ func f0 {
   v21: i32 = const 2
   v22: i32 = shl v19, v21
   v23: i32 = const 1
-  v24: i64 = descriptor[set 0, first 0, count 2] v23
+  v24: descriptor = descriptor[set 0, first 0, count 2] v23
   store.buffer v24, v22, v20
   end
 }
@@ -94,7 +94,7 @@ func f0 {
   v0: i32 = input[0]
   v1: i32 = const 0
   v2: i32 = execute_callable v1, v0
-  v3: i64 = descriptor[set 0, first 0, count 2] v1
+  v3: descriptor = descriptor[set 0, first 0, count 2] v1
   v4: i64 = descriptor_address v3
   v5: i32, v6: i32 = unpack64 v4
   v7: f32 = const 0x00000000

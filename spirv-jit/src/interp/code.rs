@@ -58,6 +58,31 @@ pub(super) struct Saved {
     pub input: bool,
 }
 
+/// What descriptors are made of.
+#[derive(Clone, Copy)]
+pub(super) enum DescriptorSource {
+    /// Of an index, in a binding of the program's.
+    Binding(u32),
+    /// Of a reference.
+    Reference,
+}
+
+/// A vector row of descriptors that is made again instead of being saved.
+#[derive(Clone, Copy)]
+pub(super) struct Remade {
+    pub to: Operand,
+    pub source: DescriptorSource,
+    /// A row that is saved.
+    pub from: Operand,
+}
+
+/// What lives across a place where a wave can be suspended.
+#[derive(Default)]
+pub(super) struct Live {
+    pub saved: Vec<Saved>,
+    pub remade: Vec<Remade>,
+}
+
 /// A place where a wave can be suspended.
 pub(super) struct SavePoint {
     /// Where to go on.
@@ -67,8 +92,8 @@ pub(super) struct SavePoint {
     pub base: u32,
     /// Parked and pending masks that are in use, from the program's first.
     pub masks: u32,
-    pub saved: Vec<Saved>,
-    /// The event, or none for the entry and for back-edges.
+    pub live: Live,
+    /// The event, or none for the entry, for back-edges and for where functions begin.
     pub site: Option<SiteId>,
 }
 
@@ -79,7 +104,7 @@ pub(super) struct CallSite {
     /// Added to the caller's path number to give the callee's.
     pub context: u32,
     pub return_pc: u32,
-    pub saved: Vec<Saved>,
+    pub live: Live,
 }
 
 /// Instructions and the tables they refer to.

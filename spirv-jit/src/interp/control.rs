@@ -97,6 +97,18 @@ pub(super) unsafe fn back_edge(m: &mut Machine<'_>, i: &Instr) {
     m.pc = i.y as usize;
 }
 
+/// Where a function begins: takes fuel, or suspends the wave at point `a` if there is none.
+///
+/// # Safety
+/// As [`enter`].
+pub(super) unsafe fn burn(m: &mut Machine<'_>, i: &Instr) {
+    match m.fuel.checked_sub(1) {
+        Some(rest) => m.fuel = rest,
+        // SAFETY: the point's number was emitted with the instruction.
+        None => unsafe { super::yields::suspend(m, i.a.raw(), Event::OutOfFuel) },
+    }
+}
+
 /// Goes to `y` if no lane is active.
 ///
 /// # Safety

@@ -1,10 +1,8 @@
-//! Private memory, descriptors, and what a dispatch is given as words.
+//! Private memory, and what a dispatch is given as words.
 
 use super::access::operands;
 use super::machine::{Instr, Machine, lanes_of};
-use super::region::descriptor_at;
 use crate::SUBGROUP_SIZE;
-use crate::environment::Descriptor;
 use crate::ir::Type;
 
 /// A load from private memory by plan `x`: row numbers count from the first private row; past the end they read zero.
@@ -171,91 +169,6 @@ pub(super) unsafe fn zero_private(m: &mut Machine<'_>, i: &Instr) {
             let words = unsafe { &mut *m.state_row(s, m.program.private + row as usize) };
             for (k, word) in words.iter_mut().enumerate() {
                 *word = if m.active[s] & 1 << k != 0 { 0 } else { *word };
-            }
-        }
-    }
-}
-
-/// `descriptor`: addresses of binding `x`'s entries, by the indices in `a`.
-///
-/// # Safety
-/// As [`load_private`].
-pub(super) unsafe fn descriptor(m: &mut Machine<'_>, i: &Instr) {
-    static NULL: Descriptor = Descriptor::NULL;
-    let binding = m.program.code.bindings[i.x as usize];
-    let environment = m.environment;
-    let (entries, count) = if binding.dynamic {
-        (environment.dynamic, environment.dynamic_count)
-    } else {
-        match environment.sets.get(binding.set as usize) {
-            Some(set) => (set.entries, set.count),
-            None => (std::ptr::null(), 0),
-        }
-    };
-    let end = (binding.first as u64).saturating_add(binding.count as u64);
-    let end = if binding.count == u32::MAX {
-        count as u64
-    } else {
-        end.min(count as u64)
-    };
-    let end = if entries.is_null() { 0 } else { end };
-    for &offset in m.listed() {
-        // SAFETY: as the caller promises.
-        unsafe {
-            let index = *m.block::<u32>(i.a, offset);
-            let d = &mut *m.block::<u64>(i.d, offset);
-            for k in 0..SUBGROUP_SIZE {
-                let entry = binding.first as u64 + index[k] as u64;
-                d[k] = if entry < end {
-                    entries as u64 + entry * size_of::<Descriptor>() as u64
-                } else {
-                    &raw const NULL as u64
-                };
-            }
-        }
-    }
-}
-
-/// The descriptor of the push constants.
-///
-/// # Safety
-/// As [`load_private`].
-pub(super) unsafe fn push_constants(m: &mut Machine<'_>, i: &Instr) {
-    let address = &raw const m.environment.push_constants as u64;
-    for &offset in m.listed() {
-        // SAFETY: as the caller promises.
-        unsafe { *m.block::<u64>(i.d, offset) = [address; SUBGROUP_SIZE] };
-    }
-}
-
-/// A descriptor's address field.
-///
-/// # Safety
-/// As [`load_private`].
-pub(super) unsafe fn descriptor_address(m: &mut Machine<'_>, i: &Instr) {
-    for &offset in m.listed() {
-        for lane in lanes_of(m.active[offset as usize / 64]) {
-            // SAFETY: as the caller promises; active lanes hold addresses of descriptors.
-            unsafe {
-                let descriptor = descriptor_at(m.lane(i.a, offset, lane, true));
-                m.set_lane(i.d, offset, lane, true, descriptor.address);
-            }
-        }
-    }
-}
-
-/// A descriptor's size, saturated.
-///
-/// # Safety
-/// As [`load_private`].
-pub(super) unsafe fn buffer_size(m: &mut Machine<'_>, i: &Instr) {
-    for &offset in m.listed() {
-        for lane in lanes_of(m.active[offset as usize / 64]) {
-            // SAFETY: as the caller promises; active lanes hold addresses of descriptors.
-            unsafe {
-                let descriptor = descriptor_at(m.lane(i.a, offset, lane, true));
-                let size = descriptor.size_bytes.min(u32::MAX as u64);
-                m.set_lane(i.d, offset, lane, false, size);
             }
         }
     }

@@ -4,14 +4,15 @@
 //! ir ──> uniformity, slots (rows by live ranges) ──> emit ──> code: instructions that point at their kernels
 //! ```
 //!
-//! * [`machine`]: a running wave; [`tier`]: instruction sets; [`kernels`]: pure operations; [`access`], [`memory`], [`atomics`], [`subgroup`], [`images`]:
-//!   the others; [`control`]: masks and jumps; [`yields`]: suspending and resuming.
+//! * [`machine`]: a running wave; [`tier`]: instruction sets; [`kernels`]: pure operations; [`access`], [`memory`], [`descriptors`], [`atomics`],
+//!   [`subgroup`], [`images`]: the others; [`control`]: masks and jumps; [`yields`]: suspending and resuming.
 
 mod access;
 mod atomics;
 mod coalesce;
 mod code;
 mod control;
+mod descriptors;
 mod emit;
 mod fusion;
 mod images;
@@ -245,8 +246,11 @@ impl Program {
         // Values of 64 bits are saved as such, over two rows.
         let (point, context) = self.code.point_of(state[0].0[0]);
         let callers = self.code.path(point.function, context);
-        let saved = std::iter::once(&point.saved).chain(callers.map(|site| &site.saved));
-        for value in saved.flatten().filter(|value| value.wide && !value.input) {
+        let saved = std::iter::once(&point.live).chain(callers.map(|site| &site.live));
+        for value in saved
+            .flat_map(|live| &live.saved)
+            .filter(|value| value.wide && !value.input)
+        {
             let place = |word: usize| {
                 (
                     value.row as usize + word / SUBGROUP_SIZE,
@@ -269,11 +273,18 @@ impl Program {
         state[0].0[1] = 0;
     }
 
-    /// Runs a wave of subgroups that stand at one resume point until the next event. `fuel` is burnt at loop back-edges, one per wave.
+    /// Runs a wave of subgroups that stand at one resume point until the next event. `fuel` is burnt at loop back-edges and calls, for the
+    /// whole wave.
+    ///
+    /// # Safety
+    /// Until it returns, `wave.shared` points to [`Self::shared_size_bytes`] bytes, and in `wave.environment` every table has as many
+    /// descriptors as it says, each of them as [`Descriptor`](crate::environment::Descriptor) has it, with memory, images and samplers
+    /// that are there; `reach` holds memory that may be read and written. Other threads may write all that meanwhile, but for descriptors.
+    /// States hold what [`Self::start`] and earlier runs of this program left there, besides inputs and answers.
     ///
     /// # Panics
     /// The wave is empty or longer than [`Self::max_wave_subgroups`], or a state is too small or stands elsewhere.
-    pub fn run(&self, frame: &mut Frame, wave: &mut Wave<'_>, fuel: &mut u64) -> Event {
+    pub unsafe fn run(&self, frame: &mut Frame, wave: &mut Wave<'_>, fuel: &mut u64) -> Event {
         let subgroups = wave.states.len();
         assert!((1..=MAX_SUBGROUPS).contains(&subgroups), "wave length");
         let mut states = [std::ptr::null_mut(); MAX_SUBGROUPS];

@@ -5,13 +5,15 @@
 //! lives until the loop's end; results of a construct live from the construct's start, since lanes write them while
 //! others are still inside; parameters of a loop live through all of it.
 //!
+//! What a descriptor that is live where a wave can be suspended was made of is live there, too.
+//!
 //! Position `p` has two half-steps: operands that may share a row with the result are used at `2p`, others at `2p + 1`; results
 //! are defined at `2p + 1`.
 
 use super::coalesce::{Candidate, candidates};
 use super::fusion::Fusion;
 use crate::ir::op::Signature;
-use crate::ir::{Body, Function, Inst, Node, Terminator, Type, Value};
+use crate::ir::{Body, Function, Inst, Node, Op, Terminator, Type, Value};
 
 /// A value's first and last half-step.
 #[derive(Clone, Copy, Debug)]
@@ -36,7 +38,15 @@ pub(super) struct Slots {
 impl Slots {
     /// Values that live across a position: defined before it and used after it.
     pub fn live_across(&self, position: u32) -> impl Iterator<Item = Value> + '_ {
-        let (before, after) = (2 * position, 2 * position + 1);
+        self.live(2 * position, 2 * position + 1)
+    }
+
+    /// Parameters that the function uses.
+    pub fn live_at_start(&self) -> impl Iterator<Item = Value> + '_ {
+        self.live(1, 1)
+    }
+
+    fn live(&self, before: u32, after: u32) -> impl Iterator<Item = Value> + '_ {
         let begun = self.ranges.partition_point(|range| range.start <= before);
         self.ranges[..begun]
             .iter()
@@ -56,6 +66,10 @@ struct Walk<'f> {
     position: u32,
     /// Open loops: position, and values from outside that are used inside.
     loops: Vec<(u32, Vec<Value>)>,
+    /// Positions where the wave can be suspended, ascending.
+    suspensions: Vec<u32>,
+    /// Descriptors, and what they are made of.
+    descriptors: Vec<(Value, Value)>,
 }
 
 impl Walk<'_> {
@@ -121,6 +135,14 @@ impl Walk<'_> {
                 for &result in &inst.results {
                     self.define(result, position);
                 }
+                if inst.op.is_yield() || matches!(inst.op, Op::Call(_)) {
+                    self.suspensions.push(position);
+                }
+                if inst.op.gives_descriptor()
+                    && let Some(&from) = inst.args.first()
+                {
+                    self.descriptors.push((inst.results[0], from));
+                }
             }
             Node::Block { results, body, .. } => {
                 for &result in results {
@@ -157,6 +179,7 @@ impl Walk<'_> {
                 }
                 self.body(body);
                 let end = 2 * self.position + 2;
+                self.suspensions.push(self.position);
                 self.position += 1;
                 let (_, inside) = self.loops.pop().expect("pushed above");
                 for value in inside.into_iter().chain(params.iter().copied()) {
@@ -165,6 +188,25 @@ impl Walk<'_> {
                     }
                 }
             }
+        }
+    }
+
+    /// A descriptor that lives across a suspension is made again there: what it is made of lives as long.
+    fn extend_origins(&mut self) {
+        for &(descriptor, from) in &self.descriptors {
+            let Some((start, end)) = self.ranges[descriptor.index()] else {
+                continue;
+            };
+            let after = self.suspensions.partition_point(|&at| 2 * at < start);
+            let next = self.suspensions.get(after);
+            if next.is_none_or(|&at| 2 * at + 1 >= end) {
+                continue;
+            }
+            if let Some((_, last)) = &mut self.ranges[from.index()] {
+                *last = end.max(*last);
+            }
+            let last = &mut self.last_use[from.index()];
+            *last = end.max(*last);
         }
     }
 
@@ -200,11 +242,14 @@ pub(super) fn allocate(function: &Function, uniform: &[bool], fusion: &Fusion) -
         last_use: vec![0; function.value_types.len()],
         position: 1,
         loops: Vec::new(),
+        suspensions: Vec::new(),
+        descriptors: Vec::new(),
     };
     for &param in &function.params {
         walk.define(param, 0);
     }
     walk.body(&function.body);
+    walk.extend_origins();
     let into = coalesce(function, &walk);
 
     let mut ranges: Vec<Range> = walk

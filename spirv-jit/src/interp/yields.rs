@@ -2,7 +2,8 @@
 //!
 //! A state's control rows hold, as words: the resume id, the active lanes, then the masks in use, two to a word.
 
-use super::code::Saved;
+use super::code::{Live, Saved};
+use super::descriptors;
 use super::machine::{Instr, MAX_SUBGROUPS, Machine, Operand};
 use crate::SUBGROUP_SIZE;
 use crate::program::{AlignedRow, Event, IO_DATA_ROW, Row};
@@ -29,9 +30,9 @@ pub(super) unsafe fn suspend(m: &mut Machine<'_>, point: u32, event: Event) {
                 *masks.add(k) = (*m.masks.add(k))[s];
             }
         }
-        save(m, &point.saved);
+        save(m, &point.live.saved);
         for site in code.path(point.function, m.context) {
-            save(m, &site.saved);
+            save(m, &site.live.saved);
         }
     }
     m.event = event;
@@ -59,8 +60,8 @@ unsafe fn save(m: &Machine<'_>, saved: &[Saved]) {
 
 /// # Safety
 /// As [`save`].
-unsafe fn restore_values(m: &Machine<'_>, saved: &[Saved]) {
-    for value in saved {
+unsafe fn restore_values(m: &Machine<'_>, live: &Live) {
+    for value in &live.saved {
         for s in 0..m.subgroups {
             // SAFETY: as the caller promises.
             unsafe {
@@ -74,6 +75,8 @@ unsafe fn restore_values(m: &Machine<'_>, saved: &[Saved]) {
             }
         }
     }
+    // SAFETY: as the caller promises; what they are made of was restored above.
+    unsafe { descriptors::make_again(m, &live.remade) };
 }
 
 /// Whether a lane is parked or pending in one of the first `masks` masks of a state.
@@ -107,10 +110,10 @@ pub(super) unsafe fn resume(m: &mut Machine<'_>) {
                 *lanes = *m.states[s].add(CONTROL_WORDS).cast::<u16>().add(k);
             }
         }
-        restore_values(m, &point.saved);
+        restore_values(m, &point.live);
         for site in code.path(point.function, context) {
             *m.returns.add(site.callee as usize) = site.return_pc;
-            restore_values(m, &site.saved);
+            restore_values(m, &site.live);
         }
     }
 }

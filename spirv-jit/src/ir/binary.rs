@@ -19,7 +19,7 @@ use super::{Body, Function, Inst, Label, Module, Node, Op, Terminator, Type, Val
 const MAX_NESTING: usize = 2_000;
 const MAX_LABELS: u32 = 1 << 20;
 
-const TYPES: [Type; 8] = [
+const TYPES: [Type; 9] = [
     Type::I1,
     Type::I8,
     Type::I16,
@@ -28,6 +28,7 @@ const TYPES: [Type; 8] = [
     Type::F16,
     Type::F32,
     Type::F64,
+    Type::Descriptor,
 ];
 
 /// What comes next in a body. The terminators end it.

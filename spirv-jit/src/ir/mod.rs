@@ -5,11 +5,21 @@
 //!
 //! ## Values
 //!
-//! Every [`Value`] is a scalar: `i1`, `i8`, `i16`, `i32`, `i64`, `f16`, `f32` or `f64`. Integers have no
+//! Every [`Value`] is a scalar (`i1`, `i8`, `i16`, `i32`, `i64`, `f16`, `f32`, `f64`) or a `descriptor`. Integers have no
 //! signedness; operations do. Vectors, matrices and aggregates do not exist: lowering takes them apart.
 //! A value has one definition, which dominates each use in tree order: a definition in a body is visible to the nodes after it
 //! in that body and to the bodies nested in them. **A value defined inside a construct (`block`, `loop`,
 //! `if`) is not visible after the construct**; what must leave it goes through the arguments of `br`.
+//!
+//! ## Descriptors
+//!
+//! A `descriptor` is an entry of a bound set, the push constants, or the null descriptor. Only `descriptor`, `descriptor_at` and
+//! `push_constants` give one, and they check what they are given; only buffer accesses, image operations, `buffer_size` and
+//! `descriptor_address` take one. It is no scalar: it cannot be a constant, be computed, chosen, converted, stored, sent to another lane, be a parameter
+//! or a result, or leave a construct. So whatever a module says, what is followed as a descriptor is one. A descriptor may be used after a
+//! yield: nothing keeps it meanwhile, it is looked up again from what it was made of. What must be a value like any other (a pointer
+//! that is chosen or stored, an image that is an argument) is a *reference*: an i64 that any arithmetic may make, since `descriptor_at` checks it
+//! (see [`environment::reference`](crate::environment::reference)).
 //!
 //! ## Control flow
 //!
@@ -45,7 +55,7 @@
 //! |---|---|---|
 //! | `private` | `row: i32` | per-lane memory, counted in 32-bit rows; 64-bit scalars take two rows (low first), narrower ones one row each |
 //! | `shared` | `offset: i32` | workgroup memory, bytes; accesses outside it read zero and are dropped |
-//! | `buffer` | `descriptor: i64, offset: i32` | bytes (unsigned) from the descriptor's address, bounds-checked against its size per scalar: reads outside give zero, writes are dropped |
+//! | `buffer` | `descriptor, offset: i32` | bytes (unsigned) from the descriptor's address, bounds-checked against its size per scalar: reads outside give zero, writes are dropped |
 //! | `global` | `address: i64` | a device address, which is a host address |
 //!
 //! A load or store moves one or more consecutive scalars of one type, tightly packed (in `private`, consecutive rows). Booleans
@@ -73,4 +83,4 @@ pub mod verify;
 pub use entities::{FunctionId, Label, Value, VariableId};
 pub use module::{Body, Function, InputRow, Inst, Module, Node, Terminator, Variable};
 pub use op::{Op, Space, Type};
-pub use verify::verify;
+pub use verify::{MAX_INVOCATIONS, MAX_SHARED_BYTES, verify};

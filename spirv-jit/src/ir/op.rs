@@ -16,6 +16,8 @@ pub enum Type {
     F16,
     F32,
     F64,
+    /// Where an entry of a descriptor set is: see the [module's prose](super).
+    Descriptor,
 }
 
 impl Type {
@@ -26,7 +28,7 @@ impl Type {
             Type::I8 => 8,
             Type::I16 | Type::F16 => 16,
             Type::I32 | Type::F32 => 32,
-            Type::I64 | Type::F64 => 64,
+            Type::I64 | Type::F64 | Type::Descriptor => 64,
         }
     }
 
@@ -69,6 +71,7 @@ impl fmt::Display for Type {
             Type::F16 => "f16",
             Type::F32 => "f32",
             Type::F64 => "f64",
+            Type::Descriptor => "descriptor",
         })
     }
 }
@@ -276,14 +279,17 @@ macro_rules! define_op {
             /// `(address…, operand…) -> T`: returns the old value. Operands: none for load (result only), one for most, (value, comparator)
             /// for compare-exchange; `Store` has one operand and no result.
             Atomic(AtomicOp, Access),
-            /// `(descriptor: i64) -> i32`: size in bytes of what a buffer descriptor covers, saturated.
+            /// `(descriptor) -> i32`: size in bytes of what a buffer descriptor covers, saturated.
             BufferSize,
-            /// `(index: i32) -> i64`: address of a [`Descriptor`](crate::environment::Descriptor); an index past the binding's
-            /// end gives the null descriptor.
+            /// `(index: i32) -> descriptor`: an entry of a binding; an index past the binding's end gives the null descriptor.
             Descriptor(DescriptorBinding),
-            /// `() -> i64`: address of the descriptor that covers the push constants.
+            /// `(index: i32) -> i64`: the [reference](crate::environment::reference) to what `Descriptor` gives.
+            DescriptorReference(DescriptorBinding),
+            /// `(reference: i64) -> descriptor`: what a reference names; the null descriptor for a number that is none.
+            DescriptorAt,
+            /// `() -> descriptor`: the descriptor that covers the push constants.
             PushConstants,
-            /// `(descriptor: i64) -> i64`: the descriptor's address field (an acceleration structure's device address).
+            /// `(descriptor) -> i64`: the descriptor's address field (an acceleration structure's device address).
             DescriptorAddress,
             /// `() -> i32 | f32`: a row of the invocation's input record ([`Module::inputs`](super::Module::inputs)).
             Input(u32),
@@ -349,6 +355,8 @@ macro_rules! define_op {
                     Op::Atomic(..) => "atomic",
                     Op::BufferSize => "buffer_size",
                     Op::Descriptor(_) => "descriptor",
+                    Op::DescriptorReference(_) => "descriptor_reference",
+                    Op::DescriptorAt => "descriptor_at",
                     Op::PushConstants => "push_constants",
                     Op::DescriptorAddress => "descriptor_address",
                     Op::Input(_) => "input",
@@ -435,7 +443,7 @@ pub enum AtomicOp {
     FMax,
 }
 
-/// Which descriptors an [`Op::Descriptor`] indexes.
+/// Which descriptors an [`Op::Descriptor`] or [`Op::DescriptorReference`] indexes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct DescriptorBinding {
     /// Set number.
@@ -534,6 +542,8 @@ impl Op {
                     | Op::Unpack64
                     | Op::VarAddress(_)
                     | Op::Descriptor(_)
+                    | Op::DescriptorReference(_)
+                    | Op::DescriptorAt
                     | Op::PushConstants
                     | Op::Input(_)
                     | Op::Uniform(_)
@@ -554,5 +564,25 @@ impl Op {
                 Op::Image(op) => op.is_read(),
                 _ => false,
             }
+    }
+
+    /// How many operands are descriptors: the first ones. No other operation takes any.
+    pub fn descriptor_operands(&self) -> usize {
+        match self {
+            Op::Load(access) | Op::Store(access) | Op::Atomic(_, access) => {
+                (access.space == Space::Buffer) as usize
+            }
+            Op::BufferSize | Op::DescriptorAddress => 1,
+            Op::Image(image) => 1 + image.has_sampler() as usize,
+            _ => 0,
+        }
+    }
+
+    /// Gives a descriptor. No other operation does.
+    pub fn gives_descriptor(&self) -> bool {
+        matches!(
+            self,
+            Op::Descriptor(_) | Op::DescriptorAt | Op::PushConstants
+        )
     }
 }

@@ -15,11 +15,33 @@ pub(super) fn check_operation(module: &Module, function: &Function, inst: &Inst)
         .iter()
         .map(|&value| function.ty(value))
         .collect();
+    check_descriptors(&inst.op, &args, &results)?;
     let signature = inst.op.signature();
     if signature != Signature::Other {
         return check_elementwise(&inst.op, signature, &args, &results);
     }
     check_other(module, function, &inst.op, &args, &results)
+}
+
+/// Descriptors are where an operation says so, and nowhere else: what follows needs to know nothing of them.
+fn check_descriptors(op: &Op, args: &[Type], results: &[Type]) -> Checked {
+    let taken = op.descriptor_operands();
+    for (index, &ty) in args.iter().enumerate() {
+        match (index < taken, ty == Type::Descriptor) {
+            (true, false) => return Err(format!("operand {index} is no descriptor")),
+            (false, true) => return Err(format!("operand {index} is a descriptor")),
+            _ => {}
+        }
+    }
+    let given = op.gives_descriptor();
+    require(
+        results.iter().all(|&ty| (ty == Type::Descriptor) == given),
+        if given {
+            "gives a descriptor"
+        } else {
+            "does not give descriptors"
+        },
+    )
 }
 
 fn require(holds: bool, rule: &str) -> Checked {
@@ -87,7 +109,7 @@ fn check_other(
     args: &[Type],
     results: &[Type],
 ) -> Checked {
-    use Type::{F32, I1, I32, I64};
+    use Type::{Descriptor, F32, I1, I32, I64};
     let takes = |expected: &[Type]| -> Checked { require(args == expected, "wrong operands") };
     let gives = |expected: &[Type]| -> Checked { require(results == expected, "wrong results") };
     let gives_one = || require(results.len() == 1, "wrong number of results");
@@ -159,10 +181,13 @@ fn check_other(
             check_scalars(access, check_address(access, args)?)
         }
         Op::Atomic(kind, access) => check_atomic(*kind, check_address(access, args)?, results),
-        Op::BufferSize => takes(&[I64]).and_then(|()| gives(&[I32])),
-        Op::Descriptor(_) => takes(&[I32]).and_then(|()| gives(&[I64])),
-        Op::PushConstants | Op::ReadClock => takes(&[]).and_then(|()| gives(&[I64])),
-        Op::DescriptorAddress => takes(&[I64]).and_then(|()| gives(&[I64])),
+        Op::BufferSize => takes(&[Descriptor]).and_then(|()| gives(&[I32])),
+        Op::Descriptor(_) => takes(&[I32]).and_then(|()| gives(&[Descriptor])),
+        Op::DescriptorReference(_) => takes(&[I32]).and_then(|()| gives(&[I64])),
+        Op::DescriptorAt => takes(&[I64]).and_then(|()| gives(&[Descriptor])),
+        Op::PushConstants => takes(&[]).and_then(|()| gives(&[Descriptor])),
+        Op::ReadClock => takes(&[]).and_then(|()| gives(&[I64])),
+        Op::DescriptorAddress => takes(&[Descriptor]).and_then(|()| gives(&[I64])),
         Op::Input(row) => {
             require((*row as usize) < module.inputs.len(), "no such input row")?;
             takes(&[])?;
@@ -283,7 +308,7 @@ fn check_variable_row(function: &Function, variable: VariableId, row: u32, ty: T
 fn address_types(space: Space) -> &'static [Type] {
     match space {
         Space::Private | Space::Shared => &[Type::I32],
-        Space::Buffer => &[Type::I64, Type::I32],
+        Space::Buffer => &[Type::Descriptor, Type::I32],
         Space::Global => &[Type::I64],
     }
 }
@@ -364,15 +389,19 @@ fn check_subgroup(kind: SubgroupOp, args: &[Type], results: &[Type]) -> Checked 
 /// See [`ImageOp`] for the order of operands.
 fn check_image(op: &ImageOp, args: &[Type], results: &[Type]) -> Checked {
     use ImageOpKind as Kind;
-    use Type::{F32, I32, I64};
+    use Type::{Descriptor, F32, I32, I64};
     let sampled = matches!(op.kind, Kind::Sample | Kind::Gather(_) | Kind::QueryLod);
     let query = matches!(
         op.kind,
         Kind::QuerySize | Kind::QueryLevels | Kind::QuerySamples
     );
-    let mut expected = vec![I64];
+    require(
+        matches!(op.texel, F32 | I32 | I64) && !matches!(op.kind, Kind::Gather(4..)),
+        "no such texels",
+    )?;
+    let mut expected = vec![Descriptor];
     if sampled {
-        expected.push(I64);
+        expected.push(Descriptor);
     }
     if !query {
         // SPIR-V gives a level-of-detail query no layer, and an application may ask for one all the same.

@@ -2,10 +2,23 @@
 //! without further checks.
 
 use super::signature::check_operation;
-use super::{Body, Function, FunctionId, Inst, Label, Module, Node, Op, Terminator, Type, Value};
+use super::{
+    Body, Function, FunctionId, Inst, Label, Module, Node, Op, Space, Terminator, Type, Value,
+};
+use crate::program::Stage;
 
-/// Checks a module against the rules of the [module's prose](super): types by operation, visibility of values, labels that enclose their
-/// `br`, terminators, bounds of variables, no recursion.
+/// Invocations of a workgroup, beyond any device's limit.
+pub const MAX_INVOCATIONS: u64 = 1 << 16;
+
+/// Workgroup memory in bytes; devices' limits are below.
+pub const MAX_SHARED_BYTES: u32 = 1 << 24;
+
+/// Words that an invocation may leave.
+const MAX_OUTPUT_ROWS: u32 = 1 << 15;
+
+/// Checks a module against the rules of the [module's prose](super): types by operation, descriptors where they
+/// may be, visibility of values, labels that enclose their `br`, terminators, bounds of variables, what the stage
+/// has, no recursion.
 ///
 /// # Errors
 /// One sentence that names the function, the place and the rule.
@@ -15,6 +28,17 @@ pub fn verify(module: &Module) -> Result<(), String> {
     };
     if !entry.params.is_empty() || !entry.results.is_empty() {
         return Err("f0: the entry function has parameters or results".into());
+    }
+    if module.stage != Stage::Compute && module.shared_size_bytes != 0 {
+        return Err("only compute shaders have workgroup memory".into());
+    }
+    let invocations = module.local_size.iter().map(|&size| u64::from(size));
+    let invocations = invocations.fold(1u64, |product, size| product.saturating_mul(size));
+    if !(1..=MAX_INVOCATIONS).contains(&invocations)
+        || module.shared_size_bytes > MAX_SHARED_BYTES
+        || module.output_rows > MAX_OUTPUT_ROWS
+    {
+        return Err("the module's head is out of range".into());
     }
     for (index, function) in module.functions.iter().enumerate() {
         let mut verifier = Verifier {
@@ -58,7 +82,10 @@ struct Verifier<'a> {
 impl<'a> Verifier<'a> {
     fn check_function(&mut self) -> Result<(), String> {
         let function = self.function;
-        self.define_all(&function.params)?;
+        if function.results.contains(&Type::Descriptor) {
+            return Err("a function cannot give a descriptor".into());
+        }
+        self.define_passed(&function.params)?;
         self.check_body(&function.body)
     }
 
@@ -75,6 +102,15 @@ impl<'a> Verifier<'a> {
 
     fn define_all(&mut self, values: &[Value]) -> Result<(), String> {
         values.iter().try_for_each(|&value| self.define(value))
+    }
+
+    /// Parameters, and results of constructs: anything but descriptors.
+    fn define_passed(&mut self, values: &[Value]) -> Result<(), String> {
+        self.define_all(values)?;
+        match values.iter().find(|&&v| self.ty(v) == Type::Descriptor) {
+            Some(value) => Err(format!("the descriptor {value} cannot be passed on")),
+            None => Ok(()),
+        }
     }
 
     fn check_use(&self, value: Value) -> Result<(), String> {
@@ -121,7 +157,7 @@ impl<'a> Verifier<'a> {
                     self.open(*label, results)?;
                     self.check_body(body)?;
                     self.close(*label);
-                    self.define_all(results)?;
+                    self.define_passed(results)?;
                 }
                 Node::If {
                     condition,
@@ -136,7 +172,7 @@ impl<'a> Verifier<'a> {
                     self.check_body(then_body)?;
                     self.check_body(else_body)?;
                     self.close(*label);
-                    self.define_all(results)?;
+                    self.define_passed(results)?;
                 }
                 Node::Loop {
                     label,
@@ -148,7 +184,7 @@ impl<'a> Verifier<'a> {
                     self.check_passed(*label, init, params)?;
                     self.open(*label, params)?;
                     let before = self.scope.len();
-                    self.define_all(params)?;
+                    self.define_passed(params)?;
                     self.check_body(body)?;
                     self.leave(before);
                     self.close(*label);
@@ -252,10 +288,35 @@ impl<'a> Verifier<'a> {
                 .map_err(|message| format!("{}: {message}", inst.op.text()))?;
         }
         self.check_declared(&inst.results)?;
-        check_operation(self.module, self.function, inst)
+        check_stage(self.module.stage, &inst.op)
+            .and_then(|()| check_operation(self.module, self.function, inst))
             .map_err(|message| describe(self.function, inst, &message))?;
         self.define_all(&inst.results)
     }
+}
+
+/// What the schedulers of a stage's programs can answer, and the memory that those have.
+fn check_stage(stage: Stage, op: &Op) -> Result<(), String> {
+    let traces = matches!(
+        stage,
+        Stage::RayGeneration | Stage::ClosestHit | Stage::Miss
+    );
+    let fits = match op {
+        Op::Load(access) | Op::Store(access) | Op::Atomic(_, access) => {
+            access.space != Space::Shared || stage == Stage::Compute
+        }
+        Op::Barrier => stage == Stage::Compute,
+        Op::RayQueryProceed => true,
+        Op::ReportIntersection => stage == Stage::Intersection,
+        Op::ExecuteCallable => traces || stage == Stage::Callable,
+        Op::ReorderThread => stage == Stage::RayGeneration,
+        op if op.is_yield() => traces,
+        _ => true,
+    };
+    if fits {
+        return Ok(());
+    }
+    Err("not in this stage".into())
 }
 
 /// Adds the instruction, with types, to a message.

@@ -5,6 +5,7 @@ use foldhash::{HashMap, HashSet};
 use smallvec::SmallVec;
 
 use crate::Error;
+use crate::environment::reference;
 use crate::ir::op::{Access, DescriptorBinding, Signature};
 use crate::ir::{
     Body, Function, Inst, Label, Node, Op, Terminator, Type, Value, Variable, VariableId,
@@ -16,8 +17,10 @@ pub(super) struct Builder {
     pub source: u32,
     nodes: Vec<Node>,
     constants: HashMap<(Type, u64), Value>,
-    descriptors: HashMap<(DescriptorBinding, u32), Value>,
-    /// Visible everywhere: constants, and descriptors at constant indices.
+    references: HashMap<(DescriptorBinding, u32), Value>,
+    /// What references name, where that is known: visible wherever the reference is.
+    named: HashMap<Value, Value>,
+    /// Visible everywhere: constants, and descriptors at constant indices with their references.
     head: Vec<Node>,
     /// After `head`: initial values of variables of the module.
     prologue: Vec<Node>,
@@ -46,7 +49,8 @@ impl Builder {
             source: 0,
             nodes: Vec::new(),
             constants: HashMap::default(),
-            descriptors: HashMap::default(),
+            references: HashMap::default(),
+            named: HashMap::default(),
             head: Vec::new(),
             prologue: Vec::new(),
             prologue_depth: 0,
@@ -181,20 +185,49 @@ impl Builder {
         value
     }
 
-    /// The address of a descriptor at a constant index.
-    pub fn constant_descriptor(&mut self, binding: DescriptorBinding, index: u32) -> Value {
-        if let Some(&value) = self.descriptors.get(&(binding, index)) {
+    /// The reference to a descriptor at a constant index.
+    pub fn constant_reference(&mut self, binding: DescriptorBinding, index: u32) -> Value {
+        if let Some(&value) = self.references.get(&(binding, index)) {
             return value;
         }
         let at = self.i32(index);
-        let value = self.head_inst(Op::Descriptor(binding), &[at], Type::I64);
-        self.descriptors.insert((binding, index), value);
+        let value = self.head_inst(Op::DescriptorReference(binding), &[at], Type::I64);
+        let named = self.head_inst(Op::Descriptor(binding), &[at], Type::Descriptor);
+        self.references.insert((binding, index), value);
+        self.named.insert(value, named);
         value
     }
 
-    /// The descriptor of the push constants.
+    /// The reference to a descriptor at a computed index.
+    pub fn reference(&mut self, binding: DescriptorBinding, index: Value) -> Result<Value, Error> {
+        if self.ty(index) != Type::I32 {
+            return Err(self.invalid("an index of descriptors is no integer"));
+        }
+        let value = self.emit_one(Op::DescriptorReference(binding), &[index], Type::I64)?;
+        let named = self.emit_one(Op::Descriptor(binding), &[index], Type::Descriptor)?;
+        self.named.insert(value, named);
+        Ok(value)
+    }
+
+    /// The reference to the descriptor of the push constants.
     pub fn push_constants(&mut self) -> Value {
-        self.head_inst(Op::PushConstants, &[], Type::I64)
+        let value = self.i64(reference::of(reference::PUSH_CONSTANTS, 0));
+        if !self.named.contains_key(&value) {
+            let named = self.head_inst(Op::PushConstants, &[], Type::Descriptor);
+            self.named.insert(value, named);
+        }
+        value
+    }
+
+    /// The descriptor that a reference names.
+    pub fn descriptor(&mut self, reference: Value) -> Result<Value, Error> {
+        if let Some(&named) = self.named.get(&reference) {
+            return Ok(named);
+        }
+        if self.ty(reference) != Type::I64 {
+            return Err(self.invalid("a descriptor is expected"));
+        }
+        self.emit_one(Op::DescriptorAt, &[reference], Type::Descriptor)
     }
 
     pub fn new_label(&mut self) -> Label {

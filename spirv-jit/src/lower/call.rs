@@ -57,7 +57,6 @@ struct Scope {
     frames: Vec<Frame>,
     locals: Vec<Local>,
     module_locals: HashMap<Id, usize>,
-    push_constants: Option<Value>,
     ray_tmax: Option<VariableId>,
 }
 
@@ -85,6 +84,14 @@ impl Lowerer<'_> {
             .iter()
             .map(|&id| self.value(id))
             .collect::<Result<_, _>>()?;
+        let types = self.parameter_types(callee)?;
+        if types.len() != arguments.len() {
+            return Err(self.b.invalid("a call has the wrong number of arguments"));
+        }
+        for (&argument, ty) in operands[1..].iter().zip(types) {
+            self.check_opaque(argument, ty)?;
+        }
+        self.check_callee_result(instruction, callee)?;
         let results = match self.outline(callee)? {
             Some(outlined) if !self.may_alias(&outlined, callee, &arguments)? => {
                 self.emit_call(&outlined, callee, &arguments)?
@@ -93,6 +100,15 @@ impl Lowerer<'_> {
         };
         self.b.source = instruction.offset;
         self.define_typed(instruction, results)
+    }
+
+    /// A result is of the type that the function says.
+    fn check_callee_result(&self, instruction: &Instruction, callee: Id) -> Result<(), Error> {
+        let index = self.module.function_index[&callee];
+        if self.module.functions[index].result_type == instruction.result_type {
+            return Ok(());
+        }
+        self.refuse_opaque(instruction.result_type)
     }
 
     /// Types of a function's parameters.
@@ -245,7 +261,6 @@ impl Lowerer<'_> {
         std::mem::swap(&mut self.frames, &mut scope.frames);
         std::mem::swap(&mut self.locals, &mut scope.locals);
         std::mem::swap(&mut self.module_locals, &mut scope.module_locals);
-        std::mem::swap(&mut self.push_constants, &mut scope.push_constants);
         std::mem::swap(&mut self.ray_tmax, &mut scope.ray_tmax);
     }
 
@@ -257,7 +272,6 @@ impl Lowerer<'_> {
             frames: Vec::new(),
             locals: Vec::new(),
             module_locals: HashMap::default(),
-            push_constants: None,
             ray_tmax: None,
         };
         self.swap_scope(&mut scope);
@@ -361,9 +375,6 @@ impl Lowerer<'_> {
         let mut operands = Vec::new();
         let mut pointers = Vec::new();
         let parameters = self.parameter_types(callee)?;
-        if parameters.len() != arguments.len() {
-            return Err(self.b.invalid("a call has the wrong number of arguments"));
-        }
         for (argument, &ty) in arguments.iter().zip(&parameters) {
             let given = match argument {
                 Val::Pointer(pointer) if self.per_lane_pointee(ty)?.is_some() => {

@@ -130,7 +130,8 @@ impl Constants {
                 | Op::SpecConstantFalse => *ty != Type::I1,
                 _ => false,
             },
-            _ => false,
+            // Only the null constant, which is the null descriptor.
+            _ => info.is_opaque && bits.is_some(),
         };
         let count = bits.map_or(info.leaf_count, |bits| bits.len() as u64);
         if wrong || count != info.leaf_count {

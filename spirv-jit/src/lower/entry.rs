@@ -69,7 +69,7 @@ impl Lowerer<'_> {
         }
         let invocations = size.iter().map(|&size| size as u64);
         let invocations = invocations.fold(1u64, |product, size| product.saturating_mul(size));
-        if invocations == 0 || invocations > 1 << 16 {
+        if invocations == 0 || invocations > crate::ir::MAX_INVOCATIONS {
             return Err(budget("the workgroup's size is out of range"));
         }
         Ok(size)

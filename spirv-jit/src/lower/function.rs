@@ -247,6 +247,7 @@ impl<'a> Lowerer<'a> {
             let instruction = self.module.instruction(index);
             self.b.source = instruction.offset;
             if instruction.opcode == Op::Phi {
+                self.check_opaque_result(instruction)?;
                 let types = self.types.leaves(instruction.result_type)?;
                 let variable = self.phi_variable(instruction.result, instruction.result_type)?;
                 let values = self.load_rows(variable, &types)?;
@@ -349,7 +350,10 @@ impl<'a> Lowerer<'a> {
                 }
                 let ty = self.function().result_type;
                 let mut values = match operands.first() {
-                    Some(&id) => self.scalars_as(id, ty)?.to_vec(),
+                    Some(&id) => {
+                        self.check_opaque(id, ty)?;
+                        self.scalars_as(id, ty)?.to_vec()
+                    }
                     None => Vec::new(),
                 };
                 if values.len() != self.types.leaves(ty)?.len() {

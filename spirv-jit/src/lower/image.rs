@@ -177,15 +177,18 @@ impl Lowerer<'_> {
         Extras::parse(words).ok_or_else(|| self.b.invalid("image operands are missing"))
     }
 
-    fn handle(&mut self, id: Id) -> Result<Value, Error> {
-        let first = self.leaves(id)?.first().copied();
-        first.ok_or_else(|| self.b.invalid("an image is expected"))
+    /// The descriptor of an image, or of a sampled image's image.
+    fn image_descriptor(&mut self, id: Id) -> Result<Value, Error> {
+        match self.leaves(id)?.first() {
+            Some(&reference) => self.b.descriptor(reference),
+            None => Err(self.b.invalid("an image is expected")),
+        }
     }
 
-    /// Image and sampler of a sampled image.
-    fn handles(&mut self, id: Id) -> Result<[Value; 2], Error> {
+    /// The descriptors of a sampled image's image and sampler.
+    fn sampled_descriptors(&mut self, id: Id) -> Result<[Value; 2], Error> {
         match self.leaves(id)?[..] {
-            [image, sampler] => Ok([image, sampler]),
+            [image, sampler] => Ok([self.b.descriptor(image)?, self.b.descriptor(sampler)?]),
             _ => Err(self.b.invalid("a sampled image is expected")),
         }
     }
@@ -324,7 +327,7 @@ impl Lowerer<'_> {
         let image = self.image_type(operands[0])?;
         let mut op = self.image_op(image, ImageOpKind::Sample)?;
         op.depth_compare = sampling.compares;
-        let mut arguments = self.handles(operands[0])?.to_vec();
+        let mut arguments = self.sampled_descriptors(operands[0])?.to_vec();
         let divisor = if sampling.projective {
             let given = self.leaves(operands[1])?;
             let Some(&divisor) = given.get(op.spatial_count()) else {
@@ -367,7 +370,7 @@ impl Lowerer<'_> {
         };
         let mut op = self.image_op(image, ImageOpKind::Gather(component))?;
         op.depth_compare = compares;
-        let mut arguments = self.handles(operands[0])?.to_vec();
+        let mut arguments = self.sampled_descriptors(operands[0])?.to_vec();
         let count = op.coordinate_count();
         arguments.extend(self.float_coordinates(operands[1], count, None)?);
         if compares {
@@ -391,7 +394,7 @@ impl Lowerer<'_> {
             _ => ImageOpKind::Read,
         };
         let mut op = self.image_op(image, kind)?;
-        let mut arguments = vec![self.handle(operands[0])?];
+        let mut arguments = vec![self.image_descriptor(operands[0])?];
         arguments.extend(self.integers(operands[1], op.coordinate_count())?);
         let extras = self.extras(&operands[2..])?;
         self.push_extras(&mut op, &extras, &mut arguments)?;
@@ -402,7 +405,7 @@ impl Lowerer<'_> {
     fn lower_texel_write(&mut self, operands: &[u32]) -> Result<(), Error> {
         let image = self.image_type(operands[0])?;
         let mut op = self.image_op(image, ImageOpKind::Write)?;
-        let mut arguments = vec![self.handle(operands[0])?];
+        let mut arguments = vec![self.image_descriptor(operands[0])?];
         arguments.extend(self.integers(operands[1], op.coordinate_count())?);
         let extras = self.extras(&operands[3..])?;
         self.push_extras(&mut op, &extras, &mut arguments)?;
@@ -431,7 +434,7 @@ impl Lowerer<'_> {
         let mut results = results;
         match kind {
             ImageOpKind::QueryLod => {
-                arguments.extend(self.handles(operands[0])?);
+                arguments.extend(self.sampled_descriptors(operands[0])?);
                 let count = op.coordinate_count();
                 arguments.extend(self.float_coordinates(operands[1], count, None)?);
                 if self.derivative_group().is_some() {
@@ -441,7 +444,7 @@ impl Lowerer<'_> {
                 }
             }
             ImageOpKind::QuerySize => {
-                arguments.push(self.handle(operands[0])?);
+                arguments.push(self.image_descriptor(operands[0])?);
                 results = match op.dim {
                     // A cube's size is that of its faces.
                     Dim::Cube => 2,
@@ -453,7 +456,7 @@ impl Lowerer<'_> {
                     arguments.push(self.b.i32_of(lod, true)?);
                 }
             }
-            _ => arguments.push(self.handle(operands[0])?),
+            _ => arguments.push(self.image_descriptor(operands[0])?),
         }
         let mut values = self.emit_image(op, &arguments, results)?;
         let ty = self.types.component(instruction.result_type)?;
@@ -479,7 +482,7 @@ impl Lowerer<'_> {
         let sample = self.scalar(operands[2])?;
         let place = Place::Texel {
             image_type,
-            image: self.descriptor(&pointer)?,
+            image: self.reference(&pointer)?,
             coordinate: coordinate.into(),
             sample: self.b.i32_of(sample, true)?,
         };
@@ -509,7 +512,7 @@ impl Lowerer<'_> {
         if !matches!(op.texel, Type::F32 | Type::I32 | Type::I64) {
             return Err(self.b.invalid("this texel has no atomics"));
         }
-        let mut arguments = vec![*image];
+        let mut arguments = vec![self.b.descriptor(*image)?];
         arguments.extend_from_slice(coordinate);
         if op.multisampled {
             arguments.push(*sample);

@@ -10,6 +10,7 @@ use crate::parse::Instruction;
 impl Lowerer<'_> {
     /// Lowers an instruction that is neither a phi nor a terminator.
     pub(super) fn lower_instruction(&mut self, instruction: &Instruction) -> Result<(), Error> {
+        self.check_opaque_result(instruction)?;
         match instruction.opcode {
             Op::Variable | Op::Load | Op::Store | Op::CopyMemory => self.lower_memory(instruction),
             Op::AccessChain

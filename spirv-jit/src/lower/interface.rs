@@ -117,6 +117,7 @@ impl Lowerer<'_> {
         incoming: Option<fn(u32) -> InputRow>,
     ) -> Result<(), Error> {
         if let Some(initializer) = initializer {
+            self.check_opaque(initializer, pointer.pointee)?;
             let values = self.initializer(initializer)?;
             self.store(pointer, &values)?;
         }
@@ -154,6 +155,7 @@ impl Lowerer<'_> {
                     let bits = self.b.as_integer(value)?;
                     words.push(self.b.i32_of(bits, false)?);
                 }
+                Type::Descriptor => return Err(self.b.invalid("a descriptor is no word")),
             }
         }
         Ok(words)
@@ -186,6 +188,7 @@ impl Lowerer<'_> {
                     let bits = self.b.emit(ir::Op::UConvert, &[word], Type::I16)?;
                     self.b.emit(ir::Op::Bitcast, &[bits], ty)?
                 }
+                Type::Descriptor => return Err(self.b.invalid("a descriptor is no word")),
             });
         }
         Ok(values)
@@ -207,6 +210,9 @@ impl Lowerer<'_> {
 
     /// Gives each variable of workgroup memory that the entry may use its place. Blocks with an explicit layout share theirs.
     fn place_shared(&mut self) -> Result<(), Error> {
+        if self.request.stage != Stage::Compute {
+            return Ok(());
+        }
         let mut ids: Vec<Id> = self.variables.keys().copied().collect();
         ids.sort_unstable();
         let mut end = 0u64;
@@ -230,7 +236,7 @@ impl Lowerer<'_> {
                 self.shared.insert(id, end as u32);
                 end = end.saturating_add(size);
             }
-            if end.max(blocks) > MAX_SHARED {
+            if end.max(blocks) > ir::MAX_SHARED_BYTES.into() {
                 return Err(budget("the shader has too much workgroup memory"));
             }
         }
@@ -288,6 +294,11 @@ impl Lowerer<'_> {
 
     /// Byte offset of a variable of workgroup memory.
     pub(super) fn shared_offset(&self, id: Id) -> Result<u32, Error> {
+        let stage = self.request.stage;
+        if stage != Stage::Compute {
+            let message = format!("there is no workgroup memory in a {stage:?} shader");
+            return Err(self.b.invalid(message));
+        }
         let found = self.shared.get(&id).copied();
         found.ok_or_else(|| {
             self.b
@@ -295,6 +306,3 @@ impl Lowerer<'_> {
         })
     }
 }
-
-/// Workgroup memory in bytes that lowering accepts; the device's limit is below.
-const MAX_SHARED: u64 = 1 << 24;

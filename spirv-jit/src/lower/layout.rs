@@ -1,7 +1,7 @@
 //! Where scalars lie in memory that others see: explicit layouts (`Offset`, `ArrayStride`, `MatrixStride`, `RowMajor`), and natural
 //! alignment where a module gives none (workgroup memory).
 
-use rspirv::spirv::Decoration;
+use rspirv::spirv::{Decoration, StorageClass};
 
 use super::types::{TypeKind, Types, pointer_leaves};
 use super::values::Shape;
@@ -108,7 +108,7 @@ impl Layout<'_> {
                 }
                 (end.saturating_add(most - 1) / most * most, most)
             }
-            TypeKind::Pointer { class, .. } => {
+            TypeKind::Pointer { class, .. } if is_physical(*class) => {
                 let leaves = pointer_leaves(*class);
                 let size = leaves.iter().map(|ty| ty.size_bytes() as u64).sum();
                 (size, leaves[0].size_bytes() as u64)
@@ -174,7 +174,7 @@ impl Layout<'_> {
                     self.push_leaves(member, shape, at.wrapping_add(offset), out)?;
                 }
             }
-            TypeKind::Pointer { class, .. } => {
+            TypeKind::Pointer { class, .. } if is_physical(*class) => {
                 let mut at = at;
                 for &ty in pointer_leaves(*class) {
                     out.push((ty, at));
@@ -185,4 +185,12 @@ impl Layout<'_> {
         }
         Ok(())
     }
+}
+
+/// Pointers that may lie in memory that others see: logical ones are for variables of the invocation.
+fn is_physical(class: StorageClass) -> bool {
+    matches!(
+        class,
+        StorageClass::PhysicalStorageBuffer | StorageClass::ShaderRecordBufferKHR
+    )
 }

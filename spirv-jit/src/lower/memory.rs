@@ -206,10 +206,11 @@ impl Lowerer<'_> {
                 SmallVec::from_slice(&[offset])
             }
             Place::Buffer {
-                descriptor,
+                reference,
                 offset,
                 constant,
             } => {
+                let descriptor = self.b.descriptor(reference)?;
                 let offset = self.b.add_terms(offset, constant.wrapping_add(more32))?;
                 SmallVec::from_slice(&[descriptor, offset])
             }
@@ -225,13 +226,14 @@ impl Lowerer<'_> {
         })
     }
 
-    /// A descriptor's meaning as a value: image and sampler are descriptor addresses, an acceleration structure is a device address.
+    /// A descriptor's meaning as a value: image and sampler are references, an acceleration structure is a device address.
     fn load_handle(&mut self, pointer: &Pointer) -> Result<Vec<Value>, Error> {
-        let descriptor = self.descriptor(pointer)?;
+        let reference = self.reference(pointer)?;
         match self.types.kind(pointer.pointee)? {
-            TypeKind::Image(_) | TypeKind::Sampler => Ok(vec![descriptor]),
-            TypeKind::SampledImage { .. } => Ok(vec![descriptor, descriptor]),
+            TypeKind::Image(_) | TypeKind::Sampler => Ok(vec![reference]),
+            TypeKind::SampledImage { .. } => Ok(vec![reference, reference]),
             TypeKind::AccelerationStructure => {
+                let descriptor = self.b.descriptor(reference)?;
                 let op = ir::Op::DescriptorAddress;
                 Ok(vec![self.b.emit(op, &[descriptor], Type::I64)?])
             }
@@ -275,6 +277,7 @@ impl Lowerer<'_> {
             Op::Store => {
                 let pointer = self.pointer(operands[0])?;
                 let pointer = self.with_access(pointer, &operands[2..]);
+                self.check_opaque(operands[1], pointer.pointee)?;
                 let values = self.leaves(operands[1])?;
                 self.store(&pointer, &values)
             }
@@ -283,6 +286,9 @@ impl Lowerer<'_> {
                 let target = self.with_access(target, &operands[2..]);
                 let source = self.pointer(operands[1])?;
                 let source = self.with_access(source, &operands[2..]);
+                if target.pointee != source.pointee {
+                    self.refuse_opaque(target.pointee)?;
+                }
                 let values = self.load(&source)?;
                 self.store(&target, &values)
             }
@@ -294,6 +300,9 @@ impl Lowerer<'_> {
 
     fn lower_variable(&mut self, instruction: &Instruction, operands: &[u32]) -> Result<(), Error> {
         let (_, pointee) = self.types.pointer(instruction.result_type)?;
+        if let Some(&initializer) = operands.get(1) {
+            self.check_opaque(initializer, pointee)?;
+        }
         let name = self.module.annotations.name(instruction.result).to_owned();
         let local = self.new_local(&name, pointee)?;
         let pointer = Pointer::new(pointee, Place::Local { local, row: 0 });

@@ -36,6 +36,7 @@ mod interface;
 mod layout;
 mod matrix;
 mod memory;
+mod opaque;
 mod pointer;
 mod ray;
 mod ray_query;
@@ -119,8 +120,6 @@ struct Lowerer<'a> {
     locals: Vec<Local>,
     /// Per-lane memory of module variables, made at their first use.
     module_locals: HashMap<Id, usize>,
-    /// The descriptor of the push constants, made at its first use.
-    push_constants: Option<ir::Value>,
     inputs: Vec<InputRow>,
     input_index: HashMap<InputRow, u32>,
     /// Byte offset of each variable of workgroup memory.
@@ -165,7 +164,6 @@ impl<'a> Lowerer<'a> {
             values: IdTable::default(),
             locals: Vec::new(),
             module_locals: HashMap::default(),
-            push_constants: None,
             inputs: Vec::new(),
             input_index: HashMap::default(),
             shared: HashMap::default(),
@@ -213,6 +211,7 @@ impl<'a> Lowerer<'a> {
                         .pointer(instruction.result_type)
                         .map_err(locate)?;
                     self.types.info(pointee).map_err(locate)?;
+                    self.check_variable(class, pointee)?;
                     let variable = ModuleVariable {
                         class,
                         pointee,

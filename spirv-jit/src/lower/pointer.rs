@@ -39,18 +39,11 @@ impl Lowerer<'_> {
                 let binding = (self.request.bindings)(set, binding).unwrap_or(NO_BINDING);
                 return self.handle_pointer(id, pointee, binding);
             }
-            StorageClass::PushConstant => {
-                let descriptor = match self.push_constants {
-                    Some(value) => value,
-                    None => self.b.push_constants(),
-                };
-                self.push_constants = Some(descriptor);
-                Place::Buffer {
-                    descriptor,
-                    offset: None,
-                    constant: 0,
-                }
-            }
+            StorageClass::PushConstant => Place::Buffer {
+                reference: self.b.push_constants(),
+                offset: None,
+                constant: 0,
+            },
             StorageClass::Workgroup => Place::Shared {
                 offset: None,
                 constant: self.shared_offset(id)?,
@@ -103,9 +96,9 @@ impl Lowerer<'_> {
     fn enter_block(&mut self, mut pointer: Pointer) -> Result<Pointer, Error> {
         let is_block = matches!(self.types.kind(pointer.pointee)?, TypeKind::Struct { .. });
         if is_block && matches!(pointer.place, Place::Handle { .. }) {
-            let descriptor = self.descriptor(&pointer)?;
+            let reference = self.reference(&pointer)?;
             pointer.place = Place::Buffer {
-                descriptor,
+                reference,
                 offset: None,
                 constant: 0,
             };
@@ -113,23 +106,22 @@ impl Lowerer<'_> {
         Ok(pointer)
     }
 
-    /// The address of the descriptor that a handle selects.
-    pub(super) fn descriptor(&mut self, pointer: &Pointer) -> Result<Value, Error> {
+    /// The reference to the descriptor that a handle selects.
+    pub(super) fn reference(&mut self, pointer: &Pointer) -> Result<Value, Error> {
         match &pointer.place {
             Place::Descriptor(value) => Ok(*value),
             Place::Handle {
                 binding,
                 index: None,
                 constant,
-            } => Ok(self.b.constant_descriptor(*binding, *constant)),
+            } => Ok(self.b.constant_reference(*binding, *constant)),
             Place::Handle {
                 binding,
                 index,
                 constant,
             } => {
                 let index = self.b.add_terms(*index, *constant)?;
-                self.b
-                    .emit(ir::Op::Descriptor(*binding), &[index], Type::I64)
+                self.b.reference(*binding, index)
             }
             _ => Err(self.b.invalid("this pointer leads to no descriptor")),
         }
@@ -420,13 +412,13 @@ impl Lowerer<'_> {
                 Ok(vec![self.b.binary(ir::Op::IAdd, address, constant)?])
             }
             Place::Buffer {
-                descriptor,
+                reference,
                 offset,
                 constant,
-            } => Ok(vec![descriptor, self.b.add_terms(offset, constant)?]),
+            } => Ok(vec![reference, self.b.add_terms(offset, constant)?]),
             Place::Shared { offset, constant } => Ok(vec![self.b.add_terms(offset, constant)?]),
             Place::Private { row, constant } => Ok(vec![self.b.add_terms(Some(row), constant)?]),
-            Place::Handle { .. } | Place::Descriptor(_) => Ok(vec![self.descriptor(pointer)?]),
+            Place::Handle { .. } | Place::Descriptor(_) => Ok(vec![self.reference(pointer)?]),
             Place::Local { .. } | Place::Builtin { .. } => {
                 let pointer = self.materialize(pointer.clone())?;
                 self.pointer_scalars(&pointer)
@@ -450,12 +442,12 @@ impl Lowerer<'_> {
                 address,
                 constant: 0,
             },
-            (_, &[descriptor, offset]) => Place::Buffer {
-                descriptor,
+            (_, &[reference, offset]) => Place::Buffer {
+                reference,
                 offset: Some(offset),
                 constant: 0,
             },
-            (StorageClass::UniformConstant, &[descriptor]) => Place::Descriptor(descriptor),
+            (StorageClass::UniformConstant, &[reference]) => Place::Descriptor(reference),
             (StorageClass::Workgroup, &[offset]) => Place::Shared {
                 offset: Some(offset),
                 constant: 0,
@@ -475,7 +467,7 @@ impl Lowerer<'_> {
         let stride = self.layout().array_stride(array)?.clamp(1, u32::MAX as u64);
         let first = self.layout().member_offset(block, member)? as u32;
         let Place::Buffer {
-            descriptor,
+            reference,
             offset,
             constant,
         } = pointer.place
@@ -484,6 +476,7 @@ impl Lowerer<'_> {
                 .b
                 .invalid("the length of an array is asked outside a buffer"));
         };
+        let descriptor = self.b.descriptor(reference)?;
         let size = self.b.emit(ir::Op::BufferSize, &[descriptor], Type::I32)?;
         let before = self.b.add_terms(offset, constant.wrapping_add(first))?;
         // A buffer may end before the array starts.

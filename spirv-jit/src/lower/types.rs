@@ -80,6 +80,8 @@ pub(super) struct TypeInfo {
     pub leaf_count: u64,
     /// Rows of private memory, saturated.
     pub rows: u64,
+    /// Images, samplers and pointers that go through a descriptor: their values are references, which nothing else may become.
+    pub is_opaque: bool,
     depth: u32,
 }
 
@@ -200,7 +202,8 @@ impl Types {
         }
     }
 
-    /// The scalars of a value of this type, in order. Handles are descriptor addresses, logical pointers what [`pointer_leaves`] says.
+    /// The scalars of a value of this type, in order. Images and samplers are references to descriptors, logical pointers what
+    /// [`pointer_leaves`] says.
     pub fn leaves(&self, id: Id) -> Result<Rc<[Type]>, Error> {
         if let Some(found) = self.leaves.borrow().get(id) {
             return Ok(found.clone());
@@ -383,6 +386,21 @@ impl Types {
                 (2, 4, 0)
             }
         };
+        let is_opaque = match &kind {
+            TypeKind::Image(_) | TypeKind::Sampler | TypeKind::SampledImage { .. } => true,
+            TypeKind::Pointer { class, .. } => is_through_descriptor(*class),
+            TypeKind::Array { element, .. } | TypeKind::RuntimeArray { element } => {
+                part(*element)?.is_opaque
+            }
+            TypeKind::Struct { members } => {
+                let parts = members.iter().map(|&member| part(member));
+                parts
+                    .collect::<Result<Vec<_>, _>>()?
+                    .iter()
+                    .any(|part| part.is_opaque)
+            }
+            _ => false,
+        };
         if depth > MAX_DEPTH {
             return Err(Error::invalid(at, "types are nested too deeply"));
         }
@@ -390,6 +408,7 @@ impl Types {
             kind,
             leaf_count,
             rows,
+            is_opaque,
             depth,
         })
     }
@@ -416,6 +435,17 @@ pub(super) fn pointer_leaves(class: StorageClass) -> &'static [Type] {
         StorageClass::UniformConstant => &[Type::I64],
         _ => &[Type::I32],
     }
+}
+
+/// Whether pointers of a class go through a descriptor.
+fn is_through_descriptor(class: StorageClass) -> bool {
+    matches!(
+        class,
+        StorageClass::Uniform
+            | StorageClass::StorageBuffer
+            | StorageClass::PushConstant
+            | StorageClass::UniformConstant
+    )
 }
 
 fn scalar(ty: Type, signed: bool) -> TypeKind {

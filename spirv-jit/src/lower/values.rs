@@ -88,7 +88,7 @@ pub(super) enum Place {
     },
     /// What a buffer descriptor covers.
     Buffer {
-        descriptor: Value,
+        reference: Value,
         offset: Option<Value>,
         constant: u32,
     },
@@ -100,11 +100,11 @@ pub(super) enum Place {
         index: Option<Value>,
         constant: u32,
     },
-    /// A descriptor whose address is a value.
+    /// A descriptor by its reference.
     Descriptor(Value),
     /// A built-in input, from a word on.
     Builtin { variable: Id, word: u32 },
-    /// A texel of an image (`OpImageTexelPointer`): image id's type, descriptor, coordinates, sample.
+    /// A texel of an image (`OpImageTexelPointer`): image id's type, reference, coordinates, sample.
     Texel {
         image_type: Id,
         image: Value,
@@ -147,11 +147,11 @@ impl Pointer {
             Place::Private { row, .. } => SmallVec::from_slice(&[*row]),
             Place::Shared { offset, .. } => offset.iter().copied().collect(),
             Place::Buffer {
-                descriptor, offset, ..
-            } => [*descriptor].into_iter().chain(*offset).collect(),
+                reference, offset, ..
+            } => [*reference].into_iter().chain(*offset).collect(),
             Place::Global { address, .. } => SmallVec::from_slice(&[*address]),
             Place::Handle { index, .. } => index.iter().copied().collect(),
-            Place::Descriptor(descriptor) => SmallVec::from_slice(&[*descriptor]),
+            Place::Descriptor(reference) => SmallVec::from_slice(&[*reference]),
             Place::Texel {
                 image,
                 coordinate,
@@ -178,14 +178,14 @@ impl Pointer {
             Place::Private { row, .. } => take(row),
             Place::Shared { offset, .. } => offset.iter_mut().for_each(take),
             Place::Buffer {
-                descriptor, offset, ..
+                reference, offset, ..
             } => {
-                take(descriptor);
+                take(reference);
                 offset.iter_mut().for_each(take);
             }
             Place::Global { address, .. } => take(address),
             Place::Handle { index, .. } => index.iter_mut().for_each(take),
-            Place::Descriptor(descriptor) => take(descriptor),
+            Place::Descriptor(reference) => take(reference),
             Place::Texel {
                 image,
                 coordinate,

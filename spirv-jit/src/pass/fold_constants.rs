@@ -95,7 +95,7 @@ fn fold_conversion(op: &Op, from: Type, to: Type, bits: u64) -> Option<u64> {
         return Some(bits);
     }
     match from {
-        Type::I1 => None,
+        Type::I1 | Type::Descriptor => None,
         Type::I8 => convert_int::<u8>(op, to, bits),
         Type::I16 => convert_int::<u16>(op, to, bits),
         Type::I32 => convert_int::<u32>(op, to, bits),
@@ -123,7 +123,7 @@ fn convert_int<A: Int>(op: &Op, to: Type, bits: u64) -> Option<u64> {
     }
     let a = A::from_u64(bits);
     match to {
-        Type::I1 => None,
+        Type::I1 | Type::Descriptor => None,
         Type::I8 => to_int::<A, u8>(op, a),
         Type::I16 => to_int::<A, u16>(op, a),
         Type::I32 => to_int::<A, u32>(op, a),
@@ -150,7 +150,7 @@ fn convert_float<A: Float>(op: &Op, to: Type, bits: u64) -> Option<u64> {
         return Some(eval::ffrexp_exponent(a) as u64);
     }
     match to {
-        Type::I1 => None,
+        Type::I1 | Type::Descriptor => None,
         Type::I8 => to_int::<A, u8>(op, a),
         Type::I16 => to_int::<A, u16>(op, a),
         Type::I32 => to_int::<A, u32>(op, a),

@@ -11,6 +11,9 @@ use spirv_jit::reach::Reach;
 
 const LANES: usize = 16;
 
+/// What one run may burn.
+const FUEL: u64 = 7;
+
 /// Words of the buffer that a program may write, per lane.
 pub const WRITABLE_WORDS: usize = 16;
 
@@ -158,8 +161,11 @@ pub fn execute_on(tier: TierKind, module: &Module, seed: u64, inputs: Option<&[u
     // Subgroups of a wave stay together in these programs, or run alone.
     for wave_states in states.chunks_mut(subgroups).enumerate() {
         let (first, wave_states) = (wave_states.0 * subgroups, wave_states.1);
-        let mut fuel = 20_000;
-        for _ in 0..2_000 {
+        let mut budget = 20_000;
+        for _ in 0..20_000 {
+            // Little at a time, so that waves stop at back-edges and calls, too.
+            let given = budget.min(FUEL);
+            let mut fuel = given;
             let mut slices: Vec<&mut [AlignedRow]> =
                 wave_states.iter_mut().map(|s| &mut s[..]).collect();
             let mut wave = Wave {
@@ -167,9 +173,13 @@ pub fn execute_on(tier: TierKind, module: &Module, seed: u64, inputs: Option<&[u
                 shared: shared.as_mut_ptr().cast(),
                 environment: &environment,
             };
-            match program.run(&mut frame, &mut wave, &mut fuel) {
+            // SAFETY: what the environment and `shared` name are the vectors above.
+            let event = unsafe { program.run(&mut frame, &mut wave, &mut fuel) };
+            budget -= given - fuel;
+            match event {
                 Event::End => break,
-                Event::OutOfFuel => return Outcome::OutOfFuel,
+                Event::OutOfFuel if budget == 0 => return Outcome::OutOfFuel,
+                Event::OutOfFuel => {}
                 Event::Yield(site) => {
                     let kind = program.sites()[site.0 as usize];
                     for (s, state) in wave_states.iter_mut().enumerate() {

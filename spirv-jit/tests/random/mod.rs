@@ -5,6 +5,7 @@ mod lanes;
 mod operations;
 mod shared;
 
+use spirv_jit::environment::reference;
 use spirv_jit::ir::op::{Access, DescriptorBinding};
 use spirv_jit::ir::{
     Body, Function, FunctionId, InputRow, Inst, Label, Module, Node, Op, Space, Terminator, Type,
@@ -43,31 +44,39 @@ impl Random {
 /// A module of one to three functions.
 pub fn random_module(seed: u64) -> Module {
     let mut random = Random(seed);
+    // One has workgroup memory, the other one yields of its own.
+    let stage = match random.one_in(2) {
+        true => Stage::Compute,
+        false => Stage::Miss,
+    };
     let mut callees: Vec<Function> = Vec::new();
     let callee_count = random.below(3);
     // Made from the last to the first: a function calls only those after it.
     for index in (1..=callee_count).rev() {
-        let mut function = generate(&mut random, index, &callees);
+        let mut function = generate(&mut random, index, stage, &callees);
         function.name = format!("callee {index}");
         callees.insert(0, function);
     }
-    let entry = generate(&mut random, 0, &callees);
+    let entry = generate(&mut random, 0, stage, &callees);
     let mut functions = vec![entry];
     functions.extend(callees);
     Module {
-        stage: Stage::Callable,
+        stage,
         functions,
         inputs: (0..INPUTS).map(InputRow::CallableData).collect(),
         output_rows: OUTPUTS,
         local_size: [1; 3],
         quads: false,
         query_words: Vec::new(),
-        shared_size_bytes: shared::SIZE_BYTES,
+        shared_size_bytes: match stage {
+            Stage::Compute => shared::SIZE_BYTES,
+            _ => 0,
+        },
     }
 }
 
 /// `callees` are the functions after number `index`.
-fn generate(random: &mut Random, index: usize, callees: &[Function]) -> Function {
+fn generate(random: &mut Random, index: usize, stage: Stage, callees: &[Function]) -> Function {
     const TYPES: [Type; 4] = [Type::I32, Type::F32, Type::I1, Type::I64];
     let mut function = Function {
         name: String::new(),
@@ -103,9 +112,11 @@ fn generate(random: &mut Random, index: usize, callees: &[Function]) -> Function
     let mut generator = Generator {
         random,
         index,
+        stage,
         callees,
         function,
         visible,
+        buffers: Vec::new(),
         labels: Vec::new(),
         budget: 10 + size,
         barriers: 0,
@@ -127,9 +138,12 @@ struct Open {
 pub struct Generator<'a> {
     pub random: &'a mut Random,
     index: usize,
+    stage: Stage,
     callees: &'a [Function],
     pub function: Function,
     visible: Vec<Value>,
+    /// Descriptors: which buffer each is of, as [`Self::buffer_access`] numbers them.
+    buffers: Vec<(Value, usize)>,
     labels: Vec<Open>,
     /// Instructions that may still be made.
     budget: i32,
@@ -173,8 +187,8 @@ impl Generator<'_> {
             24 if depth < 6 => self.switch(depth, nodes),
             25 if depth > 0 => self.leave(nodes),
             // Where all lanes that have not ended are together.
-            25 if self.index == 0 => self.barrier(nodes),
-            26 if self.index == 0 => self.shared_access(nodes),
+            25 if self.index == 0 && self.stage == Stage::Compute => self.barrier(nodes),
+            26 if self.index == 0 && self.stage == Stage::Compute => self.shared_access(nodes),
             _ => self.operation(nodes),
         }
     }
@@ -479,6 +493,60 @@ impl Generator<'_> {
         }
     }
 
+    /// A descriptor of a buffer: one that was used before, maybe before a yield, or a new one, the null descriptor in some lanes.
+    fn descriptor(&mut self, which: usize, nodes: &mut Vec<Node>) -> Value {
+        let known: Vec<Value> = (self.buffers.iter())
+            .filter(|(value, of)| *of == which && self.visible.contains(value))
+            .map(|&(value, _)| value)
+            .collect();
+        if !known.is_empty() && self.random.one_in(2) {
+            return known[self.random.below(known.len())];
+        }
+        let descriptor = if which == 2 && self.random.one_in(2) {
+            self.emit_one(Op::PushConstants, &[], Type::Descriptor, nodes)
+        } else {
+            let mut index = self.constant(0, Type::I32, nodes);
+            if self.random.one_in(2) {
+                let any = self.pick(Type::I32, nodes);
+                let one = self.constant(1, Type::I32, nodes);
+                index = self.emit_one(Op::And, &[any, one], Type::I32, nodes);
+            }
+            let binding = DescriptorBinding {
+                set: 0,
+                first: which as u32,
+                count: 1,
+                dynamic: false,
+            };
+            let (at, named) = (Op::DescriptorAt, Op::DescriptorReference(binding));
+            match self.random.below(3) {
+                // Any number may be a reference: to the push constants, what is only read, nothing at all.
+                0 if which == 2 => {
+                    let numbers = [
+                        reference::of(reference::PUSH_CONSTANTS, 0),
+                        reference::of(reference::SETS, 0),
+                        reference::of(reference::SETS, 2),
+                        reference::of(reference::DYNAMIC, 0),
+                        0,
+                        u64::MAX,
+                    ];
+                    let [a, b] = [0; 2].map(|_| numbers[self.random.below(numbers.len())]);
+                    let [a, b] = [a, b].map(|bits| self.constant(bits, Type::I64, nodes));
+                    let which = self.pick(Type::I1, nodes);
+                    let reference = self.emit_one(Op::Select, &[which, a, b], Type::I64, nodes);
+                    self.emit_one(at, &[reference], Type::Descriptor, nodes)
+                }
+                1 => {
+                    let reference = self.emit_one(named, &[index], Type::I64, nodes);
+                    self.emit_one(at, &[reference], Type::Descriptor, nodes)
+                }
+                _ => self.emit_one(Op::Descriptor(binding), &[index], Type::Descriptor, nodes),
+            }
+        };
+        self.buffers.push((descriptor, which));
+        self.visible.push(descriptor);
+        descriptor
+    }
+
     fn buffer_access(&mut self, nodes: &mut Vec<Node>) {
         let access = Access {
             space: Space::Buffer,
@@ -486,18 +554,7 @@ impl Generator<'_> {
             alignment: 0,
         };
         let which = self.random.below(3);
-        let descriptor = if which == 2 {
-            self.emit_one(Op::PushConstants, &[], Type::I64, nodes)
-        } else {
-            let zero = self.constant(0, Type::I32, nodes);
-            let binding = DescriptorBinding {
-                set: 0,
-                first: which as u32,
-                count: 1,
-                dynamic: false,
-            };
-            self.emit_one(Op::Descriptor(binding), &[zero], Type::I64, nodes)
-        };
+        let descriptor = self.descriptor(which, nodes);
         let words = if which == 1 {
             WRITABLE_WORDS
         } else {
@@ -543,7 +600,8 @@ impl Generator<'_> {
 
     /// Yields, subgroup operations, dispatch-wide words.
     fn uncommon(&mut self, nodes: &mut Vec<Node>) {
-        match self.random.below(6) {
+        let kinds = if self.stage == Stage::Compute { 2 } else { 6 };
+        match self.random.below(kinds) {
             0 => self.subgroup_operation(nodes),
             1 => {
                 let value = self.emit_one(Op::Uniform(3), &[], Type::I32, nodes);

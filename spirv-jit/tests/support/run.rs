@@ -122,7 +122,8 @@ fn run_group(program: &Program, group: u32, environment: &Environment) {
                 shared: shared.as_mut_ptr().cast(),
                 environment,
             };
-            match program.run(&mut frame, &mut wave, &mut fuel) {
+            // SAFETY: the environment is of memory that outlives it, `shared` is large enough.
+            match unsafe { program.run(&mut frame, &mut wave, &mut fuel) } {
                 Event::End => {}
                 Event::Yield(_) => waiting.push(index),
                 Event::OutOfFuel => panic!("the shader does not end"),

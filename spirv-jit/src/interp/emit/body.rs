@@ -2,11 +2,11 @@
 
 use super::{Emitter, Target, budget, instr};
 use crate::Error;
-use crate::interp::code::{CallSite, SavePoint, Saved};
+use crate::interp::code::{CallSite, Live, SavePoint, Saved};
 use crate::interp::kernels::{Copy, MaskedCopy};
 use crate::interp::machine::{Handler, Instr, Operand};
 use crate::interp::{control, memory, yields};
-use crate::ir::{Body, Inst, Label, Node, Op, Terminator, Value};
+use crate::ir::{Body, Inst, Label, Node, Op, Terminator, Type, Value};
 use crate::program::{IO_DATA_ROW, SiteId, SiteKind};
 
 /// A copy of one row, or of the two of a 64-bit value.
@@ -22,12 +22,13 @@ impl Emitter<'_> {
         self.position = 1;
         self.depth = 1;
         self.labels.clear();
+        self.remade.clear();
         let entry = self.entries[f];
         let exit = self.new_target();
         let return_mask = self.placed().mask_base as u32;
         self.bind(entry);
         if f == 0 {
-            self.new_point(entry, None, Vec::new())?;
+            self.new_point(entry, None, Live::default())?;
             self.jump(control::jump_if_empty, exit);
         }
         self.push(Instr {
@@ -35,6 +36,7 @@ impl Emitter<'_> {
             ..instr(control::enter)
         });
         if f != 0 {
+            self.emit_burning(exit)?;
             self.zero_variables();
         }
         self.emit_body(&self.body_function().body, exit)?;
@@ -48,6 +50,22 @@ impl Emitter<'_> {
                 ..instr(control::ret)
             });
         }
+        Ok(())
+    }
+
+    /// Every call takes fuel, and a wave without any is suspended where the function begins.
+    fn emit_burning(&mut self, exit: Target) -> Result<(), Error> {
+        let placed = self.placed();
+        let params: Vec<Value> = placed.slots.live_at_start().collect();
+        let live = self.live(params)?;
+        let resumed = self.new_target();
+        let point = self.new_point(resumed, None, live)?;
+        self.push(Instr {
+            a: Operand::number(point),
+            ..instr(control::burn)
+        });
+        self.bind(resumed);
+        self.jump(control::jump_if_empty, exit);
         Ok(())
     }
 
@@ -230,7 +248,7 @@ impl Emitter<'_> {
         let position = self.position;
         self.position += 1;
         self.bind(end);
-        let live = self.live_across(position);
+        let live = self.live_across(position)?;
         let point = self.new_point(resumed, None, live)?;
         let back = Instr {
             a: Operand::number(point),
@@ -334,12 +352,24 @@ impl Emitter<'_> {
     }
 
     /// Values that live across a position, with their places in the state.
-    fn live_across(&mut self, position: u32) -> Vec<Saved> {
+    fn live_across(&mut self, position: u32) -> Result<Live, Error> {
+        let values = self.placed().slots.live_across(position).collect();
+        self.live(values)
+    }
+
+    fn live(&mut self, values: Vec<Value>) -> Result<Live, Error> {
         let placed = self.placed();
         let function = self.body_function();
         let mut row = placed.live_base;
-        let mut saved = Vec::new();
-        for value in placed.slots.live_across(position) {
+        let (mut saved, mut remade) = (Vec::new(), Vec::new());
+        for value in values {
+            if function.ty(value) == Type::Descriptor {
+                let Some(&how) = self.remade.get(&value) else {
+                    return Err(Error::invalid(0, "a descriptor made of nothing"));
+                };
+                remade.push(how);
+                continue;
+            }
             let wide = function.ty(value).rows() == 2;
             let input = placed.inputs.get(&value);
             saved.push(Saved {
@@ -356,15 +386,10 @@ impl Emitter<'_> {
             }
         }
         self.live_rows = self.live_rows.max(row);
-        saved
+        Ok(Live { saved, remade })
     }
 
-    fn new_point(
-        &mut self,
-        at: Target,
-        site: Option<SiteId>,
-        saved: Vec<Saved>,
-    ) -> Result<u32, Error> {
+    fn new_point(&mut self, at: Target, site: Option<SiteId>, live: Live) -> Result<u32, Error> {
         let base = self.next_point;
         self.next_point += self.placed().contexts;
         if self.next_point > u32::MAX as u64 {
@@ -375,7 +400,7 @@ impl Emitter<'_> {
             function: self.function as u32,
             base: base as u32,
             masks: (self.placed().mask_base + self.depth) as u32,
-            saved,
+            live,
             site,
         });
         Ok(self.code.points.len() as u32 - 1)
@@ -400,12 +425,10 @@ impl Emitter<'_> {
             .collect();
         self.emit_moves(moves, false);
 
-        let saved = if self.suspends[callee] {
-            self.live_across(position)
-        } else {
-            Vec::new()
-        };
-        let rows: usize = saved
+        // Any function may be suspended where it begins.
+        let live = self.live_across(position)?;
+        let rows: usize = live
+            .saved
             .iter()
             .filter(|s| !s.input)
             .map(|s| 1 + s.wide as usize)
@@ -429,7 +452,7 @@ impl Emitter<'_> {
             callee: callee as u32,
             context: context as u32,
             return_pc: after.0 as u32,
-            saved,
+            live,
         });
         let entry = self.entries[callee];
         let call = Instr {
@@ -488,7 +511,7 @@ impl Emitter<'_> {
         let site = SiteId(self.sites.len() as u32);
         self.sites.push(kind);
         let after = self.new_target();
-        let live = self.live_across(position);
+        let live = self.live_across(position)?;
         let point = self.new_point(after, Some(site), live)?;
         let first = self.list(&inst.args);
         self.push(Instr {

@@ -2,11 +2,13 @@
 
 use super::{Emitter, instr};
 use crate::Error;
-use crate::interp::code::{AccessPlan, AtomicPlan, ImagePlan, SubgroupPlan};
+use crate::interp::code::{
+    AccessPlan, AtomicPlan, DescriptorSource, ImagePlan, Remade, SubgroupPlan,
+};
 use crate::interp::fusion::Fused;
 use crate::interp::kernels::{Unpack64, elementwise, fused};
 use crate::interp::machine::{Handler, Instr, Operand};
-use crate::interp::{access, atomics, images, memory, subgroup, yields};
+use crate::interp::{access, atomics, descriptors, images, memory, subgroup, yields};
 use crate::ir::op::{Access, AtomicOp};
 use crate::ir::{Inst, Op, Space, Type, Value, VariableId};
 
@@ -53,14 +55,28 @@ impl Emitter<'_> {
             Op::Load(access) => return self.emit_access(*access, inst, false),
             Op::Store(access) => return self.emit_access(*access, inst, true),
             Op::Atomic(op, access) => return self.emit_atomic(*op, *access, inst),
-            Op::BufferSize => plain(memory::buffer_size, 0),
-            Op::DescriptorAddress => plain(memory::descriptor_address, 0),
+            Op::BufferSize => plain(descriptors::buffer_size, 0),
+            Op::DescriptorAddress => plain(descriptors::descriptor_address, 0),
             Op::Descriptor(binding) => {
-                let i = plain(memory::descriptor, self.code.bindings.len() as u32);
+                let i = plain(descriptors::descriptor, self.code.bindings.len() as u32);
+                self.note_descriptor(inst, DescriptorSource::Binding(i.x));
                 self.code.bindings.push(*binding);
                 i
             }
-            Op::PushConstants => plain(memory::push_constants, 0),
+            Op::DescriptorReference(binding) => {
+                let i = plain(
+                    descriptors::descriptor_reference,
+                    self.code.bindings.len() as u32,
+                );
+                self.code.bindings.push(*binding);
+                i
+            }
+            Op::DescriptorAt => {
+                let i = plain(descriptors::descriptor_at, 0);
+                self.note_descriptor(inst, DescriptorSource::Reference);
+                i
+            }
+            Op::PushConstants => plain(descriptors::push_constants, 0),
             Op::Input(row) => {
                 if *row as usize >= self.module.inputs.len() {
                     return Err(Error::invalid(inst.source, "input row out of range"));
@@ -100,6 +116,17 @@ impl Emitter<'_> {
         };
         self.push(emitted);
         Ok(())
+    }
+
+    /// Keeps what a descriptor is made of, for where it lives across a suspension.
+    fn note_descriptor(&mut self, inst: &Inst, source: DescriptorSource) {
+        let (value, from) = (inst.results[0], inst.args[0]);
+        let remade = Remade {
+            to: self.operand(value),
+            source,
+            from: self.operand(from),
+        };
+        self.remade.insert(value, remade);
     }
 
     /// The instruction that performs two.

@@ -9,7 +9,7 @@ mod body;
 mod inst;
 mod prologue;
 
-use super::code::Code;
+use super::code::{Code, Remade};
 use super::fusion::Fusion;
 use super::machine::{Handler, Instr, Operand};
 use super::slots::{Slots, allocate};
@@ -73,8 +73,6 @@ struct Emitter<'m> {
     constants: HashMap<(u64, bool), Operand>,
     layout: StateLayout,
     private_rows: usize,
-    /// Functions that can be suspended in.
-    suspends: Vec<bool>,
     next_point: u64,
     /// First state row of live values.
     live: usize,
@@ -86,6 +84,8 @@ struct Emitter<'m> {
     depth: usize,
     /// Parked mask and argument destinations of open labels.
     labels: HashMap<Label, (u32, Vec<Value>)>,
+    /// How descriptors are made.
+    remade: HashMap<Value, Remade>,
 }
 
 fn budget(message: &str) -> Error {
@@ -116,7 +116,6 @@ pub(super) fn emit(module: &Module, tier: TierKind) -> Result<Emitted, Error> {
         constants: HashMap::default(),
         layout: StateLayout::default(),
         private_rows: 0,
-        suspends: vec![false; count],
         next_point: 0,
         live: 0,
         live_rows: 0,
@@ -125,6 +124,7 @@ pub(super) fn emit(module: &Module, tier: TierKind) -> Result<Emitted, Error> {
         position: 0,
         depth: 0,
         labels: HashMap::default(),
+        remade: HashMap::default(),
     };
     let order = call_order(module)?;
     e.place_functions(&order)?;
@@ -298,20 +298,6 @@ impl<'m> Emitter<'m> {
                 inputs,
                 contexts: (f == 0) as u64,
             });
-        }
-        for &f in order.iter().rev() {
-            let mut suspends = false;
-            visit(&self.module.functions[f].body, &mut |node| {
-                suspends |= match node {
-                    Node::Loop { .. } => true,
-                    Node::Inst(inst) => match inst.op {
-                        Op::Call(callee) => self.suspends[callee.index()],
-                        ref op => op.is_yield(),
-                    },
-                    _ => false,
-                }
-            });
-            self.suspends[f] = suspends;
         }
         self.code.masks = self.masks;
         self.code.callers = vec![Vec::new(); count];

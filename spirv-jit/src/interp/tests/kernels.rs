@@ -101,6 +101,7 @@ fn make(text: &mut String, next: &mut u32, ty: Type, row: usize) -> u32 {
             let high = line("i32", format!("input[{}]", row + 1));
             line(&ty.to_string(), format!("pack64 v{low}, v{high}"))
         }
+        Type::Descriptor => unreachable!("no operand of these operations"),
     }
 }
 

@@ -28,8 +28,8 @@ fn buffers_are_checked_per_scalar() {
             output_rows 0
             func f0 {
                 v0: i32 = const 0
-                v1: i64 = descriptor[set 2, first 0, count 1] v0
-                v2: i64 = descriptor[set 2, first 1, count 1] v0
+                v1: descriptor = descriptor[set 2, first 0, count 1] v0
+                v2: descriptor = descriptor[set 2, first 1, count 1] v0
                 v3: i32 = input[0]
                 v4: i32 = const 4
                 v5: i32 = imul v3, v4
@@ -37,7 +37,7 @@ fn buffers_are_checked_per_scalar() {
                 v8: i32 = iadd v6, v7
                 store.buffer v2, v5, v8
                 v9: i32 = const 1
-                v10: i64 = descriptor[set 2, first 0, count 1] v9
+                v10: descriptor = descriptor[set 2, first 0, count 1] v9
                 v11: i32 = load.buffer v10, v0
                 v12: i32 = const 128
                 v13: i32 = iadd v12, v5
@@ -159,7 +159,7 @@ fn atomics_go_in_lane_order() {
             output_rows 1
             func f0 {
                 v0: i32 = const 0
-                v1: i64 = descriptor[set 0, first 0, count 1] v0
+                v1: descriptor = descriptor[set 0, first 0, count 1] v0
                 v2: i32 = input[0]
                 v3: i32 = const 1
                 v4: i32 = and v2, v3
@@ -254,7 +254,7 @@ fn push_constants_are_uniform() {
             inputs payload.0
             output_rows 1
             func f0 {
-                v0: i64 = push_constants
+                v0: descriptor = push_constants
                 v1: i32 = const 4
                 v2: i32, v3: i32 = load.buffer v0, v1
                 v4: i64 = load.buffer v0, v1

@@ -72,7 +72,8 @@ impl Bench {
             shared: self.shared.as_mut_ptr().cast(),
             environment: &self.environment,
         };
-        self.program.run(&mut self.frame, &mut wave, fuel)
+        // SAFETY: what the environment names is the bench's.
+        unsafe { self.program.run(&mut self.frame, &mut wave, fuel) }
     }
 
     pub fn run_to_end(&mut self) {

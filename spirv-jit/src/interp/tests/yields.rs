@@ -167,8 +167,10 @@ fn yields_in_calls() {
         bench.input(0, |lane| lane as u32);
         let mut points = Vec::new();
         loop {
+            // No fuel at all: every call suspends.
             match bench.run(&mut 0) {
                 Event::End => break,
+                Event::OutOfFuel => {}
                 event => {
                     assert_eq!(
                         bench.site(event),

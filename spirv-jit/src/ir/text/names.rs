@@ -25,7 +25,8 @@ macro_rules! names {
 }
 
 names!(Type, type_text, type_from_text:
-    I1 = "i1", I8 = "i8", I16 = "i16", I32 = "i32", I64 = "i64", F16 = "f16", F32 = "f32", F64 = "f64");
+    I1 = "i1", I8 = "i8", I16 = "i16", I32 = "i32", I64 = "i64", F16 = "f16", F32 = "f32", F64 = "f64",
+    Descriptor = "descriptor");
 
 names!(Space, space_text, space_from_text:
     Private = "private", Shared = "shared", Buffer = "buffer", Global = "global");
@@ -75,7 +76,7 @@ names!(LodMode, lod_text, lod_from_text:
 
 /// Operations whose name says everything, apart from the elementwise ones.
 pub fn plain_op_from_text(text: &str) -> Option<Op> {
-    const PLAIN: [Op; 23] = [
+    const PLAIN: [Op; 24] = [
         Op::Select,
         Op::FLdexp,
         Op::BitfieldInsert,
@@ -85,6 +86,7 @@ pub fn plain_op_from_text(text: &str) -> Option<Op> {
         Op::Unpack64,
         Op::BufferSize,
         Op::PushConstants,
+        Op::DescriptorAt,
         Op::DescriptorAddress,
         Op::LaneIndex,
         Op::ReadClock,

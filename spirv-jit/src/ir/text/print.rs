@@ -333,7 +333,9 @@ pub fn print_op(op: &Op) -> String {
         Op::Atomic(kind, access) => {
             format!("{name}.{}.{}", atomic_text(*kind), access_text(access))
         }
-        Op::Descriptor(binding) => format!("{name}[{}]", binding_text(binding)),
+        Op::Descriptor(binding) | Op::DescriptorReference(binding) => {
+            format!("{name}[{}]", binding_text(binding))
+        }
         Op::Input(index) | Op::Uniform(index) => format!("{name}[{index}]"),
         Op::Call(callee) => format!("{name}[{callee}]"),
         Op::Image(image) => image_text(image),

@@ -1,7 +1,7 @@
 use super::{parse_module, print_module};
 use crate::ir::verify::verify;
 
-pub const SAMPLE: &str = r#"module closest_hit
+pub const SAMPLE: &str = r#"module compute
 inputs launch_id.0, payload.2, hit_attribute.1
 query_words candidate.t.0, committed.object_to_world.11
 output_rows 1
@@ -25,11 +25,12 @@ func f0 "ma\"in" {
   } else {
     br L0(v1)
   }
-  v7: i64 = descriptor[set 1, first 2, count variable, dynamic] v6
+  v7: descriptor = descriptor[set 1, first 2, count variable, dynamic] v6
   v8: f32, v9: f32 = load.buffer.volatile v7, v6
-  store.global.align16 v7, v8, v9
+  v28: i64 = descriptor_reference[set 0, first 0, count 1] v6
+  store.global.align16 v28, v8, v9
   v10: i32 = atomic.compare_exchange.shared v6, v6, v1 @900
-  v11: i64 = descriptor[set 0, first 0, count 1] v6
+  v11: descriptor = descriptor_at v28
   v12: f32, v13: f32, v14: f32, v15: f32 = image.sample[2d, f32, lod, format 37, arrayed, offset] v7, v11, v8, v9, v3, v3, v6, v6
   v16: f32 = subgroup.reduce[fadd, 16] v15
   v17: i1 = subgroup.all v2
@@ -69,7 +70,7 @@ fn text_round_trips() {
     let again = parse_module(&text).unwrap();
     assert_eq!(module, again);
     // The parser fills such gaps; without them the text itself is the same again.
-    module.functions[0].value_types.truncate(28);
+    module.functions[0].value_types.truncate(29);
     let text = print_module(&module);
     assert_eq!(text, SAMPLE.replace("  unused v40: f64\n", ""));
 }
@@ -142,6 +143,93 @@ fn verifier_refuses() {
             (result, _) => panic!("{body}: {:?}", result.err()),
         }
     }
+}
+
+/// A descriptor comes from the operations that look one up, and goes nowhere but to those that use one.
+#[test]
+fn verifier_refuses_forged_descriptors() {
+    const SEEN: &str = "v0: i32 = const 0\n\
+        v1: descriptor = descriptor[set 0, first 0, count 1] v0\n\
+        v2: i64 = const 0x414141414140\nv3: i1 = const 1\n";
+    let fetch = |operand: &str| {
+        format!(
+            "v4: f32, v5: f32, v6: f32, v7: f32 = \
+             image.fetch[2d, f32, implicit, format 0] {operand}, v0, v0\nend"
+        )
+    };
+    let refused = [
+        // Made of a number.
+        fetch("v2"),
+        "v4: descriptor = const 0x414141414140\nend".into(),
+        "v4: descriptor = iadd v2, v2\nend".into(),
+        "v4: descriptor = bitcast v2\nend".into(),
+        "v4: descriptor = pack64 v0, v0\nend".into(),
+        "v4: descriptor = uconvert v0\nend".into(),
+        "v4: descriptor = read_clock\nend".into(),
+        "v4: descriptor = descriptor_reference[set 0, first 0, count 1] v0\nend".into(),
+        "v4: i32 = load.buffer v2, v0\nend".into(),
+        "store.buffer v2, v0, v0\nend".into(),
+        "v4: i32 = atomic.iadd.buffer v2, v0, v0\nend".into(),
+        "v4: i32 = buffer_size v2\nend".into(),
+        "v4: i64 = descriptor_address v2\nend".into(),
+        // Read from memory.
+        "v4: descriptor = load.buffer v1, v0\nend".into(),
+        "v4: descriptor = load.private v0\nend".into(),
+        "var0: 2 rows\nv4: descriptor = var.load[var0, 0]\nend".into(),
+        "v4: descriptor = atomic.load.buffer v1, v0\nend".into(),
+        // Changed, chosen, sent, shown or kept.
+        "v4: descriptor = iadd v1, v1\nend".into(),
+        "v4: descriptor = select v3, v1, v1\nend".into(),
+        "v4: i64 = bitcast v1\nend".into(),
+        "v4: i1 = ieq v1, v1\nend".into(),
+        "v4: i32, v5: i32 = unpack64 v1\nend".into(),
+        "v4: descriptor = subgroup.shuffle v1, v0\nend".into(),
+        "v4: descriptor = subgroup.broadcast_first v1\nend".into(),
+        "v4: i1 = subgroup.all_equal v1\nend".into(),
+        "store.buffer v1, v0, v1\nend".into(),
+        "store.global v2, v1\nend".into(),
+        "v4: i32 = load.global v1\nend".into(),
+        "var0: 2 rows\nvar.store[var0, 0] v1\nend".into(),
+        "v4: descriptor = descriptor_at v1\nend".into(),
+        // Passed on.
+        "block L0 -> (v4: descriptor) {\nbr L0(v1)\n}\nend".into(),
+        "if v3, L0 -> (v4: descriptor) {\nbr L0(v1)\n} else {\nbr L0(v1)\n}\nend".into(),
+        "loop L0 (v4: descriptor) = (v1) {\nend\n}\nend".into(),
+        "end\n}\nfunc f1 (v0: descriptor) {\nreturn".into(),
+        "end\n}\nfunc f1 -> (descriptor) {\nunreachable".into(),
+    ];
+    for body in refused {
+        let declared = body.starts_with("var0");
+        let (first, rest) = match declared {
+            true => body.split_once('\n').unwrap(),
+            false => ("", &body[..]),
+        };
+        let module = parse_module(&entry(&format!("{first}\n{SEEN}{rest}"))).expect(rest);
+        assert!(verify(&module).is_err(), "accepted: {body}");
+        // The same from a cache.
+        let bytes = crate::ir::binary::encode(&module);
+        assert!(crate::program::from_bytes(&bytes).is_err(), "{body}");
+    }
+    verdict(&entry(&format!("{SEEN}{}", fetch("v1")))).unwrap();
+    let followed = format!("{SEEN}v8: descriptor = descriptor_at v2\n{}", fetch("v8"));
+    verdict(&entry(&followed)).unwrap();
+}
+
+/// What a stage's scheduler cannot answer, and memory that its programs do not have.
+#[test]
+fn verifier_refuses_what_a_stage_lacks() {
+    let shared = "v0: i32 = const 0\nstore.shared v0, v0\nend";
+    for stage in ["ray_generation", "any_hit", "callable", "miss"] {
+        for (head, body) in [("", shared), ("shared 64", "end"), ("", "barrier\nend")] {
+            let text = format!("module {stage}\n{head}\nfunc f0 {{\n{body}\n}}\n");
+            assert!(verdict(&text).is_err(), "accepted: {text}");
+        }
+    }
+    let call = "v0: i32 = const 0\nexecute_callable v0\nend";
+    assert!(verdict(&format!("module miss\nfunc f0 {{\n{call}\n}}\n")).is_ok());
+    assert!(verdict(&entry(call)).is_err());
+    assert!(verdict(&entry("barrier\nend")).is_ok());
+    assert!(verdict("module compute\nlocal_size 0, 1, 1\nfunc f0 {\nend\n}\n").is_err());
 }
 
 #[test]

@@ -1,6 +1,7 @@
-//! Rules for what moves bits about: choices, casts, widths, packing.
+//! Rules for what moves bits about: choices, casts, widths, packing; and for references to descriptors.
 
 use super::{Definition, Is, Outcome, Simplifier, becomes};
+use crate::environment::reference;
 use crate::ir::{Op, Type, Value};
 
 impl Simplifier<'_> {
@@ -24,6 +25,21 @@ impl Simplifier<'_> {
                 let x = self.operand_of(a, &Op::FConvert)?;
                 let wider = self.ty(a).bits() > ty.bits();
                 (wider && self.ty(x) == ty).then_some(Is(x))
+            }
+            Op::DescriptorAt => self.descriptor_rules(a),
+            _ => None,
+        }
+    }
+
+    /// What a reference names, where it is known.
+    fn descriptor_rules(&mut self, reference: Value) -> Option<Outcome> {
+        const PUSH_CONSTANTS: u64 = reference::of(reference::PUSH_CONSTANTS, 0);
+        if self.constant(reference) == Some(PUSH_CONSTANTS) {
+            return becomes(Op::PushConstants, &[]);
+        }
+        match self.pure(reference)? {
+            (Op::DescriptorReference(binding), args) => {
+                becomes(Op::Descriptor(binding), &[args[0]])
             }
             _ => None,
         }

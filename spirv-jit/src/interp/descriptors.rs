@@ -1,0 +1,219 @@
+//! Where descriptors are: addresses of entries of the bound sets, made here and nowhere else.
+//!
+//! A value of type `descriptor` is such an address in every lane that was active when it was made. It lives in the frame alone: a state
+//! keeps what it was made of, and it is made again when the wave goes on ([`make_again`]).
+
+use super::code::{DescriptorSource, Remade};
+use super::machine::{Instr, MAX_SUBGROUPS, Machine, Operand, lanes_of};
+use super::region;
+use crate::SUBGROUP_SIZE;
+use crate::environment::{Descriptor, Environment, reference};
+use crate::ir::op::DescriptorBinding;
+
+static NULL: Descriptor = Descriptor::NULL;
+
+/// A binding's entries in the set that is bound.
+struct Entries {
+    /// What the entries are counted from.
+    table: *const Descriptor,
+    first: u64,
+    /// One past the last entry.
+    end: u64,
+    /// The table's number in references.
+    number: u32,
+}
+
+impl Entries {
+    fn of(environment: &Environment, binding: &DescriptorBinding) -> Self {
+        let (table, count, number) = if binding.dynamic {
+            let (table, count) = (environment.dynamic, environment.dynamic_count);
+            (table, count, reference::DYNAMIC)
+        } else {
+            match environment.sets.get(binding.set as usize) {
+                Some(set) => (set.entries, set.count, reference::SETS + binding.set),
+                None => (std::ptr::null(), 0, 0),
+            }
+        };
+        let end = match binding.count {
+            u32::MAX => count as u64,
+            in_binding => (binding.first as u64 + in_binding as u64).min(count as u64),
+        };
+        Self {
+            table,
+            first: binding.first as u64,
+            end: if table.is_null() { 0 } else { end },
+            number,
+        }
+    }
+
+    fn entry(&self, index: u32) -> Option<u64> {
+        let entry = self.first + index as u64;
+        (entry < self.end).then_some(entry)
+    }
+
+    /// Address of the descriptor at an index of the binding.
+    #[inline(always)]
+    fn address(&self, index: u32) -> u64 {
+        match self.entry(index) {
+            Some(entry) => address_of(self.table, entry),
+            None => &raw const NULL as u64,
+        }
+    }
+
+    #[inline(always)]
+    fn reference(&self, index: u32) -> u64 {
+        match self.entry(index) {
+            Some(entry) => reference::of(self.number, entry as u32),
+            None => 0,
+        }
+    }
+}
+
+fn address_of(table: *const Descriptor, entry: u64) -> u64 {
+    table as u64 + entry * size_of::<Descriptor>() as u64
+}
+
+/// Address of what a reference names, whatever the number.
+fn follow(environment: &Environment, number: u64) -> u64 {
+    let (table, entry) = ((number >> 32) as u32, number as u32);
+    let (entries, count) = match table {
+        reference::PUSH_CONSTANTS => (&raw const environment.push_constants, 1),
+        reference::DYNAMIC => (environment.dynamic, environment.dynamic_count),
+        table => {
+            let set = table.checked_sub(reference::SETS);
+            match set.and_then(|set| environment.sets.get(set as usize)) {
+                Some(set) => (set.entries, set.count),
+                None => (std::ptr::null(), 0),
+            }
+        }
+    };
+    if entries.is_null() || entry >= count {
+        &raw const NULL as u64
+    } else {
+        address_of(entries, entry as u64)
+    }
+}
+
+/// Makes descriptors in row `d`, in the subgroups at `offsets`, of what row `from` holds.
+///
+/// # Safety
+/// Operands are the program's, with the widths of the source and of descriptors; offsets are the wave's.
+#[inline(always)]
+unsafe fn make(
+    m: &Machine<'_>,
+    source: DescriptorSource,
+    d: Operand,
+    from: Operand,
+    offsets: &[u16],
+) {
+    // SAFETY: as the caller promises.
+    unsafe {
+        match source {
+            DescriptorSource::Binding(index) => {
+                let binding = &m.program.code.bindings[index as usize];
+                let entries = Entries::of(m.environment, binding);
+                for &offset in offsets {
+                    let index = *m.block::<u32>(from, offset);
+                    *m.block::<u64>(d, offset) = index.map(|index| entries.address(index));
+                }
+            }
+            DescriptorSource::Reference => {
+                for &offset in offsets {
+                    let number = *m.block::<u64>(from, offset);
+                    *m.block::<u64>(d, offset) = number.map(|number| follow(m.environment, number));
+                }
+            }
+        }
+    }
+}
+
+/// Makes descriptors that live on again, in all subgroups: in some of them all lanes may wait for others.
+///
+/// # Safety
+/// As for every handler; what they are made of stands in its rows.
+pub(super) unsafe fn make_again(m: &Machine<'_>, remade: &[Remade]) {
+    let offsets: [u16; MAX_SUBGROUPS] = std::array::from_fn(|s| (s * 64) as u16);
+    for one in remade {
+        // SAFETY: as the caller promises.
+        unsafe { make(m, one.source, one.to, one.from, &offsets[..m.subgroups]) };
+    }
+}
+
+/// `descriptor`: entries of binding `x`, by the indices in `a`.
+///
+/// # Safety
+/// The instruction was emitted for the program that the machine runs.
+pub(super) unsafe fn descriptor(m: &mut Machine<'_>, i: &Instr) {
+    // SAFETY: as the caller promises.
+    unsafe { make(m, DescriptorSource::Binding(i.x), i.d, i.a, m.listed()) };
+}
+
+/// `descriptor_at`: what the references in `a` name.
+///
+/// # Safety
+/// As [`descriptor`].
+pub(super) unsafe fn descriptor_at(m: &mut Machine<'_>, i: &Instr) {
+    // SAFETY: as the caller promises.
+    unsafe { make(m, DescriptorSource::Reference, i.d, i.a, m.listed()) };
+}
+
+/// `descriptor_reference`: references to entries of binding `x`, by the indices in `a`.
+///
+/// # Safety
+/// As [`descriptor`].
+pub(super) unsafe fn descriptor_reference(m: &mut Machine<'_>, i: &Instr) {
+    let binding = &m.program.code.bindings[i.x as usize];
+    let entries = Entries::of(m.environment, binding);
+    for &offset in m.listed() {
+        // SAFETY: as the caller promises.
+        unsafe {
+            let index: [u32; SUBGROUP_SIZE] = *m.block::<u32>(i.a, offset);
+            *m.block::<u64>(i.d, offset) = index.map(|index| entries.reference(index));
+        }
+    }
+}
+
+/// The descriptor of the push constants.
+///
+/// # Safety
+/// As [`descriptor`].
+pub(super) unsafe fn push_constants(m: &mut Machine<'_>, i: &Instr) {
+    let address = &raw const m.environment.push_constants as u64;
+    for &offset in m.listed() {
+        // SAFETY: as the caller promises.
+        unsafe { *m.block::<u64>(i.d, offset) = [address; SUBGROUP_SIZE] };
+    }
+}
+
+/// A descriptor's address field.
+///
+/// # Safety
+/// As [`descriptor`].
+pub(super) unsafe fn descriptor_address(m: &mut Machine<'_>, i: &Instr) {
+    for &offset in m.listed() {
+        for lane in lanes_of(m.active[offset as usize / 64]) {
+            // SAFETY: as the caller promises; active lanes hold addresses of descriptors.
+            unsafe {
+                let descriptor = region::descriptor_at(m.lane(i.a, offset, lane, true));
+                m.set_lane(i.d, offset, lane, true, descriptor.address);
+            }
+        }
+    }
+}
+
+/// A descriptor's size, saturated.
+///
+/// # Safety
+/// As [`descriptor`].
+pub(super) unsafe fn buffer_size(m: &mut Machine<'_>, i: &Instr) {
+    for &offset in m.listed() {
+        for lane in lanes_of(m.active[offset as usize / 64]) {
+            // SAFETY: as the caller promises; active lanes hold addresses of descriptors.
+            unsafe {
+                let descriptor = region::descriptor_at(m.lane(i.a, offset, lane, true));
+                let size = descriptor.size_bytes.min(u32::MAX as u64);
+                m.set_lane(i.d, offset, lane, false, size);
+            }
+        }
+    }
+}

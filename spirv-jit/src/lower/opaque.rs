@@ -1,0 +1,113 @@
+//! Images, samplers and pointers that go through a descriptor are not made of other values: what has such a type comes from something of
+//! exactly that type.
+//!
+//! A module that breaks this is refused. That it could do no harm otherwise is the IR's doing: see [`crate::ir`].
+
+use rspirv::spirv::{Op, StorageClass};
+
+use super::Lowerer;
+use super::types::TypeKind;
+use crate::Error;
+use crate::parse::{Id, Instruction};
+
+impl Lowerer<'_> {
+    fn is_opaque(&self, ty: Id) -> Result<bool, Error> {
+        Ok(ty != 0 && self.types.info(ty)?.is_opaque)
+    }
+
+    /// Checks where a result of an opaque type comes from.
+    pub(super) fn check_opaque_result(&self, instruction: &Instruction) -> Result<(), Error> {
+        let ty = instruction.result_type;
+        if instruction.result == 0 || !self.is_opaque(ty)? {
+            return Ok(());
+        }
+        let operands = self.module.operands(instruction);
+        let same = match instruction.opcode {
+            Op::Load => self.types.pointer(self.type_of(operands[0])?)?.1 == ty,
+            Op::CopyObject | Op::ExpectKHR => self.type_of(operands[0])? == ty,
+            Op::Select => self.type_of(operands[1])? == ty && self.type_of(operands[2])? == ty,
+            Op::Phi => self.are_all(operands.iter().step_by(2), ty)?,
+            Op::CompositeConstruct => {
+                let mut same = true;
+                for (index, &part) in operands.iter().enumerate() {
+                    let element = self.types.element(ty, Some(index as u32))?;
+                    same &= self.type_of(part)? == element;
+                }
+                same
+            }
+            Op::CompositeExtract => {
+                let whole = self.type_of(operands[0])?;
+                self.types.path(whole, &operands[1..])?.1 == ty
+            }
+            Op::CompositeInsert => {
+                let (part, whole) = (self.type_of(operands[0])?, self.type_of(operands[1])?);
+                whole == ty && self.types.path(ty, &operands[2..])?.1 == part
+            }
+            Op::SampledImage => {
+                let kind = self.types.kind(ty)?;
+                let image = self.type_of(operands[0])?;
+                let sampler = self.type_of(operands[1])?;
+                *kind == TypeKind::SampledImage { image }
+                    && matches!(self.types.kind(sampler)?, TypeKind::Sampler)
+            }
+            Op::Image => {
+                let sampled = self.type_of(operands[0])?;
+                *self.types.kind(sampled)? == TypeKind::SampledImage { image: ty }
+            }
+            // Pointers are checked step by step, arguments and results where they are passed.
+            Op::AccessChain
+            | Op::InBoundsAccessChain
+            | Op::PtrAccessChain
+            | Op::InBoundsPtrAccessChain => {
+                let base = self.types.pointer(self.type_of(operands[0])?)?.0;
+                base == self.types.pointer(ty)?.0
+            }
+            Op::Undef | Op::FunctionCall => true,
+            _ => false,
+        };
+        self.require_same(same)
+    }
+
+    /// Checks an id that is passed on as an object of a type: stored, returned, or an argument.
+    pub(super) fn check_opaque(&self, id: Id, ty: Id) -> Result<(), Error> {
+        if !self.is_opaque(ty)? {
+            return Ok(());
+        }
+        self.require_same(self.type_of(id)? == ty)
+    }
+
+    /// Refuses to make an opaque type out of another one.
+    pub(super) fn refuse_opaque(&self, ty: Id) -> Result<(), Error> {
+        self.require_same(!self.is_opaque(ty)?)
+    }
+
+    /// Checks the type of what a variable holds: such values stay in memory of the invocation.
+    pub(super) fn check_variable(&self, class: StorageClass, pointee: Id) -> Result<(), Error> {
+        let may_hold = matches!(
+            class,
+            StorageClass::UniformConstant | StorageClass::Function | StorageClass::Private
+        );
+        if may_hold || !self.is_opaque(pointee)? {
+            return Ok(());
+        }
+        let message = format!("a {class:?} variable cannot hold images, samplers or such pointers");
+        Err(self.b.invalid(message))
+    }
+
+    fn are_all<'i>(&self, ids: impl Iterator<Item = &'i Id>, ty: Id) -> Result<bool, Error> {
+        for &id in ids {
+            if self.type_of(id)? != ty {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    fn require_same(&self, same: bool) -> Result<(), Error> {
+        if same {
+            return Ok(());
+        }
+        let message = "an image, a sampler or a pointer to a resource is made of something else";
+        Err(self.b.invalid(message))
+    }
+}
