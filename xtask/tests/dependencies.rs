@@ -44,8 +44,7 @@ const HOUSES: [House; 1] = [House {
         "log",
         "ffi",
     ],
-    // The limits of a dispatch carry its validation of ray queries.
-    still_back: &[("wave", "validate")],
+    still_back: &[],
 }];
 
 #[test]

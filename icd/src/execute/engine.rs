@@ -13,7 +13,7 @@ use crate::object::live_memory::LiveMemory;
 use crate::object::sync::Waiting;
 use crate::trace::Tracer;
 use crate::validate::{Caller, Checks, Queried, Validator};
-use crate::wave::{Limits, Surroundings, Workers};
+use crate::wave::{Limits, QueryObserver, Surroundings, Workers};
 
 /// Workers, the memory that they keep, all waiting of the device, and how it is lost.
 pub struct Engine {
@@ -81,7 +81,7 @@ impl Engine {
             reach: self.memory.reach(),
             queried: self
                 .checks(Caller::Other)
-                .map(|checks| Arc::new(Queried::new(checks))),
+                .map(|checks| Arc::new(Queried::new(checks)) as Arc<dyn QueryObserver>),
         }
     }
 

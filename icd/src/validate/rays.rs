@@ -8,6 +8,7 @@ use traversal::{Kind, Ray, ray_flags};
 
 use super::{Checks, Rule};
 use crate::object::ray_tracing_pipeline::PipelineFacts;
+use crate::wave::QueryObserver;
 
 /// One command's dispatch, while it runs.
 pub struct Traced {
@@ -165,10 +166,11 @@ impl Queried {
             checks,
         }
     }
+}
 
-    /// Looks at the ray that a query starts with, the address that it names, and what lies there. `place` tells programs apart.
+impl QueryObserver for Queried {
     #[cold]
-    pub fn ray(&self, place: u64, ray: &Ray, structure: u64, kind: Option<Kind>) {
+    fn ray(&self, place: u64, ray: &Ray, structure: u64, kind: Option<Kind>) {
         let detail = || format!("{ray:?}, structure {structure:#x}");
         let require = |holds, rule| self.checks.require(holds, rule, place, detail);
         QUERY.ray(ray, require);

@@ -6,9 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use spirv_jit::reach::{Reach, Strays};
-use traversal::Structure;
-
-use crate::validate::Queried;
+use traversal::{Kind, Ray, Structure};
 
 /// What a command's addresses may lead to.
 pub struct Surroundings {
@@ -17,6 +15,12 @@ pub struct Surroundings {
     pub shader_reach: Arc<Reach>,
     /// Counts what shaders do wrong, where there is validation.
     pub strays: Option<Arc<Strays>>,
+}
+
+/// Who wants to see the rays of a dispatch's queries: validation, where it is on.
+pub trait QueryObserver: Send + Sync {
+    /// The ray that a query starts with, the address of a structure that it names, and what lies there. `place` tells programs apart.
+    fn ray(&self, place: u64, ray: &Ray, structure: u64, kind: Option<Kind>);
 }
 
 /// What ends a dispatch that does not end by itself, and what keeps it from going astray.
@@ -28,7 +32,7 @@ pub struct Limits {
     /// Where structures may lie.
     pub reach: Arc<Reach>,
     /// Validation of ray queries, where it is on.
-    pub queried: Option<Arc<Queried>>,
+    pub queried: Option<Arc<dyn QueryObserver>>,
 }
 
 impl Default for Limits {

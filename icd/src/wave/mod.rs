@@ -6,5 +6,5 @@ pub mod reachable;
 pub mod table;
 mod workers;
 
-pub use limits::{Limits, Stopped, Surroundings};
+pub use limits::{Limits, QueryObserver, Stopped, Surroundings};
 pub use workers::Workers;
