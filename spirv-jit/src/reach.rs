@@ -55,6 +55,11 @@ impl Reach {
         }])
     }
 
+    /// All ranges, in ascending order.
+    pub fn ranges(&self) -> &[Range] {
+        &self.ranges
+    }
+
     /// A range that pointers are likely to lead to.
     pub fn likely(&self) -> Range {
         self.ranges.first().copied().unwrap_or_default()

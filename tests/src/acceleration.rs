@@ -104,6 +104,8 @@ pub struct Structure {
     pub handle: vk::AccelerationStructureKHR,
     pub address: u64,
     pub size_bytes: u64,
+    /// The buffer that it fills; of others than those of this harness nothing is known.
+    pub storage: Option<Buffer>,
 }
 
 impl Gpu {
@@ -337,6 +339,7 @@ impl Gpu {
                 handle,
                 address,
                 size_bytes,
+                storage: Some(buffer),
             }
         }
     }

@@ -6,6 +6,7 @@
 //! the loader's `VK_DRIVER_FILES` decides.
 
 mod acceleration;
+mod alone;
 mod bind;
 mod compute;
 mod gpu;
@@ -23,6 +24,7 @@ mod trace;
 mod words;
 
 pub use acceleration::{Geometry, Instance, Structure, Sweep, identity, scaled, translated};
+pub use alone::alone;
 pub use bind::{Bound, Set};
 pub use compute::Kernel;
 pub use gpu::{Gpu, PATIENCE_NS};

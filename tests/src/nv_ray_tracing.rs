@@ -26,6 +26,7 @@ impl StructureNv {
             handle: vk::AccelerationStructureKHR::null(),
             address: self.reference,
             size_bytes: 0,
+            storage: None,
         })
     }
 }

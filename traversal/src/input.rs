@@ -1,5 +1,6 @@
 //! What a structure is built from: geometries in the caller's memory.
 
+use crate::live::Live;
 use crate::micromap::GeometryMicromap;
 
 /// Readable memory of the caller.
@@ -243,7 +244,7 @@ impl InstanceArray {
 ///
 /// Each record's reference is the address of a bottom level's blob, or 0 for an inactive one.
 #[derive(Clone, Copy, Debug)]
-pub struct InstanceSource {
+pub struct InstanceSource<'a> {
     /// Records or pointers (`primitiveOffset` already added).
     pub memory: Memory,
     /// What lies in `memory`.
@@ -252,6 +253,8 @@ pub struct InstanceSource {
     pub count: u32,
     /// Flags of the one geometry that holds them; they mean nothing.
     pub flags: GeometryFlags,
+    /// Where records behind pointers and bottom levels may lie: an instance that leads elsewhere is inactive.
+    pub live: &'a Live,
 }
 
 /// All geometries of a build, of one kind.
@@ -266,7 +269,7 @@ pub enum Geometries<'a> {
     /// A bottom level of triangles that move.
     Motion(&'a [MotionGeometry]),
     /// A top level.
-    Instances(InstanceSource),
+    Instances(InstanceSource<'a>),
 }
 
 impl<'a> Geometries<'a> {

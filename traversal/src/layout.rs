@@ -18,12 +18,14 @@
 mod block;
 mod bounds;
 mod margin;
+mod node;
 
 use std::mem::size_of;
 
 pub(crate) use block::{BLOCK_UNIT, BLOCK_UNITS, BLOCK_VERTICES, Block};
 pub(crate) use bounds::Bounds;
 pub(crate) use margin::{MARGIN_RISE, Margin};
+pub(crate) use node::NodeAt;
 
 /// First word of every blob.
 pub(crate) const MAGIC: u64 = u64::from_le_bytes(*b"TuffASv\0");
@@ -41,7 +43,7 @@ pub(crate) const LEAF_TRIANGLES: usize = 8;
 /// Triangles of a group.
 pub(crate) const GROUP: usize = 4;
 
-/// First 256 bytes of a blob.
+/// What a blob begins with; it takes [`HEADER_BYTES`].
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub(crate) struct Header {
@@ -78,8 +80,36 @@ pub(crate) struct Header {
     pub depth: u32,
     /// What a ray through the bounds was expected to cost when this was built, if it may be updated; else 0.
     pub cost: f32,
-    pub reserved: [u32; 26],
 }
+
+impl Header {
+    /// Of nothing.
+    pub const NONE: Header = Header {
+        magic: 0,
+        version: 0,
+        kind: 0,
+        form: 0,
+        flags: 0,
+        geometry_count: 0,
+        primitive_count: 0,
+        size_bytes: 0,
+        node_count: 0,
+        leaf_count: 0,
+        geometries_offset: 0,
+        references_offset: 0,
+        nodes_offset: 0,
+        leaves_offset: 0,
+        micromap_bytes: 0,
+        bounds: Bounds::EMPTY,
+        origin_error: 0.0,
+        features: 0,
+        depth: 0,
+        cost: 0.0,
+    };
+}
+
+/// Bytes of the first part: the header, and zeros.
+pub(crate) const HEADER_BYTES: u64 = 256;
 
 /// How the leaves of a structure of triangles are written; all others have the first form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -281,13 +311,21 @@ pub(crate) struct InstanceRecord {
     pub object_to_world: [f32; 12],
     /// Row-major 3 × 4, inverted in f64 and rounded.
     pub world_to_object: [f32; 12],
+    pub words: InstanceWords,
+    pub reserved: [u32; 4],
+}
+
+/// What an instance is besides its transform.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(16))]
+pub(crate) struct InstanceWords {
     /// 24 bits, then the 8-bit mask.
     pub custom_index_and_mask: u32,
     /// 24 bits, then the 8-bit flags.
     pub sbt_offset_and_flags: u32,
     /// Bits of [`instance_state`].
     pub state: u32,
-    pub reserved: [u32; 5],
+    pub reserved: u32,
 }
 
 /// What a build found out about an instance.
@@ -364,7 +402,7 @@ impl Parts {
     pub fn new(kind: crate::Kind, form: Form, geometries: u64, nodes: u64, leaves: u64) -> Parts {
         let align = |offset: u64| offset.next_multiple_of(ALIGNMENT);
         let references = if kind.is_top() { leaves * 8 } else { 0 };
-        let geometries_offset = size_of::<Header>() as u64;
+        let geometries_offset = HEADER_BYTES;
         let references_offset =
             align(geometries_offset + geometries * size_of::<GeometryEntry>() as u64);
         let nodes_offset = align(references_offset + references);
@@ -408,7 +446,7 @@ pub(crate) fn leaf_bytes(kind: crate::Kind, form: Form) -> u64 {
     }
 }
 
-const _: () = assert!(size_of::<Header>() == 256);
+const _: () = assert!(size_of::<Header>() == 128);
 const _: () = assert!(size_of::<GeometryEntry>() == 16);
 const _: () = assert!(size_of::<Node>() == 256);
 const _: () = assert!(size_of::<TriangleGroup>() == 192);

@@ -57,6 +57,7 @@
 //!     array: InstanceArray::Records,
 //!     count: 1,
 //!     flags: GeometryFlags(0),
+//!     live: &EVERYWHERE,
 //! }));
 //!
 //! let ray = Ray {
@@ -81,6 +82,7 @@
 pub mod build;
 pub mod input;
 mod layout;
+mod live;
 pub mod micromap;
 mod motion;
 pub mod ray;
@@ -94,6 +96,7 @@ pub use input::{
     InstanceArray, InstanceSource, Memory, MotionGeometry, RadiusFormat, SweptGeometry,
     TriangleGeometry, VertexFormat,
 };
+pub use live::{EVERYWHERE, Live};
 pub use micromap::{
     GeometryMicromap, Micromap, MicromapFormat, MicromapInput, MicromapUsage, Opacity,
     build_micromap, copy_micromap, micromap_size,

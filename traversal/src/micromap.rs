@@ -18,6 +18,7 @@ mod geometry;
 
 use crate::build::BuildError;
 use crate::input::Memory;
+use crate::live::Live;
 use crate::structure::StructureError;
 use curve::part_index;
 pub use geometry::GeometryMicromap;
@@ -253,7 +254,7 @@ fn put<T: Copy>(destination: &mut [u8], offset: u64, value: T) -> Result<(), Bui
     Ok(())
 }
 
-/// A micromap at an address, to be read.
+/// A micromap at an address, to be read: by a copy of its header, as a [`Structure`](crate::Structure) is.
 #[derive(Clone, Copy, Debug)]
 pub struct Micromap {
     base: *const u8,
@@ -265,24 +266,35 @@ impl Micromap {
     /// Bytes of the head that every micromap has.
     pub const HEADER_BYTES: u64 = size_of::<MicromapHeader>() as u64;
 
-    /// The micromap at `address`; `None` if the address is 0 or not aligned, or no micromap lies there.
+    /// The micromap at `address`; `None` if that is 0, not aligned or not live, or no micromap lies there that ends in live memory.
     ///
     /// # Safety
-    /// An `address` other than 0 must be readable as far as the micromap's header says, and must not be written while
-    /// the value is in use.
-    pub unsafe fn at(address: u64) -> Option<Micromap> {
-        if address == 0 || !address.is_multiple_of(align_of::<MicromapHeader>() as u64) {
+    /// `live` is there as long as the value is in use. In [`EVERYWHERE`](crate::EVERYWHERE), an address other than 0 must be that of a
+    /// micromap.
+    pub unsafe fn at(address: u64, live: &Live) -> Option<Micromap> {
+        // SAFETY: the caller's promise.
+        unsafe { Micromap::inside(address, live.bytes_from(address)) }
+    }
+
+    /// The micromap at `address`, of which so many bytes are there.
+    ///
+    /// # Safety
+    /// The bytes are there as long as the value is in use.
+    unsafe fn inside(address: u64, bytes: u64) -> Option<Micromap> {
+        let is_aligned = address.is_multiple_of(align_of::<MicromapHeader>() as u64);
+        if bytes < Micromap::HEADER_BYTES || !is_aligned {
             return None;
         }
         let base = std::ptr::with_exposed_provenance::<u8>(address as usize);
-        // SAFETY: aligned, and readable by the caller's promise.
-        let header = unsafe { &*base.cast::<MicromapHeader>() };
+        // SAFETY: aligned, and readable by the caller's promise; a header is plain numbers.
+        let header = unsafe { base.cast::<MicromapHeader>().read_volatile() };
         let states_offset = size_of::<MicromapHeader>() as u64
             + u64::from(header.triangle_count) * size_of::<TriangleEntry>() as u64;
         (header.magic == MAGIC
             && header.version == VERSION
             && header.states_offset == states_offset
-            && states_offset <= header.size_bytes)
+            && states_offset <= header.size_bytes
+            && header.size_bytes <= bytes)
             .then_some(Micromap {
                 base,
                 triangle_count: header.triangle_count,
@@ -303,7 +315,7 @@ impl Micromap {
     /// Its bytes.
     ///
     /// # Safety
-    /// As for [`Self::at`], for as long as `'a`.
+    /// As for [`Self::at`], for as long as `'a`, and nothing writes them.
     pub unsafe fn bytes<'a>(&self) -> &'a [u8] {
         // SAFETY: the caller's promise.
         unsafe { std::slice::from_raw_parts(self.base, self.size_bytes as usize) }
@@ -321,7 +333,12 @@ impl Micromap {
         }
         let offset = size_of::<MicromapHeader>() + triangle as usize * size_of::<TriangleEntry>();
         // SAFETY: below the count, so inside the size that `at` checked.
-        let entry = unsafe { self.base.add(offset).cast::<TriangleEntry>().read() };
+        let entry = unsafe {
+            self.base
+                .add(offset)
+                .cast::<TriangleEntry>()
+                .read_volatile()
+        };
         let format = MicromapFormat::of(entry.format.into())?;
         let level = u32::from(entry.level);
         if level > MAX_LEVEL {
@@ -333,7 +350,7 @@ impl Micromap {
             return None;
         }
         // SAFETY: inside the size.
-        let byte = unsafe { self.base.add(place as usize).read() };
+        let byte = unsafe { self.base.add(place as usize).read_volatile() };
         Some(u32::from(byte) >> (bit % 8) & ((1 << format.bits()) - 1))
     }
 }
@@ -342,12 +359,17 @@ impl Micromap {
 ///
 /// # Safety
 /// As for [`Micromap::at`].
-pub(crate) unsafe fn opacity_of_word(address: u64, word: u32, barycentrics: [f32; 2]) -> Opacity {
+pub(crate) unsafe fn opacity_of_word(
+    address: u64,
+    word: u32,
+    barycentrics: [f32; 2],
+    live: &Live,
+) -> Opacity {
     if word >= FIRST_SPECIAL {
         return Opacity::of(!word);
     }
     // SAFETY: the caller's promise.
-    unsafe { Micromap::at(address) }.map_or(Opacity::UnknownOpaque, |micromap| {
+    unsafe { Micromap::at(address, live) }.map_or(Opacity::UnknownOpaque, |micromap| {
         micromap.opacity(word, barycentrics)
     })
 }
@@ -360,13 +382,10 @@ pub fn validate_micromap(blob: &[u8]) -> Result<u64, StructureError> {
     if blob.len() < size_of::<MicromapHeader>() {
         return Err(StructureError::Truncated);
     }
-    // SAFETY: `at` reads the header only, which is there.
-    let micromap = unsafe { Micromap::at(blob.as_ptr().expose_provenance() as u64) };
-    let micromap = micromap.ok_or(StructureError::NotAStructure)?;
-    if micromap.size_bytes > blob.len() as u64 {
-        return Err(StructureError::Truncated);
-    }
-    Ok(micromap.size_bytes)
+    let address = blob.as_ptr().expose_provenance() as u64;
+    // SAFETY: the blob is there.
+    let micromap = unsafe { Micromap::inside(address, blob.len() as u64) };
+    Ok(micromap.ok_or(StructureError::NotAStructure)?.size_bytes)
 }
 
 /// Copies a micromap into memory of at least its size, 256-byte aligned; returns the bytes used.

@@ -7,19 +7,22 @@ mod micromaps;
 mod validate;
 
 use crate::layout::{
-    BLOCK_UNIT, BLOCK_UNITS, Block, BoxEntry, Form, GROUP, GeometryEntry, Header, InstanceRecord,
-    LEAF_TRIANGLES, Motion, MotionEntry, MotionInstanceRecord, Node, SweptEntry, TriangleGroup,
-    child, geometry_word, instance_state, leaf_bytes,
+    ALIGNMENT, BLOCK_UNIT, BLOCK_UNITS, Block, BoxEntry, Form, GROUP, GeometryEntry, HEADER_BYTES,
+    Header, InstanceRecord, InstanceWords, LEAF_TRIANGLES, Motion, MotionEntry,
+    MotionInstanceRecord, Node, NodeAt, SweptEntry, TriangleGroup, child, geometry_word,
+    instance_state, leaf_bytes,
 };
+use crate::live::Live;
 use crate::motion::{Transforms, invert, transform_at};
-pub(crate) use head::Key;
 use head::{check_header, check_parts};
 pub use kind::{Kind, StructureError};
 pub use validate::validate;
 
 /// A structure at an address, to be read.
 ///
-/// Its header has been checked: the parts lie inside the size that it states. Indices inside the parts are checked where they are followed.
+/// It is made from one copy of the header, which was checked: all parts lie inside the size that it stated, and that inside memory that
+/// is there. The header in memory is not read again. What lies in the parts may be anything, and may change at any time: words of nodes,
+/// counts and references are read once, held against this copy, and used then. Coordinates are only ever coordinates.
 #[derive(Clone, Copy, Debug)]
 pub struct Structure {
     base: *const u8,
@@ -27,45 +30,79 @@ pub struct Structure {
     form: Form,
     node_count: u32,
     leaf_count: u32,
+    geometry_count: u32,
+    /// Bits of [`features`](crate::layout::features).
+    features: u32,
+    origin_error: f32,
+    depth: u32,
     nodes: *const Node,
     leaves: *const u8,
+    references: *const u64,
+    geometries: *const GeometryEntry,
+    size_bytes: u64,
+    micromap_bytes: u64,
 }
 
-// SAFETY: a view of memory that nobody writes while it is in use (the contract of `at`).
+// SAFETY: a view of memory that stays there while it is in use (the contract of `at`).
 unsafe impl Send for Structure {}
 // SAFETY: as above.
 unsafe impl Sync for Structure {}
 
 impl Structure {
-    /// The structure at `address`; `None` if the address is 0, not aligned, or no structure of
-    /// ours lies there.
+    /// The structure at `address`; `None` if that is 0, not aligned or not live, or no structure of ours lies there that ends in live
+    /// memory.
     ///
     /// # Safety
-    /// An `address` other than 0 must be readable as far as the blob's header says, and must not
-    /// be written while the value or a [`Walk`](crate::Walk) on it is in use.
+    /// `live` is there as long as the value or a [`Walk`](crate::Walk) on it is in use. In [`EVERYWHERE`](crate::EVERYWHERE), an address
+    /// other than 0 must be that of a structure.
     #[inline(always)]
-    pub unsafe fn at(address: u64) -> Option<Structure> {
-        if address == 0 || !address.is_multiple_of(align_of::<Header>() as u64) {
+    pub unsafe fn at(address: u64, live: &Live) -> Option<Structure> {
+        // SAFETY: the caller's promise.
+        unsafe { Structure::inside(address, live.bytes_from(address)) }.map(|found| found.0)
+    }
+
+    /// The structure at `address`, of which so many bytes are there, and its header.
+    ///
+    /// # Safety
+    /// The bytes are there as long as the structure is in use.
+    #[inline(always)]
+    pub(crate) unsafe fn inside(address: u64, bytes: u64) -> Option<(Structure, Header)> {
+        if bytes < HEADER_BYTES || !address.is_multiple_of(ALIGNMENT) {
             return None;
         }
         // The address of memory of the caller's, which was exposed to get here as an integer.
         let base = std::ptr::with_exposed_provenance::<u8>(address as usize);
-        // SAFETY: aligned, and readable by the caller's promise.
-        let header = unsafe { &*base.cast::<Header>() };
-        let (kind, form) = check_header(header).ok()?;
-        Some(Structure {
+        // SAFETY: aligned, and readable by the caller's promise; a header is plain numbers.
+        let header = unsafe { base.cast::<Header>().read_volatile() };
+        let structure = Structure::of_header(base, &header).ok()?;
+        (header.size_bytes <= bytes).then_some((structure, header))
+    }
+
+    /// A structure whose header is a copy of what lies at `base`.
+    #[inline(always)]
+    fn of_header(base: *const u8, header: &Header) -> Result<Structure, StructureError> {
+        let (kind, form) = check_header(header)?;
+        Ok(Structure {
             base,
             kind,
             form,
             node_count: header.node_count,
             leaf_count: header.leaf_count,
+            geometry_count: header.geometry_count,
+            features: header.features,
+            origin_error: header.origin_error,
+            depth: header.depth,
             nodes: base.wrapping_add(header.nodes_offset as usize).cast(),
             leaves: base.wrapping_add(header.leaves_offset as usize),
+            references: base.wrapping_add(header.references_offset as usize).cast(),
+            geometries: base.wrapping_add(header.geometries_offset as usize).cast(),
+            size_bytes: header.size_bytes,
+            micromap_bytes: header.micromap_bytes,
         })
     }
 
-    /// Bytes of the head that every structure has.
-    pub const HEADER_BYTES: u64 = size_of::<Header>() as u64;
+    /// Bytes of the first part, which every structure has.
+    pub const HEADER_BYTES: u64 = HEADER_BYTES;
 
     /// No structure: without nodes and leaves.
     pub(crate) const NOWHERE: Structure = Structure {
@@ -74,38 +111,46 @@ impl Structure {
         form: Form::Groups,
         node_count: 0,
         leaf_count: 0,
+        geometry_count: 0,
+        features: 0,
+        origin_error: 0.0,
+        depth: 0,
         nodes: std::ptr::null(),
         leaves: std::ptr::null(),
+        references: std::ptr::null(),
+        geometries: std::ptr::null(),
+        size_bytes: 0,
+        micromap_bytes: 0,
     };
 
-    /// The words of the header that [`Self::at`] looks at; not of [`Self::NOWHERE`].
+    /// Whether the header in memory still says what its copy says; not of [`Self::NOWHERE`].
     #[inline(always)]
-    pub(crate) fn key(&self) -> &Key {
-        // SAFETY: `at` found a header here, which begins with these.
-        unsafe { &*self.base.cast() }
+    pub(crate) fn is_still(&self, header: &Header) -> bool {
+        // SAFETY: a header was found here.
+        unsafe { head::is_still(self.base, header) }
     }
 
-    /// The structure that `blob` starts with.
+    /// The structure that `blob` starts with, with the copy of its header that it is made from.
     ///
     /// # Errors
     /// What is wrong with the header.
-    pub(crate) fn of(blob: &[u8]) -> Result<Structure, StructureError> {
-        if blob.len() < size_of::<Header>() {
+    pub(crate) fn of(blob: &[u8]) -> Result<(Structure, Header), StructureError> {
+        if blob.len() < HEADER_BYTES as usize {
             return Err(StructureError::Truncated);
         }
-        if !blob.as_ptr().cast::<Header>().is_aligned() {
+        let base = blob.as_ptr();
+        base.expose_provenance();
+        if !(base as usize).is_multiple_of(ALIGNMENT as usize) {
             return Err(StructureError::NotAStructure);
         }
         // SAFETY: long enough and aligned.
-        let header = unsafe { &*blob.as_ptr().cast::<Header>() };
-        let (kind, form) = check_header(header)?;
+        let header = unsafe { base.cast::<Header>().read_volatile() };
+        let structure = Structure::of_header(base, &header)?;
         if header.size_bytes > blob.len() as u64 {
             return Err(StructureError::Truncated);
         }
-        check_parts(kind, form, header)?;
-        // SAFETY: the parts were found to lie inside `size_bytes`, and those inside `blob`.
-        unsafe { Structure::at(blob.as_ptr().expose_provenance() as u64) }
-            .ok_or(StructureError::NotAStructure)
+        check_parts(structure.kind, structure.form, &header)?;
+        Ok((structure, header))
     }
 
     /// What it holds.
@@ -115,7 +160,7 @@ impl Structure {
 
     /// Bytes of the blob that are in use: its size after compaction.
     pub fn size_bytes(&self) -> u64 {
-        self.header().size_bytes
+        self.size_bytes
     }
 
     /// Number of entries in the table of bottom-level references: the instances, including
@@ -151,29 +196,40 @@ impl Structure {
 
     /// The 24 bits that the application gave an instance (`InstanceCustomIndexKHR`), and its offset into the hit records.
     pub fn instance_indices(&self, instance_index: u32) -> (u32, u32) {
-        self.instance(instance_index).map_or((0, 0), |record| {
+        self.instance_words(instance_index).map_or((0, 0), |words| {
             (
-                record.custom_index_and_mask & 0xFF_FFFF,
-                record.sbt_offset_and_flags & 0xFF_FFFF,
+                words.custom_index_and_mask & 0xFF_FFFF,
+                words.sbt_offset_and_flags & 0xFF_FFFF,
             )
         })
     }
 
+    /// Number of geometries.
+    pub(crate) fn geometry_count(&self) -> u32 {
+        self.geometry_count
+    }
+
+    /// Bits of [`features`](crate::layout::features).
     #[inline(always)]
-    pub(crate) fn header(&self) -> &Header {
-        // SAFETY: `at` found a header here.
-        unsafe { &*self.base.cast::<Header>() }
+    pub(crate) fn features(&self) -> u32 {
+        self.features
+    }
+
+    /// See [`Header::origin_error`].
+    #[inline(always)]
+    pub(crate) fn origin_error(&self) -> f32 {
+        self.origin_error
+    }
+
+    /// Bytes of the part for micromaps, those of its own included; 0 without.
+    #[inline(always)]
+    pub(crate) fn micromap_bytes(&self) -> u64 {
+        self.micromap_bytes
     }
 
     #[inline(always)]
     pub(crate) fn node_count(&self) -> u32 {
         self.node_count
-    }
-
-    /// The first of [`Self::node_count`] nodes.
-    #[inline(always)]
-    pub(crate) fn nodes(&self) -> *const Node {
-        self.nodes
     }
 
     /// Where a child lies, if its word is sound.
@@ -192,9 +248,17 @@ impl Structure {
     }
 
     #[inline(always)]
-    pub(crate) fn node(&self, index: u32) -> Option<&Node> {
-        // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
-        (index < self.node_count).then(|| unsafe { &*self.nodes.add(index as usize) })
+    pub(crate) fn node(&self, index: u32) -> Option<NodeAt<'_>> {
+        // SAFETY: below the count.
+        (index < self.node_count).then(|| unsafe { self.node_at(index) })
+    }
+
+    /// # Safety
+    /// The index is below [`Self::node_count`].
+    #[inline(always)]
+    pub(crate) unsafe fn node_at(&self, index: u32) -> NodeAt<'_> {
+        // SAFETY: inside the part; parts are aligned to 256 bytes.
+        unsafe { NodeAt::new(self.nodes.add(index as usize)) }
     }
 
     #[inline(always)]
@@ -284,50 +348,67 @@ impl Structure {
     }
 
     #[inline(always)]
-    pub(crate) fn box_entry(&self, index: u32) -> Option<&BoxEntry> {
-        (self.kind == Kind::Aabbs && index < self.leaf_count)
-            // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
-            .then(|| unsafe { &*self.leaves.cast::<BoxEntry>().add(index as usize) })
+    pub(crate) fn box_entry(&self, index: u32) -> Option<BoxEntry> {
+        (self.kind == Kind::Aabbs).then(|| self.leaf(index))?
     }
 
     #[inline(always)]
-    pub(crate) fn swept_entry(&self, index: u32) -> Option<&SweptEntry> {
-        (self.kind == Kind::Swept && index < self.leaf_count)
-            // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
-            .then(|| unsafe { &*self.leaves.cast::<SweptEntry>().add(index as usize) })
+    pub(crate) fn swept_entry(&self, index: u32) -> Option<SweptEntry> {
+        (self.kind == Kind::Swept).then(|| self.leaf(index))?
     }
 
+    /// A copy of a leaf of this type, which is that of the structure's leaves.
     #[inline(always)]
-    pub(crate) fn instance(&self, index: u32) -> Option<&InstanceRecord> {
+    fn leaf<T: Copy>(&self, index: u32) -> Option<T> {
+        debug_assert_eq!(size_of::<T>() as u64, leaf_bytes(self.kind, self.form));
+        (index < self.leaf_count)
+            // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes. All are plain numbers.
+            .then(|| unsafe { self.leaves.cast::<T>().add(index as usize).read_volatile() })
+    }
+
+    /// Where the record of an instance lies. Those that may move begin with what the others are.
+    #[inline(always)]
+    fn instance_at(&self, index: u32) -> Option<*const InstanceRecord> {
         (self.kind.is_top() && index < self.leaf_count).then(|| {
             let offset = index as usize * leaf_bytes(self.kind, Form::Groups) as usize;
-            // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes. Records of both kinds begin with this.
-            unsafe { &*self.leaves.add(offset).cast::<InstanceRecord>() }
+            // SAFETY: below the count, so inside the part.
+            unsafe { self.leaves.add(offset).cast() }
         })
     }
 
-    pub(crate) fn motion_entry(&self, index: u32) -> Option<&MotionEntry> {
-        (self.kind == Kind::Motion && index < self.leaf_count)
-            // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
-            .then(|| unsafe { &*self.leaves.cast::<MotionEntry>().add(index as usize) })
+    /// A copy of the record of an instance.
+    #[inline(always)]
+    pub(crate) fn instance(&self, index: u32) -> Option<InstanceRecord> {
+        // SAFETY: inside the part; parts are aligned to 256 bytes.
+        (self.instance_at(index)).map(|record| unsafe { record.read() })
+    }
+
+    /// What the record of an instance says besides its transform.
+    #[inline(always)]
+    pub(crate) fn instance_words(&self, index: u32) -> Option<InstanceWords> {
+        // SAFETY: as above.
+        (self.instance_at(index))
+            .map(|record| unsafe { (&raw const (*record).words).read_volatile() })
+    }
+
+    pub(crate) fn motion_entry(&self, index: u32) -> Option<MotionEntry> {
+        (self.kind == Kind::Motion).then(|| self.leaf(index))?
     }
 
     /// How an instance moves.
-    pub(crate) fn motion(&self, index: u32) -> Option<&Motion> {
-        (self.kind == Kind::MotionInstances && index < self.leaf_count).then(|| {
-            let records = self.leaves.cast::<MotionInstanceRecord>();
-            // SAFETY: below the count, so inside the part; parts are aligned to 256 bytes.
-            unsafe { &(*records.add(index as usize)).motion }
-        })
+    pub(crate) fn motion(&self, index: u32) -> Option<Motion> {
+        (self.kind == Kind::MotionInstances)
+            .then(|| self.leaf::<MotionInstanceRecord>(index))?
+            .map(|record| record.motion)
     }
 
     /// Transform and inverse of an instance at a time in [0, 1]; `None` where it has no inverse then.
     pub(crate) fn transforms(&self, index: u32, time: f32) -> Option<Transforms> {
         let record = self.instance(index)?;
-        if record.state & instance_state::MOVING == 0 {
+        if record.words.state & instance_state::MOVING == 0 {
             return Some((record.object_to_world, record.world_to_object));
         }
-        let object_to_world = transform_at(self.motion(index)?, time);
+        let object_to_world = transform_at(&self.motion(index)?, time);
         let world_to_object = invert(&object_to_world)?.0;
         Some((object_to_world, world_to_object))
     }
@@ -338,20 +419,13 @@ impl Structure {
         if !self.kind.is_top() || index >= self.leaf_count {
             return 0;
         }
-        let table = self
-            .base
-            .wrapping_add(self.header().references_offset as usize)
-            .cast::<u64>();
-        // SAFETY: below the count, so inside the table, which the header check placed.
-        unsafe { table.add(index as usize).read() }
+        // SAFETY: below the count, so inside the table; parts are aligned.
+        unsafe { self.references.add(index as usize).read_volatile() }
     }
 
-    pub(crate) fn geometry(&self, index: u32) -> Option<&GeometryEntry> {
-        let header = self.header();
-        (index < header.geometry_count).then(|| {
-            let table = self.base.wrapping_add(header.geometries_offset as usize);
-            // SAFETY: below the count, so inside the table, which the header check placed.
-            unsafe { &*table.cast::<GeometryEntry>().add(index as usize) }
-        })
+    pub(crate) fn geometry(&self, index: u32) -> Option<GeometryEntry> {
+        (index < self.geometry_count)
+            // SAFETY: below the count, so inside the table; parts are aligned.
+            .then(|| unsafe { self.geometries.add(index as usize).read_volatile() })
     }
 }

@@ -2,7 +2,8 @@
 
 use std::mem::offset_of;
 
-use crate::layout::{Form, Header, Parts, micromap_reference};
+use crate::layout::{ALIGNMENT, Form, HEADER_BYTES, Header, Parts, micromap_reference};
+use crate::live::Live;
 use crate::micromap::Micromap;
 use crate::structure::{Kind, Structure, StructureError, validate};
 
@@ -11,7 +12,7 @@ use crate::structure::{Kind, Structure, StructureError, validate};
 /// # Errors
 /// `source` is no structure.
 pub fn compacted_size(source: &[u8]) -> Result<u64, StructureError> {
-    Ok(Structure::of(source)?.size_bytes())
+    Ok(Structure::of(source)?.0.size_bytes())
 }
 
 /// Copies a structure into memory of at least [`compacted_size`] bytes; returns the bytes used.
@@ -34,7 +35,7 @@ pub fn copy_into(source: &[u8], destination: &mut [u8]) -> Result<u64, Structure
 
 /// The first `size` bytes of memory for a structure.
 fn place(destination: &mut [u8], size: usize) -> Result<&mut [u8], StructureError> {
-    if !(destination.as_ptr() as usize).is_multiple_of(crate::layout::ALIGNMENT as usize) {
+    if !(destination.as_ptr() as usize).is_multiple_of(ALIGNMENT as usize) {
         return Err(StructureError::Destination);
     }
     destination
@@ -103,41 +104,39 @@ struct Enclosed {
 
 impl Split {
     /// # Safety
-    /// The micromaps of the structure are alive and unchanged.
-    unsafe fn of(structure: &Structure) -> Split {
+    /// As for [`outside_micromaps`].
+    unsafe fn of(structure: &Structure, header: &Header, live: &Live) -> Split {
         Split {
             size: structure.size_bytes() as usize,
-            references_start: structure.header().references_offset as usize,
+            references_start: header.references_offset as usize,
             references_bytes: 8 * structure.reference_count() as usize,
             // SAFETY: the caller's promise.
-            micromaps: unsafe { outside_micromaps(structure) },
+            micromaps: unsafe { outside_micromaps(structure, live) },
         }
     }
 
     /// Bytes of the structure after deserialization.
     fn deserialized_bytes(&self) -> usize {
-        let enclosed = self.micromaps.iter();
-        self.size
-            + enclosed
-                .map(|it| it.micromap.size_bytes() as usize)
-                .sum::<usize>()
+        let sizes = (self.micromaps.iter()).map(|it| it.micromap.size_bytes() as usize);
+        sizes.fold(self.size, usize::saturating_add)
     }
 
     fn serialized_bytes(&self) -> usize {
-        Serialized::HEAD_BYTES + self.deserialized_bytes()
+        self.deserialized_bytes()
+            .saturating_add(Serialized::HEAD_BYTES)
     }
 }
 
 /// The micromaps that a structure refers to and does not hold itself, by address.
 ///
 /// # Safety
-/// They are alive and unchanged.
-unsafe fn outside_micromaps(structure: &Structure) -> Vec<Enclosed> {
+/// `live` is there as long as they are in use; see [`Micromap::at`].
+unsafe fn outside_micromaps(structure: &Structure, live: &Live) -> Vec<Enclosed> {
     if structure.micromap_bytes() == 0 {
         return Vec::new();
     }
     let inside = structure.addresses();
-    let mut addresses: Vec<u64> = (0..structure.header().geometry_count)
+    let mut addresses: Vec<u64> = (0..structure.geometry_count())
         .filter_map(|geometry| structure.micromap_address(geometry))
         .filter(|address| !inside.contains(address))
         .collect();
@@ -147,22 +146,23 @@ unsafe fn outside_micromaps(structure: &Structure) -> Vec<Enclosed> {
         .into_iter()
         .filter_map(|address| {
             // SAFETY: the caller's promise.
-            let micromap = unsafe { Micromap::at(address) }?;
+            let micromap = unsafe { Micromap::at(address, live) }?;
             Some(Enclosed { address, micromap })
         })
         .collect()
 }
 
-/// Bytes that [`serialize`] writes.
+/// Bytes that [`serialize`] writes, with the micromaps in `live` that a bottom level refers to.
 ///
 /// # Errors
 /// `source` is no structure.
 ///
 /// # Safety
-/// The micromaps that a bottom level refers to are alive and unchanged.
-pub unsafe fn serialized_size(source: &[u8]) -> Result<u64, StructureError> {
+/// `live` is there during the call; see [`Micromap::at`].
+pub unsafe fn serialized_size(source: &[u8], live: &Live) -> Result<u64, StructureError> {
+    let (structure, header) = Structure::of(source)?;
     // SAFETY: the caller's promise.
-    Ok(unsafe { Split::of(&Structure::of(source)?) }.serialized_bytes() as u64)
+    Ok(unsafe { Split::of(&structure, &header, live) }.serialized_bytes() as u64)
 }
 
 /// Writes a structure for storage; returns the bytes written.
@@ -171,15 +171,16 @@ pub unsafe fn serialized_size(source: &[u8]) -> Result<u64, StructureError> {
 /// `source` is no structure, or `destination` is too small.
 ///
 /// # Safety
-/// The micromaps that a bottom level refers to are alive and unchanged.
+/// As for [`serialized_size`].
 pub unsafe fn serialize(
     source: &[u8],
     uuids: &Uuids,
     destination: &mut [u8],
+    live: &Live,
 ) -> Result<u64, StructureError> {
-    let structure = Structure::of(source)?;
+    let (structure, header) = Structure::of(source)?;
     // SAFETY: the caller's promise.
-    let split = unsafe { Split::of(&structure) };
+    let split = unsafe { Split::of(&structure, &header, live) };
     let bytes = split.serialized_bytes();
     let out = destination
         .get_mut(..bytes)
@@ -228,7 +229,7 @@ unsafe fn enclose(structure: &Structure, split: &Split, blob: &mut [u8]) {
     let mut put = |place: usize, word: u64| {
         blob[place..place + 8].copy_from_slice(&word.to_le_bytes());
     };
-    for geometry in 0..structure.header().geometry_count {
+    for geometry in 0..structure.geometry_count() {
         let address = structure.micromap_address(geometry);
         let found =
             (split.micromaps).binary_search_by_key(&address, |enclosed| Some(enclosed.address));
@@ -247,11 +248,16 @@ unsafe fn enclose(structure: &Structure, split: &Split, blob: &mut [u8]) {
 }
 
 /// Makes a structure from serialized data, with the references as they stand in it now; returns
-/// the bytes used. The data is validated; the identifiers are the caller's to check.
+/// the bytes used. The data is validated, and references that do not lead to where a structure may be in `live` become 0, as
+/// in a build; the identifiers are the caller's to check.
 ///
 /// # Errors
 /// `data` holds no valid structure, or `destination` is too small or not aligned.
-pub fn deserialize(data: &[u8], destination: &mut [u8]) -> Result<u64, StructureError> {
+pub fn deserialize(
+    data: &[u8],
+    destination: &mut [u8],
+    live: &Live,
+) -> Result<u64, StructureError> {
     let head = Serialized::read(data)?;
     let size = usize::try_from(head.deserialized_bytes).map_err(|_| StructureError::Corrupt)?;
     let references_bytes = usize::try_from(head.reference_count)
@@ -287,13 +293,19 @@ pub fn deserialize(data: &[u8], destination: &mut [u8]) -> Result<u64, Structure
     let (out_before, out_rest) = out.split_at_mut(before.len());
     let (out_references, out_after) = out_rest.split_at_mut(references_bytes);
     out_before.copy_from_slice(before);
-    out_references.copy_from_slice(references);
+    for (out, reference) in (out_references.chunks_exact_mut(8)).zip(references.chunks_exact(8)) {
+        let reference = u64::from_le_bytes(reference.try_into().expect("eight bytes"));
+        let leads_somewhere =
+            reference.is_multiple_of(ALIGNMENT) && live.contains(reference, HEADER_BYTES);
+        let reference = if leads_somewhere { reference } else { 0 };
+        out.copy_from_slice(&reference.to_le_bytes());
+    }
     out_after.copy_from_slice(after);
     let checked = validate(out).and_then(|()| {
-        let structure = Structure::of(out)?;
+        let (structure, _) = Structure::of(out)?;
         let same = structure.reference_count() == head.reference_count
             && structure.size_bytes() == head.deserialized_bytes;
-        let holds_its_micromaps = (0..structure.header().geometry_count)
+        let holds_its_micromaps = (0..structure.geometry_count())
             .filter_map(|geometry| structure.micromap_address(geometry))
             .all(|address| address == 0 || structure.addresses().contains(&address));
         (same && holds_its_micromaps)

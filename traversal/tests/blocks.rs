@@ -124,19 +124,19 @@ fn vertices_of_hits_are_those_that_were_given() {
     let meshes = shared([true, false]);
     let small = Scene::new(&meshes, BuildFlags::LOW_MEMORY);
     // SAFETY: the structures are alive.
-    let top = unsafe { Structure::at(small.top.address()) }.unwrap();
+    let top = unsafe { Structure::at(small.top.address(), &EVERYWHERE) }.unwrap();
     let mut found = 0;
     for ray in rays(&meshes) {
         let Some(hit) = closest(&small.top, &ray) else {
             continue;
         };
         let triangle = meshes[hit.geometry_index as usize].triangle(hit.primitive_index as usize);
-        assert_eq!(top.triangle_vertices(&hit), triangle);
+        assert_eq!(top.triangle_vertices(&hit, &EVERYWHERE), triangle);
         let unknown = Hit {
             slot: Hit::UNKNOWN_SLOT,
             ..hit
         };
-        assert_eq!(top.triangle_vertices(&unknown), triangle);
+        assert_eq!(top.triangle_vertices(&unknown, &EVERYWHERE), triangle);
         found += 1;
     }
     assert!(found > 500);

@@ -84,8 +84,9 @@ fn soup_agrees_with_brute_force() {
                         assert!((f64::from(hit.t) - t).abs() < 1e-6 * reach, "{} {t}", hit.t);
                         let vertices = Structure::triangle_vertices(
                             // SAFETY: the structures are alive.
-                            &unsafe { Structure::at(scene.top.address()) }.unwrap(),
+                            &unsafe { Structure::at(scene.top.address(), &EVERYWHERE) }.unwrap(),
                             &hit,
+                            &EVERYWHERE,
                         );
                         assert_eq!(vertices, mesh.triangle(index));
                     }

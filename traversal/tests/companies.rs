@@ -28,7 +28,7 @@ impl World {
     /// Where a ray is taken to meet what is in a box, if it does: after it has entered the box, so that no walk may lose it.
     fn reported(&self, ray: &Ray, hit: &Hit) -> Option<f32> {
         // SAFETY: the structures are alive.
-        let top = unsafe { Structure::at(self.top.address()) }.expect("it was built");
+        let top = unsafe { Structure::at(self.top.address(), &EVERYWHERE) }.expect("it was built");
         let m = top
             .world_to_object_at(hit.instance_index, 0.0)
             .map(f64::from);

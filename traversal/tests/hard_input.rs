@@ -331,6 +331,7 @@ fn inactive_instances() {
             array: InstanceArray::Pointers,
             count: 2,
             flags: GeometryFlags(0),
+            live: &EVERYWHERE,
         }),
     });
     assert_eq!(

@@ -134,7 +134,7 @@ fn transparent_parts_are_not_there() {
 fn deserialized(data: &[u8]) -> (Bytes, Bytes) {
     let size = Serialized::read(data).unwrap().deserialized_bytes;
     let mut bottom = Bytes::new(size);
-    assert_eq!(deserialize(data, &mut bottom), Ok(size));
+    assert_eq!(deserialize(data, &mut bottom, &EVERYWHERE), Ok(size));
     let top = build_instances(&[InstanceRecord::new(&bottom, IDENTITY)], 0);
     (bottom, top)
 }
@@ -142,8 +142,8 @@ fn deserialized(data: &[u8]) -> (Bytes, Bytes) {
 fn serialized(blob: &[u8]) -> Vec<u8> {
     // SAFETY: the micromaps are alive, or inside.
     unsafe {
-        let mut data = vec![0; serialized_size(blob).unwrap() as usize];
-        serialize(blob, &[[0; 16]; 2], &mut data).unwrap();
+        let mut data = vec![0; serialized_size(blob, &EVERYWHERE).unwrap() as usize];
+        serialize(blob, &[[0; 16]; 2], &mut data, &EVERYWHERE).unwrap();
         data
     }
 }
@@ -210,7 +210,7 @@ fn serialized_data_names_no_addresses() {
         let mut bad = data.clone();
         bad[place] ^= 1;
         let mut destination = Bytes::new(bottom.len() as u64);
-        refused += u32::from(deserialize(&bad, &mut destination).is_err());
+        refused += u32::from(deserialize(&bad, &mut destination, &EVERYWHERE).is_err());
     }
     assert!(refused >= 1);
 }

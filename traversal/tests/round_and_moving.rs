@@ -88,12 +88,12 @@ fn check<'g>(
     same_as_alone(&compact, count, &alone, time);
     // SAFETY: there are no micromaps.
     let stored = unsafe {
-        let mut stored = vec![0; serialized_size(&bottom).unwrap() as usize];
-        serialize(&bottom, &[[0; 16]; 2], &mut stored).unwrap();
+        let mut stored = vec![0; serialized_size(&bottom, &EVERYWHERE).unwrap() as usize];
+        serialize(&bottom, &[[0; 16]; 2], &mut stored, &EVERYWHERE).unwrap();
         stored
     };
     let mut restored = Bytes::new(Serialized::read(&stored).unwrap().deserialized_bytes);
-    deserialize(&stored, &mut restored).unwrap();
+    deserialize(&stored, &mut restored, &EVERYWHERE).unwrap();
     same_as_alone(&restored, count, &alone, time);
     bottom
 }

@@ -342,6 +342,7 @@ fn top_levels_and_boxes_update() {
             array: InstanceArray::Records,
             count: 20,
             flags: GeometryFlags(0),
+            live: &EVERYWHERE,
         }),
     };
     // SAFETY: records and bottom levels are alive.
@@ -402,10 +403,13 @@ fn copies_and_serialized_structures_walk_the_same() {
     let uuids = [[7; 16], [9; 16]];
     let store = |blob: &Bytes| {
         // SAFETY: there are no micromaps.
-        let size = unsafe { serialized_size(blob) }.unwrap();
+        let size = unsafe { serialized_size(blob, &EVERYWHERE) }.unwrap();
         let mut data = vec![0; size as usize];
         // SAFETY: as above.
-        assert_eq!(unsafe { serialize(blob, &uuids, &mut data) }, Ok(size));
+        assert_eq!(
+            unsafe { serialize(blob, &uuids, &mut data, &EVERYWHERE) },
+            Ok(size)
+        );
         data
     };
     let stored_bottom = store(&bottom);
@@ -419,7 +423,7 @@ fn copies_and_serialized_structures_walk_the_same() {
     let restore = |data: &[u8]| {
         let size = Serialized::read(data).unwrap().deserialized_bytes;
         let mut blob = Bytes::new(size);
-        assert_eq!(deserialize(data, &mut blob), Ok(size));
+        assert_eq!(deserialize(data, &mut blob, &EVERYWHERE), Ok(size));
         blob
     };
     let moved = restore(&stored_bottom);
@@ -436,14 +440,14 @@ fn copies_and_serialized_structures_walk_the_same() {
 fn corrupt_data_is_refused_and_corrupt_structures_are_walked_safely() {
     let bottom = build_meshes(&[sphere(3, 1.0, false)], 0);
     // SAFETY: there are no micromaps.
-    let mut data = vec![0; unsafe { serialized_size(&bottom) }.unwrap() as usize];
+    let mut data = vec![0; unsafe { serialized_size(&bottom, &EVERYWHERE) }.unwrap() as usize];
     // SAFETY: as above.
-    unsafe { serialize(&bottom, &[[0; 16]; 2], &mut data) }.unwrap();
+    unsafe { serialize(&bottom, &[[0; 16]; 2], &mut data, &EVERYWHERE) }.unwrap();
     let size = compacted_size(&bottom).unwrap();
     let mut random = Random(99);
     for length in [0, 8, 55, 56, 57, 200, 311, data.len() - 1] {
         let mut blob = Bytes::new(size);
-        assert!(deserialize(&data[..length], &mut blob).is_err());
+        assert!(deserialize(&data[..length], &mut blob, &EVERYWHERE).is_err());
     }
     let mut walker = Walker::new();
     let rays = rays(20);
@@ -454,7 +458,7 @@ fn corrupt_data_is_refused_and_corrupt_structures_are_walked_safely() {
             bad[at] = (random.next() * 256.0) as u8;
         }
         let mut blob = Bytes::new(size);
-        let _ = deserialize(&bad, &mut blob);
+        let _ = deserialize(&bad, &mut blob, &EVERYWHERE);
 
         // In place, behind the back of everyone, but for the header.
         let mut blob = Bytes::new(size);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use ash::vk::{self, Handle};
 use spirv_jit::reach::Reach;
-use traversal::BuildFlags;
+use traversal::{BuildFlags, Live};
 
 use super::deferred::{defer, defer_parallel};
 use super::define::{commands, entry};
@@ -30,6 +30,18 @@ pub(super) fn copy_mode(mode: vk::CopyAccelerationStructureModeKHR) -> CopyMode 
         vk::CopyAccelerationStructureModeKHR::COMPACT => CopyMode::Compact,
         _ => CopyMode::Clone,
     }
+}
+
+/// Where the structures of a device may lie.
+///
+/// # Safety
+/// The handle is that of a device.
+pub(super) unsafe fn live(device: vk::Device) -> Live {
+    // SAFETY: the caller's promise.
+    unsafe { from_handle::<Device>(device) }
+        .engine
+        .memory
+        .structures()
 }
 
 /// A new structure's handle; validation is told of it.
@@ -118,52 +130,56 @@ entry! {
         let resolve = |build| resolve_host_instances(build, checks.as_ref());
         let records: Vec<_> = builds.iter_mut().map(resolve).collect();
         let threads = build::build_concurrency(&builds);
+        let live = device.engine.memory.structures();
         defer_parallel(device, operation, threads, move || {
-            build::build(&builds, &Reach::everywhere(), checks.as_ref());
+            build::build(&builds, &Reach::everywhere(), &live, checks.as_ref());
             drop(records);
         })
     }
 
     fn vkCopyAccelerationStructureKHR(
-        _device: vk::Device,
+        device: vk::Device,
         operation: vk::DeferredOperationKHR,
         info: *const vk::CopyAccelerationStructureInfoKHR<'_>,
     ) -> vk::Result {
         let (source, destination) = (storage((*info).src), storage((*info).dst));
+        let live = live(device);
         let mode = copy_mode((*info).mode);
         defer(operation, 1, move || {
-            execute::copy(source, destination, mode, &Reach::everywhere());
+            execute::copy(source, destination, mode, &live);
             Ok(())
         })
     }
 
     fn vkCopyAccelerationStructureToMemoryKHR(
-        _device: vk::Device,
+        device: vk::Device,
         operation: vk::DeferredOperationKHR,
         info: *const vk::CopyAccelerationStructureToMemoryInfoKHR<'_>,
     ) -> vk::Result {
         let (source, destination) = (storage((*info).src), (*info).dst.device_address);
+        let live = live(device);
         defer(operation, 1, move || {
             let uuids = limits::serialization_uuids();
-            execute::serialize(source, destination, &uuids, &Reach::everywhere());
+            execute::serialize(source, destination, &uuids, &Reach::everywhere(), &live);
             Ok(())
         })
     }
 
     fn vkCopyMemoryToAccelerationStructureKHR(
-        _device: vk::Device,
+        device: vk::Device,
         operation: vk::DeferredOperationKHR,
         info: *const vk::CopyMemoryToAccelerationStructureInfoKHR<'_>,
     ) -> vk::Result {
         let (source, destination) = ((*info).src.device_address, storage((*info).dst));
+        let live = live(device);
         defer(operation, 1, move || {
-            execute::deserialize(source, destination, &Reach::everywhere());
+            execute::deserialize(source, destination, &Reach::everywhere(), &live);
             Ok(())
         })
     }
 
     fn vkWriteAccelerationStructuresPropertiesKHR(
-        _device: vk::Device,
+        device: vk::Device,
         count: u32,
         structures: *const vk::AccelerationStructureKHR,
         query_type: vk::QueryType,
@@ -171,12 +187,13 @@ entry! {
         data: *mut c_void,
         stride_bytes: usize,
     ) -> vk::Result {
+        let live = live(device);
         for (index, &structure) in slice(structures, count).iter().enumerate() {
             let offset = index * stride_bytes;
             if offset + size_of::<u64>() > data_bytes {
                 return Err(vk::Result::ERROR_UNKNOWN);
             }
-            let value = execute::property(storage(structure).address, query_type, &Reach::everywhere());
+            let value = execute::property(storage(structure).address, query_type, &live);
             data.byte_add(offset).cast::<u64>().write_unaligned(value);
         }
         Ok(())

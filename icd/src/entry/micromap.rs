@@ -5,6 +5,7 @@ use std::ffi::c_void;
 use ash::vk;
 use spirv_jit::reach::Reach;
 
+use super::acceleration_structure::live;
 use super::deferred::{defer, defer_parallel};
 use super::define::{commands, entry};
 use super::destroy;
@@ -78,50 +79,54 @@ entry! {
         let builds: Vec<_> = slice(infos, count).iter().map(|info| decode_build(info)).collect();
         let device = from_handle::<Device>(device);
         let checks = device.engine.checks(Caller::Other);
+        let live = device.engine.memory.structures();
         defer_parallel(device, operation, builds.len(), move || {
-            execute::build(&builds, &Reach::everywhere(), checks.as_ref());
+            execute::build(&builds, &Reach::everywhere(), &live, checks.as_ref());
         })
     }
 
     fn vkCopyMicromapEXT(
-        _device: vk::Device,
+        device: vk::Device,
         operation: vk::DeferredOperationKHR,
         info: *const vk::CopyMicromapInfoEXT<'_>,
     ) -> vk::Result {
         let (source, destination) = (storage((*info).src), storage((*info).dst));
+        let live = live(device);
         defer(operation, 1, move || {
-            execute::copy(source, destination, &Reach::everywhere());
+            execute::copy(source, destination, &live);
             Ok(())
         })
     }
 
     fn vkCopyMicromapToMemoryEXT(
-        _device: vk::Device,
+        device: vk::Device,
         operation: vk::DeferredOperationKHR,
         info: *const vk::CopyMicromapToMemoryInfoEXT<'_>,
     ) -> vk::Result {
         let (source, destination) = (storage((*info).src), (*info).dst.device_address);
+        let live = live(device);
         defer(operation, 1, move || {
             let uuids = limits::micromap_uuids();
-            execute::serialize(source, destination, &uuids, &Reach::everywhere());
+            execute::serialize(source, destination, &uuids, &Reach::everywhere(), &live);
             Ok(())
         })
     }
 
     fn vkCopyMemoryToMicromapEXT(
-        _device: vk::Device,
+        device: vk::Device,
         operation: vk::DeferredOperationKHR,
         info: *const vk::CopyMemoryToMicromapInfoEXT<'_>,
     ) -> vk::Result {
         let (source, destination) = ((*info).src.device_address, storage((*info).dst));
+        let live = live(device);
         defer(operation, 1, move || {
-            execute::deserialize(source, destination, &Reach::everywhere());
+            execute::deserialize(source, destination, &Reach::everywhere(), &live);
             Ok(())
         })
     }
 
     fn vkWriteMicromapsPropertiesEXT(
-        _device: vk::Device,
+        device: vk::Device,
         count: u32,
         micromaps: *const vk::MicromapEXT,
         query_type: vk::QueryType,
@@ -129,12 +134,13 @@ entry! {
         data: *mut c_void,
         stride_bytes: usize,
     ) -> vk::Result {
+        let live = live(device);
         for (index, &micromap) in slice(micromaps, count).iter().enumerate() {
             let offset = index * stride_bytes;
             if offset + size_of::<u64>() > data_bytes {
                 return Err(vk::Result::ERROR_UNKNOWN);
             }
-            let value = execute::property(storage(micromap).address, query_type, &Reach::everywhere());
+            let value = execute::property(storage(micromap).address, query_type, &live);
             data.byte_add(offset).cast::<u64>().write_unaligned(value);
         }
         Ok(())

@@ -78,7 +78,7 @@ impl Engine {
             deadline: self
                 .timeout
                 .and_then(|timeout| Instant::now().checked_add(timeout)),
-            reach: self.memory.reach(),
+            live: self.memory.structures(),
             queried: self
                 .checks(Caller::Other)
                 .map(|checks| Arc::new(Queried::new(checks)) as Arc<dyn QueryObserver>),
@@ -87,16 +87,18 @@ impl Engine {
 
     /// What the next command may reach.
     pub fn surroundings(&self) -> Surroundings {
-        let reach = self.memory.reach();
+        let (reach, live) = (self.memory.reach(), self.memory.structures());
         match &self.validator {
             None => Surroundings {
                 shader_reach: Arc::clone(&reach),
                 reach,
+                live,
                 strays: None,
             },
             Some(validator) => Surroundings {
                 shader_reach: validator.registry.reach(),
                 reach,
+                live,
                 strays: Some(Arc::default()),
             },
         }

@@ -45,6 +45,7 @@ pub fn execute(
     engine: &Engine,
 ) -> Result<(), Stopped> {
     let reach = &*access.surroundings.reach;
+    let live = &access.surroundings.live;
     let checks = access.checks.as_ref();
     // SAFETY, for each block: what an address leads to is memory, which the application does not use otherwise while the command is performed.
     match *command {
@@ -82,7 +83,7 @@ pub fn execute(
         _ => {
             engine
                 .workers
-                .install(|| structures::execute(command, reach, checks));
+                .install(|| structures::execute(command, reach, live, checks));
             Ok(())
         }
     }

@@ -1,11 +1,10 @@
 //! Which addresses are memory that the application has: what physical pointers and addresses in commands may lead to.
 
-#![forbid(unsafe_code)]
-
 use std::sync::Arc;
 
 use parking_lot::Mutex;
 use spirv_jit::reach::{Range, Reach};
+use traversal::Live;
 
 /// The live allocations of a device, and the address space of its sparse resources.
 #[derive(Default)]
@@ -14,8 +13,24 @@ pub struct LiveMemory(Mutex<State>);
 #[derive(Default)]
 struct State {
     ranges: Vec<Range>,
-    /// Made of the ranges when it is asked for; gone when they change.
-    reach: Option<Arc<Reach>>,
+    /// Made of the ranges when they are asked for; gone when those change.
+    reach: Option<(Arc<Reach>, Live)>,
+}
+
+impl State {
+    fn reach(&mut self) -> &(Arc<Reach>, Live) {
+        let Self { ranges, reach } = self;
+        reach.get_or_insert_with(|| of_reach(Reach::new(ranges.clone())))
+    }
+}
+
+/// The same for shaders' pointers and for structures.
+fn of_reach(reach: Reach) -> (Arc<Reach>, Live) {
+    let ranges = (reach.ranges().iter()).map(|range| (range.start, range.size_bytes));
+    // SAFETY: what is live is readable until it is freed, and the application frees nothing that is in use. Of what is live everywhere the
+    // caller knows what lies there.
+    let live = unsafe { Live::new(ranges) };
+    (Arc::new(reach), live)
 }
 
 impl LiveMemory {
@@ -23,7 +38,7 @@ impl LiveMemory {
     pub fn everywhere() -> Arc<Self> {
         Arc::new(Self(Mutex::new(State {
             ranges: Vec::new(),
-            reach: Some(Arc::new(Reach::everywhere())),
+            reach: Some(of_reach(Reach::everywhere())),
         })))
     }
 
@@ -46,8 +61,12 @@ impl LiveMemory {
 
     /// What is live now.
     pub fn reach(&self) -> Arc<Reach> {
-        let State { ranges, reach } = &mut *self.0.lock();
-        Arc::clone(reach.get_or_insert_with(|| Arc::new(Reach::new(ranges.clone()))))
+        Arc::clone(&self.0.lock().reach().0)
+    }
+
+    /// The same, for what structures refer to.
+    pub fn structures(&self) -> Live {
+        self.0.lock().reach().1.clone()
     }
 }
 

@@ -4,7 +4,7 @@
 
 use ash::vk;
 use spirv_jit::reach::Reach;
-use traversal::Structure;
+use traversal::{Live, Structure};
 
 use crate::command::build::CopyMode;
 use crate::object::acceleration_structure::Storage;
@@ -15,37 +15,44 @@ use crate::wave::reachable::{bytes, writable};
 ///
 /// # Safety
 /// A structure at the address is unchanged for `'a`.
-pub(super) unsafe fn structure_bytes<'a>(reach: &Reach, address: u64) -> Option<&'a [u8]> {
-    // SAFETY: the caller's promise.
+pub(super) unsafe fn structure_bytes<'a>(live: &Live, address: u64) -> Option<&'a [u8]> {
+    // SAFETY: a structure that was found ends in live memory, and the caller's promise.
     unsafe {
-        let size_bytes = structure_at(reach, address)?.size_bytes();
-        Some(bytes(reach, address, size_bytes)).filter(|bytes| !bytes.is_empty())
+        let size_bytes = Structure::at(address, live)?.size_bytes();
+        Some(std::slice::from_raw_parts(
+            address as *const u8,
+            size_bytes as usize,
+        ))
     }
 }
 
-/// The structure at an address, or `None` where none was built.
+/// The memory of an object; none of it if it is not live.
 ///
 /// # Safety
-/// As [`structure_bytes`].
-unsafe fn structure_at(reach: &Reach, address: u64) -> Option<Structure> {
-    if !reach.contains(address, Structure::HEADER_BYTES) {
-        return None;
+/// The memory is used by nothing else for `'a`.
+pub(super) unsafe fn storage_bytes<'a>(live: &Live, storage: Storage) -> &'a mut [u8] {
+    let Storage {
+        address,
+        size_bytes,
+    } = storage;
+    if size_bytes == 0 || !live.contains(address, size_bytes) {
+        return &mut [];
     }
     // SAFETY: there is memory, and the caller's promise.
-    unsafe { Structure::at(address) }
+    unsafe { std::slice::from_raw_parts_mut(address as *mut u8, size_bytes as usize) }
 }
 
 /// `VkCopyAccelerationStructureInfoKHR`.
 ///
 /// # Safety
 /// Both are the memory of acceleration structure objects; the source is built and not written meanwhile, the destination not used elsewhere.
-pub unsafe fn copy(source: Storage, destination: Storage, mode: CopyMode, reach: &Reach) {
+pub unsafe fn copy(source: Storage, destination: Storage, mode: CopyMode, live: &Live) {
     // SAFETY: the caller's promise.
     unsafe {
-        let Some(source) = structure_bytes(reach, source.address) else {
+        let Some(source) = structure_bytes(live, source.address) else {
             return;
         };
-        let destination = writable(reach, destination.address, destination.size_bytes);
+        let destination = storage_bytes(live, destination);
         let done = match mode {
             CopyMode::Clone => traversal::copy_into(source, destination),
             CopyMode::Compact => traversal::compact_into(source, destination),
@@ -60,18 +67,25 @@ pub type Uuids = [[u8; 16]; 2];
 /// `VkCopyAccelerationStructureToMemoryInfoKHR`.
 ///
 /// # Safety
-/// As [`copy`], and `destination` is writable for the serialized size.
-pub unsafe fn serialize(source: Storage, destination: u64, uuids: &Uuids, reach: &Reach) {
+/// As [`copy`], and `destination`, which lies in `reach`, is writable for the serialized size.
+pub unsafe fn serialize(
+    source: Storage,
+    destination: u64,
+    uuids: &Uuids,
+    reach: &Reach,
+    live: &Live,
+) {
     // SAFETY: the caller's promise.
     unsafe {
-        let Some(source) = structure_bytes(reach, source.address) else {
+        let Some(source) = structure_bytes(live, source.address) else {
             return;
         };
-        let Ok(size_bytes) = traversal::serialized_size(source) else {
+        let Ok(size_bytes) = traversal::serialized_size(source, live) else {
             return;
         };
+        let destination = writable(reach, destination, size_bytes);
         report(
-            traversal::serialize(source, uuids, writable(reach, destination, size_bytes)).map(drop),
+            traversal::serialize(source, uuids, destination, live).map(drop),
             "serialization",
         );
     }
@@ -80,8 +94,8 @@ pub unsafe fn serialize(source: Storage, destination: u64, uuids: &Uuids, reach:
 /// `VkCopyMemoryToAccelerationStructureInfoKHR`.
 ///
 /// # Safety
-/// As [`copy`], and `source` holds what [`serialize`] wrote.
-pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach) {
+/// As [`copy`], and `source`, which lies in `reach`, is as long as its head says.
+pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach, live: &Live) {
     // SAFETY: the caller's promise; the head says how long the rest is.
     unsafe {
         let head = bytes(reach, source, traversal::Serialized::HEAD_BYTES as u64);
@@ -89,9 +103,9 @@ pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach) {
             return;
         };
         let data = bytes(reach, source, head.serialized_bytes);
-        let destination = writable(reach, destination.address, destination.size_bytes);
+        let destination = storage_bytes(live, destination);
         report(
-            traversal::deserialize(data, destination).map(drop),
+            traversal::deserialize(data, destination, live).map(drop),
             "deserialization",
         );
     }
@@ -111,20 +125,20 @@ fn report(result: Result<(), traversal::StructureError>, what: &str) {
 ///
 /// # Safety
 /// `address` is the memory of an acceleration structure object that is built.
-pub unsafe fn property(address: u64, query_type: vk::QueryType, reach: &Reach) -> u64 {
+pub unsafe fn property(address: u64, query_type: vk::QueryType, live: &Live) -> u64 {
     // SAFETY: the caller's promise.
     unsafe {
-        let Some(structure) = structure_at(reach, address) else {
+        let Some(structure) = Structure::at(address, live) else {
             return 0;
         };
-        let bytes = structure_bytes(reach, address).unwrap_or(&[]);
+        let bytes = structure_bytes(live, address).unwrap_or(&[]);
         match query_type {
             vk::QueryType::ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR
             | vk::QueryType::ACCELERATION_STRUCTURE_COMPACTED_SIZE_NV => {
                 traversal::compacted_size(bytes).unwrap_or(0)
             }
             vk::QueryType::ACCELERATION_STRUCTURE_SERIALIZATION_SIZE_KHR => {
-                traversal::serialized_size(bytes).unwrap_or(0)
+                traversal::serialized_size(bytes, live).unwrap_or(0)
             }
             vk::QueryType::ACCELERATION_STRUCTURE_SERIALIZATION_BOTTOM_LEVEL_POINTERS_KHR => {
                 structure.reference_count()

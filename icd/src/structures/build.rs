@@ -6,15 +6,14 @@ use rayon::prelude::*;
 use spirv_jit::reach::Reach;
 use traversal::{
     AabbGeometry, BuildError, BuildInput, BuildSizes, Geometries, GeometryMicromap, IndexType,
-    MotionGeometry, TriangleGeometry,
+    Live, MotionGeometry, TriangleGeometry,
 };
 
-use super::acceleration_structure::structure_bytes;
+use super::acceleration_structure::{storage_bytes, structure_bytes};
 use crate::command::build::{Aabbs, Build, BuildGeometries, MotionTriangles, Range, Triangles};
 use crate::command::ray_tracing::IndirectBuild;
 use crate::format::structure::{MAX_VERTEX_BYTES, index_size_bytes};
 use crate::log::{self, Level};
-use crate::object::acceleration_structure::Storage;
 use crate::validate::Checks;
 use crate::wave::reachable::{read, readable, writable};
 
@@ -28,7 +27,7 @@ impl Build {
         )
     }
 
-    /// Performs the build or update on the current rayon pool.
+    /// Performs the build or update on the current rayon pool. Structures lie in `live`, all else in `reach`.
     ///
     /// # Errors
     /// See [`BuildError`]; the destination's contents are undefined then.
@@ -36,34 +35,30 @@ impl Build {
     /// # Safety
     /// Every address is readable (geometry) or writable (destination, scratch) as far as the specification makes the application promise
     /// (valid usage of `vkCmdBuildAccelerationStructuresKHR`), and not written by anyone else meanwhile.
-    pub unsafe fn execute(&self, reach: &Reach) -> Result<u64, BuildError> {
+    pub unsafe fn execute(&self, reach: &Reach, live: &Live) -> Result<u64, BuildError> {
         // SAFETY: the caller's promise, for each use below.
         unsafe {
-            let Storage {
-                address,
-                size_bytes,
-            } = self.destination;
-            let destination = writable(reach, address, size_bytes);
+            let destination = storage_bytes(live, self.destination);
             match &self.geometries {
                 BuildGeometries::Triangles(list) => {
                     let list: Vec<_> = list.iter().map(|geometry| geometry.read(reach)).collect();
-                    self.run(Geometries::Triangles(&list), destination, reach)
+                    self.run(Geometries::Triangles(&list), destination, (reach, live))
                 }
                 BuildGeometries::Aabbs(list) => {
                     let list: Vec<_> = list.iter().map(|list| list.resolve(reach)).collect();
-                    self.run(Geometries::Aabbs(&list), destination, reach)
+                    self.run(Geometries::Aabbs(&list), destination, (reach, live))
                 }
                 BuildGeometries::Swept(list) => {
                     let list: Vec<_> = list.iter().map(|list| list.resolve(reach)).collect();
-                    self.run(Geometries::Swept(&list), destination, reach)
+                    self.run(Geometries::Swept(&list), destination, (reach, live))
                 }
                 BuildGeometries::Motion(list) => {
                     let list: Vec<_> = list.iter().map(|geometry| geometry.read(reach)).collect();
-                    self.run(Geometries::Motion(&list), destination, reach)
+                    self.run(Geometries::Motion(&list), destination, (reach, live))
                 }
                 BuildGeometries::Instances(instances) => {
-                    let (source, _copies) = instances.resolve(reach);
-                    self.run(Geometries::Instances(source), destination, reach)
+                    let source = instances.resolve(reach, live);
+                    self.run(Geometries::Instances(source), destination, (reach, live))
                 }
             }
         }
@@ -75,7 +70,7 @@ impl Build {
         &self,
         geometries: Geometries<'_>,
         destination: &mut [u8],
-        reach: &Reach,
+        (reach, live): (&Reach, &Live),
     ) -> Result<u64, BuildError> {
         let input = BuildInput {
             flags: self.flags,
@@ -95,7 +90,7 @@ impl Build {
             if source.address == self.destination.address {
                 return traversal::update(&input, None, destination, scratch);
             }
-            let source = structure_bytes(reach, source.address).ok_or(BuildError::Source)?;
+            let source = structure_bytes(live, source.address).ok_or(BuildError::Source)?;
             traversal::update(&input, Some(source), destination, scratch)
         }
     }
@@ -176,15 +171,16 @@ impl Aabbs {
     }
 }
 
-/// Builds side by side: the specification forbids that builds of one command depend on each other.
-pub fn build(builds: &[Build], reach: &Reach, checks: Option<&Checks>) {
+/// Builds side by side: the specification forbids that builds of one command depend on each other. Structures lie in `live`, all else in
+/// `reach`.
+pub fn build(builds: &[Build], reach: &Reach, live: &Live, checks: Option<&Checks>) {
     let run = |build: &Build| {
         if let Some(checks) = checks {
             // SAFETY: as in `execute`.
             unsafe { checks.build(build, reach) };
         }
         // SAFETY: as in `execute`.
-        if let Err(error) = unsafe { build.execute(reach) } {
+        if let Err(error) = unsafe { build.execute(reach, live) } {
             log::write(
                 Level::Error,
                 &format!("acceleration structure build: {error:?}"),

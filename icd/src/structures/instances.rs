@@ -1,7 +1,7 @@
-//! The instances of a build. What they refer to is checked before the build looks at it.
+//! The instances of a build.
 
 use spirv_jit::reach::Reach;
-use traversal::{InstanceArray, InstanceSource, Structure};
+use traversal::{InstanceArray, InstanceSource, Live};
 
 use crate::command::instances::Instances;
 use crate::wave::reachable::{read, readable};
@@ -17,38 +17,15 @@ struct Record {
 }
 
 impl Instances {
-    /// Bounds the memory. The copies are what the source points to if some instances led nowhere: those are inactive there.
-    ///
-    /// # Safety
-    /// Nothing writes the instances meanwhile.
-    pub unsafe fn resolve(&self, reach: &Reach) -> (InstanceSource, Vec<u64>) {
-        let source = |instances: &Instances| InstanceSource {
-            memory: readable(reach, instances.address, instances.size_bytes()),
-            array: instances.array,
-            count: instances.count,
-            flags: instances.flags,
-        };
-        // SAFETY: the caller's promise.
-        if unsafe { self.all_lead_somewhere(reach) } {
-            return (source(self), Vec::new());
+    /// Bounds the memory. What instances refer to is looked up in `live`, once each, when they are built.
+    pub fn resolve<'a>(&self, reach: &Reach, live: &'a Live) -> InstanceSource<'a> {
+        InstanceSource {
+            memory: readable(reach, self.address, self.size_bytes()),
+            array: self.array,
+            count: self.count,
+            flags: self.flags,
+            live,
         }
-        let known = |reference| match leads_to_structure(reach, reference) {
-            true => reference,
-            false => 0,
-        };
-        // SAFETY: as above.
-        let (copy, records) = unsafe { self.copied(reach, known) };
-        let memory = traversal::Memory {
-            base: copy.address as *const u8,
-            bytes: 8 * records.len(),
-        };
-        (
-            InstanceSource {
-                memory,
-                ..source(&copy)
-            },
-            records,
-        )
     }
 
     /// What each instance refers to; `None` for one that is not where the array says.
@@ -63,16 +40,6 @@ impl Instances {
 
     fn size_bytes(&self) -> u64 {
         u64::from(self.count) * self.array.stride_bytes()
-    }
-
-    /// # Safety
-    /// Nothing writes the instances meanwhile.
-    unsafe fn all_lead_somewhere(&self, reach: &Reach) -> bool {
-        // SAFETY: the caller's promise.
-        reach.contains(self.address, self.size_bytes())
-            && unsafe { self.references(reach) }.all(|reference| {
-                reference.is_some_and(|reference| leads_to_structure(reach, reference))
-            })
     }
 
     /// An array of records whose references are `resolved`, and the instances that are in it; it must outlive them. An instance that is not
@@ -152,9 +119,4 @@ impl Record {
     fn reference(&self) -> u64 {
         self.words[self.length - 1]
     }
-}
-
-/// Whether a reference is null, or there is room for a structure's head where it leads.
-fn leads_to_structure(reach: &Reach, reference: u64) -> bool {
-    reference == 0 || reach.contains(reference, Structure::HEADER_BYTES)
 }

@@ -4,15 +4,15 @@
 use ash::vk;
 use rayon::prelude::*;
 use spirv_jit::reach::Reach;
-use traversal::{BuildError, Micromap, MicromapInput};
+use traversal::{BuildError, Live, Micromap, MicromapInput};
 
-use super::acceleration_structure::Uuids;
+use super::acceleration_structure::{Uuids, storage_bytes};
 use crate::command::micromap::{MicromapBuild, MicromapCommand};
 use crate::log::{self, Level};
 use crate::object::acceleration_structure::Storage;
 use crate::table::limits;
 use crate::validate::Checks;
-use crate::wave::reachable::{self, readable, writable};
+use crate::wave::reachable::{around, readable, writable};
 
 /// Offsets into a micromap's data have 32 bits; the longest states of a triangle follow.
 const MAX_DATA_BYTES: u64 = (1 << 32) + (1 << 22);
@@ -24,7 +24,7 @@ impl MicromapBuild {
     /// # Safety
     /// Every address is readable or writable as far as the specification makes the application promise (valid usage of
     /// `vkCmdBuildMicromapsEXT`), and not written by anyone else meanwhile.
-    unsafe fn execute(&self, reach: &Reach) -> Result<u64, BuildError> {
+    unsafe fn execute(&self, reach: &Reach, live: &Live) -> Result<u64, BuildError> {
         let count = self.count();
         let last = u64::from(count.saturating_sub(1)) * self.stride_bytes;
         let input = MicromapInput {
@@ -38,11 +38,7 @@ impl MicromapBuild {
             data: readable(reach, self.data, MAX_DATA_BYTES),
         };
         // SAFETY: the caller's promise.
-        unsafe {
-            let destination =
-                writable(reach, self.destination.address, self.destination.size_bytes);
-            traversal::build_micromap(&input, destination)
-        }
+        unsafe { traversal::build_micromap(&input, storage_bytes(live, self.destination)) }
     }
 }
 
@@ -50,23 +46,31 @@ impl MicromapBuild {
 ///
 /// # Safety
 /// As the valid usage of the command has it.
-pub unsafe fn execute(command: &MicromapCommand, reach: &Reach, checks: Option<&Checks>) {
+pub unsafe fn execute(
+    command: &MicromapCommand,
+    reach: &Reach,
+    live: &Live,
+    checks: Option<&Checks>,
+) {
     // SAFETY: the caller's promise, for each.
     unsafe {
         match command {
-            MicromapCommand::Build(builds) => build(builds, reach, checks),
+            MicromapCommand::Build(builds) => build(builds, reach, live, checks),
             MicromapCommand::Copy {
                 source,
                 destination,
-            } => copy(*source, *destination, reach),
+            } => copy(*source, *destination, live),
             MicromapCommand::Serialize {
                 source,
                 destination,
-            } => serialize(*source, *destination, &limits::micromap_uuids(), reach),
+            } => {
+                let uuids = limits::micromap_uuids();
+                serialize(*source, *destination, &uuids, reach, live);
+            }
             MicromapCommand::Deserialize {
                 source,
                 destination,
-            } => deserialize(*source, *destination, reach),
+            } => deserialize(*source, *destination, reach, live),
             MicromapCommand::WriteProperties {
                 micromaps,
                 query_type,
@@ -74,7 +78,7 @@ pub unsafe fn execute(command: &MicromapCommand, reach: &Reach, checks: Option<&
                 first,
             } => {
                 for (index, &address) in (*first..).zip(micromaps) {
-                    pool.write(index, property(address, *query_type, reach));
+                    pool.write(index, property(address, *query_type, live));
                 }
             }
         }
@@ -85,14 +89,14 @@ pub unsafe fn execute(command: &MicromapCommand, reach: &Reach, checks: Option<&
 ///
 /// # Safety
 /// As the valid usage of `vkCmdBuildMicromapsEXT` has it.
-pub unsafe fn build(builds: &[MicromapBuild], reach: &Reach, checks: Option<&Checks>) {
+pub unsafe fn build(builds: &[MicromapBuild], reach: &Reach, live: &Live, checks: Option<&Checks>) {
     builds.par_iter().for_each(|build| {
         if let Some(checks) = checks {
             // SAFETY: the caller's promise.
             unsafe { checks.micromap(build, reach) };
         }
         // SAFETY: the caller's promise.
-        report(unsafe { build.execute(reach) }, "build");
+        report(unsafe { build.execute(reach, live) }, "build");
     });
 }
 
@@ -100,41 +104,40 @@ pub unsafe fn build(builds: &[MicromapBuild], reach: &Reach, checks: Option<&Che
 ///
 /// # Safety
 /// A micromap at the address is unchanged for `'a`.
-unsafe fn bytes<'a>(reach: &Reach, address: u64) -> Option<&'a [u8]> {
-    if !reach.contains(address, Micromap::HEADER_BYTES) {
-        return None;
-    }
-    // SAFETY: there is memory, and the caller's promise.
-    unsafe {
-        let micromap = Micromap::at(address)?;
-        Some(reachable::bytes(reach, address, micromap.size_bytes()))
-            .filter(|bytes| !bytes.is_empty())
-    }
+unsafe fn bytes<'a>(live: &Live, address: u64) -> Option<&'a [u8]> {
+    // SAFETY: a micromap that was found ends in live memory, and the caller's promise.
+    unsafe { Some(Micromap::at(address, live)?.bytes()) }
 }
 
 /// `VkCopyMicromapInfoEXT`: a micromap has nothing to lose by compaction, so both modes do the same.
 ///
 /// # Safety
 /// Both are the memory of micromap objects; the source is built and not written meanwhile, the destination not used elsewhere.
-pub unsafe fn copy(source: Storage, destination: Storage, reach: &Reach) {
+pub unsafe fn copy(source: Storage, destination: Storage, live: &Live) {
     // SAFETY: the caller's promise.
     unsafe {
-        let Some(source) = bytes(reach, source.address) else {
+        let Some(source) = bytes(live, source.address) else {
             return;
         };
-        let destination = writable(reach, destination.address, destination.size_bytes);
-        report(traversal::copy_micromap(source, destination), "copy");
+        let copied = traversal::copy_micromap(source, storage_bytes(live, destination));
+        report(copied, "copy");
     }
 }
 
 /// `VkCopyMicromapToMemoryInfoEXT`: the identifiers, then the micromap.
 ///
 /// # Safety
-/// As [`copy`], and `destination` is writable for the serialized size.
-pub unsafe fn serialize(source: Storage, destination: u64, uuids: &Uuids, reach: &Reach) {
+/// As [`copy`], and `destination`, which lies in `reach`, is writable for the serialized size.
+pub unsafe fn serialize(
+    source: Storage,
+    destination: u64,
+    uuids: &Uuids,
+    reach: &Reach,
+    live: &Live,
+) {
     // SAFETY: the caller's promise.
     unsafe {
-        let Some(source) = bytes(reach, source.address) else {
+        let Some(source) = bytes(live, source.address) else {
             return;
         };
         let out = writable(
@@ -153,19 +156,17 @@ pub unsafe fn serialize(source: Storage, destination: u64, uuids: &Uuids, reach:
 /// `VkCopyMemoryToMicromapInfoEXT`.
 ///
 /// # Safety
-/// As [`copy`], and `source` holds what [`serialize`] wrote.
-pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach) {
-    // SAFETY: the caller's promise; what was serialized says how long it is.
+/// As [`copy`], and `source`, which lies in `reach`, is as long as the micromap's header says.
+pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach, live: &Live) {
+    // SAFETY: what is reachable is there, and the caller's promise.
     unsafe {
-        let Some(source) = bytes(reach, source.wrapping_add(size_of::<Uuids>() as u64)) else {
+        let source = source.wrapping_add(size_of::<Uuids>() as u64);
+        let Some(source) = bytes(&around(reach, source), source) else {
             log::write(Level::Error, "micromap deserialization: not a micromap");
             return;
         };
-        let destination = writable(reach, destination.address, destination.size_bytes);
-        report(
-            traversal::copy_micromap(source, destination),
-            "deserialization",
-        );
+        let copied = traversal::copy_micromap(source, storage_bytes(live, destination));
+        report(copied, "deserialization");
     }
 }
 
@@ -173,9 +174,9 @@ pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach) {
 ///
 /// # Safety
 /// `address` is the memory of a micromap object that is built.
-pub unsafe fn property(address: u64, query_type: vk::QueryType, reach: &Reach) -> u64 {
+pub unsafe fn property(address: u64, query_type: vk::QueryType, live: &Live) -> u64 {
     // SAFETY: the caller's promise.
-    let size_bytes = unsafe { bytes(reach, address) }.map_or(0, |bytes| bytes.len() as u64);
+    let size_bytes = unsafe { bytes(live, address) }.map_or(0, |bytes| bytes.len() as u64);
     match query_type {
         vk::QueryType::MICROMAP_SERIALIZATION_SIZE_EXT => size_bytes + size_of::<Uuids>() as u64,
         _ => size_bytes,

@@ -122,6 +122,8 @@ impl<'a> Batch<'a> {
         worker.records = Records::default();
         worker.queries.clear();
         worker.walker.dismiss();
+        // SAFETY: the memory is there until the dispatch is complete, and no walk goes on after it.
+        unsafe { worker.walker.set_live(&dispatch.limits.live) };
         Self {
             dispatch,
             grid,

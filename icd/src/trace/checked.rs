@@ -1,6 +1,6 @@
 //! What validation looks at while a batch is turned. Nothing of this runs where it is off.
 
-use traversal::{Hit, Ray, RayRows, Structure};
+use traversal::{Hit, Ray, RayRows};
 
 use super::answers::Decider;
 use super::batch::{Batch, Worker};
@@ -22,9 +22,8 @@ impl Batch<'_> {
                 flags: operands[operand::FLAGS].0[lane],
                 ..rays.ray(lane)
             };
-            // SAFETY: an address that leads nowhere is 0 here; what lies at others is kept by the application, as for the walk.
-            let kind =
-                unsafe { Structure::at(rays.top_level[lane]) }.map(|structure| structure.kind());
+            let structure = self.dispatch.limits.structure(rays.top_level[lane]);
+            let kind = structure.map(|structure| structure.kind());
             let (place, named) = (self.shader_of(group.caller), structure_in(operands, lane));
             traced.ray(instruction, place, &as_given, rays.time[lane], named, kind);
         }

@@ -45,7 +45,7 @@ impl Batch<'_> {
         group.record();
         let mut empty = 0;
         for lane in lanes_of(lanes) {
-            let object = Object::of_execute(subgroup, program, lane).confined(self.dispatch.limits);
+            let object = Object::of_execute(subgroup, program, lane);
             if object.state() == kind::EMPTY {
                 empty |= 1 << lane;
                 continue;
@@ -53,7 +53,7 @@ impl Batch<'_> {
             let mut sbt_offset = 0;
             group.hits.t[lane] = f32::from_bits(object.0[word::T_MAX]);
             if object.state() == kind::HIT {
-                let hit = object.hit();
+                let hit = object.hit(self.dispatch.limits);
                 // The record's index is given: one that the rule for hits leads back to, with a stride of 0.
                 sbt_offset = object.0[word::RECORD_INDEX].wrapping_sub(hit.instance_sbt_offset);
                 group.hits.set(lane, &hit);
@@ -102,34 +102,36 @@ impl Batch<'_> {
         for (row, &index) in IDENTITY.iter().enumerate() {
             object.0[index] = subgroup.io(program, row, lane);
         }
-        let object = object.confined(self.dispatch.limits);
+        let limits = self.dispatch.limits;
         let mut answer = [0; IO_DATA_ROW];
         let tables = &self.dispatch.tables;
         match fact {
             HitFact::Instance => {
-                let hit = object.hit();
+                let hit = object.hit(limits);
                 answer[0] = hit.instance_custom_index;
                 answer[1] = hit.instance_sbt_offset;
             }
             HitFact::ObjectToWorld => {
-                let matrix =
-                    object.read(|s| s.object_to_world_at(object.0[word::INSTANCE], object.time()));
+                let (index, time) = (object.0[word::INSTANCE], object.time());
+                let matrix = object.read(limits, |s| s.object_to_world_at(index, time));
                 answer[..12].copy_from_slice(&column_major(&matrix));
             }
             HitFact::WorldToObject => {
-                let matrix =
-                    object.read(|s| s.world_to_object_at(object.0[word::INSTANCE], object.time()));
+                let (index, time) = (object.0[word::INSTANCE], object.time());
+                let matrix = object.read(limits, |s| s.world_to_object_at(index, time));
                 answer[..12].copy_from_slice(&column_major(&matrix));
             }
             HitFact::TriangleVertexPositions => {
+                let (hit, time) = (object.hit(limits), object.time());
                 let vertices =
-                    object.read(|s| s.triangle_vertices_at(&object.hit(), object.time()));
+                    object.read(limits, |s| s.triangle_vertices_at(&hit, time, &limits.live));
                 for (place, coordinate) in answer.iter_mut().zip(vertices.as_flattened()) {
                     *place = coordinate.to_bits();
                 }
             }
             HitFact::SweptEnds => {
-                let (positions, radii) = object.read(|s| s.swept_ends(&object.hit()));
+                let hit = object.hit(limits);
+                let (positions, radii) = object.read(limits, |s| s.swept_ends(&hit, &limits.live));
                 let numbers = positions.as_flattened().iter().chain(&radii);
                 for (place, number) in answer.iter_mut().zip(numbers) {
                     *place = number.to_bits();
@@ -221,23 +223,16 @@ impl Object {
         f32::from_bits(self.0[word::TIME])
     }
 
-    /// Forgets a structure that leads nowhere.
-    fn confined(mut self, limits: &Limits) -> Self {
-        let structure = limits.structure(self.structure());
-        self.0[word::STRUCTURE] = structure as u32;
-        self.0[word::STRUCTURE + 1] = (structure >> 32) as u32;
-        self
-    }
-
     fn structure(&self) -> u64 {
         self.0[word::STRUCTURE] as u64 | (self.0[word::STRUCTURE + 1] as u64) << 32
     }
 
-    fn hit(&self) -> Hit {
+    fn hit(&self, limits: &Limits) -> Hit {
         let primitive = self.0[word::HIT_KIND] >> 8 & 0xff;
         let instance_index = self.0[word::INSTANCE];
-        let (instance_custom_index, instance_sbt_offset) =
-            self.read(|structure| structure.instance_indices(instance_index));
+        let (instance_custom_index, instance_sbt_offset) = self.read(limits, |structure| {
+            structure.instance_indices(instance_index)
+        });
         Hit {
             t: f32::from_bits(self.0[word::T_MAX]),
             barycentrics: [0, 1].map(|i| f32::from_bits(self.0[word::ATTRIBUTES + i])),
@@ -258,9 +253,10 @@ impl Object {
         }
     }
 
-    fn read<T: Default>(&self, read: impl Fn(Structure) -> T) -> T {
-        // SAFETY: as for the walk: the structure is built and bound until the dispatch is complete.
-        unsafe { Structure::at(self.structure()) }.map_or_else(T::default, read)
+    fn read<T: Default>(&self, limits: &Limits, read: impl Fn(Structure) -> T) -> T {
+        limits
+            .structure(self.structure())
+            .map_or_else(T::default, read)
     }
 }
 

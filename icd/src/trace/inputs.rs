@@ -324,9 +324,7 @@ impl<'a> HitLanes<'a> {
             let (operands, from) = (self.operands[lane], self.lanes[lane]);
             let named = structure_in(operands, from);
             if named != last.0 {
-                // SAFETY: as for the walk: the structure is built and bound until the dispatch is complete.
-                let structure = unsafe { Structure::at(self.dispatch.limits.structure(named)) };
-                last = (named, structure);
+                last = (named, self.dispatch.limits.structure(named));
             }
             let hit = self.hit(lane);
             last.1.map_or_else(T::default, |structure| {
@@ -358,8 +356,7 @@ impl<'a> HitLanes<'a> {
             {
                 return matrix;
             }
-            // SAFETY: as for the walk: the structure is built and bound until the dispatch is complete.
-            let structure = unsafe { Structure::at(self.dispatch.limits.structure(named)) };
+            let structure = self.dispatch.limits.structure(named);
             let matrix = structure.map_or([0.0; 12], |structure| read(structure, index, time));
             last = Some((asked, matrix));
             matrix
@@ -417,7 +414,7 @@ impl<'a> HitLanes<'a> {
             Builtin::HitTriangleVertexPositions => {
                 let vertices = self.vertices.get_or_init(|| {
                     self.of_structures(|structure, hit, time| {
-                        structure.triangle_vertices_at(hit, time)
+                        structure.triangle_vertices_at(hit, time, &self.dispatch.limits.live)
                     })
                 });
                 Some(std::array::from_fn(|lane| {
@@ -448,7 +445,8 @@ impl<'a> HitLanes<'a> {
 
     /// Ends and radii of spheres and linear swept spheres.
     fn ends(&self) -> Lanes<([[f32; 3]; 2], [f32; 2])> {
-        self.of_structures(|structure, hit, _| structure.swept_ends(hit))
+        let live = &self.dispatch.limits.live;
+        self.of_structures(|structure, hit, _| structure.swept_ends(hit, live))
     }
 
     /// `RayTmaxKHR`: the hit's distance in hit shaders, the end of the interval as it stands in the others.

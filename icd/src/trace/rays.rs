@@ -148,13 +148,8 @@ impl RayGroup {
             given | flags | if opaque { ray_flags::OPAQUE } else { 0 }
         });
         rays.cull_mask = operands[operand::CULL_MASK].0.map(|mask| mask & 0xff);
-        let mut last = (0, 0);
         for lane in lanes_of(self.in_flight) {
-            let named = structure_in(operands, lane);
-            if named != last.0 {
-                last = (named, dispatch.limits.structure(named));
-            }
-            rays.top_level[lane] = last.1;
+            rays.top_level[lane] = structure_in(operands, lane);
         }
     }
 }

@@ -323,6 +323,7 @@ fn top_level(bottom_levels: &[&Blob]) -> Blob {
         array: InstanceArray::Records,
         count: instances.len() as u32,
         flags: GeometryFlags(0),
+        live: &traversal::EVERYWHERE,
     };
     Blob::build(
         Kind::Instances,

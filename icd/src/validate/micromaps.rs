@@ -6,7 +6,7 @@ use traversal::{Micromap, MicromapFormat};
 use super::{Checks, Rule};
 use crate::command::build::Triangles;
 use crate::command::micromap::MicromapBuild;
-use crate::wave::reachable::read;
+use crate::wave::reachable::{around, read};
 
 /// `VkMicromapTriangleEXT`: offset, level, format.
 #[derive(Clone, Copy)]
@@ -85,10 +85,8 @@ impl Checks {
         let Some(micromap) = list.bounded_micromap(reach) else {
             return;
         };
-        let is_reachable = reach.contains(micromap.micromap, Micromap::HEADER_BYTES);
         // SAFETY: there is memory, and the caller's promise.
-        let built = is_reachable.then(|| unsafe { Micromap::at(micromap.micromap) });
-        let built = built.flatten();
+        let built = unsafe { Micromap::at(micromap.micromap, &around(reach, micromap.micromap)) };
         let count = built.map_or(0, |built| built.triangle_count());
         for index in 0..list.primitive_count {
             // SAFETY: the indices are bounded, and the caller's promise.

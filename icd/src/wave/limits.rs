@@ -1,16 +1,16 @@
 //! What ends a dispatch that does not end by itself, and what keeps it from going astray.
-#![forbid(unsafe_code)]
-
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use spirv_jit::reach::{Reach, Strays};
-use traversal::{Kind, Ray, Structure};
+use traversal::{EVERYWHERE, Kind, Live, Ray, Structure};
 
 /// What a command's addresses may lead to.
 pub struct Surroundings {
     pub reach: Arc<Reach>,
+    /// The same, for what structures refer to.
+    pub live: Live,
     /// For physical pointers of shaders: with validation, buffers of that usage alone.
     pub shader_reach: Arc<Reach>,
     /// Counts what shaders do wrong, where there is validation.
@@ -30,7 +30,7 @@ pub struct Limits {
     /// When the dispatch counts as hanging (`TUFF_TIMEOUT`).
     pub deadline: Option<Instant>,
     /// Where structures may lie.
-    pub reach: Arc<Reach>,
+    pub live: Live,
     /// Validation of ray queries, where it is on.
     pub queried: Option<Arc<dyn QueryObserver>>,
 }
@@ -41,20 +41,17 @@ impl Default for Limits {
         Self {
             cancelled: Arc::default(),
             deadline: None,
-            reach: Arc::new(Reach::everywhere()),
+            live: EVERYWHERE.clone(),
             queried: None,
         }
     }
 }
 
 impl Limits {
-    /// The address of a structure that a shader names: 0, which is none, if it leads nowhere.
-    pub fn structure(&self, address: u64) -> u64 {
-        const SIZE: u64 = Structure::HEADER_BYTES;
-        // Nearly all are in one range: no search.
-        let is_there =
-            self.reach.likely().bytes_from(address) >= SIZE || self.reach.contains(address, SIZE);
-        if is_there { address } else { 0 }
+    /// The structure at an address that a shader names; none where that leads nowhere.
+    pub fn structure(&self, address: u64) -> Option<Structure> {
+        // SAFETY: the memory is there until the dispatch is complete.
+        unsafe { Structure::at(address, &self.live) }
     }
 
     /// Called when fuel runs dry.

@@ -1,7 +1,7 @@
 //! Addresses that commands are given, as far as there is memory at them: one that leads nowhere gets no bytes, not a fault.
 
 use spirv_jit::reach::Reach;
-use traversal::Memory;
+use traversal::{Live, Memory};
 
 /// The bytes at an address that there are, of those that are wanted.
 pub fn readable(reach: &Reach, address: u64, size_bytes: u64) -> Memory {
@@ -33,6 +33,16 @@ pub unsafe fn bytes<'a>(reach: &Reach, address: u64, size_bytes: u64) -> &'a [u8
     }
     // SAFETY: there is memory, and the caller's promise.
     unsafe { std::slice::from_raw_parts(address as *const u8, size_bytes as usize) }
+}
+
+/// The memory around an address, for what lies there to be found in.
+///
+/// # Safety
+/// What is reachable stays so as long as it is looked for there.
+pub unsafe fn around(reach: &Reach, address: u64) -> Live {
+    let range = reach.find(address);
+    // SAFETY: the caller's promise.
+    unsafe { Live::new(range.map(|range| (range.start, range.size_bytes))) }
 }
 
 /// A value at an address of any alignment, if it is there.

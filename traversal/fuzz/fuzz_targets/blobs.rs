@@ -76,13 +76,13 @@ fuzz_target!(|given: Given| {
 
     for (whole, is_top) in [(&bottom, false), (&top, true)] {
         // SAFETY: there are no micromaps.
-        let size = unsafe { serialized_size(whole) }.unwrap();
+        let size = unsafe { serialized_size(whole, &EVERYWHERE) }.unwrap();
         let mut data = Exact::new(size);
         // SAFETY: as above.
-        unsafe { serialize(whole, &[[7; 16]; 2], &mut data) }.unwrap();
+        unsafe { serialize(whole, &[[7; 16]; 2], &mut data, &EVERYWHERE) }.unwrap();
         corrupt(&mut data, 0, &given.writes);
         let mut place = Exact::new(compacted_size(whole).unwrap());
-        if deserialize(&data, &mut place).is_ok() {
+        if deserialize(&data, &mut place, &EVERYWHERE).is_ok() {
             assert_eq!(validate(&place), Ok(()));
             if !is_top {
                 let top = over(&place, IDENTITY, 0);

@@ -207,6 +207,7 @@ pub fn placed(records: &[Record], flags: u32) -> Exact {
         array: InstanceArray::Records,
         count: records.len() as u32,
         flags: GeometryFlags(0),
+        live: &EVERYWHERE,
     };
     let count = records.len() as u32;
     built(Kind::Instances, flags, Geometries::Instances(source), &[count])

@@ -77,6 +77,7 @@ pub(super) unsafe fn write_head(
         all_features |= features::OPAQUE | features::NOT_OPAQUE;
     }
     let table_end = parts.geometries_offset + shape.geometries * size_of::<GeometryEntry>() as u64;
+    gap(size_of::<Header>() as u64, parts.geometries_offset);
     gap(table_end, parts.references_offset);
     let references_end = parts.references_offset
         + match shape.kind {
@@ -108,7 +109,6 @@ pub(super) unsafe fn write_head(
         features: all_features,
         depth: written.depth,
         cost: written.cost,
-        reserved: [0; 26],
     };
     // SAFETY: the blob begins with its header.
     unsafe { target.base.cast::<Header>().write(header) };

@@ -2,8 +2,10 @@
 
 use crate::input::{InstanceArray, InstanceSource};
 use crate::layout::{
-    Bounds, InstanceRecord, Motion, MotionInstanceRecord, instance_state, motion_type,
+    Bounds, InstanceRecord, InstanceWords, Motion, MotionInstanceRecord, instance_state,
+    motion_type,
 };
+use crate::live::Live;
 use crate::motion::{invert, srt_bounds, transform_at};
 use crate::structure::Structure;
 
@@ -33,7 +35,7 @@ pub(crate) struct Placed {
 ///
 /// # Safety
 /// The memory of `source` must be readable and unchanged, and so must records behind pointers.
-pub(crate) unsafe fn read(source: &InstanceSource, index: u32) -> Option<Instance> {
+pub(crate) unsafe fn read(source: &InstanceSource<'_>, index: u32) -> Option<Instance> {
     let offset = u64::from(index) * source.array.stride_bytes();
     // SAFETY: the caller's promise, here and below.
     let pointer = || unsafe { source.memory.read(offset) }.map(u64::from_le_bytes);
@@ -45,7 +47,7 @@ pub(crate) unsafe fn read(source: &InstanceSource, index: u32) -> Option<Instanc
         }
         InstanceArray::Pointers => {
             // SAFETY: the caller's promise.
-            let bytes: [u8; 64] = unsafe { read_behind(pointer()?) }?;
+            let bytes: [u8; 64] = unsafe { read_behind(pointer()?, source.live) }?;
             Some(static_instance(&bytes))
         }
         InstanceArray::MotionRecords => {
@@ -61,15 +63,15 @@ pub(crate) unsafe fn read(source: &InstanceSource, index: u32) -> Option<Instanc
             unsafe {
                 match ty {
                     motion_type::MATRIX => {
-                        let bytes: [u8; 112] = read_behind(address)?;
+                        let bytes: [u8; 112] = read_behind(address, source.live)?;
                         Some(motion_instance(ty, &bytes))
                     }
                     motion_type::SRT => {
-                        let bytes: [u8; 144] = read_behind(address)?;
+                        let bytes: [u8; 144] = read_behind(address, source.live)?;
                         Some(motion_instance(ty, &bytes))
                     }
                     _ => {
-                        let bytes: [u8; 64] = read_behind(address)?;
+                        let bytes: [u8; 64] = read_behind(address, source.live)?;
                         Some(static_instance(&bytes))
                     }
                 }
@@ -82,11 +84,11 @@ pub(crate) unsafe fn read(source: &InstanceSource, index: u32) -> Option<Instanc
 const MOTION_BYTES: usize = 152;
 
 /// # Safety
-/// `address` is 0 or readable for `N` bytes.
-unsafe fn read_behind<const N: usize>(address: u64) -> Option<[u8; N]> {
+/// `live` is readable, and nothing writes the record.
+unsafe fn read_behind<const N: usize>(address: u64, live: &Live) -> Option<[u8; N]> {
     let record = std::ptr::with_exposed_provenance::<[u8; N]>(address as usize);
     // SAFETY: the caller's promise; pointers need not be aligned.
-    (address != 0).then(|| unsafe { record.read_unaligned() })
+    (live.contains(address, N as u64)).then(|| unsafe { record.read_unaligned() })
 }
 
 fn word(bytes: &[u8], index: usize) -> u32 {
@@ -138,18 +140,19 @@ fn motion_instance(ty: u32, bytes: &[u8]) -> Instance {
 }
 
 impl Instance {
-    /// Where the instance is; `None` if it is inactive: no bottom level or an empty one, or a
+    /// Where the instance is; `None` if it is inactive: no bottom level in `live` or an empty one, or a
     /// transform that is not finite or has no inverse.
     ///
     /// # Safety
-    /// The reference must be 0 or the address of a built bottom level.
-    pub unsafe fn place(&self) -> Option<Placed> {
+    /// As for [`Structure::at`].
+    pub unsafe fn place(&self, live: &Live) -> Option<Placed> {
         // SAFETY: the caller's promise.
-        let bottom = unsafe { Structure::at(self.reference) }?;
+        let (bottom, header) =
+            unsafe { Structure::inside(self.reference, live.bytes_from(self.reference)) }?;
         if bottom.kind().is_top() {
             return None;
         }
-        let bounds = &bottom.header().bounds;
+        let bounds = &header.bounds;
         let start = place(&self.object_to_world, bounds)?;
         let Some(motion) = &self.motion else {
             return Some(start);
@@ -169,7 +172,7 @@ impl Instance {
 
     /// The record to store where instances may move.
     pub fn motion_record(&self, record: InstanceRecord) -> MotionInstanceRecord {
-        let active = record.state & instance_state::ACTIVE != 0;
+        let active = record.words.state & instance_state::ACTIVE != 0;
         let mut out = MotionInstanceRecord {
             record,
             motion: self.motion.unwrap_or(Motion {
@@ -180,7 +183,7 @@ impl Instance {
             reserved: [0; 12],
         };
         if self.motion.is_some() && active {
-            out.record.state = instance_state::ACTIVE | instance_state::MOVING;
+            out.record.words.state = instance_state::ACTIVE | instance_state::MOVING;
         }
         out
     }
@@ -190,16 +193,19 @@ impl Instance {
         InstanceRecord {
             object_to_world: self.object_to_world,
             world_to_object: placed.map_or([0.0; 12], |placed| placed.world_to_object),
-            custom_index_and_mask: self.custom_index_and_mask,
-            sbt_offset_and_flags: self.sbt_offset_and_flags,
-            state: match placed {
-                Some(_) if self.object_to_world == IDENTITY => {
-                    instance_state::ACTIVE | instance_state::IDENTITY
-                }
-                Some(_) => instance_state::ACTIVE,
-                None => 0,
+            words: InstanceWords {
+                custom_index_and_mask: self.custom_index_and_mask,
+                sbt_offset_and_flags: self.sbt_offset_and_flags,
+                state: match placed {
+                    Some(_) if self.object_to_world == IDENTITY => {
+                        instance_state::ACTIVE | instance_state::IDENTITY
+                    }
+                    Some(_) => instance_state::ACTIVE,
+                    None => 0,
+                },
+                reserved: 0,
             },
-            reserved: [0; 5],
+            reserved: [0; 4],
         }
     }
 }

@@ -257,11 +257,11 @@ pub(crate) unsafe fn aabb(geometry: &AabbGeometry, index: u32) -> Option<Bounds>
 
 /// # Safety
 /// As for [`collect`].
-unsafe fn instance_bounds(source: &InstanceSource, index: u32) -> Option<Bounds> {
+unsafe fn instance_bounds(source: &InstanceSource<'_>, index: u32) -> Option<Bounds> {
     // SAFETY: the caller's promise.
     let instance = unsafe { super::instance::read(source, index) }?;
     // SAFETY: references are 0 or built bottom levels, by the caller's promise.
-    unsafe { instance.place() }.map(|placed| placed.bounds)
+    unsafe { instance.place(source.live) }.map(|placed| placed.bounds)
 }
 
 const _: () = assert!(size_of::<Primitive>() == size_of::<Corners>());

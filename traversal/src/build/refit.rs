@@ -12,7 +12,8 @@ use super::swept::SweptPrimitive;
 use super::{NODE_COST, block_cost, instance, primitive};
 use crate::input::{Geometries, InstanceSource, MotionGeometry, SweptGeometry, TriangleGeometry};
 use crate::layout::{
-    Bounds, GROUP, MotionEntry, Node, SweptEntry, TriangleGroup, WIDTH, child, geometry_word,
+    Bounds, GROUP, MAX_DEPTH, MotionEntry, Node, NodeAt, SweptEntry, TriangleGroup, WIDTH, child,
+    geometry_word,
 };
 
 /// So many leaves or nodes are one task.
@@ -49,12 +50,13 @@ unsafe fn write_group(group: &mut TriangleGroup, list: &[TriangleGeometry]) {
         let Some(geometry) = list.get(number as usize) else {
             continue;
         };
-        if group.primitives[lane] >= geometry.primitive_count {
+        let primitive = group.primitives[lane];
+        if primitive >= geometry.primitive_count {
             continue;
         }
         group.geometries[lane] = triangle_word(number, geometry);
         // SAFETY: the caller's promise.
-        match unsafe { geometry.triangle(group.primitives[lane]) } {
+        match unsafe { geometry.triangle(primitive) } {
             Some(triangle) => {
                 group.set_triangle(lane, &triangle);
                 group.lanes |= 1 << lane;
@@ -109,7 +111,7 @@ pub(crate) unsafe fn write_motion(target: &Target<'_>, count: u32, list: &[Motio
 /// # Safety
 /// The target has a record for each instance; the source's memory is readable and its references
 /// are 0 or built bottom levels.
-pub(crate) unsafe fn write_instances(target: &Target<'_>, source: &InstanceSource) -> f32 {
+pub(crate) unsafe fn write_instances(target: &Target<'_>, source: &InstanceSource<'_>) -> f32 {
     let write = |index| {
         // SAFETY: the caller's promise.
         let instance = unsafe { instance::read(source, index) }.unwrap_or(instance::Instance {
@@ -120,7 +122,7 @@ pub(crate) unsafe fn write_instances(target: &Target<'_>, source: &InstanceSourc
             motion: None,
         });
         // SAFETY: the caller's promise.
-        let placed = unsafe { instance.place() };
+        let placed = unsafe { instance.place(source.live) };
         // SAFETY: there is a record and a table entry for each instance.
         unsafe {
             let record = instance.record(placed.as_ref());
@@ -196,7 +198,7 @@ unsafe fn leaf_bounds(target: &Target<'_>, index: u32, groups: u32) -> Bounds {
             // SAFETY: the caller's promise.
             unsafe {
                 instance::read(source, index)
-                    .and_then(|instance| instance.place())
+                    .and_then(|instance| instance.place(source.live))
                     .map_or(Bounds::EMPTY, |placed| placed.bounds)
             }
         }
@@ -239,7 +241,7 @@ unsafe fn visit<const REFIT: bool>(target: &Target<'_>, nodes: u32, leaves: u32)
     };
     // SAFETY: the caller's promise.
     let (bounds, sum) = unsafe {
-        pass.subtree(0, nodes).unwrap_or_else(|| {
+        pass.subtree(0, nodes, MAX_DEPTH).unwrap_or_else(|| {
             let mut sum = 0.0;
             for index in (0..nodes).rev() {
                 sum += pass.node(index, nodes).0;
@@ -272,11 +274,12 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
     }
 
     /// Visits the nodes from `start` up to `end`, a subtree in the order in which builds write it. `None`, with
-    /// some of its nodes visited, if it is none. Sums are made in the same order on any number of threads.
+    /// some of its nodes visited, if it is none, or has more levels than `depth`. Sums are made in the same order on any number of threads.
     ///
     /// # Safety
     /// As for [`refit`], for these nodes.
-    unsafe fn subtree(&self, start: u32, end: u32) -> Option<(Bounds, f64)> {
+    unsafe fn subtree(&self, start: u32, end: u32, depth: u32) -> Option<(Bounds, f64)> {
+        let deeper = depth.checked_sub(1)?;
         let mut sum = 0.0;
         if ((end - start) as usize) < FEW {
             for index in (start..end).rev() {
@@ -286,7 +289,7 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
             }
         } else {
             // SAFETY: the caller's promise.
-            let children = unsafe { (*self.node_at(start)).children };
+            let children = unsafe { NodeAt::new(self.node_at(start)) }.children();
             let mut parts = [(0, 0, None); WIDTH];
             let mut length = 0;
             let mut next = start + 1;
@@ -307,7 +310,7 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
             }
             let visit = |part: &mut (u32, u32, Option<(Bounds, f64)>)| {
                 // SAFETY: the ranges are disjoint, and the caller's promise.
-                part.2 = unsafe { self.subtree(part.0, part.1) };
+                part.2 = unsafe { self.subtree(part.0, part.1, deeper) };
             };
             match in_pool() {
                 true => parts[..length].par_iter_mut().for_each(visit),
@@ -334,7 +337,8 @@ impl<const REFIT: bool> Pass<'_, REFIT> {
         let node = unsafe { &mut *self.node_at(index) };
         let (mut weights, mut inside) = ([0f32; WIDTH], true);
         for (lane, weight) in weights.iter_mut().enumerate() {
-            let word = node.children[lane];
+            // SAFETY: the node is there. Its words may change meanwhile.
+            let word = unsafe { NodeAt::new(node) }.child(lane);
             let mut bounds = Bounds::EMPTY;
             if word == child::NONE {
                 // Empty it is.

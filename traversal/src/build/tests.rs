@@ -54,6 +54,7 @@ fn found(bottom: &[Line], origin: [f32; 3]) -> Vec<u32> {
             array: InstanceArray::Records,
             count: 1,
             flags: GeometryFlags(0),
+            live: &crate::EVERYWHERE,
         }),
         MAX_DEPTH,
     );

@@ -32,7 +32,7 @@ pub unsafe fn update(
         return Err(BuildError::Destination);
     }
     if let Some(source) = source {
-        let structure = Structure::of(source).map_err(|_| BuildError::Source)?;
+        let (structure, _) = Structure::of(source).map_err(|_| BuildError::Source)?;
         let own = structure
             .micromap_bytes()
             .saturating_sub(shape.micromap_bytes);
@@ -47,8 +47,7 @@ pub unsafe fn update(
     }
     // Children have to come after their parents, and leaves to name primitives that there are.
     crate::structure::validate(destination).map_err(|_| BuildError::Source)?;
-    let structure = Structure::of(destination).map_err(|_| BuildError::Source)?;
-    let header = *structure.header();
+    let (structure, header) = Structure::of(destination).map_err(|_| BuildError::Source)?;
     if structure.kind() != shape.kind
         || structure.form() != Form::Groups
         || header.primitive_count != shape.primitives
@@ -56,6 +55,7 @@ pub unsafe fn update(
         || header.flags & BuildFlags::ALLOW_UPDATE == 0
         || !same_counts(&structure, &input.geometries)
         || (header.micromap_bytes > 0) != (shape.micromap_bytes > 0)
+        || shape.kind.is_top() && u64::from(header.leaf_count) != shape.primitives
     {
         return Err(BuildError::Source);
     }

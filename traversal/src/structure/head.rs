@@ -2,44 +2,44 @@
 
 use super::{Kind, StructureError};
 use crate::layout::{
-    ALIGNMENT, Form, Header, MAGIC, Node, Parts, VERSION, child, leaf_bytes, micromap_part_bytes,
+    ALIGNMENT, Form, GeometryEntry, Header, MAGIC, Node, Parts, VERSION, child, leaf_bytes,
+    micromap_part_bytes,
 };
 
-/// What a header says of where things are.
-#[derive(Clone, Copy)]
-#[repr(transparent)]
-pub(crate) struct Key([u64; 10]);
-
-const _: () = assert!(std::mem::offset_of!(Header, leaves_offset) == 72);
-
-impl Key {
-    pub const NONE: Key = Key([0; 10]);
-}
-
-impl PartialEq for Key {
-    #[inline(always)]
-    fn eq(&self, other: &Key) -> bool {
-        #[cfg(target_arch = "x86_64")]
-        // SAFETY: SSE2 is part of x86-64; five vectors each.
-        unsafe {
-            use std::arch::x86_64::*;
-            let equal = |i: usize| {
-                let load = |key: &Key| _mm_loadu_si128(key.0.as_ptr().add(2 * i).cast());
-                _mm_cmpeq_epi8(load(self), load(other))
-            };
-            let most = _mm_and_si128(_mm_and_si128(equal(0), equal(1)), equal(2));
-            let rest = _mm_and_si128(equal(3), equal(4));
-            _mm_movemask_epi8(_mm_and_si128(most, rest)) == 0xFFFF
-        }
-        #[cfg(not(target_arch = "x86_64"))]
-        {
-            self.0 == other.0
-        }
+/// Whether the header at `base` says of a structure's use what a copy of it says; of its bounds, which no walk looks at, it may say
+/// something else.
+///
+/// # Safety
+/// A header is readable there, and aligned.
+#[inline(always)]
+pub(super) unsafe fn is_still(base: *const u8, header: &Header) -> bool {
+    let copy = std::ptr::from_ref(header).cast::<u8>();
+    #[cfg(target_arch = "x86_64")]
+    // SAFETY: SSE2 is part of x86-64; all vectors are inside the header, which is aligned.
+    unsafe {
+        use std::arch::x86_64::*;
+        let equal = |i: usize| {
+            let load = |start: *const u8| _mm_load_si128(start.cast::<__m128i>().add(i));
+            _mm_cmpeq_epi8(load(base), load(copy))
+        };
+        let first = _mm_and_si128(_mm_and_si128(equal(0), equal(1)), equal(2));
+        let second = _mm_and_si128(_mm_and_si128(equal(3), equal(4)), equal(5));
+        _mm_movemask_epi8(_mm_and_si128(_mm_and_si128(first, second), equal(7))) == 0xFFFF
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    // SAFETY: as above.
+    unsafe {
+        let words = |start: *const u8| start.cast::<[u64; size_of::<Header>() / 8]>();
+        words(base).read_volatile() == words(copy).read()
     }
 }
 
-/// Checks that a header is one of ours and that its nodes and leaves are inside its size: what
-/// reading them relies on.
+// What is not compared.
+const _: () = assert!(
+    std::mem::offset_of!(Header, bounds) <= 96 && std::mem::offset_of!(Header, origin_error) == 112
+);
+
+/// Checks that a header is one of ours and that all parts are inside its size: what reading them relies on.
 #[inline(always)]
 pub(super) fn check_header(header: &Header) -> Result<(Kind, Form), StructureError> {
     if header.magic != MAGIC || header.version != VERSION {
@@ -56,15 +56,16 @@ pub(super) fn check_header(header: &Header) -> Result<(Kind, Form), StructureErr
         kind if kind.is_top() => header.leaf_count,
         _ => 0,
     };
-    if inside(
-        header.nodes_offset,
-        header.node_count,
-        size_of::<Node>() as u64,
-    ) && inside(
-        header.leaves_offset,
-        header.leaf_count,
-        leaf_bytes(kind, form),
-    ) && inside(header.references_offset, references, 8)
+    let (nodes, leaves) = (header.nodes_offset, header.leaves_offset);
+    if inside(nodes, header.node_count, size_of::<Node>() as u64)
+        && inside(leaves, header.leaf_count, leaf_bytes(kind, form))
+        && inside(header.references_offset, references, 8)
+        && inside(
+            header.geometries_offset,
+            header.geometry_count,
+            size_of::<GeometryEntry>() as u64,
+        )
+        && header.micromap_bytes <= header.size_bytes
     {
         Ok((kind, form))
     } else {

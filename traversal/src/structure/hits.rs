@@ -2,20 +2,20 @@
 
 use super::{Kind, Structure};
 use crate::layout::{Form, GROUP, LEAF_TRIANGLES, geometry_word};
+use crate::live::Live;
 use crate::motion::triangle_at;
 use crate::ray::Hit;
 
 impl Structure {
     /// The object-space positions of a hit triangle's vertices, in order, after the geometry's
-    /// transform. `self` is the top level; zeros for what is no triangle.
-    pub fn triangle_vertices(&self, hit: &Hit) -> [[f32; 3]; 3] {
-        self.triangle_vertices_at(hit, 0.0)
+    /// transform. `self` is the top level, and the bottom level lies in `live`; zeros for what is no triangle.
+    pub fn triangle_vertices(&self, hit: &Hit, live: &Live) -> [[f32; 3]; 3] {
+        self.triangle_vertices_at(hit, 0.0, live)
     }
 
     /// As [`Self::triangle_vertices`], at a time in [0, 1].
-    pub fn triangle_vertices_at(&self, hit: &Hit, time: f32) -> [[f32; 3]; 3] {
-        // SAFETY: bottom levels of a structure in use are alive, by the contract of `at`.
-        let Some(bottom) = (unsafe { Structure::at(self.reference(hit.instance_index)) }) else {
+    pub fn triangle_vertices_at(&self, hit: &Hit, time: f32, live: &Live) -> [[f32; 3]; 3] {
+        let Some(bottom) = self.bottom_level(hit, live) else {
             return [[0.0; 3]; 3];
         };
         let slot = bottom.slot_of(hit);
@@ -29,6 +29,11 @@ impl Structure {
                 .map(|block| block.triangle(slot as usize % LEAF_TRIANGLES)),
         }
         .unwrap_or_default()
+    }
+
+    fn bottom_level(&self, hit: &Hit, live: &Live) -> Option<Structure> {
+        // SAFETY: the contract of `at`, by which `self` was found.
+        unsafe { Structure::at(self.reference(hit.instance_index), live) }
     }
 
     /// Where a hit's primitive lies in this bottom level. A hit that no walk found does not know; then it is looked for.
@@ -81,11 +86,9 @@ impl Structure {
     }
 
     /// The object-space ends of a hit sphere or linear swept sphere, and their radii. `self` is the top level; zeros for what is none.
-    pub fn swept_ends(&self, hit: &Hit) -> ([[f32; 3]; 2], [f32; 2]) {
-        // SAFETY: bottom levels of a structure in use are alive, by the contract of `at`.
-        let bottom = unsafe { Structure::at(self.reference(hit.instance_index)) };
-        bottom
-            .and_then(|bottom| bottom.swept_entry(bottom.slot_of(hit)).copied())
+    pub fn swept_ends(&self, hit: &Hit, live: &Live) -> ([[f32; 3]; 2], [f32; 2]) {
+        self.bottom_level(hit, live)
+            .and_then(|bottom| bottom.swept_entry(bottom.slot_of(hit)))
             .map_or_else(Default::default, |entry| (entry.positions, entry.radii))
     }
 }

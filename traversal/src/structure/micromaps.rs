@@ -1,7 +1,8 @@
 //! Where a structure's triangles find their opacity.
 
 use super::{Structure, StructureError};
-use crate::layout::{ALIGNMENT, micromap_part_bytes, micromap_reference};
+use crate::layout::{ALIGNMENT, Header, micromap_part_bytes, micromap_reference};
+use crate::live::Live;
 use crate::micromap::{Opacity, opacity_of_word, validate_micromap};
 
 impl Structure {
@@ -14,17 +15,18 @@ impl Structure {
         geometry: u32,
         primitive: u32,
         barycentrics: [f32; 2],
+        live: &Live,
     ) -> Opacity {
         self.micromap_word(geometry, primitive)
             .map_or(Opacity::UnknownOpaque, |(address, word)| {
-                // SAFETY: micromaps of a structure in use are alive, by the contract of `at`.
-                unsafe { opacity_of_word(address, word, barycentrics) }
+                // SAFETY: the contract of `at`.
+                unsafe { opacity_of_word(address, word, barycentrics, live) }
             })
     }
 
     /// The address of a geometry's micromap, wherever it lies; 0 where there is none.
     pub(crate) fn micromap_address(&self, geometry: u32) -> Option<u64> {
-        if geometry >= self.header().geometry_count {
+        if geometry >= self.geometry_count {
             return None;
         }
         let (part, bytes) = self.micromap_part()?;
@@ -44,11 +46,6 @@ impl Structure {
         start..start.saturating_add(self.size_bytes())
     }
 
-    /// Bytes of the part, micromaps of its own included; 0 without.
-    pub(crate) fn micromap_bytes(&self) -> u64 {
-        self.micromap_part().map_or(0, |(_, bytes)| bytes)
-    }
-
     /// Where a geometry's micromap lies, and a triangle's word.
     fn micromap_word(&self, geometry: u32, primitive: u32) -> Option<(u64, u32)> {
         let entry = self.geometry(geometry)?;
@@ -56,7 +53,7 @@ impl Structure {
             return None;
         }
         let index = entry.first_primitive.checked_add(primitive.into())?;
-        let words = 8 * u64::from(self.header().geometry_count);
+        let words = 8 * u64::from(self.geometry_count);
         let place = words.checked_add(index.checked_mul(4)?)?;
         // SAFETY: words are four bytes.
         let word: u32 = unsafe { self.read_part(place) }?;
@@ -65,9 +62,8 @@ impl Structure {
 
     /// The part's start and its length; `None` without.
     fn micromap_part(&self) -> Option<(*const u8, u64)> {
-        let header = self.header();
-        let bytes = header.micromap_bytes;
-        let start = header.size_bytes.checked_sub(bytes)?;
+        let bytes = self.micromap_bytes;
+        let start = self.size_bytes.checked_sub(bytes)?;
         (bytes > 0).then(|| (self.base.wrapping_add(start as usize), bytes))
     }
 
@@ -84,8 +80,11 @@ impl Structure {
 }
 
 /// Checks the micromaps that a structure holds itself.
-pub(super) fn check(structure: &Structure, blob: &[u8]) -> Result<(), StructureError> {
-    let header = structure.header();
+pub(super) fn check(
+    structure: &Structure,
+    header: &Header,
+    blob: &[u8],
+) -> Result<(), StructureError> {
     let bytes = structure.micromap_bytes();
     if bytes == 0 {
         return Ok(());

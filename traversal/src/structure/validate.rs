@@ -12,12 +12,12 @@ use crate::layout::{Form, MAX_DEPTH, WIDTH, child, geometry_word};
 /// # Errors
 /// What is wrong first.
 pub fn validate(blob: &[u8]) -> Result<(), StructureError> {
-    let structure = Structure::of(blob)?;
+    let (structure, header) = Structure::of(blob)?;
     let check = |good: bool| good.then_some(()).ok_or(StructureError::Corrupt);
-    check(structure.header().depth <= MAX_DEPTH)?;
+    check(structure.depth <= MAX_DEPTH)?;
     let nodes = structure.node_count();
     check(check_subtree(&structure, 0, nodes, 0) || check_range(&structure, 0, nodes, 0))?;
-    micromaps::check(&structure, blob)
+    micromaps::check(&structure, &header, blob)
 }
 
 /// Subtrees of fewer nodes are one task.
@@ -34,7 +34,7 @@ fn check_subtree(structure: &Structure, start: u32, end: u32, depth: u32) -> boo
     };
     let mut parts = [(0, 0); WIDTH];
     let (mut length, mut next) = (0, start + 1);
-    for &word in &node.children {
+    for word in node.children() {
         if word == child::NONE {
             continue;
         } else if word & child::LEAF != 0 {
@@ -78,7 +78,7 @@ fn check_range(structure: &Structure, start: u32, end: u32, depth: u32) -> bool 
             return false;
         }
         budget -= 1;
-        for &word in &node.children {
+        for word in node.children() {
             if word == child::NONE {
                 continue;
             } else if word & child::LEAF != 0 {

@@ -15,7 +15,7 @@ use super::rows::Lanes;
 use super::sight::LaneOf;
 use super::space::Space;
 use super::walker::Entry;
-use crate::layout::{Block, GROUP, MARGIN_RISE, Node, TriangleGroup, WIDTH};
+use crate::layout::{Block, GROUP, MARGIN_RISE, NodeAt, TriangleGroup, WIDTH};
 
 /// Eight boxes or four triangles in one vector. `WIDE`: with AVX-512.
 pub(crate) struct Avx<const WIDE: bool>;
@@ -100,13 +100,13 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
     #[inline(always)]
     unsafe fn test_node(
         ray: &AvxBoxes,
-        node: &Node,
+        node: NodeAt<'_>,
         t_far: f32,
         near_out: &mut [f32; WIDTH],
     ) -> u32 {
         // SAFETY: the caller promises AVX; nodes are aligned, and rows are below six.
         unsafe {
-            let base = node.bounds.as_ptr().cast::<u8>();
+            let base = node.bounds();
             // Operand order decides what NaN does: see `space::max`.
             let (x_near, x_far) = planes(ray, base, 0);
             let (y_near, y_far) = planes(ray, base, 1);
@@ -191,10 +191,10 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
     }
 
     #[inline(always)]
-    unsafe fn meet(beam: &AvxBeam, node: &Node) -> (u32, __m256i) {
+    unsafe fn meet(beam: &AvxBeam, node: NodeAt<'_>) -> (u32, __m256i) {
         // SAFETY: the caller promises AVX; nodes are aligned, and rows are below six.
         unsafe {
-            let base = node.bounds.as_ptr().cast::<u8>();
+            let base = node.bounds();
             // As integers, which are faster: from 0 on the order is that of numbers, and what is negative, NaN with it (0 · ∞
             // has its sign), is below `t_min` and any near plane.
             let (x_near, x_far) = beam_planes(beam, base, 0);
@@ -222,14 +222,14 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
     unsafe fn push<const ANY: bool>(
         near: __m256i,
         mask: u32,
-        children: &[u32; WIDTH],
+        node: NodeAt<'_>,
         place: *mut Entry,
     ) -> (u32, usize) {
         let mut nears = Nears([0.0; WIDTH]);
         // SAFETY: the caller's promise.
         unsafe {
             _mm256_store_si256(nears.0.as_mut_ptr().cast(), near);
-            push_children::<ANY>(mask, children, &nears.0, place)
+            push_children::<ANY>(mask, node, &nears.0, place)
         }
     }
 

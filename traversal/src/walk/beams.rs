@@ -177,7 +177,7 @@ impl Beams {
     pub fn set_up(&mut self, given: &Given, record: &InstanceRecord) -> u32 {
         self.space_origin = given.origin;
         self.space_direction = given.direction;
-        if record.state & instance_state::IDENTITY == 0 {
+        if record.words.state & instance_state::IDENTITY == 0 {
             self.turn(record);
         }
         self.derive(given)

@@ -7,7 +7,7 @@ use super::opaque::{End, LARGE, Nearest, Opaque, Pending};
 use super::options::Specialisation;
 use super::walker::{Entry, STACK};
 use super::{Event, Walk, Walker};
-use crate::layout::{Node, WIDTH, child};
+use crate::layout::{NodeAt, WIDTH, child};
 use crate::structure::{Kind, Structure};
 
 /// Where children are entered; aligned, so that one vector's store meets no line's end.
@@ -93,7 +93,6 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
     let event = 'level: loop {
         let level: &Level = if in_bottom { bottom } else { top };
         let space = &level.space;
-        let nodes = level.structure.nodes();
         let node_count = level.structure.node_count();
         let fetch_ahead = node_count > LARGE && !without.contains(Specialisation::Prefetch);
         let is_triangles = level.structure.kind() == Kind::Triangles;
@@ -169,8 +168,8 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                 if word >= node_count {
                     break;
                 }
-                // SAFETY: below the count, so inside the part; parts are aligned.
-                let node = unsafe { &*nodes.add(word as usize) };
+                // SAFETY: below the count.
+                let node = unsafe { level.structure.node_at(word) };
                 if length > STACK - WIDTH {
                     // Deeper than any structure that was built: corrupt.
                     continue 'next;
@@ -188,7 +187,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                 unsafe {
                     let place = stack.as_mut_ptr().add(length);
                     let pushed;
-                    (word, pushed) = push_children::<ANY>(mask, &node.children, &near.0, place);
+                    (word, pushed) = push_children::<ANY>(mask, node, &near.0, place);
                     length += pushed;
                 }
             }
@@ -250,21 +249,20 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
 /// The instance of a top level that has but one.
 #[inline(always)]
 pub(crate) fn only_instance(top: &Level) -> Option<u32> {
-    let children = &top.structure.node(0)?.children;
-    let one = children[1] == child::NONE && children[0] & child::LEAF != 0;
-    (one && children[0] != child::NONE && top.structure.node_count() == 1)
-        .then_some(children[0] & child::INDEX)
+    let [first, second, ..] = top.structure.node(0)?.children();
+    let one = second == child::NONE && first & child::LEAF != 0;
+    (one && first != child::NONE && top.structure.node_count() == 1).then_some(first & child::INDEX)
 }
 
 /// Asks for the memory of the children in `mask`.
 #[inline(always)]
-pub(super) fn fetch(mask: u32, node: &Node, structure: &Structure) {
+pub(super) fn fetch(mask: u32, node: NodeAt<'_>, structure: &Structure) {
     #[cfg(target_arch = "x86_64")]
     {
         use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
         let mut rest = mask;
         while rest != 0 {
-            let word = node.children[rest.trailing_zeros() as usize & (WIDTH - 1)];
+            let word = node.child(rest.trailing_zeros() as usize);
             rest &= rest - 1;
             let address = structure.child_address(word);
             for line in 0..4 {
@@ -277,7 +275,7 @@ pub(super) fn fetch(mask: u32, node: &Node, structure: &Structure) {
     let _ = (mask, node, structure);
 }
 
-/// Puts the children in `mask` down from `places` on, farthest first, but for the nearest. Returns that one's word, and how
+/// Puts the children of a node in `mask` down from `places` on, farthest first, but for the nearest. Returns that one's word, and how
 /// many were put down. With `ANY`, the last one is taken for the nearest: an order that does not depend on the ray.
 ///
 /// # Safety
@@ -285,11 +283,11 @@ pub(super) fn fetch(mask: u32, node: &Node, structure: &Structure) {
 #[inline(always)]
 pub(super) unsafe fn push_children<const ANY: bool>(
     mask: u32,
-    children: &[u32; WIDTH],
+    node: NodeAt<'_>,
     near: &[f32; WIDTH],
     places: *mut Entry,
 ) -> (u32, usize) {
-    let first = entry(children, near, mask);
+    let first = entry(node, near, mask);
     let mut rest = mask & (mask - 1);
     if rest == 0 {
         return (first.word(), 0);
@@ -300,19 +298,19 @@ pub(super) unsafe fn push_children<const ANY: bool>(
             // SAFETY: the caller's promise; `pushed` is below eight.
             unsafe { places.add(pushed).write(last) };
             pushed += 1;
-            last = entry(children, near, rest);
+            last = entry(node, near, rest);
             rest &= rest - 1;
         }
         return (last.word(), pushed);
     }
     let mut pushed = 1;
-    let second = entry(children, near, rest);
+    let second = entry(node, near, rest);
     rest &= rest - 1;
     let (mut nearest, farther) = first.ordered(second);
     // SAFETY: as above.
     unsafe { places.write(farther) };
     while rest != 0 {
-        let next = entry(children, near, rest);
+        let next = entry(node, near, rest);
         rest &= rest - 1;
         let mut place = pushed;
         pushed += 1;
@@ -332,7 +330,7 @@ pub(super) unsafe fn push_children<const ANY: bool>(
 
 /// The entry of the first child in a mask.
 #[inline(always)]
-fn entry(children: &[u32; WIDTH], near: &[f32; WIDTH], mask: u32) -> Entry {
+fn entry(node: NodeAt<'_>, near: &[f32; WIDTH], mask: u32) -> Entry {
     let lane = mask.trailing_zeros() as usize & (WIDTH - 1);
-    Entry::new(children[lane], near[lane])
+    Entry::new(node.child(lane), near[lane])
 }

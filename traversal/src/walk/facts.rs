@@ -1,6 +1,6 @@
 //! What an instance's record and the ray's flags say about candidates.
 
-use crate::layout::{InstanceRecord, features, geometry_word, instance_flags};
+use crate::layout::{InstanceWords, features, geometry_word, instance_flags};
 use crate::micromap::Opacity;
 use crate::ray::{
     HIT_KIND_BACK_FACING_TRIANGLE, HIT_KIND_FRONT_FACING_TRIANGLE, Hit, Ray, ray_flags,
@@ -52,14 +52,14 @@ impl InstanceFacts {
     };
 
     #[inline(always)]
-    pub fn new(index: u32, record: &InstanceRecord, ray: &Ray) -> InstanceFacts {
-        let flags = record.sbt_offset_and_flags >> 24;
+    pub fn new(index: u32, words: &InstanceWords, ray: &Ray) -> InstanceFacts {
+        let flags = words.sbt_offset_and_flags >> 24;
         let by_ray = ray.flags & (ray_flags::OPAQUE | ray_flags::NO_OPAQUE);
         let by_instance = flags / instance_flags::FORCE_OPAQUE & 3;
         InstanceFacts {
             index,
-            custom_index: record.custom_index_and_mask & 0xFF_FFFF,
-            sbt_offset: record.sbt_offset_and_flags & 0xFF_FFFF,
+            custom_index: words.custom_index_and_mask & 0xFF_FFFF,
+            sbt_offset: words.sbt_offset_and_flags & 0xFF_FFFF,
             flags,
             ray_flags: ray.flags,
             opaque: FORCED[by_ray as usize][by_instance as usize],
@@ -72,8 +72,7 @@ impl InstanceFacts {
     /// counts.
     #[inline(always)]
     pub fn admits(&mut self, structure: &Structure) -> bool {
-        let header = structure.header();
-        let has = header.features;
+        let has = structure.features();
         let (opaque, not_opaque) = match self.opaque {
             Some(opaque) => (opaque, !opaque),
             None => (has & features::OPAQUE != 0, has & features::NOT_OPAQUE != 0),
@@ -84,7 +83,7 @@ impl InstanceFacts {
                 | ray_flags::CULL_OPAQUE
                 | ray_flags::CULL_NO_OPAQUE);
         if culls == 0 {
-            self.is_plain = header.micromap_bytes == 0 || self.ignores_micromaps();
+            self.is_plain = structure.micromap_bytes() == 0 || self.ignores_micromaps();
             self.takes_all = !not_opaque && self.is_plain;
             return opaque || not_opaque;
         }

@@ -8,7 +8,7 @@ use super::opaque::{End, Nearest, Opaque, Pending};
 use super::space::{Space, max, min};
 use super::triangle::{Intersection, Rim, intersect};
 use super::walker::Entry;
-use crate::layout::{Block, GROUP, LEAF_TRIANGLES, Node, TriangleGroup, WIDTH};
+use crate::layout::{Block, GROUP, LEAF_TRIANGLES, NodeAt, TriangleGroup, WIDTH};
 
 /// Inner tests with one instruction set.
 ///
@@ -40,8 +40,12 @@ pub(crate) trait Kernel {
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn test_node(ray: &Self::Boxes, node: &Node, t_far: f32, near: &mut [f32; WIDTH])
-    -> u32;
+    unsafe fn test_node(
+        ray: &Self::Boxes,
+        node: NodeAt<'_>,
+        t_far: f32,
+        near: &mut [f32; WIDTH],
+    ) -> u32;
 
     /// Which lanes [`intersect`](super::triangle::intersect) might report in `[t_min, t_far]`:
     /// none of those that it would is missing.
@@ -66,9 +70,9 @@ pub(crate) trait Kernel {
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn meet(beam: &Self::Beam, node: &Node) -> (u32, Self::Near);
+    unsafe fn meet(beam: &Self::Beam, node: NodeAt<'_>) -> (u32, Self::Near);
 
-    /// Puts the children in `mask`, of which there are two or more, down from `place` on, farthest first, but for the
+    /// Puts the children of a node in `mask`, of which there are two or more, down from `place` on, farthest first, but for the
     /// nearest. Returns that one's word, and how many were put down. With `ANY`, in an order that does not depend on the ray.
     ///
     /// # Safety
@@ -76,7 +80,7 @@ pub(crate) trait Kernel {
     unsafe fn push<const ANY: bool>(
         near: Self::Near,
         mask: u32,
-        children: &[u32; WIDTH],
+        node: NodeAt<'_>,
         place: *mut Entry,
     ) -> (u32, usize);
 
@@ -197,13 +201,13 @@ impl Kernel for Portable {
     }
 
     #[inline(always)]
-    unsafe fn test_node(ray: &Space, node: &Node, t_far: f32, near: &mut [f32; WIDTH]) -> u32 {
+    unsafe fn test_node(ray: &Space, node: NodeAt<'_>, t_far: f32, near: &mut [f32; WIDTH]) -> u32 {
         let mut far = [0.0; WIDTH];
         for i in 0..WIDTH {
             let plane = |axis: usize| {
                 let row = ray.near_row(axis);
-                let enter = node.bounds[row][i] - ray.near_origin[axis];
-                let leave = node.bounds[row ^ 1][i] - ray.far_origin[axis];
+                let enter = node.bound(row, i) - ray.near_origin[axis];
+                let leave = node.bound(row ^ 1, i) - ray.far_origin[axis];
                 (
                     enter * ray.near_inverse[axis],
                     leave * ray.far_inverse[axis],
@@ -262,7 +266,7 @@ impl Kernel for Portable {
     }
 
     #[inline(always)]
-    unsafe fn meet(beam: &(Space, f32), node: &Node) -> (u32, [f32; WIDTH]) {
+    unsafe fn meet(beam: &(Space, f32), node: NodeAt<'_>) -> (u32, [f32; WIDTH]) {
         let mut near = [0.0; WIDTH];
         // SAFETY: every machine has plain Rust.
         let mask = unsafe { Portable::test_node(&beam.0, node, beam.1, &mut near) };
@@ -273,11 +277,11 @@ impl Kernel for Portable {
     unsafe fn push<const ANY: bool>(
         near: [f32; WIDTH],
         mask: u32,
-        children: &[u32; WIDTH],
+        node: NodeAt<'_>,
         place: *mut Entry,
     ) -> (u32, usize) {
         // SAFETY: the caller's promise.
-        unsafe { push_children::<ANY>(mask, children, &near, place) }
+        unsafe { push_children::<ANY>(mask, node, &near, place) }
     }
 
     #[inline(always)]

@@ -2,9 +2,10 @@
 
 use super::facts::InstanceFacts;
 use super::space::Space;
-use crate::layout::instance_state;
+use crate::layout::{Header, instance_state};
+use crate::live::{Live, Range};
 use crate::ray::{Ray, ray_flags};
-use crate::structure::{Key, Kind, Structure};
+use crate::structure::{Kind, Structure};
 
 /// What the walk before entered, while nobody can have changed it.
 #[derive(Clone, Copy)]
@@ -46,13 +47,16 @@ impl Entered {
 }
 
 /// A structure and the ray in its space.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub(crate) struct Level {
     pub structure: Structure,
     pub space: Space,
-    /// Where the structure is, and what its header said.
+    /// Where the structure is, and the copy of its header that was checked.
     address: u64,
-    key: Key,
+    header: Header,
+    /// Where structures may be, and the range of the last one.
+    live: Live,
+    range: Range,
 }
 
 impl Level {
@@ -61,34 +65,54 @@ impl Level {
         structure: Structure::NOWHERE,
         space: Space::NOWHERE,
         address: 0,
-        key: Key::NONE,
+        header: Header::NONE,
+        live: Live::EVERYWHERE,
+        range: Range::NONE,
     };
+
+    /// Where structures may be.
+    pub fn live(&self) -> &Live {
+        &self.live
+    }
+
+    /// Sets where structures may be. What was found elsewhere is forgotten.
+    pub fn set_live(&mut self, live: &Live) {
+        if !self.live.is(live) {
+            self.live = live.clone();
+            (self.address, self.range) = (0, Range::NONE);
+        }
+    }
 
     /// Looks at the structure at an address, mostly that of the ray before; false if there is none.
     ///
     /// # Safety
-    /// `address` is 0 or a structure that stays as it is meanwhile.
+    /// The contract of [`Structure::at`].
     #[inline(always)]
     unsafe fn find(&mut self, address: u64) -> bool {
         // It may be another one by now.
-        if address == self.address && address != 0 && *self.structure.key() == self.key {
+        if address == self.address && address != 0 && self.structure.is_still(&self.header) {
             return true;
         }
         self.address = 0;
+        let mut bytes = self.range.bytes_from(address);
+        if bytes == 0 {
+            self.range = self.live.range_of(address);
+            bytes = self.range.bytes_from(address);
+        }
         // SAFETY: the caller's promise.
-        let Some(structure) = (unsafe { Structure::at(address) }) else {
+        let Some((structure, header)) = (unsafe { Structure::inside(address, bytes) }) else {
             return false;
         };
         self.structure = structure;
         self.address = address;
-        self.key = *structure.key();
+        self.header = header;
         true
     }
 
     /// Enters a top level; false if there is nothing to walk.
     ///
     /// # Safety
-    /// `address` is 0 or a structure that stays as it is meanwhile.
+    /// The contract of [`Structure::at`], here and below.
     #[inline(always)]
     pub unsafe fn enter_top(&mut self, address: u64) -> bool {
         // SAFETY: the caller's promise.
@@ -99,7 +123,7 @@ impl Level {
     #[inline(always)]
     pub fn set_up_top(&mut self, ray: &Ray) {
         let reach = ray.origin.iter().fold(0f32, |most, c| most.max(c.abs()));
-        let uncertainty = self.structure.header().origin_error * reach;
+        let uncertainty = self.structure.origin_error() * reach;
         self.space
             .set(ray.origin, ray.direction, ray.t_min, uncertainty);
     }
@@ -107,7 +131,7 @@ impl Level {
     /// Enters the bottom level of an instance of `top`; false if the ray has no business there.
     ///
     /// # Safety
-    /// The references of `top` are 0 or structures that stay as they are meanwhile.
+    /// As for [`Self::enter_top`].
     #[inline(always)]
     pub unsafe fn enter_bottom(
         &mut self,
@@ -134,11 +158,11 @@ impl Level {
         index: u32,
         ray: &Ray,
     ) -> bool {
-        let Some(record) = top.structure.instance(index) else {
+        let Some(words) = top.structure.instance_words(index) else {
             return false;
         };
-        if record.state & instance_state::ACTIVE == 0
-            || record.custom_index_and_mask >> 24 & ray.cull_mask & 0xFF == 0
+        if words.state & instance_state::ACTIVE == 0
+            || words.custom_index_and_mask >> 24 & ray.cull_mask & 0xFF == 0
         {
             return false;
         }
@@ -152,7 +176,7 @@ impl Level {
             Kind::Aabbs => ray_flags::SKIP_AABBS,
             Kind::Instances | Kind::MotionInstances => return false,
         };
-        *facts = InstanceFacts::new(index, record, ray);
+        *facts = InstanceFacts::new(index, &words, ray);
         ray.flags & skip == 0 && facts.admits(&structure)
     }
 
@@ -162,13 +186,13 @@ impl Level {
         let Some(record) = top.structure.instance(index) else {
             return false;
         };
-        if record.state & instance_state::IDENTITY != 0 {
+        if record.words.state & instance_state::IDENTITY != 0 {
             self.space.set(ray.origin, ray.direction, ray.t_min, 0.0);
             return true;
         }
         let moved;
         let (mut to_world, mut to_object) = (&record.object_to_world, &record.world_to_object);
-        if record.state & instance_state::MOVING != 0 {
+        if record.words.state & instance_state::MOVING != 0 {
             match top.structure.transforms(index, time) {
                 Some(found) => moved = found,
                 None => return false,

@@ -262,12 +262,12 @@ impl Turns<'_, '_> {
         };
         if !instance.takes_all
             || bottom.structure.kind() != Kind::Triangles
-            || record.state & instance_state::MOVING != 0
+            || record.words.state & instance_state::MOVING != 0
         {
             return 0;
         }
         let alike = rays.alike(first, self.lanes);
-        let sound = beams.set_up(&Given::new(rays, alike), record) as u16;
+        let sound = beams.set_up(&Given::new(rays, alike), &record) as u16;
         let fetches_ahead =
             bottom.structure.node_count() > LARGE && !without.contains(Specialisation::Prefetch);
         let any = ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;

@@ -24,6 +24,7 @@ pub(crate) fn meet(
         geometry & geometry_word::INDEX,
         primitive,
         found.barycentrics,
+        level.live(),
     );
     if instance.micromap_opacity(opacity)? {
         return Some((true, found));

@@ -55,7 +55,7 @@ impl Opaque<'_> {
         found: &mut GroupHits,
         fuel: &mut u64,
     ) -> End {
-        let (nodes, node_count) = (self.structure.nodes(), self.structure.node_count());
+        let node_count = self.structure.node_count();
         let mut room = None;
         let lane = self.lane % PACKET;
         let t_min = best.t_min;
@@ -103,16 +103,16 @@ impl Opaque<'_> {
                 if word >= node_count {
                     break;
                 }
-                // SAFETY: below the count, so inside the part; parts are aligned. The caller's promise.
+                // SAFETY: below the count, and the caller's promise.
                 let (node, (mask, near)) = unsafe {
-                    let node = &*nodes.add(word as usize);
+                    let node = self.structure.node_at(word);
                     (node, K::meet(&beam, node))
                 };
                 if mask == 0 {
                     continue 'next;
                 }
                 if mask & (mask - 1) == 0 {
-                    word = node.children[mask.trailing_zeros() as usize % WIDTH];
+                    word = node.child(mask.trailing_zeros() as usize);
                     continue;
                 }
                 if top > brim {
@@ -125,7 +125,7 @@ impl Opaque<'_> {
                 // SAFETY: there is room for all children; the caller's promise.
                 unsafe {
                     let pushed;
-                    (word, pushed) = K::push::<ANY>(near, mask, &node.children, top);
+                    (word, pushed) = K::push::<ANY>(near, mask, node, top);
                     top = top.add(pushed);
                 }
             }

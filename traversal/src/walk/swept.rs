@@ -156,7 +156,7 @@ pub(crate) fn test_leaf(
     };
     let [x, y, z, _] = level.space.origin;
     let [dx, dy, dz, _] = level.space.direction;
-    let Some(meeting) = intersect([x, y, z], [dx, dy, dz], entry) else {
+    let Some(meeting) = intersect([x, y, z], [dx, dy, dz], &entry) else {
         return Leaf::Finished;
     };
     let is_sphere = entry.flags & swept_flags::SPHERE != 0;

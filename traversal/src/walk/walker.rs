@@ -12,6 +12,7 @@ use super::packet::PacketSpace;
 use super::stream::Streams;
 use super::{Event, State, Verdict, Walk, descend};
 use crate::layout::{MAX_DEPTH, WIDTH};
+use crate::live::Live;
 use crate::ray::Ray;
 
 /// A child still to be visited: its [`child`] word, and above that the bits of the scaled distance
@@ -151,7 +152,7 @@ impl Walker {
         options.tier.is_available().then(|| {
             Box::new(Walker {
                 stack: [Entry::default(); STACK],
-                top: level,
+                top: level.clone(),
                 bottom: level,
                 instance: InstanceFacts::NONE,
                 hits: GroupHits::NONE,
@@ -162,6 +163,15 @@ impl Walker {
                 options,
             })
         })
+    }
+
+    /// Sets where the structures may lie that walks meet from here on; [`EVERYWHERE`](crate::EVERYWHERE) otherwise.
+    ///
+    /// # Safety
+    /// That memory is there as long as walks go on, until another is set.
+    pub unsafe fn set_live(&mut self, live: &Live) {
+        self.top.set_live(live);
+        self.bottom.set_live(live);
     }
 
     /// What is left out.

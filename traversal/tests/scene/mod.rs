@@ -168,6 +168,7 @@ pub fn build_instances(instances: &[InstanceRecord], flags: u32) -> Bytes {
             array: InstanceArray::Records,
             count: instances.len() as u32,
             flags: GeometryFlags(0),
+            live: &EVERYWHERE,
         }),
     })
 }

@@ -6,39 +6,51 @@ use spirv_jit::program::{AlignedRow, Row};
 use spirv_jit::query::{QueryField, QueryWord, row};
 use traversal::{Hit, HitRows, Ray, RayRows, Structure, Swept, Walk};
 
+use super::super::Limits;
 use super::super::hit_object::primitive_of;
 use super::super::rays::to_object;
 use super::super::subgroup::{copy_lanes, lanes_of};
 use super::Object;
 
 /// Writes what getters read of the candidate at which a walk stands.
-pub(super) fn describe_candidate(walk: &Walk, query: &mut Object<'_>, words: &[QueryWord]) {
+pub(super) fn describe_candidate(
+    walk: &Walk,
+    query: &mut Object<'_>,
+    words: &[QueryWord],
+    limits: &Limits,
+) {
     let (words, _) = split(words);
     let hit = walk.candidate();
-    describe(walk, hit, u32::from(!hit.is_built_in()), query, 0, words);
+    let ty = u32::from(!hit.is_built_in());
+    describe(walk, (hit, ty), query, 0, words, limits);
 }
 
 /// Writes what getters read of a walk's committed hit, if there is one.
-pub(super) fn describe_committed(walk: &Walk, query: &mut Object<'_>, words: &[QueryWord]) {
+pub(super) fn describe_committed(
+    walk: &Walk,
+    query: &mut Object<'_>,
+    words: &[QueryWord],
+    limits: &Limits,
+) {
     let (before, words) = split(words);
     if let Some(hit) = walk.committed() {
         let ty = type_of(hit.is_built_in());
-        describe(walk, hit, ty, query, before.len(), words);
+        describe(walk, (hit, ty), query, before.len(), words, limits);
     }
 }
 
 fn describe(
     walk: &Walk,
-    hit: &Hit,
-    ty: u32,
+    (hit, ty): (&Hit, u32),
     query: &mut Object<'_>,
     first: usize,
     words: &[QueryWord],
+    limits: &Limits,
 ) {
     if words.is_empty() {
         return;
     }
-    let facts = Facts::new(walk.ray(), walk.top_level(), hit, ty);
+    let facts = Facts::new(walk.ray(), walk.top_level(), (hit, ty), limits);
     for (index, word) in words.iter().enumerate() {
         query.set(row::WORDS + first + index, facts.word(*word));
     }
@@ -67,6 +79,7 @@ pub(super) fn describe_rows(
     lanes: u16,
     object: &mut [AlignedRow],
     words: &[QueryWord],
+    limits: &Limits,
 ) {
     let lanes = lanes & hits.found;
     let (candidate, committed) = split(words);
@@ -86,7 +99,8 @@ pub(super) fn describe_rows(
     }
     for lane in lanes_of(lanes) {
         let (ray, hit) = (rays.ray(lane), hits.hit(lane));
-        let facts = Facts::new(&ray, rays.top_level[lane], &hit, type_of(hit.is_built_in()));
+        let hit = (&hit, type_of(hit.is_built_in()));
+        let facts = Facts::new(&ray, rays.top_level[lane], hit, limits);
         for (to, word) in rows.iter_mut().zip(committed) {
             if row_of(hits, *word).is_none() {
                 to.0[lane] = facts.word(*word);
@@ -119,6 +133,7 @@ struct Facts<'a> {
     /// `OpRayQueryGetIntersectionTypeKHR`.
     ty: u32,
     structure: Option<Structure>,
+    limits: &'a Limits,
     object_to_world: OnceCell<[f32; 12]>,
     world_to_object: OnceCell<[f32; 12]>,
     vertices: OnceCell<[[f32; 3]; 3]>,
@@ -127,13 +142,13 @@ struct Facts<'a> {
 
 impl<'a> Facts<'a> {
     /// `structure`: the address of the top level.
-    fn new(ray: &'a Ray, structure: u64, hit: &'a Hit, ty: u32) -> Self {
+    fn new(ray: &'a Ray, structure: u64, (hit, ty): (&'a Hit, u32), limits: &'a Limits) -> Self {
         Self {
             ray,
             hit,
             ty,
-            // SAFETY: as for the walk: the structure is built and bound until the dispatch is complete.
-            structure: unsafe { Structure::at(structure) },
+            structure: limits.structure(structure),
+            limits,
             object_to_world: OnceCell::new(),
             world_to_object: OnceCell::new(),
             vertices: OnceCell::new(),
@@ -179,7 +194,9 @@ impl<'a> Facts<'a> {
             QueryField::TriangleVertexPositions => {
                 let vertices = self.vertices.get_or_init(|| {
                     let structure = self.structure.as_ref();
-                    structure.map_or_else(Default::default, |s| s.triangle_vertices(hit))
+                    structure.map_or_else(Default::default, |s| {
+                        s.triangle_vertices(hit, &self.limits.live)
+                    })
                 });
                 vertices[component / 3][component % 3].to_bits()
             }
@@ -190,7 +207,9 @@ impl<'a> Facts<'a> {
     fn ends(&self) -> &([[f32; 3]; 2], [f32; 2]) {
         self.ends.get_or_init(|| {
             let structure = self.structure.as_ref();
-            structure.map_or_else(Default::default, |s| s.swept_ends(self.hit))
+            structure.map_or_else(Default::default, |s| {
+                s.swept_ends(self.hit, &self.limits.live)
+            })
         })
     }
 

@@ -12,7 +12,7 @@ use spirv_jit::Program;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::AlignedRow;
 use spirv_jit::query::{row, state};
-use traversal::{Event, HitRows, RayRows, Structure, Verdict, Walk, Walker, ray_flags};
+use traversal::{Event, HitRows, RayRows, Verdict, Walk, Walker, ray_flags};
 
 use super::subgroup::lanes_of;
 use crate::wave::{Limits, Stopped};
@@ -62,6 +62,8 @@ impl Queries {
         owned: &mut Owned,
         limits: &Limits,
     ) -> Result<(), Stopped> {
+        // SAFETY: the memory is there until the dispatch is complete, and no walk goes on after it.
+        unsafe { walker.set_live(&limits.live) };
         let io = program.layout().io;
         let mask = program.event_mask(rows);
         let first = rows[io].0;
@@ -126,7 +128,7 @@ impl Queries {
             self.arena.remove(handle, context.owned);
             object[row::STATE].0[lane] = state::OVER;
         }
-        self.load(object, lanes, context.limits);
+        self.load(object, lanes);
         if context.limits.queried.is_some() {
             self.check(context, object, lanes);
         }
@@ -146,8 +148,7 @@ impl Queries {
         let words = context.program.query_words();
         // Together, rays that their first hit ends may find another one: nothing is to show which.
         let in_turn = shows_committed(words) && ends_with_first_hit(rays, lanes);
-        // SAFETY: the application keeps the structures that its queries may reach built and bound until the dispatch is
-        // complete (VUID-RuntimeSpirv-OpRayQueryInitializeKHR and the build commands' rules).
+        // SAFETY: the memory where the walker looks is there until the dispatch is complete.
         unsafe {
             match in_turn {
                 true => walker.trace_in_turn(rays, lanes, hits, &mut { FUEL }, &mut keep),
@@ -156,7 +157,8 @@ impl Queries {
         }
         result?;
         let suspended = (events.iter()).fold(0, |suspended, event| suspended | 1 << event.0);
-        describe_rows(rays, hits, lanes & !suspended, object, words);
+        let done = lanes & !suspended;
+        describe_rows(rays, hits, done, object, words, context.limits);
         let mut stand = 0;
         for (lane, handle, event) in events {
             let mut query = Object { rows: object, lane };
@@ -167,7 +169,7 @@ impl Queries {
     }
 
     /// Reads the rays of queries.
-    fn load(&mut self, object: &[AlignedRow], lanes: u16, limits: &Limits) {
+    fn load(&mut self, object: &[AlignedRow], lanes: u16) {
         let rays = &mut self.rays;
         let floats = |row: usize| object[row].0.map(f32::from_bits);
         for axis in 0..3 {
@@ -179,8 +181,7 @@ impl Queries {
         rays.flags = object[row::FLAGS].0;
         rays.cull_mask = object[row::CULL_MASK].0;
         for lane in lanes_of(lanes) {
-            // An address that leads nowhere is none.
-            rays.top_level[lane] = limits.structure(structure_in(object, lane));
+            rays.top_level[lane] = structure_in(object, lane);
         }
     }
 
@@ -190,8 +191,7 @@ impl Queries {
             return;
         };
         for lane in lanes_of(lanes) {
-            // SAFETY: as for the walk.
-            let structure = unsafe { Structure::at(self.rays.top_level[lane]) };
+            let structure = context.limits.structure(self.rays.top_level[lane]);
             let kind = structure.map(|structure| structure.kind());
             let named = structure_in(object, lane);
             queried.ray(context.program.number(), &self.rays.ray(lane), named, kind);
@@ -241,9 +241,9 @@ impl Queries {
             event = walk.resume(context.walker, Verdict::Continue, &mut { FUEL });
         }
         let words = context.program.query_words();
-        describe_committed(walk, query, words);
+        describe_committed(walk, query, words, context.limits);
         if event != Event::Done {
-            describe_candidate(walk, query, words);
+            describe_candidate(walk, query, words, context.limits);
             query.set(row::STATE, state::CANDIDATE);
             return Ok(true);
         }

@@ -134,7 +134,7 @@ impl Packet<'_> {
             _ => return Entering::Unusual,
         };
         // SAFETY: the caller's promise.
-        if !unsafe { K::set_up_instance(rays, &self.given, record, lanes) } {
+        if !unsafe { K::set_up_instance(rays, &self.given, &record, lanes) } {
             return Entering::Apart;
         }
         self.found.instance = index;

@@ -3,7 +3,7 @@
 use super::candidates;
 use super::rays::Rays;
 use super::{Packet, Stack};
-use crate::layout::{InstanceRecord, Node, TriangleGroup, WIDTH};
+use crate::layout::{InstanceRecord, NodeAt, TriangleGroup, WIDTH};
 use crate::structure::Structure;
 use crate::walk::Walker;
 use crate::walk::beams::Given;
@@ -59,7 +59,12 @@ pub(super) trait PacketKernel: Sized {
     ///
     /// # Safety
     /// As above.
-    unsafe fn test_interval(rays: &Rays, node: &Node, t_far: f32, near: &mut [f32; WIDTH]) -> u32;
+    unsafe fn test_interval(
+        rays: &Rays,
+        node: NodeAt<'_>,
+        t_far: f32,
+        near: &mut [f32; WIDTH],
+    ) -> u32;
 
     /// Which triangles' boxes any of the rays might meet, of two groups (or one twice).
     ///
@@ -71,7 +76,7 @@ pub(super) trait PacketKernel: Sized {
     ///
     /// # Safety
     /// As above.
-    unsafe fn test_box(rays: &Rays, node: &Node, child: usize, t_far: Self::Row) -> u16;
+    unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: Self::Row) -> u16;
 
     /// Tests the opaque triangles of a leaf, a word and the rays that come there.
     ///
@@ -295,7 +300,7 @@ mod wide {
         #[inline(always)]
         unsafe fn test_interval(
             rays: &Rays,
-            node: &Node,
+            node: NodeAt<'_>,
             t_far: f32,
             near: &mut [f32; WIDTH],
         ) -> u32 {
@@ -310,7 +315,7 @@ mod wide {
         }
 
         #[inline(always)]
-        unsafe fn test_box(rays: &Rays, node: &Node, child: usize, t_far: __m512) -> u16 {
+        unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: __m512) -> u16 {
             // SAFETY: as above.
             unsafe { rays.test_box(node, child, t_far) }
         }

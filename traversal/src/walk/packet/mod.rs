@@ -239,7 +239,7 @@ unsafe fn set_out<K: PacketKernel>(
     };
     let only = descend::only_instance(&walker.top).map(|index| (index, lanes));
     if only.is_none() {
-        let (ways, origin_error) = (&mut walker.packet.ways, structure.header().origin_error);
+        let (ways, origin_error) = (&mut walker.packet.ways, structure.origin_error());
         // SAFETY: as above.
         if !unsafe { K::set_up_top(ways, &packet.given, origin_error, lanes) } {
             return Progress::Apart;
@@ -277,7 +277,7 @@ unsafe fn go_on<K: PacketKernel>(
         return packet.finish(hits, &walker.top);
     }
     if descend::only_instance(&walker.top).is_none() {
-        let origin_error = walker.top.structure.header().origin_error;
+        let origin_error = walker.top.structure.origin_error();
         // SAFETY: as above.
         unsafe {
             K::set_up_top(
@@ -398,7 +398,7 @@ impl Packet<'_> {
                 if mask == 0 {
                     continue;
                 }
-                let entry = Entry::new(node.children[child], near[child]);
+                let entry = Entry::new(node.child(child), near[child]);
                 // The nearest goes last.
                 let mut place = *length;
                 while place > base && entries[place - 1] < entry {
@@ -414,7 +414,8 @@ impl Packet<'_> {
         None
     }
 
-    /// Takes each ray of `lanes` through an instance of a top level of several; false if a walk has a question.
+    /// Takes each ray of `lanes` through an instance of a top level of several; false if a walk has a question or does not
+    /// end.
     #[cold]
     fn go_singly(&mut self, walker: &mut Walker, index: u32, lanes: u16) -> bool {
         let mut walk = Walk::OVER;
@@ -428,7 +429,9 @@ impl Packet<'_> {
             let before = (walk.has_hit, walk.hit);
             (walk.state, walk.instance) = (State::OutOfFuel, index);
             walk.pending.push(Entry::ROOT);
-            if walk.resume(walker, Verdict::Continue, &mut { u64::MAX }) != Event::Done {
+            // A corrupt structure may lead in circles: then the walk that starts anew runs out of its fuel.
+            let mut fuel = PATIENCE.into();
+            if walk.resume(walker, Verdict::Continue, &mut fuel) != Event::Done {
                 return false;
             }
             if (walk.has_hit, walk.hit) != before {
@@ -481,9 +484,9 @@ impl Packet<'_> {
             return None;
         }
         let index = self.found.instances[lane];
-        let record = top.structure.instance(index)?;
+        let words = top.structure.instance_words(index)?;
         // SAFETY: the contract of `Walk::new`.
-        let structure = unsafe { Structure::at(top.structure.reference(index)) }?;
-        Some((InstanceFacts::new(index, record, &self.first), structure))
+        let structure = unsafe { Structure::at(top.structure.reference(index), top.live()) }?;
+        Some((InstanceFacts::new(index, &words, &self.first), structure))
     }
 }

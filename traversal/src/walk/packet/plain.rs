@@ -5,7 +5,7 @@ use super::kernel::{PacketKernel, compiled};
 use super::rays::{Rays, STEEP};
 use super::{Packet, Stack};
 use crate::layout::{
-    GROUP, InstanceRecord, LEAF_TRIANGLES, Node, TriangleGroup, WIDTH, child, geometry_word,
+    GROUP, InstanceRecord, LEAF_TRIANGLES, NodeAt, TriangleGroup, WIDTH, child, geometry_word,
 };
 use crate::ray::Hit;
 use crate::structure::Structure;
@@ -77,18 +77,19 @@ fn test_planes(
 
 /// A row of a node.
 #[inline(always)]
-fn planes(node: &Node, row: usize) -> &Eight {
-    &node.bounds[row / ROW as usize % 6]
+fn planes(node: NodeAt<'_>, row: usize) -> Eight {
+    // SAFETY: a row of the node.
+    unsafe { node.row(row / ROW as usize).read() }
 }
 
 /// As with AVX-512.
 #[inline(always)]
-fn test_interval(rays: &Rays, node: &Node, t_far: f32) -> (Eight, Eight) {
+fn test_interval(rays: &Rays, node: NodeAt<'_>, t_far: f32) -> (Eight, Eight) {
     let rows = rays.near_rows;
     test_planes(
         rays,
-        rows.map(|row| planes(node, row)),
-        rows.map(|row| planes(node, row ^ ROW as usize)),
+        rows.map(|row| planes(node, row)).each_ref(),
+        (rows.map(|row| planes(node, row ^ ROW as usize))).each_ref(),
         t_far,
     )
 }
@@ -115,12 +116,12 @@ fn test_triangles(rays: &Rays, groups: [&TriangleGroup; 2], t_far: f32) -> (Eigh
 
 /// As with AVX-512.
 #[inline(always)]
-fn test_box(rays: &Rays, node: &Node, child: usize, t_far: &Lanes) -> (Lanes, Lanes) {
+fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: &Lanes) -> (Lanes, Lanes) {
     let (child, beams) = (child % WIDTH, &rays.beams);
     let (mut near, mut far) = (beams.t_min, *t_far);
     for k in 0..3 {
         let row = rays.near_rows[k] / ROW as usize % 6;
-        let (first, last) = (node.bounds[row][child], node.bounds[row ^ 1][child]);
+        let (first, last) = (node.bound(row, child), node.bound(row ^ 1, child));
         for i in 0..PACKET {
             let enter = (beams.origin[k][i] - first) * beams.near_inverse[k][i];
             let leave = (beams.far_origin[k][i] - last) * beams.far_inverse[k][i];
@@ -369,7 +370,7 @@ macro_rules! plain {
             #[inline(always)]
             unsafe fn test_interval(
                 rays: &Rays,
-                node: &Node,
+                node: NodeAt<'_>,
                 t_far: f32,
                 soonest: &mut [f32; WIDTH],
             ) -> u32 {
@@ -393,7 +394,7 @@ macro_rules! plain {
             }
 
             #[inline(always)]
-            unsafe fn test_box(rays: &Rays, node: &Node, child: usize, t_far: Lanes) -> u16 {
+            unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: Lanes) -> u16 {
                 let (near, far) = test_box(rays, node, child, &t_far);
                 // SAFETY: as above.
                 #[allow(unused_unsafe)]

@@ -6,7 +6,7 @@ use std::arch::x86_64::*;
 use super::kernel::PacketKernel;
 use crate::layout::InstanceRecord;
 #[cfg(target_arch = "x86_64")]
-use crate::layout::{Node, TriangleGroup, WIDTH};
+use crate::layout::{NodeAt, TriangleGroup, WIDTH};
 use crate::walk::PACKET;
 #[cfg(target_arch = "x86_64")]
 use crate::walk::beams::AXIS;
@@ -188,16 +188,15 @@ impl Rays {
     /// A row of a node: eight planes.
     #[inline]
     #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    fn planes(node: &Node, row: usize) -> __m256 {
-        let row = row / ROW as usize % 6;
+    fn planes(node: NodeAt<'_>, row: usize) -> __m256 {
         // SAFETY: eight numbers.
-        unsafe { _mm256_loadu_ps(node.bounds[row].as_ptr()) }
+        unsafe { _mm256_loadu_ps(node.row(row / ROW as usize).cast()) }
     }
 
     /// Which children's boxes any of the rays might meet, and where at the soonest.
     #[inline]
     #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    pub fn test_interval(&self, node: &Node, t_far: f32, near: &mut [f32; WIDTH]) -> u32 {
+    pub fn test_interval(&self, node: NodeAt<'_>, t_far: f32, near: &mut [f32; WIDTH]) -> u32 {
         let rows = self.near_rows;
         let far = |k: usize| rows[k] ^ ROW as usize;
         let near_planes = [
@@ -240,15 +239,15 @@ impl Rays {
     /// Which rays meet a child's box before `t_far`.
     #[inline]
     #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    pub fn test_box(&self, node: &Node, child: usize, t_far: __m512) -> u16 {
+    pub fn test_box(&self, node: NodeAt<'_>, child: usize, t_far: __m512) -> u16 {
         let child = child % WIDTH;
         let beams = &self.beams;
         let mut near = load(&beams.t_min);
         let mut far = t_far;
         for k in 0..3 {
             let row = self.near_rows[k] / ROW as usize % 6;
-            let first = _mm512_set1_ps(node.bounds[row][child]);
-            let last = _mm512_set1_ps(node.bounds[row ^ 1][child]);
+            let first = _mm512_set1_ps(node.bound(row, child));
+            let last = _mm512_set1_ps(node.bound(row ^ 1, child));
             let enter = _mm512_mul_ps(
                 _mm512_sub_ps(load(&beams.origin[k]), first),
                 load(&beams.near_inverse[k]),

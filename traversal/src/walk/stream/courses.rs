@@ -279,7 +279,7 @@ unsafe fn run<P: Place, const ANY: bool>(
                 place.go_singly::<ANY>(stream, &list, fuel);
             } else {
                 *fuel = left;
-                let node = &*place.structure().nodes().add(list.word as usize);
+                let node = place.structure().node_at(list.word);
                 meet::<ANY>(stream, course, &list, node);
             }
         }

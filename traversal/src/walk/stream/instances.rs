@@ -55,7 +55,7 @@ impl Place for Top<'_> {
         };
         if !self.instance.takes_all
             || self.bottom.structure.kind() != Kind::Triangles
-            || record.state & instance_state::MOVING != 0
+            || record.words.state & instance_state::MOVING != 0
         {
             return stream.part(list);
         }
@@ -64,7 +64,7 @@ impl Place for Top<'_> {
         let listed = list.first as usize..(list.first + list.count) as usize;
         for offsets in stream.words[listed].chunks(PACKET) {
             let (given, t_far, names) = rays::given(&stream.rays, offsets);
-            let sound = self.beams.set_up(&given, record) as u16;
+            let sound = self.beams.set_up(&given, &record) as u16;
             let mut going = 0;
             for (lane, &offset) in offsets.iter().enumerate() {
                 let ray = &mut stream.rays[rays::index(offset)];

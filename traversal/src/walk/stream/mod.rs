@@ -141,12 +141,12 @@ impl Walker {
             let Some(record) = top.structure.instance(index) else {
                 return 0;
             };
-            let sound = beams.set_up(&given, record) as u16;
+            let sound = beams.set_up(&given, &record) as u16;
             let put = |places: &mut _| rays::put(beams, t_far, &names, places);
             streams.outer.take_up(sound, put, found);
             sound
         } else {
-            let origin_error = top.structure.header().origin_error;
+            let origin_error = top.structure.origin_error();
             let sound = beams.set_up_top(&given, 0.0) as u16;
             let put = |places: &mut _| rays::put_at_top(beams, origin_error, t_far, &names, places);
             streams.outer.take_up(sound, put, found);
@@ -170,8 +170,8 @@ impl Walker {
         admits
             && instance.takes_all
             && bottom.structure.kind() == Kind::Triangles
-            && (top.structure.instance(index))
-                .is_some_and(|record| record.state & instance_state::MOVING == 0)
+            && (top.structure.instance_words(index))
+                .is_some_and(|words| words.state & instance_state::MOVING == 0)
     }
 
     /// [`Walker::trace_enlisted`].
@@ -281,9 +281,9 @@ impl Walker {
             };
             if last.as_ref().is_none_or(|(known, ..)| *known != index) {
                 // SAFETY: the caller's promise.
-                last = (top.structure.instance(index)).and_then(|record| unsafe {
-                    let structure = Structure::at(top.structure.reference(index))?;
-                    let facts = InstanceFacts::new(index, record, &streams.ray);
+                last = (top.structure.instance_words(index)).and_then(|words| unsafe {
+                    let structure = Structure::at(top.structure.reference(index), top.live())?;
+                    let facts = InstanceFacts::new(index, &words, &streams.ray);
                     Some((index, facts, structure))
                 });
             }

@@ -4,7 +4,7 @@ use std::arch::x86_64::*;
 
 use super::courses::{Course, List, Stream};
 use super::rays::StreamRay;
-use crate::layout::{Node, WIDTH};
+use crate::layout::{NodeAt, WIDTH};
 use crate::walk::PACKET;
 
 /// Sorts eight words.
@@ -43,10 +43,10 @@ macro_rules! meets {
 impl Planes {
     #[inline]
     #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    fn new(node: &Node, rows: [usize; 3]) -> Planes {
+    fn new(node: NodeAt<'_>, rows: [usize; 3]) -> Planes {
         let minus = |row: usize| {
             // SAFETY: a row of eight, aligned.
-            let row = unsafe { _mm256_load_ps(node.bounds[row % 6].as_ptr()) };
+            let row = unsafe { _mm256_load_ps(node.row(row).cast()) };
             _mm256_xor_ps(row, _mm256_set1_ps(-0.0))
         };
         Planes {
@@ -85,7 +85,7 @@ pub(super) unsafe fn meet<const ANY: bool>(
     stream: &mut Stream,
     course: &mut Course,
     list: &List,
-    node: &Node,
+    node: NodeAt<'_>,
 ) {
     let rows = [0, 1, 2].map(|axis: usize| 2 * axis + (course.octant >> axis & 1));
     let planes = Planes::new(node, rows);
@@ -182,10 +182,10 @@ pub(super) unsafe fn meet<const ANY: bool>(
             }
             let length = course.lists.len();
             course.lists.as_mut_ptr().add(length).write(List {
-                word: node.children[column],
+                word: node.child(column),
                 first,
                 count: top - first,
-                planes: rows.map(|row| -node.bounds[row % 6][column]),
+                planes: rows.map(|row| -node.bound(row, column)),
             });
             course.lists.set_len(length + 1);
         }

@@ -138,6 +138,7 @@ impl Tuff {
                 array: InstanceArray::Records,
                 count: 1,
                 flags: GeometryFlags(0),
+                live: &traversal::EVERYWHERE,
             }),
         };
         let sizes = build_sizes(Kind::Instances, place.flags, &[1]);
