@@ -122,7 +122,7 @@ fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally)
             if candidate.is_built_in() {
                 assert!(!candidate.opaque && candidate.t < company.t_max()[lane]);
                 if counts(&candidate) {
-                    company.accept(lane, &mut hits);
+                    company.accept(1 << lane, &mut hits);
                 }
             } else if let Some(t) = world.reported(&rays[lane], &candidate)
                 && (rays[lane].t_min..=company.t_max()[lane]).contains(&t)

@@ -1,11 +1,11 @@
 //! What a yield asks for and what an end leaves: traces, calls and reports begin here, and are answered here.
 
 use spirv_jit::SUBGROUP_SIZE;
-use spirv_jit::program::{AlignedRow, IO_DATA_ROW, SiteKind};
+use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row, SiteKind};
 use traversal::{Company, Hit, Verdict, Walk};
 
 use super::batch::{Batch, Worker};
-use super::rays::{RayGroup, Report, alike, hit_record_index, operand};
+use super::rays::{RayGroup, Report, alike, hit_record_index, operand, record_indices};
 use super::slab::Slab;
 use super::subgroup::{
     LaneRef, Role, Subgroup, SubgroupIndex, by_index, copy_lanes, in_place, lanes_named, lanes_of,
@@ -148,6 +148,11 @@ impl Batch<'_> {
         lanes: u16,
         attribute_words: usize,
     ) -> Result<(), Stopped> {
+        let subgroup = &self.worker.subgroups[index];
+        let group = subgroup.of[0].index();
+        if subgroup.is_in_place && self.worker.ray_groups[group].company.is_some() {
+            return self.report_together(index, group, lanes, attribute_words);
+        }
         if let Some(traced) = self.dispatch.checks {
             lanes_of(lanes).for_each(|lane| self.check_report(traced, index, lane));
         }
@@ -226,6 +231,90 @@ impl Batch<'_> {
         Ok(())
     }
 
+    /// The same for rays that walk together and are asked about together: all by one record.
+    fn report_together(
+        &mut self,
+        index: SubgroupIndex,
+        group_index: u32,
+        lanes: u16,
+        attribute_words: usize,
+    ) -> Result<(), Stopped> {
+        if let Some(traced) = self.dispatch.checks {
+            lanes_of(lanes).for_each(|lane| self.check_report(traced, index, lane));
+        }
+        let shaders = self.dispatch.shaders;
+        let Worker {
+            subgroups,
+            ray_groups,
+            companies,
+            records,
+            ..
+        } = &mut *self.worker;
+        let subgroup = &subgroups[index];
+        let io = shaders.programs[subgroup.program as usize].layout().io;
+        let (numbers, words) = subgroup.rows[io..].split_at(IO_DATA_ROW);
+        let (t, kinds) = (numbers[0].0.map(f32::from_bits), &numbers[1].0);
+        let words = &words[..attribute_words];
+        let group = &mut ray_groups[group_index];
+        let Some(company) = group.company.map(|place| &mut companies[place]) else {
+            return Ok(());
+        };
+        let operands = group.operands(subgroups);
+        let (t_min, t_max) = (&operands[operand::T_MIN].0, company.t_max());
+        let (mut counts, mut opaque) = (0, 0);
+        for lane in 0..SUBGROUP_SIZE {
+            // Written so that a NaN is outside.
+            let inside = (t[lane] >= f32::from_bits(t_min[lane])) & (t[lane] <= t_max[lane]);
+            counts |= u16::from(inside) << lane;
+            opaque |= u16::from(company.candidates().is_opaque(lane)) << lane;
+        }
+        counts &= lanes & !group.over;
+        let mut callee = None;
+        if counts & !opaque != 0 {
+            let lane = lanes.trailing_zeros() as usize % SUBGROUP_SIZE;
+            let record = record_indices(company.candidates(), operands)[lane];
+            callee = (records.find(shaders, &self.dispatch.tables.hit, record))
+                .and_then(|(group, record)| Some((group.any_hit?, Role::AnyHitOfReport, record)));
+        }
+        let asked = match callee {
+            Some(_) => counts & !opaque,
+            None => 0,
+        };
+        let committed = counts & !asked;
+        let mut verdict = 1;
+        if committed != 0 {
+            if attribute_words > 0 {
+                let attributes = &mut group.procedural_mut().attributes;
+                for (attribute, row) in attributes.iter_mut().zip(words) {
+                    copy_lanes(attribute, &row.0, committed);
+                }
+            }
+            if company.report_all(committed, &t, kinds, &mut group.hits) {
+                verdict = 2;
+            }
+        }
+        for lane in lanes_of(asked) {
+            let mut report = Report {
+                t: t[lane],
+                hit_kind: kinds[lane] as u8,
+                reporter: LaneRef::new(index, lane),
+                ..Report::default()
+            };
+            for (attribute, row) in report.attributes.iter_mut().zip(words) {
+                *attribute = row.0[lane];
+            }
+            group.procedural_mut().reports[lane] = report;
+        }
+        let row = &mut subgroups[index].rows[io].0;
+        copy_lanes(row, &[0; SUBGROUP_SIZE], lanes & !asked);
+        copy_lanes(row, &[verdict; SUBGROUP_SIZE], committed);
+        self.answered(index, lanes & !asked);
+        match callee {
+            Some(callee) => self.call(callee, group_index, asked),
+            None => Ok(()),
+        }
+    }
+
     /// An any-hit shader has decided on the hit that was reported for a ray: tells the intersection invocation.
     fn decide_report(&mut self, ray: LaneRef, accepts: bool, terminates: bool) {
         let worker = &mut *self.worker;
@@ -262,6 +351,7 @@ impl Batch<'_> {
         let subgroup = &mut worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let (role, lanes, of) = (subgroup.role, subgroup.lanes, subgroup.of);
+        let is_in_place = subgroup.is_in_place;
         // Out of the list, for the others to be written meanwhile.
         let rows = std::mem::take(&mut subgroup.rows);
         worker.queries.release(&mut subgroup.queries);
@@ -272,22 +362,36 @@ impl Batch<'_> {
             Role::RayGeneration => {}
             Role::Callable => {
                 for (caller, lanes) in by_index(lanes, &of) {
-                    self.copy_outputs(outputs, lanes, caller, &of);
+                    self.copy_outputs(outputs, lanes, caller, Some(&of));
                     self.answered(caller, lanes_named(lanes, &of));
                 }
+            }
+            Role::ClosestHit | Role::Miss if is_in_place => {
+                let group = of[0].index();
+                let caller = self.worker.ray_groups[group].caller;
+                self.copy_outputs(outputs, lanes, caller, None);
+                self.finish_rays(group, lanes);
             }
             Role::ClosestHit | Role::Miss => {
                 for (group, lanes) in by_index(lanes, &of) {
                     let caller = self.worker.ray_groups[group].caller;
-                    self.copy_outputs(outputs, lanes, caller, &of);
+                    self.copy_outputs(outputs, lanes, caller, Some(&of));
                     self.finish_rays(group, lanes_named(lanes, &of));
                 }
+            }
+            Role::AnyHit if is_in_place => {
+                let group = of[0].index();
+                if outputs.len() > 1 {
+                    let caller = self.worker.ray_groups[group].caller;
+                    self.copy_outputs(&outputs[1..], lanes, caller, None);
+                }
+                self.decide_together(group, lanes, &outputs[0].0);
             }
             Role::AnyHit | Role::AnyHitOfReport => {
                 if outputs.len() > 1 {
                     for (group, lanes) in by_index(lanes, &of) {
                         let caller = self.worker.ray_groups[group].caller;
-                        self.copy_outputs(&outputs[1..], lanes, caller, &of);
+                        self.copy_outputs(&outputs[1..], lanes, caller, Some(&of));
                     }
                 }
                 for lane in lanes_of(lanes) {
@@ -295,10 +399,11 @@ impl Batch<'_> {
                 }
             }
             Role::Intersection => {
-                for lane in lanes_of(lanes) {
-                    let group = &mut self.worker.ray_groups[of[lane].index()];
-                    group.verdicts[of[lane].lane()] = Verdict::Continue;
-                    self.decided(of[lane]);
+                for (index, lanes) in by_index(lanes, &of) {
+                    let lanes = lanes_named(lanes, &of);
+                    let group = &mut self.worker.ray_groups[index];
+                    lanes_of(lanes).for_each(|lane| group.verdicts[lane] = Verdict::Continue);
+                    self.decided(index, lanes);
                 }
             }
         }
@@ -313,27 +418,43 @@ impl Batch<'_> {
         if role == Role::AnyHitOfReport {
             return self.decide_report(ray, decision != 1, decision > 1);
         }
-        let group = &mut self.worker.ray_groups[ray.index()];
-        if group.company.is_none() {
-            group.verdicts[ray.lane()] = match decision {
-                0 => Verdict::Accept,
-                1 => Verdict::Continue,
-                _ => Verdict::AcceptAndTerminate,
-            };
-        } else if decision != 1 {
-            group.over |= u16::from(decision > 1) << ray.lane();
-            self.accept(ray);
-        }
-        self.decided(ray);
+        let mut decisions = [0; SUBGROUP_SIZE];
+        decisions[ray.lane()] = decision;
+        self.decide_together(ray.index(), 1 << ray.lane(), &decisions);
     }
 
-    /// Copies what lanes leave over the data of a caller that waits for them: `of` says in which of its lanes.
+    /// The same for rays of a group, each in its own lane.
+    fn decide_together(&mut self, index: u32, lanes: u16, decisions: &Row) {
+        let group = &mut self.worker.ray_groups[index];
+        let (mut accepted, mut over) = (0, 0);
+        for (lane, &decision) in decisions.iter().enumerate() {
+            accepted |= u16::from(decision != 1) << lane;
+            over |= u16::from(decision > 1) << lane;
+        }
+        if group.company.is_some() {
+            group.over |= over & lanes;
+            if accepted & lanes != 0 {
+                self.accept(index, accepted & lanes);
+            }
+        } else {
+            for lane in lanes_of(lanes) {
+                group.verdicts[lane] = match decisions[lane] {
+                    0 => Verdict::Accept,
+                    1 => Verdict::Continue,
+                    _ => Verdict::AcceptAndTerminate,
+                };
+            }
+        }
+        self.decided(index, lanes);
+    }
+
+    /// Copies what lanes leave over the data of a caller that waits for them: `of` says in which of its lanes, if not in their own.
     fn copy_outputs(
         &mut self,
         outputs: &[AlignedRow],
         lanes: u16,
         caller: SubgroupIndex,
-        of: &[LaneRef; SUBGROUP_SIZE],
+        of: Option<&[LaneRef; SUBGROUP_SIZE]>,
     ) {
         let target = &mut self.worker.subgroups[caller];
         let program = &self.dispatch.shaders.programs[target.program as usize];
@@ -342,12 +463,13 @@ impl Batch<'_> {
             .iter_mut()
             .zip(outputs)
             .take(target.data_words as usize);
-        if in_place(lanes, of) {
-            words.for_each(|(to, from)| copy_lanes(&mut to.0, &from.0, lanes));
-        } else {
-            for (to, from) in words {
-                for lane in lanes_of(lanes) {
-                    to.0[of[lane].lane()] = from.0[lane];
+        match of.filter(|of| !in_place(lanes, of)) {
+            None => words.for_each(|(to, from)| copy_lanes(&mut to.0, &from.0, lanes)),
+            Some(of) => {
+                for (to, from) in words {
+                    for lane in lanes_of(lanes) {
+                        to.0[of[lane].lane()] = from.0[lane];
+                    }
                 }
             }
         }

@@ -8,7 +8,6 @@
 //! so who meets in the subgroups that the next step forms follows from the launch alone, whatever the order of answers, the length of
 //! waves or the way that rays walk.
 
-use smallvec::SmallVec;
 use spirv_jit::program::{AlignedRow, Event, ResumePoint, SiteKind, Wave};
 use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
 use traversal::{Company, Event as WalkEvent, RayRows, Walk, Walker};
@@ -28,9 +27,6 @@ use crate::wave::table::ProgramIndex;
 
 /// Fuel of one run or walk between two looks at the limits.
 pub(super) const FUEL: u64 = 1 << 16;
-
-/// Subgroups in a wave of most shaders, at most.
-const USUAL_WAVE: usize = 16;
 
 /// Waves between two looks at the limits.
 const PATIENCE: u32 = 256;
@@ -87,6 +83,8 @@ struct Ready {
 pub struct Batch<'a> {
     pub(super) dispatch: &'a Dispatch<'a>,
     pub(super) grid: &'a Grid,
+    /// The layer of its launches.
+    layer: u32,
     pub(super) worker: &'a mut Worker,
     /// By [`Turn`].
     ready: [Vec<Ready>; Turn::COUNT],
@@ -127,6 +125,7 @@ impl<'a> Batch<'a> {
         Self {
             dispatch,
             grid,
+            layer: 0,
             worker,
             ready: Default::default(),
             spare: Vec::new(),
@@ -148,10 +147,11 @@ impl<'a> Batch<'a> {
     /// # Errors
     /// A limit was reached.
     pub fn run(mut self, raygen: ProgramIndex, record: u64, index: usize) -> Result<(), Stopped> {
+        self.layer = self.grid.layer(index);
         for mut tile in self.grid.tiles(index) {
             if let Some(mask) = &self.dispatch.mask {
                 for lane in lanes_of(tile.mask) {
-                    let [x, y, _] = self.grid.launch_id(tile.launch[lane]);
+                    let (x, y) = (tile.launch.x[lane], tile.launch.y[lane]);
                     tile.mask &= !(u16::from(mask.excludes(x, y)) << lane);
                 }
                 if tile.mask == 0 {
@@ -235,7 +235,7 @@ impl<'a> Batch<'a> {
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let sources = Sources {
             dispatch: self.dispatch,
-            grid: self.grid,
+            layer: self.layer,
             subgroups: &self.worker.subgroups,
             ray_groups: &self.worker.ray_groups,
             walks: &self.worker.walks,
@@ -313,15 +313,18 @@ impl<'a> Batch<'a> {
 
     fn run_wave(&mut self, program: ProgramIndex, wave: &[SubgroupIndex]) -> Result<(), Stopped> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
-        let mut rows: SmallVec<[_; USUAL_WAVE]> = wave
-            .iter()
-            .map(|&index| std::mem::take(&mut self.worker.subgroups[index].rows))
+        debug_assert!(wave.is_sorted_by(|a, b| a < b), "a subgroup twice");
+        let subgroups = &mut self.worker.subgroups;
+        let mut states: Vec<&mut [AlignedRow]> = (wave.iter())
+            .map(|&index| {
+                let rows = &mut subgroups[index].rows;
+                // SAFETY: each subgroup is in the list once, and none is touched otherwise until the run is over.
+                unsafe { std::slice::from_raw_parts_mut(rows.as_mut_ptr(), rows.len()) }
+            })
             .collect();
         if let Some(tally) = &mut self.tally {
-            tally.count(program, compiled, &rows);
+            tally.count(program, compiled, &states);
         }
-        let mut states: Vec<&mut [AlignedRow]> =
-            rows.iter_mut().map(|rows| &mut rows[..]).collect();
         let mut fuel = FUEL;
         // SAFETY: the command's bindings keep what the environment names, and the application keeps what those name; only compute
         // shaders have workgroup memory; the states are this program's.
@@ -336,9 +339,6 @@ impl<'a> Batch<'a> {
                 &mut fuel,
             )
         };
-        for (&index, rows) in wave.iter().zip(rows) {
-            self.worker.subgroups[index].rows = rows;
-        }
         for &index in wave {
             match event {
                 Event::End => self.end(index),

@@ -5,7 +5,7 @@ use traversal::{Event, PACKET, Progress};
 
 use super::batch::{Batch, Worker};
 use super::rays::{alike, record_indices};
-use super::subgroup::{LaneRef, Role, lanes_of};
+use super::subgroup::{Role, lanes_of};
 use super::walks::need;
 use crate::wave::Stopped;
 
@@ -77,7 +77,7 @@ impl Batch<'_> {
                 undecided |= alike;
                 callees.push(((program, role, record), alike));
             } else if role == Role::AnyHit {
-                lanes_of(alike).for_each(|lane| self.accept(LaneRef::new(index, lane)));
+                self.accept(index, alike);
             }
         }
         self.worker.ray_groups[index].undecided = undecided;
@@ -112,25 +112,25 @@ impl Batch<'_> {
         self.settle(index, &events)
     }
 
-    /// An any-hit shader, or the want of one, accepts a ray's triangle.
-    pub(super) fn accept(&mut self, ray: LaneRef) {
+    /// An any-hit shader, or the want of one, accepts the triangles of rays that walk together.
+    pub(super) fn accept(&mut self, index: u32, lanes: u16) {
         let Worker {
             ray_groups,
             companies,
             ..
         } = &mut *self.worker;
-        let group = &mut ray_groups[ray.index()];
+        let group = &mut ray_groups[index];
         if let Some(place) = group.company {
-            companies[place].accept(ray.lane(), &mut group.hits);
+            companies[place].accept(lanes, &mut group.hits);
         }
     }
 
-    /// A shader has decided on the candidate of a ray; after the last one of a group it goes on.
-    pub(super) fn decided(&mut self, ray: LaneRef) {
-        let group = &mut self.worker.ray_groups[ray.index()];
-        group.undecided &= !(1 << ray.lane());
+    /// Shaders have decided on the candidates of rays; after the last ones of a group it goes on.
+    pub(super) fn decided(&mut self, index: u32, lanes: u16) {
+        let group = &mut self.worker.ray_groups[index];
+        group.undecided &= !lanes;
         if group.undecided == 0 {
-            self.going_on.push(ray.index());
+            self.going_on.push(index);
         }
     }
 }

@@ -7,6 +7,7 @@ use spirv_jit::SUBGROUP_SIZE;
 
 use super::batch::Batch;
 use super::calls::{Call, Calls};
+use super::grid::Launches;
 use super::subgroup::{LaneRef, Role, lanes_of};
 use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
@@ -35,7 +36,7 @@ impl Batch<'_> {
         for lane in lanes_of(lanes) {
             let call = Call {
                 record,
-                place: self.grid.place(launch[lane]),
+                place: self.grid.place(launch.x[lane], launch.y[lane]),
                 of: LaneRef::new(caller, lane),
             };
             calls.push(program, role, call);
@@ -65,6 +66,7 @@ impl Batch<'_> {
         let launch = worker.subgroups[waiting].launch;
         let subgroup = &mut worker.subgroups[index];
         (subgroup.of, subgroup.launch) = (of, launch);
+        subgroup.is_in_place = true;
         self.start(index, &[record; SUBGROUP_SIZE]);
         Ok(())
     }
@@ -116,15 +118,18 @@ impl Batch<'_> {
             (records[lane], of[lane]) = (call.record, call.of);
         }
         let worker = &mut *self.worker;
-        let launch = of.map(|of| {
+        let mut launch = Launches::default();
+        for (lane, of) in of.iter().enumerate() {
             let caller = match role {
                 Role::Callable => of.index(),
                 _ => worker.ray_groups[of.index()].caller,
             };
-            worker.subgroups[caller].launch[of.lane()]
-        });
+            let from = &worker.subgroups[caller].launch;
+            (launch.x[lane], launch.y[lane]) = (from.x[of.lane()], from.y[of.lane()]);
+        }
         let subgroup = &mut worker.subgroups[index];
         (subgroup.of, subgroup.launch) = (of, launch);
+        subgroup.is_in_place = false;
         self.start(index, &records);
         Ok(())
     }

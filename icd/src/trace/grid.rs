@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 use spirv_jit::SUBGROUP_SIZE;
+use spirv_jit::program::Row;
 
 /// Bytes of subgroup states that a batch aims at: what a worker keeps in its second-level cache.
 const BATCH_BYTES: usize = 512 * 1024;
@@ -26,42 +27,22 @@ pub struct Grid {
     batch: [u32; 2],
     /// Batches in x, y, z.
     batches: [u32; 3],
-    /// For a launch index's row and column.
-    width: Divisor,
-    height: Divisor,
+    /// Positions of lanes in a tile.
+    offsets: Launches,
 }
 
-/// One tile: the linear launch index of each lane and which lanes are inside the grid.
+/// Where the launches of lanes are: their columns and rows. All of a batch are in one layer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Launches {
+    pub x: Row,
+    pub y: Row,
+}
+
+/// One tile: the launch of each lane, and which lanes are inside the grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Tile {
-    pub launch: [u32; SUBGROUP_SIZE],
+    pub launch: Launches,
     pub mask: u16,
-}
-
-/// A number to divide by, many times: by multiplication (Lemire, Kaser, Kurz 2019).
-#[derive(Clone, Copy, Debug)]
-struct Divisor {
-    /// 2⁶⁴ over the divisor, rounded up; 0 for 1.
-    reciprocal: u64,
-}
-
-impl Divisor {
-    /// Zero, which nothing is divided by, counts as one.
-    fn new(divisor: u32) -> Self {
-        Self {
-            reciprocal: match divisor {
-                0 | 1 => 0,
-                _ => u64::MAX / u64::from(divisor) + 1,
-            },
-        }
-    }
-
-    fn divide(self, number: u32) -> u32 {
-        match self.reciprocal {
-            0 => number,
-            reciprocal => ((u128::from(number) * u128::from(reciprocal)) >> 64) as u32,
-        }
-    }
 }
 
 impl Grid {
@@ -97,8 +78,7 @@ impl Grid {
             tile,
             batch,
             batches,
-            width: Divisor::new(extent[0]),
-            height: Divisor::new(extent[1]),
+            offsets: offsets(tile),
         }
     }
 
@@ -107,83 +87,75 @@ impl Grid {
         self.batches.iter().map(|&n| n as usize).product()
     }
 
+    /// The column, row and layer of a batch among batches.
+    fn place_of(&self, batch: usize) -> [u32; 3] {
+        let [nx, ny, _] = self.batches.map(|n| n as usize);
+        [batch % nx, batch / nx % ny, batch / (nx * ny)].map(|n| n as u32)
+    }
+
+    /// The layer of the launches of a batch.
+    pub fn layer(&self, batch: usize) -> u32 {
+        self.place_of(batch)[2]
+    }
+
     /// The tiles of a batch that have lanes inside the grid, row by row.
     pub fn tiles(&self, batch: usize) -> impl Iterator<Item = Tile> + '_ {
-        let [nx, ny, _] = self.batches.map(|n| n as usize);
-        let (bx, by, z) = (batch % nx, batch / nx % ny, batch / (nx * ny));
-        let first = [bx as u32 * self.batch[0], by as u32 * self.batch[1]];
+        let at = self.place_of(batch);
         let [columns, rows] = [0, 1].map(|axis| {
+            let first = at[axis] * self.batch[axis];
             let tiles = self.extent[axis].div_ceil(self.tile[axis]);
-            first[axis]..tiles.min(first[axis] + self.batch[axis])
+            first..tiles.min(first + self.batch[axis])
         });
-        rows.flat_map(move |y| columns.clone().map(move |x| self.tile(x, y, z as u32)))
+        rows.flat_map(move |y| columns.clone().map(move |x| self.tile(x, y)))
     }
 
-    fn tile(&self, tile_x: u32, tile_y: u32, z: u32) -> Tile {
-        let mut tile = Tile {
-            launch: [0; SUBGROUP_SIZE],
-            mask: 0,
+    fn tile(&self, tile_x: u32, tile_y: u32) -> Tile {
+        let [width, height] = self.tile;
+        let (left, top) = (tile_x * width, tile_y * height);
+        let launch = Launches {
+            x: self.offsets.x.map(|dx| left + dx),
+            y: self.offsets.y.map(|dy| top + dy),
         };
-        let [width, height, _] = self.extent;
-        for lane in 0..SUBGROUP_SIZE as u32 {
-            let (dx, dy) = self.lane_offset(lane);
-            let (x, y) = (tile_x * self.tile[0] + dx, tile_y * self.tile[1] + dy);
-            if x < width && y < height {
-                tile.mask |= 1 << lane;
-                tile.launch[lane as usize] = (z * height + y) * width + x;
+        let (right, bottom) = (self.extent[0], self.extent[1]);
+        let mut mask = u16::MAX;
+        if right - left < width || bottom - top < height {
+            for lane in 0..SUBGROUP_SIZE {
+                let inside = (launch.x[lane] < right) & (launch.y[lane] < bottom);
+                mask &= !(u16::from(!inside) << lane);
             }
         }
-        tile
+        Tile { launch, mask }
     }
 
-    /// Position of a lane in its tile. Two-dimensional tiles are in quad order: lanes 4q..4q+4 are a 2 × 2 block.
-    fn lane_offset(&self, lane: u32) -> (u32, u32) {
-        if self.tile[1] == 1 {
-            return (lane, 0);
-        }
-        let (quad, in_quad) = (lane / 4, lane % 4);
-        let quads_x = self.tile[0] / 2;
-        (
-            quad % quads_x * 2 + in_quad % 2,
-            quad / quads_x * 2 + in_quad / 2,
-        )
-    }
-
-    /// `LaunchIdKHR` of a linear launch index.
-    pub fn launch_id(&self, launch: u32) -> [u32; 3] {
-        let [width, height, _] = self.extent;
-        let row = self.width.divide(launch);
-        let layer = self.height.divide(row);
-        [launch - row * width, row - layer * height, layer]
-    }
-
-    /// Where a linear launch index stands among those of its batch: tile by tile, lane by lane, as ray generation shaders begin.
-    pub fn place(&self, launch: u32) -> u32 {
-        let [x, y, _] = self.launch_id(launch);
+    /// Where a launch stands among those of its batch: tile by tile, lane by lane, as ray generation shaders begin.
+    pub fn place(&self, x: u32, y: u32) -> u32 {
         let [width, height] = self.tile;
         let (tile_x, tile_y) = (x / width, y / height);
         let [columns, rows] = self.batch;
         let tile = tile_y % rows * columns + tile_x % columns;
-        tile * SUBGROUP_SIZE as u32 + self.lane(x % width, y % height)
+        tile * SUBGROUP_SIZE as u32 + lane(self.tile, x % width, y % height)
     }
+}
 
-    /// The lane of a position in a tile: see [`Self::lane_offset`].
-    fn lane(&self, dx: u32, dy: u32) -> u32 {
-        if self.tile[1] == 1 {
-            return dx;
+/// The lane of a position in a tile. Two-dimensional tiles are in quad order: lanes 4q..4q+4 are a 2 × 2 block.
+fn lane([width, height]: [u32; 2], dx: u32, dy: u32) -> u32 {
+    if height == 1 {
+        return dx;
+    }
+    let quad = dy / 2 * (width / 2) + dx / 2;
+    4 * quad + dy % 2 * 2 + dx % 2
+}
+
+/// The positions of lanes in a tile.
+fn offsets(tile: [u32; 2]) -> Launches {
+    let mut offsets = Launches::default();
+    for dy in 0..tile[1] {
+        for dx in 0..tile[0] {
+            let lane = lane(tile, dx, dy) as usize;
+            (offsets.x[lane], offsets.y[lane]) = (dx, dy);
         }
-        let quad = dy / 2 * (self.tile[0] / 2) + dx / 2;
-        4 * quad + dy % 2 * 2 + dx % 2
     }
-
-    /// A component of `LaunchIdKHR` for each lane.
-    pub fn launch_id_row(
-        &self,
-        launch: &[u32; SUBGROUP_SIZE],
-        component: u8,
-    ) -> [u32; SUBGROUP_SIZE] {
-        launch.map(|launch| self.launch_id(launch)[component as usize])
-    }
+    offsets
 }
 
 /// Subgroups of each batch if there are [`MIN_BATCHES`]; a power of two.
@@ -197,31 +169,6 @@ fn share_of(extent: [u32; 3], tile: [u32; 2]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn division_by_multiplication_is_exact() {
-        let numbers = [
-            0,
-            1,
-            2,
-            3,
-            6,
-            7,
-            640,
-            641,
-            1 << 16,
-            0x7FFF_FFFF,
-            u32::MAX - 1,
-            u32::MAX,
-        ];
-        for divisor in numbers.into_iter().skip(1) {
-            for number in numbers {
-                for number in [number, number.wrapping_sub(1), number / divisor * divisor] {
-                    assert_eq!(Divisor::new(divisor).divide(number), number / divisor);
-                }
-            }
-        }
-    }
 
     #[test]
     fn small_grids_are_cut_for_many_threads_unless_they_reorder() {
@@ -252,13 +199,13 @@ mod tests {
                     let mut last = None;
                     for tile in grid.tiles(batch) {
                         for lane in (0..SUBGROUP_SIZE).filter(|lane| tile.mask >> lane & 1 != 0) {
-                            let launch = tile.launch[lane];
-                            let place = grid.place(launch);
+                            let (x, y) = (tile.launch.x[lane], tile.launch.y[lane]);
+                            let place = grid.place(x, y);
                             assert!(last < Some(place) && place % 16 == lane as u32);
                             last = Some(place);
-                            let [x, y, z] = grid.launch_id(launch);
+                            let z = grid.layer(batch);
                             assert!(x < extent[0] && y < extent[1] && z < extent[2]);
-                            seen[launch as usize] += 1;
+                            seen[((z * extent[1] + y) * extent[0] + x) as usize] += 1;
                         }
                     }
                 }

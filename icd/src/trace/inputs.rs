@@ -7,16 +7,16 @@ use spirv_jit::{Program, SUBGROUP_SIZE};
 use traversal::{Company, Hit, HitRows, Structure, Swept, Walk};
 
 use super::Dispatch;
-use super::grid::Grid;
 use super::rays::{Operands, RayGroup, Report, operand, structure_in, to_object};
 use super::slab::Slab;
-use super::subgroup::{LaneRef, Role, Subgroup, in_place};
+use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex};
 use crate::wave::table::HANDLE_SIZE;
 
 /// What inputs are read from.
 pub struct Sources<'a> {
     pub dispatch: &'a Dispatch<'a>,
-    pub grid: &'a Grid,
+    /// The layer of all launches.
+    pub layer: u32,
     pub subgroups: &'a Slab<Subgroup>,
     pub ray_groups: &'a Slab<RayGroup>,
     pub walks: &'a Slab<Walk>,
@@ -45,7 +45,10 @@ impl Sources<'_> {
                 }
             }
             Role::Callable => {
-                let callers = self.callers(&subgroup.of);
+                let callers = match subgroup.is_in_place {
+                    true => Callers::InPlace(self.data_of(subgroup.of[0].index())),
+                    false => self.callers(&subgroup.of),
+                };
                 for (row, &input) in inputs {
                     row.0 = match input {
                         InputRow::CallableData(word) => callers.gather(word as usize),
@@ -55,7 +58,10 @@ impl Sources<'_> {
             }
             _ => {
                 let hits = HitLanes::new(self, subgroup);
-                let callers = self.callers(&hits.callers());
+                let callers = match subgroup.is_in_place {
+                    true => Callers::InPlace(self.data_of(hits.rays.group(0).caller)),
+                    false => self.callers(&hits.callers()),
+                };
                 for (row, &input) in inputs {
                     row.0 = match input {
                         InputRow::Payload(word) => callers.gather(word as usize),
@@ -73,9 +79,11 @@ impl Sources<'_> {
     /// Inputs that every stage has.
     fn common_row(&self, subgroup: &Subgroup, records: &Lanes<u64>, input: InputRow) -> Row {
         match input {
-            InputRow::Builtin(Builtin::LaunchId, component) => {
-                self.grid.launch_id_row(&subgroup.launch, component)
-            }
+            InputRow::Builtin(Builtin::LaunchId, component) => match component {
+                0 => subgroup.launch.x,
+                1 => subgroup.launch.y,
+                _ => [self.layer; SUBGROUP_SIZE],
+            },
             InputRow::Builtin(Builtin::ShaderRecordAddress, component) => {
                 records.map(|record| ((record + HANDLE_SIZE as u64) >> (32 * component)) as u32)
             }
@@ -83,26 +91,21 @@ impl Sources<'_> {
         }
     }
 
+    /// The payload or callable data that a subgroup keeps for those that it waits for.
+    fn data_of(&self, caller: SubgroupIndex) -> &[AlignedRow] {
+        let subgroup = &self.subgroups[caller];
+        let program = &self.dispatch.shaders.programs[subgroup.program as usize];
+        let first = program.layout().io + IO_DATA_ROW;
+        &subgroup.rows[first..first + subgroup.data_words as usize]
+    }
+
     /// Where each lane's caller keeps its payload or callable data.
     fn callers(&self, callers: &Lanes<LaneRef>) -> Callers<'_> {
-        let data = |caller: &LaneRef| {
-            let subgroup = &self.subgroups[caller.index()];
-            let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-            let first = program.layout().io + IO_DATA_ROW;
-            &subgroup.rows[first..first + subgroup.data_words as usize]
-        };
-        let same = callers
-            .iter()
-            .all(|caller| caller.index() == callers[0].index());
-        if same {
-            let data = data(&callers[0]);
-            let in_place = in_place(u16::MAX, callers);
-            return match in_place {
-                true => Callers::InPlace(data),
-                false => Callers::One(data, callers.map(LaneRef::lane)),
-            };
+        let first = callers[0].index();
+        if callers.iter().all(|caller| caller.index() == first) {
+            return Callers::One(self.data_of(first), callers.map(LaneRef::lane));
         }
-        Callers::Many(callers.map(|caller| (data(&caller), caller.lane())))
+        Callers::Many(callers.map(|caller| (self.data_of(caller.index()), caller.lane())))
     }
 }
 
@@ -140,28 +143,22 @@ enum Subject<'a> {
 }
 
 impl<'a> Subject<'a> {
-    fn new(
-        sources: &Sources<'a>,
-        subgroup: &Subgroup,
-        groups: &Lanes<&RayGroup>,
-        in_place: bool,
-    ) -> Self {
-        let (of, lanes) = (&subgroup.of, subgroup.lanes);
-        if let Some(place) = groups[0].company
-            && in_place
+    fn new(sources: &Sources<'a>, subgroup: &Subgroup, rays: &Rays<'a>) -> Self {
+        if let Rays::InPlace(group, _) = rays
+            && let Some(place) = group.company
         {
             return Self::Together(&sources.companies[place]);
         }
         Self::Candidates(std::array::from_fn(|i| {
-            let lane = of[i].lane();
-            match groups[i].company {
-                _ if lanes >> i & 1 == 0 => (Hit::NONE, 0.0),
+            let (group, lane) = (rays.group(i), subgroup.of[i].lane());
+            match group.company {
+                _ if subgroup.lanes >> i & 1 == 0 => (Hit::NONE, 0.0),
                 Some(place) => {
                     let company = &sources.companies[place];
                     (company.candidates().hit(lane), company.t_max()[lane])
                 }
                 None => {
-                    let walk = &sources.walks[groups[i].walks[lane]];
+                    let walk = &sources.walks[group.walks[lane]];
                     (*walk.candidate(), walk.t_max())
                 }
             }
@@ -169,29 +166,21 @@ impl<'a> Subject<'a> {
     }
 }
 
-/// The rays of a subgroup of hit or miss shaders, and the hits that they are about.
-struct HitLanes<'a> {
-    dispatch: &'a Dispatch<'a>,
-    role: Role,
-    /// Those that were started.
-    started: u16,
-    groups: Lanes<&'a RayGroup>,
-    operands: Lanes<&'a Operands>,
-    /// The lane of each ray in its group.
-    lanes: Lanes<usize>,
+/// The rays of a subgroup of hit or miss shaders, and their operands.
+enum Rays<'a> {
     /// They are one group, each ray in its own lane.
-    is_in_place: bool,
-    subject: Subject<'a>,
-    object_to_world: OnceCell<Lanes<[f32; 12]>>,
-    world_to_object: OnceCell<Lanes<[f32; 12]>>,
-    vertices: OnceCell<Lanes<[[f32; 3]; 3]>>,
+    InPlace(&'a RayGroup, &'a Operands),
+    Spread(Lanes<&'a RayGroup>, Lanes<&'a Operands>),
 }
 
-impl<'a> HitLanes<'a> {
+impl<'a> Rays<'a> {
     fn new(sources: &Sources<'a>, subgroup: &Subgroup) -> Self {
         let of = &subgroup.of;
         let (ray_groups, subgroups) = (sources.ray_groups, sources.subgroups);
         let mut last = (of[0].index(), &ray_groups[of[0].index()]);
+        if subgroup.is_in_place {
+            return Self::InPlace(last.1, last.1.operands(subgroups));
+        }
         let groups = of.map(|ray| {
             if ray.index() != last.0 {
                 last = (ray.index(), &ray_groups[ray.index()]);
@@ -205,24 +194,57 @@ impl<'a> HitLanes<'a> {
             }
             last.1
         });
+        Self::Spread(groups, operands)
+    }
+
+    #[inline(always)]
+    fn group(&self, lane: usize) -> &'a RayGroup {
+        match self {
+            Self::InPlace(group, _) => group,
+            Self::Spread(groups, _) => groups[lane],
+        }
+    }
+
+    #[inline(always)]
+    fn operands(&self, lane: usize) -> &'a Operands {
+        match self {
+            Self::InPlace(_, operands) => operands,
+            Self::Spread(_, operands) => operands[lane],
+        }
+    }
+}
+
+/// The rays of a subgroup of hit or miss shaders, and the hits that they are about.
+struct HitLanes<'a> {
+    dispatch: &'a Dispatch<'a>,
+    role: Role,
+    /// Those that were started.
+    started: u16,
+    of: &'a Lanes<LaneRef>,
+    rays: Rays<'a>,
+    subject: Subject<'a>,
+    object_to_world: OnceCell<Lanes<[f32; 12]>>,
+    world_to_object: OnceCell<Lanes<[f32; 12]>>,
+    vertices: OnceCell<Lanes<[[f32; 3]; 3]>>,
+}
+
+impl<'a> HitLanes<'a> {
+    fn new(sources: &Sources<'a>, subgroup: &'a Subgroup) -> Self {
         let decides = matches!(
             subgroup.role,
             Role::AnyHit | Role::AnyHitOfReport | Role::Intersection
         );
-        let is_in_place =
-            of.iter().all(|ray| ray.index() == of[0].index()) && in_place(u16::MAX, of);
+        let rays = Rays::new(sources, subgroup);
         let subject = match decides {
-            true => Subject::new(sources, subgroup, &groups, is_in_place),
+            true => Subject::new(sources, subgroup, &rays),
             false => Subject::Hits,
         };
         Self {
             dispatch: sources.dispatch,
             role: subgroup.role,
             started: subgroup.lanes,
-            groups,
-            operands,
-            lanes: of.map(LaneRef::lane),
-            is_in_place,
+            of: &subgroup.of,
+            rays,
             subject,
             object_to_world: OnceCell::new(),
             world_to_object: OnceCell::new(),
@@ -230,9 +252,15 @@ impl<'a> HitLanes<'a> {
         }
     }
 
+    /// The lane of a ray in its group.
+    #[inline(always)]
+    fn lane(&self, lane: usize) -> usize {
+        self.of[lane].lane()
+    }
+
     /// Who waits for the rays.
     fn callers(&self) -> Lanes<LaneRef> {
-        std::array::from_fn(|lane| LaneRef::new(self.groups[lane].caller, self.lanes[lane]))
+        std::array::from_fn(|lane| LaneRef::new(self.rays.group(lane).caller, self.lane(lane)))
     }
 
     /// The hit in a lane. Where it is about a report, this is the box.
@@ -240,7 +268,10 @@ impl<'a> HitLanes<'a> {
         match &self.subject {
             Subject::Candidates(candidates) => candidates[lane].0,
             Subject::Together(company) => company.candidates().hit(lane),
-            Subject::Hits => (self.groups[lane].hits.get(self.lanes[lane])).unwrap_or(Hit::NONE),
+            Subject::Hits => {
+                let hits = &self.rays.group(lane).hits;
+                hits.get(self.lane(lane)).unwrap_or(Hit::NONE)
+            }
         }
     }
 
@@ -263,35 +294,55 @@ impl<'a> HitLanes<'a> {
             Subject::Together(company) => {
                 std::array::from_fn(|lane| row(company.candidates(), lane))
             }
-            Subject::Hits if self.is_in_place => {
-                let hits = &self.groups[0].hits;
-                std::array::from_fn(|lane| row(hits, lane))
-            }
-            Subject::Hits => {
-                std::array::from_fn(|lane| row(&self.groups[lane].hits, self.lanes[lane]))
-            }
+            Subject::Hits => match &self.rays {
+                Rays::InPlace(group, _) => std::array::from_fn(|lane| row(&group.hits, lane)),
+                Rays::Spread(groups, _) => {
+                    std::array::from_fn(|lane| row(&groups[lane].hits, self.lane(lane)))
+                }
+            },
         })
     }
 
     /// A row of the operands.
     #[inline(always)]
     fn of_rays(&self, row: usize) -> Row {
-        if self.is_in_place {
-            return self.operands[0][row].0;
+        match &self.rays {
+            Rays::InPlace(_, operands) => operands[row].0,
+            Rays::Spread(_, operands) => {
+                std::array::from_fn(|lane| operands[lane][row].0[self.lane(lane)])
+            }
         }
-        std::array::from_fn(|lane| self.operands[lane][row].0[self.lanes[lane] % SUBGROUP_SIZE])
     }
 
     fn of_reports(&self, word: impl Fn(&Report) -> u32) -> Row {
         std::array::from_fn(|lane| {
-            let procedural = self.groups[lane].procedural();
-            procedural.map_or(0, |rays| word(&rays.reports[self.lanes[lane]]))
+            let procedural = self.rays.group(lane).procedural();
+            procedural.map_or(0, |rays| word(&rays.reports[self.lane(lane)]))
         })
     }
 
+    /// What was hit, where that is in rows.
+    fn hit_rows(&self) -> Option<&'a HitRows> {
+        match (&self.subject, &self.rays) {
+            (Subject::Together(company), _) => Some(company.candidates()),
+            (Subject::Hits, Rays::InPlace(group, _)) => Some(&group.hits),
+            _ => None,
+        }
+    }
+
     fn attribute_row(&self, word: usize) -> Row {
+        if let Some(hits) = self.hit_rows() {
+            let mut built_in = 0;
+            for lane in 0..SUBGROUP_SIZE {
+                built_in |= u16::from(hits.is_built_in(lane)) << lane;
+            }
+            if self.started & !built_in == 0 {
+                let weights = hits.barycentrics.get(word);
+                return weights.map_or([0; SUBGROUP_SIZE], |row| row.map(f32::to_bits));
+            }
+        }
         std::array::from_fn(|lane| {
-            let (group, from) = (self.groups[lane], self.lanes[lane]);
+            let (group, from) = (self.rays.group(lane), self.lane(lane));
             let weights = |hits: &HitRows, lane: usize| {
                 let [second, third] = &hits.barycentrics;
                 (hits.is_built_in(lane)).then(|| [second[lane], third[lane]])
@@ -321,7 +372,7 @@ impl<'a> HitLanes<'a> {
             if !self.is_there(lane) {
                 return T::default();
             }
-            let (operands, from) = (self.operands[lane], self.lanes[lane]);
+            let (operands, from) = (self.rays.operands(lane), self.lane(lane));
             let named = structure_in(operands, from);
             if named != last.0 {
                 last = (named, self.dispatch.limits.structure(named));
@@ -335,8 +386,8 @@ impl<'a> HitLanes<'a> {
 
     /// When a ray is cast.
     fn time(&self, lane: usize) -> f32 {
-        match self.groups[lane].has_time {
-            true => f32::from_bits(self.operands[lane][operand::TIME].0[self.lanes[lane]]),
+        match self.rays.group(lane).has_time {
+            true => f32::from_bits(self.rays.operands(lane)[operand::TIME].0[self.lane(lane)]),
             false => 0.0,
         }
     }
@@ -348,7 +399,7 @@ impl<'a> HitLanes<'a> {
             if !self.is_there(lane) {
                 return [0.0; 12];
             }
-            let named = structure_in(self.operands[lane], self.lanes[lane]);
+            let named = structure_in(self.rays.operands(lane), self.lane(lane));
             let (index, time) = (self.hit(lane).instance_index, self.time(lane));
             let asked = (named, index, time.to_bits());
             if let Some((before, matrix)) = last

@@ -148,6 +148,12 @@ impl RayGroup {
             given | flags | if opaque { ray_flags::OPAQUE } else { 0 }
         });
         rays.cull_mask = operands[operand::CULL_MASK].0.map(|mask| mask & 0xff);
+        let [low, high] = [operand::STRUCTURE, operand::STRUCTURE + 1].map(|row| &operands[row].0);
+        if alike(low, self.in_flight) & alike(high, self.in_flight) == self.in_flight {
+            let first = self.in_flight.trailing_zeros() as usize % SUBGROUP_SIZE;
+            rays.top_level = [structure_in(operands, first); SUBGROUP_SIZE];
+            return;
+        }
         for lane in lanes_of(self.in_flight) {
             rays.top_level[lane] = structure_in(operands, lane);
         }

@@ -5,9 +5,10 @@
 
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::hit_object::kind;
-use spirv_jit::program::{AlignedRow, ResumePoint, SiteKind, Stage};
+use spirv_jit::program::{AlignedRow, ResumePoint, Row, SiteKind, Stage};
 
 use super::batch::Batch;
+use super::grid::Launches;
 use super::subgroup::{LaneRef, Subgroup, SubgroupIndex, lanes_of};
 use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
@@ -83,7 +84,8 @@ impl Batch<'_> {
         let subgroup = &self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let first = program.event_mask(&subgroup.rows).trailing_zeros() as usize;
-        self.grid.place(subgroup.launch[first % SUBGROUP_SIZE])
+        let (launch, first) = (&subgroup.launch, first % SUBGROUP_SIZE);
+        self.grid.place(launch.x[first], launch.y[first])
     }
 
     /// Puts the lanes of ready ray generation shaders that stand behind one shader call into fewer subgroups, where many have ended.
@@ -125,7 +127,8 @@ impl Batch<'_> {
         }
         lanes.sort_by_cached_key(|lane| {
             let launch = &self.worker.subgroups[lane.index()].launch;
-            self.grid.place(launch[lane.lane()])
+            self.grid
+                .place(launch.x[lane.lane()], launch.y[lane.lane()])
         });
         let targets = self.move_lanes(program, &sources, &lanes)?;
         subgroups.retain(|index| sources.binary_search(index).is_err());
@@ -204,6 +207,12 @@ impl Batch<'_> {
                 (&old[source].rows[..], lane)
             });
             compiled.gather_lanes(&mut rows, active, &columns);
+            let launches = |row: fn(&Launches) -> &Row| -> Row {
+                std::array::from_fn(|to| {
+                    let (source, lane) = pick(to);
+                    row(&old[source].launch)[lane]
+                })
+            };
             let mut moved = Subgroup {
                 program,
                 role: old[0].role,
@@ -211,10 +220,10 @@ impl Batch<'_> {
                 pending: 0,
                 lanes: active,
                 data_words: old[0].data_words,
-                launch: std::array::from_fn(|to| {
-                    let (source, lane) = pick(to);
-                    old[source].launch[lane]
-                }),
+                launch: Launches {
+                    x: launches(|launch| &launch.x),
+                    y: launches(|launch| &launch.y),
+                },
                 ..Subgroup::default()
             };
             for (to, &(source, lane)) in from.iter().enumerate() {

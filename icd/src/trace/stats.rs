@@ -39,7 +39,7 @@ impl Tally {
     }
 
     /// Notes a wave that is about to run.
-    pub fn count(&mut self, index: ProgramIndex, program: &Program, states: &[Vec<AlignedRow>]) {
+    pub fn count(&mut self, index: ProgramIndex, program: &Program, states: &[&mut [AlignedRow]]) {
         let counts = &mut self.0[index as usize];
         counts.waves += 1;
         counts.subgroups += states.len() as u64;

@@ -4,6 +4,7 @@
 use spirv_jit::program::{AlignedRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
+use super::grid::Launches;
 use super::queries::Owned;
 use crate::wave::table::ProgramIndex;
 
@@ -92,10 +93,11 @@ pub struct Subgroup {
     pub lanes: u16,
     /// Words of payload or callable data at the yield where the subgroup stands.
     pub data_words: u32,
-    /// Per lane: linear launch index.
-    pub launch: [u32; SUBGROUP_SIZE],
+    pub launch: Launches,
     /// Per lane: the ray, for hit and miss shaders; who waits, for callables.
     pub of: [LaneRef; SUBGROUP_SIZE],
+    /// These are all of one group of rays or one subgroup, each the lane of its own number.
+    pub is_in_place: bool,
     /// Its ray queries' suspended walks.
     pub queries: Owned,
 }
@@ -162,6 +164,10 @@ pub fn in_place(lanes: u16, of: &[LaneRef; SUBGROUP_SIZE]) -> bool {
 /// Takes over some lanes of a row.
 #[inline]
 pub fn copy_lanes(to: &mut Row, from: &Row, lanes: u16) {
+    if lanes == u16::MAX {
+        *to = *from;
+        return;
+    }
     for lane in 0..SUBGROUP_SIZE {
         let copied = lanes & 1 << lane != 0;
         to[lane] = if copied { from[lane] } else { to[lane] };

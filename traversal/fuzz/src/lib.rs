@@ -319,7 +319,7 @@ pub fn walked_together(top: &Exact, rays: &[Ray], fuel: u64) {
             let asked = company.candidates().found;
             for lane in (0..PACKET).filter(|lane| asked >> lane & 1 != 0) {
                 if company.candidates().hit(lane).is_built_in() {
-                    company.accept(lane, &mut hits);
+                    company.accept(1 << lane, &mut hits);
                 } else {
                     let t = company.t_max()[lane];
                     company.report(lane, t, 0, &mut hits);

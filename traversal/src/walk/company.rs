@@ -1,11 +1,14 @@
 //! Rays of one subgroup that walk together, while they wait for decisions about candidates.
 
 use super::found::Found;
-use super::rows::{HitRows, RayRows};
+use super::rows::{HitRows, Lanes, RayRows, Words, blend, lanes_of};
 use super::walker::Entry;
 use super::{PACKET, Walk};
 use crate::layout::LEAF_TRIANGLES;
 use crate::ray::Hit;
+
+/// Rays that are enough to copy rows instead of lanes.
+const MANY: u32 = 5;
 
 /// How far rays have come that walk together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,10 +109,32 @@ impl Company {
         &self.found.t
     }
 
-    /// Commits a ray's candidate, a triangle. `hits` are the rows that the rays set out with, here and below.
-    pub fn accept(&mut self, lane: usize, hits: &mut HitRows) {
-        let hit = self.candidates.hit(lane);
-        self.commit(lane, &hit, hits);
+    /// Commits candidates of rays, triangles. `hits` are the rows that the rays set out with, here and below.
+    pub fn accept(&mut self, lanes: u16, hits: &mut HitRows) {
+        if lanes.count_ones() < MANY {
+            for lane in lanes_of(lanes) {
+                let hit = self.candidates.hit(lane);
+                self.commit(lane, &hit, hits);
+            }
+            return;
+        }
+        hits.take(&self.candidates, lanes);
+        let found = &mut self.found;
+        blend(&mut found.t, &self.candidates.t, lanes);
+        found.hit &= !lanes;
+        found.outside |= lanes;
+    }
+
+    /// Commits hits that intersection shaders reported for rays' candidates, each in its ray's interval as it stands. Returns whether
+    /// the rays are over by it.
+    pub fn report_all(&mut self, lanes: u16, t: &Lanes, kinds: &Words, hits: &mut HitRows) -> bool {
+        hits.take(&self.candidates, lanes);
+        hits.report(lanes, t, kinds);
+        let found = &mut self.found;
+        blend(&mut found.t, t, lanes);
+        found.hit &= !lanes;
+        found.outside |= lanes;
+        self.any
     }
 
     /// Commits a hit that an intersection shader reported for a ray's candidate, in the ray's interval as it stands. Returns

@@ -197,6 +197,39 @@ impl HitRows {
         self.found |= lanes;
     }
 
+    /// Takes over the hits of some lanes.
+    pub(crate) fn take(&mut self, from: &HitRows, lanes: u16) {
+        blend(&mut self.t, &from.t, lanes);
+        for (weights, from) in self.barycentrics.iter_mut().zip(&from.barycentrics) {
+            blend(weights, from, lanes);
+        }
+        for (row, from) in [
+            (&mut self.instance_index, &from.instance_index),
+            (&mut self.instance_custom_index, &from.instance_custom_index),
+            (&mut self.instance_sbt_offset, &from.instance_sbt_offset),
+            (&mut self.geometry_index, &from.geometry_index),
+            (&mut self.primitive_index, &from.primitive_index),
+            (&mut self.slot, &from.slot),
+            (&mut self.kind, &from.kind),
+        ] {
+            blend(row, from, lanes);
+        }
+        self.found |= lanes;
+    }
+
+    /// Sets where some lanes hit what they hit, and the kind of hit.
+    pub(crate) fn report(&mut self, lanes: u16, t: &Lanes, kinds: &Words) {
+        blend(&mut self.t, t, lanes);
+        for (lane, kind) in kinds.iter().enumerate() {
+            let word = self.kind[lane] & !0xFF | kind & 0xFF;
+            self.kind[lane] = if lanes >> lane & 1 != 0 {
+                word
+            } else {
+                self.kind[lane]
+            };
+        }
+    }
+
     /// Whether the geometry of a lane's candidate is opaque.
     #[inline]
     pub fn is_opaque(&self, lane: usize) -> bool {

@@ -25,17 +25,17 @@ pub(super) trait PacketKernel: Sized {
     /// The machine has the instruction set, here and below.
     unsafe fn load(row: &Lanes) -> Self::Row;
 
+    /// The least number of some lanes.
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn least(row: &Lanes, lanes: u16) -> f32;
+
     /// The greatest number of some lanes.
     ///
     /// # Safety
     /// As above.
-    unsafe fn farthest(row: &Lanes, lanes: u16) -> f32;
-
-    /// The least and the greatest number of some lanes.
-    ///
-    /// # Safety
-    /// As above.
-    unsafe fn ends(row: &Lanes, lanes: u16) -> [f32; 2];
+    unsafe fn greatest(row: &Lanes, lanes: u16) -> f32;
 
     /// Lanes whose number is not less.
     ///
@@ -95,7 +95,7 @@ pub(super) trait PacketKernel: Sized {
     /// # Safety
     /// As above.
     unsafe fn test_some(
-        rays: &Rays,
+        rays: &mut Rays,
         structure: &Structure,
         facts: &InstanceFacts,
         leaf: (u32, u16),
@@ -256,21 +256,15 @@ mod wide {
         }
 
         #[inline(always)]
-        unsafe fn farthest(row: &Lanes, lanes: u16) -> f32 {
+        unsafe fn least(row: &Lanes, lanes: u16) -> f32 {
             // SAFETY: as above.
-            unsafe { _mm512_mask_reduce_max_ps(lanes, load(row)) }
+            unsafe { _mm512_mask_reduce_min_ps(lanes, load(row)) }
         }
 
         #[inline(always)]
-        unsafe fn ends(row: &Lanes, lanes: u16) -> [f32; 2] {
+        unsafe fn greatest(row: &Lanes, lanes: u16) -> f32 {
             // SAFETY: as above.
-            unsafe {
-                let row = load(row);
-                [
-                    _mm512_mask_reduce_min_ps(lanes, row),
-                    _mm512_mask_reduce_max_ps(lanes, row),
-                ]
-            }
+            unsafe { _mm512_mask_reduce_max_ps(lanes, load(row)) }
         }
 
         #[inline(always)]
@@ -334,7 +328,7 @@ mod wide {
 
         #[inline(always)]
         unsafe fn test_some(
-            rays: &Rays,
+            rays: &mut Rays,
             structure: &Structure,
             facts: &InstanceFacts,
             leaf: (u32, u16),

@@ -359,7 +359,7 @@ impl Packet<'_> {
         let live = self.live();
         let fetches_ahead = structure.node_count() > LARGE;
         // SAFETY: the caller's promise, here and below.
-        let (t, t_far) = unsafe { (K::load(&self.found.t), K::farthest(&self.found.t, live)) };
+        let (t, t_far) = unsafe { (K::load(&self.found.t), K::greatest(&self.found.t, live)) };
         while *length > 0 && live != 0 && self.patience > 0 {
             self.patience -= 1;
             *length -= 1;
@@ -468,8 +468,14 @@ impl Packet<'_> {
             };
             hits.set_instance(there, &facts.hit());
             hits.found |= there;
+            // Neighbours often hit the same.
+            let mut slot = found.slots[first];
+            let (mut geometry, mut primitive) = structure.identity(slot);
             for lane in lanes_of(there) {
-                let (geometry, primitive) = structure.identity(found.slots[lane]);
+                if found.slots[lane] != slot {
+                    slot = found.slots[lane];
+                    (geometry, primitive) = structure.identity(slot);
+                }
                 hits.geometry_index[lane] = geometry;
                 hits.primitive_index[lane] = primitive;
                 hits.set_opaque_triangle(lane, facts.hit_kind(found.front >> lane & 1 != 0));

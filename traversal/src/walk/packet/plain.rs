@@ -39,15 +39,34 @@ fn not_greater<const N: usize>(numbers: &[f32; N], others: &[f32; N]) -> u32 {
     lanes
 }
 
+/// The numbers of some lanes, and something else in the others.
 #[inline(always)]
-fn ends(row: &Lanes, lanes: u16) -> [f32; 2] {
-    let [mut least, mut most] = [f32::INFINITY, f32::NEG_INFINITY];
-    for (lane, &number) in row.iter().enumerate() {
-        let is_there = lanes >> lane & 1 != 0;
-        least = min(if is_there { number } else { f32::INFINITY }, least);
-        most = max(if is_there { number } else { f32::NEG_INFINITY }, most);
+fn pick(row: &Lanes, lanes: u16, other: f32) -> Lanes {
+    std::array::from_fn(|lane| match lanes >> lane & 1 {
+        0 => other,
+        _ => row[lane],
+    })
+}
+
+/// All numbers in one, halves by halves, so that vectors can.
+#[inline(always)]
+fn reduce(mut row: Lanes, join: impl Fn(f32, f32) -> f32) -> f32 {
+    for half in [8, 4, 2, 1] {
+        for lane in 0..half {
+            row[lane] = join(row[lane], row[lane + half]);
+        }
     }
-    [least, most]
+    row[0]
+}
+
+#[inline(always)]
+fn least(row: &Lanes, lanes: u16) -> f32 {
+    reduce(pick(row, lanes, f32::INFINITY), min)
+}
+
+#[inline(always)]
+fn greatest(row: &Lanes, lanes: u16) -> f32 {
+    reduce(pick(row, lanes, f32::NEG_INFINITY), max)
 }
 
 /// As with AVX-512: where the soonest of the rays enters boxes, and where the last leaves them.
@@ -223,7 +242,7 @@ unsafe fn test_leaf<P: PacketKernel, K: Kernel>(
 /// The machine has the kernels' instruction set.
 #[inline(always)]
 unsafe fn test_some<P: PacketKernel, K: Kernel>(
-    rays: &Rays,
+    rays: &mut Rays,
     structure: &Structure,
     facts: &InstanceFacts,
     (word, lanes): (u32, u16),
@@ -258,8 +277,8 @@ unsafe fn test_some<P: PacketKernel, K: Kernel>(
         }
         return standing;
     }
-    let mut hits = GroupHits::NONE;
     for lane in lanes_of(lanes) {
+        let mut hits = GroupHits::NONE;
         // Candidates are found with their edges here, and looked at without later.
         // SAFETY: likewise.
         let mut mask =
@@ -273,12 +292,26 @@ unsafe fn test_some<P: PacketKernel, K: Kernel>(
                 found.offer(structure, lane, first_slot + i as u32, &hit_of(&hits, i));
             }
         }
+        rays.hits[lane] = hits;
     }
+    rays.hits_of = word;
     standing
 }
 
+/// Weights of a hit that is not near an edge: so far from 0 that no rounding matters.
+const INSIDE: f32 = 1.0 / 64.0;
+
+fn is_inside(hit: &Intersection) -> bool {
+    let [second, third] = hit.barycentrics;
+    (second > INSIDE) & (third > INSIDE) & (1.0 - second - third > INSIDE)
+}
+
 /// As with AVX-512.
-fn next_candidates(
+///
+/// # Safety
+/// The machine has the kernel's instruction set.
+#[inline(always)]
+unsafe fn next_candidates<K: Kernel>(
     rays: &Rays,
     structure: &Structure,
     facts: &InstanceFacts,
@@ -308,7 +341,36 @@ fn next_candidates(
             t: [0.0; PACKET],
             barycentrics: [[0.0; PACKET]; 2],
         };
-        let (met, front) = place.meet_exactly(rays, &group.triangle(lane), lanes, found);
+        let (mut met, mut front, mut undecided) = (0, 0, 0);
+        for lane in lanes_of(lanes) {
+            let hit = if rays.hits_of == standing.word {
+                hit_of(&rays.hits[lane], i)
+            } else {
+                let mut hits = GroupHits::NONE;
+                // SAFETY: the caller's promise.
+                if unsafe { hit_in::<K>(rays, lane, groups, 1 << i, found, &mut hits) } == 0 {
+                    continue;
+                }
+                hit_of(&hits, i)
+            };
+            if hit.t >= found.t[lane] {
+                continue;
+            }
+            if !is_inside(&hit) {
+                undecided |= 1 << lane;
+                continue;
+            }
+            met |= 1 << lane;
+            front |= u16::from(hit.front) << lane;
+            place.t[lane] = hit.t;
+            (place.barycentrics[0][lane], place.barycentrics[1][lane]) =
+                (hit.barycentrics[0], hit.barycentrics[1]);
+        }
+        if undecided != 0 {
+            let exactly = place.meet_exactly(rays, &group.triangle(lane), undecided, found);
+            met |= exactly.0;
+            front |= exactly.1;
+        }
         let hit = Hit {
             geometry_index: group.geometries[lane] & geometry_word::INDEX,
             primitive_index: group.primitives[lane],
@@ -331,13 +393,13 @@ macro_rules! plain {
             }
 
             #[inline(always)]
-            unsafe fn farthest(row: &Lanes, lanes: u16) -> f32 {
-                ends(row, lanes)[1]
+            unsafe fn least(row: &Lanes, lanes: u16) -> f32 {
+                least(row, lanes)
             }
 
             #[inline(always)]
-            unsafe fn ends(row: &Lanes, lanes: u16) -> [f32; 2] {
-                ends(row, lanes)
+            unsafe fn greatest(row: &Lanes, lanes: u16) -> f32 {
+                greatest(row, lanes)
             }
 
             #[inline(always)]
@@ -360,11 +422,13 @@ macro_rules! plain {
 
             #[inline(always)]
             unsafe fn flat(inverses: &Lanes) -> u16 {
-                let mut lanes = 0;
-                for (lane, inverse) in inverses.iter().enumerate() {
-                    lanes |= u16::from(inverse.abs() < STEEP) << lane;
+                // The last number below.
+                const LAST: f32 = f32::from_bits(STEEP.to_bits() - 1);
+                // SAFETY: as above.
+                #[allow(unused_unsafe)]
+                unsafe {
+                    $sixteen(&inverses.map(f32::abs), &[LAST; PACKET]) as u16
                 }
-                lanes
             }
 
             #[inline(always)]
@@ -417,7 +481,7 @@ macro_rules! plain {
 
             $(#[$feature])?
             unsafe fn test_some(
-                rays: &Rays,
+                rays: &mut Rays,
                 structure: &Structure,
                 facts: &InstanceFacts,
                 leaf: (u32, u16),
@@ -428,6 +492,7 @@ macro_rules! plain {
                 unsafe { test_some::<$name, $kernel>(rays, structure, facts, leaf, t_far, found) }
             }
 
+            $(#[$feature])?
             unsafe fn next_candidates(
                 rays: &Rays,
                 structure: &Structure,
@@ -437,7 +502,12 @@ macro_rules! plain {
                 found: &Found,
                 candidates: &mut HitRows,
             ) {
-                next_candidates(rays, structure, facts, standing, live, found, candidates);
+                // SAFETY: as above.
+                unsafe {
+                    next_candidates::<$kernel>(
+                        rays, structure, facts, standing, live, found, candidates,
+                    );
+                }
             }
 
             compiled! { $(#[$feature])? as $name; }

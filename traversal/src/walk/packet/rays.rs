@@ -11,6 +11,7 @@ use crate::walk::PACKET;
 #[cfg(target_arch = "x86_64")]
 use crate::walk::beams::AXIS;
 use crate::walk::beams::{Beams, Given, ROW};
+use crate::walk::kernel::GroupHits;
 #[cfg(target_arch = "x86_64")]
 use crate::walk::rows::Lanes;
 use crate::walk::space::MARGIN;
@@ -44,6 +45,9 @@ pub(crate) struct Rays {
     /// Offsets in bytes of the axes in a vertex.
     pub axes: [usize; 3],
     pub(super) interval: Interval,
+    /// Where rays hit the triangles of a leaf, for those that look at it ray by ray, and its word; 0 is none.
+    pub(super) hits: [GroupHits; PACKET],
+    pub(super) hits_of: u32,
 }
 
 /// What all rays have in common, for a test of eight boxes: lower and upper ends.
@@ -68,6 +72,8 @@ impl Rays {
             far_inverse: [[0.0; 2]; 3],
             t_min: 0.0,
         },
+        hits: [GroupHits::NONE; PACKET],
+        hits_of: 0,
     };
 
     /// Sets the rays of `lanes` up for a top level; false if they are not alike.
@@ -108,6 +114,7 @@ impl Rays {
     /// The machine has the kernel's instruction set.
     #[inline(always)]
     unsafe fn join<K: PacketKernel>(&mut self, sound: u32, lanes: u16) -> bool {
+        self.hits_of = 0;
         if sound as u16 & lanes != lanes {
             return false;
         }
@@ -119,18 +126,17 @@ impl Rays {
             self.near_rows[k] = row as usize;
             self.axes[k] = beams.axes[k][first] as usize;
             let upper = row & ROW != 0;
+            let (origin, far_origin) = (&beams.origin[k], &beams.far_origin[k]);
+            let inverse = &beams.near_inverse[k];
             // SAFETY: the caller's promise.
-            let [origin, far_origin, inverse] = unsafe {
-                alike &= K::equal(&beams.near_rows[k], row) & K::flat(&beams.near_inverse[k]);
-                [
-                    K::ends(&beams.origin[k], lanes),
-                    K::ends(&beams.far_origin[k], lanes),
-                    K::ends(&beams.near_inverse[k], lanes),
-                ]
+            let [low, high] = unsafe {
+                alike &= K::equal(&beams.near_rows[k], row) & K::flat(inverse);
+                (interval.near_origin[k], interval.far_origin[k]) = match upper {
+                    true => (K::least(origin, lanes), K::greatest(far_origin, lanes)),
+                    false => (K::greatest(origin, lanes), K::least(far_origin, lanes)),
+                };
+                [K::least(inverse, lanes), K::greatest(inverse, lanes)]
             };
-            interval.near_origin[k] = origin[usize::from(!upper)];
-            interval.far_origin[k] = far_origin[usize::from(upper)];
-            let [low, high] = inverse;
             interval.near_inverse[k] = [low, high];
             // Those of far planes are larger by two margins and some roundings.
             let wider = 1.0 + 4.0 * MARGIN;
@@ -141,7 +147,7 @@ impl Rays {
             };
         }
         // SAFETY: the caller's promise.
-        interval.t_min = unsafe { K::ends(&beams.t_min, lanes) }[0];
+        interval.t_min = unsafe { K::least(&beams.t_min, lanes) };
         alike == lanes
     }
 
