@@ -30,11 +30,12 @@ fn lower(v: f32) -> f32 {
     f32::from_bits(if v == 0.0 { 0x8000_0001 } else { next as u32 })
 }
 
-/// The number of an axis.
+/// The number of an axis. By masks: of a choice between numbers in memory, compilers make a choice between addresses, and gather.
 #[inline(always)]
 fn pick(axis: u32, x: f32, y: f32, z: f32) -> f32 {
-    let x_or_y = if axis == 0 { x } else { y };
-    if axis == 2 { z } else { x_or_y }
+    let only_if = |wanted: bool, v: f32| v.to_bits() & 0u32.wrapping_sub(u32::from(wanted));
+    let bits = only_if(axis == 0, x) | only_if(axis == 1, y) | only_if(axis == 2, z);
+    f32::from_bits(bits)
 }
 
 /// Bytes from one axis of a vertex to the next.
@@ -235,13 +236,14 @@ impl Beams {
             let [x, y, z] = [d[0][i].abs(), d[1][i].abs(), d[2][i].abs()];
             let is_x = (x > y) & (x > z);
             let is_y = (y >= x) & (y > z);
-            let direction = if is_x {
-                d[0][i]
+            let longest = if is_x {
+                0
             } else if is_y {
-                d[1][i]
+                1
             } else {
-                d[2][i]
+                2
             };
+            let direction = pick(longest, d[0][i], d[1][i], d[2][i]);
             let first = if is_x {
                 1
             } else if is_y {
@@ -259,13 +261,7 @@ impl Beams {
             let backward = direction < 0.0;
             axes[0][i] = if backward { second } else { first };
             axes[1][i] = if backward { first } else { second };
-            axes[2][i] = if is_x {
-                0
-            } else if is_y {
-                1
-            } else {
-                2
-            };
+            axes[2][i] = longest;
         }
         // Written out, so that each is a loop of its own with known places.
         let directions = [

@@ -286,14 +286,14 @@ impl HitRows {
     }
 
     /// Forgets the hits of lanes, whose rays begin now.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn start(&mut self, rays: &RayRows, lanes: u16) {
         blend(&mut self.t, &rays.t_max, lanes);
         self.found &= !lanes;
     }
 
     /// Puts what the triangles of an instance have in common into lanes.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn set_instance(&mut self, lanes: u16, instance: &Hit) {
         blend(
             &mut self.instance_custom_index,
@@ -308,7 +308,7 @@ impl HitRows {
     }
 
     /// What kind of opaque triangle the hit of a lane is.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn set_opaque_triangle(&mut self, lane: usize, hit_kind: u8) {
         self.kind[lane % PACKET] = u32::from(hit_kind) | OPAQUE | TRIANGLE;
     }

@@ -91,7 +91,8 @@ impl Packet<'_> {
                 self.part(walker, hits, (0, 0))
             }
             0 => Progress::Apart,
-            _ => self.finish(hits, &walker.top),
+            // SAFETY: as above.
+            _ => unsafe { K::finish(&self, hits, &walker.top) },
         }
     }
 

@@ -10,6 +10,7 @@ use crate::walk::beams::Given;
 use crate::walk::company::{Company, Progress, Standing};
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
+use crate::walk::level::Level;
 use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
 
 /// The tests of packets with one instruction set, and the functions that are made of them.
@@ -128,6 +129,12 @@ pub(super) trait PacketKernel: Sized {
         stack: &mut Stack,
     ) -> Option<(u32, u16, f32)>;
 
+    /// [`Packet::finish`].
+    ///
+    /// # Safety
+    /// As above.
+    unsafe fn finish(packet: &Packet<'_>, hits: &mut HitRows, top: &Level) -> Progress;
+
     /// [`Rays::set_up_top`].
     ///
     /// # Safety
@@ -182,6 +189,11 @@ macro_rules! compiled {
         ) -> Option<(u32, u16, f32)> {
             // SAFETY: the caller's promise.
             unsafe { packet.next_leaf::<$kernel>(rays, structure, stack) }
+        }
+
+        $(#[$feature])?
+        unsafe fn finish(packet: &Packet<'_>, hits: &mut HitRows, top: &Level) -> Progress {
+            packet.finish(hits, top)
         }
 
         $(#[$feature])?

@@ -274,7 +274,8 @@ unsafe fn go_on<K: PacketKernel>(
     };
     // SAFETY: the caller's promise, here and below.
     if !unsafe { walker.top.enter_top(rays.top_level[first]) } {
-        return packet.finish(hits, &walker.top);
+        // SAFETY: as above.
+        return unsafe { K::finish(&packet, hits, &walker.top) };
     }
     if descend::only_instance(&walker.top).is_none() {
         let origin_error = walker.top.structure.origin_error();
@@ -293,7 +294,8 @@ unsafe fn go_on<K: PacketKernel>(
         // SAFETY: as above.
         let entering = unsafe { packet.enter::<K>(walker, index, lanes, true) };
         let Entering::Inside(way) = entering else {
-            return packet.finish(hits, &walker.top);
+            // SAFETY: as above.
+            return unsafe { K::finish(&packet, hits, &walker.top) };
         };
         walker.packet.bottom.restore(&company.bottom);
         let standing = company.leaf;
@@ -306,7 +308,8 @@ unsafe fn go_on<K: PacketKernel>(
             return packet.part(walker, hits, (index, lanes));
         }
         if descend::only_instance(&walker.top).is_some() {
-            return packet.finish(hits, &walker.top);
+            // SAFETY: as above.
+            return unsafe { K::finish(&packet, hits, &walker.top) };
         }
     }
     // SAFETY: as above.
@@ -442,6 +445,7 @@ impl Packet<'_> {
     }
 
     /// Makes the rows of hits those of these rays: from here on there is no way back.
+    #[inline(always)]
     fn open(&self, hits: &mut HitRows) {
         if !self.has_asked {
             hits.start(self.rays, self.lanes);
@@ -449,6 +453,7 @@ impl Packet<'_> {
     }
 
     /// Puts down what was found.
+    #[inline(always)]
     fn finish(&self, hits: &mut HitRows, top: &Level) -> Progress {
         self.open(hits);
         let found = &self.found;

@@ -14,6 +14,7 @@ use crate::walk::company::{Company, Progress, Standing};
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::kernel::{self, GroupHits, Kernel};
+use crate::walk::level::Level;
 use crate::walk::rows::{HitRows, Lanes, RayRows, Words, lanes_of};
 use crate::walk::space::{max, min};
 use crate::walk::triangle::Intersection;
