@@ -85,6 +85,12 @@ impl Arena {
         owned.0.push(index);
     }
 
+    /// The walk behind a handle that was found to be its owner's.
+    pub fn walk(&self, handle: u32) -> Option<&Walk> {
+        let index = handle.checked_sub(1)?;
+        Some(&self.suspended.get(index)?.walk)
+    }
+
     /// The walk behind a handle, if it is one of this owner's.
     pub fn find(&mut self, handle: u32, owned: &Owned) -> Option<&mut Suspended> {
         let index = handle.checked_sub(1)?;

@@ -12,17 +12,57 @@ use super::super::rays::to_object;
 use super::super::subgroup::{copy_lanes, lanes_of};
 use super::Object;
 
-/// Writes what getters read of the candidate at which a walk stands.
-pub(super) fn describe_candidate(
-    walk: &Walk,
-    query: &mut Object<'_>,
+/// Writes what getters read of the candidates at which walks stand, a row at a time; `walks` has their lanes.
+pub(super) fn describe_candidates(
+    walks: &[(usize, &Walk)],
+    object: &mut [AlignedRow],
     words: &[QueryWord],
     limits: &Limits,
 ) {
     let (words, _) = split(words);
-    let hit = walk.candidate();
-    let ty = u32::from(!hit.is_built_in());
-    describe(walk, (hit, ty), query, 0, words, limits);
+    // Neighbours mostly meet the same instance.
+    let mut last: Option<((u64, u32), [f32; 12])> = None;
+    let mut to_object_space = |walk: &Walk, word: &QueryWord, vector: &[f32; 3], w: f32| {
+        let asked = (walk.top_level(), walk.candidate().instance_index);
+        let matrix = match &mut last {
+            Some((known, matrix)) if *known == asked => matrix,
+            _ => {
+                let structure = limits.structure(asked.0);
+                let matrix = structure.map_or([0.0; 12], |s| s.world_to_object(asked.1));
+                &mut last.insert((asked, matrix)).1
+            }
+        };
+        to_object(matrix, word.component as usize, vector, w).to_bits()
+    };
+    for (row, word) in object[row::WORDS..].iter_mut().zip(words) {
+        let mut each = |fact: &mut dyn FnMut(&Walk, &Hit) -> u32| {
+            for &(lane, walk) in walks {
+                row.0[lane] = fact(walk, walk.candidate());
+            }
+        };
+        match word.field {
+            QueryField::IntersectionType => each(&mut |_, hit| u32::from(!hit.is_built_in())),
+            QueryField::T => each(&mut |_, hit| hit.t.to_bits()),
+            QueryField::InstanceCustomIndex => each(&mut |_, hit| hit.instance_custom_index),
+            QueryField::InstanceId => each(&mut |_, hit| hit.instance_index),
+            QueryField::InstanceSbtOffset => each(&mut |_, hit| hit.instance_sbt_offset),
+            QueryField::GeometryIndex => each(&mut |_, hit| hit.geometry_index),
+            QueryField::PrimitiveIndex => each(&mut |_, hit| hit.primitive_index),
+            QueryField::Barycentrics => {
+                each(&mut |_, hit| hit.barycentrics[word.component as usize].to_bits());
+            }
+            QueryField::ObjectRayOrigin => {
+                each(&mut |walk, _| to_object_space(walk, word, &walk.ray().origin, 1.0));
+            }
+            QueryField::ObjectRayDirection => {
+                each(&mut |walk, _| to_object_space(walk, word, &walk.ray().direction, 0.0));
+            }
+            _ => each(&mut |walk, hit| {
+                let ty = u32::from(!hit.is_built_in());
+                Facts::new(walk.ray(), walk.top_level(), (hit, ty), limits).word(*word)
+            }),
+        }
+    }
 }
 
 /// Writes what getters read of a walk's committed hit, if there is one.

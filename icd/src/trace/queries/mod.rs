@@ -18,7 +18,7 @@ use super::subgroup::lanes_of;
 use crate::wave::{Limits, Stopped};
 use arena::Arena;
 pub use arena::Owned;
-use facts::{describe_candidate, describe_committed, describe_rows, shows_committed};
+use facts::{describe_candidates, describe_committed, describe_rows, shows_committed};
 
 /// Fuel of a walk between two looks at the limits.
 const FUEL: u64 = 1 << 16;
@@ -109,9 +109,8 @@ impl Queries {
         if ready != 0 {
             stand = self.start(context, object, ready)?;
         }
-        for lane in lanes_of(lanes & !ready) {
-            let mut query = Object { rows: object, lane };
-            stand |= u16::from(self.advance(context, &mut query)?) << lane;
+        if lanes & !ready != 0 {
+            stand |= self.advance(context, object, lanes & !ready)?;
         }
         Ok(stand)
     }
@@ -159,13 +158,13 @@ impl Queries {
         let suspended = (events.iter()).fold(0, |suspended, event| suspended | 1 << event.0);
         let done = lanes & !suspended;
         describe_rows(rays, hits, done, object, words, context.limits);
-        let mut stand = 0;
-        for (lane, handle, event) in events {
-            let mut query = Object { rows: object, lane };
-            query.set(row::HANDLE, handle);
-            stand |= u16::from(self.settle(context, &mut query, event)?) << lane;
+        for &(lane, handle, _) in &events {
+            object[row::HANDLE].0[lane] = handle;
         }
-        Ok(stand)
+        let events: SmallVec<[_; SUBGROUP_SIZE]> = (events.iter())
+            .map(|&(lane, _, event)| (lane, event, true))
+            .collect();
+        self.settle(context, object, &events)
     }
 
     /// Reads the rays of queries.
@@ -198,59 +197,80 @@ impl Queries {
         }
     }
 
-    /// Goes on with the walk of a query that the shader has decided about. Whether it stands at a candidate now.
+    /// Goes on with the walks of queries that the shader has decided about; returns which of them stand at a candidate now.
     fn advance(
         &mut self,
         context: &mut Context<'_>,
-        query: &mut Object<'_>,
-    ) -> Result<bool, Stopped> {
-        let (stands, handle) = (query.word(row::STATE), query.word(row::HANDLE));
-        if !matches!(
-            stands,
-            state::CANDIDATE | state::CONFIRMED | state::GENERATED
-        ) {
-            self.arena.remove(handle, context.owned);
-            query.set(row::HANDLE, 0);
-            return Ok(false);
+        object: &mut [AlignedRow],
+        lanes: u16,
+    ) -> Result<u16, Stopped> {
+        let mut events: SmallVec<[(usize, Event, bool); SUBGROUP_SIZE]> = SmallVec::new();
+        // SAFETY: as for their start.
+        let mut list = unsafe { context.walker.list() };
+        for lane in lanes_of(lanes) {
+            let mut query = Object { rows: object, lane };
+            let (stands, handle) = (query.word(row::STATE), query.word(row::HANDLE));
+            if !matches!(
+                stands,
+                state::CANDIDATE | state::CONFIRMED | state::GENERATED
+            ) {
+                self.arena.remove(handle, context.owned);
+                query.set(row::HANDLE, 0);
+                continue;
+            }
+            let Some(suspended) = self.arena.find(handle, context.owned) else {
+                query.set(row::STATE, state::OVER);
+                continue;
+            };
+            let walk = &mut suspended.walk;
+            let before = walk.committed().copied();
+            let verdict = decide(walk, &query, stands);
+            let event = list.resume(walk, verdict, &mut { FUEL });
+            events.push((lane, event, walk.committed() != before.as_ref()));
         }
-        let Some(suspended) = self.arena.find(handle, context.owned) else {
-            query.set(row::STATE, state::OVER);
-            return Ok(false);
-        };
-        let walk = &mut suspended.walk;
-        let verdict = decide(walk, query, stands);
-        let event = walk.resume(context.walker, verdict, &mut { FUEL });
-        self.settle(context, query, event)
+        self.settle(context, object, &events)
     }
 
-    /// Puts down what has become of a query's walk; goes on with it where only fuel was missing. Whether it stands at a candidate.
+    /// Puts down what has become of the walks of queries: lanes, the events where they stopped, and whether there may be another
+    /// committed hit than the shader knows. Goes on where only fuel was missing. Returns which of them stand at a candidate.
     fn settle(
         &mut self,
         context: &mut Context<'_>,
-        query: &mut Object<'_>,
-        mut event: Event,
-    ) -> Result<bool, Stopped> {
-        let handle = query.word(row::HANDLE);
-        let Some(suspended) = self.arena.find(handle, context.owned) else {
-            query.set(row::STATE, state::OVER);
-            return Ok(false);
-        };
-        let walk = &mut suspended.walk;
-        while event == Event::OutOfFuel {
-            context.limits.check()?;
-            event = walk.resume(context.walker, Verdict::Continue, &mut { FUEL });
-        }
+        object: &mut [AlignedRow],
+        events: &[(usize, Event, bool)],
+    ) -> Result<u16, Stopped> {
         let words = context.program.query_words();
-        describe_committed(walk, query, words, context.limits);
-        if event != Event::Done {
-            describe_candidate(walk, query, words, context.limits);
-            query.set(row::STATE, state::CANDIDATE);
-            return Ok(true);
+        let mut stand = 0;
+        for &(lane, mut event, mut commits) in events {
+            let mut query = Object { rows: object, lane };
+            let handle = query.word(row::HANDLE);
+            let Some(suspended) = self.arena.find(handle, context.owned) else {
+                query.set(row::STATE, state::OVER);
+                continue;
+            };
+            let walk = &mut suspended.walk;
+            while event == Event::OutOfFuel {
+                context.limits.check()?;
+                event = walk.resume(context.walker, Verdict::Continue, &mut { FUEL });
+                commits = true;
+            }
+            if commits {
+                describe_committed(walk, &mut query, words, context.limits);
+            }
+            if event != Event::Done {
+                query.set(row::STATE, state::CANDIDATE);
+                stand |= 1 << lane;
+                continue;
+            }
+            self.arena.remove(handle, context.owned);
+            query.set(row::HANDLE, 0);
+            query.set(row::STATE, state::OVER);
         }
-        self.arena.remove(handle, context.owned);
-        query.set(row::HANDLE, 0);
-        query.set(row::STATE, state::OVER);
-        Ok(false)
+        let walks: SmallVec<[(usize, &Walk); SUBGROUP_SIZE]> = lanes_of(stand)
+            .filter_map(|lane| Some((lane, self.arena.walk(object[row::HANDLE].0[lane])?)))
+            .collect();
+        describe_candidates(&walks, object, words, context.limits);
+        Ok(stand)
     }
 
     /// Forgets the walks that an owner has left.
