@@ -19,7 +19,7 @@ pub(super) const MAX_SUBGROUPS: usize = 16;
 pub(super) type Mask = [u16; MAX_SUBGROUPS];
 
 /// A row of the frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Operand(u32);
 
 impl Operand {

@@ -1,5 +1,8 @@
 //! Bodies, constructs, copies at `br`, calls, and the places where a wave can be suspended.
 
+use foldhash::HashMap;
+use smallvec::SmallVec;
+
 use super::{Emitter, Target, budget, instr};
 use crate::Error;
 use crate::interp::code::{CallSite, Live, SavePoint, Saved};
@@ -10,6 +13,7 @@ use crate::ir::{Body, Inst, Label, Node, Op, Terminator, Type, Value};
 use crate::program::{IO_DATA_ROW, SiteId, SiteKind};
 
 /// A copy of one row, or of the two of a 64-bit value.
+#[derive(Clone, Copy)]
 struct Move {
     to: Operand,
     from: Operand,
@@ -283,33 +287,57 @@ impl Emitter<'_> {
     /// Copies as if all at once.
     fn emit_moves(&mut self, mut moves: Vec<Move>, masked: bool) {
         moves.retain(|m| m.to != m.from);
-        while !moves.is_empty() {
-            // What nobody else still reads can be overwritten.
-            let free = (0..moves.len()).find(|&k| {
-                moves
-                    .iter()
-                    .enumerate()
-                    .all(|(j, other)| j == k || other.from != moves[k].to)
-            });
-            match free {
-                Some(k) => {
-                    let m = moves.swap_remove(k);
-                    self.emit_move(&m, masked);
+        if let [only] = &moves[..] {
+            return self.emit_move(only, masked);
+        }
+        // Who reads a row, how many of them still will, and who writes it: what nobody reads any more can be overwritten.
+        let mut readers: HashMap<Operand, (u32, SmallVec<[u32; 2]>)> = HashMap::default();
+        let mut writers: HashMap<Operand, u32> = HashMap::default();
+        for (index, m) in moves.iter().enumerate() {
+            let (count, who) = readers.entry(m.from).or_default();
+            *count += 1;
+            who.push(index as u32);
+            writers.insert(m.to, index as u32);
+        }
+        let mut ready: Vec<u32> = (0..moves.len() as u32)
+            .rev()
+            .filter(|&index| !readers.contains_key(&moves[index as usize].to))
+            .collect();
+        let mut done = vec![false; moves.len()];
+        for first in 0..moves.len() {
+            while let Some(index) = ready.pop() {
+                let Move { to, from, wide } = moves[index as usize];
+                if std::mem::replace(&mut done[index as usize], true) {
+                    continue;
                 }
-                None => {
-                    // Only cycles are left: save one destination's old value.
-                    let saved = Move {
-                        to: self.placed().scratch,
-                        from: moves[0].to,
-                        wide: moves[0].wide,
-                    };
-                    self.emit_move(&saved, false);
-                    for m in &mut moves {
-                        if m.from == saved.from {
-                            m.from = saved.to;
-                        }
+                self.emit_move(&Move { to, from, wide }, masked);
+                if let Some((count, _)) = readers.get_mut(&from) {
+                    *count -= 1;
+                    if *count == 0 {
+                        ready.extend(writers.get(&from));
                     }
                 }
+            }
+            if done[first] {
+                continue;
+            }
+            // Only cycles are left: save one destination's old value.
+            let Move { to, wide, .. } = moves[first];
+            let scratch = self.placed().scratch;
+            let saved = Move {
+                to: scratch,
+                from: to,
+                wide,
+            };
+            self.emit_move(&saved, false);
+            for reader in readers.remove(&to).unwrap_or_default().1 {
+                moves[reader as usize].from = scratch;
+            }
+            ready.push(first as u32);
+        }
+        while let Some(index) = ready.pop() {
+            if !std::mem::replace(&mut done[index as usize], true) {
+                self.emit_move(&moves[index as usize], masked);
             }
         }
     }
