@@ -77,8 +77,8 @@ impl Kernel for Branch {
     }
 }
 
-/// A loop's end: lanes parked at its label `x` start the next iteration at `y`, unless fuel is out (`b` of the next instruction); without
-/// any, control falls through.
+/// A loop's end: lanes parked at its label `x` start the next iteration at `y`, for `b` fuel, unless that is out: then the wave is suspended at
+/// point `a`. Without lanes, control falls through.
 ///
 /// # Safety
 /// As [`enter`].
@@ -93,20 +93,21 @@ pub(super) unsafe fn back_edge(m: &mut Machine<'_>, i: &Instr) {
         unsafe { super::yields::suspend(m, i.a.raw(), Event::OutOfFuel) };
         return;
     }
-    m.fuel -= 1;
+    m.fuel = m.fuel.saturating_sub(i.b.raw().into());
     m.pc = i.y as usize;
 }
 
-/// Where a function begins: takes fuel, or suspends the wave at point `a` if there is none.
+/// Where a function begins: takes `b` fuel, or suspends the wave at point `a` if there is none.
 ///
 /// # Safety
 /// As [`enter`].
 pub(super) unsafe fn burn(m: &mut Machine<'_>, i: &Instr) {
-    match m.fuel.checked_sub(1) {
-        Some(rest) => m.fuel = rest,
+    if m.fuel == 0 {
         // SAFETY: the point's number was emitted with the instruction.
-        None => unsafe { super::yields::suspend(m, i.a.raw(), Event::OutOfFuel) },
+        unsafe { super::yields::suspend(m, i.a.raw(), Event::OutOfFuel) };
+        return;
     }
+    m.fuel = m.fuel.saturating_sub(i.b.raw().into());
 }
 
 /// Goes to `y` if no lane is active.

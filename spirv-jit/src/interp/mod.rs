@@ -273,8 +273,8 @@ impl Program {
         state[0].0[1] = 0;
     }
 
-    /// Runs a wave of subgroups that stand at one resume point until the next event. `fuel` is burnt at loop back-edges and calls, for the
-    /// whole wave.
+    /// Runs a wave of subgroups that stand at one resume point until the next event. `fuel` is burnt at loop back-edges and calls, by the
+    /// length of the code and for the whole wave.
     ///
     /// # Safety
     /// Until it returns, `wave.shared` points to [`Self::shared_size_bytes`] bytes, and in `wave.environment` every table has as many

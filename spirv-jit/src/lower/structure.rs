@@ -97,6 +97,14 @@ fn encloses(bodies: &[PlanBody], outer: BodyIndex, inner: BodyIndex) -> bool {
     at == outer
 }
 
+/// Blocks that may be looked at for switches: many of few, of many blocks as often as nested switches of use need.
+const LOOKS: usize = 200_000;
+const LOOKS_PER_BLOCK: usize = 16;
+
+pub(super) fn too_deep() -> Error {
+    super::budget("control flow is nested too deeply")
+}
+
 /// Makes the plan of a function.
 pub(super) fn plan_function(module: &ParsedModule, function: &Function) -> Result<Plan, Error> {
     if function.blocks.is_empty() {
@@ -109,6 +117,8 @@ pub(super) fn plan_function(module: &ParsedModule, function: &Function) -> Resul
         labels: 0,
         targets: HashMap::default(),
         block_body: vec![None; function.blocks.len()],
+        seen_by: vec![None; function.blocks.len()],
+        looks: LOOKS + LOOKS_PER_BLOCK * function.blocks.len(),
         depth: 0,
     };
     let root = planner.new_body(None);
@@ -130,6 +140,10 @@ pub(super) struct Planner<'a> {
     targets: HashMap<BlockIndex, Vec<LabelIndex>>,
     /// The body that a block is lowered in.
     block_body: Vec<Option<BodyIndex>>,
+    /// The switch that a block was last looked at for.
+    pub(super) seen_by: Vec<Option<BlockIndex>>,
+    /// Blocks that may still be looked at for switches.
+    pub(super) looks: usize,
     pub(super) depth: usize,
 }
 
@@ -203,7 +217,7 @@ impl Planner<'_> {
     ) -> Result<(), Error> {
         self.depth += 1;
         if self.depth > MAX_DEPTH {
-            return Err(super::budget("control flow is nested too deeply"));
+            return Err(too_deep());
         }
         let mut next = Some((from, to));
         while let Some((from, to)) = next {

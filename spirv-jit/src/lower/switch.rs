@@ -4,7 +4,7 @@ use foldhash::{HashMap, HashSet};
 
 use rspirv::spirv::Op;
 
-use super::structure::{BlockIndex, BodyIndex, Condition, End, MAX_DEPTH, Planner, Step};
+use super::structure::{BlockIndex, BodyIndex, Condition, End, MAX_DEPTH, Planner, Step, too_deep};
 use crate::Error;
 use crate::parse::{Id, Merge};
 
@@ -13,6 +13,8 @@ struct Switch {
     at: BlockIndex,
     default: BlockIndex,
     cases: Vec<(BlockIndex, Vec<u64>)>,
+    /// Where a target is in `cases`.
+    index: HashMap<BlockIndex, usize>,
 }
 
 impl Planner<'_> {
@@ -67,7 +69,7 @@ impl Planner<'_> {
         }
         self.depth += chain.len();
         if self.depth > MAX_DEPTH {
-            return Err(super::budget("control flow is nested too deeply"));
+            return Err(too_deep());
         }
         let mut parents = vec![body];
         let mut labels = Vec::new();
@@ -120,7 +122,7 @@ impl Planner<'_> {
     }
 
     /// Cases grouped so that each falls through only into later ones of its group. Targets that leave the switch are groups of their own.
-    fn fall_through_chains(&self, switch: &Switch) -> Result<Vec<Vec<BlockIndex>>, Error> {
+    fn fall_through_chains(&mut self, switch: &Switch) -> Result<Vec<Vec<BlockIndex>>, Error> {
         let mut entries: Vec<BlockIndex> = switch.cases.iter().map(|case| case.0).collect();
         if !entries.contains(&switch.default) {
             entries.push(switch.default);
@@ -131,25 +133,26 @@ impl Planner<'_> {
             .filter(|&entry| self.target(entry).is_none())
             .collect();
         let mut falls: HashMap<BlockIndex, Vec<BlockIndex>> = HashMap::default();
-        let mut owner: HashMap<BlockIndex, BlockIndex> = HashMap::default();
         for &entry in entries.iter().filter(|entry| inside.contains(entry)) {
-            falls.insert(entry, self.falls_into(entry, &inside, &mut owner));
+            falls.insert(entry, self.falls_into(switch.at, entry, &inside)?);
         }
         let order = order_cases(&entries, &falls)
             .ok_or_else(|| Error::invalid(self.block(switch.at).offset, "cases form a loop"))?;
         Ok(group_cases(&order, &falls))
     }
 
-    /// The cases that control flow can get into from a case without leaving the switch. Each block is looked at for one case only.
+    /// The cases that control flow can get into from a case of the switch at a block without leaving it. Each block is looked at for one case
+    /// only, but again for each switch around it: of that, there is a limit.
     fn falls_into(
-        &self,
+        &mut self,
+        at: BlockIndex,
         entry: BlockIndex,
         inside: &HashSet<BlockIndex>,
-        owner: &mut HashMap<BlockIndex, BlockIndex>,
-    ) -> Vec<BlockIndex> {
+    ) -> Result<Vec<BlockIndex>, Error> {
         let mut found = Vec::new();
         let mut work = vec![entry];
         while let Some(block) = work.pop() {
+            self.looks = self.looks.checked_sub(1).ok_or_else(too_deep)?;
             let (opcode, operands) = self.terminator(block);
             let targets: Vec<Id> = match opcode {
                 Op::Branch => vec![operands[0]],
@@ -173,12 +176,12 @@ impl Planner<'_> {
                     if to != entry && !found.contains(&to) {
                         found.push(to);
                     }
-                } else if owner.insert(to, entry).is_none() {
+                } else if std::mem::replace(&mut self.seen_by[to], Some(at)) != Some(at) {
                     work.push(to);
                 }
             }
         }
-        found
+        Ok(found)
     }
 
     /// Words of a case literal: two if the selector has 64 bits.
@@ -223,14 +226,19 @@ impl Planner<'_> {
             });
             cases[slot].1.push(literal);
         }
-        Ok(Switch { at, default, cases })
+        Ok(Switch {
+            at,
+            default,
+            cases,
+            index,
+        })
     }
 }
 
 impl Switch {
     fn literals(&self, target: BlockIndex) -> impl Iterator<Item = u64> {
-        let cases = self.cases.iter().filter(move |case| case.0 == target);
-        cases.flat_map(|case| case.1.iter().copied())
+        let case = self.index.get(&target).map(|&index| &self.cases[index]);
+        case.into_iter().flat_map(|case| case.1.iter().copied())
     }
 }
 

@@ -12,6 +12,9 @@ use crate::interp::{control, memory, yields};
 use crate::ir::{Body, Inst, Label, Node, Op, Terminator, Type, Value};
 use crate::program::{IO_DATA_ROW, SiteId, SiteKind};
 
+/// Long code takes more fuel than short code: as much as this many instructions together.
+const INSTRS_PER_FUEL: u32 = 256;
+
 /// A copy of one row, or of the two of a 64-bit value.
 #[derive(Clone, Copy)]
 struct Move {
@@ -39,12 +42,16 @@ impl Emitter<'_> {
             x: return_mask,
             ..instr(control::enter)
         });
+        let mut burns = None;
         if f != 0 {
-            self.emit_burning(exit)?;
+            burns = Some(self.emit_burning(exit)?);
             self.zero_variables();
         }
         self.emit_body(&self.body_function().body, exit)?;
         self.bind(exit);
+        if let Some(at) = burns {
+            self.code.instrs[at].b = self.fuel_since(entry);
+        }
         if f == 0 {
             self.emit_plain(control::finish);
         } else {
@@ -58,19 +65,26 @@ impl Emitter<'_> {
     }
 
     /// Every call takes fuel, and a wave without any is suspended where the function begins.
-    fn emit_burning(&mut self, exit: Target) -> Result<(), Error> {
+    fn emit_burning(&mut self, exit: Target) -> Result<usize, Error> {
         let placed = self.placed();
         let params: Vec<Value> = placed.slots.live_at_start().collect();
         let live = self.live(params)?;
         let resumed = self.new_target();
         let point = self.new_point(resumed, None, live)?;
+        let at = self.code.instrs.len();
         self.push(Instr {
             a: Operand::number(point),
             ..instr(control::burn)
         });
         self.bind(resumed);
         self.jump(control::jump_if_empty, exit);
-        Ok(())
+        Ok(at)
+    }
+
+    /// What a turn through the code since a place takes.
+    fn fuel_since(&self, start: Target) -> Operand {
+        let length = self.code.instrs.len() as u32 - self.targets[start.0];
+        Operand::number(1 + length / INSTRS_PER_FUEL)
     }
 
     /// The entry's variables are zero from `Program::start` on.
@@ -256,6 +270,7 @@ impl Emitter<'_> {
         let point = self.new_point(resumed, None, live)?;
         let back = Instr {
             a: Operand::number(point),
+            b: self.fuel_since(head),
             x: mask,
             ..instr(control::back_edge)
         };
