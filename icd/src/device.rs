@@ -5,13 +5,11 @@ use std::sync::Arc;
 use ash::vk;
 use parking_lot::Mutex;
 use rspirv::spirv::Capability;
-use spirv_jit::image::{Dim, Format, ImageDescriptor, Level, SamplerDescriptor};
 
 use crate::VkResult;
 use crate::execute::Engine;
 use crate::handle::{self, Ref};
 use crate::object::PhysicalDevice;
-use crate::object::image::{DescriptorSlab, SendDescriptor};
 use crate::object::instance::Messengers;
 use crate::object::memory::AddressWindow;
 use crate::object::private_data::PrivateData;
@@ -39,8 +37,6 @@ pub struct Device {
     /// The feature `sparseBinding` is enabled: memory must be fit for it.
     pub sparse_binding: bool,
     pub queues: Vec<Ref<Queue>>,
-    pub image_descriptors: Arc<DescriptorSlab<SendDescriptor>>,
-    pub sampler_descriptors: Arc<DescriptorSlab<SamplerDescriptor>>,
     pub private_data: Mutex<PrivateData>,
 }
 
@@ -101,8 +97,6 @@ impl Device {
             engine,
             window,
             sparse_binding: enabled.sparse_binding,
-            image_descriptors: DescriptorSlab::new(|slot| slot.0 = null_image()),
-            sampler_descriptors: DescriptorSlab::new(|_| ()),
             private_data: Mutex::default(),
         })
     }
@@ -116,24 +110,5 @@ impl Drop for Device {
             queue.close();
         }
         crate::trace::stats::print();
-    }
-}
-
-/// A view of nothing.
-fn null_image() -> ImageDescriptor {
-    ImageDescriptor {
-        data: std::ptr::null_mut(),
-        size_bytes: 0,
-        format: Format::UNDEFINED,
-        dim: Dim::D2,
-        arrayed: false,
-        samples: 1,
-        level_count: 0,
-        layer_count: 0,
-        layer_stride_bytes: 0,
-        sample_stride_bytes: 0,
-        swizzle: [0, 1, 2, 3],
-        min_lod: 0.0,
-        levels: [Level::default(); spirv_jit::image::MAX_LEVELS],
     }
 }

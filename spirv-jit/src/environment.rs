@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use crate::image::{Format, ImageDescriptor, SamplerDescriptor};
 use crate::reach::{Reach, Strays};
+use crate::views::{Key, Views};
 
 /// Descriptor sets that can be bound (`maxBoundDescriptorSets`).
 pub const MAX_SETS: usize = 32;
@@ -78,11 +79,57 @@ unsafe impl Send for Descriptor {}
 // SAFETY: as above.
 unsafe impl Sync for Descriptor {}
 
+/// A descriptor in memory that applications and shaders write (`VK_EXT_descriptor_buffer`). Whatever its bytes are, using it reaches live
+/// memory and objects of the device alone: [`Environment::descriptor`] sees to that, at each use.
+///
+/// All zeros is the null descriptor. Fields are as in [`Descriptor`], but for views and samplers, which are named by keys.
+#[repr(C, align(8))]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StoredDescriptor {
+    /// Where [`Self::STRUCTURE`] is set, the [`Key`] of an acceleration structure.
+    pub address: u64,
+    pub size_bytes: u64,
+    /// The [`Key`] of an image view; where bit 0 is set, a format, as [`Descriptor::texel_buffer`] has it.
+    pub image: u64,
+    /// The [`Key`] of a sampler.
+    pub sampler: u64,
+}
+
+impl StoredDescriptor {
+    /// No address has this bit.
+    pub const STRUCTURE: u64 = 1 << 63;
+}
+
+const _: () = assert!(size_of::<StoredDescriptor>() == size_of::<Descriptor>());
+
+impl From<Descriptor> for StoredDescriptor {
+    /// Of a descriptor without a view and a sampler.
+    fn from(descriptor: Descriptor) -> Self {
+        let held = descriptor.viewed_image().is_null();
+        Self {
+            address: descriptor.address,
+            size_bytes: descriptor.size_bytes,
+            image: if held {
+                descriptor.image.addr() as u64
+            } else {
+                0
+            },
+            sampler: 0,
+        }
+    }
+}
+
 /// A bound descriptor set: its entries and how many there are (with a variable descriptor count, the actual one).
 #[derive(Clone, Copy, Debug)]
 pub struct DescriptorSet {
+    /// [`StoredDescriptor`]s if the set is `stored`.
     pub entries: *const Descriptor,
     pub count: u32,
+    /// The entries lie in memory that others write: aligned to 8 and mapped for as long as the set is bound, no more is known of them.
+    pub stored: bool,
+    /// In a stored set, entries that are not there but here: those of inline uniform blocks, `block_count` of them.
+    pub blocks: *const InlineBlock,
+    pub block_count: u32,
 }
 
 /// Numbers that name descriptors, for what a descriptor cannot be: a value that is kept, passed on or compared.
@@ -105,6 +152,45 @@ pub mod reference {
     }
 }
 
+/// The descriptor that stands for an entry of a stored set.
+#[derive(Clone, Copy, Debug)]
+pub struct InlineBlock {
+    pub entry: u32,
+    pub descriptor: Descriptor,
+}
+
+impl DescriptorSet {
+    /// No set: all its descriptors are null.
+    pub const NONE: DescriptorSet = DescriptorSet {
+        entries: std::ptr::null(),
+        count: 0,
+        stored: false,
+        blocks: std::ptr::null(),
+        block_count: 0,
+    };
+
+    /// The inline uniform block at an entry of a stored set.
+    ///
+    /// # Safety
+    /// The set is bound.
+    #[inline]
+    pub unsafe fn block(&self, entry: u32) -> Option<&Descriptor> {
+        if self.block_count == 0 {
+            return None;
+        }
+        // SAFETY: what is bound is valid.
+        let blocks = unsafe { std::slice::from_raw_parts(self.blocks, self.block_count as usize) };
+        let block = blocks.iter().find(|block| block.entry == entry)?;
+        Some(&block.descriptor)
+    }
+}
+
+/// Descriptors are multiples of 8; this bit in the address of one says that it is a [`StoredDescriptor`].
+pub const STORED: u64 = 1;
+
+/// Descriptors are never below this: what is, is none.
+const LOWEST_ADDRESS: u64 = 1 << 16;
+
 /// Indices into [`Environment::uniforms`], for `Op::Uniform`.
 pub mod uniform {
     /// `LaunchSizeKHR`, 3 words.
@@ -118,7 +204,7 @@ pub mod uniform {
 }
 
 /// Everything that is the same for all invocations of a dispatch.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct Environment {
     pub sets: [DescriptorSet; MAX_SETS],
     /// Dynamic uniform and storage buffers with their offsets applied; per set, the first one's index comes with the pipeline layout.
@@ -132,23 +218,70 @@ pub struct Environment {
     pub reach: Arc<Reach>,
     /// Counts the pointers that lead nowhere, if anyone wants to know.
     pub strays: Option<Arc<Strays>>,
+    /// What the keys in stored descriptors name.
+    pub views: Arc<Views>,
 }
 
 impl Environment {
     /// Nothing is bound; physical pointers are followed wherever they lead.
     pub fn unbound() -> Self {
-        let no_set = DescriptorSet {
-            entries: std::ptr::null(),
-            count: 0,
-        };
         Self {
-            sets: [no_set; MAX_SETS],
+            sets: [DescriptorSet::NONE; MAX_SETS],
             dynamic: std::ptr::null(),
             dynamic_count: 0,
             push_constants: Descriptor::NULL,
             uniforms: [0; uniform::COUNT],
             reach: Arc::new(Reach::everywhere()),
             strays: None,
+            views: Arc::default(),
+        }
+    }
+
+    /// The descriptor at an address that `Op::Descriptor` gave. Pointers in it lead to live memory, or to views and samplers of the device.
+    ///
+    /// # Safety
+    /// The address is such a one, or zero.
+    #[inline(always)]
+    pub unsafe fn descriptor(&self, address: u64) -> Descriptor {
+        if address & STORED != 0 {
+            // SAFETY: as the caller promises.
+            return unsafe { self.stored_descriptor(address) };
+        }
+        if address < LOWEST_ADDRESS {
+            return Descriptor::NULL;
+        }
+        // SAFETY: as the caller promises; sets outlive the dispatch.
+        unsafe { *(address as *const Descriptor) }
+    }
+
+    /// What a stored descriptor means: it is read once, and then held against what is alive.
+    ///
+    /// # Safety
+    /// As [`Self::descriptor`].
+    #[inline(never)]
+    unsafe fn stored_descriptor(&self, address: u64) -> Descriptor {
+        let words = (address & !STORED) as *const u64;
+        // SAFETY: as the caller promises: aligned and mapped. Others may write meanwhile: the words are then any mix.
+        let [address, size_bytes, image, sampler] =
+            std::array::from_fn(|k| unsafe { words.add(k).read_volatile() });
+        if address & StoredDescriptor::STRUCTURE != 0 {
+            let key = Key(address & !StoredDescriptor::STRUCTURE);
+            let structure = self.views.structures.get(key);
+            return Descriptor {
+                // SAFETY: null, or in the table, which lives as long as the environment.
+                address: unsafe { structure.as_ref() }.copied().unwrap_or(0),
+                ..Descriptor::NULL
+            };
+        }
+        Descriptor {
+            address,
+            size_bytes: self.reach.clip(address, size_bytes),
+            image: if image & 1 == 0 {
+                self.views.images.get(Key(image))
+            } else {
+                std::ptr::without_provenance(image as usize)
+            },
+            sampler: self.views.samplers.get(Key(sampler)),
         }
     }
 }

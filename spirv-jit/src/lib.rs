@@ -22,6 +22,7 @@ pub mod pass;
 pub mod program;
 pub mod query;
 pub mod reach;
+pub mod views;
 
 pub use accuracy::Accuracy;
 pub use error::Error;

@@ -1,12 +1,10 @@
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use spirv_jit::Program;
-use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
+use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS};
 use spirv_jit::ir::text::parse_module;
 use spirv_jit::program::{Builtin, InputRow};
-use spirv_jit::reach::Reach;
 
 use super::{Dispatch, Dispatcher, index_in_quads, lanes_below, local_row};
 use crate::wave::Workers;
@@ -31,23 +29,15 @@ fn run(
         size_bytes: size_of_val(out) as u64,
         ..Descriptor::NULL
     };
-    let unbound = DescriptorSet {
-        entries: std::ptr::null(),
-        count: 0,
-    };
-    let mut sets = [unbound; MAX_SETS];
+    let mut sets = [DescriptorSet::NONE; MAX_SETS];
     sets[0] = DescriptorSet {
         entries: &entry,
         count: 1,
+        ..DescriptorSet::NONE
     };
     let environment = Environment {
         sets,
-        dynamic: std::ptr::null(),
-        dynamic_count: 0,
-        push_constants: Descriptor::NULL,
-        uniforms: [0; uniform::COUNT],
-        reach: Arc::new(Reach::everywhere()),
-        strays: None,
+        ..Environment::unbound()
     };
     let workers = Workers::start(threads).ok().unwrap();
     Dispatcher::default().run(

@@ -5,10 +5,12 @@ use std::sync::Arc;
 
 use ash::vk::{self, Handle};
 use spirv_jit::reach::Reach;
+use spirv_jit::views::Key;
 use traversal::{BuildFlags, Live};
 
 use super::deferred::{defer, defer_parallel};
 use super::define::{commands, entry};
+use super::descriptor_buffer::captured;
 use crate::command::build::CopyMode;
 use crate::command::ray_tracing::IndirectBuild;
 use crate::command::{Command, RayTracingCommand};
@@ -18,7 +20,7 @@ use crate::decode::acceleration_structure::{
 use crate::device::Device;
 use crate::ffi::slice;
 use crate::handle::{self, from_handle, retain};
-use crate::object::acceleration_structure::Location;
+use crate::object::acceleration_structure::{Location, ReplayableStructure};
 use crate::object::{AccelerationStructure, Buffer, QueryPool};
 use crate::structures::acceleration_structure::{self as execute};
 use crate::structures::build;
@@ -63,11 +65,21 @@ entry! {
         structure: *mut vk::AccelerationStructureKHR,
     ) -> vk::Result {
         let info = &*info;
-        *structure = create(from_handle::<Device>(device), AccelerationStructure {
+        let device = from_handle::<Device>(device);
+        let mut made = AccelerationStructure {
             ty: info.ty,
             location: Location::Buffer(retain::<Buffer>(info.buffer), info.offset),
             size_bytes: info.size,
-        });
+            replayable: None,
+        };
+        if info.create_flags.contains(vk::AccelerationStructureCreateFlagsKHR::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT) {
+            made.replayable = Some(ReplayableStructure::new(
+                &device.engine.views,
+                made.address(),
+                captured(info.p_next).map(Key),
+            )?);
+        }
+        *structure = create(device, made);
         Ok(())
     }
 

@@ -8,7 +8,7 @@ use super::destroy;
 use crate::device::Device;
 use crate::ffi::{self, chain};
 use crate::handle::{self, from_handle};
-use crate::object::image::SendDescriptor;
+use crate::object::image::ViewEntry;
 use crate::object::memory::GRANULE;
 use crate::object::sparse::Reservation;
 use crate::object::{Buffer, BufferView, DeviceMemory};
@@ -181,7 +181,7 @@ entry! {
         let format = Format(info.format.as_raw() as u32);
         let descriptor = ImageDescriptor::texel_buffer(data, size_bytes, format);
         *out = handle::create(BufferView {
-            descriptor: device.image_descriptors.store(SendDescriptor(descriptor)),
+            descriptor: ViewEntry::store(&device.engine.views, |it| &it.images, descriptor, None)?,
         });
         Ok(())
     }

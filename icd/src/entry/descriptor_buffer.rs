@@ -1,17 +1,20 @@
 //! `VK_EXT_descriptor_buffer`: descriptors in the application's memory.
 //!
-//! A descriptor there is an entry as descriptor sets have it ([`Descriptor`]), whatever its type, so that binding a set is naming its address.
+//! A descriptor there is a [`StoredDescriptor`], whatever its type, so that binding a set is naming its address. It holds no pointer of ours:
+//! views and samplers are named by keys.
 
 use std::ffi::c_void;
 
 use ash::vk;
 use smallvec::SmallVec;
-use spirv_jit::environment::Descriptor;
+use spirv_jit::environment::{Descriptor, StoredDescriptor};
 use spirv_jit::image::Format;
+use spirv_jit::views::Views;
 
 use super::define::{commands, entry};
 use crate::VkResult;
 use crate::command::{BindDescriptorBuffer, BindDescriptorSets, Command};
+use crate::device::Device;
 use crate::ffi::{self, chain};
 use crate::handle::{self, Ref, from_handle, optional};
 use crate::object::{
@@ -19,7 +22,7 @@ use crate::object::{
     ImageView, PipelineLayout, Sampler,
 };
 
-/// The address that an object captured (`VkOpaqueCaptureDescriptorDataCreateInfoEXT`), to have it again.
+/// The address or key that an object captured (`VkOpaqueCaptureDescriptorDataCreateInfoEXT`), to have it again.
 ///
 /// # Safety
 /// As [`chain::nodes`].
@@ -36,25 +39,24 @@ pub(super) unsafe fn captured(next: *const c_void) -> Option<u64> {
 ///
 /// # Safety
 /// `info` is null or valid; what it names is alive or null.
-unsafe fn image_descriptor(info: *const vk::DescriptorImageInfo) -> Descriptor {
+unsafe fn image_descriptor(info: *const vk::DescriptorImageInfo) -> StoredDescriptor {
     // SAFETY: the caller's promise.
     unsafe {
         let view = info
             .as_ref()
             .and_then(|info| optional::<ImageView>(info.image_view));
-        Descriptor {
-            image: view.map_or(std::ptr::null(), |view| view.descriptor.as_ptr().cast()),
-            ..Descriptor::NULL
+        StoredDescriptor {
+            image: view.map_or(0, |view| view.descriptor.key.0),
+            ..StoredDescriptor::default()
         }
     }
 }
 
 /// # Safety
 /// As [`image_descriptor`].
-unsafe fn sampler_descriptor(sampler: vk::Sampler) -> *const spirv_jit::image::SamplerDescriptor {
+unsafe fn sampler_key(sampler: vk::Sampler) -> u64 {
     // SAFETY: the caller's promise.
-    unsafe { optional::<Sampler>(sampler) }
-        .map_or(std::ptr::null(), |sampler| sampler.descriptor.as_ptr())
+    unsafe { optional::<Sampler>(sampler) }.map_or(0, |sampler| sampler.descriptor.key.0)
 }
 
 /// What is not the null descriptor.
@@ -72,43 +74,47 @@ unsafe fn range_of<'a>(
 ///
 /// # Safety
 /// Valid usage of `vkGetDescriptorEXT`.
-unsafe fn descriptor(info: &vk::DescriptorGetInfoEXT<'_>) -> Descriptor {
+unsafe fn descriptor(views: &Views, info: &vk::DescriptorGetInfoEXT<'_>) -> StoredDescriptor {
     use vk::DescriptorType as Ty;
     // SAFETY: the caller's promise: the type says which part of the union there is.
     unsafe {
         let data = &info.data;
+        let null = StoredDescriptor::default();
         match info.ty {
-            Ty::SAMPLER => Descriptor {
+            Ty::SAMPLER => StoredDescriptor {
                 sampler: data
                     .p_sampler
                     .as_ref()
-                    .map_or(std::ptr::null(), |&sampler| sampler_descriptor(sampler)),
-                ..Descriptor::NULL
+                    .map_or(0, |&sampler| sampler_key(sampler)),
+                ..null
             },
-            Ty::COMBINED_IMAGE_SAMPLER => Descriptor {
+            Ty::COMBINED_IMAGE_SAMPLER => StoredDescriptor {
                 sampler: data
                     .p_combined_image_sampler
                     .as_ref()
-                    .map_or(std::ptr::null(), |info| sampler_descriptor(info.sampler)),
+                    .map_or(0, |info| sampler_key(info.sampler)),
                 ..image_descriptor(data.p_combined_image_sampler)
             },
             Ty::SAMPLED_IMAGE => image_descriptor(data.p_sampled_image),
             Ty::STORAGE_IMAGE => image_descriptor(data.p_storage_image),
             Ty::INPUT_ATTACHMENT => image_descriptor(data.p_input_attachment_image),
             Ty::UNIFORM_TEXEL_BUFFER | Ty::STORAGE_TEXEL_BUFFER => {
-                range_of(data.p_uniform_texel_buffer).map_or(Descriptor::NULL, |info| {
+                range_of(data.p_uniform_texel_buffer).map_or(null, |info| {
                     let format = Format(info.format.as_raw() as u32);
-                    Descriptor::texel_buffer(info.address, info.range, format)
+                    Descriptor::texel_buffer(info.address, info.range, format).into()
                 })
             }
-            Ty::ACCELERATION_STRUCTURE_KHR | Ty::ACCELERATION_STRUCTURE_NV => Descriptor {
-                address: data.acceleration_structure,
-                ..Descriptor::NULL
+            Ty::ACCELERATION_STRUCTURE_KHR | Ty::ACCELERATION_STRUCTURE_NV => StoredDescriptor {
+                address: match views.structure_key(data.acceleration_structure) {
+                    Some(key) => key.0 | StoredDescriptor::STRUCTURE,
+                    None => data.acceleration_structure,
+                },
+                ..null
             },
-            _ => range_of(data.p_uniform_buffer).map_or(Descriptor::NULL, |info| Descriptor {
+            _ => range_of(data.p_uniform_buffer).map_or(null, |info| StoredDescriptor {
                 address: info.address,
                 size_bytes: info.range,
-                ..Descriptor::NULL
+                ..null
             }),
         }
     }
@@ -134,14 +140,15 @@ entry! {
     }
 
     fn vkGetDescriptorEXT(
-        _device: vk::Device,
+        device: vk::Device,
         info: *const vk::DescriptorGetInfoEXT,
         data_size: usize,
         data: *mut c_void,
     ) {
-        let descriptor = descriptor(&*info);
+        let views = &from_handle::<Device>(device).engine.views;
+        let descriptor = descriptor(views, &*info);
         let bytes = std::ptr::from_ref(&descriptor).cast::<u8>();
-        data.cast::<u8>().copy_from(bytes, data_size.min(size_of::<Descriptor>()));
+        data.cast::<u8>().copy_from(bytes, data_size.min(size_of::<StoredDescriptor>()));
     }
 
     fn vkGetBufferOpaqueCaptureDescriptorDataEXT(
@@ -170,7 +177,7 @@ entry! {
         data: *mut c_void,
     ) -> vk::Result {
         let view = from_handle::<ImageView>((*info).image_view);
-        data.cast::<u64>().write_unaligned(view.descriptor.as_ptr() as u64);
+        data.cast::<u64>().write_unaligned(view.descriptor.key.0);
         Ok(())
     }
 
@@ -180,19 +187,21 @@ entry! {
         data: *mut c_void,
     ) -> vk::Result {
         let sampler = from_handle::<Sampler>((*info).sampler);
-        data.cast::<u64>().write_unaligned(sampler.descriptor.as_ptr() as u64);
+        data.cast::<u64>().write_unaligned(sampler.descriptor.key.0);
         Ok(())
     }
 
     fn vkGetAccelerationStructureOpaqueCaptureDescriptorDataEXT(
-        _device: vk::Device,
+        device: vk::Device,
         info: *const vk::AccelerationStructureCaptureDescriptorDataInfoEXT,
         data: *mut c_void,
     ) -> vk::Result {
         let structure = optional::<AccelerationStructure>((*info).acceleration_structure);
         let older = optional::<AccelerationStructureNv>((*info).acceleration_structure_nv);
         let structure = structure.or(older.map(|older| &*older.structure));
-        data.cast::<u64>().write_unaligned(structure.map_or(0, |structure| structure.address()));
+        let address = structure.map_or(0, |structure| structure.address());
+        let key = from_handle::<Device>(device).engine.views.structure_key(address);
+        data.cast::<u64>().write_unaligned(key.map_or(address, |key| key.0));
         Ok(())
     }
 }
@@ -232,7 +241,7 @@ commands! {
                 bind_point,
                 set,
                 layout: Ref::clone(set_layout(layout, set)?),
-                address: address + offset,
+                address: address.wrapping_add(offset),
             }))?;
         }
         Ok(())

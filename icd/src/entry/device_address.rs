@@ -47,6 +47,7 @@ entry! {
             ty: info.ty,
             location: Location::Address(info.address_range.address),
             size_bytes: info.address_range.size,
+            replayable: None,
         });
         Ok(())
     }

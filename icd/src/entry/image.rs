@@ -2,6 +2,7 @@
 
 use ash::vk;
 use spirv_jit::image::{AddressMode, CompareOp, Filter, Reduction, SamplerDescriptor};
+use spirv_jit::views::Key;
 
 use super::buffer::{requirements, write_requirements};
 use super::define::entry;
@@ -11,7 +12,7 @@ use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::{self, chain};
 use crate::handle::{self, from_handle};
-use crate::object::image::{SendDescriptor, view_descriptor};
+use crate::object::image::{ViewEntry, view_descriptor};
 use crate::object::sparse::Reservation;
 use crate::object::{DeviceMemory, Image, ImageView, Sampler, Swapchain};
 
@@ -246,12 +247,9 @@ entry! {
         let range = info.subresource_range;
         let min_lod = chain::find::<vk::ImageViewMinLodCreateInfoEXT>(info.p_next).map_or(0.0, |min| min.min_lod);
         let descriptor = view_descriptor(image, info.view_type, info.format, info.components, &range, min_lod)?;
-        let (slab, contents) = (&device.image_descriptors, SendDescriptor(descriptor));
-        let descriptor = if info.flags.contains(vk::ImageViewCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT) {
-            slab.store_replayable(contents, &device.window, captured(info.p_next))?
-        } else {
-            slab.store(contents)
-        };
+        let replays = info.flags.contains(vk::ImageViewCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT);
+        let replay = replays.then(|| captured(info.p_next).map(Key));
+        let descriptor = ViewEntry::store(&device.engine.views, |it| &it.images, descriptor, replay)?;
         *out = handle::create(ImageView { descriptor, range });
         Ok(())
     }
@@ -266,12 +264,10 @@ entry! {
         let info = &*info;
         let reduction = chain::find::<vk::SamplerReductionModeCreateInfo>(info.p_next)
             .map_or(vk::SamplerReductionMode::WEIGHTED_AVERAGE, |reduction| reduction.reduction_mode);
-        let (slab, contents) = (&device.sampler_descriptors, sampler_descriptor(info, reduction, border(info)));
-        let descriptor = if info.flags.contains(vk::SamplerCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT) {
-            slab.store_replayable(contents, &device.window, captured(info.p_next))?
-        } else {
-            slab.store(contents)
-        };
+        let contents = sampler_descriptor(info, reduction, border(info));
+        let replays = info.flags.contains(vk::SamplerCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT);
+        let replay = replays.then(|| captured(info.p_next).map(Key));
+        let descriptor = ViewEntry::store(&device.engine.views, |it| &it.samplers, contents, replay)?;
         *out = handle::create(Sampler { descriptor });
         Ok(())
     }

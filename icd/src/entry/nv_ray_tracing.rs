@@ -44,6 +44,7 @@ unsafe fn create(info: &vk::AccelerationStructureCreateInfoNV<'_>) -> Accelerati
             ty: info.info.ty,
             location: Location::Memory(AtomicU64::new(0)),
             size_bytes,
+            replayable: None,
         }),
         build_scratch_bytes: sizes.build_scratch_bytes,
         update_scratch_bytes: sizes.update_scratch_bytes,

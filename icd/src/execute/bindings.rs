@@ -3,7 +3,10 @@
 use std::sync::Arc;
 
 use ash::vk;
-use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
+use spirv_jit::environment::{
+    Descriptor, DescriptorSet, Environment, InlineBlock, MAX_SETS, StoredDescriptor, uniform,
+};
+use spirv_jit::reach::Reach;
 
 use crate::command::{BindDescriptorBuffer, BindDescriptorSets};
 use crate::object::Pipeline;
@@ -41,6 +44,10 @@ impl Default for PushConstants {
 struct BindPoint<'a> {
     pipeline: Option<&'a Pipeline>,
     sets: [DescriptorSet; MAX_SETS],
+    /// Sets that lie in descriptor buffers, which stand before the others.
+    stored: [Option<&'a BindDescriptorBuffer>; MAX_SETS],
+    /// The inline uniform blocks of those.
+    blocks: [Vec<InlineBlock>; MAX_SETS],
     /// By set: its dynamic buffers, offsets applied.
     dynamic_of_set: Vec<Vec<Descriptor>>,
     /// The same, placed as the bound pipeline's layout numbers them.
@@ -51,10 +58,9 @@ impl Default for BindPoint<'_> {
     fn default() -> Self {
         Self {
             pipeline: None,
-            sets: [DescriptorSet {
-                entries: std::ptr::null(),
-                count: 0,
-            }; MAX_SETS],
+            sets: [DescriptorSet::NONE; MAX_SETS],
+            stored: [None; MAX_SETS],
+            blocks: std::array::from_fn(|_| Vec::new()),
             dynamic_of_set: Vec::new(),
             dynamic: Vec::new(),
         }
@@ -80,30 +86,11 @@ impl<'a> Bindings<'a> {
     }
 
     /// One set of `vkCmdSetDescriptorBufferOffsetsEXT`.
-    pub fn bind_descriptor_buffer(&mut self, bind: &BindDescriptorBuffer) {
-        let place = bind.layout.buffer_layout();
-        let entries = (bind.address + place.entries_offset_bytes) as *mut Descriptor;
-        for binding in bind.layout.bindings.iter().filter(|b| b.is_inline()) {
-            // The entry of an inline uniform block is ours to write: the application has the block's bytes alone.
-            // SAFETY: it lies in the set, which the application keeps in memory that shaders may use. Whoever else binds the set writes the
-            // same.
-            unsafe {
-                entries
-                    .wrapping_add(binding.first as usize)
-                    .write_unaligned(Descriptor {
-                        address: bind.address + place.offset_of(binding),
-                        size_bytes: u64::from(binding.count),
-                        ..Descriptor::NULL
-                    });
-            }
-        }
+    pub fn bind_descriptor_buffer(&mut self, bind: &'a BindDescriptorBuffer) {
         let bound = self.bind_point(bind.bind_point);
         let number = bind.set as usize;
         if number < MAX_SETS {
-            bound.sets[number] = DescriptorSet {
-                entries,
-                count: bind.layout.entry_count,
-            };
+            bound.stored[number] = Some(bind);
             // Dynamic buffers of a set that was bound here before.
             if let Some(dynamic) = bound.dynamic_of_set.get_mut(number) {
                 dynamic.clear();
@@ -139,6 +126,7 @@ impl<'a> Bindings<'a> {
         let bound = self.bind_point(bind_point);
         let pipeline = bound.pipeline?;
         bound.place_dynamic(&pipeline.layout.dynamic_first);
+        bound.place_stored(&surroundings.reach);
         let mut uniforms = [0; uniform::COUNT];
         uniforms[first_uniform..first_uniform + 3].copy_from_slice(&extent);
         let environment = Environment {
@@ -149,6 +137,7 @@ impl<'a> Bindings<'a> {
             uniforms,
             reach: Arc::clone(&surroundings.shader_reach),
             strays: surroundings.strays.clone(),
+            views: Arc::clone(&surroundings.views),
         };
         Some((pipeline, environment))
     }
@@ -165,7 +154,9 @@ impl BindPoint<'_> {
             self.sets[number] = DescriptorSet {
                 entries: set.entries(),
                 count: set.entry_count,
+                ..DescriptorSet::NONE
             };
+            self.stored[number] = None;
             if self.dynamic_of_set.len() <= number {
                 self.dynamic_of_set.resize_with(number + 1, Vec::new);
             }
@@ -177,6 +168,41 @@ impl BindPoint<'_> {
                 let offset = offsets.next().copied().unwrap_or(0);
                 dynamic.push(with_offset(descriptor, offset));
             }
+        }
+    }
+
+    /// Finds the sets in descriptor buffers, as far as those are memory that is there.
+    fn place_stored(&mut self, reach: &Reach) {
+        for (number, bind) in self.stored.iter().enumerate() {
+            let Some(bind) = bind else {
+                continue;
+            };
+            let place = bind.layout.buffer_layout();
+            // A valid address is a multiple of `descriptorBufferOffsetAlignment`.
+            let start = bind.address & !(align_of::<StoredDescriptor>() as u64 - 1);
+            let entries = start.wrapping_add(place.entries_offset_bytes);
+            let size_bytes = size_of::<StoredDescriptor>() as u64;
+            let whole = size_bytes * u64::from(bind.layout.entry_count);
+            let blocks = &mut self.blocks[number];
+            blocks.clear();
+            for binding in bind.layout.bindings.iter().filter(|b| b.is_inline()) {
+                let address = start.wrapping_add(place.offset_of(binding));
+                blocks.push(InlineBlock {
+                    entry: binding.first,
+                    descriptor: Descriptor {
+                        address,
+                        size_bytes: reach.clip(address, u64::from(binding.count)),
+                        ..Descriptor::NULL
+                    },
+                });
+            }
+            self.sets[number] = DescriptorSet {
+                entries: entries as *const Descriptor,
+                count: (reach.clip(entries, whole) / size_bytes) as u32,
+                stored: true,
+                blocks: blocks.as_ptr(),
+                block_count: blocks.len() as u32,
+            };
         }
     }
 

@@ -6,6 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use spirv_jit::views::Views;
+
 use crate::VkResult;
 use crate::compute::Dispatcher;
 use crate::object::instance::Messengers;
@@ -23,6 +25,8 @@ pub struct Engine {
     pub tracer: Tracer,
     /// What addresses may lead to.
     pub memory: Arc<LiveMemory>,
+    /// Image views and samplers.
+    pub views: Arc<Views>,
     /// Validation, where it is on.
     pub validator: Option<Arc<Validator>>,
     messengers: Arc<Messengers>,
@@ -64,6 +68,7 @@ impl Engine {
             dispatcher: Dispatcher::default(),
             tracer: Tracer::default(),
             memory,
+            views: Arc::default(),
             validator,
             messengers,
             cancelled: Arc::default(),
@@ -94,12 +99,14 @@ impl Engine {
                 reach,
                 live,
                 strays: None,
+                views: Arc::clone(&self.views),
             },
             Some(validator) => Surroundings {
                 shader_reach: validator.registry.reach(),
                 reach,
                 live,
                 strays: Some(Arc::default()),
+                views: Arc::clone(&self.views),
             },
         }
     }

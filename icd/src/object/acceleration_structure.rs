@@ -2,11 +2,15 @@
 
 #![forbid(unsafe_code)]
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use ash::vk;
+use spirv_jit::views::{Key, Views};
 
 use super::Buffer;
+use super::image::store_failure;
+use crate::VkResult;
 use crate::handle::Ref;
 
 /// The memory of an acceleration structure object.
@@ -21,6 +25,35 @@ pub struct AccelerationStructure {
     pub ty: vk::AccelerationStructureTypeKHR,
     pub location: Location,
     pub size_bytes: u64,
+    pub replayable: Option<ReplayableStructure>,
+}
+
+/// A structure's entry among the device's views, by which its descriptors are the same wherever it lies.
+pub struct ReplayableStructure {
+    views: Arc<Views>,
+    address: u64,
+    key: Key,
+}
+
+impl ReplayableStructure {
+    /// Stores the address of a structure, under the key `wanted` if it was captured.
+    ///
+    /// # Errors
+    /// `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if something else has the key, `VK_ERROR_OUT_OF_HOST_MEMORY`.
+    pub fn new(views: &Arc<Views>, address: u64, wanted: Option<Key>) -> VkResult<Self> {
+        let key = views.store_structure(address, wanted);
+        Ok(Self {
+            views: Arc::clone(views),
+            address,
+            key: key.map_err(store_failure)?,
+        })
+    }
+}
+
+impl Drop for ReplayableStructure {
+    fn drop(&mut self) {
+        self.views.remove_structure(self.address, self.key);
+    }
 }
 
 /// Where it is.

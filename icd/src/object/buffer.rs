@@ -6,7 +6,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use ash::vk;
+use spirv_jit::image::ImageDescriptor;
 
+use super::image::ViewEntry;
 use super::sparse::Reservation;
 use crate::VkResult;
 
@@ -75,5 +77,5 @@ impl Buffer {
 
 /// A texel buffer view, resolved to what shaders read.
 pub struct BufferView {
-    pub descriptor: super::image::StableDescriptor<super::image::SendDescriptor>,
+    pub descriptor: ViewEntry<ImageDescriptor>,
 }

@@ -4,10 +4,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use ash::vk;
-use parking_lot::Mutex;
 use spirv_jit::image::{Dim, Format, ImageDescriptor, Level, MAX_LEVELS};
+use spirv_jit::views::{Key, StoreError, Table, Views};
 
-use super::memory::{AddressWindow, DeviceMemory, Source};
 use super::sparse::Reservation;
 use crate::VkResult;
 use crate::format;
@@ -151,9 +150,13 @@ fn lay_out_plane(
     size_bytes: &mut u64,
 ) -> Option<Plane> {
     let start = size_bytes.checked_next_multiple_of(SUBRESOURCE_ALIGNMENT)?;
+    // More levels than an image of any size can have (chapter Images, `VkImageCreateInfo`) are an impossible image.
+    if info.mip_levels as usize > MAX_LEVELS {
+        return None;
+    }
     let mut levels = Vec::with_capacity(info.mip_levels as usize);
     let mut end = 0u64;
-    for index in 0..info.mip_levels.min(32) {
+    for index in 0..info.mip_levels {
         let side = |extent: u32| (extent.checked_shr(index).unwrap_or(0)).max(1);
         let (width, height, depth) = (
             side(info.extent.width),
@@ -189,32 +192,51 @@ fn lay_out_plane(
     })
 }
 
-/// Descriptor contents at an address that stays readable for the device's life: a descriptor set may still name a view that is gone.
-/// Slots of destroyed objects are nulled and used again; those that can be replayed lie in memory of their own, whose address can be had
-/// again, and which reads as zeros afterwards.
-pub struct StableDescriptor<T: Send + 'static> {
-    slot: Slot<T>,
-    home: Arc<DescriptorSlab<T>>,
+/// An entry of a table of the device's [`Views`], under its key until the object is gone. Descriptor sets hold the contents' address, which
+/// stays readable for the device's life; descriptors in buffers hold the key.
+pub struct ViewEntry<T: Copy + 'static> {
+    pub key: Key,
+    views: Arc<Views>,
+    table: fn(&Views) -> &Table<T>,
 }
 
-enum Slot<T> {
-    Shared(Box<T>),
-    Own(DeviceMemory),
-    Gone,
-}
-
-impl<T: Send> StableDescriptor<T> {
-    /// What descriptor sets store.
-    pub fn as_ptr(&self) -> *const T {
-        match &self.slot {
-            Slot::Shared(slot) => std::ptr::from_ref(&**slot),
-            Slot::Own(memory) => memory.address as *const T,
-            Slot::Gone => std::ptr::null(),
-        }
+/// What Vulkan calls the failure.
+pub fn store_failure(error: StoreError) -> vk::Result {
+    match error {
+        StoreError::OutOfMemory => vk::Result::ERROR_OUT_OF_HOST_MEMORY,
+        StoreError::Taken => vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS,
     }
 }
 
-impl<T: Send> std::ops::Deref for StableDescriptor<T> {
+impl<T: Copy> ViewEntry<T> {
+    /// Stores contents; with `replay` under a key that can be asked for again, that which it holds if there is one.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY`; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if the key is taken.
+    pub fn store(
+        views: &Arc<Views>,
+        table: fn(&Views) -> &Table<T>,
+        contents: T,
+        replay: Option<Option<Key>>,
+    ) -> VkResult<Self> {
+        let key = match replay {
+            None => table(views).store(contents),
+            Some(wanted) => table(views).store_replayable(contents, wanted),
+        };
+        Ok(Self {
+            key: key.map_err(store_failure)?,
+            views: Arc::clone(views),
+            table,
+        })
+    }
+
+    /// What descriptor sets store.
+    pub fn as_ptr(&self) -> *const T {
+        (self.table)(&self.views).get(self.key)
+    }
+}
+
+impl<T: Copy> std::ops::Deref for ViewEntry<T> {
     type Target = T;
 
     fn deref(&self) -> &T {
@@ -223,76 +245,22 @@ impl<T: Send> std::ops::Deref for StableDescriptor<T> {
     }
 }
 
-impl<T: Send> Drop for StableDescriptor<T> {
+impl<T: Copy> Drop for ViewEntry<T> {
     fn drop(&mut self) {
-        if let Slot::Shared(mut slot) = std::mem::replace(&mut self.slot, Slot::Gone) {
-            (self.home.nullify)(&mut slot);
-            self.home.free.lock().push(slot);
-        }
-    }
-}
-
-/// The slots of one kind of descriptor contents.
-pub struct DescriptorSlab<T: Send + 'static> {
-    free: Mutex<Vec<Box<T>>>,
-    nullify: fn(&mut T),
-}
-
-impl<T: Send> DescriptorSlab<T> {
-    /// An empty slab; `nullify` makes contents that reads give zeros from.
-    pub fn new(nullify: fn(&mut T)) -> Arc<Self> {
-        Arc::new(Self {
-            free: Mutex::new(Vec::new()),
-            nullify,
-        })
-    }
-
-    /// Stores contents in a slot.
-    pub fn store(self: &Arc<Self>, contents: T) -> StableDescriptor<T> {
-        let slot = match self.free.lock().pop() {
-            Some(mut slot) => {
-                *slot = contents;
-                slot
-            }
-            None => Box::new(contents),
-        };
-        StableDescriptor {
-            slot: Slot::Shared(slot),
-            home: Arc::clone(self),
-        }
-    }
-
-    /// Stores contents at an address that can be asked for again: `wanted`, if it was captured.
-    ///
-    /// # Errors
-    /// `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if it is taken, `VK_ERROR_OUT_OF_DEVICE_MEMORY`.
-    pub fn store_replayable(
-        self: &Arc<Self>,
-        contents: T,
-        window: &Arc<AddressWindow>,
-        wanted: Option<u64>,
-    ) -> VkResult<StableDescriptor<T>> {
-        let size_bytes = size_of::<T>() as u64;
-        let memory = DeviceMemory::allocate(window, size_bytes, Source::Fresh, wanted)?;
-        // SAFETY: fresh memory of that size, aligned to a page.
-        unsafe { (memory.address as *mut T).write(contents) };
-        Ok(StableDescriptor {
-            slot: Slot::Own(memory),
-            home: Arc::clone(self),
-        })
+        (self.table)(&self.views).remove(self.key);
     }
 }
 
 /// An image view, resolved to what shaders read, and the part of the image that commands write.
 pub struct ImageView {
-    pub descriptor: StableDescriptor<SendDescriptor>,
+    pub descriptor: ViewEntry<ImageDescriptor>,
     pub range: vk::ImageSubresourceRange,
 }
 
 impl ImageView {
     /// Where the texels of a view of `VK_FORMAT_R8_UINT` are that is to be an invocation mask.
     pub fn invocation_mask(&self) -> InvocationMask {
-        let image = &self.descriptor.0;
+        let image = &*self.descriptor;
         let level = &image.levels[0];
         InvocationMask {
             address: image.data as u64 + level.offset_bytes,
@@ -302,15 +270,6 @@ impl ImageView {
         }
     }
 }
-
-/// An [`ImageDescriptor`] that may change threads: its pointer is the application's memory.
-#[repr(transparent)]
-pub struct SendDescriptor(pub ImageDescriptor);
-
-// SAFETY: plain data; accesses through the pointer are synchronised by the application (chapter Synchronization).
-unsafe impl Send for SendDescriptor {}
-// SAFETY: as above.
-unsafe impl Sync for SendDescriptor {}
 
 /// What an image of this kind can be (`vkGetPhysicalDeviceImageFormatProperties`).
 ///

@@ -4,9 +4,9 @@
 
 use spirv_jit::image::SamplerDescriptor;
 
-use super::image::StableDescriptor;
+use super::image::ViewEntry;
 
 /// A sampler, resolved to what shaders read.
 pub struct Sampler {
-    pub descriptor: StableDescriptor<SamplerDescriptor>,
+    pub descriptor: ViewEntry<SamplerDescriptor>,
 }

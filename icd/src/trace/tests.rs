@@ -5,7 +5,6 @@ use std::sync::Arc;
 use spirv_jit::Program;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
 use spirv_jit::ir::text::parse_module;
-use spirv_jit::reach::Reach;
 use traversal::{
     AabbGeometry, BuildFlags, BuildInput, Geometries, GeometryFlags, IndexType, InstanceArray,
     InstanceSource, Kind, Memory, TriangleGeometry, VertexFormat,
@@ -368,25 +367,18 @@ fn workers() -> rayon::ThreadPool {
 }
 
 fn environment(descriptors: &[Descriptor]) -> Environment {
-    let null = DescriptorSet {
-        entries: std::ptr::null(),
-        count: 0,
-    };
-    let mut sets = [null; MAX_SETS];
+    let mut sets = [DescriptorSet::NONE; MAX_SETS];
     sets[0] = DescriptorSet {
         entries: descriptors.as_ptr(),
         count: descriptors.len() as u32,
+        ..DescriptorSet::NONE
     };
     let mut uniforms = [0; uniform::COUNT];
     uniforms[..3].copy_from_slice(&[SIZE, SIZE, 1]);
     Environment {
         sets,
-        dynamic: std::ptr::null(),
-        dynamic_count: 0,
-        push_constants: Descriptor::NULL,
         uniforms,
-        reach: Arc::new(Reach::everywhere()),
-        strays: None,
+        ..Environment::unbound()
     }
 }
 

@@ -139,6 +139,7 @@ mod tests {
             ty: vk::AccelerationStructureTypeKHR::GENERIC,
             location: Location::Address(0x100),
             size_bytes: 0,
+            replayable: None,
         };
         registry.add_structure(7, handle::new(structure));
         assert!(registry.structures().contains(&0x100));

@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use spirv_jit::reach::{Reach, Strays};
+use spirv_jit::views::Views;
 use traversal::{EVERYWHERE, Kind, Live, Ray, Structure};
 
 /// What a command's addresses may lead to.
@@ -15,6 +16,8 @@ pub struct Surroundings {
     pub shader_reach: Arc<Reach>,
     /// Counts what shaders do wrong, where there is validation.
     pub strays: Option<Arc<Strays>>,
+    /// What descriptors in buffers can name.
+    pub views: Arc<Views>,
 }
 
 /// Who wants to see the rays of a dispatch's queries: validation, where it is on.

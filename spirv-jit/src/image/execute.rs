@@ -9,7 +9,7 @@ use super::format::{FormatInfo, Numeric};
 use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, Level, LodMode, SamplerDescriptor};
 use super::{access, sample};
 use crate::SUBGROUP_SIZE;
-use crate::environment::Descriptor;
+use crate::environment::Environment;
 use crate::ir::Type;
 use crate::program::Row;
 
@@ -107,7 +107,7 @@ fn atomic_operands(op: crate::ir::op::AtomicOp) -> usize {
 
 /// Performs `op` in the lanes of `mask`, for a block of 16 lanes.
 ///
-/// * `images`, `samplers`: per lane, the address of a [`Descriptor`], as `Op::Descriptor` gives it; `samplers` is looked at only if
+/// * `images`, `samplers`: per lane, the address of a descriptor in the `environment`, as `Op::Descriptor` gives it; `samplers` is looked at only if
 ///   [`ImageOp::has_sampler`]. Only active lanes are looked at.
 /// * `operands`: the operands after the descriptors, in [`ImageOp`]'s order, one row each; a 64-bit operand is two rows, low word first
 ///   ([`ImageOp::operand_rows`] in all).
@@ -120,6 +120,7 @@ fn atomic_operands(op: crate::ir::op::AtomicOp) -> usize {
 /// Active lanes' descriptor addresses are those of live descriptors, whose images cover memory that stays allocated during the call.
 pub unsafe fn execute(
     op: &ImageOp,
+    environment: &Environment,
     images: &[u64; SUBGROUP_SIZE],
     samplers: &[u64; SUBGROUP_SIZE],
     mask: u16,
@@ -142,14 +143,14 @@ pub unsafe fn execute(
         rest &= !group;
         // SAFETY: the caller vouches for the descriptors of active lanes.
         unsafe {
-            let descriptor = &*(images[first] as *const Descriptor);
+            let descriptor = environment.descriptor(images[first]);
             let held = descriptor.held_image();
             let image = match &held {
                 Some(image) => Some(image),
                 None => descriptor.viewed_image().as_ref(),
             };
             let sampler = if has_sampler {
-                (*(samplers[first] as *const Descriptor)).sampler.as_ref()
+                environment.descriptor(samplers[first]).sampler.as_ref()
             } else {
                 None
             };

@@ -49,6 +49,17 @@ pub struct Level {
     pub depth: u32,
 }
 
+impl Level {
+    const ZERO: Level = Level {
+        offset_bytes: 0,
+        row_stride_bytes: 0,
+        slice_stride_bytes: 0,
+        width: 0,
+        height: 0,
+        depth: 0,
+    };
+}
+
 /// An image view, resolved: what an access needs and nothing else. Levels and layers count from the view's first.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
@@ -74,6 +85,23 @@ pub struct ImageDescriptor {
 }
 
 impl ImageDescriptor {
+    /// A view of nothing: reads give zeros, writes are dropped.
+    pub const NULL: ImageDescriptor = ImageDescriptor {
+        data: std::ptr::null_mut(),
+        size_bytes: 0,
+        format: Format::UNDEFINED,
+        dim: Dim::D2,
+        arrayed: false,
+        samples: 1,
+        level_count: 0,
+        layer_count: 0,
+        layer_stride_bytes: 0,
+        sample_stride_bytes: 0,
+        swizzle: [0, 1, 2, 3],
+        min_lod: 0.0,
+        levels: [Level::ZERO; MAX_LEVELS],
+    };
+
     /// A texel buffer.
     pub fn texel_buffer(data: *mut u8, size_bytes: u64, format: Format) -> Self {
         let texel_size_bytes = format.size_bytes().max(1) as u64;
@@ -163,6 +191,24 @@ pub struct SamplerDescriptor {
     /// As texel words: f32 bits or integers.
     pub border_color: [u32; 4],
     pub unnormalized_coordinates: bool,
+}
+
+impl SamplerDescriptor {
+    /// What is all zeros in `VkSamplerCreateInfo`.
+    pub const DEFAULT: SamplerDescriptor = SamplerDescriptor {
+        mag_filter: Filter::Nearest,
+        min_filter: Filter::Nearest,
+        mipmap_mode: Filter::Nearest,
+        address_mode: [AddressMode::Repeat; 3],
+        mip_lod_bias: 0.0,
+        min_lod: 0.0,
+        max_lod: 0.0,
+        max_anisotropy: 1.0,
+        compare: None,
+        reduction: Reduction::WeightedAverage,
+        border_color: [0; 4],
+        unnormalized_coordinates: false,
+    };
 }
 
 /// How the level of detail is chosen.

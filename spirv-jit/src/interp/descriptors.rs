@@ -5,43 +5,71 @@
 
 use super::code::{DescriptorSource, Remade};
 use super::machine::{Instr, MAX_SUBGROUPS, Machine, Operand, lanes_of};
-use super::region;
 use crate::SUBGROUP_SIZE;
-use crate::environment::{Descriptor, Environment, reference};
+use crate::environment::{Descriptor, DescriptorSet, Environment, STORED, reference};
 use crate::ir::op::DescriptorBinding;
 
 static NULL: Descriptor = Descriptor::NULL;
 
+/// A table of references: by its number, one of the bound sets, the dynamic descriptors, or the push constants.
+fn table(environment: &Environment, number: u32) -> DescriptorSet {
+    match number {
+        reference::PUSH_CONSTANTS => DescriptorSet {
+            entries: &raw const environment.push_constants,
+            count: 1,
+            ..DescriptorSet::NONE
+        },
+        reference::DYNAMIC => DescriptorSet {
+            entries: environment.dynamic,
+            count: environment.dynamic_count,
+            ..DescriptorSet::NONE
+        },
+        number => {
+            let set = number.checked_sub(reference::SETS);
+            let set = set.and_then(|set| environment.sets.get(set as usize));
+            set.copied().unwrap_or(DescriptorSet::NONE)
+        }
+    }
+}
+
+/// Where an entry of a table stands, that there is, marked if it is a stored one.
+#[inline(always)]
+fn address_of(table: &DescriptorSet, entry: u64) -> u64 {
+    let tag = if table.stored { STORED } else { 0 };
+    (table.entries as u64 + entry * size_of::<Descriptor>() as u64) | tag
+}
+
 /// A binding's entries in the set that is bound.
 struct Entries {
-    /// What the entries are counted from.
-    table: *const Descriptor,
+    table: DescriptorSet,
     first: u64,
     /// One past the last entry.
     end: u64,
+    /// The inline uniform block that stands for the first entry.
+    block: Option<u64>,
     /// The table's number in references.
     number: u32,
 }
 
 impl Entries {
     fn of(environment: &Environment, binding: &DescriptorBinding) -> Self {
-        let (table, count, number) = if binding.dynamic {
-            let (table, count) = (environment.dynamic, environment.dynamic_count);
-            (table, count, reference::DYNAMIC)
-        } else {
-            match environment.sets.get(binding.set as usize) {
-                Some(set) => (set.entries, set.count, reference::SETS + binding.set),
-                None => (std::ptr::null(), 0, 0),
-            }
+        let number = match binding.dynamic {
+            true => reference::DYNAMIC,
+            false => reference::SETS + binding.set,
         };
+        let table = table(environment, number);
+        let count = table.count as u64;
         let end = match binding.count {
-            u32::MAX => count as u64,
-            in_binding => (binding.first as u64 + in_binding as u64).min(count as u64),
+            u32::MAX => count,
+            in_binding => (binding.first as u64 + in_binding as u64).min(count),
         };
+        // SAFETY: what is bound is valid while the wave runs.
+        let block = unsafe { table.block(binding.first) };
         Self {
-            table,
             first: binding.first as u64,
-            end: if table.is_null() { 0 } else { end },
+            end: if table.entries.is_null() { 0 } else { end },
+            block: block.map(|block| &raw const *block as u64),
+            table,
             number,
         }
     }
@@ -54,9 +82,10 @@ impl Entries {
     /// Address of the descriptor at an index of the binding.
     #[inline(always)]
     fn address(&self, index: u32) -> u64 {
-        match self.entry(index) {
-            Some(entry) => address_of(self.table, entry),
-            None => &raw const NULL as u64,
+        match (self.block, self.entry(index)) {
+            (Some(block), _) if index == 0 => block,
+            (None, Some(entry)) => address_of(&self.table, entry),
+            _ => &raw const NULL as u64,
         }
     }
 
@@ -69,28 +98,17 @@ impl Entries {
     }
 }
 
-fn address_of(table: *const Descriptor, entry: u64) -> u64 {
-    table as u64 + entry * size_of::<Descriptor>() as u64
-}
-
 /// Address of what a reference names, whatever the number.
 fn follow(environment: &Environment, number: u64) -> u64 {
-    let (table, entry) = ((number >> 32) as u32, number as u32);
-    let (entries, count) = match table {
-        reference::PUSH_CONSTANTS => (&raw const environment.push_constants, 1),
-        reference::DYNAMIC => (environment.dynamic, environment.dynamic_count),
-        table => {
-            let set = table.checked_sub(reference::SETS);
-            match set.and_then(|set| environment.sets.get(set as usize)) {
-                Some(set) => (set.entries, set.count),
-                None => (std::ptr::null(), 0),
-            }
-        }
-    };
-    if entries.is_null() || entry >= count {
-        &raw const NULL as u64
-    } else {
-        address_of(entries, entry as u64)
+    let (number, entry) = ((number >> 32) as u32, number as u32);
+    let table = table(environment, number);
+    if table.entries.is_null() || entry >= table.count {
+        return &raw const NULL as u64;
+    }
+    // SAFETY: what is bound is valid while the wave runs.
+    match unsafe { table.block(entry) } {
+        Some(block) => &raw const *block as u64,
+        None => address_of(&table, entry as u64),
     }
 }
 
@@ -194,7 +212,7 @@ pub(super) unsafe fn descriptor_address(m: &mut Machine<'_>, i: &Instr) {
         for lane in lanes_of(m.active[offset as usize / 64]) {
             // SAFETY: as the caller promises; active lanes hold addresses of descriptors.
             unsafe {
-                let descriptor = region::descriptor_at(m.lane(i.a, offset, lane, true));
+                let descriptor = m.environment.descriptor(m.lane(i.a, offset, lane, true));
                 m.set_lane(i.d, offset, lane, true, descriptor.address);
             }
         }
@@ -210,7 +228,7 @@ pub(super) unsafe fn buffer_size(m: &mut Machine<'_>, i: &Instr) {
         for lane in lanes_of(m.active[offset as usize / 64]) {
             // SAFETY: as the caller promises; active lanes hold addresses of descriptors.
             unsafe {
-                let descriptor = region::descriptor_at(m.lane(i.a, offset, lane, true));
+                let descriptor = m.environment.descriptor(m.lane(i.a, offset, lane, true));
                 let size = descriptor.size_bytes.min(u32::MAX as u64);
                 m.set_lane(i.d, offset, lane, false, size);
             }

@@ -6,7 +6,7 @@ use super::code::ImagePlan;
 use super::machine::{Handler, Instr, Machine, Operand};
 use super::tier::{Kernel, Portable, Tier, TierKind};
 use crate::SUBGROUP_SIZE;
-use crate::environment::Descriptor;
+use crate::environment::Environment;
 use crate::image::execute::{MAX_RESULT_ROWS, Operands, execute, usable};
 use crate::image::fast::{self, Fast};
 use crate::image::vector::{self, Vector};
@@ -80,6 +80,7 @@ unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, offset: u16) {
         };
         execute(
             &plan.op,
+            m.environment,
             images,
             samplers,
             mask,
@@ -131,7 +132,7 @@ impl<V: Vector> Kernel for Sample<V> {
                 };
                 if descriptors != known {
                     known = descriptors;
-                    sample = resolve(plan, descriptors);
+                    sample = resolve(m.environment, plan, descriptors);
                 }
                 match &sample {
                     Some(sample) => sample_block(V::new(), sample, m, plan, offset, mask),
@@ -166,12 +167,16 @@ unsafe fn shared(m: &Machine<'_>, operand: Operand, offset: u16, mask: u16) -> O
 /// # Safety
 /// As [`block`]: the addresses are an active lane's.
 #[inline(always)]
-unsafe fn resolve<'p>(plan: &'p ImagePlan, (image, sampler): (u64, u64)) -> Option<Fast<'p>> {
+unsafe fn resolve<'p>(
+    environment: &Environment,
+    plan: &'p ImagePlan,
+    (image, sampler): (u64, u64),
+) -> Option<Fast<'p>> {
     // SAFETY: as the caller promises; what descriptors point to outlives the dispatch.
     let (image, sampler): (Option<&'p ImageDescriptor>, Option<&'p SamplerDescriptor>) = unsafe {
         (
-            (*(image as *const Descriptor)).viewed_image().as_ref(),
-            (*(sampler as *const Descriptor)).sampler.as_ref(),
+            environment.descriptor(image).viewed_image().as_ref(),
+            environment.descriptor(sampler).sampler.as_ref(),
         )
     };
     let (image, info) = usable(image)?;

@@ -3,11 +3,7 @@
 //! Every access goes through [`Region`]: first byte, size, and the offset in it, checked per scalar.
 
 use super::machine::{Machine, Operand};
-use crate::environment::Descriptor;
 use crate::ir::Space;
-
-/// Descriptors are never below this: what is, is none.
-const LOWEST_ADDRESS: u64 = 1 << 16;
 
 /// Where an access lies.
 #[derive(Clone, Copy)]
@@ -43,19 +39,6 @@ impl Region {
     }
 }
 
-/// The descriptor at an address that `Op::Descriptor` gave.
-///
-/// # Safety
-/// The address is such a one, or zero.
-#[inline(always)]
-pub(super) unsafe fn descriptor_at(address: u64) -> Descriptor {
-    if address < LOWEST_ADDRESS {
-        return Descriptor::NULL;
-    }
-    // SAFETY: as the caller promises; sets outlive the dispatch.
-    unsafe { *(address as *const Descriptor) }
-}
-
 /// The memory that one lane's address operands mean; not for private memory.
 ///
 /// # Safety
@@ -78,7 +61,9 @@ pub(super) unsafe fn region(
                 offset: m.lane(address[0], offset, lane, false),
             },
             Space::Buffer => {
-                let descriptor = descriptor_at(m.lane(address[0], offset, lane, true));
+                let descriptor = m
+                    .environment
+                    .descriptor(m.lane(address[0], offset, lane, true));
                 Region {
                     base: descriptor.address as *mut u8,
                     size_bytes: descriptor.size_bytes,

@@ -123,20 +123,14 @@ pub fn execute_on(tier: TierKind, module: &Module, seed: u64, inputs: Option<&[u
         descriptor(writable.as_mut_ptr(), writable.len()),
     ];
     let mut environment = Environment {
-        sets: [DescriptorSet {
-            entries: std::ptr::null(),
-            count: 0,
-        }; MAX_SETS],
-        dynamic: std::ptr::null(),
-        dynamic_count: 0,
         push_constants: descriptor(pushed.as_ptr(), pushed.len()),
         uniforms: std::array::from_fn::<_, { uniform::COUNT }, _>(|k| 5 + k as u32),
-        reach: Arc::new(Reach::everywhere()),
-        strays: None,
+        ..Environment::unbound()
     };
     environment.sets[0] = DescriptorSet {
         entries: entries.as_ptr(),
         count: entries.len() as u32,
+        ..DescriptorSet::NONE
     };
 
     let mut states = vec![vec![AlignedRow([0xdead_beef; LANES]); program.layout().rows]; 2];

@@ -40,20 +40,13 @@ pub fn dispatch(program: &Program, groups: u32, memory: &mut Memory) {
         entries[*index] = descriptor(words);
     }
     let mut environment = Environment {
-        sets: [DescriptorSet {
-            entries: std::ptr::null(),
-            count: 0,
-        }; MAX_SETS],
-        dynamic: std::ptr::null(),
-        dynamic_count: 0,
         push_constants: descriptor(&mut memory.push_constants),
-        uniforms: [0; uniform::COUNT],
-        reach: Arc::new(Reach::everywhere()),
-        strays: None,
+        ..Environment::unbound()
     };
     environment.sets[0] = DescriptorSet {
         entries: entries.as_ptr(),
         count: entries.len() as u32,
+        ..DescriptorSet::NONE
     };
     environment.uniforms[uniform::NUM_WORKGROUPS as usize] = groups;
     for group in 0..groups {

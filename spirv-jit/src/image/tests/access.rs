@@ -1,6 +1,7 @@
 //! Fetches, stores, atomics and queries.
 
 use super::*;
+use crate::environment::Environment;
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
@@ -238,7 +239,17 @@ fn lanes_with_different_images_keep_their_own_texels() {
     let mut results = [[7; 16]; 8];
     let rows: [&Row; 2] = [&[0; 16], &[3; 16]];
     // SAFETY: descriptors and images are alive.
-    unsafe { execute(&op, &addresses, &[0; 16], 0x7fff, &rows, &mut results) };
+    unsafe {
+        execute(
+            &op,
+            &Environment::unbound(),
+            &addresses,
+            &[0; 16],
+            0x7fff,
+            &rows,
+            &mut results,
+        )
+    };
     for lane in 0..15 {
         let expected = images[lane % 3].words(0, 0, [0, 3, 0]);
         assert_eq!(

@@ -50,6 +50,7 @@ fn buffers_are_checked_per_scalar() {
         bench.environment.sets[2] = DescriptorSet {
             entries: entries.as_ptr(),
             count: 3,
+            ..DescriptorSet::NONE
         };
         bench.input(0, |lane| lane as u32);
         bench.run_to_end();
@@ -186,6 +187,7 @@ fn atomics_go_in_lane_order() {
         bench.environment.sets[0] = DescriptorSet {
             entries: entries.as_ptr(),
             count: 1,
+            ..DescriptorSet::NONE
         };
         bench.input(0, |lane| lane as u32);
         bench.run_to_end();
