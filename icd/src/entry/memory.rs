@@ -12,7 +12,7 @@ use crate::device::Device;
 use crate::ffi::chain;
 use crate::handle::{self, from_handle};
 use crate::object::DeviceMemory;
-use crate::object::memory::{Source, file_size};
+use crate::object::memory::{Source, file_size, seal};
 use crate::table::limits::PAGE_BYTES;
 
 destroy! {
@@ -144,7 +144,11 @@ entry! {
         out: *mut vk::MemoryFdPropertiesKHR,
     ) -> vk::Result {
         let copy = libc::fcntl(fd, libc::F_DUPFD_CLOEXEC, 0);
-        if copy < 0 || file_size(&OwnedFd::from_raw_fd(copy)) == 0 {
+        if copy < 0 {
+            return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
+        }
+        let file = OwnedFd::from_raw_fd(copy);
+        if file_size(&file) == 0 || !seal(&file, libc::F_SEAL_SHRINK) {
             return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
         }
         (*out).memory_type_bits = 1;

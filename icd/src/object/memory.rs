@@ -1,15 +1,17 @@
 //! Device memory. Each device reserves a window of address space; a device address is the host address. Pages are committed when first
-//! touched, and ranges that were freed stay mapped to zero pages, so that a stale reference reads zeros.
+//! touched, and ranges that were freed stay mapped to zero pages, so that a stale reference reads zeros until they are used again.
 
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 use ash::vk;
 use parking_lot::Mutex;
 
 use super::live_memory::LiveMemory;
+use super::ranges::{Ranges, Taken};
 use crate::VkResult;
+use crate::table::limits::max_allocations;
 
 /// Allocations are multiples of this, and start at multiples of it (at least a page; `VkMemoryRequirements::alignment` is smaller).
 pub const GRANULE: u64 = 64 << 10;
@@ -30,6 +32,36 @@ pub fn used_bytes() -> u64 {
     USED_BYTES.load(Ordering::Relaxed)
 }
 
+/// Allocations of this process with mappings of their own.
+static MAPPED: AtomicU32 = AtomicU32::new(0);
+
+/// One of so many that there can be; gives its place back when dropped.
+struct Place<'a>(Option<&'a AtomicU32>);
+
+impl<'a> Place<'a> {
+    fn take(count: &'a AtomicU32) -> VkResult<Self> {
+        count
+            .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |count| {
+                (count < max_allocations()).then_some(count + 1)
+            })
+            .map(|_| Self(Some(count)))
+            .map_err(|_| vk::Result::ERROR_TOO_MANY_OBJECTS)
+    }
+
+    /// Keeps it; whoever does gives it back.
+    fn keep(mut self) {
+        self.0 = None;
+    }
+}
+
+impl Drop for Place<'_> {
+    fn drop(&mut self) {
+        if let Some(count) = self.0 {
+            count.fetch_sub(1, Ordering::Relaxed);
+        }
+    }
+}
+
 /// A device's range of address space, and what of it is in use.
 pub struct AddressWindow {
     base: u64,
@@ -38,18 +70,11 @@ pub struct AddressWindow {
     budget_bytes: u64,
     /// Bytes in use, counted with those of other windows.
     used_bytes: &'static AtomicU64,
+    /// How many allocations there are.
+    allocations: AtomicU32,
     ranges: Mutex<Ranges>,
     /// What is taken, and imported host memory.
     pub live: Arc<LiveMemory>,
-}
-
-/// Which parts are free: all from `next` to `end`, and what was freed, oldest first.
-struct Ranges {
-    next: u64,
-    end: u64,
-    freed: Vec<(u64, u64)>,
-    /// Mapped outside the window, to give captured addresses again: the device that captured them had another one.
-    outside: Vec<(u64, u64)>,
 }
 
 impl AddressWindow {
@@ -78,12 +103,8 @@ impl AddressWindow {
                         size_bytes,
                         budget_bytes,
                         used_bytes,
-                        ranges: Mutex::new(Ranges {
-                            next: base,
-                            end: base + size_bytes,
-                            freed: Vec::new(),
-                            outside: Vec::new(),
-                        }),
+                        allocations: AtomicU32::new(0),
+                        ranges: Mutex::new(Ranges::new(base, size_bytes)),
                         live: Arc::default(),
                     }));
                 }
@@ -111,11 +132,18 @@ impl AddressWindow {
     /// # Errors
     /// `VK_ERROR_OUT_OF_DEVICE_MEMORY`, `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS`.
     pub fn take_range(&self, size_bytes: u64, wanted: Option<u64>) -> VkResult<u64> {
-        let taken = self.ranges.lock().take(size_bytes, wanted, self.base);
-        let address = taken.ok_or(match wanted {
+        let taken = self.ranges.lock().take(size_bytes, wanted);
+        let Taken { address, was_used } = taken.ok_or(match wanted {
             Some(_) => vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS,
             None => vk::Result::ERROR_OUT_OF_DEVICE_MEMORY,
         })?;
+        if was_used {
+            // Whoever wrote there after it was freed wrote for nobody.
+            // SAFETY: inside the window, and taken by nobody else.
+            unsafe {
+                libc::madvise(address as *mut _, size_bytes as usize, libc::MADV_DONTNEED);
+            }
+        }
         self.live.add(address, size_bytes);
         Ok(address)
     }
@@ -130,85 +158,13 @@ impl AddressWindow {
     pub fn give_back_range(&self, address: u64, size_bytes: u64) {
         self.live.remove(address, size_bytes);
         map_zero_pages(address, size_bytes, libc::MAP_FIXED);
-        self.ranges.lock().freed.push((address, size_bytes));
-    }
-}
-
-impl Ranges {
-    /// Prefers addresses that were never used; then what has been free for longest.
-    fn take(&mut self, size_bytes: u64, wanted: Option<u64>, base: u64) -> Option<u64> {
-        if let Some(address) = wanted {
-            return self.take_at(address, size_bytes, base);
-        }
-        if self.end - self.next >= size_bytes {
-            let address = self.next;
-            self.next += size_bytes;
-            return Some(address);
-        }
-        self.merge();
-        let index = self.freed.iter().position(|range| range.1 >= size_bytes)?;
-        let (address, free) = self.freed[index];
-        if free == size_bytes {
-            self.freed.remove(index);
-        } else {
-            self.freed[index] = (address + size_bytes, free - size_bytes);
-        }
-        Some(address)
-    }
-
-    fn take_at(&mut self, address: u64, size_bytes: u64, base: u64) -> Option<u64> {
-        let last = address.checked_add(size_bytes)?;
-        if !address.is_multiple_of(GRANULE) {
-            return None;
-        }
-        if self.next <= address && last <= self.end {
-            if address > self.next {
-                self.freed.push((self.next, address - self.next));
-            }
-            self.next = last;
-            return Some(address);
-        }
-        self.take_freed_at(address, last).or_else(|| {
-            if base < last && address < self.end {
-                return None;
-            }
-            map_zero_pages(address, size_bytes, libc::MAP_FIXED_NOREPLACE)?;
-            self.outside.push((address, size_bytes));
-            Some(address)
-        })
-    }
-
-    fn take_freed_at(&mut self, address: u64, last: u64) -> Option<u64> {
-        self.merge();
-        let index = self
-            .freed
-            .iter()
-            .position(|range| range.0 <= address && last <= range.0 + range.1)?;
-        let (start, free) = self.freed.remove(index);
-        if address > start {
-            self.freed.push((start, address - start));
-        }
-        if start + free > last {
-            self.freed.push((last, start + free - last));
-        }
-        Some(address)
-    }
-
-    fn merge(&mut self) {
-        self.freed.sort_unstable();
-        self.freed.dedup_by(|later, earlier| {
-            let touch = earlier.0 + earlier.1 == later.0;
-            if touch {
-                earlier.1 += later.1;
-            }
-            touch
-        });
+        self.ranges.lock().give_back(address, size_bytes);
     }
 }
 
 impl Drop for AddressWindow {
     fn drop(&mut self) {
-        let outside = &self.ranges.get_mut().outside;
+        let outside = self.ranges.get_mut().outside();
         for &(address, size_bytes) in outside.iter().chain([&(self.base, self.size_bytes)]) {
             // SAFETY: these are this object's own mappings, and the device that used them is gone.
             unsafe { libc::munmap(address as *mut _, size_bytes as usize) };
@@ -282,8 +238,9 @@ impl DeviceMemory {
     /// Allocates.
     ///
     /// # Errors
-    /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` past the heap's budget; `VK_ERROR_INVALID_EXTERNAL_HANDLE` for a file that is too short or cannot
-    /// be mapped; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if `wanted` is taken.
+    /// `VK_ERROR_OUT_OF_DEVICE_MEMORY` past the heap's budget; `VK_ERROR_INVALID_EXTERNAL_HANDLE` for a file that is too short, can be made
+    /// shorter or cannot be mapped, and for a host pointer to what is not there; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if `wanted` is
+    /// taken; `VK_ERROR_TOO_MANY_OBJECTS` past [`max_allocations`].
     pub fn allocate(
         window: &Arc<AddressWindow>,
         size_bytes: u64,
@@ -293,6 +250,10 @@ impl DeviceMemory {
         let wants_sharing = matches!(source, Source::Shared);
         let file = match source {
             Source::HostPointer(pointer) => {
+                if !is_mapped(pointer as u64, size_bytes) {
+                    return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
+                }
+                Place::take(&window.allocations)?.keep();
                 window.live.add(pointer as u64, size_bytes);
                 return Ok(Self {
                     address: pointer as u64,
@@ -304,23 +265,31 @@ impl DeviceMemory {
             }
             Source::Fresh | Source::Shared => None,
             Source::Exportable => Some(new_file(size_bytes)?),
-            Source::File(file) if file_size(&file) < size_bytes => {
-                return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
+            Source::File(file) => {
+                // Nobody makes it shorter after its size has been looked at: an access past the end of a file is a fault.
+                if !seal(&file, libc::F_SEAL_SHRINK) || file_size(&file) < size_bytes {
+                    return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
+                }
+                Some(file)
             }
-            Source::File(file) => Some(file),
         };
         let mapped_bytes = size_bytes
             .max(1)
             .checked_next_multiple_of(GRANULE)
             .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
+        let place = Place::take(&window.allocations)?;
+        let has_mapping = wants_sharing || file.is_some();
+        let mapping = has_mapping.then(|| Place::take(&MAPPED)).transpose()?;
         let address = window.take(mapped_bytes, wanted.filter(|&address| address != 0))?;
+        place.keep();
+        mapping.map(Place::keep);
         let memory = Self {
             address,
             size_bytes,
             backing: Backing::Window {
                 window: Arc::clone(window),
                 mapped_bytes,
-                shared: wants_sharing || file.is_some(),
+                shared: has_mapping,
                 file,
             },
         };
@@ -389,21 +358,35 @@ impl DeviceMemory {
 
 impl Drop for DeviceMemory {
     fn drop(&mut self) {
-        match &self.backing {
+        let window = match &self.backing {
             Backing::Window {
                 window,
                 mapped_bytes,
+                shared,
                 ..
-            } => window.give_back(self.address, *mapped_bytes),
-            Backing::Host { window } => window.live.remove(self.address, self.size_bytes),
-        }
+            } => {
+                window.give_back(self.address, *mapped_bytes);
+                if *shared {
+                    MAPPED.fetch_sub(1, Ordering::Relaxed);
+                }
+                window
+            }
+            Backing::Host { window } => {
+                window.live.remove(self.address, self.size_bytes);
+                window
+            }
+        };
+        window.allocations.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
 fn new_file(size_bytes: u64) -> VkResult<OwnedFd> {
     // SAFETY: plain system calls; the descriptor is owned from its creation on.
     unsafe {
-        let file = libc::memfd_create(c"tuff".as_ptr(), libc::MFD_CLOEXEC);
+        let file = libc::memfd_create(
+            c"tuff".as_ptr(),
+            libc::MFD_CLOEXEC | libc::MFD_ALLOW_SEALING,
+        );
         if file < 0 {
             return Err(vk::Result::ERROR_TOO_MANY_OBJECTS);
         }
@@ -413,8 +396,44 @@ fn new_file(size_bytes: u64) -> VkResult<OwnedFd> {
         if libc::ftruncate(file.as_raw_fd(), size) != 0 {
             return Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY);
         }
-        Ok(file)
+        // Who has the descriptor may read and write the file, and map it, but not change its size.
+        match seal(&file, libc::F_SEAL_SHRINK | libc::F_SEAL_GROW) {
+            true => Ok(file),
+            false => Err(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY),
+        }
     }
+}
+
+/// Seals a file, unless it is sealed so; false for what cannot be.
+pub fn seal(file: &OwnedFd, seals: i32) -> bool {
+    // SAFETY: plain system calls.
+    unsafe {
+        let there = libc::fcntl(file.as_raw_fd(), libc::F_GET_SEALS);
+        there >= 0
+            && (there & seals == seals
+                || libc::fcntl(file.as_raw_fd(), libc::F_ADD_SEALS, seals) == 0)
+    }
+}
+
+/// Whether all pages of a range are mapped.
+fn is_mapped(address: u64, size_bytes: u64) -> bool {
+    const PAGE: u64 = 4096;
+    const CHUNK: u64 = PAGE << 12;
+    let Some(end) = address.checked_add(size_bytes) else {
+        return false;
+    };
+    let mut resident = [0u8; (CHUNK / PAGE) as usize];
+    let mut at = address & !(PAGE - 1);
+    while at < end {
+        let bytes = (end - at).min(CHUNK);
+        // SAFETY: the call writes a byte for each page; it looks at mappings, not at memory.
+        let found = unsafe { libc::mincore(at as *mut _, bytes as usize, resident.as_mut_ptr()) };
+        if found != 0 {
+            return false;
+        }
+        at += bytes;
+    }
+    address != 0
 }
 
 /// The size of a file; 0 if it has none.
@@ -465,6 +484,59 @@ mod tests {
     }
 
     #[test]
+    fn freed_ranges_are_used_again_and_read_zeros() {
+        let window = AddressWindow::reserve(1 << 40).ok().unwrap();
+        let mut addresses = std::collections::HashSet::new();
+        for _ in 0..100_000 {
+            let memory = allocate(&window, 1).ok().unwrap();
+            assert_eq!(read(memory.address), 0);
+            write(memory.address, 7);
+            let address = memory.address;
+            addresses.insert(address);
+            drop(memory);
+            // Against the rules, but harmless: nobody has it.
+            write(address, 8);
+        }
+        assert!(addresses.len() < 20_000);
+    }
+
+    #[test]
+    fn there_are_as_many_allocations_as_is_said() {
+        let window = AddressWindow::reserve(1 << 40).ok().unwrap();
+        let all: Vec<_> = (0..max_allocations())
+            .map(|_| allocate(&window, 1).ok().unwrap())
+            .collect();
+        let more = allocate(&window, 1).err();
+        assert_eq!(more, Some(vk::Result::ERROR_TOO_MANY_OBJECTS));
+        drop(all);
+        assert!(allocate(&window, 1).is_ok());
+    }
+
+    #[test]
+    fn host_pointers_lead_somewhere() {
+        let window = AddressWindow::reserve(1 << 30).ok().unwrap();
+        let own = AddressWindow::reserve(1 << 30).ok().unwrap();
+        let import = |pointer: u64, bytes| {
+            DeviceMemory::allocate(
+                &window,
+                bytes,
+                Source::HostPointer(pointer as *mut u8),
+                None,
+            )
+        };
+        assert!(import(own.base, 1 << 20).is_ok());
+        for (pointer, bytes) in [
+            (own.base, u64::MAX),
+            (0, 4096),
+            (1 << 46, 4096),
+            (own.base, 1 << 46),
+        ] {
+            let refused = import(pointer, bytes).err();
+            assert_eq!(refused, Some(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE));
+        }
+    }
+
+    #[test]
     fn an_address_can_be_had_again() {
         let window = AddressWindow::reserve(1 << 30).ok().unwrap();
         let first = allocate(&window, 1).ok().unwrap();
@@ -504,5 +576,10 @@ mod tests {
         assert_eq!(read(b.address), 99);
         let too_long = Source::File(a.export().ok().unwrap());
         assert!(DeviceMemory::allocate(&window, 1 << 20, too_long, None).is_err());
+        let file = a.export().ok().unwrap();
+        // SAFETY: plain system calls.
+        let shrunk = unsafe { libc::ftruncate(file.as_raw_fd(), 0) };
+        assert_eq!(shrunk, -1);
+        assert_eq!(read(a.address), 99);
     }
 }

@@ -15,6 +15,7 @@ pub mod pipeline;
 pub mod pipeline_cache;
 pub mod private_data;
 pub mod query;
+pub mod ranges;
 pub mod ray_tracing_pipeline;
 pub mod render_pass;
 pub mod sampler;

@@ -2,6 +2,8 @@
 
 #![forbid(unsafe_code)]
 
+use std::sync::OnceLock;
+
 use ash::vk;
 
 /// Texels along a side of an image: what `spirv_jit::image::MAX_LEVELS` has levels for.
@@ -38,7 +40,7 @@ pub fn limits() -> vk::PhysicalDeviceLimits {
         // Addresses have 64 bits, `VkDeviceSize` ranges of descriptors too; test suites size their largest launch by this.
         max_storage_buffer_range: 1 << 31,
         max_push_constants_size: MAX_PUSH_CONSTANTS_BYTES,
-        max_memory_allocation_count: u32::MAX,
+        max_memory_allocation_count: max_allocations(),
         max_sampler_allocation_count: u32::MAX,
         buffer_image_granularity: 1,
         sparse_address_space_size: SPARSE_ADDRESS_SPACE_BYTES,
@@ -159,3 +161,14 @@ pub const CAPTURE_BYTES: usize = size_of::<u64>();
 
 /// `shaderGroupHandleSize`.
 pub const HANDLE_SIZE: usize = 32;
+
+/// Allocations that a device can have: each may be two mappings, and the system lets a process have so many, of which there are others.
+pub fn max_allocations() -> u32 {
+    static MAX: OnceLock<u32> = OnceLock::new();
+    *MAX.get_or_init(|| {
+        let mappings = std::fs::read_to_string("/proc/sys/vm/max_map_count");
+        let mappings = mappings.ok().and_then(|text| text.trim().parse().ok());
+        // What Linux has by default; and what Vulkan demands at the least.
+        (mappings.unwrap_or(65530u32) / 4).max(4096)
+    })
+}

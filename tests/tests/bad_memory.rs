@@ -1,0 +1,344 @@
+//! Memory and sizes that break the rules. Vulkan leaves their effect open, so these tests look only at Tuff, which promises an error, a lost
+//! device or zeros, and a process that lives on.
+
+use std::ffi::CStr;
+use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
+
+use ash::vk::Handle;
+use ash::{ext, khr};
+use tuff_tests::*;
+
+unsafe extern "C" {
+    fn fork() -> i32;
+    fn _exit(code: i32) -> !;
+    fn waitpid(child: i32, status: *mut i32, options: i32) -> i32;
+    fn alarm(seconds: u32) -> u32;
+    fn ftruncate(file: i32, length: i64) -> i32;
+}
+
+fn open() -> Option<Gpu> {
+    Gpu::without_validation().with("a driver that promises this", Gpu::is_tuff)
+}
+
+/// A second device, with extensions that tests have no other use for; destroyed by whoever asked for it.
+fn device_with(gpu: &Gpu, extensions: &[&CStr], sparse_binding: bool) -> ash::Device {
+    let names: Vec<_> = extensions.iter().map(|name| name.as_ptr()).collect();
+    let queues = [vk::DeviceQueueCreateInfo::default()
+        .queue_family_index(gpu.family)
+        .queue_priorities(&[1.0])];
+    let features = vk::PhysicalDeviceFeatures::default().sparse_binding(sparse_binding);
+    let info = vk::DeviceCreateInfo::default()
+        .queue_create_infos(&queues)
+        .enabled_features(&features)
+        .enabled_extension_names(&names);
+    // SAFETY: the physical device is of the instance, and has all of this.
+    unsafe { gpu.instance.create_device(gpu.physical, &info, None) }.expect("vkCreateDevice")
+}
+
+#[test]
+fn query_results_stay_within_their_size() {
+    let Some(gpu) = open() else { return };
+    let info = vk::QueryPoolCreateInfo::default()
+        .query_type(vk::QueryType::TIMESTAMP)
+        .query_count(64);
+    // SAFETY: handles are of this device; the third word is outside of what the call is given.
+    unsafe {
+        let pool = gpu.device.create_query_pool(&info, None).unwrap();
+        gpu.run(|commands| {
+            gpu.device.cmd_reset_query_pool(commands, pool, 0, 64);
+            for query in 0..64 {
+                let stage = vk::PipelineStageFlags::ALL_COMMANDS;
+                gpu.device.cmd_write_timestamp(commands, stage, pool, query);
+            }
+        });
+        let mut words = [77u64; 64];
+        let results = gpu.device.fp_v1_0().get_query_pool_results;
+        let flags = vk::QueryResultFlags::TYPE_64;
+        let (device, out) = (gpu.device.handle(), words.as_mut_ptr().cast());
+        let code = results(device, pool, 0, 64, 16, out, 8, flags);
+        assert_eq!(code, vk::Result::SUCCESS);
+        assert!(words[0] != 77 && words[1] != 77);
+        assert_eq!(words[2..], [77; 62]);
+        let code = results(device, pool, 0, u32::MAX, 16, out, u64::MAX / 2, flags);
+        assert_eq!(code, vk::Result::SUCCESS);
+        assert_eq!(words[2..], [77; 62]);
+        gpu.device.destroy_query_pool(pool, None);
+    }
+}
+
+#[test]
+fn exported_memory_keeps_its_size() {
+    let Some(gpu) = open() else { return };
+    let device = device_with(&gpu, &[khr::external_memory_fd::NAME], false);
+    let files = khr::external_memory_fd::Device::new(&gpu.instance, &device);
+    let opaque = vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
+    let import = |file: i32| {
+        let mut import = vk::ImportMemoryFdInfoKHR::default()
+            .handle_type(opaque)
+            .fd(file);
+        let info = vk::MemoryAllocateInfo::default()
+            .allocation_size(1 << 20)
+            .push_next(&mut import);
+        // SAFETY: the file is open, or refused.
+        unsafe { device.allocate_memory(&info, None) }
+    };
+    // SAFETY: handles are of this device, and the memory is mapped whole.
+    unsafe {
+        let mut export = vk::ExportMemoryAllocateInfo::default().handle_types(opaque);
+        let info = vk::MemoryAllocateInfo::default()
+            .allocation_size(1 << 20)
+            .push_next(&mut export);
+        let memory = device.allocate_memory(&info, None).unwrap();
+        let info = vk::MemoryGetFdInfoKHR::default()
+            .memory(memory)
+            .handle_type(opaque);
+        let file = OwnedFd::from_raw_fd(files.get_memory_fd(&info).unwrap());
+        assert_eq!(ftruncate(file.as_raw_fd(), 0), -1);
+        let flags = vk::MemoryMapFlags::empty();
+        let mapped = device.map_memory(memory, 0, vk::WHOLE_SIZE, flags).unwrap();
+        mapped.cast::<u32>().write_volatile(5);
+        let again = import(files.get_memory_fd(&info).unwrap()).expect("ours can be imported");
+        device.free_memory(again, None);
+        // A file on a disk can be made shorter by whoever can open it.
+        let path = std::env::temp_dir().join(format!("tuff-import-{}", std::process::id()));
+        let plain = std::fs::File::create_new(&path).unwrap();
+        plain.set_len(1 << 20).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let refused = import(plain.as_raw_fd());
+        assert_eq!(refused, Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE));
+        device.free_memory(memory, None);
+        device.destroy_device(None);
+    }
+}
+
+#[test]
+fn host_pointers_to_nothing_are_refused() {
+    let Some(gpu) = open() else { return };
+    let device = device_with(&gpu, &[ext::external_memory_host::NAME], false);
+    let own = gpu.buffer(1 << 20);
+    for (pointer, size) in [(own.address, u64::MAX), (0, 4096), (1 << 46, 1 << 20)] {
+        let mut import = vk::ImportMemoryHostPointerInfoEXT::default()
+            .handle_type(vk::ExternalMemoryHandleTypeFlags::HOST_ALLOCATION_EXT);
+        import.p_host_pointer = pointer as *mut _;
+        let info = vk::MemoryAllocateInfo::default()
+            .allocation_size(size)
+            .push_next(&mut import);
+        // SAFETY: what is not there is refused.
+        let refused = unsafe { device.allocate_memory(&info, None) };
+        assert_eq!(refused, Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE));
+    }
+    // SAFETY: nothing is left on it.
+    unsafe { device.destroy_device(None) };
+}
+
+#[test]
+fn sizes_without_measure_are_errors() {
+    let Some(gpu) = open() else { return };
+    let image = |levels, layers, side| {
+        let info = vk::ImageCreateInfo::default()
+            .image_type(vk::ImageType::TYPE_2D)
+            .format(vk::Format::R32G32B32A32_SFLOAT)
+            .extent(vk::Extent3D {
+                width: side,
+                height: side,
+                depth: 1,
+            })
+            .mip_levels(levels)
+            .array_layers(layers)
+            .samples(vk::SampleCountFlags::TYPE_1)
+            .usage(vk::ImageUsageFlags::SAMPLED);
+        // SAFETY: an image that cannot be is refused.
+        unsafe { gpu.device.create_image(&info, None) }
+    };
+    assert!(image(u32::MAX, 1, 16).is_err());
+    assert!(image(40, 1, 16).is_err());
+    assert!(image(1, u32::MAX, u32::MAX).is_err());
+    let types = [
+        vk::DescriptorType::STORAGE_BUFFER,
+        vk::DescriptorType::STORAGE_BUFFER_DYNAMIC,
+    ];
+    let bindings = [0, 1].map(|k| {
+        vk::DescriptorSetLayoutBinding::default()
+            .binding(k)
+            .descriptor_type(types[k as usize])
+            .descriptor_count(if k == 0 { u32::MAX } else { 4 })
+            .stage_flags(vk::ShaderStageFlags::ALL)
+    });
+    let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+    // SAFETY: a layout that cannot be is refused.
+    let layout = unsafe { gpu.device.create_descriptor_set_layout(&info, None) };
+    assert_eq!(layout, Err(vk::Result::ERROR_OUT_OF_HOST_MEMORY));
+}
+
+/// As many instances as a number can say, from memory that has room for few.
+#[test]
+fn instances_without_measure_are_no_build() {
+    let Some(gpu) = open() else { return };
+    let input = gpu.buffer(1 << 16);
+    let top = gpu.empty_structure(vk::AccelerationStructureTypeKHR::TOP_LEVEL, 1 << 16);
+    let scratch = gpu.buffer(1 << 20);
+    for (count, address) in [
+        (u32::MAX, input.address),
+        (1 << 24, input.address),
+        (u32::MAX, 0x4141_4141_4141_4140),
+    ] {
+        let mut data = vk::AccelerationStructureGeometryInstancesDataKHR::default();
+        data.data.device_address = address;
+        let geometry = [vk::AccelerationStructureGeometryKHR::default()
+            .geometry_type(vk::GeometryTypeKHR::INSTANCES)
+            .geometry(vk::AccelerationStructureGeometryDataKHR { instances: data })];
+        let mut info = vk::AccelerationStructureBuildGeometryInfoKHR::default()
+            .ty(vk::AccelerationStructureTypeKHR::TOP_LEVEL)
+            .dst_acceleration_structure(top.handle)
+            .geometries(&geometry);
+        info.scratch_data.device_address = scratch.address;
+        let range = [vk::AccelerationStructureBuildRangeInfoKHR::default().primitive_count(count)];
+        // Either end is one.
+        let _ = gpu.try_run(|commands| {
+            // SAFETY: the build is refused where it is performed.
+            unsafe {
+                gpu.acceleration
+                    .cmd_build_acceleration_structures(commands, &[info], &[&range]);
+            }
+        });
+    }
+}
+
+#[test]
+fn allocations_end_in_an_error_before_the_system_ends_them() {
+    let Some(gpu) = open() else { return };
+    for sparse_binding in [false, true] {
+        let device = device_with(&gpu, &[], sparse_binding);
+        let info = vk::MemoryAllocateInfo::default().allocation_size(65536);
+        let mut all = Vec::new();
+        // SAFETY: memory of this device, mapped whole.
+        let error = unsafe {
+            loop {
+                let memory = match device.allocate_memory(&info, None) {
+                    Ok(memory) => memory,
+                    Err(error) => break error,
+                };
+                let flags = vk::MemoryMapFlags::empty();
+                let mapped = device.map_memory(memory, 0, vk::WHOLE_SIZE, flags).unwrap();
+                mapped.cast::<u32>().write_volatile(1);
+                all.push(memory);
+            }
+        };
+        assert_eq!(error, vk::Result::ERROR_TOO_MANY_OBJECTS);
+        assert_eq!(all.len() as u32, gpu.limits.max_memory_allocation_count);
+        // SAFETY: none is used any more.
+        unsafe {
+            all.iter()
+                .for_each(|&memory| device.free_memory(memory, None));
+            let memory = device.allocate_memory(&info, None).unwrap();
+            device.free_memory(memory, None);
+            device.destroy_device(None);
+        }
+    }
+}
+
+/// Kilobytes of page tables of this process.
+fn page_table_kilobytes() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find(|line| line.starts_with("VmPTE:"));
+    let mut words = line.unwrap().split_whitespace();
+    words.nth(1).unwrap().parse().unwrap()
+}
+
+#[test]
+fn memory_that_comes_and_goes_leaves_nothing_behind() {
+    let Some(gpu) = open() else { return };
+    let device = device_with(&gpu, &[], false);
+    let info = vk::MemoryAllocateInfo::default().allocation_size((1 << 20) + 65536);
+    let before = page_table_kilobytes();
+    for round in 0..40_000u32 {
+        // SAFETY: memory of this device, mapped whole, and not used after it is freed.
+        unsafe {
+            let memory = device.allocate_memory(&info, None).unwrap();
+            let flags = vk::MemoryMapFlags::empty();
+            let mapped = device.map_memory(memory, 0, vk::WHOLE_SIZE, flags).unwrap();
+            let word = mapped.cast::<u32>();
+            assert_eq!(word.read_volatile(), 0, "round {round}");
+            word.write_volatile(round | 1);
+            device.free_memory(memory, None);
+        }
+    }
+    let grown = page_table_kilobytes().saturating_sub(before);
+    // SAFETY: nothing is left on it.
+    unsafe { device.destroy_device(None) };
+    println!("page tables grew by {grown} kB");
+    assert!(grown < 10_000, "{grown} kB");
+}
+
+#[test]
+fn a_handle_of_another_kind_is_an_error() {
+    let Some(gpu) = open() else { return };
+    let info = vk::BufferCreateInfo::default()
+        .size(256)
+        .usage(vk::BufferUsageFlags::TRANSFER_DST);
+    // SAFETY: wrong handles lead to living objects, all of which begin alike.
+    unsafe {
+        let buffer = gpu.device.create_buffer(&info, None).unwrap();
+        gpu.device
+            .destroy_image(vk::Image::from_raw(buffer.as_raw()), None);
+        let info = vk::CommandBufferAllocateInfo::default()
+            .command_pool(gpu.pool)
+            .command_buffer_count(1);
+        let commands = gpu.device.allocate_command_buffers(&info).unwrap()[0];
+        let info = vk::CommandBufferBeginInfo::default();
+        gpu.device.begin_command_buffer(commands, &info).unwrap();
+        let wrong = vk::Buffer::from_raw(gpu.pool.as_raw());
+        gpu.device.cmd_fill_buffer(commands, wrong, 0, 4, 0);
+        assert!(gpu.device.end_command_buffer(commands).is_err());
+        // The loader looks at no more of a command buffer than its first word.
+        let (buffer_word, word) = (
+            buffer.as_raw() as *mut u64,
+            gpu.queue.as_raw() as *const u64,
+        );
+        let kept = buffer_word.read();
+        buffer_word.write(word.read());
+        let wrong = vk::CommandBuffer::from_raw(buffer.as_raw());
+        gpu.device.cmd_fill_buffer(wrong, buffer, 0, 4, 0);
+        buffer_word.write(kept);
+        gpu.device.destroy_buffer(buffer, None);
+    }
+}
+
+/// A fork takes no threads along: to a child, its parent's devices are lost.
+#[test]
+fn a_forked_child_waits_for_nothing() {
+    let Some(gpu) = open() else { return };
+    let target = gpu.buffer(64);
+    let fill = gpu.record(|commands| {
+        // SAFETY: the buffer is that long.
+        unsafe {
+            gpu.device
+                .cmd_fill_buffer(commands, target.handle, 0, 64, 3);
+        }
+    });
+    gpu.submit(fill).unwrap();
+    let buffers = [fill];
+    let submit = [vk::SubmitInfo::default().command_buffers(&buffers)];
+    // SAFETY: the child makes a few calls and ends without running anything of the test's.
+    unsafe {
+        let child = fork();
+        if child == 0 {
+            alarm(20);
+            let submitted = gpu
+                .device
+                .queue_submit(gpu.queue, &submit, vk::Fence::null());
+            let idle = gpu.device.queue_wait_idle(gpu.queue);
+            let lost = Err(vk::Result::ERROR_DEVICE_LOST);
+            _exit(if (submitted, idle) == (lost, lost) {
+                7
+            } else {
+                8
+            });
+        }
+        let mut status = 0;
+        assert_eq!(waitpid(child, &mut status, 0), child);
+        assert_eq!(status, 7 << 8, "how the child ended");
+    }
+    gpu.submit(fill).unwrap();
+    assert_eq!(target.read::<u32>(), [3; 16]);
+}
