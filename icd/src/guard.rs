@@ -1,6 +1,8 @@
 //! The guard around each entry point: a panic never crosses the C boundary.
 
+use std::cell::RefCell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Once;
 
 use ash::vk;
 
@@ -36,19 +38,59 @@ pub fn guard<R: OnPanic>(name: &str, body: impl FnOnce() -> R) -> R {
     catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|payload| {
         log::write(
             Level::Error,
-            &format!("{name} panicked: {}", panic_message(&*payload)),
+            &format!("{name} panicked: {}", panic_text(&*payload)),
         );
         R::on_panic()
     })
 }
 
+thread_local! {
+    /// Where this thread panicked last.
+    static PANICKED_AT: RefCell<String> = const { RefCell::new(String::new()) };
+}
+
+/// From now on the panics of this library are printed where they are caught, as `TUFF_LOG` has it, and not when they begin. (The standard
+/// library is linked statically: the application's own panics have another hook.)
+pub fn catch_panic_messages() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        std::panic::set_hook(Box::new(|info| {
+            let place = info.location().map(|place| format!(" at {place}"));
+            let place = place.unwrap_or_default();
+            log::write(Level::Debug, &format!("panic{place}"));
+            PANICKED_AT.with(|at| *at.borrow_mut() = place);
+        }));
+    });
+}
+
+/// The message of a panic, and where it was if this is its thread.
+pub fn panic_text(payload: &(dyn std::any::Any + Send)) -> String {
+    let place = PANICKED_AT.with(|at| std::mem::take(&mut *at.borrow_mut()));
+    format!("{}{place}", panic_message(payload))
+}
+
 /// The text of a panic, where it has one.
-pub fn panic_message(payload: &(dyn std::any::Any + Send)) -> &str {
+fn panic_message(payload: &(dyn std::any::Any + Send)) -> &str {
     payload
         .downcast_ref::<&str>()
         .copied()
         .or_else(|| payload.downcast_ref::<String>().map(String::as_str))
         .unwrap_or("no message")
+}
+
+/// Says that a command was refused: every error has a line, if only for those who ask for warnings.
+pub fn refused(name: &str, code: vk::Result) {
+    if code.as_raw() < 0 && log::enabled(Level::Warn) {
+        log::write(Level::Warn, &format!("{name}: {code:?}"));
+    }
+}
+
+/// The code of a command's result; an error is [said](refused).
+pub fn told(name: &str, result: VkResult) -> vk::Result {
+    if let Err(code) = result {
+        refused(name, code);
+    }
+    code(result)
 }
 
 /// The code of a result.

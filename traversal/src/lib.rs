@@ -90,7 +90,9 @@ pub mod structure;
 pub mod transfer;
 pub mod walk;
 
-pub use build::{BuildError, BuildSizes, build, build_sizes, micromap_bytes, update};
+pub use build::{
+    BuildError, BuildSizes, MAX_GEOMETRIES, build, build_sizes, micromap_bytes, update,
+};
 pub use input::{
     AabbGeometry, BuildFlags, BuildInput, EndCaps, Geometries, GeometryFlags, IndexType, Indexing,
     InstanceArray, InstanceSource, Memory, MotionGeometry, RadiusFormat, SweptGeometry,

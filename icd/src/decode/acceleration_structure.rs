@@ -6,6 +6,7 @@ use traversal::{
     VertexFormat,
 };
 
+use crate::VkResult;
 use crate::command::build::{Aabbs, Build, BuildGeometries, MotionTriangles, Range, Triangles};
 use crate::command::instances::Instances;
 use crate::command::swept::Swept;
@@ -321,13 +322,23 @@ unsafe fn instances(geometry: &vk::AccelerationStructureGeometryKHR<'_>) -> Inst
 /// Instance records of a host build, copied with each reference turned from a handle into an address; the build then reads the copy,
 /// which must outlive it. With validation, handles of nothing are reported, and as good as none.
 ///
+/// # Errors
+/// `VK_ERROR_OUT_OF_HOST_MEMORY`.
+///
 /// # Safety
 /// The build's instances are readable, and each reference is 0 or a live `VkAccelerationStructureKHR`.
-pub unsafe fn resolve_host_instances(build: &mut Build, checks: Option<&Checks>) -> Vec<u64> {
+pub unsafe fn resolve_host_instances(
+    build: &mut Build,
+    checks: Option<&Checks>,
+) -> VkResult<Vec<u64>> {
     let destination = build.destination.address;
     let BuildGeometries::Instances(instances) = &mut build.geometries else {
-        return Vec::new();
+        return Ok(Vec::new());
     };
+    // More than a structure can have are refused by the build.
+    if u64::from(instances.count) > traversal::MAX_GEOMETRIES {
+        return Ok(Vec::new());
+    }
     let address = |reference| match vk::AccelerationStructureKHR::from_raw(reference) {
         handle if handle == vk::AccelerationStructureKHR::null() => 0,
         _ if checks.is_some_and(|checks| !checks.host_reference(reference, destination)) => 0,
@@ -335,7 +346,8 @@ pub unsafe fn resolve_host_instances(build: &mut Build, checks: Option<&Checks>)
         handle => unsafe { storage(handle) }.address,
     };
     // SAFETY: the caller's promise.
-    let (copy, records) = unsafe { instances.copied(&Reach::everywhere(), address) };
+    let copied = unsafe { instances.copied(&Reach::everywhere(), address) };
+    let (copy, records) = copied.map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
     *instances = copy;
-    records
+    Ok(records)
 }

@@ -11,6 +11,7 @@ use traversal::{BuildFlags, Live};
 use super::deferred::{defer, defer_parallel};
 use super::define::{commands, entry};
 use super::descriptor_buffer::captured;
+use crate::VkResult;
 use crate::command::build::CopyMode;
 use crate::command::ray_tracing::IndirectBuild;
 use crate::command::{Command, RayTracingCommand};
@@ -140,7 +141,7 @@ entry! {
         let device = from_handle::<Device>(device);
         let checks = device.engine.checks(Caller::Other);
         let resolve = |build| resolve_host_instances(build, checks.as_ref());
-        let records: Vec<_> = builds.iter_mut().map(resolve).collect();
+        let records = builds.iter_mut().map(resolve).collect::<VkResult<Vec<_>>>()?;
         let threads = build::build_concurrency(&builds);
         let live = device.engine.memory.structures();
         defer_parallel(device, operation, threads, move || {

@@ -37,7 +37,7 @@ pub unsafe fn defer(
 /// As [`defer`], for work that fans out: over the device's workers, or the threads that join.
 ///
 /// # Errors
-/// `VK_OPERATION_DEFERRED_KHR`.
+/// `VK_OPERATION_DEFERRED_KHR`, `VK_ERROR_DEVICE_LOST`.
 ///
 /// # Safety
 /// As [`defer`].
@@ -48,6 +48,8 @@ pub unsafe fn defer_parallel(
     work: impl FnOnce() + Send + 'static,
 ) -> VkResult {
     let workers = &device.engine.workers;
+    // Without workers, or for a device that does nothing any more, there is nobody to do it.
+    device.engine.waiting.lost.check()?;
     if operation == vk::DeferredOperationKHR::null() {
         workers.install(work);
         return Ok(());

@@ -8,7 +8,7 @@ macro_rules! entry {
         $(#[$meta])*
         #[allow(non_snake_case)]
         pub(crate) unsafe extern "system" fn $name($($arg: $ty),*) -> vk::Result {
-            $crate::guard::code($crate::guard::guard(stringify!($name), move || -> $crate::VkResult {
+            $crate::guard::told(stringify!($name), $crate::guard::guard(stringify!($name), move || -> $crate::VkResult {
                 // SAFETY: the application keeps this command's valid usage: handles are alive and of their type, pointers are valid
                 // for what they count, chains are well formed, what is externally synchronised is not used elsewhere.
                 #[allow(unused_unsafe)]
@@ -39,18 +39,21 @@ macro_rules! commands {
         $(#[$meta])*
         #[allow(non_snake_case)]
         pub(crate) unsafe extern "system" fn $name($buffer: ash::vk::CommandBuffer $(, $arg: $ty)*) {
-            // SAFETY: the handle is a live command buffer.
-            let command_buffer = unsafe { $crate::handle::from_handle::<$crate::command::CommandBuffer>($buffer) };
-            let mut recording = command_buffer.recording.lock();
-            let $buffer = &mut *recording;
-            let result = $crate::guard::guard(stringify!($name), || -> $crate::VkResult {
-                // SAFETY: the application keeps this command's valid usage.
-                #[allow(unused_unsafe)]
-                unsafe { $body }
+            $crate::guard::guard(stringify!($name), || {
+                // SAFETY: the handle is a live command buffer.
+                let command_buffer = unsafe { $crate::handle::from_handle::<$crate::command::CommandBuffer>($buffer) };
+                let mut recording = command_buffer.recording.lock();
+                let $buffer = &mut *recording;
+                let result = $crate::guard::guard(stringify!($name), || -> $crate::VkResult {
+                    // SAFETY: the application keeps this command's valid usage.
+                    #[allow(unused_unsafe)]
+                    unsafe { $body }
+                });
+                if let Err(code) = result {
+                    $crate::guard::refused(stringify!($name), code);
+                    recording.fail(code);
+                }
             });
-            if let Err(code) = result {
-                recording.fail(code);
-            }
         }
     )*};
 }

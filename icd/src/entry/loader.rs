@@ -5,7 +5,7 @@ use std::ffi::c_char;
 use ash::vk;
 
 use crate::entry::commands::{self, Level};
-use crate::guard::{code, guard};
+use crate::guard::{catch_panic_messages, code, guard};
 use crate::object::Instance;
 use crate::{ffi, handle};
 
@@ -28,6 +28,7 @@ pub unsafe extern "system" fn vk_icdNegotiateLoaderICDInterfaceVersion(
             return Err(vk::Result::ERROR_INCOMPATIBLE_DRIVER);
         }
         *version = NEWEST.min(*version);
+        catch_panic_messages();
         Ok(())
     }))
 }

@@ -36,7 +36,7 @@ entry! {
         pool: vk::QueryPool,
         first: u32,
         count: u32,
-        _size_bytes: usize,
+        size_bytes: usize,
         out: *mut std::ffi::c_void,
         stride_bytes: vk::DeviceSize,
         flags: vk::QueryResultFlags,
@@ -45,8 +45,8 @@ entry! {
         if flags.contains(vk::QueryResultFlags::WAIT) {
             pool.wait(first, count)?;
         }
-        let queries = first..first.saturating_add(count);
-        let all_available = write_results(pool, queries, out.cast(), stride_bytes as usize, flags);
+        let queries = first..first.saturating_add(count).min(pool.len()).max(first);
+        let all_available = write_results(pool, queries, (out.cast(), size_bytes as u64), stride_bytes, flags);
         if all_available { Ok(()) } else { Err(vk::Result::NOT_READY) }
     }
 }

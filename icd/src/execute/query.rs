@@ -37,31 +37,37 @@ pub fn copy_results(copy: &CopyQueryPoolResults, reach: &Reach) -> Result<(), Fa
     };
     let availability = (copy.flags).contains(vk::QueryResultFlags::WITH_AVAILABILITY);
     let words = 1 + u64::from(availability);
-    if !reach.contains(copy.address, last.saturating_add(word * words)) {
+    let size_bytes = last.saturating_add(word * words);
+    if !reach.contains(copy.address, size_bytes) {
         return Ok(());
     }
     // SAFETY: there is memory, which the application keeps for the time of execution.
     unsafe {
         write_results(
             &copy.pool,
-            copy.first..copy.first.saturating_add(copy.count),
-            copy.address as *mut u8,
-            copy.stride_bytes as usize,
+            copy.first
+                ..copy
+                    .first
+                    .saturating_add(copy.count)
+                    .min(copy.pool.len())
+                    .max(copy.first),
+            (copy.address as *mut u8, size_bytes),
+            copy.stride_bytes,
             copy.flags,
         );
     }
     Ok(())
 }
 
-/// Writes the results of queries as the flags ask; whether all were available.
+/// Writes the results of queries as the flags ask, as far as there is room; whether all were available.
 ///
 /// # Safety
-/// `out` has room for each query's words, `stride_bytes` apart.
+/// `out` has room for `size_bytes`.
 pub unsafe fn write_results(
     pool: &QueryPool,
     queries: std::ops::Range<u32>,
-    out: *mut u8,
-    stride_bytes: usize,
+    (out, size_bytes): (*mut u8, u64),
+    stride_bytes: u64,
     flags: vk::QueryResultFlags,
 ) -> bool {
     let mut all_available = true;
@@ -70,13 +76,20 @@ pub unsafe fn write_results(
         all_available &= pool.value(index).is_some();
         for (column, word) in pool.result_words(index, flags).into_iter().enumerate() {
             let Some(word) = word else { continue };
-            // SAFETY: the caller's promise.
+            let word_bytes = if wide { 8 } else { 4 };
+            let offset = stride_bytes.checked_mul(place as u64);
+            let offset = offset.and_then(|it| it.checked_add(word_bytes * column as u64));
+            let end = offset.and_then(|it| it.checked_add(word_bytes));
+            let (Some(offset), true) = (offset, end.is_some_and(|end| end <= size_bytes)) else {
+                continue;
+            };
+            // SAFETY: inside what the caller has room for.
             unsafe {
-                let out = out.add(place * stride_bytes);
+                let out = out.add(offset as usize);
                 if wide {
-                    out.cast::<u64>().add(column).write_unaligned(word);
+                    out.cast::<u64>().write_unaligned(word);
                 } else {
-                    out.cast::<u32>().add(column).write_unaligned(word as u32);
+                    out.cast::<u32>().write_unaligned(word as u32);
                 }
             }
         }

@@ -65,7 +65,7 @@ impl DescriptorSetLayout {
     /// Lays bindings out.
     ///
     /// # Errors
-    /// `VK_ERROR_OUT_OF_HOST_MEMORY` if they are more than 2³² entries.
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY` if they are 2³² entries or more.
     pub fn new(
         mut bindings: Vec<Binding>,
         flags: vk::DescriptorSetLayoutCreateFlags,
@@ -89,6 +89,9 @@ impl DescriptorSetLayout {
                     .ok_or(too_many)?;
             }
         }
+        // A set has both in one array.
+        let all = entry_count.checked_add(dynamic_count);
+        all.ok_or(vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
         Ok(Self {
             bindings,
             entry_count,

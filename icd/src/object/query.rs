@@ -41,6 +41,12 @@ impl QueryPool {
         })
     }
 
+    /// How many queries there are.
+    #[allow(clippy::len_without_is_empty)]
+    pub fn len(&self) -> u32 {
+        self.queries.len() as u32
+    }
+
     /// The value of a query, if it is available.
     pub fn value(&self, index: u32) -> Option<u64> {
         let query = self.queries.get(index as usize)?;

@@ -11,20 +11,37 @@ use parking_lot::{Condvar, Mutex};
 
 use crate::VkResult;
 
-/// Whether a device is lost. Once it is, it stays so.
-#[derive(Default)]
-pub struct Lost(AtomicBool);
+/// Whether a device is lost. Once it is, it stays so. To a child of the process that made it a device is lost, too: a fork takes no threads
+/// along.
+pub struct Lost {
+    lost: AtomicBool,
+    process: u32,
+}
+
+impl Default for Lost {
+    fn default() -> Self {
+        Self {
+            lost: AtomicBool::new(false),
+            process: std::process::id(),
+        }
+    }
+}
 
 impl Lost {
     /// Marks the device lost.
     pub fn set(&self) {
-        self.0.store(true, Ordering::Release);
+        self.lost.store(true, Ordering::Release);
+    }
+
+    /// Whether this is a child of the device's process, without its threads.
+    pub fn is_inherited(&self) -> bool {
+        std::process::id() != self.process
     }
 
     /// # Errors
     /// `VK_ERROR_DEVICE_LOST`.
     pub fn check(&self) -> VkResult {
-        if self.0.load(Ordering::Acquire) {
+        if self.lost.load(Ordering::Acquire) || self.is_inherited() {
             Err(vk::Result::ERROR_DEVICE_LOST)
         } else {
             Ok(())

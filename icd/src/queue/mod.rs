@@ -23,7 +23,7 @@ use crate::VkResult;
 use crate::command::Command;
 use crate::execute::{self, Engine, Failure};
 use crate::float_environment::DefaultEnvironment;
-use crate::guard::panic_message;
+use crate::guard::panic_text;
 use crate::handle::Ref;
 use crate::object::sparse::SparseBind;
 use crate::object::{Fence, Semaphore, Swapchain};
@@ -133,6 +133,11 @@ impl Queue {
     /// Ends the queue's thread; work that is still in line is dropped. The device's waits must have been ended by
     /// [`Engine::shut_down`] before.
     pub fn close(&self) {
+        if self.line.engine.waiting.lost.is_inherited() {
+            // There is no such thread here. Its handle is of no use, and must not be waited for.
+            std::mem::forget(self.thread.try_lock().and_then(|mut thread| thread.take()));
+            return;
+        }
         self.line.state.lock().closing = true;
         self.line.arrived.notify_one();
         if let Some(thread) = self.thread.lock().take() {
@@ -195,7 +200,7 @@ impl Line {
             Ok(Ok(())) => {}
             Ok(Err(Failure::AlreadyLost)) => return,
             Ok(Err(Failure::Stopped(why))) => return self.engine.lose(&format!("{why:?}")),
-            Err(payload) => return self.engine.lose(panic_message(&*payload)),
+            Err(payload) => return self.engine.lose(&panic_text(&*payload)),
         }
         // Whoever sees a signal may reset the command buffers: they are let go of first.
         drop(commands);

@@ -57,6 +57,14 @@ impl Build {
                     self.run(Geometries::Motion(&list), destination, (reach, live))
                 }
                 BuildGeometries::Instances(instances) => {
+                    // What will be refused for its size is not looked at before.
+                    if u64::from(instances.count) > traversal::MAX_GEOMETRIES {
+                        return Err(BuildError::TooLarge);
+                    }
+                    let is_new = self.update_from.is_none();
+                    if is_new && (destination.len() as u64) < self.sizes().structure_bytes {
+                        return Err(BuildError::Destination);
+                    }
                     let source = instances.resolve(reach, live);
                     self.run(Geometries::Instances(source), destination, (reach, live))
                 }

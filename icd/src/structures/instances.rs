@@ -1,7 +1,7 @@
 //! The instances of a build.
 
 use spirv_jit::reach::Reach;
-use traversal::{InstanceArray, InstanceSource, Live};
+use traversal::{BuildError, InstanceArray, InstanceSource, Live};
 
 use crate::command::instances::Instances;
 use crate::wave::reachable::{read, readable};
@@ -45,20 +45,26 @@ impl Instances {
     /// An array of records whose references are `resolved`, and the instances that are in it; it must outlive them. An instance that is not
     /// where the array says is inactive.
     ///
+    /// # Errors
+    /// [`BuildError::OutOfMemory`].
+    ///
     /// # Safety
     /// Nothing writes the instances meanwhile.
     pub unsafe fn copied(
         &self,
         reach: &Reach,
         resolved: impl Fn(u64) -> u64,
-    ) -> (Instances, Vec<u64>) {
+    ) -> Result<(Instances, Vec<u64>), BuildError> {
         let is_motion = self.array.is_motion();
         let array = match is_motion {
             true => InstanceArray::MotionRecords,
             false => InstanceArray::Records,
         };
         let words = array.stride_bytes() as usize / 8;
-        let mut records = vec![0u64; words * self.count as usize];
+        let mut records = Vec::new();
+        let room = records.try_reserve_exact(words * self.count as usize);
+        room.map_err(|_| BuildError::OutOfMemory)?;
+        records.resize(words * self.count as usize, 0u64);
         for (index, place) in records.chunks_exact_mut(words).enumerate() {
             // SAFETY: the caller's promise.
             let Some(mut record) = (unsafe { self.record(reach, index as u32) }) else {
@@ -77,7 +83,7 @@ impl Instances {
             address: records.as_ptr() as u64,
             ..*self
         };
-        (copy, records)
+        Ok((copy, records))
     }
 
     /// Reads a record, through its pointer if the array is one of pointers.

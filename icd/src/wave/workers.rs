@@ -17,6 +17,7 @@ pub struct Workers {
     /// `None` once shut down.
     pool: Option<rayon::ThreadPool>,
     threads: Arc<Mutex<Vec<JoinHandle<()>>>>,
+    process: u32,
 }
 
 impl Workers {
@@ -44,6 +45,7 @@ impl Workers {
         Ok(Arc::new(Self {
             pool: Some(pool),
             threads,
+            process: std::process::id(),
         }))
     }
 }
@@ -58,6 +60,12 @@ impl Deref for Workers {
 
 impl Drop for Workers {
     fn drop(&mut self) {
+        if std::process::id() != self.process {
+            // A child of the process that started them has no such threads to wait for.
+            std::mem::forget(self.pool.take());
+            std::mem::forget(std::mem::take(&mut self.threads));
+            return;
+        }
         drop(self.pool.take());
         for thread in self.threads.lock().drain(..) {
             // Rayon's workers catch what their jobs panic with.

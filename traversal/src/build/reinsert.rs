@@ -44,6 +44,9 @@ const FINER: f32 = 0.7;
 const WORTHWHILE: f32 = 0.01;
 /// Levels of the top, at most.
 const DEEPEST: usize = 128;
+/// Levels of a binary tree, at most: from [`super::tree::HEURISTIC_DEPTH`] on its splits halve.
+const MOST_LEVELS: usize = super::tree::HEURISTIC_DEPTH as usize + 34;
+const WRITTEN: &str = "the scratch memory was written during a build";
 /// Nothing is hung deeper by itself: what is large attracts what is small in long rows.
 const DEEP: u32 = 40;
 
@@ -86,7 +89,7 @@ pub(crate) fn improve<'a>(
     if gained <= worthwhile || top.is_too_deep() {
         return nodes;
     }
-    let size = top.measure(ROOT, nodes) as usize;
+    let size = top.measure((ROOT, 0), nodes) as usize;
     // The new tree goes to the end of the memory; before it, what it is made of is put together, then primitives.
     let room = nodes.len() - size;
     if top.hanging_size() > room || count > room {
@@ -94,10 +97,10 @@ pub(crate) fn improve<'a>(
     }
     top.pack(nodes, order);
     let (packed, improved) = nodes.split_at_mut(room);
-    top.write_nodes(ROOT, packed, improved);
+    top.write_nodes((ROOT, 0), packed, improved);
     // SAFETY: nodes are larger than primitives, aligned as they are by [`super::carve`], and both are plain numbers.
     let spare = unsafe { std::slice::from_raw_parts_mut(packed.as_mut_ptr().cast(), count) };
-    top.write_primitives(ROOT, primitives, spare);
+    top.write_primitives((ROOT, 0), primitives, spare);
     primitives.copy_from_slice(spare);
     improved
 }
@@ -198,7 +201,7 @@ impl<'a> Top<'a> {
         let mut without = self.at(other).corners;
         let mut level = self.levels_above(piece) as u32;
         let mut stack = [(0.0, ROOT, 0); DEEPEST];
-        loop {
+        for _ in 0..self.pieces.len() {
             stack[0] = (gained, other, level);
             let mut length = 1;
             while length > 0 {
@@ -254,7 +257,7 @@ impl<'a> Top<'a> {
 
     /// Computes the boxes of a piece and those above it.
     fn refit(&mut self, mut piece: u32) {
-        loop {
+        for _ in 0..self.pieces.len() {
             let [left, right] = self.at(piece).children;
             let corners = self.at(left).corners.join(&self.at(right).corners);
             let area = corners.half_area(self.scale);
@@ -283,7 +286,8 @@ impl<'a> Top<'a> {
     }
 
     /// Fills in sizes and counts below a piece; returns its size.
-    fn measure(&mut self, piece: u32, nodes: &[BinaryNode]) -> u32 {
+    fn measure(&mut self, (piece, level): (u32, usize), nodes: &[BinaryNode]) -> u32 {
+        check_depth(level);
         let Piece {
             children,
             nodes: at,
@@ -292,7 +296,7 @@ impl<'a> Top<'a> {
         let size = match self.at(piece).has_children() {
             true => {
                 let size = 1 + children
-                    .map(|child| self.measure(child, nodes))
+                    .map(|child| self.measure((child, level + 1), nodes))
                     .iter()
                     .sum::<u32>();
                 let counts = children.map(|child| self.at(child).count);
@@ -326,12 +330,18 @@ impl<'a> Top<'a> {
         for &mut piece in order {
             let start = self.at(piece).nodes as usize;
             self.at_mut(piece).nodes = end as u32;
-            end += pack(nodes, start, end);
+            end += pack(nodes, start, end, 0);
         }
     }
 
     /// Writes the subtree of a piece.
-    fn write_nodes(&self, piece: u32, packed: &[BinaryNode], to: &mut [BinaryNode]) {
+    fn write_nodes(
+        &self,
+        (piece, level): (u32, usize),
+        packed: &[BinaryNode],
+        to: &mut [BinaryNode],
+    ) {
+        check_depth(level);
         let piece = self.at(piece);
         if !piece.has_children() {
             to.copy_from_slice(&packed[piece.nodes as usize..][..piece.size as usize]);
@@ -344,13 +354,19 @@ impl<'a> Top<'a> {
         let (first, last) = to[1..].split_at_mut(right_at as usize - 1);
         both(
             piece.count,
-            || self.write_nodes(left, packed, first),
-            || self.write_nodes(right, packed, last),
+            || self.write_nodes((left, level + 1), packed, first),
+            || self.write_nodes((right, level + 1), packed, last),
         );
     }
 
     /// Copies the primitives of a piece.
-    fn write_primitives(&self, piece: u32, from: &[Primitive], to: &mut [Primitive]) {
+    fn write_primitives(
+        &self,
+        (piece, level): (u32, usize),
+        from: &[Primitive],
+        to: &mut [Primitive],
+    ) {
+        check_depth(level);
         let piece = self.at(piece);
         if !piece.has_children() {
             to.copy_from_slice(&from[piece.first as usize..][..piece.count as usize]);
@@ -360,8 +376,8 @@ impl<'a> Top<'a> {
         let (first, last) = to.split_at_mut(self.at(left).count as usize);
         both(
             piece.count,
-            || self.write_primitives(left, from, first),
-            || self.write_primitives(right, from, last),
+            || self.write_primitives((left, level + 1), from, first),
+            || self.write_primitives((right, level + 1), from, last),
         );
     }
 }
@@ -370,6 +386,12 @@ impl Piece {
     fn has_children(&self) -> bool {
         self.children != [ROOT; 2]
     }
+}
+
+/// Pieces lie in the application's memory: whoever writes there during a build can make a ring of them, which must end in an error before the
+/// stack does. [`Top::is_too_deep`] has looked at all of them before.
+fn check_depth(level: usize) {
+    assert!(level <= DEEPEST, "{WRITTEN}");
 }
 
 /// Does both, side by side if that is worth it.
@@ -383,7 +405,8 @@ fn both(count: u32, one: impl FnOnce() + Send, other: impl FnOnce() + Send) {
 }
 
 /// Moves a subtree to the front of where it is, without gaps. Returns its size.
-fn pack(nodes: &mut [BinaryNode], from: usize, to: usize) -> usize {
+fn pack(nodes: &mut [BinaryNode], from: usize, to: usize, level: usize) -> usize {
+    assert!(level < MOST_LEVELS, "{WRITTEN}");
     let mut node = nodes[from];
     if node.count as usize <= PARALLEL {
         let size = node.wide_nodes as usize;
@@ -393,9 +416,9 @@ fn pack(nodes: &mut [BinaryNode], from: usize, to: usize) -> usize {
     let mut size = 1;
     if !node.is_leaf() {
         let right = from + node.right();
-        size += pack(nodes, from + 1, to + size);
+        size += pack(nodes, from + 1, to + size, level + 1);
         node.set_right(size);
-        size += pack(nodes, right, to + size);
+        size += pack(nodes, right, to + size, level + 1);
     }
     nodes[to] = node;
     size

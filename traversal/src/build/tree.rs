@@ -93,7 +93,7 @@ pub(crate) fn children(nodes: &[BinaryNode]) -> (&[BinaryNode], &[BinaryNode]) {
 }
 
 /// From this depth on, splits halve the number of primitives: bounds the depth of the recursion.
-pub(crate) const HEURISTIC_DEPTH: u32 = 64;
+pub(super) const HEURISTIC_DEPTH: u32 = 64;
 /// Subtrees with more primitives than this are built side by side.
 pub(crate) const PARALLEL: usize = 2048;
 
