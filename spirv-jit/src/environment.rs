@@ -169,12 +169,28 @@ impl DescriptorSet {
         block_count: 0,
     };
 
+    /// Address of the descriptor at an entry that there is, as [`Environment::descriptor`] takes it.
+    ///
+    /// # Safety
+    /// The set is bound.
+    #[inline(always)]
+    pub unsafe fn address_of(&self, entry: u64) -> u64 {
+        let address = self.entries as u64 + entry * size_of::<Descriptor>() as u64;
+        if !self.stored {
+            return address;
+        }
+        // SAFETY: as the caller promises.
+        match unsafe { self.block(entry as u32) } {
+            Some(block) => &raw const *block as u64,
+            None => address | STORED,
+        }
+    }
+
     /// The inline uniform block at an entry of a stored set.
     ///
     /// # Safety
     /// The set is bound.
-    #[inline]
-    pub unsafe fn block(&self, entry: u32) -> Option<&Descriptor> {
+    unsafe fn block(&self, entry: u32) -> Option<&Descriptor> {
         if self.block_count == 0 {
             return None;
         }

@@ -342,3 +342,43 @@ fn a_forked_child_waits_for_nothing() {
     gpu.submit(fill).unwrap();
     assert_eq!(target.read::<u32>(), [3; 16]);
 }
+
+/// Kilobytes of memory of this process.
+fn resident_kilobytes() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find(|line| line.starts_with("VmRSS:"));
+    let mut words = line.unwrap().split_whitespace();
+    words.nth(1).unwrap().parse().unwrap()
+}
+
+/// Recursion without an end has a budget, whatever the number of threads, and gives it back.
+#[test]
+fn endless_recursion_gives_its_memory_back() {
+    let Some(gpu) = open() else { return };
+    let raygen = r"
+    layout(location = 0) callableDataEXT vec4 data;
+    void main() { data = vec4(1); executeCallableEXT(0, 0); }";
+    let callable = r"
+    layout(location = 0) callableDataInEXT vec4 data;
+    layout(location = 1) callableDataEXT vec4 next;
+    void main() { next = data + 1.0; executeCallableEXT(0, 1); data = next; }";
+    let before = resident_kilobytes();
+    let rays = gpu.rays(&RaysInput {
+        shaders: &[(Stage::RayGeneration, raygen), (Stage::Callable, callable)],
+        groups: &[Group::general(0), Group::general(1)],
+        bindings: &[],
+        recursion: 1,
+    });
+    let table = Table {
+        raygen: Record::of(0),
+        miss: Vec::new(),
+        hit: Vec::new(),
+        callable: vec![Record::of(1); 2],
+    };
+    let regions = gpu.regions(&rays, &table);
+    let lost = gpu.try_run(|commands| gpu.record_trace(commands, &rays, &regions, [1024, 1024, 1]));
+    assert_eq!(lost, Err(vk::Result::ERROR_DEVICE_LOST));
+    let kept = resident_kilobytes().saturating_sub(before);
+    println!("{kept} kB are kept");
+    assert!(kept < 200_000, "{kept} kB");
+}

@@ -32,8 +32,8 @@ const FUEL: u64 = 1 << 16;
 /// Fuel of each subgroup of a wave that ran dry, alone: a subgroup that spins until another one of its wave has gone on sees it go on.
 const FUEL_ALONE: u64 = 64;
 
-/// Waves between two looks at the limits.
-const PATIENCE: u32 = 1024;
+/// What a wave costs at the least between two looks at the limits, in fuel: one that always yields burns none.
+const WAVE_FUEL: u64 = FUEL / 1024;
 
 /// Subgroups of a wave, at most.
 const MAX_WAVE: usize = 32;
@@ -295,8 +295,8 @@ struct Worker {
     queries: Queries,
     /// The suspended walks of the step.
     suspended: Owned,
-    /// Waves since the last look at the limits.
-    waves: u32,
+    /// Fuel since the last look at the limits.
+    burnt: u64,
 }
 
 impl Worker {
@@ -374,12 +374,12 @@ impl Worker {
 
     /// Runs the wave to its next event and notes where its subgroups stand then.
     fn run_wave(&mut self, plan: &Plan<'_>) -> Result<(), Stopped> {
-        let event = self.run_members(plan, FUEL);
+        let mut fuel = FUEL;
+        let event = self.run_members(plan, &mut fuel);
         if event != Event::OutOfFuel {
-            // A shader that always yields never runs out of fuel.
-            self.waves += 1;
-            if self.waves >= PATIENCE {
-                self.waves = 0;
+            self.burnt += FUEL - fuel + WAVE_FUEL;
+            if self.burnt >= FUEL {
+                self.burnt = 0;
                 plan.dispatch.limits.check()?;
             }
             return self.settle(plan, event);
@@ -390,7 +390,8 @@ impl Worker {
         if members.len() > 1 {
             for member in members {
                 self.status[member] = Status::InWave;
-                let event = self.run_members(plan, FUEL_ALONE);
+                let mut fuel = FUEL_ALONE;
+                let event = self.run_members(plan, &mut fuel);
                 self.settle(plan, event)?;
             }
         }
@@ -401,7 +402,7 @@ impl Worker {
         (0..self.status.len()).filter(|&index| self.status[index] == Status::InWave)
     }
 
-    fn run_members(&mut self, plan: &Plan<'_>, mut fuel: u64) -> Event {
+    fn run_members(&mut self, plan: &Plan<'_>, fuel: &mut u64) -> Event {
         let mut states: [&mut [AlignedRow]; MAX_WAVE] = std::array::from_fn(|_| &mut [][..]);
         let members = self
             .states
@@ -423,7 +424,7 @@ impl Worker {
                     shared: self.shared.as_mut_ptr().cast(),
                     environment: plan.dispatch.environment,
                 },
-                &mut fuel,
+                fuel,
             )
         }
     }

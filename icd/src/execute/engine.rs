@@ -15,7 +15,7 @@ use crate::object::live_memory::LiveMemory;
 use crate::object::sync::Waiting;
 use crate::trace::Tracer;
 use crate::validate::{Caller, Checks, Queried, Validator};
-use crate::wave::{Limits, QueryObserver, Surroundings, Workers};
+use crate::wave::{Budget, Limits, QueryObserver, Surroundings, Workers};
 
 /// Workers, the memory that they keep, all waiting of the device, and how it is lost.
 pub struct Engine {
@@ -27,6 +27,8 @@ pub struct Engine {
     pub memory: Arc<LiveMemory>,
     /// Image views and samplers.
     pub views: Arc<Views>,
+    /// What invocations in flight may take, on all workers together.
+    budget: Arc<Budget>,
     /// Validation, where it is on.
     pub validator: Option<Arc<Validator>>,
     messengers: Arc<Messengers>,
@@ -69,6 +71,7 @@ impl Engine {
             tracer: Tracer::default(),
             memory,
             views: Arc::default(),
+            budget: Arc::default(),
             validator,
             messengers,
             cancelled: Arc::default(),
@@ -84,6 +87,7 @@ impl Engine {
                 .timeout
                 .and_then(|timeout| Instant::now().checked_add(timeout)),
             live: self.memory.structures(),
+            memory: Arc::clone(&self.budget),
             queried: self
                 .checks(Caller::Other)
                 .map(|checks| Arc::new(Queried::new(checks)) as Arc<dyn QueryObserver>),

@@ -2,7 +2,6 @@
 
 use ash::vk;
 use spirv_jit::environment::{Environment, uniform};
-use spirv_jit::reach::Reach;
 
 use super::engine::Engine;
 use crate::command::RayTracingCommand;
@@ -13,7 +12,7 @@ use crate::structures;
 use crate::trace::Dispatch;
 use crate::validate::{Checks, Traced, invocations};
 use crate::wave::Surroundings;
-use crate::wave::mask::InvocationMask;
+use crate::wave::mask::{InvocationMask, LiveMask};
 use crate::wave::reachable::read;
 use crate::wave::table::{Region, Tables};
 use crate::wave::{Limits, Stopped};
@@ -158,7 +157,8 @@ fn trace_rays(
     environment.uniforms[launch..launch + 3].copy_from_slice(&extent);
     let dispatch = Dispatch {
         shaders: &pipeline.shaders,
-        tables: confined(tables, &surroundings.reach),
+        // SAFETY: the application keeps its memory until the dispatch is over; what it frees before stays mapped.
+        tables: unsafe { tables.live(&surroundings.reach) },
         extent,
         environment: &environment,
         pipeline_ray_flags: pipeline.ray_flags,
@@ -166,7 +166,8 @@ fn trace_rays(
         takes_all_hits: settings().opaque_without_any_hit
             && !pipeline.shaders.has_any_hit
             && checks.is_none(),
-        mask: mask.filter(|mask| surroundings.reach.contains(mask.address, mask.size_bytes())),
+        // SAFETY: as above.
+        mask: mask.and_then(|mask| unsafe { LiveMask::new(mask, &surroundings.reach) }),
         limits,
         checks: checks.as_ref(),
     };
@@ -175,18 +176,4 @@ fn trace_rays(
         traced.checks.strays(surroundings);
     }
     traced
-}
-
-/// Tables as far as there is memory.
-fn confined(tables: &Tables, reach: &Reach) -> Tables {
-    let confined = |region: &Region| Region {
-        size_bytes: reach.clip(region.address, region.size_bytes),
-        ..*region
-    };
-    Tables {
-        raygen: confined(&tables.raygen),
-        miss: confined(&tables.miss),
-        hit: confined(&tables.hit),
-        callable: confined(&tables.callable),
-    }
 }

@@ -22,8 +22,8 @@ use super::slab::Slab;
 use super::stats::Tally;
 use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, Turn, lanes_of};
 use crate::settings::settings;
-use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
+use crate::wave::{Stopped, trim_heap};
 
 /// Fuel of one run or walk between two looks at the limits.
 pub(super) const FUEL: u64 = 1 << 16;
@@ -31,8 +31,11 @@ pub(super) const FUEL: u64 = 1 << 16;
 /// Waves between two looks at the limits.
 const PATIENCE: u32 = 256;
 
-/// Subgroup states that a batch may have in flight, in bytes: recursion ends in a device loss there, not in an abort.
-const MAX_STATE_BYTES: usize = 1 << 30;
+/// Bytes that a batch takes of the budget of its device at once.
+const BUDGET_STEP: usize = 1 << 20;
+
+/// What a worker may keep of memory from batch to batch, in bytes of subgroup states; after a deep recursion it is given back.
+const KEPT_BYTES: usize = 64 << 20;
 
 /// A worker's memory, kept warm from batch to batch.
 pub struct Worker {
@@ -104,10 +107,23 @@ pub struct Batch<'a> {
     pub(super) calls: Calls,
     /// Subgroups that stand at a reorder instruction.
     pub(super) reordering: Vec<SubgroupIndex>,
+    /// Of subgroup states in flight.
     pub(super) state_bytes: usize,
+    /// What is taken of the device's budget for them.
+    budget_bytes: usize,
     /// Waves until the next look at the limits: a shader that always yields never runs out of fuel.
     patience: u32,
     tally: Option<Tally>,
+}
+
+impl Drop for Batch<'_> {
+    fn drop(&mut self) {
+        if self.budget_bytes > KEPT_BYTES {
+            *self.worker = Worker::default();
+            trim_heap();
+        }
+        self.dispatch.limits.memory.give_back(self.budget_bytes);
+    }
 }
 
 impl<'a> Batch<'a> {
@@ -137,6 +153,7 @@ impl<'a> Batch<'a> {
             calls: Calls::default(),
             reordering: Vec::new(),
             state_bytes: 0,
+            budget_bytes: 0,
             patience: PATIENCE,
             tally: Tally::new(dispatch.shaders.programs.len()),
         }
@@ -214,15 +231,19 @@ impl<'a> Batch<'a> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
         self.take_state_bytes(compiled.layout().rows * size_of::<AlignedRow>())?;
         let index = self.worker.subgroups.take();
-        self.worker.subgroups[index].start(program, compiled, role, lanes);
+        self.worker.subgroups[index].start(program, compiled, role, lanes)?;
         Ok(index)
     }
 
     /// Counts a subgroup's state.
     pub(super) fn take_state_bytes(&mut self, bytes: usize) -> Result<(), Stopped> {
         self.state_bytes += bytes;
-        if self.state_bytes > MAX_STATE_BYTES {
-            return Err(Stopped::OutOfMemory);
+        if self.state_bytes > self.budget_bytes {
+            let more = (self.state_bytes - self.budget_bytes).next_multiple_of(BUDGET_STEP);
+            if !self.dispatch.limits.memory.take(more) {
+                return Err(Stopped::OutOfMemory);
+            }
+            self.budget_bytes += more;
         }
         Ok(())
     }

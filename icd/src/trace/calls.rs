@@ -2,7 +2,7 @@
 #![forbid(unsafe_code)]
 
 use super::subgroup::{LaneRef, Role};
-use crate::wave::table::{Group, ProgramIndex, Region, Shaders, read_handle};
+use crate::wave::table::{Group, Live, ProgramIndex, Shaders};
 
 /// An invocation to be created.
 #[derive(Clone, Copy, Debug)]
@@ -115,18 +115,15 @@ impl Records {
     pub fn find<'a>(
         &mut self,
         shaders: &'a Shaders,
-        region: &Region,
+        region: &Live,
         index: u32,
     ) -> Option<(&'a Group, u64)> {
         let record = region.record(index)?;
         let slot = &mut self.seen[(record >> 5) as usize % REMEMBERED];
         if slot.0 != record {
-            *slot = (
-                record,
-                shaders
-                    .group_index(&read_handle(record))
-                    .map_or(0, |index| index + 1),
-            );
+            let (_, handle) = region.handle(index)?;
+            let group = shaders.group_index(&handle).map_or(0, |index| index + 1);
+            *slot = (record, group);
         }
         Some((&shaders.groups[slot.1.checked_sub(1)? as usize], record))
     }

@@ -7,7 +7,7 @@ use super::batch::{Batch, Worker};
 use super::rays::{hit_record_index, operand, structure_in};
 use super::subgroup::{LaneRef, Role, SubgroupIndex, lanes_of};
 use crate::validate::{Instruction, Lookup, Need, Traced};
-use crate::wave::table::{ProgramIndex, Region, read_handle};
+use crate::wave::table::{Live, ProgramIndex};
 
 impl Batch<'_> {
     /// The rays of a group that has just been started.
@@ -72,14 +72,13 @@ impl Batch<'_> {
         self.check(traced, need, region, index, false);
     }
 
-    fn check(&self, traced: &Traced, need: Need, region: &Region, index: u32, is_box: bool) {
-        let record = region.record(index).map(|record| {
-            let handle = read_handle(record);
-            (handle, self.dispatch.shaders.group(&handle))
-        });
+    fn check(&self, traced: &Traced, need: Need, region: &Live, index: u32, is_box: bool) {
+        let record = region
+            .handle(index)
+            .map(|(_, handle)| (handle, self.dispatch.shaders.group(&handle)));
         traced.lookup(&Lookup {
             need,
-            region,
+            region: region.region(),
             index,
             record,
             is_box,

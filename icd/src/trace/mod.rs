@@ -38,8 +38,8 @@ use spirv_jit::environment::Environment;
 use spirv_jit::program::SiteKind;
 
 use crate::validate::Traced;
-use crate::wave::mask::InvocationMask;
-use crate::wave::table::{self, Shaders, Tables};
+use crate::wave::mask::LiveMask;
+use crate::wave::table::{self, Live, Shaders, Tables};
 use crate::wave::{Limits, Stopped};
 pub use grid::Grid;
 pub use queries::{Owned, Queries};
@@ -47,7 +47,7 @@ pub use queries::{Owned, Queries};
 /// One `vkCmdTraceRays*`, whatever command it came from.
 pub struct Dispatch<'a> {
     pub shaders: &'a Shaders,
-    pub tables: Tables,
+    pub tables: Tables<Live>,
     /// Width, height, depth.
     pub extent: [u32; 3],
     pub environment: &'a Environment,
@@ -56,7 +56,7 @@ pub struct Dispatch<'a> {
     /// What is not opaque counts as opaque where no flag tells them apart: there is no any-hit shader. Rays through an edge may name
     /// the other triangle there.
     pub takes_all_hits: bool,
-    pub mask: Option<InvocationMask>,
+    pub mask: Option<LiveMask>,
     pub limits: &'a Limits,
     /// Validation, where it is on.
     pub checks: Option<&'a Traced>,
@@ -116,8 +116,8 @@ impl Tracer {
 impl Dispatch<'_> {
     /// The ray generation shader and its record.
     fn raygen(&self) -> Option<(table::ProgramIndex, u64)> {
-        let record = self.tables.raygen.record(0)?;
-        let group = self.shaders.group(&table::read_handle(record))?;
+        let (record, handle) = self.tables.raygen.handle(0)?;
+        let group = self.shaders.group(&handle)?;
         Some((group.general?, record))
     }
 }

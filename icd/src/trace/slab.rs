@@ -22,6 +22,10 @@ impl<T: Default> Slab<T> {
     /// Takes a place; what was left in it is still there, for its memory to be used again.
     pub fn take(&mut self) -> u32 {
         self.free.pop().unwrap_or_else(|| {
+            // A panic loses the device; without it, the process would be aborted.
+            self.entries
+                .try_reserve(1)
+                .expect("memory for what is in flight");
             self.entries.push(T::default());
             self.entries.len() as u32 - 1
         })

@@ -1,6 +1,7 @@
 //! A subgroup of invocations in flight: its program's state, and whom each lane answers.
 #![forbid(unsafe_code)]
 
+use crate::wave::Stopped;
 use spirv_jit::program::{AlignedRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
@@ -104,16 +105,28 @@ pub struct Subgroup {
 
 impl Subgroup {
     /// Reuses the place for `program` with these lanes at its entry.
-    pub fn start(&mut self, index: ProgramIndex, program: &Program, role: Role, lanes: u16) {
+    ///
+    /// # Errors
+    /// [`Stopped::OutOfMemory`].
+    pub fn start(
+        &mut self,
+        index: ProgramIndex,
+        program: &Program,
+        role: Role,
+        lanes: u16,
+    ) -> Result<(), Stopped> {
         self.program = index;
         self.role = role;
         self.pending = 0;
         self.lanes = lanes;
         self.data_words = 0;
         self.queries.clear();
-        self.rows
-            .resize(program.layout().rows, AlignedRow::default());
+        let rows = program.layout().rows;
+        let room = self.rows.try_reserve(rows.saturating_sub(self.rows.len()));
+        room.map_err(|_| Stopped::OutOfMemory)?;
+        self.rows.resize(rows, AlignedRow::default());
         program.start(&mut self.rows, lanes);
+        Ok(())
     }
 
     /// A word of the yield's operands or of the outputs.

@@ -5,13 +5,14 @@ use std::sync::Arc;
 use spirv_jit::Program;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
 use spirv_jit::ir::text::parse_module;
+use spirv_jit::reach::Reach;
 use traversal::{
     AabbGeometry, BuildFlags, BuildInput, Geometries, GeometryFlags, IndexType, InstanceArray,
     InstanceSource, Kind, Memory, TriangleGeometry, VertexFormat,
 };
 
 use super::{Dispatch, Tracer};
-use crate::wave::table::{Group, HANDLE_SIZE, Handle, Region, Shaders, Tables};
+use crate::wave::table::{Group, HANDLE_SIZE, Handle, Live, Region, Shaders, Tables};
 use crate::wave::{Limits, Stopped};
 
 const SIZE: u32 = 20;
@@ -361,6 +362,11 @@ fn region(handles: &[Handle], first: usize, count: usize) -> Region {
     }
 }
 
+fn live(tables: &Tables) -> Tables<Live> {
+    // SAFETY: tests keep their tables.
+    unsafe { tables.live(&Reach::everywhere()) }
+}
+
 fn workers() -> rayon::ThreadPool {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(2);
     pool.build().expect("threads can be started")
@@ -432,12 +438,12 @@ fn every_kind_of_shader_call_returns_to_its_caller() {
     ];
     let dispatch = Dispatch {
         shaders: &shaders,
-        tables: Tables {
+        tables: live(&Tables {
             raygen: region(&handles, 0, 1),
             miss: region(&handles, 1, 1),
             hit: region(&handles, 2, 3),
             callable: region(&handles, 5, 1),
-        },
+        }),
         extent: [SIZE, SIZE, 1],
         environment: &environment(&descriptors),
         pipeline_ray_flags: 0,
@@ -511,10 +517,10 @@ fn is_stopped(text: &str) {
     };
     let dispatch = Dispatch {
         shaders: &shaders,
-        tables: Tables {
+        tables: live(&Tables {
             raygen: region(&handles, 0, 1),
             ..Tables::default()
-        },
+        }),
         extent: [1, 1, 1],
         environment: &environment(&[]),
         pipeline_ray_flags: 0,

@@ -7,6 +7,8 @@ use spirv_jit::reach::{Reach, Strays};
 use spirv_jit::views::Views;
 use traversal::{EVERYWHERE, Kind, Live, Ray, Structure};
 
+use super::budget::Budget;
+
 /// What a command's addresses may lead to.
 pub struct Surroundings {
     pub reach: Arc<Reach>,
@@ -34,6 +36,8 @@ pub struct Limits {
     pub deadline: Option<Instant>,
     /// Where structures may lie.
     pub live: Live,
+    /// What invocations in flight may take of memory, with those of other dispatches.
+    pub memory: Arc<Budget>,
     /// Validation of ray queries, where it is on.
     pub queried: Option<Arc<dyn QueryObserver>>,
 }
@@ -45,6 +49,7 @@ impl Default for Limits {
             cancelled: Arc::default(),
             deadline: None,
             live: EVERYWHERE.clone(),
+            memory: Arc::default(),
             queried: None,
         }
     }
@@ -77,6 +82,6 @@ impl Limits {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stopped {
     TimedOut,
-    /// Invocations in flight would need more memory than a batch may have.
+    /// Invocations in flight would need more memory than there is for them.
     OutOfMemory,
 }

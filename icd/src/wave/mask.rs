@@ -1,5 +1,7 @@
 //! The invocation mask image of a dispatch (`VK_HUAWEI_invocation_mask`): a byte an invocation, 0 for those that are not to run.
 
+use spirv_jit::reach::Reach;
+
 /// Where the texels of a bound mask are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InvocationMask {
@@ -15,15 +17,31 @@ impl InvocationMask {
     pub fn size_bytes(&self) -> u64 {
         u64::from(self.height.saturating_sub(1)) * self.row_stride_bytes + u64::from(self.width)
     }
+}
+
+/// A mask all of whose texels are memory that may be read.
+#[derive(Clone, Copy, Debug)]
+pub struct LiveMask(InvocationMask);
+
+impl LiveMask {
+    /// The mask, if all of it is in reach.
+    ///
+    /// # Safety
+    /// What is in reach stays readable for as long as the mask is used.
+    pub unsafe fn new(mask: InvocationMask, reach: &Reach) -> Option<Self> {
+        reach
+            .contains(mask.address, mask.size_bytes())
+            .then_some(Self(mask))
+    }
 
     /// Whether the mask keeps an invocation from running; what is outside the image runs.
     pub fn excludes(&self, x: u32, y: u32) -> bool {
-        if x >= self.width || y >= self.height {
+        let mask = &self.0;
+        if x >= mask.width || y >= mask.height {
             return false;
         }
-        let offset = u64::from(y) * self.row_stride_bytes + u64::from(x);
-        // SAFETY: a texel of a 2D image of one byte a texel, which the application keeps bound and does not write meanwhile
-        // (vkCmdBindInvocationMaskHUAWEI, valid usage).
-        unsafe { ((self.address + offset) as *const u8).read() == 0 }
+        let offset = u64::from(y) * mask.row_stride_bytes + u64::from(x);
+        // SAFETY: a texel of a mask all of which is memory. Whoever writes it meanwhile decides what it is.
+        unsafe { ((mask.address + offset) as *const u8).read_volatile() == 0 }
     }
 }

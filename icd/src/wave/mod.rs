@@ -1,10 +1,12 @@
 //! What running waves of a program takes, whoever runs them: workers, limits, what addresses may lead to, shader tables.
 
+mod budget;
 mod limits;
 pub mod mask;
 pub mod reachable;
 pub mod table;
 mod workers;
 
+pub use budget::{Budget, trim_heap};
 pub use limits::{Limits, QueryObserver, Stopped, Surroundings};
 pub use workers::Workers;

@@ -5,6 +5,7 @@
 use std::sync::Arc;
 
 use spirv_jit::Program;
+use spirv_jit::reach::Reach;
 
 pub use crate::table::limits::HANDLE_SIZE;
 
@@ -101,13 +102,66 @@ pub struct Region {
     pub size_bytes: u64,
 }
 
-/// The four tables of a dispatch.
+/// The four tables of a dispatch: as it names them, or [live](Live).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tables {
-    pub raygen: Region,
-    pub miss: Region,
-    pub hit: Region,
-    pub callable: Region,
+pub struct Tables<R = Region> {
+    pub raygen: R,
+    pub miss: R,
+    pub hit: R,
+    pub callable: R,
+}
+
+impl Tables {
+    /// The tables as far as there is memory.
+    ///
+    /// # Safety
+    /// As [`Live::new`].
+    pub unsafe fn live(&self, reach: &Reach) -> Tables<Live> {
+        // SAFETY: the caller's promise.
+        let live = |region| unsafe { Live::new(region, reach) };
+        Tables {
+            raygen: live(self.raygen),
+            miss: live(self.miss),
+            hit: live(self.hit),
+            callable: live(self.callable),
+        }
+    }
+}
+
+/// A region all of which is memory that may be read.
+#[derive(Clone, Copy, Debug)]
+pub struct Live(Region);
+
+impl Live {
+    /// The region as far as there is memory.
+    ///
+    /// # Safety
+    /// What is in reach stays readable for as long as the region is used. Others may write there meanwhile: a handle is then any bytes.
+    pub unsafe fn new(region: Region, reach: &Reach) -> Self {
+        Self(Region {
+            size_bytes: reach.clip(region.address, region.size_bytes),
+            ..region
+        })
+    }
+
+    /// The region itself.
+    pub fn region(&self) -> &Region {
+        &self.0
+    }
+
+    /// As [`Region::record`].
+    pub fn record(&self, index: u32) -> Option<u64> {
+        self.0.record(index)
+    }
+
+    /// The record at an index, and the handle at its head.
+    pub fn handle(&self, index: u32) -> Option<(u64, Handle)> {
+        let record = self.record(index)?;
+        // SAFETY: a record lies inside its region whole, and that is memory.
+        Some((record, unsafe {
+            std::ptr::read_unaligned(record as *const Handle)
+        }))
+    }
 }
 
 impl Region {
@@ -118,13 +172,6 @@ impl Region {
         let end = offset.checked_add(HANDLE_SIZE as u64)?;
         (self.address != 0 && end <= self.size_bytes).then(|| self.address.wrapping_add(offset))
     }
-}
-
-/// Reads the handle at the head of a record.
-pub fn read_handle(record: u64) -> Handle {
-    // SAFETY: the record lies in a region that the application promised to be bound device memory
-    // (VUID-vkCmdTraceRaysKHR-pHitShaderBindingTable-03687 and its like), whose addresses are host addresses.
-    unsafe { std::ptr::read_unaligned(record as *const Handle) }
 }
 
 #[cfg(test)]

@@ -6,70 +6,41 @@
 use super::code::{DescriptorSource, Remade};
 use super::machine::{Instr, MAX_SUBGROUPS, Machine, Operand, lanes_of};
 use crate::SUBGROUP_SIZE;
-use crate::environment::{Descriptor, DescriptorSet, Environment, STORED, reference};
+use crate::environment::{Descriptor, DescriptorSet, Environment, reference};
 use crate::ir::op::DescriptorBinding;
 
 static NULL: Descriptor = Descriptor::NULL;
 
-/// A table of references: by its number, one of the bound sets, the dynamic descriptors, or the push constants.
-fn table(environment: &Environment, number: u32) -> DescriptorSet {
-    match number {
-        reference::PUSH_CONSTANTS => DescriptorSet {
-            entries: &raw const environment.push_constants,
-            count: 1,
-            ..DescriptorSet::NONE
-        },
-        reference::DYNAMIC => DescriptorSet {
-            entries: environment.dynamic,
-            count: environment.dynamic_count,
-            ..DescriptorSet::NONE
-        },
-        number => {
-            let set = number.checked_sub(reference::SETS);
-            let set = set.and_then(|set| environment.sets.get(set as usize));
-            set.copied().unwrap_or(DescriptorSet::NONE)
-        }
-    }
-}
-
-/// Where an entry of a table stands, that there is, marked if it is a stored one.
-#[inline(always)]
-fn address_of(table: &DescriptorSet, entry: u64) -> u64 {
-    let tag = if table.stored { STORED } else { 0 };
-    (table.entries as u64 + entry * size_of::<Descriptor>() as u64) | tag
-}
-
 /// A binding's entries in the set that is bound.
 struct Entries {
+    /// What the entries are counted from.
     table: DescriptorSet,
     first: u64,
     /// One past the last entry.
     end: u64,
-    /// The inline uniform block that stands for the first entry.
-    block: Option<u64>,
     /// The table's number in references.
     number: u32,
 }
 
 impl Entries {
     fn of(environment: &Environment, binding: &DescriptorBinding) -> Self {
-        let number = match binding.dynamic {
-            true => reference::DYNAMIC,
-            false => reference::SETS + binding.set,
+        let (table, number) = if binding.dynamic {
+            (dynamic(environment), reference::DYNAMIC)
+        } else {
+            match environment.sets.get(binding.set as usize) {
+                Some(set) => (*set, reference::SETS + binding.set),
+                None => (DescriptorSet::NONE, 0),
+            }
         };
-        let table = table(environment, number);
         let count = table.count as u64;
         let end = match binding.count {
             u32::MAX => count,
             in_binding => (binding.first as u64 + in_binding as u64).min(count),
         };
-        // SAFETY: what is bound is valid while the wave runs.
-        let block = unsafe { table.block(binding.first) };
         Self {
+            table,
             first: binding.first as u64,
             end: if table.entries.is_null() { 0 } else { end },
-            block: block.map(|block| &raw const *block as u64),
-            table,
             number,
         }
     }
@@ -82,10 +53,10 @@ impl Entries {
     /// Address of the descriptor at an index of the binding.
     #[inline(always)]
     fn address(&self, index: u32) -> u64 {
-        match (self.block, self.entry(index)) {
-            (Some(block), _) if index == 0 => block,
-            (None, Some(entry)) => address_of(&self.table, entry),
-            _ => &raw const NULL as u64,
+        match self.entry(index) {
+            // SAFETY: the table is bound.
+            Some(entry) => unsafe { self.table.address_of(entry) },
+            None => &raw const NULL as u64,
         }
     }
 
@@ -98,17 +69,35 @@ impl Entries {
     }
 }
 
+fn dynamic(environment: &Environment) -> DescriptorSet {
+    DescriptorSet {
+        entries: environment.dynamic,
+        count: environment.dynamic_count,
+        ..DescriptorSet::NONE
+    }
+}
+
 /// Address of what a reference names, whatever the number.
 fn follow(environment: &Environment, number: u64) -> u64 {
-    let (number, entry) = ((number >> 32) as u32, number as u32);
-    let table = table(environment, number);
+    let (table, entry) = ((number >> 32) as u32, number as u32);
+    let table = match table {
+        reference::PUSH_CONSTANTS => DescriptorSet {
+            entries: &raw const environment.push_constants,
+            count: 1,
+            ..DescriptorSet::NONE
+        },
+        reference::DYNAMIC => dynamic(environment),
+        table => {
+            let set = table.checked_sub(reference::SETS);
+            let set = set.and_then(|set| environment.sets.get(set as usize));
+            set.copied().unwrap_or(DescriptorSet::NONE)
+        }
+    };
     if table.entries.is_null() || entry >= table.count {
-        return &raw const NULL as u64;
-    }
-    // SAFETY: what is bound is valid while the wave runs.
-    match unsafe { table.block(entry) } {
-        Some(block) => &raw const *block as u64,
-        None => address_of(&table, entry as u64),
+        &raw const NULL as u64
+    } else {
+        // SAFETY: the table is bound.
+        unsafe { table.address_of(entry as u64) }
     }
 }
 

@@ -351,6 +351,9 @@ impl Frame {
 
 fn grow<T: Clone + Default>(rows: &mut Vec<T>, len: usize) {
     if rows.len() < len {
+        // How large a frame is follows from the module: whoever runs it catches this, and the process lives on.
+        rows.try_reserve(len - rows.len())
+            .expect("memory for a frame");
         rows.resize(len, T::default());
     }
 }
