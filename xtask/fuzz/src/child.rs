@@ -1,0 +1,49 @@
+//! Running cases in this process, until it dies.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+
+use crate::case::{Case, Which};
+use crate::guard::Host;
+use crate::world::World;
+
+/// Cases on one device: what they make is destroyed with it.
+const ON_ONE_DEVICE: u64 = 64;
+
+/// Runs `count` cases from one on; says in a file which one it is at.
+pub fn run(first: &Which, count: u64, progress: Option<&Path>) -> Result<ExitCode> {
+    if progress.is_some() {
+        // Of this program's panics nobody is to hear; the driver has its own.
+        std::panic::set_hook(Box::new(|_| {}));
+    }
+    let host = Host::new();
+    let mut world = None;
+    let mut which = first.clone();
+    for number in first.number..first.number + count {
+        which.number = number;
+        if let Some(progress) = progress {
+            std::fs::write(progress, number.to_string()).context("saying how far it is")?;
+        }
+        let case = Case::new(&which);
+        if number % ON_ONE_DEVICE == 0 {
+            world = None;
+        }
+        // The harness panics where a device is lost or a command fails: that is an answer, too. The driver's own panics it has to catch
+        // itself.
+        let done = catch_unwind(AssertUnwindSafe(|| {
+            let world = world.get_or_insert_with(World::open);
+            (which.target.run)(world, &case);
+            world.check();
+        }));
+        host.check();
+        if done.is_err() {
+            // Not to be destroyed as if nothing had happened: waiting for a lost device ends, too.
+            let _ = catch_unwind(AssertUnwindSafe(|| drop(world.take())));
+        }
+    }
+    let _ = catch_unwind(AssertUnwindSafe(|| drop(world.take())));
+    Ok(ExitCode::SUCCESS)
+}
