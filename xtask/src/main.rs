@@ -1,10 +1,11 @@
-//! The commands a person types: `cargo xtask demo | test | bench | chart | precision | profile | audit | vuids | env | run | install`.
+//! The commands a person types: `cargo xtask demo | test | fuzz | bench | chart | precision | profile | audit | vuids | env | run | install`.
 
 mod audit;
 mod bench;
 mod chart;
 mod demo;
 mod driver;
+mod fuzz;
 mod install;
 mod loader;
 mod precision;
@@ -34,6 +35,8 @@ enum Command {
     Demo(demo::Options),
     /// Run every test: units, properties, filetests, and the black-box tests through the loader
     Test(test::Options),
+    /// Feed the driver with nonsense, in processes that may die
+    Fuzz(fuzz::Options),
     /// Print the export lines that make a shell's Vulkan applications use Tuff
     Env,
     /// Run a program on Tuff
@@ -60,6 +63,7 @@ fn main() -> ExitCode {
     let done: Result<ExitCode> = match Arguments::parse().command {
         Command::Demo(options) => demo::demo(&options),
         Command::Test(options) => test::test(&options),
+        Command::Fuzz(options) => fuzz::fuzz(&options),
         Command::Env => run::print_environment(),
         Command::Run(options) => run::run(&options),
         Command::Install(options) => install::install(&options),

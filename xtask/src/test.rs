@@ -8,7 +8,7 @@ use clap::Args;
 
 use crate::driver::{Driver, select_other};
 use crate::skips::Skips;
-use crate::{loader, workspace};
+use crate::{fuzz, loader, workspace};
 
 #[derive(Args)]
 pub struct Options {
@@ -50,10 +50,13 @@ pub fn test(options: &Options) -> Result<ExitCode> {
                 tests.env("TUFF_TIMEOUT", "60");
             }
             let outer = workspace::run(tests)?;
-            let both = [inner, outer].iter().all(|code| *code == ExitCode::SUCCESS);
+            let fuzzed = fuzz::shortly(&driver)?;
+            let all = [inner, outer, fuzzed]
+                .iter()
+                .all(|code| *code == ExitCode::SUCCESS);
             // Tuff has all that there are tests of.
             let all_ran = skips.print()? == 0;
-            Ok(if both && all_ran {
+            Ok(if all && all_ran {
                 ExitCode::SUCCESS
             } else {
                 ExitCode::FAILURE

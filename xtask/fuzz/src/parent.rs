@@ -17,6 +17,9 @@ const SLICE: Duration = Duration::from_secs(5);
 /// How long one case may take: longer than a dispatch until the device is lost.
 const PATIENCE: Duration = Duration::from_secs(20);
 
+/// How long a case is made smaller.
+const MINIMISING: Duration = Duration::from_secs(60);
+
 /// Cases that a child is given: more than it comes to.
 const MANY: u64 = 1 << 40;
 
@@ -159,7 +162,11 @@ impl Parent {
 
     /// The same with as few steps as do it; `None` if it does nothing alone.
     fn minimised(&self, which: &Which) -> Result<Option<Which>> {
+        let end = Instant::now() + MINIMISING;
         let dies = |kept: &[u32]| -> Result<bool> {
+            if Instant::now() > end {
+                return Ok(false);
+            }
             let some = Which {
                 kept: Some(kept.to_vec()),
                 ..which.clone()

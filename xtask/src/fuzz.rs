@@ -1,0 +1,135 @@
+//! `cargo xtask fuzz`: nonsense through the Vulkan API of the built driver, and the coverage-guided targets of the two crates below it.
+
+use std::process::{Command, ExitCode};
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+
+use crate::driver::{Driver, LIBRARY, write_manifest};
+use crate::{loader, workspace};
+
+#[derive(Args)]
+pub struct Options {
+    /// How long, in minutes, all targets together
+    #[arg(long, default_value_t = 10.0)]
+    minutes: f64,
+    /// What cases follow from
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// With AddressSanitizer in the driver and in the program
+    #[arg(long)]
+    address: bool,
+    /// modules, structures, blobs, scribbles, caches, transfers, builds, descriptors, tables: all of these by default. Or one or more of
+    /// those that coverage guides: spirv-jit/words, spirv-jit/modules, traversal/builds, traversal/blobs
+    targets: Vec<String>,
+}
+
+/// Where builds with AddressSanitizer go: by the side of the others, whose flags differ.
+const PLATFORM: &str = "x86_64-unknown-linux-gnu";
+
+pub fn fuzz(options: &Options) -> Result<ExitCode> {
+    let (guided, through_vulkan): (Vec<_>, Vec<_>) =
+        (options.targets.iter()).partition(|target| target.contains('/'));
+    for target in &guided {
+        run_guided(target, options.minutes / guided.len() as f64)?;
+    }
+    if !guided.is_empty() && through_vulkan.is_empty() {
+        return Ok(ExitCode::SUCCESS);
+    }
+    let mut fuzz = match options.address {
+        false => {
+            let (driver, mut fuzz) = Driver::with("fuzz")?;
+            driver.select_for(&mut fuzz);
+            fuzz
+        }
+        true => with_address_sanitizer()?,
+    };
+    fuzz.args(["--minutes", &options.minutes.to_string()])
+        .args(["--seed", &options.seed.to_string()])
+        .arg("--out")
+        .arg(workspace::target()?.join("fuzz"))
+        .args(through_vulkan);
+    workspace::run(fuzz)
+}
+
+/// A run of all targets that takes no longer than a minute; part of the tests.
+pub fn shortly(driver: &Driver) -> Result<ExitCode> {
+    workspace::build_release(&["fuzz"])?;
+    let mut fuzz = workspace::program("fuzz")?;
+    driver.select_for(&mut fuzz);
+    fuzz.args(["--minutes", "0.9"])
+        .arg("--out")
+        .arg(workspace::target()?.join("fuzz"));
+    workspace::run(fuzz)
+}
+
+/// Cargo with a compiler that takes flags of nightly ones, and the flags.
+fn sanitizing(flags: &str) -> Command {
+    let mut cargo = workspace::cargo();
+    // The sanitizer's runtime lies with every toolchain; the stable one takes the flag with this.
+    cargo.env("RUSTC_BOOTSTRAP", "1").env("RUSTFLAGS", flags);
+    cargo
+}
+
+/// Builds driver and program; the program has the runtime, which the driver finds in it.
+fn with_address_sanitizer() -> Result<Command> {
+    let target = workspace::target()?.join("address");
+    let mut cargo = sanitizing("-Zsanitizer=address -Clink-arg=-rdynamic");
+    cargo
+        .args(["build", "--release", "--target", PLATFORM, "--target-dir"])
+        .arg(&target)
+        .args(["--package", "icd", "--package", "fuzz"]);
+    let status = cargo.status().context("starting cargo")?;
+    ensure!(
+        status.success(),
+        "building with AddressSanitizer failed; `rustup toolchain install nightly` brings a compiler that is made for it"
+    );
+    loader::require()?;
+    let built = target.join(PLATFORM).join("release");
+    let manifest = target.join("tuff_icd.json");
+    write_manifest(&manifest, &built.join(LIBRARY))?;
+    let mut fuzz = Command::new(built.join("fuzz"));
+    for (name, value) in crate::driver::environment(&manifest) {
+        fuzz.env(name, value);
+    }
+    fuzz.env_remove("VK_ADD_DRIVER_FILES");
+    // The driver reserves terabytes of addresses and looks after its own faults; leaks at the loader's end are not ours.
+    fuzz.env("ASAN_OPTIONS", "detect_leaks=0:abort_on_error=1");
+    Ok(fuzz)
+}
+
+/// What cargo-fuzz would pass.
+const COVERAGE: &str = "-Zsanitizer=address -Cpasses=sancov-module -Cllvm-args=-sanitizer-coverage-level=4 \
+    -Cllvm-args=-sanitizer-coverage-inline-8bit-counters -Cllvm-args=-sanitizer-coverage-pc-table \
+    -Cllvm-args=-sanitizer-coverage-trace-compares --cfg fuzzing -Ccodegen-units=1";
+
+/// Runs a target of libFuzzer, `CRATE/NAME`.
+fn run_guided(target: &str, minutes: f64) -> Result<()> {
+    let Some((package, name)) = target.split_once('/') else {
+        bail!("{target} is no target");
+    };
+    let out = workspace::target()?.join("fuzz").join(package).join(name);
+    let corpus = out.join("corpus");
+    std::fs::create_dir_all(&corpus).with_context(|| format!("making {}", corpus.display()))?;
+    let mut cargo = sanitizing(COVERAGE);
+    cargo
+        .args(["run", "--release", "--target", PLATFORM, "--bin", name])
+        .args([
+            "--manifest-path",
+            &format!("{package}/fuzz/Cargo.toml"),
+            "--target-dir",
+        ])
+        .arg(workspace::target()?.join("guided"))
+        .arg("--")
+        .arg(&corpus)
+        .arg(format!("-artifact_prefix={}/", out.display()))
+        .arg(format!("-max_total_time={}", (60.0 * minutes).ceil()))
+        .args(["-max_len=65536", "-timeout=20", "-rss_limit_mb=4096"]);
+    let status = cargo.status().context("starting cargo")?;
+    ensure!(
+        status.success(),
+        "{target}: what was found lies in {}",
+        out.display()
+    );
+    Ok(())
+}
