@@ -260,3 +260,31 @@ fn indices_out_of_range_reach_nothing() {
     assert_eq!(stored.read::<u32>(), [5; 16]);
     assert_eq!(gpu.download(&picture, 0, 4).read::<u32>(), [3; 16]);
 }
+
+/// Each of these rays ends at once, so that no shader and no walk ever looks at the time.
+#[test]
+fn a_dispatch_of_too_many_rays_ends_by_its_time_limit() {
+    let test = "a_dispatch_of_too_many_rays_ends_by_its_time_limit";
+    if !alone(test, &[("TUFF_TIMEOUT", "0.5")]) {
+        return;
+    }
+    let gpu = Gpu::without_validation().with("a driver that promises this", Gpu::is_tuff);
+    let Some(gpu) = gpu else { return };
+    let rays = gpu.rays(&RaysInput {
+        shaders: &[(Stage::RayGeneration, "void main() {}")],
+        groups: &[Group::general(0)],
+        recursion: 1,
+        bindings: &[],
+    });
+    let regions = gpu.regions(&rays, &Table::of(0, &[], &[]));
+    let started = std::time::Instant::now();
+    let most = gpu.pipeline_properties.max_ray_dispatch_invocation_count;
+    let extent = [1 << 14, most >> 14, 1];
+    let ended = gpu.try_run(|commands| gpu.record_trace(commands, &rays, &regions, extent));
+    // A machine that is as fast as that has nothing to be stopped.
+    let is_late = started.elapsed() > std::time::Duration::from_secs(2);
+    assert!(
+        ended == Err(vk::Result::ERROR_DEVICE_LOST) || !is_late,
+        "{ended:?}"
+    );
+}

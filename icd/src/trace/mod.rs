@@ -87,6 +87,8 @@ impl Tracer {
         let reorders = program.sites().contains(&SiteKind::ReorderThread);
         let grid = Grid::new(dispatch.extent, state_bytes, reorders);
         let run = |worker: &mut Lease<'_>, index| {
+            // Batches that are soon over have no other occasion, however many there are.
+            dispatch.limits.check()?;
             batch::Batch::new(dispatch, &grid, worker.worker()).run(raygen, record, index)
         };
         match grid.batch_count() {
