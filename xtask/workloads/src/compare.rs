@@ -51,7 +51,7 @@ pub struct Options {
 pub struct Measurement {
     pub name: String,
     pub unit: String,
-    /// What bounds it: `traversal`, `shading`, `launching`, `building` or `driver`.
+    /// What bounds it: `traversal`, `shading`, `launching`, `building`, `programs` or `driver`.
     pub bounds: String,
     pub scale: Scale,
     pub threads: Option<u32>,
@@ -192,6 +192,7 @@ fn tasks(options: &Options) -> Result<Vec<Task>> {
                 Bounds::Shading => "shading",
                 Bounds::Launching => "launching",
                 Bounds::Building => "building",
+                Bounds::Programs => "programs",
             };
             task(workload.name, workload.unit, bounds)
         })

@@ -11,6 +11,7 @@ mod digest;
 mod measure;
 mod probe;
 mod profile;
+mod programs;
 mod reference;
 mod report;
 mod scene;

@@ -85,7 +85,15 @@ pub fn print(results: &Results) {
         print!("{}", table(results, varies, points));
     }
     for other in 1..results.drivers.len() {
-        for bounds in ["traversal", "shading", "launching", "building", "driver"] {
+        let all = [
+            "traversal",
+            "shading",
+            "launching",
+            "building",
+            "programs",
+            "driver",
+        ];
+        for bounds in all {
             let ratios: Vec<f64> = results
                 .table
                 .iter()

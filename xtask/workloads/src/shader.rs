@@ -25,6 +25,11 @@ pub const ARITHMETIC: &str = include_str!("shaders/arithmetic.glsl");
 pub const GENERATED: &str = include_str!("shaders/generated.glsl");
 pub const POINTERS: &str = include_str!("shaders/pointers.glsl");
 pub const TEXTURES: &str = include_str!("shaders/textures.glsl");
+pub const TRIANGLE: &str = include_str!("shaders/triangle.glsl");
+pub const TRIANGLE_HIT: &str = include_str!("shaders/triangle_hit.glsl");
+pub const TRIANGLE_MISS: &str = include_str!("shaders/triangle_miss.glsl");
+pub const BOXES: &str = include_str!("shaders/boxes.glsl");
+const SHOW: &str = include_str!("shaders/show.glsl");
 const MATERIAL: &str = include_str!("shaders/material_hit.glsl");
 const LAYER: &str = include_str!("shaders/large.glsl");
 const QUERY: &str = include_str!("shaders/query.glsl");
@@ -98,4 +103,9 @@ pub fn instruction_count(words: &[u32]) -> usize {
 /// The compute shader that traces paths by ray queries.
 pub fn query() -> Vec<u32> {
     with_common(Stage::Compute, QUERY)
+}
+
+/// The compute shader that reads an image into the picture.
+pub fn show() -> Vec<u32> {
+    glsl(Stage::Compute, SHOW)
 }

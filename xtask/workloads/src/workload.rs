@@ -4,6 +4,7 @@ use anyhow::{Context, Result};
 use tuff_tests::{Bound, Buffer, Group, Picture, Rays, Record, Shape, Stage, Table};
 use tuff_tests::{Gpu, Kernel, vk};
 
+use crate::programs;
 use crate::shader;
 use crate::world::{Scale, World};
 
@@ -14,6 +15,8 @@ pub enum Bounds {
     Shading,
     Launching,
     Building,
+    /// All of these by turns, as in applications.
+    Programs,
 }
 
 /// A workload by its name.
@@ -124,6 +127,18 @@ pub const ALL: &[Workload] = &[
         bounds: Bounds::Launching,
         prepare: launches,
     },
+    row(
+        "triangle",
+        "one trivial ray a pixel, stored to an rgba8 image",
+        Bounds::Programs,
+        programs::triangle,
+    ),
+    row(
+        "boxes",
+        "mirroring spheres by ray queries in a compute shader",
+        Bounds::Programs,
+        programs::boxes,
+    ),
     Workload {
         name: "build",
         about: "building the ground's structure",
@@ -162,10 +177,10 @@ const fn row(
 }
 
 /// The shaders of a pipeline, compiled, and its groups.
-struct Parts {
-    shaders: Vec<(Stage, Vec<u32>)>,
-    groups: Vec<Group>,
-    recursion: u32,
+pub struct Parts {
+    pub shaders: Vec<(Stage, Vec<u32>)>,
+    pub groups: Vec<Group>,
+    pub recursion: u32,
 }
 
 /// Ray generation, miss and one closest hit.
@@ -272,22 +287,26 @@ fn query(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     if gpu.optional.ray_query.ray_query == vk::FALSE {
         return None;
     }
-    let words = shader::query();
     let world = World::landscape(gpu, scale, 1);
+    let turn = compute(gpu, scale, &shader::query(), &world);
+    Some(Prepared::picture(turn, &world))
+}
+
+/// A compute shader with an invocation a pixel; it finds the picture's size at binding 5.
+pub fn compute(gpu: &Gpu, scale: &Scale, words: &[u32], world: &World) -> vk::CommandBuffer {
     let size = gpu.buffer_with(&[scale.width, scale.height]);
     let mut bindings = world.bindings();
     bindings.push((5, [Bound::Uniform(size)]));
     let set = gpu.set(&borrowed(&bindings));
     let layout = gpu.layout(&[set.layout]);
-    let made = gpu.try_kernel(&words, c"main", layout, &vk::SpecializationInfo::default());
+    let made = gpu.try_kernel(words, c"main", layout, &vk::SpecializationInfo::default());
     let pipeline = made.expect("vkCreateComputePipelines");
     let kernel = Kernel { pipeline, layout };
     let groups = [scale.width.div_ceil(8), scale.height.div_ceil(8), 1];
-    let turn = gpu.record(|commands| {
+    gpu.record(|commands| {
         gpu.record_dispatch::<u32>(commands, kernel, &[set], &[], groups);
         gpu.barrier(commands);
-    });
-    Some(Prepared::picture(turn, &world))
+    })
 }
 
 fn textures(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
@@ -405,14 +424,14 @@ pub fn look(gpu: &Gpu, scale: &Scale, world: &World) -> vk::CommandBuffer {
     launch(gpu, scale, &rays, 1)
 }
 
-fn borrowed(bindings: &[(u32, [Bound; 1])]) -> Vec<(u32, &[Bound])> {
+pub fn borrowed(bindings: &[(u32, [Bound; 1])]) -> Vec<(u32, &[Bound])> {
     bindings
         .iter()
         .map(|(binding, bound)| (*binding, &bound[..]))
         .collect()
 }
 
-fn pipeline(gpu: &Gpu, parts: &Parts, bindings: &[(u32, [Bound; 1])]) -> Rays {
+pub fn pipeline(gpu: &Gpu, parts: &Parts, bindings: &[(u32, [Bound; 1])]) -> Rays {
     let set = gpu.set(&borrowed(bindings));
     let flags = vk::PipelineCreateFlags::empty();
     gpu.rays_of_words(&parts.shaders, &parts.groups, parts.recursion, set, flags)
@@ -428,7 +447,7 @@ fn table(hit_groups: u32) -> Table {
     }
 }
 
-fn launch(gpu: &Gpu, scale: &Scale, rays: &Rays, hit_groups: u32) -> vk::CommandBuffer {
+pub fn launch(gpu: &Gpu, scale: &Scale, rays: &Rays, hit_groups: u32) -> vk::CommandBuffer {
     let regions = gpu.regions(rays, &table(hit_groups));
     gpu.record(|commands| {
         gpu.record_trace(commands, rays, &regions, [scale.width, scale.height, 1]);
