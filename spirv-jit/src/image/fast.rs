@@ -10,6 +10,7 @@ use super::format::block::{self, Texels};
 use super::format::layout::Codec;
 use super::format::srgb;
 use super::lod;
+use super::texels;
 use super::vector::Vector;
 use super::{
     AddressMode, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Level, LodMode, Reduction,
@@ -58,7 +59,9 @@ impl<'a> Fast<'a> {
             )
         };
         let applies = may_apply(op)
-            && !sampler.unnormalized_coordinates
+            // Those are clamped, by valid usage.
+            && (!sampler.unnormalized_coordinates
+                || sampler.address_mode[..2] == [AddressMode::ClampToEdge; 2])
             && sampler.mag_filter == sampler.min_filter
             && sampler.reduction == Reduction::WeightedAverage
             && plain_mode(sampler.address_mode[0])
@@ -258,7 +261,11 @@ impl Fast<'_> {
             _ => {
                 let reach = v.add(size_f, v.splat(64.0));
                 let least = v.sub(v.splat(0.0), reach);
-                v.min(v.max(v.mul(coordinate, size_f), least), reach)
+                let texels = match self.sampler.unnormalized_coordinates {
+                    true => coordinate,
+                    false => v.mul(coordinate, size_f),
+                };
+                v.min(v.max(texels, least), reach)
             }
         };
         let texel = match self.sampler.mag_filter {
@@ -408,6 +415,16 @@ impl Fast<'_> {
     /// The offsets are of texels of the image.
     #[inline(always)]
     unsafe fn load<V: Vector>(&self, v: V, at: V::I) -> Components<V> {
+        if self.info.in_vectors {
+            // SAFETY: the caller's promise.
+            let words = unsafe { texels::load(v, self.info, self.image.data, at) };
+            return [
+                v.bits_to_f(words[0]),
+                v.bits_to_f(words[1]),
+                v.bits_to_f(words[2]),
+                v.bits_to_f(words[3]),
+            ];
+        }
         let mut offsets = [0u32; SUBGROUP_SIZE];
         v.store_i(at, &mut offsets);
         // SAFETY: the caller's promise.

@@ -13,9 +13,11 @@ pub mod execute;
 pub(crate) mod fast;
 pub mod format;
 pub mod lod;
+pub(crate) mod plain;
 mod sample;
 #[cfg(test)]
 mod tests;
+pub mod texels;
 pub(crate) mod vector;
 
 pub use format::Format;

@@ -1,4 +1,4 @@
-//! Image operations: operand rows for [`crate::image::execute`], and the common sample over a whole wave.
+//! Image operations: operand rows for [`crate::image::execute`], and the common samples, loads and stores over a whole wave.
 
 use std::marker::PhantomData;
 
@@ -9,8 +9,9 @@ use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
 use crate::image::execute::{MAX_RESULT_ROWS, Operands, execute, usable};
 use crate::image::fast::{self, Fast};
+use crate::image::plain::{self, Plain};
 use crate::image::vector::{self, Vector};
-use crate::image::{ImageDescriptor, ImageOp, SamplerDescriptor};
+use crate::image::{ImageDescriptor, ImageOp, ImageOpKind, SamplerDescriptor};
 use crate::program::Row;
 
 /// Most operand rows: coordinates, derivatives, offsets and texels of the widest operation, with room.
@@ -23,15 +24,22 @@ pub(super) fn fits(operand_rows: usize, result_rows: usize) -> bool {
 
 /// What performs an operation in a tier.
 pub(super) fn handler(tier: TierKind, op: &ImageOp) -> Handler {
-    if !fast::may_apply(op) {
-        return image;
-    }
     match tier {
         #[cfg(target_arch = "x86_64")]
-        TierKind::Avx2 => super::tier::Avx2::handler::<Sample<vector::Avx2>>(),
+        TierKind::Avx2 => in_tier::<super::tier::Avx2, vector::Avx2>(op),
         #[cfg(target_arch = "x86_64")]
-        TierKind::Avx512 => super::tier::Avx512::handler::<Sample<vector::Avx512>>(),
-        _ => Portable::handler::<Sample<vector::Portable>>(),
+        TierKind::Avx512 => in_tier::<super::tier::Avx512, vector::Avx512>(op),
+        _ => in_tier::<Portable, vector::Portable>(op),
+    }
+}
+
+fn in_tier<T: Tier, V: Vector + 'static>(op: &ImageOp) -> Handler {
+    if fast::may_apply(op) {
+        T::handler::<Sample<V>>()
+    } else if plain::may_apply(op) {
+        T::handler::<Access<V>>()
+    } else {
+        image
     }
 }
 
@@ -210,5 +218,77 @@ unsafe fn sample_block<V: Vector>(
                 *m.block::<u32>(result, offset) = results[row];
             }
         }
+    }
+}
+
+/// A load or store that [`plain::may_apply`] to: subgroups whose lanes share an image take the short way, if that serves for it.
+struct Access<V>(PhantomData<V>);
+
+impl<V: Vector> Kernel for Access<V> {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let plan = &m.program.code.images[i.x as usize];
+        // SAFETY: the tier is the token's; for the rest, as for `image`. No descriptor lies at address zero.
+        unsafe {
+            let mut known = 0;
+            let mut held = None;
+            for &offset in m.listed() {
+                let mask = m.active[offset as usize / 64];
+                let Some(address) = shared(m, plan.image, offset, mask) else {
+                    block(m, plan, offset);
+                    continue;
+                };
+                if address != known {
+                    known = address;
+                    held = (*(address as *const Descriptor)).held_image();
+                }
+                let image = match &held {
+                    Some(image) => Some(image),
+                    None => (*(address as *const Descriptor)).viewed_image().as_ref(),
+                };
+                let access =
+                    usable(image).and_then(|(image, info)| Plain::new(&plan.op, image, info));
+                // No closure: it would not be compiled for the tier.
+                let done = match &access {
+                    Some(access) => access_block(V::new(), access, m, plan, offset, mask),
+                    None => false,
+                };
+                if !done {
+                    block(m, plan, offset);
+                }
+            }
+        }
+    }
+}
+
+/// # Safety
+/// As [`block`].
+#[inline(always)]
+unsafe fn access_block<V: Vector>(
+    v: V,
+    access: &Plain<'_>,
+    m: &Machine<'_>,
+    plan: &ImagePlan,
+    offset: u16,
+    mask: u16,
+) -> bool {
+    let mut rows = [&[0; SUBGROUP_SIZE]; MAX_OPERAND_ROWS];
+    // SAFETY: as for `block`. All operands are of 32 bits, since texels are.
+    unsafe {
+        for (row, &(operand, _)) in rows.iter_mut().zip(&plan.operands) {
+            *row = &*m.block::<u32>(operand, offset);
+        }
+        let operands = Operands::new(&plan.op, &rows[..plan.operands.len()]);
+        if plan.op.kind == ImageOpKind::Write {
+            return access.write(v, &operands, mask);
+        }
+        let mut results = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
+        let done = access.read(v, &operands, mask, &mut results);
+        for (row, &(result, _)) in plan.results.iter().enumerate() {
+            if done && plan.wanted >> row & 1 == 1 {
+                *m.block::<u32>(result, offset) = results[row];
+            }
+        }
+        done
     }
 }

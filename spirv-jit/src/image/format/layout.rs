@@ -68,6 +68,8 @@ pub struct FormatInfo {
     pub has_depth: bool,
     pub has_stencil: bool,
     pub(crate) codec: Codec,
+    /// Vectors decode and encode it ([`texels`](crate::image::texels)).
+    pub(crate) in_vectors: bool,
 }
 
 impl FormatInfo {
@@ -161,6 +163,7 @@ impl FormatInfo {
             has_depth,
             has_stencil,
             codec: codec(&channels, numeric),
+            in_vectors: in_vectors(&channels, numeric),
         }
     }
 }
@@ -231,6 +234,19 @@ const fn array_of(channels: &[Channel; 4], bits: u8) -> u8 {
         index += 1;
     }
     count
+}
+
+/// Not 64-bit components, 24-bit depth and shared exponents.
+const fn in_vectors(channels: &[Channel; 4], numeric: Numeric) -> bool {
+    let mut index = 0;
+    while index < 4 {
+        let bits = channels[index].bits;
+        if bits > 16 && bits != 32 {
+            return false;
+        }
+        index += 1;
+    }
+    !matches!((numeric, channels[0].bits), (Numeric::Ufloat, 9))
 }
 
 const fn codec(channels: &[Channel; 4], numeric: Numeric) -> Codec {

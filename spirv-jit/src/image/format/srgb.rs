@@ -76,3 +76,33 @@ pub fn encode(linear: f32) -> u8 {
     // Positive floats order like their bits.
     THRESHOLDS.partition_point(|&threshold| threshold <= linear.to_bits()) as u8
 }
+
+/// Numbers below this, 2^-13, have code 0.
+pub(in crate::image) const FIRST: u32 = 114 << 23;
+/// Bits of a number that do not choose its piece.
+pub(in crate::image) const REST_BITS: u32 = 16;
+/// The last piece is that of 1.
+const PIECES: usize = (13 << (23 - REST_BITS)) + 1;
+
+/// The codes of the numbers from [`FIRST`] to 1, in pieces of 128 to an octave, in none of which there is more than one threshold. An entry is the code below the
+/// threshold, shifted by 17 bits, and what of the threshold's bits its piece leaves open: 2^16 where there is none.
+pub(in crate::image) static PIECE: [u32; PIECES] = {
+    let mut pieces = [0; PIECES];
+    let mut code = 0;
+    let mut index = 0;
+    while index < PIECES {
+        let first = FIRST + ((index as u32) << REST_BITS);
+        let mut rest = 1 << REST_BITS;
+        if code < 255 && THRESHOLDS[code] - first < 1 << REST_BITS {
+            rest = THRESHOLDS[code] - first;
+        }
+        pieces[index] = (code as u32) << (REST_BITS + 1) | rest;
+        code += (rest < 1 << REST_BITS) as usize;
+        assert!(
+            code == 255 || THRESHOLDS[code] - first >= 1 << REST_BITS,
+            "two thresholds in a piece"
+        );
+        index += 1;
+    }
+    pieces
+};

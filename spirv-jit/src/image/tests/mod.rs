@@ -10,6 +10,7 @@ use proptest::prelude::*;
 
 mod access;
 mod sampling;
+mod vectors;
 
 /// An image with its memory: levels of a layer one after the other, layers after each other.
 struct Image {
@@ -102,6 +103,13 @@ impl Image {
             std::slice::from_raw_parts(d.data.add(offset as usize), d.format.size_bytes())
         };
         d.format.info().unwrap().decode(bytes)
+    }
+
+    /// All of its memory.
+    fn bytes(&self) -> &[u8] {
+        let d = &self.descriptor;
+        // SAFETY: the memory's own bytes.
+        unsafe { std::slice::from_raw_parts(d.data, d.size_bytes as usize) }
     }
 
     fn texel(&self, level: usize, layer: u32, index: [u32; 3]) -> [f64; 4] {

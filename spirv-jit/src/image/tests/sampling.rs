@@ -165,9 +165,11 @@ proptest! {
     fn the_fast_path_is_the_same(
         format in any_format(), s in any_sampler(), size in prop::array::uniform2(1u32..40), level_count in 1u8..4, layers in 1u32..4, seed: u32,
         coordinates in prop::array::uniform16(prop::array::uniform3(-3.5f32..3.5)), special in prop::option::of((0usize..16, prop::sample::select(vec![f32::NAN, f32::INFINITY, -1e30, 1e30, 1.0, 0.0, -1e-9]))),
-        lods in prop::array::uniform16(-1.0f32..4.0), uniform_lod: bool, bias: bool, mask in 1u16..,
+        lods in prop::array::uniform16(-1.0f32..4.0), uniform_lod: bool, bias: bool, mask in 1u16.., unnormalized: bool,
     ) {
         let mut s = s;
+        s.unnormalized_coordinates = unnormalized;
+        if unnormalized { s.address_mode = [AddressMode::ClampToEdge; 3]; }
         s.min_filter = s.mag_filter;
         s.reduction = Reduction::WeightedAverage;
         for mode in &mut s.address_mode {
@@ -184,6 +186,9 @@ proptest! {
         };
         let fast_sample = fast::Fast::new(&op, &image.descriptor, info, &s, 0xf).expect("applies");
         let mut coordinates = coordinates;
+        if unnormalized {
+            for c in &mut coordinates { (c[0], c[1]) = (c[0] * 10.0, c[1] * 10.0); }
+        }
         if let Some((lane, value)) = special { coordinates[lane][1] = value; }
         let mut rows: Vec<Row> = (0..2).map(|axis| coordinates.map(|c| c[axis].to_bits())).collect();
         if layers > 1 { rows.push(coordinates.map(|c| c[2].to_bits())); }

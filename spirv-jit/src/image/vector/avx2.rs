@@ -1,11 +1,11 @@
-//! AVX2 and FMA: two registers for sixteen lanes.
+//! AVX2, FMA and F16C: two registers for sixteen lanes.
 
 use std::arch::x86_64::*;
 
 use super::Vector;
 use crate::program::Row;
 
-/// AVX2 and FMA.
+/// AVX2, FMA and F16C.
 #[derive(Clone, Copy)]
 pub(crate) struct Avx2(());
 
@@ -86,15 +86,21 @@ impl Vector for Avx2 {
         }
     }
     #[inline(always)]
+    fn load_i(self, row: &Row) -> I {
+        self.bits_of(self.load(row))
+    }
+    #[inline(always)]
     fn store_i(self, a: I, row: &mut Row) {
         self.store(self.bits_to_f(a), row);
     }
 
     halves! {
         fn bits_to_f(a: I) -> F = _mm256_castsi256_ps(a);
+        fn bits_of(a: F) -> I = _mm256_castps_si256(a);
         fn add(a: F, b: F) -> F = _mm256_add_ps(a, b);
         fn sub(a: F, b: F) -> F = _mm256_sub_ps(a, b);
         fn mul(a: F, b: F) -> F = _mm256_mul_ps(a, b);
+        fn div(a: F, b: F) -> F = _mm256_div_ps(a, b);
         fn floor(a: F) -> F = _mm256_floor_ps(a);
         fn ceil(a: F) -> F = _mm256_ceil_ps(a);
         fn round_ties_even(a: F) -> F =
@@ -103,11 +109,16 @@ impl Vector for Avx2 {
         fn max(a: F, b: F) -> F = _mm256_max_ps(a, b);
         fn to_i(a: F) -> I = _mm256_cvttps_epi32(a);
         fn to_f(a: I) -> F = _mm256_cvtepi32_ps(a);
+        fn to_half(a: F) -> I = _mm256_cvtepu16_epi32(
+            _mm256_cvtps_ph::<_MM_FROUND_TO_NEAREST_INT>(a)
+        );
         fn add_i(a: I, b: I) -> I = _mm256_add_epi32(a, b);
         fn sub_i(a: I, b: I) -> I = _mm256_sub_epi32(a, b);
         fn mul_i(a: I, b: I) -> I = _mm256_mullo_epi32(a, b);
         fn and_i(a: I, b: I) -> I = _mm256_and_si256(a, b);
+        fn or_i(a: I, b: I) -> I = _mm256_or_si256(a, b);
         fn xor_i(a: I, b: I) -> I = _mm256_xor_si256(a, b);
+        fn min_u(a: I, b: I) -> I = _mm256_min_epu32(a, b);
         fn min_i(a: I, b: I) -> I = _mm256_min_epi32(a, b);
         fn max_i(a: I, b: I) -> I = _mm256_max_epi32(a, b);
         fn sign_i(a: I) -> I = _mm256_srai_epi32::<31>(a);
@@ -128,6 +139,61 @@ impl Vector for Avx2 {
                 _mm256_fmadd_ps(rest[1], r[1], q[1]),
             ]
         }
+    }
+    #[inline(always)]
+    fn scaled(self, a: F, scale: f32) -> I {
+        let (s, r) = (self.splat(scale), self.splat(super::ROUNDER));
+        // SAFETY: the token.
+        let sums = unsafe {
+            [
+                _mm256_fmadd_ps(a[0], s[0], r[0]),
+                _mm256_fmadd_ps(a[1], s[1], r[1]),
+            ]
+        };
+        self.sub_i(self.bits_of(sums), self.bits_of(r))
+    }
+    #[inline(always)]
+    fn left_i(self, [a, b]: I, bits: u32) -> I {
+        // SAFETY: the token.
+        unsafe {
+            let count = _mm_cvtsi32_si128(bits as i32);
+            [_mm256_sll_epi32(a, count), _mm256_sll_epi32(b, count)]
+        }
+    }
+    #[inline(always)]
+    fn right_u(self, [a, b]: I, bits: u32) -> I {
+        // SAFETY: the token.
+        unsafe {
+            let count = _mm_cvtsi32_si128(bits as i32);
+            [_mm256_srl_epi32(a, count), _mm256_srl_epi32(b, count)]
+        }
+    }
+    #[inline(always)]
+    fn right_i(self, [a, b]: I, bits: u32) -> I {
+        // SAFETY: the token.
+        unsafe {
+            let count = _mm_cvtsi32_si128(bits as i32);
+            [_mm256_sra_epi32(a, count), _mm256_sra_epi32(b, count)]
+        }
+    }
+    #[inline(always)]
+    fn keep(self, a: I, mask: u16) -> I {
+        // SAFETY: the token.
+        unsafe {
+            let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+            let low = _mm256_and_si256(_mm256_set1_epi32(mask as i32), bits);
+            let high = _mm256_and_si256(_mm256_set1_epi32(mask as i32 >> 8), bits);
+            let lanes = [
+                _mm256_cmpeq_epi32(low, bits),
+                _mm256_cmpeq_epi32(high, bits),
+            ];
+            self.and_i(a, lanes)
+        }
+    }
+    #[inline(always)]
+    fn lt_u(self, a: I, b: I) -> u16 {
+        // Less, if the lesser of both is `a` and they differ.
+        !self.ne_i(self.min_u(a, b), a) & self.ne_i(a, b)
     }
     #[inline(always)]
     fn byte(self, [a, b]: I, index: u32) -> I {

@@ -37,8 +37,10 @@ impl Vector for Avx512 {
         fn splat_i(x: i32) -> I = _mm512_set1_epi32(x);
         fn load(row: &Row) -> F = _mm512_loadu_ps(row.as_ptr().cast());
         fn store(a: F, row: &mut Row) -> () = _mm512_storeu_ps(row.as_mut_ptr().cast(), a);
+        fn load_i(row: &Row) -> I = _mm512_loadu_si512(row.as_ptr().cast());
         fn store_i(a: I, row: &mut Row) -> () = _mm512_storeu_si512(row.as_mut_ptr().cast(), a);
         fn bits_to_f(a: I) -> F = _mm512_castsi512_ps(a);
+        fn bits_of(a: F) -> I = _mm512_castps_si512(a);
         fn add(a: F, b: F) -> F = _mm512_add_ps(a, b);
         fn sub(a: F, b: F) -> F = _mm512_sub_ps(a, b);
         fn mul(a: F, b: F) -> F = _mm512_mul_ps(a, b);
@@ -46,6 +48,12 @@ impl Vector for Avx512 {
             let (d, r) = (_mm512_set1_ps(divisor), _mm512_set1_ps(1.0 / divisor));
             let quotient = _mm512_mul_ps(a, r);
             _mm512_fmadd_ps(_mm512_fnmadd_ps(quotient, d, a), r, quotient)
+        };
+        fn div(a: F, b: F) -> F = _mm512_div_ps(a, b);
+        fn scaled(a: F, scale: f32) -> I = {
+            let sum = _mm512_fmadd_ps(a, _mm512_set1_ps(scale), _mm512_set1_ps(super::ROUNDER));
+            let rounder = _mm512_set1_epi32(super::ROUNDER.to_bits() as i32);
+            _mm512_sub_epi32(_mm512_castps_si512(sum), rounder)
         };
         fn floor(a: F) -> F = _mm512_roundscale_ps::<{ _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC }>(a);
         fn ceil(a: F) -> F = _mm512_roundscale_ps::<{ _MM_FROUND_TO_POS_INF | _MM_FROUND_NO_EXC }>(a);
@@ -55,11 +63,20 @@ impl Vector for Avx512 {
         fn max(a: F, b: F) -> F = _mm512_max_ps(a, b);
         fn to_i(a: F) -> I = _mm512_cvttps_epi32(a);
         fn to_f(a: I) -> F = _mm512_cvtepi32_ps(a);
+        fn to_half(a: F) -> I = {
+            let halves = _mm512_cvtps_ph::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(a);
+            _mm512_cvtepu16_epi32(halves)
+        };
         fn add_i(a: I, b: I) -> I = _mm512_add_epi32(a, b);
         fn sub_i(a: I, b: I) -> I = _mm512_sub_epi32(a, b);
         fn mul_i(a: I, b: I) -> I = _mm512_mullo_epi32(a, b);
         fn and_i(a: I, b: I) -> I = _mm512_and_si512(a, b);
+        fn or_i(a: I, b: I) -> I = _mm512_or_si512(a, b);
         fn xor_i(a: I, b: I) -> I = _mm512_xor_si512(a, b);
+        fn left_i(a: I, bits: u32) -> I = _mm512_sll_epi32(a, _mm_cvtsi32_si128(bits as i32));
+        fn right_u(a: I, bits: u32) -> I = _mm512_srl_epi32(a, _mm_cvtsi32_si128(bits as i32));
+        fn right_i(a: I, bits: u32) -> I = _mm512_sra_epi32(a, _mm_cvtsi32_si128(bits as i32));
+        fn min_u(a: I, b: I) -> I = _mm512_min_epu32(a, b);
         fn min_i(a: I, b: I) -> I = _mm512_min_epi32(a, b);
         fn max_i(a: I, b: I) -> I = _mm512_max_epi32(a, b);
         fn sign_i(a: I) -> I = _mm512_srai_epi32::<31>(a);
@@ -72,7 +89,9 @@ impl Vector for Avx512 {
             );
             _mm512_shuffle_epi8(a, _mm512_broadcast_i32x4(pick))
         };
+        fn keep(a: I, mask: u16) -> I = _mm512_maskz_mov_epi32(mask, a);
         fn ne_i(a: I, b: I) -> u16 = _mm512_cmpneq_epi32_mask(a, b);
+        fn lt_u(a: I, b: I) -> u16 = _mm512_cmplt_epu32_mask(a, b);
         fn gt(a: F, b: F) -> u16 = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(a, b);
     }
 

@@ -17,6 +17,10 @@ pub(crate) use portable::Portable;
 
 use crate::program::Row;
 
+/// 1.5 · 2^23: the last place of a sum with it is worth 1, so that a fused multiply-add rounds its product to an integer, once.
+#[cfg(target_arch = "x86_64")]
+const ROUNDER: f32 = 12_582_912.0;
+
 /// An instruction set, as a token: whoever makes one knows that the machine has it. Where code is compiled for the set too, all of this is inlined.
 pub(crate) trait Vector: Copy {
     /// Numbers and words of sixteen lanes.
@@ -31,9 +35,11 @@ pub(crate) trait Vector: Copy {
     fn splat_i(self, x: i32) -> Self::I;
     fn load(self, row: &Row) -> Self::F;
     fn store(self, a: Self::F, row: &mut Row);
+    fn load_i(self, row: &Row) -> Self::I;
     fn store_i(self, a: Self::I, row: &mut Row);
-    /// The words as numbers.
+    /// The words as numbers, and the numbers' words.
     fn bits_to_f(self, a: Self::I) -> Self::F;
+    fn bits_of(self, a: Self::F) -> Self::I;
 
     fn add(self, a: Self::F, b: Self::F) -> Self::F;
     fn sub(self, a: Self::F, b: Self::F) -> Self::F;
@@ -41,6 +47,9 @@ pub(crate) trait Vector: Copy {
     /// `a / divisor`, for a divisor of 255 or 65535 and `a` between 0 and `divisor + 1`. Correctly rounded, though no division where there
     /// are fused multiply-adds: that was checked for every such `a`.
     fn div_units(self, a: Self::F, divisor: f32) -> Self::F;
+    fn div(self, a: Self::F, b: Self::F) -> Self::F;
+    /// `a * scale` to the nearest integer, ties to even, rounded once; it lies between -2^22 and 2^22.
+    fn scaled(self, a: Self::F, scale: f32) -> Self::I;
     fn floor(self, a: Self::F) -> Self::F;
     fn ceil(self, a: Self::F) -> Self::F;
     fn round_ties_even(self, a: Self::F) -> Self::F;
@@ -50,12 +59,21 @@ pub(crate) trait Vector: Copy {
     /// Truncated; unspecified for what no `i32` holds.
     fn to_i(self, a: Self::F) -> Self::I;
     fn to_f(self, a: Self::I) -> Self::F;
+    /// 16-bit floats in the words' low halves, the high ones being zero: nearest, ties to even.
+    fn to_half(self, a: Self::F) -> Self::I;
 
     fn add_i(self, a: Self::I, b: Self::I) -> Self::I;
     fn sub_i(self, a: Self::I, b: Self::I) -> Self::I;
     fn mul_i(self, a: Self::I, b: Self::I) -> Self::I;
     fn and_i(self, a: Self::I, b: Self::I) -> Self::I;
+    fn or_i(self, a: Self::I, b: Self::I) -> Self::I;
     fn xor_i(self, a: Self::I, b: Self::I) -> Self::I;
+    /// Shifted by fewer than 32 bits: to the left, to the right with zeros, to the right with signs.
+    fn left_i(self, a: Self::I, bits: u32) -> Self::I;
+    fn right_u(self, a: Self::I, bits: u32) -> Self::I;
+    fn right_i(self, a: Self::I, bits: u32) -> Self::I;
+    /// The lesser as unsigned numbers.
+    fn min_u(self, a: Self::I, b: Self::I) -> Self::I;
     fn min_i(self, a: Self::I, b: Self::I) -> Self::I;
     fn max_i(self, a: Self::I, b: Self::I) -> Self::I;
     /// All ones where negative, else zero.
@@ -63,8 +81,12 @@ pub(crate) trait Vector: Copy {
     /// The word's byte `index` (0 to 3).
     fn byte(self, a: Self::I, index: u32) -> Self::I;
 
+    /// Zero but in the lanes of the mask.
+    fn keep(self, a: Self::I, mask: u16) -> Self::I;
     /// A bit per lane.
     fn ne_i(self, a: Self::I, b: Self::I) -> u16;
+    /// As unsigned numbers.
+    fn lt_u(self, a: Self::I, b: Self::I) -> u16;
     fn gt(self, a: Self::F, b: Self::F) -> u16;
 
     /// Words at byte offsets, which are unsigned up to `i32::MAX`.

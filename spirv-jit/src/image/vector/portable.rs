@@ -3,6 +3,7 @@
 use super::Vector;
 use crate::SUBGROUP_SIZE;
 use crate::image::format::block::map;
+use crate::image::format::small_float;
 use crate::program::Row;
 
 #[derive(Clone, Copy)]
@@ -51,12 +52,20 @@ impl Vector for Portable {
         *row = map(&a, f32::to_bits);
     }
     #[inline(always)]
+    fn load_i(self, row: &Row) -> I {
+        map(row, |x| x as i32)
+    }
+    #[inline(always)]
     fn store_i(self, a: I, row: &mut Row) {
         *row = map(&a, |x| x as u32);
     }
     #[inline(always)]
     fn bits_to_f(self, a: I) -> F {
         map(&a, |x| f32::from_bits(x as u32))
+    }
+    #[inline(always)]
+    fn bits_of(self, a: F) -> I {
+        map(&a, |x| x.to_bits() as i32)
     }
     #[inline(always)]
     fn add(self, a: F, b: F) -> F {
@@ -73,6 +82,16 @@ impl Vector for Portable {
     #[inline(always)]
     fn div_units(self, a: F, divisor: f32) -> F {
         map(&a, |x| x / divisor)
+    }
+    #[inline(always)]
+    fn div(self, a: F, b: F) -> F {
+        zip(&a, &b, |x, y| x / y)
+    }
+    #[inline(always)]
+    fn scaled(self, a: F, scale: f32) -> I {
+        /// 1.5 · 2^52: the last place of a sum with it is worth 1. The product is exact.
+        const ROUNDER: f64 = 6_755_399_441_055_744.0;
+        map(&a, |x| (x as f64 * scale as f64 + ROUNDER).to_bits() as i32)
     }
     #[inline(always)]
     fn floor(self, a: F) -> F {
@@ -103,6 +122,10 @@ impl Vector for Portable {
         map(&a, |x| x as f32)
     }
     #[inline(always)]
+    fn to_half(self, a: F) -> I {
+        map(&a, |x| small_float::f32_to_half(x) as i32)
+    }
+    #[inline(always)]
     fn add_i(self, a: I, b: I) -> I {
         zip(&a, &b, i32::wrapping_add)
     }
@@ -119,8 +142,28 @@ impl Vector for Portable {
         zip(&a, &b, |x, y| x & y)
     }
     #[inline(always)]
+    fn or_i(self, a: I, b: I) -> I {
+        zip(&a, &b, |x, y| x | y)
+    }
+    #[inline(always)]
     fn xor_i(self, a: I, b: I) -> I {
         zip(&a, &b, |x, y| x ^ y)
+    }
+    #[inline(always)]
+    fn left_i(self, a: I, bits: u32) -> I {
+        map(&a, |x| x << bits)
+    }
+    #[inline(always)]
+    fn right_u(self, a: I, bits: u32) -> I {
+        map(&a, |x| (x as u32 >> bits) as i32)
+    }
+    #[inline(always)]
+    fn right_i(self, a: I, bits: u32) -> I {
+        map(&a, |x| x >> bits)
+    }
+    #[inline(always)]
+    fn min_u(self, a: I, b: I) -> I {
+        zip(&a, &b, |x, y| (x as u32).min(y as u32) as i32)
     }
     #[inline(always)]
     fn min_i(self, a: I, b: I) -> I {
@@ -139,8 +182,20 @@ impl Vector for Portable {
         map(&a, |x| x >> (8 * index) & 0xff)
     }
     #[inline(always)]
+    fn keep(self, a: I, mask: u16) -> I {
+        let mut out = a;
+        for lane in 0..SUBGROUP_SIZE {
+            out[lane] &= -((mask >> lane & 1) as i32);
+        }
+        out
+    }
+    #[inline(always)]
     fn ne_i(self, a: I, b: I) -> u16 {
         bits(&a, &b, |x, y| x != y)
+    }
+    #[inline(always)]
+    fn lt_u(self, a: I, b: I) -> u16 {
+        bits(&a, &b, |x, y| (x as u32) < y as u32)
     }
     #[inline(always)]
     fn gt(self, a: F, b: F) -> u16 {

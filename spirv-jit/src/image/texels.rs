@@ -1,0 +1,471 @@
+//! Texels of sixteen lanes in vectors of the machine: encoded and stored, loaded and decoded. The same bits as [`FormatInfo::encode`] and
+//! [`FormatInfo::decode`], which say what they are.
+//!
+//! Here, too, there are no closures over vectors: those would not be compiled for the vectors' instruction set.
+
+use super::format::block::{self, Texels, map};
+use super::format::layout::{Channel, FormatInfo, Numeric};
+use super::format::srgb;
+use super::vector::{self, Vector};
+use crate::SUBGROUP_SIZE;
+use crate::interp::TierKind;
+
+/// The bits of a component whose lowest bit is the word's.
+#[inline(always)]
+fn all_ones(bits: u8) -> i32 {
+    (u32::MAX >> (32 - bits as u32)) as i32
+}
+
+/// The texels' 32-bit words; what lies behind the format's size is zero.
+#[inline(always)]
+fn encode<V: Vector>(v: V, info: &FormatInfo, texels: &[V::I; 4]) -> [V::I; 4] {
+    let mut words = [v.splat_i(0); 4];
+    for (component, channel) in info.channels.iter().enumerate() {
+        if channel.bits == 0 {
+            continue;
+        }
+        let (word, shift) = (channel.offset / 32, channel.offset % 32);
+        let code = encode_component(v, info.numeric, *channel, component, texels[component]);
+        let word = &mut words[word as usize & 3];
+        *word = v.or_i(*word, v.left_i(code, shift as u32));
+    }
+    words
+}
+
+#[inline(always)]
+fn encode_component<V: Vector>(
+    v: V,
+    numeric: Numeric,
+    channel: Channel,
+    component: usize,
+    word: V::I,
+) -> V::I {
+    let bits = channel.bits;
+    let ones = all_ones(bits);
+    if bits == 32 {
+        return word;
+    }
+    let number = v.bits_to_f(word);
+    let limit = v.splat_i(ones >> 1);
+    match numeric {
+        Numeric::Srgb if component != 3 => encode_srgb(v, number),
+        Numeric::Unorm | Numeric::Srgb => {
+            let number = v.min(v.max(number, v.splat(0.0)), v.splat(1.0));
+            v.scaled(number, ones as f32)
+        }
+        Numeric::Snorm => {
+            let number = v.min(v.max(or_zero(v, number), v.splat(-1.0)), v.splat(1.0));
+            v.and_i(v.scaled(number, (ones >> 1) as f32), v.splat_i(ones))
+        }
+        Numeric::Uscaled => {
+            let number = v.min(v.max(number, v.splat(0.0)), v.splat(ones as f32));
+            v.scaled(number, 1.0)
+        }
+        Numeric::Sscaled => {
+            let (low, high) = (-(ones >> 1) - 1, ones >> 1);
+            let number = v.max(or_zero(v, number), v.splat(low as f32));
+            let code = v.scaled(v.min(number, v.splat(high as f32)), 1.0);
+            v.and_i(code, v.splat_i(ones))
+        }
+        Numeric::Uint => v.min_u(word, v.splat_i(ones)),
+        Numeric::Sint => {
+            let least = v.splat_i(-(ones >> 1) - 1);
+            v.and_i(v.max_i(v.min_i(word, limit), least), v.splat_i(ones))
+        }
+        Numeric::Sfloat => v.to_half(number),
+        Numeric::Ufloat => encode_ufloat(v, number, bits as u32 - 5),
+    }
+}
+
+/// A NaN becomes zero.
+#[inline(always)]
+fn or_zero<V: Vector>(v: V, number: V::F) -> V::F {
+    let bits = v.bits_of(number);
+    let magnitude = v.and_i(bits, v.splat_i(i32::MAX));
+    // Negative where the magnitude is more than infinity's.
+    let is_nan = v.sign_i(v.sub_i(v.splat_i(f32::INFINITY.to_bits() as i32), magnitude));
+    v.bits_to_f(v.and_i(bits, v.xor_i(is_nan, v.splat_i(-1))))
+}
+
+/// sRGB codes, by [`srgb::PIECE`].
+#[inline(always)]
+fn encode_srgb<V: Vector>(v: V, number: V::F) -> V::I {
+    let least = v.splat(f32::from_bits(srgb::FIRST));
+    let bits = v.bits_of(v.min(v.max(number, least), v.splat(1.0)));
+    let piece = v.right_u(
+        v.sub_i(bits, v.splat_i(srgb::FIRST as i32)),
+        srgb::REST_BITS,
+    );
+    // SAFETY: the numbers between the bounds have pieces.
+    let entry = unsafe { v.gather(srgb::PIECE.as_ptr().cast(), v.left_i(piece, 2)) };
+    let open = (1 << srgb::REST_BITS) - 1;
+    let threshold = v.and_i(entry, v.splat_i(2 * open + 1));
+    let rest = v.and_i(bits, v.splat_i(open));
+    // -1 below the threshold.
+    let below = v.sign_i(v.sub_i(rest, threshold));
+    let code = v.right_u(entry, srgb::REST_BITS + 1);
+    v.add_i(code, v.add_i(below, v.splat_i(1)))
+}
+
+/// Floats of 5 exponent bits without a sign.
+#[inline(always)]
+fn encode_ufloat<V: Vector>(v: V, number: V::F, mantissa: u32) -> V::I {
+    let infinity = 31 << mantissa;
+    // Negative numbers become zero, NaN too.
+    let positive = v.max(number, v.splat(0.0));
+    let bits = v.bits_of(positive);
+    // Subnormals are multiples of 2^(-14 - mantissa); the least normal number comes out of rounding as itself.
+    let least = f32::from_bits(113 << 23);
+    let step = f32::from_bits((127 + 14 + mantissa) << 23);
+    let small = v.scaled(v.min(positive, v.splat(least)), step);
+    // A normal number's exponent loses its bias, its mantissa is rounded to even; what carries moves on to the next exponent.
+    let dropped = 23 - mantissa;
+    let even = v.and_i(v.right_u(bits, dropped), v.splat_i(1));
+    let rebiased = v.sub_i(bits, v.splat_i(112 << 23));
+    let half = v.add_i(v.splat_i((1 << (dropped - 1)) - 1), even);
+    let large = v.right_u(v.add_i(rebiased, half), dropped);
+    let large = v.min_u(large, v.splat_i(infinity - 1));
+    let is_small = v.sign_i(v.sub_i(bits, v.splat_i(113 << 23)));
+    let code = v.xor_i(large, v.and_i(v.xor_i(large, small), is_small));
+    // Infinity and NaN are all there is from infinity's bits on.
+    let top = v.splat_i(f32::INFINITY.to_bits() as i32);
+    let magnitude = v.and_i(v.bits_of(number), v.splat_i(i32::MAX));
+    let is_nan = v.sign_i(v.sub_i(top, magnitude));
+    let is_infinite = v.xor_i(v.sign_i(v.sub_i(bits, top)), v.splat_i(-1));
+    let code = v.xor_i(
+        code,
+        v.and_i(v.xor_i(code, v.splat_i(infinity)), is_infinite),
+    );
+    v.xor_i(
+        code,
+        v.and_i(v.xor_i(code, v.splat_i(infinity | 1)), is_nan),
+    )
+}
+
+/// Components from the texels' words. With `units`, those of normalised formats are left as they are before the division, where
+/// [`block::unit_scale`] is not 1. Components that the format lacks are left zero.
+#[inline(always)]
+fn decode<V: Vector>(v: V, info: &FormatInfo, words: &[V::I; 4]) -> [V::I; 4] {
+    let mut texels = [v.splat_i(0); 4];
+    for (component, channel) in info.channels.iter().enumerate() {
+        if channel.bits == 0 {
+            continue;
+        }
+        let word = words[channel.offset as usize / 32 & 3];
+        texels[component] = match channel.bits {
+            32 => word,
+            bits => {
+                // To the top of the word, and down again with zeros or with signs.
+                let up = v.left_i(word, 32 - (channel.offset as u32 % 32) - bits as u32);
+                let down = 32 - bits as u32;
+                decode_component(v, info, component, v.right_u(up, down), v.right_i(up, down))
+            }
+        };
+    }
+    texels
+}
+
+#[inline(always)]
+fn decode_component<V: Vector>(
+    v: V,
+    info: &FormatInfo,
+    component: usize,
+    code: V::I,
+    signed: V::I,
+) -> V::I {
+    let bits = info.channels[component].bits;
+    let ones = all_ones(bits);
+    let number = match info.numeric {
+        Numeric::Uint => return code,
+        Numeric::Sint => return signed,
+        // SAFETY: the table has an entry for every byte.
+        Numeric::Srgb if component != 3 => unsafe {
+            return v.gather(srgb::LINEAR.as_ptr().cast(), v.left_i(code, 2));
+        },
+        Numeric::Unorm if block::unit_scale(info) != 1.0 => v.to_f(code),
+        Numeric::Unorm | Numeric::Srgb => v.div(v.to_f(code), v.splat(ones as f32)),
+        Numeric::Snorm => {
+            let number = v.div(v.to_f(signed), v.splat((ones >> 1) as f32));
+            v.max(number, v.splat(-1.0))
+        }
+        Numeric::Uscaled => v.to_f(code),
+        Numeric::Sscaled => v.to_f(signed),
+        Numeric::Sfloat => decode_half(v, code),
+        Numeric::Ufloat => decode_half(v, v.left_i(code, 15 - bits as u32)),
+    };
+    v.bits_of(number)
+}
+
+/// As [`small_float::half_to_f32`](super::format::small_float::half_to_f32).
+#[inline(always)]
+fn decode_half<V: Vector>(v: V, half: V::I) -> V::F {
+    let magnitude = v.left_i(v.and_i(half, v.splat_i(0x7fff)), 13);
+    let rebias = v.splat(f32::from_bits(0x7780_0000));
+    let rebiased = v.bits_of(v.mul(v.bits_to_f(magnitude), rebias));
+    let special = v.or_i(magnitude, v.splat_i(0x7f80_0000));
+    let is_usual = v.sign_i(v.sub_i(magnitude, v.splat_i(0x0f80_0000)));
+    let bits = v.xor_i(special, v.and_i(v.xor_i(special, rebiased), is_usual));
+    let sign = v.left_i(v.and_i(half, v.splat_i(0x8000)), 16);
+    v.bits_to_f(v.or_i(bits, sign))
+}
+
+/// Whether the lanes' texels lie one behind the other.
+#[inline(always)]
+fn is_row<V: Vector>(v: V, offsets: V::I, first: u32, size_bytes: u32) -> bool {
+    let steps = v.load_i(&std::array::from_fn(|lane| lane as u32 * size_bytes));
+    v.ne_i(v.sub_i(offsets, steps), v.splat_i(first as i32)) == 0
+}
+
+/// Stores a texel in each lane of `mask`, in lane order; the format is one for vectors.
+///
+/// # Safety
+/// `base + offsets` is writable for the format's size, in every lane of `mask`; offsets are less than 2^31.
+#[inline(always)]
+pub(crate) unsafe fn store<V: Vector>(
+    v: V,
+    info: &FormatInfo,
+    base: *mut u8,
+    offsets: V::I,
+    mask: u16,
+    texels: &[V::I; 4],
+) {
+    let words = encode(v, info, texels);
+    let mut rows = [[0; SUBGROUP_SIZE]; 4];
+    let count = (info.size_bytes as usize).div_ceil(4);
+    for (word, row) in words.iter().zip(&mut rows[..count]) {
+        v.store_i(*word, row);
+    }
+    let mut places = [0; SUBGROUP_SIZE];
+    v.store_i(offsets, &mut places);
+    let is_row = mask == u16::MAX && is_row(v, offsets, places[0], info.size_bytes as u32);
+    // SAFETY: the caller's promise.
+    unsafe {
+        match info.size_bytes {
+            1 => put(
+                base,
+                &places,
+                mask,
+                is_row,
+                &map(&rows[0], |word| word as u8),
+            ),
+            2 => put(
+                base,
+                &places,
+                mask,
+                is_row,
+                &map(&rows[0], |word| word as u16),
+            ),
+            4 => put(base, &places, mask, is_row, &rows[0]),
+            8 => {
+                let mut texels = [0u64; SUBGROUP_SIZE];
+                for lane in 0..SUBGROUP_SIZE {
+                    texels[lane] = rows[0][lane] as u64 | (rows[1][lane] as u64) << 32;
+                }
+                put(base, &places, mask, is_row, &texels);
+            }
+            16 => {
+                let mut texels = [[0u32; 4]; SUBGROUP_SIZE];
+                for lane in 0..SUBGROUP_SIZE {
+                    for word in 0..4 {
+                        texels[lane][word] = rows[word][lane];
+                    }
+                }
+                put(base, &places, mask, is_row, &texels);
+            }
+            size => put_odd(base, &places, mask, &rows, size as usize),
+        }
+    }
+}
+
+/// Copies texels to their places: all at once where they are a row, else pairs of neighbours together.
+///
+/// # Safety
+/// As [`store`].
+#[inline(always)]
+unsafe fn put<T: Copy>(
+    base: *mut u8,
+    places: &[u32; SUBGROUP_SIZE],
+    mask: u16,
+    is_row: bool,
+    texels: &[T; SUBGROUP_SIZE],
+) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        if is_row {
+            let row = base.add(places[0] as usize).cast::<[T; SUBGROUP_SIZE]>();
+            return row.write_unaligned(*texels);
+        }
+        let size = size_of::<T>() as u32;
+        for lane in (0..SUBGROUP_SIZE).step_by(2) {
+            let at = base.add(places[lane] as usize).cast::<T>();
+            match mask >> lane & 3 {
+                3 if places[lane + 1] == places[lane].wrapping_add(size) => {
+                    at.cast::<[T; 2]>()
+                        .write_unaligned([texels[lane], texels[lane + 1]]);
+                }
+                bits => {
+                    if bits & 1 != 0 {
+                        at.write_unaligned(texels[lane]);
+                    }
+                    if bits & 2 != 0 {
+                        let at = base.add(places[lane + 1] as usize).cast::<T>();
+                        at.write_unaligned(texels[lane + 1]);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Texels of three components.
+///
+/// # Safety
+/// As [`store`].
+#[inline(never)]
+unsafe fn put_odd(
+    base: *mut u8,
+    places: &[u32; SUBGROUP_SIZE],
+    mask: u16,
+    rows: &Texels,
+    size: usize,
+) {
+    block::each_lane(mask, |lane| {
+        let mut texel = [0; 16];
+        for (word, row) in rows.iter().enumerate() {
+            texel[4 * word..4 * word + 4].copy_from_slice(&row[lane].to_le_bytes());
+        }
+        // SAFETY: the caller's promise.
+        unsafe {
+            let at = base.add(places[lane] as usize);
+            std::ptr::copy_nonoverlapping(texel.as_ptr(), at, size);
+        }
+    });
+}
+
+/// Loads a texel per lane, as [`block::load`] does; the format is one for vectors.
+///
+/// # Safety
+/// `base + offsets` is readable for the format's size, in every lane; offsets are less than 2^31.
+#[inline(always)]
+pub(crate) unsafe fn load<V: Vector>(
+    v: V,
+    info: &FormatInfo,
+    base: *const u8,
+    offsets: V::I,
+) -> [V::I; 4] {
+    let mut words = [v.splat_i(0); 4];
+    let mut places = [0; SUBGROUP_SIZE];
+    let size = info.size_bytes;
+    if size == 4 || size < 4 || size == 6 {
+        v.store_i(offsets, &mut places);
+    }
+    // SAFETY: the caller's promise; each access lies inside the texel.
+    unsafe {
+        match size {
+            1 => words[0] = v.load_i(&map(&block::gather::<u8, u32>(base, &places, 0), u32::from)),
+            2 => {
+                words[0] = v.load_i(&map(
+                    &block::gather::<u16, u32>(base, &places, 0),
+                    u32::from,
+                ))
+            }
+            3 => {
+                let low = map(&block::gather::<u16, u32>(base, &places, 0), u32::from);
+                let high = map(&block::gather::<u8, u32>(base, &places, 2), u32::from);
+                words[0] = v.or_i(v.load_i(&low), v.left_i(v.load_i(&high), 16));
+            }
+            4 if is_row(v, offsets, places[0], 4) => {
+                words[0] = v.load_i(
+                    &base
+                        .add(places[0] as usize)
+                        .cast::<[u32; 16]>()
+                        .read_unaligned(),
+                );
+            }
+            4 => words[0] = v.gather(base, offsets),
+            6 => {
+                words[0] = v.load_i(&block::gather::<u32, u32>(base, &places, 0));
+                let high = map(&block::gather::<u16, u32>(base, &places, 4), u32::from);
+                words[1] = v.load_i(&high);
+            }
+            8 => (words[0], words[1]) = v.gather_pairs(base, offsets),
+            12 => {
+                (words[0], words[1]) = v.gather_pairs(base, offsets);
+                words[2] = v.gather(base.add(8), offsets);
+            }
+            _ => {
+                (words[0], words[1]) = v.gather_pairs(base, offsets);
+                (words[2], words[3]) = v.gather_pairs(base.add(8), offsets);
+            }
+        }
+    }
+    decode(v, info, &words)
+}
+
+/// [`block::store`] in the best vectors of the machine; offsets are less than 2^31.
+///
+/// # Safety
+/// As [`block::store`].
+pub unsafe fn store_block(
+    info: &FormatInfo,
+    base: *mut u8,
+    offsets: &[u32; SUBGROUP_SIZE],
+    mask: u16,
+    texels: &Texels,
+) {
+    #[inline(always)]
+    unsafe fn with<V: Vector>(
+        v: V,
+        info: &FormatInfo,
+        base: *mut u8,
+        offsets: &[u32; SUBGROUP_SIZE],
+        mask: u16,
+        texels: &Texels,
+    ) {
+        let texels = [
+            v.load_i(&texels[0]),
+            v.load_i(&texels[1]),
+            v.load_i(&texels[2]),
+            v.load_i(&texels[3]),
+        ];
+        // SAFETY: the caller's promise.
+        unsafe { store(v, info, base, v.load_i(offsets), mask, &texels) };
+    }
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma,f16c")]
+    unsafe fn avx2(
+        info: &FormatInfo,
+        base: *mut u8,
+        offsets: &[u32; SUBGROUP_SIZE],
+        mask: u16,
+        texels: &Texels,
+    ) {
+        // SAFETY: the function's features, and the caller's promise.
+        unsafe { with(vector::Avx2::new(), info, base, offsets, mask, texels) };
+    }
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,f16c")]
+    unsafe fn avx512(
+        info: &FormatInfo,
+        base: *mut u8,
+        offsets: &[u32; SUBGROUP_SIZE],
+        mask: u16,
+        texels: &Texels,
+    ) {
+        // SAFETY: the function's features, and the caller's promise.
+        unsafe { with(vector::Avx512::new(), info, base, offsets, mask, texels) };
+    }
+    // SAFETY: the tier is one that the machine has; for the rest, the caller's promise.
+    unsafe {
+        if !info.in_vectors {
+            return block::store(info, base, &offsets.map(u64::from), mask, texels);
+        }
+        match TierKind::best() {
+            #[cfg(target_arch = "x86_64")]
+            TierKind::Avx2 => avx2(info, base, offsets, mask, texels),
+            #[cfg(target_arch = "x86_64")]
+            TierKind::Avx512 => avx512(info, base, offsets, mask, texels),
+            _ => with(vector::Portable::new(), info, base, offsets, mask, texels),
+        }
+    }
+}
