@@ -3,6 +3,7 @@
 //! All of it is plain data at stable addresses; whoever runs a program keeps it alive for that long.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::image::{Format, ImageDescriptor, SamplerDescriptor};
 use crate::reach::{Reach, Strays};
@@ -222,6 +223,8 @@ pub mod uniform {
 /// Everything that is the same for all invocations of a dispatch.
 #[derive(Clone)]
 pub struct Environment {
+    /// Of [`Environment::next_number`], one for everything else here and what it points to: what programs compute of it is kept by number.
+    pub number: u64,
     pub sets: [DescriptorSet; MAX_SETS],
     /// Dynamic uniform and storage buffers with their offsets applied; per set, the first one's index comes with the pipeline layout.
     pub dynamic: *const Descriptor,
@@ -239,9 +242,16 @@ pub struct Environment {
 }
 
 impl Environment {
+    /// A number that no other environment of the process has; not 0.
+    pub fn next_number() -> u64 {
+        static NUMBER: AtomicU64 = AtomicU64::new(1);
+        NUMBER.fetch_add(1, Ordering::Relaxed)
+    }
+
     /// Nothing is bound; physical pointers are followed wherever they lead.
     pub fn unbound() -> Self {
         Self {
+            number: Self::next_number(),
             sets: [DescriptorSet::NONE; MAX_SETS],
             dynamic: std::ptr::null(),
             dynamic_count: 0,

@@ -140,6 +140,8 @@ pub enum Event {
     Yield(SiteId),
     /// Fuel ran out at a loop back-edge: run again to go on.
     OutOfFuel,
+    /// The frame's memory was refused; nothing was run.
+    OutOfMemory,
 }
 
 /// A yield in the program text.

@@ -440,6 +440,7 @@ impl Worker {
             *status = match event {
                 Event::End => Status::Ended,
                 Event::OutOfFuel => Status::Ready,
+                Event::OutOfMemory => return Err(Stopped::OutOfMemory),
                 Event::Yield(site) => match program.sites()[site.0 as usize] {
                     // A subgroup none of whose lanes has come to the barrier does not wait there.
                     SiteKind::Barrier if program.event_mask(state) == 0 => Status::Ready,

@@ -36,6 +36,7 @@ fn run(
         ..DescriptorSet::NONE
     };
     let environment = Environment {
+        number: Environment::next_number(),
         sets,
         ..Environment::unbound()
     };

@@ -130,6 +130,7 @@ impl<'a> Bindings<'a> {
         let mut uniforms = [0; uniform::COUNT];
         uniforms[first_uniform..first_uniform + 3].copy_from_slice(&extent);
         let environment = Environment {
+            number: Environment::next_number(),
             sets: bound.sets,
             dynamic: bound.dynamic.as_ptr(),
             dynamic_count: bound.dynamic.len() as u32,

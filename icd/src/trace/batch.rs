@@ -364,6 +364,7 @@ impl<'a> Batch<'a> {
             match event {
                 Event::End => self.end(index),
                 Event::OutOfFuel => self.make_ready(index),
+                Event::OutOfMemory => return Err(Stopped::OutOfMemory),
                 Event::Yield(site) => match compiled.sites()[site.0 as usize] {
                     SiteKind::RayQueryProceed => self.proceed(index)?,
                     kind => self.answer(index, kind)?,

@@ -382,6 +382,7 @@ fn environment(descriptors: &[Descriptor]) -> Environment {
     let mut uniforms = [0; uniform::COUNT];
     uniforms[..3].copy_from_slice(&[SIZE, SIZE, 1]);
     Environment {
+        number: Environment::next_number(),
         sets,
         uniforms,
         ..Environment::unbound()

@@ -124,6 +124,8 @@ pub(super) struct Code {
     pub callers: Vec<Vec<u32>>,
     /// Constants: the first uniform rows.
     pub constants: Vec<crate::program::AlignedRow>,
+    /// Behind the instructions that compute uniform rows.
+    pub prologue_end: usize,
     /// Uniform rows.
     pub uniform_rows: usize,
     /// Vector rows.

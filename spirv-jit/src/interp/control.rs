@@ -90,7 +90,7 @@ pub(super) unsafe fn back_edge(m: &mut Machine<'_>, i: &Instr) {
     }
     if m.fuel == 0 {
         // SAFETY: the point's number was emitted with the instruction, after the code address.
-        unsafe { super::yields::suspend(m, i.a.raw(), Event::OutOfFuel) };
+        unsafe { super::yields::suspend_without_fuel(m, i.a.raw()) };
         return;
     }
     m.fuel = m.fuel.saturating_sub(i.b.raw().into());
@@ -104,7 +104,7 @@ pub(super) unsafe fn back_edge(m: &mut Machine<'_>, i: &Instr) {
 pub(super) unsafe fn burn(m: &mut Machine<'_>, i: &Instr) {
     if m.fuel == 0 {
         // SAFETY: the point's number was emitted with the instruction.
-        unsafe { super::yields::suspend(m, i.a.raw(), Event::OutOfFuel) };
+        unsafe { super::yields::suspend_without_fuel(m, i.a.raw()) };
         return;
     }
     m.fuel = m.fuel.saturating_sub(i.b.raw().into());
@@ -171,13 +171,4 @@ pub(super) unsafe fn ret(m: &mut Machine<'_>, i: &Instr) {
 pub(super) unsafe fn finish(m: &mut Machine<'_>, _: &Instr) {
     m.event = Event::End;
     m.running = false;
-}
-
-/// The end of the prologue.
-///
-/// # Safety
-/// As [`enter`].
-pub(super) unsafe fn start_wave(m: &mut Machine<'_>, _: &Instr) {
-    m.set_active(m.resume_active);
-    m.pc = m.resume_pc;
 }

@@ -96,9 +96,6 @@ pub(super) struct Machine<'p> {
     pub shared: *mut u8,
     /// Where the last physical pointer led that was looked up.
     pub near: Cell<Range>,
-    /// Where the prologue hands over to, and with which lanes.
-    pub resume_pc: usize,
-    pub resume_active: Mask,
 }
 
 impl Machine<'_> {

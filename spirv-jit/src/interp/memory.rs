@@ -1,32 +1,75 @@
 //! Private memory, and what a dispatch is given as words.
 
 use super::access::operands;
-use super::machine::{Instr, Machine, lanes_of};
+use super::machine::{Instr, Machine, Operand, lanes_of};
+use super::tier::Kernel;
+use super::yields::blend;
 use crate::SUBGROUP_SIZE;
 use crate::ir::Type;
 
 /// A load from private memory by plan `x`: row numbers count from the first private row; past the end they read zero.
-///
-/// # Safety
-/// The instruction was emitted for the program that the machine runs.
-pub(super) unsafe fn load_private(m: &mut Machine<'_>, i: &Instr) {
-    let plan = m.program.code.accesses[i.x as usize];
-    let (address, results) = operands(m, &plan);
-    let rows = plan.ty.rows() as u64;
-    for &offset in m.listed() {
-        let s = offset as usize / 64;
-        for lane in lanes_of(m.active[s]) {
+pub(super) struct LoadPrivate;
+
+impl Kernel for LoadPrivate {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let plan = m.program.code.accesses[i.x as usize];
+        let (address, results) = operands(m, &plan);
+        let rows = plan.ty.rows() as u64;
+        for &offset in m.listed() {
+            let s = offset as usize / 64;
             // SAFETY: as the caller promises; rows are checked.
-            unsafe {
-                let first = m.lane(address[0], offset, lane, false);
+            if rows == 1
+                && let Some(first) = unsafe { common_row(m, address[0], offset) }
+            {
                 for (k, &result) in results.iter().enumerate() {
-                    let value =
-                        read_private(m, s, (first + k as u64 * rows) as u32 as u64, lane, plan.ty);
-                    m.set_lane(result, offset, lane, rows == 2, value);
+                    let row = first.wrapping_add(k as u32) as usize;
+                    // SAFETY: as above.
+                    unsafe {
+                        *m.block::<u32>(result, offset) = match row < m.program.private_rows {
+                            true => *m.state_row(s, m.program.private + row),
+                            false => [0; SUBGROUP_SIZE],
+                        };
+                    }
+                }
+                continue;
+            }
+            for lane in lanes_of(m.active[s]) {
+                // SAFETY: as the caller promises; rows are checked.
+                unsafe {
+                    let first = m.lane(address[0], offset, lane, false);
+                    for (k, &result) in results.iter().enumerate() {
+                        let value = read_private(
+                            m,
+                            s,
+                            (first + k as u64 * rows) as u32 as u64,
+                            lane,
+                            plan.ty,
+                        );
+                        m.set_lane(result, offset, lane, rows == 2, value);
+                    }
                 }
             }
         }
     }
+}
+
+/// The private row that an access of all active lanes is to, where it is one: an index that counts a loop, say.
+///
+/// # Safety
+/// The operand is the program's, the offset one of a subgroup that has active lanes.
+#[inline(always)]
+unsafe fn common_row(m: &Machine<'_>, row: Operand, offset: u16) -> Option<u32> {
+    let active = m.active[offset as usize / 64];
+    // SAFETY: as the caller promises.
+    let rows = unsafe { &*m.block::<u32>(row, offset) };
+    let first = rows[active.trailing_zeros() as usize & 15];
+    let mut others = 0;
+    for (lane, &row) in rows.iter().enumerate() {
+        let is_active = active >> lane & 1 != 0;
+        others |= (is_active & (row != first)) as u32;
+    }
+    (others == 0).then_some(first)
 }
 
 /// # Safety
@@ -73,29 +116,47 @@ unsafe fn write_private(
 }
 
 /// A store to private memory by plan `x`.
-///
-/// # Safety
-/// As [`load_private`].
-pub(super) unsafe fn store_private(m: &mut Machine<'_>, i: &Instr) {
-    let plan = m.program.code.accesses[i.x as usize];
-    let (address, values) = operands(m, &plan);
-    let rows = plan.ty.rows() as u64;
-    for &offset in m.listed() {
-        let s = offset as usize / 64;
-        for lane in lanes_of(m.active[s]) {
+pub(super) struct StorePrivate;
+
+impl Kernel for StorePrivate {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let plan = m.program.code.accesses[i.x as usize];
+        let (address, values) = operands(m, &plan);
+        let rows = plan.ty.rows() as u64;
+        for &offset in m.listed() {
+            let s = offset as usize / 64;
             // SAFETY: as the caller promises; rows are checked.
-            unsafe {
-                let first = m.lane(address[0], offset, lane, false);
+            if rows == 1
+                && let Some(first) = unsafe { common_row(m, address[0], offset) }
+            {
                 for (k, &value) in values.iter().enumerate() {
-                    let value = m.lane(value, offset, lane, rows == 2);
-                    write_private(
-                        m,
-                        s,
-                        (first + k as u64 * rows) as u32 as u64,
-                        lane,
-                        plan.ty,
-                        value,
-                    );
+                    let row = first.wrapping_add(k as u32) as usize;
+                    if row < m.program.private_rows {
+                        // SAFETY: as above.
+                        unsafe {
+                            let to = &mut *m.state_row(s, m.program.private + row);
+                            blend(to, &*m.block::<u32>(value, offset), m.active[s]);
+                        }
+                    }
+                }
+                continue;
+            }
+            for lane in lanes_of(m.active[s]) {
+                // SAFETY: as the caller promises; rows are checked.
+                unsafe {
+                    let first = m.lane(address[0], offset, lane, false);
+                    for (k, &value) in values.iter().enumerate() {
+                        let value = m.lane(value, offset, lane, rows == 2);
+                        write_private(
+                            m,
+                            s,
+                            (first + k as u64 * rows) as u32 as u64,
+                            lane,
+                            plan.ty,
+                            value,
+                        );
+                    }
                 }
             }
         }
@@ -103,23 +164,25 @@ pub(super) unsafe fn store_private(m: &mut Machine<'_>, i: &Instr) {
 }
 
 /// Reads a variable at the fixed private row `x` into `d`; `y`: 64 bits.
-///
-/// # Safety
-/// As [`load_private`].
-pub(super) unsafe fn variable_load(m: &mut Machine<'_>, i: &Instr) {
-    let row = m.program.private + i.x as usize;
-    for &offset in m.listed() {
-        let s = offset as usize / 64;
-        // SAFETY: as the caller promises; the emitter checked the row.
-        unsafe {
-            let low = *m.state_row(s, row);
-            if i.y == 0 {
-                *m.block::<u32>(i.d, offset) = low;
-            } else {
-                let high = *m.state_row(s, row + 1);
-                let d = &mut *m.block::<u64>(i.d, offset);
-                for k in 0..SUBGROUP_SIZE {
-                    d[k] = low[k] as u64 | (high[k] as u64) << 32;
+pub(super) struct VariableLoad;
+
+impl Kernel for VariableLoad {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let row = m.program.private + i.x as usize;
+        for &offset in m.listed() {
+            let s = offset as usize / 64;
+            // SAFETY: as the caller promises; the emitter checked the row.
+            unsafe {
+                let low = *m.state_row(s, row);
+                if i.y == 0 {
+                    *m.block::<u32>(i.d, offset) = low;
+                } else {
+                    let high = *m.state_row(s, row + 1);
+                    let d = &mut *m.block::<u64>(i.d, offset);
+                    for k in 0..SUBGROUP_SIZE {
+                        d[k] = low[k] as u64 | (high[k] as u64) << 32;
+                    }
                 }
             }
         }
@@ -127,29 +190,28 @@ pub(super) unsafe fn variable_load(m: &mut Machine<'_>, i: &Instr) {
 }
 
 /// Writes active lanes of `a` to the fixed private row `x`; `y`: 64 bits.
-///
-/// # Safety
-/// As [`load_private`].
-pub(super) unsafe fn variable_store(m: &mut Machine<'_>, i: &Instr) {
-    let row = m.program.private + i.x as usize;
-    for &offset in m.listed() {
-        let s = offset as usize / 64;
-        let mask = m.active[s];
-        // SAFETY: as the caller promises; the emitter checked the row.
-        unsafe {
-            let low = &mut *m.state_row(s, row);
-            if i.y == 0 {
-                let a = &*m.block::<u32>(i.a, offset);
-                for k in 0..SUBGROUP_SIZE {
-                    low[k] = if mask & 1 << k != 0 { a[k] } else { low[k] };
-                }
-            } else {
-                let high = &mut *m.state_row(s, row + 1);
-                let a = &*m.block::<u64>(i.a, offset);
-                for k in 0..SUBGROUP_SIZE {
-                    if mask & 1 << k != 0 {
-                        low[k] = a[k] as u32;
-                        high[k] = (a[k] >> 32) as u32;
+pub(super) struct VariableStore;
+
+impl Kernel for VariableStore {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let row = m.program.private + i.x as usize;
+        for &offset in m.listed() {
+            let s = offset as usize / 64;
+            let mask = m.active[s];
+            // SAFETY: as the caller promises; the emitter checked the row.
+            unsafe {
+                let low = &mut *m.state_row(s, row);
+                if i.y == 0 {
+                    blend(low, &*m.block::<u32>(i.a, offset), mask);
+                } else {
+                    let high = &mut *m.state_row(s, row + 1);
+                    let a = &*m.block::<u64>(i.a, offset);
+                    for k in 0..SUBGROUP_SIZE {
+                        if mask & 1 << k != 0 {
+                            low[k] = a[k] as u32;
+                            high[k] = (a[k] >> 32) as u32;
+                        }
                     }
                 }
             }

@@ -30,6 +30,7 @@ mod yields;
 mod tests;
 
 use std::cell::Cell;
+use std::collections::TryReserveError;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::ir::{self, InputRow};
@@ -46,13 +47,26 @@ const FRAME_BYTES: usize = 40 << 10;
 /// A worker's hot memory: slots of the program that is running. One per thread, reused for every program.
 #[derive(Default)]
 pub struct Frame {
-    uniforms: Vec<AlignedRow>,
+    /// By program, those that share a number's last digits in turn; the last for programs with many rows.
+    uniforms: Vec<Uniforms>,
     vectors: Vec<AlignedRow>,
     masks: Vec<Mask>,
     returns: Vec<u32>,
-    /// Program whose constants stand in `uniforms`.
-    program: u64,
 }
+
+/// Uniform rows: a program's constants, and what its prologue computed.
+#[derive(Default)]
+struct Uniforms {
+    rows: Vec<AlignedRow>,
+    /// Whose they are.
+    program: u64,
+    /// The environment that the prologue computed them for, or 0.
+    environment: u64,
+}
+
+/// Programs whose uniform rows a frame keeps, and the most that each of them may have.
+const KEPT_PROGRAMS: usize = 64;
+const KEPT_ROWS: usize = 256;
 
 /// A compiled shader. Immutable and shared between threads.
 pub struct Program {
@@ -295,18 +309,28 @@ impl Program {
             *pointer = state.as_mut_ptr().cast::<u32>();
         }
         assert!(point < self.code.points_end(), "state of another program");
-        frame.prepare(self, subgroups);
+        let Ok(uniforms) = frame.prepare(self, subgroups) else {
+            return Event::OutOfMemory;
+        };
+        // The prologue runs once for an environment.
+        let is_computed = uniforms.environment == wave.environment.number;
+        uniforms.environment = wave.environment.number;
+        let uniforms = uniforms.rows.as_mut_ptr();
         let mut machine = Machine {
             program: self,
             environment: wave.environment,
-            uniforms: frame.uniforms.as_mut_ptr().cast(),
+            uniforms: uniforms.cast(),
             vectors: frame.vectors.as_mut_ptr().cast(),
             row_bytes: subgroups * size_of::<[u32; SUBGROUP_SIZE]>(),
             list: [0; MAX_SUBGROUPS],
             list_len: 0,
             active: [0; MAX_SUBGROUPS],
             masks: frame.masks.as_mut_ptr(),
-            pc: 0,
+            pc: if is_computed {
+                self.code.prologue_end
+            } else {
+                0
+            },
             running: true,
             event: Event::End,
             fuel: *fuel,
@@ -316,13 +340,10 @@ impl Program {
             subgroups,
             shared: wave.shared,
             near: Cell::new(wave.environment.reach.likely()),
-            resume_pc: 0,
-            resume_active: [0; MAX_SUBGROUPS],
         };
         // SAFETY: the frame and the states have the sizes that the program asks for, and stay put during the run; what
         // the environment points to is kept by the caller.
         unsafe {
-            yields::resume(&mut machine);
             // The prologue computes uniform rows in the place of the first subgroup.
             let mut first = [0; MAX_SUBGROUPS];
             first[0] = !0;
@@ -335,25 +356,36 @@ impl Program {
 }
 
 impl Frame {
-    /// Makes room for a program and a wave length, and brings in the program's constants.
-    fn prepare(&mut self, program: &Program, subgroups: usize) {
+    /// Makes room for a program and a wave length, and gives the program's uniform rows, with its constants in them.
+    fn prepare(
+        &mut self,
+        program: &Program,
+        subgroups: usize,
+    ) -> Result<&mut Uniforms, TryReserveError> {
         let code = &program.code;
-        grow(&mut self.vectors, code.vector_rows * subgroups);
-        grow(&mut self.masks, code.masks);
-        grow(&mut self.returns, program.functions);
-        if self.program != program.number {
-            grow(&mut self.uniforms, code.uniform_rows);
-            self.uniforms[..code.constants.len()].copy_from_slice(&code.constants);
-            self.program = program.number;
+        grow(&mut self.vectors, code.vector_rows * subgroups)?;
+        grow(&mut self.masks, code.masks)?;
+        grow(&mut self.returns, program.functions)?;
+        let place = match code.uniform_rows {
+            0..=KEPT_ROWS => program.number as usize % KEPT_PROGRAMS,
+            _ => KEPT_PROGRAMS,
+        };
+        grow(&mut self.uniforms, place + 1)?;
+        let uniforms = &mut self.uniforms[place];
+        if uniforms.program != program.number {
+            uniforms.environment = 0;
+            grow(&mut uniforms.rows, code.uniform_rows)?;
+            uniforms.rows[..code.constants.len()].copy_from_slice(&code.constants);
+            uniforms.program = program.number;
         }
+        Ok(uniforms)
     }
 }
 
-fn grow<T: Clone + Default>(rows: &mut Vec<T>, len: usize) {
+fn grow<T: Default>(rows: &mut Vec<T>, len: usize) -> Result<(), TryReserveError> {
     if rows.len() < len {
-        // How large a frame is follows from the module: whoever runs it catches this, and the process lives on.
-        rows.try_reserve(len - rows.len())
-            .expect("memory for a frame");
-        rows.resize(len, T::default());
+        rows.try_reserve(len - rows.len())?;
+        rows.resize_with(len, T::default);
     }
+    Ok(())
 }

@@ -5,6 +5,7 @@
 use super::code::{Live, Saved};
 use super::descriptors;
 use super::machine::{Instr, MAX_SUBGROUPS, Machine, Operand};
+use super::tier::Kernel;
 use crate::SUBGROUP_SIZE;
 use crate::program::{AlignedRow, Event, IO_DATA_ROW, Row};
 
@@ -15,7 +16,8 @@ pub(super) const CONTROL_WORDS: usize = 2;
 ///
 /// # Safety
 /// `point` is one of the program's, and control stands there.
-pub(super) unsafe fn suspend(m: &mut Machine<'_>, point: u32, event: Event) {
+#[inline(always)]
+unsafe fn suspend(m: &mut Machine<'_>, point: u32, event: Event) {
     let code = &m.program.code;
     let point = &code.points[point as usize];
     let id = point.base + m.context;
@@ -39,8 +41,20 @@ pub(super) unsafe fn suspend(m: &mut Machine<'_>, point: u32, event: Event) {
     m.running = false;
 }
 
+/// Where fuel is out: [`suspend`] for handlers outside of a tier.
+///
+/// # Safety
+/// As [`suspend`].
+#[cold]
+#[inline(never)]
+pub(super) unsafe fn suspend_without_fuel(m: &mut Machine<'_>, point: u32) {
+    // SAFETY: as the caller promises.
+    unsafe { suspend(m, point, Event::OutOfFuel) };
+}
+
 /// # Safety
 /// The states have the program's layout, the list is the program's.
+#[inline(always)]
 unsafe fn save(m: &Machine<'_>, saved: &[Saved]) {
     for value in saved.iter().filter(|value| !value.input) {
         for s in 0..m.subgroups {
@@ -60,6 +74,7 @@ unsafe fn save(m: &Machine<'_>, saved: &[Saved]) {
 
 /// # Safety
 /// As [`save`].
+#[inline(always)]
 unsafe fn restore_values(m: &Machine<'_>, live: &Live) {
     for value in &live.saved {
         for s in 0..m.subgroups {
@@ -87,33 +102,36 @@ pub(super) fn has_parked_lanes(state: &[AlignedRow], masks: u32) -> bool {
     })
 }
 
-/// Takes up a wave whose states stand at one point: all but the uniform rows, which the prologue computes.
-///
-/// # Safety
-/// The states have the program's layout and were left by [`suspend`] or `Program::start`.
-pub(super) unsafe fn resume(m: &mut Machine<'_>) {
-    let code = &m.program.code;
-    // SAFETY: as the caller promises.
-    unsafe {
-        let id = *m.states[0];
-        let (point, context) = code.point_of(id);
-        m.context = context;
-        m.resume_pc = point.pc as usize;
-        m.resume_active = [0; MAX_SUBGROUPS];
-        for s in 0..m.subgroups {
-            m.resume_active[s] = *m.states[s].add(1) as u16;
-        }
-        for k in 0..point.masks as usize {
-            let mask = &mut *m.masks.add(k);
-            *mask = [0; MAX_SUBGROUPS];
-            for (s, lanes) in mask[..m.subgroups].iter_mut().enumerate() {
-                *lanes = *m.states[s].add(CONTROL_WORDS).cast::<u16>().add(k);
+/// The end of the prologue: the wave, whose states stand at one point as [`suspend`] or `Program::start` left them, goes on there.
+pub(super) struct Resume;
+
+impl Kernel for Resume {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, _: &Instr) {
+        let code = &m.program.code;
+        // SAFETY: the states have the program's layout.
+        unsafe {
+            let id = *m.states[0];
+            let (point, context) = code.point_of(id);
+            m.context = context;
+            m.pc = point.pc as usize;
+            let mut active = [0; MAX_SUBGROUPS];
+            for (s, lanes) in active[..m.subgroups].iter_mut().enumerate() {
+                *lanes = *m.states[s].add(1) as u16;
             }
-        }
-        restore_values(m, &point.live);
-        for site in code.path(point.function, context) {
-            *m.returns.add(site.callee as usize) = site.return_pc;
-            restore_values(m, &site.live);
+            for k in 0..point.masks as usize {
+                let mask = &mut *m.masks.add(k);
+                *mask = [0; MAX_SUBGROUPS];
+                for (s, lanes) in mask[..m.subgroups].iter_mut().enumerate() {
+                    *lanes = *m.states[s].add(CONTROL_WORDS).cast::<u16>().add(k);
+                }
+            }
+            restore_values(m, &point.live);
+            for site in code.path(point.function, context) {
+                *m.returns.add(site.callee as usize) = site.return_pc;
+                restore_values(m, &site.live);
+            }
+            m.set_active(active);
         }
     }
 }
@@ -122,6 +140,7 @@ pub(super) unsafe fn resume(m: &mut Machine<'_>) {
 ///
 /// # Safety
 /// Row and operand are the program's.
+#[inline(always)]
 unsafe fn write_io(m: &Machine<'_>, operand: Operand, row: usize) {
     // SAFETY: as the caller promises.
     unsafe {
@@ -133,8 +152,13 @@ unsafe fn write_io(m: &Machine<'_>, operand: Operand, row: usize) {
     }
 }
 
+/// The lanes of a mask from another row.
 #[inline(always)]
-fn blend(to: &mut Row, from: &Row, mask: u16) {
+pub(super) fn blend(to: &mut Row, from: &Row, mask: u16) {
+    if mask == u16::MAX {
+        *to = *from;
+        return;
+    }
     for k in 0..SUBGROUP_SIZE {
         to[k] = if mask & 1 << k != 0 { from[k] } else { to[k] };
     }
@@ -142,48 +166,52 @@ fn blend(to: &mut Row, from: &Row, mask: u16) {
 
 /// A yield: operands `x..` (count in `b`) go to the io rows, the first `c` from row 0, the others from [`IO_DATA_ROW`]; then the wave is
 /// suspended at point `y`.
-///
-/// # Safety
-/// The instruction was emitted for the program that the machine runs.
-pub(super) unsafe fn yield_(m: &mut Machine<'_>, i: &Instr) {
-    let program = m.program;
-    let first = i.x as usize;
-    let (count, fixed) = (i.b.raw() as usize, i.c.raw() as usize);
-    for (k, &operand) in program.code.operands[first..first + count]
-        .iter()
-        .enumerate()
-    {
-        let row = if k < fixed {
-            k
-        } else {
-            IO_DATA_ROW + k - fixed
-        };
+pub(super) struct Yield;
+
+impl Kernel for Yield {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let program = m.program;
+        let first = i.x as usize;
+        let (count, fixed) = (i.b.raw() as usize, i.c.raw() as usize);
+        for (k, &operand) in program.code.operands[first..first + count]
+            .iter()
+            .enumerate()
+        {
+            let row = if k < fixed {
+                k
+            } else {
+                IO_DATA_ROW + k - fixed
+            };
+            // SAFETY: as the caller promises.
+            unsafe { write_io(m, operand, row) };
+        }
+        let site = program.code.points[i.y as usize].site;
+        let event = site.map_or(Event::OutOfFuel, Event::Yield);
         // SAFETY: as the caller promises.
-        unsafe { write_io(m, operand, row) };
+        unsafe { suspend(m, i.y, event) };
     }
-    let site = program.code.points[i.y as usize].site;
-    let event = site.map_or(Event::OutOfFuel, Event::Yield);
-    // SAFETY: as the caller promises.
-    unsafe { suspend(m, i.y, event) };
 }
 
 /// After a yield: operands `x..` (count in `b`) are read from the io rows, from row `c` on.
-///
-/// # Safety
-/// As [`yield_`].
-pub(super) unsafe fn read_io(m: &mut Machine<'_>, i: &Instr) {
-    let program = m.program;
-    let first = i.x as usize;
-    let count = i.b.raw() as usize;
-    for (k, &operand) in program.code.operands[first..first + count]
-        .iter()
-        .enumerate()
-    {
-        for &offset in m.listed() {
-            // SAFETY: as the caller promises.
-            unsafe {
-                let row = program.layout.io + i.c.raw() as usize + k;
-                *m.block::<u32>(operand, offset) = *m.state_row(offset as usize / 64, row);
+pub(super) struct ReadIo;
+
+impl Kernel for ReadIo {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let program = m.program;
+        let first = i.x as usize;
+        let count = i.b.raw() as usize;
+        for (k, &operand) in program.code.operands[first..first + count]
+            .iter()
+            .enumerate()
+        {
+            for &offset in m.listed() {
+                // SAFETY: as the caller promises.
+                unsafe {
+                    let row = program.layout.io + i.c.raw() as usize + k;
+                    *m.block::<u32>(operand, offset) = *m.state_row(offset as usize / 64, row);
+                }
             }
         }
     }
@@ -191,64 +219,70 @@ pub(super) unsafe fn read_io(m: &mut Machine<'_>, i: &Instr) {
 
 /// After a reported intersection: `d` is whether it was accepted; lanes whose search is over end. After a query's event, which ends none:
 /// whether there is a candidate.
-///
-/// # Safety
-/// As [`yield_`].
-pub(super) unsafe fn read_verdict(m: &mut Machine<'_>, i: &Instr) {
-    let mut active = m.active;
-    for &offset in m.listed() {
-        // SAFETY: as the caller promises.
-        unsafe {
-            let s = offset as usize / 64;
-            let verdict = &*m.state_row(s, m.program.layout.io);
-            let accepted = &mut *m.block::<u32>(i.d, offset);
-            for k in 0..SUBGROUP_SIZE {
-                accepted[k] = if verdict[k] != 0 { !0 } else { 0 };
-                if verdict[k] == 2 {
-                    active[s] &= !(1 << k);
+pub(super) struct ReadVerdict;
+
+impl Kernel for ReadVerdict {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let mut active = m.active;
+        for &offset in m.listed() {
+            // SAFETY: as the caller promises.
+            unsafe {
+                let s = offset as usize / 64;
+                let verdict = &*m.state_row(s, m.program.layout.io);
+                let accepted = &mut *m.block::<u32>(i.d, offset);
+                for k in 0..SUBGROUP_SIZE {
+                    accepted[k] = if verdict[k] != 0 { !0 } else { 0 };
+                    if verdict[k] == 2 {
+                        active[s] &= !(1 << k);
+                    }
                 }
             }
         }
+        m.set_active(active);
     }
-    m.set_active(active);
 }
 
 /// Writes outputs: operands `x..` (count in `b`) to the io rows from 0 in active lanes; without operands, zeros to `c` rows.
-///
-/// # Safety
-/// As [`yield_`].
-pub(super) unsafe fn write_outputs(m: &mut Machine<'_>, i: &Instr) {
-    let program = m.program;
-    let first = i.x as usize;
-    let count = i.b.raw() as usize;
-    // SAFETY: as the caller promises.
-    unsafe {
-        for (row, &operand) in program.code.operands[first..first + count]
-            .iter()
-            .enumerate()
-        {
-            write_io(m, operand, row);
-        }
-        for row in count..i.c.raw() as usize {
-            for &offset in m.listed() {
-                let s = offset as usize / 64;
-                let to = &mut *m.state_row(s, program.layout.io + row);
-                blend(to, &[0; SUBGROUP_SIZE], m.active[s]);
+pub(super) struct WriteOutputs;
+
+impl Kernel for WriteOutputs {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let program = m.program;
+        let first = i.x as usize;
+        let count = i.b.raw() as usize;
+        // SAFETY: as the caller promises.
+        unsafe {
+            for (row, &operand) in program.code.operands[first..first + count]
+                .iter()
+                .enumerate()
+            {
+                write_io(m, operand, row);
+            }
+            for row in count..i.c.raw() as usize {
+                for &offset in m.listed() {
+                    let s = offset as usize / 64;
+                    let to = &mut *m.state_row(s, program.layout.io + row);
+                    blend(to, &[0; SUBGROUP_SIZE], m.active[s]);
+                }
             }
         }
     }
 }
 
 /// Reads input row `x`.
-///
-/// # Safety
-/// As [`yield_`].
-pub(super) unsafe fn input(m: &mut Machine<'_>, i: &Instr) {
-    for &offset in m.listed() {
-        // SAFETY: as the caller promises.
-        unsafe {
-            let row = m.program.layout.inputs + i.x as usize;
-            *m.block::<u32>(i.d, offset) = *m.state_row(offset as usize / 64, row);
+pub(super) struct Input;
+
+impl Kernel for Input {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        for &offset in m.listed() {
+            // SAFETY: as the caller promises.
+            unsafe {
+                let row = m.program.layout.inputs + i.x as usize;
+                *m.block::<u32>(i.d, offset) = *m.state_row(offset as usize / 64, row);
+            }
         }
     }
 }

@@ -163,7 +163,7 @@ impl Emitter<'_> {
             x: first,
             b: Operand::number(args.len() as u32),
             c: Operand::number(self.module.output_rows),
-            ..instr(yields::write_outputs)
+            ..instr(self.kernel::<yields::WriteOutputs>())
         });
         self.jump(control::kill, exit);
     }
@@ -562,7 +562,7 @@ impl Emitter<'_> {
             y: point,
             b: Operand::number(inst.args.len() as u32),
             c: Operand::number(fixed),
-            ..instr(yields::yield_)
+            ..instr(self.kernel::<yields::Yield>())
         });
         self.bind(after);
         self.jump(control::jump_if_empty, exit);
@@ -570,7 +570,7 @@ impl Emitter<'_> {
             if let Some(&accepted) = inst.results.first() {
                 self.push(Instr {
                     d: self.operand(accepted),
-                    ..instr(yields::read_verdict)
+                    ..instr(self.kernel::<yields::ReadVerdict>())
                 });
                 self.jump(control::jump_if_empty, exit);
             }
@@ -584,7 +584,7 @@ impl Emitter<'_> {
                 x: first,
                 b: Operand::number(inst.results.len() as u32),
                 c: Operand::number(row as u32),
-                ..instr(yields::read_io)
+                ..instr(self.kernel::<yields::ReadIo>())
             });
         }
         Ok(())

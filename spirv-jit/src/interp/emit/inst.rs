@@ -41,7 +41,7 @@ impl Emitter<'_> {
                 let row = self.variable_access(*variable, *row, ty, inst)?;
                 Instr {
                     y: (ty.rows() == 2) as u32,
-                    ..plain(memory::variable_load, row)
+                    ..plain(self.kernel::<memory::VariableLoad>(), row)
                 }
             }
             Op::VarStore(variable, row) => {
@@ -49,7 +49,7 @@ impl Emitter<'_> {
                 let row = self.variable_access(*variable, *row, ty, inst)?;
                 Instr {
                     y: (ty.rows() == 2) as u32,
-                    ..plain(memory::variable_store, row)
+                    ..plain(self.kernel::<memory::VariableStore>(), row)
                 }
             }
             Op::Load(access) => return self.emit_access(*access, inst, false),
@@ -81,7 +81,7 @@ impl Emitter<'_> {
                 if *row as usize >= self.module.inputs.len() {
                     return Err(Error::invalid(inst.source, "input row out of range"));
                 }
-                plain(yields::input, *row)
+                plain(self.kernel::<yields::Input>(), *row)
             }
             Op::Uniform(word) => plain(memory::uniform, *word),
             Op::Image(_) => return self.emit_image(inst),
@@ -194,8 +194,8 @@ impl Emitter<'_> {
             scalars: scalars.len() as u32,
         });
         let handler: Handler = match (place.space, store) {
-            (Space::Private, false) => memory::load_private,
-            (Space::Private, true) => memory::store_private,
+            (Space::Private, false) => self.kernel::<memory::LoadPrivate>(),
+            (Space::Private, true) => self.kernel::<memory::StorePrivate>(),
             (_, store) => access::handler(self.tier, ty, store),
         };
         self.push(Instr {

@@ -4,7 +4,7 @@ use super::{Emitter, visit};
 use crate::Error;
 use crate::interp::machine::Operand;
 use crate::interp::tier::Portable;
-use crate::interp::{control, tier::Tier};
+use crate::interp::{tier::Tier, yields};
 use crate::ir::{Inst, Node, Op, Type};
 use crate::program::AlignedRow;
 
@@ -43,7 +43,8 @@ impl Emitter<'_> {
             self.function = f;
             self.emit_operation(inst)?;
         }
-        self.emit_plain(control::start_wave);
+        self.code.prologue_end = self.code.instrs.len();
+        self.emit_plain(self.kernel::<yields::Resume>());
         Ok(())
     }
 
