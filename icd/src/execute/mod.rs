@@ -9,10 +9,10 @@
 //! Each kind of work is a function of what the command holds. Those on images take the objects and the regions as recorded:
 //!
 //! ```text
-//! copy::copy_image(source: &Image, destination: &Image, region: &vk::ImageCopy)
-//! copy::copy_buffer_to_image(source: u64, destination: &Image, region: &vk::BufferImageCopy)
-//! copy::copy_image_to_buffer(source: &Image, destination: u64, region: &vk::BufferImageCopy)
-//! blit::blit_image(source: &Image, destination: &Image, region: &vk::ImageBlit, filter: vk::Filter)
+//! copy::copy_image(workers: &ThreadPool, source: &Image, destination: &Image, region: &vk::ImageCopy)
+//! copy::copy_buffer_to_image(workers: &ThreadPool, source: u64, destination: &Image, region: &vk::BufferImageCopy)
+//! copy::copy_image_to_buffer(workers: &ThreadPool, source: &Image, destination: u64, region: &vk::BufferImageCopy)
+//! blit::blit_image(workers: &ThreadPool, source: &Image, destination: &Image, region: &vk::ImageBlit, filter: vk::Filter)
 //! resolve::resolve_image(source: &Image, destination: &Image, region: &vk::ImageResolve)
 //! clear::clear_color_image(image: &Image, value: &vk::ClearColorValue, range: &vk::ImageSubresourceRange)
 //! clear::clear_depth_stencil_image(image: &Image, value: &vk::ClearDepthStencilValue, range: &vk::ImageSubresourceRange)
@@ -106,7 +106,7 @@ fn perform<'a>(
             regions,
         } => regions
             .iter()
-            .for_each(|region| copy::copy_image(source, destination, region)),
+            .for_each(|region| copy::copy_image(&engine.workers, source, destination, region)),
         Command::CopyBufferToImage {
             source,
             destination,
@@ -114,7 +114,9 @@ fn perform<'a>(
         } => regions
             .iter()
             .filter(|region| has_bytes(engine, *source, destination, region))
-            .for_each(|region| copy::copy_buffer_to_image(*source, destination, region)),
+            .for_each(|region| {
+                copy::copy_buffer_to_image(&engine.workers, *source, destination, region);
+            }),
         Command::CopyImageToBuffer {
             source,
             destination,
@@ -122,15 +124,17 @@ fn perform<'a>(
         } => regions
             .iter()
             .filter(|region| has_bytes(engine, *destination, source, region))
-            .for_each(|region| copy::copy_image_to_buffer(source, *destination, region)),
+            .for_each(|region| {
+                copy::copy_image_to_buffer(&engine.workers, source, *destination, region);
+            }),
         Command::BlitImage {
             source,
             destination,
             regions,
             filter,
-        } => regions
-            .iter()
-            .for_each(|region| blit::blit_image(source, destination, region, *filter)),
+        } => regions.iter().for_each(|region| {
+            blit::blit_image(&engine.workers, source, destination, region, *filter);
+        }),
         Command::ResolveImage {
             source,
             destination,

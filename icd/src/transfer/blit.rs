@@ -1,10 +1,12 @@
 //! Scaled copies with conversion between formats (spec, "Image Copies With Scaling"): the source is sampled like a shader would, in blocks of
-//! 16 texels, and encoded into the destination.
+//! 16 texels, and encoded into the destination, rows of it by all workers.
 
 use ash::vk;
+use rayon::ThreadPool;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::image::execute::{MAX_RESULT_ROWS, execute_block};
-use spirv_jit::image::format::block::{self, Texels};
+use spirv_jit::image::format::block::Texels;
+use spirv_jit::image::texels::store_block;
 use spirv_jit::image::{
     AddressMode, Dim, Filter, Format, ImageDescriptor, ImageOp, ImageOpKind, Level, LodMode,
     MAX_LEVELS, Reduction, SamplerDescriptor,
@@ -12,12 +14,19 @@ use spirv_jit::image::{
 use spirv_jit::ir::Type;
 use spirv_jit::program::Row;
 
+use super::rows::for_rows;
 use super::surface::{Surface, aspects, slice_count};
 use crate::format::texel_format;
 use crate::object::Image;
 
 /// `vkCmdBlitImage`, one region. Mirrored where the corners of one side are swapped.
-pub fn blit_image(source: &Image, destination: &Image, blit: &vk::ImageBlit, filter: vk::Filter) {
+pub fn blit_image(
+    workers: &ThreadPool,
+    source: &Image,
+    destination: &Image,
+    blit: &vk::ImageBlit,
+    filter: vk::Filter,
+) {
     for aspect in aspects(blit.src_subresource.aspect_mask) {
         let surfaces = (
             Surface::new(source, aspect, blit.src_subresource.mip_level),
@@ -25,8 +34,8 @@ pub fn blit_image(source: &Image, destination: &Image, blit: &vk::ImageBlit, fil
         );
         if let (Some(from), Some(to)) = surfaces {
             let format = source.plane(aspect).map(|plane| texel_format(plane.format));
-            let format = format.unwrap_or(Format::UNDEFINED);
-            blit_surface(source, &from, format, destination, &to, blit, filter);
+            let reader = Reader::new(source, &from, format.unwrap_or(Format::UNDEFINED), filter);
+            blit_surface(workers, source, &reader, destination, &to, blit);
         }
     }
 }
@@ -68,13 +77,12 @@ impl Side {
 }
 
 fn blit_surface(
+    workers: &ThreadPool,
     source: &Image,
-    from: &Surface,
-    format: Format,
+    reader: &Reader,
     destination: &Image,
     to: &Surface,
     blit: &vk::ImageBlit,
-    filter: vk::Filter,
 ) {
     let [s0, s1] = blit.src_offsets;
     let [d0, d1] = blit.dst_offsets;
@@ -112,26 +120,54 @@ fn blit_surface(
     let Some(z_side) = z_side else {
         return;
     };
-    let reader = Reader::new(source, from, format, filter);
-    for z in z_side.first..z_side.first + z_side.count {
-        let w = z_side.coordinate(z);
-        for y in y_side.first..y_side.first + y_side.count {
-            let v = y_side.coordinate(y);
-            let mut x = x_side.first;
-            let end = x + x_side.count;
-            while x < end {
-                let count = (end - x).min(SUBGROUP_SIZE as i64) as u32;
-                let u = std::array::from_fn(|lane| x_side.coordinate(x + lane as i64).to_bits());
-                // SAFETY: the source is bound to memory that the application keeps for the time of execution.
-                let texels = unsafe { reader.read(&u, v, w) };
-                let mask = (u32::from(u16::MAX) >> (SUBGROUP_SIZE as u32 - count)) as u16;
-                let base = to.texel(x as u32, y as u32, z as u32, 0);
-                let offsets = std::array::from_fn(|lane| (lane * to.texel_size_bytes) as u64);
-                // SAFETY: these lanes' texels are inside the destination's row: sides are clipped to its size; its memory is kept as the source's.
-                unsafe { block::store(to.format, base, &offsets, mask, &texels) };
-                x = x.saturating_add(i64::from(count));
-            }
+    // Work for as many bytes as a copy takes much longer here.
+    const COST: u64 = 32;
+    let row_bytes = x_side.count as u64 * to.texel_size_bytes as u64;
+    let rows = z_side.count as u64 * y_side.count as u64;
+    for_rows(workers, rows, row_bytes * COST, |rows| {
+        for row in rows {
+            let y = y_side.first + (row % y_side.count as u64) as i64;
+            let z = z_side.first + (row / y_side.count as u64) as i64;
+            // SAFETY: source and destination are bound to memory that the application keeps for the time of execution; sides are clipped to the
+            // destination's size.
+            unsafe {
+                blit_row(
+                    reader,
+                    to,
+                    &x_side,
+                    (y, y_side.coordinate(y)),
+                    (z, z_side.coordinate(z)),
+                )
+            };
         }
+    });
+}
+
+/// A row of the destination, with its source coordinates.
+///
+/// # Safety
+/// The row is the destination's, and the memory of both images stays allocated during the call.
+unsafe fn blit_row(
+    reader: &Reader,
+    to: &Surface,
+    x_side: &Side,
+    (y, v): (i64, f32),
+    (z, w): (i64, f32),
+) {
+    let mut x = x_side.first;
+    let end = x + x_side.count;
+    while x < end {
+        let count = (end - x).min(SUBGROUP_SIZE as i64) as u32;
+        let u = std::array::from_fn(|lane| x_side.coordinate(x + lane as i64).to_bits());
+        let mask = (u32::from(u16::MAX) >> (SUBGROUP_SIZE as u32 - count)) as u16;
+        let base = to.texel(x as u32, y as u32, z as u32, 0);
+        let offsets = std::array::from_fn(|lane| (lane * to.texel_size_bytes) as u32);
+        // SAFETY: the caller's promise; these lanes' texels are inside the row.
+        unsafe {
+            let texels = reader.read(&u, v, w);
+            store_block(to.format, base, &offsets, mask, &texels);
+        }
+        x = x.saturating_add(i64::from(count));
     }
 }
 
@@ -142,6 +178,9 @@ struct Reader {
     sampler: SamplerDescriptor,
     is_volume: bool,
 }
+
+// SAFETY: the image is read alone, and a blit's regions of it and of the destination are apart.
+unsafe impl Sync for Reader {}
 
 impl Reader {
     fn new(source: &Image, from: &Surface, format: Format, filter: vk::Filter) -> Self {
@@ -176,7 +215,9 @@ impl Reader {
             },
             image: ImageDescriptor {
                 data: from.texel(0, 0, 0, 0),
-                size_bytes: u64::MAX,
+                size_bytes: from
+                    .slice_stride_bytes
+                    .saturating_mul(u64::from(from.slices)),
                 format,
                 dim: if is_volume { Dim::D3 } else { Dim::D2 },
                 arrayed: !is_volume,

@@ -1,12 +1,14 @@
 //! Copies between images and buffers: bytes as they are (spec, chapter Copy Commands). Regions outside their image are not copied.
 
 use ash::vk;
+use rayon::ThreadPool;
 
+use super::rows::for_rows;
 use super::surface::{Region, Surface, aspects, region, slice_count};
 use crate::object::Image;
 
 /// `vkCmdCopyImage`, one region: all samples of all its aspects.
-pub fn copy_image(source: &Image, destination: &Image, copy: &vk::ImageCopy) {
+pub fn copy_image(workers: &ThreadPool, source: &Image, destination: &Image, copy: &vk::ImageCopy) {
     let from_slices = slice_count(source, &copy.src_subresource, copy.extent.depth);
     let to_slices = slice_count(destination, &copy.dst_subresource, copy.extent.depth);
     let slices = from_slices.min(to_slices);
@@ -35,38 +37,40 @@ pub fn copy_image(source: &Image, destination: &Image, copy: &vk::ImageCopy) {
             ),
         );
         if let (Some(from_region), Some(to_region)) = regions {
-            copy_surface(&from, from_region, &to, to_region);
+            copy_surface(workers, &from, from_region, &to, to_region);
         }
     }
 }
 
-fn copy_surface(from: &Surface, from_region: Region, to: &Surface, to_region: Region) {
+fn copy_surface(
+    workers: &ThreadPool,
+    from: &Surface,
+    from_region: Region,
+    to: &Surface,
+    to_region: Region,
+) {
     let inside = from.inside(from_region).is_some() && to.inside(to_region).is_some();
     if !inside || from.texel_size_bytes != to.texel_size_bytes {
         return;
     }
     let row_bytes = from_region.width as usize * from.texel_size_bytes;
-    for slice in 0..from_region.slices {
-        for sample in 0..from.samples.min(to.samples) {
-            for y in 0..from_region.height {
-                let source = from.texel(
-                    from_region.x,
-                    from_region.y + y,
-                    from_region.slice + slice,
-                    sample,
-                );
-                let destination = to.texel(
-                    to_region.x,
-                    to_region.y + y,
-                    to_region.slice + slice,
-                    sample,
-                );
-                // SAFETY: both rows lie inside their images, which are bound to memory that the application keeps for the time of execution. They
-                // may overlap in a mistaken copy.
-                unsafe { std::ptr::copy(source, destination, row_bytes) };
-            }
+    let samples = from.samples.min(to.samples);
+    let rows = u64::from(from_region.slices) * u64::from(samples) * u64::from(from_region.height);
+    for_rows(workers, rows, row_bytes as u64, |rows| {
+        for row in rows {
+            let y = (row % u64::from(from_region.height)) as u32;
+            let layer = row / u64::from(from_region.height);
+            let sample = (layer % u64::from(samples)) as u32;
+            let slice = (layer / u64::from(samples)) as u32;
+            let (from_y, from_slice) = (from_region.y + y, from_region.slice + slice);
+            let source = from.texel(from_region.x, from_y, from_slice, sample);
+            let (to_y, to_slice) = (to_region.y + y, to_region.slice + slice);
+            let destination = to.texel(to_region.x, to_y, to_slice, sample);
+            // SAFETY: both rows lie inside their images, which are bound to memory that the application keeps for the time of execution. They
+            // may overlap in a mistaken copy.
+            unsafe { std::ptr::copy(source, destination, row_bytes) };
         }
-    }
+    });
 }
 
 /// How a region lies in a buffer (spec, "Buffer and Image Addressing").
@@ -105,28 +109,51 @@ pub fn buffer_size_bytes(image: &Image, copy: &vk::BufferImageCopy) -> Option<u6
 }
 
 /// `vkCmdCopyBufferToImage`, one region. `source` is the address of the buffer's first byte.
-pub fn copy_buffer_to_image(source: u64, destination: &Image, copy: &vk::BufferImageCopy) {
-    for_each_row(source, destination, copy, |buffer, image, row_bytes| {
-        // SAFETY: the image's row lies inside it; the buffer's was checked when the command was recorded; the application keeps the memory of both
-        // for the time of execution.
-        unsafe { std::ptr::copy(buffer, image, row_bytes) };
-    });
+pub fn copy_buffer_to_image(
+    workers: &ThreadPool,
+    source: u64,
+    destination: &Image,
+    copy: &vk::BufferImageCopy,
+) {
+    for_each_row(
+        workers,
+        source,
+        destination,
+        copy,
+        |buffer, image, row_bytes| {
+            // SAFETY: the image's row lies inside it; the buffer's was checked when the command was recorded; the application keeps the memory of both
+            // for the time of execution.
+            unsafe { std::ptr::copy(buffer, image, row_bytes) };
+        },
+    );
 }
 
 /// `vkCmdCopyImageToBuffer`, one region. `destination` is the address of the buffer's first byte.
-pub fn copy_image_to_buffer(source: &Image, destination: u64, copy: &vk::BufferImageCopy) {
-    for_each_row(destination, source, copy, |buffer, image, row_bytes| {
-        // SAFETY: as in `copy_buffer_to_image`.
-        unsafe { std::ptr::copy(image, buffer, row_bytes) };
-    });
+pub fn copy_image_to_buffer(
+    workers: &ThreadPool,
+    source: &Image,
+    destination: u64,
+    copy: &vk::BufferImageCopy,
+) {
+    for_each_row(
+        workers,
+        destination,
+        source,
+        copy,
+        |buffer, image, row_bytes| {
+            // SAFETY: as in `copy_buffer_to_image`.
+            unsafe { std::ptr::copy(image, buffer, row_bytes) };
+        },
+    );
 }
 
 /// Calls `transfer(buffer row, image row, bytes)` for the rows of a region.
 fn for_each_row(
+    workers: &ThreadPool,
     buffer: u64,
     image: &Image,
     copy: &vk::BufferImageCopy,
-    transfer: impl Fn(*mut u8, *mut u8, usize),
+    transfer: impl Fn(*mut u8, *mut u8, usize) + Sync,
 ) {
     let layers = &copy.image_subresource;
     let slices = slice_count(image, layers, copy.image_extent.depth);
@@ -139,14 +166,18 @@ fn for_each_row(
     };
     let layout = BufferLayout::new(copy, surface.texel_size_bytes as u64);
     let row_bytes = region.width as usize * surface.texel_size_bytes;
-    for slice in 0..region.slices {
-        for y in 0..region.height {
+    let rows = u64::from(region.slices) * u64::from(region.height);
+    for_rows(workers, rows, row_bytes as u64, |rows| {
+        for row in rows {
+            let slice = row / u64::from(region.height);
+            let y = row % u64::from(region.height);
             let address = buffer
                 .wrapping_add(copy.buffer_offset)
-                .wrapping_add(u64::from(slice).wrapping_mul(layout.slice_stride_bytes))
-                .wrapping_add(u64::from(y).wrapping_mul(layout.row_stride_bytes));
-            let row = surface.texel(region.x, region.y + y, region.slice + slice, 0);
-            transfer(address as *mut u8, row, row_bytes);
+                .wrapping_add(slice.wrapping_mul(layout.slice_stride_bytes))
+                .wrapping_add(y.wrapping_mul(layout.row_stride_bytes));
+            let (slice, y) = (region.slice + slice as u32, region.y + y as u32);
+            let texels = surface.texel(region.x, y, slice, 0);
+            transfer(address as *mut u8, texels, row_bytes);
         }
-    }
+    });
 }

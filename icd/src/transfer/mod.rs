@@ -5,6 +5,7 @@ pub mod buffer;
 pub mod clear;
 pub mod copy;
 pub mod resolve;
+mod rows;
 mod surface;
 #[cfg(test)]
 mod tests;

@@ -25,6 +25,10 @@ pub struct Surface {
     sample_stride_bytes: u64,
 }
 
+// SAFETY: a surface is a place in memory that the application keeps for the time of execution; who writes there sees to it that no two threads
+// write one texel.
+unsafe impl Sync for Surface {}
+
 /// A box of texels of a surface, inside of it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Region {

@@ -33,6 +33,15 @@ struct Kind {
     samples: vk::SampleCountFlags,
 }
 
+/// Two threads, so that rows are dealt out.
+fn workers() -> &'static rayon::ThreadPool {
+    static WORKERS: std::sync::OnceLock<rayon::ThreadPool> = std::sync::OnceLock::new();
+    WORKERS.get_or_init(|| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(2);
+        pool.build().expect("threads can be started")
+    })
+}
+
 fn kind(format: vk::Format, width: u32, height: u32) -> Kind {
     Kind {
         ty: vk::ImageType::TYPE_2D,
@@ -118,6 +127,7 @@ fn put(
         .unwrap();
     format.encode(words, &mut bytes);
     copy::copy_buffer_to_image(
+        workers(),
         bytes.as_ptr() as u64,
         image,
         &texel_copy(aspect, level, layer, at),
@@ -134,6 +144,7 @@ fn get(
 ) -> [u32; 4] {
     let mut bytes = [0; MAX_TEXEL_BYTES];
     copy::copy_image_to_buffer(
+        workers(),
         image,
         bytes.as_mut_ptr() as u64,
         &texel_copy(aspect, level, layer, at),
@@ -173,7 +184,7 @@ fn buffers_are_addressed_by_row_length_and_image_height() {
         copy::buffer_size_bytes(&to, &region),
         Some(4 * (35 + 7 + 3))
     );
-    copy::copy_buffer_to_image(buffer.as_ptr() as u64, &to, &region);
+    copy::copy_buffer_to_image(workers(), buffer.as_ptr() as u64, &to, &region);
     for layer in 0..2 {
         for (x, y) in (0..3).flat_map(|x| (0..2).map(move |y| (x, y))) {
             let word = get(&to, COLOR, 1, 1 + layer, [1 + x, 1 + y, 0])[0];
@@ -186,7 +197,7 @@ fn buffers_are_addressed_by_row_length_and_image_height() {
     assert_eq!(get(&to, COLOR, 0, 1, [1, 1, 0])[0], 0xcdcd_cdcd);
 
     let mut back = vec![0u32; 1000];
-    copy::copy_image_to_buffer(&to, back.as_mut_ptr() as u64, &region);
+    copy::copy_image_to_buffer(workers(), &to, back.as_mut_ptr() as u64, &region);
     for (index, word) in back.iter().enumerate() {
         let from = index.wrapping_sub(10);
         let (x, y, layer) = (from % 7, from / 7 % 5, from / 35);
@@ -221,7 +232,7 @@ fn copies_pair_slices_with_layers() {
         dst_offset: offset([0, 2, 0]),
         extent: extent([3, 2, 3]),
     };
-    copy::copy_image(&from, &to, &region);
+    copy::copy_image(workers(), &from, &to, &region);
     for z in 0..3 {
         for (x, y) in (0..3).flat_map(|x| (0..2).map(move |y| (x, y))) {
             let word = get(&to, COLOR, 0, 2 + z as u32, [x, 2 + y, 0])[0];
@@ -237,7 +248,7 @@ fn copies_pair_slices_with_layers() {
         dst_offset: offset([0, 0, 0]),
         extent: region.extent,
     };
-    copy::copy_image(&to, &from, &back);
+    copy::copy_image(workers(), &to, &from, &back);
     assert_eq!(get(&from, COLOR, 0, 0, [2, 1, 2])[0], mark(3, 1, 3)[0]);
 }
 
@@ -254,7 +265,7 @@ fn regions_outside_are_not_transferred() {
         extent: extent([5, 4, 1]),
         ..Default::default()
     };
-    copy::copy_image(&from, &to, &region);
+    copy::copy_image(workers(), &from, &to, &region);
     assert_eq!(get(&to, COLOR, 0, 0, [1, 1, 0])[0], 0xcdcd_cdcd);
 }
 
@@ -280,7 +291,7 @@ fn depth_and_stencil_are_copied_apart() {
         extent: extent([4, 4, 1]),
         ..Default::default()
     };
-    copy::copy_image(&from, &to, &region);
+    copy::copy_image(workers(), &from, &to, &region);
     assert_eq!(get(&to, Aspect::DEPTH, 0, 0, [2, 2, 0])[0], 1f32.to_bits());
     assert_eq!(get(&to, Aspect::STENCIL, 0, 0, [2, 2, 0])[0], 9);
     let depth = f32::from_bits(get(&from, Aspect::DEPTH, 0, 0, [2, 2, 0])[0]);
@@ -417,7 +428,7 @@ fn blits_scale_and_mirror() {
                 dst_subresource: layers(COLOR, 0, 0, 1),
                 dst_offsets: [offset([dx[0], dy[0], 0]), offset([dx[1], dy[1], 1])],
             };
-            blit::blit_image(&from, &to, &region, filter);
+            blit::blit_image(workers(), &from, &to, &region, filter);
             for (x, y) in (0..40).flat_map(|x| (0..31).map(move |y| (x, y))) {
                 let inside =
                     |d: i32, side: [i32; 2]| d >= side[0].min(side[1]) && d < side[0].max(side[1]);
@@ -473,7 +484,7 @@ fn blits_convert_formats_and_pair_layers() {
         dst_subresource: layers(COLOR, 0, 0, 2),
         dst_offsets: corners,
     };
-    blit::blit_image(&from, &to, &region, vk::Filter::NEAREST);
+    blit::blit_image(workers(), &from, &to, &region, vk::Filter::NEAREST);
     let got = get(&to, COLOR, 0, 1, [1, 1, 0]).map(f32::from_bits);
     for (got, expected) in got.iter().zip(color) {
         // Half a code of sRGB at its steepest, plus one of 8-bit unorm.
@@ -497,7 +508,7 @@ fn blits_convert_formats_and_pair_layers() {
         dst_subresource: layers(COLOR, 0, 0, 1),
         dst_offsets: corners,
     };
-    blit::blit_image(&from, &to, &region, vk::Filter::NEAREST);
+    blit::blit_image(workers(), &from, &to, &region, vk::Filter::NEAREST);
     assert_eq!(get(&to, COLOR, 0, 0, [0, 0, 0])[0], -5i32 as u32);
     assert_eq!(get(&to, COLOR, 0, 0, [1, 0, 0])[0], 127);
 }
@@ -518,7 +529,7 @@ fn volumes_are_scaled_in_depth() {
         dst_subresource: layers(COLOR, 0, 0, 1),
         dst_offsets: [offset([0, 0, 4]), offset([1, 1, 0])],
     };
-    blit::blit_image(&from, &to, &region, vk::Filter::LINEAR);
+    blit::blit_image(workers(), &from, &to, &region, vk::Filter::LINEAR);
     let got = [0, 1, 2, 3].map(|z| get_float(&to, [0, 0, z])[0]);
     assert_eq!(got, [1.0, 0.75, 0.25, 0.0]);
 }

@@ -1,0 +1,58 @@
+//! Rows of transfers, dealt out to the device's workers where there is enough to do.
+
+use std::ops::Range;
+
+use rayon::ThreadPool;
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
+
+/// Work of fewer bytes than this is done by the queue's own thread.
+const LEAST_BYTES: u64 = 1 << 17;
+/// Pieces for each worker, so that none waits long for another.
+const PIECES_PER_WORKER: u64 = 4;
+
+/// Does `work` for rows `0..count` of so many bytes each, in any order and by any thread; all of it is done on return.
+pub fn for_rows(
+    workers: &ThreadPool,
+    count: u64,
+    row_bytes: u64,
+    work: impl Fn(Range<u64>) + Sync,
+) {
+    let threads = workers.current_num_threads() as u64;
+    if threads < 2 || count < 2 || count.saturating_mul(row_bytes) < LEAST_BYTES {
+        return work(0..count);
+    }
+    let pieces = (threads * PIECES_PER_WORKER).min(count);
+    workers.install(|| {
+        (0..pieces).into_par_iter().for_each(|piece| {
+            let bound = |piece: u64| count / pieces * piece + (count % pieces).min(piece);
+            work(bound(piece)..bound(piece + 1));
+        });
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    #[test]
+    fn every_row_is_done_once() {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(3);
+        let pool = pool.build().expect("threads can be started");
+        for (count, row_bytes) in [
+            (0, 1 << 20),
+            (1, 1 << 20),
+            (5, 1 << 20),
+            (1001, 1000),
+            (7, 1),
+        ] {
+            let done: Vec<AtomicU32> = (0..count).map(|_| AtomicU32::new(0)).collect();
+            for_rows(&pool, count, row_bytes, |rows| {
+                for row in rows {
+                    done[row as usize].fetch_add(1, Ordering::Relaxed);
+                }
+            });
+            assert!(done.iter().all(|it| it.load(Ordering::Relaxed) == 1));
+        }
+    }
+}
