@@ -1,5 +1,6 @@
-//! The commands a person types: `cargo xtask demo | test | fuzz | bench | chart | precision | profile | audit | vuids | env | run | install`.
+//! The commands a person types: `cargo xtask demo | test | fuzz | bench | apps | chart | precision | profile | audit | vuids | env | run | install`.
 
+mod apps;
 mod audit;
 mod bench;
 mod chart;
@@ -45,6 +46,8 @@ enum Command {
     Install(install::Options),
     /// Measure: `bench traversal` compares walks and builds with Embree's
     Bench(bench::Options),
+    /// Hold applications that you have built against another driver: their speed and their pictures
+    Apps(apps::Options),
     /// Measure how exact the float functions are, and write docs/precision.md
     Precision(precision::Options),
     /// Draw accuracy against cost, where methods fail, and what specialisations bring
@@ -68,6 +71,7 @@ fn main() -> ExitCode {
         Command::Run(options) => run::run(&options),
         Command::Install(options) => install::install(&options),
         Command::Bench(options) => bench::bench(&options),
+        Command::Apps(options) => apps::apps(&options),
         Command::Precision(options) => precision::precision(&options),
         Command::Chart(options) => chart::chart(&options),
         Command::Profile(options) => profile::profile(&options),

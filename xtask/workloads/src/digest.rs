@@ -29,7 +29,7 @@ pub fn digest(options: &Options) -> Result<()> {
 }
 
 fn of(gpu: &Gpu, prepared: &Prepared) -> Result<u64> {
-    gpu.submit(prepared.turn).context("a turn")?;
+    prepared.run(gpu).context("a turn")?;
     if let Some(look) = prepared.look {
         gpu.submit(look).context("drawing what was built")?;
     }

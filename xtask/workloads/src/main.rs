@@ -9,6 +9,7 @@ mod chart;
 mod compare;
 mod digest;
 mod measure;
+mod mips;
 mod probe;
 mod profile;
 mod programs;

@@ -74,10 +74,10 @@ fn turns(workload: &Workload, options: &Options) -> Result<Option<Sample>> {
         driver: gpu.name(),
         ..Sample::default()
     };
-    gpu.submit(prepared.turn).context("the warm-up")?;
+    prepared.run(&gpu).context("the warm-up")?;
     for _ in 0..options.turns {
         let (start, processor) = (Instant::now(), processor_seconds());
-        gpu.submit(prepared.turn).context("a turn")?;
+        prepared.run(&gpu).context("a turn")?;
         sample.seconds.push(start.elapsed().as_secs_f64());
         sample
             .processor_seconds

@@ -1,7 +1,8 @@
 //! Workloads that look like programs: frames into images, as applications make them.
 
-use tuff_tests::{Bound, Gpu, Group, Kernel, Picture, Shape, Stage, vk};
+use tuff_tests::{Bound, Gpu, Group, Kernel, Picture, Rays, Record, Set, Shape, Stage, Table, vk};
 
+use crate::mips::{self, Texture};
 use crate::scene::Mesh;
 use crate::shader;
 use crate::workload::{Parts, Prepared, borrowed, compute, launch, pipeline};
@@ -18,21 +19,11 @@ pub fn triangle(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     };
     let bottom = gpu.bottom(&[geometry(&mesh, vk::GeometryFlagsKHR::OPAQUE)]);
     let world = World::of_mesh(gpu, scale, &mesh, bottom);
-    let parts = Parts {
-        shaders: vec![
-            (Stage::RayGeneration, shader::raygen(shader::TRIANGLE)),
-            (
-                Stage::Miss,
-                shader::with_common(Stage::Miss, shader::TRIANGLE_MISS),
-            ),
-            (
-                Stage::ClosestHit,
-                shader::with_common(Stage::ClosestHit, shader::TRIANGLE_HIT),
-            ),
-        ],
-        groups: vec![Group::general(0), Group::general(1), Group::hit(2)],
-        recursion: 1,
-    };
+    let parts = drawing(
+        shader::TRIANGLE,
+        shader::TRIANGLE_MISS,
+        shader::with_common(Stage::ClosestHit, shader::TRIANGLE_HIT),
+    );
     let image = canvas(gpu, scale);
     let mut bindings = world.bindings();
     bindings.push((IMAGE, [Bound::StorageImage(image.view)]));
@@ -50,6 +41,308 @@ pub fn boxes(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     let words = shader::with_common(Stage::Compute, shader::BOXES);
     let turn = compute(gpu, scale, &words, &world);
     Some(Prepared::picture(turn, &world))
+}
+
+/// Closest hits that read their records and call one of three shaders.
+pub fn callable(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    const PATTERNS: u32 = 3;
+    let mut parts = drawing(
+        shader::CALLABLE,
+        shader::CALLABLE_MISS,
+        shader::with_common(Stage::ClosestHit, shader::CALLABLE_HIT),
+    );
+    for number in 0..PATTERNS {
+        let index = parts.shaders.len() as u32;
+        parts
+            .shaders
+            .push((Stage::Callable, shader::pattern(number)));
+        parts.groups.push(Group::general(index));
+    }
+    let world = World::landscape(gpu, &few(scale), PATTERNS);
+    let image = canvas(gpu, scale);
+    let mut bindings = world.bindings();
+    bindings.push((IMAGE, [Bound::StorageImage(image.view)]));
+    let rays = pipeline(gpu, &parts, &bindings);
+    let tint = |number: u32| {
+        let weight = |part: u32| 0.5 + 0.25 * ((number + part) % 3) as f32;
+        let tint = [0, 1, 2].map(|part| weight(part).to_bits());
+        [tint[0], tint[1], tint[2], 0, number]
+    };
+    let table = Table {
+        raygen: Record::of(0),
+        miss: vec![Record::with(1, &tint(1))],
+        hit: (0..PATTERNS).map(|n| Record::with(2, &tint(n))).collect(),
+        callable: (0..PATTERNS).map(|n| Record::of(3 + n)).collect(),
+    };
+    let regions = gpu.regions(&rays, &table);
+    let turn = gpu.record(|commands| {
+        gpu.record_trace(commands, &rays, &regions, [scale.width, scale.height, 1]);
+        gpu.barrier(commands);
+    });
+    Some(drawn(gpu, scale, turn, &world, &image))
+}
+
+/// Closest hits that sample a texture at levels of their own.
+pub fn textured(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    let parts = drawing(
+        shader::TEXTURED,
+        shader::MISS,
+        shader::with_common(Stage::ClosestHit, shader::TEXTURED_HIT),
+    );
+    let texture = Texture::filled(gpu, vk::Format::R8G8B8A8_SRGB, 1024, 1);
+    gpu.run(|commands| texture.record_mips(gpu, commands));
+    let world = World::landscape(gpu, &few(scale), 1);
+    let image = canvas(gpu, scale);
+    let mut bindings = world.bindings();
+    bindings.push((5, [texture.bound(gpu)]));
+    bindings.push((IMAGE, [Bound::StorageImage(image.view)]));
+    let rays = pipeline(gpu, &parts, &bindings);
+    let turn = launch(gpu, scale, &rays, 1);
+    Some(drawn(gpu, scale, turn, &world, &image))
+}
+
+/// Closest hits that pick one of many textures by their material.
+pub fn bindless(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    const TEXTURES: u32 = 64;
+    if gpu
+        .features12
+        .shader_sampled_image_array_non_uniform_indexing
+        == vk::FALSE
+    {
+        return None;
+    }
+    let parts = drawing(
+        shader::TEXTURED,
+        shader::MISS,
+        shader::bindless_hit(TEXTURES),
+    );
+    let textures: Vec<Bound> = (0..TEXTURES)
+        .map(|number| {
+            let texture = Texture::filled(gpu, vk::Format::R8G8B8A8_UNORM, 256, number);
+            gpu.run(|commands| texture.record_mips(gpu, commands));
+            texture.bound(gpu)
+        })
+        .collect();
+    let materials: Vec<[u32; 8]> = (0..97u32)
+        .map(|number| {
+            let part = |k: u32| (0.4 + 0.05 * ((number * 7 + k * 5) % 12) as f32).to_bits();
+            let scale = (0.1 + 0.02 * (number % 9) as f32).to_bits();
+            let gloss = (0.01 * (number % 20) as f32).to_bits();
+            [
+                part(0),
+                part(1),
+                part(2),
+                0,
+                number * 5 % TEXTURES,
+                scale,
+                gloss,
+                0,
+            ]
+        })
+        .collect();
+    let world = World::landscape(gpu, &few(scale), 1);
+    let image = canvas(gpu, scale);
+    let materials = [Bound::Storage(gpu.buffer_with(&materials))];
+    let target = [Bound::StorageImage(image.view)];
+    let bindings = world.bindings();
+    let mut all = borrowed(&bindings);
+    all.extend([(5, &textures[..]), (IMAGE, &target), (7, &materials)]);
+    let set = gpu.set(&all);
+    let rays = rays_of(gpu, &parts, set);
+    let turn = launch(gpu, scale, &rays, 1);
+    Some(drawn(gpu, scale, turn, &world, &image))
+}
+
+/// A frame as hybrid renderers make it: what was drawn is copied in, rays add light to it, a compute shader maps it to colours, and those are
+/// copied out.
+pub fn hybrid(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    let parts = drawing(
+        shader::HYBRID,
+        shader::MISS,
+        shader::with_common(Stage::ClosestHit, shader::HIT),
+    );
+    let world = World::landscape(gpu, scale, 1);
+    let shape = Shape::flat(vk::Format::R16G16B16A16_SFLOAT, scale.width, scale.height);
+    let light = gpu.picture(shape, vk::ImageUsageFlags::STORAGE);
+    let image = canvas(gpu, scale);
+    // 0.25 in halves.
+    let before = gpu.buffer_with(&vec![0x3400_u16; scale.pixels() as usize * 4]);
+    let after = gpu.buffer(scale.pixels() * 4);
+    let mut bindings = world.bindings();
+    bindings.push((IMAGE, [Bound::StorageImage(light.view)]));
+    let rays = pipeline(gpu, &parts, &bindings);
+    let regions = gpu.regions(&rays, &plain_table());
+    let set = gpu.set(&borrowed(&[
+        (0, [Bound::StorageImage(light.view)]),
+        (1, [Bound::StorageImage(image.view)]),
+    ]));
+    let tone = kernel(gpu, &shader::tone(), set);
+    let whole = whole(scale);
+    let general = vk::ImageLayout::GENERAL;
+    let turn = gpu.record(|commands| {
+        // SAFETY: buffers and images are as large as the copies.
+        unsafe {
+            gpu.device.cmd_copy_buffer_to_image(
+                commands,
+                before.handle,
+                light.handle,
+                general,
+                &[whole],
+            );
+        }
+        gpu.barrier(commands);
+        gpu.record_trace(commands, &rays, &regions, [scale.width, scale.height, 1]);
+        gpu.barrier(commands);
+        let groups = [scale.width.div_ceil(16), scale.height.div_ceil(4), 1];
+        gpu.record_dispatch::<u32>(commands, tone, &[set], &[], groups);
+        gpu.barrier(commands);
+        // SAFETY: as above.
+        unsafe {
+            gpu.device.cmd_copy_image_to_buffer(
+                commands,
+                image.handle,
+                general,
+                after.handle,
+                &[whole],
+            );
+        }
+        gpu.barrier(commands);
+    });
+    Some(drawn(gpu, scale, turn, &world, &image))
+}
+
+/// Glass and mirrors by ray queries; rays that wait lie in arrays of the invocation's own.
+pub fn stack(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    if gpu.optional.ray_query.ray_query == vk::FALSE {
+        return None;
+    }
+    let world = World::landscape(gpu, scale, 1);
+    let words = shader::with_common(Stage::Compute, shader::STACK);
+    let turn = compute(gpu, scale, &words, &world);
+    Some(Prepared::picture(turn, &world))
+}
+
+/// Small frames one after the other, each submitted by itself and copied to where it would be shown.
+pub fn frames(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    const COUNT: u32 = 100;
+    let small = Scale {
+        width: (scale.width / 4).max(1),
+        height: (scale.height / 4).max(1),
+        ..few(scale)
+    };
+    let parts = drawing(
+        shader::TEXTURED,
+        shader::MISS,
+        shader::with_common(Stage::ClosestHit, shader::HIT),
+    );
+    let world = World::landscape(gpu, &small, 1);
+    let image = canvas(gpu, &small);
+    let shown = canvas(gpu, &small);
+    let mut bindings = world.bindings();
+    bindings.push((IMAGE, [Bound::StorageImage(image.view)]));
+    let rays = pipeline(gpu, &parts, &bindings);
+    let regions = gpu.regions(&rays, &plain_table());
+    let layers = whole(&small).image_subresource;
+    let copy = vk::ImageCopy::default()
+        .src_subresource(layers)
+        .dst_subresource(layers)
+        .extent(whole(&small).image_extent);
+    let general = vk::ImageLayout::GENERAL;
+    let turn = gpu.record(|commands| {
+        gpu.record_trace(commands, &rays, &regions, [small.width, small.height, 1]);
+        gpu.barrier(commands);
+        // SAFETY: the images are of one size.
+        unsafe {
+            gpu.device.cmd_copy_image(
+                commands,
+                image.handle,
+                general,
+                shown.handle,
+                general,
+                &[copy],
+            );
+        }
+        gpu.barrier(commands);
+    });
+    Some(Prepared {
+        work: Some(f64::from(COUNT)),
+        submissions: COUNT,
+        ..drawn(gpu, &small, turn, &world, &shown)
+    })
+}
+
+/// Mip chains of textures, a blit a level.
+pub fn mip_chains(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    const COUNT: u32 = 4;
+    let textures: Vec<Texture> = (0..COUNT)
+        .map(|number| Texture::filled(gpu, vk::Format::R8G8B8A8_SRGB, 1024, number))
+        .collect();
+    let turn = gpu.record(|commands| {
+        for texture in &textures {
+            texture.record_mips(gpu, commands);
+        }
+    });
+    let world = World::landscape(gpu, &few(scale), 1);
+    let parts = crate::workload::plain(shader::TEXTURES);
+    let mut bindings = world.bindings();
+    bindings.push((5, [textures[0].bound(gpu)]));
+    let rays = pipeline(gpu, &parts, &bindings);
+    Some(Prepared {
+        work: Some(f64::from(COUNT * mips::texels_made(1024))),
+        look: Some(launch(gpu, scale, &rays, 1)),
+        ..Prepared::picture(turn, &world)
+    })
+}
+
+/// A scene as small as those of first programs.
+fn few(scale: &Scale) -> Scale {
+    Scale {
+        triangles: 2_000,
+        instances: 16,
+        ..*scale
+    }
+}
+
+/// Ray generation, miss and one closest hit.
+fn drawing(raygen: &str, miss: &str, hit: Vec<u32>) -> Parts {
+    Parts {
+        shaders: vec![
+            (Stage::RayGeneration, shader::raygen(raygen)),
+            (Stage::Miss, shader::with_common(Stage::Miss, miss)),
+            (Stage::ClosestHit, hit),
+        ],
+        groups: vec![Group::general(0), Group::general(1), Group::hit(2)],
+        recursion: 1,
+    }
+}
+
+fn plain_table() -> Table {
+    Table::of(0, &[1], &[2])
+}
+
+fn rays_of(gpu: &Gpu, parts: &Parts, set: Set) -> Rays {
+    let flags = vk::PipelineCreateFlags::empty();
+    gpu.rays_of_words(&parts.shaders, &parts.groups, parts.recursion, set, flags)
+}
+
+fn kernel(gpu: &Gpu, words: &[u32], set: Set) -> Kernel {
+    let layout = gpu.layout(&[set.layout]);
+    let made = gpu.try_kernel(words, c"main", layout, &vk::SpecializationInfo::default());
+    Kernel {
+        pipeline: made.expect("vkCreateComputePipelines"),
+        layout,
+    }
+}
+
+/// All of a picture, as a copy between it and a buffer.
+fn whole(scale: &Scale) -> vk::BufferImageCopy {
+    vk::BufferImageCopy::default()
+        .image_subresource(mips::layers(0))
+        .image_extent(vk::Extent3D {
+            width: scale.width,
+            height: scale.height,
+            depth: 1,
+        })
 }
 
 /// An image to draw a frame into.
@@ -79,13 +372,7 @@ fn show(gpu: &Gpu, scale: &Scale, world: &World, image: &Picture) -> vk::Command
         (0, [Bound::StorageImage(image.view)]),
         (1, [Bound::Storage(world.out)]),
     ]));
-    let layout = gpu.layout(&[set.layout]);
-    let words = shader::show();
-    let made = gpu.try_kernel(&words, c"main", layout, &vk::SpecializationInfo::default());
-    let kernel = Kernel {
-        pipeline: made.expect("vkCreateComputePipelines"),
-        layout,
-    };
+    let kernel = kernel(gpu, &shader::show(), set);
     let groups = [scale.width.div_ceil(8), scale.height.div_ceil(8), 1];
     gpu.record(|commands| {
         gpu.barrier(commands);

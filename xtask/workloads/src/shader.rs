@@ -29,6 +29,16 @@ pub const TRIANGLE: &str = include_str!("shaders/triangle.glsl");
 pub const TRIANGLE_HIT: &str = include_str!("shaders/triangle_hit.glsl");
 pub const TRIANGLE_MISS: &str = include_str!("shaders/triangle_miss.glsl");
 pub const BOXES: &str = include_str!("shaders/boxes.glsl");
+pub const CALLABLE: &str = include_str!("shaders/callable.glsl");
+pub const CALLABLE_HIT: &str = include_str!("shaders/callable_hit.glsl");
+pub const CALLABLE_MISS: &str = include_str!("shaders/callable_miss.glsl");
+pub const TEXTURED: &str = include_str!("shaders/textured.glsl");
+pub const TEXTURED_HIT: &str = include_str!("shaders/textured_hit.glsl");
+pub const HYBRID: &str = include_str!("shaders/hybrid.glsl");
+pub const STACK: &str = include_str!("shaders/stack.glsl");
+const PATTERN: &str = include_str!("shaders/pattern.glsl");
+const BINDLESS_HIT: &str = include_str!("shaders/bindless_hit.glsl");
+const TONE: &str = include_str!("shaders/tone.glsl");
 const SHOW: &str = include_str!("shaders/show.glsl");
 const MATERIAL: &str = include_str!("shaders/material_hit.glsl");
 const LAYER: &str = include_str!("shaders/large.glsl");
@@ -108,4 +118,21 @@ pub fn query() -> Vec<u32> {
 /// The compute shader that reads an image into the picture.
 pub fn show() -> Vec<u32> {
     glsl(Stage::Compute, SHOW)
+}
+
+/// The compute shader that maps light to colours.
+pub fn tone() -> Vec<u32> {
+    glsl(Stage::Compute, TONE)
+}
+
+/// The callable shader of one of three patterns.
+pub fn pattern(number: u32) -> Vec<u32> {
+    let source = format!("const int KIND = {number};\n{COMMON}{PATTERN}");
+    glsl(Stage::Callable, &source)
+}
+
+/// The closest-hit shader that picks one of so many textures.
+pub fn bindless_hit(textures: u32) -> Vec<u32> {
+    let source = format!("const int TEXTURES = {textures};\n{COMMON}{BINDLESS_HIT}");
+    glsl(Stage::ClosestHit, &source)
 }

@@ -38,6 +38,8 @@ pub struct Prepared {
     pub picture: Buffer,
     /// Draws the picture where the turn does not.
     pub look: Option<vk::CommandBuffer>,
+    /// How often the commands are submitted in a turn, each time waited for.
+    pub submissions: u32,
 }
 
 pub const ALL: &[Workload] = &[
@@ -139,6 +141,50 @@ pub const ALL: &[Workload] = &[
         Bounds::Programs,
         programs::boxes,
     ),
+    row(
+        "callable",
+        "callables and record data, stored to an rgba8 image",
+        Bounds::Programs,
+        programs::callable,
+    ),
+    row(
+        "textured",
+        "closest hits that sample a texture's mip chain",
+        Bounds::Programs,
+        programs::textured,
+    ),
+    row(
+        "bindless",
+        "closest hits that pick one of 64 textures",
+        Bounds::Programs,
+        programs::bindless,
+    ),
+    row(
+        "hybrid",
+        "a frame: copied in, traced, tone mapped, copied out",
+        Bounds::Programs,
+        programs::hybrid,
+    ),
+    row(
+        "stack",
+        "glass by ray queries, rays on a stack of local arrays",
+        Bounds::Programs,
+        programs::stack,
+    ),
+    Workload {
+        name: "frames",
+        about: "100 small frames, each submitted and copied to be shown",
+        unit: "frames/s",
+        bounds: Bounds::Programs,
+        prepare: programs::frames,
+    },
+    Workload {
+        name: "mips",
+        about: "mip chains of four textures of 1,024² texels, by blits",
+        unit: "Mtexel/s",
+        bounds: Bounds::Programs,
+        prepare: programs::mip_chains,
+    },
     Workload {
         name: "build",
         about: "building the ground's structure",
@@ -184,7 +230,7 @@ pub struct Parts {
 }
 
 /// Ray generation, miss and one closest hit.
-fn plain(raygen: &str) -> Parts {
+pub fn plain(raygen: &str) -> Parts {
     Parts {
         shaders: vec![
             (Stage::RayGeneration, shader::raygen(raygen)),
@@ -414,7 +460,13 @@ impl Prepared {
             work: None,
             picture: world.out,
             look: None,
+            submissions: 1,
         }
+    }
+
+    /// Runs a turn to its end.
+    pub fn run(&self, gpu: &Gpu) -> Result<(), vk::Result> {
+        (0..self.submissions).try_for_each(|_| gpu.submit(self.turn))
     }
 }
 

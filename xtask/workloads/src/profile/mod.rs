@@ -40,7 +40,7 @@ pub fn profile(options: &Options) -> Result<()> {
     let gpu = Gpu::without_validation();
     let prepared = (workload.prepare)(&gpu, &options.scale);
     let prepared = prepared.context("the driver lacks what the workload needs")?;
-    gpu.submit(prepared.turn).context("the warm-up")?;
+    prepared.run(&gpu).context("the warm-up")?;
     // What unwinds must not be interrupted by what unwinds.
     let guard = ProfilerGuardBuilder::default()
         .frequency(options.frequency)
@@ -49,7 +49,7 @@ pub fn profile(options: &Options) -> Result<()> {
         .context("starting the samples")?;
     let (start, mut turns) = (Instant::now(), 0u32);
     while start.elapsed() < Duration::from_secs_f64(options.seconds) {
-        gpu.submit(prepared.turn).context("a turn")?;
+        prepared.run(&gpu).context("a turn")?;
         turns += 1;
     }
     let report = guard.report().build().context("reading the samples")?;
