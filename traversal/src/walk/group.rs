@@ -44,17 +44,16 @@ pub(crate) unsafe fn intersect<S: Sight>(
         let most = _mm256_max_ps(u, _mm256_max_ps(v, w));
         let margin = groups[0].margin.max(groups[1].margin);
         let error = error(margin, absolute(a.apart[2]));
-        let minus_error = _mm256_xor_ps(error, _mm256_set1_ps(-0.0));
-        let outside = _mm256_and_ps(
-            _mm256_cmp_ps::<_CMP_LT_OQ>(least, minus_error),
-            _mm256_cmp_ps::<_CMP_GT_OQ>(most, error),
-        );
+        let sign = _mm256_set1_ps(-0.0);
+        // Two of opposite signs.
+        let apart = _mm256_min_ps(most, _mm256_xor_ps(least, sign));
+        let outside = _mm256_cmp_ps::<_CMP_GT_OQ>(apart, error);
         let inside = !(_mm256_movemask_ps(outside) as u32) & lanes;
         if inside == 0 {
             return 0;
         }
         let front = _mm256_cmp_ps::<_CMP_GT_OQ>(least, error);
-        let back = _mm256_cmp_ps::<_CMP_LT_OQ>(most, minus_error);
+        let back = _mm256_cmp_ps::<_CMP_LT_OQ>(most, _mm256_xor_ps(error, sign));
         let whole = _mm256_add_ps(_mm256_add_ps(u, v), w);
         let size = absolute(whole);
         let ordinary = _mm256_and_ps(
@@ -105,22 +104,24 @@ pub(crate) unsafe fn intersect<S: Sight>(
             ),
             _mm256_mul_ps(w_weight, absolute(cz)),
         );
-        let width = _mm256_max_ps(extent(a.x, b.x, c.x), extent(a.y, b.y, c.y));
-        let products = _mm256_add_ps(
-            _mm256_add_ps(products(c, b), products(a, c)),
-            products(b, a),
-        );
-        let shear = (ray.shear(0).abs() + ray.shear(1).abs()) * rounding::SHEAR;
-        let moved = _mm256_mul_ps(
-            width,
+        let (width, height) = (extent(a.x, b.x, c.x), extent(a.y, b.y, c.y));
+        let [shear_x, shear_y] = [0, 1].map(|axis| ray.shear(axis).abs() * rounding::SHEAR);
+        let sheared = _mm256_mul_ps(
+            z_mean,
             _mm256_add_ps(
-                _mm256_mul_ps(width, _mm256_set1_ps(rounding::WIDTH)),
-                _mm256_mul_ps(z_mean, _mm256_set1_ps(shear)),
+                _mm256_mul_ps(height, _mm256_set1_ps(shear_x)),
+                _mm256_mul_ps(width, _mm256_set1_ps(shear_y)),
             ),
         );
-        let products = _mm256_mul_ps(products, _mm256_set1_ps(rounding::PRODUCTS));
+        let moved = _mm256_add_ps(
+            _mm256_mul_ps(
+                _mm256_mul_ps(width, height),
+                _mm256_set1_ps(rounding::WIDTH),
+            ),
+            sheared,
+        );
         let weight_error = _mm256_add_ps(
-            _mm256_mul_ps(size, _mm256_add_ps(moved, products)),
+            _mm256_mul_ps(size, moved),
             _mm256_set1_ps(rounding::WEIGHTS),
         );
         let z_error = _mm256_add_ps(
@@ -312,18 +313,6 @@ unsafe fn flat<S: Sight>(ray: S, vertices: [*const u8; 2], offset: usize) -> Fla
 unsafe fn edge(p: Flat, q: Flat) -> __m256 {
     // SAFETY: the callers'.
     unsafe { _mm256_sub_ps(_mm256_mul_ps(p.x, q.y), _mm256_mul_ps(p.y, q.x)) }
-}
-
-/// The sizes of an edge function's products.
-#[inline(always)]
-unsafe fn products(p: Flat, q: Flat) -> __m256 {
-    // SAFETY: the callers'.
-    unsafe {
-        _mm256_add_ps(
-            absolute(_mm256_mul_ps(p.x, q.y)),
-            absolute(_mm256_mul_ps(p.y, q.x)),
-        )
-    }
 }
 
 /// Where the ray is inside the triangles' own boxes; see [`Space::slab`](super::space::Space::slab). As rounding is

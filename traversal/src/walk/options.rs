@@ -17,7 +17,7 @@ impl Accuracy {
     /// [`rounding`](super::triangle::rounding).
     pub(crate) const fn tolerance(self) -> f32 {
         match self {
-            Accuracy::Spec => 64.0 / (1 << 24) as f32,
+            Accuracy::Spec => 128.0 / (1 << 24) as f32,
             Accuracy::Exact => 0.0,
         }
     }

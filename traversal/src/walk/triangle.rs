@@ -40,27 +40,26 @@ pub(crate) const ORDINARY: [f32; 2] = [1.0e-30, 1.0e30];
 /// 2⁻²⁴.
 const UNIT: f32 = f32::EPSILON / 2.0;
 
-/// How far off weights and distances in f32 may be, where the sheared triangle contains the ray and edge functions have one sign. With
-/// F, the longest side of the box around it across the ray, A, the sum of its edge functions, P, the sum of the sizes of their
-/// products, D, the distance along the ray from the nearest to the farthest vertex, M, the mean of the vertices' |z| by their weights, and
-/// u = 2⁻²⁴:
+/// How far off weights and distances in f32 may be, where the sheared triangle contains the ray and edge functions have one sign. With F
+/// and G, the sides of the box around it across the ray, A, the sum of its edge functions, D, the distance along the ray from the
+/// nearest to the farthest vertex, M, the mean of the vertices' |z| by their weights, and u = 2⁻²⁴:
 ///
 /// * Rounding moves each vertex on either axis by u (2 |X| + 4 |s z|), as [`Margin`](crate::layout::Margin) says. That moves
-///   the plane under the ray by the mean of those moves: u (F + 4 |s| M), as the mean of |X| is at most F / 2. A weight changes by at most
-///   F / A for each unit on either axis, and z by D F / A.
-/// * Products and differences of edge functions round by u P in all, and by u of themselves. A weight changes by no more than
-///   u P / A, and z by D u P / A.
+///   the plane under the ray by the mean of those moves: u (F + 4 |s_x| M) and u (G + 4 |s_y| M), as the mean of |X| is at most F / 2. For
+///   each unit a weight changes by at most G / A and F / A, and z by D times that.
+/// * Products and differences of edge functions round by u P in all, and by u of themselves, where P is the sum of the products' sizes: at
+///   most the product of the sums of |X| and of |Y|, which are at most 2 F and 2 G. A weight changes by no more than u P / A, and
+///   z by D u P / A.
 /// * Sum, reciprocal and product round weights by 4 u, and z − z₀, its product and sum by 3 u D.
 /// * z itself is rounded by u M at first and by u |z| in the end.
 ///
-/// So a weight is off by `F (2 F + 4 (|s_x| + |s_y|) M) u / A + P u / A + 8 u`, and the distance by D times that and 2 u M. Factors
+/// So a weight is off by `(6 F G + 4 (|s_x| G + |s_y| F) M) u / A + 8 u`, and the distance by D times that and 2 u M. Factors
 /// are larger by 1/8 for what is left out here: the terms of higher order, as weights are off by less than 1/256.
 pub(crate) mod rounding {
     use super::UNIT;
 
-    pub const WIDTH: f32 = 2.25 * UNIT;
+    pub const WIDTH: f32 = 6.75 * UNIT;
     pub const SHEAR: f32 = 4.5 * UNIT;
-    pub const PRODUCTS: f32 = 1.125 * UNIT;
     pub const WEIGHTS: f32 = 9.0 * UNIT;
     pub const DISTANCE: f32 = 2.25 * UNIT;
 
@@ -97,12 +96,6 @@ impl Flat {
     #[inline(always)]
     pub fn edge(&self, p: usize, q: usize) -> f32 {
         self.x[p] * self.y[q] - self.y[p] * self.x[q]
-    }
-
-    /// The sizes of an edge function's products.
-    #[inline(always)]
-    fn products(&self, p: usize, q: usize) -> f32 {
-        (self.x[p] * self.y[q]).abs() + (self.y[p] * self.x[q]).abs()
     }
 }
 
@@ -153,12 +146,11 @@ fn place(space: &Space, flat: &Flat, [u, v, w]: [f32; 3]) -> Place {
     // From the first vertex, so that errors of weights count by the triangle's size.
     let z_hit = z[0] + (v * (z[1] - z[0]) + w * (z[2] - z[0]));
     let z_mean = u * z[0].abs() + v * z[1].abs() + w * z[2].abs();
-    let width = extent(x).max(extent(y));
-    let products = flat.products(2, 1) + flat.products(0, 2) + flat.products(1, 0);
-    let shear = (space.shear[0].abs() + space.shear[1].abs()) * rounding::SHEAR;
-    let moved = width * (width * rounding::WIDTH + z_mean * shear);
-    let weight_error =
-        inverse_whole.abs() * (moved + products * rounding::PRODUCTS) + rounding::WEIGHTS;
+    let [width, height] = [extent(x), extent(y)];
+    let shear = space.shear.map(|shear| shear.abs() * rounding::SHEAR);
+    let sheared = z_mean * (height * shear[0] + width * shear[1]);
+    let moved = width * height * rounding::WIDTH + sheared;
+    let weight_error = inverse_whole.abs() * moved + rounding::WEIGHTS;
     let z_error = extent(z) * weight_error + z_mean * rounding::DISTANCE;
     if z_error <= space.tolerance * z_hit.abs() && weight_error < rounding::MOST {
         return match space.scale == 1.0 {

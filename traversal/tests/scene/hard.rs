@@ -38,6 +38,20 @@ pub const CASES: &[Case] = &[
         make: slivers,
     },
     Case {
+        name: "reach",
+        title: "Reach: a box whose walls are hit near their seams, from inside",
+        across: "how far the walls reach, over the distance of the hit",
+        columns: &[1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8],
+        make: reach,
+    },
+    Case {
+        name: "needles",
+        title: "Needles: strips side by side",
+        across: "length of a strip over its width",
+        columns: &[1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6],
+        make: needles,
+    },
+    Case {
         name: "offset",
         title: "Far away: a closed mesh of radius 1",
         across: "distance from the origin of space",
@@ -205,6 +219,74 @@ fn ball(
             ))
         },
     )
+}
+
+/// Rays within 10⁻⁴ of the edges of a cube that begins at the origin, from about one away.
+fn reach(size: f64, random: &mut Random, count: usize) -> Hard {
+    let size = f64::from((size * 0.955) as f32);
+    let corner = |k: u32| narrow([0, 1, 2].map(|i| f64::from(k >> i & 1) * size));
+    let mut mesh = Mesh {
+        vertices: (0..8).map(corner).collect(),
+        indices: Vec::new(),
+        opaque: true,
+    };
+    for [a, b, c, d] in [
+        [0, 2, 3, 1],
+        [4, 5, 7, 6],
+        [0, 1, 5, 4],
+        [2, 6, 7, 3],
+        [0, 4, 6, 2],
+        [1, 3, 7, 5],
+    ] {
+        mesh.indices.extend([[a, b, c], [a, c, d]]);
+    }
+    let mut rays = Vec::with_capacity(count);
+    while rays.len() < count {
+        let axis = rays.len() % 3;
+        let along = random.next() * size;
+        let mut point = |beside: f64| -> [f64; 3] {
+            std::array::from_fn(|i| match i == axis {
+                true => along + random.signed() * beside.min(along).min(size - along),
+                false => random.next() * beside,
+            })
+        };
+        let (origin, target) = (narrow(point(0.9_f64.min(size))), point(1e-4));
+        let direction = narrow(sub(target, wide(origin)));
+        if direction == [0.0; 3] || origin.contains(&0.0) {
+            continue;
+        }
+        let ray = ray(origin, direction);
+        let truth = exact::nearest(&mesh, &ray).map(|(_, crossing)| crossing.t);
+        rays.push((ray, truth));
+    }
+    Hard { mesh, rays }
+}
+
+/// Strips along x that share their long edges, from above.
+fn needles(aspect: f64, random: &mut Random, count: usize) -> Hard {
+    let width = 2.0 / aspect;
+    let mut mesh = Mesh {
+        opaque: true,
+        ..Mesh::default()
+    };
+    for i in 0..=64 {
+        let y = f64::from(i) * width;
+        for x in [-1.0, 1.0] {
+            let aside = (0.3 * x + random.signed() * 0.2) * width;
+            let above = random.signed() * width;
+            mesh.vertices.push(narrow([x, y + aside, above]));
+        }
+    }
+    for first in (0..128).step_by(2) {
+        mesh.indices.push([first, first + 1, first + 3]);
+        mesh.indices.push([first, first + 3, first + 2]);
+    }
+    aimed(mesh, Aim::Everywhere, random, count, |target, _, random| {
+        let tilt = random.vector();
+        let far = 10f64.powf(-2.0 * random.next());
+        let from = [tilt[0], 0.3 * tilt[1], 1.0];
+        Some((std::array::from_fn(|i| target[i] + far * from[i]), 1.0))
+    })
 }
 
 fn slivers(aspect: f64, random: &mut Random, count: usize) -> Hard {

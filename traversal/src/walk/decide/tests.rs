@@ -384,6 +384,6 @@ fn bounds_hold() {
         weight_most * unit
     );
     assert!(decided > count() / 50 && hits > count() / 10);
-    assert!(t_most * unit <= 66.0 && weight_most <= f64::from(rounding::MOST));
+    assert!(t_most * unit <= 130.0 && weight_most <= f64::from(rounding::MOST));
     assert!(margin_most <= 0.9, "{margin_most}");
 }

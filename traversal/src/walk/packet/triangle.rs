@@ -225,25 +225,24 @@ pub(super) fn meet(
         ),
         _mm512_mul_ps(w, _mm512_abs_ps(c.2)),
     );
-    let width = _mm512_max_ps(extent(a.0, b.0, c.0), extent(a.1, b.1, c.1));
-    let products = _mm512_add_ps(
-        _mm512_add_ps(products(c, b), products(a, c)),
-        products(b, a),
-    );
-    let shear = _mm512_mul_ps(
-        _mm512_add_ps(_mm512_abs_ps(shear_x), _mm512_abs_ps(shear_y)),
-        _mm512_set1_ps(rounding::SHEAR),
-    );
-    let moved = _mm512_mul_ps(
-        width,
+    let (width, height) = (extent(a.0, b.0, c.0), extent(a.1, b.1, c.1));
+    let factor = |shear| _mm512_mul_ps(_mm512_abs_ps(shear), _mm512_set1_ps(rounding::SHEAR));
+    let sheared = _mm512_mul_ps(
+        z_mean,
         _mm512_add_ps(
-            _mm512_mul_ps(width, _mm512_set1_ps(rounding::WIDTH)),
-            _mm512_mul_ps(z_mean, shear),
+            _mm512_mul_ps(height, factor(shear_x)),
+            _mm512_mul_ps(width, factor(shear_y)),
         ),
     );
-    let products = _mm512_mul_ps(products, _mm512_set1_ps(rounding::PRODUCTS));
+    let moved = _mm512_add_ps(
+        _mm512_mul_ps(
+            _mm512_mul_ps(width, height),
+            _mm512_set1_ps(rounding::WIDTH),
+        ),
+        sheared,
+    );
     let weight_error = _mm512_add_ps(
-        _mm512_mul_ps(size, _mm512_add_ps(moved, products)),
+        _mm512_mul_ps(size, moved),
         _mm512_set1_ps(rounding::WEIGHTS),
     );
     let z_error = _mm512_add_ps(
@@ -281,14 +280,6 @@ pub(super) fn meet(
         weights,
         front,
     })
-}
-
-/// The sizes of an edge function's products.
-#[inline]
-#[target_feature(enable = "avx512f,avx512dq")]
-fn products(p: Flat, q: Flat) -> __m512 {
-    let (first, second) = (_mm512_mul_ps(p.0, q.1), _mm512_mul_ps(p.1, q.0));
-    _mm512_add_ps(_mm512_abs_ps(first), _mm512_abs_ps(second))
 }
 
 /// From the least to the greatest of three.

@@ -262,12 +262,6 @@ fn side_by_side(groups: [&TriangleGroup; 2]) -> Leaf {
     leaf
 }
 
-#[inline]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-fn minus(v: __m256) -> __m256 {
-    _mm256_xor_ps(_mm256_set1_ps(-0.0), v)
-}
-
 /// Whether a ray passes inside a triangle, or may do so: as [`group::intersect`] finds out.
 #[inline]
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
@@ -306,7 +300,8 @@ fn passes_inside(ray: &StreamRay, leaf: &Leaf, lanes: u32) -> bool {
         _mm256_add_ps(distance, _mm256_set1_ps(reach)),
         _mm256_add_ps(_mm256_set1_ps(slope), rise),
     );
-    let negative = _mm256_cmp_ps_mask::<_CMP_LT_OQ>(least, minus(error));
-    let outside = _mm256_mask_cmp_ps_mask::<_CMP_GT_OQ>(negative, most, error);
+    // Two of opposite signs.
+    let apart = _mm256_min_ps(most, _mm256_xor_ps(least, _mm256_set1_ps(-0.0)));
+    let outside = _mm256_cmp_ps_mask::<_CMP_GT_OQ>(apart, error);
     !outside & lanes as u8 != 0
 }
