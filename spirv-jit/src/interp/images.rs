@@ -228,23 +228,25 @@ impl<V: Vector> Kernel for Access<V> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         let plan = &m.program.code.images[i.x as usize];
-        // SAFETY: the tier is the token's; for the rest, as for `image`. No descriptor lies at address zero.
+        // SAFETY: the tier is the token's; for the rest, as for `image`; what descriptors point to outlives the dispatch.
         unsafe {
-            let mut known = 0;
-            let mut held = None;
+            let mut known = None;
+            let (mut held, mut viewed): (Option<ImageDescriptor>, *const ImageDescriptor) =
+                (None, std::ptr::null());
             for &offset in m.listed() {
                 let mask = m.active[offset as usize / 64];
                 let Some(address) = shared(m, plan.image, offset, mask) else {
                     block(m, plan, offset);
                     continue;
                 };
-                if address != known {
-                    known = address;
-                    held = (*(address as *const Descriptor)).held_image();
+                if known != Some(address) {
+                    known = Some(address);
+                    let descriptor = m.environment.descriptor(address);
+                    (held, viewed) = (descriptor.held_image(), descriptor.viewed_image());
                 }
                 let image = match &held {
                     Some(image) => Some(image),
-                    None => (*(address as *const Descriptor)).viewed_image().as_ref(),
+                    None => viewed.as_ref(),
                 };
                 let access =
                     usable(image).and_then(|(image, info)| Plain::new(&plan.op, image, info));

@@ -121,6 +121,7 @@ fn run_group(program: &Program, group: u32, environment: &Environment) {
                 Event::Yield(_) => waiting.push(index),
                 Event::OutOfFuel => panic!("the shader does not end"),
                 Event::OutOfMemory => panic!("the frame is small"),
+                Event::OutOfMemory => panic!("the frame is small"),
             }
         }
         running = waiting;
