@@ -65,6 +65,7 @@ impl Site {
                 handle: vk::AccelerationStructureKHR::null(),
                 address: 0,
                 size_bytes: 0,
+                storage: None,
             },
             flags,
         };
