@@ -216,9 +216,21 @@ impl TriangleGroup {
 
     /// Sets the margin, after all triangles.
     pub fn set_margin(&mut self) {
+        let larger = |a: f32, b: f32| if a > b { a } else { b };
+        let smaller = |a: f32, b: f32| if a < b { a } else { b };
+        // The longest sides of the boxes around all lanes' triangles, in vectors.
+        let mut sides = [0.0; GROUP];
+        for axis in 0..3 {
+            let [a, b, c] = [0, 1, 2].map(|vertex: usize| &self.vertices[vertex][axis]);
+            for (lane, side) in sides.iter_mut().enumerate() {
+                let most = larger(larger(a[lane], b[lane]), c[lane]);
+                let least = smaller(smaller(a[lane], b[lane]), c[lane]);
+                *side = larger(most - least, *side);
+            }
+        }
         let lanes = (0..GROUP).filter(|lane| self.lanes >> lane & 1 != 0);
-        let of = |lane| Margin::of(&self.triangle(lane));
-        self.margin = lanes.map(of).reduce(Margin::max).unwrap_or(Margin::NONE);
+        let longest = lanes.map(|lane| sides[lane]).reduce(larger);
+        self.margin = longest.map_or(Margin::NONE, Margin::of_extent);
     }
 }
 

@@ -278,7 +278,7 @@ fn walk(walker: &mut Walker, live: &Live, rows: &RayRows, company: &mut Company)
         }
         let asked = company.candidates().found;
         for lane in (0..PACKET).filter(|lane| asked >> lane & 1 != 0) {
-            company.accept(lane, &mut hits);
+            company.accept(1 << lane, &mut hits);
         }
         // SAFETY: as above.
         progress = unsafe { walker.go_on(rows, &mut hits, company) };
