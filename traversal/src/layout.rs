@@ -216,22 +216,63 @@ impl TriangleGroup {
 
     /// Sets the margin, after all triangles.
     pub fn set_margin(&mut self) {
-        let larger = |a: f32, b: f32| if a > b { a } else { b };
-        let smaller = |a: f32, b: f32| if a < b { a } else { b };
         // The longest sides of the boxes around all lanes' triangles, in vectors.
         let mut sides = [0.0; GROUP];
         for axis in 0..3 {
-            let [a, b, c] = [0, 1, 2].map(|vertex: usize| &self.vertices[vertex][axis]);
+            let [least, most] = self.extremes(axis, |coordinate| coordinate);
             for (lane, side) in sides.iter_mut().enumerate() {
-                let most = larger(larger(a[lane], b[lane]), c[lane]);
-                let least = smaller(smaller(a[lane], b[lane]), c[lane]);
-                *side = larger(most - least, *side);
+                *side = larger(most[lane] - least[lane], *side);
             }
         }
-        let lanes = (0..GROUP).filter(|lane| self.lanes >> lane & 1 != 0);
-        let longest = lanes.map(|lane| sides[lane]).reduce(larger);
+        let longest = self.filled().map(|lane| sides[lane]).reduce(larger);
         self.margin = longest.map_or(Margin::NONE, Margin::of_extent);
     }
+
+    /// The box around all triangles. What is not a number counts as 0, what is infinite as the largest number.
+    pub fn bounds(&self) -> Bounds {
+        let mut bounds = Bounds::EMPTY;
+        for axis in 0..3 {
+            let [least, most] = self.extremes(axis, |coordinate| {
+                let number = if coordinate.is_nan() { 0.0 } else { coordinate };
+                smaller(larger(number, f32::MIN), f32::MAX)
+            });
+            for lane in self.filled() {
+                bounds.min[axis] = smaller(least[lane], bounds.min[axis]);
+                bounds.max[axis] = larger(most[lane], bounds.max[axis]);
+            }
+        }
+        bounds
+    }
+
+    /// Lanes that hold a triangle.
+    fn filled(&self) -> impl Iterator<Item = usize> {
+        let lanes = self.lanes;
+        (0..GROUP).filter(move |lane| lanes >> lane & 1 != 0)
+    }
+
+    /// The least and the greatest coordinate of each lane's triangle along an axis.
+    #[inline(always)]
+    fn extremes(&self, axis: usize, clean: impl Fn(f32) -> f32) -> [[f32; GROUP]; 2] {
+        let mut extremes = [[0.0; GROUP]; 2];
+        for lane in 0..GROUP {
+            let [a, b, c] = [0, 1, 2].map(|vertex: usize| clean(self.vertices[vertex][axis][lane]));
+            extremes[0][lane] = smaller(smaller(a, b), c);
+            extremes[1][lane] = larger(larger(a, b), c);
+        }
+        extremes
+    }
+}
+
+/// The larger one of two numbers; the second where one is none.
+#[inline(always)]
+fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// The smaller one of two numbers; the second where one is none.
+#[inline(always)]
+fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
 }
 
 /// A box of a bottom level; its extent is the box of its child slot.

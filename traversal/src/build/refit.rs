@@ -158,11 +158,7 @@ unsafe fn leaf_bounds(target: &Target<'_>, index: u32, groups: u32) -> Bounds {
         Geometries::Triangles(_) => (index..index + groups)
             .map(|index| {
                 // SAFETY: the caller's promise.
-                let group = unsafe { &*target.leaf_at::<TriangleGroup>(index) };
-                (0..GROUP)
-                    .filter(|lane| group.lanes >> lane & 1 != 0)
-                    .map(|lane| primitive::sanitized_triangle_bounds(&group.triangle(lane)))
-                    .fold(Bounds::EMPTY, Bounds::union)
+                unsafe { &*target.leaf_at::<TriangleGroup>(index) }.bounds()
             })
             .fold(Bounds::EMPTY, Bounds::union),
         Geometries::Aabbs(list) => {
