@@ -24,7 +24,8 @@ use std::mem::size_of;
 
 pub(crate) use block::{BLOCK_UNIT, BLOCK_UNITS, BLOCK_VERTICES, Block};
 pub(crate) use bounds::Bounds;
-pub(crate) use margin::{MARGIN_RISE, Margin};
+pub(crate) use margin::{Extent, MARGIN_RISE, Margin};
+use margin::{larger, smaller};
 pub(crate) use node::NodeAt;
 
 /// First word of every blob.
@@ -214,20 +215,6 @@ impl TriangleGroup {
         }
     }
 
-    /// Sets the margin, after all triangles.
-    pub fn set_margin(&mut self) {
-        // The longest sides of the boxes around all lanes' triangles, in vectors.
-        let mut sides = [0.0; GROUP];
-        for axis in 0..3 {
-            let [least, most] = self.extremes(axis, |coordinate| coordinate);
-            for (lane, side) in sides.iter_mut().enumerate() {
-                *side = larger(most[lane] - least[lane], *side);
-            }
-        }
-        let longest = self.filled().map(|lane| sides[lane]).reduce(larger);
-        self.margin = longest.map_or(Margin::NONE, Margin::of_extent);
-    }
-
     /// The box around all triangles. What is not a number counts as 0, what is infinite as the largest number.
     pub fn bounds(&self) -> Bounds {
         let mut bounds = Bounds::EMPTY;
@@ -261,18 +248,6 @@ impl TriangleGroup {
         }
         extremes
     }
-}
-
-/// The larger one of two numbers; the second where one is none.
-#[inline(always)]
-fn larger(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
-}
-
-/// The smaller one of two numbers; the second where one is none.
-#[inline(always)]
-fn smaller(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
 }
 
 /// A box of a bottom level; its extent is the box of its child slot.

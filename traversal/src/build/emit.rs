@@ -8,8 +8,8 @@ use super::swept::SweptPrimitive;
 use super::tree::BinaryNode;
 use crate::input::{Geometries, GeometryFlags, TriangleGeometry};
 use crate::layout::{
-    BLOCK_UNIT, Block, BoxEntry, Form, GROUP, LEAF_TRIANGLES, Node, Parts, TriangleGroup, WIDTH,
-    child, geometry_word,
+    BLOCK_UNIT, Block, BoxEntry, Extent, Form, GROUP, LEAF_TRIANGLES, Node, Parts, TriangleGroup,
+    WIDTH, child, geometry_word,
 };
 use crate::structure::Kind;
 
@@ -218,6 +218,7 @@ impl Target<'_> {
             self.write_leaf(index, TriangleGroup::EMPTY);
             &mut *self.leaf_at::<TriangleGroup>(index)
         };
+        let mut extent = Extent::default();
         for (lane, primitive) in primitives.iter().enumerate() {
             group.primitives[lane] = primitive.index;
             let Geometries::Triangles(list) = self.geometries else {
@@ -228,10 +229,11 @@ impl Target<'_> {
             // SAFETY: the caller's promise.
             if let Some(triangle) = unsafe { geometry.triangle(primitive.index) } {
                 group.set_triangle(lane, &triangle);
+                extent.add(&triangle);
                 group.lanes |= 1 << lane;
             }
         }
-        group.set_margin();
+        group.margin = extent.margin();
     }
 
     /// Has vertices brought near that are about to be written.

@@ -12,8 +12,8 @@ use super::swept::SweptPrimitive;
 use super::{NODE_COST, block_cost, instance, primitive};
 use crate::input::{Geometries, InstanceSource, MotionGeometry, SweptGeometry, TriangleGeometry};
 use crate::layout::{
-    Bounds, GROUP, MAX_DEPTH, MotionEntry, Node, NodeAt, SweptEntry, TriangleGroup, WIDTH, child,
-    geometry_word,
+    Bounds, Extent, GROUP, MAX_DEPTH, MotionEntry, Node, NodeAt, SweptEntry, TriangleGroup, WIDTH,
+    child, geometry_word,
 };
 
 /// So many leaves or nodes are one task.
@@ -44,6 +44,8 @@ pub(crate) unsafe fn write_triangles(target: &Target<'_>, count: u32, list: &[Tr
 /// # Safety
 /// The geometries' memory is readable.
 unsafe fn write_group(group: &mut TriangleGroup, list: &[TriangleGeometry]) {
+    let mut extent = Extent::default();
+    group.lanes = 0;
     for lane in 0..GROUP {
         // Nothing is known of lanes without a triangle, and of leaves that no node leads to.
         let number = group.geometries[lane] & geometry_word::INDEX;
@@ -56,15 +58,13 @@ unsafe fn write_group(group: &mut TriangleGroup, list: &[TriangleGeometry]) {
         }
         group.geometries[lane] = triangle_word(number, geometry);
         // SAFETY: the caller's promise.
-        match unsafe { geometry.triangle(primitive) } {
-            Some(triangle) => {
-                group.set_triangle(lane, &triangle);
-                group.lanes |= 1 << lane;
-            }
-            None => group.lanes &= !(1 << lane),
+        if let Some(triangle) = unsafe { geometry.triangle(primitive) } {
+            group.set_triangle(lane, &triangle);
+            group.lanes |= 1 << lane;
+            extent.add(&triangle);
         }
     }
-    group.set_margin();
+    group.margin = extent.margin();
 }
 
 /// Reads every sphere and swept sphere again.

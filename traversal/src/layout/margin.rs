@@ -83,12 +83,41 @@ impl Margin {
     }
 }
 
+/// The longest side of the boxes around some triangles, for their margin.
+///
+/// Triangles are taken as they are read: what was written number by number a moment ago is slow to be read again in vectors.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Extent(Option<f32>);
+
+impl Extent {
+    #[inline(always)]
+    pub fn add(&mut self, triangle: &[[f32; 3]; 3]) {
+        self.0 = Some(larger(longest_side(triangle), self.0.unwrap_or(0.0)));
+    }
+
+    pub fn margin(self) -> Margin {
+        self.0.map_or(Margin::NONE, Margin::of_extent)
+    }
+}
+
+/// The larger one of two numbers; the second where one is none.
+#[inline(always)]
+pub(super) fn larger(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// The smaller one of two numbers; the second where one is none.
+#[inline(always)]
+pub(super) fn smaller(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
 /// The longest side of the box around a triangle.
 #[inline(always)]
 pub(crate) fn longest_side([a, b, c]: &[[f32; 3]; 3]) -> f32 {
     let side = |axis: usize| {
         let [a, b, c] = [a[axis], b[axis], c[axis]];
-        a.max(b).max(c) - a.min(b).min(c)
+        larger(larger(a, b), c) - smaller(smaller(a, b), c)
     };
-    side(0).max(side(1)).max(side(2))
+    larger(side(2), larger(side(1), larger(side(0), 0.0)))
 }
