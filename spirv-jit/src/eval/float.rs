@@ -54,8 +54,6 @@ pub trait Native: Fast + Copy + PartialOrd + std::fmt::Debug + 'static {
 pub trait Float: Copy + std::fmt::Debug + 'static {
     type Bits: Int;
     type Native: Native;
-    /// From here on the exponential function rounds to infinity.
-    const EXP_END: Self::Native;
     fn bits(self) -> Self::Bits;
     fn from_bits(bits: Self::Bits) -> Self;
     fn widen(self) -> Self::Native;
@@ -175,7 +173,6 @@ impl_native!(f64, u64, wide, 52, 1023);
 impl Float for f32 {
     type Bits = u32;
     type Native = f32;
-    const EXP_END: f32 = 88.722_84;
     #[inline(always)]
     fn bits(self) -> u32 {
         self.to_bits()
@@ -209,7 +206,6 @@ impl Float for f32 {
 impl Float for f64 {
     type Bits = u64;
     type Native = f64;
-    const EXP_END: f64 = f64::INFINITY;
     #[inline(always)]
     fn bits(self) -> u64 {
         self.to_bits()
@@ -243,7 +239,6 @@ impl Float for f64 {
 impl Float for f16 {
     type Bits = u16;
     type Native = f32;
-    const EXP_END: f32 = 11.09;
     #[inline(always)]
     fn bits(self) -> u16 {
         self.to_bits()
@@ -296,6 +291,8 @@ float_unary! {
     fasin asin
     facos acos
     fatan atan
+    fsinh sinh
+    fcosh cosh
     ftanh tanh
     fasinh asinh
     facosh acosh
@@ -399,30 +396,6 @@ pub fn fsign<T: Float>(a: T) -> T {
         T::Native::ZERO
     };
     T::narrow(size.copysign(x))
-}
-
-/// Vulkan defines sinh and cosh by exponentials: where those overflow, so must they, half a binade before their own values would.
-#[inline(always)]
-fn of_exponentials<T: Float>(x: T::Native, value: T::Native) -> T {
-    let infinity = T::Native::ONE.div(T::Native::ZERO);
-    let overflows = x.copysign(T::Native::ONE) >= T::EXP_END;
-    T::narrow(if overflows {
-        infinity.copysign(value)
-    } else {
-        value
-    })
-}
-
-#[inline(always)]
-pub fn fsinh<T: Float>(a: T) -> T {
-    let x = a.widen();
-    of_exponentials(x, x.sinh())
-}
-
-#[inline(always)]
-pub fn fcosh<T: Float>(a: T) -> T {
-    let x = a.widen();
-    of_exponentials(x, x.cosh())
 }
 
 /// `x - floor(x)`.
