@@ -1,7 +1,7 @@
 //! Tuff: a Vulkan driver that traces rays on the CPU.
 //!
 //! ```text
-//! entry ──> decode ──> device ──> queue ──> execute ──> compute, trace, structures, transfer
+//! entry ──> decode ──> device ──> queue ──> execute ──> raster, compute, trace, structures, transfer
 //!                                                              │
 //!           validate ──> command ──> object ──> format ──> wave ──> table ──> ffi
 //! ```
@@ -22,6 +22,7 @@ pub mod handle;
 pub mod log;
 pub mod object;
 pub mod queue;
+pub mod raster;
 mod settings;
 pub mod structures;
 pub mod table;

@@ -27,6 +27,7 @@ const HOUSES: [House; 1] = [House {
         "device",
         "queue",
         "execute",
+        "raster",
         "compute",
         "trace",
         "structures",

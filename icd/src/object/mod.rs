@@ -5,6 +5,7 @@ pub mod buffer;
 pub mod deferred;
 pub mod deferred_pipeline;
 pub mod descriptor;
+pub mod graphics_state;
 pub mod image;
 pub mod instance;
 pub mod live_memory;

@@ -6,6 +6,6 @@ pub mod clear;
 pub mod copy;
 pub mod resolve;
 mod rows;
-mod surface;
+pub mod surface;
 #[cfg(test)]
 mod tests;

@@ -1,0 +1,265 @@
+//! The state of a draw besides its shaders, bindings, buffers and attachments: what a graphics pipeline holds, and what commands set.
+//!
+//! A command buffer has one current [`GraphicsState`]. Binding a pipeline copies into it all groups that are static in that pipeline
+//! ([`GraphicsState::take_static`]); `vkCmdSet*` writes single values. So a draw looks at one structure, wherever its parts come from.
+
+#![forbid(unsafe_code)]
+
+use ash::vk;
+use smallvec::SmallVec;
+
+/// `maxViewports`.
+pub const MAX_VIEWPORTS: usize = 16;
+
+/// `maxColorAttachments`.
+pub const MAX_COLOR_ATTACHMENTS: usize = 8;
+
+/// `maxVertexInputAttributes` and `maxVertexInputBindings`.
+pub const MAX_VERTEX_INPUTS: usize = 32;
+
+/// `VkVertexInputBindingDescription`, with its divisor (`VkVertexInputBindingDivisorDescription`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct VertexBinding {
+    pub binding: u32,
+    pub stride_bytes: u32,
+    /// Advances by instance; else by vertex.
+    pub per_instance: bool,
+    /// Instances between advances; 0: never.
+    pub divisor: u32,
+}
+
+/// `VkVertexInputAttributeDescription`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct VertexAttribute {
+    pub location: u32,
+    pub binding: u32,
+    pub format: vk::Format,
+    pub offset_bytes: u32,
+}
+
+/// Vertex input. Strides may be dynamic by themselves (`vkCmdBindVertexBuffers2`).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct VertexInput {
+    pub bindings: SmallVec<[VertexBinding; 4]>,
+    pub attributes: SmallVec<[VertexAttribute; 4]>,
+}
+
+/// `VkPipelineRasterizationStateCreateInfo` and its chain, by field.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rasterization {
+    pub discard: bool,
+    pub depth_clamp: bool,
+    /// As set, or the opposite of `depth_clamp` where nothing says so (`VkPipelineRasterizationDepthClipStateCreateInfoEXT`).
+    pub depth_clip: bool,
+    pub polygon_mode: vk::PolygonMode,
+    pub cull_mode: vk::CullModeFlags,
+    pub front_face: vk::FrontFace,
+    pub depth_bias: bool,
+    pub depth_bias_constant: f32,
+    pub depth_bias_clamp: f32,
+    pub depth_bias_slope: f32,
+    /// `VkDepthBiasRepresentationInfoEXT`.
+    pub depth_bias_representation: vk::DepthBiasRepresentationEXT,
+    pub depth_bias_exact: bool,
+    pub line_width: f32,
+    pub line_mode: vk::LineRasterizationModeEXT,
+    pub line_stipple: bool,
+    pub line_stipple_factor: u32,
+    pub line_stipple_pattern: u16,
+    /// `VK_PROVOKING_VERTEX_MODE_LAST_VERTEX_EXT`.
+    pub provoking_last: bool,
+    /// `VkPipelineViewportDepthClipControlCreateInfoEXT::negativeOneToOne`.
+    pub negative_one_to_one: bool,
+}
+
+/// `VkPipelineMultisampleStateCreateInfo`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Multisample {
+    /// 1, 2, 4 or 8.
+    pub samples: u32,
+    pub sample_shading: bool,
+    pub min_sample_shading: f32,
+    pub sample_mask: u32,
+    pub alpha_to_coverage: bool,
+    pub alpha_to_one: bool,
+}
+
+/// One face of the stencil test.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StencilFace {
+    pub fail: vk::StencilOp,
+    pub pass: vk::StencilOp,
+    pub depth_fail: vk::StencilOp,
+    pub compare: vk::CompareOp,
+    pub compare_mask: u32,
+    pub write_mask: u32,
+    pub reference: u32,
+}
+
+/// `VkPipelineDepthStencilStateCreateInfo`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DepthStencil {
+    pub depth_test: bool,
+    pub depth_write: bool,
+    pub depth_compare: vk::CompareOp,
+    pub depth_bounds_test: bool,
+    pub depth_bounds: [f32; 2],
+    pub stencil_test: bool,
+    /// Front, back.
+    pub stencil: [StencilFace; 2],
+}
+
+/// `VkPipelineColorBlendAttachmentState`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BlendAttachment {
+    pub enable: bool,
+    pub src_color: vk::BlendFactor,
+    pub dst_color: vk::BlendFactor,
+    pub color_op: vk::BlendOp,
+    pub src_alpha: vk::BlendFactor,
+    pub dst_alpha: vk::BlendFactor,
+    pub alpha_op: vk::BlendOp,
+    pub write_mask: vk::ColorComponentFlags,
+}
+
+/// `VkPipelineColorBlendStateCreateInfo`, with `VK_EXT_color_write_enable`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ColorBlend {
+    pub logic_op: Option<vk::LogicOp>,
+    pub attachments: [BlendAttachment; MAX_COLOR_ATTACHMENTS],
+    /// A bit an attachment.
+    pub write_enable: u32,
+    pub constants: [f32; 4],
+}
+
+/// Viewports and scissors.
+#[derive(Clone, Debug, Default)]
+pub struct Viewports {
+    pub viewports: SmallVec<[vk::Viewport; 1]>,
+    pub scissors: SmallVec<[vk::Rect2D; 1]>,
+}
+
+/// All of it.
+#[derive(Clone, Debug)]
+pub struct GraphicsState {
+    pub vertex_input: VertexInput,
+    pub topology: vk::PrimitiveTopology,
+    pub primitive_restart: bool,
+    pub viewports: Viewports,
+    pub rasterization: Rasterization,
+    pub multisample: Multisample,
+    pub depth_stencil: DepthStencil,
+    pub blend: ColorBlend,
+    /// By location of a fragment output: its colour attachment, or `VK_ATTACHMENT_UNUSED` (`VkRenderingAttachmentLocationInfo`).
+    pub color_locations: [u32; MAX_COLOR_ATTACHMENTS],
+}
+
+impl Default for Rasterization {
+    fn default() -> Self {
+        Self {
+            discard: false,
+            depth_clamp: false,
+            depth_clip: true,
+            polygon_mode: vk::PolygonMode::FILL,
+            cull_mode: vk::CullModeFlags::NONE,
+            front_face: vk::FrontFace::COUNTER_CLOCKWISE,
+            depth_bias: false,
+            depth_bias_constant: 0.0,
+            depth_bias_clamp: 0.0,
+            depth_bias_slope: 0.0,
+            depth_bias_representation:
+                vk::DepthBiasRepresentationEXT::LEAST_REPRESENTABLE_VALUE_FORMAT,
+            depth_bias_exact: false,
+            line_width: 1.0,
+            line_mode: vk::LineRasterizationModeEXT::DEFAULT,
+            line_stipple: false,
+            line_stipple_factor: 1,
+            line_stipple_pattern: u16::MAX,
+            provoking_last: false,
+            negative_one_to_one: false,
+        }
+    }
+}
+
+impl Default for Multisample {
+    fn default() -> Self {
+        Self {
+            samples: 1,
+            sample_shading: false,
+            min_sample_shading: 0.0,
+            sample_mask: u32::MAX,
+            alpha_to_coverage: false,
+            alpha_to_one: false,
+        }
+    }
+}
+
+impl Default for StencilFace {
+    fn default() -> Self {
+        Self {
+            fail: vk::StencilOp::KEEP,
+            pass: vk::StencilOp::KEEP,
+            depth_fail: vk::StencilOp::KEEP,
+            compare: vk::CompareOp::ALWAYS,
+            compare_mask: u32::MAX,
+            write_mask: u32::MAX,
+            reference: 0,
+        }
+    }
+}
+
+impl Default for DepthStencil {
+    fn default() -> Self {
+        Self {
+            depth_test: false,
+            depth_write: false,
+            depth_compare: vk::CompareOp::ALWAYS,
+            depth_bounds_test: false,
+            depth_bounds: [0.0, 1.0],
+            stencil_test: false,
+            stencil: [StencilFace::default(); 2],
+        }
+    }
+}
+
+impl Default for BlendAttachment {
+    fn default() -> Self {
+        Self {
+            enable: false,
+            src_color: vk::BlendFactor::ONE,
+            dst_color: vk::BlendFactor::ZERO,
+            color_op: vk::BlendOp::ADD,
+            src_alpha: vk::BlendFactor::ONE,
+            dst_alpha: vk::BlendFactor::ZERO,
+            alpha_op: vk::BlendOp::ADD,
+            write_mask: vk::ColorComponentFlags::RGBA,
+        }
+    }
+}
+
+impl Default for ColorBlend {
+    fn default() -> Self {
+        Self {
+            logic_op: None,
+            attachments: [BlendAttachment::default(); MAX_COLOR_ATTACHMENTS],
+            write_enable: u32::MAX,
+            constants: [0.0; 4],
+        }
+    }
+}
+
+impl Default for GraphicsState {
+    fn default() -> Self {
+        Self {
+            vertex_input: VertexInput::default(),
+            topology: vk::PrimitiveTopology::TRIANGLE_LIST,
+            primitive_restart: false,
+            viewports: Viewports::default(),
+            rasterization: Rasterization::default(),
+            multisample: Multisample::default(),
+            depth_stencil: DepthStencil::default(),
+            blend: ColorBlend::default(),
+            color_locations: std::array::from_fn(|location| location as u32),
+        }
+    }
+}

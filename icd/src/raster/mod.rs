@@ -1,0 +1,202 @@
+//! Drawing: points, lines and triangles into the attachments of a pass.
+//!
+//! ```text
+//! draw, clear ──> batch ──(flush)──> front: chunks of primitives ──> tiles: coverage, tests, fragments, output
+//!                                      any worker, any chunk            one worker a tile, chunks in order
+//! ```
+//!
+//! Inside a pass work is deferred: draws and clears of attachments gather in a [`Batch`] until a flush. Then the *front end* turns draws
+//! into [`Chunk`]s side by side, and after all of them the *tiles* are worked off side by side, each of them through all chunks in order,
+//! straight into the images. So the order of primitives holds at every sample by construction, whatever the number of threads.
+//!
+//! Who flushes: the end of the pass, a barrier whose destination includes a vertex stage, the end of a query, a timestamp, and a batch
+//! that has grown to [`BATCH_DRAWS`]. A draw of many primitives is worked off in several rounds of [`ROUND_CHUNKS`] chunks.
+
+pub mod front;
+pub mod primitive;
+pub mod tile;
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicU64;
+
+use ash::vk;
+use smallvec::SmallVec;
+use spirv_jit::Program;
+use spirv_jit::environment::Environment;
+
+use crate::object::graphics_state::{GraphicsState, MAX_COLOR_ATTACHMENTS, MAX_VERTEX_INPUTS};
+use crate::transfer::surface::Surface;
+use crate::wave::{Limits, Stopped, Workers};
+pub use primitive::Chunk;
+
+/// Draws and clears of a batch, at most.
+pub const BATCH_DRAWS: usize = 4096;
+
+/// Primitives of a chunk, at most.
+pub const CHUNK_PRIMITIVES: usize = 1024;
+
+/// Chunks between two phases of tiles, at most: what bins may take follows from the count alone.
+pub const ROUND_CHUNKS: usize = 128;
+
+/// Pixels of a tile's side.
+pub const TILE: u32 = 64;
+
+/// An attachment as tiles see it.
+#[derive(Clone, Copy)]
+pub struct Target {
+    /// The level of the view, with the view's format in the place of the image's.
+    pub surface: Surface,
+    /// The view's first layer (or slice).
+    pub first_layer: u32,
+    pub layers: u32,
+}
+
+/// What a pass draws into. All that are there have the same number of samples (but resolves, which are the caller's business).
+pub struct Targets {
+    /// Drawing stays inside; already within all attachments.
+    pub area: vk::Rect2D,
+    /// Layers that can be drawn to; with views, at least the highest view's number plus one.
+    pub layers: u32,
+    /// Views to draw to (`viewMask`), or 0.
+    pub view_mask: u32,
+    pub samples: u32,
+    pub colors: [Option<Target>; MAX_COLOR_ATTACHMENTS],
+    pub depth: Option<Target>,
+    pub stencil: Option<Target>,
+}
+
+/// What a bound graphics pipeline, or bound shader objects, run.
+pub struct Stages {
+    pub vertex: Arc<Program>,
+    /// None: depth and stencil alone, coverage without colour.
+    pub fragment: Option<Arc<Program>>,
+}
+
+/// A bound vertex buffer.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct VertexBuffer {
+    /// Device address of its first byte at its offset; 0: null, reads give zeros.
+    pub address: u64,
+    /// Bytes from there on. Attributes that reach past it read zeros (`robustBufferAccess`).
+    pub size_bytes: u64,
+    /// In the place of [`VertexBinding::stride_bytes`](crate::object::graphics_state::VertexBinding), where that is dynamic.
+    pub stride_bytes: Option<u64>,
+}
+
+/// A bound index buffer.
+#[derive(Clone, Copy, Debug)]
+pub struct IndexBuffer {
+    pub address: u64,
+    /// Indices past it read 0.
+    pub size_bytes: u64,
+    pub ty: vk::IndexType,
+}
+
+/// One draw, direct or read from an indirect buffer.
+#[derive(Clone, Copy, Debug)]
+pub struct DrawCall {
+    /// First vertex, or first index.
+    pub first: u32,
+    /// Vertices or indices.
+    pub count: u32,
+    /// Added to each index.
+    pub vertex_offset: i32,
+    pub first_instance: u32,
+    pub instances: u32,
+    /// `DrawIndex`.
+    pub draw_index: u32,
+}
+
+/// What queries count while they are active: shared by all draws of it.
+#[derive(Default)]
+pub struct Counters {
+    /// Samples that passed all tests.
+    pub samples: AtomicU64,
+    pub input_vertices: AtomicU64,
+    pub input_primitives: AtomicU64,
+    pub vertex_invocations: AtomicU64,
+    pub clipping_invocations: AtomicU64,
+    pub clipping_primitives: AtomicU64,
+    pub fragment_invocations: AtomicU64,
+}
+
+/// Draws that share all state. Everything that it points to stays as it is until the next flush.
+pub struct Draw {
+    pub stages: Arc<Stages>,
+    pub state: Arc<GraphicsState>,
+    /// Sets, dynamic buffers and push constants, kept by `keep`.
+    pub environment: Arc<Environment>,
+    /// What the environment points to.
+    pub keep: Arc<dyn std::any::Any + Send + Sync>,
+    pub vertex_buffers: Arc<[VertexBuffer; MAX_VERTEX_INPUTS]>,
+    /// Of an indexed draw.
+    pub indices: Option<IndexBuffer>,
+    pub calls: SmallVec<[DrawCall; 1]>,
+    /// Of each active query.
+    pub counters: SmallVec<[Arc<Counters>; 1]>,
+}
+
+/// One attachment's part of `vkCmdClearAttachments`, or a load operation.
+#[derive(Clone, Copy)]
+pub enum ClearValue {
+    /// Index of the colour attachment.
+    Color(usize, vk::ClearColorValue),
+    Depth(f32),
+    Stencil(u32),
+}
+
+/// A clear inside a pass.
+#[derive(Clone)]
+pub struct Clear {
+    pub value: ClearValue,
+    /// Inside the render area.
+    pub rects: SmallVec<[vk::ClearRect; 1]>,
+}
+
+/// A piece of work of a pass, in order.
+pub enum Work {
+    Draw(Draw),
+    Clear(Clear),
+}
+
+/// Work that waits for a flush.
+#[derive(Default)]
+pub struct Batch {
+    pub work: Vec<Work>,
+}
+
+/// What a flush runs on and with.
+#[derive(Clone, Copy)]
+pub struct Context<'a> {
+    pub workers: &'a Workers,
+    pub limits: &'a Limits,
+    /// Where vertex and index buffers may lie.
+    pub reach: &'a spirv_jit::reach::Reach,
+}
+
+/// The device's memory for drawing, kept from one flush to the next.
+#[derive(Default)]
+pub struct Rasterizer {
+    pub front: front::FrontEnd,
+    pub tiles: tile::Tiles,
+}
+
+impl Rasterizer {
+    /// Does all work of a batch, and leaves it empty.
+    ///
+    /// # Errors
+    /// When a limit stopped it; what was drawn so far stays drawn.
+    pub fn flush(
+        &self,
+        context: Context<'_>,
+        targets: &Targets,
+        batch: &mut Batch,
+    ) -> Result<(), Stopped> {
+        let work = std::mem::take(&mut batch.work);
+        let mut rounds = front::Rounds::new(&work, targets);
+        while let Some(chunks) = self.front.next_round(context, targets, &work, &mut rounds)? {
+            self.tiles.run(context, targets, &work, &chunks)?;
+        }
+        Ok(())
+    }
+}

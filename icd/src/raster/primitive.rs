@@ -1,0 +1,166 @@
+//! What the front end hands to the tiles: the seam between the two.
+//!
+//! Positions on the screen are fixed point with 8 fractional bits (`subPixelPrecisionBits`): 256 units a pixel, pixel centres at 128.
+//! A *shape* is coverage; a *record* is what fragments of a primitive are made of. Clipping changes coverage only: the shapes of a clipped
+//! primitive share one record, whose planes come from the original vertices.
+
+use super::TILE;
+
+/// Where `a * x + b * y + c >= 0`, in fixed-point units. The rule of top and left edges is part of `c`: exactly one of two triangles that
+/// share an edge holds a sample on it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Edge {
+    pub a: i32,
+    pub b: i32,
+    pub c: i64,
+}
+
+/// Pixels `left..right`, `top..bottom`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Bounds {
+    pub left: i32,
+    pub top: i32,
+    pub right: i32,
+    pub bottom: i32,
+}
+
+/// Which samples a primitive covers.
+#[derive(Clone, Copy, Debug)]
+pub enum Coverage {
+    /// The samples inside all of the first `count` edges: triangles (3), and rectangles of points and lines (4).
+    Convex { edges: [Edge; 4], count: u8 },
+    /// All samples of the pixels `first..first + count` of [`Chunk::pixels`], each of them once: Bresenham lines.
+    Pixels { first: u32, count: u32 },
+}
+
+/// A part of the screen that a primitive covers.
+#[derive(Clone, Copy, Debug)]
+pub struct Shape {
+    /// Index in [`Chunk::records`].
+    pub record: u32,
+    pub coverage: Coverage,
+    /// Nothing is covered outside; within the scissor and the render area.
+    pub bounds: Bounds,
+}
+
+/// `at + dx * (x - x0) + dy * (y - y0)`, for pixel coordinates from the record's `origin` on; computed without fused multiply-adds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Plane {
+    pub at: f32,
+    pub dx: f32,
+    pub dy: f32,
+}
+
+/// What a primitive's fragments are made of.
+#[derive(Clone, Copy, Debug)]
+pub struct Record {
+    /// Index of the draw in the batch's work.
+    pub draw: u32,
+    /// `PrimitiveId`.
+    pub primitive_id: u32,
+    /// The layer that is drawn to: `Layer`, or the view's number in a pass with views.
+    pub layer: u32,
+    pub view_index: u32,
+    pub viewport: u32,
+    /// Counter-clockwise or clockwise as the state says: `FrontFacing`, and the side of the stencil test.
+    pub front: bool,
+    /// Index of each vertex's first word in [`Chunk::outputs`]. A line has its second vertex twice, a point one vertex three times.
+    pub vertices: [u32; 3],
+    /// Which of them flat varyings come from.
+    pub provoking: u8,
+    /// The pixel that planes start at: its centre has coordinates 0, 0.
+    pub origin: [i32; 2],
+    /// Depth after viewport and bias, before clamping to the viewport's range and to the format's.
+    pub depth: Plane,
+    /// Clamps of depth where the state asks for them: the viewport's least and greatest depth.
+    pub depth_range: [f32; 2],
+    /// For vertex i: λᵢ / wᵢ, λ the linear barycentric coordinate on the screen. Perspective-correct coordinates are these divided by their
+    /// sum, which is 1 / w (`FragCoord.w`).
+    pub perspective: [Plane; 3],
+    /// λᵢ (`NoPerspective`).
+    pub linear: [Plane; 3],
+    /// `PointCoord`, of a point.
+    pub point_coord: [Plane; 2],
+}
+
+/// Up to [`CHUNK_PRIMITIVES`](super::CHUNK_PRIMITIVES) primitives in order, of one or several consecutive draws, or one clear.
+#[derive(Default)]
+pub struct Chunk {
+    /// A clear instead of primitives: its index in the batch's work.
+    pub clear: Option<u32>,
+    /// In primitive order.
+    pub shapes: Vec<Shape>,
+    pub records: Vec<Record>,
+    /// Outputs of vertices, [`Program::output_rows`](spirv_jit::Program::output_rows) words a vertex, as `Program::outputs` lists them.
+    pub outputs: Vec<u32>,
+    /// x, y.
+    pub pixels: Vec<[i16; 2]>,
+    pub bins: Bins,
+}
+
+/// Which shapes touch each tile, in order: a list of (tile, shape) sorted by tile, then shape.
+#[derive(Default)]
+pub struct Bins {
+    /// By tile: where its entries start in `shapes`; one more at the end. Empty if there is nothing.
+    pub starts: Vec<u32>,
+    /// Indices in [`Chunk::shapes`].
+    pub shapes: Vec<u32>,
+}
+
+impl Bins {
+    /// The shapes that touch a tile.
+    pub fn shapes_of(&self, tile: usize) -> &[u32] {
+        match self.starts.get(tile..tile + 2) {
+            Some(&[start, end]) => &self.shapes[start as usize..end as usize],
+            _ => &[],
+        }
+    }
+}
+
+/// The tiles that cover a render area, row by row from the tile that holds its first pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Grid {
+    /// Of the first tile, in tiles.
+    pub left: u32,
+    pub top: u32,
+    /// Tiles.
+    pub columns: u32,
+    pub rows: u32,
+}
+
+impl Grid {
+    /// Of a render area.
+    pub fn of(area: &ash::vk::Rect2D) -> Self {
+        let (x, y) = (area.offset.x.max(0) as u32, area.offset.y.max(0) as u32);
+        let end = |first: u32, size: u32| first.saturating_add(size).div_ceil(TILE);
+        Self {
+            left: x / TILE,
+            top: y / TILE,
+            columns: end(x, area.extent.width).saturating_sub(x / TILE),
+            rows: end(y, area.extent.height).saturating_sub(y / TILE),
+        }
+    }
+
+    /// Tiles.
+    pub fn len(&self) -> usize {
+        self.columns as usize * self.rows as usize
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Pixels of a tile.
+    pub fn bounds(&self, tile: usize) -> Bounds {
+        let column = self.left + tile as u32 % self.columns;
+        let row = self.top + tile as u32 / self.columns;
+        let (left, top) = ((column * TILE) as i32, (row * TILE) as i32);
+        Bounds {
+            left,
+            top,
+            right: left + TILE as i32,
+            bottom: top + TILE as i32,
+        }
+    }
+}
