@@ -1,4 +1,5 @@
-//! What the environment asks for: `TUFF_ACCURACY`, `TUFF_TIER`, `TUFF_DISABLE` and `TUFF_WAVE`, read once.
+//! What the environment asks for: `TUFF_ACCURACY`, `TUFF_TIER`, `TUFF_DISABLE`, `TUFF_WAVE` and `TUFF_GRAPHICS`,
+//! read once.
 
 #![forbid(unsafe_code)]
 
@@ -18,6 +19,8 @@ pub struct Settings {
     pub wave: usize,
     /// Whether all geometry is opaque to pipelines without any-hit shaders.
     pub opaque_without_any_hit: bool,
+    /// Whether queues draw (`TUFF_GRAPHICS=1`).
+    pub graphics: bool,
 }
 
 /// The switch for [`Settings::opaque_without_any_hit`].
@@ -33,6 +36,7 @@ impl Settings {
         tier: Option<&str>,
         disabled: Option<&str>,
         wave: Option<&str>,
+        graphics: Option<&str>,
     ) -> Result<Settings, String> {
         let accuracy: Accuracy = match accuracy {
             None | Some("") => Accuracy::Spec,
@@ -50,6 +54,11 @@ impl Settings {
                 .filter(|&subgroups| subgroups > 0)
                 .ok_or_else(|| format!("TUFF_WAVE: \"{text}\" is not a number of subgroups"))?,
         };
+        let graphics = match graphics {
+            None | Some("" | "0") => false,
+            Some("1") => true,
+            Some(text) => return Err(format!("TUFF_GRAPHICS: \"{text}\" is not 0 or 1")),
+        };
         let names = disabled.unwrap_or_default().split(',').map(str::trim);
         let mut without = Vec::new();
         let mut opaque_without_any_hit = true;
@@ -65,6 +74,7 @@ impl Settings {
             accuracy,
             wave,
             opaque_without_any_hit,
+            graphics,
             walks: Options {
                 // What is cheaper than the default gains nothing in walks: docs/accuracy.md.
                 accuracy: match accuracy {
@@ -116,14 +126,21 @@ fn unknown(name: &str) -> String {
 pub fn checked() -> Result<&'static Settings, &'static str> {
     static SETTINGS: OnceLock<Result<Settings, String>> = OnceLock::new();
     let settings = SETTINGS.get_or_init(|| {
-        let names = ["TUFF_ACCURACY", "TUFF_TIER", "TUFF_DISABLE", "TUFF_WAVE"];
+        let names = [
+            "TUFF_ACCURACY",
+            "TUFF_TIER",
+            "TUFF_DISABLE",
+            "TUFF_WAVE",
+            "TUFF_GRAPHICS",
+        ];
         let values = names.map(|name| {
             let value = std::env::var_os(name)?;
             Some(value.to_string_lossy().into_owned())
         });
-        let [accuracy, tier, disabled, wave] = &values;
+        let [accuracy, tier, disabled, wave, graphics] = &values;
         let of = Option::<String>::as_deref;
-        let settings = Settings::parse(of(accuracy), of(tier), of(disabled), of(wave))?;
+        let settings =
+            Settings::parse(of(accuracy), of(tier), of(disabled), of(wave), of(graphics))?;
         // One limit for all: programs and samplers, walks and builds.
         if let Some(tier) = tier {
             limit_tier(tier);
@@ -139,19 +156,25 @@ pub fn settings() -> &'static Settings {
     checked().expect("devices are created with valid settings")
 }
 
+/// Whether queues draw: [`Settings::graphics`], also before there is a device. Settings that are not valid ask for nothing.
+pub fn has_graphics() -> bool {
+    checked().is_ok_and(|settings| settings.graphics)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn values_are_taken_or_refused() {
-        let plain = Settings::parse(None, None, None, None).unwrap();
+        let plain = Settings::parse(None, None, None, None, None).unwrap();
         assert_eq!(plain.accuracy, Accuracy::Spec);
         let exact = Settings::parse(
             Some("exact"),
             Some("portable"),
             Some("packets, simplify"),
             Some("4"),
+            Some("1"),
         )
         .unwrap();
         assert_eq!(exact.accuracy, Accuracy::Exact);
@@ -160,21 +183,23 @@ mod tests {
         assert!(exact.walks.without.contains(Specialisation::Packets));
         assert!(!exact.walks.without.contains(Specialisation::Opaque));
         assert!(exact.opaque_without_any_hit);
-        let without = Settings::parse(None, None, Some("no_any_hit"), None).unwrap();
+        assert!(exact.graphics && !plain.graphics);
+        assert!(Settings::parse(None, None, None, None, Some("yes")).is_err());
+        let without = Settings::parse(None, None, Some("no_any_hit"), None, None).unwrap();
         assert!(!without.opaque_without_any_hit);
-        let message = Settings::parse(Some("best"), None, None, None).unwrap_err();
+        let message = Settings::parse(Some("best"), None, None, None, None).unwrap_err();
         assert!(
             message.contains("\"best\" is not one of fast, spec and exact"),
             "{message}"
         );
         assert_eq!((plain.wave, exact.wave), (usize::MAX, 4));
-        assert!(Settings::parse(None, None, None, Some("0")).is_err());
-        let message = Settings::parse(None, Some("sse9"), None, None).unwrap_err();
+        assert!(Settings::parse(None, None, None, Some("0"), None).is_err());
+        let message = Settings::parse(None, Some("sse9"), None, None, None).unwrap_err();
         assert!(
             message.contains("not one of portable, avx2, avx512"),
             "{message}"
         );
-        let message = Settings::parse(None, None, Some("pakets"), None).unwrap_err();
+        let message = Settings::parse(None, None, Some("pakets"), None, None).unwrap_err();
         assert!(
             message.contains("\"pakets\" is not one of packets,"),
             "{message}"

@@ -9,6 +9,7 @@ use parking_lot::Mutex;
 use smallvec::SmallVec;
 
 use super::Command;
+use super::pass::PassRecorder;
 use crate::VkResult;
 use crate::handle::{self, Ref};
 use crate::object::instance::Messengers;
@@ -57,6 +58,8 @@ pub struct Recording {
     pushed: Vec<((vk::PipelineBindPoint, u32), Ref<DescriptorSet>)>,
     /// Addresses of the descriptor buffers that are bound (`vkCmdBindDescriptorBuffersEXT`).
     pub descriptor_buffers: SmallVec<[u64; 4]>,
+    /// The render pass that has been begun.
+    pub render_pass: Option<PassRecorder>,
 }
 
 impl Recording {
@@ -93,6 +96,7 @@ impl Recording {
         self.failure = None;
         self.pushed.clear();
         self.descriptor_buffers.clear();
+        self.render_pass = None;
     }
 
     /// A new set with the contents of the last push to this place.

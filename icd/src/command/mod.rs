@@ -8,8 +8,10 @@
 
 mod buffer;
 pub mod build;
+pub mod graphics;
 pub mod instances;
 pub mod micromap;
+pub mod pass;
 mod pool;
 pub mod ray_tracing;
 pub mod swept;
@@ -24,6 +26,7 @@ use crate::object::{DescriptorSet, DescriptorSetLayout, Event, Image, Pipeline, 
 use crate::wave::mask::InvocationMask;
 
 pub use buffer::{CommandBuffer, Recording, copied};
+pub use graphics::GraphicsCommand;
 pub use pool::CommandPool;
 pub use ray_tracing::RayTracingCommand;
 
@@ -120,6 +123,7 @@ pub enum Command {
     WaitEvents(Vec<Ref<Event>>),
     ExecuteCommands(Vec<Arc<Vec<Command>>>),
     RayTracing(RayTracingCommand),
+    Graphics(GraphicsCommand),
 }
 
 /// `vkCmdBindDescriptorSets`, or pushed descriptors as a set of their own.

@@ -1,7 +1,9 @@
 //! C structures of the application to owned values of `command` and `object`: what entry points call before they act.
 
 pub mod acceleration_structure;
+pub mod graphics;
 pub mod micromap;
 pub mod nv_ray_tracing;
 pub mod pipeline;
 pub mod ray_tracing;
+pub mod render_pass;

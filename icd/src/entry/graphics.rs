@@ -7,12 +7,12 @@ use ash::vk;
 use super::define::entry;
 use super::destroy;
 use crate::command::CommandBuffer;
+use crate::decode::render_pass::{framebuffer, render_pass, render_pass2};
 use crate::device::Device;
 use crate::ffi::array::slice_mut;
-use crate::ffi::slice;
 use crate::guard::guard;
-use crate::handle::{self, from_handle, retain};
-use crate::object::{Framebuffer, ImageView, RenderPass};
+use crate::handle::{self, from_handle};
+use crate::object::{Framebuffer, RenderPass};
 
 destroy! {
     vkDestroyFramebuffer: Framebuffer, Framebuffer;
@@ -115,10 +115,7 @@ entry! {
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::RenderPass,
     ) -> vk::Result {
-        *out = handle::create(RenderPass {
-            attachment_count: (*info).attachment_count,
-            subpass_count: (*info).subpass_count,
-        });
+        *out = handle::create(render_pass(&*info));
         Ok(())
     }
 
@@ -128,10 +125,7 @@ entry! {
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::RenderPass,
     ) -> vk::Result {
-        *out = handle::create(RenderPass {
-            attachment_count: (*info).attachment_count,
-            subpass_count: (*info).subpass_count,
-        });
+        *out = handle::create(render_pass2(&*info));
         Ok(())
     }
 
@@ -141,18 +135,7 @@ entry! {
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::Framebuffer,
     ) -> vk::Result {
-        let info = &*info;
-        let attachments = if info.flags.contains(vk::FramebufferCreateFlags::IMAGELESS) {
-            &[]
-        } else {
-            slice(info.p_attachments, info.attachment_count)
-        };
-        *out = handle::create(Framebuffer {
-            render_pass: retain(info.render_pass),
-            attachments: attachments.iter().map(|&view| retain::<ImageView>(view)).collect(),
-            extent: [info.width, info.height],
-            layers: info.layers,
-        });
+        *out = handle::create(framebuffer(&*info));
         Ok(())
     }
 

@@ -250,7 +250,8 @@ entry! {
         let replays = info.flags.contains(vk::ImageViewCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT);
         let replay = replays.then(|| captured(info.p_next).map(Key));
         let descriptor = ViewEntry::store(&device.engine.views, |it| &it.images, descriptor, replay)?;
-        *out = handle::create(ImageView { descriptor, range });
+        let image = handle::retain(info.image);
+        *out = handle::create(ImageView { descriptor, image, format: info.format, range });
         Ok(())
     }
 

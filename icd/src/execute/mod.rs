@@ -169,6 +169,7 @@ fn perform<'a>(
             buffers.iter().try_for_each(|list| replay(engine, list))?;
         }
         Command::RayTracing(command) => run_ray_tracing(engine, bindings, command)?,
+        Command::Graphics(_) => {}
     }
     Ok(())
 }

@@ -51,6 +51,8 @@ pub struct Rasterization {
     pub depth_clamp: bool,
     /// As set, or the opposite of `depth_clamp` where nothing says so (`VkPipelineRasterizationDepthClipStateCreateInfoEXT`).
     pub depth_clip: bool,
+    /// Nothing says so: `depth_clip` is the opposite of `depth_clamp` whenever that is set.
+    pub depth_clip_follows: bool,
     pub polygon_mode: vk::PolygonMode,
     pub cull_mode: vk::CullModeFlags,
     pub front_face: vk::FrontFace,
@@ -125,7 +127,10 @@ pub struct BlendAttachment {
 /// `VkPipelineColorBlendStateCreateInfo`, with `VK_EXT_color_write_enable`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ColorBlend {
+    /// Where it is enabled: what [`Self::set_logic_op`] is.
     pub logic_op: Option<vk::LogicOp>,
+    /// The operation as it was set, enabled or not.
+    pub set_logic_op: vk::LogicOp,
     pub attachments: [BlendAttachment; MAX_COLOR_ATTACHMENTS],
     /// A bit an attachment.
     pub write_enable: u32,
@@ -160,6 +165,7 @@ impl Default for Rasterization {
             discard: false,
             depth_clamp: false,
             depth_clip: true,
+            depth_clip_follows: true,
             polygon_mode: vk::PolygonMode::FILL,
             cull_mode: vk::CullModeFlags::NONE,
             front_face: vk::FrontFace::COUNTER_CLOCKWISE,
@@ -241,6 +247,7 @@ impl Default for ColorBlend {
     fn default() -> Self {
         Self {
             logic_op: None,
+            set_logic_op: vk::LogicOp::COPY,
             attachments: [BlendAttachment::default(); MAX_COLOR_ATTACHMENTS],
             write_enable: u32::MAX,
             constants: [0.0; 4],

@@ -10,6 +10,7 @@ use spirv_jit::views::{Key, StoreError, Table, Views};
 use super::sparse::Reservation;
 use crate::VkResult;
 use crate::format;
+use crate::handle::Ref;
 use crate::table::limits;
 use crate::wave::mask::InvocationMask;
 
@@ -254,10 +255,29 @@ impl<T: Copy> Drop for ViewEntry<T> {
 /// An image view, resolved to what shaders read, and the part of the image that commands write.
 pub struct ImageView {
     pub descriptor: ViewEntry<ImageDescriptor>,
+    pub image: Ref<Image>,
+    pub format: vk::Format,
     pub range: vk::ImageSubresourceRange,
 }
 
 impl ImageView {
+    /// Layers that it has; slices of a 3D image.
+    pub fn layer_count(&self) -> u32 {
+        match self.image.image_type {
+            vk::ImageType::TYPE_3D => {
+                let level = self.image.planes[0]
+                    .levels
+                    .get(self.range.base_mip_level as usize);
+                let depth = level.map_or(0, |level| level.depth);
+                let rest = depth.saturating_sub(self.range.base_array_layer);
+                self.range.layer_count.min(rest)
+            }
+            _ => self
+                .image
+                .layer_count(self.range.base_array_layer, self.range.layer_count),
+        }
+    }
+
     /// Where the texels of a view of `VK_FORMAT_R8_UINT` are that is to be an invocation mask.
     pub fn invocation_mask(&self) -> InvocationMask {
         let image = &*self.descriptor;

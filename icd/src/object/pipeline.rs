@@ -10,6 +10,7 @@ use spirv_jit::ir::op::DescriptorBinding;
 
 use super::DescriptorSetLayout;
 use super::deferred_pipeline::DeferredPipeline;
+use super::graphics_pipeline::GraphicsPipeline;
 use super::ray_tracing_pipeline::RayTracingPipeline;
 use crate::handle::Ref;
 use crate::wave::table::Group;
@@ -81,6 +82,7 @@ pub struct Pipeline {
 /// What a pipeline runs.
 pub enum PipelineKind {
     Compute(Arc<Program>),
+    Graphics(Box<GraphicsPipeline>),
     RayTracing(RayTracingPipeline),
     Deferred(DeferredPipeline),
 }
@@ -89,6 +91,7 @@ impl Pipeline {
     pub fn bind_point(&self) -> vk::PipelineBindPoint {
         match self.kind {
             PipelineKind::Compute(_) => vk::PipelineBindPoint::COMPUTE,
+            PipelineKind::Graphics(_) => vk::PipelineBindPoint::GRAPHICS,
             PipelineKind::RayTracing(_) | PipelineKind::Deferred(_) => {
                 vk::PipelineBindPoint::RAY_TRACING_KHR
             }
@@ -100,16 +103,16 @@ impl Pipeline {
         match &self.kind {
             PipelineKind::RayTracing(pipeline) => Some(pipeline),
             PipelineKind::Deferred(pipeline) => pipeline.linked(),
-            PipelineKind::Compute(_) => None,
+            PipelineKind::Compute(_) | PipelineKind::Graphics(_) => None,
         }
     }
 
-    /// Its shader groups; none, of a compute pipeline.
+    /// Its shader groups; none, of other pipelines than those for ray tracing.
     pub fn groups(&self) -> &[Group] {
         match &self.kind {
             PipelineKind::RayTracing(pipeline) => &pipeline.shaders.groups,
             PipelineKind::Deferred(pipeline) => &pipeline.groups,
-            PipelineKind::Compute(_) => &[],
+            PipelineKind::Compute(_) | PipelineKind::Graphics(_) => &[],
         }
     }
 }

@@ -1,20 +1,64 @@
-//! Render passes and framebuffers. Nothing can begin one while there is no graphics queue, but applications create them with their other
-//! objects, and what they name must live as long as they do.
+//! Render passes and framebuffers.
 
 #![forbid(unsafe_code)]
+
+use ash::vk;
+use smallvec::SmallVec;
 
 use super::ImageView;
 use crate::handle::Ref;
 
-/// `VkRenderPass`.
+/// `VkRenderPass`: what beginning one in a command buffer needs to know. What becomes of contents that are not stored is as good as what
+/// was drawn, so store operations are not kept.
 pub struct RenderPass {
-    pub attachment_count: u32,
-    pub subpass_count: u32,
+    pub attachments: Vec<PassAttachment>,
+    pub subpasses: Vec<Subpass>,
+}
+
+/// `VkAttachmentDescription`.
+#[derive(Clone, Copy, Debug)]
+pub struct PassAttachment {
+    pub format: vk::Format,
+    pub samples: u32,
+    /// Of colour, or of depth.
+    pub clears: bool,
+    pub clears_stencil: bool,
+}
+
+/// `VkSubpassDescription`: attachments by index; none where one is unused.
+#[derive(Clone, Debug, Default)]
+pub struct Subpass {
+    /// 0 without multiview.
+    pub view_mask: u32,
+    pub inputs: SmallVec<[Option<u32>; 4]>,
+    pub colors: SmallVec<[Option<u32>; 4]>,
+    /// As many as `colors`, or none.
+    pub resolves: SmallVec<[Option<u32>; 4]>,
+    pub depth_stencil: Option<u32>,
+    pub depth_stencil_resolve: Option<DepthStencilResolve>,
+}
+
+/// `VkSubpassDescriptionDepthStencilResolve`.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthStencilResolve {
+    pub attachment: u32,
+    pub depth: vk::ResolveModeFlags,
+    pub stencil: vk::ResolveModeFlags,
+}
+
+impl Subpass {
+    /// All that it uses.
+    pub fn attachments(&self) -> impl Iterator<Item = u32> {
+        let resolve = self.depth_stencil_resolve.map(|resolve| resolve.attachment);
+        (self.inputs.iter().chain(&self.colors).chain(&self.resolves))
+            .copied()
+            .chain([self.depth_stencil, resolve])
+            .flatten()
+    }
 }
 
 /// `VkFramebuffer`.
 pub struct Framebuffer {
-    pub render_pass: Ref<RenderPass>,
     /// Empty for imageless ones.
     pub attachments: Vec<Ref<ImageView>>,
     pub extent: [u32; 2],

@@ -21,10 +21,10 @@ use std::sync::atomic::AtomicU64;
 
 use ash::vk;
 use smallvec::SmallVec;
-use spirv_jit::Program;
 use spirv_jit::environment::Environment;
 
 use crate::object::graphics_state::{GraphicsState, MAX_COLOR_ATTACHMENTS, MAX_VERTEX_INPUTS};
+pub use crate::object::graphics_pipeline::Stages;
 use crate::transfer::surface::Surface;
 use crate::wave::{Limits, Stopped, Workers};
 pub use primitive::Chunk;
@@ -63,13 +63,6 @@ pub struct Targets {
     pub colors: [Option<Target>; MAX_COLOR_ATTACHMENTS],
     pub depth: Option<Target>,
     pub stencil: Option<Target>,
-}
-
-/// What a bound graphics pipeline, or bound shader objects, run.
-pub struct Stages {
-    pub vertex: Arc<Program>,
-    /// None: depth and stencil alone, coverage without colour.
-    pub fragment: Option<Arc<Program>>,
 }
 
 /// A bound vertex buffer.

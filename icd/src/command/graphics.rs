@@ -1,0 +1,104 @@
+//! Commands of graphics: passes, state, buffers, draws, queries.
+
+#![forbid(unsafe_code)]
+
+use ash::vk;
+use smallvec::SmallVec;
+
+use super::pass::{AttachmentClears, Pass};
+use crate::handle::Ref;
+use crate::object::QueryPool;
+use crate::object::setting::Setting;
+
+/// A recorded command of graphics.
+pub enum GraphicsCommand {
+    /// `vkCmdBeginRendering`, or a subpass begins.
+    BeginPass(Box<Pass>),
+    /// `vkCmdEndRendering`, or a subpass ends.
+    EndPass,
+    /// A barrier inside a pass whose destination includes a vertex stage.
+    VertexBarrier,
+    ClearAttachments(Box<AttachmentClears>),
+    Set(Setting),
+    /// `vkCmdBindVertexBuffers2`.
+    BindVertexBuffers(Box<BindVertexBuffers>),
+    /// `vkCmdBindIndexBuffer2`.
+    BindIndexBuffer(IndexBinding),
+    /// `vkCmdDraw`, `vkCmdDrawIndexed`.
+    Draw(Draw),
+    /// `vkCmdDrawMultiEXT`, `vkCmdDrawMultiIndexedEXT`.
+    DrawMulti(Box<DrawMulti>),
+    /// `vkCmdDraw*Indirect*`.
+    DrawIndirect(DrawIndirect),
+    BeginQuery {
+        pool: Ref<QueryPool>,
+        query: u32,
+    },
+    EndQuery {
+        pool: Ref<QueryPool>,
+        query: u32,
+    },
+}
+
+/// Where vertices come from.
+pub struct BindVertexBuffers {
+    pub first: u32,
+    pub buffers: SmallVec<[VertexBinding; 4]>,
+}
+
+/// A bound vertex buffer.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct VertexBinding {
+    /// Device address at its offset; 0 for none.
+    pub address: u64,
+    /// From there on.
+    pub size_bytes: u64,
+    /// Where the command has one.
+    pub stride_bytes: Option<u64>,
+}
+
+/// A bound index buffer.
+#[derive(Clone, Copy, Debug)]
+pub struct IndexBinding {
+    /// Device address at its offset; 0 for none.
+    pub address: u64,
+    /// From there on.
+    pub size_bytes: u64,
+    pub ty: vk::IndexType,
+}
+
+/// A draw whose numbers stand in the command.
+#[derive(Clone, Copy, Debug)]
+pub struct Draw {
+    pub indexed: bool,
+    /// First vertex, or first index.
+    pub first: u32,
+    /// Vertices, or indices.
+    pub count: u32,
+    /// Of an indexed draw.
+    pub vertex_offset: i32,
+    pub first_instance: u32,
+    pub instances: u32,
+}
+
+/// Several draws with one command.
+pub struct DrawMulti {
+    pub indexed: bool,
+    /// First, count, vertex offset.
+    pub draws: Box<[(u32, u32, i32)]>,
+    pub first_instance: u32,
+    pub instances: u32,
+}
+
+/// Draws whose numbers stand in memory.
+#[derive(Clone, Copy, Debug)]
+pub struct DrawIndirect {
+    pub indexed: bool,
+    /// Device address of the first `VkDrawIndirectCommand` or `VkDrawIndexedIndirectCommand`.
+    pub address: u64,
+    pub stride_bytes: u32,
+    /// At most.
+    pub draws: u32,
+    /// Device address of their number, if that stands in memory, too.
+    pub count: Option<u64>,
+}

@@ -1,0 +1,399 @@
+//! `VkGraphicsPipelineCreateInfo` and what it points to.
+//!
+//! Parts of it that a pipeline does not use may be anything, pointers to nothing among it (chapter Pipelines, "Graphics Pipelines"): each
+//! is looked at only where it counts.
+
+use ash::vk;
+use smallvec::SmallVec;
+
+use super::pipeline::{create_flags, decode_stage};
+use crate::VkResult;
+use crate::ffi::{find, slice};
+use crate::handle::{from_handle, optional};
+use crate::object::dynamic_state::{DynamicStates, Parts};
+use crate::object::graphics_pipeline::GraphicsPipeline;
+use crate::object::graphics_state::{
+    BlendAttachment, ColorBlend, DepthStencil, GraphicsState, MAX_COLOR_ATTACHMENTS, MAX_VIEWPORTS,
+    Multisample, Rasterization, StencilFace, VertexAttribute, VertexBinding, VertexInput,
+    Viewports,
+};
+use crate::object::pipeline::PipelineKind;
+use crate::object::shader_stage::ShaderStage;
+use crate::object::{Pipeline, RenderPass};
+
+const ALL: Parts = Parts::from_raw(
+    Parts::VERTEX_INPUT_INTERFACE.as_raw()
+        | Parts::PRE_RASTERIZATION_SHADERS.as_raw()
+        | Parts::FRAGMENT_SHADER.as_raw()
+        | Parts::FRAGMENT_OUTPUT_INTERFACE.as_raw(),
+);
+
+/// A pipeline to be created: what comes with it but its programs, and the libraries that complete it.
+pub struct Decoded<'a> {
+    /// The parts that come with the info.
+    pub own: GraphicsPipeline,
+    /// With their index among the info's stages.
+    pub stages: SmallVec<[(usize, ShaderStage); 2]>,
+    pub libraries: Vec<&'a GraphicsPipeline>,
+}
+
+/// Decodes all of an info.
+///
+/// # Errors
+/// As [`decode_stage`]; `VK_ERROR_UNKNOWN` for a library that has no graphics.
+///
+/// # Safety
+/// The info is valid, and its handles are alive for `'a`.
+pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<Decoded<'a>> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let libraries = libraries(info)?;
+        let parts = own_parts(info, &libraries);
+        let list = info.p_dynamic_state.as_ref();
+        let list = list.map_or(&[][..], |it| {
+            slice(it.p_dynamic_states, it.dynamic_state_count)
+        });
+        let dynamic = DynamicStates::of(list, parts);
+        let has = |part| parts.contains(part);
+        let mut state = GraphicsState::default();
+        if has(Parts::VERTEX_INPUT_INTERFACE) {
+            if !dynamic.contains(vk::DynamicState::VERTEX_INPUT_EXT)
+                && let Some(input) = info.p_vertex_input_state.as_ref()
+            {
+                state.vertex_input = vertex_input(input);
+            }
+            if let Some(assembly) = info.p_input_assembly_state.as_ref() {
+                state.topology = assembly.topology;
+                state.primitive_restart = assembly.primitive_restart_enable != vk::FALSE;
+            }
+        }
+        let mut discards = false;
+        if has(Parts::PRE_RASTERIZATION_SHADERS) {
+            if let Some(info) = info.p_rasterization_state.as_ref() {
+                state.rasterization = rasterization(info);
+            }
+            discards = state.rasterization.discard
+                && !dynamic.contains(vk::DynamicState::RASTERIZER_DISCARD_ENABLE);
+            if !discards && let Some(info) = info.p_viewport_state.as_ref() {
+                state.viewports = viewports(info, dynamic);
+                state.rasterization.negative_one_to_one =
+                    find::<vk::PipelineViewportDepthClipControlCreateInfoEXT>(info.p_next)
+                        .is_some_and(|control| control.negative_one_to_one != vk::FALSE);
+            }
+        }
+        let (colors, depth) = attachments(info, parts);
+        if has(Parts::FRAGMENT_SHADER)
+            && !discards
+            && depth
+            && let Some(info) = info.p_depth_stencil_state.as_ref()
+        {
+            state.depth_stencil = depth_stencil(info);
+        }
+        if has(Parts::FRAGMENT_OUTPUT_INTERFACE) && !discards {
+            if let Some(info) = info.p_multisample_state.as_ref() {
+                state.multisample = multisample(info);
+            }
+            if colors && let Some(info) = info.p_color_blend_state.as_ref() {
+                state.blend = color_blend(info);
+            }
+            let locations = find::<vk::RenderingAttachmentLocationInfoKHR>(info.p_next);
+            if let Some(locations) = locations {
+                state.color_locations = color_locations(locations);
+            }
+        }
+        let mut stages = SmallVec::new();
+        for (index, info) in slice(info.p_stages, info.stage_count).iter().enumerate() {
+            let wanted = match info.stage {
+                vk::ShaderStageFlags::FRAGMENT => has(Parts::FRAGMENT_SHADER) && !discards,
+                _ => has(Parts::PRE_RASTERIZATION_SHADERS),
+            };
+            if wanted {
+                stages.push((index, decode_stage(info)?));
+            }
+        }
+        let mut own = GraphicsPipeline::empty();
+        (own.parts, own.state, own.dynamic) = (parts, state, dynamic);
+        Ok(Decoded {
+            own,
+            stages,
+            libraries,
+        })
+    }
+}
+
+/// The parts that an info itself has (`VkGraphicsPipelineLibraryCreateInfoEXT`).
+///
+/// # Safety
+/// The info is valid.
+unsafe fn own_parts(
+    info: &vk::GraphicsPipelineCreateInfo<'_>,
+    libraries: &[&GraphicsPipeline],
+) -> Parts {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let flags = create_flags(info.flags, info.p_next);
+        match find::<vk::GraphicsPipelineLibraryCreateInfoEXT>(info.p_next) {
+            Some(parts) => parts.flags,
+            None if flags.contains(vk::PipelineCreateFlags::LIBRARY_KHR) => Parts::empty(),
+            None if !libraries.is_empty() => Parts::empty(),
+            None => ALL,
+        }
+    }
+}
+
+/// # Safety
+/// The info is valid, and its libraries are alive for `'a`.
+unsafe fn libraries<'a>(
+    info: &vk::GraphicsPipelineCreateInfo<'_>,
+) -> VkResult<Vec<&'a GraphicsPipeline>> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let Some(info) = find::<vk::PipelineLibraryCreateInfoKHR>(info.p_next) else {
+            return Ok(Vec::new());
+        };
+        let graphics = |&library: &vk::Pipeline| match &from_handle::<'a, Pipeline>(library).kind {
+            PipelineKind::Graphics(pipeline) => Ok(&**pipeline),
+            _ => Err(vk::Result::ERROR_UNKNOWN),
+        };
+        slice(info.p_libraries, info.library_count)
+            .iter()
+            .map(graphics)
+            .collect()
+    }
+}
+
+/// Whether there may be colour attachments, and one of depth or stencil: only then their state counts.
+///
+/// # Safety
+/// The info is valid.
+unsafe fn attachments(info: &vk::GraphicsPipelineCreateInfo<'_>, parts: Parts) -> (bool, bool) {
+    if !parts.intersects(Parts::FRAGMENT_SHADER | Parts::FRAGMENT_OUTPUT_INTERFACE) {
+        return (false, false);
+    }
+    // SAFETY: the caller's promise.
+    unsafe {
+        if let Some(pass) = optional::<RenderPass>(info.render_pass) {
+            let subpass = pass.subpasses.get(info.subpass as usize);
+            let colors = subpass.is_some_and(|it| it.colors.iter().any(Option::is_some));
+            return (colors, subpass.is_some_and(|it| it.depth_stencil.is_some()));
+        }
+        let rendering = find::<vk::PipelineRenderingCreateInfo>(info.p_next);
+        (
+            rendering.is_some_and(|it| it.color_attachment_count != 0),
+            true,
+        )
+    }
+}
+
+/// `VkPipelineVertexInputStateCreateInfo`.
+///
+/// # Safety
+/// The info is valid.
+unsafe fn vertex_input(info: &vk::PipelineVertexInputStateCreateInfo<'_>) -> VertexInput {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let divisors = find::<vk::PipelineVertexInputDivisorStateCreateInfoKHR>(info.p_next);
+        let divisors = divisors.map_or(&[][..], |it| {
+            slice(
+                it.p_vertex_binding_divisors,
+                it.vertex_binding_divisor_count,
+            )
+        });
+        let bindings = slice(
+            info.p_vertex_binding_descriptions,
+            info.vertex_binding_description_count,
+        );
+        let binding = |it: &vk::VertexInputBindingDescription| VertexBinding {
+            binding: it.binding,
+            stride_bytes: it.stride,
+            per_instance: it.input_rate == vk::VertexInputRate::INSTANCE,
+            divisor: (divisors.iter())
+                .find(|divisor| divisor.binding == it.binding)
+                .map_or(1, |divisor| divisor.divisor),
+        };
+        let attributes = slice(
+            info.p_vertex_attribute_descriptions,
+            info.vertex_attribute_description_count,
+        );
+        let attribute = |it: &vk::VertexInputAttributeDescription| VertexAttribute {
+            location: it.location,
+            binding: it.binding,
+            format: it.format,
+            offset_bytes: it.offset,
+        };
+        VertexInput {
+            bindings: bindings.iter().map(binding).collect(),
+            attributes: attributes.iter().map(attribute).collect(),
+        }
+    }
+}
+
+/// `VkPipelineRasterizationStateCreateInfo`, and a `VkDepthBiasRepresentationInfoEXT` in its chain.
+///
+/// # Safety
+/// The info is valid.
+unsafe fn rasterization(info: &vk::PipelineRasterizationStateCreateInfo<'_>) -> Rasterization {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let next = info.p_next;
+        let clip = find::<vk::PipelineRasterizationDepthClipStateCreateInfoEXT>(next);
+        let line = find::<vk::PipelineRasterizationLineStateCreateInfoKHR>(next);
+        let provoking = find::<vk::PipelineRasterizationProvokingVertexStateCreateInfoEXT>(next);
+        let bias = find::<vk::DepthBiasRepresentationInfoEXT>(next);
+        let usual = Rasterization::default();
+        let depth_clamp = info.depth_clamp_enable != vk::FALSE;
+        Rasterization {
+            discard: info.rasterizer_discard_enable != vk::FALSE,
+            depth_clamp,
+            depth_clip: clip.map_or(!depth_clamp, |clip| clip.depth_clip_enable != vk::FALSE),
+            depth_clip_follows: clip.is_none(),
+            polygon_mode: info.polygon_mode,
+            cull_mode: info.cull_mode,
+            front_face: info.front_face,
+            depth_bias: info.depth_bias_enable != vk::FALSE,
+            depth_bias_constant: info.depth_bias_constant_factor,
+            depth_bias_clamp: info.depth_bias_clamp,
+            depth_bias_slope: info.depth_bias_slope_factor,
+            depth_bias_representation: bias.map_or(usual.depth_bias_representation, |it| {
+                it.depth_bias_representation
+            }),
+            depth_bias_exact: bias.is_some_and(|it| it.depth_bias_exact != vk::FALSE),
+            line_width: info.line_width,
+            line_mode: line.map_or(usual.line_mode, |line| line.line_rasterization_mode),
+            line_stipple: line.is_some_and(|line| line.stippled_line_enable != vk::FALSE),
+            line_stipple_factor: line.map_or(1, |line| line.line_stipple_factor),
+            line_stipple_pattern: line.map_or(u16::MAX, |line| line.line_stipple_pattern),
+            provoking_last: provoking.is_some_and(|it| {
+                it.provoking_vertex_mode == vk::ProvokingVertexModeEXT::LAST_VERTEX
+            }),
+            negative_one_to_one: false,
+        }
+    }
+}
+
+/// `VkPipelineViewportStateCreateInfo`; what is dynamic is not looked at.
+///
+/// # Safety
+/// The info is valid.
+unsafe fn viewports(
+    info: &vk::PipelineViewportStateCreateInfo<'_>,
+    dynamic: DynamicStates,
+) -> Viewports {
+    use vk::DynamicState as State;
+    let is_set = |states: [State; 2]| states.iter().any(|&state| dynamic.contains(state));
+    let count = |count: u32| count.min(MAX_VIEWPORTS as u32);
+    let mut viewports = Viewports::default();
+    // SAFETY: the caller's promise.
+    unsafe {
+        if !is_set([State::VIEWPORT, State::VIEWPORT_WITH_COUNT]) {
+            let values = slice(info.p_viewports, count(info.viewport_count));
+            viewports.viewports = SmallVec::from_slice(values);
+        }
+        if !is_set([State::SCISSOR, State::SCISSOR_WITH_COUNT]) {
+            let values = slice(info.p_scissors, count(info.scissor_count));
+            viewports.scissors = SmallVec::from_slice(values);
+        }
+    }
+    viewports
+}
+
+fn depth_stencil(info: &vk::PipelineDepthStencilStateCreateInfo<'_>) -> DepthStencil {
+    let face = |face: &vk::StencilOpState| StencilFace {
+        fail: face.fail_op,
+        pass: face.pass_op,
+        depth_fail: face.depth_fail_op,
+        compare: face.compare_op,
+        compare_mask: face.compare_mask,
+        write_mask: face.write_mask,
+        reference: face.reference,
+    };
+    DepthStencil {
+        depth_test: info.depth_test_enable != vk::FALSE,
+        depth_write: info.depth_write_enable != vk::FALSE,
+        depth_compare: info.depth_compare_op,
+        depth_bounds_test: info.depth_bounds_test_enable != vk::FALSE,
+        depth_bounds: [info.min_depth_bounds, info.max_depth_bounds],
+        stencil_test: info.stencil_test_enable != vk::FALSE,
+        stencil: [face(&info.front), face(&info.back)],
+    }
+}
+
+/// # Safety
+/// The info is valid.
+unsafe fn multisample(info: &vk::PipelineMultisampleStateCreateInfo<'_>) -> Multisample {
+    Multisample {
+        samples: info.rasterization_samples.as_raw().max(1),
+        sample_shading: info.sample_shading_enable != vk::FALSE,
+        min_sample_shading: info.min_sample_shading,
+        // SAFETY: the caller's promise.
+        sample_mask: unsafe { info.p_sample_mask.as_ref() }
+            .copied()
+            .unwrap_or(u32::MAX),
+        alpha_to_coverage: info.alpha_to_coverage_enable != vk::FALSE,
+        alpha_to_one: info.alpha_to_one_enable != vk::FALSE,
+    }
+}
+
+/// # Safety
+/// The info is valid.
+unsafe fn color_blend(info: &vk::PipelineColorBlendStateCreateInfo<'_>) -> ColorBlend {
+    // SAFETY: the caller's promise.
+    let (attachments, enables) = unsafe {
+        let enables = find::<vk::PipelineColorWriteCreateInfoEXT>(info.p_next);
+        let enables = enables.map_or(&[][..], |it| {
+            slice(it.p_color_write_enables, it.attachment_count)
+        });
+        (slice(info.p_attachments, info.attachment_count), enables)
+    };
+    let attachment = |it: &vk::PipelineColorBlendAttachmentState| BlendAttachment {
+        enable: it.blend_enable != vk::FALSE,
+        src_color: it.src_color_blend_factor,
+        dst_color: it.dst_color_blend_factor,
+        color_op: it.color_blend_op,
+        src_alpha: it.src_alpha_blend_factor,
+        dst_alpha: it.dst_alpha_blend_factor,
+        alpha_op: it.alpha_blend_op,
+        write_mask: it.color_write_mask,
+    };
+    ColorBlend {
+        logic_op: (info.logic_op_enable != vk::FALSE).then_some(info.logic_op),
+        set_logic_op: info.logic_op,
+        attachments: std::array::from_fn(|index| {
+            attachments
+                .get(index)
+                .map_or_else(BlendAttachment::default, attachment)
+        }),
+        write_enable: color_write_enables(enables),
+        constants: info.blend_constants,
+    }
+}
+
+/// `VkPipelineColorWriteCreateInfoEXT`: a bit an attachment. Those that are not named are written.
+pub fn color_write_enables(enables: &[vk::Bool32]) -> u32 {
+    let off = (enables.iter().take(32).enumerate()).filter(|(_, enable)| **enable == vk::FALSE);
+    off.fold(u32::MAX, |bits, (index, _)| bits & !(1 << index))
+}
+
+/// `VkRenderingAttachmentLocationInfo`: by location its attachment, where the structure has it the other way round.
+///
+/// # Safety
+/// The info is valid.
+pub unsafe fn color_locations(
+    info: &vk::RenderingAttachmentLocationInfoKHR<'_>,
+) -> [u32; MAX_COLOR_ATTACHMENTS] {
+    let count = info
+        .color_attachment_count
+        .min(MAX_COLOR_ATTACHMENTS as u32);
+    if info.p_color_attachment_locations.is_null() {
+        return GraphicsState::default().color_locations;
+    }
+    // SAFETY: the caller's promise.
+    let given = unsafe { slice(info.p_color_attachment_locations, count) };
+    let mut locations = [vk::ATTACHMENT_UNUSED; MAX_COLOR_ATTACHMENTS];
+    for (attachment, &location) in (0..).zip(given) {
+        if let Some(place) = locations.get_mut(location as usize) {
+            *place = attachment;
+        }
+    }
+    locations
+}

@@ -1,0 +1,235 @@
+//! Render passes, framebuffers and `VkRenderingInfo`.
+
+use ash::vk;
+use smallvec::SmallVec;
+
+use crate::command::pass::{Attachment, Pass, PassRecorder, Resolve};
+use crate::ffi::{find, slice};
+use crate::handle::{Ref, from_handle, optional, retain};
+use crate::object::render_pass::{DepthStencilResolve, PassAttachment, Subpass};
+use crate::object::{Framebuffer, ImageView, RenderPass};
+
+fn used(attachment: u32) -> Option<u32> {
+    (attachment != vk::ATTACHMENT_UNUSED).then_some(attachment)
+}
+
+fn is_clear(op: vk::AttachmentLoadOp) -> bool {
+    op == vk::AttachmentLoadOp::CLEAR
+}
+
+/// `VkRenderPassCreateInfo`.
+///
+/// # Safety
+/// The info is valid.
+pub unsafe fn render_pass(info: &vk::RenderPassCreateInfo<'_>) -> RenderPass {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let views = find::<vk::RenderPassMultiviewCreateInfo>(info.p_next)
+            .map_or(&[][..], |views| {
+                slice(views.p_view_masks, views.subpass_count)
+            });
+        let attachments = slice(info.p_attachments, info.attachment_count);
+        let attachment = |it: &vk::AttachmentDescription| PassAttachment {
+            format: it.format,
+            samples: it.samples.as_raw(),
+            clears: is_clear(it.load_op),
+            clears_stencil: is_clear(it.stencil_load_op),
+        };
+        let subpasses = slice(info.p_subpasses, info.subpass_count)
+            .iter()
+            .enumerate();
+        let subpass = |(index, it): (usize, &vk::SubpassDescription<'_>)| {
+            let list = |start: *const vk::AttachmentReference, count: u32| {
+                let references = slice(start, count).iter();
+                references
+                    .map(|it| used(it.attachment))
+                    .collect::<SmallVec<[_; 4]>>()
+            };
+            Subpass {
+                view_mask: views.get(index).copied().unwrap_or(0),
+                inputs: list(it.p_input_attachments, it.input_attachment_count),
+                colors: list(it.p_color_attachments, it.color_attachment_count),
+                resolves: list(it.p_resolve_attachments, it.color_attachment_count),
+                depth_stencil: (it.p_depth_stencil_attachment.as_ref())
+                    .and_then(|it| used(it.attachment)),
+                depth_stencil_resolve: None,
+            }
+        };
+        RenderPass {
+            attachments: attachments.iter().map(attachment).collect(),
+            subpasses: subpasses.map(subpass).collect(),
+        }
+    }
+}
+
+/// `VkRenderPassCreateInfo2`.
+///
+/// # Safety
+/// The info is valid.
+pub unsafe fn render_pass2(info: &vk::RenderPassCreateInfo2<'_>) -> RenderPass {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let attachments = slice(info.p_attachments, info.attachment_count);
+        let attachment = |it: &vk::AttachmentDescription2<'_>| PassAttachment {
+            format: it.format,
+            samples: it.samples.as_raw(),
+            clears: is_clear(it.load_op),
+            clears_stencil: is_clear(it.stencil_load_op),
+        };
+        let subpass = |it: &vk::SubpassDescription2<'_>| {
+            let list = |start: *const vk::AttachmentReference2<'_>, count: u32| {
+                let references = slice(start, count).iter();
+                references
+                    .map(|it| used(it.attachment))
+                    .collect::<SmallVec<[_; 4]>>()
+            };
+            let resolve = find::<vk::SubpassDescriptionDepthStencilResolve>(it.p_next);
+            Subpass {
+                view_mask: it.view_mask,
+                inputs: list(it.p_input_attachments, it.input_attachment_count),
+                colors: list(it.p_color_attachments, it.color_attachment_count),
+                resolves: list(it.p_resolve_attachments, it.color_attachment_count),
+                depth_stencil: (it.p_depth_stencil_attachment.as_ref())
+                    .and_then(|it| used(it.attachment)),
+                depth_stencil_resolve: resolve.and_then(|it| {
+                    let reference = it.p_depth_stencil_resolve_attachment.as_ref()?;
+                    Some(DepthStencilResolve {
+                        attachment: used(reference.attachment)?,
+                        depth: it.depth_resolve_mode,
+                        stencil: it.stencil_resolve_mode,
+                    })
+                }),
+            }
+        };
+        RenderPass {
+            attachments: attachments.iter().map(attachment).collect(),
+            subpasses: slice(info.p_subpasses, info.subpass_count)
+                .iter()
+                .map(subpass)
+                .collect(),
+        }
+    }
+}
+
+/// `VkFramebufferCreateInfo`.
+///
+/// # Safety
+/// The info is valid and its handles are alive.
+pub unsafe fn framebuffer(info: &vk::FramebufferCreateInfo<'_>) -> Framebuffer {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let attachments = match info.flags.contains(vk::FramebufferCreateFlags::IMAGELESS) {
+            true => &[],
+            false => slice(info.p_attachments, info.attachment_count),
+        };
+        let retained = |&view: &vk::ImageView| retain::<ImageView>(view);
+        Framebuffer {
+            attachments: attachments.iter().map(retained).collect(),
+            extent: [info.width, info.height],
+            layers: info.layers,
+        }
+    }
+}
+
+/// `VkRenderPassBeginInfo`.
+///
+/// # Safety
+/// The info is valid and its handles are alive.
+pub unsafe fn begin(info: &vk::RenderPassBeginInfo<'_>) -> PassRecorder {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let framebuffer = from_handle::<Framebuffer>(info.framebuffer);
+        let imageless = find::<vk::RenderPassAttachmentBeginInfo>(info.p_next);
+        let views = match imageless {
+            Some(views) if framebuffer.attachments.is_empty() => {
+                let views = slice(views.p_attachments, views.attachment_count).iter();
+                views.map(|&view| retain::<ImageView>(view)).collect()
+            }
+            _ => framebuffer.attachments.clone(),
+        };
+        PassRecorder::new(
+            retain(info.render_pass),
+            views,
+            slice(info.p_clear_values, info.clear_value_count).to_vec(),
+            inside(info.render_area, framebuffer.extent),
+            framebuffer.layers,
+        )
+    }
+}
+
+/// A render area, as far as it lies inside a framebuffer.
+fn inside(area: vk::Rect2D, [width, height]: [u32; 2]) -> vk::Rect2D {
+    let side = |first: i32, size: u32, most: u32| {
+        let end = (i64::from(first) + i64::from(size)).clamp(0, i64::from(most));
+        let first = i64::from(first).clamp(0, end);
+        (first as i32, (end - first) as u32)
+    };
+    let (x, width) = side(area.offset.x, area.extent.width, width);
+    let (y, height) = side(area.offset.y, area.extent.height, height);
+    vk::Rect2D {
+        offset: vk::Offset2D { x, y },
+        extent: vk::Extent2D { width, height },
+    }
+}
+
+/// `VkRenderingInfo`.
+///
+/// # Safety
+/// The info is valid and its handles are alive.
+pub unsafe fn rendering(info: &vk::RenderingInfo<'_>) -> Pass {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let colors = slice(info.p_color_attachments, info.color_attachment_count);
+        let resumes = info.flags.contains(vk::RenderingFlags::RESUMING);
+        Pass {
+            area: info.render_area,
+            layers: info.layer_count,
+            view_mask: info.view_mask,
+            colors: std::array::from_fn(|color| rendering_attachment(colors.get(color)?)),
+            depth: aspect(info.p_depth_attachment, vk::ImageAspectFlags::DEPTH),
+            stencil: aspect(info.p_stencil_attachment, vk::ImageAspectFlags::STENCIL),
+            clears: Vec::new(),
+            resumes,
+            suspends: info.flags.contains(vk::RenderingFlags::SUSPENDING),
+        }
+    }
+}
+
+/// # Safety
+/// The pointer is null or to a valid info, whose handles are alive.
+unsafe fn aspect(
+    info: *const vk::RenderingAttachmentInfo<'_>,
+    aspect: vk::ImageAspectFlags,
+) -> Option<Attachment> {
+    // SAFETY: the caller's promise.
+    let attachment = unsafe { rendering_attachment(info.as_ref()?) }?;
+    attachment.view.image.plane(aspect)?;
+    Some(attachment)
+}
+
+/// # Safety
+/// The info is valid and its handles are alive.
+unsafe fn rendering_attachment(info: &vk::RenderingAttachmentInfo<'_>) -> Option<Attachment> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let view = optional_view(info.image_view)?;
+        let resolve = (!info.resolve_mode.is_empty())
+            .then(|| optional_view(info.resolve_image_view))
+            .flatten();
+        Some(Attachment {
+            view,
+            clear: is_clear(info.load_op).then_some((info.clear_value, u32::MAX)),
+            resolve: resolve.map(|view| Resolve {
+                view,
+                mode: info.resolve_mode,
+            }),
+        })
+    }
+}
+
+/// # Safety
+/// The handle is null or alive.
+unsafe fn optional_view(view: vk::ImageView) -> Option<Ref<ImageView>> {
+    // SAFETY: the caller's promise.
+    unsafe { optional::<ImageView>(view).map(|_| retain(view)) }
+}

@@ -1,0 +1,63 @@
+//! Graphics pipelines, whole or in parts.
+
+#![forbid(unsafe_code)]
+
+use std::sync::Arc;
+
+use spirv_jit::Program;
+
+use super::dynamic_state::{DynamicStates, Parts};
+use super::graphics_state::GraphicsState;
+
+/// What a bound graphics pipeline, or bound shader objects, run.
+pub struct Stages {
+    pub vertex: Arc<Program>,
+    /// None: depth and stencil alone, coverage without colour.
+    pub fragment: Option<Arc<Program>>,
+}
+
+/// A graphics pipeline, or a library with some of its parts (`VK_EXT_graphics_pipeline_library`).
+pub struct GraphicsPipeline {
+    pub parts: Parts,
+    /// Of the parts that it has; all else is the default.
+    pub state: GraphicsState,
+    pub dynamic: DynamicStates,
+    pub vertex: Option<Arc<Program>>,
+    pub fragment: Option<Arc<Program>>,
+    /// What a draw runs; none of a library without a vertex shader.
+    pub stages: Option<Arc<Stages>>,
+}
+
+impl GraphicsPipeline {
+    /// A pipeline without any part.
+    pub fn empty() -> Self {
+        Self {
+            parts: Parts::empty(),
+            state: GraphicsState::default(),
+            dynamic: DynamicStates::default(),
+            vertex: None,
+            fragment: None,
+            stages: None,
+        }
+    }
+
+    /// Takes over the parts of a library, or those that a pipeline itself comes with.
+    pub fn link(&mut self, part: &GraphicsPipeline) {
+        let new = part.parts & !self.parts;
+        self.state.take_parts(new, &part.state);
+        self.dynamic = self.dynamic.union(part.dynamic);
+        self.parts |= part.parts;
+        if new.contains(Parts::PRE_RASTERIZATION_SHADERS) {
+            self.vertex.clone_from(&part.vertex);
+        }
+        if new.contains(Parts::FRAGMENT_SHADER) {
+            self.fragment.clone_from(&part.fragment);
+        }
+        self.stages = self.vertex.as_ref().map(|vertex| {
+            Arc::new(Stages {
+                vertex: Arc::clone(vertex),
+                fragment: self.fragment.clone(),
+            })
+        });
+    }
+}
