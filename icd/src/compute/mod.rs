@@ -10,33 +10,18 @@
 
 #[cfg(test)]
 mod tests;
+pub mod waves;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use parking_lot::Mutex;
 use rayon::prelude::*;
-use smallvec::SmallVec;
 use spirv_jit::environment::Environment;
-use spirv_jit::interp::Frame;
-use spirv_jit::program::{AlignedRow, Builtin, Event, InputRow, ResumePoint, Row, SiteKind, Wave};
+use spirv_jit::program::{AlignedRow, Builtin, InputRow, Row, SiteKind};
 use spirv_jit::{Program, SUBGROUP_SIZE};
-use traversal::Walker;
+use waves::Runner;
 
-use crate::settings::settings;
-use crate::trace::{Owned, Queries};
 use crate::wave::{Limits, Stopped};
-
-/// Fuel of a wave between two looks at the limits.
-const FUEL: u64 = 1 << 16;
-
-/// Fuel of each subgroup of a wave that ran dry, alone: a subgroup that spins until another one of its wave has gone on sees it go on.
-const FUEL_ALONE: u64 = 64;
-
-/// What a wave costs at the least between two looks at the limits, in fuel: one that always yields burns none.
-const WAVE_FUEL: u64 = FUEL / 1024;
-
-/// Subgroups of a wave, at most.
-const MAX_WAVE: usize = 32;
 
 /// Steps that a worker takes at once, at most.
 const MAX_CHUNK_STEPS: u64 = 64;
@@ -58,7 +43,7 @@ pub struct Dispatch<'a> {
 /// The workers' memory, kept from one dispatch to the next.
 #[derive(Default)]
 pub struct Dispatcher {
-    idle: Mutex<Vec<Worker>>,
+    idle: Mutex<Vec<Runner>>,
 }
 
 impl Dispatcher {
@@ -74,7 +59,7 @@ impl Dispatcher {
         let chunks = plan.steps.div_ceil(chunk_steps);
         let next_chunk = AtomicU64::new(0);
         let work = || {
-            let mut worker = self.idle.lock().pop().unwrap_or_default();
+            let mut runner = self.idle.lock().pop().unwrap_or_default();
             loop {
                 let chunk = next_chunk.fetch_add(1, Ordering::Relaxed);
                 if chunk >= chunks {
@@ -82,12 +67,11 @@ impl Dispatcher {
                 }
                 let first = chunk * chunk_steps;
                 for step in first..(first + chunk_steps).min(plan.steps) {
-                    worker
-                        .run_step(&plan, step)
+                    plan.run_step(&mut runner, step)
                         .inspect_err(|_| next_chunk.store(chunks, Ordering::Relaxed))?;
                 }
             }
-            self.idle.lock().push(worker);
+            self.idle.lock().push(runner);
             Ok(())
         };
         match chunks.min(workers_count as u64) as usize {
@@ -112,8 +96,6 @@ struct Plan<'a> {
     steps: u64,
     /// Lanes of a workgroup's last subgroup.
     last_lanes: u16,
-    /// Rows of a subgroup's state.
-    rows: usize,
     first_input: usize,
     /// What each input row is made of.
     inputs: Vec<Input>,
@@ -170,7 +152,6 @@ impl<'a> Plan<'a> {
             workgroups_per_step,
             steps: workgroups.div_ceil(workgroups_per_step),
             last_lanes: lanes_below(last),
-            rows: program.layout().rows,
             first_input: program.layout().inputs,
             inputs: inputs
                 .iter()
@@ -189,6 +170,32 @@ impl<'a> Plan<'a> {
             base_y.wrapping_add((index / x % y) as u32),
             base_z.wrapping_add((index / x / y) as u32),
         ]
+    }
+
+    /// Executes the workgroups of a step to their end.
+    fn run_step(&self, runner: &mut Runner, step: u64) -> Result<(), Stopped> {
+        let Dispatch {
+            program,
+            environment,
+            limits,
+            ..
+        } = self.dispatch;
+        let first = step * self.workgroups_per_step;
+        let last = (first + self.workgroups_per_step).min(self.workgroups);
+        let subgroups = (last - first) as usize * self.subgroups_per_workgroup;
+        runner.begin(program, subgroups)?;
+        let mut states = runner.states();
+        for workgroup in first..last {
+            let id = self.workgroup_id(workgroup);
+            for (subgroup, state) in states
+                .by_ref()
+                .take(self.subgroups_per_workgroup)
+                .enumerate()
+            {
+                self.start(state, id, subgroup);
+            }
+        }
+        runner.run(program, environment, limits)
     }
 
     /// Puts a subgroup of a workgroup at the program's entry.
@@ -270,215 +277,4 @@ fn local_row(
             _ => 0,
         }
     })
-}
-
-/// Where a subgroup of the running step stands.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Status {
-    Ready,
-    /// Part of the wave that runs.
-    InWave,
-    AtBarrier,
-    Ended,
-}
-
-/// A worker's memory: nothing is allocated per workgroup.
-#[derive(Default)]
-struct Worker {
-    frame: Frame,
-    /// States of the step's subgroups, one after the other.
-    states: Vec<AlignedRow>,
-    status: Vec<Status>,
-    shared: Vec<AlignedRow>,
-    /// Made by the first shader with a ray query.
-    walker: Option<Box<Walker>>,
-    queries: Queries,
-    /// The suspended walks of the step.
-    suspended: Owned,
-    /// Fuel since the last look at the limits.
-    burnt: u64,
-}
-
-impl Worker {
-    /// Executes workgroups to their end.
-    fn run_step(&mut self, plan: &Plan<'_>, step: u64) -> Result<(), Stopped> {
-        self.start_step(plan, step)?;
-        let mut from = 0;
-        loop {
-            // Taking turns: a subgroup that spins must not keep the others from running.
-            let ready = |index: &usize| self.status[*index] == Status::Ready;
-            let next = (from..self.status.len()).chain(0..from).find(ready);
-            match next {
-                Some(leader) => {
-                    self.form_wave(plan, leader);
-                    self.run_wave(plan)?;
-                    from = leader + 1;
-                }
-                None if !self.pass_barrier() => return Ok(()),
-                None => from = 0,
-            }
-        }
-    }
-
-    fn start_step(&mut self, plan: &Plan<'_>, step: u64) -> Result<(), Stopped> {
-        let first = step * plan.workgroups_per_step;
-        let last = (first + plan.workgroups_per_step).min(plan.workgroups);
-        let subgroups = (last - first) as usize * plan.subgroups_per_workgroup;
-        resize(&mut self.states, subgroups * plan.rows)?;
-        self.status.clear();
-        self.status.resize(subgroups, Status::Ready);
-        self.queries.clear();
-        self.suspended.clear();
-        // Undefined by the specification; zeros, so that even a faulty shader gives the same result twice.
-        self.shared.clear();
-        let shared_bytes = plan.dispatch.program.shared_size_bytes() as usize;
-        resize(
-            &mut self.shared,
-            shared_bytes.div_ceil(size_of::<AlignedRow>()),
-        )?;
-        let mut states = self.states.chunks_exact_mut(plan.rows);
-        for workgroup in first..last {
-            let id = plan.workgroup_id(workgroup);
-            for (subgroup, state) in states
-                .by_ref()
-                .take(plan.subgroups_per_workgroup)
-                .enumerate()
-            {
-                plan.start(state, id, subgroup);
-            }
-        }
-        Ok(())
-    }
-
-    /// Takes `leader` and the ready subgroups that stand where it stands.
-    fn form_wave(&mut self, plan: &Plan<'_>, leader: usize) {
-        let program = plan.dispatch.program;
-        let point = self.resume_point(plan, leader);
-        let room = program.max_wave_subgroups().min(settings().wave);
-        let mut room = room.clamp(1, MAX_WAVE);
-        for index in (leader..self.status.len()).chain(0..leader) {
-            if room == 0 {
-                break;
-            }
-            if self.status[index] == Status::Ready && self.resume_point(plan, index) == point {
-                self.status[index] = Status::InWave;
-                room -= 1;
-            }
-        }
-    }
-
-    fn resume_point(&self, plan: &Plan<'_>, index: usize) -> ResumePoint {
-        let state = &self.states[index * plan.rows..][..plan.rows];
-        plan.dispatch.program.resume_point(state)
-    }
-
-    /// Runs the wave to its next event and notes where its subgroups stand then.
-    fn run_wave(&mut self, plan: &Plan<'_>) -> Result<(), Stopped> {
-        let mut fuel = FUEL;
-        let event = self.run_members(plan, &mut fuel);
-        if event != Event::OutOfFuel {
-            self.burnt += FUEL - fuel + WAVE_FUEL;
-            if self.burnt >= FUEL {
-                self.burnt = 0;
-                plan.dispatch.limits.check()?;
-            }
-            return self.settle(plan, event);
-        }
-        plan.dispatch.limits.check()?;
-        let members: SmallVec<[usize; 16]> = self.in_wave().collect();
-        self.settle(plan, event)?;
-        if members.len() > 1 {
-            for member in members {
-                self.status[member] = Status::InWave;
-                let mut fuel = FUEL_ALONE;
-                let event = self.run_members(plan, &mut fuel);
-                self.settle(plan, event)?;
-            }
-        }
-        Ok(())
-    }
-
-    fn in_wave(&self) -> impl Iterator<Item = usize> {
-        (0..self.status.len()).filter(|&index| self.status[index] == Status::InWave)
-    }
-
-    fn run_members(&mut self, plan: &Plan<'_>, fuel: &mut u64) -> Event {
-        let mut states: [&mut [AlignedRow]; MAX_WAVE] = std::array::from_fn(|_| &mut [][..]);
-        let members = self
-            .states
-            .chunks_exact_mut(plan.rows)
-            .zip(&self.status)
-            .filter(|(_, status)| **status == Status::InWave);
-        let mut count = 0;
-        for (place, (state, _)) in states.iter_mut().zip(members) {
-            *place = state;
-            count += 1;
-        }
-        // SAFETY: the command's bindings keep what the environment names, and the application keeps what those name; `shared` has the
-        // program's size; the states are the program's.
-        unsafe {
-            plan.dispatch.program.run(
-                &mut self.frame,
-                &mut Wave {
-                    states: &mut states[..count],
-                    shared: self.shared.as_mut_ptr().cast(),
-                    environment: plan.dispatch.environment,
-                },
-                fuel,
-            )
-        }
-    }
-
-    fn settle(&mut self, plan: &Plan<'_>, event: Event) -> Result<(), Stopped> {
-        let program = plan.dispatch.program;
-        for (state, status) in self
-            .states
-            .chunks_exact_mut(plan.rows)
-            .zip(&mut self.status)
-            .filter(|(_, status)| **status == Status::InWave)
-        {
-            *status = match event {
-                Event::End => Status::Ended,
-                Event::OutOfFuel => Status::Ready,
-                Event::OutOfMemory => return Err(Stopped::OutOfMemory),
-                Event::Yield(site) => match program.sites()[site.0 as usize] {
-                    // A subgroup none of whose lanes has come to the barrier does not wait there.
-                    SiteKind::Barrier if program.event_mask(state) == 0 => Status::Ready,
-                    SiteKind::Barrier => Status::AtBarrier,
-                    SiteKind::RayQueryProceed => {
-                        self.queries.proceed(
-                            self.walker.get_or_insert_with(|| settings().walker()),
-                            program,
-                            state,
-                            &mut self.suspended,
-                            plan.dispatch.limits,
-                        )?;
-                        Status::Ready
-                    }
-                    kind => unreachable!("{kind:?} in a compute shader"),
-                },
-            };
-        }
-        Ok(())
-    }
-
-    /// When no subgroup can run: lets all go on from the barrier. False if none is there, because all have ended.
-    fn pass_barrier(&mut self) -> bool {
-        let mut any = false;
-        for status in &mut self.status {
-            if *status == Status::AtBarrier {
-                *status = Status::Ready;
-                any = true;
-            }
-        }
-        any
-    }
-}
-
-/// Resizes, keeping what is there.
-fn resize(rows: &mut Vec<AlignedRow>, len: usize) -> Result<(), Stopped> {
-    rows.try_reserve(len.saturating_sub(rows.len()))
-        .map_err(|_| Stopped::OutOfMemory)?;
-    rows.resize(len, AlignedRow::default());
-    Ok(())
 }
