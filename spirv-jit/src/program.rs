@@ -30,6 +30,8 @@ pub enum Stage {
     ClosestHit,
     Miss,
     Callable,
+    Vertex,
+    Fragment,
 }
 
 /// Built-in inputs that arrive per lane in the input record. 32-bit words each; vectors and matrices (column-major) by component.

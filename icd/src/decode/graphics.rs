@@ -397,3 +397,26 @@ pub unsafe fn color_locations(
     }
     locations
 }
+
+/// What `vkCmdSetVertexInputEXT` is given.
+pub fn dynamic_vertex_input(
+    bindings: &[vk::VertexInputBindingDescription2EXT<'_>],
+    attributes: &[vk::VertexInputAttributeDescription2EXT<'_>],
+) -> VertexInput {
+    let binding = |it: &vk::VertexInputBindingDescription2EXT<'_>| VertexBinding {
+        binding: it.binding,
+        stride_bytes: it.stride,
+        per_instance: it.input_rate == vk::VertexInputRate::INSTANCE,
+        divisor: it.divisor,
+    };
+    let attribute = |it: &vk::VertexInputAttributeDescription2EXT<'_>| VertexAttribute {
+        location: it.location,
+        binding: it.binding,
+        format: it.format,
+        offset_bytes: it.offset,
+    };
+    VertexInput {
+        bindings: bindings.iter().map(binding).collect(),
+        attributes: attributes.iter().map(attribute).collect(),
+    }
+}

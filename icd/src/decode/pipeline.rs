@@ -88,6 +88,8 @@ fn stage(stage: vk::ShaderStageFlags) -> Option<Stage> {
         vk::ShaderStageFlags::CLOSEST_HIT_KHR => Stage::ClosestHit,
         vk::ShaderStageFlags::MISS_KHR => Stage::Miss,
         vk::ShaderStageFlags::CALLABLE_KHR => Stage::Callable,
+        vk::ShaderStageFlags::VERTEX => Stage::Vertex,
+        vk::ShaderStageFlags::FRAGMENT => Stage::Fragment,
         _ => return None,
     })
 }

@@ -6,11 +6,33 @@ use ash::vk;
 use smallvec::SmallVec;
 
 use super::define::{commands, entry};
-use crate::command::{BindDescriptorSets, Command, CommandBuffer, CommandPool, copied};
+use crate::VkResult;
+use crate::command::{
+    BindDescriptorSets, Command, CommandBuffer, CommandPool, GraphicsCommand, Recording, copied,
+};
 use crate::device::Device;
 use crate::ffi;
 use crate::handle;
 use crate::object::{Buffer, DescriptorSet, Event};
+use crate::settings::has_graphics;
+
+/// Records a barrier that vertex stages wait for, or what reads their parameters: inside a pass, they run ahead of the fragments of
+/// earlier draws.
+fn vertex_barrier(commands: &mut Recording, destination: vk::PipelineStageFlags2) -> VkResult {
+    use vk::PipelineStageFlags2 as Stage;
+    let stages = Stage::DRAW_INDIRECT
+        | Stage::VERTEX_INPUT
+        | Stage::INDEX_INPUT
+        | Stage::VERTEX_ATTRIBUTE_INPUT
+        | Stage::VERTEX_SHADER
+        | Stage::PRE_RASTERIZATION_SHADERS
+        | Stage::ALL_GRAPHICS
+        | Stage::ALL_COMMANDS;
+    if destination.intersects(stages) && has_graphics() {
+        return commands.push(Command::Graphics(GraphicsCommand::VertexBarrier));
+    }
+    Ok(())
+}
 
 entry! {
     fn vkCreateCommandPool(
@@ -137,11 +159,11 @@ commands! {
         Ok(())
     }
 
-    /// Nothing to do: see [`execute`](crate::execute).
+    /// Nothing to do outside of passes: see [`execute`](crate::execute).
     fn vkCmdPipelineBarrier(
-        _commands,
+        commands,
         _source_stages: vk::PipelineStageFlags,
-        _destination_stages: vk::PipelineStageFlags,
+        destination_stages: vk::PipelineStageFlags,
         _flags: vk::DependencyFlags,
         _memory_count: u32,
         _memory: *const vk::MemoryBarrier,
@@ -150,12 +172,20 @@ commands! {
         _image_count: u32,
         _images: *const vk::ImageMemoryBarrier,
     ) {
-        Ok(())
+        let stages = vk::PipelineStageFlags2::from_raw(u64::from(destination_stages.as_raw()));
+        vertex_barrier(commands, stages)
     }
 
     /// As above.
-    fn vkCmdPipelineBarrier2(_commands, _info: *const vk::DependencyInfo) {
-        Ok(())
+    fn vkCmdPipelineBarrier2(commands, info: *const vk::DependencyInfo) {
+        let info = &*info;
+        let memory = ffi::slice(info.p_memory_barriers, info.memory_barrier_count);
+        let buffers = ffi::slice(info.p_buffer_memory_barriers, info.buffer_memory_barrier_count);
+        let images = ffi::slice(info.p_image_memory_barriers, info.image_memory_barrier_count);
+        let stages = (memory.iter().map(|it| it.dst_stage_mask))
+            .chain(buffers.iter().map(|it| it.dst_stage_mask))
+            .chain(images.iter().map(|it| it.dst_stage_mask));
+        vertex_barrier(commands, stages.fold(vk::PipelineStageFlags2::NONE, |all, it| all | it))
     }
 
     fn vkCmdSetEvent(commands, event: vk::Event, _stages: vk::PipelineStageFlags) {

@@ -1,107 +1,108 @@
-//! Graphics commands. A device without a graphics queue has their entry points all the same, because its Vulkan version has them
-//! (`vkGetDeviceProcAddr`), but every use is invalid: pipelines need a graphics queue family (VUID-vkCreateGraphicsPipelines-device-09662),
-//! commands a command pool of one. They are answered with `VK_ERROR_VALIDATION_FAILED` and one message.
+//! Graphics pipelines, render passes and framebuffers. A device without a graphics queue has render passes and framebuffers, too, since
+//! applications create them with the rest; pipelines need such a queue (VUID-vkCreateGraphicsPipelines-device-09662), and are refused with
+//! `VK_ERROR_VALIDATION_FAILED` and one message.
+
+use std::time::Instant;
 
 use ash::vk;
 
 use super::define::entry;
 use super::destroy;
-use crate::command::CommandBuffer;
+use super::pipeline::create_each;
+use crate::VkResult;
+use crate::decode::graphics::{Decoded, decode};
+use crate::decode::pipeline::create_flags;
+use crate::decode::ray_tracing::creation_feedback;
 use crate::decode::render_pass::{framebuffer, render_pass, render_pass2};
 use crate::device::Device;
 use crate::ffi::array::slice_mut;
-use crate::guard::guard;
-use crate::handle::{self, from_handle};
-use crate::object::{Framebuffer, RenderPass};
+use crate::ffi::{find, slice};
+use crate::handle::{self, Ref, from_handle, optional, retain};
+use crate::object::graphics_pipeline::GraphicsPipeline;
+use crate::object::pipeline::PipelineKind;
+use crate::object::{Framebuffer, Pipeline, PipelineCache, PipelineLayout, RenderPass};
+use crate::settings::has_graphics;
 
 destroy! {
     vkDestroyFramebuffer: Framebuffer, Framebuffer;
     vkDestroyRenderPass: RenderPass, RenderPass;
 }
 
-/// Defines recorded commands that only command buffers for graphics queues may have: by name and the types of their further arguments.
-macro_rules! refused {
-    ($because:literal: $($name:ident($($ty:ty),*);)+) => {$(
-        #[allow(non_snake_case, reason = "entry points keep their C names")]
-        pub(crate) unsafe extern "system" fn $name(buffer: vk::CommandBuffer $(, _: $ty)*) {
-            guard(stringify!($name), || {
-                // SAFETY: the handle is a live command buffer.
-                let buffer = unsafe { from_handle::<CommandBuffer>(buffer) };
-                buffer.refuse(stringify!($name), $because);
-            });
+/// Creates one graphics pipeline, or a library.
+///
+/// # Safety
+/// `info` is valid usage of `vkCreateGraphicsPipelines`.
+unsafe fn create_graphics(
+    device: &Device,
+    cache: Option<&PipelineCache>,
+    info: &vk::GraphicsPipelineCreateInfo<'_>,
+) -> VkResult<vk::Pipeline> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let start = Instant::now();
+        let Decoded {
+            mut own,
+            stages,
+            libraries,
+        } = decode(info)?;
+        // Parts without shaders need none.
+        let layout: Ref<PipelineLayout> = match optional::<PipelineLayout>(info.layout) {
+            Some(_) if !stages.is_empty() || !libraries.is_empty() => retain(info.layout),
+            _ => handle::new(PipelineLayout::new(Vec::new(), 0)),
+        };
+        let allowed = !create_flags(info.flags, info.p_next)
+            .contains(vk::PipelineCreateFlags::FAIL_ON_PIPELINE_COMPILE_REQUIRED);
+        let feedback = find::<vk::PipelineCreationFeedbackCreateInfo>(info.p_next);
+        let out = feedback.map_or(&mut [][..], |it| {
+            let count = it.pipeline_stage_creation_feedback_count;
+            slice_mut(it.p_pipeline_stage_creation_feedbacks, count)
+        });
+        let mut all_hits = !stages.is_empty();
+        for (index, stage) in &stages {
+            let start = Instant::now();
+            let compiled = stage.compile(&device.compiler(), cache, &layout, allowed)?;
+            all_hits &= compiled.cache_hit;
+            if let Some(out) = out.get_mut(*index) {
+                let hit = cache.is_some() && compiled.cache_hit;
+                *out = creation_feedback(start.elapsed(), hit);
+            }
+            own.set_program(stage.stage, compiled.program.program);
         }
-    )+};
-}
-
-refused! {
-    "no queue family of this device supports graphics":
-    vkCmdBeginRenderPass(*const vk::RenderPassBeginInfo<'_>, vk::SubpassContents);
-    vkCmdBeginRenderPass2(*const vk::RenderPassBeginInfo<'_>, *const vk::SubpassBeginInfo<'_>);
-    vkCmdBeginRendering(*const vk::RenderingInfo<'_>);
-    vkCmdBindIndexBuffer(vk::Buffer, vk::DeviceSize, vk::IndexType);
-    vkCmdBindIndexBuffer2KHR(vk::Buffer, vk::DeviceSize, vk::DeviceSize, vk::IndexType);
-    vkCmdBindIndexBuffer3KHR(*const std::ffi::c_void);
-    vkCmdBindVertexBuffers3KHR(u32, u32, *const std::ffi::c_void);
-    vkCmdDrawIndexedIndirect2KHR(*const std::ffi::c_void);
-    vkCmdDrawIndexedIndirectCount2KHR(*const std::ffi::c_void);
-    vkCmdDrawIndirect2KHR(*const std::ffi::c_void);
-    vkCmdDrawIndirectCount2KHR(*const std::ffi::c_void);
-    vkCmdBindVertexBuffers(u32, u32, *const vk::Buffer, *const vk::DeviceSize);
-    vkCmdBindVertexBuffers2(u32, u32, *const vk::Buffer, *const vk::DeviceSize, *const vk::DeviceSize, *const vk::DeviceSize);
-    vkCmdClearAttachments(u32, *const vk::ClearAttachment, u32, *const vk::ClearRect);
-    vkCmdDraw(u32, u32, u32, u32);
-    vkCmdDrawIndexed(u32, u32, u32, i32, u32);
-    vkCmdDrawIndexedIndirect(vk::Buffer, vk::DeviceSize, u32, u32);
-    vkCmdDrawIndexedIndirectCount(vk::Buffer, vk::DeviceSize, vk::Buffer, vk::DeviceSize, u32, u32);
-    vkCmdDrawIndirect(vk::Buffer, vk::DeviceSize, u32, u32);
-    vkCmdDrawIndirectCount(vk::Buffer, vk::DeviceSize, vk::Buffer, vk::DeviceSize, u32, u32);
-    vkCmdEndRenderPass();
-    vkCmdEndRenderPass2(*const vk::SubpassEndInfo<'_>);
-    vkCmdEndRendering();
-    vkCmdNextSubpass(vk::SubpassContents);
-    vkCmdNextSubpass2(*const vk::SubpassBeginInfo<'_>, *const vk::SubpassEndInfo<'_>);
-    vkCmdSetBlendConstants(*const [f32; 4]);
-    vkCmdSetCullMode(vk::CullModeFlags);
-    vkCmdSetDepthBias(f32, f32, f32);
-    vkCmdSetDepthBiasEnable(vk::Bool32);
-    vkCmdSetDepthBounds(f32, f32);
-    vkCmdSetDepthBoundsTestEnable(vk::Bool32);
-    vkCmdSetDepthCompareOp(vk::CompareOp);
-    vkCmdSetDepthTestEnable(vk::Bool32);
-    vkCmdSetDepthWriteEnable(vk::Bool32);
-    vkCmdSetFrontFace(vk::FrontFace);
-    vkCmdSetLineWidth(f32);
-    vkCmdSetPrimitiveRestartEnable(vk::Bool32);
-    vkCmdSetPrimitiveTopology(vk::PrimitiveTopology);
-    vkCmdSetRasterizerDiscardEnable(vk::Bool32);
-    vkCmdSetScissor(u32, u32, *const vk::Rect2D);
-    vkCmdSetScissorWithCount(u32, *const vk::Rect2D);
-    vkCmdSetStencilCompareMask(vk::StencilFaceFlags, u32);
-    vkCmdSetStencilOp(vk::StencilFaceFlags, vk::StencilOp, vk::StencilOp, vk::StencilOp, vk::CompareOp);
-    vkCmdSetStencilReference(vk::StencilFaceFlags, u32);
-    vkCmdSetStencilTestEnable(vk::Bool32);
-    vkCmdSetStencilWriteMask(vk::StencilFaceFlags, u32);
-    vkCmdSetViewport(u32, u32, *const vk::Viewport);
-    vkCmdSetViewportWithCount(u32, *const vk::Viewport);
-}
-
-refused! {
-    "there are no queries here that begin and end":
-    vkCmdBeginQuery(vk::QueryPool, u32, vk::QueryControlFlags);
-    vkCmdEndQuery(vk::QueryPool, u32);
+        let mut pipeline = GraphicsPipeline::empty();
+        for part in libraries.into_iter().chain([&own]) {
+            pipeline.link(part);
+        }
+        if let Some(out) = feedback.and_then(|it| it.p_pipeline_creation_feedback.as_mut()) {
+            let hit = cache.is_some() && all_hits;
+            *out = creation_feedback(start.elapsed(), hit);
+        }
+        Ok(handle::create(Pipeline {
+            layout,
+            kind: PipelineKind::Graphics(Box::new(pipeline)),
+        }))
+    }
 }
 
 entry! {
     fn vkCreateGraphicsPipelines(
         device: vk::Device,
-        _cache: vk::PipelineCache,
+        cache: vk::PipelineCache,
         count: u32,
-        _infos: *const vk::GraphicsPipelineCreateInfo,
+        infos: *const vk::GraphicsPipelineCreateInfo,
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::Pipeline,
     ) -> vk::Result {
-        slice_mut(out, count).fill(vk::Pipeline::null());
         let device = from_handle::<Device>(device);
+        if has_graphics() {
+            let cache = optional::<PipelineCache>(cache).map(|cache| &**cache);
+            return create_each(
+                slice(infos, count),
+                out,
+                |info| create_flags(info.flags, info.p_next),
+                |info| create_graphics(device, cache, info),
+            );
+        }
+        slice_mut(out, count).fill(vk::Pipeline::null());
         device.messengers.error(
             c"TUFF-no-graphics",
             "vkCreateGraphicsPipelines: no queue family of this device supports graphics",

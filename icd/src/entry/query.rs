@@ -19,7 +19,8 @@ entry! {
         out: *mut vk::QueryPool,
     ) -> vk::Result {
         let waiting = Arc::clone(&handle::from_handle::<Device>(device).engine.waiting);
-        *out = handle::create(QueryPool::new((*info).query_type, (*info).query_count, waiting)?);
+        let info = &*info;
+        *out = handle::create(QueryPool::new(info.query_type, info.pipeline_statistics, info.query_count, waiting)?);
         Ok(())
     }
 
@@ -79,7 +80,7 @@ commands! {
         flags: vk::QueryResultFlags,
     ) {
         let word_bytes = if flags.contains(vk::QueryResultFlags::TYPE_64) { 8 } else { 4 };
-        let words = 1 + u64::from(flags.contains(vk::QueryResultFlags::WITH_AVAILABILITY));
+        let words = handle::from_handle::<QueryPool>(pool).result_columns(flags);
         let size_bytes = u64::from(count.saturating_sub(1))
             .saturating_mul(stride_bytes)
             .saturating_add(words * word_bytes);

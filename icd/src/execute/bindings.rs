@@ -10,6 +10,7 @@ use spirv_jit::reach::Reach;
 
 use crate::command::{BindDescriptorBuffer, BindDescriptorSets};
 use crate::object::Pipeline;
+use crate::object::pipeline::DYNAMIC_OF_SET;
 use crate::wave::Surroundings;
 use crate::wave::mask::InvocationMask;
 
@@ -24,14 +25,38 @@ pub const SHRINKS_WITH_OFFSET: u64 = 1 << 63;
 pub struct Bindings<'a> {
     compute: BindPoint<'a>,
     ray_tracing: BindPoint<'a>,
+    graphics: BindPoint<'a>,
     push_constants: Box<PushConstants>,
+    /// What draws see, as long as nothing of it changes.
+    snapshot: Option<Snapshot>,
     /// `vkCmdBindInvocationMaskHUAWEI`.
     pub invocation_mask: Option<InvocationMask>,
     /// `vkCmdSetRayTracingPipelineStackSizeKHR`.
     pub stack_bytes: Option<u32>,
 }
 
+/// What draws see of bindings, which may change before they are drawn.
+#[derive(Clone)]
+pub struct Snapshot {
+    pub environment: Arc<Environment>,
+    /// What the environment points to.
+    pub keep: Arc<Kept>,
+}
+
+/// Copies of what an environment points to, but for the sets, which the recorded commands hold.
+pub struct Kept {
+    push_constants: PushConstants,
+    dynamic: Vec<Descriptor>,
+    blocks: Vec<Vec<InlineBlock>>,
+}
+
+// SAFETY: inline blocks are plain data, as descriptors are.
+unsafe impl Send for Kept {}
+// SAFETY: as above.
+unsafe impl Sync for Kept {}
+
 /// Aligned for any load.
+#[derive(Clone)]
 #[repr(align(64))]
 struct PushConstants([u8; PUSH_CONSTANT_BYTES]);
 
@@ -71,6 +96,10 @@ impl<'a> Bindings<'a> {
     fn bind_point(&mut self, bind_point: vk::PipelineBindPoint) -> &mut BindPoint<'a> {
         match bind_point {
             vk::PipelineBindPoint::RAY_TRACING_KHR => &mut self.ray_tracing,
+            vk::PipelineBindPoint::GRAPHICS => {
+                self.snapshot = None;
+                &mut self.graphics
+            }
             _ => &mut self.compute,
         }
     }
@@ -100,6 +129,7 @@ impl<'a> Bindings<'a> {
 
     /// `vkCmdPushConstants`.
     pub fn push_constants(&mut self, offset: u32, bytes: &[u8]) {
+        self.snapshot = None;
         let start = (offset as usize).min(PUSH_CONSTANT_BYTES);
         let room = &mut self.push_constants.0[start..];
         let count = bytes.len().min(room.len());
@@ -125,7 +155,7 @@ impl<'a> Bindings<'a> {
         } as usize;
         let bound = self.bind_point(bind_point);
         let pipeline = bound.pipeline?;
-        bound.place_dynamic(&pipeline.layout.dynamic_first);
+        bound.place_dynamic();
         bound.place_stored(&surroundings.reach);
         let mut uniforms = [0; uniform::COUNT];
         uniforms[first_uniform..first_uniform + 3].copy_from_slice(&extent);
@@ -141,6 +171,53 @@ impl<'a> Bindings<'a> {
             views: Arc::clone(&surroundings.views),
         };
         Some((pipeline, environment))
+    }
+
+    /// What the next draw sees.
+    pub fn snapshot(&mut self, surroundings: impl FnOnce() -> Surroundings) -> Snapshot {
+        if let Some(snapshot) = &self.snapshot {
+            return snapshot.clone();
+        }
+        let surroundings = surroundings();
+        let bound = &mut self.graphics;
+        bound.place_dynamic();
+        bound.place_stored(&surroundings.reach);
+        let stored = bound.stored.iter().any(Option::is_some);
+        let keep = Arc::new(Kept {
+            push_constants: (*self.push_constants).clone(),
+            dynamic: bound.dynamic.clone(),
+            blocks: if stored {
+                bound.blocks.to_vec()
+            } else {
+                Vec::new()
+            },
+        });
+        let mut sets = bound.sets;
+        for (set, blocks) in sets.iter_mut().zip(&keep.blocks) {
+            set.blocks = blocks.as_ptr();
+        }
+        let environment = Environment {
+            number: Environment::next_number(),
+            sets,
+            dynamic: keep.dynamic.as_ptr(),
+            dynamic_count: keep.dynamic.len() as u32,
+            push_constants: Descriptor {
+                address: keep.push_constants.0.as_ptr() as u64,
+                size_bytes: PUSH_CONSTANT_BYTES as u64,
+                ..Descriptor::NULL
+            },
+            uniforms: [0; uniform::COUNT],
+            reach: surroundings.shader_reach,
+            strays: surroundings.strays,
+            views: surroundings.views,
+        };
+        let environment = Arc::new(environment);
+        self.snapshot.insert(Snapshot { environment, keep }).clone()
+    }
+
+    /// The memory that draws read may be another by now: what is kept by the environment's number is computed anew.
+    pub fn forget_snapshot(&mut self) {
+        self.snapshot = None;
     }
 }
 
@@ -207,15 +284,16 @@ impl BindPoint<'_> {
         }
     }
 
-    /// Puts each set's dynamic buffers where a layout has them.
-    fn place_dynamic(&mut self, first_of_set: &[u32]) {
+    /// Puts each set's dynamic buffers where layouts have them.
+    fn place_dynamic(&mut self) {
         self.dynamic.clear();
-        for (dynamic, &first) in self.dynamic_of_set.iter().zip(first_of_set) {
-            let end = first as usize + dynamic.len();
-            if self.dynamic.len() < end {
-                self.dynamic.resize(end, Descriptor::NULL);
+        for (number, dynamic) in self.dynamic_of_set.iter().enumerate() {
+            if dynamic.is_empty() {
+                continue;
             }
-            self.dynamic[first as usize..end].copy_from_slice(dynamic);
+            self.dynamic
+                .resize(number * DYNAMIC_OF_SET as usize, Descriptor::NULL);
+            self.dynamic.extend_from_slice(dynamic);
         }
     }
 }

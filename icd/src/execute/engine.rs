@@ -13,6 +13,7 @@ use crate::compute::Dispatcher;
 use crate::object::instance::Messengers;
 use crate::object::live_memory::LiveMemory;
 use crate::object::sync::Waiting;
+use crate::raster::Rasterizer;
 use crate::trace::Tracer;
 use crate::validate::{Caller, Checks, Queried, Validator};
 use crate::wave::{Budget, Limits, QueryObserver, Surroundings, Workers};
@@ -23,6 +24,7 @@ pub struct Engine {
     pub waiting: Arc<Waiting>,
     pub dispatcher: Dispatcher,
     pub tracer: Tracer,
+    pub rasterizer: Rasterizer,
     /// What addresses may lead to.
     pub memory: Arc<LiveMemory>,
     /// Image views and samplers.
@@ -69,6 +71,7 @@ impl Engine {
             waiting: Arc::default(),
             dispatcher: Dispatcher::default(),
             tracer: Tracer::default(),
+            rasterizer: Rasterizer::default(),
             memory,
             views: Arc::default(),
             budget: Arc::default(),

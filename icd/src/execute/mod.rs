@@ -1,6 +1,6 @@
 //! Performs recorded commands, in order, on a queue's thread. What is worth it fans out over the device's workers.
 //!
-//! **Barriers, pipeline stages and access masks are not recorded.** A queue performs one command after the other, and each is complete, its
+//! **Barriers, pipeline stages and access masks are not recorded,** but for barriers inside passes that vertex stages wait for. A queue performs one command after the other, and each is complete, its
 //! writes visible to every thread, before the next begins: workers join at the end of a command, and memory is the host's own coherent
 //! memory. That is more than any `vkCmdPipelineBarrier` asks for. Image layouts mean nothing, since images are stored one way only, and with
 //! one queue family there is no ownership to transfer. What is left of the synchronization commands are events, which can be waited for
@@ -22,6 +22,8 @@
 
 pub mod bindings;
 mod engine;
+mod graphics;
+mod pass;
 pub mod query;
 pub mod ray_tracing;
 
@@ -34,6 +36,7 @@ use crate::object::pipeline::PipelineKind;
 use crate::transfer::{blit, buffer, clear, copy, resolve};
 use crate::validate::Caller;
 use crate::wave::{Stopped, reachable};
+use graphics::{Current, Drawing, Painter};
 use ray_tracing::Access;
 
 pub use bindings::Bindings;
@@ -55,36 +58,77 @@ impl From<Stopped> for Failure {
     }
 }
 
-/// Performs a command buffer. It starts with nothing bound, as the specification has it for primary and secondary ones alike (chapter
-/// Command Buffers, "Command Buffer Lifecycle" and `vkCmdExecuteCommands`).
+/// Performs the command buffers of a submission, one after the other.
 ///
 /// # Errors
 /// See [`Failure`]; what was done so far stays done.
-pub fn replay(engine: &Engine, commands: &[Command]) -> Result<(), Failure> {
-    let mut bindings = Bindings::default();
-    commands
-        .iter()
-        .try_for_each(|command| perform(engine, &mut bindings, command))
+pub fn replay_all<'a>(
+    engine: &Engine,
+    lists: impl IntoIterator<Item = &'a [Command]>,
+) -> Result<(), Failure> {
+    let mut drawing = Drawing::default();
+    lists
+        .into_iter()
+        .try_for_each(|list| replay(engine, &mut drawing, list))
+}
+
+/// Performs a command buffer. It starts with nothing bound, as the specification has it for primary and secondary ones alike (chapter
+/// Command Buffers, "Command Buffer Lifecycle" and `vkCmdExecuteCommands`), but in the pass that it is executed in.
+fn replay<'a>(
+    engine: &Engine,
+    drawing: &mut Drawing<'a>,
+    commands: &'a [Command],
+) -> Result<(), Failure> {
+    let (mut bindings, mut current) = (Bindings::default(), Current::default());
+    commands.iter().try_for_each(|command| {
+        let painter = Painter {
+            engine,
+            bindings: &mut bindings,
+            current: &mut current,
+            drawing,
+        };
+        perform(painter, command)
+    })
+}
+
+/// Whether a command finds what was drawn before it: all but those that only change what is bound, and those that draw.
+fn sees_pictures(command: &Command) -> bool {
+    !matches!(
+        command,
+        Command::BindPipeline(_)
+            | Command::BindDescriptorSets(_)
+            | Command::BindDescriptorBuffer(_)
+            | Command::BindInvocationMask(_)
+            | Command::SetRayTracingStackSize(_)
+            | Command::PushConstants { .. }
+            | Command::ExecuteCommands(_)
+            | Command::Graphics(_)
+    )
 }
 
 /// Performs one command. The table of commands: a row each, the work in named functions.
-fn perform<'a>(
-    engine: &Engine,
-    bindings: &mut Bindings<'a>,
-    command: &'a Command,
-) -> Result<(), Failure> {
+fn perform<'a>(mut painter: Painter<'_, 'a>, command: &'a Command) -> Result<(), Failure> {
+    if sees_pictures(command) {
+        painter.drawing.flush(painter.engine)?;
+    }
+    let (engine, bindings) = (painter.engine, &mut *painter.bindings);
     match command {
-        Command::BindPipeline(pipeline) => bindings.bind_pipeline(pipeline),
+        Command::BindPipeline(pipeline) => {
+            bindings.bind_pipeline(pipeline);
+            if let PipelineKind::Graphics(pipeline) = &pipeline.kind {
+                painter.current.bind_pipeline(pipeline);
+            }
+        }
         Command::BindDescriptorSets(bind) => bindings.bind_descriptor_sets(bind),
         Command::BindDescriptorBuffer(bind) => bindings.bind_descriptor_buffer(bind),
         &Command::BindInvocationMask(mask) => bindings.invocation_mask = mask,
         &Command::SetRayTracingStackSize(bytes) => bindings.stack_bytes = Some(bytes),
         Command::PushConstants { offset, bytes } => bindings.push_constants(*offset, bytes),
-        &Command::Dispatch { base, count } => run_dispatch(engine, bindings, base, count)?,
+        &Command::Dispatch { base, count } => run_dispatch(&mut painter, base, count)?,
         &Command::DispatchIndirect { address } => {
             // SAFETY: the queue's commands are performed one after the other: nothing writes the parameters now.
             if let Some(count) = unsafe { reachable::read(&engine.memory.reach(), address) } {
-                run_dispatch(engine, bindings, [0; 3], count)?;
+                run_dispatch(&mut painter, [0; 3], count)?;
             }
         }
         &Command::CopyBuffer {
@@ -166,10 +210,13 @@ fn perform<'a>(
             .wait_until(u64::MAX, || events.iter().all(|event| event.is_set()))
             .map_err(|_| Failure::AlreadyLost)?,
         Command::ExecuteCommands(buffers) => {
-            buffers.iter().try_for_each(|list| replay(engine, list))?;
+            let drawing = &mut *painter.drawing;
+            buffers
+                .iter()
+                .try_for_each(|list| replay(engine, drawing, list))?;
         }
         Command::RayTracing(command) => run_ray_tracing(engine, bindings, command)?,
-        Command::Graphics(_) => {}
+        Command::Graphics(command) => painter.perform(command)?,
     }
     Ok(())
 }
@@ -182,11 +229,11 @@ fn has_bytes(engine: &Engine, buffer: u64, image: &Image, region: &vk::BufferIma
 }
 
 fn run_dispatch(
-    engine: &Engine,
-    bindings: &mut Bindings<'_>,
+    painter: &mut Painter<'_, '_>,
     base: [u32; 3],
     count: [u32; 3],
 ) -> Result<(), Failure> {
+    let (engine, bindings) = (painter.engine, &mut *painter.bindings);
     let surroundings = engine.surroundings();
     let bind_point = vk::PipelineBindPoint::COMPUTE;
     let Some((pipeline, environment)) = bindings.environment(bind_point, count, &surroundings)
@@ -208,6 +255,15 @@ fn run_dispatch(
     )?;
     if let Some(checks) = engine.checks(Caller::Other) {
         checks.strays(&surroundings);
+    }
+    if !painter.drawing.queries.is_empty() {
+        let sizes = count.into_iter().chain(program.local_size());
+        let invocations = sizes.fold(1u64, |product, size| {
+            product.saturating_mul(u64::from(size))
+        });
+        for query in &mut painter.drawing.queries {
+            query.compute_invocations = query.compute_invocations.saturating_add(invocations);
+        }
     }
     Ok(())
 }

@@ -3,8 +3,13 @@
 use super::Failure;
 use crate::command::CopyQueryPoolResults;
 use crate::object::QueryPool;
+use crate::raster::Counters;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use ash::vk;
+use smallvec::SmallVec;
 use spirv_jit::reach::Reach;
 
 /// Now, in nanoseconds of `CLOCK_MONOTONIC`: `timestampPeriod` is 1, and the device's time domain is the host's.
@@ -23,6 +28,81 @@ pub fn clock_ns(clock: libc::clockid_t) -> u64 {
     time.tv_sec as u64 * 1_000_000_000 + time.tv_nsec as u64
 }
 
+/// A query that has begun and not ended.
+pub struct ActiveQuery<'a> {
+    pub pool: &'a QueryPool,
+    pub query: u32,
+    /// What draws count.
+    pub counters: Arc<Counters>,
+    pub compute_invocations: u64,
+}
+
+impl<'a> ActiveQuery<'a> {
+    pub fn new(pool: &'a QueryPool, query: u32) -> Self {
+        Self {
+            pool,
+            query,
+            counters: Arc::default(),
+            compute_invocations: 0,
+        }
+    }
+
+    /// Makes the result available. In a pass with views the query takes as many as there are: the first has the sum (chapter Queries,
+    /// "Query Operation").
+    pub fn end(&self, views: u32) {
+        use vk::QueryPipelineStatisticFlags as Statistic;
+        let counters = &*self.counters;
+        let of = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        let statistics = [
+            (
+                Statistic::INPUT_ASSEMBLY_VERTICES,
+                of(&counters.input_vertices),
+            ),
+            (
+                Statistic::INPUT_ASSEMBLY_PRIMITIVES,
+                of(&counters.input_primitives),
+            ),
+            (
+                Statistic::VERTEX_SHADER_INVOCATIONS,
+                of(&counters.vertex_invocations),
+            ),
+            (Statistic::GEOMETRY_SHADER_INVOCATIONS, 0),
+            (Statistic::GEOMETRY_SHADER_PRIMITIVES, 0),
+            (
+                Statistic::CLIPPING_INVOCATIONS,
+                of(&counters.clipping_invocations),
+            ),
+            (
+                Statistic::CLIPPING_PRIMITIVES,
+                of(&counters.clipping_primitives),
+            ),
+            (
+                Statistic::FRAGMENT_SHADER_INVOCATIONS,
+                of(&counters.fragment_invocations),
+            ),
+            (Statistic::TESSELLATION_CONTROL_SHADER_PATCHES, 0),
+            (Statistic::TESSELLATION_EVALUATION_SHADER_INVOCATIONS, 0),
+            (
+                Statistic::COMPUTE_SHADER_INVOCATIONS,
+                self.compute_invocations,
+            ),
+        ];
+        let values: SmallVec<[u64; 11]> = match self.pool.ty {
+            vk::QueryType::PIPELINE_STATISTICS => statistics
+                .iter()
+                .filter(|(bit, _)| self.pool.statistics.contains(*bit))
+                .map(|&(_, value)| value)
+                .collect(),
+            _ => SmallVec::from_slice(&[of(&counters.samples)]),
+        };
+        self.pool.write_all(self.query, &values);
+        for view in 1..views {
+            let zeros = SmallVec::<[u64; 11]>::from_elem(0, values.len());
+            self.pool.write_all(self.query.saturating_add(view), &zeros);
+        }
+    }
+}
+
 /// `vkCmdCopyQueryPoolResults`.
 pub fn copy_results(copy: &CopyQueryPoolResults, reach: &Reach) -> Result<(), Failure> {
     if copy.flags.contains(vk::QueryResultFlags::WAIT) {
@@ -35,9 +115,7 @@ pub fn copy_results(copy: &CopyQueryPoolResults, reach: &Reach) -> Result<(), Fa
         true => 8,
         false => 4,
     };
-    let availability = (copy.flags).contains(vk::QueryResultFlags::WITH_AVAILABILITY);
-    let words = 1 + u64::from(availability);
-    let size_bytes = last.saturating_add(word * words);
+    let size_bytes = last.saturating_add(word * copy.pool.result_columns(copy.flags));
     if !reach.contains(copy.address, size_bytes) {
         return Ok(());
     }

@@ -118,6 +118,28 @@ structures! {
     PhysicalDeviceDeviceAddressCommandsFeaturesKHR 1_000_318_006 *mut c_void {
         device_address_commands: Bool32,
     }
+    BindIndexBuffer3InfoKHR 1_000_318_007 *const c_void {
+        address_range: DeviceAddressRangeKHR,
+        address_flags: AddressCommandFlagsKHR,
+        index_type: IndexType,
+    }
+    BindVertexBuffer3InfoKHR 1_000_318_008 *const c_void {
+        set_stride: Bool32,
+        address_range: StridedDeviceAddressRangeKHR,
+        address_flags: AddressCommandFlagsKHR,
+    }
+    DrawIndirect2InfoKHR 1_000_318_009 *const c_void {
+        address_range: StridedDeviceAddressRangeKHR,
+        address_flags: AddressCommandFlagsKHR,
+        draw_count: u32,
+    }
+    DrawIndirectCount2InfoKHR 1_000_318_010 *const c_void {
+        address_range: StridedDeviceAddressRangeKHR,
+        address_flags: AddressCommandFlagsKHR,
+        count_address_range: DeviceAddressRangeKHR,
+        count_address_flags: AddressCommandFlagsKHR,
+        max_draw_count: u32,
+    }
     DispatchIndirect2InfoKHR 1_000_318_011 *const c_void {
         address_range: DeviceAddressRangeKHR,
         address_flags: AddressCommandFlagsKHR,

@@ -5,6 +5,7 @@
 use std::sync::Arc;
 
 use spirv_jit::Program;
+use spirv_jit::program::Stage;
 
 use super::dynamic_state::{DynamicStates, Parts};
 use super::graphics_state::GraphicsState;
@@ -38,6 +39,14 @@ impl GraphicsPipeline {
             vertex: None,
             fragment: None,
             stages: None,
+        }
+    }
+
+    /// Puts a program in its place.
+    pub fn set_program(&mut self, stage: Stage, program: Arc<Program>) {
+        match stage {
+            Stage::Fragment => self.fragment = Some(program),
+            _ => self.vertex = Some(program),
         }
     }
 

@@ -13,6 +13,7 @@ use super::deferred_pipeline::DeferredPipeline;
 use super::graphics_pipeline::GraphicsPipeline;
 use super::ray_tracing_pipeline::RayTracingPipeline;
 use crate::handle::Ref;
+use crate::table::limits::MAX_DYNAMIC_BUFFERS;
 use crate::wave::table::Group;
 
 /// A shader module: its words, checked when a pipeline uses them.
@@ -20,32 +21,21 @@ pub struct ShaderModule {
     pub words: Arc<[u32]>,
 }
 
+/// Dynamic buffers of a set have numbers of their own: those of set n begin at n times this, so that a program's places depend on the
+/// layouts of the sets that it uses and on no other (pipeline libraries, shader objects). Twice the limit: uniform and storage buffers.
+pub const DYNAMIC_OF_SET: u32 = 2 * MAX_DYNAMIC_BUFFERS;
+
 /// A pipeline layout.
 pub struct PipelineLayout {
     /// By set number; `None` where the application gave `VK_NULL_HANDLE`.
     pub sets: Vec<Option<Ref<DescriptorSetLayout>>>,
-    /// Per set: its first dynamic buffer among those of all sets.
-    pub dynamic_first: Vec<u32>,
-    pub dynamic_count: u32,
     pub push_constant_bytes: u32,
 }
 
 impl PipelineLayout {
-    /// Numbers the dynamic buffers of all sets.
     pub fn new(sets: Vec<Option<Ref<DescriptorSetLayout>>>, push_constant_bytes: u32) -> Self {
-        let mut dynamic_count = 0;
-        let dynamic_first = sets
-            .iter()
-            .map(|set| {
-                let first = dynamic_count;
-                dynamic_count += set.as_ref().map_or(0, |set| set.dynamic_count);
-                first
-            })
-            .collect();
         Self {
             sets,
-            dynamic_first,
-            dynamic_count,
             push_constant_bytes,
         }
     }
@@ -55,11 +45,7 @@ impl PipelineLayout {
         let layout = self.sets.get(set as usize)?.as_ref()?;
         let binding = layout.binding(binding)?;
         let dynamic = binding.is_dynamic();
-        let base = if dynamic {
-            self.dynamic_first[set as usize]
-        } else {
-            0
-        };
+        let base = if dynamic { set * DYNAMIC_OF_SET } else { 0 };
         Some(DescriptorBinding {
             set,
             first: base + binding.first,

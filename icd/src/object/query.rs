@@ -6,21 +6,20 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use ash::vk;
+use smallvec::SmallVec;
 
 use super::sync::Waiting;
 use crate::VkResult;
 
-/// A query pool: one 64-bit value a query, and whether it is there.
+/// A query pool: 64-bit values of each query, and whether they are there.
 pub struct QueryPool {
     pub ty: vk::QueryType,
-    queries: Vec<Query>,
+    /// Of pipeline statistics: what is counted, a value each in the order of the bits.
+    pub statistics: vk::QueryPipelineStatisticFlags,
+    /// Those of one query after those of the other.
+    values: Vec<AtomicU64>,
+    available: Vec<AtomicBool>,
     waiting: Arc<Waiting>,
-}
-
-#[derive(Default)]
-struct Query {
-    value: AtomicU64,
-    available: AtomicBool,
 }
 
 impl QueryPool {
@@ -28,15 +27,31 @@ impl QueryPool {
     ///
     /// # Errors
     /// `VK_ERROR_OUT_OF_HOST_MEMORY`.
-    pub fn new(ty: vk::QueryType, count: u32, waiting: Arc<Waiting>) -> VkResult<Self> {
-        let mut queries = Vec::new();
-        queries
+    pub fn new(
+        ty: vk::QueryType,
+        statistics: vk::QueryPipelineStatisticFlags,
+        count: u32,
+        waiting: Arc<Waiting>,
+    ) -> VkResult<Self> {
+        let statistics = match ty {
+            vk::QueryType::PIPELINE_STATISTICS => statistics,
+            _ => vk::QueryPipelineStatisticFlags::empty(),
+        };
+        let columns = statistics.as_raw().count_ones().max(1) as usize;
+        let (mut values, mut available) = (Vec::new(), Vec::new());
+        let too_many = |_| vk::Result::ERROR_OUT_OF_HOST_MEMORY;
+        let total = (count as usize).checked_mul(columns).unwrap_or(usize::MAX);
+        values.try_reserve_exact(total).map_err(too_many)?;
+        available
             .try_reserve_exact(count as usize)
-            .map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
-        queries.resize_with(count as usize, Query::default);
+            .map_err(too_many)?;
+        values.resize_with(total, AtomicU64::default);
+        available.resize_with(count as usize, AtomicBool::default);
         Ok(Self {
             ty,
-            queries,
+            statistics,
+            values,
+            available,
             waiting,
         })
     }
@@ -44,32 +59,48 @@ impl QueryPool {
     /// How many queries there are.
     #[allow(clippy::len_without_is_empty)]
     pub fn len(&self) -> u32 {
-        self.queries.len() as u32
+        self.available.len() as u32
     }
 
-    /// The value of a query, if it is available.
+    /// Values of a query.
+    pub fn columns(&self) -> usize {
+        self.statistics.as_raw().count_ones().max(1) as usize
+    }
+
+    /// The first value of a query, if it is available.
     pub fn value(&self, index: u32) -> Option<u64> {
-        let query = self.queries.get(index as usize)?;
-        query
-            .available
-            .load(Ordering::Acquire)
-            .then(|| query.value.load(Ordering::Relaxed))
+        self.column(index, 0)
     }
 
-    /// Stores a result and makes it available.
+    /// A value of a query, if it is available.
+    fn column(&self, index: u32, column: usize) -> Option<u64> {
+        let available = self.available.get(index as usize)?.load(Ordering::Acquire);
+        let value = self.values.get(index as usize * self.columns() + column)?;
+        available.then(|| value.load(Ordering::Relaxed))
+    }
+
+    /// Stores a result of one value and makes it available.
     pub fn write(&self, index: u32, value: u64) {
-        if let Some(query) = self.queries.get(index as usize) {
-            query.value.store(value, Ordering::Relaxed);
-            query.available.store(true, Ordering::Release);
+        self.write_all(index, &[value]);
+    }
+
+    /// Stores the values of a result and makes it available.
+    pub fn write_all(&self, index: u32, values: &[u64]) {
+        if let Some(available) = self.available.get(index as usize) {
+            let columns = self.values.chunks(self.columns()).nth(index as usize);
+            for (place, &value) in columns.into_iter().flatten().zip(values) {
+                place.store(value, Ordering::Relaxed);
+            }
+            available.store(true, Ordering::Release);
             self.waiting.notify();
         }
     }
 
     /// Makes queries unavailable.
     pub fn reset(&self, first: u32, count: u32) {
-        let queries = self.queries.iter().skip(first as usize);
-        for query in queries.take(count as usize) {
-            query.available.store(false, Ordering::Release);
+        let queries = self.available.iter().skip(first as usize);
+        for available in queries.take(count as usize) {
+            available.store(false, Ordering::Release);
         }
     }
 
@@ -78,24 +109,34 @@ impl QueryPool {
     /// # Errors
     /// `VK_ERROR_DEVICE_LOST`.
     pub fn wait(&self, first: u32, count: u32) -> VkResult {
-        let end = first.saturating_add(count).min(self.queries.len() as u32);
+        let end = first.saturating_add(count).min(self.len());
         self.waiting.wait_until(u64::MAX, || {
             (first..end).all(|index| self.value(index).is_some())
         })
     }
 
-    /// The words that `vkGetQueryPoolResults` and `vkCmdCopyQueryPoolResults` write for a query: its value, where there is one or a
-    /// partial one will do, then its availability if that is asked for. `None` stands for memory that is left alone.
-    pub fn result_words(&self, index: u32, flags: vk::QueryResultFlags) -> [Option<u64>; 2] {
-        let value = self.value(index);
-        let result = match value {
+    /// The words that `vkGetQueryPoolResults` and `vkCmdCopyQueryPoolResults` write for a query: its values, where they are there or
+    /// partial ones will do, then its availability if that is asked for. `None` stands for memory that is left alone.
+    pub fn result_words(
+        &self,
+        index: u32,
+        flags: vk::QueryResultFlags,
+    ) -> SmallVec<[Option<u64>; 2]> {
+        let result = |column| match self.column(index, column) {
             None if flags.contains(vk::QueryResultFlags::PARTIAL) => Some(0),
             value => value,
         };
-        let availability = flags
-            .contains(vk::QueryResultFlags::WITH_AVAILABILITY)
-            .then_some(u64::from(value.is_some()));
-        [result, availability]
+        let mut words: SmallVec<[Option<u64>; 2]> = (0..self.columns()).map(result).collect();
+        if flags.contains(vk::QueryResultFlags::WITH_AVAILABILITY) {
+            words.push(Some(u64::from(self.value(index).is_some())));
+        }
+        words
+    }
+
+    /// Words of a query's result, its availability included if that is asked for.
+    pub fn result_columns(&self, flags: vk::QueryResultFlags) -> u64 {
+        let availability = flags.contains(vk::QueryResultFlags::WITH_AVAILABILITY);
+        self.columns() as u64 + u64::from(availability)
     }
 }
 
@@ -106,23 +147,43 @@ mod tests {
 
     #[test]
     fn results_follow_the_flags() {
-        let pool = QueryPool::new(vk::QueryType::TIMESTAMP, 2, Arc::default())
-            .ok()
-            .unwrap();
+        let pool = QueryPool::new(
+            vk::QueryType::TIMESTAMP,
+            Default::default(),
+            2,
+            Arc::default(),
+        )
+        .ok()
+        .unwrap();
         pool.write(1, 77);
         pool.write(9, 1);
-        assert_eq!(pool.result_words(0, Flags::empty()), [None, None]);
-        assert_eq!(pool.result_words(0, Flags::PARTIAL), [Some(0), None]);
+        assert_eq!(pool.result_words(0, Flags::empty()).to_vec(), [None]);
+        assert_eq!(pool.result_words(0, Flags::PARTIAL).to_vec(), [Some(0)]);
         assert_eq!(
-            pool.result_words(0, Flags::WITH_AVAILABILITY),
+            pool.result_words(0, Flags::WITH_AVAILABILITY).to_vec(),
             [None, Some(0)]
         );
         assert_eq!(
-            pool.result_words(1, Flags::WITH_AVAILABILITY),
+            pool.result_words(1, Flags::WITH_AVAILABILITY).to_vec(),
             [Some(77), Some(1)]
         );
         assert!(pool.wait(1, 1).is_ok());
         pool.reset(1, 1);
         assert_eq!(pool.value(1), None);
+    }
+
+    #[test]
+    fn statistics_have_a_value_each() {
+        use vk::QueryPipelineStatisticFlags as Statistic;
+        let both = Statistic::VERTEX_SHADER_INVOCATIONS | Statistic::FRAGMENT_SHADER_INVOCATIONS;
+        let pool = QueryPool::new(vk::QueryType::PIPELINE_STATISTICS, both, 2, Arc::default());
+        let pool = pool.ok().unwrap();
+        pool.write_all(1, &[5, 6]);
+        assert_eq!(
+            pool.result_words(1, Flags::empty()).to_vec(),
+            [Some(5), Some(6)]
+        );
+        assert_eq!(pool.result_words(0, Flags::empty()).to_vec(), [None, None]);
+        assert_eq!(pool.result_columns(Flags::WITH_AVAILABILITY), 3);
     }
 }

@@ -192,9 +192,7 @@ impl Line {
             return self.engine.lose(why);
         }
         let result = catch_unwind(AssertUnwindSafe(|| {
-            commands
-                .iter()
-                .try_for_each(|list| execute::replay(&self.engine, list))
+            execute::replay_all(&self.engine, commands.iter().map(|list| &list[..]))
         }));
         match result {
             Ok(Ok(())) => {}

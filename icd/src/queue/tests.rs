@@ -88,7 +88,12 @@ fn events_and_queries_reach_the_host() {
     let engine = engine();
     let queue = Queue::new(0, Arc::clone(&engine));
     let events = [(); 2].map(|()| handle::new(Event::new(Arc::clone(&engine.waiting))));
-    let pool = QueryPool::new(vk::QueryType::TIMESTAMP, 2, Arc::clone(&engine.waiting));
+    let pool = QueryPool::new(
+        vk::QueryType::TIMESTAMP,
+        Default::default(),
+        2,
+        Arc::clone(&engine.waiting),
+    );
     let pool = handle::new(pool.ok().unwrap());
     let commands = vec![
         Command::WriteTimestamp {

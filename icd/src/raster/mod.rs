@@ -23,8 +23,8 @@ use ash::vk;
 use smallvec::SmallVec;
 use spirv_jit::environment::Environment;
 
-use crate::object::graphics_state::{GraphicsState, MAX_COLOR_ATTACHMENTS, MAX_VERTEX_INPUTS};
 pub use crate::object::graphics_pipeline::Stages;
+use crate::object::graphics_state::{GraphicsState, MAX_COLOR_ATTACHMENTS, MAX_VERTEX_INPUTS};
 use crate::transfer::surface::Surface;
 use crate::wave::{Limits, Stopped, Workers};
 pub use primitive::Chunk;
@@ -77,7 +77,7 @@ pub struct VertexBuffer {
 }
 
 /// A bound index buffer.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct IndexBuffer {
     pub address: u64,
     /// Indices past it read 0.
@@ -187,7 +187,10 @@ impl Rasterizer {
     ) -> Result<(), Stopped> {
         let work = std::mem::take(&mut batch.work);
         let mut rounds = front::Rounds::new(&work, targets);
-        while let Some(chunks) = self.front.next_round(context, targets, &work, &mut rounds)? {
+        while let Some(chunks) = self
+            .front
+            .next_round(context, targets, &work, &mut rounds)?
+        {
             self.tiles.run(context, targets, &work, &chunks)?;
         }
         Ok(())

@@ -74,6 +74,8 @@ fn stage_name(program: &Program) -> &'static str {
         Stage::ClosestHit => "closest hit",
         Stage::Miss => "miss",
         Stage::Callable => "callable",
+        Stage::Vertex => "vertex",
+        Stage::Fragment => "fragment",
         _ => "compute",
     }
 }

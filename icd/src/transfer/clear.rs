@@ -3,8 +3,8 @@
 use ash::vk;
 use spirv_jit::image::format::MAX_TEXEL_BYTES;
 
-use super::surface::{Region, Surface};
-use crate::object::Image;
+use super::surface::{Region, Surface, aspects};
+use crate::object::{Image, ImageView};
 
 /// `vkCmdClearColorImage`, one range.
 pub fn clear_color_image(
@@ -31,6 +31,40 @@ pub fn clear_depth_stencil_image(
     if range.aspect_mask.contains(vk::ImageAspectFlags::STENCIL) {
         let words = [value.stencil & 0xff, 0, 0, 0];
         clear(image, vk::ImageAspectFlags::STENCIL, range, words);
+    }
+}
+
+/// The load operation of a view that a pass does not draw into: an area of some of its layers.
+pub fn clear_view(
+    view: &ImageView,
+    aspects_mask: vk::ImageAspectFlags,
+    value: &vk::ClearValue,
+    layers: impl Iterator<Item = u32> + Clone,
+    area: &vk::Rect2D,
+) {
+    for aspect in aspects(aspects_mask) {
+        let Some(surface) = Surface::of_view(view, aspect) else {
+            continue;
+        };
+        // SAFETY: all members are words, and the aspect says what they are.
+        let words = unsafe {
+            match aspect {
+                vk::ImageAspectFlags::COLOR => value.color.uint32,
+                vk::ImageAspectFlags::DEPTH => [value.depth_stencil.depth.to_bits(), 0, 0, 0],
+                _ => [value.depth_stencil.stencil & 0xff, 0, 0, 0],
+            }
+        };
+        for layer in layers.clone().filter(|&layer| layer < view.layer_count()) {
+            let region = Region {
+                x: area.offset.x.max(0) as u32,
+                y: area.offset.y.max(0) as u32,
+                slice: view.range.base_array_layer + layer,
+                width: area.extent.width,
+                height: area.extent.height,
+                slices: 1,
+            };
+            fill(&surface, region, words);
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use ash::vk;
 
-use super::surface::{Surface, region, slice_count};
+use super::surface::{Region, Surface, region, slice_count};
 use crate::object::Image;
 use spirv_jit::image::format::MAX_TEXEL_BYTES;
 
@@ -64,6 +64,68 @@ pub fn resolve_image(source: &Image, destination: &Image, resolve: &vk::ImageRes
                     std::ptr::copy_nonoverlapping(texel.as_ptr(), address, to.texel_size_bytes);
                 }
             }
+        }
+    }
+}
+
+/// The resolve of an attachment at the end of a pass, one layer: of colours that are not integers, the mean, of integers sample zero, of
+/// depth and stencil as the mode says.
+pub fn resolve_attachment(
+    (from, from_slice): (&Surface, u32),
+    (to, to_slice): (&Surface, u32),
+    mode: vk::ResolveModeFlags,
+    area: &vk::Rect2D,
+) {
+    let is_integer = from.format.numeric.is_integer() || from.format.has_stencil;
+    let region = Region {
+        x: area.offset.x.max(0) as u32,
+        y: area.offset.y.max(0) as u32,
+        slice: from_slice,
+        width: area.extent.width,
+        height: area.extent.height,
+        slices: 1,
+    };
+    let destination = Region {
+        slice: to_slice,
+        ..region
+    };
+    if from.inside(region).is_none() || to.inside(destination).is_none() {
+        return;
+    }
+    let words = |x, y, sample| {
+        let texel = from.texel(x, y, from_slice, sample);
+        // SAFETY: a texel inside the image, as above.
+        let bytes = unsafe { std::slice::from_raw_parts(texel, from.texel_size_bytes) };
+        from.format.decode(bytes)
+    };
+    for y in region.y..region.y + region.height {
+        for x in region.x..region.x + region.width {
+            let first = words(x, y, 0);
+            let rest = (1..from.samples).map(|sample| words(x, y, sample)[0]);
+            let value = match mode {
+                vk::ResolveModeFlags::AVERAGE if !is_integer => {
+                    mean(from, from.samples, |sample| {
+                        from.texel(x, y, from_slice, sample)
+                    })
+                }
+                vk::ResolveModeFlags::MIN | vk::ResolveModeFlags::MAX => {
+                    let least = mode == vk::ResolveModeFlags::MIN;
+                    let chosen = rest.fold(first[0], |chosen, word| {
+                        let is_less = match is_integer {
+                            true => word < chosen,
+                            false => f32::from_bits(word) < f32::from_bits(chosen),
+                        };
+                        if is_less == least { word } else { chosen }
+                    });
+                    [chosen, 0, 0, 0]
+                }
+                _ => first,
+            };
+            let mut texel = [0; MAX_TEXEL_BYTES];
+            to.format.encode(value, &mut texel);
+            let address = to.texel(x, y, to_slice, 0);
+            // SAFETY: as above.
+            unsafe { std::ptr::copy_nonoverlapping(texel.as_ptr(), address, to.texel_size_bytes) };
         }
     }
 }

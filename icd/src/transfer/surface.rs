@@ -7,7 +7,7 @@ use ash::vk;
 use spirv_jit::image::format::FormatInfo;
 
 use crate::format::texel_format;
-use crate::object::Image;
+use crate::object::{Image, ImageView};
 
 /// Texels of a level of a plane.
 #[derive(Clone, Copy)]
@@ -69,6 +69,19 @@ impl Surface {
                 plane.layer_stride_bytes
             },
             sample_stride_bytes: plane.sample_stride_bytes,
+        })
+    }
+
+    /// The level of a view that is an attachment, with the view's format; `None` as [`Self::new`], and for a format of another size.
+    pub fn of_view(view: &ImageView, aspect: vk::ImageAspectFlags) -> Option<Self> {
+        let surface = Self::new(&view.image, aspect, view.range.base_mip_level)?;
+        if aspect != vk::ImageAspectFlags::COLOR {
+            return Some(surface);
+        }
+        let format = texel_format(view.format);
+        (format.size_bytes() == surface.texel_size_bytes).then_some(Self {
+            format: format.info()?,
+            ..surface
         })
     }
 

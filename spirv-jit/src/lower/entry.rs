@@ -21,6 +21,8 @@ pub(super) fn find_entry<'a>(
         Stage::ClosestHit => ExecutionModel::ClosestHitKHR,
         Stage::Miss => ExecutionModel::MissKHR,
         Stage::Callable => ExecutionModel::CallableKHR,
+        Stage::Vertex => ExecutionModel::Vertex,
+        Stage::Fragment => ExecutionModel::Fragment,
     };
     let mut entries = parsed.entry_points.iter();
     let found = entries.find(|entry| entry.model == model && entry.name == request.entry_point);

@@ -33,7 +33,8 @@ names!(Space, space_text, space_from_text:
 
 names!(Stage, stage_text, stage_from_text:
     Compute = "compute", RayGeneration = "ray_generation", Intersection = "intersection", AnyHit = "any_hit",
-    ClosestHit = "closest_hit", Miss = "miss", Callable = "callable");
+    ClosestHit = "closest_hit", Miss = "miss", Callable = "callable", Vertex = "vertex",
+    Fragment = "fragment");
 
 names!(Builtin, builtin_text, builtin_from_text:
     LaunchId = "launch_id", WorkgroupId = "workgroup_id", LocalInvocationId = "local_invocation_id",

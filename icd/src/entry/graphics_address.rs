@@ -1,0 +1,82 @@
+//! Drawing from device addresses (`VK_KHR_device_address_commands`).
+
+use std::ffi::c_void;
+
+use super::define::drawing;
+use crate::VkResult;
+use crate::command::graphics::{BindVertexBuffers, DrawIndirect, IndexBinding, VertexBinding};
+use crate::command::{Command, GraphicsCommand, Recording};
+use crate::ffi::{slice, vk};
+
+fn push(commands: &mut Recording, command: GraphicsCommand) -> VkResult {
+    commands.push(Command::Graphics(command))
+}
+
+fn draw_indirect(
+    commands: &mut Recording,
+    indexed: bool,
+    info: &vk::DrawIndirect2InfoKHR<'_>,
+) -> VkResult {
+    let draw = DrawIndirect {
+        indexed,
+        address: info.address_range.address,
+        stride_bytes: info.address_range.stride as u32,
+        draws: info.draw_count,
+        count: None,
+    };
+    push(commands, GraphicsCommand::DrawIndirect(draw))
+}
+
+fn draw_indirect_count(
+    commands: &mut Recording,
+    indexed: bool,
+    info: &vk::DrawIndirectCount2InfoKHR<'_>,
+) -> VkResult {
+    let draw = DrawIndirect {
+        indexed,
+        address: info.address_range.address,
+        stride_bytes: info.address_range.stride as u32,
+        draws: info.max_draw_count,
+        count: Some(info.count_address_range.address),
+    };
+    push(commands, GraphicsCommand::DrawIndirect(draw))
+}
+
+drawing! {
+    fn vkCmdBindIndexBuffer3KHR(commands, info: *const c_void) {
+        let info = &*info.cast::<vk::BindIndexBuffer3InfoKHR<'_>>();
+        let binding = IndexBinding {
+            address: info.address_range.address,
+            size_bytes: info.address_range.size,
+            ty: info.index_type,
+        };
+        push(commands, GraphicsCommand::BindIndexBuffer(binding))
+    }
+
+    fn vkCmdBindVertexBuffers3KHR(commands, first: u32, count: u32, infos: *const c_void) {
+        let infos = slice(infos.cast::<vk::BindVertexBuffer3InfoKHR<'_>>(), count);
+        let buffers = infos.iter().map(|info| VertexBinding {
+            address: info.address_range.address,
+            size_bytes: info.address_range.size,
+            stride_bytes: (info.set_stride != vk::FALSE).then_some(info.address_range.stride),
+        });
+        let bind = Box::new(BindVertexBuffers { first, buffers: buffers.collect() });
+        push(commands, GraphicsCommand::BindVertexBuffers(bind))
+    }
+
+    fn vkCmdDrawIndirect2KHR(commands, info: *const c_void) {
+        draw_indirect(commands, false, &*info.cast())
+    }
+
+    fn vkCmdDrawIndexedIndirect2KHR(commands, info: *const c_void) {
+        draw_indirect(commands, true, &*info.cast())
+    }
+
+    fn vkCmdDrawIndirectCount2KHR(commands, info: *const c_void) {
+        draw_indirect_count(commands, false, &*info.cast())
+    }
+
+    fn vkCmdDrawIndexedIndirectCount2KHR(commands, info: *const c_void) {
+        draw_indirect_count(commands, true, &*info.cast())
+    }
+}

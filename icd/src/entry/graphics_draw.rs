@@ -1,0 +1,250 @@
+//! Vertex and index buffers, draws, and the queries around them.
+
+use ash::vk;
+
+use super::define::drawing;
+use crate::VkResult;
+use crate::command::graphics::{
+    BindVertexBuffers, Draw, DrawIndirect, DrawMulti, IndexBinding, VertexBinding,
+};
+use crate::command::{Command, GraphicsCommand, Recording, copied};
+use crate::ffi::slice;
+use crate::handle::{optional, retain};
+use crate::object::{Buffer, QueryPool};
+
+/// The address of a place in a buffer, and the bytes from there on, at most `size_bytes` (`VK_WHOLE_SIZE`: all); none of a null handle.
+///
+/// # Safety
+/// The handle is null or alive.
+unsafe fn place(buffer: vk::Buffer, offset: u64, size_bytes: u64) -> (u64, u64) {
+    // SAFETY: the caller's promise.
+    match unsafe { optional::<Buffer>(buffer) } {
+        Some(buffer) if buffer.address() != 0 => {
+            let rest = buffer.size_bytes.saturating_sub(offset);
+            (buffer.address().wrapping_add(offset), size_bytes.min(rest))
+        }
+        _ => (0, 0),
+    }
+}
+
+fn push(commands: &mut Recording, command: GraphicsCommand) -> VkResult {
+    commands.push(Command::Graphics(command))
+}
+
+/// # Safety
+/// The arrays are null or have `count` elements; the handles are null or alive.
+unsafe fn bind_vertex_buffers(
+    commands: &mut Recording,
+    first: u32,
+    count: u32,
+    buffers: *const vk::Buffer,
+    offsets: *const vk::DeviceSize,
+    sizes: *const vk::DeviceSize,
+    strides: *const vk::DeviceSize,
+) -> VkResult {
+    // SAFETY: the caller's promise.
+    let (buffers, offsets, sizes, strides) = unsafe {
+        let (sizes, strides) = (slice(sizes, count), slice(strides, count));
+        (slice(buffers, count), slice(offsets, count), sizes, strides)
+    };
+    let binding = |(index, &buffer): (usize, &vk::Buffer)| {
+        let offset = offsets.get(index).copied().unwrap_or(0);
+        let size_bytes = sizes.get(index).copied().unwrap_or(vk::WHOLE_SIZE);
+        // SAFETY: the caller's promise.
+        let (address, size_bytes) = unsafe { place(buffer, offset, size_bytes) };
+        VertexBinding {
+            address,
+            size_bytes,
+            stride_bytes: strides.get(index).copied(),
+        }
+    };
+    let buffers = buffers.iter().enumerate().map(binding).collect();
+    let bind = Box::new(BindVertexBuffers { first, buffers });
+    push(commands, GraphicsCommand::BindVertexBuffers(bind))
+}
+
+/// # Safety
+/// The handle is null or alive.
+unsafe fn bind_index_buffer(
+    commands: &mut Recording,
+    buffer: vk::Buffer,
+    offset: u64,
+    size_bytes: u64,
+    ty: vk::IndexType,
+) -> VkResult {
+    // SAFETY: the caller's promise.
+    let (address, size_bytes) = unsafe { place(buffer, offset, size_bytes) };
+    let binding = IndexBinding {
+        address,
+        size_bytes,
+        ty,
+    };
+    push(commands, GraphicsCommand::BindIndexBuffer(binding))
+}
+
+/// # Safety
+/// The handles are alive.
+unsafe fn draw_indirect(
+    commands: &mut Recording,
+    indexed: bool,
+    (buffer, offset): (vk::Buffer, u64),
+    count: Option<(vk::Buffer, u64)>,
+    draws: u32,
+    stride_bytes: u32,
+) -> VkResult {
+    // SAFETY: the caller's promise.
+    let at = |(buffer, offset)| unsafe { place(buffer, offset, vk::WHOLE_SIZE) }.0;
+    let draw = DrawIndirect {
+        indexed,
+        address: at((buffer, offset)),
+        stride_bytes,
+        draws,
+        count: count.map(at),
+    };
+    push(commands, GraphicsCommand::DrawIndirect(draw))
+}
+
+drawing! {
+    fn vkCmdBindVertexBuffers(
+        commands,
+        first: u32,
+        count: u32,
+        buffers: *const vk::Buffer,
+        offsets: *const vk::DeviceSize,
+    ) {
+        let none = std::ptr::null();
+        bind_vertex_buffers(commands, first, count, buffers, offsets, none, none)
+    }
+
+    fn vkCmdBindVertexBuffers2(
+        commands,
+        first: u32,
+        count: u32,
+        buffers: *const vk::Buffer,
+        offsets: *const vk::DeviceSize,
+        sizes: *const vk::DeviceSize,
+        strides: *const vk::DeviceSize,
+    ) {
+        bind_vertex_buffers(commands, first, count, buffers, offsets, sizes, strides)
+    }
+
+    fn vkCmdBindIndexBuffer(commands, buffer: vk::Buffer, offset: vk::DeviceSize, ty: vk::IndexType) {
+        bind_index_buffer(commands, buffer, offset, vk::WHOLE_SIZE, ty)
+    }
+
+    fn vkCmdBindIndexBuffer2KHR(
+        commands,
+        buffer: vk::Buffer,
+        offset: vk::DeviceSize,
+        size: vk::DeviceSize,
+        ty: vk::IndexType,
+    ) {
+        bind_index_buffer(commands, buffer, offset, size, ty)
+    }
+
+    fn vkCmdDraw(commands, count: u32, instances: u32, first: u32, first_instance: u32) {
+        let draw = Draw { indexed: false, first, count, vertex_offset: 0, first_instance, instances };
+        push(commands, GraphicsCommand::Draw(draw))
+    }
+
+    fn vkCmdDrawIndexed(
+        commands,
+        count: u32,
+        instances: u32,
+        first: u32,
+        vertex_offset: i32,
+        first_instance: u32,
+    ) {
+        let draw = Draw { indexed: true, first, count, vertex_offset, first_instance, instances };
+        push(commands, GraphicsCommand::Draw(draw))
+    }
+
+    fn vkCmdDrawMultiEXT(
+        commands,
+        count: u32,
+        infos: *const vk::MultiDrawInfoEXT,
+        instances: u32,
+        first_instance: u32,
+        stride: u32,
+    ) {
+        let info = |index: &u32| {
+            let info = &*infos.byte_add(*index as usize * stride as usize);
+            (info.first_vertex, info.vertex_count, 0)
+        };
+        let indices: Vec<u32> = (0..count).collect();
+        let draws = copied(&indices, info)?.into();
+        let draw = Box::new(DrawMulti { indexed: false, draws, first_instance, instances });
+        push(commands, GraphicsCommand::DrawMulti(draw))
+    }
+
+    fn vkCmdDrawMultiIndexedEXT(
+        commands,
+        count: u32,
+        infos: *const vk::MultiDrawIndexedInfoEXT,
+        instances: u32,
+        first_instance: u32,
+        stride: u32,
+        vertex_offset: *const i32,
+    ) {
+        let common = vertex_offset.as_ref().copied();
+        let info = |index: &u32| {
+            let info = &*infos.byte_add(*index as usize * stride as usize);
+            (info.first_index, info.index_count, common.unwrap_or(info.vertex_offset))
+        };
+        let indices: Vec<u32> = (0..count).collect();
+        let draws = copied(&indices, info)?.into();
+        let draw = Box::new(DrawMulti { indexed: true, draws, first_instance, instances });
+        push(commands, GraphicsCommand::DrawMulti(draw))
+    }
+
+    fn vkCmdDrawIndirect(commands, buffer: vk::Buffer, offset: vk::DeviceSize, draws: u32, stride: u32) {
+        draw_indirect(commands, false, (buffer, offset), None, draws, stride)
+    }
+
+    fn vkCmdDrawIndexedIndirect(
+        commands,
+        buffer: vk::Buffer,
+        offset: vk::DeviceSize,
+        draws: u32,
+        stride: u32,
+    ) {
+        draw_indirect(commands, true, (buffer, offset), None, draws, stride)
+    }
+
+    fn vkCmdDrawIndirectCount(
+        commands,
+        buffer: vk::Buffer,
+        offset: vk::DeviceSize,
+        count_buffer: vk::Buffer,
+        count_offset: vk::DeviceSize,
+        draws: u32,
+        stride: u32,
+    ) {
+        let count = Some((count_buffer, count_offset));
+        draw_indirect(commands, false, (buffer, offset), count, draws, stride)
+    }
+
+    fn vkCmdDrawIndexedIndirectCount(
+        commands,
+        buffer: vk::Buffer,
+        offset: vk::DeviceSize,
+        count_buffer: vk::Buffer,
+        count_offset: vk::DeviceSize,
+        draws: u32,
+        stride: u32,
+    ) {
+        let count = Some((count_buffer, count_offset));
+        draw_indirect(commands, true, (buffer, offset), count, draws, stride)
+    }
+
+    /// Occlusion queries count samples exactly, whether they are to be precise or not.
+    fn vkCmdBeginQuery(commands, pool: vk::QueryPool, query: u32, _flags: vk::QueryControlFlags) {
+        let pool = retain::<QueryPool>(pool);
+        push(commands, GraphicsCommand::BeginQuery { pool, query })
+    }
+
+    fn vkCmdEndQuery(commands, pool: vk::QueryPool, query: u32) {
+        let pool = retain::<QueryPool>(pool);
+        push(commands, GraphicsCommand::EndQuery { pool, query })
+    }
+}

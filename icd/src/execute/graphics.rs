@@ -1,0 +1,412 @@
+//! Drawing: what is current while a command buffer is performed, and what the pass of a submission gathers until it is flushed.
+//!
+//! A pass belongs to the submission: secondary command buffers go on with it. State and bound buffers belong to the command buffer.
+
+use std::sync::Arc;
+
+use ash::vk;
+use smallvec::SmallVec;
+
+use super::bindings::{Bindings, Snapshot};
+use super::engine::Engine;
+use super::pass::Active;
+use super::query::ActiveQuery;
+use crate::command::GraphicsCommand;
+use crate::command::graphics::{BindVertexBuffers, Draw, DrawIndirect, DrawMulti, IndexBinding};
+use crate::command::pass::{AttachmentClears, Pass};
+use crate::object::QueryPool;
+use crate::object::graphics_pipeline::{GraphicsPipeline, Stages};
+use crate::object::graphics_state::{GraphicsState, MAX_VERTEX_INPUTS};
+use crate::object::setting::Setting;
+use crate::raster::{
+    BATCH_DRAWS, Batch, Clear, ClearValue, Context, Counters, Draw as Batched, DrawCall,
+    IndexBuffer, VertexBuffer, Work,
+};
+use crate::wave::{Stopped, reachable};
+
+/// Calls of a batch, at most: what they take of memory is bounded.
+const BATCH_CALLS: usize = 1 << 16;
+
+/// What a command buffer has set and bound, besides descriptors.
+pub struct Current {
+    state: Arc<GraphicsState>,
+    stages: Option<Arc<Stages>>,
+    vertex_buffers: Arc<[VertexBuffer; MAX_VERTEX_INPUTS]>,
+    /// Strides of vertex buffers are those that they were bound with.
+    has_dynamic_strides: bool,
+    strides: [Option<u64>; MAX_VERTEX_INPUTS],
+    indices: IndexBuffer,
+}
+
+impl Default for Current {
+    fn default() -> Self {
+        Self {
+            state: Arc::default(),
+            stages: None,
+            vertex_buffers: Arc::new([VertexBuffer::default(); MAX_VERTEX_INPUTS]),
+            has_dynamic_strides: false,
+            strides: [None; MAX_VERTEX_INPUTS],
+            indices: IndexBuffer {
+                address: 0,
+                size_bytes: 0,
+                ty: vk::IndexType::UINT32,
+            },
+        }
+    }
+}
+
+impl Current {
+    /// `vkCmdBindPipeline`.
+    pub fn bind_pipeline(&mut self, pipeline: &GraphicsPipeline) {
+        use vk::DynamicState as State;
+        self.stages.clone_from(&pipeline.stages);
+        Arc::make_mut(&mut self.state).take_static(&pipeline.state, pipeline.dynamic);
+        let states = [State::VERTEX_INPUT_BINDING_STRIDE, State::VERTEX_INPUT_EXT];
+        let is_dynamic = states.iter().any(|&state| pipeline.dynamic.contains(state));
+        if is_dynamic != self.has_dynamic_strides {
+            self.has_dynamic_strides = is_dynamic;
+            self.place_strides();
+        }
+    }
+
+    fn set(&mut self, setting: &Setting) {
+        Arc::make_mut(&mut self.state).set(setting);
+        if let Setting::VertexInput(input) = setting {
+            // It has strides of its own, until buffers are bound with others.
+            for binding in &input.bindings {
+                if let Some(stride) = self.strides.get_mut(binding.binding as usize) {
+                    *stride = None;
+                }
+            }
+            self.place_strides();
+        }
+    }
+
+    fn bind_vertex_buffers(&mut self, bind: &BindVertexBuffers) {
+        let buffers = Arc::make_mut(&mut self.vertex_buffers);
+        let first = bind.first as usize;
+        let places = buffers.iter_mut().zip(&mut self.strides).skip(first);
+        for ((place, stride), buffer) in places.zip(&bind.buffers) {
+            if buffer.stride_bytes.is_some() {
+                *stride = buffer.stride_bytes;
+            }
+            *place = VertexBuffer {
+                address: buffer.address,
+                size_bytes: buffer.size_bytes,
+                stride_bytes: stride.filter(|_| self.has_dynamic_strides),
+            };
+        }
+    }
+
+    fn place_strides(&mut self) {
+        let buffers = Arc::make_mut(&mut self.vertex_buffers);
+        for (buffer, stride) in buffers.iter_mut().zip(&self.strides) {
+            buffer.stride_bytes = stride.filter(|_| self.has_dynamic_strides);
+        }
+    }
+
+    fn bind_index_buffer(&mut self, binding: &IndexBinding) {
+        self.indices = IndexBuffer {
+            address: binding.address,
+            size_bytes: binding.size_bytes,
+            ty: binding.ty,
+        };
+    }
+}
+
+/// What a submission draws: the pass it is in, work that waits, and queries.
+#[derive(Default)]
+pub struct Drawing<'a> {
+    active: Option<Active<'a>>,
+    batch: Batch,
+    /// Calls in the batch.
+    calls: usize,
+    /// Everything in the batch was drawn: programs look at memory anew.
+    flushed: bool,
+    pub queries: Vec<ActiveQuery<'a>>,
+}
+
+impl<'a> Drawing<'a> {
+    /// Does the work that waits.
+    ///
+    /// # Errors
+    /// When a limit stopped it.
+    pub fn flush(&mut self, engine: &Engine) -> Result<(), Stopped> {
+        self.calls = 0;
+        if self.batch.work.is_empty() {
+            return Ok(());
+        }
+        self.flushed = true;
+        let Some(active) = &self.active else {
+            self.batch.work.clear();
+            return Ok(());
+        };
+        let (limits, reach) = (engine.limits(), engine.memory.reach());
+        let context = Context {
+            workers: &engine.workers,
+            limits: &limits,
+            reach: &reach,
+        };
+        engine
+            .rasterizer
+            .flush(context, &active.targets, &mut self.batch)
+    }
+
+    fn begin_pass(&mut self, engine: &Engine, pass: &'a Pass) -> Result<(), Stopped> {
+        self.flush(engine)?;
+        let active = Active::new(pass);
+        if !pass.resumes {
+            active.load(&mut self.batch);
+        }
+        self.active = Some(active);
+        Ok(())
+    }
+
+    fn end_pass(&mut self, engine: &Engine) -> Result<(), Stopped> {
+        self.flush(engine)?;
+        if let Some(active) = self.active.take()
+            && !active.pass.suspends
+        {
+            active.resolve(&engine.workers);
+        }
+        Ok(())
+    }
+
+    /// `vkCmdClearAttachments`.
+    fn clear(&mut self, clears: &AttachmentClears) {
+        let Some(active) = &self.active else {
+            return;
+        };
+        let rects: SmallVec<[vk::ClearRect; 1]> = clears
+            .rects
+            .iter()
+            .flat_map(|rect| active.inside(rect))
+            .collect();
+        for clear in &clears.clears {
+            let mut push = |value| {
+                let rects = rects.clone();
+                self.batch.work.push(Work::Clear(Clear { value, rects }));
+            };
+            // SAFETY: all members are words, and the aspect says what they are.
+            unsafe {
+                if clear.aspects.contains(vk::ImageAspectFlags::COLOR) {
+                    let index = clear.attachment as usize;
+                    if active.pass.colors.get(index).is_some_and(Option::is_some) {
+                        push(ClearValue::Color(index, clear.value.color));
+                    }
+                }
+                let depth = active.pass.depth.is_some();
+                if depth && clear.aspects.contains(vk::ImageAspectFlags::DEPTH) {
+                    push(ClearValue::Depth(clear.value.depth_stencil.depth));
+                }
+                let stencil = active.pass.stencil.is_some();
+                if stencil && clear.aspects.contains(vk::ImageAspectFlags::STENCIL) {
+                    push(ClearValue::Stencil(clear.value.depth_stencil.stencil));
+                }
+            }
+        }
+    }
+
+    fn begin_query(&mut self, pool: &'a QueryPool, query: u32) {
+        self.queries.push(ActiveQuery::new(pool, query));
+    }
+
+    /// Ends a query; within a pass with views it takes one query a view.
+    fn end_query(
+        &mut self,
+        engine: &Engine,
+        pool: &'a QueryPool,
+        query: u32,
+    ) -> Result<(), Stopped> {
+        self.flush(engine)?;
+        let found = |it: &ActiveQuery<'_>| std::ptr::eq(it.pool, pool) && it.query == query;
+        if let Some(place) = self.queries.iter().position(found) {
+            let views = self
+                .active
+                .as_ref()
+                .map_or(0, |it| it.pass.view_mask.count_ones());
+            self.queries.remove(place).end(views);
+        }
+        Ok(())
+    }
+
+    fn counters(&self) -> SmallVec<[Arc<Counters>; 1]> {
+        self.queries
+            .iter()
+            .map(|query| Arc::clone(&query.counters))
+            .collect()
+    }
+}
+
+/// A command buffer that draws, and the submission that it is in.
+pub struct Painter<'p, 'a> {
+    pub engine: &'p Engine,
+    pub bindings: &'p mut Bindings<'a>,
+    pub current: &'p mut Current,
+    pub drawing: &'p mut Drawing<'a>,
+}
+
+impl<'a> Painter<'_, 'a> {
+    /// Performs a command.
+    ///
+    /// # Errors
+    /// When a limit stopped it.
+    pub fn perform(&mut self, command: &'a GraphicsCommand) -> Result<(), Stopped> {
+        match command {
+            GraphicsCommand::BeginPass(pass) => self.drawing.begin_pass(self.engine, pass),
+            GraphicsCommand::EndPass => self.drawing.end_pass(self.engine),
+            GraphicsCommand::VertexBarrier => self.drawing.flush(self.engine),
+            GraphicsCommand::ClearAttachments(clears) => {
+                self.drawing.clear(clears);
+                Ok(())
+            }
+            GraphicsCommand::Set(setting) => {
+                self.current.set(setting);
+                Ok(())
+            }
+            GraphicsCommand::BindVertexBuffers(bind) => {
+                self.current.bind_vertex_buffers(bind);
+                Ok(())
+            }
+            GraphicsCommand::BindIndexBuffer(binding) => {
+                self.current.bind_index_buffer(binding);
+                Ok(())
+            }
+            GraphicsCommand::Draw(draw) => self.draw(draw),
+            GraphicsCommand::DrawMulti(draws) => self.draw_multi(draws),
+            GraphicsCommand::DrawIndirect(draws) => self.draw_indirect(draws),
+            GraphicsCommand::BeginQuery { pool, query } => {
+                self.drawing.begin_query(pool, *query);
+                Ok(())
+            }
+            GraphicsCommand::EndQuery { pool, query } => {
+                self.drawing.end_query(self.engine, pool, *query)
+            }
+        }
+    }
+
+    fn draw(&mut self, draw: &Draw) -> Result<(), Stopped> {
+        let call = DrawCall {
+            first: draw.first,
+            count: draw.count,
+            vertex_offset: draw.vertex_offset,
+            first_instance: draw.first_instance,
+            instances: draw.instances,
+            draw_index: 0,
+        };
+        self.call(draw.indexed, call)
+    }
+
+    fn draw_multi(&mut self, multi: &DrawMulti) -> Result<(), Stopped> {
+        for (draw_index, &(first, count, vertex_offset)) in (0..).zip(&multi.draws) {
+            let call = DrawCall {
+                first,
+                count,
+                vertex_offset,
+                first_instance: multi.first_instance,
+                instances: multi.instances,
+                draw_index,
+            };
+            self.call(multi.indexed, call)?;
+        }
+        Ok(())
+    }
+
+    /// Parameters are read now: what wrote them is an earlier command, or the barrier in between has flushed.
+    fn draw_indirect(&mut self, draw: &DrawIndirect) -> Result<(), Stopped> {
+        let reach = self.engine.memory.reach();
+        // SAFETY, here and below: any words will do, and nothing writes them while the queue's command is performed.
+        let count = match draw.count {
+            Some(address) => unsafe { reachable::read::<u32>(&reach, address) }.unwrap_or(0),
+            None => u32::MAX,
+        };
+        for draw_index in 0..draw.draws.min(count) {
+            let offset = u64::from(draw_index) * u64::from(draw.stride_bytes);
+            let address = draw.address.wrapping_add(offset);
+            let call = match draw.indexed {
+                // SAFETY: as above.
+                false => unsafe { reachable::read::<vk::DrawIndirectCommand>(&reach, address) }
+                    .map(|it| DrawCall {
+                        first: it.first_vertex,
+                        count: it.vertex_count,
+                        vertex_offset: 0,
+                        first_instance: it.first_instance,
+                        instances: it.instance_count,
+                        draw_index,
+                    }),
+                // SAFETY: as above.
+                true => {
+                    unsafe { reachable::read::<vk::DrawIndexedIndirectCommand>(&reach, address) }
+                        .map(|it| DrawCall {
+                            first: it.first_index,
+                            count: it.index_count,
+                            vertex_offset: it.vertex_offset,
+                            first_instance: it.first_instance,
+                            instances: it.instance_count,
+                            draw_index,
+                        })
+                }
+            };
+            let Some(call) = call else {
+                return Ok(());
+            };
+            if draw_index % 1024 == 1023 {
+                self.engine.limits().check()?;
+            }
+            self.call(draw.indexed, call)?;
+        }
+        Ok(())
+    }
+
+    /// Adds a call to the batch: to the last draw, if all else is the same.
+    fn call(&mut self, indexed: bool, call: DrawCall) -> Result<(), Stopped> {
+        let (current, drawing) = (&mut *self.current, &mut *self.drawing);
+        let (Some(stages), Some(active)) = (&current.stages, &mut drawing.active) else {
+            return Ok(());
+        };
+        if call.count == 0 || call.instances == 0 {
+            return Ok(());
+        }
+        let samples = current.state.multisample.samples;
+        let fits = active.takes_samples(samples);
+        let is_full = drawing.batch.work.len() >= BATCH_DRAWS || drawing.calls >= BATCH_CALLS;
+        if is_full || !fits {
+            drawing.flush(self.engine)?;
+        }
+        if let Some(active) = &mut drawing.active {
+            active.set_samples(samples);
+        }
+        if std::mem::take(&mut drawing.flushed) {
+            self.bindings.forget_snapshot();
+        }
+        let engine = self.engine;
+        let Snapshot { environment, keep } = self.bindings.snapshot(|| engine.surroundings());
+        let indices = indexed.then_some(current.indices);
+        drawing.calls += 1;
+        if let Some(Work::Draw(last)) = drawing.batch.work.last_mut()
+            && Arc::ptr_eq(&last.stages, stages)
+            && Arc::ptr_eq(&last.state, &current.state)
+            && Arc::ptr_eq(&last.environment, &environment)
+            && Arc::ptr_eq(&last.vertex_buffers, &current.vertex_buffers)
+            && last.indices == indices
+            && last.counters.len() == drawing.queries.len()
+            && (last.counters.iter().zip(&drawing.queries))
+                .all(|(counted, query)| Arc::ptr_eq(counted, &query.counters))
+        {
+            last.calls.push(call);
+            return Ok(());
+        }
+        let draw = Batched {
+            stages: Arc::clone(stages),
+            state: Arc::clone(&current.state),
+            environment,
+            keep,
+            vertex_buffers: Arc::clone(&current.vertex_buffers),
+            indices,
+            calls: SmallVec::from_slice(&[call]),
+            counters: drawing.counters(),
+        };
+        drawing.batch.work.push(Work::Draw(draw));
+        Ok(())
+    }
+}

@@ -1,0 +1,223 @@
+//! The pass that a submission is in: its attachments as the rasterizer sees them, load operations, resolves.
+
+use ash::vk;
+use smallvec::SmallVec;
+
+use crate::command::pass::{Attachment, Pass};
+use crate::object::ImageView;
+use crate::object::graphics_state::MAX_COLOR_ATTACHMENTS;
+use crate::raster::{Batch, Clear, ClearValue, Target, Targets, Work};
+use crate::transfer::clear::clear_view;
+use crate::transfer::resolve::resolve_attachment;
+use crate::transfer::surface::Surface;
+use crate::wave::Workers;
+
+/// A pass that has begun.
+pub struct Active<'a> {
+    pub pass: &'a Pass,
+    pub targets: Targets,
+    has_attachments: bool,
+}
+
+impl<'a> Active<'a> {
+    /// The pass at its beginning.
+    pub fn new(pass: &'a Pass) -> Self {
+        let colors: [Option<Target>; MAX_COLOR_ATTACHMENTS] = std::array::from_fn(|index| {
+            let attachment = pass.colors[index].as_ref()?;
+            target(attachment, vk::ImageAspectFlags::COLOR)
+        });
+        let side = |attachment: &Option<Attachment>, aspect| target(attachment.as_ref()?, aspect);
+        let depth = side(&pass.depth, vk::ImageAspectFlags::DEPTH);
+        let stencil = side(&pass.stencil, vk::ImageAspectFlags::STENCIL);
+        let mut area = pass.area;
+        let mut layers = match pass.view_mask {
+            0 => pass.layers,
+            mask => u32::BITS - mask.leading_zeros(),
+        };
+        let (mut samples, mut has_attachments) = (1, false);
+        for target in colors.iter().chain([&depth, &stencil]).flatten() {
+            area = inside(area, target.surface.width, target.surface.height);
+            layers = layers.min(target.layers);
+            samples = target.surface.samples;
+            has_attachments = true;
+        }
+        Self {
+            pass,
+            targets: Targets {
+                area,
+                layers,
+                view_mask: pass.view_mask,
+                samples,
+                colors,
+                depth,
+                stencil,
+            },
+            has_attachments,
+        }
+    }
+
+    /// Whether a draw of so many samples fits into the batch as it is: without attachments, draws say how many there are.
+    pub fn takes_samples(&self, samples: u32) -> bool {
+        self.has_attachments || self.targets.samples == samples
+    }
+
+    /// The batch is empty, or has as many already.
+    pub fn set_samples(&mut self, samples: u32) {
+        if !self.has_attachments {
+            self.targets.samples = samples;
+        }
+    }
+
+    /// Load operations.
+    pub fn load(&self, batch: &mut Batch) {
+        for clear in &self.pass.clears {
+            let layers = layers(
+                clear.view_mask,
+                clear.view.layer_count().min(self.pass.layers),
+            );
+            clear_view(
+                &clear.view,
+                clear.aspects,
+                &clear.value,
+                layers,
+                &self.targets.area,
+            );
+        }
+        let mut push = |attachment: &Attachment, value: &dyn Fn(vk::ClearValue) -> ClearValue| {
+            let Some((clear, views)) = attachment.clear else {
+                return;
+            };
+            let rect = |first, count| vk::ClearRect {
+                rect: self.targets.area,
+                base_array_layer: first,
+                layer_count: count,
+            };
+            let rects: SmallVec<[vk::ClearRect; 1]> = match self.pass.view_mask & views {
+                0 => SmallVec::from_slice(&[rect(0, self.targets.layers)]),
+                mask => layers(mask, u32::MAX).map(|view| rect(view, 1)).collect(),
+            };
+            let value = value(clear);
+            batch.work.push(Work::Clear(Clear { value, rects }));
+        };
+        // SAFETY, for each: all members are words, and the attachment says what they are.
+        for (index, attachment) in self.pass.colors.iter().enumerate() {
+            if let Some(attachment) = attachment {
+                push(attachment, &|it| {
+                    ClearValue::Color(index, unsafe { it.color })
+                });
+            }
+        }
+        if let Some(attachment) = &self.pass.depth {
+            // SAFETY: as above.
+            push(attachment, &|it| {
+                ClearValue::Depth(unsafe { it.depth_stencil.depth })
+            });
+        }
+        if let Some(attachment) = &self.pass.stencil {
+            // SAFETY: as above.
+            push(attachment, &|it| {
+                ClearValue::Stencil(unsafe { it.depth_stencil.stencil })
+            });
+        }
+    }
+
+    /// A rectangle of `vkCmdClearAttachments`, as far as it lies in the pass: one for each view, where there are views.
+    pub fn inside(&self, clear: &vk::ClearRect) -> SmallVec<[vk::ClearRect; 1]> {
+        let area = &self.targets.area;
+        let side = |first: i32, size: u32, least: i32, most: u32| {
+            let (least, end) = (i64::from(least), i64::from(least) + i64::from(most));
+            let start = i64::from(first).clamp(least, end);
+            let end = (i64::from(first) + i64::from(size)).clamp(start, end);
+            (start as i32, (end - start) as u32)
+        };
+        let (from, size) = (clear.rect.offset, clear.rect.extent);
+        let (x, width) = side(from.x, size.width, area.offset.x, area.extent.width);
+        let (y, height) = side(from.y, size.height, area.offset.y, area.extent.height);
+        let rect = vk::Rect2D {
+            offset: vk::Offset2D { x, y },
+            extent: vk::Extent2D { width, height },
+        };
+        let part = |base_array_layer, layer_count| vk::ClearRect {
+            rect,
+            base_array_layer,
+            layer_count,
+        };
+        if self.pass.view_mask != 0 {
+            return layers(self.pass.view_mask, u32::MAX)
+                .map(|view| part(view, 1))
+                .collect();
+        }
+        let first = clear.base_array_layer.min(self.targets.layers);
+        SmallVec::from_slice(&[part(
+            first,
+            clear.layer_count.min(self.targets.layers - first),
+        )])
+    }
+
+    /// Resolves at the end.
+    pub fn resolve(&self, workers: &Workers) {
+        let colors = self.pass.colors.iter().flatten();
+        let colors = colors.map(|attachment| (attachment, vk::ImageAspectFlags::COLOR));
+        let depth = self
+            .pass
+            .depth
+            .as_ref()
+            .map(|it| (it, vk::ImageAspectFlags::DEPTH));
+        let stencil = self
+            .pass
+            .stencil
+            .as_ref()
+            .map(|it| (it, vk::ImageAspectFlags::STENCIL));
+        for (attachment, aspect) in colors.chain(depth).chain(stencil) {
+            let Some(resolve) = &attachment.resolve else {
+                continue;
+            };
+            let from = Surface::of_view(&attachment.view, aspect);
+            let (Some(from), Some(to)) = (from, Surface::of_view(&resolve.view, aspect)) else {
+                continue;
+            };
+            let of = |view: &ImageView, layer: u32| view.range.base_array_layer + layer;
+            workers.install(|| {
+                for layer in layers(self.pass.view_mask, self.targets.layers) {
+                    resolve_attachment(
+                        (&from, of(&attachment.view, layer)),
+                        (&to, of(&resolve.view, layer)),
+                        resolve.mode,
+                        &self.targets.area,
+                    );
+                }
+            });
+        }
+    }
+}
+
+/// The layers of a mask of views; without views, all.
+fn layers(view_mask: u32, count: u32) -> impl Iterator<Item = u32> + Clone {
+    let views = (0..u32::BITS).filter(move |view| view_mask >> view & 1 != 0);
+    let all = 0..if view_mask == 0 { count } else { 0 };
+    all.chain(views)
+}
+
+fn target(attachment: &Attachment, aspect: vk::ImageAspectFlags) -> Option<Target> {
+    let surface = Surface::of_view(&attachment.view, aspect)?;
+    Some(Target {
+        surface,
+        first_layer: attachment.view.range.base_array_layer,
+        layers: attachment.view.layer_count(),
+    })
+}
+
+/// An area, as far as it lies inside an attachment.
+fn inside(area: vk::Rect2D, width: u32, height: u32) -> vk::Rect2D {
+    let side = |first: i32, size: u32, most: u32| {
+        let end = (i64::from(first) + i64::from(size)).clamp(0, i64::from(most));
+        let first = i64::from(first).clamp(0, end);
+        (first as i32, (end - first) as u32)
+    };
+    let (x, width) = side(area.offset.x, area.extent.width, width);
+    let (y, height) = side(area.offset.y, area.extent.height, height);
+    vk::Rect2D {
+        offset: vk::Offset2D { x, y },
+        extent: vk::Extent2D { width, height },
+    }
+}
