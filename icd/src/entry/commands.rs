@@ -39,7 +39,10 @@ impl Command {
         match self.availability {
             Availability::Core(_) => true,
             Availability::Extension(extension) => {
-                extension.kind() == Kind::Device || enabled.contains(extension)
+                match extension.kind() {
+                    Kind::Device => extension.is_advertised(),
+                    Kind::Instance => enabled.contains(extension),
+                }
             }
         }
     }
@@ -494,6 +497,55 @@ commands! {
     Device Core PFN_vkDestroyRenderPass graphics::vkDestroyRenderPass;
     Device Core11 PFN_vkDestroySamplerYcbcrConversion graphics::vkDestroySamplerYcbcrConversion;
     Device Core PFN_vkGetRenderAreaGranularity graphics::vkGetRenderAreaGranularity;
+
+    Device KHR_CREATE_RENDERPASS_2 PFN_vkCreateRenderPass2 graphics::vkCreateRenderPass2 as vkCreateRenderPass2KHR;
+    Device KHR_CREATE_RENDERPASS_2 PFN_vkCmdBeginRenderPass2 graphics_pass::vkCmdBeginRenderPass2 as vkCmdBeginRenderPass2KHR;
+    Device KHR_CREATE_RENDERPASS_2 PFN_vkCmdNextSubpass2 graphics_pass::vkCmdNextSubpass2 as vkCmdNextSubpass2KHR;
+    Device KHR_CREATE_RENDERPASS_2 PFN_vkCmdEndRenderPass2 graphics_pass::vkCmdEndRenderPass2 as vkCmdEndRenderPass2KHR;
+    Device KHR_DRAW_INDIRECT_COUNT PFN_vkCmdDrawIndirectCount graphics_draw::vkCmdDrawIndirectCount as vkCmdDrawIndirectCountKHR;
+    Device KHR_DRAW_INDIRECT_COUNT PFN_vkCmdDrawIndexedIndirectCount graphics_draw::vkCmdDrawIndexedIndirectCount as vkCmdDrawIndexedIndirectCountKHR;
+    Device KHR_DYNAMIC_RENDERING PFN_vkCmdBeginRendering graphics_pass::vkCmdBeginRendering as vkCmdBeginRenderingKHR;
+    Device KHR_DYNAMIC_RENDERING PFN_vkCmdEndRendering graphics_pass::vkCmdEndRendering as vkCmdEndRenderingKHR;
+    Device KHR_DYNAMIC_RENDERING_LOCAL_READ PFN_vkCmdSetRenderingAttachmentLocationsKHR graphics_pass::vkCmdSetRenderingAttachmentLocationsKHR;
+    Device KHR_DYNAMIC_RENDERING_LOCAL_READ PFN_vkCmdSetRenderingInputAttachmentIndicesKHR graphics_pass::vkCmdSetRenderingInputAttachmentIndicesKHR;
+    Device KHR_LINE_RASTERIZATION PFN_vkCmdSetLineStippleKHR graphics_state::vkCmdSetLineStippleKHR;
+    Device EXT_LINE_RASTERIZATION PFN_vkCmdSetLineStippleKHR graphics_state::vkCmdSetLineStippleKHR as vkCmdSetLineStippleEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetCullMode graphics_state::vkCmdSetCullMode as vkCmdSetCullModeEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetFrontFace graphics_state::vkCmdSetFrontFace as vkCmdSetFrontFaceEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetPrimitiveTopology graphics_state::vkCmdSetPrimitiveTopology as vkCmdSetPrimitiveTopologyEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetViewportWithCount graphics_state::vkCmdSetViewportWithCount as vkCmdSetViewportWithCountEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetScissorWithCount graphics_state::vkCmdSetScissorWithCount as vkCmdSetScissorWithCountEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdBindVertexBuffers2 graphics_draw::vkCmdBindVertexBuffers2 as vkCmdBindVertexBuffers2EXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetDepthTestEnable graphics_state::vkCmdSetDepthTestEnable as vkCmdSetDepthTestEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetDepthWriteEnable graphics_state::vkCmdSetDepthWriteEnable as vkCmdSetDepthWriteEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetDepthCompareOp graphics_state::vkCmdSetDepthCompareOp as vkCmdSetDepthCompareOpEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetDepthBoundsTestEnable graphics_state::vkCmdSetDepthBoundsTestEnable as vkCmdSetDepthBoundsTestEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetStencilTestEnable graphics_state::vkCmdSetStencilTestEnable as vkCmdSetStencilTestEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetStencilOp graphics_state::vkCmdSetStencilOp as vkCmdSetStencilOpEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_2 PFN_vkCmdSetRasterizerDiscardEnable graphics_state::vkCmdSetRasterizerDiscardEnable as vkCmdSetRasterizerDiscardEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_2 PFN_vkCmdSetDepthBiasEnable graphics_state::vkCmdSetDepthBiasEnable as vkCmdSetDepthBiasEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_2 PFN_vkCmdSetPrimitiveRestartEnable graphics_state::vkCmdSetPrimitiveRestartEnable as vkCmdSetPrimitiveRestartEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_2 PFN_vkCmdSetLogicOpEXT graphics_state::vkCmdSetLogicOpEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetDepthClampEnableEXT graphics_state::vkCmdSetDepthClampEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetPolygonModeEXT graphics_state::vkCmdSetPolygonModeEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetRasterizationSamplesEXT graphics_state::vkCmdSetRasterizationSamplesEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetSampleMaskEXT graphics_state::vkCmdSetSampleMaskEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetAlphaToCoverageEnableEXT graphics_state::vkCmdSetAlphaToCoverageEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetAlphaToOneEnableEXT graphics_state::vkCmdSetAlphaToOneEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetLogicOpEnableEXT graphics_state::vkCmdSetLogicOpEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetColorBlendEnableEXT graphics_state::vkCmdSetColorBlendEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetColorBlendEquationEXT graphics_state::vkCmdSetColorBlendEquationEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetColorWriteMaskEXT graphics_state::vkCmdSetColorWriteMaskEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetDepthClipEnableEXT graphics_state::vkCmdSetDepthClipEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetProvokingVertexModeEXT graphics_state::vkCmdSetProvokingVertexModeEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetLineRasterizationModeEXT graphics_state::vkCmdSetLineRasterizationModeEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetLineStippleEnableEXT graphics_state::vkCmdSetLineStippleEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetDepthClipNegativeOneToOneEXT graphics_state::vkCmdSetDepthClipNegativeOneToOneEXT;
+    Device EXT_VERTEX_INPUT_DYNAMIC_STATE PFN_vkCmdSetVertexInputEXT graphics_state::vkCmdSetVertexInputEXT;
+    Device EXT_COLOR_WRITE_ENABLE PFN_vkCmdSetColorWriteEnableEXT graphics_state::vkCmdSetColorWriteEnableEXT;
+    Device EXT_DEPTH_BIAS_CONTROL PFN_vkCmdSetDepthBias2EXT graphics_state::vkCmdSetDepthBias2EXT;
+    Device EXT_MULTI_DRAW PFN_vkCmdDrawMultiEXT graphics_draw::vkCmdDrawMultiEXT;
+    Device EXT_MULTI_DRAW PFN_vkCmdDrawMultiIndexedEXT graphics_draw::vkCmdDrawMultiIndexedEXT;
 
     Instance EXT_HEADLESS_SURFACE PFN_vkCreateHeadlessSurfaceEXT swapchain::vkCreateHeadlessSurfaceEXT;
     Instance KHR_SURFACE PFN_vkDestroySurfaceKHR swapchain::vkDestroySurfaceKHR;

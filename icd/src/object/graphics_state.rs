@@ -8,14 +8,16 @@
 use ash::vk;
 use smallvec::SmallVec;
 
+use crate::table::limits;
+
 /// `maxViewports`.
-pub const MAX_VIEWPORTS: usize = 16;
+pub const MAX_VIEWPORTS: usize = limits::MAX_VIEWPORTS as usize;
 
 /// `maxColorAttachments`.
-pub const MAX_COLOR_ATTACHMENTS: usize = 8;
+pub const MAX_COLOR_ATTACHMENTS: usize = limits::MAX_COLOR_ATTACHMENTS as usize;
 
 /// `maxVertexInputAttributes` and `maxVertexInputBindings`.
-pub const MAX_VERTEX_INPUTS: usize = 32;
+pub const MAX_VERTEX_INPUTS: usize = limits::MAX_VERTEX_INPUTS as usize;
 
 /// `VkVertexInputBindingDescription`, with its divisor (`VkVertexInputBindingDivisorDescription`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,9 +4,11 @@
 
 use std::ffi::CStr;
 
+use crate::settings::has_graphics;
+
 macro_rules! extensions {
     ($($kind:ident $variant:ident $name:literal $version:literal;)*) => {
-        /// An extension that the driver advertises.
+        /// An extension that the driver has.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[allow(non_camel_case_types)]
         pub enum Extension {
@@ -14,7 +16,7 @@ macro_rules! extensions {
         }
 
         impl Extension {
-            /// All of them.
+            /// All of them, those of graphics included.
             pub const ALL: &[Extension] = &[$(Extension::$variant,)*];
 
             /// The extension's name.
@@ -34,11 +36,29 @@ macro_rules! extensions {
             /// Whether instances or devices enable it.
             pub fn kind(self) -> Kind {
                 match self {
-                    $(Extension::$variant => Kind::$kind,)*
+                    $(Extension::$variant => extensions!(@kind $kind),)*
+                }
+            }
+
+            /// Whether it is for devices that draw.
+            fn is_of_graphics(self) -> bool {
+                match self {
+                    $(Extension::$variant => extensions!(@graphics $kind),)*
                 }
             }
         }
     };
+    (@kind Graphics) => { Kind::Device };
+    (@kind $kind:ident) => { Kind::$kind };
+    (@graphics Graphics) => { true };
+    (@graphics $kind:ident) => { false };
+}
+
+impl Extension {
+    /// Whether the driver has it: those of graphics where it draws.
+    pub fn is_advertised(self) -> bool {
+        !self.is_of_graphics() || has_graphics()
+    }
 }
 
 /// What enables an extension.
@@ -161,6 +181,40 @@ extensions! {
     Device NV_RAY_TRACING_LINEAR_SWEPT_SPHERES c"VK_NV_ray_tracing_linear_swept_spheres" 1;
     Device NV_RAY_TRACING_VALIDATION c"VK_NV_ray_tracing_validation" 1;
     Device VALVE_MUTABLE_DESCRIPTOR_TYPE c"VK_VALVE_mutable_descriptor_type" 1;
+    Graphics KHR_CREATE_RENDERPASS_2 c"VK_KHR_create_renderpass2" 1;
+    Graphics KHR_DEPTH_STENCIL_RESOLVE c"VK_KHR_depth_stencil_resolve" 1;
+    Graphics KHR_DRAW_INDIRECT_COUNT c"VK_KHR_draw_indirect_count" 1;
+    Graphics KHR_DYNAMIC_RENDERING c"VK_KHR_dynamic_rendering" 1;
+    Graphics KHR_DYNAMIC_RENDERING_LOCAL_READ c"VK_KHR_dynamic_rendering_local_read" 1;
+    Graphics KHR_IMAGELESS_FRAMEBUFFER c"VK_KHR_imageless_framebuffer" 1;
+    Graphics KHR_INDEX_TYPE_UINT8 c"VK_KHR_index_type_uint8" 1;
+    Graphics KHR_LINE_RASTERIZATION c"VK_KHR_line_rasterization" 1;
+    Graphics KHR_LOAD_STORE_OP_NONE c"VK_KHR_load_store_op_none" 1;
+    Graphics KHR_MULTIVIEW c"VK_KHR_multiview" 1;
+    Graphics KHR_SHADER_DRAW_PARAMETERS c"VK_KHR_shader_draw_parameters" 1;
+    Graphics KHR_VERTEX_ATTRIBUTE_DIVISOR c"VK_KHR_vertex_attribute_divisor" 1;
+    Graphics EXT_COLOR_WRITE_ENABLE c"VK_EXT_color_write_enable" 1;
+    Graphics EXT_DEPTH_BIAS_CONTROL c"VK_EXT_depth_bias_control" 1;
+    Graphics EXT_DEPTH_CLIP_CONTROL c"VK_EXT_depth_clip_control" 1;
+    Graphics EXT_DEPTH_CLIP_ENABLE c"VK_EXT_depth_clip_enable" 1;
+    Graphics EXT_DEPTH_RANGE_UNRESTRICTED c"VK_EXT_depth_range_unrestricted" 1;
+    Graphics EXT_DYNAMIC_RENDERING_UNUSED_ATTACHMENTS c"VK_EXT_dynamic_rendering_unused_attachments" 1;
+    Graphics EXT_EXTENDED_DYNAMIC_STATE c"VK_EXT_extended_dynamic_state" 1;
+    Graphics EXT_EXTENDED_DYNAMIC_STATE_2 c"VK_EXT_extended_dynamic_state2" 1;
+    Graphics EXT_EXTENDED_DYNAMIC_STATE_3 c"VK_EXT_extended_dynamic_state3" 2;
+    Graphics EXT_GRAPHICS_PIPELINE_LIBRARY c"VK_EXT_graphics_pipeline_library" 1;
+    Graphics EXT_INDEX_TYPE_UINT8 c"VK_EXT_index_type_uint8" 1;
+    Graphics EXT_LINE_RASTERIZATION c"VK_EXT_line_rasterization" 1;
+    Graphics EXT_LOAD_STORE_OP_NONE c"VK_EXT_load_store_op_none" 1;
+    Graphics EXT_MULTI_DRAW c"VK_EXT_multi_draw" 1;
+    Graphics EXT_NESTED_COMMAND_BUFFER c"VK_EXT_nested_command_buffer" 1;
+    Graphics EXT_PIPELINE_ROBUSTNESS c"VK_EXT_pipeline_robustness" 1;
+    Graphics EXT_PRIMITIVE_TOPOLOGY_LIST_RESTART c"VK_EXT_primitive_topology_list_restart" 1;
+    Graphics EXT_PROVOKING_VERTEX c"VK_EXT_provoking_vertex" 1;
+    Graphics EXT_SHADER_STENCIL_EXPORT c"VK_EXT_shader_stencil_export" 1;
+    Graphics EXT_SHADER_VIEWPORT_INDEX_LAYER c"VK_EXT_shader_viewport_index_layer" 1;
+    Graphics EXT_VERTEX_ATTRIBUTE_DIVISOR c"VK_EXT_vertex_attribute_divisor" 3;
+    Graphics EXT_VERTEX_INPUT_DYNAMIC_STATE c"VK_EXT_vertex_input_dynamic_state" 2;
 }
 
 /// A set of extensions.
@@ -193,12 +247,15 @@ impl ExtensionSet {
     }
 }
 
-/// The extensions of a kind.
+/// What the driver advertises.
+pub fn advertised() -> impl Iterator<Item = Extension> {
+    let all = Extension::ALL.iter().copied();
+    all.filter(|extension| extension.is_advertised())
+}
+
+/// The extensions of a kind that it advertises.
 pub fn of_kind(kind: Kind) -> impl Iterator<Item = Extension> {
-    Extension::ALL
-        .iter()
-        .copied()
-        .filter(move |extension| extension.kind() == kind)
+    advertised().filter(move |extension| extension.kind() == kind)
 }
 
 #[cfg(test)]

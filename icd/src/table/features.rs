@@ -6,6 +6,7 @@ use rspirv::spirv::Capability;
 
 use crate::VkResult;
 use crate::ffi::{chain, vk};
+use crate::settings::has_graphics;
 
 /// Bytes of `sType` and `pNext`, before a feature structure's first word.
 const HEAD_BYTES: usize = size_of::<vk::BaseOutStructure<'_>>();
@@ -14,14 +15,22 @@ macro_rules! features {
     (
         core { $($core:ident $($core_capability:ident)*;)* }
         chained { $($feature:ident: $($structure:ident)+ $(=> $($capability:ident)+)?;)* }
+        graphics_core { $($drawn:ident $($drawn_capability:ident)*;)* }
+        graphics_chained {
+            $($drawing:ident: $($draw_structure:ident)+ $(=> $($draw_capability:ident)+)?;)*
+        }
         without_support { $($empty:ident)* }
     ) => {
         /// `VkPhysicalDeviceFeatures`.
         pub fn core_features() -> vk::PhysicalDeviceFeatures {
-            vk::PhysicalDeviceFeatures {
+            let mut features = vk::PhysicalDeviceFeatures {
                 $($core: vk::TRUE,)*
                 ..Default::default()
+            };
+            if has_graphics() {
+                $(features.$drawn = vk::TRUE;)*
             }
+            features
         }
 
         /// Size of a feature structure that is known here, up to the end of its last feature: padding may
@@ -30,6 +39,11 @@ macro_rules! features {
             $($(if ty == vk::$structure::STRUCTURE_TYPE {
                 return Some(std::mem::offset_of!(vk::$structure<'_>, _marker));
             })+)*
+            if has_graphics() {
+                $($(if ty == vk::$draw_structure::STRUCTURE_TYPE {
+                    return Some(std::mem::offset_of!(vk::$draw_structure<'_>, _marker));
+                })+)*
+            }
             $(if ty == vk::$empty::STRUCTURE_TYPE {
                 return Some(std::mem::offset_of!(vk::$empty<'_>, _marker));
             })*
@@ -47,6 +61,11 @@ macro_rules! features {
                 $($(if ty == vk::$structure::STRUCTURE_TYPE {
                     (*node.cast::<vk::$structure<'_>>()).$feature = vk::TRUE;
                 })+)*
+                if has_graphics() {
+                    $($(if ty == vk::$draw_structure::STRUCTURE_TYPE {
+                        (*node.cast::<vk::$draw_structure<'_>>()).$drawing = vk::TRUE;
+                    })+)*
+                }
             }
         }
 
@@ -54,6 +73,15 @@ macro_rules! features {
         const FEATURE_CAPABILITIES: &[Capability] = &[
             $($(Capability::$core_capability,)*)*
             $($($(Capability::$capability,)+)?)*
+        ];
+
+        /// The same, of features of graphics.
+        const GRAPHICS_CAPABILITIES: &[Capability] = &[
+            // These need no feature.
+            Capability::InputAttachment,
+            Capability::StencilExportEXT,
+            $($(Capability::$drawn_capability,)*)*
+            $($($(Capability::$draw_capability,)+)?)*
         ];
     };
 }
@@ -228,6 +256,84 @@ features! {
         shader_device_clock: PhysicalDeviceShaderClockFeaturesKHR;
         texel_buffer_alignment: PhysicalDeviceTexelBufferAlignmentFeaturesEXT;
     }
+    graphics_core {
+        independent_blend;
+        sample_rate_shading SampleRateShading InterpolationFunction;
+        dual_src_blend;
+        logic_op;
+        multi_draw_indirect;
+        draw_indirect_first_instance;
+        depth_clamp;
+        depth_bias_clamp;
+        fill_mode_non_solid;
+        depth_bounds;
+        wide_lines;
+        large_points;
+        alpha_to_one;
+        multi_viewport MultiViewport;
+        occlusion_query_precise;
+        pipeline_statistics_query;
+        vertex_pipeline_stores_and_atomics;
+        fragment_stores_and_atomics;
+        shader_clip_distance ClipDistance;
+        shader_cull_distance CullDistance;
+        variable_multisample_rate;
+        inherited_queries;
+    }
+    graphics_chained {
+        multiview: PhysicalDeviceVulkan11Features PhysicalDeviceMultiviewFeatures => MultiView;
+        shader_draw_parameters: PhysicalDeviceVulkan11Features PhysicalDeviceShaderDrawParametersFeatures => DrawParameters;
+        draw_indirect_count: PhysicalDeviceVulkan12Features;
+        imageless_framebuffer: PhysicalDeviceVulkan12Features PhysicalDeviceImagelessFramebufferFeatures;
+        shader_output_viewport_index: PhysicalDeviceVulkan12Features => ShaderViewportIndex ShaderViewportIndexLayerEXT;
+        shader_output_layer: PhysicalDeviceVulkan12Features => ShaderLayer;
+        shader_input_attachment_array_dynamic_indexing: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures => InputAttachmentArrayDynamicIndexing;
+        shader_input_attachment_array_non_uniform_indexing: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures => InputAttachmentArrayNonUniformIndexing;
+        dynamic_rendering: PhysicalDeviceVulkan13Features PhysicalDeviceDynamicRenderingFeatures;
+        dynamic_rendering_local_read: PhysicalDeviceDynamicRenderingLocalReadFeaturesKHR;
+        dynamic_rendering_unused_attachments: PhysicalDeviceDynamicRenderingUnusedAttachmentsFeaturesEXT;
+        index_type_uint8: PhysicalDeviceIndexTypeUint8FeaturesKHR;
+        rectangular_lines: PhysicalDeviceLineRasterizationFeaturesKHR;
+        bresenham_lines: PhysicalDeviceLineRasterizationFeaturesKHR;
+        stippled_rectangular_lines: PhysicalDeviceLineRasterizationFeaturesKHR;
+        stippled_bresenham_lines: PhysicalDeviceLineRasterizationFeaturesKHR;
+        vertex_attribute_instance_rate_divisor: PhysicalDeviceVertexAttributeDivisorFeaturesKHR;
+        vertex_attribute_instance_rate_zero_divisor: PhysicalDeviceVertexAttributeDivisorFeaturesKHR;
+        color_write_enable: PhysicalDeviceColorWriteEnableFeaturesEXT;
+        depth_bias_control: PhysicalDeviceDepthBiasControlFeaturesEXT;
+        least_representable_value_force_unorm_representation: PhysicalDeviceDepthBiasControlFeaturesEXT;
+        float_representation: PhysicalDeviceDepthBiasControlFeaturesEXT;
+        depth_bias_exact: PhysicalDeviceDepthBiasControlFeaturesEXT;
+        depth_clip_control: PhysicalDeviceDepthClipControlFeaturesEXT;
+        depth_clip_enable: PhysicalDeviceDepthClipEnableFeaturesEXT;
+        extended_dynamic_state: PhysicalDeviceExtendedDynamicStateFeaturesEXT;
+        extended_dynamic_state2: PhysicalDeviceExtendedDynamicState2FeaturesEXT;
+        extended_dynamic_state2_logic_op: PhysicalDeviceExtendedDynamicState2FeaturesEXT;
+        extended_dynamic_state3_depth_clamp_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_polygon_mode: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_rasterization_samples: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_sample_mask: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_alpha_to_coverage_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_alpha_to_one_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_logic_op_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_color_blend_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_color_blend_equation: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_color_write_mask: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_depth_clip_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_provoking_vertex_mode: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_line_rasterization_mode: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_line_stipple_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        extended_dynamic_state3_depth_clip_negative_one_to_one: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        graphics_pipeline_library: PhysicalDeviceGraphicsPipelineLibraryFeaturesEXT;
+        multi_draw: PhysicalDeviceMultiDrawFeaturesEXT;
+        nested_command_buffer: PhysicalDeviceNestedCommandBufferFeaturesEXT;
+        nested_command_buffer_rendering: PhysicalDeviceNestedCommandBufferFeaturesEXT;
+        nested_command_buffer_simultaneous_use: PhysicalDeviceNestedCommandBufferFeaturesEXT;
+        pipeline_robustness: PhysicalDevicePipelineRobustnessFeaturesEXT;
+        primitive_topology_list_restart: PhysicalDevicePrimitiveTopologyListRestartFeaturesEXT;
+        provoking_vertex_last: PhysicalDeviceProvokingVertexFeaturesEXT;
+        vertex_input_dynamic_state: PhysicalDeviceVertexInputDynamicStateFeaturesEXT;
+    }
     without_support {
         PhysicalDeviceMultiviewFeatures
         PhysicalDeviceProtectedMemoryFeatures
@@ -272,7 +378,11 @@ const BASE_CAPABILITIES: &[Capability] = &[
 
 /// All that a shader module may declare.
 pub fn capabilities() -> Vec<Capability> {
-    [BASE_CAPABILITIES, FEATURE_CAPABILITIES].concat()
+    let graphics = match has_graphics() {
+        true => GRAPHICS_CAPABILITIES,
+        false => &[],
+    };
+    [BASE_CAPABILITIES, FEATURE_CAPABILITIES, graphics].concat()
 }
 
 /// Answers every feature structure of an output chain.

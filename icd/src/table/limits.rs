@@ -6,6 +6,8 @@ use std::sync::OnceLock;
 
 use ash::vk;
 
+use crate::settings::has_graphics;
+
 /// Texels along a side of an image: what `spirv_jit::image::MAX_LEVELS` has levels for.
 pub const MAX_IMAGE_DIMENSION: u32 = 16384;
 pub const MAX_IMAGE_DIMENSION_3D: u32 = MAX_IMAGE_DIMENSION;
@@ -24,11 +26,62 @@ pub const MEMORY_ALIGNMENT: u64 = 256;
 pub const PAGE_BYTES: u64 = 4096;
 pub const SAMPLE_COUNTS: vk::SampleCountFlags = vk::SampleCountFlags::from_raw(1 | 2 | 4 | 8);
 
+/// `maxVertexInputAttributes` and `maxVertexInputBindings`.
+pub const MAX_VERTEX_INPUTS: u32 = 32;
+pub const MAX_COLOR_ATTACHMENTS: u32 = 8;
+pub const MAX_VIEWPORTS: u32 = 16;
+/// `subPixelPrecisionBits`.
+pub const SUB_PIXEL_BITS: u32 = 8;
+/// Pixels.
+pub const MAX_POINT_SIZE: f32 = 256.0;
+pub const MAX_LINE_WIDTH: f32 = 8.0;
+/// `maxCommandBufferNestingLevel`: each level is a call on the queue's thread.
+pub const MAX_COMMAND_BUFFER_NESTING: u32 = 64;
+
 /// Of a device's window, what sparse resources may take together.
 pub const SPARSE_ADDRESS_SPACE_BYTES: u64 = 1 << 38;
 
 /// `VkPhysicalDeviceLimits`.
 pub fn limits() -> vk::PhysicalDeviceLimits {
+    match has_graphics() {
+        true => with_graphics(without_graphics()),
+        false => without_graphics(),
+    }
+}
+
+/// The limits of drawing.
+fn with_graphics(limits: vk::PhysicalDeviceLimits) -> vk::PhysicalDeviceLimits {
+    vk::PhysicalDeviceLimits {
+        max_vertex_input_attributes: MAX_VERTEX_INPUTS,
+        max_vertex_input_bindings: MAX_VERTEX_INPUTS,
+        max_vertex_input_attribute_offset: u32::MAX,
+        max_vertex_input_binding_stride: 1 << 16,
+        max_vertex_output_components: 128,
+        max_fragment_input_components: 128,
+        max_fragment_output_attachments: MAX_COLOR_ATTACHMENTS,
+        max_fragment_dual_src_attachments: 1,
+        max_fragment_combined_output_resources: MAX_DESCRIPTORS,
+        max_draw_indirect_count: u32::MAX,
+        max_viewports: MAX_VIEWPORTS,
+        viewport_sub_pixel_bits: SUB_PIXEL_BITS,
+        sub_pixel_precision_bits: SUB_PIXEL_BITS,
+        min_interpolation_offset: -0.5,
+        max_interpolation_offset: 0.4375,
+        sub_pixel_interpolation_offset_bits: 4,
+        max_color_attachments: MAX_COLOR_ATTACHMENTS,
+        max_clip_distances: 8,
+        max_cull_distances: 8,
+        max_combined_clip_and_cull_distances: 8,
+        point_size_range: [1.0, MAX_POINT_SIZE],
+        point_size_granularity: 0.125,
+        line_width_range: [1.0, MAX_LINE_WIDTH],
+        line_width_granularity: 0.125,
+        strict_lines: vk::TRUE,
+        ..limits
+    }
+}
+
+fn without_graphics() -> vk::PhysicalDeviceLimits {
     vk::PhysicalDeviceLimits {
         max_image_dimension1_d: MAX_IMAGE_DIMENSION,
         max_image_dimension2_d: MAX_IMAGE_DIMENSION,
@@ -37,8 +90,7 @@ pub fn limits() -> vk::PhysicalDeviceLimits {
         max_image_array_layers: MAX_IMAGE_ARRAY_LAYERS,
         max_texel_buffer_elements: 1 << 27,
         max_uniform_buffer_range: 1 << 30,
-        // Addresses have 64 bits, `VkDeviceSize` ranges of descriptors too; test suites size their largest launch by this.
-        max_storage_buffer_range: 1 << 31,
+        max_storage_buffer_range: u32::MAX,
         max_push_constants_size: MAX_PUSH_CONSTANTS_BYTES,
         max_memory_allocation_count: max_allocations(),
         max_sampler_allocation_count: u32::MAX,

@@ -5,6 +5,7 @@ use spirv_jit::environment::{Descriptor, MAX_SETS};
 
 use super::limits::{self, API_VERSION, CAPTURE_BYTES, HANDLE_SIZE};
 use crate::ffi::{array, chain, vk};
+use crate::settings::has_graphics;
 
 /// Stages whose shaders may use subgroup operations.
 const SUBGROUP_STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
@@ -16,6 +17,14 @@ const SUBGROUP_STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
         | vk::ShaderStageFlags::INTERSECTION_KHR.as_raw()
         | vk::ShaderStageFlags::CALLABLE_KHR.as_raw(),
 );
+
+/// Stages of drawing, where there is any.
+fn graphics_stages() -> vk::ShaderStageFlags {
+    match has_graphics() {
+        true => vk::ShaderStageFlags::VERTEX | vk::ShaderStageFlags::FRAGMENT,
+        false => vk::ShaderStageFlags::empty(),
+    }
+}
 
 /// Identifies the driver: the same for every machine and run of one version.
 const DRIVER_UUID: [u8; vk::UUID_SIZE] = *b"tuff-driver-0001";
@@ -67,7 +76,7 @@ fn vulkan11(machine: &Machine) -> vk::PhysicalDeviceVulkan11Properties<'static> 
         device_node_mask: 0,
         device_luid_valid: vk::FALSE,
         subgroup_size: SUBGROUP_SIZE as u32,
-        subgroup_supported_stages: SUBGROUP_STAGES,
+        subgroup_supported_stages: SUBGROUP_STAGES | graphics_stages(),
         subgroup_supported_operations: vk::SubgroupFeatureFlags::BASIC
             | vk::SubgroupFeatureFlags::VOTE
             | vk::SubgroupFeatureFlags::ARITHMETIC
@@ -138,6 +147,16 @@ fn vulkan12() -> vk::PhysicalDeviceVulkan12Properties<'static> {
         framebuffer_integer_color_sample_counts: vk::SampleCountFlags::TYPE_1,
         ..Default::default()
     };
+    if has_graphics() {
+        let one = vk::ResolveModeFlags::SAMPLE_ZERO;
+        let extremes = vk::ResolveModeFlags::MIN | vk::ResolveModeFlags::MAX;
+        properties.supported_depth_resolve_modes = one | extremes | vk::ResolveModeFlags::AVERAGE;
+        properties.supported_stencil_resolve_modes = one | extremes;
+        properties.independent_resolve_none = vk::TRUE;
+        properties.independent_resolve = vk::TRUE;
+        properties.framebuffer_integer_color_sample_counts = limits::SAMPLE_COUNTS;
+        properties.shader_input_attachment_array_non_uniform_indexing_native = vk::TRUE;
+    }
     array::write_text(&mut properties.driver_name, "Tuff");
     array::write_text(
         &mut properties.driver_info,
@@ -155,7 +174,7 @@ fn vulkan13() -> vk::PhysicalDeviceVulkan13Properties<'static> {
         min_subgroup_size: SUBGROUP_SIZE as u32,
         max_subgroup_size: SUBGROUP_SIZE as u32,
         max_compute_workgroup_subgroups: limits::MAX_WORKGROUP_INVOCATIONS / SUBGROUP_SIZE as u32,
-        required_subgroup_size_stages: vk::ShaderStageFlags::COMPUTE,
+        required_subgroup_size_stages: vk::ShaderStageFlags::COMPUTE | graphics_stages(),
         max_inline_uniform_block_size: limits::MAX_INLINE_UNIFORM_BYTES,
         max_per_stage_descriptor_inline_uniform_blocks: 256,
         max_per_stage_descriptor_update_after_bind_inline_uniform_blocks: 256,
@@ -300,6 +319,9 @@ pub unsafe fn fill_chain(machine: &Machine, next: *mut std::ffi::c_void) {
     unsafe {
         for node in chain::nodes_mut(next) {
             fill(machine, node);
+            if has_graphics() {
+                fill_graphics(node);
+            }
         }
     }
 }
@@ -418,6 +440,59 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
             PhysicalDeviceRobustness2PropertiesEXT(vk::PhysicalDeviceRobustness2PropertiesEXT {
                 robust_storage_buffer_access_size_alignment: 1,
                 robust_uniform_buffer_access_size_alignment: 1,
+                ..Default::default()
+            });
+        }
+    }
+}
+
+/// What extensions of graphics bring.
+///
+/// # Safety
+/// As [`fill`].
+unsafe fn fill_graphics(node: *mut vk::BaseOutStructure<'static>) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        answer! { node;
+            PhysicalDeviceExtendedDynamicState3PropertiesEXT(vk::PhysicalDeviceExtendedDynamicState3PropertiesEXT {
+                dynamic_primitive_topology_unrestricted: vk::TRUE,
+                ..Default::default()
+            });
+            PhysicalDeviceGraphicsPipelineLibraryPropertiesEXT(vk::PhysicalDeviceGraphicsPipelineLibraryPropertiesEXT {
+                graphics_pipeline_library_fast_linking: vk::TRUE,
+                graphics_pipeline_library_independent_interpolation_decoration: vk::TRUE,
+                ..Default::default()
+            });
+            PhysicalDeviceLineRasterizationPropertiesKHR(vk::PhysicalDeviceLineRasterizationPropertiesKHR {
+                line_sub_pixel_precision_bits: limits::SUB_PIXEL_BITS,
+                ..Default::default()
+            });
+            PhysicalDeviceMultiDrawPropertiesEXT(vk::PhysicalDeviceMultiDrawPropertiesEXT {
+                max_multi_draw_count: u32::MAX,
+                ..Default::default()
+            });
+            PhysicalDeviceNestedCommandBufferPropertiesEXT(vk::PhysicalDeviceNestedCommandBufferPropertiesEXT {
+                max_command_buffer_nesting_level: limits::MAX_COMMAND_BUFFER_NESTING,
+                ..Default::default()
+            });
+            PhysicalDevicePipelineRobustnessPropertiesEXT(vk::PhysicalDevicePipelineRobustnessPropertiesEXT {
+                default_robustness_storage_buffers: vk::PipelineRobustnessBufferBehaviorEXT::ROBUST_BUFFER_ACCESS_2,
+                default_robustness_uniform_buffers: vk::PipelineRobustnessBufferBehaviorEXT::ROBUST_BUFFER_ACCESS_2,
+                default_robustness_vertex_inputs: vk::PipelineRobustnessBufferBehaviorEXT::ROBUST_BUFFER_ACCESS_2,
+                default_robustness_images: vk::PipelineRobustnessImageBehaviorEXT::ROBUST_IMAGE_ACCESS_2,
+                ..Default::default()
+            });
+            PhysicalDeviceProvokingVertexPropertiesEXT(vk::PhysicalDeviceProvokingVertexPropertiesEXT {
+                provoking_vertex_mode_per_pipeline: vk::TRUE,
+                ..Default::default()
+            });
+            PhysicalDeviceVertexAttributeDivisorPropertiesEXT(vk::PhysicalDeviceVertexAttributeDivisorPropertiesEXT {
+                max_vertex_attrib_divisor: u32::MAX,
+                ..Default::default()
+            });
+            PhysicalDeviceVertexAttributeDivisorPropertiesKHR(vk::PhysicalDeviceVertexAttributeDivisorPropertiesKHR {
+                max_vertex_attrib_divisor: u32::MAX,
+                supports_non_zero_first_instance: vk::TRUE,
                 ..Default::default()
             });
         }
