@@ -18,6 +18,10 @@ use crate::error::Error;
 use crate::hit_object::HitFact;
 use crate::ir;
 
+pub use crate::ir::interface::{
+    Barycentric, DepthMode, FragmentFacts, Interlock, OutputRow, Position, Varying, VaryingMode,
+    VaryingPlace,
+};
 pub use crate::ir::module::InputRow;
 
 /// Shader stages (SPIR-V execution models) that exist.
@@ -81,6 +85,37 @@ pub enum Builtin {
     HitLssRadii,
     /// 2 words: device address of the shader record (after the handle).
     ShaderRecordAddress,
+    /// 1 word each: vertex.
+    VertexIndex,
+    InstanceIndex,
+    BaseVertex,
+    BaseInstance,
+    DrawIndex,
+    /// 1 word: vertex and fragment.
+    ViewIndex,
+    /// 4 f32: fragment, as all that follow.
+    FragCoord,
+    /// 1 word, not 0 for true.
+    FrontFacing,
+    /// 2 f32.
+    PointCoord,
+    /// 1 word.
+    SampleId,
+    /// 2 f32.
+    SamplePosition,
+    /// 1 word: the covered samples of the invocation.
+    SampleMask,
+    /// 1 word each.
+    Layer,
+    ViewportIndex,
+    /// 1 word: the layer of input attachments, which is the one that is drawn to.
+    AttachmentLayer,
+    /// 1 word: samples of the attachments.
+    SampleCount,
+    /// 9 f32 each: at the pixel's centre, the three planes whose quotients by their sum are perspective-correct barycentric coordinates, or
+    /// that are the linear ones; then their derivatives in x, then in y.
+    PerspectivePlanes,
+    LinearPlanes,
 }
 
 /// What is needed to turn a module's entry point into a program.

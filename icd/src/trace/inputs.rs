@@ -69,7 +69,10 @@ impl Sources<'_> {
                         InputRow::Builtin(builtin, component) => hits
                             .row(builtin, component as usize)
                             .unwrap_or_else(|| self.common_row(subgroup, records, input)),
-                        InputRow::CallableData(_) => [0; SUBGROUP_SIZE],
+                        InputRow::CallableData(_)
+                        | InputRow::Attribute { .. }
+                        | InputRow::Varying(_)
+                        | InputRow::Barycentric(_) => [0; SUBGROUP_SIZE],
                     };
                 }
             }

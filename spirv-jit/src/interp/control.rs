@@ -3,8 +3,9 @@
 //! In `x` or `y` an instruction has the index of a mask or a code address, as each says.
 
 use super::kernels::sign_bits;
-use super::machine::{Instr, MAX_SUBGROUPS, Machine, Mask};
+use super::machine::{Instr, MAX_SUBGROUPS, Machine, Mask, Operand};
 use super::tier::Kernel;
+use crate::SUBGROUP_SIZE;
 use crate::program::Event;
 
 /// A parked or pending mask.
@@ -164,11 +165,73 @@ pub(super) unsafe fn ret(m: &mut Machine<'_>, i: &Instr) {
     }
 }
 
+/// The active lanes become helper invocations.
+///
+/// # Safety
+/// As [`enter`].
+pub(super) unsafe fn demote(m: &mut Machine<'_>, _: &Instr) {
+    for (helpers, active) in m.helpers.iter_mut().zip(&m.active) {
+        *helpers |= active;
+    }
+}
+
+/// `d`: whether a lane is a helper invocation.
+///
+/// # Safety
+/// As [`enter`].
+pub(super) unsafe fn is_helper(m: &mut Machine<'_>, i: &Instr) {
+    for &offset in m.listed() {
+        let helpers = m.helpers[offset as usize / 64];
+        for k in 0..SUBGROUP_SIZE {
+            let word = if helpers >> k & 1 != 0 { u32::MAX } else { 0 };
+            // SAFETY: as the caller promises.
+            unsafe { m.set_lane(i.d, offset, k, false, word.into()) };
+        }
+    }
+}
+
+/// Before an effect: helper invocations are not active until [`unmask_helpers`]. `d`, if it is a row, is zero first (of 64 bits if `x`): what
+/// helpers see. Without other lanes, on to `y`, which stands behind the effect.
+///
+/// # Safety
+/// As [`enter`].
+pub(super) unsafe fn mask_helpers(m: &mut Machine<'_>, i: &Instr) {
+    if i.d != Operand::NONE {
+        for &offset in m.listed() {
+            for k in 0..SUBGROUP_SIZE {
+                // SAFETY: as the caller promises.
+                unsafe { m.set_lane(i.d, offset, k, i.x != 0, 0) };
+            }
+        }
+    }
+    m.unmasked = m.active;
+    let mut effective = m.active;
+    for (lanes, helpers) in effective.iter_mut().zip(&m.helpers) {
+        *lanes &= !helpers;
+    }
+    if !m.set_active(effective) {
+        m.set_active(m.unmasked);
+        m.pc = i.y as usize;
+    }
+}
+
+/// After an effect: the lanes from before [`mask_helpers`] are active again.
+///
+/// # Safety
+/// As [`enter`].
+pub(super) unsafe fn unmask_helpers(m: &mut Machine<'_>, _: &Instr) {
+    m.set_active(m.unmasked);
+}
+
 /// The end of the entry function.
 ///
 /// # Safety
 /// As [`enter`].
 pub(super) unsafe fn finish(m: &mut Machine<'_>, _: &Instr) {
+    for s in 0..m.subgroups {
+        // SAFETY: a state begins with its control words.
+        unsafe { *m.states[s].add(2) = m.helpers[s] as u32 };
+    }
     m.event = Event::End;
     m.running = false;
 }

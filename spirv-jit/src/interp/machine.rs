@@ -80,6 +80,10 @@ pub(super) struct Machine<'p> {
     pub list: [u16; MAX_SUBGROUPS],
     pub list_len: usize,
     pub active: Mask,
+    /// Helper invocations of a fragment program, active or not.
+    pub helpers: Mask,
+    /// What was active before helpers were masked out.
+    pub unmasked: Mask,
     /// Parked and pending masks.
     pub masks: *mut Mask,
     pub pc: usize,

@@ -33,6 +33,7 @@ use std::cell::Cell;
 use std::collections::TryReserveError;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::ir::interface::{FragmentFacts, OutputRow};
 use crate::ir::{self, InputRow};
 use crate::program::{AlignedRow, Event, ResumePoint, SiteKind, Stage, StateLayout, Wave};
 use crate::query::QueryWord;
@@ -86,6 +87,8 @@ pub struct Program {
     live_rows: usize,
     sites: Vec<SiteKind>,
     output_rows: u32,
+    outputs: Vec<OutputRow>,
+    fragment: Option<FragmentFacts>,
     functions: usize,
 }
 
@@ -121,6 +124,8 @@ impl Program {
             live_rows: emitted.live_rows,
             sites: emitted.sites,
             output_rows: module.output_rows,
+            outputs: module.outputs.clone(),
+            fragment: module.fragment,
             functions: module.functions.len(),
         })
     }
@@ -187,6 +192,18 @@ impl Program {
         self.output_rows
     }
 
+    /// Vertex and fragment: what each word is that the program leaves.
+    #[inline]
+    pub fn outputs(&self) -> &[OutputRow] {
+        &self.outputs
+    }
+
+    /// Fragment: what the rasterizer must know.
+    #[inline]
+    pub fn fragment(&self) -> Option<&FragmentFacts> {
+        self.fragment.as_ref()
+    }
+
     /// Bytes of one lane's state: what `vkGetRayTracingShaderGroupStackSizeKHR` reports.
     pub fn stack_size_bytes(&self) -> u32 {
         ((self.private_rows + self.live_rows) * 4) as u32
@@ -202,6 +219,21 @@ impl Program {
         // Private memory too: what is undefined is at least the same on every run.
         state[self.layout.io..self.private + self.private_rows].fill(AlignedRow::default());
         state[0].0[1] = active as u32;
+    }
+
+    /// As [`Self::start`] for a fragment program: `helpers`, some of the active lanes, are helper invocations.
+    ///
+    /// # Panics
+    /// As [`Self::start`].
+    pub fn start_fragments(&self, state: &mut [AlignedRow], active: u16, helpers: u16) {
+        self.start(state, active);
+        state[0].0[2] = helpers as u32;
+    }
+
+    /// Lanes of a fragment program's ended state that are helper invocations: from the start, or since they were demoted or killed.
+    #[inline]
+    pub fn helpers(&self, state: &[AlignedRow]) -> u16 {
+        state[0].0[2] as u16
     }
 
     /// Where a state stands.
@@ -325,6 +357,8 @@ impl Program {
             list: [0; MAX_SUBGROUPS],
             list_len: 0,
             active: [0; MAX_SUBGROUPS],
+            helpers: [0; MAX_SUBGROUPS],
+            unmasked: [0; MAX_SUBGROUPS],
             masks: frame.masks.as_mut_ptr(),
             pc: if is_computed {
                 self.code.prologue_end

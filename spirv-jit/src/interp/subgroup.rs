@@ -50,6 +50,7 @@ fn shape(plan: &SubgroupPlan) -> (bool, bool, bool) {
         | SubgroupOp::Ballot
         | SubgroupOp::Match => (true, false, false),
         SubgroupOp::Shuffle
+        | SubgroupOp::QuadShuffle
         | SubgroupOp::PartitionedReduce(_)
         | SubgroupOp::PartitionedInclusiveScan(_)
         | SubgroupOp::PartitionedExclusiveScan(_) => (true, true, wide),
@@ -75,6 +76,11 @@ fn perform(plan: &SubgroupPlan, a: &Lanes, b: &Lanes, mask: u16) -> Lanes {
         }
         SubgroupOp::Ballot => all(ballot()),
         SubgroupOp::Shuffle => std::array::from_fn(|k| a.get(b[k] as usize).copied().unwrap_or(0)),
+        SubgroupOp::QuadShuffle => std::array::from_fn(|k| {
+            let from = b[k] as usize;
+            let is_active = from < SUBGROUP_SIZE && mask >> from & 1 != 0;
+            if is_active { a[from] } else { a[k] }
+        }),
         SubgroupOp::BroadcastFirst => all(a[first]),
         SubgroupOp::Reduce { op, cluster } => {
             let cluster = (cluster as usize).clamp(1, SUBGROUP_SIZE);

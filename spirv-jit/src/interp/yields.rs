@@ -1,6 +1,6 @@
 //! Suspending a wave into its subgroups' states, and resuming it.
 //!
-//! A state's control rows hold, as words: the resume id, the active lanes, then the masks in use, two to a word.
+//! A state's control rows hold, as words: the resume id, the active lanes, the helper lanes, then the masks in use, two to a word.
 
 use super::code::{Live, Saved};
 use super::descriptors;
@@ -10,7 +10,7 @@ use crate::SUBGROUP_SIZE;
 use crate::program::{AlignedRow, Event, IO_DATA_ROW, Row};
 
 /// Words of control before the masks.
-pub(super) const CONTROL_WORDS: usize = 2;
+pub(super) const CONTROL_WORDS: usize = 3;
 
 /// Saves masks and live values as point `point` says, and stops with `event`.
 ///
@@ -27,6 +27,7 @@ unsafe fn suspend(m: &mut Machine<'_>, point: u32, event: Event) {
             let control = m.states[s];
             *control = id;
             *control.add(1) = m.active[s] as u32;
+            *control.add(2) = m.helpers[s] as u32;
             let masks = control.add(CONTROL_WORDS).cast::<u16>();
             for k in 0..point.masks as usize {
                 *masks.add(k) = (*m.masks.add(k))[s];
@@ -118,6 +119,7 @@ impl Kernel for Resume {
             let mut active = [0; MAX_SUBGROUPS];
             for (s, lanes) in active[..m.subgroups].iter_mut().enumerate() {
                 *lanes = *m.states[s].add(1) as u16;
+                m.helpers[s] = *m.states[s].add(2) as u16;
             }
             for k in 0..point.masks as usize {
                 let mask = &mut *m.masks.add(k);

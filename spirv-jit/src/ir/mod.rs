@@ -74,6 +74,7 @@
 
 pub mod binary;
 pub mod entities;
+pub mod interface;
 pub mod module;
 pub mod op;
 mod signature;

@@ -2,6 +2,7 @@
 
 use smallvec::SmallVec;
 
+use super::interface::{Barycentric, FragmentFacts, OutputRow, Varying};
 use super::{FunctionId, Label, Op, Type, Value, VariableId};
 use crate::program::{Builtin, Stage};
 use crate::query::QueryWord;
@@ -94,6 +95,12 @@ pub enum InputRow {
     HitAttribute(u32),
     /// Word of the incoming callable data.
     CallableData(u32),
+    /// Vertex stage: a word of a vertex attribute. A component of 64 bits has two.
+    Attribute { location: u16, component: u8 },
+    /// Fragment stage: a word that follows from the vertices' outputs.
+    Varying(Varying),
+    /// Fragment stage: a barycentric coordinate.
+    Barycentric(Barycentric),
 }
 
 /// A whole shader.
@@ -109,6 +116,10 @@ pub struct Module {
     /// Words that `end` takes. By stage: any-hit: verdict (0 accept, 1 ignore, 2 accept and terminate the ray), then payload words; closest
     /// hit and miss: payload words; callable: callable data words; intersection, ray generation and compute: none.
     pub output_rows: u32,
+    /// Vertex and fragment: what each of those words is.
+    pub outputs: Vec<OutputRow>,
+    /// Fragment: what the rasterizer must know.
+    pub fragment: Option<FragmentFacts>,
     /// Compute: the workgroup's size in invocations per dimension; otherwise ones.
     pub local_size: [u32; 3],
     /// Compute: four consecutive lanes are two by two invocations of the workgroup, instead of four in a row.

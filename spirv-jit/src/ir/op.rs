@@ -301,6 +301,10 @@ macro_rules! define_op {
             Subgroup(SubgroupOp),
             /// `() -> i32`: the lane's index in its subgroup, 0..16.
             LaneIndex,
+            /// `() -> ()`: the lane becomes a helper invocation.
+            Demote,
+            /// `() -> i1`: whether the lane is a helper invocation now.
+            IsHelper,
             /// `() -> i64`: a monotonic clock.
             ReadClock,
             /// `() -> ()`: orders memory between invocations (`OpMemoryBarrier`).
@@ -364,6 +368,8 @@ macro_rules! define_op {
                     Op::Image(_) => "image",
                     Op::Subgroup(_) => "subgroup",
                     Op::LaneIndex => "lane_index",
+                    Op::Demote => "demote",
+                    Op::IsHelper => "is_helper",
                     Op::ReadClock => "read_clock",
                     Op::MemoryBarrier => "memory_barrier",
                     Op::Call(_) => "call",
@@ -471,6 +477,8 @@ pub enum SubgroupOp {
     Ballot,
     /// `(T, lane: i32) -> T`: the value of another lane; 0 if it is out of range.
     Shuffle,
+    /// `(T, lane: i32) -> T`: the value of another lane of the quad, helper or not; the lane's own where that one is not active.
+    QuadShuffle,
     /// `(T) -> T`: of the lowest active lane.
     BroadcastFirst,
     /// `(T) -> T` over clusters of `cluster` lanes (16 = all; 4 = quads).
@@ -558,6 +566,7 @@ impl Op {
                 | Op::BufferSize
                 | Op::DescriptorAddress
                 | Op::LaneIndex
+                | Op::IsHelper
                 | Op::ReadClock
                 | Op::Subgroup(_) => true,
                 Op::Load(access) => !access.volatile,

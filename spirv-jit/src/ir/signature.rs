@@ -199,7 +199,8 @@ fn check_other(
         Op::Uniform(_) | Op::LaneIndex => takes(&[]).and_then(|()| gives(&[I32])),
         Op::Image(image) => check_image(image, args, results),
         Op::Subgroup(kind) => check_subgroup(*kind, args, results),
-        Op::MemoryBarrier | Op::Barrier => takes(&[]).and_then(|()| gives(&[])),
+        Op::IsHelper => takes(&[]).and_then(|()| gives(&[I1])),
+        Op::MemoryBarrier | Op::Barrier | Op::Demote => takes(&[]).and_then(|()| gives(&[])),
         Op::RayQueryProceed => takes(&[I32]).and_then(|()| gives(&[I1])),
         Op::Call(callee) => {
             let Some(callee) = module.functions.get(callee.index()) else {
@@ -367,6 +368,7 @@ fn check_subgroup(kind: SubgroupOp, args: &[Type], results: &[Type]) -> Checked 
         (SubgroupOp::Match, [_], [I32]) => true,
         (
             SubgroupOp::Shuffle
+            | SubgroupOp::QuadShuffle
             | SubgroupOp::PartitionedReduce(_)
             | SubgroupOp::PartitionedInclusiveScan(_)
             | SubgroupOp::PartitionedExclusiveScan(_),

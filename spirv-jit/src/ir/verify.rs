@@ -3,7 +3,7 @@
 
 use super::signature::check_operation;
 use super::{
-    Body, Function, FunctionId, Inst, Label, Module, Node, Op, Space, Terminator, Type, Value,
+    Body, Function, FunctionId, InputRow, Inst, Label, Module, Node, Op, Space, Terminator, Type, Value,
 };
 use crate::program::Stage;
 
@@ -40,6 +40,13 @@ pub fn verify(module: &Module) -> Result<(), String> {
     {
         return Err("the module's head is out of range".into());
     }
+    let has_outputs = matches!(module.stage, Stage::Vertex | Stage::Fragment);
+    if module.outputs.len() != module.output_rows as usize * usize::from(has_outputs)
+        || module.fragment.is_some() != (module.stage == Stage::Fragment)
+    {
+        return Err("outputs and facts do not fit the stage".into());
+    }
+    check_inputs(module)?;
     for (index, function) in module.functions.iter().enumerate() {
         let mut verifier = Verifier {
             module,
@@ -295,6 +302,19 @@ impl<'a> Verifier<'a> {
     }
 }
 
+/// Rows that the rasterizer fills are in its stages alone.
+fn check_inputs(module: &Module) -> Result<(), String> {
+    let fits = module.inputs.iter().all(|row| match row {
+        InputRow::Attribute { .. } => module.stage == Stage::Vertex,
+        InputRow::Varying(_) | InputRow::Barycentric(_) => module.stage == Stage::Fragment,
+        _ => true,
+    });
+    if fits {
+        return Ok(());
+    }
+    Err("an input row that the stage does not have".into())
+}
+
 /// What the schedulers of a stage's programs can answer, and the memory that those have.
 fn check_stage(stage: Stage, op: &Op) -> Result<(), String> {
     let traces = matches!(
@@ -306,6 +326,7 @@ fn check_stage(stage: Stage, op: &Op) -> Result<(), String> {
             access.space != Space::Shared || stage == Stage::Compute
         }
         Op::Barrier => stage == Stage::Compute,
+        Op::Demote | Op::IsHelper => stage == Stage::Fragment,
         Op::RayQueryProceed => true,
         Op::ReportIntersection => stage == Stage::Intersection,
         Op::ExecuteCallable => traces || stage == Stage::Callable,

@@ -8,7 +8,7 @@ use crate::Error;
 use crate::environment::uniform;
 use crate::ir::{self, InputRow, Type, Value};
 use crate::parse::Id;
-use crate::program::Builtin;
+use crate::program::{Builtin, Stage};
 
 /// Where a built-in comes from.
 enum Source {
@@ -59,6 +59,20 @@ fn source(built_in: BuiltIn) -> Option<Source> {
         BuiltIn::HitSphereRadiusNV => Source::Record(Builtin::HitSphereRadius),
         BuiltIn::HitLSSPositionsNV => Source::Record(Builtin::HitLssPositions),
         BuiltIn::HitLSSRadiiNV => Source::Record(Builtin::HitLssRadii),
+        BuiltIn::VertexIndex => Source::Record(Builtin::VertexIndex),
+        BuiltIn::InstanceIndex => Source::Record(Builtin::InstanceIndex),
+        BuiltIn::BaseVertex => Source::Record(Builtin::BaseVertex),
+        BuiltIn::BaseInstance => Source::Record(Builtin::BaseInstance),
+        BuiltIn::DrawIndex => Source::Record(Builtin::DrawIndex),
+        BuiltIn::ViewIndex => Source::Record(Builtin::ViewIndex),
+        BuiltIn::FragCoord => Source::Record(Builtin::FragCoord),
+        BuiltIn::FrontFacing => Source::Record(Builtin::FrontFacing),
+        BuiltIn::PointCoord => Source::Record(Builtin::PointCoord),
+        BuiltIn::SampleId => Source::Record(Builtin::SampleId),
+        BuiltIn::SamplePosition => Source::Record(Builtin::SamplePosition),
+        BuiltIn::SampleMask => Source::Record(Builtin::SampleMask),
+        BuiltIn::Layer => Source::Record(Builtin::Layer),
+        BuiltIn::ViewportIndex => Source::Record(Builtin::ViewportIndex),
         BuiltIn::SubgroupSize => Source::SubgroupSize,
         BuiltIn::SubgroupLocalInvocationId => Source::LaneIndex,
         BuiltIn::SubgroupEqMask
@@ -76,6 +90,9 @@ fn record_words(built_in: Builtin) -> u32 {
         Builtin::ObjectToWorld | Builtin::WorldToObject => 12,
         Builtin::HitTriangleVertexPositions => 9,
         Builtin::HitLssPositions => 6,
+        Builtin::PerspectivePlanes | Builtin::LinearPlanes => 9,
+        Builtin::FragCoord => 4,
+        Builtin::PointCoord | Builtin::SamplePosition => 2,
         Builtin::LaunchId
         | Builtin::WorkgroupId
         | Builtin::LocalInvocationId
@@ -101,19 +118,51 @@ impl Lowerer<'_> {
         let number = self.module.annotations.id(variable, Decoration::BuiltIn);
         let built_in = number.and_then(BuiltIn::from_u32);
         let Some(built_in) = built_in else {
+            if self.is_rasterized() {
+                return self.load_stage_input(variable, word, ty, None);
+            }
             return Err(self.b.invalid("an input variable must be a built-in"));
-        };
-        let Some(source) = source(built_in) else {
-            let message = format!("built-in {built_in:?} is not supported");
-            return Err(Error::unsupported(self.b.source, message));
         };
         let types = self.types.leaves(ty)?;
         let mut values = Vec::with_capacity(types.len());
         for (index, &ty) in types.iter().enumerate() {
             let word = word.saturating_add(index as u32);
-            values.push(self.builtin_word(&source, word, ty)?);
+            values.push(self.built_in_scalar(Some(variable), built_in, word, ty)?);
         }
         Ok(values)
+    }
+
+    /// A word of a built-in that is a member of a block.
+    pub(super) fn built_in_word(
+        &mut self,
+        built_in: BuiltIn,
+        word: u32,
+        ty: Type,
+    ) -> Result<Value, Error> {
+        self.built_in_scalar(None, built_in, word, ty)
+    }
+
+    fn built_in_scalar(
+        &mut self,
+        variable: Option<Id>,
+        built_in: BuiltIn,
+        word: u32,
+        ty: Type,
+    ) -> Result<Value, Error> {
+        if self.request.stage == Stage::Fragment {
+            let row = if ty == Type::F32 { ty } else { Type::I32 };
+            if let Some(value) = self.special_input(variable, built_in, word, row)? {
+                return match ty {
+                    Type::I1 => self.word_to_bool(value),
+                    _ => Ok(value),
+                };
+            }
+        }
+        let Some(source) = source(built_in) else {
+            let message = format!("built-in {built_in:?} is not supported");
+            return Err(Error::unsupported(self.b.source, message));
+        };
+        self.builtin_word(&source, word, ty)
     }
 
     fn builtin_word(&mut self, source: &Source, word: u32, ty: Type) -> Result<Value, Error> {

@@ -66,6 +66,7 @@ fn is_per_lane(class: StorageClass) -> bool {
         class,
         StorageClass::Function
             | StorageClass::Private
+            | StorageClass::Output
             | StorageClass::RayPayloadKHR
             | StorageClass::IncomingRayPayloadKHR
             | StorageClass::HitAttributeKHR
@@ -166,6 +167,7 @@ impl Lowerer<'_> {
                     | Op::Kill
                     | Op::TerminateInvocation => {
                         summary.variables.extend(self.output_variable());
+                        summary.variables.extend(&self.output_variables);
                     }
                     _ => {}
                 }

@@ -7,6 +7,7 @@ use crate::Error;
 use crate::ir::op::SubgroupOp;
 use crate::ir::{self, Type, Value};
 use crate::parse::{Id, Instruction};
+use crate::program::Stage;
 
 /// Along which axis; `None`: the sum of both lengths.
 fn axis(opcode: Op) -> Option<Option<u32>> {
@@ -25,6 +26,9 @@ pub(super) fn is_derivative(opcode: Op) -> bool {
 impl Lowerer<'_> {
     /// Whether the entry point has quads, and whether they are two by two invocations of its workgroup (instead of four in a row).
     pub(super) fn derivative_group(&self) -> Option<bool> {
+        if self.request.stage == Stage::Fragment {
+            return Some(true);
+        }
         let modes = self.module.execution_modes.iter();
         modes
             .map(|&index| self.module.operands(self.module.instruction(index)))
@@ -67,9 +71,11 @@ impl Lowerer<'_> {
         let second = self.b.binary(ir::Op::Or, lane, bit)?;
         let at = |lowerer: &mut Self, lane| {
             let ty = lowerer.b.ty(value);
-            lowerer
-                .b
-                .emit(ir::Op::Subgroup(SubgroupOp::Shuffle), &[value, lane], ty)
+            lowerer.b.emit(
+                ir::Op::Subgroup(SubgroupOp::QuadShuffle),
+                &[value, lane],
+                ty,
+            )
         };
         let (first, second) = (at(self, first)?, at(self, second)?);
         self.b.binary(ir::Op::FSub, second, first)

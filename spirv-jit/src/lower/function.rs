@@ -13,6 +13,7 @@ use super::{Lowerer, budget};
 use crate::Error;
 use crate::ir::{self, Label, Node, Terminator, Type, Value, VariableId};
 use crate::parse::{Block, Function, Id};
+use crate::program::Stage;
 
 /// A function that is being lowered.
 pub(super) struct Frame {
@@ -370,6 +371,9 @@ impl<'a> Lowerer<'a> {
             }
             Op::Unreachable => Ok(Terminator::Unreachable),
             Op::Kill | Op::TerminateInvocation => {
+                if self.request.stage == Stage::Fragment {
+                    self.b.emit_effect(ir::Op::Demote, &[])?;
+                }
                 self.end_invocation(super::interface::Verdict::Accept)
             }
             Op::IgnoreIntersectionKHR | Op::IgnoreIntersectionNV => {

@@ -104,6 +104,10 @@ impl Lowerer<'_> {
             return self.lower_elementwise(instruction, op, operands);
         }
         let values = match op {
+            GLOp::InterpolateAtCentroid | GLOp::InterpolateAtSample | GLOp::InterpolateAtOffset => {
+                let values = self.lower_interpolate_at(op, operands)?;
+                return self.define_typed(instruction, values);
+            }
             GLOp::Modf | GLOp::ModfStruct => return self.lower_modf(instruction, op, operands),
             GLOp::Frexp | GLOp::FrexpStruct => return self.lower_frexp(instruction, op, operands),
             GLOp::Determinant => {

@@ -9,8 +9,9 @@ use super::values::{Place, Pointer, Val};
 use crate::Error;
 use crate::image::{Dim, Format, ImageOp, ImageOpKind, LodMode};
 use crate::ir::op::AtomicOp;
-use crate::ir::{self, Type, Value};
+use crate::ir::{self, InputRow, Type, Value};
 use crate::parse::{Id, Instruction};
+use crate::program::{Builtin, Stage};
 
 /// Operands behind the image operands' mask, by kind.
 #[derive(Default)]
@@ -139,7 +140,7 @@ impl Lowerer<'_> {
     fn image_op(&self, image: ImageType, kind: ImageOpKind) -> Result<ImageOp, Error> {
         let dim = match image.dim {
             spirv::Dim::Dim1D => Dim::D1,
-            spirv::Dim::Dim2D | spirv::Dim::DimRect => Dim::D2,
+            spirv::Dim::Dim2D | spirv::Dim::DimRect | spirv::Dim::DimSubpassData => Dim::D2,
             spirv::Dim::Dim3D => Dim::D3,
             spirv::Dim::DimCube => Dim::Cube,
             spirv::Dim::DimBuffer => Dim::Buffer,
@@ -160,7 +161,8 @@ impl Lowerer<'_> {
         Ok(ImageOp {
             kind,
             dim,
-            arrayed: image.arrayed,
+            // The layer of an input attachment is the one that is drawn to.
+            arrayed: image.arrayed || image.dim == spirv::Dim::DimSubpassData,
             multisampled: image.multisampled,
             depth_compare: false,
             lod: LodMode::Implicit,
@@ -395,11 +397,36 @@ impl Lowerer<'_> {
         };
         let mut op = self.image_op(image, kind)?;
         let mut arguments = vec![self.image_descriptor(operands[0])?];
-        arguments.extend(self.integers(operands[1], op.coordinate_count())?);
+        match image.dim {
+            spirv::Dim::DimSubpassData => {
+                op.kind = ImageOpKind::Fetch;
+                arguments.extend(self.attachment_coordinates(operands[1])?);
+            }
+            _ => arguments.extend(self.integers(operands[1], op.coordinate_count())?),
+        }
         let extras = self.extras(&operands[2..])?;
         self.push_extras(&mut op, &extras, &mut arguments)?;
         let values = self.emit_image(op, &arguments, 4)?;
         self.define_texel(instruction, values)
+    }
+
+    /// The texel of an input attachment: the fragment's own, moved by an offset, in the layer that is drawn to.
+    fn attachment_coordinates(&mut self, offset: Id) -> Result<Vec<Value>, Error> {
+        if self.request.stage != Stage::Fragment {
+            return Err(self
+                .b
+                .invalid("only fragment shaders read input attachments"));
+        }
+        self.reads_attachments = true;
+        let offset = self.integers(offset, 2)?;
+        let mut coordinates = Vec::with_capacity(3);
+        for (axis, offset) in (0..2).zip(offset) {
+            let place = self.input(InputRow::Builtin(Builtin::FragCoord, axis), Type::F32)?;
+            let pixel = self.b.emit(ir::Op::FToS, &[place], Type::I32)?;
+            coordinates.push(self.b.binary(ir::Op::IAdd, pixel, offset)?);
+        }
+        coordinates.push(self.input(InputRow::Builtin(Builtin::AttachmentLayer, 0), Type::I32)?);
+        Ok(coordinates)
     }
 
     fn lower_texel_write(&mut self, operands: &[u32]) -> Result<(), Error> {

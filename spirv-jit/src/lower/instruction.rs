@@ -5,7 +5,9 @@ use rspirv::spirv::Op;
 use super::Lowerer;
 use super::types::TypeKind;
 use crate::Error;
+use crate::ir;
 use crate::parse::Instruction;
+use crate::program::Stage;
 
 impl Lowerer<'_> {
     /// Lowers an instruction that is neither a phi nor a terminator.
@@ -38,7 +40,17 @@ impl Lowerer<'_> {
             }
             Op::FunctionCall => self.lower_call(instruction),
             Op::ExtInst | Op::ExtInstWithForwardRefsKHR => self.lower_extended(instruction),
-            Op::AssumeTrueKHR | Op::DemoteToHelperInvocation => Ok(()),
+            Op::AssumeTrueKHR | Op::BeginInvocationInterlockEXT | Op::EndInvocationInterlockEXT => {
+                Ok(())
+            }
+            Op::DemoteToHelperInvocation => match self.request.stage {
+                Stage::Fragment => self.b.emit_effect(ir::Op::Demote, &[]),
+                _ => Ok(()),
+            },
+            Op::IsHelperInvocationEXT => {
+                let helper = self.b.emit(ir::Op::IsHelper, &[], ir::Type::I1)?;
+                self.define_typed(instruction, [helper])
+            }
 
             Op::CompositeConstruct
             | Op::CompositeConstructReplicateEXT

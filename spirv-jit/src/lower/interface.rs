@@ -30,6 +30,9 @@ impl Lowerer<'_> {
             None => 0,
         };
         self.output_rows = words + (self.request.stage == Stage::AnyHit) as u32;
+        if self.is_rasterized() {
+            self.declare_outputs()?;
+        }
         self.declare_ray_tmax()?;
         self.place_shared()?;
         self.clear_shared()
@@ -196,6 +199,9 @@ impl Lowerer<'_> {
 
     /// Ends the invocation with its output words.
     pub(super) fn end_invocation(&mut self, verdict: Verdict) -> Result<Terminator, Error> {
+        if self.is_rasterized() {
+            return self.output_words().map(Terminator::End);
+        }
         let mut words = Vec::new();
         if self.request.stage == Stage::AnyHit {
             words.push(self.b.i32(verdict as u32));

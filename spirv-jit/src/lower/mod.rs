@@ -33,6 +33,7 @@ mod id_table;
 mod image;
 mod instruction;
 mod interface;
+mod interpolate;
 mod layout;
 mod matrix;
 mod memory;
@@ -40,6 +41,7 @@ mod opaque;
 mod pointer;
 mod ray;
 mod ray_query;
+mod stage_interface;
 mod structure;
 mod subgroup;
 mod switch;
@@ -62,8 +64,9 @@ use self::types::Types;
 use self::values::{Local, Val};
 use crate::error::ErrorKind;
 use crate::ir::InputRow;
+use crate::ir::interface::OutputRow;
 use crate::parse::{EntryPoint, Id, ParsedModule};
-use crate::program::CompileRequest;
+use crate::program::{CompileRequest, Stage};
 use crate::query::QueryWord;
 use crate::{Error, ir};
 
@@ -126,6 +129,11 @@ struct Lowerer<'a> {
     shared: HashMap<Id, u32>,
     shared_size_bytes: u32,
     output_rows: u32,
+    /// Of vertex and fragment stages: what each output word is, and the variables that they are of, in order.
+    outputs: Vec<OutputRow>,
+    output_variables: Vec<Id>,
+    /// Input attachments are read.
+    reads_attachments: bool,
     /// What ray queries' objects hold behind their fixed rows, in order.
     query_words: Vec<QueryWord>,
     /// `RayTmaxKHR` of an intersection shader that reads it.
@@ -169,6 +177,9 @@ impl<'a> Lowerer<'a> {
             shared: HashMap::default(),
             shared_size_bytes: 0,
             output_rows: 0,
+            outputs: Vec::new(),
+            output_variables: Vec::new(),
+            reads_attachments: false,
             query_words: ray_query::find_query_words(module),
             ray_tmax: None,
             functions: Vec::new(),
@@ -256,7 +267,9 @@ impl<'a> Lowerer<'a> {
 
     fn finish(mut self, end: ir::Terminator) -> Result<ir::Module, Error> {
         let (local_size, shared_size_bytes) = (self.local_size()?, self.shared_size_bytes);
-        let quads = self.derivative_group() == Some(true);
+        let is_compute = self.request.stage == Stage::Compute;
+        let quads = is_compute && self.derivative_group() == Some(true);
+        let fragment = self.fragment_facts();
         let builder = std::mem::replace(&mut self.b, Builder::new("", 0));
         let mut functions = vec![builder.finish(end)];
         functions.append(&mut self.functions);
@@ -266,6 +279,8 @@ impl<'a> Lowerer<'a> {
             inputs: self.inputs,
             query_words: self.query_words,
             output_rows: self.output_rows,
+            outputs: self.outputs,
+            fragment,
             local_size,
             quads,
             shared_size_bytes,

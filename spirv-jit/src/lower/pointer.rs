@@ -63,7 +63,8 @@ impl Lowerer<'_> {
             | StorageClass::HitObjectAttributeNV
             | StorageClass::HitObjectAttributeEXT
             | StorageClass::CallableDataKHR
-            | StorageClass::IncomingCallableDataKHR => Place::Local {
+            | StorageClass::IncomingCallableDataKHR
+            | StorageClass::Output => Place::Local {
                 local: self.module_local(id)?,
                 row: 0,
             },

@@ -12,6 +12,7 @@ pub mod eliminate_common_subexpressions;
 pub mod eliminate_dead_code;
 mod features;
 mod fold_constants;
+mod note_effects;
 pub mod promote_variables;
 pub mod prune_parameters;
 mod renaming;
@@ -20,7 +21,8 @@ mod row_index;
 pub mod simplify;
 pub mod simplify_control_flow;
 mod substitution;
-pub mod unroll_loops;
+mod trim_outputs;
+mod unroll_loops;
 
 use std::sync::OnceLock;
 
@@ -185,6 +187,8 @@ fn run_passes(module: &mut Module) {
         }
     }
     run_stages(AFTER, module);
+    trim_outputs::trim_outputs(module);
+    note_effects::note_effects(module);
 }
 
 /// Whether there was a loop to unroll.

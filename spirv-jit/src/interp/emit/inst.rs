@@ -8,8 +8,8 @@ use crate::interp::code::{
 use crate::interp::fusion::Fused;
 use crate::interp::kernels::{Unpack64, elementwise, fused};
 use crate::interp::machine::{Handler, Instr, Operand};
-use crate::interp::{access, atomics, descriptors, images, memory, subgroup, yields};
-use crate::ir::op::{Access, AtomicOp};
+use crate::interp::{access, atomics, control, descriptors, images, memory, subgroup, yields};
+use crate::ir::op::{Access, AtomicOp, SubgroupOp};
 use crate::ir::{Inst, Op, Space, Type, Value, VariableId};
 
 impl Emitter<'_> {
@@ -17,8 +17,41 @@ impl Emitter<'_> {
         self.body_function().ty(value)
     }
 
-    /// Emits the operation; its results' operands are known.
+    /// Emits the operation; its results' operands are known. What has effects, or counts lanes, happens without helper invocations.
     pub(super) fn emit_operation(&mut self, inst: &Inst) -> Result<(), Error> {
+        let full_quads = match &self.module.fragment {
+            Some(facts) => facts.full_quads,
+            None => return self.emit_effect(inst),
+        };
+        let masks = match &inst.op {
+            Op::Store(access) => access.space != Space::Private,
+            Op::Atomic(..) => true,
+            Op::Image(op) => !op.is_read(),
+            Op::Subgroup(SubgroupOp::QuadShuffle | SubgroupOp::Reduce { cluster: 4, .. }) => false,
+            Op::Subgroup(_) => !full_quads,
+            _ => false,
+        };
+        if !masks {
+            return self.emit_effect(inst);
+        }
+        let behind = self.new_target();
+        let (d, wide) = match inst.results.first() {
+            Some(&result) => (self.operand(result), self.ty(result).rows() == 2),
+            None => (Operand::NONE, false),
+        };
+        let mask = Instr {
+            d,
+            x: wide.into(),
+            ..instr(control::mask_helpers)
+        };
+        self.push_jump(mask, behind);
+        self.emit_effect(inst)?;
+        self.push(instr(control::unmask_helpers));
+        self.bind(behind);
+        Ok(())
+    }
+
+    fn emit_effect(&mut self, inst: &Inst) -> Result<(), Error> {
         let d = match inst.results.first() {
             Some(&result) => self.operand(result),
             None => Operand::NONE,
@@ -92,6 +125,8 @@ impl Emitter<'_> {
                 i
             }
             Op::LaneIndex => plain(memory::lane_index, 0),
+            Op::Demote => plain(control::demote, 0),
+            Op::IsHelper => plain(control::is_helper, 0),
             Op::ReadClock => plain(memory::read_clock, 0),
             Op::MemoryBarrier => plain(memory::memory_barrier, 0),
             Op::Unpack64 => Instr {

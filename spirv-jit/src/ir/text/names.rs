@@ -48,7 +48,13 @@ names!(Builtin, builtin_text, builtin_from_text:
     HitTriangleVertexPositions = "hit_triangle_vertex_positions", HitIsSphere = "hit_is_sphere",
     HitIsLss = "hit_is_lss", HitSpherePosition = "hit_sphere_position", HitSphereRadius = "hit_sphere_radius",
     HitLssPositions = "hit_lss_positions", HitLssRadii = "hit_lss_radii",
-    CurrentRayTime = "current_ray_time", ShaderRecordAddress = "shader_record_address");
+    CurrentRayTime = "current_ray_time", ShaderRecordAddress = "shader_record_address",
+    VertexIndex = "vertex_index", InstanceIndex = "instance_index", BaseVertex = "base_vertex",
+    BaseInstance = "base_instance", DrawIndex = "draw_index", ViewIndex = "view_index", FragCoord = "frag_coord",
+    FrontFacing = "front_facing", PointCoord = "point_coord", SampleId = "sample_id",
+    SamplePosition = "sample_position", SampleMask = "sample_mask", Layer = "layer",
+    ViewportIndex = "viewport_index", AttachmentLayer = "attachment_layer", SampleCount = "sample_count",
+    PerspectivePlanes = "perspective_planes", LinearPlanes = "linear_planes");
 
 names!(QueryField, query_field_text, query_field_from_text:
     IntersectionType = "intersection_type", T = "t", InstanceCustomIndex = "instance_custom_index",
@@ -77,7 +83,7 @@ names!(LodMode, lod_text, lod_from_text:
 
 /// Operations whose name says everything, apart from the elementwise ones.
 pub fn plain_op_from_text(text: &str) -> Option<Op> {
-    const PLAIN: [Op; 24] = [
+    const PLAIN: [Op; 26] = [
         Op::Select,
         Op::FLdexp,
         Op::BitfieldInsert,
@@ -90,6 +96,8 @@ pub fn plain_op_from_text(text: &str) -> Option<Op> {
         Op::DescriptorAt,
         Op::DescriptorAddress,
         Op::LaneIndex,
+        Op::Demote,
+        Op::IsHelper,
         Op::ReadClock,
         Op::MemoryBarrier,
         Op::TraceRay,
@@ -117,6 +125,7 @@ pub fn subgroup_text(op: SubgroupOp) -> (&'static str, String) {
         SubgroupOp::AllEqual => ("all_equal", String::new()),
         SubgroupOp::Ballot => ("ballot", String::new()),
         SubgroupOp::Shuffle => ("shuffle", String::new()),
+        SubgroupOp::QuadShuffle => ("quad_shuffle", String::new()),
         SubgroupOp::BroadcastFirst => ("broadcast_first", String::new()),
         SubgroupOp::Reduce { op, cluster } => ("reduce", format!("{}, {cluster}", reduce_text(op))),
         SubgroupOp::InclusiveScan(op) => ("inclusive_scan", reduce_text(op).into()),
@@ -146,6 +155,7 @@ pub fn subgroup_from_text(name: &str, words: &[&str]) -> Option<SubgroupOp> {
         "all_equal" => plain(SubgroupOp::AllEqual),
         "ballot" => plain(SubgroupOp::Ballot),
         "shuffle" => plain(SubgroupOp::Shuffle),
+        "quad_shuffle" => plain(SubgroupOp::QuadShuffle),
         "broadcast_first" => plain(SubgroupOp::BroadcastFirst),
         "reduce" => match words {
             [op, cluster] => Some(SubgroupOp::Reduce {

@@ -230,6 +230,8 @@ impl<'a> Parser<'a> {
             inputs: Vec::new(),
             query_words: Vec::new(),
             output_rows: 0,
+            outputs: Vec::new(),
+            fragment: None,
             local_size: [1; 3],
             quads: false,
             shared_size_bytes: 0,
@@ -254,6 +256,24 @@ impl<'a> Parser<'a> {
                     }
                 },
                 "output_rows" => module.output_rows = self.number()?,
+                "outputs" => loop {
+                    let word = self.word("an output row")?;
+                    let row = word.parse();
+                    let row = row.map_err(|()| format!("`{word}` is not an output row"))?;
+                    module.outputs.push(row);
+                    if !self.accept(',') {
+                        break;
+                    }
+                },
+                "fragment" => loop {
+                    let word = self.word("a fact")?;
+                    if !module.fragment.get_or_insert_default().set(word) {
+                        return Err(format!("`{word}` is not a fact of fragments"));
+                    }
+                    if !self.accept(',') {
+                        break;
+                    }
+                },
                 "local_size" => {
                     let x = self.number()?;
                     self.expect(',')?;
@@ -283,6 +303,15 @@ impl<'a> Parser<'a> {
                 "payload" => InputRow::Payload(index.parse().ok()?),
                 "hit_attribute" => InputRow::HitAttribute(index.parse().ok()?),
                 "callable_data" => InputRow::CallableData(index.parse().ok()?),
+                "attribute" => {
+                    let (location, component) = index.split_once('.')?;
+                    InputRow::Attribute {
+                        location: location.parse().ok()?,
+                        component: component.parse().ok()?,
+                    }
+                }
+                "varying" => InputRow::Varying(word.parse().ok()?),
+                "barycentric" => InputRow::Barycentric(word.parse().ok()?),
                 _ => InputRow::Builtin(builtin_from_text(name)?, index.parse().ok()?),
             })
         });

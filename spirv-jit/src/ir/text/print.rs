@@ -22,6 +22,13 @@ pub fn print_head(module: &Module) -> String {
         text += &format!("query_words {}\n", words.join(", "));
     }
     text += &format!("output_rows {}\n", module.output_rows);
+    if !module.outputs.is_empty() {
+        let rows: Vec<String> = module.outputs.iter().map(|row| row.to_string()).collect();
+        text += &format!("outputs {}\n", rows.join(", "));
+    }
+    if let Some(facts) = &module.fragment {
+        text += &format!("fragment {facts}\n");
+    }
     if module.local_size != [1; 3] {
         let [x, y, z] = module.local_size;
         text += &format!("local_size {x}, {y}, {z}\n");
@@ -57,6 +64,12 @@ fn input_row_text(row: &InputRow) -> String {
         InputRow::Payload(word) => format!("payload.{word}"),
         InputRow::HitAttribute(word) => format!("hit_attribute.{word}"),
         InputRow::CallableData(word) => format!("callable_data.{word}"),
+        InputRow::Attribute {
+            location,
+            component,
+        } => format!("attribute.{location}.{component}"),
+        InputRow::Varying(varying) => varying.to_string(),
+        InputRow::Barycentric(coordinate) => coordinate.to_string(),
     }
 }
 

@@ -1,0 +1,329 @@
+//! What vertex and fragment stages hand each other and the rasterizer: rows of inputs and outputs, and facts of a fragment shader.
+//!
+//! The text form of each is one word with points in it; [`fmt::Display`] and [`std::str::FromStr`] are inverse to each other.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// Where a fragment's varying is evaluated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Position {
+    /// The pixel's centre.
+    Center,
+    /// Somewhere in the covered part of the pixel (`Centroid`).
+    Centroid,
+    /// The invocation's sample (`Sample`).
+    Sample,
+}
+
+/// How a fragment's varying follows from the vertices' outputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum VaryingMode {
+    /// The word of the provoking vertex.
+    Flat,
+    /// Perspective-correct.
+    Smooth(Position),
+    /// Linear on the screen (`NoPerspective`).
+    Linear(Position),
+    /// The word of a vertex (`PerVertexKHR`).
+    PerVertex(u8),
+}
+
+/// Which output of the vertex stage a varying is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum VaryingPlace {
+    Location(u16),
+    ClipDistance,
+    CullDistance,
+}
+
+/// A word of a fragment shader's input that comes from the vertex stage.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Varying {
+    pub place: VaryingPlace,
+    /// Word of the location, or index of the distance.
+    pub component: u8,
+    pub mode: VaryingMode,
+}
+
+/// A barycentric coordinate (`BaryCoordKHR`, `BaryCoordNoPerspKHR`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Barycentric {
+    pub vertex: u8,
+    pub perspective: bool,
+    pub position: Position,
+}
+
+/// A word that a vertex or fragment invocation leaves at its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum OutputRow {
+    /// A varying of the vertex stage; a colour of the fragment stage, `index` 1 for the second source of blending.
+    Location {
+        location: u16,
+        component: u8,
+        index: u8,
+    },
+    Position(u8),
+    PointSize,
+    ClipDistance(u8),
+    CullDistance(u8),
+    Layer,
+    ViewportIndex,
+    FragDepth,
+    FragStencilRef,
+    SampleMask,
+}
+
+/// What a shader promises of the depth that it writes (`DepthGreater` and its kin).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum DepthMode {
+    Any,
+    Greater,
+    Less,
+    Unchanged,
+}
+
+/// Which invocations `OpBeginInvocationInterlockEXT` keeps apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Interlock {
+    PixelOrdered,
+    PixelUnordered,
+    SampleOrdered,
+    SampleUnordered,
+}
+
+/// What the rasterizer must know of a fragment shader.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct FragmentFacts {
+    /// `EarlyFragmentTests`.
+    pub early_tests: bool,
+    /// Of the depth that it writes, if it does.
+    pub depth: Option<DepthMode>,
+    /// Lanes may become helpers, or end, before the program does.
+    pub discards: bool,
+    /// Stores or atomics.
+    pub writes_memory: bool,
+    /// It runs once a sample: reads `SampleId`, `SamplePosition` or an input that is `Sample`.
+    pub per_sample: bool,
+    /// It reads input attachments.
+    pub reads_attachments: bool,
+    pub interlock: Option<Interlock>,
+    /// `PostDepthCoverage`.
+    pub post_depth_coverage: bool,
+    /// `RequireFullQuadsKHR`.
+    pub full_quads: bool,
+    pub writes_sample_mask: bool,
+    pub writes_stencil_ref: bool,
+    /// Locations that it writes, a bit each.
+    pub color_mask: u32,
+    /// It writes the second source of blending.
+    pub dual_source: bool,
+}
+
+impl fmt::Display for Position {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Position::Center => "center",
+            Position::Centroid => "centroid",
+            Position::Sample => "sample",
+        })
+    }
+}
+
+impl FromStr for Position {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        match text {
+            "center" => Ok(Position::Center),
+            "centroid" => Ok(Position::Centroid),
+            "sample" => Ok(Position::Sample),
+            _ => Err(()),
+        }
+    }
+}
+
+impl fmt::Display for Varying {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.place {
+            VaryingPlace::Location(location) => write!(f, "varying.{location}")?,
+            VaryingPlace::ClipDistance => f.write_str("varying.clip")?,
+            VaryingPlace::CullDistance => f.write_str("varying.cull")?,
+        }
+        write!(f, ".{}", self.component)?;
+        match self.mode {
+            VaryingMode::Flat => f.write_str(".flat"),
+            VaryingMode::Smooth(position) => write!(f, ".smooth.{position}"),
+            VaryingMode::Linear(position) => write!(f, ".linear.{position}"),
+            VaryingMode::PerVertex(vertex) => write!(f, ".vertex.{vertex}"),
+        }
+    }
+}
+
+impl FromStr for Varying {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        let words: Vec<&str> = text.split('.').collect();
+        let ["varying", place, component, mode @ ..] = words.as_slice() else {
+            return Err(());
+        };
+        Ok(Varying {
+            place: match *place {
+                "clip" => VaryingPlace::ClipDistance,
+                "cull" => VaryingPlace::CullDistance,
+                location => VaryingPlace::Location(location.parse().map_err(drop)?),
+            },
+            component: component.parse().map_err(drop)?,
+            mode: match mode {
+                ["flat"] => VaryingMode::Flat,
+                ["smooth", position] => VaryingMode::Smooth(position.parse()?),
+                ["linear", position] => VaryingMode::Linear(position.parse()?),
+                ["vertex", vertex] => VaryingMode::PerVertex(vertex.parse().map_err(drop)?),
+                _ => return Err(()),
+            },
+        })
+    }
+}
+
+impl fmt::Display for Barycentric {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kind = if self.perspective { "smooth" } else { "linear" };
+        write!(f, "barycentric.{}.{kind}.{}", self.vertex, self.position)
+    }
+}
+
+impl FromStr for Barycentric {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        let words: Vec<&str> = text.split('.').collect();
+        let [
+            "barycentric",
+            vertex,
+            kind @ ("smooth" | "linear"),
+            position,
+        ] = words.as_slice()
+        else {
+            return Err(());
+        };
+        Ok(Barycentric {
+            vertex: vertex.parse().map_err(drop)?,
+            perspective: *kind == "smooth",
+            position: position.parse()?,
+        })
+    }
+}
+
+impl fmt::Display for OutputRow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            OutputRow::Location {
+                location,
+                component,
+                index,
+            } => write!(f, "location.{location}.{component}.{index}"),
+            OutputRow::Position(component) => write!(f, "position.{component}"),
+            OutputRow::PointSize => f.write_str("point_size"),
+            OutputRow::ClipDistance(index) => write!(f, "clip_distance.{index}"),
+            OutputRow::CullDistance(index) => write!(f, "cull_distance.{index}"),
+            OutputRow::Layer => f.write_str("layer"),
+            OutputRow::ViewportIndex => f.write_str("viewport_index"),
+            OutputRow::FragDepth => f.write_str("frag_depth"),
+            OutputRow::FragStencilRef => f.write_str("frag_stencil_ref"),
+            OutputRow::SampleMask => f.write_str("sample_mask"),
+        }
+    }
+}
+
+impl FromStr for OutputRow {
+    type Err = ();
+
+    fn from_str(text: &str) -> Result<Self, ()> {
+        let words: Vec<&str> = text.split('.').collect();
+        let number = |word: &str| word.parse().map_err(drop);
+        Ok(match words.as_slice() {
+            ["location", location, component, index] => OutputRow::Location {
+                location: location.parse().map_err(drop)?,
+                component: number(component)?,
+                index: number(index)?,
+            },
+            ["position", component] => OutputRow::Position(number(component)?),
+            ["point_size"] => OutputRow::PointSize,
+            ["clip_distance", index] => OutputRow::ClipDistance(number(index)?),
+            ["cull_distance", index] => OutputRow::CullDistance(number(index)?),
+            ["layer"] => OutputRow::Layer,
+            ["viewport_index"] => OutputRow::ViewportIndex,
+            ["frag_depth"] => OutputRow::FragDepth,
+            ["frag_stencil_ref"] => OutputRow::FragStencilRef,
+            ["sample_mask"] => OutputRow::SampleMask,
+            _ => return Err(()),
+        })
+    }
+}
+
+/// The facts' words in the text form, in order.
+impl fmt::Display for FragmentFacts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut words = Vec::new();
+        let flags = [
+            (self.early_tests, "early_tests"),
+            (self.discards, "discards"),
+            (self.writes_memory, "writes_memory"),
+            (self.per_sample, "per_sample"),
+            (self.reads_attachments, "reads_attachments"),
+            (self.post_depth_coverage, "post_depth_coverage"),
+            (self.full_quads, "full_quads"),
+            (self.writes_sample_mask, "writes_sample_mask"),
+            (self.writes_stencil_ref, "writes_stencil_ref"),
+            (self.dual_source, "dual_source"),
+        ];
+        words.extend(flags.iter().filter(|(set, _)| *set).map(|(_, word)| *word));
+        words.extend(self.depth.map(|mode| match mode {
+            DepthMode::Any => "depth.any",
+            DepthMode::Greater => "depth.greater",
+            DepthMode::Less => "depth.less",
+            DepthMode::Unchanged => "depth.unchanged",
+        }));
+        words.extend(self.interlock.map(|interlock| match interlock {
+            Interlock::PixelOrdered => "interlock.pixel_ordered",
+            Interlock::PixelUnordered => "interlock.pixel_unordered",
+            Interlock::SampleOrdered => "interlock.sample_ordered",
+            Interlock::SampleUnordered => "interlock.sample_unordered",
+        }));
+        let colors = format!("colors.{}", self.color_mask);
+        words.push(&colors);
+        f.write_str(&words.join(", "))
+    }
+}
+
+impl FragmentFacts {
+    /// Notes one word of the text form; false if it is none.
+    pub fn set(&mut self, word: &str) -> bool {
+        match word {
+            "early_tests" => self.early_tests = true,
+            "discards" => self.discards = true,
+            "writes_memory" => self.writes_memory = true,
+            "per_sample" => self.per_sample = true,
+            "reads_attachments" => self.reads_attachments = true,
+            "post_depth_coverage" => self.post_depth_coverage = true,
+            "full_quads" => self.full_quads = true,
+            "writes_sample_mask" => self.writes_sample_mask = true,
+            "writes_stencil_ref" => self.writes_stencil_ref = true,
+            "dual_source" => self.dual_source = true,
+            "depth.any" => self.depth = Some(DepthMode::Any),
+            "depth.greater" => self.depth = Some(DepthMode::Greater),
+            "depth.less" => self.depth = Some(DepthMode::Less),
+            "depth.unchanged" => self.depth = Some(DepthMode::Unchanged),
+            "interlock.pixel_ordered" => self.interlock = Some(Interlock::PixelOrdered),
+            "interlock.pixel_unordered" => self.interlock = Some(Interlock::PixelUnordered),
+            "interlock.sample_ordered" => self.interlock = Some(Interlock::SampleOrdered),
+            "interlock.sample_unordered" => self.interlock = Some(Interlock::SampleUnordered),
+            _ => match word.strip_prefix("colors.").map(str::parse) {
+                Some(Ok(mask)) => self.color_mask = mask,
+                _ => return false,
+            },
+        }
+        true
+    }
+}
