@@ -526,6 +526,8 @@ commands! {
     Device EXT_EXTENDED_DYNAMIC_STATE_2 PFN_vkCmdSetDepthBiasEnable graphics_state::vkCmdSetDepthBiasEnable as vkCmdSetDepthBiasEnableEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_2 PFN_vkCmdSetPrimitiveRestartEnable graphics_state::vkCmdSetPrimitiveRestartEnable as vkCmdSetPrimitiveRestartEnableEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_2 PFN_vkCmdSetLogicOpEXT graphics_state::vkCmdSetLogicOpEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_2 PFN_vkCmdSetPatchControlPointsEXT graphics_state::vkCmdSetPatchControlPointsEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetTessellationDomainOriginEXT graphics_state::vkCmdSetTessellationDomainOriginEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetDepthClampEnableEXT graphics_state::vkCmdSetDepthClampEnableEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetPolygonModeEXT graphics_state::vkCmdSetPolygonModeEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetRasterizationSamplesEXT graphics_state::vkCmdSetRasterizationSamplesEXT;

@@ -8,7 +8,7 @@ use super::destroy;
 use crate::VkResult;
 use crate::ffi::{self, array, chain};
 use crate::handle::{self, from_handle, retain};
-use crate::object::descriptor::{Binding, PoolState};
+use crate::object::descriptor::{Binding, PoolState, pool_bytes};
 use crate::object::{
     DescriptorPool, DescriptorSet, DescriptorSetLayout, DescriptorUpdateTemplate, PipelineLayout,
     Sampler,
@@ -61,45 +61,17 @@ unsafe fn bindings(info: &vk::DescriptorSetLayoutCreateInfo<'_>) -> Vec<Binding>
     }
 }
 
-/// Adds a set's descriptors to what a pool has in use, or takes them away. False if the pool has too few.
-fn account(pool: &DescriptorPool, state: &mut PoolState, set: &DescriptorSet, add: bool) -> bool {
-    let mut used = state.used.clone();
-    for binding in &set.layout.bindings {
-        let count = if binding.is_variable() {
-            set.variable_count
-        } else {
-            binding.count
-        };
-        let Some(index) = pool.sizes.iter().position(|size| size.0 == binding.ty) else {
-            if count == 0 {
-                continue;
-            }
-            return false;
-        };
-        if add {
-            used[index] += u64::from(count);
-        } else {
-            used[index] = used[index].saturating_sub(u64::from(count));
-        }
-        if add && used[index] > pool.sizes[index].1 {
-            return false;
-        }
-    }
-    state.used = used;
-    true
-}
-
 /// Takes one set out of a pool.
 ///
 /// # Safety
 /// The set is null or a living one of the pool.
-unsafe fn free(pool: &DescriptorPool, state: &mut PoolState, set: vk::DescriptorSet) {
+unsafe fn free(state: &mut PoolState, set: vk::DescriptorSet) {
     // SAFETY: the caller's promise.
     unsafe {
         if state.sets.remove(&set.as_raw())
             && let Some(set) = handle::take::<DescriptorSet>(set)
         {
-            account(pool, state, &set, false);
+            state.used_bytes = state.used_bytes.saturating_sub(set.pool_bytes());
         }
     }
 }
@@ -114,7 +86,7 @@ unsafe fn reset(pool: &DescriptorPool) {
         // SAFETY: the pool's sets are alive until they are taken out of it.
         drop(unsafe { handle::take::<DescriptorSet>(vk::DescriptorSet::from_raw(set)) });
     }
-    state.used.fill(0);
+    state.used_bytes = 0;
 }
 
 /// Allocates one set.
@@ -133,9 +105,11 @@ unsafe fn allocate(
     // SAFETY: the caller's promise.
     let layout = unsafe { retain::<DescriptorSetLayout>(layout) };
     let set = DescriptorSet::new(layout, variable_count)?;
-    if !account(pool, &mut state, &set, true) {
+    let used_bytes = state.used_bytes.saturating_add(set.pool_bytes());
+    if used_bytes > pool.room_bytes {
         return Err(vk::Result::ERROR_OUT_OF_POOL_MEMORY);
     }
+    state.used_bytes = used_bytes;
     let set = handle::create(set);
     state.sets.insert(set.as_raw());
     Ok(set)
@@ -178,18 +152,12 @@ entry! {
         out: *mut vk::DescriptorPool,
     ) -> vk::Result {
         let info = &*info;
-        let mut sizes: Vec<(vk::DescriptorType, u64)> = Vec::new();
-        for size in ffi::slice(info.p_pool_sizes, info.pool_size_count) {
-            match sizes.iter_mut().find(|other| other.0 == size.ty) {
-                Some(other) => other.1 += u64::from(size.descriptor_count),
-                None => sizes.push((size.ty, u64::from(size.descriptor_count))),
-            }
-        }
-        let used = vec![0; sizes.len()];
+        let sizes = ffi::slice(info.p_pool_sizes, info.pool_size_count).iter();
+        let room = sizes.map(|size| pool_bytes(size.ty, size.descriptor_count));
         *out = handle::create(DescriptorPool {
             max_sets: info.max_sets,
-            sizes,
-            state: parking_lot::Mutex::new(PoolState { used, ..PoolState::default() }),
+            room_bytes: room.fold(0, u64::saturating_add),
+            state: parking_lot::Mutex::default(),
         });
         Ok(())
     }
@@ -230,7 +198,7 @@ entry! {
                 Err(code) => {
                     let mut state = pool.state.lock();
                     for &set in &out[..index] {
-                        free(pool, &mut state, set);
+                        free(&mut state, set);
                     }
                     out.fill(vk::DescriptorSet::null());
                     return Err(code);
@@ -249,7 +217,7 @@ entry! {
         let pool = from_handle::<DescriptorPool>(pool);
         let mut state = pool.state.lock();
         for &set in ffi::slice(sets, count) {
-            free(pool, &mut state, set);
+            free(&mut state, set);
         }
         Ok(())
     }

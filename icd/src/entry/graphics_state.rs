@@ -2,7 +2,7 @@
 
 use ash::vk;
 
-use super::define::drawing;
+use super::define::{drawing, refuse_because};
 use crate::VkResult;
 use crate::command::{Command, GraphicsCommand, Recording};
 use crate::decode::graphics::{color_write_enables, dynamic_vertex_input};
@@ -237,4 +237,20 @@ drawing! {
         let masks = slice(masks, number).iter().copied().collect();
         set(commands, Setting::WriteMasks(first, masks))
     }
+}
+
+/// Extensions bring these commands whatever stages there are; their features are not here (`VUID-*-None-09423`).
+macro_rules! of_tessellation {
+    ($($name:ident($ty:ty);)+) => {$(
+        #[allow(non_snake_case, reason = "entry points keep their C names")]
+        pub(crate) unsafe extern "system" fn $name(buffer: vk::CommandBuffer, _: $ty) {
+            // SAFETY: the caller's promise.
+            unsafe { refuse_because(stringify!($name), buffer, "there is no tessellation") };
+        }
+    )+};
+}
+
+of_tessellation! {
+    vkCmdSetPatchControlPointsEXT(u32);
+    vkCmdSetTessellationDomainOriginEXT(vk::TessellationDomainOrigin);
 }

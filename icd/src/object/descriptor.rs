@@ -310,10 +310,12 @@ impl DescriptorSet {
     }
 }
 
-/// A descriptor pool: it counts, and destroys its sets with itself.
+/// A descriptor pool: it counts, and destroys its sets with itself. What it has room for, it has for descriptors of any type: applications
+/// are found to ask for types that they have not named.
 pub struct DescriptorPool {
     pub max_sets: u32,
-    pub sizes: Vec<(vk::DescriptorType, u64)>,
+    /// Of descriptors of all types and of inline uniform blocks.
+    pub room_bytes: u64,
     pub state: Mutex<PoolState>,
 }
 
@@ -322,8 +324,26 @@ pub struct DescriptorPool {
 pub struct PoolState {
     /// Handles of the living sets.
     pub sets: HashSet<u64>,
-    /// Descriptors in use, parallel to the pool's sizes.
-    pub used: Vec<u64>,
+    pub used_bytes: u64,
+}
+
+/// What descriptors (bytes, of inline uniform blocks) take of a pool.
+pub fn pool_bytes(ty: vk::DescriptorType, count: u32) -> u64 {
+    match ty {
+        vk::DescriptorType::INLINE_UNIFORM_BLOCK => u64::from(count),
+        _ => u64::from(count) * size_of::<Descriptor>() as u64,
+    }
+}
+
+impl DescriptorSet {
+    /// What the set takes of its pool.
+    pub fn pool_bytes(&self) -> u64 {
+        let bytes = |binding: &Binding| match binding.is_variable() {
+            true => pool_bytes(binding.ty, self.variable_count),
+            false => pool_bytes(binding.ty, binding.count),
+        };
+        self.layout.bindings.iter().map(bytes).fold(0, u64::saturating_add)
+    }
 }
 
 /// A descriptor update template: where in the application's data each descriptor is.
