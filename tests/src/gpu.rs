@@ -66,6 +66,9 @@ pub(crate) enum Made {
     Structure(vk::AccelerationStructureKHR),
     StructureNv(vk::AccelerationStructureNV),
     Micromap(vk::MicromapEXT),
+    RenderPass(vk::RenderPass),
+    Framebuffer(vk::Framebuffer),
+    QueryPool(vk::QueryPool),
 }
 
 impl Gpu {
@@ -401,6 +404,9 @@ impl Drop for Gpu {
                             std::ptr::null(),
                         );
                     }
+                    Made::RenderPass(it) => device.destroy_render_pass(it, None),
+                    Made::Framebuffer(it) => device.destroy_framebuffer(it, None),
+                    Made::QueryPool(it) => device.destroy_query_pool(it, None),
                     Made::StructureNv(it) => self.nv().destroy_acceleration_structure(it, None),
                     Made::Structure(it) => {
                         self.acceleration.destroy_acceleration_structure(it, None);

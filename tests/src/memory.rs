@@ -35,6 +35,9 @@ impl Gpu {
     /// What buffers are made for.
     pub fn usual_uses(&self) -> vk::BufferUsageFlags {
         let mut usage = ANY_USE;
+        if self.has_graphics() {
+            usage |= vk::BufferUsageFlags::VERTEX_BUFFER | vk::BufferUsageFlags::INDEX_BUFFER;
+        }
         if self.optional.micromap.micromap != 0 {
             usage |= vk::BufferUsageFlags::MICROMAP_STORAGE_EXT
                 | vk::BufferUsageFlags::MICROMAP_BUILD_INPUT_READ_ONLY_EXT;

@@ -18,6 +18,8 @@ pub enum Stage {
     AnyHit,
     Intersection,
     Callable,
+    Vertex,
+    Fragment,
 }
 
 impl Stage {
@@ -30,6 +32,8 @@ impl Stage {
             Stage::AnyHit => vk::ShaderStageFlags::ANY_HIT_KHR,
             Stage::Intersection => vk::ShaderStageFlags::INTERSECTION_KHR,
             Stage::Callable => vk::ShaderStageFlags::CALLABLE_KHR,
+            Stage::Vertex => vk::ShaderStageFlags::VERTEX,
+            Stage::Fragment => vk::ShaderStageFlags::FRAGMENT,
         }
     }
 
@@ -42,6 +46,8 @@ impl Stage {
             Stage::AnyHit => ShaderStage::AnyHit,
             Stage::Intersection => ShaderStage::Intersect,
             Stage::Callable => ShaderStage::Callable,
+            Stage::Vertex => ShaderStage::Vertex,
+            Stage::Fragment => ShaderStage::Fragment,
         }
     }
 }
@@ -67,7 +73,13 @@ pub fn glsl_for(stage: Stage, source: &str, version: SpirvVersion) -> Vec<u32> {
         "GL_EXT_ray_query",
         "GL_EXT_ray_flags_primitive_culling",
     ];
-    if stage != Stage::Compute {
+    let draws = matches!(stage, Stage::Vertex | Stage::Fragment);
+    if draws {
+        extensions.push("GL_EXT_multiview");
+        extensions.push("GL_ARB_shader_viewport_layer_array");
+        extensions.push("GL_EXT_demote_to_helper_invocation");
+    }
+    if stage != Stage::Compute && !draws {
         extensions.push("GL_EXT_ray_tracing");
         extensions.push("GL_EXT_ray_cull_mask");
         extensions.push("GL_EXT_opacity_micromap");

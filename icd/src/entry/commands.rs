@@ -38,12 +38,10 @@ impl Command {
     pub fn available_to_instance(&self, enabled: ExtensionSet) -> bool {
         match self.availability {
             Availability::Core(_) => true,
-            Availability::Extension(extension) => {
-                match extension.kind() {
-                    Kind::Device => extension.is_advertised(),
-                    Kind::Instance => enabled.contains(extension),
-                }
-            }
+            Availability::Extension(extension) => match extension.kind() {
+                Kind::Device => extension.is_advertised(),
+                Kind::Instance => enabled.contains(extension),
+            },
         }
     }
 

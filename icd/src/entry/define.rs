@@ -89,7 +89,13 @@ pub(crate) use drawing;
 /// The handle is a live command buffer.
 pub unsafe fn refuse(name: &str, buffer: ash::vk::CommandBuffer) {
     // SAFETY: the caller's promise.
-    unsafe { refuse_because(name, buffer, "no queue family of this device supports graphics") };
+    unsafe {
+        refuse_because(
+            name,
+            buffer,
+            "no queue family of this device supports graphics",
+        )
+    };
 }
 
 /// Refuses a command.

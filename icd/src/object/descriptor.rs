@@ -342,7 +342,11 @@ impl DescriptorSet {
             true => pool_bytes(binding.ty, self.variable_count),
             false => pool_bytes(binding.ty, binding.count),
         };
-        self.layout.bindings.iter().map(bytes).fold(0, u64::saturating_add)
+        self.layout
+            .bindings
+            .iter()
+            .map(bytes)
+            .fold(0, u64::saturating_add)
     }
 }
 

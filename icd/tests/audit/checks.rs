@@ -244,7 +244,8 @@ impl Audit<'_> {
             // Where several are listed, one must be there.
             let mut one_of = members.split(',').map(str::trim);
             let met = |member| {
-                (!graphics && OF_GRAPHICS.contains(&member)) || self.feature(&structure, member) != Some(false)
+                (!graphics && OF_GRAPHICS.contains(&member))
+                    || self.feature(&structure, member) != Some(false)
             };
             if !one_of.any(met) {
                 findings.push(format!("{structure}::{members} is mandatory, and false"));

@@ -1,0 +1,521 @@
+//! Drawing: attachments, graphics pipelines, passes.
+
+use ash::vk;
+use bytemuck::Pod;
+
+use crate::gpu::Made;
+use crate::{Buffer, Gpu, Stage, glsl};
+
+/// An attachment in the general layout, with a view of all of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Canvas {
+    pub image: vk::Image,
+    pub view: vk::ImageView,
+    pub format: vk::Format,
+    pub aspects: vk::ImageAspectFlags,
+    pub width: u32,
+    pub height: u32,
+    pub layers: u32,
+    pub samples: u32,
+}
+
+impl Canvas {
+    fn range(&self) -> vk::ImageSubresourceRange {
+        vk::ImageSubresourceRange::default()
+            .aspect_mask(self.aspects)
+            .level_count(1)
+            .layer_count(self.layers)
+    }
+
+    /// All of its pixels.
+    pub fn area(&self) -> vk::Rect2D {
+        vk::Rect2D::default().extent(vk::Extent2D {
+            width: self.width,
+            height: self.height,
+        })
+    }
+}
+
+/// A vertex of the usual kind: a position in clip space and a colour.
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct Corner {
+    pub position: [f32; 4],
+    pub color: [f32; 4],
+}
+
+impl Corner {
+    pub fn at(x: f32, y: f32, color: [f32; 4]) -> Corner {
+        Corner {
+            position: [x, y, 0.5, 1.0],
+            color,
+        }
+    }
+}
+
+/// A graphics pipeline to be made. Viewport and scissor are dynamic.
+#[derive(Clone)]
+pub struct Painting<'a> {
+    pub vertex: &'a str,
+    /// None: depth and stencil alone.
+    pub fragment: Option<&'a str>,
+    pub bindings: Vec<vk::VertexInputBindingDescription>,
+    pub attributes: Vec<vk::VertexInputAttributeDescription>,
+    pub topology: vk::PrimitiveTopology,
+    pub restart: bool,
+    pub rasterization: vk::PipelineRasterizationStateCreateInfo<'a>,
+    pub samples: u32,
+    pub depth_stencil: vk::PipelineDepthStencilStateCreateInfo<'a>,
+    /// One a colour attachment.
+    pub blend: Vec<vk::PipelineColorBlendAttachmentState>,
+    pub colors: Vec<vk::Format>,
+    pub depth: vk::Format,
+    pub stencil: vk::Format,
+    pub view_mask: u32,
+    pub dynamic: Vec<vk::DynamicState>,
+    pub layout: vk::PipelineLayout,
+    /// In the place of the formats: a render pass and its subpass.
+    pub render_pass: Option<(vk::RenderPass, u32)>,
+}
+
+impl<'a> Painting<'a> {
+    /// Triangles without vertex buffers into one attachment, without tests and blending.
+    pub fn new(gpu: &Gpu, vertex: &'a str, fragment: &'a str, color: vk::Format) -> Painting<'a> {
+        let rasterization = vk::PipelineRasterizationStateCreateInfo::default().line_width(1.0);
+        Painting {
+            vertex,
+            fragment: Some(fragment),
+            bindings: Vec::new(),
+            attributes: Vec::new(),
+            topology: vk::PrimitiveTopology::TRIANGLE_LIST,
+            restart: false,
+            rasterization,
+            samples: 1,
+            depth_stencil: vk::PipelineDepthStencilStateCreateInfo::default(),
+            blend: vec![opaque()],
+            colors: vec![color],
+            depth: vk::Format::UNDEFINED,
+            stencil: vk::Format::UNDEFINED,
+            view_mask: 0,
+            dynamic: Vec::new(),
+            layout: gpu.layout(&[]),
+            render_pass: None,
+        }
+    }
+
+    /// [`Corner`]s as vertices: locations 0 and 1 of binding 0.
+    pub fn with_corners(mut self) -> Painting<'a> {
+        self.bindings
+            .push(vk::VertexInputBindingDescription::default().stride(size_of::<Corner>() as u32));
+        for location in 0..2 {
+            let attribute = vk::VertexInputAttributeDescription::default()
+                .location(location)
+                .format(vk::Format::R32G32B32A32_SFLOAT)
+                .offset(16 * location);
+            self.attributes.push(attribute);
+        }
+        self
+    }
+}
+
+/// All components are written as they are.
+fn opaque() -> vk::PipelineColorBlendAttachmentState {
+    vk::PipelineColorBlendAttachmentState::default().color_write_mask(vk::ColorComponentFlags::RGBA)
+}
+
+/// A pass of dynamic rendering.
+#[derive(Clone, Copy, Default)]
+pub struct Pass<'a> {
+    pub colors: &'a [Canvas],
+    /// Clear colours, one a canvas; where there is none, contents are loaded.
+    pub clears: &'a [[f32; 4]],
+    /// Where colours are resolved to, one a canvas.
+    pub resolves: &'a [Canvas],
+    pub depth: Option<Canvas>,
+    pub stencil: Option<Canvas>,
+    /// Of depth and stencil.
+    pub clear_depth: Option<(f32, u32)>,
+    pub view_mask: u32,
+    pub flags: vk::RenderingFlags,
+}
+
+impl Gpu {
+    /// An attachment of one level, which can also be read by shaders and copied.
+    pub fn canvas(&self, format: vk::Format, width: u32, height: u32) -> Canvas {
+        self.canvas_of(format, width, height, 1, 1)
+    }
+
+    /// The same, with layers (a view of an array where there are several) and samples.
+    pub fn canvas_of(
+        &self,
+        format: vk::Format,
+        width: u32,
+        height: u32,
+        layers: u32,
+        samples: u32,
+    ) -> Canvas {
+        use vk::ImageAspectFlags as Aspect;
+        let aspects = match format {
+            vk::Format::D16_UNORM | vk::Format::D32_SFLOAT => Aspect::DEPTH,
+            vk::Format::S8_UINT => Aspect::STENCIL,
+            vk::Format::D24_UNORM_S8_UINT | vk::Format::D32_SFLOAT_S8_UINT => {
+                Aspect::DEPTH | Aspect::STENCIL
+            }
+            _ => Aspect::COLOR,
+        };
+        let attachment = match aspects == Aspect::COLOR {
+            true => vk::ImageUsageFlags::COLOR_ATTACHMENT,
+            false => vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT,
+        };
+        let info = vk::ImageCreateInfo::default()
+            .image_type(vk::ImageType::TYPE_2D)
+            .format(format)
+            .extent(vk::Extent3D {
+                width,
+                height,
+                depth: 1,
+            })
+            .mip_levels(1)
+            .array_layers(layers)
+            .samples(vk::SampleCountFlags::from_raw(samples))
+            .usage(
+                attachment
+                    | vk::ImageUsageFlags::SAMPLED
+                    | vk::ImageUsageFlags::INPUT_ATTACHMENT
+                    | vk::ImageUsageFlags::TRANSFER_SRC
+                    | vk::ImageUsageFlags::TRANSFER_DST,
+            );
+        let kind = match layers {
+            1 => vk::ImageViewType::TYPE_2D,
+            _ => vk::ImageViewType::TYPE_2D_ARRAY,
+        };
+        let mut canvas = Canvas {
+            image: vk::Image::null(),
+            view: vk::ImageView::null(),
+            format,
+            aspects,
+            width,
+            height,
+            layers,
+            samples,
+        };
+        // SAFETY: the handles are of this device; the structures outlive the calls.
+        unsafe {
+            canvas.image = self
+                .device
+                .create_image(&info, None)
+                .expect("vkCreateImage");
+            let needs = self.device.get_image_memory_requirements(canvas.image);
+            let memory = self.allocate(needs, false);
+            self.keep(Made::Image(canvas.image));
+            let bound = self.device.bind_image_memory(canvas.image, memory, 0);
+            bound.expect("vkBindImageMemory");
+            let view = vk::ImageViewCreateInfo::default()
+                .image(canvas.image)
+                .view_type(kind)
+                .format(format)
+                .subresource_range(canvas.range());
+            let view = self.device.create_image_view(&view, None);
+            canvas.view = view.expect("vkCreateImageView");
+            self.keep(Made::View(canvas.view));
+        }
+        self.run(|commands| {
+            let barrier = vk::ImageMemoryBarrier::default()
+                .new_layout(vk::ImageLayout::GENERAL)
+                .dst_access_mask(vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE)
+                .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+                .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
+                .image(canvas.image)
+                .subresource_range(canvas.range());
+            let all = vk::PipelineStageFlags::ALL_COMMANDS;
+            let none = vk::DependencyFlags::empty();
+            // SAFETY: the command buffer is being recorded.
+            unsafe {
+                (self.device).cmd_pipeline_barrier(commands, all, all, none, &[], &[], &[barrier]);
+            }
+        });
+        canvas
+    }
+
+    /// The texels of an aspect of an attachment of one sample, layer by layer.
+    pub fn texels<T: Pod>(&self, canvas: &Canvas, aspect: vk::ImageAspectFlags) -> Vec<T> {
+        let count = u64::from(canvas.width) * u64::from(canvas.height) * u64::from(canvas.layers);
+        let buffer: Buffer = self.buffer(count * size_of::<T>() as u64);
+        let layers = vk::ImageSubresourceLayers::default()
+            .aspect_mask(aspect)
+            .layer_count(canvas.layers);
+        let copy = vk::BufferImageCopy::default()
+            .image_subresource(layers)
+            .image_extent(vk::Extent3D {
+                width: canvas.width,
+                height: canvas.height,
+                depth: 1,
+            });
+        self.run(|commands| {
+            // SAFETY: the buffer holds all of it.
+            unsafe {
+                self.device.cmd_copy_image_to_buffer(
+                    commands,
+                    canvas.image,
+                    vk::ImageLayout::GENERAL,
+                    buffer.handle,
+                    &[copy],
+                );
+            }
+        });
+        buffer.read()
+    }
+
+    /// The colours of an attachment with four bytes a texel.
+    pub fn colors(&self, canvas: &Canvas) -> Vec<[u8; 4]> {
+        self.texels(canvas, vk::ImageAspectFlags::COLOR)
+    }
+
+    /// Makes a graphics pipeline.
+    pub fn painting(&self, painting: &Painting<'_>) -> vk::Pipeline {
+        self.painting_with(painting, vk::PipelineCreateFlags::empty(), std::ptr::null())
+    }
+
+    /// The same, with flags and what is put before its chain.
+    pub fn painting_with(
+        &self,
+        painting: &Painting<'_>,
+        flags: vk::PipelineCreateFlags,
+        next: *const std::ffi::c_void,
+    ) -> vk::Pipeline {
+        let mut stages = vec![(Stage::Vertex, painting.vertex)];
+        stages.extend(painting.fragment.map(|source| (Stage::Fragment, source)));
+        let stages: Vec<_> = stages
+            .into_iter()
+            .map(|(stage, source)| {
+                vk::PipelineShaderStageCreateInfo::default()
+                    .stage(stage.flag())
+                    .module(self.module(&glsl(stage, source)))
+                    .name(c"main")
+            })
+            .collect();
+        let input = vk::PipelineVertexInputStateCreateInfo::default()
+            .vertex_binding_descriptions(&painting.bindings)
+            .vertex_attribute_descriptions(&painting.attributes);
+        let assembly = vk::PipelineInputAssemblyStateCreateInfo::default()
+            .topology(painting.topology)
+            .primitive_restart_enable(painting.restart);
+        let viewports = vk::PipelineViewportStateCreateInfo::default()
+            .viewport_count(1)
+            .scissor_count(1);
+        let multisample = vk::PipelineMultisampleStateCreateInfo::default()
+            .rasterization_samples(vk::SampleCountFlags::from_raw(painting.samples));
+        let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&painting.blend);
+        let mut dynamic = vec![vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
+        dynamic.extend(&painting.dynamic);
+        let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
+        let mut rendering = vk::PipelineRenderingCreateInfo::default()
+            .color_attachment_formats(&painting.colors)
+            .depth_attachment_format(painting.depth)
+            .stencil_attachment_format(painting.stencil)
+            .view_mask(painting.view_mask);
+        rendering.p_next = next;
+        let mut info = vk::GraphicsPipelineCreateInfo::default()
+            .flags(flags)
+            .stages(&stages)
+            .vertex_input_state(&input)
+            .input_assembly_state(&assembly)
+            .viewport_state(&viewports)
+            .rasterization_state(&painting.rasterization)
+            .multisample_state(&multisample)
+            .depth_stencil_state(&painting.depth_stencil)
+            .color_blend_state(&blend)
+            .dynamic_state(&dynamic)
+            .layout(painting.layout);
+        match painting.render_pass {
+            Some((pass, subpass)) => info = info.render_pass(pass).subpass(subpass),
+            None => info.p_next = (&raw const rendering).cast(),
+        }
+        let cache = vk::PipelineCache::null();
+        // SAFETY: the structures outlive the call.
+        let made = unsafe { self.device.create_graphics_pipelines(cache, &[info], None) };
+        let pipeline = made
+            .map_err(|(_, code)| code)
+            .expect("vkCreateGraphicsPipelines")[0];
+        self.keep(Made::Pipeline(pipeline));
+        pipeline
+    }
+
+    /// Records a pass, with viewport and scissor over all of the first attachment.
+    pub fn record_pass(
+        &self,
+        commands: vk::CommandBuffer,
+        pass: &Pass<'_>,
+        record: impl FnOnce(vk::CommandBuffer),
+    ) {
+        let layout = vk::ImageLayout::GENERAL;
+        let attachment = |view| {
+            vk::RenderingAttachmentInfo::default()
+                .image_view(view)
+                .image_layout(layout)
+                .load_op(vk::AttachmentLoadOp::LOAD)
+                .store_op(vk::AttachmentStoreOp::STORE)
+        };
+        let color = |(index, canvas): (usize, &Canvas)| {
+            let mut info = attachment(canvas.view);
+            if let Some(&float32) = pass.clears.get(index) {
+                let color = vk::ClearColorValue { float32 };
+                info = info
+                    .load_op(vk::AttachmentLoadOp::CLEAR)
+                    .clear_value(vk::ClearValue { color });
+            }
+            if let Some(resolve) = pass.resolves.get(index) {
+                info = info
+                    .resolve_mode(vk::ResolveModeFlags::AVERAGE)
+                    .resolve_image_view(resolve.view)
+                    .resolve_image_layout(layout);
+            }
+            info
+        };
+        let colors: Vec<_> = pass.colors.iter().enumerate().map(color).collect();
+        let side = |canvas: Option<Canvas>| {
+            let mut info = attachment(canvas.map_or(vk::ImageView::null(), |it| it.view));
+            if let Some((depth, stencil)) = pass.clear_depth {
+                let depth_stencil = vk::ClearDepthStencilValue { depth, stencil };
+                info = info
+                    .load_op(vk::AttachmentLoadOp::CLEAR)
+                    .clear_value(vk::ClearValue { depth_stencil });
+            }
+            info
+        };
+        let (depth, stencil) = (side(pass.depth), side(pass.stencil));
+        let first = pass
+            .colors
+            .first()
+            .or(pass.depth.as_ref())
+            .or(pass.stencil.as_ref());
+        let first = first.expect("a pass has attachments");
+        let mut info = vk::RenderingInfo::default()
+            .flags(pass.flags)
+            .render_area(first.area())
+            .layer_count(if pass.view_mask == 0 { first.layers } else { 1 })
+            .view_mask(pass.view_mask)
+            .color_attachments(&colors);
+        if pass.depth.is_some() {
+            info = info.depth_attachment(&depth);
+        }
+        if pass.stencil.is_some() {
+            info = info.stencil_attachment(&stencil);
+        }
+        // SAFETY: the command buffer is being recorded, and the structures outlive the calls.
+        unsafe {
+            self.device.cmd_begin_rendering(commands, &info);
+            if !pass
+                .flags
+                .contains(vk::RenderingFlags::CONTENTS_SECONDARY_COMMAND_BUFFERS)
+            {
+                self.look_at(commands, first);
+            }
+            record(commands);
+            self.device.cmd_end_rendering(commands);
+        }
+    }
+
+    /// Sets viewport and scissor to all of an attachment.
+    pub fn look_at(&self, commands: vk::CommandBuffer, canvas: &Canvas) {
+        let viewport = vk::Viewport {
+            x: 0.0,
+            y: 0.0,
+            width: canvas.width as f32,
+            height: canvas.height as f32,
+            min_depth: 0.0,
+            max_depth: 1.0,
+        };
+        // SAFETY: the command buffer is being recorded.
+        unsafe {
+            self.device.cmd_set_viewport(commands, 0, &[viewport]);
+            self.device.cmd_set_scissor(commands, 0, &[canvas.area()]);
+        }
+    }
+
+    /// Records and runs a pass.
+    pub fn draw(&self, pass: &Pass<'_>, record: impl FnOnce(vk::CommandBuffer)) {
+        self.run(|commands| self.record_pass(commands, pass, record));
+    }
+
+    /// Binds a graphics pipeline.
+    pub fn bind(&self, commands: vk::CommandBuffer, pipeline: vk::Pipeline) {
+        // SAFETY: the command buffer is being recorded.
+        unsafe {
+            let point = vk::PipelineBindPoint::GRAPHICS;
+            self.device.cmd_bind_pipeline(commands, point, pipeline);
+        }
+    }
+
+    /// A render pass that is destroyed at the end.
+    pub fn render_pass(&self, info: &vk::RenderPassCreateInfo2<'_>) -> vk::RenderPass {
+        // SAFETY: the info outlives the call.
+        let pass = unsafe { self.device.create_render_pass2(info, None) };
+        let pass = pass.expect("vkCreateRenderPass2");
+        self.keep(Made::RenderPass(pass));
+        pass
+    }
+
+    /// A framebuffer of attachments of one size.
+    pub fn framebuffer(&self, pass: vk::RenderPass, canvases: &[Canvas]) -> vk::Framebuffer {
+        let views: Vec<_> = canvases.iter().map(|canvas| canvas.view).collect();
+        let info = vk::FramebufferCreateInfo::default()
+            .render_pass(pass)
+            .attachments(&views)
+            .width(canvases[0].width)
+            .height(canvases[0].height)
+            .layers(1);
+        // SAFETY: the info outlives the call.
+        let framebuffer = unsafe { self.device.create_framebuffer(&info, None) };
+        let framebuffer = framebuffer.expect("vkCreateFramebuffer");
+        self.keep(Made::Framebuffer(framebuffer));
+        framebuffer
+    }
+
+    /// A set whose binding 0 is an input attachment.
+    pub fn input_set(
+        &self,
+        layout: vk::DescriptorSetLayout,
+        view: vk::ImageView,
+    ) -> vk::DescriptorSet {
+        let ty = vk::DescriptorType::INPUT_ATTACHMENT;
+        let sizes = [vk::DescriptorPoolSize {
+            ty,
+            descriptor_count: 1,
+        }];
+        let pool = vk::DescriptorPoolCreateInfo::default()
+            .max_sets(1)
+            .pool_sizes(&sizes);
+        let layouts = [layout];
+        let image = [vk::DescriptorImageInfo::default()
+            .image_view(view)
+            .image_layout(vk::ImageLayout::GENERAL)];
+        // SAFETY: the structures outlive the calls.
+        unsafe {
+            let pool = self
+                .device
+                .create_descriptor_pool(&pool, None)
+                .expect("a pool");
+            self.keep(Made::Pool(pool));
+            let info = vk::DescriptorSetAllocateInfo::default()
+                .descriptor_pool(pool)
+                .set_layouts(&layouts);
+            let set = self.device.allocate_descriptor_sets(&info).expect("a set")[0];
+            let write = vk::WriteDescriptorSet::default()
+                .dst_set(set)
+                .descriptor_type(ty)
+                .image_info(&image);
+            self.device.update_descriptor_sets(&[write], &[]);
+            set
+        }
+    }
+
+    /// A query pool that is destroyed at the end.
+    pub fn query_pool(&self, info: &vk::QueryPoolCreateInfo<'_>) -> vk::QueryPool {
+        // SAFETY: the info outlives the call.
+        let pool = unsafe { self.device.create_query_pool(info, None) };
+        let pool = pool.expect("vkCreateQueryPool");
+        self.keep(Made::QueryPool(pool));
+        pool
+    }
+}
