@@ -52,6 +52,8 @@ fn glslang_stage(stage: Stage) -> ShaderStage {
         Stage::AnyHit => ShaderStage::AnyHit,
         Stage::Intersection => ShaderStage::Intersect,
         Stage::Callable => ShaderStage::Callable,
+        Stage::Vertex => ShaderStage::Vertex,
+        Stage::Fragment => ShaderStage::Fragment,
     }
 }
 
@@ -66,7 +68,11 @@ pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
     for extension in EXTENSIONS {
         text += &format!("#extension {extension} : enable\n");
     }
-    if stage != Stage::Compute {
+    if matches!(stage, Stage::Vertex | Stage::Fragment) {
+        text += "#extension GL_EXT_demote_to_helper_invocation : enable\n";
+        text += "#extension GL_EXT_terminate_invocation : enable\n";
+        text += "#extension GL_EXT_fragment_shader_barycentric : enable\n";
+    } else if stage != Stage::Compute {
         text += "#extension GL_EXT_ray_tracing : enable\n";
         text += "#extension GL_EXT_ray_tracing_position_fetch : enable\n";
     }

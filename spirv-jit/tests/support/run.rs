@@ -11,11 +11,16 @@ use super::{all_capabilities, bindings, glsl};
 
 /// Compiles a compute shader through all of the compiler.
 pub fn compile(words: &[u32], specialization: &[(u32, &[u8])]) -> Arc<Program> {
+    compile_as(Stage::Compute, words, specialization)
+}
+
+/// Compiles a shader of any stage.
+pub fn compile_as(stage: Stage, words: &[u32], specialization: &[(u32, &[u8])]) -> Arc<Program> {
     let capabilities = all_capabilities();
     let request = CompileRequest {
         words,
         entry_point: "main",
-        stage: Stage::Compute,
+        stage,
         specialization,
         bindings: &bindings,
         capabilities: &capabilities,
@@ -120,7 +125,6 @@ fn run_group(program: &Program, group: u32, environment: &Environment) {
                 Event::End => {}
                 Event::Yield(_) => waiting.push(index),
                 Event::OutOfFuel => panic!("the shader does not end"),
-                Event::OutOfMemory => panic!("the frame is small"),
                 Event::OutOfMemory => panic!("the frame is small"),
             }
         }
