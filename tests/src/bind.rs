@@ -142,7 +142,10 @@ impl Gpu {
                     .binding(binding)
                     .descriptor_type(kind)
                     .descriptor_count(count)
-                    .stage_flags(vk::ShaderStageFlags::ALL)
+                    .stage_flags(match kind {
+                        vk::DescriptorType::INPUT_ATTACHMENT => vk::ShaderStageFlags::FRAGMENT,
+                        _ => vk::ShaderStageFlags::ALL,
+                    })
             })
             .collect();
         let info = vk::DescriptorSetLayoutCreateInfo::default()

@@ -7,7 +7,7 @@ use smallvec::SmallVec;
 
 use super::pass::{AttachmentClears, Pass};
 use crate::handle::Ref;
-use crate::object::QueryPool;
+use crate::object::{QueryPool, ShaderObject};
 use crate::object::setting::Setting;
 
 /// A recorded command of graphics.
@@ -20,6 +20,9 @@ pub enum GraphicsCommand {
     VertexBarrier,
     ClearAttachments(Box<AttachmentClears>),
     Set(Setting),
+    /// `vkCmdBindShadersEXT`.
+    BindVertexShader(Option<Ref<ShaderObject>>),
+    BindFragmentShader(Option<Ref<ShaderObject>>),
     /// `vkCmdBindVertexBuffers2`.
     BindVertexBuffers(Box<BindVertexBuffers>),
     /// `vkCmdBindIndexBuffer2`.

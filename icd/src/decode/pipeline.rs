@@ -61,6 +61,33 @@ pub unsafe fn decode_stage(info: &vk::PipelineShaderStageCreateInfo<'_>) -> VkRe
     }
 }
 
+/// Copies the shader of a `VkShaderCreateInfoEXT` in SPIR-V.
+///
+/// # Errors
+/// As [`decode_stage`].
+///
+/// # Safety
+/// The info is valid.
+pub unsafe fn decode_shader(info: &vk::ShaderCreateInfoEXT<'_>) -> VkResult<ShaderStage> {
+    let words = u32::try_from(info.code_size / 4);
+    let words = words.map_err(|_| vk::Result::ERROR_OUT_OF_HOST_MEMORY)?;
+    // SAFETY: the caller's promise.
+    unsafe {
+        Ok(ShaderStage {
+            words: slice(info.p_code.cast::<u32>(), words).into(),
+            entry_point: string(info.p_name)
+                .to_str()
+                .map_err(|_| vk::Result::ERROR_UNKNOWN)?
+                .to_owned(),
+            stage: stage(info.stage).ok_or(vk::Result::ERROR_UNKNOWN)?,
+            specialization: info
+                .p_specialization_info
+                .as_ref()
+                .map_or_else(Vec::new, |info| specialization(info)),
+        })
+    }
+}
+
 /// # Safety
 /// The info is valid.
 unsafe fn specialization(info: &vk::SpecializationInfo<'_>) -> Vec<(u32, Vec<u8>)> {

@@ -155,6 +155,9 @@ entry! {
 
     fn vkBindBufferMemory2(device: vk::Device, count: u32, infos: *const vk::BindBufferMemoryInfo) -> vk::Result {
         for info in ffi::slice(infos, count) {
+            if let Some(status) = ffi::find::<vk::BindMemoryStatusKHR<'_>>(info.p_next) {
+                *status.p_result = vk::Result::SUCCESS;
+            }
             bind(device, info.buffer, info.memory, info.memory_offset);
         }
         Ok(())

@@ -6,6 +6,7 @@ use ash::vk;
 use smallvec::SmallVec;
 
 use super::define::{commands, entry};
+use super::push_descriptor::bind_points;
 use crate::VkResult;
 use crate::command::{
     BindDescriptorSets, Command, CommandBuffer, CommandPool, GraphicsCommand, Recording, copied,
@@ -131,6 +132,28 @@ commands! {
     ) {
         let bytes = SmallVec::from_slice(ffi::slice(values.cast(), size_bytes));
         commands.push(Command::PushConstants { offset, bytes })
+    }
+
+    fn vkCmdBindDescriptorSets2KHR(commands, info: *const vk::BindDescriptorSetsInfoKHR<'_>) {
+        let info = &*info;
+        let offsets = ffi::slice(info.p_dynamic_offsets, info.dynamic_offset_count);
+        for bind_point in bind_points(info.stage_flags) {
+            let sets = ffi::slice(info.p_descriptor_sets, info.descriptor_set_count).iter();
+            let sets = sets.map(|&set| handle::optional::<DescriptorSet>(set).map(|_| handle::retain(set)));
+            commands.push(Command::BindDescriptorSets(BindDescriptorSets {
+                bind_point,
+                first_set: info.first_set,
+                sets: sets.collect(),
+                dynamic_offsets: SmallVec::from_slice(offsets),
+            }))?;
+        }
+        Ok(())
+    }
+
+    fn vkCmdPushConstants2KHR(commands, info: *const vk::PushConstantsInfoKHR<'_>) {
+        let info = &*info;
+        let bytes = SmallVec::from_slice(ffi::slice(info.p_values.cast(), info.size));
+        commands.push(Command::PushConstants { offset: info.offset, bytes })
     }
 
     fn vkCmdDispatch(commands, x: u32, y: u32, z: u32) {

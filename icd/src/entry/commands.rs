@@ -56,19 +56,18 @@ impl Command {
     }
 }
 
-/// The row of a name.
-pub fn find(name: &[u8]) -> Option<&'static Command> {
-    static INDEX: OnceLock<HashMap<&'static [u8], &'static Command>> = OnceLock::new();
-    let table = table();
-    INDEX
-        .get_or_init(|| {
-            table
-                .iter()
-                .map(|command| (command.name.as_bytes(), command))
-                .collect()
-        })
-        .get(name)
-        .copied()
+/// The rows of a name: several, where several extensions bring a command.
+pub fn rows(name: &[u8]) -> impl Iterator<Item = &'static Command> {
+    static INDEX: OnceLock<HashMap<&'static [u8], Vec<&'static Command>>> = OnceLock::new();
+    let index = INDEX.get_or_init(|| {
+        let mut index: HashMap<_, Vec<_>> = HashMap::new();
+        for command in table() {
+            let rows = index.entry(command.name.as_bytes()).or_default();
+            rows.push(command);
+        }
+        index
+    });
+    index.get(name).into_iter().flatten().copied()
 }
 
 /// The name a row goes by: its alias, or its function's.
@@ -546,6 +545,52 @@ commands! {
     Device EXT_DEPTH_BIAS_CONTROL PFN_vkCmdSetDepthBias2EXT graphics_state::vkCmdSetDepthBias2EXT;
     Device EXT_MULTI_DRAW PFN_vkCmdDrawMultiEXT graphics_draw::vkCmdDrawMultiEXT;
     Device EXT_MULTI_DRAW PFN_vkCmdDrawMultiIndexedEXT graphics_draw::vkCmdDrawMultiIndexedEXT;
+
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetCullMode graphics_state::vkCmdSetCullMode as vkCmdSetCullModeEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetFrontFace graphics_state::vkCmdSetFrontFace as vkCmdSetFrontFaceEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetPrimitiveTopology graphics_state::vkCmdSetPrimitiveTopology as vkCmdSetPrimitiveTopologyEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetViewportWithCount graphics_state::vkCmdSetViewportWithCount as vkCmdSetViewportWithCountEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetScissorWithCount graphics_state::vkCmdSetScissorWithCount as vkCmdSetScissorWithCountEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdBindVertexBuffers2 graphics_draw::vkCmdBindVertexBuffers2 as vkCmdBindVertexBuffers2EXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthTestEnable graphics_state::vkCmdSetDepthTestEnable as vkCmdSetDepthTestEnableEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthWriteEnable graphics_state::vkCmdSetDepthWriteEnable as vkCmdSetDepthWriteEnableEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthCompareOp graphics_state::vkCmdSetDepthCompareOp as vkCmdSetDepthCompareOpEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthBoundsTestEnable graphics_state::vkCmdSetDepthBoundsTestEnable as vkCmdSetDepthBoundsTestEnableEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetStencilTestEnable graphics_state::vkCmdSetStencilTestEnable as vkCmdSetStencilTestEnableEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetStencilOp graphics_state::vkCmdSetStencilOp as vkCmdSetStencilOpEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetRasterizerDiscardEnable graphics_state::vkCmdSetRasterizerDiscardEnable as vkCmdSetRasterizerDiscardEnableEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthBiasEnable graphics_state::vkCmdSetDepthBiasEnable as vkCmdSetDepthBiasEnableEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetPrimitiveRestartEnable graphics_state::vkCmdSetPrimitiveRestartEnable as vkCmdSetPrimitiveRestartEnableEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetVertexInputEXT graphics_state::vkCmdSetVertexInputEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetLogicOpEXT graphics_state::vkCmdSetLogicOpEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthClampEnableEXT graphics_state::vkCmdSetDepthClampEnableEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetPolygonModeEXT graphics_state::vkCmdSetPolygonModeEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetRasterizationSamplesEXT graphics_state::vkCmdSetRasterizationSamplesEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetSampleMaskEXT graphics_state::vkCmdSetSampleMaskEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetAlphaToCoverageEnableEXT graphics_state::vkCmdSetAlphaToCoverageEnableEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetAlphaToOneEnableEXT graphics_state::vkCmdSetAlphaToOneEnableEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetLogicOpEnableEXT graphics_state::vkCmdSetLogicOpEnableEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetColorBlendEnableEXT graphics_state::vkCmdSetColorBlendEnableEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetColorBlendEquationEXT graphics_state::vkCmdSetColorBlendEquationEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetColorWriteMaskEXT graphics_state::vkCmdSetColorWriteMaskEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthClipEnableEXT graphics_state::vkCmdSetDepthClipEnableEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetProvokingVertexModeEXT graphics_state::vkCmdSetProvokingVertexModeEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetLineRasterizationModeEXT graphics_state::vkCmdSetLineRasterizationModeEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetLineStippleEnableEXT graphics_state::vkCmdSetLineStippleEnableEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthClipNegativeOneToOneEXT graphics_state::vkCmdSetDepthClipNegativeOneToOneEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetColorWriteEnableEXT graphics_state::vkCmdSetColorWriteEnableEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetPatchControlPointsEXT graphics_state::vkCmdSetPatchControlPointsEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdSetTessellationDomainOriginEXT graphics_state::vkCmdSetTessellationDomainOriginEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCreateShadersEXT shader_object::vkCreateShadersEXT;
+    Device EXT_SHADER_OBJECT PFN_vkDestroyShaderEXT shader_object::vkDestroyShaderEXT;
+    Device EXT_SHADER_OBJECT PFN_vkGetShaderBinaryDataEXT shader_object::vkGetShaderBinaryDataEXT;
+    Device EXT_SHADER_OBJECT PFN_vkCmdBindShadersEXT shader_object::vkCmdBindShadersEXT;
+    Device KHR_MAINTENANCE_6 PFN_vkCmdBindDescriptorSets2KHR command::vkCmdBindDescriptorSets2KHR;
+    Device KHR_MAINTENANCE_6 PFN_vkCmdPushConstants2KHR command::vkCmdPushConstants2KHR;
+    Device KHR_MAINTENANCE_6 PFN_vkCmdPushDescriptorSet2KHR push_descriptor::vkCmdPushDescriptorSet2KHR;
+    Device KHR_MAINTENANCE_6 PFN_vkCmdPushDescriptorSetWithTemplate2KHR push_descriptor::vkCmdPushDescriptorSetWithTemplate2KHR;
+    Device KHR_MAINTENANCE_6 PFN_vkCmdSetDescriptorBufferOffsets2EXT descriptor_buffer::vkCmdSetDescriptorBufferOffsets2EXT;
+    Device KHR_MAINTENANCE_6 PFN_vkCmdBindDescriptorBufferEmbeddedSamplers2EXT descriptor_buffer::vkCmdBindDescriptorBufferEmbeddedSamplers2EXT;
 
     Instance EXT_HEADLESS_SURFACE PFN_vkCreateHeadlessSurfaceEXT swapchain::vkCreateHeadlessSurfaceEXT;
     Instance KHR_SURFACE PFN_vkDestroySurfaceKHR swapchain::vkDestroySurfaceKHR;

@@ -12,8 +12,9 @@ use spirv_jit::image::Format;
 use spirv_jit::views::Views;
 
 use super::define::{commands, entry};
+use super::push_descriptor::bind_points;
 use crate::VkResult;
-use crate::command::{BindDescriptorBuffer, BindDescriptorSets, Command};
+use crate::command::{BindDescriptorBuffer, BindDescriptorSets, Command, Recording};
 use crate::device::Device;
 use crate::ffi::{self, chain};
 use crate::handle::{self, Ref, from_handle, optional};
@@ -212,6 +213,43 @@ fn set_layout(layout: &PipelineLayout, set: u32) -> VkResult<&Ref<DescriptorSetL
     layout.ok_or(vk::Result::ERROR_UNKNOWN)
 }
 
+fn set_offsets(
+    commands: &mut Recording,
+    bind_point: vk::PipelineBindPoint,
+    layout: &PipelineLayout,
+    first_set: u32,
+    buffers: &[u32],
+    offsets: &[vk::DeviceSize],
+) -> VkResult {
+    for (index, (&buffer, &offset)) in buffers.iter().zip(offsets).enumerate() {
+        let set = first_set + index as u32;
+        let address = commands.descriptor_buffers.get(buffer as usize).copied();
+        let address = address.ok_or(vk::Result::ERROR_UNKNOWN)?;
+        commands.push(Command::BindDescriptorBuffer(BindDescriptorBuffer {
+            bind_point,
+            set,
+            layout: Ref::clone(set_layout(layout, set)?),
+            address: address.wrapping_add(offset),
+        }))?;
+    }
+    Ok(())
+}
+
+fn bind_samplers(
+    commands: &mut Recording,
+    bind_point: vk::PipelineBindPoint,
+    layout: &PipelineLayout,
+    set: u32,
+) -> VkResult {
+    let samplers = handle::new(DescriptorSet::new(Ref::clone(set_layout(layout, set)?), 0)?);
+    commands.push(Command::BindDescriptorSets(BindDescriptorSets {
+        bind_point,
+        first_set: set,
+        sets: SmallVec::from_elem(Some(samplers), 1),
+        dynamic_offsets: SmallVec::new(),
+    }))
+}
+
 commands! {
     fn vkCmdBindDescriptorBuffersEXT(
         commands,
@@ -233,16 +271,19 @@ commands! {
     ) {
         let layout = from_handle::<PipelineLayout>(layout);
         let (buffers, offsets) = (ffi::slice(buffers, count), ffi::slice(offsets, count));
-        for (index, (&buffer, &offset)) in buffers.iter().zip(offsets).enumerate() {
-            let set = first_set + index as u32;
-            let address = commands.descriptor_buffers.get(buffer as usize).copied();
-            let address = address.ok_or(vk::Result::ERROR_UNKNOWN)?;
-            commands.push(Command::BindDescriptorBuffer(BindDescriptorBuffer {
-                bind_point,
-                set,
-                layout: Ref::clone(set_layout(layout, set)?),
-                address: address.wrapping_add(offset),
-            }))?;
+        set_offsets(commands, bind_point, layout, first_set, buffers, offsets)
+    }
+
+    fn vkCmdSetDescriptorBufferOffsets2EXT(
+        commands,
+        info: *const vk::SetDescriptorBufferOffsetsInfoEXT<'_>,
+    ) {
+        let info = &*info;
+        let layout = from_handle::<PipelineLayout>(info.layout);
+        let buffers = ffi::slice(info.p_buffer_indices, info.set_count);
+        let offsets = ffi::slice(info.p_offsets, info.set_count);
+        for point in bind_points(info.stage_flags) {
+            set_offsets(commands, point, layout, info.first_set, buffers, offsets)?;
         }
         Ok(())
     }
@@ -253,13 +294,17 @@ commands! {
         layout: vk::PipelineLayout,
         set: u32,
     ) {
-        let layout = set_layout(from_handle::<PipelineLayout>(layout), set)?;
-        let samplers = handle::new(DescriptorSet::new(Ref::clone(layout), 0)?);
-        commands.push(Command::BindDescriptorSets(BindDescriptorSets {
-            bind_point,
-            first_set: set,
-            sets: SmallVec::from_elem(Some(samplers), 1),
-            dynamic_offsets: SmallVec::new(),
-        }))
+        bind_samplers(commands, bind_point, from_handle::<PipelineLayout>(layout), set)
+    }
+
+    fn vkCmdBindDescriptorBufferEmbeddedSamplers2EXT(
+        commands,
+        info: *const vk::BindDescriptorBufferEmbeddedSamplersInfoEXT<'_>,
+    ) {
+        let info = &*info;
+        for point in bind_points(info.stage_flags) {
+            bind_samplers(commands, point, from_handle::<PipelineLayout>(info.layout), info.set)?;
+        }
+        Ok(())
     }
 }

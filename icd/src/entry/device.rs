@@ -62,8 +62,9 @@ entry! {
 
     fn vkGetDeviceProcAddr(device: vk::Device, name: *const c_char) -> vk::PFN_vkVoidFunction {
         let device = from_handle::<Device>(device);
-        let command = commands::find(ffi::string(name).to_bytes())?;
-        command.available_to_device(device.api_version, device.extensions).then_some(command.function)
+        let mut rows = commands::rows(ffi::string(name).to_bytes());
+        let command = rows.find(|it| it.available_to_device(device.api_version, device.extensions));
+        Some(command?.function)
     }
 
     fn vkGetDeviceGroupPeerMemoryFeatures(

@@ -214,6 +214,9 @@ entry! {
 
     fn vkBindImageMemory2(_device: vk::Device, count: u32, infos: *const vk::BindImageMemoryInfo) -> vk::Result {
         for info in ffi::slice(infos, count) {
+            if let Some(status) = ffi::find::<vk::BindMemoryStatusKHR<'_>>(info.p_next) {
+                *status.p_result = vk::Result::SUCCESS;
+            }
             let image = from_handle::<Image>(info.image);
             if let Some(memory) = handle::optional::<DeviceMemory>(info.memory) {
                 image.bind(memory.address + info.memory_offset);

@@ -49,12 +49,12 @@ pub unsafe extern "system" fn vk_icdGetInstanceProcAddr(
         if let Some(function) = loader_function(name.to_bytes()) {
             return Some(function);
         }
-        let command = commands::find(name.to_bytes())?;
-        let available = match instance {
+        let mut rows = commands::rows(name.to_bytes());
+        let command = rows.find(|command| match instance {
             None => command.level == Level::Global,
             Some(instance) => command.available_to_instance(instance.extensions),
-        };
-        available.then_some(command.function)
+        });
+        Some(command?.function)
     })
 }
 
@@ -71,10 +71,12 @@ pub unsafe extern "system" fn vk_icdGetPhysicalDeviceProcAddr(
         // SAFETY: the loader's promise.
         let (instance, name) =
             unsafe { (handle::optional::<Instance>(instance), ffi::string(name)) };
-        let command = commands::find(name.to_bytes())?;
-        let available = command.level == Level::PhysicalDevice
-            && instance.is_none_or(|instance| command.available_to_instance(instance.extensions));
-        available.then_some(command.function)
+        let mut rows = commands::rows(name.to_bytes());
+        let available = |command: &&commands::Command| {
+            command.level == Level::PhysicalDevice
+                && instance.is_none_or(|it| command.available_to_instance(it.extensions))
+        };
+        Some(rows.find(available)?.function)
     })
 }
 

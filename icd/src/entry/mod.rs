@@ -32,6 +32,7 @@ pub mod push_descriptor;
 pub mod query;
 pub mod queue;
 pub mod ray_tracing;
+pub mod shader_object;
 pub mod swapchain;
 pub mod sync;
 

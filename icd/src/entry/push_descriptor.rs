@@ -13,6 +13,27 @@ use crate::ffi;
 use crate::handle::{Ref, from_handle};
 use crate::object::{DescriptorSet, DescriptorUpdateTemplate, PipelineLayout};
 
+/// The bind points that stages belong to (`VkBindDescriptorSetsInfo::stageFlags`).
+pub(super) fn bind_points(
+    stages: vk::ShaderStageFlags,
+) -> impl Iterator<Item = vk::PipelineBindPoint> {
+    use vk::ShaderStageFlags as Stage;
+    let tracing = Stage::RAYGEN_KHR
+        | Stage::ANY_HIT_KHR
+        | Stage::CLOSEST_HIT_KHR
+        | Stage::MISS_KHR
+        | Stage::INTERSECTION_KHR
+        | Stage::CALLABLE_KHR;
+    [
+        (Stage::COMPUTE, vk::PipelineBindPoint::COMPUTE),
+        (tracing, vk::PipelineBindPoint::RAY_TRACING_KHR),
+        (Stage::ALL_GRAPHICS, vk::PipelineBindPoint::GRAPHICS),
+    ]
+    .into_iter()
+    .filter(move |(of, _)| stages.intersects(*of))
+    .map(|(_, point)| point)
+}
+
 /// Records a push.
 fn push(
     recording: &mut Recording,
@@ -62,6 +83,31 @@ commands! {
         let template = from_handle::<DescriptorUpdateTemplate>(template);
         push(commands, template.bind_point, from_handle::<PipelineLayout>(layout), set, |pushed| {
             apply_template(pushed, template, data);
+        })
+    }
+
+    fn vkCmdPushDescriptorSet2KHR(commands, info: *const vk::PushDescriptorSetInfoKHR<'_>) {
+        let info = &*info;
+        let layout = from_handle::<PipelineLayout>(info.layout);
+        for point in bind_points(info.stage_flags) {
+            push(commands, point, layout, info.set, |pushed| {
+                for write in ffi::slice(info.p_descriptor_writes, info.descriptor_write_count) {
+                    apply_write(pushed, write);
+                }
+            })?;
+        }
+        Ok(())
+    }
+
+    fn vkCmdPushDescriptorSetWithTemplate2KHR(
+        commands,
+        info: *const vk::PushDescriptorSetWithTemplateInfoKHR<'_>,
+    ) {
+        let info = &*info;
+        let template = from_handle::<DescriptorUpdateTemplate>(info.descriptor_update_template);
+        let layout = from_handle::<PipelineLayout>(info.layout);
+        push(commands, template.bind_point, layout, info.set, |pushed| {
+            apply_template(pushed, template, info.p_data);
         })
     }
 }

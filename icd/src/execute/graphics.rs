@@ -6,6 +6,8 @@ use std::sync::Arc;
 
 use ash::vk;
 use smallvec::SmallVec;
+use spirv_jit::Program;
+use spirv_jit::program::Stage;
 
 use super::bindings::{Bindings, Snapshot};
 use super::engine::Engine;
@@ -14,7 +16,7 @@ use super::query::ActiveQuery;
 use crate::command::GraphicsCommand;
 use crate::command::graphics::{BindVertexBuffers, Draw, DrawIndirect, DrawMulti, IndexBinding};
 use crate::command::pass::{AttachmentClears, Pass};
-use crate::object::QueryPool;
+use crate::object::{QueryPool, ShaderObject};
 use crate::object::graphics_pipeline::{GraphicsPipeline, Stages};
 use crate::object::graphics_state::{GraphicsState, MAX_VERTEX_INPUTS};
 use crate::object::setting::Setting;
@@ -31,6 +33,9 @@ const BATCH_CALLS: usize = 1 << 16;
 pub struct Current {
     state: Arc<GraphicsState>,
     stages: Option<Arc<Stages>>,
+    /// Bound shader objects; none while a pipeline is bound.
+    vertex: Option<Arc<Program>>,
+    fragment: Option<Arc<Program>>,
     vertex_buffers: Arc<[VertexBuffer; MAX_VERTEX_INPUTS]>,
     /// Strides of vertex buffers are those that they were bound with.
     has_dynamic_strides: bool,
@@ -43,6 +48,8 @@ impl Default for Current {
         Self {
             state: Arc::default(),
             stages: None,
+            vertex: None,
+            fragment: None,
             vertex_buffers: Arc::new([VertexBuffer::default(); MAX_VERTEX_INPUTS]),
             has_dynamic_strides: false,
             strides: [None; MAX_VERTEX_INPUTS],
@@ -60,11 +67,31 @@ impl Current {
     pub fn bind_pipeline(&mut self, pipeline: &GraphicsPipeline) {
         use vk::DynamicState as State;
         self.stages.clone_from(&pipeline.stages);
+        (self.vertex, self.fragment) = (None, None);
         Arc::make_mut(&mut self.state).take_static(&pipeline.state, pipeline.dynamic);
         let states = [State::VERTEX_INPUT_BINDING_STRIDE, State::VERTEX_INPUT_EXT];
         let is_dynamic = states.iter().any(|&state| pipeline.dynamic.contains(state));
         if is_dynamic != self.has_dynamic_strides {
             self.has_dynamic_strides = is_dynamic;
+            self.place_strides();
+        }
+    }
+
+    /// `vkCmdBindShadersEXT`, one stage: all state is dynamic.
+    fn bind_shader(&mut self, stage: Stage, shader: Option<&ShaderObject>) {
+        let program = shader.map(|shader| Arc::clone(&shader.program));
+        match stage {
+            Stage::Fragment => self.fragment = program,
+            _ => self.vertex = program,
+        }
+        self.stages = self.vertex.as_ref().map(|vertex| {
+            Arc::new(Stages {
+                vertex: Arc::clone(vertex),
+                fragment: self.fragment.clone(),
+            })
+        });
+        if !self.has_dynamic_strides {
+            self.has_dynamic_strides = true;
             self.place_strides();
         }
     }
@@ -262,6 +289,16 @@ impl<'a> Painter<'_, 'a> {
             }
             GraphicsCommand::Set(setting) => {
                 self.current.set(setting);
+                Ok(())
+            }
+            GraphicsCommand::BindVertexShader(shader) => {
+                let shader = shader.as_ref().map(|shader| &***shader);
+                self.current.bind_shader(Stage::Vertex, shader);
+                Ok(())
+            }
+            GraphicsCommand::BindFragmentShader(shader) => {
+                let shader = shader.as_ref().map(|shader| &***shader);
+                self.current.bind_shader(Stage::Fragment, shader);
                 Ok(())
             }
             GraphicsCommand::BindVertexBuffers(bind) => {

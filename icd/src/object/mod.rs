@@ -23,6 +23,7 @@ pub mod ray_tracing_pipeline;
 pub mod render_pass;
 pub mod sampler;
 pub mod setting;
+pub mod shader_object;
 pub mod shader_stage;
 pub mod sparse;
 pub mod swapchain;
@@ -45,6 +46,7 @@ pub use private_data::PrivateDataSlot;
 pub use query::QueryPool;
 pub use render_pass::{Framebuffer, RenderPass};
 pub use sampler::Sampler;
+pub use shader_object::ShaderObject;
 pub use swapchain::{Surface, Swapchain};
 pub use sync::{Event, Fence, Semaphore};
 
@@ -81,4 +83,5 @@ handled!(
     Surface => SurfaceKHR,
     Swapchain => SwapchainKHR,
     ShaderModule => ShaderModule,
+    ShaderObject => ShaderEXT,
 );

@@ -190,6 +190,7 @@ extensions! {
     Graphics KHR_INDEX_TYPE_UINT8 c"VK_KHR_index_type_uint8" 1;
     Graphics KHR_LINE_RASTERIZATION c"VK_KHR_line_rasterization" 1;
     Graphics KHR_LOAD_STORE_OP_NONE c"VK_KHR_load_store_op_none" 1;
+    Graphics KHR_MAINTENANCE_6 c"VK_KHR_maintenance6" 1;
     Graphics KHR_MULTIVIEW c"VK_KHR_multiview" 1;
     Graphics KHR_SHADER_DRAW_PARAMETERS c"VK_KHR_shader_draw_parameters" 1;
     Graphics KHR_VERTEX_ATTRIBUTE_DIVISOR c"VK_KHR_vertex_attribute_divisor" 1;
@@ -211,6 +212,7 @@ extensions! {
     Graphics EXT_PIPELINE_ROBUSTNESS c"VK_EXT_pipeline_robustness" 1;
     Graphics EXT_PRIMITIVE_TOPOLOGY_LIST_RESTART c"VK_EXT_primitive_topology_list_restart" 1;
     Graphics EXT_PROVOKING_VERTEX c"VK_EXT_provoking_vertex" 1;
+    Graphics EXT_SHADER_OBJECT c"VK_EXT_shader_object" 1;
     Graphics EXT_SHADER_STENCIL_EXPORT c"VK_EXT_shader_stencil_export" 1;
     Graphics EXT_SHADER_VIEWPORT_INDEX_LAYER c"VK_EXT_shader_viewport_index_layer" 1;
     Graphics EXT_VERTEX_ATTRIBUTE_DIVISOR c"VK_EXT_vertex_attribute_divisor" 3;

@@ -329,6 +329,8 @@ features! {
         nested_command_buffer: PhysicalDeviceNestedCommandBufferFeaturesEXT;
         nested_command_buffer_rendering: PhysicalDeviceNestedCommandBufferFeaturesEXT;
         nested_command_buffer_simultaneous_use: PhysicalDeviceNestedCommandBufferFeaturesEXT;
+        shader_object: PhysicalDeviceShaderObjectFeaturesEXT;
+        maintenance6: PhysicalDeviceMaintenance6FeaturesKHR;
         pipeline_robustness: PhysicalDevicePipelineRobustnessFeaturesEXT;
         primitive_topology_list_restart: PhysicalDevicePrimitiveTopologyListRestartFeaturesEXT;
         provoking_vertex_last: PhysicalDeviceProvokingVertexFeaturesEXT;

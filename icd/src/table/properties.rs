@@ -467,6 +467,15 @@ unsafe fn fill_graphics(node: *mut vk::BaseOutStructure<'static>) {
                 line_sub_pixel_precision_bits: limits::SUB_PIXEL_BITS,
                 ..Default::default()
             });
+            PhysicalDeviceMaintenance6PropertiesKHR(vk::PhysicalDeviceMaintenance6PropertiesKHR {
+                max_combined_image_sampler_descriptor_count: 1,
+                ..Default::default()
+            });
+            PhysicalDeviceShaderObjectPropertiesEXT(vk::PhysicalDeviceShaderObjectPropertiesEXT {
+                shader_binary_uuid: pipeline_cache_uuid(),
+                shader_binary_version: 1,
+                ..Default::default()
+            });
             PhysicalDeviceMultiDrawPropertiesEXT(vk::PhysicalDeviceMultiDrawPropertiesEXT {
                 max_multi_draw_count: u32::MAX,
                 ..Default::default()

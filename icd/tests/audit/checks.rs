@@ -163,7 +163,7 @@ impl Audit<'_> {
         for (who, availability, require) in self.required() {
             for command in &require.commands {
                 asked.entry(command).or_default().push(availability);
-                let is_there = commands::find(command.as_bytes()).is_some();
+                let is_there = commands::rows(command.as_bytes()).next().is_some();
                 if !is_there && !CONDITIONAL.contains(&&**command) {
                     missing.push(format!("{who} has {command}, the table has not"));
                 }

@@ -1,0 +1,112 @@
+//! `VK_EXT_shader_object`: stages without pipelines.
+
+use std::ffi::c_void;
+
+use ash::vk;
+
+use super::define::{drawing, entry};
+use super::destroy;
+use crate::VkResult;
+use crate::command::{Command, GraphicsCommand};
+use crate::decode::pipeline::decode_shader;
+use crate::device::Device;
+use crate::ffi::array::{bytes, slice_mut};
+use crate::ffi::enumerate::enumerate_bytes;
+use crate::ffi::slice;
+use crate::handle::{self, Ref, from_handle, optional, retain};
+use crate::object::shader_object::ShaderObject;
+use crate::object::{DescriptorSetLayout, PipelineLayout};
+
+destroy! {
+    vkDestroyShaderEXT: ShaderObject, ShaderEXT;
+}
+
+/// Creates one shader, from SPIR-V or from what `vkGetShaderBinaryDataEXT` gave.
+///
+/// # Safety
+/// `info` is valid usage of `vkCreateShadersEXT`.
+unsafe fn create(
+    device: &Device,
+    info: &vk::ShaderCreateInfoEXT<'_>,
+) -> VkResult<Ref<ShaderObject>> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let sets = slice(info.p_set_layouts, info.set_layout_count).iter().map(|&layout| {
+            optional::<DescriptorSetLayout>(layout).map(|_| retain::<DescriptorSetLayout>(layout))
+        });
+        let ranges = slice(info.p_push_constant_ranges, info.push_constant_range_count).iter();
+        let ends = ranges.map(|range| range.offset.saturating_add(range.size));
+        let layout = handle::new(PipelineLayout::new(sets.collect(), ends.max().unwrap_or(0)));
+        let object = match info.code_type {
+            vk::ShaderCodeTypeEXT::BINARY => {
+                ShaderObject::from_binary(bytes(info.p_code, info.code_size), layout)?
+            }
+            _ => ShaderObject::compile(&decode_shader(info)?, &device.compiler(), layout)?,
+        };
+        Ok(handle::new(object))
+    }
+}
+
+entry! {
+    fn vkCreateShadersEXT(
+        device: vk::Device,
+        count: u32,
+        infos: *const vk::ShaderCreateInfoEXT<'_>,
+        _allocator: *const vk::AllocationCallbacks<'_>,
+        out: *mut vk::ShaderEXT,
+    ) -> vk::Result {
+        let device = from_handle::<Device>(device);
+        let out = slice_mut(out, count);
+        out.fill(vk::ShaderEXT::null());
+        for (info, out) in slice(infos, count).iter().zip(out) {
+            *out = handle::into_handle(create(device, info)?);
+        }
+        Ok(())
+    }
+
+    fn vkGetShaderBinaryDataEXT(
+        _device: vk::Device,
+        shader: vk::ShaderEXT,
+        size: *mut usize,
+        data: *mut c_void,
+    ) -> vk::Result {
+        let binary = from_handle::<ShaderObject>(shader).binary();
+        // All or nothing.
+        enumerate_bytes(size, data.cast(), |room| match binary.len() <= room {
+            true => (binary, true),
+            false => (Vec::new(), false),
+        })
+    }
+}
+
+drawing! {
+    fn vkCmdBindShadersEXT(
+        commands,
+        count: u32,
+        stages: *const vk::ShaderStageFlags,
+        shaders: *const vk::ShaderEXT,
+    ) {
+        let shaders = slice(shaders, count);
+        for (index, &stage) in slice(stages, count).iter().enumerate() {
+            // No array: none of them.
+            let shader = shaders.get(index).copied().unwrap_or_default();
+            let shader = optional::<ShaderObject>(shader).map(|_| retain::<ShaderObject>(shader));
+            match stage {
+                vk::ShaderStageFlags::COMPUTE => {
+                    if let Some(pipeline) = shader.as_ref().and_then(|it| it.compute.as_ref()) {
+                        commands.push(Command::BindPipeline(Ref::clone(pipeline)))?;
+                    }
+                }
+                vk::ShaderStageFlags::VERTEX => {
+                    commands.push(Command::Graphics(GraphicsCommand::BindVertexShader(shader)))?;
+                }
+                vk::ShaderStageFlags::FRAGMENT => {
+                    commands.push(Command::Graphics(GraphicsCommand::BindFragmentShader(shader)))?;
+                }
+                // Stages that are not there are bound to nothing.
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,78 @@
+//! Shader objects (`VK_EXT_shader_object`).
+
+#![forbid(unsafe_code)]
+
+use std::sync::Arc;
+
+use ash::vk;
+use spirv_jit::Program;
+use spirv_jit::program::Stage;
+
+use super::pipeline::{PipelineKind, ProgramKey};
+use super::shader_stage::{Compiler, ShaderStage};
+use super::{Pipeline, PipelineCache, PipelineLayout};
+use crate::VkResult;
+use crate::handle::{self, Ref};
+
+/// A shader.
+pub struct ShaderObject {
+    pub program: Arc<Program>,
+    /// A compute shader as a pipeline.
+    pub compute: Option<Ref<Pipeline>>,
+    key: ProgramKey,
+    /// With this program alone: its data is the shader's binary, after the key.
+    cache: PipelineCache,
+}
+
+impl ShaderObject {
+    /// From SPIR-V.
+    ///
+    /// # Errors
+    /// As [`ShaderStage::compile`].
+    pub fn compile(
+        stage: &ShaderStage,
+        compiler: &Compiler<'_>,
+        layout: Ref<PipelineLayout>,
+    ) -> VkResult<Self> {
+        let cache = PipelineCache::default();
+        let compiled = stage.compile(compiler, Some(&cache), &layout, true)?.program;
+        Ok(Self::new(compiled.program, compiled.key, cache, layout))
+    }
+
+    /// From what [`Self::binary`] gave.
+    ///
+    /// # Errors
+    /// `VK_INCOMPATIBLE_SHADER_BINARY_EXT`.
+    pub fn from_binary(data: &[u8], layout: Ref<PipelineLayout>) -> VkResult<Self> {
+        let split = data.split_first_chunk::<{ size_of::<ProgramKey>() }>();
+        let (key, data) = split.ok_or(vk::Result::INCOMPATIBLE_SHADER_BINARY_EXT)?;
+        let cache = PipelineCache::with_data(data);
+        let program = cache.find(key).ok_or(vk::Result::INCOMPATIBLE_SHADER_BINARY_EXT)?;
+        Ok(Self::new(program, *key, cache, layout))
+    }
+
+    fn new(
+        program: Arc<Program>,
+        key: ProgramKey,
+        cache: PipelineCache,
+        layout: Ref<PipelineLayout>,
+    ) -> Self {
+        let compute = (program.stage() == Stage::Compute).then(|| {
+            handle::new(Pipeline {
+                layout,
+                kind: PipelineKind::Compute(Arc::clone(&program)),
+            })
+        });
+        Self {
+            program,
+            compute,
+            key,
+            cache,
+        }
+    }
+
+    /// `vkGetShaderBinaryDataEXT`.
+    pub fn binary(&self) -> Vec<u8> {
+        [&self.key[..], &self.cache.data(usize::MAX).0].concat()
+    }
+}
