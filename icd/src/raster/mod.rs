@@ -192,6 +192,7 @@ impl Rasterizer {
             .next_round(context, targets, &work, &mut rounds)?
         {
             self.tiles.run(context, targets, &work, &chunks)?;
+            self.front.give_back(chunks);
         }
         Ok(())
     }

@@ -98,6 +98,13 @@ pub struct Chunk {
     pub bins: Bins,
 }
 
+impl Chunk {
+    /// Bytes of its lists whose length does not follow from the number of primitives.
+    pub fn list_bytes(&self) -> usize {
+        size_of_val(&*self.pixels) + size_of_val(&*self.bins.shapes)
+    }
+}
+
 /// Which shapes touch each tile, in order: a list of (tile, shape) sorted by tile, then shape.
 #[derive(Default)]
 pub struct Bins {

@@ -1,0 +1,311 @@
+//! One job, from its draws to a chunk.
+
+use std::sync::atomic::Ordering;
+
+use spirv_jit::image::format::Numeric;
+use spirv_jit::reach::Reach;
+
+use super::bins;
+use super::cut::{Job, Span};
+use super::facts::{DepthFormat, Facts};
+use super::fetch::{Common, Fetch, Vertex};
+use super::indices::Indices;
+use super::screen::{ScreenVertex, code};
+use super::set_up::{Corners, Primitive, SetUp};
+use super::topology::{self, Kind};
+use super::vertices::{OutputPlaces, Shaded, Unique, shade};
+use crate::compute::waves::Runner;
+use crate::raster::primitive::Grid;
+use crate::raster::{Chunk, Draw, Targets, Work};
+use crate::wave::{Limits, Stopped};
+
+/// A primitive before its vertices are shaded.
+#[derive(Clone, Copy, Debug)]
+struct Assembled {
+    /// Places of its vertices in the run.
+    vertices: [u32; 3],
+    primitive_id: u32,
+    common: u32,
+    provoking: u8,
+}
+
+/// A worker's memory.
+#[derive(Default)]
+pub struct Worker {
+    runner: Runner,
+    unique: Unique,
+    vertices: Vec<Vertex>,
+    commons: Vec<Common>,
+    primitives: Vec<Assembled>,
+    on_screen: Vec<ScreenVertex>,
+}
+
+/// What all jobs of a round have in common.
+#[derive(Clone, Copy)]
+pub struct Round<'a> {
+    pub work: &'a [Work],
+    pub targets: &'a Targets,
+    pub reach: &'a Reach,
+    pub limits: &'a Limits,
+    pub grid: Grid,
+}
+
+impl Round<'_> {
+    fn facts(&self, draw: &Draw) -> Facts {
+        let depth = match &self.targets.depth {
+            None => DepthFormat::None,
+            Some(target) if target.surface.format.numeric == Numeric::Sfloat => DepthFormat::Float,
+            Some(target) => DepthFormat::Unorm(target.surface.format.channels[0].bits),
+        };
+        Facts::new(
+            &draw.state,
+            &self.targets.area,
+            self.targets.samples,
+            self.targets.layers,
+            depth,
+        )
+    }
+}
+
+impl Worker {
+    /// Makes a chunk of a job.
+    ///
+    /// # Errors
+    /// When a limit stopped it.
+    pub fn run(&mut self, round: &Round<'_>, job: &Job, chunk: &mut Chunk) -> Result<(), Stopped> {
+        chunk.clear = job.clear;
+        chunk.shapes.clear();
+        chunk.records.clear();
+        chunk.outputs.clear();
+        chunk.pixels.clear();
+        for spans in job.spans.chunk_by(|a, b| a.draw == b.draw) {
+            if let Some(Work::Draw(draw)) = round.work.get(spans[0].draw as usize) {
+                round.limits.check()?;
+                self.draw(round, draw, spans, chunk)?;
+            }
+        }
+        bins::fill(&mut chunk.bins, &round.grid, &chunk.shapes)
+    }
+
+    /// Adds consecutive spans of one draw.
+    fn draw(
+        &mut self,
+        round: &Round<'_>,
+        draw: &Draw,
+        spans: &[Span],
+        chunk: &mut Chunk,
+    ) -> Result<(), Stopped> {
+        self.assemble(round, draw, spans);
+        let fetch = Fetch::new(draw, round.reach);
+        let first_word = chunk.outputs.len() as u32;
+        shade(
+            &mut self.runner,
+            draw,
+            &fetch,
+            round.limits,
+            &self.vertices,
+            &self.commons,
+            &mut chunk.outputs,
+        )?;
+        for counters in &draw.counters {
+            let invocations = self.vertices.len() as u64;
+            counters
+                .vertex_invocations
+                .fetch_add(invocations, Ordering::Relaxed);
+        }
+        let facts = round.facts(draw);
+        if facts.discard && draw.counters.is_empty() {
+            return Ok(());
+        }
+        self.set_up(round, draw, spans[0].draw, &facts, first_word, chunk)
+    }
+
+    /// Lists the primitives of spans, and the vertices that they need.
+    fn assemble(&mut self, round: &Round<'_>, draw: &Draw, spans: &[Span]) {
+        self.vertices.clear();
+        self.commons.clear();
+        self.primitives.clear();
+        let topology = draw.state.topology;
+        let last = draw.state.rasterization.provoking_last;
+        let indices = draw
+            .indices
+            .as_ref()
+            .map(|buffer| Indices::new(buffer, round.reach));
+        let mut before: Option<(u32, u32, u32)> = None;
+        for span in spans {
+            let call = &draw.calls[span.call as usize];
+            let place = (span.call, span.instance, span.view);
+            if before.replace(place) != Some(place) {
+                self.unique.clear();
+                self.commons.push(Common {
+                    first_instance: call.first_instance,
+                    instance: span.instance,
+                    base_vertex: match indices {
+                        Some(_) => call.vertex_offset as u32,
+                        None => call.first,
+                    },
+                    draw_index: call.draw_index,
+                    view: span.view,
+                });
+            }
+            let common = self.commons.len() as u32 - 1;
+            let ids = (span.first_id..).zip(span.primitives.clone());
+            for (primitive_id, primitive) in ids {
+                let places = topology::vertices(topology, primitive);
+                let vertices = places.map(|place| {
+                    let place = u64::from(call.first) + u64::from(span.start) + u64::from(place);
+                    let index = match &indices {
+                        Some(indices) => indices.at(place).wrapping_add(call.vertex_offset as u32),
+                        None => place as u32,
+                    };
+                    let new = self.vertices.len() as u32;
+                    let vertex = self.unique.place(index, new);
+                    if vertex == new {
+                        self.vertices.push(Vertex { index, common });
+                    }
+                    vertex
+                });
+                self.primitives.push(Assembled {
+                    vertices,
+                    primitive_id,
+                    common,
+                    provoking: topology::provoking(topology, primitive, last),
+                });
+            }
+        }
+    }
+
+    /// Makes records and shapes of the primitives.
+    fn set_up(
+        &mut self,
+        round: &Round<'_>,
+        draw: &Draw,
+        draw_index: u32,
+        facts: &Facts,
+        first_word: u32,
+        chunk: &mut Chunk,
+    ) -> Result<(), Stopped> {
+        let count = self.primitives.len();
+        let has_room =
+            chunk.records.try_reserve(count).is_ok() && chunk.shapes.try_reserve(count).is_ok();
+        if !has_room {
+            return Err(Stopped::OutOfMemory);
+        }
+        // Set-up writes all of a chunk but these.
+        let outputs = std::mem::take(&mut chunk.outputs);
+        let places = OutputPlaces::new(&draw.stages.vertex);
+        let shaded = Shaded {
+            places,
+            words: &outputs[first_word as usize..],
+        };
+        let records = chunk.records.len();
+        let shapes = chunk.shapes.len();
+        let pixels = chunk.pixels.len();
+        let mut set_up = SetUp {
+            facts,
+            chunk,
+            stippled: 0.0,
+            clipped: 0,
+        };
+        let has_views = round.targets.view_mask != 0;
+        let kind = topology::kind(draw.state.topology);
+        let continues = topology::is_line_strip(draw.state.topology);
+        let first_viewport = facts.views.first().map(|view| view.screen);
+        let shared = first_viewport.filter(|_| !places.chooses_viewports());
+        // Of filled triangles: what needs a closer look.
+        let harmful = facts
+            .harmless_codes()
+            .filter(|_| kind == Some(Kind::Triangle))
+            .map(|harmless| !harmless);
+        self.on_screen.clear();
+        if let Some(screen) = &shared {
+            let vertices = 0..self.vertices.len() as u32;
+            self.on_screen
+                .extend(vertices.map(|it| shaded.project(it, screen, &facts.volume)));
+        }
+        let mut last = None;
+        for assembled in &self.primitives {
+            let provoking = assembled.vertices[usize::from(assembled.provoking)];
+            let common = &self.commons[assembled.common as usize];
+            let (layer, layers) = match has_views {
+                true => (common.view, u32::MAX),
+                false => (shaded.layer(provoking), facts.layers.max(1)),
+            };
+            let viewport = shaded.viewport(provoking);
+            let primitive = Primitive {
+                draw: draw_index,
+                primitive_id: assembled.primitive_id,
+                layer,
+                view_index: common.view,
+                viewport,
+                vertices: assembled
+                    .vertices
+                    .map(|vertex| first_word + vertex * places.words as u32),
+                provoking: assembled.provoking,
+            };
+            if layer >= layers {
+                continue;
+            }
+            // A pattern starts anew with each line that does not continue the one before it.
+            let follows = last == Some((assembled.vertices[0], assembled.common));
+            if !(continues && follows) {
+                set_up.stippled = 0.0;
+            }
+            last = Some((assembled.vertices[1], assembled.common));
+            let own: [ScreenVertex; 3];
+            let on_screen: [&ScreenVertex; 3] = match (&shared, facts.views.get(viewport as usize))
+            {
+                (Some(_), _) => assembled
+                    .vertices
+                    .map(|vertex| &self.on_screen[vertex as usize]),
+                (None, Some(view)) => {
+                    own = assembled
+                        .vertices
+                        .map(|it| shaded.project(it, &view.screen, &facts.volume));
+                    own.each_ref()
+                }
+                (None, None) => continue,
+            };
+            let codes = on_screen.map(|vertex| vertex.code);
+            let all = codes[0] | codes[1] | codes[2];
+            if codes[0] & codes[1] & codes[2] & code::REJECT != 0 {
+                continue;
+            }
+            if harmful.is_some_and(|harmful| all & harmful == 0) {
+                set_up.clipped += 1;
+                set_up.whole_triangle(&primitive, on_screen);
+                continue;
+            }
+            let corners = Corners {
+                screen: on_screen,
+                positions: assembled.vertices.map(|vertex| shaded.position(vertex)),
+                distances: assembled
+                    .vertices
+                    .map(|vertex| shaded.clip_distances(vertex)),
+                point_sizes: assembled.vertices.map(|vertex| shaded.point_size(vertex)),
+            };
+            match kind {
+                Some(Kind::Triangle) => set_up.triangle(&primitive, &corners),
+                Some(Kind::Line) => set_up.line(&primitive, &corners, [0, 1], true, 0.0),
+                Some(Kind::Point) => set_up.point(&primitive, &corners, 0, true, 0.0),
+                None => {}
+            }
+        }
+        let clipped = set_up.clipped;
+        for counters in &draw.counters {
+            counters
+                .clipping_invocations
+                .fetch_add(count as u64, Ordering::Relaxed);
+            counters
+                .clipping_primitives
+                .fetch_add(clipped, Ordering::Relaxed);
+        }
+        if facts.discard {
+            chunk.records.truncate(records);
+            chunk.shapes.truncate(shapes);
+            chunk.pixels.truncate(pixels);
+        }
+        chunk.outputs = outputs;
+        Ok(())
+    }
+}

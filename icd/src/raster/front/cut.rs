@@ -1,0 +1,263 @@
+//! The work of a batch, cut into jobs: what becomes one chunk each.
+//!
+//! Jobs are cut in order by one thread, as many as a round takes; where they are cut follows from the draws alone. With restart the indices
+//! are read here, once ahead of the chunks: only they tell where segments end and which numbers primitives have.
+
+use std::ops::Range;
+use std::sync::atomic::Ordering;
+
+use spirv_jit::reach::Reach;
+
+use super::indices::Indices;
+use super::topology::{self, is_line_strip};
+use crate::object::graphics_state::GraphicsState;
+use crate::raster::{CHUNK_PRIMITIVES, Counters, Draw, DrawCall, Work};
+use crate::wave::{Limits, Stopped};
+
+/// What a span costs besides its primitives, in primitives: states to look at, waves that are not full.
+const SPAN_COST: u32 = 4;
+
+/// Primitives of Bresenham lines in a job: each has a list of its pixels.
+const LISTED_PRIMITIVES: u32 = 128;
+
+/// Primitives of one strip of stippled lines in a job. The pattern runs along a strip, so it is not cut; of a longer one, the pattern starts
+/// anew there.
+const STIPPLED_PRIMITIVES: u32 = 1 << 16;
+
+/// Indices that are looked at for restarts between two looks at the limits.
+const SCAN: u64 = 1 << 20;
+
+/// Consecutive primitives of a segment, in one instance of one call of a draw, for one view.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Span {
+    /// Index of the draw in the batch's work.
+    pub draw: u32,
+    pub call: u32,
+    /// From 0 on.
+    pub instance: u32,
+    pub view: u32,
+    /// The segment's first vertex, counted from the call's.
+    pub start: u32,
+    /// Primitives of the segment.
+    pub primitives: Range<u32>,
+    /// `PrimitiveId` of the first of them.
+    pub first_id: u32,
+}
+
+/// What becomes a chunk.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Job {
+    /// A clear: its index in the batch's work.
+    pub clear: Option<u32>,
+    pub spans: Vec<Span>,
+    /// Primitives of all spans.
+    pub primitives: u32,
+}
+
+/// How far the cutting has come.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Cursor {
+    work: usize,
+    call: usize,
+    instance: u32,
+    /// Index of the view among those that are drawn.
+    view: u32,
+    /// The current segment: its first vertex, and one past its last, if that is known.
+    start: u64,
+    end: Option<u64>,
+    /// The next primitive of the segment, and its `PrimitiveId`.
+    primitive: u32,
+    id: u32,
+}
+
+/// What all cuts of a batch have in common.
+pub struct Cutter<'a> {
+    pub work: &'a [Work],
+    pub view_mask: u32,
+    pub reach: &'a Reach,
+    pub limits: &'a Limits,
+}
+
+/// The number of the `index`th view of a mask; without views there is one, 0.
+fn view_number(mask: u32, index: u32) -> u32 {
+    let mut rest = mask;
+    for _ in 0..index {
+        rest &= rest.wrapping_sub(1);
+    }
+    if rest == 0 { 0 } else { rest.trailing_zeros() }
+}
+
+impl Cutter<'_> {
+    /// The next job; `None` at the batch's end.
+    ///
+    /// # Errors
+    /// When a limit was reached.
+    pub fn next(&self, cursor: &mut Cursor) -> Result<Option<Job>, Stopped> {
+        let mut job = Job::default();
+        let mut cost = 0;
+        loop {
+            match self.work.get(cursor.work) {
+                None => break,
+                Some(Work::Clear(_)) => {
+                    if job.spans.is_empty() {
+                        job.clear = Some(cursor.work as u32);
+                        cursor.work += 1;
+                    }
+                    break;
+                }
+                Some(Work::Draw(draw)) => {
+                    if !self.add(draw, cursor, &mut job, &mut cost)? {
+                        break;
+                    }
+                }
+            }
+        }
+        Ok((job.clear.is_some() || !job.spans.is_empty()).then_some(job))
+    }
+
+    /// Adds what fits of a draw from the cursor on; false when the job is full.
+    fn add(
+        &self,
+        draw: &Draw,
+        cursor: &mut Cursor,
+        job: &mut Job,
+        cost: &mut u32,
+    ) -> Result<bool, Stopped> {
+        let state = &draw.state;
+        let topology = state.topology;
+        let views = self.view_mask.count_ones().max(1);
+        let longest = longest(state);
+        let indices = draw
+            .indices
+            .as_ref()
+            .filter(|_| state.primitive_restart)
+            .map(|buffer| Indices::new(buffer, self.reach));
+        if topology::kind(topology).is_none() {
+            next_work(cursor);
+            return Ok(true);
+        }
+        let mut looks = 0;
+        while let Some(call) = draw.calls.get(cursor.call) {
+            looks += 1;
+            if looks % 4096 == 0 {
+                self.limits.check()?;
+            }
+            if call.count == 0 || cursor.instance >= call.instances {
+                cursor.call += 1;
+                cursor.instance = 0;
+                continue;
+            }
+            if cursor.view >= views {
+                cursor.instance += 1;
+                cursor.view = 0;
+                continue;
+            }
+            if cursor.start >= u64::from(call.count) {
+                cursor.view += 1;
+                (cursor.start, cursor.id) = (0, 0);
+                continue;
+            }
+            let end = match cursor.end {
+                Some(end) => end,
+                None => self.end_of_segment(draw, call, indices.as_ref(), cursor)?,
+            };
+            let count = topology::count(topology, (end - cursor.start) as u32);
+            if cursor.primitive >= count {
+                // Past the restart.
+                cursor.start = end + 1;
+                cursor.end = None;
+                cursor.primitive = 0;
+                continue;
+            }
+            let budget = (CHUNK_PRIMITIVES as u32).saturating_sub(*cost + SPAN_COST);
+            let rest = count - cursor.primitive;
+            let taken = if longest > CHUNK_PRIMITIVES as u32 {
+                // A strip that stays whole has a job of its own.
+                if job.spans.is_empty() {
+                    rest.min(longest)
+                } else {
+                    0
+                }
+            } else {
+                rest.min(budget).min(longest.saturating_sub(job.primitives))
+            };
+            if taken == 0 {
+                return Ok(false);
+            }
+            job.spans.push(Span {
+                draw: cursor.work as u32,
+                call: cursor.call as u32,
+                instance: cursor.instance,
+                view: view_number(self.view_mask, cursor.view),
+                start: cursor.start as u32,
+                primitives: cursor.primitive..cursor.primitive + taken,
+                first_id: cursor.id,
+            });
+            cursor.primitive += taken;
+            cursor.id = cursor.id.wrapping_add(taken);
+            job.primitives += taken;
+            *cost = cost.saturating_add(taken + SPAN_COST);
+        }
+        next_work(cursor);
+        Ok(true)
+    }
+
+    /// Finds where the segment at the cursor ends, and counts what it has.
+    fn end_of_segment(
+        &self,
+        draw: &Draw,
+        call: &DrawCall,
+        indices: Option<&Indices>,
+        cursor: &mut Cursor,
+    ) -> Result<u64, Stopped> {
+        let mut end = u64::from(call.count);
+        if let Some(indices) = indices {
+            let restart = indices.restart();
+            let first = u64::from(call.first);
+            let mut place = cursor.start;
+            'scan: while place < end {
+                for at in place..end.min(place + SCAN) {
+                    if indices.at(first + at) == restart {
+                        end = at;
+                        break 'scan;
+                    }
+                }
+                place += SCAN;
+                self.limits.check()?;
+            }
+        }
+        cursor.end = Some(end);
+        let vertices = end - cursor.start;
+        let primitives = topology::count(draw.state.topology, vertices as u32);
+        for counters in &draw.counters {
+            let Counters {
+                input_vertices,
+                input_primitives,
+                ..
+            } = &**counters;
+            input_vertices.fetch_add(vertices, Ordering::Relaxed);
+            input_primitives.fetch_add(primitives.into(), Ordering::Relaxed);
+        }
+        Ok(end)
+    }
+}
+
+/// Primitives of a job with a draw of that state, at most.
+fn longest(state: &GraphicsState) -> u32 {
+    let rasterization = &state.rasterization;
+    let bresenham = ash::vk::LineRasterizationModeEXT::BRESENHAM;
+    if rasterization.line_stipple && is_line_strip(state.topology) {
+        STIPPLED_PRIMITIVES
+    } else if rasterization.line_mode == bresenham || rasterization.line_stipple {
+        LISTED_PRIMITIVES
+    } else {
+        CHUNK_PRIMITIVES as u32
+    }
+}
+
+fn next_work(cursor: &mut Cursor) {
+    *cursor = Cursor {
+        work: cursor.work + 1,
+        ..Cursor::default()
+    };
+}

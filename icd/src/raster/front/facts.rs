@@ -1,0 +1,223 @@
+//! What set-up needs to know of a draw, worked out once for a run of its primitives.
+
+#![forbid(unsafe_code)]
+
+use ash::vk;
+use smallvec::SmallVec;
+
+use super::screen::{Screen, Volume, code};
+use crate::object::graphics_state::{GraphicsState, MAX_VIEWPORTS};
+use crate::raster::primitive::Bounds;
+
+/// A viewport, and what can be drawn to through it.
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    pub screen: Screen,
+    /// The scissor, within the render area.
+    pub scissor: Bounds,
+    /// That, within the viewport: polygons end there.
+    pub clipped: Bounds,
+}
+
+/// Depth bias.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bias {
+    pub constant: f32,
+    pub slope: f32,
+    pub clamp: f32,
+    pub unit: BiasUnit,
+}
+
+/// What the constant factor of a depth bias is multiplied with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BiasUnit {
+    /// The same for all primitives.
+    Constant(f64),
+    /// 2^(e − 23), e the exponent of the greatest depth of the primitive.
+    FloatOf,
+}
+
+/// How a depth attachment stores what it stores.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DepthFormat {
+    None,
+    /// Bits.
+    Unorm(u8),
+    Float,
+}
+
+/// How lines become coverage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lines {
+    pub bresenham: bool,
+    /// Pixels.
+    pub width: f32,
+    /// Pattern and factor.
+    pub stipple: Option<(u16, u32)>,
+}
+
+/// What set-up needs to know.
+#[derive(Clone, Debug)]
+pub struct Facts {
+    pub views: SmallVec<[View; 1]>,
+    pub volume: Volume,
+    /// Samples are at pixels' centres.
+    pub centers_only: bool,
+    /// Triangles with that sign of area (positive is clockwise, y down) are dropped.
+    pub cull_positive: bool,
+    pub cull_negative: bool,
+    /// Triangles with positive area are front-facing.
+    pub positive_is_front: bool,
+    pub polygon_mode: vk::PolygonMode,
+    pub depth_clamp: bool,
+    pub bias: Option<Bias>,
+    pub lines: Lines,
+    /// Layers that can be drawn to.
+    pub layers: u32,
+    /// Nothing is drawn.
+    pub discard: bool,
+}
+
+/// What two have in common.
+pub fn intersect(a: Bounds, b: Bounds) -> Bounds {
+    Bounds {
+        left: a.left.max(b.left),
+        top: a.top.max(b.top),
+        right: a.right.min(b.right),
+        bottom: a.bottom.min(b.bottom),
+    }
+}
+
+/// Of a rectangle, whatever it is.
+pub fn bounds_of(rect: &vk::Rect2D) -> Bounds {
+    let end = |first: i32, size: u32| first.saturating_add_unsigned(size);
+    Bounds {
+        left: rect.offset.x.max(0),
+        top: rect.offset.y.max(0),
+        right: end(rect.offset.x, rect.extent.width),
+        bottom: end(rect.offset.y, rect.extent.height),
+    }
+}
+
+impl Facts {
+    /// The codes that leave a filled triangle whole; `None` where no triangle is just filled.
+    pub fn harmless_codes(&self) -> Option<u32> {
+        let whole_pixels = |view: &View| view.screen.whole_pixels;
+        let is_bounded = self.centers_only || self.views.iter().all(whole_pixels);
+        (self.polygon_mode == vk::PolygonMode::FILL).then_some(if is_bounded {
+            code::SIDES | 0xFF << code::CULL
+        } else {
+            0xFF << code::CULL
+        })
+    }
+
+    /// Of a draw with that state into `area`.
+    pub fn new(
+        state: &GraphicsState,
+        area: &vk::Rect2D,
+        samples: u32,
+        layers: u32,
+        depth: DepthFormat,
+    ) -> Self {
+        let rasterization = &state.rasterization;
+        let area = bounds_of(area);
+        let viewports = &state.viewports;
+        let views = viewports
+            .viewports
+            .iter()
+            .take(MAX_VIEWPORTS)
+            .enumerate()
+            .map(|(index, viewport)| {
+                let screen = Screen::new(viewport, rasterization.negative_one_to_one);
+                let scissor = viewports.scissors.get(index).map_or(area, bounds_of);
+                let scissor = intersect(scissor, area);
+                View {
+                    screen,
+                    scissor,
+                    clipped: intersect(scissor, screen.inside),
+                }
+            })
+            .collect();
+        let culled = |face| rasterization.cull_mode.contains(face);
+        let positive_is_front = rasterization.front_face == vk::FrontFace::CLOCKWISE;
+        let (front, back) = (
+            culled(vk::CullModeFlags::FRONT),
+            culled(vk::CullModeFlags::BACK),
+        );
+        let (cull_positive, cull_negative) = if positive_is_front {
+            (front, back)
+        } else {
+            (back, front)
+        };
+        Self {
+            views,
+            volume: Volume {
+                depth_clip: rasterization.depth_clip,
+                negative_one_to_one: rasterization.negative_one_to_one,
+            },
+            centers_only: samples <= 1,
+            cull_positive,
+            cull_negative,
+            positive_is_front,
+            polygon_mode: rasterization.polygon_mode,
+            depth_clamp: rasterization.depth_clamp,
+            bias: bias(state, depth),
+            lines: Lines {
+                bresenham: rasterization.line_mode == vk::LineRasterizationModeEXT::BRESENHAM,
+                width: rasterization.line_width,
+                stipple: rasterization.line_stipple.then_some((
+                    rasterization.line_stipple_pattern,
+                    rasterization.line_stipple_factor.clamp(1, 256),
+                )),
+            },
+            layers,
+            discard: rasterization.discard,
+        }
+    }
+}
+
+/// Spec, "Depth Bias Computation".
+fn bias(state: &GraphicsState, depth: DepthFormat) -> Option<Bias> {
+    let rasterization = &state.rasterization;
+    if !rasterization.depth_bias || depth == DepthFormat::None {
+        return None;
+    }
+    let unorm = |bits: u8| BiasUnit::Constant(f64::from_bits((1023 - u64::from(bits)) << 52));
+    let unit = match (rasterization.depth_bias_representation, depth) {
+        (vk::DepthBiasRepresentationEXT::FLOAT, _) => BiasUnit::Constant(1.0),
+        (_, DepthFormat::Unorm(bits)) => unorm(bits),
+        (vk::DepthBiasRepresentationEXT::LEAST_REPRESENTABLE_VALUE_FORCE_UNORM, _) => unorm(24),
+        _ => BiasUnit::FloatOf,
+    };
+    Some(Bias {
+        constant: rasterization.depth_bias_constant,
+        slope: rasterization.depth_bias_slope,
+        clamp: rasterization.depth_bias_clamp,
+        unit,
+    })
+}
+
+impl Bias {
+    /// What is added to all depths of a primitive with that slope and that greatest depth.
+    pub fn of(&self, slope: f64, greatest: f64) -> f64 {
+        let unit = match self.unit {
+            BiasUnit::Constant(unit) => unit,
+            BiasUnit::FloatOf => {
+                // Of a zero or a denormal number: of the least normal one.
+                let exponent = ((greatest as f32).to_bits() >> 23 & 0xFF).clamp(1, 254) as i32;
+                // Exact: a power of two that f64 has.
+                f64::from_bits(((exponent - 127 - 23 + 1023) as u64) << 52)
+            }
+        };
+        let offset = slope * f64::from(self.slope) + unit * f64::from(self.constant);
+        let clamp = f64::from(self.clamp);
+        // Unordered comparisons leave it as it is.
+        if clamp > 0.0 && offset > clamp {
+            clamp
+        } else if clamp < 0.0 && offset < clamp {
+            clamp
+        } else {
+            offset
+        }
+    }
+}

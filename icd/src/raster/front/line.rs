@@ -1,0 +1,317 @@
+//! Lines: clipping, planes, and rectangles around them (spec, "Line Segment Rasterization"); [`bresenham`](super::bresenham) has the others.
+
+#![forbid(unsafe_code)]
+
+use super::clip;
+use super::facts::{View, intersect};
+use super::planes::{Planes, Wide};
+use super::screen::{PIXEL, code, pixels};
+use super::set_up::{Corners, Primitive, SetUp, edge, is_empty};
+use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};
+
+/// A line on the screen, in fixed point.
+#[derive(Clone, Copy, Debug)]
+pub struct Segment {
+    pub from: [i32; 2],
+    pub to: [i32; 2],
+}
+
+impl Segment {
+    /// From start to end.
+    pub fn direction(&self) -> [i32; 2] {
+        [self.to[0] - self.from[0], self.to[1] - self.from[1]]
+    }
+
+    /// Fixed-point units.
+    pub fn length(&self) -> f64 {
+        let [dx, dy] = self.direction().map(f64::from);
+        (dx * dx + dy * dy).sqrt()
+    }
+
+    /// `((x, y) − from) · (dx, dy) ≥ least`, or more than that where neighbours own the samples on the edge. What is not whole has no samples on
+    /// it.
+    fn half_plane(&self, [a, b]: [i32; 2], least: f64) -> Edge {
+        let from = i64::from(a) * i64::from(self.from[0]) + i64::from(b) * i64::from(self.from[1]);
+        let mut edge = edge(a, b, -from - least.ceil() as i64);
+        if least.ceil() != least {
+            edge.c = -from - least.ceil() as i64;
+        }
+        edge
+    }
+
+    /// The part of the rectangle around the line from `start` to `end` units of its length; `width` in units.
+    fn rectangle(&self, width: f64, start: f64, end: f64) -> [Edge; 4] {
+        let [dx, dy] = self.direction();
+        let length = self.length();
+        let half = width / 2.0 * length;
+        [
+            self.half_plane([-dy, dx], -half),
+            self.half_plane([dy, -dx], -half),
+            self.half_plane([dx, dy], start * length),
+            self.half_plane([-dx, -dy], -(end * length)),
+        ]
+    }
+}
+
+/// How far along a line primitive the visible part goes.
+#[derive(Clone, Copy)]
+struct Visible {
+    segment: Segment,
+    /// Of the start and the end: w, and depth.
+    w: [f64; 2],
+    depth: [f64; 2],
+    t: [f64; 2],
+}
+
+/// The part of a line that is inside of the planes that lines are cut at; the sides of the view volume only decide whether there is one.
+fn visible(
+    view: &View,
+    set_up: &SetUp<'_>,
+    corners: &Corners<'_>,
+    ends: [usize; 2],
+) -> Option<Visible> {
+    let [a, b] = ends.map(|end| corners.screen[end].code);
+    let all = a | b;
+    if a & b & code::REJECT != 0 || all & code::NOT_FINITE != 0 {
+        return None;
+    }
+    let vertices = ends.map(|end| corners.vertex(end));
+    let volume = &set_up.facts.volume;
+    if all & code::SIDES != 0 {
+        clip::line(vertices, all, true, &view.screen, volume)?;
+    }
+    if all & code::CLIPPED == 0 {
+        let [a, b] = ends.map(|end| corners.screen[end]);
+        return Some(Visible {
+            segment: Segment {
+                from: [a.x, a.y],
+                to: [b.x, b.y],
+            },
+            w: ends.map(|end| corners.positions[end][3]),
+            depth: [a.depth, b.depth],
+            t: [0.0, 1.0],
+        });
+    }
+    let t = clip::line(vertices, all, false, &view.screen, volume)?;
+    let [from, to] = t.map(|t| clip::along(&vertices, t).position);
+    if !(from[3] > 0.0 && to[3] > 0.0) {
+        return None;
+    }
+    let depth = |position: super::screen::Clip| {
+        position[2] / position[3] * view.screen.depth_scale + view.screen.depth_offset
+    };
+    Some(Visible {
+        segment: Segment {
+            from: clip::snap(&view.screen, &from),
+            to: clip::snap(&view.screen, &to),
+        },
+        w: [from[3], to[3]],
+        depth: [depth(from), depth(to)],
+        t,
+    })
+}
+
+/// How far along a line the closest point to a pixel's centre is, from 0 to 1, relative to the origin.
+fn progress(segment: &Segment, origin: [i32; 2]) -> Wide {
+    let pixel = f64::from(PIXEL);
+    let [dx, dy] = segment.direction().map(f64::from);
+    let square = dx * dx + dy * dy;
+    let [x, y] = std::array::from_fn(|axis| {
+        (f64::from(origin[axis]) + 0.5) * pixel - f64::from(segment.from[axis])
+    });
+    Wide {
+        at: (x * dx + y * dy) / square,
+        dx: dx * pixel / square,
+        dy: dy * pixel / square,
+    }
+}
+
+impl Visible {
+    /// Of the two ends, in `ends`' places.
+    fn planes(&self, corners: &Corners<'_>, ends: [usize; 2], origin: [i32; 2]) -> Planes {
+        let s = progress(&self.segment, origin);
+        let between = |from: f64, to: f64| Wide::constant(from).plus(s.times(to - from));
+        let mut planes = Planes {
+            origin,
+            depth: between(self.depth[0], self.depth[1]),
+            ..Planes::default()
+        };
+        let is_whole = self.t == [0.0, 1.0];
+        for (place, end) in ends.into_iter().enumerate() {
+            let share = self.t.map(|t| if place == 0 { 1.0 - t } else { t });
+            let w = corners.positions[end][3];
+            let perspective = between(share[0] / self.w[0], share[1] / self.w[1]);
+            planes.perspective[end] = perspective;
+            planes.linear[end] = if is_whole {
+                between(share[0], share[1])
+            } else {
+                perspective.times(w)
+            };
+        }
+        planes
+    }
+}
+
+impl SetUp<'_> {
+    /// Draws the line between two corners of a primitive.
+    pub fn line(
+        &mut self,
+        primitive: &Primitive,
+        corners: &Corners<'_>,
+        ends: [usize; 2],
+        front: bool,
+        offset: f64,
+    ) {
+        let facts = self.facts;
+        let Some(view) = facts.views.get(primitive.viewport as usize) else {
+            return;
+        };
+        let Some(visible) = visible(view, self, corners, ends) else {
+            return;
+        };
+        self.clipped += 1;
+        let segment = visible.segment;
+        if segment.from == segment.to {
+            return;
+        }
+        let width = f64::from(facts.lines.width.max(0.0).min(1024.0)) * f64::from(PIXEL);
+        // What a wide line reaches past its ends' places.
+        let reach = if facts.lines.bresenham {
+            width.max(f64::from(PIXEL))
+        } else {
+            width / 2.0
+        };
+        let around = around(&segment, reach.ceil() as i32, facts.centers_only);
+        // Lines end at the viewport where their middle does; no need to cut them off there while they are thin.
+        let beyond = if facts.lines.width > 1.0 {
+            (facts.lines.width / 2.0).ceil() as i32
+        } else {
+            0
+        };
+        let inside = view.screen.inside;
+        let inside = Bounds {
+            left: inside.left.saturating_sub(beyond),
+            top: inside.top.saturating_sub(beyond),
+            right: inside.right.saturating_add(beyond),
+            bottom: inside.bottom.saturating_add(beyond),
+        };
+        let limits = intersect(view.scissor, inside);
+        let bounds = intersect(around, limits);
+        let stippled = self.stippled;
+        if facts.lines.stipple.is_some() && !facts.lines.bresenham {
+            self.stippled += segment.length() / f64::from(PIXEL);
+        }
+        if is_empty(&bounds) && !facts.lines.bresenham {
+            return;
+        }
+        let origin = [around.left.max(0), around.top.max(0)];
+        let planes = visible.planes(corners, ends, origin);
+        let record = self.chunk.records.len();
+        let shapes = self.chunk.shapes.len();
+        self.push_record(primitive, front, &planes, offset);
+        if facts.lines.bresenham {
+            self.bresenham(&segment, record as u32, limits);
+        } else if let Some((pattern, factor)) = facts.lines.stipple {
+            let dashes = dashes(&segment, bounds, stippled, pattern, factor);
+            for [start, end] in dashes {
+                self.rectangle(&segment, record as u32, width, start, end, bounds);
+            }
+        } else {
+            let length = segment.length();
+            self.rectangle(&segment, record as u32, width, 0.0, length, bounds);
+        }
+        if self.chunk.shapes.len() == shapes {
+            self.chunk.records.truncate(record);
+        }
+    }
+
+    /// Adds the part of the rectangle around a line from `start` to `end` units of its length.
+    fn rectangle(
+        &mut self,
+        segment: &Segment,
+        record: u32,
+        width: f64,
+        start: f64,
+        end: f64,
+        bounds: Bounds,
+    ) {
+        let mut edges = segment.rectangle(width, start, end);
+        let length = segment.length();
+        if end >= length {
+            // Exactly at the end's place, which the next line of a strip starts at.
+            let [dx, dy] = segment.direction();
+            let c =
+                i64::from(dx) * i64::from(segment.to[0]) + i64::from(dy) * i64::from(segment.to[1]);
+            edges[3] = edge(-dx, -dy, c);
+        }
+        self.chunk.shapes.push(Shape {
+            record,
+            coverage: Coverage::Convex { edges, count: 4 },
+            bounds,
+        });
+    }
+}
+
+/// The pixels that samples within `reach` of a line can be in.
+fn around(segment: &Segment, reach: i32, centers_only: bool) -> Bounds {
+    let range = |axis: usize| {
+        let (a, b) = (segment.from[axis], segment.to[axis]);
+        pixels(a.min(b) - reach, a.max(b) + reach, centers_only)
+    };
+    let ((left, right), (top, bottom)) = (range(0), range(1));
+    Bounds {
+        left,
+        top,
+        right,
+        bottom,
+    }
+}
+
+/// Where the pattern of a stippled line has ones, in units of its length, as far as `bounds` show it. The line starts `stippled` pixels after
+/// the pattern.
+fn dashes(
+    segment: &Segment,
+    bounds: Bounds,
+    stippled: f64,
+    pattern: u16,
+    factor: u32,
+) -> Vec<[f64; 2]> {
+    let pixel = f64::from(PIXEL);
+    let length = segment.length();
+    let [dx, dy] = segment.direction().map(|d| f64::from(d) / length);
+    let corners = [
+        (bounds.left, bounds.top),
+        (bounds.right, bounds.top),
+        (bounds.left, bounds.bottom),
+        (bounds.right, bounds.bottom),
+    ]
+    .map(|(x, y)| {
+        let [x, y] = [
+            f64::from(x) * pixel - f64::from(segment.from[0]),
+            f64::from(y) * pixel - f64::from(segment.from[1]),
+        ];
+        x * dx + y * dy
+    });
+    let first = corners.into_iter().fold(f64::INFINITY, f64::min).max(0.0);
+    let last = corners.into_iter().fold(0.0, f64::max).min(length);
+    let step = f64::from(factor) * pixel;
+    let start = stippled * pixel;
+    let bit = |at: f64| ((at + start) / step) as u64;
+    let mut dashes: Vec<[f64; 2]> = Vec::new();
+    if first > last {
+        return dashes;
+    }
+    for index in bit(first)..=bit(last) {
+        if pattern >> (index % 16) & 1 == 0 {
+            continue;
+        }
+        let from = (index as f64 * step - start).max(0.0);
+        let to = ((index + 1) as f64 * step - start).min(length);
+        match dashes.last_mut() {
+            Some(dash) if dash[1] == from => dash[1] = to,
+            _ if from < to => dashes.push([from, to]),
+            _ => {}
+        }
+    }
+    dashes
+}

@@ -1,0 +1,90 @@
+//! Which vertices make up each primitive of a segment: a run of vertices without a restart (spec, "Primitive Topologies").
+
+#![forbid(unsafe_code)]
+
+use ash::vk::PrimitiveTopology as Topology;
+
+/// What a primitive is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Point,
+    Line,
+    Triangle,
+}
+
+/// What a topology's primitives are made of; none for topologies of stages that do not exist.
+pub fn kind(topology: Topology) -> Option<Kind> {
+    match topology {
+        Topology::POINT_LIST => Some(Kind::Point),
+        Topology::LINE_LIST
+        | Topology::LINE_STRIP
+        | Topology::LINE_LIST_WITH_ADJACENCY
+        | Topology::LINE_STRIP_WITH_ADJACENCY => Some(Kind::Line),
+        Topology::TRIANGLE_LIST
+        | Topology::TRIANGLE_STRIP
+        | Topology::TRIANGLE_FAN
+        | Topology::TRIANGLE_LIST_WITH_ADJACENCY
+        | Topology::TRIANGLE_STRIP_WITH_ADJACENCY => Some(Kind::Triangle),
+        _ => None,
+    }
+}
+
+/// Lines that continue one another, so that a stipple pattern runs on from each to the next.
+pub fn is_line_strip(topology: Topology) -> bool {
+    matches!(
+        topology,
+        Topology::LINE_STRIP | Topology::LINE_STRIP_WITH_ADJACENCY
+    )
+}
+
+/// Complete primitives of a segment of that many vertices.
+pub fn count(topology: Topology, vertices: u32) -> u32 {
+    match topology {
+        Topology::POINT_LIST => vertices,
+        Topology::LINE_LIST => vertices / 2,
+        Topology::LINE_STRIP => vertices.saturating_sub(1),
+        Topology::LINE_LIST_WITH_ADJACENCY => vertices / 4,
+        Topology::LINE_STRIP_WITH_ADJACENCY => vertices.saturating_sub(3),
+        Topology::TRIANGLE_LIST => vertices / 3,
+        Topology::TRIANGLE_STRIP | Topology::TRIANGLE_FAN => vertices.saturating_sub(2),
+        Topology::TRIANGLE_LIST_WITH_ADJACENCY => vertices / 6,
+        Topology::TRIANGLE_STRIP_WITH_ADJACENCY => vertices.saturating_sub(4) / 2,
+        _ => 0,
+    }
+}
+
+/// The vertices of a primitive, by their place in the segment, as the specification orders them. A line has its second vertex twice, a point
+/// one vertex three times.
+#[inline]
+pub fn vertices(topology: Topology, primitive: u32) -> [u32; 3] {
+    let i = primitive;
+    let odd = i & 1;
+    match topology {
+        Topology::POINT_LIST => [i; 3],
+        Topology::LINE_LIST => [2 * i, 2 * i + 1, 2 * i + 1],
+        Topology::LINE_STRIP => [i, i + 1, i + 1],
+        Topology::LINE_LIST_WITH_ADJACENCY => [4 * i + 1, 4 * i + 2, 4 * i + 2],
+        Topology::LINE_STRIP_WITH_ADJACENCY => [i + 1, i + 2, i + 2],
+        Topology::TRIANGLE_LIST => [3 * i, 3 * i + 1, 3 * i + 2],
+        Topology::TRIANGLE_STRIP => [i, i + 1 + odd, i + 2 - odd],
+        Topology::TRIANGLE_FAN => [i + 1, i + 2, 0],
+        Topology::TRIANGLE_LIST_WITH_ADJACENCY => [6 * i, 6 * i + 2, 6 * i + 4],
+        _ => [2 * i, 2 * i + 2 + 2 * odd, 2 * i + 4 - 2 * odd],
+    }
+}
+
+/// Which of a primitive's [`vertices`] is its provoking vertex.
+#[inline]
+pub fn provoking(topology: Topology, primitive: u32, last: bool) -> u8 {
+    match (kind(topology), last) {
+        (_, false) | (Some(Kind::Point) | None, _) => 0,
+        (Some(Kind::Line), true) => 1,
+        (Some(Kind::Triangle), true) => match topology {
+            Topology::TRIANGLE_STRIP | Topology::TRIANGLE_STRIP_WITH_ADJACENCY => {
+                2 - (primitive & 1) as u8
+            }
+            Topology::TRIANGLE_FAN => 1,
+            _ => 2,
+        },
+    }
+}

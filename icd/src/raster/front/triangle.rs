@@ -1,0 +1,234 @@
+//! Triangles: facing, culling, clipping, edges.
+
+#![forbid(unsafe_code)]
+
+use ash::vk;
+
+use super::clip;
+use super::facts::intersect;
+use super::planes::{self, Planes};
+use super::screen::{Screen, ScreenVertex, code, pixels};
+use super::set_up::{Corners, Primitive, SetUp, edge, is_empty};
+use crate::raster::primitive::{Bounds, Coverage, Edge, Shape};
+
+/// A place on the screen in fixed point.
+type Place = [i32; 2];
+
+/// Twice the area; positive if the vertices go round clockwise (y is down).
+#[inline(always)]
+fn area(a: Place, b: Place, c: Place) -> i64 {
+    let difference = |p: i32, q: i32| i64::from(p) - i64::from(q);
+    difference(b[0], a[0]) * difference(c[1], a[1])
+        - difference(c[0], a[0]) * difference(b[1], a[1])
+}
+
+/// The pixels that samples of a triangle can be in.
+#[inline(always)]
+fn around(places: [Place; 3], centers_only: bool) -> Bounds {
+    let [a, b, c] = places;
+    let least = |i: usize| a[i].min(b[i]).min(c[i]);
+    let greatest = |i: usize| a[i].max(b[i]).max(c[i]);
+    let (left, right) = pixels(least(0), greatest(0), centers_only);
+    let (top, bottom) = pixels(least(1), greatest(1), centers_only);
+    Bounds {
+        left,
+        top,
+        right,
+        bottom,
+    }
+}
+
+/// The edges of a triangle with positive or negative area.
+#[inline(always)]
+fn edges(places: [Place; 3], is_positive: bool) -> [Edge; 4] {
+    let side = |from: Place, to: Place| {
+        let sign = if is_positive { 1 } else { -1 };
+        let a = (from[1] - to[1]) * sign;
+        let b = (to[0] - from[0]) * sign;
+        let c = i64::from(a) * i64::from(from[0]) + i64::from(b) * i64::from(from[1]);
+        edge(a, b, -c)
+    };
+    let [p, q, r] = places;
+    [side(p, q), side(q, r), side(r, p), Edge::default()]
+}
+
+/// The pixel that planes start at: near the primitive, and the same whatever the scissor and the render area are.
+#[inline(always)]
+fn origin(around: Bounds, screen: &Screen) -> [i32; 2] {
+    [
+        around.left.max(screen.inside.left).max(0),
+        around.top.max(screen.inside.top).max(0),
+    ]
+}
+
+impl SetUp<'_> {
+    fn is_culled(&self, area: i64) -> bool {
+        area == 0
+            || (area > 0 && self.facts.cull_positive)
+            || (area < 0 && self.facts.cull_negative)
+    }
+
+    /// The codes of all three vertices say that the triangle is whole and inside. Filled.
+    #[inline(always)]
+    pub fn whole_triangle(&mut self, primitive: &Primitive, vertices: [&ScreenVertex; 3]) {
+        let Some(view) = self.facts.views.get(primitive.viewport as usize) else {
+            return;
+        };
+        let places = vertices.map(|vertex| [vertex.x, vertex.y]);
+        let around = around(places, self.facts.centers_only);
+        let bounds = intersect(around, view.clipped);
+        let area = area(places[0], places[1], places[2]);
+        if is_empty(&bounds) | self.is_culled(area) {
+            return;
+        }
+        let origin = origin(around, &view.screen);
+        let planes = planes::of_triangle(&vertices, area, origin);
+        let offset = self.depth_offset(&planes, &vertices);
+        let front = (area > 0) == self.facts.positive_is_front;
+        let record = self.push_record(primitive, front, &planes, offset);
+        self.chunk.shapes.push(Shape {
+            record,
+            coverage: Coverage::Convex {
+                edges: edges(places, area > 0),
+                count: 3,
+            },
+            bounds,
+        });
+    }
+
+    #[inline(always)]
+    fn depth_offset(&self, planes: &Planes, vertices: &[&ScreenVertex; 3]) -> f64 {
+        let Some(bias) = &self.facts.bias else {
+            return 0.0;
+        };
+        let slope = planes.depth.dx.abs().max(planes.depth.dy.abs());
+        let greatest = vertices
+            .iter()
+            .filter(|vertex| vertex.code & code::NOWHERE == 0)
+            .fold(0.0f64, |greatest, vertex| greatest.max(vertex.depth.abs()));
+        bias.of(slope, greatest)
+    }
+
+    /// Any triangle.
+    #[cold]
+    pub fn triangle(&mut self, primitive: &Primitive, corners: &Corners<'_>) {
+        let facts = self.facts;
+        let Some(view) = facts.views.get(primitive.viewport as usize) else {
+            return;
+        };
+        let codes = corners.screen.map(|vertex| vertex.code);
+        let all = codes[0] | codes[1] | codes[2];
+        if codes[0] & codes[1] & codes[2] & code::REJECT != 0 || all & code::NOT_FINITE != 0 {
+            return;
+        }
+        let sides = !view.screen.whole_pixels && !facts.centers_only;
+        let needs_clipping = all & code::CLIPPED != 0 || sides && all & code::SIDES != 0;
+        if !needs_clipping && facts.polygon_mode == vk::PolygonMode::FILL {
+            self.clipped += 1;
+            return self.whole_triangle(primitive, corners.screen);
+        }
+        let screen = view.screen;
+        let polygon = clip::polygon(
+            std::array::from_fn(|i| corners.vertex(i)),
+            all,
+            sides,
+            &screen,
+            &facts.volume,
+        );
+        self.clipped += u64::from(polygon.len() >= 3);
+        let places: smallvec::SmallVec<[Place; 24]> = polygon
+            .iter()
+            .map(|vertex| clip::snap(&screen, &vertex.position))
+            .collect();
+        let Some((&first, rest)) = places.split_first() else {
+            return;
+        };
+        let whole: i64 = rest
+            .windows(2)
+            .map(|pair| area(first, pair[0], pair[1]))
+            .sum();
+        if self.is_culled(whole) {
+            return;
+        }
+        let front = (whole > 0) == facts.positive_is_front;
+        let hull = hull(&places, facts.centers_only);
+        let origin = origin(hull, &screen);
+        let planes = if all & code::NOWHERE == 0 {
+            let [a, b, c] = corners.screen.map(|vertex| [vertex.x, vertex.y]);
+            match area(a, b, c) {
+                0 => planes::of_homogeneous(&screen, &corners.positions, &corners.screen, origin),
+                area => planes::of_triangle(&corners.screen, area, origin),
+            }
+        } else {
+            planes::of_homogeneous(&screen, &corners.positions, &corners.screen, origin)
+        };
+        let offset = self.depth_offset(&planes, &corners.screen);
+        match facts.polygon_mode {
+            vk::PolygonMode::LINE => return self.outline(primitive, corners, front, offset),
+            vk::PolygonMode::POINT => return self.corner_points(primitive, corners, front, offset),
+            _ => {}
+        }
+        if is_empty(&intersect(hull, view.clipped)) {
+            return;
+        }
+        let clipped = view.clipped;
+        let record = self.push_record(primitive, front, &planes, offset);
+        for pair in rest.windows(2) {
+            let piece = [first, pair[0], pair[1]];
+            let area = area(first, pair[0], pair[1]);
+            let bounds = intersect(around(piece, facts.centers_only), clipped);
+            // Snapped, a polygon may have a corner that points inwards: what it folds over is covered by others.
+            if area == 0 || (area > 0) != (whole > 0) || is_empty(&bounds) {
+                continue;
+            }
+            self.chunk.shapes.push(Shape {
+                record,
+                coverage: Coverage::Convex {
+                    edges: edges(piece, area > 0),
+                    count: 3,
+                },
+                bounds,
+            });
+        }
+    }
+
+    /// `VK_POLYGON_MODE_LINE`.
+    fn outline(&mut self, primitive: &Primitive, corners: &Corners<'_>, front: bool, offset: f64) {
+        for (from, to) in [(0, 1), (1, 2), (2, 0)] {
+            self.line(primitive, corners, [from, to], front, offset);
+        }
+    }
+
+    /// `VK_POLYGON_MODE_POINT`.
+    fn corner_points(
+        &mut self,
+        primitive: &Primitive,
+        corners: &Corners<'_>,
+        front: bool,
+        offset: f64,
+    ) {
+        for corner in 0..3 {
+            self.point(primitive, corners, corner, front, offset);
+        }
+    }
+}
+
+/// The pixels that samples of a polygon can be in.
+fn hull(places: &[Place], centers_only: bool) -> Bounds {
+    let range = |axis: usize| {
+        let values = || places.iter().map(|place| place[axis]);
+        (
+            values().min().unwrap_or_default(),
+            values().max().unwrap_or_default(),
+        )
+    };
+    let ((left, right), (top, bottom)) = (range(0), range(1));
+    let (left, right) = pixels(left, right, centers_only);
+    let (top, bottom) = pixels(top, bottom, centers_only);
+    Bounds {
+        left,
+        top,
+        right,
+        bottom,
+    }
+}

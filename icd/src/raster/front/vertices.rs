@@ -1,0 +1,249 @@
+//! The vertices of a chunk: each of them once, their invocations in waves, their outputs by vertex.
+
+use spirv_jit::program::OutputRow;
+use spirv_jit::{Program, SUBGROUP_SIZE};
+
+use super::clip::MAX_CLIP_DISTANCES;
+use super::fetch::{Common, Fetch, Vertex};
+use super::screen::{Clip, Screen, ScreenVertex, Volume, code, project};
+use crate::compute::waves::Runner;
+use crate::raster::Draw;
+use crate::wave::{Limits, Stopped};
+
+/// Subgroups that run together, at most: their states stay in a cache.
+const SUBGROUPS: usize = 16;
+
+/// Entries of [`Unique`]: more than twice the vertices of a chunk.
+const ENTRIES: usize = 8192;
+
+/// Which vertices there are already, by index: an open hash table, emptied by counting up.
+pub struct Unique {
+    /// Generation in the high half, index in the low one.
+    tags: Box<[u64]>,
+    places: Box<[u32]>,
+    generation: u32,
+    used: usize,
+}
+
+impl Default for Unique {
+    fn default() -> Self {
+        Self {
+            tags: vec![0; ENTRIES].into(),
+            places: vec![0; ENTRIES].into(),
+            generation: 0,
+            used: 0,
+        }
+    }
+}
+
+impl Unique {
+    /// Empties it.
+    pub fn clear(&mut self) {
+        self.used = 0;
+        self.generation = match self.generation.checked_add(1) {
+            Some(generation) => generation,
+            None => {
+                self.tags.fill(0);
+                1
+            }
+        };
+    }
+
+    /// The place of a vertex; `new` if there was none.
+    #[inline(always)]
+    pub fn place(&mut self, index: u32, new: u32) -> u32 {
+        if self.used > ENTRIES / 2 {
+            // Full: vertices from here on may come twice.
+            self.clear();
+        }
+        let tag = u64::from(self.generation) << 32 | u64::from(index);
+        let mut at = (index.wrapping_mul(0x9E37_79B1) >> 19) as usize % ENTRIES;
+        loop {
+            if self.tags[at] == tag {
+                return self.places[at];
+            }
+            if (self.tags[at] >> 32) as u32 != self.generation {
+                self.tags[at] = tag;
+                self.places[at] = new;
+                self.used += 1;
+                return new;
+            }
+            at = (at + 1) % ENTRIES;
+        }
+    }
+}
+
+/// Where the outputs that the front end reads lie in a vertex's words.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct OutputPlaces {
+    /// Words of a vertex.
+    pub words: usize,
+    position: [Option<u16>; 4],
+    point_size: Option<u16>,
+    clip: [Option<u16>; MAX_CLIP_DISTANCES],
+    cull: [Option<u16>; MAX_CLIP_DISTANCES],
+    has_distances: bool,
+    layer: Option<u16>,
+    viewport: Option<u16>,
+}
+
+impl OutputPlaces {
+    /// Of a vertex program.
+    pub fn new(program: &Program) -> Self {
+        let mut places = Self {
+            words: program.output_rows() as usize,
+            ..Self::default()
+        };
+        for (row, output) in (0u16..).zip(program.outputs()) {
+            let distance = |places: &mut [Option<u16>; MAX_CLIP_DISTANCES], index: u8| {
+                if let Some(place) = places.get_mut(usize::from(index)) {
+                    *place = Some(row);
+                }
+            };
+            match *output {
+                OutputRow::Position(component) => {
+                    if let Some(place) = places.position.get_mut(usize::from(component)) {
+                        *place = Some(row);
+                    }
+                }
+                OutputRow::PointSize => places.point_size = Some(row),
+                OutputRow::ClipDistance(index) => distance(&mut places.clip, index),
+                OutputRow::CullDistance(index) => distance(&mut places.cull, index),
+                OutputRow::Layer => places.layer = Some(row),
+                OutputRow::ViewportIndex => places.viewport = Some(row),
+                _ => {}
+            }
+        }
+        places.has_distances = places
+            .clip
+            .iter()
+            .chain(&places.cull)
+            .any(|place| place.is_some());
+        places
+    }
+
+    /// Whether vertices choose viewports.
+    pub fn chooses_viewports(&self) -> bool {
+        self.viewport.is_some()
+    }
+}
+
+/// The shaded vertices of a run of primitives of one draw.
+#[derive(Clone, Copy)]
+pub struct Shaded<'a> {
+    pub places: OutputPlaces,
+    /// Outputs of the first vertex, then the others.
+    pub words: &'a [u32],
+}
+
+impl Shaded<'_> {
+    #[inline(always)]
+    fn word(&self, vertex: u32, place: Option<u16>) -> Option<u32> {
+        let at = vertex as usize * self.places.words + usize::from(place?);
+        Some(self.words[at])
+    }
+
+    #[inline(always)]
+    fn float(&self, vertex: u32, place: Option<u16>) -> f64 {
+        f64::from(f32::from_bits(self.word(vertex, place).unwrap_or(0)))
+    }
+
+    /// `Position`.
+    #[inline(always)]
+    pub fn position(&self, vertex: u32) -> Clip {
+        self.places.position.map(|place| self.float(vertex, place))
+    }
+
+    /// `PointSize`.
+    pub fn point_size(&self, vertex: u32) -> f32 {
+        self.word(vertex, self.places.point_size)
+            .map_or(1.0, f32::from_bits)
+    }
+
+    /// `Layer`.
+    #[inline(always)]
+    pub fn layer(&self, vertex: u32) -> u32 {
+        self.word(vertex, self.places.layer).unwrap_or(0)
+    }
+
+    /// `ViewportIndex`.
+    #[inline(always)]
+    pub fn viewport(&self, vertex: u32) -> u32 {
+        self.word(vertex, self.places.viewport).unwrap_or(0)
+    }
+
+    /// `ClipDistance`; those that are not written do not clip.
+    pub fn clip_distances(&self, vertex: u32) -> [f64; MAX_CLIP_DISTANCES] {
+        self.places.clip.map(|place| match place {
+            Some(_) => self.float(vertex, place),
+            None => 0.0,
+        })
+    }
+
+    /// Puts a vertex on the screen.
+    #[inline(always)]
+    pub fn project(&self, vertex: u32, screen: &Screen, volume: &Volume) -> ScreenVertex {
+        let mut projected = project(screen, volume, &self.position(vertex));
+        if self.places.has_distances {
+            let groups = [
+                (&self.places.clip, code::CLIP),
+                (&self.places.cull, code::CULL),
+            ];
+            for (places, first) in groups {
+                for (bit, place) in (first..).zip(places) {
+                    // What is no number counts as outside.
+                    if place.is_some() && !(self.float(vertex, *place) >= 0.0) {
+                        projected.code |= 1 << bit;
+                    }
+                }
+            }
+        }
+        projected
+    }
+}
+
+/// Runs the vertex shader for each vertex, and appends their outputs.
+///
+/// # Errors
+/// When a limit stopped it.
+pub fn shade(
+    runner: &mut Runner,
+    draw: &Draw,
+    fetch: &Fetch,
+    limits: &Limits,
+    vertices: &[Vertex],
+    commons: &[Common],
+    outputs: &mut Vec<u32>,
+) -> Result<(), Stopped> {
+    let program = &*draw.stages.vertex;
+    let words = program.output_rows() as usize;
+    let first = outputs.len();
+    let size = vertices.len() * words;
+    outputs
+        .try_reserve(size)
+        .map_err(|_| Stopped::OutOfMemory)?;
+    outputs.resize(first + size, 0);
+    let mut rest = &mut outputs[first..];
+    let io = program.layout().io;
+    for wave in vertices.chunks(SUBGROUPS * SUBGROUP_SIZE) {
+        runner.begin(program, wave.len().div_ceil(SUBGROUP_SIZE))?;
+        for (state, lanes) in runner.states().zip(wave.chunks(SUBGROUP_SIZE)) {
+            program.start(state, ((1u32 << lanes.len()) - 1) as u16);
+            fetch.fill(state, lanes, commons);
+        }
+        runner.run(program, &draw.environment, limits)?;
+        for (state, lanes) in runner.states().zip(wave.chunks(SUBGROUP_SIZE)) {
+            let (here, after) = rest.split_at_mut(lanes.len() * words);
+            rest = after;
+            if words == 0 {
+                continue;
+            }
+            for (lane, vertex) in here.chunks_exact_mut(words).enumerate() {
+                for (word, row) in vertex.iter_mut().zip(&state[io..]) {
+                    *word = row.0[lane];
+                }
+            }
+        }
+    }
+    Ok(())
+}
