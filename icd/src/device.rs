@@ -9,6 +9,7 @@ use rspirv::spirv::Capability;
 use crate::VkResult;
 use crate::execute::Engine;
 use crate::handle::{self, Ref};
+use crate::log::{self, Level};
 use crate::object::PhysicalDevice;
 use crate::object::instance::Messengers;
 use crate::object::memory::AddressWindow;
@@ -18,7 +19,7 @@ use crate::queue::Queue;
 use crate::settings;
 use crate::table::extensions::ExtensionSet;
 use crate::table::features;
-use crate::validate::{self, Validator};
+use crate::validate::Validator;
 
 crate::handle::handled!(Device => Device);
 
@@ -73,12 +74,20 @@ impl Device {
         queue_count: u32,
         enabled: Enabled,
     ) -> VkResult<Self> {
-        settings::checked().map_err(|message| {
+        let settings = settings::checked().map_err(|message| {
             physical.messengers.error(c"TUFF-settings", message);
             vk::Result::ERROR_INITIALIZATION_FAILED
         })?;
+        if log::enabled(Level::Info) {
+            let (name, megabytes) = (physical.name(), physical.heap_bytes >> 20);
+            let version = env!("CARGO_PKG_VERSION");
+            let text = format!(
+                "{name}, version {version}: a device, with {megabytes} MiB of memory at most"
+            );
+            log::write(Level::Info, &text);
+        }
         let window = AddressWindow::reserve(physical.heap_bytes)?;
-        let validates = enabled.ray_tracing_validation || validate::is_asked_for();
+        let validates = enabled.ray_tracing_validation || settings.validate;
         let validator =
             validates.then(|| Arc::new(Validator::new(Arc::clone(&physical.messengers))));
         let engine = Engine::new(

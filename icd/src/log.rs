@@ -1,8 +1,8 @@
-//! Messages for people: `TUFF_LOG=error|warn|info|debug` (default `error`), one line each on stderr.
+//! Messages for people: `TUFF_LOG=off|error|warn|info|debug` (default `error`), one line each on stderr.
 
 #![forbid(unsafe_code)]
 
-use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU8, Ordering};
 
 /// How much a message matters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -14,20 +14,17 @@ pub enum Level {
     Debug,
 }
 
-fn threshold() -> Level {
-    static THRESHOLD: OnceLock<Level> = OnceLock::new();
-    *THRESHOLD.get_or_init(|| match std::env::var("TUFF_LOG").as_deref() {
-        Ok("off") => Level::Off,
-        Ok("warn") => Level::Warn,
-        Ok("info") => Level::Info,
-        Ok("debug") => Level::Debug,
-        _ => Level::Error,
-    })
+/// The least important [`Level`] that is printed.
+static THRESHOLD: AtomicU8 = AtomicU8::new(Level::Error as u8);
+
+/// Prints messages up to this level from now on.
+pub fn set_threshold(level: Level) {
+    THRESHOLD.store(level as u8, Ordering::Relaxed);
 }
 
 /// Whether messages of this level are printed.
 pub fn enabled(level: Level) -> bool {
-    level <= threshold()
+    level as u8 <= THRESHOLD.load(Ordering::Relaxed)
 }
 
 /// Prints a message.

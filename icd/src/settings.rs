@@ -1,13 +1,17 @@
-//! What the environment asks for: `TUFF_ACCURACY`, `TUFF_TIER`, `TUFF_DISABLE`, `TUFF_WAVE` and `TUFF_GRAPHICS`,
-//! read once.
+//! What the environment asks for: every variable `TUFF_…` is read here, once, and nowhere else. A value that a variable cannot have is
+//! refused: no device comes to be.
 
 #![forbid(unsafe_code)]
 
 use std::sync::OnceLock;
+use std::time::Duration;
 
+use ash::vk::ConformanceVersion;
 use spirv_jit::interp::{TIER_NAMES, limit_tier};
 use spirv_jit::{Accuracy, pass};
 use traversal::{Options, Specialisation, Tier, Walker};
+
+use crate::log::{self, Level};
 
 /// The settings of the process.
 #[derive(Clone, Copy, Debug)]
@@ -19,49 +23,49 @@ pub struct Settings {
     pub wave: usize,
     /// Whether all geometry is opaque to pipelines without any-hit shaders.
     pub opaque_without_any_hit: bool,
-    /// Whether queues draw (`TUFF_GRAPHICS=1`).
+    /// Whether queues draw (`TUFF_GRAPHICS`).
     pub graphics: bool,
+    /// How many threads a device's commands fan out over (`TUFF_THREADS`); unset: what the process may use.
+    pub threads: Option<usize>,
+    /// Which messages are printed (`TUFF_LOG`).
+    pub log: Level,
+    /// How long one dispatch may run before the device is lost (`TUFF_TIMEOUT`); unset: a picture may take hours.
+    pub timeout: Option<Duration>,
+    /// Whether devices check what only execution can see, even if the application does not ask (`TUFF_VALIDATE`).
+    pub validate: bool,
+    /// Whether the table of how full waves were is printed (`TUFF_STATS`).
+    pub stats: bool,
+    /// What `VkPhysicalDeviceDriverProperties::conformanceVersion` says (`TUFF_CONFORMANCE`). Zeros, the default, claim nothing.
+    pub conformance: ConformanceVersion,
 }
 
 /// The switch for [`Settings::opaque_without_any_hit`].
 const NO_ANY_HIT: &str = "no_any_hit";
 
+/// The variables' values, by name.
+type Lookup<'a> = dyn Fn(&str) -> Option<String> + 'a;
+
 impl Settings {
-    /// From the variables' values.
+    /// From the variables' values; an empty one is as good as none.
     ///
     /// # Errors
-    /// What is wrong with them, in one line.
-    fn parse(
-        accuracy: Option<&str>,
-        tier: Option<&str>,
-        disabled: Option<&str>,
-        wave: Option<&str>,
-        graphics: Option<&str>,
-    ) -> Result<Settings, String> {
-        let accuracy: Accuracy = match accuracy {
-            None | Some("") => Accuracy::Spec,
+    /// What is wrong with one of them, in one line that names it.
+    fn parse(lookup: &Lookup) -> Result<Settings, String> {
+        let value = |name: &str| lookup(name).filter(|text| !text.is_empty());
+        let accuracy: Accuracy = match value("TUFF_ACCURACY") {
+            None => Accuracy::Spec,
             Some(text) => text
                 .parse()
                 .map_err(|error| format!("TUFF_ACCURACY: {error}"))?,
         };
-        let tier = match tier {
-            None | Some("") => Tier::best(),
-            Some(text) => no_better_than(text)?,
+        let tier = match value("TUFF_TIER") {
+            None => Tier::best(),
+            Some(text) => no_better_than(&text)?,
         };
-        let wave = match wave {
-            None | Some("") => usize::MAX,
-            Some(text) => (text.parse().ok())
-                .filter(|&subgroups| subgroups > 0)
-                .ok_or_else(|| format!("TUFF_WAVE: \"{text}\" is not a number of subgroups"))?,
-        };
-        let graphics = match graphics {
-            None | Some("" | "0") => false,
-            Some("1") => true,
-            Some(text) => return Err(format!("TUFF_GRAPHICS: \"{text}\" is not 0 or 1")),
-        };
-        let names = disabled.unwrap_or_default().split(',').map(str::trim);
         let mut without = Vec::new();
         let mut opaque_without_any_hit = true;
+        let disabled = value("TUFF_DISABLE").unwrap_or_default();
+        let names = disabled.split(',').map(str::trim);
         for name in names.filter(|name| !name.is_empty()) {
             match Specialisation::ALL.iter().find(|(known, _)| *known == name) {
                 Some(&(_, specialisation)) => without.push(specialisation),
@@ -70,11 +74,25 @@ impl Settings {
                 None => return Err(format!("TUFF_DISABLE: {}", unknown(name))),
             }
         }
+        let read = Read { value: &value };
         Ok(Settings {
             accuracy,
-            wave,
+            wave: (read.parsed("TUFF_WAVE", "a number of subgroups", subgroups)?)
+                .unwrap_or(usize::MAX),
             opaque_without_any_hit,
-            graphics,
+            graphics: read.parsed("TUFF_GRAPHICS", "0 or 1", switch)? == Some(true),
+            threads: read.parsed("TUFF_THREADS", "a number of threads, 1 to 1024", threads)?,
+            log: (read.parsed("TUFF_LOG", LEVELS, level)?).unwrap_or(Level::Error),
+            timeout: (read.parsed(
+                "TUFF_TIMEOUT",
+                "a number of seconds, 0 for no limit",
+                seconds,
+            )?)
+            .filter(|timeout| !timeout.is_zero()),
+            validate: read.parsed("TUFF_VALIDATE", "0 or 1", switch)? == Some(true),
+            stats: read.parsed("TUFF_STATS", "0 or 1", switch)? == Some(true),
+            conformance: (read.parsed("TUFF_CONFORMANCE", CONFORMANCE, conformance)?)
+                .unwrap_or_default(),
             walks: Options {
                 // What is cheaper than the default gains nothing in walks: docs/accuracy.md.
                 accuracy: match accuracy {
@@ -91,6 +109,81 @@ impl Settings {
     pub fn walker(&self) -> Box<Walker> {
         Walker::with(self.walks).expect("the best tier is available")
     }
+}
+
+/// Variables whose values are refused alike.
+struct Read<'a> {
+    value: &'a Lookup<'a>,
+}
+
+impl Read<'_> {
+    /// A variable's value; none where it is not set.
+    ///
+    /// # Errors
+    /// The value is not what `expected` says.
+    fn parsed<T>(
+        &self,
+        name: &str,
+        expected: &str,
+        parse: impl FnOnce(&str) -> Option<T>,
+    ) -> Result<Option<T>, String> {
+        let Some(text) = (self.value)(name) else {
+            return Ok(None);
+        };
+        match parse(&text) {
+            Some(value) => Ok(Some(value)),
+            None => Err(format!("{name}: \"{text}\" is not {expected}")),
+        }
+    }
+}
+
+const LEVELS: &str = "one of off, error, warn, info, debug";
+const CONFORMANCE: &str = "a version of four numbers up to 255, such as 1.3.8.0";
+
+fn subgroups(text: &str) -> Option<usize> {
+    text.parse().ok().filter(|&subgroups| subgroups > 0)
+}
+
+fn threads(text: &str) -> Option<usize> {
+    text.parse().ok().filter(|count| (1..=1024).contains(count))
+}
+
+fn level(text: &str) -> Option<Level> {
+    Some(match text {
+        "off" => Level::Off,
+        "error" => Level::Error,
+        "warn" => Level::Warn,
+        "info" => Level::Info,
+        "debug" => Level::Debug,
+        _ => return None,
+    })
+}
+
+fn seconds(text: &str) -> Option<Duration> {
+    Duration::try_from_secs_f64(text.parse().ok()?).ok()
+}
+
+fn switch(text: &str) -> Option<bool> {
+    match text {
+        "0" => Some(false),
+        "1" => Some(true),
+        _ => None,
+    }
+}
+
+fn conformance(text: &str) -> Option<ConformanceVersion> {
+    let numbers: Vec<u8> = (text.split('.'))
+        .map(|number| number.parse().ok())
+        .collect::<Option<_>>()?;
+    let [major, minor, subminor, patch] = numbers[..] else {
+        return None;
+    };
+    Some(ConformanceVersion {
+        major,
+        minor,
+        subminor,
+        patch,
+    })
 }
 
 /// The best tier of walks up to the one of this name.
@@ -126,24 +219,17 @@ fn unknown(name: &str) -> String {
 pub fn checked() -> Result<&'static Settings, &'static str> {
     static SETTINGS: OnceLock<Result<Settings, String>> = OnceLock::new();
     let settings = SETTINGS.get_or_init(|| {
-        let names = [
-            "TUFF_ACCURACY",
-            "TUFF_TIER",
-            "TUFF_DISABLE",
-            "TUFF_WAVE",
-            "TUFF_GRAPHICS",
-        ];
-        let values = names.map(|name| {
+        let environment = |name: &str| {
             let value = std::env::var_os(name)?;
             Some(value.to_string_lossy().into_owned())
-        });
-        let [accuracy, tier, disabled, wave, graphics] = &values;
-        let of = Option::<String>::as_deref;
-        let settings =
-            Settings::parse(of(accuracy), of(tier), of(disabled), of(wave), of(graphics))?;
+        };
+        let settings = Settings::parse(&environment)?;
+        log::set_threshold(settings.log);
+        let list = |name| environment(name).unwrap_or_default();
+        pass::configure(&list("TUFF_DISABLE"), &list("TUFF_PRINT"));
         // One limit for all: programs and samplers, walks and builds.
-        if let Some(tier) = tier {
-            limit_tier(tier);
+        if let Some(tier) = environment("TUFF_TIER") {
+            limit_tier(&tier);
             settings.walks.tier.limit();
         }
         Ok(settings)
@@ -165,44 +251,115 @@ pub fn has_graphics() -> bool {
 mod tests {
     use super::*;
 
+    fn parse(values: &[(&str, &str)]) -> Result<Settings, String> {
+        let value = |wanted: &str| {
+            let found = values.iter().find(|(name, _)| *name == wanted);
+            found.map(|(_, value)| (*value).to_owned())
+        };
+        Settings::parse(&value)
+    }
+
     #[test]
-    fn values_are_taken_or_refused() {
-        let plain = Settings::parse(None, None, None, None, None).unwrap();
+    fn values_are_taken() {
+        let plain = parse(&[]).unwrap();
         assert_eq!(plain.accuracy, Accuracy::Spec);
-        let exact = Settings::parse(
-            Some("exact"),
-            Some("portable"),
-            Some("packets, simplify"),
-            Some("4"),
-            Some("1"),
-        )
+        assert_eq!((plain.wave, plain.threads), (usize::MAX, None));
+        assert_eq!((plain.log, plain.timeout), (Level::Error, None));
+        assert_eq!((plain.validate, plain.stats), (false, false));
+        assert!(plain.opaque_without_any_hit);
+        let zeros = [plain.conformance.major, plain.conformance.subminor];
+        assert_eq!(zeros, [0, 0]);
+        let set = parse(&[
+            ("TUFF_ACCURACY", "exact"),
+            ("TUFF_TIER", "portable"),
+            ("TUFF_DISABLE", "packets, simplify"),
+            ("TUFF_WAVE", "4"),
+            ("TUFF_THREADS", "3"),
+            ("TUFF_LOG", "info"),
+            ("TUFF_TIMEOUT", "0.5"),
+            ("TUFF_VALIDATE", "1"),
+            ("TUFF_STATS", "1"),
+            ("TUFF_GRAPHICS", "1"),
+            ("TUFF_CONFORMANCE", "1.3.8.0"),
+        ])
         .unwrap();
-        assert_eq!(exact.accuracy, Accuracy::Exact);
-        assert_eq!(exact.walks.accuracy, traversal::Accuracy::Exact);
-        assert_eq!(exact.walks.tier, Tier::Portable);
-        assert!(exact.walks.without.contains(Specialisation::Packets));
-        assert!(!exact.walks.without.contains(Specialisation::Opaque));
-        assert!(exact.opaque_without_any_hit);
-        assert!(exact.graphics && !plain.graphics);
-        assert!(Settings::parse(None, None, None, None, Some("yes")).is_err());
-        let without = Settings::parse(None, None, Some("no_any_hit"), None, None).unwrap();
+        assert!(set.graphics && !plain.graphics);
+        assert_eq!(set.accuracy, Accuracy::Exact);
+        assert_eq!(set.walks.accuracy, traversal::Accuracy::Exact);
+        assert_eq!(set.walks.tier, Tier::Portable);
+        assert!(set.walks.without.contains(Specialisation::Packets));
+        assert!(!set.walks.without.contains(Specialisation::Opaque));
+        assert!(set.opaque_without_any_hit);
+        assert_eq!((set.wave, set.threads), (4, Some(3)));
+        assert_eq!(set.log, Level::Info);
+        assert_eq!(set.timeout, Some(Duration::from_millis(500)));
+        assert_eq!((set.validate, set.stats), (true, true));
+        let version = set.conformance;
+        let numbers = [
+            version.major,
+            version.minor,
+            version.subminor,
+            version.patch,
+        ];
+        assert_eq!(numbers, [1, 3, 8, 0]);
+        let without = parse(&[("TUFF_DISABLE", "no_any_hit")]).unwrap();
         assert!(!without.opaque_without_any_hit);
-        let message = Settings::parse(Some("best"), None, None, None, None).unwrap_err();
-        assert!(
-            message.contains("\"best\" is not one of fast, spec and exact"),
-            "{message}"
+        let off = [
+            ("TUFF_TIMEOUT", "0"),
+            ("TUFF_VALIDATE", "0"),
+            ("TUFF_THREADS", ""),
+        ];
+        let off = parse(&off).unwrap();
+        assert_eq!(
+            (off.timeout, off.validate, off.threads),
+            (None, false, None)
         );
-        assert_eq!((plain.wave, exact.wave), (usize::MAX, 4));
-        assert!(Settings::parse(None, None, None, Some("0"), None).is_err());
-        let message = Settings::parse(None, Some("sse9"), None, None, None).unwrap_err();
-        assert!(
-            message.contains("not one of portable, avx2, avx512"),
-            "{message}"
-        );
-        let message = Settings::parse(None, None, Some("pakets"), None, None).unwrap_err();
-        assert!(
-            message.contains("\"pakets\" is not one of packets,"),
-            "{message}"
-        );
+    }
+
+    #[test]
+    fn nonsense_is_refused_by_name() {
+        let cases = [
+            (
+                "TUFF_ACCURACY",
+                "best",
+                "is not one of fast, spec and exact",
+            ),
+            ("TUFF_TIER", "sse9", "is not one of portable, avx2, avx512"),
+            ("TUFF_DISABLE", "pakets", "is not one of packets,"),
+            ("TUFF_WAVE", "0", "is not a number of subgroups"),
+            ("TUFF_THREADS", "0", "is not a number of threads, 1 to 1024"),
+            (
+                "TUFF_THREADS",
+                "1025",
+                "is not a number of threads, 1 to 1024",
+            ),
+            ("TUFF_THREADS", "all", "is not a number of threads"),
+            (
+                "TUFF_LOG",
+                "loud",
+                "is not one of off, error, warn, info, debug",
+            ),
+            ("TUFF_TIMEOUT", "-1", "is not a number of seconds"),
+            ("TUFF_TIMEOUT", "nan", "is not a number of seconds"),
+            ("TUFF_TIMEOUT", "1e30", "is not a number of seconds"),
+            ("TUFF_TIMEOUT", "soon", "is not a number of seconds"),
+            ("TUFF_VALIDATE", "yes", "is not 0 or 1"),
+            ("TUFF_STATS", "2", "is not 0 or 1"),
+            (
+                "TUFF_CONFORMANCE",
+                "1.3.8",
+                "is not a version of four numbers",
+            ),
+            (
+                "TUFF_CONFORMANCE",
+                "1.3.256.0",
+                "is not a version of four numbers",
+            ),
+        ];
+        for (name, value, expected) in cases {
+            let message = parse(&[(name, value)]).unwrap_err();
+            let quoted = format!("{name}: \"{value}\" {expected}");
+            assert!(message.starts_with(&quoted), "{message}");
+        }
     }
 }

@@ -74,6 +74,8 @@ fn size(module: &Module) -> (usize, usize) {
 }
 
 fn main() {
+    let list = |name| std::env::var(name).unwrap_or_default();
+    spirv_jit::pass::configure(&list("TUFF_DISABLE"), &list("TUFF_PRINT"));
     for argument in std::env::args().skip(1) {
         let path = Path::new(&argument);
         let stage = stage(path);

@@ -578,6 +578,9 @@ fn a_hang_loses_the_device_and_no_more() {
             .expect("this program runs again");
         let said = String::from_utf8_lossy(&child.stdout);
         assert!(child.status.success(), "{said}");
+        let errors = String::from_utf8_lossy(&child.stderr);
+        // The limit was the user's: the message names where it comes from.
+        assert!(!gpu.is_tuff() || errors.contains(LIMIT), "{errors}");
         return;
     }
     let case = Case {

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Args;
 
-use crate::driver::Driver;
+use crate::driver::{Driver, existing};
 use crate::{loader, workspace};
 
 #[derive(Args)]
@@ -21,13 +21,15 @@ pub struct Options {
 }
 
 pub fn chart(options: &Options) -> Result<ExitCode> {
-    let driver = Driver::build(&["chart", "workloads"])?;
     loader::require()?;
+    let icds = options.icds.iter().map(|icd| existing(icd));
+    let icds = icds.collect::<Result<Vec<_>>>()?;
+    let driver = Driver::build(&["chart", "workloads"])?;
     let mut chart = workspace::program("chart")?;
     let workloads = workspace::program("workloads")?;
     chart.arg("--workloads").arg(workloads.get_program());
     chart.arg("--icd").arg(&driver.manifest);
-    for icd in &options.icds {
+    for icd in &icds {
         chart.arg("--icd").arg(icd);
     }
     chart.args(&options.arguments);

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 
 use crate::{loader, workspace};
 
@@ -25,11 +25,13 @@ pub struct Driver {
 }
 
 impl Driver {
-    /// Builds the driver in release mode, with `also` beside it, and writes its manifest into the
+    /// Builds the driver in release mode, then the packages `also`, and writes its manifest into the
     /// target directory.
     pub fn build(also: &[&str]) -> Result<Driver> {
-        let packages: Vec<&str> = ["icd"].iter().chain(also).copied().collect();
-        workspace::build_release(&packages)?;
+        workspace::build_release(&["icd"])?;
+        if !also.is_empty() {
+            workspace::build_release(also)?;
+        }
         let target = workspace::target()?;
         let library = target.join("release").join(LIBRARY);
         let manifest = target.join(MANIFEST);
@@ -39,8 +41,8 @@ impl Driver {
 
     /// Builds the driver and a program of the workspace that needs the Vulkan loader.
     pub fn with(program: &str) -> Result<(Driver, Command)> {
-        let driver = Driver::build(&[program])?;
         loader::require()?;
+        let driver = Driver::build(&[program])?;
         Ok((driver, workspace::program(program)?))
     }
 
@@ -60,9 +62,22 @@ fn select(program: &mut Command, manifest: &Path) {
 
 /// Makes a program see another driver than Tuff and no other.
 pub fn select_other(program: &mut Command, manifest: &Path) -> Result<()> {
-    let manifest = std::path::absolute(manifest).context("the manifest's path")?;
-    select(program, &manifest);
+    select(program, &existing(manifest)?);
     Ok(())
+}
+
+/// The absolute path of a manifest that is there.
+///
+/// # Errors
+/// It is not.
+pub fn existing(manifest: &Path) -> Result<PathBuf> {
+    let absolute = std::path::absolute(manifest).context("the manifest's path")?;
+    ensure!(
+        absolute.is_file(),
+        "there is no manifest {}",
+        manifest.display()
+    );
+    Ok(absolute)
 }
 
 /// The variables by which loaders find a driver: `VK_DRIVER_FILES` for current ones,
@@ -77,9 +92,25 @@ pub fn environment(manifest: &Path) -> [(&'static str, &Path); 2] {
 /// Writes a manifest that names `library`.
 pub fn write_manifest(manifest: &Path, library: &Path) -> Result<()> {
     let library = library.to_str().context("the library's path is UTF-8")?;
-    let escaped = library.replace('\\', "\\\\").replace('"', "\\\"");
-    let text = TEMPLATE
-        .replace("@LIBRARY_PATH@", &escaped)
-        .replace("@API_VERSION@", API_VERSION);
+    let text = manifest_text(library);
     fs::write(manifest, text).with_context(|| format!("writing {}", manifest.display()))
+}
+
+/// A manifest that names `library`: absolute, or relative to the manifest's folder.
+pub fn manifest_text(library: &str) -> String {
+    let escaped = library.replace('\\', "\\\\").replace('"', "\\\"");
+    TEMPLATE
+        .replace("@LIBRARY_PATH@", &escaped)
+        .replace("@API_VERSION@", API_VERSION)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_manifest_that_is_not_there_is_named() {
+        let message = existing(Path::new("no/such.json")).unwrap_err().to_string();
+        assert_eq!(message, "there is no manifest no/such.json");
+    }
 }

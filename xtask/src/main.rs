@@ -1,4 +1,4 @@
-//! The commands a person types: `cargo xtask demo | test | fuzz | bench | apps | chart | precision | profile | audit | vuids | env | run | install`.
+//! The commands a person types: `cargo xtask demo | test | fuzz | bench | apps | chart | precision | profile | audit | vuids | env | run | install | uninstall`.
 
 mod apps;
 mod audit;
@@ -8,6 +8,8 @@ mod demo;
 mod driver;
 mod fuzz;
 mod install;
+#[path = "../demo/src/limits.rs"]
+mod limits;
 mod loader;
 mod precision;
 mod profile;
@@ -24,7 +26,12 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 
 #[derive(Parser)]
-#[command(name = "cargo xtask", about = "What one does with Tuff")]
+#[command(
+    name = "cargo xtask",
+    bin_name = "cargo xtask",
+    version,
+    about = "What one does with Tuff"
+)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -44,6 +51,8 @@ enum Command {
     Run(run::Options),
     /// Install the driver and its manifest where the Vulkan loader looks
     Install(install::Options),
+    /// Remove what `install` put there
+    Uninstall(install::Options),
     /// Measure: `bench traversal` compares walks and builds with Embree's
     Bench(bench::Options),
     /// Hold applications that you have built against another driver: their speed and their pictures
@@ -70,6 +79,7 @@ fn main() -> ExitCode {
         Command::Env => run::print_environment(),
         Command::Run(options) => run::run(&options),
         Command::Install(options) => install::install(&options),
+        Command::Uninstall(options) => install::uninstall(&options),
         Command::Bench(options) => bench::bench(&options),
         Command::Apps(options) => apps::apps(&options),
         Command::Precision(options) => precision::precision(&options),
@@ -83,4 +93,50 @@ fn main() -> ExitCode {
         eprintln!("error: {error:#}");
         ExitCode::FAILURE
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn usage_is_what_a_person_types() {
+        let mut command = Arguments::command();
+        command.build();
+        let usage = command.render_usage().to_string();
+        assert!(usage.starts_with("Usage: cargo xtask "), "{usage}");
+        let version = command.render_version();
+        assert_eq!(
+            version.trim(),
+            concat!("cargo xtask ", env!("CARGO_PKG_VERSION"))
+        );
+        command.debug_assert();
+    }
+
+    #[test]
+    fn limits_are_told_and_checked_first() {
+        let parse = |line: &str| {
+            let words = ["xtask", "demo"].into_iter().chain(line.split(' '));
+            Arguments::try_parse_from(words)
+                .err()
+                .map(|error| error.to_string())
+        };
+        assert!(parse("--size 640x360 --spp 4 --tile 1/4 --frame 3").is_none());
+        for (line, expected) in [
+            ("--size 640", "a size is like 1280x720"),
+            ("--size 0x4", "a side is 1 to 16384 pixels"),
+            ("--spp 0", "samples per pixel are 1 to 65536"),
+            ("--threads 0", "1..=1024"),
+            ("--tile 4/4", "a tile is like 0/4"),
+        ] {
+            let message = parse(line).expect("it is refused");
+            assert!(message.contains(expected), "{line}: {message}");
+        }
+        let help = parse("--help").expect("help ends it");
+        assert!(
+            help.contains("16384 a side") && help.contains("1 to 65536"),
+            "{help}"
+        );
+    }
 }

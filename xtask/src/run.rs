@@ -1,9 +1,11 @@
 //! `cargo xtask env` and `cargo xtask run`: other people's programs on Tuff.
 
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
 use std::process::{Command, ExitCode};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Args;
 
 use crate::driver::{self, Driver};
@@ -18,13 +20,44 @@ pub struct Options {
 
 /// Runs a program with the driver selected; its exit code becomes ours.
 pub fn run(options: &Options) -> Result<ExitCode> {
-    let driver = Driver::build(&[])?;
-    loader::require()?;
     let (name, arguments) = options.program.split_first().context("no program given")?;
+    // Before minutes of building.
+    require_program(name, std::env::var_os("PATH").as_deref())?;
+    loader::require()?;
+    let driver = Driver::build(&[])?;
     let mut program = Command::new(name);
     driver.select_for(&mut program);
     program.args(arguments);
     workspace::run(program)
+}
+
+/// Sees to it that a program can be started: by its path, or by a name that a folder of `search` has.
+fn require_program(name: &OsStr, search: Option<&OsStr>) -> Result<()> {
+    let shown = name.display();
+    if name.as_encoded_bytes().contains(&b'/') {
+        let path = Path::new(name);
+        match path.metadata() {
+            Err(error) => bail!("{shown} cannot be run: {error}"),
+            Ok(file) if file.is_dir() => bail!("{shown} cannot be run: it is a folder"),
+            Ok(_) if !is_executable(path) => {
+                bail!("{shown} cannot be run: it is not executable; `chmod +x {shown}` makes it so")
+            }
+            Ok(_) => return Ok(()),
+        }
+    }
+    let mut folders = std::env::split_paths(search.unwrap_or_default());
+    if !folders.any(|folder| is_executable(&folder.join(name))) {
+        let here = match is_executable(Path::new(name)) {
+            true => format!("; did you mean ./{shown}?"),
+            false => String::new(),
+        };
+        bail!("there is no program {shown} in the folders of PATH{here}");
+    }
+    Ok(())
+}
+
+fn is_executable(path: &Path) -> bool {
+    (path.metadata()).is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)
 }
 
 /// Prints lines for a shell's `eval`: nothing else may reach standard output.
@@ -38,4 +71,26 @@ pub fn print_environment() -> Result<ExitCode> {
         eprintln!("note: {missing:#}");
     }
     Ok(ExitCode::SUCCESS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn programs_are_looked_for_first() {
+        let path = OsStr::new("/usr/bin:/bin");
+        let require = |name: &str| require_program(OsStr::new(name), Some(path));
+        require("sh").unwrap();
+        require("/bin/sh").unwrap();
+        for (name, expected) in [
+            ("no-such-program", "there is no program no-such-program"),
+            ("/no/such/program", "cannot be run: No such file"),
+            ("/usr/bin/", "it is a folder"),
+            ("/etc/passwd", "`chmod +x /etc/passwd`"),
+        ] {
+            let message = require(name).unwrap_err().to_string();
+            assert!(message.contains(expected), "{message}");
+        }
+    }
 }

@@ -24,6 +24,7 @@ pub struct Options {
 }
 
 pub fn slang(options: &Options) -> Result<ExitCode> {
+    loader::require()?;
     let place = workspace::target()?.join("slang");
     let compiler = match &options.compiler {
         Some(library) => library.clone(),
@@ -34,7 +35,6 @@ pub fn slang(options: &Options) -> Result<ExitCode> {
         None => fetched_examples(&place)?,
     };
     let driver = Driver::build(&[])?;
-    loader::require()?;
     let mut tests = workspace::cargo();
     tests.args(["test", "--package", "tuff-tests", "--test", "slang"]);
     tests.args(["--features", "slang"]);

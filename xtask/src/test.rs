@@ -32,8 +32,8 @@ pub fn test(options: &Options) -> Result<ExitCode> {
             Ok(passed)
         }
         None => {
-            let driver = Driver::build(&[])?;
             loader::require()?;
+            let driver = Driver::build(&[])?;
             let mut inner = workspace::cargo();
             inner.args(["test", "--workspace", "--exclude", "tuff-tests"]);
             inner.args(["--exclude", "workloads"]);

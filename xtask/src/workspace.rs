@@ -27,16 +27,21 @@ pub fn cargo() -> Command {
     cargo
 }
 
-/// Builds packages in release mode.
+/// Builds packages in release mode, one after the other.
 pub fn build_release(packages: &[&str]) -> Result<()> {
-    let mut cargo = cargo();
-    cargo.args(["build", "--release"]);
     for package in packages {
-        cargo.args(["--package", package]);
+        let status = (build_command(package).status()).context("starting cargo")?;
+        ensure!(status.success(), "building {package} failed");
     }
-    let status = cargo.status().context("starting cargo")?;
-    ensure!(status.success(), "building {} failed", packages.join(", "));
     Ok(())
+}
+
+/// Packages that are built together share their dependencies with the features of all of them, so that the driver would be built
+/// again whenever its company changes. One at a time, each is built once.
+fn build_command(package: &str) -> Command {
+    let mut cargo = cargo();
+    cargo.args(["build", "--release", "--package", package]);
+    cargo
 }
 
 /// A program that was built in release mode.
@@ -70,4 +75,17 @@ pub fn shown(path: &Path) -> PathBuf {
         .and_then(|here| path.strip_prefix(here).ok())
         .unwrap_or(path)
         .to_path_buf()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What the driver is made of may not depend on what else a command needs.
+    #[test]
+    fn packages_are_built_one_at_a_time() {
+        let command = build_command("icd");
+        let packages = command.get_args().filter(|word| *word == "--package");
+        assert_eq!(packages.count(), 1);
+    }
 }

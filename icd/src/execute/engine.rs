@@ -14,6 +14,7 @@ use crate::object::instance::Messengers;
 use crate::object::live_memory::LiveMemory;
 use crate::object::sync::Waiting;
 use crate::raster::Rasterizer;
+use crate::settings::settings;
 use crate::trace::Tracer;
 use crate::validate::{Caller, Checks, Queried, Validator};
 use crate::wave::{Budget, Limits, QueryObserver, Surroundings, Workers};
@@ -51,7 +52,7 @@ impl Engine {
         memory: Arc<LiveMemory>,
         validator: Option<Arc<Validator>>,
     ) -> VkResult<Arc<Self>> {
-        let timeout = timeout_setting();
+        let timeout = settings().timeout;
         Self::with_timeout(thread_count, messengers, memory, validator, timeout)
     }
 
@@ -142,12 +143,4 @@ impl Engine {
         self.cancelled.store(true, Ordering::Relaxed);
         self.waiting.notify();
     }
-}
-
-/// `TUFF_TIMEOUT`: seconds after which a dispatch counts as hanging and the device is lost. Off if unset: a picture may take hours.
-fn timeout_setting() -> Option<Duration> {
-    let seconds: f64 = std::env::var("TUFF_TIMEOUT").ok()?.parse().ok()?;
-    Duration::try_from_secs_f64(seconds)
-        .ok()
-        .filter(|timeout| !timeout.is_zero())
 }

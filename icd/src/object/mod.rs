@@ -2,6 +2,7 @@
 
 pub mod acceleration_structure;
 pub mod buffer;
+mod control_group;
 pub mod deferred;
 pub mod deferred_pipeline;
 pub mod descriptor;

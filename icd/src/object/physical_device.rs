@@ -5,7 +5,7 @@ use std::sync::Arc;
 use spirv_jit::interp::TierKind;
 
 use super::instance::Messengers;
-use super::memory;
+use super::{control_group, memory};
 use crate::settings;
 use crate::table::extensions::ExtensionSet;
 use crate::table::properties::Machine;
@@ -38,16 +38,10 @@ impl PhysicalDevice {
         }
     }
 
-    /// Bytes of the heap that this process can use: what it uses, and what the system has free, up to the heap's size.
+    /// Bytes of the heap that this process can use: what it uses, and what the system and its control group have free, up to the heap's size.
     pub fn budget_bytes(&self) -> u64 {
-        // SAFETY: plain system calls.
-        let (pages, page_bytes) = unsafe {
-            (
-                libc::sysconf(libc::_SC_AVPHYS_PAGES),
-                libc::sysconf(libc::_SC_PAGESIZE),
-            )
-        };
-        let free = u64::try_from(pages).unwrap_or(0) * u64::try_from(page_bytes).unwrap_or(0);
+        let free = pages_bytes(libc::_SC_AVPHYS_PAGES);
+        let free = control_group::memory().map_or(free, |group| free.min(group.free_bytes));
         (memory::used_bytes() + free).min(self.heap_bytes)
     }
 
@@ -60,7 +54,7 @@ impl PhysicalDevice {
     }
 
     /// The device's name, with what decides its speed.
-    fn name(&self) -> String {
+    pub fn name(&self) -> String {
         // The environment's limit, if it is a good one, binds from now on.
         let _ = settings::checked();
         let threads = self.thread_count;
@@ -72,24 +66,25 @@ impl PhysicalDevice {
     }
 }
 
-/// `TUFF_THREADS`, or what the system has.
+/// `TUFF_THREADS`, or what the process may use: the processors of its affinity mask, and no more than its control group's CPU quota pays
+/// for.
 fn thread_count() -> usize {
-    std::env::var("TUFF_THREADS")
+    let asked = settings::checked()
         .ok()
-        .and_then(|text| text.parse().ok())
-        .filter(|&count: &usize| (1..=1024).contains(&count))
-        .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
+        .and_then(|settings| settings.threads);
+    asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from))
 }
 
-/// Three quarters of the machine's memory.
+/// Three quarters of the memory that the process may use: the machine's, or its control group's where that has less.
 fn heap_bytes() -> u64 {
+    let total = pages_bytes(libc::_SC_PHYS_PAGES);
+    let total = control_group::memory().map_or(total, |group| total.min(group.limit_bytes));
+    (total / 4 * 3).max(1 << 20) & !((1 << 20) - 1)
+}
+
+/// The bytes of so many pages as the system answers to `name`.
+fn pages_bytes(name: libc::c_int) -> u64 {
     // SAFETY: plain system calls.
-    let (pages, page_bytes) = unsafe {
-        (
-            libc::sysconf(libc::_SC_PHYS_PAGES),
-            libc::sysconf(libc::_SC_PAGESIZE),
-        )
-    };
-    let total = u64::try_from(pages).unwrap_or(0) * u64::try_from(page_bytes).unwrap_or(0);
-    (total / 4 * 3).max(256 << 20) & !((1 << 20) - 1)
+    let (pages, page_bytes) = unsafe { (libc::sysconf(name), libc::sysconf(libc::_SC_PAGESIZE)) };
+    u64::try_from(pages).unwrap_or(0) * u64::try_from(page_bytes).unwrap_or(0)
 }

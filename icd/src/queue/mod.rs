@@ -197,7 +197,7 @@ impl Line {
         match result {
             Ok(Ok(())) => {}
             Ok(Err(Failure::AlreadyLost)) => return,
-            Ok(Err(Failure::Stopped(why))) => return self.engine.lose(&format!("{why:?}")),
+            Ok(Err(Failure::Stopped(why))) => return self.engine.lose(&why.to_string()),
             Err(payload) => return self.engine.lose(&panic_text(&*payload)),
         }
         // Whoever sees a signal may reset the command buffers: they are let go of first.

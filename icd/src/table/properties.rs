@@ -6,6 +6,7 @@ use spirv_jit::environment::{Descriptor, MAX_SETS};
 use super::limits::{self, API_VERSION, CAPTURE_BYTES, HANDLE_SIZE};
 use crate::ffi::{array, chain, vk};
 use crate::settings::has_graphics;
+use crate::settings;
 
 /// Stages whose shaders may use subgroup operations.
 const SUBGROUP_STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
@@ -102,9 +103,10 @@ fn vulkan11(machine: &Machine) -> vk::PhysicalDeviceVulkan11Properties<'static> 
 fn vulkan12() -> vk::PhysicalDeviceVulkan12Properties<'static> {
     const MAX: u32 = limits::MAX_DESCRIPTORS;
     let mut properties = vk::PhysicalDeviceVulkan12Properties {
-        // No registered driver and no conformance is claimed.
+        // No registered driver, and no conformance is claimed but what the user asks for.
         driver_id: vk::DriverId::from_raw(0),
-        conformance_version: vk::ConformanceVersion::default(),
+        conformance_version: settings::checked()
+            .map_or_else(|_| vk::ConformanceVersion::default(), |settings| settings.conformance),
         denorm_behavior_independence: vk::ShaderFloatControlsIndependence::ALL,
         rounding_mode_independence: vk::ShaderFloatControlsIndependence::ALL,
         shader_signed_zero_inf_nan_preserve_float16: vk::TRUE,

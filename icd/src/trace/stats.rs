@@ -3,11 +3,12 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 use spirv_jit::program::AlignedRow;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
+use crate::settings::settings;
 use crate::wave::table::ProgramIndex;
 
 /// What one shader's runs amount to.
@@ -27,15 +28,12 @@ pub struct Tally(Vec<Counts>);
 /// All of the process, by stage and the program's number.
 static TOTAL: Mutex<BTreeMap<(&'static str, u64), Counts>> = Mutex::new(BTreeMap::new());
 
-fn is_asked_for() -> bool {
-    static ASKED: OnceLock<bool> = OnceLock::new();
-    *ASKED.get_or_init(|| std::env::var_os("TUFF_STATS").is_some_and(|value| value == "1"))
-}
-
 impl Tally {
     /// For a batch of a dispatch with so many programs; `None` where nobody asked.
     pub fn new(programs: usize) -> Option<Tally> {
-        is_asked_for().then(|| Tally(vec![Counts::default(); programs]))
+        settings()
+            .stats
+            .then(|| Tally(vec![Counts::default(); programs]))
     }
 
     /// Notes a wave that is about to run.

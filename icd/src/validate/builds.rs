@@ -110,7 +110,8 @@ impl Checks {
             let highest = u64::from(index) + u64::from(list.first_vertex);
             let inside = highest <= u64::from(list.max_vertex);
             self.require(inside, Rule::MaxVertex, list.indices, || {
-                format!("index {i} is {index}, past {}", list.max_vertex)
+                let (first, max) = (list.first_vertex, list.max_vertex);
+                format!("index {i} is {index}: with firstVertex {first}, past maxVertex {max}")
             });
         }
     }

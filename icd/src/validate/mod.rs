@@ -49,11 +49,6 @@ pub struct Validator {
 /// A rule, and where it was broken: a number that the rule's check gives its places.
 type Site = (Rule, Caller, u64);
 
-/// Whether `TUFF_VALIDATE` asks for it.
-pub fn is_asked_for() -> bool {
-    std::env::var_os("TUFF_VALIDATE").is_some_and(|value| value == "1")
-}
-
 impl Validator {
     /// One that has seen nothing yet.
     pub fn new(messengers: Arc<Messengers>) -> Self {

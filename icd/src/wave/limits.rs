@@ -85,3 +85,12 @@ pub enum Stopped {
     /// Invocations in flight would need more memory than there is for them.
     OutOfMemory,
 }
+
+impl std::fmt::Display for Stopped {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::TimedOut => "a dispatch ran for longer than TUFF_TIMEOUT allows",
+            Self::OutOfMemory => "a dispatch's invocations need more memory than there is for them",
+        })
+    }
+}

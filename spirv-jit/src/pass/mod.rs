@@ -1,7 +1,7 @@
 //! IR to better IR. Each pass is a verb-object function in a file of that name; the verifier runs between passes in debug builds.
 //!
-//! `TUFF_PRINT=ir` prints every module before the passes, `pass` after them, and the name of a pass after that one, to standard error.
-//! `TUFF_DISABLE` with a comma-separated list leaves passes out by name, or all `passes`.
+//! [`configure`] leaves passes out by name, or all `passes` (`TUFF_DISABLE` of the driver), and prints every module to standard error
+//! (`TUFF_PRINT`): `ir` before the passes, `pass` after them, and the name of a pass after that one.
 
 #![forbid(unsafe_code)]
 
@@ -238,19 +238,30 @@ pub fn is_switch(name: &str) -> bool {
     name == "passes" || PASSES.iter().any(|pass| pass.name == name)
 }
 
-/// Whether `TUFF_DISABLE` names a pass, or all of them.
+/// What the process wants of passes: names of those that are left out, and of those after which modules are printed.
+#[derive(Default)]
+struct Wishes {
+    disabled: Vec<String>,
+    printed: Vec<String>,
+}
+
+static WISHES: OnceLock<Wishes> = OnceLock::new();
+
+/// Leaves passes out and prints modules from now on: lists of names, separated by commas, as `TUFF_DISABLE` and `TUFF_PRINT` have them. The
+/// first call counts, and only before a module is compiled.
+pub fn configure(disabled: &str, printed: &str) {
+    let names = |list: &str| list.split(',').map(|name| name.trim().to_owned()).collect();
+    // A later call changes nothing: modules of one process are compiled alike.
+    let _ = WISHES.set(Wishes {
+        disabled: names(disabled),
+        printed: names(printed),
+    });
+}
+
+/// Whether a pass, or all of them, is left out.
 fn disabled(name: &str) -> bool {
-    static DISABLED: OnceLock<Vec<String>> = OnceLock::new();
-    DISABLED
-        .get_or_init(|| {
-            let value = std::env::var("TUFF_DISABLE").unwrap_or_default();
-            value
-                .split(',')
-                .map(|name| name.trim().to_owned())
-                .collect()
-        })
-        .iter()
-        .any(|switch: &String| switch == name || switch == "passes")
+    let wishes = WISHES.get_or_init(Wishes::default);
+    (wishes.disabled.iter()).any(|switch| switch == name || switch == "passes")
 }
 
 /// Runs one pass by name; whether there is one of that name.
@@ -275,14 +286,10 @@ fn check(after: &str, module: &Module) {
     }
 }
 
-/// Prints the module if `TUFF_PRINT` asks for it.
+/// Prints the module if [`configure`] asked for it.
 fn print_if(switch: &str, title: &str, module: &Module) {
-    static SWITCHES: OnceLock<Vec<String>> = OnceLock::new();
-    let switches = SWITCHES.get_or_init(|| {
-        let value = std::env::var("TUFF_PRINT").unwrap_or_default();
-        value.split(',').map(str::to_owned).collect()
-    });
-    if switches.iter().any(|wanted| wanted == switch) {
+    let wishes = WISHES.get_or_init(Wishes::default);
+    if wishes.printed.iter().any(|wanted| wanted == switch) {
         eprintln!("; {title}\n{}", print_module(module));
     }
 }

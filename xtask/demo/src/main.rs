@@ -3,6 +3,7 @@
 //! It knows nothing of the driver below it: it uses the system's Vulkan loader where there is one,
 //! and where there is none it opens the driver that it is given.
 
+mod limits;
 mod picture;
 mod render;
 mod scene;
@@ -15,20 +16,27 @@ use anyhow::{Context as _, Result, ensure};
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 
+use limits::Tile;
 use render::{Renderer, Settings};
 use scene::Scene;
 
 #[derive(Parser)]
 #[command(about = "Renders a picture by ray tracing through Vulkan")]
 struct Arguments {
-    /// Size of the picture in pixels
-    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = parse_size)]
+    /// Size of the picture in pixels, 16384 a side at most
+    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = limits::parse_size)]
     size: (u32, u32),
-    /// Samples per pixel
-    #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..))]
+    /// Samples per pixel, 1 to 65536
+    #[arg(long, value_name = "N", default_value_t = 16, value_parser = limits::parse_spp)]
     spp: u32,
+    /// Render only band I (from 0) of N equal ones, into a picture of its own: laid below each other in order, they are the whole
+    #[arg(long, value_name = "I/N", value_parser = limits::parse_tile)]
+    tile: Option<Tile>,
+    /// Which frame, of 24 a second: the lake's waves move
+    #[arg(long, value_name = "K", default_value_t = 0)]
+    frame: u16,
     /// Threads to use: here, and in the driver by TUFF_THREADS
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
     /// The PNG file to write
     #[arg(long, value_name = "FILE", default_value = "target/demo.png")]
@@ -44,18 +52,19 @@ struct Arguments {
     driver: Option<PathBuf>,
 }
 
-fn parse_size(text: &str) -> Result<(u32, u32), String> {
-    let (width, height) = text.split_once('x').ok_or("a size is like 1280x720")?;
-    let side = |text: &str| match text.parse() {
-        Ok(side @ 1..=16384) => Ok(side),
-        _ => Err("a side is 1 to 16384 pixels".to_string()),
-    };
-    Ok((side(width)?, side(height)?))
-}
-
 fn main() -> Result<()> {
     let launched = Instant::now();
     let arguments = Arguments::parse();
+    limits::try_out(&arguments.out).map_err(anyhow::Error::msg)?;
+    for file in [&arguments.driver, &arguments.scene].into_iter().flatten() {
+        ensure!(file.exists(), "there is no {}", file.display());
+    }
+    let (width, height) = arguments.size;
+    let (first_row, rows) = (arguments.tile).map_or((0, height), |tile| tile.rows(height));
+    ensure!(
+        rows > 0,
+        "there are more tiles than rows: this one has none"
+    );
     if let Some(threads) = arguments.threads {
         // SAFETY: no other thread runs yet.
         unsafe { std::env::set_var("TUFF_THREADS", threads.to_string()) };
@@ -71,11 +80,13 @@ fn main() -> Result<()> {
     let (scene, context) = rayon::join(make_scene, start_vulkan);
     let (scene, context) = (scene?, context?);
     ensure!(!scene.instances.is_empty(), "the scene is empty");
-    let (width, height) = arguments.size;
     let settings = Settings {
         width,
         height,
+        first_row,
+        rows,
         spp: arguments.spp,
+        frame: arguments.frame,
     };
 
     let set_layout = render::set_layout(&context, scene.textures.len() as u32)?;
@@ -89,14 +100,14 @@ fn main() -> Result<()> {
         scene.instances.len(),
         scene.textures.len(),
     );
-    let bar = ProgressBar::new(u64::from(width) * u64::from(height) * u64::from(arguments.spp));
+    let bar = ProgressBar::new(u64::from(width) * u64::from(rows) * u64::from(arguments.spp));
     let style = "{bar:40} {percent:>3} %  {elapsed} of about {duration}";
     bar.set_style(ProgressStyle::with_template(style)?);
     let rendering = renderer.render(|pixels| bar.inc(pixels))?;
     bar.finish_and_clear();
     picture::write_png(
         &arguments.out,
-        arguments.size,
+        (width, rows),
         &rendering.radiance,
         scene.exposure,
     )
@@ -110,7 +121,7 @@ fn main() -> Result<()> {
             .destroy_descriptor_set_layout(set_layout, None)
     };
     println!(
-        "demo: {width}x{height}, {} spp, first pixel {:.2} s, {:.1} Mrays/s, {}",
+        "demo: {width}x{rows}, {} spp, first pixel {:.2} s, {:.1} Mrays/s, {}",
         arguments.spp,
         (rendering.first_pixel - launched).as_secs_f64(),
         rendering.rays as f64 / rendering.seconds / 1e6,

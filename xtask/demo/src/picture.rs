@@ -6,6 +6,8 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 
+use crate::limits::parent;
+
 /// Writes the mean of each pixel's samples, tone mapped and sRGB-encoded.
 pub fn write_png(
     path: &Path,
@@ -22,12 +24,8 @@ pub fn write_png(
             tone_map([r * scale, g * scale, b * scale]).map(encode)
         })
         .collect();
-    if let Some(directory) = path
-        .parent()
-        .filter(|directory| !directory.as_os_str().is_empty())
-    {
-        std::fs::create_dir_all(directory)
-            .with_context(|| format!("making {}", directory.display()))?;
+    if let Some(folder) = parent(path) {
+        std::fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
     }
     let file = File::create(path).with_context(|| format!("creating {}", path.display()))?;
     let mut png = png::Encoder::new(BufWriter::new(file), width, height);

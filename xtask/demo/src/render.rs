@@ -82,13 +82,22 @@ struct ProceduralRecord {
 pub struct Settings {
     pub width: u32,
     pub height: u32,
+    /// The first of the rows that are rendered.
+    pub first_row: u32,
+    /// How many rows are rendered.
+    pub rows: u32,
     /// Samples per pixel.
     pub spp: u32,
+    /// Of an animation with [`FRAMES_PER_SECOND`].
+    pub frame: u16,
 }
+
+/// Frames of a second of the animation.
+const FRAMES_PER_SECOND: f32 = 24.0;
 
 /// A picture's sums, and what it cost.
 pub struct Rendering {
-    /// Row-major sums of linear radiance; the fourth component counts samples.
+    /// Row-major sums of linear radiance, of the rows that were asked for; the fourth component counts samples.
     pub radiance: Vec<[f32; 4]>,
     /// Rays traced, of all kinds.
     pub rays: u64,
@@ -228,14 +237,20 @@ impl<'a> Renderer<'a> {
 
     /// Traces every sample; `progress` hears how many pixel samples have been added.
     pub fn render(&self, mut progress: impl FnMut(u64)) -> Result<Rendering> {
-        let Settings { width, height, spp } = self.settings;
+        let Settings {
+            width,
+            first_row: top,
+            rows: height,
+            spp,
+            ..
+        } = self.settings;
         let mut steps = Vec::new();
         for sample in 0..spp {
             // The first pixels come early; later bands are large enough to fill many threads.
             let bands = if sample == 0 { 16 } else { 4 };
             let rows = height.div_ceil(bands).max(1);
             for first_row in (0..height).step_by(rows as usize) {
-                steps.push((sample, first_row, rows.min(height - first_row)));
+                steps.push((sample, top + first_row, rows.min(height - first_row)));
             }
         }
         let device = &self.context.device;
@@ -264,15 +279,13 @@ impl<'a> Renderer<'a> {
         let seconds = started.elapsed().as_secs_f64();
         // SAFETY: the device is ours.
         unsafe { device.device_wait_idle() }?;
-        let pixels = width as usize * height as usize;
+        // The buffers are of whole pictures, so that a pixel's place in them is the same in each tile.
+        let rows_before = width as usize * top as usize;
+        let pixels = rows_before + width as usize * height as usize;
+        let counts = self.ray_counts.read::<u32>(pixels);
         Ok(Rendering {
-            radiance: self.radiance.read(pixels),
-            rays: self
-                .ray_counts
-                .read::<u32>(pixels)
-                .into_iter()
-                .map(u64::from)
-                .sum(),
+            radiance: self.radiance.read(pixels).split_off(rows_before),
+            rays: counts[rows_before..].iter().copied().map(u64::from).sum(),
             first_pixel: first_pixel.context("nothing was rendered")?,
             seconds,
         })
@@ -433,7 +446,7 @@ fn frame(scene: &Scene, settings: Settings) -> Frame {
         epsilon: size * 2e-6,
         terrain_textures: [scene.roles.grass, scene.roles.rock, scene.roles.sand],
         cloud_texture: scene.roles.clouds,
-        time: 2.0,
+        time: 2.0 + f32::from(settings.frame) / FRAMES_PER_SECOND,
         unused: [0; 2],
     }
 }
@@ -470,7 +483,8 @@ fn build_structures<'a>(
                     device_address: vertices,
                 })
                 .vertex_stride(size_of::<Vertex>() as u64)
-                .max_vertex(geometry.vertex_count - 1)
+                // The range's first vertex is added to each index: the greatest sum counts.
+                .max_vertex(geometry.first_vertex + geometry.vertex_count - 1)
                 .index_type(vk::IndexType::UINT32)
                 .index_data(Address {
                     device_address: indices,

@@ -13,7 +13,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 
-use crate::driver::Driver;
+use crate::driver::{Driver, existing};
 use crate::workspace;
 use once::{Application, Outcome};
 use picture::Picture;
@@ -55,14 +55,12 @@ pub fn apps(options: &Options) -> Result<ExitCode> {
         options.only.is_empty() || options.only.iter().any(|name| it.name.contains(name))
     });
     ensure!(!applications.is_empty(), "there is no application");
+    let second = existing(&options.icd)?;
     let first = match &options.first {
-        Some(manifest) => std::path::absolute(manifest)?,
+        Some(manifest) => existing(manifest)?,
         None => Driver::build(&[])?.manifest,
     };
-    let drivers = [first, std::path::absolute(&options.icd)?];
-    for driver in &drivers {
-        ensure!(driver.exists(), "there is no {}", driver.display());
-    }
+    let drivers = [first, second];
     println!("0: {}", workspace::shown(&drivers[0]).display());
     println!("1: {}", workspace::shown(&drivers[1]).display());
     println!("| application | unit | 0 | 1 | 0 : 1 | processor 0 : 1 | pictures |");

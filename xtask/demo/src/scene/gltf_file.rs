@@ -1,7 +1,9 @@
 //! Scenes from glTF files: meshes, nodes as instances, materials, textures and the first camera.
 
 use std::collections::HashMap;
-use std::path::Path;
+use std::ffi::OsString;
+use std::os::unix::ffi::OsStringExt;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use glam::{Affine3A, Mat4, Vec3};
@@ -78,7 +80,51 @@ fn check(path: &Path) -> Result<()> {
         path.display(),
         unread.join(" and ")
     );
+    for uri in uris(&parsed) {
+        let beside = |name: &Path| path.with_file_name("").join(name);
+        // URIs are percent-encoded (RFC 3986); some writers leave names as they are.
+        let is_there = beside(Path::new(uri)).exists() || beside(&decoded(uri)).exists();
+        ensure!(
+            is_there,
+            "{} needs {uri}, which is not there",
+            path.display()
+        );
+    }
     Ok(())
+}
+
+/// The files that a scene refers to.
+fn uris(parsed: &gltf::Gltf) -> Vec<&str> {
+    let buffers = parsed.buffers().filter_map(|buffer| match buffer.source() {
+        gltf::buffer::Source::Uri(uri) => Some(uri),
+        gltf::buffer::Source::Bin => None,
+    });
+    let images = parsed.images().filter_map(|image| match image.source() {
+        gltf::image::Source::Uri { uri, .. } => Some(uri),
+        gltf::image::Source::View { .. } => None,
+    });
+    // Data that stands in the file itself has a scheme; so have files elsewhere, which the reader refuses.
+    (buffers.chain(images))
+        .filter(|uri| !uri.contains(':'))
+        .collect()
+}
+
+/// The file name that a percent-encoded URI means.
+fn decoded(uri: &str) -> PathBuf {
+    let mut bytes = Vec::with_capacity(uri.len());
+    let mut rest = uri.as_bytes();
+    while let [first, tail @ ..] = rest {
+        let code = (*first == b'%' && tail.len() >= 2)
+            .then(|| std::str::from_utf8(&tail[..2]).ok())
+            .flatten()
+            .and_then(|digits| u8::from_str_radix(digits, 16).ok());
+        bytes.push(code.unwrap_or(*first));
+        rest = match code {
+            Some(_) => &tail[2..],
+            None => tail,
+        };
+    }
+    PathBuf::from(OsString::from_vec(bytes))
 }
 
 fn empty_scene() -> Scene {
@@ -438,4 +484,28 @@ fn faceted(vertices: &[Vertex], indices: &[u32]) -> Part {
     let vertices: Vec<Vertex> = corners.collect();
     let indices = (0..vertices.len() as u32).collect();
     Part { vertices, indices }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_missing_buffer_is_named() {
+        let name = format!("tuff-gltf-{}.gltf", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        let text = r#"{"asset":{"version":"2.0"},"buffers":[{"uri":"no such%20file.bin","byteLength":4}]}"#;
+        std::fs::write(&path, text).unwrap();
+        let message = format!("{:#}", load(&path).err().expect("the buffer is not there"));
+        let beside = path.with_file_name("no such file.bin");
+        std::fs::write(&beside, [0; 4]).unwrap();
+        let found = check(&path);
+        std::fs::remove_file(&path).unwrap();
+        std::fs::remove_file(&beside).unwrap();
+        assert!(
+            message.contains("needs no such%20file.bin, which is not there"),
+            "{message}"
+        );
+        assert!(found.is_ok(), "{found:?}");
+    }
 }

@@ -1,0 +1,195 @@
+//! What the process's control group lets it use of memory: containers and CI jobs have less than the machine.
+//!
+//! cgroups(7); the files are those of Documentation/admin-guide/cgroup-v2.rst and cgroup-v1/memory.rst of Linux.
+
+#![forbid(unsafe_code)]
+
+use std::path::{Path, PathBuf};
+
+/// The names that one version of control groups gives its files.
+struct Files {
+    /// Where the hierarchy is mounted, by the convention that all distributions and container engines keep.
+    mount: &'static str,
+    limit: &'static str,
+    used: &'static str,
+    /// The line of `memory.stat` that counts what can be given back at once: files that were read and not used lately.
+    reclaimable: &'static str,
+}
+
+const UNIFIED: Files = Files {
+    mount: "sys/fs/cgroup",
+    limit: "memory.max",
+    used: "memory.current",
+    reclaimable: "inactive_file",
+};
+
+const LEGACY: Files = Files {
+    mount: "sys/fs/cgroup/memory",
+    limit: "memory.limit_in_bytes",
+    used: "memory.usage_in_bytes",
+    reclaimable: "total_inactive_file",
+};
+
+/// Memory of a control group and of those around it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Memory {
+    /// The least limit, in bytes.
+    pub limit_bytes: u64,
+    /// Bytes that can still be taken before one of the limits is reached.
+    pub free_bytes: u64,
+}
+
+/// Limits of the process's group and of the groups around it; `None` where there are none.
+pub fn memory() -> Option<Memory> {
+    memory_below(Path::new("/"))
+}
+
+/// As [`memory`], with the files below `root`.
+fn memory_below(root: &Path) -> Option<Memory> {
+    let groups = std::fs::read_to_string(root.join("proc/self/cgroup")).ok()?;
+    groups
+        .lines()
+        .filter_map(|line| of_line(root, line))
+        .reduce(tighter)
+}
+
+/// The limits by one line of `/proc/self/cgroup`: `hierarchy:controllers:path`.
+fn of_line(root: &Path, line: &str) -> Option<Memory> {
+    let mut fields = line.splitn(3, ':');
+    let (hierarchy, controllers, path) = (fields.next()?, fields.next()?, fields.next()?);
+    let files = match (hierarchy, controllers) {
+        ("0", "") => UNIFIED,
+        (_, controllers) if controllers.split(',').any(|name| name == "memory") => LEGACY,
+        _ => return None,
+    };
+    let mount = root.join(files.mount);
+    // A container may see its own group as the mount's root, by a path that is the host's: groups that are not there say nothing.
+    let own = mount.join(path.trim_start_matches('/'));
+    (own.ancestors())
+        .take_while(|group| group.starts_with(&mount))
+        .filter_map(|group| of_group(group, &files))
+        .reduce(tighter)
+}
+
+fn of_group(group: &Path, files: &Files) -> Option<Memory> {
+    let number = |name: &str| -> Option<u64> {
+        let text = std::fs::read_to_string(group.join(name)).ok()?;
+        text.trim().parse().ok()
+    };
+    // "max", and in the older version a number near 2^63, mean that there is none.
+    let limit_bytes = number(files.limit).filter(|&limit| limit < 1 << 60)?;
+    let used = number(files.used).unwrap_or(0);
+    let used = used.saturating_sub(reclaimable(group.join("memory.stat"), files.reclaimable));
+    Some(Memory {
+        limit_bytes,
+        free_bytes: limit_bytes.saturating_sub(used),
+    })
+}
+
+fn reclaimable(stat: PathBuf, name: &str) -> u64 {
+    let text = std::fs::read_to_string(stat).unwrap_or_default();
+    let value = (text.lines())
+        .filter_map(|line| line.split_once(' '))
+        .find(|(key, _)| *key == name);
+    value
+        .and_then(|(_, bytes)| bytes.trim().parse().ok())
+        .unwrap_or(0)
+}
+
+fn tighter(a: Memory, b: Memory) -> Memory {
+    Memory {
+        limit_bytes: a.limit_bytes.min(b.limit_bytes),
+        free_bytes: a.free_bytes.min(b.free_bytes),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A folder with the files that a kernel would show.
+    struct Root(PathBuf);
+
+    impl Root {
+        fn new(name: &str, files: &[(&str, &str)]) -> Root {
+            let name = format!("tuff-control-group-{}-{name}", std::process::id());
+            let root = Root(std::env::temp_dir().join(name));
+            for (path, text) in files {
+                let path = root.0.join(path);
+                std::fs::create_dir_all(path.parent().expect("a folder")).expect("made");
+                std::fs::write(path, text).expect("written");
+            }
+            root
+        }
+
+        fn memory(&self) -> Option<Memory> {
+            memory_below(&self.0)
+        }
+    }
+
+    impl Drop for Root {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+
+    #[test]
+    fn the_tightest_group_counts() {
+        let root = Root::new(
+            "unified",
+            &[
+                ("proc/self/cgroup", "0::/jobs/one\n"),
+                ("sys/fs/cgroup/jobs/one/memory.max", "max\n"),
+                ("sys/fs/cgroup/jobs/memory.max", "1000000\n"),
+                ("sys/fs/cgroup/jobs/memory.current", "700000\n"),
+                (
+                    "sys/fs/cgroup/jobs/memory.stat",
+                    "anon 1\ninactive_file 100000\n",
+                ),
+                ("sys/fs/cgroup/memory.max", "2000000\n"),
+                ("sys/fs/cgroup/memory.current", "1900000\n"),
+            ],
+        );
+        let expected = Memory {
+            limit_bytes: 1_000_000,
+            free_bytes: 100_000,
+        };
+        assert_eq!(root.memory(), Some(expected));
+    }
+
+    #[test]
+    fn a_container_with_the_hosts_path_sees_its_own_group_at_the_mount() {
+        let root = Root::new(
+            "legacy",
+            &[
+                (
+                    "proc/self/cgroup",
+                    "5:cpu,cpuacct:/docker/a\n4:memory:/docker/a\n",
+                ),
+                ("sys/fs/cgroup/memory/memory.limit_in_bytes", "536870912\n"),
+                ("sys/fs/cgroup/memory/memory.usage_in_bytes", "36870912\n"),
+            ],
+        );
+        let expected = Memory {
+            limit_bytes: 536_870_912,
+            free_bytes: 500_000_000,
+        };
+        assert_eq!(root.memory(), Some(expected));
+    }
+
+    #[test]
+    fn no_limit_is_none() {
+        let unlimited = Root::new(
+            "unlimited",
+            &[
+                ("proc/self/cgroup", "4:memory:/\n"),
+                (
+                    "sys/fs/cgroup/memory/memory.limit_in_bytes",
+                    "9223372036854771712\n",
+                ),
+            ],
+        );
+        assert_eq!(unlimited.memory(), None);
+        assert_eq!(Root::new("nothing", &[]).memory(), None);
+    }
+}
