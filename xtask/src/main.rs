@@ -1,4 +1,4 @@
-//! The commands a person types: `cargo xtask demo | test | fuzz | bench | apps | chart | precision | profile | audit | vuids | env | run | install | uninstall`.
+//! The commands a person types: `cargo xtask demo | test | fuzz | bench | apps | chart | precision | profile | audit | vuids | env | run | info | install | uninstall | package`.
 
 mod apps;
 mod audit;
@@ -7,10 +7,12 @@ mod chart;
 mod demo;
 mod driver;
 mod fuzz;
+mod info;
 mod install;
 #[path = "../demo/src/limits.rs"]
 mod limits;
 mod loader;
+mod package;
 mod precision;
 mod profile;
 mod run;
@@ -53,6 +55,10 @@ enum Command {
     Install(install::Options),
     /// Remove what `install` put there
     Uninstall(install::Options),
+    /// Tell what programs find here: loader, drivers, limits; and what mends what is wrong
+    Info(info::Options),
+    /// Build what users install: a Python wheel, a Debian package and a tarball
+    Package(package::Options),
     /// Measure: `bench traversal` compares walks and builds with Embree's
     Bench(bench::Options),
     /// Hold applications that you have built against another driver: their speed and their pictures
@@ -80,6 +86,8 @@ fn main() -> ExitCode {
         Command::Run(options) => run::run(&options),
         Command::Install(options) => install::install(&options),
         Command::Uninstall(options) => install::uninstall(&options),
+        Command::Info(options) => info::info(&options),
+        Command::Package(options) => package::package(&options),
         Command::Bench(options) => bench::bench(&options),
         Command::Apps(options) => apps::apps(&options),
         Command::Precision(options) => precision::precision(&options),

@@ -1,0 +1,55 @@
+#!/bin/sh
+# Builds the Vulkan loader that wheel and tarball bring along for systems without one:
+#
+#     packaging/loader.sh FOLDER [GLIBC]
+#
+# leaves libvulkan.so.1 and LICENSE.txt in FOLDER. With GLIBC, such as 2.28, symbols are no newer than that: zig links it (`zig` in
+# PATH, or the Python package ziglang). Needs git, cmake and a C compiler. The sources are Khronos', at the tag below; LOADER_SOURCES and
+# HEADERS_SOURCES name other repositories, on this machine for instance. Window systems are left out: a machine that shows windows has a
+# loader of its own.
+set -eu
+
+TAG=vulkan-sdk-1.4.357.0
+LOADER_SOURCES=${LOADER_SOURCES:-https://github.com/KhronosGroup/Vulkan-Loader}
+HEADERS_SOURCES=${HEADERS_SOURCES:-https://github.com/KhronosGroup/Vulkan-Headers}
+
+mkdir -p "$1"
+out=$(cd "$1" && pwd)
+glibc=${2:-}
+if [ "$(cat "$out/built" 2>/dev/null)" = "$TAG $glibc" ]; then
+    exit 0
+fi
+work=$out/work
+rm -rf "$work"
+mkdir "$work"
+
+compiler=${CC:-cc}
+if [ -n "$glibc" ]; then
+    if command -v zig >/dev/null; then
+        zig=zig
+    else
+        zig="python3 -m ziglang"
+    fi
+    compiler=$work/cc
+    printf '#!/bin/sh\nexec %s cc -target %s-linux-gnu.%s "$@"\n' "$zig" "$(uname -m)" "$glibc" >"$compiler"
+    chmod +x "$compiler"
+fi
+
+fetch() {
+    git -c advice.detachedHead=false clone --quiet --depth 1 --branch "$TAG" "$1" "$work/$2"
+}
+fetch "$LOADER_SOURCES" loader
+fetch "$HEADERS_SOURCES" headers
+
+cmake -S "$work/headers" -B "$work/headers-build" -DCMAKE_INSTALL_PREFIX="$work/installed" \
+    -DVULKAN_HEADERS_ENABLE_MODULE=OFF -DCMAKE_C_COMPILER="$compiler" >"$work/log"
+cmake --install "$work/headers-build" >>"$work/log"
+cmake -S "$work/loader" -B "$work/build" -DCMAKE_BUILD_TYPE=Release -DCMAKE_C_COMPILER="$compiler" \
+    -DCMAKE_PREFIX_PATH="$work/installed" -DBUILD_TESTS=OFF -DBUILD_WSI_XCB_SUPPORT=OFF -DBUILD_WSI_XLIB_SUPPORT=OFF \
+    -DBUILD_WSI_XLIB_XRANDR_SUPPORT=OFF -DBUILD_WSI_WAYLAND_SUPPORT=OFF -DBUILD_WSI_DIRECTFB_SUPPORT=OFF >>"$work/log"
+cmake --build "$work/build" >>"$work/log"
+
+cp -L "$work/build/loader/libvulkan.so.1" "$out/libvulkan.so.1"
+cp "$work/loader/LICENSE.txt" "$out/LICENSE.txt"
+rm -rf "$work"
+echo "$TAG $glibc" >"$out/built"

@@ -1,0 +1,98 @@
+//! The Debian package: the tree below `/usr`, as deb(5) has it.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+
+use crate::Release;
+use crate::tarball::packed;
+use crate::tree::{Entry, Tree};
+
+/// Writes `tuff-vulkan_VERSION_ARCHITECTURE.deb`.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write(tree: &Tree, release: &Release, out: &Path) -> Result<PathBuf> {
+    let architecture = match release.architecture {
+        "x86_64" => "amd64",
+        "aarch64" => "arm64",
+        other => other,
+    };
+    let mut installed = tree.below("usr");
+    // Debian Policy 12.5: licences of a package lie in its file `copyright`.
+    let copyright: String = (tree.files())
+        .filter(|(path, _)| path.starts_with("share/doc/"))
+        .map(|(path, entry)| {
+            let name = path.rsplit('/').next().unwrap_or(path);
+            format!("{name}\n\n{}\n\n", String::from_utf8_lossy(&entry.bytes))
+        })
+        .collect();
+    installed.add(
+        "usr/share/doc/tuff-vulkan/copyright",
+        Entry::file(copyright.into_bytes()),
+    );
+    let mut control = Tree::default();
+    let text = control_file(&installed, release, architecture);
+    control.add("control", Entry::file(text.into_bytes()));
+    let parts = [
+        ("debian-binary", b"2.0\n".to_vec()),
+        ("control.tar.gz", packed(&control, "./", release.time)?),
+        ("data.tar.gz", packed(&installed, "./", release.time)?),
+    ];
+    let path = out.join(format!(
+        "tuff-vulkan_{}_{architecture}.deb",
+        release.version
+    ));
+    let file = std::fs::File::create(&path);
+    let mut archive =
+        ar::Builder::new(file.with_context(|| format!("writing {}", path.display()))?);
+    for (name, bytes) in parts {
+        let mut header = ar::Header::new(name.as_bytes().to_vec(), bytes.len() as u64);
+        header.set_mtime(release.time);
+        header.set_mode(0o100_644);
+        archive
+            .append(&header, &bytes[..])
+            .context("writing the package")?;
+    }
+    Ok(path)
+}
+
+/// The fields of Debian Policy 5.3.
+fn control_file(installed: &Tree, release: &Release, architecture: &str) -> String {
+    let kilobytes: usize = installed
+        .files()
+        .map(|(_, it)| it.bytes.len().div_ceil(1024))
+        .sum();
+    let mut depends = format!("libc6 (>= {})", release.glibc);
+    if release.needs_libgcc {
+        depends += ", libgcc-s1";
+    }
+    let mut text = String::new();
+    let fields = [
+        ("Package", "tuff-vulkan".into()),
+        ("Version", release.version.clone()),
+        ("Architecture", architecture.into()),
+        (
+            "Maintainer",
+            "The Tuff maintainers <tuff@project.invalid>".into(),
+        ),
+        ("Installed-Size", kilobytes.to_string()),
+        ("Depends", depends),
+        ("Recommends", "libvulkan1".into()),
+        ("Provides", "vulkan-icd".into()),
+        ("Section", "libs".into()),
+        ("Priority", "optional".into()),
+        ("Description", DESCRIPTION.into()),
+    ];
+    for (name, value) in fields {
+        let _ = writeln!(text, "{name}: {value}");
+    }
+    text
+}
+
+const DESCRIPTION: &str = "Vulkan driver that traces rays on the CPU
+ Programs that use VK_KHR_ray_tracing_pipeline or ray queries run without a
+ graphics card. The Vulkan loader finds the driver like any other; the
+ command tuff runs one program on it, and tells what is wrong where something
+ is.";

@@ -1,0 +1,162 @@
+//! Packages of a built driver: `cargo xtask package` builds it and calls this.
+//!
+//! ```text
+//! driver, tuff, loader ──> Tree: bin/ lib/ share/ ──> tarball
+//!                                                ├──> .deb (below /usr)
+//!                                                └──> wheel (inside the Python package)
+//! ```
+//!
+//! The same input gives the same bytes: files stand in order, and their times are `SOURCE_DATE_EPOCH` or a fixed day.
+
+mod deb;
+mod hash;
+mod licences;
+mod symbols;
+mod tarball;
+mod tree;
+mod wheel;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, ensure};
+use clap::Parser;
+
+use symbols::GlibcVersion;
+use tree::{Entry, Tree};
+
+#[derive(Parser)]
+struct Arguments {
+    /// The driver's library, with debug information
+    #[arg(long, value_name = "FILE")]
+    driver: PathBuf,
+    /// The manifest that goes with it; it names the library relative to its own folder
+    #[arg(long, value_name = "FILE")]
+    manifest: PathBuf,
+    /// The program `tuff`
+    #[arg(long, value_name = "FILE")]
+    program: PathBuf,
+    /// A Vulkan loader for systems that have none: libvulkan.so.1, with its licence beside it as LICENSE.txt
+    #[arg(long, value_name = "FILE")]
+    loader: Option<PathBuf>,
+    /// The newest glibc that the binaries may need
+    #[arg(long, value_name = "VERSION")]
+    glibc: GlibcVersion,
+    /// The repository
+    #[arg(long, value_name = "FOLDER")]
+    root: PathBuf,
+    /// Where packages go
+    #[arg(long, value_name = "FOLDER")]
+    out: PathBuf,
+}
+
+/// The most bytes that a stripped driver may have.
+const MAX_DRIVER_BYTES: usize = 10_000_000;
+
+/// What all packages are called by.
+pub struct Release {
+    pub version: String,
+    /// By Rust's name.
+    pub architecture: &'static str,
+    /// What the binaries need.
+    pub glibc: GlibcVersion,
+    /// Whether they are linked with the compiler's library for unwinding.
+    pub needs_libgcc: bool,
+    /// The time of all files, in seconds since 1970.
+    pub time: u64,
+}
+
+fn main() -> ExitCode {
+    match package(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn package(arguments: &Arguments) -> Result<()> {
+    let out = &arguments.out;
+    std::fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
+    let scratch = out.join("stripped");
+    let driver = symbols::separate(&arguments.driver, &scratch)?;
+    let program = symbols::separate(&arguments.program, &scratch)?;
+    let size = driver.stripped.len();
+    ensure!(
+        size <= MAX_DRIVER_BYTES,
+        "the stripped driver has {size} bytes, more than {MAX_DRIVER_BYTES}"
+    );
+    let licences = licences::all(&arguments.root, &["icd", "tuff"])?;
+    let mut tree = Tree::default();
+    tree.add("bin/tuff", Entry::program(program.stripped));
+    tree.add("lib/tuff/libvulkan_tuff.so", Entry::file(driver.stripped));
+    let manifest = read(&arguments.manifest)?;
+    tree.add("share/vulkan/icd.d/tuff_icd.json", Entry::file(manifest));
+    for (name, text) in licences {
+        tree.add(
+            &format!("share/doc/tuff-vulkan/{name}"),
+            Entry::file(text.into_bytes()),
+        );
+    }
+    let mut with_loader = tree.clone();
+    if let Some(loader) = &arguments.loader {
+        let licence = loader.with_file_name("LICENSE.txt");
+        let stripped = symbols::separate(loader, &scratch)?.stripped;
+        with_loader.add("lib/tuff/loader/libvulkan.so.1", Entry::file(stripped));
+        let name = "share/doc/tuff-vulkan/LICENSE-vulkan-loader.txt";
+        with_loader.add(name, Entry::file(read(&licence)?));
+    }
+    let glibc = symbols::newest_glibc(&with_loader, &scratch)?;
+    ensure!(
+        glibc <= arguments.glibc,
+        "the binaries need glibc {glibc}, more than {}",
+        arguments.glibc
+    );
+    let release = Release {
+        version: env!("CARGO_PKG_VERSION").into(),
+        architecture: std::env::consts::ARCH,
+        glibc: arguments.glibc,
+        needs_libgcc: symbols::is_linked_with(&with_loader, "libgcc_s.so.1", &scratch)?,
+        time: time(std::env::var("SOURCE_DATE_EPOCH").ok().as_deref())?,
+    };
+    std::fs::remove_dir_all(&scratch).context("removing what was stripped")?;
+    let packages = [
+        tarball::write(&with_loader, &release, out)?,
+        deb::write(&tree, &release, out)?,
+        wheel::write(
+            &with_loader,
+            &release,
+            &arguments.root.join("packaging/python"),
+            out,
+        )?,
+        tarball::write_debug(&[driver.debug, program.debug], &release, out)?,
+    ];
+    for package in &packages {
+        let bytes = std::fs::metadata(package)?.len();
+        println!("{} ({:.1} MB)", package.display(), bytes as f64 / 1e6);
+    }
+    let sums = hash::write_sums(&packages, out)?;
+    println!(
+        "{}\ndriver: {:.1} MB stripped; needs glibc {glibc}",
+        sums.display(),
+        size as f64 / 1e6
+    );
+    Ok(())
+}
+
+fn read(path: &PathBuf) -> Result<Vec<u8>> {
+    std::fs::read(path).with_context(|| format!("reading {}", path.display()))
+}
+
+/// The time that all files get: that of reproducible builds, or the first day that a zip file can name.
+fn time(source_date_epoch: Option<&str>) -> Result<u64> {
+    const FIRST_DAY: u64 = 315_532_800;
+    let Some(text) = source_date_epoch else {
+        return Ok(FIRST_DAY);
+    };
+    let seconds: u64 = text
+        .parse()
+        .context("SOURCE_DATE_EPOCH is no number of seconds")?;
+    Ok(seconds.max(FIRST_DAY))
+}

@@ -1,0 +1,173 @@
+//! Debug information goes into files of its own, and what binaries need of glibc is read from their symbols.
+//!
+//! The tools are those of GNU binutils, which come with every C++ compiler on Linux.
+
+use std::fmt;
+use std::path::Path;
+use std::process::Command;
+use std::str::FromStr;
+
+use anyhow::{Context, Result, ensure};
+
+use crate::tree::{Entry, Tree};
+
+/// A binary and its debug information.
+pub struct Separated {
+    pub stripped: Vec<u8>,
+    /// A file name that debuggers look for, and its contents.
+    pub debug: (String, Vec<u8>),
+}
+
+/// Takes a binary apart, by way of files in `scratch`.
+///
+/// # Errors
+/// The binary or one of the tools is not there.
+pub fn separate(binary: &Path, scratch: &Path) -> Result<Separated> {
+    std::fs::create_dir_all(scratch).with_context(|| format!("making {}", scratch.display()))?;
+    let name = binary.file_name().context("a binary has a name")?;
+    let name = name.to_str().context("a name in UTF-8")?;
+    let debug_name = format!("{name}.debug");
+    let (stripped, debug) = (scratch.join(name), scratch.join(&debug_name));
+    std::fs::copy(binary, &stripped).with_context(|| format!("reading {}", binary.display()))?;
+    tool(
+        Command::new("objcopy")
+            .arg("--only-keep-debug")
+            .arg(binary)
+            .arg(&debug),
+    )?;
+    tool(Command::new("strip").arg("--strip-unneeded").arg(&stripped))?;
+    // The link names the file without a folder: the command runs where it lies.
+    let mut link = Command::new("objcopy");
+    link.current_dir(scratch)
+        .arg(format!("--add-gnu-debuglink={debug_name}"))
+        .arg(name);
+    tool(&mut link)?;
+    Ok(Separated {
+        stripped: std::fs::read(&stripped)?,
+        debug: (debug_name, std::fs::read(&debug)?),
+    })
+}
+
+fn tool(command: &mut Command) -> Result<String> {
+    let name = command.get_program().display().to_string();
+    let output = (command.env("LC_ALL", "C").output())
+        .with_context(|| format!("starting {name}: install binutils"))?;
+    let errors = String::from_utf8_lossy(&output.stderr);
+    ensure!(output.status.success(), "{name}: {errors}");
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// A version of the GNU C library.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct GlibcVersion {
+    pub major: u32,
+    pub minor: u32,
+}
+
+impl fmt::Display for GlibcVersion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}.{}", self.major, self.minor)
+    }
+}
+
+impl FromStr for GlibcVersion {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        // Some symbols have a third number, which counts for nothing here: 2.2.5.
+        let mut numbers = text.splitn(3, '.').map(|number| number.parse().ok());
+        match (numbers.next().flatten(), numbers.next().flatten()) {
+            (Some(major), Some(minor)) => Ok(GlibcVersion { major, minor }),
+            _ => Err(format!("\"{text}\" is no version of glibc, such as 2.28")),
+        }
+    }
+}
+
+/// The newest glibc that a binary of the tree asks for.
+///
+/// # Errors
+/// A tool is not there, or no binary asks for any.
+pub fn newest_glibc(tree: &Tree, scratch: &Path) -> Result<GlibcVersion> {
+    let mut newest = None;
+    for (path, Entry { bytes, .. }) in binaries(tree) {
+        let file = scratch.join("looked-at");
+        std::fs::write(&file, bytes).with_context(|| format!("writing {path}"))?;
+        let text = tool(
+            Command::new("readelf")
+                .args(["--version-info", "--wide"])
+                .arg(&file),
+        )?;
+        newest = newest.max(asked_for(&text));
+    }
+    newest.context("no binary asks for a version of glibc")
+}
+
+/// Whether a binary of the tree is linked with a library of this name.
+///
+/// # Errors
+/// A tool is not there.
+pub fn is_linked_with(tree: &Tree, library: &str, scratch: &Path) -> Result<bool> {
+    for (path, Entry { bytes, .. }) in binaries(tree) {
+        let file = scratch.join("looked-at");
+        std::fs::write(&file, bytes).with_context(|| format!("writing {path}"))?;
+        let text = tool(
+            Command::new("readelf")
+                .args(["--dynamic", "--wide"])
+                .arg(&file),
+        )?;
+        let names =
+            |line: &str| line.contains("(NEEDED)") && line.contains(&format!("[{library}]"));
+        if text.lines().any(names) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+fn binaries(tree: &Tree) -> impl Iterator<Item = (&str, &Entry)> {
+    (tree.files()).filter(|(_, entry)| entry.bytes.starts_with(b"\x7fELF"))
+}
+
+/// The newest version in what `readelf --version-info` prints.
+fn asked_for(text: &str) -> Option<GlibcVersion> {
+    text.split("Name: GLIBC_")
+        .skip(1)
+        .filter_map(|rest| rest.split_whitespace().next()?.parse().ok())
+        .max()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn versions_are_read_and_compared() {
+        let text = "  0x0010:   Name: GLIBC_2.2.5  Flags: none  Version: 5\n\
+                    0x0020:   Name: GLIBC_2.28  Flags: none  Version: 4\n\
+                    0x0030:   Name: GLIBC_2.4  Flags: none  Version: 3\n\
+                    0x0040:   Name: GLIBC_PRIVATE  Flags: none  Version: 3\n";
+        assert_eq!(
+            asked_for(text).map(|it| it.to_string()).as_deref(),
+            Some("2.28")
+        );
+        assert_eq!(asked_for("nothing"), None);
+        assert!("2.9".parse::<GlibcVersion>() < "2.28".parse());
+        assert!("two".parse::<GlibcVersion>().is_err());
+    }
+
+    /// On this very program.
+    #[test]
+    fn binaries_are_taken_apart() {
+        let scratch = std::env::temp_dir().join(format!("tuff-symbols-{}", std::process::id()));
+        let program = std::env::current_exe().unwrap();
+        let separated = separate(&program, &scratch).unwrap();
+        let whole = std::fs::metadata(&program).unwrap().len() as usize;
+        assert!(separated.stripped.len() < whole / 2);
+        assert!(separated.debug.0.ends_with(".debug"));
+        let mut tree = Tree::default();
+        tree.add("bin/it", Entry::program(separated.stripped));
+        let newest = newest_glibc(&tree, &scratch).unwrap();
+        std::fs::remove_dir_all(&scratch).unwrap();
+        assert!(newest >= "2.17".parse().unwrap());
+    }
+}

@@ -1,0 +1,155 @@
+//! `tuff info`: what programs find here, and what is wrong, each with what mends it.
+
+#[path = "../../../../icd/src/object/control_group.rs"]
+mod control_group;
+pub mod probe;
+mod problems;
+
+use std::process::ExitCode;
+
+use crate::installation::Installation;
+use crate::loader;
+use problems::Problem;
+
+/// What was seen.
+pub struct Seen {
+    /// The driver's library, or what is wrong with it.
+    pub library: Result<std::path::PathBuf, String>,
+    pub system_loader: Option<loader::System>,
+    /// Whether the package brought a loader.
+    pub own_loader: bool,
+    /// With `tuff run`.
+    pub selected: probe::Found,
+    /// Without it.
+    pub unselected: probe::Found,
+    /// The process's control group, where that has a limit.
+    pub group: Option<control_group::Memory>,
+    /// Variables that matter to loader and driver, and their values.
+    pub variables: Vec<(String, String)>,
+}
+
+/// Prints all that is known; fails where programs cannot use Tuff.
+pub fn print(installation: &Installation) -> ExitCode {
+    let seen = Seen {
+        library: installation.library().map_err(|error| format!("{error:#}")),
+        system_loader: loader::System::find(),
+        own_loader: installation.own_loader.is_some(),
+        selected: probe::ask(&installation.variables()),
+        unselected: probe::ask(&[]),
+        group: control_group::memory(),
+        variables: variables(),
+    };
+    print!("{}", text(installation, &seen));
+    let problems = problems::find(&seen);
+    for Problem { what, mend } in &problems {
+        println!("\nproblem: {what}\n   mend: {mend}");
+    }
+    let works = seen
+        .selected
+        .devices
+        .iter()
+        .any(|it| it.is_tuff() && it.created == "yes");
+    match works {
+        true => ExitCode::SUCCESS,
+        false => ExitCode::FAILURE,
+    }
+}
+
+/// Variables that loader and driver read.
+fn variables() -> Vec<(String, String)> {
+    let mut set: Vec<_> = std::env::vars_os()
+        .map(|(name, value)| {
+            let text = |it: std::ffi::OsString| it.to_string_lossy().into_owned();
+            (text(name), text(value))
+        })
+        .filter(|(name, _)| {
+            ["VK_", "TUFF_"].iter().any(|start| name.starts_with(start))
+                || name == "LD_LIBRARY_PATH"
+        })
+        .collect();
+    set.sort();
+    set
+}
+
+fn text(installation: &Installation, seen: &Seen) -> String {
+    let mut lines = vec![format!("Tuff {}", env!("CARGO_PKG_VERSION"))];
+    let mut line = |name: &str, value: String| lines.push(format!("  {name:<12}{value}"));
+    line("manifest", installation.manifest.display().to_string());
+    line(
+        "driver",
+        match &seen.library {
+            Ok(library) => library.display().to_string(),
+            Err(why) => why.clone(),
+        },
+    );
+    line("loader", loader_text(seen));
+    match seen.selected.devices.iter().find(|device| device.is_tuff()) {
+        Some(device) => {
+            line("device", device.name.clone());
+            line(
+                "versions",
+                format!(
+                    "driver {}, Vulkan {}",
+                    device.driver_version, device.api_version
+                ),
+            );
+            line("heap", format!("{} MiB", device.heap_bytes >> 20));
+        }
+        None => line("device", "none: see below".into()),
+    }
+    let usable = std::thread::available_parallelism().map_or(1, usize::from);
+    // SAFETY: a plain system call.
+    let processors = unsafe { libc::sysconf(libc::_SC_NPROCESSORS_ONLN) };
+    let limited = match usable as i64 == i64::from(processors) {
+        true => "",
+        false => ", by affinity or the control group's CPU quota",
+    };
+    line(
+        "processors",
+        format!("{usable} of {processors} may be used{limited}"),
+    );
+    if let Some(group) = &seen.group {
+        let (limit, free) = (group.limit_bytes >> 20, group.free_bytes >> 20);
+        line(
+            "memory",
+            format!("the control group's limit is {limit} MiB, of which {free} are free"),
+        );
+    }
+    lines.push("What programs find without `tuff run` or `tuff env`, in this order:".into());
+    for device in &seen.unselected.devices {
+        lines.push(format!("  {} (Vulkan {})", device.name, device.api_version));
+    }
+    if seen.unselected.devices.is_empty() {
+        lines.push("  no device".into());
+    }
+    if !seen.variables.is_empty() {
+        lines.push("Variables that are set:".into());
+        let set = seen.variables.iter();
+        lines.extend(set.map(|(name, value)| format!("  {name}={value}")));
+    }
+    lines.push(
+        "Programs with more rights than their user (setuid, file capabilities) ignore VK_DRIVER_FILES and\n\
+         VK_ICD_FILENAMES: they find only drivers that are installed for the whole system."
+            .into(),
+    );
+    lines.join("\n") + "\n"
+}
+
+fn loader_text(seen: &Seen) -> String {
+    let version = seen
+        .selected
+        .loader_version
+        .as_deref()
+        .unwrap_or("of an unknown version");
+    match &seen.system_loader {
+        Some(system) => {
+            let path = system
+                .path
+                .as_ref()
+                .map_or(String::new(), |path| format!(", {}", path.display()));
+            format!("{version}, the system's{path}")
+        }
+        None if seen.own_loader => format!("{version}, the package's own: the system has none"),
+        None => "none".into(),
+    }
+}

@@ -1,0 +1,232 @@
+//! What keeps programs from Tuff, in plain words, with the line that mends it.
+
+use super::Seen;
+use crate::loader;
+
+/// Something wrong.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Problem {
+    pub what: String,
+    pub mend: String,
+}
+
+/// The first loader that reads `VK_DRIVER_FILES`.
+const DRIVER_FILES_SINCE: [u32; 3] = [1, 3, 207];
+/// Below this a scene of ordinary size does not fit.
+const SMALL_HEAP_BYTES: u64 = 192 << 20;
+
+/// Everything that is wrong, what matters most first.
+pub fn find(seen: &Seen) -> Vec<Problem> {
+    let mut problems = Vec::new();
+    let mut add = |what: String, mend: String| problems.push(Problem { what, mend });
+    if let Err(why) = &seen.library {
+        add(
+            why.clone(),
+            "install Tuff again, or name its manifest: tuff --manifest FILE info".into(),
+        );
+    }
+    if seen.system_loader.is_none() && !seen.own_loader {
+        add(
+            format!("there is no Vulkan loader ({})", loader::LIBRARY),
+            loader::install_command().into(),
+        );
+    }
+    let refused: Vec<&String> = (seen.selected.said.iter())
+        .filter(|line| line.starts_with("tuff: TUFF_"))
+        .collect();
+    for line in &refused {
+        let what = line.trim_start_matches("tuff: ");
+        let name = what.split(':').next().unwrap_or(what);
+        add(what.into(), format!("unset {name}"));
+    }
+    let tuff = seen.selected.devices.iter().find(|device| device.is_tuff());
+    match tuff {
+        None if seen.library.is_ok() && (seen.system_loader.is_some() || seen.own_loader) => add(
+            format!(
+                "the loader does not load the driver: {}",
+                seen.selected.said.join("; ")
+            ),
+            "VK_LOADER_DEBUG=all tuff run -- vulkaninfo --summary tells every step".into(),
+        ),
+        Some(device) if device.created != "yes" && refused.is_empty() => add(
+            format!(
+                "no device can be created: {}; {}",
+                device.created,
+                seen.selected.said.join("; ")
+            ),
+            "give the process more memory or threads (ulimit -a, and the container's limits)"
+                .into(),
+        ),
+        _ => {}
+    }
+    if let Some(device) = tuff.filter(|device| device.heap_bytes < SMALL_HEAP_BYTES) {
+        add(
+            format!(
+                "there are only {} MiB of memory for scenes",
+                device.heap_bytes >> 20
+            ),
+            "give the container more memory, 512 MB for instance: docker run --memory 512m …"
+                .into(),
+        );
+    }
+    of_variables(seen, &mut add);
+    let unselected = &seen.unselected.devices;
+    if let Some(place) = unselected
+        .iter()
+        .position(|device| device.is_tuff())
+        .filter(|&it| it > 0)
+    {
+        add(
+            format!(
+                "a program that takes the first device gets {}, Tuff is number {}",
+                unselected[0].name,
+                place + 1
+            ),
+            "tuff run -- PROGRAM, or for a whole shell: eval \"$(tuff env)\"".into(),
+        );
+    }
+    problems
+}
+
+/// Variables that lead the loader astray.
+fn of_variables(seen: &Seen, add: &mut dyn FnMut(String, String)) {
+    let value = |wanted: &str| {
+        let found = seen.variables.iter().find(|(name, _)| name == wanted);
+        found
+            .map(|(_, value)| value.as_str())
+            .filter(|value| !value.is_empty())
+    };
+    for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES", "VK_ADD_DRIVER_FILES"] {
+        for file in value(name)
+            .unwrap_or_default()
+            .split(':')
+            .filter(|file| !file.is_empty())
+        {
+            if !std::path::Path::new(file).exists() {
+                add(
+                    format!("{name} names {file}, which is not there"),
+                    format!("unset {name}, or eval \"$(tuff env)\""),
+                );
+            }
+        }
+    }
+    let loader = seen.selected.loader_version.as_deref();
+    let is_old = loader.is_some_and(|version| numbers(version) < DRIVER_FILES_SINCE);
+    if is_old && value("VK_DRIVER_FILES").is_some() && value("VK_ICD_FILENAMES").is_none() {
+        add(
+            format!(
+                "the loader, {}, is too old to read VK_DRIVER_FILES",
+                loader.unwrap_or("?")
+            ),
+            "export VK_ICD_FILENAMES=\"$VK_DRIVER_FILES\"".into(),
+        );
+    }
+}
+
+fn numbers(version: &str) -> [u32; 3] {
+    let mut numbers = version.split('.').map(|number| number.parse().unwrap_or(0));
+    std::array::from_fn(|_| numbers.next().unwrap_or(0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::probe::{Device, Found};
+    use super::*;
+    use crate::loader::System;
+
+    fn tuff() -> Device {
+        Device {
+            name: "Tuff (2 threads, AVX2)".into(),
+            heap_bytes: 1 << 30,
+            created: "yes".into(),
+            ..Device::default()
+        }
+    }
+
+    fn well() -> Seen {
+        let found = Found {
+            loader_version: Some("1.3.239".into()),
+            devices: vec![tuff()],
+            said: vec![],
+        };
+        Seen {
+            library: Ok("/lib.so".into()),
+            system_loader: Some(System { path: None }),
+            own_loader: false,
+            selected: found.clone(),
+            unselected: found,
+            group: None,
+            variables: vec![],
+        }
+    }
+
+    #[track_caller]
+    fn expect(seen: &Seen, what: &str, mend: &str) {
+        let problems = find(seen);
+        let hit = problems
+            .iter()
+            .any(|it| it.what.contains(what) && it.mend.contains(mend));
+        assert!(hit, "{problems:#?}");
+    }
+
+    #[test]
+    fn nothing_is_wrong_where_nothing_is() {
+        assert_eq!(find(&well()), []);
+        // The package's loader serves where the system has none.
+        let slim = Seen {
+            system_loader: None,
+            own_loader: true,
+            ..well()
+        };
+        assert_eq!(find(&slim), []);
+    }
+
+    #[test]
+    fn each_problem_has_its_line() {
+        let mut seen = well();
+        seen.library = Err("the manifest /x.json cannot be read".into());
+        expect(&seen, "/x.json cannot be read", "--manifest");
+        let seen = Seen {
+            system_loader: None,
+            ..well()
+        };
+        expect(&seen, "no Vulkan loader", "install");
+        let mut seen = well();
+        seen.selected.devices.clear();
+        seen.selected.said.push("libgcc_s.so.1: cannot open".into());
+        expect(&seen, "libgcc_s.so.1: cannot open", "VK_LOADER_DEBUG");
+        let mut seen = well();
+        seen.selected.devices[0].created = "ERROR_INITIALIZATION_FAILED".into();
+        seen.selected
+            .said
+            .push("tuff: TUFF_TIER: \"x\" is not one of".into());
+        expect(&seen, "TUFF_TIER: \"x\"", "unset TUFF_TIER");
+        assert_eq!(find(&seen).len(), 1);
+        let mut seen = well();
+        seen.selected.devices[0].heap_bytes = 75 << 20;
+        expect(&seen, "only 75 MiB", "--memory");
+        let mut seen = well();
+        let other = Device {
+            name: "llvmpipe".into(),
+            ..Device::default()
+        };
+        seen.unselected.devices.insert(0, other);
+        expect(&seen, "gets llvmpipe, Tuff is number 2", "tuff run");
+    }
+
+    #[test]
+    fn variables_that_lead_astray_are_named() {
+        let variable = |name: &str, value: &str| vec![(name.to_owned(), value.to_owned())];
+        let mut seen = well();
+        seen.variables = variable("VK_ICD_FILENAMES", "/no/such.json");
+        expect(
+            &seen,
+            "names /no/such.json, which is not there",
+            "unset VK_ICD_FILENAMES",
+        );
+        seen.variables = variable("VK_DRIVER_FILES", "/");
+        assert_eq!(find(&seen), []);
+        seen.selected.loader_version = Some("1.3.204".into());
+        expect(&seen, "1.3.204, is too old", "export VK_ICD_FILENAMES");
+    }
+}

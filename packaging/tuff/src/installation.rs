@@ -1,0 +1,160 @@
+//! Where the driver lies, and the variables that point the loader at it.
+
+use std::ffi::OsString;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+
+use crate::loader;
+
+/// The manifest below the folder that a package is unpacked to.
+const MANIFEST: &str = "share/vulkan/icd.d/tuff_icd.json";
+/// The loader that some packages bring, for systems without one.
+const LOADER_FOLDER: &str = "lib/tuff/loader";
+
+/// What one package put somewhere.
+pub struct Installation {
+    /// The manifest; it may not be there.
+    pub manifest: PathBuf,
+    /// The folder of the loader that came along.
+    pub own_loader: Option<PathBuf>,
+}
+
+impl Installation {
+    /// The one that `manifest` belongs to, or else this program.
+    ///
+    /// # Errors
+    /// This program's own place is not known.
+    pub fn find(manifest: Option<&Path>) -> Result<Installation> {
+        let program = std::env::current_exe().context("where this program lies")?;
+        // PREFIX/bin/tuff.
+        let prefix = program
+            .ancestors()
+            .nth(2)
+            .context("a folder above this program's")?;
+        let loader = prefix.join(LOADER_FOLDER);
+        Ok(Installation {
+            manifest: match manifest {
+                Some(manifest) => std::path::absolute(manifest).context("the manifest's path")?,
+                None => prefix.join(MANIFEST),
+            },
+            own_loader: loader.join(loader::LIBRARY).exists().then_some(loader),
+        })
+    }
+
+    /// The library that the manifest names.
+    ///
+    /// # Errors
+    /// The manifest is not there, or no manifest, or the library is not there.
+    pub fn library(&self) -> Result<PathBuf> {
+        let shown = self.manifest.display();
+        let text = std::fs::read_to_string(&self.manifest)
+            .with_context(|| format!("the manifest {shown} cannot be read"))?;
+        let json: serde_json::Value =
+            serde_json::from_str(&text).with_context(|| format!("{shown} is no manifest"))?;
+        let named = (json["ICD"]["library_path"].as_str())
+            .with_context(|| format!("{shown} names no library"))?;
+        // A name with a folder is relative to the manifest's; one without is searched for by the system.
+        let folder = self.manifest.parent().unwrap_or(Path::new("/"));
+        let library = match named.contains('/') {
+            true => folder.join(named),
+            false => PathBuf::from(named),
+        };
+        match named.contains('/') {
+            true => std::fs::canonicalize(&library)
+                .with_context(|| format!("the driver {} cannot be read", library.display())),
+            false => Ok(library),
+        }
+    }
+
+    /// Variables that make programs see Tuff and no other driver: `VK_DRIVER_FILES` for loaders since 1.3.207, `VK_ICD_FILENAMES` for older
+    /// ones, and the path to the loader that came along where the system has none.
+    pub fn variables(&self) -> Vec<(&'static str, OsString)> {
+        let manifest = self.manifest.clone().into_os_string();
+        let mut variables = vec![
+            ("VK_DRIVER_FILES", manifest.clone()),
+            ("VK_ICD_FILENAMES", manifest),
+        ];
+        if let Some(folder) = self
+            .own_loader
+            .as_ref()
+            .filter(|_| loader::System::find().is_none())
+        {
+            let path = std::env::var_os("LD_LIBRARY_PATH").filter(|path| !path.is_empty());
+            let with_own = match path {
+                Some(mut path) => {
+                    path.push(":");
+                    path.push(folder);
+                    path
+                }
+                None => folder.clone().into_os_string(),
+            };
+            variables.push(("LD_LIBRARY_PATH", with_own));
+        }
+        variables
+    }
+
+    /// Lines for a shell's `eval`.
+    pub fn exports(&self) -> String {
+        let mut text = String::from("unset VK_ADD_DRIVER_FILES\n");
+        for (name, value) in self.variables() {
+            let quoted = value.display().to_string().replace('\'', r"'\''");
+            let _ = writeln!(text, "export {name}='{quoted}'");
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with_manifest(name: &str, text: &str) -> (PathBuf, Installation) {
+        let folder = std::env::temp_dir().join(format!("tuff-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let manifest = folder.join("it's.json");
+        std::fs::write(&manifest, text).unwrap();
+        let installation = Installation::find(Some(&manifest)).unwrap();
+        (folder, installation)
+    }
+
+    #[test]
+    fn libraries_lie_where_manifests_say() {
+        let (folder, installation) =
+            with_manifest("manifest", r#"{"ICD": {"library_path": "../lib.so"}}"#);
+        let message = format!("{:#}", installation.library().unwrap_err());
+        assert!(message.contains("lib.so cannot be read"), "{message}");
+        let library = folder.parent().unwrap().join("lib.so");
+        std::fs::write(&library, "").unwrap();
+        let found = installation.library().unwrap();
+        std::fs::remove_file(&library).unwrap();
+        assert_eq!(
+            found,
+            std::fs::canonicalize(folder.parent().unwrap())
+                .unwrap()
+                .join("lib.so")
+        );
+        std::fs::write(&installation.manifest, "{").unwrap();
+        let message = format!("{:#}", installation.library().unwrap_err());
+        assert!(message.contains("is no manifest"), "{message}");
+        std::fs::remove_dir_all(&folder).unwrap();
+        let message = format!("{:#}", installation.library().unwrap_err());
+        assert!(message.contains("it's.json cannot be read"), "{message}");
+    }
+
+    #[test]
+    fn shells_read_the_lines() {
+        let (folder, installation) = with_manifest("exports", "{}");
+        let script = format!("{}\nprintf %s \"$VK_DRIVER_FILES\"", installation.exports());
+        let shell = std::process::Command::new("sh")
+            .args(["-c", &script])
+            .output()
+            .unwrap();
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(
+            String::from_utf8(shell.stdout).unwrap(),
+            installation.manifest.to_str().unwrap()
+        );
+    }
+}

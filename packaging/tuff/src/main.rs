@@ -1,0 +1,73 @@
+//! `tuff run | env | info`: what comes with the driver in every package.
+//!
+//! Nothing here renders. It points Vulkan's loader at the driver beside this program, and tells what programs then find.
+
+mod info;
+mod installation;
+mod loader;
+mod program;
+
+use std::ffi::OsString;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+
+use installation::Installation;
+
+#[derive(Parser)]
+#[command(
+    name = "tuff",
+    version,
+    about = "Runs Vulkan programs on Tuff, a driver that traces rays on the CPU"
+)]
+struct Arguments {
+    /// The driver's manifest [default: the one that came with this program]
+    #[arg(long, global = true, value_name = "FILE")]
+    manifest: Option<PathBuf>,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Run a program on Tuff
+    Run {
+        /// The program and its arguments
+        #[arg(required = true, trailing_var_arg = true, value_name = "PROGRAM")]
+        program: Vec<OsString>,
+    },
+    /// Print the export lines that make a shell's Vulkan programs use Tuff: eval "$(tuff env)"
+    Env,
+    /// Tell what programs find here: loader, drivers, limits; and what mends what is wrong
+    Info,
+    /// Print the devices that this process finds, for `info`
+    #[command(hide = true)]
+    Probe,
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    done(&arguments).unwrap_or_else(|error| {
+        eprintln!("tuff: {error:#}");
+        ExitCode::FAILURE
+    })
+}
+
+fn done(arguments: &Arguments) -> Result<ExitCode> {
+    if let Command::Probe = arguments.command {
+        info::probe::print();
+        return Ok(ExitCode::SUCCESS);
+    }
+    let installation = Installation::find(arguments.manifest.as_deref())?;
+    match &arguments.command {
+        Command::Run { program } => program::run(&installation, program),
+        Command::Env => {
+            print!("{}", installation.exports());
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Info => Ok(info::print(&installation)),
+        Command::Probe => unreachable!("done above"),
+    }
+}
