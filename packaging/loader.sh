@@ -5,8 +5,8 @@
 #
 # leaves libvulkan.so.1 and LICENSE.txt in FOLDER. With GLIBC, such as 2.28, symbols are no newer than that: zig links it (`zig` in
 # PATH, or the Python package ziglang). Needs git, cmake and a C compiler. The sources are Khronos', at the tag below; LOADER_SOURCES and
-# HEADERS_SOURCES name other repositories, on this machine for instance. Window systems are left out: a machine that shows windows has a
-# loader of its own.
+# HEADERS_SOURCES name other repositories, on this machine for instance. No window system's headers are needed: of X11, XCB and Wayland,
+# Vulkan's own need a few types alone.
 set -eu
 
 TAG=vulkan-sdk-1.4.357.0
@@ -41,12 +41,30 @@ fetch() {
 fetch "$LOADER_SOURCES" loader
 fetch "$HEADERS_SOURCES" headers
 
+# The types that vulkan_xlib.h, vulkan_xlib_xrandr.h and vulkan_xcb.h use, as those systems' interfaces have them.
+types=$work/types
+mkdir -p "$types/X11/extensions" "$types/xcb"
+cat >"$types/X11/Xlib.h" <<'END'
+typedef struct _XDisplay Display;
+typedef unsigned long Window;
+typedef unsigned long VisualID;
+END
+echo 'typedef unsigned long RROutput;' >"$types/X11/extensions/Xrandr.h"
+cat >"$types/xcb/xcb.h" <<'END'
+#include <stdint.h>
+typedef struct xcb_connection_t xcb_connection_t;
+typedef uint32_t xcb_window_t;
+typedef uint32_t xcb_visualid_t;
+END
+systems="-DVK_USE_PLATFORM_XLIB_KHR -DVK_USE_PLATFORM_XLIB_XRANDR_EXT -DVK_USE_PLATFORM_XCB_KHR -DVK_USE_PLATFORM_WAYLAND_KHR"
+
 cmake -S "$work/headers" -B "$work/headers-build" -DCMAKE_INSTALL_PREFIX="$work/installed" \
     -DVULKAN_HEADERS_ENABLE_MODULE=OFF -DCMAKE_C_COMPILER="$compiler" >"$work/log"
 cmake --install "$work/headers-build" >>"$work/log"
 cmake -S "$work/loader" -B "$work/build" -DCMAKE_BUILD_TYPE=Release -DCMAKE_C_COMPILER="$compiler" \
     -DCMAKE_PREFIX_PATH="$work/installed" -DBUILD_TESTS=OFF -DBUILD_WSI_XCB_SUPPORT=OFF -DBUILD_WSI_XLIB_SUPPORT=OFF \
-    -DBUILD_WSI_XLIB_XRANDR_SUPPORT=OFF -DBUILD_WSI_WAYLAND_SUPPORT=OFF -DBUILD_WSI_DIRECTFB_SUPPORT=OFF >>"$work/log"
+    -DBUILD_WSI_XLIB_XRANDR_SUPPORT=OFF -DBUILD_WSI_WAYLAND_SUPPORT=OFF -DBUILD_WSI_DIRECTFB_SUPPORT=OFF \
+    -DCMAKE_C_FLAGS="-I$types $systems" >>"$work/log"
 cmake --build "$work/build" >>"$work/log"
 
 cp -L "$work/build/loader/libvulkan.so.1" "$out/libvulkan.so.1"
