@@ -82,6 +82,8 @@ fn stage(model: ExecutionModel) -> Option<Stage> {
         ExecutionModel::ClosestHitKHR => Stage::ClosestHit,
         ExecutionModel::MissKHR => Stage::Miss,
         ExecutionModel::CallableKHR => Stage::Callable,
+        ExecutionModel::Vertex => Stage::Vertex,
+        ExecutionModel::Fragment => Stage::Fragment,
         _ => return None,
     })
 }

@@ -22,6 +22,8 @@ fn stage(path: &Path) -> Stage {
         Some("rmiss") => Stage::Miss,
         Some("rint") => Stage::Intersection,
         Some("rcall") => Stage::Callable,
+        Some("vert") => Stage::Vertex,
+        Some("frag") => Stage::Fragment,
         _ => Stage::Compute,
     }
 }

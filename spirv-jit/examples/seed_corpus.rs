@@ -19,6 +19,8 @@ fn main() {
             Stage::AnyHit => 4,
             Stage::Intersection => 5,
             Stage::Callable => 6,
+            Stage::Vertex => 7,
+            Stage::Fragment => 8,
         };
         let mut bytes = vec![first];
         bytes.extend(words.iter().flat_map(|word| word.to_le_bytes()));

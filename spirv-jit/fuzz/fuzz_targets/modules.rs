@@ -8,7 +8,7 @@ use corrupt::Random;
 use libfuzzer_sys::{fuzz_mutator, fuzz_target};
 use spirv_jit::program::Stage;
 
-const STAGES: [Stage; 7] = [
+const STAGES: [Stage; 9] = [
     Stage::Compute,
     Stage::RayGeneration,
     Stage::Miss,
@@ -16,6 +16,8 @@ const STAGES: [Stage; 7] = [
     Stage::AnyHit,
     Stage::Intersection,
     Stage::Callable,
+    Stage::Vertex,
+    Stage::Fragment,
 ];
 
 fn words(bytes: &[u8]) -> Vec<u32> {

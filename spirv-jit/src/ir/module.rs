@@ -95,8 +95,12 @@ pub enum InputRow {
     HitAttribute(u32),
     /// Word of the incoming callable data.
     CallableData(u32),
-    /// Vertex stage: a word of a vertex attribute. A component of 64 bits has two.
-    Attribute { location: u16, component: u8 },
+    /// Vertex stage: a word of the attribute at a location, as a 32-bit number whatever its format's width. A component of 64 bits has two words, so
+    /// that such an attribute, which takes two locations if it has more than two components, has up to eight words at its first one.
+    Attribute {
+        location: u16,
+        component: u8,
+    },
     /// Fragment stage: a word that follows from the vertices' outputs.
     Varying(Varying),
     /// Fragment stage: a barycentric coordinate.

@@ -3,7 +3,8 @@
 
 use super::signature::check_operation;
 use super::{
-    Body, Function, FunctionId, InputRow, Inst, Label, Module, Node, Op, Space, Terminator, Type, Value,
+    Body, Function, FunctionId, InputRow, Inst, Label, Module, Node, Op, Space, Terminator, Type,
+    Value,
 };
 use crate::program::Stage;
 

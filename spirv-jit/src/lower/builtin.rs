@@ -1,14 +1,12 @@
 //! Built-in inputs, word by word.
 
-use rspirv::spirv::{BuiltIn, Decoration};
+use rspirv::spirv::BuiltIn;
 
 use super::Lowerer;
-use super::values::{Place, Pointer};
 use crate::Error;
 use crate::environment::uniform;
 use crate::ir::{self, InputRow, Type, Value};
-use crate::parse::Id;
-use crate::program::{Builtin, Stage};
+use crate::program::Builtin;
 
 /// Where a built-in comes from.
 enum Source {
@@ -108,56 +106,13 @@ fn record_words(built_in: Builtin) -> u32 {
 }
 
 impl Lowerer<'_> {
-    /// The scalars of (a part of) a built-in variable, from a word on.
-    pub(super) fn load_builtin(
-        &mut self,
-        variable: Id,
-        word: u32,
-        ty: Id,
-    ) -> Result<Vec<Value>, Error> {
-        let number = self.module.annotations.id(variable, Decoration::BuiltIn);
-        let built_in = number.and_then(BuiltIn::from_u32);
-        let Some(built_in) = built_in else {
-            if self.is_rasterized() {
-                return self.load_stage_input(variable, word, ty, None);
-            }
-            return Err(self.b.invalid("an input variable must be a built-in"));
-        };
-        let types = self.types.leaves(ty)?;
-        let mut values = Vec::with_capacity(types.len());
-        for (index, &ty) in types.iter().enumerate() {
-            let word = word.saturating_add(index as u32);
-            values.push(self.built_in_scalar(Some(variable), built_in, word, ty)?);
-        }
-        Ok(values)
-    }
-
-    /// A word of a built-in that is a member of a block.
-    pub(super) fn built_in_word(
+    /// A scalar of a built-in that is not the fragment stage's own, from a word on.
+    pub(super) fn built_in_scalar(
         &mut self,
         built_in: BuiltIn,
         word: u32,
         ty: Type,
     ) -> Result<Value, Error> {
-        self.built_in_scalar(None, built_in, word, ty)
-    }
-
-    fn built_in_scalar(
-        &mut self,
-        variable: Option<Id>,
-        built_in: BuiltIn,
-        word: u32,
-        ty: Type,
-    ) -> Result<Value, Error> {
-        if self.request.stage == Stage::Fragment {
-            let row = if ty == Type::F32 { ty } else { Type::I32 };
-            if let Some(value) = self.special_input(variable, built_in, word, row)? {
-                return match ty {
-                    Type::I1 => self.word_to_bool(value),
-                    _ => Ok(value),
-                };
-            }
-        }
         let Some(source) = source(built_in) else {
             let message = format!("built-in {built_in:?} is not supported");
             return Err(Error::unsupported(self.b.source, message));
@@ -180,6 +135,8 @@ impl Lowerer<'_> {
             };
         }
         match *source {
+            // There are no samples beyond the first word's.
+            Source::Record(Builtin::SampleMask) if word > 0 => Ok(self.b.constant(ty, 0)),
             Source::Record(built_in) => {
                 let word = word.min(record_words(built_in) - 1);
                 self.input(InputRow::Builtin(built_in, word as u8), ty)
@@ -222,25 +179,6 @@ impl Lowerer<'_> {
                 self.b.binary(ir::Op::Xor, all, through)
             }
         }
-    }
-
-    /// A copy of a built-in in per-lane memory, for computed indices.
-    pub(super) fn builtin_local(&mut self, id: Id) -> Result<usize, Error> {
-        if let Some(&local) = self.module_locals.get(&id) {
-            return Ok(local);
-        }
-        let variable = self.variables[&id];
-        let local = self.new_local("", variable.pointee)?;
-        self.module_locals.insert(id, local);
-        let place = Place::Local { local, row: 0 };
-        let pointer = Pointer::new(variable.pointee, place);
-        let nodes = self.b.enter_prologue();
-        let stored = self
-            .load_builtin(id, 0, variable.pointee)
-            .and_then(|values| self.store(&pointer, &values));
-        self.b.leave_prologue(nodes);
-        stored?;
-        Ok(local)
     }
 
     /// The device address of the shader record.

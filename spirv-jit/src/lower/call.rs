@@ -14,6 +14,7 @@ use rspirv::spirv::{Op, StorageClass};
 use super::builder::Builder;
 use super::function::{Frame, ReturnTo};
 use super::hit_object::is_hit_object;
+use super::stage_interface::Evaluation;
 use super::types::TypeKind;
 use super::values::{Local, Place, Pointer, Val};
 use super::{Lowerer, budget};
@@ -57,6 +58,8 @@ struct Scope {
     frames: Vec<Frame>,
     locals: Vec<Local>,
     module_locals: HashMap<Id, usize>,
+    input_locals: HashMap<(Id, Evaluation), usize>,
+    helper_at_start: Option<Value>,
     ray_tmax: Option<VariableId>,
 }
 
@@ -167,7 +170,6 @@ impl Lowerer<'_> {
                     | Op::Kill
                     | Op::TerminateInvocation => {
                         summary.variables.extend(self.output_variable());
-                        summary.variables.extend(&self.output_variables);
                     }
                     _ => {}
                 }
@@ -263,6 +265,8 @@ impl Lowerer<'_> {
         std::mem::swap(&mut self.frames, &mut scope.frames);
         std::mem::swap(&mut self.locals, &mut scope.locals);
         std::mem::swap(&mut self.module_locals, &mut scope.module_locals);
+        std::mem::swap(&mut self.input_locals, &mut scope.input_locals);
+        std::mem::swap(&mut self.helper_at_start, &mut scope.helper_at_start);
         std::mem::swap(&mut self.ray_tmax, &mut scope.ray_tmax);
     }
 
@@ -274,6 +278,8 @@ impl Lowerer<'_> {
             frames: Vec::new(),
             locals: Vec::new(),
             module_locals: HashMap::default(),
+            input_locals: HashMap::default(),
+            helper_at_start: None,
             ray_tmax: None,
         };
         self.swap_scope(&mut scope);

@@ -40,8 +40,10 @@ impl Lowerer<'_> {
             }
             Op::FunctionCall => self.lower_call(instruction),
             Op::ExtInst | Op::ExtInstWithForwardRefsKHR => self.lower_extended(instruction),
-            Op::AssumeTrueKHR | Op::BeginInvocationInterlockEXT | Op::EndInvocationInterlockEXT => {
-                Ok(())
+            Op::AssumeTrueKHR => Ok(()),
+            // Invocations that the interlock keeps apart are never in one wave (`FragmentFacts::interlock`).
+            Op::BeginInvocationInterlockEXT | Op::EndInvocationInterlockEXT => {
+                self.b.emit_effect(ir::Op::MemoryBarrier, &[])
             }
             Op::DemoteToHelperInvocation => match self.request.stage {
                 Stage::Fragment => self.b.emit_effect(ir::Op::Demote, &[]),

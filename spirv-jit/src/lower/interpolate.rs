@@ -6,9 +6,9 @@ use rspirv::spirv::GlslStd450Op as GLOp;
 
 use super::Lowerer;
 use super::memory::Values;
+use super::stage_interface::Evaluation;
 use super::values::Place;
 use crate::Error;
-use crate::ir::interface::{Position, Varying, VaryingMode};
 use crate::ir::{self, InputRow, Type, Value};
 use crate::parse::Id;
 use crate::program::Builtin;
@@ -40,15 +40,17 @@ impl Lowerer<'_> {
         operands: &[Id],
     ) -> Result<Values, Error> {
         let pointer = self.pointer(operands[0])?;
-        let Place::Builtin { variable, word } = pointer.place else {
-            let message = "interpolation of a computed element is not supported".to_owned();
-            return Err(Error::unsupported(self.b.source, message));
+        let ty = pointer.pointee;
+        let Place::Input {
+            variable,
+            row,
+            index,
+        } = pointer.place
+        else {
+            return Err(self.b.invalid("only inputs are interpolated"));
         };
         if op == GLOp::InterpolateAtCentroid {
-            let at = Some(Position::Centroid);
-            return self
-                .load_stage_input(variable, word, pointer.pointee, at)
-                .map(Values::from);
+            return self.load_input(variable, row, index, ty, Evaluation::Centroid);
         }
         let offset = match op {
             GLOp::InterpolateAtOffset => {
@@ -60,45 +62,58 @@ impl Lowerer<'_> {
             }
             _ => self.sample_offset(operands[1])?,
         };
-        let words = self.interface_words(variable)?;
-        let types = self.types.leaves(pointer.pointee)?;
-        if types.iter().any(|&ty| ty != Type::F32) {
+        let count = self.types.leaves(ty)?.len();
+        if self.types.leaves(ty)?.iter().any(|&ty| ty != Type::F32) {
             return Err(self.b.invalid("only floats are interpolated"));
         }
-        let mut values = Values::new();
-        for index in 0..types.len() {
-            let from = words.get(word as usize + index).or(words.last()).copied();
-            let varying = from.and_then(|word| self.varying(word, Type::F32));
-            let Some(varying) = varying else {
-                return Err(self.b.invalid("only varyings are interpolated"));
-            };
-            values.push(self.interpolated(varying, offset)?);
+        let words = self.interface_words(variable)?;
+        let Some(&first) = words.get(row as usize).or(words.last()) else {
+            return Err(self.b.invalid("an input without words"));
+        };
+        if let Some((_, perspective)) = first.barycentric() {
+            let weights = self.weights_at(perspective, offset)?;
+            return (row..)
+                .take(count)
+                .map(|row| self.weight(weights, row, index))
+                .collect();
         }
-        Ok(values)
-    }
-
-    /// A varying at an offset from the pixel's centre. One that is flat stays as it is.
-    fn interpolated(&mut self, varying: Varying, offset: [Value; 2]) -> Result<Value, Error> {
-        let perspective = match varying.mode {
-            VaryingMode::Smooth(_) => true,
-            VaryingMode::Linear(_) => false,
-            _ => return self.input(InputRow::Varying(varying), Type::F32),
+        let Some(perspective) = first.is_perspective() else {
+            return self.load_input(variable, row, index, ty, Evaluation::Decorated);
         };
         let weights = self.weights_at(perspective, offset)?;
-        let mut sum = None;
+        let mut sums = Values::new();
         for (vertex, weight) in (0u8..).zip(weights) {
-            let row = InputRow::Varying(Varying {
-                mode: VaryingMode::PerVertex(vertex),
-                ..varying
-            });
-            let value = self.input(row, Type::F32)?;
-            let part = self.b.binary(ir::Op::FMul, weight, value)?;
-            sum = Some(match sum {
-                None => part,
-                Some(sum) => self.b.binary(ir::Op::FAdd, sum, part)?,
-            });
+            let at = Evaluation::Vertex(vertex);
+            let values = self.load_input(variable, row, index, ty, at)?;
+            for (index, value) in values.into_iter().enumerate() {
+                let part = self.b.binary(ir::Op::FMul, weight, value)?;
+                match sums.get(index).copied() {
+                    None => sums.push(part),
+                    Some(sum) => sums[index] = self.b.binary(ir::Op::FAdd, sum, part)?,
+                }
+            }
         }
-        sum.ok_or_else(|| self.b.invalid("a primitive has vertices"))
+        Ok(sums)
+    }
+
+    /// The barycentric coordinate of a vertex whose number may be computed.
+    fn weight(
+        &mut self,
+        weights: [Value; 3],
+        row: u32,
+        index: Option<Value>,
+    ) -> Result<Value, Error> {
+        let Some(index) = index else {
+            return Ok(weights[row.min(2) as usize]);
+        };
+        let vertex = self.b.add_terms(Some(index), row)?;
+        let mut chosen = weights[2];
+        for (number, weight) in (0..2).zip(weights) {
+            let number = self.b.i32(number);
+            let is_this = self.b.compare(ir::Op::IEq, vertex, number)?;
+            chosen = self.b.select(is_this, weight, chosen)?;
+        }
+        Ok(chosen)
     }
 
     fn weights_at(&mut self, perspective: bool, offset: [Value; 2]) -> Result<[Value; 3], Error> {
@@ -128,27 +143,32 @@ impl Lowerer<'_> {
         Ok(weights)
     }
 
-    /// Where a sample lies, from the pixel's centre.
+    /// Where a sample lies, from the pixel's centre: four bits a sample of a word that the number of samples selects.
     fn sample_offset(&mut self, sample: Id) -> Result<[Value; 2], Error> {
         let sample = self.scalar(sample)?;
         let sample = self.b.i32_of(sample, false)?;
+        let shift = self.b.scale(sample, 4)?;
         let count = self.input(InputRow::Builtin(Builtin::SampleCount, 0), Type::I32)?;
-        let zero = self.b.constant(Type::F32, 0);
-        let mut offset = [zero; 2];
-        for (samples, places) in LOCATIONS {
-            let of_count = self.b.i32(samples);
-            let is_count = self.b.compare(ir::Op::IEq, count, of_count)?;
-            for (index, place) in (0..).zip(places) {
-                let of_sample = self.b.i32(index);
-                let is_sample = self.b.compare(ir::Op::IEq, sample, of_sample)?;
-                let is_both = self.b.binary(ir::Op::And, is_count, is_sample)?;
-                for axis in 0..2 {
-                    let from_center = (f32::from(place[axis]) - 8.0) / 16.0;
-                    let there = self.b.constant(Type::F32, from_center.to_bits().into());
-                    let args = [is_both, there, offset[axis]];
-                    offset[axis] = self.b.emit(ir::Op::Select, &args, Type::F32)?;
-                }
+        let mut offset = [shift; 2];
+        for (axis, offset) in offset.iter_mut().enumerate() {
+            // One sample lies at the centre.
+            let mut word = self.b.i32(8);
+            for (samples, places) in LOCATIONS {
+                let places = places.iter().zip((0..).step_by(4));
+                let packed =
+                    places.fold(0, |word, (place, at)| word | u32::from(place[axis]) << at);
+                let packed = self.b.i32(packed);
+                let samples = self.b.i32(samples);
+                let is_count = self.b.compare(ir::Op::IEq, count, samples)?;
+                word = self.b.select(is_count, packed, word)?;
             }
+            let place = self.b.binary(ir::Op::LShr, word, shift)?;
+            let low = self.b.i32(15);
+            let place = self.b.binary(ir::Op::And, place, low)?;
+            let place = self.b.emit(ir::Op::UToF, &[place], Type::F32)?;
+            let (sixteenth, half) = (self.b.f32(1.0 / 16.0), self.b.f32(0.5));
+            let place = self.b.binary(ir::Op::FMul, place, sixteenth)?;
+            *offset = self.b.binary(ir::Op::FSub, place, half)?;
         }
         Ok(offset)
     }

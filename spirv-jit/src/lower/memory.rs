@@ -4,6 +4,7 @@ use rspirv::spirv::{MemoryAccess, Op};
 use smallvec::SmallVec;
 
 use super::Lowerer;
+use super::stage_interface::Evaluation;
 use super::types::TypeKind;
 use super::values::{Place, Pointer, Scalars, Val};
 use crate::Error;
@@ -80,8 +81,13 @@ impl Lowerer<'_> {
                 }
                 Ok(values)
             }
-            Place::Builtin { variable, word } => {
-                self.load_builtin(*variable, *word, ty).map(Values::from)
+            &Place::Input {
+                variable,
+                row,
+                index,
+            } => {
+                let at = Evaluation::of(pointer);
+                self.load_input(variable, row, index, ty, at)
             }
             Place::Handle { .. } | Place::Descriptor(_) => {
                 self.load_handle(pointer).map(Values::from)

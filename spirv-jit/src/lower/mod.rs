@@ -59,6 +59,7 @@ use self::constants::Constants;
 use self::function::Frame;
 use self::id_table::IdTable;
 use self::layout::Layout;
+use self::stage_interface::{Evaluation, InterfaceWord};
 use self::structure::Plan;
 use self::types::Types;
 use self::values::{Local, Val};
@@ -123,6 +124,12 @@ struct Lowerer<'a> {
     locals: Vec<Local>,
     /// Per-lane memory of module variables, made at their first use.
     module_locals: HashMap<Id, usize>,
+    /// What each row of an input or output variable is.
+    interfaces: HashMap<Id, Rc<[InterfaceWord]>>,
+    /// Copies of inputs in per-lane memory, for computed indices.
+    input_locals: HashMap<(Id, Evaluation), usize>,
+    /// `HelperInvocation` of a shader that may demote.
+    helper_at_start: Option<ir::Value>,
     inputs: Vec<InputRow>,
     input_index: HashMap<InputRow, u32>,
     /// Byte offset of each variable of workgroup memory.
@@ -172,6 +179,9 @@ impl<'a> Lowerer<'a> {
             values: IdTable::default(),
             locals: Vec::new(),
             module_locals: HashMap::default(),
+            interfaces: HashMap::default(),
+            input_locals: HashMap::default(),
+            helper_at_start: None,
             inputs: Vec::new(),
             input_index: HashMap::default(),
             shared: HashMap::default(),

@@ -3,6 +3,7 @@
 use rspirv::spirv::{Decoration, Op, StorageClass};
 
 use super::Lowerer;
+use super::stage_interface::Evaluation;
 use super::types::TypeKind;
 use super::values::{Place, Pointer, Shape, Val};
 use crate::Error;
@@ -48,9 +49,10 @@ impl Lowerer<'_> {
                 offset: None,
                 constant: self.shared_offset(id)?,
             },
-            StorageClass::Input => Place::Builtin {
+            StorageClass::Input => Place::Input {
                 variable: id,
-                word: 0,
+                row: 0,
+                index: None,
             },
             StorageClass::ShaderRecordBufferKHR => Place::Global {
                 address: self.shader_record_address()?,
@@ -254,7 +256,7 @@ impl Lowerer<'_> {
                 }
                 self.enter_block(pointer)
             }
-            Place::Local { .. } | Place::Private { .. } | Place::Builtin { .. } => {
+            Place::Local { .. } | Place::Private { .. } | Place::Input { .. } => {
                 let (index, stride) = match member {
                     Some(member) => {
                         let rows = self.types.row_offset(ty, member)?;
@@ -324,7 +326,7 @@ impl Lowerer<'_> {
     ) -> Result<Pointer, Error> {
         let in_rows = matches!(
             pointer.place,
-            Place::Local { .. } | Place::Private { .. } | Place::Builtin { .. }
+            Place::Local { .. } | Place::Private { .. } | Place::Input { .. }
         );
         match index {
             Index::Constant(index) => {
@@ -335,8 +337,9 @@ impl Lowerer<'_> {
                 };
                 let step = (index as u64).wrapping_mul(stride);
                 match &mut pointer.place {
-                    Place::Local { row, .. } => *row = row.wrapping_add(step as u32),
-                    Place::Builtin { word, .. } => *word = word.wrapping_add(step as u32),
+                    Place::Local { row, .. } | Place::Input { row, .. } => {
+                        *row = row.wrapping_add(step as u32);
+                    }
                     Place::Private { constant, .. }
                     | Place::Shared { constant, .. }
                     | Place::Buffer { constant, .. } => {
@@ -355,7 +358,9 @@ impl Lowerer<'_> {
                 }
                 let mut value = self.b.i32_of(value, signed)?;
                 if in_rows {
-                    pointer = self.materialize(pointer)?;
+                    if !matches!(pointer.place, Place::Input { .. }) {
+                        pointer = self.materialize(pointer)?;
+                    }
                     if let Some(count) = count {
                         let last = self.b.i32(count - 1);
                         value = self.b.binary(ir::Op::UMin, value, last)?;
@@ -372,7 +377,9 @@ impl Lowerer<'_> {
                     Place::Private { row, .. } => {
                         *row = self.b.binary(ir::Op::IAdd, *row, step)?;
                     }
-                    Place::Shared { offset, .. } | Place::Buffer { offset, .. } => {
+                    Place::Shared { offset, .. }
+                    | Place::Buffer { offset, .. }
+                    | Place::Input { index: offset, .. } => {
                         *offset = Some(match *offset {
                             Some(offset) => self.b.binary(ir::Op::IAdd, offset, step)?,
                             None => step,
@@ -387,9 +394,13 @@ impl Lowerer<'_> {
 
     /// A pointer to per-lane memory as a computed row: what a computed index needs.
     fn materialize(&mut self, mut pointer: Pointer) -> Result<Pointer, Error> {
-        if let Place::Builtin { variable, word } = pointer.place {
-            let local = self.builtin_local(variable)?;
-            pointer.place = Place::Local { local, row: word };
+        if let Place::Input {
+            variable,
+            row,
+            index,
+        } = pointer.place
+        {
+            pointer.place = self.input_place(variable, Evaluation::Decorated, row, index)?;
         }
         if let Place::Local { local, row } = pointer.place {
             let (variable, row) = self.locals[local].find(row);
@@ -420,7 +431,7 @@ impl Lowerer<'_> {
             Place::Shared { offset, constant } => Ok(vec![self.b.add_terms(offset, constant)?]),
             Place::Private { row, constant } => Ok(vec![self.b.add_terms(Some(row), constant)?]),
             Place::Handle { .. } | Place::Descriptor(_) => Ok(vec![self.reference(pointer)?]),
-            Place::Local { .. } | Place::Builtin { .. } => {
+            Place::Local { .. } | Place::Input { .. } => {
                 let pointer = self.materialize(pointer.clone())?;
                 self.pointer_scalars(&pointer)
             }

@@ -7,7 +7,9 @@ use std::rc::Rc;
 
 use rspirv::spirv::{BuiltIn, Decoration, ExecutionMode, StorageClass};
 
+use super::memory::Values;
 use super::types::TypeKind;
+use super::values::{Place, Pointer};
 use super::{Lowerer, budget};
 use crate::Error;
 use crate::ir::interface::{
@@ -33,7 +35,11 @@ pub(super) struct InterfaceWord {
 
 #[derive(Clone, Copy, Debug)]
 enum WordPlace {
-    Location { location: u32, component: u32 },
+    /// A word of what begins at a location: from word 4 on it lies in the next one.
+    Location {
+        location: u32,
+        word: u32,
+    },
     BuiltIn(BuiltIn, u32),
 }
 
@@ -48,14 +54,85 @@ struct Interpolation {
     index: u8,
 }
 
+/// How an input is evaluated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Evaluation {
+    /// As its decorations say.
+    Decorated,
+    /// The same, and `HelperInvocation` as it is now (`Volatile`).
+    Volatile,
+    /// Where `interpolateAtCentroid` has it.
+    Centroid,
+    /// At a vertex of the primitive.
+    Vertex(u8),
+}
+
+impl Evaluation {
+    /// Of a load through a pointer.
+    pub fn of(pointer: &Pointer) -> Self {
+        match pointer.volatile {
+            true => Evaluation::Volatile,
+            false => Evaluation::Decorated,
+        }
+    }
+}
+
+/// Where a value begins.
+#[derive(Clone, Copy)]
+struct Start {
+    location: u32,
+    /// Locations between the first element of an array of blocks and this one.
+    shift: u32,
+    component: u32,
+}
+
 impl Interpolation {
-    fn mode(self, ty: Type) -> VaryingMode {
+    fn mode(self, ty: Type, at: Evaluation) -> VaryingMode {
+        let position = match at {
+            Evaluation::Vertex(vertex) => return VaryingMode::PerVertex(vertex),
+            Evaluation::Centroid => Position::Centroid,
+            Evaluation::Decorated | Evaluation::Volatile => self.position,
+        };
         match self.vertex {
             Some(vertex) => VaryingMode::PerVertex(vertex),
-            None if self.flat || ty != Type::F32 => VaryingMode::Flat,
-            None if self.linear => VaryingMode::Linear(self.position),
-            None => VaryingMode::Smooth(self.position),
+            None if self.flat || !matches!(ty, Type::F16 | Type::F32) => VaryingMode::Flat,
+            None if self.linear => VaryingMode::Linear(position),
+            None => VaryingMode::Smooth(position),
         }
+    }
+}
+
+impl InterfaceWord {
+    /// How `interpolateAt*` weighs the vertices: by linear coordinates, by perspective-correct ones, or not at all.
+    pub fn is_perspective(self) -> Option<bool> {
+        match self.how.mode(Type::F32, Evaluation::Decorated) {
+            VaryingMode::Smooth(_) => Some(true),
+            VaryingMode::Linear(_) => Some(false),
+            VaryingMode::Flat | VaryingMode::PerVertex(_) => None,
+        }
+    }
+
+    /// Which barycentric coordinate it is, and whether that is perspective-correct.
+    pub fn barycentric(self) -> Option<(u32, bool)> {
+        match self.place {
+            WordPlace::BuiltIn(BuiltIn::BaryCoordKHR, word) => Some((word, true)),
+            WordPlace::BuiltIn(BuiltIn::BaryCoordNoPerspKHR, word) => Some((word, false)),
+            _ => None,
+        }
+    }
+
+    /// Words of the sample mask behind the first have no samples.
+    fn is_row(self) -> bool {
+        !matches!(self.place, WordPlace::BuiltIn(BuiltIn::SampleMask, 1..))
+    }
+}
+
+impl WordPlace {
+    /// Location and component of a word that stages hand each other.
+    fn of_location(location: u32, word: u32) -> (u16, u8) {
+        let location = location.saturating_add(word / LOCATION_WORDS);
+        let location = u16::try_from(location).unwrap_or(u16::MAX);
+        (location, (word % LOCATION_WORDS) as u8)
     }
 }
 
@@ -66,33 +143,56 @@ impl Lowerer<'_> {
     }
 
     /// What each row of a variable's value is.
-    pub(super) fn interface_words(&self, id: Id) -> Result<Rc<[InterfaceWord]>, Error> {
+    pub(super) fn interface_words(&mut self, id: Id) -> Result<Rc<[InterfaceWord]>, Error> {
+        if let Some(words) = self.interfaces.get(&id) {
+            return Ok(words.clone());
+        }
+        let words: Rc<[InterfaceWord]> = self.find_interface_words(id)?.into();
+        self.interfaces.insert(id, words.clone());
+        Ok(words)
+    }
+
+    fn find_interface_words(&self, id: Id) -> Result<Vec<InterfaceWord>, Error> {
         let annotations = &self.module.annotations;
         let find = |decoration| annotations.id(id, decoration);
         let how = self.interpolation(&find, None);
         let mut pointee = self.variables[&id].pointee;
         let mut words = Vec::new();
-        let location = find(Decoration::Location).unwrap_or(0);
-        let component = find(Decoration::Component).unwrap_or(0);
         if let Some(built_in) = find(Decoration::BuiltIn).and_then(BuiltIn::from_u32) {
             let rows = self.types.info(pointee)?.rows;
             self.push_built_in(&mut words, built_in, rows, how)?;
-            return Ok(words.into());
+            return Ok(words);
         }
-        let mut vertices = 1;
-        if find(Decoration::PerVertexKHR).is_some()
-            && let TypeKind::Array { element, count } = *self.types.kind(pointee)?
+        if !self.is_rasterized() {
+            return Err(self.b.invalid("an input variable must be a built-in"));
+        }
+        let start = Start {
+            location: find(Decoration::Location).unwrap_or(0),
+            shift: 0,
+            component: find(Decoration::Component).unwrap_or(0),
+        };
+        let mut vertices = None;
+        if let TypeKind::Array { element, count } = *self.types.kind(pointee)?
+            && self.is_per_vertex(id, element)
         {
-            (pointee, vertices) = (element, count);
+            (pointee, vertices) = (element, Some(count));
         }
-        for vertex in 0..vertices {
+        for vertex in 0..vertices.unwrap_or(1) {
             let how = Interpolation {
-                vertex: (find(Decoration::PerVertexKHR).is_some()).then_some(vertex as u8),
+                vertex: vertices.map(|_| vertex.min(2) as u8),
                 ..how
             };
-            self.place(&mut words, pointee, location, component, how)?;
+            self.place(&mut words, pointee, start, how)?;
         }
-        Ok(words.into())
+        Ok(words)
+    }
+
+    /// Whether an array's elements are the values of a primitive's vertices (`PerVertexKHR`).
+    fn is_per_vertex(&self, id: Id, element: Id) -> bool {
+        let annotations = &self.module.annotations;
+        let decoration = Decoration::PerVertexKHR;
+        annotations.id(id, decoration).is_some()
+            || annotations.member(element, 0, decoration).is_some()
     }
 
     fn interpolation(
@@ -160,13 +260,12 @@ impl Lowerer<'_> {
         })
     }
 
-    /// Places a value of a type from a location on.
+    /// Places a value of a type.
     fn place(
         &self,
         words: &mut Vec<InterfaceWord>,
         ty: Id,
-        location: u32,
-        component: u32,
+        start: Start,
         how: Interpolation,
     ) -> Result<(), Error> {
         match self.types.kind(ty)?.clone() {
@@ -176,13 +275,15 @@ impl Lowerer<'_> {
             }
             | TypeKind::Array { element, count } => {
                 let step = self.locations(element)?;
-                for index in 0..count {
-                    let at = location.saturating_add(index.saturating_mul(step));
-                    self.place(words, element, at, component, how)?;
+                let mut start = start;
+                for _ in 0..count {
+                    self.place(words, element, start, how)?;
+                    start.location = start.location.saturating_add(step);
+                    start.shift = start.shift.saturating_add(step);
                 }
             }
             TypeKind::Struct { members } => {
-                let mut next = location;
+                let mut next = start.location;
                 for (index, &member) in members.iter().enumerate() {
                     let find =
                         |decoration| self.module.annotations.member(ty, index as u32, decoration);
@@ -192,9 +293,14 @@ impl Lowerer<'_> {
                         self.push_built_in(words, built_in, rows, how)?;
                         continue;
                     }
-                    next = find(Decoration::Location).unwrap_or(next);
-                    let component = find(Decoration::Component).unwrap_or(0);
-                    self.place(words, member, next, component, how)?;
+                    let given = find(Decoration::Location);
+                    next = given.map_or(next, |given| given.saturating_add(start.shift));
+                    let start = Start {
+                        location: next,
+                        shift: start.shift,
+                        component: find(Decoration::Component).unwrap_or(0),
+                    };
+                    self.place(words, member, start, how)?;
                     next = next.saturating_add(self.locations(member)?);
                 }
             }
@@ -203,126 +309,201 @@ impl Lowerer<'_> {
                 if rows as usize + words.len() > MAX_WORDS {
                     return Err(budget("a stage's interface is too large"));
                 }
-                words.extend((component..component.saturating_add(rows)).map(|word| {
-                    InterfaceWord {
+                let first = start.component;
+                words.extend(
+                    (first..first.saturating_add(rows)).map(|word| InterfaceWord {
                         place: WordPlace::Location {
-                            location: location.saturating_add(word / LOCATION_WORDS),
-                            component: word % LOCATION_WORDS,
+                            location: start.location,
+                            word,
                         },
                         how,
-                    }
-                }));
+                    }),
+                );
             }
         }
         Ok(())
     }
 
-    /// The scalars of (a part of) an input of a rasterizer's stage, from a word on; `at` evaluates varyings elsewhere than decorated.
-    pub(super) fn load_stage_input(
+    /// The scalars of (a part of) an input, from a fixed row and a computed one on.
+    pub(super) fn load_input(
         &mut self,
         variable: Id,
-        word: u32,
+        row: u32,
+        index: Option<Value>,
         ty: Id,
-        at: Option<Position>,
-    ) -> Result<Vec<Value>, Error> {
+        at: Evaluation,
+    ) -> Result<Values, Error> {
+        if index.is_some() {
+            let place = self.input_place(variable, at, row, index)?;
+            return self.load(&Pointer::new(ty, place));
+        }
         let words = self.interface_words(variable)?;
         let types = self.types.leaves(ty)?;
-        let mut rows = Vec::with_capacity(types.len());
-        let mut next = word as usize;
+        let mut values = Values::with_capacity(types.len());
+        let mut next = row as usize;
         for &ty in types.iter() {
-            for half in 0..ty.rows() as usize {
-                // A computed index past the end is undefined; the last word will do.
-                let from = words.get(next + half).or(words.last()).copied();
-                let Some(from) = from else {
-                    return Err(self.b.invalid("an input without words"));
-                };
-                rows.push(self.input_word(from, ty, at)?);
-            }
-            next += ty.rows() as usize;
+            let end = next + ty.rows() as usize;
+            // An index past the end is undefined; the last rows will do.
+            let first = next.min(words.len().saturating_sub(ty.rows() as usize));
+            let rows = words.get(first..first + ty.rows() as usize);
+            let rows = rows.ok_or_else(|| self.b.invalid("an input without words"))?;
+            values.push(self.input_scalar(variable, rows, ty, at)?);
+            next = end;
         }
-        self.words_to_scalars(&rows, &types)
+        Ok(values)
     }
 
-    fn input_word(
+    /// Where a copy of an input in per-lane memory has a row.
+    pub(super) fn input_place(
         &mut self,
-        word: InterfaceWord,
-        ty: Type,
-        at: Option<Position>,
-    ) -> Result<Value, Error> {
-        let row_type = if ty == Type::F32 { ty } else { Type::I32 };
-        match word.place {
-            WordPlace::BuiltIn(built_in, index) => self.built_in_word(built_in, index, row_type),
-            WordPlace::Location {
-                location,
-                component,
-            } => {
-                if self.request.stage == Stage::Vertex {
-                    let row = InputRow::Attribute {
-                        location: u16::try_from(location).unwrap_or(u16::MAX),
-                        component: component as u8,
-                    };
-                    return self.input(row, row_type);
-                }
-                let mut word = word;
-                word.how.position = at.unwrap_or(word.how.position);
-                let varying = self.varying(word, ty);
-                let varying = varying.ok_or_else(|| self.b.invalid("not a varying"))?;
-                self.input(InputRow::Varying(varying), row_type)
-            }
-        }
-    }
-
-    /// The varying that a word of a fragment shader's input is, as its decorations have it.
-    pub(super) fn varying(&self, word: InterfaceWord, ty: Type) -> Option<Varying> {
-        let WordPlace::Location {
-            location,
-            component,
-        } = word.place
-        else {
-            return None;
+        variable: Id,
+        at: Evaluation,
+        row: u32,
+        index: Option<Value>,
+    ) -> Result<Place, Error> {
+        let local = self.input_local(variable, at)?;
+        let Some(index) = index else {
+            return Ok(Place::Local { local, row });
         };
-        Some(Varying {
-            place: VaryingPlace::Location(u16::try_from(location).unwrap_or(u16::MAX)),
-            component: component as u8,
-            mode: word.how.mode(ty),
+        let (variable, row) = self.locals[local].find(row);
+        let address = ir::Op::VarAddress(variable);
+        let first = self.b.emit(address, &[], Type::I32)?;
+        Ok(Place::Private {
+            row: self.b.binary(ir::Op::IAdd, first, index)?,
+            constant: row,
         })
     }
 
-    /// Built-in inputs that are rows of their own kind.
-    pub(super) fn special_input(
+    fn input_local(&mut self, variable: Id, at: Evaluation) -> Result<usize, Error> {
+        if let Some(&local) = self.input_locals.get(&(variable, at)) {
+            return Ok(local);
+        }
+        let pointee = self.variables[&variable].pointee;
+        let local = self.new_local("", pointee)?;
+        self.input_locals.insert((variable, at), local);
+        let pointer = Pointer::new(pointee, Place::Local { local, row: 0 });
+        let nodes = self.b.enter_prologue();
+        let stored = self
+            .load_input(variable, 0, None, pointee, at)
+            .and_then(|values| self.store(&pointer, &values));
+        self.b.leave_prologue(nodes);
+        stored?;
+        Ok(local)
+    }
+
+    /// A scalar of an input; `rows` are its words.
+    fn input_scalar(
         &mut self,
-        variable: Option<Id>,
+        variable: Id,
+        rows: &[InterfaceWord],
+        ty: Type,
+        at: Evaluation,
+    ) -> Result<Value, Error> {
+        if let WordPlace::BuiltIn(built_in, word) = rows[0].place {
+            return self.input_built_in(variable, built_in, word, rows[0].how, ty, at);
+        }
+        // Attributes and varyings of 16 bits are floats of 32 on their way here.
+        let row_type = match ty {
+            Type::F16 | Type::F32 => Type::F32,
+            _ => Type::I32,
+        };
+        let mut words = Vec::with_capacity(rows.len());
+        for &row in rows {
+            let row = self.location_row(row, ty, at)?;
+            words.push(self.input(row, row_type)?);
+        }
+        if ty == Type::F16 {
+            return self.b.emit(ir::Op::FConvert, &words, ty);
+        }
+        Ok(self.words_to_scalars(&words, &[ty])?[0])
+    }
+
+    fn location_row(
+        &self,
+        row: InterfaceWord,
+        ty: Type,
+        at: Evaluation,
+    ) -> Result<InputRow, Error> {
+        let WordPlace::Location { location, word } = row.place else {
+            return Err(self.b.invalid("a part of an input is a built-in"));
+        };
+        if self.request.stage == Stage::Vertex {
+            return Ok(InputRow::Attribute {
+                location: u16::try_from(location).unwrap_or(u16::MAX),
+                component: word.min(u32::from(u8::MAX)) as u8,
+            });
+        }
+        let (location, component) = WordPlace::of_location(location, word);
+        Ok(InputRow::Varying(Varying {
+            place: VaryingPlace::Location(location),
+            component,
+            mode: row.how.mode(ty, at),
+        }))
+    }
+
+    /// A scalar of a built-in: those of the fragment stage that are rows of their own kind, and all others.
+    fn input_built_in(
+        &mut self,
+        variable: Id,
         built_in: BuiltIn,
         word: u32,
+        how: Interpolation,
         ty: Type,
-    ) -> Result<Option<Value>, Error> {
+        at: Evaluation,
+    ) -> Result<Value, Error> {
+        if self.request.stage != Stage::Fragment {
+            return self.built_in_scalar(built_in, word, ty);
+        }
         let component = word.min(u32::from(u8::MAX)) as u8;
         let distance = |place| {
             InputRow::Varying(Varying {
                 place,
                 component,
-                mode: VaryingMode::Smooth(Position::Center),
+                mode: how.mode(Type::F32, at),
             })
         };
         let row = match built_in {
             BuiltIn::HelperInvocation => {
-                let helper = self.b.emit(ir::Op::IsHelper, &[], Type::I1)?;
-                return self.bool_to_word(helper).map(Some);
+                let volatile = self.module.annotations.id(variable, Decoration::Volatile);
+                let helper = match volatile.is_some() || at == Evaluation::Volatile {
+                    true => self.b.emit(ir::Op::IsHelper, &[], Type::I1)?,
+                    false => self.helper_at_start()?,
+                };
+                return match ty {
+                    Type::I1 => Ok(helper),
+                    _ => self.bool_to_word(helper),
+                };
             }
             BuiltIn::ClipDistance => distance(VaryingPlace::ClipDistance),
             BuiltIn::CullDistance => distance(VaryingPlace::CullDistance),
             BuiltIn::BaryCoordKHR | BuiltIn::BaryCoordNoPerspKHR => {
-                let annotations = &self.module.annotations;
-                let find = |decoration| variable.and_then(|id| annotations.id(id, decoration));
                 InputRow::Barycentric(Barycentric {
                     vertex: component.min(2),
                     perspective: built_in == BuiltIn::BaryCoordKHR,
-                    position: self.interpolation(&find, None).position,
+                    position: match at {
+                        Evaluation::Centroid => Position::Centroid,
+                        _ => how.position,
+                    },
                 })
             }
-            _ => return Ok(None),
+            _ => return self.built_in_scalar(built_in, word, ty),
         };
-        self.input(row, ty).map(Some)
+        match ty {
+            Type::F32 => self.input(row, ty),
+            _ => Err(self.b.invalid("a built-in has the wrong type")),
+        }
+    }
+
+    /// Whether the invocation was a helper when it started.
+    fn helper_at_start(&mut self) -> Result<Value, Error> {
+        if let Some(helper) = self.helper_at_start {
+            return Ok(helper);
+        }
+        let nodes = self.b.enter_prologue();
+        let helper = self.b.emit(ir::Op::IsHelper, &[], Type::I1);
+        self.b.leave_prologue(nodes);
+        self.helper_at_start = Some(helper?);
+        self.helper_at_start()
     }
 
     /// The outputs of the entry point: their variables, and what each word is.
@@ -334,9 +515,11 @@ impl Lowerer<'_> {
             .collect();
         ids.sort_unstable();
         for &id in &ids {
-            for word in self.interface_words(id)?.iter() {
-                let row = self.output_row(*word)?;
-                self.outputs.push(row);
+            for &word in self.interface_words(id)?.iter() {
+                if word.is_row() {
+                    let row = self.output_row(word)?;
+                    self.outputs.push(row);
+                }
             }
             if self.outputs.len() > MAX_WORDS {
                 return Err(budget("a stage's interface is too large"));
@@ -349,14 +532,14 @@ impl Lowerer<'_> {
 
     fn output_row(&self, word: InterfaceWord) -> Result<OutputRow, Error> {
         Ok(match word.place {
-            WordPlace::Location {
-                location,
-                component,
-            } => OutputRow::Location {
-                location: u16::try_from(location).unwrap_or(u16::MAX),
-                component: component as u8,
-                index: word.how.index,
-            },
+            WordPlace::Location { location, word: at } => {
+                let (location, component) = WordPlace::of_location(location, at);
+                OutputRow::Location {
+                    location,
+                    component,
+                    index: word.how.index,
+                }
+            }
             WordPlace::BuiltIn(built_in, index) => {
                 let index = index.min(u32::from(u8::MAX)) as u8;
                 match built_in {
@@ -378,15 +561,53 @@ impl Lowerer<'_> {
         })
     }
 
-    /// The values of all output words.
+    /// The values of all output words. Scalars of less than 32 bits are extended.
     pub(super) fn output_words(&mut self) -> Result<Vec<Value>, Error> {
         let mut words = Vec::with_capacity(self.outputs.len());
         for id in self.output_variables.clone() {
             let pointer = self.module_pointer(id)?;
-            let values = self.load(&pointer)?;
-            words.extend(self.scalars_to_words(&values)?);
+            let rows = self.interface_words(id)?;
+            let mut signs = Vec::new();
+            self.push_signs(pointer.pointee, &mut signs)?;
+            let mut rows = rows.iter();
+            for (value, signed) in self.load(&pointer)?.into_iter().zip(signs) {
+                let given = match self.b.ty(value) {
+                    Type::F16 => vec![self.b.emit(ir::Op::FConvert, &[value], Type::F32)?],
+                    Type::I8 | Type::I16 => vec![self.b.i32_of(value, signed)?],
+                    _ => self.scalars_to_words(&[value])?,
+                };
+                let kept = given.into_iter().zip(&mut rows);
+                words.extend(kept.filter(|(_, row)| row.is_row()).map(|(word, _)| word));
+            }
         }
         Ok(words)
+    }
+
+    /// For each scalar of a type, whether it is a signed integer.
+    fn push_signs(&self, ty: Id, signs: &mut Vec<bool>) -> Result<(), Error> {
+        match self.types.kind(ty)? {
+            TypeKind::Matrix {
+                column: element,
+                count,
+            }
+            | TypeKind::Array { element, count } => {
+                let mut of_element = Vec::new();
+                self.push_signs(*element, &mut of_element)?;
+                for _ in 0..*count {
+                    signs.extend_from_slice(&of_element);
+                }
+            }
+            TypeKind::Struct { members } => {
+                for &member in members.iter() {
+                    self.push_signs(member, signs)?;
+                }
+            }
+            _ => {
+                let scalars = self.types.leaves(ty)?.len();
+                signs.extend(std::iter::repeat_n(self.types.is_signed(ty), scalars));
+            }
+        }
+        Ok(())
     }
 
     /// What execution modes and outputs say of a fragment shader.

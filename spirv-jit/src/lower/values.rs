@@ -102,8 +102,12 @@ pub(super) enum Place {
     },
     /// A descriptor by its reference.
     Descriptor(Value),
-    /// A built-in input, from a word on.
-    Builtin { variable: Id, word: u32 },
+    /// An input, from a row of its value on: a fixed one and a computed one.
+    Input {
+        variable: Id,
+        row: u32,
+        index: Option<Value>,
+    },
     /// A texel of an image (`OpImageTexelPointer`): image id's type, reference, coordinates, sample.
     Texel {
         image_type: Id,
@@ -143,7 +147,8 @@ impl Pointer {
     /// The computed parts of the place: what must be kept if the pointer outlives the body it was made in.
     pub fn values(&self) -> SmallVec<[Value; 8]> {
         match &self.place {
-            Place::Local { .. } | Place::Builtin { .. } => SmallVec::new(),
+            Place::Local { .. } => SmallVec::new(),
+            Place::Input { index, .. } => index.iter().copied().collect(),
             Place::Private { row, .. } => SmallVec::from_slice(&[*row]),
             Place::Shared { offset, .. } => offset.iter().copied().collect(),
             Place::Buffer {
@@ -174,7 +179,8 @@ impl Pointer {
             }
         };
         match &mut out.place {
-            Place::Local { .. } | Place::Builtin { .. } => {}
+            Place::Local { .. } => {}
+            Place::Input { index, .. } => index.iter_mut().for_each(take),
             Place::Private { row, .. } => take(row),
             Place::Shared { offset, .. } => offset.iter_mut().for_each(take),
             Place::Buffer {

@@ -22,7 +22,7 @@ pub mod simplify;
 pub mod simplify_control_flow;
 mod substitution;
 mod trim_outputs;
-mod unroll_loops;
+pub mod unroll_loops;
 
 use std::sync::OnceLock;
 

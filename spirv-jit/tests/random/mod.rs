@@ -65,6 +65,8 @@ pub fn random_module(seed: u64) -> Module {
         functions,
         inputs: (0..INPUTS).map(InputRow::CallableData).collect(),
         output_rows: OUTPUTS,
+        outputs: Vec::new(),
+        fragment: None,
         local_size: [1; 3],
         quads: false,
         query_words: Vec::new(),
