@@ -7,8 +7,8 @@ use smallvec::SmallVec;
 
 use super::pass::{AttachmentClears, Pass};
 use crate::handle::Ref;
-use crate::object::{QueryPool, ShaderObject};
 use crate::object::setting::Setting;
+use crate::object::{QueryPool, ShaderObject};
 
 /// A recorded command of graphics.
 pub enum GraphicsCommand {
@@ -33,6 +33,13 @@ pub enum GraphicsCommand {
     DrawMulti(Box<DrawMulti>),
     /// `vkCmdDraw*Indirect*`.
     DrawIndirect(DrawIndirect),
+    /// `vkCmdBeginConditionalRenderingEXT`.
+    BeginConditional {
+        /// Device address of a word.
+        address: u64,
+        inverted: bool,
+    },
+    EndConditional,
     BeginQuery {
         pool: Ref<QueryPool>,
         query: u32,

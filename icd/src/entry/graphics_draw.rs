@@ -237,6 +237,20 @@ drawing! {
         draw_indirect(commands, true, (buffer, offset), count, draws, stride)
     }
 
+    fn vkCmdBeginConditionalRenderingEXT(
+        commands,
+        info: *const vk::ConditionalRenderingBeginInfoEXT<'_>,
+    ) {
+        let info = &*info;
+        let (address, _) = place(info.buffer, info.offset, vk::WHOLE_SIZE);
+        let inverted = info.flags.contains(vk::ConditionalRenderingFlagsEXT::INVERTED);
+        push(commands, GraphicsCommand::BeginConditional { address, inverted })
+    }
+
+    fn vkCmdEndConditionalRenderingEXT(commands) {
+        push(commands, GraphicsCommand::EndConditional)
+    }
+
     /// Occlusion queries count samples exactly, whether they are to be precise or not.
     fn vkCmdBeginQuery(commands, pool: vk::QueryPool, query: u32, _flags: vk::QueryControlFlags) {
         let pool = retain::<QueryPool>(pool);

@@ -157,6 +157,19 @@ entry! {
     ) {
         let _ = enumerate_with(count, out, [queue_family()].into_iter(), |out, family| {
             out.queue_family_properties = family;
+            if let Some(priorities) =
+                chain::find_mut::<vk::QueueFamilyGlobalPriorityPropertiesKHR>(out.p_next)
+            {
+                // All are served alike.
+                let all = [
+                    vk::QueueGlobalPriorityKHR::LOW,
+                    vk::QueueGlobalPriorityKHR::MEDIUM,
+                    vk::QueueGlobalPriorityKHR::HIGH,
+                    vk::QueueGlobalPriorityKHR::REALTIME,
+                ];
+                priorities.priority_count = all.len() as u32;
+                priorities.priorities[..all.len()].copy_from_slice(&all);
+            }
         });
     }
 

@@ -16,10 +16,10 @@ use super::query::ActiveQuery;
 use crate::command::GraphicsCommand;
 use crate::command::graphics::{BindVertexBuffers, Draw, DrawIndirect, DrawMulti, IndexBinding};
 use crate::command::pass::{AttachmentClears, Pass};
-use crate::object::{QueryPool, ShaderObject};
 use crate::object::graphics_pipeline::{GraphicsPipeline, Stages};
 use crate::object::graphics_state::{GraphicsState, MAX_VERTEX_INPUTS};
 use crate::object::setting::Setting;
+use crate::object::{QueryPool, ShaderObject};
 use crate::raster::{
     BATCH_DRAWS, Batch, Clear, ClearValue, Context, Counters, Draw as Batched, DrawCall,
     IndexBuffer, VertexBuffer, Work,
@@ -151,6 +151,8 @@ pub struct Drawing<'a> {
     /// Everything in the batch was drawn: programs look at memory anew.
     flushed: bool,
     pub queries: Vec<ActiveQuery<'a>>,
+    /// A condition does not hold: draws, dispatches and clears inside of passes are left out.
+    pub skips: bool,
 }
 
 impl<'a> Drawing<'a> {
@@ -257,6 +259,17 @@ impl<'a> Drawing<'a> {
         Ok(())
     }
 
+    /// Writes a time: in a pass with views, one a view.
+    pub fn write_timestamp(&self, pool: &QueryPool, query: u32, time_ns: u64) {
+        let views = self
+            .active
+            .as_ref()
+            .map_or(0, |it| it.pass.view_mask.count_ones());
+        for view in 0..views.max(1) {
+            pool.write(query.saturating_add(view), time_ns);
+        }
+    }
+
     fn counters(&self) -> SmallVec<[Arc<Counters>; 1]> {
         self.queries
             .iter()
@@ -284,7 +297,9 @@ impl<'a> Painter<'_, 'a> {
             GraphicsCommand::EndPass => self.drawing.end_pass(self.engine),
             GraphicsCommand::VertexBarrier => self.drawing.flush(self.engine),
             GraphicsCommand::ClearAttachments(clears) => {
-                self.drawing.clear(clears);
+                if !self.drawing.skips {
+                    self.drawing.clear(clears);
+                }
                 Ok(())
             }
             GraphicsCommand::Set(setting) => {
@@ -309,9 +324,28 @@ impl<'a> Painter<'_, 'a> {
                 self.current.bind_index_buffer(binding);
                 Ok(())
             }
+            GraphicsCommand::Draw(_)
+            | GraphicsCommand::DrawMulti(_)
+            | GraphicsCommand::DrawIndirect(_)
+                if self.drawing.skips =>
+            {
+                Ok(())
+            }
             GraphicsCommand::Draw(draw) => self.draw(draw),
             GraphicsCommand::DrawMulti(draws) => self.draw_multi(draws),
             GraphicsCommand::DrawIndirect(draws) => self.draw_indirect(draws),
+            &GraphicsCommand::BeginConditional { address, inverted } => {
+                // What is drawn may have written the condition.
+                self.drawing.flush(self.engine)?;
+                // SAFETY: nothing writes the word while the queue's command is performed.
+                let word = unsafe { reachable::read::<u32>(&self.engine.memory.reach(), address) };
+                self.drawing.skips = (word.unwrap_or(0) == 0) != inverted;
+                Ok(())
+            }
+            GraphicsCommand::EndConditional => {
+                self.drawing.skips = false;
+                Ok(())
+            }
             GraphicsCommand::BeginQuery { pool, query } => {
                 self.drawing.begin_query(pool, *query);
                 Ok(())

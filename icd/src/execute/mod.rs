@@ -201,7 +201,11 @@ fn perform<'a>(mut painter: Painter<'_, 'a>, command: &'a Command) -> Result<(),
             .iter()
             .for_each(|range| clear::clear_depth_stencil_image(image, value, range)),
         Command::ResetQueryPool { pool, first, count } => pool.reset(*first, *count),
-        Command::WriteTimestamp { pool, query } => pool.write(*query, timestamp_ns()),
+        Command::WriteTimestamp { pool, query } => {
+            painter
+                .drawing
+                .write_timestamp(pool, *query, timestamp_ns());
+        }
         Command::CopyQueryPoolResults(copy) => query::copy_results(copy, &engine.memory.reach())?,
         Command::SetEvent(event) => event.set(),
         Command::ResetEvent(event) => event.reset(),
@@ -233,6 +237,9 @@ fn run_dispatch(
     base: [u32; 3],
     count: [u32; 3],
 ) -> Result<(), Failure> {
+    if painter.drawing.skips {
+        return Ok(());
+    }
     let (engine, bindings) = (painter.engine, &mut *painter.bindings);
     let surroundings = engine.surroundings();
     let bind_point = vk::PipelineBindPoint::COMPUTE;

@@ -52,6 +52,11 @@ structures! {
     PhysicalDeviceShaderRelaxedExtendedInstructionFeaturesKHR 1_000_558_000 *mut c_void {
         shader_relaxed_extended_instruction: Bool32,
     }
+    /// `VK_KHR_unified_image_layouts`.
+    PhysicalDeviceUnifiedImageLayoutsFeaturesKHR 1_000_527_000 *mut c_void {
+        unified_image_layouts: Bool32,
+        unified_image_layouts_video: Bool32,
+    }
     /// `VK_EXT_ray_tracing_invocation_reorder`.
     PhysicalDeviceRayTracingInvocationReorderFeaturesEXT 1_000_581_000 *mut c_void {
         ray_tracing_invocation_reorder: Bool32,

@@ -34,7 +34,7 @@ pub const MAX_VIEWPORTS: u32 = 16;
 pub const SUB_PIXEL_BITS: u32 = 8;
 /// Pixels.
 pub const MAX_POINT_SIZE: f32 = 256.0;
-pub const MAX_LINE_WIDTH: f32 = 8.0;
+pub const MAX_LINE_WIDTH: f32 = 64.0;
 /// `maxCommandBufferNestingLevel`: each level is a call on the queue's thread.
 pub const MAX_COMMAND_BUFFER_NESTING: u32 = 64;
 
