@@ -45,7 +45,7 @@ pub(super) fn operands<'c>(m: &Machine<'c>, plan: &AccessPlan) -> (&'c [Operand]
     (address, &rest[..plan.scalars as usize])
 }
 
-/// Where the lanes of a subgroup have their scalars, if all of the active ones have them all.
+/// Where the lanes of a subgroup have their scalars, if all of those that access memory have them all.
 ///
 /// # Safety
 /// As [`Kernel::run`]; the offset is one of the wave's, and `shared` is what [`shared_region`] gave.
@@ -56,9 +56,9 @@ unsafe fn places(
     shared: &Option<Region>,
     address: &[Operand],
     offset: u16,
+    active: u16,
     size_bytes: u64,
 ) -> Option<[u64; SUBGROUP_SIZE]> {
-    let active = m.active[offset as usize / 64];
     // SAFETY: as the caller promises.
     unsafe {
         if let Some(region) = shared {
@@ -112,6 +112,8 @@ unsafe fn shared_region(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand])
 
 /// Copies scalars between memory and rows.
 trait Copying {
+    /// The lanes of a subgroup that access memory.
+    fn lanes(m: &Machine<'_>, offset: u16) -> u16;
     /// # Safety
     /// As for [`Kernel::run`]: the address is of a scalar, and the row one of the frame's.
     unsafe fn copy<T: Lane>(at: *mut T, row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize);
@@ -127,6 +129,11 @@ struct Out;
 
 impl Copying for In {
     #[inline(always)]
+    fn lanes(m: &Machine<'_>, offset: u16) -> u16 {
+        m.active[offset as usize / 64]
+    }
+
+    #[inline(always)]
     unsafe fn copy<T: Lane>(at: *mut T, row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize) {
         // SAFETY: as the caller promises.
         unsafe { (*row)[lane] = at.read_unaligned().write() };
@@ -139,6 +146,11 @@ impl Copying for In {
 }
 
 impl Copying for Out {
+    #[inline(always)]
+    fn lanes(m: &Machine<'_>, offset: u16) -> u16 {
+        m.effective(offset)
+    }
+
     #[inline(always)]
     unsafe fn copy<T: Lane>(at: *mut T, row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize) {
         // SAFETY: as the caller promises.
@@ -201,12 +213,12 @@ unsafe fn access_block<C: Copying, T: Lane>(
     (address, scalars): (&[Operand], &[Operand]),
     offset: u16,
 ) {
-    let active = m.active[offset as usize / 64];
+    let active = C::lanes(m, offset);
     let size = size_of::<T>() as u64;
     // SAFETY: as the caller promises; addresses are checked, and rows of results are apart from those of addresses.
     unsafe {
         let total = size * scalars.len() as u64;
-        let Some(at) = &places(m, plan.space, shared, address, offset, total) else {
+        let Some(at) = &places(m, plan.space, shared, address, offset, active, total) else {
             return access_scalars::<C, T>(m, plan.space, (address, scalars), offset);
         };
         let row = |k: usize| m.block::<T::Slot>(scalars[k], offset);
@@ -239,7 +251,7 @@ unsafe fn access_scalars<C: Copying, T: Lane>(
     offset: u16,
 ) {
     let size = size_of::<T>() as u64;
-    for lane in lanes_of(m.active[offset as usize / 64]) {
+    for lane in lanes_of(C::lanes(m, offset)) {
         // SAFETY: as the caller promises; addresses are checked.
         unsafe {
             let region = region(m, space, address, offset, lane);

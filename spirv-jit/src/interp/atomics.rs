@@ -11,7 +11,8 @@ use crate::eval;
 use crate::ir::Type;
 use crate::ir::op::AtomicOp;
 
-/// The atomic by plan `x`, its result in `d`. What lies outside its memory or is misaligned reads zero and changes nothing.
+/// The atomic by plan `x`, its result in `d`. What lies outside its memory or is misaligned reads zero and changes nothing, and so does a helper
+/// invocation.
 ///
 /// # Safety
 /// The instruction was emitted for the program that the machine runs.
@@ -22,7 +23,18 @@ pub(super) unsafe fn atomic(m: &mut Machine<'_>, i: &Instr) {
     let wide = plan.ty.rows() == 2;
     let size = plan.ty.size_bytes() as u64;
     for &offset in m.listed() {
-        for lane in lanes_of(m.active[offset as usize / 64]) {
+        let active = m.active[offset as usize / 64];
+        let lanes = match plan.op {
+            AtomicOp::Load => active,
+            _ => m.effective(offset),
+        };
+        if plan.op != AtomicOp::Store {
+            for lane in lanes_of(active & !lanes) {
+                // SAFETY: as the caller promises.
+                unsafe { m.set_lane(i.d, offset, lane, wide, 0) };
+            }
+        }
+        for lane in lanes_of(lanes) {
             // SAFETY: as the caller promises; the region is checked, and its memory is only shared with other shader threads.
             unsafe {
                 let at = region(m, plan.space, address, offset, lane).at(0, size);

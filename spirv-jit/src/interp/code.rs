@@ -32,6 +32,8 @@ pub(super) struct AtomicPlan {
 pub(super) struct SubgroupPlan {
     pub op: SubgroupOp,
     pub ty: Type,
+    /// Helper invocations take part like all others.
+    pub with_helpers: bool,
 }
 
 /// An image operation: descriptor operands, then the rest with their types, then results.

@@ -3,7 +3,7 @@
 //! In `x` or `y` an instruction has the index of a mask or a code address, as each says.
 
 use super::kernels::sign_bits;
-use super::machine::{Instr, MAX_SUBGROUPS, Machine, Mask, Operand};
+use super::machine::{Instr, MAX_SUBGROUPS, Machine, Mask};
 use super::tier::Kernel;
 use crate::SUBGROUP_SIZE;
 use crate::program::Event;
@@ -188,39 +188,6 @@ pub(super) unsafe fn is_helper(m: &mut Machine<'_>, i: &Instr) {
             unsafe { m.set_lane(i.d, offset, k, false, word.into()) };
         }
     }
-}
-
-/// Before an effect: helper invocations are not active until [`unmask_helpers`]. `d`, if it is a row, is zero first (of 64 bits if `x`): what
-/// helpers see. Without other lanes, on to `y`, which stands behind the effect.
-///
-/// # Safety
-/// As [`enter`].
-pub(super) unsafe fn mask_helpers(m: &mut Machine<'_>, i: &Instr) {
-    if i.d != Operand::NONE {
-        for &offset in m.listed() {
-            for k in 0..SUBGROUP_SIZE {
-                // SAFETY: as the caller promises.
-                unsafe { m.set_lane(i.d, offset, k, i.x != 0, 0) };
-            }
-        }
-    }
-    m.unmasked = m.active;
-    let mut effective = m.active;
-    for (lanes, helpers) in effective.iter_mut().zip(&m.helpers) {
-        *lanes &= !helpers;
-    }
-    if !m.set_active(effective) {
-        m.set_active(m.unmasked);
-        m.pc = i.y as usize;
-    }
-}
-
-/// After an effect: the lanes from before [`mask_helpers`] are active again.
-///
-/// # Safety
-/// As [`enter`].
-pub(super) unsafe fn unmask_helpers(m: &mut Machine<'_>, _: &Instr) {
-    m.set_active(m.unmasked);
 }
 
 /// The end of the entry function.

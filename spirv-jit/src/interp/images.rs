@@ -12,6 +12,7 @@ use crate::image::fast::{self, Fast};
 use crate::image::plain::{self, Plain};
 use crate::image::vector::{self, Vector};
 use crate::image::{ImageDescriptor, ImageOp, ImageOpKind, SamplerDescriptor};
+use crate::ir::op::AtomicOp;
 use crate::program::Row;
 
 /// Most operand rows: coordinates, derivatives, offsets and texels of the widest operation, with room.
@@ -55,12 +56,22 @@ pub(super) unsafe fn image(m: &mut Machine<'_>, i: &Instr) {
     }
 }
 
+/// The lanes of a subgroup that perform an operation: helper invocations change no texels.
+#[inline(always)]
+fn lanes(m: &Machine<'_>, plan: &ImagePlan, offset: u16) -> u16 {
+    match plan.op.kind {
+        ImageOpKind::Atomic(AtomicOp::Load) => m.active[offset as usize / 64],
+        ImageOpKind::Write | ImageOpKind::Atomic(_) => m.effective(offset),
+        _ => m.active[offset as usize / 64],
+    }
+}
+
 /// One subgroup's operation.
 ///
 /// # Safety
 /// As [`image`]; the offset is one of the wave's.
 unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, offset: u16) {
-    let mask = m.active[offset as usize / 64];
+    let mask = lanes(m, plan, offset);
     let mut halves = [[0u32; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
     let mut results = [[0u32; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
     // SAFETY: as the caller promises; active lanes hold addresses of descriptors, and rows of results are apart from those of operands.
@@ -234,7 +245,10 @@ impl<V: Vector> Kernel for Access<V> {
             let (mut held, mut viewed): (Option<ImageDescriptor>, *const ImageDescriptor) =
                 (None, std::ptr::null());
             for &offset in m.listed() {
-                let mask = m.active[offset as usize / 64];
+                let mask = lanes(m, plan, offset);
+                if mask == 0 {
+                    continue;
+                }
                 let Some(address) = shared(m, plan.image, offset, mask) else {
                     block(m, plan, offset);
                     continue;

@@ -82,8 +82,6 @@ pub(super) struct Machine<'p> {
     pub active: Mask,
     /// Helper invocations of a fragment program, active or not.
     pub helpers: Mask,
-    /// What was active before helpers were masked out.
-    pub unmasked: Mask,
     /// Parked and pending masks.
     pub masks: *mut Mask,
     pub pc: usize,
@@ -121,6 +119,13 @@ impl Machine<'_> {
     pub fn listed(&self) -> &[u16] {
         // SAFETY: `set_active` counts at most `MAX_SUBGROUPS`.
         unsafe { self.list.get_unchecked(..self.list_len) }
+    }
+
+    /// The active lanes of the subgroup at a block offset that may change memory: all but helper invocations.
+    #[inline(always)]
+    pub fn effective(&self, offset: u16) -> u16 {
+        let s = offset as usize / 64;
+        self.active[s] & !self.helpers[s]
     }
 
     /// A row's first byte, and the mask to apply to block offsets: 0 for uniform rows.

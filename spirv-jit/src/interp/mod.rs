@@ -358,7 +358,6 @@ impl Program {
             list_len: 0,
             active: [0; MAX_SUBGROUPS],
             helpers: [0; MAX_SUBGROUPS],
-            unmasked: [0; MAX_SUBGROUPS],
             masks: frame.masks.as_mut_ptr(),
             pc: if is_computed {
                 self.code.prologue_end

@@ -20,7 +20,11 @@ pub(super) unsafe fn subgroup(m: &mut Machine<'_>, i: &Instr) {
     let wide_operand = plan.ty.rows() == 2;
     let (has_a, has_b, wide_result) = shape(&plan);
     for &offset in m.listed() {
-        let mask = m.active[offset as usize / 64];
+        // Where all are helpers they are by themselves: a loop that waits to be elected ends.
+        let mask = match m.effective(offset) {
+            others if others != 0 && !plan.with_helpers => others,
+            _ => m.active[offset as usize / 64],
+        };
         // SAFETY: as the caller promises.
         unsafe {
             let read = |has: bool, operand, wide| -> Lanes {

@@ -39,6 +39,18 @@
 //! function; its operands are the invocation's output words. Operations have effects only in active lanes; pure operations may be
 //! computed in any lane.
 //!
+//! ## Quads and helper invocations
+//!
+//! Four consecutive lanes are a *quad*: in the fragment stage, and in compute shaders that ask for it, two by two neighbours in the order (0, 0),
+//! (1, 0), (0, 1), (1, 1). `derivative_x`, `derivative_y` and `subgroup.quad_shuffle` look at the other lanes of the quad; one that is not
+//! active there has no value, and counts as equal to the lane that asks. So these operations depend on where they stand: they are not pure.
+//!
+//! A lane of the fragment stage may be a *helper invocation*, from its start or since it executed `demote`, which cannot be taken back. A helper
+//! executes everything: it computes, loads, walks, suspends, and has neighbours. But its stores (other than to `private` memory and variables), its atomics and its
+//! writes to images change nothing, its atomics give 0 (but for atomic loads), and operations across the subgroup other than `quad_shuffle` leave
+//! it out, unless the module requires full quads or all active lanes of the subgroup are helpers. Its outputs are nobody's. A lane
+//! that is killed executes `demote`, then `unreachable`.
+//!
 //! ## Arithmetic
 //!
 //! Integers wrap. Shifts use the count modulo the width. Division by zero gives zero for `udiv`/`sdiv` and the

@@ -301,6 +301,11 @@ macro_rules! define_op {
             Subgroup(SubgroupOp),
             /// `() -> i32`: the lane's index in its subgroup, 0..16.
             LaneIndex,
+            /// `(T) -> T`, T float: the difference between the two lanes of the quad that are side by side, second less first; 0 unless both are
+            /// active.
+            DerivativeX,
+            /// The same between the two lanes one above the other.
+            DerivativeY,
             /// `() -> ()`: the lane becomes a helper invocation.
             Demote,
             /// `() -> i1`: whether the lane is a helper invocation now.
@@ -368,6 +373,8 @@ macro_rules! define_op {
                     Op::Image(_) => "image",
                     Op::Subgroup(_) => "subgroup",
                     Op::LaneIndex => "lane_index",
+                    Op::DerivativeX => "derivative_x",
+                    Op::DerivativeY => "derivative_y",
                     Op::Demote => "demote",
                     Op::IsHelper => "is_helper",
                     Op::ReadClock => "read_clock",
@@ -462,7 +469,7 @@ pub struct DescriptorBinding {
     pub dynamic: bool,
 }
 
-/// Operations across the 16 lanes of a subgroup; only active lanes take part.
+/// Operations across the 16 lanes of a subgroup; only active lanes take part, and helper invocations as the [module's prose](super) says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SubgroupOp {
     /// `() -> i1`: true in the lowest active lane.
@@ -566,6 +573,8 @@ impl Op {
                 | Op::BufferSize
                 | Op::DescriptorAddress
                 | Op::LaneIndex
+                | Op::DerivativeX
+                | Op::DerivativeY
                 | Op::IsHelper
                 | Op::ReadClock
                 | Op::Subgroup(_) => true,

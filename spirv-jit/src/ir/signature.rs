@@ -199,6 +199,11 @@ fn check_other(
         Op::Uniform(_) | Op::LaneIndex => takes(&[]).and_then(|()| gives(&[I32])),
         Op::Image(image) => check_image(image, args, results),
         Op::Subgroup(kind) => check_subgroup(*kind, args, results),
+        Op::DerivativeX | Op::DerivativeY => {
+            gives_one()?;
+            require(results[0].is_float(), "not a float")?;
+            takes(results)
+        }
         Op::IsHelper => takes(&[]).and_then(|()| gives(&[I1])),
         Op::MemoryBarrier | Op::Barrier | Op::Demote => takes(&[]).and_then(|()| gives(&[])),
         Op::RayQueryProceed => takes(&[I32]).and_then(|()| gives(&[I1])),

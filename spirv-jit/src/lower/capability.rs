@@ -128,6 +128,7 @@ const SUPPORTED: &[Capability] = &[
     Capability::FragmentShaderSampleInterlockEXT,
     Capability::SampleMaskPostDepthCoverage,
     Capability::Geometry,
+    Capability::StorageInputOutput16,
     Capability::ComputeDerivativeGroupQuadsKHR,
     Capability::ComputeDerivativeGroupLinearKHR,
     Capability::ReplicatedCompositesEXT,

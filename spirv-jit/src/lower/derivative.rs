@@ -1,11 +1,10 @@
-//! Derivatives: differences between the lanes of a quad, which is four consecutive lanes: two by two, the first two side by side.
+//! Derivatives: differences between the lanes of a quad, fine ones (see [`crate::eval::quad`]).
 
 use rspirv::spirv::{ExecutionMode, Op};
 
 use super::Lowerer;
 use crate::Error;
-use crate::ir::op::SubgroupOp;
-use crate::ir::{self, Type, Value};
+use crate::ir::{self, Value};
 use crate::parse::{Id, Instruction};
 use crate::program::Stage;
 
@@ -47,9 +46,6 @@ impl Lowerer<'_> {
         let values = self.leaves(self.module.operands(instruction)[0])?;
         let mut results = Vec::with_capacity(values.len());
         for &value in values.iter() {
-            if !self.b.ty(value).is_float() {
-                return Err(self.b.invalid("derivatives are of floats"));
-            }
             results.push(match axis {
                 Some(axis) => self.difference(value, axis)?,
                 None => {
@@ -64,21 +60,15 @@ impl Lowerer<'_> {
     }
 
     fn difference(&mut self, value: Value, axis: u32) -> Result<Value, Error> {
-        let lane = self.b.emit(ir::Op::LaneIndex, &[], Type::I32)?;
-        let bit = self.b.i32(1 << axis);
-        let others = self.b.i32(!(1 << axis));
-        let first = self.b.binary(ir::Op::And, lane, others)?;
-        let second = self.b.binary(ir::Op::Or, lane, bit)?;
-        let at = |lowerer: &mut Self, lane| {
-            let ty = lowerer.b.ty(value);
-            lowerer.b.emit(
-                ir::Op::Subgroup(SubgroupOp::QuadShuffle),
-                &[value, lane],
-                ty,
-            )
+        let op = match axis {
+            0 => ir::Op::DerivativeX,
+            _ => ir::Op::DerivativeY,
         };
-        let (first, second) = (at(self, first)?, at(self, second)?);
-        self.b.binary(ir::Op::FSub, second, first)
+        let ty = self.b.ty(value);
+        if !ty.is_float() {
+            return Err(self.b.invalid("derivatives are of floats"));
+        }
+        self.b.emit_one(op, &[value], ty)
     }
 
     /// The derivatives of coordinates that an implicit level of detail follows from: all of x, then of y. A bias of n is a footprint 2ⁿ

@@ -82,14 +82,11 @@ impl Lowerer<'_> {
             }
             Op::GroupNonUniformQuadAllKHR | Op::GroupNonUniformQuadAnyKHR => {
                 let condition = self.bool_scalar(operands[0])?;
-                let word = self.bool_to_word(condition)?;
                 let op = match instruction.opcode {
-                    Op::GroupNonUniformQuadAllKHR => ReduceOp::And,
-                    _ => ReduceOp::Or,
+                    Op::GroupNonUniformQuadAllKHR => ir::Op::And,
+                    _ => ir::Op::Or,
                 };
-                let op = SubgroupOp::Reduce { op, cluster: 4 };
-                let word = self.across(op, &[word], Type::I32)?;
-                vec![self.word_to_bool(word)?]
+                vec![self.across_quad(op, condition)?]
             }
             Op::GroupNonUniformAllEqual | Op::SubgroupAllEqualKHR => {
                 let mut all = self.b.bool(true);
@@ -156,6 +153,20 @@ impl Lowerer<'_> {
         Ok(self
             .b
             .emit_unchecked(ir::Op::Subgroup(op), args, &[result])?[0])
+    }
+
+    /// A condition combined over the active lanes of the quad.
+    fn across_quad(&mut self, op: ir::Op, condition: Value) -> Result<Value, Error> {
+        let lane = self.b.emit(ir::Op::LaneIndex, &[], Type::I32)?;
+        let own = self.bool_to_word(condition)?;
+        let mut word = own;
+        for flip in 1..4 {
+            let flip = self.b.i32(flip);
+            let other = self.b.binary(ir::Op::Xor, lane, flip)?;
+            let other = self.across(SubgroupOp::QuadShuffle, &[own, other], Type::I32)?;
+            word = self.b.binary(op, word, other)?;
+        }
+        self.word_to_bool(word)
     }
 
     /// Booleans cross lanes as words.
@@ -336,9 +347,15 @@ impl Lowerer<'_> {
             }
             _ => return Err(self.unsupported(instruction)),
         };
+        let op = match instruction.opcode {
+            Op::GroupNonUniformQuadBroadcast | Op::GroupNonUniformQuadSwap => {
+                SubgroupOp::QuadShuffle
+            }
+            _ => SubgroupOp::Shuffle,
+        };
         let values = self.per_part(operands[0], |lowerer, part| {
             let ty = lowerer.b.ty(part);
-            lowerer.across(SubgroupOp::Shuffle, &[part, source], ty)
+            lowerer.across(op, &[part, source], ty)
         })?;
         self.define_typed(instruction, values)
     }

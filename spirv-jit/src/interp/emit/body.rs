@@ -110,7 +110,7 @@ impl Emitter<'_> {
         self.push_jump(Instr { ..instr(handler) }, target);
     }
 
-    pub(super) fn push_jump(&mut self, i: Instr, target: Target) {
+    fn push_jump(&mut self, i: Instr, target: Target) {
         self.jumps.push(self.code.instrs.len());
         self.push(Instr {
             y: target.0 as u32,

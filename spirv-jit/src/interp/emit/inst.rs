@@ -6,9 +6,10 @@ use crate::interp::code::{
     AccessPlan, AtomicPlan, DescriptorSource, ImagePlan, Remade, SubgroupPlan,
 };
 use crate::interp::fusion::Fused;
-use crate::interp::kernels::{Unpack64, elementwise, fused};
+use crate::interp::kernels::{self, Unpack64, elementwise, fused};
 use crate::interp::machine::{Handler, Instr, Operand};
 use crate::interp::{access, atomics, control, descriptors, images, memory, subgroup, yields};
+use crate::ir::interface::FragmentFacts;
 use crate::ir::op::{Access, AtomicOp, SubgroupOp};
 use crate::ir::{Inst, Op, Space, Type, Value, VariableId};
 
@@ -17,41 +18,8 @@ impl Emitter<'_> {
         self.body_function().ty(value)
     }
 
-    /// Emits the operation; its results' operands are known. What has effects, or counts lanes, happens without helper invocations.
+    /// Emits the operation; its results' operands are known.
     pub(super) fn emit_operation(&mut self, inst: &Inst) -> Result<(), Error> {
-        let full_quads = match &self.module.fragment {
-            Some(facts) => facts.full_quads,
-            None => return self.emit_effect(inst),
-        };
-        let masks = match &inst.op {
-            Op::Store(access) => access.space != Space::Private,
-            Op::Atomic(..) => true,
-            Op::Image(op) => !op.is_read(),
-            Op::Subgroup(SubgroupOp::QuadShuffle | SubgroupOp::Reduce { cluster: 4, .. }) => false,
-            Op::Subgroup(_) => !full_quads,
-            _ => false,
-        };
-        if !masks {
-            return self.emit_effect(inst);
-        }
-        let behind = self.new_target();
-        let (d, wide) = match inst.results.first() {
-            Some(&result) => (self.operand(result), self.ty(result).rows() == 2),
-            None => (Operand::NONE, false),
-        };
-        let mask = Instr {
-            d,
-            x: wide.into(),
-            ..instr(control::mask_helpers)
-        };
-        self.push_jump(mask, behind);
-        self.emit_effect(inst)?;
-        self.push(instr(control::unmask_helpers));
-        self.bind(behind);
-        Ok(())
-    }
-
-    fn emit_effect(&mut self, inst: &Inst) -> Result<(), Error> {
         let d = match inst.results.first() {
             Some(&result) => self.operand(result),
             None => Operand::NONE,
@@ -121,8 +89,18 @@ impl Emitter<'_> {
             Op::Subgroup(op) => {
                 let ty = inst.args.first().map_or(Type::I32, |&v| self.ty(v));
                 let i = plain(subgroup::subgroup, self.code.subgroups.len() as u32);
-                self.code.subgroups.push(SubgroupPlan { op: *op, ty });
+                let full_quads = |facts: &FragmentFacts| facts.full_quads;
+                self.code.subgroups.push(SubgroupPlan {
+                    op: *op,
+                    ty,
+                    with_helpers: *op == SubgroupOp::QuadShuffle
+                        || self.module.fragment.as_ref().is_some_and(full_quads),
+                });
                 i
+            }
+            Op::DerivativeX | Op::DerivativeY => {
+                let ty = self.ty(inst.results[0]);
+                plain(kernels::derivative(self.tier, &inst.op, ty), 0)
             }
             Op::LaneIndex => plain(memory::lane_index, 0),
             Op::Demote => plain(control::demote, 0),

@@ -6,8 +6,10 @@ mod elementwise;
 mod fused;
 mod lane;
 mod ops;
+mod quad;
 mod remainder;
 
 pub(super) use elementwise::{Copy, MaskedCopy, Unpack64, elementwise};
 pub(super) use fused::{Side, fused};
 pub(super) use lane::{Lane, sign_bits};
+pub(super) use quad::derivative;

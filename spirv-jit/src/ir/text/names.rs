@@ -83,7 +83,7 @@ names!(LodMode, lod_text, lod_from_text:
 
 /// Operations whose name says everything, apart from the elementwise ones.
 pub fn plain_op_from_text(text: &str) -> Option<Op> {
-    const PLAIN: [Op; 26] = [
+    const PLAIN: [Op; 28] = [
         Op::Select,
         Op::FLdexp,
         Op::BitfieldInsert,
@@ -96,6 +96,8 @@ pub fn plain_op_from_text(text: &str) -> Option<Op> {
         Op::DescriptorAt,
         Op::DescriptorAddress,
         Op::LaneIndex,
+        Op::DerivativeX,
+        Op::DerivativeY,
         Op::Demote,
         Op::IsHelper,
         Op::ReadClock,

@@ -1,0 +1,60 @@
+//! Derivatives: differences between the lanes of quads.
+
+use std::marker::PhantomData;
+
+use half::f16;
+
+use super::lane::{Lane, at};
+use crate::SUBGROUP_SIZE;
+use crate::eval::{Float, quad};
+use crate::interp::machine::{Handler, Instr, Machine};
+use crate::interp::tier::{Kernel, Portable, Tier, TierKind};
+use crate::ir::{Op, Type};
+
+/// The kernel of `derivative_x` or `derivative_y` on floats of a type.
+pub(in crate::interp) fn derivative(tier: TierKind, op: &Op, ty: Type) -> Handler {
+    match tier {
+        #[cfg(target_arch = "x86_64")]
+        TierKind::Avx2 => in_tier::<crate::interp::tier::Avx2>(op, ty),
+        #[cfg(target_arch = "x86_64")]
+        TierKind::Avx512 => in_tier::<crate::interp::tier::Avx512>(op, ty),
+        _ => in_tier::<Portable>(op, ty),
+    }
+}
+
+fn in_tier<T: Tier>(op: &Op, ty: Type) -> Handler {
+    match (op, ty) {
+        (Op::DerivativeX, Type::F16) => Portable::handler::<Derivative<f16, { quad::X }>>(),
+        (Op::DerivativeX, Type::F64) => T::handler::<Derivative<f64, { quad::X }>>(),
+        (Op::DerivativeX, _) => T::handler::<Derivative<f32, { quad::X }>>(),
+        (_, Type::F16) => Portable::handler::<Derivative<f16, { quad::Y }>>(),
+        (_, Type::F64) => T::handler::<Derivative<f64, { quad::Y }>>(),
+        (_, _) => T::handler::<Derivative<f32, { quad::Y }>>(),
+    }
+}
+
+struct Derivative<F, const AXIS: usize>(PhantomData<F>);
+
+impl<F: Lane + Float, const AXIS: usize> Kernel for Derivative<F, AXIS> {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        // SAFETY: rows are the program's; a block is read before it is written.
+        unsafe {
+            let (a, d) = (m.row(i.a), m.row(i.d));
+            for &offset in m.listed() {
+                let x = *at::<F::Slot>(a, offset);
+                let mut values = [F::read(F::Slot::default()); SUBGROUP_SIZE];
+                for k in 0..SUBGROUP_SIZE {
+                    values[k] = F::read(x[k]);
+                }
+                let active = m.active[offset as usize / 64];
+                let results = quad::derivative::<F, AXIS>(&values, active);
+                let mut r = [F::Slot::default(); SUBGROUP_SIZE];
+                for k in 0..SUBGROUP_SIZE {
+                    r[k] = results[k].write();
+                }
+                *at::<F::Slot>(d, offset) = r;
+            }
+        }
+    }
+}
