@@ -69,6 +69,7 @@ pub(crate) enum Made {
     RenderPass(vk::RenderPass),
     Framebuffer(vk::Framebuffer),
     QueryPool(vk::QueryPool),
+    Shader(vk::ShaderEXT),
 }
 
 impl Gpu {
@@ -406,6 +407,10 @@ impl Drop for Gpu {
                     }
                     Made::RenderPass(it) => device.destroy_render_pass(it, None),
                     Made::Framebuffer(it) => device.destroy_framebuffer(it, None),
+                    Made::Shader(it) => {
+                        ext::shader_object::Device::new(&self.instance, device)
+                            .destroy_shader(it, None);
+                    }
                     Made::QueryPool(it) => device.destroy_query_pool(it, None),
                     Made::StructureNv(it) => self.nv().destroy_acceleration_structure(it, None),
                     Made::Structure(it) => {

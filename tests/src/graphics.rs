@@ -285,6 +285,8 @@ impl Gpu {
     ) -> vk::Pipeline {
         let mut stages = vec![(Stage::Vertex, painting.vertex)];
         stages.extend(painting.fragment.map(|source| (Stage::Fragment, source)));
+        // A part of a pipeline may have no vertex shader.
+        stages.retain(|(_, source)| !source.is_empty());
         let stages: Vec<_> = stages
             .into_iter()
             .map(|(stage, source)| {
@@ -339,6 +341,70 @@ impl Gpu {
             .expect("vkCreateGraphicsPipelines")[0];
         self.keep(Made::Pipeline(pipeline));
         pipeline
+    }
+
+    /// A part of a pipeline, as a library.
+    pub fn painting_part(
+        &self,
+        painting: &Painting<'_>,
+        parts: vk::GraphicsPipelineLibraryFlagsEXT,
+    ) -> vk::Pipeline {
+        use vk::GraphicsPipelineLibraryFlagsEXT as Part;
+        let mut painting = painting.clone();
+        if !parts.contains(Part::PRE_RASTERIZATION_SHADERS) {
+            painting.vertex = "";
+        }
+        if !parts.contains(Part::FRAGMENT_SHADER) {
+            painting.fragment = None;
+        }
+        let info = vk::GraphicsPipelineLibraryCreateInfoEXT::default().flags(parts);
+        let flags = vk::PipelineCreateFlags::LIBRARY_KHR;
+        self.painting_with(&painting, flags, (&raw const info).cast())
+    }
+
+    /// A pipeline of libraries.
+    pub fn linked(&self, libraries: &[vk::Pipeline], layout: vk::PipelineLayout) -> vk::Pipeline {
+        let mut linked = vk::PipelineLibraryCreateInfoKHR::default().libraries(libraries);
+        let info = vk::GraphicsPipelineCreateInfo::default()
+            .layout(layout)
+            .push_next(&mut linked);
+        let cache = vk::PipelineCache::null();
+        // SAFETY: the structures outlive the call.
+        let made = unsafe { self.device.create_graphics_pipelines(cache, &[info], None) };
+        let pipeline = made
+            .map_err(|(_, code)| code)
+            .expect("libraries are linked")[0];
+        self.keep(Made::Pipeline(pipeline));
+        pipeline
+    }
+
+    /// A shader object for these set layouts, from SPIR-V or from another one's binary.
+    pub fn shader_object(
+        &self,
+        stage: Stage,
+        code_type: vk::ShaderCodeTypeEXT,
+        code: &[u8],
+    ) -> vk::ShaderEXT {
+        let push = [vk::PushConstantRange::default()
+            .stage_flags(vk::ShaderStageFlags::ALL)
+            .size(128)];
+        let next = match stage {
+            Stage::Vertex => vk::ShaderStageFlags::FRAGMENT,
+            _ => vk::ShaderStageFlags::empty(),
+        };
+        let info = vk::ShaderCreateInfoEXT::default()
+            .stage(stage.flag())
+            .next_stage(next)
+            .code_type(code_type)
+            .code(code)
+            .name(c"main")
+            .push_constant_ranges(&push);
+        let objects = ash::ext::shader_object::Device::new(&self.instance, &self.device);
+        // SAFETY: the structures outlive the call.
+        let made = unsafe { objects.create_shaders(&[info], None) };
+        let shader = made.map_err(|(_, code)| code).expect("vkCreateShadersEXT")[0];
+        self.keep(Made::Shader(shader));
+        shader
     }
 
     /// Records a pass, with viewport and scissor over all of the first attachment.

@@ -38,6 +38,9 @@ impl Gpu {
         if self.has_graphics() {
             usage |= vk::BufferUsageFlags::VERTEX_BUFFER | vk::BufferUsageFlags::INDEX_BUFFER;
         }
+        if self.optional.conditional_rendering.conditional_rendering != 0 {
+            usage |= vk::BufferUsageFlags::CONDITIONAL_RENDERING_EXT;
+        }
         if self.optional.micromap.micromap != 0 {
             usage |= vk::BufferUsageFlags::MICROMAP_STORAGE_EXT
                 | vk::BufferUsageFlags::MICROMAP_BUILD_INPUT_READ_ONLY_EXT;

@@ -55,6 +55,9 @@ macro_rules! optional {
 }
 
 optional! {
+    pipeline_parts: ext::graphics_pipeline_library::NAME, PhysicalDeviceGraphicsPipelineLibraryFeaturesEXT {};
+    shader_object: ext::shader_object::NAME, PhysicalDeviceShaderObjectFeaturesEXT {};
+    conditional_rendering: ext::conditional_rendering::NAME, PhysicalDeviceConditionalRenderingFeaturesEXT {};
     ray_query: khr::ray_query::NAME, PhysicalDeviceRayQueryFeaturesKHR {};
     /// Off where there is validation: older versions of it do not know the extension.
     position_fetch: khr::ray_tracing_position_fetch::NAME, PhysicalDeviceRayTracingPositionFetchFeaturesKHR {};

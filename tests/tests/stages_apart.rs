@@ -1,0 +1,211 @@
+//! Stages that are not compiled together: parts of pipelines, and shader objects; and draws on a condition.
+
+use ash::ext;
+use tuff_tests::*;
+
+const RGBA: vk::Format = vk::Format::R8G8B8A8_UNORM;
+const BLACK: [f32; 4] = [0.0; 4];
+
+/// A varying of each kind, by location and component alone.
+const VERTEX: &str = "
+    layout(push_constant) uniform Push { float depth; };
+    layout(location = 3, component = 1) out vec2 place;
+    layout(location = 1) flat out uint number;
+    void main() {
+        place = vec2(gl_VertexIndex == 1 ? 3.0 : -1.0, gl_VertexIndex == 2 ? 3.0 : -1.0);
+        number = 7u;
+        gl_Position = vec4(place, depth, 1.0);
+    }";
+
+const FRAGMENT: &str = "
+    layout(location = 1) flat in uint number;
+    layout(location = 3, component = 1) in vec2 place;
+    layout(location = 0) out vec4 color;
+    void main() {
+        color = vec4(float(number), 0.0, floor((place * 0.5 + 0.5) * 16.0)) / 255.0;
+    }";
+
+fn expected() -> Vec<[u8; 4]> {
+    (0..16)
+        .flat_map(|y| (0..16).map(move |x| [7, 0, x, y]))
+        .collect()
+}
+
+#[track_caller]
+fn drawing() -> Option<Gpu> {
+    Gpu::new().with("a graphics queue with dynamic rendering", |gpu| {
+        gpu.has_graphics() && gpu.features13.dynamic_rendering == vk::TRUE
+    })
+}
+
+fn draw(gpu: &Gpu, commands: vk::CommandBuffer, layout: vk::PipelineLayout) {
+    // SAFETY: the command buffer is being recorded.
+    unsafe {
+        let all = vk::ShaderStageFlags::ALL;
+        gpu.device
+            .cmd_push_constants(commands, layout, all, 0, &0.5f32.to_ne_bytes());
+        gpu.device.cmd_draw(commands, 3, 1, 0, 0);
+    }
+}
+
+#[test]
+fn parts_are_linked() {
+    use vk::GraphicsPipelineLibraryFlagsEXT as Part;
+    let Some(gpu) = drawing() else { return };
+    let feature = gpu.optional.pipeline_parts.graphics_pipeline_library;
+    if !has("VK_EXT_graphics_pipeline_library", feature == vk::TRUE) {
+        return;
+    }
+    let painting = Painting::new(&gpu, VERTEX, FRAGMENT, RGBA);
+    let parts = [
+        Part::VERTEX_INPUT_INTERFACE,
+        Part::PRE_RASTERIZATION_SHADERS,
+        Part::FRAGMENT_SHADER,
+        Part::FRAGMENT_OUTPUT_INTERFACE,
+    ];
+    let libraries = parts.map(|part| gpu.painting_part(&painting, part));
+    let pipeline = gpu.linked(&libraries, painting.layout);
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    let pass = Pass {
+        colors: &[canvas],
+        clears: &[BLACK],
+        ..Pass::default()
+    };
+    gpu.draw(&pass, |commands| {
+        gpu.bind(commands, pipeline);
+        draw(&gpu, commands, painting.layout);
+    });
+    assert_eq!(gpu.colors(&canvas), expected());
+}
+
+#[test]
+fn shader_objects_draw_from_source_and_binary() {
+    let Some(gpu) = drawing() else { return };
+    if !has(
+        "VK_EXT_shader_object",
+        gpu.optional.shader_object.shader_object == vk::TRUE,
+    ) {
+        return;
+    }
+    let objects = ext::shader_object::Device::new(&gpu.instance, &gpu.device);
+    let layout = gpu.layout(&[]);
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    let spirv = vk::ShaderCodeTypeEXT::SPIRV;
+    let stages = [(Stage::Vertex, VERTEX), (Stage::Fragment, FRAGMENT)];
+    let compiled = stages.map(|(stage, source)| {
+        gpu.shader_object(stage, spirv, bytemuck::cast_slice(&glsl(stage, source)))
+    });
+    // SAFETY: the shaders are of this device.
+    let binaries = compiled.map(|it| unsafe { objects.get_shader_binary_data(it) }.unwrap());
+    let again: [_; 2] = std::array::from_fn(|index| {
+        let binary = vk::ShaderCodeTypeEXT::BINARY;
+        gpu.shader_object(stages[index].0, binary, &binaries[index])
+    });
+    let mut flags = stages.map(|(stage, _)| stage.flag()).to_vec();
+    // Stages that a device has are bound to nothing, if to no shader.
+    if gpu.features.geometry_shader == vk::TRUE {
+        flags.push(vk::ShaderStageFlags::GEOMETRY);
+    }
+    if gpu.features.tessellation_shader == vk::TRUE {
+        flags.push(vk::ShaderStageFlags::TESSELLATION_CONTROL);
+        flags.push(vk::ShaderStageFlags::TESSELLATION_EVALUATION);
+    }
+    for shaders in [compiled, again] {
+        let mut shaders = shaders.to_vec();
+        shaders.resize(flags.len(), vk::ShaderEXT::null());
+        let pass = Pass {
+            colors: &[canvas],
+            clears: &[BLACK],
+            ..Pass::default()
+        };
+        gpu.draw(&pass, |commands| {
+            let device = &gpu.device;
+            let viewport = vk::Viewport {
+                width: 16.0,
+                height: 16.0,
+                max_depth: 1.0,
+                ..Default::default()
+            };
+            // SAFETY: the command buffer is being recorded.
+            unsafe {
+                objects.cmd_bind_shaders(commands, &flags, &shaders);
+                device.cmd_set_viewport_with_count(commands, &[viewport]);
+                device.cmd_set_scissor_with_count(commands, &[canvas.area()]);
+                device.cmd_set_rasterizer_discard_enable(commands, false);
+                objects.cmd_set_vertex_input(commands, &[], &[]);
+                let topology = vk::PrimitiveTopology::TRIANGLE_LIST;
+                device.cmd_set_primitive_topology(commands, topology);
+                device.cmd_set_primitive_restart_enable(commands, false);
+                objects.cmd_set_rasterization_samples(commands, vk::SampleCountFlags::TYPE_1);
+                objects.cmd_set_sample_mask(commands, vk::SampleCountFlags::TYPE_1, &[u32::MAX]);
+                objects.cmd_set_alpha_to_coverage_enable(commands, false);
+                if gpu.features.alpha_to_one == vk::TRUE {
+                    objects.cmd_set_alpha_to_one_enable(commands, false);
+                }
+                objects.cmd_set_polygon_mode(commands, vk::PolygonMode::FILL);
+                device.cmd_set_cull_mode(commands, vk::CullModeFlags::NONE);
+                device.cmd_set_front_face(commands, vk::FrontFace::CLOCKWISE);
+                if gpu.features.depth_clamp == vk::TRUE {
+                    objects.cmd_set_depth_clamp_enable(commands, false);
+                }
+                device.cmd_set_depth_bias_enable(commands, false);
+                device.cmd_set_depth_test_enable(commands, false);
+                device.cmd_set_depth_write_enable(commands, false);
+                device.cmd_set_depth_bounds_test_enable(commands, false);
+                device.cmd_set_stencil_test_enable(commands, false);
+                if gpu.features.logic_op == vk::TRUE {
+                    objects.cmd_set_logic_op_enable(commands, false);
+                }
+                objects.cmd_set_color_blend_enable(commands, 0, &[vk::FALSE]);
+                let equation = vk::ColorBlendEquationEXT::default();
+                objects.cmd_set_color_blend_equation(commands, 0, &[equation]);
+                let all = vk::ColorComponentFlags::RGBA;
+                objects.cmd_set_color_write_mask(commands, 0, &[all]);
+            }
+            draw(&gpu, commands, layout);
+        });
+        assert_eq!(gpu.colors(&canvas), expected());
+    }
+}
+
+#[test]
+fn draws_wait_for_a_condition() {
+    let Some(gpu) = drawing() else { return };
+    let feature = gpu.optional.conditional_rendering.conditional_rendering;
+    if !has("VK_EXT_conditional_rendering", feature == vk::TRUE) {
+        return;
+    }
+    let conditions = ext::conditional_rendering::Device::new(&gpu.instance, &gpu.device);
+    let painting = Painting::new(&gpu, VERTEX, FRAGMENT, RGBA);
+    let pipeline = gpu.painting(&painting);
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    let words = gpu.buffer_with(&[0u32, 256]);
+    for (offset, inverted, drawn) in [(0, false, false), (4, false, true), (0, true, true)] {
+        let pass = Pass {
+            colors: &[canvas],
+            clears: &[BLACK],
+            ..Pass::default()
+        };
+        let flags = match inverted {
+            true => vk::ConditionalRenderingFlagsEXT::INVERTED,
+            false => vk::ConditionalRenderingFlagsEXT::empty(),
+        };
+        let begin = vk::ConditionalRenderingBeginInfoEXT::default()
+            .buffer(words.handle)
+            .offset(offset)
+            .flags(flags);
+        gpu.draw(&pass, |commands| {
+            gpu.bind(commands, pipeline);
+            // SAFETY: the command buffer is being recorded.
+            unsafe { (conditions.fp().cmd_begin_conditional_rendering_ext)(commands, &begin) };
+            draw(&gpu, commands, painting.layout);
+            // SAFETY: as above.
+            unsafe { (conditions.fp().cmd_end_conditional_rendering_ext)(commands) };
+        });
+        assert_eq!(
+            gpu.colors(&canvas)[0] != [0; 4],
+            drawn,
+            "offset {offset}, {inverted}"
+        );
+    }
+}
