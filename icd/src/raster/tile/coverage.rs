@@ -1,0 +1,336 @@
+//! Which samples of a tile a shape covers, as 4×4 blocks: exact integers at every size.
+//!
+//! An edge at a sample of pixel (x, y) of the tile is `a (256 x + sx) + b (256 y + sy) + c`, with `c` moved to the tile's corner. It is not negative
+//! if and only if `a x + b y + floor((a sx + b sy + c) / 256)` is not: the pixels' part is a multiple of 256. That takes 32 bits inside a
+//! tile for edges of up to 2¹⁶ pixels, and 64 bits for longer ones. From tile to blocks of 16×16, of 4×4, to pixels, sixteen at a time.
+
+use std::ops::{Add, BitOr, Mul};
+
+use super::lanes::{COLUMNS, LANE_X, LANE_Y, ROWS, negative, tiered};
+use super::samples::{MAX_SAMPLES, fixed_point, locations};
+use crate::raster::primitive::{Bounds, Edge};
+
+/// A 4×4 block of pixels with covered samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Block {
+    /// Its first pixel, from the tile's.
+    pub x: u8,
+    pub y: u8,
+    /// By sample: lanes whose sample is covered.
+    pub masks: [u16; MAX_SAMPLES],
+}
+
+/// Steps of edges inside a tile that 32 bits hold: 63 of `|a| + |b|` and a constant of [`Word::LIMIT`].
+const NARROW: u64 = 1 << 24;
+
+/// An integer for edges.
+trait Word: Copy + Ord + Add<Output = Self> + Mul<Output = Self> + BitOr<Output = Self> {
+    /// Constants beyond it are the same to a tile.
+    const LIMIT: i64;
+
+    fn from_wide(wide: i64) -> Self;
+    /// Lanes that are negative.
+    fn negative(row: &[Self; 16]) -> u16;
+}
+
+impl Word for i32 {
+    const LIMIT: i64 = (1 << 30) - 1;
+
+    #[inline(always)]
+    fn from_wide(wide: i64) -> Self {
+        wide as i32
+    }
+
+    #[inline(always)]
+    fn negative(row: &[Self; 16]) -> u16 {
+        negative(row)
+    }
+}
+
+impl Word for i64 {
+    const LIMIT: i64 = 1 << 60;
+
+    #[inline(always)]
+    fn from_wide(wide: i64) -> Self {
+        wide
+    }
+
+    #[inline(always)]
+    fn negative(row: &[Self; 16]) -> u16 {
+        let mut high = [0; 16];
+        for lane in 0..16 {
+            high[lane] = (row[lane] >> 32) as i32;
+        }
+        negative(&high)
+    }
+}
+
+/// An edge in a tile.
+#[derive(Clone, Copy)]
+struct Side<W> {
+    a: W,
+    b: W,
+    /// By sample.
+    constants: [W; MAX_SAMPLES],
+    least: W,
+    greatest: W,
+    /// `a x + b y` of a block's lanes; of the upper left pixels of sixteen blocks, row by row.
+    pixels: [W; 16],
+    blocks: [W; 16],
+}
+
+impl<W: Word> Side<W> {
+    #[inline(always)]
+    fn new(edge: &Edge, corner: [i64; 2], samples: u32) -> Self {
+        let (a, b) = (i64::from(edge.a), i64::from(edge.b));
+        let at_corner = edge
+            .c
+            .wrapping_add(a.wrapping_mul(corner[0] * 256))
+            .wrapping_add(b.wrapping_mul(corner[1] * 256));
+        let mut constants = [W::from_wide(0); MAX_SAMPLES];
+        let (mut least, mut greatest) = (i64::MAX, i64::MIN);
+        for (constant, &location) in constants.iter_mut().zip(locations(samples)) {
+            let [x, y] = fixed_point(location).map(i64::from);
+            let at_sample = at_corner.wrapping_add(a * x + b * y) >> 8;
+            let limited = at_sample.clamp(-W::LIMIT, W::LIMIT);
+            *constant = W::from_wide(limited);
+            (least, greatest) = (least.min(limited), greatest.max(limited));
+        }
+        let (a, b) = (W::from_wide(a), W::from_wide(b));
+        let (mut pixels, mut blocks) = ([a; 16], [a; 16]);
+        for lane in 0..16 {
+            let [x, y] = [LANE_X[lane], LANE_Y[lane]].map(|it| W::from_wide(it.into()));
+            pixels[lane] = a * x + b * y;
+            let [x, y] = [lane % 4, lane / 4].map(|it| W::from_wide(it as i64));
+            blocks[lane] = a * x + b * y;
+        }
+        Self {
+            a,
+            b,
+            constants,
+            least: W::from_wide(least),
+            greatest: W::from_wide(greatest),
+            pixels,
+            blocks,
+        }
+    }
+
+    /// `a x + b y`.
+    #[inline(always)]
+    fn at(&self, x: i32, y: i32) -> W {
+        self.a * W::from_wide(x.into()) + self.b * W::from_wide(y.into())
+    }
+}
+
+/// Bits of 4×4 cells, row by row: columns and rows `from..to`, each 0 to 4.
+#[inline(always)]
+fn cells(columns: [i32; 2], rows: [i32; 2]) -> u16 {
+    let range = |[from, to]: [i32; 2], step: i32| {
+        let bits = |end: i32| (1u32 << (end.clamp(0, 4) * step)) - 1;
+        bits(to) & !bits(from)
+    };
+    (range(columns, 1) * 0x1111 & range(rows, 4)) as u16
+}
+
+/// Of sixteen squares of `size` pixels from (x, y) on: those that are touched, and those whose samples are all covered.
+#[inline(always)]
+fn squares<W: Word>(sides: &[Side<W>], clip: &Bounds, x: i32, y: i32, size: i32) -> (u16, u16) {
+    let zero = W::from_wide(0);
+    let (step, last) = (W::from_wide(size.into()), W::from_wide((size - 1).into()));
+    let (mut out, mut partly) = ([zero; 16], [zero; 16]);
+    for side in sides {
+        let first = side.at(x, y);
+        let (along_a, along_b) = (side.a * last, side.b * last);
+        let most = first + side.greatest + along_a.max(zero) + along_b.max(zero);
+        let least = first + side.least + along_a.min(zero) + along_b.min(zero);
+        for lane in 0..16 {
+            let here = side.blocks[lane] * step;
+            out[lane] = out[lane] | (here + most);
+            partly[lane] = partly[lane] | (here + least);
+        }
+    }
+    let down = |end: i32, from: i32| (end - from).div_euclid(size);
+    let up = |end: i32, from: i32| (end - from + size - 1).div_euclid(size);
+    let touched = cells(
+        [down(clip.left, x), up(clip.right, x)],
+        [down(clip.top, y), up(clip.bottom, y)],
+    );
+    let inside = cells(
+        [up(clip.left, x), down(clip.right, x)],
+        [up(clip.top, y), down(clip.bottom, y)],
+    );
+    let touched = touched & !W::negative(&out);
+    (touched, touched & inside & !W::negative(&partly))
+}
+
+/// Lanes of the block at (x, y) that lie in the clip.
+#[inline(always)]
+fn inside(clip: &Bounds, x: i32, y: i32) -> u16 {
+    let end = |at: i32, from: i32| (at - from).clamp(0, 4) as usize;
+    COLUMNS[end(clip.left, x)][end(clip.right, x)] & ROWS[end(clip.top, y)][end(clip.bottom, y)]
+}
+
+/// The covered samples of one block.
+#[inline(always)]
+fn pixels<W: Word>(
+    sides: &[Side<W>],
+    clip: &Bounds,
+    x: i32,
+    y: i32,
+    samples: u32,
+    blocks: &mut Vec<Block>,
+) {
+    let mut block = Block {
+        x: x as u8,
+        y: y as u8,
+        masks: [0; MAX_SAMPLES],
+    };
+    let inside = inside(clip, x, y);
+    let mut any = 0;
+    for (sample, mask) in block.masks[..samples as usize].iter_mut().enumerate() {
+        let mut out = [W::from_wide(0); 16];
+        for side in sides {
+            let first = side.at(x, y) + side.constants[sample];
+            for lane in 0..16 {
+                out[lane] = out[lane] | (side.pixels[lane] + first);
+            }
+        }
+        *mask = inside & !W::negative(&out);
+        any |= *mask;
+    }
+    if any != 0 {
+        blocks.push(block);
+    }
+}
+
+/// A block that is covered as a whole.
+#[inline(always)]
+fn whole(x: i32, y: i32, samples: u32) -> Block {
+    let mut block = Block {
+        x: x as u8,
+        y: y as u8,
+        masks: [0; MAX_SAMPLES],
+    };
+    block.masks[..samples as usize].fill(u16::MAX);
+    block
+}
+
+/// Calls `f` with the place of each set bit, 4 to a row, times `size`.
+#[inline(always)]
+fn each_cell(mut mask: u16, size: i32, mut f: impl FnMut(i32, i32, u16)) {
+    while mask != 0 {
+        let cell = mask.trailing_zeros() as i32;
+        f(cell % 4 * size, cell / 4 * size, 1 << cell);
+        mask &= mask - 1;
+    }
+}
+
+#[inline(always)]
+fn scan_words<W: Word>(
+    edges: &[Edge],
+    corner: [i64; 2],
+    clip: &Bounds,
+    samples: u32,
+    blocks: &mut Vec<Block>,
+) {
+    let count = edges.len().min(4);
+    let mut sides = [Side::<W>::new(&Edge::default(), [0; 2], 1); 4];
+    for (side, edge) in sides.iter_mut().zip(edges) {
+        *side = Side::new(edge, corner, samples);
+    }
+    let sides = &sides[..count];
+    let first = [clip.left & !3, clip.top & !3];
+    if clip.right - first[0] <= 12 && clip.bottom - first[1] <= 12 {
+        for y in (first[1]..clip.bottom).step_by(4) {
+            for x in (first[0]..clip.right).step_by(4) {
+                pixels(sides, clip, x, y, samples, blocks);
+            }
+        }
+        return;
+    }
+    let (touched, full) = squares(sides, clip, 0, 0, 16);
+    each_cell(touched, 16, |x, y, bit| {
+        if full & bit != 0 {
+            return each_cell(u16::MAX, 4, |dx, dy, _| {
+                blocks.push(whole(x + dx, y + dy, samples));
+            });
+        }
+        let (touched, full) = squares(sides, clip, x, y, 4);
+        each_cell(touched, 4, |dx, dy, bit| match full & bit != 0 {
+            true => blocks.push(whole(x + dx, y + dy, samples)),
+            false => pixels(sides, clip, x + dx, y + dy, samples, blocks),
+        });
+    });
+}
+
+tiered! {
+    fn scan_narrow(edges: &[Edge], corner: [i64; 2], clip: &Bounds, samples: u32, blocks: &mut Vec<Block>) {
+        scan_words::<i32>(edges, corner, clip, samples, blocks);
+    }
+}
+
+tiered! {
+    fn scan_wide(edges: &[Edge], corner: [i64; 2], clip: &Bounds, samples: u32, blocks: &mut Vec<Block>) {
+        scan_words::<i64>(edges, corner, clip, samples, blocks);
+    }
+}
+
+/// Appends the blocks of a tile that a convex shape covers inside a clip, which lies in the tile. Up to 256 of them, none twice.
+pub fn convex(
+    tier: spirv_jit::interp::TierKind,
+    edges: &[Edge],
+    tile: &Bounds,
+    clip: &Bounds,
+    samples: u32,
+    blocks: &mut Vec<Block>,
+) {
+    let corner = [tile.left.into(), tile.top.into()];
+    let clip = Bounds {
+        left: clip.left - tile.left,
+        top: clip.top - tile.top,
+        right: clip.right - tile.left,
+        bottom: clip.bottom - tile.top,
+    };
+    let steps = |edge: &Edge| u64::from(edge.a.unsigned_abs()) + u64::from(edge.b.unsigned_abs());
+    if edges.iter().all(|edge| steps(edge) <= NARROW) {
+        scan_narrow(tier, edges, corner, &clip, samples, blocks);
+    } else {
+        scan_wide(tier, edges, corner, &clip, samples, blocks);
+    }
+}
+
+/// Appends the blocks of a list of pixels: those inside a clip, which lies in the tile, with all their samples.
+pub fn listed(
+    list: &[[i16; 2]],
+    tile: &Bounds,
+    clip: &Bounds,
+    samples: u32,
+    blocks: &mut Vec<Block>,
+) {
+    let first = blocks.len();
+    for &[x, y] in list {
+        let (x, y) = (i32::from(x), i32::from(y));
+        if x < clip.left || x >= clip.right || y < clip.top || y >= clip.bottom {
+            continue;
+        }
+        let (x, y) = (x - tile.left, y - tile.top);
+        let place = ((x & !3) as u8, (y & !3) as u8);
+        let (column, row) = ((x & 3) as usize, (y & 3) as usize);
+        let lane = COLUMNS[column][column + 1] & ROWS[row][row + 1];
+        // Lists go along lines: a block's pixels follow each other.
+        let last = blocks[first..].last_mut();
+        if let Some(block) = last.filter(|block| (block.x, block.y) == place) {
+            for mask in &mut block.masks[..samples as usize] {
+                *mask |= lane;
+            }
+        } else {
+            let mut block = Block {
+                x: place.0,
+                y: place.1,
+                masks: [0; MAX_SAMPLES],
+            };
+            block.masks[..samples as usize].fill(lane);
+            blocks.push(block);
+        }
+    }
+}

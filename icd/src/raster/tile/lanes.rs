@@ -1,0 +1,152 @@
+//! Sixteen pixels at once: four quads of four lanes, as fragment programs have them. In a 4×4 block, lane `l` is pixel
+//! ([`LANE_X`]`[l]`, [`LANE_Y`]`[l]`).
+//!
+//! Loops over rows of sixteen become vectors by themselves; [`tiered!`] compiles them for each instruction set. All of them compute the same bits:
+//! nothing is fused, nothing is reordered.
+
+/// A word a lane.
+pub type Row = [u32; 16];
+/// A number a lane.
+pub type Floats = [f32; 16];
+
+/// Column and row of each lane in a 4×4 block.
+pub const LANE_X: [i32; 16] = [0, 1, 0, 1, 2, 3, 2, 3, 0, 1, 0, 1, 2, 3, 2, 3];
+pub const LANE_Y: [i32; 16] = [0, 0, 1, 1, 0, 0, 1, 1, 2, 2, 3, 3, 2, 2, 3, 3];
+
+/// In the order of rows: the lane of pixel `4 y + x` of a block. It is its own inverse.
+pub const BY_ROWS: [usize; 16] = [0, 1, 4, 5, 2, 3, 6, 7, 8, 9, 12, 13, 10, 11, 14, 15];
+
+/// Lanes whose column, or row, is in `from..to`: `[from][to]`.
+pub static COLUMNS: [[u16; 5]; 5] = ranges(&LANE_X);
+pub static ROWS: [[u16; 5]; 5] = ranges(&LANE_Y);
+
+const fn ranges(side: &[i32; 16]) -> [[u16; 5]; 5] {
+    let mut masks = [[0; 5]; 5];
+    let mut from = 0;
+    while from < 5 {
+        let mut to = 0;
+        while to < 5 {
+            let mut lane = 0;
+            while lane < 16 {
+                if side[lane] >= from as i32 && side[lane] < to as i32 {
+                    masks[from][to] |= 1 << lane;
+                }
+                lane += 1;
+            }
+            to += 1;
+        }
+        from += 1;
+    }
+    masks
+}
+
+/// Compiles a function for each tier of instruction sets; the first argument chooses. Functions that it calls are to be `#[inline(always)]`.
+macro_rules! tiered {
+    ($(#[$doc:meta])* $vis:vis fn $name:ident($($arg:ident: $ty:ty),* $(,)?) $(-> $ret:ty)? $body:block) => {
+        $(#[$doc])*
+        #[allow(clippy::too_many_arguments)]
+        $vis fn $name(tier: spirv_jit::interp::TierKind, $($arg: $ty),*) $(-> $ret)? {
+            #[inline(always)]
+            #[allow(clippy::too_many_arguments)]
+            fn body($($arg: $ty),*) $(-> $ret)? $body
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c")]
+            #[allow(clippy::too_many_arguments)]
+            fn avx2($($arg: $ty),*) $(-> $ret)? {
+                body($($arg),*)
+            }
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c")]
+            #[allow(clippy::too_many_arguments)]
+            fn avx512($($arg: $ty),*) $(-> $ret)? {
+                body($($arg),*)
+            }
+            match tier {
+                // SAFETY: a tier is one that the machine has (`TierKind::best`).
+                #[cfg(target_arch = "x86_64")]
+                spirv_jit::interp::TierKind::Avx2 => unsafe { avx2($($arg),*) },
+                // SAFETY: as above.
+                #[cfg(target_arch = "x86_64")]
+                spirv_jit::interp::TierKind::Avx512 => unsafe { avx512($($arg),*) },
+                _ => body($($arg),*),
+            }
+        }
+    };
+}
+pub(super) use tiered;
+
+/// The lanes whose word is negative.
+#[inline(always)]
+pub fn negative(row: &[i32; 16]) -> u16 {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::*;
+        // SAFETY: every processor of this architecture has SSE2; four words are read from each quarter of the row.
+        unsafe {
+            let quarter = |index: usize| _mm_loadu_si128(row[4 * index..].as_ptr().cast());
+            let low = _mm_packs_epi32(quarter(0), quarter(1));
+            let high = _mm_packs_epi32(quarter(2), quarter(3));
+            _mm_movemask_epi8(_mm_packs_epi16(low, high)) as u16
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    {
+        let mut mask = 0;
+        for lane in 0..16 {
+            mask |= ((row[lane] < 0) as u16) << lane;
+        }
+        mask
+    }
+}
+
+/// The lanes for which something holds.
+#[inline(always)]
+pub fn lanes_where(holds: impl Fn(usize) -> bool) -> u16 {
+    let mut row = [0; 16];
+    for lane in 0..16 {
+        row[lane] = -(holds(lane) as i32);
+    }
+    negative(&row)
+}
+
+/// The words of numbers.
+#[inline(always)]
+pub fn bits_of(row: &Floats) -> Row {
+    let mut bits = [0; 16];
+    for lane in 0..16 {
+        bits[lane] = row[lane].to_bits();
+    }
+    bits
+}
+
+/// The numbers of words.
+#[inline(always)]
+pub fn floats_of(row: &Row) -> Floats {
+    let mut numbers = [0.0; 16];
+    for lane in 0..16 {
+        numbers[lane] = f32::from_bits(row[lane]);
+    }
+    numbers
+}
+
+/// A lane for each of four quads' values.
+#[inline(always)]
+pub fn spread<T: Copy>(quads: [T; 4]) -> [T; 16] {
+    let [a, b, c, d] = quads;
+    [a, a, a, a, b, b, b, b, c, c, c, c, d, d, d, d]
+}
+
+/// The quads, a bit each, that have lanes in a mask.
+#[inline(always)]
+pub fn quads_of(mask: u16) -> u32 {
+    let pairs = mask | mask >> 1;
+    let first = (pairs | pairs >> 2) & 0x1111;
+    u32::from((first | first >> 3) & 0x3 | ((first >> 6 | first >> 9) & 0xc))
+}
+
+/// All lanes of some quads.
+#[inline(always)]
+pub fn lanes_of(quads: u32) -> u16 {
+    let spread = (quads & 1) | (quads & 2) << 3 | (quads & 4) << 6 | (quads & 8) << 9;
+    (spread * 0xf) as u16
+}

@@ -1,0 +1,144 @@
+//! The tiles: coverage, tests, fragments, output.
+//!
+//! ```text
+//! chunk ──> shapes of the tile ──> blocks of 4×4 ──> early tests ──> packs ──> waves ──> late tests ──> blending ──> images
+//!           [visit]                [coverage]        [depth]         [pack]   [inputs]                  [output]
+//! ```
+//!
+//! A tile belongs to one worker, which works off all chunks in order and writes straight into the images: the order of primitives holds at
+//! each sample, and no pixel has two writers. [`plan`] is what draws of one state have in common; [`lanes`] is how sixteen pixels become vectors.
+
+mod blend;
+mod clear;
+mod coverage;
+mod depth;
+mod inputs;
+mod lanes;
+mod output;
+mod pack;
+mod plan;
+mod samples;
+#[cfg(test)]
+mod tests;
+mod texels;
+mod visit;
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use parking_lot::Mutex;
+use rayon::prelude::*;
+use spirv_jit::interp::TierKind;
+
+use super::primitive::{Bounds, Grid};
+use super::{Chunk, Context, Targets, Work};
+use crate::wave::Stopped;
+use plan::Plans;
+use visit::{Round, Worker};
+
+/// Pixels of shapes' bounds up to which a round without programs is too little to hand out.
+const LITTLE: u64 = 1 << 12;
+
+/// The tiles' memory, kept from one round to the next.
+#[derive(Default)]
+pub struct Tiles {
+    idle: Mutex<Vec<Worker>>,
+}
+
+impl Tiles {
+    /// Works chunks off, in order, in every tile.
+    ///
+    /// # Errors
+    /// When a limit stopped it.
+    pub fn run(
+        &self,
+        context: Context<'_>,
+        targets: &Targets,
+        work: &[Work],
+        chunks: &[Chunk],
+    ) -> Result<(), Stopped> {
+        let grid = Grid::of(&targets.area);
+        if grid.is_empty() {
+            return Ok(());
+        }
+        // What comes first and is the same for all tiles needs none.
+        let clears = chunks.iter().take_while(|chunk| chunk.clear.is_some());
+        let clears: Vec<u32> = clears.filter_map(|chunk| chunk.clear).collect();
+        for &clear in &clears {
+            if let Some(Work::Clear(clear)) = work.get(clear as usize) {
+                clear::clear_all(clear, targets, context.workers);
+            }
+        }
+        let chunks = &chunks[clears.len()..];
+        let has_clears = chunks.iter().any(|chunk| chunk.clear.is_some());
+        let is_busy = |tile: &usize| {
+            let mut bins = chunks.iter().map(|chunk| chunk.bins.shapes_of(*tile));
+            has_clears || bins.any(|shapes| !shapes.is_empty())
+        };
+        let busy: Vec<usize> = (0..grid.len()).filter(is_busy).collect();
+        if busy.is_empty() {
+            return Ok(());
+        }
+        let tier = TierKind::best();
+        let round = Round {
+            tier,
+            context,
+            targets,
+            work,
+            chunks,
+            plans: Plans::new(tier, targets, work, chunks),
+            grid,
+            area: area_bounds(targets),
+        };
+        let next = AtomicUsize::new(0);
+        let work_off = || {
+            let mut worker = self.idle.lock().pop().unwrap_or_default();
+            while let Some(&tile) = busy.get(next.fetch_add(1, Ordering::Relaxed)) {
+                worker
+                    .visit(&round, tile)
+                    .inspect_err(|_| next.store(busy.len(), Ordering::Relaxed))?;
+            }
+            self.idle.lock().push(worker);
+            Ok(())
+        };
+        let threads = context.workers.current_num_threads();
+        match busy.len().min(threads) {
+            0 | 1 => work_off(),
+            _ if !has_clears && is_little(chunks) => work_off(),
+            tasks => context.workers.install(|| {
+                (0..tasks)
+                    .into_par_iter()
+                    .with_max_len(1)
+                    .try_for_each(|_| work_off())
+            }),
+        }
+    }
+}
+
+/// Whether shapes have few pixels.
+fn is_little(chunks: &[Chunk]) -> bool {
+    let mut pixels = 0;
+    for shape in chunks.iter().flat_map(|chunk| &chunk.shapes) {
+        let side = |from: i32, to: i32| u64::from(to.saturating_sub(from).max(0) as u32);
+        let (width, height) = (
+            side(shape.bounds.left, shape.bounds.right),
+            side(shape.bounds.top, shape.bounds.bottom),
+        );
+        pixels += width * height;
+        if pixels > LITTLE {
+            return false;
+        }
+    }
+    true
+}
+
+/// The render area as bounds.
+fn area_bounds(targets: &Targets) -> Bounds {
+    let area = &targets.area;
+    let end = |first: i32, size: u32| first.saturating_add_unsigned(size);
+    Bounds {
+        left: area.offset.x.max(0),
+        top: area.offset.y.max(0),
+        right: end(area.offset.x, area.extent.width),
+        bottom: end(area.offset.y, area.extent.height),
+    }
+}

@@ -1,0 +1,144 @@
+//! What draws of one state and one set of programs have in common, made ready for tiles.
+
+use std::sync::Arc;
+
+use spirv_jit::Program;
+use spirv_jit::interp::TierKind;
+use spirv_jit::program::FragmentFacts;
+
+use super::depth::Tests;
+use super::inputs::Inputs;
+use super::output::Output;
+use crate::raster::{Chunk, Draw, Targets, Work};
+
+/// When the tests are done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// Before the program.
+    Early,
+    /// After it; what fails already need not run.
+    LateButSeen,
+    /// After it.
+    Late,
+}
+
+/// How a draw's fragments are worked off.
+pub struct Plan<'a> {
+    pub program: Option<Fragment<'a>>,
+    pub tests: Tests,
+    pub order: Order,
+    pub output: Output,
+    pub samples: u32,
+    /// Samples that the state lets pass.
+    pub sample_mask: u32,
+    /// Depths are clamped to the viewport's range.
+    pub clamps_depth: bool,
+}
+
+/// The program of a plan.
+pub struct Fragment<'a> {
+    pub program: &'a Program,
+    pub inputs: Inputs,
+    /// One invocation a sample.
+    pub per_sample: bool,
+    /// A fragment sees what earlier ones at its pixel left: they never run side by side.
+    pub is_serial: bool,
+    /// Subgroups of a wave.
+    pub subgroups: usize,
+}
+
+impl<'a> Plan<'a> {
+    /// Of a draw in a pass.
+    pub fn new(tier: TierKind, targets: &Targets, draw: &'a Draw) -> Self {
+        let state = &*draw.state;
+        let samples = targets.samples.clamp(1, 8);
+        let fragment = draw.stages.fragment.as_deref();
+        let facts = (fragment.and_then(Program::fragment)).copied();
+        let facts = facts.unwrap_or_default();
+        let tests = Tests::new(tier, targets, &state.depth_stencil);
+        let output = Output::new(tier, targets, state, fragment);
+        let multisample = &state.multisample;
+        // Shading a part of the samples is shading all of them, as soon as it is more than one (spec, "Sample Shading").
+        let shades_samples = multisample.sample_shading
+            && multisample.min_sample_shading * samples as f32 > 1.0
+            && samples > 1;
+        let per_sample = shades_samples || facts.per_sample;
+        Self {
+            program: fragment.map(|program| Fragment {
+                program,
+                inputs: Inputs::new(
+                    program,
+                    &draw.stages.vertex,
+                    samples,
+                    per_sample,
+                    shades_samples,
+                ),
+                per_sample: per_sample && samples > 1,
+                is_serial: facts.reads_attachments || facts.interlock.is_some(),
+                subgroups: program.max_wave_subgroups().clamp(1, 32),
+            }),
+            order: order(&facts, &output, &tests),
+            tests,
+            output,
+            samples,
+            sample_mask: multisample.sample_mask,
+            clamps_depth: state.rasterization.depth_clamp,
+        }
+    }
+}
+
+/// Tests come after a program whose effects or outputs depend on their order (spec, "Early Fragment Test"); what nobody can tell apart comes before.
+fn order(facts: &FragmentFacts, output: &Output, tests: &Tests) -> Order {
+    let replaces = facts.depth.is_some() || facts.writes_stencil_ref;
+    let drops = facts.discards || output.drops_samples();
+    if facts.early_tests || !(replaces || drops || facts.writes_memory) {
+        Order::Early
+    } else if !replaces && !facts.writes_memory && tests.is_monotonic() {
+        Order::LateButSeen
+    } else {
+        Order::Late
+    }
+}
+
+/// The plans of the draws that chunks come from.
+pub struct Plans<'a> {
+    plans: Vec<Plan<'a>>,
+    /// The first draw, and the plan of each from there on.
+    first: usize,
+    of_draws: Vec<u32>,
+}
+
+impl<'a> Plans<'a> {
+    /// Of chunks in order.
+    pub fn new(tier: TierKind, targets: &Targets, work: &'a [Work], chunks: &[Chunk]) -> Self {
+        let draws = || chunks.iter().flat_map(|chunk| &chunk.records);
+        let first = draws().map(|record| record.draw).min().unwrap_or(0) as usize;
+        let end = draws().map(|record| record.draw as usize + 1).max();
+        let mut plans = Vec::new();
+        let mut of_draws = Vec::new();
+        let mut last: Option<&Draw> = None;
+        for work in &work[first.min(work.len())..end.unwrap_or(0).clamp(first, work.len())] {
+            if let Work::Draw(draw) = work {
+                let is_same = last.is_some_and(|last| {
+                    Arc::ptr_eq(&last.stages, &draw.stages) && Arc::ptr_eq(&last.state, &draw.state)
+                });
+                if !is_same {
+                    plans.push(Plan::new(tier, targets, draw));
+                    last = Some(draw);
+                }
+            }
+            of_draws.push((plans.len() as u32).wrapping_sub(1));
+        }
+        Self {
+            plans,
+            first,
+            of_draws,
+        }
+    }
+
+    /// That of a draw, by its index in the batch's work.
+    pub fn of_draw(&self, draw: u32) -> Option<&Plan<'a>> {
+        let place = (draw as usize).checked_sub(self.first)?;
+        self.plans.get(*self.of_draws.get(place)? as usize)
+    }
+}

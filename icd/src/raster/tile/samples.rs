@@ -1,0 +1,41 @@
+//! Where samples lie in a pixel: the standard sample locations (spec, "Multisampling", `standardSampleLocations`).
+
+/// Samples of a pixel, at most.
+pub const MAX_SAMPLES: usize = 8;
+
+/// In 1/16 of a pixel, from its upper left corner.
+type Location = [i32; 2];
+
+static ONE: [Location; 1] = [[8, 8]];
+static TWO: [Location; 2] = [[12, 12], [4, 4]];
+static FOUR: [Location; 4] = [[6, 2], [14, 6], [2, 10], [10, 14]];
+static EIGHT: [Location; 8] = [
+    [9, 5],
+    [7, 11],
+    [13, 9],
+    [5, 3],
+    [3, 13],
+    [1, 7],
+    [11, 15],
+    [15, 1],
+];
+
+/// The locations of 1, 2, 4 or 8 samples.
+pub fn locations(samples: u32) -> &'static [Location] {
+    match samples {
+        2 => &TWO,
+        4 => &FOUR,
+        8 => &EIGHT,
+        _ => &ONE,
+    }
+}
+
+/// In units of fixed-point positions.
+pub fn fixed_point([x, y]: Location) -> [i32; 2] {
+    [x * 16, y * 16]
+}
+
+/// From the pixel's centre, in pixels: exact.
+pub fn from_center([x, y]: Location) -> [f32; 2] {
+    [(x - 8) as f32 / 16.0, (y - 8) as f32 / 16.0]
+}
