@@ -1,1 +1,8 @@
-//! Tests of the tiles.
+//! Tests of the tiles, on chunks and attachments made by hand.
+
+mod clears;
+mod colors;
+mod coverage;
+mod order;
+mod stencils;
+mod support;

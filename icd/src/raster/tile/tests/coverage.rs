@@ -1,0 +1,185 @@
+//! Coverage against sums in 128 bits, sample by sample.
+
+use spirv_jit::interp::TierKind;
+
+use super::support::{Random, edges};
+use crate::raster::primitive::{Bounds, Edge};
+use crate::raster::tile::coverage::{Block, convex, listed};
+use crate::raster::tile::lanes::{LANE_X, LANE_Y};
+use crate::raster::tile::samples::{fixed_point, locations};
+
+/// Samples of the pixels of a tile.
+type Samples = Vec<[bool; 8]>;
+
+fn expected(edges: &[Edge], tile: &Bounds, clip: &Bounds, samples: u32) -> Samples {
+    let mut all = vec![[false; 8]; 64 * 64];
+    for (index, covered) in all.iter_mut().enumerate() {
+        let (x, y) = (tile.left + index as i32 % 64, tile.top + index as i32 / 64);
+        if x < clip.left || x >= clip.right || y < clip.top || y >= clip.bottom {
+            continue;
+        }
+        for (sample, &location) in locations(samples).iter().enumerate() {
+            let [sx, sy] = fixed_point(location).map(i128::from);
+            let (px, py) = (i128::from(x) * 256 + sx, i128::from(y) * 256 + sy);
+            covered[sample] = edges.iter().all(|edge| {
+                i128::from(edge.a) * px + i128::from(edge.b) * py + i128::from(edge.c) >= 0
+            });
+        }
+    }
+    all
+}
+
+fn found(blocks: &[Block], samples: u32) -> Samples {
+    let mut all = vec![[false; 8]; 64 * 64];
+    for block in blocks {
+        for sample in 0..8 {
+            for lane in 0..16 {
+                let x = i32::from(block.x) + LANE_X[lane];
+                let y = i32::from(block.y) + LANE_Y[lane];
+                if block.masks[sample] >> lane & 1 != 0 {
+                    assert!((sample as u32) < samples, "a sample that is not there");
+                    let place = &mut all[(y * 64 + x) as usize][sample];
+                    assert!(!*place, "covered twice");
+                    *place = true;
+                }
+            }
+        }
+    }
+    all
+}
+
+fn tile(x: i32, y: i32) -> Bounds {
+    Bounds {
+        left: x * 64,
+        top: y * 64,
+        right: x * 64 + 64,
+        bottom: y * 64 + 64,
+    }
+}
+
+fn check(edges: &[Edge], tile: &Bounds, clip: &Bounds) {
+    for samples in [1, 2, 4, 8] {
+        let wanted = expected(edges, tile, clip, samples);
+        for &tier in TierKind::present() {
+            let mut blocks = Vec::new();
+            convex(tier, edges, tile, clip, samples, &mut blocks);
+            let same = found(&blocks, samples) == wanted;
+            assert!(same, "{edges:?} in {clip:?}, {samples} samples, {tier:?}");
+        }
+    }
+}
+
+#[test]
+fn triangles_of_all_sizes_cover_what_their_edges_say() {
+    let mut random = Random(0x1234_5678_9abc_def1);
+    for round in 0..300 {
+        // From less than a pixel to far beyond the greatest viewport.
+        let size = 1i64 << (7 + round % 22);
+        let tile = tile(random.within(0, 8) as i32, random.within(0, 8) as i32);
+        let middle = [tile.left, tile.top].map(|it| i64::from(it + 32) * 256);
+        let corners =
+            [(); 3].map(|()| middle.map(|it| (it + random.within(-size, size + 1)) as i32));
+        let edges = edges(corners);
+        check(&edges[..3], &tile, &tile);
+        let mut side = |least: i32| {
+            let ends = [(); 2].map(|()| least + random.within(0, 65) as i32);
+            (ends[0].min(ends[1]), ends[0].max(ends[1]))
+        };
+        let ((left, right), (top, bottom)) = (side(tile.left), side(tile.top));
+        if left < right && top < bottom {
+            let clip = Bounds {
+                left,
+                top,
+                right,
+                bottom,
+            };
+            check(&edges[..3], &tile, &clip);
+        }
+    }
+}
+
+#[test]
+fn edges_as_long_as_there_are_cover_what_they_say() {
+    let mut random = Random(0x0dd_ba11_0dd_ba11);
+    let tile = tile(511, 511);
+    for _ in 0..200 {
+        let edge = |random: &mut Random| {
+            let (a, b) = (
+                random.within(i64::from(i32::MIN), i64::from(i32::MAX)),
+                random.within(i64::from(i32::MIN), i64::from(i32::MAX)),
+            );
+            let (x, y) = (
+                i64::from(tile.left) * 256 + random.within(0, 1 << 14),
+                i64::from(tile.top) * 256 + random.within(0, 1 << 14),
+            );
+            Edge {
+                a: a as i32,
+                b: b as i32,
+                c: -(a * x + b * y),
+            }
+        };
+        let edges = [(); 4].map(|()| edge(&mut random));
+        for count in 1..=4 {
+            check(&edges[..count], &tile, &tile);
+        }
+    }
+}
+
+#[test]
+fn triangles_that_share_edges_cover_each_sample_once() {
+    let mut random = Random(77);
+    let tile = tile(0, 0);
+    for _ in 0..50 {
+        // A fan around a point inside, closed: corners on the tile's border and beyond.
+        let middle = [
+            random.within(4000, 12000) as i32,
+            random.within(4000, 12000) as i32,
+        ];
+        let around = [
+            [-300, -300],
+            [random.within(0, 16000) as i32, -700],
+            [17000, -300],
+            [18000, random.within(0, 16000) as i32],
+            [17000, 17000],
+            [-300, 17000],
+        ];
+        for samples in [1, 4, 8] {
+            let mut covered = vec![[0; 8]; 64 * 64];
+            for index in 0..around.len() {
+                let corners = [middle, around[index], around[(index + 1) % around.len()]];
+                let mut blocks = Vec::new();
+                let edges = edges(corners);
+                convex(
+                    TierKind::best(),
+                    &edges[..3],
+                    &tile,
+                    &tile,
+                    samples,
+                    &mut blocks,
+                );
+                for (count, found) in covered.iter_mut().zip(found(&blocks, samples)) {
+                    for sample in 0..8 {
+                        count[sample] += u32::from(found[sample]);
+                    }
+                }
+            }
+            let counted = |counts: &[u32; 8]| counts[..samples as usize].iter().all(|&it| it == 1);
+            assert!(covered.iter().all(counted));
+        }
+    }
+}
+
+#[test]
+fn listed_pixels_are_covered_with_all_samples() {
+    let tile = tile(1, 1);
+    let clip = Bounds { left: 66, ..tile };
+    let list: Vec<[i16; 2]> = (60..140).map(|at| [at, 64 + (at - 60) / 3]).collect();
+    let mut blocks = Vec::new();
+    listed(&list, &tile, &clip, 4, &mut blocks);
+    let found = found(&blocks, 4);
+    for (index, samples) in found.iter().enumerate() {
+        let place = [64 + index as i16 % 64, 64 + index as i16 / 64];
+        let is_listed = list.contains(&place) && place[0] >= 66;
+        assert_eq!(samples[..4], [is_listed; 4], "{place:?}");
+    }
+}
