@@ -1,6 +1,7 @@
 //! GLSL to programs, for the tests of the front end.
 #![allow(dead_code)]
 
+pub mod raster;
 pub mod run;
 
 use std::sync::Mutex;
@@ -43,6 +44,17 @@ const EXTENSIONS: &[&str] = &[
     "GL_EXT_shader_realtime_clock",
 ];
 
+/// Extensions of the rasterizer's stages.
+const RASTER_EXTENSIONS: &[&str] = &[
+    "GL_EXT_demote_to_helper_invocation",
+    "GL_EXT_terminate_invocation",
+    "GL_EXT_fragment_shader_barycentric",
+    "GL_EXT_multiview",
+    "GL_ARB_fragment_shader_interlock",
+    "GL_ARB_shader_stencil_export",
+    "GL_ARB_shader_viewport_layer_array",
+];
+
 fn glslang_stage(stage: Stage) -> ShaderStage {
     match stage {
         Stage::Compute => ShaderStage::Compute,
@@ -69,9 +81,9 @@ pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
         text += &format!("#extension {extension} : enable\n");
     }
     if matches!(stage, Stage::Vertex | Stage::Fragment) {
-        text += "#extension GL_EXT_demote_to_helper_invocation : enable\n";
-        text += "#extension GL_EXT_terminate_invocation : enable\n";
-        text += "#extension GL_EXT_fragment_shader_barycentric : enable\n";
+        for extension in RASTER_EXTENSIONS {
+            text += &format!("#extension {extension} : enable\n");
+        }
     } else if stage != Stage::Compute {
         text += "#extension GL_EXT_ray_tracing : enable\n";
         text += "#extension GL_EXT_ray_tracing_position_fetch : enable\n";

@@ -1,0 +1,110 @@
+//! Runs one subgroup of a vertex or fragment program.
+
+use std::sync::Arc;
+
+use spirv_jit::Program;
+use spirv_jit::environment::{Descriptor, DescriptorSet, Environment};
+use spirv_jit::ir;
+use spirv_jit::program::{AlignedRow, Event, InputRow, OutputRow, Row, Stage, Wave, from_bytes};
+
+use super::{glsl, lower};
+
+/// A program that went through the bytes of a pipeline cache.
+pub fn program(stage: Stage, source: &str) -> Arc<Program> {
+    program_of_words(stage, &glsl(stage, source))
+}
+
+/// The same of a module.
+pub fn program_of_words(stage: Stage, words: &[u32]) -> Arc<Program> {
+    let mut module = lower(stage, words).unwrap_or_else(|error| panic!("{error}"));
+    spirv_jit::pass::optimize(&mut module).unwrap_or_else(|error| panic!("{error}"));
+    let bytes = ir::binary::encode(&module);
+    assert_eq!(ir::binary::decode(&bytes).as_ref(), Ok(&module));
+    from_bytes(&bytes).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// What an ended subgroup left.
+pub struct Ended {
+    pub outputs: Vec<(OutputRow, Row)>,
+    pub helpers: u16,
+}
+
+impl Ended {
+    /// The words of an output.
+    pub fn words(&self, row: OutputRow) -> Row {
+        let found = self.outputs.iter().find(|(is, _)| *is == row);
+        found.unwrap_or_else(|| panic!("no output {row}")).1
+    }
+
+    /// The floats of a component at a location.
+    pub fn floats(&self, location: u16, component: u8) -> [f32; 16] {
+        let row = OutputRow::Location {
+            location,
+            component,
+            index: 0,
+        };
+        self.words(row).map(f32::from_bits)
+    }
+}
+
+/// Who runs, and on what.
+pub struct Lanes {
+    pub active: u16,
+    pub helpers: u16,
+}
+
+pub const ALL: Lanes = Lanes {
+    active: u16::MAX,
+    helpers: 0,
+};
+
+/// Runs a subgroup; `input` gives each row's word in a lane, `buffer` is the storage buffer of set 0, binding 0. Little fuel at a time: the
+/// subgroup is suspended at back-edges again and again.
+pub fn run(
+    program: &Program,
+    lanes: Lanes,
+    buffer: &mut [u32],
+    input: impl Fn(InputRow, usize) -> u32,
+) -> Ended {
+    let mut entries = vec![Descriptor::NULL; 256];
+    entries[0] = Descriptor {
+        address: buffer.as_mut_ptr() as u64,
+        size_bytes: size_of_val(buffer) as u64,
+        ..Descriptor::NULL
+    };
+    let mut environment = Environment::unbound();
+    environment.sets[0] = DescriptorSet {
+        entries: entries.as_ptr(),
+        count: entries.len() as u32,
+        ..DescriptorSet::NONE
+    };
+    let layout = program.layout();
+    let mut state = vec![AlignedRow::default(); layout.rows];
+    program.start_fragments(&mut state, lanes.active, lanes.helpers);
+    for (index, &row) in program.inputs().iter().enumerate() {
+        for lane in 0..16 {
+            state[layout.inputs + index].0[lane] = input(row, lane);
+        }
+    }
+    let mut frame = Default::default();
+    for turn in 0.. {
+        assert!(turn < 10_000, "the shader does not end");
+        let mut fuel = 3;
+        let mut wave = Wave {
+            states: &mut [&mut state[..]],
+            shared: std::ptr::null_mut(),
+            environment: &environment,
+        };
+        // SAFETY: the environment is of memory that outlives it, and there is no workgroup memory.
+        match unsafe { program.run(&mut frame, &mut wave, &mut fuel) } {
+            Event::End => break,
+            Event::OutOfFuel => {}
+            event => panic!("{event:?}"),
+        }
+    }
+    let words = |(index, &row): (usize, &OutputRow)| (row, state[layout.io + index].0);
+    Ended {
+        outputs: program.outputs().iter().enumerate().map(words).collect(),
+        helpers: program.helpers(&state),
+    }
+}
