@@ -2,7 +2,7 @@
 
 use ash::vk;
 
-use super::define::{drawing, refuse_because};
+use super::define::drawing;
 use crate::VkResult;
 use crate::command::{Command, GraphicsCommand, Recording};
 use crate::decode::graphics::{color_write_enables, dynamic_vertex_input};
@@ -237,20 +237,16 @@ drawing! {
         let masks = slice(masks, number).iter().copied().collect();
         set(commands, Setting::WriteMasks(first, masks))
     }
-}
 
-/// Extensions bring these commands whatever stages there are; their features are not here (`VUID-*-None-09423`).
-macro_rules! of_tessellation {
-    ($($name:ident($ty:ty);)+) => {$(
-        #[allow(non_snake_case, reason = "entry points keep their C names")]
-        pub(crate) unsafe extern "system" fn $name(buffer: vk::CommandBuffer, _: $ty) {
-            // SAFETY: the caller's promise.
-            unsafe { refuse_because(stringify!($name), buffer, "there is no tessellation") };
-        }
-    )+};
-}
+    /// State of tessellation, which shader objects let applications set whatever stages they bind; no draw here looks at it.
+    fn vkCmdSetPatchControlPointsEXT(commands, _points: u32) {
+        let _ = commands;
+        Ok(())
+    }
 
-of_tessellation! {
-    vkCmdSetPatchControlPointsEXT(u32);
-    vkCmdSetTessellationDomainOriginEXT(vk::TessellationDomainOrigin);
+    /// As above.
+    fn vkCmdSetTessellationDomainOriginEXT(commands, _origin: vk::TessellationDomainOrigin) {
+        let _ = commands;
+        Ok(())
+    }
 }
