@@ -26,6 +26,10 @@ pub const NEWER: &[(&CStr, u32)] = &[
         ash::nv::ray_tracing_validation::NAME,
         make_api_version(0, 1, 3, 279),
     ),
+    (
+        ash::ext::shader_object::NAME,
+        make_api_version(0, 1, 3, 246),
+    ),
     (ash::khr::maintenance5::NAME, make_api_version(0, 1, 3, 260)),
     (DEVICE_ADDRESS_COMMANDS, make_api_version(0, 1, 4, 340)),
     (

@@ -374,8 +374,7 @@ fn passes_go_on_in_other_command_buffers() {
     let formats = [RGBA];
     let mut rendering = vk::CommandBufferInheritanceRenderingInfo::default()
         .color_attachment_formats(&formats)
-        .rasterization_samples(vk::SampleCountFlags::TYPE_1)
-        .flags(vk::RenderingFlags::CONTENTS_SECONDARY_COMMAND_BUFFERS);
+        .rasterization_samples(vk::SampleCountFlags::TYPE_1);
     let inheritance = vk::CommandBufferInheritanceInfo::default().push_next(&mut rendering);
     let begin = vk::CommandBufferBeginInfo::default()
         .flags(vk::CommandBufferUsageFlags::RENDER_PASS_CONTINUE)

@@ -208,7 +208,12 @@ commands! {
         let stages = (memory.iter().map(|it| it.dst_stage_mask))
             .chain(buffers.iter().map(|it| it.dst_stage_mask))
             .chain(images.iter().map(|it| it.dst_stage_mask));
-        vertex_barrier(commands, stages.fold(vk::PipelineStageFlags2::NONE, |all, it| all | it))
+        // Barriers of address ranges stand in the chain.
+        let chained = match info.p_next.is_null() {
+            true => vk::PipelineStageFlags2::NONE,
+            false => vk::PipelineStageFlags2::ALL_COMMANDS,
+        };
+        vertex_barrier(commands, stages.fold(chained, |all, it| all | it))
     }
 
     fn vkCmdSetEvent(commands, event: vk::Event, _stages: vk::PipelineStageFlags) {

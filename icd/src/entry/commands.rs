@@ -368,6 +368,7 @@ commands! {
     Device Core13 PFN_vkCmdResolveImage2 command_image::vkCmdResolveImage2;
     Device KHR_COPY_COMMANDS_2 PFN_vkCmdResolveImage2 command_image::vkCmdResolveImage2 as vkCmdResolveImage2KHR;
 
+    Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdBeginConditionalRendering2EXT graphics_address::vkCmdBeginConditionalRendering2EXT;
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdBindIndexBuffer3KHR graphics_address::vkCmdBindIndexBuffer3KHR;
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdBindVertexBuffers3KHR graphics_address::vkCmdBindVertexBuffers3KHR;
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdDrawIndexedIndirect2KHR graphics_address::vkCmdDrawIndexedIndirect2KHR;

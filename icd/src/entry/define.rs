@@ -88,24 +88,9 @@ pub(crate) use drawing;
 /// # Safety
 /// The handle is a live command buffer.
 pub unsafe fn refuse(name: &str, buffer: ash::vk::CommandBuffer) {
-    // SAFETY: the caller's promise.
-    unsafe {
-        refuse_because(
-            name,
-            buffer,
-            "no queue family of this device supports graphics",
-        )
-    };
-}
-
-/// Refuses a command.
-///
-/// # Safety
-/// The handle is a live command buffer.
-pub unsafe fn refuse_because(name: &str, buffer: ash::vk::CommandBuffer, because: &str) {
     crate::guard::guard(name, || {
         // SAFETY: the caller's promise.
         let buffer = unsafe { crate::handle::from_handle::<crate::command::CommandBuffer>(buffer) };
-        buffer.refuse(name, because);
+        buffer.refuse(name, "no queue family of this device supports graphics");
     });
 }

@@ -64,6 +64,13 @@ drawing! {
         push(commands, GraphicsCommand::BindVertexBuffers(bind))
     }
 
+    fn vkCmdBeginConditionalRendering2EXT(commands, info: *const c_void) {
+        let info = &*info.cast::<vk::ConditionalRenderingBeginInfo2EXT<'_>>();
+        let inverted = info.flags.contains(vk::ConditionalRenderingFlagsEXT::INVERTED);
+        let address = info.address_range.address;
+        push(commands, GraphicsCommand::BeginConditional { address, inverted })
+    }
+
     fn vkCmdDrawIndirect2KHR(commands, info: *const c_void) {
         draw_indirect(commands, false, &*info.cast())
     }

@@ -145,6 +145,11 @@ structures! {
         count_address_flags: AddressCommandFlagsKHR,
         max_draw_count: u32,
     }
+    ConditionalRenderingBeginInfo2EXT 1_000_318_012 *const c_void {
+        address_range: DeviceAddressRangeKHR,
+        address_flags: AddressCommandFlagsKHR,
+        flags: ConditionalRenderingFlagsEXT,
+    }
     DispatchIndirect2InfoKHR 1_000_318_011 *const c_void {
         address_range: DeviceAddressRangeKHR,
         address_flags: AddressCommandFlagsKHR,
@@ -185,6 +190,7 @@ macro_rules! functions {
 }
 
 functions! {
+    PFN_vkCmdBeginConditionalRendering2EXT(CommandBuffer, *const c_void);
     PFN_vkCmdBindIndexBuffer3KHR(CommandBuffer, *const c_void);
     PFN_vkCmdBindVertexBuffers3KHR(CommandBuffer, u32, u32, *const c_void);
     PFN_vkCmdCopyImageToMemoryKHR(CommandBuffer, *const CopyDeviceMemoryImageInfoKHR<'_>);

@@ -1,10 +1,11 @@
 //! Resolving multisampled images (spec, "Resolving Multisample Images").
 
 use ash::vk;
+use rayon::prelude::*;
+use spirv_jit::image::format::{FormatInfo, MAX_TEXEL_BYTES, Numeric};
 
 use super::surface::{Region, Surface, region, slice_count};
 use crate::object::Image;
-use spirv_jit::image::format::MAX_TEXEL_BYTES;
 
 /// `vkCmdResolveImage`, one region: the mean of a texel's samples; of integers, depth and stencil, sample zero.
 pub fn resolve_image(source: &Image, destination: &Image, resolve: &vk::ImageResolve) {
@@ -92,40 +93,94 @@ pub fn resolve_attachment(
     if from.inside(region).is_none() || to.inside(destination).is_none() {
         return;
     }
-    let words = |x, y, sample| {
-        let texel = from.texel(x, y, from_slice, sample);
-        // SAFETY: a texel inside the image, as above.
-        let bytes = unsafe { std::slice::from_raw_parts(texel, from.texel_size_bytes) };
-        from.format.decode(bytes)
-    };
-    for y in region.y..region.y + region.height {
-        for x in region.x..region.x + region.width {
-            let first = words(x, y, 0);
-            let rest = (1..from.samples).map(|sample| words(x, y, sample)[0]);
-            let value = match mode {
-                vk::ResolveModeFlags::AVERAGE if !is_integer => {
-                    mean(from, from.samples, |sample| {
-                        from.texel(x, y, from_slice, sample)
-                    })
-                }
-                vk::ResolveModeFlags::MIN | vk::ResolveModeFlags::MAX => {
-                    let least = mode == vk::ResolveModeFlags::MIN;
-                    let chosen = rest.fold(first[0], |chosen, word| {
-                        let is_less = match is_integer {
-                            true => word < chosen,
-                            false => f32::from_bits(word) < f32::from_bits(chosen),
+    let bytes = is_bytes(from.format) && std::ptr::eq(from.format, to.format);
+    let bytes = bytes && mode == vk::ResolveModeFlags::AVERAGE;
+    (0..region.height)
+        .into_par_iter()
+        .with_min_len(16)
+        .for_each(|row| {
+            let y = region.y + row;
+            if bytes {
+                let length = region.width as usize * from.texel_size_bytes;
+                let source = |sample| from.texel(region.x, y, from_slice, sample).cast_const();
+                let target = to.texel(region.x, y, to_slice, 0);
+                // SAFETY: rows inside the images, as above, and no two of the destination are one.
+                return unsafe { mean_bytes(source, from.samples, target, length) };
+            }
+            for x in region.x..region.x + region.width {
+                let texel = |sample| from.texel(x, y, from_slice, sample);
+                let words = |sample| {
+                    // SAFETY: a texel inside the image, as above.
+                    let bytes =
+                        unsafe { std::slice::from_raw_parts(texel(sample), from.texel_size_bytes) };
+                    from.format.decode(bytes)
+                };
+                let value = match mode {
+                    vk::ResolveModeFlags::AVERAGE if !is_integer => mean(from, from.samples, texel),
+                    vk::ResolveModeFlags::MIN | vk::ResolveModeFlags::MAX => {
+                        let least = mode == vk::ResolveModeFlags::MIN;
+                        let is_less = |a: u32, b: u32| match is_integer {
+                            true => a < b,
+                            false => f32::from_bits(a) < f32::from_bits(b),
                         };
-                        if is_less == least { word } else { chosen }
-                    });
-                    [chosen, 0, 0, 0]
-                }
-                _ => first,
-            };
-            let mut texel = [0; MAX_TEXEL_BYTES];
-            to.format.encode(value, &mut texel);
-            let address = to.texel(x, y, to_slice, 0);
-            // SAFETY: as above.
-            unsafe { std::ptr::copy_nonoverlapping(texel.as_ptr(), address, to.texel_size_bytes) };
+                        let rest = (1..from.samples).map(|sample| words(sample)[0]);
+                        let chosen = rest.fold(words(0)[0], |chosen, word| {
+                            if is_less(word, chosen) == least {
+                                word
+                            } else {
+                                chosen
+                            }
+                        });
+                        [chosen, 0, 0, 0]
+                    }
+                    _ => words(0),
+                };
+                let mut texel = [0; MAX_TEXEL_BYTES];
+                to.format.encode(value, &mut texel);
+                let address = to.texel(x, y, to_slice, 0);
+                // SAFETY: as above.
+                unsafe {
+                    std::ptr::copy_nonoverlapping(texel.as_ptr(), address, to.texel_size_bytes)
+                };
+            }
+        });
+}
+
+/// Whether texels are unsigned normalized bytes, so that their mean is that of bytes.
+fn is_bytes(format: &FormatInfo) -> bool {
+    let mut channels = format.channels.iter();
+    let has_bytes = channels.all(|channel| matches!(channel.bits, 0 | 8));
+    format.numeric == Numeric::Unorm && format.is_color() && has_bytes
+}
+
+/// The mean of a row's samples, byte by byte, to the nearest, ties to even.
+///
+/// # Safety
+/// `length` bytes are readable from each sample's row on, and writable from `target` on.
+unsafe fn mean_bytes(
+    source: impl Fn(u32) -> *const u8,
+    samples: u32,
+    target: *mut u8,
+    length: usize,
+) {
+    let shift = samples.trailing_zeros();
+    const PART: usize = 64;
+    for start in (0..length).step_by(PART) {
+        let count = PART.min(length - start);
+        let mut sums = [0u16; PART];
+        for sample in 0..samples {
+            // SAFETY: the caller's promise.
+            let row = unsafe { std::slice::from_raw_parts(source(sample).add(start), count) };
+            for (sum, &byte) in sums.iter_mut().zip(row) {
+                *sum += u16::from(byte);
+            }
+        }
+        // SAFETY: the caller's promise.
+        let row = unsafe { std::slice::from_raw_parts_mut(target.add(start), count) };
+        for (byte, &sum) in row.iter_mut().zip(&sums) {
+            let below_half = ((1u16 << shift) >> 1).saturating_sub(1);
+            let odd = if samples > 1 { sum >> shift & 1 } else { 0 };
+            *byte = ((sum + below_half + odd) >> shift) as u8;
         }
     }
 }
