@@ -48,6 +48,7 @@ fn image(format: Format, memory: &mut Vec<u8>, texel: &[u8]) -> ImageDescriptor 
         swizzle: [0, 1, 2, 3],
         min_lod: 0.0,
         levels,
+        conversion: None,
     }
 }
 

@@ -18,9 +18,16 @@ pub fn texel_format(format: vk::Format) -> Format {
     Format(format.as_raw() as u32)
 }
 
-/// Bytes of a texel of a format with one plane; 0 if the format is not supported.
+/// Bytes of a texel of a format with one plane, of a block in compressed ones; 0 if the format is not supported.
 pub fn texel_size_bytes(format: vk::Format) -> u64 {
     texel_format(format).size_bytes() as u64
+}
+
+/// Width and height of a block in texels: 1×1 unless the format is compressed.
+pub fn block_extent(format: vk::Format) -> [u32; 2] {
+    texel_format(format)
+        .info()
+        .map_or([1, 1], FormatInfo::block_extent)
 }
 
 /// The planes of a format: one, or depth and stencil apart. None for formats that are not supported.
@@ -91,6 +98,7 @@ fn is_storable(texel: Format, info: &FormatInfo) -> bool {
         .all(|channel| channel.bits % 8 == 0 && channel.offset % 8 == 0);
     let regular = has_whole_bytes && info.component_count() != 3;
     info.is_color()
+        && info.blocks().is_none()
         && info.numeric != Numeric::Srgb
         && !is_scaled(info)
         && (regular || PACKED.contains(&texel))
@@ -122,7 +130,10 @@ fn image_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
             false => Feature::empty(),
         };
     }
-    let mut features = transfer | Feature::SAMPLED_IMAGE | Feature::BLIT_SRC | Feature::BLIT_DST;
+    let mut features = transfer | Feature::SAMPLED_IMAGE | Feature::BLIT_SRC;
+    if info.blocks().is_none() {
+        features |= Feature::BLIT_DST;
+    }
     if !info.numeric.is_integer() {
         features |= Feature::SAMPLED_IMAGE_FILTER_LINEAR | Feature::SAMPLED_IMAGE_FILTER_MINMAX;
     }
@@ -291,10 +302,24 @@ mod tests {
                 .image
                 .intersects(storage)
         );
-        assert_eq!(
-            features(vk::Format::BC1_RGB_UNORM_BLOCK),
-            Features::default()
-        );
+        // textureCompressionBC, ETC2 and ASTC_LDR: all formats of each, and nothing writes them but copies.
+        for raw in
+            vk::Format::BC1_RGB_UNORM_BLOCK.as_raw()..=vk::Format::ASTC_12X12_SRGB_BLOCK.as_raw()
+        {
+            let format = vk::Format::from_raw(raw);
+            has(
+                format,
+                Feature::SAMPLED_IMAGE
+                    | Feature::SAMPLED_IMAGE_FILTER_LINEAR
+                    | Feature::BLIT_SRC
+                    | Feature::TRANSFER_SRC
+                    | Feature::TRANSFER_DST,
+                Feature::empty(),
+            );
+            let written = storage | Feature::BLIT_DST | Feature::COLOR_ATTACHMENT;
+            assert!(!features(format).image.intersects(written));
+            assert!(features(format).buffer.is_empty());
+        }
         assert_eq!(features(vk::Format::UNDEFINED), Features::default());
     }
 
@@ -312,6 +337,6 @@ mod tests {
             planes(vk::Format::R8_UNORM),
             [(Bits::COLOR, vk::Format::R8_UNORM)]
         );
-        assert_eq!(planes(vk::Format::BC1_RGB_UNORM_BLOCK), []);
+        assert_eq!(planes(vk::Format::ASTC_5X4_UNORM_BLOCK_ASTC_HDR), []);
     }
 }

@@ -4,12 +4,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use ash::vk;
+use spirv_jit::image::format::FormatInfo;
 use spirv_jit::image::{Dim, Format, ImageDescriptor, Level, MAX_LEVELS};
 use spirv_jit::views::{Key, StoreError, Table, Views};
 
 use super::sparse::Reservation;
 use crate::VkResult;
-use crate::format;
+use crate::format::{self, texel_format};
 use crate::handle::Ref;
 use crate::table::limits;
 use crate::wave::mask::InvocationMask;
@@ -23,6 +24,7 @@ pub struct Plane {
     pub aspect: vk::ImageAspectFlags,
     /// The plane's own format: `D32_SFLOAT` and `S8_UINT` for `D32_SFLOAT_S8_UINT`.
     pub format: vk::Format,
+    /// Of a block in compressed formats; rows are rows of blocks then.
     pub texel_size_bytes: u64,
     /// Of layer 0, sample 0, from the image's start in each level's `offset_bytes`.
     pub levels: Vec<Level>,
@@ -121,6 +123,12 @@ impl Image {
             .find(|plane| plane.aspect.intersects(aspect))
     }
 
+    /// Width and height of the blocks of an aspect's plane in texels.
+    pub fn block_extent(&self, aspect: vk::ImageAspectFlags) -> [u32; 2] {
+        self.plane(aspect)
+            .map_or([1, 1], |plane| format::block_extent(plane.format))
+    }
+
     /// Layers of a subresource range, `VK_REMAINING_ARRAY_LAYERS` resolved.
     pub fn layer_count(&self, base: u32, count: u32) -> u32 {
         let remaining = self.array_layers.saturating_sub(base);
@@ -155,6 +163,7 @@ fn lay_out_plane(
     if info.mip_levels as usize > MAX_LEVELS {
         return None;
     }
+    let [block_width, block_height] = format::block_extent(format);
     let mut levels = Vec::with_capacity(info.mip_levels as usize);
     let mut end = 0u64;
     for index in 0..info.mip_levels {
@@ -164,8 +173,10 @@ fn lay_out_plane(
             side(info.extent.height),
             side(info.extent.depth),
         );
-        let row_stride_bytes = texel_size_bytes.checked_mul(u64::from(width))?;
-        let slice_stride_bytes = row_stride_bytes.checked_mul(u64::from(height))?;
+        let columns = u64::from(width.div_ceil(block_width));
+        let rows = u64::from(height.div_ceil(block_height));
+        let row_stride_bytes = texel_size_bytes.checked_mul(columns)?;
+        let slice_stride_bytes = row_stride_bytes.checked_mul(rows)?;
         levels.push(Level {
             offset_bytes: start + end,
             row_stride_bytes,
@@ -330,14 +341,27 @@ pub fn supported_image(
     }
     let never = vk::ImageCreateFlags::SPARSE_RESIDENCY
         | vk::ImageCreateFlags::PROTECTED
-        | vk::ImageCreateFlags::DISJOINT
-        | vk::ImageCreateFlags::BLOCK_TEXEL_VIEW_COMPATIBLE;
+        | vk::ImageCreateFlags::DISJOINT;
     let sparse = vk::ImageCreateFlags::SPARSE_BINDING | vk::ImageCreateFlags::SPARSE_ALIASED;
     if flags.intersects(never)
         || (flags.intersects(sparse) && tiling != vk::ImageTiling::OPTIMAL)
         || (tiling != vk::ImageTiling::OPTIMAL && tiling != vk::ImageTiling::LINEAR)
     {
         return Err(UNSUPPORTED);
+    }
+    let blocks = texel_format(format).info().and_then(FormatInfo::blocks);
+    match blocks {
+        None if flags.contains(vk::ImageCreateFlags::BLOCK_TEXEL_VIEW_COMPATIBLE) => {
+            return Err(UNSUPPORTED);
+        }
+        // What textureCompressionETC2 and textureCompressionASTC_LDR are about is 2D, textureCompressionBC 3D, too.
+        Some(blocks)
+            if ty == vk::ImageType::TYPE_1D
+                || (ty != vk::ImageType::TYPE_2D && !blocks.is_bc()) =>
+        {
+            return Err(UNSUPPORTED);
+        }
+        _ => {}
     }
     let cube = flags.contains(vk::ImageCreateFlags::CUBE_COMPATIBLE);
     let slices = flags.contains(vk::ImageCreateFlags::TYPE_2D_ARRAY_COMPATIBLE);
@@ -417,6 +441,12 @@ pub fn view_descriptor(
         if slices {
             to.depth = 1;
         }
+        // A view of blocks as texels has as many texels as there are blocks ("Image Views", BLOCK_TEXEL_VIEW_COMPATIBLE).
+        if format::block_extent(view_format) == [1, 1] {
+            let [block_width, block_height] = format::block_extent(plane.format);
+            to.width = to.width.div_ceil(block_width);
+            to.height = to.height.div_ceil(block_height);
+        }
     }
     let dim = match ty {
         vk::ImageViewType::TYPE_1D | vk::ImageViewType::TYPE_1D_ARRAY => Dim::D1,
@@ -449,6 +479,7 @@ pub fn view_descriptor(
         swizzle: swizzle(components),
         min_lod,
         levels,
+        conversion: None,
     })
 }
 

@@ -32,9 +32,14 @@ pub fn blit_image(
             Surface::new(source, aspect, blit.src_subresource.mip_level),
             Surface::new(destination, aspect, blit.dst_subresource.mip_level),
         );
-        if let (Some(from), Some(to)) = surfaces {
+        let level = source
+            .plane(aspect)
+            .and_then(|plane| plane.levels.get(blit.src_subresource.mip_level as usize));
+        if let (Some(from), Some(to), Some(level)) = (surfaces.0, surfaces.1, level) {
             let format = source.plane(aspect).map(|plane| texel_format(plane.format));
-            let reader = Reader::new(source, &from, format.unwrap_or(Format::UNDEFINED), filter);
+            let format = format.unwrap_or(Format::UNDEFINED);
+            let size = [level.width, level.height];
+            let reader = Reader::new(source, &from, size, format, filter);
             blit_surface(workers, source, &reader, destination, &to, blit);
         }
     }
@@ -183,15 +188,22 @@ struct Reader {
 unsafe impl Sync for Reader {}
 
 impl Reader {
-    fn new(source: &Image, from: &Surface, format: Format, filter: vk::Filter) -> Self {
+    /// Of a level of a `size` in texels.
+    fn new(
+        source: &Image,
+        from: &Surface,
+        size: [u32; 2],
+        format: Format,
+        filter: vk::Filter,
+    ) -> Self {
         let is_volume = source.image_type == vk::ImageType::TYPE_3D;
         let mut levels = [Level::default(); MAX_LEVELS];
         levels[0] = Level {
             offset_bytes: 0,
             row_stride_bytes: from.row_stride_bytes,
             slice_stride_bytes: from.slice_stride_bytes,
-            width: from.width,
-            height: from.height,
+            width: size[0],
+            height: size[1],
             depth: if is_volume { from.slices } else { 1 },
         };
         let filter = match filter {
@@ -229,6 +241,7 @@ impl Reader {
                 swizzle: [0, 1, 2, 3],
                 min_lod: 0.0,
                 levels,
+                conversion: None,
             },
             sampler: SamplerDescriptor {
                 mag_filter: filter,

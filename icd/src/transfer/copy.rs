@@ -4,7 +4,7 @@ use ash::vk;
 use rayon::ThreadPool;
 
 use super::rows::for_rows;
-use super::surface::{Region, Surface, aspects, region, slice_count};
+use super::surface::{Region, Surface, aspects, blocks, region, slice_count};
 use crate::object::Image;
 
 /// `vkCmdCopyImage`, one region: all samples of all its aspects.
@@ -12,10 +12,17 @@ pub fn copy_image(workers: &ThreadPool, source: &Image, destination: &Image, cop
     let from_slices = slice_count(source, &copy.src_subresource, copy.extent.depth);
     let to_slices = slice_count(destination, &copy.dst_subresource, copy.extent.depth);
     let slices = from_slices.min(to_slices);
-    for aspect in aspects(copy.src_subresource.aspect_mask) {
+    // The extent is in texels of the source; as many blocks are copied on either side.
+    let extent = blocks(
+        copy.extent,
+        source.block_extent(copy.src_subresource.aspect_mask),
+    );
+    let pairs =
+        aspects(copy.src_subresource.aspect_mask).zip(aspects(copy.dst_subresource.aspect_mask));
+    for (from_aspect, to_aspect) in pairs {
         let surfaces = (
-            Surface::new(source, aspect, copy.src_subresource.mip_level),
-            Surface::new(destination, aspect, copy.dst_subresource.mip_level),
+            Surface::new(source, from_aspect, copy.src_subresource.mip_level),
+            Surface::new(destination, to_aspect, copy.dst_subresource.mip_level),
         );
         let (Some(from), Some(to)) = surfaces else {
             continue;
@@ -25,14 +32,14 @@ pub fn copy_image(workers: &ThreadPool, source: &Image, destination: &Image, cop
                 source,
                 &copy.src_subresource,
                 copy.src_offset,
-                copy.extent,
+                extent,
                 slices,
             ),
             region(
                 destination,
                 &copy.dst_subresource,
                 copy.dst_offset,
-                copy.extent,
+                extent,
                 slices,
             ),
         );
@@ -80,11 +87,21 @@ struct BufferLayout {
 }
 
 impl BufferLayout {
-    fn new(copy: &vk::BufferImageCopy, texel_size_bytes: u64) -> Self {
-        let or = |value: u32, default: u32| u64::from(if value == 0 { default } else { value });
-        let row_stride_bytes =
-            or(copy.buffer_row_length, copy.image_extent.width).saturating_mul(texel_size_bytes);
-        let rows = or(copy.buffer_image_height, copy.image_extent.height);
+    fn new(
+        copy: &vk::BufferImageCopy,
+        texel_size_bytes: u64,
+        [block_width, block_height]: [u32; 2],
+    ) -> Self {
+        let or = |value: u32, default: u32, block: u32| {
+            u64::from((if value == 0 { default } else { value }).div_ceil(block))
+        };
+        let row_stride_bytes = or(copy.buffer_row_length, copy.image_extent.width, block_width)
+            .saturating_mul(texel_size_bytes);
+        let rows = or(
+            copy.buffer_image_height,
+            copy.image_extent.height,
+            block_height,
+        );
         Self {
             row_stride_bytes,
             slice_stride_bytes: row_stride_bytes.saturating_mul(rows),
@@ -96,11 +113,12 @@ impl BufferLayout {
 pub fn buffer_size_bytes(image: &Image, copy: &vk::BufferImageCopy) -> Option<u64> {
     let plane = image.plane(copy.image_subresource.aspect_mask)?;
     let slices = slice_count(image, &copy.image_subresource, copy.image_extent.depth);
-    let vk::Extent3D { width, height, .. } = copy.image_extent;
+    let block_extent = image.block_extent(copy.image_subresource.aspect_mask);
+    let vk::Extent3D { width, height, .. } = blocks(copy.image_extent, block_extent);
     if slices == 0 || width == 0 || height == 0 {
         return Some(0);
     }
-    let layout = BufferLayout::new(copy, plane.texel_size_bytes);
+    let layout = BufferLayout::new(copy, plane.texel_size_bytes, block_extent);
     // The last row ends with its last texel.
     u64::from(slices - 1)
         .saturating_mul(layout.slice_stride_bytes)
@@ -160,11 +178,13 @@ fn for_each_row(
     let Some(surface) = Surface::new(image, layers.aspect_mask, layers.mip_level) else {
         return;
     };
-    let region = region(image, layers, copy.image_offset, copy.image_extent, slices);
+    let block_extent = image.block_extent(layers.aspect_mask);
+    let extent = blocks(copy.image_extent, block_extent);
+    let region = region(image, layers, copy.image_offset, extent, slices);
     let Some(region) = region.and_then(|region| surface.inside(region)) else {
         return;
     };
-    let layout = BufferLayout::new(copy, surface.texel_size_bytes as u64);
+    let layout = BufferLayout::new(copy, surface.texel_size_bytes as u64, block_extent);
     let row_bytes = region.width as usize * surface.texel_size_bytes;
     let rows = u64::from(region.slices) * u64::from(region.height);
     for_rows(workers, rows, row_bytes as u64, |rows| {

@@ -1,5 +1,7 @@
 //! One plane of one mip level of an image, as transfers see it: slices of rows of texels.
 //!
+//! In compressed formats a block counts as a texel.
+//!
 //! Depth slices of a 3D image and layers of any other are both *slices*: a transfer between the two kinds pairs them (spec,
 //! "Copying Data Between Images").
 
@@ -50,12 +52,13 @@ impl Surface {
             return None;
         }
         let is_volume = image.image_type == vk::ImageType::TYPE_3D;
+        let [block_width, block_height] = image.block_extent(aspect);
         Some(Self {
             data: data.wrapping_add(level.offset_bytes as usize),
             format: texel_format(plane.format).info()?,
             texel_size_bytes: plane.texel_size_bytes as usize,
-            width: level.width,
-            height: level.height,
+            width: level.width.div_ceil(block_width),
+            height: level.height.div_ceil(block_height),
             slices: if is_volume {
                 level.depth
             } else {
@@ -118,7 +121,16 @@ impl Surface {
     }
 }
 
-/// The box that an offset, an extent and layers name. Slices are counted by the extent's depth in 3D images and by layers in others; a copy between the two
+/// How many blocks cover so many texels.
+pub fn blocks(extent: vk::Extent3D, [width, height]: [u32; 2]) -> vk::Extent3D {
+    vk::Extent3D {
+        width: extent.width.div_ceil(width),
+        height: extent.height.div_ceil(height),
+        ..extent
+    }
+}
+
+/// The box that an offset in texels, an extent in blocks and layers name. Slices are counted by the extent's depth in 3D images and by layers in others; a copy between the two
 /// kinds has as many of either.
 pub fn region(
     image: &Image,
@@ -128,9 +140,10 @@ pub fn region(
     slices: u32,
 ) -> Option<Region> {
     let is_volume = image.image_type == vk::ImageType::TYPE_3D;
+    let [block_width, block_height] = image.block_extent(layers.aspect_mask);
     Some(Region {
-        x: u32::try_from(offset.x).ok()?,
-        y: u32::try_from(offset.y).ok()?,
+        x: u32::try_from(offset.x).ok()? / block_width,
+        y: u32::try_from(offset.y).ok()? / block_height,
         slice: if is_volume {
             u32::try_from(offset.z).ok()?
         } else {

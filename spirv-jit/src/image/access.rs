@@ -30,7 +30,6 @@ fn locate(
         };
         operands.coordinates[axis][lane].wrapping_add(offset)
     };
-    let texel_bytes = info.size_bytes as u64;
     each_lane(mask, |lane| {
         let level_index = match op.lod {
             LodMode::Lod => operands.lod[0][lane] as usize,
@@ -65,8 +64,7 @@ fn locate(
                 + layer as u64 * image.layer_stride_bytes
                 + sample as u64 * image.sample_stride_bytes
                 + z as u64 * level.slice_stride_bytes
-                + y as u64 * level.row_stride_bytes
-                + x as u64 * texel_bytes;
+                + info.texel_offset(x, y, level.row_stride_bytes);
             inside |= 1 << lane;
         }
     });
@@ -185,7 +183,7 @@ pub(super) unsafe fn atomic(
     }
     let is_wide = op.texel == Type::I64;
     let size = if is_wide { 8 } else { 4 };
-    if info.size_bytes as usize != size {
+    if info.size_bytes as usize != size || info.blocks().is_some() {
         return;
     }
     let operand = |index: usize, lane: usize| -> u64 {

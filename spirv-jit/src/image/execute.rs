@@ -7,7 +7,7 @@ use super::fast::Fast;
 use super::format::block::{Texels, each_lane};
 use super::format::{FormatInfo, Numeric};
 use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, Level, LodMode, SamplerDescriptor};
-use super::{access, sample};
+use super::{access, sample, ycbcr};
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
 use crate::ir::Type;
@@ -179,10 +179,17 @@ pub unsafe fn execute_block(
     operands: &[&Row],
     results: &mut [Row],
 ) {
-    let operands = Operands::new(op, operands);
+    let rows = operands;
+    let operands = Operands::new(op, rows);
     let Some((image, info)) = usable(image) else {
         return put_null(op, mask, results);
     };
+    if let (ImageOpKind::Sample, Some(conversion), Some(sampler), false) =
+        (op.kind, &image.conversion, sampler, op.depth_compare)
+    {
+        // SAFETY: the caller's promise.
+        return unsafe { ycbcr::sample(op, image, conversion, sampler, mask, rows, results) };
+    }
     // SAFETY: the caller's promise.
     unsafe {
         match op.kind {

@@ -67,6 +67,8 @@ impl<'a> Fast<'a> {
             && plain_mode(sampler.address_mode[0])
             && plain_mode(sampler.address_mode[1])
             && !info.numeric.is_integer()
+            && info.blocks().is_none()
+            && image.conversion.is_none()
             && image.size_bytes <= i32::MAX as u64;
         let srgb = matches!(info.codec, Codec::Srgb8Rgba | Codec::Srgb8Bgra);
         applies.then_some(Fast {

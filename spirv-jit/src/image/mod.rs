@@ -8,6 +8,7 @@
 
 mod access;
 mod address;
+pub mod compressed;
 mod cube;
 pub mod execute;
 pub(crate) mod fast;
@@ -19,6 +20,7 @@ mod sample;
 mod tests;
 pub mod texels;
 pub(crate) mod vector;
+pub mod ycbcr;
 
 pub use format::Format;
 
@@ -83,7 +85,10 @@ pub struct ImageDescriptor {
     pub swizzle: [u8; 4],
     /// `VkImageViewMinLodCreateInfoEXT` or 0.
     pub min_lod: f32,
+    /// With a conversion of several planes: the planes, of which there is one level.
     pub levels: [Level; MAX_LEVELS],
+    /// What samples are converted by. The format is that of the first plane, and of other accesses than samples.
+    pub conversion: Option<ycbcr::Conversion>,
 }
 
 impl ImageDescriptor {
@@ -102,6 +107,7 @@ impl ImageDescriptor {
         swizzle: [0, 1, 2, 3],
         min_lod: 0.0,
         levels: [Level::ZERO; MAX_LEVELS],
+        conversion: None,
     };
 
     /// A texel buffer.
@@ -130,6 +136,7 @@ impl ImageDescriptor {
             swizzle: [0, 1, 2, 3],
             min_lod: 0.0,
             levels,
+            conversion: None,
         }
     }
 }
@@ -211,6 +218,25 @@ impl SamplerDescriptor {
         border_color: [0; 4],
         unnormalized_coordinates: false,
     };
+}
+
+/// A plain sample of a 2D image.
+#[cfg(test)]
+fn image_op_for_tests() -> ImageOp {
+    ImageOp {
+        kind: ImageOpKind::Sample,
+        dim: Dim::D2,
+        arrayed: false,
+        multisampled: false,
+        depth_compare: false,
+        lod: LodMode::Implicit,
+        has_min_lod: false,
+        has_offset: false,
+        has_offsets: false,
+        texel: crate::ir::Type::F32,
+        signed: false,
+        format: Format::UNDEFINED,
+    }
 }
 
 /// How the level of detail is chosen.

@@ -556,12 +556,20 @@ impl Footprint<'_> {
         }
         let mut offsets: Offsets = self.level.offset_bytes;
         let texel_bytes = self.info.size_bytes as u64;
-        for lane in 0..SUBGROUP_SIZE {
-            offsets[lane] += x[lane] as u32 as u64 * texel_bytes;
-        }
-        if self.spatial >= 2 {
+        if self.info.blocks().is_some() {
             for lane in 0..SUBGROUP_SIZE {
-                offsets[lane] += y[lane] as u32 as u64 * self.level.row_stride_bytes[lane];
+                let (x, y) = (x[lane] as u32, y[lane] as u32);
+                let row_stride_bytes = self.level.row_stride_bytes[lane];
+                offsets[lane] += self.info.texel_offset(x, y, row_stride_bytes);
+            }
+        } else {
+            for lane in 0..SUBGROUP_SIZE {
+                offsets[lane] += x[lane] as u32 as u64 * texel_bytes;
+            }
+            if self.spatial >= 2 {
+                for lane in 0..SUBGROUP_SIZE {
+                    offsets[lane] += y[lane] as u32 as u64 * self.level.row_stride_bytes[lane];
+                }
             }
         }
         if self.spatial == 3 {

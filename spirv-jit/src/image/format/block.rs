@@ -4,9 +4,10 @@
 //! [`finish`] turns units into values.
 
 use super::codec::encode_unorm;
-use super::layout::{Codec, FormatInfo};
+use super::layout::{BLOCK_INDEX_SHIFT, Codec, FormatInfo};
 use super::{small_float, srgb};
 use crate::SUBGROUP_SIZE;
+use crate::image::compressed::Blocks;
 
 /// A word per lane.
 pub type Lanes = [u32; SUBGROUP_SIZE];
@@ -84,7 +85,8 @@ pub(crate) fn unit_scale(info: &FormatInfo) -> f32 {
     }
 }
 
-/// Loads a texel per lane, in units; components that the format lacks are left zero (see [`finish`]).
+/// Loads a texel per lane, in units; components that the format lacks are left zero (see [`finish`]). In compressed formats, offsets are those of
+/// [`FormatInfo::texel_offset`].
 ///
 /// # Safety
 /// `base + offsets[lane]` is readable for the format's size, in every lane.
@@ -135,6 +137,7 @@ pub unsafe fn load<O: Offset>(info: &FormatInfo, base: *const u8, offsets: &[O; 
                     texels[component] = map(&codes, |code| (code as i32 as f32).to_bits());
                 }
             }
+            Codec::Blocks(blocks) => texels = load_blocks(info, blocks, base, offsets),
             Codec::Generic => texels = load_generic(info, base, offsets),
         }
     }
@@ -159,6 +162,43 @@ unsafe fn load_generic<O: Offset>(info: &FormatInfo, base: *const u8, offsets: &
     texels
 }
 
+/// # Safety
+/// As [`load`].
+#[inline(never)]
+unsafe fn load_blocks<O: Offset>(
+    info: &FormatInfo,
+    blocks: Blocks,
+    base: *const u8,
+    offsets: &[O; 16],
+) -> Texels {
+    let mut texels = [[0; SUBGROUP_SIZE]; 4];
+    for lane in 0..SUBGROUP_SIZE {
+        let (offset, index) = parts(offsets[lane].bytes() as u64);
+        // SAFETY: the caller's promise.
+        let bits = unsafe {
+            let block = base.add(offset);
+            match info.size_bytes {
+                8 => block.cast::<u64>().read_unaligned() as u128,
+                _ => block.cast::<u128>().read_unaligned(),
+            }
+        };
+        let words = blocks.texel(bits, index);
+        for (row, word) in texels.iter_mut().zip(words) {
+            row[lane] = word;
+        }
+    }
+    texels
+}
+
+/// A block's offset and a texel's index in it.
+fn parts(offset: u64) -> (usize, usize) {
+    let index = offset >> BLOCK_INDEX_SHIFT;
+    (
+        (offset & ((1 << BLOCK_INDEX_SHIFT) - 1)) as usize,
+        index as usize,
+    )
+}
+
 /// Turns units into values and fills components that the format lacks with (0, 0, 0, 1). Not for 64-bit integers.
 #[inline(always)]
 pub fn finish(info: &FormatInfo, texels: &mut Texels) {
@@ -172,7 +212,7 @@ pub fn finish(info: &FormatInfo, texels: &mut Texels) {
     }
 }
 
-/// Stores a texel in each lane of `mask`, in lane order.
+/// Stores a texel in each lane of `mask`, in lane order. Nothing is stored in compressed formats.
 ///
 /// # Safety
 /// `base + offsets[lane]` is writable for the format's size, in every lane of `mask`.
@@ -183,6 +223,9 @@ pub unsafe fn store(
     mask: u16,
     texels: &Texels,
 ) {
+    if info.blocks().is_some() {
+        return;
+    }
     let size = info.size_bytes as usize;
     let store_lane = |lane: usize, bytes: &[u8]| {
         // SAFETY: called for lanes of the mask and with the format's size, for which the caller vouches.

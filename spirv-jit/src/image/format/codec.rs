@@ -2,6 +2,14 @@
 
 use super::layout::{Channel, Codec, FormatInfo, Numeric};
 use super::{MAX_TEXEL_BYTES, small_float, srgb};
+use crate::image::compressed::MAX_BLOCK_BYTES;
+
+/// A block of at most 16 bytes, as a little-endian number.
+pub(super) fn block_bits(block: &[u8]) -> u128 {
+    let mut bytes = [0; MAX_BLOCK_BYTES];
+    bytes[..block.len()].copy_from_slice(block);
+    u128::from_le_bytes(bytes)
+}
 
 /// Bits of 1.0.
 const ONE: u32 = 0x3f80_0000;
@@ -25,9 +33,12 @@ impl FormatInfo {
     /// A texel as four words, components that the format lacks filled with (0, 0, 0, 1).
     ///
     /// f32 bits or, for integer formats, sign- or zero-extended integers. 64-bit integers are (r low, r high, g low, g high), 64-bit floats are rounded.
-    /// `texel` has at least the format's size.
+    /// `texel` has at least the format's size. Of a compressed format it is a block, and the texel its first.
     pub fn decode(&self, texel: &[u8]) -> [u32; 4] {
         match self.codec {
+            Codec::Blocks(blocks) => {
+                blocks.texel(block_bits(&texel[..self.size_bytes as usize]), 0)
+            }
             Codec::Unorm8(4) => std::array::from_fn(|i| unorm(texel[i] as u32, 8)),
             Codec::Words(count) => std::array::from_fn(|i| {
                 if i < count as usize {
@@ -72,7 +83,7 @@ impl FormatInfo {
     }
 
     /// Four words as a texel; components that the format lacks are ignored. Normalised values are clamped and rounded to nearest even with NaN giving 0,
-    /// integers saturate. Unused bits become 0. `texel` has at least the format's size.
+    /// integers saturate. Unused bits become 0. `texel` has at least the format's size. Nothing encodes compressed formats: their blocks become zeros.
     pub fn encode(&self, words: [u32; 4], texel: &mut [u8]) {
         let size = self.size_bytes as usize;
         match self.codec {
@@ -81,6 +92,7 @@ impl FormatInfo {
                     texel[4 * i..4 * i + 4].copy_from_slice(&word.to_le_bytes());
                 }
             }
+            Codec::Blocks(_) => texel[..size].fill(0),
             Codec::Unorm8(count) => {
                 for i in 0..count as usize {
                     texel[i] = encode_unorm(words[i], 8) as u8;

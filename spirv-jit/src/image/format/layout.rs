@@ -1,5 +1,7 @@
 //! What a format's name says: which bits of a texel hold which component, and how they are read as numbers.
 
+use crate::image::compressed::{Blocks, Scheme};
+
 /// How the bits of a component are read (spec, "Interpretation of Numeric Format").
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Numeric {
@@ -52,18 +54,23 @@ pub(crate) enum Codec {
     Half(u8),
     /// 32-bit float or integer components: the words are the texel.
     Words(u8),
+    Blocks(Blocks),
     Generic,
 }
+
+/// Where the index of a texel in its block stands in an offset: no image is as large.
+pub(crate) const BLOCK_INDEX_SHIFT: u32 = 56;
 
 /// A format taken apart.
 #[derive(Clone, Copy, Debug)]
 pub struct FormatInfo {
     /// Vulkan's name without `VK_FORMAT_`.
     pub name: &'static str,
-    /// Size of a texel; of a depth plane's texel for formats with depth (see [`Format::plane`](super::Format::plane)).
+    /// Size of a texel, in compressed formats of a block; of a depth plane's texel for formats with depth (see
+    /// [`Format::plane`](super::Format::plane)).
     pub size_bytes: u8,
     pub numeric: Numeric,
-    /// R, G, B, A; depth and stencil stand in R.
+    /// R, G, B, A; depth and stencil stand in R. Compressed formats have components, but no bits of their own.
     pub channels: [Channel; 4],
     pub has_depth: bool,
     pub has_stencil: bool,
@@ -88,11 +95,49 @@ impl FormatInfo {
         !self.has_depth && !self.has_stencil
     }
 
+    /// The blocks of a compressed format.
+    pub const fn blocks(&self) -> Option<Blocks> {
+        match self.codec {
+            Codec::Blocks(blocks) => Some(blocks),
+            _ => None,
+        }
+    }
+
+    /// Width and height, in texels, of what [`FormatInfo::size_bytes`] is the size of: 1×1, or a compressed format's block.
+    pub const fn block_extent(&self) -> [u32; 2] {
+        match self.codec {
+            Codec::Blocks(blocks) => [blocks.width as u32, blocks.height as u32],
+            _ => [1, 1],
+        }
+    }
+
+    /// The offset of a texel in a slice, as [`block::load`](super::block::load) takes them: in compressed formats, that of its block, with the texel's
+    /// index in the block above [`BLOCK_INDEX_SHIFT`].
+    #[inline(always)]
+    pub fn texel_offset(&self, x: u32, y: u32, row_stride_bytes: u64) -> u64 {
+        match self.codec {
+            Codec::Blocks(blocks) => {
+                let (width, height) = (blocks.width as u32, blocks.height as u32);
+                let index = y % height * width + x % width;
+                let (column, row) = (u64::from(x / width), u64::from(y / height));
+                let offset = row * row_stride_bytes + column * self.size_bytes as u64;
+                offset + (u64::from(index) << BLOCK_INDEX_SHIFT)
+            }
+            _ => u64::from(y) * row_stride_bytes + u64::from(x) * self.size_bytes as u64,
+        }
+    }
+
     /// Reads a format's name (spec, "Format Definition"): components with their bits, from the most significant bit for packed formats and from the first byte for
     /// others, then the numeric format.
     pub(super) const fn parse(name: &'static str) -> FormatInfo {
         let text = name.as_bytes();
+        if contains(text, b"_BLOCK") {
+            return Self::parse_compressed(name);
+        }
+        // Several packed words are components one after the other.
         let packed = contains(text, b"PACK");
+        let words = contains(text, b"2PACK") || contains(text, b"4PACK");
+        let mut word = 0;
         let mut order = [(0u8, 0u8); 8];
         let mut count = 0;
         let mut total = 0u16;
@@ -139,9 +184,14 @@ impl FormatInfo {
             };
             if component < 4 {
                 channels[component] = Channel {
-                    offset: offset as u8,
+                    offset: match words {
+                        // The padding below is as wide as a word lacks.
+                        true => 16 * word + 16 - bits,
+                        false => offset as u8,
+                    },
                     bits,
                 };
+                word += 1;
             }
             if !packed {
                 offset += bits as u16;
@@ -166,6 +216,85 @@ impl FormatInfo {
             in_vectors: in_vectors(&channels, numeric),
         }
     }
+}
+
+impl FormatInfo {
+    /// Reads the name of a compressed format: its scheme, the size of ASTC's blocks, then the numeric format.
+    const fn parse_compressed(name: &'static str) -> FormatInfo {
+        let text = name.as_bytes();
+        /// Beginning of the name, scheme, that of signed ones, bytes of a block, components.
+        const SCHEMES: [(&[u8], Scheme, Scheme, u8, u8); 14] = [
+            (b"BC1_RGB_", Scheme::Bc1Rgb, Scheme::Bc1Rgb, 8, 3),
+            (b"BC1_RGBA_", Scheme::Bc1Rgba, Scheme::Bc1Rgba, 8, 4),
+            (b"BC2_", Scheme::Bc2, Scheme::Bc2, 16, 4),
+            (b"BC3_", Scheme::Bc3, Scheme::Bc3, 16, 4),
+            (b"BC4_", Scheme::Bc4, Scheme::Bc4Signed, 8, 1),
+            (b"BC5_", Scheme::Bc5, Scheme::Bc5Signed, 16, 2),
+            (b"BC6H_", Scheme::Bc6h, Scheme::Bc6hSigned, 16, 3),
+            (b"BC7_", Scheme::Bc7, Scheme::Bc7, 16, 4),
+            (b"ETC2_R8G8B8_", Scheme::Etc2Rgb, Scheme::Etc2Rgb, 8, 3),
+            (
+                b"ETC2_R8G8B8A1_",
+                Scheme::Etc2RgbA1,
+                Scheme::Etc2RgbA1,
+                8,
+                4,
+            ),
+            (b"ETC2_R8G8B8A8_", Scheme::Etc2Rgba, Scheme::Etc2Rgba, 16, 4),
+            (b"EAC_R11_", Scheme::EacR, Scheme::EacRSigned, 8, 1),
+            (b"EAC_R11G11_", Scheme::EacRg, Scheme::EacRgSigned, 16, 2),
+            (b"ASTC_", Scheme::Astc, Scheme::Astc, 16, 4),
+        ];
+        let mut index = 0;
+        while !starts_at(text, 0, SCHEMES[index].0) {
+            index += 1;
+        }
+        let (start, unsigned, signed, size_bytes, components) = SCHEMES[index];
+        let mut at = start.len();
+        let (mut width, mut height) = (4, 4);
+        if starts_at(text, 0, b"ASTC_") {
+            (width, at) = number(text, at);
+            (height, at) = number(text, at + 1);
+            at += 1;
+        }
+        let numeric = numeric(text, at);
+        let scheme = match numeric {
+            Numeric::Snorm | Numeric::Sfloat => signed,
+            _ => unsigned,
+        };
+        let mut channels = [Channel { offset: 0, bits: 0 }; 4];
+        let mut component = 0;
+        while component < components as usize {
+            // Present, and no more is said.
+            channels[component].bits = 8;
+            component += 1;
+        }
+        FormatInfo {
+            name,
+            size_bytes,
+            numeric,
+            channels,
+            has_depth: false,
+            has_stencil: false,
+            codec: Codec::Blocks(Blocks {
+                scheme,
+                width,
+                height,
+                srgb: matches!(numeric, Numeric::Srgb),
+            }),
+            in_vectors: false,
+        }
+    }
+}
+
+/// A number in a name, and where it ends.
+const fn number(text: &[u8], mut at: usize) -> (u8, usize) {
+    let mut value = 0;
+    while at < text.len() && is_digit(text[at]) {
+        value = value * 10 + (text[at] - b'0');
+        at += 1;
+    }
+    (value, at)
 }
 
 const fn is_digit(byte: u8) -> bool {

@@ -26,12 +26,12 @@ pub struct Format(pub u32);
 pub const MAX_TEXEL_BYTES: usize = 32;
 
 /// Formats `1..=CORE_COUNT` stand in the table at their number less one.
-const CORE_COUNT: u32 = 130;
+const CORE_COUNT: u32 = 184;
 
 impl Format {
     pub const UNDEFINED: Format = Format(0);
 
-    /// What is known of the format; `None` for `UNDEFINED` and formats that do not exist here (compressed, multi-planar).
+    /// What is known of the format; `None` for `UNDEFINED` and formats that do not exist here.
     pub fn info(self) -> Option<&'static FormatInfo> {
         if self.0.wrapping_sub(1) < CORE_COUNT {
             return Some(&table::FORMATS[self.0 as usize - 1].1);
@@ -47,7 +47,7 @@ impl Format {
         table::FORMATS.iter().map(|(number, _)| Format(*number))
     }
 
-    /// Size of a texel in bytes (of one plane's, for a format with depth and stencil: see [`Format::plane`]); 0 if the format does not exist.
+    /// Size of a texel or, in compressed formats, a block, in bytes (of one plane's, for a format with depth and stencil: see [`Format::plane`]); 0 if the format does not exist.
     pub fn size_bytes(self) -> usize {
         self.info().map_or(0, |info| info.size_bytes as usize)
     }

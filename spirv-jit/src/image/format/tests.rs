@@ -27,13 +27,26 @@ fn sizes_of_some_formats_by_the_specification() {
         (Format::S8_UINT, 1),
         (Format::A4R4G4B4_UNORM_PACK16, 2),
         (Format::UNDEFINED, 0),
-        (Format(131), 0),
+        (Format::BC1_RGB_UNORM_BLOCK, 8),
+        (Format::BC4_SNORM_BLOCK, 8),
+        (Format::BC7_SRGB_BLOCK, 16),
+        (Format::EAC_R11_SNORM_BLOCK, 8),
+        (Format::ETC2_R8G8B8A8_SRGB_BLOCK, 16),
+        (Format::ASTC_12x10_UNORM_BLOCK, 16),
+        (Format::R10X6_UNORM_PACK16, 2),
+        (Format::R12X4G12X4B12X4A12X4_UNORM_4PACK16, 8),
+        (Format(185), 0),
     ] {
         assert_eq!(format.size_bytes(), size, "{format:?}");
     }
-    assert_eq!(Format::all().count(), 134);
+    assert_eq!(Format::all().count(), 194);
     assert_eq!(Format::R8G8B8A8_UNORM, Format(37));
     assert_eq!(Format::D32_SFLOAT_S8_UINT, Format(130));
+    assert_eq!(Format::ASTC_12x12_SRGB_BLOCK, Format(184));
+    let extent = |format: Format| format.info().unwrap().block_extent();
+    assert_eq!(extent(Format::ASTC_10x6_SRGB_BLOCK), [10, 6]);
+    assert_eq!(extent(Format::BC6H_SFLOAT_BLOCK), [4, 4]);
+    assert_eq!(extent(Format::R8_UNORM), [1, 1]);
 }
 
 #[test]
@@ -74,6 +87,19 @@ fn packed_components_lie_where_the_specification_says() {
     assert_eq!(
         floats(decode(Format::A4R4G4B4_UNORM_PACK16, 0x1234)),
         [2.0 / 15.0, 3.0 / 15.0, 4.0 / 15.0, 1.0 / 15.0]
+    );
+    // The upper bits of each word.
+    let half = 512.0 / 1023.0;
+    assert_eq!(
+        floats(decode(
+            Format::R10X6G10X6_UNORM_2PACK16,
+            1023 << 6 | 512 << 22
+        )),
+        [1.0, half, 0.0, 1.0]
+    );
+    assert_eq!(
+        floats(decode(Format::R12X4_UNORM_PACK16, 1 << 4 | 15)),
+        [1.0 / 4095.0, 0.0, 0.0, 1.0]
     );
     assert_eq!(
         decode(
@@ -168,8 +194,13 @@ fn reference_code(numeric: Numeric, bits: u32, value: f64, component: usize) -> 
     scaled.round_ties_even() as i64
 }
 
+/// Those that can be encoded.
+fn uncompressed() -> impl Iterator<Item = Format> {
+    Format::all().filter(|format| format.info().unwrap().blocks().is_none())
+}
+
 fn fixed_point_formats() -> impl Iterator<Item = Format> {
-    Format::all().filter(|format| {
+    uncompressed().filter(|format| {
         let numeric = format.info().unwrap().numeric;
         !matches!(
             numeric,
@@ -313,7 +344,7 @@ proptest! {
 
     #[test]
     fn integers_saturate(words in prop::array::uniform4(any::<u32>())) {
-        for format in Format::all() {
+        for format in uncompressed() {
             let info = format.info().unwrap();
             if !info.numeric.is_integer() || info.is_wide() { continue; }
             let mut texel = [0; 32];

@@ -81,6 +81,7 @@ impl Image {
             swizzle: [0, 1, 2, 3],
             min_lod: 0.0,
             levels,
+            conversion: None,
         };
         Image {
             _memory: memory,
