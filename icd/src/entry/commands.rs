@@ -385,8 +385,17 @@ commands! {
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCreateAccelerationStructure2KHR device_address::vkCreateAccelerationStructure2KHR;
 
     Device KHR_MAINTENANCE_5 PFN_vkCmdBindIndexBuffer2KHR graphics_draw::vkCmdBindIndexBuffer2KHR;
+    Device Core11 PFN_vkCreateSamplerYcbcrConversion image::vkCreateSamplerYcbcrConversion;
+    Device KHR_SAMPLER_YCBCR_CONVERSION PFN_vkCreateSamplerYcbcrConversion image::vkCreateSamplerYcbcrConversion as vkCreateSamplerYcbcrConversionKHR;
+    Device Core11 PFN_vkDestroySamplerYcbcrConversion image::vkDestroySamplerYcbcrConversion;
+    Device KHR_SAMPLER_YCBCR_CONVERSION PFN_vkDestroySamplerYcbcrConversion image::vkDestroySamplerYcbcrConversion as vkDestroySamplerYcbcrConversionKHR;
     Device KHR_MAINTENANCE_5 PFN_vkGetDeviceImageSubresourceLayoutKHR maintenance5::vkGetDeviceImageSubresourceLayoutKHR;
     Device KHR_MAINTENANCE_5 PFN_vkGetImageSubresourceLayout2KHR maintenance5::vkGetImageSubresourceLayout2KHR;
+    Device EXT_HOST_IMAGE_COPY PFN_vkGetImageSubresourceLayout2KHR maintenance5::vkGetImageSubresourceLayout2KHR as vkGetImageSubresourceLayout2EXT;
+    Device EXT_HOST_IMAGE_COPY PFN_vkCopyImageToImageEXT host_image_copy::vkCopyImageToImageEXT;
+    Device EXT_HOST_IMAGE_COPY PFN_vkCopyImageToMemoryEXT host_image_copy::vkCopyImageToMemoryEXT;
+    Device EXT_HOST_IMAGE_COPY PFN_vkCopyMemoryToImageEXT host_image_copy::vkCopyMemoryToImageEXT;
+    Device EXT_HOST_IMAGE_COPY PFN_vkTransitionImageLayoutEXT host_image_copy::vkTransitionImageLayoutEXT;
     Device KHR_MAINTENANCE_5 PFN_vkGetRenderingAreaGranularityKHR maintenance5::vkGetRenderingAreaGranularityKHR;
 
     Device KHR_ACCELERATION_STRUCTURE PFN_vkBuildAccelerationStructuresKHR acceleration_structure::vkBuildAccelerationStructuresKHR;
@@ -490,10 +499,8 @@ commands! {
     Device Core PFN_vkCreateGraphicsPipelines graphics::vkCreateGraphicsPipelines;
     Device Core PFN_vkCreateRenderPass graphics::vkCreateRenderPass;
     Device Core12 PFN_vkCreateRenderPass2 graphics::vkCreateRenderPass2;
-    Device Core11 PFN_vkCreateSamplerYcbcrConversion graphics::vkCreateSamplerYcbcrConversion;
     Device Core PFN_vkDestroyFramebuffer graphics::vkDestroyFramebuffer;
     Device Core PFN_vkDestroyRenderPass graphics::vkDestroyRenderPass;
-    Device Core11 PFN_vkDestroySamplerYcbcrConversion graphics::vkDestroySamplerYcbcrConversion;
     Device Core PFN_vkGetRenderAreaGranularity graphics::vkGetRenderAreaGranularity;
 
     Device KHR_CREATE_RENDERPASS_2 PFN_vkCreateRenderPass2 graphics::vkCreateRenderPass2 as vkCreateRenderPass2KHR;

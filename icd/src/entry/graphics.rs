@@ -143,28 +143,4 @@ entry! {
     fn vkGetRenderAreaGranularity(_device: vk::Device, _render_pass: vk::RenderPass, out: *mut vk::Extent2D) {
         *out = vk::Extent2D { width: 1, height: 1 };
     }
-
-    /// `samplerYcbcrConversion` is not a feature here.
-    fn vkCreateSamplerYcbcrConversion(
-        device: vk::Device,
-        _info: *const vk::SamplerYcbcrConversionCreateInfo,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::SamplerYcbcrConversion,
-    ) -> vk::Result {
-        *out = vk::SamplerYcbcrConversion::null();
-        let device = from_handle::<Device>(device);
-        device.messengers.error(
-            c"TUFF-no-ycbcr",
-            "vkCreateSamplerYcbcrConversion: the feature samplerYcbcrConversion is not there",
-        );
-        Err(vk::Result::ERROR_VALIDATION_FAILED_EXT)
-    }
-
-    /// None exist, so the handle is null.
-    fn vkDestroySamplerYcbcrConversion(
-        _device: vk::Device,
-        _conversion: vk::SamplerYcbcrConversion,
-        _allocator: *const vk::AllocationCallbacks,
-    ) {
-    }
 }

@@ -14,12 +14,13 @@ use crate::ffi::{self, chain};
 use crate::handle::{self, from_handle};
 use crate::object::image::{ViewEntry, view_descriptor};
 use crate::object::sparse::Reservation;
-use crate::object::{DeviceMemory, Image, ImageView, Sampler, Swapchain};
+use crate::object::{DeviceMemory, Image, ImageView, Sampler, Swapchain, YcbcrConversion};
 
 destroy! {
     vkDestroyImage: Image, Image;
     vkDestroyImageView: ImageView, ImageView;
     vkDestroySampler: Sampler, Sampler;
+    vkDestroySamplerYcbcrConversion: YcbcrConversion, SamplerYcbcrConversion;
 }
 
 /// Where a subresource lies, from the image's first byte.
@@ -170,7 +171,9 @@ entry! {
         out: *mut vk::MemoryRequirements2,
     ) {
         let image = from_handle::<Image>((*info).image);
-        write_requirements(out, image.size_bytes, is_sparse(image.flags));
+        let plane = chain::find::<vk::ImagePlaneMemoryRequirementsInfo>((*info).p_next);
+        let size_bytes = image.binding_size_bytes(plane.map(|plane| plane.plane_aspect));
+        write_requirements(out, size_bytes, is_sparse(image.flags));
     }
 
     fn vkGetDeviceImageMemoryRequirements(
@@ -179,8 +182,10 @@ entry! {
         out: *mut vk::MemoryRequirements2,
     ) {
         // Valid usage makes the creation succeed; an impossible image asks for more than there is.
+        let aspect = (*info).plane_aspect;
         let info = &*(*info).p_create_info;
-        let size_bytes = Image::new(info).map_or(1 << 62, |image| image.size_bytes);
+        let size_bytes = Image::new(info)
+            .map_or(1 << 62, |image| image.binding_size_bytes(Some(aspect)));
         write_requirements(out, size_bytes, is_sparse(info.flags));
     }
 
@@ -219,7 +224,9 @@ entry! {
             }
             let image = from_handle::<Image>(info.image);
             if let Some(memory) = handle::optional::<DeviceMemory>(info.memory) {
-                image.bind(memory.address + info.memory_offset);
+                let plane = chain::find::<vk::BindImagePlaneMemoryInfo>(info.p_next);
+                let aspect = plane.map(|plane| plane.plane_aspect);
+                image.bind_plane(aspect, memory.address + info.memory_offset);
             } else if let Some(info) = ffi::find::<vk::BindImageMemorySwapchainInfoKHR>(info.p_next) {
                 let images = &from_handle::<Swapchain>(info.swapchain).images;
                 let shared = images.get(info.image_index as usize).ok_or(vk::Result::ERROR_UNKNOWN)?;
@@ -249,12 +256,26 @@ entry! {
         let image = from_handle::<Image>(info.image);
         let range = info.subresource_range;
         let min_lod = chain::find::<vk::ImageViewMinLodCreateInfoEXT>(info.p_next).map_or(0.0, |min| min.min_lod);
-        let descriptor = view_descriptor(image, info.view_type, info.format, info.components, &range, min_lod)?;
+        let conversion = chain::find::<vk::SamplerYcbcrConversionInfo>(info.p_next)
+            .and_then(|info| handle::optional::<YcbcrConversion>(info.conversion))
+            .map(|conversion| conversion.conversion);
+        let descriptor =
+            view_descriptor(image, info.view_type, info.format, info.components, &range, min_lod, conversion)?;
         let replays = info.flags.contains(vk::ImageViewCreateFlags::DESCRIPTOR_BUFFER_CAPTURE_REPLAY_EXT);
         let replay = replays.then(|| captured(info.p_next).map(Key));
         let descriptor = ViewEntry::store(&device.engine.views, |it| &it.images, descriptor, replay)?;
         let image = handle::retain(info.image);
         *out = handle::create(ImageView { descriptor, image, format: info.format, range });
+        Ok(())
+    }
+
+    fn vkCreateSamplerYcbcrConversion(
+        _device: vk::Device,
+        info: *const vk::SamplerYcbcrConversionCreateInfo,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::SamplerYcbcrConversion,
+    ) -> vk::Result {
+        *out = handle::create(YcbcrConversion::new(&*info)?);
         Ok(())
     }
 

@@ -4,8 +4,23 @@ use ash::vk;
 
 use super::define::entry;
 use super::image::subresource_layout;
+use crate::ffi::chain;
 use crate::handle::from_handle;
 use crate::object::Image;
+
+/// Answers a layout and its chain.
+///
+/// # Safety
+/// `out` is valid, with a valid chain.
+unsafe fn write_layout(out: *mut vk::SubresourceLayout2KHR<'_>, layout: vk::SubresourceLayout) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        (*out).subresource_layout = layout;
+        if let Some(memcpy) = chain::find_mut::<vk::SubresourceHostMemcpySizeEXT>((*out).p_next) {
+            memcpy.size = layout.size;
+        }
+    }
+}
 
 entry! {
     fn vkGetRenderingAreaGranularityKHR(
@@ -24,7 +39,7 @@ entry! {
         out: *mut vk::SubresourceLayout2KHR<'_>,
     ) {
         let layout = subresource_layout(from_handle::<Image>(image), &(*subresource).image_subresource);
-        (*out).subresource_layout = layout.unwrap_or_default();
+        write_layout(out, layout.unwrap_or_default());
     }
 
     fn vkGetDeviceImageSubresourceLayoutKHR(
@@ -35,6 +50,6 @@ entry! {
         let info = &*info;
         let image = Image::new(&*info.p_create_info);
         let layout = image.and_then(|image| subresource_layout(&image, &(*info.p_subresource).image_subresource));
-        (*out).subresource_layout = layout.unwrap_or_default();
+        write_layout(out, layout.unwrap_or_default());
     }
 }

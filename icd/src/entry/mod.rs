@@ -19,6 +19,7 @@ pub mod graphics_address;
 pub mod graphics_draw;
 pub mod graphics_pass;
 pub mod graphics_state;
+pub mod host_image_copy;
 pub mod image;
 pub mod instance;
 pub mod loader;

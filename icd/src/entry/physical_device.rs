@@ -237,6 +237,14 @@ entry! {
             return Err(vk::Result::ERROR_FORMAT_NOT_SUPPORTED);
         }
         (*out).image_format_properties = image_format_properties(&*info)?;
+        if let Some(out) = chain::find_mut::<vk::SamplerYcbcrConversionImageFormatProperties>((*out).p_next) {
+            // A descriptor of any other combined image sampler is no smaller.
+            out.combined_image_sampler_descriptor_count = 1;
+        }
+        if let Some(out) = chain::find_mut::<vk::HostImageCopyDevicePerformanceQueryEXT>((*out).p_next) {
+            out.optimal_device_access = vk::TRUE;
+            out.identical_memory_layout = vk::TRUE;
+        }
         if let Some(out) = chain::find_mut::<vk::ExternalImageFormatProperties>((*out).p_next) {
             out.external_memory_properties = external_properties;
         }

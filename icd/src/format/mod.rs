@@ -8,6 +8,7 @@ pub mod structure;
 use ash::vk;
 use spirv_jit::image::Format;
 use spirv_jit::image::format::{Aspect, FormatInfo, Numeric};
+use spirv_jit::image::ycbcr::Planes;
 
 use self::structure::radius_format;
 use self::structure::vertex_format;
@@ -30,8 +31,67 @@ pub fn block_extent(format: vk::Format) -> [u32; 2] {
         .map_or([1, 1], FormatInfo::block_extent)
 }
 
-/// The planes of a format: one, or depth and stencil apart. None for formats that are not supported.
-pub fn planes(format: vk::Format) -> Vec<(vk::ImageAspectFlags, vk::Format)> {
+/// The planes of a format that needs a sampler Y′CbCr conversion.
+pub fn ycbcr_planes(format: vk::Format) -> Option<Planes> {
+    Planes::of(texel_format(format)).filter(Planes::requires_conversion)
+}
+
+/// How a plane of a format is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PlaneFormat {
+    pub aspect: vk::ImageAspectFlags,
+    pub format: vk::Format,
+    /// Texels of the plane for which one of the format is stored.
+    pub block_extent: [u32; 2],
+    /// Whether it has half the image's width, half its height.
+    pub halved: [bool; 2],
+}
+
+/// The planes of a format: one, depth and stencil apart, or luma and chroma. None for formats that are not supported.
+pub fn planes(format: vk::Format) -> Vec<PlaneFormat> {
+    match ycbcr_planes(format) {
+        Some(planes) if planes.memory_count() == 1 => {
+            // A pair of texels shares its chroma: the format of the second plane has all four components.
+            let pair = vk::Format::from_raw(planes.planes[1].format.0 as i32);
+            vec![PlaneFormat {
+                aspect: vk::ImageAspectFlags::COLOR,
+                format: pair,
+                block_extent: [2, 1],
+                halved: [false; 2],
+            }]
+        }
+        Some(planes) => planes
+            .planes()
+            .iter()
+            .zip(PLANE_ASPECTS)
+            .map(|(plane, aspect)| PlaneFormat {
+                aspect,
+                format: vk::Format::from_raw(plane.format.0 as i32),
+                block_extent: [1, 1],
+                halved: plane.halved,
+            })
+            .collect(),
+        None => aspect_planes(format)
+            .into_iter()
+            .map(|(aspect, format)| PlaneFormat {
+                aspect,
+                format,
+                block_extent: block_extent(format),
+                halved: [false; 2],
+            })
+            .collect(),
+    }
+}
+
+/// The aspects of multi-planar formats.
+pub const PLANE_ASPECTS: [vk::ImageAspectFlags; 3] = [
+    vk::ImageAspectFlags::PLANE_0,
+    vk::ImageAspectFlags::PLANE_1,
+    vk::ImageAspectFlags::PLANE_2,
+];
+
+/// Colour, depth and stencil, those that a format has.
+fn aspect_planes(format: vk::Format) -> Vec<(vk::ImageAspectFlags, vk::Format)> {
     const ASPECTS: [(Aspect, vk::ImageAspectFlags); 3] = [
         (Aspect::Color, vk::ImageAspectFlags::COLOR),
         (Aspect::Depth, vk::ImageAspectFlags::DEPTH),
@@ -56,6 +116,12 @@ pub struct Features {
 
 /// A format's features; empty if it is not supported.
 pub fn features(format: vk::Format) -> Features {
+    if let Some(planes) = ycbcr_planes(format) {
+        return Features {
+            image: ycbcr_features(&planes),
+            buffer: vk::FormatFeatureFlags2::empty(),
+        };
+    }
     let texel = texel_format(format);
     let Some(info) = texel.info() else {
         return Features::default();
@@ -117,7 +183,7 @@ fn has_atomics(texel: Format) -> bool {
 
 fn image_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
     use vk::FormatFeatureFlags2 as Feature;
-    let transfer = Feature::TRANSFER_SRC | Feature::TRANSFER_DST;
+    let transfer = Feature::TRANSFER_SRC | Feature::TRANSFER_DST | Feature::HOST_IMAGE_TRANSFER_EXT;
     let storage = Feature::STORAGE_IMAGE
         | Feature::STORAGE_READ_WITHOUT_FORMAT
         | Feature::STORAGE_WRITE_WITHOUT_FORMAT;
@@ -147,6 +213,24 @@ fn image_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
         features |= Feature::STORAGE_IMAGE_ATOMIC;
     }
     features
+}
+
+/// Of formats that need a conversion. Reconstruction is implicit.
+fn ycbcr_features(planes: &Planes) -> vk::FormatFeatureFlags2 {
+    use vk::FormatFeatureFlags2 as Feature;
+    let features = Feature::TRANSFER_SRC
+        | Feature::TRANSFER_DST
+        | Feature::HOST_IMAGE_TRANSFER_EXT
+        | Feature::SAMPLED_IMAGE
+        | Feature::SAMPLED_IMAGE_FILTER_LINEAR
+        | Feature::MIDPOINT_CHROMA_SAMPLES
+        | Feature::COSITED_CHROMA_SAMPLES
+        | Feature::SAMPLED_IMAGE_YCBCR_CONVERSION_LINEAR_FILTER
+        | Feature::SAMPLED_IMAGE_YCBCR_CONVERSION_SEPARATE_RECONSTRUCTION_FILTER;
+    match planes.memory_count() {
+        1 => features,
+        _ => features | Feature::DISJOINT,
+    }
 }
 
 fn buffer_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
@@ -324,8 +408,48 @@ mod tests {
     }
 
     #[test]
+    fn luma_and_chroma_are_planes() {
+        let of = |format| -> Vec<_> {
+            let planes = planes(format);
+            planes
+                .into_iter()
+                .map(|it| (it.aspect, it.format, it.halved))
+                .collect()
+        };
+        assert_eq!(
+            of(vk::Format::G10X6_B10X6R10X6_2PLANE_422_UNORM_3PACK16),
+            [
+                (
+                    PLANE_ASPECTS[0],
+                    vk::Format::R10X6_UNORM_PACK16,
+                    [false, false]
+                ),
+                (
+                    PLANE_ASPECTS[1],
+                    vk::Format::R10X6G10X6_UNORM_2PACK16,
+                    [true, false]
+                ),
+            ]
+        );
+        assert_eq!(of(vk::Format::G8_B8_R8_3PLANE_420_UNORM).len(), 3);
+        let pairs = planes(vk::Format::B16G16R16G16_422_UNORM);
+        assert_eq!(pairs[0].format, vk::Format::R16G16B16A16_UNORM);
+        assert_eq!((pairs.len(), pairs[0].block_extent), (1, [2, 1]));
+        // "Required Format Support": these two, with one location of chroma.
+        for format in [
+            vk::Format::G8_B8R8_2PLANE_420_UNORM,
+            vk::Format::G8_B8_R8_3PLANE_420_UNORM,
+        ] {
+            let features = features(format).image;
+            let needed = Feature::TRANSFER_SRC | Feature::TRANSFER_DST | Feature::SAMPLED_IMAGE;
+            assert!(features.contains(needed | Feature::MIDPOINT_CHROMA_SAMPLES));
+        }
+    }
+
+    #[test]
     fn depth_and_stencil_are_planes() {
         use vk::ImageAspectFlags as Bits;
+        let planes = aspect_planes;
         assert_eq!(
             planes(vk::Format::D24_UNORM_S8_UINT),
             [
@@ -337,6 +461,6 @@ mod tests {
             planes(vk::Format::R8_UNORM),
             [(Bits::COLOR, vk::Format::R8_UNORM)]
         );
-        assert_eq!(planes(vk::Format::ASTC_5X4_UNORM_BLOCK_ASTC_HDR), []);
+        assert_eq!(planes(vk::Format::ASTC_5X4_SFLOAT_BLOCK), []);
     }
 }

@@ -5,12 +5,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use ash::vk;
 use spirv_jit::image::format::FormatInfo;
+use spirv_jit::image::ycbcr::Conversion;
 use spirv_jit::image::{Dim, Format, ImageDescriptor, Level, MAX_LEVELS};
 use spirv_jit::views::{Key, StoreError, Table, Views};
 
 use super::sparse::Reservation;
 use crate::VkResult;
-use crate::format::{self, texel_format};
+use crate::format::{self, PlaneFormat, texel_format};
 use crate::handle::Ref;
 use crate::table::limits;
 use crate::wave::mask::InvocationMask;
@@ -22,12 +23,16 @@ const SUBRESOURCE_ALIGNMENT: u64 = 64;
 #[derive(Clone, Debug)]
 pub struct Plane {
     pub aspect: vk::ImageAspectFlags,
+    /// Which of the image's bindings it lies in: its own, if the image is disjoint.
+    pub binding: usize,
     /// The plane's own format: `D32_SFLOAT` and `S8_UINT` for `D32_SFLOAT_S8_UINT`.
     pub format: vk::Format,
     /// Of a block in compressed formats; rows are rows of blocks then.
     pub texel_size_bytes: u64,
     /// Of layer 0, sample 0, from the image's start in each level's `offset_bytes`.
     pub levels: Vec<Level>,
+    /// Texels of a block.
+    pub block_extent: [u32; 2],
     pub layer_stride_bytes: u64,
     /// Between the planes of samples; the layer is `samples` of these.
     pub sample_stride_bytes: u64,
@@ -46,10 +51,18 @@ pub struct Image {
     pub tiling: vk::ImageTiling,
     pub usage: vk::ImageUsageFlags,
     pub planes: Vec<Plane>,
+    /// Of the first binding.
     pub size_bytes: u64,
-    address: AtomicU64,
+    /// What is bound to memory: the image, or each plane of a disjoint one.
+    bindings: Vec<Binding>,
     /// Of a sparse image.
     pub reservation: Option<Arc<Reservation>>,
+}
+
+/// A part of an image that is bound as a whole.
+struct Binding {
+    size_bytes: u64,
+    address: AtomicU64,
 }
 
 impl Image {
@@ -59,26 +72,28 @@ impl Image {
     /// `VK_ERROR_FORMAT_NOT_SUPPORTED`; `VK_ERROR_OUT_OF_DEVICE_MEMORY` if its size does not fit in 63 bits.
     pub fn new(info: &vk::ImageCreateInfo<'_>) -> VkResult<Self> {
         let samples = info.samples.as_raw().max(1);
+        let is_disjoint = info.flags.contains(vk::ImageCreateFlags::DISJOINT)
+            && format::ycbcr_planes(info.format).is_some();
         let mut size_bytes = 0u64;
+        let mut sizes = Vec::new();
         let mut planes = Vec::new();
-        for (aspect, format) in format::planes(info.format) {
-            let texel_size_bytes = format::texel_size_bytes(format);
-            if texel_size_bytes == 0 {
+        for format in format::planes(info.format) {
+            if format::texel_size_bytes(format.format) == 0 {
                 return Err(vk::Result::ERROR_FORMAT_NOT_SUPPORTED);
             }
-            let plane = lay_out_plane(
-                info,
-                aspect,
-                format,
-                texel_size_bytes,
-                samples,
-                &mut size_bytes,
-            )
-            .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
+            let mut plane = lay_out_plane(info, &format, samples, &mut size_bytes)
+                .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
+            if is_disjoint {
+                plane.binding = sizes.len();
+                sizes.push(std::mem::take(&mut size_bytes));
+            }
             planes.push(plane);
         }
         if planes.is_empty() {
             return Err(vk::Result::ERROR_FORMAT_NOT_SUPPORTED);
+        }
+        if !is_disjoint {
+            sizes.push(size_bytes);
         }
         Ok(Self {
             flags: info.flags,
@@ -91,8 +106,14 @@ impl Image {
             tiling: info.tiling,
             usage: info.usage,
             planes,
-            size_bytes,
-            address: AtomicU64::new(0),
+            size_bytes: sizes[0],
+            bindings: sizes
+                .into_iter()
+                .map(|size_bytes| Binding {
+                    size_bytes,
+                    address: AtomicU64::new(0),
+                })
+                .collect(),
             reservation: None,
         })
     }
@@ -106,14 +127,40 @@ impl Image {
         }
     }
 
-    /// Host address of the first byte; null while unbound.
+    /// Host address of the first byte, of a disjoint image's first plane; null while unbound.
     pub fn data(&self) -> *mut u8 {
-        self.address.load(Ordering::Relaxed) as *mut u8
+        self.data_of(0)
+    }
+
+    /// Host address from which a plane's offsets count; null while unbound.
+    pub fn plane_data(&self, plane: &Plane) -> *mut u8 {
+        self.data_of(plane.binding)
+    }
+
+    fn data_of(&self, binding: usize) -> *mut u8 {
+        self.bindings[binding].address.load(Ordering::Relaxed) as *mut u8
+    }
+
+    /// Binds the image to an address: of a disjoint image, the plane of an aspect.
+    pub fn bind_plane(&self, aspect: Option<vk::ImageAspectFlags>, address: u64) {
+        let binding = &self.bindings[self.binding_of(aspect)];
+        binding.address.store(address, Ordering::Relaxed);
+    }
+
+    /// Bytes to bind: of a disjoint image, those of the plane of an aspect.
+    pub fn binding_size_bytes(&self, aspect: Option<vk::ImageAspectFlags>) -> u64 {
+        self.bindings[self.binding_of(aspect)].size_bytes
+    }
+
+    fn binding_of(&self, aspect: Option<vk::ImageAspectFlags>) -> usize {
+        aspect
+            .and_then(|aspect| self.plane(aspect))
+            .map_or(0, |plane| plane.binding)
     }
 
     /// Binds the image to an address.
     pub fn bind(&self, address: u64) {
-        self.address.store(address, Ordering::Relaxed);
+        self.bind_plane(None, address);
     }
 
     /// The plane that an aspect (one bit, or color) names.
@@ -126,7 +173,7 @@ impl Image {
     /// Width and height of the blocks of an aspect's plane in texels.
     pub fn block_extent(&self, aspect: vk::ImageAspectFlags) -> [u32; 2] {
         self.plane(aspect)
-            .map_or([1, 1], |plane| format::block_extent(plane.format))
+            .map_or([1, 1], |plane| plane.block_extent)
     }
 
     /// Layers of a subresource range, `VK_REMAINING_ARRAY_LAYERS` resolved.
@@ -152,9 +199,7 @@ impl Image {
 
 fn lay_out_plane(
     info: &vk::ImageCreateInfo<'_>,
-    aspect: vk::ImageAspectFlags,
-    format: vk::Format,
-    texel_size_bytes: u64,
+    of: &PlaneFormat,
     samples: u32,
     size_bytes: &mut u64,
 ) -> Option<Plane> {
@@ -163,16 +208,20 @@ fn lay_out_plane(
     if info.mip_levels as usize > MAX_LEVELS {
         return None;
     }
-    let [block_width, block_height] = format::block_extent(format);
+    let texel_size_bytes = format::texel_size_bytes(of.format);
+    let [block_width, block_height] = of.block_extent;
+    let [halves_width, halves_height] = of.halved;
+    let halved = |size: u32, is_halved: bool| if is_halved { size.div_ceil(2) } else { size };
+    let base = vk::Extent3D {
+        width: halved(info.extent.width, halves_width),
+        height: halved(info.extent.height, halves_height),
+        depth: info.extent.depth,
+    };
     let mut levels = Vec::with_capacity(info.mip_levels as usize);
     let mut end = 0u64;
     for index in 0..info.mip_levels {
         let side = |extent: u32| (extent.checked_shr(index).unwrap_or(0)).max(1);
-        let (width, height, depth) = (
-            side(info.extent.width),
-            side(info.extent.height),
-            side(info.extent.depth),
-        );
+        let (width, height, depth) = (side(base.width), side(base.height), side(base.depth));
         let columns = u64::from(width.div_ceil(block_width));
         let rows = u64::from(height.div_ceil(block_height));
         let row_stride_bytes = texel_size_bytes.checked_mul(columns)?;
@@ -195,8 +244,10 @@ fn lay_out_plane(
         .checked_add(start)?;
     *size_bytes = i64::try_from(total).ok()? as u64;
     Some(Plane {
-        aspect,
-        format,
+        aspect: of.aspect,
+        binding: 0,
+        format: of.format,
+        block_extent: of.block_extent,
         texel_size_bytes,
         levels,
         layer_stride_bytes,
@@ -315,7 +366,8 @@ pub fn supported_image(
 ) -> VkResult<vk::ImageFormatProperties> {
     use vk::FormatFeatureFlags2 as Feature;
     use vk::ImageUsageFlags as Usage;
-    const NEEDS: [(Usage, Feature); 6] = [
+    const NEEDS: [(Usage, Feature); 7] = [
+        (Usage::HOST_TRANSFER_EXT, Feature::HOST_IMAGE_TRANSFER_EXT),
         (Usage::TRANSFER_SRC, Feature::TRANSFER_SRC),
         (Usage::TRANSFER_DST, Feature::TRANSFER_DST),
         (Usage::SAMPLED, Feature::SAMPLED_IMAGE),
@@ -339,13 +391,19 @@ pub fn supported_image(
     if (missing || input) && !flags.contains(vk::ImageCreateFlags::EXTENDED_USAGE) {
         return Err(UNSUPPORTED);
     }
-    let never = vk::ImageCreateFlags::SPARSE_RESIDENCY
-        | vk::ImageCreateFlags::PROTECTED
-        | vk::ImageCreateFlags::DISJOINT;
+    let never = vk::ImageCreateFlags::SPARSE_RESIDENCY | vk::ImageCreateFlags::PROTECTED;
     let sparse = vk::ImageCreateFlags::SPARSE_BINDING | vk::ImageCreateFlags::SPARSE_ALIASED;
     if flags.intersects(never)
         || (flags.intersects(sparse) && tiling != vk::ImageTiling::OPTIMAL)
         || (tiling != vk::ImageTiling::OPTIMAL && tiling != vk::ImageTiling::LINEAR)
+    {
+        return Err(UNSUPPORTED);
+    }
+    let ycbcr = format::ycbcr_planes(format);
+    let is_disjoint = flags.contains(vk::ImageCreateFlags::DISJOINT);
+    if (is_disjoint && !features.contains(Feature::DISJOINT))
+        || (ycbcr.is_some() && (ty != vk::ImageType::TYPE_2D || flags.intersects(sparse)))
+        || (ycbcr.is_some() && flags.contains(vk::ImageCreateFlags::CUBE_COMPATIBLE))
     {
         return Err(UNSUPPORTED);
     }
@@ -384,7 +442,10 @@ pub fn supported_image(
             height,
             depth,
         },
-        max_mip_levels: width.ilog2() + 1,
+        max_mip_levels: match ycbcr {
+            Some(_) => 1,
+            None => width.ilog2() + 1,
+        },
         max_array_layers: if ty == vk::ImageType::TYPE_3D {
             1
         } else {
@@ -410,6 +471,7 @@ pub fn view_descriptor(
     components: vk::ComponentMapping,
     range: &vk::ImageSubresourceRange,
     min_lod: f32,
+    conversion: Option<Conversion>,
 ) -> VkResult<ImageDescriptor> {
     const OUTSIDE: vk::Result = vk::Result::ERROR_UNKNOWN;
     let plane = image
@@ -460,14 +522,43 @@ pub fn view_descriptor(
             | vk::ImageViewType::TYPE_2D_ARRAY
             | vk::ImageViewType::CUBE_ARRAY
     );
-    let format = if image.planes.len() == 1 && plane.aspect == vk::ImageAspectFlags::COLOR {
-        view_format
-    } else {
-        plane.format
+    let is_depth_or_stencil = plane
+        .aspect
+        .intersects(vk::ImageAspectFlags::DEPTH | vk::ImageAspectFlags::STENCIL);
+    let data = image.plane_data(plane);
+    let mut conversion = conversion;
+    let format = match &mut conversion {
+        Some(conversion) if conversion.planes.requires_conversion() => {
+            // The planes instead of levels: each with its layers' stride, from where the first plane's offsets count.
+            for (to, plane) in levels.iter_mut().zip(&image.planes) {
+                let Some(level) = plane.levels.first() else {
+                    continue;
+                };
+                *to = *level;
+                let base_bytes = plane.layer_stride_bytes * u64::from(range.base_array_layer);
+                let distance = (image.plane_data(plane) as u64).wrapping_sub(data as u64);
+                to.offset_bytes = level
+                    .offset_bytes
+                    .wrapping_add(base_bytes)
+                    .wrapping_add(distance);
+                to.slice_stride_bytes = plane.layer_stride_bytes;
+            }
+            plane.format
+        }
+        // A conversion that is one only in name: the view's own planes.
+        Some(_) => view_format,
+        None if is_depth_or_stencil || format::ycbcr_planes(view_format).is_some() => plane.format,
+        None => view_format,
     };
+    // What is stored as pairs is accessed as pairs by all but samples.
+    if plane.block_extent == [2, 1] && conversion.is_none() {
+        for level in &mut levels {
+            level.width = level.width.div_ceil(2);
+        }
+    }
     Ok(ImageDescriptor {
-        data: image.data(),
-        size_bytes: image.size_bytes,
+        data,
+        size_bytes: image.binding_size_bytes(Some(plane.aspect)),
         format: Format(format.as_raw() as u32),
         dim,
         arrayed,
@@ -479,11 +570,12 @@ pub fn view_descriptor(
         swizzle: swizzle(components),
         min_lod,
         levels,
-        conversion: None,
+        conversion,
     })
 }
 
-fn swizzle(mapping: vk::ComponentMapping) -> [u8; 4] {
+/// [`ImageDescriptor::swizzle`] of a component mapping.
+pub fn swizzle(mapping: vk::ComponentMapping) -> [u8; 4] {
     let components = [mapping.r, mapping.g, mapping.b, mapping.a];
     std::array::from_fn(|index| match components[index] {
         vk::ComponentSwizzle::R => 0,
@@ -551,8 +643,16 @@ mod tests {
             layer_count: vk::REMAINING_ARRAY_LAYERS,
         };
         let ty = vk::ImageViewType::TYPE_2D_ARRAY;
-        let view =
-            view_descriptor(&image, ty, image.format, Default::default(), &range, 0.0).unwrap();
+        let view = view_descriptor(
+            &image,
+            ty,
+            image.format,
+            Default::default(),
+            &range,
+            0.0,
+            None,
+        )
+        .unwrap();
         assert_eq!((view.level_count, view.layer_count), (3, 4));
         assert_eq!((view.levels[0].width, view.levels[2].width), (4, 1));
         let plane = &image.planes[0];
@@ -572,8 +672,16 @@ mod tests {
             layer_count: 1,
         };
         let ty = vk::ImageViewType::TYPE_2D;
-        let view =
-            view_descriptor(&image, ty, image.format, Default::default(), &range, 0.0).unwrap();
+        let view = view_descriptor(
+            &image,
+            ty,
+            image.format,
+            Default::default(),
+            &range,
+            0.0,
+            None,
+        )
+        .unwrap();
         let level = &image.planes[0].levels[1];
         assert_eq!(
             view.levels[0].offset_bytes,

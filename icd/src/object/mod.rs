@@ -29,6 +29,7 @@ pub mod shader_stage;
 pub mod sparse;
 pub mod swapchain;
 pub mod sync;
+pub mod ycbcr;
 
 pub use acceleration_structure::{AccelerationStructure, AccelerationStructureNv};
 pub use buffer::{Buffer, BufferView};
@@ -50,6 +51,7 @@ pub use sampler::Sampler;
 pub use shader_object::ShaderObject;
 pub use swapchain::{Surface, Swapchain};
 pub use sync::{Event, Fence, Semaphore};
+pub use ycbcr::YcbcrConversion;
 
 use crate::handle::handled;
 
@@ -85,4 +87,5 @@ handled!(
     Swapchain => SwapchainKHR,
     ShaderModule => ShaderModule,
     ShaderObject => ShaderEXT,
+    YcbcrConversion => SamplerYcbcrConversion,
 );

@@ -112,6 +112,7 @@ extensions! {
     Device KHR_RAY_TRACING_POSITION_FETCH c"VK_KHR_ray_tracing_position_fetch" 1;
     Device KHR_RELAXED_BLOCK_LAYOUT c"VK_KHR_relaxed_block_layout" 1;
     Device KHR_SAMPLER_MIRROR_CLAMP_TO_EDGE c"VK_KHR_sampler_mirror_clamp_to_edge" 3;
+    Device KHR_SAMPLER_YCBCR_CONVERSION c"VK_KHR_sampler_ycbcr_conversion" 14;
     Device KHR_SEPARATE_DEPTH_STENCIL_LAYOUTS c"VK_KHR_separate_depth_stencil_layouts" 1;
     Device KHR_SHADER_ATOMIC_INT64 c"VK_KHR_shader_atomic_int64" 1;
     Device KHR_SHADER_CLOCK c"VK_KHR_shader_clock" 1;
@@ -144,6 +145,7 @@ extensions! {
     Device EXT_DESCRIPTOR_BUFFER c"VK_EXT_descriptor_buffer" 1;
     Device EXT_DESCRIPTOR_INDEXING c"VK_EXT_descriptor_indexing" 2;
     Device EXT_EXTERNAL_MEMORY_HOST c"VK_EXT_external_memory_host" 1;
+    Device EXT_HOST_IMAGE_COPY c"VK_EXT_host_image_copy" 1;
     Device EXT_HOST_QUERY_RESET c"VK_EXT_host_query_reset" 1;
     Device EXT_IMAGE_ROBUSTNESS c"VK_EXT_image_robustness" 1;
     Device EXT_IMAGE_VIEW_MIN_LOD c"VK_EXT_image_view_min_lod" 1;
@@ -172,6 +174,8 @@ extensions! {
     Device EXT_SUBGROUP_SIZE_CONTROL c"VK_EXT_subgroup_size_control" 2;
     Device EXT_TEXEL_BUFFER_ALIGNMENT c"VK_EXT_texel_buffer_alignment" 1;
     Device EXT_TOOLING_INFO c"VK_EXT_tooling_info" 1;
+    Device EXT_YCBCR_2PLANE_444_FORMATS c"VK_EXT_ycbcr_2plane_444_formats" 1;
+    Device EXT_YCBCR_IMAGE_ARRAYS c"VK_EXT_ycbcr_image_arrays" 1;
     Device NV_COMPUTE_SHADER_DERIVATIVES c"VK_NV_compute_shader_derivatives" 1;
     Device HUAWEI_INVOCATION_MASK c"VK_HUAWEI_invocation_mask" 1;
     Device NV_SHADER_SUBGROUP_PARTITIONED c"VK_NV_shader_subgroup_partitioned" 1;

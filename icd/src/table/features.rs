@@ -105,6 +105,9 @@ features! {
         shader_int64 Int64;
         shader_int16 Int16;
         shader_resource_min_lod MinLod;
+        texture_compression_bc;
+        texture_compression_etc2;
+        texture_compression_astc_ldr;
         sparse_binding;
         sparse_residency_buffer;
         sparse_residency_aliased;
@@ -238,6 +241,10 @@ features! {
         workgroup_memory_explicit_layout_scalar_block_layout: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR;
         workgroup_memory_explicit_layout8_bit_access: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR => WorkgroupMemoryExplicitLayout8BitAccessKHR;
         workgroup_memory_explicit_layout16_bit_access: PhysicalDeviceWorkgroupMemoryExplicitLayoutFeaturesKHR => WorkgroupMemoryExplicitLayout16BitAccessKHR;
+        host_image_copy: PhysicalDeviceHostImageCopyFeaturesEXT;
+        sampler_ycbcr_conversion: PhysicalDeviceVulkan11Features PhysicalDeviceSamplerYcbcrConversionFeatures;
+        ycbcr2plane444_formats: PhysicalDeviceYcbcr2Plane444FormatsFeaturesEXT;
+        ycbcr_image_arrays: PhysicalDeviceYcbcrImageArraysFeaturesEXT;
         custom_border_colors: PhysicalDeviceCustomBorderColorFeaturesEXT;
         custom_border_color_without_format: PhysicalDeviceCustomBorderColorFeaturesEXT;
         min_lod: PhysicalDeviceImageViewMinLodFeaturesEXT;
@@ -346,7 +353,6 @@ features! {
     without_support {
         PhysicalDeviceMultiviewFeatures
         PhysicalDeviceProtectedMemoryFeatures
-        PhysicalDeviceSamplerYcbcrConversionFeatures
         PhysicalDeviceShaderDrawParametersFeatures
         PhysicalDeviceImagelessFramebufferFeatures
         PhysicalDeviceTextureCompressionASTCHDRFeatures

@@ -4,7 +4,7 @@ use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::environment::{Descriptor, MAX_SETS};
 
 use super::limits::{self, API_VERSION, CAPTURE_BYTES, HANDLE_SIZE};
-use crate::ffi::{array, chain, vk};
+use crate::ffi::{array, chain, enumerate, vk};
 use crate::settings::has_graphics;
 use crate::settings;
 
@@ -288,6 +288,44 @@ fn invocation_reorder() -> vk::PhysicalDeviceRayTracingInvocationReorderProperti
     }
 }
 
+/// Every layout but those of images that hold nothing.
+const COPY_LAYOUTS: [vk::ImageLayout; 17] = [
+    vk::ImageLayout::GENERAL,
+    vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
+    vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
+    vk::ImageLayout::DEPTH_STENCIL_READ_ONLY_OPTIMAL,
+    vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
+    vk::ImageLayout::TRANSFER_SRC_OPTIMAL,
+    vk::ImageLayout::TRANSFER_DST_OPTIMAL,
+    vk::ImageLayout::DEPTH_READ_ONLY_STENCIL_ATTACHMENT_OPTIMAL,
+    vk::ImageLayout::DEPTH_ATTACHMENT_STENCIL_READ_ONLY_OPTIMAL,
+    vk::ImageLayout::DEPTH_ATTACHMENT_OPTIMAL,
+    vk::ImageLayout::DEPTH_READ_ONLY_OPTIMAL,
+    vk::ImageLayout::STENCIL_ATTACHMENT_OPTIMAL,
+    vk::ImageLayout::STENCIL_READ_ONLY_OPTIMAL,
+    vk::ImageLayout::READ_ONLY_OPTIMAL,
+    vk::ImageLayout::ATTACHMENT_OPTIMAL,
+    vk::ImageLayout::PRESENT_SRC_KHR,
+    vk::ImageLayout::SHARED_PRESENT_KHR,
+];
+
+/// Counted arrays of layouts, each filled if there is one.
+///
+/// # Safety
+/// The arrays are null or have room for their counts.
+unsafe fn host_image_copy(out: &mut vk::PhysicalDeviceHostImageCopyPropertiesEXT<'_>) {
+    // SAFETY: the caller's promise. Too few elements are no error here.
+    unsafe {
+        let (count, layouts) = (&mut out.copy_src_layout_count, out.p_copy_src_layouts);
+        let _ = enumerate(count, layouts, COPY_LAYOUTS.into_iter());
+        let (count, layouts) = (&mut out.copy_dst_layout_count, out.p_copy_dst_layouts);
+        let _ = enumerate(count, layouts, COPY_LAYOUTS.into_iter());
+    }
+    // All tilings are stored linearly.
+    out.optimal_tiling_layout_uuid = *b"tuff-image-rows1";
+    out.identical_memory_type_requirements = vk::TRUE;
+}
+
 /// Answers structures: `Type(source) { field, field: source_field, … }` copies fields, `Type(source)` all of them.
 macro_rules! answer {
     ($node:expr; $($structure:ident($source:expr) $({$($field:ident $(: $from:ident)?),* $(,)?})?;)*) => {
@@ -333,6 +371,11 @@ pub unsafe fn fill_chain(machine: &Machine, next: *mut std::ffi::c_void) {
 unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
     // SAFETY: the caller's promise.
     unsafe {
+        if (*node).s_type
+            == <vk::PhysicalDeviceHostImageCopyPropertiesEXT as vk::TaggedStructure>::STRUCTURE_TYPE
+        {
+            host_image_copy(&mut *node.cast());
+        }
         answer! { node;
             PhysicalDeviceVulkan11Properties(vulkan11(machine));
             PhysicalDeviceVulkan12Properties(vulkan12());

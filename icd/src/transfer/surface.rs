@@ -47,7 +47,7 @@ impl Surface {
     pub fn new(image: &Image, aspect: vk::ImageAspectFlags, level: u32) -> Option<Self> {
         let plane = image.plane(aspect)?;
         let level = plane.levels.get(level as usize)?;
-        let data = image.data();
+        let data = image.plane_data(plane);
         if data.is_null() {
             return None;
         }
@@ -170,6 +170,9 @@ pub fn aspects(mask: vk::ImageAspectFlags) -> impl Iterator<Item = vk::ImageAspe
         vk::ImageAspectFlags::COLOR,
         vk::ImageAspectFlags::DEPTH,
         vk::ImageAspectFlags::STENCIL,
+        vk::ImageAspectFlags::PLANE_0,
+        vk::ImageAspectFlags::PLANE_1,
+        vk::ImageAspectFlags::PLANE_2,
     ]
     .into_iter()
     .filter(move |&bit| mask.contains(bit))
