@@ -66,6 +66,7 @@ fn sampler(filter: Filter, mipmap_mode: Filter) -> SamplerDescriptor {
         reduction: Reduction::WeightedAverage,
         border_color: [0; 4],
         unnormalized_coordinates: false,
+        non_seamless: false,
     }
 }
 

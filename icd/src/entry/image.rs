@@ -136,6 +136,9 @@ fn sampler_descriptor(
         },
         border_color,
         unnormalized_coordinates: info.unnormalized_coordinates == vk::TRUE,
+        non_seamless: info
+            .flags
+            .contains(vk::SamplerCreateFlags::NON_SEAMLESS_CUBE_MAP_EXT),
     }
 }
 

@@ -423,6 +423,7 @@ pub fn supported_image(
     }
     let cube = flags.contains(vk::ImageCreateFlags::CUBE_COMPATIBLE);
     let slices = flags.contains(vk::ImageCreateFlags::TYPE_2D_ARRAY_COMPATIBLE);
+    let slices = slices || flags.contains(vk::ImageCreateFlags::TYPE_2D_VIEW_COMPATIBLE_EXT);
     if (cube && ty != vk::ImageType::TYPE_2D) || (slices && ty != vk::ImageType::TYPE_3D) {
         return Err(UNSUPPORTED);
     }

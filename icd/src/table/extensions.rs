@@ -140,6 +140,7 @@ extensions! {
     Device KHR_WORKGROUP_MEMORY_EXPLICIT_LAYOUT c"VK_KHR_workgroup_memory_explicit_layout" 1;
     Device KHR_ZERO_INITIALIZE_WORKGROUP_MEMORY c"VK_KHR_zero_initialize_workgroup_memory" 1;
     Device EXT_4444_FORMATS c"VK_EXT_4444_formats" 1;
+    Device EXT_BORDER_COLOR_SWIZZLE c"VK_EXT_border_color_swizzle" 1;
     Device EXT_CALIBRATED_TIMESTAMPS c"VK_EXT_calibrated_timestamps" 2;
     Device EXT_CUSTOM_BORDER_COLOR c"VK_EXT_custom_border_color" 12;
     Device EXT_DESCRIPTOR_BUFFER c"VK_EXT_descriptor_buffer" 1;
@@ -147,12 +148,14 @@ extensions! {
     Device EXT_EXTERNAL_MEMORY_HOST c"VK_EXT_external_memory_host" 1;
     Device EXT_HOST_IMAGE_COPY c"VK_EXT_host_image_copy" 1;
     Device EXT_HOST_QUERY_RESET c"VK_EXT_host_query_reset" 1;
+    Device EXT_IMAGE_2D_VIEW_OF_3D c"VK_EXT_image_2d_view_of_3d" 1;
     Device EXT_IMAGE_ROBUSTNESS c"VK_EXT_image_robustness" 1;
     Device EXT_IMAGE_VIEW_MIN_LOD c"VK_EXT_image_view_min_lod" 1;
     Device EXT_INLINE_UNIFORM_BLOCK c"VK_EXT_inline_uniform_block" 1;
     Device EXT_MEMORY_BUDGET c"VK_EXT_memory_budget" 1;
     Device EXT_MEMORY_PRIORITY c"VK_EXT_memory_priority" 1;
     Device EXT_MUTABLE_DESCRIPTOR_TYPE c"VK_EXT_mutable_descriptor_type" 1;
+    Device EXT_NON_SEAMLESS_CUBE_MAP c"VK_EXT_non_seamless_cube_map" 1;
     Device EXT_OPACITY_MICROMAP c"VK_EXT_opacity_micromap" 2;
     Device EXT_PIPELINE_CREATION_CACHE_CONTROL c"VK_EXT_pipeline_creation_cache_control" 3;
     Device EXT_PIPELINE_CREATION_FEEDBACK c"VK_EXT_pipeline_creation_feedback" 1;

@@ -245,6 +245,11 @@ features! {
         sampler_ycbcr_conversion: PhysicalDeviceVulkan11Features PhysicalDeviceSamplerYcbcrConversionFeatures;
         ycbcr2plane444_formats: PhysicalDeviceYcbcr2Plane444FormatsFeaturesEXT;
         ycbcr_image_arrays: PhysicalDeviceYcbcrImageArraysFeaturesEXT;
+        border_color_swizzle: PhysicalDeviceBorderColorSwizzleFeaturesEXT;
+        border_color_swizzle_from_image: PhysicalDeviceBorderColorSwizzleFeaturesEXT;
+        image2_d_view_of3_d: PhysicalDeviceImage2DViewOf3DFeaturesEXT;
+        sampler2_d_view_of3_d: PhysicalDeviceImage2DViewOf3DFeaturesEXT;
+        non_seamless_cube_map: PhysicalDeviceNonSeamlessCubeMapFeaturesEXT;
         custom_border_colors: PhysicalDeviceCustomBorderColorFeaturesEXT;
         custom_border_color_without_format: PhysicalDeviceCustomBorderColorFeaturesEXT;
         min_lod: PhysicalDeviceImageViewMinLodFeaturesEXT;

@@ -256,6 +256,7 @@ impl Reader {
                 reduction: Reduction::WeightedAverage,
                 border_color: [0; 4],
                 unnormalized_coordinates: true,
+                non_seamless: false,
             },
             is_volume,
         }

@@ -200,6 +200,8 @@ pub struct SamplerDescriptor {
     /// As texel words: f32 bits or integers.
     pub border_color: [u32; 4],
     pub unnormalized_coordinates: bool,
+    /// Faces of cubes end at their edges, as 2D images do (`VK_SAMPLER_CREATE_NON_SEAMLESS_CUBE_MAP_BIT_EXT`).
+    pub non_seamless: bool,
 }
 
 impl SamplerDescriptor {
@@ -217,6 +219,7 @@ impl SamplerDescriptor {
         reduction: Reduction::WeightedAverage,
         border_color: [0; 4],
         unnormalized_coordinates: false,
+        non_seamless: false,
     };
 }
 

@@ -410,16 +410,22 @@ struct Footprint<'a> {
 }
 
 impl Footprint<'_> {
+    /// Whether edges of faces lead to the next face.
+    #[inline(always)]
+    fn is_seamless(&self) -> bool {
+        self.op.dim == Dim::Cube && !self.sampler.non_seamless
+    }
+
     #[inline(always)]
     fn axis(&self, axis: usize, offsets: Option<&Ints>) -> Axis {
         let rule = AxisRule {
-            mode: match self.op.dim {
-                Dim::Cube => AddressMode::ClampToEdge,
-                _ => self.sampler.address_mode[axis],
+            mode: match self.is_seamless() {
+                true => AddressMode::ClampToEdge,
+                false => self.sampler.address_mode[axis],
             },
             filter: self.filter,
             unnormalized: self.sampler.unnormalized_coordinates,
-            seamless: self.op.dim == Dim::Cube && self.filter == Filter::Linear,
+            seamless: self.is_seamless() && self.filter == Filter::Linear,
         };
         address::address(
             rule,
@@ -530,16 +536,20 @@ impl Footprint<'_> {
         let mut corners = 0;
         if self.op.dim == Dim::Cube {
             let mut face = self.place.face;
-            if self.filter == Filter::Linear {
+            if self.filter == Filter::Linear && self.is_seamless() {
                 corners = cube::wrap_edges(&mut x, &mut y, &mut face, &self.level.size[0]);
             }
             let last = self.image.layer_count.max(1) as i32 - 1;
             for lane in 0..SUBGROUP_SIZE {
                 layer[lane] = (layer[lane] + face[lane]).min(last);
-                y[lane] = y[lane].min(self.level.size[1][lane] - 1);
+            }
+            if self.is_seamless() {
+                for lane in 0..SUBGROUP_SIZE {
+                    y[lane] = y[lane].min(self.level.size[1][lane] - 1);
+                }
             }
         }
-        let has_border = self.op.dim != Dim::Cube
+        let has_border = !self.is_seamless()
             && self.sampler.address_mode[..self.spatial].contains(&AddressMode::ClampToBorder);
         let mut border = [false; SUBGROUP_SIZE];
         if has_border {

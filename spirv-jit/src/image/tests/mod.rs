@@ -133,6 +133,7 @@ fn sampler() -> SamplerDescriptor {
         reduction: Reduction::WeightedAverage,
         border_color: [0.25f32, 0.5, 0.75, 1.0].map(f32::to_bits),
         unnormalized_coordinates: false,
+        non_seamless: false,
     }
 }
 

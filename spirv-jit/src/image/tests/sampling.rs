@@ -261,6 +261,97 @@ proptest! {
     }
 }
 
+/// Without seamless edges a face is a 2D image with the sampler's address modes.
+#[test]
+fn faces_that_are_not_seamless_end_at_their_edges() {
+    let image = Image::new(Format::R32_SFLOAT, Dim::Cube, [4, 4, 1], 1, 6, 11);
+    let op = image_op(ImageOpKind::Sample, Dim::Cube);
+    // Half a texel from the edge of +Z in x, at the middle between two rows: s = 1/16, t = 1/2.
+    let rows = [row(-0.875), row(0.0), row(1.0)];
+    let sample = |mode: AddressMode| {
+        let s = SamplerDescriptor {
+            non_seamless: true,
+            address_mode: [mode; 3],
+            border_color: [5f32.to_bits(); 4],
+            ..sampler()
+        };
+        f64::from(f32::from_bits(
+            run(&op, &image.descriptor, Some(&s), 1, &rows)[0][0],
+        ))
+    };
+    let column = |x: u32| (image.texel(0, 4, [x, 1, 0])[0] + image.texel(0, 4, [x, 2, 0])[0]) / 2.0;
+    for (mode, outside) in [
+        (AddressMode::ClampToEdge, column(0)),
+        (AddressMode::Repeat, column(3)),
+        (AddressMode::ClampToBorder, 5.0),
+    ] {
+        let expected = 0.75 * column(0) + 0.25 * outside;
+        assert!((sample(mode) - expected).abs() < 1e-5, "{mode:?}");
+    }
+}
+
+/// Blocks at the edges of a level stand out over it; texels are found in them by any access.
+#[test]
+fn compressed_texels_are_found_in_their_blocks() {
+    // 6×5 texels of EAC: two blocks by two, with a gap behind each row.
+    let mut blocks = [0u64; 8];
+    for (i, block) in blocks.iter_mut().enumerate() {
+        *block = 0x9e37_79b9_7f4a_7c15u64.wrapping_mul(i as u64 + 1);
+    }
+    let format = Format::EAC_R11_UNORM_BLOCK;
+    let mut image = ImageDescriptor {
+        data: blocks.as_mut_ptr().cast(),
+        size_bytes: 64,
+        format,
+        dim: Dim::D2,
+        level_count: 1,
+        layer_count: 1,
+        ..ImageDescriptor::NULL
+    };
+    image.levels[0] = Level {
+        row_stride_bytes: 24,
+        slice_stride_bytes: 48,
+        width: 6,
+        height: 5,
+        depth: 1,
+        ..Level::default()
+    };
+    let layout = format.info().unwrap().blocks().unwrap();
+    let fetch = image_op(ImageOpKind::Fetch, Dim::D2);
+    let sample = image_op(ImageOpKind::Sample, Dim::D2);
+    let s = SamplerDescriptor {
+        mag_filter: Filter::Nearest,
+        min_filter: Filter::Nearest,
+        ..sampler()
+    };
+    let gather = image_op(ImageOpKind::Gather(0), Dim::D2);
+    let texel = |x: u32, y: u32| {
+        let mut texels = [[0; 4]; 144];
+        let block = blocks[(y / 4 * 3 + x / 4) as usize];
+        layout.decode(u128::from(block), &mut texels);
+        texels[(y % 4 * 4 + x % 4) as usize]
+    };
+    for y in 0..5u32 {
+        for x in 0..6u32 {
+            let lanes = |value: u32| [value; 16];
+            let fetched = run(&fetch, &image, None, 1, &[lanes(x), lanes(y)]);
+            assert_eq!([0, 1, 2, 3].map(|i| fetched[i][0]), texel(x, y));
+            let centre = [row((x as f32 + 0.5) / 6.0), row((y as f32 + 0.5) / 5.0)];
+            let sampled = run(&sample, &image, Some(&s), 1, &centre);
+            assert_eq!([0, 1, 2, 3].map(|i| sampled[i][0]), texel(x, y));
+        }
+    }
+    let corner = [row(4.0 / 6.0), row(4.0 / 5.0)];
+    let gathered = run(&gather, &image, Some(&sampler()), 1, &corner);
+    let four = [texel(3, 4), texel(4, 4), texel(4, 3), texel(3, 3)].map(|texel| texel[0]);
+    assert_eq!([0, 1, 2, 3].map(|i| gathered[i][0]), four);
+    // Nothing is written, whatever is asked for.
+    let write = image_op(ImageOpKind::Write, Dim::D2);
+    let before = blocks;
+    run(&write, &image, None, u16::MAX, &[[1; 16]; 6]);
+    assert_eq!(blocks, before);
+}
+
 #[test]
 fn unnormalized_coordinates_count_texels() {
     let image = Image::new(Format::R32_SFLOAT, Dim::D2, [5, 3, 1], 1, 1, 7);
