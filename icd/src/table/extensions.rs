@@ -217,7 +217,6 @@ extensions! {
     Graphics EXT_GLOBAL_PRIORITY c"VK_EXT_global_priority" 2;
     Graphics EXT_GLOBAL_PRIORITY_QUERY c"VK_EXT_global_priority_query" 1;
     Graphics EXT_GRAPHICS_PIPELINE_LIBRARY c"VK_EXT_graphics_pipeline_library" 1;
-    Graphics EXT_IMAGE_2D_VIEW_OF_3D c"VK_EXT_image_2d_view_of_3d" 1;
     Graphics EXT_INDEX_TYPE_UINT8 c"VK_EXT_index_type_uint8" 1;
     Graphics EXT_LINE_RASTERIZATION c"VK_EXT_line_rasterization" 1;
     Graphics EXT_LOAD_STORE_OP_NONE c"VK_EXT_load_store_op_none" 1;

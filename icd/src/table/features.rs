@@ -345,8 +345,6 @@ features! {
         unified_image_layouts: PhysicalDeviceUnifiedImageLayoutsFeaturesKHR;
         conditional_rendering: PhysicalDeviceConditionalRenderingFeaturesEXT;
         inherited_conditional_rendering: PhysicalDeviceConditionalRenderingFeaturesEXT;
-        image2_d_view_of3_d: PhysicalDeviceImage2DViewOf3DFeaturesEXT;
-        sampler2_d_view_of3_d: PhysicalDeviceImage2DViewOf3DFeaturesEXT;
         pipeline_protected_access: PhysicalDevicePipelineProtectedAccessFeaturesEXT;
         shader_object: PhysicalDeviceShaderObjectFeaturesEXT;
         maintenance6: PhysicalDeviceMaintenance6FeaturesKHR;
