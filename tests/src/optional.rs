@@ -57,6 +57,7 @@ macro_rules! optional {
 optional! {
     pipeline_parts: ext::graphics_pipeline_library::NAME, PhysicalDeviceGraphicsPipelineLibraryFeaturesEXT {};
     shader_object: ext::shader_object::NAME, PhysicalDeviceShaderObjectFeaturesEXT {};
+    host_image_copy: ext::host_image_copy::NAME, PhysicalDeviceHostImageCopyFeaturesEXT {};
     conditional_rendering: ext::conditional_rendering::NAME, PhysicalDeviceConditionalRenderingFeaturesEXT {};
     ray_query: khr::ray_query::NAME, PhysicalDeviceRayQueryFeaturesKHR {};
     /// Off where there is validation: older versions of it do not know the extension.
