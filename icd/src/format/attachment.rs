@@ -1,10 +1,13 @@
-//! Formats for attachments and vertices: those that the specification makes mandatory (chapter Formats, "Required Format Support"), which
+//! Formats for attachments, and vertices: those that the specification makes mandatory (chapter Formats, "Required Format Support"), which
 //! it does for every implementation, with a graphics queue or without. Images of them are created, viewed, cleared, copied and bound to
 //! framebuffers like any other.
 
 #![forbid(unsafe_code)]
 
 use ash::vk;
+use spirv_jit::image::format::Numeric;
+
+use super::texel_format;
 
 /// `VK_FORMAT_FEATURE_COLOR_ATTACHMENT_BIT` and `…_BLEND_BIT`.
 #[rustfmt::skip]
@@ -47,26 +50,9 @@ pub fn image_features(format: vk::Format) -> vk::FormatFeatureFlags2 {
     }
 }
 
-/// Whether vertices come in a format.
-#[rustfmt::skip]
+/// Whether vertices come in a format: all of whole texels that are colours, but for sRGB and the shared exponent.
 pub fn is_vertex(format: vk::Format) -> bool {
-    const VERTEX: [vk::Format; 45] = [
-        vk::Format::R8_UNORM, vk::Format::R8_SNORM, vk::Format::R8_UINT, vk::Format::R8_SINT,
-        vk::Format::R8G8_UNORM, vk::Format::R8G8_SNORM, vk::Format::R8G8_UINT, vk::Format::R8G8_SINT,
-        vk::Format::R8G8B8A8_UNORM, vk::Format::R8G8B8A8_SNORM, vk::Format::R8G8B8A8_UINT, vk::Format::R8G8B8A8_SINT,
-        vk::Format::B8G8R8A8_UNORM,
-        vk::Format::A8B8G8R8_UNORM_PACK32, vk::Format::A8B8G8R8_SNORM_PACK32,
-        vk::Format::A8B8G8R8_UINT_PACK32, vk::Format::A8B8G8R8_SINT_PACK32,
-        vk::Format::A2B10G10R10_UNORM_PACK32,
-        vk::Format::R16_UNORM, vk::Format::R16_SNORM, vk::Format::R16_UINT, vk::Format::R16_SINT, vk::Format::R16_SFLOAT,
-        vk::Format::R16G16_UNORM, vk::Format::R16G16_SNORM, vk::Format::R16G16_UINT, vk::Format::R16G16_SINT,
-        vk::Format::R16G16_SFLOAT,
-        vk::Format::R16G16B16A16_UNORM, vk::Format::R16G16B16A16_SNORM, vk::Format::R16G16B16A16_UINT,
-        vk::Format::R16G16B16A16_SINT, vk::Format::R16G16B16A16_SFLOAT,
-        vk::Format::R32_UINT, vk::Format::R32_SINT, vk::Format::R32_SFLOAT,
-        vk::Format::R32G32_UINT, vk::Format::R32G32_SINT, vk::Format::R32G32_SFLOAT,
-        vk::Format::R32G32B32_UINT, vk::Format::R32G32B32_SINT, vk::Format::R32G32B32_SFLOAT,
-        vk::Format::R32G32B32A32_UINT, vk::Format::R32G32B32A32_SINT, vk::Format::R32G32B32A32_SFLOAT,
-    ];
-    VERTEX.contains(&format)
+    let core = vk::Format::R4G4_UNORM_PACK8..vk::Format::E5B9G9R9_UFLOAT_PACK32;
+    let info = texel_format(format).info();
+    core.contains(&format) && info.is_some_and(|info| info.numeric != Numeric::Srgb)
 }
