@@ -101,7 +101,9 @@ impl SetUp<'_> {
         }
         let column = |u: i64| u.div_euclid(i64::from(PIXEL));
         let (start, end) = (column(course.from[0]), column(course.to[0]));
-        let (mut low, mut high) = (start.min(end), start.max(end));
+        // An end between two columns is moved into the first.
+        let before = column(course.from[0].min(course.to[0]) - 1);
+        let (mut low, mut high) = (before, start.max(end));
         while low <= high && !course.has(low) {
             low += 1;
         }

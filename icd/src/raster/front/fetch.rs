@@ -74,7 +74,7 @@ fn missing(component: u8) -> u32 {
 }
 
 /// The word of a component that a texel of 64-bit components lacks.
-fn missing_wide(info: &FormatInfo, word: u8) -> u32 {
+fn missing_wide(info: &FormatInfo, word: usize) -> u32 {
     let one = if info.numeric.is_integer() {
         1
     } else {
@@ -222,47 +222,46 @@ impl Attribute {
     }
 
     fn fill(&self, rows: &mut [AlignedRow], vertices: &[Vertex], commons: &[Common]) {
-        let size = usize::from(self.info.size_bytes);
+        // Zeros where there is nothing; components that the format lacks are as ever (spec, "Robust Buffer Access").
+        static ZEROS: [u8; MAX_BYTES] = [0; MAX_BYTES];
+        let mut texels = [ZEROS.as_ptr(); SUBGROUP_SIZE];
+        for (texel, vertex) in texels.iter_mut().zip(vertices) {
+            *texel = self.texel(vertex, commons).unwrap_or(ZEROS.as_ptr());
+        }
+        let texels = &texels[..vertices.len()];
         let count = self.info.component_count();
-        for (lane, vertex) in vertices.iter().enumerate() {
-            // Zeros where there is nothing; components that the format lacks are as ever (spec, "Robust Buffer Access").
-            let mut texel = [0; MAX_BYTES];
-            if let Some(from) = self.texel(vertex, commons) {
-                // SAFETY: so many bytes are there while the draw runs; they may be anything.
-                unsafe { std::ptr::copy_nonoverlapping(from, texel.as_mut_ptr(), size) };
-            }
-            let word = |index: usize| {
-                let bytes = &texel[4 * index..4 * index + 4];
-                u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])
-            };
-            let mut put = |of: &dyn Fn(u8) -> u32| {
+        match self.conversion {
+            Conversion::Words | Conversion::Wide => {
+                let (words, is_wide) = match self.conversion {
+                    Conversion::Wide => (2 * count, true),
+                    _ => (count, false),
+                };
                 for &(component, row) in &self.rows {
-                    rows[usize::from(row)].0[lane] = of(component);
-                }
-            };
-            match self.conversion {
-                Conversion::Words => {
-                    for &(component, row) in &self.rows {
-                        let component = usize::from(component);
-                        rows[usize::from(row)].0[lane] = if component < count {
-                            word(component)
-                        } else if component < 4 {
-                            self.info.missing(component)
-                        } else {
-                            0
-                        };
-                    }
-                }
-                Conversion::Wide => put(&|component| {
-                    if usize::from(component) < 2 * count {
-                        word(component.into())
+                    let row = &mut rows[usize::from(row)].0;
+                    let component = usize::from(component);
+                    if component < words {
+                        for (word, texel) in row.iter_mut().zip(texels) {
+                            // SAFETY: that many words are there while the draw runs; they may be anything.
+                            *word = unsafe { texel.cast::<u32>().add(component).read_unaligned() };
+                        }
+                    } else if is_wide {
+                        *row = [missing_wide(self.info, component); SUBGROUP_SIZE];
                     } else {
-                        missing_wide(self.info, component)
+                        *row = [self.info.missing(component); SUBGROUP_SIZE];
                     }
-                }),
-                Conversion::Format => {
-                    let words = self.info.decode(&texel[..size.max(1)]);
-                    put(&|component| words.get(usize::from(component)).copied().unwrap_or(0));
+                }
+            }
+            Conversion::Format => {
+                let size = usize::from(self.info.size_bytes);
+                for (lane, texel) in texels.iter().enumerate() {
+                    let mut bytes = ZEROS;
+                    // SAFETY: as above.
+                    unsafe { std::ptr::copy_nonoverlapping(*texel, bytes.as_mut_ptr(), size) };
+                    let words = self.info.decode(&bytes[..size]);
+                    for &(component, row) in &self.rows {
+                        let word = words.get(usize::from(component)).copied();
+                        rows[usize::from(row)].0[lane] = word.unwrap_or(0);
+                    }
                 }
             }
         }
