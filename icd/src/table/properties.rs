@@ -105,8 +105,10 @@ fn vulkan12() -> vk::PhysicalDeviceVulkan12Properties<'static> {
     let mut properties = vk::PhysicalDeviceVulkan12Properties {
         // No registered driver, and no conformance is claimed but what the user asks for.
         driver_id: vk::DriverId::from_raw(0),
-        conformance_version: settings::checked()
-            .map_or_else(|_| vk::ConformanceVersion::default(), |settings| settings.conformance),
+        conformance_version: settings::checked().map_or_else(
+            |_| vk::ConformanceVersion::default(),
+            |settings| settings.conformance,
+        ),
         denorm_behavior_independence: vk::ShaderFloatControlsIndependence::ALL,
         rounding_mode_independence: vk::ShaderFloatControlsIndependence::ALL,
         shader_signed_zero_inf_nan_preserve_float16: vk::TRUE,
