@@ -121,8 +121,9 @@ fn main() -> Result<()> {
             .destroy_descriptor_set_layout(set_layout, None)
     };
     println!(
-        "demo: {width}x{rows}, {} spp, first pixel {:.2} s, {:.1} Mrays/s, {}",
+        "demo: {width}x{rows}, {} spp, {} rays, first pixel {:.2} s, {:.1} Mrays/s, {}",
         arguments.spp,
+        rendering.rays,
         (rendering.first_pixel - launched).as_secs_f64(),
         rendering.rays as f64 / rendering.seconds / 1e6,
         arguments.out.display(),
