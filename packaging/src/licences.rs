@@ -26,7 +26,10 @@ fn third_party(root: &Path, packages: &[&str]) -> Result<String> {
     let linked = linked(root, packages)?;
     let metadata = cargo(root, &["metadata", "--format-version", "1", "--locked"])?;
     let metadata: Value = serde_json::from_str(&metadata).context("cargo metadata")?;
-    let mut text = String::from("Crates that are linked into Tuff, with their licences.\n");
+    let mut text = String::from(
+        "Crates that are linked into Tuff, with their licences. The Rust standard library (MIT OR Apache-2.0) is linked, too, and in\n\
+         packages for old systems LLVM's libunwind (Apache-2.0 WITH LLVM-exception).\n",
+    );
     // A text that many crates share, word for word, stands once.
     let mut seen = BTreeSet::new();
     let crates = metadata["packages"]
