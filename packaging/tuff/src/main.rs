@@ -64,6 +64,8 @@ fn done(arguments: &Arguments) -> Result<ExitCode> {
     match &arguments.command {
         Command::Run { program } => program::run(&installation, program),
         Command::Env => {
+            // A shell that evaluates nothing is better off than one that is pointed nowhere.
+            installation.library()?;
             print!("{}", installation.exports());
             Ok(ExitCode::SUCCESS)
         }
