@@ -237,6 +237,137 @@ fn allocations_end_in_an_error_before_the_system_ends_them() {
     }
 }
 
+/// Resources that have no memory, or are to lie past the end of some.
+#[test]
+fn resources_lie_inside_memory() {
+    let Some(gpu) = open() else { return };
+    let device = &gpu.device;
+    let memory = vk::MemoryAllocateInfo::default().allocation_size(1 << 16);
+    let buffer = vk::BufferCreateInfo::default()
+        .size(1 << 20)
+        .usage(gpu.usual_uses());
+    let image = vk::ImageCreateInfo::default()
+        .image_type(vk::ImageType::TYPE_2D)
+        .format(vk::Format::R8G8B8A8_UNORM)
+        .extent(vk::Extent3D {
+            width: 512,
+            height: 512,
+            depth: 1,
+        })
+        .mip_levels(1)
+        .array_layers(1)
+        .samples(vk::SampleCountFlags::TYPE_1)
+        .usage(vk::ImageUsageFlags::STORAGE);
+    // SAFETY: what does not fit is refused, and nothing is used after it is destroyed.
+    unsafe {
+        let memory = device.allocate_memory(&memory, None).unwrap();
+        let (buffer, image) = (
+            device.create_buffer(&buffer, None).unwrap(),
+            device.create_image(&image, None).unwrap(),
+        );
+        for offset in [0, 1 << 16, u64::MAX - 0xFFFF] {
+            assert!(device.bind_buffer_memory(buffer, memory, offset).is_err());
+            assert!(device.bind_image_memory(image, memory, offset).is_err());
+            let bind = vk::BindBufferMemoryInfo::default()
+                .buffer(buffer)
+                .memory(memory)
+                .memory_offset(offset);
+            assert!(device.bind_buffer_memory2(&[bind]).is_err());
+            let bind = vk::BindImageMemoryInfo::default()
+                .image(image)
+                .memory(memory)
+                .memory_offset(offset);
+            assert!(device.bind_image_memory2(&[bind]).is_err());
+        }
+        let view = vk::ImageViewCreateInfo::default()
+            .image(image)
+            .view_type(vk::ImageViewType::TYPE_2D)
+            .format(vk::Format::R8G8B8A8_UNORM)
+            .subresource_range(
+                vk::ImageSubresourceRange::default()
+                    .aspect_mask(vk::ImageAspectFlags::COLOR)
+                    .level_count(1)
+                    .layer_count(1),
+            );
+        assert!(device.create_image_view(&view, None).is_err());
+        device.destroy_image(image, None);
+
+        // Bound all the same: by a set, whole, from some offset on and past its end.
+        let results = gpu.buffer(64);
+        let mut unbound = results;
+        unbound.handle = buffer;
+        let set = gpu.set(&[
+            (0, &[Bound::Storage(unbound)]),
+            (1, &[Bound::Storage(results)]),
+        ]);
+        for (offset, range) in [(0, vk::WHOLE_SIZE), (1 << 19, 1 << 19), (1 << 21, 1 << 20)] {
+            let info = [vk::DescriptorBufferInfo::default()
+                .buffer(buffer)
+                .offset(offset)
+                .range(range)];
+            let write = vk::WriteDescriptorSet::default()
+                .dst_set(set.handle)
+                .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                .buffer_info(&info);
+            device.update_descriptor_sets(&[write], &[]);
+            results.write(0, &[7u32; 16]);
+            let kernel = gpu.kernel(WRITES_AND_READS, &[set.layout]);
+            gpu.run(|commands| {
+                gpu.record_dispatch(commands, kernel, &[set], &[0u32; 0], [1, 1, 1]);
+            });
+            assert_eq!(results.read::<u32>()[..2], [0, 0]);
+        }
+        device.destroy_buffer(buffer, None);
+        device.free_memory(memory, None);
+    }
+}
+
+/// Writes into a buffer, and says how long it is and what is read there.
+const WRITES_AND_READS: &str = "
+    layout(local_size_x = 1) in;
+    layout(set = 0, binding = 0) buffer B { uint b[]; };
+    layout(set = 0, binding = 1) buffer R { uint r[]; };
+    void main() {
+        b[3] = 5u;
+        b[70000] = 6u;
+        r[0] = b[3] | b[70000];
+        r[1] = uint(b.length());
+    }";
+
+/// The offset of a dynamic buffer leads past its end: that part of the range is not there.
+#[test]
+fn dynamic_offsets_end_with_the_buffer() {
+    let Some(gpu) = open() else { return };
+    let results = gpu.buffer(64);
+    let size = 1 << 20;
+    let given = gpu.buffer(size);
+    let window = 512 << 10;
+    let set = gpu.set(&[
+        (0, &[Bound::StorageDynamic(given, window)]),
+        (1, &[Bound::Storage(results)]),
+    ]);
+    let kernel = gpu.kernel(WRITES_AND_READS, &[set.layout]);
+    let layout = kernel.layout;
+    for offset in [0, 768 << 10, 1 << 20, 1 << 31, u32::MAX & !0xFF] {
+        results.write(0, &[7u32; 16]);
+        gpu.run(|commands| {
+            // SAFETY: what is past the end of the buffer is not reached.
+            unsafe {
+                let point = vk::PipelineBindPoint::COMPUTE;
+                let device = &gpu.device;
+                device.cmd_bind_pipeline(commands, point, kernel.pipeline);
+                let sets = [set.handle];
+                device.cmd_bind_descriptor_sets(commands, point, layout, 0, &sets, &[offset]);
+                device.cmd_dispatch(commands, 1, 1, 1);
+            }
+        });
+        let rest = size.saturating_sub(u64::from(offset)).min(window);
+        let words = rest as u32 / 4;
+        let read = u32::from(words > 3) * 5 | u32::from(words > 70000) * 6;
+        assert_eq!(results.read::<u32>()[..2], [read, words], "{offset}");
+    }
+}
+
 /// Kilobytes of page tables of this process.
 fn page_table_kilobytes() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap();

@@ -5,6 +5,7 @@ use spirv_jit::image::{Format, ImageDescriptor};
 
 use super::define::entry;
 use super::destroy;
+use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::{self, chain};
 use crate::handle::{self, from_handle};
@@ -58,13 +59,19 @@ pub unsafe fn write_requirements(
 ///
 /// # Safety
 /// The handles are alive.
-unsafe fn bind(device: vk::Device, handle: vk::Buffer, memory: vk::DeviceMemory, offset: u64) {
+unsafe fn bind(
+    device: vk::Device,
+    handle: vk::Buffer,
+    memory: vk::DeviceMemory,
+    offset: u64,
+) -> VkResult<()> {
     // SAFETY: the caller's promise.
     unsafe {
         let buffer = from_handle::<Buffer>(handle);
-        buffer.bind(from_handle::<DeviceMemory>(memory).address + offset);
+        buffer.bind(from_handle::<DeviceMemory>(memory).place(offset, buffer.size_bytes)?);
         register(from_handle::<Device>(device), handle, buffer);
     }
+    Ok(())
 }
 
 /// Tells validation of a buffer that has an address.
@@ -149,16 +156,16 @@ entry! {
         memory: vk::DeviceMemory,
         offset: vk::DeviceSize,
     ) -> vk::Result {
-        bind(device, buffer, memory, offset);
-        Ok(())
+        bind(device, buffer, memory, offset)
     }
 
     fn vkBindBufferMemory2(device: vk::Device, count: u32, infos: *const vk::BindBufferMemoryInfo) -> vk::Result {
         for info in ffi::slice(infos, count) {
+            let bound = bind(device, info.buffer, info.memory, info.memory_offset);
             if let Some(status) = ffi::find::<vk::BindMemoryStatusKHR<'_>>(info.p_next) {
-                *status.p_result = vk::Result::SUCCESS;
+                *status.p_result = bound.err().unwrap_or(vk::Result::SUCCESS);
             }
-            bind(device, info.buffer, info.memory, info.memory_offset);
+            bound?;
         }
         Ok(())
     }

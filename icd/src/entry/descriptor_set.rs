@@ -6,7 +6,7 @@ use ash::vk;
 use spirv_jit::environment::Descriptor;
 
 use super::define::entry;
-use crate::execute::bindings::SHRINKS_WITH_OFFSET;
+use crate::execute::bindings::DynamicBuffer;
 use crate::ffi::{self, chain};
 use crate::handle::{from_handle, optional};
 use crate::object::descriptor::Binding;
@@ -15,17 +15,24 @@ use crate::object::{
     DescriptorUpdateTemplate, ImageView, Sampler,
 };
 
-/// A buffer's entry.
+/// A buffer's entry; null if it has no memory or starts past its end.
 fn buffer_descriptor(buffer: &Buffer, offset: u64, range: u64, dynamic: bool) -> Descriptor {
     let rest = buffer.size_bytes.saturating_sub(offset);
-    let size_bytes = match range {
-        vk::WHOLE_SIZE if dynamic => rest | SHRINKS_WITH_OFFSET,
-        vk::WHOLE_SIZE => rest,
-        range => range.min(rest),
-    };
+    if buffer.address() == 0 || rest == 0 {
+        return Descriptor::NULL;
+    }
+    let address = buffer.address() + offset;
+    if dynamic {
+        let buffer = DynamicBuffer {
+            address,
+            range,
+            rest,
+        };
+        return buffer.stored();
+    }
     Descriptor {
-        address: buffer.address() + offset,
-        size_bytes,
+        address,
+        size_bytes: range.min(rest),
         ..Descriptor::NULL
     }
 }
@@ -263,7 +270,11 @@ unsafe fn apply_copy(info: &vk::CopyDescriptorSet<'_>) {
         }
         let from = consecutive(source, info.src_binding, info.src_array_element);
         let to = consecutive(destination, info.dst_binding, info.dst_array_element);
-        for ((_, from), (binding, to)) in from.zip(to).take(info.descriptor_count as usize) {
+        for ((source, from), (binding, to)) in from.zip(to).take(info.descriptor_count as usize) {
+            // Entries of dynamic buffers are of another form.
+            if source.is_dynamic() != binding.is_dynamic() {
+                continue;
+            }
             let kept = (*to).sampler;
             *to = *from;
             if !binding.immutable_samplers.is_empty() {

@@ -216,20 +216,26 @@ entry! {
         memory: vk::DeviceMemory,
         offset: vk::DeviceSize,
     ) -> vk::Result {
-        from_handle::<Image>(image).bind(from_handle::<DeviceMemory>(memory).address + offset);
+        let image = from_handle::<Image>(image);
+        image.bind(from_handle::<DeviceMemory>(memory).place(offset, image.size_bytes)?);
         Ok(())
     }
 
     fn vkBindImageMemory2(_device: vk::Device, count: u32, infos: *const vk::BindImageMemoryInfo) -> vk::Result {
         for info in ffi::slice(infos, count) {
-            if let Some(status) = ffi::find::<vk::BindMemoryStatusKHR<'_>>(info.p_next) {
+            let status = ffi::find::<vk::BindMemoryStatusKHR<'_>>(info.p_next);
+            if let Some(status) = status {
                 *status.p_result = vk::Result::SUCCESS;
             }
             let image = from_handle::<Image>(info.image);
             if let Some(memory) = handle::optional::<DeviceMemory>(info.memory) {
                 let plane = chain::find::<vk::BindImagePlaneMemoryInfo>(info.p_next);
                 let aspect = plane.map(|plane| plane.plane_aspect);
-                image.bind_plane(aspect, memory.address + info.memory_offset);
+                let address = memory.place(info.memory_offset, image.binding_size_bytes(aspect));
+                if let (Some(status), Err(code)) = (status, &address) {
+                    *status.p_result = *code;
+                }
+                image.bind_plane(aspect, address?);
             } else if let Some(info) = ffi::find::<vk::BindImageMemorySwapchainInfoKHR>(info.p_next) {
                 let images = &from_handle::<Swapchain>(info.swapchain).images;
                 let shared = images.get(info.image_index as usize).ok_or(vk::Result::ERROR_UNKNOWN)?;
@@ -257,6 +263,9 @@ entry! {
         let device = from_handle::<Device>(device);
         let info = &*info;
         let image = from_handle::<Image>(info.image);
+        if image.data().is_null() {
+            return Err(vk::Result::ERROR_UNKNOWN);
+        }
         let range = info.subresource_range;
         let min_lod = chain::find::<vk::ImageViewMinLodCreateInfoEXT>(info.p_next).map_or(0.0, |min| min.min_lod);
         let conversion = chain::find::<vk::SamplerYcbcrConversionInfo>(info.p_next)

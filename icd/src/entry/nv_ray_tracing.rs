@@ -104,8 +104,8 @@ entry! {
     ) -> vk::Result {
         for info in slice(infos, count) {
             let memory = from_handle::<DeviceMemory>(info.memory);
-            from_handle::<AccelerationStructureNv>(info.acceleration_structure)
-                .bind(memory.address + info.memory_offset);
+            let made = from_handle::<AccelerationStructureNv>(info.acceleration_structure);
+            made.bind(memory.place(info.memory_offset, made.structure.size_bytes)?);
         }
         Ok(())
     }

@@ -17,8 +17,49 @@ use crate::wave::mask::InvocationMask;
 /// `maxPushConstantsSize`.
 const PUSH_CONSTANT_BYTES: usize = 256;
 
-/// In a dynamic buffer's stored size: the range reaches to the end of the buffer (`VK_WHOLE_SIZE`), so it shrinks by the dynamic offset.
-pub const SHRINKS_WITH_OFFSET: u64 = 1 << 63;
+/// What a set holds of a dynamic buffer, whose offset is not known yet.
+pub struct DynamicBuffer {
+    pub address: u64,
+    /// `VK_WHOLE_SIZE`: to the end of the buffer.
+    pub range: u64,
+    /// Bytes from the address to the end of the buffer: no offset leads further.
+    pub rest: u64,
+}
+
+impl DynamicBuffer {
+    /// As an entry of a set, which is none that programs see.
+    pub fn stored(&self) -> Descriptor {
+        Descriptor {
+            address: self.address,
+            size_bytes: self.range,
+            image: std::ptr::without_provenance(self.rest as usize),
+            ..Descriptor::NULL
+        }
+    }
+
+    /// Of such an entry.
+    fn of(entry: &Descriptor) -> DynamicBuffer {
+        DynamicBuffer {
+            address: entry.address,
+            range: entry.size_bytes,
+            rest: entry.image.addr() as u64,
+        }
+    }
+
+    /// What programs see. Past the end of the buffer, and of no buffer, it is the null descriptor.
+    fn at(&self, offset: u32) -> Descriptor {
+        let offset = u64::from(offset);
+        let size_bytes = self.range.min(self.rest.saturating_sub(offset));
+        if size_bytes == 0 {
+            return Descriptor::NULL;
+        }
+        Descriptor {
+            address: self.address + offset,
+            size_bytes,
+            ..Descriptor::NULL
+        }
+    }
+}
 
 /// Bound pipelines and descriptor sets by bind point, and the push constants, which all bind points share.
 #[derive(Default)]
@@ -244,7 +285,7 @@ impl BindPoint<'_> {
                 // SAFETY: the set has that many dynamic entries; the application does not update it while it is in use.
                 let descriptor = unsafe { *set.dynamic().add(entry) };
                 let offset = offsets.next().copied().unwrap_or(0);
-                dynamic.push(with_offset(descriptor, offset));
+                dynamic.push(DynamicBuffer::of(&descriptor).at(offset));
             }
         }
     }
@@ -298,21 +339,31 @@ impl BindPoint<'_> {
     }
 }
 
-/// A dynamic buffer at its offset. A null descriptor stays null.
-fn with_offset(descriptor: Descriptor, offset: u32) -> Descriptor {
-    if descriptor.address == 0 {
-        return descriptor;
-    }
-    let offset = u64::from(offset);
-    let size_bytes = match descriptor.size_bytes {
-        rest if rest & SHRINKS_WITH_OFFSET != 0 => {
-            (rest & !SHRINKS_WITH_OFFSET).saturating_sub(offset)
-        }
-        range => range,
-    };
-    Descriptor {
-        address: descriptor.address.wrapping_add(offset),
-        size_bytes,
-        ..descriptor
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dynamic_offsets_lead_no_further_than_the_buffer() {
+        let buffer = |range, rest| DynamicBuffer {
+            address: 0x1000,
+            range,
+            rest,
+        };
+        let found = |range, rest, offset| {
+            let entry = buffer(range, rest).stored();
+            let found = DynamicBuffer::of(&entry).at(offset);
+            assert!(found.image.is_null() && found.sampler.is_null());
+            (found.address, found.size_bytes)
+        };
+        assert_eq!(found(64, 256, 0), (0x1000, 64));
+        assert_eq!(found(64, 256, 192), (0x10C0, 64));
+        assert_eq!(found(64, 256, 224), (0x10E0, 32));
+        assert_eq!(found(64, 256, 256), (0, 0));
+        assert_eq!(found(64, 256, u32::MAX), (0, 0));
+        assert_eq!(found(vk::WHOLE_SIZE, 256, 16), (0x1010, 240));
+        assert_eq!(found(vk::WHOLE_SIZE, 256, 1 << 31), (0, 0));
+        let null = DynamicBuffer::of(&Descriptor::NULL).at(u32::MAX);
+        assert_eq!((null.address, null.size_bytes), (0, 0));
     }
 }

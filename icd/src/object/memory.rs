@@ -235,6 +235,18 @@ pub enum Source {
 }
 
 impl DeviceMemory {
+    /// Where a resource of some size lies that is bound at an offset.
+    ///
+    /// # Errors
+    /// `VK_ERROR_UNKNOWN` if it would reach past the end: what is bound is memory that is there.
+    pub fn place(&self, offset_bytes: u64, size_bytes: u64) -> VkResult<u64> {
+        let end = offset_bytes.checked_add(size_bytes);
+        if end.is_none_or(|end| end > self.size_bytes) {
+            return Err(vk::Result::ERROR_UNKNOWN);
+        }
+        Ok(self.address + offset_bytes)
+    }
+
     /// Allocates.
     ///
     /// # Errors
