@@ -1,7 +1,8 @@
 //! Tuff: a Vulkan driver that traces rays on the CPU.
 //!
 //! ```text
-//! entry ──> decode ──> device ──> queue ──> execute ──> raster, compute, trace, structures, transfer
+//! entry ──> decode ──> device ──> queue ──> present
+//!                                   └─────> execute ──> raster, compute, trace, structures, transfer
 //!                                                              │
 //!           validate ──> command ──> object ──> format ──> wave ──> table ──> ffi
 //! ```
@@ -21,6 +22,7 @@ pub mod guard;
 pub mod handle;
 pub mod log;
 pub mod object;
+pub mod present;
 pub mod queue;
 pub mod raster;
 mod settings;

@@ -8,6 +8,7 @@
 mod acceleration;
 mod alone;
 mod bind;
+mod compositor;
 mod compute;
 mod gpu;
 mod graphics;
@@ -19,14 +20,17 @@ mod misuse;
 mod newer;
 mod nv_ray_tracing;
 mod optional;
+mod presenter;
 mod shader;
 mod skip;
 mod trace;
+mod window;
 mod words;
 
 pub use acceleration::{Geometry, Instance, Structure, Sweep, identity, scaled, translated};
 pub use alone::alone;
 pub use bind::{Bound, Set};
+pub use compositor::Compositor;
 pub use compute::Kernel;
 pub use gpu::{Gpu, PATIENCE_NS};
 pub use graphics::{Canvas, Corner, Painting, Pass};
@@ -38,9 +42,11 @@ pub use misuse::Misuse;
 pub use newer::DeviceAddressRangeKHR;
 pub use nv_ray_tracing::{DescribedNv, StructureNv, TableNv, TablesNv};
 pub use optional::Optional;
+pub use presenter::{Chain, Presenter};
 pub use shader::{Stage, glsl, glsl_for, glsl_nv};
 pub use skip::has;
 pub use trace::{Group, Rays, RaysInput, Record, Table};
+pub use window::{Window, Xvfb};
 pub use words::{MISS, RESULTS, WORLD, layers, trace_words};
 
 pub use ash::vk;

@@ -26,6 +26,7 @@ const HOUSES: [House; 1] = [House {
         "decode",
         "device",
         "queue",
+        "present",
         "execute",
         "raster",
         "compute",

@@ -602,13 +602,22 @@ commands! {
     Device KHR_MAINTENANCE_6 PFN_vkCmdSetDescriptorBufferOffsets2EXT descriptor_buffer::vkCmdSetDescriptorBufferOffsets2EXT;
     Device KHR_MAINTENANCE_6 PFN_vkCmdBindDescriptorBufferEmbeddedSamplers2EXT descriptor_buffer::vkCmdBindDescriptorBufferEmbeddedSamplers2EXT;
 
-    Instance EXT_HEADLESS_SURFACE PFN_vkCreateHeadlessSurfaceEXT swapchain::vkCreateHeadlessSurfaceEXT;
-    Instance KHR_SURFACE PFN_vkDestroySurfaceKHR swapchain::vkDestroySurfaceKHR;
-    PhysicalDevice KHR_SWAPCHAIN PFN_vkGetPhysicalDevicePresentRectanglesKHR swapchain::vkGetPhysicalDevicePresentRectanglesKHR;
-    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfaceCapabilitiesKHR swapchain::vkGetPhysicalDeviceSurfaceCapabilitiesKHR;
-    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfaceFormatsKHR swapchain::vkGetPhysicalDeviceSurfaceFormatsKHR;
-    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfacePresentModesKHR swapchain::vkGetPhysicalDeviceSurfacePresentModesKHR;
-    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfaceSupportKHR swapchain::vkGetPhysicalDeviceSurfaceSupportKHR;
+    Instance EXT_HEADLESS_SURFACE PFN_vkCreateHeadlessSurfaceEXT surface::vkCreateHeadlessSurfaceEXT;
+    Instance KHR_WAYLAND_SURFACE PFN_vkCreateWaylandSurfaceKHR surface::vkCreateWaylandSurfaceKHR;
+    Instance KHR_XCB_SURFACE PFN_vkCreateXcbSurfaceKHR surface::vkCreateXcbSurfaceKHR;
+    Instance KHR_XLIB_SURFACE PFN_vkCreateXlibSurfaceKHR surface::vkCreateXlibSurfaceKHR;
+    Instance KHR_SURFACE PFN_vkDestroySurfaceKHR surface::vkDestroySurfaceKHR;
+    PhysicalDevice KHR_SWAPCHAIN PFN_vkGetPhysicalDevicePresentRectanglesKHR surface::vkGetPhysicalDevicePresentRectanglesKHR;
+    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfaceCapabilitiesKHR surface::vkGetPhysicalDeviceSurfaceCapabilitiesKHR;
+    PhysicalDevice KHR_GET_SURFACE_CAPABILITIES_2 PFN_vkGetPhysicalDeviceSurfaceCapabilities2KHR surface::vkGetPhysicalDeviceSurfaceCapabilities2KHR;
+    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfaceFormatsKHR surface::vkGetPhysicalDeviceSurfaceFormatsKHR;
+    PhysicalDevice KHR_GET_SURFACE_CAPABILITIES_2 PFN_vkGetPhysicalDeviceSurfaceFormats2KHR surface::vkGetPhysicalDeviceSurfaceFormats2KHR;
+    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfacePresentModesKHR surface::vkGetPhysicalDeviceSurfacePresentModesKHR;
+    PhysicalDevice KHR_SURFACE PFN_vkGetPhysicalDeviceSurfaceSupportKHR surface::vkGetPhysicalDeviceSurfaceSupportKHR;
+    PhysicalDevice KHR_WAYLAND_SURFACE PFN_vkGetPhysicalDeviceWaylandPresentationSupportKHR surface::vkGetPhysicalDeviceWaylandPresentationSupportKHR;
+    PhysicalDevice KHR_XCB_SURFACE PFN_vkGetPhysicalDeviceXcbPresentationSupportKHR surface::vkGetPhysicalDeviceXcbPresentationSupportKHR;
+    PhysicalDevice KHR_XLIB_SURFACE PFN_vkGetPhysicalDeviceXlibPresentationSupportKHR surface::vkGetPhysicalDeviceXlibPresentationSupportKHR;
+
     Device KHR_SWAPCHAIN PFN_vkAcquireNextImage2KHR swapchain::vkAcquireNextImage2KHR;
     Device KHR_SWAPCHAIN PFN_vkAcquireNextImageKHR swapchain::vkAcquireNextImageKHR;
     Device KHR_SWAPCHAIN PFN_vkCreateSwapchainKHR swapchain::vkCreateSwapchainKHR;
@@ -616,7 +625,12 @@ commands! {
     Device KHR_SWAPCHAIN PFN_vkGetDeviceGroupPresentCapabilitiesKHR swapchain::vkGetDeviceGroupPresentCapabilitiesKHR;
     Device KHR_SWAPCHAIN PFN_vkGetDeviceGroupSurfacePresentModesKHR swapchain::vkGetDeviceGroupSurfacePresentModesKHR;
     Device KHR_SWAPCHAIN PFN_vkGetSwapchainImagesKHR swapchain::vkGetSwapchainImagesKHR;
+    Device KHR_SHARED_PRESENTABLE_IMAGE PFN_vkGetSwapchainStatusKHR swapchain::vkGetSwapchainStatusKHR;
     Device KHR_SWAPCHAIN PFN_vkQueuePresentKHR swapchain::vkQueuePresentKHR;
+    Device EXT_SWAPCHAIN_MAINTENANCE_1 PFN_vkReleaseSwapchainImagesEXT swapchain::vkReleaseSwapchainImagesEXT;
+    Device KHR_SWAPCHAIN_MAINTENANCE_1 PFN_vkReleaseSwapchainImagesEXT swapchain::vkReleaseSwapchainImagesEXT as vkReleaseSwapchainImagesKHR;
+    Device KHR_PRESENT_WAIT PFN_vkWaitForPresentKHR swapchain::vkWaitForPresentKHR;
+    Device KHR_PRESENT_WAIT_2 PFN_vkWaitForPresent2KHR swapchain::vkWaitForPresent2KHR;
 
     Device EXT_DEBUG_UTILS PFN_vkSetDebugUtilsObjectNameEXT debug::vkSetDebugUtilsObjectNameEXT;
     Device EXT_DEBUG_UTILS PFN_vkSetDebugUtilsObjectTagEXT debug::vkSetDebugUtilsObjectTagEXT;

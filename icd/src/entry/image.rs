@@ -14,7 +14,8 @@ use crate::ffi::{self, chain};
 use crate::handle::{self, from_handle};
 use crate::object::image::{ViewEntry, view_descriptor};
 use crate::object::sparse::Reservation;
-use crate::object::{DeviceMemory, Image, ImageView, Sampler, Swapchain, YcbcrConversion};
+use crate::object::{DeviceMemory, Image, ImageView, Sampler, YcbcrConversion};
+use crate::present::Swapchain;
 
 destroy! {
     vkDestroyImage: Image, Image;

@@ -34,6 +34,7 @@ pub mod query;
 pub mod queue;
 pub mod ray_tracing;
 pub mod shader_object;
+pub mod surface;
 pub mod swapchain;
 pub mod sync;
 

@@ -1,23 +1,17 @@
-//! `VK_KHR_surface`, `VK_EXT_headless_surface` and `VK_KHR_swapchain`.
+//! Swapchains: `VK_KHR_swapchain` and what adds to it.
 
+use std::ffi::c_void;
 use std::sync::Arc;
 
-use ash::vk;
-
 use super::define::entry;
-use super::destroy;
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::enumerate::enumerate;
-use crate::ffi::{array, slice};
+use crate::ffi::{array, chain, slice, vk};
 use crate::handle::{self, from_handle, optional, retain};
-use crate::object::swapchain::{FORMATS, PRESENT_MODES, capabilities};
-use crate::object::{Fence, Semaphore, Surface, Swapchain};
+use crate::object::{Fence, Semaphore};
+use crate::present::{Creation, Request, Scaling, Surface, Swapchain};
 use crate::queue::{Queue, Submission};
-
-destroy! {
-    vkDestroySwapchainKHR: Swapchain, SwapchainKHR;
-}
 
 /// The images of a swapchain.
 fn image_info<'a>(info: &vk::SwapchainCreateInfoKHR<'_>) -> vk::ImageCreateInfo<'a> {
@@ -44,7 +38,88 @@ fn image_info<'a>(info: &vk::SwapchainCreateInfoKHR<'_>) -> vk::ImageCreateInfo<
         .usage(info.image_usage)
 }
 
-/// Acquires an image, and signals at once: whoever presented it has read it.
+/// What a swapchain is made of.
+///
+/// # Safety
+/// `info` is valid usage of `vkCreateSwapchainKHR`.
+unsafe fn creation<'a>(info: &vk::SwapchainCreateInfoKHR<'a>) -> Creation<'a> {
+    // SAFETY: the caller's promise.
+    let scaling = unsafe { chain::find::<vk::SwapchainPresentScalingCreateInfoEXT>(info.p_next) };
+    let scaling = scaling.map_or_else(Scaling::default, |scaling| Scaling {
+        behavior: scaling.scaling_behavior,
+        gravity: [scaling.present_gravity_x, scaling.present_gravity_y],
+    });
+    Creation {
+        images: image_info(info),
+        count: info.min_image_count,
+        mode: info.present_mode,
+        color_space: info.image_color_space,
+        composite_alpha: info.composite_alpha,
+        scaling,
+    }
+}
+
+/// An array of a structure behind `VkPresentInfoKHR`: element `index`, where it is there.
+///
+/// # Safety
+/// `data` is null or has `count` elements.
+unsafe fn element<T: Copy>(data: *const T, count: u32, index: usize) -> Option<T> {
+    // SAFETY: the caller's promise.
+    unsafe { slice(data, count) }.get(index).copied()
+}
+
+/// What is asked for one swapchain of a presentation.
+///
+/// # Safety
+/// `info` is valid usage of `vkQueuePresentKHR`, and has a swapchain `index`.
+unsafe fn request(
+    info: &vk::PresentInfoKHR<'_>,
+    swapchain: &Swapchain,
+    index: usize,
+    image: u32,
+) -> Request {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let next = info.p_next;
+        let id = chain::find::<vk::PresentIdKHR>(next)
+            .and_then(|ids| element(ids.p_present_ids, ids.swapchain_count, index));
+        let id2 = chain::find::<vk::PresentId2KHR>(next)
+            .and_then(|ids| element(ids.p_present_ids, ids.swapchain_count, index));
+        let mode = chain::find::<vk::SwapchainPresentModeInfoEXT>(next)
+            .and_then(|modes| element(modes.p_present_modes, modes.swapchain_count, index));
+        let regions = chain::find::<vk::PresentRegionsKHR>(next)
+            .and_then(|regions| element(regions.p_regions, regions.swapchain_count, index));
+        let damage = regions.map(|region| slice(region.p_rectangles, region.rectangle_count));
+        let rectangle = |rectangle: &vk::RectLayerKHR| vk::Rect2D {
+            offset: rectangle.offset,
+            extent: rectangle.extent,
+        };
+        Request {
+            index: image,
+            id: id.or(id2).unwrap_or(0),
+            mode: mode.unwrap_or(swapchain.mode),
+            damage: damage.unwrap_or_default().iter().map(rectangle).collect(),
+        }
+    }
+}
+
+/// Fences of presentations.
+///
+/// # Safety
+/// `next` is the chain of valid usage of `vkQueuePresentKHR`.
+unsafe fn present_fences(next: *const c_void) -> Vec<handle::Ref<Fence>> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let Some(info) = chain::find::<vk::SwapchainPresentFenceInfoEXT>(next) else {
+            return Vec::new();
+        };
+        let fences = slice(info.p_fences, info.swapchain_count).iter();
+        let fences = fences.filter(|&&fence| fence != vk::Fence::null());
+        fences.map(|&fence| retain::<Fence>(fence)).collect()
+    }
+}
+
+/// Acquires an image, and signals at once: it comes back when it is not read any more.
 ///
 /// # Safety
 /// The handles are alive, or null where that is allowed.
@@ -54,10 +129,10 @@ unsafe fn acquire(
     timeout_ns: u64,
     semaphore: vk::Semaphore,
     fence: vk::Fence,
-) -> VkResult<u32> {
+) -> VkResult<(u32, bool)> {
     // SAFETY: the caller's promise.
     unsafe {
-        let index = from_handle::<Swapchain>(swapchain).acquire(timeout_ns)?;
+        let acquired = from_handle::<Swapchain>(swapchain).acquire(timeout_ns)?;
         if let Some(semaphore) = optional::<Semaphore>(semaphore) {
             semaphore.signal(1);
         }
@@ -65,78 +140,18 @@ unsafe fn acquire(
             fence.set(true);
             from_handle::<Device>(device).engine.waiting.notify();
         }
-        Ok(index)
+        Ok(acquired)
+    }
+}
+
+fn suboptimal(is_suboptimal: bool) -> VkResult {
+    match is_suboptimal {
+        true => Err(vk::Result::SUBOPTIMAL_KHR),
+        false => Ok(()),
     }
 }
 
 entry! {
-    fn vkCreateHeadlessSurfaceEXT(
-        _instance: vk::Instance,
-        _info: *const vk::HeadlessSurfaceCreateInfoEXT,
-        _allocator: *const vk::AllocationCallbacks,
-        out: *mut vk::SurfaceKHR,
-    ) -> vk::Result {
-        *out = handle::create(Surface);
-        Ok(())
-    }
-
-    fn vkDestroySurfaceKHR(
-        _instance: vk::Instance,
-        surface: vk::SurfaceKHR,
-        _allocator: *const vk::AllocationCallbacks,
-    ) {
-        drop(handle::take::<Surface>(surface));
-    }
-
-    fn vkGetPhysicalDeviceSurfaceSupportKHR(
-        _device: vk::PhysicalDevice,
-        _family: u32,
-        _surface: vk::SurfaceKHR,
-        out: *mut vk::Bool32,
-    ) -> vk::Result {
-        *out = vk::TRUE;
-        Ok(())
-    }
-
-    fn vkGetPhysicalDeviceSurfaceCapabilitiesKHR(
-        _device: vk::PhysicalDevice,
-        _surface: vk::SurfaceKHR,
-        out: *mut vk::SurfaceCapabilitiesKHR,
-    ) -> vk::Result {
-        *out = capabilities();
-        Ok(())
-    }
-
-    fn vkGetPhysicalDeviceSurfaceFormatsKHR(
-        _device: vk::PhysicalDevice,
-        _surface: vk::SurfaceKHR,
-        count: *mut u32,
-        out: *mut vk::SurfaceFormatKHR,
-    ) -> vk::Result {
-        let color_space = vk::ColorSpaceKHR::SRGB_NONLINEAR;
-        enumerate(count, out, FORMATS.map(|format| vk::SurfaceFormatKHR { format, color_space }).into_iter())
-    }
-
-    fn vkGetPhysicalDeviceSurfacePresentModesKHR(
-        _device: vk::PhysicalDevice,
-        _surface: vk::SurfaceKHR,
-        count: *mut u32,
-        out: *mut vk::PresentModeKHR,
-    ) -> vk::Result {
-        enumerate(count, out, PRESENT_MODES.into_iter())
-    }
-
-    fn vkGetPhysicalDevicePresentRectanglesKHR(
-        _device: vk::PhysicalDevice,
-        _surface: vk::SurfaceKHR,
-        count: *mut u32,
-        out: *mut vk::Rect2D,
-    ) -> vk::Result {
-        // As large as a swapchain makes it.
-        let extent = vk::Extent2D { width: u32::MAX, height: u32::MAX };
-        enumerate(count, out, [vk::Rect2D { extent, ..Default::default() }].into_iter())
-    }
-
     fn vkGetDeviceGroupPresentCapabilitiesKHR(
         _device: vk::Device,
         out: *mut vk::DeviceGroupPresentCapabilitiesKHR,
@@ -164,13 +179,25 @@ entry! {
     ) -> vk::Result {
         let device = from_handle::<Device>(device);
         let info = &*info;
-        if let Some(old) = optional::<Swapchain>(info.old_swapchain) {
-            old.retire();
-        }
+        let surface = from_handle::<Surface>(info.surface);
+        surface.take_over(optional::<Swapchain>(info.old_swapchain))?;
         let waiting = Arc::clone(&device.engine.waiting);
-        let images = image_info(info);
-        *out = handle::create(Swapchain::new(&images, info.min_image_count, &device.window, waiting)?);
+        let swapchain = Swapchain::new(&creation(info), surface, &device.window, waiting)?;
+        let swapchain = handle::new(swapchain);
+        surface.add(&swapchain);
+        *out = handle::into_handle(swapchain);
         Ok(())
+    }
+
+    fn vkDestroySwapchainKHR(
+        _device: vk::Device,
+        swapchain: vk::SwapchainKHR,
+        _allocator: *const vk::AllocationCallbacks,
+    ) {
+        if let Some(swapchain) = handle::take::<Swapchain>(swapchain) {
+            // A queue may hold it longer, but not its window.
+            swapchain.close();
+        }
     }
 
     fn vkGetSwapchainImagesKHR(
@@ -191,8 +218,9 @@ entry! {
         fence: vk::Fence,
         out: *mut u32,
     ) -> vk::Result {
-        *out = acquire(device, swapchain, timeout_ns, semaphore, fence)?;
-        Ok(())
+        let (index, is_suboptimal) = acquire(device, swapchain, timeout_ns, semaphore, fence)?;
+        *out = index;
+        suboptimal(is_suboptimal)
     }
 
     fn vkAcquireNextImage2KHR(
@@ -201,27 +229,70 @@ entry! {
         out: *mut u32,
     ) -> vk::Result {
         let info = &*info;
-        *out = acquire(device, info.swapchain, info.timeout, info.semaphore, info.fence)?;
-        Ok(())
+        let (index, is_suboptimal) = acquire(device, info.swapchain, info.timeout, info.semaphore, info.fence)?;
+        *out = index;
+        suboptimal(is_suboptimal)
     }
 
     fn vkQueuePresentKHR(queue: vk::Queue, info: *const vk::PresentInfoKHR) -> vk::Result {
         let info = &*info;
         let semaphores = slice(info.p_wait_semaphores, info.wait_semaphore_count);
         let swapchains = slice(info.p_swapchains, info.swapchain_count);
-        let indices = slice(info.p_image_indices, info.swapchain_count);
-        let submission = Submission {
+        let images = slice(info.p_image_indices, info.swapchain_count);
+        let mut presents = Vec::with_capacity(swapchains.len());
+        let mut codes = Vec::with_capacity(swapchains.len());
+        for (index, (&swapchain, &image)) in swapchains.iter().zip(images).enumerate() {
+            let swapchain = retain::<Swapchain>(swapchain);
+            codes.push(crate::guard::code(swapchain.queue(image)));
+            let request = request(info, &swapchain, index, image);
+            presents.push((swapchain, request));
+        }
+        let submitted = from_handle::<Queue>(queue).submit([Submission {
             waits: semaphores.iter().map(|&semaphore| (retain::<Semaphore>(semaphore), 1)).collect(),
-            presents: swapchains
-                .iter()
-                .zip(indices)
-                .map(|(&swapchain, &index)| (retain::<Swapchain>(swapchain), index))
-                .collect(),
+            presents,
+            present_fences: present_fences(info.p_next),
             ..Submission::default()
-        };
-        let result = from_handle::<Queue>(queue).submit([submission]);
-        let code = crate::guard::code(result);
-        array::slice_mut(info.p_results, info.swapchain_count).fill(code);
-        result
+        }]);
+        if let Err(code) = submitted {
+            codes.fill(code);
+        }
+        for (out, &code) in array::slice_mut(info.p_results, info.swapchain_count).iter_mut().zip(&codes) {
+            *out = code;
+        }
+        // The worst of them: errors are negative, and being suboptimal is not.
+        let errors = codes.iter().copied().filter(|code| code.as_raw() < 0);
+        let others = codes.iter().copied().filter(|code| code.as_raw() > 0);
+        errors.chain(others).next().map_or(Ok(()), Err)
+    }
+
+    fn vkReleaseSwapchainImagesEXT(
+        _device: vk::Device,
+        info: *const vk::ReleaseSwapchainImagesInfoEXT,
+    ) -> vk::Result {
+        let info = &*info;
+        let images = slice(info.p_image_indices, info.image_index_count);
+        from_handle::<Swapchain>(info.swapchain).release(images);
+        Ok(())
+    }
+
+    fn vkGetSwapchainStatusKHR(_device: vk::Device, swapchain: vk::SwapchainKHR) -> vk::Result {
+        from_handle::<Swapchain>(swapchain).status()
+    }
+
+    fn vkWaitForPresentKHR(
+        _device: vk::Device,
+        swapchain: vk::SwapchainKHR,
+        id: u64,
+        timeout_ns: u64,
+    ) -> vk::Result {
+        from_handle::<Swapchain>(swapchain).wait_for_present(id, timeout_ns)
+    }
+
+    fn vkWaitForPresent2KHR(
+        _device: vk::Device,
+        swapchain: vk::SwapchainKHR,
+        info: *const vk::PresentWait2InfoKHR,
+    ) -> vk::Result {
+        from_handle::<Swapchain>(swapchain).wait_for_present((*info).present_id, (*info).timeout)
     }
 }

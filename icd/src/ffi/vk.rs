@@ -160,7 +160,37 @@ structures! {
         address_flags: AddressCommandFlagsKHR,
         ty: AccelerationStructureTypeKHR,
     }
+    /// `VK_KHR_present_mode_fifo_latest_ready`.
+    PhysicalDevicePresentModeFifoLatestReadyFeaturesKHR 1_000_361_000 *mut c_void {
+        present_mode_fifo_latest_ready: Bool32,
+    }
+    /// `VK_KHR_present_id2`.
+    SurfaceCapabilitiesPresentId2KHR 1_000_479_000 *mut c_void {
+        present_id2_supported: Bool32,
+    }
+    PresentId2KHR 1_000_479_001 *const c_void {
+        swapchain_count: u32,
+        p_present_ids: *const u64,
+    }
+    PhysicalDevicePresentId2FeaturesKHR 1_000_479_002 *mut c_void {
+        present_id2: Bool32,
+    }
+    /// `VK_KHR_present_wait2`.
+    SurfaceCapabilitiesPresentWait2KHR 1_000_480_000 *mut c_void {
+        present_wait2_supported: Bool32,
+    }
+    PhysicalDevicePresentWait2FeaturesKHR 1_000_480_001 *mut c_void {
+        present_wait2: Bool32,
+    }
+    PresentWait2InfoKHR 1_000_480_002 *const c_void {
+        present_id: u64,
+        timeout: u64,
+    }
 }
+
+/// `VK_PRESENT_MODE_FIFO_LATEST_READY_KHR`.
+pub const PRESENT_MODE_FIFO_LATEST_READY_KHR: PresentModeKHR =
+    PresentModeKHR::from_raw(1_000_361_000);
 
 /// `VkDeviceAddressRangeKHR`.
 #[repr(C)]
@@ -208,6 +238,7 @@ functions! {
     PFN_vkCmdUpdateMemoryKHR(
         CommandBuffer, *const DeviceAddressRangeKHR, AddressCommandFlagsKHR, DeviceSize, *const c_void
     );
+    PFN_vkWaitForPresent2KHR(Device, SwapchainKHR, *const PresentWait2InfoKHR<'_>) -> Result;
     PFN_vkCreateAccelerationStructure2KHR(
         Device, *const AccelerationStructureCreateInfo2KHR<'_>, *const AllocationCallbacks<'_>, *mut AccelerationStructureKHR
     ) -> Result;

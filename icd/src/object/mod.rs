@@ -27,7 +27,6 @@ pub mod setting;
 pub mod shader_object;
 pub mod shader_stage;
 pub mod sparse;
-pub mod swapchain;
 pub mod sync;
 pub mod ycbcr;
 
@@ -49,7 +48,6 @@ pub use query::QueryPool;
 pub use render_pass::{Framebuffer, RenderPass};
 pub use sampler::Sampler;
 pub use shader_object::ShaderObject;
-pub use swapchain::{Surface, Swapchain};
 pub use sync::{Event, Fence, Semaphore};
 pub use ycbcr::YcbcrConversion;
 
@@ -83,8 +81,6 @@ handled!(
     RenderPass => RenderPass,
     Sampler => Sampler,
     Semaphore => Semaphore,
-    Surface => SurfaceKHR,
-    Swapchain => SwapchainKHR,
     ShaderModule => ShaderModule,
     ShaderObject => ShaderEXT,
     YcbcrConversion => SamplerYcbcrConversion,

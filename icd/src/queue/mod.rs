@@ -26,7 +26,8 @@ use crate::float_environment::DefaultEnvironment;
 use crate::guard::panic_text;
 use crate::handle::Ref;
 use crate::object::sparse::SparseBind;
-use crate::object::{Fence, Semaphore, Swapchain};
+use crate::object::{Fence, Semaphore};
+use crate::present::{Request, Swapchain};
 
 /// Queues that a device can have, all of one family.
 pub const MAX_QUEUES: u32 = 4;
@@ -39,8 +40,10 @@ pub struct Submission {
     /// Done before the commands, in order.
     pub binds: Vec<SparseBind>,
     pub commands: Vec<Arc<Vec<Command>>>,
-    /// Images that go back to their swapchains after the commands.
-    pub presents: Vec<(Ref<Swapchain>, u32)>,
+    /// Images that are presented after the commands.
+    pub presents: Vec<(Ref<Swapchain>, Request)>,
+    /// Signaled when the presentations need the semaphores no more (`VkSwapchainPresentFenceInfoKHR`).
+    pub present_fences: Vec<Ref<Fence>>,
     pub signals: Vec<(Ref<Semaphore>, u64)>,
     pub fence: Option<Ref<Fence>>,
 }
@@ -176,6 +179,7 @@ impl Line {
             binds,
             commands,
             presents,
+            present_fences,
             signals,
             fence,
         } = submission;
@@ -202,13 +206,13 @@ impl Line {
         }
         // Whoever sees a signal may reset the command buffers: they are let go of first.
         drop(commands);
-        for (swapchain, index) in &presents {
-            swapchain.give_back(*index);
+        for (swapchain, request) in presents {
+            swapchain.enqueue(request);
         }
         for (semaphore, value) in &signals {
             semaphore.signal(*value);
         }
-        if let Some(fence) = fence {
+        for fence in present_fences.iter().chain(&fence) {
             fence.set(true);
         }
     }

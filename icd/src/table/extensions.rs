@@ -74,9 +74,16 @@ extensions! {
     Instance KHR_EXTERNAL_MEMORY_CAPABILITIES c"VK_KHR_external_memory_capabilities" 1;
     Instance KHR_EXTERNAL_SEMAPHORE_CAPABILITIES c"VK_KHR_external_semaphore_capabilities" 1;
     Instance KHR_GET_PHYSICAL_DEVICE_PROPERTIES_2 c"VK_KHR_get_physical_device_properties2" 2;
+    Instance KHR_GET_SURFACE_CAPABILITIES_2 c"VK_KHR_get_surface_capabilities2" 1;
     Instance KHR_SURFACE c"VK_KHR_surface" 25;
+    Instance KHR_SURFACE_MAINTENANCE_1 c"VK_KHR_surface_maintenance1" 1;
+    Instance KHR_WAYLAND_SURFACE c"VK_KHR_wayland_surface" 6;
+    Instance KHR_XCB_SURFACE c"VK_KHR_xcb_surface" 6;
+    Instance KHR_XLIB_SURFACE c"VK_KHR_xlib_surface" 6;
     Instance EXT_DEBUG_UTILS c"VK_EXT_debug_utils" 2;
     Instance EXT_HEADLESS_SURFACE c"VK_EXT_headless_surface" 1;
+    Instance EXT_SURFACE_MAINTENANCE_1 c"VK_EXT_surface_maintenance1" 1;
+    Instance EXT_SWAPCHAIN_COLORSPACE c"VK_EXT_swapchain_colorspace" 5;
     Device KHR_16BIT_STORAGE c"VK_KHR_16bit_storage" 1;
     Device KHR_8BIT_STORAGE c"VK_KHR_8bit_storage" 1;
     Device KHR_ACCELERATION_STRUCTURE c"VK_KHR_acceleration_structure" 13;
@@ -98,6 +105,7 @@ extensions! {
     Device KHR_FORMAT_FEATURE_FLAGS_2 c"VK_KHR_format_feature_flags2" 2;
     Device KHR_GET_MEMORY_REQUIREMENTS_2 c"VK_KHR_get_memory_requirements2" 1;
     Device KHR_IMAGE_FORMAT_LIST c"VK_KHR_image_format_list" 1;
+    Device KHR_INCREMENTAL_PRESENT c"VK_KHR_incremental_present" 2;
     Device KHR_MAINTENANCE_1 c"VK_KHR_maintenance1" 2;
     Device KHR_MAINTENANCE_2 c"VK_KHR_maintenance2" 1;
     Device KHR_MAINTENANCE_3 c"VK_KHR_maintenance3" 1;
@@ -105,6 +113,11 @@ extensions! {
     Device KHR_MAINTENANCE_5 c"VK_KHR_maintenance5" 1;
     Device KHR_MAP_MEMORY_2 c"VK_KHR_map_memory2" 1;
     Device KHR_PIPELINE_LIBRARY c"VK_KHR_pipeline_library" 1;
+    Device KHR_PRESENT_ID c"VK_KHR_present_id" 1;
+    Device KHR_PRESENT_ID_2 c"VK_KHR_present_id2" 1;
+    Device KHR_PRESENT_MODE_FIFO_LATEST_READY c"VK_KHR_present_mode_fifo_latest_ready" 1;
+    Device KHR_PRESENT_WAIT c"VK_KHR_present_wait" 1;
+    Device KHR_PRESENT_WAIT_2 c"VK_KHR_present_wait2" 1;
     Device KHR_PUSH_DESCRIPTOR c"VK_KHR_push_descriptor" 2;
     Device KHR_RAY_QUERY c"VK_KHR_ray_query" 1;
     Device KHR_RAY_TRACING_MAINTENANCE_1 c"VK_KHR_ray_tracing_maintenance1" 1;
@@ -129,9 +142,12 @@ extensions! {
     Device KHR_SHADER_SUBGROUP_ROTATE c"VK_KHR_shader_subgroup_rotate" 2;
     Device KHR_SHADER_SUBGROUP_UNIFORM_CONTROL_FLOW c"VK_KHR_shader_subgroup_uniform_control_flow" 1;
     Device KHR_SHADER_TERMINATE_INVOCATION c"VK_KHR_shader_terminate_invocation" 1;
+    Device KHR_SHARED_PRESENTABLE_IMAGE c"VK_KHR_shared_presentable_image" 1;
     Device KHR_SPIRV_1_4 c"VK_KHR_spirv_1_4" 1;
     Device KHR_STORAGE_BUFFER_STORAGE_CLASS c"VK_KHR_storage_buffer_storage_class" 1;
     Device KHR_SWAPCHAIN c"VK_KHR_swapchain" 70;
+    Device KHR_SWAPCHAIN_MAINTENANCE_1 c"VK_KHR_swapchain_maintenance1" 1;
+    Device KHR_SWAPCHAIN_MUTABLE_FORMAT c"VK_KHR_swapchain_mutable_format" 1;
     Device KHR_SYNCHRONIZATION_2 c"VK_KHR_synchronization2" 1;
     Device KHR_TIMELINE_SEMAPHORE c"VK_KHR_timeline_semaphore" 2;
     Device KHR_UNIFORM_BUFFER_STANDARD_LAYOUT c"VK_KHR_uniform_buffer_standard_layout" 1;
@@ -160,6 +176,7 @@ extensions! {
     Device EXT_PIPELINE_CREATION_CACHE_CONTROL c"VK_EXT_pipeline_creation_cache_control" 3;
     Device EXT_PIPELINE_CREATION_FEEDBACK c"VK_EXT_pipeline_creation_feedback" 1;
     Device EXT_PIPELINE_LIBRARY_GROUP_HANDLES c"VK_EXT_pipeline_library_group_handles" 1;
+    Device EXT_PRESENT_MODE_FIFO_LATEST_READY c"VK_EXT_present_mode_fifo_latest_ready" 1;
     Device EXT_PRIVATE_DATA c"VK_EXT_private_data" 1;
     Device EXT_RAY_TRACING_INVOCATION_REORDER c"VK_EXT_ray_tracing_invocation_reorder" 2;
     Device EXT_ROBUSTNESS_2 c"VK_EXT_robustness2" 1;
@@ -175,6 +192,7 @@ extensions! {
     Device EXT_SHADER_SUBGROUP_PARTITIONED c"VK_EXT_shader_subgroup_partitioned" 1;
     Device EXT_SHADER_SUBGROUP_VOTE c"VK_EXT_shader_subgroup_vote" 1;
     Device EXT_SUBGROUP_SIZE_CONTROL c"VK_EXT_subgroup_size_control" 2;
+    Device EXT_SWAPCHAIN_MAINTENANCE_1 c"VK_EXT_swapchain_maintenance1" 1;
     Device EXT_TEXEL_BUFFER_ALIGNMENT c"VK_EXT_texel_buffer_alignment" 1;
     Device EXT_TOOLING_INFO c"VK_EXT_tooling_info" 1;
     Device EXT_YCBCR_2PLANE_444_FORMATS c"VK_EXT_ycbcr_2plane_444_formats" 1;

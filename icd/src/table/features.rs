@@ -267,6 +267,12 @@ features! {
         shader_subgroup_clock: PhysicalDeviceShaderClockFeaturesKHR => ShaderClockKHR;
         shader_device_clock: PhysicalDeviceShaderClockFeaturesKHR;
         texel_buffer_alignment: PhysicalDeviceTexelBufferAlignmentFeaturesEXT;
+        present_id: PhysicalDevicePresentIdFeaturesKHR;
+        present_id2: PhysicalDevicePresentId2FeaturesKHR;
+        present_mode_fifo_latest_ready: PhysicalDevicePresentModeFifoLatestReadyFeaturesKHR;
+        present_wait: PhysicalDevicePresentWaitFeaturesKHR;
+        present_wait2: PhysicalDevicePresentWait2FeaturesKHR;
+        swapchain_maintenance1: PhysicalDeviceSwapchainMaintenance1FeaturesEXT;
     }
     graphics_core {
         independent_blend;

@@ -1,0 +1,258 @@
+//! Surfaces: `VK_KHR_surface`, the kinds of windows, and what can be presented to them.
+
+use std::ffi::c_void;
+use std::sync::Arc;
+
+use super::define::entry;
+use crate::VkResult;
+use crate::ffi::enumerate::enumerate_with;
+use crate::ffi::{chain, enumerate, vk};
+use crate::handle::{self, from_handle, optional};
+use crate::object::PhysicalDevice;
+use crate::present::wayland::WaylandWindow;
+use crate::present::x11::{self, X11Window};
+use crate::present::{
+    COLOR_SPACES, FORMATS, IMAGE_USAGE, MODES, Scaling, Surface, compatible_modes,
+};
+use crate::table::extensions::Extension;
+use crate::table::limits::MAX_IMAGE_DIMENSION;
+
+/// What a surface can show.
+fn formats(device: &PhysicalDevice) -> Vec<vk::SurfaceFormatKHR> {
+    let plain = FORMATS.map(|format| (format, vk::ColorSpaceKHR::SRGB_NONLINEAR));
+    let has_spaces = (device.instance_extensions).contains(Extension::EXT_SWAPCHAIN_COLORSPACE);
+    let more = COLOR_SPACES.into_iter().filter(|_| has_spaces);
+    (plain.into_iter().chain(more))
+        .map(|(format, color_space)| vk::SurfaceFormatKHR {
+            format,
+            color_space,
+        })
+        .collect()
+}
+
+/// The surface of a query; without one (`VK_NULL_HANDLE`) there is nothing to ask.
+///
+/// # Safety
+/// The handle is alive or null.
+unsafe fn surface<'a>(surface: vk::SurfaceKHR) -> VkResult<&'a Surface> {
+    // SAFETY: the caller's promise.
+    let surface = unsafe { optional::<Surface>(surface) };
+    surface
+        .map(|surface| &**surface)
+        .ok_or(vk::Result::ERROR_SURFACE_LOST_KHR)
+}
+
+/// Answers the structures behind `VkSurfaceCapabilities2KHR`.
+///
+/// # Safety
+/// A valid chain of output structures.
+unsafe fn fill_capabilities(
+    next: *mut c_void,
+    capabilities: &vk::SurfaceCapabilitiesKHR,
+    mode: Option<vk::PresentModeKHR>,
+) -> VkResult {
+    // SAFETY: the caller's promise.
+    unsafe {
+        if let Some(out) = chain::find_mut::<vk::SurfaceProtectedCapabilitiesKHR>(next) {
+            out.supports_protected = vk::FALSE;
+        }
+        if let Some(out) = chain::find_mut::<vk::SharedPresentSurfaceCapabilitiesKHR>(next) {
+            out.shared_present_supported_usage_flags = IMAGE_USAGE;
+        }
+        if let Some(out) = chain::find_mut::<vk::SurfaceCapabilitiesPresentId2KHR>(next) {
+            out.present_id2_supported = vk::TRUE;
+        }
+        if let Some(out) = chain::find_mut::<vk::SurfaceCapabilitiesPresentWait2KHR>(next) {
+            out.present_wait2_supported = vk::TRUE;
+        }
+        if let Some(out) = chain::find_mut::<vk::SurfacePresentScalingCapabilitiesEXT>(next) {
+            let is_window = capabilities.current_extent.width != u32::MAX;
+            let (behaviors, gravities) = (Scaling::BEHAVIORS, Scaling::GRAVITIES);
+            out.supported_present_scaling = if is_window {
+                behaviors
+            } else {
+                Default::default()
+            };
+            out.supported_present_gravity_x = if is_window {
+                gravities
+            } else {
+                Default::default()
+            };
+            out.supported_present_gravity_y = out.supported_present_gravity_x;
+            let side = |side| vk::Extent2D {
+                width: side,
+                height: side,
+            };
+            out.min_scaled_image_extent = side(1);
+            out.max_scaled_image_extent = side(MAX_IMAGE_DIMENSION);
+        }
+        if let Some(out) = chain::find_mut::<vk::SurfacePresentModeCompatibilityEXT>(next) {
+            let modes: Vec<_> =
+                compatible_modes(mode.unwrap_or(vk::PresentModeKHR::FIFO)).collect();
+            enumerate(
+                &mut out.present_mode_count,
+                out.p_present_modes,
+                modes.into_iter(),
+            )?;
+        }
+        Ok(())
+    }
+}
+
+entry! {
+    fn vkCreateHeadlessSurfaceEXT(
+        _instance: vk::Instance,
+        _info: *const vk::HeadlessSurfaceCreateInfoEXT,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::SurfaceKHR,
+    ) -> vk::Result {
+        *out = handle::create(Surface::headless());
+        Ok(())
+    }
+
+    fn vkCreateXcbSurfaceKHR(
+        _instance: vk::Instance,
+        info: *const vk::XcbSurfaceCreateInfoKHR,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::SurfaceKHR,
+    ) -> vk::Result {
+        let window = X11Window::new((*info).connection.cast(), (*info).window)?;
+        *out = handle::create(Surface::of(Arc::new(window)));
+        Ok(())
+    }
+
+    fn vkCreateXlibSurfaceKHR(
+        _instance: vk::Instance,
+        info: *const vk::XlibSurfaceCreateInfoKHR,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::SurfaceKHR,
+    ) -> vk::Result {
+        let connection = x11::connection_of((*info).dpy.cast())
+            .ok_or(vk::Result::ERROR_INITIALIZATION_FAILED)?;
+        // A window's name has 32 bits, in whatever Xlib keeps it.
+        let window = X11Window::new(connection, (*info).window as u32)?;
+        *out = handle::create(Surface::of(Arc::new(window)));
+        Ok(())
+    }
+
+    fn vkCreateWaylandSurfaceKHR(
+        _instance: vk::Instance,
+        info: *const vk::WaylandSurfaceCreateInfoKHR,
+        _allocator: *const vk::AllocationCallbacks,
+        out: *mut vk::SurfaceKHR,
+    ) -> vk::Result {
+        let window = WaylandWindow::new((*info).display.cast(), (*info).surface.cast());
+        *out = handle::create(Surface::of(Arc::new(window)));
+        Ok(())
+    }
+
+    fn vkDestroySurfaceKHR(
+        _instance: vk::Instance,
+        surface: vk::SurfaceKHR,
+        _allocator: *const vk::AllocationCallbacks,
+    ) {
+        if let Some(surface) = handle::take::<Surface>(surface) {
+            surface.close();
+        }
+    }
+
+    fn vkGetPhysicalDeviceXcbPresentationSupportKHR(
+        _device: vk::PhysicalDevice,
+        _family: u32,
+        connection: *mut vk::xcb_connection_t,
+        visual: vk::xcb_visualid_t,
+    ) -> vk::Bool32 {
+        x11::presents_visual(connection.cast(), visual).into()
+    }
+
+    fn vkGetPhysicalDeviceXlibPresentationSupportKHR(
+        _device: vk::PhysicalDevice,
+        _family: u32,
+        display: *mut vk::Display,
+        visual: vk::VisualID,
+    ) -> vk::Bool32 {
+        let connection = x11::connection_of(display.cast());
+        connection.is_some_and(|connection| x11::presents_visual(connection, visual as u32)).into()
+    }
+
+    fn vkGetPhysicalDeviceWaylandPresentationSupportKHR(
+        _device: vk::PhysicalDevice,
+        _family: u32,
+        _display: *mut vk::wl_display,
+    ) -> vk::Bool32 {
+        // Every compositor has `wl_shm` and the two formats that are needed.
+        vk::TRUE
+    }
+
+    fn vkGetPhysicalDeviceSurfaceSupportKHR(
+        _device: vk::PhysicalDevice,
+        _family: u32,
+        handle: vk::SurfaceKHR,
+        out: *mut vk::Bool32,
+    ) -> vk::Result {
+        *out = surface(handle)?.is_presentable()?.into();
+        Ok(())
+    }
+
+    fn vkGetPhysicalDeviceSurfaceCapabilitiesKHR(
+        _device: vk::PhysicalDevice,
+        handle: vk::SurfaceKHR,
+        out: *mut vk::SurfaceCapabilitiesKHR,
+    ) -> vk::Result {
+        *out = surface(handle)?.capabilities(None)?;
+        Ok(())
+    }
+
+    fn vkGetPhysicalDeviceSurfaceCapabilities2KHR(
+        _device: vk::PhysicalDevice,
+        info: *const vk::PhysicalDeviceSurfaceInfo2KHR,
+        out: *mut vk::SurfaceCapabilities2KHR,
+    ) -> vk::Result {
+        let mode = chain::find::<vk::SurfacePresentModeEXT>((*info).p_next).map(|info| info.present_mode);
+        let capabilities = surface((*info).surface)?.capabilities(mode)?;
+        (*out).surface_capabilities = capabilities;
+        fill_capabilities((*out).p_next, &capabilities, mode)
+    }
+
+    fn vkGetPhysicalDeviceSurfaceFormatsKHR(
+        device: vk::PhysicalDevice,
+        handle: vk::SurfaceKHR,
+        count: *mut u32,
+        out: *mut vk::SurfaceFormatKHR,
+    ) -> vk::Result {
+        surface(handle)?.window()?;
+        enumerate(count, out, formats(from_handle::<PhysicalDevice>(device)).into_iter())
+    }
+
+    fn vkGetPhysicalDeviceSurfaceFormats2KHR(
+        device: vk::PhysicalDevice,
+        info: *const vk::PhysicalDeviceSurfaceInfo2KHR,
+        count: *mut u32,
+        out: *mut vk::SurfaceFormat2KHR,
+    ) -> vk::Result {
+        surface((*info).surface)?.window()?;
+        let all = formats(from_handle::<PhysicalDevice>(device)).into_iter();
+        enumerate_with(count, out, all, |out, format| out.surface_format = format)
+    }
+
+    fn vkGetPhysicalDeviceSurfacePresentModesKHR(
+        _device: vk::PhysicalDevice,
+        handle: vk::SurfaceKHR,
+        count: *mut u32,
+        out: *mut vk::PresentModeKHR,
+    ) -> vk::Result {
+        surface(handle)?.window()?;
+        enumerate(count, out, MODES.into_iter())
+    }
+
+    fn vkGetPhysicalDevicePresentRectanglesKHR(
+        _device: vk::PhysicalDevice,
+        handle: vk::SurfaceKHR,
+        count: *mut u32,
+        out: *mut vk::Rect2D,
+    ) -> vk::Result {
+        // Without a window of its own a surface is as large as a swapchain makes it.
+        let extent = surface(handle)?.capabilities(None)?.current_extent;
+        enumerate(count, out, [vk::Rect2D { extent, ..Default::default() }].into_iter())
+    }
+}

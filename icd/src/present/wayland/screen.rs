@@ -1,0 +1,282 @@
+//! The way of a swapchain's images to a surface of Wayland.
+
+use std::collections::VecDeque;
+use std::ffi::c_void;
+use std::os::fd::{AsFd, BorrowedFd};
+use std::sync::Arc;
+use std::time::Instant;
+
+use ash::vk;
+use wayland_backend::client::{ObjectId, WaylandError};
+use wayland_client::protocol::wl_buffer::{self, WlBuffer};
+use wayland_client::protocol::wl_callback::{self, WlCallback};
+use wayland_client::protocol::wl_shm::{self, WlShm};
+use wayland_client::protocol::wl_shm_pool::{self, WlShmPool};
+use wayland_client::protocol::wl_surface::WlSurface;
+use wayland_client::{Connection, Dispatch, EventQueue, Proxy, QueueHandle};
+
+use super::super::pixels::{self, Canvas, Layout};
+use super::super::shared_memory::SharedMemory;
+use super::super::{Bell, Event, Frame, Gone, Pictures, Screen, When};
+
+pub struct WaylandScreen {
+    connection: Connection,
+    queue: EventQueue<Told>,
+    told: Told,
+    surface: WlSurface,
+    shm: WlShm,
+    pictures: Pictures,
+    bell: Arc<Bell>,
+    buffers: Vec<WlBuffer>,
+    /// Copies of the images, where the compositor cannot read those.
+    copies: Option<SharedMemory>,
+}
+
+/// What the compositor has told, until it is passed on.
+#[derive(Default)]
+struct Told {
+    events: VecDeque<Event>,
+}
+
+impl Dispatch<WlBuffer, u32> for Told {
+    fn event(
+        told: &mut Self,
+        _: &WlBuffer,
+        event: wl_buffer::Event,
+        &index: &u32,
+        _: &Connection,
+        _: &QueueHandle<Self>,
+    ) {
+        if let wl_buffer::Event::Release = event {
+            told.events.push_back(Event::Free { index });
+        }
+    }
+}
+
+impl Dispatch<WlCallback, u32> for Told {
+    fn event(
+        told: &mut Self,
+        _: &WlCallback,
+        event: wl_callback::Event,
+        &serial: &u32,
+        _: &Connection,
+        _: &QueueHandle<Self>,
+    ) {
+        if let wl_callback::Event::Done { .. } = event {
+            told.events.push_back(Event::Shown { serial });
+        }
+    }
+}
+
+impl Dispatch<WlShmPool, ()> for Told {
+    fn event(
+        _: &mut Self,
+        _: &WlShmPool,
+        _: wl_shm_pool::Event,
+        (): &(),
+        _: &Connection,
+        _: &QueueHandle<Self>,
+    ) {
+    }
+}
+
+impl WaylandScreen {
+    /// A way for these pictures.
+    ///
+    /// # Errors
+    /// The connection has gone.
+    ///
+    /// # Safety
+    /// `display` and `surface` are as in [`WaylandWindow::new`](super::WaylandWindow::new); `shm` lives as long.
+    pub unsafe fn new(
+        display: *mut c_void,
+        surface: *mut c_void,
+        shm: &ObjectId,
+        pictures: Pictures,
+        bell: &Arc<Bell>,
+    ) -> Result<Self, Gone> {
+        // SAFETY: the caller's promise.
+        let (connection, surface, shm) = unsafe {
+            let connection = super::connect(display);
+            let surface = ObjectId::from_ptr(WlSurface::interface(), surface.cast());
+            let shm = ObjectId::from_ptr(WlShm::interface(), shm.as_ptr());
+            (
+                connection,
+                surface.map_err(|_| Gone)?,
+                shm.map_err(|_| Gone)?,
+            )
+        };
+        let surface = WlSurface::from_id(&connection, surface).map_err(|_| Gone)?;
+        let shm = WlShm::from_id(&connection, shm).map_err(|_| Gone)?;
+        let queue = connection.new_event_queue();
+        Ok(Self {
+            connection,
+            queue,
+            told: Told::default(),
+            surface,
+            shm,
+            pictures,
+            bell: Arc::clone(bell),
+            buffers: Vec::new(),
+            copies: None,
+        })
+    }
+
+    /// Buffers in the images themselves, or copies of them.
+    fn make_buffers(&mut self) -> Result<(), Gone> {
+        let picture = self.pictures.picture(0);
+        let count = self.pictures.images.len() as u32;
+        if Layout::Argb8888.is_that_of(picture.format)
+            && let Ok(file) = self.pictures.memory.export()
+        {
+            let stride = picture.row_stride_bytes;
+            let offset = |index| self.pictures.offset_bytes(index);
+            let size = self.pictures.memory.size_bytes;
+            self.buffers = self.pool(file.as_fd(), size, stride, count, offset)?;
+            return Ok(());
+        }
+        let stride = self.extent().width as usize * Layout::Argb8888.bytes();
+        let each = stride * self.extent().height as usize;
+        let size = each.checked_mul(count as usize).ok_or(Gone)?;
+        let memory = SharedMemory::file(size).map_err(|_| Gone)?;
+        let file = memory.descriptor().ok_or(Gone)?;
+        let offset = |index| u64::from(index) * each as u64;
+        self.buffers = self.pool(file, size as u64, stride, count, offset)?;
+        self.copies = Some(memory);
+        Ok(())
+    }
+
+    fn extent(&self) -> vk::Extent2D {
+        self.pictures.extent()
+    }
+
+    fn pool(
+        &self,
+        file: BorrowedFd<'_>,
+        size_bytes: u64,
+        stride: usize,
+        count: u32,
+        offset: impl Fn(u32) -> u64,
+    ) -> Result<Vec<WlBuffer>, Gone> {
+        // The protocol counts in 31 bits.
+        let whole = |bytes: u64| i32::try_from(bytes).map_err(|_| Gone);
+        let format = match self.pictures.composite_alpha {
+            vk::CompositeAlphaFlagsKHR::PRE_MULTIPLIED => wl_shm::Format::Argb8888,
+            _ => wl_shm::Format::Xrgb8888,
+        };
+        let handle = self.queue.handle();
+        let pool = self.shm.create_pool(file, whole(size_bytes)?, &handle, ());
+        let (width, height) = (self.extent().width as i32, self.extent().height as i32);
+        let stride = whole(stride as u64)?;
+        let buffers = (0..count).map(|index| {
+            let offset = whole(offset(index))?;
+            Ok(pool.create_buffer(offset, width, height, stride, format, &handle, index))
+        });
+        let buffers = buffers.collect();
+        pool.destroy();
+        buffers
+    }
+
+    /// Fills an image's copy, if it is shown by one.
+    fn copy(&mut self, index: u32) {
+        let picture = self.pictures.picture(index);
+        let Some(memory) = &mut self.copies else {
+            return;
+        };
+        let extent = picture.extent;
+        let row_stride_bytes = extent.width as usize * Layout::Argb8888.bytes();
+        let each = row_stride_bytes * extent.height as usize;
+        let mut canvas = Canvas {
+            pixels: &mut memory.bytes()[index as usize * each..][..each],
+            row_stride_bytes,
+            extent,
+            layout: Layout::Argb8888,
+            is_opaque: false,
+        };
+        let placement = pixels::Placement::one_to_one(extent, extent);
+        // SAFETY: the images' memory lives as long as `pictures`.
+        unsafe { pixels::draw(&picture, &placement, &mut canvas) };
+    }
+
+    fn flush(&self) -> Result<(), Gone> {
+        match self.connection.flush() {
+            Ok(()) => Ok(()),
+            // The compositor reads slowly; what is left goes with the next.
+            Err(WaylandError::Io(error)) if error.kind() == std::io::ErrorKind::WouldBlock => {
+                Ok(())
+            }
+            Err(_) => Err(Gone),
+        }
+    }
+
+    fn dispatch(&mut self) -> Result<(), Gone> {
+        self.queue
+            .dispatch_pending(&mut self.told)
+            .map_err(|_| Gone)?;
+        Ok(())
+    }
+}
+
+impl Screen for WaylandScreen {
+    fn show(&mut self, frame: &Frame<'_>) -> Result<(), Gone> {
+        if self.buffers.is_empty() {
+            self.make_buffers()?;
+        }
+        self.copy(frame.index);
+        self.surface
+            .attach(Some(&self.buffers[frame.index as usize]), 0, 0);
+        if frame.damage.is_empty() || self.surface.version() < 4 {
+            // In the surface's units, whatever these are: all of it.
+            self.surface.damage(0, 0, i32::MAX, i32::MAX);
+        } else {
+            for rectangle in frame.damage {
+                let (width, height) = (rectangle.extent.width, rectangle.extent.height);
+                let (width, height) = (width.min(i32::MAX as u32), height.min(i32::MAX as u32));
+                let (x, y) = (rectangle.offset.x, rectangle.offset.y);
+                self.surface
+                    .damage_buffer(x, y, width as i32, height as i32);
+            }
+        }
+        match frame.when {
+            When::AtOnce => self.told.events.push_back(Event::Shown {
+                serial: frame.serial,
+            }),
+            _ => {
+                self.surface.frame(&self.queue.handle(), frame.serial);
+            }
+        }
+        self.surface.commit();
+        self.flush()
+    }
+
+    fn wait(&mut self, deadline: Option<Instant>, events: &mut Vec<Event>) -> Result<(), Gone> {
+        self.dispatch()?;
+        if self.told.events.is_empty() {
+            self.flush()?;
+            // Without a guard there is something to dispatch.
+            if let Some(guard) = self.queue.prepare_read() {
+                let connection = guard.connection_fd();
+                if self.bell.wait(deadline, Some(connection)) {
+                    match guard.read() {
+                        Ok(_) => {}
+                        Err(WaylandError::Io(error))
+                            if error.kind() == std::io::ErrorKind::WouldBlock => {}
+                        Err(_) => return Err(Gone),
+                    }
+                }
+            }
+            self.dispatch()?;
+        }
+        events.extend(self.told.events.drain(..));
+        Ok(())
+    }
+}
+
+impl Drop for WaylandScreen {
+    fn drop(&mut self) {
+        for buffer in &self.buffers {
+            buffer.destroy();
+        }
+        let _ = self.flush();
+    }
+}

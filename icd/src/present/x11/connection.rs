@@ -1,0 +1,173 @@
+//! The application's connection. Each request is checked or its error ignored: an error that came as an event would end the process
+//! through Xlib's handler.
+
+use std::ffi::c_void;
+use std::os::fd::AsRawFd;
+
+use ash::vk;
+use x11rb::connection::{Connection as _, RequestConnection};
+use x11rb::protocol::present::ConnectionExt as _;
+use x11rb::protocol::shm::ConnectionExt as _;
+use x11rb::protocol::xproto::{ConnectionExt as _, ImageOrder, VisualClass};
+use x11rb::xcb_ffi::XCBConnection;
+
+use super::super::Gone;
+use super::super::pixels::Layout;
+use super::library;
+
+/// A connection, borrowed from the application for as long as there are surfaces on it.
+pub struct Connection {
+    pub x: XCBConnection,
+    pub raw: *mut c_void,
+}
+
+// SAFETY: libxcb's connections can be used by all threads, and the pointer is only passed to it.
+unsafe impl Send for Connection {}
+// SAFETY: as above.
+unsafe impl Sync for Connection {}
+
+/// How the server can share memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sharing {
+    pub segments: bool,
+    pub descriptors: bool,
+    pub pixmaps: bool,
+}
+
+/// What a window's pixels are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pixels {
+    pub depth: u8,
+    pub layout: Layout,
+    /// Rows start at multiples of this.
+    pub row_alignment_bytes: usize,
+    /// Its pixels can be seen through.
+    pub has_alpha: bool,
+}
+
+/// What is asked of a window once.
+pub struct Facts {
+    pub root: u32,
+    pub pixels: Option<Pixels>,
+}
+
+impl Connection {
+    /// Wraps a connection of libxcb's.
+    ///
+    /// # Errors
+    /// `VK_ERROR_INITIALIZATION_FAILED` if libxcb cannot be opened, or the connection is broken.
+    ///
+    /// # Safety
+    /// `raw` is an `xcb_connection_t *` that stays open as long as the object lives.
+    pub unsafe fn new(raw: *mut c_void) -> Result<Self, vk::Result> {
+        const FAILED: vk::Result = vk::Result::ERROR_INITIALIZATION_FAILED;
+        if raw.is_null() || library::xcb().is_none() {
+            return Err(FAILED);
+        }
+        // SAFETY: the caller's promise; the connection stays the application's.
+        let x = unsafe { XCBConnection::from_raw_xcb_connection(raw, false) };
+        let x = x.map_err(|_| FAILED)?;
+        match x.has_error() {
+            Some(_) => Err(FAILED),
+            None => Ok(Self { x, raw }),
+        }
+    }
+
+    /// What a window is.
+    pub fn facts(&self, window: u32) -> Result<Facts, Gone> {
+        let attributes = self.x.get_window_attributes(window).map_err(|_| Gone)?;
+        let geometry = self.x.get_geometry(window).map_err(|_| Gone)?;
+        let attributes = attributes.reply().map_err(|_| Gone)?;
+        let geometry = geometry.reply().map_err(|_| Gone)?;
+        Ok(Facts {
+            root: geometry.root,
+            pixels: self.pixels(attributes.visual),
+        })
+    }
+
+    /// The pixels of windows of a visual, if they can be drawn.
+    pub fn pixels(&self, visual: u32) -> Option<Pixels> {
+        let setup = self.x.setup();
+        if setup.image_byte_order != ImageOrder::LSB_FIRST {
+            return None;
+        }
+        let depths = setup.roots.iter().flat_map(|screen| &screen.allowed_depths);
+        let (depth, visual) = depths
+            .flat_map(|depth| {
+                depth
+                    .visuals
+                    .iter()
+                    .map(move |visual| (depth.depth, visual))
+            })
+            .find(|(_, other)| other.visual_id == visual)?;
+        if visual.class != VisualClass::TRUE_COLOR && visual.class != VisualClass::DIRECT_COLOR {
+            return None;
+        }
+        let mut formats = setup.pixmap_formats.iter();
+        let format = formats.find(|format| format.depth == depth)?;
+        let masks = [visual.red_mask, visual.green_mask, visual.blue_mask];
+        let color_bits: u32 = masks.iter().map(|mask| mask.count_ones()).sum();
+        Some(Pixels {
+            depth,
+            layout: Layout::from_masks(format.bits_per_pixel, masks)?,
+            row_alignment_bytes: usize::from(format.scanline_pad / 8).max(1),
+            has_alpha: u32::from(depth) > color_bits,
+        })
+    }
+
+    /// A window's extent.
+    pub fn extent(&self, window: u32) -> Result<vk::Extent2D, Gone> {
+        let geometry = self.x.get_geometry(window).map_err(|_| Gone)?;
+        let geometry = geometry.reply().map_err(|_| Gone)?;
+        Ok(vk::Extent2D {
+            width: geometry.width.into(),
+            height: geometry.height.into(),
+        })
+    }
+
+    /// A new resource's name.
+    pub fn id(&self) -> Result<u32, Gone> {
+        self.x.generate_id().map_err(|_| Gone)
+    }
+
+    /// Whether the server has the Present extension.
+    pub fn has_present(&self) -> bool {
+        const NAME: &str = x11rb::protocol::present::X11_EXTENSION_NAME;
+        matches!(self.x.extension_information(NAME), Ok(Some(_)))
+            && (self.x.present_query_version(1, 0)).is_ok_and(|cookie| cookie.reply().is_ok())
+    }
+
+    /// How the server can share memory (MIT-SHM); it may still fail, if the server is elsewhere.
+    pub fn sharing(&self) -> Sharing {
+        const NAME: &str = x11rb::protocol::shm::X11_EXTENSION_NAME;
+        // Descriptors cannot be sent to other machines, and libxcb breaks the connection if one tries.
+        if !self.is_local() || !matches!(self.x.extension_information(NAME), Ok(Some(_))) {
+            return Sharing::default();
+        }
+        let Ok(Ok(version)) = self.x.shm_query_version().map(|cookie| cookie.reply()) else {
+            return Sharing::default();
+        };
+        Sharing {
+            segments: true,
+            descriptors: (version.major_version, version.minor_version) >= (1, 2),
+            pixmaps: version.shared_pixmaps && version.pixmap_format == 2,
+        }
+    }
+
+    /// Whether the connection is a socket of this machine.
+    fn is_local(&self) -> bool {
+        // SAFETY: the structure is as large as said, and any bytes are a value of it.
+        unsafe {
+            let mut address: libc::sockaddr_storage = std::mem::zeroed();
+            let mut size = size_of::<libc::sockaddr_storage>() as libc::socklen_t;
+            let socket = self.x.as_raw_fd();
+            let asked = libc::getsockname(socket, (&raw mut address).cast(), &mut size);
+            asked == 0 && libc::c_int::from(address.ss_family) == libc::AF_UNIX
+        }
+    }
+
+    /// Sends what has been asked for.
+    pub fn flush(&self) -> Result<(), Gone> {
+        self.x.flush().map_err(|_| Gone)
+    }
+}

@@ -1,0 +1,376 @@
+//! A compositor of Wayland for one client: it reads what is attached, and misbehaves where a test wants it to.
+
+use std::os::fd::{AsRawFd, OwnedFd};
+use std::os::unix::net::UnixStream;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use ash::{khr, vk};
+use wayland_client::Proxy as _;
+use wayland_server::backend::ClientData;
+use wayland_server::protocol::wl_buffer::{self, WlBuffer};
+use wayland_server::protocol::wl_callback::WlCallback;
+use wayland_server::protocol::wl_compositor::{self, WlCompositor};
+use wayland_server::protocol::wl_region::{self, WlRegion};
+use wayland_server::protocol::wl_shm::{self, WlShm};
+use wayland_server::protocol::wl_shm_pool::{self, WlShmPool};
+use wayland_server::protocol::wl_surface::{self, WlSurface};
+use wayland_server::{
+    Client, DataInit, Dispatch, Display, DisplayHandle, GlobalDispatch, New, Resource,
+};
+
+use crate::Presenter;
+
+/// Between refreshes.
+const REFRESH: Duration = Duration::from_micros(16_667);
+
+/// How the compositor misbehaves, and what it has seen.
+#[derive(Default)]
+pub struct Manners {
+    /// Nobody is told that a frame has been shown, as for a hidden window.
+    pub hides: AtomicBool,
+    /// Buffers are given back this many commits later than they could be.
+    pub late_releases: AtomicUsize,
+    /// The connection breaks.
+    pub dies: AtomicBool,
+    /// Commits so far, and the last one's pixels.
+    pub commits: AtomicUsize,
+    pub shown: Mutex<Shown>,
+}
+
+/// What is on the screen: rows of blue, green, red, alpha.
+#[derive(Clone, Default)]
+pub struct Shown {
+    pub width: usize,
+    pub height: usize,
+    pub has_alpha: bool,
+    pub pixels: Vec<u8>,
+}
+
+/// The compositor's thread, and a client of it with a surface.
+pub struct Compositor {
+    pub manners: Arc<Manners>,
+    thread: Option<JoinHandle<()>>,
+    is_over: Arc<AtomicBool>,
+    client: wayland_client::Connection,
+    _queue: wayland_client::EventQueue<Application>,
+    surface: wayland_client::protocol::wl_surface::WlSurface,
+}
+
+/// A pool's file.
+struct Pool(Arc<OwnedFd>);
+
+/// A part of a pool's file.
+#[derive(Clone)]
+struct Part {
+    file: Arc<OwnedFd>,
+    offset: usize,
+    width: usize,
+    height: usize,
+    stride: usize,
+    has_alpha: bool,
+}
+
+struct State {
+    manners: Arc<Manners>,
+    attached: Option<WlBuffer>,
+    callbacks: Vec<WlCallback>,
+    /// Callbacks of what was committed.
+    due: Vec<WlCallback>,
+    /// Buffers that were replaced, the oldest first.
+    replaced: Vec<WlBuffer>,
+    current: Option<WlBuffer>,
+}
+
+struct Quiet;
+impl ClientData for Quiet {}
+
+impl Compositor {
+    /// Starts one.
+    pub fn start() -> Compositor {
+        let manners = Arc::new(Manners::default());
+        let is_over = Arc::new(AtomicBool::new(false));
+        let (ours, theirs) = UnixStream::pair().unwrap();
+        let (seen, over) = (Arc::clone(&manners), Arc::clone(&is_over));
+        let thread = std::thread::spawn(move || compose(theirs, seen, &over));
+        let backend = wayland_client::backend::Backend::connect(ours).unwrap();
+        let client = wayland_client::Connection::from_backend(backend);
+        let (globals, queue) =
+            wayland_client::globals::registry_queue_init::<Application>(&client).unwrap();
+        let compositor: wayland_client::protocol::wl_compositor::WlCompositor =
+            globals.bind(&queue.handle(), 4..=4, ()).unwrap();
+        let surface = compositor.create_surface(&queue.handle(), ());
+        client.flush().unwrap();
+        Compositor {
+            manners,
+            thread: Some(thread),
+            is_over,
+            client,
+            _queue: queue,
+            surface,
+        }
+    }
+
+    /// A program that presents to the client's surface.
+    pub fn presenter(&self) -> Option<Presenter> {
+        Presenter::new(khr::wayland_surface::NAME, |entry, instance| {
+            let info = vk::WaylandSurfaceCreateInfoKHR::default()
+                .display(self.client.backend().display_ptr().cast())
+                .surface(self.surface.id().as_ptr().cast());
+            // SAFETY: display and surface live longer than the presenter.
+            unsafe {
+                khr::wayland_surface::Instance::new(entry, instance)
+                    .create_wayland_surface(&info, None)
+                    .unwrap()
+            }
+        })
+    }
+
+    /// Whether the screen comes to show these pixels (blue, green, red, anything).
+    pub fn shows(&self, width: usize, height: usize, pixels: &[u8]) -> bool {
+        let start = Instant::now();
+        loop {
+            let shown = self.manners.shown.lock().unwrap().clone();
+            let same = |(shown, wanted): (&[u8], &[u8])| shown[..3] == wanted[..3];
+            if (shown.width, shown.height) == (width, height)
+                && shown
+                    .pixels
+                    .chunks_exact(4)
+                    .zip(pixels.chunks_exact(4))
+                    .all(same)
+            {
+                return true;
+            }
+            if start.elapsed() > Duration::from_secs(5) {
+                return false;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+}
+
+impl Drop for Compositor {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn compose(stream: UnixStream, manners: Arc<Manners>, is_over: &AtomicBool) {
+    let mut display = Display::<State>::new().unwrap();
+    let mut handle = display.handle();
+    handle.create_global::<State, WlCompositor, ()>(4, ());
+    handle.create_global::<State, WlShm, ()>(1, ());
+    handle.insert_client(stream, Arc::new(Quiet)).unwrap();
+    let mut state = State {
+        manners,
+        attached: None,
+        callbacks: Vec::new(),
+        due: Vec::new(),
+        replaced: Vec::new(),
+        current: None,
+    };
+    let start = Instant::now();
+    let mut refresh = 0u32;
+    while !is_over.load(Ordering::Acquire) && !state.manners.dies.load(Ordering::Acquire) {
+        display.dispatch_clients(&mut state).unwrap();
+        if start.elapsed() >= REFRESH * (refresh + 1) {
+            refresh = (start.elapsed().as_micros() / REFRESH.as_micros()) as u32;
+            if !state.manners.hides.load(Ordering::Acquire) {
+                for callback in state.due.drain(..) {
+                    callback.done(refresh * 16);
+                }
+            }
+        }
+        display.flush_clients().unwrap();
+        std::thread::sleep(Duration::from_micros(500));
+    }
+}
+
+/// Reads a part of a file.
+fn read(part: &Part) -> Shown {
+    let size = part.offset + part.stride * part.height;
+    // SAFETY: a mapping of the client's file, which is as large as it said, or this test fails by a signal.
+    unsafe {
+        let (protection, kind) = (libc::PROT_READ, libc::MAP_SHARED);
+        let file = part.file.as_raw_fd();
+        let data = libc::mmap(std::ptr::null_mut(), size, protection, kind, file, 0);
+        assert_ne!(data, libc::MAP_FAILED);
+        let bytes = std::slice::from_raw_parts(data.cast::<u8>(), size);
+        let rows = bytes[part.offset..].chunks(part.stride).take(part.height);
+        let pixels = rows
+            .flat_map(|row| &row[..part.width * 4])
+            .copied()
+            .collect();
+        libc::munmap(data, size);
+        Shown {
+            width: part.width,
+            height: part.height,
+            has_alpha: part.has_alpha,
+            pixels,
+        }
+    }
+}
+
+impl State {
+    fn commit(&mut self) {
+        if let Some(buffer) = self.attached.take() {
+            if let Some(part) = buffer.data::<Part>() {
+                *self.manners.shown.lock().unwrap() = read(part);
+            }
+            let before = self.current.replace(buffer);
+            self.replaced.extend(before);
+            let late = self.manners.late_releases.load(Ordering::Acquire);
+            while self.replaced.len() > late {
+                self.replaced.remove(0).release();
+            }
+        }
+        self.due.append(&mut self.callbacks);
+        self.manners.commits.fetch_add(1, Ordering::AcqRel);
+    }
+}
+
+macro_rules! global {
+    ($interface:ty) => {
+        impl GlobalDispatch<$interface, ()> for State {
+            fn bind(
+                _: &mut Self,
+                _: &DisplayHandle,
+                _: &Client,
+                resource: New<$interface>,
+                (): &(),
+                init: &mut DataInit<'_, Self>,
+            ) {
+                let resource = init.init(resource, ());
+                announce(&resource);
+            }
+        }
+    };
+}
+
+/// What a global says of itself.
+fn announce<R: Resource + 'static>(resource: &R) {
+    if let Some(shm) = (resource as &dyn std::any::Any).downcast_ref::<WlShm>() {
+        shm.format(wl_shm::Format::Argb8888);
+        shm.format(wl_shm::Format::Xrgb8888);
+    }
+}
+
+global!(WlCompositor);
+global!(WlShm);
+
+macro_rules! dispatch {
+    ($interface:ty, $data:ty, |$state:ident, $resource:ident, $request:ident, $own:ident, $init:ident| $body:block) => {
+        impl Dispatch<$interface, $data> for State {
+            fn request(
+                $state: &mut Self,
+                _: &Client,
+                $resource: &$interface,
+                $request: <$interface as Resource>::Request,
+                $own: &$data,
+                _: &DisplayHandle,
+                $init: &mut DataInit<'_, Self>,
+            ) $body
+        }
+    };
+}
+
+dispatch!(WlCompositor, (), |_state,
+                             _resource,
+                             request,
+                             _own,
+                             init| {
+    match request {
+        wl_compositor::Request::CreateSurface { id } => drop(init.init(id, ())),
+        wl_compositor::Request::CreateRegion { id } => drop(init.init(id, ())),
+        _ => {}
+    }
+});
+
+dispatch!(WlRegion, (), |_state, _resource, request, _own, _init| {
+    let _: wl_region::Request = request;
+});
+
+dispatch!(WlShm, (), |_state, _resource, request, _own, init| {
+    if let wl_shm::Request::CreatePool { id, fd, .. } = request {
+        init.init(id, Pool(Arc::new(fd)));
+    }
+});
+
+dispatch!(WlShmPool, Pool, |_state, _resource, request, own, init| {
+    if let wl_shm_pool::Request::CreateBuffer {
+        id,
+        offset,
+        width,
+        height,
+        stride,
+        format,
+    } = request
+    {
+        init.init(
+            id,
+            Part {
+                file: Arc::clone(&own.0),
+                offset: offset as usize,
+                width: width as usize,
+                height: height as usize,
+                stride: stride as usize,
+                has_alpha: matches!(format.into_result(), Ok(wl_shm::Format::Argb8888)),
+            },
+        );
+    }
+});
+
+dispatch!(WlBuffer, Part, |state, resource, request, _own, _init| {
+    if let wl_buffer::Request::Destroy = request {
+        state.replaced.retain(|buffer| buffer != resource);
+        state.current.take_if(|buffer| buffer == resource);
+        state.attached.take_if(|buffer| buffer == resource);
+    }
+});
+
+dispatch!(WlCallback, (), |_state,
+                           _resource,
+                           _request,
+                           _own,
+                           _init| {});
+
+dispatch!(WlSurface, (), |state, _resource, request, _own, init| {
+    match request {
+        wl_surface::Request::Attach { buffer, .. } => state.attached = buffer,
+        wl_surface::Request::Frame { callback } => {
+            state.callbacks.push(init.init(callback, ()));
+        }
+        wl_surface::Request::Commit => state.commit(),
+        _ => {}
+    }
+});
+
+/// The application that has the surface. It listens to nothing.
+struct Application;
+
+macro_rules! ignore {
+    ($($interface:ident $module:ident $data:ty;)*) => {$(
+        impl wayland_client::Dispatch<wayland_client::protocol::$module::$interface, $data> for Application {
+            fn event(
+                _: &mut Self,
+                _: &wayland_client::protocol::$module::$interface,
+                _: wayland_client::protocol::$module::Event,
+                _: &$data,
+                _: &wayland_client::Connection,
+                _: &wayland_client::QueueHandle<Self>,
+            ) {
+            }
+        }
+    )*};
+}
+
+ignore! {
+    WlRegistry wl_registry wayland_client::globals::GlobalListContents;
+    WlCompositor wl_compositor ();
+    WlSurface wl_surface ();
+}

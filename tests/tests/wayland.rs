@@ -1,0 +1,195 @@
+//! Surfaces of Wayland, on a compositor of the test's own.
+
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+use ash::khr;
+use tuff_tests::*;
+
+/// A picture with no two rows or columns alike: blue, green, red, alpha.
+fn picture(width: u32, height: u32, seed: u32) -> Vec<u8> {
+    (0..height)
+        .flat_map(|y| (0..width).map(move |x| (x, y)))
+        .flat_map(|(x, y)| {
+            [
+                (x * 4 + seed) as u8,
+                (y * 5) as u8,
+                (x ^ y ^ seed) as u8,
+                255,
+            ]
+        })
+        .collect()
+}
+
+fn red_first(pixels: &[u8]) -> Vec<u8> {
+    let swap = |pixel: &[u8]| [pixel[2], pixel[1], pixel[0], pixel[3]];
+    pixels.chunks_exact(4).flat_map(swap).collect()
+}
+
+#[test]
+fn what_is_presented_is_attached() {
+    let compositor = Compositor::start();
+    let Some(presenter) = compositor.presenter() else {
+        return;
+    };
+    let current = presenter.capabilities().unwrap().current_extent;
+    assert_eq!(current.width, u32::MAX);
+    let usual = [
+        vk::PresentModeKHR::FIFO,
+        vk::PresentModeKHR::MAILBOX,
+        vk::PresentModeKHR::IMMEDIATE,
+    ];
+    let mut old = vk::SwapchainKHR::null();
+    for mode in usual
+        .into_iter()
+        .filter(|mode| presenter.modes().contains(mode))
+    {
+        for format in [vk::Format::B8G8R8A8_SRGB, vk::Format::R8G8B8A8_UNORM] {
+            let chain = Chain {
+                format,
+                mode,
+                count: 3,
+                old,
+                ..Chain::of(61, 37)
+            };
+            let swapchain = presenter.swapchain(&chain).unwrap();
+            if old != vk::SwapchainKHR::null() {
+                presenter.destroy(old);
+            }
+            for seed in 0..6 {
+                let pixels = picture(61, 37, seed * 9 + mode.as_raw() as u32);
+                let ordered = match format {
+                    vk::Format::R8G8B8A8_UNORM => red_first(&pixels),
+                    _ => pixels.clone(),
+                };
+                presenter
+                    .frame(swapchain, chain.extent, &ordered, 0)
+                    .unwrap();
+                if seed == 5 {
+                    assert!(compositor.shows(61, 37, &pixels), "{mode:?} {format:?}");
+                }
+            }
+            assert!(!compositor.manners.shown.lock().unwrap().has_alpha);
+            old = swapchain;
+        }
+    }
+    presenter.destroy(old);
+    let chain = Chain {
+        alpha: vk::CompositeAlphaFlagsKHR::PRE_MULTIPLIED,
+        ..Chain::of(5, 7)
+    };
+    let swapchain = presenter.swapchain(&chain).unwrap();
+    let pixels = picture(5, 7, 1);
+    presenter
+        .frame(swapchain, chain.extent, &pixels, 0)
+        .unwrap();
+    assert!(compositor.shows(5, 7, &pixels));
+    assert!(compositor.manners.shown.lock().unwrap().has_alpha);
+    presenter.destroy(swapchain);
+}
+
+#[test]
+fn fifo_waits_for_the_compositor_and_goes_on_when_hidden() {
+    let compositor = Compositor::start();
+    let Some(presenter) = compositor.presenter() else {
+        return;
+    };
+    if !presenter.extends(khr::present_wait::NAME) {
+        return;
+    }
+    let waits = khr::present_wait::Device::new(&presenter.instance, &presenter.device);
+    let chain = Chain::of(16, 16);
+    let swapchain = presenter.swapchain(&chain).unwrap();
+    let pixels = picture(16, 16, 3);
+    let start = Instant::now();
+    for id in 1..=30 {
+        presenter
+            .frame(swapchain, chain.extent, &pixels, id)
+            .unwrap();
+    }
+    // SAFETY: the swapchain is alive, and the id has been presented.
+    unsafe { waits.wait_for_present(swapchain, 30, PATIENCE_NS).unwrap() };
+    // The first one may be shown at once.
+    let took = start.elapsed().as_secs_f64();
+    assert!(took > 28.0 / 60.0, "{took} s");
+    compositor.manners.hides.store(true, Ordering::Release);
+    let start = Instant::now();
+    for id in 31..=34 {
+        presenter
+            .frame(swapchain, chain.extent, &pixels, id)
+            .unwrap();
+    }
+    // SAFETY: as above.
+    unsafe { waits.wait_for_present(swapchain, 34, PATIENCE_NS).unwrap() };
+    assert!(start.elapsed() < Duration::from_secs(20));
+    presenter.destroy(swapchain);
+}
+
+#[test]
+fn late_releases_hold_images_back_but_nothing_up() {
+    let compositor = Compositor::start();
+    let Some(presenter) = compositor.presenter() else {
+        return;
+    };
+    compositor.manners.late_releases.store(2, Ordering::Release);
+    let chain = Chain {
+        count: 4,
+        mode: vk::PresentModeKHR::MAILBOX,
+        ..Chain::of(16, 16)
+    };
+    let swapchain = presenter.swapchain(&chain).unwrap();
+    for seed in 0..40 {
+        let pixels = picture(16, 16, seed);
+        presenter
+            .frame(swapchain, chain.extent, &pixels, 0)
+            .unwrap();
+    }
+    assert!(compositor.shows(16, 16, &picture(16, 16, 39)));
+    presenter.destroy(swapchain);
+}
+
+#[test]
+fn a_dead_compositor_is_a_lost_surface() {
+    let compositor = Compositor::start();
+    let Some(presenter) = compositor.presenter() else {
+        return;
+    };
+    let chain = Chain::of(16, 16);
+    let swapchain = presenter.swapchain(&chain).unwrap();
+    let pixels = picture(16, 16, 3);
+    presenter
+        .frame(swapchain, chain.extent, &pixels, 0)
+        .unwrap();
+    compositor.manners.dies.store(true, Ordering::Release);
+    let code = (0..20).find_map(|_| presenter.frame(swapchain, chain.extent, &pixels, 0).err());
+    assert_eq!(code, Some(vk::Result::ERROR_SURFACE_LOST_KHR));
+    presenter.destroy(swapchain);
+}
+
+#[test]
+fn thousands_of_swapchains_leave_nothing_behind() {
+    let compositor = Compositor::start();
+    let Some(presenter) = compositor.presenter() else {
+        return;
+    };
+    let files = || std::fs::read_dir("/proc/self/fd").unwrap().count();
+    let chain = Chain {
+        mode: vk::PresentModeKHR::IMMEDIATE,
+        ..Chain::of(16, 16)
+    };
+    let pixels = picture(16, 16, 5);
+    let mut before = 0;
+    for round in 0..2_000 {
+        let swapchain = presenter.swapchain(&chain).unwrap();
+        if round % 10 == 0 {
+            presenter
+                .frame(swapchain, chain.extent, &pixels, 0)
+                .unwrap();
+        }
+        presenter.destroy(swapchain);
+        if round == 100 {
+            before = files();
+        }
+    }
+    assert!(files() < before + 100, "{} files, {before} before", files());
+}

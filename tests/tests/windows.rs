@@ -1,0 +1,443 @@
+//! Windows of X11: what is presented is on the screen.
+
+use std::ffi::c_void;
+use std::time::{Duration, Instant};
+
+use ash::{ext, khr};
+use tuff_tests::*;
+
+const WIDTH: u32 = 61;
+const HEIGHT: u32 = 37;
+
+/// A picture with no two rows or columns alike: blue, green, red, alpha.
+fn picture(width: u32, height: u32, seed: u32) -> Vec<u8> {
+    (0..height)
+        .flat_map(|y| (0..width).map(move |x| (x, y)))
+        .flat_map(|(x, y)| {
+            [
+                (x * 4 + seed) as u8,
+                (y * 5) as u8,
+                (x ^ y ^ seed) as u8,
+                255,
+            ]
+        })
+        .collect()
+}
+
+/// The same with red first.
+fn red_first(pixels: &[u8]) -> Vec<u8> {
+    let swap = |pixel: &[u8]| [pixel[2], pixel[1], pixel[0], pixel[3]];
+    pixels.chunks_exact(4).flat_map(swap).collect()
+}
+
+/// Frames in each mode on a server, the last of which is on the screen in the end.
+fn shows_frames(without: &[&str]) {
+    let Some(server) = Xvfb::start(without) else {
+        return;
+    };
+    let window = server.window(WIDTH as u16, HEIGHT as u16);
+    let Some(presenter) = window.presenter() else {
+        return;
+    };
+    let extent = vk::Extent2D {
+        width: WIDTH,
+        height: HEIGHT,
+    };
+    let current = presenter.capabilities().unwrap().current_extent;
+    assert_eq!(current, extent);
+    let usual = [
+        vk::PresentModeKHR::FIFO,
+        vk::PresentModeKHR::FIFO_RELAXED,
+        vk::PresentModeKHR::MAILBOX,
+        vk::PresentModeKHR::IMMEDIATE,
+    ];
+    let mut old = vk::SwapchainKHR::null();
+    for mode in presenter.modes() {
+        if !usual.contains(&mode) {
+            continue;
+        }
+        for format in [vk::Format::B8G8R8A8_UNORM, vk::Format::R8G8B8A8_SRGB] {
+            let chain = Chain {
+                format,
+                mode,
+                count: 3,
+                old,
+                ..Chain::of(WIDTH, HEIGHT)
+            };
+            let swapchain = presenter.swapchain(&chain).unwrap();
+            if old != vk::SwapchainKHR::null() {
+                presenter.destroy(old);
+            }
+            for seed in 0..6 {
+                let pixels = picture(WIDTH, HEIGHT, seed * 7 + mode.as_raw() as u32);
+                let ordered = match format {
+                    vk::Format::B8G8R8A8_UNORM => pixels.clone(),
+                    _ => red_first(&pixels),
+                };
+                let (_, suboptimal) = presenter.frame(swapchain, extent, &ordered, 0).unwrap();
+                assert!(!suboptimal);
+                if seed == 5 {
+                    let shown = window.shows(WIDTH as u16, HEIGHT as u16, &pixels);
+                    assert!(shown, "{mode:?} {format:?}");
+                }
+            }
+            old = swapchain;
+        }
+    }
+    presenter.destroy(old);
+}
+
+#[test]
+fn what_is_presented_is_on_the_screen() {
+    shows_frames(&[]);
+}
+
+#[test]
+fn servers_without_shared_memory_are_sent_the_pixels() {
+    shows_frames(&["MIT-SHM"]);
+}
+
+#[test]
+fn servers_without_present_are_copied_to() {
+    shows_frames(&["Present"]);
+    shows_frames(&["Present", "MIT-SHM"]);
+}
+
+#[test]
+fn the_last_frame_of_a_destroyed_swapchain_is_shown() {
+    let Some(server) = Xvfb::start(&[]) else {
+        return;
+    };
+    let window = server.window(WIDTH as u16, HEIGHT as u16);
+    let Some(presenter) = window.presenter() else {
+        return;
+    };
+    let chain = Chain::of(WIDTH, HEIGHT);
+    let swapchain = presenter.swapchain(&chain).unwrap();
+    let pixels = picture(WIDTH, HEIGHT, 99);
+    for seed in [1, 99] {
+        let pixels = picture(WIDTH, HEIGHT, seed);
+        presenter
+            .frame(swapchain, chain.extent, &pixels, 0)
+            .unwrap();
+    }
+    presenter.destroy(swapchain);
+    assert!(window.shows(WIDTH as u16, HEIGHT as u16, &pixels));
+}
+
+#[test]
+fn fifo_keeps_the_pace_of_the_server() {
+    let Some(server) = Xvfb::start(&[]) else {
+        return;
+    };
+    let window = server.window(64, 64);
+    let Some(presenter) = window.presenter() else {
+        return;
+    };
+    if !presenter.extends(khr::present_wait::NAME) {
+        return;
+    }
+    let waits = khr::present_wait::Device::new(&presenter.instance, &presenter.device);
+    let chain = Chain::of(64, 64);
+    let swapchain = presenter.swapchain(&chain).unwrap();
+    let pixels = picture(64, 64, 3);
+    let frames = 60;
+    let mut start = Instant::now();
+    for id in 1..=frames + 3 {
+        presenter
+            .frame(swapchain, chain.extent, &pixels, id)
+            .unwrap();
+        if id == 3 {
+            // SAFETY: the swapchain is alive, and the id has been presented.
+            unsafe { waits.wait_for_present(swapchain, id, PATIENCE_NS).unwrap() };
+            start = Instant::now();
+        }
+    }
+    // SAFETY: as above.
+    unsafe {
+        waits
+            .wait_for_present(swapchain, frames + 3, PATIENCE_NS)
+            .unwrap()
+    };
+    let took = start.elapsed().as_secs_f64();
+    // Xvfb counts 60 refreshes a second. A loaded machine may miss some, but none comes too soon.
+    let expected = frames as f64 / 60.0;
+    assert!(took > expected * 0.98, "{took} s for {expected} s");
+    assert!(took < expected * 1.5 + 0.5, "{took} s for {expected} s");
+    presenter.destroy(swapchain);
+}
+
+#[test]
+fn resized_windows_make_swapchains_suboptimal_and_replacements_fit() {
+    let Some(server) = Xvfb::start(&[]) else {
+        return;
+    };
+    let window = server.window(64, 64);
+    let Some(presenter) = window.presenter() else {
+        return;
+    };
+    let chain = Chain::of(64, 64);
+    let swapchain = presenter.swapchain(&chain).unwrap();
+    presenter
+        .frame(swapchain, chain.extent, &picture(64, 64, 1), 0)
+        .unwrap();
+    window.resize(80, 48);
+    let current = presenter.capabilities().unwrap().current_extent;
+    assert_eq!((current.width, current.height), (80, 48));
+    let told = (0..20).any(|seed| {
+        match presenter.frame(swapchain, chain.extent, &picture(64, 64, seed), 0) {
+            Ok((_, suboptimal)) => suboptimal,
+            Err(code) => {
+                assert_eq!(code, vk::Result::ERROR_OUT_OF_DATE_KHR);
+                true
+            }
+        }
+    });
+    assert!(told, "nobody says that the window has another size");
+    let again = Chain {
+        old: swapchain,
+        ..Chain::of(80, 48)
+    };
+    let next = presenter.swapchain(&again).unwrap();
+    presenter.destroy(swapchain);
+    let pixels = picture(80, 48, 9);
+    let (_, suboptimal) = presenter.frame(next, again.extent, &pixels, 0).unwrap();
+    assert!(!suboptimal);
+    assert!(window.shows(80, 48, &pixels));
+    presenter.destroy(next);
+}
+
+#[test]
+fn pictures_are_stretched_over_windows_of_other_sizes() {
+    let Some(server) = Xvfb::start(&[]) else {
+        return;
+    };
+    let window = server.window(64, 96);
+    let Some(presenter) = window.presenter() else {
+        return;
+    };
+    if !presenter.extends(ext::swapchain_maintenance1::NAME) {
+        return;
+    }
+    // Two colors, the border between them at half: any filter keeps the outer quarters.
+    let small: Vec<u8> = [[255, 0, 0, 255], [0, 0, 255, 255]].concat().repeat(2);
+    let chain = Chain {
+        scaling: vk::PresentScalingFlagsEXT::STRETCH,
+        ..Chain::of(2, 2)
+    };
+    let swapchain = presenter.swapchain(&chain).unwrap();
+    presenter.frame(swapchain, chain.extent, &small, 0).unwrap();
+    let row = |y: u16| -> Vec<u8> {
+        let shot = window.screenshot(64, 96);
+        shot[usize::from(y) * 256..][..256].to_vec()
+    };
+    let start = Instant::now();
+    let is_there = |row: &[u8]| row[..3] == [255, 0, 0] && row[252..255] == [0, 0, 255];
+    while !(is_there(&row(0)) && is_there(&row(95))) {
+        assert!(start.elapsed() < Duration::from_secs(5), "{:?}", row(0));
+    }
+    presenter.destroy(swapchain);
+    let chain = Chain {
+        scaling: vk::PresentScalingFlagsEXT::ASPECT_RATIO_STRETCH,
+        gravity: vk::PresentGravityFlagsEXT::MAX,
+        ..chain
+    };
+    let swapchain = presenter.swapchain(&chain).unwrap();
+    presenter.frame(swapchain, chain.extent, &small, 0).unwrap();
+    // 64 by 64 pixels at the lower end.
+    while is_there(&row(0)) || is_there(&row(31)) || !is_there(&row(32)) {
+        assert!(start.elapsed() < Duration::from_secs(10), "{:?}", row(0));
+    }
+    presenter.destroy(swapchain);
+}
+
+#[test]
+fn windows_that_die_are_lost_surfaces() {
+    for mode in [vk::PresentModeKHR::FIFO, vk::PresentModeKHR::IMMEDIATE] {
+        let Some(server) = Xvfb::start(&[]) else {
+            return;
+        };
+        let window = server.window(64, 64);
+        let Some(presenter) = window.presenter() else {
+            return;
+        };
+        let chain = Chain {
+            mode,
+            ..Chain::of(64, 64)
+        };
+        let swapchain = presenter.swapchain(&chain).unwrap();
+        let pixels = picture(64, 64, 1);
+        presenter
+            .frame(swapchain, chain.extent, &pixels, 0)
+            .unwrap();
+        window.destroy();
+        let code = (0..20).find_map(|_| presenter.frame(swapchain, chain.extent, &pixels, 0).err());
+        assert_eq!(code, Some(vk::Result::ERROR_SURFACE_LOST_KHR));
+        let code = presenter.capabilities().err();
+        assert_eq!(code, Some(vk::Result::ERROR_SURFACE_LOST_KHR));
+        presenter.destroy(swapchain);
+        // No error came as an event of the application's.
+        use x11rb::connection::Connection;
+        while let Some(event) = window.x.poll_for_event().unwrap() {
+            let error = matches!(event, x11rb::protocol::Event::Error(_));
+            assert!(!error, "{event:?}");
+        }
+    }
+}
+
+#[test]
+fn a_dead_server_ends_no_process_and_hangs_none() {
+    let Some(server) = Xvfb::start(&[]) else {
+        return;
+    };
+    let window = server.window(64, 64);
+    let Some(presenter) = window.presenter() else {
+        return;
+    };
+    let chain = Chain::of(64, 64);
+    let swapchain = presenter.swapchain(&chain).unwrap();
+    let pixels = picture(64, 64, 1);
+    presenter
+        .frame(swapchain, chain.extent, &pixels, 0)
+        .unwrap();
+    drop(server);
+    let code = (0..20).find_map(|_| presenter.frame(swapchain, chain.extent, &pixels, 0).err());
+    assert_eq!(code, Some(vk::Result::ERROR_SURFACE_LOST_KHR));
+    presenter.destroy(swapchain);
+}
+
+/// Xlib's own error handler ends the process: it must hear of nothing.
+#[test]
+fn a_dead_window_of_xlib_does_not_reach_its_error_handler() {
+    let Some(server) = Xvfb::start(&[]) else {
+        return;
+    };
+    type Display = *mut c_void;
+    // SAFETY: the functions have these types (Xlib.h), and are called as Xlib wants.
+    unsafe {
+        let Ok(xlib) = libloading::Library::new("libX11.so.6") else {
+            has("libX11", false);
+            return;
+        };
+        macro_rules! function {
+            ($name:literal, fn($($ty:ty),*) -> $result:ty) => {
+                *xlib.get::<unsafe extern "C" fn($($ty),*) -> $result>($name).unwrap()
+            };
+        }
+        function!(b"XInitThreads\0", fn() -> i32)();
+        let name = std::ffi::CString::new(server.display.as_str()).unwrap();
+        let display: Display =
+            function!(b"XOpenDisplay\0", fn(*const i8) -> Display)(name.as_ptr());
+        assert!(!display.is_null());
+        let root = function!(b"XDefaultRootWindow\0", fn(Display) -> u64)(display);
+        let create = function!(
+            b"XCreateSimpleWindow\0",
+            fn(Display, u64, i32, i32, u32, u32, u32, u64, u64) -> u64
+        );
+        let window = create(display, root, 0, 0, 64, 64, 0, 0, 0);
+        function!(b"XMapWindow\0", fn(Display, u64) -> i32)(display, window);
+        let sync = function!(b"XSync\0", fn(Display, i32) -> i32);
+        sync(display, 0);
+        let presenter = Presenter::new(khr::xlib_surface::NAME, |entry, instance| {
+            let info = vk::XlibSurfaceCreateInfoKHR::default()
+                .dpy(display.cast())
+                .window(window);
+            khr::xlib_surface::Instance::new(entry, instance)
+                .create_xlib_surface(&info, None)
+                .unwrap()
+        });
+        let Some(presenter) = presenter else {
+            return;
+        };
+        let chain = Chain::of(64, 64);
+        let swapchain = presenter.swapchain(&chain).unwrap();
+        let pixels = picture(64, 64, 1);
+        for _ in 0..3 {
+            presenter
+                .frame(swapchain, chain.extent, &pixels, 0)
+                .unwrap();
+        }
+        function!(b"XDestroyWindow\0", fn(Display, u64) -> i32)(display, window);
+        sync(display, 0);
+        let code = (0..20).find_map(|_| presenter.frame(swapchain, chain.extent, &pixels, 0).err());
+        assert_eq!(code, Some(vk::Result::ERROR_SURFACE_LOST_KHR));
+        presenter.destroy(swapchain);
+        drop(presenter);
+        sync(display, 0);
+        function!(b"XCloseDisplay\0", fn(Display) -> i32)(display);
+    }
+}
+
+#[test]
+fn a_window_has_one_swapchain_that_is_not_retired() {
+    let Some(server) = Xvfb::start(&[]) else {
+        return;
+    };
+    let window = server.window(64, 64);
+    let Some(presenter) = window.presenter() else {
+        return;
+    };
+    let chain = Chain::of(64, 64);
+    let first = presenter.swapchain(&chain).unwrap();
+    let refused = presenter.swapchain(&chain).err();
+    assert_eq!(refused, Some(vk::Result::ERROR_NATIVE_WINDOW_IN_USE_KHR));
+    let second = presenter
+        .swapchain(&Chain {
+            old: first,
+            ..chain
+        })
+        .unwrap();
+    // SAFETY: the swapchain is alive, though retired.
+    let acquired = unsafe {
+        let (none, fence) = (vk::Semaphore::null(), vk::Fence::null());
+        presenter
+            .swapchains
+            .acquire_next_image(first, 0, none, fence)
+    };
+    assert_eq!(acquired.err(), Some(vk::Result::ERROR_OUT_OF_DATE_KHR));
+    presenter.destroy(first);
+    presenter.destroy(second);
+    let third = presenter.swapchain(&chain).unwrap();
+    presenter.destroy(third);
+}
+
+/// Open files of this process.
+fn open_files() -> usize {
+    std::fs::read_dir("/proc/self/fd").unwrap().count()
+}
+
+#[test]
+fn thousands_of_swapchains_leave_nothing_behind() {
+    let Some(server) = Xvfb::start(&[]) else {
+        return;
+    };
+    let window = server.window(64, 64);
+    let Some(presenter) = window.presenter() else {
+        return;
+    };
+    let chain = Chain {
+        mode: vk::PresentModeKHR::IMMEDIATE,
+        ..Chain::of(64, 64)
+    };
+    let pixels = picture(64, 64, 5);
+    let mut files = 0;
+    for round in 0..10_000 {
+        let swapchain = presenter.swapchain(&chain).unwrap();
+        if round % 10 == 0 {
+            presenter
+                .frame(swapchain, chain.extent, &pixels, 0)
+                .unwrap();
+        }
+        presenter.destroy(swapchain);
+        if round == 100 {
+            files = open_files();
+        }
+    }
+    // Other tests of this program may have some open, too.
+    assert!(
+        open_files() < files + 100,
+        "{} files, {files} before",
+        open_files()
+    );
+    assert!(window.shows(64, 64, &pixels));
+}
