@@ -1,7 +1,9 @@
 //! Windows of X11 on a server of the test's own.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -20,6 +22,8 @@ use crate::{Presenter, has};
 pub struct Xvfb {
     process: Child,
     pub display: String,
+    /// The socket of a messenger between the server and its clients.
+    between: Option<PathBuf>,
 }
 
 impl Xvfb {
@@ -50,7 +54,38 @@ impl Xvfb {
         Some(Xvfb {
             process: started.ok()?,
             display: format!(":{}", line.trim()),
+            between: None,
         })
+    }
+
+    /// Starts one with a messenger before it, who loses descriptors (as the way into a container may), and to whom clients that ask for
+    /// the extension Present ask for one that there is not.
+    #[track_caller]
+    pub fn start_afar(hides_present: bool) -> Option<Xvfb> {
+        let mut server = Self::start(&[])?;
+        let sockets = Path::new("/tmp/.X11-unix");
+        let behind = sockets.join(format!("X{}", &server.display[1..]));
+        let numbers = 200 + std::process::id() % 1000..;
+        let (listener, number) = numbers
+            .filter_map(|number| {
+                let path = sockets.join(format!("X{number}"));
+                Some((UnixListener::bind(path).ok()?, number))
+            })
+            .next()?;
+        server.display = format!(":{number}");
+        server.between = Some(sockets.join(format!("X{number}")));
+        std::thread::spawn(move || {
+            while let Ok((client, _)) = listener.accept() {
+                let Ok(server) = UnixStream::connect(&behind) else {
+                    return;
+                };
+                let ends = [client.try_clone().unwrap(), server.try_clone().unwrap()];
+                std::thread::spawn(move || pass_on(client, server, hides_present));
+                let [client, server] = ends;
+                std::thread::spawn(move || pass_on(server, client, false));
+            }
+        });
+        Some(server)
     }
 
     /// A window in the upper left corner, and the connection it is of.
@@ -78,7 +113,28 @@ impl Drop for Xvfb {
     fn drop(&mut self) {
         let _ = self.process.kill();
         let _ = self.process.wait();
+        if let Some(socket) = &self.between {
+            let _ = std::fs::remove_file(socket);
+        }
     }
+}
+
+/// Passes bytes on until either side hangs up.
+fn pass_on(mut from: UnixStream, mut to: UnixStream, hides_present: bool) {
+    let mut bytes = [0; 1 << 16];
+    while let Ok(count @ 1..) = from.read(&mut bytes) {
+        let part = &mut bytes[..count];
+        if hides_present {
+            let mut places = part.windows(7).map(|word| word == b"Present");
+            if let Some(place) = places.position(|is_there| is_there) {
+                part[place] = b'A';
+            }
+        }
+        if to.write_all(part).is_err() {
+            break;
+        }
+    }
+    let _ = to.shutdown(std::net::Shutdown::Both);
 }
 
 /// A window of the application's.

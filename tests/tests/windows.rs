@@ -31,8 +31,8 @@ fn red_first(pixels: &[u8]) -> Vec<u8> {
 }
 
 /// Frames in each mode on a server, the last of which is on the screen in the end.
-fn shows_frames(without: &[&str]) {
-    let Some(server) = Xvfb::start(without) else {
+fn shows_frames(server: Option<Xvfb>) {
+    let Some(server) = server else {
         return;
     };
     let window = server.window(WIDTH as u16, HEIGHT as u16);
@@ -89,18 +89,22 @@ fn shows_frames(without: &[&str]) {
 
 #[test]
 fn what_is_presented_is_on_the_screen() {
-    shows_frames(&[]);
+    shows_frames(Xvfb::start(&[]));
 }
 
 #[test]
 fn servers_without_shared_memory_are_sent_the_pixels() {
-    shows_frames(&["MIT-SHM"]);
+    shows_frames(Xvfb::start(&["MIT-SHM"]));
+}
+
+#[test]
+fn servers_that_take_no_descriptors_share_segments() {
+    shows_frames(Xvfb::start_afar(false));
 }
 
 #[test]
 fn servers_without_present_are_copied_to() {
-    shows_frames(&["Present"]);
-    shows_frames(&["Present", "MIT-SHM"]);
+    shows_frames(Xvfb::start_afar(true));
 }
 
 #[test]

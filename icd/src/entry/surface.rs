@@ -50,7 +50,7 @@ unsafe fn fill_capabilities(
     next: *mut c_void,
     capabilities: &vk::SurfaceCapabilitiesKHR,
     mode: Option<vk::PresentModeKHR>,
-) -> VkResult {
+) {
     // SAFETY: the caller's promise.
     unsafe {
         if let Some(out) = chain::find_mut::<vk::SurfaceProtectedCapabilitiesKHR>(next) {
@@ -89,13 +89,13 @@ unsafe fn fill_capabilities(
         if let Some(out) = chain::find_mut::<vk::SurfacePresentModeCompatibilityEXT>(next) {
             let modes: Vec<_> =
                 compatible_modes(mode.unwrap_or(vk::PresentModeKHR::FIFO)).collect();
-            enumerate(
+            // The command has no code that says that there are more.
+            let _ = enumerate(
                 &mut out.present_mode_count,
                 out.p_present_modes,
                 modes.into_iter(),
-            )?;
+            );
         }
-        Ok(())
     }
 }
 
@@ -211,7 +211,8 @@ entry! {
         let mode = chain::find::<vk::SurfacePresentModeEXT>((*info).p_next).map(|info| info.present_mode);
         let capabilities = surface((*info).surface)?.capabilities(mode)?;
         (*out).surface_capabilities = capabilities;
-        fill_capabilities((*out).p_next, &capabilities, mode)
+        fill_capabilities((*out).p_next, &capabilities, mode);
+        Ok(())
     }
 
     fn vkGetPhysicalDeviceSurfaceFormatsKHR(
