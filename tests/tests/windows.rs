@@ -445,3 +445,63 @@ fn thousands_of_swapchains_leave_nothing_behind() {
     );
     assert!(window.shows(64, 64, &pixels));
 }
+
+/// Processor time of this process so far.
+fn processor_time() -> Duration {
+    // SAFETY: any bytes are a value of the structure, which the call fills.
+    let used = unsafe {
+        let mut used: libc::rusage = std::mem::zeroed();
+        assert_eq!(libc::getrusage(libc::RUSAGE_SELF, &mut used), 0);
+        used
+    };
+    let time = |time: libc::timeval| {
+        Duration::from_secs(time.tv_sec as u64) + Duration::from_micros(time.tv_usec as u64)
+    };
+    time(used.ru_utime) + time(used.ru_stime)
+}
+
+#[test]
+fn presenting_costs_little() {
+    let Some(server) = Xvfb::start(&[]) else {
+        return;
+    };
+    let window = server.window(1280, 720);
+    let Some(presenter) = window.presenter() else {
+        return;
+    };
+    let chain = Chain {
+        mode: vk::PresentModeKHR::IMMEDIATE,
+        ..Chain::of(1280, 720)
+    };
+    let swapchain = presenter.swapchain(&chain).unwrap();
+    let present = |count: u32| {
+        for _ in 0..count {
+            // SAFETY: the fence is waited for before it is reset, and destroyed once.
+            unsafe {
+                let fence = presenter
+                    .device
+                    .create_fence(&vk::FenceCreateInfo::default(), None)
+                    .unwrap();
+                let none = vk::Semaphore::null();
+                let (index, _) = presenter
+                    .swapchains
+                    .acquire_next_image(swapchain, PATIENCE_NS, none, fence)
+                    .unwrap();
+                let fences = [fence];
+                presenter
+                    .device
+                    .wait_for_fences(&fences, true, PATIENCE_NS)
+                    .unwrap();
+                presenter.device.destroy_fence(fence, None);
+                presenter.present(swapchain, index, &[], 0).unwrap();
+            }
+        }
+    };
+    present(20);
+    let before = processor_time();
+    present(300);
+    let each = (processor_time() - before) / 300;
+    println!("{each:?} of processor time for a picture of 1280 by 720");
+    assert!(each < Duration::from_micros(1500), "{each:?}");
+    presenter.destroy(swapchain);
+}

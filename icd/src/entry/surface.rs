@@ -30,16 +30,19 @@ fn formats(device: &PhysicalDevice) -> Vec<vk::SurfaceFormatKHR> {
         .collect()
 }
 
-/// The surface of a query; without one (`VK_NULL_HANDLE`) there is nothing to ask.
+/// Asks a surface, or one without a window for `VK_NULL_HANDLE` (`VK_GOOGLE_surfaceless_query`): formats and modes are the same.
 ///
 /// # Safety
 /// The handle is alive or null.
-unsafe fn surface<'a>(surface: vk::SurfaceKHR) -> VkResult<&'a Surface> {
+unsafe fn ask<R>(
+    surface: vk::SurfaceKHR,
+    question: impl FnOnce(&Surface) -> VkResult<R>,
+) -> VkResult<R> {
     // SAFETY: the caller's promise.
-    let surface = unsafe { optional::<Surface>(surface) };
-    surface
-        .map(|surface| &**surface)
-        .ok_or(vk::Result::ERROR_SURFACE_LOST_KHR)
+    match unsafe { optional::<Surface>(surface) } {
+        Some(surface) => question(surface),
+        None => question(&Surface::headless()),
+    }
 }
 
 /// Answers the structures behind `VkSurfaceCapabilities2KHR`.
@@ -190,7 +193,7 @@ entry! {
         handle: vk::SurfaceKHR,
         out: *mut vk::Bool32,
     ) -> vk::Result {
-        *out = surface(handle)?.is_presentable()?.into();
+        *out = ask(handle, Surface::is_presentable)?.into();
         Ok(())
     }
 
@@ -199,7 +202,7 @@ entry! {
         handle: vk::SurfaceKHR,
         out: *mut vk::SurfaceCapabilitiesKHR,
     ) -> vk::Result {
-        *out = surface(handle)?.capabilities(None)?;
+        *out = ask(handle, |surface| surface.capabilities(None))?;
         Ok(())
     }
 
@@ -209,7 +212,7 @@ entry! {
         out: *mut vk::SurfaceCapabilities2KHR,
     ) -> vk::Result {
         let mode = chain::find::<vk::SurfacePresentModeEXT>((*info).p_next).map(|info| info.present_mode);
-        let capabilities = surface((*info).surface)?.capabilities(mode)?;
+        let capabilities = ask((*info).surface, |surface| surface.capabilities(mode))?;
         (*out).surface_capabilities = capabilities;
         fill_capabilities((*out).p_next, &capabilities, mode);
         Ok(())
@@ -221,7 +224,7 @@ entry! {
         count: *mut u32,
         out: *mut vk::SurfaceFormatKHR,
     ) -> vk::Result {
-        surface(handle)?.window()?;
+        ask(handle, Surface::window)?;
         enumerate(count, out, formats(from_handle::<PhysicalDevice>(device)).into_iter())
     }
 
@@ -231,7 +234,7 @@ entry! {
         count: *mut u32,
         out: *mut vk::SurfaceFormat2KHR,
     ) -> vk::Result {
-        surface((*info).surface)?.window()?;
+        ask((*info).surface, Surface::window)?;
         let all = formats(from_handle::<PhysicalDevice>(device)).into_iter();
         enumerate_with(count, out, all, |out, format| out.surface_format = format)
     }
@@ -242,7 +245,7 @@ entry! {
         count: *mut u32,
         out: *mut vk::PresentModeKHR,
     ) -> vk::Result {
-        surface(handle)?.window()?;
+        ask(handle, Surface::window)?;
         enumerate(count, out, MODES.into_iter())
     }
 
@@ -253,7 +256,7 @@ entry! {
         out: *mut vk::Rect2D,
     ) -> vk::Result {
         // Without a window of its own a surface is as large as a swapchain makes it.
-        let extent = surface(handle)?.capabilities(None)?.current_extent;
+        let extent = ask(handle, |surface| surface.capabilities(None))?.current_extent;
         enumerate(count, out, [vk::Rect2D { extent, ..Default::default() }].into_iter())
     }
 }

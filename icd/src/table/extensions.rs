@@ -77,6 +77,7 @@ extensions! {
     Instance KHR_GET_SURFACE_CAPABILITIES_2 c"VK_KHR_get_surface_capabilities2" 1;
     Instance KHR_SURFACE c"VK_KHR_surface" 25;
     Instance KHR_SURFACE_MAINTENANCE_1 c"VK_KHR_surface_maintenance1" 1;
+    Instance KHR_SURFACE_PROTECTED_CAPABILITIES c"VK_KHR_surface_protected_capabilities" 1;
     Instance KHR_WAYLAND_SURFACE c"VK_KHR_wayland_surface" 6;
     Instance KHR_XCB_SURFACE c"VK_KHR_xcb_surface" 6;
     Instance KHR_XLIB_SURFACE c"VK_KHR_xlib_surface" 6;
@@ -84,6 +85,7 @@ extensions! {
     Instance EXT_HEADLESS_SURFACE c"VK_EXT_headless_surface" 1;
     Instance EXT_SURFACE_MAINTENANCE_1 c"VK_EXT_surface_maintenance1" 1;
     Instance EXT_SWAPCHAIN_COLORSPACE c"VK_EXT_swapchain_colorspace" 5;
+    Instance GOOGLE_SURFACELESS_QUERY c"VK_GOOGLE_surfaceless_query" 2;
     Device KHR_16BIT_STORAGE c"VK_KHR_16bit_storage" 1;
     Device KHR_8BIT_STORAGE c"VK_KHR_8bit_storage" 1;
     Device KHR_ACCELERATION_STRUCTURE c"VK_KHR_acceleration_structure" 13;
