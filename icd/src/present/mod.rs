@@ -105,6 +105,8 @@ pub enum When {
     NextRefresh,
     /// At the next refresh, or at once if one has passed since the last image.
     NextRefreshOrLate,
+    /// At the next refresh, unless another one is handed over before.
+    Replaceable,
     AtOnce,
 }
 

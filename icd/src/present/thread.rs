@@ -98,6 +98,7 @@ impl Shared {
 fn when(mode: vk::PresentModeKHR) -> When {
     match mode {
         vk::PresentModeKHR::IMMEDIATE => When::AtOnce,
+        vk::PresentModeKHR::MAILBOX => When::Replaceable,
         vk::PresentModeKHR::FIFO_RELAXED => When::NextRefreshOrLate,
         _ => When::NextRefresh,
     }

@@ -238,7 +238,8 @@ impl Screen for WaylandScreen {
             }
         }
         match frame.when {
-            When::AtOnce => self.told.events.push_back(Event::Shown {
+            // The compositor shows what was committed last.
+            When::AtOnce | When::Replaceable => self.told.events.push_back(Event::Shown {
                 serial: frame.serial,
             }),
             _ => {

@@ -189,7 +189,7 @@ impl Screen for X11Screen {
             } => {
                 let number = events.serial();
                 let (options, target_msc) = match frame.when {
-                    When::NextRefresh => (PresentOption::COPY, 0),
+                    When::NextRefresh | When::Replaceable => (PresentOption::COPY, 0),
                     When::NextRefreshOrLate => {
                         (PresentOption::COPY | PresentOption::ASYNC, *last_msc + 1)
                     }
