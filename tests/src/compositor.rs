@@ -1,4 +1,5 @@
-//! A compositor of Wayland for one client: it reads what is attached, and misbehaves where a test wants it to.
+//! A compositor of Wayland for one client: it reads what is attached, and misbehaves where a test
+//! wants it to.
 
 use std::os::fd::{AsRawFd, OwnedFd};
 use std::os::unix::net::UnixStream;
@@ -194,7 +195,8 @@ fn compose(stream: UnixStream, manners: Arc<Manners>, is_over: &AtomicBool) {
 /// Reads a part of a file.
 fn read(part: &Part) -> Shown {
     let size = part.offset + part.stride * part.height;
-    // SAFETY: a mapping of the client's file, which is as large as it said, or this test fails by a signal.
+    // SAFETY: a mapping of the client's file, which is as large as it said, or this test fails by a
+    // signal.
     unsafe {
         let (protection, kind) = (libc::PROT_READ, libc::MAP_SHARED);
         let file = part.file.as_raw_fd();

@@ -68,8 +68,8 @@ const WANTED: [&CStr; 6] = [
 ];
 
 impl Presenter {
-    /// An instance with the extension of a kind of window, the surface that `make` makes, and a device; nothing where the driver does
-    /// not know such windows.
+    /// An instance with the extension of a kind of window, the surface that `make` makes, and a
+    /// device; nothing where the driver does not know such windows.
     pub fn new(
         kind: &'static CStr,
         make: impl FnOnce(&ash::Entry, &ash::Instance) -> vk::SurfaceKHR,
@@ -240,7 +240,8 @@ impl Presenter {
         }
     }
 
-    /// Acquires an image, copies pixels there that lie as its format has them, and presents it; the index, and what was said.
+    /// Acquires an image, copies pixels there that lie as its format has them, and presents it; the
+    /// index, and what was said.
     pub fn frame(
         &self,
         swapchain: vk::SwapchainKHR,
@@ -248,7 +249,8 @@ impl Presenter {
         pixels: &[u8],
         id: u64,
     ) -> Result<(u32, bool), vk::Result> {
-        // SAFETY: all handles are of this device; the frame before is done with the buffer and the semaphores.
+        // SAFETY: all handles are of this device; the frame before is done with the buffer and the
+        // semaphores.
         unsafe {
             self.device.queue_wait_idle(self.queue).unwrap();
             let (index, _) = self.swapchains.acquire_next_image(

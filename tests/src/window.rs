@@ -27,7 +27,8 @@ pub struct Xvfb {
 }
 
 impl Xvfb {
-    /// Starts one; nothing where the machine has none. `without` names extensions that the server is not to have.
+    /// Starts one; nothing where the machine has none. `without` names extensions that the server
+    /// is not to have.
     #[track_caller]
     pub fn start(without: &[&str]) -> Option<Xvfb> {
         let mut ends = [0; 2];
@@ -58,8 +59,8 @@ impl Xvfb {
         })
     }
 
-    /// Starts one with a messenger before it, who loses descriptors (as the way into a container may), and to whom clients that ask for
-    /// the extension Present ask for one that there is not.
+    /// Starts one with a messenger before it, who loses descriptors (as the way into a container
+    /// may), and to whom clients that ask for the extension Present ask for one that there is not.
     #[track_caller]
     pub fn start_afar(hides_present: bool) -> Option<Xvfb> {
         let mut server = Self::start(&[])?;
@@ -171,7 +172,8 @@ impl Window {
         self.x.sync().unwrap();
     }
 
-    /// What the screen shows in the corner where the window is: blue, green, red and nothing of each pixel.
+    /// What the screen shows in the corner where the window is: blue, green, red and nothing of
+    /// each pixel.
     pub fn screenshot(&self, width: u16, height: u16) -> Vec<u8> {
         let format = ImageFormat::Z_PIXMAP;
         let image = self

@@ -30,7 +30,8 @@ fn formats(device: &PhysicalDevice) -> Vec<vk::SurfaceFormatKHR> {
         .collect()
 }
 
-/// Asks a surface, or one without a window for `VK_NULL_HANDLE` (`VK_GOOGLE_surfaceless_query`): formats and modes are the same.
+/// Asks a surface, or one without a window for `VK_NULL_HANDLE` (`VK_GOOGLE_surfaceless_query`):
+/// formats and modes are the same.
 ///
 /// # Safety
 /// The handle is alive or null.

@@ -1,4 +1,5 @@
-//! What a swapchain's thread sleeps by: others ring, and the thread wakes, by a file that can be polled beside a window's connection.
+//! What a swapchain's thread sleeps by: others ring, and the thread wakes, by a file that can be
+//! polled beside a window's connection.
 
 use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd};
 use std::time::{Duration, Instant};
@@ -29,11 +30,13 @@ impl Bell {
     /// Wakes whoever waits, or who waits next.
     pub fn ring(&self) {
         let one = 1u64;
-        // SAFETY: eight bytes, as an `eventfd` wants. It only refuses when it is at its largest, and then it is rung.
+        // SAFETY: eight bytes, as an `eventfd` wants. It only refuses when it is at its largest,
+        // and then it is rung.
         unsafe { libc::write(self.0.as_raw_fd(), (&raw const one).cast(), 8) };
     }
 
-    /// Sleeps until the bell is rung, `beside` can be read, or the deadline is over; whether `beside` can be read (or has failed).
+    /// Sleeps until the bell is rung, `beside` can be read, or the deadline is over; whether
+    /// `beside` can be read (or has failed).
     pub fn wait(&self, deadline: Option<Instant>, beside: Option<BorrowedFd<'_>>) -> bool {
         let poll = |fd| libc::pollfd {
             fd,

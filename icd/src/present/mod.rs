@@ -1,12 +1,16 @@
 //! Presentation: surfaces, and swapchains on them.
 //!
 //! ```text
-//! vkQueuePresentKHR ──> queue's thread: waits ──> Swapchain::enqueue ──> [ ready ] ──> swapchain's thread ──> Screen ──> window
-//!          vkAcquireNextImageKHR <── [ free ] <──────────────────────────────────────────────── Event ──┘
+//! vkQueuePresentKHR ──> queue's thread ──> Swapchain::enqueue ──> [ ready ]
+//!                                                                     │
+//!                              window <── Screen <── swapchain's thread
+//!                                            │
+//! vkAcquireNextImageKHR <── [ free ] <──── Event
 //! ```
 //!
-//! A [`Window`] is what a surface stands for: it knows its extent and what it can show. A [`Screen`] is the way of one swapchain's images
-//! to it, used by that swapchain's thread alone. Surfaces without a window need neither: an image comes back when its turn is over.
+//! A [`Window`] is what a surface stands for: it knows its extent and what it can show. A
+//! [`Screen`] is the way of one swapchain's images to it, used by that swapchain's thread alone.
+//! Surfaces without a window need neither: an image comes back when its turn is over.
 
 mod bell;
 pub mod pixels;
@@ -138,7 +142,8 @@ pub trait Screen: Send {
     /// The window has gone.
     fn show(&mut self, frame: &Frame<'_>) -> Result<(), Gone>;
 
-    /// Sleeps until there is something to tell, the bell is rung or the deadline is over, and tells.
+    /// Sleeps until there is something to tell, the bell is rung or the deadline is over, and
+    /// tells.
     ///
     /// # Errors
     /// The window has gone.

@@ -37,7 +37,8 @@ impl Layout {
         if self == Self::Rgb565 { 2 } else { 4 }
     }
 
-    /// The formats of images whose pixels lie so already. Those of `_SRGB` are stored encoded, as windows show them.
+    /// The formats of images whose pixels lie so already. Those of `_SRGB` are stored encoded, as
+    /// windows show them.
     pub fn is_that_of(self, format: vk::Format) -> bool {
         match self {
             Self::Argb8888 => matches!(
@@ -57,7 +58,8 @@ impl Layout {
     /// A pixel of 16-bit components.
     fn pack(self, [r, g, b, a]: [u16; 4]) -> u32 {
         let part = |component: u16, bits: u32| {
-            // To the nearest, as conversions to UNORM are: 65535 is a multiple of 255, and nearly one of the others.
+            // To the nearest, as conversions to UNORM are: 65535 is a multiple of 255, and nearly
+            // one of the others.
             (u32::from(component) * ((1 << bits) - 1) + 32767) / 65535
         };
         match self {

@@ -6,7 +6,8 @@ use ash::vk;
 
 use super::pixels::Placement;
 
-/// How a swapchain is scaled. Without a behavior its images lie in the upper left corner, and it is suboptimal while the sizes differ.
+/// How a swapchain is scaled. Without a behavior its images lie in the upper left corner, and it is
+/// suboptimal while the sizes differ.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Scaling {
     pub behavior: vk::PresentScalingFlagsEXT,

@@ -97,7 +97,8 @@ impl Surface {
         Ok(window)
     }
 
-    /// Ends everything that uses the window: when this returns, the application may close its connection.
+    /// Ends everything that uses the window: when this returns, the application may close its
+    /// connection.
     pub fn close(&self) {
         for swapchain in self.swapchains.lock().drain(..) {
             if let Some(swapchain) = swapchain.upgrade() {

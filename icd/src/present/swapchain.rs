@@ -1,10 +1,11 @@
 //! Swapchains: whose turn each image is.
 //!
 //! ```text
-//! Free ──acquire──> Acquired ──vkQueuePresentKHR──> Queued ──shown by the thread, read to the end──> Free
+//! Free ──acquire──> Acquired ──vkQueuePresentKHR──> Queued ──shown, and read to the end──> Free
 //! ```
 //!
-//! The image of a shared swapchain stays acquired: it is presented as often as the application asks, or at each refresh.
+//! The image of a shared swapchain stays acquired: it is presented as often as the application
+//! asks, or at each refresh.
 
 #![forbid(unsafe_code)]
 
@@ -185,10 +186,12 @@ impl Swapchain {
         &self.shared
     }
 
-    /// Takes the image that is free for longest, once there is one; whether the swapchain is suboptimal.
+    /// Takes the image that is free for longest, once there is one; whether the swapchain is
+    /// suboptimal.
     ///
     /// # Errors
-    /// `VK_NOT_READY` or `VK_TIMEOUT`; `VK_ERROR_OUT_OF_DATE_KHR` once retired; `VK_ERROR_SURFACE_LOST_KHR`; `VK_ERROR_DEVICE_LOST`.
+    /// `VK_NOT_READY` or `VK_TIMEOUT`; `VK_ERROR_OUT_OF_DATE_KHR` once retired;
+    /// `VK_ERROR_SURFACE_LOST_KHR`; `VK_ERROR_DEVICE_LOST`.
     pub fn acquire(&self, timeout_ns: u64) -> VkResult<(u32, bool)> {
         let mut taken = None;
         let waited = self.shared.waiting.wait_until(timeout_ns, || {
@@ -206,7 +209,8 @@ impl Swapchain {
     /// An acquired image is to be presented: `vkQueuePresentKHR` has been called.
     ///
     /// # Errors
-    /// `VK_SUBOPTIMAL_KHR`, or an error that the window has come to. The image is presented, or comes back, all the same.
+    /// `VK_SUBOPTIMAL_KHR`, or an error that the window has come to. The image is presented, or
+    /// comes back, all the same.
     pub fn queue(&self, index: u32) -> VkResult {
         let mut state = self.shared.state.lock();
         if !self.shared.is_shared
@@ -220,7 +224,8 @@ impl Swapchain {
         }
     }
 
-    /// An image's turn in its queue has come: all that draws it is done. Who calls also [notifies](Waiting::notify).
+    /// An image's turn in its queue has come: all that draws it is done. Who calls also
+    /// [notifies](Waiting::notify).
     pub fn enqueue(&self, request: Request) {
         let mut state = self.shared.state.lock();
         let Some(bell) = &self.shared.bell else {
@@ -248,7 +253,8 @@ impl Swapchain {
         self.shared.waiting.notify();
     }
 
-    /// Waits until the turn of a presentation with this id, or a later one, has come (`vkWaitForPresentKHR`).
+    /// Waits until the turn of a presentation with this id, or a later one, has come
+    /// (`vkWaitForPresentKHR`).
     ///
     /// # Errors
     /// `VK_TIMEOUT`; what the window has come to; `VK_ERROR_DEVICE_LOST`.
@@ -290,7 +296,8 @@ impl Swapchain {
         self.shared.waiting.notify();
     }
 
-    /// Ends the thread, after it has handed over what was presented last, and lets go of the window.
+    /// Ends the thread, after it has handed over what was presented last, and lets go of the
+    /// window.
     pub fn close(&self) {
         self.shared.close();
     }
@@ -323,8 +330,8 @@ impl Shared {
             state.places[index as usize] = Place::Acquired;
             return Some(Ok((index, state.status == vk::Result::SUBOPTIMAL_KHR)));
         }
-        // The application has all of them. Its other threads may not use the swapchain meanwhile (chapter "WSI Swapchain": external
-        // synchronization), so none can come back.
+        // The application has all of them. Its other threads may not use the swapchain meanwhile
+        // (chapter "WSI Swapchain": external synchronization), so none can come back.
         let all_acquired = state.places.iter().all(|&place| place == Place::Acquired);
         all_acquired.then_some(Err(vk::Result::TIMEOUT))
     }
@@ -360,7 +367,8 @@ impl Shared {
             bell.ring();
         }
         if self.waiting.lost.is_inherited() {
-            // There is no such thread here. Its handle is of no use, and must not be waited for; nor is its connection ours.
+            // There is no such thread here. Its handle is of no use, and must not be waited for;
+            // nor is its connection ours.
             std::mem::forget(self.thread.try_lock().and_then(|mut thread| thread.take()));
             std::mem::forget(self.screen.try_lock().and_then(|mut screen| screen.take()));
             return;

@@ -12,7 +12,8 @@ use super::{Event, Frame, Gone, Screen, When};
 use crate::guard::panic_text;
 use crate::log::{self, Level};
 
-/// A hidden window's server may never say that an image's turn has come. Then the next one has its turn.
+/// A hidden window's server may never say that an image's turn has come. Then the next one has its
+/// turn.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// An image that was handed over and is not yet on the screen.

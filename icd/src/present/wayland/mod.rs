@@ -1,7 +1,8 @@
 //! Surfaces of Wayland (`VK_KHR_wayland_surface`): images go to the compositor by `wl_shm`.
 //!
-//! The display and the surface are the application's. What is asked of them is answered to event queues of the driver's own: one that
-//! finds `wl_shm`, for as long as the Vulkan surface lives, and one a swapchain.
+//! The display and the surface are the application's. What is asked of them is answered to event
+//! queues of the driver's own: one that finds `wl_shm`, for as long as the Vulkan surface lives,
+//! and one a swapchain.
 
 mod screen;
 
@@ -26,7 +27,8 @@ pub struct WaylandWindow {
     shm: Mutex<Option<Shm>>,
 }
 
-// SAFETY: displays and proxies of libwayland can be used by all threads; the pointers are only passed to it.
+// SAFETY: displays and proxies of libwayland can be used by all threads; the pointers are only
+// passed to it.
 unsafe impl Send for WaylandWindow {}
 // SAFETY: as above.
 unsafe impl Sync for WaylandWindow {}
@@ -78,7 +80,8 @@ impl WaylandWindow {
     /// A surface of the application's.
     ///
     /// # Safety
-    /// `display` is a `wl_display *` and `surface` a `wl_surface *` of it, and both stay as long as the object and the screens made of it.
+    /// `display` is a `wl_display *` and `surface` a `wl_surface *` of it, and both stay as long as
+    /// the object and the screens made of it.
     pub unsafe fn new(display: *mut c_void, surface: *mut c_void) -> Self {
         Self {
             display,

@@ -87,7 +87,8 @@ impl WaylandScreen {
     /// The connection has gone.
     ///
     /// # Safety
-    /// `display` and `surface` are as in [`WaylandWindow::new`](super::WaylandWindow::new); `shm` lives as long.
+    /// `display` and `surface` are as in [`WaylandWindow::new`](super::WaylandWindow::new); `shm`
+    /// lives as long.
     pub unsafe fn new(
         display: *mut c_void,
         surface: *mut c_void,

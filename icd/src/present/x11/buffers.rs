@@ -1,5 +1,5 @@
-//! Pixmaps that a swapchain's images are shown through: the images themselves where the server can read them in place, copies in memory
-//! that the server shares, or copies that are sent.
+//! Pixmaps that a swapchain's images are shown through: the images themselves where the server can
+//! read them in place, copies in memory that the server shares, or copies that are sent.
 
 use std::os::fd::OwnedFd;
 use std::sync::Arc;

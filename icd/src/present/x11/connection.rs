@@ -1,5 +1,5 @@
-//! The application's connection. Each request is checked or its error ignored: an error that came as an event would end the process
-//! through Xlib's handler.
+//! The application's connection. Each request is checked or its error ignored: an error that came
+//! as an event would end the process through Xlib's handler.
 
 use std::ffi::c_void;
 use std::os::fd::AsRawFd;
@@ -140,7 +140,8 @@ impl Connection {
     /// How the server can share memory (MIT-SHM); it may still fail, if the server is elsewhere.
     pub fn sharing(&self) -> Sharing {
         const NAME: &str = x11rb::protocol::shm::X11_EXTENSION_NAME;
-        // Descriptors cannot be sent to other machines, and libxcb breaks the connection if one tries.
+        // Descriptors cannot be sent to other machines, and libxcb breaks the connection if one
+        // tries.
         if !self.is_local() || !matches!(self.x.extension_information(NAME), Ok(Some(_))) {
             return Sharing::default();
         }

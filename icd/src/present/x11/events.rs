@@ -1,7 +1,7 @@
 //! The Present extension's events of a surface.
 //!
-//! Libxcb keeps them apart from the application's events. A thread waits for them, because only libxcb knows which of the connection's
-//! threads reads what.
+//! Libxcb keeps them apart from the application's events. A thread waits for them, because only
+//! libxcb knows which of the connection's threads reads what.
 
 use std::ffi::c_void;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
@@ -151,7 +151,8 @@ impl Line {
             return;
         };
         loop {
-            // SAFETY: the connection is open as long as the surface lives, and the surface waits for this thread.
+            // SAFETY: the connection is open as long as the surface lives, and the surface waits
+            // for this thread.
             let event = unsafe { (xcb.wait_for_special_event)(self.connection.raw, self.special) };
             if event.is_null() {
                 return self.tell(|inbox| inbox.is_broken.store(true, Ordering::Release));
@@ -171,8 +172,8 @@ impl Line {
         }
     }
 
-    /// Makes an event, so that the thread wakes. A window that has died has none any more, but its name for events is free then, and
-    /// another window takes it; the window is returned.
+    /// Makes an event, so that the thread wakes. A window that has died has none any more, but its
+    /// name for events is free then, and another window takes it; the window is returned.
     fn wake(&self) -> Result<u32, Gone> {
         let helper = self.connection.id()?;
         self.wake_by(helper).map_err(|_| Gone)?;
@@ -217,7 +218,8 @@ impl Drop for Line {
     }
 }
 
-/// What a `PresentCompleteNotify` of a pixmap says (presentproto.txt, section 8; libxcb puts a word behind the first 32 bytes).
+/// What a `PresentCompleteNotify` of a pixmap says (presentproto.txt, section 8; libxcb puts a word
+/// behind the first 32 bytes).
 ///
 /// # Safety
 /// `event` is a generic event of the Present extension as libxcb gives it.
@@ -225,7 +227,8 @@ unsafe fn completed_pixmap(event: *const c_void) -> Option<Completed> {
     const COMPLETE_NOTIFY: u16 = 1;
     const OF_PIXMAP: u8 = 0;
     let event = event.cast::<u8>();
-    // SAFETY: the first 32 bytes are there in every event; `msc`, behind libxcb's word, in this one.
+    // SAFETY: the first 32 bytes are there in every event; `msc`, behind libxcb's word, in this
+    // one.
     unsafe {
         let is_completion = event.add(8).cast::<u16>().read_unaligned() == COMPLETE_NOTIFY;
         let of_pixmap = event.add(10).read() == OF_PIXMAP;

@@ -1,4 +1,5 @@
-//! The C libraries of X11, opened when a window is first presented to. What `x11rb` calls it opens itself; here is what it does not call.
+//! The C libraries of X11, opened when a window is first presented to. What `x11rb` calls it opens
+//! itself; here is what it does not call.
 
 use std::ffi::{c_char, c_int, c_void};
 use std::sync::OnceLock;
@@ -34,8 +35,8 @@ pub struct Xcb {
 /// Libxcb, if the machine has it.
 pub fn xcb() -> Option<&'static Xcb> {
     static XCB: OnceLock<Option<Xcb>> = OnceLock::new();
-    // SAFETY: the library's initialisation is that of a library which the application has loaded already, and the functions are of
-    // these types (xcb.h, xcbext.h).
+    // SAFETY: the library's initialisation is that of a library which the application has loaded
+    // already, and the functions are of these types (xcb.h, xcbext.h).
     let open = || unsafe {
         let library = Library::new("libxcb.so.1").ok()?;
         let xcb = Xcb {

@@ -1,4 +1,5 @@
-//! Windows of X11, on the application's own connection (`VK_KHR_xcb_surface`, `VK_KHR_xlib_surface`).
+//! Windows of X11, on the application's own connection (`VK_KHR_xcb_surface`,
+//! `VK_KHR_xlib_surface`).
 
 mod buffers;
 mod connection;
@@ -47,7 +48,8 @@ impl X11Window {
     /// `VK_ERROR_INITIALIZATION_FAILED` without libxcb.
     ///
     /// # Safety
-    /// `connection` is an `xcb_connection_t *` that stays open as long as the object and the screens made of it.
+    /// `connection` is an `xcb_connection_t *` that stays open as long as the object and the
+    /// screens made of it.
     pub unsafe fn new(connection: *mut c_void, window: u32) -> VkResult<Self> {
         // SAFETY: the caller's promise.
         let connection = Arc::new(unsafe { Connection::new(connection)? });

@@ -1,7 +1,7 @@
 //! The way of a swapchain's images to a window of X11.
 //!
-//! Where the server has the Present extension, it copies each pixmap at a refresh and says when it has. Elsewhere pixmaps are copied at
-//! once, and this side keeps the time.
+//! Where the server has the Present extension, it copies each pixmap at a refresh and says when it
+//! has. Elsewhere pixmaps are copied at once, and this side keeps the time.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
