@@ -23,6 +23,7 @@ pub use crate::ir::interface::{
     VaryingPlace,
 };
 pub use crate::ir::module::InputRow;
+pub use crate::ir::passed::Passed;
 
 /// Shader stages (SPIR-V execution models) that exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

@@ -34,6 +34,7 @@ use std::collections::TryReserveError;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::ir::interface::{FragmentFacts, OutputRow};
+use crate::ir::passed::{Passed, passed};
 use crate::ir::{self, InputRow};
 use crate::program::{AlignedRow, Event, ResumePoint, SiteKind, Stage, StateLayout, Wave};
 use crate::query::QueryWord;
@@ -88,6 +89,7 @@ pub struct Program {
     sites: Vec<SiteKind>,
     output_rows: u32,
     outputs: Vec<OutputRow>,
+    passed: Option<Vec<Passed>>,
     fragment: Option<FragmentFacts>,
     functions: usize,
 }
@@ -125,6 +127,7 @@ impl Program {
             sites: emitted.sites,
             output_rows: module.output_rows,
             outputs: module.outputs.clone(),
+            passed: passed(module),
             fragment: module.fragment,
             functions: module.functions.len(),
         })
@@ -196,6 +199,12 @@ impl Program {
     #[inline]
     pub fn outputs(&self) -> &[OutputRow] {
         &self.outputs
+    }
+
+    /// Vertex and fragment: where each of those words comes from, if the program computes none of them.
+    #[inline]
+    pub fn passed(&self) -> Option<&[Passed]> {
+        self.passed.as_deref()
     }
 
     /// Fragment: what the rasterizer must know.

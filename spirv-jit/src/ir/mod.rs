@@ -89,6 +89,7 @@ pub mod entities;
 pub mod interface;
 pub mod module;
 pub mod op;
+pub mod passed;
 mod signature;
 pub mod text;
 pub mod verify;

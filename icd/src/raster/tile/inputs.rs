@@ -2,7 +2,7 @@
 
 use spirv_jit::Program;
 use spirv_jit::program::{
-    AlignedRow, Builtin, InputRow, OutputRow, Position, Varying, VaryingMode, VaryingPlace,
+    AlignedRow, Builtin, InputRow, OutputRow, Passed, Position, Varying, VaryingMode, VaryingPlace,
 };
 
 use super::lanes::{Floats, LANE_X, LANE_Y, Row, bits_of, spread, tiered};
@@ -12,7 +12,7 @@ use crate::raster::primitive::{Plane, Record};
 /// One row of inputs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fill {
-    Zero,
+    Constant(u32),
     /// A word of the provoking vertex, or of vertex 0 to 2.
     Flat(u32),
     PerVertex(u32, usize),
@@ -56,7 +56,7 @@ impl Weights {
     }
 }
 
-/// How a program's inputs are filled.
+/// How rows are filled: a program's inputs, or the outputs of one that computes nothing.
 pub struct Inputs {
     fills: Vec<Fill>,
     samples: u32,
@@ -76,8 +76,8 @@ pub struct Fragments<'a> {
     pub y: [i32; 4],
     /// Samples that the invocations are for, where there is one for each.
     pub sample: [u8; 4],
-    /// Covered lanes, by sample; those of all samples of the pixel, for centroids.
-    pub masks: &'a [u16; MAX_SAMPLES],
+    /// Covered lanes, by sample.
+    pub coverage: &'a [u16; MAX_SAMPLES],
 }
 
 impl Inputs {
@@ -109,7 +109,7 @@ impl Inputs {
                 },
             ),
             InputRow::Builtin(builtin, component) => builtin_fill(builtin, component.into()),
-            _ => Fill::Zero,
+            _ => Fill::Constant(0),
         };
         Self {
             fills: fragment.inputs().iter().map(fill).collect(),
@@ -119,6 +119,42 @@ impl Inputs {
                 false => Position::Center,
             },
         }
+    }
+
+    /// Of a program that computes nothing, its outputs instead.
+    pub fn passed(&self, outputs: &[Passed]) -> Self {
+        let fill = |output: &Passed| match *output {
+            Passed::Constant(word) => Fill::Constant(word),
+            Passed::Input(row) => {
+                (self.fills.get(row as usize).copied()).unwrap_or(Fill::Constant(0))
+            }
+        };
+        Self {
+            fills: outputs.iter().map(fill).collect(),
+            ..*self
+        }
+    }
+
+    /// Rows to fill.
+    pub fn len(&self) -> usize {
+        self.fills.len()
+    }
+
+    /// Whether rows are the same for all fragments of a primitive.
+    pub fn is_constant(&self) -> bool {
+        self.fills.iter().all(|fill| {
+            matches!(
+                fill,
+                Fill::Constant(_)
+                    | Fill::Flat(_)
+                    | Fill::PerVertex(..)
+                    | Fill::Front
+                    | Fill::Layer
+                    | Fill::Viewport
+                    | Fill::Primitive
+                    | Fill::View
+            )
+        })
     }
 
     /// Fills the input rows of a subgroup.
@@ -156,7 +192,7 @@ fn varying_fill(
     place: impl Fn(Position) -> Position,
 ) -> Fill {
     let Some(word) = word else {
-        return Fill::Zero;
+        return Fill::Constant(0);
     };
     let weights = |perspective, position| {
         Fill::Varying(
@@ -193,7 +229,7 @@ fn builtin_fill(builtin: Builtin, component: usize) -> Fill {
         (Builtin::SampleCount, _) => Fill::SampleCount,
         (Builtin::PerspectivePlanes, _) => Fill::Planes(true, component.min(8)),
         (Builtin::LinearPlanes, _) => Fill::Planes(false, component.min(8)),
-        _ => Fill::Zero,
+        _ => Fill::Constant(0),
     }
 }
 
@@ -279,7 +315,7 @@ impl<'a, const UNIFORM: bool> Filling<'a, UNIFORM> {
                 }
             }
             Position::Centroid => {
-                let masks = &self.fragments.masks[..locations.len()];
+                let masks = &self.fragments.coverage[..locations.len()];
                 let all = masks.iter().fold(u16::MAX, |all, mask| all & mask);
                 for lane in 0..16 {
                     let covers = |mask: &u16| mask >> lane & 1 != 0;
@@ -370,7 +406,7 @@ impl<'a, const UNIFORM: bool> Filling<'a, UNIFORM> {
         let position = self.inputs.position;
         let fragments = self.fragments;
         match *fill {
-            Fill::Zero => [0; 16],
+            Fill::Constant(word) => [word; 16],
             Fill::Flat(word) => {
                 self.of_vertices(word, |record| usize::from(record.provoking.min(2)))
             }
@@ -452,7 +488,7 @@ impl<'a, const UNIFORM: bool> Filling<'a, UNIFORM> {
     #[inline(always)]
     fn sample_mask(&self) -> Row {
         let mut row = [0; 16];
-        for (sample, mask) in (0..self.inputs.samples).zip(self.fragments.masks) {
+        for (sample, mask) in (0..self.inputs.samples).zip(self.fragments.coverage) {
             for lane in 0..16 {
                 let is_its = self.inputs.position != Position::Sample
                     || u32::from(self.fragments.sample[lane / 4]) == sample;

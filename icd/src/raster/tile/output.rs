@@ -1,6 +1,7 @@
 //! What fragments write into the colour attachments: blended or operated on, masked, encoded, sixteen pixels at a time.
 
 use ash::vk::{ColorComponentFlags, LogicOp};
+use smallvec::SmallVec;
 use spirv_jit::Program;
 use spirv_jit::image::format::Numeric;
 use spirv_jit::image::texels::{decode_block, encode_block};
@@ -19,6 +20,9 @@ const ONE: u32 = 0x3f80_0000;
 
 /// Output rows of a colour, by component; none for what the program does not write.
 type Rows = [Option<usize>; 4];
+
+/// Texels of sixteen fragments, by colour attachment.
+pub type Texels = SmallVec<[Words; 1]>;
 
 /// A colour attachment that a draw writes to.
 struct Color {
@@ -108,6 +112,38 @@ impl Output {
                 // So many samples as alpha times their number, rounded, the first ones first. A NaN covers none.
                 let least = (sample as f32 + 0.5) / samples as f32;
                 *mask &= lanes_where(|lane| alpha[lane] >= least);
+            }
+        }
+    }
+
+    /// Texels of fragments that all leave the same outputs: none where they are blended, or lose samples.
+    pub fn texels(&self, rows: &[AlignedRow]) -> Option<Texels> {
+        let is_plain = |color: &Color| color.blend.is_none();
+        if self.drops_samples() || !self.colors.iter().all(is_plain) {
+            return None;
+        }
+        let mut texels = Texels::new();
+        for color in &self.colors {
+            let source = color.rows(&color.source, rows);
+            texels.push(encode_block(color.target.surface.format, &source));
+        }
+        Some(texels)
+    }
+
+    /// Writes such texels.
+    ///
+    /// # Safety
+    /// As [`Self::write`].
+    pub unsafe fn write_texels(
+        &self,
+        texels: &Texels,
+        places: &Places,
+        masks: &[u16; MAX_SAMPLES],
+    ) {
+        for (color, words) in self.colors.iter().zip(texels) {
+            for (sample, &mask) in (0..self.samples).zip(masks).filter(|(_, mask)| **mask != 0) {
+                // SAFETY: the caller's promise.
+                unsafe { color.put(places, sample, mask, words) };
             }
         }
     }

@@ -28,6 +28,8 @@ pub struct Pack {
     pub sample: [u8; 4],
     /// By sample: lanes whose sample is covered, and passed the tests if those were early.
     pub masks: [u16; MAX_SAMPLES],
+    /// The same before the tests, of all samples: what the program sees (`SampleMask`, `Centroid`).
+    pub coverage: [u16; MAX_SAMPLES],
     /// A bit a quad that is there.
     pub quads: u32,
 }
@@ -50,6 +52,7 @@ pub struct Found<'a> {
     pub places: &'a Places,
     pub sample: u8,
     pub masks: &'a [u16; MAX_SAMPLES],
+    pub coverage: &'a [u16; MAX_SAMPLES],
 }
 
 /// The packs of a wave.
@@ -122,6 +125,7 @@ impl Packs {
                 is_uniform: true,
                 sample: [found.sample; 4],
                 masks: *found.masks,
+                coverage: *found.coverage,
                 quads,
             });
             return;
@@ -163,8 +167,10 @@ impl Packs {
         pack.places.y[place] = found.places.y[quad];
         pack.places.layer[place] = found.places.layer[quad];
         pack.sample[place] = found.sample;
-        for (mask, from) in pack.masks.iter_mut().zip(found.masks) {
-            *mask |= (from >> (4 * quad) & 0xf) << (4 * place);
+        let part = |from: u16| (from >> (4 * quad) & 0xf) << (4 * place);
+        for sample in 0..MAX_SAMPLES {
+            pack.masks[sample] |= part(found.masks[sample]);
+            pack.coverage[sample] |= part(found.coverage[sample]);
         }
         pack.quads |= 1 << place;
     }

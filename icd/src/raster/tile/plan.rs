@@ -43,8 +43,19 @@ pub struct Fragment<'a> {
     pub per_sample: bool,
     /// A fragment sees what earlier ones at its pixel left: they never run side by side.
     pub is_serial: bool,
+    /// It sees coverage as the early tests left it (`PostDepthCoverage`).
+    pub sees_tests: bool,
     /// Subgroups of a wave.
     pub subgroups: usize,
+    /// The outputs, where the program computes none: nothing runs then.
+    pub passed: Option<Passing>,
+}
+
+/// The outputs of a program that computes nothing.
+pub struct Passing {
+    pub rows: Inputs,
+    /// The same for all fragments of a primitive.
+    pub is_constant: bool,
 }
 
 impl<'a> Plan<'a> {
@@ -64,18 +75,30 @@ impl<'a> Plan<'a> {
             && samples > 1;
         let per_sample = shades_samples || facts.per_sample;
         Self {
-            program: fragment.map(|program| Fragment {
-                program,
-                inputs: Inputs::new(
+            program: fragment.map(|program| {
+                let inputs = Inputs::new(
                     program,
                     &draw.stages.vertex,
                     samples,
                     per_sample,
                     shades_samples,
-                ),
-                per_sample: per_sample && samples > 1,
-                is_serial: facts.reads_attachments || facts.interlock.is_some(),
-                subgroups: program.max_wave_subgroups().clamp(1, 32),
+                );
+                let has_effects = facts.discards || facts.writes_memory;
+                let passed = (program.passed())
+                    .filter(|_| !has_effects && facts.interlock.is_none() && !per_sample)
+                    .map(|outputs| inputs.passed(outputs));
+                Fragment {
+                    program,
+                    passed: passed.map(|rows| Passing {
+                        is_constant: rows.is_constant(),
+                        rows,
+                    }),
+                    inputs,
+                    per_sample: per_sample && samples > 1,
+                    is_serial: facts.reads_attachments || facts.interlock.is_some(),
+                    sees_tests: facts.post_depth_coverage,
+                    subgroups: program.max_wave_subgroups().clamp(1, 32),
+                }
             }),
             order: order(&facts, &output, &tests),
             tests,

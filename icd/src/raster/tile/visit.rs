@@ -3,14 +3,16 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use spirv_jit::interp::TierKind;
+use spirv_jit::program::AlignedRow;
 
 use super::clear::{clear_tile, meet};
 use super::coverage::{Block, convex, listed};
 use super::depth::Tested;
 use super::inputs::{self, Fragments, depths};
 use super::lanes::{Floats, LANE_X, LANE_Y, floats_of, lanes_of};
+use super::output::Texels;
 use super::pack::{Found, Origin, Pack, Packs};
-use super::plan::{Fragment, Order, Plan, Plans};
+use super::plan::{Fragment, Order, Passing, Plan, Plans};
 use super::samples::{MAX_SAMPLES, from_center, locations};
 use super::texels::Places;
 use crate::compute::waves::Runner;
@@ -39,6 +41,10 @@ pub struct Worker {
     runner: Runner,
     blocks: Vec<Block>,
     packs: Packs,
+    /// Outputs of fragments that no program runs for.
+    rows: Vec<AlignedRow>,
+    /// Texels of a primitive all of whose fragments are the same; none where there is more to do.
+    solid: Option<(Origin, Option<Texels>)>,
 }
 
 /// What a draw's queries count in a tile.
@@ -72,6 +78,7 @@ impl Worker {
     /// When a limit stopped it.
     pub fn visit(&mut self, round: &Round<'_>, tile: usize) -> Result<(), Stopped> {
         self.packs.clear();
+        self.solid = None;
         let mut visit = Visit {
             round,
             worker: self,
@@ -206,6 +213,7 @@ impl<'a> Visit<'a> {
         if covered == 0 {
             return Ok(());
         }
+        let mut coverage = masks;
         let serial = plan.program.as_ref().is_some_and(|it| it.is_serial);
         if serial && self.worker.packs.holds_any(&places, covered) {
             self.run_wave()?;
@@ -222,7 +230,14 @@ impl<'a> Visit<'a> {
             return Ok(());
         };
         if any(&masks) != 0 {
-            self.add(fragment, origin, &places, &masks)?;
+            if let Some(passing) = &fragment.passed {
+                self.pass(plan, passing, origin, &places, &masks, &coverage);
+                return Ok(());
+            }
+            if fragment.sees_tests {
+                coverage = masks;
+            }
+            self.add(fragment, origin, &places, &masks, &coverage)?;
         }
         Ok(())
     }
@@ -294,12 +309,54 @@ impl<'a> Visit<'a> {
         }
     }
 
+    /// Does what a program would that computes nothing.
+    fn pass(
+        &mut self,
+        plan: &Plan<'_>,
+        passing: &Passing,
+        origin: Origin,
+        places: &Places,
+        masks: &[u16; MAX_SAMPLES],
+        coverage: &[u16; MAX_SAMPLES],
+    ) {
+        self.counts.invocations += u64::from(any(masks).count_ones());
+        let solid = self.worker.solid.as_ref();
+        if let Some((of, Some(texels))) = solid
+            && *of == origin
+            && plan.order == Order::Early
+        {
+            // SAFETY: as for the tests.
+            return unsafe { plan.output.write_texels(texels, places, masks) };
+        }
+        let pack = Pack {
+            places: *places,
+            origins: [origin; 4],
+            is_uniform: true,
+            sample: [0; 4],
+            masks: *masks,
+            coverage: *coverage,
+            quads: 0xf,
+        };
+        let mut rows = std::mem::take(&mut self.worker.rows);
+        rows.resize(passing.rows.len(), AlignedRow::default());
+        let fragments = fragments_of(self.round.chunks, &pack);
+        passing.rows.fill(self.round.tier, &fragments, &mut rows);
+        let is_new = solid.is_none_or(|(of, _)| *of != origin);
+        if passing.is_constant && is_new {
+            self.worker.solid = Some((origin, plan.output.texels(&rows)));
+        }
+        let chunks = self.round.chunks;
+        finish(chunks, plan, &rows, &pack, *masks, &mut self.counts);
+        self.worker.rows = rows;
+    }
+
     fn add(
         &mut self,
         fragment: &Fragment<'_>,
         origin: Origin,
         places: &Places,
         masks: &[u16; MAX_SAMPLES],
+        coverage: &[u16; MAX_SAMPLES],
     ) -> Result<(), Stopped> {
         let packs = &mut self.worker.packs;
         if !fragment.per_sample {
@@ -308,6 +365,7 @@ impl<'a> Visit<'a> {
                 places,
                 sample: 0,
                 masks,
+                coverage,
             });
         } else {
             for (sample, &mask) in masks.iter().enumerate().filter(|(_, mask)| **mask != 0) {
@@ -318,6 +376,7 @@ impl<'a> Visit<'a> {
                     places,
                     sample: sample as u8,
                     masks: &masks,
+                    coverage,
                 });
             }
         }
@@ -370,49 +429,61 @@ impl<'a> Visit<'a> {
             self.round.context.limits,
         )?;
         for (index, pack) in packs.iter().enumerate() {
-            self.finish_pack(current.plan, fragment, pack, index);
+            let state = self.worker.runner.state(index);
+            let live = !program.helpers(state);
+            let masks = pack.masks.map(|mask| mask & live);
+            let rows = &state[layout.io..];
+            finish(
+                self.round.chunks,
+                current.plan,
+                rows,
+                pack,
+                masks,
+                &mut self.counts,
+            );
         }
         Ok(())
     }
-
-    /// Late tests of a subgroup's fragments, and their colours.
-    fn finish_pack(&mut self, plan: &Plan<'_>, fragment: &Fragment<'_>, pack: &Pack, index: usize) {
-        let program = fragment.program;
-        let state = self.worker.runner.state(index);
-        let live = !program.helpers(state);
-        let rows = &state[program.layout().io..];
-        let mut masks = pack.masks.map(|mask| mask & live);
-        plan.output.drop_samples(rows, &mut masks);
-        if any(&masks) == 0 {
-            return;
-        }
-        if plan.order != Order::Early {
-            let fragments = fragments_of(self.round.chunks, pack);
-            let front = (0..4).filter(|&quad| fragments.records[quad].front);
-            let front = lanes_of(front.fold(0, |quads, quad| quads | 1 << quad));
-            let written = plan.output.depth.map(|row| floats_of(&rows[row].0));
-            let references = plan.output.stencil.map(|row| &rows[row].0);
-            for (sample, mask) in masks.iter_mut().enumerate().take(plan.samples as usize) {
-                if *mask == 0 || plan.tests.is_empty() {
-                    continue;
-                }
-                let depths = depths_of_pack(plan, &fragments, sample, written.as_ref());
-                let tested = Tested {
-                    places: &pack.places,
-                    front,
-                    depths: &depths,
-                    references,
-                };
-                // SAFETY: as for a block's tests: the fragments come from blocks.
-                *mask = unsafe { plan.tests.run(&tested, sample as u32, *mask) };
-            }
-            self.counts.samples += count(&masks);
-        }
-        // SAFETY: as above.
-        unsafe { plan.output.write(rows, &pack.places, &masks) };
-    }
 }
 
+/// Late tests of a subgroup's fragments, and their colours. `masks`: those that the program left.
+fn finish(
+    chunks: &[Chunk],
+    plan: &Plan<'_>,
+    rows: &[AlignedRow],
+    pack: &Pack,
+    mut masks: [u16; MAX_SAMPLES],
+    counts: &mut Counts,
+) {
+    plan.output.drop_samples(rows, &mut masks);
+    if any(&masks) == 0 {
+        return;
+    }
+    if plan.order != Order::Early {
+        let fragments = fragments_of(chunks, pack);
+        let front = (0..4).filter(|&quad| fragments.records[quad].front);
+        let front = lanes_of(front.fold(0, |quads, quad| quads | 1 << quad));
+        let written = plan.output.depth.map(|row| floats_of(&rows[row].0));
+        let references = plan.output.stencil.map(|row| &rows[row].0);
+        for (sample, mask) in masks.iter_mut().enumerate().take(plan.samples as usize) {
+            if *mask == 0 || plan.tests.is_empty() {
+                continue;
+            }
+            let depths = depths_of_pack(plan, &fragments, sample, written.as_ref());
+            let tested = Tested {
+                places: &pack.places,
+                front,
+                depths: &depths,
+                references,
+            };
+            // SAFETY: as for a block's tests: the fragments come from blocks.
+            *mask = unsafe { plan.tests.run(&tested, sample as u32, *mask) };
+        }
+        counts.samples += count(&masks);
+    }
+    // SAFETY: as above.
+    unsafe { plan.output.write(rows, &pack.places, &masks) };
+}
 /// All lanes of any sample.
 fn any(masks: &[u16; MAX_SAMPLES]) -> u16 {
     masks.iter().fold(0, |all, mask| all | mask)
@@ -439,7 +510,7 @@ fn fragments_of<'a>(chunks: &'a [Chunk], pack: &'a Pack) -> Fragments<'a> {
         x: pack.places.x,
         y: pack.places.y,
         sample: pack.sample,
-        masks: &pack.masks,
+        coverage: &pack.coverage,
     }
 }
 
