@@ -1,4 +1,4 @@
-//! The common sample: a 2D image, averaged, without comparison, offsets, border or derivatives. Everything about the image and the sampler is
+//! The common sample: a 2D image, averaged, without comparison, offsets, border or anisotropy. Everything about the image and the sampler is
 //! looked up once ([`Fast`]), then blocks of lanes are sampled in vectors of the machine. Gives the same results as [`sample`](super::sample),
 //! bit for bit.
 
@@ -26,7 +26,6 @@ pub(crate) fn may_apply(op: &ImageOp) -> bool {
         && !op.depth_compare
         && !op.has_offset
         && !op.has_min_lod
-        && op.lod != LodMode::Grad
 }
 
 /// An operation that [`may_apply`], with an image and a sampler for which it does.
@@ -63,6 +62,7 @@ impl<'a> Fast<'a> {
             && (!sampler.unnormalized_coordinates
                 || sampler.address_mode[..2] == [AddressMode::ClampToEdge; 2])
             && sampler.mag_filter == sampler.min_filter
+            && (op.lod != LodMode::Grad || !lod::is_anisotropic(sampler))
             && sampler.reduction == Reduction::WeightedAverage
             && plain_mode(sampler.address_mode[0])
             && plain_mode(sampler.address_mode[1])
@@ -180,6 +180,9 @@ impl Fast<'_> {
     /// λ' to d', as in [`lod`].
     #[inline(always)]
     fn levels_of_detail<V: Vector>(&self, v: V, operands: &Operands<'_>) -> V::F {
+        if self.image.level_count == 1 {
+            return v.splat(0.0);
+        }
         let bias = v.splat(self.sampler.mip_lod_bias);
         let bias = match self.op.lod {
             LodMode::Bias => v.add(bias, v.load(operands.lod[0])),
@@ -189,6 +192,11 @@ impl Fast<'_> {
         let bias = v.min(bias, v.splat(lod::MAX_LOD_BIAS));
         let lambda = match self.op.lod {
             LodMode::Lod => v.add(v.load(operands.lod[0]), bias),
+            LodMode::Grad => {
+                let level = &self.image.levels[0];
+                let lambda = lod::of_plane(operands.lod, [level.width, level.height]);
+                v.add(v.load(&lambda), bias)
+            }
             _ => bias,
         };
         let lambda = v.min(lambda, v.splat(self.sampler.max_lod));

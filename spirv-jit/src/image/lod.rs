@@ -44,6 +44,29 @@ fn log2(x: f32) -> f32 {
     exponent as f32 + t * series
 }
 
+/// Whether a sampler takes several samples along a footprint.
+#[inline(always)]
+pub(super) fn is_anisotropic(sampler: &SamplerDescriptor) -> bool {
+    sampler.max_anisotropy.min(MAX_ANISOTROPY) > 1.0
+}
+
+/// λ from the derivatives of a 2D image's coordinates, without bias: what [`lod`] computes, as the bits of floats.
+#[inline(always)]
+pub(super) fn of_plane(derivatives: &[&Row], size: [u32; 2]) -> Row {
+    let size = [size[0] as f32, size[1] as f32];
+    let mut lambda = [0; SUBGROUP_SIZE];
+    for lane in 0..SUBGROUP_SIZE {
+        let mut squares = [0.0; 2];
+        for (screen, square) in squares.iter_mut().enumerate() {
+            let x = f32::from_bits(derivatives[2 * screen][lane]) * size[0];
+            let y = f32::from_bits(derivatives[2 * screen + 1][lane]) * size[1];
+            *square = 0.0 + x * x + y * y;
+        }
+        lambda[lane] = (0.5 * log2(squares[0].max(squares[1]))).to_bits();
+    }
+    lambda
+}
+
 /// λ' per lane.
 #[inline(always)]
 pub(super) fn lod(
@@ -164,7 +187,7 @@ fn from_gradients(
         lambda[lane] = 0.5 * log2(squares[0][lane].max(squares[1][lane]));
     }
     let max_anisotropy = sampler.max_anisotropy.min(MAX_ANISOTROPY);
-    if max_anisotropy.is_nan() || max_anisotropy <= 1.0 || op.dim == Dim::Cube {
+    if !is_anisotropic(sampler) || op.dim == Dim::Cube {
         return Lod {
             lambda,
             anisotropy: None,

@@ -165,7 +165,7 @@ proptest! {
     fn the_fast_path_is_the_same(
         format in any_format(), s in any_sampler(), size in prop::array::uniform2(1u32..40), level_count in 1u8..4, layers in 1u32..4, seed: u32,
         coordinates in prop::array::uniform16(prop::array::uniform3(-3.5f32..3.5)), special in prop::option::of((0usize..16, prop::sample::select(vec![f32::NAN, f32::INFINITY, -1e30, 1e30, 1.0, 0.0, -1e-9]))),
-        lods in prop::array::uniform16(-1.0f32..4.0), uniform_lod: bool, bias: bool, mask in 1u16.., unnormalized: bool,
+        lods in prop::array::uniform16(-1.0f32..4.0), uniform_lod: bool, mode in prop::sample::select(vec![LodMode::Bias, LodMode::Lod, LodMode::Grad]), mask in 1u16.., unnormalized: bool,
     ) {
         let mut s = s;
         s.unnormalized_coordinates = unnormalized;
@@ -181,10 +181,9 @@ proptest! {
         let info = format.info().unwrap();
         let op = ImageOp {
             arrayed: layers > 1,
-            lod: if bias { LodMode::Bias } else { LodMode::Lod },
+            lod: mode,
             ..image_op(ImageOpKind::Sample, Dim::D2)
         };
-        let fast_sample = fast::Fast::new(&op, &image.descriptor, info, &s, 0xf).expect("applies");
         let mut coordinates = coordinates;
         if unnormalized {
             for c in &mut coordinates { (c[0], c[1]) = (c[0] * 10.0, c[1] * 10.0); }
@@ -192,7 +191,15 @@ proptest! {
         if let Some((lane, value)) = special { coordinates[lane][1] = value; }
         let mut rows: Vec<Row> = (0..2).map(|axis| coordinates.map(|c| c[axis].to_bits())).collect();
         if layers > 1 { rows.push(coordinates.map(|c| c[2].to_bits())); }
-        rows.push(if uniform_lod { [lods[0].to_bits(); 16] } else { lods.map(f32::to_bits) });
+        if mode == LodMode::Grad {
+            s.max_anisotropy = 1.0;
+            for turn in 0..4 {
+                rows.push(std::array::from_fn(|lane| (coordinates[(lane + turn) % 16][turn % 2] * lods[lane] * 0.05).to_bits()));
+            }
+        } else {
+            rows.push(if uniform_lod { [lods[0].to_bits(); 16] } else { lods.map(f32::to_bits) });
+        }
+        let fast_sample = fast::Fast::new(&op, &image.descriptor, info, &s, 0xf).expect("applies");
         let rows: Vec<&Row> = rows.iter().collect();
         let operands = execute::Operands::new(&op, &rows);
         let (mut fast, mut portable, mut general) = ([[0; 16]; 8], [[0; 16]; 8], [[0; 16]; 8]);
