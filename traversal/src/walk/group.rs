@@ -105,14 +105,12 @@ pub(crate) unsafe fn intersect<S: Sight>(
             _mm256_mul_ps(w_weight, absolute(cz)),
         );
         let (width, height) = (extent(a.x, b.x, c.x), extent(a.y, b.y, c.y));
-        let [shear_x, shear_y] = [0, 1].map(|axis| ray.shear(axis).abs() * rounding::SHEAR);
-        let sheared = _mm256_mul_ps(
-            z_mean,
-            _mm256_add_ps(
-                _mm256_mul_ps(height, _mm256_set1_ps(shear_x)),
-                _mm256_mul_ps(width, _mm256_set1_ps(shear_y)),
-            ),
-        );
+        let shear_x = rounding::shear(ray.shear(0));
+        let shear_y = rounding::shear(ray.shear(1));
+        let tiny = _mm256_set1_ps(rounding::LEAST);
+        let move_x = _mm256_add_ps(_mm256_mul_ps(z_mean, _mm256_set1_ps(shear_x)), tiny);
+        let move_y = _mm256_add_ps(_mm256_mul_ps(z_mean, _mm256_set1_ps(shear_y)), tiny);
+        let sheared = _mm256_add_ps(_mm256_mul_ps(height, move_x), _mm256_mul_ps(width, move_y));
         let moved = _mm256_add_ps(
             _mm256_mul_ps(
                 _mm256_mul_ps(width, height),
@@ -126,7 +124,10 @@ pub(crate) unsafe fn intersect<S: Sight>(
         );
         let z_error = _mm256_add_ps(
             _mm256_mul_ps(extent(az, bz, cz), weight_error),
-            _mm256_mul_ps(z_mean, _mm256_set1_ps(rounding::DISTANCE)),
+            _mm256_add_ps(
+                _mm256_mul_ps(z_mean, _mm256_set1_ps(rounding::DISTANCE)),
+                tiny,
+            ),
         );
         let precise = _mm256_and_ps(
             _mm256_cmp_ps::<_CMP_LE_OQ>(

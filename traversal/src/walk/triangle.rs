@@ -55,6 +55,9 @@ const UNIT: f32 = f32::EPSILON / 2.0;
 ///
 /// So a weight is off by `(6 F G + 4 (|s_x| G + |s_y| F) M) u / A + 8 u`, and the distance by D times that and 2 u M. Factors
 /// are larger by 1/8 for what is left out here: the terms of higher order, as weights are off by less than 1/256.
+///
+/// What underflows is rounded by 2⁻¹⁵⁰ instead: s, products with z, z's own products. [`LEAST`](rounding::LEAST) for each covers that. Products
+/// that edge functions are made of are not changed by as little, where the sum is of [ordinary](ORDINARY) size.
 pub(crate) mod rounding {
     use super::UNIT;
 
@@ -62,6 +65,15 @@ pub(crate) mod rounding {
     pub const SHEAR: f32 = 4.5 * UNIT;
     pub const WEIGHTS: f32 = 9.0 * UNIT;
     pub const DISTANCE: f32 = 2.25 * UNIT;
+
+    /// More than what underflows can be off.
+    pub const LEAST: f32 = f32::MIN_POSITIVE;
+
+    /// By what a vertex is moved for each unit along the ray, on an axis with this shear.
+    #[inline(always)]
+    pub fn shear(shear: f32) -> f32 {
+        shear.abs() * SHEAR + LEAST
+    }
 
     /// Weights that may be farther off are computed in f64.
     pub const MOST: f32 = 1.0 / 256.0;
@@ -147,12 +159,16 @@ fn place(space: &Space, flat: &Flat, [u, v, w]: [f32; 3]) -> Place {
     let z_hit = z[0] + (v * (z[1] - z[0]) + w * (z[2] - z[0]));
     let z_mean = u * z[0].abs() + v * z[1].abs() + w * z[2].abs();
     let [width, height] = [extent(x), extent(y)];
-    let shear = space.shear.map(|shear| shear.abs() * rounding::SHEAR);
-    let sheared = z_mean * (height * shear[0] + width * shear[1]);
+    let shear = space.shear.map(rounding::shear);
+    let sheared = height * (z_mean * shear[0] + rounding::LEAST)
+        + width * (z_mean * shear[1] + rounding::LEAST);
     let moved = width * height * rounding::WIDTH + sheared;
     let weight_error = inverse_whole.abs() * moved + rounding::WEIGHTS;
-    let z_error = extent(z) * weight_error + z_mean * rounding::DISTANCE;
-    if z_error <= space.tolerance * z_hit.abs() && weight_error < rounding::MOST {
+    let z_error = extent(z) * weight_error + (z_mean * rounding::DISTANCE + rounding::LEAST);
+    if weight_error >= rounding::MOST {
+        return Place::Uncertain;
+    }
+    if z_error <= space.tolerance * z_hit.abs() {
         return match space.scale == 1.0 {
             true => Place::At(z_hit / space.direction[z_axis], [v, w]),
             false => Place::Uncertain,

@@ -319,12 +319,35 @@ fn signs_are_those_of_whole_numbers() {
     assert!(zero > count() / 50 && exact > count() / 10 && hits > count() / 10);
 }
 
+/// A shear below the least number there is, times a distance of 10³⁴: what it moves the triangle by is as large as the triangle.
+#[test]
+fn shears_that_underflow_are_seen() {
+    let case = Case {
+        origin: [0.030209808, 7.5756125e-31, 399.14517],
+        direction: [1.8067319e-33, -2.758205e-39, 86058110.0],
+        triangle: [
+            [2.6712572e18, -2.867038e-25, 3.0905693e-31],
+            [-1.147825e-30, 8.462255e-21, 1.5686628e34],
+            [-7.4187925e18, -2.2577543e-10, 7.252075e-16],
+        ],
+    };
+    let truth = Truth::of(&case);
+    let mut space = Space::NOWHERE;
+    space.set(case.origin, case.direction, 0.0, 0.0);
+    let found = intersect(&space, &case.triangle, Rim::Included).expect("it is hit");
+    let t = quotient(&-&truth.volume, &truth.whole);
+    assert!((f64::from(found.t) / t - 1.0).abs() < 1e-7);
+    let weight = quotient(&truth.edges[1], &truth.whole);
+    assert!((f64::from(found.barycentrics[0]) - weight).abs() < 1e-6);
+}
+
 /// The whole test, as walks do it: which triangles are hit, and the bounds of margins, weights and distances.
 #[test]
 fn bounds_hold() {
     let mut random = Random(0x0123_4567_89AB_CDEF);
     let [mut decided, mut hits] = [0; 2];
     let (mut t_most, mut weight_most, mut margin_most) = (0f64, 0f64, 0f64);
+    let unit = f64::from(1 << 24);
     for i in 0..count() {
         let case = case(i % KINDS, &mut random);
         let truth = Truth::of(&case);
@@ -368,22 +391,23 @@ fn bounds_hold() {
             assert_eq!(Some(found.front), truth.faces(&case, rim), "{case:?}");
             hits += 1;
             if t > 1e-30 && t < 1e30 {
-                t_most = t_most.max((f64::from(found.t) / t - 1.0).abs());
+                let off = (f64::from(found.t) / t - 1.0).abs() * unit;
+                assert!(off <= 130.0, "{off} {t} {found:?} {rim:?} {case:?}");
+                t_most = t_most.max(off);
             }
             for i in 0..2 {
                 let weight = quotient(&truth.edges[i + 1], &truth.whole);
                 let off = (f64::from(found.barycentrics[i]) - weight).abs();
-                weight_most = weight_most.max(off);
+                let most = f64::from(rounding::MOST);
+                assert!(off <= most, "{off} {found:?} {rim:?} {case:?}");
+                weight_most = weight_most.max(off * unit);
             }
         }
     }
-    let unit = f64::from(1 << 24);
     println!(
         "{hits} hits, {decided} decided by bounds; of its bound a margin was {margin_most:.3}; t off by {:.2}, weights by {:.0} of 2⁻²⁴",
-        t_most * unit,
-        weight_most * unit
+        t_most, weight_most
     );
     assert!(decided > count() / 50 && hits > count() / 10);
-    assert!(t_most * unit <= 130.0 && weight_most <= f64::from(rounding::MOST));
     assert!(margin_most <= 0.9, "{margin_most}");
 }

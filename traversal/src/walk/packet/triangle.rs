@@ -226,14 +226,14 @@ pub(super) fn meet(
         _mm512_mul_ps(w, _mm512_abs_ps(c.2)),
     );
     let (width, height) = (extent(a.0, b.0, c.0), extent(a.1, b.1, c.1));
-    let factor = |shear| _mm512_mul_ps(_mm512_abs_ps(shear), _mm512_set1_ps(rounding::SHEAR));
-    let sheared = _mm512_mul_ps(
-        z_mean,
-        _mm512_add_ps(
-            _mm512_mul_ps(height, factor(shear_x)),
-            _mm512_mul_ps(width, factor(shear_y)),
-        ),
-    );
+    let tiny = _mm512_set1_ps(rounding::LEAST);
+    let factor = |shear| {
+        let factor = _mm512_mul_ps(_mm512_abs_ps(shear), _mm512_set1_ps(rounding::SHEAR));
+        _mm512_add_ps(factor, tiny)
+    };
+    let move_x = _mm512_add_ps(_mm512_mul_ps(z_mean, factor(shear_x)), tiny);
+    let move_y = _mm512_add_ps(_mm512_mul_ps(z_mean, factor(shear_y)), tiny);
+    let sheared = _mm512_add_ps(_mm512_mul_ps(height, move_x), _mm512_mul_ps(width, move_y));
     let moved = _mm512_add_ps(
         _mm512_mul_ps(
             _mm512_mul_ps(width, height),
@@ -247,7 +247,10 @@ pub(super) fn meet(
     );
     let z_error = _mm512_add_ps(
         _mm512_mul_ps(extent(a.2, b.2, c.2), weight_error),
-        _mm512_mul_ps(z_mean, _mm512_set1_ps(rounding::DISTANCE)),
+        _mm512_add_ps(
+            _mm512_mul_ps(z_mean, _mm512_set1_ps(rounding::DISTANCE)),
+            tiny,
+        ),
     );
     let limit = _mm512_mul_ps(_mm512_set1_ps(beams.tolerance), _mm512_abs_ps(z_hit));
     let precise = decided
