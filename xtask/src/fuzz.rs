@@ -1,5 +1,6 @@
 //! `cargo xtask fuzz`: nonsense through the Vulkan API of the built driver, and the coverage-guided targets of the two crates below it.
 
+use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
 use anyhow::{Context, Result, bail, ensure};
@@ -71,24 +72,39 @@ fn sanitizing(flags: &str) -> Command {
     cargo
 }
 
-/// Builds driver and program; the program has the runtime, which the driver finds in it.
+/// Builds the driver and all that it is made of with the sanitizer, and the program as ever, but linked with the sanitizer's runtime, which
+/// the driver finds in it: what the program is made of (a compiler in C++ is) need not be built again.
 fn with_address_sanitizer() -> Result<Command> {
     let target = workspace::target()?.join("address");
-    let mut cargo = sanitizing("-Zsanitizer=address -Clink-arg=-rdynamic");
-    cargo
+    let mut driver = sanitizing("-Zsanitizer=address");
+    driver
         .args(["build", "--release", "--target", PLATFORM, "--target-dir"])
         .arg(&target)
-        .args(["--package", "icd", "--package", "fuzz"]);
-    let status = cargo.status().context("starting cargo")?;
-    ensure!(
-        status.success(),
-        "building with AddressSanitizer failed; `rustup toolchain install nightly` brings a compiler that is made for it"
-    );
+        .args(["--package", "icd"]);
+    let mut program = workspace::cargo();
+    program
+        .args(["rustc", "--release", "--package", "fuzz", "--bin", "fuzz"])
+        .args(["--", "-Clink-arg=-rdynamic"])
+        .arg(format!(
+            "-Clink-arg=-Wl,--whole-archive,{},--no-whole-archive",
+            address_runtime()?.display()
+        ));
+    for mut cargo in [driver, program] {
+        let status = cargo.status().context("starting cargo")?;
+        ensure!(
+            status.success(),
+            "building with AddressSanitizer failed; `rustup toolchain install nightly` brings a compiler that is made for it"
+        );
+    }
     loader::require()?;
-    let built = target.join(PLATFORM).join("release");
     let manifest = target.join("tuff_icd.json");
+    let built = target.join(PLATFORM).join("release");
     write_manifest(&manifest, &built.join(LIBRARY))?;
-    let mut fuzz = Command::new(built.join("fuzz"));
+    // The next ordinary build puts its own program in that place.
+    let own = target.join("fuzz");
+    std::fs::copy(workspace::target()?.join("release/fuzz"), &own)
+        .with_context(|| format!("copying to {}", own.display()))?;
+    let mut fuzz = Command::new(own);
     for (name, value) in crate::driver::environment(&manifest) {
         fuzz.env(name, value);
     }
@@ -96,6 +112,21 @@ fn with_address_sanitizer() -> Result<Command> {
     // The driver reserves terabytes of addresses and looks after its own faults; leaks at the loader's end are not ours.
     fuzz.env("ASAN_OPTIONS", "detect_leaks=0:abort_on_error=1");
     Ok(fuzz)
+}
+
+/// The sanitizer's runtime, which lies with the standard library.
+fn address_runtime() -> Result<PathBuf> {
+    let mut rustc = Command::new("rustc");
+    let said = rustc.args(["--print", "target-libdir"]).output();
+    let said = said.context("starting rustc")?.stdout;
+    let folder = PathBuf::from(String::from_utf8_lossy(&said).trim());
+    let entries = folder
+        .read_dir()
+        .with_context(|| format!("reading {}", folder.display()))?;
+    let mut paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+    paths
+        .find(|path| path.to_string_lossy().ends_with("_rt.asan.a"))
+        .with_context(|| format!("no runtime of AddressSanitizer in {}", folder.display()))
 }
 
 /// What cargo-fuzz would pass.
