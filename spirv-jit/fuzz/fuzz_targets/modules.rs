@@ -27,7 +27,7 @@ fn words(bytes: &[u8]) -> Vec<u32> {
 
 fuzz_target!(|data: &[u8]| {
     if let Some((&stage, module)) = data.split_first() {
-        corrupt::try_compile(STAGES[stage as usize % STAGES.len()], &words(module));
+        corrupt::try_module(STAGES[stage as usize % STAGES.len()], &words(module), 0);
     }
 });
 

@@ -11,5 +11,5 @@ use spirv_jit::program::Stage;
 fuzz_target!(|given: Vec<u32>| {
     let mut words = vec![0x0723_0203, 0x0001_0600, 0, 1000, 0];
     words.extend(given);
-    corrupt::try_compile(Stage::Compute, &words);
+    corrupt::try_module(Stage::Compute, &words, 0);
 });

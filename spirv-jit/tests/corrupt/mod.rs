@@ -1,12 +1,25 @@
-//! Corruptions of modules, and compiling what comes out: for the tests of robustness and for the fuzz targets.
+//! Corruptions of modules, and compiling and running what comes out: for the tests of robustness and for the fuzz targets.
+
+pub mod run;
+
+use std::sync::Arc;
 
 use rspirv::spirv::Capability;
 use spirv_jit::ir::op::DescriptorBinding;
 use spirv_jit::program::Stage;
 use spirv_jit::{CompileRequest, Program};
 
-/// Compiles all the way; whatever comes out is fine.
-pub fn try_compile(stage: Stage, words: &[u32]) {
+/// Compiles all the way and [runs](run::run) what is taken; whatever comes out is fine.
+pub fn try_module(stage: Stage, words: &[u32], margin: usize) {
+    if let Some(program) = try_compile(stage, words) {
+        let seed = words
+            .iter()
+            .fold(1u64, |seed, &word| seed.rotate_left(7) ^ u64::from(word));
+        run::run(&program, &mut Random(seed | 1), margin);
+    }
+}
+
+fn try_compile(stage: Stage, words: &[u32]) -> Option<Arc<Program>> {
     let capabilities: Vec<Capability> = (0..8000).filter_map(Capability::from_u32).collect();
     let bindings = |set: u32, binding: u32| {
         Some(DescriptorBinding {
@@ -26,7 +39,7 @@ pub fn try_compile(stage: Stage, words: &[u32]) {
         accuracy: spirv_jit::Accuracy::Spec,
         checks_alignment: false,
     };
-    let _: Result<std::sync::Arc<Program>, _> = spirv_jit::compile(&request);
+    spirv_jit::compile(&request).ok()
 }
 
 /// A small generator of its own: the same corruptions on every run.
@@ -38,6 +51,18 @@ impl Random {
         self.0 ^= self.0 >> 7;
         self.0 ^= self.0 << 17;
         self.0
+    }
+
+    /// A word of any kind: small, special, a number, all bits.
+    pub fn word(&mut self) -> u32 {
+        let bits = self.next();
+        match bits >> 60 {
+            0..6 => (bits % 32) as u32,
+            6 => u32::MAX - (bits % 4) as u32,
+            7 => 1 << (bits % 32),
+            8..11 => ((bits % 2000) as f32 / 100.0 - 10.0).to_bits(),
+            _ => bits as u32,
+        }
     }
 
     pub fn below(&mut self, end: usize) -> usize {

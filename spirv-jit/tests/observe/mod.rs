@@ -175,7 +175,6 @@ pub fn execute_on(tier: TierKind, module: &Module, seed: u64, inputs: Option<&[u
                 Event::OutOfFuel if budget == 0 => return Outcome::OutOfFuel,
                 Event::OutOfFuel => {}
                 Event::OutOfMemory => panic!("the frame is small"),
-                Event::OutOfMemory => panic!("the frame is small"),
                 Event::Yield(site) => {
                     let kind = program.sites()[site.0 as usize];
                     for (s, state) in wave_states.iter_mut().enumerate() {
