@@ -149,22 +149,39 @@ impl Worker {
                 });
             }
             let common = self.commons.len() as u32 - 1;
+            let start = u64::from(call.first) + u64::from(span.start);
+            let run = match &indices {
+                Some(_) => None,
+                None => topology::run(topology, &span.primitives),
+            };
+            let base = self.vertices.len() as u32;
+            if let Some(run) = &run {
+                self.vertices.extend(run.clone().map(|place| Vertex {
+                    index: (start + u64::from(place)) as u32,
+                    common,
+                }));
+            }
             let ids = (span.first_id..).zip(span.primitives.clone());
             for (primitive_id, primitive) in ids {
                 let places = topology::vertices(topology, primitive);
-                let vertices = places.map(|place| {
-                    let place = u64::from(call.first) + u64::from(span.start) + u64::from(place);
-                    let index = match &indices {
-                        Some(indices) => indices.at(place).wrapping_add(call.vertex_offset as u32),
-                        None => place as u32,
-                    };
-                    let new = self.vertices.len() as u32;
-                    let vertex = self.unique.place(index, new);
-                    if vertex == new {
-                        self.vertices.push(Vertex { index, common });
-                    }
-                    vertex
-                });
+                let vertices = match &run {
+                    Some(run) => places.map(|place| base + (place - run.start)),
+                    None => places.map(|place| {
+                        let place = start + u64::from(place);
+                        let index = match &indices {
+                            Some(indices) => {
+                                indices.at(place).wrapping_add(call.vertex_offset as u32)
+                            }
+                            None => place as u32,
+                        };
+                        let new = self.vertices.len() as u32;
+                        let vertex = self.unique.place(index, new);
+                        if vertex == new {
+                            self.vertices.push(Vertex { index, common });
+                        }
+                        vertex
+                    }),
+                };
                 self.primitives.push(Assembled {
                     vertices,
                     primitive_id,

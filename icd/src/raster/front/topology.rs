@@ -2,6 +2,8 @@
 
 #![forbid(unsafe_code)]
 
+use std::ops::Range;
+
 use ash::vk::PrimitiveTopology as Topology;
 
 /// What a primitive is made of.
@@ -71,6 +73,22 @@ pub fn vertices(topology: Topology, primitive: u32) -> [u32; 3] {
         Topology::TRIANGLE_LIST_WITH_ADJACENCY => [6 * i, 6 * i + 2, 6 * i + 4],
         _ => [2 * i, 2 * i + 2 + 2 * odd, 2 * i + 4 - 2 * odd],
     }
+}
+
+/// The vertices of consecutive primitives, where those are consecutive and all in use.
+pub fn run(topology: Topology, primitives: &Range<u32>) -> Option<Range<u32>> {
+    let is_dense = matches!(
+        topology,
+        Topology::POINT_LIST
+            | Topology::LINE_LIST
+            | Topology::LINE_STRIP
+            | Topology::TRIANGLE_LIST
+            | Topology::TRIANGLE_STRIP
+    );
+    let last = primitives.end.checked_sub(1)?;
+    let first = vertices(topology, primitives.start)[0];
+    let end = vertices(topology, last).into_iter().max()? + 1;
+    is_dense.then_some(first..end)
 }
 
 /// Which of a primitive's [`vertices`] is its provoking vertex.

@@ -114,7 +114,9 @@ impl<'a> Plan<'a> {
 fn order(facts: &FragmentFacts, output: &Output, tests: &Tests) -> Order {
     let replaces = facts.depth.is_some() || facts.writes_stencil_ref;
     let drops = facts.discards || output.drops_samples();
-    if facts.early_tests || !(replaces || drops || facts.writes_memory) {
+    // What it reads of depth and stencil is what earlier fragments left.
+    let looks = facts.reads_attachments;
+    if facts.early_tests || !(replaces || drops || looks || facts.writes_memory) {
         Order::Early
     } else if !replaces && !facts.writes_memory && tests.is_monotonic() {
         Order::LateButSeen

@@ -84,3 +84,25 @@ fn the_provoking_vertex_is_the_first_or_the_last() {
         }
     }
 }
+
+#[test]
+fn runs_hold_the_vertices_of_their_primitives() {
+    for topology in [
+        Topology::POINT_LIST,
+        Topology::LINE_LIST,
+        Topology::LINE_STRIP,
+        Topology::TRIANGLE_LIST,
+        Topology::TRIANGLE_STRIP,
+    ] {
+        for (start, end) in [(0, 1), (0, 7), (3, 4), (4, 9), (5, 6)] {
+            let mut used: Vec<u32> = (start..end)
+                .flat_map(|primitive| vertices(topology, primitive))
+                .collect();
+            used.sort_unstable();
+            used.dedup();
+            let run: Vec<u32> = run(topology, &(start..end)).unwrap().collect();
+            assert_eq!(run, used, "{topology:?} {start} {end}");
+        }
+    }
+    assert_eq!(run(Topology::TRIANGLE_FAN, &(0..3)), None);
+}
