@@ -464,7 +464,7 @@ pub fn supported_image(
 /// What shaders read through a view.
 ///
 /// # Errors
-/// `VK_ERROR_UNKNOWN` for a range outside the image.
+/// `VK_ERROR_UNKNOWN` for a range outside the image, and for a format whose texels are of another size.
 pub fn view_descriptor(
     image: &Image,
     ty: vk::ImageViewType,
@@ -527,8 +527,17 @@ pub fn view_descriptor(
         .aspect
         .intersects(vk::ImageAspectFlags::DEPTH | vk::ImageAspectFlags::STENCIL);
     let data = image.plane_data(plane);
-    let mut conversion = conversion;
-    let format = match &mut conversion {
+    // The planes are those of the image, whatever the conversion was made for.
+    let planes = format::ycbcr_planes(image.format);
+    let conversion = match (conversion, planes) {
+        (Some(conversion), Some(planes)) => Some(Conversion {
+            planes,
+            ..conversion
+        }),
+        (Some(conversion), None) if conversion.planes.requires_conversion() => None,
+        (conversion, _) => conversion,
+    };
+    let format = match &conversion {
         Some(conversion) if conversion.planes.requires_conversion() => {
             // The planes instead of levels: each with its layers' stride, from where the first plane's offsets count.
             for (to, plane) in levels.iter_mut().zip(&image.planes) {
@@ -544,13 +553,23 @@ pub fn view_descriptor(
                     .wrapping_add(distance);
                 to.slice_stride_bytes = plane.layer_stride_bytes;
             }
-            plane.format
+            vk::Format::from_raw(conversion.planes.planes[0].format.0 as i32)
         }
         // A conversion that is one only in name: the view's own planes.
         Some(_) => view_format,
         None if is_depth_or_stencil || format::ycbcr_planes(view_format).is_some() => plane.format,
         None => view_format,
     };
+    // Formats of other sizes would reach past the image (VUID-VkImageViewCreateInfo-image-01761, -01583).
+    let is_plain = conversion.is_none_or(|it| !it.planes.requires_conversion());
+    if is_plain {
+        let view_blocks = format::block_extent(format);
+        let fits = format::texel_size_bytes(format) == plane.texel_size_bytes
+            && (view_blocks == [1, 1] || view_blocks == format::block_extent(plane.format));
+        if !fits {
+            return Err(OUTSIDE);
+        }
+    }
     // What is stored as pairs is accessed as pairs by all but samples.
     if plane.block_extent == [2, 1] && conversion.is_none() {
         for level in &mut levels {

@@ -515,6 +515,7 @@ unsafe fn fill_graphics(node: *mut vk::BaseOutStructure<'static>) {
                 ..Default::default()
             });
             PhysicalDeviceMaintenance6PropertiesKHR(vk::PhysicalDeviceMaintenance6PropertiesKHR {
+                block_texel_view_compatible_multiple_layers: vk::TRUE,
                 max_combined_image_sampler_descriptor_count: 1,
                 ..Default::default()
             });
