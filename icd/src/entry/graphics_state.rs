@@ -249,4 +249,9 @@ drawing! {
         let _ = commands;
         Ok(())
     }
+
+    /// Attachments are written where they lie, and read there: loops need no care.
+    fn vkCmdSetAttachmentFeedbackLoopEnableEXT(_commands, _aspects: vk::ImageAspectFlags) {
+        Ok(())
+    }
 }
