@@ -7,6 +7,7 @@ use crate::command::pass::{Attachment, Pass};
 use crate::object::ImageView;
 use crate::object::graphics_state::MAX_COLOR_ATTACHMENTS;
 use crate::raster::{Batch, Clear, ClearValue, Target, Targets, Work};
+use crate::table::limits::{MAX_IMAGE_ARRAY_LAYERS, MAX_IMAGE_DIMENSION};
 use crate::transfer::clear::clear_view;
 use crate::transfer::resolve::resolve_attachment;
 use crate::transfer::surface::Surface;
@@ -29,9 +30,10 @@ impl<'a> Active<'a> {
         let side = |attachment: &Option<Attachment>, aspect| target(attachment.as_ref()?, aspect);
         let depth = side(&pass.depth, vk::ImageAspectFlags::DEPTH);
         let stencil = side(&pass.stencil, vk::ImageAspectFlags::STENCIL);
-        let mut area = pass.area;
+        // Without attachments, too, there are limits (`maxFramebufferWidth`): what drawing takes of memory follows from the area.
+        let mut area = inside(pass.area, MAX_IMAGE_DIMENSION, MAX_IMAGE_DIMENSION);
         let mut layers = match pass.view_mask {
-            0 => pass.layers,
+            0 => pass.layers.min(MAX_IMAGE_ARRAY_LAYERS),
             mask => u32::BITS - mask.leading_zeros(),
         };
         let (mut samples, mut has_attachments) = (1, false);
