@@ -228,7 +228,6 @@ extensions! {
     Graphics KHR_VERTEX_ATTRIBUTE_DIVISOR c"VK_KHR_vertex_attribute_divisor" 1;
     Graphics EXT_ATTACHMENT_FEEDBACK_LOOP_DYNAMIC_STATE c"VK_EXT_attachment_feedback_loop_dynamic_state" 1;
     Graphics EXT_ATTACHMENT_FEEDBACK_LOOP_LAYOUT c"VK_EXT_attachment_feedback_loop_layout" 2;
-    Graphics EXT_BORDER_COLOR_SWIZZLE c"VK_EXT_border_color_swizzle" 1;
     Graphics EXT_COLOR_WRITE_ENABLE c"VK_EXT_color_write_enable" 1;
     Graphics EXT_CONDITIONAL_RENDERING c"VK_EXT_conditional_rendering" 2;
     Graphics EXT_DEPTH_BIAS_CONTROL c"VK_EXT_depth_bias_control" 1;

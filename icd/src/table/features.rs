@@ -356,8 +356,6 @@ features! {
         rasterization_order_stencil_attachment_access: PhysicalDeviceRasterizationOrderAttachmentAccessFeaturesEXT;
         attachment_feedback_loop_layout: PhysicalDeviceAttachmentFeedbackLoopLayoutFeaturesEXT;
         attachment_feedback_loop_dynamic_state: PhysicalDeviceAttachmentFeedbackLoopDynamicStateFeaturesEXT;
-        border_color_swizzle: PhysicalDeviceBorderColorSwizzleFeaturesEXT;
-        border_color_swizzle_from_image: PhysicalDeviceBorderColorSwizzleFeaturesEXT;
         global_priority_query: PhysicalDeviceGlobalPriorityQueryFeaturesKHR;
         unified_image_layouts: PhysicalDeviceUnifiedImageLayoutsFeaturesKHR;
         conditional_rendering: PhysicalDeviceConditionalRenderingFeaturesEXT;
