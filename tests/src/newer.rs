@@ -30,6 +30,10 @@ pub const NEWER: &[(&CStr, u32)] = &[
         ash::ext::shader_object::NAME,
         make_api_version(0, 1, 3, 246),
     ),
+    (
+        ash::ext::host_image_copy::NAME,
+        make_api_version(0, 1, 3, 258),
+    ),
     (ash::khr::maintenance5::NAME, make_api_version(0, 1, 3, 260)),
     (DEVICE_ADDRESS_COMMANDS, make_api_version(0, 1, 4, 340)),
     (

@@ -494,14 +494,16 @@ mod tests {
 
     #[test]
     fn chains_are_answered_and_checked() {
-        let mut unsupported = vk::PhysicalDeviceMultiviewFeatures::default().multiview(true);
+        let mut unsupported =
+            vk::PhysicalDeviceMultiviewFeatures::default().multiview_geometry_shader(true);
         let mut v12 = vk::PhysicalDeviceVulkan12Features::default();
         v12.p_next = (&raw mut unsupported).cast();
         // SAFETY: the chain is the two structures above.
         unsafe { fill_chain((&raw mut v12).cast()) };
-        assert_eq!(unsupported.multiview, vk::FALSE);
+        assert_eq!(unsupported.multiview, vk::TRUE);
+        assert_eq!(unsupported.multiview_geometry_shader, vk::FALSE);
         assert_eq!(v12.buffer_device_address, vk::TRUE);
-        assert_eq!(v12.draw_indirect_count, vk::FALSE);
+        assert_eq!(v12.draw_indirect_count, vk::TRUE);
 
         let check = |next: *const std::ffi::c_void| {
             let info = vk::DeviceCreateInfo {
@@ -514,7 +516,7 @@ mod tests {
         assert_eq!(check((&raw const v12).cast()), Ok(()));
         // Through a pointer, because the chain reads it through one.
         // SAFETY: the structure above.
-        unsafe { (&raw mut unsupported.multiview).write(vk::TRUE) };
+        unsafe { (&raw mut unsupported.multiview_geometry_shader).write(vk::TRUE) };
         assert_eq!(
             check((&raw const v12).cast()),
             Err(vk::Result::ERROR_FEATURE_NOT_PRESENT)

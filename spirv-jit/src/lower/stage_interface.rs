@@ -670,6 +670,16 @@ impl Lowerer<'_> {
             InputRow::Barycentric(coordinate) => coordinate.position == Position::Sample,
             _ => false,
         });
+        // Variables of the interface count, whether they are read or not (Vulkan, "Sample Shading").
+        facts.per_sample |= self.entry.interface.iter().any(|&id| {
+            let annotations = &self.module.annotations;
+            let built_in = annotations.id(id, Decoration::BuiltIn);
+            let built_in = built_in.and_then(BuiltIn::from_u32);
+            let variable = self.variables.get(&id);
+            variable.is_some_and(|variable| variable.class == StorageClass::Input)
+                && (matches!(built_in, Some(BuiltIn::SampleId | BuiltIn::SamplePosition))
+                    || annotations.id(id, Decoration::Sample).is_some())
+        });
         Some(facts)
     }
 }
