@@ -553,7 +553,6 @@ commands! {
     Device EXT_DEPTH_BIAS_CONTROL PFN_vkCmdSetDepthBias2EXT graphics_state::vkCmdSetDepthBias2EXT;
     Device EXT_CONDITIONAL_RENDERING PFN_vkCmdBeginConditionalRenderingEXT graphics_draw::vkCmdBeginConditionalRenderingEXT;
     Device EXT_CONDITIONAL_RENDERING PFN_vkCmdEndConditionalRenderingEXT graphics_draw::vkCmdEndConditionalRenderingEXT;
-    Device EXT_ATTACHMENT_FEEDBACK_LOOP_DYNAMIC_STATE PFN_vkCmdSetAttachmentFeedbackLoopEnableEXT graphics_state::vkCmdSetAttachmentFeedbackLoopEnableEXT;
     Device EXT_MULTI_DRAW PFN_vkCmdDrawMultiEXT graphics_draw::vkCmdDrawMultiEXT;
     Device EXT_MULTI_DRAW PFN_vkCmdDrawMultiIndexedEXT graphics_draw::vkCmdDrawMultiIndexedEXT;
 

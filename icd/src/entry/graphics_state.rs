@@ -249,9 +249,4 @@ drawing! {
         let _ = commands;
         Ok(())
     }
-
-    /// Attachments are written where they lie, and read there: loops need no care.
-    fn vkCmdSetAttachmentFeedbackLoopEnableEXT(_commands, _aspects: vk::ImageAspectFlags) {
-        Ok(())
-    }
 }

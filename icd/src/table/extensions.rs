@@ -213,21 +213,17 @@ extensions! {
     Graphics KHR_DRAW_INDIRECT_COUNT c"VK_KHR_draw_indirect_count" 1;
     Graphics KHR_DYNAMIC_RENDERING c"VK_KHR_dynamic_rendering" 1;
     Graphics KHR_DYNAMIC_RENDERING_LOCAL_READ c"VK_KHR_dynamic_rendering_local_read" 1;
-    Graphics KHR_FRAGMENT_SHADER_BARYCENTRIC c"VK_KHR_fragment_shader_barycentric" 1;
     Graphics KHR_GLOBAL_PRIORITY c"VK_KHR_global_priority" 1;
     Graphics KHR_IMAGELESS_FRAMEBUFFER c"VK_KHR_imageless_framebuffer" 1;
     Graphics KHR_INDEX_TYPE_UINT8 c"VK_KHR_index_type_uint8" 1;
     Graphics KHR_LINE_RASTERIZATION c"VK_KHR_line_rasterization" 1;
     Graphics KHR_LOAD_STORE_OP_NONE c"VK_KHR_load_store_op_none" 1;
     Graphics KHR_MAINTENANCE_6 c"VK_KHR_maintenance6" 1;
-    Graphics KHR_MAINTENANCE_7 c"VK_KHR_maintenance7" 1;
     Graphics KHR_MULTIVIEW c"VK_KHR_multiview" 1;
     Graphics KHR_ROBUSTNESS_2 c"VK_KHR_robustness2" 1;
     Graphics KHR_SHADER_DRAW_PARAMETERS c"VK_KHR_shader_draw_parameters" 1;
     Graphics KHR_UNIFIED_IMAGE_LAYOUTS c"VK_KHR_unified_image_layouts" 1;
     Graphics KHR_VERTEX_ATTRIBUTE_DIVISOR c"VK_KHR_vertex_attribute_divisor" 1;
-    Graphics EXT_ATTACHMENT_FEEDBACK_LOOP_DYNAMIC_STATE c"VK_EXT_attachment_feedback_loop_dynamic_state" 1;
-    Graphics EXT_ATTACHMENT_FEEDBACK_LOOP_LAYOUT c"VK_EXT_attachment_feedback_loop_layout" 2;
     Graphics EXT_COLOR_WRITE_ENABLE c"VK_EXT_color_write_enable" 1;
     Graphics EXT_CONDITIONAL_RENDERING c"VK_EXT_conditional_rendering" 2;
     Graphics EXT_DEPTH_BIAS_CONTROL c"VK_EXT_depth_bias_control" 1;
@@ -238,7 +234,6 @@ extensions! {
     Graphics EXT_EXTENDED_DYNAMIC_STATE c"VK_EXT_extended_dynamic_state" 1;
     Graphics EXT_EXTENDED_DYNAMIC_STATE_2 c"VK_EXT_extended_dynamic_state2" 1;
     Graphics EXT_EXTENDED_DYNAMIC_STATE_3 c"VK_EXT_extended_dynamic_state3" 2;
-    Graphics EXT_FRAGMENT_SHADER_INTERLOCK c"VK_EXT_fragment_shader_interlock" 1;
     Graphics EXT_GLOBAL_PRIORITY c"VK_EXT_global_priority" 2;
     Graphics EXT_GLOBAL_PRIORITY_QUERY c"VK_EXT_global_priority_query" 1;
     Graphics EXT_GRAPHICS_PIPELINE_LIBRARY c"VK_EXT_graphics_pipeline_library" 1;
@@ -251,7 +246,6 @@ extensions! {
     Graphics EXT_PIPELINE_ROBUSTNESS c"VK_EXT_pipeline_robustness" 1;
     Graphics EXT_PRIMITIVE_TOPOLOGY_LIST_RESTART c"VK_EXT_primitive_topology_list_restart" 1;
     Graphics EXT_PROVOKING_VERTEX c"VK_EXT_provoking_vertex" 1;
-    Graphics EXT_RASTERIZATION_ORDER_ATTACHMENT_ACCESS c"VK_EXT_rasterization_order_attachment_access" 1;
     Graphics EXT_SHADER_OBJECT c"VK_EXT_shader_object" 1;
     Graphics EXT_SHADER_STENCIL_EXPORT c"VK_EXT_shader_stencil_export" 1;
     Graphics EXT_SHADER_VIEWPORT_INDEX_LAYER c"VK_EXT_shader_viewport_index_layer" 1;

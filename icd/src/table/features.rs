@@ -347,15 +347,6 @@ features! {
         nested_command_buffer: PhysicalDeviceNestedCommandBufferFeaturesEXT;
         nested_command_buffer_rendering: PhysicalDeviceNestedCommandBufferFeaturesEXT;
         nested_command_buffer_simultaneous_use: PhysicalDeviceNestedCommandBufferFeaturesEXT;
-        maintenance7: PhysicalDeviceMaintenance7FeaturesKHR;
-        fragment_shader_barycentric: PhysicalDeviceFragmentShaderBarycentricFeaturesKHR => FragmentBarycentricKHR;
-        fragment_shader_sample_interlock: PhysicalDeviceFragmentShaderInterlockFeaturesEXT => FragmentShaderSampleInterlockEXT;
-        fragment_shader_pixel_interlock: PhysicalDeviceFragmentShaderInterlockFeaturesEXT => FragmentShaderPixelInterlockEXT;
-        rasterization_order_color_attachment_access: PhysicalDeviceRasterizationOrderAttachmentAccessFeaturesEXT;
-        rasterization_order_depth_attachment_access: PhysicalDeviceRasterizationOrderAttachmentAccessFeaturesEXT;
-        rasterization_order_stencil_attachment_access: PhysicalDeviceRasterizationOrderAttachmentAccessFeaturesEXT;
-        attachment_feedback_loop_layout: PhysicalDeviceAttachmentFeedbackLoopLayoutFeaturesEXT;
-        attachment_feedback_loop_dynamic_state: PhysicalDeviceAttachmentFeedbackLoopDynamicStateFeaturesEXT;
         global_priority_query: PhysicalDeviceGlobalPriorityQueryFeaturesKHR;
         unified_image_layouts: PhysicalDeviceUnifiedImageLayoutsFeaturesKHR;
         conditional_rendering: PhysicalDeviceConditionalRenderingFeaturesEXT;

@@ -519,22 +519,6 @@ unsafe fn fill_graphics(node: *mut vk::BaseOutStructure<'static>) {
                 max_combined_image_sampler_descriptor_count: 1,
                 ..Default::default()
             });
-            PhysicalDeviceMaintenance7PropertiesKHR(vk::PhysicalDeviceMaintenance7PropertiesKHR {
-                separate_depth_stencil_attachment_access: vk::TRUE,
-                max_descriptor_set_total_uniform_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
-                max_descriptor_set_total_storage_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
-                max_descriptor_set_total_buffers_dynamic: 2 * limits::MAX_DYNAMIC_BUFFERS,
-                max_descriptor_set_update_after_bind_total_uniform_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
-                max_descriptor_set_update_after_bind_total_storage_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
-                max_descriptor_set_update_after_bind_total_buffers_dynamic: 2 * limits::MAX_DYNAMIC_BUFFERS,
-                ..Default::default()
-            });
-            PhysicalDeviceLayeredApiPropertiesListKHR(vk::PhysicalDeviceLayeredApiPropertiesListKHR::default()) {
-                layered_api_count,
-            };
-            PhysicalDeviceFragmentShaderBarycentricPropertiesKHR(
-                vk::PhysicalDeviceFragmentShaderBarycentricPropertiesKHR::default()
-            );
             PhysicalDeviceShaderObjectPropertiesEXT(vk::PhysicalDeviceShaderObjectPropertiesEXT {
                 shader_binary_uuid: pipeline_cache_uuid(),
                 shader_binary_version: 1,
