@@ -438,7 +438,8 @@ fn planes_are_converted() {
 /// Texels go from memory to an image, to another, and back, without a queue.
 #[test]
 fn the_host_copies_images() {
-    let Some(gpu) = Gpu::new().with("VK_EXT_host_image_copy", |gpu| {
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 258));
+    let Some(gpu) = gpu.with("VK_EXT_host_image_copy", |gpu| {
         gpu.optional.host_image_copy.host_image_copy == vk::TRUE
     }) else {
         return;

@@ -43,11 +43,15 @@ fn told(gpu: &Gpu, act: impl FnOnce()) -> Vec<String> {
     messages.into_inner().unwrap()
 }
 
-/// Tuff does not draw where it is told so.
-fn device_that_does_not_draw() -> Gpu {
+/// Tuff does not draw where it is told so, before the process's first device.
+fn tell_not_to_draw() {
     static TOLD: Once = Once::new();
     // SAFETY: whatever else reads the environment in this process waits here first.
     TOLD.call_once(|| unsafe { std::env::set_var("TUFF_GRAPHICS", "0") });
+}
+
+fn device_that_does_not_draw() -> Gpu {
+    tell_not_to_draw();
     Gpu::without_validation()
 }
 
@@ -105,6 +109,7 @@ fn drawing_commands_fail_the_recording_once() {
 #[test]
 fn attachment_formats_can_be_cleared_viewed_and_copied() {
     use vk::FormatFeatureFlags as Has;
+    tell_not_to_draw();
     let gpu = Gpu::new();
     for (format, has) in [
         (

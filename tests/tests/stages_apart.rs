@@ -87,7 +87,8 @@ fn parts_are_linked() {
 
 #[test]
 fn shader_objects_draw_from_source_and_binary() {
-    let Some(gpu) = drawing() else { return };
+    let gpu = with_drawing(Gpu::validated_since(vk::make_api_version(0, 1, 3, 246)));
+    let Some(gpu) = gpu else { return };
     if !has(
         "VK_EXT_shader_object",
         gpu.optional.shader_object.shader_object == vk::TRUE,
