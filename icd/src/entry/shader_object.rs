@@ -31,9 +31,12 @@ unsafe fn create(
 ) -> VkResult<Ref<ShaderObject>> {
     // SAFETY: the caller's promise.
     unsafe {
-        let sets = slice(info.p_set_layouts, info.set_layout_count).iter().map(|&layout| {
-            optional::<DescriptorSetLayout>(layout).map(|_| retain::<DescriptorSetLayout>(layout))
-        });
+        let sets = slice(info.p_set_layouts, info.set_layout_count)
+            .iter()
+            .map(|&layout| {
+                optional::<DescriptorSetLayout>(layout)
+                    .map(|_| retain::<DescriptorSetLayout>(layout))
+            });
         let ranges = slice(info.p_push_constant_ranges, info.push_constant_range_count).iter();
         let ends = ranges.map(|range| range.offset.saturating_add(range.size));
         let layout = handle::new(PipelineLayout::new(sets.collect(), ends.max().unwrap_or(0)));

@@ -35,7 +35,9 @@ impl ShaderObject {
         layout: Ref<PipelineLayout>,
     ) -> VkResult<Self> {
         let cache = PipelineCache::default();
-        let compiled = stage.compile(compiler, Some(&cache), &layout, true)?.program;
+        let compiled = stage
+            .compile(compiler, Some(&cache), &layout, true)?
+            .program;
         Ok(Self::new(compiled.program, compiled.key, cache, layout))
     }
 
@@ -47,7 +49,9 @@ impl ShaderObject {
         let split = data.split_first_chunk::<{ size_of::<ProgramKey>() }>();
         let (key, data) = split.ok_or(vk::Result::INCOMPATIBLE_SHADER_BINARY_EXT)?;
         let cache = PipelineCache::with_data(data);
-        let program = cache.find(key).ok_or(vk::Result::INCOMPATIBLE_SHADER_BINARY_EXT)?;
+        let program = cache
+            .find(key)
+            .ok_or(vk::Result::INCOMPATIBLE_SHADER_BINARY_EXT)?;
         Ok(Self::new(program, *key, cache, layout))
     }
 

@@ -230,7 +230,6 @@ extensions! {
     Graphics EXT_DEPTH_CLIP_CONTROL c"VK_EXT_depth_clip_control" 1;
     Graphics EXT_DEPTH_CLIP_ENABLE c"VK_EXT_depth_clip_enable" 1;
     Graphics EXT_DEPTH_RANGE_UNRESTRICTED c"VK_EXT_depth_range_unrestricted" 1;
-    Graphics EXT_DYNAMIC_RENDERING_UNUSED_ATTACHMENTS c"VK_EXT_dynamic_rendering_unused_attachments" 1;
     Graphics EXT_EXTENDED_DYNAMIC_STATE c"VK_EXT_extended_dynamic_state" 1;
     Graphics EXT_EXTENDED_DYNAMIC_STATE_2 c"VK_EXT_extended_dynamic_state2" 1;
     Graphics EXT_EXTENDED_DYNAMIC_STATE_3 c"VK_EXT_extended_dynamic_state3" 2;

@@ -309,7 +309,6 @@ features! {
         shader_input_attachment_array_non_uniform_indexing: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures => InputAttachmentArrayNonUniformIndexing;
         dynamic_rendering: PhysicalDeviceVulkan13Features PhysicalDeviceDynamicRenderingFeatures;
         dynamic_rendering_local_read: PhysicalDeviceDynamicRenderingLocalReadFeaturesKHR;
-        dynamic_rendering_unused_attachments: PhysicalDeviceDynamicRenderingUnusedAttachmentsFeaturesEXT;
         index_type_uint8: PhysicalDeviceIndexTypeUint8FeaturesKHR;
         rectangular_lines: PhysicalDeviceLineRasterizationFeaturesKHR;
         bresenham_lines: PhysicalDeviceLineRasterizationFeaturesKHR;

@@ -5,8 +5,8 @@ use spirv_jit::environment::{Descriptor, MAX_SETS};
 
 use super::limits::{self, API_VERSION, CAPTURE_BYTES, HANDLE_SIZE};
 use crate::ffi::{array, chain, enumerate, vk};
-use crate::settings::has_graphics;
 use crate::settings;
+use crate::settings::has_graphics;
 
 /// Stages whose shaders may use subgroup operations.
 const SUBGROUP_STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(

@@ -11,16 +11,11 @@ use super::{all_capabilities, bindings, glsl};
 
 /// Compiles a compute shader through all of the compiler.
 pub fn compile(words: &[u32], specialization: &[(u32, &[u8])]) -> Arc<Program> {
-    compile_as(Stage::Compute, words, specialization)
-}
-
-/// Compiles a shader of any stage.
-pub fn compile_as(stage: Stage, words: &[u32], specialization: &[(u32, &[u8])]) -> Arc<Program> {
     let capabilities = all_capabilities();
     let request = CompileRequest {
         words,
         entry_point: "main",
-        stage,
+        stage: Stage::Compute,
         specialization,
         bindings: &bindings,
         capabilities: &capabilities,
