@@ -287,12 +287,26 @@ impl Gpu {
         stages.extend(painting.fragment.map(|source| (Stage::Fragment, source)));
         // A part of a pipeline may have no vertex shader.
         stages.retain(|(_, source)| !source.is_empty());
+        let words = |(stage, source)| (stage, glsl(stage, source));
+        let stages: Vec<_> = stages.into_iter().map(words).collect();
+        self.try_painting(painting, &stages, flags, next)
+            .expect("vkCreateGraphicsPipelines")
+    }
+
+    /// The same from the words of modules, in the place of the sources; a pipeline that is refused is an answer.
+    pub fn try_painting(
+        &self,
+        painting: &Painting<'_>,
+        stages: &[(Stage, Vec<u32>)],
+        flags: vk::PipelineCreateFlags,
+        next: *const std::ffi::c_void,
+    ) -> Result<vk::Pipeline, vk::Result> {
         let stages: Vec<_> = stages
-            .into_iter()
-            .map(|(stage, source)| {
+            .iter()
+            .map(|(stage, words)| {
                 vk::PipelineShaderStageCreateInfo::default()
                     .stage(stage.flag())
-                    .module(self.module(&glsl(stage, source)))
+                    .module(self.module(words))
                     .name(c"main")
             })
             .collect();
@@ -336,11 +350,9 @@ impl Gpu {
         let cache = vk::PipelineCache::null();
         // SAFETY: the structures outlive the call.
         let made = unsafe { self.device.create_graphics_pipelines(cache, &[info], None) };
-        let pipeline = made
-            .map_err(|(_, code)| code)
-            .expect("vkCreateGraphicsPipelines")[0];
+        let pipeline = made.map_err(|(_, code)| code)?[0];
         self.keep(Made::Pipeline(pipeline));
-        pipeline
+        Ok(pipeline)
     }
 
     /// A part of a pipeline, as a library.

@@ -20,7 +20,7 @@ pub struct Options {
     /// With AddressSanitizer in the driver and in the program
     #[arg(long)]
     address: bool,
-    /// modules, structures, blobs, scribbles, caches, transfers, builds, descriptors, tables: all of these by default. Or one or more of
+    /// modules, structures, blobs, scribbles, caches, transfers, builds, descriptors, draws, tables: all of these by default. Or one or more of
     /// those that coverage guides: spirv-jit/words, spirv-jit/modules, traversal/builds, traversal/blobs
     targets: Vec<String>,
 }

@@ -1,13 +1,11 @@
 //! Runs a module on made-up inputs, and keeps what can be seen of it: outputs, what it wrote, what it yielded, by lane.
 
-use std::sync::Arc;
 
 use spirv_jit::Program;
-use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
+use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, uniform};
 use spirv_jit::interp::{Frame, TierKind};
 use spirv_jit::ir::{InputRow, Module};
 use spirv_jit::program::{AlignedRow, Event, IO_DATA_ROW, SiteKind, Stage, Wave};
-use spirv_jit::reach::Reach;
 
 const LANES: usize = 16;
 

@@ -2,9 +2,8 @@
 
 use std::sync::Arc;
 
-use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
+use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, uniform};
 use spirv_jit::program::{AlignedRow, Builtin, Event, InputRow, Stage, Wave};
-use spirv_jit::reach::Reach;
 use spirv_jit::{CompileRequest, Program};
 
 use super::{all_capabilities, bindings, glsl};

@@ -1,5 +1,6 @@
 //! Memory around buffers, and in the process, that nothing is to write.
 
+use ash::vk;
 use tuff_tests::{Buffer, Gpu};
 
 /// Bytes before and after what is bound.
@@ -43,6 +44,119 @@ impl Guarded {
         let sides = words[..margin].iter().chain(&words[margin + middle..]);
         if sides.into_iter().any(|&word| word != PATTERN) {
             found("a buffer was written beside what is bound of it");
+        }
+    }
+}
+
+/// An image to draw to, in the middle of its memory.
+pub struct Attachment {
+    device: ash::Device,
+    image: vk::Image,
+    memory: vk::DeviceMemory,
+    mapped: *const u64,
+    /// Words before the image, and from where on there are words behind it, of all.
+    words: [usize; 3],
+    pub view: vk::ImageView,
+    pub format: vk::Format,
+}
+
+impl Attachment {
+    pub fn new(
+        gpu: &Gpu,
+        format: vk::Format,
+        [width, height]: [u32; 2],
+        layers: u32,
+        samples: u32,
+    ) -> Attachment {
+        use vk::{Format, ImageAspectFlags as Aspect, ImageUsageFlags as Usage};
+        let (aspects, usage) = match format {
+            Format::D16_UNORM | Format::D32_SFLOAT => {
+                (Aspect::DEPTH, Usage::DEPTH_STENCIL_ATTACHMENT)
+            }
+            Format::D24_UNORM_S8_UINT | Format::D32_SFLOAT_S8_UINT => (
+                Aspect::DEPTH | Aspect::STENCIL,
+                Usage::DEPTH_STENCIL_ATTACHMENT,
+            ),
+            _ => (Aspect::COLOR, Usage::COLOR_ATTACHMENT),
+        };
+        let info = vk::ImageCreateInfo::default()
+            .image_type(vk::ImageType::TYPE_2D)
+            .format(format)
+            .extent(vk::Extent3D {
+                width,
+                height,
+                depth: 1,
+            })
+            .mip_levels(1)
+            .array_layers(layers)
+            .samples(vk::SampleCountFlags::from_raw(samples))
+            .usage(usage);
+        let range = vk::ImageSubresourceRange::default()
+            .aspect_mask(aspects)
+            .level_count(1)
+            .layer_count(layers);
+        // SAFETY: the structures outlive the calls, and the memory is mapped whole.
+        unsafe {
+            let device = gpu.device.clone();
+            let image = device.create_image(&info, None).expect("vkCreateImage");
+            let needs = device.get_image_memory_requirements(image);
+            let start = MARGIN.next_multiple_of(needs.alignment);
+            let end = (start + needs.size).next_multiple_of(8);
+            let allocation = vk::MemoryAllocateInfo::default()
+                .allocation_size(end + MARGIN)
+                .memory_type_index(needs.memory_type_bits.trailing_zeros());
+            let memory = device.allocate_memory(&allocation, None).expect("memory");
+            let mapped = device
+                .map_memory(memory, 0, vk::WHOLE_SIZE, vk::MemoryMapFlags::empty())
+                .expect("vkMapMemory")
+                .cast::<u64>();
+            let words = [start, end, end + MARGIN].map(|bytes| bytes as usize / 8);
+            std::slice::from_raw_parts_mut(mapped, words[2]).fill(PATTERN);
+            device
+                .bind_image_memory(image, memory, start)
+                .expect("vkBindImageMemory");
+            let view = vk::ImageViewCreateInfo::default()
+                .image(image)
+                .view_type(vk::ImageViewType::TYPE_2D_ARRAY)
+                .format(format)
+                .subresource_range(range);
+            let view = device
+                .create_image_view(&view, None)
+                .expect("vkCreateImageView");
+            Attachment {
+                device,
+                image,
+                memory,
+                mapped,
+                words,
+                view,
+                format,
+            }
+        }
+    }
+
+    /// # Panics
+    /// Something was written beside the image.
+    pub fn check(&self) {
+        let [start, end, all] = self.words;
+        let beside = (0..start).chain(end..all);
+        // SAFETY: the memory is mapped whole.
+        if beside
+            .into_iter()
+            .any(|word| unsafe { self.mapped.add(word).read_volatile() } != PATTERN)
+        {
+            found("memory beside an attachment was written");
+        }
+    }
+}
+
+impl Drop for Attachment {
+    fn drop(&mut self) {
+        // SAFETY: what was made is destroyed once; commands have ended, or the device is lost.
+        unsafe {
+            self.device.destroy_image_view(self.view, None);
+            self.device.destroy_image(self.image, None);
+            self.device.free_memory(self.memory, None);
         }
     }
 }

@@ -3,6 +3,7 @@
 mod builds;
 mod caches;
 mod descriptors;
+mod draws;
 mod modules;
 mod scribbles;
 mod structures;
@@ -20,7 +21,7 @@ pub struct Target {
     pub run: fn(&World, &Case),
 }
 
-const TARGETS: [Target; 9] = [
+const TARGETS: [Target; 10] = [
     Target {
         name: "modules",
         run: modules::run,
@@ -52,6 +53,10 @@ const TARGETS: [Target; 9] = [
     Target {
         name: "descriptors",
         run: descriptors::run,
+    },
+    Target {
+        name: "draws",
+        run: draws::run,
     },
     Target {
         name: "tables",

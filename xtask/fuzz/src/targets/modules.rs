@@ -114,7 +114,7 @@ fn types(words: &[u32], starts: &[usize]) -> BTreeMap<u32, u32> {
 }
 
 /// Changes a module in one place.
-fn mutate(rng: &mut Rng, words: &mut Vec<u32>) {
+pub fn mutate(rng: &mut Rng, words: &mut Vec<u32>) {
     let starts = instructions(words);
     let first = starts
         .iter()
