@@ -51,7 +51,7 @@ pub struct Options {
 pub struct Measurement {
     pub name: String,
     pub unit: String,
-    /// What bounds it: `traversal`, `shading`, `launching`, `building`, `programs` or `driver`.
+    /// What bounds it: `traversal`, `shading`, `launching`, `building`, `programs`, `drawing` or `driver`.
     pub bounds: String,
     pub scale: Scale,
     pub threads: Option<u32>,
@@ -184,8 +184,7 @@ fn tasks(options: &Options) -> Result<Vec<Task>> {
         threads: options.threads,
         curve: None,
     };
-    let mut tasks: Vec<Task> = workload::ALL
-        .iter()
+    let mut tasks: Vec<Task> = workload::all()
         .map(|workload| {
             let bounds = match workload.bounds {
                 Bounds::Traversal => "traversal",
@@ -193,6 +192,7 @@ fn tasks(options: &Options) -> Result<Vec<Task>> {
                 Bounds::Launching => "launching",
                 Bounds::Building => "building",
                 Bounds::Programs => "programs",
+                Bounds::Drawing => "drawing",
             };
             task(workload.name, workload.unit, bounds)
         })

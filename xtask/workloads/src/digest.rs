@@ -17,7 +17,7 @@ pub struct Options {
 /// Prints a line for each workload: its name and the digests of two turns.
 pub fn digest(options: &Options) -> Result<()> {
     let gpu = Gpu::without_validation();
-    for workload in workload::ALL {
+    for workload in workload::all() {
         let Some(prepared) = (workload.prepare)(&gpu, &options.scale) else {
             continue;
         };

@@ -1,4 +1,4 @@
-//! Measures Vulkan ray tracing drivers against each other on the work that renderers do.
+//! Measures Vulkan drivers against each other on the work that renderers do: tracing rays and drawing.
 //!
 //! One program, any driver: `compare` starts itself once for every workload, driver and round, so
 //! that drivers take turns, each in a process of its own, and no time is given for a result on
@@ -8,6 +8,7 @@ mod building;
 mod chart;
 mod compare;
 mod digest;
+mod drawing;
 mod measure;
 mod mips;
 mod probe;
@@ -57,7 +58,7 @@ fn main() -> ExitCode {
         Command::Probe(options) => probe::probe(&options),
         Command::Reference(options) => reference::reference(&options),
         Command::List => {
-            for workload in workload::ALL {
+            for workload in workload::all() {
                 println!("{:12} {}", workload.name, workload.about);
             }
             Ok(())

@@ -93,6 +93,9 @@ fn finish(gpu: &Gpu, prepared: &Prepared, options: &Options, sample: &mut Sample
     if let Some(look) = prepared.look {
         gpu.submit(look).context("drawing what was built")?;
     }
+    if let Some(check) = &prepared.check {
+        check(gpu).context("checking what was drawn")?;
+    }
     let pixels: Vec<[f32; 4]> = prepared.picture.read();
     let counted = || pixels.iter().map(|pixel| f64::from(pixel[3])).sum();
     sample.work = prepared.work.unwrap_or_else(counted);
@@ -202,9 +205,7 @@ fn first_pixel(scale: &Scale) -> Option<Sample> {
     drop(path_parts());
     let (start, processor) = (Instant::now(), processor_seconds());
     let gpu = Gpu::without_validation();
-    let workload = workload::ALL
-        .iter()
-        .find(|workload| workload.name == "path")?;
+    let workload = workload::named("path").ok()?;
     let prepared = (workload.prepare)(&gpu, scale)?;
     gpu.submit(prepared.turn).expect("the launch runs");
     let seconds = start.elapsed().as_secs_f64();

@@ -267,6 +267,7 @@ pub fn frames(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     Some(Prepared {
         work: Some(f64::from(COUNT)),
         submissions: COUNT,
+        check: None,
         ..drawn(gpu, &small, turn, &world, &shown)
     })
 }

@@ -70,6 +70,15 @@ impl Measurement {
             Some(_) => None,
         }
     }
+
+    /// The same, of work in a second of all processors' time together.
+    pub fn processor_ratio(&self, other: usize) -> Option<f64> {
+        let speeds = self.speeds();
+        match self.disagreement {
+            None => Some(speeds[other]?.processor_seconds / speeds[0]?.processor_seconds),
+            Some(_) => None,
+        }
+    }
 }
 
 pub fn print(results: &Results) {
@@ -91,6 +100,7 @@ pub fn print(results: &Results) {
             "launching",
             "building",
             "programs",
+            "drawing",
             "driver",
         ];
         for bounds in all {
@@ -117,8 +127,8 @@ fn table(results: &Results, rows: &str, measurements: &[Measurement]) -> String 
         let _ = write!(text, " {number} | MB |");
         rule += " ---: | ---: |";
         if number > 0 {
-            let _ = write!(text, " 0 : {number} |");
-            rule += " ---: |";
+            let _ = write!(text, " 0 : {number} | by processor |");
+            rule += " ---: | ---: |";
         }
     }
     let mut lines = vec![text, rule];
@@ -145,11 +155,17 @@ fn table(results: &Results, rows: &str, measurements: &[Measurement]) -> String 
                 (None, None) => line += " – | |",
             }
             if number > 0 {
-                match measurement.ratio(number) {
-                    Some(ratio) => {
-                        let _ = write!(line, " {ratio:.2} |");
+                let ratios = [
+                    measurement.ratio(number),
+                    measurement.processor_ratio(number),
+                ];
+                for ratio in ratios {
+                    match ratio {
+                        Some(ratio) => {
+                            let _ = write!(line, " {ratio:.2} |");
+                        }
+                        None => line += " – |",
                     }
-                    None => line += " – |",
                 }
             }
         }

@@ -4,6 +4,7 @@ use anyhow::{Context, Result};
 use tuff_tests::{Bound, Buffer, Group, Picture, Rays, Record, Shape, Stage, Table};
 use tuff_tests::{Gpu, Kernel, vk};
 
+use crate::drawing;
 use crate::programs;
 use crate::shader;
 use crate::world::{Scale, World};
@@ -17,6 +18,7 @@ pub enum Bounds {
     Building,
     /// All of these by turns, as in applications.
     Programs,
+    Drawing,
 }
 
 /// A workload by its name.
@@ -40,9 +42,14 @@ pub struct Prepared {
     pub look: Option<vk::CommandBuffer>,
     /// How often the commands are submitted in a turn, each time waited for.
     pub submissions: u32,
+    /// Holds what turns left against what it has to be.
+    pub check: Option<Check>,
 }
 
-pub const ALL: &[Workload] = &[
+/// A check of a picture, run after the turns.
+pub type Check = Box<dyn Fn(&Gpu) -> Result<()>>;
+
+const TRACING: &[Workload] = &[
     row("primary", "one ray a pixel", Bounds::Traversal, |g, s| {
         rays(g, s, shader::PRIMARY)
     }),
@@ -201,9 +208,14 @@ pub const ALL: &[Workload] = &[
     },
 ];
 
+/// All workloads, in the order of the report.
+pub fn all() -> impl Iterator<Item = &'static Workload> {
+    TRACING.iter().chain(&drawing::ALL)
+}
+
 /// The workload of this name.
 pub fn named(name: &str) -> Result<&'static Workload> {
-    let found = ALL.iter().find(|workload| workload.name == name);
+    let found = all().find(|workload| workload.name == name);
     found.with_context(|| format!("there is no workload «{name}»"))
 }
 
@@ -461,6 +473,7 @@ impl Prepared {
             picture: world.out,
             look: None,
             submissions: 1,
+            check: None,
         }
     }
 
