@@ -213,6 +213,7 @@ extensions! {
     Graphics KHR_DRAW_INDIRECT_COUNT c"VK_KHR_draw_indirect_count" 1;
     Graphics KHR_DYNAMIC_RENDERING c"VK_KHR_dynamic_rendering" 1;
     Graphics KHR_DYNAMIC_RENDERING_LOCAL_READ c"VK_KHR_dynamic_rendering_local_read" 1;
+    Graphics KHR_FRAGMENT_SHADER_BARYCENTRIC c"VK_KHR_fragment_shader_barycentric" 1;
     Graphics KHR_GLOBAL_PRIORITY c"VK_KHR_global_priority" 1;
     Graphics KHR_IMAGELESS_FRAMEBUFFER c"VK_KHR_imageless_framebuffer" 1;
     Graphics KHR_INDEX_TYPE_UINT8 c"VK_KHR_index_type_uint8" 1;
@@ -233,6 +234,7 @@ extensions! {
     Graphics EXT_EXTENDED_DYNAMIC_STATE c"VK_EXT_extended_dynamic_state" 1;
     Graphics EXT_EXTENDED_DYNAMIC_STATE_2 c"VK_EXT_extended_dynamic_state2" 1;
     Graphics EXT_EXTENDED_DYNAMIC_STATE_3 c"VK_EXT_extended_dynamic_state3" 2;
+    Graphics EXT_FRAGMENT_SHADER_INTERLOCK c"VK_EXT_fragment_shader_interlock" 1;
     Graphics EXT_GLOBAL_PRIORITY c"VK_EXT_global_priority" 2;
     Graphics EXT_GLOBAL_PRIORITY_QUERY c"VK_EXT_global_priority_query" 1;
     Graphics EXT_GRAPHICS_PIPELINE_LIBRARY c"VK_EXT_graphics_pipeline_library" 1;

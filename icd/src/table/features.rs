@@ -307,6 +307,7 @@ features! {
         shader_output_layer: PhysicalDeviceVulkan12Features => ShaderLayer;
         shader_input_attachment_array_dynamic_indexing: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures => InputAttachmentArrayDynamicIndexing;
         shader_input_attachment_array_non_uniform_indexing: PhysicalDeviceVulkan12Features PhysicalDeviceDescriptorIndexingFeatures => InputAttachmentArrayNonUniformIndexing;
+        storage_input_output16: PhysicalDeviceVulkan11Features PhysicalDevice16BitStorageFeatures => StorageInputOutput16;
         dynamic_rendering: PhysicalDeviceVulkan13Features PhysicalDeviceDynamicRenderingFeatures;
         dynamic_rendering_local_read: PhysicalDeviceDynamicRenderingLocalReadFeaturesKHR;
         index_type_uint8: PhysicalDeviceIndexTypeUint8FeaturesKHR;
@@ -341,6 +342,9 @@ features! {
         extended_dynamic_state3_line_rasterization_mode: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_line_stipple_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_depth_clip_negative_one_to_one: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        fragment_shader_barycentric: PhysicalDeviceFragmentShaderBarycentricFeaturesKHR => FragmentBarycentricKHR;
+        fragment_shader_sample_interlock: PhysicalDeviceFragmentShaderInterlockFeaturesEXT => FragmentShaderSampleInterlockEXT;
+        fragment_shader_pixel_interlock: PhysicalDeviceFragmentShaderInterlockFeaturesEXT => FragmentShaderPixelInterlockEXT;
         graphics_pipeline_library: PhysicalDeviceGraphicsPipelineLibraryFeaturesEXT;
         multi_draw: PhysicalDeviceMultiDrawFeaturesEXT;
         nested_command_buffer: PhysicalDeviceNestedCommandBufferFeaturesEXT;

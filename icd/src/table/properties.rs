@@ -505,6 +505,10 @@ unsafe fn fill_graphics(node: *mut vk::BaseOutStructure<'static>) {
                 dynamic_primitive_topology_unrestricted: vk::TRUE,
                 ..Default::default()
             });
+            PhysicalDeviceFragmentShaderBarycentricPropertiesKHR(vk::PhysicalDeviceFragmentShaderBarycentricPropertiesKHR {
+                tri_strip_vertex_order_independent_of_provoking_vertex: vk::FALSE,
+                ..Default::default()
+            });
             PhysicalDeviceGraphicsPipelineLibraryPropertiesEXT(vk::PhysicalDeviceGraphicsPipelineLibraryPropertiesEXT {
                 graphics_pipeline_library_fast_linking: vk::TRUE,
                 graphics_pipeline_library_independent_interpolation_decoration: vk::TRUE,
