@@ -163,7 +163,7 @@ impl Worker {
             }
             let ids = (span.first_id..).zip(span.primitives.clone());
             for (primitive_id, primitive) in ids {
-                let places = topology::vertices(topology, primitive);
+                let places = topology::vertices(topology, primitive, last);
                 let vertices = match &run {
                     Some(run) => places.map(|place| base + (place - run.start)),
                     None => places.map(|place| {
@@ -186,7 +186,7 @@ impl Worker {
                     vertices,
                     primitive_id,
                     common,
-                    provoking: topology::provoking(topology, primitive, last),
+                    provoking: topology::provoking(topology, last),
                 });
             }
         }

@@ -55,10 +55,11 @@ pub fn count(topology: Topology, vertices: u32) -> u32 {
     }
 }
 
-/// The vertices of a primitive, by their place in the segment, as the specification orders them. A line has its second vertex twice, a point
-/// one vertex three times.
+/// The vertices of a primitive, by their place in the segment, as the specification orders them. A triangle whose provoking vertex is its last one
+/// ends with it, which is the order that barycentric coordinates count in, too. A line has its second vertex twice, a point one vertex three
+/// times.
 #[inline]
-pub fn vertices(topology: Topology, primitive: u32) -> [u32; 3] {
+pub fn vertices(topology: Topology, primitive: u32, last: bool) -> [u32; 3] {
     let i = primitive;
     let odd = i & 1;
     match topology {
@@ -68,9 +69,12 @@ pub fn vertices(topology: Topology, primitive: u32) -> [u32; 3] {
         Topology::LINE_LIST_WITH_ADJACENCY => [4 * i + 1, 4 * i + 2, 4 * i + 2],
         Topology::LINE_STRIP_WITH_ADJACENCY => [i + 1, i + 2, i + 2],
         Topology::TRIANGLE_LIST => [3 * i, 3 * i + 1, 3 * i + 2],
+        Topology::TRIANGLE_STRIP if last => [i + odd, i + 1 - odd, i + 2],
         Topology::TRIANGLE_STRIP => [i, i + 1 + odd, i + 2 - odd],
+        Topology::TRIANGLE_FAN if last => [0, i + 1, i + 2],
         Topology::TRIANGLE_FAN => [i + 1, i + 2, 0],
         Topology::TRIANGLE_LIST_WITH_ADJACENCY => [6 * i, 6 * i + 2, 6 * i + 4],
+        _ if last => [2 * i + 2 * odd, 2 * i + 2 - 2 * odd, 2 * i + 4],
         _ => [2 * i, 2 * i + 2 + 2 * odd, 2 * i + 4 - 2 * odd],
     }
 }
@@ -93,16 +97,10 @@ pub fn run(topology: Topology, primitives: &Range<u32>) -> Option<Range<u32>> {
 
 /// Which of a primitive's [`vertices`] is its provoking vertex.
 #[inline]
-pub fn provoking(topology: Topology, primitive: u32, last: bool) -> u8 {
+pub fn provoking(topology: Topology, last: bool) -> u8 {
     match (kind(topology), last) {
         (_, false) | (Some(Kind::Point) | None, _) => 0,
         (Some(Kind::Line), true) => 1,
-        (Some(Kind::Triangle), true) => match topology {
-            Topology::TRIANGLE_STRIP | Topology::TRIANGLE_STRIP_WITH_ADJACENCY => {
-                2 - (primitive & 1) as u8
-            }
-            Topology::TRIANGLE_FAN => 1,
-            _ => 2,
-        },
+        (Some(Kind::Triangle), true) => 2,
     }
 }

@@ -183,7 +183,7 @@ fn expected(
         };
         for segment in segments {
             for primitive in 0..topology::count(topology, segment.len() as u32) {
-                let vertices = topology::vertices(topology, primitive);
+                let vertices = topology::vertices(topology, primitive, false);
                 all.push((
                     id,
                     vertices.map(|vertex| segment[vertex as usize]),

@@ -9,7 +9,7 @@ use super::super::topology::*;
 fn vertices_are_as_written() {
     let all = |topology, length| {
         (0..count(topology, length))
-            .map(|primitive| vertices(topology, primitive))
+            .map(|primitive| vertices(topology, primitive, false))
             .collect::<Vec<_>>()
     };
     assert_eq!(all(Topology::POINT_LIST, 2), [[0; 3], [1; 3]]);
@@ -57,6 +57,28 @@ fn vertices_are_as_written() {
     assert_eq!(count(Topology::PATCH_LIST, 100), 0);
 }
 
+/// The same triangles, turned so that they end with their provoking vertices.
+#[test]
+fn triangles_end_with_a_last_provoking_vertex() {
+    let all = |topology, length| {
+        (0..count(topology, length))
+            .map(|primitive| vertices(topology, primitive, true))
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(
+        all(Topology::TRIANGLE_STRIP, 6),
+        [[0, 1, 2], [2, 1, 3], [2, 3, 4], [4, 3, 5]]
+    );
+    assert_eq!(
+        all(Topology::TRIANGLE_FAN, 5),
+        [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
+    );
+    assert_eq!(
+        all(Topology::TRIANGLE_STRIP_WITH_ADJACENCY, 10),
+        [[0, 2, 4], [4, 2, 6], [4, 6, 8]]
+    );
+}
+
 #[test]
 fn the_provoking_vertex_is_the_first_or_the_last() {
     for topology in [
@@ -69,8 +91,8 @@ fn the_provoking_vertex_is_the_first_or_the_last() {
     ] {
         for primitive in 0..4 {
             let of = |last| {
-                let place = usize::from(provoking(topology, primitive, last));
-                vertices(topology, primitive)[place]
+                let place = usize::from(provoking(topology, last));
+                vertices(topology, primitive, last)[place]
             };
             let step = match topology {
                 Topology::TRIANGLE_LIST => [3 * primitive, 3 * primitive + 2],
