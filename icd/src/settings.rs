@@ -23,8 +23,6 @@ pub struct Settings {
     pub wave: usize,
     /// Whether all geometry is opaque to pipelines without any-hit shaders.
     pub opaque_without_any_hit: bool,
-    /// Whether queues draw (`TUFF_GRAPHICS`): without, devices compute and trace alone, and offer less to attack.
-    pub graphics: bool,
     /// How many threads a device's commands fan out over (`TUFF_THREADS`); unset: what the process may use.
     pub threads: Option<usize>,
     /// Which messages are printed (`TUFF_LOG`).
@@ -80,7 +78,6 @@ impl Settings {
             wave: (read.parsed("TUFF_WAVE", "a number of subgroups", subgroups)?)
                 .unwrap_or(usize::MAX),
             opaque_without_any_hit,
-            graphics: read.parsed("TUFF_GRAPHICS", "0 or 1", switch)? != Some(false),
             threads: read.parsed("TUFF_THREADS", "a number of threads, 1 to 1024", threads)?,
             log: (read.parsed("TUFF_LOG", LEVELS, level)?).unwrap_or(Level::Error),
             timeout: (read.parsed(
@@ -242,11 +239,6 @@ pub fn settings() -> &'static Settings {
     checked().expect("devices are created with valid settings")
 }
 
-/// Whether queues draw: [`Settings::graphics`], also before there is a device. Settings that are not valid ask for nothing.
-pub fn has_graphics() -> bool {
-    checked().is_ok_and(|settings| settings.graphics)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -279,11 +271,9 @@ mod tests {
             ("TUFF_TIMEOUT", "0.5"),
             ("TUFF_VALIDATE", "1"),
             ("TUFF_STATS", "1"),
-            ("TUFF_GRAPHICS", "0"),
             ("TUFF_CONFORMANCE", "1.3.8.0"),
         ])
         .unwrap();
-        assert!(plain.graphics && !set.graphics);
         assert_eq!(set.accuracy, Accuracy::Exact);
         assert_eq!(set.walks.accuracy, traversal::Accuracy::Exact);
         assert_eq!(set.walks.tier, Tier::Portable);

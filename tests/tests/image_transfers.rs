@@ -260,14 +260,9 @@ fn clears_fill_levels_and_layers() {
 
 #[test]
 fn blits_scale_flip_and_convert() {
-    // Blits are for graphics queues; where there is none Tuff does them all the same.
-    let mut gpu = Gpu::new();
-    if !gpu.has_graphics() {
-        if !has("a graphics queue", gpu.is_tuff()) {
-            return;
-        }
-        gpu = Gpu::without_validation();
-    }
+    let Some(gpu) = Gpu::new().with("a graphics queue", Gpu::has_graphics) else {
+        return;
+    };
     let texels: Vec<[u8; 4]> = (0..64u8)
         .map(|i| [i * 4, 255 - i * 4, (i % 8) * 30, 255])
         .collect();
@@ -334,4 +329,53 @@ fn blits_scale_flip_and_convert() {
             assert!(near(linear[y * 16 + x], expected, 0.008), "{x} {y}");
         }
     }
+}
+
+/// Images of the formats that every implementation must have as attachments are images like any other.
+#[test]
+fn attachment_formats_can_be_cleared_viewed_and_copied() {
+    use vk::FormatFeatureFlags as Has;
+    let gpu = Gpu::new();
+    for (format, has) in [
+        (
+            vk::Format::R8G8B8A8_UNORM,
+            Has::COLOR_ATTACHMENT | Has::COLOR_ATTACHMENT_BLEND,
+        ),
+        (
+            vk::Format::B8G8R8A8_SRGB,
+            Has::COLOR_ATTACHMENT | Has::COLOR_ATTACHMENT_BLEND,
+        ),
+        (
+            vk::Format::A2B10G10R10_UNORM_PACK32,
+            Has::COLOR_ATTACHMENT | Has::COLOR_ATTACHMENT_BLEND,
+        ),
+        (
+            vk::Format::R16G16B16A16_SFLOAT,
+            Has::COLOR_ATTACHMENT | Has::COLOR_ATTACHMENT_BLEND,
+        ),
+        (vk::Format::R32G32B32A32_SFLOAT, Has::COLOR_ATTACHMENT),
+        (vk::Format::R32_UINT, Has::COLOR_ATTACHMENT),
+        (vk::Format::D16_UNORM, Has::DEPTH_STENCIL_ATTACHMENT),
+    ] {
+        assert!(gpu.supports(format, has), "{format:?}");
+    }
+    let usage = vk::ImageUsageFlags::COLOR_ATTACHMENT | vk::ImageUsageFlags::SAMPLED;
+    let picture = gpu.picture(Shape::flat(vk::Format::R8G8B8A8_UNORM, 4, 4), usage);
+    let color = vk::ClearColorValue {
+        float32: [1.0, 0.0, 0.2, 1.0],
+    };
+    gpu.run(|commands| {
+        let layout = vk::ImageLayout::GENERAL;
+        let all = vk::ImageSubresourceRange::default()
+            .aspect_mask(vk::ImageAspectFlags::COLOR)
+            .level_count(1)
+            .layer_count(1);
+        // SAFETY: the image outlives the commands.
+        unsafe {
+            gpu.device
+                .cmd_clear_color_image(commands, picture.handle, layout, &color, &[all]);
+        }
+    });
+    let texels: Vec<[u8; 4]> = gpu.download(&picture, 0, 4).read();
+    assert_eq!(texels, [[255, 0, 51, 255]; 16]);
 }

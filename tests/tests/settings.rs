@@ -82,7 +82,6 @@ fn nonsense_is_refused_by_name() {
         ("TUFF_TIMEOUT", "-1"),
         ("TUFF_VALIDATE", "yes"),
         ("TUFF_STATS", "on"),
-        ("TUFF_GRAPHICS", "yes"),
         ("TUFF_CONFORMANCE", "1.3"),
     ];
     for (name, value) in cases {

@@ -12,35 +12,20 @@ use super::Command;
 use super::pass::PassRecorder;
 use crate::VkResult;
 use crate::handle::{self, Ref};
-use crate::object::instance::Messengers;
 use crate::object::{DescriptorSet, DescriptorSetLayout};
 
 /// A command buffer.
 pub struct CommandBuffer {
     pub level: vk::CommandBufferLevel,
     pub recording: Mutex<Recording>,
-    messengers: Arc<Messengers>,
 }
 
 impl CommandBuffer {
     /// A command buffer in the initial state.
-    pub fn new(level: vk::CommandBufferLevel, messengers: Arc<Messengers>) -> Self {
+    pub fn new(level: vk::CommandBufferLevel) -> Self {
         Self {
             level,
             recording: Mutex::default(),
-            messengers,
-        }
-    }
-
-    /// Notes a command that must not be here: `vkEndCommandBuffer` fails. The first one is told to the debug messengers.
-    pub fn refuse(&self, command: &str, because: &str) {
-        let first = self
-            .recording
-            .lock()
-            .fail(vk::Result::ERROR_VALIDATION_FAILED_EXT);
-        if first {
-            let message = format!("{command} is not recorded: {because}");
-            self.messengers.error(c"TUFF-invalid-command", &message);
         }
     }
 }
@@ -75,11 +60,9 @@ impl Recording {
         Ok(())
     }
 
-    /// Notes the first failure, and tells whether it was that.
-    pub fn fail(&mut self, code: vk::Result) -> bool {
-        let first = self.failure.is_none();
+    /// Notes the first failure.
+    pub fn fail(&mut self, code: vk::Result) {
         self.failure.get_or_insert(code);
-        first
     }
 
     /// Back to the initial state. `keep_memory` is for the next recording.

@@ -3,33 +3,23 @@
 #![forbid(unsafe_code)]
 
 use std::collections::HashMap;
-use std::sync::Arc;
 
 use ash::vk;
 use parking_lot::Mutex;
 
 use super::CommandBuffer;
 use crate::handle::{self, Ref};
-use crate::object::instance::Messengers;
 
 /// A command pool: it owns its buffers, and destroys them with itself.
+#[derive(Default)]
 pub struct CommandPool {
     buffers: Mutex<HashMap<vk::CommandBuffer, Ref<CommandBuffer>>>,
-    messengers: Arc<Messengers>,
 }
 
 impl CommandPool {
-    /// A pool without buffers.
-    pub fn new(messengers: Arc<Messengers>) -> Self {
-        Self {
-            buffers: Mutex::default(),
-            messengers,
-        }
-    }
-
     /// A new command buffer in the initial state.
     pub fn allocate(&self, level: vk::CommandBufferLevel) -> vk::CommandBuffer {
-        let buffer = handle::new(CommandBuffer::new(level, Arc::clone(&self.messengers)));
+        let buffer = handle::new(CommandBuffer::new(level));
         let handle = handle::handle_of(&buffer);
         self.buffers.lock().insert(handle, buffer);
         handle

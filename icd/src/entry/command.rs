@@ -1,7 +1,5 @@
 //! Command pools and buffers, and the commands that bind, dispatch and order.
 
-use std::sync::Arc;
-
 use ash::vk;
 use smallvec::SmallVec;
 
@@ -11,11 +9,9 @@ use crate::VkResult;
 use crate::command::{
     BindDescriptorSets, Command, CommandBuffer, CommandPool, GraphicsCommand, Recording, copied,
 };
-use crate::device::Device;
 use crate::ffi;
 use crate::handle;
 use crate::object::{Buffer, DescriptorSet, Event};
-use crate::settings::has_graphics;
 
 /// Records a barrier that vertex stages wait for, or what reads their parameters: inside a pass, they run ahead of the fragments of
 /// earlier draws.
@@ -29,7 +25,7 @@ fn vertex_barrier(commands: &mut Recording, destination: vk::PipelineStageFlags2
         | Stage::PRE_RASTERIZATION_SHADERS
         | Stage::ALL_GRAPHICS
         | Stage::ALL_COMMANDS;
-    if destination.intersects(stages) && has_graphics() {
+    if destination.intersects(stages) {
         return commands.push(Command::Graphics(GraphicsCommand::VertexBarrier));
     }
     Ok(())
@@ -37,13 +33,12 @@ fn vertex_barrier(commands: &mut Recording, destination: vk::PipelineStageFlags2
 
 entry! {
     fn vkCreateCommandPool(
-        device: vk::Device,
+        _device: vk::Device,
         _info: *const vk::CommandPoolCreateInfo,
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::CommandPool,
     ) -> vk::Result {
-        let messengers = &handle::from_handle::<Device>(device).messengers;
-        *out = handle::create(CommandPool::new(Arc::clone(messengers)));
+        *out = handle::create(CommandPool::default());
         Ok(())
     }
 

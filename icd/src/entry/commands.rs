@@ -34,12 +34,12 @@ pub struct Command {
 }
 
 impl Command {
-    /// Whether `vkGetInstanceProcAddr` gives it: instance extensions must be enabled, device extensions advertised.
+    /// Whether `vkGetInstanceProcAddr` gives it: instance extensions must be enabled.
     pub fn available_to_instance(&self, enabled: ExtensionSet) -> bool {
         match self.availability {
             Availability::Core(_) => true,
             Availability::Extension(extension) => match extension.kind() {
-                Kind::Device => extension.is_advertised(),
+                Kind::Device => true,
                 Kind::Instance => enabled.contains(extension),
             },
         }
@@ -553,6 +553,7 @@ commands! {
     Device EXT_DEPTH_BIAS_CONTROL PFN_vkCmdSetDepthBias2EXT graphics_state::vkCmdSetDepthBias2EXT;
     Device EXT_CONDITIONAL_RENDERING PFN_vkCmdBeginConditionalRenderingEXT graphics_draw::vkCmdBeginConditionalRenderingEXT;
     Device EXT_CONDITIONAL_RENDERING PFN_vkCmdEndConditionalRenderingEXT graphics_draw::vkCmdEndConditionalRenderingEXT;
+    Device EXT_ATTACHMENT_FEEDBACK_LOOP_DYNAMIC_STATE PFN_vkCmdSetAttachmentFeedbackLoopEnableEXT graphics_state::vkCmdSetAttachmentFeedbackLoopEnableEXT;
     Device EXT_MULTI_DRAW PFN_vkCmdDrawMultiEXT graphics_draw::vkCmdDrawMultiEXT;
     Device EXT_MULTI_DRAW PFN_vkCmdDrawMultiIndexedEXT graphics_draw::vkCmdDrawMultiIndexedEXT;
 
@@ -588,7 +589,6 @@ commands! {
     Device EXT_SHADER_OBJECT PFN_vkCmdSetLineRasterizationModeEXT graphics_state::vkCmdSetLineRasterizationModeEXT;
     Device EXT_SHADER_OBJECT PFN_vkCmdSetLineStippleEnableEXT graphics_state::vkCmdSetLineStippleEnableEXT;
     Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthClipNegativeOneToOneEXT graphics_state::vkCmdSetDepthClipNegativeOneToOneEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetColorWriteEnableEXT graphics_state::vkCmdSetColorWriteEnableEXT;
     Device EXT_SHADER_OBJECT PFN_vkCmdSetPatchControlPointsEXT graphics_state::vkCmdSetPatchControlPointsEXT;
     Device EXT_SHADER_OBJECT PFN_vkCmdSetTessellationDomainOriginEXT graphics_state::vkCmdSetTessellationDomainOriginEXT;
     Device EXT_SHADER_OBJECT PFN_vkCreateShadersEXT shader_object::vkCreateShadersEXT;

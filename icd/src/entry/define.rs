@@ -58,39 +58,3 @@ macro_rules! commands {
     )*};
 }
 pub(crate) use commands;
-
-/// Defines `vkCmd*` entry points that only command buffers for graphics queues may have, as [`commands`] does. Without such a queue
-/// they have entry points all the same, because the Vulkan version has them (`vkGetDeviceProcAddr`), but every use is invalid
-/// (`VUID-*-commandBuffer-cmdpool`): they are answered with `VK_ERROR_VALIDATION_FAILED` and one message.
-macro_rules! drawing {
-    ($($(#[$meta:meta])* fn $name:ident($buffer:ident $(, $arg:ident: $ty:ty)* $(,)?) $body:block)*) => {$(
-        $(#[$meta])*
-        #[allow(non_snake_case)]
-        pub(crate) unsafe extern "system" fn $name($buffer: ash::vk::CommandBuffer $(, $arg: $ty)*) {
-            if !$crate::settings::has_graphics() {
-                // SAFETY: the handle is a live command buffer.
-                return unsafe { $crate::entry::define::refuse(stringify!($name), $buffer) };
-            }
-            mod recorded {
-                #[allow(unused_imports)]
-                use super::*;
-                $crate::entry::define::commands! { fn $name($buffer $(, $arg: $ty)*) $body }
-            }
-            // SAFETY: the caller's promise.
-            unsafe { recorded::$name($buffer $(, $arg)*) }
-        }
-    )*};
-}
-pub(crate) use drawing;
-
-/// Refuses a command of graphics.
-///
-/// # Safety
-/// The handle is a live command buffer.
-pub unsafe fn refuse(name: &str, buffer: ash::vk::CommandBuffer) {
-    crate::guard::guard(name, || {
-        // SAFETY: the caller's promise.
-        let buffer = unsafe { crate::handle::from_handle::<crate::command::CommandBuffer>(buffer) };
-        buffer.refuse(name, "no queue family of this device supports graphics");
-    });
-}

@@ -21,7 +21,6 @@ use crate::handle::{self, Ref, from_handle, optional, retain};
 use crate::object::graphics_pipeline::GraphicsPipeline;
 use crate::object::pipeline::PipelineKind;
 use crate::object::{Framebuffer, Pipeline, PipelineCache, PipelineLayout, RenderPass};
-use crate::settings::has_graphics;
 
 destroy! {
     vkDestroyFramebuffer: Framebuffer, Framebuffer;
@@ -93,21 +92,13 @@ entry! {
         out: *mut vk::Pipeline,
     ) -> vk::Result {
         let device = from_handle::<Device>(device);
-        if has_graphics() {
-            let cache = optional::<PipelineCache>(cache).map(|cache| &**cache);
-            return create_each(
-                slice(infos, count),
-                out,
-                |info| create_flags(info.flags, info.p_next),
-                |info| create_graphics(device, cache, info),
-            );
-        }
-        slice_mut(out, count).fill(vk::Pipeline::null());
-        device.messengers.error(
-            c"TUFF-no-graphics",
-            "vkCreateGraphicsPipelines: no queue family of this device supports graphics",
-        );
-        Err(vk::Result::ERROR_VALIDATION_FAILED_EXT)
+        let cache = optional::<PipelineCache>(cache).map(|cache| &**cache);
+        create_each(
+            slice(infos, count),
+            out,
+            |info| create_flags(info.flags, info.p_next),
+            |info| create_graphics(device, cache, info),
+        )
     }
 
     fn vkCreateRenderPass(

@@ -2,7 +2,7 @@
 
 use std::ffi::c_void;
 
-use super::define::drawing;
+use super::define::commands;
 use crate::VkResult;
 use crate::command::graphics::{BindVertexBuffers, DrawIndirect, IndexBinding, VertexBinding};
 use crate::command::{Command, GraphicsCommand, Recording};
@@ -42,7 +42,7 @@ fn draw_indirect_count(
     push(commands, GraphicsCommand::DrawIndirect(draw))
 }
 
-drawing! {
+commands! {
     fn vkCmdBindIndexBuffer3KHR(commands, info: *const c_void) {
         let info = &*info.cast::<vk::BindIndexBuffer3InfoKHR<'_>>();
         let binding = IndexBinding {

@@ -2,7 +2,7 @@
 
 use ash::vk;
 
-use super::define::drawing;
+use super::define::commands;
 use crate::VkResult;
 use crate::command::graphics::{
     BindVertexBuffers, Draw, DrawIndirect, DrawMulti, IndexBinding, VertexBinding,
@@ -104,7 +104,7 @@ unsafe fn draw_indirect(
     push(commands, GraphicsCommand::DrawIndirect(draw))
 }
 
-drawing! {
+commands! {
     fn vkCmdBindVertexBuffers(
         commands,
         first: u32,

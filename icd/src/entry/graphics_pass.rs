@@ -2,7 +2,7 @@
 
 use ash::vk;
 
-use super::define::drawing;
+use super::define::commands;
 use crate::VkResult;
 use crate::command::pass::{AttachmentClear, AttachmentClears, PassRecorder};
 use crate::command::{Command, GraphicsCommand, Recording};
@@ -40,7 +40,7 @@ fn end_pass(commands: &mut Recording) -> VkResult {
     end_subpass(commands)
 }
 
-drawing! {
+commands! {
     fn vkCmdBeginRenderPass(commands, info: *const vk::RenderPassBeginInfo<'_>, _contents: vk::SubpassContents) {
         begin_pass(commands, begin(&*info))
     }

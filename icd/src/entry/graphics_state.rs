@@ -2,7 +2,7 @@
 
 use ash::vk;
 
-use super::define::drawing;
+use super::define::commands;
 use crate::VkResult;
 use crate::command::{Command, GraphicsCommand, Recording};
 use crate::decode::graphics::{color_write_enables, dynamic_vertex_input};
@@ -19,7 +19,7 @@ fn count(count: u32) -> u32 {
     count.min(MAX_VIEWPORTS as u32)
 }
 
-drawing! {
+commands! {
     fn vkCmdSetLineWidth(commands, width: f32) {
         set(commands, Setting::LineWidth(width))
     }
@@ -247,6 +247,11 @@ drawing! {
     /// As above.
     fn vkCmdSetTessellationDomainOriginEXT(commands, _origin: vk::TessellationDomainOrigin) {
         let _ = commands;
+        Ok(())
+    }
+
+    /// Attachments are written where they lie, and read there: loops need no care.
+    fn vkCmdSetAttachmentFeedbackLoopEnableEXT(_commands, _aspects: vk::ImageAspectFlags) {
         Ok(())
     }
 }

@@ -15,20 +15,15 @@ use crate::object::PhysicalDevice;
 use crate::object::image::supported_image;
 use crate::object::memory::used_bytes;
 use crate::queue::MAX_QUEUES;
-use crate::settings::has_graphics;
 use crate::table::extensions::{self, Kind};
 use crate::table::{features, properties};
 
 fn queue_family() -> vk::QueueFamilyProperties {
-    let graphics = match has_graphics() {
-        true => vk::QueueFlags::GRAPHICS,
-        false => vk::QueueFlags::empty(),
-    };
     vk::QueueFamilyProperties {
-        queue_flags: vk::QueueFlags::COMPUTE
+        queue_flags: vk::QueueFlags::GRAPHICS
+            | vk::QueueFlags::COMPUTE
             | vk::QueueFlags::TRANSFER
-            | vk::QueueFlags::SPARSE_BINDING
-            | graphics,
+            | vk::QueueFlags::SPARSE_BINDING,
         queue_count: MAX_QUEUES,
         timestamp_valid_bits: 64,
         min_image_transfer_granularity: vk::Extent3D {

@@ -4,7 +4,7 @@ use std::ffi::c_void;
 
 use ash::vk;
 
-use super::define::{drawing, entry};
+use super::define::{commands, entry};
 use super::destroy;
 use crate::VkResult;
 use crate::command::{Command, GraphicsCommand};
@@ -82,7 +82,7 @@ entry! {
     }
 }
 
-drawing! {
+commands! {
     fn vkCmdBindShadersEXT(
         commands,
         count: u32,

@@ -52,6 +52,24 @@ structures! {
     PhysicalDeviceShaderRelaxedExtendedInstructionFeaturesKHR 1_000_558_000 *mut c_void {
         shader_relaxed_extended_instruction: Bool32,
     }
+    /// `VK_KHR_maintenance7`.
+    PhysicalDeviceMaintenance7FeaturesKHR 1_000_562_000 *mut c_void {
+        maintenance7: Bool32,
+    }
+    PhysicalDeviceMaintenance7PropertiesKHR 1_000_562_001 *mut c_void {
+        robust_fragment_shading_rate_attachment_access: Bool32,
+        separate_depth_stencil_attachment_access: Bool32,
+        max_descriptor_set_total_uniform_buffers_dynamic: u32,
+        max_descriptor_set_total_storage_buffers_dynamic: u32,
+        max_descriptor_set_total_buffers_dynamic: u32,
+        max_descriptor_set_update_after_bind_total_uniform_buffers_dynamic: u32,
+        max_descriptor_set_update_after_bind_total_storage_buffers_dynamic: u32,
+        max_descriptor_set_update_after_bind_total_buffers_dynamic: u32,
+    }
+    PhysicalDeviceLayeredApiPropertiesListKHR 1_000_562_002 *mut c_void {
+        layered_api_count: u32,
+        p_layered_apis: *mut c_void,
+    }
     /// `VK_KHR_unified_image_layouts`.
     PhysicalDeviceUnifiedImageLayoutsFeaturesKHR 1_000_527_000 *mut c_void {
         unified_image_layouts: Bool32,

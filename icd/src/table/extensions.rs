@@ -4,8 +4,6 @@
 
 use std::ffi::CStr;
 
-use crate::settings::has_graphics;
-
 macro_rules! extensions {
     ($($kind:ident $variant:ident $name:literal $version:literal;)*) => {
         /// An extension that the driver has.
@@ -16,7 +14,7 @@ macro_rules! extensions {
         }
 
         impl Extension {
-            /// All of them, those of graphics included.
+            /// All of them.
             pub const ALL: &[Extension] = &[$(Extension::$variant,)*];
 
             /// The extension's name.
@@ -36,29 +34,11 @@ macro_rules! extensions {
             /// Whether instances or devices enable it.
             pub fn kind(self) -> Kind {
                 match self {
-                    $(Extension::$variant => extensions!(@kind $kind),)*
-                }
-            }
-
-            /// Whether it is for devices that draw.
-            fn is_of_graphics(self) -> bool {
-                match self {
-                    $(Extension::$variant => extensions!(@graphics $kind),)*
+                    $(Extension::$variant => Kind::$kind,)*
                 }
             }
         }
     };
-    (@kind Graphics) => { Kind::Device };
-    (@kind $kind:ident) => { Kind::$kind };
-    (@graphics Graphics) => { true };
-    (@graphics $kind:ident) => { false };
-}
-
-impl Extension {
-    /// Whether the driver has it: those of graphics where it draws.
-    pub fn is_advertised(self) -> bool {
-        !self.is_of_graphics() || has_graphics()
-    }
 }
 
 /// What enables an extension.
@@ -94,26 +74,40 @@ extensions! {
     Device KHR_CALIBRATED_TIMESTAMPS c"VK_KHR_calibrated_timestamps" 1;
     Device KHR_COMPUTE_SHADER_DERIVATIVES c"VK_KHR_compute_shader_derivatives" 1;
     Device KHR_COPY_COMMANDS_2 c"VK_KHR_copy_commands2" 1;
+    Device KHR_CREATE_RENDERPASS_2 c"VK_KHR_create_renderpass2" 1;
     Device KHR_DEDICATED_ALLOCATION c"VK_KHR_dedicated_allocation" 3;
     Device KHR_DEFERRED_HOST_OPERATIONS c"VK_KHR_deferred_host_operations" 4;
+    Device KHR_DEPTH_STENCIL_RESOLVE c"VK_KHR_depth_stencil_resolve" 1;
     Device KHR_DESCRIPTOR_UPDATE_TEMPLATE c"VK_KHR_descriptor_update_template" 1;
     Device KHR_DEVICE_ADDRESS_COMMANDS c"VK_KHR_device_address_commands" 1;
     Device KHR_DEVICE_GROUP c"VK_KHR_device_group" 4;
+    Device KHR_DRAW_INDIRECT_COUNT c"VK_KHR_draw_indirect_count" 1;
     Device KHR_DRIVER_PROPERTIES c"VK_KHR_driver_properties" 1;
+    Device KHR_DYNAMIC_RENDERING c"VK_KHR_dynamic_rendering" 1;
+    Device KHR_DYNAMIC_RENDERING_LOCAL_READ c"VK_KHR_dynamic_rendering_local_read" 1;
     Device KHR_EXTERNAL_FENCE c"VK_KHR_external_fence" 1;
     Device KHR_EXTERNAL_MEMORY c"VK_KHR_external_memory" 1;
     Device KHR_EXTERNAL_MEMORY_FD c"VK_KHR_external_memory_fd" 1;
     Device KHR_EXTERNAL_SEMAPHORE c"VK_KHR_external_semaphore" 1;
     Device KHR_FORMAT_FEATURE_FLAGS_2 c"VK_KHR_format_feature_flags2" 2;
+    Device KHR_FRAGMENT_SHADER_BARYCENTRIC c"VK_KHR_fragment_shader_barycentric" 1;
     Device KHR_GET_MEMORY_REQUIREMENTS_2 c"VK_KHR_get_memory_requirements2" 1;
+    Device KHR_GLOBAL_PRIORITY c"VK_KHR_global_priority" 1;
+    Device KHR_IMAGELESS_FRAMEBUFFER c"VK_KHR_imageless_framebuffer" 1;
     Device KHR_IMAGE_FORMAT_LIST c"VK_KHR_image_format_list" 1;
     Device KHR_INCREMENTAL_PRESENT c"VK_KHR_incremental_present" 2;
+    Device KHR_INDEX_TYPE_UINT8 c"VK_KHR_index_type_uint8" 1;
+    Device KHR_LINE_RASTERIZATION c"VK_KHR_line_rasterization" 1;
+    Device KHR_LOAD_STORE_OP_NONE c"VK_KHR_load_store_op_none" 1;
     Device KHR_MAINTENANCE_1 c"VK_KHR_maintenance1" 2;
     Device KHR_MAINTENANCE_2 c"VK_KHR_maintenance2" 1;
     Device KHR_MAINTENANCE_3 c"VK_KHR_maintenance3" 1;
     Device KHR_MAINTENANCE_4 c"VK_KHR_maintenance4" 2;
     Device KHR_MAINTENANCE_5 c"VK_KHR_maintenance5" 1;
+    Device KHR_MAINTENANCE_6 c"VK_KHR_maintenance6" 1;
+    Device KHR_MAINTENANCE_7 c"VK_KHR_maintenance7" 1;
     Device KHR_MAP_MEMORY_2 c"VK_KHR_map_memory2" 1;
+    Device KHR_MULTIVIEW c"VK_KHR_multiview" 1;
     Device KHR_PIPELINE_LIBRARY c"VK_KHR_pipeline_library" 1;
     Device KHR_PRESENT_ID c"VK_KHR_present_id" 1;
     Device KHR_PRESENT_ID_2 c"VK_KHR_present_id2" 1;
@@ -126,11 +120,13 @@ extensions! {
     Device KHR_RAY_TRACING_PIPELINE c"VK_KHR_ray_tracing_pipeline" 1;
     Device KHR_RAY_TRACING_POSITION_FETCH c"VK_KHR_ray_tracing_position_fetch" 1;
     Device KHR_RELAXED_BLOCK_LAYOUT c"VK_KHR_relaxed_block_layout" 1;
+    Device KHR_ROBUSTNESS_2 c"VK_KHR_robustness2" 1;
     Device KHR_SAMPLER_MIRROR_CLAMP_TO_EDGE c"VK_KHR_sampler_mirror_clamp_to_edge" 3;
     Device KHR_SAMPLER_YCBCR_CONVERSION c"VK_KHR_sampler_ycbcr_conversion" 14;
     Device KHR_SEPARATE_DEPTH_STENCIL_LAYOUTS c"VK_KHR_separate_depth_stencil_layouts" 1;
     Device KHR_SHADER_ATOMIC_INT64 c"VK_KHR_shader_atomic_int64" 1;
     Device KHR_SHADER_CLOCK c"VK_KHR_shader_clock" 1;
+    Device KHR_SHADER_DRAW_PARAMETERS c"VK_KHR_shader_draw_parameters" 1;
     Device KHR_SHADER_EXPECT_ASSUME c"VK_KHR_shader_expect_assume" 1;
     Device KHR_SHADER_FLOAT16_INT8 c"VK_KHR_shader_float16_int8" 1;
     Device KHR_SHADER_FLOAT_CONTROLS c"VK_KHR_shader_float_controls" 4;
@@ -152,34 +148,61 @@ extensions! {
     Device KHR_SWAPCHAIN_MUTABLE_FORMAT c"VK_KHR_swapchain_mutable_format" 1;
     Device KHR_SYNCHRONIZATION_2 c"VK_KHR_synchronization2" 1;
     Device KHR_TIMELINE_SEMAPHORE c"VK_KHR_timeline_semaphore" 2;
+    Device KHR_UNIFIED_IMAGE_LAYOUTS c"VK_KHR_unified_image_layouts" 1;
     Device KHR_UNIFORM_BUFFER_STANDARD_LAYOUT c"VK_KHR_uniform_buffer_standard_layout" 1;
     Device KHR_VARIABLE_POINTERS c"VK_KHR_variable_pointers" 1;
+    Device KHR_VERTEX_ATTRIBUTE_DIVISOR c"VK_KHR_vertex_attribute_divisor" 1;
     Device KHR_VULKAN_MEMORY_MODEL c"VK_KHR_vulkan_memory_model" 3;
     Device KHR_WORKGROUP_MEMORY_EXPLICIT_LAYOUT c"VK_KHR_workgroup_memory_explicit_layout" 1;
     Device KHR_ZERO_INITIALIZE_WORKGROUP_MEMORY c"VK_KHR_zero_initialize_workgroup_memory" 1;
     Device EXT_4444_FORMATS c"VK_EXT_4444_formats" 1;
+    Device EXT_ATTACHMENT_FEEDBACK_LOOP_DYNAMIC_STATE c"VK_EXT_attachment_feedback_loop_dynamic_state" 1;
+    Device EXT_ATTACHMENT_FEEDBACK_LOOP_LAYOUT c"VK_EXT_attachment_feedback_loop_layout" 2;
     Device EXT_BORDER_COLOR_SWIZZLE c"VK_EXT_border_color_swizzle" 1;
     Device EXT_CALIBRATED_TIMESTAMPS c"VK_EXT_calibrated_timestamps" 2;
+    Device EXT_COLOR_WRITE_ENABLE c"VK_EXT_color_write_enable" 1;
+    Device EXT_CONDITIONAL_RENDERING c"VK_EXT_conditional_rendering" 2;
     Device EXT_CUSTOM_BORDER_COLOR c"VK_EXT_custom_border_color" 12;
+    Device EXT_DEPTH_BIAS_CONTROL c"VK_EXT_depth_bias_control" 1;
+    Device EXT_DEPTH_CLIP_CONTROL c"VK_EXT_depth_clip_control" 1;
+    Device EXT_DEPTH_CLIP_ENABLE c"VK_EXT_depth_clip_enable" 1;
+    Device EXT_DEPTH_RANGE_UNRESTRICTED c"VK_EXT_depth_range_unrestricted" 1;
     Device EXT_DESCRIPTOR_BUFFER c"VK_EXT_descriptor_buffer" 1;
     Device EXT_DESCRIPTOR_INDEXING c"VK_EXT_descriptor_indexing" 2;
+    Device EXT_EXTENDED_DYNAMIC_STATE c"VK_EXT_extended_dynamic_state" 1;
+    Device EXT_EXTENDED_DYNAMIC_STATE_2 c"VK_EXT_extended_dynamic_state2" 1;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 c"VK_EXT_extended_dynamic_state3" 2;
     Device EXT_EXTERNAL_MEMORY_HOST c"VK_EXT_external_memory_host" 1;
+    Device EXT_FRAGMENT_SHADER_INTERLOCK c"VK_EXT_fragment_shader_interlock" 1;
+    Device EXT_GLOBAL_PRIORITY c"VK_EXT_global_priority" 2;
+    Device EXT_GLOBAL_PRIORITY_QUERY c"VK_EXT_global_priority_query" 1;
+    Device EXT_GRAPHICS_PIPELINE_LIBRARY c"VK_EXT_graphics_pipeline_library" 1;
     Device EXT_HOST_IMAGE_COPY c"VK_EXT_host_image_copy" 1;
     Device EXT_HOST_QUERY_RESET c"VK_EXT_host_query_reset" 1;
     Device EXT_IMAGE_2D_VIEW_OF_3D c"VK_EXT_image_2d_view_of_3d" 1;
     Device EXT_IMAGE_ROBUSTNESS c"VK_EXT_image_robustness" 1;
     Device EXT_IMAGE_VIEW_MIN_LOD c"VK_EXT_image_view_min_lod" 1;
+    Device EXT_INDEX_TYPE_UINT8 c"VK_EXT_index_type_uint8" 1;
     Device EXT_INLINE_UNIFORM_BLOCK c"VK_EXT_inline_uniform_block" 1;
+    Device EXT_LINE_RASTERIZATION c"VK_EXT_line_rasterization" 1;
+    Device EXT_LOAD_STORE_OP_NONE c"VK_EXT_load_store_op_none" 1;
     Device EXT_MEMORY_BUDGET c"VK_EXT_memory_budget" 1;
     Device EXT_MEMORY_PRIORITY c"VK_EXT_memory_priority" 1;
+    Device EXT_MULTI_DRAW c"VK_EXT_multi_draw" 1;
     Device EXT_MUTABLE_DESCRIPTOR_TYPE c"VK_EXT_mutable_descriptor_type" 1;
+    Device EXT_NESTED_COMMAND_BUFFER c"VK_EXT_nested_command_buffer" 1;
     Device EXT_NON_SEAMLESS_CUBE_MAP c"VK_EXT_non_seamless_cube_map" 1;
     Device EXT_OPACITY_MICROMAP c"VK_EXT_opacity_micromap" 2;
     Device EXT_PIPELINE_CREATION_CACHE_CONTROL c"VK_EXT_pipeline_creation_cache_control" 3;
     Device EXT_PIPELINE_CREATION_FEEDBACK c"VK_EXT_pipeline_creation_feedback" 1;
     Device EXT_PIPELINE_LIBRARY_GROUP_HANDLES c"VK_EXT_pipeline_library_group_handles" 1;
+    Device EXT_PIPELINE_PROTECTED_ACCESS c"VK_EXT_pipeline_protected_access" 1;
+    Device EXT_PIPELINE_ROBUSTNESS c"VK_EXT_pipeline_robustness" 1;
     Device EXT_PRESENT_MODE_FIFO_LATEST_READY c"VK_EXT_present_mode_fifo_latest_ready" 1;
+    Device EXT_PRIMITIVE_TOPOLOGY_LIST_RESTART c"VK_EXT_primitive_topology_list_restart" 1;
     Device EXT_PRIVATE_DATA c"VK_EXT_private_data" 1;
+    Device EXT_PROVOKING_VERTEX c"VK_EXT_provoking_vertex" 1;
+    Device EXT_RASTERIZATION_ORDER_ATTACHMENT_ACCESS c"VK_EXT_rasterization_order_attachment_access" 1;
     Device EXT_RAY_TRACING_INVOCATION_REORDER c"VK_EXT_ray_tracing_invocation_reorder" 2;
     Device EXT_ROBUSTNESS_2 c"VK_EXT_robustness2" 1;
     Device EXT_SAMPLER_FILTER_MINMAX c"VK_EXT_sampler_filter_minmax" 2;
@@ -189,14 +212,19 @@ extensions! {
     Device EXT_SHADER_ATOMIC_FLOAT_2 c"VK_EXT_shader_atomic_float2" 1;
     Device EXT_SHADER_DEMOTE_TO_HELPER_INVOCATION c"VK_EXT_shader_demote_to_helper_invocation" 1;
     Device EXT_SHADER_IMAGE_ATOMIC_INT64 c"VK_EXT_shader_image_atomic_int64" 1;
+    Device EXT_SHADER_OBJECT c"VK_EXT_shader_object" 1;
     Device EXT_SHADER_REPLICATED_COMPOSITES c"VK_EXT_shader_replicated_composites" 1;
+    Device EXT_SHADER_STENCIL_EXPORT c"VK_EXT_shader_stencil_export" 1;
     Device EXT_SHADER_SUBGROUP_BALLOT c"VK_EXT_shader_subgroup_ballot" 1;
     Device EXT_SHADER_SUBGROUP_PARTITIONED c"VK_EXT_shader_subgroup_partitioned" 1;
     Device EXT_SHADER_SUBGROUP_VOTE c"VK_EXT_shader_subgroup_vote" 1;
+    Device EXT_SHADER_VIEWPORT_INDEX_LAYER c"VK_EXT_shader_viewport_index_layer" 1;
     Device EXT_SUBGROUP_SIZE_CONTROL c"VK_EXT_subgroup_size_control" 2;
     Device EXT_SWAPCHAIN_MAINTENANCE_1 c"VK_EXT_swapchain_maintenance1" 1;
     Device EXT_TEXEL_BUFFER_ALIGNMENT c"VK_EXT_texel_buffer_alignment" 1;
     Device EXT_TOOLING_INFO c"VK_EXT_tooling_info" 1;
+    Device EXT_VERTEX_ATTRIBUTE_DIVISOR c"VK_EXT_vertex_attribute_divisor" 3;
+    Device EXT_VERTEX_INPUT_DYNAMIC_STATE c"VK_EXT_vertex_input_dynamic_state" 2;
     Device EXT_YCBCR_2PLANE_444_FORMATS c"VK_EXT_ycbcr_2plane_444_formats" 1;
     Device EXT_YCBCR_IMAGE_ARRAYS c"VK_EXT_ycbcr_image_arrays" 1;
     Device NV_COMPUTE_SHADER_DERIVATIVES c"VK_NV_compute_shader_derivatives" 1;
@@ -208,50 +236,6 @@ extensions! {
     Device NV_RAY_TRACING_LINEAR_SWEPT_SPHERES c"VK_NV_ray_tracing_linear_swept_spheres" 1;
     Device NV_RAY_TRACING_VALIDATION c"VK_NV_ray_tracing_validation" 1;
     Device VALVE_MUTABLE_DESCRIPTOR_TYPE c"VK_VALVE_mutable_descriptor_type" 1;
-    Graphics KHR_CREATE_RENDERPASS_2 c"VK_KHR_create_renderpass2" 1;
-    Graphics KHR_DEPTH_STENCIL_RESOLVE c"VK_KHR_depth_stencil_resolve" 1;
-    Graphics KHR_DRAW_INDIRECT_COUNT c"VK_KHR_draw_indirect_count" 1;
-    Graphics KHR_DYNAMIC_RENDERING c"VK_KHR_dynamic_rendering" 1;
-    Graphics KHR_DYNAMIC_RENDERING_LOCAL_READ c"VK_KHR_dynamic_rendering_local_read" 1;
-    Graphics KHR_FRAGMENT_SHADER_BARYCENTRIC c"VK_KHR_fragment_shader_barycentric" 1;
-    Graphics KHR_GLOBAL_PRIORITY c"VK_KHR_global_priority" 1;
-    Graphics KHR_IMAGELESS_FRAMEBUFFER c"VK_KHR_imageless_framebuffer" 1;
-    Graphics KHR_INDEX_TYPE_UINT8 c"VK_KHR_index_type_uint8" 1;
-    Graphics KHR_LINE_RASTERIZATION c"VK_KHR_line_rasterization" 1;
-    Graphics KHR_LOAD_STORE_OP_NONE c"VK_KHR_load_store_op_none" 1;
-    Graphics KHR_MAINTENANCE_6 c"VK_KHR_maintenance6" 1;
-    Graphics KHR_MULTIVIEW c"VK_KHR_multiview" 1;
-    Graphics KHR_ROBUSTNESS_2 c"VK_KHR_robustness2" 1;
-    Graphics KHR_SHADER_DRAW_PARAMETERS c"VK_KHR_shader_draw_parameters" 1;
-    Graphics KHR_UNIFIED_IMAGE_LAYOUTS c"VK_KHR_unified_image_layouts" 1;
-    Graphics KHR_VERTEX_ATTRIBUTE_DIVISOR c"VK_KHR_vertex_attribute_divisor" 1;
-    Graphics EXT_COLOR_WRITE_ENABLE c"VK_EXT_color_write_enable" 1;
-    Graphics EXT_CONDITIONAL_RENDERING c"VK_EXT_conditional_rendering" 2;
-    Graphics EXT_DEPTH_BIAS_CONTROL c"VK_EXT_depth_bias_control" 1;
-    Graphics EXT_DEPTH_CLIP_CONTROL c"VK_EXT_depth_clip_control" 1;
-    Graphics EXT_DEPTH_CLIP_ENABLE c"VK_EXT_depth_clip_enable" 1;
-    Graphics EXT_DEPTH_RANGE_UNRESTRICTED c"VK_EXT_depth_range_unrestricted" 1;
-    Graphics EXT_EXTENDED_DYNAMIC_STATE c"VK_EXT_extended_dynamic_state" 1;
-    Graphics EXT_EXTENDED_DYNAMIC_STATE_2 c"VK_EXT_extended_dynamic_state2" 1;
-    Graphics EXT_EXTENDED_DYNAMIC_STATE_3 c"VK_EXT_extended_dynamic_state3" 2;
-    Graphics EXT_FRAGMENT_SHADER_INTERLOCK c"VK_EXT_fragment_shader_interlock" 1;
-    Graphics EXT_GLOBAL_PRIORITY c"VK_EXT_global_priority" 2;
-    Graphics EXT_GLOBAL_PRIORITY_QUERY c"VK_EXT_global_priority_query" 1;
-    Graphics EXT_GRAPHICS_PIPELINE_LIBRARY c"VK_EXT_graphics_pipeline_library" 1;
-    Graphics EXT_INDEX_TYPE_UINT8 c"VK_EXT_index_type_uint8" 1;
-    Graphics EXT_LINE_RASTERIZATION c"VK_EXT_line_rasterization" 1;
-    Graphics EXT_LOAD_STORE_OP_NONE c"VK_EXT_load_store_op_none" 1;
-    Graphics EXT_MULTI_DRAW c"VK_EXT_multi_draw" 1;
-    Graphics EXT_NESTED_COMMAND_BUFFER c"VK_EXT_nested_command_buffer" 1;
-    Graphics EXT_PIPELINE_PROTECTED_ACCESS c"VK_EXT_pipeline_protected_access" 1;
-    Graphics EXT_PIPELINE_ROBUSTNESS c"VK_EXT_pipeline_robustness" 1;
-    Graphics EXT_PRIMITIVE_TOPOLOGY_LIST_RESTART c"VK_EXT_primitive_topology_list_restart" 1;
-    Graphics EXT_PROVOKING_VERTEX c"VK_EXT_provoking_vertex" 1;
-    Graphics EXT_SHADER_OBJECT c"VK_EXT_shader_object" 1;
-    Graphics EXT_SHADER_STENCIL_EXPORT c"VK_EXT_shader_stencil_export" 1;
-    Graphics EXT_SHADER_VIEWPORT_INDEX_LAYER c"VK_EXT_shader_viewport_index_layer" 1;
-    Graphics EXT_VERTEX_ATTRIBUTE_DIVISOR c"VK_EXT_vertex_attribute_divisor" 3;
-    Graphics EXT_VERTEX_INPUT_DYNAMIC_STATE c"VK_EXT_vertex_input_dynamic_state" 2;
 }
 
 /// A set of extensions.
@@ -284,15 +268,10 @@ impl ExtensionSet {
     }
 }
 
-/// What the driver advertises.
-pub fn advertised() -> impl Iterator<Item = Extension> {
-    let all = Extension::ALL.iter().copied();
-    all.filter(|extension| extension.is_advertised())
-}
-
-/// The extensions of a kind that it advertises.
+/// The extensions of a kind.
 pub fn of_kind(kind: Kind) -> impl Iterator<Item = Extension> {
-    advertised().filter(move |extension| extension.kind() == kind)
+    let all = Extension::ALL.iter().copied();
+    all.filter(move |extension| extension.kind() == kind)
 }
 
 #[cfg(test)]

@@ -6,7 +6,6 @@ use rspirv::spirv::Capability;
 
 use crate::VkResult;
 use crate::ffi::{chain, vk};
-use crate::settings::has_graphics;
 
 /// Bytes of `sType` and `pNext`, before a feature structure's first word.
 const HEAD_BYTES: usize = size_of::<vk::BaseOutStructure<'_>>();
@@ -15,22 +14,14 @@ macro_rules! features {
     (
         core { $($core:ident $($core_capability:ident)*;)* }
         chained { $($feature:ident: $($structure:ident)+ $(=> $($capability:ident)+)?;)* }
-        graphics_core { $($drawn:ident $($drawn_capability:ident)*;)* }
-        graphics_chained {
-            $($drawing:ident: $($draw_structure:ident)+ $(=> $($draw_capability:ident)+)?;)*
-        }
         without_support { $($empty:ident)* }
     ) => {
         /// `VkPhysicalDeviceFeatures`.
         pub fn core_features() -> vk::PhysicalDeviceFeatures {
-            let mut features = vk::PhysicalDeviceFeatures {
+            vk::PhysicalDeviceFeatures {
                 $($core: vk::TRUE,)*
                 ..Default::default()
-            };
-            if has_graphics() {
-                $(features.$drawn = vk::TRUE;)*
             }
-            features
         }
 
         /// Size of a feature structure that is known here, up to the end of its last feature: padding may
@@ -39,11 +30,6 @@ macro_rules! features {
             $($(if ty == vk::$structure::STRUCTURE_TYPE {
                 return Some(std::mem::offset_of!(vk::$structure<'_>, _marker));
             })+)*
-            if has_graphics() {
-                $($(if ty == vk::$draw_structure::STRUCTURE_TYPE {
-                    return Some(std::mem::offset_of!(vk::$draw_structure<'_>, _marker));
-                })+)*
-            }
             $(if ty == vk::$empty::STRUCTURE_TYPE {
                 return Some(std::mem::offset_of!(vk::$empty<'_>, _marker));
             })*
@@ -61,11 +47,6 @@ macro_rules! features {
                 $($(if ty == vk::$structure::STRUCTURE_TYPE {
                     (*node.cast::<vk::$structure<'_>>()).$feature = vk::TRUE;
                 })+)*
-                if has_graphics() {
-                    $($(if ty == vk::$draw_structure::STRUCTURE_TYPE {
-                        (*node.cast::<vk::$draw_structure<'_>>()).$drawing = vk::TRUE;
-                    })+)*
-                }
             }
         }
 
@@ -73,15 +54,6 @@ macro_rules! features {
         const FEATURE_CAPABILITIES: &[Capability] = &[
             $($(Capability::$core_capability,)*)*
             $($($(Capability::$capability,)+)?)*
-        ];
-
-        /// The same, of features of graphics.
-        const GRAPHICS_CAPABILITIES: &[Capability] = &[
-            // These need no feature.
-            Capability::InputAttachment,
-            Capability::StencilExportEXT,
-            $($(Capability::$drawn_capability,)*)*
-            $($($(Capability::$draw_capability,)+)?)*
         ];
     };
 }
@@ -108,6 +80,28 @@ features! {
         texture_compression_bc;
         texture_compression_etc2;
         texture_compression_astc_ldr;
+        independent_blend;
+        sample_rate_shading SampleRateShading InterpolationFunction;
+        dual_src_blend;
+        logic_op;
+        multi_draw_indirect;
+        draw_indirect_first_instance;
+        depth_clamp;
+        depth_bias_clamp;
+        fill_mode_non_solid;
+        depth_bounds;
+        wide_lines;
+        large_points;
+        alpha_to_one;
+        multi_viewport MultiViewport;
+        occlusion_query_precise;
+        pipeline_statistics_query;
+        vertex_pipeline_stores_and_atomics;
+        fragment_stores_and_atomics;
+        shader_clip_distance ClipDistance;
+        shader_cull_distance CullDistance;
+        variable_multisample_rate;
+        inherited_queries;
         sparse_binding;
         sparse_residency_buffer;
         sparse_residency_aliased;
@@ -273,32 +267,7 @@ features! {
         present_wait: PhysicalDevicePresentWaitFeaturesKHR;
         present_wait2: PhysicalDevicePresentWait2FeaturesKHR;
         swapchain_maintenance1: PhysicalDeviceSwapchainMaintenance1FeaturesEXT;
-    }
-    graphics_core {
-        independent_blend;
-        sample_rate_shading SampleRateShading InterpolationFunction;
-        dual_src_blend;
-        logic_op;
-        multi_draw_indirect;
-        draw_indirect_first_instance;
-        depth_clamp;
-        depth_bias_clamp;
-        fill_mode_non_solid;
-        depth_bounds;
-        wide_lines;
-        large_points;
-        alpha_to_one;
-        multi_viewport MultiViewport;
-        occlusion_query_precise;
-        pipeline_statistics_query;
-        vertex_pipeline_stores_and_atomics;
-        fragment_stores_and_atomics;
-        shader_clip_distance ClipDistance;
-        shader_cull_distance CullDistance;
-        variable_multisample_rate;
-        inherited_queries;
-    }
-    graphics_chained {
+
         multiview: PhysicalDeviceVulkan11Features PhysicalDeviceMultiviewFeatures => MultiView;
         shader_draw_parameters: PhysicalDeviceVulkan11Features PhysicalDeviceShaderDrawParametersFeatures => DrawParameters;
         draw_indirect_count: PhysicalDeviceVulkan12Features;
@@ -342,9 +311,15 @@ features! {
         extended_dynamic_state3_line_rasterization_mode: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_line_stipple_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_depth_clip_negative_one_to_one: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
+        maintenance7: PhysicalDeviceMaintenance7FeaturesKHR;
         fragment_shader_barycentric: PhysicalDeviceFragmentShaderBarycentricFeaturesKHR => FragmentBarycentricKHR;
         fragment_shader_sample_interlock: PhysicalDeviceFragmentShaderInterlockFeaturesEXT => FragmentShaderSampleInterlockEXT;
         fragment_shader_pixel_interlock: PhysicalDeviceFragmentShaderInterlockFeaturesEXT => FragmentShaderPixelInterlockEXT;
+        rasterization_order_color_attachment_access: PhysicalDeviceRasterizationOrderAttachmentAccessFeaturesEXT;
+        rasterization_order_depth_attachment_access: PhysicalDeviceRasterizationOrderAttachmentAccessFeaturesEXT;
+        rasterization_order_stencil_attachment_access: PhysicalDeviceRasterizationOrderAttachmentAccessFeaturesEXT;
+        attachment_feedback_loop_layout: PhysicalDeviceAttachmentFeedbackLoopLayoutFeaturesEXT;
+        attachment_feedback_loop_dynamic_state: PhysicalDeviceAttachmentFeedbackLoopDynamicStateFeaturesEXT;
         graphics_pipeline_library: PhysicalDeviceGraphicsPipelineLibraryFeaturesEXT;
         multi_draw: PhysicalDeviceMultiDrawFeaturesEXT;
         nested_command_buffer: PhysicalDeviceNestedCommandBufferFeaturesEXT;
@@ -363,12 +338,8 @@ features! {
         vertex_input_dynamic_state: PhysicalDeviceVertexInputDynamicStateFeaturesEXT;
     }
     without_support {
-        PhysicalDeviceMultiviewFeatures
         PhysicalDeviceProtectedMemoryFeatures
-        PhysicalDeviceShaderDrawParametersFeatures
-        PhysicalDeviceImagelessFramebufferFeatures
         PhysicalDeviceTextureCompressionASTCHDRFeatures
-        PhysicalDeviceDynamicRenderingFeatures
     }
 }
 
@@ -381,6 +352,8 @@ const BASE_CAPABILITIES: &[Capability] = &[
     Capability::SampledBuffer,
     Capability::ImageBuffer,
     Capability::ImageQuery,
+    Capability::InputAttachment,
+    Capability::StencilExportEXT,
     Capability::DeviceGroup,
     Capability::StorageImageExtendedFormats,
     Capability::GroupNonUniform,
@@ -405,11 +378,7 @@ const BASE_CAPABILITIES: &[Capability] = &[
 
 /// All that a shader module may declare.
 pub fn capabilities() -> Vec<Capability> {
-    let graphics = match has_graphics() {
-        true => GRAPHICS_CAPABILITIES,
-        false => &[],
-    };
-    [BASE_CAPABILITIES, FEATURE_CAPABILITIES, graphics].concat()
+    [BASE_CAPABILITIES, FEATURE_CAPABILITIES].concat()
 }
 
 /// Answers every feature structure of an output chain.

@@ -6,8 +6,6 @@ use std::sync::OnceLock;
 
 use ash::vk;
 
-use crate::settings::has_graphics;
-
 /// Texels along a side of an image: what `spirv_jit::image::MAX_LEVELS` has levels for.
 pub const MAX_IMAGE_DIMENSION: u32 = 16384;
 pub const MAX_IMAGE_DIMENSION_3D: u32 = MAX_IMAGE_DIMENSION;
@@ -43,45 +41,6 @@ pub const SPARSE_ADDRESS_SPACE_BYTES: u64 = 1 << 38;
 
 /// `VkPhysicalDeviceLimits`.
 pub fn limits() -> vk::PhysicalDeviceLimits {
-    match has_graphics() {
-        true => with_graphics(without_graphics()),
-        false => without_graphics(),
-    }
-}
-
-/// The limits of drawing.
-fn with_graphics(limits: vk::PhysicalDeviceLimits) -> vk::PhysicalDeviceLimits {
-    vk::PhysicalDeviceLimits {
-        max_vertex_input_attributes: MAX_VERTEX_INPUTS,
-        max_vertex_input_bindings: MAX_VERTEX_INPUTS,
-        max_vertex_input_attribute_offset: u32::MAX,
-        max_vertex_input_binding_stride: 1 << 16,
-        max_vertex_output_components: 128,
-        max_fragment_input_components: 128,
-        max_fragment_output_attachments: MAX_COLOR_ATTACHMENTS,
-        max_fragment_dual_src_attachments: 1,
-        max_fragment_combined_output_resources: MAX_DESCRIPTORS,
-        max_draw_indirect_count: u32::MAX,
-        max_viewports: MAX_VIEWPORTS,
-        viewport_sub_pixel_bits: SUB_PIXEL_BITS,
-        sub_pixel_precision_bits: SUB_PIXEL_BITS,
-        min_interpolation_offset: -0.5,
-        max_interpolation_offset: 0.4375,
-        sub_pixel_interpolation_offset_bits: 4,
-        max_color_attachments: MAX_COLOR_ATTACHMENTS,
-        max_clip_distances: 8,
-        max_cull_distances: 8,
-        max_combined_clip_and_cull_distances: 8,
-        point_size_range: [1.0, MAX_POINT_SIZE],
-        point_size_granularity: 0.125,
-        line_width_range: [1.0, MAX_LINE_WIDTH],
-        line_width_granularity: 0.125,
-        strict_lines: vk::TRUE,
-        ..limits
-    }
-}
-
-fn without_graphics() -> vk::PhysicalDeviceLimits {
     vk::PhysicalDeviceLimits {
         max_image_dimension1_d: MAX_IMAGE_DIMENSION,
         max_image_dimension2_d: MAX_IMAGE_DIMENSION,
@@ -112,14 +71,24 @@ fn without_graphics() -> vk::PhysicalDeviceLimits {
         max_descriptor_set_sampled_images: MAX_DESCRIPTORS,
         max_descriptor_set_storage_images: MAX_DESCRIPTORS,
         max_descriptor_set_input_attachments: MAX_DESCRIPTORS,
-        max_vertex_input_attributes: 16,
-        max_vertex_input_bindings: 16,
-        max_vertex_input_attribute_offset: 2047,
-        max_vertex_input_binding_stride: 2048,
-        max_vertex_output_components: 64,
-        max_fragment_input_components: 64,
-        max_fragment_output_attachments: 4,
-        max_fragment_combined_output_resources: 4,
+        max_vertex_input_attributes: MAX_VERTEX_INPUTS,
+        max_vertex_input_bindings: MAX_VERTEX_INPUTS,
+        max_vertex_input_attribute_offset: u32::MAX,
+        max_vertex_input_binding_stride: 1 << 16,
+        max_vertex_output_components: 128,
+        max_fragment_input_components: 128,
+        max_fragment_output_attachments: MAX_COLOR_ATTACHMENTS,
+        max_fragment_combined_output_resources: MAX_DESCRIPTORS,
+        max_fragment_dual_src_attachments: 1,
+        viewport_sub_pixel_bits: SUB_PIXEL_BITS,
+        min_interpolation_offset: -0.5,
+        max_interpolation_offset: 0.4375,
+        sub_pixel_interpolation_offset_bits: 4,
+        max_clip_distances: 8,
+        max_cull_distances: 8,
+        max_combined_clip_and_cull_distances: 8,
+        point_size_granularity: 0.125,
+        line_width_granularity: 0.125,
         max_compute_shared_memory_size: MAX_SHARED_BYTES,
         max_compute_work_group_count: [u32::MAX; 3],
         max_compute_work_group_invocations: MAX_WORKGROUP_INVOCATIONS,
@@ -128,14 +97,14 @@ fn without_graphics() -> vk::PhysicalDeviceLimits {
             MAX_WORKGROUP_INVOCATIONS,
             MAX_WORKGROUP_INVOCATIONS,
         ],
-        sub_pixel_precision_bits: 4,
+        sub_pixel_precision_bits: SUB_PIXEL_BITS,
         sub_texel_precision_bits: 8,
         mipmap_precision_bits: 8,
         max_draw_indexed_index_value: u32::MAX,
-        max_draw_indirect_count: 1,
+        max_draw_indirect_count: u32::MAX,
         max_sampler_lod_bias: 16.0,
         max_sampler_anisotropy: 16.0,
-        max_viewports: 1,
+        max_viewports: MAX_VIEWPORTS,
         max_viewport_dimensions: [MAX_IMAGE_DIMENSION; 2],
         viewport_bounds_range: [
             -2.0 * MAX_IMAGE_DIMENSION as f32,
@@ -156,7 +125,7 @@ fn without_graphics() -> vk::PhysicalDeviceLimits {
         framebuffer_depth_sample_counts: SAMPLE_COUNTS,
         framebuffer_stencil_sample_counts: SAMPLE_COUNTS,
         framebuffer_no_attachments_sample_counts: SAMPLE_COUNTS,
-        max_color_attachments: 4,
+        max_color_attachments: MAX_COLOR_ATTACHMENTS,
         sampled_image_color_sample_counts: SAMPLE_COUNTS,
         sampled_image_integer_sample_counts: SAMPLE_COUNTS,
         sampled_image_depth_sample_counts: SAMPLE_COUNTS,
@@ -166,9 +135,9 @@ fn without_graphics() -> vk::PhysicalDeviceLimits {
         timestamp_compute_and_graphics: vk::TRUE,
         timestamp_period: 1.0,
         discrete_queue_priorities: 2,
-        point_size_range: [1.0, 1.0],
-        line_width_range: [1.0, 1.0],
-        strict_lines: vk::FALSE,
+        point_size_range: [1.0, MAX_POINT_SIZE],
+        line_width_range: [1.0, MAX_LINE_WIDTH],
+        strict_lines: vk::TRUE,
         standard_sample_locations: vk::TRUE,
         optimal_buffer_copy_offset_alignment: 16,
         optimal_buffer_copy_row_pitch_alignment: 16,

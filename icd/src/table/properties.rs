@@ -6,7 +6,6 @@ use spirv_jit::environment::{Descriptor, MAX_SETS};
 use super::limits::{self, API_VERSION, CAPTURE_BYTES, HANDLE_SIZE};
 use crate::ffi::{array, chain, enumerate, vk};
 use crate::settings;
-use crate::settings::has_graphics;
 
 /// Stages whose shaders may use subgroup operations.
 const SUBGROUP_STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
@@ -16,16 +15,10 @@ const SUBGROUP_STAGES: vk::ShaderStageFlags = vk::ShaderStageFlags::from_raw(
         | vk::ShaderStageFlags::CLOSEST_HIT_KHR.as_raw()
         | vk::ShaderStageFlags::MISS_KHR.as_raw()
         | vk::ShaderStageFlags::INTERSECTION_KHR.as_raw()
-        | vk::ShaderStageFlags::CALLABLE_KHR.as_raw(),
+        | vk::ShaderStageFlags::CALLABLE_KHR.as_raw()
+        | vk::ShaderStageFlags::VERTEX.as_raw()
+        | vk::ShaderStageFlags::FRAGMENT.as_raw(),
 );
-
-/// Stages of drawing, where there is any.
-fn graphics_stages() -> vk::ShaderStageFlags {
-    match has_graphics() {
-        true => vk::ShaderStageFlags::VERTEX | vk::ShaderStageFlags::FRAGMENT,
-        false => vk::ShaderStageFlags::empty(),
-    }
-}
 
 /// Identifies the driver: the same for every machine and run of one version.
 const DRIVER_UUID: [u8; vk::UUID_SIZE] = *b"tuff-driver-0001";
@@ -77,7 +70,7 @@ fn vulkan11(machine: &Machine) -> vk::PhysicalDeviceVulkan11Properties<'static> 
         device_node_mask: 0,
         device_luid_valid: vk::FALSE,
         subgroup_size: SUBGROUP_SIZE as u32,
-        subgroup_supported_stages: SUBGROUP_STAGES | graphics_stages(),
+        subgroup_supported_stages: SUBGROUP_STAGES,
         subgroup_supported_operations: vk::SubgroupFeatureFlags::BASIC
             | vk::SubgroupFeatureFlags::VOTE
             | vk::SubgroupFeatureFlags::ARITHMETIC
@@ -102,6 +95,8 @@ fn vulkan11(machine: &Machine) -> vk::PhysicalDeviceVulkan11Properties<'static> 
 
 fn vulkan12() -> vk::PhysicalDeviceVulkan12Properties<'static> {
     const MAX: u32 = limits::MAX_DESCRIPTORS;
+    let stencil_resolves =
+        vk::ResolveModeFlags::SAMPLE_ZERO | vk::ResolveModeFlags::MIN | vk::ResolveModeFlags::MAX;
     let mut properties = vk::PhysicalDeviceVulkan12Properties {
         // No registered driver, and no conformance is claimed but what the user asks for.
         driver_id: vk::DriverId::from_raw(0),
@@ -125,7 +120,7 @@ fn vulkan12() -> vk::PhysicalDeviceVulkan12Properties<'static> {
         shader_sampled_image_array_non_uniform_indexing_native: vk::TRUE,
         shader_storage_buffer_array_non_uniform_indexing_native: vk::TRUE,
         shader_storage_image_array_non_uniform_indexing_native: vk::TRUE,
-        shader_input_attachment_array_non_uniform_indexing_native: vk::FALSE,
+        shader_input_attachment_array_non_uniform_indexing_native: vk::TRUE,
         robust_buffer_access_update_after_bind: vk::TRUE,
         quad_divergent_implicit_lod: vk::FALSE,
         max_per_stage_descriptor_update_after_bind_samplers: MAX,
@@ -143,24 +138,16 @@ fn vulkan12() -> vk::PhysicalDeviceVulkan12Properties<'static> {
         max_descriptor_set_update_after_bind_sampled_images: MAX,
         max_descriptor_set_update_after_bind_storage_images: MAX,
         max_descriptor_set_update_after_bind_input_attachments: MAX,
-        supported_depth_resolve_modes: vk::ResolveModeFlags::SAMPLE_ZERO,
-        supported_stencil_resolve_modes: vk::ResolveModeFlags::SAMPLE_ZERO,
+        supported_depth_resolve_modes: stencil_resolves | vk::ResolveModeFlags::AVERAGE,
+        supported_stencil_resolve_modes: stencil_resolves,
+        independent_resolve_none: vk::TRUE,
+        independent_resolve: vk::TRUE,
         filter_minmax_single_component_formats: vk::TRUE,
         filter_minmax_image_component_mapping: vk::TRUE,
         max_timeline_semaphore_value_difference: u64::MAX,
-        framebuffer_integer_color_sample_counts: vk::SampleCountFlags::TYPE_1,
+        framebuffer_integer_color_sample_counts: limits::SAMPLE_COUNTS,
         ..Default::default()
     };
-    if has_graphics() {
-        let one = vk::ResolveModeFlags::SAMPLE_ZERO;
-        let extremes = vk::ResolveModeFlags::MIN | vk::ResolveModeFlags::MAX;
-        properties.supported_depth_resolve_modes = one | extremes | vk::ResolveModeFlags::AVERAGE;
-        properties.supported_stencil_resolve_modes = one | extremes;
-        properties.independent_resolve_none = vk::TRUE;
-        properties.independent_resolve = vk::TRUE;
-        properties.framebuffer_integer_color_sample_counts = limits::SAMPLE_COUNTS;
-        properties.shader_input_attachment_array_non_uniform_indexing_native = vk::TRUE;
-    }
     array::write_text(&mut properties.driver_name, "Tuff");
     array::write_text(
         &mut properties.driver_info,
@@ -178,7 +165,9 @@ fn vulkan13() -> vk::PhysicalDeviceVulkan13Properties<'static> {
         min_subgroup_size: SUBGROUP_SIZE as u32,
         max_subgroup_size: SUBGROUP_SIZE as u32,
         max_compute_workgroup_subgroups: limits::MAX_WORKGROUP_INVOCATIONS / SUBGROUP_SIZE as u32,
-        required_subgroup_size_stages: vk::ShaderStageFlags::COMPUTE | graphics_stages(),
+        required_subgroup_size_stages: vk::ShaderStageFlags::COMPUTE
+            | vk::ShaderStageFlags::VERTEX
+            | vk::ShaderStageFlags::FRAGMENT,
         max_inline_uniform_block_size: limits::MAX_INLINE_UNIFORM_BYTES,
         max_per_stage_descriptor_inline_uniform_blocks: 256,
         max_per_stage_descriptor_update_after_bind_inline_uniform_blocks: 256,
@@ -361,9 +350,6 @@ pub unsafe fn fill_chain(machine: &Machine, next: *mut std::ffi::c_void) {
     unsafe {
         for node in chain::nodes_mut(next) {
             fill(machine, node);
-            if has_graphics() {
-                fill_graphics(node);
-            }
         }
     }
 }
@@ -489,24 +475,8 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 robust_uniform_buffer_access_size_alignment: 1,
                 ..Default::default()
             });
-        }
-    }
-}
-
-/// What extensions of graphics bring.
-///
-/// # Safety
-/// As [`fill`].
-unsafe fn fill_graphics(node: *mut vk::BaseOutStructure<'static>) {
-    // SAFETY: the caller's promise.
-    unsafe {
-        answer! { node;
             PhysicalDeviceExtendedDynamicState3PropertiesEXT(vk::PhysicalDeviceExtendedDynamicState3PropertiesEXT {
                 dynamic_primitive_topology_unrestricted: vk::TRUE,
-                ..Default::default()
-            });
-            PhysicalDeviceFragmentShaderBarycentricPropertiesKHR(vk::PhysicalDeviceFragmentShaderBarycentricPropertiesKHR {
-                tri_strip_vertex_order_independent_of_provoking_vertex: vk::FALSE,
                 ..Default::default()
             });
             PhysicalDeviceGraphicsPipelineLibraryPropertiesEXT(vk::PhysicalDeviceGraphicsPipelineLibraryPropertiesEXT {
@@ -523,6 +493,22 @@ unsafe fn fill_graphics(node: *mut vk::BaseOutStructure<'static>) {
                 max_combined_image_sampler_descriptor_count: 1,
                 ..Default::default()
             });
+            PhysicalDeviceMaintenance7PropertiesKHR(vk::PhysicalDeviceMaintenance7PropertiesKHR {
+                separate_depth_stencil_attachment_access: vk::TRUE,
+                max_descriptor_set_total_uniform_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
+                max_descriptor_set_total_storage_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
+                max_descriptor_set_total_buffers_dynamic: 2 * limits::MAX_DYNAMIC_BUFFERS,
+                max_descriptor_set_update_after_bind_total_uniform_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
+                max_descriptor_set_update_after_bind_total_storage_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
+                max_descriptor_set_update_after_bind_total_buffers_dynamic: 2 * limits::MAX_DYNAMIC_BUFFERS,
+                ..Default::default()
+            });
+            PhysicalDeviceLayeredApiPropertiesListKHR(vk::PhysicalDeviceLayeredApiPropertiesListKHR::default()) {
+                layered_api_count,
+            };
+            PhysicalDeviceFragmentShaderBarycentricPropertiesKHR(
+                vk::PhysicalDeviceFragmentShaderBarycentricPropertiesKHR::default()
+            );
             PhysicalDeviceShaderObjectPropertiesEXT(vk::PhysicalDeviceShaderObjectPropertiesEXT {
                 shader_binary_uuid: pipeline_cache_uuid(),
                 shader_binary_version: 1,

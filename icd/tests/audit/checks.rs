@@ -7,7 +7,7 @@ use ash::vk;
 use vulkan_tuff::entry::commands::{self, Availability, Level};
 use vulkan_tuff::object::PhysicalDevice;
 use vulkan_tuff::object::instance::Messengers;
-use vulkan_tuff::table::extensions::{self, Extension, ExtensionSet, Kind};
+use vulkan_tuff::table::extensions::{Extension, ExtensionSet, Kind};
 use vulkan_tuff::table::{features, properties};
 
 use crate::condition::evaluate;
@@ -15,10 +15,6 @@ use crate::registry::{Registry, Require, Structure};
 
 /// The version that the driver reports.
 const VERSION: (u32, u32) = (1, 3);
-
-/// Features that "all Vulkan graphics implementations must support" (chapter Features, "Feature Requirements"): without a queue for
-/// graphics they are not there.
-const OF_GRAPHICS: [&str; 3] = ["multiview", "imagelessFramebuffer", "dynamicRendering"];
 
 /// Commands that registries list unconditionally up to some version, and later with the extension whose state they set, which is not here.
 const CONDITIONAL: [&str; 15] = [
@@ -57,7 +53,7 @@ struct Audit<'a> {
 
 /// Holds the tables against the registry.
 pub fn run(registry: &Registry) -> Report {
-    let names = extensions::advertised().map(name);
+    let names = Extension::ALL.iter().copied().map(name);
     let mut audit = Audit {
         registry,
         advertised: names.collect(),
@@ -68,7 +64,7 @@ pub fn run(registry: &Registry) -> Report {
     let structures = audit.structures();
     audit.report.summary = format!(
         "{} extensions, {} commands, {structures} structures",
-        extensions::advertised().count(),
+        Extension::ALL.len(),
         commands::table().len(),
     );
     audit.report
@@ -111,7 +107,7 @@ impl Audit<'_> {
 
     /// Extensions are known, of their kind, and what they depend on is there.
     fn extensions(&mut self) {
-        for extension in extensions::advertised() {
+        for &extension in Extension::ALL {
             let name = name(extension);
             let Some(known) = self.registry.extensions.get(name) else {
                 self.report
@@ -145,7 +141,7 @@ impl Audit<'_> {
                 (version.name.clone(), since, require)
             })
         });
-        let extensions = extensions::advertised().filter_map(|extension| {
+        let extensions = Extension::ALL.iter().filter_map(|&extension| {
             let known = self.registry.extensions.get(name(extension))?;
             Some(known.requires.iter().map(move |require| {
                 let by = Availability::Extension(extension);
@@ -170,11 +166,6 @@ impl Audit<'_> {
             }
         }
         for row in commands::table() {
-            if let Availability::Extension(extension) = row.availability
-                && !extension.is_advertised()
-            {
-                continue;
-            }
             match asked.get(row.name) {
                 Some(by) if by.contains(&row.availability) => {}
                 _ if self.is_newer(row.availability) => {}
@@ -239,14 +230,10 @@ impl Audit<'_> {
                 .notes
                 .push("this registry does not say which features are mandatory".into());
         }
-        let graphics = features::core_features().dual_src_blend == vk::TRUE;
         for (structure, members) in features {
             // Where several are listed, one must be there.
             let mut one_of = members.split(',').map(str::trim);
-            let met = |member| {
-                (!graphics && OF_GRAPHICS.contains(&member))
-                    || self.feature(&structure, member) != Some(false)
-            };
+            let met = |member| self.feature(&structure, member) != Some(false);
             if !one_of.any(met) {
                 findings.push(format!("{structure}::{members} is mandatory, and false"));
             }

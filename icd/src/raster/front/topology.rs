@@ -90,8 +90,8 @@ pub fn run(topology: Topology, primitives: &Range<u32>) -> Option<Range<u32>> {
             | Topology::TRIANGLE_STRIP
     );
     let last = primitives.end.checked_sub(1)?;
-    let first = vertices(topology, primitives.start)[0];
-    let end = vertices(topology, last).into_iter().max()? + 1;
+    let first = vertices(topology, primitives.start, false)[0];
+    let end = vertices(topology, last, false).into_iter().max()? + 1;
     is_dense.then_some(first..end)
 }
 

@@ -118,7 +118,7 @@ fn runs_hold_the_vertices_of_their_primitives() {
     ] {
         for (start, end) in [(0, 1), (0, 7), (3, 4), (4, 9), (5, 6)] {
             let mut used: Vec<u32> = (start..end)
-                .flat_map(|primitive| vertices(topology, primitive))
+                .flat_map(|primitive| vertices(topology, primitive, false))
                 .collect();
             used.sort_unstable();
             used.dedup();
