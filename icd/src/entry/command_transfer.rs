@@ -4,7 +4,7 @@ use ash::vk;
 
 use super::define::commands;
 use crate::VkResult;
-use crate::command::{Command, Recording};
+use crate::command::{Command, Recording, copied};
 use crate::ffi;
 use crate::handle;
 use crate::object::Buffer;
@@ -53,7 +53,8 @@ commands! {
     ) {
         let (address, _) = handle::from_handle::<Buffer>(buffer).range(offset, size_bytes)?;
         // At most 65,536 bytes (VUID-vkCmdUpdateBuffer-dataSize-00037).
-        let bytes = ffi::slice::<u8>(data.cast(), size_bytes as u32).into();
+        let bytes = ffi::slice::<u8>(data.cast(), size_bytes as u32);
+        let bytes = copied(bytes, |&byte| byte)?.into();
         commands.push(Command::UpdateBuffer { address: address as u64, bytes })
     }
 }
