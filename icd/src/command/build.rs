@@ -4,6 +4,7 @@
 use traversal::{BuildFlags, GeometryFlags, GeometryMicromap, IndexType, Kind, VertexFormat};
 
 use super::instances::Instances;
+use super::range::Range;
 use super::swept::Swept;
 use crate::object::acceleration_structure::Storage;
 
@@ -61,16 +62,6 @@ pub struct Aabbs {
     pub boxes: u64,
     pub stride_bytes: u64,
     pub primitive_count: u32,
-}
-
-/// `VkAccelerationStructureBuildRangeInfoKHR`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(C)]
-pub struct Range {
-    pub primitive_count: u32,
-    pub primitive_offset: u32,
-    pub first_vertex: u32,
-    pub transform_offset: u32,
 }
 
 impl BuildGeometries {

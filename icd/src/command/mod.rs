@@ -13,6 +13,7 @@ pub mod instances;
 pub mod micromap;
 pub mod pass;
 mod pool;
+pub mod range;
 pub mod ray_tracing;
 pub mod swept;
 

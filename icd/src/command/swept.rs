@@ -3,7 +3,7 @@
 
 use traversal::{EndCaps, GeometryFlags, IndexType, Indexing, RadiusFormat, VertexFormat};
 
-use super::build::Range;
+use super::range::Range;
 
 /// `VkAccelerationStructureGeometrySpheresDataNV` or `VkAccelerationStructureGeometryLinearSweptSpheresDataNV`, restricted to its range.
 #[derive(Clone, Copy, Debug)]

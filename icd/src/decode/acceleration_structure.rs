@@ -2,13 +2,14 @@
 
 use spirv_jit::reach::Reach;
 use traversal::{
-    BuildFlags, EndCaps, GeometryFlags, IndexType, Indexing, InstanceArray, RadiusFormat,
-    VertexFormat,
+    BuildFlags, EndCaps, GeometryFlags, Indexing, InstanceArray, RadiusFormat, VertexFormat,
 };
 
+use super::index_type::index_type;
 use crate::VkResult;
-use crate::command::build::{Aabbs, Build, BuildGeometries, MotionTriangles, Range, Triangles};
+use crate::command::build::{Aabbs, Build, BuildGeometries, MotionTriangles, Triangles};
 use crate::command::instances::Instances;
+use crate::command::range::Range;
 use crate::command::swept::Swept;
 use crate::ffi::vk::Handle as _;
 use crate::ffi::{find, slice, vk};
@@ -200,16 +201,6 @@ pub unsafe fn has_micromap(geometry: &vk::AccelerationStructureGeometryKHR<'_>) 
     // SAFETY: the caller's promise; triangles are read only of what is one of triangles.
     geometry.geometry_type == vk::GeometryTypeKHR::TRIANGLES
         && unsafe { find::<Info>(geometry.geometry.triangles.p_next) }.is_some()
-}
-
-/// Indices that are not there for values that there are not.
-pub fn index_type(ty: vk::IndexType) -> IndexType {
-    match ty {
-        vk::IndexType::UINT8_KHR => IndexType::U8,
-        vk::IndexType::UINT16 => IndexType::U16,
-        vk::IndexType::UINT32 => IndexType::U32,
-        _ => IndexType::None,
-    }
 }
 
 /// # Safety

@@ -3,6 +3,7 @@
 use ash::vk;
 use traversal::{GeometryMicromap, IndexType, MicromapFormat, MicromapUsage};
 
+use super::index_type::index_type;
 use crate::command::micromap::MicromapBuild;
 use crate::ffi::{find, slice};
 use crate::handle;
@@ -68,7 +69,7 @@ pub unsafe fn of_geometry(next: *const std::ffi::c_void) -> Option<GeometryMicro
     // SAFETY: the caller's promise; both members of an address union are 64 bits.
     unsafe {
         let info = find::<vk::AccelerationStructureTrianglesOpacityMicromapEXT<'_>>(next)?;
-        let index_type = super::acceleration_structure::index_type(info.index_type);
+        let index_type = index_type(info.index_type);
         let indices = match index_type {
             IndexType::None => 0,
             _ => info.index_buffer.device_address,

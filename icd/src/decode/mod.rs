@@ -2,6 +2,7 @@
 
 pub mod acceleration_structure;
 pub mod graphics;
+mod index_type;
 pub mod micromap;
 pub mod nv_ray_tracing;
 pub mod pipeline;

@@ -3,7 +3,7 @@
 use ash::vk;
 use traversal::{BuildFlags, GeometryFlags, InstanceArray, Kind, VertexFormat};
 
-use super::acceleration_structure::index_type;
+use super::index_type::index_type;
 use super::pipeline::{create_flags, decode_stage};
 use super::ray_tracing::{create_pipeline, group};
 use crate::VkResult;

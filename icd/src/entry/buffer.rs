@@ -10,7 +10,7 @@ use crate::device::Device;
 use crate::ffi::{self, chain};
 use crate::handle::{self, from_handle};
 use crate::object::image::ViewEntry;
-use crate::object::memory::GRANULE;
+use crate::object::pages::GRANULE;
 use crate::object::sparse::Reservation;
 use crate::object::{Buffer, BufferView, DeviceMemory};
 use crate::table::limits::{MAX_BUFFER_BYTES, MEMORY_ALIGNMENT};

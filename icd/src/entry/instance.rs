@@ -8,7 +8,7 @@ use ash::vk;
 use super::define::entry;
 use crate::ffi::{self, array, enumerate};
 use crate::handle;
-use crate::object::instance::Messengers;
+use crate::object::messenger::Messengers;
 use crate::object::{Instance, Messenger, PhysicalDevice};
 use crate::table::extensions::{self, Extension, ExtensionSet, Kind};
 use crate::table::limits::API_VERSION;

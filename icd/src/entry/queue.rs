@@ -11,7 +11,7 @@ use crate::command::CommandBuffer;
 use crate::device::Device;
 use crate::ffi;
 use crate::handle;
-use crate::object::memory::GRANULE;
+use crate::object::pages::GRANULE;
 use crate::object::sparse::{Reservation, SparseBind};
 use crate::object::{Buffer, DeviceMemory, Fence, Image, Semaphore};
 use crate::queue::{Queue, Submission};

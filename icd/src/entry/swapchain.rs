@@ -182,7 +182,8 @@ entry! {
         let surface = from_handle::<Surface>(info.surface);
         surface.take_over(optional::<Swapchain>(info.old_swapchain))?;
         let waiting = Arc::clone(&device.engine.waiting);
-        let swapchain = Swapchain::new(&creation(info), surface, &device.window, waiting)?;
+        let (creation, window) = (creation(info), surface.window()?);
+        let swapchain = Swapchain::new(&creation, window, &device.window, waiting)?;
         let swapchain = handle::new(swapchain);
         surface.add(&swapchain);
         *out = handle::into_handle(swapchain);

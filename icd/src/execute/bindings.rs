@@ -10,7 +10,7 @@ use spirv_jit::reach::Reach;
 
 use crate::command::{BindDescriptorBuffer, BindDescriptorSets};
 use crate::object::Pipeline;
-use crate::object::pipeline::DYNAMIC_OF_SET;
+use crate::object::pipeline_layout::DYNAMIC_OF_SET;
 use crate::wave::Surroundings;
 use crate::wave::mask::InvocationMask;
 

@@ -10,8 +10,8 @@ use spirv_jit::views::Views;
 
 use crate::VkResult;
 use crate::compute::Dispatcher;
-use crate::object::instance::Messengers;
 use crate::object::live_memory::LiveMemory;
+use crate::object::messenger::Messengers;
 use crate::object::sync::Waiting;
 use crate::raster::Rasterizer;
 use crate::settings::settings;

@@ -6,10 +6,10 @@ use std::sync::OnceLock;
 
 use ash::vk;
 
-use super::pipeline::ProgramKey;
-use super::ray_tracing_pipeline::{GroupInfo, RayTracingPipeline, StageProgram, new_groups};
+use super::ray_tracing_pipeline::{GroupInfo, RayTracingPipeline, new_groups};
 use super::shader_stage::Compiler;
 use super::shader_stage::ShaderStage;
+use super::stage_program::{ProgramKey, StageProgram};
 use super::{PipelineCache, PipelineLayout};
 use crate::VkResult;
 use crate::handle::Ref;

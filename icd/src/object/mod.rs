@@ -13,10 +13,13 @@ pub mod image;
 pub mod instance;
 pub mod live_memory;
 pub mod memory;
+pub mod messenger;
 pub mod micromap;
+pub mod pages;
 pub mod physical_device;
 pub mod pipeline;
 pub mod pipeline_cache;
+pub mod pipeline_layout;
 pub mod private_data;
 pub mod query;
 pub mod ranges;
@@ -27,6 +30,7 @@ pub mod setting;
 pub mod shader_object;
 pub mod shader_stage;
 pub mod sparse;
+pub mod stage_program;
 pub mod sync;
 pub mod ycbcr;
 
@@ -37,12 +41,14 @@ pub use descriptor::{
     DescriptorPool, DescriptorSet, DescriptorSetLayout, DescriptorUpdateTemplate,
 };
 pub use image::{Image, ImageView};
-pub use instance::{Instance, Messenger};
+pub use instance::Instance;
 pub use memory::DeviceMemory;
+pub use messenger::Messenger;
 pub use micromap::Micromap;
 pub use physical_device::PhysicalDevice;
-pub use pipeline::{Pipeline, PipelineLayout, ShaderModule};
+pub use pipeline::{Pipeline, ShaderModule};
 pub use pipeline_cache::PipelineCache;
+pub use pipeline_layout::PipelineLayout;
 pub use private_data::PrivateDataSlot;
 pub use query::QueryPool;
 pub use render_pass::{Framebuffer, RenderPass};

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use spirv_jit::interp::TierKind;
 
-use super::instance::Messengers;
+use super::messenger::Messengers;
 use super::{control_group, memory};
 use crate::settings;
 use crate::table::extensions::ExtensionSet;

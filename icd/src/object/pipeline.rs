@@ -1,4 +1,4 @@
-//! Shader modules, pipeline layouts and pipelines.
+//! Shader modules and pipelines.
 
 #![forbid(unsafe_code)]
 
@@ -6,57 +6,17 @@ use std::sync::Arc;
 
 use ash::vk;
 use spirv_jit::Program;
-use spirv_jit::ir::op::DescriptorBinding;
 
-use super::DescriptorSetLayout;
+use super::PipelineLayout;
 use super::deferred_pipeline::DeferredPipeline;
 use super::graphics_pipeline::GraphicsPipeline;
 use super::ray_tracing_pipeline::RayTracingPipeline;
 use crate::handle::Ref;
-use crate::table::limits::MAX_DYNAMIC_BUFFERS;
 use crate::wave::table::Group;
 
 /// A shader module: its words, checked when a pipeline uses them.
 pub struct ShaderModule {
     pub words: Arc<[u32]>,
-}
-
-/// Dynamic buffers of a set have numbers of their own: those of set n begin at n times this, so that a program's places depend on the
-/// layouts of the sets that it uses and on no other (pipeline libraries, shader objects). Twice the limit: uniform and storage buffers.
-pub const DYNAMIC_OF_SET: u32 = 2 * MAX_DYNAMIC_BUFFERS;
-
-/// A pipeline layout.
-pub struct PipelineLayout {
-    /// By set number; `None` where the application gave `VK_NULL_HANDLE`.
-    pub sets: Vec<Option<Ref<DescriptorSetLayout>>>,
-    pub push_constant_bytes: u32,
-}
-
-impl PipelineLayout {
-    pub fn new(sets: Vec<Option<Ref<DescriptorSetLayout>>>, push_constant_bytes: u32) -> Self {
-        Self {
-            sets,
-            push_constant_bytes,
-        }
-    }
-
-    /// Where a shader finds the descriptors of (`set`, `binding`).
-    pub fn descriptor_binding(&self, set: u32, binding: u32) -> Option<DescriptorBinding> {
-        let layout = self.sets.get(set as usize)?.as_ref()?;
-        let binding = layout.binding(binding)?;
-        let dynamic = binding.is_dynamic();
-        let base = if dynamic { set * DYNAMIC_OF_SET } else { 0 };
-        Some(DescriptorBinding {
-            set,
-            first: base + binding.first,
-            count: if binding.is_variable() {
-                u32::MAX
-            } else {
-                binding.entry_count()
-            },
-            dynamic,
-        })
-    }
 }
 
 /// A pipeline.
@@ -102,6 +62,3 @@ impl Pipeline {
         }
     }
 }
-
-/// What makes two compilations the same: the module, its entry point and stage, the specialization and where its descriptors are.
-pub type ProgramKey = [u8; 16];

@@ -18,7 +18,7 @@ use parking_lot::Mutex;
 use spirv_jit::Program;
 use xxhash_rust::xxh3::xxh3_64_with_seed;
 
-use super::pipeline::ProgramKey;
+use super::stage_program::ProgramKey;
 use crate::table::properties::{DEVICE_ID, VENDOR_ID, pipeline_cache_uuid};
 
 const HEADER_BYTES: usize = 32;

@@ -5,7 +5,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use super::memory::{GRANULE, map_zero_pages};
+use super::pages::{GRANULE, map_zero_pages};
 
 /// Bytes that may rest. The last few ranges always do, whatever their size.
 const QUARANTINE_BYTES: u64 = 1 << 30;

@@ -9,7 +9,7 @@ use spirv_jit::Program;
 use spirv_jit::program::Stage;
 use xxhash_rust::xxh3::xxh3_128_with_seed;
 
-use super::pipeline::ProgramKey;
+use super::stage_program::{ProgramKey, StageProgram};
 use crate::wave::table::{Group, GroupKind, HANDLE_SIZE, Handle, ProgramIndex, Shaders};
 
 /// What a ray tracing pipeline, or a library to make one of, consists of.
@@ -32,13 +32,6 @@ pub struct PipelineFacts {
     pub has_dynamic_stack: bool,
     /// The stack without that (chapter Pipelines, "Ray Tracing Pipeline Stack").
     pub default_stack_bytes: u64,
-}
-
-/// A compiled stage of a pipeline or library.
-#[derive(Clone)]
-pub struct StageProgram {
-    pub program: Arc<Program>,
-    pub key: ProgramKey,
 }
 
 /// `VkRayTracingShaderGroupCreateInfoKHR`, decoded: stage indices count the pipeline's own stages, then those of its libraries.

@@ -8,8 +8,9 @@ use ash::vk;
 use spirv_jit::Program;
 use spirv_jit::program::Stage;
 
-use super::pipeline::{PipelineKind, ProgramKey};
+use super::pipeline::PipelineKind;
 use super::shader_stage::{Compiler, ShaderStage};
+use super::stage_program::ProgramKey;
 use super::{Pipeline, PipelineCache, PipelineLayout};
 use crate::VkResult;
 use crate::handle::{self, Ref};

@@ -12,9 +12,8 @@ use spirv_jit::ir::binary;
 use spirv_jit::program::{CompileRequest, Stage};
 use xxhash_rust::xxh3::Xxh3;
 
-use super::instance::Messengers;
-use super::pipeline::ProgramKey;
-use super::ray_tracing_pipeline::StageProgram;
+use super::messenger::Messengers;
+use super::stage_program::{ProgramKey, StageProgram};
 use super::{PipelineCache, PipelineLayout};
 use crate::VkResult;
 use crate::settings::settings;

@@ -8,7 +8,8 @@ use std::sync::Arc;
 use ash::vk;
 
 use super::DeviceMemory;
-use super::memory::{AddressWindow, GRANULE, map_zero_pages};
+use super::memory::AddressWindow;
+use super::pages::{GRANULE, map_zero_pages};
 use crate::VkResult;
 use crate::handle::Ref;
 

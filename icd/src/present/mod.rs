@@ -13,6 +13,7 @@
 //! Surfaces without a window need neither: an image comes back when its turn is over.
 
 mod bell;
+mod offer;
 pub mod pixels;
 mod placement;
 mod shared_memory;
@@ -28,8 +29,9 @@ use std::time::Instant;
 use ash::vk;
 
 pub use bell::Bell;
+pub use offer::{COLOR_SPACES, FORMATS, IMAGE_USAGE, MODES, compatible_modes};
 pub use placement::Scaling;
-pub use surface::{COLOR_SPACES, FORMATS, IMAGE_USAGE, MODES, Surface, compatible_modes};
+pub use surface::Surface;
 pub use swapchain::{Creation, Request, Swapchain};
 
 use crate::VkResult;

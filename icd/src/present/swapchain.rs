@@ -16,8 +16,8 @@ use std::thread::JoinHandle;
 use ash::vk;
 use parking_lot::Mutex;
 
-use super::surface::{MAX_IMAGES, MIN_IMAGES, is_shared};
-use super::{Bell, Pictures, Scaling, Screen, Surface};
+use super::offer::{MAX_IMAGES, MIN_IMAGES, is_shared};
+use super::{Bell, Pictures, Scaling, Screen, Window};
 use crate::VkResult;
 use crate::ffi::vk::PRESENT_MODE_FIFO_LATEST_READY_KHR;
 use crate::handle::{self, Ref};
@@ -114,7 +114,7 @@ impl Swapchain {
     /// As for images and memory; `VK_ERROR_SURFACE_LOST_KHR`.
     pub fn new(
         creation: &Creation<'_>,
-        surface: &Surface,
+        window: Option<Arc<dyn Window>>,
         addresses: &Arc<AddressWindow>,
         waiting: Arc<Waiting>,
     ) -> VkResult<Self> {
@@ -127,7 +127,6 @@ impl Swapchain {
         let size_bytes = stride
             .checked_mul(u64::from(count))
             .ok_or(vk::Result::ERROR_OUT_OF_DEVICE_MEMORY)?;
-        let window = surface.window()?;
         // A window's server reads the images where they are, if it can.
         let shareable = window
             .is_some()

@@ -10,7 +10,8 @@ use traversal::{
 };
 
 use super::acceleration_structure::{storage_bytes, structure_bytes};
-use crate::command::build::{Aabbs, Build, BuildGeometries, MotionTriangles, Range, Triangles};
+use crate::command::build::{Aabbs, Build, BuildGeometries, MotionTriangles, Triangles};
+use crate::command::range::Range;
 use crate::command::ray_tracing::IndirectBuild;
 use crate::format::structure::{MAX_VERTEX_BYTES, index_size_bytes};
 use crate::log::{self, Level};

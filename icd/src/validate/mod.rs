@@ -30,7 +30,7 @@ use std::sync::Arc;
 use ash::vk;
 use parking_lot::Mutex;
 
-use crate::object::instance::Messengers;
+use crate::object::messenger::Messengers;
 
 pub use calls::{Lookup, Need};
 pub use rays::{Instruction, Queried, Traced};

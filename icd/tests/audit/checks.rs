@@ -6,7 +6,7 @@ use std::sync::Arc;
 use ash::vk;
 use vulkan_tuff::entry::commands::{self, Availability, Level};
 use vulkan_tuff::object::PhysicalDevice;
-use vulkan_tuff::object::instance::Messengers;
+use vulkan_tuff::object::messenger::Messengers;
 use vulkan_tuff::table::extensions::{Extension, ExtensionSet, Kind};
 use vulkan_tuff::table::{features, properties};
 

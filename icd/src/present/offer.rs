@@ -1,0 +1,62 @@
+//! What surfaces offer: formats, color spaces, modes, and how many images.
+
+#![forbid(unsafe_code)]
+
+use ash::vk;
+
+use crate::ffi::vk::PRESENT_MODE_FIFO_LATEST_READY_KHR;
+
+/// Images of a swapchain. One is handed to the window while another is drawn.
+pub const MIN_IMAGES: u32 = 2;
+
+pub const MAX_IMAGES: u32 = 16;
+
+/// The formats that can be presented; windows get them converted where they show another one.
+pub const FORMATS: [vk::Format; 6] = [
+    vk::Format::B8G8R8A8_UNORM,
+    vk::Format::B8G8R8A8_SRGB,
+    vk::Format::R8G8B8A8_UNORM,
+    vk::Format::R8G8B8A8_SRGB,
+    vk::Format::A2B10G10R10_UNORM_PACK32,
+    vk::Format::R16G16B16A16_SFLOAT,
+];
+
+/// The color spaces of `VK_EXT_swapchain_colorspace` that a format can be presented in.
+pub const COLOR_SPACES: [(vk::Format, vk::ColorSpaceKHR); 1] = [(
+    vk::Format::R16G16B16A16_SFLOAT,
+    vk::ColorSpaceKHR::EXTENDED_SRGB_LINEAR_EXT,
+)];
+
+/// The modes that can be asked for, and whether an extension has to be enabled for one.
+pub const MODES: [vk::PresentModeKHR; 7] = [
+    vk::PresentModeKHR::FIFO,
+    vk::PresentModeKHR::FIFO_RELAXED,
+    vk::PresentModeKHR::MAILBOX,
+    vk::PresentModeKHR::IMMEDIATE,
+    PRESENT_MODE_FIFO_LATEST_READY_KHR,
+    vk::PresentModeKHR::SHARED_DEMAND_REFRESH,
+    vk::PresentModeKHR::SHARED_CONTINUOUS_REFRESH,
+];
+
+/// What images of swapchains can be used for.
+pub const IMAGE_USAGE: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
+    vk::ImageUsageFlags::TRANSFER_SRC.as_raw()
+        | vk::ImageUsageFlags::TRANSFER_DST.as_raw()
+        | vk::ImageUsageFlags::SAMPLED.as_raw()
+        | vk::ImageUsageFlags::STORAGE.as_raw()
+        | vk::ImageUsageFlags::COLOR_ATTACHMENT.as_raw()
+        | vk::ImageUsageFlags::INPUT_ATTACHMENT.as_raw(),
+);
+
+/// Whether a mode presents one image that the application goes on drawing to.
+pub fn is_shared(mode: vk::PresentModeKHR) -> bool {
+    mode == vk::PresentModeKHR::SHARED_DEMAND_REFRESH
+        || mode == vk::PresentModeKHR::SHARED_CONTINUOUS_REFRESH
+}
+
+/// The modes that a swapchain made for `mode` can change to, itself among them.
+pub fn compatible_modes(mode: vk::PresentModeKHR) -> impl Iterator<Item = vk::PresentModeKHR> {
+    MODES
+        .into_iter()
+        .filter(move |&other| is_shared(other) == is_shared(mode))
+}
