@@ -19,7 +19,7 @@ mod sample;
 #[cfg(test)]
 mod tests;
 pub mod texels;
-pub(crate) mod vector;
+pub mod vector;
 pub mod ycbcr;
 
 pub use format::Format;

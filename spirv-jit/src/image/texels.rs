@@ -471,110 +471,77 @@ pub unsafe fn store_block(
 }
 
 /// The little-endian words of sixteen texels, first word first; what lies behind the format's size is zero. The same bits as
-/// [`FormatInfo::encode`], in the best vectors of the machine.
-pub fn encode_block(info: &FormatInfo, texels: &Texels) -> Texels {
-    #[inline(always)]
-    fn with<V: Vector>(v: V, info: &FormatInfo, texels: &Texels) -> Texels {
-        let rows = [
-            v.load_i(&texels[0]),
-            v.load_i(&texels[1]),
-            v.load_i(&texels[2]),
-            v.load_i(&texels[3]),
-        ];
-        let words = encode(v, info, &rows);
-        let mut rows = [[0; SUBGROUP_SIZE]; 4];
-        for (word, row) in words.iter().zip(&mut rows) {
-            v.store_i(*word, row);
-        }
-        rows
+/// [`FormatInfo::encode`]. To be called where code is compiled for the vectors.
+#[inline(always)]
+pub fn encode_words<V: Vector>(v: V, info: &FormatInfo, texels: &[V::I; 4]) -> [V::I; 4] {
+    if info.in_vectors {
+        return encode(v, info, texels);
     }
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma,f16c")]
-    fn avx2(info: &FormatInfo, texels: &Texels) -> Texels {
-        // SAFETY: the function's features.
-        with(unsafe { vector::Avx2::new() }, info, texels)
+    let mut rows = [[0; SUBGROUP_SIZE]; 4];
+    for (texel, row) in texels.iter().zip(&mut rows) {
+        v.store_i(*texel, row);
     }
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,f16c")]
-    fn avx512(info: &FormatInfo, texels: &Texels) -> Texels {
-        // SAFETY: the function's features.
-        with(unsafe { vector::Avx512::new() }, info, texels)
-    }
-    if !info.in_vectors {
-        let mut rows = [[0; SUBGROUP_SIZE]; 4];
-        for lane in 0..SUBGROUP_SIZE {
-            let mut bytes = [0; super::format::MAX_TEXEL_BYTES];
-            info.encode(texels.map(|row| row[lane]), &mut bytes);
-            for (word, row) in rows.iter_mut().enumerate() {
-                row[lane] =
-                    u32::from_le_bytes(bytes[4 * word..4 * word + 4].try_into().expect("four"));
-            }
-        }
-        return rows;
-    }
-    // SAFETY: the tier is one that the machine has.
-    unsafe {
-        match TierKind::best() {
-            #[cfg(target_arch = "x86_64")]
-            TierKind::Avx2 => avx2(info, texels),
-            #[cfg(target_arch = "x86_64")]
-            TierKind::Avx512 => avx512(info, texels),
-            _ => with(vector::Portable::new(), info, texels),
-        }
-    }
+    load_rows(v, &encode_each(info, &rows))
 }
 
-/// Sixteen texels from their little-endian words: the same bits as [`FormatInfo::decode`], in the best vectors of the machine.
-pub fn decode_block(info: &FormatInfo, words: &Texels) -> Texels {
-    #[inline(always)]
-    fn with<V: Vector>(v: V, info: &FormatInfo, words: &Texels) -> Texels {
-        let rows = [
-            v.load_i(&words[0]),
-            v.load_i(&words[1]),
-            v.load_i(&words[2]),
-            v.load_i(&words[3]),
-        ];
-        let texels = decode(v, info, &rows);
-        let mut rows = [[0; SUBGROUP_SIZE]; 4];
-        for (texel, row) in texels.iter().zip(&mut rows) {
-            v.store_i(*texel, row);
-        }
-        block::finish(info, &mut rows);
-        rows
-    }
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma,f16c")]
-    fn avx2(info: &FormatInfo, words: &Texels) -> Texels {
-        // SAFETY: the function's features.
-        with(unsafe { vector::Avx2::new() }, info, words)
-    }
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,f16c")]
-    fn avx512(info: &FormatInfo, words: &Texels) -> Texels {
-        // SAFETY: the function's features.
-        with(unsafe { vector::Avx512::new() }, info, words)
-    }
-    if !info.in_vectors {
-        let mut rows = [[0; SUBGROUP_SIZE]; 4];
-        for lane in 0..SUBGROUP_SIZE {
-            let mut bytes = [0; super::format::MAX_TEXEL_BYTES];
-            for (word, row) in words.iter().enumerate() {
-                bytes[4 * word..4 * word + 4].copy_from_slice(&row[lane].to_le_bytes());
-            }
-            for (row, word) in rows.iter_mut().zip(info.decode(&bytes)) {
-                row[lane] = word;
+/// Sixteen texels from their little-endian words: the same bits as [`FormatInfo::decode`]. To be called where code is compiled for the vectors.
+#[inline(always)]
+pub fn decode_words<V: Vector>(v: V, info: &FormatInfo, words: &[V::I; 4]) -> [V::I; 4] {
+    if info.in_vectors {
+        let mut texels = decode(v, info, words);
+        let units = block::unit_scale(info);
+        for (component, texel) in texels.iter_mut().enumerate() {
+            if info.channels[component].bits == 0 {
+                *texel = v.splat_i(info.missing(component) as i32);
+            } else if units != 1.0 {
+                *texel = v.bits_of(v.div_units(v.bits_to_f(*texel), units));
             }
         }
-        return rows;
+        return texels;
     }
-    // SAFETY: the tier is one that the machine has.
-    unsafe {
-        match TierKind::best() {
-            #[cfg(target_arch = "x86_64")]
-            TierKind::Avx2 => avx2(info, words),
-            #[cfg(target_arch = "x86_64")]
-            TierKind::Avx512 => avx512(info, words),
-            _ => with(vector::Portable::new(), info, words),
+    let mut rows = [[0; SUBGROUP_SIZE]; 4];
+    for (word, row) in words.iter().zip(&mut rows) {
+        v.store_i(*word, row);
+    }
+    load_rows(v, &decode_each(info, &rows))
+}
+
+#[inline(always)]
+fn load_rows<V: Vector>(v: V, rows: &Texels) -> [V::I; 4] {
+    [
+        v.load_i(&rows[0]),
+        v.load_i(&rows[1]),
+        v.load_i(&rows[2]),
+        v.load_i(&rows[3]),
+    ]
+}
+
+/// [`encode_words`], lane by lane.
+#[inline(never)]
+fn encode_each(info: &FormatInfo, texels: &Texels) -> Texels {
+    let mut rows = [[0; SUBGROUP_SIZE]; 4];
+    for lane in 0..SUBGROUP_SIZE {
+        let mut bytes = [0; super::format::MAX_TEXEL_BYTES];
+        info.encode(texels.map(|row| row[lane]), &mut bytes);
+        for (word, row) in rows.iter_mut().enumerate() {
+            row[lane] = u32::from_le_bytes(bytes[4 * word..4 * word + 4].try_into().expect("four"));
         }
     }
+    rows
+}
+
+/// [`decode_words`], lane by lane.
+#[inline(never)]
+fn decode_each(info: &FormatInfo, words: &Texels) -> Texels {
+    let mut rows = [[0; SUBGROUP_SIZE]; 4];
+    for lane in 0..SUBGROUP_SIZE {
+        let mut bytes = [0; super::format::MAX_TEXEL_BYTES];
+        for (word, row) in words.iter().enumerate() {
+            bytes[4 * word..4 * word + 4].copy_from_slice(&row[lane].to_le_bytes());
+        }
+        for (row, word) in rows.iter_mut().zip(info.decode(&bytes)) {
+            row[lane] = word;
+        }
+    }
+    rows
 }

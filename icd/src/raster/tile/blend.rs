@@ -1,13 +1,10 @@
 //! Blending and logical operations of sixteen colours (spec, "The Framebuffer").
 
 use ash::vk::{BlendFactor, BlendOp, LogicOp};
+use spirv_jit::image::vector::Vector;
 
-use super::lanes::{Floats, tiered};
 use super::texels::Words;
 use crate::object::graphics_state::BlendAttachment;
-
-/// R, G, B, A.
-pub type Colors = [Floats; 4];
 
 /// The numbers of a fixed-point format, to which everything is clamped before blending.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,111 +18,81 @@ pub enum Range {
 }
 
 impl Range {
+    /// Clamps numbers. NaN becomes the least one.
     #[inline(always)]
-    fn clamp(self, number: f32) -> f32 {
+    fn clamp<V: Vector>(self, v: V, numbers: V::F) -> V::F {
         let least = match self {
-            Range::All => return number,
+            Range::All => return numbers,
             Range::Unorm => 0.0,
             Range::Snorm => -1.0,
         };
-        let number = if number > least { number } else { least };
-        if number < 1.0 { number } else { 1.0 }
+        v.min(v.max(numbers, v.splat(least)), v.splat(1.0))
     }
 
-    /// Clamps colours. NaN becomes the least number.
     #[inline(always)]
-    pub fn clamp_colors(self, colors: &Colors) -> Colors {
-        let mut clamped = *colors;
-        if self != Range::All {
-            for row in &mut clamped {
-                for number in row {
-                    *number = self.clamp(*number);
-                }
-            }
-        }
-        clamped
+    fn clamp_colors<V: Vector>(self, v: V, colors: &[V::F; 4]) -> [V::F; 4] {
+        [
+            self.clamp(v, colors[0]),
+            self.clamp(v, colors[1]),
+            self.clamp(v, colors[2]),
+            self.clamp(v, colors[3]),
+        ]
     }
 }
 
 /// What factors are made of.
-struct Sources<'a> {
-    source: &'a Colors,
-    second: &'a Colors,
-    destination: &'a Colors,
-    constants: [f32; 4],
+struct Sources<'a, V: Vector> {
+    v: V,
+    source: [V::F; 4],
+    second: [V::F; 4],
+    destination: &'a [V::F; 4],
+    constants: &'a [f32; 4],
     range: Range,
 }
 
-impl Sources<'_> {
+impl<V: Vector> Sources<'_, V> {
     #[inline(always)]
-    fn complement(&self, row: &Floats) -> Floats {
-        let mut complement = [0.0; 16];
-        for lane in 0..16 {
-            complement[lane] = self.range.clamp(1.0 - row[lane]);
-        }
-        complement
+    fn complement(&self, numbers: V::F) -> V::F {
+        let v = self.v;
+        self.range.clamp(v, v.sub(v.splat(1.0), numbers))
     }
 
-    /// A component's factor; none for one.
     #[inline(always)]
-    fn factor(&self, factor: BlendFactor, component: usize) -> Option<Floats> {
-        use BlendFactor as Factor;
-        let Sources {
-            source,
-            second,
-            destination,
-            ..
-        } = self;
-        let constant = |component: usize| [self.constants[component]; 16];
-        Some(match factor {
-            Factor::ONE => return None,
-            Factor::SRC_COLOR => source[component],
-            Factor::ONE_MINUS_SRC_COLOR => self.complement(&source[component]),
-            Factor::DST_COLOR => destination[component],
-            Factor::ONE_MINUS_DST_COLOR => self.complement(&destination[component]),
-            Factor::SRC_ALPHA => source[3],
-            Factor::ONE_MINUS_SRC_ALPHA => self.complement(&source[3]),
-            Factor::DST_ALPHA => destination[3],
-            Factor::ONE_MINUS_DST_ALPHA => self.complement(&destination[3]),
-            Factor::CONSTANT_COLOR => constant(component),
-            Factor::ONE_MINUS_CONSTANT_COLOR => self.complement(&constant(component)),
-            Factor::CONSTANT_ALPHA => constant(3),
-            Factor::ONE_MINUS_CONSTANT_ALPHA => self.complement(&constant(3)),
-            Factor::SRC_ALPHA_SATURATE if component == 3 => return None,
-            Factor::SRC_ALPHA_SATURATE => {
-                let rest = self.complement(&destination[3]);
-                let mut least = source[3];
-                for lane in 0..16 {
-                    if rest[lane] < least[lane] {
-                        least[lane] = rest[lane];
-                    }
-                }
-                least
-            }
-            Factor::SRC1_COLOR => second[component],
-            Factor::ONE_MINUS_SRC1_COLOR => self.complement(&second[component]),
-            Factor::SRC1_ALPHA => second[3],
-            Factor::ONE_MINUS_SRC1_ALPHA => self.complement(&second[3]),
-            _ => [0.0; 16],
-        })
+    fn constant(&self, component: usize) -> V::F {
+        let v = self.v;
+        self.range.clamp(v, v.splat(self.constants[component]))
     }
 
     /// A component times its factor. A factor of zero gives zero, whatever the number is.
     #[inline(always)]
-    fn product(&self, numbers: &Floats, factor: BlendFactor, component: usize) -> Floats {
-        if factor == BlendFactor::ZERO {
-            return [0.0; 16];
-        }
-        match self.factor(factor, component) {
-            None => *numbers,
-            Some(factors) => {
-                let mut products = [0.0; 16];
-                for lane in 0..16 {
-                    products[lane] = numbers[lane] * factors[lane];
-                }
-                products
+    fn product(&self, numbers: V::F, factor: BlendFactor, component: usize) -> V::F {
+        use BlendFactor as Factor;
+        let v = self.v;
+        let factors = match factor {
+            Factor::ONE => return numbers,
+            Factor::SRC_COLOR => self.source[component],
+            Factor::ONE_MINUS_SRC_COLOR => self.complement(self.source[component]),
+            Factor::DST_COLOR => self.destination[component],
+            Factor::ONE_MINUS_DST_COLOR => self.complement(self.destination[component]),
+            Factor::SRC_ALPHA => self.source[3],
+            Factor::ONE_MINUS_SRC_ALPHA => self.complement(self.source[3]),
+            Factor::DST_ALPHA => self.destination[3],
+            Factor::ONE_MINUS_DST_ALPHA => self.complement(self.destination[3]),
+            Factor::CONSTANT_COLOR => self.constant(component),
+            Factor::ONE_MINUS_CONSTANT_COLOR => self.complement(self.constant(component)),
+            Factor::CONSTANT_ALPHA => self.constant(3),
+            Factor::ONE_MINUS_CONSTANT_ALPHA => self.complement(self.constant(3)),
+            Factor::SRC_ALPHA_SATURATE if component == 3 => return numbers,
+            Factor::SRC_ALPHA_SATURATE => {
+                v.min(self.complement(self.destination[3]), self.source[3])
             }
-        }
+            Factor::SRC1_COLOR => self.second[component],
+            Factor::ONE_MINUS_SRC1_COLOR => self.complement(self.second[component]),
+            Factor::SRC1_ALPHA => self.second[3],
+            Factor::ONE_MINUS_SRC1_ALPHA => self.complement(self.second[3]),
+            _ => return v.splat(0.0),
+        };
+        v.mul(numbers, factors)
     }
 
     #[inline(always)]
@@ -135,65 +102,51 @@ impl Sources<'_> {
         source_factor: BlendFactor,
         destination_factor: BlendFactor,
         component: usize,
-    ) -> Floats {
-        let (source, destination) = (&self.source[component], &self.destination[component]);
-        let mut blended = *source;
+    ) -> V::F {
+        let v = self.v;
+        let (source, destination) = (self.source[component], self.destination[component]);
         match op {
-            BlendOp::MIN => {
-                for lane in 0..16 {
-                    if destination[lane] < source[lane] {
-                        blended[lane] = destination[lane];
-                    }
-                }
-            }
-            BlendOp::MAX => {
-                for lane in 0..16 {
-                    if destination[lane] > source[lane] {
-                        blended[lane] = destination[lane];
-                    }
-                }
-            }
-            _ => {
-                let source = self.product(source, source_factor, component);
-                let destination = self.product(destination, destination_factor, component);
-                for lane in 0..16 {
-                    blended[lane] = match op {
-                        BlendOp::SUBTRACT => source[lane] - destination[lane],
-                        BlendOp::REVERSE_SUBTRACT => destination[lane] - source[lane],
-                        _ => source[lane] + destination[lane],
-                    };
-                }
-            }
+            BlendOp::MIN => return v.min(destination, source),
+            BlendOp::MAX => return v.max(destination, source),
+            _ => {}
         }
-        blended
+        let source = self.product(source, source_factor, component);
+        let destination = self.product(destination, destination_factor, component);
+        match op {
+            BlendOp::SUBTRACT => v.sub(source, destination),
+            BlendOp::REVERSE_SUBTRACT => v.sub(destination, source),
+            _ => v.add(source, destination),
+        }
     }
 }
 
-tiered! {
-    /// Blends colours; all that comes in is clamped to the format's range, what goes out is not.
-    pub fn blend(
-        state: &BlendAttachment,
-        constants: &[f32; 4],
-        range: Range,
-        source: &Colors,
-        second: &Colors,
-        destination: &Colors,
-    ) -> Colors {
-        let sources = Sources {
-            source: &range.clamp_colors(source),
-            second: &range.clamp_colors(second),
-            destination,
-            constants: constants.map(|constant| range.clamp(constant)),
-            range,
-        };
-        let mut blended = [[0.0; 16]; 4];
-        for component in 0..3 {
-            blended[component] =
-                sources.blend(state.color_op, state.src_color, state.dst_color, component);
-        }
-        blended[3] = sources.blend(state.alpha_op, state.src_alpha, state.dst_alpha, 3);
-        blended
-    }
+/// Blends colours; all that comes in is clamped to the format's range, what goes out is not.
+#[inline(always)]
+pub fn blend<V: Vector>(
+    v: V,
+    state: &BlendAttachment,
+    constants: &[f32; 4],
+    range: Range,
+    source: &[V::F; 4],
+    second: &[V::F; 4],
+    destination: &[V::F; 4],
+) -> [V::F; 4] {
+    let sources = Sources {
+        v,
+        source: range.clamp_colors(v, source),
+        second: range.clamp_colors(v, second),
+        destination,
+        constants,
+        range,
+    };
+    // No closure: it would not be compiled for the vectors.
+    let (op, source, destination) = (state.color_op, state.src_color, state.dst_color);
+    [
+        sources.blend(op, source, destination, 0),
+        sources.blend(op, source, destination, 1),
+        sources.blend(op, source, destination, 2),
+        sources.blend(state.alpha_op, state.src_alpha, state.dst_alpha, 3),
+    ]
 }
 
 /// A logical operation on the texels' bits.

@@ -6,7 +6,9 @@
 
 use std::ops::{Add, BitOr, Mul};
 
-use super::lanes::{COLUMNS, LANE_X, LANE_Y, ROWS, negative, tiered};
+use smallvec::SmallVec;
+
+use super::lanes::{COLUMNS, LANE_X, LANE_Y, ROWS, negative, vectors};
 use super::samples::{MAX_SAMPLES, fixed_point, locations};
 use crate::raster::primitive::{Bounds, Edge};
 
@@ -18,6 +20,63 @@ pub struct Block {
     pub y: u8,
     /// By sample: lanes whose sample is covered.
     pub masks: [u16; MAX_SAMPLES],
+}
+
+/// A square of pixels all of whose samples are covered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Square {
+    /// Its first pixel, from the tile's.
+    pub x: u8,
+    pub y: u8,
+    /// Pixels of a side: 16, or those of a tile.
+    pub size: u8,
+}
+
+/// What a shape covers of a tile, nothing twice.
+#[derive(Default)]
+pub struct Covered {
+    pub squares: Vec<Square>,
+    pub blocks: Vec<Block>,
+}
+
+impl Block {
+    /// Its first pixel, in a tile that starts at a corner.
+    #[inline(always)]
+    pub fn place(&self, corner: [i32; 2]) -> [i32; 2] {
+        [corner[0] + i32::from(self.x), corner[1] + i32::from(self.y)]
+    }
+}
+
+impl Square {
+    /// Its first pixel, in a tile that starts at a corner.
+    #[inline(always)]
+    pub fn place(&self, corner: [i32; 2]) -> [i32; 2] {
+        [corner[0] + i32::from(self.x), corner[1] + i32::from(self.y)]
+    }
+
+    /// Its blocks.
+    pub fn blocks(&self, samples: u32) -> impl Iterator<Item = Block> {
+        let [x, y, size] = [self.x, self.y, self.size].map(i32::from);
+        (0..size).step_by(4).flat_map(move |down| {
+            let across = (0..size).step_by(4);
+            across.map(move |across| whole(x + across, y + down, samples))
+        })
+    }
+}
+
+impl Covered {
+    /// Nothing.
+    pub fn clear(&mut self) {
+        self.squares.clear();
+        self.blocks.clear();
+    }
+
+    /// Turns squares into blocks.
+    pub fn split(&mut self, samples: u32) {
+        for square in self.squares.drain(..) {
+            self.blocks.extend(square.blocks(samples));
+        }
+    }
 }
 
 /// Steps of edges inside a tile that 32 bits hold: 63 of `|a| + |b|` and a constant of [`Word::LIMIT`].
@@ -134,7 +193,7 @@ fn cells(columns: [i32; 2], rows: [i32; 2]) -> u16 {
 
 /// Of sixteen squares of `size` pixels from (x, y) on: those that are touched, and those whose samples are all covered.
 #[inline(always)]
-fn squares<W: Word>(sides: &[Side<W>], clip: &Bounds, x: i32, y: i32, size: i32) -> (u16, u16) {
+fn cells_of<W: Word>(sides: &[Side<W>], clip: &Bounds, x: i32, y: i32, size: i32) -> (u16, u16) {
     let zero = W::from_wide(0);
     let (step, last) = (W::from_wide(size.into()), W::from_wide((size - 1).into()));
     let (mut out, mut partly) = ([zero; 16], [zero; 16]);
@@ -231,14 +290,14 @@ fn scan_words<W: Word>(
     corner: [i64; 2],
     clip: &Bounds,
     samples: u32,
-    blocks: &mut Vec<Block>,
+    covered: &mut Covered,
 ) {
-    let count = edges.len().min(4);
-    let mut sides = [Side::<W>::new(&Edge::default(), [0; 2], 1); 4];
-    for (side, edge) in sides.iter_mut().zip(edges) {
-        *side = Side::new(edge, corner, samples);
+    let Covered { squares, blocks } = covered;
+    let mut sides = SmallVec::<[Side<W>; 4]>::new();
+    for edge in edges {
+        sides.push(Side::new(edge, corner, samples));
     }
-    let sides = &sides[..count];
+    let sides = &sides[..];
     let first = [clip.left & !3, clip.top & !3];
     if clip.right - first[0] <= 12 && clip.bottom - first[1] <= 12 {
         for y in (first[1]..clip.bottom).step_by(4) {
@@ -248,14 +307,20 @@ fn scan_words<W: Word>(
         }
         return;
     }
-    let (touched, full) = squares(sides, clip, 0, 0, 16);
+    let (touched, full) = cells_of(sides, clip, 0, 0, 16);
+    let square = |x: i32, y: i32, size: u8| Square {
+        x: x as u8,
+        y: y as u8,
+        size,
+    };
+    if full == u16::MAX {
+        return squares.push(square(0, 0, crate::raster::TILE as u8));
+    }
     each_cell(touched, 16, |x, y, bit| {
         if full & bit != 0 {
-            return each_cell(u16::MAX, 4, |dx, dy, _| {
-                blocks.push(whole(x + dx, y + dy, samples));
-            });
+            return squares.push(square(x, y, 16));
         }
-        let (touched, full) = squares(sides, clip, x, y, 4);
+        let (touched, full) = cells_of(sides, clip, x, y, 4);
         each_cell(touched, 4, |dx, dy, bit| match full & bit != 0 {
             true => blocks.push(whole(x + dx, y + dy, samples)),
             false => pixels(sides, clip, x + dx, y + dy, samples, blocks),
@@ -263,26 +328,26 @@ fn scan_words<W: Word>(
     });
 }
 
-tiered! {
-    fn scan_narrow(edges: &[Edge], corner: [i64; 2], clip: &Bounds, samples: u32, blocks: &mut Vec<Block>) {
-        scan_words::<i32>(edges, corner, clip, samples, blocks);
+vectors! {
+    fn scan_narrow<V>(_v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, samples: u32, covered: &mut Covered) {
+        scan_words::<i32>(edges, corner, clip, samples, covered);
     }
 }
 
-tiered! {
-    fn scan_wide(edges: &[Edge], corner: [i64; 2], clip: &Bounds, samples: u32, blocks: &mut Vec<Block>) {
-        scan_words::<i64>(edges, corner, clip, samples, blocks);
+vectors! {
+    fn scan_wide<V>(_v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, samples: u32, covered: &mut Covered) {
+        scan_words::<i64>(edges, corner, clip, samples, covered);
     }
 }
 
-/// Appends the blocks of a tile that a convex shape covers inside a clip, which lies in the tile. Up to 256 of them, none twice.
+/// Appends what a convex shape covers of a tile inside a clip, which lies in the tile.
 pub fn convex(
     tier: spirv_jit::interp::TierKind,
     edges: &[Edge],
     tile: &Bounds,
     clip: &Bounds,
     samples: u32,
-    blocks: &mut Vec<Block>,
+    covered: &mut Covered,
 ) {
     let corner = [tile.left.into(), tile.top.into()];
     let clip = Bounds {
@@ -293,9 +358,9 @@ pub fn convex(
     };
     let steps = |edge: &Edge| u64::from(edge.a.unsigned_abs()) + u64::from(edge.b.unsigned_abs());
     if edges.iter().all(|edge| steps(edge) <= NARROW) {
-        scan_narrow(tier, edges, corner, &clip, samples, blocks);
+        scan_narrow(tier, edges, corner, &clip, samples, covered);
     } else {
-        scan_wide(tier, edges, corner, &clip, samples, blocks);
+        scan_wide(tier, edges, corner, &clip, samples, covered);
     }
 }
 

@@ -4,10 +4,10 @@
 //! so that all formats are compared as numbers.
 
 use ash::vk::{CompareOp, StencilOp};
-use spirv_jit::interp::TierKind;
+use spirv_jit::image::vector::Vector;
 
-use super::lanes::{Floats, Row, lanes_where, tiered};
-use super::texels::{Places, load, store};
+use super::lanes::{Row, lanes_where, row_of};
+use super::texels::{Places, load, load_stencils, store, store_stencils};
 use crate::object::graphics_state::{DepthStencil, StencilFace};
 use crate::raster::{Target, Targets};
 
@@ -41,56 +41,56 @@ struct Stencil {
 /// The tests of a draw.
 #[derive(Clone, Copy)]
 pub struct Tests {
-    tier: TierKind,
     depth: Option<Depth>,
     stencil: Option<Stencil>,
 }
 
 /// What the tests need of sixteen fragments.
-pub struct Tested<'a> {
+pub struct Tested<'a, V: Vector> {
     pub places: &'a Places,
     /// Lanes of primitives that face front.
     pub front: u16,
     /// At the sample, before the format's rounding.
-    pub depths: &'a Floats,
+    pub depths: V::F,
     /// In the place of the references, where the shader says so.
     pub references: Option<&'a Row>,
 }
 
-tiered! {
-    /// Depths as the attachment would hold them.
-    fn unorm_codes(depths: &Floats, most: u32) -> Floats {
-        /// 1.5 · 2⁵²: the last place of a sum with it is worth 1.
-        const ROUNDER: f64 = 6_755_399_441_055_744.0;
-        let mut codes = [0.0; 16];
-        for lane in 0..16 {
-            let depth = depths[lane];
-            // A NaN is not greater than zero.
-            let depth = if depth > 0.0 { depth } else { 0.0 };
-            let depth = if depth < 1.0 { depth } else { 1.0 };
-            let scaled = f64::from(depth) * f64::from(most) + ROUNDER;
-            codes[lane] = (scaled.to_bits() as u32 as i32) as f32;
-        }
-        codes
+/// Depths as an attachment of integers up to `most` would hold them.
+#[inline(always)]
+fn unorm_codes<V: Vector>(v: V, depths: V::F, most: u32) -> V::I {
+    // A NaN is not greater than zero.
+    let depths = v.min(v.max(depths, v.splat(0.0)), v.splat(1.0));
+    if most <= 0xffff {
+        return v.scaled(depths, most as f32);
     }
+    /// 1.5 · 2⁵²: the last place of a sum with it is worth 1.
+    const ROUNDER: f64 = 6_755_399_441_055_744.0;
+    let depths = row_of(v, v.bits_of(depths));
+    let mut codes = [0; 16];
+    for lane in 0..16 {
+        let scaled = f64::from(f32::from_bits(depths[lane])) * f64::from(most) + ROUNDER;
+        codes[lane] = scaled.to_bits() as u32;
+    }
+    v.load_i(&codes)
 }
 
-tiered! {
-    fn compare_depths(op: CompareOp, new: &Floats, old: &Floats) -> u16 {
-        match op {
-            CompareOp::NEVER => 0,
-            CompareOp::LESS => lanes_where(|lane| new[lane] < old[lane]),
-            CompareOp::EQUAL => lanes_where(|lane| new[lane] == old[lane]),
-            CompareOp::LESS_OR_EQUAL => lanes_where(|lane| new[lane] <= old[lane]),
-            CompareOp::GREATER => lanes_where(|lane| new[lane] > old[lane]),
-            CompareOp::NOT_EQUAL => lanes_where(|lane| new[lane] != old[lane]),
-            CompareOp::GREATER_OR_EQUAL => lanes_where(|lane| new[lane] >= old[lane]),
-            _ => u16::MAX,
-        }
+#[inline(always)]
+fn compare_depths<V: Vector>(v: V, op: CompareOp, new: V::F, old: V::F) -> u16 {
+    match op {
+        CompareOp::NEVER => 0,
+        CompareOp::LESS => v.gt(old, new),
+        CompareOp::EQUAL => v.eq(new, old),
+        CompareOp::LESS_OR_EQUAL => v.ge(old, new),
+        CompareOp::GREATER => v.gt(new, old),
+        CompareOp::NOT_EQUAL => !v.eq(new, old),
+        CompareOp::GREATER_OR_EQUAL => v.ge(new, old),
+        _ => u16::MAX,
     }
 }
 
 /// The reference against the stencil values.
+#[inline(always)]
 fn compare_stencils(op: CompareOp, reference: &Row, old: &Row) -> u16 {
     match op {
         CompareOp::NEVER => 0,
@@ -105,6 +105,7 @@ fn compare_stencils(op: CompareOp, reference: &Row, old: &Row) -> u16 {
 }
 
 /// A stencil operation on 8 bits.
+#[inline(always)]
 pub fn operate(op: StencilOp, old: u32, reference: u32) -> u32 {
     let new = match op {
         StencilOp::ZERO => 0,
@@ -138,52 +139,40 @@ impl Depth {
 
     /// What the attachment holds, as numbers to compare.
     #[inline(always)]
-    fn numbers(&self, words: &Row) -> Floats {
-        let mut numbers = [0.0; 16];
+    fn numbers<V: Vector>(&self, v: V, words: V::I) -> V::F {
         match self.coding {
-            Coding::Float => {
-                for lane in 0..16 {
-                    numbers[lane] = f32::from_bits(words[lane]);
-                }
-            }
-            Coding::Unorm(most) => {
-                for lane in 0..16 {
-                    numbers[lane] = (words[lane] & most) as i32 as f32;
-                }
-            }
+            Coding::Float => v.bits_to_f(words),
+            Coding::Unorm(most) => v.to_f(v.and_i(words, v.splat_i(most as i32))),
         }
-        numbers
     }
 
-    /// The words of such numbers.
+    /// Depths as the attachment would hold them, and as numbers to compare.
     #[inline(always)]
-    fn words(&self, numbers: &Floats) -> Row {
-        let mut words = [0; 16];
-        for lane in 0..16 {
-            words[lane] = match self.coding {
-                Coding::Float => numbers[lane].to_bits(),
-                Coding::Unorm(_) => numbers[lane] as i32 as u32,
-            };
+    fn codes<V: Vector>(&self, v: V, depths: V::F) -> (V::I, V::F) {
+        match self.coding {
+            Coding::Float => (v.bits_of(depths), depths),
+            Coding::Unorm(most) => {
+                let codes = unorm_codes(v, depths, most);
+                (codes, v.to_f(codes))
+            }
         }
-        words
     }
 
     /// Lanes whose depth in the attachment lies in the bounds.
-    fn in_bounds(&self, numbers: &Floats, [least, most]: [f32; 2]) -> u16 {
+    #[inline(always)]
+    fn in_bounds<V: Vector>(&self, v: V, numbers: V::F, [least, most]: [f32; 2]) -> u16 {
         let units = match self.coding {
             Coding::Float => 1.0,
             Coding::Unorm(most) => most as f32,
         };
-        lanes_where(|lane| {
-            let depth = numbers[lane] / units;
-            depth >= least && depth <= most
-        })
+        let depths = v.div(numbers, v.splat(units));
+        v.ge(depths, v.splat(least)) & v.ge(v.splat(most), depths)
     }
 }
 
 impl Tests {
     /// Those of a draw's state on a pass's attachments.
-    pub fn new(tier: TierKind, targets: &Targets, state: &DepthStencil) -> Self {
+    pub fn new(targets: &Targets, state: &DepthStencil) -> Self {
         let depth = (targets.depth.as_ref())
             .filter(|_| state.depth_test || state.depth_bounds_test)
             .map(|target| Depth::new(*target, state));
@@ -193,11 +182,7 @@ impl Tests {
                 target: *target,
                 faces: state.stencil,
             });
-        Self {
-            tier,
-            depth,
-            stencil,
-        }
+        Self { depth, stencil }
     }
 
     /// Whether there are none.
@@ -229,93 +214,104 @@ impl Tests {
     ///
     /// # Safety
     /// As [`load`].
-    pub unsafe fn may_pass(&self, places: &Places, depths: &Floats, sample: u32, mask: u16) -> u16 {
+    #[inline(always)]
+    pub unsafe fn may_pass<V: Vector>(
+        &self,
+        v: V,
+        places: &Places,
+        depths: V::F,
+        sample: u32,
+        mask: u16,
+    ) -> u16 {
         let Some(depth) = &self.depth else {
             return mask;
         };
         // SAFETY: the caller's promise.
-        let words = unsafe { load(&depth.target, places, sample, mask) };
-        let new = self.codes(depth, depths);
-        mask & compare_depths(self.tier, depth.compare, &new, &depth.numbers(&words[0]))
-    }
-
-    fn codes(&self, depth: &Depth, depths: &Floats) -> Floats {
-        match depth.coding {
-            Coding::Float => *depths,
-            Coding::Unorm(most) => unorm_codes(self.tier, depths, most),
-        }
+        let words = unsafe { load(v, &depth.target, places, sample, mask) };
+        let (_, new) = depth.codes(v, depths);
+        mask & compare_depths(v, depth.compare, new, depth.numbers(v, words[0]))
     }
 
     /// Does the tests of one sample for the lanes of a mask, with what they write. Gives the lanes that pass all.
     ///
     /// # Safety
     /// As [`load`], for both attachments.
-    pub unsafe fn run(&self, tested: &Tested<'_>, sample: u32, mask: u16) -> u16 {
+    #[inline(always)]
+    pub unsafe fn run<V: Vector>(
+        &self,
+        v: V,
+        tested: &Tested<'_, V>,
+        sample: u32,
+        mask: u16,
+    ) -> u16 {
         let places = tested.places;
         let mut mask = mask;
         let mut stored = None;
         if let Some(depth) = &self.depth {
             // SAFETY: the caller's promise.
-            let words = unsafe { load(&depth.target, places, sample, mask) };
-            let old = depth.numbers(&words[0]);
+            let words = unsafe { load(v, &depth.target, places, sample, mask) };
+            let old = depth.numbers(v, words[0]);
             if let Some(bounds) = depth.bounds {
-                mask &= depth.in_bounds(&old, bounds);
+                mask &= depth.in_bounds(v, old, bounds);
             }
             stored = depth.test.then_some((depth, old));
         }
         let mut passed = mask;
         let stencils = self.stencil.as_ref().map(|stencil| {
             // SAFETY: the caller's promise.
-            let old = unsafe { load(&stencil.target, places, sample, mask) }[0];
-            passed &= self.stencil_passes(stencil, tested, &old);
+            let old = unsafe { load_stencils(&stencil.target, places, sample, mask) };
+            passed &= stencil_passes(stencil, tested.front, tested.references, &old);
             (stencil, old)
         });
         let stencil_passed = passed;
         if let Some((depth, old)) = stored {
-            let new = self.codes(depth, tested.depths);
-            passed &= compare_depths(self.tier, depth.compare, &new, &old);
+            let (codes, new) = depth.codes(v, tested.depths);
+            passed &= compare_depths(v, depth.compare, new, old);
             if depth.write && passed != 0 {
-                let new = [depth.words(&new), [0; 16], [0; 16], [0; 16]];
+                let none = v.splat_i(0);
+                let words = [codes, none, none, none];
                 // SAFETY: the caller's promise.
-                unsafe { store(&depth.target, places, sample, passed, &new) };
+                unsafe { store(v, &depth.target, places, sample, passed, &words) };
             }
         }
         if let Some((stencil, old)) = stencils {
             let failed = mask & !stencil_passed;
             let depth_failed = stencil_passed & !passed;
-            let new = stencil_writes(stencil, tested, &old, failed, depth_failed);
+            let (front, references) = (tested.front, tested.references);
+            let new = stencil_writes(stencil, front, references, &old, failed, depth_failed);
             // SAFETY: the caller's promise.
-            unsafe {
-                let words = [new, [0; 16], [0; 16], [0; 16]];
-                store(&stencil.target, places, sample, mask, &words);
-            }
-        }
-        passed
-    }
-
-    fn stencil_passes(&self, stencil: &Stencil, tested: &Tested<'_>, old: &Row) -> u16 {
-        let mut passed = 0;
-        for (face, lanes) in stencil.faces.iter().zip([tested.front, !tested.front]) {
-            if lanes == 0 {
-                continue;
-            }
-            let masked = face.compare_mask & 0xff;
-            let (mut reference, mut stored) = ([0; 16], [0; 16]);
-            for lane in 0..16 {
-                let given = tested.references.map_or(face.reference, |row| row[lane]);
-                reference[lane] = given & masked;
-                stored[lane] = old[lane] & masked;
-            }
-            passed |= lanes & compare_stencils(face.compare, &reference, &stored);
+            unsafe { store_stencils(&stencil.target, places, sample, mask, &new) };
         }
         passed
     }
 }
 
+/// Lanes that pass the stencil test.
+#[inline(never)]
+fn stencil_passes(stencil: &Stencil, front: u16, references: Option<&Row>, old: &Row) -> u16 {
+    let mut passed = 0;
+    for (face, lanes) in stencil.faces.iter().zip([front, !front]) {
+        if lanes == 0 {
+            continue;
+        }
+        let masked = face.compare_mask & 0xff;
+        let (mut reference, mut stored) = ([0; 16], [0; 16]);
+        for lane in 0..16 {
+            let given = references.map_or(face.reference, |row| row[lane]);
+            reference[lane] = given & masked;
+            stored[lane] = old[lane] & masked;
+        }
+        passed |= lanes & compare_stencils(face.compare, &reference, &stored);
+    }
+    passed
+}
+
 /// What the stencil attachment holds after the tests.
+#[inline(never)]
 fn stencil_writes(
     stencil: &Stencil,
-    tested: &Tested<'_>,
+    front: u16,
+    references: Option<&Row>,
     old: &Row,
     failed: u16,
     depth_failed: u16,
@@ -323,13 +319,13 @@ fn stencil_writes(
     let mut new = *old;
     for lane in 0..16 {
         let bit = 1 << lane;
-        let face = &stencil.faces[usize::from(tested.front & bit == 0)];
+        let face = &stencil.faces[usize::from(front & bit == 0)];
         let op = match (failed & bit != 0, depth_failed & bit != 0) {
             (true, _) => face.fail,
             (_, true) => face.depth_fail,
             _ => face.pass,
         };
-        let reference = tested.references.map_or(face.reference, |row| row[lane]);
+        let reference = references.map_or(face.reference, |row| row[lane]);
         let written = operate(op, old[lane], reference & 0xff);
         let mask = face.write_mask & 0xff;
         new[lane] = old[lane] & !mask | written & mask;

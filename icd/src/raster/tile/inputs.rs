@@ -1,11 +1,12 @@
 //! The inputs of fragment programs, sixteen lanes at a time: varyings, planes, built-ins (spec, "Fragment Shader Interpolation").
 
 use spirv_jit::Program;
+use spirv_jit::image::vector::Vector;
 use spirv_jit::program::{
     AlignedRow, Builtin, InputRow, OutputRow, Passed, Position, Varying, VaryingMode, VaryingPlace,
 };
 
-use super::lanes::{Floats, LANE_X, LANE_Y, Row, bits_of, spread, tiered};
+use super::lanes::{Row, spread, vectors};
 use super::samples::{MAX_SAMPLES, from_center, locations};
 use crate::raster::primitive::{Plane, Record};
 
@@ -62,6 +63,39 @@ pub struct Inputs {
     samples: u32,
     /// Where built-ins are evaluated.
     position: Position,
+}
+
+/// A row of outputs that nothing but the primitive and the pixel's centre decide.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Slope {
+    Constant(u32),
+    /// A word of the provoking vertex, or of vertex 0 to 2.
+    Flat(u32),
+    PerVertex(u32, usize),
+    Front,
+    Layer,
+    Viewport,
+    Primitive,
+    View,
+    /// A word's interpolation, with perspective or without.
+    Varying(u32, bool),
+}
+
+fn slope(fill: &Fill) -> Option<Slope> {
+    Some(match *fill {
+        Fill::Constant(word) => Slope::Constant(word),
+        Fill::Flat(word) => Slope::Flat(word),
+        Fill::PerVertex(word, vertex) => Slope::PerVertex(word, vertex),
+        Fill::Front => Slope::Front,
+        Fill::Layer => Slope::Layer,
+        Fill::Viewport => Slope::Viewport,
+        Fill::Primitive => Slope::Primitive,
+        Fill::View => Slope::View,
+        Fill::Varying(word, weights) if weights.position == Position::Center => {
+            Slope::Varying(word, weights.perspective)
+        }
+        _ => return None,
+    })
 }
 
 /// What sixteen fragments are: four quads of one or several primitives.
@@ -135,26 +169,9 @@ impl Inputs {
         }
     }
 
-    /// Rows to fill.
-    pub fn len(&self) -> usize {
-        self.fills.len()
-    }
-
-    /// Whether rows are the same for all fragments of a primitive.
-    pub fn is_constant(&self) -> bool {
-        self.fills.iter().all(|fill| {
-            matches!(
-                fill,
-                Fill::Constant(_)
-                    | Fill::Flat(_)
-                    | Fill::PerVertex(..)
-                    | Fill::Front
-                    | Fill::Layer
-                    | Fill::Viewport
-                    | Fill::Primitive
-                    | Fill::View
-            )
-        })
+    /// What the rows are for the fragments of one primitive; none where that depends on more than pixels' centres.
+    pub fn slopes(&self) -> Option<Vec<Slope>> {
+        self.fills.iter().map(slope).collect()
     }
 
     /// Fills the input rows of a subgroup.
@@ -233,30 +250,67 @@ fn builtin_fill(builtin: Builtin, component: usize) -> Fill {
     }
 }
 
-tiered! {
-    fn fill_uniform(inputs: &Inputs, fragments: &Fragments<'_>, rows: &mut [AlignedRow]) {
-        Filling::<true>::new(inputs, fragments).fill(rows);
+vectors! {
+    fn fill_uniform<V>(v, inputs: &Inputs, fragments: &Fragments<'_>, rows: &mut [AlignedRow]) {
+        Filling::<V, true>::new(v, inputs, fragments).fill(rows);
     }
 }
 
-tiered! {
-    fn fill_mixed(inputs: &Inputs, fragments: &Fragments<'_>, rows: &mut [AlignedRow]) {
-        Filling::<false>::new(inputs, fragments).fill(rows);
+vectors! {
+    fn fill_mixed<V>(v, inputs: &Inputs, fragments: &Fragments<'_>, rows: &mut [AlignedRow]) {
+        Filling::<V, false>::new(v, inputs, fragments).fill(rows);
     }
+}
+
+/// Lanes' columns and rows in their quads.
+static IN_QUAD: [Row; 2] = [
+    [0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1],
+    [0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1],
+];
+
+/// The value of a plane at coordinates from its origin on.
+#[inline(always)]
+pub fn plane_at<V: Vector>(v: V, plane: &Plane, [x, y]: [V::F; 2]) -> V::F {
+    let across = v.add(v.splat(plane.at), v.mul(v.splat(plane.dx), x));
+    v.add(across, v.mul(v.splat(plane.dy), y))
+}
+
+/// Perspective-correct coordinates of the second and third vertex from the values of the perspective planes.
+#[inline(always)]
+pub fn perspective_weights<V: Vector>(v: V, planes: [V::F; 3]) -> [V::F; 2] {
+    let sum = v.add(v.add(planes[0], planes[1]), planes[2]);
+    [v.div(planes[1], sum), v.div(planes[2], sum)]
+}
+
+/// A varying from its value at the first vertex, the differences of the others, and the coordinates of those. One that is the same at all
+/// vertices comes out as it is.
+#[inline(always)]
+pub fn interpolate<V: Vector>(
+    v: V,
+    first: V::F,
+    [second, third]: [V::F; 2],
+    weights: [V::F; 2],
+) -> V::F {
+    v.add(
+        v.add(first, v.mul(weights[0], second)),
+        v.mul(weights[1], third),
+    )
 }
 
 /// Rows of a subgroup while they are filled. `UNIFORM`: of one record.
-struct Filling<'a, const UNIFORM: bool> {
+struct Filling<'a, V: Vector, const UNIFORM: bool> {
+    v: V,
     inputs: &'a Inputs,
     fragments: &'a Fragments<'a>,
     /// By index of [`Weights`]: the coordinates of the second and third vertex, once they are known.
-    weights: [Option<[Floats; 2]>; 6],
+    weights: [Option<[V::F; 2]>; 6],
 }
 
-impl<'a, const UNIFORM: bool> Filling<'a, UNIFORM> {
+impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     #[inline(always)]
-    fn new(inputs: &'a Inputs, fragments: &'a Fragments<'a>) -> Self {
+    fn new(v: V, inputs: &'a Inputs, fragments: &'a Fragments<'a>) -> Self {
         Self {
+            v,
             inputs,
             fragments,
             weights: [None; 6],
@@ -265,53 +319,67 @@ impl<'a, const UNIFORM: bool> Filling<'a, UNIFORM> {
 
     /// A value of each lane's record.
     #[inline(always)]
-    fn of_records<T: Copy>(&self, value: impl Fn(&Record) -> T) -> [T; 16] {
+    fn of_records(&self, value: impl Fn(&Record) -> u32) -> V::I {
+        let [first, second, third, fourth] = self.fragments.records;
         match UNIFORM {
-            true => [value(self.fragments.records[0]); 16],
-            false => spread(self.fragments.records.map(value)),
+            true => self.v.splat_i(value(first) as i32),
+            false => {
+                let row = spread([value(first), value(second), value(third), value(fourth)]);
+                self.v.load_i(&row)
+            }
         }
+    }
+
+    #[inline(always)]
+    fn number_of_records(&self, value: impl Fn(&Record) -> f32) -> V::F {
+        self.v
+            .bits_to_f(self.of_records(|record| value(record).to_bits()))
     }
 
     /// A word of a vertex of each lane's record.
     #[inline(always)]
-    fn of_vertices(&self, word: u32, vertex: impl Fn(&Record) -> usize) -> Row {
+    fn of_vertices(&self, word: u32, vertex: impl Fn(&Record) -> usize) -> V::I {
         let fragments = self.fragments;
-        let of_quad = |quad: usize| {
+        let mut words = [0; 4];
+        for quad in 0..if UNIFORM { 1 } else { 4 } {
             let record = fragments.records[quad];
             let place = record.vertices[vertex(record)].wrapping_add(word) as usize;
-            fragments.outputs[quad].get(place).copied().unwrap_or(0)
-        };
+            words[quad] = fragments.outputs[quad].get(place).copied().unwrap_or(0);
+        }
         match UNIFORM {
-            true => [of_quad(0); 16],
-            false => spread([of_quad(0), of_quad(1), of_quad(2), of_quad(3)]),
+            true => self.v.splat_i(words[0] as i32),
+            false => self.v.load_i(&spread(words)),
         }
     }
 
     #[inline(always)]
-    fn numbers_of_vertices(&self, word: u32, vertex: usize) -> Floats {
-        let row = self.of_vertices(word, |_| vertex);
-        super::lanes::floats_of(&row)
+    fn numbers_of_vertices(&self, word: u32, vertex: usize) -> V::F {
+        self.v.bits_to_f(self.of_vertices(word, |_| vertex))
     }
 
     /// Where lanes lie in their pixels, from the centre.
     #[inline(always)]
-    fn inside_pixel(&self, position: Position) -> [Floats; 2] {
+    fn inside_pixel(&self, position: Position) -> [V::F; 2] {
+        let v = self.v;
+        if position == Position::Center {
+            return [v.splat(0.0); 2];
+        }
+        let places = self.samples_in_pixel(position);
+        [v.load(&places[0]), v.load(&places[1])]
+    }
+
+    /// The same of invocations for a sample, and of centroids.
+    #[inline(always)]
+    fn samples_in_pixel(&self, position: Position) -> [Row; 2] {
         let locations = locations(self.inputs.samples);
-        let mut places = [[0.0; 16]; 2];
+        let mut places = [[0; 16]; 2];
         match position {
             Position::Center => {}
             Position::Sample => {
-                let of_quad = |quad: usize, axis: usize| {
-                    let sample = usize::from(self.fragments.sample[quad]) % locations.len();
-                    from_center(locations[sample])[axis]
-                };
-                for (axis, row) in places.iter_mut().enumerate() {
-                    *row = spread([
-                        of_quad(0, axis),
-                        of_quad(1, axis),
-                        of_quad(2, axis),
-                        of_quad(3, axis),
-                    ]);
+                for lane in 0..16 {
+                    let sample = usize::from(self.fragments.sample[lane / 4]) % locations.len();
+                    let [x, y] = from_center(locations[sample]);
+                    (places[0][lane], places[1][lane]) = (x.to_bits(), y.to_bits());
                 }
             }
             Position::Centroid => {
@@ -322,7 +390,7 @@ impl<'a, const UNIFORM: bool> Filling<'a, UNIFORM> {
                     let first = masks.iter().position(covers);
                     if let (Some(first), false) = (first, covers(&all)) {
                         let [x, y] = from_center(locations[first]);
-                        (places[0][lane], places[1][lane]) = (x, y);
+                        (places[0][lane], places[1][lane]) = (x.to_bits(), y.to_bits());
                     }
                 }
             }
@@ -330,64 +398,71 @@ impl<'a, const UNIFORM: bool> Filling<'a, UNIFORM> {
         places
     }
 
+    /// The first column or row of each lane's quad.
+    #[inline(always)]
+    fn of_quads(&self, quads: &[i32; 4]) -> V::I {
+        let mut row = [0; 16];
+        for lane in 0..16 {
+            row[lane] = quads[lane / 4] as u32;
+        }
+        self.v.load_i(&row)
+    }
+
     /// Coordinates from the records' origins on.
     #[inline(always)]
-    fn coordinates(&self, position: Position) -> [Floats; 2] {
-        let origin_x = self.of_records(|record| record.origin[0]);
-        let origin_y = self.of_records(|record| record.origin[1]);
-        let (quads_x, quads_y) = (spread(self.fragments.x), spread(self.fragments.y));
-        let [mut x, mut y] = self.inside_pixel(position);
-        for lane in 0..16 {
-            let from_x = quads_x[lane].wrapping_sub(origin_x[lane]);
-            let from_y = quads_y[lane].wrapping_sub(origin_y[lane]);
-            x[lane] += from_x.wrapping_add(LANE_X[lane] & 1) as f32;
-            y[lane] += from_y.wrapping_add(LANE_Y[lane] & 1) as f32;
+    fn coordinates(&self, position: Position) -> [V::F; 2] {
+        let v = self.v;
+        let origin_x = self.of_records(|record| record.origin[0] as u32);
+        let origin_y = self.of_records(|record| record.origin[1] as u32);
+        let x = v.sub_i(self.of_quads(&self.fragments.x), origin_x);
+        let y = v.sub_i(self.of_quads(&self.fragments.y), origin_y);
+        let x = v.to_f(v.add_i(x, v.load_i(&IN_QUAD[0])));
+        let y = v.to_f(v.add_i(y, v.load_i(&IN_QUAD[1])));
+        if position == Position::Center {
+            return [x, y];
         }
-        [x, y]
+        let inside = self.inside_pixel(position);
+        [v.add(inside[0], x), v.add(inside[1], y)]
     }
 
     #[inline(always)]
-    fn plane(&self, [x, y]: &[Floats; 2], plane: impl Fn(&Record) -> Plane) -> Floats {
-        let planes = self.of_records(plane);
-        let mut values = [0.0; 16];
-        for lane in 0..16 {
-            let Plane { at, dx, dy } = planes[lane];
-            values[lane] = at + dx * x[lane] + dy * y[lane];
-        }
-        values
+    fn plane(&self, [x, y]: [V::F; 2], plane: impl Fn(&Record) -> Plane) -> V::F {
+        let v = self.v;
+        let at = self.number_of_records(|record| plane(record).at);
+        let dx = self.number_of_records(|record| plane(record).dx);
+        let dy = self.number_of_records(|record| plane(record).dy);
+        v.add(v.add(at, v.mul(dx, x)), v.mul(dy, y))
+    }
+
+    #[inline(always)]
+    fn perspective(&self, at: [V::F; 2]) -> [V::F; 3] {
+        [
+            self.plane(at, |record| record.perspective[0]),
+            self.plane(at, |record| record.perspective[1]),
+            self.plane(at, |record| record.perspective[2]),
+        ]
     }
 
     /// 1 / w: the sum of the perspective planes.
     #[inline(always)]
-    fn inverse_w(&self, at: &[Floats; 2]) -> Floats {
-        let planes = [0, 1, 2].map(|vertex| self.plane(at, |record| record.perspective[vertex]));
-        let mut sums = [0.0; 16];
-        for lane in 0..16 {
-            sums[lane] = planes[0][lane] + planes[1][lane] + planes[2][lane];
-        }
-        sums
+    fn inverse_w(&self, at: [V::F; 2]) -> V::F {
+        let [first, second, third] = self.perspective(at);
+        self.v.add(self.v.add(first, second), third)
     }
 
     /// Barycentric coordinates of the second and third vertex.
     #[inline(always)]
-    fn weights(&mut self, weights: Weights) -> [Floats; 2] {
+    fn weights(&mut self, weights: Weights) -> [V::F; 2] {
         if let Some(known) = self.weights[weights.index()] {
             return known;
         }
         let at = self.coordinates(weights.position);
         let found = match weights.perspective {
-            false => [1, 2].map(|vertex| self.plane(&at, |record| record.linear[vertex])),
-            true => {
-                let planes =
-                    [0, 1, 2].map(|vertex| self.plane(&at, |record| record.perspective[vertex]));
-                let mut found = [[0.0; 16]; 2];
-                for lane in 0..16 {
-                    let sum = planes[0][lane] + planes[1][lane] + planes[2][lane];
-                    found[0][lane] = planes[1][lane] / sum;
-                    found[1][lane] = planes[2][lane] / sum;
-                }
-                found
-            }
+            false => [
+                self.plane(at, |record| record.linear[1]),
+                self.plane(at, |record| record.linear[2]),
+            ],
+            true => perspective_weights(self.v, self.perspective(at)),
         };
         self.weights[weights.index()] = Some(found);
         found
@@ -397,92 +472,77 @@ impl<'a, const UNIFORM: bool> Filling<'a, UNIFORM> {
     fn fill(mut self, rows: &mut [AlignedRow]) {
         let inputs = self.inputs;
         for (row, fill) in rows.iter_mut().zip(&inputs.fills) {
-            row.0 = self.row(fill);
+            let words = self.row(fill);
+            self.v.store_i(words, &mut row.0);
         }
     }
 
     #[inline(always)]
-    fn row(&mut self, fill: &Fill) -> Row {
+    fn row(&mut self, fill: &Fill) -> V::I {
+        let v = self.v;
         let position = self.inputs.position;
         let fragments = self.fragments;
         match *fill {
-            Fill::Constant(word) => [word; 16],
+            Fill::Constant(word) => v.splat_i(word as i32),
             Fill::Flat(word) => {
                 self.of_vertices(word, |record| usize::from(record.provoking.min(2)))
             }
             Fill::PerVertex(word, vertex) => self.of_vertices(word, |_| vertex),
             Fill::Varying(word, weights) => {
-                let [second, third] = self.weights(weights);
-                let values = [0, 1, 2].map(|vertex| self.numbers_of_vertices(word, vertex));
-                let mut row = [0; 16];
-                for lane in 0..16 {
-                    let [first, at_second, at_third] = values.map(|value| value[lane]);
-                    // A varying that is the same at all vertices comes out as it is.
-                    let number = first
-                        + second[lane] * (at_second - first)
-                        + third[lane] * (at_third - first);
-                    row[lane] = number.to_bits();
-                }
-                row
+                let weights = self.weights(weights);
+                let first = self.numbers_of_vertices(word, 0);
+                let second = v.sub(self.numbers_of_vertices(word, 1), first);
+                let third = v.sub(self.numbers_of_vertices(word, 2), first);
+                v.bits_of(interpolate(v, first, [second, third], weights))
             }
             Fill::Barycentric(vertex, weights) => {
                 let [second, third] = self.weights(weights);
-                let mut row = [0; 16];
-                for lane in 0..16 {
-                    let number = match vertex {
-                        0 => 1.0 - second[lane] - third[lane],
-                        1 => second[lane],
-                        _ => third[lane],
-                    };
-                    row[lane] = number.to_bits();
-                }
-                row
+                v.bits_of(match vertex {
+                    0 => v.sub(v.sub(v.splat(1.0), second), third),
+                    1 => second,
+                    _ => third,
+                })
             }
-            Fill::CoordX | Fill::CoordY => {
-                let is_x = *fill == Fill::CoordX;
-                let [x, y] = self.inside_pixel(position);
-                let (from, lanes) = match is_x {
-                    true => (fragments.x, &LANE_X),
-                    false => (fragments.y, &LANE_Y),
-                };
-                let (from, inside) = (spread(from), if is_x { x } else { y });
-                let mut row = [0; 16];
-                for lane in 0..16 {
-                    let pixel = (from[lane] + (lanes[lane] & 1)) as f32;
-                    row[lane] = (pixel + (0.5 + inside[lane])).to_bits();
-                }
-                row
-            }
+            Fill::CoordX => self.coordinate(&fragments.x, 0),
+            Fill::CoordY => self.coordinate(&fragments.y, 1),
             Fill::Depth => {
                 let at = self.coordinates(position);
-                bits_of(&self.plane(&at, |record| record.depth))
+                v.bits_of(self.plane(at, |record| record.depth))
             }
             Fill::InverseW => {
                 let at = self.coordinates(position);
-                bits_of(&self.inverse_w(&at))
+                v.bits_of(self.inverse_w(at))
             }
             Fill::PointCoord(axis) => {
                 let at = self.coordinates(position);
-                bits_of(&self.plane(&at, |record| record.point_coord[axis]))
+                v.bits_of(self.plane(at, |record| record.point_coord[axis]))
             }
-            Fill::SampleId => spread(fragments.sample.map(u32::from)),
+            Fill::SampleId => {
+                let [a, b, c, d] = fragments.sample;
+                v.load_i(&spread([a.into(), b.into(), c.into(), d.into()]))
+            }
             Fill::SamplePosition(axis) => {
                 let inside = self.inside_pixel(position);
-                let mut row = [0; 16];
-                for lane in 0..16 {
-                    row[lane] = (0.5 + inside[axis][lane]).to_bits();
-                }
-                row
+                v.bits_of(v.add(v.splat(0.5), inside[axis]))
             }
-            Fill::SampleMask => self.sample_mask(),
+            Fill::SampleMask => v.load_i(&self.sample_mask()),
             Fill::Front => self.of_records(|record| u32::from(record.front)),
             Fill::Layer => self.of_records(|record| record.layer),
             Fill::Viewport => self.of_records(|record| record.viewport),
             Fill::Primitive => self.of_records(|record| record.primitive_id),
             Fill::View => self.of_records(|record| record.view_index),
-            Fill::SampleCount => [self.inputs.samples; 16],
+            Fill::SampleCount => v.splat_i(self.inputs.samples as i32),
             Fill::Planes(perspective, index) => self.planes(perspective, index),
         }
+    }
+
+    /// x or y of `FragCoord`.
+    #[inline(always)]
+    fn coordinate(&self, quads: &[i32; 4], axis: usize) -> V::I {
+        let v = self.v;
+        let inside = self.inside_pixel(self.inputs.position)[axis];
+        let pixel = v.add_i(self.of_quads(quads), v.load_i(&IN_QUAD[axis]));
+        v.bits_of(v.add(v.to_f(pixel), v.add(v.splat(0.5), inside)))
     }
 
     #[inline(always)]
@@ -499,34 +559,45 @@ impl<'a, const UNIFORM: bool> Filling<'a, UNIFORM> {
     }
 
     #[inline(always)]
-    fn planes(&self, perspective: bool, index: usize) -> Row {
+    fn planes(&self, perspective: bool, index: usize) -> V::I {
         let plane = |record: &Record| match perspective {
             true => record.perspective[index % 3],
             false => record.linear[index % 3],
         };
         match index / 3 {
-            0 => bits_of(&self.plane(&self.coordinates(Position::Center), plane)),
+            0 => {
+                let at = self.coordinates(Position::Center);
+                self.v.bits_of(self.plane(at, plane))
+            }
             1 => self.of_records(|record| plane(record).dx.to_bits()),
             _ => self.of_records(|record| plane(record).dy.to_bits()),
         }
     }
 }
 
-tiered! {
-    /// Depths of fragments of one record at a sample: those of its plane, clamped to a range where there is one.
-    pub fn depths(record: &Record, x: i32, y: i32, location: [i32; 2], range: Option<[f32; 2]>) -> Floats {
-        let [inside_x, inside_y] = from_center(location);
-        let from_x = x.wrapping_sub(record.origin[0]);
-        let from_y = y.wrapping_sub(record.origin[1]);
-        let Plane { at, dx, dy } = record.depth;
-        let mut depths = [0.0; 16];
-        for lane in 0..16 {
-            let x = inside_x + from_x.wrapping_add(LANE_X[lane]) as f32;
-            let y = inside_y + from_y.wrapping_add(LANE_Y[lane]) as f32;
-            depths[lane] = clamp(at + dx * x + dy * y, range);
-        }
-        depths
-    }
+/// Depths of fragments of one record from pixel (x, y) on at a sample, those of its plane, clamped to a range where there is one. `steps`: the
+/// lanes' columns and rows.
+#[inline(always)]
+pub fn depths<V: Vector>(
+    v: V,
+    record: &Record,
+    [x, y]: [i32; 2],
+    steps: &[Row; 2],
+    location: [i32; 2],
+    range: Option<[f32; 2]>,
+) -> V::F {
+    let [inside_x, inside_y] = from_center(location);
+    let from_x = v.splat_i(x.wrapping_sub(record.origin[0]));
+    let from_y = v.splat_i(y.wrapping_sub(record.origin[1]));
+    let x = v.to_f(v.add_i(from_x, v.load_i(&steps[0])));
+    let y = v.to_f(v.add_i(from_y, v.load_i(&steps[1])));
+    let at = [v.add(v.splat(inside_x), x), v.add(v.splat(inside_y), y)];
+    let depths = plane_at(v, &record.depth, at);
+    let Some([near, far]) = range else {
+        return depths;
+    };
+    let (least, most) = if near < far { (near, far) } else { (far, near) };
+    v.min(v.max(depths, v.splat(least)), v.splat(most))
 }
 
 /// Clamps a depth to a range, whose ends come in any order.

@@ -1,8 +1,10 @@
 //! Sixteen pixels at once: four quads of four lanes, as fragment programs have them. In a 4×4 block, lane `l` is pixel
 //! ([`LANE_X`]`[l]`, [`LANE_Y`]`[l]`).
 //!
-//! Loops over rows of sixteen become vectors by themselves; [`tiered!`] compiles them for each instruction set. All of them compute the same bits:
+//! Loops over rows of sixteen become vectors by themselves; [`vectors!`] compiles them for each instruction set. All of them compute the same bits:
 //! nothing is fused, nothing is reordered.
+
+use spirv_jit::image::vector::Vector;
 
 /// A word a lane.
 pub type Row = [u32; 16];
@@ -12,6 +14,16 @@ pub type Floats = [f32; 16];
 /// Column and row of each lane in a 4×4 block.
 pub const LANE_X: [i32; 16] = [0, 1, 0, 1, 2, 3, 2, 3, 0, 1, 0, 1, 2, 3, 2, 3];
 pub const LANE_Y: [i32; 16] = [0, 0, 1, 1, 0, 0, 1, 1, 2, 2, 3, 3, 2, 2, 3, 3];
+
+/// Column and row of each lane, as words: of a block, and of a row of sixteen pixels.
+pub static IN_BLOCK: [Row; 2] = [
+    [0, 1, 0, 1, 2, 3, 2, 3, 0, 1, 0, 1, 2, 3, 2, 3],
+    [0, 0, 1, 1, 0, 0, 1, 1, 2, 2, 3, 3, 2, 2, 3, 3],
+];
+pub static IN_ROW: [Row; 2] = [
+    [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15],
+    [0; 16],
+];
 
 /// In the order of rows: the lane of pixel `4 y + x` of a block. It is its own inverse.
 pub const BY_ROWS: [usize; 16] = [0, 1, 4, 5, 2, 3, 6, 7, 8, 9, 12, 13, 10, 11, 14, 15];
@@ -40,40 +52,52 @@ const fn ranges(side: &[i32; 16]) -> [[u16; 5]; 5] {
     masks
 }
 
-/// Compiles a function for each tier of instruction sets; the first argument chooses. Functions that it calls are to be `#[inline(always)]`.
-macro_rules! tiered {
-    ($(#[$doc:meta])* $vis:vis fn $name:ident($($arg:ident: $ty:ty),* $(,)?) $(-> $ret:ty)? $body:block) => {
+/// Compiles a function over vectors for each tier of instruction sets; the first argument chooses. Functions that it calls are to be
+/// `#[inline(always)]`, and closures do no more than pick values: they are not compiled for the tier.
+macro_rules! vectors {
+    ($(#[$doc:meta])* $vis:vis unsafe fn $($rest:tt)*) => {
+        vectors! { @[unsafe] [$(#[$doc])*] [$vis] $($rest)* }
+    };
+    ($(#[$doc:meta])* $vis:vis fn $($rest:tt)*) => {
+        vectors! { @[] [$(#[$doc])*] [$vis] $($rest)* }
+    };
+    (@[$($unsafe:tt)?] [$(#[$doc:meta])*] [$vis:vis]
+        $name:ident<$V:ident>($v:ident, $($arg:ident: $ty:ty),* $(,)?) $(-> $ret:ty)? $body:block) => {
         $(#[$doc])*
         #[allow(clippy::too_many_arguments)]
-        $vis fn $name(tier: spirv_jit::interp::TierKind, $($arg: $ty),*) $(-> $ret)? {
+        $vis $($unsafe)? fn $name(tier: spirv_jit::interp::TierKind, $($arg: $ty),*) $(-> $ret)? {
+            use spirv_jit::image::vector;
             #[inline(always)]
             #[allow(clippy::too_many_arguments)]
-            fn body($($arg: $ty),*) $(-> $ret)? $body
+            $($unsafe)? fn body<$V: vector::Vector>($v: $V, $($arg: $ty),*) $(-> $ret)? $body
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c")]
             #[allow(clippy::too_many_arguments)]
-            fn avx2($($arg: $ty),*) $(-> $ret)? {
-                body($($arg),*)
+            $($unsafe)? fn avx2($($arg: $ty),*) $(-> $ret)? {
+                // SAFETY: the function's features, and the caller's promise.
+                unsafe { body(<vector::Avx2 as vector::Vector>::new(), $($arg),*) }
             }
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c")]
             #[allow(clippy::too_many_arguments)]
-            fn avx512($($arg: $ty),*) $(-> $ret)? {
-                body($($arg),*)
-            }
-            match tier {
-                // SAFETY: a tier is one that the machine has (`TierKind::best`).
-                #[cfg(target_arch = "x86_64")]
-                spirv_jit::interp::TierKind::Avx2 => unsafe { avx2($($arg),*) },
+            $($unsafe)? fn avx512($($arg: $ty),*) $(-> $ret)? {
                 // SAFETY: as above.
-                #[cfg(target_arch = "x86_64")]
-                spirv_jit::interp::TierKind::Avx512 => unsafe { avx512($($arg),*) },
-                _ => body($($arg),*),
+                unsafe { body(<vector::Avx512 as vector::Vector>::new(), $($arg),*) }
+            }
+            // SAFETY: a tier is one that the machine has (`TierKind::best`); and the caller's promise.
+            unsafe {
+                match tier {
+                    #[cfg(target_arch = "x86_64")]
+                    spirv_jit::interp::TierKind::Avx2 => avx2($($arg),*),
+                    #[cfg(target_arch = "x86_64")]
+                    spirv_jit::interp::TierKind::Avx512 => avx512($($arg),*),
+                    _ => body(<vector::Portable as vector::Vector>::new(), $($arg),*),
+                }
             }
         }
     };
 }
-pub(super) use tiered;
+pub(super) use vectors;
 
 /// The lanes whose word is negative.
 #[inline(always)]
@@ -109,14 +133,54 @@ pub fn lanes_where(holds: impl Fn(usize) -> bool) -> u16 {
     negative(&row)
 }
 
-/// The words of numbers.
+/// Vectors from rows of words, and rows from vectors.
 #[inline(always)]
-pub fn bits_of(row: &Floats) -> Row {
-    let mut bits = [0; 16];
-    for lane in 0..16 {
-        bits[lane] = row[lane].to_bits();
-    }
-    bits
+pub fn load_words<V: Vector>(v: V, rows: &[Row; 4]) -> [V::I; 4] {
+    [
+        v.load_i(&rows[0]),
+        v.load_i(&rows[1]),
+        v.load_i(&rows[2]),
+        v.load_i(&rows[3]),
+    ]
+}
+
+#[inline(always)]
+pub fn rows_of<V: Vector>(v: V, words: &[V::I; 4]) -> [Row; 4] {
+    let mut rows = [[0; 16]; 4];
+    v.store_i(words[0], &mut rows[0]);
+    v.store_i(words[1], &mut rows[1]);
+    v.store_i(words[2], &mut rows[2]);
+    v.store_i(words[3], &mut rows[3]);
+    rows
+}
+
+/// Words of vectors as numbers, and back.
+#[inline(always)]
+pub fn numbers<V: Vector>(v: V, words: &[V::I; 4]) -> [V::F; 4] {
+    [
+        v.bits_to_f(words[0]),
+        v.bits_to_f(words[1]),
+        v.bits_to_f(words[2]),
+        v.bits_to_f(words[3]),
+    ]
+}
+
+#[inline(always)]
+pub fn words<V: Vector>(v: V, numbers: &[V::F; 4]) -> [V::I; 4] {
+    [
+        v.bits_of(numbers[0]),
+        v.bits_of(numbers[1]),
+        v.bits_of(numbers[2]),
+        v.bits_of(numbers[3]),
+    ]
+}
+
+/// One row of a vector.
+#[inline(always)]
+pub fn row_of<V: Vector>(v: V, words: V::I) -> Row {
+    let mut row = [0; 16];
+    v.store_i(words, &mut row);
+    row
 }
 
 /// The numbers of words.

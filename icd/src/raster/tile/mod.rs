@@ -5,6 +5,8 @@
 //!           [visit]                [coverage]        [depth]         [pack]   [inputs]                  [output]
 //! ```
 //!
+//! Fragments of programs that compute nothing go from coverage to the images at once: [`direct`].
+//!
 //! A tile belongs to one worker, which works off all chunks in order and writes straight into the images: the order of primitives holds at
 //! each sample, and no pixel has two writers. [`plan`] is what draws of one state have in common; [`lanes`] is how sixteen pixels become vectors.
 
@@ -12,6 +14,7 @@ mod blend;
 mod clear;
 mod coverage;
 mod depth;
+mod direct;
 mod inputs;
 mod lanes;
 mod output;

@@ -1,15 +1,15 @@
 //! What fragments write into the colour attachments: blended or operated on, masked, encoded, sixteen pixels at a time.
 
 use ash::vk::{ColorComponentFlags, LogicOp};
-use smallvec::SmallVec;
 use spirv_jit::Program;
-use spirv_jit::image::format::Numeric;
-use spirv_jit::image::texels::{decode_block, encode_block};
+use spirv_jit::image::format::{FormatInfo, Numeric};
+use spirv_jit::image::texels::{decode_words, encode_words};
+use spirv_jit::image::vector::Vector;
 use spirv_jit::interp::TierKind;
 use spirv_jit::program::{AlignedRow, OutputRow};
 
 use super::blend::{Range, blend, operate_words};
-use super::lanes::{Row, bits_of, floats_of, lanes_where};
+use super::lanes::{floats_of, lanes_where, load_words, numbers, rows_of, vectors, words};
 use super::samples::MAX_SAMPLES;
 use super::texels::{Places, Words, load, store};
 use crate::object::graphics_state::{BlendAttachment, GraphicsState, MAX_COLOR_ATTACHMENTS};
@@ -19,17 +19,17 @@ use crate::raster::{Target, Targets};
 const ONE: u32 = 0x3f80_0000;
 
 /// Output rows of a colour, by component; none for what the program does not write.
-type Rows = [Option<usize>; 4];
-
-/// Texels of sixteen fragments, by colour attachment.
-pub type Texels = SmallVec<[Words; 1]>;
+pub type Rows = [Option<usize>; 4];
 
 /// A colour attachment that a draw writes to.
-struct Color {
-    target: Target,
-    source: Rows,
-    second: Rows,
-    blend: Option<BlendAttachment>,
+pub struct Color {
+    tier: TierKind,
+    pub target: Target,
+    pub source: Rows,
+    pub second: Rows,
+    pub blend: Option<BlendAttachment>,
+    /// For formats of four normalised bytes, where they lie.
+    bytes: Option<[u32; 4]>,
     range: Range,
     logic_op: Option<LogicOp>,
     /// By word of a texel: bits that are written.
@@ -41,9 +41,8 @@ struct Color {
 
 /// What a program's outputs become.
 pub struct Output {
-    tier: TierKind,
     samples: u32,
-    colors: Vec<Color>,
+    pub colors: Vec<Color>,
     constants: [f32; 4],
     /// Rows of outputs that are no colours.
     pub depth: Option<usize>,
@@ -77,11 +76,10 @@ impl Output {
                 source.iter().flatten().next()?;
                 let attachment = state.color_locations[location] as usize;
                 let target = *targets.colors.get(attachment)?.as_ref()?;
-                color(&target, state, attachment, source, rows(1))
+                color(tier, &target, state, attachment, source, rows(1))
             })
             .collect();
         Self {
-            tier,
             samples: targets.samples,
             colors,
             constants: state.blend.constants,
@@ -116,79 +114,100 @@ impl Output {
         }
     }
 
-    /// Texels of fragments that all leave the same outputs: none where they are blended, or lose samples.
-    pub fn texels(&self, rows: &[AlignedRow]) -> Option<Texels> {
-        let is_plain = |color: &Color| color.blend.is_none();
-        if self.drops_samples() || !self.colors.iter().all(is_plain) {
-            return None;
-        }
-        let mut texels = Texels::new();
-        for color in &self.colors {
-            let source = color.rows(&color.source, rows);
-            texels.push(encode_block(color.target.surface.format, &source));
-        }
-        Some(texels)
-    }
-
-    /// Writes such texels.
-    ///
-    /// # Safety
-    /// As [`Self::write`].
-    pub unsafe fn write_texels(
-        &self,
-        texels: &Texels,
-        places: &Places,
-        masks: &[u16; MAX_SAMPLES],
-    ) {
-        for (color, words) in self.colors.iter().zip(texels) {
-            for (sample, &mask) in (0..self.samples).zip(masks).filter(|(_, mask)| **mask != 0) {
-                // SAFETY: the caller's promise.
-                unsafe { color.put(places, sample, mask, words) };
-            }
-        }
+    /// Whether fragments that leave the same outputs leave the same texels, whatever is there.
+    pub fn replaces(&self) -> bool {
+        let is_plain =
+            |color: &Color| color.blend.is_none() && color.writes_all && color.logic_op.is_none();
+        self.colors.iter().all(is_plain)
     }
 
     /// Writes the colours of sixteen fragments to the samples of the masks. `rows`: the program's outputs.
     ///
     /// # Safety
     /// As [`load`], for all attachments.
-    pub unsafe fn write(&self, rows: &[AlignedRow], places: &Places, masks: &[u16; MAX_SAMPLES]) {
-        let samples = || (0..self.samples).zip(masks).filter(|(_, mask)| **mask != 0);
+    #[inline(always)]
+    pub unsafe fn write<V: Vector>(
+        &self,
+        v: V,
+        rows: &[AlignedRow],
+        places: &Places,
+        masks: &[u16; MAX_SAMPLES],
+    ) {
         for color in &self.colors {
-            let info = color.target.surface.format;
-            let source = color.rows(&color.source, rows);
-            let Some(state) = &color.blend else {
-                let words = encode_block(info, &source);
-                for (sample, &mask) in samples() {
-                    // SAFETY: the caller's promise.
-                    unsafe { color.put(places, sample, mask, &words) };
-                }
-                continue;
+            let source = color.rows(v, &color.source, rows);
+            let second = match color.blend {
+                Some(_) => color.rows(v, &color.second, rows),
+                None => source,
             };
-            let source = source.map(|row| floats_of(&row));
-            let second = color.rows(&color.second, rows).map(|row| floats_of(&row));
-            for (sample, &mask) in samples() {
-                // SAFETY: the caller's promise.
-                let old = unsafe { load(&color.target, places, sample, mask) };
-                let destination = decode_block(info, &old).map(|row| floats_of(&row));
-                let blended = blend(
-                    self.tier,
-                    state,
-                    &self.constants,
-                    color.range,
-                    &source,
-                    &second,
-                    &destination,
-                );
-                let words = encode_block(info, &blended.map(|row| bits_of(&row)));
-                // SAFETY: the caller's promise.
-                unsafe { color.put_over(places, sample, mask, &words, &old) };
+            // SAFETY: the caller's promise.
+            unsafe { self.write_color(v, color, &source, &second, places, masks) };
+        }
+    }
+
+    /// Writes one attachment's colours.
+    ///
+    /// # Safety
+    /// As [`load`].
+    #[inline(always)]
+    pub unsafe fn write_color<V: Vector>(
+        &self,
+        v: V,
+        color: &Color,
+        source: &[V::I; 4],
+        second: &[V::I; 4],
+        places: &Places,
+        masks: &[u16; MAX_SAMPLES],
+    ) {
+        let samples = self.samples as usize;
+        let Some(state) = &color.blend else {
+            let words = color.encode(v, source);
+            for (sample, &mask) in masks.iter().enumerate().take(samples) {
+                if mask != 0 {
+                    // SAFETY: the caller's promise.
+                    unsafe { color.put(v, places, sample as u32, mask, &words) };
+                }
             }
+            return;
+        };
+        let (source, second) = (numbers(v, source), numbers(v, second));
+        for (sample, &mask) in masks.iter().enumerate().take(samples) {
+            if mask == 0 {
+                continue;
+            }
+            let sample = sample as u32;
+            // SAFETY: the caller's promise.
+            let old = unsafe { load(v, &color.target, places, sample, mask) };
+            let destination = numbers(v, &color.decode(v, &old));
+            let (constants, range) = (&self.constants, color.range);
+            let blended = blend(v, state, constants, range, &source, &second, &destination);
+            let new = color.encode(v, &words(v, &blended));
+            // SAFETY: the caller's promise.
+            unsafe { color.put_over(v, places, sample, mask, &new, &old) };
         }
     }
 }
 
+vectors! {
+    fn encode_rows<V>(v, info: &FormatInfo, rows: &Words) -> Words {
+        rows_of(v, &encode_words(v, info, &load_words(v, rows)))
+    }
+}
+
+vectors! {
+    fn decode_rows<V>(v, info: &FormatInfo, rows: &Words) -> Words {
+        rows_of(v, &decode_words(v, info, &load_words(v, rows)))
+    }
+}
+
+/// Where the components of texels of four normalised bytes lie: bits to shift.
+fn bytes_of(info: &FormatInfo) -> Option<[u32; 4]> {
+    let are_bytes = info.channels.iter().all(|channel| channel.bits == 8);
+    let is_it = info.numeric == Numeric::Unorm && info.size_bytes == 4 && are_bytes;
+    is_it.then(|| info.channels.map(|channel| channel.offset.into()))
+}
+
 fn color(
+    tier: TierKind,
     target: &Target,
     state: &GraphicsState,
     attachment: usize,
@@ -226,6 +245,8 @@ fn color(
     let is_float = matches!(info.numeric, Numeric::Sfloat | Numeric::Ufloat);
     let logic_op = state.blend.logic_op;
     Some(Color {
+        tier,
+        bytes: bytes_of(info),
         target: *target,
         source,
         second,
@@ -243,10 +264,57 @@ fn color(
 }
 
 impl Color {
-    fn rows(&self, places: &Rows, rows: &[AlignedRow]) -> [Row; 4] {
-        let mut colors = places.map(|place| place.map_or([0; 16], |place| rows[place].0));
+    #[inline(always)]
+    fn rows<V: Vector>(&self, v: V, places: &Rows, rows: &[AlignedRow]) -> [V::I; 4] {
+        let mut colors = [v.splat_i(0); 4];
+        for (color, place) in colors.iter_mut().zip(places) {
+            if let Some(place) = place {
+                *color = v.load_i(&rows[*place].0);
+            }
+        }
+        self.with_alpha(v, colors)
+    }
+
+    /// Colours with the alpha that is written.
+    #[inline(always)]
+    pub fn with_alpha<V: Vector>(&self, v: V, colors: [V::I; 4]) -> [V::I; 4] {
+        let mut colors = colors;
         if self.alpha_to_one {
-            colors[3] = [ONE; 16];
+            colors[3] = v.splat_i(ONE as i32);
+        }
+        colors
+    }
+
+    /// Texels' words.
+    #[inline(always)]
+    pub fn encode<V: Vector>(&self, v: V, colors: &[V::I; 4]) -> [V::I; 4] {
+        let none = v.splat_i(0);
+        let Some(shifts) = &self.bytes else {
+            let info = self.target.surface.format;
+            return load_words(v, &encode_rows(self.tier, info, &rows_of(v, colors)));
+        };
+        let mut word = none;
+        for component in 0..4 {
+            let number = v.bits_to_f(colors[component]);
+            let number = v.min(v.max(number, v.splat(0.0)), v.splat(1.0));
+            let code = v.scaled(number, 255.0);
+            word = v.or_i(word, v.left_i(code, shifts[component]));
+        }
+        [word, none, none, none]
+    }
+
+    /// Colours of texels' words.
+    #[inline(always)]
+    fn decode<V: Vector>(&self, v: V, texels: &[V::I; 4]) -> [V::I; 4] {
+        let Some(shifts) = &self.bytes else {
+            let info = self.target.surface.format;
+            return load_words(v, &decode_rows(self.tier, info, &rows_of(v, texels)));
+        };
+        let mut colors = [v.splat_i(0); 4];
+        for component in 0..4 {
+            let code = v.right_u(texels[0], shifts[component]);
+            let code = v.to_f(v.and_i(code, v.splat_i(0xff)));
+            colors[component] = v.bits_of(v.div_units(code, 255.0));
         }
         colors
     }
@@ -255,20 +323,27 @@ impl Color {
     ///
     /// # Safety
     /// As [`load`].
-    unsafe fn put(&self, places: &Places, sample: u32, mask: u16, words: &Words) {
+    #[inline(always)]
+    pub unsafe fn put<V: Vector>(
+        &self,
+        v: V,
+        places: &Places,
+        sample: u32,
+        mask: u16,
+        words: &[V::I; 4],
+    ) {
         // SAFETY: the caller's promise.
         unsafe {
             if self.writes_all && self.logic_op.is_none() {
-                return store(&self.target, places, sample, mask, words);
+                return store(v, &self.target, places, sample, mask, words);
             }
-            let old = load(&self.target, places, sample, mask);
-            match self.logic_op {
-                None => self.put_over(places, sample, mask, words, &old),
-                Some(op) => {
-                    let words = operate_words(op, words, &old);
-                    self.put_over(places, sample, mask, &words, &old);
-                }
+            let old = load(v, &self.target, places, sample, mask);
+            let mut words = *words;
+            if let Some(op) = self.logic_op {
+                let operated = operate_words(op, &rows_of(v, &words), &rows_of(v, &old));
+                words = load_words(v, &operated);
             }
+            self.put_over(v, places, sample, mask, &words, &old);
         }
     }
 
@@ -276,17 +351,25 @@ impl Color {
     ///
     /// # Safety
     /// As [`load`].
-    unsafe fn put_over(&self, places: &Places, sample: u32, mask: u16, words: &Words, old: &Words) {
+    #[inline(always)]
+    unsafe fn put_over<V: Vector>(
+        &self,
+        v: V,
+        places: &Places,
+        sample: u32,
+        mask: u16,
+        words: &[V::I; 4],
+        old: &[V::I; 4],
+    ) {
         let mut merged = *words;
         if !self.writes_all {
-            for (index, row) in merged.iter_mut().enumerate() {
-                let bits = self.written[index];
-                for lane in 0..16 {
-                    row[lane] = row[lane] & bits | old[index][lane] & !bits;
-                }
+            for index in 0..4 {
+                let changed = v.xor_i(words[index], old[index]);
+                let written = v.splat_i(self.written[index] as i32);
+                merged[index] = v.xor_i(old[index], v.and_i(changed, written));
             }
         }
         // SAFETY: the caller's promise.
-        unsafe { store(&self.target, places, sample, mask, &merged) };
+        unsafe { store(v, &self.target, places, sample, mask, &merged) };
     }
 }

@@ -7,6 +7,7 @@ use spirv_jit::interp::TierKind;
 use spirv_jit::program::FragmentFacts;
 
 use super::depth::Tests;
+use super::direct::Direct;
 use super::inputs::Inputs;
 use super::output::Output;
 use crate::raster::{Chunk, Draw, Targets, Work};
@@ -25,6 +26,8 @@ pub enum Order {
 /// How a draw's fragments are worked off.
 pub struct Plan<'a> {
     pub program: Option<Fragment<'a>>,
+    /// In its place, where nothing needs to run.
+    pub direct: Option<Direct>,
     pub tests: Tests,
     pub order: Order,
     pub output: Output,
@@ -47,15 +50,6 @@ pub struct Fragment<'a> {
     pub sees_tests: bool,
     /// Subgroups of a wave.
     pub subgroups: usize,
-    /// The outputs, where the program computes none: nothing runs then.
-    pub passed: Option<Passing>,
-}
-
-/// The outputs of a program that computes nothing.
-pub struct Passing {
-    pub rows: Inputs,
-    /// The same for all fragments of a primitive.
-    pub is_constant: bool,
 }
 
 impl<'a> Plan<'a> {
@@ -66,7 +60,7 @@ impl<'a> Plan<'a> {
         let fragment = draw.stages.fragment.as_deref();
         let facts = (fragment.and_then(Program::fragment)).copied();
         let facts = facts.unwrap_or_default();
-        let tests = Tests::new(tier, targets, &state.depth_stencil);
+        let tests = Tests::new(targets, &state.depth_stencil);
         let output = Output::new(tier, targets, state, fragment);
         let multisample = &state.multisample;
         // Shading a part of the samples is shading all of them, as soon as it is more than one (spec, "Sample Shading").
@@ -74,33 +68,39 @@ impl<'a> Plan<'a> {
             && multisample.min_sample_shading * samples as f32 > 1.0
             && samples > 1;
         let per_sample = shades_samples || facts.per_sample;
+        let inputs = fragment.map(|program| {
+            Inputs::new(
+                program,
+                &draw.stages.vertex,
+                samples,
+                per_sample,
+                shades_samples,
+            )
+        });
+        let order = order(&facts, &output, &tests);
+        let has_effects = facts.discards || facts.writes_memory || facts.interlock.is_some();
+        let passed = fragment.zip(inputs.as_ref()).map(|(program, inputs)| {
+            let outputs = program.passed().filter(|_| !has_effects && !per_sample);
+            outputs.map(|outputs| inputs.passed(outputs))
+        });
+        let direct = match &passed {
+            _ if order != Order::Early || output.drops_samples() => None,
+            Some(None) => None,
+            Some(Some(rows)) => Direct::new(Some(rows), &output),
+            None => Direct::new(None, &output),
+        };
+        let program = fragment.zip(inputs).map(|(program, inputs)| Fragment {
+            program,
+            inputs,
+            per_sample: per_sample && samples > 1,
+            is_serial: facts.reads_attachments || facts.interlock.is_some(),
+            sees_tests: facts.post_depth_coverage,
+            subgroups: program.max_wave_subgroups().clamp(1, 32),
+        });
         Self {
-            program: fragment.map(|program| {
-                let inputs = Inputs::new(
-                    program,
-                    &draw.stages.vertex,
-                    samples,
-                    per_sample,
-                    shades_samples,
-                );
-                let has_effects = facts.discards || facts.writes_memory;
-                let passed = (program.passed())
-                    .filter(|_| !has_effects && facts.interlock.is_none() && !per_sample)
-                    .map(|outputs| inputs.passed(outputs));
-                Fragment {
-                    program,
-                    passed: passed.map(|rows| Passing {
-                        is_constant: rows.is_constant(),
-                        rows,
-                    }),
-                    inputs,
-                    per_sample: per_sample && samples > 1,
-                    is_serial: facts.reads_attachments || facts.interlock.is_some(),
-                    sees_tests: facts.post_depth_coverage,
-                    subgroups: program.max_wave_subgroups().clamp(1, 32),
-                }
-            }),
-            order: order(&facts, &output, &tests),
+            program,
+            direct,
+            order,
             tests,
             output,
             samples,

@@ -1,27 +1,59 @@
 //! Texels of sixteen pixels, as words: loaded from an attachment and stored to it.
 
-use super::lanes::{BY_ROWS, Row};
-use crate::raster::Target;
+use spirv_jit::image::vector::Vector;
 
-/// Where sixteen pixels are: four quads.
+use super::lanes::{BY_ROWS, Row, load_words, row_of, rows_of};
+use crate::raster::Target;
+use crate::raster::primitive::Bounds;
+
+/// How sixteen pixels lie.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Pattern {
+    /// One behind the other, from the first place on.
+    Row,
+    /// A 4×4 block: quads row by row.
+    Block,
+    /// Quads anywhere.
+    #[default]
+    Quads,
+}
+
+/// Where sixteen pixels are.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Places {
     /// The first pixel of each quad, in the attachments.
     pub x: [i32; 4],
     pub y: [i32; 4],
     pub layer: [u32; 4],
-    /// The quads are those of one 4×4 block, all of it inside the render area.
-    pub is_block: bool,
+    /// What is not [`Pattern::Quads`] lies in the render area as a whole.
+    pub pattern: Pattern,
 }
 
 impl Places {
     /// Those of the 4×4 block at (x, y).
-    pub fn block(x: i32, y: i32, layer: u32, is_block: bool) -> Self {
+    #[inline(always)]
+    pub fn block([x, y]: [i32; 2], layer: u32, area: &Bounds) -> Self {
+        let is_inside =
+            x >= area.left && y >= area.top && x + 4 <= area.right && y + 4 <= area.bottom;
         Self {
             x: [x, x + 2, x, x + 2],
             y: [y, y, y + 2, y + 2],
             layer: [layer; 4],
-            is_block,
+            pattern: match is_inside {
+                true => Pattern::Block,
+                false => Pattern::Quads,
+            },
+        }
+    }
+
+    /// Sixteen pixels of a row, from (x, y) on, in the render area.
+    #[inline(always)]
+    pub fn row(x: i32, y: i32, layer: u32) -> Self {
+        Self {
+            x: [x; 4],
+            y: [y; 4],
+            layer: [layer; 4],
+            pattern: Pattern::Row,
         }
     }
 }
@@ -30,6 +62,7 @@ impl Places {
 pub type Words = [Row; 4];
 
 /// The first byte of a quad's texels.
+#[inline(always)]
 fn quad(target: &Target, places: &Places, quad: usize, sample: u32) -> *mut u8 {
     let slice = target.first_layer + places.layer[quad];
     let (x, y) = (places.x[quad] as u32, places.y[quad] as u32);
@@ -75,7 +108,9 @@ macro_rules! large_texel {
 
             #[inline(always)]
             fn from_words(words: [u32; 4]) -> Self {
-                std::array::from_fn(|index| words[index])
+                let mut texel = [0; $words];
+                texel.copy_from_slice(&words[..$words]);
+                texel
             }
         }
     )*};
@@ -91,7 +126,10 @@ unsafe fn load_as<T: Texel>(target: &Target, places: &Places, sample: u32, mask:
     let mut texels = [T::default(); 16];
     // SAFETY: texels of pixels of the mask, or of a block that is inside the render area; those are in the attachment.
     unsafe {
-        if places.is_block {
+        if places.pattern == Pattern::Row {
+            let first = quad(target, places, 0, sample);
+            texels = first.cast::<[T; 16]>().read_unaligned();
+        } else if places.pattern == Pattern::Block {
             let first = quad(target, places, 0, sample);
             let mut rows = [T::default(); 16];
             for row in 0..4 {
@@ -146,25 +184,37 @@ unsafe fn store_as<T: Texel>(
     let stride = target.surface.row_stride_bytes as usize;
     let mut texels = [T::default(); 16];
     for lane in 0..16 {
-        texels[lane] = T::from_words(std::array::from_fn(|index| match index < T::WORDS {
-            true => words[index][lane],
-            false => 0,
-        }));
+        let mut texel = [0; 4];
+        for index in 0..T::WORDS {
+            texel[index] = words[index][lane];
+        }
+        texels[lane] = T::from_words(texel);
     }
     // SAFETY: texels of pixels of the mask, which are in the attachment; `wrapping_add` reaches no others.
     unsafe {
-        if places.is_block && mask == u16::MAX {
+        if places.pattern == Pattern::Row {
+            let first = quad(target, places, 0, sample).cast::<T>();
+            if mask == u16::MAX {
+                return first.cast::<[T; 16]>().write_unaligned(texels);
+            }
+            for lane in 0..16 {
+                if mask >> lane & 1 != 0 {
+                    first.add(lane).write_unaligned(texels[lane]);
+                }
+            }
+            return;
+        }
+        if places.pattern == Pattern::Block && mask == u16::MAX {
             let first = quad(target, places, 0, sample);
             let mut rows = [T::default(); 16];
             for lane in 0..16 {
                 rows[BY_ROWS[lane]] = texels[lane];
             }
             for row in 0..4 {
-                let texels: [T; 4] = std::array::from_fn(|column| rows[4 * row + column]);
-                first
-                    .add(row * stride)
-                    .cast::<[T; 4]>()
-                    .write_unaligned(texels);
+                let mut texels = [T::default(); 4];
+                texels.copy_from_slice(&rows[4 * row..4 * row + 4]);
+                let to = first.add(row * stride).cast::<[T; 4]>();
+                to.write_unaligned(texels);
             }
             return;
         }
@@ -198,15 +248,57 @@ unsafe fn store_as<T: Texel>(
 /// Loads the texels of a sample of the pixels of a mask; other lanes hold anything.
 ///
 /// # Safety
-/// The pixels of the mask lie in the attachment, as do the layers and the sample; a block does as a whole. Nobody else writes there.
+/// The pixels of the mask lie in the attachment, as do the layers and the sample; a row and a block do as a whole. Nobody else writes there.
 #[inline(always)]
-pub unsafe fn load(target: &Target, places: &Places, sample: u32, mask: u16) -> Words {
+pub unsafe fn load<V: Vector>(
+    v: V,
+    target: &Target,
+    places: &Places,
+    sample: u32,
+    mask: u16,
+) -> [V::I; 4] {
+    let size = target.surface.texel_size_bytes;
+    // SAFETY: the caller's promise.
+    unsafe {
+        if size == 4 {
+            let words = load_word(v, target, places, sample, mask);
+            let none = v.splat_i(0);
+            return [words, none, none, none];
+        }
+        load_words(v, &load_rows(target, places, sample, mask))
+    }
+}
+
+/// # Safety
+/// As [`load`].
+#[inline(always)]
+unsafe fn load_word<V: Vector>(
+    v: V,
+    target: &Target,
+    places: &Places,
+    sample: u32,
+    mask: u16,
+) -> V::I {
+    let first = quad(target, places, 0, sample);
+    // SAFETY: the caller's promise.
+    unsafe {
+        match places.pattern {
+            Pattern::Row => v.load_i(&first.cast::<Row>().read_unaligned()),
+            Pattern::Block => v.load_quads(first, target.surface.row_stride_bytes as usize),
+            Pattern::Quads => v.load_i(&load_as::<u32>(target, places, sample, mask)[0]),
+        }
+    }
+}
+
+/// # Safety
+/// As [`load`].
+#[inline(never)]
+unsafe fn load_rows(target: &Target, places: &Places, sample: u32, mask: u16) -> Words {
     // SAFETY: the caller's promise.
     unsafe {
         match target.surface.texel_size_bytes {
             1 => load_as::<u8>(target, places, sample, mask),
             2 => load_as::<u16>(target, places, sample, mask),
-            4 => load_as::<u32>(target, places, sample, mask),
             8 => load_as::<[u32; 2]>(target, places, sample, mask),
             12 => load_as::<[u32; 3]>(target, places, sample, mask),
             16 => load_as::<[u32; 4]>(target, places, sample, mask),
@@ -215,22 +307,124 @@ pub unsafe fn load(target: &Target, places: &Places, sample: u32, mask: u16) -> 
     }
 }
 
-/// Stores the texels of a sample of the pixels of a mask.
+/// Stores the texels of a sample of the pixels of a mask. In a row and a block, the others are stored as they are.
 ///
 /// # Safety
 /// As [`load`].
 #[inline(always)]
-pub unsafe fn store(target: &Target, places: &Places, sample: u32, mask: u16, words: &Words) {
+pub unsafe fn store<V: Vector>(
+    v: V,
+    target: &Target,
+    places: &Places,
+    sample: u32,
+    mask: u16,
+    words: &[V::I; 4],
+) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        if target.surface.texel_size_bytes != 4 {
+            return store_rows(target, places, sample, mask, &rows_of(v, words));
+        }
+        if places.pattern == Pattern::Quads {
+            let mut rows = [[0; 16]; 4];
+            v.store_i(words[0], &mut rows[0]);
+            return store_as::<u32>(target, places, sample, mask, &rows);
+        }
+        let mut new = words[0];
+        if mask != u16::MAX {
+            new = v.select(mask, new, load_word(v, target, places, sample, mask));
+        }
+        let first = quad(target, places, 0, sample);
+        if places.pattern == Pattern::Row {
+            first.cast::<Row>().write_unaligned(row_of(v, new));
+        } else {
+            v.store_quads(new, first, target.surface.row_stride_bytes as usize);
+        }
+    }
+}
+
+/// # Safety
+/// As [`load`].
+#[inline(never)]
+unsafe fn store_rows(target: &Target, places: &Places, sample: u32, mask: u16, words: &Words) {
     // SAFETY: the caller's promise.
     unsafe {
         match target.surface.texel_size_bytes {
             1 => store_as::<u8>(target, places, sample, mask, words),
             2 => store_as::<u16>(target, places, sample, mask, words),
-            4 => store_as::<u32>(target, places, sample, mask, words),
             8 => store_as::<[u32; 2]>(target, places, sample, mask, words),
             12 => store_as::<[u32; 3]>(target, places, sample, mask, words),
             16 => store_as::<[u32; 4]>(target, places, sample, mask, words),
             _ => {}
         }
     }
+}
+
+/// Fills the texels of a sample of a square of pixels with one texel's words.
+///
+/// # Safety
+/// The square lies in the attachment, as do the layer and the sample, and nobody else writes there.
+#[inline(always)]
+pub unsafe fn fill(
+    target: &Target,
+    [left, top]: [i32; 2],
+    size: i32,
+    layer: u32,
+    sample: u32,
+    words: &[u32; 4],
+) {
+    let surface = &target.surface;
+    let slice = target.first_layer + layer;
+    let mut row = surface.texel(left as u32, top as u32, slice, sample);
+    for _ in 0..size {
+        // SAFETY: the caller's promise.
+        unsafe {
+            match surface.texel_size_bytes {
+                1 => fill_row::<u8>(row, size, words),
+                2 => fill_row::<u16>(row, size, words),
+                4 => fill_row::<u32>(row, size, words),
+                8 => fill_row::<[u32; 2]>(row, size, words),
+                12 => fill_row::<[u32; 3]>(row, size, words),
+                16 => fill_row::<[u32; 4]>(row, size, words),
+                _ => {}
+            }
+        }
+        row = row.wrapping_add(surface.row_stride_bytes as usize);
+    }
+}
+
+/// # Safety
+/// So many texels are writable.
+#[inline(always)]
+unsafe fn fill_row<T: Texel>(row: *mut u8, count: i32, words: &[u32; 4]) {
+    let texel = T::from_words(*words);
+    for index in 0..count as usize {
+        // SAFETY: the caller's promise.
+        unsafe { row.cast::<T>().add(index).write_unaligned(texel) };
+    }
+}
+
+/// As [`load`], for a plane of stencil values.
+///
+/// # Safety
+/// As [`load`].
+pub unsafe fn load_stencils(target: &Target, places: &Places, sample: u32, mask: u16) -> Row {
+    // SAFETY: the caller's promise.
+    unsafe { load_rows(target, places, sample, mask)[0] }
+}
+
+/// As [`store`], for a plane of stencil values.
+///
+/// # Safety
+/// As [`load`].
+pub unsafe fn store_stencils(
+    target: &Target,
+    places: &Places,
+    sample: u32,
+    mask: u16,
+    values: &Row,
+) {
+    let words = [*values, [0; 16], [0; 16], [0; 16]];
+    // SAFETY: the caller's promise.
+    unsafe { store_rows(target, places, sample, mask, &words) };
 }

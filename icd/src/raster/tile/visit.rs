@@ -2,17 +2,19 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use spirv_jit::Program;
+use spirv_jit::image::vector::Vector;
 use spirv_jit::interp::TierKind;
 use spirv_jit::program::AlignedRow;
 
 use super::clear::{clear_tile, meet};
-use super::coverage::{Block, convex, listed};
+use super::coverage::{Block, Covered, convex, listed};
 use super::depth::Tested;
+use super::direct::{self, Part};
 use super::inputs::{self, Fragments, depths};
-use super::lanes::{Floats, LANE_X, LANE_Y, floats_of, lanes_of};
-use super::output::Texels;
+use super::lanes::{IN_BLOCK, LANE_X, LANE_Y, Row, lanes_of, vectors};
 use super::pack::{Found, Origin, Pack, Packs};
-use super::plan::{Fragment, Order, Passing, Plan, Plans};
+use super::plan::{Fragment, Order, Plan, Plans};
 use super::samples::{MAX_SAMPLES, from_center, locations};
 use super::texels::Places;
 use crate::compute::waves::Runner;
@@ -22,6 +24,9 @@ use crate::wave::Stopped;
 
 /// Shapes between two looks at the limits.
 const SHAPES: usize = 1024;
+
+/// A bit a sample.
+const ALL_SAMPLES: u32 = (1 << MAX_SAMPLES) - 1;
 
 /// What all tiles of a round share.
 pub struct Round<'a> {
@@ -39,19 +44,17 @@ pub struct Round<'a> {
 #[derive(Default)]
 pub struct Worker {
     runner: Runner,
-    blocks: Vec<Block>,
+    covered: Covered,
+    /// Blocks' masks before the tests.
+    coverage: Vec<[u16; MAX_SAMPLES]>,
     packs: Packs,
-    /// Outputs of fragments that no program runs for.
-    rows: Vec<AlignedRow>,
-    /// Texels of a primitive all of whose fragments are the same; none where there is more to do.
-    solid: Option<(Origin, Option<Texels>)>,
 }
 
 /// What a draw's queries count in a tile.
 #[derive(Default)]
-struct Counts {
-    samples: u64,
-    invocations: u64,
+pub struct Counts {
+    pub samples: u64,
+    pub invocations: u64,
 }
 
 /// The draw whose shapes are worked off.
@@ -78,7 +81,6 @@ impl Worker {
     /// When a limit stopped it.
     pub fn visit(&mut self, round: &Round<'_>, tile: usize) -> Result<(), Stopped> {
         self.packs.clear();
-        self.solid = None;
         let mut visit = Visit {
             round,
             worker: self,
@@ -152,202 +154,135 @@ impl<'a> Visit<'a> {
         let Some(current) = self.take_draw(record.draw)? else {
             return Ok(());
         };
-        let samples = current.plan.samples;
-        let mut blocks = std::mem::take(&mut self.worker.blocks);
-        blocks.clear();
-        match &shape.coverage {
-            Coverage::Convex { edges, count } => convex(
-                self.round.tier,
-                &edges[..usize::from(*count).min(4)],
-                &self.bounds,
-                &clip,
-                samples,
-                &mut blocks,
-            ),
-            Coverage::Pixels { first, count } => {
-                let (first, count) = (*first as usize, *count as usize);
-                let list = chunk.pixels.get(first..).unwrap_or_default();
-                let list = &list[..count.min(list.len())];
-                listed(list, &self.bounds, &clip, samples, &mut blocks);
-            }
-        }
+        let mut covered = std::mem::take(&mut self.worker.covered);
+        covered.clear();
+        self.cover(chunk, shape, &clip, current.plan.samples, &mut covered);
         let origin = Origin {
             chunk: index,
             record: shape.record,
         };
-        let mut result = Ok(());
-        for block in &blocks {
-            result = self.block(current, origin, record, block);
-            if result.is_err() {
-                break;
+        let result = match &current.plan.direct {
+            Some(direct) => {
+                let part = Part {
+                    record,
+                    outputs: &chunk.outputs,
+                    corner: [self.bounds.left, self.bounds.top],
+                    area: &self.round.area,
+                };
+                let (tier, plan) = (self.round.tier, current.plan);
+                // SAFETY: what is covered lies in the clip, which lies in the render area, and with it in all attachments; the layer was checked, and a tile belongs to one worker.
+                unsafe { direct::draw(tier, plan, direct, &part, &covered, &mut self.counts) };
+                Ok(())
             }
-        }
-        self.worker.blocks = blocks;
+            None => self.fragments(current, origin, record, &mut covered),
+        };
+        self.worker.covered = covered;
         result
     }
 
-    /// Tests a block's fragments, as far as that comes first, and adds those that are left to the wave.
-    fn block(
+    fn cover(
+        &self,
+        chunk: &Chunk,
+        shape: &Shape,
+        clip: &Bounds,
+        samples: u32,
+        covered: &mut Covered,
+    ) {
+        match &shape.coverage {
+            Coverage::Convex { edges, count } => {
+                let edges = &edges[..usize::from(*count).min(4)];
+                convex(self.round.tier, edges, &self.bounds, clip, samples, covered);
+            }
+            Coverage::Pixels { first, count } => {
+                let (first, count) = (*first as usize, *count as usize);
+                let list = chunk.pixels.get(first..).unwrap_or_default();
+                let list = &list[..count.min(list.len())];
+                listed(list, &self.bounds, clip, samples, &mut covered.blocks);
+            }
+        }
+    }
+
+    /// Tests the fragments of a program, as far as that comes first, and adds those that are left to the wave.
+    fn fragments(
         &mut self,
         current: Current<'a>,
         origin: Origin,
         record: &Record,
-        block: &Block,
+        covered: &mut Covered,
     ) -> Result<(), Stopped> {
         let Current { plan, .. } = current;
-        let (x, y) = (
-            self.bounds.left + i32::from(block.x),
-            self.bounds.top + i32::from(block.y),
-        );
-        let area = &self.round.area;
-        let is_inside =
-            x >= area.left && y >= area.top && x + 4 <= area.right && y + 4 <= area.bottom;
-        let places = Places::block(x, y, record.layer, is_inside);
-        let mut masks = block.masks;
-        for (sample, mask) in masks.iter_mut().enumerate() {
-            if plan.sample_mask >> sample & 1 == 0 {
-                *mask = 0;
-            }
-        }
-        let covered = any(&masks);
-        if covered == 0 {
-            return Ok(());
-        }
-        let mut coverage = masks;
-        let serial = plan.program.as_ref().is_some_and(|it| it.is_serial);
-        if serial && self.worker.packs.holds_any(&places, covered) {
-            self.run_wave()?;
-        }
-        match plan.order {
-            Order::Early => {
-                self.test_block(plan, record, &places, &mut masks);
-                self.counts.samples += count(&masks);
-            }
-            Order::LateButSeen => self.look_at_block(plan, record, &places, &mut masks),
-            Order::Late => {}
-        }
         let Some(fragment) = &plan.program else {
             return Ok(());
         };
-        if any(&masks) != 0 {
-            if let Some(passing) = &fragment.passed {
-                self.pass(plan, passing, origin, &places, &masks, &coverage);
-                return Ok(());
+        covered.split(plan.samples);
+        if plan.sample_mask & ALL_SAMPLES != ALL_SAMPLES {
+            for block in &mut covered.blocks {
+                for (sample, mask) in block.masks.iter_mut().enumerate() {
+                    *mask &= if plan.sample_mask >> sample & 1 != 0 {
+                        u16::MAX
+                    } else {
+                        0
+                    };
+                }
             }
-            if fragment.sees_tests {
-                coverage = masks;
+        }
+        if !fragment.is_serial {
+            return self.some_fragments(plan, fragment, origin, record, &mut covered.blocks);
+        }
+        // A fragment sees what those before it left: all of it, before its own tests.
+        for block in &mut covered.blocks {
+            let places = self.places(record, block);
+            if self.worker.packs.holds_any(&places, any(&block.masks)) {
+                self.run_wave()?;
             }
-            self.add(fragment, origin, &places, &masks, &coverage)?;
+            let block = std::slice::from_mut(block);
+            self.some_fragments(plan, fragment, origin, record, block)?;
         }
         Ok(())
     }
 
-    /// Depths of a block's fragments at a sample.
-    fn depths_of_block(
-        &self,
-        plan: &Plan<'_>,
-        record: &Record,
-        places: &Places,
-        sample: usize,
-    ) -> Floats {
-        let range = plan.clamps_depth.then_some(record.depth_range);
-        let location = locations(plan.samples)[sample];
-        depths(
-            self.round.tier,
-            record,
-            places.x[0],
-            places.y[0],
-            location,
-            range,
-        )
+    fn places(&self, record: &Record, block: &Block) -> Places {
+        let corner = [self.bounds.left, self.bounds.top];
+        Places::block(block.place(corner), record.layer, &self.round.area)
     }
 
-    fn test_block(
-        &self,
-        plan: &Plan<'_>,
-        record: &Record,
-        places: &Places,
-        masks: &mut [u16; MAX_SAMPLES],
-    ) {
-        if plan.tests.is_empty() {
-            return;
-        }
-        let front = if record.front { u16::MAX } else { 0 };
-        for (sample, mask) in masks.iter_mut().enumerate().take(plan.samples as usize) {
-            if *mask == 0 {
-                continue;
-            }
-            let depths = match plan.tests.uses_depths() {
-                true => self.depths_of_block(plan, record, places, sample),
-                false => [0.0; 16],
-            };
-            let tested = Tested {
-                places,
-                front,
-                depths: &depths,
-                references: None,
-            };
-            // SAFETY: the lanes of the mask lie in the render area and with it in all attachments, the layer was checked, and a tile belongs to one worker.
-            *mask = unsafe { plan.tests.run(&tested, sample as u32, *mask) };
-        }
-    }
-
-    fn look_at_block(
-        &self,
-        plan: &Plan<'_>,
-        record: &Record,
-        places: &Places,
-        masks: &mut [u16; MAX_SAMPLES],
-    ) {
-        for (sample, mask) in masks.iter_mut().enumerate().take(plan.samples as usize) {
-            if *mask == 0 {
-                continue;
-            }
-            let depths = self.depths_of_block(plan, record, places, sample);
-            // SAFETY: as for the tests.
-            *mask = unsafe { plan.tests.may_pass(places, &depths, sample as u32, *mask) };
-        }
-    }
-
-    /// Does what a program would that computes nothing.
-    fn pass(
+    fn some_fragments(
         &mut self,
         plan: &Plan<'_>,
-        passing: &Passing,
+        fragment: &Fragment<'_>,
         origin: Origin,
-        places: &Places,
-        masks: &[u16; MAX_SAMPLES],
-        coverage: &[u16; MAX_SAMPLES],
-    ) {
-        self.counts.invocations += u64::from(any(masks).count_ones());
-        let solid = self.worker.solid.as_ref();
-        if let Some((of, Some(texels))) = solid
-            && *of == origin
-            && plan.order == Order::Early
-        {
-            // SAFETY: as for the tests.
-            return unsafe { plan.output.write_texels(texels, places, masks) };
+        record: &Record,
+        blocks: &mut [Block],
+    ) -> Result<(), Stopped> {
+        let mut coverage = std::mem::take(&mut self.worker.coverage);
+        coverage.clear();
+        coverage.extend(blocks.iter().map(|block| block.masks));
+        if plan.order != Order::Late && !plan.tests.is_empty() {
+            let (corner, area) = ([self.bounds.left, self.bounds.top], &self.round.area);
+            // SAFETY: as for direct fragments.
+            unsafe { test_blocks(self.round.tier, plan, record, corner, area, blocks) };
         }
-        let pack = Pack {
-            places: *places,
-            origins: [origin; 4],
-            is_uniform: true,
-            sample: [0; 4],
-            masks: *masks,
-            coverage: *coverage,
-            quads: 0xf,
-        };
-        let mut rows = std::mem::take(&mut self.worker.rows);
-        rows.resize(passing.rows.len(), AlignedRow::default());
-        let fragments = fragments_of(self.round.chunks, &pack);
-        passing.rows.fill(self.round.tier, &fragments, &mut rows);
-        let is_new = solid.is_none_or(|(of, _)| *of != origin);
-        if passing.is_constant && is_new {
-            self.worker.solid = Some((origin, plan.output.texels(&rows)));
+        let mut result = Ok(());
+        for (block, coverage) in blocks.iter().zip(&coverage) {
+            if plan.order == Order::Early {
+                self.counts.samples += count(&block.masks);
+            }
+            if any(&block.masks) == 0 {
+                continue;
+            }
+            let coverage = if fragment.sees_tests {
+                &block.masks
+            } else {
+                coverage
+            };
+            let places = self.places(record, block);
+            result = self.add(fragment, origin, &places, &block.masks, coverage);
+            if result.is_err() {
+                break;
+            }
         }
-        let chunks = self.round.chunks;
-        finish(chunks, plan, &rows, &pack, *masks, &mut self.counts);
-        self.worker.rows = rows;
+        self.worker.coverage = coverage;
+        result
     }
 
     fn add(
@@ -428,69 +363,140 @@ impl<'a> Visit<'a> {
             &current.draw.environment,
             self.round.context.limits,
         )?;
-        for (index, pack) in packs.iter().enumerate() {
-            let state = self.worker.runner.state(index);
-            let live = !program.helpers(state);
-            let masks = pack.masks.map(|mask| mask & live);
-            let rows = &state[layout.io..];
-            finish(
-                self.round.chunks,
-                current.plan,
-                rows,
-                pack,
-                masks,
-                &mut self.counts,
-            );
+        // SAFETY: as for direct fragments: these come from blocks, too.
+        unsafe {
+            let (tier, chunks, plan) = (self.round.tier, self.round.chunks, current.plan);
+            let runner = &mut self.worker.runner;
+            finish(tier, chunks, plan, program, runner, packs, &mut self.counts);
         }
         Ok(())
     }
 }
 
-/// Late tests of a subgroup's fragments, and their colours. `masks`: those that the program left.
-fn finish(
+vectors! {
+    /// Does the tests of blocks that come before the program.
+    ///
+    /// # Safety
+    /// The pixels of the masks lie in the render area and with it in all attachments, as does the layer; the tile belongs to the caller.
+    unsafe fn test_blocks<V>(
+        v,
+        plan: &Plan<'_>,
+        record: &Record,
+        corner: [i32; 2],
+        area: &Bounds,
+        blocks: &mut [Block],
+    ) {
+        let front = if record.front { u16::MAX } else { 0 };
+        let range = plan.clamps_depth.then_some(record.depth_range);
+        let locations = locations(plan.samples);
+        for block in blocks {
+            let place = block.place(corner);
+            let places = Places::block(place, record.layer, area);
+            for (sample, mask) in block.masks.iter_mut().enumerate().take(plan.samples as usize) {
+                if *mask == 0 {
+                    continue;
+                }
+                let depths = depths(v, record, place, &IN_BLOCK, locations[sample], range);
+                // SAFETY: the caller's promise.
+                *mask = unsafe {
+                    if plan.order == Order::Early {
+                        let tested = Tested {
+                            places: &places,
+                            front,
+                            depths,
+                            references: None,
+                        };
+                        plan.tests.run(v, &tested, sample as u32, *mask)
+                    } else {
+                        plan.tests.may_pass(v, &places, depths, sample as u32, *mask)
+                    }
+                };
+            }
+        }
+    }
+}
+
+vectors! {
+    /// Late tests of a wave's fragments, and their colours.
+    ///
+    /// # Safety
+    /// As [`test_blocks`].
+    unsafe fn finish<V>(
+        v,
+        chunks: &[Chunk],
+        plan: &Plan<'_>,
+        program: &Program,
+        runner: &mut Runner,
+        packs: &[Pack],
+        counts: &mut Counts,
+    ) {
+        let io = program.layout().io;
+        for (index, pack) in packs.iter().enumerate() {
+            let state = runner.state(index);
+            let live = !program.helpers(state);
+            let mut masks = pack.masks;
+            for mask in &mut masks {
+                *mask &= live;
+            }
+            let rows = &state[io..];
+            plan.output.drop_samples(rows, &mut masks);
+            if any(&masks) == 0 {
+                continue;
+            }
+            if plan.order != Order::Early {
+                // SAFETY: the caller's promise.
+                unsafe { test_late(v, chunks, plan, rows, pack, &mut masks) };
+                counts.samples += count(&masks);
+            }
+            // SAFETY: as above.
+            unsafe { plan.output.write(v, rows, &pack.places, &masks) };
+        }
+    }
+}
+
+/// # Safety
+/// As [`test_blocks`].
+#[inline(always)]
+unsafe fn test_late<V: Vector>(
+    v: V,
     chunks: &[Chunk],
     plan: &Plan<'_>,
     rows: &[AlignedRow],
     pack: &Pack,
-    mut masks: [u16; MAX_SAMPLES],
-    counts: &mut Counts,
+    masks: &mut [u16; MAX_SAMPLES],
 ) {
-    plan.output.drop_samples(rows, &mut masks);
-    if any(&masks) == 0 {
+    if plan.tests.is_empty() {
         return;
     }
-    if plan.order != Order::Early {
-        let fragments = fragments_of(chunks, pack);
-        let front = (0..4).filter(|&quad| fragments.records[quad].front);
-        let front = lanes_of(front.fold(0, |quads, quad| quads | 1 << quad));
-        let written = plan.output.depth.map(|row| floats_of(&rows[row].0));
-        let references = plan.output.stencil.map(|row| &rows[row].0);
-        for (sample, mask) in masks.iter_mut().enumerate().take(plan.samples as usize) {
-            if *mask == 0 || plan.tests.is_empty() {
-                continue;
-            }
-            let depths = depths_of_pack(plan, &fragments, sample, written.as_ref());
-            let tested = Tested {
-                places: &pack.places,
-                front,
-                depths: &depths,
-                references,
-            };
-            // SAFETY: as for a block's tests: the fragments come from blocks.
-            *mask = unsafe { plan.tests.run(&tested, sample as u32, *mask) };
+    let fragments = fragments_of(chunks, pack);
+    let front = (0..4).filter(|&quad| fragments.records[quad].front);
+    let front = lanes_of(front.fold(0, |quads, quad| quads | 1 << quad));
+    let written = plan.output.depth.map(|row| &rows[row].0);
+    let references = plan.output.stencil.map(|row| &rows[row].0);
+    for (sample, mask) in masks.iter_mut().enumerate().take(plan.samples as usize) {
+        if *mask == 0 {
+            continue;
         }
-        counts.samples += count(&masks);
+        let tested = Tested {
+            places: &pack.places,
+            front,
+            depths: v.load(&depths_of_pack(plan, &fragments, sample, written)),
+            references,
+        };
+        // SAFETY: the caller's promise.
+        *mask = unsafe { plan.tests.run(v, &tested, sample as u32, *mask) };
     }
-    // SAFETY: as above.
-    unsafe { plan.output.write(rows, &pack.places, &masks) };
 }
+
 /// All lanes of any sample.
-fn any(masks: &[u16; MAX_SAMPLES]) -> u16 {
+#[inline(always)]
+pub fn any(masks: &[u16; MAX_SAMPLES]) -> u16 {
     masks.iter().fold(0, |all, mask| all | mask)
 }
 
 /// Covered samples.
-fn count(masks: &[u16; MAX_SAMPLES]) -> u64 {
+#[inline(always)]
+pub fn count(masks: &[u16; MAX_SAMPLES]) -> u64 {
     masks.iter().map(|mask| u64::from(mask.count_ones())).sum()
 }
 
@@ -515,15 +521,16 @@ fn fragments_of<'a>(chunks: &'a [Chunk], pack: &'a Pack) -> Fragments<'a> {
 }
 
 /// Depths of a subgroup's fragments at a sample: what the program wrote, or the planes' values.
+#[inline(always)]
 fn depths_of_pack(
     plan: &Plan<'_>,
     fragments: &Fragments<'_>,
     sample: usize,
-    written: Option<&Floats>,
-) -> Floats {
-    let mut depths = [0.0; 16];
+    written: Option<&Row>,
+) -> Row {
+    let mut depths = [0; 16];
     let [inside_x, inside_y] = from_center(locations(plan.samples)[sample]);
-    for (lane, depth) in depths.iter_mut().enumerate() {
+    for lane in 0..16 {
         let quad = lane / 4;
         let record = fragments.records[quad];
         let from =
@@ -532,11 +539,11 @@ fn depths_of_pack(
         let y = inside_y + from(fragments.y[quad], record.origin[1], LANE_Y[lane]);
         let plane = &record.depth;
         let value = match written {
-            Some(written) => written[lane],
+            Some(written) => f32::from_bits(written[lane]),
             None => plane.at + plane.dx * x + plane.dy * y,
         };
         let range = plan.clamps_depth.then_some(record.depth_range);
-        *depth = inputs::clamp(value, range);
+        depths[lane] = inputs::clamp(value, range).to_bits();
     }
     depths
 }

@@ -7,7 +7,7 @@ use crate::program::Row;
 
 /// AVX2, FMA and F16C.
 #[derive(Clone, Copy)]
-pub(crate) struct Avx2(());
+pub struct Avx2(());
 
 type F = [__m256; 2];
 type I = [__m256i; 2];
@@ -180,13 +180,7 @@ impl Vector for Avx2 {
     fn keep(self, a: I, mask: u16) -> I {
         // SAFETY: the token.
         unsafe {
-            let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
-            let low = _mm256_and_si256(_mm256_set1_epi32(mask as i32), bits);
-            let high = _mm256_and_si256(_mm256_set1_epi32(mask as i32 >> 8), bits);
-            let lanes = [
-                _mm256_cmpeq_epi32(low, bits),
-                _mm256_cmpeq_epi32(high, bits),
-            ];
+            let lanes = lanes(mask);
             self.and_i(a, lanes)
         }
     }
@@ -229,6 +223,63 @@ impl Vector for Avx2 {
         (low | high << 8) as u16
     }
     #[inline(always)]
+    fn ge(self, a: F, b: F) -> u16 {
+        // SAFETY: the token.
+        let (low, high) = unsafe {
+            let low = _mm256_cmp_ps::<_CMP_GE_OQ>(a[0], b[0]);
+            let high = _mm256_cmp_ps::<_CMP_GE_OQ>(a[1], b[1]);
+            (_mm256_movemask_ps(low), _mm256_movemask_ps(high))
+        };
+        (low | high << 8) as u16
+    }
+    #[inline(always)]
+    fn eq(self, a: F, b: F) -> u16 {
+        // SAFETY: the token.
+        let (low, high) = unsafe {
+            let low = _mm256_cmp_ps::<_CMP_EQ_OQ>(a[0], b[0]);
+            let high = _mm256_cmp_ps::<_CMP_EQ_OQ>(a[1], b[1]);
+            (_mm256_movemask_ps(low), _mm256_movemask_ps(high))
+        };
+        (low | high << 8) as u16
+    }
+    #[inline(always)]
+    fn select(self, mask: u16, a: I, b: I) -> I {
+        // SAFETY: the token.
+        unsafe {
+            let lanes = lanes(mask);
+            [
+                _mm256_blendv_epi8(b[0], a[0], lanes[0]),
+                _mm256_blendv_epi8(b[1], a[1], lanes[1]),
+            ]
+        }
+    }
+    #[inline(always)]
+    unsafe fn load_quads(self, at: *const u8, stride_bytes: usize) -> I {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let (second, third) = (at.add(stride_bytes), at.add(2 * stride_bytes));
+            let fourth = at.add(3 * stride_bytes);
+            let upper = _mm256_loadu2_m128i(second.cast(), at.cast());
+            let lower = _mm256_loadu2_m128i(fourth.cast(), third.cast());
+            [
+                _mm256_permute4x64_epi64::<0b11_01_10_00>(upper),
+                _mm256_permute4x64_epi64::<0b11_01_10_00>(lower),
+            ]
+        }
+    }
+    #[inline(always)]
+    unsafe fn store_quads(self, [upper, lower]: I, at: *mut u8, stride_bytes: usize) {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let upper = _mm256_permute4x64_epi64::<0b11_01_10_00>(upper);
+            let lower = _mm256_permute4x64_epi64::<0b11_01_10_00>(lower);
+            let (second, third) = (at.add(stride_bytes), at.add(2 * stride_bytes));
+            let fourth = at.add(3 * stride_bytes);
+            _mm256_storeu2_m128i(second.cast(), at.cast(), upper);
+            _mm256_storeu2_m128i(fourth.cast(), third.cast(), lower);
+        }
+    }
+    #[inline(always)]
     unsafe fn gather(self, base: *const u8, [a, b]: I) -> I {
         // SAFETY: the token, and the caller's promise.
         unsafe {
@@ -246,6 +297,24 @@ impl Vector for Avx2 {
             let (a1, b1) = gather_halves(base, b);
             ([a0, a1], [b0, b1])
         }
+    }
+}
+
+/// All ones in the lanes of a mask.
+///
+/// # Safety
+/// The machine has AVX2.
+#[inline(always)]
+unsafe fn lanes(mask: u16) -> I {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+        let low = _mm256_and_si256(_mm256_set1_epi32(mask as i32), bits);
+        let high = _mm256_and_si256(_mm256_set1_epi32(mask as i32 >> 8), bits);
+        [
+            _mm256_cmpeq_epi32(low, bits),
+            _mm256_cmpeq_epi32(high, bits),
+        ]
     }
 }
 

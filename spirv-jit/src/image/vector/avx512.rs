@@ -7,7 +7,7 @@ use crate::program::Row;
 
 /// AVX-512 F, VL, DQ and BW.
 #[derive(Clone, Copy)]
-pub(crate) struct Avx512(());
+pub struct Avx512(());
 
 type F = __m512;
 type I = __m512i;
@@ -93,6 +93,38 @@ impl Vector for Avx512 {
         fn ne_i(a: I, b: I) -> u16 = _mm512_cmpneq_epi32_mask(a, b);
         fn lt_u(a: I, b: I) -> u16 = _mm512_cmplt_epu32_mask(a, b);
         fn gt(a: F, b: F) -> u16 = _mm512_cmp_ps_mask::<_CMP_GT_OQ>(a, b);
+        fn ge(a: F, b: F) -> u16 = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(a, b);
+        fn eq(a: F, b: F) -> u16 = _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(a, b);
+        fn select(mask: u16, a: I, b: I) -> I = _mm512_mask_mov_epi32(b, mask, a);
+    }
+
+    #[inline(always)]
+    unsafe fn load_quads(self, at: *const u8, stride_bytes: usize) -> I {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let second = _mm_loadu_si128(at.add(stride_bytes).cast());
+            let third = _mm_loadu_si128(at.add(2 * stride_bytes).cast());
+            let fourth = _mm_loadu_si128(at.add(3 * stride_bytes).cast());
+            let rows = _mm512_castsi128_si512(_mm_loadu_si128(at.cast()));
+            let rows = _mm512_inserti32x4::<1>(rows, second);
+            let rows = _mm512_inserti32x4::<2>(rows, third);
+            let rows = _mm512_inserti32x4::<3>(rows, fourth);
+            _mm512_permutex_epi64::<0b11_01_10_00>(rows)
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn store_quads(self, a: I, at: *mut u8, stride_bytes: usize) {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let rows = _mm512_permutex_epi64::<0b11_01_10_00>(a);
+            let (second, third) = (at.add(stride_bytes), at.add(2 * stride_bytes));
+            let fourth = at.add(3 * stride_bytes);
+            _mm_storeu_si128(at.cast(), _mm512_castsi512_si128(rows));
+            _mm_storeu_si128(second.cast(), _mm512_extracti32x4_epi32::<1>(rows));
+            _mm_storeu_si128(third.cast(), _mm512_extracti32x4_epi32::<2>(rows));
+            _mm_storeu_si128(fourth.cast(), _mm512_extracti32x4_epi32::<3>(rows));
+        }
     }
 
     #[inline(always)]

@@ -10,10 +10,10 @@ mod avx512;
 mod portable;
 
 #[cfg(target_arch = "x86_64")]
-pub(crate) use avx2::Avx2;
+pub use avx2::Avx2;
 #[cfg(target_arch = "x86_64")]
-pub(crate) use avx512::Avx512;
-pub(crate) use portable::Portable;
+pub use avx512::Avx512;
+pub use portable::Portable;
 
 use crate::program::Row;
 
@@ -22,7 +22,7 @@ use crate::program::Row;
 const ROUNDER: f32 = 12_582_912.0;
 
 /// An instruction set, as a token: whoever makes one knows that the machine has it. Where code is compiled for the set too, all of this is inlined.
-pub(crate) trait Vector: Copy {
+pub trait Vector: Copy {
     /// Numbers and words of sixteen lanes.
     type F: Copy;
     type I: Copy;
@@ -88,6 +88,24 @@ pub(crate) trait Vector: Copy {
     /// As unsigned numbers.
     fn lt_u(self, a: Self::I, b: Self::I) -> u16;
     fn gt(self, a: Self::F, b: Self::F) -> u16;
+    /// `a >= b`, and `a == b`: neither holds of a NaN.
+    fn ge(self, a: Self::F, b: Self::F) -> u16;
+    fn eq(self, a: Self::F, b: Self::F) -> u16;
+    /// `a` in the lanes of the mask, `b` in the others.
+    fn select(self, mask: u16, a: Self::I, b: Self::I) -> Self::I;
+
+    /// Four words of each of four rows, which become 2×2 quads: lanes 0 and 1 are from the first row, 2 and 3 from the second, 4 and 5 from the
+    /// first.
+    ///
+    /// # Safety
+    /// Sixteen bytes are readable at `at` and 1 to 3 strides behind it.
+    unsafe fn load_quads(self, at: *const u8, stride_bytes: usize) -> Self::I;
+
+    /// Stores words where [`Self::load_quads`] loads them.
+    ///
+    /// # Safety
+    /// Sixteen bytes are writable at `at` and 1 to 3 strides behind it.
+    unsafe fn store_quads(self, a: Self::I, at: *mut u8, stride_bytes: usize);
 
     /// Words at byte offsets, which are unsigned up to `i32::MAX`.
     ///

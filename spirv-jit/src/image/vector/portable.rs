@@ -7,7 +7,7 @@ use crate::image::format::small_float;
 use crate::program::Row;
 
 #[derive(Clone, Copy)]
-pub(crate) struct Portable;
+pub struct Portable;
 
 type F = [f32; SUBGROUP_SIZE];
 type I = [i32; SUBGROUP_SIZE];
@@ -200,6 +200,50 @@ impl Vector for Portable {
     #[inline(always)]
     fn gt(self, a: F, b: F) -> u16 {
         bits(&a, &b, |x, y| x > y)
+    }
+    #[inline(always)]
+    fn ge(self, a: F, b: F) -> u16 {
+        bits(&a, &b, |x, y| x >= y)
+    }
+    #[inline(always)]
+    fn eq(self, a: F, b: F) -> u16 {
+        bits(&a, &b, |x, y| x == y)
+    }
+    #[inline(always)]
+    fn select(self, mask: u16, a: I, b: I) -> I {
+        let mut out = b;
+        for lane in 0..SUBGROUP_SIZE {
+            if mask >> lane & 1 != 0 {
+                out[lane] = a[lane];
+            }
+        }
+        out
+    }
+    #[inline(always)]
+    unsafe fn load_quads(self, at: *const u8, stride_bytes: usize) -> I {
+        let mut out = [0; SUBGROUP_SIZE];
+        for row in 0..4 {
+            // SAFETY: the caller's promise.
+            let words = unsafe {
+                let row = at.add(row * stride_bytes);
+                row.cast::<[i32; 4]>().read_unaligned()
+            };
+            let first = 8 * (row / 2) + 2 * (row % 2);
+            [out[first], out[first + 1], out[first + 4], out[first + 5]] = words;
+        }
+        out
+    }
+    #[inline(always)]
+    unsafe fn store_quads(self, a: I, at: *mut u8, stride_bytes: usize) {
+        for row in 0..4 {
+            let first = 8 * (row / 2) + 2 * (row % 2);
+            let words = [a[first], a[first + 1], a[first + 4], a[first + 5]];
+            // SAFETY: the caller's promise.
+            unsafe {
+                let row = at.add(row * stride_bytes);
+                row.cast::<[i32; 4]>().write_unaligned(words);
+            }
+        }
     }
     #[inline(always)]
     unsafe fn gather(self, base: *const u8, offsets: I) -> I {

@@ -4,7 +4,7 @@ use spirv_jit::interp::TierKind;
 
 use super::support::{Random, edges};
 use crate::raster::primitive::{Bounds, Edge};
-use crate::raster::tile::coverage::{Block, convex, listed};
+use crate::raster::tile::coverage::{Block, Covered, convex, listed};
 use crate::raster::tile::lanes::{LANE_X, LANE_Y};
 use crate::raster::tile::samples::{fixed_point, locations};
 
@@ -61,9 +61,10 @@ fn check(edges: &[Edge], tile: &Bounds, clip: &Bounds) {
     for samples in [1, 2, 4, 8] {
         let wanted = expected(edges, tile, clip, samples);
         for &tier in TierKind::present() {
-            let mut blocks = Vec::new();
-            convex(tier, edges, tile, clip, samples, &mut blocks);
-            let same = found(&blocks, samples) == wanted;
+            let mut covered = Covered::default();
+            convex(tier, edges, tile, clip, samples, &mut covered);
+            covered.split(samples);
+            let same = found(&covered.blocks, samples) == wanted;
             assert!(same, "{edges:?} in {clip:?}, {samples} samples, {tier:?}");
         }
     }
@@ -147,7 +148,7 @@ fn triangles_that_share_edges_cover_each_sample_once() {
             let mut covered = vec![[0; 8]; 64 * 64];
             for index in 0..around.len() {
                 let corners = [middle, around[index], around[(index + 1) % around.len()]];
-                let mut blocks = Vec::new();
+                let mut shape = Covered::default();
                 let edges = edges(corners);
                 convex(
                     TierKind::best(),
@@ -155,9 +156,10 @@ fn triangles_that_share_edges_cover_each_sample_once() {
                     &tile,
                     &tile,
                     samples,
-                    &mut blocks,
+                    &mut shape,
                 );
-                for (count, found) in covered.iter_mut().zip(found(&blocks, samples)) {
+                shape.split(samples);
+                for (count, found) in covered.iter_mut().zip(found(&shape.blocks, samples)) {
                     for sample in 0..8 {
                         count[sample] += u32::from(found[sample]);
                     }

@@ -3,6 +3,7 @@
 mod clears;
 mod colors;
 mod coverage;
+mod direct;
 mod order;
 mod stencils;
 mod support;

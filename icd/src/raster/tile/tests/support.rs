@@ -274,6 +274,35 @@ pub fn chunk(draw: u32, targets: &Targets, triangles: &[Triangle]) -> Chunk {
     chunk
 }
 
+/// Edges, depth, the linear coordinates of the second and third vertex, their origin, and the vertices' words of location 0.
+pub type Sloped = ([Edge; 4], Plane, [Plane; 2], [i32; 2], [[u32; 4]; 3]);
+
+/// A chunk of triangles with slopes, of one draw.
+pub fn chunk_of(draw: u32, targets: &Targets, shapes: impl Iterator<Item = Sloped>) -> Chunk {
+    let mut whole = Chunk::default();
+    for (edges, depth, linear, origin, words) in shapes {
+        let mut one = chunk(draw, targets, &[Triangle::everywhere(0.0, [0; 4])]);
+        let first = whole.outputs.len() as u32;
+        whole.outputs.extend(words.into_iter().flatten());
+        let (mut shape, mut record) = (one.shapes.remove(0), one.records.remove(0));
+        shape.coverage = Coverage::Convex { edges, count: 3 };
+        shape.record = whole.records.len() as u32;
+        let area = &targets.area;
+        shape.bounds.left = area.offset.x;
+        shape.bounds.top = area.offset.y;
+        shape.bounds.right = area.offset.x + area.extent.width as i32;
+        shape.bounds.bottom = area.offset.y + area.extent.height as i32;
+        record.vertices = [first, first + 4, first + 8];
+        record.depth = depth;
+        record.origin = origin;
+        record.linear = [Plane::default(), linear[0], linear[1]];
+        whole.shapes.push(shape);
+        whole.records.push(record);
+    }
+    whole.bins = bins(targets, whole.shapes.len());
+    whole
+}
+
 /// All shapes in all tiles.
 pub fn bins(targets: &Targets, shapes: usize) -> Bins {
     let tiles = Grid::of(&targets.area).len();
