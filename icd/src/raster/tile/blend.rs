@@ -44,7 +44,8 @@ impl Range {
 struct Sources<'a, V: Vector> {
     v: V,
     source: [V::F; 4],
-    second: [V::F; 4],
+    /// Not clamped: few need it.
+    second: &'a [V::F; 4],
     destination: &'a [V::F; 4],
     constants: &'a [f32; 4],
     range: Range,
@@ -55,6 +56,11 @@ impl<V: Vector> Sources<'_, V> {
     fn complement(&self, numbers: V::F) -> V::F {
         let v = self.v;
         self.range.clamp(v, v.sub(v.splat(1.0), numbers))
+    }
+
+    #[inline(always)]
+    fn second(&self, component: usize) -> V::F {
+        self.range.clamp(self.v, self.second[component])
     }
 
     #[inline(always)]
@@ -86,10 +92,10 @@ impl<V: Vector> Sources<'_, V> {
             Factor::SRC_ALPHA_SATURATE => {
                 v.min(self.complement(self.destination[3]), self.source[3])
             }
-            Factor::SRC1_COLOR => self.second[component],
-            Factor::ONE_MINUS_SRC1_COLOR => self.complement(self.second[component]),
-            Factor::SRC1_ALPHA => self.second[3],
-            Factor::ONE_MINUS_SRC1_ALPHA => self.complement(self.second[3]),
+            Factor::SRC1_COLOR => self.second(component),
+            Factor::ONE_MINUS_SRC1_COLOR => self.complement(self.second(component)),
+            Factor::SRC1_ALPHA => self.second(3),
+            Factor::ONE_MINUS_SRC1_ALPHA => self.complement(self.second(3)),
             _ => return v.splat(0.0),
         };
         v.mul(numbers, factors)
@@ -134,7 +140,7 @@ pub fn blend<V: Vector>(
     let sources = Sources {
         v,
         source: range.clamp_colors(v, source),
-        second: range.clamp_colors(v, second),
+        second,
         destination,
         constants,
         range,

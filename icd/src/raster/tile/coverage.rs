@@ -8,7 +8,7 @@ use std::ops::{Add, BitOr, Mul};
 
 use smallvec::SmallVec;
 
-use super::lanes::{COLUMNS, LANE_X, LANE_Y, ROWS, negative, vectors};
+use super::lanes::{COLUMNS, IN_BLOCK, LANE_X, LANE_Y, ROWS, negative, vectors};
 use super::samples::{MAX_SAMPLES, fixed_point, locations};
 use crate::raster::primitive::{Bounds, Edge};
 
@@ -53,15 +53,6 @@ impl Square {
     pub fn place(&self, corner: [i32; 2]) -> [i32; 2] {
         [corner[0] + i32::from(self.x), corner[1] + i32::from(self.y)]
     }
-
-    /// Its blocks.
-    pub fn blocks(&self, samples: u32) -> impl Iterator<Item = Block> {
-        let [x, y, size] = [self.x, self.y, self.size].map(i32::from);
-        (0..size).step_by(4).flat_map(move |down| {
-            let across = (0..size).step_by(4);
-            across.map(move |across| whole(x + across, y + down, samples))
-        })
-    }
 }
 
 impl Covered {
@@ -74,7 +65,13 @@ impl Covered {
     /// Turns squares into blocks.
     pub fn split(&mut self, samples: u32) {
         for square in self.squares.drain(..) {
-            self.blocks.extend(square.blocks(samples));
+            let [x, y] = square.place([0, 0]);
+            let size = i32::from(square.size);
+            for y in (y..y + size).step_by(4) {
+                for x in (x..x + size).step_by(4) {
+                    self.blocks.push(whole(x, y, samples));
+                }
+            }
         }
     }
 }
@@ -124,6 +121,23 @@ impl Word for i64 {
     }
 }
 
+/// An edge's value at the tile's corner.
+#[inline(always)]
+fn at_corner(edge: &Edge, corner: [i64; 2]) -> i64 {
+    let (a, b) = (i64::from(edge.a), i64::from(edge.b));
+    edge.c
+        .wrapping_add(a.wrapping_mul(corner[0] * 256))
+        .wrapping_add(b.wrapping_mul(corner[1] * 256))
+}
+
+/// Its constant for a sample, as far as a tile tells it.
+#[inline(always)]
+fn at_sample<W: Word>(edge: &Edge, at_corner: i64, location: [i32; 2]) -> i64 {
+    let [x, y] = fixed_point(location).map(i64::from);
+    let inside = i64::from(edge.a) * x + i64::from(edge.b) * y;
+    (at_corner.wrapping_add(inside) >> 8).clamp(-W::LIMIT, W::LIMIT)
+}
+
 /// An edge in a tile.
 #[derive(Clone, Copy)]
 struct Side<W> {
@@ -142,16 +156,11 @@ impl<W: Word> Side<W> {
     #[inline(always)]
     fn new(edge: &Edge, corner: [i64; 2], samples: u32) -> Self {
         let (a, b) = (i64::from(edge.a), i64::from(edge.b));
-        let at_corner = edge
-            .c
-            .wrapping_add(a.wrapping_mul(corner[0] * 256))
-            .wrapping_add(b.wrapping_mul(corner[1] * 256));
+        let at_corner = at_corner(edge, corner);
         let mut constants = [W::from_wide(0); MAX_SAMPLES];
         let (mut least, mut greatest) = (i64::MAX, i64::MIN);
         for (constant, &location) in constants.iter_mut().zip(locations(samples)) {
-            let [x, y] = fixed_point(location).map(i64::from);
-            let at_sample = at_corner.wrapping_add(a * x + b * y) >> 8;
-            let limited = at_sample.clamp(-W::LIMIT, W::LIMIT);
+            let limited = at_sample::<W>(edge, at_corner, location);
             *constant = W::from_wide(limited);
             (least, greatest) = (least.min(limited), greatest.max(limited));
         }
@@ -298,15 +307,6 @@ fn scan_words<W: Word>(
         sides.push(Side::new(edge, corner, samples));
     }
     let sides = &sides[..];
-    let first = [clip.left & !3, clip.top & !3];
-    if clip.right - first[0] <= 12 && clip.bottom - first[1] <= 12 {
-        for y in (first[1]..clip.bottom).step_by(4) {
-            for x in (first[0]..clip.right).step_by(4) {
-                pixels(sides, clip, x, y, samples, blocks);
-            }
-        }
-        return;
-    }
     let (touched, full) = cells_of(sides, clip, 0, 0, 16);
     let square = |x: i32, y: i32, size: u8| Square {
         x: x as u8,
@@ -326,6 +326,50 @@ fn scan_words<W: Word>(
             false => pixels(sides, clip, x + dx, y + dy, samples, blocks),
         });
     });
+}
+
+/// Pixels of a clip's sides, from the block that it starts in on, up to which its blocks are looked at one by one.
+const SMALL: i32 = 12;
+
+vectors! {
+    /// The blocks of a small clip, one by one.
+    fn scan_small<V>(v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, samples: u32, blocks: &mut Vec<Block>) {
+        let (columns, rows) = (v.load_i(&IN_BLOCK[0]), v.load_i(&IN_BLOCK[1]));
+        let mut pixels = [v.splat_i(0); 4];
+        let mut constants = [[0; MAX_SAMPLES]; 4];
+        for (index, edge) in edges.iter().enumerate() {
+            let across = v.mul_i(v.splat_i(edge.a), columns);
+            pixels[index] = v.add_i(across, v.mul_i(v.splat_i(edge.b), rows));
+            let at_corner = at_corner(edge, corner);
+            for (constant, &location) in constants[index].iter_mut().zip(locations(samples)) {
+                *constant = at_sample::<i32>(edge, at_corner, location) as i32;
+            }
+        }
+        for y in (clip.top & !3..clip.bottom).step_by(4) {
+            for x in (clip.left & !3..clip.right).step_by(4) {
+                let mut block = Block {
+                    x: x as u8,
+                    y: y as u8,
+                    masks: [0; MAX_SAMPLES],
+                };
+                let inside = inside(clip, x, y);
+                let mut any = 0;
+                for sample in 0..samples as usize {
+                    let mut out = v.splat_i(0);
+                    for (index, edge) in edges.iter().enumerate() {
+                        let first = edge.a * x + edge.b * y + constants[index][sample];
+                        out = v.or_i(out, v.add_i(pixels[index], v.splat_i(first)));
+                    }
+                    let outside = v.ne_i(v.sign_i(out), v.splat_i(0));
+                    block.masks[sample] = inside & !outside;
+                    any |= inside & !outside;
+                }
+                if any != 0 {
+                    blocks.push(block);
+                }
+            }
+        }
+    }
 }
 
 vectors! {
@@ -357,7 +401,11 @@ pub fn convex(
         bottom: clip.bottom - tile.top,
     };
     let steps = |edge: &Edge| u64::from(edge.a.unsigned_abs()) + u64::from(edge.b.unsigned_abs());
-    if edges.iter().all(|edge| steps(edge) <= NARROW) {
+    let is_narrow = edges.iter().all(|edge| steps(edge) <= NARROW);
+    let is_small = clip.right - (clip.left & !3) <= SMALL && clip.bottom - (clip.top & !3) <= SMALL;
+    if is_narrow && is_small {
+        scan_small(tier, edges, corner, &clip, samples, &mut covered.blocks);
+    } else if is_narrow {
         scan_narrow(tier, edges, corner, &clip, samples, covered);
     } else {
         scan_wide(tier, edges, corner, &clip, samples, covered);

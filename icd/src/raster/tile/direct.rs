@@ -6,89 +6,14 @@ use spirv_jit::image::vector::Vector;
 
 use super::coverage::Covered;
 use super::depth::Tested;
-use super::inputs::{Inputs, Slope, depths, interpolate, perspective_weights, plane_at};
-use super::lanes::{IN_BLOCK, IN_ROW, rows_of, vectors};
-use super::output::{Output, Rows};
+use super::inputs::{depths, interpolate, perspective_weights, plane_at};
+use super::lanes::{IN_BLOCK, IN_ROW, vectors};
+use super::output::Rows;
+use super::passed::{Part, Passed, Texels, Value, texels_of};
 use super::plan::Plan;
-use super::samples::{MAX_SAMPLES, locations};
-use super::texels::{Pattern, Places, fill};
-use super::visit::{Counts, any, count};
-use crate::raster::primitive::{Bounds, Record};
-
-/// What fragments leave without a program that runs.
-pub struct Direct {
-    /// The outputs; none of a draw without a program.
-    slopes: Option<Vec<Slope>>,
-    /// What is there already does not matter to the colours.
-    replaces: bool,
-}
-
-/// A primitive in a tile.
-pub struct Part<'a> {
-    pub record: &'a Record,
-    /// Outputs of its vertices.
-    pub outputs: &'a [u32],
-    /// The tile's first pixel.
-    pub corner: [i32; 2],
-    /// The render area.
-    pub area: &'a Bounds,
-}
-
-/// An output of a primitive's fragments.
-#[derive(Clone, Copy)]
-enum Value {
-    Same(u32),
-    /// At the first vertex, and the differences of the others.
-    Varying {
-        first: f32,
-        others: [f32; 2],
-        perspective: bool,
-    },
-}
-
-impl Direct {
-    /// Of a program whose outputs are rows like inputs; none where they depend on more than pixels' centres.
-    pub fn new(rows: Option<&Inputs>, output: &Output) -> Option<Self> {
-        let slopes = match rows {
-            Some(rows) => Some(rows.slopes()?),
-            None => None,
-        };
-        Some(Self {
-            slopes,
-            replaces: output.replaces(),
-        })
-    }
-}
-
-impl Part<'_> {
-    fn word(&self, vertex: usize, word: u32) -> u32 {
-        let place = self.record.vertices[vertex].wrapping_add(word);
-        self.outputs.get(place as usize).copied().unwrap_or(0)
-    }
-
-    fn value(&self, slope: &Slope) -> Value {
-        let record = self.record;
-        Value::Same(match *slope {
-            Slope::Constant(word) => word,
-            Slope::Flat(word) => self.word(usize::from(record.provoking.min(2)), word),
-            Slope::PerVertex(word, vertex) => self.word(vertex, word),
-            Slope::Front => u32::from(record.front),
-            Slope::Layer => record.layer,
-            Slope::Viewport => record.viewport,
-            Slope::Primitive => record.primitive_id,
-            Slope::View => record.view_index,
-            Slope::Varying(word, perspective) => {
-                let at = |vertex: usize| f32::from_bits(self.word(vertex, word));
-                let first = at(0);
-                return Value::Varying {
-                    first,
-                    others: [at(1) - first, at(2) - first],
-                    perspective,
-                };
-            }
-        })
-    }
-}
+use super::samples::{Counts, MAX_SAMPLES, count, locations};
+use super::texels::{Pattern, Places, fill, store};
+use crate::raster::primitive::Record;
 
 vectors! {
     /// Tests a primitive's fragments and writes what they leave.
@@ -99,13 +24,31 @@ vectors! {
     pub unsafe fn draw<V>(
         v,
         plan: &Plan<'_>,
-        direct: &Direct,
+        passed: &Passed,
         part: &Part<'_>,
         covered: &Covered,
         counts: &mut Counts,
     ) {
+        let mut values = SmallVec::<[Value; 8]>::new();
+        let mut solid = None;
+        if passed.constant.is_none() {
+            for slope in passed.slopes.iter().flatten() {
+                values.push(part.value(slope));
+            }
+            if passed.replaces {
+                solid = texels_of(v, &plan.output, &values);
+            }
+        }
+        let painter = Painter {
+            v,
+            plan,
+            part,
+            has_program: passed.slopes.is_some(),
+            values: &values,
+            solid: passed.constant.as_ref().or(solid.as_ref()),
+        };
         // SAFETY: the caller's promise.
-        unsafe { Painter::new(v, plan, direct, part).paint(covered, counts) };
+        unsafe { painter.paint(covered, counts) };
     }
 }
 
@@ -115,56 +58,13 @@ struct Painter<'a, V: Vector> {
     plan: &'a Plan<'a>,
     part: &'a Part<'a>,
     has_program: bool,
-    /// By row of outputs.
-    values: SmallVec<[Value; 8]>,
-    /// The texel of each attachment, where they are the same everywhere.
-    solid: Option<SmallVec<[[u32; 4]; 2]>>,
+    /// By row of outputs, if the texels are not those of all primitives.
+    values: &'a [Value],
+    /// The texel of each attachment, where they are the same everywhere in the primitive.
+    solid: Option<&'a Texels>,
 }
 
-impl<'a, V: Vector> Painter<'a, V> {
-    #[inline(always)]
-    fn new(v: V, plan: &'a Plan<'a>, direct: &Direct, part: &'a Part<'a>) -> Self {
-        let mut values = SmallVec::new();
-        for slope in direct.slopes.iter().flatten() {
-            values.push(part.value(slope));
-        }
-        let mut painter = Self {
-            v,
-            plan,
-            part,
-            has_program: direct.slopes.is_some(),
-            values,
-            solid: None,
-        };
-        if direct.replaces {
-            painter.solid = painter.texels();
-        }
-        painter
-    }
-
-    /// The texels, if all fragments leave the same.
-    #[inline(always)]
-    fn texels(&self) -> Option<SmallVec<[[u32; 4]; 2]>> {
-        let v = self.v;
-        let mut texels = SmallVec::new();
-        for color in &self.plan.output.colors {
-            let mut source = [v.splat_i(0); 4];
-            for (component, place) in color.source.iter().enumerate() {
-                let Some(place) = place else {
-                    continue;
-                };
-                let Value::Same(word) = self.values[*place] else {
-                    return None;
-                };
-                source[component] = v.splat_i(word as i32);
-            }
-            let words = color.encode(v, &color.with_alpha(v, source));
-            let rows = rows_of(v, &words);
-            texels.push([rows[0][0], rows[1][0], rows[2][0], rows[3][0]]);
-        }
-        Some(texels)
-    }
-
+impl<V: Vector> Painter<'_, V> {
     /// # Safety
     /// As [`draw`].
     #[inline(always)]
@@ -177,40 +77,55 @@ impl<'a, V: Vector> Painter<'a, V> {
                 *mask = u16::MAX;
             }
         }
-        if any(&whole) == 0 {
+        if whole == [0; MAX_SAMPLES] {
             return;
         }
-        let solid = self.solid.as_ref().filter(|_| plan.tests.is_empty());
-        for square in &covered.squares {
-            let [left, top] = square.place(part.corner);
-            let size = i32::from(square.size);
-            if let Some(texels) = solid {
+        let filled = self.solid.filter(|_| plan.tests.is_empty());
+        if let Some(texels) = filled {
+            for square in &covered.squares {
+                let size = i32::from(square.size);
                 let pixels = (size * size) as u64;
                 counts.samples += pixels / 16 * count(&whole);
                 counts.invocations += if self.has_program { pixels } else { 0 };
                 for (color, texel) in plan.output.colors.iter().zip(texels) {
                     for sample in (0..plan.samples).filter(|&sample| whole[sample as usize] != 0) {
+                        let place = square.place(part.corner);
                         // SAFETY: the caller's promise.
-                        unsafe { fill(&color.target, [left, top], size, layer, sample, texel) };
+                        unsafe { fill(&color.target, place, size, layer, sample, texel) };
                     }
-                }
-                continue;
-            }
-            for y in top..top + size {
-                for x in (left..left + size).step_by(16) {
-                    // SAFETY: the caller's promise: squares lie in the render area.
-                    unsafe { self.sixteen(&Places::row(x, y, layer), &whole, counts) };
                 }
             }
         }
-        for block in &covered.blocks {
-            let mut masks = block.masks;
-            for (mask, whole) in masks.iter_mut().zip(&whole) {
-                *mask &= whole;
+        let squares = match filled {
+            Some(_) => &[],
+            None => &covered.squares[..],
+        };
+        // One loop for both, so that what they do stands in the code once.
+        for index in 0..squares.len() + covered.blocks.len() {
+            let (mut masks, mut size) = (whole, 1);
+            let first = match squares.get(index) {
+                Some(square) => {
+                    size = i32::from(square.size);
+                    let [x, y] = square.place(part.corner);
+                    Places::row(x, y, layer)
+                }
+                None => {
+                    let block = &covered.blocks[index - squares.len()];
+                    for (mask, of_block) in masks.iter_mut().zip(&block.masks) {
+                        *mask &= of_block;
+                    }
+                    Places::block(block.place(part.corner), layer, part.area)
+                }
+            };
+            for down in 0..size {
+                for across in (0..size).step_by(16) {
+                    let mut places = first;
+                    places.x[0] += across;
+                    places.y[0] += down;
+                    // SAFETY: the caller's promise: squares lie in the render area.
+                    unsafe { self.sixteen(&places, &masks, counts) };
+                }
             }
-            let places = Places::block(block.place(part.corner), layer, part.area);
-            // SAFETY: the caller's promise.
-            unsafe { self.sixteen(&places, &masks, counts) };
         }
     }
 
@@ -226,14 +141,13 @@ impl<'a, V: Vector> Painter<'a, V> {
             _ => &IN_BLOCK,
         };
         let mut masks = *masks;
-        if !plan.tests.is_empty() {
-            let front = if record.front { u16::MAX } else { 0 };
-            let range = plan.clamps_depth.then_some(record.depth_range);
-            let locations = locations(plan.samples);
-            for (sample, mask) in masks.iter_mut().enumerate().take(plan.samples as usize) {
-                if *mask == 0 {
-                    continue;
-                }
+        let mut lanes = 0;
+        let front = if record.front { u16::MAX } else { 0 };
+        let range = plan.clamps_depth.then_some(record.depth_range);
+        let locations = locations(plan.samples);
+        for (sample, mask) in masks.iter_mut().enumerate().take(plan.samples as usize) {
+            let mut left = *mask;
+            if left != 0 && !plan.tests.is_empty() {
                 let depths = match plan.tests.uses_depths() {
                     true => depths(v, record, from, steps, locations[sample], range),
                     false => v.splat(0.0),
@@ -245,19 +159,17 @@ impl<'a, V: Vector> Painter<'a, V> {
                     references: None,
                 };
                 // SAFETY: the caller's promise.
-                *mask = unsafe { plan.tests.run(v, &tested, sample as u32, *mask) };
+                left = unsafe { plan.tests.run(v, &tested, sample as u32, left) };
+                *mask = left;
             }
+            lanes |= left;
+            counts.samples += u64::from(left.count_ones());
         }
-        let lanes = any(&masks);
-        if lanes == 0 {
-            return;
-        }
-        counts.samples += count(&masks);
-        if !self.has_program {
+        if lanes == 0 || !self.has_program {
             return;
         }
         counts.invocations += u64::from(lanes.count_ones());
-        if let Some(texels) = &self.solid {
+        if let Some(texels) = self.solid {
             for (color, texel) in plan.output.colors.iter().zip(texels) {
                 let words = [
                     v.splat_i(texel[0] as i32),
@@ -267,8 +179,8 @@ impl<'a, V: Vector> Painter<'a, V> {
                 ];
                 for (sample, &mask) in masks.iter().enumerate().take(plan.samples as usize) {
                     if mask != 0 {
-                        // SAFETY: the caller's promise.
-                        unsafe { color.put(v, places, sample as u32, mask, &words) };
+                        // SAFETY: the caller's promise. Nothing that is there matters to these colours.
+                        unsafe { store(v, &color.target, places, sample as u32, mask, &words) };
                     }
                 }
             }

@@ -5,7 +5,7 @@
 //!           [visit]                [coverage]        [depth]         [pack]   [inputs]                  [output]
 //! ```
 //!
-//! Fragments of programs that compute nothing go from coverage to the images at once: [`direct`].
+//! Fragments of programs that compute nothing go from coverage to the images at once: [`passed`], [`direct`].
 //!
 //! A tile belongs to one worker, which works off all chunks in order and writes straight into the images: the order of primitives holds at
 //! each sample, and no pixel has two writers. [`plan`] is what draws of one state have in common; [`lanes`] is how sixteen pixels become vectors.
@@ -19,6 +19,7 @@ mod inputs;
 mod lanes;
 mod output;
 mod pack;
+mod passed;
 mod plan;
 mod samples;
 #[cfg(test)]

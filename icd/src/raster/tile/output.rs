@@ -324,7 +324,7 @@ impl Color {
     /// # Safety
     /// As [`load`].
     #[inline(always)]
-    pub unsafe fn put<V: Vector>(
+    unsafe fn put<V: Vector>(
         &self,
         v: V,
         places: &Places,

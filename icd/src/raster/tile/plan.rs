@@ -7,9 +7,9 @@ use spirv_jit::interp::TierKind;
 use spirv_jit::program::FragmentFacts;
 
 use super::depth::Tests;
-use super::direct::Direct;
 use super::inputs::Inputs;
 use super::output::Output;
+use super::passed::Passed;
 use crate::raster::{Chunk, Draw, Targets, Work};
 
 /// When the tests are done.
@@ -27,7 +27,7 @@ pub enum Order {
 pub struct Plan<'a> {
     pub program: Option<Fragment<'a>>,
     /// In its place, where nothing needs to run.
-    pub direct: Option<Direct>,
+    pub passed: Option<Passed>,
     pub tests: Tests,
     pub order: Order,
     pub output: Output,
@@ -79,15 +79,15 @@ impl<'a> Plan<'a> {
         });
         let order = order(&facts, &output, &tests);
         let has_effects = facts.discards || facts.writes_memory || facts.interlock.is_some();
-        let passed = fragment.zip(inputs.as_ref()).map(|(program, inputs)| {
+        let rows = fragment.zip(inputs.as_ref()).map(|(program, inputs)| {
             let outputs = program.passed().filter(|_| !has_effects && !per_sample);
             outputs.map(|outputs| inputs.passed(outputs))
         });
-        let direct = match &passed {
+        let passed = match &rows {
             _ if order != Order::Early || output.drops_samples() => None,
             Some(None) => None,
-            Some(Some(rows)) => Direct::new(Some(rows), &output),
-            None => Direct::new(None, &output),
+            Some(Some(rows)) => Passed::new(tier, Some(rows), &output),
+            None => Passed::new(tier, None, &output),
         };
         let program = fragment.zip(inputs).map(|(program, inputs)| Fragment {
             program,
@@ -99,7 +99,7 @@ impl<'a> Plan<'a> {
         });
         Self {
             program,
-            direct,
+            passed,
             order,
             tests,
             output,

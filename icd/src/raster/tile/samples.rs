@@ -1,4 +1,4 @@
-//! Where samples lie in a pixel: the standard sample locations (spec, "Multisampling", `standardSampleLocations`).
+//! Where samples lie in a pixel, the standard sample locations (spec, "Multisampling", `standardSampleLocations`), and masks of them.
 
 /// Samples of a pixel, at most.
 pub const MAX_SAMPLES: usize = 8;
@@ -38,4 +38,23 @@ pub fn fixed_point([x, y]: Location) -> [i32; 2] {
 /// From the pixel's centre, in pixels: exact.
 pub fn from_center([x, y]: Location) -> [f32; 2] {
     [(x - 8) as f32 / 16.0, (y - 8) as f32 / 16.0]
+}
+
+/// All lanes of any sample.
+#[inline(always)]
+pub fn any(masks: &[u16; MAX_SAMPLES]) -> u16 {
+    masks.iter().fold(0, |all, mask| all | mask)
+}
+
+/// Covered samples.
+#[inline(always)]
+pub fn count(masks: &[u16; MAX_SAMPLES]) -> u64 {
+    masks.iter().map(|mask| u64::from(mask.count_ones())).sum()
+}
+
+/// What a draw's queries count in a tile.
+#[derive(Default)]
+pub struct Counts {
+    pub samples: u64,
+    pub invocations: u64,
 }

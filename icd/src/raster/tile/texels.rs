@@ -9,7 +9,7 @@ use crate::raster::primitive::Bounds;
 /// How sixteen pixels lie.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Pattern {
-    /// One behind the other, from the first place on.
+    /// One behind the other, from the first place on; the other places do not matter.
     Row,
     /// A 4×4 block: quads row by row.
     Block,
@@ -285,7 +285,7 @@ unsafe fn load_word<V: Vector>(
         match places.pattern {
             Pattern::Row => v.load_i(&first.cast::<Row>().read_unaligned()),
             Pattern::Block => v.load_quads(first, target.surface.row_stride_bytes as usize),
-            Pattern::Quads => v.load_i(&load_as::<u32>(target, places, sample, mask)[0]),
+            Pattern::Quads => v.load_i(&load_rows(target, places, sample, mask)[0]),
         }
     }
 }
@@ -299,6 +299,7 @@ unsafe fn load_rows(target: &Target, places: &Places, sample: u32, mask: u16) ->
         match target.surface.texel_size_bytes {
             1 => load_as::<u8>(target, places, sample, mask),
             2 => load_as::<u16>(target, places, sample, mask),
+            4 => load_as::<u32>(target, places, sample, mask),
             8 => load_as::<[u32; 2]>(target, places, sample, mask),
             12 => load_as::<[u32; 3]>(target, places, sample, mask),
             16 => load_as::<[u32; 4]>(target, places, sample, mask),
@@ -326,9 +327,7 @@ pub unsafe fn store<V: Vector>(
             return store_rows(target, places, sample, mask, &rows_of(v, words));
         }
         if places.pattern == Pattern::Quads {
-            let mut rows = [[0; 16]; 4];
-            v.store_i(words[0], &mut rows[0]);
-            return store_as::<u32>(target, places, sample, mask, &rows);
+            return store_quads(target, places, sample, mask, &row_of(v, words[0]));
         }
         let mut new = words[0];
         if mask != u16::MAX {
@@ -341,6 +340,17 @@ pub unsafe fn store<V: Vector>(
             v.store_quads(new, first, target.surface.row_stride_bytes as usize);
         }
     }
+}
+
+/// Texels of one word of quads that lie anywhere. Not compiled for the vectors, whose lanes would be taken apart ahead of loops that seldom come here.
+///
+/// # Safety
+/// As [`load`].
+#[inline(never)]
+unsafe fn store_quads(target: &Target, places: &Places, sample: u32, mask: u16, words: &Row) {
+    let words = [*words, [0; 16], [0; 16], [0; 16]];
+    // SAFETY: the caller's promise.
+    unsafe { store_as::<u32>(target, places, sample, mask, &words) };
 }
 
 /// # Safety

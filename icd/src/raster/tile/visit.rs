@@ -10,12 +10,13 @@ use spirv_jit::program::AlignedRow;
 use super::clear::{clear_tile, meet};
 use super::coverage::{Block, Covered, convex, listed};
 use super::depth::Tested;
-use super::direct::{self, Part};
+use super::direct;
 use super::inputs::{self, Fragments, depths};
 use super::lanes::{IN_BLOCK, LANE_X, LANE_Y, Row, lanes_of, vectors};
 use super::pack::{Found, Origin, Pack, Packs};
+use super::passed::Part;
 use super::plan::{Fragment, Order, Plan, Plans};
-use super::samples::{MAX_SAMPLES, from_center, locations};
+use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, locations};
 use super::texels::Places;
 use crate::compute::waves::Runner;
 use crate::raster::primitive::{Bounds, Coverage, Grid, Record, Shape};
@@ -48,13 +49,6 @@ pub struct Worker {
     /// Blocks' masks before the tests.
     coverage: Vec<[u16; MAX_SAMPLES]>,
     packs: Packs,
-}
-
-/// What a draw's queries count in a tile.
-#[derive(Default)]
-pub struct Counts {
-    pub samples: u64,
-    pub invocations: u64,
 }
 
 /// The draw whose shapes are worked off.
@@ -161,8 +155,8 @@ impl<'a> Visit<'a> {
             chunk: index,
             record: shape.record,
         };
-        let result = match &current.plan.direct {
-            Some(direct) => {
+        let result = match &current.plan.passed {
+            Some(passed) => {
                 let part = Part {
                     record,
                     outputs: &chunk.outputs,
@@ -171,7 +165,7 @@ impl<'a> Visit<'a> {
                 };
                 let (tier, plan) = (self.round.tier, current.plan);
                 // SAFETY: what is covered lies in the clip, which lies in the render area, and with it in all attachments; the layer was checked, and a tile belongs to one worker.
-                unsafe { direct::draw(tier, plan, direct, &part, &covered, &mut self.counts) };
+                unsafe { direct::draw(tier, plan, passed, &part, &covered, &mut self.counts) };
                 Ok(())
             }
             None => self.fragments(current, origin, record, &mut covered),
@@ -486,18 +480,6 @@ unsafe fn test_late<V: Vector>(
         // SAFETY: the caller's promise.
         *mask = unsafe { plan.tests.run(v, &tested, sample as u32, *mask) };
     }
-}
-
-/// All lanes of any sample.
-#[inline(always)]
-pub fn any(masks: &[u16; MAX_SAMPLES]) -> u16 {
-    masks.iter().fold(0, |all, mask| all | mask)
-}
-
-/// Covered samples.
-#[inline(always)]
-pub fn count(masks: &[u16; MAX_SAMPLES]) -> u64 {
-    masks.iter().map(|mask| u64::from(mask.count_ones())).sum()
 }
 
 /// What the fragments of a subgroup are made of.

@@ -1,11 +1,13 @@
-//! What programs that only pass varyings on leave, pixel by pixel, against a renderer of loops over samples: all sizes, areas, formats and
+//! What programs that only pass varyings on, and such as compute the same, leave, pixel by pixel, against a renderer of loops over samples: all sizes, areas, formats and
 //! states that come together by chance, in every tier.
 
 use ash::vk;
 use ash::vk::{BlendFactor, BlendOp, CompareOp};
 use spirv_jit::interp::{TIER_NAMES, limit_tier};
 
-use super::support::{Canvas, Random, chunk_of, draw, edges, pass_on, run, targets};
+use super::support::{
+    Canvas, Random, chunk_of, draw, edges, halve_and_double, pass_on, run, targets,
+};
 use crate::object::graphics_state::GraphicsState;
 use crate::raster::primitive::{Edge, Plane};
 use crate::raster::tile::samples::{fixed_point, from_center, locations};
@@ -264,7 +266,7 @@ fn state(random: &mut Random) -> GraphicsState {
     state
 }
 
-fn check(random: &mut Random, limits: &[&str]) {
+fn check(random: &mut Random, runs: bool) {
     let pick = |random: &mut Random, count: usize| random.within(0, count as i64) as usize;
     let extent = [1 + pick(random, 150) as u32, 1 + pick(random, 100) as u32];
     let samples = [1, 1, 2, 4, 8][pick(random, 5)];
@@ -306,7 +308,7 @@ fn check(random: &mut Random, limits: &[&str]) {
     let (color, depth) = canvases();
     let all = targets_of(&color, depth.as_ref());
     expect(&all, &state, &drawn, &color, depth.as_ref());
-    for limit in limits {
+    for limit in TIER_NAMES {
         assert!(limit_tier(limit));
         let (color_drawn, depth_drawn) = canvases();
         let targets = targets_of(&color_drawn, depth_drawn.as_ref());
@@ -315,10 +317,12 @@ fn check(random: &mut Random, limits: &[&str]) {
             (it.edges, it.depth, it.linear, it.origin, colors)
         });
         let chunk = chunk_of(0, &targets, shapes);
-        let work = [Work::Draw(draw(
-            state.clone(),
-            Some(pass_on("linear.center")),
-        ))];
+        // The same numbers, but for a program that has to run.
+        let fragment = match runs {
+            true => halve_and_double("linear.center"),
+            false => pass_on("linear.center"),
+        };
+        let work = [Work::Draw(draw(state.clone(), Some(fragment)))];
         run(1, &targets, &work, &[chunk]);
         let what =
             format!("{color_format:?} {depth_format:?} {extent:?} {samples} {area:?} {limit}");
@@ -333,6 +337,14 @@ fn check(random: &mut Random, limits: &[&str]) {
 fn every_tier_draws_what_the_loops_do() {
     let mut random = Random(0x51de_0b0e_1357_9bdf);
     for _ in 0..400 {
-        check(&mut random, &TIER_NAMES);
+        check(&mut random, false);
+    }
+}
+
+#[test]
+fn programs_that_run_leave_the_same() {
+    let mut random = Random(0x2468_ace0_0f1e_2d3c);
+    for _ in 0..250 {
+        check(&mut random, true);
     }
 }

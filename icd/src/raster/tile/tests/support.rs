@@ -167,6 +167,37 @@ pub fn pass_on(mode: &str) -> Arc<Program> {
     ))
 }
 
+/// A fragment program that leaves location 0 as it is, with some work.
+pub fn halve_and_double(mode: &str) -> Arc<Program> {
+    let rows = [0, 1, 2, 3].map(|it| format!("varying.0.{it}.{mode}"));
+    let mut work = String::new();
+    for it in 0..20i32 {
+        let (value, before) = (it + 2, it - 2);
+        work += &match it / 4 {
+            0 => format!("v{value}: i32 = input[{it}]\n"),
+            1 => format!("v{value}: f32 = bitcast v{before}\n"),
+            2 => format!("v{value}: f32 = fmul v{before}, v0\n"),
+            3 => format!("v{value}: f32 = fmul v{before}, v1\n"),
+            _ => format!("v{value}: i32 = bitcast v{before}\n"),
+        };
+    }
+    program(&format!(
+        "module fragment
+        inputs {}
+        output_rows 4
+        outputs location.0.0.0, location.0.1.0, location.0.2.0, location.0.3.0
+        fragment colors.1
+        func f0 {{
+            v0: f32 = const 0x3f000000
+            v1: f32 = const 0x40000000
+            {}
+            end(v18, v19, v20, v21)
+        }}",
+        rows.join(", "),
+        work
+    ))
+}
+
 /// A draw with a state.
 pub fn draw(state: GraphicsState, fragment: Option<Arc<Program>>) -> Draw {
     Draw {

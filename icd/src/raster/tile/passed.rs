@@ -1,0 +1,127 @@
+//! What fragments leave that no program runs for: those of draws without one, and of programs that only pass varyings and constants on.
+
+use smallvec::SmallVec;
+use spirv_jit::image::vector::Vector;
+use spirv_jit::interp::TierKind;
+
+use super::inputs::{Inputs, Slope};
+use super::lanes::{rows_of, vectors};
+use super::output::Output;
+use crate::raster::primitive::{Bounds, Record};
+
+/// What fragments leave without a program that runs.
+pub struct Passed {
+    /// The outputs; none of a draw without a program.
+    pub slopes: Option<Vec<Slope>>,
+    /// What is there already does not matter to the colours.
+    pub replaces: bool,
+    /// The texels of all primitives, where those are the same.
+    pub constant: Option<Texels>,
+}
+
+/// A texel of each attachment that is drawn to.
+pub type Texels = SmallVec<[[u32; 4]; 2]>;
+
+/// A primitive in a tile.
+pub struct Part<'a> {
+    pub record: &'a Record,
+    /// Outputs of its vertices.
+    pub outputs: &'a [u32],
+    /// The tile's first pixel.
+    pub corner: [i32; 2],
+    /// The render area.
+    pub area: &'a Bounds,
+}
+
+/// An output of a primitive's fragments.
+#[derive(Clone, Copy)]
+pub enum Value {
+    Same(u32),
+    /// At the first vertex, and the differences of the others.
+    Varying {
+        first: f32,
+        others: [f32; 2],
+        perspective: bool,
+    },
+}
+
+impl Passed {
+    /// Of a program whose outputs are rows like inputs; none where they depend on more than pixels' centres.
+    pub fn new(tier: TierKind, rows: Option<&Inputs>, output: &Output) -> Option<Self> {
+        let slopes = match rows {
+            Some(rows) => Some(rows.slopes()?),
+            None => None,
+        };
+        let constants = slopes.iter().flatten().map(|slope| match *slope {
+            Slope::Constant(word) => Some(Value::Same(word)),
+            _ => None,
+        });
+        let replaces = output.replaces();
+        let constants = constants.collect::<Option<Vec<Value>>>();
+        let constant = constants.filter(|_| replaces);
+        Some(Self {
+            constant: constant.and_then(|values| texels(tier, output, &values)),
+            slopes,
+            replaces,
+        })
+    }
+}
+
+vectors! {
+    /// The texels that are written, if all fragments leave the same.
+    fn texels<V>(v, output: &Output, values: &[Value]) -> Option<Texels> {
+        texels_of(v, output, values)
+    }
+}
+
+/// As [`texels`].
+#[inline(always)]
+pub fn texels_of<V: Vector>(v: V, output: &Output, values: &[Value]) -> Option<Texels> {
+    let mut texels = SmallVec::new();
+    for color in &output.colors {
+        let mut source = [v.splat_i(0); 4];
+        for (component, place) in color.source.iter().enumerate() {
+            let Some(place) = place else {
+                continue;
+            };
+            let Value::Same(word) = values[*place] else {
+                return None;
+            };
+            source[component] = v.splat_i(word as i32);
+        }
+        let words = color.encode(v, &color.with_alpha(v, source));
+        let rows = rows_of(v, &words);
+        texels.push([rows[0][0], rows[1][0], rows[2][0], rows[3][0]]);
+    }
+    Some(texels)
+}
+
+impl Part<'_> {
+    fn word(&self, vertex: usize, word: u32) -> u32 {
+        let place = self.record.vertices[vertex].wrapping_add(word);
+        self.outputs.get(place as usize).copied().unwrap_or(0)
+    }
+
+    pub fn value(&self, slope: &Slope) -> Value {
+        let record = self.record;
+        Value::Same(match *slope {
+            Slope::Constant(word) => word,
+            Slope::Flat(word) => self.word(usize::from(record.provoking.min(2)), word),
+            Slope::PerVertex(word, vertex) => self.word(vertex, word),
+            Slope::Front => u32::from(record.front),
+            Slope::Layer => record.layer,
+            Slope::Viewport => record.viewport,
+            Slope::Primitive => record.primitive_id,
+            Slope::View => record.view_index,
+            Slope::Varying(word, perspective) => {
+                let at = |vertex: usize| f32::from_bits(self.word(vertex, word));
+                let first = at(0);
+                return Value::Varying {
+                    first,
+                    others: [at(1) - first, at(2) - first],
+                    perspective,
+                };
+            }
+        })
+    }
+}
