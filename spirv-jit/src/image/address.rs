@@ -22,7 +22,7 @@ pub(super) struct Axis {
 }
 
 /// Farthest that an offset can move a texel (`minTexelGatherOffset` and its like), with room to spare.
-const REACH: f32 = 64.0;
+pub(super) const REACH: f32 = 64.0;
 
 /// How an axis is addressed.
 #[derive(Clone, Copy)]

@@ -1,9 +1,10 @@
-//! The common sample: a 2D image, averaged, without comparison, offsets, border or anisotropy. Everything about the image and the sampler is
+//! The common sample: a 2D image, averaged, without comparison, border or anisotropy. Everything about the image and the sampler is
 //! looked up once ([`Fast`]), then blocks of lanes are sampled in vectors of the machine. Gives the same results as [`sample`](super::sample),
 //! bit for bit.
 
 use std::mem::offset_of;
 
+use super::address;
 use super::execute::{Operands, put_texels};
 use super::format::FormatInfo;
 use super::format::block::{self, Texels};
@@ -21,11 +22,7 @@ use crate::program::Row;
 
 /// Whether an operation is one of these, as far as its instruction tells.
 pub(crate) fn may_apply(op: &ImageOp) -> bool {
-    op.kind == ImageOpKind::Sample
-        && op.dim == Dim::D2
-        && !op.depth_compare
-        && !op.has_offset
-        && !op.has_min_lod
+    op.kind == ImageOpKind::Sample && op.dim == Dim::D2 && !op.depth_compare && !op.has_min_lod
 }
 
 /// An operation that [`may_apply`], with an image and a sampler for which it does.
@@ -106,8 +103,21 @@ struct Axis<V: Vector> {
 ///
 /// Here and below there are no closures: those would not be compiled for the vectors' instruction set.
 #[inline(always)]
-fn wrapped<V: Vector>(v: V, mode: AddressMode, i: V::I, size: V::I, last: V::I) -> V::I {
+fn wrapped<V: Vector>(
+    v: V,
+    mode: AddressMode,
+    has_offset: bool,
+    i: V::I,
+    size: V::I,
+    last: V::I,
+) -> V::I {
     let i = match mode {
+        AddressMode::Repeat if has_offset => modulo(v, i, size),
+        AddressMode::MirroredRepeat if has_offset => {
+            let period = v.add_i(size, size);
+            let i = modulo(v, i, period);
+            v.min_i(i, v.sub_i(v.sub_i(period, v.splat_i(1)), i))
+        }
         // At most one texel out, since the coordinate is reduced.
         AddressMode::Repeat => {
             let i = v.add_i(i, v.and_i(size, v.sign_i(i)));
@@ -122,6 +132,13 @@ fn wrapped<V: Vector>(v: V, mode: AddressMode, i: V::I, size: V::I, last: V::I) 
         _ => i,
     };
     v.min_i(v.max_i(i, v.splat_i(0)), last)
+}
+
+/// `i` modulo `size`, for `i` within a few sizes of 0: as [`address`](super::address) has it.
+#[inline(always)]
+fn modulo<V: Vector>(v: V, i: V::I, size: V::I) -> V::I {
+    let quotient = v.floor(v.div(v.add(v.to_f(i), v.splat(0.5)), v.to_f(size)));
+    v.sub_i(i, v.mul_i(v.to_i(quotient), size))
 }
 
 /// What a lane samples: numbers between 0 and 255 for 8-bit formats, else values.
@@ -143,10 +160,15 @@ impl Fast<'_> {
         mask: u16,
         results: Results<'_>,
     ) {
-        let (s, t) = (
-            v.load(operands.coordinates[0]),
-            v.load(operands.coordinates[1]),
-        );
+        let (mut offset_s, mut offset_t) = (None, None);
+        if self.op.has_offset {
+            (offset_s, offset_t) = (
+                Some(v.load_i(operands.offsets[0])),
+                Some(v.load_i(operands.offsets[1])),
+            );
+        }
+        let s = (v.load(operands.coordinates[0]), offset_s);
+        let t = (v.load(operands.coordinates[1]), offset_t);
         let levels = self.levels_of_detail(v, operands);
         let (level, weight) = match self.sampler.mipmap_mode {
             // ⌈d' + 0.5⌉ - 1.
@@ -250,12 +272,13 @@ impl Fast<'_> {
         }
     }
 
+    /// `offset`, in texels, comes from an operation that has one.
     #[inline(always)]
     fn axis<V: Vector>(
         &self,
         v: V,
         mode: AddressMode,
-        coordinate: V::F,
+        (coordinate, offset): (V::F, Option<V::I>),
         size: V::I,
         stride: V::I,
     ) -> Axis<V> {
@@ -283,12 +306,20 @@ impl Fast<'_> {
             Filter::Nearest => scaled,
         };
         let floor = v.floor(texel);
-        let first = v.to_i(floor);
+        let mut first = v.to_i(floor);
+        if let Some(offset) = offset {
+            // NaN is 0 and only then moved: a periodic mode would carry any other number on.
+            first = v.keep(first, v.gt(floor, v.splat(f32::MIN)));
+            let reach = address::REACH as i32;
+            let offset = v.min_i(v.max_i(offset, v.splat_i(-reach)), v.splat_i(reach));
+            first = v.add_i(first, offset);
+        }
+        let has_offset = offset.is_some();
         let last = v.sub_i(size, v.splat_i(1));
         let second = v.add_i(first, v.splat_i(1));
         Axis {
-            first: v.mul_i(wrapped(v, mode, first, size, last), stride),
-            second: v.mul_i(wrapped(v, mode, second, size, last), stride),
+            first: v.mul_i(wrapped(v, mode, has_offset, first, size, last), stride),
+            second: v.mul_i(wrapped(v, mode, has_offset, second, size, last), stride),
             weight: v.sub(texel, floor),
         }
     }
@@ -301,8 +332,8 @@ impl Fast<'_> {
         v: V,
         level: V::I,
         layer: V::I,
-        s: V::F,
-        t: V::F,
+        s: (V::F, Option<V::I>),
+        t: (V::F, Option<V::I>),
         mask: u16,
     ) -> Components<V> {
         let mode = &self.sampler.address_mode;

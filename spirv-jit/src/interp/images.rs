@@ -213,14 +213,14 @@ unsafe fn sample_block<V: Vector>(
     offset: u16,
     mask: u16,
 ) {
-    let mut rows = [&[0; SUBGROUP_SIZE]; 7];
+    let mut rows = [&[0; SUBGROUP_SIZE]; 9];
     let mut results = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
-    // SAFETY: as for `block`. Such a sample has at most three coordinates and four derivatives, all of 32 bits.
+    // SAFETY: as for `block`. Such a sample has at most three coordinates, four derivatives and two offsets, all of 32 bits.
     unsafe {
         for (row, &(operand, _)) in rows.iter_mut().zip(&plan.operands) {
             *row = &*m.block::<u32>(operand, offset);
         }
-        let operands = Operands::new(&plan.op, &rows[..plan.operands.len().min(7)]);
+        let operands = Operands::new(&plan.op, &rows[..plan.operands.len().min(9)]);
         sample.sample(v, &operands, mask, &mut results);
         for (row, &(result, wide)) in plan.results.iter().enumerate() {
             if wide {

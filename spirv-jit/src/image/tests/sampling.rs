@@ -166,6 +166,7 @@ proptest! {
         format in any_format(), s in any_sampler(), size in prop::array::uniform2(1u32..40), level_count in 1u8..4, layers in 1u32..4, seed: u32,
         coordinates in prop::array::uniform16(prop::array::uniform3(-3.5f32..3.5)), special in prop::option::of((0usize..16, prop::sample::select(vec![f32::NAN, f32::INFINITY, -1e30, 1e30, 1.0, 0.0, -1e-9]))),
         lods in prop::array::uniform16(-1.0f32..4.0), uniform_lod: bool, mode in prop::sample::select(vec![LodMode::Bias, LodMode::Lod, LodMode::Grad]), mask in 1u16.., unnormalized: bool,
+        offsets in prop::option::of(prop::array::uniform2(prop_oneof![-9i32..9, any::<i32>()])),
     ) {
         let mut s = s;
         s.unnormalized_coordinates = unnormalized;
@@ -182,6 +183,7 @@ proptest! {
         let op = ImageOp {
             arrayed: layers > 1,
             lod: mode,
+            has_offset: offsets.is_some(),
             ..image_op(ImageOpKind::Sample, Dim::D2)
         };
         let mut coordinates = coordinates;
@@ -199,6 +201,7 @@ proptest! {
         } else {
             rows.push(if uniform_lod { [lods[0].to_bits(); 16] } else { lods.map(f32::to_bits) });
         }
+        for offset in offsets.iter().flatten() { rows.push([*offset as u32; 16]); }
         let fast_sample = fast::Fast::new(&op, &image.descriptor, info, &s, 0xf).expect("applies");
         let rows: Vec<&Row> = rows.iter().collect();
         let operands = execute::Operands::new(&op, &rows);
