@@ -181,6 +181,15 @@ fn has_atomics(texel: Format) -> bool {
     .contains(&texel)
 }
 
+/// Formats of one plane without subsampling that may be converted, which are not blitted (section "Formats Requiring Sampler Y′CBCR Conversion").
+fn is_luma_and_chroma(texel: Format) -> bool {
+    [
+        Format::R10X6G10X6B10X6A10X6_UNORM_4PACK16,
+        Format::R12X4G12X4B12X4A12X4_UNORM_4PACK16,
+    ]
+    .contains(&texel)
+}
+
 fn image_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
     use vk::FormatFeatureFlags2 as Feature;
     let transfer = Feature::TRANSFER_SRC | Feature::TRANSFER_DST | Feature::HOST_IMAGE_TRANSFER_EXT;
@@ -196,9 +205,12 @@ fn image_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
             false => Feature::empty(),
         };
     }
-    let mut features = transfer | Feature::SAMPLED_IMAGE | Feature::BLIT_SRC;
-    if info.blocks().is_none() {
-        features |= Feature::BLIT_DST;
+    let mut features = transfer | Feature::SAMPLED_IMAGE;
+    if !is_luma_and_chroma(texel) {
+        features |= Feature::BLIT_SRC;
+        if info.blocks().is_none() {
+            features |= Feature::BLIT_DST;
+        }
     }
     if !info.numeric.is_integer() {
         features |= Feature::SAMPLED_IMAGE_FILTER_LINEAR | Feature::SAMPLED_IMAGE_FILTER_MINMAX;
