@@ -56,6 +56,7 @@ macro_rules! optional {
 
 optional! {
     pipeline_parts: ext::graphics_pipeline_library::NAME, PhysicalDeviceGraphicsPipelineLibraryFeaturesEXT {};
+    unused_attachments: ext::dynamic_rendering_unused_attachments::NAME, PhysicalDeviceDynamicRenderingUnusedAttachmentsFeaturesEXT {};
     shader_object: ext::shader_object::NAME, PhysicalDeviceShaderObjectFeaturesEXT {};
     host_image_copy: ext::host_image_copy::NAME, PhysicalDeviceHostImageCopyFeaturesEXT {};
     conditional_rendering: ext::conditional_rendering::NAME, PhysicalDeviceConditionalRenderingFeaturesEXT {};

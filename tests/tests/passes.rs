@@ -81,6 +81,49 @@ fn attachments_are_cleared_and_loaded() {
     }
 }
 
+/// `VK_EXT_dynamic_rendering_unused_attachments`: what a pipeline has no format for stays as it is, and tests nothing.
+#[test]
+fn attachments_without_a_format_are_left() {
+    let Some(gpu) = drawing() else { return };
+    let features = gpu.optional.unused_attachments;
+    if !has(
+        "pipelines without formats for all attachments",
+        features.dynamic_rendering_unused_attachments == vk::TRUE,
+    ) {
+        return;
+    }
+    let canvases = [gpu.canvas(RGBA, 8, 8), gpu.canvas(RGBA, 8, 8)];
+    let depth = gpu.canvas(vk::Format::D32_SFLOAT, 8, 8);
+    let fragment = "
+        layout(location = 0) out vec4 first;
+        layout(location = 1) out vec4 second;
+        void main() { first = second = vec4(1.0); }";
+    let mut painting = Painting::new(&gpu, COVER, fragment, RGBA);
+    painting.colors.insert(0, vk::Format::UNDEFINED);
+    painting.blend.push(painting.blend[0]);
+    painting.depth_stencil = painting
+        .depth_stencil
+        .depth_test_enable(true)
+        .depth_write_enable(true)
+        .depth_compare_op(vk::CompareOp::NEVER);
+    let pipeline = gpu.painting(&painting);
+    let pass = Pass {
+        colors: &canvases,
+        clears: &[BLACK; 2],
+        depth: Some(depth),
+        clear_depth: Some((0.75, 0)),
+        ..Pass::default()
+    };
+    gpu.draw(&pass, |commands| {
+        gpu.bind(commands, pipeline);
+        draw(&gpu, commands);
+    });
+    assert_eq!(gpu.colors(&canvases[0]), [[0; 4]; 64]);
+    assert_eq!(gpu.colors(&canvases[1]), [[255; 4]; 64]);
+    let depths: Vec<f32> = gpu.texels(&depth, vk::ImageAspectFlags::DEPTH);
+    assert_eq!(depths, [0.75; 64]);
+}
+
 #[test]
 fn parts_are_cleared_inside_a_pass() {
     let Some(gpu) = drawing() else { return };

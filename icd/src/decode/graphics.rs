@@ -14,8 +14,8 @@ use crate::object::dynamic_state::{DynamicStates, Parts};
 use crate::object::graphics_pipeline::GraphicsPipeline;
 use crate::object::graphics_state::{
     BlendAttachment, ColorBlend, DepthStencil, GraphicsState, MAX_COLOR_ATTACHMENTS, MAX_VIEWPORTS,
-    Multisample, Rasterization, StencilFace, VertexAttribute, VertexBinding, VertexInput,
-    Viewports,
+    Multisample, Rasterization, StencilFace, UsedAttachments, VertexAttribute, VertexBinding,
+    VertexInput, Viewports,
 };
 use crate::object::pipeline::PipelineKind;
 use crate::object::shader_stage::ShaderStage;
@@ -88,6 +88,9 @@ pub unsafe fn decode<'a>(info: &vk::GraphicsPipelineCreateInfo<'_>) -> VkResult<
             && let Some(info) = info.p_depth_stencil_state.as_ref()
         {
             state.depth_stencil = depth_stencil(info);
+        }
+        if has(Parts::FRAGMENT_OUTPUT_INTERFACE) && info.render_pass == vk::RenderPass::null() {
+            state.used_attachments = used_attachments(info);
         }
         if has(Parts::FRAGMENT_OUTPUT_INTERFACE) && !discards {
             if let Some(info) = info.p_multisample_state.as_ref() {
@@ -182,6 +185,28 @@ unsafe fn attachments(info: &vk::GraphicsPipelineCreateInfo<'_>, parts: Parts) -
             rendering.is_some_and(|it| it.color_attachment_count != 0),
             true,
         )
+    }
+}
+
+/// The attachments that a pipeline of dynamic rendering has formats for.
+///
+/// # Safety
+/// The info is valid.
+unsafe fn used_attachments(info: &vk::GraphicsPipelineCreateInfo<'_>) -> UsedAttachments {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let rendering = find::<vk::PipelineRenderingCreateInfo>(info.p_next);
+        let colors = rendering.map_or(&[][..], |it| {
+            slice(it.p_color_attachment_formats, it.color_attachment_count)
+        });
+        let is_used = |format: vk::Format| format != vk::Format::UNDEFINED;
+        let used = colors.iter().take(MAX_COLOR_ATTACHMENTS).enumerate();
+        UsedAttachments {
+            colors: (used.filter(|(_, format)| is_used(**format)))
+                .fold(0, |bits, (index, _)| bits | 1 << index),
+            depth: rendering.is_some_and(|it| is_used(it.depth_attachment_format)),
+            stencil: rendering.is_some_and(|it| is_used(it.stencil_attachment_format)),
+        }
     }
 }
 

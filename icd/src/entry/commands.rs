@@ -189,6 +189,10 @@ commands! {
     Device Core PFN_vkGetDeviceMemoryCommitment memory::vkGetDeviceMemoryCommitment;
     Device Core12 PFN_vkGetDeviceMemoryOpaqueCaptureAddress memory::vkGetDeviceMemoryOpaqueCaptureAddress;
     Device KHR_BUFFER_DEVICE_ADDRESS PFN_vkGetDeviceMemoryOpaqueCaptureAddress memory::vkGetDeviceMemoryOpaqueCaptureAddress as vkGetDeviceMemoryOpaqueCaptureAddressKHR;
+    Device KHR_EXTERNAL_FENCE_FD PFN_vkGetFenceFdKHR sync::vkGetFenceFdKHR;
+    Device KHR_EXTERNAL_FENCE_FD PFN_vkImportFenceFdKHR sync::vkImportFenceFdKHR;
+    Device KHR_EXTERNAL_SEMAPHORE_FD PFN_vkGetSemaphoreFdKHR sync::vkGetSemaphoreFdKHR;
+    Device KHR_EXTERNAL_SEMAPHORE_FD PFN_vkImportSemaphoreFdKHR sync::vkImportSemaphoreFdKHR;
     Device KHR_EXTERNAL_MEMORY_FD PFN_vkGetMemoryFdKHR memory::vkGetMemoryFdKHR;
     Device KHR_EXTERNAL_MEMORY_FD PFN_vkGetMemoryFdPropertiesKHR memory::vkGetMemoryFdPropertiesKHR;
     Device EXT_EXTERNAL_MEMORY_HOST PFN_vkGetMemoryHostPointerPropertiesEXT memory::vkGetMemoryHostPointerPropertiesEXT;

@@ -278,22 +278,36 @@ entry! {
 
     fn vkGetPhysicalDeviceExternalFenceProperties(
         _device: vk::PhysicalDevice,
-        _info: *const vk::PhysicalDeviceExternalFenceInfo,
+        info: *const vk::PhysicalDeviceExternalFenceInfo,
         out: *mut vk::ExternalFenceProperties,
     ) {
-        (*out).export_from_imported_handle_types = vk::ExternalFenceHandleTypeFlags::empty();
-        (*out).compatible_handle_types = vk::ExternalFenceHandleTypeFlags::empty();
-        (*out).external_fence_features = vk::ExternalFenceFeatureFlags::empty();
+        use vk::{ExternalFenceFeatureFlags as Feature, ExternalFenceHandleTypeFlags as Type};
+        let both = Type::OPAQUE_FD | Type::SYNC_FD;
+        let (features, own, both) = match (*info).handle_type {
+            ty if both.contains(ty) => (Feature::EXPORTABLE | Feature::IMPORTABLE, ty, both),
+            _ => Default::default(),
+        };
+        (*out).export_from_imported_handle_types = own;
+        (*out).compatible_handle_types = both;
+        (*out).external_fence_features = features;
     }
 
     fn vkGetPhysicalDeviceExternalSemaphoreProperties(
         _device: vk::PhysicalDevice,
-        _info: *const vk::PhysicalDeviceExternalSemaphoreInfo,
+        info: *const vk::PhysicalDeviceExternalSemaphoreInfo,
         out: *mut vk::ExternalSemaphoreProperties,
     ) {
-        (*out).export_from_imported_handle_types = vk::ExternalSemaphoreHandleTypeFlags::empty();
-        (*out).compatible_handle_types = vk::ExternalSemaphoreHandleTypeFlags::empty();
-        (*out).external_semaphore_features = vk::ExternalSemaphoreFeatureFlags::empty();
+        use vk::{ExternalSemaphoreFeatureFlags as Feature, ExternalSemaphoreHandleTypeFlags as Type};
+        let both = Type::OPAQUE_FD | Type::SYNC_FD;
+        let is_timeline = chain::find::<vk::SemaphoreTypeCreateInfo>((*info).p_next)
+            .is_some_and(|info| info.semaphore_type == vk::SemaphoreType::TIMELINE);
+        let (features, own, both) = match (*info).handle_type {
+            ty if both.contains(ty) && !is_timeline => (Feature::EXPORTABLE | Feature::IMPORTABLE, ty, both),
+            _ => Default::default(),
+        };
+        (*out).export_from_imported_handle_types = own;
+        (*out).compatible_handle_types = both;
+        (*out).external_semaphore_features = features;
     }
 
     fn vkGetPhysicalDeviceToolProperties(

@@ -1,14 +1,41 @@
 //! Fences, semaphores and events.
 
+use std::ffi::c_int;
+use std::os::fd::{FromRawFd, IntoRawFd, OwnedFd};
 use std::sync::Arc;
 
 use ash::vk;
 
 use super::define::entry;
+use crate::VkResult;
 use crate::device::Device;
 use crate::ffi;
 use crate::handle;
+use crate::object::external_sync::{External, Import};
 use crate::object::{Event, Fence, Semaphore};
+
+/// A payload to import, whose file is owned from here on.
+///
+/// # Errors
+/// `VK_ERROR_INVALID_EXTERNAL_HANDLE` for what is no file; the file is not owned then.
+///
+/// # Safety
+/// The file is the application's to give away.
+unsafe fn import(fd: c_int, is_sync: bool, is_temporary: bool) -> VkResult<Import> {
+    if is_sync && fd == -1 {
+        return Ok(Import::Sync(None));
+    }
+    // SAFETY: a plain system call.
+    if unsafe { libc::fcntl(fd, libc::F_GETFD) } < 0 {
+        return Err(vk::Result::ERROR_INVALID_EXTERNAL_HANDLE);
+    }
+    // SAFETY: it is open, and the caller's promise.
+    let file = unsafe { OwnedFd::from_raw_fd(fd) };
+    Ok(match is_sync {
+        true => Import::Sync(Some(file)),
+        false => Import::Opaque { file, is_temporary },
+    })
+}
 
 entry! {
     fn vkCreateFence(
@@ -17,7 +44,10 @@ entry! {
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::Fence,
     ) -> vk::Result {
-        *out = handle::create(Fence::new((*info).flags.contains(vk::FenceCreateFlags::SIGNALED)));
+        let is_signaled = (*info).flags.contains(vk::FenceCreateFlags::SIGNALED);
+        let is_opaque = ffi::find::<vk::ExportFenceCreateInfo>((*info).p_next)
+            .is_some_and(|export| export.handle_types.contains(vk::ExternalFenceHandleTypeFlags::OPAQUE_FD));
+        *out = handle::create(Fence::with(is_signaled, External::new(is_opaque, is_signaled)?));
         Ok(())
     }
 
@@ -50,7 +80,8 @@ entry! {
         let fences = ffi::slice(fences, count);
         let signaled = |&fence: &vk::Fence| handle::from_handle::<Fence>(fence).is_signaled();
         let device = handle::from_handle::<Device>(device);
-        device.engine.waiting.wait_until(timeout_ns, || {
+        let in_files = fences.iter().any(|&fence| handle::from_handle::<Fence>(fence).external.is_there());
+        device.engine.waiting.wait(timeout_ns, in_files, || {
             if wait_all != vk::FALSE { fences.iter().all(signaled) } else { fences.iter().any(signaled) }
         })
     }
@@ -66,7 +97,56 @@ entry! {
             Some(info) => (info.semaphore_type, info.initial_value),
             None => (vk::SemaphoreType::BINARY, 0),
         };
-        *out = handle::create(Semaphore::new(ty, value, Arc::clone(&device.engine.waiting)));
+        let is_opaque = ffi::find::<vk::ExportSemaphoreCreateInfo>((*info).p_next)
+            .is_some_and(|export| export.handle_types.contains(vk::ExternalSemaphoreHandleTypeFlags::OPAQUE_FD));
+        let external = External::new(is_opaque && ty == vk::SemaphoreType::BINARY, false)?;
+        *out = handle::create(Semaphore::with(ty, value, Arc::clone(&device.engine.waiting), external));
+        Ok(())
+    }
+
+    fn vkImportSemaphoreFdKHR(_device: vk::Device, info: *const vk::ImportSemaphoreFdInfoKHR) -> vk::Result {
+        let info = &*info;
+        let is_temporary = info.flags.contains(vk::SemaphoreImportFlags::TEMPORARY);
+        let is_sync = info.handle_type == vk::ExternalSemaphoreHandleTypeFlags::SYNC_FD;
+        let semaphore = handle::from_handle::<Semaphore>(info.semaphore);
+        semaphore.external.import(import(info.fd, is_sync, is_temporary)?);
+        Ok(())
+    }
+
+    /// Sync files come to be when the semaphore has been signaled, for which this waits; exporting one is a wait to the semaphore, too.
+    fn vkGetSemaphoreFdKHR(device: vk::Device, info: *const vk::SemaphoreGetFdInfoKHR, out: *mut c_int) -> vk::Result {
+        let semaphore = handle::from_handle::<Semaphore>((*info).semaphore);
+        if (*info).handle_type != vk::ExternalSemaphoreHandleTypeFlags::SYNC_FD {
+            *out = semaphore.external.export()?.into_raw_fd();
+            return Ok(());
+        }
+        let waiting = &handle::from_handle::<Device>(device).engine.waiting;
+        waiting.wait(u64::MAX, semaphore.external.is_there(), || semaphore.has_reached(1))?;
+        semaphore.consume();
+        *out = -1;
+        Ok(())
+    }
+
+    fn vkImportFenceFdKHR(_device: vk::Device, info: *const vk::ImportFenceFdInfoKHR) -> vk::Result {
+        let info = &*info;
+        let is_temporary = info.flags.contains(vk::FenceImportFlags::TEMPORARY);
+        let is_sync = info.handle_type == vk::ExternalFenceHandleTypeFlags::SYNC_FD;
+        let fence = handle::from_handle::<Fence>(info.fence);
+        fence.external.import(import(info.fd, is_sync, is_temporary)?);
+        Ok(())
+    }
+
+    /// As [`vkGetSemaphoreFdKHR`]; exporting a sync file resets the fence.
+    fn vkGetFenceFdKHR(device: vk::Device, info: *const vk::FenceGetFdInfoKHR, out: *mut c_int) -> vk::Result {
+        let fence = handle::from_handle::<Fence>((*info).fence);
+        if (*info).handle_type != vk::ExternalFenceHandleTypeFlags::SYNC_FD {
+            *out = fence.external.export()?.into_raw_fd();
+            return Ok(());
+        }
+        let waiting = &handle::from_handle::<Device>(device).engine.waiting;
+        waiting.wait(u64::MAX, fence.external.is_there(), || fence.is_signaled())?;
+        fence.set(false);
+        *out = -1;
         Ok(())
     }
 

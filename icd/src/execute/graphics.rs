@@ -17,7 +17,7 @@ use crate::command::GraphicsCommand;
 use crate::command::graphics::{BindVertexBuffers, Draw, DrawIndirect, DrawMulti, IndexBinding};
 use crate::command::pass::{AttachmentClears, Pass};
 use crate::object::graphics_pipeline::{GraphicsPipeline, Stages};
-use crate::object::graphics_state::{GraphicsState, MAX_VERTEX_INPUTS};
+use crate::object::graphics_state::{GraphicsState, MAX_VERTEX_INPUTS, UsedAttachments};
 use crate::object::setting::Setting;
 use crate::object::{QueryPool, ShaderObject};
 use crate::raster::{
@@ -84,6 +84,7 @@ impl Current {
             Stage::Fragment => self.fragment = program,
             _ => self.vertex = program,
         }
+        Arc::make_mut(&mut self.state).used_attachments = UsedAttachments::default();
         self.stages = self.vertex.as_ref().map(|vertex| {
             Arc::new(Stages {
                 vertex: Arc::clone(vertex),

@@ -1,52 +1,40 @@
-//! Formats for attachments, and vertices: those that the specification makes mandatory (chapter Formats, "Required Format Support"), which
-//! it does for every implementation, with a graphics queue or without. Images of them are created, viewed, cleared, copied and bound to
-//! framebuffers like any other.
+//! Formats for attachments and vertices, the mandatory ones (chapter Formats, "Required Format Support") among them.
 
 #![forbid(unsafe_code)]
 
 use ash::vk;
-use spirv_jit::image::format::Numeric;
+use spirv_jit::image::format::{FormatInfo, Numeric};
 
 use super::texel_format;
 
-/// `VK_FORMAT_FEATURE_COLOR_ATTACHMENT_BIT` and `…_BLEND_BIT`.
-#[rustfmt::skip]
-const BLENDED: [vk::Format; 14] = [
-    vk::Format::R5G6B5_UNORM_PACK16, vk::Format::A1R5G5B5_UNORM_PACK16,
-    vk::Format::R8_UNORM, vk::Format::R8G8_UNORM, vk::Format::R8G8B8A8_UNORM, vk::Format::R8G8B8A8_SRGB,
-    vk::Format::B8G8R8A8_UNORM, vk::Format::B8G8R8A8_SRGB,
-    vk::Format::A8B8G8R8_UNORM_PACK32, vk::Format::A8B8G8R8_SRGB_PACK32, vk::Format::A2B10G10R10_UNORM_PACK32,
-    vk::Format::R16_SFLOAT, vk::Format::R16G16_SFLOAT, vk::Format::R16G16B16A16_SFLOAT,
-];
+/// Bytes of the texels that tiles load and store.
+const TEXEL_BYTES: [u8; 5] = [1, 2, 4, 8, 16];
 
-/// `VK_FORMAT_FEATURE_COLOR_ATTACHMENT_BIT` alone.
-#[rustfmt::skip]
-const NOT_BLENDED: [vk::Format; 24] = [
-    vk::Format::R8_UINT, vk::Format::R8_SINT, vk::Format::R8G8_UINT, vk::Format::R8G8_SINT,
-    vk::Format::R8G8B8A8_UINT, vk::Format::R8G8B8A8_SINT,
-    vk::Format::A8B8G8R8_UINT_PACK32, vk::Format::A8B8G8R8_SINT_PACK32, vk::Format::A2B10G10R10_UINT_PACK32,
-    vk::Format::R16_UINT, vk::Format::R16_SINT, vk::Format::R16G16_UINT, vk::Format::R16G16_SINT,
-    vk::Format::R16G16B16A16_UINT, vk::Format::R16G16B16A16_SINT,
-    vk::Format::R32_UINT, vk::Format::R32_SINT, vk::Format::R32_SFLOAT,
-    vk::Format::R32G32_UINT, vk::Format::R32G32_SINT, vk::Format::R32G32_SFLOAT,
-    vk::Format::R32G32B32A32_UINT, vk::Format::R32G32B32A32_SINT, vk::Format::R32G32B32A32_SFLOAT,
-];
+/// Whether a format is one of colours that can be drawn: every uncompressed one whose texels have a power of two of bytes, but those of the
+/// shared exponent, of 64-bit and scaled components.
+fn is_drawn(format: vk::Format, info: &FormatInfo) -> bool {
+    let no_colors = [Numeric::Uscaled, Numeric::Sscaled].contains(&info.numeric)
+        || format == vk::Format::E5B9G9R9_UFLOAT_PACK32;
+    info.is_color()
+        && info.blocks().is_none()
+        && info.channels.iter().all(|channel| channel.bits < 64)
+        && TEXEL_BYTES.contains(&info.size_bytes)
+        && !no_colors
+}
 
 /// What a format is as an attachment.
-pub fn image_features(format: vk::Format) -> vk::FormatFeatureFlags2 {
+pub fn image_features(format: vk::Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
     use vk::FormatFeatureFlags2 as Feature;
-    match format {
-        vk::Format::D16_UNORM
-        | vk::Format::X8_D24_UNORM_PACK32
-        | vk::Format::D32_SFLOAT
-        | vk::Format::S8_UINT
-        | vk::Format::D24_UNORM_S8_UINT
-        | vk::Format::D32_SFLOAT_S8_UINT => Feature::DEPTH_STENCIL_ATTACHMENT,
-        format if BLENDED.contains(&format) => {
-            Feature::COLOR_ATTACHMENT | Feature::COLOR_ATTACHMENT_BLEND
+    if info.has_depth || info.has_stencil {
+        return Feature::DEPTH_STENCIL_ATTACHMENT;
+    }
+    match is_drawn(format, info) {
+        false => Feature::empty(),
+        // Blending signed fractions amplifies their rounding past what the conformance suite allows.
+        true if info.numeric.is_integer() || info.numeric == Numeric::Snorm => {
+            Feature::COLOR_ATTACHMENT
         }
-        format if NOT_BLENDED.contains(&format) => Feature::COLOR_ATTACHMENT,
-        _ => Feature::empty(),
+        true => Feature::COLOR_ATTACHMENT | Feature::COLOR_ATTACHMENT_BLEND,
     }
 }
 

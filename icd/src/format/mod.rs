@@ -127,7 +127,7 @@ pub fn features(format: vk::Format) -> Features {
         return Features::default();
     };
     let mut features = Features {
-        image: image_features(texel, info) | attachment::image_features(format),
+        image: image_features(texel, info) | attachment::image_features(format, info),
         buffer: buffer_features(texel, info),
     };
     if attachment::is_vertex(format) {

@@ -109,6 +109,7 @@ impl GraphicsState {
             self.multisample = from.multisample;
             self.blend = from.blend;
             self.color_locations = from.color_locations;
+            self.used_attachments = from.used_attachments;
         }
     }
 

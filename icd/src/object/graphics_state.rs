@@ -146,6 +146,16 @@ pub struct Viewports {
     pub scissors: SmallVec<[vk::Rect2D; 1]>,
 }
 
+/// The attachments of a pass that a pipeline has formats for; it neither reads nor writes the others
+/// (`VK_EXT_dynamic_rendering_unused_attachments`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct UsedAttachments {
+    /// A bit an attachment.
+    pub colors: u32,
+    pub depth: bool,
+    pub stencil: bool,
+}
+
 /// All of it.
 #[derive(Clone, Debug)]
 pub struct GraphicsState {
@@ -159,6 +169,18 @@ pub struct GraphicsState {
     pub blend: ColorBlend,
     /// By location of a fragment output: its colour attachment, or `VK_ATTACHMENT_UNUSED` (`VkRenderingAttachmentLocationInfo`).
     pub color_locations: [u32; MAX_COLOR_ATTACHMENTS],
+    /// All but for pipelines of dynamic rendering.
+    pub used_attachments: UsedAttachments,
+}
+
+impl Default for UsedAttachments {
+    fn default() -> Self {
+        Self {
+            colors: u32::MAX,
+            depth: true,
+            stencil: true,
+        }
+    }
 }
 
 impl Default for Rasterization {
@@ -269,6 +291,7 @@ impl Default for GraphicsState {
             depth_stencil: DepthStencil::default(),
             blend: ColorBlend::default(),
             color_locations: std::array::from_fn(|location| location as u32),
+            used_attachments: UsedAttachments::default(),
         }
     }
 }

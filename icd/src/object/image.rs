@@ -588,7 +588,7 @@ pub fn view_descriptor(
         layer_stride_bytes,
         sample_stride_bytes: plane.sample_stride_bytes,
         swizzle: swizzle(components),
-        min_lod,
+        min_lod: (min_lod - range.base_mip_level as f32).max(0.0),
         levels,
         conversion,
     })
@@ -669,11 +669,12 @@ mod tests {
             image.format,
             Default::default(),
             &range,
-            0.0,
+            2.5,
             None,
         )
         .unwrap();
         assert_eq!((view.level_count, view.layer_count), (3, 4));
+        assert_eq!(view.min_lod, 1.5);
         assert_eq!((view.levels[0].width, view.levels[2].width), (4, 1));
         let plane = &image.planes[0];
         let first = plane.levels[1].offset_bytes + 2 * plane.layer_stride_bytes;

@@ -9,7 +9,12 @@ use std::time::{Duration, Instant};
 use ash::vk;
 use parking_lot::{Condvar, Mutex};
 
+use super::external_sync::External;
 use crate::VkResult;
+
+/// How long a wait for what lies in a file sleeps, at first and at most, before it looks again.
+const FIRST_LOOK: Duration = Duration::from_micros(20);
+const LAST_LOOK: Duration = Duration::from_millis(1);
 
 /// Whether a device is lost. Once it is, it stays so. To a child of the process that made it a device is lost, too: a fork takes no threads
 /// along.
@@ -69,11 +74,25 @@ impl Waiting {
     ///
     /// # Errors
     /// `VK_TIMEOUT`, `VK_ERROR_DEVICE_LOST`.
-    pub fn wait_until(&self, timeout_ns: u64, mut done: impl FnMut() -> bool) -> VkResult {
+    pub fn wait_until(&self, timeout_ns: u64, done: impl FnMut() -> bool) -> VkResult {
+        self.wait(timeout_ns, false, done)
+    }
+
+    /// The same; where it is for something `in_files`, nobody notifies.
+    ///
+    /// # Errors
+    /// As [`Self::wait_until`].
+    pub fn wait(
+        &self,
+        timeout_ns: u64,
+        in_files: bool,
+        mut done: impl FnMut() -> bool,
+    ) -> VkResult {
         if done() {
             return Ok(());
         }
         let deadline = Instant::now().checked_add(Duration::from_nanos(timeout_ns));
+        let mut look = FIRST_LOOK;
         let mut lock = self.changed_lock.lock();
         loop {
             if done() {
@@ -82,6 +101,13 @@ impl Waiting {
             self.lost.check()?;
             match deadline {
                 _ if timeout_ns == 0 => return Err(vk::Result::TIMEOUT),
+                _ if in_files => {
+                    if deadline.is_some_and(|deadline| Instant::now() >= deadline) {
+                        return Err(vk::Result::TIMEOUT);
+                    }
+                    self.changed.wait_for(&mut lock, look);
+                    look = (2 * look).min(LAST_LOOK);
+                }
                 Some(deadline) => {
                     if self.changed.wait_until(&mut lock, deadline).timed_out() {
                         return if done() {
@@ -100,22 +126,37 @@ impl Waiting {
 /// A fence.
 pub struct Fence {
     signaled: AtomicBool,
+    /// Stands before the other, where it is there.
+    pub external: External,
 }
 
 impl Fence {
     pub fn new(signaled: bool) -> Self {
+        Self::with(signaled, External::default())
+    }
+
+    /// A fence whose payload may lie in a file.
+    pub fn with(signaled: bool, external: External) -> Self {
         Self {
             signaled: AtomicBool::new(signaled),
+            external,
         }
     }
 
     pub fn is_signaled(&self) -> bool {
-        self.signaled.load(Ordering::Acquire)
+        let external = self.external.is_signaled();
+        external.unwrap_or_else(|| self.signaled.load(Ordering::Acquire))
     }
 
     /// Sets or resets the fence. Who sets it also [notifies](Waiting::notify).
     pub fn set(&self, signaled: bool) {
-        self.signaled.store(signaled, Ordering::Release);
+        let is_external = match signaled {
+            true => self.external.signal(),
+            false => self.external.reset(),
+        };
+        if !is_external {
+            self.signaled.store(signaled, Ordering::Release);
+        }
     }
 }
 
@@ -124,15 +165,28 @@ pub struct Semaphore {
     pub ty: vk::SemaphoreType,
     value: AtomicU64,
     waiting: Arc<Waiting>,
+    /// Of binary ones; stands before the counter, where it is there.
+    pub external: External,
 }
 
 impl Semaphore {
     /// A semaphore of a device; `value` is a timeline's first one.
     pub fn new(ty: vk::SemaphoreType, value: u64, waiting: Arc<Waiting>) -> Self {
+        Self::with(ty, value, waiting, External::default())
+    }
+
+    /// A semaphore whose payload may lie in a file.
+    pub fn with(
+        ty: vk::SemaphoreType,
+        value: u64,
+        waiting: Arc<Waiting>,
+        external: External,
+    ) -> Self {
         Self {
             ty,
             value: AtomicU64::new(value),
             waiting,
+            external,
         }
     }
 
@@ -148,19 +202,22 @@ impl Semaphore {
     /// Signals: a binary semaphore becomes 1, a timeline one takes the value. A timeline never goes back (chapter Semaphores: signals
     /// must increase the value).
     pub fn signal(&self, value: u64) {
-        let value = if self.is_binary() { 1 } else { value };
-        self.value.fetch_max(value, Ordering::AcqRel);
+        if !self.external.signal() {
+            let value = if self.is_binary() { 1 } else { value };
+            self.value.fetch_max(value, Ordering::AcqRel);
+        }
         self.waiting.notify();
     }
 
     /// Whether a wait for `value` is over.
     pub fn has_reached(&self, value: u64) -> bool {
-        self.value() >= if self.is_binary() { 1 } else { value }
+        let external = self.external.is_signaled();
+        external.unwrap_or_else(|| self.value() >= if self.is_binary() { 1 } else { value })
     }
 
     /// What a finished queue wait leaves: a binary semaphore is unsignaled again.
     pub fn consume(&self) {
-        if self.is_binary() {
+        if !self.external.consume() && self.is_binary() {
             self.value.store(0, Ordering::Release);
         }
     }

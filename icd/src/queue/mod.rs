@@ -183,7 +183,10 @@ impl Line {
             signals,
             fence,
         } = submission;
-        let waited = self.engine.waiting.wait_until(u64::MAX, || {
+        let in_files = waits
+            .iter()
+            .any(|(semaphore, _)| semaphore.external.is_there());
+        let waited = self.engine.waiting.wait(u64::MAX, in_files, || {
             waits
                 .iter()
                 .all(|(semaphore, value)| semaphore.has_reached(*value))

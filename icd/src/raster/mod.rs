@@ -24,7 +24,9 @@ use smallvec::SmallVec;
 use spirv_jit::environment::Environment;
 
 pub use crate::object::graphics_pipeline::Stages;
-use crate::object::graphics_state::{GraphicsState, MAX_COLOR_ATTACHMENTS, MAX_VERTEX_INPUTS};
+use crate::object::graphics_state::{
+    GraphicsState, MAX_COLOR_ATTACHMENTS, MAX_VERTEX_INPUTS, UsedAttachments,
+};
 use crate::transfer::surface::Surface;
 use crate::wave::{Limits, Stopped, Workers};
 pub use primitive::Chunk;
@@ -63,6 +65,20 @@ pub struct Targets {
     pub colors: [Option<Target>; MAX_COLOR_ATTACHMENTS],
     pub depth: Option<Target>,
     pub stencil: Option<Target>,
+}
+
+impl Targets {
+    /// The same without the attachments that a pipeline has no format for.
+    pub fn used_by(&self, used: &UsedAttachments) -> Targets {
+        Targets {
+            colors: std::array::from_fn(|index| {
+                self.colors[index].filter(|_| used.colors >> index & 1 != 0)
+            }),
+            depth: self.depth.filter(|_| used.depth),
+            stencil: self.stencil.filter(|_| used.stencil),
+            ..*self
+        }
+    }
 }
 
 /// A bound vertex buffer.

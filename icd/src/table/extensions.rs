@@ -86,9 +86,11 @@ extensions! {
     Device KHR_DYNAMIC_RENDERING c"VK_KHR_dynamic_rendering" 1;
     Device KHR_DYNAMIC_RENDERING_LOCAL_READ c"VK_KHR_dynamic_rendering_local_read" 1;
     Device KHR_EXTERNAL_FENCE c"VK_KHR_external_fence" 1;
+    Device KHR_EXTERNAL_FENCE_FD c"VK_KHR_external_fence_fd" 1;
     Device KHR_EXTERNAL_MEMORY c"VK_KHR_external_memory" 1;
     Device KHR_EXTERNAL_MEMORY_FD c"VK_KHR_external_memory_fd" 1;
     Device KHR_EXTERNAL_SEMAPHORE c"VK_KHR_external_semaphore" 1;
+    Device KHR_EXTERNAL_SEMAPHORE_FD c"VK_KHR_external_semaphore_fd" 1;
     Device KHR_FORMAT_FEATURE_FLAGS_2 c"VK_KHR_format_feature_flags2" 2;
     Device KHR_FRAGMENT_SHADER_BARYCENTRIC c"VK_KHR_fragment_shader_barycentric" 1;
     Device KHR_GET_MEMORY_REQUIREMENTS_2 c"VK_KHR_get_memory_requirements2" 1;
@@ -169,6 +171,7 @@ extensions! {
     Device EXT_DEPTH_RANGE_UNRESTRICTED c"VK_EXT_depth_range_unrestricted" 1;
     Device EXT_DESCRIPTOR_BUFFER c"VK_EXT_descriptor_buffer" 1;
     Device EXT_DESCRIPTOR_INDEXING c"VK_EXT_descriptor_indexing" 2;
+    Device EXT_DYNAMIC_RENDERING_UNUSED_ATTACHMENTS c"VK_EXT_dynamic_rendering_unused_attachments" 1;
     Device EXT_EXTENDED_DYNAMIC_STATE c"VK_EXT_extended_dynamic_state" 1;
     Device EXT_EXTENDED_DYNAMIC_STATE_2 c"VK_EXT_extended_dynamic_state2" 1;
     Device EXT_EXTENDED_DYNAMIC_STATE_3 c"VK_EXT_extended_dynamic_state3" 2;

@@ -279,6 +279,7 @@ features! {
         storage_input_output16: PhysicalDeviceVulkan11Features PhysicalDevice16BitStorageFeatures => StorageInputOutput16;
         dynamic_rendering: PhysicalDeviceVulkan13Features PhysicalDeviceDynamicRenderingFeatures;
         dynamic_rendering_local_read: PhysicalDeviceDynamicRenderingLocalReadFeaturesKHR;
+        dynamic_rendering_unused_attachments: PhysicalDeviceDynamicRenderingUnusedAttachmentsFeaturesEXT;
         index_type_uint8: PhysicalDeviceIndexTypeUint8FeaturesKHR;
         rectangular_lines: PhysicalDeviceLineRasterizationFeaturesKHR;
         bresenham_lines: PhysicalDeviceLineRasterizationFeaturesKHR;

@@ -35,7 +35,7 @@ fn locate(
             LodMode::Lod => operands.lod[0][lane] as usize,
             _ => 0,
         };
-        if level_index >= image.level_count as usize {
+        if !image.has_level(level_index) {
             return;
         }
         let level = &image.levels[level_index];

@@ -83,7 +83,7 @@ pub struct ImageDescriptor {
     pub sample_stride_bytes: u64,
     /// `VkComponentMapping`: for r, g, b, a: 0–3 = that component, 4 = zero, 5 = one.
     pub swizzle: [u8; 4],
-    /// `VkImageViewMinLodCreateInfoEXT` or 0.
+    /// `VkImageViewMinLodCreateInfoEXT`, counted from the first of `levels`, or 0.
     pub min_lod: f32,
     /// With a conversion of several planes: the planes, of which there is one level.
     pub levels: [Level; MAX_LEVELS],
@@ -109,6 +109,13 @@ impl ImageDescriptor {
         levels: [Level::ZERO; MAX_LEVELS],
         conversion: None,
     };
+
+    /// Whether integer coordinates lead to a level: those below the view's least level of detail, rounded down, are outside of the view
+    /// (spec, "Integer Texel Coordinate Operations").
+    #[inline(always)]
+    pub(crate) fn has_level(&self, level: usize) -> bool {
+        (self.min_lod as usize..usize::from(self.level_count)).contains(&level)
+    }
 
     /// A texel buffer.
     pub fn texel_buffer(data: *mut u8, size_bytes: u64, format: Format) -> Self {

@@ -42,7 +42,7 @@ impl<'a> Plain<'a> {
     #[inline(always)]
     fn level(&self, operands: &Operands<'_>, mask: u16) -> Option<usize> {
         if self.op.lod != LodMode::Lod {
-            return Some(0);
+            return self.image.has_level(0).then_some(0);
         }
         let row = operands.lod[0];
         let first = row[mask.trailing_zeros() as usize & 15];
@@ -50,7 +50,7 @@ impl<'a> Plain<'a> {
         for lane in 0..SUBGROUP_SIZE {
             others |= ((row[lane] != first) as u16) << lane;
         }
-        let is_one = others & mask == 0 && first < self.image.level_count as u32;
+        let is_one = others & mask == 0 && self.image.has_level(first as usize);
         is_one.then_some(first as usize)
     }
 

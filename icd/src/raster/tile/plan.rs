@@ -60,6 +60,7 @@ impl<'a> Plan<'a> {
         let fragment = draw.stages.fragment.as_deref();
         let facts = (fragment.and_then(Program::fragment)).copied();
         let facts = facts.unwrap_or_default();
+        let targets = &targets.used_by(&state.used_attachments);
         let tests = Tests::new(targets, &state.depth_stencil);
         let output = Output::new(tier, targets, state, fragment);
         let multisample = &state.multisample;
