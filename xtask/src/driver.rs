@@ -12,8 +12,8 @@ use crate::{loader, workspace};
 pub const LIBRARY: &str = "libvulkan_tuff.so";
 /// The file name of its manifest.
 pub const MANIFEST: &str = "tuff_icd.json";
-/// The Vulkan version the driver reports; its patch level is that of the headers it is built with.
-const API_VERSION: &str = "1.3.281";
+/// The Vulkan version the driver reports.
+const API_VERSION: &str = "1.4.303";
 const TEMPLATE: &str = include_str!("../../manifests/tuff_icd.json.in");
 
 /// A driver that is ready to be loaded.

@@ -102,6 +102,7 @@ macro_rules! commands {
     (@availability Core11) => { Availability::Core(vk::API_VERSION_1_1) };
     (@availability Core12) => { Availability::Core(vk::API_VERSION_1_2) };
     (@availability Core13) => { Availability::Core(vk::API_VERSION_1_3) };
+    (@availability Core14) => { Availability::Core(vk::API_VERSION_1_4) };
     (@availability $extension:ident) => { Availability::Extension(Extension::$extension) };
 }
 
@@ -198,8 +199,10 @@ commands! {
     Device EXT_EXTERNAL_MEMORY_HOST PFN_vkGetMemoryHostPointerPropertiesEXT memory::vkGetMemoryHostPointerPropertiesEXT;
     Device Core PFN_vkInvalidateMappedMemoryRanges memory::vkInvalidateMappedMemoryRanges;
     Device Core PFN_vkMapMemory memory::vkMapMemory;
+    Device Core14 PFN_vkMapMemory2KHR memory::vkMapMemory2KHR as vkMapMemory2;
     Device KHR_MAP_MEMORY_2 PFN_vkMapMemory2KHR memory::vkMapMemory2KHR;
     Device Core PFN_vkUnmapMemory memory::vkUnmapMemory;
+    Device Core14 PFN_vkUnmapMemory2KHR memory::vkUnmapMemory2KHR as vkUnmapMemory2;
     Device KHR_MAP_MEMORY_2 PFN_vkUnmapMemory2KHR memory::vkUnmapMemory2KHR;
 
     Device Core PFN_vkBindBufferMemory buffer::vkBindBufferMemory;
@@ -286,7 +289,9 @@ commands! {
     Device KHR_DESCRIPTOR_UPDATE_TEMPLATE PFN_vkUpdateDescriptorSetWithTemplate descriptor_set::vkUpdateDescriptorSetWithTemplate as vkUpdateDescriptorSetWithTemplateKHR;
     Device Core PFN_vkUpdateDescriptorSets descriptor_set::vkUpdateDescriptorSets;
 
+    Device Core14 PFN_vkCmdPushDescriptorSetKHR push_descriptor::vkCmdPushDescriptorSetKHR as vkCmdPushDescriptorSet;
     Device KHR_PUSH_DESCRIPTOR PFN_vkCmdPushDescriptorSetKHR push_descriptor::vkCmdPushDescriptorSetKHR;
+    Device Core14 PFN_vkCmdPushDescriptorSetWithTemplateKHR push_descriptor::vkCmdPushDescriptorSetWithTemplateKHR as vkCmdPushDescriptorSetWithTemplate;
     Device KHR_PUSH_DESCRIPTOR PFN_vkCmdPushDescriptorSetWithTemplateKHR push_descriptor::vkCmdPushDescriptorSetWithTemplateKHR;
 
     Device EXT_DESCRIPTOR_BUFFER PFN_vkCmdBindDescriptorBufferEmbeddedSamplersEXT descriptor_buffer::vkCmdBindDescriptorBufferEmbeddedSamplersEXT;
@@ -388,18 +393,26 @@ commands! {
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdUpdateMemoryKHR device_address::vkCmdUpdateMemoryKHR;
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCreateAccelerationStructure2KHR device_address::vkCreateAccelerationStructure2KHR;
 
+    Device Core14 PFN_vkCmdBindIndexBuffer2KHR graphics_draw::vkCmdBindIndexBuffer2KHR as vkCmdBindIndexBuffer2;
     Device KHR_MAINTENANCE_5 PFN_vkCmdBindIndexBuffer2KHR graphics_draw::vkCmdBindIndexBuffer2KHR;
     Device Core11 PFN_vkCreateSamplerYcbcrConversion image::vkCreateSamplerYcbcrConversion;
     Device KHR_SAMPLER_YCBCR_CONVERSION PFN_vkCreateSamplerYcbcrConversion image::vkCreateSamplerYcbcrConversion as vkCreateSamplerYcbcrConversionKHR;
     Device Core11 PFN_vkDestroySamplerYcbcrConversion image::vkDestroySamplerYcbcrConversion;
     Device KHR_SAMPLER_YCBCR_CONVERSION PFN_vkDestroySamplerYcbcrConversion image::vkDestroySamplerYcbcrConversion as vkDestroySamplerYcbcrConversionKHR;
+    Device Core14 PFN_vkGetDeviceImageSubresourceLayoutKHR maintenance5::vkGetDeviceImageSubresourceLayoutKHR as vkGetDeviceImageSubresourceLayout;
     Device KHR_MAINTENANCE_5 PFN_vkGetDeviceImageSubresourceLayoutKHR maintenance5::vkGetDeviceImageSubresourceLayoutKHR;
+    Device Core14 PFN_vkGetImageSubresourceLayout2KHR maintenance5::vkGetImageSubresourceLayout2KHR as vkGetImageSubresourceLayout2;
     Device KHR_MAINTENANCE_5 PFN_vkGetImageSubresourceLayout2KHR maintenance5::vkGetImageSubresourceLayout2KHR;
     Device EXT_HOST_IMAGE_COPY PFN_vkGetImageSubresourceLayout2KHR maintenance5::vkGetImageSubresourceLayout2KHR as vkGetImageSubresourceLayout2EXT;
+    Device Core14 PFN_vkCopyImageToImageEXT host_image_copy::vkCopyImageToImageEXT as vkCopyImageToImage;
     Device EXT_HOST_IMAGE_COPY PFN_vkCopyImageToImageEXT host_image_copy::vkCopyImageToImageEXT;
+    Device Core14 PFN_vkCopyImageToMemoryEXT host_image_copy::vkCopyImageToMemoryEXT as vkCopyImageToMemory;
     Device EXT_HOST_IMAGE_COPY PFN_vkCopyImageToMemoryEXT host_image_copy::vkCopyImageToMemoryEXT;
+    Device Core14 PFN_vkCopyMemoryToImageEXT host_image_copy::vkCopyMemoryToImageEXT as vkCopyMemoryToImage;
     Device EXT_HOST_IMAGE_COPY PFN_vkCopyMemoryToImageEXT host_image_copy::vkCopyMemoryToImageEXT;
+    Device Core14 PFN_vkTransitionImageLayoutEXT host_image_copy::vkTransitionImageLayoutEXT as vkTransitionImageLayout;
     Device EXT_HOST_IMAGE_COPY PFN_vkTransitionImageLayoutEXT host_image_copy::vkTransitionImageLayoutEXT;
+    Device Core14 PFN_vkGetRenderingAreaGranularityKHR maintenance5::vkGetRenderingAreaGranularityKHR as vkGetRenderingAreaGranularity;
     Device KHR_MAINTENANCE_5 PFN_vkGetRenderingAreaGranularityKHR maintenance5::vkGetRenderingAreaGranularityKHR;
 
     Device KHR_ACCELERATION_STRUCTURE PFN_vkBuildAccelerationStructuresKHR acceleration_structure::vkBuildAccelerationStructuresKHR;
@@ -515,8 +528,11 @@ commands! {
     Device KHR_DRAW_INDIRECT_COUNT PFN_vkCmdDrawIndexedIndirectCount graphics_draw::vkCmdDrawIndexedIndirectCount as vkCmdDrawIndexedIndirectCountKHR;
     Device KHR_DYNAMIC_RENDERING PFN_vkCmdBeginRendering graphics_pass::vkCmdBeginRendering as vkCmdBeginRenderingKHR;
     Device KHR_DYNAMIC_RENDERING PFN_vkCmdEndRendering graphics_pass::vkCmdEndRendering as vkCmdEndRenderingKHR;
+    Device Core14 PFN_vkCmdSetRenderingAttachmentLocationsKHR graphics_pass::vkCmdSetRenderingAttachmentLocationsKHR as vkCmdSetRenderingAttachmentLocations;
     Device KHR_DYNAMIC_RENDERING_LOCAL_READ PFN_vkCmdSetRenderingAttachmentLocationsKHR graphics_pass::vkCmdSetRenderingAttachmentLocationsKHR;
+    Device Core14 PFN_vkCmdSetRenderingInputAttachmentIndicesKHR graphics_pass::vkCmdSetRenderingInputAttachmentIndicesKHR as vkCmdSetRenderingInputAttachmentIndices;
     Device KHR_DYNAMIC_RENDERING_LOCAL_READ PFN_vkCmdSetRenderingInputAttachmentIndicesKHR graphics_pass::vkCmdSetRenderingInputAttachmentIndicesKHR;
+    Device Core14 PFN_vkCmdSetLineStippleKHR graphics_state::vkCmdSetLineStippleKHR as vkCmdSetLineStipple;
     Device KHR_LINE_RASTERIZATION PFN_vkCmdSetLineStippleKHR graphics_state::vkCmdSetLineStippleKHR;
     Device EXT_LINE_RASTERIZATION PFN_vkCmdSetLineStippleKHR graphics_state::vkCmdSetLineStippleKHR as vkCmdSetLineStippleEXT;
     Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetCullMode graphics_state::vkCmdSetCullMode as vkCmdSetCullModeEXT;
@@ -599,9 +615,13 @@ commands! {
     Device EXT_SHADER_OBJECT PFN_vkDestroyShaderEXT shader_object::vkDestroyShaderEXT;
     Device EXT_SHADER_OBJECT PFN_vkGetShaderBinaryDataEXT shader_object::vkGetShaderBinaryDataEXT;
     Device EXT_SHADER_OBJECT PFN_vkCmdBindShadersEXT shader_object::vkCmdBindShadersEXT;
+    Device Core14 PFN_vkCmdBindDescriptorSets2KHR command::vkCmdBindDescriptorSets2KHR as vkCmdBindDescriptorSets2;
     Device KHR_MAINTENANCE_6 PFN_vkCmdBindDescriptorSets2KHR command::vkCmdBindDescriptorSets2KHR;
+    Device Core14 PFN_vkCmdPushConstants2KHR command::vkCmdPushConstants2KHR as vkCmdPushConstants2;
     Device KHR_MAINTENANCE_6 PFN_vkCmdPushConstants2KHR command::vkCmdPushConstants2KHR;
+    Device Core14 PFN_vkCmdPushDescriptorSet2KHR push_descriptor::vkCmdPushDescriptorSet2KHR as vkCmdPushDescriptorSet2;
     Device KHR_MAINTENANCE_6 PFN_vkCmdPushDescriptorSet2KHR push_descriptor::vkCmdPushDescriptorSet2KHR;
+    Device Core14 PFN_vkCmdPushDescriptorSetWithTemplate2KHR push_descriptor::vkCmdPushDescriptorSetWithTemplate2KHR as vkCmdPushDescriptorSetWithTemplate2;
     Device KHR_MAINTENANCE_6 PFN_vkCmdPushDescriptorSetWithTemplate2KHR push_descriptor::vkCmdPushDescriptorSetWithTemplate2KHR;
     Device KHR_MAINTENANCE_6 PFN_vkCmdSetDescriptorBufferOffsets2EXT descriptor_buffer::vkCmdSetDescriptorBufferOffsets2EXT;
     Device KHR_MAINTENANCE_6 PFN_vkCmdBindDescriptorBufferEmbeddedSamplers2EXT descriptor_buffer::vkCmdBindDescriptorBufferEmbeddedSamplers2EXT;

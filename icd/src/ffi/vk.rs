@@ -35,7 +35,60 @@ macro_rules! structures {
     };
 }
 
+/// The version 1.4 of Vulkan.
+pub const API_VERSION_1_4: u32 = make_api_version(0, 1, 4, 0);
+
 structures! {
+    PhysicalDeviceVulkan14Features 55 *mut c_void {
+        global_priority_query: Bool32,
+        shader_subgroup_rotate: Bool32,
+        shader_subgroup_rotate_clustered: Bool32,
+        shader_float_controls2: Bool32,
+        shader_expect_assume: Bool32,
+        rectangular_lines: Bool32,
+        bresenham_lines: Bool32,
+        smooth_lines: Bool32,
+        stippled_rectangular_lines: Bool32,
+        stippled_bresenham_lines: Bool32,
+        stippled_smooth_lines: Bool32,
+        vertex_attribute_instance_rate_divisor: Bool32,
+        vertex_attribute_instance_rate_zero_divisor: Bool32,
+        index_type_uint8: Bool32,
+        dynamic_rendering_local_read: Bool32,
+        maintenance5: Bool32,
+        maintenance6: Bool32,
+        pipeline_protected_access: Bool32,
+        pipeline_robustness: Bool32,
+        host_image_copy: Bool32,
+        push_descriptor: Bool32,
+    }
+    PhysicalDeviceVulkan14Properties 56 *mut c_void {
+        line_sub_pixel_precision_bits: u32,
+        max_vertex_attrib_divisor: u32,
+        supports_non_zero_first_instance: Bool32,
+        max_push_descriptors: u32,
+        dynamic_rendering_local_read_depth_stencil_attachments: Bool32,
+        dynamic_rendering_local_read_multisampled_attachments: Bool32,
+        early_fragment_multisample_coverage_after_sample_counting: Bool32,
+        early_fragment_sample_mask_test_before_sample_counting: Bool32,
+        depth_stencil_swizzle_one_support: Bool32,
+        polygon_mode_point_size: Bool32,
+        non_strict_single_pixel_wide_lines_use_parallelogram: Bool32,
+        non_strict_wide_lines_use_parallelogram: Bool32,
+        block_texel_view_compatible_multiple_layers: Bool32,
+        max_combined_image_sampler_descriptor_count: u32,
+        fragment_shading_rate_clamp_combiner_inputs: Bool32,
+        default_robustness_storage_buffers: PipelineRobustnessBufferBehaviorEXT,
+        default_robustness_uniform_buffers: PipelineRobustnessBufferBehaviorEXT,
+        default_robustness_vertex_inputs: PipelineRobustnessBufferBehaviorEXT,
+        default_robustness_images: PipelineRobustnessImageBehaviorEXT,
+        copy_src_layout_count: u32,
+        p_copy_src_layouts: *mut ImageLayout,
+        copy_dst_layout_count: u32,
+        p_copy_dst_layouts: *mut ImageLayout,
+        optimal_tiling_layout_uuid: [u8; UUID_SIZE],
+        identical_memory_type_requirements: Bool32,
+    }
     /// `VK_KHR_compute_shader_derivatives`.
     PhysicalDeviceComputeShaderDerivativesPropertiesKHR 1_000_511_000 *mut c_void {
         mesh_and_task_shader_derivatives: Bool32,

@@ -1,5 +1,6 @@
 //! `VkPhysicalDeviceProperties2` and what extends it. What several structures say is written once, in the core ones.
 
+use ash::vk::TaggedStructure;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::environment::{Descriptor, MAX_SETS};
 
@@ -183,6 +184,27 @@ fn vulkan13() -> vk::PhysicalDeviceVulkan13Properties<'static> {
     }
 }
 
+/// All but what [`copy_layouts`] gives.
+fn vulkan14() -> vk::PhysicalDeviceVulkan14Properties<'static> {
+    use vk::PipelineRobustnessBufferBehaviorEXT as Buffers;
+    vk::PhysicalDeviceVulkan14Properties {
+        line_sub_pixel_precision_bits: limits::SUB_PIXEL_BITS,
+        max_vertex_attrib_divisor: u32::MAX,
+        supports_non_zero_first_instance: vk::TRUE,
+        max_push_descriptors: limits::MAX_PUSH_DESCRIPTORS,
+        dynamic_rendering_local_read_depth_stencil_attachments: vk::TRUE,
+        dynamic_rendering_local_read_multisampled_attachments: vk::TRUE,
+        depth_stencil_swizzle_one_support: vk::TRUE,
+        block_texel_view_compatible_multiple_layers: vk::TRUE,
+        max_combined_image_sampler_descriptor_count: 1,
+        default_robustness_storage_buffers: Buffers::ROBUST_BUFFER_ACCESS_2,
+        default_robustness_uniform_buffers: Buffers::ROBUST_BUFFER_ACCESS_2,
+        default_robustness_vertex_inputs: Buffers::ROBUST_BUFFER_ACCESS_2,
+        default_robustness_images: vk::PipelineRobustnessImageBehaviorEXT::ROBUST_IMAGE_ACCESS_2,
+        ..Default::default()
+    }
+}
+
 fn acceleration_structure() -> vk::PhysicalDeviceAccelerationStructurePropertiesKHR<'static> {
     vk::PhysicalDeviceAccelerationStructurePropertiesKHR {
         max_geometry_count: limits::MAX_GEOMETRIES,
@@ -280,7 +302,7 @@ fn invocation_reorder() -> vk::PhysicalDeviceRayTracingInvocationReorderProperti
 }
 
 /// Every layout but those of images that hold nothing.
-const COPY_LAYOUTS: [vk::ImageLayout; 17] = [
+const COPY_LAYOUTS: [vk::ImageLayout; 19] = [
     vk::ImageLayout::GENERAL,
     vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
     vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
@@ -296,25 +318,26 @@ const COPY_LAYOUTS: [vk::ImageLayout; 17] = [
     vk::ImageLayout::STENCIL_READ_ONLY_OPTIMAL,
     vk::ImageLayout::READ_ONLY_OPTIMAL,
     vk::ImageLayout::ATTACHMENT_OPTIMAL,
+    vk::ImageLayout::RENDERING_LOCAL_READ_KHR,
+    vk::ImageLayout::ATTACHMENT_FEEDBACK_LOOP_OPTIMAL_EXT,
     vk::ImageLayout::PRESENT_SRC_KHR,
     vk::ImageLayout::SHARED_PRESENT_KHR,
 ];
 
-/// Counted arrays of layouts, each filled if there is one.
-///
-/// # Safety
-/// The arrays are null or have room for their counts.
-unsafe fn host_image_copy(out: &mut vk::PhysicalDeviceHostImageCopyPropertiesEXT<'_>) {
-    // SAFETY: the caller's promise. Too few elements are no error here.
-    unsafe {
+/// What [`vulkan14`] and `VkPhysicalDeviceHostImageCopyProperties` say of copies by the host: counted arrays of layouts, each filled if
+/// there is one.
+macro_rules! copy_layouts {
+    ($out:expr) => {{
+        let out = $out;
+        // Too few elements are no error here.
         let (count, layouts) = (&mut out.copy_src_layout_count, out.p_copy_src_layouts);
         let _ = enumerate(count, layouts, COPY_LAYOUTS.into_iter());
         let (count, layouts) = (&mut out.copy_dst_layout_count, out.p_copy_dst_layouts);
         let _ = enumerate(count, layouts, COPY_LAYOUTS.into_iter());
-    }
-    // All tilings are stored linearly.
-    out.optimal_tiling_layout_uuid = *b"tuff-image-rows1";
-    out.identical_memory_type_requirements = vk::TRUE;
+        // All tilings are stored linearly.
+        out.optimal_tiling_layout_uuid = *b"tuff-image-rows1";
+        out.identical_memory_type_requirements = vk::TRUE;
+    }};
 }
 
 /// Answers structures: `Type(source) { field, field: source_field, … }` copies fields, `Type(source)` all of them.
@@ -359,15 +382,27 @@ pub unsafe fn fill_chain(machine: &Machine, next: *mut std::ffi::c_void) {
 unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
     // SAFETY: the caller's promise.
     unsafe {
-        if (*node).s_type
-            == <vk::PhysicalDeviceHostImageCopyPropertiesEXT as vk::TaggedStructure>::STRUCTURE_TYPE
-        {
-            host_image_copy(&mut *node.cast());
+        let ty = (*node).s_type;
+        if ty == vk::PhysicalDeviceHostImageCopyPropertiesEXT::STRUCTURE_TYPE {
+            copy_layouts!(&mut *node.cast::<vk::PhysicalDeviceHostImageCopyPropertiesEXT<'_>>());
+        } else if ty == vk::PhysicalDeviceVulkan14Properties::STRUCTURE_TYPE {
+            copy_layouts!(&mut *node.cast::<vk::PhysicalDeviceVulkan14Properties<'_>>());
         }
         answer! { node;
             PhysicalDeviceVulkan11Properties(vulkan11(machine));
             PhysicalDeviceVulkan12Properties(vulkan12());
             PhysicalDeviceVulkan13Properties(vulkan13());
+            PhysicalDeviceVulkan14Properties(vulkan14()) {
+                line_sub_pixel_precision_bits, max_vertex_attrib_divisor, supports_non_zero_first_instance, max_push_descriptors,
+                dynamic_rendering_local_read_depth_stencil_attachments, dynamic_rendering_local_read_multisampled_attachments,
+                early_fragment_multisample_coverage_after_sample_counting, early_fragment_sample_mask_test_before_sample_counting,
+                depth_stencil_swizzle_one_support, polygon_mode_point_size,
+                non_strict_single_pixel_wide_lines_use_parallelogram, non_strict_wide_lines_use_parallelogram,
+                block_texel_view_compatible_multiple_layers, max_combined_image_sampler_descriptor_count,
+                fragment_shading_rate_clamp_combiner_inputs,
+                default_robustness_storage_buffers, default_robustness_uniform_buffers, default_robustness_vertex_inputs,
+                default_robustness_images,
+            };
             PhysicalDeviceIDProperties(vulkan11(machine)) {
                 device_uuid, driver_uuid, device_luid, device_node_mask, device_luid_valid,
             };
@@ -454,14 +489,14 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 max_opacity4_state_subdivision_level: traversal::micromap::MAX_LEVEL,
                 ..Default::default()
             });
-            PhysicalDeviceMaintenance5PropertiesKHR(vk::PhysicalDeviceMaintenance5PropertiesKHR {
-                depth_stencil_swizzle_one_support: vk::TRUE,
-                ..Default::default()
-            });
-            PhysicalDevicePushDescriptorPropertiesKHR(vk::PhysicalDevicePushDescriptorPropertiesKHR {
-                max_push_descriptors: limits::MAX_PUSH_DESCRIPTORS,
-                ..Default::default()
-            });
+            PhysicalDeviceMaintenance5PropertiesKHR(vulkan14()) {
+                early_fragment_multisample_coverage_after_sample_counting, early_fragment_sample_mask_test_before_sample_counting,
+                depth_stencil_swizzle_one_support, polygon_mode_point_size,
+                non_strict_single_pixel_wide_lines_use_parallelogram, non_strict_wide_lines_use_parallelogram,
+            };
+            PhysicalDevicePushDescriptorPropertiesKHR(vulkan14()) {
+                max_push_descriptors,
+            };
             PhysicalDeviceExternalMemoryHostPropertiesEXT(vk::PhysicalDeviceExternalMemoryHostPropertiesEXT {
                 min_imported_host_pointer_alignment: limits::PAGE_BYTES,
                 ..Default::default()
@@ -484,15 +519,13 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 graphics_pipeline_library_independent_interpolation_decoration: vk::TRUE,
                 ..Default::default()
             });
-            PhysicalDeviceLineRasterizationPropertiesKHR(vk::PhysicalDeviceLineRasterizationPropertiesKHR {
-                line_sub_pixel_precision_bits: limits::SUB_PIXEL_BITS,
-                ..Default::default()
-            });
-            PhysicalDeviceMaintenance6PropertiesKHR(vk::PhysicalDeviceMaintenance6PropertiesKHR {
-                block_texel_view_compatible_multiple_layers: vk::TRUE,
-                max_combined_image_sampler_descriptor_count: 1,
-                ..Default::default()
-            });
+            PhysicalDeviceLineRasterizationPropertiesKHR(vulkan14()) {
+                line_sub_pixel_precision_bits,
+            };
+            PhysicalDeviceMaintenance6PropertiesKHR(vulkan14()) {
+                block_texel_view_compatible_multiple_layers, max_combined_image_sampler_descriptor_count,
+                fragment_shading_rate_clamp_combiner_inputs,
+            };
             PhysicalDeviceMaintenance7PropertiesKHR(vk::PhysicalDeviceMaintenance7PropertiesKHR {
                 separate_depth_stencil_attachment_access: vk::TRUE,
                 max_descriptor_set_total_uniform_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
@@ -522,26 +555,20 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 max_command_buffer_nesting_level: limits::MAX_COMMAND_BUFFER_NESTING,
                 ..Default::default()
             });
-            PhysicalDevicePipelineRobustnessPropertiesEXT(vk::PhysicalDevicePipelineRobustnessPropertiesEXT {
-                default_robustness_storage_buffers: vk::PipelineRobustnessBufferBehaviorEXT::ROBUST_BUFFER_ACCESS_2,
-                default_robustness_uniform_buffers: vk::PipelineRobustnessBufferBehaviorEXT::ROBUST_BUFFER_ACCESS_2,
-                default_robustness_vertex_inputs: vk::PipelineRobustnessBufferBehaviorEXT::ROBUST_BUFFER_ACCESS_2,
-                default_robustness_images: vk::PipelineRobustnessImageBehaviorEXT::ROBUST_IMAGE_ACCESS_2,
-                ..Default::default()
-            });
+            PhysicalDevicePipelineRobustnessPropertiesEXT(vulkan14()) {
+                default_robustness_storage_buffers, default_robustness_uniform_buffers, default_robustness_vertex_inputs,
+                default_robustness_images,
+            };
             PhysicalDeviceProvokingVertexPropertiesEXT(vk::PhysicalDeviceProvokingVertexPropertiesEXT {
                 provoking_vertex_mode_per_pipeline: vk::TRUE,
                 ..Default::default()
             });
-            PhysicalDeviceVertexAttributeDivisorPropertiesEXT(vk::PhysicalDeviceVertexAttributeDivisorPropertiesEXT {
-                max_vertex_attrib_divisor: u32::MAX,
-                ..Default::default()
-            });
-            PhysicalDeviceVertexAttributeDivisorPropertiesKHR(vk::PhysicalDeviceVertexAttributeDivisorPropertiesKHR {
-                max_vertex_attrib_divisor: u32::MAX,
-                supports_non_zero_first_instance: vk::TRUE,
-                ..Default::default()
-            });
+            PhysicalDeviceVertexAttributeDivisorPropertiesEXT(vulkan14()) {
+                max_vertex_attrib_divisor,
+            };
+            PhysicalDeviceVertexAttributeDivisorPropertiesKHR(vulkan14()) {
+                max_vertex_attrib_divisor, supports_non_zero_first_instance,
+            };
         }
     }
 }

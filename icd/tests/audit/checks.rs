@@ -8,13 +8,17 @@ use vulkan_tuff::entry::commands::{self, Availability, Level};
 use vulkan_tuff::object::PhysicalDevice;
 use vulkan_tuff::object::messenger::Messengers;
 use vulkan_tuff::table::extensions::{Extension, ExtensionSet, Kind};
+use vulkan_tuff::table::limits::API_VERSION;
 use vulkan_tuff::table::{features, properties};
 
 use crate::condition::evaluate;
 use crate::registry::{Registry, Require, Structure};
 
 /// The version that the driver reports.
-const VERSION: (u32, u32) = (1, 3);
+const VERSION: (u32, u32) = (
+    vk::api_version_major(API_VERSION),
+    vk::api_version_minor(API_VERSION),
+);
 
 /// Commands that registries list unconditionally up to some version, and later with the extension whose state they set, which is not here.
 const CONDITIONAL: [&str; 15] = [
@@ -314,7 +318,7 @@ fn answer(structure: &Structure) -> Option<Vec<u8>> {
             (*head).s_type = vk::StructureType::from_raw(structure.ty);
             (*head).p_next = std::ptr::null_mut();
             let device = PhysicalDevice::new(
-                vk::API_VERSION_1_3,
+                API_VERSION,
                 Arc::new(Messengers::default()),
                 ExtensionSet::default(),
             );
