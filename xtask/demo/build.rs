@@ -41,6 +41,8 @@ fn main() {
 /// The stage that a file name ends in; `None` for what is only included.
 fn stage_of(path: &Path) -> Option<ShaderStage> {
     Some(match path.extension()?.to_str()? {
+        "vert" => ShaderStage::Vertex,
+        "frag" => ShaderStage::Fragment,
         "rgen" => ShaderStage::RayGeneration,
         "rchit" => ShaderStage::ClosestHit,
         "rahit" => ShaderStage::AnyHit,

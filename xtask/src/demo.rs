@@ -32,6 +32,9 @@ pub struct Options {
     /// A glTF scene (.glb or .gltf) to render instead of the landscape
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
+    /// Rasterize the left half, with shadows by ray queries, and trace paths in the right half
+    #[arg(long)]
+    compare: bool,
     /// Render on another driver, given by its manifest
     #[arg(long, value_name = "MANIFEST")]
     icd: Option<PathBuf>,
@@ -77,6 +80,9 @@ pub fn demo(options: &Options) -> Result<ExitCode> {
     }
     if let Some(threads) = options.threads {
         demo.args(["--threads", &threads.to_string()]);
+    }
+    if options.compare {
+        demo.arg("--compare");
     }
     if let Some(scene) = &options.scene {
         demo.arg("--scene").arg(scene);

@@ -36,7 +36,7 @@ pub fn test(options: &Options) -> Result<ExitCode> {
             let driver = Driver::build(&[])?;
             let mut inner = workspace::cargo();
             inner.args(["test", "--workspace", "--exclude", "tuff-tests"]);
-            inner.args(["--exclude", "workloads"]);
+            inner.args(["--exclude", "workloads", "--exclude", "demo"]);
             inner
                 .args(["--no-fail-fast", "--"])
                 .args(&options.arguments);
@@ -69,6 +69,7 @@ pub fn test(options: &Options) -> Result<ExitCode> {
 fn black_box_tests(options: &Options, skips: &Skips) -> Command {
     let mut tests = workspace::cargo();
     tests.args(["test", "--package", "tuff-tests", "--package", "workloads"]);
+    tests.args(["--package", "demo"]);
     tests.args(["--no-fail-fast", "--"]);
     tests.args(&options.arguments);
     skips.tell(&mut tests);

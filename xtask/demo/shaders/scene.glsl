@@ -1,6 +1,10 @@
 // What the shaders share: the buffers, and the record that a ray brings home.
 // The Rust side of each structure is in src/scene/mod.rs and src/render.rs.
+#ifdef RASTER
+#extension GL_EXT_ray_query : require
+#else
 #extension GL_EXT_ray_tracing : require
+#endif
 #extension GL_EXT_nonuniform_qualifier : require
 #extension GL_EXT_scalar_block_layout : enable
 #include "exact.glsl"

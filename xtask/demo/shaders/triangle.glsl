@@ -1,12 +1,11 @@
-// The triangle under a hit.
+// A triangle of the scene.
 struct Triangle {
     Vertex a, b, c;
     Material material;
 };
 
-Triangle triangle_here() {
-    Geometry geometry = geometries[gl_InstanceCustomIndexEXT + gl_GeometryIndexEXT];
-    uint first = geometry.first_index + 3u * gl_PrimitiveID;
+Triangle triangle_of(Geometry geometry, uint primitive) {
+    uint first = geometry.first_index + 3u * primitive;
     return Triangle(
         vertices[geometry.first_vertex + indices[first]],
         vertices[geometry.first_vertex + indices[first + 1u]],
@@ -23,23 +22,28 @@ struct Meeting {
     vec3 edge_1, edge_2; // in the world
 };
 
-Meeting meet(Triangle triangle, vec2 barycentrics) {
-    mat4x3 to_world = gl_ObjectToWorldEXT;
+// A corner's place in the world.
+vec3 placed_by(mat4x3 to_world, vec3 position) {
+    precise vec3 result = combine(to_world[0], to_world[1], to_world[2], position) + to_world[3];
+    return result;
+}
+
+// `otherwise`: barycentrics and distance of a triangle that is seen from its edge, which has no answer of its own.
+Meeting meet(Triangle triangle, mat4x3 to_world, vec3 origin, vec3 direction, vec3 otherwise) {
     vec3 edge_1 = combine(to_world[0], to_world[1], to_world[2], triangle.b.position - triangle.a.position);
     vec3 edge_2 = combine(to_world[0], to_world[1], to_world[2], triangle.c.position - triangle.a.position);
-    precise vec3 corner = combine(to_world[0], to_world[1], to_world[2], triangle.a.position) + to_world[3];
-    precise vec3 from_corner = gl_WorldRayOriginEXT - corner;
-    vec3 p = cross3(gl_WorldRayDirectionEXT, edge_2);
+    vec3 corner = placed_by(to_world, triangle.a.position);
+    precise vec3 from_corner = origin - corner;
+    vec3 p = cross3(direction, edge_2);
     vec3 q = cross3(from_corner, edge_1);
     precise float inverse = 1.0 / dot3(edge_1, p);
     precise float u = dot3(from_corner, p) * inverse;
-    precise float v = dot3(gl_WorldRayDirectionEXT, q) * inverse;
+    precise float v = dot3(direction, q) * inverse;
     precise float t = dot3(edge_2, q) * inverse;
-    // A triangle seen from its edge has no answer of its own.
     if (!(abs(u) < 2.0 && abs(v) < 2.0)) {
-        u = barycentrics.x;
-        v = barycentrics.y;
-        t = gl_HitTEXT;
+        u = otherwise.x;
+        v = otherwise.y;
+        t = otherwise.z;
     }
     u = clamp(u, 0.0, 1.0);
     v = clamp(v, 0.0, 1.0 - u);

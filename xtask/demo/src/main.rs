@@ -5,6 +5,7 @@
 
 mod limits;
 mod picture;
+mod raster;
 mod render;
 mod scene;
 mod vulkan;
@@ -13,10 +14,12 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, ensure};
+use ash::vk;
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use limits::Tile;
+use raster::Rasterizer;
 use render::{Renderer, Settings};
 use scene::Scene;
 
@@ -44,6 +47,9 @@ struct Arguments {
     /// A glTF scene (.glb or .gltf) to render instead of the landscape
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
+    /// Rasterize the left half, with shadows by ray queries, and trace paths in the right half
+    #[arg(long)]
+    compare: bool,
     /// A file to keep compiled shaders in
     #[arg(long, value_name = "FILE")]
     pipeline_cache: Option<PathBuf>,
@@ -76,15 +82,20 @@ fn main() -> Result<()> {
         Some(path) => Scene::from_gltf(path),
         None => Ok(Scene::landscape()),
     };
-    let start_vulkan = || vulkan::Context::new(arguments.driver.as_deref());
+    let start_vulkan = || vulkan::Context::new(arguments.driver.as_deref(), arguments.compare);
     let (scene, context) = rayon::join(make_scene, start_vulkan);
     let (scene, context) = (scene?, context?);
     ensure!(!scene.instances.is_empty(), "the scene is empty");
+    let first_column = match arguments.compare {
+        true => width / 2,
+        false => 0,
+    };
     let settings = Settings {
         width,
         height,
         first_row,
         rows,
+        first_column,
         spp: arguments.spp,
         frame: arguments.frame,
     };
@@ -100,11 +111,38 @@ fn main() -> Result<()> {
         scene.instances.len(),
         scene.textures.len(),
     );
-    let bar = ProgressBar::new(u64::from(width) * u64::from(rows) * u64::from(arguments.spp));
+    let left = match first_column > 0 {
+        true => {
+            let rasterizer = Rasterizer::new(&context, &renderer, set_layout, &scene)?;
+            let area = vk::Rect2D::default()
+                .offset(vk::Offset2D::default().y(first_row as i32))
+                .extent(vk::Extent2D {
+                    width: first_column,
+                    height: rows,
+                });
+            let started = Instant::now();
+            let pixels = rasterizer.radiance(area)?;
+            eprintln!(
+                "{first_column}x{rows} rasterized in {:.2} s",
+                started.elapsed().as_secs_f64()
+            );
+            pixels
+        }
+        false => Vec::new(),
+    };
+    let bar = ProgressBar::new(
+        u64::from(width - first_column) * u64::from(rows) * u64::from(arguments.spp),
+    );
     let style = "{bar:40} {percent:>3} %  {elapsed} of about {duration}";
     bar.set_style(ProgressStyle::with_template(style)?);
-    let rendering = renderer.render(|pixels| bar.inc(pixels))?;
+    let mut rendering = renderer.render(|pixels| bar.inc(pixels))?;
     bar.finish_and_clear();
+    if first_column > 0 {
+        let lines = rendering.radiance.chunks_exact_mut(width as usize);
+        for (line, drawn) in lines.zip(left.chunks_exact(first_column as usize)) {
+            line[..drawn.len()].copy_from_slice(drawn);
+        }
+    }
     picture::write_png(
         &arguments.out,
         (width, rows),

@@ -86,6 +86,8 @@ pub struct Settings {
     pub first_row: u32,
     /// How many rows are rendered.
     pub rows: u32,
+    /// The first of the columns whose paths are traced: those before it are drawn.
+    pub first_column: u32,
     /// Samples per pixel.
     pub spp: u32,
     /// Of an animation with [`FRAMES_PER_SECOND`].
@@ -109,13 +111,13 @@ pub struct Rendering {
 
 /// A scene on the device, ready to be looked at.
 pub struct Renderer<'a> {
-    context: &'a Context,
+    pub context: &'a Context,
     pipeline: &'a Pipeline<'a>,
-    settings: Settings,
+    pub settings: Settings,
     radiance: Buffer<'a>,
     ray_counts: Buffer<'a>,
     descriptor_pool: vk::DescriptorPool,
-    set: vk::DescriptorSet,
+    pub set: vk::DescriptorSet,
     /// What the descriptors refer to.
     _buffers: Vec<Buffer<'a>>,
     _images: Vec<Image<'a>>,
@@ -129,11 +131,14 @@ const TEXTURES_BINDING: u32 = 9;
 
 /// The layout of the one descriptor set.
 pub fn set_layout(context: &Context, textures: u32) -> Result<vk::DescriptorSetLayout> {
-    let all = Stage::RAYGEN_KHR
+    let mut all = Stage::RAYGEN_KHR
         | Stage::MISS_KHR
         | Stage::CLOSEST_HIT_KHR
         | Stage::ANY_HIT_KHR
         | Stage::INTERSECTION_KHR;
+    if context.draws {
+        all |= Stage::VERTEX | Stage::FRAGMENT;
+    }
     let binding = |binding: u32, kind: DescriptorType, count: u32| {
         vk::DescriptorSetLayoutBinding::default()
             .binding(binding)
@@ -165,9 +170,31 @@ pub fn pipeline<'a>(
         miss: &MISS,
         hit: &HIT,
         set_layout,
-        push_bytes: 8,
+        push_bytes: 12,
     };
     Pipeline::new(context, &input, cache)
+}
+
+/// The pipeline that tells whom pixels' centres see; its groups are those of [`pipeline`], but for the shaders that color.
+#[cfg(test)]
+pub fn seen_pipeline<'a>(
+    context: &'a Context,
+    set_layout: vk::DescriptorSetLayout,
+) -> Result<Pipeline<'a>> {
+    let mut shaders = SHADERS;
+    shaders[0].1 = shader!("seen.rgen");
+    shaders[1].1 = shader!("seen.rmiss");
+    for closest_hit in [3, 5] {
+        shaders[closest_hit].1 = shader!("seen.rchit");
+    }
+    let input = PipelineInput {
+        shaders: &shaders,
+        miss: &MISS,
+        hit: &HIT,
+        set_layout,
+        push_bytes: 12,
+    };
+    Pipeline::new(context, &input, &PipelineCache::new(context, &[])?)
 }
 
 impl<'a> Renderer<'a> {
@@ -244,6 +271,7 @@ impl<'a> Renderer<'a> {
             spp,
             ..
         } = self.settings;
+        let columns = u64::from(width - self.settings.first_column);
         let mut steps = Vec::new();
         for sample in 0..spp {
             // The first pixels come early; later bands are large enough to fill many threads.
@@ -264,7 +292,7 @@ impl<'a> Renderer<'a> {
                 flight.wait(ticket - IN_FLIGHT)?;
                 first_pixel.get_or_insert_with(Instant::now);
                 let (_, _, rows) = steps[(ticket - IN_FLIGHT) as usize - 1];
-                progress(u64::from(rows) * u64::from(width));
+                progress(u64::from(rows) * columns);
             }
             let commands = flight.commands[number % IN_FLIGHT as usize];
             self.record(commands, *step)?;
@@ -274,7 +302,7 @@ impl<'a> Renderer<'a> {
         for ticket in total.saturating_sub(IN_FLIGHT) + 1..=total {
             flight.wait(ticket)?;
             first_pixel.get_or_insert_with(Instant::now);
-            progress(u64::from(steps[ticket as usize - 1].2) * u64::from(width));
+            progress(u64::from(steps[ticket as usize - 1].2) * columns);
         }
         let seconds = started.elapsed().as_secs_f64();
         // SAFETY: the device is ours.
@@ -285,7 +313,11 @@ impl<'a> Renderer<'a> {
         let counts = self.ray_counts.read::<u32>(pixels);
         Ok(Rendering {
             radiance: self.radiance.read(pixels).split_off(rows_before),
-            rays: counts[rows_before..].iter().copied().map(u64::from).sum(),
+            rays: (counts[rows_before..].chunks_exact(width as usize))
+                .flat_map(|row| &row[self.settings.first_column as usize..])
+                .copied()
+                .map(u64::from)
+                .sum(),
             first_pixel: first_pixel.context("nothing was rendered")?,
             seconds,
         })
@@ -297,7 +329,8 @@ impl<'a> Renderer<'a> {
         (sample, first_row, rows): (u32, u32, u32),
     ) -> Result<()> {
         let device = &self.context.device;
-        let push: [u32; 2] = [sample, first_row];
+        let first_column = self.settings.first_column;
+        let push: [u32; 3] = [sample, first_row, first_column];
         let sums = vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::SHADER_WRITE)
             .dst_access_mask(vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE);
@@ -326,7 +359,7 @@ impl<'a> Renderer<'a> {
                 &self.pipeline.miss,
                 &self.pipeline.hit,
                 &vk::StridedDeviceAddressRegionKHR::default(),
-                self.settings.width,
+                self.settings.width - first_column,
                 rows,
                 1,
             );
@@ -421,11 +454,22 @@ impl Drop for Flight<'_> {
     }
 }
 
-fn frame(scene: &Scene, settings: Settings) -> Frame {
+/// The camera's position; the way from the picture's middle to its right and to its upper edge, and to the middle itself.
+pub fn camera(scene: &Scene, (width, height): (u32, u32)) -> [glam::Vec3; 4] {
     let camera = &scene.camera;
     let forward = camera.forward.normalize();
     let right = forward.cross(camera.up).normalize();
     let up = right.cross(forward);
+    let half = libm::tanf(camera.fov_y * 0.5);
+    let (width, height) = (width as f32, height as f32);
+    let right = right * (half * width / height);
+    [camera.position, right, up * half, forward]
+}
+
+fn frame(scene: &Scene, settings: Settings) -> Frame {
+    let camera = &scene.camera;
+    let size = (settings.width, settings.height);
+    let [position, right, up, forward] = self::camera(scene, size);
     let half = libm::tanf(camera.fov_y * 0.5);
     let (width, height) = (settings.width as f32, settings.height as f32);
     let sun = &scene.sun;
@@ -433,9 +477,9 @@ fn frame(scene: &Scene, settings: Settings) -> Frame {
     let cosine = libm::cosf(sun.angular_radius);
     let size = scene.extent.max(camera.position.length());
     Frame {
-        camera_position: camera.position.extend(2.0 * half / height).into(),
-        camera_right: (right * (half * width / height)).extend(width).into(),
-        camera_up: (up * half).extend(height).into(),
+        camera_position: position.extend(2.0 * half / height).into(),
+        camera_right: right.extend(width).into(),
+        camera_up: up.extend(height).into(),
         camera_forward: forward.extend(0.0).into(),
         sun_direction: sun.direction.extend(cosine).into(),
         sun_irradiance: sun
@@ -552,7 +596,7 @@ fn tlas_instance(
     bottom: &[AccelerationStructure],
     instance: &crate::scene::Instance,
 ) -> TlasInstance {
-    let (structure, custom_index, hit_group, mask) = match instance.model {
+    let (structure, custom_index, mask) = match instance.model {
         Model::Mesh(mesh) => {
             let first_geometry = scene.meshes[mesh as usize].first_geometry;
             let material = scene.geometries[first_geometry as usize].material;
@@ -560,36 +604,40 @@ fn tlas_instance(
                 kind::WATER => MASK_LETS_LIGHT_THROUGH,
                 _ => MASK_SOLID,
             };
-            (mesh as usize, first_geometry, 0, mask)
+            (mesh as usize, first_geometry, mask)
         }
-        Model::Procedural(number) => {
-            let hit_group = match scene.procedurals[number as usize].shape {
-                Shape::Sphere => 1,
-                Shape::Sponge => 2,
-            };
-            (
-                scene.meshes.len() + number as usize,
-                number,
-                hit_group,
-                MASK_SOLID,
-            )
-        }
+        Model::Procedural(number) => (scene.meshes.len() + number as usize, number, MASK_SOLID),
     };
-    let m = instance.transform.matrix3;
-    let t = instance.transform.translation;
-    let row = |i: usize| [m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]];
-    let mut matrix = [0.0; 12];
-    for i in 0..3 {
-        matrix[4 * i..4 * i + 4].copy_from_slice(&row(i));
-    }
+    let hit_group = hit_group(scene, instance);
+    let matrix = rows(instance);
     TlasInstance {
-        transform: vk::TransformMatrixKHR { matrix },
+        transform: vk::TransformMatrixKHR {
+            matrix: bytemuck::cast(matrix),
+        },
         instance_custom_index_and_mask: vk::Packed24_8::new(custom_index, mask),
         instance_shader_binding_table_record_offset_and_flags: vk::Packed24_8::new(hit_group, 0),
         acceleration_structure_reference: vk::AccelerationStructureReferenceKHR {
             device_handle: bottom[structure].address(),
         },
     }
+}
+
+/// Which of [`HIT`] an instance has.
+pub fn hit_group(scene: &Scene, instance: &crate::scene::Instance) -> u32 {
+    match instance.model {
+        Model::Mesh(_) => 0,
+        Model::Procedural(number) => match scene.procedurals[number as usize].shape {
+            Shape::Sphere => 1,
+            Shape::Sponge => 2,
+        },
+    }
+}
+
+/// An instance's transform as Vulkan has it.
+pub fn rows(instance: &crate::scene::Instance) -> [[f32; 4]; 3] {
+    let m = instance.transform.matrix3;
+    let t = instance.transform.translation;
+    std::array::from_fn(|i| [m.x_axis[i], m.y_axis[i], m.z_axis[i], t[i]])
 }
 
 /// Writes the one descriptor set: `buffers` are those of bindings 1 to 8 in order.

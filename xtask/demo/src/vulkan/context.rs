@@ -21,6 +21,8 @@ pub struct Context {
     pub group_handle_alignment: u32,
     pub group_base_alignment: u32,
     pub scratch_alignment: u32,
+    /// Whether the queue draws.
+    pub draws: bool,
     /// The library with the functions: unloaded last.
     _entry: ash::Entry,
 }
@@ -35,18 +37,19 @@ const EXTENSIONS: [&CStr; 3] = [
 ];
 
 impl Context {
-    /// Starts Vulkan through the system's loader or, where there is none, with `driver` alone.
-    pub fn new(driver: Option<&Path>) -> Result<Context> {
+    /// Starts Vulkan through the system's loader or, where there is none, with `driver` alone; `draws`: with a queue that draws, and
+    /// with ray queries.
+    pub fn new(driver: Option<&Path>, draws: bool) -> Result<Context> {
         let entry = open(driver)?;
         let application = vk::ApplicationInfo::default()
             .application_name(c"demo")
             .engine_name(c"demo")
-            .api_version(vk::API_VERSION_1_2);
+            .api_version(vk::API_VERSION_1_3);
         let info = vk::InstanceCreateInfo::default().application_info(&application);
         // SAFETY: `info` and what it points to outlive the call.
         let instance = unsafe { entry.create_instance(&info, None) }.context("vkCreateInstance")?;
-        let (physical, family) = choose(&instance)?;
-        let device = create_device(&instance, physical, family)?;
+        let (physical, family) = choose(&instance, draws)?;
+        let device = create_device(&instance, physical, family, draws)?;
         // SAFETY: the device has this one queue, and the structures outlive the calls.
         let (queue, pool) = unsafe {
             let pool = vk::CommandPoolCreateInfo::default()
@@ -76,6 +79,7 @@ impl Context {
             group_handle_size: pipeline.shader_group_handle_size,
             group_handle_alignment: pipeline.shader_group_handle_alignment,
             group_base_alignment: pipeline.shader_group_base_alignment,
+            draws,
             scratch_alignment: structure.min_acceleration_structure_scratch_offset_alignment,
             instance,
             device,
@@ -159,8 +163,12 @@ fn open_driver(path: &Path) -> Result<ash::Entry> {
     }
 }
 
-/// The first device with all that is needed, and a queue family of it that computes.
-fn choose(instance: &ash::Instance) -> Result<(vk::PhysicalDevice, u32)> {
+/// The first device with all that is needed, and a queue family of it that computes, and draws if it is to.
+fn choose(instance: &ash::Instance, draws: bool) -> Result<(vk::PhysicalDevice, u32)> {
+    let wanted = match draws {
+        true => vk::QueueFlags::COMPUTE | vk::QueueFlags::GRAPHICS,
+        false => vk::QueueFlags::COMPUTE,
+    };
     // SAFETY: the handles come from this instance.
     unsafe {
         let devices = instance
@@ -172,24 +180,40 @@ fn choose(instance: &ash::Instance) -> Result<(vk::PhysicalDevice, u32)> {
                 .iter()
                 .filter_map(|e| e.extension_name_as_c_str().ok())
                 .collect();
+            let version = instance
+                .get_physical_device_properties(physical)
+                .api_version;
             let family = instance
                 .get_physical_device_queue_family_properties(physical)
                 .iter()
-                .position(|family| family.queue_flags.contains(vk::QueueFlags::COMPUTE));
+                .position(|family| family.queue_flags.contains(wanted));
             if let Some(family) = family
-                && EXTENSIONS.iter().all(|extension| names.contains(extension))
+                && extensions(draws).all(|extension| names.contains(&extension))
+                && (!draws || version >= vk::API_VERSION_1_3)
             {
                 return Ok((physical, family as u32));
             }
         }
     }
-    bail!("no Vulkan device here has VK_KHR_ray_tracing_pipeline")
+    match draws {
+        true => bail!(
+            "no Vulkan 1.3 device here draws and has VK_KHR_ray_tracing_pipeline and VK_KHR_ray_query"
+        ),
+        false => bail!("no Vulkan device here has VK_KHR_ray_tracing_pipeline"),
+    }
+}
+
+/// The device extensions: the last only for drawing.
+fn extensions(draws: bool) -> impl Iterator<Item = &'static CStr> {
+    let drawing = draws.then_some(khr::ray_query::NAME);
+    EXTENSIONS.into_iter().chain(drawing)
 }
 
 fn create_device(
     instance: &ash::Instance,
     physical: vk::PhysicalDevice,
     family: u32,
+    draws: bool,
 ) -> Result<ash::Device> {
     let mut core = vk::PhysicalDeviceVulkan12Features::default()
         .buffer_device_address(true)
@@ -204,13 +228,19 @@ fn create_device(
     let queues = [vk::DeviceQueueCreateInfo::default()
         .queue_family_index(family)
         .queue_priorities(&[1.0])];
-    let extensions: [*const c_char; 3] = EXTENSIONS.map(CStr::as_ptr);
-    let info = vk::DeviceCreateInfo::default()
+    let extensions: Vec<*const c_char> = extensions(draws).map(CStr::as_ptr).collect();
+    let mut rendering =
+        vk::PhysicalDeviceDynamicRenderingFeatures::default().dynamic_rendering(true);
+    let mut queries = vk::PhysicalDeviceRayQueryFeaturesKHR::default().ray_query(true);
+    let mut info = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)
         .enabled_extension_names(&extensions)
         .push_next(&mut core)
         .push_next(&mut structure)
         .push_next(&mut pipeline);
+    if draws {
+        info = info.push_next(&mut rendering).push_next(&mut queries);
+    }
     // SAFETY: `info` and what it points to outlive the call.
     unsafe { instance.create_device(physical, &info, None) }.context("vkCreateDevice")
 }

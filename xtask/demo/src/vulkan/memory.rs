@@ -100,7 +100,8 @@ impl Drop for Buffer<'_> {
     }
 }
 
-fn allocate(
+/// Memory of a fitting type: for a buffer that the host sees, or for an image.
+pub(super) fn allocate(
     context: &Context,
     needs: vk::MemoryRequirements,
     is_buffer: bool,
@@ -301,7 +302,7 @@ fn transition(
         .subresource_range(whole(texture));
     let after = match to {
         vk::ImageLayout::TRANSFER_DST_OPTIMAL => vk::PipelineStageFlags::TRANSFER,
-        _ => vk::PipelineStageFlags::RAY_TRACING_SHADER_KHR,
+        _ => vk::PipelineStageFlags::ALL_COMMANDS,
     };
     let before = match from {
         vk::ImageLayout::UNDEFINED => vk::PipelineStageFlags::TOP_OF_PIPE,
