@@ -31,6 +31,10 @@ pub const NEWER: &[(&CStr, u32)] = &[
         make_api_version(0, 1, 3, 246),
     ),
     (
+        ash::ext::dynamic_rendering_unused_attachments::NAME,
+        make_api_version(0, 1, 3, 252),
+    ),
+    (
         ash::ext::host_image_copy::NAME,
         make_api_version(0, 1, 3, 258),
     ),
