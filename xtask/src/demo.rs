@@ -32,7 +32,7 @@ pub struct Options {
     /// A glTF scene (.glb or .gltf) to render instead of the landscape
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// Rasterize the left half, with shadows by ray queries, and trace paths in the right half
+    /// Rasterize the left half, with shadows and mirrors by ray queries, and trace paths in the right half
     #[arg(long)]
     compare: bool,
     /// Render on another driver, given by its manifest

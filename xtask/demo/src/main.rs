@@ -47,7 +47,7 @@ struct Arguments {
     /// A glTF scene (.glb or .gltf) to render instead of the landscape
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
-    /// Rasterize the left half, with shadows by ray queries, and trace paths in the right half
+    /// Rasterize the left half, with shadows and mirrors by ray queries, and trace paths in the right half
     #[arg(long)]
     compare: bool,
     /// A file to keep compiled shaders in

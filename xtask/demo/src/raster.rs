@@ -1,4 +1,5 @@
-//! The scene, rasterized: one pass finds who is seen at each pixel's centre, a second one shades that, with ray queries for the shadows.
+//! The scene, rasterized: one pass finds who is seen at each pixel's centre, a second one shades that, with ray queries for
+//! shadows, mirrors and glass.
 
 #[cfg(test)]
 mod tests;
