@@ -199,9 +199,9 @@ impl<V: Vector> Painter<'_, V> {
         };
         for color in &plan.output.colors {
             let source = color.with_alpha(v, self.colors(&color.source, &mut weights));
-            let second = match color.blend {
-                Some(_) => color.with_alpha(v, self.colors(&color.second, &mut weights)),
-                None => source,
+            let second = match color.has_second {
+                true => color.with_alpha(v, self.colors(&color.second, &mut weights)),
+                false => source,
             };
             // SAFETY: the caller's promise.
             unsafe {
@@ -213,26 +213,33 @@ impl<V: Vector> Painter<'_, V> {
     /// Components of sixteen colours.
     #[inline(always)]
     fn colors(&self, rows: &Rows, weights: &mut Weights<V>) -> [V::I; 4] {
+        // One by one: a loop would keep them in memory.
+        [
+            self.component(rows[0], weights),
+            self.component(rows[1], weights),
+            self.component(rows[2], weights),
+            self.component(rows[3], weights),
+        ]
+    }
+
+    #[inline(always)]
+    fn component(&self, place: Option<usize>, weights: &mut Weights<V>) -> V::I {
         let v = self.v;
-        let mut colors = [v.splat_i(0); 4];
-        for (color, place) in colors.iter_mut().zip(rows) {
-            let Some(place) = place else {
-                continue;
-            };
-            *color = match self.values[*place] {
-                Value::Same(word) => v.splat_i(word as i32),
-                Value::Varying {
-                    first,
-                    others,
-                    perspective,
-                } => {
-                    let weights = weights.of(v, self.part.record, perspective);
-                    let others = [v.splat(others[0]), v.splat(others[1])];
-                    v.bits_of(interpolate(v, v.splat(first), others, weights))
-                }
-            };
+        let Some(place) = place else {
+            return v.splat_i(0);
+        };
+        match self.values[place] {
+            Value::Same(word) => v.splat_i(word as i32),
+            Value::Varying {
+                first,
+                others,
+                perspective,
+            } => {
+                let weights = weights.of(v, self.part.record, perspective);
+                let others = [v.splat(others[0]), v.splat(others[1])];
+                v.bits_of(interpolate(v, v.splat(first), others, weights))
+            }
         }
-        colors
     }
 }
 

@@ -1,6 +1,6 @@
 //! What fragments write into the colour attachments: blended or operated on, masked, encoded, sixteen pixels at a time.
 
-use ash::vk::{ColorComponentFlags, LogicOp};
+use ash::vk::{BlendFactor, ColorComponentFlags, LogicOp};
 use spirv_jit::Program;
 use spirv_jit::image::format::{FormatInfo, Numeric};
 use spirv_jit::image::texels::{decode_words, encode_words};
@@ -18,6 +18,14 @@ use crate::raster::{Target, Targets};
 /// Bits of 1.0.
 const ONE: u32 = 0x3f80_0000;
 
+/// Factors that ask for the second colour of a fragment.
+const SECOND: [BlendFactor; 4] = [
+    BlendFactor::SRC1_COLOR,
+    BlendFactor::ONE_MINUS_SRC1_COLOR,
+    BlendFactor::SRC1_ALPHA,
+    BlendFactor::ONE_MINUS_SRC1_ALPHA,
+];
+
 /// Output rows of a colour, by component; none for what the program does not write.
 pub type Rows = [Option<usize>; 4];
 
@@ -27,7 +35,9 @@ pub struct Color {
     pub target: Target,
     pub source: Rows,
     pub second: Rows,
-    pub blend: Option<BlendAttachment>,
+    /// Factors of blending ask for the second colour.
+    pub has_second: bool,
+    blend: Option<BlendAttachment>,
     /// For formats of four normalised bytes, where they lie.
     bytes: Option<[u32; 4]>,
     range: Range,
@@ -135,9 +145,9 @@ impl Output {
     ) {
         for color in &self.colors {
             let source = color.rows(v, &color.source, rows);
-            let second = match color.blend {
-                Some(_) => color.rows(v, &color.second, rows),
-                None => source,
+            let second = match color.has_second {
+                true => color.rows(v, &color.second, rows),
+                false => source,
             };
             // SAFETY: the caller's promise.
             unsafe { self.write_color(v, color, &source, &second, places, masks) };
@@ -244,8 +254,15 @@ fn color(
     }
     let is_float = matches!(info.numeric, Numeric::Sfloat | Numeric::Ufloat);
     let logic_op = state.blend.logic_op;
+    let factors = [
+        blend.src_color,
+        blend.dst_color,
+        blend.src_alpha,
+        blend.dst_alpha,
+    ];
     Some(Color {
         tier,
+        has_second: blend.enable && factors.iter().any(|factor| SECOND.contains(factor)),
         bytes: bytes_of(info),
         target: *target,
         source,
@@ -263,15 +280,40 @@ fn color(
     })
 }
 
+/// A normalised component as a byte, where it lies in its word.
+#[inline(always)]
+fn byte<V: Vector>(v: V, component: V::I, shift: u32) -> V::I {
+    let number = v.bits_to_f(component);
+    let number = v.min(v.max(number, v.splat(0.0)), v.splat(1.0));
+    v.left_i(v.scaled(number, 255.0), shift)
+}
+
+/// The component of such a byte.
+#[inline(always)]
+fn of_byte<V: Vector>(v: V, word: V::I, shift: u32) -> V::I {
+    let code = v.and_i(v.right_u(word, shift), v.splat_i(0xff));
+    v.bits_of(v.div_units(v.to_f(code), 255.0))
+}
+
+/// A row of a program's outputs; zeros for what it does not write.
+#[inline(always)]
+fn component<V: Vector>(v: V, place: Option<usize>, rows: &[AlignedRow]) -> V::I {
+    match place {
+        Some(place) => v.load_i(&rows[place].0),
+        None => v.splat_i(0),
+    }
+}
+
 impl Color {
     #[inline(always)]
     fn rows<V: Vector>(&self, v: V, places: &Rows, rows: &[AlignedRow]) -> [V::I; 4] {
-        let mut colors = [v.splat_i(0); 4];
-        for (color, place) in colors.iter_mut().zip(places) {
-            if let Some(place) = place {
-                *color = v.load_i(&rows[*place].0);
-            }
-        }
+        // One by one: a loop would keep them in memory.
+        let colors = [
+            component(v, places[0], rows),
+            component(v, places[1], rows),
+            component(v, places[2], rows),
+            component(v, places[3], rows),
+        ];
         self.with_alpha(v, colors)
     }
 
@@ -293,14 +335,13 @@ impl Color {
             let info = self.target.surface.format;
             return load_words(v, &encode_rows(self.tier, info, &rows_of(v, colors)));
         };
-        let mut word = none;
-        for component in 0..4 {
-            let number = v.bits_to_f(colors[component]);
-            let number = v.min(v.max(number, v.splat(0.0)), v.splat(1.0));
-            let code = v.scaled(number, 255.0);
-            word = v.or_i(word, v.left_i(code, shifts[component]));
-        }
-        [word, none, none, none]
+        let [r, g, b, a] = [
+            byte(v, colors[0], shifts[0]),
+            byte(v, colors[1], shifts[1]),
+            byte(v, colors[2], shifts[2]),
+            byte(v, colors[3], shifts[3]),
+        ];
+        [v.or_i(v.or_i(r, g), v.or_i(b, a)), none, none, none]
     }
 
     /// Colours of texels' words.
@@ -310,13 +351,12 @@ impl Color {
             let info = self.target.surface.format;
             return load_words(v, &decode_rows(self.tier, info, &rows_of(v, texels)));
         };
-        let mut colors = [v.splat_i(0); 4];
-        for component in 0..4 {
-            let code = v.right_u(texels[0], shifts[component]);
-            let code = v.to_f(v.and_i(code, v.splat_i(0xff)));
-            colors[component] = v.bits_of(v.div_units(code, 255.0));
-        }
-        colors
+        [
+            of_byte(v, texels[0], shifts[0]),
+            of_byte(v, texels[0], shifts[1]),
+            of_byte(v, texels[0], shifts[2]),
+            of_byte(v, texels[0], shifts[3]),
+        ]
     }
 
     /// Writes texels that do not depend on what is there, but for masks and logical operations.
