@@ -10,11 +10,22 @@ use super::texel_format;
 /// Bytes of the texels that tiles load and store.
 const TEXEL_BYTES: [u8; 5] = [1, 2, 4, 8, 16];
 
+/// Formats whose components have bits that mean nothing.
+const PADDED: [vk::Format; 6] = [
+    vk::Format::R10X6_UNORM_PACK16,
+    vk::Format::R10X6G10X6_UNORM_2PACK16,
+    vk::Format::R10X6G10X6B10X6A10X6_UNORM_4PACK16,
+    vk::Format::R12X4_UNORM_PACK16,
+    vk::Format::R12X4G12X4_UNORM_2PACK16,
+    vk::Format::R12X4G12X4B12X4A12X4_UNORM_4PACK16,
+];
+
 /// Whether a format is one of colours that can be drawn: every uncompressed one whose texels have a power of two of bytes, but those of the
-/// shared exponent, of 64-bit and scaled components.
+/// shared exponent, of 64-bit, scaled and padded components.
 fn is_drawn(format: vk::Format, info: &FormatInfo) -> bool {
     let no_colors = [Numeric::Uscaled, Numeric::Sscaled].contains(&info.numeric)
-        || format == vk::Format::E5B9G9R9_UFLOAT_PACK32;
+        || format == vk::Format::E5B9G9R9_UFLOAT_PACK32
+        || PADDED.contains(&format);
     info.is_color()
         && info.blocks().is_none()
         && info.channels.iter().all(|channel| channel.bits < 64)
