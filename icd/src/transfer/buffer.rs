@@ -3,6 +3,8 @@
 
 use spirv_jit::reach::Reach;
 
+use super::pattern::Pattern;
+
 /// `vkCmdCopyBuffer`, one region. Source and destination may overlap only by mistake; the bytes are well defined even then.
 pub fn copy(reach: &Reach, source: u64, destination: u64, size_bytes: u64) {
     if !reach.contains(source, size_bytes) || !reach.contains(destination, size_bytes) {
@@ -23,10 +25,9 @@ pub fn fill(reach: &Reach, address: u64, size_bytes: u64, word: u32) {
     if !reach.contains(address, size_bytes) || !address.is_multiple_of(4) {
         return;
     }
-    // SAFETY: as for `copy`; buffers and the offset are aligned to words.
-    let words =
-        unsafe { std::slice::from_raw_parts_mut(address as *mut u32, (size_bytes / 4) as usize) };
-    words.fill(word);
+    let pattern = Pattern::new(&word.to_ne_bytes());
+    // SAFETY: as for `copy`.
+    unsafe { pattern.fill(address as *mut u8, size_bytes as usize & !3) };
 }
 
 /// `vkCmdUpdateBuffer`.

@@ -3,6 +3,7 @@
 use ash::vk;
 use spirv_jit::image::format::MAX_TEXEL_BYTES;
 
+use super::pattern::Pattern;
 use super::surface::{Region, Surface, aspects};
 use crate::object::{Image, ImageView};
 
@@ -96,13 +97,19 @@ fn fill(surface: &Surface, region: Region, words: [u32; 4]) {
     let size = surface.texel_size_bytes;
     let mut texel = [0; MAX_TEXEL_BYTES];
     surface.format.encode(words, &mut texel);
-    let row: Vec<u8> = texel[..size].repeat(region.width as usize);
+    let pattern = Pattern::new(&texel[..size]);
+    let row_bytes = region.width as usize * size;
+    // Rows that are next to each other are one.
+    let (rows, row_bytes) = match row_bytes as u64 == surface.row_stride_bytes {
+        true => (1, row_bytes * region.height as usize),
+        false => (region.height, row_bytes),
+    };
     for slice in 0..region.slices {
         for sample in 0..surface.samples {
-            for y in 0..region.height {
+            for y in 0..rows {
                 let to = surface.texel(region.x, region.y + y, region.slice + slice, sample);
                 // SAFETY: a row inside the image, which is bound to memory that the application keeps for the time of execution.
-                unsafe { std::ptr::copy_nonoverlapping(row.as_ptr(), to, row.len()) };
+                unsafe { pattern.fill(to, row_bytes) };
             }
         }
     }

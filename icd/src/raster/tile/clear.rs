@@ -6,13 +6,11 @@ use spirv_jit::image::format::MAX_TEXEL_BYTES;
 
 use crate::raster::primitive::Bounds;
 use crate::raster::{Clear, ClearValue, Target, Targets};
+use crate::transfer::pattern::Pattern;
 use crate::wave::Workers;
 
 /// Bytes of a clear for each task that it is cut into, at least.
-const TASK_BYTES: u64 = 1 << 20;
-
-/// Bytes that are copied at once, at most.
-const PATTERN_BYTES: usize = 4096;
+const TASK_BYTES: u64 = 4 << 20;
 
 /// The attachment that a clear is of, and its texel.
 fn texel(clear: &Clear, targets: &Targets) -> Option<(Target, [u8; MAX_TEXEL_BYTES])> {
@@ -29,39 +27,6 @@ fn texel(clear: &Clear, targets: &Targets) -> Option<(Target, [u8; MAX_TEXEL_BYT
     let mut texel = [0; MAX_TEXEL_BYTES];
     target.surface.format.encode(words, &mut texel);
     Some((*target, texel))
-}
-
-/// A texel, repeated.
-struct Pattern {
-    bytes: Vec<u8>,
-    /// All bytes are this one.
-    byte: Option<u8>,
-}
-
-impl Pattern {
-    fn new(texel: &[u8]) -> Self {
-        Self {
-            bytes: texel.repeat((PATTERN_BYTES / texel.len()).max(1)),
-            byte: (texel.iter().all(|byte| *byte == texel[0])).then_some(texel[0]),
-        }
-    }
-
-    /// # Safety
-    /// `count` bytes from `to` on, whole texels, are writable.
-    unsafe fn fill(&self, to: *mut u8, count: usize) {
-        // SAFETY: the caller's promise.
-        unsafe {
-            if let Some(byte) = self.byte {
-                return std::ptr::write_bytes(to, byte, count);
-            }
-            let mut done = 0;
-            while done < count {
-                let part = (count - done).min(self.bytes.len());
-                std::ptr::copy_nonoverlapping(self.bytes.as_ptr(), to.add(done), part);
-                done += part;
-            }
-        }
-    }
 }
 
 /// The part of a clear's rectangle inside bounds.
