@@ -96,9 +96,9 @@ unsafe impl Send for Kept {}
 // SAFETY: as above.
 unsafe impl Sync for Kept {}
 
-/// Aligned for any load.
+/// Aligned as offsets of uniform buffers are; more than memory is anyhow would make each copy for a draw three times as dear.
 #[derive(Clone)]
-#[repr(align(64))]
+#[repr(align(16))]
 struct PushConstants([u8; PUSH_CONSTANT_BYTES]);
 
 impl Default for PushConstants {

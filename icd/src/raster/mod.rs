@@ -10,7 +10,7 @@
 //! straight into the images. So the order of primitives holds at every sample by construction, whatever the number of threads.
 //!
 //! Who flushes: the end of the pass, a barrier whose destination includes a vertex stage, the end of a query, a timestamp, and a batch
-//! that has grown to [`BATCH_DRAWS`]. A draw of many primitives is worked off in several rounds of [`ROUND_CHUNKS`] chunks.
+//! that has grown to [`BATCH_DRAWS`]. A draw of many primitives is worked off in several rounds of up to [`ROUND_CHUNKS`] chunks.
 
 pub mod front;
 pub mod primitive;

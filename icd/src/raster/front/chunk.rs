@@ -10,10 +10,12 @@ use super::cut::{Job, Span};
 use super::facts::{DepthFormat, Facts};
 use super::fetch::{Common, Fetch, Vertex};
 use super::indices::Indices;
+use super::outputs::OutputPlaces;
+use super::project::Projection;
 use super::screen::{ScreenVertex, code};
 use super::set_up::{Corners, Primitive, SetUp};
 use super::topology::{self, Kind};
-use super::vertices::{OutputPlaces, Shaded, Unique, shade};
+use super::vertices::{Shaded, Unique, shade};
 use crate::compute::waves::Runner;
 use crate::raster::primitive::Grid;
 use crate::raster::{Chunk, Draw, Targets, Work};
@@ -97,6 +99,19 @@ impl Worker {
     ) -> Result<(), Stopped> {
         self.assemble(round, draw, spans);
         let fetch = Fetch::new(draw, round.reach);
+        let facts = round.facts(draw);
+        let places = OutputPlaces::new(&draw.stages.vertex);
+        // One viewport for all vertices, unless they choose.
+        let first_view = facts.views.first();
+        let projection = first_view
+            .filter(|_| !places.chooses_viewports())
+            .map(|view| Projection {
+                screen: &view.screen,
+                volume: &facts.volume,
+                places: &places,
+            });
+        self.on_screen.clear();
+        (self.on_screen.try_reserve(self.vertices.len())).map_err(|_| Stopped::OutOfMemory)?;
         let first_word = chunk.outputs.len() as u32;
         shade(
             &mut self.runner,
@@ -105,7 +120,9 @@ impl Worker {
             round.limits,
             &self.vertices,
             &self.commons,
+            projection,
             &mut chunk.outputs,
+            &mut self.on_screen,
         )?;
         for counters in &draw.counters {
             let invocations = self.vertices.len() as u64;
@@ -113,11 +130,11 @@ impl Worker {
                 .vertex_invocations
                 .fetch_add(invocations, Ordering::Relaxed);
         }
-        let facts = round.facts(draw);
         if facts.discard && draw.counters.is_empty() {
             return Ok(());
         }
-        self.set_up(round, draw, spans[0].draw, &facts, first_word, chunk)
+        let shaded = (first_word, places);
+        self.set_up(round, draw, spans[0].draw, &facts, shaded, chunk)
     }
 
     /// Lists the primitives of spans, and the vertices that they need.
@@ -199,7 +216,7 @@ impl Worker {
         draw: &Draw,
         draw_index: u32,
         facts: &Facts,
-        first_word: u32,
+        (first_word, places): (u32, OutputPlaces),
         chunk: &mut Chunk,
     ) -> Result<(), Stopped> {
         let count = self.primitives.len();
@@ -210,7 +227,6 @@ impl Worker {
         }
         // Set-up writes all of a chunk but these.
         let outputs = std::mem::take(&mut chunk.outputs);
-        let places = OutputPlaces::new(&draw.stages.vertex);
         let shaded = Shaded {
             places,
             words: &outputs[first_word as usize..],
@@ -227,19 +243,12 @@ impl Worker {
         let has_views = round.targets.view_mask != 0;
         let kind = topology::kind(draw.state.topology);
         let continues = topology::is_line_strip(draw.state.topology);
-        let first_viewport = facts.views.first().map(|view| view.screen);
-        let shared = first_viewport.filter(|_| !places.chooses_viewports());
         // Of filled triangles: what needs a closer look.
         let harmful = facts
             .harmless_codes()
             .filter(|_| kind == Some(Kind::Triangle))
             .map(|harmless| !harmless);
-        self.on_screen.clear();
-        if let Some(screen) = &shared {
-            let vertices = 0..self.vertices.len() as u32;
-            self.on_screen
-                .extend(vertices.map(|it| shaded.project(it, screen, &facts.volume)));
-        }
+        let is_projected = !places.chooses_viewports() && !facts.views.is_empty();
         let mut last = None;
         for assembled in &self.primitives {
             let provoking = assembled.vertices[usize::from(assembled.provoking)];
@@ -270,18 +279,18 @@ impl Worker {
             }
             last = Some((assembled.vertices[1], assembled.common));
             let own: [ScreenVertex; 3];
-            let on_screen: [&ScreenVertex; 3] = match (&shared, facts.views.get(viewport as usize))
-            {
-                (Some(_), _) => assembled
+            let view = facts.views.get(viewport as usize);
+            let on_screen: [&ScreenVertex; 3] = match (is_projected, view) {
+                (true, _) => assembled
                     .vertices
                     .map(|vertex| &self.on_screen[vertex as usize]),
-                (None, Some(view)) => {
+                (false, Some(view)) => {
                     own = assembled
                         .vertices
                         .map(|it| shaded.project(it, &view.screen, &facts.volume));
                     own.each_ref()
                 }
-                (None, None) => continue,
+                (false, None) => continue,
             };
             let codes = on_screen.map(|vertex| vertex.code);
             let all = codes[0] | codes[1] | codes[2];

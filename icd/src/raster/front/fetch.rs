@@ -4,6 +4,9 @@ use ash::vk;
 use smallvec::SmallVec;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::image::format::{FormatInfo, Numeric};
+use spirv_jit::image::texels::decode_words;
+use spirv_jit::image::vector::{self, Vector};
+use spirv_jit::interp::TierKind;
 use spirv_jit::program::{AlignedRow, Builtin, InputRow};
 use spirv_jit::reach::Reach;
 
@@ -13,6 +16,9 @@ use crate::wave::reachable::readable;
 
 /// Bytes of the largest vertex format.
 const MAX_BYTES: usize = 32;
+
+/// Bytes of the largest texel without components of 64 bits.
+const MAX_NARROW_BYTES: usize = 16;
 
 /// What all vertices of an instance of a call, for a view, have in common.
 #[derive(Clone, Copy, Debug, Default)]
@@ -47,8 +53,8 @@ enum Conversion {
 /// An attribute that a program reads.
 struct Attribute {
     base: *const u8,
-    /// Bytes there are from `base` on.
-    bytes: u64,
+    /// Elements whose texel is there as a whole.
+    elements: u64,
     stride: u64,
     offset: u64,
     /// `None`: by vertex; else instances between advances, 0 for never.
@@ -192,11 +198,19 @@ fn attribute(
     } else {
         Conversion::Format
     };
+    let stride = buffer.stride_bytes.unwrap_or(binding.stride_bytes.into());
+    let offset = u64::from(attribute.offset_bytes);
+    // Bytes that the first texel leaves.
+    let end = offset + u64::from(info.size_bytes);
+    let elements = match (memory.bytes as u64).checked_sub(end) {
+        None => 0,
+        Some(rest) => (rest.checked_div(stride)).map_or(u64::MAX, |more| more + 1),
+    };
     Some(Attribute {
         base: memory.base,
-        bytes: memory.bytes as u64,
-        stride: buffer.stride_bytes.unwrap_or(binding.stride_bytes.into()),
-        offset: attribute.offset_bytes.into(),
+        elements,
+        stride,
+        offset,
         divisor: binding.per_instance.then_some(binding.divisor),
         info,
         conversion,
@@ -204,66 +218,172 @@ fn attribute(
     })
 }
 
+/// What texels that are not there read: zeros; components that the format lacks are as ever (spec, "Robust Buffer Access").
+static ZEROS: [u8; MAX_BYTES] = [0; MAX_BYTES];
+
 impl Attribute {
-    /// Where a vertex's texel starts, if all of it is there.
+    /// Where an element's texel starts, if all of it is there.
     #[inline(always)]
-    fn texel(&self, vertex: &Vertex, commons: &[Common]) -> Option<*const u8> {
-        let element = match self.divisor {
-            None => u64::from(vertex.index),
-            Some(divisor) => {
-                let common = &commons[vertex.common as usize];
-                let advances = common.instance.checked_div(divisor).unwrap_or(0);
-                u64::from(common.first_instance) + u64::from(advances)
-            }
-        };
-        let offset = element.checked_mul(self.stride)?.checked_add(self.offset)?;
-        let end = offset.checked_add(self.info.size_bytes.into())?;
-        (end <= self.bytes).then(|| self.base.wrapping_add(offset as usize))
+    fn texel(&self, element: u64) -> *const u8 {
+        if element >= self.elements {
+            return ZEROS.as_ptr();
+        }
+        // No more than the bytes that there are.
+        let offset = element * self.stride + self.offset;
+        self.base.wrapping_add(offset as usize)
     }
 
     fn fill(&self, rows: &mut [AlignedRow], vertices: &[Vertex], commons: &[Common]) {
-        // Zeros where there is nothing; components that the format lacks are as ever (spec, "Robust Buffer Access").
-        static ZEROS: [u8; MAX_BYTES] = [0; MAX_BYTES];
         let mut texels = [ZEROS.as_ptr(); SUBGROUP_SIZE];
-        for (texel, vertex) in texels.iter_mut().zip(vertices) {
-            *texel = self.texel(vertex, commons).unwrap_or(ZEROS.as_ptr());
-        }
-        let texels = &texels[..vertices.len()];
-        let count = self.info.component_count();
-        match self.conversion {
-            Conversion::Words | Conversion::Wide => {
-                let (words, is_wide) = match self.conversion {
-                    Conversion::Wide => (2 * count, true),
-                    _ => (count, false),
+        let mut is_shared = false;
+        match self.divisor {
+            None => {
+                for (texel, vertex) in texels.iter_mut().zip(vertices) {
+                    *texel = self.texel(vertex.index.into());
+                }
+            }
+            Some(divisor) => {
+                let texel_of = |vertex: &Vertex| {
+                    let common = &commons[vertex.common as usize];
+                    let advances = common.instance.checked_div(divisor).unwrap_or(0);
+                    self.texel(u64::from(common.first_instance) + u64::from(advances))
                 };
-                for &(component, row) in &self.rows {
-                    let row = &mut rows[usize::from(row)].0;
-                    let component = usize::from(component);
-                    if component < words {
-                        for (word, texel) in row.iter_mut().zip(texels) {
-                            // SAFETY: that many words are there while the draw runs; they may be anything.
-                            *word = unsafe { texel.cast::<u32>().add(component).read_unaligned() };
+                // Mostly all vertices are of one instance.
+                let first = vertices.first().map_or(0, |vertex| vertex.common);
+                is_shared = vertices.iter().all(|vertex| vertex.common == first);
+                if let Some(vertex) = vertices.first().filter(|_| is_shared) {
+                    texels = [texel_of(vertex); SUBGROUP_SIZE];
+                } else {
+                    for (texel, vertex) in texels.iter_mut().zip(vertices) {
+                        *texel = texel_of(vertex);
+                    }
+                }
+            }
+        }
+        if self.conversion == Conversion::Wide {
+            return self.fill_wide(rows, &texels);
+        }
+        let mut words = [[0; SUBGROUP_SIZE]; 4];
+        // SAFETY: as many bytes as the format has are there while the draw runs, for each texel; they may be anything.
+        unsafe {
+            match (is_shared, self.info.size_bytes) {
+                (true, size) => {
+                    let texel = load(texels[0], size);
+                    words = texel.map(|word| [word; SUBGROUP_SIZE]);
+                }
+                (false, 4) => load_all::<1>(&texels, &mut words),
+                (false, 8) => load_all::<2>(&texels, &mut words),
+                (false, 12) => load_all::<3>(&texels, &mut words),
+                (false, 16) => load_all::<4>(&texels, &mut words),
+                (false, size) => {
+                    for (lane, &texel) in texels.iter().enumerate() {
+                        for (row, word) in words.iter_mut().zip(load(texel, size)) {
+                            row[lane] = word;
                         }
-                    } else if is_wide {
-                        *row = [missing_wide(self.info, component); SUBGROUP_SIZE];
-                    } else {
-                        *row = [self.info.missing(component); SUBGROUP_SIZE];
                     }
                 }
             }
-            Conversion::Format => {
-                let size = usize::from(self.info.size_bytes);
-                for (lane, texel) in texels.iter().enumerate() {
-                    let mut bytes = ZEROS;
-                    // SAFETY: as above.
-                    unsafe { std::ptr::copy_nonoverlapping(*texel, bytes.as_mut_ptr(), size) };
-                    let words = self.info.decode(&bytes[..size]);
-                    for &(component, row) in &self.rows {
-                        let word = words.get(usize::from(component)).copied();
-                        rows[usize::from(row)].0[lane] = word.unwrap_or(0);
-                    }
-                }
+        }
+        if self.conversion == Conversion::Format {
+            decode(self.info, &mut words);
+        }
+        let count = match self.conversion {
+            Conversion::Words => self.info.component_count(),
+            _ => words.len(),
+        };
+        for &(component, row) in &self.rows {
+            let word = words[..count].get(usize::from(component));
+            rows[usize::from(row)].0 = match word {
+                Some(word) => *word,
+                None => [self.info.missing(component.into()); SUBGROUP_SIZE],
+            };
+        }
+    }
+
+    /// Components of 64 bits: two words each.
+    fn fill_wide(&self, rows: &mut [AlignedRow], texels: &[*const u8; SUBGROUP_SIZE]) {
+        let words = 2 * self.info.component_count();
+        for &(component, row) in &self.rows {
+            let row = &mut rows[usize::from(row)].0;
+            let component = usize::from(component);
+            if component >= words {
+                *row = [missing_wide(self.info, component); SUBGROUP_SIZE];
+                continue;
             }
+            for (word, texel) in row.iter_mut().zip(texels) {
+                // SAFETY: that many words are there while the draw runs; they may be anything.
+                *word = unsafe { texel.cast::<u32>().add(component).read_unaligned() };
+            }
+        }
+    }
+}
+
+/// Sixteen texels from their words to components, in the vectors of the machine.
+fn decode(info: &FormatInfo, words: &mut [[u32; SUBGROUP_SIZE]; 4]) {
+    #[inline(always)]
+    fn with<V: Vector>(v: V, info: &FormatInfo, words: &mut [[u32; SUBGROUP_SIZE]; 4]) {
+        let loaded = [
+            v.load_i(&words[0]),
+            v.load_i(&words[1]),
+            v.load_i(&words[2]),
+            v.load_i(&words[3]),
+        ];
+        let texels = decode_words(v, info, &loaded);
+        for (texel, row) in texels.iter().zip(words) {
+            v.store_i(*texel, row);
+        }
+    }
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2,fma,f16c")]
+    fn avx2(info: &FormatInfo, words: &mut [[u32; SUBGROUP_SIZE]; 4]) {
+        // SAFETY: the function's features.
+        with(unsafe { vector::Avx2::new() }, info, words);
+    }
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,f16c")]
+    fn avx512(info: &FormatInfo, words: &mut [[u32; SUBGROUP_SIZE]; 4]) {
+        // SAFETY: the function's features.
+        with(unsafe { vector::Avx512::new() }, info, words);
+    }
+    // SAFETY: the tier is one that the machine has.
+    unsafe {
+        match TierKind::best() {
+            #[cfg(target_arch = "x86_64")]
+            TierKind::Avx2 => avx2(info, words),
+            #[cfg(target_arch = "x86_64")]
+            TierKind::Avx512 => avx512(info, words),
+            _ => with(vector::Portable::new(), info, words),
+        }
+    }
+}
+
+/// The words of a texel; what lies behind its size is zero.
+///
+/// # Safety
+/// So many bytes can be read, at most 16.
+unsafe fn load(texel: *const u8, size_bytes: u8) -> [u32; 4] {
+    let mut bytes = [0; MAX_NARROW_BYTES];
+    let size = usize::from(size_bytes).min(MAX_NARROW_BYTES);
+    // SAFETY: the caller's promise.
+    unsafe { std::ptr::copy_nonoverlapping(texel, bytes.as_mut_ptr(), size) };
+    let (words, _) = bytes.as_chunks();
+    std::array::from_fn(|word| u32::from_le_bytes(words[word]))
+}
+
+/// The words of texels of `WORDS` words.
+///
+/// # Safety
+/// So many words can be read of each.
+#[inline(always)]
+unsafe fn load_all<const WORDS: usize>(
+    texels: &[*const u8; SUBGROUP_SIZE],
+    words: &mut [[u32; SUBGROUP_SIZE]; 4],
+) {
+    for (lane, texel) in texels.iter().enumerate() {
+        // SAFETY: the caller's promise.
+        let loaded = unsafe { texel.cast::<[u32; WORDS]>().read_unaligned() };
+        for (row, word) in words.iter_mut().zip(loaded) {
+            row[lane] = word;
         }
     }
 }

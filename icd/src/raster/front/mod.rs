@@ -19,8 +19,10 @@ mod facts;
 mod fetch;
 mod indices;
 mod line;
+mod outputs;
 mod planes;
 mod point;
+mod project;
 mod screen;
 mod set_up;
 #[cfg(test)]
@@ -43,6 +45,10 @@ const FEW_PRIMITIVES: u32 = 192;
 
 /// Chunks of a batch's first round: later ones have more, as long as they take little memory.
 const FIRST_ROUND: usize = 16;
+
+/// Chunks of a round for each worker: enough that all have something to do to the end. A chunk of small triangles is half a megabyte, and the tiles
+/// should find it in a cache.
+const CHUNKS_OF_WORKER: usize = 8;
 
 /// Bytes of lists (tiles' shapes, lines' pixels) that a round should stay below.
 const ROUND_BYTES: usize = 64 << 20;
@@ -125,10 +131,12 @@ impl FrontEnd {
                 .install(|| jobs.par_iter().map(make).collect::<Result<_, _>>())?
         };
         let bytes = chunks.iter().map(Chunk::list_bytes).sum::<usize>();
+        let threads = context.workers.current_num_threads();
+        let most = (threads * CHUNKS_OF_WORKER).clamp(FIRST_ROUND, ROUND_CHUNKS);
         rounds.chunks = if bytes > ROUND_BYTES {
             (rounds.chunks / 2).max(1)
         } else if bytes < ROUND_BYTES / 4 {
-            (rounds.chunks * 2).min(ROUND_CHUNKS)
+            (rounds.chunks * 2).min(most)
         } else {
             rounds.chunks
         };

@@ -154,35 +154,33 @@ impl Volume {
     }
 }
 
-/// Puts a vertex on the screen, with the bits of its position.
+/// Puts a vertex on the screen, with the bits of its position. Without branches, for vertices side by side.
 #[inline(always)]
 pub fn project(screen: &Screen, volume: &Volume, position: &Clip) -> ScreenVertex {
     let [x, y, z, w] = *position;
     // Differences of what is finite are 0.
-    let zero = (x - x) + (y - y) + (z - z) + (w - w);
-    if zero != 0.0 {
-        return ScreenVertex {
-            code: code::NOT_FINITE | code::NOWHERE,
-            ..ScreenVertex::default()
-        };
-    }
-    let outside = volume.outside(position);
+    let is_finite = (x - x) + (y - y) + (z - z) + (w - w) == 0.0;
     let inverse_w = 1.0 / w;
     let screen_x = x * inverse_w * screen.scale[0] + screen.offset[0];
     let screen_y = y * inverse_w * screen.scale[1] + screen.offset[1];
-    let somewhere = w > 0.0 && screen_x.abs() <= GUARD && screen_y.abs() <= GUARD;
-    if !somewhere {
-        return ScreenVertex {
-            code: outside | code::NOWHERE,
-            ..ScreenVertex::default()
-        };
-    }
+    let depth = z * inverse_w * screen.depth_scale + screen.depth_offset;
+    let is_near = (screen_x.abs() <= GUARD) & (screen_y.abs() <= GUARD);
+    let somewhere = is_finite & (w > 0.0) & is_near;
+    let outside = if is_finite {
+        volume.outside(position)
+    } else {
+        code::NOT_FINITE
+    };
+    let (x, y) = (
+        round(screen_x * f64::from(PIXEL)),
+        round(screen_y * f64::from(PIXEL)),
+    );
     ScreenVertex {
-        x: round(screen_x * f64::from(PIXEL)),
-        y: round(screen_y * f64::from(PIXEL)),
-        code: outside,
-        depth: z * inverse_w * screen.depth_scale + screen.depth_offset,
-        inverse_w,
+        x: if somewhere { x } else { 0 },
+        y: if somewhere { y } else { 0 },
+        code: outside | if somewhere { 0 } else { code::NOWHERE },
+        depth: if somewhere { depth } else { 0.0 },
+        inverse_w: if somewhere { inverse_w } else { 0.0 },
     }
 }
 

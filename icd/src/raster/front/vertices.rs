@@ -1,11 +1,12 @@
 //! The vertices of a chunk: each of them once, their invocations in waves, their outputs by vertex.
 
-use spirv_jit::program::OutputRow;
-use spirv_jit::{Program, SUBGROUP_SIZE};
+use spirv_jit::SUBGROUP_SIZE;
 
 use super::clip::MAX_CLIP_DISTANCES;
 use super::fetch::{Common, Fetch, Vertex};
-use super::screen::{Clip, Screen, ScreenVertex, Volume, code, project};
+use super::outputs::OutputPlaces;
+use super::project::Projection;
+use super::screen::{Clip, Screen, ScreenVertex, Volume, project};
 use crate::compute::waves::Runner;
 use crate::raster::Draw;
 use crate::wave::{Limits, Stopped};
@@ -73,61 +74,6 @@ impl Unique {
     }
 }
 
-/// Where the outputs that the front end reads lie in a vertex's words.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct OutputPlaces {
-    /// Words of a vertex.
-    pub words: usize,
-    position: [Option<u16>; 4],
-    point_size: Option<u16>,
-    clip: [Option<u16>; MAX_CLIP_DISTANCES],
-    cull: [Option<u16>; MAX_CLIP_DISTANCES],
-    has_distances: bool,
-    layer: Option<u16>,
-    viewport: Option<u16>,
-}
-
-impl OutputPlaces {
-    /// Of a vertex program.
-    pub fn new(program: &Program) -> Self {
-        let mut places = Self {
-            words: program.output_rows() as usize,
-            ..Self::default()
-        };
-        for (row, output) in (0u16..).zip(program.outputs()) {
-            let distance = |places: &mut [Option<u16>; MAX_CLIP_DISTANCES], index: u8| {
-                if let Some(place) = places.get_mut(usize::from(index)) {
-                    *place = Some(row);
-                }
-            };
-            match *output {
-                OutputRow::Position(component) => {
-                    if let Some(place) = places.position.get_mut(usize::from(component)) {
-                        *place = Some(row);
-                    }
-                }
-                OutputRow::PointSize => places.point_size = Some(row),
-                OutputRow::ClipDistance(index) => distance(&mut places.clip, index),
-                OutputRow::CullDistance(index) => distance(&mut places.cull, index),
-                OutputRow::Layer => places.layer = Some(row),
-                OutputRow::ViewportIndex => places.viewport = Some(row),
-                _ => {}
-            }
-        }
-        places.has_distances = places
-            .clip
-            .iter()
-            .chain(&places.cull)
-            .any(|place| place.is_some());
-        places
-    }
-
-    /// Whether vertices choose viewports.
-    pub fn chooses_viewports(&self) -> bool {
-        self.viewport.is_some()
-    }
-}
-
 /// The shaded vertices of a run of primitives of one draw.
 #[derive(Clone, Copy)]
 pub struct Shaded<'a> {
@@ -185,24 +131,14 @@ impl Shaded<'_> {
     pub fn project(&self, vertex: u32, screen: &Screen, volume: &Volume) -> ScreenVertex {
         let mut projected = project(screen, volume, &self.position(vertex));
         if self.places.has_distances {
-            let groups = [
-                (&self.places.clip, code::CLIP),
-                (&self.places.cull, code::CULL),
-            ];
-            for (places, first) in groups {
-                for (bit, place) in (first..).zip(places) {
-                    // What is no number counts as outside.
-                    if place.is_some() && !(self.float(vertex, *place) >= 0.0) {
-                        projected.code |= 1 << bit;
-                    }
-                }
-            }
+            let word = |place| self.word(vertex, Some(place)).unwrap_or(0);
+            projected.code |= self.places.distance_codes(word);
         }
         projected
     }
 }
 
-/// Runs the vertex shader for each vertex, and appends their outputs.
+/// Runs the vertex shader for each vertex, and appends their outputs; with a projection, their places on the screen, too.
 ///
 /// # Errors
 /// When a limit stopped it.
@@ -213,7 +149,9 @@ pub fn shade(
     limits: &Limits,
     vertices: &[Vertex],
     commons: &[Common],
+    projection: Option<Projection<'_>>,
     outputs: &mut Vec<u32>,
+    on_screen: &mut Vec<ScreenVertex>,
 ) -> Result<(), Stopped> {
     let program = &*draw.stages.vertex;
     let words = program.output_rows() as usize;
@@ -235,6 +173,9 @@ pub fn shade(
         for (state, lanes) in runner.states().zip(wave.chunks(SUBGROUP_SIZE)) {
             let (here, after) = rest.split_at_mut(lanes.len() * words);
             rest = after;
+            if let Some(projection) = &projection {
+                projection.add(&state[io..], lanes.len(), on_screen);
+            }
             if words == 0 {
                 continue;
             }

@@ -137,9 +137,11 @@ pub struct Plans<'a> {
 impl<'a> Plans<'a> {
     /// Of chunks in order.
     pub fn new(tier: TierKind, targets: &Targets, work: &'a [Work], chunks: &[Chunk]) -> Self {
-        let draws = || chunks.iter().flat_map(|chunk| &chunk.records);
-        let first = draws().map(|record| record.draw).min().unwrap_or(0) as usize;
-        let end = draws().map(|record| record.draw as usize + 1).max();
+        // Records are in the order of draws.
+        let first = chunks.iter().find_map(|chunk| chunk.records.first());
+        let last = chunks.iter().rev().find_map(|chunk| chunk.records.last());
+        let first = first.map_or(0, |record| record.draw as usize);
+        let end = last.map(|record| record.draw as usize + 1);
         let mut plans = Vec::new();
         let mut of_draws = Vec::new();
         let mut last: Option<&Draw> = None;

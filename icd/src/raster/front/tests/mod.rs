@@ -5,6 +5,7 @@ mod bresenham;
 mod clipping;
 mod coverage;
 mod cutting;
+mod projecting;
 mod topology;
 
 use ash::vk;
