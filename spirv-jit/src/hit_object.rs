@@ -3,7 +3,7 @@
 
 /// The words.
 pub mod word {
-    use crate::ir::Type;
+    use crate::types::Type;
 
     /// Low byte: one of [`super::kind`]; second byte: the ray's cull mask.
     pub const KIND: usize = 0;

@@ -22,6 +22,11 @@ pub mod pass;
 pub mod program;
 pub mod query;
 pub mod reach;
+mod request;
+mod row;
+mod state;
+mod tier;
+mod types;
 pub mod views;
 
 pub use accuracy::Accuracy;

@@ -4,7 +4,8 @@
 use ash::vk;
 use rayon::ThreadPool;
 use spirv_jit::SUBGROUP_SIZE;
-use spirv_jit::image::execute::{MAX_RESULT_ROWS, execute_block};
+use spirv_jit::image::execute::execute_block;
+use spirv_jit::image::operands::MAX_RESULT_ROWS;
 use spirv_jit::image::format::block::Texels;
 use spirv_jit::image::texels::store_block;
 use spirv_jit::image::{

@@ -7,7 +7,7 @@ use half::f16;
 
 use super::fast::Fast;
 use super::int::Int;
-use super::{convert, transcendental as t, wide};
+use super::{narrow, transcendental as t, wide};
 
 /// A type that arithmetic is done in: `f32` or `f64`.
 pub trait Native: Fast + Copy + PartialOrd + std::fmt::Debug + 'static {
@@ -123,7 +123,7 @@ macro_rules! impl_native {
             }
             #[inline(always)]
             fn quantize_f16(self) -> Self {
-                let rounded = convert::f16_from_f64(self as f64).to_bits();
+                let rounded = narrow::f16_from_f64(self as f64).to_bits();
                 // `OpQuantizeToF16`: what is not representable as a normal number is zero.
                 let flushed = if rounded & 0x7c00 == 0 { rounded & 0x8000 } else { rounded };
                 f16::from_bits(flushed).to_f64() as $f
@@ -253,12 +253,12 @@ impl Float for f16 {
     }
     #[inline(always)]
     fn narrow(value: f32) -> f16 {
-        convert::f16_from_f32(value)
+        narrow::f16_from_f32(value)
     }
     /// The product is exact in `f64`, and the sum rounds there only when one side is too small to matter for the second rounding.
     #[inline(always)]
     fn fma(self, b: f16, c: f16) -> f16 {
-        convert::f16_from_f64(self.to_f64().mul_add(b.to_f64(), c.to_f64()))
+        narrow::f16_from_f64(self.to_f64().mul_add(b.to_f64(), c.to_f64()))
     }
     #[inline(always)]
     fn to_f64(self) -> f64 {
@@ -266,7 +266,7 @@ impl Float for f16 {
     }
     #[inline(always)]
     fn from_f64(value: f64) -> f16 {
-        convert::f16_from_f64(value)
+        narrow::f16_from_f64(value)
     }
 }
 

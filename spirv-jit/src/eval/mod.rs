@@ -10,6 +10,7 @@ mod convert;
 mod fast;
 mod float;
 mod int;
+pub(crate) mod narrow;
 pub mod quad;
 mod transcendental;
 mod wide;

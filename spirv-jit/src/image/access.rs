@@ -1,14 +1,14 @@
 //! Accesses by integer coordinates: fetch, read, write, atomics (spec, "Integer Texel Coordinate Operations", "Texel Input Validation
 //! Operations", "Texel Output Operations", "Image Atomics").
 
-use super::execute::{Operands, read_64};
 use super::format::FormatInfo;
 use super::format::block::{self, Offsets, each_lane};
+use super::operands::{Operands, read_64};
 use super::{Dim, ImageDescriptor, ImageOp, LodMode};
 use crate::SUBGROUP_SIZE;
-use crate::ir::Type;
-use crate::ir::op::AtomicOp;
-use crate::program::Row;
+use crate::row::Row;
+use crate::types::AtomicOp;
+use crate::types::Type;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering::SeqCst};
 
 /// Byte offsets of the lanes' texels, and the lanes whose texel exists. Other lanes have the offset of one that does, if there is one.
@@ -94,8 +94,8 @@ pub(super) unsafe fn read(
         // Nothing to load; missing components are filled below all the same.
         let mut texels = [[0; SUBGROUP_SIZE]; 4];
         block::finish(info, &mut texels);
-        super::sample::swizzle(image, info, &mut texels);
-        return super::execute::put_texels(op, info, &texels, results);
+        super::operands::swizzle(image, info, &mut texels);
+        return super::operands::put_texels(op, info, &texels, results);
     }
     if info.is_wide() && info.numeric.is_integer() {
         each_lane(mask, |lane| {
@@ -135,8 +135,8 @@ pub(super) unsafe fn read(
         }
     }
     block::finish(info, &mut texels);
-    super::sample::swizzle(image, info, &mut texels);
-    super::execute::put_texels(op, info, &texels, results);
+    super::operands::swizzle(image, info, &mut texels);
+    super::operands::put_texels(op, info, &texels, results);
 }
 
 /// `OpImageWrite`.

@@ -5,12 +5,12 @@
 use std::mem::offset_of;
 
 use super::address;
-use super::execute::{Operands, put_texels};
 use super::format::FormatInfo;
 use super::format::block::{self, Texels};
 use super::format::layout::Codec;
 use super::format::srgb;
 use super::lod;
+use super::operands::{Operands, put_texels};
 use super::texels;
 use super::vector::Vector;
 use super::{
@@ -18,7 +18,7 @@ use super::{
     SamplerDescriptor,
 };
 use crate::SUBGROUP_SIZE;
-use crate::program::Row;
+use crate::row::Row;
 
 /// Whether an operation is one of these, as far as its instruction tells.
 pub(crate) fn may_apply(op: &ImageOp) -> bool {
@@ -492,7 +492,7 @@ impl Fast<'_> {
                 v.store(components[component], row);
             }
         }
-        super::sample::swizzle(self.image, self.info, &mut texels);
+        super::operands::swizzle(self.image, self.info, &mut texels);
         put_texels(self.op, self.info, &texels, results);
     }
 }

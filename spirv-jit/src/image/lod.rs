@@ -3,11 +3,11 @@
 
 use super::address::{Floats, Ints};
 use super::cube;
-use super::execute::Operands;
 use super::format::block::map;
+use super::operands::Operands;
 use super::{Dim, Filter, ImageDescriptor, ImageOp, Level, LodMode, SamplerDescriptor};
 use crate::SUBGROUP_SIZE;
-use crate::program::Row;
+use crate::row::Row;
 
 /// `maxSamplerLodBias`: bias is clamped to it.
 pub const MAX_LOD_BIAS: f32 = 16.0;

@@ -8,12 +8,14 @@
 
 mod access;
 mod address;
+mod block;
 pub mod compressed;
 mod cube;
 pub mod execute;
 pub(crate) mod fast;
 pub mod format;
 pub mod lod;
+pub mod operands;
 pub(crate) mod plain;
 mod sample;
 #[cfg(test)]
@@ -243,7 +245,7 @@ fn image_op_for_tests() -> ImageOp {
         has_min_lod: false,
         has_offset: false,
         has_offsets: false,
-        texel: crate::ir::Type::F32,
+        texel: crate::types::Type::F32,
         signed: false,
         format: Format::UNDEFINED,
     }
@@ -276,7 +278,7 @@ pub enum ImageOpKind {
     /// `OpImageWrite`: the 4 texel operands come last; no result.
     Write,
     /// Read-modify-write on a texel (i32, i64 or f32): result is the old value.
-    Atomic(crate::ir::op::AtomicOp),
+    Atomic(crate::types::AtomicOp),
     /// `OpImageQuerySize(Lod)`: as many i32 as the dimension has, plus layers; operand `lod: i32` if `LodMode::Lod`.
     QuerySize,
     /// 1 i32.
@@ -309,7 +311,7 @@ pub struct ImageOp {
     /// Gather with four offsets (`ConstOffsets`): 4 × dimension offsets instead of one.
     pub has_offsets: bool,
     /// `F32`, `I32` or `I64`: type of texel words.
-    pub texel: crate::ir::Type,
+    pub texel: crate::types::Type,
     /// Whether integer texels are signed (`SignExtend`, or by the sampled type).
     pub signed: bool,
     /// Format declared in the shader, or `Format::UNDEFINED` to use the view's.

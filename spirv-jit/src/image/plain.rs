@@ -1,15 +1,15 @@
 //! The common fetch, read and write: one image for all lanes, in a format that vectors take. Everything about the image is looked up once
 //! ([`Plain`]), then blocks of lanes are done in vectors of the machine. The same results as [`access`](super::access), bit for bit.
 
-use super::execute::{Operands, put_texels};
 use super::format::FormatInfo;
 use super::format::block::{self, Texels};
+use super::operands::{Operands, put_texels};
 use super::texels;
 use super::vector::Vector;
 use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, LodMode};
 use crate::SUBGROUP_SIZE;
-use crate::ir::Type;
-use crate::program::Row;
+use crate::row::Row;
+use crate::types::Type;
 
 /// Whether an operation is one of these, as far as its instruction tells.
 pub(crate) fn may_apply(op: &ImageOp) -> bool {
@@ -144,7 +144,7 @@ impl<'a> Plain<'a> {
                 v.store_i(word, row);
             }
         }
-        super::sample::swizzle(self.image, self.info, &mut texels);
+        super::operands::swizzle(self.image, self.info, &mut texels);
         put_texels(self.op, self.info, &texels, results);
         true
     }

@@ -3,10 +3,10 @@
 //! Every step is a loop over the 16 lanes without branches that depend on a lane: inactive lanes compute along, on clamped indices.
 
 use super::address::{self, Axis, AxisRule, Floats, Ints};
-use super::execute::{Operands, put_texels};
 use super::format::FormatInfo;
 use super::format::block::{self, Offsets, Texels, map};
 use super::lod::{self, LevelLanes, floats};
+use super::operands::{Operands, put_texels, swizzle};
 use super::{
     AddressMode, CompareOp, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Reduction,
     SamplerDescriptor, cube,
@@ -14,9 +14,9 @@ use super::{
     vector::{self, Vector},
 };
 use crate::SUBGROUP_SIZE;
+use crate::row::Row;
 #[cfg(target_arch = "x86_64")]
-use crate::interp::TierKind;
-use crate::program::Row;
+use crate::tier::TierKind;
 
 /// Declares `$name`, which runs `$body` compiled for the widest vectors that the machine has. Results are the same on all: the body is IEEE
 /// arithmetic without contraction.
@@ -682,22 +682,6 @@ fn finish_gather(image: &ImageDescriptor, info: &FormatInfo, component: u8, texe
                 None => (f32::from_bits(*word) / scale).to_bits(),
             };
         }
-    }
-}
-
-/// The view's component mapping.
-#[inline(always)]
-pub(super) fn swizzle(image: &ImageDescriptor, info: &FormatInfo, texels: &mut Texels) {
-    if image.swizzle == [0, 1, 2, 3] {
-        return;
-    }
-    let source = *texels;
-    for (row, from) in texels.iter_mut().zip(image.swizzle) {
-        *row = match from {
-            0..=3 => source[from as usize],
-            4 => [0; SUBGROUP_SIZE],
-            _ => [info.missing(3); SUBGROUP_SIZE],
-        };
     }
 }
 

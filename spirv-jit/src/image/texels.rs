@@ -8,7 +8,7 @@ use super::format::layout::{Channel, FormatInfo, Numeric};
 use super::format::srgb;
 use super::vector::{self, Vector};
 use crate::SUBGROUP_SIZE;
-use crate::interp::TierKind;
+use crate::tier::TierKind;
 
 /// The bits of a component whose lowest bit is the word's.
 #[inline(always)]

@@ -3,11 +3,11 @@
 //! Reconstruction is implicit: each plane is sampled at its own resolution with its own filter, and what comes out is converted. So a plane is an image
 //! of its own here, and everything else is what sampling does anyway.
 
-use super::execute::execute_block;
+use super::block::execute_plain;
 use super::format::block::Texels;
 use super::{Filter, Format, ImageDescriptor, ImageOp, SamplerDescriptor};
 use crate::SUBGROUP_SIZE;
-use crate::program::Row;
+use crate::row::Row;
 
 /// A plane as it is sampled: of formats that hold chroma at half the rate in one plane, luma and chroma are the same memory twice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -218,7 +218,7 @@ fn plane_image(image: &ImageDescriptor, plane: &Plane) -> ImageDescriptor {
 /// `OpImageSample*` of an image with a conversion, in the lanes of `mask`.
 ///
 /// # Safety
-/// As [`execute_block`].
+/// As [`execute_plain`].
 pub(super) unsafe fn sample(
     op: &ImageOp,
     image: &ImageDescriptor,
@@ -257,10 +257,10 @@ pub(super) unsafe fn sample(
                 rows[axis] = moved;
             }
         }
-        let mut of = [[0; SUBGROUP_SIZE]; super::execute::MAX_RESULT_ROWS];
+        let mut of = [[0; SUBGROUP_SIZE]; super::operands::MAX_RESULT_ROWS];
         let (image, sampler) = (Some(&of_plane), Some(&sampler));
         // SAFETY: the caller's promise; the plane is a part of the image.
-        unsafe { execute_block(op, image, sampler, mask, &rows[..count], &mut of) };
+        unsafe { execute_plain(op, image, sampler, mask, &rows[..count], &mut of) };
         for (texel, component) in texels.iter_mut().zip(plane.components) {
             if let Some(component) = component {
                 *texel = of[component as usize];
@@ -316,6 +316,7 @@ fn convert(conversion: &Conversion, [r, g, b]: [f32; 3]) -> [f32; 3] {
 
 #[cfg(test)]
 mod tests {
+    use super::super::execute::execute_block;
     use super::super::{AddressMode, Dim, Level, image_op_for_tests};
     use super::*;
 

@@ -9,9 +9,10 @@ use super::code::AccessPlan;
 use super::kernels::Lane;
 use super::machine::{Handler, Instr, Machine, Operand, lanes_of};
 use super::region::{Region, read_scalar, region};
-use super::tier::{Kernel, Portable, Tier, TierKind};
+use super::tier::{Kernel, Portable, Tier};
 use crate::SUBGROUP_SIZE;
 use crate::ir::{Space, Type};
+use crate::tier::TierKind;
 
 /// What loads scalars of a type, or stores them, in a tier. Not for private memory.
 pub(super) fn handler(tier: TierKind, ty: Type, store: bool) -> Handler {

@@ -4,7 +4,7 @@ use super::machine::{Instr, Operand};
 use crate::image::ImageOp;
 use crate::ir::op::{AtomicOp, DescriptorBinding, SubgroupOp};
 use crate::ir::{Space, Type};
-use crate::program::SiteId;
+use crate::state::SiteId;
 
 /// A memory access: its address operands come first at `operands`, then the scalars.
 #[derive(Clone, Copy)]
@@ -125,7 +125,7 @@ pub(super) struct Code {
     /// By function: its call sites, ascending by `context`.
     pub callers: Vec<Vec<u32>>,
     /// Constants: the first uniform rows.
-    pub constants: Vec<crate::program::AlignedRow>,
+    pub constants: Vec<crate::row::AlignedRow>,
     /// Behind the instructions that compute uniform rows.
     pub prologue_end: usize,
     /// Uniform rows.

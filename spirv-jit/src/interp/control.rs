@@ -6,7 +6,7 @@ use super::kernels::sign_bits;
 use super::machine::{Instr, MAX_SUBGROUPS, Machine, Mask};
 use super::tier::Kernel;
 use crate::SUBGROUP_SIZE;
-use crate::program::Event;
+use crate::state::Event;
 
 /// A parked or pending mask.
 ///

@@ -3,8 +3,8 @@
 use foldhash::HashMap;
 
 use super::kernels::{Side, fused};
-use super::tier::TierKind;
 use crate::ir::{Body, Function, Inst, Node, Op, Terminator, Type, Value};
+use crate::tier::TierKind;
 
 /// How many instructions a first operation may be put off: its operands live on for as long.
 const REACH: usize = 24;

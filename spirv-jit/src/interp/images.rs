@@ -1,19 +1,22 @@
-//! Image operations: operand rows for [`crate::image::execute`], and the common samples, loads and stores over a whole wave.
+//! Image operations: operand rows for [`execute_block`], and the common samples, loads and stores over a whole wave.
 
 use std::marker::PhantomData;
 
 use super::code::ImagePlan;
 use super::machine::{Handler, Instr, Machine, Operand};
-use super::tier::{Kernel, Portable, Tier, TierKind};
+use super::tier::{Kernel, Portable, Tier};
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
-use crate::image::execute::{MAX_RESULT_ROWS, Operands, execute, usable};
+use crate::image::execute::execute_block;
 use crate::image::fast::{self, Fast};
+use crate::image::format::block::each_lane;
+use crate::image::operands::{MAX_RESULT_ROWS, Operands, usable};
 use crate::image::plain::{self, Plain};
 use crate::image::vector::{self, Vector};
 use crate::image::{ImageDescriptor, ImageOp, ImageOpKind, SamplerDescriptor};
 use crate::ir::op::AtomicOp;
-use crate::program::Row;
+use crate::row::Row;
+use crate::tier::TierKind;
 
 /// Most operand rows: coordinates, derivatives, offsets and texels of the widest operation, with room.
 const MAX_OPERAND_ROWS: usize = 32;
@@ -63,6 +66,63 @@ fn lanes(m: &Machine<'_>, plan: &ImagePlan, offset: u16) -> u16 {
         ImageOpKind::Atomic(AtomicOp::Load) => m.active[offset as usize / 64],
         ImageOpKind::Write | ImageOpKind::Atomic(_) => m.effective(offset),
         _ => m.active[offset as usize / 64],
+    }
+}
+
+/// Performs `op` in the lanes of `mask`: as [`execute_block`], with descriptors that lanes may differ in. Those that are the same in all
+/// active lanes, the common case, are set up once; where they differ, lanes are grouped by descriptor.
+///
+/// * `images`, `samplers`: per lane, the address of a descriptor in the `environment`, as `Op::Descriptor` gives it; `samplers` is looked at only if
+///   [`ImageOp::has_sampler`]. Only active lanes are looked at.
+///
+/// # Safety
+/// Active lanes' descriptor addresses are those of live descriptors, whose images cover memory that stays allocated during the call.
+pub(crate) unsafe fn execute(
+    op: &ImageOp,
+    environment: &Environment,
+    images: &[u64; SUBGROUP_SIZE],
+    samplers: &[u64; SUBGROUP_SIZE],
+    mask: u16,
+    operands: &[&Row],
+    results: &mut [Row],
+) {
+    debug_assert_eq!(operands.len(), op.operand_rows());
+    debug_assert!(results.len() >= op.result_rows());
+    let has_sampler = op.has_sampler();
+    let mut rest = mask;
+    while rest != 0 {
+        let first = rest.trailing_zeros() as usize;
+        let mut group = 0u16;
+        for lane in 0..SUBGROUP_SIZE {
+            let same = images[lane] == images[first]
+                && (!has_sampler || samplers[lane] == samplers[first]);
+            group |= (same as u16) << lane;
+        }
+        group &= rest;
+        rest &= !group;
+        // SAFETY: the caller vouches for the descriptors of active lanes.
+        unsafe {
+            let descriptor = environment.descriptor(images[first]);
+            let held = descriptor.held_image();
+            let image = match &held {
+                Some(image) => Some(image),
+                None => descriptor.viewed_image().as_ref(),
+            };
+            let sampler = if has_sampler {
+                environment.descriptor(samplers[first]).sampler.as_ref()
+            } else {
+                None
+            };
+            if group == mask {
+                return execute_block(op, image, sampler, group, operands, results);
+            }
+            // A block writes whole rows: other groups' lanes must not be touched.
+            let mut part = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
+            execute_block(op, image, sampler, group, operands, &mut part);
+            for (row, part) in results.iter_mut().zip(&part[..op.result_rows()]) {
+                each_lane(group, |lane| row[lane] = part[lane]);
+            }
+        }
     }
 }
 

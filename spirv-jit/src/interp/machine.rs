@@ -9,8 +9,8 @@ use std::cell::Cell;
 use super::Program;
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
-use crate::program::Event;
 use crate::reach::Range;
+use crate::state::Event;
 
 /// Subgroups in the longest wave.
 pub(super) const MAX_SUBGROUPS: usize = 16;

@@ -15,7 +15,7 @@ mod control;
 mod descriptors;
 mod emit;
 mod fusion;
-mod images;
+pub(crate) mod images;
 mod kernels;
 mod machine;
 mod memory;
@@ -35,13 +35,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::ir::interface::{FragmentFacts, OutputRow};
 use crate::ir::passed::{Passed, passed};
+use crate::ir::stage::Stage;
 use crate::ir::{self, InputRow};
-use crate::program::{AlignedRow, Event, ResumePoint, SiteKind, Stage, StateLayout, Wave};
 use crate::query::QueryWord;
+use crate::row::AlignedRow;
+use crate::state::{Event, ResumePoint, SiteKind, StateLayout, Wave};
+pub use crate::tier::{NAMES as TIER_NAMES, TierKind, limit as limit_tier};
 use crate::{Error, SUBGROUP_SIZE};
 use code::Code;
 use machine::{MAX_SUBGROUPS, Machine, Mask};
-pub use tier::{NAMES as TIER_NAMES, TierKind, limit as limit_tier};
 
 /// What a frame's rows may take, in bytes, before they leave the nearest cache.
 const FRAME_BYTES: usize = 40 << 10;

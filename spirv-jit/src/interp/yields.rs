@@ -7,7 +7,8 @@ use super::descriptors;
 use super::machine::{Instr, MAX_SUBGROUPS, Machine, Operand};
 use super::tier::Kernel;
 use crate::SUBGROUP_SIZE;
-use crate::program::{AlignedRow, Event, IO_DATA_ROW, Row};
+use crate::row::{AlignedRow, Row};
+use crate::state::{Event, IO_DATA_ROW};
 
 /// Words of control before the masks.
 pub(super) const CONTROL_WORDS: usize = 3;

@@ -81,7 +81,7 @@
 //! ## Yields
 //!
 //! `trace_ray`, `report_intersection`, `execute_callable`, `hit_object_*`, `reorder_thread` and `barrier` suspend the wave: see
-//! [`program::Event`](crate::program::Event). Their operands and results are 32-bit words. After those that SPIR-V calls invocation repack
+//! [`program::Event`](crate::state::Event). Their operands and results are 32-bit words. After those that SPIR-V calls invocation repack
 //! instructions a lane may be another one, of another subgroup.
 
 pub mod binary;
@@ -91,6 +91,7 @@ pub mod module;
 pub mod op;
 pub mod passed;
 mod signature;
+pub mod stage;
 pub mod text;
 pub mod verify;
 

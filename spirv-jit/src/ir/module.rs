@@ -4,7 +4,7 @@ use smallvec::SmallVec;
 
 use super::interface::{Barycentric, FragmentFacts, OutputRow, Varying};
 use super::{FunctionId, Label, Op, Type, Value, VariableId};
-use crate::program::{Builtin, Stage};
+use crate::ir::stage::{Builtin, Stage};
 use crate::query::QueryWord;
 
 /// One operation: operands, results, and the SPIR-V it came from.

@@ -1,80 +1,9 @@
 //! The table of operations: name, text, signature. Everything else about operations is derived from it.
 
-use std::fmt;
-
 use super::{FunctionId, VariableId};
 use crate::hit_object::HitFact;
 
-/// A scalar type.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Type {
-    I1,
-    I8,
-    I16,
-    I32,
-    I64,
-    F16,
-    F32,
-    F64,
-    /// Where an entry of a descriptor set is: see the [module's prose](super).
-    Descriptor,
-}
-
-impl Type {
-    /// Width in bits.
-    pub const fn bits(self) -> u32 {
-        match self {
-            Type::I1 => 1,
-            Type::I8 => 8,
-            Type::I16 | Type::F16 => 16,
-            Type::I32 | Type::F32 => 32,
-            Type::I64 | Type::F64 | Type::Descriptor => 64,
-        }
-    }
-
-    /// Size in buffer memory, in bytes; booleans have none and count as 4.
-    pub const fn size_bytes(self) -> u32 {
-        match self {
-            Type::I1 => 4,
-            other => other.bits() / 8,
-        }
-    }
-
-    /// Rows of private memory: two for 64-bit types, one for the rest.
-    pub const fn rows(self) -> u32 {
-        if self.bits() == 64 { 2 } else { 1 }
-    }
-
-    pub const fn is_float(self) -> bool {
-        matches!(self, Type::F16 | Type::F32 | Type::F64)
-    }
-
-    /// The integer type of the same width.
-    pub const fn as_integer(self) -> Type {
-        match self {
-            Type::F16 => Type::I16,
-            Type::F32 => Type::I32,
-            Type::F64 => Type::I64,
-            other => other,
-        }
-    }
-}
-
-impl fmt::Display for Type {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Type::I1 => "i1",
-            Type::I8 => "i8",
-            Type::I16 => "i16",
-            Type::I32 => "i32",
-            Type::I64 => "i64",
-            Type::F16 => "f16",
-            Type::F32 => "f32",
-            Type::F64 => "f64",
-            Type::Descriptor => "descriptor",
-        })
-    }
-}
+pub use crate::types::{AtomicOp, Type};
 
 /// Where a memory access goes: see the table in the [module's prose](super).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -433,27 +362,6 @@ impl Access {
             alignment: 0,
         }
     }
-}
-
-/// Read-modify-write operations. The operand's type is the result's: i32, i64, f32, f64 (f16 and i16 where the feature is advertised).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum AtomicOp {
-    Load,
-    Store,
-    Exchange,
-    CompareExchange,
-    IAdd,
-    ISub,
-    SMin,
-    SMax,
-    UMin,
-    UMax,
-    And,
-    Or,
-    Xor,
-    FAdd,
-    FMin,
-    FMax,
 }
 
 /// Which descriptors an [`Op::Descriptor`] or [`Op::DescriptorReference`] indexes.

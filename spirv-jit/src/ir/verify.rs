@@ -6,7 +6,7 @@ use super::{
     Body, Function, FunctionId, InputRow, Inst, Label, Module, Node, Op, Space, Terminator, Type,
     Value,
 };
-use crate::program::Stage;
+use crate::ir::stage::Stage;
 
 /// Invocations of a workgroup, beyond any device's limit.
 pub const MAX_INVOCATIONS: u64 = 1 << 16;

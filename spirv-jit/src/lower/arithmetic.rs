@@ -3,8 +3,8 @@
 use rspirv::spirv::Op;
 
 use super::Lowerer;
-use super::memory::Values;
 use super::types::TypeKind;
+use super::values::Values;
 use crate::Error;
 use crate::ir::{self, Type, Value};
 use crate::parse::Instruction;

@@ -4,9 +4,9 @@ use rspirv::spirv::{Op, Scope};
 
 use super::Lowerer;
 use crate::Error;
+use crate::ir::stage::Stage;
 use crate::ir::{self, Type};
 use crate::parse::Instruction;
-use crate::program::Stage;
 
 impl Lowerer<'_> {
     pub(super) fn lower_barrier(&mut self, instruction: &Instruction) -> Result<(), Error> {

@@ -5,8 +5,8 @@ use rspirv::spirv::BuiltIn;
 use super::Lowerer;
 use crate::Error;
 use crate::environment::uniform;
+use crate::ir::stage::Builtin;
 use crate::ir::{self, InputRow, Type, Value};
-use crate::program::Builtin;
 
 /// Where a built-in comes from.
 enum Source {

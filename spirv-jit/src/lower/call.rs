@@ -12,7 +12,7 @@ use std::rc::Rc;
 use rspirv::spirv::{Op, StorageClass};
 
 use super::builder::Builder;
-use super::function::{Frame, ReturnTo};
+use super::frame::{Frame, GivenBack, ReturnTo};
 use super::hit_object::is_hit_object;
 use super::stage_interface::Evaluation;
 use super::types::TypeKind;
@@ -43,12 +43,6 @@ pub(super) struct Summary {
 #[derive(Clone)]
 pub(super) struct Outlined {
     id: FunctionId,
-    carried: Rc<[Id]>,
-}
-
-/// What a function of the IR gives back behind its result.
-pub(super) struct GivenBack {
-    pointers: Vec<Pointer>,
     carried: Rc<[Id]>,
 }
 

@@ -4,7 +4,7 @@ use rspirv::spirv::Capability;
 
 use crate::Error;
 use crate::parse::ParsedModule;
-use crate::program::CompileRequest;
+use crate::request::CompileRequest;
 
 /// Implied by every shader; applications do not enable them.
 const ALWAYS: &[Capability] = &[Capability::Shader, Capability::Matrix];

@@ -3,7 +3,7 @@
 use rspirv::spirv::{self, Decoration, Op};
 
 use super::Lowerer;
-use super::memory::Values;
+use super::values::Values;
 use crate::Error;
 use crate::ir::{self, Type, Value};
 use crate::parse::Instruction;

@@ -4,9 +4,9 @@ use rspirv::spirv::{ExecutionMode, Op};
 
 use super::Lowerer;
 use crate::Error;
+use crate::ir::stage::Stage;
 use crate::ir::{self, Value};
 use crate::parse::{Id, Instruction};
-use crate::program::Stage;
 
 /// Along which axis; `None`: the sum of both lengths.
 fn axis(opcode: Op) -> Option<Option<u32>> {

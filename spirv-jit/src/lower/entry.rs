@@ -5,8 +5,9 @@ use rspirv::spirv::{BuiltIn, Decoration, ExecutionMode, ExecutionModel};
 use super::{Lowerer, budget};
 use crate::Error;
 use crate::error::ErrorKind;
+use crate::ir::stage::Stage;
 use crate::parse::{EntryPoint, ParsedModule};
-use crate::program::{CompileRequest, Stage};
+use crate::request::CompileRequest;
 
 /// The entry point that a request names.
 pub(super) fn find_entry<'a>(

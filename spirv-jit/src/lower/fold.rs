@@ -163,7 +163,7 @@ fn fold_float(from: Type, to: Type, bits: u64) -> Option<u64> {
         _ => return None,
     };
     match to {
-        Type::F16 => Some(eval::f16_from_f64(value).to_bits() as u64),
+        Type::F16 => Some(eval::narrow::f16_from_f64(value).to_bits() as u64),
         Type::F32 => Some((value as f32).to_bits() as u64),
         Type::F64 => Some(value.to_bits()),
         _ => None,

@@ -6,46 +6,14 @@ use std::rc::Rc;
 use rspirv::spirv::Op;
 use smallvec::SmallVec;
 
-use super::call::GivenBack;
+use super::frame::{Escaped, Frame, ReturnTo};
 use super::structure::{BodyIndex, Condition, End, Plan, Step, plan_function};
 use super::values::{Local, Pointer, Scalars, Val};
 use super::{Lowerer, budget};
 use crate::Error;
+use crate::ir::stage::Stage;
 use crate::ir::{self, Label, Node, Terminator, Type, Value, VariableId};
 use crate::parse::{Block, Function, Id};
-use crate::program::Stage;
-
-/// A function that is being lowered.
-pub(super) struct Frame {
-    function: usize,
-    plan: Rc<Plan>,
-    /// The plan's body that is open.
-    body: BodyIndex,
-    labels: Vec<Option<Label>>,
-    /// Length of the table of values before this function's.
-    first_value: usize,
-    escaped: HashMap<Id, Escaped>,
-    phis: HashMap<Id, VariableId>,
-    return_to: ReturnTo,
-}
-
-/// Where a return goes.
-#[derive(Clone)]
-pub(super) enum ReturnTo {
-    /// The entry's return ends the invocation.
-    End,
-    /// A function lowered in place leaves the block around it.
-    Block(Label),
-    /// A function of the IR returns its result and what it took.
-    Caller(Rc<GivenBack>),
-}
-
-/// An id that is used beyond the body of its definition.
-struct Escaped {
-    value: Val,
-    body: BodyIndex,
-    variable: VariableId,
-}
 
 /// Rows of private memory that one invocation may have.
 const MAX_ROWS: u64 = 1 << 18;

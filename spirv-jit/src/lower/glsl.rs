@@ -3,7 +3,7 @@
 use rspirv::spirv::GlslStd450Op as GLOp;
 
 use super::Lowerer;
-use super::memory::Values;
+use super::values::Values;
 use crate::Error;
 use crate::accuracy::{self, Accuracy};
 use crate::ir::{self, Type, Value};

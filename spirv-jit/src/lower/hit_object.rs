@@ -8,9 +8,9 @@ use super::Lowerer;
 use super::values::Pointer;
 use crate::Error;
 use crate::hit_object::{HitFact, IDENTITY, TRACED, kind, primitive, word};
+use crate::ir::stage::Stage;
 use crate::ir::{self, Type, Value};
 use crate::parse::{Id, Instruction};
-use crate::program::Stage;
 
 /// What an instruction does to a hit object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -296,7 +296,7 @@ impl Lowerer<'_> {
         let taken = self.scalars_to_words(&values)?;
         let word_types: Vec<Type> = taken.iter().map(|&word| self.b.ty(word)).collect();
         // The first sixteen have rows of their own, the rest stand behind the payload.
-        let (first, rest) = object.split_at(crate::program::IO_DATA_ROW);
+        let (first, rest) = object.split_at(crate::state::IO_DATA_ROW);
         let words = [first, &taken, rest].concat();
         let op = ir::Op::HitObjectExecute;
         let returned = self.b.emit_unchecked(op, &words, &word_types)?;

@@ -9,9 +9,9 @@ use super::values::{Place, Pointer, Val};
 use crate::Error;
 use crate::image::{Dim, Format, ImageOp, ImageOpKind, LodMode};
 use crate::ir::op::AtomicOp;
+use crate::ir::stage::{Builtin, Stage};
 use crate::ir::{self, InputRow, Type, Value};
 use crate::parse::{Id, Instruction};
-use crate::program::{Builtin, Stage};
 
 /// Operands behind the image operands' mask, by kind.
 #[derive(Default)]

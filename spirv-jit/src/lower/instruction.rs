@@ -6,8 +6,8 @@ use super::Lowerer;
 use super::types::TypeKind;
 use crate::Error;
 use crate::ir;
+use crate::ir::stage::Stage;
 use crate::parse::Instruction;
-use crate::program::Stage;
 
 impl Lowerer<'_> {
     /// Lowers an instruction that is neither a phi nor a terminator.

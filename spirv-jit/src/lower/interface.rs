@@ -10,9 +10,9 @@ use super::values::{Place, Pointer};
 use super::{Lowerer, budget};
 use crate::Error;
 use crate::ir::op::Access;
+use crate::ir::stage::{Builtin, Stage};
 use crate::ir::{self, InputRow, Node, Space, Terminator, Type, Value};
 use crate::parse::Id;
-use crate::program::{Builtin, Stage};
 
 /// How an any-hit invocation ends; the values are those of `ir::Module::output_rows`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,13 +5,13 @@
 use rspirv::spirv::GlslStd450Op as GLOp;
 
 use super::Lowerer;
-use super::memory::Values;
 use super::stage_interface::Evaluation;
 use super::values::Place;
+use super::values::Values;
 use crate::Error;
+use crate::ir::stage::Builtin;
 use crate::ir::{self, InputRow, Type, Value};
 use crate::parse::Id;
-use crate::program::Builtin;
 
 /// The standard sample locations of 2, 4 and 8 samples, in sixteenths of a pixel from its corner (Vulkan, "Multisampling").
 const LOCATIONS: [(u32, &[[u8; 2]]); 3] = [

@@ -6,14 +6,11 @@ use smallvec::SmallVec;
 use super::Lowerer;
 use super::stage_interface::Evaluation;
 use super::types::TypeKind;
-use super::values::{Place, Pointer, Scalars, Val};
+use super::values::{Place, Pointer, Scalars, Val, Values};
 use crate::Error;
 use crate::ir::op::Access;
 use crate::ir::{self, Space, Type, Value};
 use crate::parse::{Id, Instruction};
-
-/// Scalars that an instruction has computed.
-pub(super) type Values = SmallVec<[Value; 4]>;
 
 /// Scalars that one load or store moves at most.
 const MAX_RUN: usize = 16;

@@ -7,8 +7,8 @@ use std::rc::Rc;
 
 use rspirv::spirv::{BuiltIn, Decoration, ExecutionMode, StorageClass};
 
-use super::memory::Values;
 use super::types::TypeKind;
+use super::values::Values;
 use super::values::{Place, Pointer};
 use super::{Lowerer, budget};
 use crate::Error;
@@ -16,9 +16,9 @@ use crate::ir::interface::{
     Barycentric, DepthMode, FragmentFacts, Interlock, OutputRow, Position, Varying, VaryingMode,
     VaryingPlace,
 };
+use crate::ir::stage::{Builtin, Stage};
 use crate::ir::{self, InputRow, Type, Value};
 use crate::parse::Id;
-use crate::program::{Builtin, Stage};
 
 /// Words of a stage's inputs or outputs, at most: far beyond any device's limit.
 const MAX_WORDS: usize = 1 << 12;

@@ -206,3 +206,6 @@ impl Pointer {
         out
     }
 }
+
+/// Scalars that an instruction has computed.
+pub(super) type Values = SmallVec<[Value; 4]>;

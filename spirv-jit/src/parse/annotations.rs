@@ -4,7 +4,7 @@ use foldhash::HashMap;
 
 use rspirv::spirv::{Decoration, Op};
 
-use super::module::{Id, Instruction, InstructionTable, decode_string};
+use super::instruction::{Id, Instruction, InstructionTable, decode_string};
 use crate::Error;
 
 /// A decoration's enumerant and its first literal (0 where it has none).

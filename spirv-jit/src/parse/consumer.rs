@@ -6,7 +6,7 @@ use rspirv::spirv::{MAGIC_NUMBER, Op};
 
 use super::framing::Frame;
 use super::grammar::{self, Head, Stop, Walk, Widths};
-use super::module::{Id, Instruction, InstructionTable};
+use super::instruction::{Id, Instruction, InstructionTable};
 use crate::Error;
 
 /// Holds framed words against the grammar.

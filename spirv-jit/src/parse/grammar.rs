@@ -12,7 +12,7 @@ use rspirv::grammar::{
 };
 use rspirv::spirv::{self, Op};
 
-use super::module::Id;
+use super::instruction::Id;
 
 /// Grammar entries by opcode.
 struct Index {

@@ -9,10 +9,12 @@ mod annotations;
 mod consumer;
 mod framing;
 mod grammar;
+mod instruction;
 mod module;
 
 pub use annotations::Annotations;
-pub use module::{Block, EntryPoint, Function, Id, Instruction, Merge, ParsedModule};
+pub use instruction::{Id, Instruction};
+pub use module::{Block, EntryPoint, Function, Merge, ParsedModule};
 
 use crate::Error;
 

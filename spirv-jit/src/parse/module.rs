@@ -6,40 +6,8 @@ use rspirv::spirv::{Capability, ExecutionModel, Op};
 
 use super::annotations::Annotations;
 use super::framing;
+use super::instruction::{Id, Instruction, InstructionTable, decode_string};
 use crate::Error;
-
-/// A SPIR-V id; 0 is none.
-pub type Id = u32;
-
-/// An instruction as offsets into the module's words.
-#[derive(Clone, Copy, Debug)]
-pub struct Instruction {
-    pub opcode: Op,
-    /// 0 where the instruction has none.
-    pub result_type: Id,
-    /// 0 where the instruction has none.
-    pub result: Id,
-    /// Of the instruction's first word.
-    pub offset: u32,
-    /// Of the first operand after result type and result.
-    pub(super) first_operand: u32,
-    pub(super) end: u32,
-    pub(super) first_use: u32,
-    pub(super) end_use: u32,
-}
-
-impl Instruction {
-    /// Operand words after result type and result.
-    pub fn operands<'w>(&self, words: &'w [u32]) -> &'w [u32] {
-        &words[self.first_operand as usize..self.end as usize]
-    }
-}
-
-/// All instructions in order, and the ids they use.
-pub(super) struct InstructionTable {
-    pub instructions: Vec<Instruction>,
-    pub uses: Vec<Id>,
-}
 
 /// `OpEntryPoint`.
 #[derive(Clone, Debug)]
@@ -137,16 +105,6 @@ impl ParsedModule {
     pub fn instruction_count(&self) -> usize {
         self.table.instructions.len()
     }
-}
-
-/// A literal string of operand words: UTF-8, low byte first, up to its zero byte.
-pub(super) fn decode_string(words: &[u32]) -> String {
-    let bytes: Vec<u8> = words
-        .iter()
-        .flat_map(|word| word.to_le_bytes())
-        .take_while(|&byte| byte != 0)
-        .collect();
-    String::from_utf8_lossy(&bytes).into_owned()
 }
 
 /// Sorts grammatical instructions into a module.

@@ -2,8 +2,8 @@
 //! and layer and viewport are zero by themselves. Compilers declare all of `gl_PerVertex`, whether a shader writes it or not.
 
 use crate::ir::interface::OutputRow;
+use crate::ir::stage::Stage;
 use crate::ir::{Body, Module, Node, Op, Terminator};
-use crate::program::Stage;
 
 /// Removes the words that are constants of zero wherever the invocation ends.
 pub fn trim_outputs(module: &mut Module) {

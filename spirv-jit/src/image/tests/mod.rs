@@ -1,11 +1,12 @@
 //! Against a straightforward sampler in f64, written from the spec's equations for one lane at a time.
 
-use super::execute::{execute, execute_block};
+use super::execute::execute_block;
 use super::*;
 use crate::environment::Descriptor;
-use crate::ir::Type;
-use crate::ir::op::AtomicOp;
-use crate::program::Row;
+use crate::interp::images::execute;
+use crate::row::Row;
+use crate::types::AtomicOp;
+use crate::types::Type;
 use proptest::prelude::*;
 
 mod access;

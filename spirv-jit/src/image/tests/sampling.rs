@@ -204,7 +204,7 @@ proptest! {
         for offset in offsets.iter().flatten() { rows.push([*offset as u32; 16]); }
         let fast_sample = fast::Fast::new(&op, &image.descriptor, info, &s, 0xf).expect("applies");
         let rows: Vec<&Row> = rows.iter().collect();
-        let operands = execute::Operands::new(&op, &rows);
+        let operands = super::super::operands::Operands::new(&op, &rows);
         let (mut fast, mut portable, mut general) = ([[0; 16]; 8], [[0; 16]; 8], [[0; 16]; 8]);
         // SAFETY: the image's memory is alive.
         unsafe {

@@ -1,12 +1,12 @@
 //! Texels in vectors against the formats' own code for one texel, in every instruction set that the machine has.
 
-use super::super::execute::Operands;
 use super::super::format::block::{self, Texels};
+use super::super::operands::Operands;
 use super::super::plain::Plain;
 use super::super::texels;
 use super::super::vector::{self, Vector};
 use super::*;
-use crate::interp::TierKind;
+use crate::tier::TierKind;
 
 /// What is done with each instruction set.
 trait Case {

@@ -3,7 +3,7 @@
 use std::arch::x86_64::*;
 
 use super::Vector;
-use crate::program::Row;
+use crate::row::Row;
 
 /// AVX2, FMA and F16C.
 #[derive(Clone, Copy)]

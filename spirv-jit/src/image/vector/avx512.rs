@@ -3,7 +3,7 @@
 use std::arch::x86_64::*;
 
 use super::Vector;
-use crate::program::Row;
+use crate::row::Row;
 
 /// AVX-512 F, VL, DQ and BW.
 #[derive(Clone, Copy)]

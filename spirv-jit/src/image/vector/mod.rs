@@ -15,7 +15,7 @@ pub use avx2::Avx2;
 pub use avx512::Avx512;
 pub use portable::Portable;
 
-use crate::program::Row;
+use crate::row::Row;
 
 /// 1.5 · 2^23: the last place of a sum with it is worth 1, so that a fused multiply-add rounds its product to an integer, once.
 #[cfg(target_arch = "x86_64")]

@@ -4,7 +4,7 @@ use super::Vector;
 use crate::SUBGROUP_SIZE;
 use crate::image::format::block::map;
 use crate::image::format::small_float;
-use crate::program::Row;
+use crate::row::Row;
 
 #[derive(Clone, Copy)]
 pub struct Portable;

@@ -10,7 +10,7 @@ use crate::interp::kernels::{Copy, MaskedCopy};
 use crate::interp::machine::{Handler, Instr, Operand};
 use crate::interp::{control, memory, yields};
 use crate::ir::{Body, Inst, Label, Node, Op, Terminator, Type, Value};
-use crate::program::{IO_DATA_ROW, SiteId, SiteKind};
+use crate::state::{IO_DATA_ROW, SiteId, SiteKind};
 
 /// Long code takes more fuel than short code: as much as this many instructions together.
 const INSTRS_PER_FUEL: u32 = 256;

@@ -13,13 +13,14 @@ use super::code::{Code, Remade};
 use super::fusion::Fusion;
 use super::machine::{Handler, Instr, Operand};
 use super::slots::{Slots, allocate};
-use super::tier::{Kernel, Portable, Tier, TierKind};
+use super::tier::{Kernel, Portable, Tier};
 use super::uniformity::find_uniform_values;
 use super::yields;
 use crate::Error;
 use crate::error::ErrorKind;
 use crate::ir::{Body, Function, Inst, Label, Module, Node, Op, Value};
-use crate::program::{IO_DATA_ROW, SiteKind, StateLayout};
+use crate::state::{IO_DATA_ROW, SiteKind, StateLayout};
+use crate::tier::TierKind;
 
 /// A code address that is not known yet.
 #[derive(Clone, Copy)]

@@ -6,7 +6,7 @@ use crate::interp::machine::Operand;
 use crate::interp::tier::Portable;
 use crate::interp::{tier::Tier, yields};
 use crate::ir::{Inst, Node, Op, Type};
-use crate::program::AlignedRow;
+use crate::row::AlignedRow;
 
 impl Emitter<'_> {
     /// Emits the prologue for the functions in `order`.

@@ -10,8 +10,9 @@ use super::remainder::Remainder;
 use crate::SUBGROUP_SIZE;
 use crate::eval::{self, Int};
 use crate::interp::machine::{Handler, Instr, Machine};
-use crate::interp::tier::{Kernel, Portable, Tier, TierKind};
+use crate::interp::tier::{Kernel, Portable, Tier};
 use crate::ir::{Op, Type};
+use crate::tier::TierKind;
 
 /// Instantiates `$kernel<ops::$op, …>` for the integer type `$ty`: 32 and 64 bits in the tier, narrow ones once.
 macro_rules! by_int {

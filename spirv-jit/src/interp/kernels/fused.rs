@@ -6,8 +6,9 @@ use super::lane::{Binary, Lane, Unary, at};
 use super::ops;
 use crate::SUBGROUP_SIZE;
 use crate::interp::machine::{Handler, Instr, Machine};
-use crate::interp::tier::{Kernel, Portable, Tier, TierKind};
+use crate::interp::tier::{Kernel, Portable, Tier};
 use crate::ir::{Op, Type};
+use crate::tier::TierKind;
 
 /// How the second operation takes the first one's result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

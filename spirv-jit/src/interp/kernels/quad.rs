@@ -8,8 +8,9 @@ use super::lane::{Lane, at};
 use crate::SUBGROUP_SIZE;
 use crate::eval::{Float, quad};
 use crate::interp::machine::{Handler, Instr, Machine};
-use crate::interp::tier::{Kernel, Portable, Tier, TierKind};
+use crate::interp::tier::{Kernel, Portable, Tier};
 use crate::ir::{Op, Type};
+use crate::tier::TierKind;
 
 /// The kernel of `derivative_x` or `derivative_y` on floats of a type.
 pub(in crate::interp) fn derivative(tier: TierKind, op: &Op, ty: Type) -> Handler {

@@ -2,7 +2,7 @@
 
 use super::{Bench, on_tiers, outputs};
 use crate::environment::{Descriptor, DescriptorSet};
-use crate::program::{Event, SiteKind};
+use crate::state::{Event, SiteKind};
 
 fn descriptor(data: &mut [u32], size_bytes: u64) -> Descriptor {
     Descriptor {

@@ -6,12 +6,13 @@ mod memory;
 mod pairs;
 mod yields;
 
-use super::tier::TierKind;
 use super::{Frame, Program};
 use crate::environment::Environment;
 use crate::ir::text::parse_module;
 use crate::ir::verify::verify;
-use crate::program::{AlignedRow, Event, SiteKind, Wave};
+use crate::row::AlignedRow;
+use crate::state::{Event, SiteKind, Wave};
+use crate::tier::TierKind;
 
 /// A program with the states of some subgroups.
 pub(super) struct Bench {

@@ -1,7 +1,7 @@
 //! Suspending and resuming: in loops, in calls, in waves that change, and for lack of fuel.
 
 use super::{Bench, on_tiers};
-use crate::program::{Event, IO_DATA_ROW, SiteKind};
+use crate::state::{Event, IO_DATA_ROW, SiteKind};
 
 /// A callable is executed in a loop, whose trip count differs by lane; values live across it in every way.
 const LOOP: &str = "module closest_hit

@@ -3,8 +3,8 @@
 use crate::hit_object::HitFact;
 use crate::image::{Dim, LodMode};
 use crate::ir::op::{AtomicOp, ReduceOp, Space, SubgroupOp};
+use crate::ir::stage::{Builtin, Stage};
 use crate::ir::{Op, Type};
-use crate::program::{Builtin, Stage};
 use crate::query::QueryField;
 
 macro_rules! names {

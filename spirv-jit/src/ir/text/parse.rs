@@ -5,11 +5,11 @@ use smallvec::SmallVec;
 use super::names::*;
 use crate::image::{Format, ImageOp, ImageOpKind, LodMode};
 use crate::ir::op::{Access, DescriptorBinding};
+use crate::ir::stage::Stage;
 use crate::ir::{
     Body, Function, FunctionId, InputRow, Inst, Label, Module, Node, Op, Terminator, Type, Value,
     Variable, VariableId,
 };
-use crate::program::Stage;
 use crate::query::QueryWord;
 
 /// Nesting that the parser follows before it gives up.

@@ -1,0 +1,97 @@
+//! Shader stages, and what each invocation is given.
+
+#![forbid(unsafe_code)]
+
+/// Shader stages (SPIR-V execution models) that exist.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Stage {
+    Compute,
+    RayGeneration,
+    Intersection,
+    AnyHit,
+    ClosestHit,
+    Miss,
+    Callable,
+    Vertex,
+    Fragment,
+}
+
+/// Built-in inputs that arrive per lane in the input record. 32-bit words each; vectors and matrices (column-major) by component.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Builtin {
+    /// 3 words.
+    LaunchId,
+    /// 3 words each: compute.
+    WorkgroupId,
+    LocalInvocationId,
+    /// 1 word: compute.
+    LocalInvocationIndex,
+    /// 3 words: compute.
+    GlobalInvocationId,
+    /// 1 word each: compute.
+    SubgroupId,
+    NumSubgroups,
+    PrimitiveId,
+    InstanceId,
+    InstanceCustomIndex,
+    GeometryIndex,
+    /// 3 f32 each.
+    WorldRayOrigin,
+    WorldRayDirection,
+    ObjectRayOrigin,
+    ObjectRayDirection,
+    RayTmin,
+    RayTmax,
+    IncomingRayFlags,
+    CullMask,
+    HitKind,
+    /// 4 columns of 3 f32.
+    ObjectToWorld,
+    WorldToObject,
+    /// 3 vertices of 3 f32 (`HitTriangleVertexPositionsKHR`).
+    HitTriangleVertexPositions,
+    /// 1 f32 (`CurrentRayTimeNV`).
+    CurrentRayTime,
+    /// 1 word each, not 0 for true (`HitIsSphereNV`, `HitIsLSSNV`).
+    HitIsSphere,
+    HitIsLss,
+    /// 3 f32 and 1 f32 (`HitSpherePositionNV`, `HitSphereRadiusNV`).
+    HitSpherePosition,
+    HitSphereRadius,
+    /// 2 positions of 3 f32, and 2 f32 (`HitLSSPositionsNV`, `HitLSSRadiiNV`).
+    HitLssPositions,
+    HitLssRadii,
+    /// 2 words: device address of the shader record (after the handle).
+    ShaderRecordAddress,
+    /// 1 word each: vertex.
+    VertexIndex,
+    InstanceIndex,
+    BaseVertex,
+    BaseInstance,
+    DrawIndex,
+    /// 1 word: vertex and fragment.
+    ViewIndex,
+    /// 4 f32: fragment, as all that follow.
+    FragCoord,
+    /// 1 word, not 0 for true.
+    FrontFacing,
+    /// 2 f32.
+    PointCoord,
+    /// 1 word.
+    SampleId,
+    /// 2 f32.
+    SamplePosition,
+    /// 1 word: the covered samples of the invocation.
+    SampleMask,
+    /// 1 word each.
+    Layer,
+    ViewportIndex,
+    /// 1 word: the layer of input attachments, which is the one that is drawn to.
+    AttachmentLayer,
+    /// 1 word: samples of the attachments.
+    SampleCount,
+    /// 9 f32 each: at the pixel's centre, the three planes whose quotients by their sum are perspective-correct barycentric coordinates, or
+    /// that are the linear ones; then their derivatives in x, then in y.
+    PerspectivePlanes,
+    LinearPlanes,
+}
