@@ -1,24 +1,8 @@
 //! What a structure is built from: geometries in the caller's memory.
 
 use crate::live::Live;
+use crate::memory::{IndexType, Memory};
 use crate::micromap::GeometryMicromap;
-
-/// Readable memory of the caller.
-///
-/// Reads outside it are not made: an index or a primitive that would need one is inactive.
-#[derive(Clone, Copy, Debug)]
-pub struct Memory {
-    /// First byte; any alignment.
-    pub base: *const u8,
-    /// Number of readable bytes.
-    pub bytes: usize,
-}
-
-// SAFETY: `Memory` is only read, inside functions whose contract says that nothing writes it
-// meanwhile.
-unsafe impl Send for Memory {}
-// SAFETY: as above.
-unsafe impl Sync for Memory {}
 
 /// Flags of a build; the bits of `VkBuildAccelerationStructureFlagBitsKHR`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -89,17 +73,6 @@ pub enum VertexFormat {
     Unorm10x3A2,
     /// `A2B10G10R10`, signed: x in the low ten bits.
     Snorm10x3A2,
-}
-
-/// Type of the indices of a triangle geometry.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs, reason = "the names say it")]
-pub enum IndexType {
-    /// Vertices `3 i`, `3 i + 1`, `3 i + 2` form triangle `i`.
-    None,
-    U8,
-    U16,
-    U32,
 }
 
 /// A list of triangles.

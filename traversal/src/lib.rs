@@ -80,35 +80,40 @@
 //! global pool is never started. The result does not depend on the number of threads.
 
 pub mod build;
+mod error;
 pub mod input;
 mod layout;
 mod live;
+mod memory;
 pub mod micromap;
 mod motion;
+mod pool;
 pub mod ray;
 pub mod structure;
+mod tier;
 pub mod transfer;
 pub mod walk;
 
-pub use build::{
-    BuildError, BuildSizes, MAX_GEOMETRIES, build, build_sizes, micromap_bytes, update,
-};
+pub use build::{BuildSizes, MAX_GEOMETRIES, build, build_sizes, micromap_bytes, update};
+pub use error::{BuildError, StructureError};
 pub use input::{
-    AabbGeometry, BuildFlags, BuildInput, EndCaps, Geometries, GeometryFlags, IndexType, Indexing,
-    InstanceArray, InstanceSource, Memory, MotionGeometry, RadiusFormat, SweptGeometry,
-    TriangleGeometry, VertexFormat,
+    AabbGeometry, BuildFlags, BuildInput, EndCaps, Geometries, GeometryFlags, Indexing,
+    InstanceArray, InstanceSource, MotionGeometry, RadiusFormat, SweptGeometry, TriangleGeometry,
+    VertexFormat,
 };
 pub use live::{EVERYWHERE, Live};
+pub use memory::{IndexType, Memory};
 pub use micromap::{
     GeometryMicromap, Micromap, MicromapFormat, MicromapInput, MicromapUsage, Opacity,
     build_micromap, copy_micromap, micromap_size,
 };
 pub use ray::{Hit, Ray, Swept, ray_flags};
-pub use structure::{Kind, Structure, StructureError, validate};
+pub use structure::{Kind, Structure, validate};
+pub use tier::Tier;
 pub use transfer::{
     Serialized, compact_into, compacted_size, copy_into, deserialize, serialize, serialized_size,
 };
 pub use walk::{
     Accuracy, Caller, Company, Event, HitRows, Lanes, List, Options, PACKET, Progress, RayRows,
-    Specialisation, Switches, Tier, TriangleTest, Verdict, Walk, Walker, Words,
+    Specialisation, Switches, TriangleTest, Verdict, Walk, Walker, Words,
 };

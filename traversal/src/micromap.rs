@@ -16,10 +16,10 @@
 mod curve;
 mod geometry;
 
-use crate::build::BuildError;
-use crate::input::Memory;
+use crate::error::BuildError;
 use crate::live::Live;
-use crate::structure::StructureError;
+use crate::memory::Memory;
+use crate::error::StructureError;
 use curve::part_index;
 pub use geometry::GeometryMicromap;
 

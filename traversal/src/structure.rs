@@ -6,6 +6,7 @@ mod kind;
 mod micromaps;
 mod validate;
 
+use crate::error::StructureError;
 use crate::layout::{
     ALIGNMENT, BLOCK_UNIT, BLOCK_UNITS, Block, BoxEntry, Form, GROUP, GeometryEntry, HEADER_BYTES,
     Header, InstanceRecord, InstanceWords, LEAF_TRIANGLES, Motion, MotionEntry,
@@ -15,7 +16,7 @@ use crate::layout::{
 use crate::live::Live;
 use crate::motion::{Transforms, invert, transform_at};
 use head::{check_header, check_parts};
-pub use kind::{Kind, StructureError};
+pub use kind::Kind;
 pub use validate::validate;
 
 /// A structure at an address, to be read.

@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 
-use super::primitive::in_pool;
+use crate::pool::in_pool;
 use super::tree::{BinaryNode, children, children_mut};
 use crate::layout::WIDTH;
 

@@ -6,7 +6,8 @@
 use rayon::prelude::*;
 
 use super::corners::Corners;
-use super::primitive::{CHUNK, Primitive, in_pool};
+use super::primitive::{CHUNK, Primitive};
+use crate::pool::in_pool;
 use super::split::{Extent, SplitRules};
 use super::sweep::{Blocks, Stretch};
 use super::tree::{self, BinaryNode, HEURISTIC_DEPTH, PARALLEL, Subtree};
@@ -15,7 +16,7 @@ use super::vector::{Portable, Vector};
 #[cfg(target_arch = "x86_64")]
 use super::vector::Avx2;
 #[cfg(target_arch = "x86_64")]
-use crate::walk::Tier;
+use crate::tier::Tier;
 
 /// Bits of a code for each axis.
 const BITS: u32 = 10;

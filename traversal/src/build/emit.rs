@@ -3,30 +3,18 @@
 use super::Shape;
 use super::collapse::{self, Children};
 use super::head::Written;
-use super::primitive::{Primitive, in_pool};
+use super::primitive::{Primitive};
+use crate::pool::in_pool;
 use super::swept::SweptPrimitive;
+use super::target::Target;
 use super::tree::BinaryNode;
-use crate::input::{Geometries, GeometryFlags, TriangleGeometry};
+use super::words::{triangle_word, word};
+use crate::input::Geometries;
 use crate::layout::{
     BLOCK_UNIT, Block, BoxEntry, Extent, Form, GROUP, LEAF_TRIANGLES, Node, Parts, TriangleGroup,
-    WIDTH, child, geometry_word,
+    WIDTH, child,
 };
 use crate::structure::Kind;
-
-/// The parts of a blob that is being written. Tasks write disjoint ranges of it.
-#[derive(Clone, Copy)]
-pub(crate) struct Target<'a> {
-    pub base: *mut u8,
-    pub parts: Parts,
-    pub kind: Kind,
-    pub form: Form,
-    pub geometries: &'a Geometries<'a>,
-}
-
-// SAFETY: tasks share it to write, but each writes nodes and leaves of its own only.
-unsafe impl Send for Target<'_> {}
-// SAFETY: as above.
-unsafe impl Sync for Target<'_> {}
 
 /// Subtrees with more primitives than this are written side by side.
 const PARALLEL: u32 = 8192;
@@ -34,29 +22,6 @@ const PARALLEL: u32 = 8192;
 const NEAR: u32 = 64;
 
 impl Target<'_> {
-    /// # Safety
-    /// `index` is inside the part, and nobody else writes or reads that node.
-    pub unsafe fn write_node(&self, index: u32, node: &Node) {
-        let offset = self.parts.nodes_offset as usize + index as usize * size_of::<Node>();
-        // SAFETY: the caller's promise; nodes are aligned to 256 bytes as the blob is.
-        unsafe { self.base.add(offset).cast::<Node>().write(*node) }
-    }
-
-    /// Where a leaf is.
-    pub fn leaf_at<T>(&self, index: u32) -> *mut T {
-        self.base
-            .wrapping_add(self.parts.leaves_offset as usize)
-            .cast::<T>()
-            .wrapping_add(index as usize)
-    }
-
-    /// # Safety
-    /// `index` is inside the part, `T` is the kind's leaf, and nobody else writes or reads it.
-    pub unsafe fn write_leaf<T>(&self, index: u32, leaf: T) {
-        // SAFETY: the caller's promise; leaves are as aligned as their sizes ask, from 256 on.
-        unsafe { self.leaf_at::<T>(index).write(leaf) }
-    }
-
     /// Lays out the parts for what is to be written; a top level has one record an instance, active or not.
     pub fn lay_out(&mut self, shape: &Shape, written: &mut Written) {
         if self.kind.is_top() {
@@ -309,22 +274,3 @@ impl Target<'_> {
 }
 
 type Task<'a> = (&'a [BinaryNode], u32, u32, u32);
-
-/// See [`geometry_word`].
-pub(crate) fn triangle_word(index: u32, geometry: &TriangleGeometry) -> u32 {
-    let micromap = match geometry.micromap {
-        Some(_) => geometry_word::MICROMAP,
-        None => 0,
-    };
-    word(index, geometry.flags) | micromap
-}
-
-/// See [`geometry_word`].
-pub(crate) fn word(geometry: u32, flags: GeometryFlags) -> u32 {
-    let opaque = if flags.contains(GeometryFlags::OPAQUE) {
-        geometry_word::OPAQUE
-    } else {
-        0
-    };
-    geometry | opaque
-}

@@ -1,7 +1,7 @@
 //! What stands before nodes and leaves: the header and the geometry table.
 
 use super::Shape;
-use super::emit::Target;
+use super::target::Target;
 use crate::input::{BuildInput, Geometries, GeometryFlags};
 use crate::layout::{Bounds, GeometryEntry, Header, MAGIC, VERSION, features, leaf_bytes};
 

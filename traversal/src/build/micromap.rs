@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::primitive::in_pool;
+use crate::pool::in_pool;
 use crate::input::TriangleGeometry;
 
 /// Words written by one task.

@@ -22,11 +22,14 @@ mod sizes;
 mod split;
 mod sweep;
 mod swept;
+mod target;
 mod tree;
 mod update;
 mod vector;
 mod vertex;
+mod words;
 
+use crate::error::BuildError;
 use crate::input::{BuildFlags, BuildInput, Geometries};
 use crate::layout::{
     BLOCK_UNITS, Bounds, Form, GROUP, LEAF_TRIANGLES, MAX_DEPTH, Node, Parts, child,
@@ -34,45 +37,15 @@ use crate::layout::{
 use crate::structure::Kind;
 use collapse::Costs;
 use corners::Corners;
-use emit::Target;
 use head::{Written, write_head};
-pub(crate) use primitive::in_pool;
 use primitive::{Collected, Primitive};
 pub(crate) use shape::Shape;
 pub use sizes::{BuildSizes, build_sizes, micromap_bytes};
 use sizes::{Workspace, carve, has_room, structure_bytes};
 use split::SplitRules;
+use target::Target;
 use tree::BinaryNode;
 pub use update::update;
-
-/// Why a build was refused. The destination's contents are undefined then.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BuildError {
-    /// The destination is smaller than [`build_sizes`] says, or not aligned to 256 bytes.
-    Destination,
-    /// The scratch memory is smaller than [`build_sizes`] says.
-    Scratch,
-    /// The source of an update is no structure of the same shape.
-    Source,
-    /// More than 2²⁴−1 geometries or instances, or 2²⁹−1 primitives.
-    TooLarge,
-    /// The heap gave no memory.
-    OutOfMemory,
-}
-
-impl std::fmt::Display for BuildError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            BuildError::Destination => "the destination is too small or misaligned",
-            BuildError::Scratch => "the scratch memory is too small",
-            BuildError::Source => "the source does not fit the update",
-            BuildError::TooLarge => "too many geometries or primitives",
-            BuildError::OutOfMemory => "out of memory",
-        })
-    }
-}
-
-impl std::error::Error for BuildError {}
 
 /// Geometries of one structure and instances of a top level, at most.
 pub const MAX_GEOMETRIES: u64 = (1 << 24) - 1;

@@ -3,8 +3,8 @@
 use crate::input::{MotionGeometry, TriangleGeometry};
 use crate::layout::{Bounds, MotionEntry};
 
-use super::emit::triangle_word;
-use super::primitive::sanitized_triangle_bounds;
+use super::vertex::sanitized_triangle_bounds;
+use super::words::triangle_word;
 
 impl MotionGeometry {
     /// A triangle at times 0 and 1. `None` if it is inactive at either.

@@ -1,8 +1,8 @@
 //! The smallest and the flattest tree, for what fits no better one.
 
-use super::emit::Target;
 use super::primitive::Primitive;
 use super::split;
+use super::target::Target;
 use crate::layout::{Bounds, Node, WIDTH};
 
 impl Target<'_> {

@@ -6,8 +6,10 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 use super::corners::Corners;
+use super::vertex::sanitized_triangle_bounds;
 use crate::input::{AabbGeometry, BuildFlags, Geometries, InstanceSource, TriangleGeometry};
 use crate::layout::Bounds;
+use crate::pool::in_pool;
 
 /// A primitive and its box, limited to [`FAR`]; laid out as [`Corners`] are.
 #[derive(Clone, Copy, Debug)]
@@ -82,11 +84,6 @@ const COORDINATES: [u32; 8] = [!0, !0, !0, 0, !0, !0, !0, 0];
 
 /// Primitives handled by one task.
 pub(crate) const CHUNK: usize = 4096;
-
-/// Whether work may be spread: never start the global pool.
-pub(crate) fn in_pool() -> bool {
-    rayon::current_thread_index().is_some()
-}
 
 /// What [`collect`] found.
 pub(crate) struct Collected {
@@ -221,20 +218,6 @@ unsafe fn triangle_bounds(
     } else {
         None
     }
-}
-
-/// Bounds without NaN of a triangle that has one, or an infinity.
-pub(crate) fn sanitized_triangle_bounds(triangle: &[[f32; 3]; 3]) -> Bounds {
-    let clean = triangle.map(|vertex| {
-        vertex.map(|c| {
-            if c.is_nan() {
-                0.0
-            } else {
-                c.clamp(f32::MIN, f32::MAX)
-            }
-        })
-    });
-    Bounds::of_triangle(&clean)
 }
 
 /// An active box: `min x` is a number, and it does not end before it starts.

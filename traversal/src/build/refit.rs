@@ -5,10 +5,11 @@
 
 use rayon::prelude::*;
 
-use super::emit::{Target, triangle_word};
 use super::motion::motion_bounds;
-use super::primitive::in_pool;
+use crate::pool::in_pool;
 use super::swept::SweptPrimitive;
+use super::target::Target;
+use super::words::triangle_word;
 use super::{NODE_COST, block_cost, instance, primitive};
 use crate::input::{Geometries, InstanceSource, MotionGeometry, SweptGeometry, TriangleGeometry};
 use crate::layout::{

@@ -7,7 +7,8 @@ use rayon::join;
 
 use super::collapse::Costs;
 use super::corners::Corners;
-use super::primitive::{Primitive, in_pool};
+use super::primitive::{Primitive};
+use crate::pool::in_pool;
 use super::tree::{BinaryNode, PARALLEL};
 use crate::structure::Kind;
 

@@ -1,10 +1,11 @@
 //! Reading spheres and linear swept spheres from the caller's memory.
 
-use crate::input::{EndCaps, IndexType, Indexing, RadiusFormat, SweptGeometry};
+use crate::input::{EndCaps, Indexing, RadiusFormat, SweptGeometry};
 use crate::layout::{Bounds, SweptEntry, swept_flags};
+use crate::memory::IndexType;
 
-use super::emit::word;
 use super::vertex::half_to_f32;
+use super::words::word;
 
 /// A primitive as it is in the structure's space.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,12 +5,13 @@
 //! the primitives alone and never on which thread came first.
 
 use super::corners::Corners;
-use super::primitive::{Primitive, in_pool};
+use super::primitive::{Primitive};
+use crate::pool::in_pool;
 use super::split::{Extent, SplitRules, choose, choose_quickly, halve, partition};
 use super::vector::{Portable, Vector};
 use crate::layout::Bounds;
 #[cfg(target_arch = "x86_64")]
-use crate::walk::Tier;
+use crate::tier::Tier;
 
 #[cfg(target_arch = "x86_64")]
 use super::vector::Avx2;

@@ -1,6 +1,6 @@
 //! Updates: the same tree over new positions, as long as it suits them.
 
-use super::emit::Target;
+use super::target::Target;
 use super::{BuildError, Shape, refit};
 use crate::input::{BuildFlags, BuildInput, Geometries};
 use crate::layout::{Form, Header, Parts, micromap_part_bytes};

@@ -1,6 +1,8 @@
 //! Reading positions, indices and triangles from the caller's memory.
 
-use crate::input::{IndexType, Memory, TriangleGeometry, VertexFormat};
+use crate::input::{TriangleGeometry, VertexFormat};
+use crate::layout::Bounds;
+use crate::memory::{IndexType, Memory};
 
 impl VertexFormat {
     /// Bytes of one position.
@@ -69,40 +71,6 @@ pub(crate) fn half_to_f32(half: u16) -> f32 {
         _ => (magnitude as f32 * 2f32.powi(-24)).to_bits(),
     };
     f32::from_bits(sign | bits)
-}
-
-impl Memory {
-    /// The `N` bytes at `offset`, if they are inside.
-    ///
-    /// # Safety
-    /// The memory must be readable and unchanged.
-    #[inline]
-    pub(crate) unsafe fn read<const N: usize>(&self, offset: u64) -> Option<[u8; N]> {
-        // SAFETY: the caller's promise.
-        unsafe { self.read_integers(offset) }
-    }
-
-    /// The `N` integers at `offset` bytes, as they lie there, if they are inside.
-    ///
-    /// # Safety
-    /// The memory must be readable and unchanged, and `T` an integer.
-    #[inline(always)]
-    pub(crate) unsafe fn read_integers<const N: usize, T: Copy>(
-        &self,
-        offset: u64,
-    ) -> Option<[T; N]> {
-        let end = offset.checked_add(size_of::<[T; N]>() as u64)?;
-        if end > self.bytes as u64 {
-            return None;
-        }
-        // SAFETY: inside the memory.
-        Some(unsafe {
-            self.base
-                .add(offset as usize)
-                .cast::<[T; N]>()
-                .read_unaligned()
-        })
-    }
 }
 
 impl Memory {
@@ -231,6 +199,20 @@ impl TriangleGeometry {
             }
         }
     }
+}
+
+/// Bounds without NaN of a triangle that has one, or an infinity.
+pub(crate) fn sanitized_triangle_bounds(triangle: &[[f32; 3]; 3]) -> Bounds {
+    let clean = triangle.map(|vertex| {
+        vertex.map(|c| {
+            if c.is_nan() {
+                0.0
+            } else {
+                c.clamp(f32::MIN, f32::MAX)
+            }
+        })
+    });
+    Bounds::of_triangle(&clean)
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! How the triangles of a geometry find their opacity.
 
 use super::{FIRST_SPECIAL, Opacity};
-use crate::input::{IndexType, Memory};
+
+use crate::memory::{IndexType, Memory};
 
 /// How the triangles of a geometry find their opacity
 /// (`VkAccelerationStructureTrianglesOpacityMicromapEXT`).

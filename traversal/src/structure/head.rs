@@ -1,6 +1,7 @@
 //! Headers, and whether they tell the truth about the parts.
 
-use super::{Kind, StructureError};
+use super::Kind;
+use crate::error::StructureError;
 use crate::layout::{
     ALIGNMENT, Form, GeometryEntry, Header, MAGIC, Node, Parts, VERSION, child, leaf_bytes,
     micromap_part_bytes,

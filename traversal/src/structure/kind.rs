@@ -1,4 +1,4 @@
-//! Kinds of structures, and what may be wrong with one.
+//! Kinds of structures.
 
 /// What a structure holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,29 +37,3 @@ impl Kind {
         }
     }
 }
-
-/// Why bytes are not a structure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StructureError {
-    /// Shorter than what the header says, or than a header.
-    Truncated,
-    /// Not a structure of ours, or of another version.
-    NotAStructure,
-    /// A count, an offset or an index points outside, or backwards.
-    Corrupt,
-    /// The caller's destination is too small or not aligned to 256 bytes.
-    Destination,
-}
-
-impl std::fmt::Display for StructureError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            StructureError::Truncated => "the structure is cut short",
-            StructureError::NotAStructure => "not an acceleration structure of this version",
-            StructureError::Corrupt => "the structure is corrupt",
-            StructureError::Destination => "the destination is too small or misaligned",
-        })
-    }
-}
-
-impl std::error::Error for StructureError {}

@@ -1,6 +1,7 @@
 //! Where a structure's triangles find their opacity.
 
-use super::{Structure, StructureError};
+use super::Structure;
+use crate::error::StructureError;
 use crate::layout::{ALIGNMENT, Header, micromap_part_bytes, micromap_reference};
 use crate::live::Live;
 use crate::micromap::{Opacity, opacity_of_word, validate_micromap};

@@ -2,8 +2,9 @@
 
 use rayon::prelude::*;
 
-use super::{Kind, Structure, StructureError, micromaps};
-use crate::build::in_pool;
+use super::{Kind, Structure, micromaps};
+use crate::error::StructureError;
+use crate::pool::in_pool;
 use crate::layout::{Form, MAX_DEPTH, WIDTH, child, geometry_word};
 
 /// Checks everything that a walk relies on, except that references of instances are alive: each

@@ -6,15 +6,16 @@ use std::arch::x86_64::*;
 use super::Walk;
 use super::beams::{Beams, ROW};
 use super::block;
-use super::descend::push_children;
+use super::children::push_children;
+use super::entry::Entry;
 use super::group;
-use super::kernel::{GroupHits, Kernel, T_MARGIN};
+use super::group_hits::GroupHits;
+use super::kernel::{Kernel, T_MARGIN};
 use super::leaf::{Leaf, Triangles};
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::rows::Lanes;
 use super::sight::LaneOf;
 use super::space::Space;
-use super::walker::Entry;
 use crate::layout::{Block, GROUP, MARGIN_RISE, NodeAt, TriangleGroup, WIDTH};
 
 /// Eight boxes or four triangles in one vector. `WIDE`: with AVX-512.

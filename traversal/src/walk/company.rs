@@ -1,8 +1,8 @@
 //! Rays of one subgroup that walk together, while they wait for decisions about candidates.
 
+use super::entry::Entry;
 use super::found::Found;
 use super::rows::{HitRows, Lanes, RayRows, Words, blend, lanes_of};
-use super::walker::Entry;
 use super::{PACKET, Walk};
 use crate::layout::LEAF_TRIANGLES;
 use crate::ray::Hit;

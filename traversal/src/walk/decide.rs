@@ -15,7 +15,6 @@
 mod tests;
 
 use super::expansion::{Expansion, two_sum};
-use super::triangle::Rim;
 
 /// Half a unit in the last place of f64, relative.
 const HALF_UNIT: f64 = f64::EPSILON / 2.0;
@@ -238,4 +237,13 @@ fn moved_sign(scene: &Scene, p: &[f32; 3], q: &[f32; 3]) -> i32 {
         }
     }
     0
+}
+
+/// What happens on a triangle's edges.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Rim {
+    /// They belong to the triangle.
+    Included,
+    /// A shared edge belongs to one of the triangles that share it.
+    Owned,
 }

@@ -1,14 +1,15 @@
 //! The loop: from nodes down to leaves.
 
+use super::children::{LARGE, fetch, push_children};
+use super::entry::{Entry, STACK};
 use super::kernel::Kernel;
-use super::leaf::{self, Leaf, Triangles};
-use super::level::{Entered, Level};
-use super::opaque::{End, LARGE, Nearest, Opaque, Pending};
+use super::leaf::{Leaf, Triangles};
+use super::level::{Entered, Level, only_instance};
+use super::opaque::{End, Nearest, Opaque, Pending};
 use super::options::Specialisation;
-use super::walker::{Entry, STACK};
-use super::{Event, Walk, Walker};
-use crate::layout::{NodeAt, WIDTH, child};
-use crate::structure::{Kind, Structure};
+use super::{Event, Walk, Walker, test_leaf};
+use crate::layout::{WIDTH, child};
+use crate::structure::Kind;
 
 /// Where children are entered; aligned, so that one vector's store meets no line's end.
 #[repr(align(32))]
@@ -80,7 +81,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
     // The rest of a leaf that a verdict interrupted.
     if let Some((word, first_lane)) = walk.leaf.take() {
         // SAFETY: the caller's promise.
-        match unsafe { leaf::finish::<K>(walk, bottom, instance, word, first_lane) } {
+        match unsafe { test_leaf::finish::<K>(walk, bottom, instance, word, first_lane) } {
             Leaf::Finished => {}
             Leaf::Over => return Event::Done,
             Leaf::Ask(event, lane) => {
@@ -199,7 +200,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                 break 'next word & child::INDEX;
             }
             if !is_triangles {
-                match leaf::test_other(walk, level, instance, word, &mut t_far) {
+                match test_leaf::test_other(walk, level, instance, word, &mut t_far) {
                     Leaf::Finished => continue 'next,
                     Leaf::Over => break 'level Event::Done,
                     Leaf::Ask(event, lane) => {
@@ -244,93 +245,4 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         walk.pending.extend_from_slice(&stack[..length]);
     }
     event
-}
-
-/// The instance of a top level that has but one.
-#[inline(always)]
-pub(crate) fn only_instance(top: &Level) -> Option<u32> {
-    let [first, second, ..] = top.structure.node(0)?.children();
-    let one = second == child::NONE && first & child::LEAF != 0;
-    (one && first != child::NONE && top.structure.node_count() == 1).then_some(first & child::INDEX)
-}
-
-/// Asks for the memory of the children in `mask`.
-#[inline(always)]
-pub(super) fn fetch(mask: u32, node: NodeAt<'_>, structure: &Structure) {
-    #[cfg(target_arch = "x86_64")]
-    {
-        use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
-        let mut rest = mask;
-        while rest != 0 {
-            let word = node.child(rest.trailing_zeros() as usize);
-            rest &= rest - 1;
-            let address = structure.child_address(word);
-            for line in 0..4 {
-                // SAFETY: a hint; addresses need not be valid.
-                unsafe { _mm_prefetch::<_MM_HINT_T0>(address.wrapping_add(64 * line).cast()) };
-            }
-        }
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    let _ = (mask, node, structure);
-}
-
-/// Puts the children of a node in `mask` down from `places` on, farthest first, but for the nearest. Returns that one's word, and how
-/// many were put down. With `ANY`, the last one is taken for the nearest: an order that does not depend on the ray.
-///
-/// # Safety
-/// `mask` is not 0, and there is room for eight entries.
-#[inline(always)]
-pub(super) unsafe fn push_children<const ANY: bool>(
-    mask: u32,
-    node: NodeAt<'_>,
-    near: &[f32; WIDTH],
-    places: *mut Entry,
-) -> (u32, usize) {
-    let first = entry(node, near, mask);
-    let mut rest = mask & (mask - 1);
-    if rest == 0 {
-        return (first.word(), 0);
-    }
-    if ANY {
-        let (mut last, mut pushed) = (first, 0);
-        while rest != 0 {
-            // SAFETY: the caller's promise; `pushed` is below eight.
-            unsafe { places.add(pushed).write(last) };
-            pushed += 1;
-            last = entry(node, near, rest);
-            rest &= rest - 1;
-        }
-        return (last.word(), pushed);
-    }
-    let mut pushed = 1;
-    let second = entry(node, near, rest);
-    rest &= rest - 1;
-    let (mut nearest, farther) = first.ordered(second);
-    // SAFETY: as above.
-    unsafe { places.write(farther) };
-    while rest != 0 {
-        let next = entry(node, near, rest);
-        rest &= rest - 1;
-        let mut place = pushed;
-        pushed += 1;
-        let (close, far) = nearest.ordered(next);
-        nearest = close;
-        // SAFETY: as above.
-        unsafe {
-            while place > 0 && *places.add(place - 1) < far {
-                places.add(place).write(*places.add(place - 1));
-                place -= 1;
-            }
-            places.add(place).write(far);
-        }
-    }
-    (nearest.word(), pushed)
-}
-
-/// The entry of the first child in a mask.
-#[inline(always)]
-fn entry(node: NodeAt<'_>, near: &[f32; WIDTH], mask: u32) -> Entry {
-    let lane = mask.trailing_zeros() as usize & (WIDTH - 1);
-    Entry::new(node.child(lane), near[lane])
 }

@@ -2,9 +2,9 @@
 
 use super::options::Specialisation;
 use super::rows::{HitRows, RayRows};
-use super::walker::Tier;
 use super::{Event, Walk, Walker};
 use crate::ray::Hit;
+use crate::tier::Tier;
 
 /// Who has rays traced by [`Walker::trace_enlisted`], and hears of them by group and lane.
 pub trait Caller {

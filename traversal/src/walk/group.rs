@@ -10,9 +10,10 @@
 use std::arch::x86_64::*;
 
 use super::decide;
-use super::kernel::GroupHits;
+use super::decide::Rim;
+use super::group_hits::GroupHits;
 use super::sight::Sight;
-use super::triangle::{Intersection, ORDINARY, Rim, rounding};
+use super::triangle::{Intersection, ORDINARY, rounding};
 use crate::layout::{GROUP, LEAF_TRIANGLES, MARGIN_RISE, Margin, TriangleGroup};
 
 /// Bytes from one vertex to the next.

@@ -2,7 +2,7 @@
 
 use super::facts::InstanceFacts;
 use super::space::Space;
-use crate::layout::{Header, instance_state};
+use crate::layout::{Header, child, instance_state};
 use crate::live::{Live, Range};
 use crate::ray::{Ray, ray_flags};
 use crate::structure::{Kind, Structure};
@@ -220,4 +220,12 @@ pub(crate) fn turn(m: &[f32; 12], v: &[f32; 3]) -> [f32; 3] {
         m[4] * v[0] + m[5] * v[1] + m[6] * v[2],
         m[8] * v[0] + m[9] * v[1] + m[10] * v[2],
     ]
+}
+
+/// The instance of a top level that has but one.
+#[inline(always)]
+pub(crate) fn only_instance(top: &Level) -> Option<u32> {
+    let [first, second, ..] = top.structure.node(0)?.children();
+    let one = second == child::NONE && first & child::LEAF != 0;
+    (one && first != child::NONE && top.structure.node_count() == 1).then_some(first & child::INDEX)
 }

@@ -1,18 +1,21 @@
 //! Rays of one subgroup: together where they cohere, else in turn. What they have in common is done once.
 
 use super::beams::Given;
+use super::children::LARGE;
 use super::company::{Company, Progress};
-use super::kernel::{Kernel, Portable};
-use super::level::Entered;
-use super::opaque::{End, LARGE, Nearest, Opaque, Pending};
+use super::entry::Entry;
+use super::kernel::Kernel;
+use super::level::{Entered, only_instance};
+use super::opaque::{End, Nearest, Opaque, Pending};
 use super::options::Specialisation;
 use super::packet;
+use super::portable::Portable;
 use super::rows::{HitRows, RayRows, lanes_of};
-use super::walker::{self, Entry, Tier};
-use super::{Event, PACKET, State, Verdict, Walk, Walker, descend};
+use super::{Event, PACKET, State, Verdict, Walk, Walker, run};
 use crate::layout::instance_state;
 use crate::ray::ray_flags;
 use crate::structure::Kind;
+use crate::tier::Tier;
 
 /// Fewer rays are set up one by one for less.
 const ENOUGH: u32 = 4;
@@ -160,7 +163,7 @@ impl List<'_> {
     /// [`Walk::resume`].
     #[inline]
     pub fn resume(&mut self, walk: &mut Walk, verdict: Verdict, fuel: &mut u64) -> Event {
-        walker::run(walk, verdict, self.walker, &mut self.entered, fuel)
+        run::run(walk, verdict, self.walker, &mut self.entered, fuel)
     }
 }
 
@@ -205,7 +208,7 @@ impl Turns<'_, '_> {
             let walk = &mut self.walk;
             let verdict = Verdict::Continue;
             // SAFETY: the caller's promise.
-            let event = unsafe { walker::run_with::<K>(walk, verdict, walker, &mut entered, fuel) };
+            let event = unsafe { run::run_with::<K>(walk, verdict, walker, &mut entered, fuel) };
             if event != Event::Done {
                 (self.suspend)(lane, walk, event);
             } else if let Some(hit) = walk.committed() {
@@ -250,7 +253,7 @@ impl Turns<'_, '_> {
         let (address, ray) = (rays.top_level[first], rays.ray(first));
         // SAFETY: the contract of `Walk::new`.
         let index = unsafe { top.enter_top(address) }
-            .then(|| descend::only_instance(top))
+            .then(|| only_instance(top))
             .flatten();
         let Some(index) = index else { return 0 };
         // SAFETY: as above.

@@ -1,10 +1,11 @@
 //! Triangles whose opacity depends on where they are met.
 #![forbid(unsafe_code)]
 
+use super::decide::Rim;
 use super::facts::InstanceFacts;
 use super::level::Level;
 use super::space::Space;
-use super::triangle::{Intersection, Rim, intersect};
+use super::triangle::{Intersection, intersect};
 use crate::layout::geometry_word;
 
 /// Meets a triangle of a geometry with a micromap; whether it is opaque there. What is opaque includes its rim;

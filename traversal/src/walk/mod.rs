@@ -27,15 +27,18 @@ mod avx;
 mod beams;
 #[cfg(target_arch = "x86_64")]
 mod block;
+mod children;
 mod company;
 mod decide;
 mod descend;
 mod enlist;
+mod entry;
 mod expansion;
 mod facts;
 mod found;
 #[cfg(target_arch = "x86_64")]
 mod group;
+mod group_hits;
 mod kernel;
 mod leaf;
 mod level;
@@ -45,27 +48,31 @@ mod motion;
 mod opaque;
 mod options;
 mod packet;
+mod portable;
 mod probe;
 mod rows;
+mod run;
 #[cfg(target_arch = "x86_64")]
 mod sight;
 mod space;
 #[cfg(target_arch = "x86_64")]
 mod stream;
 mod swept;
+mod test_leaf;
 mod triangle;
+mod walk_opaque;
 mod walker;
 
 use crate::ray::{Hit, Ray, ray_flags};
 pub use company::{Company, Progress};
 pub use enlist::Caller;
+use entry::Entry;
 use level::Entered;
 pub use list::List;
 pub use options::{Accuracy, Options, Specialisation, Switches};
 pub use probe::TriangleTest;
 pub use rows::{HitRows, Lanes, RayRows, Words};
-use walker::Entry;
-pub use walker::{Tier, Walker};
+pub use walker::Walker;
 
 /// Rays that [`Walker::trace`] takes, at most.
 pub const PACKET: usize = 16;
@@ -198,7 +205,7 @@ impl Walk {
     /// Goes on until something has to be decided outside. Each visited node and each leaf costs one
     /// unit of `fuel`.
     pub fn resume(&mut self, walker: &mut Walker, verdict: Verdict, fuel: &mut u64) -> Event {
-        walker::run(self, verdict, walker, &mut { Entered::NOTHING }, fuel)
+        run::run(self, verdict, walker, &mut { Entered::NOTHING }, fuel)
     }
 
     /// Heeds a verdict; whether that ends the walk.

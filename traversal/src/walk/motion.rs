@@ -1,10 +1,11 @@
 //! Triangles that move: the test of those that do not, where they are at the ray's time.
 #![forbid(unsafe_code)]
 
+use super::decide::Rim;
 use super::facts::InstanceFacts;
 use super::leaf::Leaf;
 use super::level::Level;
-use super::triangle::{Rim, intersect};
+use super::triangle::intersect;
 use super::{Event, Walk, micromap};
 use crate::layout::{child, geometry_word};
 use crate::motion::triangle_at;

@@ -1,8 +1,9 @@
 //! The test of single triangles by itself, for those who measure it.
 
+use super::decide::Rim;
 use super::options::Accuracy;
 use super::space::Space;
-use super::triangle::{Rim, intersect};
+use super::triangle::intersect;
 use crate::ray::Ray;
 
 /// A ray, set up for tests of triangles as walks do them.

@@ -11,7 +11,7 @@
 //! An opaque triangle includes its rim. Where any-hit shaders count, a shared edge or vertex must belong to one triangle: see
 //! [`decide`](super::decide).
 
-use super::decide;
+use super::decide::{self, Rim};
 use super::space::Space;
 use crate::layout::{Bounds, Margin};
 
@@ -23,15 +23,6 @@ pub(crate) struct Intersection {
     pub barycentrics: [f32; 2],
     /// The vertices are clockwise as seen from the ray's origin, in a left-handed space.
     pub front: bool,
-}
-
-/// What happens on a triangle's edges.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Rim {
-    /// They belong to the triangle.
-    Included,
-    /// A shared edge belongs to one of the triangles that share it.
-    Owned,
 }
 
 /// Sums of edge functions in here neither lose digits nor overflow on the way to a distance.

@@ -13,10 +13,11 @@ use crate::ray::Hit;
 use crate::structure::Structure;
 use crate::walk::PACKET;
 use crate::walk::company::Standing;
+use crate::walk::decide::Rim;
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::rows::{HitRows, Lanes};
-use crate::walk::triangle::{Rim, intersect};
+use crate::walk::triangle::intersect;
 
 /// Tests the opaque triangles of a leaf, and notes at which others rays have to look.
 #[cfg(target_arch = "x86_64")]

@@ -5,10 +5,10 @@ use super::{Packet, PacketSpace};
 use crate::layout::{child, geometry_word};
 use crate::ray::Hit;
 use crate::structure::Kind;
+use crate::walk::Walker;
 use crate::walk::company::{Progress, Standing};
 use crate::walk::facts::InstanceFacts;
 use crate::walk::rows::HitRows;
-use crate::walk::{Walker, descend};
 
 /// What becomes of an instance.
 pub(super) enum Entering {
@@ -272,7 +272,7 @@ impl Packet<'_> {
         company.patience = self.patience;
         company.found = self.found.clone();
         company.instance = Some(instance);
-        match descend::only_instance(&walker.top) {
+        match crate::walk::level::only_instance(&walker.top) {
             Some(_) => company.top.clear(),
             None => walker.packet.top.save(live, &mut company.top),
         }

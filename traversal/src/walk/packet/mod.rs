@@ -14,25 +14,31 @@ mod journey;
 mod kernel;
 mod plain;
 mod rays;
+mod set_up;
+mod stack;
 #[cfg(target_arch = "x86_64")]
 mod triangle;
+#[cfg(target_arch = "x86_64")]
+mod wide;
 
 use super::beams::Given;
-use super::company::{Ahead, Company, Progress};
+use super::children::{LARGE, fetch};
+use super::company::{Company, Progress};
+use super::entry::{Entry, STACK};
 use super::facts::InstanceFacts;
 use super::found::Found;
-use super::level::Level;
-use super::opaque::LARGE;
+use super::level::{Level, only_instance};
 use super::rows::{HitRows, RayRows, blend, lanes_of};
 use super::space::max;
-use super::walker::{Entry, STACK, Tier};
-use super::{Event, PACKET, State, Verdict, Walk, Walker, descend};
+use super::{Event, PACKET, State, Verdict, Walk, Walker};
 use crate::layout::{WIDTH, child};
 use crate::ray::{Ray, ray_flags};
 use crate::structure::{Kind, Structure};
+use crate::tier::Tier;
 use journey::Entering;
 use kernel::PacketKernel;
 use rays::Rays;
+pub(crate) use stack::{PacketSpace, Stack};
 
 /// Fewer rays are not worth it.
 const ENOUGH: u32 = 6;
@@ -49,63 +55,6 @@ const WIDTH_OF_BEAM: f32 = 1.0 / 64.0;
 /// The same for directions and origins of rays that are nearly parallel: to one light far away, for instance.
 const SPREAD_OF_PARALLEL: f32 = 1.0 / 256.0;
 const WIDTH_OF_PARALLEL: f32 = 1.0 / 4.0;
-
-/// Children still to be visited, and by which rays.
-pub(crate) struct Stack {
-    entries: [Entry; STACK],
-    lanes: [u16; STACK],
-    length: usize,
-}
-
-impl Stack {
-    pub const EMPTY: Stack = Stack {
-        entries: [Entry::ROOT; STACK],
-        lanes: [0; STACK],
-        length: 0,
-    };
-
-    /// Nothing but the root.
-    fn start(&mut self, lanes: u16) {
-        self.entries[0] = Entry::ROOT;
-        self.lanes[0] = lanes;
-        self.length = 1;
-    }
-
-    /// Copies what is pending for rays.
-    fn save(&self, rays: u16, to: &mut Ahead) {
-        to.clear();
-        to.entries.extend_from_slice(&self.entries[..self.length]);
-        let lanes = &self.lanes[..self.length];
-        to.lanes.extend(lanes.iter().map(|lanes| lanes & rays));
-    }
-
-    /// Takes over what is pending.
-    fn restore(&mut self, from: &Ahead) {
-        let length = from.entries.len().min(from.lanes.len()).min(STACK);
-        self.entries[..length].copy_from_slice(&from.entries[..length]);
-        self.lanes[..length].copy_from_slice(&from.lanes[..length]);
-        self.length = length;
-    }
-}
-
-/// What a packet needs of a walker beyond what walks need.
-pub(crate) struct PacketSpace {
-    top: Stack,
-    bottom: Stack,
-    /// In a top level of several instances.
-    ways: Rays,
-    /// In the instance that is being visited.
-    rays: Rays,
-}
-
-impl PacketSpace {
-    pub const EMPTY: PacketSpace = PacketSpace {
-        top: Stack::EMPTY,
-        bottom: Stack::EMPTY,
-        ways: Rays::NOWHERE,
-        rays: Rays::NOWHERE,
-    };
-}
 
 /// Traces rays together if they cohere: to their ends or, with a company to keep them, to candidates.
 ///
@@ -124,7 +73,7 @@ pub(crate) unsafe fn run(
     match walker.options.tier {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the caller's promise; a walker has this tier only on machines that have the instruction set.
-        Tier::Avx512 => unsafe { kernel::Avx512::set_out(rays, lanes, hits, walker, company) },
+        Tier::Avx512 => unsafe { wide::Avx512::set_out(rays, lanes, hits, walker, company) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: likewise.
         Tier::Avx2 => unsafe { plain::Avx2::set_out(rays, lanes, hits, walker, company) },
@@ -146,7 +95,7 @@ pub(crate) unsafe fn resume(
     match walker.options.tier {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: as above.
-        Tier::Avx512 => unsafe { kernel::Avx512::go_on(rays, hits, walker, company) },
+        Tier::Avx512 => unsafe { wide::Avx512::go_on(rays, hits, walker, company) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: likewise.
         Tier::Avx2 => unsafe { plain::Avx2::go_on(rays, hits, walker, company) },
@@ -237,7 +186,7 @@ unsafe fn set_out<K: PacketKernel>(
         has_asked: false,
         company,
     };
-    let only = descend::only_instance(&walker.top).map(|index| (index, lanes));
+    let only = only_instance(&walker.top).map(|index| (index, lanes));
     if only.is_none() {
         let (ways, origin_error) = (&mut walker.packet.ways, structure.origin_error());
         // SAFETY: as above.
@@ -277,7 +226,7 @@ unsafe fn go_on<K: PacketKernel>(
         // SAFETY: as above.
         return unsafe { K::finish(&packet, hits, &walker.top) };
     }
-    if descend::only_instance(&walker.top).is_none() {
+    if only_instance(&walker.top).is_none() {
         let origin_error = walker.top.structure.origin_error();
         // SAFETY: as above.
         unsafe {
@@ -307,7 +256,7 @@ unsafe fn go_on<K: PacketKernel>(
         if packet.patience == 0 {
             return packet.part(walker, hits, (index, lanes));
         }
-        if descend::only_instance(&walker.top).is_some() {
+        if only_instance(&walker.top).is_some() {
             // SAFETY: as above.
             return unsafe { K::finish(&packet, hits, &walker.top) };
         }
@@ -391,7 +340,7 @@ impl Packet<'_> {
             // SAFETY: as above.
             let mut rest = unsafe { K::test_interval(rays, node, t_far, &mut near) };
             if fetches_ahead && rest != 0 {
-                descend::fetch(rest, node, structure);
+                fetch(rest, node, structure);
             }
             while rest != 0 {
                 let child = rest.trailing_zeros() as usize % WIDTH;

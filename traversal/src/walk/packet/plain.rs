@@ -13,7 +13,8 @@ use crate::walk::beams::{AXIS, Given, ROW};
 use crate::walk::company::{Company, Progress, Standing};
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
-use crate::walk::kernel::{self, GroupHits, Kernel};
+use crate::walk::group_hits::GroupHits;
+use crate::walk::kernel::Kernel;
 use crate::walk::level::Level;
 use crate::walk::rows::{HitRows, Lanes, RayRows, Words, lanes_of};
 use crate::walk::space::{max, min};
@@ -516,7 +517,12 @@ macro_rules! plain {
     };
 }
 
-plain!(Portable, kernel::Portable, not_greater, not_greater);
+plain!(
+    Portable,
+    crate::walk::portable::Portable,
+    not_greater,
+    not_greater
+);
 
 #[cfg(target_arch = "x86_64")]
 plain!(

@@ -8,11 +8,12 @@ use crate::structure::Structure;
 use crate::walk::PACKET;
 use crate::walk::beams::AXIS;
 use crate::walk::block;
+use crate::walk::decide::Rim;
 use crate::walk::found::Found;
 use crate::walk::group;
-use crate::walk::kernel::GroupHits;
+use crate::walk::group_hits::GroupHits;
 use crate::walk::sight::LaneOf;
-use crate::walk::triangle::{Intersection, ORDINARY, Rim, intersect, rounding};
+use crate::walk::triangle::{Intersection, ORDINARY, intersect, rounding};
 
 /// Tests the triangles of a leaf: those whose boxes any ray might meet, or all for each ray where those are fewer.
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]

@@ -3,14 +3,15 @@
 use std::arch::x86_64::*;
 use std::mem::MaybeUninit;
 
+use super::lists::{List, Stream};
 use super::nodes::meet;
 use super::rays::{self, APART, StreamRay};
 use crate::layout::{WIDTH, child};
 use crate::structure::Structure;
 use crate::walk::PACKET;
+use crate::walk::entry::STACK;
 use crate::walk::opaque::Nearest;
 use crate::walk::rows::{Words, lanes_of};
-use crate::walk::walker::STACK;
 
 /// Words of a course's lists for each of its rays: enough unless rays meet nearly all children. Where they do, they go on singly.
 const WORDS: usize = 24;
@@ -20,57 +21,6 @@ const SLACK: usize = 16;
 
 /// Words that each course has besides, so that few rays find room too.
 const REST: usize = 8 * SLACK;
-
-/// Rays in one structure.
-#[derive(Default)]
-pub(super) struct Stream {
-    pub rays: Vec<StreamRay>,
-    /// What they have found here.
-    pub best: Vec<Nearest>,
-    /// The instance of what they have found before; 0 as well if that is nothing.
-    pub before: Vec<u32>,
-    /// Their octants, and which there are.
-    octants: Vec<u32>,
-    present: u8,
-    courses: [Course; 8],
-    /// Lists of rays, the courses' one after the other.
-    pub words: Vec<u32>,
-    /// Room for the rays of the list at hand.
-    pub here: Vec<u32>,
-    /// Which children each meets, one a byte.
-    pub masks: Vec<u8>,
-}
-
-/// The rays of an octant on their way.
-#[derive(Default)]
-pub(super) struct Course {
-    pub octant: usize,
-    /// Lists of rays, and where they go.
-    pub lists: Vec<List>,
-    /// Where the words of its lists end.
-    end: usize,
-}
-
-/// Rays that enter a child.
-#[derive(Clone, Copy)]
-pub(super) struct List {
-    /// The child's word.
-    pub word: u32,
-    pub first: u32,
-    pub count: u32,
-    /// The child's near planes, with the opposite sign.
-    pub planes: [f32; 3],
-}
-
-impl List {
-    /// The near planes of the child in one vector.
-    #[inline]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    pub fn planes(&self) -> __m128 {
-        let [x, y, z] = self.planes;
-        _mm_setr_ps(x, y, z, 0.0)
-    }
-}
 
 /// A structure with what is needed at its leaves.
 pub(super) trait Place {

@@ -1,18 +1,20 @@
 //! Rays in a top level of several instances.
 
-use super::courses::{List, Place, Stream};
+use super::courses::Place;
 use super::leaf::{Bottom, comes_to};
+use super::lists::{List, Stream};
 use super::rays::{self, APART, OVER};
 use crate::layout::{child, instance_state};
 use crate::ray::{Hit, Ray};
 use crate::structure::{Kind, Structure};
 use crate::walk::PACKET;
 use crate::walk::beams::Beams;
+use crate::walk::children::LARGE;
+use crate::walk::entry::{Entry, STACK};
 use crate::walk::facts::InstanceFacts;
-use crate::walk::kernel::GroupHits;
+use crate::walk::group_hits::GroupHits;
 use crate::walk::level::Level;
-use crate::walk::opaque::{LARGE, Nearest};
-use crate::walk::walker::{Entry, STACK};
+use crate::walk::opaque::Nearest;
 
 /// Fewer rays are not worth streams of their own.
 const FEW: usize = 8;

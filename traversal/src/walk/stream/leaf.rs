@@ -2,18 +2,20 @@
 
 use std::arch::x86_64::*;
 
-use super::courses::{List, Place, Stream};
+use super::courses::Place;
+use super::lists::{List, Stream};
 use super::rays::{self, APART, OVER, StreamRay, View};
 use crate::layout::{LEAF_TRIANGLES, MARGIN_RISE, Margin, TriangleGroup, child};
 use crate::ray::Hit;
 use crate::structure::Structure;
 use crate::walk::avx::Avx;
 use crate::walk::beams::Beams;
+use crate::walk::entry::{Entry, STACK};
 use crate::walk::facts::InstanceFacts;
-use crate::walk::kernel::{GroupHits, Kernel};
+use crate::walk::group_hits::GroupHits;
+use crate::walk::kernel::Kernel;
 use crate::walk::level::Level;
 use crate::walk::opaque::{End, Nearest, Opaque, Pending};
-use crate::walk::walker::{Entry, STACK};
 use crate::walk::{block, group};
 
 /// A bottom level, and what walks in it need.

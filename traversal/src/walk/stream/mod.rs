@@ -13,80 +13,32 @@
 mod courses;
 mod instances;
 mod leaf;
+mod lists;
 mod nodes;
 mod rays;
+mod waiting;
 
 use super::beams::Given;
+use super::children::LARGE;
 use super::enlist::Caller;
 use super::facts::InstanceFacts;
-use super::opaque::{LARGE, Nearest};
+use super::level::only_instance;
+use super::opaque::Nearest;
 use super::options::Specialisation;
 use super::rows::{HitRows, RayRows, Words, lanes_of};
-use super::{Event, PACKET, Walk, Walker, descend};
+use super::{Event, PACKET, Walk, Walker};
 use crate::layout::instance_state;
 use crate::ray::{Hit, Ray, ray_flags};
 use crate::structure::{Kind, Structure};
-use courses::Stream;
 use instances::Top;
 use leaf::Bottom;
+pub(crate) use waiting::Streams;
 
 /// Fewer rays say nothing about others.
 const ENOUGH: usize = 256;
 
 /// Times that rays are not taken up after many of them were in vain.
 const PAUSE: u32 = 1 << 13;
-
-/// Rays that wait to be traced together, and memory to do so.
-pub(crate) struct Streams {
-    /// What all have in common.
-    address: u64,
-    ray: Ray,
-    /// The only instance: the rays are in its space. Else they are in that of the top level.
-    only: Option<u32>,
-    outer: Stream,
-    /// Of hits in a top level of several instances.
-    instances: Vec<u32>,
-    /// The rays in an instance of several.
-    inner: Stream,
-    /// Groups and lanes of those that are to be traced by themselves.
-    apart: Vec<(u32, u16)>,
-    /// Rays through this top level are not taken up for some time: too many had to be traced by themselves.
-    unsuited: u64,
-    pause: u32,
-}
-
-impl Streams {
-    pub fn new() -> Streams {
-        Streams {
-            address: 0,
-            ray: Ray::NONE,
-            only: None,
-            outer: Stream::default(),
-            instances: Vec::new(),
-            inner: Stream::default(),
-            apart: Vec::new(),
-            unsuited: 0,
-            pause: 0,
-        }
-    }
-
-    /// Forgets all rays.
-    pub fn clear(&mut self) {
-        self.outer.clear();
-        self.instances.clear();
-    }
-
-    /// Whether rays that have these things in common can join.
-    fn admits(&mut self, address: u64, ray: &Ray) -> bool {
-        if address == self.unsuited && self.pause > 0 {
-            self.pause -= 1;
-            return false;
-        }
-        let ours = (self.address, self.ray.flags, self.ray.cull_mask);
-        let has_room = self.outer.rays.len() + PACKET <= Walker::MOST_ENLISTED;
-        self.outer.rays.is_empty() || has_room && ours == (address, ray.flags, ray.cull_mask)
-    }
-}
 
 impl Walker {
     /// [`Walker::enlist`].
@@ -106,7 +58,7 @@ impl Walker {
         if !self.streams.admits(address, &ray) || !unsafe { self.top.enter_top(address) } {
             return 0;
         }
-        let only = descend::only_instance(&self.top);
+        let only = only_instance(&self.top);
         let enters = match only {
             // SAFETY: as above.
             Some(index) => unsafe { self.enter_only(index, &ray) },

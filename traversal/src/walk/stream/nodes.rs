@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::courses::{Course, List, Stream};
+use super::lists::{Course, List, Stream};
 use super::rays::StreamRay;
 use crate::layout::{NodeAt, WIDTH};
 use crate::walk::PACKET;

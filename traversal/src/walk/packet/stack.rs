@@ -1,0 +1,63 @@
+//! What packets keep in a walker: what is still to be visited, and the rays set up.
+#![forbid(unsafe_code)]
+
+use super::rays::Rays;
+use crate::walk::company::Ahead;
+use crate::walk::entry::{Entry, STACK};
+
+/// Children still to be visited, and by which rays.
+pub(crate) struct Stack {
+    pub(super) entries: [Entry; STACK],
+    pub(super) lanes: [u16; STACK],
+    pub(super) length: usize,
+}
+
+impl Stack {
+    pub const EMPTY: Stack = Stack {
+        entries: [Entry::ROOT; STACK],
+        lanes: [0; STACK],
+        length: 0,
+    };
+
+    /// Nothing but the root.
+    pub(super) fn start(&mut self, lanes: u16) {
+        self.entries[0] = Entry::ROOT;
+        self.lanes[0] = lanes;
+        self.length = 1;
+    }
+
+    /// Copies what is pending for rays.
+    pub(super) fn save(&self, rays: u16, to: &mut Ahead) {
+        to.clear();
+        to.entries.extend_from_slice(&self.entries[..self.length]);
+        let lanes = &self.lanes[..self.length];
+        to.lanes.extend(lanes.iter().map(|lanes| lanes & rays));
+    }
+
+    /// Takes over what is pending.
+    pub(super) fn restore(&mut self, from: &Ahead) {
+        let length = from.entries.len().min(from.lanes.len()).min(STACK);
+        self.entries[..length].copy_from_slice(&from.entries[..length]);
+        self.lanes[..length].copy_from_slice(&from.lanes[..length]);
+        self.length = length;
+    }
+}
+
+/// What a packet needs of a walker beyond what walks need.
+pub(crate) struct PacketSpace {
+    pub(super) top: Stack,
+    pub(super) bottom: Stack,
+    /// In a top level of several instances.
+    pub(super) ways: Rays,
+    /// In the instance that is being visited.
+    pub(super) rays: Rays,
+}
+
+impl PacketSpace {
+    pub const EMPTY: PacketSpace = PacketSpace {
+        top: Stack::EMPTY,
+        bottom: Stack::EMPTY,
+        ways: Rays::NOWHERE,
+        rays: Rays::NOWHERE,
+    };
+}

@@ -1,0 +1,136 @@
+//! Packets with AVX-512.
+
+use std::arch::x86_64::*;
+
+use super::Packet;
+use super::candidates;
+use super::kernel::{PacketKernel, compiled};
+use super::rays::{Rays, STEEP, load};
+use super::stack::Stack;
+use super::triangle;
+use crate::layout::{InstanceRecord, NodeAt, TriangleGroup, WIDTH};
+use crate::structure::Structure;
+use crate::walk::Walker;
+use crate::walk::beams::Given;
+use crate::walk::company::{Company, Progress, Standing};
+use crate::walk::facts::InstanceFacts;
+use crate::walk::found::Found;
+use crate::walk::level::Level;
+use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
+
+/// AVX-512: a row is one vector.
+pub(super) struct Avx512;
+
+impl PacketKernel for Avx512 {
+    type Row = __m512;
+
+    #[inline(always)]
+    unsafe fn load(row: &Lanes) -> __m512 {
+        // SAFETY: the caller promises AVX-512, here and below.
+        unsafe { load(row) }
+    }
+
+    #[inline(always)]
+    unsafe fn least(row: &Lanes, lanes: u16) -> f32 {
+        // SAFETY: as above.
+        unsafe { _mm512_mask_reduce_min_ps(lanes, load(row)) }
+    }
+
+    #[inline(always)]
+    unsafe fn greatest(row: &Lanes, lanes: u16) -> f32 {
+        // SAFETY: as above.
+        unsafe { _mm512_mask_reduce_max_ps(lanes, load(row)) }
+    }
+
+    #[inline(always)]
+    unsafe fn at_least(row: __m512, number: f32) -> u16 {
+        // SAFETY: as above.
+        unsafe { _mm512_cmp_ps_mask::<_CMP_GE_OQ>(row, _mm512_set1_ps(number)) }
+    }
+
+    #[inline(always)]
+    unsafe fn equal(row: &Words, word: u32) -> u16 {
+        // SAFETY: as above; sixteen words.
+        unsafe {
+            let row = _mm512_loadu_si512(row.as_ptr().cast());
+            _mm512_cmpeq_epi32_mask(row, _mm512_set1_epi32(word as i32))
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn flat(inverses: &Lanes) -> u16 {
+        // SAFETY: as above.
+        unsafe {
+            let size = _mm512_abs_ps(load(inverses));
+            _mm512_cmp_ps_mask::<_CMP_LT_OQ>(size, _mm512_set1_ps(STEEP))
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn test_interval(
+        rays: &Rays,
+        node: NodeAt<'_>,
+        t_far: f32,
+        near: &mut [f32; WIDTH],
+    ) -> u32 {
+        // SAFETY: as above.
+        unsafe { rays.test_interval(node, t_far, near) }
+    }
+
+    #[inline(always)]
+    unsafe fn test_triangles(rays: &Rays, groups: [&TriangleGroup; 2], t_far: f32) -> u32 {
+        // SAFETY: as above.
+        unsafe { rays.test_triangles(groups, t_far) }
+    }
+
+    #[inline(always)]
+    unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: __m512) -> u16 {
+        // SAFETY: as above.
+        unsafe { rays.test_box(node, child, t_far) }
+    }
+
+    #[inline(always)]
+    unsafe fn test_leaf(
+        rays: &Rays,
+        structure: &Structure,
+        (word, lanes): (u32, u16),
+        t_far: f32,
+        found: &mut Found,
+    ) {
+        // SAFETY: as above.
+        unsafe { triangle::test_leaf(rays, structure, word, lanes, t_far, found) }
+    }
+
+    #[inline(always)]
+    unsafe fn test_some(
+        rays: &mut Rays,
+        structure: &Structure,
+        facts: &InstanceFacts,
+        leaf: (u32, u16),
+        t_far: f32,
+        found: &mut Found,
+    ) -> Standing {
+        // SAFETY: as above.
+        unsafe { candidates::test_some(rays, structure, facts, leaf, t_far, found) }
+    }
+
+    #[inline(always)]
+    unsafe fn next_candidates(
+        rays: &Rays,
+        structure: &Structure,
+        facts: &InstanceFacts,
+        standing: &mut Standing,
+        live: u16,
+        found: &Found,
+        candidates: &mut HitRows,
+    ) {
+        // SAFETY: as above.
+        unsafe {
+            candidates::next_candidates(rays, structure, facts, standing, live, found, candidates);
+        }
+    }
+
+    compiled! {
+        #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")] as Avx512;
+    }
+}

@@ -1,0 +1,85 @@
+//! Runs walks in the instruction set of their walker.
+
+use super::kernel::Kernel;
+use super::level::Entered;
+use super::portable::Portable;
+use super::{Event, State, Verdict, Walk, Walker, descend};
+use crate::tier::Tier;
+
+/// Runs a walk until something has to be decided outside. What the walk before entered may be in `entered`.
+pub(crate) fn run(
+    walk: &mut Walk,
+    verdict: Verdict,
+    walker: &mut Walker,
+    entered: &mut Entered,
+    fuel: &mut u64,
+) -> Event {
+    match walker.options.tier {
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: a walker has this tier only on machines that have the instruction set.
+        Tier::Avx512 => unsafe { run_avx512(walk, verdict, walker, entered, fuel) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: likewise.
+        Tier::Avx2 => unsafe { run_avx2(walk, verdict, walker, entered, fuel) },
+        // SAFETY: every machine has plain Rust.
+        _ => unsafe { run_with::<Portable>(walk, verdict, walker, entered, fuel) },
+    }
+}
+
+/// # Safety
+/// The machine has these features.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+unsafe fn run_avx512(
+    walk: &mut Walk,
+    verdict: Verdict,
+    walker: &mut Walker,
+    entered: &mut Entered,
+    fuel: &mut u64,
+) -> Event {
+    // SAFETY: the caller's promise.
+    unsafe { run_with::<super::avx::Avx<true>>(walk, verdict, walker, entered, fuel) }
+}
+
+/// # Safety
+/// The machine has these features.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2")]
+unsafe fn run_avx2(
+    walk: &mut Walk,
+    verdict: Verdict,
+    walker: &mut Walker,
+    entered: &mut Entered,
+    fuel: &mut u64,
+) -> Event {
+    // SAFETY: the caller's promise.
+    unsafe { run_with::<super::avx::Avx<false>>(walk, verdict, walker, entered, fuel) }
+}
+
+/// [`run`] with a kernel.
+///
+/// # Safety
+/// The machine has the kernel's instruction set.
+#[inline(always)]
+pub(crate) unsafe fn run_with<K: Kernel>(
+    walk: &mut Walk,
+    verdict: Verdict,
+    walker: &mut Walker,
+    entered: &mut Entered,
+    fuel: &mut u64,
+) -> Event {
+    if walk.is_over(verdict) {
+        walk.state = State::Done;
+        return Event::Done;
+    }
+    // SAFETY: the caller's promise.
+    let event = unsafe {
+        if walk.terminates_on_first_hit() {
+            descend::run::<K, true>(walk, walker, entered, fuel)
+        } else {
+            descend::run::<K, false>(walk, walker, entered, fuel)
+        }
+    };
+    walk.state = State::after(event);
+    event
+}
