@@ -1,4 +1,4 @@
-//! Descriptor set layouts, pools, sets and update templates.
+//! Descriptor set layouts, pools and sets.
 //!
 //! A set is two flat arrays of entries that are already resolved to what a shader's access needs: the plain ones, and the dynamic buffers
 //! (whose offsets are applied when they are bound). Entries are plain data: updating one is a store.
@@ -348,15 +348,6 @@ impl DescriptorSet {
             .map(bytes)
             .fold(0, u64::saturating_add)
     }
-}
-
-/// A descriptor update template: where in the application's data each descriptor is.
-pub struct DescriptorUpdateTemplate {
-    pub entries: Vec<vk::DescriptorUpdateTemplateEntry>,
-    pub bind_point: vk::PipelineBindPoint,
-    pub set: u32,
-    /// Push descriptor templates.
-    pub layout: Option<Ref<super::PipelineLayout>>,
 }
 
 #[cfg(test)]

@@ -33,14 +33,13 @@ pub mod shader_stage;
 pub mod sparse;
 pub mod stage_program;
 pub mod sync;
+mod update_template;
 pub mod ycbcr;
 
 pub use acceleration_structure::{AccelerationStructure, AccelerationStructureNv};
 pub use buffer::{Buffer, BufferView};
 pub use deferred::DeferredOperation;
-pub use descriptor::{
-    DescriptorPool, DescriptorSet, DescriptorSetLayout, DescriptorUpdateTemplate,
-};
+pub use descriptor::{DescriptorPool, DescriptorSet, DescriptorSetLayout};
 pub use image::{Image, ImageView};
 pub use instance::Instance;
 pub use memory::DeviceMemory;
@@ -56,6 +55,7 @@ pub use render_pass::{Framebuffer, RenderPass};
 pub use sampler::Sampler;
 pub use shader_object::ShaderObject;
 pub use sync::{Event, Fence, Semaphore};
+pub use update_template::DescriptorUpdateTemplate;
 pub use ycbcr::YcbcrConversion;
 
 use crate::handle::handled;
