@@ -80,22 +80,26 @@ macro_rules! command_name {
     };
 }
 
-/// A row is `Level Availability PFN_type module::function [as alias];`. That the function has the PFN's type is checked by the compiler.
+/// A row is `Level Availability [| Availability]* PFN_type module::function [as alias];`. That the function has the PFN's type is checked
+/// by the compiler.
 macro_rules! commands {
-    ($($level:ident $extension:ident $pfn:ident $module:ident::$name:ident $(as $alias:ident)?;)*) => {
-        /// All rows.
+    ($($level:ident $($extension:ident)|+ $pfn:ident $module:ident::$name:ident $(as $alias:ident)?;)*) => {
+        /// All rows, one for each availability.
         pub fn table() -> &'static [Command] {
             static TABLE: OnceLock<Vec<Command>> = OnceLock::new();
-            TABLE.get_or_init(|| vec![$({
-                let function: vk::$pfn = crate::entry::$module::$name;
-                Command {
-                    name: command_name!($name $($alias)?),
-                    level: Level::$level,
-                    availability: commands!(@availability $extension),
+            TABLE.get_or_init(|| {
+                let mut rows = Vec::new();
+                $({
+                    let function: vk::$pfn = crate::entry::$module::$name;
                     // SAFETY: `PFN_vkVoidFunction` is the type that such pointers are passed around as; callers cast back.
-                    function: unsafe { std::mem::transmute::<vk::$pfn, unsafe extern "system" fn()>(function) },
-                }
-            },)*])
+                    let function = unsafe { std::mem::transmute::<vk::$pfn, unsafe extern "system" fn()>(function) };
+                    let name = command_name!($name $($alias)?);
+                    let level = Level::$level;
+                    let availabilities = [$(commands!(@availability $extension)),+];
+                    rows.extend(availabilities.map(|availability| Command { name, level, availability, function }));
+                })*
+                rows
+            })
         }
     };
     (@availability Core) => { Availability::Core(vk::API_VERSION_1_0) };
@@ -535,40 +539,40 @@ commands! {
     Device Core14 PFN_vkCmdSetLineStippleKHR graphics_state::vkCmdSetLineStippleKHR as vkCmdSetLineStipple;
     Device KHR_LINE_RASTERIZATION PFN_vkCmdSetLineStippleKHR graphics_state::vkCmdSetLineStippleKHR;
     Device EXT_LINE_RASTERIZATION PFN_vkCmdSetLineStippleKHR graphics_state::vkCmdSetLineStippleKHR as vkCmdSetLineStippleEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetCullMode graphics_state::vkCmdSetCullMode as vkCmdSetCullModeEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetFrontFace graphics_state::vkCmdSetFrontFace as vkCmdSetFrontFaceEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetPrimitiveTopology graphics_state::vkCmdSetPrimitiveTopology as vkCmdSetPrimitiveTopologyEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetViewportWithCount graphics_state::vkCmdSetViewportWithCount as vkCmdSetViewportWithCountEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetScissorWithCount graphics_state::vkCmdSetScissorWithCount as vkCmdSetScissorWithCountEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdBindVertexBuffers2 graphics_draw::vkCmdBindVertexBuffers2 as vkCmdBindVertexBuffers2EXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetDepthTestEnable graphics_state::vkCmdSetDepthTestEnable as vkCmdSetDepthTestEnableEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetDepthWriteEnable graphics_state::vkCmdSetDepthWriteEnable as vkCmdSetDepthWriteEnableEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetDepthCompareOp graphics_state::vkCmdSetDepthCompareOp as vkCmdSetDepthCompareOpEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetDepthBoundsTestEnable graphics_state::vkCmdSetDepthBoundsTestEnable as vkCmdSetDepthBoundsTestEnableEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetStencilTestEnable graphics_state::vkCmdSetStencilTestEnable as vkCmdSetStencilTestEnableEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE PFN_vkCmdSetStencilOp graphics_state::vkCmdSetStencilOp as vkCmdSetStencilOpEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_2 PFN_vkCmdSetRasterizerDiscardEnable graphics_state::vkCmdSetRasterizerDiscardEnable as vkCmdSetRasterizerDiscardEnableEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_2 PFN_vkCmdSetDepthBiasEnable graphics_state::vkCmdSetDepthBiasEnable as vkCmdSetDepthBiasEnableEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_2 PFN_vkCmdSetPrimitiveRestartEnable graphics_state::vkCmdSetPrimitiveRestartEnable as vkCmdSetPrimitiveRestartEnableEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_2 PFN_vkCmdSetLogicOpEXT graphics_state::vkCmdSetLogicOpEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_2 PFN_vkCmdSetPatchControlPointsEXT graphics_state::vkCmdSetPatchControlPointsEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetTessellationDomainOriginEXT graphics_state::vkCmdSetTessellationDomainOriginEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetDepthClampEnableEXT graphics_state::vkCmdSetDepthClampEnableEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetPolygonModeEXT graphics_state::vkCmdSetPolygonModeEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetRasterizationSamplesEXT graphics_state::vkCmdSetRasterizationSamplesEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetSampleMaskEXT graphics_state::vkCmdSetSampleMaskEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetAlphaToCoverageEnableEXT graphics_state::vkCmdSetAlphaToCoverageEnableEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetAlphaToOneEnableEXT graphics_state::vkCmdSetAlphaToOneEnableEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetLogicOpEnableEXT graphics_state::vkCmdSetLogicOpEnableEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetColorBlendEnableEXT graphics_state::vkCmdSetColorBlendEnableEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetColorBlendEquationEXT graphics_state::vkCmdSetColorBlendEquationEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetColorWriteMaskEXT graphics_state::vkCmdSetColorWriteMaskEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetDepthClipEnableEXT graphics_state::vkCmdSetDepthClipEnableEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetProvokingVertexModeEXT graphics_state::vkCmdSetProvokingVertexModeEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetLineRasterizationModeEXT graphics_state::vkCmdSetLineRasterizationModeEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetLineStippleEnableEXT graphics_state::vkCmdSetLineStippleEnableEXT;
-    Device EXT_EXTENDED_DYNAMIC_STATE_3 PFN_vkCmdSetDepthClipNegativeOneToOneEXT graphics_state::vkCmdSetDepthClipNegativeOneToOneEXT;
-    Device EXT_VERTEX_INPUT_DYNAMIC_STATE PFN_vkCmdSetVertexInputEXT graphics_state::vkCmdSetVertexInputEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE | EXT_SHADER_OBJECT PFN_vkCmdSetCullMode graphics_state::vkCmdSetCullMode as vkCmdSetCullModeEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE | EXT_SHADER_OBJECT PFN_vkCmdSetFrontFace graphics_state::vkCmdSetFrontFace as vkCmdSetFrontFaceEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE | EXT_SHADER_OBJECT PFN_vkCmdSetPrimitiveTopology graphics_state::vkCmdSetPrimitiveTopology as vkCmdSetPrimitiveTopologyEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE | EXT_SHADER_OBJECT PFN_vkCmdSetViewportWithCount graphics_state::vkCmdSetViewportWithCount as vkCmdSetViewportWithCountEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE | EXT_SHADER_OBJECT PFN_vkCmdSetScissorWithCount graphics_state::vkCmdSetScissorWithCount as vkCmdSetScissorWithCountEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE | EXT_SHADER_OBJECT PFN_vkCmdBindVertexBuffers2 graphics_draw::vkCmdBindVertexBuffers2 as vkCmdBindVertexBuffers2EXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE | EXT_SHADER_OBJECT PFN_vkCmdSetDepthTestEnable graphics_state::vkCmdSetDepthTestEnable as vkCmdSetDepthTestEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE | EXT_SHADER_OBJECT PFN_vkCmdSetDepthWriteEnable graphics_state::vkCmdSetDepthWriteEnable as vkCmdSetDepthWriteEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE | EXT_SHADER_OBJECT PFN_vkCmdSetDepthCompareOp graphics_state::vkCmdSetDepthCompareOp as vkCmdSetDepthCompareOpEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE | EXT_SHADER_OBJECT PFN_vkCmdSetDepthBoundsTestEnable graphics_state::vkCmdSetDepthBoundsTestEnable as vkCmdSetDepthBoundsTestEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE | EXT_SHADER_OBJECT PFN_vkCmdSetStencilTestEnable graphics_state::vkCmdSetStencilTestEnable as vkCmdSetStencilTestEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE | EXT_SHADER_OBJECT PFN_vkCmdSetStencilOp graphics_state::vkCmdSetStencilOp as vkCmdSetStencilOpEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_2 | EXT_SHADER_OBJECT PFN_vkCmdSetRasterizerDiscardEnable graphics_state::vkCmdSetRasterizerDiscardEnable as vkCmdSetRasterizerDiscardEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_2 | EXT_SHADER_OBJECT PFN_vkCmdSetDepthBiasEnable graphics_state::vkCmdSetDepthBiasEnable as vkCmdSetDepthBiasEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_2 | EXT_SHADER_OBJECT PFN_vkCmdSetPrimitiveRestartEnable graphics_state::vkCmdSetPrimitiveRestartEnable as vkCmdSetPrimitiveRestartEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_2 | EXT_SHADER_OBJECT PFN_vkCmdSetLogicOpEXT graphics_state::vkCmdSetLogicOpEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_2 | EXT_SHADER_OBJECT PFN_vkCmdSetPatchControlPointsEXT graphics_state::vkCmdSetPatchControlPointsEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetTessellationDomainOriginEXT graphics_state::vkCmdSetTessellationDomainOriginEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetDepthClampEnableEXT graphics_state::vkCmdSetDepthClampEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetPolygonModeEXT graphics_state::vkCmdSetPolygonModeEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetRasterizationSamplesEXT graphics_state::vkCmdSetRasterizationSamplesEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetSampleMaskEXT graphics_state::vkCmdSetSampleMaskEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetAlphaToCoverageEnableEXT graphics_state::vkCmdSetAlphaToCoverageEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetAlphaToOneEnableEXT graphics_state::vkCmdSetAlphaToOneEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetLogicOpEnableEXT graphics_state::vkCmdSetLogicOpEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetColorBlendEnableEXT graphics_state::vkCmdSetColorBlendEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetColorBlendEquationEXT graphics_state::vkCmdSetColorBlendEquationEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetColorWriteMaskEXT graphics_state::vkCmdSetColorWriteMaskEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetDepthClipEnableEXT graphics_state::vkCmdSetDepthClipEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetProvokingVertexModeEXT graphics_state::vkCmdSetProvokingVertexModeEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetLineRasterizationModeEXT graphics_state::vkCmdSetLineRasterizationModeEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetLineStippleEnableEXT graphics_state::vkCmdSetLineStippleEnableEXT;
+    Device EXT_EXTENDED_DYNAMIC_STATE_3 | EXT_SHADER_OBJECT PFN_vkCmdSetDepthClipNegativeOneToOneEXT graphics_state::vkCmdSetDepthClipNegativeOneToOneEXT;
+    Device EXT_VERTEX_INPUT_DYNAMIC_STATE | EXT_SHADER_OBJECT PFN_vkCmdSetVertexInputEXT graphics_state::vkCmdSetVertexInputEXT;
     Device EXT_COLOR_WRITE_ENABLE PFN_vkCmdSetColorWriteEnableEXT graphics_state::vkCmdSetColorWriteEnableEXT;
     Device EXT_DEPTH_BIAS_CONTROL PFN_vkCmdSetDepthBias2EXT graphics_state::vkCmdSetDepthBias2EXT;
     Device EXT_CONDITIONAL_RENDERING PFN_vkCmdBeginConditionalRenderingEXT graphics_draw::vkCmdBeginConditionalRenderingEXT;
@@ -577,40 +581,6 @@ commands! {
     Device EXT_MULTI_DRAW PFN_vkCmdDrawMultiEXT graphics_draw::vkCmdDrawMultiEXT;
     Device EXT_MULTI_DRAW PFN_vkCmdDrawMultiIndexedEXT graphics_draw::vkCmdDrawMultiIndexedEXT;
 
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetCullMode graphics_state::vkCmdSetCullMode as vkCmdSetCullModeEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetFrontFace graphics_state::vkCmdSetFrontFace as vkCmdSetFrontFaceEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetPrimitiveTopology graphics_state::vkCmdSetPrimitiveTopology as vkCmdSetPrimitiveTopologyEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetViewportWithCount graphics_state::vkCmdSetViewportWithCount as vkCmdSetViewportWithCountEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetScissorWithCount graphics_state::vkCmdSetScissorWithCount as vkCmdSetScissorWithCountEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdBindVertexBuffers2 graphics_draw::vkCmdBindVertexBuffers2 as vkCmdBindVertexBuffers2EXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthTestEnable graphics_state::vkCmdSetDepthTestEnable as vkCmdSetDepthTestEnableEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthWriteEnable graphics_state::vkCmdSetDepthWriteEnable as vkCmdSetDepthWriteEnableEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthCompareOp graphics_state::vkCmdSetDepthCompareOp as vkCmdSetDepthCompareOpEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthBoundsTestEnable graphics_state::vkCmdSetDepthBoundsTestEnable as vkCmdSetDepthBoundsTestEnableEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetStencilTestEnable graphics_state::vkCmdSetStencilTestEnable as vkCmdSetStencilTestEnableEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetStencilOp graphics_state::vkCmdSetStencilOp as vkCmdSetStencilOpEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetRasterizerDiscardEnable graphics_state::vkCmdSetRasterizerDiscardEnable as vkCmdSetRasterizerDiscardEnableEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthBiasEnable graphics_state::vkCmdSetDepthBiasEnable as vkCmdSetDepthBiasEnableEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetPrimitiveRestartEnable graphics_state::vkCmdSetPrimitiveRestartEnable as vkCmdSetPrimitiveRestartEnableEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetVertexInputEXT graphics_state::vkCmdSetVertexInputEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetLogicOpEXT graphics_state::vkCmdSetLogicOpEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthClampEnableEXT graphics_state::vkCmdSetDepthClampEnableEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetPolygonModeEXT graphics_state::vkCmdSetPolygonModeEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetRasterizationSamplesEXT graphics_state::vkCmdSetRasterizationSamplesEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetSampleMaskEXT graphics_state::vkCmdSetSampleMaskEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetAlphaToCoverageEnableEXT graphics_state::vkCmdSetAlphaToCoverageEnableEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetAlphaToOneEnableEXT graphics_state::vkCmdSetAlphaToOneEnableEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetLogicOpEnableEXT graphics_state::vkCmdSetLogicOpEnableEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetColorBlendEnableEXT graphics_state::vkCmdSetColorBlendEnableEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetColorBlendEquationEXT graphics_state::vkCmdSetColorBlendEquationEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetColorWriteMaskEXT graphics_state::vkCmdSetColorWriteMaskEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthClipEnableEXT graphics_state::vkCmdSetDepthClipEnableEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetProvokingVertexModeEXT graphics_state::vkCmdSetProvokingVertexModeEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetLineRasterizationModeEXT graphics_state::vkCmdSetLineRasterizationModeEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetLineStippleEnableEXT graphics_state::vkCmdSetLineStippleEnableEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetDepthClipNegativeOneToOneEXT graphics_state::vkCmdSetDepthClipNegativeOneToOneEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetPatchControlPointsEXT graphics_state::vkCmdSetPatchControlPointsEXT;
-    Device EXT_SHADER_OBJECT PFN_vkCmdSetTessellationDomainOriginEXT graphics_state::vkCmdSetTessellationDomainOriginEXT;
     Device EXT_SHADER_OBJECT PFN_vkCreateShadersEXT shader_object::vkCreateShadersEXT;
     Device EXT_SHADER_OBJECT PFN_vkDestroyShaderEXT shader_object::vkDestroyShaderEXT;
     Device EXT_SHADER_OBJECT PFN_vkGetShaderBinaryDataEXT shader_object::vkGetShaderBinaryDataEXT;
