@@ -172,6 +172,40 @@ fn fifo_keeps_the_pace_of_the_server() {
     presenter.destroy(swapchain);
 }
 
+/// A presentation that is replaced gives its image back at once (`VK_PRESENT_MODE_MAILBOX_KHR`).
+#[test]
+fn mailboxes_do_not_wait_for_the_server() {
+    let Some(server) = Xvfb::start(&[]) else {
+        return;
+    };
+    let window = server.window(64, 64);
+    let Some(presenter) = window.presenter() else {
+        return;
+    };
+    if !presenter.modes().contains(&vk::PresentModeKHR::MAILBOX) {
+        return;
+    }
+    let chain = Chain {
+        mode: vk::PresentModeKHR::MAILBOX,
+        count: 4,
+        ..Chain::of(64, 64)
+    };
+    let swapchain = presenter.swapchain(&chain).unwrap();
+    let pixels = picture(64, 64, 3);
+    let frames = 300;
+    let start = Instant::now();
+    for _ in 0..frames {
+        presenter
+            .frame(swapchain, chain.extent, &pixels, 0)
+            .unwrap();
+    }
+    let took = start.elapsed().as_secs_f64();
+    println!("{:.0} frames a second", f64::from(frames) / took);
+    // At one image a refresh, or two, it would be five seconds, or two and a half.
+    assert!(took < 2.0, "{took} s");
+    presenter.destroy(swapchain);
+}
+
 #[test]
 fn resized_windows_make_swapchains_suboptimal_and_replacements_fit() {
     let Some(server) = Xvfb::start(&[]) else {

@@ -233,7 +233,13 @@ impl Swapchain {
         if state.is_closed || state.status.as_raw() < 0 {
             return state.finish(&request);
         }
+        // Of one that is replaced the image is free at once (`VK_PRESENT_MODE_MAILBOX_KHR`), not only
+        // when the window has shown the one that is under way.
+        let is_mailbox = request.mode == vk::PresentModeKHR::MAILBOX;
         state.ready.push_back(request);
+        if is_mailbox {
+            state.drop_replaced();
+        }
         drop(state);
         self.shared.start_thread();
         bell.ring();
@@ -309,6 +315,17 @@ impl Drop for Swapchain {
 }
 
 impl State {
+    /// Gives back what another presentation takes the place of, or the end of the swapchain. Returns whether there was any.
+    fn drop_replaced(&mut self) -> bool {
+        let before = self.ready.len();
+        while self.ready.len() > 1 && (self.is_closed || self.ready[1].replaces()) {
+            if let Some(replaced) = self.ready.pop_front() {
+                self.release(replaced.index);
+            }
+        }
+        self.ready.len() < before
+    }
+
     /// Nobody shows this.
     fn finish(&mut self, request: &Request) {
         self.shown_id = self.shown_id.max(request.id);
@@ -385,14 +402,8 @@ impl Shared {
     /// The next request whose turn it is; those that it replaces come back.
     pub(super) fn next(&self) -> Next {
         let mut state = self.state.lock();
-        let mut has_freed = false;
         let is_last = state.is_closed;
-        while state.ready.len() > 1 && (is_last || state.ready[1].replaces()) {
-            if let Some(replaced) = state.ready.pop_front() {
-                state.release(replaced.index);
-                has_freed = true;
-            }
-        }
+        let has_freed = state.drop_replaced();
         let request = state.ready.pop_front();
         drop(state);
         if has_freed {

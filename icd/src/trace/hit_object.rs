@@ -6,7 +6,7 @@ use spirv_jit::program::IO_DATA_ROW;
 use traversal::{Hit, Structure, Swept};
 
 use super::batch::{Batch, Worker};
-use super::rays::{Operands, RayGroup, operand, record_indices};
+use super::rays::{Operands, RayGroup, operand, primitive_of, record_indices};
 use super::subgroup::{Subgroup, SubgroupIndex, lanes_of};
 use crate::wave::table::HANDLE_SIZE;
 use crate::wave::{Limits, Stopped};
@@ -186,16 +186,6 @@ fn found_by(group: &RayGroup, operands: &Operands, lane: usize) -> [u32; word::C
     };
     object[word::KIND] = state | (operands[operand::CULL_MASK].0[lane] & 0xff) << 8;
     object
-}
-
-/// What was hit, as a hit object says it.
-pub fn primitive_of(hit: &Hit) -> u32 {
-    match hit.swept {
-        Swept::Sphere => primitive::SPHERE,
-        Swept::LinearSweptSphere => primitive::LINEAR_SWEPT_SPHERE,
-        Swept::No if hit.triangle => primitive::TRIANGLE,
-        Swept::No => primitive::BOX,
-    }
 }
 
 /// The words of one lane's hit object.

@@ -7,8 +7,7 @@ use spirv_jit::query::{QueryField, QueryWord, row};
 use traversal::{Hit, HitRows, Ray, RayRows, Structure, Swept, Walk};
 
 use super::super::Limits;
-use super::super::hit_object::primitive_of;
-use super::super::rays::to_object;
+use super::super::rays::{primitive_of, to_object};
 use super::super::subgroup::{copy_lanes, lanes_of};
 use super::Object;
 

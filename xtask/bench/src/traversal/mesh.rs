@@ -1,6 +1,7 @@
 //! Meshes and the shapes that they are put together from.
 
-use super::scene::turn;
+use std::f32::consts::TAU;
+
 use super::vector::{Vector, normalize};
 
 /// Triangles with shared vertices.
@@ -137,3 +138,8 @@ const FACES: [[usize; 3]; 20] = [
     [8, 6, 7],
     [9, 8, 1],
 ];
+
+/// A circle's point.
+pub fn turn(fraction: f32) -> (f32, f32) {
+    (TAU * fraction).sin_cos()
+}

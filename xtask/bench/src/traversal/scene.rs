@@ -1,6 +1,6 @@
 //! The scenes: one mesh and one camera each, made by code.
 
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::PI;
 
 use super::mesh::Mesh;
 use super::random::{Random, hash};
@@ -251,9 +251,4 @@ fn needles() -> (Mesh, Vector, Vector, Vector) {
         ]);
     }
     (mesh, [0.3, 0.2, 2.4], [0.0, 0.0, 0.0], [1.5, 2.5, 1.0])
-}
-
-/// A circle's point.
-pub fn turn(fraction: f32) -> (f32, f32) {
-    (TAU * fraction).sin_cos()
 }
