@@ -17,9 +17,9 @@ mod curve;
 mod geometry;
 
 use crate::error::BuildError;
+use crate::error::StructureError;
 use crate::live::Live;
 use crate::memory::Memory;
-use crate::error::StructureError;
 use curve::part_index;
 pub use geometry::GeometryMicromap;
 

@@ -2,10 +2,10 @@
 
 use std::mem::offset_of;
 
+use crate::error::StructureError;
 use crate::layout::{ALIGNMENT, Form, HEADER_BYTES, Header, Parts, micromap_reference};
 use crate::live::Live;
 use crate::micromap::Micromap;
-use crate::error::StructureError;
 use crate::structure::{Kind, Structure, validate};
 
 /// Bytes that [`compact_into`] writes.

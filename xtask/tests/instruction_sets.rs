@@ -5,10 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Where it is asked.
-const ASKING: [&str; 2] = [
-    "spirv-jit/src/interp/tier.rs",
-    "traversal/src/walk/walker.rs",
-];
+const ASKING: [&str; 2] = ["spirv-jit/src/tier.rs", "traversal/src/tier.rs"];
 
 #[test]
 fn the_processor_is_asked_in_two_places() {

@@ -5,8 +5,8 @@ use ash::vk;
 use rayon::ThreadPool;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::image::execute::execute_block;
-use spirv_jit::image::operands::MAX_RESULT_ROWS;
 use spirv_jit::image::format::block::Texels;
+use spirv_jit::image::operands::MAX_RESULT_ROWS;
 use spirv_jit::image::texels::store_block;
 use spirv_jit::image::{
     AddressMode, Dim, Filter, Format, ImageDescriptor, ImageOp, ImageOpKind, Level, LodMode,

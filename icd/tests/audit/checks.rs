@@ -198,8 +198,18 @@ impl Audit<'_> {
     }
 
     fn is_newer(&self, availability: Availability) -> bool {
-        matches!(availability, Availability::Extension(extension)
-            if !self.registry.extensions.contains_key(name(extension)))
+        match availability {
+            Availability::Extension(extension) => {
+                !self.registry.extensions.contains_key(name(extension))
+            }
+            Availability::Core(since) => {
+                let since = (vk::api_version_major(since), vk::api_version_minor(since));
+                self.registry
+                    .versions
+                    .iter()
+                    .all(|known| known.number < since)
+            }
+        }
     }
 
     /// Chained structures are answered exactly if something advertised brings them, and mandatory features are true.

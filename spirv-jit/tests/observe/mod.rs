@@ -1,6 +1,5 @@
 //! Runs a module on made-up inputs, and keeps what can be seen of it: outputs, what it wrote, what it yielded, by lane.
 
-
 use spirv_jit::Program;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, uniform};
 use spirv_jit::interp::{Frame, TierKind};

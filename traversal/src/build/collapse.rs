@@ -6,9 +6,9 @@
 
 use rayon::prelude::*;
 
-use crate::pool::in_pool;
 use super::tree::{BinaryNode, children, children_mut};
 use crate::layout::WIDTH;
+use crate::pool::in_pool;
 
 /// What a step of the walk costs.
 #[derive(Clone, Copy, Debug)]

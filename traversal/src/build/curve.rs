@@ -7,11 +7,11 @@ use rayon::prelude::*;
 
 use super::corners::Corners;
 use super::primitive::{CHUNK, Primitive};
-use crate::pool::in_pool;
 use super::split::{Extent, SplitRules};
 use super::sweep::{Blocks, Stretch};
 use super::tree::{self, BinaryNode, HEURISTIC_DEPTH, PARALLEL, Subtree};
 use super::vector::{Portable, Vector};
+use crate::pool::in_pool;
 
 #[cfg(target_arch = "x86_64")]
 use super::vector::Avx2;

@@ -3,8 +3,7 @@
 use super::Shape;
 use super::collapse::{self, Children};
 use super::head::Written;
-use super::primitive::{Primitive};
-use crate::pool::in_pool;
+use super::primitive::Primitive;
 use super::swept::SweptPrimitive;
 use super::target::Target;
 use super::tree::BinaryNode;
@@ -14,6 +13,7 @@ use crate::layout::{
     BLOCK_UNIT, Block, BoxEntry, Extent, Form, GROUP, LEAF_TRIANGLES, Node, Parts, TriangleGroup,
     WIDTH, child,
 };
+use crate::pool::in_pool;
 use crate::structure::Kind;
 
 /// Subtrees with more primitives than this are written side by side.

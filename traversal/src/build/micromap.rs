@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-use crate::pool::in_pool;
 use crate::input::TriangleGeometry;
+use crate::pool::in_pool;
 
 /// Words written by one task.
 const CHUNK: usize = 16384;

@@ -6,7 +6,6 @@
 use rayon::prelude::*;
 
 use super::motion::motion_bounds;
-use crate::pool::in_pool;
 use super::swept::SweptPrimitive;
 use super::target::Target;
 use super::words::triangle_word;
@@ -16,6 +15,7 @@ use crate::layout::{
     Bounds, Extent, GROUP, MAX_DEPTH, MotionEntry, Node, NodeAt, SweptEntry, TriangleGroup, WIDTH,
     child, geometry_word,
 };
+use crate::pool::in_pool;
 
 /// So many leaves or nodes are one task.
 const FEW: usize = 1024;

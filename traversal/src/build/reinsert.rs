@@ -7,9 +7,9 @@ use rayon::join;
 
 use super::collapse::Costs;
 use super::corners::Corners;
-use super::primitive::{Primitive};
-use crate::pool::in_pool;
+use super::primitive::Primitive;
 use super::tree::{BinaryNode, PARALLEL};
+use crate::pool::in_pool;
 use crate::structure::Kind;
 
 /// A node of the top of the tree; one without children stands for the subtree that hangs there.

@@ -5,11 +5,11 @@
 //! the primitives alone and never on which thread came first.
 
 use super::corners::Corners;
-use super::primitive::{Primitive};
-use crate::pool::in_pool;
+use super::primitive::Primitive;
 use super::split::{Extent, SplitRules, choose, choose_quickly, halve, partition};
 use super::vector::{Portable, Vector};
 use crate::layout::Bounds;
+use crate::pool::in_pool;
 #[cfg(target_arch = "x86_64")]
 use crate::tier::Tier;
 

@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use super::{Kind, Structure, micromaps};
 use crate::error::StructureError;
-use crate::pool::in_pool;
 use crate::layout::{Form, MAX_DEPTH, WIDTH, child, geometry_word};
+use crate::pool::in_pool;
 
 /// Checks everything that a walk relies on, except that references of instances are alive: each
 /// child is inside the blob, above its parent, in a tree no deeper than the walk's stack.
