@@ -42,7 +42,7 @@ pub use misuse::Misuse;
 pub use newer::DeviceAddressRangeKHR;
 pub use nv_ray_tracing::{DescribedNv, StructureNv, TableNv, TablesNv};
 pub use optional::Optional;
-pub use presenter::{Chain, Presenter};
+pub use presenter::{Chain, Presenter, red_first, screen_picture};
 pub use shader::{Stage, glsl, glsl_for, glsl_nv};
 pub use skip::has;
 pub use trace::{Group, Rays, RaysInput, Record, Table};

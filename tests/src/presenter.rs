@@ -365,3 +365,24 @@ impl Drop for Presenter {
         }
     }
 }
+
+/// A picture with no two rows or columns alike: blue, green, red, alpha.
+pub fn screen_picture(width: u32, height: u32, seed: u32) -> Vec<u8> {
+    (0..height)
+        .flat_map(|y| (0..width).map(move |x| (x, y)))
+        .flat_map(|(x, y)| {
+            [
+                (x * 4 + seed) as u8,
+                (y * 5) as u8,
+                (x ^ y ^ seed) as u8,
+                255,
+            ]
+        })
+        .collect()
+}
+
+/// The same with red first.
+pub fn red_first(pixels: &[u8]) -> Vec<u8> {
+    let swap = |pixel: &[u8]| [pixel[2], pixel[1], pixel[0], pixel[3]];
+    pixels.chunks_exact(4).flat_map(swap).collect()
+}

@@ -6,26 +6,6 @@ use std::time::{Duration, Instant};
 use ash::khr;
 use tuff_tests::*;
 
-/// A picture with no two rows or columns alike: blue, green, red, alpha.
-fn picture(width: u32, height: u32, seed: u32) -> Vec<u8> {
-    (0..height)
-        .flat_map(|y| (0..width).map(move |x| (x, y)))
-        .flat_map(|(x, y)| {
-            [
-                (x * 4 + seed) as u8,
-                (y * 5) as u8,
-                (x ^ y ^ seed) as u8,
-                255,
-            ]
-        })
-        .collect()
-}
-
-fn red_first(pixels: &[u8]) -> Vec<u8> {
-    let swap = |pixel: &[u8]| [pixel[2], pixel[1], pixel[0], pixel[3]];
-    pixels.chunks_exact(4).flat_map(swap).collect()
-}
-
 #[test]
 fn what_is_presented_is_attached() {
     let compositor = Compositor::start();
@@ -57,7 +37,7 @@ fn what_is_presented_is_attached() {
                 presenter.destroy(old);
             }
             for seed in 0..6 {
-                let pixels = picture(61, 37, seed * 9 + mode.as_raw() as u32);
+                let pixels = screen_picture(61, 37, seed * 9 + mode.as_raw() as u32);
                 let ordered = match format {
                     vk::Format::R8G8B8A8_UNORM => red_first(&pixels),
                     _ => pixels.clone(),
@@ -79,7 +59,7 @@ fn what_is_presented_is_attached() {
         ..Chain::of(5, 7)
     };
     let swapchain = presenter.swapchain(&chain).unwrap();
-    let pixels = picture(5, 7, 1);
+    let pixels = screen_picture(5, 7, 1);
     presenter
         .frame(swapchain, chain.extent, &pixels, 0)
         .unwrap();
@@ -100,7 +80,7 @@ fn fifo_waits_for_the_compositor_and_goes_on_when_hidden() {
     let waits = khr::present_wait::Device::new(&presenter.instance, &presenter.device);
     let chain = Chain::of(16, 16);
     let swapchain = presenter.swapchain(&chain).unwrap();
-    let pixels = picture(16, 16, 3);
+    let pixels = screen_picture(16, 16, 3);
     let start = Instant::now();
     for id in 1..=30 {
         presenter
@@ -139,12 +119,12 @@ fn late_releases_hold_images_back_but_nothing_up() {
     };
     let swapchain = presenter.swapchain(&chain).unwrap();
     for seed in 0..40 {
-        let pixels = picture(16, 16, seed);
+        let pixels = screen_picture(16, 16, seed);
         presenter
             .frame(swapchain, chain.extent, &pixels, 0)
             .unwrap();
     }
-    assert!(compositor.shows(16, 16, &picture(16, 16, 39)));
+    assert!(compositor.shows(16, 16, &screen_picture(16, 16, 39)));
     presenter.destroy(swapchain);
 }
 
@@ -156,7 +136,7 @@ fn a_dead_compositor_is_a_lost_surface() {
     };
     let chain = Chain::of(16, 16);
     let swapchain = presenter.swapchain(&chain).unwrap();
-    let pixels = picture(16, 16, 3);
+    let pixels = screen_picture(16, 16, 3);
     presenter
         .frame(swapchain, chain.extent, &pixels, 0)
         .unwrap();
@@ -177,7 +157,7 @@ fn thousands_of_swapchains_leave_nothing_behind() {
         mode: vk::PresentModeKHR::IMMEDIATE,
         ..Chain::of(16, 16)
     };
-    let pixels = picture(16, 16, 5);
+    let pixels = screen_picture(16, 16, 5);
     let mut before = 0;
     for round in 0..2_000 {
         let swapchain = presenter.swapchain(&chain).unwrap();

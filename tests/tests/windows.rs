@@ -9,27 +9,6 @@ use tuff_tests::*;
 const WIDTH: u32 = 61;
 const HEIGHT: u32 = 37;
 
-/// A picture with no two rows or columns alike: blue, green, red, alpha.
-fn picture(width: u32, height: u32, seed: u32) -> Vec<u8> {
-    (0..height)
-        .flat_map(|y| (0..width).map(move |x| (x, y)))
-        .flat_map(|(x, y)| {
-            [
-                (x * 4 + seed) as u8,
-                (y * 5) as u8,
-                (x ^ y ^ seed) as u8,
-                255,
-            ]
-        })
-        .collect()
-}
-
-/// The same with red first.
-fn red_first(pixels: &[u8]) -> Vec<u8> {
-    let swap = |pixel: &[u8]| [pixel[2], pixel[1], pixel[0], pixel[3]];
-    pixels.chunks_exact(4).flat_map(swap).collect()
-}
-
 /// Frames in each mode on a server, the last of which is on the screen in the end.
 fn shows_frames(server: Option<Xvfb>) {
     let Some(server) = server else {
@@ -69,7 +48,7 @@ fn shows_frames(server: Option<Xvfb>) {
                 presenter.destroy(old);
             }
             for seed in 0..6 {
-                let pixels = picture(WIDTH, HEIGHT, seed * 7 + mode.as_raw() as u32);
+                let pixels = screen_picture(WIDTH, HEIGHT, seed * 7 + mode.as_raw() as u32);
                 let ordered = match format {
                     vk::Format::B8G8R8A8_UNORM => pixels.clone(),
                     _ => red_first(&pixels),
@@ -118,9 +97,9 @@ fn the_last_frame_of_a_destroyed_swapchain_is_shown() {
     };
     let chain = Chain::of(WIDTH, HEIGHT);
     let swapchain = presenter.swapchain(&chain).unwrap();
-    let pixels = picture(WIDTH, HEIGHT, 99);
+    let pixels = screen_picture(WIDTH, HEIGHT, 99);
     for seed in [1, 99] {
-        let pixels = picture(WIDTH, HEIGHT, seed);
+        let pixels = screen_picture(WIDTH, HEIGHT, seed);
         presenter
             .frame(swapchain, chain.extent, &pixels, 0)
             .unwrap();
@@ -144,7 +123,7 @@ fn fifo_keeps_the_pace_of_the_server() {
     let waits = khr::present_wait::Device::new(&presenter.instance, &presenter.device);
     let chain = Chain::of(64, 64);
     let swapchain = presenter.swapchain(&chain).unwrap();
-    let pixels = picture(64, 64, 3);
+    let pixels = screen_picture(64, 64, 3);
     let frames = 60;
     let mut start = Instant::now();
     for id in 1..=frames + 3 {
@@ -191,7 +170,7 @@ fn mailboxes_do_not_wait_for_the_server() {
         ..Chain::of(64, 64)
     };
     let swapchain = presenter.swapchain(&chain).unwrap();
-    let pixels = picture(64, 64, 3);
+    let pixels = screen_picture(64, 64, 3);
     let frames = 300;
     let start = Instant::now();
     for _ in 0..frames {
@@ -218,13 +197,13 @@ fn resized_windows_make_swapchains_suboptimal_and_replacements_fit() {
     let chain = Chain::of(64, 64);
     let swapchain = presenter.swapchain(&chain).unwrap();
     presenter
-        .frame(swapchain, chain.extent, &picture(64, 64, 1), 0)
+        .frame(swapchain, chain.extent, &screen_picture(64, 64, 1), 0)
         .unwrap();
     window.resize(80, 48);
     let current = presenter.capabilities().unwrap().current_extent;
     assert_eq!((current.width, current.height), (80, 48));
     let told = (0..20).any(|seed| {
-        match presenter.frame(swapchain, chain.extent, &picture(64, 64, seed), 0) {
+        match presenter.frame(swapchain, chain.extent, &screen_picture(64, 64, seed), 0) {
             Ok((_, suboptimal)) => suboptimal,
             Err(code) => {
                 assert_eq!(code, vk::Result::ERROR_OUT_OF_DATE_KHR);
@@ -239,7 +218,7 @@ fn resized_windows_make_swapchains_suboptimal_and_replacements_fit() {
     };
     let next = presenter.swapchain(&again).unwrap();
     presenter.destroy(swapchain);
-    let pixels = picture(80, 48, 9);
+    let pixels = screen_picture(80, 48, 9);
     let (_, suboptimal) = presenter.frame(next, again.extent, &pixels, 0).unwrap();
     assert!(!suboptimal);
     assert!(window.shows(80, 48, &pixels));
@@ -260,7 +239,7 @@ fn windows_that_nobody_sees_hold_nobody_up() {
     let swapchain = presenter.swapchain(&chain).unwrap();
     let present = |seed| {
         presenter
-            .frame(swapchain, chain.extent, &picture(64, 64, seed), 0)
+            .frame(swapchain, chain.extent, &screen_picture(64, 64, seed), 0)
             .unwrap();
     };
     present(0);
@@ -279,7 +258,7 @@ fn windows_that_nobody_sees_hold_nobody_up() {
     );
     window.x.map_window(window.window).unwrap().check().unwrap();
     present(77);
-    assert!(window.shows(64, 64, &picture(64, 64, 77)));
+    assert!(window.shows(64, 64, &screen_picture(64, 64, 77)));
     presenter.destroy(swapchain);
 }
 
@@ -342,7 +321,7 @@ fn windows_that_die_are_lost_surfaces() {
             ..Chain::of(64, 64)
         };
         let swapchain = presenter.swapchain(&chain).unwrap();
-        let pixels = picture(64, 64, 1);
+        let pixels = screen_picture(64, 64, 1);
         presenter
             .frame(swapchain, chain.extent, &pixels, 0)
             .unwrap();
@@ -372,7 +351,7 @@ fn a_dead_server_ends_no_process_and_hangs_none() {
     };
     let chain = Chain::of(64, 64);
     let swapchain = presenter.swapchain(&chain).unwrap();
-    let pixels = picture(64, 64, 1);
+    let pixels = screen_picture(64, 64, 1);
     presenter
         .frame(swapchain, chain.extent, &pixels, 0)
         .unwrap();
@@ -427,7 +406,7 @@ fn a_dead_window_of_xlib_does_not_reach_its_error_handler() {
         };
         let chain = Chain::of(64, 64);
         let swapchain = presenter.swapchain(&chain).unwrap();
-        let pixels = picture(64, 64, 1);
+        let pixels = screen_picture(64, 64, 1);
         for _ in 0..3 {
             presenter
                 .frame(swapchain, chain.extent, &pixels, 0)
@@ -495,7 +474,7 @@ fn thousands_of_swapchains_leave_nothing_behind() {
         mode: vk::PresentModeKHR::IMMEDIATE,
         ..Chain::of(64, 64)
     };
-    let pixels = picture(64, 64, 5);
+    let pixels = screen_picture(64, 64, 5);
     let mut files = 0;
     for round in 0..10_000 {
         let swapchain = presenter.swapchain(&chain).unwrap();
