@@ -1,4 +1,4 @@
-//! The commands a person types: `cargo xtask demo | test | fuzz | bench | apps | chart | precision | profile | audit | vuids | env | run | info | install | uninstall | package`.
+//! The commands a person types: `cargo xtask demo | test | fuzz | bench | apps | chart | precision | watertight | profile | audit | vuids | env | run | info | install | uninstall | package`.
 
 mod apps;
 mod audit;
@@ -20,6 +20,7 @@ mod skips;
 mod slang;
 mod test;
 mod vuids;
+mod watertight;
 mod workspace;
 
 use std::process::ExitCode;
@@ -65,6 +66,8 @@ enum Command {
     Apps(apps::Options),
     /// Measure how exact the float functions are, and write docs/precision.md
     Precision(precision::Options),
+    /// Send rays at the seams of closed meshes, and count those that are lost
+    Watertight(watertight::Options),
     /// Draw accuracy against cost, where methods fail, and what specialisations bring
     Chart(chart::Options),
     /// Sample a workload with perf, and draw where its time goes as a flame graph
@@ -91,6 +94,7 @@ fn main() -> ExitCode {
         Command::Bench(options) => bench::bench(&options),
         Command::Apps(options) => apps::apps(&options),
         Command::Precision(options) => precision::precision(&options),
+        Command::Watertight(options) => watertight::watertight(&options),
         Command::Chart(options) => chart::chart(&options),
         Command::Profile(options) => profile::profile(&options),
         Command::Audit(options) => audit::audit(&options),

@@ -79,6 +79,38 @@ pub fn meet(ray: &Ray, triangle: &[[f32; 3]; 3]) -> Option<Crossing> {
     })
 }
 
+/// Which of -1, 0 and 1 an edge's determinant has for a sign, once the origin is moved by (ε, ε²,
+/// ε³).
+fn moved_sign(edge: &BigInt, direction: &Whole, from: &Whole, to: &Whole) -> i32 {
+    let sign = |value: &BigInt| i32::from(value.is_positive()) - i32::from(value.is_negative());
+    let step: Whole = std::array::from_fn(|i| &to[i] - &from[i]);
+    let slopes = normal(direction, &step);
+    let signs = std::iter::once(edge).chain(&slopes).map(sign);
+    signs.into_iter().find(|&sign| sign != 0).unwrap_or(0)
+}
+
+/// How many triangles a ray crosses after its origin; at edges and vertices, as the ray does whose
+/// origin is moved by an infinitesimal (ε, ε², ε³).
+pub fn crossings(mesh: &Mesh, ray: &Ray) -> usize {
+    let direction = ray.direction.map(whole);
+    let is_crossed = |triangle: [[f32; 3]; 3]| {
+        if is_beside(ray, &triangle) || meet(ray, &triangle).is_none_or(|found| found.t <= 0.0) {
+            return false;
+        }
+        let origin = ray.origin.map(whole);
+        let [a, b, c] = triangle.map(|vertex| {
+            let vertex = vertex.map(whole);
+            std::array::from_fn::<BigInt, 3, _>(|i| &vertex[i] - &origin[i])
+        });
+        let signs = [(&c, &b), (&a, &c), (&b, &a)]
+            .map(|(p, q)| moved_sign(&product(&direction, &normal(p, q)), &direction, p, q));
+        signs[0] != 0 && signs.iter().all(|&sign| sign == signs[0])
+    };
+    (0..mesh.indices.len())
+        .filter(|&index| is_crossed(mesh.triangle(index)))
+        .count()
+}
+
 /// Whether a triangle is so far beside a ray that f64 is sure of it.
 fn is_beside(ray: &Ray, triangle: &[[f32; 3]; 3]) -> bool {
     let (origin, direction) = (wide(ray.origin), wide(ray.direction));
@@ -94,8 +126,8 @@ fn is_beside(ray: &Ray, triangle: &[[f32; 3]; 3]) -> bool {
     above && below
 }
 
-/// The first triangle that a ray meets in its interval at a distance that f32 can say, and where; the
-/// first of equals.
+/// The first triangle that a ray meets in its interval at a distance that f32 can say, and where;
+/// the first of equals.
 pub fn nearest(mesh: &Mesh, ray: &Ray) -> Option<(usize, Crossing)> {
     let mut best: Option<(usize, Crossing)> = None;
     for index in 0..mesh.indices.len() {

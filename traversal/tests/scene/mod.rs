@@ -224,11 +224,15 @@ pub fn closest_with(walker: &mut Walker, top: &Bytes, ray: &Ray) -> Option<Hit> 
 
 /// Every candidate that is not opaque, none accepted.
 pub fn candidates(top: &Bytes, ray: &Ray) -> Vec<Hit> {
-    let mut walker = Walker::new();
+    candidates_with(&mut Walker::new(), top, ray)
+}
+
+/// As [`candidates`].
+pub fn candidates_with(walker: &mut Walker, top: &Bytes, ray: &Ray) -> Vec<Hit> {
     // SAFETY: the structures are alive.
     let mut walk = unsafe { Walk::new(top.address(), ray) };
     let mut found = Vec::new();
-    while walk.resume(&mut walker, Verdict::Continue, &mut u64::MAX.clone()) != Event::Done {
+    while walk.resume(walker, Verdict::Continue, &mut u64::MAX.clone()) != Event::Done {
         found.push(*walk.candidate());
     }
     found
