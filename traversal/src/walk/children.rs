@@ -4,9 +4,9 @@ use super::entry::Entry;
 use crate::layout::{NodeAt, WIDTH};
 use crate::structure::Structure;
 
-/// Nodes of a structure that does not fit a core's caches, so that children are worth fetching
-/// ahead.
-pub(super) const LARGE: u32 = 4096;
+/// Nodes of a structure that does not fit a core's second cache (with its leaves, some 800 KB), so
+/// that children are worth fetching ahead.
+pub(super) const LARGE: u32 = 256;
 
 /// Asks for the memory of the children in `mask`.
 #[inline(always)]
