@@ -68,6 +68,7 @@ pub struct Painting<'a> {
     pub depth_stencil: vk::PipelineDepthStencilStateCreateInfo<'a>,
     /// One a colour attachment.
     pub blend: Vec<vk::PipelineColorBlendAttachmentState>,
+    pub logic: Option<vk::LogicOp>,
     pub colors: Vec<vk::Format>,
     pub depth: vk::Format,
     pub stencil: vk::Format,
@@ -93,6 +94,7 @@ impl<'a> Painting<'a> {
             samples: 1,
             depth_stencil: vk::PipelineDepthStencilStateCreateInfo::default(),
             blend: vec![opaque()],
+            logic: None,
             colors: vec![color],
             depth: vk::Format::UNDEFINED,
             stencil: vk::Format::UNDEFINED,
@@ -321,7 +323,10 @@ impl Gpu {
             .scissor_count(1);
         let multisample = vk::PipelineMultisampleStateCreateInfo::default()
             .rasterization_samples(vk::SampleCountFlags::from_raw(painting.samples));
-        let blend = vk::PipelineColorBlendStateCreateInfo::default().attachments(&painting.blend);
+        let blend = vk::PipelineColorBlendStateCreateInfo::default()
+            .logic_op_enable(painting.logic.is_some())
+            .logic_op(painting.logic.unwrap_or_default())
+            .attachments(&painting.blend);
         let mut dynamic = vec![vk::DynamicState::VIEWPORT, vk::DynamicState::SCISSOR];
         dynamic.extend(&painting.dynamic);
         let dynamic = vk::PipelineDynamicStateCreateInfo::default().dynamic_states(&dynamic);
