@@ -105,6 +105,9 @@ fn others(mesh: &crate::scene::Mesh, rays: &[traversal::Ray], rounds: usize) -> 
     let settings = [
         ("obvhs Bvh2, fast", BvhBuildParams::fast_build()),
         ("obvhs Bvh2, medium", BvhBuildParams::medium_build()),
+        // The same with ever more of the tree put elsewhere.
+        ("obvhs Bvh2, slow", BvhBuildParams::slow_build()),
+        ("obvhs Bvh2, very slow", BvhBuildParams::very_slow_build()),
     ];
     settings
         .into_iter()

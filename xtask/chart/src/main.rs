@@ -16,12 +16,20 @@ mod triangles;
 mod walks;
 mod workload;
 
+#[path = "../../bench/src/traversal/embree.rs"]
+#[allow(dead_code, reason = "the bench needs more of it")]
+mod embree;
 #[path = "../../../traversal/tests/scene/exact.rs"]
 mod exact;
 #[path = "../../../traversal/tests/scene/hard.rs"]
 mod hard;
 #[path = "../../../traversal/tests/scene/mod.rs"]
 mod scene;
+
+/// What [`embree`] builds from.
+mod mesh {
+    pub use crate::scene::Mesh;
+}
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -49,6 +57,9 @@ struct Options {
     /// How many workloads `switches` runs at once, each on a processor of its own [default: one on each processor]
     #[arg(long, value_name = "N")]
     jobs: Option<usize>,
+    /// Embree 4's library for the maps of `stability`, if it is not found by itself
+    #[arg(long, value_name = "PATH")]
+    embree: Option<PathBuf>,
     /// Drivers' manifests; the first is Tuff's
     #[arg(long = "icd", value_name = "MANIFEST")]
     icds: Vec<PathBuf>,

@@ -11,6 +11,7 @@ use canvas::{Cell, HeatMap, save, short};
 use traversal::{Accuracy, Ray};
 
 use crate::Options;
+use crate::embree::{Embree, Quality};
 use crate::hard::{CASES, Case, Hard, fault};
 use crate::report::Report;
 use crate::triangles::Test;
@@ -39,9 +40,11 @@ enum Method {
     /// Every triangle is tested.
     Tests(Test),
     Walk(fn(&crate::scene::Mesh) -> Engine),
+    /// Embree, robust or not; left out where it is not there.
+    Embree(bool),
 }
 
-const METHODS: [(&str, Method); 9] = [
+const METHODS: [(&str, Method); 11] = [
     ("Möller–Trumbore f32", Method::Tests(Test::MollerTrumbore)),
     (
         "Möller–Trumbore f64",
@@ -55,6 +58,8 @@ const METHODS: [(&str, Method); 9] = [
     ),
     ("walk: obvhs Bvh2", Method::Walk(Engine::bvh2)),
     ("walk: obvhs CwBvh", Method::Walk(Engine::cwbvh)),
+    ("walk: Embree", Method::Embree(false)),
+    ("walk: Embree robust", Method::Embree(true)),
     (
         "walk: Tuff",
         Method::Walk(|mesh| Engine::accurate(mesh, Accuracy::Spec)),
@@ -67,7 +72,7 @@ const METHODS: [(&str, Method); 9] = [
 
 impl Method {
     /// How many answers are wrong; `None` if it fails altogether.
-    fn wrong(&self, hard: &Hard) -> Option<usize> {
+    fn wrong(&self, hard: &Hard, embree: Option<&Embree>) -> Option<usize> {
         let faults = |answer: &mut dyn FnMut(&Ray) -> Option<f32>| {
             let wrong = |(ray, truth): &&(Ray, Option<f64>)| fault(answer(ray), *truth).is_some();
             hard.rays.iter().filter(wrong).count()
@@ -86,6 +91,16 @@ impl Method {
                 faults(&mut |ray| engine.closest(ray))
             }))
             .ok(),
+            Method::Embree(robust) => {
+                let mut mesh = hard.mesh.clone();
+                // Embree may read some bytes behind the last vertex.
+                mesh.vertices.push([0.0; 3]);
+                let built = embree?.build(&mesh, Quality::Medium, *robust).ok()?;
+                Some(faults(&mut |ray| match built.closest(&[*ray]) {
+                    (0, _) => None,
+                    (_, t) => Some(t as f32),
+                }))
+            }
         }
     }
 }
@@ -144,15 +159,25 @@ impl Map {
     }
 }
 
-fn case(case: &Case, options: &Options, report: &mut Report) -> Result<()> {
+fn case(
+    case: &Case,
+    options: &Options,
+    embree: Option<&Embree>,
+    report: &mut Report,
+) -> Result<()> {
     let rays = if options.quick { 100 } else { 1_000 };
-    let names: Vec<&str> = METHODS.iter().map(|(name, _)| *name).collect();
+    let is_there = |method: &Method| embree.is_some() || !matches!(method, Method::Embree(_));
+    let methods: Vec<_> = METHODS
+        .iter()
+        .filter(|(_, method)| is_there(method))
+        .collect();
+    let names: Vec<&str> = methods.iter().map(|(name, _)| *name).collect();
     let mut map = Map::new(case.name, case.title, case.across, &names);
     for &column in case.columns {
         let hard = case.make(column, rays);
-        let found: Vec<Option<(usize, usize)>> = METHODS
+        let found: Vec<Option<(usize, usize)>> = methods
             .iter()
-            .map(|(_, method)| Some((method.wrong(&hard)?, hard.rays.len())))
+            .map(|(_, method)| Some((method.wrong(&hard, embree)?, hard.rays.len())))
             .collect();
         map.column(report, short(column), &found);
     }
@@ -163,7 +188,10 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
     // A library's panic is a result here, and needs no text of its own.
     let quiet = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| {}));
-    let done = CASES.iter().try_for_each(|one| case(one, options, report));
+    let embree = Embree::open(options.embree.as_deref())?;
+    let done = CASES
+        .iter()
+        .try_for_each(|one| case(one, options, embree.as_ref(), report));
     std::panic::set_hook(quiet);
     done?;
     crossings::measure(options, report)?;
