@@ -268,20 +268,20 @@ fn rays(random: &mut Random, top: u64) -> RayRows {
 }
 
 /// Walks in every way, and asks about what was hit.
-fn walk(walker: &mut Walker, live: &Live, rows: &RayRows, company: &mut Company) {
+fn walk(walker: &mut Walker, live: &Live, rows: &RayRows, suspended: &mut SuspendedPacket) {
     let mut hits = HitRows::default();
     // SAFETY, here and below: the arena is alive, and where walks look.
-    let mut progress = unsafe { walker.set_out(rows, u16::MAX, &mut hits, company) };
+    let mut progress = unsafe { walker.set_out(rows, u16::MAX, &mut hits, suspended) };
     for _ in 0..100 {
         if progress != Progress::Candidates {
             break;
         }
-        let asked = company.candidates().found;
+        let asked = suspended.candidates().found;
         for lane in (0..PACKET).filter(|lane| asked >> lane & 1 != 0) {
-            company.accept(1 << lane, &mut hits);
+            suspended.accept(1 << lane, &mut hits);
         }
         // SAFETY: as above.
-        progress = unsafe { walker.go_on(rows, &mut hits, company) };
+        progress = unsafe { walker.go_on(rows, &mut hits, suspended) };
     }
     let top = rows.top_level[0];
     for lane in (0..PACKET).filter(|lane| hits.found >> lane & 1 != 0) {
@@ -347,13 +347,13 @@ fn scribbled(tier: Tier, seed: u64) {
             let stop = &stop;
             scope.spawn(move || arena.scribble(seed + writer, stop));
         }
-        let (mut random, mut company) = (Random(seed + 9), Company::default());
+        let (mut random, mut suspended) = (Random(seed + 9), SuspendedPacket::default());
         let mut room = Bytes::new(1 << 20);
         let until = Instant::now() + TIME;
         while Instant::now() < until {
             for top in arena.tops() {
                 for _ in 0..4 {
-                    walk(&mut walker, live, &rays(&mut random, top), &mut company);
+                    walk(&mut walker, live, &rays(&mut random, top), &mut suspended);
                 }
                 stream(&mut walker, live, &rays(&mut random, top));
             }

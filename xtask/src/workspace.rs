@@ -37,7 +37,7 @@ pub fn build_release(packages: &[&str]) -> Result<()> {
 }
 
 /// Packages that are built together share their dependencies with the features of all of them, so that the driver would be built
-/// again whenever its company changes. One at a time, each is built once.
+/// again whenever it is built with others. One at a time, each is built once.
 fn build_command(package: &str) -> Command {
     let mut cargo = cargo();
     cargo.args(["build", "--release", "--package", package]);

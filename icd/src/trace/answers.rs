@@ -2,7 +2,7 @@
 
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row, SiteKind};
-use traversal::{Company, Hit, Verdict, Walk};
+use traversal::{Hit, SuspendedPacket, Verdict, Walk};
 
 use super::batch::{Batch, Worker};
 use super::rays::{RayGroup, Report, alike, hit_record_index, operand, record_indices};
@@ -150,7 +150,7 @@ impl Batch<'_> {
     ) -> Result<(), Stopped> {
         let subgroup = &self.worker.subgroups[index];
         let group = subgroup.of[0].index();
-        if subgroup.is_in_place && self.worker.ray_groups[group].company.is_some() {
+        if subgroup.is_in_place && self.worker.ray_groups[group].packet.is_some() {
             return self.report_together(index, group, lanes, attribute_words);
         }
         if let Some(traced) = self.dispatch.checks {
@@ -161,7 +161,7 @@ impl Batch<'_> {
             subgroups,
             ray_groups,
             walks,
-            companies,
+            packets,
             records,
             ..
         } = &mut *self.worker;
@@ -177,7 +177,7 @@ impl Batch<'_> {
             let group = &mut ray_groups[ray.index()];
             let t = f32::from_bits(numbers[0].0[lane]);
             let hit_kind = numbers[1].0[lane] as u8;
-            let decider = Decider::of(group, subgroups, walks, companies, ray.lane());
+            let decider = Decider::of(group, subgroups, walks, packets, ray.lane());
             if !decider.is_inside(t) || group.over >> ray.lane() & 1 != 0 {
                 continue;
             }
@@ -210,7 +210,7 @@ impl Batch<'_> {
                     attribute[ray.lane()] = row.0[lane];
                 }
             }
-            let over = commit(group, walks, companies, ray.lane(), (t, hit_kind));
+            let over = commit(group, walks, packets, ray.lane(), (t, hit_kind));
             verdicts[lane] = if over { 2 } else { 1 };
         }
         let row = &mut subgroups[index].rows[io].0;
@@ -246,7 +246,7 @@ impl Batch<'_> {
         let Worker {
             subgroups,
             ray_groups,
-            companies,
+            packets,
             records,
             ..
         } = &mut *self.worker;
@@ -256,23 +256,23 @@ impl Batch<'_> {
         let (t, kinds) = (numbers[0].0.map(f32::from_bits), &numbers[1].0);
         let words = &words[..attribute_words];
         let group = &mut ray_groups[group_index];
-        let Some(company) = group.company.map(|place| &mut companies[place]) else {
+        let Some(packet) = group.packet.map(|place| &mut packets[place]) else {
             return Ok(());
         };
         let operands = group.operands(subgroups);
-        let (t_min, t_max) = (&operands[operand::T_MIN].0, company.t_max());
+        let (t_min, t_max) = (&operands[operand::T_MIN].0, packet.t_max());
         let (mut counts, mut opaque) = (0, 0);
         for lane in 0..SUBGROUP_SIZE {
             // Written so that a NaN is outside.
             let inside = (t[lane] >= f32::from_bits(t_min[lane])) & (t[lane] <= t_max[lane]);
             counts |= u16::from(inside) << lane;
-            opaque |= u16::from(company.candidates().is_opaque(lane)) << lane;
+            opaque |= u16::from(packet.candidates().is_opaque(lane)) << lane;
         }
         counts &= lanes & !group.over;
         let mut callee = None;
         if counts & !opaque != 0 {
             let lane = lanes.trailing_zeros() as usize % SUBGROUP_SIZE;
-            let record = record_indices(company.candidates(), operands)[lane];
+            let record = record_indices(packet.candidates(), operands)[lane];
             callee = (records.find(shaders, &self.dispatch.tables.hit, record))
                 .and_then(|(group, record)| Some((group.any_hit?, Role::AnyHitOfReport, record)));
         }
@@ -289,7 +289,7 @@ impl Batch<'_> {
                     copy_lanes(attribute, &row.0, committed);
                 }
             }
-            if company.report_all(committed, &t, kinds, &mut group.hits) {
+            if packet.report_all(committed, &t, kinds, &mut group.hits) {
                 verdict = 2;
             }
         }
@@ -331,7 +331,7 @@ impl Batch<'_> {
             let over = commit(
                 group,
                 &mut worker.walks,
-                &mut worker.companies,
+                &mut worker.packets,
                 lane,
                 reported,
             );
@@ -431,7 +431,7 @@ impl Batch<'_> {
             accepted |= u16::from(decision != 1) << lane;
             over |= u16::from(decision > 1) << lane;
         }
-        if group.company.is_some() {
+        if group.packet.is_some() {
             group.over |= over & lanes;
             if accepted & lanes != 0 {
                 self.accept(index, accepted & lanes);
@@ -488,14 +488,14 @@ impl Decider {
         group: &RayGroup,
         subgroups: &Slab<Subgroup>,
         walks: &Slab<Walk>,
-        companies: &Slab<Box<Company>>,
+        packets: &Slab<Box<SuspendedPacket>>,
         lane: usize,
     ) -> Decider {
         let t_min = group.operands(subgroups)[operand::T_MIN].0[lane];
-        let (candidate, t_max) = match group.company {
+        let (candidate, t_max) = match group.packet {
             Some(place) => {
-                let company = &companies[place];
-                (company.candidates().hit(lane), company.t_max()[lane])
+                let packet = &packets[place];
+                (packet.candidates().hit(lane), packet.t_max()[lane])
             }
             None => {
                 let walk = &walks[group.walks[lane]];
@@ -519,12 +519,12 @@ impl Decider {
 fn commit(
     group: &mut RayGroup,
     walks: &mut Slab<Walk>,
-    companies: &mut Slab<Box<Company>>,
+    packets: &mut Slab<Box<SuspendedPacket>>,
     lane: usize,
     (t, hit_kind): (f32, u8),
 ) -> bool {
-    match group.company {
-        Some(place) => companies[place].report(lane, t, hit_kind, &mut group.hits),
+    match group.packet {
+        Some(place) => packets[place].report(lane, t, hit_kind, &mut group.hits),
         None => walks[group.walks[lane]].commit_procedural(t, hit_kind),
     }
 }

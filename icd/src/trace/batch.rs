@@ -10,7 +10,7 @@
 
 use spirv_jit::program::{AlignedRow, Event, ResumePoint, SiteKind, Wave};
 use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
-use traversal::{Company, Event as WalkEvent, RayRows, Walk, Walker};
+use traversal::{Event as WalkEvent, RayRows, SuspendedPacket, Walk, Walker};
 
 use super::Dispatch;
 use super::calls::{Calls, Records};
@@ -46,9 +46,9 @@ pub struct Worker {
     /// Walks that wait for a shader.
     pub(super) walks: Slab<Walk>,
     /// Rays that wait together.
-    pub(super) companies: Slab<Box<Company>>,
+    pub(super) packets: Slab<Box<SuspendedPacket>>,
     /// Rays that set out together.
-    pub(super) company: Box<Company>,
+    pub(super) packet: Box<SuspendedPacket>,
     /// The rays that are being started.
     pub(super) rays: RayRows,
     pub(super) records: Records,
@@ -65,8 +65,8 @@ impl Default for Worker {
             subgroups: Slab::default(),
             ray_groups: Slab::default(),
             walks: Slab::default(),
-            companies: Slab::default(),
-            company: Box::default(),
+            packets: Slab::default(),
+            packet: Box::default(),
             rays: RayRows::NONE,
             records: Records::default(),
             spare_rows: Vec::new(),
@@ -132,7 +132,7 @@ impl<'a> Batch<'a> {
         worker.subgroups.clear();
         worker.ray_groups.clear();
         worker.walks.clear();
-        worker.companies.clear();
+        worker.packets.clear();
         worker.records = Records::default();
         worker.queries.clear();
         worker.walker.dismiss();
@@ -260,7 +260,7 @@ impl<'a> Batch<'a> {
             subgroups: &self.worker.subgroups,
             ray_groups: &self.worker.ray_groups,
             walks: &self.worker.walks,
-            companies: &self.worker.companies,
+            packets: &self.worker.packets,
         };
         sources.fill(program, subgroup, records, &mut rows);
         self.worker.subgroups[index].rows = rows;

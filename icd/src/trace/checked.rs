@@ -42,10 +42,10 @@ impl Batch<'_> {
         let Worker {
             subgroups,
             walks,
-            companies,
+            packets,
             ..
         } = worker;
-        let decider = Decider::of(group, subgroups, walks, companies, ray.lane());
+        let decider = Decider::of(group, subgroups, walks, packets, ray.lane());
         let candidate = &decider.candidate;
         let counts = decider.is_inside(t) && group.over >> ray.lane() & 1 == 0;
         if counts && !candidate.opaque {

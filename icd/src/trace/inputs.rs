@@ -4,7 +4,7 @@ use std::cell::OnceCell;
 
 use spirv_jit::program::{AlignedRow, Builtin, IO_DATA_ROW, InputRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
-use traversal::{Company, Hit, HitRows, Structure, Swept, Walk};
+use traversal::{Hit, HitRows, Structure, SuspendedPacket, Swept, Walk};
 
 use super::Dispatch;
 use super::rays::{Operands, RayGroup, Report, operand, structure_in, to_object};
@@ -20,7 +20,7 @@ pub struct Sources<'a> {
     pub subgroups: &'a Slab<Subgroup>,
     pub ray_groups: &'a Slab<RayGroup>,
     pub walks: &'a Slab<Walk>,
-    pub companies: &'a Slab<Box<Company>>,
+    pub packets: &'a Slab<Box<SuspendedPacket>>,
 }
 
 /// Per lane; of lanes that were not started, anything.
@@ -140,7 +140,7 @@ enum Subject<'a> {
     /// What was found in the end, or nothing.
     Hits,
     /// Candidates of rays that walk together, each in its own lane.
-    Together(&'a Company),
+    Together(&'a SuspendedPacket),
     /// Candidates, and where their rays' intervals end.
     Candidates(Lanes<(Hit, f32)>),
 }
@@ -148,17 +148,17 @@ enum Subject<'a> {
 impl<'a> Subject<'a> {
     fn new(sources: &Sources<'a>, subgroup: &Subgroup, rays: &Rays<'a>) -> Self {
         if let Rays::InPlace(group, _) = rays
-            && let Some(place) = group.company
+            && let Some(place) = group.packet
         {
-            return Self::Together(&sources.companies[place]);
+            return Self::Together(&sources.packets[place]);
         }
         Self::Candidates(std::array::from_fn(|i| {
             let (group, lane) = (rays.group(i), subgroup.of[i].lane());
-            match group.company {
+            match group.packet {
                 _ if subgroup.lanes >> i & 1 == 0 => (Hit::NONE, 0.0),
                 Some(place) => {
-                    let company = &sources.companies[place];
-                    (company.candidates().hit(lane), company.t_max()[lane])
+                    let packet = &sources.packets[place];
+                    (packet.candidates().hit(lane), packet.t_max()[lane])
                 }
                 None => {
                     let walk = &sources.walks[group.walks[lane]];
@@ -270,7 +270,7 @@ impl<'a> HitLanes<'a> {
     fn hit(&self, lane: usize) -> Hit {
         match &self.subject {
             Subject::Candidates(candidates) => candidates[lane].0,
-            Subject::Together(company) => company.candidates().hit(lane),
+            Subject::Together(packet) => packet.candidates().hit(lane),
             Subject::Hits => {
                 let hits = &self.rays.group(lane).hits;
                 hits.get(self.lane(lane)).unwrap_or(Hit::NONE)
@@ -294,9 +294,7 @@ impl<'a> HitLanes<'a> {
             Subject::Candidates(candidates) => {
                 std::array::from_fn(|lane| candidate(&candidates[lane].0))
             }
-            Subject::Together(company) => {
-                std::array::from_fn(|lane| row(company.candidates(), lane))
-            }
+            Subject::Together(packet) => std::array::from_fn(|lane| row(packet.candidates(), lane)),
             Subject::Hits => match &self.rays {
                 Rays::InPlace(group, _) => std::array::from_fn(|lane| row(&group.hits, lane)),
                 Rays::Spread(groups, _) => {
@@ -327,7 +325,7 @@ impl<'a> HitLanes<'a> {
     /// What was hit, where that is in rows.
     fn hit_rows(&self) -> Option<&'a HitRows> {
         match (&self.subject, &self.rays) {
-            (Subject::Together(company), _) => Some(company.candidates()),
+            (Subject::Together(packet), _) => Some(packet.candidates()),
             (Subject::Hits, Rays::InPlace(group, _)) => Some(&group.hits),
             _ => None,
         }
@@ -354,7 +352,7 @@ impl<'a> HitLanes<'a> {
                 Subject::Candidates(candidates) => Some(&candidates[lane].0)
                     .filter(|hit| hit.is_built_in())
                     .map(|hit| hit.barycentrics),
-                Subject::Together(company) => weights(company.candidates(), lane),
+                Subject::Together(packet) => weights(packet.candidates(), lane),
                 Subject::Hits => weights(&group.hits, from),
             };
             if let Some(weights) = built_in {
@@ -510,8 +508,8 @@ impl<'a> HitLanes<'a> {
             (Role::Intersection, Subject::Candidates(candidates)) => {
                 Some(std::array::from_fn(|lane| candidates[lane].1.to_bits()))
             }
-            (Role::Intersection, Subject::Together(company)) => {
-                Some(company.t_max().map(f32::to_bits))
+            (Role::Intersection, Subject::Together(packet)) => {
+                Some(packet.t_max().map(f32::to_bits))
             }
             _ => self.of_hits(|hits, lane| hits.t[lane].to_bits(), |hit| hit.t.to_bits()),
         }

@@ -67,7 +67,7 @@ pub struct RayGroup {
     /// Lanes whose search an any-hit shader has ended.
     pub over: u16,
     /// Where rays that walk together wait for decisions; there they are all.
-    pub company: Option<u32>,
+    pub packet: Option<u32>,
     /// Lanes that wait for decisions, each at a candidate of its walk, where rays walk singly.
     pub asked: u16,
     /// What was decided there.
@@ -91,7 +91,7 @@ impl RayGroup {
         self.io = io;
         self.in_flight = lanes;
         self.over = 0;
-        self.company = None;
+        self.packet = None;
         self.fills_hit_object = false;
         self.has_time = false;
         self.is_recorded = false;

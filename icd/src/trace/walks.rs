@@ -31,7 +31,7 @@ impl Batch<'_> {
         while !self.going_on.is_empty() {
             let going_on = std::mem::take(&mut self.going_on);
             for &group in &going_on {
-                match self.worker.ray_groups[group].company {
+                match self.worker.ray_groups[group].packet {
                     Some(_) => self.go_on_together(group)?,
                     None => self.go_on_singly(group)?,
                 }
@@ -51,7 +51,7 @@ impl Batch<'_> {
             rays,
             ray_groups,
             subgroups,
-            company,
+            packet,
             ..
         } = &mut *self.worker;
         let group = &mut ray_groups[index];
@@ -61,9 +61,9 @@ impl Batch<'_> {
         // Together, rays may find another first hit: no shader is to see that.
         if !shows_first_hit(operands, lanes, group.fills_hit_object) {
             // SAFETY: as below.
-            let progress = unsafe { walker.set_out(rays, lanes, &mut group.hits, company) };
+            let progress = unsafe { walker.set_out(rays, lanes, &mut group.hits, packet) };
             if progress != Progress::Apart {
-                return self.heed_company(index, progress);
+                return self.heed_packet(index, progress);
             }
         }
         let mut events: SmallVec<[(usize, Event); PACKET]> = SmallVec::new();

@@ -84,9 +84,29 @@ pub struct GivenList {
 const FORMATS: [VertexFormat; 23] = {
     use VertexFormat::*;
     [
-        F32x2, F32x3, F32x4, F16x2, F16x3, F16x4, F64x2, F64x3, F64x4, Snorm8x2, Snorm8x3,
-        Snorm8x4, Unorm8x2, Unorm8x3, Unorm8x4, Snorm16x2, Snorm16x3, Snorm16x4, Unorm16x2,
-        Unorm16x3, Unorm16x4, Unorm10x3A2, Snorm10x3A2,
+        F32x2,
+        F32x3,
+        F32x4,
+        F16x2,
+        F16x3,
+        F16x4,
+        F64x2,
+        F64x3,
+        F64x4,
+        Snorm8x2,
+        Snorm8x3,
+        Snorm8x4,
+        Unorm8x2,
+        Unorm8x3,
+        Unorm8x4,
+        Snorm16x2,
+        Snorm16x3,
+        Snorm16x4,
+        Unorm16x2,
+        Unorm16x3,
+        Unorm16x4,
+        Unorm10x3A2,
+        Snorm10x3A2,
     ]
 };
 
@@ -102,7 +122,8 @@ impl GivenList {
     pub fn repeat(&mut self, times: u8) {
         let once = self.vertices.clone();
         for i in 0..times % 16 {
-            self.vertices.extend(once.iter().map(|byte| byte ^ i.wrapping_mul(37)));
+            self.vertices
+                .extend(once.iter().map(|byte| byte ^ i.wrapping_mul(37)));
         }
     }
 
@@ -210,7 +231,12 @@ pub fn placed(records: &[Record], flags: u32) -> Exact {
         live: &EVERYWHERE,
     };
     let count = records.len() as u32;
-    built(Kind::Instances, flags, Geometries::Instances(source), &[count])
+    built(
+        Kind::Instances,
+        flags,
+        Geometries::Instances(source),
+        &[count],
+    )
 }
 
 /// A top level of one structure.
@@ -312,27 +338,27 @@ pub fn walked_together(top: &Exact, rays: &[Ray], fuel: u64) {
             ray.origin[lane % 3] += lane as f32 / 512.0;
             rows.set(lane, top.address(), &ray, 0.0);
         }
-        let (mut hits, mut company) = (HitRows::default(), Company::default());
+        let (mut hits, mut suspended) = (HitRows::default(), SuspendedPacket::default());
         // SAFETY: the structures are alive, here and below.
-        let mut progress = unsafe { walker.set_out(&rows, u16::MAX, &mut hits, &mut company) };
+        let mut progress = unsafe { walker.set_out(&rows, u16::MAX, &mut hits, &mut suspended) };
         while progress == Progress::Candidates {
-            let asked = company.candidates().found;
+            let asked = suspended.candidates().found;
             for lane in (0..PACKET).filter(|lane| asked >> lane & 1 != 0) {
-                if company.candidates().hit(lane).is_built_in() {
-                    company.accept(1 << lane, &mut hits);
+                if suspended.candidates().hit(lane).is_built_in() {
+                    suspended.accept(1 << lane, &mut hits);
                 } else {
-                    let t = company.t_max()[lane];
-                    company.report(lane, t, 0, &mut hits);
+                    let t = suspended.t_max()[lane];
+                    suspended.report(lane, t, 0, &mut hits);
                 }
             }
             // SAFETY: as above.
-            progress = unsafe { walker.go_on(&rows, &mut hits, &mut company) };
+            progress = unsafe { walker.go_on(&rows, &mut hits, &mut suspended) };
         }
         if let Progress::Parted(lanes) = progress {
             for lane in (0..PACKET).filter(|lane| lanes >> lane & 1 != 0) {
                 let mut walk = Walk::default();
                 // SAFETY: as above.
-                unsafe { company.part(lane, &rows, &hits, &mut walk) };
+                unsafe { suspended.part(lane, &rows, &hits, &mut walk) };
                 together.suspend(0, lane, &mut walk, Event::AnyHitCandidate);
             }
         }

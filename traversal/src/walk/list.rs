@@ -2,7 +2,6 @@
 
 use super::beams::Given;
 use super::children::LARGE;
-use super::company::{Company, Progress};
 use super::entry::Entry;
 use super::kernel::Kernel;
 use super::level::{Entered, only_instance};
@@ -11,6 +10,7 @@ use super::options::Specialisation;
 use super::packet;
 use super::portable::Portable;
 use super::rows::{HitRows, RayRows, lanes_of};
+use super::suspended_packet::{Progress, SuspendedPacket};
 use super::{Event, PACKET, State, Verdict, Walk, Walker, run};
 use crate::layout::instance_state;
 use crate::ray::ray_flags;
@@ -63,7 +63,7 @@ impl Walker {
         unsafe { self.packet(rays, lanes, hits, None) == Progress::Done }
     }
 
-    /// Traces rays that start near each other and go the same way. Where they meet triangles that are not opaque, or boxes, `company` keeps
+    /// Traces rays that start near each other and go the same way. Where they meet triangles that are not opaque, or boxes, `suspended` keeps
     /// them until that is decided. With [`Progress::Apart`] each ray has to start by itself.
     ///
     /// # Safety
@@ -73,10 +73,10 @@ impl Walker {
         rays: &RayRows,
         lanes: u16,
         hits: &mut HitRows,
-        company: &mut Company,
+        suspended: &mut SuspendedPacket,
     ) -> Progress {
         // SAFETY: the caller's promise.
-        unsafe { self.packet(rays, lanes, hits, Some(company)) }
+        unsafe { self.packet(rays, lanes, hits, Some(suspended)) }
     }
 
     /// Goes on with the same rays after all candidates were decided on.
@@ -87,10 +87,10 @@ impl Walker {
         &mut self,
         rays: &RayRows,
         hits: &mut HitRows,
-        company: &mut Company,
+        suspended: &mut SuspendedPacket,
     ) -> Progress {
         // SAFETY: the caller's promise.
-        unsafe { packet::resume(rays, hits, self, company) }
+        unsafe { packet::resume(rays, hits, self, suspended) }
     }
 
     /// # Safety
@@ -100,11 +100,11 @@ impl Walker {
         rays: &RayRows,
         lanes: u16,
         hits: &mut HitRows,
-        company: Option<&mut Company>,
+        suspended: Option<&mut SuspendedPacket>,
     ) -> Progress {
         if self.takes_packets() {
             // SAFETY: the caller's promise.
-            return unsafe { packet::run(rays, lanes, hits, self, company) };
+            return unsafe { packet::run(rays, lanes, hits, self, suspended) };
         }
         Progress::Apart
     }

@@ -28,7 +28,6 @@ mod beams;
 #[cfg(target_arch = "x86_64")]
 mod block;
 mod children;
-mod company;
 mod decide;
 mod descend;
 mod enlist;
@@ -57,6 +56,7 @@ mod sight;
 mod space;
 #[cfg(target_arch = "x86_64")]
 mod stream;
+mod suspended_packet;
 mod swept;
 mod test_leaf;
 mod triangle;
@@ -64,7 +64,6 @@ mod walk_opaque;
 mod walker;
 
 use crate::ray::{Hit, Ray, ray_flags};
-pub use company::{Company, Progress};
 pub use enlist::Caller;
 use entry::Entry;
 use level::Entered;
@@ -72,6 +71,7 @@ pub use list::List;
 pub use options::{Accuracy, Options, Specialisation, Switches};
 pub use probe::TriangleTest;
 pub use rows::{HitRows, Lanes, RayRows, Words};
+pub use suspended_packet::{Progress, SuspendedPacket};
 pub use walker::Walker;
 
 /// Rays that [`Walker::trace`] takes, at most.

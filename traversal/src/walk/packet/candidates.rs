@@ -12,11 +12,11 @@ use crate::layout::{Block, GROUP, LEAF_TRIANGLES, TriangleGroup, child, geometry
 use crate::ray::Hit;
 use crate::structure::Structure;
 use crate::walk::PACKET;
-use crate::walk::company::Standing;
 use crate::walk::decide::Rim;
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::rows::{HitRows, Lanes};
+use crate::walk::suspended_packet::Standing;
 use crate::walk::triangle::intersect;
 
 /// Tests the opaque triangles of a leaf, and notes at which others rays have to look.

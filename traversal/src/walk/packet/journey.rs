@@ -1,4 +1,4 @@
-//! From instance to instance, and where a company keeps the rays.
+//! From instance to instance, and where a suspended packet keeps the rays.
 
 use super::kernel::PacketKernel;
 use super::{Packet, PacketSpace};
@@ -6,9 +6,9 @@ use crate::layout::{child, geometry_word};
 use crate::ray::Hit;
 use crate::structure::Kind;
 use crate::walk::Walker;
-use crate::walk::company::{Progress, Standing};
 use crate::walk::facts::InstanceFacts;
 use crate::walk::rows::HitRows;
+use crate::walk::suspended_packet::{Progress, Standing};
 
 /// What becomes of an instance.
 pub(super) enum Entering {
@@ -127,7 +127,7 @@ impl Packet<'_> {
         let Some(record) = top.structure.instance(index) else {
             return Entering::Nothing;
         };
-        let asks = again || self.company.is_some();
+        let asks = again || self.suspended.is_some();
         let way = match bottom.structure.kind() {
             Kind::Triangles if instance.takes_all => Way::Opaque,
             Kind::Triangles if instance.is_plain && asks => Way::Mixed,
@@ -146,7 +146,7 @@ impl Packet<'_> {
     }
 
     /// Takes rays through the instance that they have entered, from the leaf on at which they stand. Whether they stand at candidates
-    /// now, and the company keeps them.
+    /// now, and a [`SuspendedPacket`](crate::walk::SuspendedPacket) keeps them.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.
@@ -204,10 +204,10 @@ impl Packet<'_> {
         standing: &mut Standing,
     ) -> bool {
         let (live, structure) = (self.live(), &walker.bottom.structure);
-        let Some(company) = self.company.as_deref_mut() else {
+        let Some(suspended) = self.suspended.as_deref_mut() else {
             return false;
         };
-        let (rays, candidates) = (&walker.packet.rays, &mut company.candidates);
+        let (rays, candidates) = (&walker.packet.rays, &mut suspended.candidates);
         // SAFETY: the caller's promise.
         unsafe {
             K::next_candidates(
@@ -220,10 +220,10 @@ impl Packet<'_> {
                 candidates,
             );
         }
-        if company.candidates.found == 0 {
+        if suspended.candidates.found == 0 {
             return false;
         }
-        company.leaf = *standing;
+        suspended.leaf = *standing;
         self.keep(walker, instance);
         true
     }
@@ -239,7 +239,7 @@ impl Packet<'_> {
         lanes: u16,
     ) -> bool {
         let entry = walker.bottom.structure.box_entry(word & child::INDEX);
-        let (Some(company), Some(entry)) = (self.company.as_deref_mut(), entry) else {
+        let (Some(suspended), Some(entry)) = (self.suspended.as_deref_mut(), entry) else {
             return false;
         };
         let Some(opaque) = facts.opacity(entry.geometry) else {
@@ -251,32 +251,32 @@ impl Packet<'_> {
             opaque,
             ..facts.hit()
         };
-        company.candidates.found = 0;
-        company.candidates.set_box(lanes, &hit, &self.rays.t_min);
-        company.leaf = Standing::NOWHERE;
+        suspended.candidates.found = 0;
+        suspended.candidates.set_box(lanes, &hit, &self.rays.t_min);
+        suspended.leaf = Standing::NOWHERE;
         self.keep(walker, instance);
         true
     }
 
-    /// Leaves the rays to the company.
+    /// Leaves the rays to the suspended packet.
     fn keep(&mut self, walker: &Walker, instance: (u32, u16)) {
         let live = self.live();
-        let Some(company) = self.company.as_deref_mut() else {
+        let Some(suspended) = self.suspended.as_deref_mut() else {
             return;
         };
         if !self.has_asked {
-            company.started = self.lanes;
+            suspended.started = self.lanes;
         }
-        company.lanes = self.lanes;
-        company.any = self.any;
-        company.patience = self.patience;
-        company.found = self.found.clone();
-        company.instance = Some(instance);
+        suspended.lanes = self.lanes;
+        suspended.any = self.any;
+        suspended.patience = self.patience;
+        suspended.found = self.found.clone();
+        suspended.instance = Some(instance);
         match crate::walk::level::only_instance(&walker.top) {
-            Some(_) => company.top.clear(),
-            None => walker.packet.top.save(live, &mut company.top),
+            Some(_) => suspended.top.clear(),
+            None => walker.packet.top.save(live, &mut suspended.top),
         }
-        walker.packet.bottom.save(live, &mut company.bottom);
+        walker.packet.bottom.save(live, &mut suspended.bottom);
     }
 
     /// Each ray goes by itself from here on: in an instance first, with what is pending there.

@@ -6,11 +6,11 @@ use crate::layout::{InstanceRecord, NodeAt, TriangleGroup, WIDTH};
 use crate::structure::Structure;
 use crate::walk::Walker;
 use crate::walk::beams::Given;
-use crate::walk::company::{Company, Progress, Standing};
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::level::Level;
 use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
+use crate::walk::suspended_packet::{Progress, Standing, SuspendedPacket};
 
 /// The tests of packets with one instruction set, and the functions that are made of them.
 ///
@@ -160,7 +160,7 @@ pub(super) trait PacketKernel: Sized {
         lanes: u16,
         hits: &mut HitRows,
         walker: &mut Walker,
-        company: Option<&mut Company>,
+        suspended: Option<&mut SuspendedPacket>,
     ) -> Progress;
 
     /// [`super::go_on`].
@@ -171,7 +171,7 @@ pub(super) trait PacketKernel: Sized {
         rays: &RayRows,
         hits: &mut HitRows,
         walker: &mut Walker,
-        company: &mut Company,
+        suspended: &mut SuspendedPacket,
     ) -> Progress;
 }
 
@@ -223,10 +223,10 @@ macro_rules! compiled {
             lanes: u16,
             hits: &mut HitRows,
             walker: &mut Walker,
-            company: Option<&mut Company>,
+            suspended: Option<&mut SuspendedPacket>,
         ) -> Progress {
             // SAFETY: the caller's promise.
-            unsafe { crate::walk::packet::set_out::<$kernel>(rays, lanes, hits, walker, company) }
+            unsafe { crate::walk::packet::set_out::<$kernel>(rays, lanes, hits, walker, suspended) }
         }
 
         $(#[$feature])?
@@ -234,10 +234,10 @@ macro_rules! compiled {
             rays: &RayRows,
             hits: &mut HitRows,
             walker: &mut Walker,
-            company: &mut Company,
+            suspended: &mut SuspendedPacket,
         ) -> Progress {
             // SAFETY: the caller's promise.
-            unsafe { crate::walk::packet::go_on::<$kernel>(rays, hits, walker, company) }
+            unsafe { crate::walk::packet::go_on::<$kernel>(rays, hits, walker, suspended) }
         }
     )*};
 }

@@ -6,7 +6,7 @@
 //! all rays, leaves one or two of them for the test of each ray.
 //!
 //! In an instance where rays no longer go the same way, each goes by itself. Anything unusual ends
-//! the attempt, and every walk starts anew. Where a [`Company`] keeps them, packets stop for candidates that shaders are to decide on:
+//! the attempt, and every walk starts anew. Where a [`SuspendedPacket`] keeps them, packets stop for candidates that shaders are to decide on:
 //! the next one of each ray in a leaf of triangles, or a box with all rays that meet it. Once they have, what is unusual parts them.
 
 mod candidates;
@@ -23,13 +23,13 @@ mod wide;
 
 use super::beams::Given;
 use super::children::{LARGE, fetch};
-use super::company::{Company, Progress};
 use super::entry::{Entry, STACK};
 use super::facts::InstanceFacts;
 use super::found::Found;
 use super::level::{Level, only_instance};
 use super::rows::{HitRows, RayRows, blend, lanes_of};
 use super::space::max;
+use super::suspended_packet::{Progress, SuspendedPacket};
 use super::{Event, PACKET, State, Verdict, Walk, Walker};
 use crate::layout::{WIDTH, child};
 use crate::ray::{Ray, ray_flags};
@@ -56,7 +56,7 @@ const WIDTH_OF_BEAM: f32 = 1.0 / 64.0;
 const SPREAD_OF_PARALLEL: f32 = 1.0 / 256.0;
 const WIDTH_OF_PARALLEL: f32 = 1.0 / 4.0;
 
-/// Traces rays together if they cohere: to their ends or, with a company to keep them, to candidates.
+/// Traces rays together if they cohere: to their ends or, with a [`SuspendedPacket`] to keep them, to candidates.
 ///
 /// # Safety
 /// The contract of [`Walk::new`], for every ray.
@@ -65,7 +65,7 @@ pub(crate) unsafe fn run(
     lanes: u16,
     hits: &mut HitRows,
     walker: &mut Walker,
-    company: Option<&mut Company>,
+    suspended: Option<&mut SuspendedPacket>,
 ) -> Progress {
     if !may_cohere(rays, lanes) {
         return Progress::Apart;
@@ -73,12 +73,12 @@ pub(crate) unsafe fn run(
     match walker.options.tier {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the caller's promise; a walker has this tier only on machines that have the instruction set.
-        Tier::Avx512 => unsafe { wide::Avx512::set_out(rays, lanes, hits, walker, company) },
+        Tier::Avx512 => unsafe { wide::Avx512::set_out(rays, lanes, hits, walker, suspended) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: likewise.
-        Tier::Avx2 => unsafe { plain::Avx2::set_out(rays, lanes, hits, walker, company) },
+        Tier::Avx2 => unsafe { plain::Avx2::set_out(rays, lanes, hits, walker, suspended) },
         // SAFETY: the caller's promise; every machine has plain Rust.
-        _ => unsafe { plain::Portable::set_out(rays, lanes, hits, walker, company) },
+        _ => unsafe { plain::Portable::set_out(rays, lanes, hits, walker, suspended) },
     }
 }
 
@@ -90,17 +90,17 @@ pub(crate) unsafe fn resume(
     rays: &RayRows,
     hits: &mut HitRows,
     walker: &mut Walker,
-    company: &mut Company,
+    suspended: &mut SuspendedPacket,
 ) -> Progress {
     match walker.options.tier {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: as above.
-        Tier::Avx512 => unsafe { wide::Avx512::go_on(rays, hits, walker, company) },
+        Tier::Avx512 => unsafe { wide::Avx512::go_on(rays, hits, walker, suspended) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: likewise.
-        Tier::Avx2 => unsafe { plain::Avx2::go_on(rays, hits, walker, company) },
+        Tier::Avx2 => unsafe { plain::Avx2::go_on(rays, hits, walker, suspended) },
         // SAFETY: likewise.
-        _ => unsafe { plain::Portable::go_on(rays, hits, walker, company) },
+        _ => unsafe { plain::Portable::go_on(rays, hits, walker, suspended) },
     }
 }
 
@@ -159,7 +159,7 @@ unsafe fn set_out<K: PacketKernel>(
     lanes: u16,
     hits: &mut HitRows,
     walker: &mut Walker,
-    company: Option<&mut Company>,
+    suspended: Option<&mut SuspendedPacket>,
 ) -> Progress {
     let given = Given::new(rays, lanes);
     if !cohere(&given, lanes) {
@@ -184,7 +184,7 @@ unsafe fn set_out<K: PacketKernel>(
         first,
         rays,
         has_asked: false,
-        company,
+        suspended,
     };
     let only = only_instance(&walker.top).map(|index| (index, lanes));
     if only.is_none() {
@@ -206,20 +206,20 @@ unsafe fn go_on<K: PacketKernel>(
     rays: &RayRows,
     hits: &mut HitRows,
     walker: &mut Walker,
-    company: &mut Company,
+    suspended: &mut SuspendedPacket,
 ) -> Progress {
-    let started = company.started;
+    let started = suspended.started;
     let first = started.trailing_zeros() as usize % PACKET;
     let mut packet = Packet {
-        lanes: company.lanes,
-        any: company.any,
-        patience: company.patience,
-        found: company.found.clone(),
+        lanes: suspended.lanes,
+        any: suspended.any,
+        patience: suspended.patience,
+        found: suspended.found.clone(),
         given: Given::new(rays, started),
         first: rays.ray(first),
         rays,
         has_asked: true,
-        company: None,
+        suspended: None,
     };
     // SAFETY: the caller's promise, here and below.
     if !unsafe { walker.top.enter_top(rays.top_level[first]) } {
@@ -237,18 +237,18 @@ unsafe fn go_on<K: PacketKernel>(
                 started,
             )
         };
-        walker.packet.top.restore(&company.top);
+        walker.packet.top.restore(&suspended.top);
     }
-    if let Some((index, lanes)) = company.instance {
+    if let Some((index, lanes)) = suspended.instance {
         // SAFETY: as above.
         let entering = unsafe { packet.enter::<K>(walker, index, lanes, true) };
         let Entering::Inside(way) = entering else {
             // SAFETY: as above.
             return unsafe { K::finish(&packet, hits, &walker.top) };
         };
-        walker.packet.bottom.restore(&company.bottom);
-        let standing = company.leaf;
-        packet.company = Some(company);
+        walker.packet.bottom.restore(&suspended.bottom);
+        let standing = suspended.leaf;
+        packet.suspended = Some(suspended);
         // SAFETY: as above.
         if unsafe { packet.walk_instance::<K>(walker, way, (index, lanes), standing) } {
             return Progress::Candidates;
@@ -279,7 +279,7 @@ struct Packet<'a> {
     /// Shaders have decided on candidates: there is no way back.
     has_asked: bool,
     /// Keeps them while shaders decide.
-    company: Option<&'a mut Company>,
+    suspended: Option<&'a mut SuspendedPacket>,
 }
 
 impl Packet<'_> {

@@ -10,7 +10,6 @@ use crate::layout::{
 use crate::ray::Hit;
 use crate::structure::Structure;
 use crate::walk::beams::{AXIS, Given, ROW};
-use crate::walk::company::{Company, Progress, Standing};
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::group_hits::GroupHits;
@@ -18,6 +17,7 @@ use crate::walk::kernel::Kernel;
 use crate::walk::level::Level;
 use crate::walk::rows::{HitRows, Lanes, RayRows, Words, lanes_of};
 use crate::walk::space::{max, min};
+use crate::walk::suspended_packet::{Progress, Standing, SuspendedPacket};
 use crate::walk::triangle::Intersection;
 use crate::walk::{PACKET, Walker};
 

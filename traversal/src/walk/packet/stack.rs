@@ -2,8 +2,8 @@
 #![forbid(unsafe_code)]
 
 use super::rays::Rays;
-use crate::walk::company::Ahead;
 use crate::walk::entry::{Entry, STACK};
+use crate::walk::suspended_packet::Ahead;
 
 /// Children still to be visited, and by which rays.
 pub(crate) struct Stack {

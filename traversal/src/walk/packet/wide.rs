@@ -12,11 +12,11 @@ use crate::layout::{InstanceRecord, NodeAt, TriangleGroup, WIDTH};
 use crate::structure::Structure;
 use crate::walk::Walker;
 use crate::walk::beams::Given;
-use crate::walk::company::{Company, Progress, Standing};
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::level::Level;
 use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
+use crate::walk::suspended_packet::{Progress, Standing, SuspendedPacket};
 
 /// AVX-512: a row is one vector.
 pub(super) struct Avx512;

@@ -17,26 +17,26 @@ impl Batch<'_> {
             rays,
             ray_groups,
             subgroups,
-            companies,
-            company,
+            packets,
+            packet,
             ..
         } = &mut *self.worker;
         let group = &mut ray_groups[index];
-        let Some(place) = group.company.take() else {
+        let Some(place) = group.packet.take() else {
             return Ok(());
         };
-        std::mem::swap(company, &mut companies[place]);
-        companies.remove(place);
-        company.end(group.over);
+        std::mem::swap(packet, &mut packets[place]);
+        packets.remove(place);
+        packet.end(group.over);
         // Of all that set out, for what they have in common.
         group.load(group.operands(subgroups), self.dispatch, rays);
         // SAFETY: as for their start.
-        let progress = unsafe { walker.go_on(rays, &mut group.hits, company) };
-        self.heed_company(index, progress)
+        let progress = unsafe { walker.go_on(rays, &mut group.hits, packet) };
+        self.heed_packet(index, progress)
     }
 
     /// Does what rays ask for that walk together.
-    pub(super) fn heed_company(&mut self, index: u32, progress: Progress) -> Result<(), Stopped> {
+    pub(super) fn heed_packet(&mut self, index: u32, progress: Progress) -> Result<(), Stopped> {
         match progress {
             Progress::Candidates => self.ask_about_candidates(index),
             Progress::Parted(parted) => self.part(index, parted),
@@ -47,14 +47,14 @@ impl Batch<'_> {
     /// Calls the shaders that decide on the candidates of rays that walk together. Where a group has none, triangles count.
     fn ask_about_candidates(&mut self, index: u32) -> Result<(), Stopped> {
         let worker = &mut *self.worker;
-        let place = worker.companies.take();
-        std::mem::swap(&mut worker.company, &mut worker.companies[place]);
-        let lanes = worker.companies[place].candidates().found;
+        let place = worker.packets.take();
+        std::mem::swap(&mut worker.packet, &mut worker.packets[place]);
+        let lanes = worker.packets[place].candidates().found;
         let group = &mut worker.ray_groups[index];
-        group.company = Some(place);
+        group.packet = Some(place);
         let worker = &*self.worker;
         let (group, subgroups) = (&worker.ray_groups[index], &worker.subgroups);
-        let candidates = worker.companies[place].candidates();
+        let candidates = worker.packets[place].candidates();
         let operands = group.operands(subgroups);
         let role = match candidates.is_built_in(lanes.trailing_zeros() as usize) {
             true => Role::AnyHit,
@@ -99,14 +99,14 @@ impl Batch<'_> {
                 walks,
                 rays,
                 ray_groups,
-                company,
+                packet,
                 ..
             } = &mut *self.worker;
             let place = walks.take();
             let group = &mut ray_groups[index];
             group.walks[lane] = place;
             // SAFETY: as for their start.
-            unsafe { company.part(lane, rays, &group.hits, &mut walks[place]) };
+            unsafe { packet.part(lane, rays, &group.hits, &mut walks[place]) };
             events.push((lane, Event::OutOfFuel));
         }
         self.settle(index, &events)
@@ -116,12 +116,12 @@ impl Batch<'_> {
     pub(super) fn accept(&mut self, index: u32, lanes: u16) {
         let Worker {
             ray_groups,
-            companies,
+            packets,
             ..
         } = &mut *self.worker;
         let group = &mut ray_groups[index];
-        if let Some(place) = group.company {
-            companies[place].accept(lanes, &mut group.hits);
+        if let Some(place) = group.packet {
+            packets[place].accept(lanes, &mut group.hits);
         }
     }
 

@@ -17,14 +17,14 @@ pub enum Progress {
     Apart,
     /// All are at their ends; their hits are in the rows.
     Done,
-    /// [`Company::candidates`] are to be decided on.
+    /// [`SuspendedPacket::candidates`] are to be decided on.
     Candidates,
-    /// From here on these go singly: [`Company::part`]. The others are at their ends.
+    /// From here on these go singly: [`SuspendedPacket::part`]. The others are at their ends.
     Parted(u16),
 }
 
 /// Rays that wait for decisions about candidates, one each at most.
-pub struct Company {
+pub struct SuspendedPacket {
     /// Those that set out.
     pub(crate) started: u16,
     /// Those that no decision has ended.
@@ -78,10 +78,10 @@ impl Standing {
     };
 }
 
-impl Default for Company {
+impl Default for SuspendedPacket {
     /// Of no rays.
-    fn default() -> Company {
-        Company {
+    fn default() -> SuspendedPacket {
+        SuspendedPacket {
             started: 0,
             lanes: 0,
             any: false,
@@ -96,7 +96,7 @@ impl Default for Company {
     }
 }
 
-impl Company {
+impl SuspendedPacket {
     /// The candidates: `found` says which rays have one. Of a box, `t` is the lower end of the ray's interval.
     #[inline]
     pub fn candidates(&self) -> &HitRows {

@@ -115,9 +115,9 @@ fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally)
         rows.set(lane, world.top.address(), ray, 0.0);
     }
     let lanes = u16::MAX >> (PACKET - rays.len());
-    let (mut hits, mut company) = (HitRows::default(), Company::default());
+    let (mut hits, mut suspended) = (HitRows::default(), SuspendedPacket::default());
     // SAFETY: the structures are alive, here and below.
-    let mut progress = unsafe { walker.set_out(&rows, lanes, &mut hits, &mut company) };
+    let mut progress = unsafe { walker.set_out(&rows, lanes, &mut hits, &mut suspended) };
     let any = rays[0].flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
     while progress == Progress::Candidates {
         tally.asked += 1;
@@ -125,46 +125,49 @@ fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally)
         if world.one_in == 1 {
             alone(walker, world, &rays[0]);
         }
-        let asked = company.candidates().found;
+        let asked = suspended.candidates().found;
         assert!(asked != 0 && asked & !lanes == 0);
         // One by one, or all at once, as a scheduler may.
         let at_once = tally.asked.is_multiple_of(2);
         let (mut accepted, mut reported) = (0u16, 0u16);
         let (mut t_row, kinds) = ([0.0; PACKET], [9; PACKET]);
         for lane in (0..PACKET).filter(|lane| asked >> lane & 1 != 0) {
-            let candidate = company.candidates().hit(lane);
+            let candidate = suspended.candidates().hit(lane);
             tally.note(lane, &candidate);
             assert!(
                 !(any && hits.get(lane).is_some()),
                 "a ray goes on after its end"
             );
             if candidate.is_built_in() {
-                assert!(!candidate.opaque && candidate.t < company.t_max()[lane]);
+                assert!(!candidate.opaque && candidate.t < suspended.t_max()[lane]);
                 accepted |= u16::from(counts(&candidate)) << lane;
             } else if let Some(t) = world.reported(&rays[lane], &candidate)
-                && (rays[lane].t_min..=company.t_max()[lane]).contains(&t)
+                && (rays[lane].t_min..=suspended.t_max()[lane]).contains(&t)
             {
                 reported |= 1 << lane;
                 t_row[lane] = t;
             }
         }
         if at_once {
-            company.accept(accepted, &mut hits);
+            suspended.accept(accepted, &mut hits);
             if reported != 0 {
-                assert_eq!(company.report_all(reported, &t_row, &kinds, &mut hits), any);
+                assert_eq!(
+                    suspended.report_all(reported, &t_row, &kinds, &mut hits),
+                    any
+                );
             }
         } else {
             for lane in 0..PACKET {
                 if accepted >> lane & 1 != 0 {
-                    company.accept(1 << lane, &mut hits);
+                    suspended.accept(1 << lane, &mut hits);
                 }
                 if reported >> lane & 1 != 0 {
-                    assert_eq!(company.report(lane, t_row[lane], 9, &mut hits), any);
+                    assert_eq!(suspended.report(lane, t_row[lane], 9, &mut hits), any);
                 }
             }
         }
         // SAFETY: as above.
-        progress = unsafe { walker.go_on(&rows, &mut hits, &mut company) };
+        progress = unsafe { walker.go_on(&rows, &mut hits, &mut suspended) };
     }
     let parted = match progress {
         Progress::Apart => return,
@@ -178,7 +181,7 @@ fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally)
         if parted >> lane & 1 != 0 {
             let mut walk = Walk::default();
             // SAFETY: as above.
-            unsafe { company.part(lane, &rows, &hits, &mut walk) };
+            unsafe { suspended.part(lane, &rows, &hits, &mut walk) };
             finish(&mut walk, walker, world);
             found = walk.committed().copied();
         }
