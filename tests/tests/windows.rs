@@ -9,6 +9,15 @@ use tuff_tests::*;
 const WIDTH: u32 = 61;
 const HEIGHT: u32 = 37;
 
+/// A server, a window of it, and who presents to that: dropped in the other order.
+#[track_caller]
+fn on_screen(width: u32, height: u32) -> Option<(Xvfb, Window, Presenter)> {
+    let server = Xvfb::start(&[])?;
+    let window = server.window(width as u16, height as u16);
+    let presenter = window.presenter()?;
+    Some((server, window, presenter))
+}
+
 /// Frames in each mode on a server, the last of which is on the screen in the end.
 fn shows_frames(server: Option<Xvfb>) {
     let Some(server) = server else {
@@ -88,11 +97,7 @@ fn servers_without_present_are_copied_to() {
 
 #[test]
 fn the_last_frame_of_a_destroyed_swapchain_is_shown() {
-    let Some(server) = Xvfb::start(&[]) else {
-        return;
-    };
-    let window = server.window(WIDTH as u16, HEIGHT as u16);
-    let Some(presenter) = window.presenter() else {
+    let Some((_server, window, presenter)) = on_screen(WIDTH, HEIGHT) else {
         return;
     };
     let chain = Chain::of(WIDTH, HEIGHT);
@@ -110,11 +115,7 @@ fn the_last_frame_of_a_destroyed_swapchain_is_shown() {
 
 #[test]
 fn fifo_keeps_the_pace_of_the_server() {
-    let Some(server) = Xvfb::start(&[]) else {
-        return;
-    };
-    let window = server.window(64, 64);
-    let Some(presenter) = window.presenter() else {
+    let Some((_server, _window, presenter)) = on_screen(64, 64) else {
         return;
     };
     if !presenter.extends(khr::present_wait::NAME) {
@@ -154,11 +155,7 @@ fn fifo_keeps_the_pace_of_the_server() {
 /// A presentation that is replaced gives its image back at once (`VK_PRESENT_MODE_MAILBOX_KHR`).
 #[test]
 fn mailboxes_do_not_wait_for_the_server() {
-    let Some(server) = Xvfb::start(&[]) else {
-        return;
-    };
-    let window = server.window(64, 64);
-    let Some(presenter) = window.presenter() else {
+    let Some((_server, _window, presenter)) = on_screen(64, 64) else {
         return;
     };
     if !presenter.modes().contains(&vk::PresentModeKHR::MAILBOX) {
@@ -187,11 +184,7 @@ fn mailboxes_do_not_wait_for_the_server() {
 
 #[test]
 fn resized_windows_make_swapchains_suboptimal_and_replacements_fit() {
-    let Some(server) = Xvfb::start(&[]) else {
-        return;
-    };
-    let window = server.window(64, 64);
-    let Some(presenter) = window.presenter() else {
+    let Some((_server, window, presenter)) = on_screen(64, 64) else {
         return;
     };
     let chain = Chain::of(64, 64);
@@ -228,11 +221,7 @@ fn resized_windows_make_swapchains_suboptimal_and_replacements_fit() {
 #[test]
 fn windows_that_nobody_sees_hold_nobody_up() {
     use x11rb::protocol::xproto::ConnectionExt;
-    let Some(server) = Xvfb::start(&[]) else {
-        return;
-    };
-    let window = server.window(64, 64);
-    let Some(presenter) = window.presenter() else {
+    let Some((_server, window, presenter)) = on_screen(64, 64) else {
         return;
     };
     let chain = Chain::of(64, 64);
@@ -264,11 +253,7 @@ fn windows_that_nobody_sees_hold_nobody_up() {
 
 #[test]
 fn pictures_are_stretched_over_windows_of_other_sizes() {
-    let Some(server) = Xvfb::start(&[]) else {
-        return;
-    };
-    let window = server.window(64, 96);
-    let Some(presenter) = window.presenter() else {
+    let Some((_server, window, presenter)) = on_screen(64, 96) else {
         return;
     };
     if !presenter.extends(ext::swapchain_maintenance1::NAME) {
@@ -309,11 +294,7 @@ fn pictures_are_stretched_over_windows_of_other_sizes() {
 #[test]
 fn windows_that_die_are_lost_surfaces() {
     for mode in [vk::PresentModeKHR::FIFO, vk::PresentModeKHR::IMMEDIATE] {
-        let Some(server) = Xvfb::start(&[]) else {
-            return;
-        };
-        let window = server.window(64, 64);
-        let Some(presenter) = window.presenter() else {
+        let Some((_server, window, presenter)) = on_screen(64, 64) else {
             return;
         };
         let chain = Chain {
@@ -342,11 +323,7 @@ fn windows_that_die_are_lost_surfaces() {
 
 #[test]
 fn a_dead_server_ends_no_process_and_hangs_none() {
-    let Some(server) = Xvfb::start(&[]) else {
-        return;
-    };
-    let window = server.window(64, 64);
-    let Some(presenter) = window.presenter() else {
+    let Some((server, _window, presenter)) = on_screen(64, 64) else {
         return;
     };
     let chain = Chain::of(64, 64);
@@ -425,11 +402,7 @@ fn a_dead_window_of_xlib_does_not_reach_its_error_handler() {
 
 #[test]
 fn a_window_has_one_swapchain_that_is_not_retired() {
-    let Some(server) = Xvfb::start(&[]) else {
-        return;
-    };
-    let window = server.window(64, 64);
-    let Some(presenter) = window.presenter() else {
+    let Some((_server, _window, presenter)) = on_screen(64, 64) else {
         return;
     };
     let chain = Chain::of(64, 64);
@@ -463,11 +436,7 @@ fn open_files() -> usize {
 
 #[test]
 fn thousands_of_swapchains_leave_nothing_behind() {
-    let Some(server) = Xvfb::start(&[]) else {
-        return;
-    };
-    let window = server.window(64, 64);
-    let Some(presenter) = window.presenter() else {
+    let Some((_server, window, presenter)) = on_screen(64, 64) else {
         return;
     };
     let chain = Chain {
@@ -513,11 +482,7 @@ fn processor_time() -> Duration {
 
 #[test]
 fn presenting_costs_little() {
-    let Some(server) = Xvfb::start(&[]) else {
-        return;
-    };
-    let window = server.window(1280, 720);
-    let Some(presenter) = window.presenter() else {
+    let Some((_server, _window, presenter)) = on_screen(1280, 720) else {
         return;
     };
     let chain = Chain {
