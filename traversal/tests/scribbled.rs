@@ -308,7 +308,7 @@ fn stream(walker: &mut Walker, live: &Live, rows: &RayRows) {
     let mut hits = HitRows::default();
     for group in 0..8 {
         // SAFETY: as above.
-        unsafe { walker.enlist(rows, u16::MAX, &mut hits, group) };
+        unsafe { walker.add_to_stream(rows, u16::MAX, &mut hits, group) };
     }
     let mut other = Walker::new();
     // SAFETY: as above.
@@ -318,7 +318,7 @@ fn stream(walker: &mut Walker, live: &Live, rows: &RayRows) {
         walker: other,
     };
     // SAFETY: as above.
-    unsafe { walker.trace_enlisted(&mut { 100 * FUEL }, &mut streams) };
+    unsafe { walker.trace_streams(&mut { 100 * FUEL }, &mut streams) };
 }
 
 /// Copies, and what else reads a structure whole.

@@ -52,7 +52,7 @@ impl<'a> Groups<'a> {
     /// Traces in streams, each with some fuel, and to the end what stops on the way. Returns how many rays went by streams, and how many
     /// stopped.
     fn trace(&mut self, walker: &mut Walker, fuel: u64) -> (u32, usize) {
-        let mut enlisted = 0;
+        let mut streamed = 0;
         for group in 0..self.rows.len() {
             let lanes = u16::MAX >> (PACKET - self.given[group * PACKET..].len().min(PACKET));
             let mut rest = lanes;
@@ -60,12 +60,12 @@ impl<'a> Groups<'a> {
             unsafe {
                 for attempt in 0..2 {
                     let (rows, hits) = (&self.rows[group], &mut self.hits[group]);
-                    let taken = walker.enlist(rows, rest, hits, group as u32);
-                    enlisted += taken.count_ones();
+                    let taken = walker.add_to_stream(rows, rest, hits, group as u32);
+                    streamed += taken.count_ones();
                     rest &= !taken;
                     // Room for more, then what is different.
                     if rest != 0 && attempt == 0 {
-                        walker.trace_enlisted(&mut { fuel }, self);
+                        walker.trace_streams(&mut { fuel }, self);
                     }
                 }
                 let (rows, hits) = (&self.rows[group], &mut self.hits[group]);
@@ -77,7 +77,7 @@ impl<'a> Groups<'a> {
             }
         }
         // SAFETY: as above.
-        unsafe { walker.trace_enlisted(&mut { fuel }, self) };
+        unsafe { walker.trace_streams(&mut { fuel }, self) };
         let walks = std::mem::take(&mut self.walks);
         let count = walks.len();
         for (group, lane, mut walk, mut event) in walks {
@@ -93,7 +93,7 @@ impl<'a> Groups<'a> {
                 self.hits[group].set(lane, hit);
             }
         }
-        (enlisted, count)
+        (streamed, count)
     }
 }
 
@@ -139,8 +139,8 @@ fn odd_rays_find_what_plain_walks_find() {
         Scene::placed(&[steps()], 0, turned),
     ] {
         for rays in [rays.clone(), to_the_first_hit(&rays)] {
-            let (enlisted, stopped) = compare(&scene.top, &rays, u64::MAX);
-            assert!(enlisted > 2000 || !has_streams(), "{enlisted}");
+            let (streamed, stopped) = compare(&scene.top, &rays, u64::MAX);
+            assert!(streamed > 2000 || !has_streams(), "{streamed}");
             assert_eq!(stopped, 0);
         }
     }
@@ -235,7 +235,7 @@ fn unlike_rays_are_not_taken_up_together() {
             rows.set(lane, address, ray, 0.0);
         }
         // SAFETY: the structures are alive.
-        unsafe { assert_eq!(walker.enlist(&rows, u16::MAX, &mut hits, 0), 0) };
+        unsafe { assert_eq!(walker.add_to_stream(&rows, u16::MAX, &mut hits, 0), 0) };
     }
 }
 
@@ -285,8 +285,8 @@ fn streams_go_through_many_instances() {
         }
         let top = build_instances(&records, 0);
         for rays in [rays.clone(), to_the_first_hit(&rays)] {
-            let (enlisted, stopped) = compare(&top, &rays, u64::MAX);
-            assert!(enlisted > 1000 || !has_streams(), "{enlisted}");
+            let (streamed, stopped) = compare(&top, &rays, u64::MAX);
+            assert!(streamed > 1000 || !has_streams(), "{streamed}");
             assert_eq!(stopped > 0, unlike > 0);
             compare(&top, &rays, 5000);
             compare(&top, &rays, 50_000);
@@ -321,9 +321,9 @@ fn corrupt_structures_are_walked_safely() {
         for group in 0..groups.rows.len() {
             let (rows, hits) = (&groups.rows[group], &mut groups.hits[group]);
             // SAFETY: the structures are alive, and what is in them is checked as it is read.
-            unsafe { walker.enlist(rows, 0xF, hits, group as u32) };
+            unsafe { walker.add_to_stream(rows, 0xF, hits, group as u32) };
         }
         // SAFETY: as above.
-        unsafe { walker.trace_enlisted(&mut 20_000, &mut groups) };
+        unsafe { walker.trace_streams(&mut 20_000, &mut groups) };
     }
 }

@@ -95,9 +95,9 @@ pub struct Batch<'a> {
     spare: Vec<Vec<SubgroupIndex>>,
     /// Groups of rays whose walks begin.
     pub(super) starting: Vec<u32>,
-    /// Rays that the walker has taken up, by groups.
-    pub(super) enlisted: Vec<(u32, u16)>,
-    /// Rays of such groups that the walker has not taken up, and that have stopped.
+    /// Rays that the walker has in its stream, by groups.
+    pub(super) streamed: Vec<(u32, u16)>,
+    /// Rays of such groups that are not in the walker's stream, and that have stopped.
     pub(super) stopped: Vec<(LaneRef, WalkEvent)>,
     /// Groups of rays about all of whose candidates shaders have decided.
     pub(super) going_on: Vec<u32>,
@@ -135,7 +135,7 @@ impl<'a> Batch<'a> {
         worker.packets.clear();
         worker.records = Records::default();
         worker.queries.clear();
-        worker.walker.dismiss();
+        worker.walker.clear_streams();
         // SAFETY: the memory is there until the dispatch is complete, and no walk goes on after it.
         unsafe { worker.walker.set_live(&dispatch.limits.live) };
         Self {
@@ -146,7 +146,7 @@ impl<'a> Batch<'a> {
             ready: Default::default(),
             spare: Vec::new(),
             starting: Vec::new(),
-            enlisted: Vec::new(),
+            streamed: Vec::new(),
             stopped: Vec::new(),
             going_on: Vec::new(),
             deciding: Calls::default(),

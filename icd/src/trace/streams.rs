@@ -38,12 +38,12 @@ impl Caller for Groups<'_, '_> {
 }
 
 impl Batch<'_> {
-    /// Walks the rays that the walker has taken up.
-    pub(super) fn trace_enlisted(&mut self) -> Result<(), Stopped> {
-        if self.enlisted.is_empty() {
+    /// Walks the rays of the stream.
+    pub(super) fn trace_streams(&mut self) -> Result<(), Stopped> {
+        if self.streamed.is_empty() {
             return Ok(());
         }
-        let mut enlisted = std::mem::take(&mut self.enlisted);
+        let mut streamed = std::mem::take(&mut self.streamed);
         let Worker {
             walker,
             walks,
@@ -58,11 +58,11 @@ impl Batch<'_> {
             dispatch: self.dispatch,
             stopped: std::mem::take(&mut self.stopped),
         };
-        let fuel = &mut (FUEL * enlisted.len() as u64);
+        let fuel = &mut (FUEL * streamed.len() as u64);
         // SAFETY: as for walks that are started one by one.
-        unsafe { walker.trace_enlisted(fuel, &mut groups) };
+        unsafe { walker.trace_streams(fuel, &mut groups) };
         let mut stopped = groups.stopped;
-        for &(index, _) in &enlisted {
+        for &(index, _) in &streamed {
             let of_group = stopped.iter().filter(|(ray, _)| ray.index() == index);
             let events: SmallVec<[_; PACKET]> =
                 of_group.map(|&(ray, event)| (ray.lane(), event)).collect();
@@ -70,8 +70,8 @@ impl Batch<'_> {
         }
         stopped.clear();
         self.stopped = stopped;
-        enlisted.clear();
-        self.enlisted = enlisted;
+        streamed.clear();
+        self.streamed = streamed;
         Ok(())
     }
 }

@@ -11,9 +11,9 @@ use crate::validate::Need;
 use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
 
-/// Groups of which rays are walked together: fewer are not worth it, and a walker takes up no more.
+/// Groups of which rays are walked together: fewer are not worth it, and a stream holds no more.
 const ENOUGH: usize = 4;
-const MOST: usize = Walker::MOST_ENLISTED / PACKET;
+const MOST: usize = Walker::STREAM_RAYS / PACKET;
 
 impl Batch<'_> {
     /// Advances every walk until a shader has to run, or to its end.
@@ -21,11 +21,11 @@ impl Batch<'_> {
         let starting = std::mem::take(&mut self.starting);
         for &group in &starting {
             self.start_walks(group, starting.len() >= ENOUGH)?;
-            if self.enlisted.len() >= MOST {
-                self.trace_enlisted()?;
+            if self.streamed.len() >= MOST {
+                self.trace_streams()?;
             }
         }
-        self.trace_enlisted()?;
+        self.trace_streams()?;
         self.starting = recycled(starting);
         // Those about whose candidates no shader has a say can go on again at once.
         while !self.going_on.is_empty() {
@@ -75,21 +75,21 @@ impl Batch<'_> {
         };
         // SAFETY: the application keeps the structures that a trace may reach built and bound until the dispatch is
         // complete (VUID-vkCmdTraceRaysKHR-None-03429 and the build commands' rules).
-        let enlisted = unsafe {
+        let streamed = unsafe {
             let hits = &mut group.hits;
-            let enlisted = match together {
-                true => walker.enlist(rays, lanes, hits, index),
+            let streamed = match together {
+                true => walker.add_to_stream(rays, lanes, hits, index),
                 false => 0,
             };
-            if enlisted != lanes {
-                walker.trace_in_turn(rays, lanes & !enlisted, hits, &mut { FUEL }, &mut keep);
+            if streamed != lanes {
+                walker.trace_in_turn(rays, lanes & !streamed, hits, &mut { FUEL }, &mut keep);
             }
-            enlisted
+            streamed
         };
-        if enlisted == 0 {
+        if streamed == 0 {
             return self.settle(index, &events);
         }
-        self.enlisted.push((index, enlisted));
+        self.streamed.push((index, streamed));
         let stopped = events.into_iter();
         (self.stopped).extend(stopped.map(|(lane, event)| (LaneRef::new(index, lane), event)));
         Ok(())

@@ -363,9 +363,9 @@ pub fn walked_together(top: &Exact, rays: &[Ray], fuel: u64) {
             }
         }
         // SAFETY: as above.
-        unsafe { walker.enlist(&rows, u16::MAX, &mut hits, group as u32) };
+        unsafe { walker.add_to_stream(&rows, u16::MAX, &mut hits, group as u32) };
         together.rows.push(rows);
     }
     // SAFETY: as above.
-    unsafe { walker.trace_enlisted(&mut streams_fuel, &mut together) };
+    unsafe { walker.trace_streams(&mut streams_fuel, &mut together) };
 }

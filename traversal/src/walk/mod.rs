@@ -30,7 +30,6 @@ mod block;
 mod children;
 mod decide;
 mod descend;
-mod enlist;
 mod entry;
 mod expansion;
 mod facts;
@@ -56,6 +55,7 @@ mod sight;
 mod space;
 #[cfg(target_arch = "x86_64")]
 mod stream;
+mod streaming;
 mod suspended_packet;
 mod swept;
 mod test_leaf;
@@ -64,13 +64,13 @@ mod walk_opaque;
 mod walker;
 
 use crate::ray::{Hit, Ray, ray_flags};
-pub use enlist::Caller;
 use entry::Entry;
 use level::Entered;
 pub use list::List;
 pub use options::{Accuracy, Options, Specialisation, Switches};
 pub use probe::TriangleTest;
 pub use rows::{HitRows, Lanes, RayRows, Words};
+pub use streaming::Caller;
 pub use suspended_packet::{Progress, SuspendedPacket};
 pub use walker::Walker;
 

@@ -111,9 +111,9 @@ pub fn all_ways(top: &Bytes, rays: &[Ray]) -> Vec<(String, Vec<Option<Hit>>)> {
             unsafe {
                 for _ in 0..2 {
                     let (rows, hits) = (&groups.rows[group], &mut groups.hits[group]);
-                    rest &= !walker.enlist(rows, rest, hits, group as u32);
+                    rest &= !walker.add_to_stream(rows, rest, hits, group as u32);
                     if rest != 0 {
-                        walker.trace_enlisted(&mut { u64::MAX }, &mut groups);
+                        walker.trace_streams(&mut { u64::MAX }, &mut groups);
                     }
                 }
                 let (rows, hits) = (&groups.rows[group], &mut groups.hits[group]);
@@ -121,7 +121,7 @@ pub fn all_ways(top: &Bytes, rays: &[Ray]) -> Vec<(String, Vec<Option<Hit>>)> {
             }
         }
         // SAFETY: as above.
-        unsafe { walker.trace_enlisted(&mut { u64::MAX }, &mut groups) };
+        unsafe { walker.trace_streams(&mut { u64::MAX }, &mut groups) };
         ways.push((format!("{name}, in streams"), groups.found(rays.len())));
     }
     ways

@@ -57,10 +57,10 @@ impl Stream {
         self.present = 0;
     }
 
-    /// Takes rays up, with what they have found before. `rays` puts all sixteen down, and returns their octants.
+    /// Adds rays, with what they have found before. `rays` puts all sixteen down, and returns their octants.
     #[inline]
     #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    pub fn take_up(
+    pub fn add(
         &mut self,
         lanes: u16,
         rays: impl FnOnce(&mut [MaybeUninit<StreamRay>; PACKET]) -> Words,

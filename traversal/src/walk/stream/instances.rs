@@ -77,7 +77,7 @@ impl Place for Top<'_> {
                 }
             }
             let put = |places: &mut _| rays::put(self.beams, &t_far, &names, places);
-            inner.take_up(sound & going, put, |lane| {
+            inner.add(sound & going, put, |lane| {
                 let index = rays::index(offsets[lane]);
                 let best = &stream.best[index];
                 let before = match best.slot {

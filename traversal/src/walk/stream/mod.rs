@@ -20,12 +20,12 @@ mod waiting;
 
 use super::beams::Given;
 use super::children::LARGE;
-use super::enlist::Caller;
 use super::facts::InstanceFacts;
 use super::level::only_instance;
 use super::opaque::Nearest;
 use super::options::Specialisation;
 use super::rows::{HitRows, RayRows, Words, lanes_of};
+use super::streaming::Caller;
 use super::{Event, PACKET, Walk, Walker};
 use crate::layout::instance_state;
 use crate::ray::{Hit, Ray, ray_flags};
@@ -37,15 +37,15 @@ pub(crate) use waiting::Streams;
 /// Fewer rays say nothing about others.
 const ENOUGH: usize = 256;
 
-/// Times that rays are not taken up after many of them were in vain.
+/// Times that rays are not added to streams after many of them were in vain.
 const PAUSE: u32 = 1 << 13;
 
 impl Walker {
-    /// [`Walker::enlist`].
+    /// [`Walker::add_to_stream`].
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray, until they are traced; the machine has AVX-512.
-    pub(super) unsafe fn take_up(
+    pub(super) unsafe fn add(
         &mut self,
         rays: &RayRows,
         lanes: u16,
@@ -95,13 +95,13 @@ impl Walker {
             };
             let sound = beams.set_up(&given, &record) as u16;
             let put = |places: &mut _| rays::put(beams, t_far, &names, places);
-            streams.outer.take_up(sound, put, found);
+            streams.outer.add(sound, put, found);
             sound
         } else {
             let origin_error = top.structure.origin_error();
             let sound = beams.set_up_top(&given, 0.0) as u16;
             let put = |places: &mut _| rays::put_at_top(beams, origin_error, t_far, &names, places);
-            streams.outer.take_up(sound, put, found);
+            streams.outer.add(sound, put, found);
             sound
         }
     }
@@ -126,7 +126,7 @@ impl Walker {
                 .is_some_and(|words| words.state & instance_state::MOVING == 0)
     }
 
-    /// [`Walker::trace_enlisted`].
+    /// [`Walker::trace_streams`].
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray.
@@ -134,7 +134,7 @@ impl Walker {
         if self.streams.outer.rays.is_empty() {
             return;
         }
-        // SAFETY: the caller's promise; rays were taken up only by a tier that has the instruction set.
+        // SAFETY: the caller's promise; rays were added only by a tier that has the instruction set.
         unsafe {
             self.run_outer(fuel);
             self.tell(caller);

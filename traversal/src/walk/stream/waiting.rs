@@ -4,8 +4,8 @@ use super::lists::Stream;
 use crate::ray::Ray;
 use crate::walk::PACKET;
 
-/// Rays that are taken up, at most.
-pub(crate) const MOST_ENLISTED: usize = 4096;
+/// Rays of a stream, at most.
+pub(crate) const STREAM_RAYS: usize = 4096;
 
 /// Rays that wait to be traced together, and memory to do so.
 pub(crate) struct Streams {
@@ -21,7 +21,7 @@ pub(crate) struct Streams {
     pub(super) inner: Stream,
     /// Groups and lanes of those that are to be traced by themselves.
     pub(super) apart: Vec<(u32, u16)>,
-    /// Rays through this top level are not taken up for some time: too many had to be traced by themselves.
+    /// Rays through this top level are not added to streams for some time: too many had to be traced by themselves.
     pub(super) unsuited: u64,
     pub(super) pause: u32,
 }
@@ -54,7 +54,7 @@ impl Streams {
             return false;
         }
         let ours = (self.address, self.ray.flags, self.ray.cull_mask);
-        let has_room = self.outer.rays.len() + PACKET <= MOST_ENLISTED;
+        let has_room = self.outer.rays.len() + PACKET <= STREAM_RAYS;
         self.outer.rays.is_empty() || has_room && ours == (address, ray.flags, ray.cull_mask)
     }
 }

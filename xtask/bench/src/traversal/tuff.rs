@@ -174,17 +174,19 @@ impl Tuff {
                     if how == How::Packets && walker.trace_together(&rows, lanes, hits) {
                         continue;
                     }
-                    let enlisted = match how {
-                        How::Packets | How::Streams => walker.enlist(&rows, lanes, hits, group),
+                    let streamed = match how {
+                        How::Packets | How::Streams => {
+                            walker.add_to_stream(&rows, lanes, hits, group)
+                        }
                         How::Lists => 0,
                     };
-                    if enlisted != lanes {
-                        walker.trace_in_turn(&rows, lanes & !enlisted, hits, fuel, never);
+                    if streamed != lanes {
+                        walker.trace_in_turn(&rows, lanes & !streamed, hits, fuel, never);
                     }
                 }
             }
             // SAFETY: as above.
-            unsafe { walker.trace_enlisted(&mut { u64::MAX }, &mut found) };
+            unsafe { walker.trace_streams(&mut { u64::MAX }, &mut found) };
             for i in 0..rays.len() {
                 done(found.0[i / PACKET].get(i % PACKET).as_ref());
             }

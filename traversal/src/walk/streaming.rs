@@ -6,7 +6,7 @@ use super::{Event, Walk, Walker};
 use crate::ray::Hit;
 use crate::tier::Tier;
 
-/// Who has rays traced by [`Walker::trace_enlisted`], and hears of them by group and lane.
+/// Who has rays traced by [`Walker::trace_streams`], and hears of them by group and lane.
 pub trait Caller {
     /// A ray has met something.
     fn hit(&mut self, group: u32, lane: usize, hit: &Hit);
@@ -19,16 +19,16 @@ pub trait Caller {
 }
 
 impl Walker {
-    /// Rays that are taken up, at most.
-    pub const MOST_ENLISTED: usize = 4096;
+    /// Rays of a stream, at most.
+    pub const STREAM_RAYS: usize = 4096;
 
-    /// Takes rays up, to be traced with others by [`Self::trace_enlisted`]; returns which. Those are rays of ordinary length
-    /// through the same top level as those taken up before, with the same flags and mask; where it has one instance, that holds triangles
-    /// that all count. None are taken where the machine has no AVX-512. Their hits are none so far.
+    /// Adds rays to a stream, to be traced with others by [`Self::trace_streams`]; returns which. Those are rays of ordinary length
+    /// through the same top level as those in it, with the same flags and mask; where it has one instance, that holds triangles
+    /// that all count. None are added where the machine has no AVX-512. Their hits are none so far.
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray, until they are traced.
-    pub unsafe fn enlist(
+    pub unsafe fn add_to_stream(
         &mut self,
         rays: &RayRows,
         lanes: u16,
@@ -49,7 +49,7 @@ impl Walker {
         }
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the caller's promise; a walker has this tier only on machines that have the instruction set.
-        return unsafe { self.take_up(rays, lanes, hits, group) };
+        return unsafe { self.add(rays, lanes, hits, group) };
         #[cfg(not(target_arch = "x86_64"))]
         {
             let _ = (rays, hits, group);
@@ -57,17 +57,17 @@ impl Walker {
         }
     }
 
-    /// Forgets rays that were taken up.
-    pub fn dismiss(&mut self) {
+    /// Forgets the rays of the stream.
+    pub fn clear_streams(&mut self) {
         #[cfg(target_arch = "x86_64")]
         self.streams.clear();
     }
 
-    /// Traces the rays that were taken up, and forgets them. The hits are those of each ray by itself, bit for bit.
+    /// Traces the rays of the stream, and forgets them. The hits are those of each ray by itself, bit for bit.
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray.
-    pub unsafe fn trace_enlisted(&mut self, fuel: &mut u64, caller: &mut dyn Caller) {
+    pub unsafe fn trace_streams(&mut self, fuel: &mut u64, caller: &mut dyn Caller) {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the caller's promise.
         unsafe {
