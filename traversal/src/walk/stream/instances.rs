@@ -1,8 +1,8 @@
 //! Rays in a top level of several instances.
 
-use super::courses::Place;
 use super::leaf::{Bottom, comes_to};
 use super::lists::{List, Stream};
+use super::octant_stacks::Place;
 use super::rays::{self, APART, OVER};
 use crate::layout::{child, instance_state};
 use crate::ray::{Hit, Ray};

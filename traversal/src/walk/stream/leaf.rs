@@ -2,8 +2,8 @@
 
 use std::arch::x86_64::*;
 
-use super::courses::Place;
 use super::lists::{List, Stream};
+use super::octant_stacks::Place;
 use super::rays::{self, APART, OVER, StreamRay, View};
 use crate::layout::{LEAF_TRIANGLES, MARGIN_RISE, Margin, TriangleGroup, child};
 use crate::ray::Hit;

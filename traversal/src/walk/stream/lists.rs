@@ -16,8 +16,8 @@ pub(super) struct Stream {
     /// Their octants, and which there are.
     pub(super) octants: Vec<u32>,
     pub(super) present: u8,
-    pub(super) courses: [Course; 8],
-    /// Lists of rays, the courses' one after the other.
+    pub(super) octant_stacks: [OctantStack; 8],
+    /// Lists of rays, those of each octant after the last's.
     pub words: Vec<u32>,
     /// Room for the rays of the list at hand.
     pub here: Vec<u32>,
@@ -27,7 +27,7 @@ pub(super) struct Stream {
 
 /// The rays of an octant on their way.
 #[derive(Default)]
-pub(super) struct Course {
+pub(super) struct OctantStack {
     pub octant: usize,
     /// Lists of rays, and where they go.
     pub lists: Vec<List>,

@@ -10,11 +10,11 @@
 //!
 //! What a stream does not do (glass, boxes, motion, rays of odd lengths, an end of fuel) is left to walks that start anew.
 
-mod courses;
 mod instances;
 mod leaf;
 mod lists;
 mod nodes;
+mod octant_stacks;
 mod rays;
 mod waiting;
 

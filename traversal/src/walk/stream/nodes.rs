@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::lists::{Course, List, Stream};
+use super::lists::{List, OctantStack, Stream};
 use super::rays::StreamRay;
 use crate::layout::{NodeAt, WIDTH};
 use crate::walk::PACKET;
@@ -83,11 +83,11 @@ impl Planes {
 #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
 pub(super) unsafe fn meet<const ANY: bool>(
     stream: &mut Stream,
-    course: &mut Course,
+    octant_stack: &mut OctantStack,
     list: &List,
     node: NodeAt<'_>,
 ) {
-    let rows = [0, 1, 2].map(|axis: usize| 2 * axis + (course.octant >> axis & 1));
+    let rows = [0, 1, 2].map(|axis: usize| 2 * axis + (octant_stack.octant >> axis & 1));
     let planes = Planes::new(node, rows);
     let all_rays = stream.rays.as_ptr();
     let count = list.count as usize;
@@ -156,7 +156,7 @@ pub(super) unsafe fn meet<const ANY: bool>(
     // SAFETY: eight words.
     unsafe { _mm256_storeu_si256(order.as_mut_ptr().cast(), in_order) };
     let mut top = list.first;
-    course.lists.reserve(WIDTH);
+    octant_stack.lists.reserve(WIDTH);
     // SAFETY: the words of all lists made here are eight times as many as of this one at most, for which there is room, and slack.
     unsafe {
         let words = stream.words.as_mut_ptr();
@@ -180,14 +180,14 @@ pub(super) unsafe fn meet<const ANY: bool>(
                     top += chosen.count_ones();
                 }
             }
-            let length = course.lists.len();
-            course.lists.as_mut_ptr().add(length).write(List {
+            let length = octant_stack.lists.len();
+            octant_stack.lists.as_mut_ptr().add(length).write(List {
                 word: node.child(column),
                 first,
                 count: top - first,
                 planes: rows.map(|row| -node.bound(row, column)),
             });
-            course.lists.set_len(length + 1);
+            octant_stack.lists.set_len(length + 1);
         }
     }
 }

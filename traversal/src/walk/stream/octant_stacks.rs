@@ -13,13 +13,13 @@ use crate::walk::entry::STACK;
 use crate::walk::opaque::Nearest;
 use crate::walk::rows::{Words, lanes_of};
 
-/// Words of a course's lists for each of its rays: enough unless rays meet nearly all children. Where they do, they go on singly.
+/// Words of an octant's lists for each of its rays: enough unless rays meet nearly all children. Where they do, they go on singly.
 const WORDS: usize = 24;
 
 /// Lanes that a vector may write beyond the end of a list.
 const SLACK: usize = 16;
 
-/// Words that each course has besides, so that few rays find room too.
+/// Words that each octant has besides, so that few rays find room too.
 const REST: usize = 8 * SLACK;
 
 /// A structure with what is needed at its leaves.
@@ -137,7 +137,7 @@ impl Stream {
         }
     }
 
-    /// Puts the rays of each octant down at the root; returns which courses there are.
+    /// Puts the rays of each octant down at the root; returns which stacks are not empty.
     #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
     fn start(&mut self) -> u32 {
         let count = self.rays.len();
@@ -171,10 +171,10 @@ impl Stream {
                 }
             }
             end = first + WORDS * (top - first) + REST;
-            let course = &mut self.courses[active];
-            (course.octant, course.end) = (octant, end);
-            course.lists.clear();
-            course.lists.push(List {
+            let octant_stack = &mut self.octant_stacks[active];
+            (octant_stack.octant, octant_stack.end) = (octant, end);
+            octant_stack.lists.clear();
+            octant_stack.lists.push(List {
                 word: 0,
                 first: first as u32,
                 count: (top - first) as u32,
@@ -186,7 +186,7 @@ impl Stream {
     }
 }
 
-/// Takes turns with the courses until all are at their ends, or fuel is.
+/// Takes turns with the stacks of octants until all are at their ends, or fuel is.
 ///
 /// # Safety
 /// The machine has the instruction set.
@@ -198,25 +198,25 @@ unsafe fn run<P: Place, const ANY: bool>(
     mut going: u32,
     fuel: &mut u64,
 ) {
-    let mut courses = std::mem::take(&mut stream.courses);
+    let mut octant_stacks = std::mem::take(&mut stream.octant_stacks);
     let mut turn = 0;
     while going != 0 {
-        // The next course in turn that is not at its end.
+        // The next octant in turn whose stack is not empty.
         let rest = going & u32::MAX << turn;
         let next = (if rest != 0 { rest } else { going }).trailing_zeros() as usize % 8;
         turn = next + 1;
-        let course = &mut courses[next];
-        let Some(list) = course.lists.pop() else {
+        let octant_stack = &mut octant_stacks[next];
+        let Some(list) = octant_stack.lists.pop() else {
             going &= !(1 << next);
             continue;
         };
         let count = list.count as usize;
         let Some(left) = fuel.checked_sub(count as u64) else {
             *fuel = 0;
-            course.lists.push(list);
+            octant_stack.lists.push(list);
             break;
         };
-        let has_room = list.first as usize + WIDTH * count + SLACK <= course.end;
+        let has_room = list.first as usize + WIDTH * count + SLACK <= octant_stack.end;
         // SAFETY: the caller's promise; words of nodes are below the count, so inside the part, and parts are aligned.
         unsafe {
             // Words of leaves are above every index of a node.
@@ -225,26 +225,26 @@ unsafe fn run<P: Place, const ANY: bool>(
                 if list.word & child::LEAF != 0 && list.word != child::NONE {
                     place.visit::<ANY>(stream, &list, fuel);
                 }
-            } else if !has_room || course.lists.len() > STACK {
+            } else if !has_room || octant_stack.lists.len() > STACK {
                 place.go_singly::<ANY>(stream, &list, fuel);
             } else {
                 *fuel = left;
                 let node = place.structure().node_at(list.word);
-                meet::<ANY>(stream, course, &list, node);
+                meet::<ANY>(stream, octant_stack, &list, node);
             }
         }
         if place.fetches_ahead()
-            && let Some(next) = course.lists.last()
+            && let Some(next) = octant_stack.lists.last()
         {
             fetch(place.structure(), next.word);
         }
     }
-    for course in &mut courses {
-        for list in course.lists.drain(..) {
+    for octant_stack in &mut octant_stacks {
+        for list in octant_stack.lists.drain(..) {
             stream.part(&list);
         }
     }
-    stream.courses = courses;
+    stream.octant_stacks = octant_stacks;
 }
 
 /// Asks for the memory of a child.
