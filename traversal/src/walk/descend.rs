@@ -97,12 +97,12 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
         let node_count = level.structure.node_count();
         let fetch_ahead = node_count > LARGE && !without.contains(Specialisation::Prefetch);
         let is_triangles = level.structure.kind() == Kind::Triangles;
-        let takes_all = in_bottom
+        let all_opaque = in_bottom
             && is_triangles
-            && instance.takes_all
+            && instance.all_opaque
             && space.scale == 1.0
             && !without.contains(Specialisation::Opaque);
-        if takes_all {
+        if all_opaque {
             beams.set(0, space);
             let way = Opaque {
                 structure: &level.structure,

@@ -22,7 +22,7 @@ pub(crate) struct InstanceFacts {
     opaque: Option<bool>,
     /// Every triangle that is hit counts: all are opaque, none by a micromap, and none is culled
     /// for its facing.
-    pub takes_all: bool,
+    pub all_opaque: bool,
     /// Triangles that are hit count by their geometry alone: none is culled, or has a micromap.
     pub is_plain: bool,
 }
@@ -47,7 +47,7 @@ impl InstanceFacts {
         flags: 0,
         ray_flags: 0,
         opaque: None,
-        takes_all: false,
+        all_opaque: false,
         is_plain: false,
     };
 
@@ -63,7 +63,7 @@ impl InstanceFacts {
             flags,
             ray_flags: ray.flags,
             opaque: FORCED[by_ray as usize][by_instance as usize],
-            takes_all: false,
+            all_opaque: false,
             is_plain: false,
         }
     }
@@ -84,10 +84,10 @@ impl InstanceFacts {
                 | ray_flags::CULL_NO_OPAQUE);
         if culls == 0 {
             self.is_plain = structure.micromap_bytes() == 0 || self.ignores_micromaps();
-            self.takes_all = !not_opaque && self.is_plain;
+            self.all_opaque = !not_opaque && self.is_plain;
             return opaque || not_opaque;
         }
-        (self.takes_all, self.is_plain) = (false, false);
+        (self.all_opaque, self.is_plain) = (false, false);
         opaque && culls & ray_flags::CULL_OPAQUE == 0
             || not_opaque && culls & ray_flags::CULL_NO_OPAQUE == 0
     }

@@ -263,7 +263,7 @@ impl Turns<'_, '_> {
         let Some(record) = top.structure.instance(index) else {
             return 0;
         };
-        if !instance.takes_all
+        if !instance.all_opaque
             || bottom.structure.kind() != Kind::Triangles
             || record.words.state & instance_state::MOVING != 0
         {

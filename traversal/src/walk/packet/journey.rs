@@ -129,7 +129,7 @@ impl Packet<'_> {
         };
         let asks = again || self.suspended.is_some();
         let way = match bottom.structure.kind() {
-            Kind::Triangles if instance.takes_all => Way::Opaque,
+            Kind::Triangles if instance.all_opaque => Way::Opaque,
             Kind::Triangles if instance.is_plain && asks => Way::Mixed,
             Kind::Aabbs if asks => Way::Boxes,
             _ => return Entering::Unusual,

@@ -55,7 +55,7 @@ impl Place for Top<'_> {
         let Some(record) = self.top.structure.instance(index) else {
             return;
         };
-        if !self.instance.takes_all
+        if !self.instance.all_opaque
             || self.bottom.structure.kind() != Kind::Triangles
             || record.words.state & instance_state::MOVING != 0
         {

@@ -120,7 +120,7 @@ impl Walker {
         // SAFETY: the caller's promise.
         let admits = unsafe { bottom.admit(instance, top, index, ray) };
         admits
-            && instance.takes_all
+            && instance.all_opaque
             && bottom.structure.kind() == Kind::Triangles
             && (top.structure.instance_words(index))
                 .is_some_and(|words| words.state & instance_state::MOVING == 0)
