@@ -32,11 +32,11 @@ impl Batch<'_> {
         group.load(group.operands(subgroups), self.dispatch, rays);
         // SAFETY: as for their start.
         let progress = unsafe { walker.go_on(rays, &mut group.hits, packet) };
-        self.heed_packet(index, progress)
+        self.act_on_packet(index, progress)
     }
 
     /// Does what rays ask for that walk together.
-    pub(super) fn heed_packet(&mut self, index: u32, progress: Progress) -> Result<(), Stopped> {
+    pub(super) fn act_on_packet(&mut self, index: u32, progress: Progress) -> Result<(), Stopped> {
         match progress {
             Progress::Candidates => self.ask_about_candidates(index),
             Progress::Parted(parted) => self.part(index, parted),

@@ -63,7 +63,7 @@ impl Batch<'_> {
             // SAFETY: as below.
             let progress = unsafe { walker.set_out(rays, lanes, &mut group.hits, packet) };
             if progress != Progress::Apart {
-                return self.heed_packet(index, progress);
+                return self.act_on_packet(index, progress);
             }
         }
         let mut events: SmallVec<[(usize, Event); PACKET]> = SmallVec::new();
@@ -146,7 +146,7 @@ impl Batch<'_> {
         Ok(())
     }
 
-    /// Heeds an event of a walk, and goes on as long as no shader has a say. Returns the one that has; at the end of the walk, puts its
+    /// Acts on an event of a walk, and goes on as long as no shader has a say. Returns the one that has; at the end of the walk, puts its
     /// hit down.
     fn advance(&mut self, ray: LaneRef, mut event: Event) -> Result<Option<Callee>, Stopped> {
         loop {

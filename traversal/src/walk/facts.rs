@@ -104,7 +104,7 @@ impl InstanceFacts {
 
     /// Whether a micromap decides what is opaque of a geometry.
     #[inline(always)]
-    pub fn heeds_micromap(&self, geometry: u32) -> bool {
+    pub fn uses_micromap(&self, geometry: u32) -> bool {
         geometry & geometry_word::MICROMAP != 0 && !self.ignores_micromaps()
     }
 

@@ -208,7 +208,7 @@ impl Walk {
         run::run(self, verdict, walker, &mut { Entered::NOTHING }, fuel)
     }
 
-    /// Heeds a verdict; whether that ends the walk.
+    /// Applies a verdict; whether that ends the walk.
     #[inline(always)]
     fn is_over(&mut self, verdict: Verdict) -> bool {
         let accepts = matches!(verdict, Verdict::Accept | Verdict::AcceptAndTerminate);

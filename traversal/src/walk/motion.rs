@@ -36,7 +36,7 @@ pub(crate) fn test_leaf(
 fn meet(walk: &Walk, level: &Level, instance: &InstanceFacts, slot: u32) -> Option<Hit> {
     let entry = level.structure.motion_entry(slot)?;
     let triangle = triangle_at(&entry.triangles, walk.time);
-    let (opaque, found) = if instance.heeds_micromap(entry.geometry) {
+    let (opaque, found) = if instance.uses_micromap(entry.geometry) {
         micromap::meet(
             level,
             &level.space,

@@ -130,7 +130,7 @@ impl Triangles<'_> {
     fn hit(&self, walk: &Walk, group: &TriangleGroup, slot: u32) -> Option<Hit> {
         let lane = slot as usize % GROUP;
         let geometry = group.geometries[lane];
-        let (opaque, found) = if self.instance.heeds_micromap(geometry) {
+        let (opaque, found) = if self.instance.uses_micromap(geometry) {
             let (triangle, primitive) = (group.triangle(lane), group.primitives[lane]);
             micromap::meet(
                 self.level,
