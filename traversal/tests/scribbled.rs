@@ -271,7 +271,7 @@ fn rays(random: &mut Random, top: u64) -> RayRows {
 fn walk(walker: &mut Walker, live: &Live, rows: &RayRows, suspended: &mut SuspendedPacket) {
     let mut hits = HitRows::default();
     // SAFETY, here and below: the arena is alive, and where walks look.
-    let mut progress = unsafe { walker.set_out(rows, u16::MAX, &mut hits, suspended) };
+    let mut progress = unsafe { walker.trace_packet(rows, u16::MAX, &mut hits, suspended) };
     for _ in 0..100 {
         if progress != Progress::Candidates {
             break;
@@ -281,7 +281,7 @@ fn walk(walker: &mut Walker, live: &Live, rows: &RayRows, suspended: &mut Suspen
             suspended.accept(1 << lane, &mut hits);
         }
         // SAFETY: as above.
-        progress = unsafe { walker.go_on(rows, &mut hits, suspended) };
+        progress = unsafe { walker.resume_packet(rows, &mut hits, suspended) };
     }
     let top = rows.top_level[0];
     for lane in (0..PACKET).filter(|lane| hits.found >> lane & 1 != 0) {

@@ -91,7 +91,7 @@ fn finish(walk: &mut Walk, walker: &mut Walker, world: &World) {
 struct Tally {
     asked: usize,
     done: usize,
-    parted: usize,
+    split: usize,
     /// What was asked about, in its order.
     seen: u64,
 }
@@ -117,7 +117,7 @@ fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally)
     let lanes = u16::MAX >> (PACKET - rays.len());
     let (mut hits, mut suspended) = (HitRows::default(), SuspendedPacket::default());
     // SAFETY: the structures are alive, here and below.
-    let mut progress = unsafe { walker.set_out(&rows, lanes, &mut hits, &mut suspended) };
+    let mut progress = unsafe { walker.trace_packet(&rows, lanes, &mut hits, &mut suspended) };
     let any = rays[0].flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
     while progress == Progress::Candidates {
         tally.asked += 1;
@@ -167,21 +167,21 @@ fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally)
             }
         }
         // SAFETY: as above.
-        progress = unsafe { walker.go_on(&rows, &mut hits, &mut suspended) };
+        progress = unsafe { walker.resume_packet(&rows, &mut hits, &mut suspended) };
     }
-    let parted = match progress {
-        Progress::Apart => return,
-        Progress::Parted(lanes) => lanes,
+    let split = match progress {
+        Progress::Singly => return,
+        Progress::Split(lanes) => lanes,
         _ => 0,
     };
-    tally.done += usize::from(parted == 0);
-    tally.parted += usize::from(parted != 0);
+    tally.done += usize::from(split == 0);
+    tally.split += usize::from(split != 0);
     for (lane, ray) in rays.iter().enumerate() {
         let mut found = hits.get(lane);
-        if parted >> lane & 1 != 0 {
+        if split >> lane & 1 != 0 {
             let mut walk = Walk::default();
             // SAFETY: as above.
-            unsafe { suspended.part(lane, &rows, &hits, &mut walk) };
+            unsafe { suspended.split(lane, &rows, &hits, &mut walk) };
             finish(&mut walk, walker, world);
             found = walk.committed().copied();
         }
@@ -259,7 +259,7 @@ fn check_with(world: &World, mut walker: Box<Walker>, parts: bool) -> u64 {
         let rays = bundle(&mut random, &vertices, count, flags);
         together(&mut walker, world, &rays, &mut tally);
     }
-    let enough = tally.asked > 200 && tally.done > 50 && (tally.parted > 20) == parts;
+    let enough = tally.asked > 200 && tally.done > 50 && (tally.split > 20) == parts;
     assert!(enough, "{tally:?}");
     tally.seen
 }
@@ -351,5 +351,5 @@ fn rays_part_on_long_journeys() {
         })
         .collect();
     together(&mut walker, &world, &rays, &mut tally);
-    assert!(tally.asked > 10_000 && tally.parted == 1, "{tally:?}");
+    assert!(tally.asked > 10_000 && tally.split == 1, "{tally:?}");
 }

@@ -28,10 +28,10 @@ impl Batch<'_> {
         std::mem::swap(packet, &mut packets[place]);
         packets.remove(place);
         packet.end(group.over);
-        // Of all that set out, for what they have in common.
+        // Of all that started, for what they have in common.
         group.load(group.operands(subgroups), self.dispatch, rays);
         // SAFETY: as for their start.
-        let progress = unsafe { walker.go_on(rays, &mut group.hits, packet) };
+        let progress = unsafe { walker.resume_packet(rays, &mut group.hits, packet) };
         self.act_on_packet(index, progress)
     }
 
@@ -39,8 +39,8 @@ impl Batch<'_> {
     pub(super) fn act_on_packet(&mut self, index: u32, progress: Progress) -> Result<(), Stopped> {
         match progress {
             Progress::Candidates => self.ask_about_candidates(index),
-            Progress::Parted(parted) => self.part(index, parted),
-            Progress::Apart | Progress::Done => self.end_walks(index),
+            Progress::Split(split) => self.split(index, split),
+            Progress::Singly | Progress::Done => self.end_walks(index),
         }
     }
 
@@ -92,9 +92,9 @@ impl Batch<'_> {
 
     /// Rays that walked together go on one by one, the others are at their ends.
     #[cold]
-    fn part(&mut self, index: u32, parted: u16) -> Result<(), Stopped> {
+    fn split(&mut self, index: u32, split: u16) -> Result<(), Stopped> {
         let mut events: SmallVec<[(usize, Event); PACKET]> = SmallVec::new();
-        for lane in lanes_of(parted) {
+        for lane in lanes_of(split) {
             let Worker {
                 walks,
                 rays,
@@ -106,7 +106,7 @@ impl Batch<'_> {
             let group = &mut ray_groups[index];
             group.walks[lane] = place;
             // SAFETY: as for their start.
-            unsafe { packet.part(lane, rays, &group.hits, &mut walks[place]) };
+            unsafe { packet.split(lane, rays, &group.hits, &mut walks[place]) };
             events.push((lane, Event::OutOfFuel));
         }
         self.settle(index, &events)

@@ -61,8 +61,8 @@ impl Batch<'_> {
         // Together, rays may find another first hit: no shader is to see that.
         if !shows_first_hit(operands, lanes, group.fills_hit_object) {
             // SAFETY: as below.
-            let progress = unsafe { walker.set_out(rays, lanes, &mut group.hits, packet) };
-            if progress != Progress::Apart {
+            let progress = unsafe { walker.trace_packet(rays, lanes, &mut group.hits, packet) };
+            if progress != Progress::Singly {
                 return self.act_on_packet(index, progress);
             }
         }

@@ -340,7 +340,8 @@ pub fn walked_together(top: &Exact, rays: &[Ray], fuel: u64) {
         }
         let (mut hits, mut suspended) = (HitRows::default(), SuspendedPacket::default());
         // SAFETY: the structures are alive, here and below.
-        let mut progress = unsafe { walker.set_out(&rows, u16::MAX, &mut hits, &mut suspended) };
+        let mut progress =
+            unsafe { walker.trace_packet(&rows, u16::MAX, &mut hits, &mut suspended) };
         while progress == Progress::Candidates {
             let asked = suspended.candidates().found;
             for lane in (0..PACKET).filter(|lane| asked >> lane & 1 != 0) {
@@ -352,13 +353,13 @@ pub fn walked_together(top: &Exact, rays: &[Ray], fuel: u64) {
                 }
             }
             // SAFETY: as above.
-            progress = unsafe { walker.go_on(&rows, &mut hits, &mut suspended) };
+            progress = unsafe { walker.resume_packet(&rows, &mut hits, &mut suspended) };
         }
-        if let Progress::Parted(lanes) = progress {
+        if let Progress::Split(lanes) = progress {
             for lane in (0..PACKET).filter(|lane| lanes >> lane & 1 != 0) {
                 let mut walk = Walk::default();
                 // SAFETY: as above.
-                unsafe { suspended.part(lane, &rows, &hits, &mut walk) };
+                unsafe { suspended.split(lane, &rows, &hits, &mut walk) };
                 together.suspend(0, lane, &mut walk, Event::AnyHitCandidate);
             }
         }

@@ -64,11 +64,11 @@ impl Walker {
     }
 
     /// Traces rays that start near each other and go the same way. Where they meet triangles that are not opaque, or boxes, `suspended` keeps
-    /// them until that is decided. With [`Progress::Apart`] each ray has to start by itself.
+    /// them until that is decided. With [`Progress::Singly`] each ray has to start by itself.
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray.
-    pub unsafe fn set_out(
+    pub unsafe fn trace_packet(
         &mut self,
         rays: &RayRows,
         lanes: u16,
@@ -82,8 +82,8 @@ impl Walker {
     /// Goes on with the same rays after all candidates were decided on.
     ///
     /// # Safety
-    /// As for [`Self::set_out`].
-    pub unsafe fn go_on(
+    /// As for [`Self::trace_packet`].
+    pub unsafe fn resume_packet(
         &mut self,
         rays: &RayRows,
         hits: &mut HitRows,
@@ -106,7 +106,7 @@ impl Walker {
             // SAFETY: the caller's promise.
             return unsafe { packet::run(rays, lanes, hits, self, suspended) };
         }
-        Progress::Apart
+        Progress::Singly
     }
 
     /// [`Self::trace`] one ray after the other.

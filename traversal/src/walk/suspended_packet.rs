@@ -14,18 +14,18 @@ const MANY: u32 = 5;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
     /// They do not go the same way, or meet what is not done together: nothing has happened.
-    Apart,
+    Singly,
     /// All are at their ends; their hits are in the rows.
     Done,
     /// [`SuspendedPacket::candidates`] are to be decided on.
     Candidates,
-    /// From here on these go singly: [`SuspendedPacket::part`]. The others are at their ends.
-    Parted(u16),
+    /// From here on these go singly: [`SuspendedPacket::split`]. The others are at their ends.
+    Split(u16),
 }
 
 /// Rays that wait for decisions about candidates, one each at most.
 pub struct SuspendedPacket {
-    /// Those that set out.
+    /// Those that started.
     pub(crate) started: u16,
     /// Those that no decision has ended.
     pub(crate) lanes: u16,
@@ -109,7 +109,7 @@ impl SuspendedPacket {
         &self.found.t
     }
 
-    /// Commits candidates of rays, triangles. `hits` are the rows that the rays set out with, here and below.
+    /// Commits candidates of rays, triangles. `hits` are the rows that the rays started with, here and below.
     pub fn accept(&mut self, lanes: u16, hits: &mut HitRows) {
         if lanes.count_ones() < MANY {
             for lane in lanes_of(lanes) {
@@ -164,7 +164,7 @@ impl SuspendedPacket {
     ///
     /// # Safety
     /// As for [`Walk::new`].
-    pub unsafe fn part(&self, lane: usize, rays: &RayRows, hits: &HitRows, walk: &mut Walk) {
+    pub unsafe fn split(&self, lane: usize, rays: &RayRows, hits: &HitRows, walk: &mut Walk) {
         // SAFETY: the caller's promise.
         unsafe { walk.restart(rays.top_level[lane], &rays.ray(lane)) };
         walk.set_time(rays.time[lane]);

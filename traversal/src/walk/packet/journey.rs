@@ -16,7 +16,7 @@ pub(super) enum Entering {
     Nothing,
     Inside(Way),
     /// The rays do not go the same way there.
-    Apart,
+    Singly,
     /// It holds something that a packet does not do.
     Unusual,
 }
@@ -70,27 +70,27 @@ impl Packet<'_> {
                         return Progress::Candidates;
                     }
                     if self.patience == 0 && self.has_asked {
-                        return self.part(walker, hits, instance);
+                        return self.split(walker, hits, instance);
                     }
                 }
-                Entering::Apart if !self.has_asked && only.is_none() => {
+                Entering::Singly if !self.has_asked && only.is_none() => {
                     if !self.go_singly(walker, index, lanes) {
-                        return Progress::Apart;
+                        return Progress::Singly;
                     }
                 }
-                _ if !self.has_asked => return Progress::Apart,
+                _ if !self.has_asked => return Progress::Singly,
                 _ => {
                     walker.packet.bottom.start(lanes);
-                    return self.part(walker, hits, (index, lanes));
+                    return self.split(walker, hits, (index, lanes));
                 }
             }
         }
         match self.patience {
             0 if self.has_asked => {
                 walker.packet.bottom.start(0);
-                self.part(walker, hits, (0, 0))
+                self.split(walker, hits, (0, 0))
             }
-            0 => Progress::Apart,
+            0 => Progress::Singly,
             // SAFETY: as above.
             _ => unsafe { K::finish(&self, hits, &walker.top) },
         }
@@ -136,7 +136,7 @@ impl Packet<'_> {
         };
         // SAFETY: the caller's promise.
         if !unsafe { K::set_up_instance(rays, &self.given, &record, lanes) } {
-            return Entering::Apart;
+            return Entering::Singly;
         }
         self.found.instance = index;
         if !again {
@@ -281,7 +281,7 @@ impl Packet<'_> {
 
     /// Each ray goes by itself from here on: in an instance first, with what is pending there.
     #[cold]
-    pub(super) fn part(
+    pub(super) fn split(
         mut self,
         walker: &Walker,
         hits: &mut HitRows,
@@ -289,6 +289,6 @@ impl Packet<'_> {
     ) -> Progress {
         self.keep(walker, (index, lanes & self.live()));
         self.finish(hits, &walker.top);
-        Progress::Parted(self.live())
+        Progress::Split(self.live())
     }
 }

@@ -151,11 +151,11 @@ pub(super) trait PacketKernel: Sized {
         lanes: u16,
     ) -> bool;
 
-    /// [`super::set_out`].
+    /// [`super::trace_packet`].
     ///
     /// # Safety
     /// As above; the contract of [`Walk::new`](crate::walk::Walk::new), for every ray.
-    unsafe fn set_out(
+    unsafe fn trace_packet(
         rays: &RayRows,
         lanes: u16,
         hits: &mut HitRows,
@@ -163,11 +163,11 @@ pub(super) trait PacketKernel: Sized {
         suspended: Option<&mut SuspendedPacket>,
     ) -> Progress;
 
-    /// [`super::go_on`].
+    /// [`super::resume_packet`].
     ///
     /// # Safety
     /// As above.
-    unsafe fn go_on(
+    unsafe fn resume_packet(
         rays: &RayRows,
         hits: &mut HitRows,
         walker: &mut Walker,
@@ -218,7 +218,7 @@ macro_rules! compiled {
         }
 
         $(#[$feature])?
-        unsafe fn set_out(
+        unsafe fn trace_packet(
             rays: &RayRows,
             lanes: u16,
             hits: &mut HitRows,
@@ -226,18 +226,18 @@ macro_rules! compiled {
             suspended: Option<&mut SuspendedPacket>,
         ) -> Progress {
             // SAFETY: the caller's promise.
-            unsafe { crate::walk::packet::set_out::<$kernel>(rays, lanes, hits, walker, suspended) }
+            unsafe { crate::walk::packet::trace_packet::<$kernel>(rays, lanes, hits, walker, suspended) }
         }
 
         $(#[$feature])?
-        unsafe fn go_on(
+        unsafe fn resume_packet(
             rays: &RayRows,
             hits: &mut HitRows,
             walker: &mut Walker,
             suspended: &mut SuspendedPacket,
         ) -> Progress {
             // SAFETY: the caller's promise.
-            unsafe { crate::walk::packet::go_on::<$kernel>(rays, hits, walker, suspended) }
+            unsafe { crate::walk::packet::resume_packet::<$kernel>(rays, hits, walker, suspended) }
         }
     )*};
 }

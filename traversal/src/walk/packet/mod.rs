@@ -7,7 +7,7 @@
 //!
 //! In an instance where rays no longer go the same way, each goes by itself. Anything unusual ends
 //! the attempt, and every walk starts anew. Where a [`SuspendedPacket`] keeps them, packets stop for candidates that shaders are to decide on:
-//! the next one of each ray in a leaf of triangles, or a box with all rays that meet it. Once they have, what is unusual parts them.
+//! the next one of each ray in a leaf of triangles, or a box with all rays that meet it. Once they have, what is unusual splits them into single walks.
 
 mod candidates;
 mod journey;
@@ -68,17 +68,17 @@ pub(crate) unsafe fn run(
     suspended: Option<&mut SuspendedPacket>,
 ) -> Progress {
     if !may_cohere(rays, lanes) {
-        return Progress::Apart;
+        return Progress::Singly;
     }
     match walker.options.tier {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the caller's promise; a walker has this tier only on machines that have the instruction set.
-        Tier::Avx512 => unsafe { wide::Avx512::set_out(rays, lanes, hits, walker, suspended) },
+        Tier::Avx512 => unsafe { wide::Avx512::trace_packet(rays, lanes, hits, walker, suspended) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: likewise.
-        Tier::Avx2 => unsafe { plain::Avx2::set_out(rays, lanes, hits, walker, suspended) },
+        Tier::Avx2 => unsafe { plain::Avx2::trace_packet(rays, lanes, hits, walker, suspended) },
         // SAFETY: the caller's promise; every machine has plain Rust.
-        _ => unsafe { plain::Portable::set_out(rays, lanes, hits, walker, suspended) },
+        _ => unsafe { plain::Portable::trace_packet(rays, lanes, hits, walker, suspended) },
     }
 }
 
@@ -95,12 +95,12 @@ pub(crate) unsafe fn resume(
     match walker.options.tier {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: as above.
-        Tier::Avx512 => unsafe { wide::Avx512::go_on(rays, hits, walker, suspended) },
+        Tier::Avx512 => unsafe { wide::Avx512::resume_packet(rays, hits, walker, suspended) },
         #[cfg(target_arch = "x86_64")]
         // SAFETY: likewise.
-        Tier::Avx2 => unsafe { plain::Avx2::go_on(rays, hits, walker, suspended) },
+        Tier::Avx2 => unsafe { plain::Avx2::resume_packet(rays, hits, walker, suspended) },
         // SAFETY: likewise.
-        _ => unsafe { plain::Portable::go_on(rays, hits, walker, suspended) },
+        _ => unsafe { plain::Portable::resume_packet(rays, hits, walker, suspended) },
     }
 }
 
@@ -154,7 +154,7 @@ fn most(v: &[f32; 3]) -> f32 {
 /// # Safety
 /// The contract of [`Walk::new`], for every ray; the machine has the instruction set.
 #[inline(always)]
-unsafe fn set_out<K: PacketKernel>(
+unsafe fn trace_packet<K: PacketKernel>(
     rays: &RayRows,
     lanes: u16,
     hits: &mut HitRows,
@@ -163,16 +163,16 @@ unsafe fn set_out<K: PacketKernel>(
 ) -> Progress {
     let given = Given::new(rays, lanes);
     if !cohere(&given, lanes) {
-        return Progress::Apart;
+        return Progress::Singly;
     }
     let first = lanes.trailing_zeros() as usize % PACKET;
     // SAFETY: the caller's promise, here and below.
     if !unsafe { walker.top.enter_top(rays.top_level[first]) } {
-        return Progress::Apart;
+        return Progress::Singly;
     }
     let structure = walker.top.structure;
     if structure.kind() != Kind::Instances {
-        return Progress::Apart;
+        return Progress::Singly;
     }
     let first = rays.ray(first);
     let packet = Packet {
@@ -191,7 +191,7 @@ unsafe fn set_out<K: PacketKernel>(
         let (ways, origin_error) = (&mut walker.packet.ways, structure.origin_error());
         // SAFETY: as above.
         if !unsafe { K::set_up_top(ways, &packet.given, origin_error, lanes) } {
-            return Progress::Apart;
+            return Progress::Singly;
         }
         walker.packet.top.start(lanes);
     }
@@ -202,7 +202,7 @@ unsafe fn set_out<K: PacketKernel>(
 /// # Safety
 /// The contract of [`Walk::new`], for every ray; the machine has the instruction set.
 #[inline(always)]
-unsafe fn go_on<K: PacketKernel>(
+unsafe fn resume_packet<K: PacketKernel>(
     rays: &RayRows,
     hits: &mut HitRows,
     walker: &mut Walker,
@@ -254,7 +254,7 @@ unsafe fn go_on<K: PacketKernel>(
             return Progress::Candidates;
         }
         if packet.patience == 0 {
-            return packet.part(walker, hits, (index, lanes));
+            return packet.split(walker, hits, (index, lanes));
         }
         if only_instance(&walker.top).is_some() {
             // SAFETY: as above.

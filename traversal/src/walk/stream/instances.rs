@@ -3,7 +3,7 @@
 use super::leaf::{Bottom, comes_to};
 use super::lists::{List, Stream};
 use super::octant_stacks::Place;
-use super::rays::{self, APART, OVER};
+use super::rays::{self, OVER, SINGLE};
 use crate::layout::{child, instance_state};
 use crate::ray::{Hit, Ray};
 use crate::structure::{Kind, Structure};
@@ -59,7 +59,7 @@ impl Place for Top<'_> {
             || self.bottom.structure.kind() != Kind::Triangles
             || record.words.state & instance_state::MOVING != 0
         {
-            return stream.part(list);
+            return stream.split(list);
         }
         let inner = &mut *self.inner;
         inner.clear();
@@ -73,7 +73,7 @@ impl Place for Top<'_> {
                 let is_on_its_way = comes_to(ray, list.planes());
                 going |= u16::from(is_on_its_way) << lane;
                 if is_on_its_way && sound >> lane & 1 == 0 {
-                    ray.t_far = APART;
+                    ray.t_far = SINGLE;
                 }
             }
             let put = |places: &mut _| rays::put(self.beams, &t_far, &names, places);
@@ -109,7 +109,7 @@ impl Place for Top<'_> {
         }
         for (ray, best) in inner.rays.iter().zip(&inner.best) {
             let place = rays::index(ray.name);
-            if ray.t_far == APART || ray.t_far == OVER {
+            if ray.t_far == SINGLE || ray.t_far == OVER {
                 stream.rays[place].t_far = ray.t_far;
             }
             if best.slot != Hit::UNKNOWN_SLOT {
@@ -124,6 +124,6 @@ impl Place for Top<'_> {
 
     #[cold]
     unsafe fn go_singly<const ANY: bool>(&mut self, stream: &mut Stream, list: &List, _: &mut u64) {
-        stream.part(list);
+        stream.split(list);
     }
 }

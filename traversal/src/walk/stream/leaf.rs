@@ -4,7 +4,7 @@ use std::arch::x86_64::*;
 
 use super::lists::{List, Stream};
 use super::octant_stacks::Place;
-use super::rays::{self, APART, OVER, StreamRay, View};
+use super::rays::{self, OVER, SINGLE, StreamRay, View};
 use crate::layout::{LEAF_TRIANGLES, MARGIN_RISE, Margin, TriangleGroup, child};
 use crate::ray::Hit;
 use crate::structure::Structure;
@@ -166,7 +166,7 @@ impl Place for Bottom<'_> {
                 Avx::<true>::walk_opaque::<ANY>(&way, best, &mut pending, self.hits, fuel)
             };
             ray.t_far = match end {
-                End::OutOfFuel => APART,
+                End::OutOfFuel => SINGLE,
                 End::Over => OVER,
                 End::Finished => best.t,
             };

@@ -139,7 +139,7 @@ impl Walker {
             self.run_outer(fuel);
             self.tell(caller);
         }
-        self.trace_apart(fuel, caller);
+        self.trace_singles(fuel, caller);
         self.streams.clear();
     }
 
@@ -211,16 +211,16 @@ impl Walker {
     /// As for [`Walk::new`], for every ray.
     unsafe fn tell(&mut self, caller: &mut dyn Caller) {
         let Walker { top, streams, .. } = self;
-        streams.apart.clear();
+        streams.singles.clear();
         // Neighbours mostly hit the same instance.
         let mut last: Option<(u32, InstanceFacts, Structure)> = None;
         let outer = &streams.outer;
         for (i, (ray, best)) in outer.rays.iter().zip(&outer.best).enumerate() {
             let (group, lane) = ray.lane();
-            if ray.t_far == rays::APART {
-                match streams.apart.last_mut() {
+            if ray.t_far == rays::SINGLE {
+                match streams.singles.last_mut() {
                     Some((last, lanes)) if *last == group => *lanes |= 1 << lane,
-                    _ => streams.apart.push((group, 1 << lane)),
+                    _ => streams.singles.push((group, 1 << lane)),
                 }
                 continue;
             }
@@ -246,12 +246,12 @@ impl Walker {
     }
 
     /// Traces rays in turn that streams have left over.
-    fn trace_apart(&mut self, fuel: &mut u64, caller: &mut dyn Caller) {
-        let apart = std::mem::take(&mut self.streams.apart);
+    fn trace_singles(&mut self, fuel: &mut u64, caller: &mut dyn Caller) {
+        let singles = std::mem::take(&mut self.streams.singles);
         let mut rows = RayRows::NONE;
         let mut hits = HitRows::default();
         let mut count = 0;
-        for &(group, lanes) in &apart {
+        for &(group, lanes) in &singles {
             caller.rays(group, &mut rows);
             let mut suspend = |lane: usize, walk: &mut Walk, event: Event| {
                 caller.suspend(group, lane, walk, event);
@@ -268,6 +268,6 @@ impl Walker {
         if all >= ENOUGH && 4 * count > all && *fuel > 0 {
             (streams.unsuited, streams.pause) = (streams.address, PAUSE);
         }
-        streams.apart = apart;
+        streams.singles = singles;
     }
 }

@@ -5,7 +5,7 @@ use std::mem::MaybeUninit;
 
 use super::lists::{List, Stream};
 use super::nodes::meet;
-use super::rays::{self, APART, StreamRay};
+use super::rays::{self, SINGLE, StreamRay};
 use crate::layout::{WIDTH, child};
 use crate::structure::Structure;
 use crate::walk::PACKET;
@@ -95,11 +95,11 @@ impl Stream {
 
     /// Leaves the rays of a list to walks by themselves, but for those that are over.
     #[cold]
-    pub fn part(&mut self, list: &List) {
+    pub fn split(&mut self, list: &List) {
         for i in 0..list.count as usize {
             let ray = &mut self.rays[rays::index(self.words[list.first as usize + i])];
             if ray.t_far >= 0.0 {
-                ray.t_far = APART;
+                ray.t_far = SINGLE;
             }
         }
     }
@@ -241,7 +241,7 @@ unsafe fn run<P: Place, const ANY: bool>(
     }
     for octant_stack in &mut octant_stacks {
         for list in octant_stack.lists.drain(..) {
-            stream.part(&list);
+            stream.split(&list);
         }
     }
     stream.octant_stacks = octant_stacks;

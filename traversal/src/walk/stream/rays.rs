@@ -15,7 +15,7 @@ pub(super) struct StreamRay {
     pub minus_origin: [f32; 3],
     pub t_min: f32,
     pub near_inverse: [f32; 3],
-    /// The end of the interval; [`OVER`] or [`APART`].
+    /// The end of the interval; [`OVER`] or [`SINGLE`].
     pub t_far: f32,
     pub minus_far_origin: [f32; 3],
     pub far_inverse: [f32; 3],
@@ -50,7 +50,7 @@ pub(super) const fn index(offset: u32) -> usize {
 pub(super) const OVER: f32 = -1.0;
 
 /// The same: the ray is to be traced by itself.
-pub(super) const APART: f32 = -2.0;
+pub(super) const SINGLE: f32 = -2.0;
 
 /// The name of a lane's ray.
 pub(super) fn name(group: u32, lane: usize) -> u32 {

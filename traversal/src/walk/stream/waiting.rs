@@ -20,7 +20,7 @@ pub(crate) struct Streams {
     /// The rays in an instance of several.
     pub(super) inner: Stream,
     /// Groups and lanes of those that are to be traced by themselves.
-    pub(super) apart: Vec<(u32, u16)>,
+    pub(super) singles: Vec<(u32, u16)>,
     /// Rays through this top level are not added to streams for some time: too many had to be traced by themselves.
     pub(super) unsuited: u64,
     pub(super) pause: u32,
@@ -35,7 +35,7 @@ impl Streams {
             outer: Stream::default(),
             instances: Vec::new(),
             inner: Stream::default(),
-            apart: Vec::new(),
+            singles: Vec::new(),
             unsuited: 0,
             pause: 0,
         }
