@@ -17,7 +17,7 @@ use std::path::PathBuf;
 
 use anyhow::{Result, ensure};
 use clap::Args;
-use traversal::{BuildFlags, Ray};
+use traversal::{BuildFlags, Ray, Tier};
 
 use embree::{Embree, Quality};
 use rays::Kind;
@@ -39,6 +39,9 @@ pub struct Options {
     /// Only these engines, by a part of their names, or "=" and the whole
     #[arg(long, value_name = "NAME")]
     engine: Vec<String>,
+    /// Use no better instruction set than this: portable, avx2, avx512
+    #[arg(long, value_name = "NAME", value_parser = tier)]
+    tier: Option<Tier>,
     /// Only these kinds of rays
     #[arg(long, value_name = "NAME")]
     rays: Vec<String>,
@@ -111,7 +114,16 @@ impl Engine<'_> {
     }
 }
 
+fn tier(name: &str) -> Result<Tier, String> {
+    let is_it = |tier: &Tier| format!("{tier:?}").eq_ignore_ascii_case(name);
+    let found = Tier::ALL.into_iter().find(is_it);
+    found.ok_or_else(|| "portable, avx2 or avx512".into())
+}
+
 pub fn run(options: &Options) -> Result<()> {
+    if let Some(tier) = options.tier {
+        tier.limit();
+    }
     let embree = match options.alone {
         true => None,
         false => Embree::open(options.embree.as_deref())?,
