@@ -22,13 +22,9 @@ mod node;
 
 use std::mem::size_of;
 
-#[cfg(target_arch = "x86_64")]
-pub(crate) use block::BLOCK_VERTICES;
-pub(crate) use block::{BLOCK_UNIT, BLOCK_UNITS, Block};
+pub(crate) use block::{BLOCK_UNIT, BLOCK_UNITS, BLOCK_VERTICES, Block};
 pub(crate) use bounds::Bounds;
-#[cfg(target_arch = "x86_64")]
-pub(crate) use margin::MARGIN_RISE;
-pub(crate) use margin::{Extent, Margin};
+pub(crate) use margin::{Extent, MARGIN_RISE, Margin};
 use margin::{larger, smaller};
 pub(crate) use node::NodeAt;
 

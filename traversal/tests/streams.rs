@@ -99,7 +99,7 @@ impl<'a> Groups<'a> {
 
 /// Whether streams are there at all.
 fn has_streams() -> bool {
-    Tier::Avx512.is_available()
+    Tier::Avx2.is_available()
 }
 
 /// Compares streams with plain walks; returns how many rays went by streams, and how many stopped.

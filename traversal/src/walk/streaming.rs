@@ -24,7 +24,7 @@ impl Walker {
 
     /// Adds rays to a stream, to be traced with others by [`Self::trace_streams`]; returns which. Those are rays of ordinary length
     /// through the same top level as those in it, with the same flags and mask; where it has one instance, that holds triangles
-    /// that all count. None are added where the machine has no AVX-512. Their hits are none so far.
+    /// that all count. None are added where the machine has no AVX2. Their hits are none so far.
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray, until they are traced.
@@ -42,7 +42,7 @@ impl Walker {
             Specialisation::Opaque,
         ];
         if lanes == 0
-            || self.options.tier != Tier::Avx512
+            || self.options.tier == Tier::Portable
             || needed.into_iter().any(|one| without.contains(one))
         {
             return 0;

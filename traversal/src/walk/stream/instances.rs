@@ -45,8 +45,13 @@ impl Place for Top<'_> {
         false
     }
 
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    unsafe fn visit<const ANY: bool>(&mut self, stream: &mut Stream, list: &List, fuel: &mut u64) {
+    #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
+    unsafe fn visit<const ANY: bool, const WIDE: bool>(
+        &mut self,
+        stream: &mut Stream,
+        list: &List,
+        fuel: &mut u64,
+    ) {
         let index = list.word & child::INDEX;
         // SAFETY: the contract of `Walk::new`, for every ray.
         if !unsafe { (self.bottom).admit(self.instance, self.top, index, self.ray) } {
@@ -102,9 +107,9 @@ impl Place for Top<'_> {
         unsafe {
             if inner.rays.len() < FEW {
                 let all = inner.all();
-                place.go_singly::<ANY>(inner, &all, fuel);
+                place.go_singly::<ANY, WIDE>(inner, &all, fuel);
             } else {
-                inner.run(&mut place, ANY, fuel);
+                inner.run(&mut place, ANY, WIDE, fuel);
             }
         }
         for (ray, best) in inner.rays.iter().zip(&inner.best) {
@@ -123,7 +128,12 @@ impl Place for Top<'_> {
     }
 
     #[cold]
-    unsafe fn go_singly<const ANY: bool>(&mut self, stream: &mut Stream, list: &List, _: &mut u64) {
+    unsafe fn go_singly<const ANY: bool, const WIDE: bool>(
+        &mut self,
+        stream: &mut Stream,
+        list: &List,
+        _: &mut u64,
+    ) {
         stream.split(list);
     }
 }

@@ -40,8 +40,13 @@ impl Place for Bottom<'_> {
     }
 
     #[inline]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    unsafe fn visit<const ANY: bool>(&mut self, stream: &mut Stream, list: &List, _: &mut u64) {
+    #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
+    unsafe fn visit<const ANY: bool, const WIDE: bool>(
+        &mut self,
+        stream: &mut Stream,
+        list: &List,
+        _: &mut u64,
+    ) {
         let Bottom {
             bottom,
             instance,
@@ -133,7 +138,7 @@ impl Place for Bottom<'_> {
     }
 
     #[cold]
-    unsafe fn go_singly<const ANY: bool>(
+    unsafe fn go_singly<const ANY: bool, const WIDE: bool>(
         &mut self,
         stream: &mut Stream,
         list: &List,
@@ -163,7 +168,7 @@ impl Place for Bottom<'_> {
             };
             // SAFETY: the caller's promise.
             let end = unsafe {
-                Avx::<true>::walk_opaque::<ANY>(&way, best, &mut pending, self.hits, fuel)
+                Avx::<WIDE>::walk_opaque::<ANY>(&way, best, &mut pending, self.hits, fuel)
             };
             ray.t_far = match end {
                 End::OutOfFuel => SINGLE,
@@ -232,7 +237,7 @@ unsafe fn keep(
 
 /// Whether a ray does not end before planes, which have the opposite sign.
 #[inline]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 pub(super) fn comes_to(ray: &StreamRay, planes: __m128) -> bool {
     // SAFETY: four numbers each, the fourth of which does not count.
     let near = unsafe {
@@ -241,13 +246,13 @@ pub(super) fn comes_to(ray: &StreamRay, planes: __m128) -> bool {
         _mm_mul_ps(_mm_sub_ps(planes, minus_origin), inverse)
     };
     let t_far = _mm_castps_si128(_mm_set1_ps(ray.t_far));
-    let beyond = _mm_cmpgt_epi32_mask(_mm_castps_si128(near), t_far);
-    beyond & 7 == 0 && ray.t_far >= 0.0
+    let beyond = _mm_cmpgt_epi32(_mm_castps_si128(near), t_far);
+    _mm_movemask_ps(_mm_castsi128_ps(beyond)) & 7 == 0 && ray.t_far >= 0.0
 }
 
 /// Both groups in one.
 #[inline]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 fn side_by_side(groups: [&TriangleGroup; 2]) -> Leaf {
     let margin = groups[0].margin.max(groups[1].margin);
     let mut leaf = Leaf([[[0.0; LEAF_TRIANGLES]; 3]; 3], margin);
@@ -266,7 +271,7 @@ fn side_by_side(groups: [&TriangleGroup; 2]) -> Leaf {
 
 /// Whether a ray passes inside a triangle, or may do so: as [`group::intersect`] finds out.
 #[inline]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 fn passes_inside(ray: &StreamRay, leaf: &Leaf, lanes: u32) -> bool {
     let rows = ray.axes.map(|axis| 2 * usize::from(axis));
     let base = leaf.0.as_ptr().cast::<u8>();
@@ -304,6 +309,6 @@ fn passes_inside(ray: &StreamRay, leaf: &Leaf, lanes: u32) -> bool {
     );
     // Two of opposite signs.
     let apart = _mm256_min_ps(most, _mm256_xor_ps(least, _mm256_set1_ps(-0.0)));
-    let outside = _mm256_cmp_ps_mask::<_CMP_GT_OQ>(apart, error);
-    !outside & lanes as u8 != 0
+    let outside = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(apart, error));
+    !outside as u32 & lanes != 0
 }

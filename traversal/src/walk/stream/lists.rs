@@ -49,7 +49,7 @@ pub(super) struct List {
 impl List {
     /// The near planes of the child in one vector.
     #[inline]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
     pub fn planes(&self) -> __m128 {
         let [x, y, z] = self.planes;
         _mm_setr_ps(x, y, z, 0.0)

@@ -30,6 +30,7 @@ use super::{Event, PACKET, Walk, Walker};
 use crate::layout::instance_state;
 use crate::ray::{Hit, Ray, ray_flags};
 use crate::structure::{Kind, Structure};
+use crate::tier::Tier;
 use instances::Top;
 use leaf::Bottom;
 pub(crate) use waiting::Streams;
@@ -44,7 +45,7 @@ impl Walker {
     /// [`Walker::add_to_stream`].
     ///
     /// # Safety
-    /// As for [`Walk::new`], for every ray, until they are traced; the machine has AVX-512.
+    /// As for [`Walk::new`], for every ray, until they are traced; the machine has AVX2.
     pub(super) unsafe fn add(
         &mut self,
         rays: &RayRows,
@@ -77,7 +78,7 @@ impl Walker {
     }
 
     /// Sets rays up where they begin; returns those that are sound.
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
     fn set_up(&mut self, rays: &RayRows, lanes: u16, group: u32) -> u16 {
         let Walker {
             top,
@@ -146,7 +147,7 @@ impl Walker {
     /// Takes the rays to their ends, or as far as streams go.
     ///
     /// # Safety
-    /// As for [`Walk::new`], for every ray; the machine has AVX-512.
+    /// As for [`Walk::new`], for every ray; the machine has AVX2.
     unsafe fn run_outer(&mut self, fuel: &mut u64) {
         let (address, ray, only) = (self.streams.address, self.streams.ray, self.streams.only);
         // SAFETY: the caller's promise, here and below.
@@ -156,6 +157,7 @@ impl Walker {
         if !enters {
             return;
         }
+        let wide = self.options.tier == Tier::Avx512;
         let fetches_ahead = !self.without().contains(Specialisation::Prefetch);
         let Walker {
             stack,
@@ -184,7 +186,7 @@ impl Walker {
                 fetches_ahead: fetches_ahead && bottom.structure.node_count() > LARGE,
             };
             // SAFETY: as above.
-            unsafe { outer.run(&mut place, any, fuel) };
+            unsafe { outer.run(&mut place, any, wide, fuel) };
             return;
         }
         instances.clear();
@@ -202,7 +204,7 @@ impl Walker {
             fetches_ahead,
         };
         // SAFETY: as above.
-        unsafe { outer.run(&mut place, any, fuel) };
+        unsafe { outer.run(&mut place, any, wide, fuel) };
     }
 
     /// Tells what was found, and finds out which rays are not at their ends.

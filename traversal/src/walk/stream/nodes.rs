@@ -9,12 +9,12 @@ use crate::walk::PACKET;
 
 /// Sorts eight words.
 #[inline]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 fn sorted(v: __m256i) -> __m256i {
     macro_rules! step {
         ($v:expr, $p:expr, $max:expr) => {{
             let (v, p) = ($v, $p);
-            _mm256_mask_max_epu32(_mm256_min_epu32(v, p), $max, v, p)
+            _mm256_blend_epi32::<$max>(_mm256_min_epu32(v, p), _mm256_max_epu32(v, p))
         }};
     }
     let v = step!(v, _mm256_shuffle_epi32::<0xB1>(v), 0x66);
@@ -23,6 +23,77 @@ fn sorted(v: __m256i) -> __m256i {
     let v = step!(v, _mm256_permute2x128_si256::<1>(v, v), 0xF0);
     let v = step!(v, _mm256_shuffle_epi32::<0x4E>(v), 0xCC);
     step!(v, _mm256_shuffle_epi32::<0xB1>(v), 0xAA)
+}
+
+/// For each mask of eight lanes: those that it has, one a byte, then others.
+static LANES: [[u8; 8]; 256] = {
+    let mut lanes = [[0; 8]; 256];
+    let mut mask = 0;
+    while mask < 256 {
+        let (mut lane, mut length) = (0, 0);
+        while lane < 8 {
+            if mask >> lane & 1 != 0 {
+                lanes[mask][length] = lane;
+                length += 1;
+            }
+            lane += 1;
+        }
+        mask += 1;
+    }
+    lanes
+};
+
+/// The words of a mask's lanes, one after the other, and others behind them.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
+pub(super) fn chosen(words: __m256i, mask: u8) -> __m256i {
+    // SAFETY: eight bytes.
+    let lanes = unsafe { _mm_loadl_epi64(LANES[usize::from(mask)].as_ptr().cast()) };
+    _mm256_permutevar8x32_epi32(words, _mm256_cvtepu8_epi32(lanes))
+}
+
+/// Puts the words of a mask's lanes down; returns how many those are.
+///
+/// # Safety
+/// There is room for sixteen. `WIDE`: the machine has AVX-512, and so does the function that this becomes part of.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
+pub(super) unsafe fn put_chosen<const WIDE: bool>(
+    place: *mut u32,
+    words: [__m256i; 2],
+    mask: u32,
+) -> u32 {
+    if WIDE {
+        // SAFETY: the caller's promise.
+        unsafe {
+            let low = _mm512_castsi256_si512(words[0]);
+            let words = _mm512_inserti64x4::<1>(low, words[1]);
+            _mm512_storeu_si512(
+                place.cast(),
+                _mm512_maskz_compress_epi32(mask as u16, words),
+            );
+        }
+        return mask.count_ones();
+    }
+    let [low, high] = [mask as u8, (mask >> 8) as u8];
+    // SAFETY: the second half begins eight words on at most.
+    unsafe {
+        _mm256_storeu_si256(place.cast(), chosen(words[0], low));
+        let place = place.add(low.count_ones() as usize);
+        _mm256_storeu_si256(place.cast(), chosen(words[1], high));
+    }
+    mask.count_ones()
+}
+
+/// Sixteen words.
+///
+/// # Safety
+/// There are so many.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
+unsafe fn sixteen(words: *const u32) -> [__m256i; 2] {
+    // SAFETY: the caller's promise.
+    unsafe { [0, 8].map(|i| _mm256_loadu_si256(words.add(i).cast())) }
 }
 
 /// A node's planes, with the opposite sign: near ones and far ones.
@@ -42,7 +113,7 @@ macro_rules! meets {
 
 impl Planes {
     #[inline]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
     fn new(node: NodeAt<'_>, rows: [usize; 3]) -> Planes {
         let minus = |row: usize| {
             // SAFETY: a row of eight, aligned.
@@ -55,9 +126,9 @@ impl Planes {
         }
     }
 
-    /// Which children a ray meets, and where it enters them; as [`Kernel::meet`] does it.
+    /// Which children a ray meets, and where it enters them, all ones where it does not; as [`Kernel::meet`] does it.
     #[inline]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
     fn meet(&self, ray: &StreamRay) -> (u8, __m256i) {
         let (n, o, i) = (&self.near, &ray.minus_origin, &ray.near_inverse);
         let t_min = _mm256_castps_si256(_mm256_set1_ps(ray.t_min));
@@ -71,7 +142,9 @@ impl Planes {
             _mm256_min_epi32(meets!(f, o, i, 0), meets!(f, o, i, 1)),
             _mm256_min_epi32(meets!(f, o, i, 2), t_far),
         );
-        (_mm256_cmple_epi32_mask(near, far), near)
+        let beyond = _mm256_cmpgt_epi32(near, far);
+        let mask = !_mm256_movemask_ps(_mm256_castsi256_ps(beyond)) as u8;
+        (mask, _mm256_or_si256(near, beyond))
     }
 }
 
@@ -80,8 +153,8 @@ impl Planes {
 /// # Safety
 /// The machine has the instruction set. There is room for eight lists.
 #[inline]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-pub(super) unsafe fn meet<const ANY: bool>(
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
+pub(super) unsafe fn meet<P, const ANY: bool, const WIDE: bool>(
     stream: &mut Stream,
     octant_stack: &mut OctantStack,
     list: &List,
@@ -99,8 +172,8 @@ pub(super) unsafe fn meet<const ANY: bool>(
     // Least distances at which children are entered, and which are entered at all.
     let mut least = _mm256_set1_epi32(-1);
     let mut all = 0u8;
-    let mut bits = _mm512_setzero_si512();
-    let mut ids = _mm512_setzero_si512();
+    let mut bytes = _mm_setzero_si128();
+    let mut ids = [_mm256_setzero_si256(); 2];
     let mut block = 0;
     while block < count {
         let mut halves = [0u64; 2];
@@ -111,28 +184,28 @@ pub(super) unsafe fn meet<const ANY: bool>(
                 break;
             }
             let shift = 8 * (8 - (end - at)) as u32;
-            let mut bytes = 0u64;
+            let mut eight = 0u64;
             while at < end {
                 // SAFETY: words of lists are offsets of rays.
                 let ray = unsafe { &*all_rays.byte_add(*here.add(at) as usize) };
                 let (mask, near) = planes.meet(ray);
                 if !ANY {
-                    least = _mm256_mask_min_epu32(least, mask, least, near);
+                    least = _mm256_min_epu32(least, near);
                 }
                 all |= mask;
-                bytes = bytes >> 8 | u64::from(mask) << 56;
+                eight = eight >> 8 | u64::from(mask) << 56;
                 at += 1;
             }
-            *half = bytes >> shift;
+            *half = eight >> shift;
         }
-        let bytes = _mm_set_epi64x(halves[1] as i64, halves[0] as i64);
-        bits = _mm512_cvtepu8_epi32(bytes);
+        bytes = _mm_set_epi64x(halves[1] as i64, halves[0] as i64);
         // SAFETY: there is slack behind the lists, and in the space as many places as in the longest.
         unsafe {
-            ids = _mm512_loadu_si512(here.add(block).cast());
+            ids = sixteen(here.add(block));
             if count > PACKET {
                 _mm_storeu_si128(masks.add(block).cast(), bytes);
-                _mm512_storeu_si512(copy.add(block).cast(), ids);
+                _mm256_storeu_si256(copy.add(block).cast(), ids[0]);
+                _mm256_storeu_si256(copy.add(block + 8).cast(), ids[1]);
             }
         }
         block += PACKET;
@@ -146,7 +219,7 @@ pub(super) unsafe fn meet<const ANY: bool>(
     let in_order = if ANY {
         // The last one first.
         let last_first = _mm256_setr_epi32(7, 6, 5, 4, 3, 2, 1, 0);
-        _mm256_maskz_compress_epi32(all.reverse_bits(), last_first)
+        chosen(last_first, all.reverse_bits())
     } else {
         sorted(_mm256_or_si256(
             _mm256_andnot_si256(_mm256_set1_epi32(7), least),
@@ -163,21 +236,17 @@ pub(super) unsafe fn meet<const ANY: bool>(
         for &column in order[..all.count_ones() as usize].iter().rev() {
             let column = column as usize % WIDTH;
             let first = top;
-            let bit = _mm512_set1_epi32(1 << column);
+            let to_sign = _mm_cvtsi32_si128(7 - column as i32);
             if count <= PACKET {
-                let chosen = _mm512_test_epi32_mask(bits, bit);
-                let ids = _mm512_maskz_compress_epi32(chosen, ids);
-                _mm512_storeu_si512(words.add(top as usize).cast(), ids);
-                top += chosen.count_ones();
+                let meeting = _mm_movemask_epi8(_mm_sll_epi16(bytes, to_sign)) as u32;
+                top += put_chosen::<WIDE>(words.add(top as usize), ids, meeting);
             } else {
                 for block in 0..count.div_ceil(PACKET) {
                     let at = block * PACKET;
-                    let bits = _mm512_cvtepu8_epi32(_mm_loadu_si128(masks.add(at).cast()));
-                    let chosen = _mm512_test_epi32_mask(bits, bit);
-                    let ids = _mm512_loadu_si512(copy.add(at).cast());
-                    let ids = _mm512_maskz_compress_epi32(chosen, ids);
-                    _mm512_storeu_si512(words.add(top as usize).cast(), ids);
-                    top += chosen.count_ones();
+                    let bytes = _mm_loadu_si128(masks.add(at).cast());
+                    let meeting = _mm_movemask_epi8(_mm_sll_epi16(bytes, to_sign)) as u32;
+                    top +=
+                        put_chosen::<WIDE>(words.add(top as usize), sixteen(copy.add(at)), meeting);
                 }
             }
             let length = octant_stack.lists.len();

@@ -4,7 +4,7 @@ use std::arch::x86_64::*;
 use std::mem::MaybeUninit;
 
 use super::lists::{List, Stream};
-use super::nodes::meet;
+use super::nodes::{meet, put_chosen};
 use super::rays::{self, SINGLE, StreamRay};
 use crate::layout::{WIDTH, child};
 use crate::structure::Structure;
@@ -33,13 +33,18 @@ pub(super) trait Place {
     ///
     /// # Safety
     /// The machine has the instruction set; the list is one of the stream's.
-    unsafe fn visit<const ANY: bool>(&mut self, stream: &mut Stream, list: &List, fuel: &mut u64);
+    unsafe fn visit<const ANY: bool, const WIDE: bool>(
+        &mut self,
+        stream: &mut Stream,
+        list: &List,
+        fuel: &mut u64,
+    );
 
     /// Takes a list on, each ray by itself.
     ///
     /// # Safety
     /// As above.
-    unsafe fn go_singly<const ANY: bool>(
+    unsafe fn go_singly<const ANY: bool, const WIDE: bool>(
         &mut self,
         stream: &mut Stream,
         list: &List,
@@ -59,7 +64,7 @@ impl Stream {
 
     /// Adds rays, with what they have found before. `rays` puts all sixteen down, and returns their octants.
     #[inline]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
     pub fn add(
         &mut self,
         lanes: u16,
@@ -121,24 +126,25 @@ impl Stream {
         }
     }
 
-    /// Takes all rays through a structure, as far as fuel lasts.
+    /// Takes all rays through a structure, as far as fuel lasts. `wide`: with AVX-512.
     ///
     /// # Safety
     /// The machine has the instruction set.
-    pub unsafe fn run<P: Place>(&mut self, place: &mut P, any: bool, fuel: &mut u64) {
+    pub unsafe fn run<P: Place>(&mut self, place: &mut P, any: bool, wide: bool, fuel: &mut u64) {
         // SAFETY: the caller's promise.
         unsafe {
             let going = self.start();
-            if any {
-                run::<P, true>(self, place, going, fuel);
-            } else {
-                run::<P, false>(self, place, going, fuel);
+            match (any, wide) {
+                (false, false) => run::<P, false>(self, place, going, fuel),
+                (true, false) => run::<P, true>(self, place, going, fuel),
+                (false, true) => run_wide::<P, false>(self, place, going, fuel),
+                (true, true) => run_wide::<P, true>(self, place, going, fuel),
             }
         }
     }
 
     /// Puts the rays of each octant down at the root; returns which stacks are not empty.
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+    #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
     fn start(&mut self) -> u32 {
         let count = self.rays.len();
         if self.here.len() < count + SLACK {
@@ -152,22 +158,25 @@ impl Stream {
         self.octants
             .resize(count.next_multiple_of(PACKET), u32::MAX);
         let size = rays::offset(1) as i32;
-        let lanes = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+        let lanes = _mm256_mullo_epi32(
+            _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7),
+            _mm256_set1_epi32(size),
+        );
         let (mut active, mut end) = (0, 0);
         for octant in lanes_of(self.present.into()) {
             let first = end;
             let mut top = first;
             for (block, octants) in self.octants.chunks_exact(PACKET).enumerate() {
-                let base = _mm512_set1_epi32((block * PACKET) as i32);
-                let offsets =
-                    _mm512_mullo_epi32(_mm512_add_epi32(lanes, base), _mm512_set1_epi32(size));
-                // SAFETY: sixteen each; a list has no more words than there are rays in its octant, and there is slack.
+                let base = (block * PACKET) as i32 * size;
+                let offsets = [base, base + 8 * size]
+                    .map(|base| _mm256_add_epi32(lanes, _mm256_set1_epi32(base)));
+                let ours = octants.iter().enumerate().fold(0, |ours, (lane, &own)| {
+                    ours | u32::from(own as usize == octant) << lane
+                });
+                // SAFETY: a list has no more words than there are rays in its octant, and there is slack.
                 unsafe {
-                    let octants = _mm512_loadu_si512(octants.as_ptr().cast());
-                    let ours = _mm512_cmpeq_epi32_mask(octants, _mm512_set1_epi32(octant as i32));
-                    let offsets = _mm512_maskz_compress_epi32(ours, offsets);
-                    _mm512_storeu_si512(self.words.as_mut_ptr().add(top).cast(), offsets);
-                    top += ours.count_ones() as usize;
+                    top += put_chosen::<false>(self.words.as_mut_ptr().add(top), offsets, ours)
+                        as usize;
                 }
             }
             end = first + WORDS * (top - first) + REST;
@@ -186,13 +195,45 @@ impl Stream {
     }
 }
 
-/// Takes turns with the stacks of octants until all are at their ends, or fuel is.
+/// [`run_with`] AVX2.
+///
+/// # Safety
+/// The machine has it.
+#[inline(never)]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
+unsafe fn run<P: Place, const ANY: bool>(
+    stream: &mut Stream,
+    place: &mut P,
+    going: u32,
+    fuel: &mut u64,
+) {
+    // SAFETY: the caller's promise.
+    unsafe { run_with::<P, ANY, false>(stream, place, going, fuel) }
+}
+
+/// [`run_with`] the 32 registers and the masks of AVX-512.
+///
+/// # Safety
+/// The machine has it.
+#[inline(never)]
+#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+unsafe fn run_wide<P: Place, const ANY: bool>(
+    stream: &mut Stream,
+    place: &mut P,
+    going: u32,
+    fuel: &mut u64,
+) {
+    // SAFETY: the caller's promise.
+    unsafe { run_with::<P, ANY, true>(stream, place, going, fuel) }
+}
+
+/// Takes turns with the stacks of octants until all are at their ends, or fuel is. What is called here has one caller for each
+/// instruction set, so that it becomes part of it.
 ///
 /// # Safety
 /// The machine has the instruction set.
-#[inline(never)]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-unsafe fn run<P: Place, const ANY: bool>(
+#[inline(always)]
+unsafe fn run_with<P: Place, const ANY: bool, const WIDE: bool>(
     stream: &mut Stream,
     place: &mut P,
     mut going: u32,
@@ -223,14 +264,14 @@ unsafe fn run<P: Place, const ANY: bool>(
             if list.word >= place.structure().node_count() {
                 *fuel = left;
                 if list.word & child::LEAF != 0 && list.word != child::NONE {
-                    place.visit::<ANY>(stream, &list, fuel);
+                    place.visit::<ANY, WIDE>(stream, &list, fuel);
                 }
             } else if !has_room || octant_stack.lists.len() > STACK {
-                place.go_singly::<ANY>(stream, &list, fuel);
+                place.go_singly::<ANY, WIDE>(stream, &list, fuel);
             } else {
                 *fuel = left;
                 let node = place.structure().node_at(list.word);
-                meet::<ANY>(stream, octant_stack, &list, node);
+                meet::<P, ANY, WIDE>(stream, octant_stack, &list, node);
             }
         }
         if place.fetches_ahead()

@@ -137,7 +137,7 @@ impl Sight for View<'_> {
 
 /// Puts rays that were set up together down one after the other; returns their octants.
 #[inline]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 pub(super) fn put(
     beams: &Beams,
     t_far: &Lanes,
@@ -173,7 +173,7 @@ pub(super) fn put(
 /// Puts rays that were set up together in a top level down one after the other; returns their octants. What instances have of them is in the second
 /// line: see [`given`].
 #[inline]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 pub(super) fn put_at_top(
     beams: &Beams,
     origin_error: f32,
@@ -182,7 +182,7 @@ pub(super) fn put_at_top(
     places: &mut [MaybeUninit<StreamRay>; PACKET],
 ) -> Words {
     let boxes = beams.by_axes(Some(origin_error));
-    let mut last = [_mm512_setzero_ps(); PACKET];
+    let mut last = [[_mm256_setzero_ps(); 2]; PACKET];
     for axis in 0..3 {
         last[axis] = load(&beams.space_origin[axis]);
         last[13 + axis] = load(&beams.space_direction[axis]);
@@ -192,23 +192,27 @@ pub(super) fn put_at_top(
 
 /// The rays of a list in a top level, for the places of an instance; there are sixteen at most. Lanes without a ray repeat the first.
 #[inline]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 pub(super) fn given(rays: &[StreamRay], offsets: &[u32]) -> (Given, Lanes, Words) {
     let (mut t_min, mut t_far) = ([0.0; PACKET], [0.0; PACKET]);
     let (mut names, mut sound) = ([0; PACKET], [0; PACKET]);
-    let lines: [__m512; PACKET] = std::array::from_fn(|lane| {
+    let lines: [Row; PACKET] = std::array::from_fn(|lane| {
         let offset = *offsets.get(lane).unwrap_or(&offsets[0]);
         let ray = &rays[index(offset)];
         sound[lane] = u32::from(lane < offsets.len());
         (t_min[lane], t_far[lane], names[lane]) = (ray.t_min, ray.t_far, offset);
+        let line = ray.own_origin.as_ptr();
         // SAFETY: the second line of a ray.
-        unsafe { _mm512_load_ps(ray.own_origin.as_ptr()) }
+        unsafe { [0, 8].map(|i| _mm256_load_ps(line.add(i))) }
     });
     let rows = transpose(lines);
     let row = |i: usize| {
         let mut row = [0.0; PACKET];
         // SAFETY: sixteen numbers.
-        unsafe { _mm512_storeu_ps(row.as_mut_ptr(), rows[i]) };
+        unsafe {
+            _mm256_storeu_ps(row.as_mut_ptr(), rows[i][0]);
+            _mm256_storeu_ps(row.as_mut_ptr().add(8), rows[i][1]);
+        }
         row
     };
     let given = Given {
@@ -222,13 +226,13 @@ pub(super) fn given(rays: &[StreamRay], offsets: &[u32]) -> (Given, Lanes, Words
 
 /// Puts rays down of which the second line is there; returns their octants.
 #[inline]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
+#[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
 fn with_boxes(
     beams: &Beams,
     boxes: &Boxes,
     t_far: &Lanes,
     names: &Words,
-    last: [__m512; PACKET],
+    last: [Row; PACKET],
     places: &mut [MaybeUninit<StreamRay>; PACKET],
 ) -> Words {
     let mut octants = [0; PACKET];
@@ -260,69 +264,78 @@ fn with_boxes(
         let place = place.as_mut_ptr().cast::<f32>();
         // SAFETY: two lines of sixteen plain numbers.
         unsafe {
-            _mm512_store_ps(place, first[i]);
-            _mm512_store_ps(place.add(PACKET), last[i]);
+            for half in 0..2 {
+                _mm256_store_ps(place.add(8 * half), first[i][half]);
+                _mm256_store_ps(place.add(PACKET + 8 * half), last[i][half]);
+            }
         }
     }
     octants
 }
 
+/// Sixteen numbers.
+type Row = [__m256; 2];
+
 #[inline]
-#[target_feature(enable = "avx512f,avx512dq")]
-fn minus(row: &Lanes) -> __m512 {
-    _mm512_xor_ps(load(row), _mm512_set1_ps(-0.0))
+#[target_feature(enable = "avx2")]
+fn minus(row: &Lanes) -> Row {
+    load(row).map(|half| _mm256_xor_ps(half, _mm256_set1_ps(-0.0)))
 }
 
 #[inline]
-#[target_feature(enable = "avx512f")]
-fn load(row: &Lanes) -> __m512 {
+#[target_feature(enable = "avx2")]
+fn load(row: &Lanes) -> Row {
     // SAFETY: sixteen numbers.
-    unsafe { _mm512_loadu_ps(row.as_ptr()) }
+    unsafe { [0, 8].map(|i| _mm256_loadu_ps(row.as_ptr().add(i))) }
 }
 
 #[inline]
-#[target_feature(enable = "avx512f")]
-fn load_words(row: &Words) -> __m512 {
+#[target_feature(enable = "avx2")]
+fn load_words(row: &Words) -> Row {
     // SAFETY: sixteen words.
-    unsafe { _mm512_castsi512_ps(_mm512_loadu_si512(row.as_ptr().cast())) }
+    unsafe { [0, 8].map(|i| _mm256_loadu_ps(row.as_ptr().add(i).cast())) }
 }
 
 /// Rows become columns.
 #[inline]
-#[target_feature(enable = "avx512f")]
-fn transpose(rows: [__m512; PACKET]) -> [__m512; PACKET] {
-    let zero = _mm512_setzero_ps();
-    // Of four rows each, in four parts of vectors: columns j, 4 + j, 8 + j, 12 + j.
-    let mut quads = [[zero; 4]; 4];
-    for q in 0..4 {
-        let [a, b, c, d] = [0, 1, 2, 3].map(|i| rows[4 * q + i]);
-        let (ab_low, ab_high) = (_mm512_unpacklo_ps(a, b), _mm512_unpackhi_ps(a, b));
-        let (cd_low, cd_high) = (_mm512_unpacklo_ps(c, d), _mm512_unpackhi_ps(c, d));
-        let pair = |first, second, high: bool| {
-            let (first, second) = (_mm512_castps_pd(first), _mm512_castps_pd(second));
-            _mm512_castpd_ps(if high {
-                _mm512_unpackhi_pd(first, second)
-            } else {
-                _mm512_unpacklo_pd(first, second)
-            })
-        };
+#[target_feature(enable = "avx2")]
+fn transpose(rows: [Row; PACKET]) -> [Row; PACKET] {
+    let mut columns = [[_mm256_setzero_ps(); 2]; PACKET];
+    for upper in 0..2 {
+        for right in 0..2 {
+            let quarter = std::array::from_fn(|i| rows[8 * upper + i][right]);
+            for (i, column) in transpose_eight(quarter).into_iter().enumerate() {
+                columns[8 * right + i][upper] = column;
+            }
+        }
+    }
+    columns
+}
+
+/// The same of eight rows of eight.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn transpose_eight(rows: [__m256; 8]) -> [__m256; 8] {
+    let zero = _mm256_setzero_ps();
+    // Of four rows each, in both halves of vectors: columns j and 4 + j.
+    let mut quads = [[zero; 4]; 2];
+    for q in 0..2 {
+        let [a, b, c, d] = [0, 1, 2, 3].map(|i| _mm256_castps_pd(rows[4 * q + i]));
+        let low = |p, q| _mm256_unpacklo_ps(_mm256_castpd_ps(p), _mm256_castpd_ps(q));
+        let high = |p, q| _mm256_unpackhi_ps(_mm256_castpd_ps(p), _mm256_castpd_ps(q));
+        let [ab_low, ab_high] = [low(a, b), high(a, b)].map(|v| _mm256_castps_pd(v));
+        let [cd_low, cd_high] = [low(c, d), high(c, d)].map(|v| _mm256_castps_pd(v));
         quads[q] = [
-            pair(ab_low, cd_low, false),
-            pair(ab_low, cd_low, true),
-            pair(ab_high, cd_high, false),
-            pair(ab_high, cd_high, true),
+            _mm256_castpd_ps(_mm256_unpacklo_pd(ab_low, cd_low)),
+            _mm256_castpd_ps(_mm256_unpackhi_pd(ab_low, cd_low)),
+            _mm256_castpd_ps(_mm256_unpacklo_pd(ab_high, cd_high)),
+            _mm256_castpd_ps(_mm256_unpackhi_pd(ab_high, cd_high)),
         ];
     }
-    let mut columns = [zero; PACKET];
+    let mut columns = [zero; 8];
     for j in 0..4 {
-        let even = _mm512_shuffle_f32x4::<0x88>(quads[0][j], quads[1][j]);
-        let odd = _mm512_shuffle_f32x4::<0xDD>(quads[0][j], quads[1][j]);
-        let even_last = _mm512_shuffle_f32x4::<0x88>(quads[2][j], quads[3][j]);
-        let odd_last = _mm512_shuffle_f32x4::<0xDD>(quads[2][j], quads[3][j]);
-        columns[j] = _mm512_shuffle_f32x4::<0x88>(even, even_last);
-        columns[4 + j] = _mm512_shuffle_f32x4::<0x88>(odd, odd_last);
-        columns[8 + j] = _mm512_shuffle_f32x4::<0xDD>(even, even_last);
-        columns[12 + j] = _mm512_shuffle_f32x4::<0xDD>(odd, odd_last);
+        columns[j] = _mm256_permute2f128_ps::<0x20>(quads[0][j], quads[1][j]);
+        columns[4 + j] = _mm256_permute2f128_ps::<0x31>(quads[0][j], quads[1][j]);
     }
     columns
 }
