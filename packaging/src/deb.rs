@@ -14,7 +14,7 @@ use crate::tree::{Entry, Tree};
 /// # Errors
 /// The file cannot be written.
 pub fn write(tree: &Tree, release: &Release, out: &Path) -> Result<PathBuf> {
-    let architecture = match release.architecture {
+    let architecture = match release.architecture.as_str() {
         "x86_64" => "amd64",
         "aarch64" => "arm64",
         other => other,

@@ -46,11 +46,14 @@ fn third_party(root: &Path, packages: &[&str]) -> Result<String> {
         let folder = Path::new(field("manifest_path"))
             .parent()
             .context("a crate has a folder")?;
-        let files = licence_files(folder)?;
-        ensure!(
-            !licence.is_empty() || !files.is_empty(),
-            "{name} {version} has no licence"
-        );
+        let mut files = licence_files(folder)?;
+        if files.is_empty() {
+            let authors = package["authors"].as_array().into_iter().flatten();
+            let authors: Vec<&str> = authors.filter_map(Value::as_str).collect();
+            let text = without_file(root, licence, &authors)
+                .with_context(|| format!("{name} {version} comes without its licence's text"))?;
+            files.push((format!("{licence}, of which the crate has no file"), text));
+        }
         text += &format!(
             "\n{:=<72}\n{name} {version}: {licence}\n{}\n",
             "",
@@ -65,6 +68,25 @@ fn third_party(root: &Path, packages: &[&str]) -> Result<String> {
         }
     }
     Ok(text)
+}
+
+/// The text of a licence that a crate names, but has no file of.
+fn without_file(root: &Path, licence: &str, authors: &[&str]) -> Result<String> {
+    let names = |wanted: &str| licence.split([' ', '/']).any(|word| word == wanted);
+    if names("Apache-2.0") {
+        return Ok("LICENSE-APACHE, beside this file, has the text.\n".into());
+    }
+    ensure!(names("MIT"), "\"{licence}\" is neither MIT nor Apache-2.0");
+    let own = std::fs::read_to_string(root.join("LICENSE-MIT")).context("reading LICENSE-MIT")?;
+    let (_, terms) = (own.split_once("Permission is hereby granted"))
+        .context("LICENSE-MIT has no permission")?;
+    let authors: Vec<&str> = (authors.iter())
+        .map(|author| author.split('<').next().unwrap_or(author).trim())
+        .collect();
+    let authors = authors.join(", ");
+    Ok(format!(
+        "Copyright (c) {authors}\n\nPermission is hereby granted{terms}"
+    ))
 }
 
 /// Crates that packages are linked with, as `NAME vVERSION`.
@@ -117,4 +139,30 @@ fn licence_files(folder: &Path) -> Result<Vec<(String, String)>> {
     }
     files.sort();
     Ok(files)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn root() -> &'static Path {
+        Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/.."))
+    }
+
+    #[test]
+    fn every_linked_crate_has_a_text() {
+        let text = third_party(root(), &["icd", "tuff"]).unwrap();
+        let rule = "=".repeat(72);
+        let mut sections = text.split(rule.as_str()).skip(1);
+        assert!(text.contains("\nx11rb "), "{text}");
+        assert!(sections.all(|section| section.contains("\n--- ")));
+    }
+
+    #[test]
+    fn licences_without_a_file_name_their_authors() {
+        let text = without_file(root(), "MIT", &["Ada <a@b>", "Bob <>"]).unwrap();
+        assert!(text.starts_with("Copyright (c) Ada, Bob\n\nPermission is hereby"));
+        assert!(without_file(root(), "MIT/Apache-2.0", &[]).is_ok());
+        assert!(without_file(root(), "MITX", &[]).is_err());
+    }
 }

@@ -22,7 +22,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
 
-use symbols::GlibcVersion;
+use symbols::{GlibcVersion, Tools};
 use tree::{Entry, Tree};
 
 #[derive(Parser)]
@@ -39,6 +39,9 @@ struct Arguments {
     /// A Vulkan loader for systems that have none: libvulkan.so.1, with its licence beside it as LICENSE.txt
     #[arg(long, value_name = "FILE")]
     loader: Option<PathBuf>,
+    /// What the binaries run on, by Rust's name
+    #[arg(long, value_name = "NAME", default_value = std::env::consts::ARCH)]
+    architecture: String,
     /// The newest glibc that the binaries may need
     #[arg(long, value_name = "VERSION")]
     glibc: GlibcVersion,
@@ -57,7 +60,7 @@ const MAX_DRIVER_BYTES: usize = 10_000_000;
 pub struct Release {
     pub version: String,
     /// By Rust's name.
-    pub architecture: &'static str,
+    pub architecture: String,
     /// What the binaries need.
     pub glibc: GlibcVersion,
     /// Whether they are linked with the compiler's library for unwinding.
@@ -80,8 +83,9 @@ fn package(arguments: &Arguments) -> Result<()> {
     let out = &arguments.out;
     std::fs::create_dir_all(out).with_context(|| format!("making {}", out.display()))?;
     let scratch = out.join("stripped");
-    let driver = symbols::separate(&arguments.driver, &scratch)?;
-    let program = symbols::separate(&arguments.program, &scratch)?;
+    let tools = Tools::of(&arguments.architecture);
+    let driver = tools.separate(&arguments.driver, &scratch)?;
+    let program = tools.separate(&arguments.program, &scratch)?;
     let size = driver.stripped.len();
     ensure!(
         size <= MAX_DRIVER_BYTES,
@@ -89,8 +93,13 @@ fn package(arguments: &Arguments) -> Result<()> {
     );
     let licences = licences::all(&arguments.root, &["icd", "tuff"])?;
     let mut tree = Tree::default();
-    tree.add("bin/tuff", Entry::program(program.stripped));
     tree.add("lib/tuff/libvulkan_tuff.so", Entry::file(driver.stripped));
+    // Its functions give other bits in other versions, and on other architectures.
+    ensure!(
+        !symbols::is_linked_with(&tree, "libm.so.6", &scratch)?,
+        "the driver is linked with the system's libm"
+    );
+    tree.add("bin/tuff", Entry::program(program.stripped));
     let manifest = read(&arguments.manifest)?;
     tree.add("share/vulkan/icd.d/tuff_icd.json", Entry::file(manifest));
     for (name, text) in licences {
@@ -102,7 +111,7 @@ fn package(arguments: &Arguments) -> Result<()> {
     let mut with_loader = tree.clone();
     if let Some(loader) = &arguments.loader {
         let licence = loader.with_file_name("LICENSE.txt");
-        let stripped = symbols::separate(loader, &scratch)?.stripped;
+        let stripped = tools.separate(loader, &scratch)?.stripped;
         with_loader.add("lib/tuff/loader/libvulkan.so.1", Entry::file(stripped));
         let name = "share/doc/tuff-vulkan/LICENSE-vulkan-loader.txt";
         with_loader.add(name, Entry::file(read(&licence)?));
@@ -115,7 +124,7 @@ fn package(arguments: &Arguments) -> Result<()> {
     );
     let release = Release {
         version: env!("CARGO_PKG_VERSION").into(),
-        architecture: std::env::consts::ARCH,
+        architecture: arguments.architecture.clone(),
         glibc: arguments.glibc,
         needs_libgcc: symbols::is_linked_with(&with_loader, "libgcc_s.so.1", &scratch)?,
         time: time(std::env::var("SOURCE_DATE_EPOCH").ok().as_deref())?,

@@ -18,34 +18,58 @@ pub struct Separated {
     pub debug: (String, Vec<u8>),
 }
 
-/// Takes a binary apart, by way of files in `scratch`.
-///
-/// # Errors
-/// The binary or one of the tools is not there.
-pub fn separate(binary: &Path, scratch: &Path) -> Result<Separated> {
-    std::fs::create_dir_all(scratch).with_context(|| format!("making {}", scratch.display()))?;
-    let name = binary.file_name().context("a binary has a name")?;
-    let name = name.to_str().context("a name in UTF-8")?;
-    let debug_name = format!("{name}.debug");
-    let (stripped, debug) = (scratch.join(name), scratch.join(&debug_name));
-    std::fs::copy(binary, &stripped).with_context(|| format!("reading {}", binary.display()))?;
-    tool(
-        Command::new("objcopy")
-            .arg("--only-keep-debug")
-            .arg(binary)
-            .arg(&debug),
-    )?;
-    tool(Command::new("strip").arg("--strip-unneeded").arg(&stripped))?;
-    // The link names the file without a folder: the command runs where it lies.
-    let mut link = Command::new("objcopy");
-    link.current_dir(scratch)
-        .arg(format!("--add-gnu-debuglink={debug_name}"))
-        .arg(name);
-    tool(&mut link)?;
-    Ok(Separated {
-        stripped: std::fs::read(&stripped)?,
-        debug: (debug_name, std::fs::read(&debug)?),
-    })
+/// The tools that change binaries of an architecture.
+pub struct Tools {
+    /// What their names start with.
+    prefix: String,
+}
+
+impl Tools {
+    /// Those of an architecture, by Rust's name: another one's than this machine's have its name before theirs.
+    pub fn of(architecture: &str) -> Tools {
+        Tools {
+            prefix: match architecture == std::env::consts::ARCH {
+                true => String::new(),
+                false => format!("{architecture}-linux-gnu-"),
+            },
+        }
+    }
+
+    fn tool(&self, name: &str) -> Command {
+        Command::new(format!("{}{name}", self.prefix))
+    }
+
+    /// Takes a binary apart, by way of files in `scratch`.
+    ///
+    /// # Errors
+    /// The binary or one of the tools is not there.
+    pub fn separate(&self, binary: &Path, scratch: &Path) -> Result<Separated> {
+        std::fs::create_dir_all(scratch)
+            .with_context(|| format!("making {}", scratch.display()))?;
+        let name = binary.file_name().context("a binary has a name")?;
+        let name = name.to_str().context("a name in UTF-8")?;
+        let debug_name = format!("{name}.debug");
+        let (stripped, debug) = (scratch.join(name), scratch.join(&debug_name));
+        std::fs::copy(binary, &stripped)
+            .with_context(|| format!("reading {}", binary.display()))?;
+        tool(
+            self.tool("objcopy")
+                .arg("--only-keep-debug")
+                .arg(binary)
+                .arg(&debug),
+        )?;
+        tool(self.tool("strip").arg("--strip-unneeded").arg(&stripped))?;
+        // The link names the file without a folder: the command runs where it lies.
+        let mut link = self.tool("objcopy");
+        link.current_dir(scratch)
+            .arg(format!("--add-gnu-debuglink={debug_name}"))
+            .arg(name);
+        tool(&mut link)?;
+        Ok(Separated {
+            stripped: std::fs::read(&stripped)?,
+            debug: (debug_name, std::fs::read(&debug)?),
+        })
+    }
 }
 
 fn tool(command: &mut Command) -> Result<String> {
@@ -160,7 +184,8 @@ mod tests {
     fn binaries_are_taken_apart() {
         let scratch = std::env::temp_dir().join(format!("tuff-symbols-{}", std::process::id()));
         let program = std::env::current_exe().unwrap();
-        let separated = separate(&program, &scratch).unwrap();
+        let here = Tools::of(std::env::consts::ARCH);
+        let separated = here.separate(&program, &scratch).unwrap();
         let whole = std::fs::metadata(&program).unwrap().len() as usize;
         assert!(separated.stripped.len() < whole / 2);
         assert!(separated.debug.0.ends_with(".debug"));

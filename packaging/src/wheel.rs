@@ -182,7 +182,7 @@ mod tests {
     fn tags_say_what_is_needed() {
         let release = Release {
             version: "0.1.0".into(),
-            architecture: "x86_64",
+            architecture: "x86_64".into(),
             glibc: "2.28".parse().unwrap(),
             needs_libgcc: false,
             time: 0,

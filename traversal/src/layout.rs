@@ -22,9 +22,13 @@ mod node;
 
 use std::mem::size_of;
 
-pub(crate) use block::{BLOCK_UNIT, BLOCK_UNITS, BLOCK_VERTICES, Block};
+#[cfg(target_arch = "x86_64")]
+pub(crate) use block::BLOCK_VERTICES;
+pub(crate) use block::{BLOCK_UNIT, BLOCK_UNITS, Block};
 pub(crate) use bounds::Bounds;
-pub(crate) use margin::{Extent, MARGIN_RISE, Margin};
+#[cfg(target_arch = "x86_64")]
+pub(crate) use margin::MARGIN_RISE;
+pub(crate) use margin::{Extent, Margin};
 use margin::{larger, smaller};
 pub(crate) use node::NodeAt;
 

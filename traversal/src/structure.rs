@@ -234,6 +234,7 @@ impl Structure {
     }
 
     /// Where a child lies, if its word is sound.
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(crate) fn child_address(&self, word: u32) -> *const u8 {
         if word & child::LEAF == 0 {

@@ -6,6 +6,7 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 
+use crate::architecture::{Architecture, Emulation};
 use crate::{loader, workspace};
 
 /// The file name of the driver's library.
@@ -35,6 +36,21 @@ impl Driver {
         let target = workspace::target()?;
         let library = target.join("release").join(LIBRARY);
         let manifest = target.join(MANIFEST);
+        write_manifest(&manifest, &library)?;
+        Ok(Driver { library, manifest })
+    }
+
+    /// Builds the driver in release mode for another architecture, and writes its manifest beside it.
+    pub fn build_for(architecture: Architecture, emulation: &Emulation) -> Result<Driver> {
+        let mut cargo = workspace::cargo();
+        cargo.args(["build", "--release", "--package", "icd"]);
+        emulation.select_for(&mut cargo);
+        let status = cargo.status().context("starting cargo")?;
+        ensure!(status.success(), "building icd failed");
+        let folder = workspace::target()?
+            .join(architecture.platform())
+            .join("release");
+        let (library, manifest) = (folder.join(LIBRARY), folder.join(MANIFEST));
         write_manifest(&manifest, &library)?;
         Ok(Driver { library, manifest })
     }

@@ -1,6 +1,7 @@
 //! The commands a person types: `cargo xtask demo | test | fuzz | bench | apps | chart | precision | watertight | profile | audit | vuids | env | run | info | install | uninstall | package`.
 
 mod apps;
+mod architecture;
 mod audit;
 mod bench;
 mod chart;

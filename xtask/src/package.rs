@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
-use anyhow::{Context, Result, bail, ensure};
-use clap::Args;
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use clap::{Args, ValueEnum};
 
+use crate::architecture::{Architecture, built_loader};
 use crate::driver::{LIBRARY, manifest_text};
 use crate::workspace;
 
@@ -26,21 +27,44 @@ pub struct Options {
     /// Where packages go [default: package in the target directory]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// The architecture to build for [default: this machine's]
+    #[arg(long, value_name = "ARCHITECTURE")]
+    target: Option<Architecture>,
 }
 
 pub fn package(options: &Options) -> Result<ExitCode> {
     let target = workspace::target()?.join("package");
+    let architecture = match options.target {
+        Some(architecture) => architecture,
+        None => Architecture::from_str(std::env::consts::ARCH, false)
+            .map_err(|_| anyhow!("there are no packages for {}", std::env::consts::ARCH))?,
+    };
     let old = (options.glibc != "here").then_some(options.glibc.as_str());
     ensure!(
-        old.is_none() || is_there(ZIGBUILD),
+        old.is_none() || workspace::is_there(ZIGBUILD),
         "{ZIGBUILD} is needed to link against glibc {}: pip install {ZIGBUILD} ziglang, or say --glibc here",
         options.glibc
+    );
+    ensure!(
+        old.is_some() || architecture.is_here(),
+        "--glibc here is for this machine, which is no {}",
+        architecture.name()
+    );
+    let strip = format!("{}-linux-gnu-strip", architecture.name());
+    ensure!(
+        architecture.is_here() || workspace::is_there(&strip),
+        "{strip} is needed: install binutils-{}-linux-gnu",
+        architecture.name()
     );
     // Before minutes of building.
     let loader = match &options.loader {
         Some(none) if none.as_os_str() == "none" => None,
         Some(file) => Some(std::path::absolute(file).context("the loader's path")?),
-        None => Some(built_loader(&target.join("loader"), old)?),
+        None => {
+            let folder = target.join(format!("loader-{}", architecture.name()));
+            let hint = "give one by --loader FILE, or do without by --loader none";
+            Some(built_loader(&folder, old, architecture).context(hint)?)
+        }
     };
     for file in loader
         .iter()
@@ -48,7 +72,7 @@ pub fn package(options: &Options) -> Result<ExitCode> {
     {
         ensure!(file.exists(), "there is no {}", file.display());
     }
-    let built = build(&target.join("build"), old)?;
+    let built = build(&target.join("build"), old, architecture)?;
     let manifest = built.join("tuff_icd.json");
     std::fs::write(&manifest, manifest_text(LIBRARY_FROM_MANIFEST))
         .context("writing the manifest")?;
@@ -64,6 +88,7 @@ pub fn package(options: &Options) -> Result<ExitCode> {
     packaging
         .arg("--glibc")
         .arg(old.map_or_else(here, |old| Ok(old.into()))?);
+    packaging.args(["--architecture", architecture.name()]);
     packaging.arg("--root").arg(workspace::root());
     packaging
         .arg("--out")
@@ -71,14 +96,9 @@ pub fn package(options: &Options) -> Result<ExitCode> {
     workspace::run(packaging)
 }
 
-fn is_there(program: &str) -> bool {
-    let folders = std::env::var_os("PATH").unwrap_or_default();
-    std::env::split_paths(&folders).any(|folder| folder.join(program).is_file())
-}
-
 /// Driver and program, each built alone; the folder that they lie in.
-fn build(folder: &Path, old: Option<&str>) -> Result<PathBuf> {
-    let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
+fn build(folder: &Path, old: Option<&str>, architecture: Architecture) -> Result<PathBuf> {
+    let platform = architecture.platform();
     for package in ["icd", "tuff"] {
         let mut cargo = workspace::cargo();
         match old {
@@ -92,17 +112,6 @@ fn build(folder: &Path, old: Option<&str>) -> Result<PathBuf> {
         ensure!(status.success(), "building {package} failed");
     }
     Ok(folder.join(platform).join("release"))
-}
-
-fn built_loader(folder: &Path, old: Option<&str>) -> Result<PathBuf> {
-    let mut script = Command::new(workspace::root().join("packaging/loader.sh"));
-    script.arg(folder).args(old);
-    let status = script.status().context("starting packaging/loader.sh")?;
-    ensure!(
-        status.success(),
-        "the Vulkan loader could not be built: give one by --loader FILE, or do without by --loader none"
-    );
-    Ok(folder.join("libvulkan.so.1"))
 }
 
 /// The version of this machine's glibc.

@@ -43,6 +43,14 @@ impl Installation {
         })
     }
 
+    /// Whether a loader that programs find is the one that came along, as after `tuff env`.
+    pub fn brought(&self, found: &loader::System) -> bool {
+        let real = |path: &Path| std::fs::canonicalize(path).ok();
+        let own =
+            (self.own_loader.as_deref()).and_then(|folder| real(&folder.join(loader::LIBRARY)));
+        own.is_some() && own == found.path.as_deref().and_then(real)
+    }
+
     /// The library that the manifest names.
     ///
     /// # Errors
@@ -141,6 +149,23 @@ mod tests {
         std::fs::remove_dir_all(&folder).unwrap();
         let message = format!("{:#}", installation.library().unwrap_err());
         assert!(message.contains("it's.json cannot be read"), "{message}");
+    }
+
+    #[test]
+    fn the_loader_that_came_along_is_known_by_its_file() {
+        let (folder, mut installation) = with_manifest("loader", "{}");
+        let found = |path: &Path| loader::System {
+            path: Some(path.into()),
+        };
+        let own = folder.join(loader::LIBRARY);
+        std::fs::write(&own, "").unwrap();
+        std::fs::write(folder.join("other"), "").unwrap();
+        assert!(!installation.brought(&found(&own)));
+        installation.own_loader = Some(folder.clone());
+        let brought = ["libvulkan.so.1", "./libvulkan.so.1", "other", "none"]
+            .map(|name| installation.brought(&found(&folder.join(name))));
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(brought, [true, true, false, false]);
     }
 
     #[test]

@@ -65,7 +65,7 @@ fn done(arguments: &Arguments) -> Result<ExitCode> {
         Command::Run { program } => program::run(&installation, program),
         Command::Env => {
             // A shell that evaluates nothing is better off than one that is pointed nowhere.
-            installation.library()?;
+            installation.library().map_err(program::with_what_mends)?;
             print!("{}", installation.exports());
             Ok(ExitCode::SUCCESS)
         }

@@ -21,7 +21,7 @@ const NOT_EXECUTABLE: u8 = 126;
 /// # Errors
 /// The driver or a loader is not there: the program would not find Vulkan.
 pub fn run(installation: &Installation, words: &[OsString]) -> Result<ExitCode> {
-    installation.library()?;
+    installation.library().map_err(with_what_mends)?;
     let (name, arguments) = words.split_first().context("no program given")?;
     let path = match find(name, std::env::var_os("PATH").as_deref()) {
         Ok(path) => path,
@@ -47,6 +47,13 @@ pub fn run(installation: &Installation, words: &[OsString]) -> Result<ExitCode> 
     program.env_remove("VK_ADD_DRIVER_FILES");
     program.envs(installation.variables());
     Err(program.exec()).with_context(|| format!("starting {}", path.display()))
+}
+
+/// What is wrong with the installed driver, and what mends it.
+pub fn with_what_mends(error: anyhow::Error) -> anyhow::Error {
+    anyhow::anyhow!(
+        "{error:#}: install Tuff again, or name its manifest by --manifest FILE; `tuff info` tells more"
+    )
 }
 
 /// The file that a name means; or else an exit code, and what is wrong.

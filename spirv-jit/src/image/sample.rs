@@ -7,11 +7,11 @@ use super::format::FormatInfo;
 use super::format::block::{self, Offsets, Texels, map};
 use super::lod::{self, LevelLanes, floats};
 use super::operands::{Operands, put_texels, swizzle};
+#[cfg(target_arch = "x86_64")]
+use super::vector::Vector;
 use super::{
     AddressMode, CompareOp, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Reduction,
-    SamplerDescriptor, cube,
-    fast::Fast,
-    vector::{self, Vector},
+    SamplerDescriptor, cube, fast::Fast, vector,
 };
 use crate::SUBGROUP_SIZE;
 use crate::row::Row;

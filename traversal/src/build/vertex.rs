@@ -120,6 +120,7 @@ pub(crate) fn transform_point(matrix: &[f32; 12], point: [f32; 3]) -> [f32; 3] {
 }
 
 /// Less memory than this stays near by itself.
+#[cfg(target_arch = "x86_64")]
 const FAR_BYTES: usize = 1 << 20;
 
 impl TriangleGeometry {
@@ -183,6 +184,8 @@ impl TriangleGeometry {
     /// The geometry's memory must be readable and unchanged.
     #[inline(always)]
     pub(crate) unsafe fn prefetch(&self, index: u32) {
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = index;
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the caller's promise; any address may be prefetched.
         unsafe {

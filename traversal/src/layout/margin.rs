@@ -67,6 +67,7 @@ impl Margin {
     }
 
     /// The larger one.
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub fn max(self, other: Margin) -> Margin {
         let larger = |a: f32, b: f32| if a > b { a } else { b };

@@ -69,6 +69,7 @@ impl Terms {
 }
 
 /// What box tests need of rays, by the axes of space.
+#[cfg(target_arch = "x86_64")]
 #[repr(C, align(64))]
 pub(crate) struct Boxes {
     pub origin: [Lanes; 3],
@@ -306,6 +307,7 @@ impl Beams {
     }
 
     /// What box tests need, by the axes of space, of rays that were set up together. `origin_error`: as for [`Self::set_up_top`].
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub fn by_axes(&self, origin_error: Option<f32>) -> Boxes {
         let o = &self.space_origin;

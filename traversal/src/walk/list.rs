@@ -15,6 +15,7 @@ use super::{Event, PACKET, State, Verdict, Walk, Walker, run};
 use crate::layout::instance_state;
 use crate::ray::ray_flags;
 use crate::structure::Kind;
+#[cfg(target_arch = "x86_64")]
 use crate::tier::Tier;
 
 /// Fewer rays are set up one by one for less.

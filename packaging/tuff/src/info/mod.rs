@@ -32,7 +32,7 @@ pub struct Seen {
 pub fn print(installation: &Installation) -> ExitCode {
     let seen = Seen {
         library: installation.library().map_err(|error| format!("{error:#}")),
-        system_loader: loader::System::find(),
+        system_loader: loader::System::find().filter(|found| !installation.brought(found)),
         own_loader: installation.own_loader.is_some(),
         selected: probe::ask(&installation.variables()),
         unselected: probe::ask(&[]),

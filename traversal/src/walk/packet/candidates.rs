@@ -8,14 +8,22 @@ use super::rays::Rays;
 use super::rays::{load, store};
 #[cfg(target_arch = "x86_64")]
 use super::triangle::{meet, test_triangle};
-use crate::layout::{Block, GROUP, LEAF_TRIANGLES, TriangleGroup, child, geometry_word};
+use crate::layout::{Block, TriangleGroup};
+#[cfg(target_arch = "x86_64")]
+use crate::layout::{GROUP, LEAF_TRIANGLES, child, geometry_word};
+#[cfg(target_arch = "x86_64")]
 use crate::ray::Hit;
+#[cfg(target_arch = "x86_64")]
 use crate::structure::Structure;
 use crate::walk::PACKET;
 use crate::walk::decide::Rim;
+#[cfg(target_arch = "x86_64")]
 use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
-use crate::walk::rows::{HitRows, Lanes};
+#[cfg(target_arch = "x86_64")]
+use crate::walk::rows::HitRows;
+use crate::walk::rows::Lanes;
+#[cfg(target_arch = "x86_64")]
 use crate::walk::suspended_packet::Standing;
 use crate::walk::triangle::intersect;
 

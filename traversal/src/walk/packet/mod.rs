@@ -34,6 +34,7 @@ use super::{Event, PACKET, State, Verdict, Walk, Walker};
 use crate::layout::{WIDTH, child};
 use crate::ray::{Ray, ray_flags};
 use crate::structure::{Kind, Structure};
+#[cfg(target_arch = "x86_64")]
 use crate::tier::Tier;
 use journey::Entering;
 use kernel::PacketKernel;
