@@ -13,6 +13,7 @@
 //! Surfaces without a window need neither: an image comes back when its turn is over.
 
 mod bell;
+mod conversion;
 mod offer;
 pub mod pixels;
 mod placement;

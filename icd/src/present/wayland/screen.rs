@@ -15,7 +15,8 @@ use wayland_client::protocol::wl_shm_pool::{self, WlShmPool};
 use wayland_client::protocol::wl_surface::WlSurface;
 use wayland_client::{Connection, Dispatch, EventQueue, Proxy, QueueHandle};
 
-use super::super::pixels::{self, Canvas, Layout};
+use super::super::conversion::Layout;
+use super::super::pixels::{self, Canvas};
 use super::super::shared_memory::SharedMemory;
 use super::super::{Bell, Event, Frame, Gone, Pictures, Screen, When};
 

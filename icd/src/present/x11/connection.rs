@@ -12,7 +12,7 @@ use x11rb::protocol::xproto::{ConnectionExt as _, ImageOrder, VisualClass};
 use x11rb::xcb_ffi::XCBConnection;
 
 use super::super::Gone;
-use super::super::pixels::Layout;
+use super::super::conversion::Layout;
 use super::library;
 
 /// A connection, borrowed from the application for as long as there are surfaces on it.
