@@ -82,6 +82,12 @@ impl<'a> Fast<'a> {
             srgb,
         })
     }
+
+    /// Whether levels of detail are looked at.
+    #[inline(always)]
+    pub(crate) fn has_levels(&self) -> bool {
+        self.image.level_count != 1
+    }
 }
 
 /// The levels of the lanes.
@@ -202,7 +208,7 @@ impl Fast<'_> {
     /// λ' to d', as in [`lod`].
     #[inline(always)]
     fn levels_of_detail<V: Vector>(&self, v: V, operands: &Operands<'_>) -> V::F {
-        if self.image.level_count == 1 {
+        if !self.has_levels() {
             return v.splat(0.0);
         }
         let bias = v.splat(self.sampler.mip_lod_bias);

@@ -41,6 +41,8 @@ pub(super) struct ImagePlan {
     pub op: ImageOp,
     pub image: Operand,
     pub sampler: Operand,
+    /// A sample at the derivatives of its coordinates, which it finds by itself: the coordinates stand in their place, too.
+    pub derives: bool,
     /// With whether they are of 64 bits.
     pub operands: Vec<(Operand, bool)>,
     pub results: Vec<(Operand, bool)>,

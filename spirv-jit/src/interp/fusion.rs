@@ -1,8 +1,10 @@
-//! Which instructions are performed together with the one that uses their result ([`kernels::fused`](super::kernels)).
+//! Which instructions are performed together with the one that uses their result ([`kernels::fused`](super::kernels)): pairs, and the derivatives of
+//! the coordinates that a sample takes its level of detail from.
 
 use foldhash::HashMap;
 
 use super::kernels::{Side, fused};
+use crate::image::{LodMode, fast};
 use crate::ir::{Body, Function, Inst, Node, Op, Terminator, Type, Value};
 use crate::tier::TierKind;
 
@@ -29,6 +31,20 @@ pub(super) struct Fusion {
     absorbed: Vec<bool>,
 }
 
+/// Of a sample, the operands that hold coordinates, and those that hold their derivatives: in x, then in y.
+fn of_sample(inst: &Inst) -> Option<(&[Value], &[Value])> {
+    let Op::Image(op) = inst.op else {
+        return None;
+    };
+    if op.lod != LodMode::Grad || !fast::may_apply(&op) {
+        return None;
+    }
+    let operands = inst.args.get(2..)?;
+    let slopes = operands.get(op.coordinate_count()..)?;
+    let spatial = op.spatial_count();
+    Some((operands.get(..spatial)?, slopes.get(..2 * spatial)?))
+}
+
 impl Fusion {
     /// The pair that ends in this instruction.
     pub fn of(&self, inst: &Inst) -> Option<&Fused> {
@@ -40,6 +56,16 @@ impl Fusion {
         inst.results
             .first()
             .is_some_and(|v| self.absorbed[v.index()])
+    }
+
+    /// The instruction is a sample at derivatives that it finds by itself.
+    pub fn derives(&self, inst: &Inst) -> bool {
+        of_sample(inst).is_some_and(|(_, slopes)| self.absorbed[slopes[0].index()])
+    }
+
+    /// The operands that an instruction reads.
+    pub fn reads(&self, inst: &Inst) -> impl Iterator<Item = Value> {
+        (inst.args.iter().copied()).filter(|value| !self.absorbed[value.index()])
     }
 
     /// Finds the pairs of a function.
@@ -111,6 +137,8 @@ impl<'f> Finder<'f> {
                     // Across a suspension operands would have to be saved instead of the result.
                     if inst.op.is_yield() || matches!(inst.op, Op::Call(_)) {
                         run.clear();
+                    } else if matches!(inst.op, Op::Image(_)) {
+                        self.absorb_slopes(inst, at, &run);
                     } else if let [result] = inst.results[..]
                         && !self.uniform[result.index()]
                         && !self.fuse(inst, result, at, &run)
@@ -131,6 +159,28 @@ impl<'f> Finder<'f> {
                 }
             }
             run.clear();
+        }
+    }
+
+    /// Leaves the derivatives of a sample's own coordinates to the sample, if nothing else uses them.
+    fn absorb_slopes(&mut self, inst: &Inst, at: usize, run: &HashMap<Value, (usize, &Inst)>) {
+        let Some((coordinates, slopes)) = of_sample(inst) else {
+            return;
+        };
+        let axes = [Op::DerivativeX, Op::DerivativeY];
+        let all = slopes.iter().enumerate().all(|(k, slope)| {
+            let coordinate = coordinates[k % coordinates.len()];
+            run.get(slope).is_some_and(|&(first_at, first)| {
+                first.op == axes[k / coordinates.len()]
+                    && first.args[..] == [coordinate]
+                    && self.function.ty(coordinate) == Type::F32
+                    && at - first_at <= REACH
+            })
+        });
+        if all {
+            for slope in slopes {
+                self.fusion.absorbed[slope.index()] = true;
+            }
         }
     }
 

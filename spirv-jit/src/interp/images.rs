@@ -7,6 +7,7 @@ use super::machine::{Handler, Instr, Machine, Operand};
 use super::tier::{Kernel, Portable, Tier};
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
+use crate::eval::quad;
 use crate::image::execute::execute_block;
 use crate::image::fast::{self, Fast};
 use crate::image::format::block::each_lane;
@@ -153,6 +154,16 @@ unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, offset: u16) {
             }
         }
         let images = &*m.block::<u64>(plan.image, offset);
+        let derived;
+        if plan.derives {
+            derived = derivatives(
+                vector::Portable,
+                &plan.op,
+                &rows,
+                m.active[offset as usize / 64],
+            );
+            put_derivatives(&plan.op, &derived, &mut rows);
+        }
         let samplers = match plan.sampler == Operand::NONE {
             true => &[0; SUBGROUP_SIZE],
             false => &*m.block::<u64>(plan.sampler, offset),
@@ -176,6 +187,32 @@ unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, offset: u16) {
                 row += 1;
             }
         }
+    }
+}
+
+/// The derivatives of a sample's coordinates, of which it has one or two: in x, then in y.
+#[inline(always)]
+fn derivatives<V: Vector>(v: V, op: &ImageOp, rows: &[&Row], active: u16) -> [Row; 4] {
+    let spatial = op.spatial_count().min(2);
+    let mut derived = [[0; SUBGROUP_SIZE]; 4];
+    for axis in 0..spatial {
+        let coordinate = v.load(rows[axis]);
+        v.store(
+            v.derivative::<{ quad::X }>(coordinate, active),
+            &mut derived[axis],
+        );
+        let y = v.derivative::<{ quad::Y }>(coordinate, active);
+        v.store(y, &mut derived[spatial + axis]);
+    }
+    derived
+}
+
+/// Puts those in the place of operands.
+#[inline(always)]
+fn put_derivatives<'r>(op: &ImageOp, derived: &'r [Row; 4], rows: &mut [&'r Row]) {
+    let places = &mut rows[op.coordinate_count()..];
+    for (place, row) in places.iter_mut().zip(derived).take(2 * op.spatial_count()) {
+        *place = row;
     }
 }
 
@@ -279,6 +316,11 @@ unsafe fn sample_block<V: Vector>(
     unsafe {
         for (row, &(operand, _)) in rows.iter_mut().zip(&plan.operands) {
             *row = &*m.block::<u32>(operand, offset);
+        }
+        let derived;
+        if plan.derives && sample.has_levels() {
+            derived = derivatives(v, &plan.op, &rows, m.active[offset as usize / 64]);
+            put_derivatives(&plan.op, &derived, &mut rows);
         }
         let operands = Operands::new(&plan.op, &rows[..plan.operands.len().min(9)]);
         sample.sample(v, &operands, mask, &mut results);

@@ -129,7 +129,7 @@ impl Walk<'_> {
                     return;
                 }
                 let late = !shares_rows(inst);
-                for &arg in &inst.args {
+                for arg in self.fusion.reads(inst) {
                     self.use_at(arg, 2 * position + late as u32);
                 }
                 for &result in &inst.results {

@@ -6,6 +6,7 @@ use super::super::plain::Plain;
 use super::super::texels;
 use super::super::vector::{self, Vector};
 use super::*;
+use crate::eval::quad;
 use crate::tier::TierKind;
 
 /// What is done with each instruction set.
@@ -329,5 +330,55 @@ proptest! {
             };
             in_every_tier(&mut Operation { op, images: [&image(), &image()], rows, mask });
         }
+    }
+}
+
+/// Moves words between the lanes of quads.
+struct Quads {
+    words: Texels,
+    mask: u16,
+}
+
+impl Case for Quads {
+    #[inline(always)]
+    unsafe fn run<V: Vector>(&mut self, v: V) {
+        let a = &self.words[0];
+        let row = |words: V::I| {
+            let mut row = [0; 16];
+            v.store_i(words, &mut row);
+            row
+        };
+        let four = [a[0], a[1], a[2], a[3]];
+        let spread: [u32; 16] = std::array::from_fn(|lane| four[lane / 4]);
+        assert_eq!(row(v.quads(&four)), spread);
+        let numbers = a.map(f32::from_bits);
+        let slopes = [
+            v.derivative::<{ quad::X }>(v.load(a), self.mask),
+            v.derivative::<{ quad::Y }>(v.load(a), self.mask),
+        ];
+        let expected = [
+            quad::derivative::<f32, { quad::X }>(&numbers, self.mask),
+            quad::derivative::<f32, { quad::Y }>(&numbers, self.mask),
+        ];
+        for (slope, expected) in slopes.into_iter().zip(expected) {
+            for (word, number) in row(v.bits_of(slope)).into_iter().zip(expected) {
+                let same = word == number.to_bits();
+                assert!(same || f32::from_bits(word).is_nan() && number.is_nan());
+            }
+        }
+    }
+}
+
+#[test]
+fn lanes_of_quads_move_alike() {
+    for seed in 0..64u64 {
+        let mask = match seed {
+            0 => u16::MAX,
+            _ => (seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 48) as u16,
+        };
+        in_every_tier(&mut Quads {
+            words: words(seed),
+            mask,
+        });
     }
 }

@@ -3,6 +3,7 @@
 use std::arch::x86_64::*;
 
 use super::Vector;
+use crate::eval::quad;
 use crate::row::Row;
 
 /// AVX2, FMA and F16C.
@@ -253,6 +254,47 @@ impl Vector for Avx2 {
             ]
         }
     }
+    #[inline(always)]
+    fn quads(self, words: &[u32; 4]) -> I {
+        // SAFETY: the token; four words are as long as half a register.
+        unsafe {
+            let words = _mm256_broadcastsi128_si256(_mm_loadu_si128(words.as_ptr().cast()));
+            [
+                _mm256_permutevar8x32_epi32(words, _mm256_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1)),
+                _mm256_permutevar8x32_epi32(words, _mm256_setr_epi32(2, 2, 2, 2, 3, 3, 3, 3)),
+            ]
+        }
+    }
+
+    #[inline(always)]
+    fn sides<const AXIS: usize>(self, [a, b]: F) -> (F, F) {
+        // SAFETY: the token.
+        unsafe {
+            match AXIS {
+                quad::X => (
+                    [
+                        _mm256_permute_ps::<0b10_10_00_00>(a),
+                        _mm256_permute_ps::<0b10_10_00_00>(b),
+                    ],
+                    [
+                        _mm256_permute_ps::<0b11_11_01_01>(a),
+                        _mm256_permute_ps::<0b11_11_01_01>(b),
+                    ],
+                ),
+                _ => (
+                    [
+                        _mm256_permute_ps::<0b01_00_01_00>(a),
+                        _mm256_permute_ps::<0b01_00_01_00>(b),
+                    ],
+                    [
+                        _mm256_permute_ps::<0b11_10_11_10>(a),
+                        _mm256_permute_ps::<0b11_10_11_10>(b),
+                    ],
+                ),
+            }
+        }
+    }
+
     #[inline(always)]
     unsafe fn load_quads(self, at: *const u8, stride_bytes: usize) -> I {
         // SAFETY: the token, and the caller's promise.

@@ -3,6 +3,7 @@
 use std::arch::x86_64::*;
 
 use super::Vector;
+use crate::eval::quad;
 use crate::row::Row;
 
 /// AVX-512 F, VL, DQ and BW.
@@ -96,6 +97,33 @@ impl Vector for Avx512 {
         fn ge(a: F, b: F) -> u16 = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(a, b);
         fn eq(a: F, b: F) -> u16 = _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(a, b);
         fn select(mask: u16, a: I, b: I) -> I = _mm512_mask_mov_epi32(b, mask, a);
+    }
+
+    #[inline(always)]
+    fn quads(self, words: &[u32; 4]) -> I {
+        let lanes = [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3];
+        // SAFETY: the token; four words are as long as a quarter of a register.
+        unsafe {
+            let words = _mm512_castsi128_si512(_mm_loadu_si128(words.as_ptr().cast()));
+            _mm512_permutexvar_epi32(self.load_i(&lanes), words)
+        }
+    }
+
+    #[inline(always)]
+    fn sides<const AXIS: usize>(self, a: F) -> (F, F) {
+        // SAFETY: the token.
+        unsafe {
+            match AXIS {
+                quad::X => (
+                    _mm512_permute_ps::<0b10_10_00_00>(a),
+                    _mm512_permute_ps::<0b11_11_01_01>(a),
+                ),
+                _ => (
+                    _mm512_permute_ps::<0b01_00_01_00>(a),
+                    _mm512_permute_ps::<0b11_10_11_10>(a),
+                ),
+            }
+        }
     }
 
     #[inline(always)]

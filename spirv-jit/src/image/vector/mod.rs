@@ -15,6 +15,7 @@ pub use avx2::Avx2;
 pub use avx512::Avx512;
 pub use portable::Portable;
 
+use crate::eval::quad;
 use crate::row::Row;
 
 /// 1.5 · 2^23: the last place of a sum with it is worth 1, so that a fused multiply-add rounds its product to an integer, once.
@@ -94,6 +95,12 @@ pub trait Vector: Copy {
     /// `a` in the lanes of the mask, `b` in the others.
     fn select(self, mask: u16, a: Self::I, b: Self::I) -> Self::I;
 
+    /// Four words, four lanes each.
+    fn quads(self, words: &[u32; 4]) -> Self::I;
+
+    /// In each lane of a quad (see [`quad`](crate::eval::quad)) the number of the one with the bit `AXIS` of its index clear, and of the one with it set.
+    fn sides<const AXIS: usize>(self, a: Self::F) -> (Self::F, Self::F);
+
     /// Four words of each of four rows, which become 2×2 quads: lanes 0 and 1 are from the first row, 2 and 3 from the second, 4 and 5 from the
     /// first.
     ///
@@ -118,6 +125,15 @@ pub trait Vector: Copy {
     /// # Safety
     /// Eight bytes are readable at each.
     unsafe fn gather_pairs(self, base: *const u8, offsets: Self::I) -> (Self::I, Self::I);
+
+    /// [`quad::derivative`] of sixteen numbers.
+    #[inline(always)]
+    fn derivative<const AXIS: usize>(self, a: Self::F, active: u16) -> Self::F {
+        let (first, second) = self.sides::<AXIS>(a);
+        let both = active & active >> AXIS & if AXIS == quad::X { 0x5555 } else { 0x3333 };
+        let difference = self.bits_of(self.sub(second, first));
+        self.bits_to_f(self.keep(difference, both | both << AXIS))
+    }
 
     /// `a + w (b - a)`: exact where the weight is zero or the ends are equal.
     #[inline(always)]

@@ -220,6 +220,25 @@ impl Vector for Portable {
         out
     }
     #[inline(always)]
+    fn quads(self, words: &[u32; 4]) -> I {
+        let mut lanes = [0; SUBGROUP_SIZE];
+        for lane in 0..SUBGROUP_SIZE {
+            lanes[lane] = words[lane / 4] as i32;
+        }
+        lanes
+    }
+
+    #[inline(always)]
+    fn sides<const AXIS: usize>(self, a: F) -> (F, F) {
+        let (mut first, mut second) = (a, a);
+        for lane in 0..SUBGROUP_SIZE {
+            first[lane] = a[lane & !AXIS];
+            second[lane] = a[lane | AXIS];
+        }
+        (first, second)
+    }
+
+    #[inline(always)]
     unsafe fn load_quads(self, at: *const u8, stride_bytes: usize) -> I {
         let mut out = [0; SUBGROUP_SIZE];
         for row in 0..4 {

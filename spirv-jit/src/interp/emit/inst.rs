@@ -265,7 +265,15 @@ impl Emitter<'_> {
         let rows = |list: &[(Operand, bool)]| -> usize {
             list.iter().map(|&(_, wide)| 1 + wide as usize).sum()
         };
-        let operands = typed(&inst.args[descriptors.min(inst.args.len())..]);
+        let mut arguments = inst.args[descriptors.min(inst.args.len())..].to_vec();
+        let derives = self.placed().fusion.derives(inst);
+        if derives {
+            let (spatial, from) = (op.spatial_count(), op.coordinate_count());
+            for k in 0..2 * spatial {
+                arguments[from + k] = arguments[k % spatial];
+            }
+        }
+        let operands = typed(&arguments);
         let results = typed(&inst.results);
         let matches = rows(&operands) == op.operand_rows() && rows(&results) <= op.result_rows();
         if !matches || !images::fits(op.operand_rows(), op.result_rows()) {
@@ -281,6 +289,7 @@ impl Emitter<'_> {
                 true => self.operand(inst.args[1]),
                 false => Operand::NONE,
             },
+            derives,
             operands,
             results,
             wanted: (inst.results.iter().enumerate())

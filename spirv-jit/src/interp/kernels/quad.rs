@@ -7,6 +7,7 @@ use half::f16;
 use super::lane::{Lane, at};
 use crate::SUBGROUP_SIZE;
 use crate::eval::{Float, quad};
+use crate::image::vector::{self, Vector};
 use crate::interp::machine::{Handler, Instr, Machine};
 use crate::interp::tier::{Kernel, Portable, Tier};
 use crate::ir::{Op, Type};
@@ -16,21 +17,40 @@ use crate::tier::TierKind;
 pub(in crate::interp) fn derivative(tier: TierKind, op: &Op, ty: Type) -> Handler {
     match tier {
         #[cfg(target_arch = "x86_64")]
-        TierKind::Avx2 => in_tier::<crate::interp::tier::Avx2>(op, ty),
+        TierKind::Avx2 => in_tier::<crate::interp::tier::Avx2, vector::Avx2>(op, ty),
         #[cfg(target_arch = "x86_64")]
-        TierKind::Avx512 => in_tier::<crate::interp::tier::Avx512>(op, ty),
-        _ => in_tier::<Portable>(op, ty),
+        TierKind::Avx512 => in_tier::<crate::interp::tier::Avx512, vector::Avx512>(op, ty),
+        _ => in_tier::<Portable, vector::Portable>(op, ty),
     }
 }
 
-fn in_tier<T: Tier>(op: &Op, ty: Type) -> Handler {
+fn in_tier<T: Tier, V: Vector + 'static>(op: &Op, ty: Type) -> Handler {
     match (op, ty) {
         (Op::DerivativeX, Type::F16) => Portable::handler::<Derivative<f16, { quad::X }>>(),
         (Op::DerivativeX, Type::F64) => T::handler::<Derivative<f64, { quad::X }>>(),
-        (Op::DerivativeX, _) => T::handler::<Derivative<f32, { quad::X }>>(),
+        (Op::DerivativeX, _) => T::handler::<Slope<V, { quad::X }>>(),
         (_, Type::F16) => Portable::handler::<Derivative<f16, { quad::Y }>>(),
         (_, Type::F64) => T::handler::<Derivative<f64, { quad::Y }>>(),
-        (_, _) => T::handler::<Derivative<f32, { quad::Y }>>(),
+        (_, _) => T::handler::<Slope<V, { quad::Y }>>(),
+    }
+}
+
+/// Of 32-bit floats.
+struct Slope<V, const AXIS: usize>(PhantomData<V>);
+
+impl<V: Vector, const AXIS: usize> Kernel for Slope<V, AXIS> {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        // SAFETY: the tier is the token's; rows are the program's; a block is read before it is written.
+        unsafe {
+            let v = V::new();
+            let (a, d) = (m.row(i.a), m.row(i.d));
+            for &offset in m.listed() {
+                let active = m.active[offset as usize / 64];
+                let slope = v.derivative::<AXIS>(v.load(&*at::<u32>(a, offset)), active);
+                v.store(slope, &mut *at::<u32>(d, offset));
+            }
+        }
     }
 }
 
