@@ -183,21 +183,25 @@ impl Worker {
                 let places = topology::vertices(topology, primitive, last);
                 let vertices = match &run {
                     Some(run) => places.map(|place| base + (place - run.start)),
-                    None => places.map(|place| {
-                        let place = start + u64::from(place);
-                        let index = match &indices {
-                            Some(indices) => {
-                                indices.at(place).wrapping_add(call.vertex_offset as u32)
+                    None => {
+                        // No closure: it would be called.
+                        let mut vertices = places;
+                        for vertex in &mut vertices {
+                            let place = start + u64::from(*vertex);
+                            let index = match &indices {
+                                Some(indices) => {
+                                    indices.at(place).wrapping_add(call.vertex_offset as u32)
+                                }
+                                None => place as u32,
+                            };
+                            let new = self.vertices.len() as u32;
+                            *vertex = self.unique.place(index, new);
+                            if *vertex == new {
+                                self.vertices.push(Vertex { index, common });
                             }
-                            None => place as u32,
-                        };
-                        let new = self.vertices.len() as u32;
-                        let vertex = self.unique.place(index, new);
-                        if vertex == new {
-                            self.vertices.push(Vertex { index, common });
                         }
-                        vertex
-                    }),
+                        vertices
+                    }
                 };
                 self.primitives.push(Assembled {
                     vertices,

@@ -126,6 +126,47 @@ impl<V: Vector> Sources<'_, V> {
     }
 }
 
+/// The commonest way to blend fixed-point colours: what is there keeps the rest of the source's alpha, and the two are added.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Over {
+    /// The source's components, and its alpha, are multiplied with its alpha first.
+    times_alpha: [bool; 2],
+}
+
+impl Over {
+    /// If a state says that.
+    pub fn new(state: &BlendAttachment, range: Range) -> Option<Self> {
+        let adds = state.color_op == BlendOp::ADD && state.alpha_op == BlendOp::ADD;
+        let keeps_rest =
+            [state.dst_color, state.dst_alpha] == [BlendFactor::ONE_MINUS_SRC_ALPHA; 2];
+        let factors = [state.src_color, state.src_alpha];
+        let is_known = (factors.iter())
+            .all(|factor| [BlendFactor::ONE, BlendFactor::SRC_ALPHA].contains(factor));
+        let times_alpha = factors.map(|factor| factor == BlendFactor::SRC_ALPHA);
+        (adds && keeps_rest && is_known && range == Range::Unorm).then_some(Self { times_alpha })
+    }
+
+    /// As [`blend`].
+    #[inline(always)]
+    pub fn blend<V: Vector>(self, v: V, source: &[V::F; 4], destination: &[V::F; 4]) -> [V::F; 4] {
+        let [mut r, mut g, mut b, alpha] = Range::Unorm.clamp_colors(v, source);
+        let rest = Range::Unorm.clamp(v, v.sub(v.splat(1.0), alpha));
+        let mut a = alpha;
+        if self.times_alpha[0] {
+            (r, g, b) = (v.mul(r, alpha), v.mul(g, alpha), v.mul(b, alpha));
+        }
+        if self.times_alpha[1] {
+            a = v.mul(a, alpha);
+        }
+        [
+            v.add(r, v.mul(destination[0], rest)),
+            v.add(g, v.mul(destination[1], rest)),
+            v.add(b, v.mul(destination[2], rest)),
+            v.add(a, v.mul(destination[3], rest)),
+        ]
+    }
+}
+
 /// Blends colours; all that comes in is clamped to the format's range, what goes out is not.
 #[inline(always)]
 pub fn blend<V: Vector>(

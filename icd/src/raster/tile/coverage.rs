@@ -283,14 +283,15 @@ fn whole(x: i32, y: i32, samples: u32) -> Block {
     block
 }
 
-/// Calls `f` with the place of each set bit, 4 to a row, times `size`.
+/// Takes the first set bit of a mask: its place, 4 to a row, times `size`, and itself. For loops where a closure would not be compiled for the tier.
 #[inline(always)]
-fn each_cell(mut mask: u16, size: i32, mut f: impl FnMut(i32, i32, u16)) {
-    while mask != 0 {
-        let cell = mask.trailing_zeros() as i32;
-        f(cell % 4 * size, cell / 4 * size, 1 << cell);
-        mask &= mask - 1;
+fn next_cell(mask: &mut u16, size: i32) -> Option<(i32, i32, u16)> {
+    if *mask == 0 {
+        return None;
     }
+    let cell = mask.trailing_zeros() as i32;
+    *mask &= *mask - 1;
+    Some((cell % 4 * size, cell / 4 * size, 1 << cell))
 }
 
 #[inline(always)]
@@ -316,16 +317,21 @@ fn scan_words<W: Word>(
     if full == u16::MAX {
         return squares.push(square(0, 0, crate::raster::TILE as u8));
     }
-    each_cell(touched, 16, |x, y, bit| {
+    let mut left = touched;
+    while let Some((x, y, bit)) = next_cell(&mut left, 16) {
         if full & bit != 0 {
-            return squares.push(square(x, y, 16));
+            squares.push(square(x, y, 16));
+            continue;
         }
         let (touched, full) = cells_of(sides, clip, x, y, 4);
-        each_cell(touched, 4, |dx, dy, bit| match full & bit != 0 {
-            true => blocks.push(whole(x + dx, y + dy, samples)),
-            false => pixels(sides, clip, x + dx, y + dy, samples, blocks),
-        });
-    });
+        let mut left = touched;
+        while let Some((dx, dy, bit)) = next_cell(&mut left, 4) {
+            match full & bit != 0 {
+                true => blocks.push(whole(x + dx, y + dy, samples)),
+                false => pixels(sides, clip, x + dx, y + dy, samples, blocks),
+            }
+        }
+    }
 }
 
 /// Pixels of a clip's sides, from the block that it starts in on, up to which its blocks are looked at one by one.

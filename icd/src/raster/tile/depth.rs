@@ -170,7 +170,45 @@ impl Depth {
     }
 }
 
+/// A depth test of 32-bit floats, and no other test.
+#[derive(Clone, Copy)]
+pub struct Plain<'a>(&'a Depth);
+
+impl Plain<'_> {
+    /// The test of a row of sixteen pixels, or of a block, with what it writes. Gives the lanes of the mask that pass.
+    ///
+    /// # Safety
+    /// As [`load`], for all sixteen.
+    #[inline(always)]
+    pub unsafe fn run<V: Vector>(self, v: V, places: &Places, new: V::F, mask: u16) -> u16 {
+        let Plain(depth) = self;
+        let none = v.splat_i(0);
+        // SAFETY: the caller's promise.
+        unsafe {
+            let old = load(v, &depth.target, places, 0, mask)[0];
+            let passed = mask & compare_depths(v, depth.compare, new, v.bits_to_f(old));
+            if depth.write && passed != 0 {
+                let words = v.select(passed, v.bits_of(new), old);
+                let words = [words, none, none, none];
+                store(v, &depth.target, places, 0, u16::MAX, &words);
+            }
+            passed
+        }
+    }
+}
+
 impl Tests {
+    /// The depth test, if it is [`Plain`].
+    pub fn plain(&self) -> Option<Plain<'_>> {
+        let depth = self.depth.as_ref()?;
+        let is_plain = self.stencil.is_none()
+            && depth.coding == Coding::Float
+            && depth.target.surface.texel_size_bytes == 4
+            && depth.test
+            && depth.bounds.is_none();
+        is_plain.then_some(Plain(depth))
+    }
+
     /// Those of a draw's state on a pass's attachments.
     pub fn new(targets: &Targets, state: &DepthStencil) -> Self {
         let depth = (targets.depth.as_ref())

@@ -6,8 +6,8 @@ use spirv_jit::image::vector::Vector;
 
 use super::coverage::Covered;
 use super::depth::Tested;
-use super::inputs::{depths, interpolate, perspective_weights, plane_at};
-use super::lanes::{IN_BLOCK, IN_ROW, vectors};
+use super::inputs::{clamped, depths, interpolate, perspective_weights, plane_at};
+use super::lanes::{IN_BLOCK, IN_ROW, Row, vectors};
 use super::output::Rows;
 use super::passed::{Part, Passed, Texels, Value, texels_of};
 use super::plan::Plan;
@@ -49,6 +49,15 @@ vectors! {
         };
         // SAFETY: the caller's promise.
         unsafe { painter.paint(covered, counts) };
+    }
+}
+
+/// Columns and rows of the lanes of a row or a block.
+#[inline(always)]
+fn steps_of(places: &Places) -> &'static [Row; 2] {
+    match places.pattern {
+        Pattern::Row => &IN_ROW,
+        _ => &IN_BLOCK,
     }
 }
 
@@ -100,6 +109,7 @@ impl<V: Vector> Painter<'_, V> {
             Some(_) => &[],
             None => &covered.squares[..],
         };
+        let plain = (plan.tests.plain()).filter(|_| plan.samples == 1);
         // One loop for both, so that what they do stands in the code once.
         for index in 0..squares.len() + covered.blocks.len() {
             let (mut masks, mut size) = (whole, 1);
@@ -117,30 +127,73 @@ impl<V: Vector> Painter<'_, V> {
                     Places::block(block.place(part.corner), layer, part.area)
                 }
             };
-            for down in 0..size {
-                for across in (0..size).step_by(16) {
-                    let mut places = first;
-                    places.x[0] += across;
-                    places.y[0] += down;
+            for across in (0..size).step_by(16) {
+                let mut places = first;
+                places.x[0] += across;
+                let column = match plain {
+                    Some(_) if size > 1 => Some(self.column(places.x[0])),
+                    _ => None,
+                };
+                for _ in 0..size {
+                    let mut masks = masks;
                     // SAFETY: the caller's promise: squares lie in the render area.
-                    unsafe { self.sixteen(&places, &masks, counts) };
+                    unsafe {
+                        let lanes = match (plain, column) {
+                            (Some(plain), Some(column)) => {
+                                let depths = self.depths_of_row(column, places.y[0]);
+                                masks[0] = plain.run(self.v, &places, depths, masks[0]);
+                                counts.samples += u64::from(masks[0].count_ones());
+                                masks[0]
+                            }
+                            _ => self.test(&places, &mut masks, counts),
+                        };
+                        if lanes != 0 && self.has_program {
+                            counts.invocations += u64::from(lanes.count_ones());
+                            self.color(&places, &masks);
+                        }
+                    }
+                    places.y[0] += 1;
                 }
             }
         }
     }
 
+    /// What the depths of a column of rows of sixteen pixels have in common: see [`depths`].
+    #[inline(always)]
+    fn column(&self, x: i32) -> V::F {
+        let (v, record) = (self.v, self.part.record);
+        let from_x = v.splat_i(x.wrapping_sub(record.origin[0]));
+        let x = v.to_f(v.add_i(from_x, v.load_i(&IN_ROW[0])));
+        v.add(v.splat(record.depth.at), v.mul(v.splat(record.depth.dx), x))
+    }
+
+    /// The depths of one of its rows, with one sample a pixel: those of [`depths`].
+    #[inline(always)]
+    fn depths_of_row(&self, column: V::F, y: i32) -> V::F {
+        let (v, record) = (self.v, self.part.record);
+        let y = y.wrapping_sub(record.origin[1]) as f32;
+        let depths = v.add(column, v.splat(record.depth.dy * y));
+        match self.plan.clamps_depth {
+            true => clamped(v, depths, record.depth_range),
+            false => depths,
+        }
+    }
+
+    /// Does the tests of sixteen pixels; gives the lanes with samples that pass.
+    ///
     /// # Safety
     /// As [`draw`], for these places.
     #[inline(always)]
-    unsafe fn sixteen(&self, places: &Places, masks: &[u16; MAX_SAMPLES], counts: &mut Counts) {
+    unsafe fn test(
+        &self,
+        places: &Places,
+        masks: &mut [u16; MAX_SAMPLES],
+        counts: &mut Counts,
+    ) -> u16 {
         let Self { v, plan, part, .. } = self;
         let (v, record) = (*v, part.record);
         let from = [places.x[0], places.y[0]];
-        let steps = match places.pattern {
-            Pattern::Row => &IN_ROW,
-            _ => &IN_BLOCK,
-        };
-        let mut masks = *masks;
+        let steps = steps_of(places);
         let mut lanes = 0;
         let front = if record.front { u16::MAX } else { 0 };
         let range = plan.clamps_depth.then_some(record.depth_range);
@@ -165,10 +218,19 @@ impl<V: Vector> Painter<'_, V> {
             lanes |= left;
             counts.samples += u64::from(left.count_ones());
         }
-        if lanes == 0 || !self.has_program {
-            return;
-        }
-        counts.invocations += u64::from(lanes.count_ones());
+        lanes
+    }
+
+    /// Writes the colours of sixteen pixels.
+    ///
+    /// # Safety
+    /// As [`draw`], for these places.
+    #[inline(always)]
+    unsafe fn color(&self, places: &Places, masks: &[u16; MAX_SAMPLES]) {
+        let Self { v, plan, part, .. } = self;
+        let (v, record) = (*v, part.record);
+        let from = [places.x[0], places.y[0]];
+        let steps = steps_of(places);
         if let Some(texels) = self.solid {
             for (color, texel) in plan.output.colors.iter().zip(texels) {
                 let words = [
@@ -205,7 +267,7 @@ impl<V: Vector> Painter<'_, V> {
             };
             // SAFETY: the caller's promise.
             unsafe {
-                (plan.output).write_color(v, color, &source, &second, places, &masks);
+                (plan.output).write_color(v, color, &source, &second, places, masks);
             }
         }
     }

@@ -6,7 +6,7 @@ use spirv_jit::program::{
     AlignedRow, Builtin, InputRow, OutputRow, Passed, Position, Varying, VaryingMode, VaryingPlace,
 };
 
-use super::lanes::{Row, spread, vectors};
+use super::lanes::{Row, vectors};
 use super::samples::{MAX_SAMPLES, from_center, locations};
 use crate::raster::primitive::{Plane, Record};
 
@@ -324,8 +324,8 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
         match UNIFORM {
             true => self.v.splat_i(value(first) as i32),
             false => {
-                let row = spread([value(first), value(second), value(third), value(fourth)]);
-                self.v.load_i(&row)
+                let words = [value(first), value(second), value(third), value(fourth)];
+                self.v.quads(&words)
             }
         }
     }
@@ -348,7 +348,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
         }
         match UNIFORM {
             true => self.v.splat_i(words[0] as i32),
-            false => self.v.load_i(&spread(words)),
+            false => self.v.quads(&words),
         }
     }
 
@@ -401,11 +401,8 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     /// The first column or row of each lane's quad.
     #[inline(always)]
     fn of_quads(&self, quads: &[i32; 4]) -> V::I {
-        let mut row = [0; 16];
-        for lane in 0..16 {
-            row[lane] = quads[lane / 4] as u32;
-        }
-        self.v.load_i(&row)
+        let [a, b, c, d] = *quads;
+        self.v.quads(&[a as u32, b as u32, c as u32, d as u32])
     }
 
     /// Coordinates from the records' origins on.
@@ -519,7 +516,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
             }
             Fill::SampleId => {
                 let [a, b, c, d] = fragments.sample;
-                v.load_i(&spread([a.into(), b.into(), c.into(), d.into()]))
+                v.quads(&[a.into(), b.into(), c.into(), d.into()])
             }
             Fill::SamplePosition(axis) => {
                 let inside = self.inside_pixel(position);
@@ -593,9 +590,15 @@ pub fn depths<V: Vector>(
     let y = v.to_f(v.add_i(from_y, v.load_i(&steps[1])));
     let at = [v.add(v.splat(inside_x), x), v.add(v.splat(inside_y), y)];
     let depths = plane_at(v, &record.depth, at);
-    let Some([near, far]) = range else {
-        return depths;
-    };
+    match range {
+        Some(range) => clamped(v, depths, range),
+        None => depths,
+    }
+}
+
+/// Depths clamped to a range, whose ends come in any order.
+#[inline(always)]
+pub fn clamped<V: Vector>(v: V, depths: V::F, [near, far]: [f32; 2]) -> V::F {
     let (least, most) = if near < far { (near, far) } else { (far, near) };
     v.min(v.max(depths, v.splat(least)), v.splat(most))
 }

@@ -193,13 +193,6 @@ pub fn floats_of(row: &Row) -> Floats {
     numbers
 }
 
-/// A lane for each of four quads' values.
-#[inline(always)]
-pub fn spread<T: Copy>(quads: [T; 4]) -> [T; 16] {
-    let [a, b, c, d] = quads;
-    [a, a, a, a, b, b, b, b, c, c, c, c, d, d, d, d]
-}
-
 /// The quads, a bit each, that have lanes in a mask.
 #[inline(always)]
 pub fn quads_of(mask: u16) -> u32 {

@@ -8,7 +8,7 @@ use spirv_jit::image::vector::Vector;
 use spirv_jit::interp::TierKind;
 use spirv_jit::program::{AlignedRow, OutputRow};
 
-use super::blend::{Range, blend, operate_words};
+use super::blend::{Over, Range, blend, operate_words};
 use super::lanes::{floats_of, lanes_where, load_words, numbers, rows_of, vectors, words};
 use super::samples::MAX_SAMPLES;
 use super::texels::{Places, Words, load, store};
@@ -29,6 +29,18 @@ const SECOND: [BlendFactor; 4] = [
 /// Output rows of a colour, by component; none for what the program does not write.
 pub type Rows = [Option<usize>; 4];
 
+/// How colours become texels.
+#[derive(Clone, Copy)]
+enum Coding {
+    /// Four normalised bytes: bits to shift.
+    Bytes([u32; 4]),
+    /// Four 16-bit floats.
+    Halves,
+    /// So many words, as they are.
+    Words(usize),
+    Other,
+}
+
 /// A colour attachment that a draw writes to.
 pub struct Color {
     tier: TierKind,
@@ -38,8 +50,8 @@ pub struct Color {
     /// Factors of blending ask for the second colour.
     pub has_second: bool,
     blend: Option<BlendAttachment>,
-    /// For formats of four normalised bytes, where they lie.
-    bytes: Option<[u32; 4]>,
+    over: Option<Over>,
+    coding: Coding,
     range: Range,
     logic_op: Option<LogicOp>,
     /// By word of a texel: bits that are written.
@@ -189,7 +201,10 @@ impl Output {
             let old = unsafe { load(v, &color.target, places, sample, mask) };
             let destination = numbers(v, &color.decode(v, &old));
             let (constants, range) = (&self.constants, color.range);
-            let blended = blend(v, state, constants, range, &source, &second, &destination);
+            let blended = match color.over {
+                Some(over) => over.blend(v, &source, &destination),
+                None => blend(v, state, constants, range, &source, &second, &destination),
+            };
             let new = color.encode(v, &words(v, &blended));
             // SAFETY: the caller's promise.
             unsafe { color.put_over(v, places, sample, mask, &new, &old) };
@@ -209,11 +224,22 @@ vectors! {
     }
 }
 
-/// Where the components of texels of four normalised bytes lie: bits to shift.
-fn bytes_of(info: &FormatInfo) -> Option<[u32; 4]> {
+fn coding_of(info: &FormatInfo) -> Coding {
+    let count = info.component_count();
+    let in_order = |bits: u8| {
+        (info.channels[..count].iter().zip(0..))
+            .all(|(channel, at)| channel.bits == bits && channel.offset == at * bits)
+    };
     let are_bytes = info.channels.iter().all(|channel| channel.bits == 8);
-    let is_it = info.numeric == Numeric::Unorm && info.size_bytes == 4 && are_bytes;
-    is_it.then(|| info.channels.map(|channel| channel.offset.into()))
+    if info.numeric == Numeric::Unorm && info.size_bytes == 4 && are_bytes {
+        Coding::Bytes(info.channels.map(|channel| channel.offset.into()))
+    } else if info.numeric == Numeric::Sfloat && count == 4 && in_order(16) {
+        Coding::Halves
+    } else if in_order(32) && usize::from(info.size_bytes) == 4 * count {
+        Coding::Words(count)
+    } else {
+        Coding::Other
+    }
 }
 
 fn color(
@@ -260,19 +286,21 @@ fn color(
         blend.src_alpha,
         blend.dst_alpha,
     ];
+    let range = match info.numeric {
+        Numeric::Unorm | Numeric::Srgb => Range::Unorm,
+        Numeric::Snorm => Range::Snorm,
+        _ => Range::All,
+    };
     Some(Color {
         tier,
         has_second: blend.enable && factors.iter().any(|factor| SECOND.contains(factor)),
-        bytes: bytes_of(info),
+        coding: coding_of(info),
         target: *target,
         source,
         second,
         blend: (blend.enable && logic_op.is_none() && !info.numeric.is_integer()).then_some(*blend),
-        range: match info.numeric {
-            Numeric::Unorm | Numeric::Srgb => Range::Unorm,
-            Numeric::Snorm => Range::Snorm,
-            _ => Range::All,
-        },
+        over: Over::new(blend, range),
+        range,
         logic_op: logic_op.filter(|_| !is_float && info.numeric != Numeric::Srgb),
         written,
         writes_all,
@@ -331,32 +359,51 @@ impl Color {
     #[inline(always)]
     pub fn encode<V: Vector>(&self, v: V, colors: &[V::I; 4]) -> [V::I; 4] {
         let none = v.splat_i(0);
-        let Some(shifts) = &self.bytes else {
-            let info = self.target.surface.format;
-            return load_words(v, &encode_rows(self.tier, info, &rows_of(v, colors)));
-        };
-        let [r, g, b, a] = [
-            byte(v, colors[0], shifts[0]),
-            byte(v, colors[1], shifts[1]),
-            byte(v, colors[2], shifts[2]),
-            byte(v, colors[3], shifts[3]),
-        ];
-        [v.or_i(v.or_i(r, g), v.or_i(b, a)), none, none, none]
+        match &self.coding {
+            Coding::Bytes(shifts) => {
+                let [r, g, b, a] = [
+                    byte(v, colors[0], shifts[0]),
+                    byte(v, colors[1], shifts[1]),
+                    byte(v, colors[2], shifts[2]),
+                    byte(v, colors[3], shifts[3]),
+                ];
+                [v.or_i(v.or_i(r, g), v.or_i(b, a)), none, none, none]
+            }
+            Coding::Halves => {
+                let [r, g, b, a] = [
+                    v.to_half(v.bits_to_f(colors[0])),
+                    v.to_half(v.bits_to_f(colors[1])),
+                    v.to_half(v.bits_to_f(colors[2])),
+                    v.to_half(v.bits_to_f(colors[3])),
+                ];
+                let first = v.or_i(r, v.left_i(g, 16));
+                [first, v.or_i(b, v.left_i(a, 16)), none, none]
+            }
+            // Of words that the format lacks nothing is stored.
+            Coding::Words(_) => *colors,
+            Coding::Other => {
+                let info = self.target.surface.format;
+                load_words(v, &encode_rows(self.tier, info, &rows_of(v, colors)))
+            }
+        }
     }
 
     /// Colours of texels' words.
     #[inline(always)]
     fn decode<V: Vector>(&self, v: V, texels: &[V::I; 4]) -> [V::I; 4] {
-        let Some(shifts) = &self.bytes else {
-            let info = self.target.surface.format;
-            return load_words(v, &decode_rows(self.tier, info, &rows_of(v, texels)));
-        };
-        [
-            of_byte(v, texels[0], shifts[0]),
-            of_byte(v, texels[0], shifts[1]),
-            of_byte(v, texels[0], shifts[2]),
-            of_byte(v, texels[0], shifts[3]),
-        ]
+        if let Coding::Bytes(shifts) = &self.coding {
+            return [
+                of_byte(v, texels[0], shifts[0]),
+                of_byte(v, texels[0], shifts[1]),
+                of_byte(v, texels[0], shifts[2]),
+                of_byte(v, texels[0], shifts[3]),
+            ];
+        }
+        if let Coding::Words(4) = self.coding {
+            return *texels;
+        }
+        let info = self.target.surface.format;
+        load_words(v, &decode_rows(self.tier, info, &rows_of(v, texels)))
     }
 
     /// Writes texels that do not depend on what is there, but for masks and logical operations.

@@ -2,8 +2,8 @@
 //! comes later in primitive order comes later in the wave.
 
 use super::lanes::{lanes_of, quads_of};
-use super::samples::MAX_SAMPLES;
-use super::texels::Places;
+use super::samples::{MAX_SAMPLES, any};
+use super::texels::{Pattern, Places};
 
 /// Quads along a tile's side.
 const SIDE: usize = crate::raster::TILE as usize / 2;
@@ -37,7 +37,7 @@ pub struct Pack {
 impl Pack {
     /// Lanes with a covered sample.
     pub fn covered(&self) -> u16 {
-        self.masks.iter().fold(0, |all, mask| all | mask)
+        any(&self.masks)
     }
 
     /// Lanes of quads that are there.
@@ -111,12 +111,21 @@ impl Packs {
 
     /// Adds the fragments of a block: some lanes are covered.
     pub fn add(&mut self, found: &Found<'_>) {
-        let covered = found.masks.iter().fold(0, |all, mask| all | mask);
-        let quads = quads_of(covered);
+        let quads = match found.masks[0] {
+            u16::MAX => 0xf,
+            _ => quads_of(any(found.masks)),
+        };
         if quads.count_ones() >= OWN {
-            for quad in 0..4 {
-                if quads >> quad & 1 != 0 {
-                    self.note(cell(found.places, quad), self.packs.len());
+            let pack = self.packs.len();
+            if found.places.pattern == Pattern::Block {
+                // All four quads, even if there are three: to come later than they must does no harm.
+                let first = cell(found.places, 0);
+                for cell in [first, first + 1, first + SIDE, first + SIDE + 1] {
+                    self.note(cell, pack);
+                }
+            } else {
+                for quad in (0..4).filter(|quad| quads >> quad & 1 != 0) {
+                    self.note(cell(found.places, quad), pack);
                 }
             }
             self.packs.push(Pack {

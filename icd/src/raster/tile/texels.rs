@@ -342,6 +342,87 @@ pub unsafe fn store<V: Vector>(
     }
 }
 
+/// Where the first two lanes of a quad are, and the other two.
+#[inline(always)]
+fn halves_of(target: &Target, places: &Places, quad_index: usize, sample: u32) -> [*mut u8; 2] {
+    let surface = &target.surface;
+    let stride = surface.row_stride_bytes as usize;
+    let texel = surface.texel_size_bytes as usize;
+    if places.pattern == Pattern::Row {
+        let first = quad(target, places, 0, sample).wrapping_add(4 * quad_index * texel);
+        return [first, first.wrapping_add(2 * texel)];
+    }
+    let first = quad(target, places, quad_index, sample);
+    [first, first.wrapping_add(stride)]
+}
+
+/// A quad's words of a row.
+#[inline(always)]
+fn of_quad(row: &Row, index: usize) -> [u32; 4] {
+    let at = 4 * index;
+    [row[at], row[at + 1], row[at + 2], row[at + 3]]
+}
+
+/// Texels of two words, two at a time.
+///
+/// # Safety
+/// As [`store`].
+#[inline(always)]
+unsafe fn store_pairs(target: &Target, places: &Places, sample: u32, mask: u16, words: &Words) {
+    for index in 0..4 {
+        let lanes = mask >> (4 * index) & 0xf;
+        if lanes == 0 {
+            continue;
+        }
+        let (a, b) = (of_quad(&words[0], index), of_quad(&words[1], index));
+        let pairs = [[a[0], b[0], a[1], b[1]], [a[2], b[2], a[3], b[3]]];
+        let halves = halves_of(target, places, index, sample);
+        for half in 0..2 {
+            let [a, b, c, d] = pairs[half];
+            let to = halves[half].cast::<[u32; 2]>();
+            // SAFETY: texels of lanes of the mask, which are in the attachment; `wrapping_add` reaches no others.
+            unsafe {
+                match lanes >> (2 * half) & 3 {
+                    0 => {}
+                    1 => to.write_unaligned([a, b]),
+                    2 => to.wrapping_add(1).write_unaligned([c, d]),
+                    _ => to.cast::<[u32; 4]>().write_unaligned([a, b, c, d]),
+                }
+            }
+        }
+    }
+}
+
+/// Texels of four words.
+///
+/// # Safety
+/// As [`store`].
+#[inline(always)]
+unsafe fn store_fours(target: &Target, places: &Places, sample: u32, mask: u16, words: &Words) {
+    for index in 0..4 {
+        let lanes = mask >> (4 * index) & 0xf;
+        if lanes == 0 {
+            continue;
+        }
+        let [a, b] = [of_quad(&words[0], index), of_quad(&words[1], index)];
+        let [c, d] = [of_quad(&words[2], index), of_quad(&words[3], index)];
+        let texels = [
+            [a[0], b[0], c[0], d[0]],
+            [a[1], b[1], c[1], d[1]],
+            [a[2], b[2], c[2], d[2]],
+            [a[3], b[3], c[3], d[3]],
+        ];
+        let halves = halves_of(target, places, index, sample);
+        for lane in 0..4 {
+            let to = halves[lane / 2].cast::<[u32; 4]>();
+            if lanes >> lane & 1 != 0 {
+                // SAFETY: as for pairs.
+                unsafe { to.wrapping_add(lane % 2).write_unaligned(texels[lane]) };
+            }
+        }
+    }
+}
+
 /// Texels of one word of quads that lie anywhere. Not compiled for the vectors, whose lanes would be taken apart ahead of loops that seldom come here.
 ///
 /// # Safety
@@ -362,9 +443,9 @@ unsafe fn store_rows(target: &Target, places: &Places, sample: u32, mask: u16, w
         match target.surface.texel_size_bytes {
             1 => store_as::<u8>(target, places, sample, mask, words),
             2 => store_as::<u16>(target, places, sample, mask, words),
-            8 => store_as::<[u32; 2]>(target, places, sample, mask, words),
+            8 => store_pairs(target, places, sample, mask, words),
             12 => store_as::<[u32; 3]>(target, places, sample, mask, words),
-            16 => store_as::<[u32; 4]>(target, places, sample, mask, words),
+            16 => store_fours(target, places, sample, mask, words),
             _ => {}
         }
     }

@@ -17,7 +17,7 @@ use super::pack::{Found, Origin, Pack, Packs};
 use super::passed::Part;
 use super::plan::{Fragment, Order, Plan, Plans};
 use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, locations};
-use super::texels::Places;
+use super::texels::{Pattern, Places};
 use crate::compute::waves::Runner;
 use crate::raster::primitive::{Bounds, Coverage, Grid, Record, Shape};
 use crate::raster::{Chunk, Context, Counters, Draw, Targets, Work};
@@ -57,6 +57,8 @@ struct Current<'a> {
     index: u32,
     draw: &'a Draw,
     plan: &'a Plan<'a>,
+    /// Queries count its samples.
+    is_counted: bool,
 }
 
 /// A visit.
@@ -118,7 +120,12 @@ impl<'a> Visit<'a> {
             self.round.work.get(index as usize),
             self.round.plans.of_draw(index),
         ) {
-            self.current = Some(Current { index, draw, plan });
+            self.current = Some(Current {
+                index,
+                draw,
+                plan,
+                is_counted: !draw.counters.is_empty(),
+            });
         }
         Ok(self.current)
     }
@@ -221,7 +228,7 @@ impl<'a> Visit<'a> {
             }
         }
         if !fragment.is_serial {
-            return self.some_fragments(plan, fragment, origin, record, &mut covered.blocks);
+            return self.some_fragments(current, fragment, origin, record, &mut covered.blocks);
         }
         // A fragment sees what those before it left: all of it, before its own tests.
         for block in &mut covered.blocks {
@@ -230,7 +237,7 @@ impl<'a> Visit<'a> {
                 self.run_wave()?;
             }
             let block = std::slice::from_mut(block);
-            self.some_fragments(plan, fragment, origin, record, block)?;
+            self.some_fragments(current, fragment, origin, record, block)?;
         }
         Ok(())
     }
@@ -242,7 +249,9 @@ impl<'a> Visit<'a> {
 
     fn some_fragments(
         &mut self,
-        plan: &Plan<'_>,
+        Current {
+            plan, is_counted, ..
+        }: Current<'a>,
         fragment: &Fragment<'_>,
         origin: Origin,
         record: &Record,
@@ -250,24 +259,24 @@ impl<'a> Visit<'a> {
     ) -> Result<(), Stopped> {
         let mut coverage = std::mem::take(&mut self.worker.coverage);
         coverage.clear();
-        coverage.extend(blocks.iter().map(|block| block.masks));
         if plan.order != Order::Late && !plan.tests.is_empty() {
+            coverage.extend(blocks.iter().map(|block| block.masks));
             let (corner, area) = ([self.bounds.left, self.bounds.top], &self.round.area);
             // SAFETY: as for direct fragments.
             unsafe { test_blocks(self.round.tier, plan, record, corner, area, blocks) };
         }
         let mut result = Ok(());
-        for (block, coverage) in blocks.iter().zip(&coverage) {
-            if plan.order == Order::Early {
+        for (index, block) in blocks.iter().enumerate() {
+            if plan.order == Order::Early && is_counted {
                 self.counts.samples += count(&block.masks);
             }
             if any(&block.masks) == 0 {
                 continue;
             }
-            let coverage = if fragment.sees_tests {
-                &block.masks
-            } else {
-                coverage
+            // Before the tests, if there were any.
+            let coverage = match coverage.get(index) {
+                Some(before) if !fragment.sees_tests => before,
+                _ => &block.masks,
             };
             let places = self.places(record, block);
             result = self.add(fragment, origin, &places, &block.masks, coverage);
@@ -383,9 +392,18 @@ vectors! {
         let front = if record.front { u16::MAX } else { 0 };
         let range = plan.clamps_depth.then_some(record.depth_range);
         let locations = locations(plan.samples);
+        let is_early = plan.order == Order::Early && plan.samples == 1;
+        let plain = plan.tests.plain().filter(|_| is_early);
         for block in blocks {
             let place = block.place(corner);
             let places = Places::block(place, record.layer, area);
+            if let (Some(plain), Pattern::Block) = (plain, places.pattern) {
+                let mask = &mut block.masks[0];
+                let depths = depths(v, record, place, &IN_BLOCK, locations[0], range);
+                // SAFETY: the caller's promise; the block lies in the render area.
+                *mask = unsafe { plain.run(v, &places, depths, *mask) };
+                continue;
+            }
             for (sample, mask) in block.masks.iter_mut().enumerate().take(plan.samples as usize) {
                 if *mask == 0 {
                     continue;
@@ -485,16 +503,24 @@ unsafe fn test_late<V: Vector>(
 /// What the fragments of a subgroup are made of.
 fn fragments_of<'a>(chunks: &'a [Chunk], pack: &'a Pack) -> Fragments<'a> {
     let chunk = |quad: usize| &chunks[pack.origins[quad].chunk as usize];
+    let is_uniform = pack.is_uniform;
     let record = |quad: usize| &chunk(quad).records[pack.origins[quad].record as usize];
+    let (records, outputs): ([&Record; 4], [&[u32]; 4]) = match is_uniform {
+        true => ([record(0); 4], [&chunk(0).outputs; 4]),
+        false => (
+            [record(0), record(1), record(2), record(3)],
+            [
+                &chunk(0).outputs,
+                &chunk(1).outputs,
+                &chunk(2).outputs,
+                &chunk(3).outputs,
+            ],
+        ),
+    };
     Fragments {
-        records: [record(0), record(1), record(2), record(3)],
-        outputs: [
-            &chunk(0).outputs,
-            &chunk(1).outputs,
-            &chunk(2).outputs,
-            &chunk(3).outputs,
-        ],
-        is_uniform: pack.is_uniform,
+        records,
+        outputs,
+        is_uniform,
         x: pack.places.x,
         y: pack.places.y,
         sample: pack.sample,

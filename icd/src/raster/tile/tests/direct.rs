@@ -258,6 +258,14 @@ fn state(random: &mut Random) -> GraphicsState {
     (blend.src_color, blend.dst_color) = (FACTORS[pick(7)], FACTORS[pick(7)]);
     (blend.src_alpha, blend.dst_alpha) = (FACTORS[pick(7)], FACTORS[pick(7)]);
     if pick(4) == 0 {
+        // The commonest of all.
+        let factors = [BlendFactor::ONE, BlendFactor::SRC_ALPHA];
+        (blend.color_op, blend.alpha_op) = (BlendOp::ADD, BlendOp::ADD);
+        (blend.src_color, blend.src_alpha) = (factors[pick(2)], factors[pick(2)]);
+        blend.dst_color = BlendFactor::ONE_MINUS_SRC_ALPHA;
+        blend.dst_alpha = BlendFactor::ONE_MINUS_SRC_ALPHA;
+    }
+    if pick(4) == 0 {
         blend.write_mask = vk::ColorComponentFlags::from_raw(pick(15) as u32 + 1);
     }
     if pick(4) == 0 {
