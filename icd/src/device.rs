@@ -11,6 +11,7 @@ use crate::execute::Engine;
 use crate::handle::{self, Ref};
 use crate::log::{self, Level};
 use crate::object::PhysicalDevice;
+use crate::object::addressed::AddressReport;
 use crate::object::memory::AddressWindow;
 use crate::object::messenger::Messengers;
 use crate::object::private_data::PrivateData;
@@ -39,6 +40,8 @@ pub struct Device {
     pub sparse_binding: bool,
     pub queues: Vec<Ref<Queue>>,
     pub private_data: Mutex<PrivateData>,
+    /// Where the feature `reportAddressBinding` is enabled.
+    pub address_report: Option<AddressReport>,
 }
 
 /// Features that change how a device works.
@@ -46,6 +49,7 @@ pub struct Device {
 pub struct Enabled {
     pub sparse_binding: bool,
     pub ray_tracing_validation: bool,
+    pub report_address_binding: bool,
 }
 
 impl Device {
@@ -107,6 +111,8 @@ impl Device {
             window,
             sparse_binding: enabled.sparse_binding,
             private_data: Mutex::default(),
+            address_report: (enabled.report_address_binding)
+                .then(|| AddressReport::new(Arc::clone(&physical.messengers))),
         })
     }
 }

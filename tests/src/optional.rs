@@ -80,5 +80,6 @@ optional! {
     /// Off but where a test asks for it: see [`Gpu::validated_by_driver`](crate::Gpu::validated_by_driver).
     driver_validation: nv::ray_tracing_validation::NAME, PhysicalDeviceRayTracingValidationFeaturesNV {};
     invocation_mask: huawei::invocation_mask::NAME, PhysicalDeviceInvocationMaskFeaturesHUAWEI {};
+    address_report: ext::device_address_binding_report::NAME, PhysicalDeviceAddressBindingReportFeaturesEXT {};
     swept_spheres: LINEAR_SWEPT_SPHERES, PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV {};
 }

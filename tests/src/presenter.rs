@@ -58,8 +58,9 @@ impl Chain {
 }
 
 /// Device extensions that tests use where they are there.
-const WANTED: [&CStr; 6] = [
+const WANTED: [&CStr; 7] = [
     khr::swapchain::NAME,
+    ext::device_address_binding_report::NAME,
     ext::swapchain_maintenance1::NAME,
     khr::present_id::NAME,
     khr::present_wait::NAME,
@@ -91,6 +92,7 @@ impl Presenter {
                 kind,
                 khr::get_surface_capabilities2::NAME,
                 ext::surface_maintenance1::NAME,
+                ext::debug_utils::NAME,
             ];
             let names = wanted.into_iter().filter(|name| is_there(name));
             let names: Vec<*const c_char> = names.map(CStr::as_ptr).collect();
@@ -124,6 +126,11 @@ impl Presenter {
                 .enabled_extension_names(&names);
             if is_there(ext::swapchain_maintenance1::NAME) {
                 info = info.push_next(&mut maintenance);
+            }
+            let mut addresses = vk::PhysicalDeviceAddressBindingReportFeaturesEXT::default()
+                .report_address_binding(true);
+            if is_there(ext::device_address_binding_report::NAME) {
+                info = info.push_next(&mut addresses);
             }
             if is_there(khr::present_id::NAME) && is_there(khr::present_wait::NAME) {
                 info = info.push_next(&mut ids).push_next(&mut waits);

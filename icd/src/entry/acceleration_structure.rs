@@ -8,6 +8,7 @@ use spirv_jit::reach::Reach;
 use spirv_jit::views::Key;
 use traversal::{BuildFlags, Live};
 
+use super::address_report::report;
 use super::deferred::{defer, defer_parallel};
 use super::define::{commands, entry};
 use super::descriptor_buffer::captured;
@@ -22,6 +23,7 @@ use crate::device::Device;
 use crate::ffi::slice;
 use crate::handle::{self, from_handle, retain};
 use crate::object::acceleration_structure::{Location, ReplayableStructure};
+use crate::object::addressed::{AddressEvent, Addressed};
 use crate::object::{AccelerationStructure, Buffer, QueryPool};
 use crate::structures::acceleration_structure::{self as execute};
 use crate::structures::build;
@@ -47,13 +49,16 @@ pub(super) unsafe fn live(device: vk::Device) -> Live {
         .structures()
 }
 
-/// A new structure's handle; validation is told of it.
+/// A new structure's handle; validation is told of it, and who listens to addresses.
 pub fn create(device: &Device, structure: AccelerationStructure) -> vk::AccelerationStructureKHR {
     let structure = handle::new(structure);
     let handle: vk::AccelerationStructureKHR = handle::into_handle(Arc::clone(&structure));
     if let Some(validator) = device.validator() {
         let registry = &validator.registry;
-        registry.add_structure(handle.as_raw(), structure);
+        registry.add_structure(handle.as_raw(), Arc::clone(&structure));
+    }
+    if let Some(report) = &device.address_report {
+        report.tell(handle, AddressEvent::Created, structure.ranges());
     }
     handle
 }
@@ -92,6 +97,7 @@ entry! {
         if let Some(validator) = from_handle::<Device>(device).validator() {
             validator.registry.remove_structure(structure.as_raw());
         }
+        report::<AccelerationStructure>(device, structure, AddressEvent::Unbound);
         drop(handle::take::<AccelerationStructure>(structure));
     }
 

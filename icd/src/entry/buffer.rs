@@ -3,12 +3,14 @@
 use ash::vk::{self, Handle};
 use spirv_jit::image::{Format, ImageDescriptor};
 
+use super::address_report::report;
 use super::define::entry;
 use super::destroy;
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::{self, chain};
 use crate::handle::{self, from_handle};
+use crate::object::addressed::AddressEvent;
 use crate::object::image::ViewEntry;
 use crate::object::pages::GRANULE;
 use crate::object::sparse::Reservation;
@@ -70,6 +72,7 @@ unsafe fn bind(
         let buffer = from_handle::<Buffer>(handle);
         buffer.bind(from_handle::<DeviceMemory>(memory).place(offset, buffer.size_bytes)?);
         register(from_handle::<Device>(device), handle, buffer);
+        report::<Buffer>(device, handle, AddressEvent::Bound);
     }
     Ok(())
 }
@@ -94,6 +97,7 @@ entry! {
         {
             validator.registry.remove_buffer(buffer.as_raw(), object.address());
         }
+        report::<Buffer>(device, buffer, AddressEvent::Unbound);
         drop(handle::take::<Buffer>(buffer));
     }
 
@@ -123,6 +127,7 @@ entry! {
         *out = handle::create(buffer);
         if is_sparse {
             register(from_handle::<Device>(device), *out, from_handle::<Buffer>(*out));
+            report::<Buffer>(device, *out, AddressEvent::Created);
         }
         Ok(())
     }

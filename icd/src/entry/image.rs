@@ -2,8 +2,10 @@
 
 use ash::vk;
 use spirv_jit::image::{AddressMode, CompareOp, Filter, Reduction, SamplerDescriptor};
+use spirv_jit::reach::Range;
 use spirv_jit::views::Key;
 
+use super::address_report::{destroy_addressed, report, report_bound};
 use super::buffer::{requirements, write_requirements};
 use super::define::entry;
 use super::descriptor_buffer::captured;
@@ -12,13 +14,17 @@ use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::{self, chain};
 use crate::handle::{self, from_handle};
+use crate::object::addressed::AddressEvent;
 use crate::object::image::{ViewEntry, view_descriptor};
 use crate::object::sparse::Reservation;
 use crate::object::{DeviceMemory, Image, ImageView, Sampler, YcbcrConversion};
 use crate::present::Swapchain;
 
-destroy! {
+destroy_addressed! {
     vkDestroyImage: Image, Image;
+}
+
+destroy! {
     vkDestroyImageView: ImageView, ImageView;
     vkDestroySampler: Sampler, Sampler;
     vkDestroySamplerYcbcrConversion: YcbcrConversion, SamplerYcbcrConversion;
@@ -161,6 +167,8 @@ entry! {
             image = image.reserved(reservation);
         }
         *out = handle::create(image);
+        // A sparse image has its addresses already.
+        report::<Image>(device, *out, AddressEvent::Created);
         Ok(())
     }
 
@@ -212,17 +220,18 @@ entry! {
     }
 
     fn vkBindImageMemory(
-        _device: vk::Device,
+        device: vk::Device,
         image: vk::Image,
         memory: vk::DeviceMemory,
         offset: vk::DeviceSize,
     ) -> vk::Result {
-        let image = from_handle::<Image>(image);
-        image.bind(from_handle::<DeviceMemory>(memory).place(offset, image.size_bytes)?);
+        let bound = from_handle::<Image>(image);
+        bound.bind(from_handle::<DeviceMemory>(memory).place(offset, bound.size_bytes)?);
+        report::<Image>(device, image, AddressEvent::Bound);
         Ok(())
     }
 
-    fn vkBindImageMemory2(_device: vk::Device, count: u32, infos: *const vk::BindImageMemoryInfo) -> vk::Result {
+    fn vkBindImageMemory2(device: vk::Device, count: u32, infos: *const vk::BindImageMemoryInfo) -> vk::Result {
         for info in ffi::slice(infos, count) {
             let status = ffi::find::<vk::BindMemoryStatusKHR<'_>>(info.p_next);
             if let Some(status) = status {
@@ -232,15 +241,19 @@ entry! {
             if let Some(memory) = handle::optional::<DeviceMemory>(info.memory) {
                 let plane = chain::find::<vk::BindImagePlaneMemoryInfo>(info.p_next);
                 let aspect = plane.map(|plane| plane.plane_aspect);
-                let address = memory.place(info.memory_offset, image.binding_size_bytes(aspect));
+                let size_bytes = image.binding_size_bytes(aspect);
+                let address = memory.place(info.memory_offset, size_bytes);
                 if let (Some(status), Err(code)) = (status, &address) {
                     *status.p_result = *code;
                 }
-                image.bind_plane(aspect, address?);
-            } else if let Some(info) = ffi::find::<vk::BindImageMemorySwapchainInfoKHR>(info.p_next) {
-                let images = &from_handle::<Swapchain>(info.swapchain).images;
-                let shared = images.get(info.image_index as usize).ok_or(vk::Result::ERROR_UNKNOWN)?;
+                let start = address?;
+                image.bind_plane(aspect, start);
+                report_bound(device, info.image, Range { start, size_bytes });
+            } else if let Some(from) = ffi::find::<vk::BindImageMemorySwapchainInfoKHR>(info.p_next) {
+                let images = &from_handle::<Swapchain>(from.swapchain).images;
+                let shared = images.get(from.image_index as usize).ok_or(vk::Result::ERROR_UNKNOWN)?;
                 image.bind(shared.data() as u64);
+                report::<Image>(device, info.image, AddressEvent::Bound);
             }
         }
         Ok(())

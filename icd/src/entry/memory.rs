@@ -5,17 +5,18 @@ use std::os::fd::{FromRawFd, IntoRawFd, OwnedFd};
 
 use ash::vk;
 
+use super::address_report::{destroy_addressed, report};
 use super::define::entry;
-use super::destroy;
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::chain;
 use crate::handle::{self, from_handle};
 use crate::object::DeviceMemory;
+use crate::object::addressed::AddressEvent;
 use crate::object::memory::{Source, file_size, seal};
 use crate::table::limits::PAGE_BYTES;
 
-destroy! {
+destroy_addressed! {
     vkFreeMemory: DeviceMemory, DeviceMemory;
 }
 
@@ -69,16 +70,17 @@ entry! {
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::DeviceMemory,
     ) -> vk::Result {
-        let device = from_handle::<Device>(device);
+        let owner = from_handle::<Device>(device);
         let info = &*info;
-        let (source, imported) = source(device, info)?;
+        let (source, imported) = source(owner, info)?;
         let wanted = chain::find::<vk::MemoryOpaqueCaptureAddressAllocateInfo>(info.p_next)
             .map(|capture| capture.opaque_capture_address);
-        let memory = DeviceMemory::allocate(&device.window, info.allocation_size, source, wanted)?;
+        let memory = DeviceMemory::allocate(&owner.window, info.allocation_size, source, wanted)?;
         if let Some(imported) = imported {
             libc::close(imported);
         }
         *out = handle::create(memory);
+        report::<DeviceMemory>(device, *out, AddressEvent::Created);
         Ok(())
     }
 

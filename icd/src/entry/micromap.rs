@@ -6,9 +6,9 @@ use ash::vk;
 use spirv_jit::reach::Reach;
 
 use super::acceleration_structure::live;
+use super::address_report::{destroy_addressed, report};
 use super::deferred::{defer, defer_parallel};
 use super::define::{commands, entry};
-use super::destroy;
 use crate::command::micromap::MicromapCommand;
 use crate::command::{Command, RayTracingCommand};
 use crate::decode::micromap::{decode_build, storage, usages};
@@ -16,18 +16,19 @@ use crate::device::Device;
 use crate::ffi::slice;
 use crate::handle::{self, from_handle, retain};
 use crate::object::acceleration_structure::Storage;
+use crate::object::addressed::AddressEvent;
 use crate::object::{Buffer, Micromap, QueryPool};
 use crate::structures::micromap as execute;
 use crate::table::limits;
 use crate::validate::Caller;
 
-destroy! {
+destroy_addressed! {
     vkDestroyMicromapEXT: Micromap, MicromapEXT;
 }
 
 entry! {
     fn vkCreateMicromapEXT(
-        _device: vk::Device,
+        device: vk::Device,
         info: *const vk::MicromapCreateInfoEXT<'_>,
         _allocator: *const vk::AllocationCallbacks<'_>,
         micromap: *mut vk::MicromapEXT,
@@ -43,6 +44,7 @@ entry! {
             return Err(vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS);
         }
         *micromap = handle::create(created);
+        report::<Micromap>(device, *micromap, AddressEvent::Created);
         Ok(())
     }
 

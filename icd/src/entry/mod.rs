@@ -1,6 +1,7 @@
 //! Entry points, by what they act on. Each decodes its C structures, calls one method and encodes the result.
 
 pub mod acceleration_structure;
+pub mod address_report;
 pub mod buffer;
 pub mod command;
 pub mod command_image;

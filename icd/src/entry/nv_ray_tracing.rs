@@ -8,6 +8,7 @@ use ash::vk::{self, Handle};
 use traversal::BuildFlags;
 
 use super::acceleration_structure::copy_mode;
+use super::address_report::report;
 use super::buffer::write_requirements;
 use super::define::{commands, entry};
 use super::pipeline::create_each;
@@ -20,6 +21,7 @@ use crate::device::Device;
 use crate::ffi::slice;
 use crate::handle::{self, from_handle, optional, retain};
 use crate::object::acceleration_structure::Location;
+use crate::object::addressed::AddressEvent;
 use crate::object::pipeline::PipelineKind;
 use crate::object::{
     AccelerationStructure, AccelerationStructureNv, DeviceMemory, Pipeline, PipelineCache,
@@ -75,6 +77,7 @@ entry! {
         if let Some(validator) = from_handle::<Device>(device).validator() {
             validator.registry.remove_structure(structure.as_raw());
         }
+        report::<AccelerationStructureNv>(device, structure, AddressEvent::Unbound);
         drop(handle::take::<AccelerationStructureNv>(structure));
     }
 
@@ -98,7 +101,7 @@ entry! {
     }
 
     fn vkBindAccelerationStructureMemoryNV(
-        _device: vk::Device,
+        device: vk::Device,
         count: u32,
         infos: *const vk::BindAccelerationStructureMemoryInfoNV<'_>,
     ) -> vk::Result {
@@ -106,6 +109,8 @@ entry! {
             let memory = from_handle::<DeviceMemory>(info.memory);
             let made = from_handle::<AccelerationStructureNv>(info.acceleration_structure);
             made.bind(memory.place(info.memory_offset, made.structure.size_bytes)?);
+            let bound = info.acceleration_structure;
+            report::<AccelerationStructureNv>(device, bound, AddressEvent::Bound);
         }
         Ok(())
     }

@@ -3,13 +3,15 @@
 use std::ffi::c_void;
 use std::sync::Arc;
 
+use super::address_report::report;
 use super::define::entry;
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::enumerate::enumerate;
 use crate::ffi::{array, chain, slice, vk};
 use crate::handle::{self, from_handle, optional, retain};
-use crate::object::{Fence, Semaphore};
+use crate::object::addressed::AddressEvent;
+use crate::object::{Fence, Image, Semaphore};
 use crate::present::{Creation, Request, Scaling, Surface, Swapchain};
 use crate::queue::{Queue, Submission};
 
@@ -177,25 +179,31 @@ entry! {
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::SwapchainKHR,
     ) -> vk::Result {
-        let device = from_handle::<Device>(device);
+        let owner = from_handle::<Device>(device);
         let info = &*info;
         let surface = from_handle::<Surface>(info.surface);
         surface.take_over(optional::<Swapchain>(info.old_swapchain))?;
-        let waiting = Arc::clone(&device.engine.waiting);
+        let waiting = Arc::clone(&owner.engine.waiting);
         let (creation, window) = (creation(info), surface.window()?);
-        let swapchain = Swapchain::new(&creation, window, &device.window, waiting)?;
+        let swapchain = Swapchain::new(&creation, window, &owner.window, waiting)?;
         let swapchain = handle::new(swapchain);
+        for image in &swapchain.images {
+            report::<Image>(device, handle::handle_of(image), AddressEvent::Created);
+        }
         surface.add(&swapchain);
         *out = handle::into_handle(swapchain);
         Ok(())
     }
 
     fn vkDestroySwapchainKHR(
-        _device: vk::Device,
+        device: vk::Device,
         swapchain: vk::SwapchainKHR,
         _allocator: *const vk::AllocationCallbacks,
     ) {
         if let Some(swapchain) = handle::take::<Swapchain>(swapchain) {
+            for image in &swapchain.images {
+                report::<Image>(device, handle::handle_of(image), AddressEvent::Unbound);
+            }
             // A queue may hold it longer, but not its window.
             swapchain.close();
         }

@@ -7,6 +7,7 @@ use ash::vk;
 use spirv_jit::image::format::FormatInfo;
 use spirv_jit::image::ycbcr::Conversion;
 use spirv_jit::image::{Dim, Format, ImageDescriptor, Level, MAX_LEVELS};
+use spirv_jit::reach::Range;
 use spirv_jit::views::{Key, StoreError, Table, Views};
 
 use super::sparse::Reservation;
@@ -150,6 +151,15 @@ impl Image {
     /// Bytes to bind: of a disjoint image, those of the plane of an aspect.
     pub fn binding_size_bytes(&self, aspect: Option<vk::ImageAspectFlags>) -> u64 {
         self.bindings[self.binding_of(aspect)].size_bytes
+    }
+
+    /// The addresses of what is bound of it.
+    pub fn bound_ranges(&self) -> impl Iterator<Item = Range> {
+        let ranges = self.bindings.iter().map(|binding| Range {
+            start: binding.address.load(Ordering::Relaxed),
+            size_bytes: binding.size_bytes,
+        });
+        ranges.filter(|range| range.start != 0)
     }
 
     fn binding_of(&self, aspect: Option<vk::ImageAspectFlags>) -> usize {

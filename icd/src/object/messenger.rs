@@ -22,6 +22,16 @@ unsafe impl Send for Messenger {}
 // SAFETY: as above.
 unsafe impl Sync for Messenger {}
 
+impl Messenger {
+    fn listens(
+        &self,
+        severity: vk::DebugUtilsMessageSeverityFlagsEXT,
+        types: vk::DebugUtilsMessageTypeFlagsEXT,
+    ) -> bool {
+        self.severity.contains(severity) && self.types.intersects(types)
+    }
+}
+
 /// The messengers of an instance.
 #[derive(Default)]
 pub struct Messengers(pub RwLock<Vec<Ref<Messenger>>>);
@@ -36,6 +46,16 @@ impl Messengers {
             id,
             message,
         );
+    }
+
+    /// Whether a messenger listens to this severity and type.
+    pub fn hear(
+        &self,
+        severity: vk::DebugUtilsMessageSeverityFlagsEXT,
+        types: vk::DebugUtilsMessageTypeFlagsEXT,
+    ) -> bool {
+        let messengers = self.0.read();
+        messengers.iter().any(|it| it.listens(severity, types))
     }
 
     /// Calls every messenger that listens to this severity and type; whether there is one.
@@ -64,8 +84,7 @@ impl Messengers {
         let messengers = self.0.read().clone();
         for messenger in &messengers {
             if let Some(callback) = messenger.callback
-                && messenger.severity.contains(severity)
-                && messenger.types.intersects(types)
+                && messenger.listens(severity, types)
             {
                 // SAFETY: the application's callback with the data it asked for; the lock is not held, so it may call back in.
                 unsafe { callback(severity, types, data, messenger.user_data) };

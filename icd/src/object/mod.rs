@@ -1,6 +1,7 @@
 //! What lies behind the handles.
 
 pub mod acceleration_structure;
+pub mod addressed;
 pub mod buffer;
 mod control_group;
 pub mod deferred;

@@ -1,0 +1,52 @@
+//! Entry points tell here which addresses objects have (`VK_EXT_device_address_binding_report`).
+
+use ash::vk::{self, Handle};
+use spirv_jit::reach::Range;
+
+use crate::device::Device;
+use crate::handle::{Handled, from_handle, optional};
+use crate::object::addressed::{AddressEvent, Addressed};
+
+/// Tells messengers of all addresses of an object, if the device is to. Of a null handle there is nothing to tell.
+///
+/// # Safety
+/// The handles are alive.
+pub unsafe fn report<T: Handled + Addressed>(
+    device: vk::Device,
+    object: T::Handle,
+    event: AddressEvent,
+) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        if let Some(report) = &from_handle::<Device>(device).address_report
+            && let Some(found) = optional::<T>(object)
+        {
+            report.tell(object, event, found.ranges());
+        }
+    }
+}
+
+/// As [`report`], of a part that was bound: of a disjoint image, one plane.
+///
+/// # Safety
+/// The device is alive.
+pub unsafe fn report_bound<H: Handle + Copy>(device: vk::Device, object: H, range: Range) {
+    // SAFETY: the caller's promise.
+    if let Some(report) = unsafe { &from_handle::<Device>(device).address_report } {
+        report.tell(object, AddressEvent::Bound, [range]);
+    }
+}
+
+/// Defines `vkDestroy*` entry points of objects that have addresses.
+macro_rules! destroy_addressed {
+    ($($name:ident: $object:ty, $handle:ident;)*) => {
+        $crate::entry::define::entry! {
+            $(fn $name(device: vk::Device, handle: vk::$handle, _allocator: *const vk::AllocationCallbacks) {
+                let event = $crate::object::addressed::AddressEvent::Unbound;
+                $crate::entry::address_report::report::<$object>(device, handle, event);
+                drop($crate::handle::take::<$object>(handle));
+            })*
+        }
+    };
+}
+pub(super) use destroy_addressed;

@@ -1,0 +1,148 @@
+//! `VK_EXT_device_address_binding_report`: objects that have device addresses, and who hears of them.
+
+use std::ffi::CString;
+use std::sync::Arc;
+
+use ash::vk::{self, Handle};
+use smallvec::SmallVec;
+use spirv_jit::reach::Range;
+
+use super::acceleration_structure::Storage;
+use super::messenger::Messengers;
+use super::{
+    AccelerationStructure, AccelerationStructureNv, Buffer, DeviceMemory, Image, Micromap,
+};
+
+/// An object that has device addresses. All others are nowhere that shaders could reach.
+pub trait Addressed {
+    /// Those that it has now: of disjoint images, one a plane that is bound.
+    fn ranges(&self) -> SmallVec<[Range; 1]>;
+}
+
+impl From<Storage> for Range {
+    fn from(storage: Storage) -> Self {
+        Self {
+            start: storage.address,
+            size_bytes: storage.size_bytes,
+        }
+    }
+}
+
+/// A range, unless it is that of an unbound object.
+fn bound(range: Range) -> SmallVec<[Range; 1]> {
+    (range.start != 0).then_some(range).into_iter().collect()
+}
+
+impl Addressed for DeviceMemory {
+    fn ranges(&self) -> SmallVec<[Range; 1]> {
+        bound(Range {
+            start: self.address,
+            size_bytes: self.size_bytes,
+        })
+    }
+}
+
+impl Addressed for Buffer {
+    fn ranges(&self) -> SmallVec<[Range; 1]> {
+        bound(Range {
+            start: self.address(),
+            size_bytes: self.size_bytes,
+        })
+    }
+}
+
+impl Addressed for Image {
+    fn ranges(&self) -> SmallVec<[Range; 1]> {
+        self.bound_ranges().collect()
+    }
+}
+
+impl Addressed for AccelerationStructure {
+    fn ranges(&self) -> SmallVec<[Range; 1]> {
+        bound(self.storage().into())
+    }
+}
+
+impl Addressed for AccelerationStructureNv {
+    fn ranges(&self) -> SmallVec<[Range; 1]> {
+        self.structure.ranges()
+    }
+}
+
+impl Addressed for Micromap {
+    fn ranges(&self) -> SmallVec<[Range; 1]> {
+        bound(self.storage().into())
+    }
+}
+
+/// What happens to an object's addresses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AddressEvent {
+    /// The object has them from its creation, before the application has its handle.
+    Created,
+    Bound,
+    /// The object is about to go.
+    Unbound,
+}
+
+/// Who hears of addresses that objects have.
+pub struct AddressReport(Arc<Messengers>);
+
+impl AddressReport {
+    pub fn new(messengers: Arc<Messengers>) -> Self {
+        Self(messengers)
+    }
+
+    /// Tells of an object's ranges, each with a message of its own (`VkDeviceAddressBindingCallbackDataEXT`).
+    pub fn tell<H: Handle + Copy>(
+        &self,
+        object: H,
+        event: AddressEvent,
+        ranges: impl IntoIterator<Item = Range>,
+    ) {
+        let severity = vk::DebugUtilsMessageSeverityFlagsEXT::INFO;
+        let types = vk::DebugUtilsMessageTypeFlagsEXT::DEVICE_ADDRESS_BINDING;
+        if !self.0.hear(severity, types) {
+            return;
+        }
+        let (binding_type, flags) = match event {
+            AddressEvent::Created => (
+                vk::DeviceAddressBindingTypeEXT::BIND,
+                vk::DeviceAddressBindingFlagsEXT::INTERNAL_OBJECT,
+            ),
+            AddressEvent::Bound => (
+                vk::DeviceAddressBindingTypeEXT::BIND,
+                vk::DeviceAddressBindingFlagsEXT::empty(),
+            ),
+            AddressEvent::Unbound => (
+                vk::DeviceAddressBindingTypeEXT::UNBIND,
+                vk::DeviceAddressBindingFlagsEXT::empty(),
+            ),
+        };
+        let handle = object.as_raw();
+        let objects = [vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object)];
+        for Range { start, size_bytes } in ranges {
+            let verb = match event {
+                AddressEvent::Created | AddressEvent::Bound => "gets",
+                AddressEvent::Unbound => "loses",
+            };
+            let text = format!(
+                "{:?} {handle:#x} {verb} the addresses {start:#x} to {:#x}",
+                H::TYPE,
+                start + size_bytes
+            );
+            let text = CString::new(text).unwrap_or_default();
+            let mut binding = vk::DeviceAddressBindingCallbackDataEXT::default()
+                .flags(flags)
+                .base_address(start)
+                .size(size_bytes)
+                .binding_type(binding_type);
+            let data = vk::DebugUtilsMessengerCallbackDataEXT::default()
+                .message_id_name(c"TUFF-address-binding")
+                .message(&text)
+                .objects(&objects)
+                .push_next(&mut binding);
+            self.0.forward(severity, types, &data);
+        }
+    }
+}
