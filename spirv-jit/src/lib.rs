@@ -1,7 +1,7 @@
 //! SPIR-V to vectorised programs.
 //!
 //! ```text
-//! SPIR-V words ──> parse (rspirv) ──> lower ──> ir ──> pass ──> Program ──> interp
+//! SPIR-V words ──> parse (rspirv) ──> lower ──> ir ──> pass ──> plan ──> Program ──> interp
 //! ```
 //!
 //! This crate knows no Vulkan handle and no acceleration structure. Whoever runs a [`Program`] hands it an
@@ -19,6 +19,7 @@ pub mod ir;
 pub mod lower;
 pub mod parse;
 pub mod pass;
+mod plan;
 pub mod program;
 pub mod query;
 pub mod reach;

@@ -1,11 +1,18 @@
 //! Compiled shaders, and how they are run: the seam between the compiler and the scheduler.
 
+use std::collections::TryReserveError;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::SUBGROUP_SIZE;
 use crate::error::Error;
-use crate::ir;
+use crate::interp::{self, MAX_SUBGROUPS};
+use crate::ir::{self, passed::passed};
+use crate::plan::{self, Plan};
+use crate::query::QueryWord;
+use crate::tier::TierKind;
 
-pub use crate::interp::{Frame, Program};
+pub use crate::interp::Frame;
 pub use crate::ir::interface::{
     Barycentric, DepthMode, FragmentFacts, Interlock, OutputRow, Position, Varying, VaryingMode,
     VaryingPlace,
@@ -44,4 +51,263 @@ pub fn from_bytes(bytes: &[u8]) -> Result<Arc<Program>, Error> {
     let module = ir::binary::decode(bytes).map_err(Error::not_a_module)?;
     ir::verify(&module).map_err(Error::not_a_module)?;
     Program::new(&module).map(Arc::new)
+}
+
+/// A compiled shader: what every tier knows of it, and the interpreter's code. Immutable and shared between threads.
+pub struct Program {
+    /// Differs from every other program's in the process, and is not 0.
+    number: u64,
+    plan: Plan,
+    code: interp::Code,
+    stage: Stage,
+    inputs: Vec<InputRow>,
+    query_words: Vec<QueryWord>,
+    local_size: [u32; 3],
+    quads: bool,
+    shared_size_bytes: u32,
+    output_rows: u32,
+    outputs: Vec<OutputRow>,
+    passed: Option<Vec<Passed>>,
+    fragment: Option<FragmentFacts>,
+}
+
+impl Program {
+    /// Compiles a verified, optimised module.
+    ///
+    /// # Errors
+    /// Budget; operations on types that have none.
+    pub fn new(module: &ir::Module) -> Result<Program, Error> {
+        Self::with_tier(module, TierKind::best())
+    }
+
+    /// As [`Self::new`], for a tier that is not the best: for tests and measurements. The tier is one that the machine has.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_tier(module: &ir::Module, tier: TierKind) -> Result<Program, Error> {
+        assert!(TierKind::present().contains(&tier), "not on this machine");
+        static NUMBER: AtomicU64 = AtomicU64::new(1);
+        let planned = plan::plan(module)?;
+        Ok(Program {
+            number: NUMBER.fetch_add(1, Ordering::Relaxed),
+            code: interp::emit(&planned, tier)?,
+            plan: planned.plan,
+            stage: module.stage,
+            inputs: module.inputs.clone(),
+            query_words: module.query_words.clone(),
+            local_size: module.local_size,
+            quads: module.quads,
+            shared_size_bytes: module.shared_size_bytes,
+            output_rows: module.output_rows,
+            outputs: module.outputs.clone(),
+            passed: passed(module),
+            fragment: module.fragment,
+        })
+    }
+
+    pub fn stage(&self) -> Stage {
+        self.stage
+    }
+
+    /// Input rows the program reads, in order; row `i` of the state's inputs is `inputs()[i]`.
+    #[inline]
+    pub fn inputs(&self) -> &[InputRow] {
+        &self.inputs
+    }
+
+    /// Compute: the workgroup's size per dimension.
+    pub fn local_size(&self) -> [u32; 3] {
+        self.local_size
+    }
+
+    /// Compute: four consecutive lanes are two by two invocations of the workgroup, instead of four in a row.
+    pub fn quads(&self) -> bool {
+        self.quads
+    }
+
+    /// Compute: workgroup memory in bytes.
+    pub fn shared_size_bytes(&self) -> u32 {
+        self.shared_size_bytes
+    }
+
+    /// Rows of a subgroup's state.
+    #[inline]
+    pub fn layout(&self) -> StateLayout {
+        self.plan.layout
+    }
+
+    /// Subgroups that one run may take (wave length / 16).
+    pub fn max_wave_subgroups(&self) -> usize {
+        self.code.max_wave_subgroups()
+    }
+
+    /// What yields ask for, by `SiteId`.
+    #[inline]
+    pub fn sites(&self) -> &[SiteKind] {
+        &self.plan.sites
+    }
+
+    /// What the objects of its ray queries hold behind their fixed rows.
+    pub fn query_words(&self) -> &[QueryWord] {
+        &self.query_words
+    }
+
+    /// The per-lane memory of a state.
+    ///
+    /// # Panics
+    /// The state is smaller than [`StateLayout::rows`].
+    pub fn private_rows<'s>(&self, state: &'s mut [AlignedRow]) -> &'s mut [AlignedRow] {
+        &mut state[self.plan.private..self.plan.private + self.plan.private_rows]
+    }
+
+    /// Words the program leaves in the `io` rows at its end (see `ir::Module::output_rows`).
+    #[inline]
+    pub fn output_rows(&self) -> u32 {
+        self.output_rows
+    }
+
+    /// Vertex and fragment: what each word is that the program leaves.
+    #[inline]
+    pub fn outputs(&self) -> &[OutputRow] {
+        &self.outputs
+    }
+
+    /// Vertex and fragment: where each of those words comes from, if the program computes none of them.
+    #[inline]
+    pub fn passed(&self) -> Option<&[Passed]> {
+        self.passed.as_deref()
+    }
+
+    /// Fragment: what the rasterizer must know.
+    #[inline]
+    pub fn fragment(&self) -> Option<&FragmentFacts> {
+        self.fragment.as_ref()
+    }
+
+    /// Bytes of one lane's state: what `vkGetRayTracingShaderGroupStackSizeKHR` reports.
+    pub fn stack_size_bytes(&self) -> u32 {
+        ((self.plan.private_rows + self.plan.live_rows) * 4) as u32
+    }
+
+    /// Puts a state at the program's entry with these lanes active. Inputs may be filled before or after; `io` rows are zeroed.
+    ///
+    /// # Panics
+    /// The state is smaller than [`StateLayout::rows`].
+    pub fn start(&self, state: &mut [AlignedRow], active: u16) {
+        self.plan.start(state, active, 0);
+    }
+
+    /// As [`Self::start`] for a fragment program: `helpers`, some of the active lanes, are helper invocations.
+    ///
+    /// # Panics
+    /// As [`Self::start`].
+    pub fn start_fragments(&self, state: &mut [AlignedRow], active: u16, helpers: u16) {
+        self.plan.start(state, active, helpers);
+    }
+
+    /// Lanes of a fragment program's ended state that are helper invocations: from the start, or since they were demoted or killed.
+    #[inline]
+    pub fn helpers(&self, state: &[AlignedRow]) -> u16 {
+        state[0].0[2] as u16
+    }
+
+    /// Where a state stands.
+    #[inline]
+    pub fn resume_point(&self, state: &[AlignedRow]) -> ResumePoint {
+        ResumePoint(state[0].0[0])
+    }
+
+    /// Lanes of a yielded state that take part in its event (may be none: such a subgroup is ready at once). Only their columns
+    /// of the `io` rows are the event's: the others may hold outputs of lanes that have ended.
+    #[inline]
+    pub fn event_mask(&self, state: &[AlignedRow]) -> u16 {
+        state[0].0[1] as u16
+    }
+
+    /// Differs from every other program's in the process.
+    pub fn number(&self) -> u64 {
+        self.number
+    }
+
+    /// What was asked for where a state stands; `None` at the entry and where fuel ran out.
+    pub fn site_of(&self, point: ResumePoint) -> Option<SiteKind> {
+        let (point, _) = self.plan.point_of(point.0);
+        (self.plan.points[point].site).map(|site| self.plan.sites[site.0 as usize])
+    }
+
+    /// Whether lanes of a yielded state wait in an enclosing construct for those that take part in the event.
+    pub fn has_parked_lanes(&self, state: &[AlignedRow]) -> bool {
+        self.plan.has_parked_lanes(state)
+    }
+
+    /// Makes up a yielded state from lanes of other states, all of which stand at one point: lane `k` is column `from[k].1` of
+    /// `from[k].0`. Lanes that are not `active` may be anything; lanes that wait for others in enclosing constructs stay behind.
+    ///
+    /// # Panics
+    /// A state is smaller than [`StateLayout::rows`].
+    pub fn gather_lanes(
+        &self,
+        state: &mut [AlignedRow],
+        active: u16,
+        from: &[(&[AlignedRow], usize); SUBGROUP_SIZE],
+    ) {
+        self.plan.gather_lanes(state, active, from);
+    }
+
+    /// Takes the lanes of a yielded state's event out of it: they go on elsewhere, those that wait for them go on without them.
+    pub fn leave_parked_lanes(&self, state: &mut [AlignedRow]) {
+        state[0].0[1] = 0;
+    }
+
+    /// Runs a wave of subgroups that stand at one resume point until each has come to an event. `fuel` is burnt at loop back-edges and calls, by the
+    /// length of the code and for the whole wave.
+    ///
+    /// # Safety
+    /// Until it returns, `wave.shared` points to [`Self::shared_size_bytes`] bytes, and in `wave.environment` every table has as many
+    /// descriptors as it says, each of them as [`Descriptor`](crate::environment::Descriptor) has it, with memory, images and samplers
+    /// that are there; `reach` holds memory that may be read and written. Other threads may write all that meanwhile, but for descriptors.
+    /// States hold what [`Self::start`] and earlier runs of this program left there, besides inputs and answers.
+    ///
+    /// # Errors
+    /// The frame's memory was refused; nothing was run.
+    ///
+    /// # Panics
+    /// The wave is empty or longer than [`Self::max_wave_subgroups`], or a state is too small or stands elsewhere.
+    pub unsafe fn run(
+        &self,
+        frame: &mut Frame,
+        wave: &mut Wave<'_>,
+        fuel: &mut u64,
+    ) -> Result<Events, TryReserveError> {
+        let count = wave.states.len();
+        assert!((1..=MAX_SUBGROUPS).contains(&count), "wave length");
+        let point = wave.states[0][0].0[0];
+        for state in wave.states.iter() {
+            assert!(state.len() >= self.plan.layout.rows, "state too small");
+            assert_eq!(state[0].0[0], point, "subgroups at different points");
+        }
+        assert!(point < self.plan.points_end(), "state of another program");
+        let program = (self.number, self.shared_size_bytes);
+        // SAFETY: as the caller promises; the states were looked at above.
+        let event = unsafe { self.code.run(&self.plan, program, frame, wave, fuel)? };
+        // The interpreter keeps a wave together to its end.
+        Ok(Events {
+            each: [event; MAX_SUBGROUPS],
+            count,
+        })
+    }
+}
+
+/// What subgroups of a run came to, by their index in the wave.
+pub struct Events {
+    each: [Event; MAX_SUBGROUPS],
+    count: usize,
+}
+
+impl std::ops::Deref for Events {
+    type Target = [Event];
+
+    fn deref(&self) -> &[Event] {
+        &self.each[..self.count]
+    }
 }

@@ -19,18 +19,16 @@ use crate::row::AlignedRow;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct ResumePoint(pub u32);
 
-/// Why a run came back. All subgroups of the run stand at `site`/the end; lanes that take part in the event are those of
+/// What a subgroup's run came to. Lanes that take part in the event are those of
 /// [`Program::event_mask`](crate::Program::event_mask).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
-    /// All lanes of all subgroups have ended; outputs stand in the `io` rows.
+    /// All lanes have ended; outputs stand in the `io` rows.
     End,
     /// Suspended at a yield.
     Yield(SiteId),
     /// Fuel ran out at a loop back-edge: run again to go on.
     OutOfFuel,
-    /// The frame's memory was refused; nothing was run.
-    OutOfMemory,
 }
 
 /// A yield in the program text.

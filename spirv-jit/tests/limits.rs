@@ -125,7 +125,8 @@ fn calls_burn_fuel() {
             environment: &environment,
         };
         // SAFETY: nothing is bound, and the program shares no memory.
-        match unsafe { program.run(&mut frame, &mut wave, &mut { fuel }) } {
+        let events = unsafe { program.run(&mut frame, &mut wave, &mut { fuel }) };
+        match events.expect("the frame is small")[0] {
             Event::End => break,
             event => assert_eq!(event, Event::OutOfFuel),
         }

@@ -7,7 +7,7 @@ use smallvec::SmallVec;
 use spirv_jit::Program;
 use spirv_jit::environment::Environment;
 use spirv_jit::interp::Frame;
-use spirv_jit::program::{AlignedRow, Event, ResumePoint, SiteKind, Wave};
+use spirv_jit::program::{AlignedRow, Event, Events, ResumePoint, SiteKind, Wave};
 use traversal::Walker;
 
 use crate::settings::settings;
@@ -149,24 +149,24 @@ impl Runner {
     /// Runs the wave to its next event and notes where its subgroups stand then.
     fn run_wave(&mut self, run: &Run<'_>) -> Result<(), Stopped> {
         let mut fuel = FUEL;
-        let event = self.run_members(run, &mut fuel);
-        if event != Event::OutOfFuel {
+        let events = self.run_members(run, &mut fuel)?;
+        if !events.contains(&Event::OutOfFuel) {
             self.burnt += FUEL - fuel + WAVE_FUEL;
             if self.burnt >= FUEL {
                 self.burnt = 0;
                 run.limits.check()?;
             }
-            return self.settle(run, event);
+            return self.settle(run, &events);
         }
         run.limits.check()?;
         let members: SmallVec<[usize; 16]> = self.in_wave().collect();
-        self.settle(run, event)?;
+        self.settle(run, &events)?;
         if members.len() > 1 {
             for member in members {
                 self.status[member] = Status::InWave;
                 let mut fuel = FUEL_ALONE;
-                let event = self.run_members(run, &mut fuel);
-                self.settle(run, event)?;
+                let events = self.run_members(run, &mut fuel)?;
+                self.settle(run, &events)?;
             }
         }
         Ok(())
@@ -176,7 +176,7 @@ impl Runner {
         (0..self.status.len()).filter(|&index| self.status[index] == Status::InWave)
     }
 
-    fn run_members(&mut self, run: &Run<'_>, fuel: &mut u64) -> Event {
+    fn run_members(&mut self, run: &Run<'_>, fuel: &mut u64) -> Result<Events, Stopped> {
         let mut states: [&mut [AlignedRow]; MAX_WAVE] = std::array::from_fn(|_| &mut [][..]);
         let members = self
             .states
@@ -190,7 +190,7 @@ impl Runner {
         }
         // SAFETY: the commands' bindings keep what the environment names, and the application keeps what those name; `shared` has the
         // program's size; the states are the program's.
-        unsafe {
+        let events = unsafe {
             run.program.run(
                 &mut self.frame,
                 &mut Wave {
@@ -200,21 +200,20 @@ impl Runner {
                 },
                 fuel,
             )
-        }
+        };
+        events.map_err(|_| Stopped::OutOfMemory)
     }
 
-    fn settle(&mut self, run: &Run<'_>, event: Event) -> Result<(), Stopped> {
+    fn settle(&mut self, run: &Run<'_>, events: &[Event]) -> Result<(), Stopped> {
         let program = run.program;
-        for (state, status) in self
-            .states
+        let members = (self.states)
             .chunks_exact_mut(self.rows)
             .zip(&mut self.status)
-            .filter(|(_, status)| **status == Status::InWave)
-        {
-            *status = match event {
+            .filter(|(_, status)| **status == Status::InWave);
+        for ((state, status), event) in members.zip(events) {
+            *status = match *event {
                 Event::End => Status::Ended,
                 Event::OutOfFuel => Status::Ready,
-                Event::OutOfMemory => return Err(Stopped::OutOfMemory),
                 Event::Yield(site) => match program.sites()[site.0 as usize] {
                     // A subgroup none of whose lanes has come to the barrier does not wait there.
                     SiteKind::Barrier if program.event_mask(state) == 0 => Status::Ready,

@@ -349,7 +349,7 @@ impl<'a> Batch<'a> {
         let mut fuel = FUEL;
         // SAFETY: the command's bindings keep what the environment names, and the application keeps what those name; only compute
         // shaders have workgroup memory; the states are this program's.
-        let event = unsafe {
+        let events = unsafe {
             compiled.run(
                 &mut self.worker.frame,
                 &mut Wave {
@@ -360,11 +360,11 @@ impl<'a> Batch<'a> {
                 &mut fuel,
             )
         };
-        for &index in wave {
+        let events = events.map_err(|_| Stopped::OutOfMemory)?;
+        for (&index, &event) in wave.iter().zip(&*events) {
             match event {
                 Event::End => self.end(index),
                 Event::OutOfFuel => self.make_ready(index),
-                Event::OutOfMemory => return Err(Stopped::OutOfMemory),
                 Event::Yield(site) => match compiled.sites()[site.0 as usize] {
                     SiteKind::RayQueryProceed => self.proceed(index)?,
                     kind => self.answer(index, kind)?,
@@ -372,7 +372,7 @@ impl<'a> Batch<'a> {
             }
         }
         self.patience -= 1;
-        if event == Event::OutOfFuel || self.patience == 0 {
+        if events.contains(&Event::OutOfFuel) || self.patience == 0 {
             self.patience = PATIENCE;
             self.dispatch.limits.check()
         } else {

@@ -7,7 +7,8 @@ use std::marker::PhantomData;
 
 use super::code::AccessPlan;
 use super::kernels::Lane;
-use super::machine::{Handler, Instr, Machine, Operand, lanes_of};
+use super::machine::{Handler, Instr, Machine, lanes_of};
+use super::operand::Operand;
 use super::region::{Region, read_scalar, region};
 use super::tier::{Kernel, Portable, Tier};
 use crate::SUBGROUP_SIZE;
@@ -41,7 +42,7 @@ fn in_tier<T: Tier>(ty: Type, store: bool) -> Handler {
 /// A plan's address operands and scalars.
 #[inline(always)]
 pub(super) fn operands<'c>(m: &Machine<'c>, plan: &AccessPlan) -> (&'c [Operand], &'c [Operand]) {
-    let all = &m.program.code.operands[plan.operands as usize..];
+    let all = &m.code.operands[plan.operands as usize..];
     let (address, rest) = all.split_at(plan.space.address_operands());
     (address, &rest[..plan.scalars as usize])
 }
@@ -283,7 +284,7 @@ unsafe fn check_alignment(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand
             // SAFETY: as the caller promises.
             let address = unsafe { m.lane(address[0], offset, lane, true) };
             if !address.is_multiple_of(alignment) {
-                strays.count(m.program.number(), m.pc, address, alignment);
+                strays.count(m.program, m.pc, address, alignment);
             }
         }
     }
@@ -295,7 +296,7 @@ struct Load<T>(PhantomData<T>);
 impl<T: Lane> Kernel for Load<T> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        let plan = m.program.code.accesses[i.x as usize];
+        let plan = m.code.accesses[i.x as usize];
         let (address, results) = operands(m, &plan);
         // SAFETY: as the caller promises.
         unsafe {
@@ -319,7 +320,7 @@ struct Store<T>(PhantomData<T>);
 impl<T: Lane> Kernel for Store<T> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        let plan = m.program.code.accesses[i.x as usize];
+        let plan = m.code.accesses[i.x as usize];
         let (address, values) = operands(m, &plan);
         // SAFETY: as the caller promises.
         unsafe {

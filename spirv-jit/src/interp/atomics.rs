@@ -17,8 +17,8 @@ use crate::ir::op::AtomicOp;
 /// # Safety
 /// The instruction was emitted for the program that the machine runs.
 pub(super) unsafe fn atomic(m: &mut Machine<'_>, i: &Instr) {
-    let plan: AtomicPlan = m.program.code.atomics[i.x as usize];
-    let operands = &m.program.code.operands[plan.operands as usize..];
+    let plan: AtomicPlan = m.code.atomics[i.x as usize];
+    let operands = &m.code.operands[plan.operands as usize..];
     let (address, values) = operands.split_at(plan.space.address_operands());
     let wide = plan.ty.rows() == 2;
     let size = plan.ty.size_bytes() as u64;

@@ -142,7 +142,7 @@ pub(super) unsafe fn kill(m: &mut Machine<'_>, i: &Instr) {
 /// # Safety
 /// As [`enter`].
 pub(super) unsafe fn call(m: &mut Machine<'_>, i: &Instr) {
-    let site = &m.program.code.calls[i.x as usize];
+    let site = &m.plan.calls[i.x as usize];
     // SAFETY: there is a return address for every function.
     unsafe { *m.returns.add(site.callee as usize) = m.pc as u32 };
     m.context += site.context;
@@ -160,8 +160,8 @@ pub(super) unsafe fn ret(m: &mut Machine<'_>, i: &Instr) {
         m.set_active(parked);
         m.pc = *m.returns.add(i.x as usize) as usize;
         // The call stands before the return address.
-        let call = &m.program.code.instrs[m.pc - 1];
-        m.context -= m.program.code.calls[call.x as usize].context;
+        let call = &m.code.instrs[m.pc - 1];
+        m.context -= m.plan.calls[call.x as usize].context;
     }
 }
 

@@ -4,7 +4,8 @@
 //! keeps what it was made of, and it is made again when the wave goes on ([`make_again`]).
 
 use super::code::{DescriptorSource, Remade};
-use super::machine::{Instr, MAX_SUBGROUPS, Machine, Operand, lanes_of};
+use super::machine::{Instr, MAX_SUBGROUPS, Machine, lanes_of};
+use super::operand::Operand;
 use crate::SUBGROUP_SIZE;
 use crate::environment::{Descriptor, DescriptorSet, Environment, reference};
 use crate::ir::op::DescriptorBinding;
@@ -117,7 +118,7 @@ unsafe fn make(
     unsafe {
         match source {
             DescriptorSource::Binding(index) => {
-                let binding = &m.program.code.bindings[index as usize];
+                let binding = &m.code.bindings[index as usize];
                 let entries = Entries::of(m.environment, binding);
                 for &offset in offsets {
                     let index = *m.block::<u32>(from, offset);
@@ -169,7 +170,7 @@ pub(super) unsafe fn descriptor_at(m: &mut Machine<'_>, i: &Instr) {
 /// # Safety
 /// As [`descriptor`].
 pub(super) unsafe fn descriptor_reference(m: &mut Machine<'_>, i: &Instr) {
-    let binding = &m.program.code.bindings[i.x as usize];
+    let binding = &m.code.bindings[i.x as usize];
     let entries = Entries::of(m.environment, binding);
     for &offset in m.listed() {
         // SAFETY: as the caller promises.

@@ -5,7 +5,8 @@ use foldhash::HashMap;
 
 use super::kernels::{Side, fused};
 use crate::image::{LodMode, fast};
-use crate::ir::{Body, Function, Inst, Node, Op, Terminator, Type, Value};
+use crate::ir::{Body, Function, Inst, Node, Op, Type, Value};
+use crate::plan::Liveness;
 use crate::tier::TierKind;
 
 /// How many instructions a first operation may be put off: its operands live on for as long.
@@ -46,6 +47,29 @@ fn of_sample(inst: &Inst) -> Option<(&[Value], &[Value])> {
 }
 
 impl Fusion {
+    /// Makes live ranges those of the pairs: what a first instruction takes lives until the second, and what it gives is nowhere.
+    pub fn stretch(&self, liveness: &mut Liveness) {
+        for (result, pair) in &self.pairs {
+            let Some((start, _)) = liveness.ranges[result.index()] else {
+                continue;
+            };
+            // Operands are used a half-step before the result is there.
+            let at = start - 1;
+            for value in pair.operands.iter().flatten() {
+                if let Some((_, end)) = &mut liveness.ranges[value.index()] {
+                    *end = at.max(*end);
+                }
+                let last = &mut liveness.last_use[value.index()];
+                *last = at.max(*last);
+            }
+        }
+        let absorbed = |value: &Value| self.absorbed[value.index()];
+        for value in liveness.by_start.iter().filter(|value| absorbed(value)) {
+            liveness.ranges[value.index()] = None;
+        }
+        liveness.by_start.retain(|value| !absorbed(value));
+    }
+
     /// The pair that ends in this instruction.
     pub fn of(&self, inst: &Inst) -> Option<&Fused> {
         self.pairs.get(inst.results.first()?)
@@ -63,11 +87,6 @@ impl Fusion {
         of_sample(inst).is_some_and(|(_, slopes)| self.absorbed[slopes[0].index()])
     }
 
-    /// The operands that an instruction reads.
-    pub fn reads(&self, inst: &Inst) -> impl Iterator<Item = Value> {
-        (inst.args.iter().copied()).filter(|value| !self.absorbed[value.index()])
-    }
-
     /// Finds the pairs of a function.
     pub fn find(function: &Function, uniform: &[bool]) -> Fusion {
         let mut finder = Finder {
@@ -79,7 +98,7 @@ impl Fusion {
                 absorbed: vec![false; function.value_types.len()],
             },
         };
-        finder.count(&function.body);
+        (function.body).visit_operands(&mut |value| finder.uses[value.index()] += 1);
         finder.walk(&function.body);
         finder.fusion
     }
@@ -93,41 +112,6 @@ struct Finder<'f> {
 }
 
 impl<'f> Finder<'f> {
-    fn count_all(&mut self, values: &[Value]) {
-        for value in values {
-            self.uses[value.index()] += 1;
-        }
-    }
-
-    fn count(&mut self, body: &Body) {
-        for node in &body.nodes {
-            match node {
-                Node::Inst(inst) => self.count_all(&inst.args),
-                Node::Block { body, .. } => self.count(body),
-                Node::If {
-                    condition,
-                    then_body,
-                    else_body,
-                    ..
-                } => {
-                    self.count_all(&[*condition]);
-                    self.count(then_body);
-                    self.count(else_body);
-                }
-                Node::Loop { init, body, .. } => {
-                    self.count_all(init);
-                    self.count(body);
-                }
-            }
-        }
-        match &body.end {
-            Terminator::Br(_, args) | Terminator::Return(args) | Terminator::End(args) => {
-                self.count_all(args);
-            }
-            Terminator::Unreachable => {}
-        }
-    }
-
     fn walk(&mut self, body: &'f Body) {
         // Instructions since the last node of another kind, by their results.
         let mut run: HashMap<Value, (usize, &Inst)> = HashMap::default();
@@ -148,15 +132,7 @@ impl<'f> Finder<'f> {
                     }
                     continue;
                 }
-                Node::Block { body, .. } | Node::Loop { body, .. } => self.walk(body),
-                Node::If {
-                    then_body,
-                    else_body,
-                    ..
-                } => {
-                    self.walk(then_body);
-                    self.walk(else_body);
-                }
+                _ => node.bodies().for_each(|body| self.walk(body)),
             }
             run.clear();
         }

@@ -3,7 +3,8 @@
 use std::marker::PhantomData;
 
 use super::code::ImagePlan;
-use super::machine::{Handler, Instr, Machine, Operand};
+use super::machine::{Handler, Instr, Machine};
+use super::operand::Operand;
 use super::tier::{Kernel, Portable, Tier};
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
@@ -53,7 +54,7 @@ fn in_tier<T: Tier, V: Vector + 'static>(op: &ImageOp) -> Handler {
 /// # Safety
 /// The instruction was emitted for the program that the machine runs.
 pub(super) unsafe fn image(m: &mut Machine<'_>, i: &Instr) {
-    let plan = &m.program.code.images[i.x as usize];
+    let plan = &m.code.images[i.x as usize];
     for &offset in m.listed() {
         // SAFETY: as the caller promises.
         unsafe { block(m, plan, offset) };
@@ -233,7 +234,7 @@ struct Sample<V>(PhantomData<V>);
 impl<V: Vector> Kernel for Sample<V> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        let plan = &m.program.code.images[i.x as usize];
+        let plan = &m.code.images[i.x as usize];
         // SAFETY: the tier is the token's; for the rest, as for `image`.
         unsafe {
             let mut known = (0, 0);
@@ -340,7 +341,7 @@ struct Access<V>(PhantomData<V>);
 impl<V: Vector> Kernel for Access<V> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        let plan = &m.program.code.images[i.x as usize];
+        let plan = &m.code.images[i.x as usize];
         // SAFETY: the tier is the token's; for the rest, as for `image`; what descriptors point to outlives the dispatch.
         unsafe {
             let mut known = None;

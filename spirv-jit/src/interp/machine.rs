@@ -6,51 +6,21 @@
 
 use std::cell::Cell;
 
-use super::Program;
+use super::code::{AccessPlan, AtomicPlan, ImagePlan, Place, SubgroupPlan};
+use super::operand::Operand;
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
+use crate::ir::op::DescriptorBinding;
+use crate::plan::Plan;
 use crate::reach::Range;
+use crate::row::AlignedRow;
 use crate::state::Event;
 
 /// Subgroups in the longest wave.
-pub(super) const MAX_SUBGROUPS: usize = 16;
+pub(crate) const MAX_SUBGROUPS: usize = 16;
 
 /// A bit per lane, a word per subgroup.
 pub(super) type Mask = [u16; MAX_SUBGROUPS];
-
-/// A row of the frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) struct Operand(u32);
-
-impl Operand {
-    const UNIFORM: u32 = 1 << 31;
-    pub(super) const NONE: Operand = Operand(Self::UNIFORM - 1);
-
-    pub(super) fn vector(row: usize) -> Operand {
-        Operand(row as u32)
-    }
-
-    pub(super) fn uniform(row: usize) -> Operand {
-        Operand(row as u32 | Self::UNIFORM)
-    }
-
-    pub(super) fn is_uniform(self) -> bool {
-        self.0 & Self::UNIFORM != 0
-    }
-
-    /// Operand fields that hold a number instead.
-    pub(super) fn number(value: u32) -> Operand {
-        Operand(value)
-    }
-
-    pub(super) fn raw(self) -> u32 {
-        self.0
-    }
-
-    fn index(self) -> usize {
-        (self.0 & !Self::UNIFORM) as usize
-    }
-}
 
 /// Performs one instruction. `pc` already stands behind it.
 pub(super) type Handler = for<'a, 'i, 'p> unsafe fn(&'a mut Machine<'p>, &'i Instr);
@@ -67,9 +37,36 @@ pub(super) struct Instr {
     pub y: u32,
 }
 
+/// Instructions and the tables they refer to.
+#[derive(Default)]
+pub(crate) struct Code {
+    pub(super) instrs: Vec<Instr>,
+    pub(super) operands: Vec<Operand>,
+    pub(super) accesses: Vec<AccessPlan>,
+    pub(super) atomics: Vec<AtomicPlan>,
+    pub(super) bindings: Vec<DescriptorBinding>,
+    pub(super) subgroups: Vec<SubgroupPlan>,
+    pub(super) images: Vec<ImagePlan>,
+    /// In the plan's order.
+    pub(super) points: Vec<Place>,
+    pub(super) calls: Vec<Place>,
+    /// Constants: the first uniform rows.
+    pub(super) constants: Vec<AlignedRow>,
+    /// Behind the instructions that compute uniform rows.
+    pub(super) prologue_end: usize,
+    /// Uniform rows.
+    pub(super) uniform_rows: usize,
+    /// Vector rows.
+    pub(super) vector_rows: usize,
+}
+
 /// A wave while it runs.
 pub(super) struct Machine<'p> {
-    pub program: &'p Program,
+    pub plan: &'p Plan,
+    pub code: &'p Code,
+    /// Its number.
+    pub program: u64,
+    pub shared_size_bytes: u32,
     pub environment: &'p Environment,
     /// Rows of 64 bytes.
     pub uniforms: *mut u8,
@@ -210,9 +207,9 @@ impl Machine<'_> {
     /// Runs until an event.
     ///
     /// # Safety
-    /// The machine was set up by `Program::run`.
+    /// The machine was set up by `Code::run`.
     pub unsafe fn go(&mut self) {
-        let code = self.program.code.instrs.as_slice();
+        let code = self.code.instrs.as_slice();
         while self.running {
             // SAFETY: code addresses come from the emitter, and each path ends in an instruction that stops.
             unsafe {

@@ -1,7 +1,8 @@
 //! Private memory, and what a dispatch is given as words.
 
 use super::access::operands;
-use super::machine::{Instr, Machine, Operand, lanes_of};
+use super::machine::{Instr, Machine, lanes_of};
+use super::operand::Operand;
 use super::tier::Kernel;
 use super::yields::blend;
 use crate::SUBGROUP_SIZE;
@@ -13,7 +14,7 @@ pub(super) struct LoadPrivate;
 impl Kernel for LoadPrivate {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        let plan = m.program.code.accesses[i.x as usize];
+        let plan = m.code.accesses[i.x as usize];
         let (address, results) = operands(m, &plan);
         let rows = plan.ty.rows() as u64;
         for &offset in m.listed() {
@@ -26,8 +27,8 @@ impl Kernel for LoadPrivate {
                     let row = first.wrapping_add(k as u32) as usize;
                     // SAFETY: as above.
                     unsafe {
-                        *m.block::<u32>(result, offset) = match row < m.program.private_rows {
-                            true => *m.state_row(s, m.program.private + row),
+                        *m.block::<u32>(result, offset) = match row < m.plan.private_rows {
+                            true => *m.state_row(s, m.plan.private + row),
                             false => [0; SUBGROUP_SIZE],
                         };
                     }
@@ -76,12 +77,12 @@ unsafe fn common_row(m: &Machine<'_>, row: Operand, offset: u16) -> Option<u32> 
 /// The subgroup is one of the wave's.
 #[inline(always)]
 unsafe fn read_private(m: &Machine<'_>, subgroup: usize, row: u64, lane: usize, ty: Type) -> u64 {
-    if row + ty.rows() as u64 > m.program.private_rows as u64 {
+    if row + ty.rows() as u64 > m.plan.private_rows as u64 {
         return 0;
     }
     // SAFETY: the row is a private one.
     unsafe {
-        let row = m.program.private + row as usize;
+        let row = m.plan.private + row as usize;
         let low = (*m.state_row(subgroup, row))[lane] as u64;
         if ty.rows() == 2 {
             low | ((*m.state_row(subgroup, row + 1))[lane] as u64) << 32
@@ -102,12 +103,12 @@ unsafe fn write_private(
     ty: Type,
     value: u64,
 ) {
-    if row + ty.rows() as u64 > m.program.private_rows as u64 {
+    if row + ty.rows() as u64 > m.plan.private_rows as u64 {
         return;
     }
     // SAFETY: the row is a private one.
     unsafe {
-        let row = m.program.private + row as usize;
+        let row = m.plan.private + row as usize;
         (*m.state_row(subgroup, row))[lane] = value as u32;
         if ty.rows() == 2 {
             (*m.state_row(subgroup, row + 1))[lane] = (value >> 32) as u32;
@@ -121,7 +122,7 @@ pub(super) struct StorePrivate;
 impl Kernel for StorePrivate {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        let plan = m.program.code.accesses[i.x as usize];
+        let plan = m.code.accesses[i.x as usize];
         let (address, values) = operands(m, &plan);
         let rows = plan.ty.rows() as u64;
         for &offset in m.listed() {
@@ -132,10 +133,10 @@ impl Kernel for StorePrivate {
             {
                 for (k, &value) in values.iter().enumerate() {
                     let row = first.wrapping_add(k as u32) as usize;
-                    if row < m.program.private_rows {
+                    if row < m.plan.private_rows {
                         // SAFETY: as above.
                         unsafe {
-                            let to = &mut *m.state_row(s, m.program.private + row);
+                            let to = &mut *m.state_row(s, m.plan.private + row);
                             blend(to, &*m.block::<u32>(value, offset), m.active[s]);
                         }
                     }
@@ -169,7 +170,7 @@ pub(super) struct VariableLoad;
 impl Kernel for VariableLoad {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        let row = m.program.private + i.x as usize;
+        let row = m.plan.private + i.x as usize;
         for &offset in m.listed() {
             let s = offset as usize / 64;
             // SAFETY: as the caller promises; the emitter checked the row.
@@ -195,7 +196,7 @@ pub(super) struct VariableStore;
 impl Kernel for VariableStore {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        let row = m.program.private + i.x as usize;
+        let row = m.plan.private + i.x as usize;
         for &offset in m.listed() {
             let s = offset as usize / 64;
             let mask = m.active[s];
@@ -228,7 +229,7 @@ pub(super) unsafe fn zero_private(m: &mut Machine<'_>, i: &Instr) {
         for &offset in m.listed() {
             let s = offset as usize / 64;
             // SAFETY: as the caller promises; the emitter checked the rows.
-            let words = unsafe { &mut *m.state_row(s, m.program.private + row as usize) };
+            let words = unsafe { &mut *m.state_row(s, m.plan.private + row as usize) };
             for (k, word) in words.iter_mut().enumerate() {
                 *word = if m.active[s] & 1 << k != 0 { 0 } else { *word };
             }

@@ -2,7 +2,8 @@
 //!
 //! Every access goes through [`Region`]: first byte, size, and the offset in it, checked per scalar.
 
-use super::machine::{Machine, Operand};
+use super::machine::Machine;
+use super::operand::Operand;
 use crate::ir::Space;
 
 /// Where an access lies.
@@ -57,7 +58,7 @@ pub(super) unsafe fn region(
             Space::Private => Region::NOWHERE,
             Space::Shared => Region {
                 base: m.shared,
-                size_bytes: m.program.shared_size_bytes as u64,
+                size_bytes: m.shared_size_bytes as u64,
                 offset: m.lane(address[0], offset, lane, false),
             },
             Space::Buffer => {
@@ -94,7 +95,7 @@ fn look_up(m: &Machine<'_>, address: u64) -> u64 {
         }
         None => {
             if let Some(strays) = &m.environment.strays {
-                strays.count(m.program.number(), m.pc, address, 0);
+                strays.count(m.program, m.pc, address, 0);
             }
             0
         }

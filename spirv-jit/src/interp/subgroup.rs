@@ -16,7 +16,7 @@ type Lanes = [u64; SUBGROUP_SIZE];
 /// # Safety
 /// The instruction was emitted for the program that the machine runs.
 pub(super) unsafe fn subgroup(m: &mut Machine<'_>, i: &Instr) {
-    let plan = m.program.code.subgroups[i.x as usize];
+    let plan = m.code.subgroups[i.x as usize];
     let wide_operand = plan.ty.rows() == 2;
     let (has_a, has_b, wide_result) = shape(&plan);
     for &offset in m.listed() {

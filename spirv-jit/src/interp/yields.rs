@@ -1,17 +1,14 @@
-//! Suspending a wave into its subgroups' states, and resuming it.
-//!
-//! A state's control rows hold, as words: the resume id, the active lanes, the helper lanes, then the masks in use, two to a word.
+//! Suspending a wave into its subgroups' states, and resuming it: control rows are as [`plan`](crate::plan) has them.
 
-use super::code::{Live, Saved};
+use super::code::Live;
 use super::descriptors;
-use super::machine::{Instr, MAX_SUBGROUPS, Machine, Operand};
+use super::machine::{Instr, MAX_SUBGROUPS, Machine};
+use super::operand::Operand;
 use super::tier::Kernel;
 use crate::SUBGROUP_SIZE;
-use crate::row::{AlignedRow, Row};
+use crate::plan::{self, CONTROL_WORDS};
+use crate::row::Row;
 use crate::state::{Event, IO_DATA_ROW};
-
-/// Words of control before the masks.
-pub(super) const CONTROL_WORDS: usize = 3;
 
 /// Saves masks and live values as point `point` says, and stops with `event`.
 ///
@@ -19,8 +16,8 @@ pub(super) const CONTROL_WORDS: usize = 3;
 /// `point` is one of the program's, and control stands there.
 #[inline(always)]
 unsafe fn suspend(m: &mut Machine<'_>, point: u32, event: Event) {
-    let code = &m.program.code;
-    let point = &code.points[point as usize];
+    let place = &m.code.points[point as usize];
+    let point = &m.plan.points[point as usize];
     let id = point.base + m.context;
     // SAFETY: the states have the program's layout.
     unsafe {
@@ -34,9 +31,9 @@ unsafe fn suspend(m: &mut Machine<'_>, point: u32, event: Event) {
                 *masks.add(k) = (*m.masks.add(k))[s];
             }
         }
-        save(m, &point.live.saved);
-        for site in code.path(point.function, m.context) {
-            save(m, &site.live.saved);
+        save(m, &point.live, &place.live);
+        for (index, site) in m.plan.path(point.function, m.context) {
+            save(m, &site.live, &m.code.calls[index].live);
         }
     }
     m.event = event;
@@ -55,19 +52,20 @@ pub(super) unsafe fn suspend_without_fuel(m: &mut Machine<'_>, point: u32) {
 }
 
 /// # Safety
-/// The states have the program's layout, the list is the program's.
+/// The states have the program's layout, the lists are the program's.
 #[inline(always)]
-unsafe fn save(m: &Machine<'_>, saved: &[Saved]) {
-    for value in saved.iter().filter(|value| !value.input) {
+unsafe fn save(m: &Machine<'_>, planned: &plan::Live, live: &Live) {
+    let saved = planned.saved.iter().zip(&live.saved);
+    for (value, &operand) in saved.filter(|(value, _)| !value.input) {
         for s in 0..m.subgroups {
             // SAFETY: as the caller promises.
             unsafe {
                 let to = m.state_row(s, value.row as usize);
                 let offset = (s * 64) as u16;
                 if value.wide {
-                    *to.cast::<[u64; SUBGROUP_SIZE]>() = *m.block::<u64>(value.operand, offset);
+                    *to.cast::<[u64; SUBGROUP_SIZE]>() = *m.block::<u64>(operand, offset);
                 } else {
-                    *to = *m.block::<u32>(value.operand, offset);
+                    *to = *m.block::<u32>(operand, offset);
                 }
             }
         }
@@ -77,17 +75,17 @@ unsafe fn save(m: &Machine<'_>, saved: &[Saved]) {
 /// # Safety
 /// As [`save`].
 #[inline(always)]
-unsafe fn restore_values(m: &Machine<'_>, live: &Live) {
-    for value in &live.saved {
+unsafe fn restore_values(m: &Machine<'_>, planned: &plan::Live, live: &Live) {
+    for (value, &operand) in planned.saved.iter().zip(&live.saved) {
         for s in 0..m.subgroups {
             // SAFETY: as the caller promises.
             unsafe {
                 let from = m.state_row(s, value.row as usize);
                 let offset = (s * 64) as u16;
                 if value.wide {
-                    *m.block::<u64>(value.operand, offset) = *from.cast::<[u64; SUBGROUP_SIZE]>();
+                    *m.block::<u64>(operand, offset) = *from.cast::<[u64; SUBGROUP_SIZE]>();
                 } else {
-                    *m.block::<u32>(value.operand, offset) = *from;
+                    *m.block::<u32>(operand, offset) = *from;
                 }
             }
         }
@@ -96,27 +94,18 @@ unsafe fn restore_values(m: &Machine<'_>, live: &Live) {
     unsafe { descriptors::make_again(m, &live.remade) };
 }
 
-/// Whether a lane is parked or pending in one of the first `masks` masks of a state.
-pub(super) fn has_parked_lanes(state: &[AlignedRow], masks: u32) -> bool {
-    (0..masks as usize).any(|k| {
-        let word = CONTROL_WORDS + k / 2;
-        state[word / SUBGROUP_SIZE].0[word % SUBGROUP_SIZE] >> (k % 2 * 16) & 0xffff != 0
-    })
-}
-
 /// The end of the prologue: the wave, whose states stand at one point as [`suspend`] or `Program::start` left them, goes on there.
 pub(super) struct Resume;
 
 impl Kernel for Resume {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, _: &Instr) {
-        let code = &m.program.code;
         // SAFETY: the states have the program's layout.
         unsafe {
-            let id = *m.states[0];
-            let (point, context) = code.point_of(id);
+            let (index, context) = m.plan.point_of(*m.states[0]);
+            let (point, place) = (&m.plan.points[index], &m.code.points[index]);
             m.context = context;
-            m.pc = point.pc as usize;
+            m.pc = place.pc as usize;
             let mut active = [0; MAX_SUBGROUPS];
             for (s, lanes) in active[..m.subgroups].iter_mut().enumerate() {
                 *lanes = *m.states[s].add(1) as u16;
@@ -129,10 +118,11 @@ impl Kernel for Resume {
                     *lanes = *m.states[s].add(CONTROL_WORDS).cast::<u16>().add(k);
                 }
             }
-            restore_values(m, &point.live);
-            for site in code.path(point.function, context) {
-                *m.returns.add(site.callee as usize) = site.return_pc;
-                restore_values(m, &site.live);
+            restore_values(m, &point.live, &place.live);
+            for (index, site) in m.plan.path(point.function, context) {
+                let place = &m.code.calls[index];
+                *m.returns.add(site.callee as usize) = place.pc;
+                restore_values(m, &site.live, &place.live);
             }
             m.set_active(active);
         }
@@ -149,7 +139,7 @@ unsafe fn write_io(m: &Machine<'_>, operand: Operand, row: usize) {
     unsafe {
         for &offset in m.listed() {
             let s = offset as usize / 64;
-            let to = &mut *m.state_row(s, m.program.layout.io + row);
+            let to = &mut *m.state_row(s, m.plan.layout.io + row);
             blend(to, &*m.block::<u32>(operand, offset), m.active[s]);
         }
     }
@@ -174,13 +164,9 @@ pub(super) struct Yield;
 impl Kernel for Yield {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        let program = m.program;
         let first = i.x as usize;
         let (count, fixed) = (i.b.raw() as usize, i.c.raw() as usize);
-        for (k, &operand) in program.code.operands[first..first + count]
-            .iter()
-            .enumerate()
-        {
+        for (k, &operand) in m.code.operands[first..first + count].iter().enumerate() {
             let row = if k < fixed {
                 k
             } else {
@@ -189,7 +175,7 @@ impl Kernel for Yield {
             // SAFETY: as the caller promises.
             unsafe { write_io(m, operand, row) };
         }
-        let site = program.code.points[i.y as usize].site;
+        let site = m.plan.points[i.y as usize].site;
         let event = site.map_or(Event::OutOfFuel, Event::Yield);
         // SAFETY: as the caller promises.
         unsafe { suspend(m, i.y, event) };
@@ -202,17 +188,13 @@ pub(super) struct ReadIo;
 impl Kernel for ReadIo {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        let program = m.program;
         let first = i.x as usize;
         let count = i.b.raw() as usize;
-        for (k, &operand) in program.code.operands[first..first + count]
-            .iter()
-            .enumerate()
-        {
+        for (k, &operand) in m.code.operands[first..first + count].iter().enumerate() {
             for &offset in m.listed() {
                 // SAFETY: as the caller promises.
                 unsafe {
-                    let row = program.layout.io + i.c.raw() as usize + k;
+                    let row = m.plan.layout.io + i.c.raw() as usize + k;
                     *m.block::<u32>(operand, offset) = *m.state_row(offset as usize / 64, row);
                 }
             }
@@ -232,7 +214,7 @@ impl Kernel for ReadVerdict {
             // SAFETY: as the caller promises.
             unsafe {
                 let s = offset as usize / 64;
-                let verdict = &*m.state_row(s, m.program.layout.io);
+                let verdict = &*m.state_row(s, m.plan.layout.io);
                 let accepted = &mut *m.block::<u32>(i.d, offset);
                 for k in 0..SUBGROUP_SIZE {
                     accepted[k] = if verdict[k] != 0 { !0 } else { 0 };
@@ -252,21 +234,17 @@ pub(super) struct WriteOutputs;
 impl Kernel for WriteOutputs {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        let program = m.program;
         let first = i.x as usize;
         let count = i.b.raw() as usize;
         // SAFETY: as the caller promises.
         unsafe {
-            for (row, &operand) in program.code.operands[first..first + count]
-                .iter()
-                .enumerate()
-            {
+            for (row, &operand) in m.code.operands[first..first + count].iter().enumerate() {
                 write_io(m, operand, row);
             }
             for row in count..i.c.raw() as usize {
                 for &offset in m.listed() {
                     let s = offset as usize / 64;
-                    let to = &mut *m.state_row(s, program.layout.io + row);
+                    let to = &mut *m.state_row(s, m.plan.layout.io + row);
                     blend(to, &[0; SUBGROUP_SIZE], m.active[s]);
                 }
             }
@@ -283,7 +261,7 @@ impl Kernel for Input {
         for &offset in m.listed() {
             // SAFETY: as the caller promises.
             unsafe {
-                let row = m.program.layout.inputs + i.x as usize;
+                let row = m.plan.layout.inputs + i.x as usize;
                 *m.block::<u32>(i.d, offset) = *m.state_row(offset as usize / 64, row);
             }
         }

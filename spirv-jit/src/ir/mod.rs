@@ -94,6 +94,7 @@ mod signature;
 pub mod stage;
 pub mod text;
 pub mod verify;
+mod visit;
 
 pub use entities::{FunctionId, Label, Value, VariableId};
 pub use module::{Body, Function, InputRow, Inst, Module, Node, Terminator, Variable};

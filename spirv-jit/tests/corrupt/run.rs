@@ -125,7 +125,8 @@ pub fn run(program: &Program, random: &mut Random, margin: usize) {
             environment: &environment,
         };
         // SAFETY: what the environment and `shared` name is alive, and as large as they say.
-        let Event::Yield(site) = (unsafe { program.run(&mut frame, &mut wave, &mut fuel) }) else {
+        let events = unsafe { program.run(&mut frame, &mut wave, &mut fuel) };
+        let Event::Yield(site) = events.expect("the frame is small")[0] else {
             break;
         };
         let answered = answer_rows(program.sites()[site.0 as usize]);

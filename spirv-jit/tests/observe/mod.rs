@@ -165,13 +165,13 @@ pub fn execute_on(tier: TierKind, module: &Module, seed: u64, inputs: Option<&[u
                 environment: &environment,
             };
             // SAFETY: what the environment and `shared` name are the vectors above.
-            let event = unsafe { program.run(&mut frame, &mut wave, &mut fuel) };
+            let events = unsafe { program.run(&mut frame, &mut wave, &mut fuel) };
+            let event = alike(&events.expect("the frame is small"));
             budget -= given - fuel;
             match event {
                 Event::End => break,
                 Event::OutOfFuel if budget == 0 => return Outcome::OutOfFuel,
                 Event::OutOfFuel => {}
-                Event::OutOfMemory => panic!("the frame is small"),
                 Event::Yield(site) => {
                     let kind = program.sites()[site.0 as usize];
                     for (s, state) in wave_states.iter_mut().enumerate() {
@@ -247,4 +247,10 @@ fn answer(program: &Program, kind: SiteKind, state: &mut [AlignedRow], digests: 
             };
         }
     }
+}
+
+/// The event that all subgroups of a wave came to.
+fn alike(events: &[Event]) -> Event {
+    assert!(events.iter().all(|event| *event == events[0]), "{events:?}");
+    events[0]
 }

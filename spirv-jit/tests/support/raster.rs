@@ -96,7 +96,8 @@ pub fn run(
             environment: &environment,
         };
         // SAFETY: the environment is of memory that outlives it, and there is no workgroup memory.
-        match unsafe { program.run(&mut frame, &mut wave, &mut fuel) } {
+        let events = unsafe { program.run(&mut frame, &mut wave, &mut fuel) };
+        match events.expect("the frame is small")[0] {
             Event::End => break,
             Event::OutOfFuel => {}
             event => panic!("{event:?}"),

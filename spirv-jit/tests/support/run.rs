@@ -115,11 +115,11 @@ fn run_group(program: &Program, group: u32, environment: &Environment) {
                 environment,
             };
             // SAFETY: the environment is of memory that outlives it, `shared` is large enough.
-            match unsafe { program.run(&mut frame, &mut wave, &mut fuel) } {
+            let events = unsafe { program.run(&mut frame, &mut wave, &mut fuel) };
+            match events.expect("the frame is small")[0] {
                 Event::End => {}
                 Event::Yield(_) => waiting.push(index),
                 Event::OutOfFuel => panic!("the shader does not end"),
-                Event::OutOfMemory => panic!("the frame is small"),
             }
         }
         running = waiting;

@@ -56,6 +56,7 @@ const HOUSES: [House; 3] = [
         order: &[
             "program",
             "interp",
+            "plan",
             "pass",
             "lower",
             "request",

@@ -76,8 +76,12 @@ impl Waves {
                 environment: &environment,
             };
             // SAFETY: nothing is bound, and programs that are measured follow no pointers and share no memory.
-            let event = unsafe { self.program.run(&mut self.frame, &mut wave, &mut { FUEL }) };
-            ensure!(event == Event::End, "the program stopped: {event:?}");
+            let events = unsafe {
+                self.program
+                    .run(&mut self.frame, &mut wave, &mut { FUEL })?
+            };
+            let ended = events.iter().all(|event| *event == Event::End);
+            ensure!(ended, "the program stopped: {:?}", &*events);
         }
         Ok(())
     }

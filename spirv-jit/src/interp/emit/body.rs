@@ -3,14 +3,15 @@
 use foldhash::HashMap;
 use smallvec::SmallVec;
 
-use super::{Emitter, Target, budget, instr};
+use super::{Emitter, Target, instr};
 use crate::Error;
-use crate::interp::code::{CallSite, Live, SavePoint, Saved};
+use crate::interp::code::{DescriptorSource, Live, Place, Remade};
 use crate::interp::kernels::{Copy, MaskedCopy};
-use crate::interp::machine::{Handler, Instr, Operand};
+use crate::interp::machine::{Handler, Instr};
+use crate::interp::operand::Operand;
 use crate::interp::{control, memory, yields};
-use crate::ir::{Body, Inst, Label, Node, Op, Terminator, Type, Value};
-use crate::state::{IO_DATA_ROW, SiteId, SiteKind};
+use crate::ir::{Body, Inst, Label, Node, Op, Terminator, Value};
+use crate::plan;
 
 /// Long code takes more fuel than short code: as much as this many instructions together.
 const INSTRS_PER_FUEL: u32 = 256;
@@ -26,16 +27,14 @@ struct Move {
 impl Emitter<'_> {
     pub(super) fn emit_function(&mut self, f: usize) -> Result<(), Error> {
         self.function = f;
-        self.position = 1;
-        self.depth = 1;
         self.labels.clear();
-        self.remade.clear();
         let entry = self.entries[f];
         let exit = self.new_target();
-        let return_mask = self.placed().mask_base as u32;
+        let return_mask = self.plan().mask_base as u32;
+        self.masks = return_mask as usize + 1;
         self.bind(entry);
         if f == 0 {
-            self.new_point(entry, None, Live::default())?;
+            self.new_point(entry);
             self.jump(control::jump_if_empty, exit);
         }
         self.push(Instr {
@@ -44,7 +43,7 @@ impl Emitter<'_> {
         });
         let mut burns = None;
         if f != 0 {
-            burns = Some(self.emit_burning(exit)?);
+            burns = Some(self.emit_burning(exit));
             self.zero_variables();
         }
         self.emit_body(&self.body_function().body, exit)?;
@@ -65,12 +64,9 @@ impl Emitter<'_> {
     }
 
     /// Every call takes fuel, and a wave without any is suspended where the function begins.
-    fn emit_burning(&mut self, exit: Target) -> Result<usize, Error> {
-        let placed = self.placed();
-        let params: Vec<Value> = placed.slots.live_at_start().collect();
-        let live = self.live(params)?;
+    fn emit_burning(&mut self, exit: Target) -> usize {
         let resumed = self.new_target();
-        let point = self.new_point(resumed, None, live)?;
+        let point = self.new_point(resumed);
         let at = self.code.instrs.len();
         self.push(Instr {
             a: Operand::number(point),
@@ -78,7 +74,7 @@ impl Emitter<'_> {
         });
         self.bind(resumed);
         self.jump(control::jump_if_empty, exit);
-        Ok(at)
+        at
     }
 
     /// What a turn through the code since a place takes.
@@ -89,12 +85,8 @@ impl Emitter<'_> {
 
     /// The entry's variables are zero from `Program::start` on.
     fn zero_variables(&mut self) {
-        for (variable, &row) in self.body_function().variables.iter().zip(
-            &self.placed[self.function]
-                .as_ref()
-                .expect("placed")
-                .variables,
-        ) {
+        let rows = &self.plan().variables;
+        for (variable, &row) in self.body_function().variables.iter().zip(rows) {
             if variable.zero {
                 self.code.instrs.push(Instr {
                     x: row as u32,
@@ -125,7 +117,6 @@ impl Emitter<'_> {
                 return Ok(());
             }
         }
-        self.position += 1;
         match &body.end {
             Terminator::Br(label, args) => {
                 let (mask, to) = self.labels[label].clone();
@@ -146,7 +137,7 @@ impl Emitter<'_> {
                     .collect();
                 self.emit_moves(moves, true);
                 let park = Instr {
-                    x: self.placed().mask_base as u32,
+                    x: self.plan().mask_base as u32,
                     ..instr(control::park)
                 };
                 self.push_jump(park, exit);
@@ -169,10 +160,8 @@ impl Emitter<'_> {
     }
 
     fn emit_node(&mut self, node: &Node, exit: Target) -> Result<(), Error> {
-        let position = self.position;
-        self.position += 1;
         match node {
-            Node::Inst(inst) => self.emit_inst(inst, position, exit),
+            Node::Inst(inst) => self.emit_inst(inst, exit),
             Node::Block {
                 label,
                 results,
@@ -204,7 +193,6 @@ impl Emitter<'_> {
                 };
                 self.push_jump(branch, otherwise);
                 self.emit_body(then_body, otherwise)?;
-                self.position += 1;
                 self.bind(otherwise);
                 let pending = Instr {
                     x: mask + 1,
@@ -226,17 +214,16 @@ impl Emitter<'_> {
 
     /// Opens a construct with `masks` masks, the first of them its label's.
     fn open(&mut self, label: Label, results: &[Value], masks: usize) -> u32 {
-        let mask = (self.placed().mask_base + self.depth) as u32;
-        self.depth += masks;
+        let mask = self.masks as u32;
+        self.masks += masks;
         self.labels.insert(label, (mask, results.to_vec()));
         mask
     }
 
     /// The end of a block or `if`: parked lanes go on.
     fn close(&mut self, label: Label, mask: u32, masks: usize, end: Target, exit: Target) {
-        self.depth -= masks;
+        self.masks -= masks;
         self.labels.remove(&label);
-        self.position += 1;
         self.bind(end);
         let join = Instr {
             x: mask,
@@ -263,11 +250,8 @@ impl Emitter<'_> {
             ..instr(control::enter)
         });
         self.emit_body(body, end)?;
-        let position = self.position;
-        self.position += 1;
         self.bind(end);
-        let live = self.live_across(position)?;
-        let point = self.new_point(resumed, None, live)?;
+        let point = self.new_point(resumed);
         let back = Instr {
             a: Operand::number(point),
             b: self.fuel_since(head),
@@ -279,7 +263,7 @@ impl Emitter<'_> {
         self.bind(resumed);
         self.jump(control::jump_if_empty, exit);
         self.jump(control::jump, head);
-        self.depth -= 1;
+        self.masks -= 1;
         self.labels.remove(&label);
         Ok(())
     }
@@ -371,12 +355,18 @@ impl Emitter<'_> {
         });
     }
 
-    fn emit_inst(&mut self, inst: &Inst, position: u32, exit: Target) -> Result<(), Error> {
+    fn emit_inst(&mut self, inst: &Inst, exit: Target) -> Result<(), Error> {
         match inst.op {
-            Op::Call(callee) => self.emit_call(callee.index(), inst, position, exit),
-            ref op if op.is_yield() => self.emit_yield(inst, position, exit),
+            Op::Call(callee) => {
+                self.emit_call(callee.index(), inst, exit);
+                Ok(())
+            }
+            ref op if op.is_yield() => {
+                self.emit_yield(inst, exit);
+                Ok(())
+            }
             _ => {
-                let uniform = &self.uniform[self.function];
+                let uniform = &self.plan().uniform;
                 if inst.results.first().is_some_and(|r| uniform[r.index()]) {
                     // In the prologue.
                     return Ok(());
@@ -394,68 +384,42 @@ impl Emitter<'_> {
         }
     }
 
-    /// Values that live across a position, with their places in the state.
-    fn live_across(&mut self, position: u32) -> Result<Live, Error> {
-        let values = self.placed().slots.live_across(position).collect();
-        self.live(values)
-    }
-
-    fn live(&mut self, values: Vec<Value>) -> Result<Live, Error> {
-        let placed = self.placed();
-        let function = self.body_function();
-        let mut row = placed.live_base;
-        let (mut saved, mut remade) = (Vec::new(), Vec::new());
-        for value in values {
-            if function.ty(value) == Type::Descriptor {
-                let Some(&how) = self.remade.get(&value) else {
-                    return Err(Error::invalid(0, "a descriptor made of nothing"));
-                };
-                remade.push(how);
-                continue;
-            }
-            let wide = function.ty(value).rows() == 2;
-            let input = placed.inputs.get(&value);
-            saved.push(Saved {
-                operand: self.operand(value),
-                row: match input {
-                    Some(&input) => self.layout.inputs as u32 + input,
-                    None => (self.live + row) as u32,
+    /// Operands of what lives at a place that the plan found.
+    fn live(&mut self, planned: &plan::Live) -> Live {
+        let saved = planned.saved.iter().map(|value| self.operand(value.value));
+        let saved = saved.collect();
+        let remade = (planned.remade.iter())
+            .map(|remade| Remade {
+                to: self.operand(remade.value),
+                source: match remade.source {
+                    plan::DescriptorSource::Binding(binding) => {
+                        self.code.bindings.push(binding);
+                        DescriptorSource::Binding(self.code.bindings.len() as u32 - 1)
+                    }
+                    plan::DescriptorSource::Reference => DescriptorSource::Reference,
                 },
-                wide,
-                input: input.is_some(),
-            });
-            if input.is_none() {
-                row += 1 + wide as usize;
-            }
-        }
-        self.live_rows = self.live_rows.max(row);
-        Ok(Live { saved, remade })
+                from: self.operand(remade.from),
+            })
+            .collect();
+        Live { saved, remade }
     }
 
-    fn new_point(&mut self, at: Target, site: Option<SiteId>, live: Live) -> Result<u32, Error> {
-        let base = self.next_point;
-        self.next_point += self.placed().contexts;
-        if self.next_point > u32::MAX as u64 {
-            return Err(budget("too many call paths"));
-        }
-        self.code.points.push(SavePoint {
-            pc: at.0 as u32,
-            function: self.function as u32,
-            base: base as u32,
-            masks: (self.placed().mask_base + self.depth) as u32,
-            live,
-            site,
-        });
-        Ok(self.code.points.len() as u32 - 1)
+    /// The plan's next save point, where code goes on at a target: functions are emitted as they were planned.
+    fn new_point(&mut self, at: Target) -> u32 {
+        let index = self.code.points.len();
+        let point = &self.planned.plan.points[index];
+        assert_eq!(
+            (point.function as usize, point.masks as usize),
+            (self.function, self.masks),
+            "emitted in another order than planned"
+        );
+        let live = self.live(&point.live);
+        let pc = at.0 as u32;
+        self.code.points.push(Place { pc, live });
+        index as u32
     }
 
-    fn emit_call(
-        &mut self,
-        callee: usize,
-        inst: &Inst,
-        position: u32,
-        exit: Target,
-    ) -> Result<(), Error> {
+    fn emit_call(&mut self, callee: usize, inst: &Inst, exit: Target) {
         let params = &self.module.functions[callee].params;
         let to: Vec<Operand> = params
             .iter()
@@ -468,38 +432,19 @@ impl Emitter<'_> {
             .collect();
         self.emit_moves(moves, false);
 
-        // Any function may be suspended where it begins.
-        let live = self.live_across(position)?;
-        let rows: usize = live
-            .saved
-            .iter()
-            .filter(|s| !s.input)
-            .map(|s| 1 + s.wide as usize)
-            .sum();
-        let live_base = self.placed().live_base + rows;
-        let contexts = self.placed().contexts;
-        let placed = self.placed[callee].as_mut().expect("placed");
-        placed.live_base = placed.live_base.max(live_base);
-        let context = placed.contexts;
-        placed.contexts += contexts;
-        if placed.contexts > u32::MAX as u64 {
-            return Err(budget("too many call paths"));
-        }
-        let results = placed.results.clone();
-
+        let results = self.placed[callee]
+            .as_ref()
+            .expect("placed")
+            .results
+            .clone();
         let after = self.new_target();
-        let site = self.code.calls.len() as u32;
-        self.code.callers[callee].push(site);
-        self.code.calls.push(CallSite {
-            caller: self.function as u32,
-            callee: callee as u32,
-            context: context as u32,
-            return_pc: after.0 as u32,
-            live,
-        });
+        let site = self.code.calls.len();
+        let live = self.live(&self.planned.plan.calls[site].live);
+        let pc = after.0 as u32;
+        self.code.calls.push(Place { pc, live });
         let entry = self.entries[callee];
         let call = Instr {
-            x: site,
+            x: site as u32,
             ..instr(control::call)
         };
         self.push_jump(call, entry);
@@ -513,80 +458,40 @@ impl Emitter<'_> {
             };
             self.emit_move(&m, false);
         }
-        Ok(())
     }
 
-    fn emit_yield(&mut self, inst: &Inst, position: u32, exit: Target) -> Result<(), Error> {
-        let (fixed, kind) = match inst.op {
-            Op::TraceRay => {
-                let payload_words = inst.results.len() as u32;
-                (15, SiteKind::TraceRay { payload_words })
-            }
-            Op::ReportIntersection => {
-                let attribute_words = inst.args.len().saturating_sub(2) as u32;
-                (2, SiteKind::ReportIntersection { attribute_words })
-            }
-            Op::ExecuteCallable => {
-                let data_words = inst.results.len() as u32;
-                (1, SiteKind::ExecuteCallable { data_words })
-            }
-            Op::TraceRayMotion => {
-                let payload_words = inst.results.len() as u32;
-                (16, SiteKind::TraceRayMotion { payload_words })
-            }
-            Op::HitObjectTraceRayMotion => {
-                let payload_words = (inst.args.len() - 16) as u32;
-                (16, SiteKind::HitObjectTraceRayMotion { payload_words })
-            }
-            Op::HitObjectTraceRay => {
-                let payload_words = (inst.args.len() - 15) as u32;
-                (15, SiteKind::HitObjectTraceRay { payload_words })
-            }
-            Op::HitObjectExecute => {
-                let payload_words = inst.results.len() as u32;
-                (16, SiteKind::HitObjectExecute { payload_words })
-            }
-            Op::HitObjectGet(fact) => (9, SiteKind::HitObjectGet { fact }),
-            Op::ReorderThread => (4, SiteKind::ReorderThread),
-            Op::RayQueryProceed => (1, SiteKind::RayQueryProceed),
-            _ => (0, SiteKind::Barrier),
-        };
-        let site = SiteId(self.sites.len() as u32);
-        self.sites.push(kind);
+    fn emit_yield(&mut self, inst: &Inst, exit: Target) {
+        let site = plan::Site::of(inst);
         let after = self.new_target();
-        let live = self.live_across(position)?;
-        let point = self.new_point(after, Some(site), live)?;
+        let point = self.new_point(after);
         let first = self.list(&inst.args);
         self.push(Instr {
             x: first,
             y: point,
             b: Operand::number(inst.args.len() as u32),
-            c: Operand::number(fixed),
+            c: Operand::number(site.fixed as u32),
             ..instr(self.kernel::<yields::Yield>())
         });
         self.bind(after);
         self.jump(control::jump_if_empty, exit);
-        if matches!(inst.op, Op::ReportIntersection | Op::RayQueryProceed) {
-            if let Some(&accepted) = inst.results.first() {
+        match (site.answer, &inst.results[..]) {
+            (_, []) => {}
+            (plan::Answer::Verdict, &[accepted, ..]) => {
                 self.push(Instr {
                     d: self.operand(accepted),
                     ..instr(self.kernel::<yields::ReadVerdict>())
                 });
                 self.jump(control::jump_if_empty, exit);
             }
-        } else if !inst.results.is_empty() {
-            let row = match inst.op {
-                Op::HitObjectTraceRay | Op::HitObjectTraceRayMotion | Op::HitObjectGet(_) => 0,
-                _ => IO_DATA_ROW,
-            };
-            let first = self.list(&inst.results);
-            self.push(Instr {
-                x: first,
-                b: Operand::number(inst.results.len() as u32),
-                c: Operand::number(row as u32),
-                ..instr(self.kernel::<yields::ReadIo>())
-            });
+            (plan::Answer::Rows(row), results) => {
+                let first = self.list(results);
+                self.push(Instr {
+                    x: first,
+                    b: Operand::number(results.len() as u32),
+                    c: Operand::number(row as u32),
+                    ..instr(self.kernel::<yields::ReadIo>())
+                });
+            }
         }
-        Ok(())
     }
 }

@@ -2,16 +2,15 @@
 
 use super::{Emitter, instr};
 use crate::Error;
-use crate::interp::code::{
-    AccessPlan, AtomicPlan, DescriptorSource, ImagePlan, Remade, SubgroupPlan,
-};
+use crate::interp::code::{AccessPlan, AtomicPlan, ImagePlan, SubgroupPlan};
 use crate::interp::fusion::Fused;
 use crate::interp::kernels::{self, Unpack64, elementwise, fused};
-use crate::interp::machine::{Handler, Instr, Operand};
+use crate::interp::machine::{Handler, Instr};
+use crate::interp::operand::Operand;
 use crate::interp::{access, atomics, control, descriptors, images, memory, subgroup, yields};
-use crate::ir::interface::FragmentFacts;
-use crate::ir::op::{Access, AtomicOp, SubgroupOp};
+use crate::ir::op::{Access, AtomicOp};
 use crate::ir::{Inst, Op, Space, Type, Value, VariableId};
+use crate::plan::takes_helpers;
 
 impl Emitter<'_> {
     fn ty(&self, value: Value) -> Type {
@@ -60,7 +59,6 @@ impl Emitter<'_> {
             Op::DescriptorAddress => plain(descriptors::descriptor_address, 0),
             Op::Descriptor(binding) => {
                 let i = plain(descriptors::descriptor, self.code.bindings.len() as u32);
-                self.note_descriptor(inst, DescriptorSource::Binding(i.x));
                 self.code.bindings.push(*binding);
                 i
             }
@@ -72,11 +70,7 @@ impl Emitter<'_> {
                 self.code.bindings.push(*binding);
                 i
             }
-            Op::DescriptorAt => {
-                let i = plain(descriptors::descriptor_at, 0);
-                self.note_descriptor(inst, DescriptorSource::Reference);
-                i
-            }
+            Op::DescriptorAt => plain(descriptors::descriptor_at, 0),
             Op::PushConstants => plain(descriptors::push_constants, 0),
             Op::Input(row) => {
                 if *row as usize >= self.module.inputs.len() {
@@ -89,12 +83,10 @@ impl Emitter<'_> {
             Op::Subgroup(op) => {
                 let ty = inst.args.first().map_or(Type::I32, |&v| self.ty(v));
                 let i = plain(subgroup::subgroup, self.code.subgroups.len() as u32);
-                let full_quads = |facts: &FragmentFacts| facts.full_quads;
                 self.code.subgroups.push(SubgroupPlan {
                     op: *op,
                     ty,
-                    with_helpers: *op == SubgroupOp::QuadShuffle
-                        || self.module.fragment.as_ref().is_some_and(full_quads),
+                    with_helpers: takes_helpers(self.module, *op),
                 });
                 i
             }
@@ -131,17 +123,6 @@ impl Emitter<'_> {
         Ok(())
     }
 
-    /// Keeps what a descriptor is made of, for where it lives across a suspension.
-    fn note_descriptor(&mut self, inst: &Inst, source: DescriptorSource) {
-        let (value, from) = (inst.results[0], inst.args[0]);
-        let remade = Remade {
-            to: self.operand(value),
-            source,
-            from: self.operand(from),
-        };
-        self.remade.insert(value, remade);
-    }
-
     /// The instruction that performs two.
     pub(super) fn fused(&self, inst: &Inst, pair: &Fused) -> Instr {
         let operand = |value: Option<Value>| value.map_or(Operand::NONE, |v| self.operand(v));
@@ -163,9 +144,7 @@ impl Emitter<'_> {
         variable: VariableId,
         source: u32,
     ) -> Result<usize, Error> {
-        let placed = self.placed[f].as_ref().expect("placed");
-        placed
-            .variables
+        (self.planned.function(f).variables)
             .get(variable.index())
             .copied()
             .ok_or_else(|| Error::invalid(source, "no such variable"))

@@ -1,26 +1,22 @@
 //! Uniform values: constants into rows of their own, the rest into code that runs before a wave goes on.
 
-use super::{Emitter, visit};
+use super::Emitter;
 use crate::Error;
-use crate::interp::machine::Operand;
+use crate::interp::operand::Operand;
 use crate::interp::tier::Portable;
 use crate::interp::{tier::Tier, yields};
-use crate::ir::{Inst, Node, Op, Type};
+use crate::ir::{Inst, Op, Type};
 use crate::row::AlignedRow;
 
 impl Emitter<'_> {
-    /// Emits the prologue for the functions in `order`.
-    pub(super) fn emit_prologue(&mut self, order: &[usize]) -> Result<(), Error> {
+    /// Emits the prologue.
+    pub(super) fn emit_prologue(&mut self) -> Result<(), Error> {
         let mut computed: Vec<(usize, &Inst)> = Vec::new();
-        for &f in order {
+        for &f in &self.planned.order {
+            let uniform = &self.planned.function(f).uniform;
             let mut insts = Vec::new();
-            visit(&self.module.functions[f].body, &mut |node| {
-                if let Node::Inst(inst) = node
-                    && inst
-                        .results
-                        .first()
-                        .is_some_and(|r| self.uniform[f][r.index()])
-                {
+            self.module.functions[f].body.visit_insts(&mut |inst| {
+                if inst.results.first().is_some_and(|r| uniform[r.index()]) {
                     insts.push(inst);
                 }
             });

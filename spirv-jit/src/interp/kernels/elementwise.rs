@@ -337,7 +337,7 @@ impl<T: Lane + Int> Kernel for BitfieldInsert<T> {
                 let base = *m.block::<T::Slot>(i.a, offset);
                 let insert = *m.block::<T::Slot>(i.b, offset);
                 let first = *m.block::<u32>(i.c, offset);
-                let count = *m.block::<u32>(m.program.code.operands[i.x as usize], offset);
+                let count = *m.block::<u32>(m.code.operands[i.x as usize], offset);
                 let mut r = [T::Slot::default(); SUBGROUP_SIZE];
                 for k in 0..SUBGROUP_SIZE {
                     r[k] = eval::bitfield_insert(

@@ -6,10 +6,11 @@ mod memory;
 mod pairs;
 mod yields;
 
-use super::{Frame, Program};
+use super::Frame;
 use crate::environment::Environment;
 use crate::ir::text::parse_module;
 use crate::ir::verify::verify;
+use crate::program::Program;
 use crate::row::AlignedRow;
 use crate::state::{Event, SiteKind, Wave};
 use crate::tier::TierKind;
@@ -74,7 +75,10 @@ impl Bench {
             environment: &self.environment,
         };
         // SAFETY: what the environment names is the bench's.
-        unsafe { self.program.run(&mut self.frame, &mut wave, fuel) }
+        let events = unsafe { self.program.run(&mut self.frame, &mut wave, fuel) }.unwrap();
+        assert_eq!(events.len(), which.len());
+        assert!(events.iter().all(|event| *event == events[0]));
+        events[0]
     }
 
     pub fn run_to_end(&mut self) {

@@ -55,7 +55,6 @@ fn yields_in_a_loop() {
             match bench.run(&mut 0) {
                 Event::End => break,
                 Event::OutOfFuel => {}
-                Event::OutOfMemory => panic!("the frame is small"),
                 event => {
                     assert_eq!(
                         bench.site(event),
@@ -93,7 +92,6 @@ fn waves_are_regrouped() {
             match bench.run_some(&group, &mut 1) {
                 Event::End => group.iter().for_each(|&k| done[k] = true),
                 Event::OutOfFuel => {}
-                Event::OutOfMemory => panic!("the frame is small"),
                 Event::Yield(_) => {
                     let layout = bench.program.layout();
                     for &k in &group {

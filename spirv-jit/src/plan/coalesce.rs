@@ -15,7 +15,7 @@ use foldhash::HashMap;
 use crate::ir::{Body, Label, Node, Terminator, Value};
 
 /// A value and what it would be copied to.
-pub(super) struct Candidate {
+pub(crate) struct Candidate {
     pub from: Value,
     pub to: Value,
     /// `to` is a loop's parameter, and may be used before `from` is defined; a construct's result is not.
@@ -23,7 +23,7 @@ pub(super) struct Candidate {
 }
 
 /// A function's candidates, inner constructs first.
-pub(super) fn candidates(body: &Body) -> Vec<Candidate> {
+pub(crate) fn candidates(body: &Body) -> Vec<Candidate> {
     let mut finder = Finder {
         branches: HashMap::default(),
         candidates: Vec::new(),

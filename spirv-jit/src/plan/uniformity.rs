@@ -4,7 +4,7 @@
 //! Constants, dispatch words, descriptors, and pure operations on such. Loads count only from push constants, which nothing
 //! can write meanwhile.
 
-use crate::ir::{Body, Function, Inst, Node, Op, Space};
+use crate::ir::{Function, Inst, Op, Space};
 
 /// Per value of a function: the same in the whole dispatch.
 pub(super) fn find_uniform_values(function: &Function) -> Vec<bool> {
@@ -12,7 +12,7 @@ pub(super) fn find_uniform_values(function: &Function) -> Vec<bool> {
         uniform: vec![false; function.value_types.len()],
         push_constants: vec![false; function.value_types.len()],
     };
-    finder.walk(&function.body);
+    function.body.visit_insts(&mut |inst| finder.visit(inst));
     finder.uniform
 }
 
@@ -23,23 +23,6 @@ struct Finder {
 }
 
 impl Finder {
-    fn walk(&mut self, body: &Body) {
-        for node in &body.nodes {
-            match node {
-                Node::Inst(inst) => self.visit(inst),
-                Node::Block { body, .. } | Node::Loop { body, .. } => self.walk(body),
-                Node::If {
-                    then_body,
-                    else_body,
-                    ..
-                } => {
-                    self.walk(then_body);
-                    self.walk(else_body);
-                }
-            }
-        }
-    }
-
     fn visit(&mut self, inst: &Inst) {
         let uniform_args = inst.args.iter().all(|arg| self.uniform[arg.index()]);
         let uniform = uniform_args

@@ -1,0 +1,239 @@
+//! Live ranges over the tree in its textual order.
+//!
+//! Control flow being structured, a range is one interval of positions, and that is exact enough
+//! for lanes that wait: a value that parked or pending lanes still need has its use at a later
+//! position. Three rules make it so: a value used inside a loop but defined outside lives until the
+//! loop's end; results of a construct live from the construct's start, since lanes write them while
+//! others are still inside; parameters of a loop live through all of it.
+//!
+//! What a descriptor that is live where a wave can be suspended was made of is live there, too.
+//!
+//! Position `p` has two half-steps: operands that may share a row with the result are used at `2p`,
+//! others at `2p + 1`; results are defined at `2p + 1`.
+
+use crate::ir::op::Signature;
+use crate::ir::{Body, Function, Inst, Node, Op, Value};
+
+/// Where a function's values live.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Liveness {
+    /// By value: first and last half-step; `None` for uniform values and those that are nowhere.
+    pub ranges: Vec<Option<(u32, u32)>>,
+    /// By value: its last use's half-step, or 0. A range may be longer.
+    pub last_use: Vec<u32>,
+    /// Values with a range in the order of their starts.
+    pub by_start: Vec<Value>,
+}
+
+impl Liveness {
+    /// Of a function, whose uniform values live everywhere.
+    pub fn of(function: &Function, uniform: &[bool]) -> Liveness {
+        let mut walk = Walk {
+            uniform,
+            ranges: vec![None; function.value_types.len()],
+            last_use: vec![0; function.value_types.len()],
+            position: 1,
+            loops: Vec::new(),
+            suspensions: Vec::new(),
+            descriptors: Vec::new(),
+        };
+        for &param in &function.params {
+            walk.define(param, 0);
+        }
+        walk.body(&function.body);
+        walk.extend_origins();
+        let values = (0..walk.ranges.len() as u32).map(Value);
+        let mut by_start: Vec<Value> = values
+            .filter(|value| walk.ranges[value.index()].is_some())
+            .collect();
+        by_start.sort_by_key(|value| walk.ranges[value.index()].map(|(start, _)| start));
+        Liveness {
+            ranges: walk.ranges,
+            last_use: walk.last_use,
+            by_start,
+        }
+    }
+
+    /// Values that live across a position: defined before it and used after it.
+    pub fn live_across(&self, position: u32) -> impl Iterator<Item = Value> + '_ {
+        self.live(2 * position, 2 * position + 1)
+    }
+
+    /// Parameters that the function uses.
+    pub fn live_at_start(&self) -> impl Iterator<Item = Value> + '_ {
+        self.live(1, 1)
+    }
+
+    fn live(&self, before: u32, after: u32) -> impl Iterator<Item = Value> + '_ {
+        let range = |value: Value| self.ranges[value.index()].unwrap_or_default();
+        let begun = self.by_start.partition_point(|&v| range(v).0 <= before);
+        let begun = self.by_start[..begun].iter().copied();
+        begun.filter(move |&value| range(value).1 > after)
+    }
+}
+
+/// Walks a function in the order that gives nodes their positions: one for each instruction and
+/// terminator; a `block` has one at its start and one at its end, an `if` also one at its `else`, a
+/// loop as a block. [`save_points`](super::save_points) counts in the same way.
+struct Walk<'f> {
+    uniform: &'f [bool],
+    ranges: Vec<Option<(u32, u32)>>,
+    last_use: Vec<u32>,
+    position: u32,
+    /// Open loops: position, and values from outside that are used inside.
+    loops: Vec<(u32, Vec<Value>)>,
+    /// Positions where the wave can be suspended, ascending.
+    suspensions: Vec<u32>,
+    /// Descriptors, and what they are made of.
+    descriptors: Vec<(Value, Value)>,
+}
+
+impl Walk<'_> {
+    fn define(&mut self, value: Value, position: u32) {
+        if !self.uniform[value.index()] {
+            let at = 2 * position + 1;
+            self.ranges[value.index()] = Some((at, at));
+        }
+    }
+
+    fn use_at(&mut self, value: Value, half_step: u32) {
+        let last = &mut self.last_use[value.index()];
+        *last = half_step.max(*last);
+        let Some((start, end)) = &mut self.ranges[value.index()] else {
+            return;
+        };
+        *end = half_step.max(*end);
+        let start = *start;
+        let outermost = self.loops.iter_mut().find(|(at, _)| 2 * *at + 1 > start);
+        if let Some((_, values)) = outermost
+            && values.last() != Some(&value)
+        {
+            values.push(value);
+        }
+    }
+
+    fn body(&mut self, body: &Body) {
+        for node in &body.nodes {
+            self.node(node);
+            if matches!(node, Node::Loop { .. }) {
+                // Nothing comes out of a loop's end: what follows it is not reached.
+                return;
+            }
+        }
+        let position = self.position;
+        self.position += 1;
+        for &arg in body.end.operands() {
+            self.use_at(arg, 2 * position + 1);
+        }
+    }
+
+    fn node(&mut self, node: &Node) {
+        let position = self.position;
+        self.position += 1;
+        match node {
+            Node::Inst(inst) => {
+                let late = !shares_rows(inst);
+                for &arg in &inst.args {
+                    self.use_at(arg, 2 * position + late as u32);
+                }
+                for &result in &inst.results {
+                    self.define(result, position);
+                }
+                if inst.op.is_yield() || matches!(inst.op, Op::Call(_)) {
+                    self.suspensions.push(position);
+                }
+                if inst.op.gives_descriptor()
+                    && let Some(&from) = inst.args.first()
+                {
+                    self.descriptors.push((inst.results[0], from));
+                }
+            }
+            Node::Block { results, body, .. } => {
+                for &result in results {
+                    self.define(result, position);
+                }
+                self.body(body);
+                self.close(results);
+            }
+            Node::If {
+                condition,
+                results,
+                then_body,
+                else_body,
+                ..
+            } => {
+                self.use_at(*condition, 2 * position + 1);
+                for &result in results {
+                    self.define(result, position);
+                }
+                self.body(then_body);
+                self.position += 1;
+                self.body(else_body);
+                self.close(results);
+            }
+            Node::Loop {
+                params, init, body, ..
+            } => {
+                for &value in init {
+                    self.use_at(value, 2 * position + 1);
+                }
+                self.loops.push((position, Vec::new()));
+                for &param in params {
+                    self.define(param, position);
+                }
+                self.body(body);
+                let end = 2 * self.position + 2;
+                self.suspensions.push(self.position);
+                self.position += 1;
+                let (_, inside) = self.loops.pop().expect("pushed above");
+                for value in inside.into_iter().chain(params.iter().copied()) {
+                    if let Some((_, last)) = &mut self.ranges[value.index()] {
+                        *last = end.max(*last);
+                    }
+                }
+            }
+        }
+    }
+
+    /// A descriptor that lives across a suspension is made again there: what it is made of lives as
+    /// long.
+    fn extend_origins(&mut self) {
+        for &(descriptor, from) in &self.descriptors {
+            let Some((start, end)) = self.ranges[descriptor.index()] else {
+                continue;
+            };
+            let after = self.suspensions.partition_point(|&at| 2 * at < start);
+            let next = self.suspensions.get(after);
+            if next.is_none_or(|&at| 2 * at + 1 >= end) {
+                continue;
+            }
+            if let Some((_, last)) = &mut self.ranges[from.index()] {
+                *last = end.max(*last);
+            }
+            let last = &mut self.last_use[from.index()];
+            *last = end.max(*last);
+        }
+    }
+
+    /// The end of a construct: its results live at least until here.
+    fn close(&mut self, results: &[Value]) {
+        for result in results {
+            if let Some((_, end)) = &mut self.ranges[result.index()] {
+                *end = (2 * self.position + 2).max(*end);
+            }
+        }
+        self.position += 1;
+    }
+}
+
+/// Whether a result may lie where an operand that dies here lay: elementwise, and all of one width.
+fn shares_rows(inst: &Inst) -> bool {
+    matches!(
+        inst.op.signature(),
+        Signature::IntUnary
+            | Signature::IntBinary
+            | Signature::FloatUnary
+            | Signature::FloatBinary
+            | Signature::FloatTernary
+    )
+}

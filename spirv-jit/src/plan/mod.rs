@@ -1,0 +1,251 @@
+//! What every tier needs to know of a program, from the IR alone.
+//!
+//! ```text
+//! ir ──> uniformity ──> liveness ──> state layout ──> save points
+//! ```
+//!
+//! * [`uniformity`]: what is computed once for a dispatch; [`liveness`]: from where to where values live; [`coalesce`]: which may share a place;
+//! * [`save_points`]: where a subgroup can be suspended and what its state holds then; [`state`]: how states begin and how lanes move
+//!   between them.
+//!
+//! A state that one tier left can be resumed by any other: ids, masks and rows are the plan's. No
+//! tier may fuse instructions across a save point, back-edges included.
+
+mod coalesce;
+mod liveness;
+mod save_points;
+mod state;
+#[cfg(test)]
+mod tests;
+mod uniformity;
+
+pub(crate) use coalesce::{Candidate, candidates};
+pub(crate) use liveness::Liveness;
+pub(crate) use save_points::{Answer, CallSite, DescriptorSource, Live, SavePoint, Site};
+pub(crate) use state::CONTROL_WORDS;
+
+use crate::Error;
+use crate::error::ErrorKind;
+use crate::ir::op::SubgroupOp;
+use crate::ir::{Body, Function, Module, Node, Op};
+use crate::state::{SiteKind, StateLayout};
+
+/// What a running program needs, whichever tier runs it.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Plan {
+    pub layout: StateLayout,
+    /// First private row of the state, and their count.
+    pub private: usize,
+    pub private_rows: usize,
+    /// Rows of the state for live values: the last ones.
+    pub live_rows: usize,
+    /// Parked and pending masks.
+    pub masks: usize,
+    /// By [`SiteId`](crate::state::SiteId).
+    pub sites: Vec<SiteKind>,
+    /// By `base`: in the order of functions, and of the text in each.
+    pub points: Vec<SavePoint>,
+    /// In the same order.
+    pub calls: Vec<CallSite>,
+    /// By function: its call sites, ascending by `context`.
+    callers: Vec<Vec<u32>>,
+    end_of_points: u32,
+}
+
+/// What an emitter needs of a function.
+#[derive(Debug, PartialEq)]
+pub(crate) struct FunctionPlan {
+    /// By value: the same in the whole dispatch.
+    pub uniform: Vec<bool>,
+    pub liveness: Liveness,
+    /// First private row of each variable.
+    pub variables: Vec<usize>,
+    /// The function's first mask, that of its return.
+    pub mask_base: usize,
+    /// State rows for live values start here, relative to the first such row.
+    live_base: usize,
+    /// Call paths that lead here.
+    contexts: u64,
+}
+
+/// A module with its plan.
+pub(crate) struct Planned<'m> {
+    pub module: &'m Module,
+    /// Functions that the entry reaches, callers before callees: what is emitted, in this order.
+    pub order: Vec<usize>,
+    /// By function; `None` for those that are not reached.
+    pub functions: Vec<Option<FunctionPlan>>,
+    pub plan: Plan,
+}
+
+/// Plans a verified, optimised module.
+///
+/// # Errors
+/// Budget.
+pub(crate) fn plan(module: &Module) -> Result<Planned<'_>, Error> {
+    let order = call_order(module)?;
+    let mut planned = Planned {
+        module,
+        functions: (0..module.functions.len()).map(|_| None).collect(),
+        plan: Plan {
+            layout: StateLayout::default(),
+            private: 0,
+            private_rows: 0,
+            live_rows: 0,
+            masks: 0,
+            sites: Vec::new(),
+            points: Vec::new(),
+            calls: Vec::new(),
+            callers: vec![Vec::new(); module.functions.len()],
+            end_of_points: 0,
+        },
+        order,
+    };
+    planned.place_functions()?;
+    planned.lay_out_state();
+    save_points::find(&mut planned)?;
+    let plan = &mut planned.plan;
+    plan.layout.rows = plan.private + plan.private_rows + plan.live_rows;
+    Ok(planned)
+}
+
+impl Planned<'_> {
+    /// A function that is reached.
+    pub fn function(&self, f: usize) -> &FunctionPlan {
+        self.functions[f].as_ref().expect("reached")
+    }
+
+    /// Whether other live ranges of a function, a tier's own, have the same values alive wherever a
+    /// wave can be suspended.
+    pub fn agrees(&self, f: usize, liveness: &Liveness) -> bool {
+        let planned = &self.function(f).liveness;
+        let mut points = (self.plan.points.iter()).filter(|point| point.function as usize == f);
+        points.all(|point| match point.position {
+            0 => planned.live_at_start().eq(liveness.live_at_start()),
+            at => planned.live_across(at).eq(liveness.live_across(at)),
+        })
+    }
+
+    /// Masks and private memory of each function: behind those of all its callers.
+    fn place_functions(&mut self) -> Result<(), Error> {
+        let count = self.module.functions.len();
+        let (mut private, mut masks) = (vec![0; count], vec![0; count]);
+        for &f in &self.order {
+            let function = &self.module.functions[f];
+            let uniform = uniformity::find_uniform_values(function);
+            let mut private_next: usize = private[f];
+            let mut variables = Vec::new();
+            for variable in &function.variables {
+                variables.push(private_next);
+                private_next += variable.rows as usize;
+            }
+            if private_next > 1 << 24 {
+                return Err(budget("too much per-lane memory"));
+            }
+            let mask_end = masks[f] + 1 + mask_depth(&function.body);
+            for g in callees(function) {
+                private[g] = private_next.max(private[g]);
+                masks[g] = mask_end.max(masks[g]);
+            }
+            self.plan.masks = self.plan.masks.max(mask_end);
+            self.plan.private_rows = self.plan.private_rows.max(private_next);
+            self.functions[f] = Some(FunctionPlan {
+                liveness: Liveness::of(function, &uniform),
+                uniform,
+                variables,
+                mask_base: masks[f],
+                live_base: 0,
+                contexts: (f == 0) as u64,
+            });
+        }
+        Ok(())
+    }
+
+    /// Everything but the rows for live values.
+    fn lay_out_state(&mut self) {
+        let module = self.module;
+        let mut io_rows = module.output_rows as usize;
+        for function in &module.functions {
+            function.body.visit_insts(&mut |inst| {
+                if inst.op.is_yield() {
+                    io_rows = io_rows.max(Site::of(inst).io_rows(inst));
+                }
+            });
+        }
+        let plan = &mut self.plan;
+        let control_words = CONTROL_WORDS + plan.masks.div_ceil(2);
+        plan.layout.inputs = control_words.div_ceil(16);
+        plan.layout.io = plan.layout.inputs + module.inputs.len();
+        plan.private = plan.layout.io + io_rows;
+    }
+}
+
+/// Whether helper invocations take part in a subgroup operation like all other lanes.
+pub(crate) fn takes_helpers(module: &Module, op: SubgroupOp) -> bool {
+    let full_quads = module.fragment.as_ref().is_some_and(|f| f.full_quads);
+    op == SubgroupOp::QuadShuffle || full_quads
+}
+
+pub(crate) fn budget(message: &str) -> Error {
+    Error {
+        kind: ErrorKind::Budget,
+        word_offset: None,
+        message: message.to_owned(),
+    }
+}
+
+/// The functions that a function calls, once for each call.
+pub(crate) fn callees(function: &Function) -> Vec<usize> {
+    let mut callees = Vec::new();
+    function.body.visit_insts(&mut |inst| {
+        if let Op::Call(callee) = inst.op {
+            callees.push(callee.index());
+        }
+    });
+    callees
+}
+
+/// Functions that the entry reaches, callers before callees.
+fn call_order(module: &Module) -> Result<Vec<usize>, Error> {
+    let callees = |f: usize| callees(&module.functions[f]);
+    // Depth first without native recursion: 1 open, 2 done.
+    let mut state = vec![0u8; module.functions.len()];
+    let mut order = Vec::new();
+    let mut stack = vec![(0usize, callees(0))];
+    state[0] = 1;
+    while let Some((f, rest)) = stack.last_mut() {
+        match rest.pop() {
+            None => {
+                state[*f] = 2;
+                order.push(*f);
+                stack.pop();
+            }
+            Some(callee) if state[callee] == 0 => {
+                state[callee] = 1;
+                stack.push((callee, callees(callee)));
+            }
+            Some(callee) if state[callee] == 1 => {
+                return Err(Error::invalid(0, "recursive call"));
+            }
+            Some(_) => {}
+        }
+    }
+    order.reverse();
+    Ok(order)
+}
+
+/// Deepest nesting of masks in a body.
+fn mask_depth(body: &Body) -> usize {
+    let depth = |node: &Node| masks_of(node) + node.bodies().map(mask_depth).max().unwrap_or(0);
+    body.nodes.iter().map(depth).max().unwrap_or(0)
+}
+
+/// Masks that a construct has: one for what waits at its label, an `if` also one for the lanes of
+/// its second body.
+pub(crate) fn masks_of(node: &Node) -> usize {
+    match node {
+        Node::Inst(_) => 0,
+        Node::Block { .. } | Node::Loop { .. } => 1,
+        Node::If { .. } => 2,
+    }
+}

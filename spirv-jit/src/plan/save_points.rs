@@ -1,0 +1,337 @@
+//! Where a subgroup can be suspended: at yields, at back-edges and where functions begin, when fuel
+//! is out; and what its state holds then.
+
+use foldhash::HashMap;
+
+use super::{Planned, budget, masks_of};
+use crate::Error;
+use crate::ir::op::DescriptorBinding;
+use crate::ir::{Body, Inst, Node, Op, Type, Value};
+use crate::state::{IO_DATA_ROW, SiteId, SiteKind};
+
+/// A value that is saved, and where in the state.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Saved {
+    pub value: Value,
+    /// Row of the state.
+    pub row: u32,
+    /// 64 bits: two rows of the state.
+    pub wide: bool,
+    /// The row is an input's: it stands there already.
+    pub input: bool,
+}
+
+/// What descriptors are made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum DescriptorSource {
+    /// Of an index, in a binding of the program's.
+    Binding(DescriptorBinding),
+    /// Of a reference.
+    Reference,
+}
+
+/// A descriptor that is made again instead of being saved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Remade {
+    pub value: Value,
+    pub source: DescriptorSource,
+    /// A value that is saved, or uniform.
+    pub from: Value,
+}
+
+/// What lives across a place where a wave can be suspended.
+#[derive(Debug, Default, PartialEq)]
+pub(crate) struct Live {
+    pub saved: Vec<Saved>,
+    pub remade: Vec<Remade>,
+}
+
+impl Live {
+    /// Rows of the state that are saved for it alone.
+    fn rows(&self) -> usize {
+        let saved = self.saved.iter().filter(|value| !value.input);
+        saved.map(|value| 1 + value.wide as usize).sum()
+    }
+}
+
+/// A place where a wave can be suspended.
+#[derive(Debug, PartialEq)]
+pub(crate) struct SavePoint {
+    pub function: u32,
+    /// Position in the function as [`Liveness`](super::Liveness) counts, 0 where it begins.
+    pub position: u32,
+    /// Id of the point for call path 0; path `c` is `base + c`.
+    pub base: u32,
+    /// Parked and pending masks that are in use, from the program's first.
+    pub masks: u32,
+    pub live: Live,
+    /// The event, or none for the entry, for back-edges and for where functions begin.
+    pub site: Option<SiteId>,
+}
+
+/// A call: how to find it from a call path's number, and what its function needs afterwards.
+#[derive(Debug, PartialEq)]
+pub(crate) struct CallSite {
+    pub caller: u32,
+    pub callee: u32,
+    /// Added to the caller's path number to give the callee's.
+    pub context: u32,
+    pub live: Live,
+}
+
+/// How a yield's results come from the `io` rows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Answer {
+    /// One word a result, from this row on.
+    Rows(usize),
+    /// Row 0 is a verdict (see [`SiteKind::ReportIntersection`]).
+    Verdict,
+}
+
+/// How an instruction yields.
+pub(crate) struct Site {
+    pub kind: SiteKind,
+    /// Operands in rows from 0 on; the others stand from [`IO_DATA_ROW`] on.
+    pub fixed: usize,
+    pub answer: Answer,
+}
+
+impl Site {
+    /// Of a yield.
+    pub fn of(inst: &Inst) -> Site {
+        let payload_words = inst.results.len() as u32;
+        let data = Answer::Rows(IO_DATA_ROW);
+        let (fixed, kind, answer) = match inst.op {
+            Op::TraceRay => (15, SiteKind::TraceRay { payload_words }, data),
+            Op::TraceRayMotion => (16, SiteKind::TraceRayMotion { payload_words }, data),
+            Op::HitObjectTraceRay => {
+                let payload_words = (inst.args.len() - 15) as u32;
+                let kind = SiteKind::HitObjectTraceRay { payload_words };
+                (15, kind, Answer::Rows(0))
+            }
+            Op::HitObjectTraceRayMotion => {
+                let payload_words = (inst.args.len() - 16) as u32;
+                let kind = SiteKind::HitObjectTraceRayMotion { payload_words };
+                (16, kind, Answer::Rows(0))
+            }
+            Op::HitObjectExecute => (16, SiteKind::HitObjectExecute { payload_words }, data),
+            Op::HitObjectGet(fact) => (9, SiteKind::HitObjectGet { fact }, Answer::Rows(0)),
+            Op::ExecuteCallable => {
+                let data_words = payload_words;
+                (1, SiteKind::ExecuteCallable { data_words }, data)
+            }
+            Op::ReportIntersection => {
+                let attribute_words = inst.args.len().saturating_sub(2) as u32;
+                let kind = SiteKind::ReportIntersection { attribute_words };
+                (2, kind, Answer::Verdict)
+            }
+            Op::RayQueryProceed => (1, SiteKind::RayQueryProceed, Answer::Verdict),
+            Op::ReorderThread => (4, SiteKind::ReorderThread, data),
+            _ => (0, SiteKind::Barrier, data),
+        };
+        Site {
+            kind,
+            fixed,
+            answer,
+        }
+    }
+
+    /// Rows of `io` that the yield needs.
+    pub fn io_rows(&self, inst: &Inst) -> usize {
+        match self.kind {
+            SiteKind::Barrier => 0,
+            SiteKind::RayQueryProceed => 1,
+            _ => IO_DATA_ROW + inst.args.len().max(inst.results.len()),
+        }
+    }
+}
+
+/// Finds the save points and call sites of all functions, whose places in the state are known.
+pub(super) fn find(planned: &mut Planned<'_>) -> Result<(), Error> {
+    let mut next_point = 0;
+    for f in planned.order.clone() {
+        let function = &planned.module.functions[f];
+        let mut finder = Finder {
+            masks: planned.function(f).mask_base + 1,
+            planned,
+            function: f,
+            next_point,
+            position: 1,
+            sources: HashMap::default(),
+            inputs: HashMap::default(),
+        };
+        // Fuel is burnt where a function begins, but for the entry, where states begin.
+        let live = match f {
+            0 => Live::default(),
+            _ => finder.live(
+                finder
+                    .planned
+                    .function(f)
+                    .liveness
+                    .live_at_start()
+                    .collect(),
+            )?,
+        };
+        finder.point(0, None, live)?;
+        finder.body(&function.body)?;
+        next_point = finder.next_point;
+    }
+    planned.plan.end_of_points = next_point as u32;
+    Ok(())
+}
+
+struct Finder<'p, 'm> {
+    planned: &'p mut Planned<'m>,
+    function: usize,
+    next_point: u64,
+    /// Masks that are in use.
+    masks: usize,
+    position: u32,
+    /// How descriptors are made.
+    sources: HashMap<Value, (DescriptorSource, Value)>,
+    /// Values that are rows of the input record: a state holds them anyway.
+    inputs: HashMap<Value, u32>,
+}
+
+impl Finder<'_, '_> {
+    fn body(&mut self, body: &Body) -> Result<(), Error> {
+        for node in &body.nodes {
+            self.node(node)?;
+            if matches!(node, Node::Loop { .. }) {
+                return Ok(());
+            }
+        }
+        self.position += 1;
+        Ok(())
+    }
+
+    fn node(&mut self, node: &Node) -> Result<(), Error> {
+        let position = self.position;
+        self.position += 1;
+        if let Node::Inst(inst) = node {
+            return self.inst(inst, position);
+        }
+        self.masks += masks_of(node);
+        for (index, body) in node.bodies().enumerate() {
+            self.position += index as u32;
+            self.body(body)?;
+        }
+        if let Node::Loop { .. } = node {
+            let live = self.live_across(self.position)?;
+            self.point(self.position, None, live)?;
+        }
+        self.position += 1;
+        self.masks -= masks_of(node);
+        Ok(())
+    }
+
+    fn inst(&mut self, inst: &Inst, position: u32) -> Result<(), Error> {
+        match inst.op {
+            Op::Call(callee) => return self.call(callee.index(), position),
+            Op::Input(row) => {
+                self.inputs.insert(inst.results[0], row);
+            }
+            Op::Descriptor(binding) => {
+                let source = DescriptorSource::Binding(binding);
+                self.sources.insert(inst.results[0], (source, inst.args[0]));
+            }
+            Op::DescriptorAt => {
+                let source = DescriptorSource::Reference;
+                self.sources.insert(inst.results[0], (source, inst.args[0]));
+            }
+            ref op if op.is_yield() => {
+                let site = SiteId(self.planned.plan.sites.len() as u32);
+                self.planned.plan.sites.push(Site::of(inst).kind);
+                let live = self.live_across(position)?;
+                self.point(position, Some(site), live)?;
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn call(&mut self, callee: usize, position: u32) -> Result<(), Error> {
+        // Any function may be suspended where it begins.
+        let live = self.live_across(position)?;
+        let plan = self.planned.function(self.function);
+        let live_base = plan.live_base + live.rows();
+        let contexts = plan.contexts;
+        let called = (self.planned.functions[callee].as_mut()).expect("reached");
+        called.live_base = called.live_base.max(live_base);
+        let context = called.contexts;
+        called.contexts += contexts;
+        if called.contexts > u32::MAX as u64 {
+            return Err(budget("too many call paths"));
+        }
+        let plan = &mut self.planned.plan;
+        plan.callers[callee].push(plan.calls.len() as u32);
+        plan.calls.push(CallSite {
+            caller: self.function as u32,
+            callee: callee as u32,
+            context: context as u32,
+            live,
+        });
+        Ok(())
+    }
+
+    fn live_across(&mut self, position: u32) -> Result<Live, Error> {
+        let liveness = &self.planned.function(self.function).liveness;
+        self.live(liveness.live_across(position).collect())
+    }
+
+    /// Values with their places in the state.
+    fn live(&mut self, values: Vec<Value>) -> Result<Live, Error> {
+        let function = &self.planned.module.functions[self.function];
+        let plan = &self.planned.plan;
+        let first = plan.private + plan.private_rows;
+        let mut row = first + self.planned.function(self.function).live_base;
+        let mut live = Live::default();
+        for value in values {
+            if function.ty(value) == Type::Descriptor {
+                let Some(&(source, from)) = self.sources.get(&value) else {
+                    return Err(Error::invalid(0, "a descriptor made of nothing"));
+                };
+                live.remade.push(Remade {
+                    value,
+                    source,
+                    from,
+                });
+                continue;
+            }
+            let wide = function.ty(value).rows() == 2;
+            let input = self.inputs.get(&value);
+            live.saved.push(Saved {
+                value,
+                row: match input {
+                    Some(&input) => plan.layout.inputs as u32 + input,
+                    None => row as u32,
+                },
+                wide,
+                input: input.is_some(),
+            });
+            if input.is_none() {
+                row += 1 + wide as usize;
+            }
+        }
+        let plan = &mut self.planned.plan;
+        plan.live_rows = plan.live_rows.max(row - first);
+        Ok(live)
+    }
+
+    fn point(&mut self, position: u32, site: Option<SiteId>, live: Live) -> Result<(), Error> {
+        let base = self.next_point;
+        self.next_point += self.planned.function(self.function).contexts;
+        if self.next_point > u32::MAX as u64 {
+            return Err(budget("too many call paths"));
+        }
+        self.planned.plan.points.push(SavePoint {
+            function: self.function as u32,
+            position,
+            base: base as u32,
+            masks: self.masks as u32,
+            live,
+            site,
+        });
+        Ok(())
+    }
+}

@@ -1,0 +1,132 @@
+//! Subgroups' states: how they begin, what stands in their control rows, and how lanes move between
+//! them.
+//!
+//! A state's control rows hold, as words: the resume id, the active lanes, the helper lanes, then
+//! the masks in use, two to a word.
+
+use super::{CallSite, Plan, SavePoint};
+use crate::SUBGROUP_SIZE;
+use crate::row::AlignedRow;
+
+/// Words of control before the masks.
+pub(crate) const CONTROL_WORDS: usize = 3;
+
+impl Plan {
+    /// The save point of a resume id, and the call path's number.
+    pub fn point_of(&self, id: u32) -> (usize, u32) {
+        let after = self.points.partition_point(|point| point.base <= id);
+        let index = after.saturating_sub(1);
+        (index, id - self.points[index].base)
+    }
+
+    /// Functions of the module, reached or not.
+    pub fn functions(&self) -> usize {
+        self.callers.len()
+    }
+
+    /// One past the last resume id.
+    pub fn points_end(&self) -> u32 {
+        self.end_of_points
+    }
+
+    /// The numbers of the call sites on the path to `function`, innermost first.
+    pub fn path(&self, function: u32, context: u32) -> Path<'_> {
+        Path {
+            plan: self,
+            function,
+            context,
+        }
+    }
+
+    /// Puts a state at the program's entry with these lanes active, of which `helpers` are helper
+    /// invocations.
+    pub fn start(&self, state: &mut [AlignedRow], active: u16, helpers: u16) {
+        let state = &mut state[..self.layout.rows];
+        state[..self.layout.inputs].fill(AlignedRow::default());
+        // Private memory too: what is undefined is at least the same on every run.
+        state[self.layout.io..self.private + self.private_rows].fill(AlignedRow::default());
+        state[0].0[1] = active as u32;
+        state[0].0[2] = helpers as u32;
+    }
+
+    /// Where a state stands.
+    pub fn standing(&self, state: &[AlignedRow]) -> &SavePoint {
+        &self.points[self.point_of(state[0].0[0]).0]
+    }
+
+    /// Whether a lane is parked or pending in a construct around where a state stands.
+    pub fn has_parked_lanes(&self, state: &[AlignedRow]) -> bool {
+        (0..self.standing(state).masks as usize).any(|k| {
+            let word = CONTROL_WORDS + k / 2;
+            state[word / SUBGROUP_SIZE].0[word % SUBGROUP_SIZE] >> (k % 2 * 16) & 0xffff != 0
+        })
+    }
+
+    /// See [`Program::gather_lanes`](crate::Program::gather_lanes).
+    pub fn gather_lanes(
+        &self,
+        state: &mut [AlignedRow],
+        active: u16,
+        from: &[(&[AlignedRow], usize); SUBGROUP_SIZE],
+    ) {
+        let inputs = self.layout.inputs;
+        state[..inputs].fill(AlignedRow::default());
+        state[0].0[0] = from[0].0[0].0[0];
+        state[0].0[1] = active as u32;
+        let from = from.map(|(source, lane)| (&source[..self.layout.rows], lane));
+        for (row, to) in state[..self.layout.rows]
+            .iter_mut()
+            .enumerate()
+            .skip(inputs)
+        {
+            to.0 = from.map(|(source, lane)| source[row].0[lane]);
+        }
+        // Values of 64 bits are saved as such, over two rows.
+        let (point, context) = self.point_of(state[0].0[0]);
+        let point = &self.points[point];
+        let callers = self.path(point.function, context);
+        let callers = callers.map(|(_, site)| &site.live);
+        for value in std::iter::once(&point.live)
+            .chain(callers)
+            .flat_map(|live| &live.saved)
+            .filter(|value| value.wide && !value.input)
+        {
+            let place = |word: usize| {
+                (
+                    value.row as usize + word / SUBGROUP_SIZE,
+                    word % SUBGROUP_SIZE,
+                )
+            };
+            for (k, (source, lane)) in from.iter().enumerate() {
+                for half in 0..2 {
+                    let (row, column) = place(2 * lane + half);
+                    let word = source[row].0[column];
+                    let (row, column) = place(2 * k + half);
+                    state[row].0[column] = word;
+                }
+            }
+        }
+    }
+}
+
+/// See [`Plan::path`].
+pub(crate) struct Path<'p> {
+    plan: &'p Plan,
+    function: u32,
+    context: u32,
+}
+
+impl<'p> Iterator for Path<'p> {
+    type Item = (usize, &'p CallSite);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        let calls = &self.plan.calls;
+        let sites = &self.plan.callers[self.function as usize];
+        let after = sites.partition_point(|&s| calls[s as usize].context <= self.context);
+        let index = *sites.get(after.checked_sub(1)?)? as usize;
+        let site = &calls[index];
+        self.context -= site.context;
+        self.function = site.caller;
+        Some((index, site))
+    }
+}

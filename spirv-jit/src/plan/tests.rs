@@ -1,0 +1,67 @@
+//! The plan follows from the IR alone.
+
+use super::{Plan, plan};
+use crate::ir::text::parse_module;
+use crate::ir::verify;
+
+fn plan_of(text: &str) -> Plan {
+    let module = parse_module(text).unwrap();
+    verify(&module).unwrap();
+    plan(&module).unwrap().plan
+}
+
+/// What lives across the yield and the back-edge comes of operations that the interpreter performs
+/// in pairs.
+const PAIRS: &str = "module compute
+    inputs local_invocation_index.0, subgroup_id.0
+    func f0 {
+        v0: i32 = input[0]
+        v1: i32 = input[1]
+        v2: i32 = iadd v0, v1
+        v3: i32 = imul v2, v1
+        v4: i32 = const 5
+        loop L0 (v5: i32) = (v3) {
+            v6: i32 = xor v5, v0
+            v7: i32 = and v6, v3
+            barrier
+            v8: i32 = shl v7, v4
+            v9: i32 = iadd v8, v5
+            br L0(v9)
+        }
+        unreachable
+    }";
+
+/// The rows and ids that a native tier will resume by: each back-edge and yield with exactly what
+/// is used after it.
+#[test]
+fn save_points_hold_what_is_used_later() {
+    let plan = plan_of(PAIRS);
+    let values = |point: usize| -> Vec<u32> {
+        let saved = &plan.points[point].live.saved;
+        saved.iter().map(|saved| saved.value.0).collect()
+    };
+    // The entry; the barrier; the back-edge.
+    assert_eq!(plan.points.len(), 3);
+    assert!(values(0).is_empty());
+    assert_eq!(values(1), [0, 3, 5, 7]);
+    assert_eq!(values(2), [0, 3, 5]);
+    let inputs = |point: usize| plan.points[point].live.saved.iter().filter(|s| s.input);
+    assert_eq!(inputs(1).count(), 1, "an input stands in the state anyway");
+    assert_eq!(plan.live_rows, 3);
+}
+
+/// A tier's live ranges may differ between save points only.
+#[test]
+fn a_tier_that_keeps_other_values_disagrees() {
+    let module = parse_module(PAIRS).unwrap();
+    let planned = plan(&module).unwrap();
+    let mut liveness = planned.function(0).liveness.clone();
+    assert!(planned.agrees(0, &liveness));
+    // The product before the barrier, as if it were computed only behind it.
+    let (_, end) = liveness.ranges[6].unwrap();
+    liveness.ranges[6] = Some((liveness.ranges[7].unwrap().0, end));
+    assert!(planned.agrees(0, &liveness));
+    let (start, _) = liveness.ranges[7].unwrap();
+    liveness.ranges[7] = Some((start, start));
+    assert!(!planned.agrees(0, &liveness));
+}
