@@ -23,6 +23,7 @@ pub use crate::ir::stage::{Builtin, Stage};
 pub use crate::request::CompileRequest;
 pub use crate::row::{AlignedRow, Row};
 pub use crate::state::{Event, IO_DATA_ROW, ResumePoint, SiteId, SiteKind, StateLayout, Wave};
+pub use crate::types::Trace;
 
 /// Compiles one entry point.
 ///

@@ -14,6 +14,7 @@
 use crate::environment::Environment;
 use crate::hit_object::HitFact;
 use crate::row::AlignedRow;
+use crate::types::Trace;
 
 /// Where subgroups go on: subgroups of one program at equal points may run in one wave.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -38,19 +39,14 @@ pub struct SiteId(pub u32);
 /// What a yield asks for. Rows count from the start of the `io` rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SiteKind {
-    /// Rows 0..15: the ray (see `Op::TraceRay`); row 15: unused; rows 16..16+n: payload, in and out.
-    TraceRay { payload_words: u32 },
+    /// Rows 0..15: the ray (see `Op::TraceRay`); row 15: its time, if it has one; rows 16..16+n: payload, in and out.
+    /// To a hit object, up to the hit or miss: rows 0..16 of the answer are the words that [`TRACED`](crate::hit_object::TRACED) lists.
+    TraceRay { trace: Trace, payload_words: u32 },
     /// Row 0: t; row 1: hit kind; rows 16..16+n: attribute. The verdict goes to row 0: 0 rejected, 1 accepted,
     /// 2 accepted and the search is over: the invocation ends here instead of going on (as after `OpTerminateRayKHR` in its any-hit shader).
     ReportIntersection { attribute_words: u32 },
     /// Row 0: callable index; rows 16..16+n: data, in and out.
     ExecuteCallable { data_words: u32 },
-    /// As `TraceRay`, with the time in row 15.
-    TraceRayMotion { payload_words: u32 },
-    /// As `TraceRay`, up to the hit or miss: rows 0..16 of the answer are the words that [`TRACED`](crate::hit_object::TRACED) lists.
-    HitObjectTraceRay { payload_words: u32 },
-    /// As `HitObjectTraceRay`, with the time in row 15.
-    HitObjectTraceRayMotion { payload_words: u32 },
     /// Rows 0..16: the first words of the hit object; rows 16..16+n: payload, in and out; then the hit object's other words.
     HitObjectExecute { payload_words: u32 },
     /// Rows 0..9: the words that [`IDENTITY`](crate::hit_object::IDENTITY) lists; the answer goes to the rows from 0 on.

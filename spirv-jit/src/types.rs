@@ -95,3 +95,44 @@ pub enum AtomicOp {
     FMin,
     FMax,
 }
+
+/// How a ray is traced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Trace {
+    /// The hit becomes words of a hit object, and no shader runs for it.
+    pub to_hit_object: bool,
+    /// The ray has a time.
+    pub motion: bool,
+}
+
+impl Trace {
+    /// All ways.
+    pub const ALL: [Trace; 4] = [
+        Trace::new(false, false),
+        Trace::new(false, true),
+        Trace::new(true, false),
+        Trace::new(true, true),
+    ];
+
+    pub const fn new(to_hit_object: bool, motion: bool) -> Self {
+        Self {
+            to_hit_object,
+            motion,
+        }
+    }
+
+    /// Words of the ray, in front of the payload's.
+    pub const fn words(self) -> usize {
+        15 + self.motion as usize
+    }
+
+    /// Name of the operation in the text form.
+    pub const fn text(self) -> &'static str {
+        match (self.to_hit_object, self.motion) {
+            (false, false) => "trace_ray",
+            (false, true) => "trace_ray_motion",
+            (true, false) => "hit_object_trace_ray",
+            (true, true) => "hit_object_trace_ray_motion",
+        }
+    }
+}

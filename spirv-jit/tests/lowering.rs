@@ -3,30 +3,15 @@
 mod support;
 
 use spirv_jit::Accuracy;
-use spirv_jit::ir::{Node, Op, Terminator};
+use spirv_jit::ir::op::Trace;
+use spirv_jit::ir::{Op, Terminator};
 use spirv_jit::program::{InputRow, Stage};
 use support::{glsl, lower_as, lower_glsl};
 
 fn operations(module: &spirv_jit::ir::Module) -> Vec<Op> {
-    fn walk(body: &spirv_jit::ir::Body, out: &mut Vec<Op>) {
-        for node in &body.nodes {
-            match node {
-                Node::Inst(inst) => out.push(inst.op.clone()),
-                Node::Block { body, .. } | Node::Loop { body, .. } => walk(body, out),
-                Node::If {
-                    then_body,
-                    else_body,
-                    ..
-                } => {
-                    walk(then_body, out);
-                    walk(else_body, out);
-                }
-            }
-        }
-    }
     let mut out = Vec::new();
     for function in &module.functions {
-        walk(&function.body, &mut out);
+        (function.body).visit_insts(&mut |inst| out.push(inst.op));
     }
     out
 }
@@ -70,7 +55,7 @@ fn ray_generation_traces_with_a_payload() {
              imageStore(image, ivec2(gl_LaunchIDEXT.xy), vec4(payload.color, 1));
          }",
     );
-    assert!(operations(&module).contains(&Op::TraceRay));
+    assert!(operations(&module).contains(&Op::TraceRay(Trace::new(false, false))));
     assert_eq!(module.output_rows, 0);
 }
 

@@ -1,7 +1,7 @@
 //! What a yield asks for and what an end leaves: traces, calls and reports begin here, and are answered here.
 
 use spirv_jit::SUBGROUP_SIZE;
-use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row, SiteKind};
+use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row, SiteKind, Trace};
 use traversal::{Hit, SuspendedPacket, Verdict, Walk};
 
 use super::batch::{Batch, Worker};
@@ -21,10 +21,7 @@ impl Batch<'_> {
         let mask = program.event_mask(&subgroup.rows);
         subgroup.pending = mask;
         subgroup.data_words = match site {
-            SiteKind::TraceRay { payload_words }
-            | SiteKind::TraceRayMotion { payload_words }
-            | SiteKind::HitObjectTraceRay { payload_words }
-            | SiteKind::HitObjectTraceRayMotion { payload_words }
+            SiteKind::TraceRay { payload_words, .. }
             | SiteKind::HitObjectExecute { payload_words } => payload_words,
             SiteKind::ExecuteCallable { data_words } => data_words,
             SiteKind::ReportIntersection { .. }
@@ -42,10 +39,7 @@ impl Batch<'_> {
             return Ok(());
         }
         match site {
-            SiteKind::TraceRay { .. } => self.trace_rays(index, mask, false, false),
-            SiteKind::TraceRayMotion { .. } => self.trace_rays(index, mask, false, true),
-            SiteKind::HitObjectTraceRay { .. } => self.trace_rays(index, mask, true, false),
-            SiteKind::HitObjectTraceRayMotion { .. } => self.trace_rays(index, mask, true, true),
+            SiteKind::TraceRay { trace, .. } => self.trace_rays(index, mask, trace),
             SiteKind::HitObjectExecute { .. } => return self.execute_hit_objects(index, mask),
             SiteKind::ReportIntersection { attribute_words } => {
                 return self.report_intersections(index, mask, attribute_words as usize);
@@ -85,26 +79,20 @@ impl Batch<'_> {
     }
 
     /// Starts the rays that a subgroup's lanes ask for.
-    fn trace_rays(
-        &mut self,
-        index: SubgroupIndex,
-        lanes: u16,
-        fills_hit_object: bool,
-        has_time: bool,
-    ) {
+    fn trace_rays(&mut self, index: SubgroupIndex, lanes: u16, trace: Trace) {
         let worker = &mut *self.worker;
         let program = worker.subgroups[index].program;
         let io = self.dispatch.shaders.programs[program as usize].layout().io;
         let group_index = worker.ray_groups.take();
         let group = &mut worker.ray_groups[group_index];
         group.start(index, io, lanes);
-        group.fills_hit_object = fills_hit_object;
-        group.has_time = has_time;
+        group.fills_hit_object = trace.to_hit_object;
+        group.has_time = trace.motion;
         self.starting.push(group_index);
         if let Some(traced) = self.dispatch.checks {
             let instruction = Instruction {
-                fills_hit_object,
-                has_time,
+                fills_hit_object: trace.to_hit_object,
+                has_time: trace.motion,
             };
             self.check_rays(traced, group_index, instruction);
         }

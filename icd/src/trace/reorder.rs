@@ -5,7 +5,7 @@
 
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::hit_object::kind;
-use spirv_jit::program::{AlignedRow, ResumePoint, Row, SiteKind, Stage};
+use spirv_jit::program::{AlignedRow, ResumePoint, Row, SiteKind, Stage, Trace};
 
 use super::batch::Batch;
 use super::grid::Launches;
@@ -99,9 +99,13 @@ impl Batch<'_> {
         let may_move = matches!(
             compiled.site_of(point),
             Some(
-                SiteKind::TraceRay { .. }
-                    | SiteKind::TraceRayMotion { .. }
-                    | SiteKind::ExecuteCallable { .. }
+                SiteKind::TraceRay {
+                    trace: Trace {
+                        to_hit_object: false,
+                        ..
+                    },
+                    ..
+                } | SiteKind::ExecuteCallable { .. }
             )
         );
         if !may_move || compiled.stage() != Stage::RayGeneration || subgroups.len() < 2 {

@@ -1,9 +1,9 @@
-//! The table of operations: name, text, signature. Everything else about operations is derived from it.
+//! The table of operations: name, text, signature, effect. Everything else about operations is derived from it.
 
 use super::{FunctionId, VariableId};
 use crate::hit_object::HitFact;
 
-pub use crate::types::{AtomicOp, Type};
+pub use crate::types::{AtomicOp, Trace, Type};
 
 /// Where a memory access goes: see the table in the [module's prose](super).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -27,11 +27,17 @@ impl Space {
 /// The shape of a pure operation's operands and result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Signature {
-    /// `(T) -> T`, T integer (or i1 where `not`).
-    IntUnary,
+    /// `(T) -> T`, T integer or i1.
+    BitsUnary,
     /// `(T, T) -> T`, T integer or i1.
-    IntBinary,
+    BitsBinary,
     /// `(T, T) -> i1`, T integer or i1.
+    BitsCompare,
+    /// `(T) -> T`, T integer.
+    IntUnary,
+    /// `(T, T) -> T`, T integer.
+    IntBinary,
+    /// `(T, T) -> i1`, T integer.
     IntCompare,
     /// `(T) -> T`, T float.
     FloatUnary,
@@ -43,283 +49,279 @@ pub enum Signature {
     FloatCompare,
     /// `(T) -> i1`, T float.
     FloatTest,
-    /// `(A) -> B`: the result's type says what to convert to.
-    Convert,
+    /// `(T) -> i32`, T float.
+    FloatExponent,
+    /// `(A) -> B`: from what to what the name says, of any widths.
+    FloatToInt,
+    IntToFloat,
+    FloatToFloat,
+    IntToInt,
+    /// `(A) -> B`, both of one width.
+    Bitcast,
     /// Not in the list of pure, elementwise operations; described at the variant.
     Other,
 }
 
-/// One list of the pure elementwise operations; `$m!` is invoked with rows `(Variant, "text", Signature)`.
+/// One list of the pure elementwise operations; `$m!` is invoked with rows `(Variant, text, Signature)`.
 ///
-/// The meaning of each is `eval::<text>` (a keyword or clash gets a trailing underscore there).
+/// `eval::text` is the meaning of each. What takes them from here: the text form, signatures, folding and the interpreter's kernels.
 #[macro_export]
 macro_rules! elementwise_ops {
     ($m:ident) => {
         $m! {
             // Integers. `*_hi` is the high half of the double-width product; bit positions count from 0; `find_*` gives all ones where
             // there is none (SPIR-V FindILsb, FindSMsb, FindUMsb).
-            (IAdd, "iadd", IntBinary)
-            (ISub, "isub", IntBinary)
-            (IMul, "imul", IntBinary)
-            (UMulHi, "umul_hi", IntBinary)
-            (SMulHi, "smul_hi", IntBinary)
-            (UDiv, "udiv", IntBinary)
-            (SDiv, "sdiv", IntBinary)
-            (URem, "urem", IntBinary)
-            (SRem, "srem", IntBinary)
-            (SMod, "smod", IntBinary)
-            (And, "and", IntBinary)
-            (Or, "or", IntBinary)
-            (Xor, "xor", IntBinary)
-            (Shl, "shl", IntBinary)
-            (LShr, "lshr", IntBinary)
-            (AShr, "ashr", IntBinary)
-            (SMin, "smin", IntBinary)
-            (SMax, "smax", IntBinary)
-            (UMin, "umin", IntBinary)
-            (UMax, "umax", IntBinary)
-            (Not, "not", IntUnary)
-            (INeg, "ineg", IntUnary)
-            (IAbs, "iabs", IntUnary)
-            (ISign, "isign", IntUnary)
-            (BitReverse, "bit_reverse", IntUnary)
-            (BitCount, "bit_count", IntUnary)
-            (FindLsb, "find_lsb", IntUnary)
-            (FindSMsb, "find_smsb", IntUnary)
-            (FindUMsb, "find_umsb", IntUnary)
-            (IEq, "ieq", IntCompare)
-            (INe, "ine", IntCompare)
-            (ULt, "ult", IntCompare)
-            (ULe, "ule", IntCompare)
-            (SLt, "slt", IntCompare)
-            (SLe, "sle", IntCompare)
+            (IAdd, iadd, IntBinary)
+            (ISub, isub, IntBinary)
+            (IMul, imul, IntBinary)
+            (UMulHi, umul_hi, IntBinary)
+            (SMulHi, smul_hi, IntBinary)
+            (UDiv, udiv, IntBinary)
+            (SDiv, sdiv, IntBinary)
+            (URem, urem, IntBinary)
+            (SRem, srem, IntBinary)
+            (SMod, smod, IntBinary)
+            (And, and, BitsBinary)
+            (Or, or, BitsBinary)
+            (Xor, xor, BitsBinary)
+            (Shl, shl, IntBinary)
+            (LShr, lshr, IntBinary)
+            (AShr, ashr, IntBinary)
+            (SMin, smin, IntBinary)
+            (SMax, smax, IntBinary)
+            (UMin, umin, IntBinary)
+            (UMax, umax, IntBinary)
+            (Not, not, BitsUnary)
+            (INeg, ineg, IntUnary)
+            (IAbs, iabs, IntUnary)
+            (ISign, isign, IntUnary)
+            (BitReverse, bit_reverse, IntUnary)
+            (BitCount, bit_count, IntUnary)
+            (FindLsb, find_lsb, IntUnary)
+            (FindSMsb, find_smsb, IntUnary)
+            (FindUMsb, find_umsb, IntUnary)
+            (IEq, ieq, BitsCompare)
+            (INe, ine, BitsCompare)
+            (ULt, ult, IntCompare)
+            (ULe, ule, IntCompare)
+            (SLt, slt, IntCompare)
+            (SLe, sle, IntCompare)
             // Floats. `frem` has the dividend's sign, `fmod` the divisor's; `fround` goes half away from zero; `ffract` is x - floor(x);
             // `fsign` is -1, ±0 or 1; ordered comparisons are false with a NaN, unordered ones true.
-            (FAdd, "fadd", FloatBinary)
-            (FSub, "fsub", FloatBinary)
-            (FMul, "fmul", FloatBinary)
-            (FDiv, "fdiv", FloatBinary)
-            (FRem, "frem", FloatBinary)
-            (FMod, "fmod", FloatBinary)
-            (FMin, "fmin", FloatBinary)
-            (FMax, "fmax", FloatBinary)
-            (FPow, "fpow", FloatBinary)
-            (FAtan2, "fatan2", FloatBinary)
-            (FFma, "ffma", FloatTernary)
-            (FNeg, "fneg", FloatUnary)
-            (FAbs, "fabs", FloatUnary)
-            (FSign, "fsign", FloatUnary)
-            (FFloor, "ffloor", FloatUnary)
-            (FCeil, "fceil", FloatUnary)
-            (FTrunc, "ftrunc", FloatUnary)
-            (FRoundEven, "fround_even", FloatUnary)
-            (FRound, "fround", FloatUnary)
-            (FFract, "ffract", FloatUnary)
-            (FSqrt, "fsqrt", FloatUnary)
-            (FInverseSqrt, "finverse_sqrt", FloatUnary)
-            (FSin, "fsin", FloatUnary)
-            (FCos, "fcos", FloatUnary)
-            (FTan, "ftan", FloatUnary)
-            (FAsin, "fasin", FloatUnary)
-            (FAcos, "facos", FloatUnary)
-            (FAtan, "fatan", FloatUnary)
-            (FSinh, "fsinh", FloatUnary)
-            (FCosh, "fcosh", FloatUnary)
-            (FTanh, "ftanh", FloatUnary)
-            (FAsinh, "fasinh", FloatUnary)
-            (FAcosh, "facosh", FloatUnary)
-            (FAtanh, "fatanh", FloatUnary)
-            (FExp, "fexp", FloatUnary)
-            (FLog, "flog", FloatUnary)
-            (FExp2, "fexp2", FloatUnary)
-            (FLog2, "flog2", FloatUnary)
-            (FQuantizeF16, "fquantize_f16", FloatUnary)
-            (FFrexpMantissa, "ffrexp_mantissa", FloatUnary)
+            (FAdd, fadd, FloatBinary)
+            (FSub, fsub, FloatBinary)
+            (FMul, fmul, FloatBinary)
+            (FDiv, fdiv, FloatBinary)
+            (FRem, frem, FloatBinary)
+            (FMod, fmod, FloatBinary)
+            (FMin, fmin, FloatBinary)
+            (FMax, fmax, FloatBinary)
+            (FPow, fpow, FloatBinary)
+            (FAtan2, fatan2, FloatBinary)
+            (FFma, ffma, FloatTernary)
+            (FNeg, fneg, FloatUnary)
+            (FAbs, fabs, FloatUnary)
+            (FSign, fsign, FloatUnary)
+            (FFloor, ffloor, FloatUnary)
+            (FCeil, fceil, FloatUnary)
+            (FTrunc, ftrunc, FloatUnary)
+            (FRoundEven, fround_even, FloatUnary)
+            (FRound, fround, FloatUnary)
+            (FFract, ffract, FloatUnary)
+            (FSqrt, fsqrt, FloatUnary)
+            (FInverseSqrt, finverse_sqrt, FloatUnary)
+            (FSin, fsin, FloatUnary)
+            (FCos, fcos, FloatUnary)
+            (FTan, ftan, FloatUnary)
+            (FAsin, fasin, FloatUnary)
+            (FAcos, facos, FloatUnary)
+            (FAtan, fatan, FloatUnary)
+            (FSinh, fsinh, FloatUnary)
+            (FCosh, fcosh, FloatUnary)
+            (FTanh, ftanh, FloatUnary)
+            (FAsinh, fasinh, FloatUnary)
+            (FAcosh, facosh, FloatUnary)
+            (FAtanh, fatanh, FloatUnary)
+            (FExp, fexp, FloatUnary)
+            (FLog, flog, FloatUnary)
+            (FExp2, fexp2, FloatUnary)
+            (FLog2, flog2, FloatUnary)
+            (FQuantizeF16, fquantize_f16, FloatUnary)
+            (FFrexpMantissa, ffrexp_mantissa, FloatUnary)
             // The same functions at less cost and with more error, as `eval::fast` bounds it for f32.
-            (FSinFast, "fsin_fast", FloatUnary)
-            (FCosFast, "fcos_fast", FloatUnary)
-            (FTanFast, "ftan_fast", FloatUnary)
-            (FAtanFast, "fatan_fast", FloatUnary)
-            (FExpFast, "fexp_fast", FloatUnary)
-            (FExp2Fast, "fexp2_fast", FloatUnary)
-            (FLogFast, "flog_fast", FloatUnary)
-            (FLog2Fast, "flog2_fast", FloatUnary)
-            (FInverseSqrtFast, "finverse_sqrt_fast", FloatUnary)
-            (FPowFast, "fpow_fast", FloatBinary)
-            (FAtan2Fast, "fatan2_fast", FloatBinary)
-            (FOEq, "foeq", FloatCompare)
-            (FONe, "fone", FloatCompare)
-            (FOLt, "folt", FloatCompare)
-            (FOLe, "fole", FloatCompare)
-            (FUEq, "fueq", FloatCompare)
-            (FUNe, "fune", FloatCompare)
-            (FULt, "fult", FloatCompare)
-            (FULe, "fule", FloatCompare)
-            (FIsNan, "fis_nan", FloatTest)
-            (FIsInf, "fis_inf", FloatTest)
+            (FSinFast, fsin_fast, FloatUnary)
+            (FCosFast, fcos_fast, FloatUnary)
+            (FTanFast, ftan_fast, FloatUnary)
+            (FAtanFast, fatan_fast, FloatUnary)
+            (FExpFast, fexp_fast, FloatUnary)
+            (FExp2Fast, fexp2_fast, FloatUnary)
+            (FLogFast, flog_fast, FloatUnary)
+            (FLog2Fast, flog2_fast, FloatUnary)
+            (FInverseSqrtFast, finverse_sqrt_fast, FloatUnary)
+            (FPowFast, fpow_fast, FloatBinary)
+            (FAtan2Fast, fatan2_fast, FloatBinary)
+            (FOEq, foeq, FloatCompare)
+            (FONe, fone, FloatCompare)
+            (FOLt, folt, FloatCompare)
+            (FOLe, fole, FloatCompare)
+            (FUEq, fueq, FloatCompare)
+            (FUNe, fune, FloatCompare)
+            (FULt, fult, FloatCompare)
+            (FULe, fule, FloatCompare)
+            (FIsNan, fis_nan, FloatTest)
+            (FIsInf, fis_inf, FloatTest)
             // Conversions: the operand's and the result's types say from what to what. `bitcast` keeps the width.
-            (FToS, "fto_s", Convert)
-            (FToU, "fto_u", Convert)
-            (SToF, "sto_f", Convert)
-            (UToF, "uto_f", Convert)
-            (FConvert, "fconvert", Convert)
+            (FToS, fto_s, FloatToInt)
+            (FToU, fto_u, FloatToInt)
+            (SToF, sto_f, IntToFloat)
+            (UToF, uto_f, IntToFloat)
+            (FConvert, fconvert, FloatToFloat)
             // Sign- or zero-extend, or truncate.
-            (SConvert, "sconvert", Convert)
-            (UConvert, "uconvert", Convert)
-            (Bitcast, "bitcast", Convert)
+            (SConvert, sconvert, IntToInt)
+            (UConvert, uconvert, IntToInt)
+            (Bitcast, bitcast, Bitcast)
             // Exponent of frexp: float -> i32.
-            (FFrexpExponent, "ffrexp_exponent", Convert)
+            (FFrexpExponent, ffrexp_exponent, FloatExponent)
         }
     };
 }
 
-macro_rules! define_op {
-    ($(($variant:ident, $text:literal, $signature:ident))*) => {
+/// What an operation does besides giving results.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Effect {
+    /// Nothing, and the same operands give the same results anywhere in the invocation.
+    Pure,
+    /// Looks at what may change.
+    Read,
+    /// Changes something, or orders changes.
+    Effect,
+    /// Suspends the wave.
+    Yield,
+}
+
+/// The other operations: `Variant(payload) "text" Effect`; in which rows an operation is all that its name says, and in which not.
+macro_rules! define_ops {
+    ($(($variant:ident, $text:ident, $signature:ident))*) => {
+        define_ops! {
+            [$(($variant, $text, $signature))*]
+            plain {
+            /// `(i1, T, T) -> T`.
+            Select "select" Pure;
+            /// `(T, i32) -> T`: ldexp, T float.
+            FLdexp "fldexp" Pure;
+            /// `(base, insert, offset: i32, count: i32) -> T`, T integer; the bits above the width are never touched.
+            BitfieldInsert "bitfield_insert" Pure;
+            /// `(base, offset: i32, count: i32) -> T`.
+            BitfieldSExtract "bitfield_sextract" Pure;
+            /// `(base, offset: i32, count: i32) -> T`.
+            BitfieldUExtract "bitfield_uextract" Pure;
+            /// `(low: i32, high: i32) -> i64 | f64`.
+            Pack64 "pack64" Pure;
+            /// `(i64 | f64) -> (low: i32, high: i32)`.
+            Unpack64 "unpack64" Pure;
+            /// `(descriptor) -> i32`: size in bytes of what a buffer descriptor covers, saturated.
+            BufferSize "buffer_size" Read;
+            /// `(reference: i64) -> descriptor`: what a reference names; the null descriptor for a number that is none.
+            DescriptorAt "descriptor_at" Pure;
+            /// `() -> descriptor`: the descriptor that covers the push constants.
+            PushConstants "push_constants" Pure;
+            /// `(descriptor) -> i64`: the descriptor's address field (an acceleration structure's device address).
+            DescriptorAddress "descriptor_address" Read;
+            /// `() -> i32`: the lane's index in its subgroup, 0..16.
+            LaneIndex "lane_index" Read;
+            /// `(T) -> T`, T float: the difference between the two lanes of the quad that are side by side, second less first; 0 unless both are
+            /// active.
+            DerivativeX "derivative_x" Read;
+            /// The same between the two lanes one above the other.
+            DerivativeY "derivative_y" Read;
+            /// `() -> ()`: the lane becomes a helper invocation.
+            Demote "demote" Effect;
+            /// `() -> i1`: whether the lane is a helper invocation now.
+            IsHelper "is_helper" Read;
+            /// `() -> i64`: a monotonic clock.
+            ReadClock "read_clock" Read;
+            /// `() -> ()`: orders memory between invocations (`OpMemoryBarrier`).
+            MemoryBarrier "memory_barrier" Effect;
+            /// `(t: f32, hit_kind: i32, attribute words…) -> i1`: whether the hit was accepted.
+            ReportIntersection "report_intersection" Yield;
+            /// `(index: i32, data words…) -> (data words…)`.
+            ExecuteCallable "execute_callable" Yield;
+            /// Runs the closest-hit or miss shader of a hit object: `(hit object words, payload…) -> (payload…)`.
+            HitObjectExecute "hit_object_execute" Yield;
+            /// `(hint, bits, hit object's kind or ones, its record index) -> ()`: may move the lane to another subgroup.
+            ReorderThread "reorder_thread" Yield;
+            /// `() -> ()`: waits for all invocations of the workgroup.
+            Barrier "barrier" Yield;
+            /// `(row: i32) -> i1`: advances the ray query whose object starts at that row of private memory, and rewrites the object; false
+            /// when the walk is over.
+            RayQueryProceed "ray_query_proceed" Yield;
+            }
+            with {
+            /// `() -> T`: the bits, low end of the word.
+            Const(u64) "const" Pure;
+            /// `() -> T`: a scalar at a fixed row of a variable.
+            VarLoad(VariableId, u32) "var.load" Read;
+            /// `(T) -> ()`.
+            VarStore(VariableId, u32) "var.store" Effect;
+            /// `() -> i32`: the variable's first row in private memory.
+            VarAddress(VariableId) "var.address" Pure;
+            /// `(address…) -> (T, …)`: consecutive scalars of the results' type.
+            Load(Access) "load" Read;
+            /// `(address…, T, …) -> ()`.
+            Store(Access) "store" Effect;
+            /// `(address…, operand…) -> T`: returns the old value. Operands: none for load (result only), one for most, (value, comparator)
+            /// for compare-exchange; `Store` has one operand and no result.
+            Atomic(AtomicOp, Access) "atomic" Effect;
+            /// `(index: i32) -> descriptor`: an entry of a binding; an index past the binding's end gives the null descriptor.
+            Descriptor(DescriptorBinding) "descriptor" Pure;
+            /// `(index: i32) -> i64`: the [reference](crate::environment::reference) to what `Descriptor` gives.
+            DescriptorReference(DescriptorBinding) "descriptor_reference" Pure;
+            /// `() -> i32 | f32`: a row of the invocation's input record ([`Module::inputs`](super::Module::inputs)).
+            Input(u32) "input" Pure;
+            /// `() -> i32`: a word that is the same in the whole dispatch ([`Environment::uniforms`](crate::environment::Environment::uniforms)).
+            Uniform(u32) "uniform" Pure;
+            /// Image operations: operands and results at [`ImageOp`](crate::image::ImageOp).
+            Image(crate::image::ImageOp) "image" Read;
+            /// Subgroup operations: at [`SubgroupOp`].
+            Subgroup(SubgroupOp) "subgroup" Read;
+            /// `(params…) -> (results…)`.
+            Call(FunctionId) "call" Effect;
+            /// `(structure: 2 words, flags, cull_mask, sbt_offset, sbt_stride, miss_index, origin x y z, t_min, direction x y z, t_max, (time,)
+            /// payload…) -> (payload…)`; each word i32 or f32. To a hit object no closest-hit or miss shader runs, and the results begin with
+            /// the words that [`TRACED`](crate::hit_object::TRACED) lists.
+            TraceRay(Trace) "" Yield;
+            /// What the scheduler knows of a hit: `(9 words) -> (words…)`, see [`HitFact`](crate::hit_object::HitFact).
+            HitObjectGet(HitFact) "" Yield;
+            }
+        }
+    };
+    (
+        [$(($variant:ident, $text:ident, $signature:ident))*]
+        plain { $($(#[$plain_doc:meta])* $plain:ident $plain_text:literal $plain_effect:ident;)* }
+        with {
+            $($(#[$doc:meta])* $with:ident($($payload:ty),*) $with_text:literal $effect:ident;)*
+        }
+    ) => {
         /// An operation. The elementwise ones come from [`elementwise_ops!`](crate::elementwise_ops); the rest say what they take.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum Op {
-            $(#[doc = $text] $variant,)*
-            /// `() -> T`: the bits, low end of the word.
-            Const(u64),
-            /// `(i1, T, T) -> T`.
-            Select,
-            /// `(T, i32) -> T`: ldexp, T float.
-            FLdexp,
-            /// `(base, insert, offset: i32, count: i32) -> T`, T integer; the bits above the width are never touched.
-            BitfieldInsert,
-            /// `(base, offset: i32, count: i32) -> T`.
-            BitfieldSExtract,
-            /// `(base, offset: i32, count: i32) -> T`.
-            BitfieldUExtract,
-            /// `(low: i32, high: i32) -> i64 | f64`.
-            Pack64,
-            /// `(i64 | f64) -> (low: i32, high: i32)`.
-            Unpack64,
-            /// `() -> T`: a scalar at a fixed row of a variable.
-            VarLoad(VariableId, u32),
-            /// `(T) -> ()`.
-            VarStore(VariableId, u32),
-            /// `() -> i32`: the variable's first row in private memory.
-            VarAddress(VariableId),
-            /// `(address…) -> (T, …)`: consecutive scalars of the results' type.
-            Load(Access),
-            /// `(address…, T, …) -> ()`.
-            Store(Access),
-            /// `(address…, operand…) -> T`: returns the old value. Operands: none for load (result only), one for most, (value, comparator)
-            /// for compare-exchange; `Store` has one operand and no result.
-            Atomic(AtomicOp, Access),
-            /// `(descriptor) -> i32`: size in bytes of what a buffer descriptor covers, saturated.
-            BufferSize,
-            /// `(index: i32) -> descriptor`: an entry of a binding; an index past the binding's end gives the null descriptor.
-            Descriptor(DescriptorBinding),
-            /// `(index: i32) -> i64`: the [reference](crate::environment::reference) to what `Descriptor` gives.
-            DescriptorReference(DescriptorBinding),
-            /// `(reference: i64) -> descriptor`: what a reference names; the null descriptor for a number that is none.
-            DescriptorAt,
-            /// `() -> descriptor`: the descriptor that covers the push constants.
-            PushConstants,
-            /// `(descriptor) -> i64`: the descriptor's address field (an acceleration structure's device address).
-            DescriptorAddress,
-            /// `() -> i32 | f32`: a row of the invocation's input record ([`Module::inputs`](super::Module::inputs)).
-            Input(u32),
-            /// `() -> i32`: a word that is the same in the whole dispatch ([`Environment::uniforms`](crate::environment::Environment::uniforms)).
-            Uniform(u32),
-            /// Image operations: operands and results at [`ImageOp`](crate::image::ImageOp).
-            Image(crate::image::ImageOp),
-            /// Subgroup operations: at [`SubgroupOp`].
-            Subgroup(SubgroupOp),
-            /// `() -> i32`: the lane's index in its subgroup, 0..16.
-            LaneIndex,
-            /// `(T) -> T`, T float: the difference between the two lanes of the quad that are side by side, second less first; 0 unless both are
-            /// active.
-            DerivativeX,
-            /// The same between the two lanes one above the other.
-            DerivativeY,
-            /// `() -> ()`: the lane becomes a helper invocation.
-            Demote,
-            /// `() -> i1`: whether the lane is a helper invocation now.
-            IsHelper,
-            /// `() -> i64`: a monotonic clock.
-            ReadClock,
-            /// `() -> ()`: orders memory between invocations (`OpMemoryBarrier`).
-            MemoryBarrier,
-            /// `(params…) -> (results…)`.
-            Call(FunctionId),
-            /// Yields. `(structure: 2 words, flags, cull_mask, sbt_offset, sbt_stride, miss_index, origin x y z, t_min, direction x y z, t_max,
-            /// payload…) -> (payload…)`: 15 words, then the payload's; each i32 or f32.
-            TraceRay,
-            /// `(t: f32, hit_kind: i32, attribute words…) -> i1`: whether the hit was accepted.
-            ReportIntersection,
-            /// `(index: i32, data words…) -> (data words…)`.
-            ExecuteCallable,
-            /// As `TraceRay`, with the time as the sixteenth word.
-            TraceRayMotion,
-            /// As `TraceRay`, but no closest-hit or miss shader runs: `(15 words, payload…) -> (16 words, payload…)`, the words of the hit object
-            /// that [`TRACED`](crate::hit_object::TRACED) lists.
-            HitObjectTraceRay,
-            /// As `HitObjectTraceRay`, with the time as the sixteenth word.
-            HitObjectTraceRayMotion,
-            /// Runs the closest-hit or miss shader of a hit object: `(hit object words, payload…) -> (payload…)`.
-            HitObjectExecute,
-            /// What the scheduler knows of a hit: `(9 words) -> (words…)`, see [`HitFact`](crate::hit_object::HitFact).
-            HitObjectGet(HitFact),
-            /// `(hint, bits, hit object's kind or ones, its record index) -> ()`: may move the lane to another subgroup.
-            ReorderThread,
-            /// `() -> ()`: waits for all invocations of the workgroup.
-            Barrier,
-            /// `(row: i32) -> i1`: advances the ray query whose object starts at that row of private memory, and rewrites the object; false
-            /// when the walk is over.
-            RayQueryProceed,
+            $(#[doc = stringify!($text)] $variant,)*
+            $($(#[$plain_doc])* $plain,)*
+            $($(#[$doc])* $with($($payload),*),)*
         }
 
         impl Op {
             /// The operation's name in the text form.
             pub fn text(&self) -> &'static str {
                 match self {
-                    $(Op::$variant => $text,)*
-                    Op::Const(_) => "const",
-                    Op::Select => "select",
-                    Op::FLdexp => "fldexp",
-                    Op::BitfieldInsert => "bitfield_insert",
-                    Op::BitfieldSExtract => "bitfield_sextract",
-                    Op::BitfieldUExtract => "bitfield_uextract",
-                    Op::Pack64 => "pack64",
-                    Op::Unpack64 => "unpack64",
-                    Op::VarLoad(..) => "var.load",
-                    Op::VarStore(..) => "var.store",
-                    Op::VarAddress(_) => "var.address",
-                    Op::Load(_) => "load",
-                    Op::Store(_) => "store",
-                    Op::Atomic(..) => "atomic",
-                    Op::BufferSize => "buffer_size",
-                    Op::Descriptor(_) => "descriptor",
-                    Op::DescriptorReference(_) => "descriptor_reference",
-                    Op::DescriptorAt => "descriptor_at",
-                    Op::PushConstants => "push_constants",
-                    Op::DescriptorAddress => "descriptor_address",
-                    Op::Input(_) => "input",
-                    Op::Uniform(_) => "uniform",
-                    Op::Image(_) => "image",
-                    Op::Subgroup(_) => "subgroup",
-                    Op::LaneIndex => "lane_index",
-                    Op::DerivativeX => "derivative_x",
-                    Op::DerivativeY => "derivative_y",
-                    Op::Demote => "demote",
-                    Op::IsHelper => "is_helper",
-                    Op::ReadClock => "read_clock",
-                    Op::MemoryBarrier => "memory_barrier",
-                    Op::Call(_) => "call",
-                    Op::TraceRay => "trace_ray",
-                    Op::ReportIntersection => "report_intersection",
-                    Op::ExecuteCallable => "execute_callable",
-                    Op::TraceRayMotion => "trace_ray_motion",
-                    Op::HitObjectTraceRay => "hit_object_trace_ray",
-                    Op::HitObjectTraceRayMotion => "hit_object_trace_ray_motion",
-                    Op::HitObjectExecute => "hit_object_execute",
-                    Op::HitObjectGet(fact) => fact.text(),
-                    Op::ReorderThread => "reorder_thread",
-                    Op::Barrier => "barrier",
-                    Op::RayQueryProceed => "ray_query_proceed",
+                    Op::TraceRay(trace) => return trace.text(),
+                    Op::HitObjectGet(fact) => return fact.text(),
+                    _ => {}
+                }
+                match self {
+                    $(Op::$variant => stringify!($text),)*
+                    $(Op::$plain => $plain_text,)*
+                    $(Op::$with(..) => $with_text,)*
                 }
             }
 
@@ -331,17 +333,28 @@ macro_rules! define_op {
                 }
             }
 
-            /// The elementwise operation of that name.
-            pub fn elementwise_from_text(text: &str) -> Option<Op> {
+            fn effect(&self) -> Effect {
+                match self {
+                    $(Op::$variant => Effect::Pure,)*
+                    $(Op::$plain => Effect::$plain_effect,)*
+                    $(Op::$with(..) => Effect::$effect,)*
+                }
+            }
+
+            /// The operation of that name, if the name says everything.
+            pub fn from_text(text: &str) -> Option<Op> {
+                let traces = Trace::ALL.map(Op::TraceRay).into_iter();
+                let facts = HitFact::ALL.iter().map(|&fact| Op::HitObjectGet(fact));
                 match text {
-                    $($text => Some(Op::$variant),)*
-                    _ => None,
+                    $(stringify!($text) => Some(Op::$variant),)*
+                    $($plain_text => Some(Op::$plain),)*
+                    _ => traces.chain(facts).find(|op| op.text() == text),
                 }
             }
         }
     };
 }
-elementwise_ops!(define_op);
+elementwise_ops!(define_ops);
 
 /// A memory access beyond its operands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -433,63 +446,22 @@ pub enum ReduceOp {
 impl Op {
     /// Suspends the wave.
     pub fn is_yield(&self) -> bool {
-        matches!(
-            self,
-            Op::TraceRay
-                | Op::ReportIntersection
-                | Op::ExecuteCallable
-                | Op::TraceRayMotion
-                | Op::HitObjectTraceRay
-                | Op::HitObjectTraceRayMotion
-                | Op::HitObjectExecute
-                | Op::HitObjectGet(_)
-                | Op::ReorderThread
-                | Op::Barrier
-                | Op::RayQueryProceed
-        )
+        self.effect() == Effect::Yield
     }
 
     /// Has no effect but its results and gives the same ones for the same operands anywhere in the invocation: may be
     /// merged, moved to a dominating place, computed in inactive lanes, or removed.
     pub fn is_pure(&self) -> bool {
-        self.signature() != Signature::Other
-            || matches!(
-                self,
-                Op::Const(_)
-                    | Op::Select
-                    | Op::FLdexp
-                    | Op::BitfieldInsert
-                    | Op::BitfieldSExtract
-                    | Op::BitfieldUExtract
-                    | Op::Pack64
-                    | Op::Unpack64
-                    | Op::VarAddress(_)
-                    | Op::Descriptor(_)
-                    | Op::DescriptorReference(_)
-                    | Op::DescriptorAt
-                    | Op::PushConstants
-                    | Op::Input(_)
-                    | Op::Uniform(_)
-            )
+        self.effect() == Effect::Pure
     }
 
     /// May be removed when no result is used: pure, or a read.
     pub fn is_removable(&self) -> bool {
-        self.is_pure()
-            || match self {
-                Op::VarLoad(..)
-                | Op::BufferSize
-                | Op::DescriptorAddress
-                | Op::LaneIndex
-                | Op::DerivativeX
-                | Op::DerivativeY
-                | Op::IsHelper
-                | Op::ReadClock
-                | Op::Subgroup(_) => true,
-                Op::Load(access) => !access.volatile,
-                Op::Image(op) => op.is_read(),
-                _ => false,
-            }
+        match self {
+            Op::Load(access) => !access.volatile,
+            Op::Image(op) => op.is_read(),
+            _ => matches!(self.effect(), Effect::Pure | Effect::Read),
+        }
     }
 
     /// How many operands are descriptors: the first ones. No other operation takes any.

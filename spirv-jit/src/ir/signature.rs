@@ -18,7 +18,10 @@ pub(super) fn check_operation(module: &Module, function: &Function, inst: &Inst)
     check_descriptors(&inst.op, &args, &results)?;
     let signature = inst.op.signature();
     if signature != Signature::Other {
-        return check_elementwise(&inst.op, signature, &args, &results);
+        return require(
+            results.len() == 1 && signature.fits(&args, results[0]),
+            "wrong operand or result types",
+        );
     }
     check_other(module, function, &inst.op, &args, &results)
 }
@@ -60,45 +63,32 @@ fn all_equal(types: &[Type]) -> bool {
     types.windows(2).all(|pair| pair[0] == pair[1])
 }
 
-fn check_elementwise(op: &Op, signature: Signature, args: &[Type], results: &[Type]) -> Checked {
-    let arity = match signature {
-        Signature::IntBinary
-        | Signature::IntCompare
-        | Signature::FloatBinary
-        | Signature::FloatCompare => 2,
-        Signature::FloatTernary => 3,
-        _ => 1,
-    };
-    require(args.len() == arity, "wrong number of operands")?;
-    require(results.len() == 1, "wrong number of results")?;
-    let (arg, result) = (args[0], results[0]);
-    let family = match signature {
-        Signature::IntUnary => is_int(arg) || *op == Op::Not,
-        Signature::IntBinary | Signature::IntCompare => !arg.is_float(),
-        _ => arg.is_float(),
-    };
-    match signature {
-        Signature::Convert => require(convertible(op, arg, result), "no such conversion"),
-        Signature::IntCompare | Signature::FloatCompare | Signature::FloatTest => require(
-            family && all_equal(args) && result == Type::I1,
-            "wrong types for a comparison",
-        ),
-        _ => require(
-            family && all_equal(args) && result == arg,
-            "wrong operand or result types",
-        ),
-    }
-}
-
-fn convertible(op: &Op, from: Type, to: Type) -> bool {
-    match op {
-        Op::FToS | Op::FToU => from.is_float() && is_int(to),
-        Op::SToF | Op::UToF => is_int(from) && to.is_float(),
-        Op::FConvert => from.is_float() && to.is_float(),
-        Op::SConvert | Op::UConvert => is_int(from) && is_int(to),
-        Op::Bitcast => from.bits() == to.bits(),
-        Op::FFrexpExponent => from.is_float() && to == Type::I32,
-        _ => false,
+impl Signature {
+    /// Whether a pure elementwise operation takes such operands to such a result.
+    pub fn fits(self, args: &[Type], result: Type) -> bool {
+        let (arity, family): (usize, fn(Type) -> bool) = match self {
+            Signature::BitsUnary => (1, |ty| !ty.is_float()),
+            Signature::BitsBinary | Signature::BitsCompare => (2, |ty| !ty.is_float()),
+            Signature::IntUnary | Signature::IntToFloat | Signature::IntToInt => (1, is_int),
+            Signature::IntBinary | Signature::IntCompare => (2, is_int),
+            Signature::FloatBinary | Signature::FloatCompare => (2, Type::is_float),
+            Signature::FloatTernary => (3, Type::is_float),
+            Signature::Bitcast => (1, |ty| ty != Type::I1),
+            Signature::Other => return false,
+            _ => (1, Type::is_float),
+        };
+        let given = match self {
+            Signature::BitsCompare
+            | Signature::IntCompare
+            | Signature::FloatCompare
+            | Signature::FloatTest => result == Type::I1,
+            Signature::FloatExponent => result == Type::I32,
+            Signature::FloatToInt | Signature::IntToInt => is_int(result),
+            Signature::IntToFloat | Signature::FloatToFloat => result.is_float(),
+            Signature::Bitcast => args.first().map(|ty| ty.bits()) == Some(result.bits()),
+            _ => args.first() == Some(&result),
+        };
+        args.len() == arity && all_equal(args) && family(args[0]) && given
     }
 }
 
@@ -224,13 +214,11 @@ fn check_other(
                 "results do not match the callee's",
             )
         }
-        Op::TraceRay => {
+        Op::TraceRay(trace) => {
+            let traced = if trace.to_hit_object { TRACED.len() } else { 0 };
+            words_only(args, results)?;
             require(
-                args.len() >= 15 && args.iter().chain(results).all(|&ty| is_word(ty)),
-                "needs 15 words and a payload of words",
-            )?;
-            require(
-                args.len() - 15 == results.len(),
+                args.len() >= trace.words() && args.len() - trace.words() + traced == results.len(),
                 "payload in and out differ",
             )
         }
@@ -251,24 +239,6 @@ fn check_other(
             require(
                 args.len() - 1 == results.len(),
                 "callable data in and out differ",
-            )
-        }
-        Op::TraceRayMotion => {
-            words_only(args, results)?;
-            require(
-                args.len() >= 16 && args.len() - 16 == results.len(),
-                "payload in and out differ",
-            )
-        }
-        Op::HitObjectTraceRay | Op::HitObjectTraceRayMotion => {
-            let fixed = match op {
-                Op::HitObjectTraceRay => 15,
-                _ => 16,
-            };
-            words_only(args, results)?;
-            require(
-                args.len() >= fixed && args.len() - fixed + TRACED.len() == results.len(),
-                "payload in and out differ",
             )
         }
         Op::HitObjectExecute => {

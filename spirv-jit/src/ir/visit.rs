@@ -1,7 +1,7 @@
 //! The one walk over the tree of bodies: every analysis and pass that looks at instructions goes by
 //! these.
 
-use super::{Body, Inst, Node, Terminator, Value};
+use super::{Body, Inst, Label, Node, Terminator, Value};
 
 impl Node {
     /// The bodies inside, in textual order.
@@ -39,6 +39,44 @@ impl Node {
             Node::Block { .. } => &[],
             Node::If { condition, .. } => std::slice::from_ref(condition),
             Node::Loop { init, .. } => init,
+        }
+    }
+
+    /// The values that it defines: results, or a loop's parameters.
+    pub fn definitions(&self) -> &[Value] {
+        match self {
+            Node::Inst(inst) => &inst.results,
+            Node::Block { results, .. } | Node::If { results, .. } => results,
+            Node::Loop { params, .. } => params,
+        }
+    }
+
+    /// A construct's label.
+    pub fn label(&self) -> Option<Label> {
+        match self {
+            Node::Inst(_) => None,
+            Node::Block { label, .. } | Node::If { label, .. } | Node::Loop { label, .. } => {
+                Some(*label)
+            }
+        }
+    }
+
+    /// As [`Self::definitions`].
+    pub fn definitions_mut(&mut self) -> &mut [Value] {
+        match self {
+            Node::Inst(inst) => &mut inst.results,
+            Node::Block { results, .. } | Node::If { results, .. } => results,
+            Node::Loop { params, .. } => params,
+        }
+    }
+
+    /// As [`Self::label`].
+    pub fn label_mut(&mut self) -> Option<&mut Label> {
+        match self {
+            Node::Inst(_) => None,
+            Node::Block { label, .. } | Node::If { label, .. } | Node::Loop { label, .. } => {
+                Some(label)
+            }
         }
     }
 
@@ -90,11 +128,29 @@ impl Body {
     }
 
     /// This body and those inside: each behind what is in it.
+    pub fn visit_bodies<'b>(&'b self, f: &mut impl FnMut(&'b Body)) {
+        for node in &self.nodes {
+            node.bodies().for_each(|body| body.visit_bodies(f));
+        }
+        f(self);
+    }
+
+    /// As [`Self::visit_bodies`].
     pub fn visit_bodies_mut(&mut self, f: &mut impl FnMut(&mut Body)) {
         for node in &mut self.nodes {
             node.bodies_mut().for_each(|body| body.visit_bodies_mut(f));
         }
         f(self);
+    }
+
+    /// As [`Self::visit_insts`].
+    pub fn visit_insts_mut(&mut self, f: &mut impl FnMut(&mut Inst)) {
+        for node in &mut self.nodes {
+            if let Node::Inst(inst) = node {
+                f(inst);
+            }
+            node.bodies_mut().for_each(|body| body.visit_insts_mut(f));
+        }
     }
 
     /// All operands of this body and of those inside: of nodes and of terminators.

@@ -297,20 +297,6 @@ impl Builder {
         let types = &types[..args.len().min(4)];
         let int = |ty: Type| !ty.is_float();
         let ok = match op.signature() {
-            Signature::IntUnary => types[..] == [result] && int(result),
-            Signature::IntBinary => types[..] == [result, result] && int(result),
-            Signature::IntCompare => {
-                result == Type::I1 && types.len() == 2 && types[0] == types[1] && int(types[0])
-            }
-            Signature::FloatUnary => types[..] == [result] && result.is_float(),
-            Signature::FloatBinary => types[..] == [result; 2] && result.is_float(),
-            Signature::FloatTernary => types[..] == [result; 3] && result.is_float(),
-            Signature::FloatCompare => {
-                let same = types.len() == 2 && types[0] == types[1];
-                result == Type::I1 && same && types[0].is_float()
-            }
-            Signature::FloatTest => result == Type::I1 && types.len() == 1 && types[0].is_float(),
-            Signature::Convert => types.len() == 1 && converts(op, types[0], result),
             Signature::Other => match op {
                 Op::Select => types[..] == [Type::I1, result, result],
                 Op::FLdexp => types[..] == [result, Type::I32] && result.is_float(),
@@ -323,6 +309,7 @@ impl Builder {
                 Op::Pack64 => types[..] == [Type::I32, Type::I32] && result.bits() == 64,
                 _ => true,
             },
+            signature => signature.fits(types, result),
         };
         if ok {
             return Ok(());
@@ -431,19 +418,5 @@ impl Builder {
     ) -> Result<(), Error> {
         let args: SmallVec<[Value; 8]> = address.iter().chain(values).copied().collect();
         self.emit_effect(Op::Store(access), &args)
-    }
-}
-
-/// Whether a conversion exists between two types.
-fn converts(op: &Op, from: Type, to: Type) -> bool {
-    let int = |ty: Type| !ty.is_float() && ty != Type::I1;
-    match op {
-        Op::FToS | Op::FToU => from.is_float() && int(to),
-        Op::SToF | Op::UToF => int(from) && to.is_float(),
-        Op::FConvert => from.is_float() && to.is_float(),
-        Op::SConvert | Op::UConvert => int(from) && int(to),
-        Op::Bitcast => from.bits() == to.bits() && from != Type::I1 && to != Type::I1,
-        Op::FFrexpExponent => from.is_float() && to == Type::I32,
-        _ => false,
     }
 }

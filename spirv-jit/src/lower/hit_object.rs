@@ -258,12 +258,13 @@ impl Lowerer<'_> {
     ) -> Result<(), Error> {
         let mut words = self.ray_words(operands)?;
         let ray = words.clone();
-        let (op, time) = if motion {
+        let op = ir::Op::TraceRay(ir::op::Trace::new(true, motion));
+        let time = if motion {
             let time = self.ray_time(operands[10])?;
             words.push(time);
-            (ir::Op::HitObjectTraceRayMotion, time)
+            time
         } else {
-            (ir::Op::HitObjectTraceRay, self.b.f32(0.0))
+            self.b.f32(0.0)
         };
         let payload = self.pointer(operands[10 + usize::from(motion)])?;
         let types = self.types.leaves(payload.pointee)?;

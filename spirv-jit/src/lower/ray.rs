@@ -5,6 +5,7 @@ use smallvec::SmallVec;
 
 use super::Lowerer;
 use crate::Error;
+use crate::ir::op::Trace;
 use crate::ir::{self, Type, Value};
 use crate::parse::{Id, Instruction};
 
@@ -18,7 +19,7 @@ impl Lowerer<'_> {
                     Op::TraceNV => self.payload_at(operands[10])?,
                     _ => operands[10],
                 };
-                self.call_out(ir::Op::TraceRay, words, payload)
+                self.call_out(ir::Op::TraceRay(Trace::new(false, false)), words, payload)
             }
             Op::TraceRayMotionNV | Op::TraceMotionNV => {
                 let mut words = self.ray_words(operands)?;
@@ -27,7 +28,7 @@ impl Lowerer<'_> {
                     Op::TraceMotionNV => self.payload_at(operands[11])?,
                     _ => operands[11],
                 };
-                self.call_out(ir::Op::TraceRayMotion, words, payload)
+                self.call_out(ir::Op::TraceRay(Trace::new(false, true)), words, payload)
             }
             Op::ExecuteCallableKHR | Op::ExecuteCallableNV => {
                 let index = self.word(operands[0])?;

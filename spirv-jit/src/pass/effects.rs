@@ -70,25 +70,16 @@ pub fn find_effects(body: &Body, labels: u32) -> Vec<Effects> {
 fn effects_of_body(body: &Body, by_label: &mut [Effects]) -> Effects {
     let mut effects = Effects::default();
     for node in &body.nodes {
-        let (label, inside) = match node {
-            Node::Inst(inst) => {
-                effects.add(Effects::of(&inst.op));
-                continue;
-            }
-            Node::Block { label, body, .. } | Node::Loop { label, body, .. } => {
-                (label, effects_of_body(body, by_label))
-            }
-            Node::If {
-                label,
-                then_body,
-                else_body,
-                ..
-            } => {
-                let mut inside = effects_of_body(then_body, by_label);
-                inside.add(effects_of_body(else_body, by_label));
-                (label, inside)
-            }
+        if let Node::Inst(inst) = node {
+            effects.add(Effects::of(&inst.op));
+        }
+        let Some(label) = node.label() else {
+            continue;
         };
+        let mut inside = Effects::default();
+        for body in node.bodies() {
+            inside.add(effects_of_body(body, by_label));
+        }
         by_label[label.index()] = inside;
         effects.add(inside);
     }

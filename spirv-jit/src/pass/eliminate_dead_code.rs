@@ -17,30 +17,13 @@ pub fn eliminate_dead_code(function: &mut Function) {
         &|value| !live[value.index()],
         &|inst| inst.results.iter().any(|value| live[value.index()]) || rows.keeps(inst),
     );
-    narrow_loads(&mut function.body, &live);
-}
-
-/// Loads end with the last scalar that is used.
-fn narrow_loads(body: &mut Body, live: &[bool]) {
-    for node in &mut body.nodes {
-        match node {
-            Node::Inst(inst) => {
-                if matches!(inst.op, Op::Load(access) if !access.volatile) {
-                    let used = inst.results.iter().rposition(|value| live[value.index()]);
-                    inst.results.truncate(used.map_or(1, |last| last + 1));
-                }
-            }
-            Node::Block { body, .. } | Node::Loop { body, .. } => narrow_loads(body, live),
-            Node::If {
-                then_body,
-                else_body,
-                ..
-            } => {
-                narrow_loads(then_body, live);
-                narrow_loads(else_body, live);
-            }
+    // Loads end with the last scalar that is used.
+    function.body.visit_insts_mut(&mut |inst| {
+        if matches!(inst.op, Op::Load(access) if !access.volatile) {
+            let used = inst.results.iter().rposition(|value| live[value.index()]);
+            inst.results.truncate(used.map_or(1, |last| last + 1));
         }
-    }
+    });
 }
 
 /// Rows of variables that are read, at fixed places or through an address.
@@ -61,38 +44,23 @@ impl ReadRows {
         if let Some(index) = RowIndex::new(function, |_| true) {
             rows.fixed.resize(index.count, false);
             if index.count > 0 {
-                rows.collect(function, &function.body, &index);
+                rows.collect(function, &index);
             }
             rows.index = Some(index);
         }
         rows
     }
 
-    fn collect(&mut self, function: &Function, body: &Body, index: &RowIndex) {
-        for node in &body.nodes {
-            match node {
-                Node::Inst(inst) => match inst.op {
-                    Op::VarLoad(variable, row) => {
-                        let at = index.place(variable, row);
-                        let rows = function.ty(inst.results[0]).rows() as usize;
-                        self.fixed[at..at + rows].fill(true);
-                    }
-                    Op::VarAddress(variable) => self.addressed[variable.index()] = true,
-                    _ => {}
-                },
-                Node::Block { body, .. } | Node::Loop { body, .. } => {
-                    self.collect(function, body, index);
-                }
-                Node::If {
-                    then_body,
-                    else_body,
-                    ..
-                } => {
-                    self.collect(function, then_body, index);
-                    self.collect(function, else_body, index);
-                }
+    fn collect(&mut self, function: &Function, index: &RowIndex) {
+        function.body.visit_insts(&mut |inst| match inst.op {
+            Op::VarLoad(variable, row) => {
+                let at = index.place(variable, row);
+                let rows = function.ty(inst.results[0]).rows() as usize;
+                self.fixed[at..at + rows].fill(true);
             }
-        }
+            Op::VarAddress(variable) => self.addressed[variable.index()] = true,
+            _ => {}
+        });
     }
 
     /// Whether an instruction has an effect apart from its results.
@@ -145,44 +113,20 @@ impl UseGraph {
 
     fn add_body(&mut self, body: &Body, keeps: &dyn Fn(&Inst) -> bool) {
         for node in &body.nodes {
+            if let Some(label) = node.label() {
+                self.taken[label.index()] = node.definitions().to_vec();
+            }
             match node {
                 Node::Inst(inst) => self.add_inst(inst, keeps(inst)),
-                Node::Block {
-                    label,
-                    results,
-                    body,
-                } => {
-                    self.taken[label.index()].clone_from(results);
-                    self.add_body(body, keeps);
-                }
-                Node::If {
-                    condition,
-                    label,
-                    results,
-                    then_body,
-                    else_body,
-                } => {
-                    self.roots.push(*condition);
-                    self.taken[label.index()].clone_from(results);
-                    self.add_body(then_body, keeps);
-                    self.add_body(else_body, keeps);
-                }
-                Node::Loop {
-                    label,
-                    params,
-                    init,
-                    body,
-                } => {
-                    self.taken[label.index()].clone_from(params);
-                    self.add_passed(label.index(), init);
-                    self.add_body(body, keeps);
-                }
+                Node::Block { .. } => {}
+                Node::If { condition, .. } => self.roots.push(*condition),
+                Node::Loop { label, init, .. } => self.add_passed(label.index(), init),
             }
+            node.bodies().for_each(|body| self.add_body(body, keeps));
         }
         match &body.end {
             Terminator::Br(label, args) => self.add_passed(label.index(), args),
-            Terminator::Return(args) | Terminator::End(args) => self.roots.extend(args),
-            Terminator::Unreachable => {}
+            end => self.roots.extend(end.operands()),
         }
     }
 
@@ -227,24 +171,28 @@ pub fn eliminate_unused_tables(module: &mut Module) {
     let mut used_inputs = vec![false; module.inputs.len()];
     for function in &mut module.functions {
         let mut used_variables = vec![false; function.variables.len()];
-        visit_ops(&mut function.body, &mut |op| match op {
-            Op::Input(index) => used_inputs[*index as usize] = true,
-            Op::VarLoad(variable, _) | Op::VarStore(variable, _) | Op::VarAddress(variable) => {
-                used_variables[variable.index()] = true;
-            }
-            _ => {}
-        });
+        function
+            .body
+            .visit_insts_mut(&mut |Inst { op, .. }| match op {
+                Op::Input(index) => used_inputs[*index as usize] = true,
+                Op::VarLoad(variable, _) | Op::VarStore(variable, _) | Op::VarAddress(variable) => {
+                    used_variables[variable.index()] = true;
+                }
+                _ => {}
+            });
         let numbers = keep_used(&mut function.variables, &used_variables);
-        visit_ops(&mut function.body, &mut |op| match op {
-            Op::VarLoad(variable, _) | Op::VarStore(variable, _) | Op::VarAddress(variable) => {
-                variable.0 = numbers[variable.index()];
-            }
-            _ => {}
-        });
+        function
+            .body
+            .visit_insts_mut(&mut |Inst { op, .. }| match op {
+                Op::VarLoad(variable, _) | Op::VarStore(variable, _) | Op::VarAddress(variable) => {
+                    variable.0 = numbers[variable.index()];
+                }
+                _ => {}
+            });
     }
     let numbers = keep_used(&mut module.inputs, &used_inputs);
     for function in &mut module.functions {
-        visit_ops(&mut function.body, &mut |op| {
+        function.body.visit_insts_mut(&mut |Inst { op, .. }| {
             if let Op::Input(index) = op {
                 *index = numbers[*index as usize];
             }
@@ -258,11 +206,13 @@ fn eliminate_unused_functions(module: &mut Module) {
     let mut work = vec![0];
     while let Some(index) = work.pop() {
         if !std::mem::replace(&mut used[index], true) {
-            visit_ops(&mut module.functions[index].body, &mut |op| {
-                if let Op::Call(callee) = op {
-                    work.push(callee.index());
-                }
-            });
+            module.functions[index]
+                .body
+                .visit_insts_mut(&mut |Inst { op, .. }| {
+                    if let Op::Call(callee) = op {
+                        work.push(callee.index());
+                    }
+                });
         }
     }
     if used.iter().all(|&used| used) {
@@ -270,7 +220,7 @@ fn eliminate_unused_functions(module: &mut Module) {
     }
     let numbers = keep_used(&mut module.functions, &used);
     for function in &mut module.functions {
-        visit_ops(&mut function.body, &mut |op| {
+        function.body.visit_insts_mut(&mut |Inst { op, .. }| {
             if let Op::Call(callee) = op {
                 *callee = FunctionId(numbers[callee.index()]);
             }
@@ -289,21 +239,4 @@ fn keep_used<T>(items: &mut Vec<T>, used: &[bool]) -> Vec<u32> {
     let mut marks = used.iter();
     items.retain(|_| *marks.next().expect("as many marks as items"));
     numbers
-}
-
-fn visit_ops(body: &mut Body, visit: &mut dyn FnMut(&mut Op)) {
-    for node in &mut body.nodes {
-        match node {
-            Node::Inst(inst) => visit(&mut inst.op),
-            Node::Block { body, .. } | Node::Loop { body, .. } => visit_ops(body, visit),
-            Node::If {
-                then_body,
-                else_body,
-                ..
-            } => {
-                visit_ops(then_body, visit);
-                visit_ops(else_body, visit);
-            }
-        }
-    }
 }

@@ -1,6 +1,6 @@
 //! What a module has, by which passes are left out that would find nothing to do.
 
-use crate::ir::{Body, Module, Node, Op};
+use crate::ir::{Module, Node, Op};
 
 /// What occurs in some function.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -17,33 +17,16 @@ impl Features {
     pub fn of(module: &Module) -> Self {
         let mut features = Self::default();
         for function in &module.functions {
-            features.add(&function.body);
-        }
-        features
-    }
-
-    fn add(&mut self, body: &Body) {
-        for node in &body.nodes {
-            match node {
+            function.body.visit(&mut |node| match node {
                 Node::Inst(inst) => match inst.op {
-                    Op::VarAddress(_) => self.addresses = true,
-                    Op::VarLoad(..) | Op::VarStore(..) => self.variables = true,
+                    Op::VarAddress(_) => features.addresses = true,
+                    Op::VarLoad(..) | Op::VarStore(..) => features.variables = true,
                     _ => {}
                 },
-                Node::Block { body, .. } => self.add(body),
-                Node::Loop { body, .. } => {
-                    self.loops = true;
-                    self.add(body);
-                }
-                Node::If {
-                    then_body,
-                    else_body,
-                    ..
-                } => {
-                    self.add(then_body);
-                    self.add(else_body);
-                }
-            }
+                Node::Loop { .. } => features.loops = true,
+                _ => {}
+            });
         }
+        features
     }
 }

@@ -33,24 +33,14 @@ struct Resolver<'a> {
 impl Resolver<'_> {
     fn walk(&mut self, body: &mut Body) {
         edit_nodes(&mut body.nodes, |node, before| {
-            match node {
-                Node::Inst(inst) => {
-                    self.learn(inst);
-                    if let Some(resolved) = self.resolve(inst) {
-                        before.extend(resolved.into_iter().map(Node::Inst));
-                        return false;
-                    }
-                }
-                Node::Block { body, .. } | Node::Loop { body, .. } => self.walk(body),
-                Node::If {
-                    then_body,
-                    else_body,
-                    ..
-                } => {
-                    self.walk(then_body);
-                    self.walk(else_body);
+            if let Node::Inst(inst) = node {
+                self.learn(inst);
+                if let Some(resolved) = self.resolve(inst) {
+                    before.extend(resolved.into_iter().map(Node::Inst));
+                    return false;
                 }
             }
+            node.bodies_mut().for_each(|body| self.walk(body));
             true
         });
     }

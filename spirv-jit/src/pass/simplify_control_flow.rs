@@ -47,27 +47,11 @@ enum Flow {
 impl Simplifier {
     /// Adds the `br`s of a body to the counts, or takes them away.
     fn count_branches(&mut self, body: &Body, step: i32) {
-        for node in &body.nodes {
-            self.count_branches_of(node, step);
-        }
-        if let Terminator::Br(label, _) = body.end {
-            self.branches[label.index()] += step;
-        }
-    }
-
-    fn count_branches_of(&mut self, node: &Node, step: i32) {
-        match node {
-            Node::Inst(_) => {}
-            Node::Block { body, .. } | Node::Loop { body, .. } => self.count_branches(body, step),
-            Node::If {
-                then_body,
-                else_body,
-                ..
-            } => {
-                self.count_branches(then_body, step);
-                self.count_branches(else_body, step);
+        body.visit_bodies(&mut |body| {
+            if let Terminator::Br(label, _) = body.end {
+                self.branches[label.index()] += step;
             }
-        }
+        });
     }
 
     fn is_left(&self, label: Label) -> bool {
@@ -91,7 +75,7 @@ impl Simplifier {
                 continue;
             };
             for node in nodes {
-                self.count_branches_of(&node, -1);
+                (node.bodies()).for_each(|body| self.count_branches(body, -1));
             }
             if let Terminator::Br(label, _) = body.end {
                 self.branches[label.index()] -= 1;

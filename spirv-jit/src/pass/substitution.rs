@@ -45,12 +45,7 @@ impl Substitution {
     }
 
     pub fn resolve_terminator(&self, end: &mut Terminator) {
-        match end {
-            Terminator::Br(_, args) | Terminator::Return(args) | Terminator::End(args) => {
-                self.resolve_all(args);
-            }
-            Terminator::Unreachable => {}
-        }
+        self.resolve_all(end.operands_mut());
     }
 }
 

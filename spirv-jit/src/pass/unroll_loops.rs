@@ -47,16 +47,9 @@ pub fn unroll_loops(function: &mut Function) -> bool {
     unrolled
 }
 
+/// Nodes and terminators.
 fn count_nodes(body: &Body) -> usize {
-    let of_node = |node: &Node| match node {
-        Node::Inst(_) => 1,
-        Node::Block { body, .. } | Node::Loop { body, .. } => 1 + count_nodes(body),
-        Node::If {
-            then_body,
-            else_body,
-            ..
-        } => 1 + count_nodes(then_body) + count_nodes(else_body),
-    };
+    let of_node = |node: &Node| 1 + node.bodies().map(count_nodes).sum::<usize>();
     body.nodes.iter().map(of_node).sum::<usize>() + 1
 }
 
@@ -85,14 +78,8 @@ impl Unroller<'_> {
         for (index, node) in body.nodes.iter_mut().enumerate() {
             match node {
                 Node::Inst(inst) => self.learn(inst),
-                Node::Block { body, .. } => self.walk(body),
-                Node::If {
-                    then_body,
-                    else_body,
-                    ..
-                } => {
-                    self.walk(then_body);
-                    self.walk(else_body);
+                Node::Block { .. } | Node::If { .. } => {
+                    node.bodies_mut().for_each(|body| self.walk(body));
                 }
                 Node::Loop {
                     label,
@@ -195,20 +182,8 @@ impl Unroller<'_> {
         body: &Body,
         step: &mut Option<u64>,
     ) -> bool {
-        let inside = body.nodes.iter().all(|node| match node {
-            Node::Inst(_) => true,
-            Node::Block { body, .. } | Node::Loop { body, .. } => {
-                self.find_step(label, index, counter, body, step)
-            }
-            Node::If {
-                then_body,
-                else_body,
-                ..
-            } => {
-                self.find_step(label, index, counter, then_body, step)
-                    && self.find_step(label, index, counter, else_body, step)
-            }
-        });
+        let inside = (body.nodes.iter().flat_map(Node::bodies))
+            .all(|body| self.find_step(label, index, counter, body, step));
         match &body.end {
             Terminator::Br(target, args) if *target == label => {
                 match self.sums.get(args[index].index()).copied().flatten() {
@@ -296,20 +271,11 @@ impl Unroller<'_> {
     /// Constants and sums in copies, for the loops around.
     fn learn_copies(&mut self, nodes: &[Node]) {
         for node in nodes {
-            match node {
-                Node::Inst(inst) => self.learn(inst),
-                Node::Block { body, .. } | Node::Loop { body, .. } => {
-                    self.learn_copies(&body.nodes);
-                }
-                Node::If {
-                    then_body,
-                    else_body,
-                    ..
-                } => {
-                    self.learn_copies(&then_body.nodes);
-                    self.learn_copies(&else_body.nodes);
-                }
+            if let Node::Inst(inst) = node {
+                self.learn(inst);
             }
+            node.bodies()
+                .for_each(|body| self.learn_copies(&body.nodes));
         }
     }
 }
@@ -358,54 +324,14 @@ fn find_exit(label: Label, body: &Body) -> Option<Exit<'_>> {
 
 /// Whether a body has a `br` to one of the labels.
 fn reaches(body: &Body, labels: &[Label]) -> bool {
-    let inside = body.nodes.iter().any(|node| match node {
-        Node::Inst(_) => false,
-        Node::Block { body, .. } | Node::Loop { body, .. } => reaches(body, labels),
-        Node::If {
-            then_body,
-            else_body,
-            ..
-        } => reaches(then_body, labels) || reaches(else_body, labels),
-    });
+    let inside = (body.nodes.iter().flat_map(Node::bodies)).any(|body| reaches(body, labels));
     inside || matches!(&body.end, Terminator::Br(label, _) if labels.contains(label))
 }
 
 /// Values and labels that a body defines.
 fn list_definitions(body: &Body, values: &mut Vec<Value>, labels: &mut Vec<Label>) {
-    for node in &body.nodes {
-        match node {
-            Node::Inst(inst) => values.extend(&inst.results),
-            Node::Block {
-                label,
-                results,
-                body,
-            } => {
-                labels.push(*label);
-                values.extend(results);
-                list_definitions(body, values, labels);
-            }
-            Node::If {
-                label,
-                results,
-                then_body,
-                else_body,
-                ..
-            } => {
-                labels.push(*label);
-                values.extend(results);
-                list_definitions(then_body, values, labels);
-                list_definitions(else_body, values, labels);
-            }
-            Node::Loop {
-                label,
-                params,
-                body,
-                ..
-            } => {
-                labels.push(*label);
-                values.extend(params);
-                list_definitions(body, values, labels);
-            }
-        }
-    }
+    body.visit(&mut |node| {
+        values.extend(node.definitions());
+        labels.extend(node.label());
+    });
 }

@@ -230,7 +230,9 @@ impl Walk<'_> {
 fn shares_rows(inst: &Inst) -> bool {
     matches!(
         inst.op.signature(),
-        Signature::IntUnary
+        Signature::BitsUnary
+            | Signature::BitsBinary
+            | Signature::IntUnary
             | Signature::IntBinary
             | Signature::FloatUnary
             | Signature::FloatBinary

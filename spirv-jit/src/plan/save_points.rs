@@ -102,17 +102,18 @@ impl Site {
         let payload_words = inst.results.len() as u32;
         let data = Answer::Rows(IO_DATA_ROW);
         let (fixed, kind, answer) = match inst.op {
-            Op::TraceRay => (15, SiteKind::TraceRay { payload_words }, data),
-            Op::TraceRayMotion => (16, SiteKind::TraceRayMotion { payload_words }, data),
-            Op::HitObjectTraceRay => {
-                let payload_words = (inst.args.len() - 15) as u32;
-                let kind = SiteKind::HitObjectTraceRay { payload_words };
-                (15, kind, Answer::Rows(0))
-            }
-            Op::HitObjectTraceRayMotion => {
-                let payload_words = (inst.args.len() - 16) as u32;
-                let kind = SiteKind::HitObjectTraceRayMotion { payload_words };
-                (16, kind, Answer::Rows(0))
+            Op::TraceRay(trace) => {
+                let payload_words = (inst.args.len() - trace.words()) as u32;
+                let kind = SiteKind::TraceRay {
+                    trace,
+                    payload_words,
+                };
+                let answer = if trace.to_hit_object {
+                    Answer::Rows(0)
+                } else {
+                    data
+                };
+                (trace.words(), kind, answer)
             }
             Op::HitObjectExecute => (16, SiteKind::HitObjectExecute { payload_words }, data),
             Op::HitObjectGet(fact) => (9, SiteKind::HitObjectGet { fact }, Answer::Rows(0)),

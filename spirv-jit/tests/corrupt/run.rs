@@ -144,13 +144,15 @@ pub fn run(program: &Program, random: &mut Random, margin: usize) {
 /// The `io` rows that a site's answer has.
 fn answer_rows(site: SiteKind) -> std::iter::Chain<std::ops::Range<usize>, std::ops::Range<usize>> {
     let (first, data) = match site {
-        SiteKind::TraceRay { payload_words } | SiteKind::TraceRayMotion { payload_words } => {
-            (0, payload_words)
-        }
+        SiteKind::TraceRay {
+            trace,
+            payload_words,
+        } => match trace.to_hit_object {
+            true => (IO_DATA_ROW, payload_words),
+            false => (0, payload_words),
+        },
         SiteKind::HitObjectExecute { payload_words } => (0, payload_words),
         SiteKind::ExecuteCallable { data_words } => (0, data_words),
-        SiteKind::HitObjectTraceRay { payload_words }
-        | SiteKind::HitObjectTraceRayMotion { payload_words } => (IO_DATA_ROW, payload_words),
         SiteKind::HitObjectGet { fact } => (fact.words(), 0),
         SiteKind::ReportIntersection { .. } | SiteKind::RayQueryProceed => (1, 0),
         SiteKind::ReorderThread | SiteKind::Barrier => (0, 0),

@@ -198,10 +198,16 @@ fn answer(program: &Program, kind: SiteKind, state: &mut [AlignedRow], digests: 
     let io = program.layout().io;
     let data = |count: u32| IO_DATA_ROW..IO_DATA_ROW + count as usize;
     let (rows, results): (Vec<usize>, Vec<usize>) = match kind {
-        SiteKind::TraceRay { payload_words } => (
-            (0..15).chain(data(payload_words)).collect(),
-            data(payload_words).collect(),
-        ),
+        SiteKind::TraceRay {
+            trace,
+            payload_words,
+        } => {
+            let traced = if trace.to_hit_object { 0..16 } else { 0..0 };
+            (
+                (0..trace.words()).chain(data(payload_words)).collect(),
+                traced.chain(data(payload_words)).collect(),
+            )
+        }
         SiteKind::ExecuteCallable { data_words } => (
             (0..1).chain(data(data_words)).collect(),
             data(data_words).collect(),
@@ -209,18 +215,6 @@ fn answer(program: &Program, kind: SiteKind, state: &mut [AlignedRow], digests: 
         SiteKind::ReportIntersection { attribute_words } => {
             ((0..2).chain(data(attribute_words)).collect(), vec![0])
         }
-        SiteKind::TraceRayMotion { payload_words } => (
-            (0..16).chain(data(payload_words)).collect(),
-            data(payload_words).collect(),
-        ),
-        SiteKind::HitObjectTraceRayMotion { payload_words } => (
-            (0..16).chain(data(payload_words)).collect(),
-            (0..16).chain(data(payload_words)).collect(),
-        ),
-        SiteKind::HitObjectTraceRay { payload_words } => (
-            (0..15).chain(data(payload_words)).collect(),
-            (0..16).chain(data(payload_words)).collect(),
-        ),
         SiteKind::HitObjectExecute { payload_words } => (
             (0..16).chain(data(payload_words + 11)).collect(),
             data(payload_words).collect(),

@@ -6,7 +6,7 @@ mod operations;
 mod shared;
 
 use spirv_jit::environment::reference;
-use spirv_jit::ir::op::{Access, DescriptorBinding};
+use spirv_jit::ir::op::{Access, DescriptorBinding, Trace};
 use spirv_jit::ir::{
     Body, Function, FunctionId, InputRow, Inst, Label, Module, Node, Op, Space, Terminator, Type,
     Value, Variable, VariableId,
@@ -619,7 +619,12 @@ impl Generator<'_> {
             }
             _ => {
                 let words: Vec<Value> = (0..17).map(|_| self.word(nodes)).collect();
-                let values = self.emit(Op::TraceRay, &words, &[Type::I32, Type::F32], nodes);
+                let values = self.emit(
+                    Op::TraceRay(Trace::new(false, false)),
+                    &words,
+                    &[Type::I32, Type::F32],
+                    nodes,
+                );
                 self.visible.extend(values);
             }
         }

@@ -6,7 +6,7 @@ use spirv_jit::ir::{Node, Op, Type, Value};
 use super::{Generator, Random};
 
 macro_rules! list_ops {
-    ($(($variant:ident, $text:literal, $signature:ident))*) => {
+    ($(($variant:ident, $text:ident, $signature:ident))*) => {
         const ELEMENTWISE: &[Op] = &[$(Op::$variant),*];
     };
 }
@@ -76,9 +76,10 @@ impl Generator<'_> {
         let int = INTEGERS[self.random.below(INTEGERS.len())];
         let float = FLOATS[self.random.below(FLOATS.len())];
         let bits = if self.random.one_in(4) { Type::I1 } else { int };
-        let bitwise = matches!(op, Op::And | Op::Or | Op::Xor | Op::Not | Op::IEq | Op::INe);
-        let int = if bitwise { bits } else { int };
         let (types, result): (&[Type], Type) = match op.signature() {
+            Signature::BitsUnary => (&[bits], bits),
+            Signature::BitsBinary => (&[bits, bits], bits),
+            Signature::BitsCompare => (&[bits, bits], Type::I1),
             Signature::IntUnary => (&[int], int),
             Signature::IntBinary => (&[int, int], int),
             Signature::IntCompare => (&[int, int], Type::I1),
@@ -87,7 +88,7 @@ impl Generator<'_> {
             Signature::FloatTernary => (&[float, float, float], float),
             Signature::FloatCompare => (&[float, float], Type::I1),
             Signature::FloatTest => (&[float], Type::I1),
-            Signature::Convert | Signature::Other => return self.conversion(op, nodes),
+            _ => return self.conversion(op, nodes),
         };
         let mut args: Vec<Value> = types.iter().map(|&ty| self.pick(ty, nodes)).collect();
         // Most rules look at a constant on one side.

@@ -104,118 +104,81 @@ pub(in crate::interp) fn elementwise(
     }
 }
 
-fn in_tier<T: Tier>(op: &Op, from: Type, to: Type) -> Option<Handler> {
+/// The kernel of a row of the table, by its signature.
+macro_rules! kernel {
+    ($t:ident $from:ident $to:ident $name:ident BitsUnary) => {
+        by_mask!($t, $to, |X| Map1<ops::$name, X, X>)
+    };
+    ($t:ident $from:ident $to:ident $name:ident BitsBinary) => {
+        by_mask!($t, $to, |X| Map2<ops::$name, X, X, X>)
+    };
+    ($t:ident $from:ident $to:ident $name:ident BitsCompare) => {
+        by_bits!($t, $from, |X| Map2<ops::$name, X, X, bool>)
+    };
+    ($t:ident $from:ident $to:ident $name:ident IntUnary) => {
+        by_int!($t, $to, |X| Map1<ops::$name, X, X>)
+    };
+    ($t:ident $from:ident $to:ident $name:ident IntBinary) => {
+        by_int!($t, $to, |X| Map2<ops::$name, X, X, X>)
+    };
+    ($t:ident $from:ident $to:ident $name:ident IntCompare) => {
+        by_int!($t, $from, |X| Map2<ops::$name, X, X, bool>)
+    };
+    ($t:ident $from:ident $to:ident $name:ident FloatUnary) => {
+        by_float!($t, $to, |X| Map1<ops::$name, X, X>)
+    };
+    ($t:ident $from:ident $to:ident $name:ident FloatBinary) => {
+        by_float!($t, $to, |X| Map2<ops::$name, X, X, X>)
+    };
+    ($t:ident $from:ident $to:ident $name:ident FloatTernary) => {
+        by_float!($t, $to, |X| Map3<ops::$name, X, X, X, X>)
+    };
+    ($t:ident $from:ident $to:ident $name:ident FloatCompare) => {
+        by_float!($t, $from, |X| Map2<ops::$name, X, X, bool>)
+    };
+    ($t:ident $from:ident $to:ident $name:ident FloatTest) => {
+        by_float!($t, $from, |X| Map1<ops::$name, X, bool>)
+    };
+    ($t:ident $from:ident $to:ident $name:ident FloatExponent) => {
+        by_float!($t, $from, |X| Map1<ops::$name, X, u32>)
+    };
+    ($t:ident $from:ident $to:ident $name:ident FloatToInt) => {
+        return float_to_int::<$t, ops::$name>($from, $to)
+    };
+    ($t:ident $from:ident $to:ident $name:ident IntToFloat) => {
+        return int_to_float::<$t, ops::$name>($from, $to)
+    };
+    ($t:ident $from:ident $to:ident $name:ident FloatToFloat) => {
+        return convert_float::<$t>($from, $to)
+    };
+    ($t:ident $from:ident $to:ident $name:ident IntToInt) => {
+        return convert_int::<$t, ops::$name>($from, $to)
+    };
+    ($t:ident $from:ident $to:ident $name:ident Bitcast) => {
+        match $to.rows() {
+            1 => $t::handler::<Map1<ops::$name, u32, u32>>(),
+            _ => $t::handler::<Map1<ops::$name, u64, u64>>(),
+        }
+    };
+}
+
+macro_rules! define_in_tier {
+    ($(($variant:ident, $name:ident, $signature:ident))*) => {
+        fn in_tier<T: Tier>(op: &Op, from: Type, to: Type) -> Option<Handler> {
+            Some(match op {
+                Op::FRem if to == Type::F32 => T::handler::<Remainder<ops::frem>>(),
+                Op::FMod if to == Type::F32 => T::handler::<Remainder<ops::fmod>>(),
+                $(Op::$variant => kernel!(T from to $name $signature),)*
+                _ => return other::<T>(op, to),
+            })
+        }
+    };
+}
+crate::elementwise_ops!(define_in_tier);
+
+/// Pure operations whose operands are of several types.
+fn other<T: Tier>(op: &Op, to: Type) -> Option<Handler> {
     Some(match op {
-        Op::IAdd => by_int!(T, to, |X| Map2<ops::iadd, X, X, X>),
-        Op::ISub => by_int!(T, to, |X| Map2<ops::isub, X, X, X>),
-        Op::IMul => by_int!(T, to, |X| Map2<ops::imul, X, X, X>),
-        Op::UMulHi => by_int!(T, to, |X| Map2<ops::umul_hi, X, X, X>),
-        Op::SMulHi => by_int!(T, to, |X| Map2<ops::smul_hi, X, X, X>),
-        Op::UDiv => by_int!(T, to, |X| Map2<ops::udiv, X, X, X>),
-        Op::SDiv => by_int!(T, to, |X| Map2<ops::sdiv, X, X, X>),
-        Op::URem => by_int!(T, to, |X| Map2<ops::urem, X, X, X>),
-        Op::SRem => by_int!(T, to, |X| Map2<ops::srem, X, X, X>),
-        Op::SMod => by_int!(T, to, |X| Map2<ops::smod, X, X, X>),
-        Op::Shl => by_int!(T, to, |X| Map2<ops::shl, X, X, X>),
-        Op::LShr => by_int!(T, to, |X| Map2<ops::lshr, X, X, X>),
-        Op::AShr => by_int!(T, to, |X| Map2<ops::ashr, X, X, X>),
-        Op::SMin => by_int!(T, to, |X| Map2<ops::smin, X, X, X>),
-        Op::SMax => by_int!(T, to, |X| Map2<ops::smax, X, X, X>),
-        Op::UMin => by_int!(T, to, |X| Map2<ops::umin, X, X, X>),
-        Op::UMax => by_int!(T, to, |X| Map2<ops::umax, X, X, X>),
-        Op::And => by_mask!(T, to, |X| Map2<ops::and, X, X, X>),
-        Op::Or => by_mask!(T, to, |X| Map2<ops::or, X, X, X>),
-        Op::Xor => by_mask!(T, to, |X| Map2<ops::xor, X, X, X>),
-        Op::Not => by_mask!(T, to, |X| Map1<ops::not, X, X>),
-        Op::INeg => by_int!(T, to, |X| Map1<ops::ineg, X, X>),
-        Op::IAbs => by_int!(T, to, |X| Map1<ops::iabs, X, X>),
-        Op::ISign => by_int!(T, to, |X| Map1<ops::isign, X, X>),
-        Op::BitReverse => by_int!(T, to, |X| Map1<ops::bit_reverse, X, X>),
-        Op::BitCount => by_int!(T, to, |X| Map1<ops::bit_count, X, X>),
-        Op::FindLsb => by_int!(T, to, |X| Map1<ops::find_lsb, X, X>),
-        Op::FindSMsb => by_int!(T, to, |X| Map1<ops::find_smsb, X, X>),
-        Op::FindUMsb => by_int!(T, to, |X| Map1<ops::find_umsb, X, X>),
-        Op::IEq => by_bits!(T, from, |X| Map2<ops::ieq, X, X, bool>),
-        Op::INe => by_bits!(T, from, |X| Map2<ops::ine, X, X, bool>),
-        Op::ULt => by_int!(T, from, |X| Map2<ops::ult, X, X, bool>),
-        Op::ULe => by_int!(T, from, |X| Map2<ops::ule, X, X, bool>),
-        Op::SLt => by_int!(T, from, |X| Map2<ops::slt, X, X, bool>),
-        Op::SLe => by_int!(T, from, |X| Map2<ops::sle, X, X, bool>),
-        Op::FAdd => by_float!(T, to, |X| Map2<ops::fadd, X, X, X>),
-        Op::FSub => by_float!(T, to, |X| Map2<ops::fsub, X, X, X>),
-        Op::FMul => by_float!(T, to, |X| Map2<ops::fmul, X, X, X>),
-        Op::FDiv => by_float!(T, to, |X| Map2<ops::fdiv, X, X, X>),
-        Op::FRem if to == Type::F32 => T::handler::<Remainder<ops::frem>>(),
-        Op::FMod if to == Type::F32 => T::handler::<Remainder<ops::fmod>>(),
-        Op::FRem => by_float!(T, to, |X| Map2<ops::frem, X, X, X>),
-        Op::FMod => by_float!(T, to, |X| Map2<ops::fmod, X, X, X>),
-        Op::FMin => by_float!(T, to, |X| Map2<ops::fmin, X, X, X>),
-        Op::FMax => by_float!(T, to, |X| Map2<ops::fmax, X, X, X>),
-        Op::FPow => by_float!(T, to, |X| Map2<ops::fpow, X, X, X>),
-        Op::FAtan2 => by_float!(T, to, |X| Map2<ops::fatan2, X, X, X>),
-        Op::FNeg => by_float!(T, to, |X| Map1<ops::fneg, X, X>),
-        Op::FAbs => by_float!(T, to, |X| Map1<ops::fabs, X, X>),
-        Op::FSign => by_float!(T, to, |X| Map1<ops::fsign, X, X>),
-        Op::FFloor => by_float!(T, to, |X| Map1<ops::ffloor, X, X>),
-        Op::FCeil => by_float!(T, to, |X| Map1<ops::fceil, X, X>),
-        Op::FTrunc => by_float!(T, to, |X| Map1<ops::ftrunc, X, X>),
-        Op::FRoundEven => by_float!(T, to, |X| Map1<ops::fround_even, X, X>),
-        Op::FRound => by_float!(T, to, |X| Map1<ops::fround, X, X>),
-        Op::FFract => by_float!(T, to, |X| Map1<ops::ffract, X, X>),
-        Op::FSqrt => by_float!(T, to, |X| Map1<ops::fsqrt, X, X>),
-        Op::FInverseSqrt => by_float!(T, to, |X| Map1<ops::finverse_sqrt, X, X>),
-        Op::FSin => by_float!(T, to, |X| Map1<ops::fsin, X, X>),
-        Op::FCos => by_float!(T, to, |X| Map1<ops::fcos, X, X>),
-        Op::FTan => by_float!(T, to, |X| Map1<ops::ftan, X, X>),
-        Op::FAsin => by_float!(T, to, |X| Map1<ops::fasin, X, X>),
-        Op::FAcos => by_float!(T, to, |X| Map1<ops::facos, X, X>),
-        Op::FAtan => by_float!(T, to, |X| Map1<ops::fatan, X, X>),
-        Op::FSinh => by_float!(T, to, |X| Map1<ops::fsinh, X, X>),
-        Op::FCosh => by_float!(T, to, |X| Map1<ops::fcosh, X, X>),
-        Op::FTanh => by_float!(T, to, |X| Map1<ops::ftanh, X, X>),
-        Op::FAsinh => by_float!(T, to, |X| Map1<ops::fasinh, X, X>),
-        Op::FAcosh => by_float!(T, to, |X| Map1<ops::facosh, X, X>),
-        Op::FAtanh => by_float!(T, to, |X| Map1<ops::fatanh, X, X>),
-        Op::FExp => by_float!(T, to, |X| Map1<ops::fexp, X, X>),
-        Op::FLog => by_float!(T, to, |X| Map1<ops::flog, X, X>),
-        Op::FExp2 => by_float!(T, to, |X| Map1<ops::fexp2, X, X>),
-        Op::FLog2 => by_float!(T, to, |X| Map1<ops::flog2, X, X>),
-        Op::FQuantizeF16 => by_float!(T, to, |X| Map1<ops::fquantize_f16, X, X>),
-        Op::FFrexpMantissa => by_float!(T, to, |X| Map1<ops::ffrexp_mantissa, X, X>),
-        Op::FSinFast => by_float!(T, to, |X| Map1<ops::fsin_fast, X, X>),
-        Op::FCosFast => by_float!(T, to, |X| Map1<ops::fcos_fast, X, X>),
-        Op::FTanFast => by_float!(T, to, |X| Map1<ops::ftan_fast, X, X>),
-        Op::FAtanFast => by_float!(T, to, |X| Map1<ops::fatan_fast, X, X>),
-        Op::FExpFast => by_float!(T, to, |X| Map1<ops::fexp_fast, X, X>),
-        Op::FExp2Fast => by_float!(T, to, |X| Map1<ops::fexp2_fast, X, X>),
-        Op::FLogFast => by_float!(T, to, |X| Map1<ops::flog_fast, X, X>),
-        Op::FLog2Fast => by_float!(T, to, |X| Map1<ops::flog2_fast, X, X>),
-        Op::FInverseSqrtFast => by_float!(T, to, |X| Map1<ops::finverse_sqrt_fast, X, X>),
-        Op::FPowFast => by_float!(T, to, |X| Map2<ops::fpow_fast, X, X, X>),
-        Op::FAtan2Fast => by_float!(T, to, |X| Map2<ops::fatan2_fast, X, X, X>),
-        Op::FFma => by_float!(T, to, |X| Map3<ops::ffma, X, X, X, X>),
-        Op::FOEq => by_float!(T, from, |X| Map2<ops::foeq, X, X, bool>),
-        Op::FONe => by_float!(T, from, |X| Map2<ops::fone, X, X, bool>),
-        Op::FOLt => by_float!(T, from, |X| Map2<ops::folt, X, X, bool>),
-        Op::FOLe => by_float!(T, from, |X| Map2<ops::fole, X, X, bool>),
-        Op::FUEq => by_float!(T, from, |X| Map2<ops::fueq, X, X, bool>),
-        Op::FUNe => by_float!(T, from, |X| Map2<ops::fune, X, X, bool>),
-        Op::FULt => by_float!(T, from, |X| Map2<ops::fult, X, X, bool>),
-        Op::FULe => by_float!(T, from, |X| Map2<ops::fule, X, X, bool>),
-        Op::FIsNan => by_float!(T, from, |X| Map1<ops::fis_nan, X, bool>),
-        Op::FIsInf => by_float!(T, from, |X| Map1<ops::fis_inf, X, bool>),
-        Op::FFrexpExponent => by_float!(T, from, |X| Map1<ops::ffrexp_exponent, X, u32>),
-        Op::FToS => return float_to_int::<T, ops::fto_s>(from, to),
-        Op::FToU => return float_to_int::<T, ops::fto_u>(from, to),
-        Op::SToF => return int_to_float::<T, ops::sto_f>(from, to),
-        Op::UToF => return int_to_float::<T, ops::uto_f>(from, to),
-        Op::FConvert => return convert_float::<T>(from, to),
-        Op::SConvert => return convert_int::<T, ops::sconvert>(from, to),
-        Op::UConvert => return convert_int::<T, ops::uconvert>(from, to),
-        Op::Bitcast if from.bits() == to.bits() => match to.rows() {
-            1 => T::handler::<Copy<u32>>(),
-            _ => T::handler::<Copy<u64>>(),
-        },
         Op::Select => match to.rows() {
             1 => T::handler::<Map3<ops::select, bool, u32, u32, u32>>(),
             _ => T::handler::<Map3<ops::select, bool, u64, u64, u64>>(),
@@ -308,7 +271,7 @@ family!(IntToInt:
 );
 
 /// A row copied as it is.
-pub(in crate::interp) type Copy<S> = Map1<ops::copy, S, S>;
+pub(in crate::interp) type Copy<S> = Map1<ops::bitcast, S, S>;
 
 /// The two halves of a 64-bit row: low to `d`, high to `b`.
 pub(in crate::interp) struct Unpack64;

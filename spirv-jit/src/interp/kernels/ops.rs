@@ -10,62 +10,67 @@ macro_rules! operation {
     };
 }
 
-macro_rules! unary {
-    ($bound:ident: $($name:ident)*) => {$(
-        operation!($name);
-        impl<T: $bound> Unary<T, T> for $name {
+/// What an operation of the table is, by its signature.
+macro_rules! implement {
+    ($name:ident [$($generics:tt)*] $trait:ty, ($($arg:ident: $ty:ty),*) -> $result:ty) => {
+        impl<$($generics)*> $trait for $name {
             #[inline(always)]
-            fn call(a: T) -> T {
-                eval::$name(a)
+            fn call($($arg: $ty),*) -> $result {
+                eval::$name($($arg),*)
             }
         }
-    )*};
-}
-
-macro_rules! binary {
-    ($bound:ident: $($name:ident)*) => {$(
-        operation!($name);
-        impl<T: $bound> Binary<T, T, T> for $name {
+    };
+    ($name:ident BitsUnary) => { implement!($name [T: Bits] Unary<T, T>, (a: T) -> T); };
+    ($name:ident BitsBinary) => { implement!($name [T: Bits] Binary<T, T, T>, (a: T, b: T) -> T); };
+    ($name:ident BitsCompare) => {
+        implement!($name [T: Bits] Binary<T, T, bool>, (a: T, b: T) -> bool);
+    };
+    ($name:ident IntUnary) => { implement!($name [T: Int] Unary<T, T>, (a: T) -> T); };
+    ($name:ident IntBinary) => { implement!($name [T: Int] Binary<T, T, T>, (a: T, b: T) -> T); };
+    ($name:ident IntCompare) => {
+        implement!($name [T: Int] Binary<T, T, bool>, (a: T, b: T) -> bool);
+    };
+    ($name:ident FloatUnary) => { implement!($name [T: Float] Unary<T, T>, (a: T) -> T); };
+    ($name:ident FloatBinary) => {
+        implement!($name [T: Float] Binary<T, T, T>, (a: T, b: T) -> T);
+    };
+    ($name:ident FloatTernary) => {
+        implement!($name [T: Float] Ternary<T, T, T, T>, (a: T, b: T, c: T) -> T);
+    };
+    ($name:ident FloatCompare) => {
+        implement!($name [T: Float] Binary<T, T, bool>, (a: T, b: T) -> bool);
+    };
+    ($name:ident FloatTest) => { implement!($name [T: Float] Unary<T, bool>, (a: T) -> bool); };
+    ($name:ident FloatExponent) => { implement!($name [T: Float] Unary<T, u32>, (a: T) -> u32); };
+    ($name:ident FloatToInt) => {
+        implement!($name [A: Float, B: Int] Unary<A, B>, (a: A) -> B);
+    };
+    ($name:ident IntToFloat) => {
+        implement!($name [A: Int, B: Float] Unary<A, B>, (a: A) -> B);
+    };
+    ($name:ident FloatToFloat) => {
+        implement!($name [A: Float, B: Float] Unary<A, B>, (a: A) -> B);
+    };
+    ($name:ident IntToInt) => { implement!($name [A: Int, B: Int] Unary<A, B>, (a: A) -> B); };
+    ($name:ident Bitcast) => {
+        impl<T> Unary<T, T> for $name {
             #[inline(always)]
-            fn call(a: T, b: T) -> T {
-                eval::$name(a, b)
+            fn call(value: T) -> T {
+                value
             }
         }
-    )*};
+    };
 }
 
-macro_rules! compare {
-    ($bound:ident: $($name:ident)*) => {$(
-        operation!($name);
-        impl<T: $bound> Binary<T, T, bool> for $name {
-            #[inline(always)]
-            fn call(a: T, b: T) -> bool {
-                eval::$name(a, b)
-            }
-        }
-    )*};
+macro_rules! implement_all {
+    ($(($variant:ident, $name:ident, $signature:ident))*) => {
+        operation!($($name)*);
+        $(implement!($name $signature);)*
+    };
 }
+crate::elementwise_ops!(implement_all);
 
-binary!(Int: iadd isub imul umul_hi smul_hi udiv sdiv urem srem smod shl lshr ashr smin smax umin umax);
-binary!(Bits: and or xor);
-unary!(Bits: not);
-unary!(Int: ineg iabs isign bit_reverse bit_count find_lsb find_smsb find_umsb);
-compare!(Bits: ieq ine);
-compare!(Int: ult ule slt sle);
-binary!(Float: fadd fsub fmul fdiv frem fmod fmin fmax fpow fatan2 fpow_fast fatan2_fast);
-unary!(Float: fneg fabs fsign ffloor fceil ftrunc fround_even fround ffract fsqrt finverse_sqrt fsin fcos ftan fasin facos fatan fsinh fcosh ftanh fasinh facosh fatanh fexp flog fexp2 flog2 fquantize_f16 ffrexp_mantissa);
-unary!(Float: fsin_fast fcos_fast ftan_fast fatan_fast fexp_fast fexp2_fast flog_fast flog2_fast finverse_sqrt_fast);
-compare!(Float: foeq fone folt fole fueq fune fult fule);
-
-operation!(ffma select bitfield_sextract bitfield_uextract fldexp pack64 unpack_low unpack_high);
-operation!(fis_nan fis_inf fto_s fto_u sto_f uto_f fconvert sconvert uconvert ffrexp_exponent copy);
-
-impl<T: Float> Ternary<T, T, T, T> for ffma {
-    #[inline(always)]
-    fn call(a: T, b: T, c: T) -> T {
-        eval::ffma(a, b, c)
-    }
-}
+operation!(select bitfield_sextract bitfield_uextract fldexp pack64 unpack_low unpack_high);
 
 impl<T> Ternary<bool, T, T, T> for select {
     #[inline(always)]
@@ -114,47 +119,4 @@ impl Unary<u64, u32> for unpack_high {
     fn call(value: u64) -> u32 {
         eval::unpack64(value).1
     }
-}
-
-impl<T> Unary<T, T> for copy {
-    #[inline(always)]
-    fn call(value: T) -> T {
-        value
-    }
-}
-
-macro_rules! convert {
-    ($($name:ident: $from:ident, $to:ident;)*) => {$(
-        impl<A: $from, B: $to> Unary<A, B> for $name {
-            #[inline(always)]
-            fn call(a: A) -> B {
-                eval::$name(a)
-            }
-        }
-    )*};
-}
-convert! {
-    fto_s: Float, Int;
-    fto_u: Float, Int;
-    sto_f: Int, Float;
-    uto_f: Int, Float;
-    sconvert: Int, Int;
-    uconvert: Int, Int;
-    fconvert: Float, Float;
-}
-
-macro_rules! test {
-    ($($name:ident -> $result:ty;)*) => {$(
-        impl<T: Float> Unary<T, $result> for $name {
-            #[inline(always)]
-            fn call(a: T) -> $result {
-                eval::$name(a)
-            }
-        }
-    )*};
-}
-test! {
-    fis_nan -> bool;
-    fis_inf -> bool;
-    ffrexp_exponent -> u32;
 }

@@ -1,7 +1,13 @@
 //! Suspending and resuming: in loops, in calls, in waves that change, and for lack of fuel.
 
 use super::{Bench, on_tiers};
+use crate::ir::op::Trace;
 use crate::state::{Event, IO_DATA_ROW, SiteKind};
+
+const TRACED: SiteKind = SiteKind::TraceRay {
+    trace: Trace::new(false, false),
+    payload_words: 2,
+};
 
 /// A callable is executed in a loop, whose trip count differs by lane; values live across it in every way.
 const LOOP: &str = "module closest_hit
@@ -261,14 +267,14 @@ fn rays_carry_their_operands() {
         let mut bench = Bench::new(text, tier, 2);
         bench.input(0, |lane| lane as u32);
         let event = bench.run(&mut 0);
-        assert_eq!(bench.site(event), SiteKind::TraceRay { payload_words: 2 });
+        assert_eq!(bench.site(event), TRACED);
         assert_eq!(bench.io(2)[20], 2);
         assert_eq!(bench.io(14)[20], 20f32.to_bits());
         assert_eq!(bench.io(IO_DATA_ROW)[20], 20);
         bench.answer(IO_DATA_ROW, |_, word| word + 1);
         bench.answer(IO_DATA_ROW + 1, |_, _| 7f32.to_bits());
         let event = bench.run(&mut 0);
-        assert_eq!(bench.site(event), SiteKind::TraceRay { payload_words: 2 });
+        assert_eq!(bench.site(event), TRACED);
         assert_eq!(bench.io(0)[20], 28);
         assert_eq!(bench.run(&mut 0), Event::End);
     });

@@ -1,10 +1,9 @@
 //! The words of the text form for everything that is an enumeration. One table each, read in both directions.
 
-use crate::hit_object::HitFact;
 use crate::image::{Dim, LodMode};
+use crate::ir::Type;
 use crate::ir::op::{AtomicOp, ReduceOp, Space, SubgroupOp};
 use crate::ir::stage::{Builtin, Stage};
-use crate::ir::{Op, Type};
 use crate::query::QueryField;
 
 macro_rules! names {
@@ -80,43 +79,6 @@ names!(Dim, dim_text, dim_from_text:
 
 names!(LodMode, lod_text, lod_from_text:
     Implicit = "implicit", Bias = "bias", Lod = "lod", Grad = "grad");
-
-/// Operations whose name says everything, apart from the elementwise ones.
-pub fn plain_op_from_text(text: &str) -> Option<Op> {
-    const PLAIN: [Op; 28] = [
-        Op::Select,
-        Op::FLdexp,
-        Op::BitfieldInsert,
-        Op::BitfieldSExtract,
-        Op::BitfieldUExtract,
-        Op::Pack64,
-        Op::Unpack64,
-        Op::BufferSize,
-        Op::PushConstants,
-        Op::DescriptorAt,
-        Op::DescriptorAddress,
-        Op::LaneIndex,
-        Op::DerivativeX,
-        Op::DerivativeY,
-        Op::Demote,
-        Op::IsHelper,
-        Op::ReadClock,
-        Op::MemoryBarrier,
-        Op::TraceRay,
-        Op::ReportIntersection,
-        Op::ExecuteCallable,
-        Op::TraceRayMotion,
-        Op::HitObjectTraceRay,
-        Op::HitObjectTraceRayMotion,
-        Op::HitObjectExecute,
-        Op::ReorderThread,
-        Op::Barrier,
-        Op::RayQueryProceed,
-    ];
-    let facts = HitFact::ALL.iter().map(|&fact| Op::HitObjectGet(fact));
-    Op::elementwise_from_text(text)
-        .or_else(|| PLAIN.into_iter().chain(facts).find(|op| op.text() == text))
-}
 
 /// A subgroup operation's name after `subgroup.` and what its brackets hold.
 pub fn subgroup_text(op: SubgroupOp) -> (&'static str, String) {

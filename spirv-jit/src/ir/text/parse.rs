@@ -550,7 +550,7 @@ impl<'a> Parser<'a> {
             "call" => index_from_text("f", &words).map(|id| Op::Call(FunctionId(id))),
             "image" => image_from_text(rest, &words).map(Op::Image),
             "subgroup" => subgroup_from_text(rest, &words).map(Op::Subgroup),
-            _ if words.is_empty() => plain_op_from_text(name),
+            _ if words.is_empty() => Op::from_text(name),
             _ => None,
         };
         op.ok_or_else(|| format!("`{name}` with [{}] is no operation", words.join(", ")))

@@ -1,6 +1,6 @@
 //! Which rows of variables become values, and of which type.
 
-use crate::ir::{Body, Function, Node, Op, Type, VariableId};
+use crate::ir::{Function, Op, Type, VariableId};
 use crate::pass::row_index::RowIndex;
 
 /// An access to a variable at a fixed row, in tree order.
@@ -54,7 +54,7 @@ impl RowUse {
 pub fn find_cells(function: &Function) -> Cells {
     let mut accesses = Vec::new();
     let mut pinned = vec![false; function.variables.len()];
-    collect_accesses(function, &function.body, &mut accesses, &mut pinned);
+    collect_accesses(function, &mut accesses, &mut pinned);
     accesses.iter_mut().for_each(|access| {
         access.is_pinned = pinned[access.variable.index()];
     });
@@ -104,43 +104,21 @@ pub fn find_cells(function: &Function) -> Cells {
     Cells { types, promotions }
 }
 
-fn collect_accesses(
-    function: &Function,
-    body: &Body,
-    accesses: &mut Vec<RowAccess>,
-    pinned: &mut [bool],
-) {
-    for node in &body.nodes {
-        match node {
-            Node::Inst(inst) => match inst.op {
-                Op::VarAddress(variable) => pinned[variable.index()] = true,
-                Op::VarLoad(variable, row) => accesses.push(RowAccess {
-                    variable,
-                    row,
-                    ty: function.ty(inst.results[0]),
-                    is_pinned: false,
-                }),
-                Op::VarStore(variable, row) => accesses.push(RowAccess {
-                    variable,
-                    row,
-                    ty: function.ty(inst.args[0]),
-                    is_pinned: false,
-                }),
-                _ => {}
-            },
-            Node::Block { body, .. } | Node::Loop { body, .. } => {
-                collect_accesses(function, body, accesses, pinned);
-            }
-            Node::If {
-                then_body,
-                else_body,
-                ..
-            } => {
-                collect_accesses(function, then_body, accesses, pinned);
-                collect_accesses(function, else_body, accesses, pinned);
-            }
-        }
-    }
+fn collect_accesses(function: &Function, accesses: &mut Vec<RowAccess>, pinned: &mut [bool]) {
+    function.body.visit_insts(&mut |inst| {
+        let (variable, row, value) = match inst.op {
+            Op::VarAddress(variable) => return pinned[variable.index()] = true,
+            Op::VarLoad(variable, row) => (variable, row, inst.results[0]),
+            Op::VarStore(variable, row) => (variable, row, inst.args[0]),
+            _ => return,
+        };
+        accesses.push(RowAccess {
+            variable,
+            row,
+            ty: function.ty(value),
+            is_pinned: false,
+        });
+    });
 }
 
 /// Makes cells of a run of rows if their accesses can be told in values.

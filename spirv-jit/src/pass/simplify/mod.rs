@@ -73,28 +73,13 @@ struct Simplifier<'a> {
 impl Simplifier<'_> {
     fn walk(&mut self, body: &mut Body) {
         edit_nodes(&mut body.nodes, |node, before| {
-            match node {
-                Node::Inst(inst) => {
-                    let keeps = self.simplify_inst(inst);
-                    before.append(&mut self.emitted);
-                    return keeps;
-                }
-                Node::Block { body, .. } => self.walk(body),
-                Node::If {
-                    condition,
-                    then_body,
-                    else_body,
-                    ..
-                } => {
-                    *condition = self.substitution.resolve(*condition);
-                    self.walk(then_body);
-                    self.walk(else_body);
-                }
-                Node::Loop { init, body, .. } => {
-                    self.substitution.resolve_all(init);
-                    self.walk(body);
-                }
+            if let Node::Inst(inst) = node {
+                let keeps = self.simplify_inst(inst);
+                before.append(&mut self.emitted);
+                return keeps;
             }
+            self.substitution.resolve_all(node.operands_mut());
+            node.bodies_mut().for_each(|body| self.walk(body));
             true
         });
         self.substitution.resolve_terminator(&mut body.end);
