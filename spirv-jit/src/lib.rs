@@ -12,6 +12,7 @@ mod accuracy;
 pub mod environment;
 pub mod error;
 pub mod eval;
+pub mod facts;
 pub mod hit_object;
 pub mod image;
 pub mod interp;

@@ -4,6 +4,8 @@
 //! [`QueryWord`]s: what its getters read, and nothing else. The shader writes the ray and what it decides about
 //! candidates; at `ray_query_proceed` the executor reads them and writes the words.
 
+use crate::facts::Fact;
+
 /// Rows of an object, from its first one.
 pub mod row {
     /// What the executor knows the suspended walk by; 0: none. The shader never touches it.
@@ -45,68 +47,17 @@ pub mod state {
 pub struct QueryWord {
     /// Of the committed intersection instead of the candidate.
     pub committed: bool,
-    pub field: QueryField,
+    pub fact: Fact,
     /// Matrices count column-major, vertices by their coordinates.
     pub component: u8,
 }
 
-/// What a getter reads.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum QueryField {
-    /// Candidate: 0 triangle, 1 box; committed: 0 none, 1 triangle, 2 generated.
-    IntersectionType,
-    T,
-    InstanceCustomIndex,
-    InstanceId,
-    InstanceSbtOffset,
-    GeometryIndex,
-    PrimitiveIndex,
-    /// 2 words.
-    Barycentrics,
-    /// 0 or 1.
-    FrontFace,
-    /// 0 or 1.
-    AabbOpaque,
-    /// 3 words each.
-    ObjectRayDirection,
-    ObjectRayOrigin,
-    /// 12 words each.
-    ObjectToWorld,
-    WorldToObject,
-    /// 9 words.
-    TriangleVertexPositions,
-    /// 0 or 1 each.
-    IsSphere,
-    IsLss,
-    /// Where along the axis.
-    LssHitValue,
-    /// 6 words: both ends; of a sphere the first is its middle.
-    SweptPositions,
-    /// 2 words.
-    SweptRadii,
-    /// As a hit object has it: see [`word::HIT_KIND`](crate::hit_object::word::HIT_KIND).
-    HitKind,
-    /// As a hit object has it: see [`word::SLOT`](crate::hit_object::word::SLOT).
-    Slot,
-}
-
-impl QueryField {
-    pub fn words(self) -> u8 {
-        match self {
-            QueryField::Barycentrics | QueryField::SweptRadii => 2,
-            QueryField::SweptPositions => 6,
-            QueryField::ObjectRayDirection | QueryField::ObjectRayOrigin => 3,
-            QueryField::ObjectToWorld | QueryField::WorldToObject => 12,
-            QueryField::TriangleVertexPositions => 9,
-            _ => 1,
-        }
-    }
-
-    /// Every word of the field, about the candidate or the committed intersection.
-    pub fn all(self, committed: bool) -> impl Iterator<Item = QueryWord> {
-        (0..self.words()).map(move |component| QueryWord {
+impl QueryWord {
+    /// Every word of a fact, about the candidate or the committed intersection.
+    pub fn all(fact: Fact, committed: bool) -> impl Iterator<Item = QueryWord> {
+        (0..fact.words() as u8).map(move |component| QueryWord {
             committed,
-            field: self,
+            fact,
             component,
         })
     }

@@ -12,7 +12,7 @@
 //! business, and no other crate knows which tier ran.
 
 use crate::environment::Environment;
-use crate::hit_object::HitFact;
+use crate::facts::Fact;
 use crate::row::AlignedRow;
 use crate::types::Trace;
 
@@ -50,7 +50,7 @@ pub enum SiteKind {
     /// Rows 0..16: the first words of the hit object; rows 16..16+n: payload, in and out; then the hit object's other words.
     HitObjectExecute { payload_words: u32 },
     /// Rows 0..9: the words that [`IDENTITY`](crate::hit_object::IDENTITY) lists; the answer goes to the rows from 0 on.
-    HitObjectGet { fact: HitFact },
+    HitObjectGet { fact: Fact },
     /// Row 0: hint; row 1: its bits; row 2: kind of the hit object, or all ones without one; row 3: its record index.
     ReorderThread,
     /// Workgroup barrier.

@@ -1,12 +1,14 @@
 //! Hit objects: filled by a trace, asked about, executed.
 
 use spirv_jit::Program;
-use spirv_jit::hit_object::{HitFact, IDENTITY, TRACED, kind, primitive, word};
+use spirv_jit::facts::Fact;
+use spirv_jit::hit_object::{IDENTITY, TRACED, kind, primitive, word};
 use spirv_jit::program::IO_DATA_ROW;
 use traversal::{Hit, Structure, Swept};
 
 use super::batch::{Batch, Worker};
-use super::rays::{Operands, RayGroup, operand, primitive_of, record_indices};
+use super::facts::{OfHit, Subjects, Told, hit_word, take};
+use super::rays::{Operands, RayGroup, operand, record_indices};
 use super::subgroup::{Subgroup, SubgroupIndex, lanes_of};
 use crate::wave::table::HANDLE_SIZE;
 use crate::wave::{Limits, Stopped};
@@ -95,7 +97,7 @@ impl Batch<'_> {
     }
 
     /// Answers a question about a hit at once.
-    pub(super) fn answer_fact(&mut self, index: SubgroupIndex, lane: usize, fact: HitFact) {
+    pub(super) fn answer_fact(&mut self, index: SubgroupIndex, lane: usize, fact: Fact) {
         let subgroup = &mut self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let mut object = Object([0; word::COUNT]);
@@ -106,38 +108,7 @@ impl Batch<'_> {
         let mut answer = [0; IO_DATA_ROW];
         let tables = &self.dispatch.tables;
         match fact {
-            HitFact::Instance => {
-                let hit = object.hit(limits);
-                answer[0] = hit.instance_custom_index;
-                answer[1] = hit.instance_sbt_offset;
-            }
-            HitFact::ObjectToWorld => {
-                let (index, time) = (object.0[word::INSTANCE], object.time());
-                let matrix = object.read(limits, |s| s.object_to_world_at(index, time));
-                answer[..12].copy_from_slice(&column_major(&matrix));
-            }
-            HitFact::WorldToObject => {
-                let (index, time) = (object.0[word::INSTANCE], object.time());
-                let matrix = object.read(limits, |s| s.world_to_object_at(index, time));
-                answer[..12].copy_from_slice(&column_major(&matrix));
-            }
-            HitFact::TriangleVertexPositions => {
-                let (hit, time) = (object.hit(limits), object.time());
-                let vertices =
-                    object.read(limits, |s| s.triangle_vertices_at(&hit, time, &limits.live));
-                for (place, coordinate) in answer.iter_mut().zip(vertices.as_flattened()) {
-                    *place = coordinate.to_bits();
-                }
-            }
-            HitFact::SweptEnds => {
-                let hit = object.hit(limits);
-                let (positions, radii) = object.read(limits, |s| s.swept_ends(&hit, &limits.live));
-                let numbers = positions.as_flattened().iter().chain(&radii);
-                for (place, number) in answer.iter_mut().zip(numbers) {
-                    *place = number.to_bits();
-                }
-            }
-            HitFact::ShaderRecord => {
+            Fact::ShaderRecord => {
                 let table = match object.state() {
                     kind::HIT => &tables.hit,
                     _ => &tables.miss,
@@ -149,6 +120,19 @@ impl Batch<'_> {
                 let data = record.map_or(0, |record| record + HANDLE_SIZE as u64);
                 answer[0] = data as u32;
                 answer[1] = (data >> 32) as u32;
+            }
+            _ => {
+                let subject = Known {
+                    hit: object.hit(limits),
+                    object: &object,
+                };
+                let told = Told::default();
+                for (component, word) in answer[..fact.words()].iter_mut().enumerate() {
+                    *word = take(fact, component, OfHit(&subject.hit)).unwrap_or_else(|| {
+                        let row = told.row(&subject, limits, fact, component);
+                        row.unwrap_or_default()[0]
+                    });
+                }
             }
         }
         for (row, &value) in answer[..fact.words()].iter().enumerate() {
@@ -167,7 +151,7 @@ fn found_by(group: &RayGroup, operands: &Operands, lane: usize) -> [u32; word::C
             object[word::INSTANCE] = hit.instance_index;
             object[word::GEOMETRY] = hit.geometry_index;
             object[word::PRIMITIVE] = hit.primitive_index;
-            object[word::HIT_KIND] = hit.hit_kind as u32 | primitive_of(&hit) << 8;
+            object[word::HIT_KIND] = hit_word(&hit);
             object[word::SLOT] = hit.slot;
             let attributes = &mut object[word::ATTRIBUTES..];
             if hit.is_built_in() {
@@ -209,10 +193,6 @@ impl Object {
         self.0[word::KIND] & kind::MASK
     }
 
-    fn time(&self) -> f32 {
-        f32::from_bits(self.0[word::TIME])
-    }
-
     fn structure(&self) -> u64 {
         self.0[word::STRUCTURE] as u64 | (self.0[word::STRUCTURE + 1] as u64) << 32
     }
@@ -250,7 +230,31 @@ impl Object {
     }
 }
 
-/// The words of a 4 × 3 column-major shader matrix, from a row-major 3 × 4 one.
-fn column_major(matrix: &[f32; 12]) -> [u32; 12] {
-    std::array::from_fn(|word| matrix[word % 3 * 4 + word / 3].to_bits())
+/// What a hit object says, as lane 0.
+struct Known<'a> {
+    hit: Hit,
+    object: &'a Object,
+}
+
+impl Subjects for Known<'_> {
+    fn lanes(&self) -> u16 {
+        1
+    }
+
+    fn structure(&self, _: usize) -> u64 {
+        self.object.structure()
+    }
+
+    fn time(&self, _: usize) -> f32 {
+        f32::from_bits(self.object.0[word::TIME])
+    }
+
+    fn hit(&self, _: usize) -> Hit {
+        self.hit
+    }
+
+    fn ray(&self, _: usize) -> [[f32; 3]; 2] {
+        let number = |word: usize| f32::from_bits(self.object.0[word]);
+        [word::ORIGIN, word::DIRECTION].map(|first| [0, 1, 2].map(|axis| number(first + axis)))
+    }
 }

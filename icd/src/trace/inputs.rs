@@ -1,13 +1,12 @@
 //! Filling the input records of new invocations: only the rows that their program reads, a row at a time.
 
-use std::cell::OnceCell;
-
 use spirv_jit::program::{AlignedRow, Builtin, IO_DATA_ROW, InputRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
-use traversal::{Hit, HitRows, Structure, SuspendedPacket, Swept, Walk};
+use traversal::{Hit, HitRows, SuspendedPacket, Walk};
 
 use super::Dispatch;
-use super::rays::{Operands, RayGroup, Report, operand, structure_in, to_object};
+use super::facts::{Lanes, Subjects, Take, Told, take};
+use super::rays::{Operands, RayGroup, Report, operand, structure_in};
 use super::slab::Slab;
 use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex};
 use crate::wave::table::HANDLE_SIZE;
@@ -22,9 +21,6 @@ pub struct Sources<'a> {
     pub walks: &'a Slab<Walk>,
     pub packets: &'a Slab<Box<SuspendedPacket>>,
 }
-
-/// Per lane; of lanes that were not started, anything.
-type Lanes<T> = [T; SUBGROUP_SIZE];
 
 impl Sources<'_> {
     /// Fills the inputs of a new subgroup into `rows`, its state. `records` has a record address per lane.
@@ -226,9 +222,7 @@ struct HitLanes<'a> {
     of: &'a Lanes<LaneRef>,
     rays: Rays<'a>,
     subject: Subject<'a>,
-    object_to_world: OnceCell<Lanes<[f32; 12]>>,
-    world_to_object: OnceCell<Lanes<[f32; 12]>>,
-    vertices: OnceCell<Lanes<[[f32; 3]; 3]>>,
+    told: Told,
 }
 
 impl<'a> HitLanes<'a> {
@@ -249,9 +243,7 @@ impl<'a> HitLanes<'a> {
             of: &subgroup.of,
             rays,
             subject,
-            object_to_world: OnceCell::new(),
-            world_to_object: OnceCell::new(),
-            vertices: OnceCell::new(),
+            told: Told::default(),
         }
     }
 
@@ -264,44 +256,6 @@ impl<'a> HitLanes<'a> {
     /// Who waits for the rays.
     fn callers(&self) -> Lanes<LaneRef> {
         std::array::from_fn(|lane| LaneRef::new(self.rays.group(lane).caller, self.lane(lane)))
-    }
-
-    /// The hit in a lane. Where it is about a report, this is the box.
-    fn hit(&self, lane: usize) -> Hit {
-        match &self.subject {
-            Subject::Candidates(candidates) => candidates[lane].0,
-            Subject::Together(packet) => packet.candidates().hit(lane),
-            Subject::Hits => {
-                let hits = &self.rays.group(lane).hits;
-                hits.get(self.lane(lane)).unwrap_or(Hit::NONE)
-            }
-        }
-    }
-
-    /// Whether a lane was started: rows have anything elsewhere.
-    fn is_there(&self, lane: usize) -> bool {
-        self.started >> lane & 1 != 0
-    }
-
-    /// A row of what was hit: from the rows of hits, or from candidates.
-    #[inline(always)]
-    fn of_hits(
-        &self,
-        row: impl Fn(&HitRows, usize) -> u32,
-        candidate: impl Fn(&Hit) -> u32,
-    ) -> Option<Row> {
-        Some(match &self.subject {
-            Subject::Candidates(candidates) => {
-                std::array::from_fn(|lane| candidate(&candidates[lane].0))
-            }
-            Subject::Together(packet) => std::array::from_fn(|lane| row(packet.candidates(), lane)),
-            Subject::Hits => match &self.rays {
-                Rays::InPlace(group, _) => std::array::from_fn(|lane| row(&group.hits, lane)),
-                Rays::Spread(groups, _) => {
-                    std::array::from_fn(|lane| row(&groups[lane].hits, self.lane(lane)))
-                }
-            },
-        })
     }
 
     /// A row of the operands.
@@ -366,26 +320,72 @@ impl<'a> HitLanes<'a> {
         })
     }
 
-    /// What structures say of the hits at the rays' times.
-    fn of_structures<T: Default>(&self, read: impl Fn(Structure, &Hit, f32) -> T) -> Lanes<T> {
-        let mut last = (0, None);
-        std::array::from_fn(|lane| {
-            if !self.is_there(lane) {
-                return T::default();
+    /// A row of a built-in that hit or miss shaders have; `None` for those that every stage has.
+    fn row(&self, builtin: Builtin, component: usize) -> Option<Row> {
+        let row = match (builtin, self.role) {
+            (Builtin::HitKind, Role::AnyHitOfReport) => {
+                self.of_reports(|report| report.hit_kind as u32)
             }
-            let (operands, from) = (self.rays.operands(lane), self.lane(lane));
-            let named = structure_in(operands, from);
-            if named != last.0 {
-                last = (named, self.dispatch.limits.structure(named));
+            (Builtin::RayTmax, _) => self.t_max_row(),
+            (Builtin::WorldRayOrigin, _) => self.of_rays(operand::ORIGIN + component),
+            (Builtin::WorldRayDirection, _) => self.of_rays(operand::DIRECTION + component),
+            (Builtin::RayTmin, _) => self.of_rays(operand::T_MIN),
+            (Builtin::IncomingRayFlags, _) => self.of_rays(operand::FLAGS),
+            (Builtin::CullMask, _) => self.of_rays(operand::CULL_MASK).map(|mask| mask & 0xff),
+            (Builtin::CurrentRayTime, _) => std::array::from_fn(|lane| self.time(lane).to_bits()),
+            _ => {
+                let (fact, limits) = (builtin.fact()?, self.dispatch.limits);
+                return take(fact, component, self)
+                    .or_else(|| self.told.row(self, limits, fact, component));
             }
-            let hit = self.hit(lane);
-            last.1.map_or_else(T::default, |structure| {
-                read(structure, &hit, self.time(lane))
-            })
-        })
+        };
+        Some(row)
     }
 
-    /// When a ray is cast.
+    /// `RayTmaxKHR`: the hit's distance in hit shaders, the end of the interval as it stands in the others.
+    fn t_max_row(&self) -> Row {
+        match (self.role, &self.subject) {
+            (Role::AnyHitOfReport, _) => self.of_reports(|report| report.t.to_bits()),
+            (Role::Intersection, Subject::Candidates(candidates)) => {
+                std::array::from_fn(|lane| candidates[lane].1.to_bits())
+            }
+            (Role::Intersection, Subject::Together(packet)) => packet.t_max().map(f32::to_bits),
+            _ => self.take(|hits, lane| hits.t[lane].to_bits(), |hit| hit.t.to_bits()),
+        }
+    }
+}
+
+impl Take for &HitLanes<'_> {
+    type Taken = Row;
+
+    #[inline(always)]
+    fn take(self, rows: impl Fn(&HitRows, usize) -> u32, candidate: impl Fn(&Hit) -> u32) -> Row {
+        match &self.subject {
+            Subject::Candidates(candidates) => {
+                std::array::from_fn(|lane| candidate(&candidates[lane].0))
+            }
+            Subject::Together(packet) => {
+                std::array::from_fn(|lane| rows(packet.candidates(), lane))
+            }
+            Subject::Hits => match &self.rays {
+                Rays::InPlace(group, _) => std::array::from_fn(|lane| rows(&group.hits, lane)),
+                Rays::Spread(groups, _) => {
+                    std::array::from_fn(|lane| rows(&groups[lane].hits, self.lane(lane)))
+                }
+            },
+        }
+    }
+}
+
+impl Subjects for HitLanes<'_> {
+    fn lanes(&self) -> u16 {
+        self.started
+    }
+
+    fn structure(&self, lane: usize) -> u64 {
+        structure_in(self.rays.operands(lane), self.lane(lane))
+    }
+
     fn time(&self, lane: usize) -> f32 {
         match self.rays.group(lane).has_time {
             true => f32::from_bits(self.rays.operands(lane)[operand::TIME].0[self.lane(lane)]),
@@ -393,144 +393,22 @@ impl<'a> HitLanes<'a> {
         }
     }
 
-    /// What structures say of the instances that were hit.
-    fn of_instances(&self, read: impl Fn(Structure, u32, f32) -> [f32; 12]) -> Lanes<[f32; 12]> {
-        let mut last: Option<((u64, u32, u32), [f32; 12])> = None;
-        std::array::from_fn(|lane| {
-            if !self.is_there(lane) {
-                return [0.0; 12];
+    /// Where it is about a report, this is the box.
+    fn hit(&self, lane: usize) -> Hit {
+        match &self.subject {
+            Subject::Candidates(candidates) => candidates[lane].0,
+            Subject::Together(packet) => packet.candidates().hit(lane),
+            Subject::Hits => {
+                let hits = &self.rays.group(lane).hits;
+                hits.get(self.lane(lane)).unwrap_or(Hit::NONE)
             }
-            let named = structure_in(self.rays.operands(lane), self.lane(lane));
-            let (index, time) = (self.hit(lane).instance_index, self.time(lane));
-            let asked = (named, index, time.to_bits());
-            if let Some((before, matrix)) = last
-                && before == asked
-            {
-                return matrix;
-            }
-            let structure = self.dispatch.limits.structure(named);
-            let matrix = structure.map_or([0.0; 12], |structure| read(structure, index, time));
-            last = Some((asked, matrix));
-            matrix
-        })
-    }
-
-    fn object_to_world(&self) -> &Lanes<[f32; 12]> {
-        self.object_to_world.get_or_init(|| {
-            self.of_instances(|structure, index, time| structure.object_to_world_at(index, time))
-        })
-    }
-
-    fn world_to_object(&self) -> &Lanes<[f32; 12]> {
-        self.world_to_object.get_or_init(|| {
-            self.of_instances(|structure, index, time| structure.world_to_object_at(index, time))
-        })
-    }
-
-    /// A row of a built-in that hit or miss shaders have; `None` for those that every stage has.
-    fn row(&self, builtin: Builtin, component: usize) -> Option<Row> {
-        match builtin {
-            Builtin::PrimitiveId => self.of_hits(
-                |hits, lane| hits.primitive_index[lane],
-                |hit| hit.primitive_index,
-            ),
-            Builtin::InstanceId => self.of_hits(
-                |hits, lane| hits.instance_index[lane],
-                |hit| hit.instance_index,
-            ),
-            Builtin::InstanceCustomIndex => self.of_hits(
-                |hits, lane| hits.instance_custom_index[lane],
-                |hit| hit.instance_custom_index,
-            ),
-            Builtin::GeometryIndex => self.of_hits(
-                |hits, lane| hits.geometry_index[lane],
-                |hit| hit.geometry_index,
-            ),
-            Builtin::HitKind if self.role == Role::AnyHitOfReport => {
-                Some(self.of_reports(|report| report.hit_kind as u32))
-            }
-            Builtin::HitKind => self.of_hits(
-                |hits, lane| hits.hit_kind(lane) as u32,
-                |hit| hit.hit_kind as u32,
-            ),
-            Builtin::WorldRayOrigin => Some(self.of_rays(operand::ORIGIN + component)),
-            Builtin::WorldRayDirection => Some(self.of_rays(operand::DIRECTION + component)),
-            Builtin::RayTmin => Some(self.of_rays(operand::T_MIN)),
-            Builtin::RayTmax => self.t_max_row(),
-            Builtin::IncomingRayFlags => Some(self.of_rays(operand::FLAGS)),
-            Builtin::CullMask => Some(self.of_rays(operand::CULL_MASK).map(|mask| mask & 0xff)),
-            Builtin::ObjectToWorld => Some(column_major(self.object_to_world(), component)),
-            Builtin::WorldToObject => Some(column_major(self.world_to_object(), component)),
-            Builtin::ObjectRayOrigin => Some(self.object_ray_row(component, true)),
-            Builtin::ObjectRayDirection => Some(self.object_ray_row(component, false)),
-            Builtin::HitTriangleVertexPositions => {
-                let vertices = self.vertices.get_or_init(|| {
-                    self.of_structures(|structure, hit, time| {
-                        structure.triangle_vertices_at(hit, time, &self.dispatch.limits.live)
-                    })
-                });
-                Some(std::array::from_fn(|lane| {
-                    vertices[lane][component / 3][component % 3].to_bits()
-                }))
-            }
-            Builtin::CurrentRayTime => Some(std::array::from_fn(|lane| self.time(lane).to_bits())),
-            Builtin::HitIsSphere => self.is_swept(Swept::Sphere),
-            Builtin::HitIsLss => self.is_swept(Swept::LinearSweptSphere),
-            Builtin::HitSpherePosition | Builtin::HitLssPositions => {
-                let ends = self.ends();
-                Some(ends.map(|ends| ends.0.as_flattened()[component].to_bits()))
-            }
-            Builtin::HitSphereRadius | Builtin::HitLssRadii => {
-                let ends = self.ends();
-                Some(ends.map(|ends| ends.1[component].to_bits()))
-            }
-            _ => None,
         }
     }
 
-    fn is_swept(&self, swept: Swept) -> Option<Row> {
-        self.of_hits(
-            |hits, lane| u32::from(hits.swept(lane) == swept),
-            |hit| u32::from(hit.swept == swept),
-        )
+    fn ray(&self, lane: usize) -> [[f32; 3]; 2] {
+        let (operands, from) = (self.rays.operands(lane), self.lane(lane));
+        let number = |row: usize| f32::from_bits(operands[row].0[from]);
+        [operand::ORIGIN, operand::DIRECTION]
+            .map(|first| [0, 1, 2].map(|axis| number(first + axis)))
     }
-
-    /// Ends and radii of spheres and linear swept spheres.
-    fn ends(&self) -> Lanes<([[f32; 3]; 2], [f32; 2])> {
-        let live = &self.dispatch.limits.live;
-        self.of_structures(|structure, hit, _| structure.swept_ends(hit, live))
-    }
-
-    /// `RayTmaxKHR`: the hit's distance in hit shaders, the end of the interval as it stands in the others.
-    fn t_max_row(&self) -> Option<Row> {
-        match (self.role, &self.subject) {
-            (Role::AnyHitOfReport, _) => Some(self.of_reports(|report| report.t.to_bits())),
-            (Role::Intersection, Subject::Candidates(candidates)) => {
-                Some(std::array::from_fn(|lane| candidates[lane].1.to_bits()))
-            }
-            (Role::Intersection, Subject::Together(packet)) => {
-                Some(packet.t_max().map(f32::to_bits))
-            }
-            _ => self.of_hits(|hits, lane| hits.t[lane].to_bits(), |hit| hit.t.to_bits()),
-        }
-    }
-
-    /// A component of the ray in the instance's space: the matrix rows times the origin or the direction.
-    fn object_ray_row(&self, component: usize, origin: bool) -> Row {
-        let matrices = self.world_to_object();
-        let (first, w) = match origin {
-            true => (operand::ORIGIN, 1.0),
-            false => (operand::DIRECTION, 0.0),
-        };
-        let vector = [0, 1, 2].map(|axis| self.of_rays(first + axis).map(f32::from_bits));
-        std::array::from_fn(|lane| {
-            let vector = [vector[0][lane], vector[1][lane], vector[2][lane]];
-            to_object(&matrices[lane], component, &vector, w).to_bits()
-        })
-    }
-}
-
-/// A component of a 4 × 3 column-major shader matrix, from row-major 3 × 4 ones.
-fn column_major(matrices: &Lanes<[f32; 12]>, component: usize) -> Row {
-    std::array::from_fn(|lane| matrices[lane][component % 3 * 4 + component / 3].to_bits())
 }

@@ -1,9 +1,8 @@
 //! Rays in flight, sixteen at a time: those that the lanes of one subgroup have traced with one instruction.
 
 use spirv_jit::SUBGROUP_SIZE;
-use spirv_jit::hit_object::primitive;
 use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row};
-use traversal::{Hit, HitRows, RayRows, Swept, Verdict, ray_flags};
+use traversal::{Hit, HitRows, RayRows, Verdict, ray_flags};
 
 use super::Dispatch;
 use super::slab::Slab;
@@ -222,20 +221,4 @@ pub fn skips_closest_hit(operands: &Operands) -> u16 {
         skips |= u16::from(flags & ray_flags::SKIP_CLOSEST_HIT_SHADER != 0) << lane;
     }
     skips
-}
-
-/// A component of a point (`w` is 1) or a direction (0) in an instance's space, by its row-major world-to-object matrix.
-pub fn to_object(matrix: &[f32; 12], component: usize, vector: &[f32; 3], w: f32) -> f32 {
-    let row = &matrix[component * 4..][..4];
-    row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2] + row[3] * w
-}
-
-/// What was hit, as a hit object says it.
-pub fn primitive_of(hit: &Hit) -> u32 {
-    match hit.swept {
-        Swept::Sphere => primitive::SPHERE,
-        Swept::LinearSweptSphere => primitive::LINEAR_SWEPT_SPHERE,
-        Swept::No if hit.triangle => primitive::TRIANGLE,
-        Swept::No => primitive::BOX,
-    }
 }

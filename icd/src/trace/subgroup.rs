@@ -2,10 +2,11 @@
 #![forbid(unsafe_code)]
 
 use crate::wave::Stopped;
-use spirv_jit::program::{AlignedRow, Row};
+use spirv_jit::program::AlignedRow;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::grid::Launches;
+pub use super::lanes::{copy_lanes, lanes_of};
 use super::queries::Owned;
 use crate::wave::table::ProgramIndex;
 
@@ -172,27 +173,4 @@ pub fn in_place(lanes: u16, of: &[LaneRef; SUBGROUP_SIZE]) -> bool {
         elsewhere |= u16::from(other.lane() != lane) << lane;
     }
     elsewhere & lanes == 0
-}
-
-/// Takes over some lanes of a row.
-#[inline]
-pub fn copy_lanes(to: &mut Row, from: &Row, lanes: u16) {
-    if lanes == u16::MAX {
-        *to = *from;
-        return;
-    }
-    for lane in 0..SUBGROUP_SIZE {
-        let copied = lanes & 1 << lane != 0;
-        to[lane] = if copied { from[lane] } else { to[lane] };
-    }
-}
-
-/// The lanes of a mask, lowest first.
-pub fn lanes_of(mask: u16) -> impl Iterator<Item = usize> {
-    let mut rest = mask;
-    std::iter::from_fn(move || {
-        let lane = rest.trailing_zeros() as usize;
-        rest &= rest.wrapping_sub(1);
-        (lane < SUBGROUP_SIZE).then_some(lane)
-    })
 }

@@ -1,7 +1,7 @@
 //! The table of operations: name, text, signature, effect. Everything else about operations is derived from it.
 
 use super::{FunctionId, VariableId};
-use crate::hit_object::HitFact;
+use crate::facts::Fact;
 
 pub use crate::types::{AtomicOp, Trace, Type};
 
@@ -290,8 +290,8 @@ macro_rules! define_ops {
             /// payload…) -> (payload…)`; each word i32 or f32. To a hit object no closest-hit or miss shader runs, and the results begin with
             /// the words that [`TRACED`](crate::hit_object::TRACED) lists.
             TraceRay(Trace) "" Yield;
-            /// What the scheduler knows of a hit: `(9 words) -> (words…)`, see [`HitFact`](crate::hit_object::HitFact).
-            HitObjectGet(HitFact) "" Yield;
+            /// What the scheduler knows of a hit: `(9 words) -> (words…)`, see [`Fact`](crate::facts::Fact).
+            HitObjectGet(Fact) "hit_object_get" Yield;
             }
         }
     };
@@ -313,10 +313,8 @@ macro_rules! define_ops {
         impl Op {
             /// The operation's name in the text form.
             pub fn text(&self) -> &'static str {
-                match self {
-                    Op::TraceRay(trace) => return trace.text(),
-                    Op::HitObjectGet(fact) => return fact.text(),
-                    _ => {}
+                if let Op::TraceRay(trace) = self {
+                    return trace.text();
                 }
                 match self {
                     $(Op::$variant => stringify!($text),)*
@@ -343,12 +341,11 @@ macro_rules! define_ops {
 
             /// The operation of that name, if the name says everything.
             pub fn from_text(text: &str) -> Option<Op> {
-                let traces = Trace::ALL.map(Op::TraceRay).into_iter();
-                let facts = HitFact::ALL.iter().map(|&fact| Op::HitObjectGet(fact));
+                let mut traces = Trace::ALL.map(Op::TraceRay).into_iter();
                 match text {
                     $(stringify!($text) => Some(Op::$variant),)*
                     $($plain_text => Some(Op::$plain),)*
-                    _ => traces.chain(facts).find(|op| op.text() == text),
+                    _ => traces.find(|op| op.text() == text),
                 }
             }
         }

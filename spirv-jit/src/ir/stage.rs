@@ -2,6 +2,8 @@
 
 #![forbid(unsafe_code)]
 
+use crate::facts::Fact;
+
 /// Shader stages (SPIR-V execution models) that exist.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Stage {
@@ -94,4 +96,28 @@ pub enum Builtin {
     /// that are the linear ones; then their derivatives in x, then in y.
     PerspectivePlanes,
     LinearPlanes,
+}
+
+impl Builtin {
+    /// The fact that a built-in of hit shaders is, in the words of which it has as many as it needs.
+    pub fn fact(self) -> Option<Fact> {
+        Some(match self {
+            Builtin::PrimitiveId => Fact::PrimitiveIndex,
+            Builtin::InstanceId => Fact::InstanceId,
+            Builtin::InstanceCustomIndex => Fact::InstanceCustomIndex,
+            Builtin::GeometryIndex => Fact::GeometryIndex,
+            Builtin::HitKind => Fact::HitKind,
+            Builtin::RayTmax => Fact::T,
+            Builtin::ObjectToWorld => Fact::ObjectToWorld,
+            Builtin::WorldToObject => Fact::WorldToObject,
+            Builtin::ObjectRayOrigin => Fact::ObjectRayOrigin,
+            Builtin::ObjectRayDirection => Fact::ObjectRayDirection,
+            Builtin::HitTriangleVertexPositions => Fact::TriangleVertexPositions,
+            Builtin::HitIsSphere => Fact::IsSphere,
+            Builtin::HitIsLss => Fact::IsLss,
+            Builtin::HitSpherePosition | Builtin::HitLssPositions => Fact::SweptPositions,
+            Builtin::HitSphereRadius | Builtin::HitLssRadii => Fact::SweptRadii,
+            _ => return None,
+        })
+    }
 }

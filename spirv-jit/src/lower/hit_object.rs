@@ -4,10 +4,11 @@ mod record;
 
 use rspirv::spirv::Op;
 
-use super::Lowerer;
 use super::values::Pointer;
+use super::{Lowerer, facts};
 use crate::Error;
-use crate::hit_object::{HitFact, IDENTITY, TRACED, kind, primitive, word};
+use crate::facts::Fact;
+use crate::hit_object::{IDENTITY, TRACED, kind, primitive, word};
 use crate::ir::stage::Stage;
 use crate::ir::{self, Type, Value};
 use crate::parse::{Id, Instruction};
@@ -47,14 +48,8 @@ enum Action {
     HitKind,
     /// Whether a primitive of this kind was hit.
     IsPrimitive(u32),
-    InstanceCustomIndex,
-    /// All of a fact.
-    Fact(HitFact),
-    /// Words of the ends of a sphere or linear swept sphere.
-    Ends {
-        first: usize,
-        count: usize,
-    },
+    /// The first words of a fact, as many as the result has.
+    Fact(Fact),
     ObjectRay {
         origin: bool,
     },
@@ -111,32 +106,14 @@ fn action(opcode: Op) -> Option<Action> {
         | Op::HitObjectGetShaderBindingTableRecordIndexEXT => words(word::RECORD_INDEX, 1),
         Op::HitObjectIsSphereHitNV => IsPrimitive(primitive::SPHERE),
         Op::HitObjectIsLSSHitNV => IsPrimitive(primitive::LINEAR_SWEPT_SPHERE),
-        Op::HitObjectGetSpherePositionNV => Ends { first: 0, count: 3 },
-        Op::HitObjectGetSphereRadiusNV => Ends { first: 6, count: 1 },
-        Op::HitObjectGetLSSPositionsNV => Ends { first: 0, count: 6 },
-        Op::HitObjectGetLSSRadiiNV => Ends { first: 6, count: 2 },
         Op::HitObjectGetHitKindNV | Op::HitObjectGetHitKindEXT => HitKind,
-        Op::HitObjectGetInstanceCustomIndexNV | Op::HitObjectGetInstanceCustomIndexEXT => {
-            InstanceCustomIndex
-        }
-        Op::HitObjectGetObjectToWorldNV | Op::HitObjectGetObjectToWorldEXT => {
-            Fact(HitFact::ObjectToWorld)
-        }
-        Op::HitObjectGetWorldToObjectNV | Op::HitObjectGetWorldToObjectEXT => {
-            Fact(HitFact::WorldToObject)
-        }
-        Op::HitObjectGetIntersectionTriangleVertexPositionsEXT => {
-            Fact(HitFact::TriangleVertexPositions)
-        }
-        Op::HitObjectGetShaderRecordBufferHandleNV
-        | Op::HitObjectGetShaderRecordBufferHandleEXT => Fact(HitFact::ShaderRecord),
         Op::HitObjectGetObjectRayOriginNV | Op::HitObjectGetObjectRayOriginEXT => {
             ObjectRay { origin: true }
         }
         Op::HitObjectGetObjectRayDirectionNV | Op::HitObjectGetObjectRayDirectionEXT => {
             ObjectRay { origin: false }
         }
-        _ => return None,
+        _ => return facts::of_hit_object(opcode).map(Fact),
     })
 }
 
@@ -208,11 +185,11 @@ impl Lowerer<'_> {
                 let found = self.b.binary(ir::Op::LShr, object[word::HIT_KIND], shift)?;
                 vec![self.b.compare(ir::Op::IEq, found, wanted)?]
             }
-            Action::Ends { first, count } => {
-                self.fact(&object, HitFact::SweptEnds)?[first..first + count].to_vec()
+            Action::Fact(fact) => {
+                let mut words = self.fact(&object, fact)?;
+                words.truncate(self.types.leaves(instruction.result_type)?.len());
+                words
             }
-            Action::InstanceCustomIndex => self.fact(&object, HitFact::Instance)?[..1].to_vec(),
-            Action::Fact(fact) => self.fact(&object, fact)?,
             Action::ObjectRay { origin } => self.object_ray(&object, origin)?,
         };
         self.define_typed(instruction, result)
@@ -331,20 +308,16 @@ impl Lowerer<'_> {
         self.store(&pointer, &values)
     }
 
-    fn fact(&mut self, object: &[Value], fact: HitFact) -> Result<Vec<Value>, Error> {
+    fn fact(&mut self, object: &[Value], fact: Fact) -> Result<Vec<Value>, Error> {
         let words: Vec<Value> = IDENTITY.iter().map(|&index| object[index]).collect();
-        let ty = match fact {
-            HitFact::Instance | HitFact::ShaderRecord => Type::I32,
-            _ => Type::F32,
-        };
         let op = ir::Op::HitObjectGet(fact);
-        let results = vec![ty; fact.words()];
+        let results = vec![fact.ty(); fact.words()];
         Ok(self.b.emit_unchecked(op, &words, &results)?.to_vec())
     }
 
     /// The ray in the instance's space: rows of the matrix times the origin or the direction.
     fn object_ray(&mut self, object: &[Value], origin: bool) -> Result<Vec<Value>, Error> {
-        let matrix = self.fact(object, HitFact::WorldToObject)?;
+        let matrix = self.fact(object, Fact::WorldToObject)?;
         let first = if origin {
             word::ORIGIN
         } else {

@@ -26,6 +26,7 @@ mod convert;
 mod define_constant;
 mod derivative;
 mod entry;
+mod facts;
 mod fold;
 mod frame;
 mod function;

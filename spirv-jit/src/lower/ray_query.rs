@@ -3,29 +3,30 @@
 
 use rspirv::spirv::{Op, RayQueryIntersection};
 
-use super::Lowerer;
 use super::types::TypeKind;
 use super::values::{Place, Pointer};
+use super::{Lowerer, facts};
 use crate::Error;
+use crate::facts::Fact;
 use crate::ir::op::Access;
 use crate::ir::{self, Space, Type, Value};
 use crate::parse::{Id, Instruction, ParsedModule};
-use crate::query::{QueryField, QueryWord, row, state};
+use crate::query::{QueryWord, row, state};
 
 /// `OpRayQueryGetIntersectionTypeKHR` of a committed intersection.
 pub(super) const COMMITTED_TRIANGLE: u32 = 1;
 pub(super) const COMMITTED_GENERATED: u32 = 2;
 
 /// What a hit object takes from the committed intersection.
-const RECORDED: [QueryField; 8] = [
-    QueryField::IntersectionType,
-    QueryField::T,
-    QueryField::InstanceId,
-    QueryField::GeometryIndex,
-    QueryField::PrimitiveIndex,
-    QueryField::Barycentrics,
-    QueryField::HitKind,
-    QueryField::Slot,
+const RECORDED: [Fact; 8] = [
+    Fact::IntersectionType,
+    Fact::T,
+    Fact::InstanceId,
+    Fact::GeometryIndex,
+    Fact::PrimitiveIndex,
+    Fact::Barycentrics,
+    Fact::HitWord,
+    Fact::Slot,
 ];
 
 pub(super) fn is_ray_query(opcode: Op) -> bool {
@@ -40,59 +41,24 @@ pub(super) fn is_ray_query(opcode: Op) -> bool {
             | Op::RayQueryGetRayFlagsKHR
             | Op::RayQueryGetWorldRayDirectionKHR
             | Op::RayQueryGetWorldRayOriginKHR
-    ) || field_of(opcode).is_some()
-}
-
-/// What a getter of an intersection reads.
-fn field_of(opcode: Op) -> Option<QueryField> {
-    Some(match opcode {
-        Op::RayQueryGetIntersectionTypeKHR => QueryField::IntersectionType,
-        Op::RayQueryGetIntersectionTKHR => QueryField::T,
-        Op::RayQueryGetIntersectionInstanceCustomIndexKHR => QueryField::InstanceCustomIndex,
-        Op::RayQueryGetIntersectionInstanceIdKHR => QueryField::InstanceId,
-        Op::RayQueryGetIntersectionInstanceShaderBindingTableRecordOffsetKHR => {
-            QueryField::InstanceSbtOffset
-        }
-        Op::RayQueryGetIntersectionGeometryIndexKHR => QueryField::GeometryIndex,
-        Op::RayQueryGetIntersectionPrimitiveIndexKHR => QueryField::PrimitiveIndex,
-        Op::RayQueryGetIntersectionBarycentricsKHR => QueryField::Barycentrics,
-        Op::RayQueryGetIntersectionFrontFaceKHR => QueryField::FrontFace,
-        Op::RayQueryGetIntersectionCandidateAABBOpaqueKHR => QueryField::AabbOpaque,
-        Op::RayQueryGetIntersectionObjectRayDirectionKHR => QueryField::ObjectRayDirection,
-        Op::RayQueryGetIntersectionObjectRayOriginKHR => QueryField::ObjectRayOrigin,
-        Op::RayQueryGetIntersectionObjectToWorldKHR => QueryField::ObjectToWorld,
-        Op::RayQueryGetIntersectionWorldToObjectKHR => QueryField::WorldToObject,
-        Op::RayQueryGetIntersectionTriangleVertexPositionsKHR => {
-            QueryField::TriangleVertexPositions
-        }
-        Op::RayQueryIsSphereHitNV => QueryField::IsSphere,
-        Op::RayQueryIsLSSHitNV => QueryField::IsLss,
-        Op::RayQueryGetIntersectionLSSHitValueNV => QueryField::LssHitValue,
-        Op::RayQueryGetIntersectionSpherePositionNV | Op::RayQueryGetIntersectionLSSPositionsNV => {
-            QueryField::SweptPositions
-        }
-        Op::RayQueryGetIntersectionSphereRadiusNV | Op::RayQueryGetIntersectionLSSRadiiNV => {
-            QueryField::SweptRadii
-        }
-        _ => return None,
-    })
+    ) || facts::of_query(opcode).is_some()
 }
 
 /// What a candidate becomes when it is committed: all that there is twice, but for what the shader decides.
 fn is_copied(word: QueryWord, of_triangles: bool) -> bool {
-    match word.field {
-        QueryField::IntersectionType | QueryField::AabbOpaque => false,
-        QueryField::InstanceCustomIndex
-        | QueryField::InstanceId
-        | QueryField::InstanceSbtOffset
-        | QueryField::GeometryIndex
-        | QueryField::PrimitiveIndex
-        | QueryField::ObjectRayDirection
-        | QueryField::ObjectRayOrigin
-        | QueryField::ObjectToWorld
-        | QueryField::WorldToObject
-        | QueryField::IsSphere
-        | QueryField::IsLss => true,
+    match word.fact {
+        Fact::IntersectionType | Fact::AabbOpaque => false,
+        Fact::InstanceCustomIndex
+        | Fact::InstanceId
+        | Fact::InstanceSbtOffset
+        | Fact::GeometryIndex
+        | Fact::PrimitiveIndex
+        | Fact::ObjectRayDirection
+        | Fact::ObjectRayOrigin
+        | Fact::ObjectToWorld
+        | Fact::WorldToObject
+        | Fact::IsSphere
+        | Fact::IsLss => true,
         _ => of_triangles,
     }
 }
@@ -107,24 +73,24 @@ pub(super) fn find_query_words(module: &ParsedModule) -> Vec<QueryWord> {
         confirms |= instruction.opcode == Op::RayQueryConfirmIntersectionKHR;
         generates |= instruction.opcode == Op::RayQueryGenerateIntersectionKHR;
         if instruction.opcode == Op::HitObjectRecordFromQueryEXT {
-            words.extend(RECORDED.iter().flat_map(|field| field.all(true)));
+            words.extend(RECORDED.iter().flat_map(|&fact| QueryWord::all(fact, true)));
         }
-        let Some(field) = field_of(instruction.opcode) else {
+        let Some(fact) = facts::of_query(instruction.opcode) else {
             continue;
         };
-        let which = match field {
-            QueryField::AabbOpaque => Some(false),
+        let which = match fact {
+            Fact::AabbOpaque => Some(false),
             _ => literal_of(module, module.operands(instruction)[1]).map(|word| word != 0),
         };
         for committed in [false, true] {
             if which.is_none_or(|which| which == committed) {
-                words.extend(field.all(committed));
+                words.extend(QueryWord::all(fact, committed));
             }
         }
     }
     if generates {
         // A hit beyond what is committed does not count.
-        words.extend(QueryField::T.all(true));
+        words.extend(QueryWord::all(Fact::T, true));
     }
     if confirms || generates {
         let copied = words
@@ -183,16 +149,16 @@ impl Lowerer<'_> {
                 self.get_query_rows(instruction, &query, row::ORIGIN)
             }
             opcode => {
-                let Some(field) = field_of(opcode) else {
+                let Some(fact) = facts::of_query(opcode) else {
                     return Err(self.unsupported(instruction));
                 };
-                let committed = match field {
-                    QueryField::AabbOpaque => false,
+                let committed = match fact {
+                    Fact::AabbOpaque => false,
                     _ => self.is_committed(operands[1])?,
                 };
                 let first = self.query_row(QueryWord {
                     committed,
-                    field,
+                    fact,
                     component: 0,
                 })?;
                 self.get_query_rows(instruction, &query, first)
@@ -237,16 +203,16 @@ impl Lowerer<'_> {
         let t_max = words[words.len() - 1];
         self.store_query_rows(query, row::STRUCTURE, &words)?;
         // Nothing is committed, which getters may ask for before the first step.
-        let committed = |field| QueryWord {
+        let committed = |fact| QueryWord {
             committed: true,
-            field,
+            fact,
             component: 0,
         };
-        if let Ok(row) = self.query_row(committed(QueryField::IntersectionType)) {
+        if let Ok(row) = self.query_row(committed(Fact::IntersectionType)) {
             let none = self.b.i32(0);
             self.store_query_rows(query, row, &[none])?;
         }
-        if let Ok(row) = self.query_row(committed(QueryField::T)) {
+        if let Ok(row) = self.query_row(committed(Fact::T)) {
             self.store_query_rows(query, row, &[t_max])?;
         }
         self.set_query_state(query, state::READY)
@@ -271,7 +237,7 @@ impl Lowerer<'_> {
         }
         let committed_t = self.query_row(QueryWord {
             committed: true,
-            field: QueryField::T,
+            fact: Fact::T,
             component: 0,
         })?;
         let t_min = self.load_query_rows(query, row::T_MIN, &[Type::F32])?[0];
@@ -297,9 +263,9 @@ impl Lowerer<'_> {
         let words = self.query_words.clone();
         for (index, &word) in words.iter().enumerate().filter(|(_, word)| word.committed) {
             let to = row::WORDS + index;
-            let value = match word.field {
-                QueryField::IntersectionType if triangle => self.b.i32(COMMITTED_TRIANGLE),
-                QueryField::IntersectionType => self.b.i32(COMMITTED_GENERATED),
+            let value = match word.fact {
+                Fact::IntersectionType if triangle => self.b.i32(COMMITTED_TRIANGLE),
+                Fact::IntersectionType => self.b.i32(COMMITTED_GENERATED),
                 _ if is_copied(word, triangle) => {
                     let from = self.query_row(QueryWord {
                         committed: false,
@@ -408,6 +374,6 @@ impl Lowerer<'_> {
 fn row_count(opcode: Op) -> usize {
     match opcode {
         Op::RayQueryGetWorldRayDirectionKHR | Op::RayQueryGetWorldRayOriginKHR => 3,
-        _ => field_of(opcode).map_or(1, |field| field.words().into()),
+        _ => facts::of_query(opcode).map_or(1, |fact| fact.words()),
     }
 }

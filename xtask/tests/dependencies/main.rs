@@ -70,6 +70,7 @@ const HOUSES: [House; 3] = [
             "reach",
             "query",
             "hit_object",
+            "facts",
             "eval",
             "error",
             "tier",

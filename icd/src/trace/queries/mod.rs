@@ -5,7 +5,7 @@
 //! suspended at a candidate: opaque triangles never are.
 
 mod arena;
-mod facts;
+mod describe;
 
 use smallvec::SmallVec;
 use spirv_jit::Program;
@@ -14,11 +14,11 @@ use spirv_jit::program::AlignedRow;
 use spirv_jit::query::{row, state};
 use traversal::{Event, HitRows, RayRows, Verdict, Walk, Walker, ray_flags};
 
-use super::subgroup::lanes_of;
+use super::lanes::lanes_of;
 use crate::wave::{Limits, Stopped};
 use arena::Arena;
 pub use arena::Owned;
-use facts::{describe_candidates, describe_committed, describe_rows, shows_committed};
+use describe::{describe_candidates, describe_committed, describe_rows, shows_committed};
 
 /// Fuel of a walk between two looks at the limits.
 const FUEL: u64 = 1 << 16;
@@ -255,7 +255,7 @@ impl Queries {
                 commits = true;
             }
             if commits {
-                describe_committed(walk, &mut query, words, context.limits);
+                describe_committed(walk, lane, query.rows, words, context.limits);
             }
             if event != Event::Done {
                 query.set(row::STATE, state::CANDIDATE);

@@ -4,7 +4,6 @@ use crate::image::{Dim, LodMode};
 use crate::ir::Type;
 use crate::ir::op::{AtomicOp, ReduceOp, Space, SubgroupOp};
 use crate::ir::stage::{Builtin, Stage};
-use crate::query::QueryField;
 
 macro_rules! names {
     ($type:ident, $to_text:ident, $from_text:ident: $($variant:ident = $text:literal),* $(,)?) => {
@@ -54,16 +53,6 @@ names!(Builtin, builtin_text, builtin_from_text:
     SamplePosition = "sample_position", SampleMask = "sample_mask", Layer = "layer",
     ViewportIndex = "viewport_index", AttachmentLayer = "attachment_layer", SampleCount = "sample_count",
     PerspectivePlanes = "perspective_planes", LinearPlanes = "linear_planes");
-
-names!(QueryField, query_field_text, query_field_from_text:
-    IntersectionType = "intersection_type", T = "t", InstanceCustomIndex = "instance_custom_index",
-    InstanceId = "instance_id", InstanceSbtOffset = "instance_sbt_offset", GeometryIndex = "geometry_index",
-    PrimitiveIndex = "primitive_index", Barycentrics = "barycentrics", FrontFace = "front_face",
-    AabbOpaque = "aabb_opaque", ObjectRayDirection = "object_ray_direction", ObjectRayOrigin = "object_ray_origin",
-    ObjectToWorld = "object_to_world", WorldToObject = "world_to_object",
-    TriangleVertexPositions = "triangle_vertex_positions", IsSphere = "is_sphere", IsLss = "is_lss",
-    LssHitValue = "lss_hit_value", SweptPositions = "swept_positions", SweptRadii = "swept_radii",
-    HitKind = "hit_kind", Slot = "slot");
 
 names!(AtomicOp, atomic_text, atomic_from_text:
     Load = "load", Store = "store", Exchange = "exchange", CompareExchange = "compare_exchange",

@@ -3,6 +3,7 @@
 use smallvec::SmallVec;
 
 use super::names::*;
+use crate::facts::Fact;
 use crate::image::{Format, ImageOp, ImageOpKind, LodMode};
 use crate::ir::op::{Access, DescriptorBinding};
 use crate::ir::stage::Stage;
@@ -327,12 +328,12 @@ impl<'a> Parser<'a> {
                 "committed" => true,
                 _ => return None,
             };
-            let field = query_field_from_text(parts.next()?)?;
+            let fact = Fact::from_text(parts.next()?)?;
             let component = parts.next()?.parse().ok()?;
-            let whole = parts.next().is_none() && component < field.words();
+            let whole = parts.next().is_none() && usize::from(component) < fact.words();
             whole.then_some(QueryWord {
                 committed,
-                field,
+                fact,
                 component,
             })
         };
@@ -550,6 +551,7 @@ impl<'a> Parser<'a> {
             "call" => index_from_text("f", &words).map(|id| Op::Call(FunctionId(id))),
             "image" => image_from_text(rest, &words).map(Op::Image),
             "subgroup" => subgroup_from_text(rest, &words).map(Op::Subgroup),
+            "hit_object_get" => Fact::from_text(rest).map(Op::HitObjectGet),
             _ if words.is_empty() => Op::from_text(name),
             _ => None,
         };

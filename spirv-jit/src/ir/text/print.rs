@@ -79,7 +79,7 @@ fn query_word_text(word: &QueryWord) -> String {
     } else {
         "candidate"
     };
-    format!("{of}.{}.{}", query_field_text(word.field), word.component)
+    format!("{of}.{}.{}", word.fact.text(), word.component)
 }
 
 /// A string in quotes, with the few characters escaped that would end it or the line.
@@ -356,6 +356,7 @@ pub fn print_op(op: &Op) -> String {
             (kind, words) if words.is_empty() => format!("{name}.{kind}"),
             (kind, words) => format!("{name}.{kind}[{words}]"),
         },
+        Op::HitObjectGet(fact) => format!("{name}.{}", fact.text()),
         _ => name.into(),
     }
 }

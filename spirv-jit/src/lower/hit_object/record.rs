@@ -1,13 +1,14 @@
 //! Hit objects that are recorded without a trace: misses, hits, and what a ray query has committed.
 
 use crate::Error;
-use crate::hit_object::{HitFact, kind, primitive, word};
+use crate::facts::Fact;
+use crate::hit_object::{kind, primitive, word};
 use crate::ir::{self, Type, Value};
 use crate::lower::Lowerer;
 use crate::lower::types::TypeKind;
 use crate::lower::values::Pointer;
 use crate::parse::Id;
-use crate::query::{QueryField, QueryWord, row};
+use crate::query::{QueryWord, row};
 
 impl Lowerer<'_> {
     /// Operands: (flags,) miss index, origin, t_min, direction, t_max(, time).
@@ -72,7 +73,7 @@ impl Lowerer<'_> {
             &operands[6..]
         } else {
             let (offset, stride) = (self.word(operands[5])?, self.word(operands[6])?);
-            let instance = self.fact(&object, HitFact::Instance)?[1];
+            let instance = self.fact(&object, Fact::InstanceSbtOffset)?[0];
             let geometry = self
                 .b
                 .binary(ir::Op::IMul, object[word::GEOMETRY], stride)?;
@@ -111,7 +112,7 @@ impl Lowerer<'_> {
             object[index..index + count].copy_from_slice(&values);
         }
         let (zero, one) = (self.b.i32(0), self.b.i32(1));
-        let ty = self.committed_word(&query, QueryField::IntersectionType, 0)?;
+        let ty = self.committed_word(&query, Fact::IntersectionType, 0)?;
         let is_built_in = self.b.compare(ir::Op::IEq, ty, one)?;
         let is_hit = self.b.compare(ir::Op::INe, ty, zero)?;
         let mask = self.load_query_rows(&query, row::CULL_MASK, &[Type::I32])?[0];
@@ -121,11 +122,11 @@ impl Lowerer<'_> {
         let state = self.b.select(is_hit, hit, empty)?;
         object[word::KIND] = self.b.binary(ir::Op::Or, state, mask)?;
         object[word::RECORD_INDEX] = self.word(operands[1])?;
-        object[word::T_MAX] = self.committed_word(&query, QueryField::T, 0)?;
-        object[word::INSTANCE] = self.committed_word(&query, QueryField::InstanceId, 0)?;
-        object[word::GEOMETRY] = self.committed_word(&query, QueryField::GeometryIndex, 0)?;
-        object[word::PRIMITIVE] = self.committed_word(&query, QueryField::PrimitiveIndex, 0)?;
-        object[word::SLOT] = self.committed_word(&query, QueryField::Slot, 0)?;
+        object[word::T_MAX] = self.committed_word(&query, Fact::T, 0)?;
+        object[word::INSTANCE] = self.committed_word(&query, Fact::InstanceId, 0)?;
+        object[word::GEOMETRY] = self.committed_word(&query, Fact::GeometryIndex, 0)?;
+        object[word::PRIMITIVE] = self.committed_word(&query, Fact::PrimitiveIndex, 0)?;
+        object[word::SLOT] = self.committed_word(&query, Fact::Slot, 0)?;
         // A box's hit kind and attributes are the shader's to say.
         let given = match operands.get(3) {
             Some(&id) => self.word(id)?,
@@ -133,11 +134,11 @@ impl Lowerer<'_> {
         };
         let low_byte = self.b.i32(0xff);
         let given = self.b.binary(ir::Op::And, given, low_byte)?;
-        let found = self.committed_word(&query, QueryField::HitKind, 0)?;
+        let found = self.committed_word(&query, Fact::HitWord, 0)?;
         object[word::HIT_KIND] = self.b.select(is_built_in, found, given)?;
         self.record_attributes(&mut object, operands[2])?;
         for component in 0..2 {
-            let weight = self.committed_word(&query, QueryField::Barycentrics, component)?;
+            let weight = self.committed_word(&query, Fact::Barycentrics, component)?;
             let place = &mut object[word::ATTRIBUTES + usize::from(component)];
             *place = self.b.select(is_built_in, weight, *place)?;
         }
@@ -148,16 +149,16 @@ impl Lowerer<'_> {
     fn committed_word(
         &mut self,
         query: &Pointer,
-        field: QueryField,
+        fact: Fact,
         component: u8,
     ) -> Result<Value, Error> {
         let row = self.query_row(QueryWord {
             committed: true,
-            field,
+            fact,
             component,
         })?;
-        let ty = match field {
-            QueryField::T => Type::F32,
+        let ty = match fact {
+            Fact::T => Type::F32,
             _ => Type::I32,
         };
         Ok(self.load_query_rows(query, row, &[ty])?[0])
