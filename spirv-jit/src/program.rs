@@ -291,7 +291,7 @@ impl Program {
         let program = (self.number, self.shared_size_bytes);
         // SAFETY: as the caller promises; the states were looked at above.
         let event = unsafe { self.code.run(&self.plan, program, frame, wave, fuel)? };
-        // The interpreter keeps a wave together to its end.
+        // The interpreter keeps a wave together until its event.
         Ok(Events {
             each: [event; MAX_SUBGROUPS],
             count,

@@ -4,6 +4,7 @@ use super::operand::Operand;
 use crate::image::ImageOp;
 use crate::ir::op::{AtomicOp, SubgroupOp};
 use crate::ir::{Space, Type};
+use crate::state::SiteId;
 
 /// A memory access: its address operands come first at `operands`, then the scalars.
 #[derive(Clone, Copy)]
@@ -67,16 +68,36 @@ pub(super) struct Remade {
     pub from: Operand,
 }
 
-/// Operands of what lives across a place where a wave can be suspended.
+/// A vector row that is saved: what the plan says of the value, with its operand beside it, since states are saved and restored often.
+#[derive(Clone, Copy)]
+pub(super) struct Saved {
+    pub operand: Operand,
+    /// Row of the state.
+    pub row: u32,
+    /// 64 bits: two rows of the state.
+    pub wide: bool,
+    /// The row is an input's: it stands there already.
+    pub input: bool,
+}
+
+/// What lives across a place where a wave can be suspended.
 #[derive(Default)]
 pub(super) struct Live {
-    /// In the plan's order.
-    pub saved: Vec<Operand>,
+    pub saved: Vec<Saved>,
     pub remade: Vec<Remade>,
 }
 
-/// Where a wave goes on after a save point or a call.
+/// Where a wave goes on after a save point, and what the plan says of it.
 pub(super) struct Place {
+    pub pc: u32,
+    pub function: u32,
+    pub masks: u32,
+    pub site: Option<SiteId>,
+    pub live: Live,
+}
+
+/// Where a wave goes on after a call.
+pub(super) struct Return {
     pub pc: u32,
     pub live: Live,
 }

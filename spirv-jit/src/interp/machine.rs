@@ -6,7 +6,7 @@
 
 use std::cell::Cell;
 
-use super::code::{AccessPlan, AtomicPlan, ImagePlan, Place, SubgroupPlan};
+use super::code::{AccessPlan, AtomicPlan, ImagePlan, Place, Return, SubgroupPlan};
 use super::operand::Operand;
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
@@ -49,7 +49,7 @@ pub(crate) struct Code {
     pub(super) images: Vec<ImagePlan>,
     /// In the plan's order.
     pub(super) points: Vec<Place>,
-    pub(super) calls: Vec<Place>,
+    pub(super) calls: Vec<Return>,
     /// Constants: the first uniform rows.
     pub(super) constants: Vec<AlignedRow>,
     /// Behind the instructions that compute uniform rows.

@@ -1,12 +1,12 @@
 //! Suspending a wave into its subgroups' states, and resuming it: control rows are as [`plan`](crate::plan) has them.
 
-use super::code::Live;
+use super::code::{Live, Saved};
 use super::descriptors;
 use super::machine::{Instr, MAX_SUBGROUPS, Machine};
 use super::operand::Operand;
 use super::tier::Kernel;
 use crate::SUBGROUP_SIZE;
-use crate::plan::{self, CONTROL_WORDS};
+use crate::plan::CONTROL_WORDS;
 use crate::row::Row;
 use crate::state::{Event, IO_DATA_ROW};
 
@@ -16,9 +16,8 @@ use crate::state::{Event, IO_DATA_ROW};
 /// `point` is one of the program's, and control stands there.
 #[inline(always)]
 unsafe fn suspend(m: &mut Machine<'_>, point: u32, event: Event) {
-    let place = &m.code.points[point as usize];
-    let point = &m.plan.points[point as usize];
-    let id = point.base + m.context;
+    let id = m.plan.bases[point as usize] + m.context;
+    let point = &m.code.points[point as usize];
     // SAFETY: the states have the program's layout.
     unsafe {
         for s in 0..m.subgroups {
@@ -31,9 +30,9 @@ unsafe fn suspend(m: &mut Machine<'_>, point: u32, event: Event) {
                 *masks.add(k) = (*m.masks.add(k))[s];
             }
         }
-        save(m, &point.live, &place.live);
-        for (index, site) in m.plan.path(point.function, m.context) {
-            save(m, &site.live, &m.code.calls[index].live);
+        save(m, &point.live.saved);
+        for (index, _) in m.plan.path(point.function, m.context) {
+            save(m, &m.code.calls[index].live.saved);
         }
     }
     m.event = event;
@@ -54,18 +53,17 @@ pub(super) unsafe fn suspend_without_fuel(m: &mut Machine<'_>, point: u32) {
 /// # Safety
 /// The states have the program's layout, the lists are the program's.
 #[inline(always)]
-unsafe fn save(m: &Machine<'_>, planned: &plan::Live, live: &Live) {
-    let saved = planned.saved.iter().zip(&live.saved);
-    for (value, &operand) in saved.filter(|(value, _)| !value.input) {
+unsafe fn save(m: &Machine<'_>, saved: &[Saved]) {
+    for value in saved.iter().filter(|value| !value.input) {
         for s in 0..m.subgroups {
             // SAFETY: as the caller promises.
             unsafe {
                 let to = m.state_row(s, value.row as usize);
                 let offset = (s * 64) as u16;
                 if value.wide {
-                    *to.cast::<[u64; SUBGROUP_SIZE]>() = *m.block::<u64>(operand, offset);
+                    *to.cast::<[u64; SUBGROUP_SIZE]>() = *m.block::<u64>(value.operand, offset);
                 } else {
-                    *to = *m.block::<u32>(operand, offset);
+                    *to = *m.block::<u32>(value.operand, offset);
                 }
             }
         }
@@ -75,17 +73,17 @@ unsafe fn save(m: &Machine<'_>, planned: &plan::Live, live: &Live) {
 /// # Safety
 /// As [`save`].
 #[inline(always)]
-unsafe fn restore_values(m: &Machine<'_>, planned: &plan::Live, live: &Live) {
-    for (value, &operand) in planned.saved.iter().zip(&live.saved) {
+unsafe fn restore_values(m: &Machine<'_>, live: &Live) {
+    for value in &live.saved {
         for s in 0..m.subgroups {
             // SAFETY: as the caller promises.
             unsafe {
                 let from = m.state_row(s, value.row as usize);
                 let offset = (s * 64) as u16;
                 if value.wide {
-                    *m.block::<u64>(operand, offset) = *from.cast::<[u64; SUBGROUP_SIZE]>();
+                    *m.block::<u64>(value.operand, offset) = *from.cast::<[u64; SUBGROUP_SIZE]>();
                 } else {
-                    *m.block::<u32>(operand, offset) = *from;
+                    *m.block::<u32>(value.operand, offset) = *from;
                 }
             }
         }
@@ -103,9 +101,9 @@ impl Kernel for Resume {
         // SAFETY: the states have the program's layout.
         unsafe {
             let (index, context) = m.plan.point_of(*m.states[0]);
-            let (point, place) = (&m.plan.points[index], &m.code.points[index]);
+            let point = &m.code.points[index];
             m.context = context;
-            m.pc = place.pc as usize;
+            m.pc = point.pc as usize;
             let mut active = [0; MAX_SUBGROUPS];
             for (s, lanes) in active[..m.subgroups].iter_mut().enumerate() {
                 *lanes = *m.states[s].add(1) as u16;
@@ -118,11 +116,11 @@ impl Kernel for Resume {
                     *lanes = *m.states[s].add(CONTROL_WORDS).cast::<u16>().add(k);
                 }
             }
-            restore_values(m, &point.live, &place.live);
+            restore_values(m, &point.live);
             for (index, site) in m.plan.path(point.function, context) {
                 let place = &m.code.calls[index];
                 *m.returns.add(site.callee as usize) = place.pc;
-                restore_values(m, &site.live, &place.live);
+                restore_values(m, &place.live);
             }
             m.set_active(active);
         }
@@ -175,7 +173,7 @@ impl Kernel for Yield {
             // SAFETY: as the caller promises.
             unsafe { write_io(m, operand, row) };
         }
-        let site = m.plan.points[i.y as usize].site;
+        let site = m.code.points[i.y as usize].site;
         let event = site.map_or(Event::OutOfFuel, Event::Yield);
         // SAFETY: as the caller promises.
         unsafe { suspend(m, i.y, event) };

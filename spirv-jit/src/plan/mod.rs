@@ -43,8 +43,10 @@ pub(crate) struct Plan {
     pub masks: usize,
     /// By [`SiteId`](crate::state::SiteId).
     pub sites: Vec<SiteKind>,
-    /// By `base`: in the order of functions, and of the text in each.
+    /// In the order of functions, and of the text in each.
     pub points: Vec<SavePoint>,
+    /// Id of each point for call path 0; path `c` is `base + c`. Ascending.
+    pub bases: Vec<u32>,
     /// In the same order.
     pub calls: Vec<CallSite>,
     /// By function: its call sites, ascending by `context`.
@@ -95,6 +97,7 @@ pub(crate) fn plan(module: &Module) -> Result<Planned<'_>, Error> {
             masks: 0,
             sites: Vec::new(),
             points: Vec::new(),
+            bases: Vec::new(),
             calls: Vec::new(),
             callers: vec![Vec::new(); module.functions.len()],
             end_of_points: 0,

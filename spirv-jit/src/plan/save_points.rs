@@ -60,8 +60,6 @@ pub(crate) struct SavePoint {
     pub function: u32,
     /// Position in the function as [`Liveness`](super::Liveness) counts, 0 where it begins.
     pub position: u32,
-    /// Id of the point for call path 0; path `c` is `base + c`.
-    pub base: u32,
     /// Parked and pending masks that are in use, from the program's first.
     pub masks: u32,
     pub live: Live,
@@ -325,10 +323,10 @@ impl Finder<'_, '_> {
         if self.next_point > u32::MAX as u64 {
             return Err(budget("too many call paths"));
         }
+        self.planned.plan.bases.push(base as u32);
         self.planned.plan.points.push(SavePoint {
             function: self.function as u32,
             position,
-            base: base as u32,
             masks: self.masks as u32,
             live,
             site,

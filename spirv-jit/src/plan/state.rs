@@ -14,9 +14,9 @@ pub(crate) const CONTROL_WORDS: usize = 3;
 impl Plan {
     /// The save point of a resume id, and the call path's number.
     pub fn point_of(&self, id: u32) -> (usize, u32) {
-        let after = self.points.partition_point(|point| point.base <= id);
+        let after = self.bases.partition_point(|&base| base <= id);
         let index = after.saturating_sub(1);
-        (index, id - self.points[index].base)
+        (index, id - self.bases[index])
     }
 
     /// Functions of the module, reached or not.

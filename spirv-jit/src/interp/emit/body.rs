@@ -5,7 +5,7 @@ use smallvec::SmallVec;
 
 use super::{Emitter, Target, instr};
 use crate::Error;
-use crate::interp::code::{DescriptorSource, Live, Place, Remade};
+use crate::interp::code::{DescriptorSource, Live, Place, Remade, Return, Saved};
 use crate::interp::kernels::{Copy, MaskedCopy};
 use crate::interp::machine::{Handler, Instr};
 use crate::interp::operand::Operand;
@@ -386,8 +386,14 @@ impl Emitter<'_> {
 
     /// Operands of what lives at a place that the plan found.
     fn live(&mut self, planned: &plan::Live) -> Live {
-        let saved = planned.saved.iter().map(|value| self.operand(value.value));
-        let saved = saved.collect();
+        let saved = (planned.saved.iter())
+            .map(|saved| Saved {
+                operand: self.operand(saved.value),
+                row: saved.row,
+                wide: saved.wide,
+                input: saved.input,
+            })
+            .collect();
         let remade = (planned.remade.iter())
             .map(|remade| Remade {
                 to: self.operand(remade.value),
@@ -415,7 +421,13 @@ impl Emitter<'_> {
         );
         let live = self.live(&point.live);
         let pc = at.0 as u32;
-        self.code.points.push(Place { pc, live });
+        self.code.points.push(Place {
+            pc,
+            function: point.function,
+            masks: point.masks,
+            site: point.site,
+            live,
+        });
         index as u32
     }
 
@@ -441,7 +453,7 @@ impl Emitter<'_> {
         let site = self.code.calls.len();
         let live = self.live(&self.planned.plan.calls[site].live);
         let pc = after.0 as u32;
-        self.code.calls.push(Place { pc, live });
+        self.code.calls.push(Return { pc, live });
         let entry = self.entries[callee];
         let call = Instr {
             x: site as u32,
