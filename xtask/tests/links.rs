@@ -1,0 +1,49 @@
+//! Links between the pages, and from pages to files, lead somewhere.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// What stands in the brackets of `[text](target)`, outside of code.
+fn targets(page: &str) -> impl Iterator<Item = &str> {
+    let prose = page.split("```").step_by(2);
+    prose.flat_map(|text| {
+        let after = text.split("](").skip(1);
+        after.filter_map(|rest| rest.split_once(')').map(|(target, _)| target))
+    })
+}
+
+/// Whether a target is another site's.
+fn is_elsewhere(target: &str) -> bool {
+    target.contains("://") || target.starts_with("mailto:")
+}
+
+#[test]
+fn links_lead_to_files() {
+    let mut pages = vec![root().join("README.md")];
+    let docs = fs::read_dir(root().join("docs")).expect("the folder of pages");
+    pages.extend(docs.map(|entry| entry.expect("a page").path()));
+    pages.retain(|page| page.extension().is_some_and(|extension| extension == "md"));
+    assert!(pages.len() > 10, "the pages are found");
+    let (mut links, mut lost) = (0, Vec::new());
+    for page in &pages {
+        let text = fs::read_to_string(page).expect("a page can be read");
+        for target in targets(&text).filter(|target| !is_elsewhere(target)) {
+            let (path, _) = target.split_once('#').unwrap_or((target, ""));
+            let folder = page.parent().expect("a page lies in a folder");
+            links += 1;
+            if !folder.join(path).exists() {
+                lost.push(format!("{}: {target}", page.display()));
+            }
+        }
+    }
+    assert!(
+        lost.is_empty(),
+        "links that lead nowhere:\n{}",
+        lost.join("\n")
+    );
+    assert!(links > 50, "the links are found");
+}
