@@ -23,7 +23,8 @@ mod observe;
 
 use std::path::{Path, PathBuf};
 
-use observe::{Outcome, execute};
+use observe::{Outcome, execute, execute_on};
+use spirv_jit::interp::TierKind;
 use spirv_jit::ir::text::{parse_module, print_module};
 use spirv_jit::ir::{Module, verify};
 use spirv_jit::pass::{optimize, run_pass};
@@ -111,6 +112,11 @@ fn check_runs(case: &Case<'_>, after_passes: &Module) -> Result<(), String> {
     optimize(&mut optimised).map_err(|error| error.to_string())?;
     for seed in 0..4 {
         let expected = execute(&original, seed, None).without_payloads();
+        for &tier in TierKind::present() {
+            if execute_on(tier, &original, seed, None).without_payloads() != expected {
+                return Err(format!("{tier:?} gives something else"));
+            }
+        }
         for module in [after_passes, &optimised] {
             let actual = execute(module, seed, None)
                 .with_payload_of(&original, seed)

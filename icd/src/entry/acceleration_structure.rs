@@ -20,7 +20,7 @@ use crate::decode::acceleration_structure::{
     decode_build, decode_builds, geometries, has_micromap, kind, resolve_host_instances, storage,
 };
 use crate::device::Device;
-use crate::ffi::slice;
+use crate::ffi::{slice, write_strided};
 use crate::handle::{self, from_handle, retain};
 use crate::object::acceleration_structure::{Location, ReplayableStructure};
 use crate::object::addressed::{AddressEvent, Addressed};
@@ -207,15 +207,10 @@ entry! {
         stride_bytes: usize,
     ) -> vk::Result {
         let live = live(device);
-        for (index, &structure) in slice(structures, count).iter().enumerate() {
-            let offset = index * stride_bytes;
-            if offset + size_of::<u64>() > data_bytes {
-                return Err(vk::Result::ERROR_UNKNOWN);
-            }
-            let value = execute::property(storage(structure).address, query_type, &live);
-            data.byte_add(offset).cast::<u64>().write_unaligned(value);
-        }
-        Ok(())
+        let values = slice(structures, count).iter().map(|&structure| {
+            execute::property(storage(structure).address, query_type, &live)
+        });
+        write_strided(values, data, data_bytes, stride_bytes)
     }
 }
 

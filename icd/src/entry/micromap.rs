@@ -13,7 +13,7 @@ use crate::command::micromap::MicromapCommand;
 use crate::command::{Command, RayTracingCommand};
 use crate::decode::micromap::{decode_build, storage, usages};
 use crate::device::Device;
-use crate::ffi::slice;
+use crate::ffi::{slice, write_strided};
 use crate::handle::{self, from_handle, retain};
 use crate::object::acceleration_structure::Storage;
 use crate::object::addressed::AddressEvent;
@@ -137,15 +137,10 @@ entry! {
         stride_bytes: usize,
     ) -> vk::Result {
         let live = live(device);
-        for (index, &micromap) in slice(micromaps, count).iter().enumerate() {
-            let offset = index * stride_bytes;
-            if offset + size_of::<u64>() > data_bytes {
-                return Err(vk::Result::ERROR_UNKNOWN);
-            }
-            let value = execute::property(storage(micromap).address, query_type, &live);
-            data.byte_add(offset).cast::<u64>().write_unaligned(value);
-        }
-        Ok(())
+        let values = slice(micromaps, count).iter().map(|&micromap| {
+            execute::property(storage(micromap).address, query_type, &live)
+        });
+        write_strided(values, data, data_bytes, stride_bytes)
     }
 }
 

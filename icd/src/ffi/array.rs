@@ -2,6 +2,8 @@
 
 use std::ffi::{CStr, c_char, c_void};
 
+use ash::vk;
+
 /// A counted array as a slice; a null pointer or a count of zero is empty.
 ///
 /// # Safety
@@ -56,6 +58,30 @@ pub fn write_text<const N: usize>(out: &mut [c_char; N], text: &str) {
     for (to, from) in out[..N - 1].iter_mut().zip(text.bytes()) {
         *to = from as c_char;
     }
+}
+
+/// Writes numbers to the application's memory, one each `stride_bytes`.
+///
+/// # Safety
+/// `data` points to `data_bytes` bytes that may be written.
+///
+/// # Errors
+/// They do not fit; those that do are written.
+pub unsafe fn write_strided(
+    values: impl Iterator<Item = u64>,
+    data: *mut c_void,
+    data_bytes: usize,
+    stride_bytes: usize,
+) -> Result<(), vk::Result> {
+    for (index, value) in values.enumerate() {
+        let offset = index * stride_bytes;
+        if offset + size_of::<u64>() > data_bytes {
+            return Err(vk::Result::ERROR_UNKNOWN);
+        }
+        // SAFETY: inside the bytes that the caller promises.
+        unsafe { data.byte_add(offset).cast::<u64>().write_unaligned(value) };
+    }
+    Ok(())
 }
 
 #[cfg(test)]

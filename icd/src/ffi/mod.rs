@@ -5,6 +5,6 @@ pub mod chain;
 pub mod enumerate;
 pub mod vk;
 
-pub use array::{slice, string};
+pub use array::{slice, string, write_strided};
 pub use chain::{find, find_mut};
 pub use enumerate::enumerate;
