@@ -292,23 +292,27 @@ impl Program {
         // SAFETY: as the caller promises; the states were looked at above.
         let event = unsafe { self.code.run(&self.plan, program, frame, wave, fuel)? };
         // The interpreter keeps a wave together until its event.
-        Ok(Events {
-            each: [event; MAX_SUBGROUPS],
-            count,
-        })
+        Ok(Events { all: event, count })
     }
 }
 
 /// What subgroups of a run came to, by their index in the wave.
+#[derive(Clone, Copy, Debug)]
 pub struct Events {
-    each: [Event; MAX_SUBGROUPS],
+    all: Event,
     count: usize,
 }
 
-impl std::ops::Deref for Events {
-    type Target = [Event];
+impl Events {
+    /// One for each subgroup.
+    #[inline]
+    pub fn iter(&self) -> impl Iterator<Item = Event> {
+        std::iter::repeat_n(self.all, self.count)
+    }
 
-    fn deref(&self) -> &[Event] {
-        &self.each[..self.count]
+    /// Whether a subgroup came to an event.
+    #[inline]
+    pub fn contains(&self, event: Event) -> bool {
+        self.iter().any(|other| other == event)
     }
 }

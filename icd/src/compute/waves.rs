@@ -150,23 +150,23 @@ impl Runner {
     fn run_wave(&mut self, run: &Run<'_>) -> Result<(), Stopped> {
         let mut fuel = FUEL;
         let events = self.run_members(run, &mut fuel)?;
-        if !events.contains(&Event::OutOfFuel) {
+        if !events.contains(Event::OutOfFuel) {
             self.burnt += FUEL - fuel + WAVE_FUEL;
             if self.burnt >= FUEL {
                 self.burnt = 0;
                 run.limits.check()?;
             }
-            return self.settle(run, &events);
+            return self.settle(run, events);
         }
         run.limits.check()?;
         let members: SmallVec<[usize; 16]> = self.in_wave().collect();
-        self.settle(run, &events)?;
+        self.settle(run, events)?;
         if members.len() > 1 {
             for member in members {
                 self.status[member] = Status::InWave;
                 let mut fuel = FUEL_ALONE;
                 let events = self.run_members(run, &mut fuel)?;
-                self.settle(run, &events)?;
+                self.settle(run, events)?;
             }
         }
         Ok(())
@@ -204,14 +204,14 @@ impl Runner {
         events.map_err(|_| Stopped::OutOfMemory)
     }
 
-    fn settle(&mut self, run: &Run<'_>, events: &[Event]) -> Result<(), Stopped> {
+    fn settle(&mut self, run: &Run<'_>, events: Events) -> Result<(), Stopped> {
         let program = run.program;
         let members = (self.states)
             .chunks_exact_mut(self.rows)
             .zip(&mut self.status)
             .filter(|(_, status)| **status == Status::InWave);
-        for ((state, status), event) in members.zip(events) {
-            *status = match *event {
+        for ((state, status), event) in members.zip(events.iter()) {
+            *status = match event {
                 Event::End => Status::Ended,
                 Event::OutOfFuel => Status::Ready,
                 Event::Yield(site) => match program.sites()[site.0 as usize] {

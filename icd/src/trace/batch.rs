@@ -361,7 +361,7 @@ impl<'a> Batch<'a> {
             )
         };
         let events = events.map_err(|_| Stopped::OutOfMemory)?;
-        for (&index, &event) in wave.iter().zip(&*events) {
+        for (&index, event) in wave.iter().zip(events.iter()) {
             match event {
                 Event::End => self.end(index),
                 Event::OutOfFuel => self.make_ready(index),
@@ -372,7 +372,7 @@ impl<'a> Batch<'a> {
             }
         }
         self.patience -= 1;
-        if events.contains(&Event::OutOfFuel) || self.patience == 0 {
+        if events.contains(Event::OutOfFuel) || self.patience == 0 {
             self.patience = PATIENCE;
             self.dispatch.limits.check()
         } else {

@@ -126,7 +126,7 @@ pub fn run(program: &Program, random: &mut Random, margin: usize) {
         };
         // SAFETY: what the environment and `shared` name is alive, and as large as they say.
         let events = unsafe { program.run(&mut frame, &mut wave, &mut fuel) };
-        let Event::Yield(site) = events.expect("the frame is small")[0] else {
+        let Event::Yield(site) = events.expect("the frame is small").iter().next().unwrap() else {
             break;
         };
         let answered = answer_rows(program.sites()[site.0 as usize]);

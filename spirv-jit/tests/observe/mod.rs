@@ -166,7 +166,7 @@ pub fn execute_on(tier: TierKind, module: &Module, seed: u64, inputs: Option<&[u
             };
             // SAFETY: what the environment and `shared` name are the vectors above.
             let events = unsafe { program.run(&mut frame, &mut wave, &mut fuel) };
-            let event = alike(&events.expect("the frame is small"));
+            let event = alike(events.expect("the frame is small").iter().collect());
             budget -= given - fuel;
             match event {
                 Event::End => break,
@@ -244,7 +244,7 @@ fn answer(program: &Program, kind: SiteKind, state: &mut [AlignedRow], digests: 
 }
 
 /// The event that all subgroups of a wave came to.
-fn alike(events: &[Event]) -> Event {
+fn alike(events: Vec<Event>) -> Event {
     assert!(events.iter().all(|event| *event == events[0]), "{events:?}");
     events[0]
 }

@@ -97,7 +97,7 @@ pub fn run(
         };
         // SAFETY: the environment is of memory that outlives it, and there is no workgroup memory.
         let events = unsafe { program.run(&mut frame, &mut wave, &mut fuel) };
-        match events.expect("the frame is small")[0] {
+        match events.expect("the frame is small").iter().next().unwrap() {
             Event::End => break,
             Event::OutOfFuel => {}
             event => panic!("{event:?}"),

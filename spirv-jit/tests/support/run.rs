@@ -116,7 +116,7 @@ fn run_group(program: &Program, group: u32, environment: &Environment) {
             };
             // SAFETY: the environment is of memory that outlives it, `shared` is large enough.
             let events = unsafe { program.run(&mut frame, &mut wave, &mut fuel) };
-            match events.expect("the frame is small")[0] {
+            match events.expect("the frame is small").iter().next().unwrap() {
                 Event::End => {}
                 Event::Yield(_) => waiting.push(index),
                 Event::OutOfFuel => panic!("the shader does not end"),

@@ -80,8 +80,8 @@ impl Waves {
                 self.program
                     .run(&mut self.frame, &mut wave, &mut { FUEL })?
             };
-            let ended = events.iter().all(|event| *event == Event::End);
-            ensure!(ended, "the program stopped: {:?}", &*events);
+            let ended = events.iter().all(|event| event == Event::End);
+            ensure!(ended, "the program stopped: {:?}", events);
         }
         Ok(())
     }

@@ -76,6 +76,7 @@ impl Bench {
         };
         // SAFETY: what the environment names is the bench's.
         let events = unsafe { self.program.run(&mut self.frame, &mut wave, fuel) }.unwrap();
+        let events: Vec<Event> = events.iter().collect();
         assert_eq!(events.len(), which.len());
         assert!(events.iter().all(|event| *event == events[0]));
         events[0]
