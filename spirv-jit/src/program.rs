@@ -6,13 +6,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::SUBGROUP_SIZE;
 use crate::error::Error;
-use crate::interp::{self, MAX_SUBGROUPS};
+use crate::interp;
 use crate::ir::{self, passed::passed};
 use crate::plan::{self, Plan};
 use crate::query::QueryWord;
 use crate::tier::TierKind;
 
-pub use crate::interp::Frame;
+pub use crate::interp::{Frame, MAX_SUBGROUPS};
 pub use crate::ir::interface::{
     Barycentric, DepthMode, FragmentFacts, Interlock, OutputRow, Position, Varying, VaryingMode,
     VaryingPlace,

@@ -8,7 +8,7 @@
 //! so who meets in the subgroups that the next step forms follows from the launch alone, whatever the order of answers, the length of
 //! waves or the way that rays walk.
 
-use spirv_jit::program::{AlignedRow, Event, ResumePoint, SiteKind, Wave};
+use spirv_jit::program::{AlignedRow, Event, MAX_SUBGROUPS, ResumePoint, SiteKind, Wave};
 use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
 use traversal::{Event as WalkEvent, RayRows, SuspendedPacket, Walk, Walker};
 
@@ -336,15 +336,18 @@ impl<'a> Batch<'a> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
         debug_assert!(wave.is_sorted_by(|a, b| a < b), "a subgroup twice");
         let subgroups = &mut self.worker.subgroups;
-        let mut states: Vec<&mut [AlignedRow]> = (wave.iter())
-            .map(|&index| {
-                let rows = &mut subgroups[index].rows;
-                // SAFETY: each subgroup is in the list once, and none is touched otherwise until the run is over.
-                unsafe { std::slice::from_raw_parts_mut(rows.as_mut_ptr(), rows.len()) }
-            })
-            .collect();
+        let mut states: [&mut [AlignedRow]; MAX_SUBGROUPS] =
+            std::array::from_fn(|place| match wave.get(place) {
+                None => &mut [][..],
+                Some(&index) => {
+                    let rows = &mut subgroups[index].rows;
+                    // SAFETY: each subgroup is in the list once, and none is touched otherwise until the run is over.
+                    unsafe { std::slice::from_raw_parts_mut(rows.as_mut_ptr(), rows.len()) }
+                }
+            });
+        let states = &mut states[..wave.len()];
         if let Some(tally) = &mut self.tally {
-            tally.count(program, compiled, &states);
+            tally.count(program, compiled, states);
         }
         let mut fuel = FUEL;
         // SAFETY: the command's bindings keep what the environment names, and the application keeps what those name; only compute
@@ -353,7 +356,7 @@ impl<'a> Batch<'a> {
             compiled.run(
                 &mut self.worker.frame,
                 &mut Wave {
-                    states: &mut states,
+                    states,
                     shared: std::ptr::null_mut(),
                     environment: self.dispatch.environment,
                 },

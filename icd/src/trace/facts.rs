@@ -10,6 +10,7 @@ use spirv_jit::program::Row;
 use traversal::ray::HIT_KIND_FRONT_FACING_TRIANGLE;
 use traversal::{Hit, HitRows, Structure, Swept};
 
+use super::lanes::lanes_of;
 use crate::wave::Limits;
 
 /// One of each lane.
@@ -104,37 +105,76 @@ impl Take for OfHit<'_> {
     }
 }
 
-/// The hits of some lanes.
+/// The hits of some lanes. Rows may have anything in other lanes.
 pub trait Subjects {
     /// Lanes that have one.
     fn lanes(&self) -> u16;
-    /// Address of the top level.
-    fn structure(&self, lane: usize) -> u64;
-    /// When the ray is cast.
-    fn time(&self, lane: usize) -> f32;
+    /// Addresses of the top levels.
+    fn structures(&self) -> Lanes<u64>;
+    /// When the rays are cast.
+    fn times(&self) -> Lanes<f32>;
+    /// Indices of the instances that were hit.
+    fn instances(&self) -> Row;
     fn hit(&self, lane: usize) -> Hit;
-    /// The ray's origin and direction.
-    fn ray(&self, lane: usize) -> [[f32; 3]; 2];
+    /// Components of the rays' origins.
+    fn origins(&self) -> [Lanes<f32>; 3];
+    /// Components of the rays' directions.
+    fn directions(&self) -> [Lanes<f32>; 3];
+}
+
+/// Row-major 3 × 4 matrices.
+enum Matrices {
+    /// One for all lanes.
+    Same([f32; 12]),
+    Each(Box<[Lanes<f32>; 12]>),
+}
+
+impl Matrices {
+    #[inline(always)]
+    fn row(&self, element: usize) -> Lanes<f32> {
+        match self {
+            Self::Same(matrix) => [matrix[element]; SUBGROUP_SIZE],
+            Self::Each(rows) => rows[element],
+        }
+    }
 }
 
 /// What structures tell of the hits of some lanes: looked up once, if asked for.
 #[derive(Default)]
 pub struct Told {
-    object_to_world: OnceCell<Lanes<[f32; 12]>>,
-    world_to_object: OnceCell<Lanes<[f32; 12]>>,
+    object_to_world: OnceCell<Matrices>,
+    world_to_object: OnceCell<Matrices>,
+    /// Rows of the rays in the instances' spaces.
+    object_origins: OnceCell<[Row; 3]>,
+    object_directions: OnceCell<[Row; 3]>,
     vertices: OnceCell<Lanes<[[f32; 3]; 3]>>,
     ends: OnceCell<Lanes<([[f32; 3]; 2], [f32; 2])>>,
 }
 
 impl Told {
-    /// A word of a fact that structures tell, of the same subjects each time; `None` of any other.
+    /// A word of a fact that structures tell: see [`Self::write_row`].
     pub fn row(
         &self,
         subjects: &impl Subjects,
         limits: &Limits,
         fact: Fact,
         component: usize,
-    ) -> Option<Row> {
+    ) -> Row {
+        let mut row = [0; SUBGROUP_SIZE];
+        self.write_row(subjects, limits, fact, component, &mut row);
+        row
+    }
+
+    /// Writes a word of a fact that structures tell, of the same subjects each time; zeros of any
+    /// other.
+    pub fn write_row(
+        &self,
+        subjects: &impl Subjects,
+        limits: &Limits,
+        fact: Fact,
+        component: usize,
+        to: &mut Row,
+    ) {
         let live = &limits.live;
         let object_to_world = || {
             self.object_to_world.get_or_init(|| {
@@ -155,19 +195,16 @@ impl Told {
                 of_structures(subjects, limits, |s, hit, _| s.swept_ends(hit, live))
             })
         };
-        Some(match fact {
+        *to = match fact {
             Fact::ObjectToWorld => column_major(object_to_world(), component),
             Fact::WorldToObject => column_major(world_to_object(), component),
-            Fact::ObjectRayOrigin | Fact::ObjectRayDirection => {
-                let matrices = world_to_object();
-                let (which, w) = match fact {
-                    Fact::ObjectRayOrigin => (0, 1.0),
-                    _ => (1, 0.0),
-                };
-                std::array::from_fn(|lane| {
-                    let vector = subjects.ray(lane)[which];
-                    to_object(&matrices[lane], component, &vector, w).to_bits()
-                })
+            Fact::ObjectRayOrigin => {
+                let origins = || to_object(world_to_object(), &subjects.origins(), 1.0);
+                self.object_origins.get_or_init(origins)[component]
+            }
+            Fact::ObjectRayDirection => {
+                let directions = || to_object(world_to_object(), &subjects.directions(), 0.0);
+                self.object_directions.get_or_init(directions)[component]
             }
             Fact::TriangleVertexPositions => {
                 let vertices = self.vertices.get_or_init(|| {
@@ -186,8 +223,8 @@ impl Told {
                 let ends = ends();
                 std::array::from_fn(|lane| ends[lane].1[component].to_bits())
             }
-            _ => return None,
-        })
+            _ => [0; SUBGROUP_SIZE],
+        };
     }
 }
 
@@ -197,56 +234,75 @@ fn of_structures<T: Default>(
     limits: &Limits,
     read: impl Fn(Structure, &Hit, f32) -> T,
 ) -> Lanes<T> {
+    let (structures, times) = (subjects.structures(), subjects.times());
     let mut last = (0, None);
     std::array::from_fn(|lane| {
         if subjects.lanes() >> lane & 1 == 0 {
             return T::default();
         }
-        let named = subjects.structure(lane);
+        let named = structures[lane];
         if named != last.0 {
             last = (named, limits.structure(named));
         }
         let hit = subjects.hit(lane);
-        last.1.map_or_else(T::default, |structure| {
-            read(structure, &hit, subjects.time(lane))
-        })
+        last.1
+            .map_or_else(T::default, |structure| read(structure, &hit, times[lane]))
     })
 }
 
-/// What structures say of the instances that were hit. Neighbours mostly meet the same one.
+/// What structures say of the instances that were hit: asked once for lanes that met the same one
+/// at the same time.
 fn of_instances(
     subjects: &impl Subjects,
     limits: &Limits,
     read: impl Fn(Structure, u32, f32) -> [f32; 12],
-) -> Lanes<[f32; 12]> {
-    let mut last: Option<((u64, u32, u32), [f32; 12])> = None;
-    std::array::from_fn(|lane| {
-        if subjects.lanes() >> lane & 1 == 0 {
-            return [0.0; 12];
+) -> Matrices {
+    let lanes = subjects.lanes();
+    let (structures, instances, times) = (
+        subjects.structures(),
+        subjects.instances(),
+        subjects.times(),
+    );
+    let mut matrices: Option<Box<[Lanes<f32>; 12]>> = None;
+    let mut rest = lanes;
+    while let Some(first) = lanes_of(rest).next() {
+        let mut same = 0;
+        for lane in 0..SUBGROUP_SIZE {
+            let is_same = structures[lane] == structures[first]
+                && instances[lane] == instances[first]
+                && times[lane].to_bits() == times[first].to_bits();
+            same |= u16::from(is_same) << lane;
         }
-        let named = subjects.structure(lane);
-        let (index, time) = (subjects.hit(lane).instance_index, subjects.time(lane));
-        let asked = (named, index, time.to_bits());
-        if let Some((before, matrix)) = last
-            && before == asked
-        {
-            return matrix;
+        let structure = limits.structure(structures[first]);
+        let matrix = structure.map_or([0.0; 12], |structure| {
+            read(structure, instances[first], times[first])
+        });
+        if lanes & !same == 0 {
+            return Matrices::Same(matrix);
         }
-        let structure = limits.structure(named);
-        let matrix = structure.map_or([0.0; 12], |structure| read(structure, index, time));
-        last = Some((asked, matrix));
-        matrix
+        let matrices = matrices.get_or_insert_default();
+        for lane in lanes_of(rest & same) {
+            for (row, number) in matrices.iter_mut().zip(matrix) {
+                row[lane] = number;
+            }
+        }
+        rest &= !same;
+    }
+    matrices.map_or(Matrices::Same([0.0; 12]), Matrices::Each)
+}
+
+/// A component of 4 × 3 column-major shader matrices.
+fn column_major(matrices: &Matrices, component: usize) -> Row {
+    (matrices.row(component % 3 * 4 + component / 3)).map(f32::to_bits)
+}
+
+/// Points (`w` is 1) or directions (0) in instances' spaces, by their world-to-object matrices.
+fn to_object(matrices: &Matrices, [x, y, z]: &[Lanes<f32>; 3], w: f32) -> [Row; 3] {
+    [0, 4, 8].map(|at| {
+        let [row_x, row_y, row_z, row_w] = [0, 1, 2, 3].map(|axis| matrices.row(at + axis));
+        std::array::from_fn(|lane| {
+            let sum = row_x[lane] * x[lane] + row_y[lane] * y[lane] + row_z[lane] * z[lane];
+            (sum + row_w[lane] * w).to_bits()
+        })
     })
-}
-
-/// A component of a 4 × 3 column-major shader matrix, from row-major 3 × 4 ones.
-fn column_major(matrices: &Lanes<[f32; 12]>, component: usize) -> Row {
-    std::array::from_fn(|lane| matrices[lane][component % 3 * 4 + component / 3].to_bits())
-}
-
-/// A component of a point (`w` is 1) or a direction (0) in an instance's space, by its row-major
-/// world-to-object matrix.
-fn to_object(matrix: &[f32; 12], component: usize, vector: &[f32; 3], w: f32) -> f32 {
-    let row = &matrix[component * 4..][..4];
-    row[0] * vector[0] + row[1] * vector[1] + row[2] * vector[2] + row[3] * w
 }

@@ -1,13 +1,13 @@
 //! Hit objects: filled by a trace, asked about, executed.
 
-use spirv_jit::Program;
 use spirv_jit::facts::Fact;
 use spirv_jit::hit_object::{IDENTITY, TRACED, kind, primitive, word};
-use spirv_jit::program::IO_DATA_ROW;
+use spirv_jit::program::{IO_DATA_ROW, Row};
+use spirv_jit::{Program, SUBGROUP_SIZE};
 use traversal::{Hit, Structure, Swept};
 
 use super::batch::{Batch, Worker};
-use super::facts::{OfHit, Subjects, Told, hit_word, take};
+use super::facts::{Lanes, OfHit, Subjects, Told, hit_word, take};
 use super::rays::{Operands, RayGroup, operand, record_indices};
 use super::subgroup::{Subgroup, SubgroupIndex, lanes_of};
 use crate::wave::table::HANDLE_SIZE;
@@ -128,10 +128,8 @@ impl Batch<'_> {
                 };
                 let told = Told::default();
                 for (component, word) in answer[..fact.words()].iter_mut().enumerate() {
-                    *word = take(fact, component, OfHit(&subject.hit)).unwrap_or_else(|| {
-                        let row = told.row(&subject, limits, fact, component);
-                        row.unwrap_or_default()[0]
-                    });
+                    *word = take(fact, component, OfHit(&subject.hit))
+                        .unwrap_or_else(|| told.row(&subject, limits, fact, component)[0]);
                 }
             }
         }
@@ -241,20 +239,27 @@ impl Subjects for Known<'_> {
         1
     }
 
-    fn structure(&self, _: usize) -> u64 {
-        self.object.structure()
+    fn structures(&self) -> Lanes<u64> {
+        [self.object.structure(); SUBGROUP_SIZE]
     }
 
-    fn time(&self, _: usize) -> f32 {
-        f32::from_bits(self.object.0[word::TIME])
+    fn times(&self) -> Lanes<f32> {
+        [f32::from_bits(self.object.0[word::TIME]); SUBGROUP_SIZE]
+    }
+
+    fn instances(&self) -> Row {
+        [self.hit.instance_index; SUBGROUP_SIZE]
     }
 
     fn hit(&self, _: usize) -> Hit {
         self.hit
     }
 
-    fn ray(&self, _: usize) -> [[f32; 3]; 2] {
-        let number = |word: usize| f32::from_bits(self.object.0[word]);
-        [word::ORIGIN, word::DIRECTION].map(|first| [0, 1, 2].map(|axis| number(first + axis)))
+    fn origins(&self) -> [Lanes<f32>; 3] {
+        [0, 1, 2].map(|axis| [f32::from_bits(self.object.0[word::ORIGIN + axis]); SUBGROUP_SIZE])
+    }
+
+    fn directions(&self) -> [Lanes<f32>; 3] {
+        [0, 1, 2].map(|axis| [f32::from_bits(self.object.0[word::DIRECTION + axis]); SUBGROUP_SIZE])
     }
 }

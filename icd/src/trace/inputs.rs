@@ -6,9 +6,9 @@ use traversal::{Hit, HitRows, SuspendedPacket, Walk};
 
 use super::Dispatch;
 use super::facts::{Lanes, Subjects, Take, Told, take};
-use super::rays::{Operands, RayGroup, Report, operand, structure_in};
+use super::rays::{Operands, RayGroup, Report, operand};
 use super::slab::Slab;
-use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex};
+use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, Turn};
 use crate::wave::table::HANDLE_SIZE;
 
 /// What inputs are read from.
@@ -53,29 +53,42 @@ impl Sources<'_> {
                 }
             }
             _ => {
-                let hits = HitLanes::new(self, subgroup);
+                let rays = Rays::new(self, subgroup);
+                let subject = Subject::new(self, subgroup, &rays);
+                let hits = HitLanes {
+                    dispatch: self.dispatch,
+                    role: subgroup.role,
+                    started: subgroup.lanes,
+                    of: &subgroup.of,
+                    rays: &rays,
+                    subject: &subject,
+                    told: &Told::default(),
+                };
                 let callers = match subgroup.is_in_place {
                     true => Callers::InPlace(self.data_of(hits.rays.group(0).caller)),
                     false => self.callers(&hits.callers()),
                 };
                 for (row, &input) in inputs {
-                    row.0 = match input {
-                        InputRow::Payload(word) => callers.gather(word as usize),
-                        InputRow::HitAttribute(word) => hits.attribute_row(word as usize),
-                        InputRow::Builtin(builtin, component) => hits
-                            .row(builtin, component as usize)
-                            .unwrap_or_else(|| self.common_row(subgroup, records, input)),
+                    match input {
+                        InputRow::Payload(word) => row.0 = callers.gather(word as usize),
+                        InputRow::HitAttribute(word) => row.0 = hits.attribute_row(word as usize),
+                        InputRow::Builtin(builtin, component) => {
+                            if !hits.write_row(builtin, component as usize, &mut row.0) {
+                                row.0 = self.common_row(subgroup, records, input);
+                            }
+                        }
                         InputRow::CallableData(_)
                         | InputRow::Attribute { .. }
                         | InputRow::Varying(_)
-                        | InputRow::Barycentric(_) => [0; SUBGROUP_SIZE],
-                    };
+                        | InputRow::Barycentric(_) => row.0 = [0; SUBGROUP_SIZE],
+                    }
                 }
             }
         }
     }
 
     /// Inputs that every stage has.
+    #[inline(always)]
     fn common_row(&self, subgroup: &Subgroup, records: &Lanes<u64>, input: InputRow) -> Row {
         match input {
             InputRow::Builtin(Builtin::LaunchId, component) => match component {
@@ -119,6 +132,7 @@ enum Callers<'a> {
 
 impl Callers<'_> {
     /// A word of every caller's data; zero past the end of it.
+    #[inline(always)]
     fn gather(&self, word: usize) -> Row {
         match self {
             Callers::InPlace(data) => data.get(word).map_or([0; SUBGROUP_SIZE], |row| row.0),
@@ -143,6 +157,9 @@ enum Subject<'a> {
 
 impl<'a> Subject<'a> {
     fn new(sources: &Sources<'a>, subgroup: &Subgroup, rays: &Rays<'a>) -> Self {
+        if subgroup.role.turn() != Turn::Deciders {
+            return Self::Hits;
+        }
         if let Rays::InPlace(group, _) = rays
             && let Some(place) = group.packet
         {
@@ -203,14 +220,6 @@ impl<'a> Rays<'a> {
             Self::Spread(groups, _) => groups[lane],
         }
     }
-
-    #[inline(always)]
-    fn operands(&self, lane: usize) -> &'a Operands {
-        match self {
-            Self::InPlace(_, operands) => operands,
-            Self::Spread(_, operands) => operands[lane],
-        }
-    }
 }
 
 /// The rays of a subgroup of hit or miss shaders, and the hits that they are about.
@@ -220,33 +229,12 @@ struct HitLanes<'a> {
     /// Those that were started.
     started: u16,
     of: &'a Lanes<LaneRef>,
-    rays: Rays<'a>,
-    subject: Subject<'a>,
-    told: Told,
+    rays: &'a Rays<'a>,
+    subject: &'a Subject<'a>,
+    told: &'a Told,
 }
 
 impl<'a> HitLanes<'a> {
-    fn new(sources: &Sources<'a>, subgroup: &'a Subgroup) -> Self {
-        let decides = matches!(
-            subgroup.role,
-            Role::AnyHit | Role::AnyHitOfReport | Role::Intersection
-        );
-        let rays = Rays::new(sources, subgroup);
-        let subject = match decides {
-            true => Subject::new(sources, subgroup, &rays),
-            false => Subject::Hits,
-        };
-        Self {
-            dispatch: sources.dispatch,
-            role: subgroup.role,
-            started: subgroup.lanes,
-            of: &subgroup.of,
-            rays,
-            subject,
-            told: Told::default(),
-        }
-    }
-
     /// The lane of a ray in its group.
     #[inline(always)]
     fn lane(&self, lane: usize) -> usize {
@@ -258,10 +246,33 @@ impl<'a> HitLanes<'a> {
         std::array::from_fn(|lane| LaneRef::new(self.rays.group(lane).caller, self.lane(lane)))
     }
 
+    /// A row of what was hit: from the rows of hits, or from candidates.
+    #[inline(always)]
+    fn row_of(
+        &self,
+        rows: impl Fn(&HitRows, usize) -> u32,
+        candidate: impl Fn(&Hit) -> u32,
+    ) -> Row {
+        match self.subject {
+            Subject::Candidates(candidates) => {
+                std::array::from_fn(|lane| candidate(&candidates[lane].0))
+            }
+            Subject::Together(packet) => {
+                std::array::from_fn(|lane| rows(packet.candidates(), lane))
+            }
+            Subject::Hits => match self.rays {
+                Rays::InPlace(group, _) => std::array::from_fn(|lane| rows(&group.hits, lane)),
+                Rays::Spread(groups, _) => {
+                    std::array::from_fn(|lane| rows(&groups[lane].hits, self.lane(lane)))
+                }
+            },
+        }
+    }
+
     /// A row of the operands.
     #[inline(always)]
     fn of_rays(&self, row: usize) -> Row {
-        match &self.rays {
+        match self.rays {
             Rays::InPlace(_, operands) => operands[row].0,
             Rays::Spread(_, operands) => {
                 std::array::from_fn(|lane| operands[lane][row].0[self.lane(lane)])
@@ -278,7 +289,7 @@ impl<'a> HitLanes<'a> {
 
     /// What was hit, where that is in rows.
     fn hit_rows(&self) -> Option<&'a HitRows> {
-        match (&self.subject, &self.rays) {
+        match (self.subject, self.rays) {
             (Subject::Together(packet), _) => Some(packet.candidates()),
             (Subject::Hits, Rays::InPlace(group, _)) => Some(&group.hits),
             _ => None,
@@ -302,7 +313,7 @@ impl<'a> HitLanes<'a> {
                 let [second, third] = &hits.barycentrics;
                 (hits.is_built_in(lane)).then(|| [second[lane], third[lane]])
             };
-            let built_in = match &self.subject {
+            let built_in = match self.subject {
                 Subject::Candidates(candidates) => Some(&candidates[lane].0)
                     .filter(|hit| hit.is_built_in())
                     .map(|hit| hit.barycentrics),
@@ -320,9 +331,11 @@ impl<'a> HitLanes<'a> {
         })
     }
 
-    /// A row of a built-in that hit or miss shaders have; `None` for those that every stage has.
-    fn row(&self, builtin: Builtin, component: usize) -> Option<Row> {
-        let row = match (builtin, self.role) {
+    /// Writes a row of a built-in that hit or miss shaders have; false for those that every stage
+    /// has.
+    #[inline(always)]
+    fn write_row(&self, builtin: Builtin, component: usize, to: &mut Row) -> bool {
+        *to = match (builtin, self.role) {
             (Builtin::HitKind, Role::AnyHitOfReport) => {
                 self.of_reports(|report| report.hit_kind as u32)
             }
@@ -332,48 +345,39 @@ impl<'a> HitLanes<'a> {
             (Builtin::RayTmin, _) => self.of_rays(operand::T_MIN),
             (Builtin::IncomingRayFlags, _) => self.of_rays(operand::FLAGS),
             (Builtin::CullMask, _) => self.of_rays(operand::CULL_MASK).map(|mask| mask & 0xff),
-            (Builtin::CurrentRayTime, _) => std::array::from_fn(|lane| self.time(lane).to_bits()),
+            (Builtin::CurrentRayTime, _) => self.times().map(f32::to_bits),
             _ => {
-                let (fact, limits) = (builtin.fact()?, self.dispatch.limits);
-                return take(fact, component, self)
-                    .or_else(|| self.told.row(self, limits, fact, component));
+                let Some(fact) = builtin.fact() else {
+                    return false;
+                };
+                if take(fact, component, (self, &mut *to)).is_none() {
+                    (self.told).write_row(self, self.dispatch.limits, fact, component, to);
+                }
+                return true;
             }
         };
-        Some(row)
+        true
     }
 
     /// `RayTmaxKHR`: the hit's distance in hit shaders, the end of the interval as it stands in the others.
     fn t_max_row(&self) -> Row {
-        match (self.role, &self.subject) {
+        match (self.role, self.subject) {
             (Role::AnyHitOfReport, _) => self.of_reports(|report| report.t.to_bits()),
             (Role::Intersection, Subject::Candidates(candidates)) => {
                 std::array::from_fn(|lane| candidates[lane].1.to_bits())
             }
             (Role::Intersection, Subject::Together(packet)) => packet.t_max().map(f32::to_bits),
-            _ => self.take(|hits, lane| hits.t[lane].to_bits(), |hit| hit.t.to_bits()),
+            _ => self.row_of(|hits, lane| hits.t[lane].to_bits(), |hit| hit.t.to_bits()),
         }
     }
 }
 
-impl Take for &HitLanes<'_> {
-    type Taken = Row;
+impl Take for (&HitLanes<'_>, &mut Row) {
+    type Taken = ();
 
     #[inline(always)]
-    fn take(self, rows: impl Fn(&HitRows, usize) -> u32, candidate: impl Fn(&Hit) -> u32) -> Row {
-        match &self.subject {
-            Subject::Candidates(candidates) => {
-                std::array::from_fn(|lane| candidate(&candidates[lane].0))
-            }
-            Subject::Together(packet) => {
-                std::array::from_fn(|lane| rows(packet.candidates(), lane))
-            }
-            Subject::Hits => match &self.rays {
-                Rays::InPlace(group, _) => std::array::from_fn(|lane| rows(&group.hits, lane)),
-                Rays::Spread(groups, _) => {
-                    std::array::from_fn(|lane| rows(&groups[lane].hits, self.lane(lane)))
-                }
-            },
-        }
+    fn take(self, rows: impl Fn(&HitRows, usize) -> u32, hit: impl Fn(&Hit) -> u32) {
+        *self.1 = self.0.row_of(rows, hit);
     }
 }
 
@@ -382,20 +386,29 @@ impl Subjects for HitLanes<'_> {
         self.started
     }
 
-    fn structure(&self, lane: usize) -> u64 {
-        structure_in(self.rays.operands(lane), self.lane(lane))
+    fn structures(&self) -> Lanes<u64> {
+        let [low, high] = [0, 1].map(|word| self.of_rays(operand::STRUCTURE + word));
+        std::array::from_fn(|lane| low[lane] as u64 | (high[lane] as u64) << 32)
     }
 
-    fn time(&self, lane: usize) -> f32 {
-        match self.rays.group(lane).has_time {
-            true => f32::from_bits(self.rays.operands(lane)[operand::TIME].0[self.lane(lane)]),
+    fn times(&self) -> Lanes<f32> {
+        let times = self.of_rays(operand::TIME);
+        std::array::from_fn(|lane| match self.rays.group(lane).has_time {
+            true => f32::from_bits(times[lane]),
             false => 0.0,
-        }
+        })
+    }
+
+    fn instances(&self) -> Row {
+        self.row_of(
+            |hits, lane| hits.instance_index[lane],
+            |hit| hit.instance_index,
+        )
     }
 
     /// Where it is about a report, this is the box.
     fn hit(&self, lane: usize) -> Hit {
-        match &self.subject {
+        match self.subject {
             Subject::Candidates(candidates) => candidates[lane].0,
             Subject::Together(packet) => packet.candidates().hit(lane),
             Subject::Hits => {
@@ -405,10 +418,11 @@ impl Subjects for HitLanes<'_> {
         }
     }
 
-    fn ray(&self, lane: usize) -> [[f32; 3]; 2] {
-        let (operands, from) = (self.rays.operands(lane), self.lane(lane));
-        let number = |row: usize| f32::from_bits(operands[row].0[from]);
-        [operand::ORIGIN, operand::DIRECTION]
-            .map(|first| [0, 1, 2].map(|axis| number(first + axis)))
+    fn origins(&self) -> [Lanes<f32>; 3] {
+        [0, 1, 2].map(|axis| self.of_rays(operand::ORIGIN + axis).map(f32::from_bits))
+    }
+
+    fn directions(&self) -> [Lanes<f32>; 3] {
+        [0, 1, 2].map(|axis| self.of_rays(operand::DIRECTION + axis).map(f32::from_bits))
     }
 }

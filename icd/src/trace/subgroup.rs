@@ -109,6 +109,7 @@ impl Subgroup {
     ///
     /// # Errors
     /// [`Stopped::OutOfMemory`].
+    #[inline]
     pub fn start(
         &mut self,
         index: ProgramIndex,
@@ -159,6 +160,7 @@ pub fn by_index(lanes: u16, of: &[LaneRef; SUBGROUP_SIZE]) -> impl Iterator<Item
 }
 
 /// The lanes that these refer to, as a mask.
+#[inline]
 pub fn lanes_named(lanes: u16, of: &[LaneRef; SUBGROUP_SIZE]) -> u16 {
     if in_place(lanes, of) {
         return lanes;
@@ -167,6 +169,7 @@ pub fn lanes_named(lanes: u16, of: &[LaneRef; SUBGROUP_SIZE]) -> u16 {
 }
 
 /// Whether each of these lanes refers to the lane of its own number.
+#[inline]
 pub fn in_place(lanes: u16, of: &[LaneRef; SUBGROUP_SIZE]) -> bool {
     let mut elsewhere = 0;
     for (lane, other) in of.iter().enumerate() {

@@ -17,7 +17,7 @@ use crate::row::AlignedRow;
 use crate::state::Event;
 
 /// Subgroups in the longest wave.
-pub(crate) const MAX_SUBGROUPS: usize = 16;
+pub const MAX_SUBGROUPS: usize = 16;
 
 /// A bit per lane, a word per subgroup.
 pub(super) type Mask = [u16; MAX_SUBGROUPS];

@@ -37,7 +37,8 @@ use crate::row::AlignedRow;
 use crate::state::{Event, Wave};
 pub use crate::tier::{NAMES as TIER_NAMES, TierKind, limit as limit_tier};
 pub(crate) use emit::emit;
-pub(crate) use machine::{Code, MAX_SUBGROUPS};
+pub(crate) use machine::Code;
+pub use machine::MAX_SUBGROUPS;
 use machine::{Machine, Mask};
 
 /// What a frame's rows may take, in bytes, before they leave the nearest cache.
@@ -81,6 +82,7 @@ impl Code {
     ///
     /// # Errors
     /// The frame's memory was refused; nothing was run.
+    #[inline]
     pub unsafe fn run(
         &self,
         plan: &Plan,

@@ -40,6 +40,7 @@ impl Plan {
 
     /// Puts a state at the program's entry with these lanes active, of which `helpers` are helper
     /// invocations.
+    #[inline]
     pub fn start(&self, state: &mut [AlignedRow], active: u16, helpers: u16) {
         let state = &mut state[..self.layout.rows];
         state[..self.layout.inputs].fill(AlignedRow::default());

@@ -56,6 +56,7 @@ impl Arena {
     }
 
     /// Forgets the walks that an owner has left.
+    #[inline]
     pub fn release(&mut self, owned: &mut Owned) {
         for index in owned.0.drain(..) {
             self.suspended[index].place = None;

@@ -38,8 +38,7 @@ pub(super) fn describe_candidates(
                 (&candidates).take(|_, _| 0, |hit| u32::from(!hit.is_built_in()))
             }
             _ => take(fact, component, &candidates)
-                .or_else(|| told.row(&candidates, limits, fact, component))
-                .unwrap_or_default(),
+                .unwrap_or_else(|| told.row(&candidates, limits, fact, component)),
         };
         copy_lanes(&mut to.0, &from, candidates.lanes);
     }
@@ -62,10 +61,8 @@ pub(super) fn describe_committed(
         let (fact, component) = (word.fact, word.component as usize);
         to.0[lane] = match fact {
             Fact::IntersectionType => type_of(hit.is_built_in()),
-            _ => take(fact, component, OfHit(hit)).unwrap_or_else(|| {
-                told.row(&committed, limits, fact, component)
-                    .unwrap_or_default()[0]
-            }),
+            _ => take(fact, component, OfHit(hit))
+                .unwrap_or_else(|| told.row(&committed, limits, fact, component)[0]),
         };
     }
 }
@@ -107,8 +104,7 @@ pub(super) fn describe_rows(
         let from = match fact {
             Fact::IntersectionType => std::array::from_fn(|lane| type_of(hits.is_built_in(lane))),
             _ => take(fact, component, &rows)
-                .or_else(|| told.row(&rows, limits, fact, component))
-                .unwrap_or_default(),
+                .unwrap_or_else(|| told.row(&rows, limits, fact, component)),
         };
         copy_lanes(&mut to.0, &from, lanes);
     }
@@ -134,22 +130,30 @@ impl Subjects for Candidates<'_> {
         self.lanes
     }
 
-    fn structure(&self, lane: usize) -> u64 {
-        self.walks[lane].map_or(0, Walk::top_level)
+    fn structures(&self) -> Lanes<u64> {
+        self.walks.map(|walk| walk.map_or(0, Walk::top_level))
     }
 
-    fn time(&self, _: usize) -> f32 {
-        0.0
+    fn times(&self) -> Lanes<f32> {
+        [0.0; SUBGROUP_SIZE]
+    }
+
+    fn instances(&self) -> Row {
+        self.take(|_, _| 0, |hit| hit.instance_index)
     }
 
     fn hit(&self, lane: usize) -> Hit {
         self.walks[lane].map_or(Hit::NONE, |walk| *walk.candidate())
     }
 
-    fn ray(&self, lane: usize) -> [[f32; 3]; 2] {
-        self.walks[lane].map_or_else(Default::default, |walk| {
-            [walk.ray().origin, walk.ray().direction]
-        })
+    fn origins(&self) -> [Lanes<f32>; 3] {
+        let origin = |walk: Option<&Walk>| walk.map_or([0.0; 3], |walk| walk.ray().origin);
+        [0, 1, 2].map(|axis| self.walks.map(|walk| origin(walk)[axis]))
+    }
+
+    fn directions(&self) -> [Lanes<f32>; 3] {
+        let direction = |walk: Option<&Walk>| walk.map_or([0.0; 3], |walk| walk.ray().direction);
+        [0, 1, 2].map(|axis| self.walks.map(|walk| direction(walk)[axis]))
     }
 }
 
@@ -164,20 +168,28 @@ impl Subjects for Committed<'_> {
         1
     }
 
-    fn structure(&self, _: usize) -> u64 {
-        self.walk.top_level()
+    fn structures(&self) -> Lanes<u64> {
+        [self.walk.top_level(); SUBGROUP_SIZE]
     }
 
-    fn time(&self, _: usize) -> f32 {
-        0.0
+    fn times(&self) -> Lanes<f32> {
+        [0.0; SUBGROUP_SIZE]
+    }
+
+    fn instances(&self) -> Row {
+        [self.hit.instance_index; SUBGROUP_SIZE]
     }
 
     fn hit(&self, _: usize) -> Hit {
         *self.hit
     }
 
-    fn ray(&self, _: usize) -> [[f32; 3]; 2] {
-        [self.walk.ray().origin, self.walk.ray().direction]
+    fn origins(&self) -> [Lanes<f32>; 3] {
+        self.walk.ray().origin.map(|x| [x; SUBGROUP_SIZE])
+    }
+
+    fn directions(&self) -> [Lanes<f32>; 3] {
+        self.walk.ray().direction.map(|x| [x; SUBGROUP_SIZE])
     }
 }
 
@@ -201,20 +213,27 @@ impl Subjects for Rows<'_> {
         self.lanes
     }
 
-    fn structure(&self, lane: usize) -> u64 {
-        self.rays.top_level[lane]
+    fn structures(&self) -> Lanes<u64> {
+        self.rays.top_level
     }
 
-    fn time(&self, _: usize) -> f32 {
-        0.0
+    fn times(&self) -> Lanes<f32> {
+        [0.0; SUBGROUP_SIZE]
+    }
+
+    fn instances(&self) -> Row {
+        self.hits.instance_index
     }
 
     fn hit(&self, lane: usize) -> Hit {
         self.hits.hit(lane)
     }
 
-    fn ray(&self, lane: usize) -> [[f32; 3]; 2] {
-        let rays = self.rays;
-        [rays.origin, rays.direction].map(|rows| rows.map(|row| row[lane]))
+    fn origins(&self) -> [Lanes<f32>; 3] {
+        self.rays.origin
+    }
+
+    fn directions(&self) -> [Lanes<f32>; 3] {
+        self.rays.direction
     }
 }

@@ -274,6 +274,7 @@ impl Queries {
     }
 
     /// Forgets the walks that an owner has left.
+    #[inline]
     pub fn release(&mut self, owned: &mut Owned) {
         self.arena.release(owned);
     }
