@@ -71,13 +71,6 @@ pub(super) fn log_core(x: f64) -> f64 {
     n.mul_add(LN_2, series * s)
 }
 
-/// log2 x, as [`log_core`].
-#[inline(always)]
-pub(super) fn log2_core(x: f64) -> f64 {
-    let (n, series, s) = log_parts(x);
-    (series * s).mul_add(LOG2_E, n)
-}
-
 /// x = 2^n m with m in [√½, √2); log m = series × s with s = (m − 1)/(m + 1).
 #[inline(always)]
 fn log_parts(x: f64) -> (f64, f64, f64) {
