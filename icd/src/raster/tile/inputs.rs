@@ -60,6 +60,8 @@ impl Weights {
 /// How rows are filled: a program's inputs, or the outputs of one that computes nothing.
 pub struct Inputs {
     fills: Vec<Fill>,
+    /// The coordinates of the varyings, where all have the same.
+    common: Option<Weights>,
     samples: u32,
     /// Where built-ins are evaluated.
     position: Position,
@@ -79,6 +81,16 @@ pub enum Slope {
     View,
     /// A word's interpolation, with perspective or without.
     Varying(u32, bool),
+}
+
+/// The coordinates of all varyings, if there is one and they are the same.
+fn common(fills: &[Fill]) -> Option<Weights> {
+    let mut weights = fills.iter().filter_map(|fill| match *fill {
+        Fill::Varying(_, weights) => Some(weights),
+        _ => None,
+    });
+    let first = weights.next()?;
+    weights.all(|other| other == first).then_some(first)
 }
 
 fn slope(fill: &Fill) -> Option<Slope> {
@@ -145,8 +157,10 @@ impl Inputs {
             InputRow::Builtin(builtin, component) => builtin_fill(builtin, component.into()),
             _ => Fill::Constant(0),
         };
+        let fills: Vec<Fill> = fragment.inputs().iter().map(fill).collect();
         Self {
-            fills: fragment.inputs().iter().map(fill).collect(),
+            common: common(&fills),
+            fills,
             samples,
             position: match per_sample && samples > 1 {
                 true => Position::Sample,
@@ -163,8 +177,10 @@ impl Inputs {
                 (self.fills.get(row as usize).copied()).unwrap_or(Fill::Constant(0))
             }
         };
+        let fills: Vec<Fill> = outputs.iter().map(fill).collect();
         Self {
-            fills: outputs.iter().map(fill).collect(),
+            common: common(&fills),
+            fills,
             ..*self
         }
     }
@@ -295,6 +311,15 @@ pub fn interpolate<V: Vector>(
         v.add(first, v.mul(weights[0], second)),
         v.mul(weights[1], third),
     )
+}
+
+/// A word of the vertices' outputs as a number; zero where there is none.
+#[inline(always)]
+fn number(outputs: &[u32], place: u32) -> f32 {
+    match outputs.get(place as usize) {
+        Some(&word) => f32::from_bits(word),
+        None => 0.0,
+    }
 }
 
 /// Rows of a subgroup while they are filled. `UNIFORM`: of one record.
@@ -468,10 +493,42 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     #[inline(always)]
     fn fill(mut self, rows: &mut [AlignedRow]) {
         let inputs = self.inputs;
+        let Some(common) = inputs.common else {
+            for (row, fill) in rows.iter_mut().zip(&inputs.fills) {
+                let words = self.row(fill);
+                self.v.store_i(words, &mut row.0);
+            }
+            return;
+        };
+        // Once, and kept in registers: as one of `self.weights` they would be looked up in memory for each row.
+        let weights = self.weights(common);
         for (row, fill) in rows.iter_mut().zip(&inputs.fills) {
-            let words = self.row(fill);
+            let words = match *fill {
+                Fill::Varying(word, _) => self.varying(word, weights),
+                _ => self.row(fill),
+            };
             self.v.store_i(words, &mut row.0);
         }
+    }
+
+    /// A word's interpolation.
+    #[inline(always)]
+    fn varying(&self, word: u32, weights: [V::F; 2]) -> V::I {
+        let v = self.v;
+        if UNIFORM {
+            let (record, outputs) = (self.fragments.records[0], self.fragments.outputs[0]);
+            let [first, second, third] = [
+                number(outputs, record.vertices[0].wrapping_add(word)),
+                number(outputs, record.vertices[1].wrapping_add(word)),
+                number(outputs, record.vertices[2].wrapping_add(word)),
+            ];
+            let steps = [v.splat(second - first), v.splat(third - first)];
+            return v.bits_of(interpolate(v, v.splat(first), steps, weights));
+        }
+        let first = self.numbers_of_vertices(word, 0);
+        let second = v.sub(self.numbers_of_vertices(word, 1), first);
+        let third = v.sub(self.numbers_of_vertices(word, 2), first);
+        v.bits_of(interpolate(v, first, [second, third], weights))
     }
 
     #[inline(always)]
@@ -487,10 +544,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
             Fill::PerVertex(word, vertex) => self.of_vertices(word, |_| vertex),
             Fill::Varying(word, weights) => {
                 let weights = self.weights(weights);
-                let first = self.numbers_of_vertices(word, 0);
-                let second = v.sub(self.numbers_of_vertices(word, 1), first);
-                let third = v.sub(self.numbers_of_vertices(word, 2), first);
-                v.bits_of(interpolate(v, first, [second, third], weights))
+                self.varying(word, weights)
             }
             Fill::Barycentric(vertex, weights) => {
                 let [second, third] = self.weights(weights);

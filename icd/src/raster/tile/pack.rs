@@ -82,6 +82,17 @@ fn cell(places: &Places, quad: usize) -> usize {
     y % SIDE * SIDE + x % SIDE
 }
 
+/// Adds a quad's lanes of all samples' masks to others, at another place. From copies, so that the samples become one vector.
+#[inline(always)]
+fn move_quad(from: &[u16; MAX_SAMPLES], quad: usize, to: &mut [u16; MAX_SAMPLES], place: usize) {
+    let (right, left) = (4 * quad as u32 % 16, 4 * place as u32 % 16);
+    let (from, mut moved) = (*from, *to);
+    for sample in 0..MAX_SAMPLES {
+        moved[sample] |= (from[sample] >> right & 0xf) << left;
+    }
+    *to = moved;
+}
+
 impl Packs {
     /// Forgets all.
     pub fn clear(&mut self) {
@@ -176,11 +187,8 @@ impl Packs {
         pack.places.y[place] = found.places.y[quad];
         pack.places.layer[place] = found.places.layer[quad];
         pack.sample[place] = found.sample;
-        let part = |from: u16| (from >> (4 * quad) & 0xf) << (4 * place);
-        for sample in 0..MAX_SAMPLES {
-            pack.masks[sample] |= part(found.masks[sample]);
-            pack.coverage[sample] |= part(found.coverage[sample]);
-        }
+        move_quad(found.masks, quad, &mut pack.masks, place);
+        move_quad(found.coverage, quad, &mut pack.coverage, place);
         pack.quads |= 1 << place;
     }
 }
