@@ -7,7 +7,7 @@ use parking_lot::Mutex;
 use rspirv::spirv::Capability;
 
 use crate::VkResult;
-use crate::execute::Engine;
+use crate::execute::{Engine, Watch};
 use crate::handle::{self, Ref};
 use crate::log::{self, Level};
 use crate::object::PhysicalDevice;
@@ -49,6 +49,7 @@ pub struct Device {
 pub struct Enabled {
     pub sparse_binding: bool,
     pub ray_tracing_validation: bool,
+    pub device_fault: bool,
     pub report_address_binding: bool,
 }
 
@@ -98,7 +99,11 @@ impl Device {
             physical.thread_count,
             Arc::clone(&physical.messengers),
             Arc::clone(&window.live),
-            validator,
+            Watch {
+                validator,
+                wild_addresses: enabled.device_fault,
+                ..Watch::default()
+            },
         )?;
         let queue = |index| handle::new(Queue::new(index, Arc::clone(&engine)));
         Ok(Self {

@@ -1,13 +1,14 @@
 //! Compiled shaders, and how they are run: the seam between the compiler and the scheduler.
 
 use std::collections::TryReserveError;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 
 use crate::SUBGROUP_SIZE;
 use crate::error::Error;
 use crate::interp;
 use crate::ir::{self, passed::passed};
+use crate::origin::{Origin, Place, line_at};
 use crate::plan::{self, Plan};
 use crate::query::QueryWord;
 use crate::tier::TierKind;
@@ -70,6 +71,7 @@ pub struct Program {
     outputs: Vec<OutputRow>,
     passed: Option<Vec<Passed>>,
     fragment: Option<FragmentFacts>,
+    origin: OnceLock<Origin>,
 }
 
 impl Program {
@@ -103,6 +105,7 @@ impl Program {
             outputs: module.outputs.clone(),
             passed: passed(module),
             fragment: module.fragment,
+            origin: OnceLock::new(),
         })
     }
 
@@ -228,6 +231,45 @@ impl Program {
     /// Differs from every other program's in the process.
     pub fn number(&self) -> u64 {
         self.number
+    }
+
+    /// Says what the program was compiled from, for reports. The first word counts: who shares a
+    /// program through a cache compiled the same.
+    pub fn set_origin(&self, origin: Origin) {
+        let _ = self.origin.set(origin);
+    }
+
+    /// What the program was compiled from, as far as somebody said so.
+    pub fn origin(&self) -> Option<&Origin> {
+        self.origin.get()
+    }
+
+    /// The place of a state, for a report: where it was suspended, to the line if that is known. An
+    /// empty state is nowhere in particular.
+    pub fn place_of(&self, state: &[AlignedRow]) -> Place {
+        let source = (state.first()).map(|_| self.plan.standing(state).source);
+        self.place_in_source(source.unwrap_or(0))
+    }
+
+    /// The place of an access that a [`Stray`](crate::reach::Stray) of this program is of, and
+    /// whether it writes.
+    pub fn place_of_access(&self, site: usize) -> Option<(Place, bool)> {
+        let (source, writes) = self.code.physical_access(site)?;
+        Some((self.place_in_source(source), writes))
+    }
+
+    /// The place of the SPIR-V instruction at a word offset, or of none in particular (0).
+    fn place_in_source(&self, source: u32) -> Place {
+        let origin = self.origin();
+        let words = origin.and_then(|origin| origin.words.as_ref());
+        let line = words.filter(|_| source != 0);
+        Place {
+            stage: self.stage,
+            entry_point: origin.map(|origin| origin.entry_point.clone()),
+            name: origin.and_then(|origin| origin.name.text()),
+            pipeline: origin.and_then(|origin| origin.pipeline.text()),
+            line: line.and_then(|words| line_at(words, source)),
+        }
     }
 
     /// What was asked for where a state stands; `None` at the entry and where fuel ran out.

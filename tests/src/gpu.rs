@@ -358,6 +358,26 @@ impl Gpu {
         }
     }
 
+    /// Gives an object a name, where there is `VK_EXT_debug_utils`.
+    pub fn name_object<T: vk::Handle>(&self, object: T, name: &CStr) {
+        let command = c"vkSetDebugUtilsObjectNameEXT";
+        // SAFETY: a plain query.
+        let there = unsafe {
+            self.instance
+                .get_device_proc_addr(self.device.handle(), command.as_ptr())
+        };
+        if there.is_none() {
+            return;
+        }
+        let info = vk::DebugUtilsObjectNameInfoEXT::default()
+            .object_handle(object)
+            .object_name(name);
+        let debug = ext::debug_utils::Device::new(&self.instance, &self.device);
+        // SAFETY: the object is of this device.
+        let named = unsafe { debug.set_debug_utils_object_name(&info) };
+        named.expect("vkSetDebugUtilsObjectNameEXT");
+    }
+
     /// What the validation layer has said so far; the list is empty afterwards.
     pub fn take_complaints(&self) -> Vec<String> {
         std::mem::take(

@@ -81,5 +81,7 @@ optional! {
     driver_validation: nv::ray_tracing_validation::NAME, PhysicalDeviceRayTracingValidationFeaturesNV {};
     invocation_mask: huawei::invocation_mask::NAME, PhysicalDeviceInvocationMaskFeaturesHUAWEI {};
     address_report: ext::device_address_binding_report::NAME, PhysicalDeviceAddressBindingReportFeaturesEXT {};
+    /// Without the vendor's binary.
+    fault: ext::device_fault::NAME, PhysicalDeviceFaultFeaturesEXT { device_fault_vendor_binary };
     swept_spheres: LINEAR_SWEPT_SPHERES, PhysicalDeviceRayTracingLinearSweptSpheresFeaturesNV {};
 }

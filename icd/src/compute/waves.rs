@@ -12,7 +12,7 @@ use traversal::Walker;
 
 use crate::settings::settings;
 use crate::trace::{Owned, Queries};
-use crate::wave::{Limits, Stopped};
+use crate::wave::{Limits, Stopped, StoppedAt};
 
 /// Fuel of a wave between two looks at the limits.
 const FUEL: u64 = 1 << 16;
@@ -117,7 +117,8 @@ impl Runner {
             match next {
                 Some(leader) => {
                     self.form_wave(program, leader);
-                    self.run_wave(&run)?;
+                    let ran = self.run_wave(&run);
+                    ran.inspect_err(|_| self.note_stop(&run, leader))?;
                     from = leader + 1;
                 }
                 None if !self.pass_barrier() => return Ok(()),
@@ -140,6 +141,16 @@ impl Runner {
                 room -= 1;
             }
         }
+    }
+
+    /// Notes where a subgroup stands that was given up.
+    #[cold]
+    fn note_stop(&self, run: &Run<'_>, index: usize) {
+        let state = &self.states[index * self.rows..][..self.rows];
+        run.limits.note(|| StoppedAt {
+            place: run.program.place_of(state),
+            depth: 0,
+        });
     }
 
     fn resume_point(&self, program: &Program, index: usize) -> ResumePoint {

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use ash::vk;
+use spirv_jit::origin::Name;
 use spirv_jit::program::Stage;
 
 use crate::VkResult;
@@ -38,16 +39,18 @@ pub unsafe fn create_flags(
 pub unsafe fn decode_stage(info: &vk::PipelineShaderStageCreateInfo<'_>) -> VkResult<ShaderStage> {
     // SAFETY: the caller's promise.
     unsafe {
-        let words: Arc<[u32]> = match handle::optional::<ShaderModule>(info.module) {
-            Some(module) => Arc::clone(&module.words),
+        let (words, name) = match handle::optional::<ShaderModule>(info.module) {
+            Some(module) => (Arc::clone(&module.words), Arc::clone(&module.name)),
             None => {
                 let module = find::<vk::ShaderModuleCreateInfo>(info.p_next)
                     .ok_or(vk::Result::ERROR_UNKNOWN)?;
-                slice(module.p_code, (module.code_size / 4) as u32).into()
+                let words: Arc<[u32]> = slice(module.p_code, (module.code_size / 4) as u32).into();
+                (words, chained_name(info.p_next))
             }
         };
         Ok(ShaderStage {
             words,
+            name,
             entry_point: string(info.p_name)
                 .to_str()
                 .map_err(|_| vk::Result::ERROR_UNKNOWN)?
@@ -59,6 +62,22 @@ pub unsafe fn decode_stage(info: &vk::PipelineShaderStageCreateInfo<'_>) -> VkRe
                 .map_or_else(Vec::new, |info| specialization(info)),
         })
     }
+}
+
+/// The name that a `VkDebugUtilsObjectNameInfoEXT` in a chain gives to the shader module of a stage.
+///
+/// # Safety
+/// The chain is valid.
+unsafe fn chained_name(next: *const std::ffi::c_void) -> Arc<Name> {
+    let name = Arc::<Name>::default();
+    // SAFETY: the caller's promise; a name is a string or null.
+    unsafe {
+        let info = find::<vk::DebugUtilsObjectNameInfoEXT<'_>>(next);
+        if let Some(info) = info.filter(|info| !info.p_object_name.is_null()) {
+            name.set(&string(info.p_object_name).to_string_lossy());
+        }
+    }
+    name
 }
 
 /// Copies the shader of a `VkShaderCreateInfoEXT` in SPIR-V.
@@ -75,6 +94,7 @@ pub unsafe fn decode_shader(info: &vk::ShaderCreateInfoEXT<'_>) -> VkResult<Shad
     unsafe {
         Ok(ShaderStage {
             words: slice(info.p_code.cast::<u32>(), words).into(),
+            name: Arc::default(),
             entry_point: string(info.p_name)
                 .to_str()
                 .map_err(|_| vk::Result::ERROR_UNKNOWN)?

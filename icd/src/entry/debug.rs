@@ -1,11 +1,37 @@
-//! `VK_EXT_debug_utils` on objects: names and tags are for layers and tools, which see them on the way here.
+//! `VK_EXT_debug_utils` on objects: shaders and pipelines know their names, for reports of faults. Other names, and tags, are for layers and
+//! tools, which see them on the way here.
 
-use ash::vk;
+use ash::vk::{self, Handle};
 
 use super::define::entry;
+use crate::ffi::string;
+use crate::handle::from_handle;
+use crate::object::{Pipeline, ShaderModule, ShaderObject};
 
 entry! {
-    fn vkSetDebugUtilsObjectNameEXT(_device: vk::Device, _info: *const vk::DebugUtilsObjectNameInfoEXT) -> vk::Result {
+    fn vkSetDebugUtilsObjectNameEXT(_device: vk::Device, info: *const vk::DebugUtilsObjectNameInfoEXT) -> vk::Result {
+        let info = &*info;
+        let name = match info.p_object_name.is_null() {
+            true => Default::default(),
+            false => string(info.p_object_name).to_string_lossy(),
+        };
+        match info.object_type {
+            vk::ObjectType::SHADER_MODULE => {
+                let module = vk::ShaderModule::from_raw(info.object_handle);
+                from_handle::<ShaderModule>(module).name.set(&name);
+            }
+            vk::ObjectType::PIPELINE => {
+                let pipeline = vk::Pipeline::from_raw(info.object_handle);
+                from_handle::<Pipeline>(pipeline).set_name(&name);
+            }
+            vk::ObjectType::SHADER_EXT => {
+                let shader = vk::ShaderEXT::from_raw(info.object_handle);
+                if let Some(origin) = from_handle::<ShaderObject>(shader).program.origin() {
+                    origin.name.set(&name);
+                }
+            }
+            _ => {}
+        }
         Ok(())
     }
 

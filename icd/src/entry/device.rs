@@ -25,10 +25,12 @@ unsafe fn enabled(info: &vk::DeviceCreateInfo<'_>) -> Enabled {
     unsafe {
         let chained = ffi::find::<vk::PhysicalDeviceFeatures2>(info.p_next).map(|f| &f.features);
         let validation = ffi::find::<vk::PhysicalDeviceRayTracingValidationFeaturesNV>(info.p_next);
+        let fault = ffi::find::<vk::PhysicalDeviceFaultFeaturesEXT>(info.p_next);
         let addresses = ffi::find::<vk::PhysicalDeviceAddressBindingReportFeaturesEXT>(info.p_next);
         Enabled {
             sparse_binding: (chained.into_iter().chain(info.p_enabled_features.as_ref()))
                 .any(|features| features.sparse_binding != vk::FALSE),
+            device_fault: fault.is_some_and(|features| features.device_fault != vk::FALSE),
             report_address_binding: addresses
                 .is_some_and(|features| features.report_address_binding != vk::FALSE),
             ray_tracing_validation: validation

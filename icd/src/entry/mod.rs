@@ -15,6 +15,7 @@ pub mod descriptor_buffer;
 pub mod descriptor_set;
 pub mod device;
 pub mod device_address;
+pub mod device_fault;
 pub mod graphics;
 pub mod graphics_address;
 pub mod graphics_draw;

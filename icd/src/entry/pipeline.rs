@@ -131,7 +131,10 @@ entry! {
         _allocator: *const vk::AllocationCallbacks,
         out: *mut vk::ShaderModule,
     ) -> vk::Result {
-        *out = handle::create(ShaderModule { words: words(&*info)? });
+        *out = handle::create(ShaderModule {
+            words: words(&*info)?,
+            name: Arc::default(),
+        });
         Ok(())
     }
 

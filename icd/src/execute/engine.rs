@@ -2,8 +2,9 @@
 
 #![forbid(unsafe_code)]
 
-use std::sync::Arc;
+use std::borrow::Cow;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use spirv_jit::views::Views;
@@ -17,7 +18,9 @@ use crate::raster::Rasterizer;
 use crate::settings::settings;
 use crate::trace::Tracer;
 use crate::validate::{Caller, Checks, Queried, Validator};
-use crate::wave::{Budget, Limits, QueryObserver, Surroundings, Workers};
+use crate::wave::{
+    Budget, Cause, Fault, Limits, QueryObserver, Surroundings, WildAddresses, Workers,
+};
 
 /// Workers, the memory that they keep, all waiting of the device, and how it is lost.
 pub struct Engine {
@@ -39,6 +42,31 @@ pub struct Engine {
     cancelled: Arc<AtomicBool>,
     /// How long a dispatch may take.
     timeout: Option<Duration>,
+    /// Addresses that shaders followed to nowhere, where they are noted.
+    pub wild: Option<WildAddresses>,
+    /// How the device was lost.
+    fault: OnceLock<Fault>,
+}
+
+/// What an engine looks out for while it executes.
+pub struct Watch {
+    /// Validation, where it is on.
+    pub validator: Option<Arc<Validator>>,
+    /// How long a command may take.
+    pub timeout: Option<Duration>,
+    /// The feature `deviceFault` is enabled: shaders' wild addresses are noted.
+    pub wild_addresses: bool,
+}
+
+impl Default for Watch {
+    /// `TUFF_TIMEOUT` alone.
+    fn default() -> Self {
+        Self {
+            validator: None,
+            timeout: settings().timeout,
+            wild_addresses: false,
+        }
+    }
 }
 
 impl Engine {
@@ -50,22 +78,7 @@ impl Engine {
         thread_count: usize,
         messengers: Arc<Messengers>,
         memory: Arc<LiveMemory>,
-        validator: Option<Arc<Validator>>,
-    ) -> VkResult<Arc<Self>> {
-        let timeout = settings().timeout;
-        Self::with_timeout(thread_count, messengers, memory, validator, timeout)
-    }
-
-    /// As [`Self::new`], with a time limit for each dispatch instead of `TUFF_TIMEOUT`.
-    ///
-    /// # Errors
-    /// As [`Self::new`].
-    pub fn with_timeout(
-        thread_count: usize,
-        messengers: Arc<Messengers>,
-        memory: Arc<LiveMemory>,
-        validator: Option<Arc<Validator>>,
-        timeout: Option<Duration>,
+        watch: Watch,
     ) -> VkResult<Arc<Self>> {
         Ok(Arc::new(Self {
             workers: Workers::start(thread_count)?,
@@ -76,10 +89,12 @@ impl Engine {
             memory,
             views: Arc::default(),
             budget: Arc::default(),
-            validator,
+            validator: watch.validator,
             messengers,
             cancelled: Arc::default(),
-            timeout,
+            timeout: watch.timeout,
+            wild: watch.wild_addresses.then(WildAddresses::default),
+            fault: OnceLock::new(),
         }))
     }
 
@@ -95,6 +110,7 @@ impl Engine {
             queried: self
                 .checks(Caller::Other)
                 .map(|checks| Arc::new(Queried::new(checks)) as Arc<dyn QueryObserver>),
+            stopped_at: OnceLock::new(),
         }
     }
 
@@ -106,7 +122,7 @@ impl Engine {
                 shader_reach: Arc::clone(&reach),
                 reach,
                 live,
-                strays: None,
+                strays: self.wild.is_some().then(Arc::default),
                 views: Arc::clone(&self.views),
             },
             Some(validator) => Surroundings {
@@ -127,13 +143,23 @@ impl Engine {
     }
 
     /// Loses the device: everyone who waits gets `VK_ERROR_DEVICE_LOST`, and running work ends at its next look at its limits. The first
-    /// reason is reported.
-    pub fn lose(&self, why: &str) {
-        if self.waiting.lost.check().is_ok() {
+    /// reason is reported, and kept for `vkGetDeviceFaultInfoEXT`.
+    pub fn lose(&self, mut fault: Fault) {
+        fault.wild = self.wild.iter().flat_map(WildAddresses::all).collect();
+        if self.waiting.lost.check().is_ok() && self.fault.set(fault).is_ok() {
+            let why = self.fault.get().map(Fault::to_string).unwrap_or_default();
             self.messengers
                 .error(c"TUFF-device-lost", &format!("device lost: {why}"));
         }
         self.shut_down();
+    }
+
+    /// How the device was lost.
+    pub fn fault(&self) -> Option<Cow<'_, Fault>> {
+        match self.waiting.lost.is_inherited() {
+            true => Some(Cow::Owned(Fault::new(Cause::Forked))),
+            false => self.fault.get().map(Cow::Borrowed),
+        }
     }
 
     /// Ends all waiting and all running work, without a word. Before a device is destroyed the application has waited for its work;

@@ -2,6 +2,7 @@
 //!
 //! A pass belongs to the submission: secondary command buffers go on with it. State and bound buffers belong to the command buffer.
 
+use std::iter;
 use std::sync::Arc;
 
 use ash::vk;
@@ -13,6 +14,7 @@ use super::bindings::{Bindings, Snapshot};
 use super::engine::Engine;
 use super::pass::Active;
 use super::query::ActiveQuery;
+use super::{Failure, note_strays};
 use crate::command::GraphicsCommand;
 use crate::command::graphics::{BindVertexBuffers, Draw, DrawIndirect, DrawMulti, IndexBinding};
 use crate::command::pass::{AttachmentClears, Pass};
@@ -24,7 +26,7 @@ use crate::raster::{
     BATCH_DRAWS, Batch, Clear, ClearValue, Context, Counters, Draw as Batched, DrawCall,
     IndexBuffer, VertexBuffer, Work,
 };
-use crate::wave::{Stopped, reachable};
+use crate::wave::reachable;
 
 /// Calls of a batch, at most: what they take of memory is bounded.
 const BATCH_CALLS: usize = 1 << 16;
@@ -161,7 +163,7 @@ impl<'a> Drawing<'a> {
     ///
     /// # Errors
     /// When a limit stopped it.
-    pub fn flush(&mut self, engine: &Engine) -> Result<(), Stopped> {
+    pub fn flush(&mut self, engine: &Engine) -> Result<(), Failure> {
         self.calls = 0;
         if self.batch.work.is_empty() {
             return Ok(());
@@ -177,12 +179,21 @@ impl<'a> Drawing<'a> {
             limits: &limits,
             reach: &reach,
         };
-        engine
+        let watched = match engine.wild {
+            Some(_) => self.batch.watched(),
+            None => Vec::new(),
+        };
+        let drawn = engine
             .rasterizer
-            .flush(context, &active.targets, &mut self.batch)
+            .flush(context, &active.targets, &mut self.batch);
+        for (strays, stages) in &watched {
+            let programs = iter::once(&stages.vertex).chain(&stages.fragment);
+            note_strays(engine, None, strays, programs);
+        }
+        drawn.map_err(|why| limits.fault(why).into())
     }
 
-    fn begin_pass(&mut self, engine: &Engine, pass: &'a Pass) -> Result<(), Stopped> {
+    fn begin_pass(&mut self, engine: &Engine, pass: &'a Pass) -> Result<(), Failure> {
         self.flush(engine)?;
         let active = Active::new(pass);
         if !pass.resumes {
@@ -192,7 +203,7 @@ impl<'a> Drawing<'a> {
         Ok(())
     }
 
-    fn end_pass(&mut self, engine: &Engine) -> Result<(), Stopped> {
+    fn end_pass(&mut self, engine: &Engine) -> Result<(), Failure> {
         self.flush(engine)?;
         if let Some(active) = self.active.take()
             && !active.pass.suspends
@@ -247,7 +258,7 @@ impl<'a> Drawing<'a> {
         engine: &Engine,
         pool: &'a QueryPool,
         query: u32,
-    ) -> Result<(), Stopped> {
+    ) -> Result<(), Failure> {
         self.flush(engine)?;
         let found = |it: &ActiveQuery<'_>| std::ptr::eq(it.pool, pool) && it.query == query;
         if let Some(place) = self.queries.iter().position(found) {
@@ -292,7 +303,7 @@ impl<'a> Painter<'_, 'a> {
     ///
     /// # Errors
     /// When a limit stopped it.
-    pub fn perform(&mut self, command: &'a GraphicsCommand) -> Result<(), Stopped> {
+    pub fn perform(&mut self, command: &'a GraphicsCommand) -> Result<(), Failure> {
         match command {
             GraphicsCommand::BeginPass(pass) => self.drawing.begin_pass(self.engine, pass),
             GraphicsCommand::EndPass => self.drawing.end_pass(self.engine),
@@ -357,7 +368,7 @@ impl<'a> Painter<'_, 'a> {
         }
     }
 
-    fn draw(&mut self, draw: &Draw) -> Result<(), Stopped> {
+    fn draw(&mut self, draw: &Draw) -> Result<(), Failure> {
         let call = DrawCall {
             first: draw.first,
             count: draw.count,
@@ -369,7 +380,7 @@ impl<'a> Painter<'_, 'a> {
         self.call(draw.indexed, call)
     }
 
-    fn draw_multi(&mut self, multi: &DrawMulti) -> Result<(), Stopped> {
+    fn draw_multi(&mut self, multi: &DrawMulti) -> Result<(), Failure> {
         for (draw_index, &(first, count, vertex_offset)) in (0..).zip(&multi.draws) {
             let call = DrawCall {
                 first,
@@ -385,7 +396,7 @@ impl<'a> Painter<'_, 'a> {
     }
 
     /// Parameters are read now: what wrote them is an earlier command, or the barrier in between has flushed.
-    fn draw_indirect(&mut self, draw: &DrawIndirect) -> Result<(), Stopped> {
+    fn draw_indirect(&mut self, draw: &DrawIndirect) -> Result<(), Failure> {
         let reach = self.engine.memory.reach();
         // SAFETY, here and below: any words will do, and nothing writes them while the queue's command is performed.
         let count = match draw.count {
@@ -431,7 +442,7 @@ impl<'a> Painter<'_, 'a> {
     }
 
     /// Adds a call to the batch: to the last draw, if all else is the same.
-    fn call(&mut self, indexed: bool, call: DrawCall) -> Result<(), Stopped> {
+    fn call(&mut self, indexed: bool, call: DrawCall) -> Result<(), Failure> {
         let (current, drawing) = (&mut *self.current, &mut *self.drawing);
         let (Some(stages), Some(active)) = (&current.stages, &mut drawing.active) else {
             return Ok(());

@@ -27,34 +27,44 @@ mod pass;
 pub mod query;
 pub mod ray_tracing;
 
+use std::sync::Arc;
+
 use ash::vk;
+use spirv_jit::Program;
+use spirv_jit::reach::Strays;
 
 use crate::command::{Command, RayTracingCommand};
 use crate::compute;
 use crate::object::Image;
 use crate::object::pipeline::PipelineKind;
 use crate::transfer::{blit, buffer, clear, copy, resolve};
-use crate::validate::Caller;
-use crate::wave::{Stopped, reachable};
+use crate::validate::{Caller, Checks};
+use crate::wave::{Fault, Stopped, reachable};
 use graphics::{Current, Drawing, Painter};
 use ray_tracing::Access;
 
 pub use bindings::Bindings;
-pub use engine::Engine;
+pub use engine::{Engine, Watch};
 pub use query::{timestamp_ns, write_results};
 
 /// Why replay ended early.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Debug, PartialEq, Eq)]
 pub enum Failure {
     /// A command was stopped: the device is to be lost.
-    Stopped(Stopped),
+    Stopped(Box<Fault>),
     /// The device was lost, or is being destroyed, while a command waited.
     AlreadyLost,
 }
 
 impl From<Stopped> for Failure {
     fn from(why: Stopped) -> Self {
-        Self::Stopped(why)
+        Fault::from(why).into()
+    }
+}
+
+impl From<Fault> for Failure {
+    fn from(fault: Fault) -> Self {
+        Self::Stopped(Box::new(fault))
     }
 }
 
@@ -250,19 +260,22 @@ fn run_dispatch(
     let PipelineKind::Compute(program) = &pipeline.kind else {
         return Ok(());
     };
-    engine.dispatcher.run(
+    let limits = engine.limits();
+    let ran = engine.dispatcher.run(
         &engine.workers,
         &compute::Dispatch {
             program,
             base,
             count,
             environment: &environment,
-            limits: &engine.limits(),
+            limits: &limits,
         },
-    )?;
-    if let Some(checks) = engine.checks(Caller::Other) {
-        checks.strays(&surroundings);
+    );
+    if let Some(strays) = &surroundings.strays {
+        let checks = engine.checks(Caller::Other);
+        note_strays(engine, checks.as_ref(), strays, std::iter::once(program));
     }
+    ran.map_err(|why| limits.fault(why))?;
     if !painter.drawing.queries.is_empty() {
         let sizes = count.into_iter().chain(program.local_size());
         let invocations = sizes.fold(1u64, |product, size| {
@@ -273,6 +286,22 @@ fn run_dispatch(
         }
     }
     Ok(())
+}
+
+/// Notes where shaders of a command went astray.
+fn note_strays<'a>(
+    engine: &Engine,
+    checks: Option<&Checks>,
+    strays: &Strays,
+    programs: impl Iterator<Item = &'a Arc<Program>> + Clone,
+) {
+    let strays = strays.take();
+    if let Some(checks) = checks {
+        checks.strays(&strays);
+    }
+    if let Some(wild) = &engine.wild {
+        wild.add(&strays, programs);
+    }
 }
 
 /// Commands of the ray tracing extensions.
@@ -306,6 +335,6 @@ fn run_ray_tracing(
         surroundings: &surroundings,
         checks,
     };
-    ray_tracing::execute(command, access, bound, engine)?;
+    ray_tracing::execute(command, access, bound, engine).map_err(|why| limits.fault(why))?;
     Ok(())
 }

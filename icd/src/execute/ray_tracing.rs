@@ -4,6 +4,7 @@ use ash::vk;
 use spirv_jit::environment::{Environment, uniform};
 
 use super::engine::Engine;
+use super::note_strays;
 use crate::command::RayTracingCommand;
 use crate::log::{self, Level};
 use crate::object::ray_tracing_pipeline::RayTracingPipeline;
@@ -172,8 +173,9 @@ fn trace_rays(
         checks: checks.as_ref(),
     };
     let traced = engine.tracer.trace_rays(&dispatch, &engine.workers);
-    if let Some(traced) = &checks {
-        traced.checks.strays(surroundings);
+    if let Some(strays) = &surroundings.strays {
+        let checks = checks.as_ref().map(|traced| &traced.checks);
+        note_strays(engine, checks, strays, pipeline.shaders.programs.iter());
     }
     traced
 }

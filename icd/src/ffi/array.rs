@@ -52,10 +52,11 @@ pub unsafe fn string<'a>(text: *const c_char) -> &'a CStr {
     unsafe { CStr::from_ptr(text) }
 }
 
-/// Copies text into a fixed C array, cut to fit and NUL-terminated.
+/// Copies text into a fixed C array of UTF-8, cut to fit between characters and NUL-terminated.
 pub fn write_text<const N: usize>(out: &mut [c_char; N], text: &str) {
     out.fill(0);
-    for (to, from) in out[..N - 1].iter_mut().zip(text.bytes()) {
+    let end = text.floor_char_boundary(N - 1);
+    for (to, from) in out.iter_mut().zip(text[..end].bytes()) {
         *to = from as c_char;
     }
 }
@@ -102,5 +103,7 @@ mod tests {
         let mut out = [1 as c_char; 4];
         write_text(&mut out, "abcdef");
         assert_eq!(out, [97, 98, 99, 0]);
+        write_text(&mut out, "abé");
+        assert_eq!(out, [97, 98, 0, 0]);
     }
 }

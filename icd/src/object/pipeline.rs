@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use ash::vk;
 use spirv_jit::Program;
+use spirv_jit::origin::Name;
 
 use super::PipelineLayout;
 use super::deferred_pipeline::DeferredPipeline;
@@ -17,6 +18,7 @@ use crate::wave::table::Group;
 /// A shader module: its words, checked when a pipeline uses them.
 pub struct ShaderModule {
     pub words: Arc<[u32]>,
+    pub name: Arc<Name>,
 }
 
 /// A pipeline.
@@ -40,6 +42,23 @@ impl Pipeline {
             PipelineKind::Graphics(_) => vk::PipelineBindPoint::GRAPHICS,
             PipelineKind::RayTracing(_) | PipelineKind::Deferred(_) => {
                 vk::PipelineBindPoint::RAY_TRACING_KHR
+            }
+        }
+    }
+
+    /// Tells its programs what the application calls it. Pipelines that share programs through a cache share their names.
+    pub fn set_name(&self, name: &str) {
+        let set = |program: &Arc<Program>| {
+            if let Some(origin) = program.origin() {
+                origin.pipeline.set(name);
+            }
+        };
+        match &self.kind {
+            PipelineKind::Compute(program) => set(program),
+            PipelineKind::Graphics(it) => it.vertex.iter().chain(&it.fragment).for_each(set),
+            PipelineKind::RayTracing(_) | PipelineKind::Deferred(_) => {
+                let linked = self.ray_tracing();
+                (linked.iter().flat_map(|it| &it.shaders.programs)).for_each(set);
             }
         }
     }

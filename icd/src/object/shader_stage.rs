@@ -9,6 +9,7 @@ use rspirv::spirv::Capability;
 use spirv_jit::Program;
 use spirv_jit::error::ErrorKind;
 use spirv_jit::ir::binary;
+use spirv_jit::origin::{Name, Origin, has_lines};
 use spirv_jit::program::{CompileRequest, Stage};
 use xxhash_rust::xxh3::Xxh3;
 
@@ -31,6 +32,8 @@ pub struct Compiler<'a> {
 #[derive(Clone, Debug)]
 pub struct ShaderStage {
     pub words: Arc<[u32]>,
+    /// Of the module.
+    pub name: Arc<Name>,
     pub entry_point: String,
     pub stage: Stage,
     /// `SpecId` and bytes.
@@ -78,6 +81,16 @@ impl ShaderStage {
         hash.digest128().to_le_bytes()
     }
 
+    /// What reports say that its program comes from. Words that tell lines are kept for that.
+    fn origin(&self) -> Origin {
+        Origin {
+            entry_point: self.entry_point.clone(),
+            name: Arc::clone(&self.name),
+            pipeline: Name::default(),
+            words: has_lines(&self.words).then(|| Arc::clone(&self.words)),
+        }
+    }
+
     /// Takes the program from the cache, or compiles it and puts it there.
     ///
     /// # Errors
@@ -95,6 +108,7 @@ impl ShaderStage {
         let cached = cache.and_then(|cache| cache.find(&key));
         // What comes as data may say anything.
         if let Some(program) = cached.filter(|program| program.stage() == self.stage) {
+            program.set_origin(self.origin());
             let program = StageProgram { program, key };
             return Ok(Compiled {
                 program,
@@ -136,6 +150,7 @@ impl ShaderStage {
         if let Some(cache) = cache {
             cache.insert(key, binary::encode(&module), Arc::clone(&program));
         }
+        program.set_origin(self.origin());
         let program = StageProgram { program, key };
         Ok(Compiled {
             program,

@@ -28,6 +28,7 @@ use crate::handle::Ref;
 use crate::object::sparse::SparseBind;
 use crate::object::{Fence, Semaphore};
 use crate::present::{Request, Swapchain};
+use crate::wave::{Cause, Fault};
 
 /// Queues that a device can have, all of one family.
 pub const MAX_QUEUES: u32 = 4;
@@ -196,7 +197,8 @@ impl Line {
         }
         waits.iter().for_each(|(semaphore, _)| semaphore.consume());
         if let Err(why) = binds.iter().try_for_each(SparseBind::perform) {
-            return self.engine.lose(why);
+            let cause = Cause::SparseBinding(why.to_owned());
+            return self.engine.lose(Fault::new(cause));
         }
         let result = catch_unwind(AssertUnwindSafe(|| {
             execute::replay_all(&self.engine, commands.iter().map(|list| &list[..]))
@@ -204,8 +206,11 @@ impl Line {
         match result {
             Ok(Ok(())) => {}
             Ok(Err(Failure::AlreadyLost)) => return,
-            Ok(Err(Failure::Stopped(why))) => return self.engine.lose(&why.to_string()),
-            Err(payload) => return self.engine.lose(&panic_text(&*payload)),
+            Ok(Err(Failure::Stopped(why))) => return self.engine.lose(*why),
+            Err(payload) => {
+                let cause = Cause::Internal(panic_text(&*payload));
+                return self.engine.lose(Fault::new(cause));
+            }
         }
         // Whoever sees a signal may reset the command buffers: they are let go of first.
         drop(commands);

@@ -8,7 +8,7 @@ use spirv_jit::ir::text::parse_module;
 
 use super::{Queue, Submission};
 use crate::command::Command;
-use crate::execute::Engine;
+use crate::execute::{Engine, Watch};
 use crate::handle::{self, Ref};
 use crate::object::live_memory::LiveMemory;
 use crate::object::pipeline::PipelineKind;
@@ -16,7 +16,9 @@ use crate::object::{Event, Fence, Pipeline, PipelineLayout, QueryPool, Semaphore
 
 fn engine() -> Arc<Engine> {
     let memory = LiveMemory::everywhere();
-    Engine::new(2, Arc::default(), memory, None).ok().unwrap()
+    Engine::new(2, Arc::default(), memory, Watch::default())
+        .ok()
+        .unwrap()
 }
 
 fn semaphore(engine: &Engine, ty: vk::SemaphoreType) -> Ref<Semaphore> {
@@ -181,9 +183,12 @@ fn assert_lost(engine: &Arc<Engine>, commands: Arc<Vec<Command>>) {
 #[test]
 fn a_hanging_shader_loses_the_device() {
     let timeout = Some(Duration::from_millis(20));
-    let engine = Engine::with_timeout(2, Arc::default(), LiveMemory::everywhere(), None, timeout)
-        .ok()
-        .unwrap();
+    let watch = Watch {
+        timeout,
+        ..Watch::default()
+    };
+    let engine = Engine::new(2, Arc::default(), LiveMemory::everywhere(), watch);
+    let engine = engine.ok().unwrap();
     assert_lost(&engine, dispatch("loop L0 {\nbr L0\n}\nunreachable"));
 }
 

@@ -22,6 +22,7 @@ use std::sync::atomic::AtomicU64;
 use ash::vk;
 use smallvec::SmallVec;
 use spirv_jit::environment::Environment;
+use spirv_jit::reach::Strays;
 
 pub use crate::object::graphics_pipeline::Stages;
 use crate::object::graphics_state::{
@@ -172,6 +173,20 @@ pub enum Work {
 #[derive(Default)]
 pub struct Batch {
     pub work: Vec<Work>,
+}
+
+impl Batch {
+    /// Where its draws note addresses that lead nowhere, as far as they do, and whose those are.
+    pub fn watched(&self) -> Vec<(Arc<Strays>, Arc<Stages>)> {
+        let watched = self.work.iter().filter_map(|work| match work {
+            Work::Draw(draw) => {
+                let strays = draw.environment.strays.as_ref()?;
+                Some((Arc::clone(strays), Arc::clone(&draw.stages)))
+            }
+            Work::Clear(_) => None,
+        });
+        watched.collect()
+    }
 }
 
 /// What a flush runs on and with.

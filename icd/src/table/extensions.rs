@@ -172,6 +172,7 @@ extensions! {
     Device EXT_DESCRIPTOR_BUFFER c"VK_EXT_descriptor_buffer" 1;
     Device EXT_DESCRIPTOR_INDEXING c"VK_EXT_descriptor_indexing" 2;
     Device EXT_DEVICE_ADDRESS_BINDING_REPORT c"VK_EXT_device_address_binding_report" 1;
+    Device EXT_DEVICE_FAULT c"VK_EXT_device_fault" 2;
     Device EXT_DYNAMIC_RENDERING_UNUSED_ATTACHMENTS c"VK_EXT_dynamic_rendering_unused_attachments" 1;
     Device EXT_EXTENDED_DYNAMIC_STATE c"VK_EXT_extended_dynamic_state" 1;
     Device EXT_EXTENDED_DYNAMIC_STATE_2 c"VK_EXT_extended_dynamic_state2" 1;

@@ -363,7 +363,10 @@ impl<'a> Batch<'a> {
                 &mut fuel,
             )
         };
-        let events = events.map_err(|_| Stopped::OutOfMemory)?;
+        let events = events.map_err(|_| {
+            self.note_stop(wave[0]);
+            Stopped::OutOfMemory
+        })?;
         for (&index, event) in wave.iter().zip(events.iter()) {
             match event {
                 Event::End => self.end(index),
@@ -377,7 +380,8 @@ impl<'a> Batch<'a> {
         self.patience -= 1;
         if events.contains(Event::OutOfFuel) || self.patience == 0 {
             self.patience = PATIENCE;
-            self.dispatch.limits.check()
+            let checked = self.dispatch.limits.check();
+            checked.inspect_err(|_| self.note_stop(wave[0]))
         } else {
             Ok(())
         }
@@ -388,13 +392,14 @@ impl<'a> Batch<'a> {
         let worker = &mut *self.worker;
         let subgroup = &mut worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        worker.queries.proceed(
+        let proceeded = worker.queries.proceed(
             &mut worker.walker,
             program,
             &mut subgroup.rows,
             &mut subgroup.queries,
             self.dispatch.limits,
-        )?;
+        );
+        proceeded.inspect_err(|_| self.note_stop(index))?;
         self.make_ready(index);
         Ok(())
     }

@@ -57,7 +57,8 @@ impl Batch<'_> {
                 self.check_call(traced, program, role, of[lane]);
             }
         }
-        let index = self.new_subgroup(program, role, lanes)?;
+        let index = self.new_subgroup(program, role, lanes);
+        let index = index.inspect_err(|_| self.note_call(role, of[0]))?;
         let worker = &mut *self.worker;
         let waiting = match role {
             Role::Callable => caller,
@@ -111,7 +112,8 @@ impl Batch<'_> {
             }
         }
         let lanes = u16::MAX >> (SUBGROUP_SIZE - calls.len());
-        let index = self.new_subgroup(program, role, lanes)?;
+        let index = self.new_subgroup(program, role, lanes);
+        let index = index.inspect_err(|_| self.note_call(role, calls[0].of))?;
         let mut records = [calls[0].record; SUBGROUP_SIZE];
         let mut of = [calls[0].of; SUBGROUP_SIZE];
         for (lane, call) in calls.iter().enumerate() {

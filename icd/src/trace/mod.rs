@@ -27,6 +27,7 @@ mod rays;
 mod reorder;
 mod slab;
 pub mod stats;
+mod stopped;
 mod streams;
 mod subgroup;
 #[cfg(test)]

@@ -152,7 +152,9 @@ impl Batch<'_> {
         loop {
             let (role, otherwise) = match event {
                 Event::OutOfFuel => {
-                    self.dispatch.limits.check()?;
+                    let caller = self.worker.ray_groups[ray.index()].caller;
+                    let checked = self.dispatch.limits.check();
+                    checked.inspect_err(|_| self.note_stop(caller))?;
                     event = self.resume(ray, Verdict::Continue);
                     continue;
                 }

@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 use ash::vk;
+use spirv_jit::reach::Stray;
 
 use super::registry::Known;
 use super::{Checks, Rule};
@@ -9,7 +10,6 @@ use crate::table::limits::{
     MAX_RAY_DISPATCH_INVOCATIONS, MAX_SHADER_GROUP_STRIDE, SHADER_GROUP_BASE_ALIGNMENT,
     SHADER_GROUP_HANDLE_ALIGNMENT,
 };
-use crate::wave::Surroundings;
 use crate::wave::mask::InvocationMask;
 use crate::wave::table::{Region, Tables};
 
@@ -127,8 +127,8 @@ impl Checks {
     }
 
     /// Reports the physical pointers of shaders that led nowhere or were misaligned.
-    pub fn strays(&self, surroundings: &Surroundings) {
-        for stray in surroundings.strays.iter().flat_map(|strays| strays.take()) {
+    pub fn strays(&self, strays: &[Stray]) {
+        for stray in strays {
             let place = stray.program << 32 | stray.site as u64;
             let rule = match stray.alignment {
                 0 => Rule::PhysicalPointer,

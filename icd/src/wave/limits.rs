@@ -1,6 +1,6 @@
 //! What ends a dispatch that does not end by itself, and what keeps it from going astray.
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
 use spirv_jit::reach::{Reach, Strays};
@@ -8,6 +8,7 @@ use spirv_jit::views::Views;
 use traversal::{EVERYWHERE, Kind, Live, Ray, Structure};
 
 use super::budget::Budget;
+use super::fault::{Fault, Stopped, StoppedAt};
 
 /// What a command's addresses may lead to.
 pub struct Surroundings {
@@ -40,6 +41,8 @@ pub struct Limits {
     pub memory: Arc<Budget>,
     /// Validation of ray queries, where it is on.
     pub queried: Option<Arc<dyn QueryObserver>>,
+    /// Where it was stopped, as the first to notice says.
+    pub stopped_at: OnceLock<StoppedAt>,
 }
 
 impl Default for Limits {
@@ -51,11 +54,25 @@ impl Default for Limits {
             live: EVERYWHERE.clone(),
             memory: Arc::default(),
             queried: None,
+            stopped_at: OnceLock::new(),
         }
     }
 }
 
 impl Limits {
+    /// Says where an invocation stood when a limit was reached. The first one counts.
+    pub fn note(&self, at: impl FnOnce() -> StoppedAt) {
+        self.stopped_at.get_or_init(at);
+    }
+
+    /// The report of a stop within these limits.
+    pub fn fault(&self, why: Stopped) -> Fault {
+        Fault {
+            at: self.stopped_at.get().cloned(),
+            ..why.into()
+        }
+    }
+
     /// The structure at an address that a shader names; none where that leads nowhere.
     pub fn structure(&self, address: u64) -> Option<Structure> {
         // SAFETY: the memory is there until the dispatch is complete.
@@ -75,22 +92,5 @@ impl Limits {
         } else {
             Ok(())
         }
-    }
-}
-
-/// Why a dispatch was given up: the device is lost.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stopped {
-    TimedOut,
-    /// Invocations in flight would need more memory than there is for them.
-    OutOfMemory,
-}
-
-impl std::fmt::Display for Stopped {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::TimedOut => "a dispatch ran for longer than TUFF_TIMEOUT allows",
-            Self::OutOfMemory => "a dispatch's invocations need more memory than there is for them",
-        })
     }
 }

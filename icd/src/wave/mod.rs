@@ -1,6 +1,7 @@
 //! What running waves of a program takes, whoever runs them: workers, limits, what addresses may lead to, shader tables.
 
 mod budget;
+mod fault;
 mod limits;
 pub mod mask;
 pub mod reachable;
@@ -8,5 +9,6 @@ pub mod table;
 mod workers;
 
 pub use budget::{Budget, trim_heap};
-pub use limits::{Limits, QueryObserver, Stopped, Surroundings};
+pub use fault::{Cause, Fault, Stopped, StoppedAt, WildAddress, WildAddresses};
+pub use limits::{Limits, QueryObserver, Surroundings};
 pub use workers::Workers;

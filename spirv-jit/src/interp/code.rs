@@ -96,6 +96,15 @@ pub(super) struct Place {
     pub live: Live,
 }
 
+/// An access through a physical pointer.
+pub(super) struct PhysicalAccess {
+    /// Behind its instruction.
+    pub pc: u32,
+    /// Word offset of the SPIR-V instruction.
+    pub source: u32,
+    pub writes: bool,
+}
+
 /// Where a wave goes on after a call.
 pub(super) struct Return {
     pub pc: u32,

@@ -6,7 +6,9 @@
 
 use std::cell::Cell;
 
-use super::code::{AccessPlan, AtomicPlan, ImagePlan, Place, Return, SubgroupPlan};
+use super::code::{
+    AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, Place, Return, SubgroupPlan,
+};
 use super::operand::Operand;
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
@@ -50,6 +52,8 @@ pub(crate) struct Code {
     /// In the plan's order.
     pub(super) points: Vec<Place>,
     pub(super) calls: Vec<Return>,
+    /// Ascending by `pc`.
+    pub(super) physical: Vec<PhysicalAccess>,
     /// Constants: the first uniform rows.
     pub(super) constants: Vec<AlignedRow>,
     /// Behind the instructions that compute uniform rows.

@@ -75,6 +75,14 @@ impl Code {
         (FRAME_BYTES / subgroup_bytes).clamp(4, MAX_SUBGROUPS)
     }
 
+    /// The SPIR-V instruction, by its word offset, of an access through a physical pointer, and
+    /// whether it writes. Accesses are known by the instruction behind them.
+    pub fn physical_access(&self, behind: usize) -> Option<(u32, bool)> {
+        let index = (self.physical).binary_search_by_key(&behind, |access| access.pc as usize);
+        let access = &self.physical[index.ok()?];
+        Some((access.source, access.writes))
+    }
+
     /// Runs a wave of program `number`, whose plan this was emitted from, to its next event.
     ///
     /// # Safety

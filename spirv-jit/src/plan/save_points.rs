@@ -65,6 +65,9 @@ pub(crate) struct SavePoint {
     pub live: Live,
     /// The event, or none for the entry, for back-edges and for where functions begin.
     pub site: Option<SiteId>,
+    /// Word offset of the SPIR-V instruction that is performed there, or near there; 0 where none is
+    /// known.
+    pub source: u32,
 }
 
 /// A call: how to find it from a call path's number, and what its function needs afterwards.
@@ -145,6 +148,14 @@ impl Site {
     }
 }
 
+/// Where the first instruction of a body comes from.
+fn first_source(body: &Body) -> Option<u32> {
+    body.nodes.iter().find_map(|node| match node {
+        Node::Inst(inst) => (inst.source != 0).then_some(inst.source),
+        _ => node.bodies().find_map(first_source),
+    })
+}
+
 /// Finds the save points and call sites of all functions, whose places in the state are known.
 pub(super) fn find(planned: &mut Planned<'_>) -> Result<(), Error> {
     let mut next_point = 0;
@@ -156,6 +167,7 @@ pub(super) fn find(planned: &mut Planned<'_>) -> Result<(), Error> {
             function: f,
             next_point,
             position: 1,
+            source: first_source(&function.body).unwrap_or(0),
             sources: HashMap::default(),
             inputs: HashMap::default(),
         };
@@ -186,6 +198,8 @@ struct Finder<'p, 'm> {
     /// Masks that are in use.
     masks: usize,
     position: u32,
+    /// Word offset of the SPIR-V instruction that was passed last.
+    source: u32,
     /// How descriptors are made.
     sources: HashMap<Value, (DescriptorSource, Value)>,
     /// Values that are rows of the input record: a state holds them anyway.
@@ -217,6 +231,8 @@ impl Finder<'_, '_> {
         }
         if let Node::Loop { .. } = node {
             let live = self.live_across(self.position)?;
+            // A loop is where it begins.
+            self.source = node.bodies().find_map(first_source).unwrap_or(self.source);
             self.point(self.position, None, live)?;
         }
         self.position += 1;
@@ -225,6 +241,9 @@ impl Finder<'_, '_> {
     }
 
     fn inst(&mut self, inst: &Inst, position: u32) -> Result<(), Error> {
+        if inst.source != 0 {
+            self.source = inst.source;
+        }
         match inst.op {
             Op::Call(callee) => return self.call(callee.index(), position),
             Op::Input(row) => {
@@ -330,6 +349,7 @@ impl Finder<'_, '_> {
             masks: self.masks as u32,
             live,
             site,
+            source: self.source,
         });
         Ok(())
     }

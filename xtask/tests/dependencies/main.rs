@@ -62,6 +62,7 @@ const HOUSES: [House; 3] = [
             "request",
             "accuracy",
             "parse",
+            "origin",
             "ir",
             "state",
             "environment",

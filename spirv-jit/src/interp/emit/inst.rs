@@ -2,7 +2,7 @@
 
 use super::{Emitter, instr};
 use crate::Error;
-use crate::interp::code::{AccessPlan, AtomicPlan, ImagePlan, SubgroupPlan};
+use crate::interp::code::{AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, SubgroupPlan};
 use crate::interp::fusion::Fused;
 use crate::interp::kernels::{self, Unpack64, elementwise, fused};
 use crate::interp::machine::{Handler, Instr};
@@ -194,7 +194,19 @@ impl Emitter<'_> {
             x: plan,
             ..instr(handler)
         });
+        self.note_physical(place, inst, store);
         Ok(())
+    }
+
+    /// Notes the access that was emitted last, for reports of where it led.
+    fn note_physical(&mut self, place: Access, inst: &Inst, writes: bool) {
+        if place.space == Space::Global {
+            self.code.physical.push(PhysicalAccess {
+                pc: self.code.instrs.len() as u32,
+                source: inst.source,
+                writes,
+            });
+        }
     }
 
     fn emit_atomic(&mut self, op: AtomicOp, access: Access, inst: &Inst) -> Result<(), Error> {
@@ -227,6 +239,7 @@ impl Emitter<'_> {
             d,
             ..instr(atomics::atomic)
         });
+        self.note_physical(access, inst, true);
         Ok(())
     }
 

@@ -1,0 +1,572 @@
+//! `VK_EXT_device_fault`: a device that was lost tells why, and where. What it tells is left to drivers: of others than Tuff
+//! only its form is checked.
+
+use ash::ext;
+use tuff_tests::*;
+
+/// An endless loop for the driver, which cannot know the buffer, past its seventh line.
+const SPIN: &str = r"
+layout(set = 0, binding = 0) buffer Data { uint data[]; };
+void main() {
+    while (data[0] == 0) { data[1] = data[1] + 1; }
+    data[2] = 1;
+}";
+
+/// Where the loop is, in the debug information that the tests make.
+const LOOP_LINE: u32 = 42;
+
+/// A device that a test may lose.
+fn open() -> Option<Gpu> {
+    Gpu::without_validation().with("VK_EXT_device_fault", has_faults)
+}
+
+fn has_faults(gpu: &Gpu) -> bool {
+    gpu.optional.fault.device_fault == vk::TRUE
+}
+
+/// What a device tells of its fault.
+struct Report {
+    description: String,
+    addresses: Vec<vk::DeviceFaultAddressInfoEXT>,
+    vendor: Vec<vk::DeviceFaultVendorInfoEXT>,
+}
+
+/// Text that ends inside of its array.
+fn text(chars: &[std::ffi::c_char]) -> String {
+    let bytes: Vec<u8> = chars.iter().map(|&c| c.cast_unsigned()).collect();
+    let text = std::ffi::CStr::from_bytes_until_nul(&bytes).expect("it ends");
+    text.to_str().expect("it is UTF-8").to_owned()
+}
+
+/// Asks for so many infos, and checks what the counts and the result say of them.
+fn ask(gpu: &Gpu, room: [u32; 2]) -> (Report, vk::Result) {
+    let api = ext::device_fault::Device::new(&gpu.instance, &gpu.device);
+    let mut counts = vk::DeviceFaultCountsEXT::default()
+        .address_info_count(room[0])
+        .vendor_info_count(room[1]);
+    let mut addresses = vec![vk::DeviceFaultAddressInfoEXT::default(); room[0] as usize];
+    let mut vendor = vec![vk::DeviceFaultVendorInfoEXT::default(); room[1] as usize];
+    let mut info = vk::DeviceFaultInfoEXT {
+        p_address_infos: addresses.as_mut_ptr(),
+        p_vendor_infos: vendor.as_mut_ptr(),
+        ..Default::default()
+    };
+    // SAFETY: there is room for what the counts say.
+    let result = unsafe {
+        (api.fp().get_device_fault_info_ext)(gpu.device.handle(), &mut counts, &mut info)
+    };
+    assert!(counts.address_info_count <= room[0] && counts.vendor_info_count <= room[1]);
+    assert_eq!(counts.vendor_binary_size, 0, "the feature is off");
+    addresses.truncate(counts.address_info_count as usize);
+    vendor.truncate(counts.vendor_info_count as usize);
+    let description = text(&info.description);
+    (
+        Report {
+            description,
+            addresses,
+            vendor,
+        },
+        result,
+    )
+}
+
+/// How much a device has to tell.
+fn counts(gpu: &Gpu) -> [u32; 2] {
+    let api = ext::device_fault::Device::new(&gpu.instance, &gpu.device);
+    let mut counts = vk::DeviceFaultCountsEXT::default();
+    // SAFETY: without infos the counts are asked for.
+    let result = unsafe {
+        let none = std::ptr::null_mut();
+        (api.fp().get_device_fault_info_ext)(gpu.device.handle(), &mut counts, none)
+    };
+    assert_eq!(result, vk::Result::SUCCESS);
+    assert_eq!(counts.vendor_binary_size, 0, "the feature is off");
+    [counts.address_info_count, counts.vendor_info_count]
+}
+
+/// The whole report of a lost device; every way to ask for less says so.
+fn report(gpu: &Gpu) -> Report {
+    let all = counts(gpu);
+    let (report, result) = ask(gpu, all);
+    assert_eq!(result, vk::Result::SUCCESS);
+    assert_eq!(
+        [report.addresses.len() as u32, report.vendor.len() as u32],
+        all
+    );
+    assert!(!report.description.is_empty());
+    for address in &report.addresses {
+        assert!(address.address_precision.is_power_of_two());
+    }
+    for info in &report.vendor {
+        println!(
+            "{} {:#x} {}",
+            info.vendor_fault_code,
+            info.vendor_fault_data,
+            text(&info.description)
+        );
+    }
+    println!("{}", report.description);
+    for which in 0..2 {
+        let mut room = all;
+        if room[which] > 0 {
+            room[which] -= 1;
+            let (less, result) = ask(gpu, room);
+            assert_eq!(result, vk::Result::INCOMPLETE);
+            assert_eq!(
+                [less.addresses.len() as u32, less.vendor.len() as u32],
+                room
+            );
+        }
+        let (more, result) = ask(gpu, all.map(|count| count + 3));
+        assert_eq!(result, vk::Result::SUCCESS);
+        assert_eq!([more.addresses.len() as u32, more.vendor.len() as u32], all);
+    }
+    report
+}
+
+/// Fails where a description lacks one of these.
+#[track_caller]
+fn says(description: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(description.contains(part), "no {part:?} in {description:?}");
+    }
+}
+
+/// Adds debug information to a module: what is inside of a loop comes from [`LOOP_LINE`] of a file, all else of functions
+/// from lines that no loop is on.
+fn with_lines(words: &[u32], file: &str) -> Vec<u32> {
+    const SOURCE: u32 = 3;
+    const NAME: u32 = 5;
+    const MEMBER_NAME: u32 = 6;
+    const STRING: u32 = 7;
+    const LINE: u32 = 8;
+    const FUNCTION: u32 = 54;
+    const PARAMETER: u32 = 55;
+    const FUNCTION_END: u32 = 56;
+    const VARIABLE: u32 = 59;
+    const PHI: u32 = 245;
+    const LOOP_MERGE: u32 = 246;
+    const SELECTION_MERGE: u32 = 247;
+    const LABEL: u32 = 248;
+    let id = words[3];
+    let mut out = words[..5].to_vec();
+    out[3] += 1;
+    let (mut at, mut named, mut inside, mut after, mut line) = (5, false, false, 0, 1);
+    let mut merged = false;
+    while at < words.len() {
+        let (opcode, count) = (words[at] & 0xffff, (words[at] >> 16) as usize);
+        if !named && [SOURCE, NAME, MEMBER_NAME].contains(&opcode) {
+            named = true;
+            let mut text = file.as_bytes().to_vec();
+            text.resize(file.len() / 4 * 4 + 4, 0);
+            out.push((2 + text.len() as u32 / 4) << 16 | STRING);
+            out.push(id);
+            out.extend(
+                text.chunks_exact(4)
+                    .map(|word| u32::from_le_bytes(word.try_into().unwrap())),
+            );
+        }
+        inside |= opcode == FUNCTION;
+        inside &= opcode != FUNCTION_END;
+        if opcode == LABEL && words[at + 1] == after {
+            line = 90;
+        }
+        if opcode == LOOP_MERGE {
+            (after, line) = (words[at + 1], LOOP_LINE);
+        }
+        // Nothing may stand between a merge and its branch, nor between labels, variables and phis.
+        let first = [FUNCTION, PARAMETER, LABEL, VARIABLE, PHI].contains(&opcode);
+        if inside && !first && !merged {
+            out.extend([4 << 16 | LINE, id, line, 5]);
+        }
+        merged = [LOOP_MERGE, SELECTION_MERGE].contains(&opcode);
+        out.extend(&words[at..at + count]);
+        at += count;
+    }
+    assert!(named, "names or a source, before which strings stand");
+    out
+}
+
+/// Makes a compute pipeline of a module that keeps its name.
+fn named_kernel(gpu: &Gpu, words: &[u32], set: Set, names: [&std::ffi::CStr; 2]) -> Kernel {
+    let layout = gpu.layout(&[set.layout]);
+    let info = vk::ShaderModuleCreateInfo::default().code(words);
+    // SAFETY: the structures outlive the calls; the module goes when the pipeline is made.
+    let pipeline = unsafe {
+        let module = gpu.device.create_shader_module(&info, None).unwrap();
+        gpu.name_object(module, names[0]);
+        let stage = vk::PipelineShaderStageCreateInfo::default()
+            .stage(vk::ShaderStageFlags::COMPUTE)
+            .module(module)
+            .name(c"main");
+        let info = vk::ComputePipelineCreateInfo::default()
+            .stage(stage)
+            .layout(layout);
+        let cache = vk::PipelineCache::null();
+        let made = gpu.device.create_compute_pipelines(cache, &[info], None);
+        gpu.device.destroy_shader_module(module, None);
+        made.expect("vkCreateComputePipelines")[0]
+    };
+    gpu.name_object(pipeline, names[1]);
+    gpu.keep_pipeline(pipeline);
+    Kernel { pipeline, layout }
+}
+
+fn dispatch(gpu: &Gpu, kernel: Kernel, set: Set) -> Result<(), vk::Result> {
+    gpu.try_run(|commands| gpu.record_dispatch::<u32>(commands, kernel, &[set], &[], [1, 1, 1]))
+}
+
+#[test]
+fn a_hang_is_told_with_its_names_and_line() {
+    let test = "a_hang_is_told_with_its_names_and_line";
+    if !alone(test, &[("TUFF_TIMEOUT", "0.3")]) {
+        return;
+    }
+    let Some(gpu) = open() else { return };
+    let data = gpu.buffer_with(&[0u32; 4]);
+    let set = gpu.set(&[(0, &[Bound::Storage(data)])]);
+    let words = with_lines(&glsl(Stage::Compute, SPIN), "shaders/spin.comp");
+    let kernel = named_kernel(&gpu, &words, set, [c"spinner", c"spins for ever"]);
+    assert_eq!(
+        dispatch(&gpu, kernel, set),
+        Err(vk::Result::ERROR_DEVICE_LOST)
+    );
+    let report = report(&gpu);
+    if gpu.is_tuff() {
+        let line = format!("shaders/spin.comp:{LOOP_LINE}");
+        let parts = [
+            "TUFF_TIMEOUT",
+            "Compute",
+            "\"spinner\"",
+            "\"main\"",
+            "\"spins for ever\"",
+            &line,
+        ];
+        says(&report.description, &parts);
+        assert!(report.addresses.is_empty());
+        assert_eq!(report.vendor.len(), 1);
+        says(&text(&report.vendor[0].description), &parts[1..]);
+        assert_eq!(report.vendor[0].vendor_fault_code, 1);
+    }
+}
+
+/// Without debug information there is no line; what a messenger hears is what the report says.
+#[test]
+fn a_messenger_hears_the_same() {
+    let test = "a_messenger_hears_the_same";
+    if !alone(test, &[("TUFF_TIMEOUT", "0.3")]) {
+        return;
+    }
+    let Some(gpu) = Gpu::validated_by_driver() else {
+        return;
+    };
+    let Some(gpu) = gpu.with("VK_EXT_device_fault", has_faults) else {
+        return;
+    };
+    let Some(gpu) = gpu.with("a driver that promises this", Gpu::is_tuff) else {
+        return;
+    };
+    let data = gpu.buffer_with(&[0u32; 4]);
+    let set = gpu.set(&[(0, &[Bound::Storage(data)])]);
+    let kernel = named_kernel(&gpu, &glsl(Stage::Compute, SPIN), set, [c"", c"p"]);
+    assert_eq!(
+        dispatch(&gpu, kernel, set),
+        Err(vk::Result::ERROR_DEVICE_LOST)
+    );
+    let report = report(&gpu);
+    says(
+        &report.description,
+        &["Compute shader", "entry point \"main\"", "pipeline \"p\""],
+    );
+    assert!(!report.description.contains(':') || !report.description.contains(".comp"));
+    let heard = gpu.take_complaints();
+    assert_eq!(heard, [format!("device lost: {}", report.description)]);
+}
+
+#[test]
+fn a_fragment_shader_that_hangs_is_told() {
+    let test = "a_fragment_shader_that_hangs_is_told";
+    if !alone(test, &[("TUFF_TIMEOUT", "0.3")]) {
+        return;
+    }
+    let Some(gpu) = open() else { return };
+    let Some(gpu) = gpu.with("a graphics queue", Gpu::has_graphics) else {
+        return;
+    };
+    let vertex = r"
+    void main() {
+        vec2 corner = vec2(gl_VertexIndex & 1, gl_VertexIndex >> 1);
+        gl_Position = vec4(corner * 4.0 - 1.0, 0, 1);
+    }";
+    let fragment = r"
+    layout(set = 0, binding = 0) readonly buffer Data { uint data[]; };
+    layout(location = 0) out vec4 color;
+    void main() {
+        uint sum = 1;
+        while (data[0] == 0) sum = sum * 3 + data[1];
+        color = vec4(sum);
+    }";
+    let data = gpu.buffer_with(&[0u32; 4]);
+    let set = gpu.set(&[(0, &[Bound::Storage(data)])]);
+    let format = vk::Format::R8G8B8A8_UNORM;
+    let canvas = gpu.canvas(format, 16, 16);
+    let painting = Painting {
+        layout: gpu.layout(&[set.layout]),
+        ..Painting::new(&gpu, vertex, fragment, format)
+    };
+    let stages = [
+        (Stage::Vertex, glsl(Stage::Vertex, vertex)),
+        (
+            Stage::Fragment,
+            with_lines(&glsl(Stage::Fragment, fragment), "spin.frag"),
+        ),
+    ];
+    let flags = vk::PipelineCreateFlags::empty();
+    let pipeline = gpu
+        .try_painting(&painting, &stages, flags, std::ptr::null())
+        .unwrap();
+    gpu.name_object(pipeline, c"a painting");
+    let pass = Pass {
+        colors: &[canvas],
+        clears: &[[0.0; 4]],
+        ..Pass::default()
+    };
+    let lost = gpu.try_run(|commands| {
+        gpu.record_pass(commands, &pass, |commands| {
+            gpu.look_at(commands, &canvas);
+            gpu.bind(commands, pipeline);
+            let point = vk::PipelineBindPoint::GRAPHICS;
+            // SAFETY: the command buffer is being recorded, and the handles are of this device.
+            unsafe {
+                let (layout, sets) = (painting.layout, [set.handle]);
+                gpu.device
+                    .cmd_bind_descriptor_sets(commands, point, layout, 0, &sets, &[]);
+                gpu.device.cmd_draw(commands, 3, 1, 0, 0);
+            }
+        });
+    });
+    assert_eq!(lost, Err(vk::Result::ERROR_DEVICE_LOST));
+    let report = report(&gpu);
+    if gpu.is_tuff() {
+        let line = format!("spin.frag:{LOOP_LINE}");
+        says(
+            &report.description,
+            &["TUFF_TIMEOUT", "Fragment", "\"a painting\"", &line],
+        );
+    }
+}
+
+#[test]
+fn recursion_without_an_end_is_told_with_its_depth() {
+    let Some(gpu) = open() else { return };
+    let there = gpu.pipeline_properties.max_ray_recursion_depth >= 1;
+    let Some(gpu) = gpu.with("VK_KHR_ray_tracing_pipeline", |_| there) else {
+        return;
+    };
+    let raygen = r"
+    layout(location = 0) callableDataEXT vec4 data;
+    void main() { data = vec4(1); executeCallableEXT(0, 0); }";
+    let callable = r"
+    layout(location = 0) callableDataInEXT vec4 data;
+    layout(location = 1) callableDataEXT vec4 next;
+    void main() { next = data + 1.0; executeCallableEXT(0, 1); data = next; }";
+    let rays = gpu.rays(&RaysInput {
+        shaders: &[(Stage::RayGeneration, raygen), (Stage::Callable, callable)],
+        groups: &[Group::general(0), Group::general(1)],
+        bindings: &[],
+        recursion: 1,
+    });
+    gpu.name_object(rays.pipeline, c"deep");
+    let table = Table {
+        callable: vec![Record::of(1); 2],
+        ..Table::of(0, &[], &[])
+    };
+    let regions = gpu.regions(&rays, &table);
+    let lost = gpu.try_run(|commands| gpu.record_trace(commands, &rays, &regions, [16, 1, 1]));
+    assert_eq!(lost, Err(vk::Result::ERROR_DEVICE_LOST));
+    let report = report(&gpu);
+    if gpu.is_tuff() {
+        says(
+            &report.description,
+            &["memory", "Callable shader", "\"deep\"", "shader calls deep"],
+        );
+        assert_eq!(report.vendor[0].vendor_fault_code, 2);
+        let depth = report.vendor[0].vendor_fault_data;
+        assert!(depth > 1000, "{depth}");
+    }
+}
+
+/// Pages near zero are never mapped: a read gives zeros, a write is dropped, and both are told when the loop is stopped.
+#[test]
+fn wild_addresses_are_told() {
+    let test = "wild_addresses_are_told";
+    if !alone(test, &[("TUFF_TIMEOUT", "0.3")]) {
+        return;
+    }
+    let Some(gpu) = open() else { return };
+    let source = r"
+    layout(buffer_reference, buffer_reference_align = 4) buffer Word { uint word; };
+    layout(set = 0, binding = 0) buffer Data { uint64_t wild[]; };
+    void main() {
+        uint read = Word(wild[0]).word;
+        Word(wild[1]).word = 7;
+        while (wild[2] == 0) wild[3] = wild[3] + read;
+    }";
+    let data = gpu.buffer_with(&[0x1230u64, 0x2340, 0, 0]);
+    let set = gpu.set(&[(0, &[Bound::Storage(data)])]);
+    let words = with_lines(&glsl(Stage::Compute, source), "wild.comp");
+    let kernel = named_kernel(&gpu, &words, set, [c"", c""]);
+    assert_eq!(
+        dispatch(&gpu, kernel, set),
+        Err(vk::Result::ERROR_DEVICE_LOST)
+    );
+    let report = report(&gpu);
+    if gpu.is_tuff() {
+        let found: Vec<_> = (report.addresses.iter())
+            .map(|it| (it.address_type, it.reported_address, it.address_precision))
+            .collect();
+        let read = (vk::DeviceFaultAddressTypeEXT::READ_INVALID, 0x1230, 1);
+        let write = (vk::DeviceFaultAddressTypeEXT::WRITE_INVALID, 0x2340, 1);
+        assert_eq!(found, [read, write]);
+        let codes = report
+            .vendor
+            .iter()
+            .map(|it| (it.vendor_fault_code, it.vendor_fault_data));
+        assert_eq!(
+            codes.skip(1).collect::<Vec<_>>(),
+            [(6, 0x1230), (7, 0x2340)]
+        );
+        says(
+            &text(&report.vendor[1].description),
+            &["Compute", "wild.comp:1"],
+        );
+    }
+}
+
+/// Wild addresses of draws, in a command before the one that hangs.
+#[test]
+fn earlier_wild_addresses_are_told() {
+    let test = "earlier_wild_addresses_are_told";
+    if !alone(test, &[("TUFF_TIMEOUT", "0.3")]) {
+        return;
+    }
+    let Some(gpu) = open() else { return };
+    let Some(gpu) = gpu.with("a driver that goes on", Gpu::is_tuff) else {
+        return;
+    };
+    let vertex = r"
+    layout(buffer_reference, buffer_reference_align = 4) buffer Word { uint word; };
+    void main() { gl_Position = vec4(Word(uint64_t(0x3450 + gl_InstanceIndex)).word, 0, 0, 1); }";
+    let format = vk::Format::R8G8B8A8_UNORM;
+    let canvas = gpu.canvas(format, 16, 16);
+    let fragment = "layout(location = 0) out vec4 color; void main() { color = vec4(1); }";
+    let pipeline = gpu.painting(&Painting::new(&gpu, vertex, fragment, format));
+    let pass = Pass {
+        colors: &[canvas],
+        clears: &[[0.0; 4]],
+        ..Pass::default()
+    };
+    gpu.draw(&pass, |commands| {
+        gpu.look_at(commands, &canvas);
+        gpu.bind(commands, pipeline);
+        // SAFETY: the command buffer is being recorded.
+        unsafe { gpu.device.cmd_draw(commands, 3, 1, 0, 0) };
+    });
+    let data = gpu.buffer_with(&[0u32; 4]);
+    let set = gpu.set(&[(0, &[Bound::Storage(data)])]);
+    let kernel = named_kernel(&gpu, &glsl(Stage::Compute, SPIN), set, [c"", c""]);
+    assert_eq!(
+        dispatch(&gpu, kernel, set),
+        Err(vk::Result::ERROR_DEVICE_LOST)
+    );
+    let report = report(&gpu);
+    let found: Vec<_> = report
+        .addresses
+        .iter()
+        .map(|it| it.reported_address)
+        .collect();
+    assert_eq!(found, [0x3450]);
+    says(&text(&report.vendor[1].description), &["Vertex shader"]);
+}
+
+/// A device that is not lost may not be asked: an answer is a kindness.
+#[test]
+fn a_device_that_is_not_lost_tells_nothing() {
+    let Some(gpu) = open() else { return };
+    let Some(gpu) = gpu.with("a driver that promises this", Gpu::is_tuff) else {
+        return;
+    };
+    assert_eq!(counts(&gpu), [0, 0]);
+    let (report, result) = ask(&gpu, [2, 2]);
+    assert_eq!(result, vk::Result::SUCCESS);
+    assert!(report.addresses.is_empty() && report.vendor.is_empty());
+}
+
+/// The name of a stage's module, where the module is in the chain of the stage.
+#[test]
+fn names_in_chains_are_told() {
+    let test = "names_in_chains_are_told";
+    if !alone(test, &[("TUFF_TIMEOUT", "0.3")]) {
+        return;
+    }
+    let Some(gpu) = open() else { return };
+    let has_chains = |gpu: &Gpu| gpu.optional.maintenance5.maintenance5 == vk::TRUE;
+    let Some(gpu) = gpu.with("VK_KHR_maintenance5", has_chains) else {
+        return;
+    };
+    let data = gpu.buffer_with(&[0u32; 4]);
+    let set = gpu.set(&[(0, &[Bound::Storage(data)])]);
+    let words = glsl(Stage::Compute, SPIN);
+    let mut module = vk::ShaderModuleCreateInfo::default().code(&words);
+    let mut name = vk::DebugUtilsObjectNameInfoEXT {
+        object_type: vk::ObjectType::SHADER_MODULE,
+        ..vk::DebugUtilsObjectNameInfoEXT::default().object_name(c"in the chain")
+    };
+    let stage = vk::PipelineShaderStageCreateInfo::default()
+        .stage(vk::ShaderStageFlags::COMPUTE)
+        .name(c"main")
+        .push_next(&mut module)
+        .push_next(&mut name);
+    let layout = gpu.layout(&[set.layout]);
+    let info = vk::ComputePipelineCreateInfo::default()
+        .stage(stage)
+        .layout(layout);
+    let cache = vk::PipelineCache::null();
+    // SAFETY: `info` outlives the call.
+    let made = unsafe { gpu.device.create_compute_pipelines(cache, &[info], None) };
+    let pipeline = made.expect("vkCreateComputePipelines")[0];
+    gpu.keep_pipeline(pipeline);
+    let lost = dispatch(&gpu, Kernel { pipeline, layout }, set);
+    assert_eq!(lost, Err(vk::Result::ERROR_DEVICE_LOST));
+    let report = report(&gpu);
+    if gpu.is_tuff() {
+        says(&report.description, &["Compute shader \"in the chain\""]);
+    }
+}
+
+/// A device is lost to a child of its process, which can ask why.
+#[test]
+fn a_child_is_told_that_it_is_one() {
+    unsafe extern "C" {
+        fn fork() -> i32;
+        fn _exit(code: i32) -> !;
+        fn waitpid(child: i32, status: *mut i32, options: i32) -> i32;
+    }
+    let Some(gpu) = open() else { return };
+    let Some(gpu) = gpu.with("a driver that promises this", Gpu::is_tuff) else {
+        return;
+    };
+    // SAFETY: the child asks, and ends without running anything else of the test's.
+    unsafe {
+        let child = fork();
+        if child == 0 {
+            let (report, result) = ask(&gpu, counts(&gpu));
+            let told = result == vk::Result::SUCCESS && report.vendor[0].vendor_fault_code == 5;
+            _exit(if told { 7 } else { 8 });
+        }
+        let mut status = 0;
+        assert_eq!(waitpid(child, &mut status, 0), child);
+        assert_eq!(status, 7 << 8, "how the child ended");
+    }
+    assert_eq!(counts(&gpu), [0, 0]);
+}
