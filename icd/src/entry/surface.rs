@@ -3,6 +3,8 @@
 use std::ffi::c_void;
 use std::sync::Arc;
 
+use ash::vk::Handle;
+
 use super::define::entry;
 use crate::VkResult;
 use crate::ffi::enumerate::enumerate_with;
@@ -12,7 +14,8 @@ use crate::object::PhysicalDevice;
 use crate::present::wayland::WaylandWindow;
 use crate::present::x11::{self, X11Window};
 use crate::present::{
-    COLOR_SPACES, FORMATS, IMAGE_USAGE, MODES, Scaling, Surface, compatible_modes,
+    COLOR_SPACES, FORMATS, IMAGE_USAGE, MODES, SURFACELESS_MODES, Scaling, Surface,
+    compatible_modes,
 };
 use crate::table::extensions::Extension;
 use crate::table::limits::MAX_IMAGE_DIMENSION;
@@ -247,7 +250,8 @@ entry! {
         out: *mut vk::PresentModeKHR,
     ) -> vk::Result {
         ask(handle, Surface::window)?;
-        enumerate(count, out, MODES.into_iter())
+        let modes: &[_] = if handle.is_null() { &SURFACELESS_MODES } else { &MODES };
+        enumerate(count, out, modes.iter().copied())
     }
 
     fn vkGetPhysicalDevicePresentRectanglesKHR(

@@ -38,6 +38,13 @@ pub const MODES: [vk::PresentModeKHR; 7] = [
     vk::PresentModeKHR::SHARED_CONTINUOUS_REFRESH,
 ];
 
+/// Those of them that may be named where no surface is (`VK_GOOGLE_surfaceless_query`).
+pub const SURFACELESS_MODES: [vk::PresentModeKHR; 3] = [
+    vk::PresentModeKHR::FIFO,
+    vk::PresentModeKHR::SHARED_DEMAND_REFRESH,
+    vk::PresentModeKHR::SHARED_CONTINUOUS_REFRESH,
+];
+
 /// What images of swapchains can be used for.
 pub const IMAGE_USAGE: vk::ImageUsageFlags = vk::ImageUsageFlags::from_raw(
     vk::ImageUsageFlags::TRANSFER_SRC.as_raw()
@@ -54,9 +61,10 @@ pub fn is_shared(mode: vk::PresentModeKHR) -> bool {
         || mode == vk::PresentModeKHR::SHARED_CONTINUOUS_REFRESH
 }
 
-/// The modes that a swapchain made for `mode` can change to, itself among them.
+/// The modes that a swapchain made for `mode` can change to: itself first, so that it is there where not all fit.
 pub fn compatible_modes(mode: vk::PresentModeKHR) -> impl Iterator<Item = vk::PresentModeKHR> {
-    MODES
+    let others = MODES
         .into_iter()
-        .filter(move |&other| is_shared(other) == is_shared(mode))
+        .filter(move |&other| other != mode && is_shared(other) == is_shared(mode));
+    std::iter::once(mode).chain(others)
 }
