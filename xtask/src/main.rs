@@ -136,12 +136,15 @@ mod tests {
                 .map(|error| error.to_string())
         };
         assert!(parse("--size 640x360 --spp 4 --tile 1/4 --frame 3").is_none());
+        assert!(parse("--window --size 640x360 --frames 3").is_none());
         for (line, expected) in [
             ("--size 640", "a size is like 1280x720"),
             ("--size 0x4", "a side is 1 to 16384 pixels"),
             ("--spp 0", "samples per pixel are 1 to 65536"),
             ("--threads 0", "1..=1024"),
             ("--tile 4/4", "a tile is like 0/4"),
+            ("--frames 3", "--window"),
+            ("--window --compare", "cannot be used with"),
         ] {
             let message = parse(line).expect("it is refused");
             assert!(message.contains(expected), "{line}: {message}");

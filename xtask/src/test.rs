@@ -44,6 +44,7 @@ pub fn test(options: &Options) -> Result<ExitCode> {
             let mut inner = workspace::cargo();
             inner.args(["test", "--workspace", "--exclude", "tuff-tests"]);
             inner.args(["--exclude", "workloads", "--exclude", "demo"]);
+            inner.args(["--exclude", "window"]);
             inner
                 .args(["--no-fail-fast", "--"])
                 .args(&options.arguments);
@@ -102,7 +103,9 @@ fn emulated(options: &Options, architecture: Architecture) -> Result<ExitCode> {
 
 /// The tests that see nothing but Vulkan.
 fn black_box_tests(options: &Options, skips: &Skips) -> Command {
-    told(with_arguments(black_box_packages(), options), skips)
+    let mut tests = black_box_packages();
+    tests.args(["--package", "window"]);
+    told(with_arguments(tests, options), skips)
 }
 
 fn black_box_packages() -> Command {

@@ -3,13 +3,6 @@
 //! It knows nothing of the driver below it: it uses the system's Vulkan loader where there is one,
 //! and where there is none it opens the driver that it is given.
 
-mod limits;
-mod picture;
-mod raster;
-mod render;
-mod scene;
-mod vulkan;
-
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -18,10 +11,11 @@ use ash::vk;
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use limits::Tile;
-use raster::Rasterizer;
-use render::{Renderer, Settings};
-use scene::Scene;
+use demo::limits::{self, Tile};
+use demo::raster::{Drawing, Rasterizer};
+use demo::render::{self, Renderer, Settings, World};
+use demo::scene::Scene;
+use demo::{picture, vulkan};
 
 #[derive(Parser)]
 #[command(about = "Renders a picture by ray tracing through Vulkan")]
@@ -82,7 +76,13 @@ fn main() -> Result<()> {
         Some(path) => Scene::from_gltf(path),
         None => Ok(Scene::landscape()),
     };
-    let start_vulkan = || vulkan::Context::new(arguments.driver.as_deref(), arguments.compare);
+    let start_vulkan = || {
+        let wish = vulkan::Wish {
+            draws: arguments.compare,
+            ..Default::default()
+        };
+        vulkan::Context::new(arguments.driver.as_deref(), wish)
+    };
     let (scene, context) = rayon::join(make_scene, start_vulkan);
     let (scene, context) = (scene?, context?);
     ensure!(!scene.instances.is_empty(), "the scene is empty");
@@ -97,12 +97,14 @@ fn main() -> Result<()> {
         rows,
         first_column,
         spp: arguments.spp,
+        bounces: render::BOUNCES,
         frame: arguments.frame,
     };
 
     let set_layout = render::set_layout(&context, scene.textures.len() as u32)?;
     let pipeline = make_pipeline(&context, set_layout, arguments.pipeline_cache.as_deref())?;
-    let renderer = Renderer::new(&context, &pipeline, set_layout, &scene, settings)?;
+    let world = World::new(&context, set_layout, &scene)?;
+    let renderer = Renderer::new(&world, &pipeline, &scene, &scene.camera, settings)?;
     eprintln!(
         "{}: {} triangles, {} with instances, {} instances, {} textures",
         context.name,
@@ -113,7 +115,8 @@ fn main() -> Result<()> {
     );
     let left = match first_column > 0 {
         true => {
-            let rasterizer = Rasterizer::new(&context, &renderer, set_layout, &scene)?;
+            let rasterizer = Rasterizer::new(&world, &scene)?;
+            let drawing = Drawing::new(&rasterizer, &renderer)?;
             let area = vk::Rect2D::default()
                 .offset(vk::Offset2D::default().y(first_row as i32))
                 .extent(vk::Extent2D {
@@ -121,7 +124,7 @@ fn main() -> Result<()> {
                     height: rows,
                 });
             let started = Instant::now();
-            let pixels = rasterizer.radiance(area)?;
+            let pixels = drawing.radiance(area)?;
             eprintln!(
                 "{first_column}x{rows} rasterized in {:.2} s",
                 started.elapsed().as_secs_f64()
@@ -151,6 +154,7 @@ fn main() -> Result<()> {
     )
     .context("the picture")?;
     drop(renderer);
+    drop(world);
     drop(pipeline);
     // SAFETY: the pipeline and the set that were made of it are gone.
     unsafe {

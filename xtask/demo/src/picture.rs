@@ -15,15 +15,7 @@ pub fn write_png(
     radiance: &[[f32; 4]],
     exposure: f32,
 ) -> Result<()> {
-    let thresholds = srgb_thresholds();
-    let encode = |value: f32| thresholds.partition_point(|threshold| *threshold <= value) as u8;
-    let bytes: Vec<u8> = radiance
-        .iter()
-        .flat_map(|[r, g, b, samples]| {
-            let scale = exposure / samples.max(1.0);
-            tone_map([r * scale, g * scale, b * scale]).map(encode)
-        })
-        .collect();
+    let bytes = encoded(radiance, exposure);
     if let Some(folder) = parent(path) {
         std::fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
     }
@@ -37,6 +29,17 @@ pub fn write_png(
         .write_image_data(&bytes)
         .context("writing the picture")?;
     writer.finish().context("writing the picture")
+}
+
+/// The mean of each pixel's samples, tone mapped and sRGB-encoded: red, green and blue of each.
+pub fn encoded(radiance: &[[f32; 4]], exposure: f32) -> Vec<u8> {
+    let thresholds = srgb_thresholds();
+    let encode = |value: f32| thresholds.partition_point(|threshold| *threshold <= value) as u8;
+    let pixels = radiance.iter().flat_map(|[r, g, b, samples]| {
+        let scale = exposure / samples.max(1.0);
+        tone_map([r * scale, g * scale, b * scale]).map(encode)
+    });
+    pixels.collect()
 }
 
 /// A filmic curve for each channel: a rational fit to the ACES reference (Narkowicz 2015), after

@@ -12,7 +12,7 @@ use vk::{
     ShaderStageFlags as Stage,
 };
 
-use crate::render::{Renderer, hit_group, rows};
+use crate::render::{Renderer, World, hit_group, rows};
 use crate::scene::{Model, NONE, Scene};
 use crate::vulkan::{Buffer, Context, DrawInput, DrawPipeline, Target, change_layout, viewport};
 
@@ -21,6 +21,9 @@ macro_rules! shader {
         include_bytes!(concat!(env!("OUT_DIR"), "/", $name, ".spv"))
     };
 }
+
+/// The vertex shader of a triangle that covers the picture.
+pub const COVERING_TRIANGLE: &[u8] = shader!("whole.vert");
 
 const SEEN: vk::Format = vk::Format::R32G32B32A32_UINT;
 const DEPTH: vk::Format = vk::Format::D32_SFLOAT;
@@ -57,37 +60,47 @@ struct Draw {
 /// Vertices of a procedural primitive's box.
 const BOX_VERTICES: u32 = 36;
 
-/// A scene ready to be rasterized, and the pictures that it is drawn into.
+/// A scene ready to be rasterized.
 pub struct Rasterizer<'a> {
     context: &'a Context,
-    /// The scene's own set.
-    scene_set: vk::DescriptorSet,
-    size: (u32, u32),
     draws: Vec<Draw>,
-    seen: Target<'a>,
-    depth: Target<'a>,
-    /// Linear radiance, and 1.
-    pub color: Target<'a>,
     set_layout: vk::DescriptorSetLayout,
     layout: vk::PipelineLayout,
-    pool: vk::DescriptorPool,
-    set: vk::DescriptorSet,
     sampler: vk::Sampler,
     /// By [`Kind`].
     pipelines: [DrawPipeline<'a>; 3],
     shading: DrawPipeline<'a>,
-    _buffers: [Buffer<'a>; 2],
+    /// The instances, and their numbers in the order of the draws.
+    buffers: [Buffer<'a>; 2],
 }
 
+/// Pictures that a scene is drawn into.
+pub struct Drawing<'r, 'a> {
+    rasterizer: &'r Rasterizer<'a>,
+    /// The renderer's.
+    scene_set: vk::DescriptorSet,
+    size: (u32, u32),
+    seen: Target<'a>,
+    depth: Target<'a>,
+    /// Linear radiance, and 1; in the layout for reading by shaders once something is drawn.
+    pub color: Target<'a>,
+    pool: vk::DescriptorPool,
+    set: vk::DescriptorSet,
+}
+
+/// What the second set's bindings are.
+const KINDS: [(DescriptorType, Stage); 3] = [
+    (
+        DescriptorType::STORAGE_BUFFER,
+        Stage::from_raw(Stage::VERTEX.as_raw() | Stage::FRAGMENT.as_raw()),
+    ),
+    (DescriptorType::STORAGE_BUFFER, Stage::VERTEX),
+    (DescriptorType::COMBINED_IMAGE_SAMPLER, Stage::FRAGMENT),
+];
+
 impl<'a> Rasterizer<'a> {
-    /// For pictures of the renderer's size, of the scene that it has, with its camera.
-    pub fn new(
-        context: &'a Context,
-        renderer: &Renderer<'a>,
-        scene_layout: vk::DescriptorSetLayout,
-        scene: &Scene,
-    ) -> Result<Rasterizer<'a>> {
-        let size = (renderer.settings.width, renderer.settings.height);
+    pub fn new(world: &World<'a>, scene: &Scene) -> Result<Rasterizer<'a>> {
+        let context = world.context;
         let instances = scene.instances.iter().map(|instance| Instance {
             rows: rows(instance),
             hit_group: hit_group(scene, instance),
@@ -99,82 +112,32 @@ impl<'a> Rasterizer<'a> {
             Buffer::with(context, &instances, Usage::STORAGE_BUFFER)?,
             Buffer::with(context, &drawn, Usage::STORAGE_BUFFER)?,
         ];
-        let attached = Image::COLOR_ATTACHMENT;
-        let seen_usage = attached | Image::SAMPLED | Image::TRANSFER_SRC;
-        let seen = Target::new(context, SEEN, size, seen_usage)?;
-        let depth = Target::new(context, DEPTH, size, Image::DEPTH_STENCIL_ATTACHMENT)?;
-        let color_usage = attached | Image::SAMPLED | Image::TRANSFER_SRC;
-        let color = Target::new(context, COLOR, size, color_usage)?;
-
         let device = &context.device;
-        let kinds = [
-            (
-                DescriptorType::STORAGE_BUFFER,
-                Stage::VERTEX | Stage::FRAGMENT,
-            ),
-            (DescriptorType::STORAGE_BUFFER, Stage::VERTEX),
-            (DescriptorType::COMBINED_IMAGE_SAMPLER, Stage::FRAGMENT),
-        ];
         let bindings = [0, 1, 2].map(|binding| {
-            let (kind, stages) = kinds[binding];
+            let (kind, stages) = KINDS[binding];
             vk::DescriptorSetLayoutBinding::default()
                 .binding(binding as u32)
                 .descriptor_type(kind)
                 .descriptor_count(1)
                 .stage_flags(stages)
         });
-        let sizes = kinds.map(|(kind, _)| vk::DescriptorPoolSize {
-            ty: kind,
-            descriptor_count: 1,
-        });
         let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
         let push = [vk::PushConstantRange::default()
             .stage_flags(Stage::VERTEX | Stage::FRAGMENT)
             .size(4)];
-        let pool = vk::DescriptorPoolCreateInfo::default()
-            .max_sets(1)
-            .pool_sizes(&sizes);
         // SAFETY: the structures outlive the calls, and the handles are of this device.
-        let (set_layout, layout, pool, set, sampler) = unsafe {
+        let (set_layout, layout, sampler) = unsafe {
             let set_layout = device.create_descriptor_set_layout(&info, None)?;
-            let set_layouts = [scene_layout, set_layout];
+            let set_layouts = [world.set_layout, set_layout];
             let info = vk::PipelineLayoutCreateInfo::default()
                 .set_layouts(&set_layouts)
                 .push_constant_ranges(&push);
             let layout = device.create_pipeline_layout(&info, None)?;
-            let pool = device.create_descriptor_pool(&pool, None)?;
-            let info = vk::DescriptorSetAllocateInfo::default()
-                .descriptor_pool(pool)
-                .set_layouts(&set_layouts[1..]);
-            let set = device.allocate_descriptor_sets(&info)?[0];
             let sampler = device.create_sampler(&vk::SamplerCreateInfo::default(), None)?;
-            (set_layout, layout, pool, set, sampler)
+            (set_layout, layout, sampler)
         };
-        let ranges = [0, 1].map(|i: usize| {
-            [vk::DescriptorBufferInfo::default()
-                .buffer(buffers[i].handle)
-                .range(vk::WHOLE_SIZE)]
-        });
-        let images = [vk::DescriptorImageInfo::default()
-            .sampler(sampler)
-            .image_view(seen.view)
-            .image_layout(Layout::SHADER_READ_ONLY_OPTIMAL)];
-        let write = |binding: u32| {
-            vk::WriteDescriptorSet::default()
-                .dst_set(set)
-                .dst_binding(binding)
-                .descriptor_type(kinds[binding as usize].0)
-        };
-        let writes = [
-            write(0).buffer_info(&ranges[0]),
-            write(1).buffer_info(&ranges[1]),
-            write(2).image_info(&images),
-        ];
-        // SAFETY: every handle is of this device, and the set is not in use.
-        unsafe { device.update_descriptor_sets(&writes, &[]) };
-
         let whole = DrawInput {
-            vertex: shader!("whole.vert"),
+            vertex: COVERING_TRIANGLE,
             fragment: shader!("shade.frag"),
             has_holes: false,
             color: COLOR,
@@ -202,16 +165,9 @@ impl<'a> Rasterizer<'a> {
         };
         Ok(Rasterizer {
             context,
-            scene_set: renderer.set,
-            size,
             draws,
-            seen,
-            depth,
-            color,
             set_layout,
             layout,
-            pool,
-            set,
             sampler,
             pipelines: [
                 DrawPipeline::new(context, &triangles)?,
@@ -219,37 +175,103 @@ impl<'a> Rasterizer<'a> {
                 DrawPipeline::new(context, &procedurals)?,
             ],
             shading,
-            _buffers: buffers,
+            buffers,
+        })
+    }
+}
+
+impl<'r, 'a> Drawing<'r, 'a> {
+    /// Pictures of the renderer's size, with its camera.
+    pub fn new(rasterizer: &'r Rasterizer<'a>, renderer: &Renderer) -> Result<Drawing<'r, 'a>> {
+        let context = rasterizer.context;
+        let size = (renderer.settings.width, renderer.settings.height);
+        let attached = Image::COLOR_ATTACHMENT;
+        let usage = attached | Image::SAMPLED | Image::TRANSFER_SRC;
+        let seen = Target::new(context, SEEN, size, usage)?;
+        let depth = Target::new(context, DEPTH, size, Image::DEPTH_STENCIL_ATTACHMENT)?;
+        let color = Target::new(context, COLOR, size, usage)?;
+        let sizes = KINDS.map(|(kind, _)| vk::DescriptorPoolSize {
+            ty: kind,
+            descriptor_count: 1,
+        });
+        let pool = vk::DescriptorPoolCreateInfo::default()
+            .max_sets(1)
+            .pool_sizes(&sizes);
+        let device = &context.device;
+        let set_layouts = [rasterizer.set_layout];
+        // SAFETY: the structures outlive the calls, and the handles are of this device.
+        let (pool, set) = unsafe {
+            let pool = device.create_descriptor_pool(&pool, None)?;
+            let info = vk::DescriptorSetAllocateInfo::default()
+                .descriptor_pool(pool)
+                .set_layouts(&set_layouts);
+            (pool, device.allocate_descriptor_sets(&info)?[0])
+        };
+        let ranges = [0, 1].map(|i: usize| {
+            [vk::DescriptorBufferInfo::default()
+                .buffer(rasterizer.buffers[i].handle)
+                .range(vk::WHOLE_SIZE)]
+        });
+        let images = [vk::DescriptorImageInfo::default()
+            .sampler(rasterizer.sampler)
+            .image_view(seen.view)
+            .image_layout(Layout::SHADER_READ_ONLY_OPTIMAL)];
+        let write = |binding: u32| {
+            vk::WriteDescriptorSet::default()
+                .dst_set(set)
+                .dst_binding(binding)
+                .descriptor_type(KINDS[binding as usize].0)
+        };
+        let writes = [
+            write(0).buffer_info(&ranges[0]),
+            write(1).buffer_info(&ranges[1]),
+            write(2).image_info(&images),
+        ];
+        // SAFETY: every handle is of this device, and the set is not in use.
+        unsafe { device.update_descriptor_sets(&writes, &[]) };
+        Ok(Drawing {
+            rasterizer,
+            scene_set: renderer.set,
+            size,
+            seen,
+            depth,
+            color,
+            pool,
+            set,
         })
     }
 
-    /// Draws what lies in `area`; who is seen and the colors can be copied from then on.
+    /// Draws what lies in `area`.
     pub fn record(&self, commands: vk::CommandBuffer, area: vk::Rect2D) {
-        let change = |target: &Target, from, to| {
-            change_layout(
-                self.context,
-                commands,
-                (target.image, target.aspect),
-                from,
-                to,
-            );
-        };
+        self.record_seen(commands, area);
+        self.record_shading(commands, area, true);
+    }
+
+    fn change(&self, commands: vk::CommandBuffer, target: &Target, from: Layout, to: Layout) {
+        let image = (target.image, target.aspect);
+        change_layout(self.rasterizer.context, commands, image, from, to);
+    }
+
+    /// Finds who is seen at each pixel's centre in `area`, and nowhere else.
+    pub fn record_seen(&self, commands: vk::CommandBuffer, area: vk::Rect2D) {
         let attached = Layout::COLOR_ATTACHMENT_OPTIMAL;
-        change(&self.seen, Layout::UNDEFINED, attached);
-        change(
-            &self.depth,
-            Layout::UNDEFINED,
-            Layout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
-        );
-        change(&self.color, Layout::UNDEFINED, attached);
-        let device = &self.context.device;
-        let nothing = vk::ClearValue::default();
-        let depth = self.depth.attachment(nothing);
+        self.change(commands, &self.seen, Layout::UNDEFINED, attached);
+        let of_depth = Layout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL;
+        self.change(commands, &self.depth, Layout::UNDEFINED, of_depth);
+        let Rasterizer {
+            context,
+            draws,
+            pipelines,
+            layout,
+            ..
+        } = self.rasterizer;
+        let device = &context.device;
+        let depth = self.depth.attachment(vk::ClearValue::default());
         let stages = Stage::VERTEX | Stage::FRAGMENT;
         self.pass(commands, area, &self.seen, Some(depth), || {
             let mut bound = None;
-            for draw in &self.draws {
-                let pipeline = self.pipelines[draw.kind as usize].handle;
+            for draw in draws {
+                let pipeline = pipelines[draw.kind as usize].handle;
                 // SAFETY: the command buffer is recording, and what it uses outlives its execution.
                 unsafe {
                     if bound.replace(draw.kind) != Some(draw.kind) {
@@ -257,22 +279,32 @@ impl<'a> Rasterizer<'a> {
                         device.cmd_bind_pipeline(commands, point, pipeline);
                     }
                     let model = draw.model.to_ne_bytes();
-                    device.cmd_push_constants(commands, self.layout, stages, 0, &model);
+                    device.cmd_push_constants(commands, *layout, stages, 0, &model);
                     let (count, first) = (draw.instance_count, draw.first_instance);
                     device.cmd_draw(commands, draw.vertex_count, count, 0, first);
                 }
             }
         });
-        change(&self.seen, attached, Layout::SHADER_READ_ONLY_OPTIMAL);
+        let read = Layout::SHADER_READ_ONLY_OPTIMAL;
+        self.change(commands, &self.seen, attached, read);
+    }
+
+    /// Shades `area`, where it is known who is seen; what is outside stays unless this `is_first`.
+    pub fn record_shading(&self, commands: vk::CommandBuffer, area: vk::Rect2D, is_first: bool) {
+        let attached = Layout::COLOR_ATTACHMENT_OPTIMAL;
+        let read = Layout::SHADER_READ_ONLY_OPTIMAL;
+        let before = if is_first { Layout::UNDEFINED } else { read };
+        self.change(commands, &self.color, before, attached);
         self.pass(commands, area, &self.color, None, || {
+            let device = &self.rasterizer.context.device;
             // SAFETY: as above.
             unsafe {
                 let point = vk::PipelineBindPoint::GRAPHICS;
-                device.cmd_bind_pipeline(commands, point, self.shading.handle);
+                device.cmd_bind_pipeline(commands, point, self.rasterizer.shading.handle);
                 device.cmd_draw(commands, 3, 1, 0, 0);
             }
         });
-        change(&self.color, attached, Layout::TRANSFER_SRC_OPTIMAL);
+        self.change(commands, &self.color, attached, read);
     }
 
     /// A pass over `area` that clears its attachments.
@@ -292,15 +324,15 @@ impl<'a> Rasterizer<'a> {
         if let Some(depth) = &depth {
             rendering = rendering.depth_attachment(depth);
         }
-        let device = &self.context.device;
+        let device = &self.rasterizer.context.device;
         let point = vk::PipelineBindPoint::GRAPHICS;
-        let sets = [self.scene_set, self.set];
+        let (layout, sets) = (self.rasterizer.layout, [self.scene_set, self.set]);
         // SAFETY: the command buffer is recording, and the targets outlive its execution.
         unsafe {
             device.cmd_begin_rendering(commands, &rendering);
             device.cmd_set_viewport(commands, 0, &[viewport(self.size)]);
             device.cmd_set_scissor(commands, 0, &[area]);
-            device.cmd_bind_descriptor_sets(commands, point, self.layout, 0, &sets, &[]);
+            device.cmd_bind_descriptor_sets(commands, point, layout, 0, &sets, &[]);
             draw();
             device.cmd_end_rendering(commands);
         }
@@ -308,27 +340,25 @@ impl<'a> Rasterizer<'a> {
 
     /// Draws `area` and reads its pixels, row by row.
     pub fn radiance(&self, area: vk::Rect2D) -> Result<Vec<[f32; 4]>> {
-        self.run(area, &self.color, Layout::TRANSFER_SRC_OPTIMAL)
+        self.run(area, &self.color)
     }
 
     /// Draws `area` and reads who is seen at each pixel's centre, row by row.
     #[cfg(test)]
     fn seen(&self, area: vk::Rect2D) -> Result<Vec<[u32; 4]>> {
-        self.run(area, &self.seen, Layout::SHADER_READ_ONLY_OPTIMAL)
+        self.run(area, &self.seen)
     }
 
-    fn run<T: Pod>(&self, area: vk::Rect2D, from: &Target, layout: Layout) -> Result<Vec<T>> {
+    fn run<T: Pod>(&self, area: vk::Rect2D, from: &Target) -> Result<Vec<T>> {
         let pixels = area.extent.width as usize * area.extent.height as usize;
         let bytes = (pixels * size_of::<T>()) as u64;
-        let buffer = Buffer::new(self.context, bytes, Usage::TRANSFER_DST)?;
+        let context = self.rasterizer.context;
+        let buffer = Buffer::new(context, bytes, Usage::TRANSFER_DST)?;
         let source = Layout::TRANSFER_SRC_OPTIMAL;
-        self.context
+        context
             .run(|commands| {
                 self.record(commands, area);
-                if layout != source {
-                    let image = (from.image, from.aspect);
-                    change_layout(self.context, commands, image, layout, source);
-                }
+                self.change(commands, from, Layout::SHADER_READ_ONLY_OPTIMAL, source);
                 let layers = vk::ImageSubresourceLayers::default()
                     .aspect_mask(from.aspect)
                     .layer_count(1);
@@ -337,10 +367,9 @@ impl<'a> Rasterizer<'a> {
                     .image_subresource(layers)
                     .image_offset(vk::Offset3D { x, y, z: 0 })
                     .image_extent(area.extent.into());
-                let device = &self.context.device;
                 // SAFETY: the buffer holds the area, and is read only after the wait.
                 unsafe {
-                    device.cmd_copy_image_to_buffer(
+                    context.device.cmd_copy_image_to_buffer(
                         commands,
                         from.image,
                         source,
@@ -361,9 +390,19 @@ impl Drop for Rasterizer<'_> {
         unsafe {
             let _ = device.device_wait_idle();
             device.destroy_sampler(self.sampler, None);
-            device.destroy_descriptor_pool(self.pool, None);
             device.destroy_pipeline_layout(self.layout, None);
             device.destroy_descriptor_set_layout(self.set_layout, None);
+        }
+    }
+}
+
+impl Drop for Drawing<'_, '_> {
+    fn drop(&mut self) {
+        let device = &self.rasterizer.context.device;
+        // SAFETY: nothing is in flight once the device is idle.
+        unsafe {
+            let _ = device.device_wait_idle();
+            device.destroy_descriptor_pool(self.pool, None);
         }
     }
 }

@@ -14,7 +14,7 @@ use vk::{
     DeviceOrHostAddressConstKHR as Address, ShaderStageFlags as Stage,
 };
 
-use crate::scene::{Model, Scene, Shape, Vertex, kind};
+use crate::scene::{Camera, Model, Scene, Shape, Vertex, kind};
 use crate::vulkan::{
     AccelerationStructure, BlasInput, Buffer, Context, HitGroup, Image, Pipeline, PipelineCache,
     PipelineInput, build_blas, build_tlas, upload_images,
@@ -90,9 +90,14 @@ pub struct Settings {
     pub first_column: u32,
     /// Samples per pixel.
     pub spp: u32,
+    /// Surfaces that a path is followed to, 1 at least.
+    pub bounces: u32,
     /// Of an animation with [`FRAMES_PER_SECOND`].
     pub frame: u16,
 }
+
+/// The bounces of a picture that is not told otherwise.
+pub const BOUNCES: u32 = 8;
 
 /// Frames of a second of the animation.
 const FRAMES_PER_SECOND: f32 = 24.0;
@@ -109,19 +114,28 @@ pub struct Rendering {
     pub seconds: f64,
 }
 
-/// A scene on the device, ready to be looked at.
+/// A scene on the device.
+pub struct World<'a> {
+    pub context: &'a Context,
+    pub set_layout: vk::DescriptorSetLayout,
+    /// Those of bindings 3 to 7.
+    buffers: [Buffer<'a>; 5],
+    images: Vec<Image<'a>>,
+    /// The last is the top level.
+    structures: Vec<AccelerationStructure<'a>>,
+}
+
+/// A picture of a scene, to which samples are added.
 pub struct Renderer<'a> {
     pub context: &'a Context,
     pipeline: &'a Pipeline<'a>,
     pub settings: Settings,
-    radiance: Buffer<'a>,
+    /// Sums of linear radiance, row by row; the fourth component counts samples.
+    pub radiance: Buffer<'a>,
     ray_counts: Buffer<'a>,
+    frame: Buffer<'a>,
     descriptor_pool: vk::DescriptorPool,
     pub set: vk::DescriptorSet,
-    /// What the descriptors refer to.
-    _buffers: Vec<Buffer<'a>>,
-    _images: Vec<Image<'a>>,
-    _structures: Vec<AccelerationStructure<'a>>,
 }
 
 /// The storage buffers' bindings are 1 to 7: sums, counts, then the scene.
@@ -170,7 +184,7 @@ pub fn pipeline<'a>(
         miss: &MISS,
         hit: &HIT,
         set_layout,
-        push_bytes: 12,
+        push_bytes: size_of::<Launch>() as u32,
     };
     Pipeline::new(context, &input, cache)
 }
@@ -192,19 +206,28 @@ pub fn seen_pipeline<'a>(
         miss: &MISS,
         hit: &HIT,
         set_layout,
-        push_bytes: 12,
+        push_bytes: size_of::<Launch>() as u32,
     };
     Pipeline::new(context, &input, &PipelineCache::new(context, &[])?)
 }
 
-impl<'a> Renderer<'a> {
+/// `Launch` in path.rgen.
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Launch {
+    sample_index: u32,
+    first_row: u32,
+    first_column: u32,
+    bounces: u32,
+}
+
+impl<'a> World<'a> {
+    /// Uploads a scene and builds its acceleration structures; `set_layout` is that of [`set_layout`] for its textures.
     pub fn new(
         context: &'a Context,
-        pipeline: &'a Pipeline<'a>,
         set_layout: vk::DescriptorSetLayout,
         scene: &Scene,
-        settings: Settings,
-    ) -> Result<Renderer<'a>> {
+    ) -> Result<World<'a>> {
         let images = upload_images(context, &scene.textures).context("textures")?;
         let input = Usage::STORAGE_BUFFER | Usage::ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_KHR;
         let vertices = Buffer::with(context, &scene.vertices, input)?;
@@ -233,33 +256,66 @@ impl<'a> Renderer<'a> {
                 unused: [0; 3],
             })
             .collect();
-        let pixels = u64::from(settings.width) * u64::from(settings.height);
-        let radiance = Buffer::new(context, pixels * 16, Usage::STORAGE_BUFFER)?;
-        let ray_counts = Buffer::new(context, pixels * 4, Usage::STORAGE_BUFFER)?;
-        let buffers = vec![
+        let buffers = [
             vertices,
             indices,
             Buffer::with(context, &geometries, Usage::STORAGE_BUFFER)?,
             Buffer::with(context, &scene.materials, Usage::STORAGE_BUFFER)?,
             Buffer::with(context, &procedurals, Usage::STORAGE_BUFFER)?,
-            Buffer::with(context, &[frame(scene, settings)], Usage::UNIFORM_BUFFER)?,
         ];
+        Ok(World {
+            context,
+            set_layout,
+            buffers,
+            images,
+            structures,
+        })
+    }
+}
+
+impl<'a> Renderer<'a> {
+    pub fn new(
+        world: &World<'a>,
+        pipeline: &'a Pipeline<'a>,
+        scene: &Scene,
+        camera: &Camera,
+        settings: Settings,
+    ) -> Result<Renderer<'a>> {
+        let context = world.context;
+        let pixels = u64::from(settings.width) * u64::from(settings.height);
+        let radiance = Buffer::new(context, pixels * 16, Usage::STORAGE_BUFFER)?;
+        let ray_counts = Buffer::new(context, pixels * 4, Usage::STORAGE_BUFFER)?;
+        let frame = Buffer::with(
+            context,
+            &[frame(scene, camera, settings)],
+            Usage::UNIFORM_BUFFER,
+        )?;
         let mut bound: Vec<vk::Buffer> = vec![radiance.handle, ray_counts.handle];
-        bound.extend(buffers.iter().map(|buffer| buffer.handle));
-        let world = structures.last().expect("there is a top level").handle;
-        let (descriptor_pool, set) = describe(context, set_layout, world, &bound, &images)?;
+        bound.extend(world.buffers.iter().map(|buffer| buffer.handle));
+        bound.push(frame.handle);
+        let top = world
+            .structures
+            .last()
+            .expect("there is a top level")
+            .handle;
+        let (descriptor_pool, set) =
+            describe(context, world.set_layout, top, &bound, &world.images)?;
         Ok(Renderer {
             context,
             pipeline,
             settings,
             radiance,
             ray_counts,
+            frame,
             descriptor_pool,
             set,
-            _buffers: buffers,
-            _images: images,
-            _structures: structures,
         })
+    }
+
+    /// Looks from elsewhere from now on; nothing that uses the renderer may be in flight.
+    pub fn look(&mut self, scene: &Scene, camera: &Camera) {
+        let frame = frame(scene, camera, self.settings);
+        self.frame.write(0, bytemuck::bytes_of(&frame));
     }
 
     /// Traces every sample; `progress` hears how many pixel samples have been added.
@@ -310,27 +366,56 @@ impl<'a> Renderer<'a> {
         // The buffers are of whole pictures, so that a pixel's place in them is the same in each tile.
         let rows_before = width as usize * top as usize;
         let pixels = rows_before + width as usize * height as usize;
-        let counts = self.ray_counts.read::<u32>(pixels);
         Ok(Rendering {
             radiance: self.radiance.read(pixels).split_off(rows_before),
-            rays: (counts[rows_before..].chunks_exact(width as usize))
-                .flat_map(|row| &row[self.settings.first_column as usize..])
-                .copied()
-                .map(u64::from)
-                .sum(),
+            rays: self.rays(),
             first_pixel: first_pixel.context("nothing was rendered")?,
             seconds,
         })
     }
 
-    fn record(
+    /// Rays of all kinds that were traced for the rows and columns that are rendered; nothing may be in flight.
+    pub fn rays(&self) -> u64 {
+        let settings = &self.settings;
+        let width = settings.width as usize;
+        let rows = settings.first_row as usize..(settings.first_row + settings.rows) as usize;
+        let counts = self.ray_counts.read::<u32>(rows.end * width);
+        (counts[rows.start * width..].chunks_exact(width))
+            .flat_map(|row| &row[settings.first_column as usize..])
+            .copied()
+            .map(u64::from)
+            .sum()
+    }
+
+    fn record(&self, commands: vk::CommandBuffer, step: (u32, u32, u32)) -> Result<()> {
+        let device = &self.context.device;
+        let begin = vk::CommandBufferBeginInfo::default()
+            .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: the command buffer is not in flight.
+        unsafe {
+            device.begin_command_buffer(commands, &begin)?;
+            self.record_sample(commands, step);
+            device.end_command_buffer(commands)?;
+        }
+        Ok(())
+    }
+
+    /// Adds a sample to each pixel of some rows: the sample's number, the first row, how many.
+    ///
+    /// Sample 0 replaces what was there.
+    pub fn record_sample(
         &self,
         commands: vk::CommandBuffer,
-        (sample, first_row, rows): (u32, u32, u32),
-    ) -> Result<()> {
+        (sample_index, first_row, rows): (u32, u32, u32),
+    ) {
         let device = &self.context.device;
         let first_column = self.settings.first_column;
-        let push: [u32; 3] = [sample, first_row, first_column];
+        let push = Launch {
+            sample_index,
+            first_row,
+            first_column,
+            bounces: self.settings.bounces,
+        };
         let sums = vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::SHADER_WRITE)
             .dst_access_mask(vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE);
@@ -339,13 +424,8 @@ impl<'a> Renderer<'a> {
             .dst_access_mask(vk::AccessFlags::HOST_READ);
         let trace = vk::PipelineStageFlags::RAY_TRACING_SHADER_KHR;
         let none = vk::DependencyFlags::empty();
-        // SAFETY: the command buffer is not in flight, and what is bound outlives its execution.
+        // SAFETY: the command buffer is recording, and what is bound outlives its execution.
         unsafe {
-            device.begin_command_buffer(
-                commands,
-                &vk::CommandBufferBeginInfo::default()
-                    .flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT),
-            )?;
             device.cmd_pipeline_barrier(commands, trace, trace, none, &[sums], &[], &[]);
             let point = vk::PipelineBindPoint::RAY_TRACING_KHR;
             device.cmd_bind_pipeline(commands, point, self.pipeline.handle);
@@ -365,9 +445,7 @@ impl<'a> Renderer<'a> {
             );
             let host = vk::PipelineStageFlags::HOST;
             device.cmd_pipeline_barrier(commands, trace, host, none, &[to_host], &[], &[]);
-            device.end_command_buffer(commands)?;
         }
-        Ok(())
     }
 }
 
@@ -455,8 +533,7 @@ impl Drop for Flight<'_> {
 }
 
 /// The camera's position; the way from the picture's middle to its right and to its upper edge, and to the middle itself.
-pub fn camera(scene: &Scene, (width, height): (u32, u32)) -> [glam::Vec3; 4] {
-    let camera = &scene.camera;
+pub fn view(camera: &Camera, (width, height): (u32, u32)) -> [glam::Vec3; 4] {
     let forward = camera.forward.normalize();
     let right = forward.cross(camera.up).normalize();
     let up = right.cross(forward);
@@ -466,10 +543,9 @@ pub fn camera(scene: &Scene, (width, height): (u32, u32)) -> [glam::Vec3; 4] {
     [camera.position, right, up * half, forward]
 }
 
-fn frame(scene: &Scene, settings: Settings) -> Frame {
-    let camera = &scene.camera;
+fn frame(scene: &Scene, camera: &Camera, settings: Settings) -> Frame {
     let size = (settings.width, settings.height);
-    let [position, right, up, forward] = self::camera(scene, size);
+    let [position, right, up, forward] = view(camera, size);
     let half = libm::tanf(camera.fov_y * 0.5);
     let (width, height) = (settings.width as f32, settings.height as f32);
     let sun = &scene.sun;

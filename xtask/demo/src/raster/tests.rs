@@ -6,10 +6,10 @@
 use ash::vk;
 use glam::{DMat3, DVec2, DVec3, Vec3};
 
-use super::{Rasterizer, SEEN};
-use crate::render::{self, Renderer, Settings};
+use super::{Drawing, Rasterizer, SEEN};
+use crate::render::{self, BOUNCES, Renderer, Settings, World};
 use crate::scene::{Model, Scene};
-use crate::vulkan::Context;
+use crate::vulkan::{Context, Wish};
 
 const SIZE: (u32, u32) = (640, 360);
 
@@ -34,7 +34,7 @@ struct Eye {
 impl Eye {
     fn new(scene: &Scene, settings: Settings) -> Eye {
         let [position, right, up, forward] =
-            render::camera(scene, (settings.width, settings.height)).map(Vec3::as_dvec3);
+            render::view(&scene.camera, (settings.width, settings.height)).map(Vec3::as_dvec3);
         Eye {
             position,
             to_picture: DMat3::from_cols(right, -up, forward).inverse(),
@@ -141,7 +141,11 @@ fn excuse(scene: &Scene, eye: &Eye, at: DVec2, drawn: Seen, traced: Seen) -> Res
 #[test]
 fn rasterization_and_rays_have_the_same_silhouettes() {
     let scene = Scene::landscape();
-    let context = Context::new(None, true).expect("a device that draws and traces");
+    let wish = Wish {
+        draws: true,
+        ..Default::default()
+    };
+    let context = Context::new(None, wish).expect("a device that draws and traces");
     let (width, height) = SIZE;
     let settings = Settings {
         width,
@@ -150,16 +154,19 @@ fn rasterization_and_rays_have_the_same_silhouettes() {
         rows: height,
         first_column: 0,
         spp: 1,
+        bounces: BOUNCES,
         frame: 0,
     };
     let set_layout = render::set_layout(&context, scene.textures.len() as u32).unwrap();
     let pipeline = render::seen_pipeline(&context, set_layout).unwrap();
-    let renderer = Renderer::new(&context, &pipeline, set_layout, &scene, settings).unwrap();
-    let rasterizer = Rasterizer::new(&context, &renderer, set_layout, &scene).unwrap();
+    let world = World::new(&context, set_layout, &scene).unwrap();
+    let renderer = Renderer::new(&world, &pipeline, &scene, &scene.camera, settings).unwrap();
+    let rasterizer = Rasterizer::new(&world, &scene).unwrap();
+    let drawing = Drawing::new(&rasterizer, &renderer).unwrap();
     let traced = renderer.render(|_| ()).unwrap().radiance;
     let traced: &[Seen] = bytemuck::cast_slice(&traced);
     let area = vk::Rect2D::default().extent(vk::Extent2D { width, height });
-    let drawn: Vec<Seen> = rasterizer.seen(area).unwrap();
+    let drawn: Vec<Seen> = drawing.seen(area).unwrap();
     assert_eq!(SEEN, vk::Format::R32G32B32A32_UINT);
 
     let eye = Eye::new(&scene, settings);
@@ -193,8 +200,10 @@ fn rasterization_and_rays_have_the_same_silhouettes() {
     // The sky is seen, and so are sculptures, trees and the meadow.
     let share = sky(&drawn) as f64 / drawn.len() as f64;
     assert!((0.05..0.6).contains(&share), "{share}");
+    drop(drawing);
     drop(rasterizer);
     drop(renderer);
+    drop(world);
     drop(pipeline);
     // SAFETY: the pipelines and the sets that were made of it are gone.
     unsafe {

@@ -135,7 +135,7 @@ pub struct Instance {
     pub transform: Affine3A,
 }
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     pub position: Vec3,
     pub forward: Vec3,

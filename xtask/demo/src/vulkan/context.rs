@@ -9,8 +9,11 @@ use ash::{khr, vk};
 /// Everything that lives as long as the program.
 pub struct Context {
     pub instance: ash::Instance,
+    pub physical: vk::PhysicalDevice,
     pub device: ash::Device,
     pub queue: vk::Queue,
+    /// The queue's family.
+    pub family: u32,
     pub pool: vk::CommandPool,
     pub acceleration: khr::acceleration_structure::Device,
     pub ray_tracing: khr::ray_tracing_pipeline::Device,
@@ -24,7 +27,16 @@ pub struct Context {
     /// Whether the queue draws.
     pub draws: bool,
     /// The library with the functions: unloaded last.
-    _entry: ash::Entry,
+    pub entry: ash::Entry,
+}
+
+/// What a program wants beyond tracing rays.
+#[derive(Clone, Copy, Default)]
+pub struct Wish<'w> {
+    /// A queue that draws, and ray queries.
+    pub draws: bool,
+    /// The instance extensions for windows, if there is to be a window: swapchains come with them.
+    pub windows: &'w [&'w CStr],
 }
 
 /// How long to wait for any one piece of work.
@@ -37,19 +49,21 @@ const EXTENSIONS: [&CStr; 3] = [
 ];
 
 impl Context {
-    /// Starts Vulkan through the system's loader or, where there is none, with `driver` alone; `draws`: with a queue that draws, and
-    /// with ray queries.
-    pub fn new(driver: Option<&Path>, draws: bool) -> Result<Context> {
+    /// Starts Vulkan through the system's loader or, where there is none, with `driver` alone.
+    pub fn new(driver: Option<&Path>, wish: Wish) -> Result<Context> {
         let entry = open(driver)?;
         let application = vk::ApplicationInfo::default()
             .application_name(c"demo")
             .engine_name(c"demo")
             .api_version(vk::API_VERSION_1_3);
-        let info = vk::InstanceCreateInfo::default().application_info(&application);
+        let windows: Vec<*const c_char> = wish.windows.iter().map(|name| name.as_ptr()).collect();
+        let info = vk::InstanceCreateInfo::default()
+            .application_info(&application)
+            .enabled_extension_names(&windows);
         // SAFETY: `info` and what it points to outlive the call.
         let instance = unsafe { entry.create_instance(&info, None) }.context("vkCreateInstance")?;
-        let (physical, family) = choose(&instance, draws)?;
-        let device = create_device(&instance, physical, family, draws)?;
+        let (physical, family) = choose(&instance, wish)?;
+        let device = create_device(&instance, physical, family, wish)?;
         // SAFETY: the device has this one queue, and the structures outlive the calls.
         let (queue, pool) = unsafe {
             let pool = vk::CommandPoolCreateInfo::default()
@@ -79,13 +93,15 @@ impl Context {
             group_handle_size: pipeline.shader_group_handle_size,
             group_handle_alignment: pipeline.shader_group_handle_alignment,
             group_base_alignment: pipeline.shader_group_base_alignment,
-            draws,
+            draws: wish.draws,
             scratch_alignment: structure.min_acceleration_structure_scratch_offset_alignment,
             instance,
+            physical,
             device,
             queue,
+            family,
             pool,
-            _entry: entry,
+            entry,
         })
     }
 
@@ -164,7 +180,8 @@ fn open_driver(path: &Path) -> Result<ash::Entry> {
 }
 
 /// The first device with all that is needed, and a queue family of it that computes, and draws if it is to.
-fn choose(instance: &ash::Instance, draws: bool) -> Result<(vk::PhysicalDevice, u32)> {
+fn choose(instance: &ash::Instance, wish: Wish) -> Result<(vk::PhysicalDevice, u32)> {
+    let draws = wish.draws;
     let wanted = match draws {
         true => vk::QueueFlags::COMPUTE | vk::QueueFlags::GRAPHICS,
         false => vk::QueueFlags::COMPUTE,
@@ -188,7 +205,7 @@ fn choose(instance: &ash::Instance, draws: bool) -> Result<(vk::PhysicalDevice, 
                 .iter()
                 .position(|family| family.queue_flags.contains(wanted));
             if let Some(family) = family
-                && extensions(draws).all(|extension| names.contains(&extension))
+                && extensions(wish).all(|extension| names.contains(&extension))
                 && (!draws || version >= vk::API_VERSION_1_3)
             {
                 return Ok((physical, family as u32));
@@ -196,6 +213,9 @@ fn choose(instance: &ash::Instance, draws: bool) -> Result<(vk::PhysicalDevice, 
         }
     }
     match draws {
+        _ if !wish.windows.is_empty() => bail!(
+            "no Vulkan 1.3 device here draws and has VK_KHR_ray_tracing_pipeline, VK_KHR_ray_query and VK_KHR_swapchain"
+        ),
         true => bail!(
             "no Vulkan 1.3 device here draws and has VK_KHR_ray_tracing_pipeline and VK_KHR_ray_query"
         ),
@@ -203,17 +223,18 @@ fn choose(instance: &ash::Instance, draws: bool) -> Result<(vk::PhysicalDevice, 
     }
 }
 
-/// The device extensions: the last only for drawing.
-fn extensions(draws: bool) -> impl Iterator<Item = &'static CStr> {
-    let drawing = draws.then_some(khr::ray_query::NAME);
-    EXTENSIONS.into_iter().chain(drawing)
+/// The device extensions.
+fn extensions(wish: Wish) -> impl Iterator<Item = &'static CStr> {
+    let drawing = wish.draws.then_some(khr::ray_query::NAME);
+    let windows = (!wish.windows.is_empty()).then_some(khr::swapchain::NAME);
+    EXTENSIONS.into_iter().chain(drawing).chain(windows)
 }
 
 fn create_device(
     instance: &ash::Instance,
     physical: vk::PhysicalDevice,
     family: u32,
-    draws: bool,
+    wish: Wish,
 ) -> Result<ash::Device> {
     let mut core = vk::PhysicalDeviceVulkan12Features::default()
         .buffer_device_address(true)
@@ -228,7 +249,7 @@ fn create_device(
     let queues = [vk::DeviceQueueCreateInfo::default()
         .queue_family_index(family)
         .queue_priorities(&[1.0])];
-    let extensions: Vec<*const c_char> = extensions(draws).map(CStr::as_ptr).collect();
+    let extensions: Vec<*const c_char> = extensions(wish).map(CStr::as_ptr).collect();
     let mut rendering =
         vk::PhysicalDeviceDynamicRenderingFeatures::default().dynamic_rendering(true);
     let mut queries = vk::PhysicalDeviceRayQueryFeaturesKHR::default().ray_query(true);
@@ -238,7 +259,7 @@ fn create_device(
         .push_next(&mut core)
         .push_next(&mut structure)
         .push_next(&mut pipeline);
-    if draws {
+    if wish.draws {
         info = info.push_next(&mut rendering).push_next(&mut queries);
     }
     // SAFETY: `info` and what it points to outlive the call.

@@ -83,6 +83,10 @@ impl<'a> Buffer<'a> {
         items
     }
 
+    pub fn size_bytes(&self) -> u64 {
+        self.size_bytes
+    }
+
     pub fn address(&self) -> u64 {
         let info = vk::BufferDeviceAddressInfo::default().buffer(self.handle);
         // SAFETY: the buffer is of this device and has the usage for it.

@@ -7,7 +7,7 @@ mod memory;
 mod pipeline;
 
 pub use acceleration::{AccelerationStructure, BlasInput, build_blas, build_tlas};
-pub use context::{Context, PATIENCE_NS};
+pub use context::{Context, PATIENCE_NS, Wish};
 pub use graphics::{DrawInput, DrawPipeline, Target, change_layout, viewport};
 pub use memory::{Buffer, Image, upload_images};
 pub use pipeline::{HitGroup, Pipeline, PipelineCache, PipelineInput};
