@@ -19,6 +19,7 @@ use super::{
 };
 use crate::SUBGROUP_SIZE;
 use crate::row::Row;
+use crate::types::Type;
 
 /// Whether an operation is one of these, as far as its instruction tells.
 pub(crate) fn may_apply(op: &ImageOp) -> bool {
@@ -37,6 +38,8 @@ pub(crate) struct Fast<'a> {
     /// Texels are four bytes of 8 bits.
     bytes: bool,
     srgb: bool,
+    /// Four bytes, each of them wanted and linear: they are sampled as they lie in memory, without a look at what each is.
+    straight: bool,
 }
 
 impl<'a> Fast<'a> {
@@ -68,18 +71,17 @@ impl<'a> Fast<'a> {
             && image.conversion.is_none()
             && image.size_bytes <= i32::MAX as u64;
         let srgb = matches!(info.codec, Codec::Srgb8Rgba | Codec::Srgb8Bgra);
+        let bytes = srgb || matches!(info.codec, Codec::Unorm8(4) | Codec::Bgra8);
+        let in_order = image.swizzle == [0, 1, 2, 3];
         applies.then_some(Fast {
             op,
             image,
             info,
             sampler,
-            wanted: if image.swizzle == [0, 1, 2, 3] {
-                wanted
-            } else {
-                0xf
-            },
-            bytes: srgb || matches!(info.codec, Codec::Unorm8(4) | Codec::Bgra8),
+            wanted: if in_order { wanted } else { 0xf },
+            bytes,
             srgb,
+            straight: bytes && !srgb && in_order && wanted == 0xf && op.texel != Type::I64,
         })
     }
 
@@ -96,6 +98,33 @@ struct Levels<V: Vector> {
     height: V::I,
     row_stride: V::I,
     offset: V::I,
+}
+
+/// One level for all lanes.
+#[inline(always)]
+fn levels_of<V: Vector>(v: V, level: &Level) -> Levels<V> {
+    Levels {
+        width: v.splat_i(level.width as i32),
+        height: v.splat_i(level.height as i32),
+        row_stride: v.splat_i(level.row_stride_bytes as i32),
+        offset: v.splat_i(level.offset_bytes as i32),
+    }
+}
+
+/// A byte of each of four texels, linear between them.
+#[inline(always)]
+fn blend_bytes<V: Vector>(v: V, words: [V::I; 4], index: u32, x: V::F, y: V::F) -> V::F {
+    let upper = v.lerp(
+        v.to_f(v.byte(words[0], index)),
+        v.to_f(v.byte(words[1], index)),
+        x,
+    );
+    let lower = v.lerp(
+        v.to_f(v.byte(words[2], index)),
+        v.to_f(v.byte(words[3], index)),
+        x,
+    );
+    v.lerp(upper, lower, y)
 }
 
 /// Byte offsets of an axis's two texels, and the second one's weight.
@@ -147,8 +176,8 @@ fn modulo<V: Vector>(v: V, i: V::I, size: V::I) -> V::I {
     v.sub_i(i, v.mul_i(v.to_i(quotient), size))
 }
 
-/// What a lane samples: numbers between 0 and 255 for 8-bit formats, else values.
-type Components<V> = [<V as Vector>::F; 4];
+/// What a lane samples: numbers between 0 and 255 for 8-bit formats, in memory's order where they are sampled so, else values.
+pub(crate) type Components<V> = [<V as Vector>::F; 4];
 
 /// Results of a block; only those that are wanted are written.
 type Results<'r> = &'r mut [Row];
@@ -166,6 +195,22 @@ impl Fast<'_> {
         mask: u16,
         results: Results<'_>,
     ) {
+        // SAFETY: as the caller promises.
+        let components = unsafe { self.components(v, operands, mask) };
+        self.finish(v, components, results);
+    }
+
+    /// The same up to where [`Self::values`] or [`Self::finish`] make results of it.
+    ///
+    /// # Safety
+    /// As [`Self::sample`].
+    #[inline(always)]
+    pub(crate) unsafe fn components<V: Vector>(
+        &self,
+        v: V,
+        operands: &Operands<'_>,
+        mask: u16,
+    ) -> Components<V> {
         let (mut offset_s, mut offset_t) = (None, None);
         if self.op.has_offset {
             (offset_s, offset_t) = (
@@ -194,14 +239,32 @@ impl Fast<'_> {
         // bits, as the image's size does.
         unsafe {
             let mut components = self.of_level(v, level, layer, s, t, mask);
-            if v.gt(weight, v.splat(0.0)) & mask != 0 {
+            if self.has_levels() && v.gt(weight, v.splat(0.0)) & mask != 0 {
                 let next = v.min_i(v.add_i(level, v.splat_i(1)), last);
                 let next = self.of_level(v, next, layer, s, t, mask);
                 for (a, b) in components.iter_mut().zip(next) {
                     *a = v.lerp(*a, b, weight);
                 }
             }
-            self.finish(v, components, results);
+            components
+        }
+    }
+
+    /// The four results of what is sampled, where that is all there is to do.
+    #[inline(always)]
+    pub(crate) fn values<V: Vector>(&self, v: V, bytes: Components<V>) -> Option<Components<V>> {
+        if !self.straight {
+            return None;
+        }
+        let [a, b, c, d] = [
+            v.div_units(bytes[0], 255.0),
+            v.div_units(bytes[1], 255.0),
+            v.div_units(bytes[2], 255.0),
+            v.div_units(bytes[3], 255.0),
+        ];
+        match self.info.codec {
+            Codec::Bgra8 => Some([c, b, a, d]),
+            _ => Some([a, b, c, d]),
         }
     }
 
@@ -250,18 +313,15 @@ impl Fast<'_> {
     /// The levels are the image's.
     #[inline(always)]
     unsafe fn levels<V: Vector>(&self, v: V, level: V::I, mask: u16) -> Levels<V> {
+        if !self.has_levels() {
+            return levels_of(v, &self.image.levels[0]);
+        }
         let mut row = [0; SUBGROUP_SIZE];
         v.store_i(level, &mut row);
         let first = row[mask.trailing_zeros() as usize & 15];
         // Inactive lanes follow the first active one.
         if v.ne_i(level, v.splat_i(first as i32)) & mask == 0 {
-            let level = &self.image.levels[first as usize];
-            return Levels {
-                width: v.splat_i(level.width as i32),
-                height: v.splat_i(level.height as i32),
-                row_stride: v.splat_i(level.row_stride_bytes as i32),
-                offset: v.splat_i(level.offset_bytes as i32),
-            };
+            return levels_of(v, &self.image.levels[first as usize]);
         }
         let at = v.mul_i(level, v.splat_i(size_of::<Level>() as i32));
         let base = self.image.levels.as_ptr().cast::<u8>();
@@ -369,6 +429,14 @@ impl Fast<'_> {
                 return self.blend(v, taps, &x, &y);
             }
             let words = self.words(v, [upper, lower], &x, texel_bytes);
+            if self.straight {
+                return [
+                    blend_bytes(v, words, 0, x.weight, y.weight),
+                    blend_bytes(v, words, 1, x.weight, y.weight),
+                    blend_bytes(v, words, 2, x.weight, y.weight),
+                    blend_bytes(v, words, 3, x.weight, y.weight),
+                ];
+            }
             let taps = [
                 self.unpack(v, words[0]),
                 self.unpack(v, words[1]),
@@ -437,6 +505,14 @@ impl Fast<'_> {
     /// The components of 8 bits each.
     #[inline(always)]
     fn unpack<V: Vector>(&self, v: V, word: V::I) -> Components<V> {
+        if self.straight {
+            return [
+                v.to_f(v.byte(word, 0)),
+                v.to_f(v.byte(word, 1)),
+                v.to_f(v.byte(word, 2)),
+                v.to_f(v.byte(word, 3)),
+            ];
+        }
         let mut components = [v.splat(0.0); 4];
         for (component, result) in components.iter_mut().enumerate() {
             if !self.takes(component) {
@@ -486,7 +562,13 @@ impl Fast<'_> {
 
     /// Units to values, missing components, the view's component mapping.
     #[inline(always)]
-    fn finish<V: Vector>(&self, v: V, components: Components<V>, results: Results<'_>) {
+    pub(crate) fn finish<V: Vector>(&self, v: V, components: Components<V>, results: Results<'_>) {
+        if let Some(values) = self.values(v, components) {
+            for (value, row) in values.into_iter().zip(results) {
+                v.store(value, row);
+            }
+            return;
+        }
         let scale = block::unit_scale(self.info);
         let mut texels: Texels = [[0; SUBGROUP_SIZE]; 4];
         for (component, row) in texels.iter_mut().enumerate() {

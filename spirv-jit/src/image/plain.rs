@@ -3,12 +3,11 @@
 
 use super::format::FormatInfo;
 use super::format::block::{self, Texels};
-use super::operands::{Operands, put_texels};
+use super::operands::Operands;
 use super::texels;
 use super::vector::Vector;
 use super::{Dim, ImageDescriptor, ImageOp, ImageOpKind, LodMode};
 use crate::SUBGROUP_SIZE;
-use crate::row::Row;
 use crate::types::Type;
 
 /// Whether an operation is one of these, as far as its instruction tells.
@@ -40,16 +39,13 @@ impl<'a> Plain<'a> {
 
     /// The level that all lanes of the mask name, if they name one.
     #[inline(always)]
-    fn level(&self, operands: &Operands<'_>, mask: u16) -> Option<usize> {
+    fn level<V: Vector>(&self, v: V, operands: &Operands<'_>, mask: u16) -> Option<usize> {
         if self.op.lod != LodMode::Lod {
             return self.image.has_level(0).then_some(0);
         }
         let row = operands.lod[0];
         let first = row[mask.trailing_zeros() as usize & 15];
-        let mut others = 0u16;
-        for lane in 0..SUBGROUP_SIZE {
-            others |= ((row[lane] != first) as u16) << lane;
-        }
+        let others = v.ne_i(v.load_i(row), v.splat_i(first as i32));
         let is_one = others & mask == 0 && self.image.has_level(first as usize);
         is_one.then_some(first as usize)
     }
@@ -98,7 +94,7 @@ impl<'a> Plain<'a> {
     /// The image's memory stays allocated during the call.
     #[inline(always)]
     pub(crate) unsafe fn write<V: Vector>(&self, v: V, operands: &Operands<'_>, mask: u16) -> bool {
-        let Some(level) = self.level(operands, mask) else {
+        let Some(level) = self.level(v, operands, mask) else {
             return false;
         };
         let (offsets, inside) = self.locate(v, operands, mask, level);
@@ -114,7 +110,7 @@ impl<'a> Plain<'a> {
         true
     }
 
-    /// `OpImageFetch`, `OpImageRead` in the lanes of `mask`, which is not empty. False where it does not apply after all.
+    /// `OpImageFetch`, `OpImageRead` in the lanes of `mask`, which is not empty: the texel's components. None where it does not apply after all.
     ///
     /// # Safety
     /// As [`Self::write`].
@@ -124,28 +120,43 @@ impl<'a> Plain<'a> {
         v: V,
         operands: &Operands<'_>,
         mask: u16,
-        results: &mut [Row],
-    ) -> bool {
-        let Some(level) = self.level(operands, mask) else {
-            return false;
-        };
+    ) -> Option<[V::I; 4]> {
+        let level = self.level(v, operands, mask)?;
         let (offsets, inside) = self.locate(v, operands, mask, level);
         // SAFETY: lanes inside address texels of the image, and so does offset zero.
         let loaded = unsafe { texels::load(v, self.info, self.image.data, offsets) };
-        let scale = block::unit_scale(self.info);
+        let components = [
+            self.component(v, 0, loaded[0], inside),
+            self.component(v, 1, loaded[1], inside),
+            self.component(v, 2, loaded[2], inside),
+            self.component(v, 3, loaded[3], inside),
+        ];
+        if self.image.swizzle == [0, 1, 2, 3] {
+            return Some(components);
+        }
         let mut texels: Texels = [[0; SUBGROUP_SIZE]; 4];
-        for (component, row) in texels.iter_mut().enumerate() {
-            let word = v.keep(loaded[component], inside);
-            if self.info.channels[component].bits == 0 {
-                *row = [self.info.missing(component); SUBGROUP_SIZE];
-            } else if scale != 1.0 {
-                v.store(v.div_units(v.bits_to_f(word), scale), row);
-            } else {
-                v.store_i(word, row);
-            }
+        for (component, row) in components.into_iter().zip(&mut texels) {
+            v.store_i(component, row);
         }
         super::operands::swizzle(self.image, self.info, &mut texels);
-        put_texels(self.op, self.info, &texels, results);
-        true
+        Some([
+            v.load_i(&texels[0]),
+            v.load_i(&texels[1]),
+            v.load_i(&texels[2]),
+            v.load_i(&texels[3]),
+        ])
+    }
+
+    /// A component as the format has it, in the lanes with a texel.
+    #[inline(always)]
+    fn component<V: Vector>(&self, v: V, component: usize, word: V::I, inside: u16) -> V::I {
+        if self.info.channels[component].bits == 0 {
+            return v.splat_i(self.info.missing(component) as i32);
+        }
+        let word = v.keep(word, inside);
+        match block::unit_scale(self.info) {
+            1.0 => word,
+            scale => v.bits_of(v.div_units(v.bits_to_f(word), scale)),
+        }
     }
 }

@@ -393,10 +393,9 @@ pub(crate) unsafe fn load<V: Vector>(
                 (words[0], words[1]) = v.gather_pairs(base, offsets);
                 words[2] = v.gather(base.add(8), offsets);
             }
-            _ => {
-                (words[0], words[1]) = v.gather_pairs(base, offsets);
-                (words[2], words[3]) = v.gather_pairs(base.add(8), offsets);
-            }
+            // Four components of 32 bits are the words.
+            _ if info.channels[3].bits == 32 => return v.gather_quads(base, offsets),
+            _ => words = v.gather_quads(base, offsets),
         }
     }
     decode(v, info, &words)

@@ -312,7 +312,6 @@ unsafe fn sample_block<V: Vector>(
     mask: u16,
 ) {
     let mut rows = [&[0; SUBGROUP_SIZE]; 9];
-    let mut results = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
     // SAFETY: as for `block`. Such a sample has at most three coordinates, four derivatives and two offsets, all of 32 bits.
     unsafe {
         for (row, &(operand, _)) in rows.iter_mut().zip(&plan.operands) {
@@ -324,7 +323,16 @@ unsafe fn sample_block<V: Vector>(
             put_derivatives(&plan.op, &derived, &mut rows);
         }
         let operands = Operands::new(&plan.op, &rows[..plan.operands.len().min(9)]);
-        sample.sample(v, &operands, mask, &mut results);
+        let sampled = sample.components(v, &operands, mask);
+        if let Some(values) = sample.values(v, sampled) {
+            put(v, m, plan, offset, 0, v.bits_of(values[0]));
+            put(v, m, plan, offset, 1, v.bits_of(values[1]));
+            put(v, m, plan, offset, 2, v.bits_of(values[2]));
+            put(v, m, plan, offset, 3, v.bits_of(values[3]));
+            return;
+        }
+        let mut results = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
+        sample.finish(v, sampled, &mut results);
         for (row, &(result, wide)) in plan.results.iter().enumerate() {
             if wide {
                 *m.block::<u64>(result, offset) = join(&results[2 * row], &results[2 * row + 1]);
@@ -332,6 +340,25 @@ unsafe fn sample_block<V: Vector>(
                 *m.block::<u32>(result, offset) = results[row];
             }
         }
+    }
+}
+
+/// Writes a result of 32 bits, if it is wanted.
+///
+/// # Safety
+/// As [`block`].
+#[inline(always)]
+unsafe fn put<V: Vector>(
+    v: V,
+    m: &Machine<'_>,
+    plan: &ImagePlan,
+    offset: u16,
+    row: usize,
+    value: V::I,
+) {
+    if let (Some(&(result, _)), 1) = (plan.results.get(row), plan.wanted >> row & 1) {
+        // SAFETY: as the caller promises.
+        unsafe { v.store_i(value, &mut *m.block::<u32>(result, offset)) };
     }
 }
 
@@ -401,13 +428,14 @@ unsafe fn access_block<V: Vector>(
         if plan.op.kind == ImageOpKind::Write {
             return access.write(v, &operands, mask);
         }
-        let mut results = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
-        let done = access.read(v, &operands, mask, &mut results);
-        for (row, &(result, _)) in plan.results.iter().enumerate() {
-            if done && plan.wanted >> row & 1 == 1 {
-                *m.block::<u32>(result, offset) = results[row];
-            }
-        }
-        done
+        let Some(texel) = access.read(v, &operands, mask) else {
+            return false;
+        };
+        // One by one: a loop would keep the components in memory.
+        put(v, m, plan, offset, 0, texel[0]);
+        put(v, m, plan, offset, 1, texel[1]);
+        put(v, m, plan, offset, 2, texel[2]);
+        put(v, m, plan, offset, 3, texel[3]);
+        true
     }
 }

@@ -269,7 +269,15 @@ impl Case for Operation<'_> {
             );
             match self.op.kind {
                 ImageOpKind::Write => plain.write(v, &operands, self.mask),
-                _ => plain.read(v, &operands, self.mask, &mut results),
+                _ => match plain.read(v, &operands, self.mask) {
+                    Some(texel) => {
+                        for (component, row) in texel.into_iter().zip(&mut results) {
+                            v.store_i(component, row);
+                        }
+                        true
+                    }
+                    None => false,
+                },
             }
         };
         // Lanes of different levels, or of none that there is, are not for vectors.

@@ -177,4 +177,42 @@ impl Vector for Avx512 {
             )
         }
     }
+    #[inline(always)]
+    unsafe fn gather_quads(self, base: *const u8, offsets: I) -> [I; 4] {
+        let mut places = [0; 16];
+        self.store_i(offsets, &mut places);
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let a = every_fourth(base, &places, 0);
+            let b = every_fourth(base, &places, 1);
+            let c = every_fourth(base, &places, 2);
+            let d = every_fourth(base, &places, 3);
+            let low = (_mm512_unpacklo_epi32(a, b), _mm512_unpacklo_epi32(c, d));
+            let high = (_mm512_unpackhi_epi32(a, b), _mm512_unpackhi_epi32(c, d));
+            [
+                _mm512_unpacklo_epi64(low.0, low.1),
+                _mm512_unpackhi_epi64(low.0, low.1),
+                _mm512_unpacklo_epi64(high.0, high.1),
+                _mm512_unpackhi_epi64(high.0, high.1),
+            ]
+        }
+    }
+}
+
+/// Sixteen bytes each at the places of `lane` and of every fourth one behind it.
+///
+/// # Safety
+/// The machine has AVX-512, and sixteen bytes are readable at each place.
+#[inline(always)]
+unsafe fn every_fourth(base: *const u8, places: &Row, lane: usize) -> I {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let first = _mm_loadu_si128(base.add(places[lane] as usize).cast());
+        let second = _mm_loadu_si128(base.add(places[lane + 4] as usize).cast());
+        let third = _mm_loadu_si128(base.add(places[lane + 8] as usize).cast());
+        let fourth = _mm_loadu_si128(base.add(places[lane + 12] as usize).cast());
+        let low = _mm256_inserti128_si256::<1>(_mm256_castsi128_si256(first), second);
+        let high = _mm256_inserti128_si256::<1>(_mm256_castsi128_si256(third), fourth);
+        _mm512_inserti64x4::<1>(_mm512_castsi256_si512(low), high)
+    }
 }

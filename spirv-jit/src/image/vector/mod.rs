@@ -126,6 +126,12 @@ pub trait Vector: Copy {
     /// Eight bytes are readable at each.
     unsafe fn gather_pairs(self, base: *const u8, offsets: Self::I) -> (Self::I, Self::I);
 
+    /// Four words from byte offsets on: those of all lanes that come first, then the second ones.
+    ///
+    /// # Safety
+    /// Sixteen bytes are readable at each.
+    unsafe fn gather_quads(self, base: *const u8, offsets: Self::I) -> [Self::I; 4];
+
     /// [`quad::derivative`] of sixteen numbers.
     #[inline(always)]
     fn derivative<const AXIS: usize>(self, a: Self::F, active: u16) -> Self::F {

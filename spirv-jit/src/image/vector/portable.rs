@@ -282,4 +282,16 @@ impl Vector for Portable {
             )
         }
     }
+    #[inline(always)]
+    unsafe fn gather_quads(self, base: *const u8, offsets: I) -> [I; 4] {
+        // SAFETY: the caller's promise.
+        unsafe {
+            [
+                self.gather(base, offsets),
+                self.gather(base.wrapping_add(4), offsets),
+                self.gather(base.wrapping_add(8), offsets),
+                self.gather(base.wrapping_add(12), offsets),
+            ]
+        }
+    }
 }
