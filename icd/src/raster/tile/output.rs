@@ -156,6 +156,11 @@ impl Output {
         masks: &[u16; MAX_SAMPLES],
     ) {
         for color in &self.colors {
+            if let (Some(over), Some(_), 1) = (color.over, &color.blend, self.samples) {
+                // SAFETY: the caller's promise.
+                unsafe { color.lay_over(v, over, rows, places, masks[0]) };
+                continue;
+            }
             let source = color.rows(v, &color.source, rows);
             let second = match color.has_second {
                 true => color.rows(v, &color.second, rows),
@@ -404,6 +409,29 @@ impl Color {
         }
         let info = self.target.surface.format;
         load_words(v, &decode_rows(self.tier, info, &rows_of(v, texels)))
+    }
+
+    /// Blends colours over those of the first sample; `rows` are the program's outputs.
+    ///
+    /// # Safety
+    /// As [`load`].
+    #[inline(always)]
+    unsafe fn lay_over<V: Vector>(
+        &self,
+        v: V,
+        over: Over,
+        rows: &[AlignedRow],
+        places: &Places,
+        mask: u16,
+    ) {
+        let source = numbers(v, &self.rows(v, &self.source, rows));
+        // SAFETY: the caller's promise.
+        unsafe {
+            let old = load(v, &self.target, places, 0, mask);
+            let blended = over.blend(v, &source, &numbers(v, &self.decode(v, &old)));
+            let new = self.encode(v, &words(v, &blended));
+            self.put_over(v, places, 0, mask, &new, &old);
+        }
     }
 
     /// Writes texels that do not depend on what is there, but for masks and logical operations.
