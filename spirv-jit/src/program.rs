@@ -193,7 +193,7 @@ impl Program {
         ((self.plan.private_rows + self.plan.live_rows) * 4) as u32
     }
 
-    /// Puts a state at the program's entry with these lanes active. Inputs may be filled before or after; `io` rows are zeroed.
+    /// Puts a state at the program's entry with these lanes active. Inputs may be filled before or after; outputs are zeroed.
     ///
     /// # Panics
     /// The state is smaller than [`StateLayout::rows`].

@@ -34,6 +34,8 @@ use crate::state::{SiteKind, StateLayout};
 #[derive(Debug, PartialEq)]
 pub(crate) struct Plan {
     pub layout: StateLayout,
+    /// `io` rows of the outputs: the first ones.
+    output_rows: usize,
     /// First private row of the state, and their count.
     pub private: usize,
     pub private_rows: usize,
@@ -91,6 +93,7 @@ pub(crate) fn plan(module: &Module) -> Result<Planned<'_>, Error> {
         functions: (0..module.functions.len()).map(|_| None).collect(),
         plan: Plan {
             layout: StateLayout::default(),
+            output_rows: module.output_rows as usize,
             private: 0,
             private_rows: 0,
             live_rows: 0,

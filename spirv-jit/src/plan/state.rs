@@ -44,8 +44,10 @@ impl Plan {
     pub fn start(&self, state: &mut [AlignedRow], active: u16, helpers: u16) {
         let state = &mut state[..self.layout.rows];
         state[..self.layout.inputs].fill(AlignedRow::default());
-        // Private memory too: what is undefined is at least the same on every run.
-        state[self.layout.io..self.private + self.private_rows].fill(AlignedRow::default());
+        // What a program may read or leave without having written it is the same on every run. Of operands and answers
+        // of yields only the columns of their lanes are read, which are written first.
+        state[self.layout.io..][..self.output_rows].fill(AlignedRow::default());
+        state[self.private..][..self.private_rows].fill(AlignedRow::default());
         state[0].0[1] = active as u32;
         state[0].0[2] = helpers as u32;
     }
