@@ -10,27 +10,27 @@ mod measure;
 mod samples;
 mod table;
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
+use clap::Parser;
+
+#[derive(Parser)]
+struct Arguments {
+    #[command(flatten)]
+    options: measure::Options,
+    /// Where the page goes; to the standard output without
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
 fn main() -> ExitCode {
-    let mut options = measure::Options::default();
-    let mut out = None;
-    let mut arguments = std::env::args().skip(1);
-    while let Some(argument) = arguments.next() {
-        match argument.as_str() {
-            "--step" => options.step = number(arguments.next()),
-            "--threads" => options.threads = number(arguments.next()) as usize,
-            "--out" => out = arguments.next(),
-            other => {
-                eprintln!("unknown argument {other}");
-                return ExitCode::FAILURE;
-            }
-        }
-    }
+    let Arguments { options, out } = Arguments::parse();
     let rows = table::measure_all(&options);
     let text = table::render(&rows, &options);
     match out {
-        Some(file) => std::fs::write(&file, text).unwrap_or_else(|error| panic!("{file}: {error}")),
+        Some(file) => std::fs::write(&file, text)
+            .unwrap_or_else(|error| panic!("{}: {error}", file.display())),
         None => print!("{text}"),
     }
     let mut outside = rows.iter().filter(|row| !row.holds()).peekable();
@@ -41,10 +41,4 @@ fn main() -> ExitCode {
         eprintln!("{row:?}");
     }
     ExitCode::FAILURE
-}
-
-/// An argument's value, at least 1.
-fn number(argument: Option<String>) -> u64 {
-    let number = argument.and_then(|text| text.parse().ok());
-    number.unwrap_or(1).max(1)
 }

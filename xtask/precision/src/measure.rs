@@ -1,5 +1,6 @@
 //! Errors, and the greatest of them over many inputs.
 
+use std::num::NonZero;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use half::f16;
@@ -8,19 +9,14 @@ use spirv_jit::ir::Type;
 use super::functions::{Allowance, Sampling, Several, Unary};
 use super::kernel::Kernel;
 
+#[derive(clap::Args)]
 pub struct Options {
-    /// Of the 32-bit inputs, every how many-th is taken.
+    /// Take every N-th of the 2^32 inputs
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..))]
     pub step: u64,
-    pub threads: usize,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            step: 1,
-            threads: std::thread::available_parallelism().map_or(1, usize::from),
-        }
-    }
+    /// How many threads work; all that the machine has by default
+    #[arg(long)]
+    threads: Option<NonZero<usize>>,
 }
 
 /// A binary format of floats.
@@ -187,7 +183,8 @@ fn over_blocks(
         }
     };
     std::thread::scope(|scope| {
-        let threads: Vec<_> = (0..options.threads.max(1))
+        let all = || std::thread::available_parallelism().map_or(1, usize::from);
+        let threads: Vec<_> = (0..options.threads.map_or_else(all, usize::from))
             .map(|_| scope.spawn(work))
             .collect();
         let worst = threads.into_iter().map(|thread| thread.join().unwrap());

@@ -59,7 +59,8 @@ fn moderate(word: u32, format: Format) -> u32 {
     }
 }
 
-/// SplitMix64's finishing steps.
+/// SplitMix64's finishing steps: a sample follows from its number alone, so that threads may share
+/// them, and `docs/precision.md` holds what these samples gave.
 fn scramble(index: u64) -> u64 {
     let mut word = index
         .wrapping_mul(0x9e37_79b9_7f4a_7c15)
