@@ -79,7 +79,7 @@ fn half(format: Format) -> bool {
 
 /// The page.
 pub fn render(rows: &[Row], options: &Options) -> String {
-    let coverage = match options.step {
+    let coverage = match options.step.get() {
         1 => "all 2³² inputs".into(),
         step => format!("every {}th of the 2³² inputs", thousands(step)),
     };
