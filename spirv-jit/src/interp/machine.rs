@@ -6,9 +6,7 @@
 
 use std::cell::Cell;
 
-use super::code::{
-    AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, Place, Return, SubgroupPlan,
-};
+use super::code::{AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, Place, Return, SubgroupPlan};
 use super::operand::Operand;
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
