@@ -50,31 +50,9 @@ pub use window::{Window, Xvfb};
 pub use words::{MISS, RESULTS, WORLD, layers, trace_words};
 
 pub use ash::vk;
+pub use fastrand::Rng;
 
-/// Small deterministic random numbers for test data.
-pub struct Random(u32);
-
-impl Random {
-    pub fn new(seed: u32) -> Random {
-        Random(seed)
-    }
-
-    /// Thirty-two random bits.
-    pub fn bits(&mut self) -> u32 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9);
-        let mut x = self.0;
-        x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
-        x = (x ^ (x >> 15)).wrapping_mul(0x846c_a68b);
-        x ^ (x >> 16)
-    }
-
-    /// In [low, high).
-    pub fn between(&mut self, low: f32, high: f32) -> f32 {
-        low + (high - low) * ((self.bits() >> 8) as f32 / 16_777_216.0)
-    }
-
-    /// In 0..count.
-    pub fn below(&mut self, count: u32) -> u32 {
-        self.bits() % count
-    }
+/// A random number in [low, high).
+pub fn between(random: &mut Rng, low: f32, high: f32) -> f32 {
+    low + (high - low) * random.f32()
 }

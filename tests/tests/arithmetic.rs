@@ -5,7 +5,7 @@ use tuff_tests::*;
 #[test]
 fn integer_arithmetic_wraps_and_shifts() {
     let gpu = Gpu::new();
-    let mut random = Random::new(11);
+    let mut random = Rng::with_seed(11);
     let mut inputs: Vec<[u32; 2]> = vec![
         [0, 1],
         [u32::MAX, 1],
@@ -13,7 +13,7 @@ fn integer_arithmetic_wraps_and_shifts() {
         [0x7fff_ffff, u32::MAX],
         [5, 31],
     ];
-    inputs.extend((0..1000).map(|_| [random.bits() >> random.below(32), random.bits() | 1]));
+    inputs.extend((0..1000).map(|_| [random.u32(..) >> random.u32(..32), random.u32(..) | 1]));
     let source = r"
     layout(local_size_x = 64) in;
     layout(set = 0, binding = 0) buffer I { uvec2 inputs[]; };
@@ -109,10 +109,10 @@ fn small_and_large_integers() {
         c[i] = c[i] * int64_t(x) - (int64_t(y) << 20);
         d[i] = (d[i] / uint64_t(y | 1us)) ^ uint64_t(c[i]);
     }";
-    let mut random = Random::new(12);
-    let a: Vec<i8> = (0..64).map(|_| random.bits() as i8).collect();
-    let b: Vec<u16> = (0..64).map(|_| random.bits() as u16).collect();
-    let wide = |random: &mut Random| u64::from(random.bits()) << 32 | u64::from(random.bits());
+    let mut random = Rng::with_seed(12);
+    let a: Vec<i8> = (0..64).map(|_| random.i8(..)).collect();
+    let b: Vec<u16> = (0..64).map(|_| random.u16(..)).collect();
+    let wide = |random: &mut Rng| random.u64(..);
     let c: Vec<i64> = (0..64).map(|_| wide(&mut random) as i64).collect();
     let d: Vec<u64> = (0..64).map(|_| wide(&mut random)).collect();
     let buffers = [
@@ -139,9 +139,14 @@ fn small_and_large_integers() {
 #[test]
 fn float_arithmetic_rounds_correctly() {
     let gpu = Gpu::new();
-    let mut random = Random::new(13);
+    let mut random = Rng::with_seed(13);
     let inputs: Vec<[f32; 2]> = (0..2048)
-        .map(|_| [random.between(-100.0, 100.0), random.between(0.1, 50.0)])
+        .map(|_| {
+            [
+                between(&mut random, -100.0, 100.0),
+                between(&mut random, 0.1, 50.0),
+            ]
+        })
         .collect();
     let source = r"
     layout(local_size_x = 64) in;
@@ -284,9 +289,14 @@ fn vectors_and_matrices() {
 #[test]
 fn half_and_double_precision() {
     let gpu = Gpu::new();
-    let mut random = Random::new(15);
+    let mut random = Rng::with_seed(15);
     let inputs: Vec<[f32; 2]> = (0..256)
-        .map(|_| [random.between(-50.0, 50.0), random.between(0.5, 20.0)])
+        .map(|_| {
+            [
+                between(&mut random, -50.0, 50.0),
+                between(&mut random, 0.5, 20.0),
+            ]
+        })
         .collect();
     if gpu.features12.shader_float16 != 0 && gpu.features11.storage_buffer16_bit_access != 0 {
         let source = r"
@@ -357,9 +367,9 @@ fn packing_and_bit_casts() {
         o[i][6] = floatBitsToUint(ldexp(v.x, 5));
         int e; float m = frexp(v.y, e); o[i][7] = floatBitsToUint(m) ^ uint(e);
     }";
-    let mut random = Random::new(16);
+    let mut random = Rng::with_seed(16);
     let inputs: Vec<[f32; 4]> = (0..128)
-        .map(|_| std::array::from_fn(|_| random.between(-1.3, 1.3)))
+        .map(|_| std::array::from_fn(|_| between(&mut random, -1.3, 1.3)))
         .collect();
     let (input, output) = (gpu.buffer_with(&inputs), gpu.buffer(32 * 128));
     gpu.compute(source, &[input, output], [2, 1, 1]);

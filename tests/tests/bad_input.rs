@@ -110,25 +110,25 @@ fn a_thousand_corrupted_modules() {
         return;
     };
     let modules = modules();
-    let mut random = Random::new(31);
+    let mut random = Rng::with_seed(31);
     let mut refused = 0;
     for round in 0..1000u32 {
         let (stage, words) = &modules[round as usize % 3];
         let mut words = words.clone();
-        for _ in 0..1 + random.below(4) {
-            let at = random.below(words.len() as u32) as usize;
-            match random.below(6) {
-                0 => words[at] = random.bits(),
-                1 => words[at] ^= 1 << random.below(32),
-                2 => words[at] = random.below(200),
+        for _ in 0..1 + random.u32(..4) {
+            let at = random.usize(..words.len());
+            match random.u32(..6) {
+                0 => words[at] = random.u32(..),
+                1 => words[at] ^= 1 << random.u32(..32),
+                2 => words[at] = random.u32(..200),
                 3 => {
-                    let from = random.below(words.len() as u32) as usize;
+                    let from = random.usize(..words.len());
                     words[at] = words[from];
                 }
                 4 => {
                     words.remove(at);
                 }
-                _ => words.insert(at, random.below(1000)),
+                _ => words.insert(at, random.u32(..1000)),
             }
         }
         refused += u32::from(!swallow(&gpu, *stage, words, layout));
@@ -158,9 +158,9 @@ fn noise_is_refused() {
     let Some((gpu, layout)) = open() else {
         return;
     };
-    let mut random = Random::new(32);
+    let mut random = Rng::with_seed(32);
     for round in 0..200 {
-        let mut words: Vec<u32> = (0..5 + random.below(300)).map(|_| random.bits()).collect();
+        let mut words: Vec<u32> = (0..5 + random.u32(..300)).map(|_| random.u32(..)).collect();
         if round % 2 == 0 {
             words[..5].copy_from_slice(&[0x0723_0203, 0x0001_0600, 0, 500, 0]);
         }

@@ -242,17 +242,17 @@ fn nodes_and_leaves_of_nonsense() {
     let Some(mut world) = World::new(300, 20) else {
         return;
     };
-    let mut random = Random::new(7);
+    let mut random = Rng::with_seed(7);
     for level in [0, 1] {
         for _ in 0..200 {
             let mut bad = world.good[level].clone();
-            for _ in 0..1 + random.below(12) {
-                let place = HEAD as u32 + random.below((bad.len() - HEAD) as u32);
-                bad[place as usize] = match random.below(4) {
-                    0 => random.bits(),
-                    1 => random.below(64),
-                    2 => 0x8000_0000 | random.below(1 << 12),
-                    _ => bad[random.below(bad.len() as u32) as usize],
+            for _ in 0..1 + random.u32(..12) {
+                let place = HEAD as u32 + random.u32(..(bad.len() - HEAD) as u32);
+                bad[place as usize] = match random.u32(..4) {
+                    0 => random.u32(..),
+                    1 => random.u32(..64),
+                    2 => 0x8000_0000 | random.u32(..1 << 12),
+                    _ => bad[random.usize(..bad.len())],
                 };
             }
             world.put(level, &bad);
@@ -424,18 +424,18 @@ fn serialized_ones_with_nonsense_inside() {
     let Some(mut world) = World::new(100, 20) else {
         return;
     };
-    let mut random = Random::new(11);
+    let mut random = Rng::with_seed(11);
     for (level, kind) in [(0, Level::BOTTOM_LEVEL), (1, Level::TOP_LEVEL)] {
         for _ in 0..150 {
             let structure = world.levels[level];
             let written = serialized(&world.gpu, structure, 2 * structure.size_bytes);
             let mut bad = written.read::<u32>();
             let size_bytes = written.read::<u64>()[5];
-            for _ in 0..1 + random.below(3) {
+            for _ in 0..1 + random.u32(..3) {
                 // Heads are where it matters most.
-                let reach = [64, bad.len() as u32][random.below(2) as usize];
-                let place = (8 + random.below(reach - 8)) as usize;
-                bad[place] = WILD[random.below(7) as usize] as u32 ^ random.below(3);
+                let reach = [64, bad.len() as u32][random.usize(..2)];
+                let place = (8 + random.u32(..reach - 8)) as usize;
+                bad[place] = WILD[random.usize(..7)] as u32 ^ random.u32(..3);
             }
             written.write(0, &bad);
             let copy = deserialized(&world.gpu, &written, size_bytes, kind);

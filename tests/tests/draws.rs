@@ -68,13 +68,13 @@ fn a_triangle_covers_every_pixel_with_its_own_place() {
 fn coverage_is_that_of_pixel_centres() {
     let Some(gpu) = drawing() else { return };
     const SIZE: u32 = 96;
-    let mut random = Random::new(11);
+    let mut random = Rng::with_seed(11);
     let painting = Painting::new(&gpu, CORNERS, SHADE, RGBA).with_corners();
     let pipeline = gpu.painting(&painting);
     for round in 0..24 {
         let scale = [4.0, 1.2, 0.2][round % 3];
         let points: [[f32; 2]; 3] =
-            std::array::from_fn(|_| std::array::from_fn(|_| random.between(-scale, scale)));
+            std::array::from_fn(|_| std::array::from_fn(|_| between(&mut random, -scale, scale)));
         let corners = points.map(|[x, y]| Corner::at(x, y, [1.0; 4]));
         let vertices = gpu.buffer_with(&corners);
         let canvas = gpu.canvas(RGBA, SIZE, SIZE);
@@ -127,16 +127,16 @@ fn is_inside(triangle: &[[f64; 2]; 3], [x, y]: [f64; 2]) -> Option<bool> {
 fn neighbours_cover_each_pixel_once() {
     let Some(gpu) = drawing() else { return };
     const SIZE: u32 = 64;
-    let mut random = Random::new(5);
+    let mut random = Rng::with_seed(5);
     let canvas = gpu.canvas(RGBA, SIZE, SIZE);
     let one = [1.0 / 255.0; 4];
     let mut corners = Vec::new();
     // A grid of quads with random inner vertices on a grid of half pixels, where centres lie, too.
     const CELLS: usize = 8;
-    let place = |cell: usize, random: &mut Random| match cell {
+    let place = |cell: usize, random: &mut Rng| match cell {
         0 => -1.0,
         CELLS => 1.0,
-        _ => -1.0 + (cell as f32 * 16.0 + random.below(9) as f32 - 4.0) / SIZE as f32,
+        _ => -1.0 + (cell as f32 * 16.0 + random.u32(..9) as f32 - 4.0) / SIZE as f32,
     };
     let grid: Vec<[f32; 2]> = (0..=CELLS)
         .flat_map(|y| (0..=CELLS).map(move |x| (x, y)))

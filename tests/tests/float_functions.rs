@@ -42,10 +42,15 @@ fn check_function(
 #[test]
 fn functions_are_as_precise_as_vulkan_asks() {
     let gpu = Gpu::new();
-    let mut random = Random::new(14);
+    let mut random = Rng::with_seed(14);
     let mut pairs = |low: f32, high: f32| -> Vec<[f32; 2]> {
         (0..1000)
-            .map(|_| [random.between(low, high), random.between(low, high)])
+            .map(|_| {
+                [
+                    between(&mut random, low, high),
+                    between(&mut random, low, high),
+                ]
+            })
             .collect()
     };
     // The bounds are those of "Precision of GLSL.std.450 Instructions".

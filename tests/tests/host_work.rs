@@ -339,15 +339,15 @@ fn damaged_cache_data_is_survived() {
         parts.check(&gpu, parts.plain(&gpu, cache, any).unwrap());
         let whole = gpu.device.get_pipeline_cache_data(cache).unwrap();
         gpu.device.destroy_pipeline_cache(cache, None);
-        let mut random = Random::new(7);
+        let mut random = Rng::with_seed(7);
         for round in 0..40 {
             let mut data = whole.clone();
             for _ in 0..1 + round % 3 {
-                let at = random.bits() as usize % data.len();
-                data[at] ^= 1 << (random.bits() % 8);
+                let at = random.usize(..data.len());
+                data[at] ^= 1 << random.u32(..8);
             }
             if round % 2 == 0 {
-                data.truncate(random.bits() as usize % (data.len() + 1));
+                data.truncate(random.usize(..=data.len()));
             }
             let cache = cache_of(&gpu, &data);
             parts.check(&gpu, parts.plain(&gpu, cache, any).unwrap());

@@ -43,14 +43,14 @@ const FORMATS: [(F, u64); 34] = [
     (F::E5B9G9R9_UFLOAT_PACK32, 4),
 ];
 
-fn bytes(random: &mut Random, count: u64) -> Vec<u8> {
-    (0..count).map(|_| random.bits() as u8).collect()
+fn bytes(random: &mut Rng, count: u64) -> Vec<u8> {
+    (0..count).map(|_| random.u8(..)).collect()
 }
 
 #[test]
 fn every_format_carries_its_texels() {
     let gpu = Gpu::new();
-    let mut random = Random::new(21);
+    let mut random = Rng::with_seed(21);
     for (format, texel) in FORMATS {
         let features = vk::FormatFeatureFlags::TRANSFER_SRC | vk::FormatFeatureFlags::TRANSFER_DST;
         assert!(
@@ -71,7 +71,7 @@ fn every_format_carries_its_texels() {
 fn every_shape_carries_its_texels() {
     use vk::ImageViewType as View;
     let gpu = Gpu::new();
-    let mut random = Random::new(22);
+    let mut random = Rng::with_seed(22);
     for (kind, extent, levels, layers) in [
         (View::TYPE_1D, [37, 1, 1], 6, 1),
         (View::TYPE_1D_ARRAY, [16, 1, 1], 5, 7),

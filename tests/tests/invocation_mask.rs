@@ -15,10 +15,10 @@ fn masked_invocations_do_not_run() {
     let shape = Shape::flat(vk::Format::R8_UINT, width, height);
     let usage = vk::ImageUsageFlags::INVOCATION_MASK_HUAWEI | vk::ImageUsageFlags::STORAGE;
     let picture = gpu.picture(shape, usage);
-    let mut random = Random::new(5);
+    let mut random = Rng::with_seed(5);
     // A band without any, and the rest at random.
     let mask: Vec<u8> = (0..width * height)
-        .map(|i| u8::from(!(5..14).contains(&(i / width)) && random.below(3) == 0))
+        .map(|i| u8::from(!(5..14).contains(&(i / width)) && random.u32(..3) == 0))
         .collect();
     gpu.upload(&picture, 0, &mask);
     let output = gpu.buffer(u64::from(4 * width * height));

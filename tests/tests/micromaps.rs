@@ -161,11 +161,11 @@ fn every_part_has_its_state() {
     let Some(gpu) = gpu_with_micromaps() else {
         return;
     };
-    let mut random = Random::new(7);
+    let mut random = Rng::with_seed(7);
     let mut triangles = Vec::new();
     for (level, format) in [(0, 1), (0, 2), (1, 1), (2, 2), (4, 1), (5, 2)] {
         let parts = 1usize << (2 * level);
-        let states = (0..parts).map(|_| random.below(1 << format) as u8);
+        let states = (0..parts).map(|_| random.u32(..1 << format) as u8);
         triangles.push(MicroTriangle {
             level,
             format,

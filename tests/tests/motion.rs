@@ -287,13 +287,13 @@ fn instances_turn_by_quaternions() {
 #[test]
 fn moving_meshes_have_no_gaps() {
     let Some(gpu) = gpu() else { return };
-    let mut random = Random::new(11);
+    let mut random = Rng::with_seed(11);
     let side = 12;
     let mut grid = |z: f32| -> Vec<[f32; 3]> {
         (0..=side * (side + 2))
             .map(|i| {
                 let (x, y) = ((i % (side + 1)) as f32, (i / (side + 1)) as f32);
-                let mut jitter = |r: f32| random.between(-r, r);
+                let mut jitter = |r: f32| between(&mut random, -r, r);
                 [x + jitter(0.3), y + jitter(0.3), z + jitter(0.2)]
             })
             .collect()
@@ -312,7 +312,7 @@ fn moving_meshes_have_no_gaps() {
     let world = top(&gpu, &[(bottom, Moves::Not(identity()))]);
     let rays: Vec<[f32; 7]> = (0..2000)
         .map(|_| {
-            let mut c = || random.between(1.0, side as f32 - 1.0);
+            let mut c = || between(&mut random, 1.0, side as f32 - 1.0);
             [c(), c(), 0.0, 0.0, 0.0, 1.0, c() / side as f32]
         })
         .collect();

@@ -256,22 +256,22 @@ fn check_against_brute_force(hits: &[Hit], rays: &[Ray], triangles: &[[[f32; 3];
     );
 }
 
-fn random_triangles(random: &mut Random, count: usize, size: f32) -> Vec<[[f32; 3]; 3]> {
+fn random_triangles(random: &mut Rng, count: usize, size: f32) -> Vec<[[f32; 3]; 3]> {
     (0..count)
         .map(|_| {
-            let centre: [f32; 3] = std::array::from_fn(|_| random.between(-10.0, 10.0));
-            std::array::from_fn(|_| centre.map(|c| c + random.between(-size, size)))
+            let centre: [f32; 3] = std::array::from_fn(|_| between(random, -10.0, 10.0));
+            std::array::from_fn(|_| centre.map(|c| c + between(random, -size, size)))
         })
         .collect()
 }
 
-fn random_rays(random: &mut Random, count: usize) -> Vec<Ray> {
+fn random_rays(random: &mut Rng, count: usize) -> Vec<Ray> {
     (0..count)
         .map(|_| {
-            let origin = std::array::from_fn(|_| random.between(-14.0, 14.0));
+            let origin = std::array::from_fn(|_| between(random, -14.0, 14.0));
             let mut direction = [0.0; 3];
             while direction.iter().map(|d| d * d).sum::<f32>() < 0.01 {
-                direction = std::array::from_fn(|_| random.between(-1.0, 1.0));
+                direction = std::array::from_fn(|_| between(random, -1.0, 1.0));
             }
             Ray::new(origin, direction)
         })
@@ -304,7 +304,7 @@ fn a_grid_of_triangles() {
 #[test]
 fn random_triangles_and_rays() {
     let gpu = Gpu::new();
-    let mut random = Random::new(1);
+    let mut random = Rng::with_seed(1);
     for (count, size) in [(1, 6.0), (3, 6.0), (40, 4.0), (3000, 0.8)] {
         let triangles = random_triangles(&mut random, count, size);
         let rays = random_rays(&mut random, 3000);
@@ -316,7 +316,7 @@ fn random_triangles_and_rays() {
 #[test]
 fn build_flags_change_no_result() {
     let gpu = Gpu::new();
-    let mut random = Random::new(2);
+    let mut random = Rng::with_seed(2);
     let triangles = random_triangles(&mut random, 500, 1.5);
     let rays = random_rays(&mut random, 1000);
     use vk::BuildAccelerationStructureFlagsKHR as Flags;
@@ -336,11 +336,11 @@ fn build_flags_change_no_result() {
 #[test]
 fn indexed_triangles() {
     let gpu = Gpu::new();
-    let mut random = Random::new(3);
+    let mut random = Rng::with_seed(3);
     let corners: Vec<[f32; 3]> = (0..300)
-        .map(|_| std::array::from_fn(|_| random.between(-10.0, 10.0)))
+        .map(|_| std::array::from_fn(|_| between(&mut random, -10.0, 10.0)))
         .collect();
-    let indices: Vec<u32> = (0..3 * 60).map(|_| random.below(300)).collect();
+    let indices: Vec<u32> = (0..3 * 60).map(|_| random.u32(..300)).collect();
     let triangles: Vec<[[f32; 3]; 3]> = indices
         .chunks(3)
         .map(|t| [0, 1, 2].map(|corner| corners[t[corner] as usize]))
@@ -467,10 +467,10 @@ fn opacity_is_heeded_without_any_hit_shaders() {
 #[test]
 fn spheres_in_boxes() {
     let gpu = Gpu::new();
-    let mut random = Random::new(4);
+    let mut random = Rng::with_seed(4);
     let boxes: Vec<[f32; 6]> = (0..200)
         .map(|_| {
-            let low: [f32; 3] = std::array::from_fn(|_| random.between(-8.0, 8.0));
+            let low: [f32; 3] = std::array::from_fn(|_| between(&mut random, -8.0, 8.0));
             [
                 low[0],
                 low[1],
@@ -537,7 +537,7 @@ fn spheres_in_boxes() {
 #[test]
 fn instances_move_scale_and_mirror() {
     let gpu = Gpu::new();
-    let mut random = Random::new(5);
+    let mut random = Rng::with_seed(5);
     let own = random_triangles(&mut random, 12, 4.0);
     let bottom = gpu.bottom(&[Geometry::opaque(own.as_flattened())]);
     let mut instances = Vec::new();
@@ -545,9 +545,9 @@ fn instances_move_scale_and_mirror() {
     for i in 0..30u32 {
         // Any matrix whose determinant is not tiny; every third one mirrors.
         let mut m: [f32; 12] = std::array::from_fn(|k| match k % 4 {
-            3 => random.between(-8.0, 8.0),
-            column if column == k / 4 => random.between(0.3, 0.8),
-            _ => random.between(-0.2, 0.2),
+            3 => between(&mut random, -8.0, 8.0),
+            column if column == k / 4 => between(&mut random, 0.3, 0.8),
+            _ => between(&mut random, -0.2, 0.2),
         });
         if i % 3 == 0 {
             for row in 0..3 {

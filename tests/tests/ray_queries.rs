@@ -450,13 +450,13 @@ fn waves_stay_together_around_queries() {
 fn random_rays_agree_with_a_computation() {
     let Some(gpu) = open() else { return };
     // Unit squares at random heights of a grid, each of two triangles, half of them not opaque and confirmed by the shader.
-    let mut random = Random::new(7);
+    let mut random = Rng::with_seed(7);
     let cells = 16;
     let (mut solid, mut open) = (Vec::new(), Vec::new());
     let mut height = Vec::new();
     for y in 0..cells {
         for x in 0..cells {
-            let z = random.between(1.0, 50.0).floor();
+            let z = between(&mut random, 1.0, 50.0).floor();
             height.push(z);
             let (x, y) = (x as f32, y as f32);
             let corner = |a: f32, b: f32| [x + a, y + b, z];
@@ -468,12 +468,7 @@ fn random_rays_agree_with_a_computation() {
                 corner(1.0, 1.0),
                 corner(0.0, 1.0),
             ];
-            if random.bits() % 2 == 0 {
-                &mut solid
-            } else {
-                &mut open
-            }
-            .extend(square);
+            if random.bool() { &mut solid } else { &mut open }.extend(square);
         }
     }
     let world = gpu.scene(&[

@@ -47,53 +47,53 @@ enum Statement {
 }
 
 struct Generator {
-    random: Random,
+    random: Rng,
     budget: u32,
 }
 
 impl Generator {
     fn condition(&mut self) -> Condition {
-        let m = 2 + self.random.below(6);
+        let m = 2 + self.random.u32(..6);
         Condition {
-            a: 1 + self.random.below(5),
-            b: self.random.below(4),
+            a: 1 + self.random.u32(..5),
+            b: self.random.u32(..4),
             m,
-            c: 1 + self.random.below(m - 1),
+            c: 1 + self.random.u32(..m - 1),
         }
     }
 
     /// `in_loop`: breaks and continues lead to a loop, not out of a switch.
     fn list(&mut self, depth: u32, in_loop: bool) -> Vec<Statement> {
         let mut list = vec![Statement::Note];
-        for _ in 0..1 + self.random.below(3) {
+        for _ in 0..1 + self.random.u32(..3) {
             if self.budget == 0 {
                 break;
             }
             self.budget -= 1;
             let nested = depth < 4;
-            list.push(match self.random.below(12) {
+            list.push(match self.random.u32(..12) {
                 0..3 if nested => {
                     let condition = self.condition();
                     let then = self.list(depth + 1, in_loop);
-                    let other = match self.random.below(2) {
+                    let other = match self.random.u32(..2) {
                         0 => Vec::new(),
                         _ => self.list(depth + 1, in_loop),
                     };
                     Statement::If(condition, then, other)
                 }
                 3..6 if nested => {
-                    let turns = 1 + self.random.below(4);
+                    let turns = 1 + self.random.u32(..4);
                     Statement::Loop(turns, self.list(depth + 1, true))
                 }
                 6 if nested => {
-                    let count = 2 + self.random.below(3);
+                    let count = 2 + self.random.u32(..3);
                     let cases = (0..count).map(|_| self.list(depth + 1, false));
                     Statement::Switch(cases.collect())
                 }
                 7 if nested => Statement::Elect(self.list(depth + 1, in_loop)),
                 8 | 9 if in_loop => Statement::Break(self.condition()),
                 10 if in_loop => Statement::Continue(self.condition()),
-                11 if self.random.below(3) == 0 => Statement::Return(self.condition()),
+                11 if self.random.u32(..3) == 0 => Statement::Return(self.condition()),
                 _ => Statement::Note,
             });
             list.push(Statement::Note);
@@ -253,7 +253,7 @@ fn invocations_meet_again_as_early_as_they_may() {
     let lanes = properties.subgroup_size.min(32);
     for seed in 0..40 {
         let mut generator = Generator {
-            random: Random::new(seed),
+            random: Rng::with_seed(seed),
             budget: 14,
         };
         let program = generator.list(0, false);

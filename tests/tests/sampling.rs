@@ -61,18 +61,18 @@ fn wrapped(mode: vk::SamplerAddressMode, i: i32, n: i32) -> Option<usize> {
 fn filters_and_address_modes() {
     use vk::SamplerAddressMode as Mode;
     let gpu = Gpu::new();
-    let mut random = Random::new(23);
+    let mut random = Rng::with_seed(23);
     let (width, height) = (7i32, 5i32);
     let texels: Vec<[f32; 4]> = (0..35)
-        .map(|_| std::array::from_fn(|_| random.between(0.0, 1.0)))
+        .map(|_| std::array::from_fn(|_| between(&mut random, 0.0, 1.0)))
         .collect();
     let picture = gpu.picture(Shape::flat(F::R32G32B32A32_SFLOAT, 7, 5), SAMPLED);
     gpu.upload(&picture, 0, texels.as_flattened());
     let places: Vec<[f32; 4]> = (0..1500)
         .map(|_| {
             [
-                random.between(-2.3, 3.3),
-                random.between(-2.3, 3.3),
+                between(&mut random, -2.3, 3.3),
+                between(&mut random, -2.3, 3.3),
                 0.0,
                 0.0,
             ]

@@ -138,16 +138,16 @@ fn down(points: &[[f32; 2]]) -> Vec<[f32; 6]> {
 #[test]
 fn spheres_are_hit_where_they_are() {
     let Some(gpu) = gpu() else { return };
-    let mut random = Random::new(7);
+    let mut random = Rng::with_seed(7);
     let spheres: Vec<[f32; 4]> = (0..500)
         .map(|_| {
-            let mut c = || random.between(-10.0, 10.0);
+            let mut c = || between(&mut random, -10.0, 10.0);
             [c(), c(), c(), (c() + 11.0) * 0.05]
         })
         .collect();
     let rays: Vec<[f32; 6]> = (0..1000)
         .map(|_| {
-            let mut c = |r: f32| random.between(-r, r);
+            let mut c = |r: f32| between(&mut random, -r, r);
             [c(10.0), c(10.0), -30.0, c(0.2), c(0.2), 1.0]
         })
         .collect();

@@ -91,27 +91,23 @@ enum Step {
     ClearDepth(Area, f32, u8),
 }
 
-fn pick<T: Copy>(random: &mut Random, of: &[T]) -> T {
-    of[random.below(of.len() as u32) as usize]
+fn pick<T: Copy>(random: &mut Rng, of: &[T]) -> T {
+    of[random.usize(..of.len())]
 }
 
-fn flip(random: &mut Random) -> bool {
-    random.below(2) == 1
-}
-
-fn random_color(random: &mut Random) -> [u8; 4] {
+fn random_color(random: &mut Rng) -> [u8; 4] {
     let [r, g, b] = std::array::from_fn(|_| pick(random, &[0, 1, 64, 100, 127, 128, 200, 255]));
     [r, g, b, pick(random, &[0, 255])]
 }
 
 /// Depths that viewports of 0 to 1 and of 1/4 to 3/4 keep exactly.
-fn random_depth(random: &mut Random) -> f32 {
-    random.below(17) as f32 / 16.0
+fn random_depth(random: &mut Rng) -> f32 {
+    random.u32(..17) as f32 / 16.0
 }
 
-fn random_area(random: &mut Random) -> Area {
-    let (x, y) = (random.below(WIDTH), random.below(HEIGHT));
-    let (width, height) = (1 + random.below(WIDTH - x), 1 + random.below(HEIGHT - y));
+fn random_area(random: &mut Rng) -> Area {
+    let (x, y) = (random.u32(..WIDTH), random.u32(..HEIGHT));
+    let (width, height) = (1 + random.u32(..WIDTH - x), 1 + random.u32(..HEIGHT - y));
     Area {
         low: [x, y].map(i64::from),
         high: [i64::from(x + width), i64::from(y + height)],
@@ -129,8 +125,8 @@ const COMPARISONS: [vk::CompareOp; 8] = [
     vk::CompareOp::ALWAYS,
 ];
 
-fn random_stencil(random: &mut Random) -> vk::StencilOpState {
-    let mut op = || vk::StencilOp::from_raw(random.below(8) as i32);
+fn random_stencil(random: &mut Rng) -> vk::StencilOpState {
+    let mut op = || vk::StencilOp::from_raw(random.i32(0..8));
     let (fail_op, pass_op, depth_fail_op) = (op(), op(), op());
     vk::StencilOpState {
         fail_op,
@@ -143,7 +139,7 @@ fn random_stencil(random: &mut Random) -> vk::StencilOpState {
     }
 }
 
-fn random_blend(random: &mut Random) -> vk::PipelineColorBlendAttachmentState {
+fn random_blend(random: &mut Rng) -> vk::PipelineColorBlendAttachmentState {
     let mut factor = || {
         let factors = [
             vk::BlendFactor::ZERO,
@@ -156,9 +152,9 @@ fn random_blend(random: &mut Random) -> vk::PipelineColorBlendAttachmentState {
         pick(random, &factors)
     };
     let factors: [_; 4] = std::array::from_fn(|_| factor());
-    let op = |random: &mut Random| vk::BlendOp::from_raw(random.below(5) as i32);
+    let op = |random: &mut Rng| vk::BlendOp::from_raw(random.i32(0..5));
     vk::PipelineColorBlendAttachmentState {
-        blend_enable: u32::from(flip(random)),
+        blend_enable: u32::from(random.bool()),
         src_color_blend_factor: factors[0],
         dst_color_blend_factor: factors[1],
         color_blend_op: op(random),
@@ -179,13 +175,10 @@ struct Able {
     clips_exactly: bool,
 }
 
-fn random_draw(random: &mut Random, able: Able, samples: u32, attachments: usize) -> Draw {
+fn random_draw(random: &mut Rng, able: Able, samples: u32, attachments: usize) -> Draw {
     // Powers of two make positions in clip space exact.
     let size = [pick(random, &[32, 64]), pick(random, &[32, 64])];
-    let low = [
-        i64::from(random.below(24)) - 8,
-        i64::from(random.below(24)) - 8,
-    ];
+    let low = [random.i64(0..24) - 8, random.i64(0..24) - 8];
     let viewport = Area {
         low,
         high: [low[0] + size[0], low[1] + size[1]],
@@ -207,7 +200,7 @@ fn random_draw(random: &mut Random, able: Able, samples: u32, attachments: usize
     };
     // Half pixels put vertices and edges onto centres and samples. Instances move by two pixels at most.
     let step = pick(random, &[1, 32, 128, 256]);
-    let reach = match able.clips_exactly && flip(random) {
+    let reach = match able.clips_exactly && random.bool() {
         true if !is_points => 6 * GRID,
         _ => -4 * GRID,
     };
@@ -216,7 +209,7 @@ fn random_draw(random: &mut Random, able: Able, samples: u32, attachments: usize
     let mut place = |axis: usize| {
         let from = (low[axis] * GRID - reach) / step;
         let to = ((low[axis] + size[axis]) * GRID + reach) / step;
-        let at = from + i64::from(random.below((to - from) as u32));
+        let at = random.i64(from..to);
         match is_points {
             // The edges of a point of odd width around an eighth of a pixel beside a centre miss all centres and samples.
             true => (at * step).div_euclid(GRID) * GRID + GRID / 2 + 8,
@@ -232,28 +225,28 @@ fn random_draw(random: &mut Random, able: Able, samples: u32, attachments: usize
         .map(|_| {
             let shift = match is_points {
                 true => [0, 0],
-                false => std::array::from_fn(|_| (i64::from(random.below(9)) - 4) * GRID / 2),
+                false => std::array::from_fn(|_| (random.i64(0..9) - 4) * GRID / 2),
             };
             let color = random_color(random);
-            (shift, flip(random).then_some(color))
+            (shift, random.bool().then_some(color))
         })
         .collect();
-    let first_instance = random.below(2);
-    let vertex_offset = random.below(4) as i32;
+    let first_instance = random.u32(..2);
+    let vertex_offset = random.i32(0..4);
     let can_restart = topology == vk::PrimitiveTopology::TRIANGLE_STRIP
         || topology == vk::PrimitiveTopology::TRIANGLE_FAN;
-    let indices = flip(random).then(|| {
-        let index = |_| match can_restart && random.below(6) == 0 {
+    let indices = random.bool().then(|| {
+        let index = |_| match can_restart && random.u32(..6) == 0 {
             true => None,
-            false => Some(random.below(VERTICES - vertex_offset as u32)),
+            false => Some(random.u32(..VERTICES - vertex_offset as u32)),
         };
         (0..18).map(index).collect()
     });
-    let first_vertex = random.below(4);
-    let fragment = match random.below(6) {
+    let first_vertex = random.u32(..4);
+    let fragment = match random.u32(..6) {
         0 => Fragment::Discard(pick(random, &[1, 2, 3])),
         1 => Fragment::Depth(random_depth(random)),
-        2 => Fragment::Mask(random.below(1 << samples)),
+        2 => Fragment::Mask(random.u32(..1 << samples)),
         _ => Fragment::Plain,
     };
     let blend = random_blend(random);
@@ -265,7 +258,7 @@ fn random_draw(random: &mut Random, able: Able, samples: u32, attachments: usize
         .collect();
     let state = State {
         viewport,
-        scissor: match flip(random) {
+        scissor: match random.bool() {
             true => random_area(random),
             false => whole(),
         },
@@ -283,14 +276,14 @@ fn random_draw(random: &mut Random, able: Able, samples: u32, attachments: usize
             &[vk::FrontFace::CLOCKWISE, vk::FrontFace::COUNTER_CLOCKWISE],
         ),
         fragment,
-        depth_test: flip(random),
-        depth_write: flip(random),
+        depth_test: random.bool(),
+        depth_write: random.bool(),
         depth_compare: pick(random, &COMPARISONS),
-        stencil_test: flip(random),
+        stencil_test: random.bool(),
         stencil: [random_stencil(random), random_stencil(random)],
         blends,
-        logic: (able.logic && random.below(4) == 0)
-            .then(|| vk::LogicOp::from_raw(random.below(16) as i32)),
+        logic: (able.logic && random.u32(..4) == 0)
+            .then(|| vk::LogicOp::from_raw(random.i32(0..16))),
     };
     Draw {
         state,
@@ -299,12 +292,12 @@ fn random_draw(random: &mut Random, able: Able, samples: u32, attachments: usize
         vertices,
         instances,
         first_instance,
-        instance_count: 1 + random.below(INSTANCES - first_instance),
+        instance_count: 1 + random.u32(..INSTANCES - first_instance),
         first_vertex,
-        vertex_count: 3 + random.below(VERTICES - first_vertex - 2),
+        vertex_count: 3 + random.u32(..VERTICES - first_vertex - 2),
         indices,
         vertex_offset,
-        is_short: flip(random),
+        is_short: random.bool(),
     }
 }
 
@@ -556,32 +549,28 @@ fn record_clear(gpu: &Gpu, commands: vk::CommandBuffer, step: &Step) {
 
 /// Runs one sequence on the device and in the reference, and compares.
 fn run(gpu: &Gpu, able: Able, seed: u32) {
-    let random = &mut Random::new(seed);
+    let random = &mut Rng::with_seed(seed.into());
     let samples = pick(random, &[1, 1, 4]);
-    let attachments = 1 + random.below(2) as usize;
+    let attachments = 1 + random.usize(..2);
     let colors: Vec<Canvas> = (0..attachments)
         .map(|_| gpu.canvas_of(RGBA, WIDTH, HEIGHT, 1, samples))
         .collect();
     let depth = gpu.canvas_of(DEPTH, WIDTH, HEIGHT, 1, samples);
     let mut frame = Frame::new(WIDTH, HEIGHT, samples as usize, attachments);
     for pass in 0..2 {
-        let steps: Vec<Step> = (0..1 + random.below(4))
-            .map(|_| match random.below(8) {
+        let steps: Vec<Step> = (0..1 + random.u32(..4))
+            .map(|_| match random.u32(..8) {
                 0 => Step::ClearColor(
-                    random.below(attachments as u32) as usize,
+                    random.usize(..attachments),
                     random_area(random),
                     random_color(random),
                 ),
-                1 => Step::ClearDepth(
-                    random_area(random),
-                    random_depth(random),
-                    random.bits() as u8,
-                ),
+                1 => Step::ClearDepth(random_area(random), random_depth(random), random.u8(..)),
                 _ => Step::Draw(Box::new(random_draw(random, able, samples, attachments))),
             })
             .collect();
         let clears: Vec<[u8; 4]> = (0..attachments).map(|_| random_color(random)).collect();
-        let clear_depth = (random_depth(random), random.bits() as u8);
+        let clear_depth = (random_depth(random), random.u8(..));
         let is_cleared = pass == 0;
 
         let floats: Vec<[f32; 4]> = clears
