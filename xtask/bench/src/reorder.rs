@@ -72,13 +72,13 @@ const HIT: &str = "layout(location = 0) rayPayloadInEXT uint payload; void main(
 
 /// A closed box of small triangles with as many floating inside.
 fn world(gpu: &Gpu) -> Structure {
-    let mut random = Random::new(3);
+    let mut random = Rng::with_seed(3);
     let mut corners = Vec::new();
     for _ in 0..20_000 {
-        let mut c = || random.between(-3.0, 3.0);
+        let mut c = || between(&mut random, -3.0, 3.0);
         let center = [c(), c(), c()];
         for _ in 0..3 {
-            corners.push(center.map(|c| c + random.between(-0.3, 0.3)));
+            corners.push(center.map(|c| c + between(&mut random, -0.3, 0.3)));
         }
     }
     gpu.scene(&[Geometry::opaque(&corners)])
