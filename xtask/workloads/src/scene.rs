@@ -1,7 +1,7 @@
 //! Meshes made by code, the same on every machine.
 
 use glam::{Affine3A, Quat, Vec3, vec3};
-use tuff_tests::Random;
+use tuff_tests::{Rng, between};
 
 /// Corners, and three numbers of corners for each triangle.
 #[derive(Clone, Debug, Default)]
@@ -73,13 +73,16 @@ pub fn ball(levels: u32) -> Mesh {
 
 /// Leaves of two triangles each, in `count` clumps' worth, over the ground.
 pub fn leaves(count: usize) -> Mesh {
-    let mut random = Random::new(7);
+    let mut random = Rng::with_seed(7);
     let mut mesh = Mesh::default();
     for _ in 0..count {
-        let (x, z) = (random.between(-18.0, 18.0), random.between(-18.0, 18.0));
-        let middle = vec3(x, height(x, z) + random.between(0.2, 3.0), z);
-        let turn = random.between(0.0, std::f32::consts::TAU);
-        let tilt = random.between(-0.8, 0.8);
+        let (x, z) = (
+            between(&mut random, -18.0, 18.0),
+            between(&mut random, -18.0, 18.0),
+        );
+        let middle = vec3(x, height(x, z) + between(&mut random, 0.2, 3.0), z);
+        let turn = between(&mut random, 0.0, std::f32::consts::TAU);
+        let tilt = between(&mut random, -0.8, 0.8);
         let along = vec3(turn.cos(), tilt, turn.sin()) * 0.4;
         let across = vec3(-turn.sin(), 0.3, turn.cos()) * 0.3;
         let first = mesh.corners.len() as u32;
@@ -94,11 +97,14 @@ pub fn leaves(count: usize) -> Mesh {
 
 /// Places for `count` things on the ground before the camera.
 pub fn places(count: usize) -> Vec<Vec3> {
-    let mut random = Random::new(3);
+    let mut random = Rng::with_seed(3);
     (0..count)
         .map(|_| {
-            let (x, z) = (random.between(-20.0, 20.0), random.between(-20.0, 20.0));
-            vec3(x, height(x, z) + random.between(0.5, 2.5), z)
+            let (x, z) = (
+                between(&mut random, -20.0, 20.0),
+                between(&mut random, -20.0, 20.0),
+            );
+            vec3(x, height(x, z) + between(&mut random, 0.5, 2.5), z)
         })
         .collect()
 }
@@ -112,14 +118,14 @@ pub struct Placement {
 
 /// Balls of different sizes, stretched and turned.
 pub fn placements(count: usize, materials: u32) -> Vec<Placement> {
-    let mut random = Random::new(11);
+    let mut random = Rng::with_seed(11);
     let mut place = |at: Vec3| {
-        let size = random.between(0.3, 1.2);
-        let turn = Quat::from_rotation_y(random.between(0.0, 6.0));
-        let stretched = vec3(size, size * random.between(0.6, 1.4), size);
+        let size = between(&mut random, 0.3, 1.2);
+        let turn = Quat::from_rotation_y(between(&mut random, 0.0, 6.0));
+        let stretched = vec3(size, size * between(&mut random, 0.6, 1.4), size);
         Placement {
             transform: Affine3A::from_scale_rotation_translation(stretched, turn, at),
-            material: random.below(materials),
+            material: random.u32(..materials),
         }
     };
     places(count).into_iter().map(&mut place).collect()

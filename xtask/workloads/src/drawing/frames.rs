@@ -1,6 +1,6 @@
 //! Many draws: objects of two triangles, and frames of an interface.
 
-use tuff_tests::{Bound, Gpu, Painting, Pass, Random, Shape, vk};
+use tuff_tests::{Bound, Gpu, Painting, Pass, Rng, Shape, vk};
 
 use super::{RGBA, canvas, check_colors, drawn, draws as can_draw, over, size, turn};
 use crate::workload::Prepared;
@@ -155,7 +155,7 @@ fn texel(x: u32, y: u32) -> [u8; 4] {
 
 /// Windows in a grid: a box behind, a title, and lines of text that are cut off.
 fn windows(width: u32, height: u32) -> Vec<Window> {
-    let mut random = Random::new(5);
+    let mut random = Rng::with_seed(5);
     let (columns, rows) = (16, 12);
     let (across, down) = (width / columns, height / rows);
     let mut windows = Vec::new();
@@ -184,7 +184,7 @@ fn windows(width: u32, height: u32) -> Vec<Window> {
             plain(left, top, across, 12, [70, 90, 140, 255]),
         ];
         for letter in 0..24 {
-            let place = [16 + random.below(220), 16 + random.below(220)];
+            let place = [16 + random.u32(..220), 16 + random.u32(..220)];
             items.push(Item {
                 left: left + 3 + letter % 9 * 9,
                 top: top + 2 + letter / 9 * 16,

@@ -3,7 +3,7 @@
 use anyhow::{Result, ensure};
 use glam::{Affine3A, DVec3, Mat4, Vec3, vec3};
 use rayon::prelude::*;
-use tuff_tests::{Gpu, Painting, Pass, Random, vk};
+use tuff_tests::{Gpu, Painting, Pass, Rng, vk};
 
 use super::{RGBA, canvas, drawn, draws, size, turn};
 use crate::scene::{self, Mesh};
@@ -170,11 +170,11 @@ fn check(
     found: &[[f32; 4]],
 ) -> Result<()> {
     const PIXELS: usize = 24;
-    let mut random = Random::new(17);
+    let mut random = Rng::with_seed(17);
     let [eye, right, up, ahead] = camera(scale).map(|it| Vec3::from(it).as_dvec3());
     let mut right_ones = 0;
     for _ in 0..PIXELS {
-        let (x, y) = (random.below(width), random.below(height));
+        let (x, y) = (random.u32(..width), random.u32(..height));
         let across = (f64::from(x) + 0.5) / f64::from(width) * 2.0 - 1.0;
         let down = (f64::from(y) + 0.5) / f64::from(height) * 2.0 - 1.0;
         let direction = ahead + right * across - up * down;
