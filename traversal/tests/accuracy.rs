@@ -1,10 +1,7 @@
 //! How exact hits are: distances and weights against f64, in the middle of well-shaped triangles.
 
-#[path = "scene/exact.rs"]
-mod exact;
-mod scene;
-
-use scene::*;
+use scenes::exact;
+use scenes::*;
 
 /// The greatest errors of t, in units in its last place, and of the weights, in 2⁻²⁴, and the
 /// number of hits they are of.

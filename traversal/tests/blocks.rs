@@ -1,8 +1,6 @@
 //! Structures of little memory, whose leaves share vertices, find what others find, bit for bit.
 
-mod scene;
-
-use scene::*;
+use scenes::*;
 use traversal::*;
 
 const FLAGS: [u32; 6] = [

@@ -1,8 +1,6 @@
 //! Closest hits against brute force in f64.
 
-mod scene;
-
-use scene::*;
+use scenes::*;
 use traversal::*;
 
 fn soup(random: &mut Random, count: usize, size: f64) -> Mesh {

@@ -1,14 +1,9 @@
 //! What counts as a hit where rays touch no more than a triangle's rim, its plane or its start.
 
-#[path = "scene/exact.rs"]
-mod exact;
-mod scene;
-#[path = "scene/ways.rs"]
-mod ways;
-
-use scene::*;
+use scenes::exact;
+use scenes::ways::all_ways;
+use scenes::*;
 use traversal::*;
-use ways::all_ways;
 
 fn soup(triangles: &[[[f32; 3]; 3]], opaque: bool) -> Mesh {
     Mesh {

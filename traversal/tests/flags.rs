@@ -1,9 +1,7 @@
 //! Walks against brute force over random scenes, ray flags, instance flags, masks and transforms.
 
-mod scene;
-
 use proptest::prelude::*;
-use scene::*;
+use scenes::*;
 use std::collections::BTreeMap;
 use traversal::*;
 

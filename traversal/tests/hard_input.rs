@@ -1,8 +1,6 @@
 //! Primitives and rays where methods fail: not numbers, infinite, coincident, degenerate, tiny.
 
-mod scene;
-
-use scene::*;
+use scenes::*;
 use std::time::{Duration, Instant};
 use traversal::*;
 

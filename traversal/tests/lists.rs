@@ -1,11 +1,7 @@
 //! Rays that are set up as a list find what each finds by itself without any shortcut, bit for bit, on every instruction set.
 
-#[path = "scene/odd.rs"]
-mod odd;
-mod scene;
-
-use odd::{plain, rays, steps};
-use scene::*;
+use scenes::odd::{plain, rays, steps};
+use scenes::*;
 use traversal::*;
 
 /// Walks rays in lists with one walker, and singly on the plainest way with another.

@@ -1,8 +1,6 @@
 //! Micromaps: closed meshes stay closed, and structures take their micromaps along.
 
-mod scene;
-
-use scene::*;
+use scenes::*;
 use traversal::*;
 
 /// A sphere whose triangles all use triangle 0 of a micromap.

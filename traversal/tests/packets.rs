@@ -1,8 +1,6 @@
 //! Rays that are traced together or in turn find what each finds by itself, bit for bit.
 
-mod scene;
-
-use scene::*;
+use scenes::*;
 use traversal::*;
 
 /// Traces rays together, in turn and one by one; returns whether the first could be done. Lanes that take no part stay as they are.

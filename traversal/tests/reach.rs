@@ -2,17 +2,9 @@
 //!
 //! `cargo xtask watertight` sends more rays at them.
 
-#[path = "scene/closed.rs"]
-mod closed;
-#[path = "scene/exact.rs"]
-mod exact;
-mod scene;
-#[path = "scene/ways.rs"]
-mod ways;
-
-use closed::{FAMILIES, LENGTHS, PLACEMENTS, cuboid, faults};
-use scene::*;
-use ways::all_ways;
+use scenes::closed::{self, FAMILIES, LENGTHS, PLACEMENTS, cuboid, faults};
+use scenes::ways::all_ways;
+use scenes::*;
 
 /// Rays for each mesh, length, placement and side.
 const COUNT: usize = 400;

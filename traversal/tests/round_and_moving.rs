@@ -1,8 +1,6 @@
 //! Spheres, linear swept spheres and triangles that move: structures of many find what each of them alone does, after updates and moves too.
 
-mod scene;
-
-use scene::*;
+use scenes::*;
 use traversal::*;
 
 fn point(random: &mut Random) -> [f32; 3] {

@@ -1,11 +1,9 @@
 //! Structures into which other threads write while rays walk through them: whatever is read, nobody leaves the live memory, and all ends.
 
-mod scene;
-
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
-use scene::*;
+use scenes::*;
 use traversal::*;
 
 /// How long a thread writes.
@@ -121,10 +119,10 @@ impl Arena {
         let triangles: Vec<[u32; 2]> = (0..8).map(|i| [i, 3 | 2 << 16]).collect();
         let mut micromap = Bytes::new(4096);
         let input = MicromapInput {
-            triangles: scene::memory(&triangles),
+            triangles: scenes::memory(&triangles),
             stride_bytes: 8,
             count: 8,
-            data: scene::memory(&states),
+            data: scenes::memory(&states),
         };
         // SAFETY: what the input names is alive.
         let size = unsafe { build_micromap(&input, &mut micromap) }.unwrap();

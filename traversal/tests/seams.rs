@@ -2,9 +2,7 @@
 //!
 //! Rays by the count of the environment's RAYS, for each distance.
 
-mod scene;
-
-use scene::*;
+use scenes::*;
 
 fn count() -> usize {
     let given = std::env::var("RAYS").ok();

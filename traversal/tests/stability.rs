@@ -1,13 +1,7 @@
 //! What hard scenes are promised: every hit is found, none is invented, and distances are right.
 
-#[path = "scene/exact.rs"]
-mod exact;
-#[path = "scene/hard.rs"]
-mod hard;
-mod scene;
-
-use hard::{CASES, fault};
-use scene::*;
+use scenes::hard::{self, CASES, fault};
+use scenes::*;
 use traversal::*;
 
 /// Faults by column, in walks of this accuracy.

@@ -1,11 +1,7 @@
 //! Rays that are traced in streams find what each finds by itself without any shortcut, bit for bit.
 
-#[path = "scene/odd.rs"]
-mod odd;
-mod scene;
-
-use odd::{plain, rays, steps};
-use scene::*;
+use scenes::odd::{self, plain, rays, steps};
+use scenes::*;
 use traversal::*;
 
 /// Groups of rays, their hits, and the walks that stopped somewhere.

@@ -1,8 +1,6 @@
 //! Structures as memory: sizes, updates, copies, serialization, corruption, determinism.
 
-mod scene;
-
-use scene::*;
+use scenes::*;
 use traversal::*;
 
 fn sphere(levels: u32, scale: f64, opaque: bool) -> Mesh {

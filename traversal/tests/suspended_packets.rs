@@ -1,8 +1,6 @@
 //! Rays that walk together and stop for candidates find what each finds by itself.
 
-mod scene;
-
-use scene::*;
+use scenes::*;
 use traversal::*;
 
 /// What shaders are taken to decide: a number for each candidate.

@@ -3,9 +3,7 @@
 //! Rays are aimed at edges and vertices of a sphere of triangles, well inside its outline: whatever
 //! rounding does to such a ray, it goes through the front of the sphere and through the back.
 
-mod scene;
-
-use scene::*;
+use scenes::*;
 use traversal::*;
 
 struct Sphere {

@@ -11,9 +11,9 @@ use traversal::{BuildFlags, Walker};
 
 use crate::Options;
 use crate::report::{Chart, Report};
-use crate::scene::{Scene, closest_with};
 use crate::timing::alternate;
 use crate::walks::{any_rays, bumpy};
+use scenes::{Scene, closest_with};
 
 const FLAGS: [(&str, u32, Mark); 4] = [
     ("default", 0, Mark::Default),
@@ -42,7 +42,7 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
     let mut builds: Vec<Box<dyn FnMut() + '_>> = Vec::new();
     for (_, flags, _) in FLAGS {
         builds.push(Box::new(move || {
-            black_box(crate::scene::build_meshes(meshes, flags));
+            black_box(scenes::build_meshes(meshes, flags));
         }));
     }
     let build_times = alternate(rounds, &mut builds);
@@ -95,7 +95,7 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
 }
 
 /// obvhs' builders under its own walk of two-way nodes.
-fn others(mesh: &crate::scene::Mesh, rays: &[traversal::Ray], rounds: usize) -> Vec<Point> {
+fn others(mesh: &scenes::Mesh, rays: &[traversal::Ray], rounds: usize) -> Vec<Point> {
     let triangles: Vec<obvhs::triangle::Triangle> = (0..mesh.indices.len())
         .map(|index| {
             let [v0, v1, v2] = mesh.triangle(index).map(Into::into);

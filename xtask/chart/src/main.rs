@@ -16,21 +16,6 @@ mod triangles;
 mod walks;
 mod workload;
 
-#[path = "../../bench/src/traversal/embree.rs"]
-#[allow(dead_code, reason = "the bench needs more of it")]
-mod embree;
-#[path = "../../../traversal/tests/scene/exact.rs"]
-mod exact;
-#[path = "../../../traversal/tests/scene/hard.rs"]
-mod hard;
-#[path = "../../../traversal/tests/scene/mod.rs"]
-mod scene;
-
-/// What [`embree`] builds from.
-mod mesh {
-    pub use crate::scene::Mesh;
-}
-
 use std::path::PathBuf;
 use std::process::ExitCode;
 

@@ -11,11 +11,11 @@ use canvas::{Cell, HeatMap, save, short};
 use traversal::{Accuracy, Ray};
 
 use crate::Options;
-use crate::embree::{Embree, Quality};
-use crate::hard::{CASES, Case, Hard, fault};
 use crate::report::Report;
 use crate::triangles::Test;
 use crate::walks::Engine;
+use embree::{Embree, Quality};
+use scenes::hard::{CASES, Case, Hard, fault};
 
 /// A share of wrong answers, as a cell.
 fn cell(wrong: usize, all: usize) -> Option<Cell> {
@@ -39,7 +39,7 @@ fn cell(wrong: usize, all: usize) -> Option<Cell> {
 enum Method {
     /// Every triangle is tested.
     Tests(Test),
-    Walk(fn(&crate::scene::Mesh) -> Engine),
+    Walk(fn(&scenes::Mesh) -> Engine),
     /// Embree, robust or not; left out where it is not there.
     Embree(bool),
 }

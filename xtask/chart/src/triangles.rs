@@ -7,10 +7,10 @@ use canvas::{Mark, Point};
 use traversal::{Accuracy, Ray, TriangleTest};
 
 use crate::Options;
-use crate::exact;
 use crate::report::{Chart, Report};
-use crate::scene::{Mesh, Random, cross, dot, icosphere, narrow, normalize, ray, sub, wide};
 use crate::timing::alternate;
+use scenes::exact;
+use scenes::{Mesh, Random, cross, dot, icosphere, narrow, normalize, ray, sub, wide};
 
 /// Where a ray meets a triangle: distance, and the weights of the second and the third vertex.
 pub type Meeting = (f32, [f32; 2]);

@@ -14,11 +14,9 @@ use traversal::{Accuracy, Options as WalkOptions, Ray, Specialisation, Tier, Wal
 
 use crate::Options;
 use crate::report::{Chart, Report};
-use crate::scene::{
-    Mesh, Random, Scene, closest_with, icosphere, narrow, normalize, ray, sub, wide,
-};
 use crate::timing::alternate;
 use crate::triangles::Test;
+use scenes::{Mesh, Random, Scene, closest_with, icosphere, narrow, normalize, ray, sub, wide};
 
 /// A structure over a mesh, and how it is walked.
 pub enum Engine {

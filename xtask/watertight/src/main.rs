@@ -4,15 +4,7 @@
 //! pairs of triangles whose common edge a ray meets as nearly as numbers can say, against whole
 //! numbers. The program needs no file and no driver.
 
-#[path = "../../../traversal/tests/scene/closed.rs"]
-mod closed;
-#[path = "../../../traversal/tests/scene/exact.rs"]
-mod exact;
-#[path = "../../../traversal/tests/scene/mod.rs"]
-mod scene;
 mod triples;
-#[path = "../../../traversal/tests/scene/ways.rs"]
-mod ways;
 
 use std::collections::BTreeMap;
 use std::process::ExitCode;
@@ -21,7 +13,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use clap::Parser;
 
-use closed::{FAMILIES, Faults, LENGTHS, PLACEMENTS};
+use scenes::closed::{self, FAMILIES, Faults, LENGTHS, PLACEMENTS};
 
 #[derive(Parser)]
 #[command(
@@ -135,7 +127,10 @@ fn main() -> ExitCode {
         }
     });
     let rows = rows.into_inner().expect("threads have ended");
-    let tiers: Vec<_> = ways::walkers().into_iter().map(|(name, _)| name).collect();
+    let tiers: Vec<_> = scenes::ways::walkers()
+        .into_iter()
+        .map(|(name, _)| name)
+        .collect();
     println!(
         "walkers: {}; {threads} threads, {:.0?}",
         tiers.join("; "),

@@ -2,10 +2,10 @@
 
 use traversal::Ray;
 
-use crate::closed::Faults;
-use crate::exact;
-use crate::scene::*;
-use crate::ways::walkers;
+use scenes::closed::Faults;
+use scenes::exact;
+use scenes::ways::walkers;
+use scenes::*;
 
 pub const KINDS: [&str; 6] = [
     "through an edge",

@@ -4,14 +4,10 @@
 //! what is compared is processor time of the same turn, so that a busy machine troubles all alike.
 //! Before anything is printed, engines must agree on the number of hits and on their distances.
 
-mod embree;
-mod mesh;
-mod random;
 mod rays;
 mod scene;
 mod table;
 mod tuff;
-mod vector;
 
 use std::path::PathBuf;
 

@@ -1,11 +1,11 @@
 //! The rays: three kinds, made once and the same for every engine.
 
+use fastrand::Rng;
+use glam::Vec3;
 use traversal::{Ray, ray_flags};
 
-use super::random::Random;
-use super::scene::Scene;
+use super::scene::{Scene, direction};
 use super::tuff::Tuff;
-use super::vector::{Vector, add, cross, dot, normalize, scale, subtract};
 
 /// A kind of rays.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -34,9 +34,9 @@ const TILE: u32 = 4;
 
 /// Rays of a picture of `size` × `size` pixels, tile by tile.
 pub fn primary(scene: &Scene, size: u32) -> Vec<Ray> {
-    let forward = normalize(subtract(scene.target, scene.eye));
-    let right = normalize(cross(forward, [0.0, 1.0, 0.0]));
-    let up = cross(right, forward);
+    let forward = (scene.target - scene.eye).normalize();
+    let right = forward.cross(Vec3::Y).normalize();
+    let up = right.cross(forward);
     let mut rays = Vec::new();
     for tile in 0..(size / TILE) * (size / TILE) {
         let (tile_x, tile_y) = (tile % (size / TILE), tile / (size / TILE));
@@ -45,11 +45,10 @@ pub fn primary(scene: &Scene, size: u32) -> Vec<Ray> {
                 2.0 * ((TILE * tile + pixel) as f32 + 0.5) / size as f32 - 1.0
             };
             let (x, y) = (at(tile_x, pixel % TILE), at(tile_y, pixel / TILE));
-            let aside = add(scale(right, 0.55 * x), scale(up, -0.55 * y));
             rays.push(Ray {
-                origin: scene.eye,
+                origin: scene.eye.into(),
                 t_min: 0.0,
-                direction: add(forward, aside),
+                direction: (forward + 0.55 * x * right - 0.55 * y * up).into(),
                 t_max: f32::INFINITY,
                 flags: 0,
                 cull_mask: 0xFF,
@@ -61,36 +60,37 @@ pub fn primary(scene: &Scene, size: u32) -> Vec<Ray> {
 
 /// Shadow rays and diffuse rays from where primary rays end.
 pub fn secondary(scene: &Scene, tuff: &Tuff, primary: &[Ray]) -> (Vec<Ray>, Vec<Ray>) {
-    let mut random = Random::new(17);
+    let mut random = Rng::with_seed(17);
     let (mut shadow, mut diffuse) = (Vec::new(), Vec::new());
     for (ray, hit) in primary.iter().zip(tuff.hits(primary)) {
         let Some(hit) = hit else { continue };
-        let [a, b, c] = scene.mesh.indices[hit.primitive_index as usize]
-            .map(|i| scene.mesh.vertices[i as usize]);
-        let normal = normalize(cross(subtract(b, a), subtract(c, a)));
-        let normal = if dot(normal, ray.direction) > 0.0 {
-            scale(normal, -1.0)
-        } else {
-            normal
+        let [a, b, c] = scene
+            .mesh
+            .triangle(hit.primitive_index as usize)
+            .map(Vec3::from);
+        let normal = (b - a).cross(c - a).normalize();
+        let direction_in = Vec3::from(ray.direction);
+        let normal = match normal.dot(direction_in) > 0.0 {
+            true => -normal,
+            false => normal,
         };
-        if !normal.iter().all(|c| c.is_finite()) {
+        if !normal.is_finite() {
             continue;
         }
-        let point = add(ray.origin, scale(ray.direction, hit.t));
-        let reach = point.iter().fold(1f32, |most, c| most.max(c.abs()));
-        let origin = add(point, scale(normal, 1e-4 * reach));
-        let toward = |direction: Vector, t_max: f32, flags: u32| Ray {
-            origin,
+        let point = Vec3::from(ray.origin) + hit.t * direction_in;
+        let origin = point + 1e-4 * point.abs().max_element().max(1.0) * normal;
+        let toward = |direction: Vec3, t_max: f32, flags: u32| Ray {
+            origin: origin.into(),
             t_min: 0.0,
-            direction,
+            direction: direction.into(),
             t_max,
             flags,
             cull_mask: 0xFF,
         };
-        let to_light = subtract(scene.light, origin);
+        let to_light = scene.light - origin;
         shadow.push(toward(to_light, 1.0, ray_flags::TERMINATE_ON_FIRST_HIT));
-        let bounce = add(normal, scale(random.direction(), 0.999));
-        diffuse.push(toward(normalize(bounce), f32::INFINITY, 0));
+        let bounce = normal + 0.999 * direction(&mut random);
+        diffuse.push(toward(bounce.normalize(), f32::INFINITY, 0));
     }
     (shadow, diffuse)
 }

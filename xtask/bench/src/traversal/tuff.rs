@@ -2,49 +2,17 @@
 //! instance.
 
 use anyhow::{Context, Result};
+use scenes::{Bytes, IDENTITY, InstanceRecord, Mesh, build_instances};
 use traversal::{
-    BuildFlags, BuildInput, Caller, Event, Geometries, GeometryFlags, Hit, HitRows, IndexType,
-    InstanceArray, InstanceSource, Kind, Memory, PACKET, Ray, RayRows, TriangleGeometry, Verdict,
-    VertexFormat, Walk, Walker, build, build_sizes,
+    BuildFlags, BuildInput, Caller, Event, Geometries, Hit, HitRows, Kind, PACKET, Ray, RayRows,
+    Verdict, Walk, Walker, build, build_sizes,
 };
-
-use super::mesh::Mesh;
-
-/// A 256-byte line of a blob.
-#[derive(Clone, Copy)]
-#[repr(align(256))]
-struct Line(#[allow(dead_code, reason = "written through pointers")] [u8; 256]);
-
-/// Memory of a structure or for a build.
-pub struct Blob(Vec<Line>);
-
-impl Blob {
-    fn new(bytes: u64) -> Blob {
-        Blob(vec![Line([0; 256]); bytes.div_ceil(256) as usize])
-    }
-
-    fn bytes(&mut self) -> &mut [u8] {
-        // SAFETY: as long as the lines.
-        unsafe { std::slice::from_raw_parts_mut(self.0.as_mut_ptr().cast(), 256 * self.0.len()) }
-    }
-
-    fn address(&self) -> u64 {
-        self.0.as_ptr().expose_provenance() as u64
-    }
-}
-
-fn memory<T>(slice: &[T]) -> Memory {
-    Memory {
-        base: slice.as_ptr().cast(),
-        bytes: size_of_val(slice),
-    }
-}
 
 /// Memory for the bottom level of a mesh, taken before the clock starts, as applications do.
 pub struct Place {
     flags: BuildFlags,
-    blob: Blob,
-    scratch: Blob,
+    blob: Bytes,
+    scratch: Bytes,
 }
 
 impl Place {
@@ -53,36 +21,25 @@ impl Place {
         let sizes = build_sizes(Kind::Triangles, flags, &[mesh.indices.len() as u32]);
         Place {
             flags,
-            blob: Blob::new(sizes.structure_bytes),
-            scratch: Blob::new(sizes.build_scratch_bytes),
+            blob: Bytes::new(sizes.structure_bytes),
+            scratch: Bytes::new(sizes.build_scratch_bytes),
         }
     }
 
     /// Bytes that were reported for structure and scratch.
     pub fn reported(&self) -> [usize; 2] {
-        [256 * self.blob.0.len(), 256 * self.scratch.0.len()]
+        [self.blob.len(), self.scratch.len()]
     }
 
     /// Builds the bottom level; returns the bytes in use.
     pub fn build(&mut self, mesh: &Mesh) -> Result<u64> {
-        let list = [TriangleGeometry {
-            vertices: memory(&mesh.vertices),
-            vertex_stride_bytes: 12,
-            vertex_format: VertexFormat::F32x3,
-            first_vertex: 0,
-            index_type: IndexType::U32,
-            indices: memory(&mesh.indices),
-            transform: None,
-            primitive_count: mesh.indices.len() as u32,
-            flags: GeometryFlags(GeometryFlags::OPAQUE),
-            micromap: None,
-        }];
+        let list = [mesh.geometry()];
         let input = BuildInput {
             flags: self.flags,
             geometries: Geometries::Triangles(&list),
         };
         // SAFETY: the mesh is borrowed.
-        unsafe { build(&input, self.blob.bytes(), self.scratch.bytes()) }.context("building")
+        unsafe { build(&input, &mut self.blob, &mut self.scratch) }.context("building")
     }
 }
 
@@ -117,35 +74,15 @@ impl Caller for Found {
 pub struct Tuff {
     pub bytes: u64,
     pub reported: [usize; 2],
-    _bottom: Blob,
-    top: Blob,
+    _bottom: Bytes,
+    top: Bytes,
 }
 
 impl Tuff {
     pub fn new(mesh: &Mesh, mut place: Place) -> Result<Tuff> {
         let bytes = place.build(mesh)?;
-        let mut record = [0u32; 16];
-        for diagonal in [0, 5, 10] {
-            record[diagonal] = 1f32.to_bits();
-        }
-        record[12] = 0xFF << 24;
-        let reference = place.blob.address();
-        (record[14], record[15]) = (reference as u32, (reference >> 32) as u32);
-        let input = BuildInput {
-            flags: place.flags,
-            geometries: Geometries::Instances(InstanceSource {
-                memory: memory(&record),
-                array: InstanceArray::Records,
-                count: 1,
-                flags: GeometryFlags(0),
-                live: &traversal::EVERYWHERE,
-            }),
-        };
-        let sizes = build_sizes(Kind::Instances, place.flags, &[1]);
-        let mut top = Blob::new(sizes.structure_bytes);
-        let mut scratch = Blob::new(sizes.build_scratch_bytes);
-        // SAFETY: the record is borrowed, and the bottom level is built.
-        unsafe { build(&input, top.bytes(), scratch.bytes()) }.context("building the top level")?;
+        let instance = InstanceRecord::new(&place.blob, IDENTITY);
+        let top = build_instances(&[instance], place.flags.0);
         Ok(Tuff {
             bytes,
             reported: place.reported(),

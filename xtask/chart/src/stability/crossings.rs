@@ -6,8 +6,8 @@ use traversal::Accuracy;
 use super::Map;
 use crate::Options;
 use crate::report::Report;
-use crate::scene::{Mesh, Random, Scene, candidates, icosphere, narrow, normalize, ray, sub, wide};
 use crate::triangles::Test;
+use scenes::{Mesh, Random, Scene, candidates, icosphere, narrow, normalize, ray, sub, wide};
 
 const ROWS: [&str; 5] = [
     "Möller–Trumbore f32",
@@ -67,7 +67,7 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
                 });
                 *wrong += usize::from(front != 1);
             }
-            let hit = crate::scene::closest(&solid.top, &ray);
+            let hit = scenes::closest(&solid.top, &ray);
             wrong[3] += usize::from(!hit.is_some_and(|hit| hit.t < 1.2));
             let seen = candidates(&scene.top, &ray);
             let front = seen.iter().filter(|hit| hit.t < 1.2).count();

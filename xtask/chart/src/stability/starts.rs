@@ -7,9 +7,7 @@ use traversal::{Hit, Ray, Walker};
 use super::Map;
 use crate::Options;
 use crate::report::Report;
-use crate::scene::{
-    Mesh, Random, Scene, closest_with, cross, dot, narrow, normalize, ray, sub, wide,
-};
+use scenes::{Mesh, Random, Scene, closest_with, cross, dot, narrow, normalize, ray, sub, wide};
 
 /// Where a ray starts that leaves a surface: how the point is found, and how it is moved.
 struct Way {
@@ -181,7 +179,7 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
                 continue;
             }
             let triangle = mesh.triangle(hit.primitive_index as usize);
-            let normal = crate::hard::unit_normal(&triangle);
+            let normal = scenes::hard::unit_normal(&triangle);
             let toward = if dot(normal, way) < 0.0 { -1.0 } else { 1.0 };
             let seen = Seen {
                 ray: &coming,

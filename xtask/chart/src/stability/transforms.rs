@@ -6,12 +6,12 @@ use traversal::Accuracy;
 
 use super::Map;
 use crate::Options;
-use crate::hard::{TOLERANCE, fault};
 use crate::report::Report;
-use crate::scene::{
+use crate::triangles::Test;
+use scenes::hard::{TOLERANCE, fault};
+use scenes::{
     Mesh, Random, Scene, closest_with, cross, dot, icosphere, narrow, normalize, ray, sub, wide,
 };
-use crate::triangles::Test;
 use traversal::{Options as WalkOptions, Ray, Walker};
 
 const ROWS: [&str; 4] = [

@@ -7,8 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use libloading::Library;
-
-use super::mesh::Mesh;
+use scenes::Mesh;
 use traversal::Ray;
 
 type Device = *mut c_void;

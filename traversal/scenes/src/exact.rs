@@ -1,11 +1,10 @@
 //! Where a ray meets triangles, by whole numbers: nothing is rounded but the answer.
-#![allow(dead_code, reason = "each user needs a part")]
 
 use num_bigint::BigInt;
 use num_traits::{Signed, ToPrimitive, Zero};
 use traversal::Ray;
 
-use super::scene::{Mesh, cross, dot, sub, wide};
+use crate::{Mesh, cross, dot, sub, wide};
 
 /// Where a ray meets a triangle, edges and vertices included.
 #[derive(Clone, Copy, Debug)]

@@ -1,6 +1,6 @@
 //! Scenes and rays that meet planes, corners and each other's distances exactly.
 
-use super::scene::*;
+use crate::*;
 use traversal::*;
 
 /// Boxes that stand on whole numbers, so that planes of nodes meet the rays' origins.

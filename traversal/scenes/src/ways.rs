@@ -1,7 +1,6 @@
 //! The same rays by every tier and in every way of walking.
-#![allow(dead_code, reason = "each user needs a part")]
 
-use super::scene::*;
+use crate::*;
 use traversal::*;
 
 /// Rays in groups of sixteen, and what became of them.

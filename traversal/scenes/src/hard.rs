@@ -1,10 +1,9 @@
 //! Scenes that are hard to get right, each by a number that makes it harder.
-#![allow(dead_code, reason = "each user needs a part")]
 
 use traversal::Ray;
 
-use super::exact;
-use super::scene::{Mesh, Random, cross, dot, icosphere, narrow, normalize, ray, sub, wide};
+use crate::exact;
+use crate::{Mesh, Random, cross, dot, icosphere, narrow, normalize, ray, sub, wide};
 
 /// A mesh, rays at it, and where each meets it first.
 pub struct Hard {
@@ -331,27 +330,15 @@ fn placed(point: [f64; 3], frame: &[[f64; 3]; 3]) -> [f64; 3] {
 
 /// A flat grid of 16 × 16 squares from −1 to 1, at these heights.
 fn grid(heights: &[f64], frame: &[[f64; 3]; 3]) -> Mesh {
-    const SIDE: u32 = 16;
     let mut mesh = Mesh {
         opaque: true,
         ..Mesh::default()
     };
     for &height in heights {
-        let first = mesh.vertices.len() as u32;
-        for j in 0..=SIDE {
-            for i in 0..=SIDE {
-                let at = |k: u32| f64::from(k) * 2.0 / f64::from(SIDE) - 1.0;
-                mesh.vertices
-                    .push(narrow(placed([at(i), at(j), height], frame)));
-            }
-        }
-        for j in 0..SIDE {
-            for i in 0..SIDE {
-                let a = first + j * (SIDE + 1) + i;
-                let (b, c, d) = (a + 1, a + SIDE + 1, a + SIDE + 2);
-                mesh.indices.extend([[a, b, c], [b, d, c]]);
-            }
-        }
+        mesh.patch(16, 16, |u, v| {
+            let [x, y] = [u, v].map(|share| 2.0 * f64::from(share) - 1.0);
+            narrow(placed([x, y, height], frame)).into()
+        });
     }
     mesh
 }

@@ -1,5 +1,11 @@
 //! Scenes for tests: aligned memory, meshes, instances, and walking them to the end.
-#![allow(dead_code, reason = "each test uses a part")]
+
+pub mod closed;
+pub mod exact;
+pub mod hard;
+pub mod odd;
+mod shapes;
+pub mod ways;
 
 use traversal::*;
 
@@ -238,7 +244,7 @@ pub fn candidates_with(walker: &mut Walker, top: &Bytes, ray: &Ray) -> Vec<Hit> 
     found
 }
 
-/// xorshift: a fixed sequence of numbers in [0, 1).
+/// xorshift: a sequence of numbers in [0, 1) that stays, since what is measured with it is on record.
 pub struct Random(pub u64);
 
 impl Random {
@@ -268,10 +274,10 @@ impl Random {
     }
 }
 
-/// A closed sphere: an icosahedron whose faces are split `levels` times. Unit radius, f64.
-pub fn icosphere(levels: u32) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+/// The corners of an icosahedron, not of unit length.
+pub fn icosahedron() -> [[f64; 3]; 12] {
     let p = (1.0 + 5f64.sqrt()) / 2.0;
-    let mut vertices: Vec<[f64; 3]> = [
+    [
         [-1.0, p, 0.0],
         [1.0, p, 0.0],
         [-1.0, -p, 0.0],
@@ -285,30 +291,36 @@ pub fn icosphere(levels: u32) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
         [-p, 0.0, -1.0],
         [-p, 0.0, 1.0],
     ]
-    .map(normalize)
-    .to_vec();
-    let mut faces: Vec<[u32; 3]> = vec![
-        [0, 11, 5],
-        [0, 5, 1],
-        [0, 1, 7],
-        [0, 7, 10],
-        [0, 10, 11],
-        [1, 5, 9],
-        [5, 11, 4],
-        [11, 10, 2],
-        [10, 7, 6],
-        [7, 1, 8],
-        [3, 9, 4],
-        [3, 4, 2],
-        [3, 2, 6],
-        [3, 6, 8],
-        [3, 8, 9],
-        [4, 9, 5],
-        [2, 4, 11],
-        [6, 2, 10],
-        [8, 6, 7],
-        [9, 8, 1],
-    ];
+}
+
+/// Its faces.
+pub const ICOSAHEDRON: [[u32; 3]; 20] = [
+    [0, 11, 5],
+    [0, 5, 1],
+    [0, 1, 7],
+    [0, 7, 10],
+    [0, 10, 11],
+    [1, 5, 9],
+    [5, 11, 4],
+    [11, 10, 2],
+    [10, 7, 6],
+    [7, 1, 8],
+    [3, 9, 4],
+    [3, 4, 2],
+    [3, 2, 6],
+    [3, 6, 8],
+    [3, 8, 9],
+    [4, 9, 5],
+    [2, 4, 11],
+    [6, 2, 10],
+    [8, 6, 7],
+    [9, 8, 1],
+];
+
+/// A closed sphere: an icosahedron whose faces are split `levels` times. Unit radius, f64.
+pub fn icosphere(levels: u32) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+    let mut vertices = icosahedron().map(normalize).to_vec();
+    let mut faces = ICOSAHEDRON.to_vec();
     for _ in 0..levels {
         let mut middles = std::collections::HashMap::new();
         let mut middle = |a: u32, b: u32| {

@@ -1,10 +1,9 @@
 //! Closed meshes whose faces reach far, rays at their edges and vertices, and what is right about
 //! those: a ray from inside leaves through the surface, whatever the proportions.
-#![allow(dead_code, reason = "each user needs a part")]
 
-use super::exact;
-use super::scene::*;
-use super::ways::{all_ways, walkers};
+use crate::exact;
+use crate::ways::{all_ways, walkers};
+use crate::*;
 use traversal::*;
 
 /// A closed mesh by how far it reaches.
