@@ -50,38 +50,34 @@ fuzz_target!(|given: Given| {
         0 => BuildFlags::ALLOW_UPDATE,
         _ => BuildFlags::LOW_MEMORY,
     };
-    let (triangles, boxes) = ([given.list.triangles()], [given.list.boxes()]);
-    let (swept, motion) = ([given.list.swept()], [given.list.motion()]);
-    let counts = [triangles[0].primitive_count];
-    let (kind, geometries) = match given.kind % 4 {
-        0 => (Kind::Triangles, Geometries::Triangles(&triangles)),
-        1 => (Kind::Aabbs, Geometries::Aabbs(&boxes)),
-        2 => (Kind::Swept, Geometries::Swept(&swept)),
-        _ => (Kind::Motion, Geometries::Motion(&motion)),
+    let geometries = match given.kind % 4 {
+        0 => Geometries::Triangles(&[given.list.triangles()]),
+        1 => Geometries::Aabbs(&[given.list.boxes()]),
+        2 => Geometries::Swept(&[given.list.swept()]),
+        _ => Geometries::Motion(&[given.list.motion()]),
     };
-    let bottom = built(kind, flags, geometries, &counts);
+    let input = BuildInput {
+        flags: BuildFlags(flags),
+        geometries,
+    };
+    let bottom = build_blob(&input);
     let records: Vec<_> = (0..1 + given.copies % 20)
         .map(|i| {
             let mut transform = IDENTITY;
             transform[3] = f32::from(i);
-            Record {
-                transform,
-                custom_index_and_mask: 0xFF00_0000,
-                sbt_offset_and_flags: 0,
-                reference: bottom.address(),
-            }
+            InstanceRecord::new(&bottom, transform)
         })
         .collect();
-    let top = placed(&records, flags);
+    let top = build_instances(&records, flags);
 
     for (whole, is_top) in [(&bottom, false), (&top, true)] {
         // SAFETY: there are no micromaps.
         let size = unsafe { serialized_size(whole, &EVERYWHERE) }.unwrap();
-        let mut data = Exact::new(size);
+        let mut data = Bytes::new(size);
         // SAFETY: as above.
         unsafe { serialize(whole, &[[7; 16]; 2], &mut data, &EVERYWHERE) }.unwrap();
         corrupt(&mut data, 0, &given.writes);
-        let mut place = Exact::new(compacted_size(whole).unwrap());
+        let mut place = Bytes::new(compacted_size(whole).unwrap());
         if deserialize(&data, &mut place, &EVERYWHERE).is_ok() {
             assert_eq!(validate(&place), Ok(()));
             if !is_top {
@@ -94,14 +90,14 @@ fuzz_target!(|given: Given| {
         }
 
         // In memory, with its header, which only validation has to bear.
-        let mut place = Exact::new(compacted_size(whole).unwrap());
+        let mut place = Bytes::new(compacted_size(whole).unwrap());
         compact_into(whole, &mut place).unwrap();
         corrupt(&mut place, 0, &given.writes);
         let _ = validate(&place);
     }
 
     // The bottom level but for its header, and the top level's nodes but not its references.
-    let mut place = Exact::new(compacted_size(&bottom).unwrap());
+    let mut place = Bytes::new(compacted_size(&bottom).unwrap());
     compact_into(&bottom, &mut place).unwrap();
     corrupt(&mut place, HEADER, &given.writes);
     let tops = over(&place, IDENTITY, 0);
@@ -109,12 +105,8 @@ fuzz_target!(|given: Given| {
         walked(&tops, ray, FUEL);
     }
     walked_together(&tops, &rays, FUEL);
-    let input = BuildInput {
-        flags: BuildFlags(flags),
-        geometries,
-    };
     // SAFETY: the list is alive.
-    if unsafe { update(&input, None, &mut place, &mut Exact::new(64)) }.is_ok() {
+    if unsafe { update(&input, None, &mut place, &mut Bytes::new(64)) }.is_ok() {
         assert_eq!(validate(&place), Ok(()));
         for ray in &rays {
             walked(&tops, ray, FUEL);
@@ -122,7 +114,7 @@ fuzz_target!(|given: Given| {
         walked_together(&tops, &rays, FUEL);
     }
 
-    let mut place = Exact::new(compacted_size(&top).unwrap());
+    let mut place = Bytes::new(compacted_size(&top).unwrap());
     compact_into(&top, &mut place).unwrap();
     let references = HEADER + 256 + (8 * records.len()).next_multiple_of(256);
     corrupt(&mut place, references, &given.writes);

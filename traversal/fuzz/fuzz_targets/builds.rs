@@ -20,33 +20,31 @@ struct Given {
     rays: Vec<GivenRay>,
 }
 
-static POOL: LazyLock<rayon::ThreadPool> =
-    LazyLock::new(|| rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap());
+static POOL: LazyLock<rayon::ThreadPool> = LazyLock::new(|| {
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(2)
+        .build()
+        .unwrap()
+});
 
-/// Calls `then` with the lists as geometries of one kind.
-fn with<T>(kind: u8, lists: &[GivenList], then: impl FnOnce(Kind, Geometries<'_>, &[u32]) -> T) -> T {
-    match kind % 8 {
-        0..=3 => {
-            let list: Vec<_> = lists.iter().map(GivenList::triangles).collect();
-            let counts: Vec<_> = list.iter().map(|list| list.primitive_count).collect();
-            then(Kind::Triangles, Geometries::Triangles(&list), &counts)
-        }
-        4 | 5 => {
-            let list: Vec<_> = lists.iter().map(GivenList::boxes).collect();
-            let counts: Vec<_> = list.iter().map(|list| list.primitive_count).collect();
-            then(Kind::Aabbs, Geometries::Aabbs(&list), &counts)
-        }
-        6 => {
-            let list: Vec<_> = lists.iter().map(GivenList::swept).collect();
-            let counts: Vec<_> = list.iter().map(|list| list.primitive_count).collect();
-            then(Kind::Swept, Geometries::Swept(&list), &counts)
-        }
-        _ => {
-            let list: Vec<_> = lists.iter().map(GivenList::motion).collect();
-            let counts: Vec<_> = list.iter().map(|list| list.start.primitive_count).collect();
-            then(Kind::Motion, Geometries::Motion(&list), &counts)
-        }
+/// Calls `then` with the lists as geometries of one kind, to be built with `flags`.
+fn with<T>(
+    kind: u8,
+    lists: &[GivenList],
+    flags: u32,
+    then: impl FnOnce(&BuildInput<'_>) -> T,
+) -> T {
+    fn all<T>(lists: &[GivenList], geometry: impl Fn(&GivenList) -> T) -> Vec<T> {
+        lists.iter().map(geometry).collect()
     }
+    let geometries = match kind % 8 {
+        0..=3 => Geometries::Triangles(&all(lists, GivenList::triangles)),
+        4 | 5 => Geometries::Aabbs(&all(lists, GivenList::boxes)),
+        6 => Geometries::Swept(&all(lists, GivenList::swept)),
+        _ => Geometries::Motion(&all(lists, GivenList::motion)),
+    };
+    let flags = BuildFlags(flags);
+    then(&BuildInput { flags, geometries })
 }
 
 /// No walk through so little takes more steps.
@@ -61,10 +59,10 @@ fuzz_target!(|given: Given| {
     }
     let transform = given.transform.unwrap_or(IDENTITY);
     let found = |flags: u32| {
-        with(given.kind, &given.lists, |kind, geometries, counts| {
-            let bottom = built(kind, flags, geometries, counts);
+        with(given.kind, &given.lists, flags, |input| {
+            let bottom = build_blob(input);
             if given.parallel {
-                let other = POOL.install(|| built(kind, flags, geometries, counts));
+                let other = POOL.install(|| build_blob(input));
                 let size = compacted_size(&bottom).unwrap() as usize;
                 assert!(bottom[..size] == other[..size], "threads show");
             }
@@ -89,21 +87,14 @@ fuzz_target!(|given: Given| {
     }
 
     let flags = BuildFlags::ALLOW_UPDATE;
-    let mut bottom = with(given.kind, &given.lists, |kind, geometries, counts| {
-        built(kind, flags, geometries, counts)
-    });
+    let mut bottom = with(given.kind, &given.lists, flags, build_blob);
     for list in &mut given.lists {
         list.move_by(given.change);
     }
-    with(given.kind, &given.lists, |kind, geometries, counts| {
-        let sizes = build_sizes(kind, BuildFlags(flags), counts);
-        let mut scratch = Exact::new(sizes.update_scratch_bytes);
-        let input = BuildInput {
-            flags: BuildFlags(flags),
-            geometries,
-        };
+    with(given.kind, &given.lists, flags, |input| {
+        let mut scratch = Bytes::new(sizes(input).update_scratch_bytes);
         // SAFETY: the lists are alive.
-        unsafe { update(&input, None, &mut bottom, &mut scratch) }.expect("of the same shape");
+        unsafe { update(input, None, &mut bottom, &mut scratch) }.expect("of the same shape");
     });
     assert_eq!(validate(&bottom), Ok(()));
     let top = over(&bottom, transform, flags);

@@ -1,70 +1,8 @@
-//! What both targets need: memory with nothing behind it, geometries from bytes, and walks to the end.
-
-use std::alloc::Layout;
-use std::ops::{Deref, DerefMut};
+//! What both targets need: geometries from bytes, and walks to the end.
 
 use arbitrary::Arbitrary;
+pub use scenes::{Bytes, IDENTITY, InstanceRecord, build_blob, build_instances, memory, sizes};
 use traversal::*;
-
-/// Memory at a 256-byte boundary of exactly some length: the sanitizer sees who leaves it.
-pub struct Exact {
-    start: *mut u8,
-    length: usize,
-}
-
-// SAFETY: it owns its memory.
-unsafe impl Send for Exact {}
-
-impl Exact {
-    pub fn new(length: u64) -> Exact {
-        let length = length as usize;
-        // SAFETY: never empty.
-        let start = unsafe { std::alloc::alloc(Exact::layout(length)) };
-        assert!(!start.is_null());
-        // As an application's memory may be.
-        // SAFETY: as long as that.
-        unsafe { start.write_bytes(0xAA, length) };
-        Exact { start, length }
-    }
-
-    fn layout(length: usize) -> Layout {
-        Layout::from_size_align(length.max(1), 256).unwrap()
-    }
-
-    pub fn address(&self) -> u64 {
-        self.start.expose_provenance() as u64
-    }
-}
-
-impl Drop for Exact {
-    fn drop(&mut self) {
-        // SAFETY: allocated with that layout.
-        unsafe { std::alloc::dealloc(self.start, Exact::layout(self.length)) }
-    }
-}
-
-impl Deref for Exact {
-    type Target = [u8];
-
-    fn deref(&self) -> &[u8] {
-        // SAFETY: as long as that, and written.
-        unsafe { std::slice::from_raw_parts(self.start, self.length) }
-    }
-}
-
-impl DerefMut for Exact {
-    fn deref_mut(&mut self) -> &mut [u8] {
-        // SAFETY: as above.
-        unsafe { std::slice::from_raw_parts_mut(self.start, self.length) }
-    }
-}
-
-pub fn memory<T>(slice: &[T]) -> Memory {
-    Memory {
-        base: slice.as_ptr().cast(),
-        bytes: size_of_val(slice),
-    }
-}
 
 /// A geometry of any kind, out of bytes.
 #[derive(Arbitrary, Clone, Debug)]
@@ -194,62 +132,9 @@ impl GivenList {
     }
 }
 
-/// Builds with memory of exactly the promised sizes; on threads of its own if that is wanted.
-pub fn built(kind: Kind, flags: u32, geometries: Geometries<'_>, counts: &[u32]) -> Exact {
-    let sizes = build_sizes(kind, BuildFlags(flags), counts);
-    let mut blob = Exact::new(sizes.structure_bytes);
-    let mut scratch = Exact::new(sizes.build_scratch_bytes);
-    let input = BuildInput {
-        flags: BuildFlags(flags),
-        geometries,
-    };
-    // SAFETY: the callers keep what is referred to.
-    let used = unsafe { build(&input, &mut blob, &mut scratch) }.expect("the sizes suffice");
-    assert!(used <= sizes.structure_bytes);
-    assert_eq!(validate(&blob), Ok(()));
-    blob
-}
-
-#[derive(Clone, Copy)]
-#[repr(C)]
-pub struct Record {
-    pub transform: [f32; 12],
-    pub custom_index_and_mask: u32,
-    pub sbt_offset_and_flags: u32,
-    pub reference: u64,
-}
-
-pub const IDENTITY: [f32; 12] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
-
-/// A top level of instances.
-pub fn placed(records: &[Record], flags: u32) -> Exact {
-    let source = InstanceSource {
-        memory: memory(records),
-        array: InstanceArray::Records,
-        count: records.len() as u32,
-        flags: GeometryFlags(0),
-        live: &EVERYWHERE,
-    };
-    let count = records.len() as u32;
-    built(
-        Kind::Instances,
-        flags,
-        Geometries::Instances(source),
-        &[count],
-    )
-}
-
 /// A top level of one structure.
-pub fn over(bottom: &Exact, transform: [f32; 12], flags: u32) -> Exact {
-    placed(
-        &[Record {
-            transform,
-            custom_index_and_mask: 0xFF00_0000,
-            sbt_offset_and_flags: 0,
-            reference: bottom.address(),
-        }],
-        flags,
-    )
+pub fn over(bottom: &Bytes, transform: [f32; 12], flags: u32) -> Bytes {
+    build_instances(&[InstanceRecord::new(bottom, transform)], flags)
 }
 
 /// A ray out of numbers; every other one starts and goes where there may be something.
@@ -283,7 +168,7 @@ impl GivenRay {
 }
 
 /// Where a walk ends, by bits, and how many candidates there were, none of them accepted.
-pub fn walked(top: &Exact, ray: &Ray, fuel: u64) -> (Option<(u32, u32, u32)>, u32) {
+pub fn walked(top: &Bytes, ray: &Ray, fuel: u64) -> (Option<(u32, u32, u32)>, u32) {
     let mut walker = Walker::new();
     // SAFETY: the structures are alive.
     let mut walk = unsafe { Walk::new(top.address(), ray) };
@@ -323,7 +208,7 @@ impl Caller for Together<'_> {
 
 /// Walks each ray with fifteen neighbours: as a packet that stops for candidates, all of which count, and all in streams. To their
 /// ends or the end of fuel.
-pub fn walked_together(top: &Exact, rays: &[Ray], fuel: u64) {
+pub fn walked_together(top: &Bytes, rays: &[Ray], fuel: u64) {
     let (mut packets_fuel, mut streams_fuel) = (fuel, fuel);
     let mut walker = Walker::new();
     let mut together = Together {

@@ -7,42 +7,63 @@ pub mod odd;
 mod shapes;
 pub mod ways;
 
+use std::alloc::Layout;
+use std::ops::{Deref, DerefMut};
+
 use traversal::*;
 
-/// Bytes at a 256-byte boundary, filled with 0xAA as an application's memory may be.
+/// Memory at a 256-byte boundary of exactly some length: a sanitizer sees who leaves it.
 pub struct Bytes {
-    memory: Vec<u8>,
-    start: usize,
+    start: *mut u8,
     length: usize,
 }
+
+// SAFETY: it owns its memory.
+unsafe impl Send for Bytes {}
+// SAFETY: without a mutable reference it is only read.
+unsafe impl Sync for Bytes {}
 
 impl Bytes {
     pub fn new(length: u64) -> Bytes {
         let length = length as usize;
-        let memory = vec![0xAA; length + 256];
-        let start = memory.as_ptr().align_offset(256);
-        Bytes {
-            memory,
-            start,
-            length,
-        }
+        // SAFETY: never empty.
+        let start = unsafe { std::alloc::alloc(Bytes::layout(length)) };
+        assert!(!start.is_null());
+        // As an application's memory may be.
+        // SAFETY: as long as that.
+        unsafe { start.write_bytes(0xAA, length) };
+        Bytes { start, length }
+    }
+
+    fn layout(length: usize) -> Layout {
+        Layout::from_size_align(length.max(1), 256).unwrap()
     }
 
     pub fn address(&self) -> u64 {
-        self.memory[self.start..].as_ptr().expose_provenance() as u64
+        self.start.expose_provenance() as u64
     }
 }
 
-impl std::ops::Deref for Bytes {
+impl Drop for Bytes {
+    fn drop(&mut self) {
+        // SAFETY: allocated with that layout.
+        unsafe { std::alloc::dealloc(self.start, Bytes::layout(self.length)) }
+    }
+}
+
+impl Deref for Bytes {
     type Target = [u8];
+
     fn deref(&self) -> &[u8] {
-        &self.memory[self.start..self.start + self.length]
+        // SAFETY: as long as that, and written.
+        unsafe { std::slice::from_raw_parts(self.start, self.length) }
     }
 }
 
-impl std::ops::DerefMut for Bytes {
+impl DerefMut for Bytes {
     fn deref_mut(&mut self) -> &mut [u8] {
-        &mut self.memory[self.start..self.start + self.length]
+        // SAFETY: as above.
+        unsafe { std::slice::from_raw_parts_mut(self.start, self.length) }
     }
 }
 
@@ -93,28 +114,24 @@ pub const QUALITIES: [u32; 4] = [
     BuildFlags::LOW_MEMORY,
 ];
 
-/// Builds with memory of exactly the promised sizes.
-pub fn build_blob(input: &BuildInput<'_>) -> Bytes {
-    let (kind, counts): (Kind, Vec<u32>) = match &input.geometries {
-        Geometries::Triangles(list) => (
-            Kind::Triangles,
-            list.iter().map(|g| g.primitive_count).collect(),
-        ),
-        Geometries::Aabbs(list) => (
-            Kind::Aabbs,
-            list.iter().map(|g| g.primitive_count).collect(),
-        ),
-        Geometries::Swept(list) => (
-            Kind::Swept,
-            list.iter().map(|g| g.primitive_count).collect(),
-        ),
-        Geometries::Motion(list) => (
-            Kind::Motion,
-            list.iter().map(|g| g.start.primitive_count).collect(),
-        ),
+/// What memory a build takes, and a later update.
+pub fn sizes(input: &BuildInput<'_>) -> BuildSizes {
+    fn counts<T>(list: &[T], count: impl Fn(&T) -> u32) -> Vec<u32> {
+        list.iter().map(count).collect()
+    }
+    let (kind, counts) = match &input.geometries {
+        Geometries::Triangles(list) => (Kind::Triangles, counts(list, |g| g.primitive_count)),
+        Geometries::Aabbs(list) => (Kind::Aabbs, counts(list, |g| g.primitive_count)),
+        Geometries::Swept(list) => (Kind::Swept, counts(list, |g| g.primitive_count)),
+        Geometries::Motion(list) => (Kind::Motion, counts(list, |g| g.start.primitive_count)),
         Geometries::Instances(source) => (Kind::Instances, vec![source.count]),
     };
-    let sizes = build_sizes(kind, input.flags, &counts);
+    build_sizes(kind, input.flags, &counts)
+}
+
+/// Builds with memory of exactly the promised sizes.
+pub fn build_blob(input: &BuildInput<'_>) -> Bytes {
+    let sizes = sizes(input);
     let mut blob = Bytes::new(sizes.structure_bytes);
     let mut scratch = Bytes::new(sizes.build_scratch_bytes);
     // SAFETY: the geometries' memory is borrowed by the caller.
