@@ -3,16 +3,13 @@
 //! For each file: size of the IR before and after, and the time of each step. `TUFF_PRINT` prints the IR itself. `#include "…"` is
 //! taken from the file's directory.
 
-#[path = "../tests/support/mod.rs"]
-mod support;
-
 use std::path::Path;
 use std::time::Instant;
 
+use spirv_jit::Program;
 use spirv_jit::ir::{Body, Module, Node};
 use spirv_jit::pass::{optimize, order, run_pass};
 use spirv_jit::program::Stage;
-use spirv_jit::{CompileRequest, Program};
 
 fn stage(path: &Path) -> Stage {
     match path.extension().and_then(|e| e.to_str()) {
@@ -81,18 +78,8 @@ fn main() {
     for argument in std::env::args().skip(1) {
         let path = Path::new(&argument);
         let stage = stage(path);
-        let words = support::glsl(stage, &source(path));
-        let capabilities = support::all_capabilities();
-        let request = CompileRequest {
-            words: &words,
-            entry_point: "main",
-            stage,
-            specialization: &[],
-            bindings: &support::bindings,
-            capabilities: &capabilities,
-            accuracy: spirv_jit::Accuracy::Spec,
-            checks_alignment: false,
-        };
+        let words = shaders::glsl(stage, &source(path));
+        let request = shaders::request(stage, &words);
         let begin = Instant::now();
         let parsed = spirv_jit::parse::parse(&words).unwrap();
         let parse_time = begin.elapsed();

@@ -1,16 +1,11 @@
 //! Writes real modules to `fuzz/corpus/modules`, one file each: what the fuzz target `modules` starts from.
 
-#[path = "../tests/samples/mod.rs"]
-mod samples;
-#[path = "../tests/support/mod.rs"]
-mod support;
-
 use spirv_jit::program::Stage;
 
 fn main() {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/fuzz/corpus/modules");
     std::fs::create_dir_all(folder).expect("the folder can be made");
-    for (index, (stage, words)) in samples::samples().into_iter().enumerate() {
+    for (index, (stage, words)) in shaders::samples::samples().into_iter().enumerate() {
         let first = match stage {
             Stage::Compute => 0u8,
             Stage::RayGeneration => 1,

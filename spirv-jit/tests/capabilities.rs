@@ -1,13 +1,10 @@
 //! The list of capabilities that are refused (`docs/capabilities.md`) is what the front end refuses.
 
-mod support;
-
 use std::collections::BTreeSet;
 
 use rspirv::spirv::Capability;
-use spirv_jit::CompileRequest;
+use shaders::request;
 use spirv_jit::program::Stage;
-use support::{all_capabilities, bindings};
 
 const PAGE: &str = include_str!("../../docs/capabilities.md");
 
@@ -69,18 +66,9 @@ fn is_refused(capability: Capability) -> bool {
         0,
         1,
     ];
-    let capabilities = all_capabilities();
-    let request = CompileRequest {
-        words: &words,
-        entry_point: "main",
-        stage: Stage::Compute,
-        specialization: &[],
-        bindings: &bindings,
-        capabilities: &capabilities,
-        accuracy: spirv_jit::Accuracy::Spec,
-        checks_alignment: false,
-    };
-    let error = spirv_jit::compile(&request).err().expect("no entry point");
+    let error = spirv_jit::compile(&request(Stage::Compute, &words))
+        .err()
+        .expect("no entry point");
     error
         .to_string()
         .contains(&format!("capability {capability:?} is not supported"))
@@ -88,13 +76,14 @@ fn is_refused(capability: Capability) -> bool {
 
 #[test]
 fn the_page_lists_what_is_refused() {
-    let refused: BTreeSet<String> = all_capabilities()
-        .into_iter()
-        .filter(|&capability| is_refused(capability))
+    let all = request(Stage::Compute, &[]).capabilities;
+    let refused: BTreeSet<String> = all
+        .iter()
+        .filter(|&&capability| is_refused(capability))
         .map(|capability| format!("{capability:?}"))
         .filter(|name| !is_outside_vulkan(name))
         .collect();
-    let known: BTreeSet<String> = all_capabilities()
+    let known: BTreeSet<String> = all
         .iter()
         .map(|capability| format!("{capability:?}"))
         .collect();

@@ -1,8 +1,9 @@
 //! Compute shaders run through the whole compiler and compared with the same computation in Rust.
 
-mod support;
-
-use support::run::{Memory, check, compile, dispatch};
+use shaders::compute::{Memory, check, compile, compile_as, dispatch};
+use shaders::{glsl, request};
+use spirv_jit::CompileRequest;
+use spirv_jit::program::Stage;
 
 fn ramp() -> Vec<u32> {
     (0..64).collect()
@@ -313,8 +314,8 @@ fn memory_layouts_agree_with_bytes() {
              items[0].m[which] = vec2(100, 200);
              items[0].b[which] = 300;
          }";
-    let words = support::glsl(spirv_jit::program::Stage::Compute, source);
-    let program = compile(&words, &[]);
+    let words = glsl(Stage::Compute, source);
+    let program = compile(&words);
     let input: Vec<u32> = (0..4 + 12 * 3).map(|i| (i as f32).to_bits()).collect();
     let mut memory = Memory {
         buffers: vec![(0, input), (16, vec![0; 8])],
@@ -410,8 +411,8 @@ fn workgroup_memory_and_barriers() {
              barrier();
              o[g] = tile[0] * 100u + count + gl_NumWorkGroups.x;
          }";
-    let words = support::glsl(spirv_jit::program::Stage::Compute, source);
-    let program = compile(&words, &[]);
+    let words = glsl(Stage::Compute, source);
+    let program = compile(&words);
     let input: Vec<u32> = (0..128).map(|i| i * 3 % 17).collect();
     let mut memory = Memory {
         buffers: vec![(0, input.clone()), (16, vec![0; 128])],
@@ -439,9 +440,12 @@ fn specialization_constants() {
          layout(set = 0, binding = 0) buffer Out { uint o[]; };
          void main() { uint a[N]; for (int i = 0; i < N; i++) a[i] = uint(i);
              o[gl_LocalInvocationIndex] = uint(M) + PAIR.y * 100u + uint(SCALE * 2.0) * 10000u + uint(WIDE >> 32) * 1000000u + a[N - 1] * 10000000u; }";
-    let words = support::glsl(spirv_jit::program::Stage::Compute, source);
+    let words = glsl(Stage::Compute, source);
     let run = |specialization: &[(u32, &[u8])]| {
-        let program = compile(&words, specialization);
+        let program = compile_as(&CompileRequest {
+            specialization,
+            ..request(Stage::Compute, &words)
+        });
         let mut memory = Memory {
             buffers: vec![(0, vec![0; 32])],
             push_constants: Vec::new(),
@@ -477,8 +481,8 @@ fn physical_pointers() {
              Word word = Word(raw);
              o[0] = n; o[1] = word[2].w; (word + 1).w = 5u; atomicAdd(word[3].w, 7u);
          }";
-    let words = support::glsl(spirv_jit::program::Stage::Compute, source);
-    let program = compile(&words, &[]);
+    let words = glsl(Stage::Compute, source);
+    let program = compile(&words);
     let mut nodes = [[0u32; 6]; 3];
     let address = |node: &[u32; 6]| node.as_ptr() as u64;
     for index in 0..3 {
@@ -516,8 +520,8 @@ fn arrays_of_buffers() {
          layout(set = 0, binding = 1) buffer Out { uint o[]; };
          void main() { uint i = gl_GlobalInvocationID.x;
              o[i] = ins[nonuniformEXT(i & 1u)][nonuniformEXT(i % 3u)].a[1] + ins[1][2].a[0] * 1000u + uint(ins[0][1].a.length()) * 100000u; }";
-    let words = support::glsl(spirv_jit::program::Stage::Compute, source);
-    let program = compile(&words, &[]);
+    let words = glsl(Stage::Compute, source);
+    let program = compile(&words);
     let mut buffers: Vec<(usize, Vec<u32>)> =
         (0..6).map(|k| (k, vec![k as u32, 10 + k as u32])).collect();
     buffers.push((16, vec![0; 16]));
@@ -620,8 +624,8 @@ fn workgroup_memory_starts_as_zero_where_it_says_so() {
          layout(set = 0, binding = 0) buffer Out { uint o[]; };
          shared uint tile[301] = {};
          void main() { uint s = 1u; for (uint k = 0u; k < 301u; k++) s += tile[k]; o[gl_LocalInvocationIndex] = s; }";
-    let words = support::glsl(spirv_jit::program::Stage::Compute, source);
-    let program = compile(&words, &[]);
+    let words = glsl(Stage::Compute, source);
+    let program = compile(&words);
     let mut memory = Memory {
         buffers: vec![(0, vec![0; 48])],
         push_constants: Vec::new(),

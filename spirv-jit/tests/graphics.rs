@@ -1,13 +1,11 @@
 //! Vertex and fragment shaders: their interface, helper invocations, quads and interpolation.
 
-mod support;
-
+use shaders::lower_glsl;
+use shaders::raster::{ALL, Lanes, program, run};
 use spirv_jit::program::{
     Barycentric, Builtin, DepthMode, InputRow, Interlock, OutputRow, Position, Stage, Varying,
     VaryingMode, VaryingPlace,
 };
-use support::lower_glsl;
-use support::raster::{ALL, Lanes, program, run};
 
 fn varying(location: u16, component: u8, mode: VaryingMode) -> InputRow {
     InputRow::Varying(Varying {

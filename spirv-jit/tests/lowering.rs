@@ -1,12 +1,10 @@
 //! Shaders of every kind pass through the front end into modules that the verifier accepts.
 
-mod support;
-
-use spirv_jit::Accuracy;
+use shaders::{glsl, lower, lower_glsl, request, samples};
 use spirv_jit::ir::op::Trace;
 use spirv_jit::ir::{Op, Terminator};
 use spirv_jit::program::{InputRow, Stage};
-use support::{glsl, lower_as, lower_glsl};
+use spirv_jit::{Accuracy, CompileRequest};
 
 fn operations(module: &spirv_jit::ir::Module) -> Vec<Op> {
     let mut out = Vec::new();
@@ -187,10 +185,9 @@ fn control_flow_of_every_kind() {
 
 #[test]
 fn the_whole_instruction_set_of_glsl() {
-    lower_glsl(Stage::Compute, include_str!("shaders/arithmetic.comp"));
-    lower_glsl(Stage::Compute, include_str!("shaders/images.comp"));
-    lower_glsl(Stage::Compute, include_str!("shaders/memory.comp"));
-    lower_glsl(Stage::Compute, include_str!("shaders/subgroups.comp"));
+    for source in samples::COMPUTE {
+        lower_glsl(Stage::Compute, source);
+    }
 }
 
 #[test]
@@ -218,7 +215,11 @@ fn functions_are_as_exact_as_was_asked_for() {
          void main() { data[0] = sin(data[1]) + sqrt(data[2]) + normalize(vec2(data[3], data[4])).x; }",
     );
     let compiled = |accuracy| {
-        let module = lower_as(Stage::Compute, &words, &[], accuracy).expect("it compiles");
+        let request = CompileRequest {
+            accuracy,
+            ..request(Stage::Compute, &words)
+        };
+        let module = lower(&request).expect("it compiles");
         operations(&module)
     };
     let spec = compiled(Accuracy::Spec);

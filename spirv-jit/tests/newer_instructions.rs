@@ -1,11 +1,8 @@
 //! Instructions that glslang does not write: a module is compiled, then rewritten with them.
 
-mod support;
-
-use support::glsl;
-use support::run::{Memory, compile, dispatch};
-
 use rspirv::spirv::{Capability, Op};
+use shaders::compute::{Memory, compile, dispatch};
+use shaders::glsl;
 use spirv_jit::program::Stage;
 
 /// The instructions of a module, words each, and its header.
@@ -44,7 +41,7 @@ const SOURCE: &str = "layout(local_size_x = 16) in;
     }";
 
 fn expect_results(words: &[u32]) {
-    let program = compile(words, &[]);
+    let program = compile(words);
     let mut memory = Memory::default();
     let inputs: Vec<u32> = (0..64).map(|i| i * 4).collect();
     memory.buffers = vec![(0, inputs.clone()), (16, vec![0; 64])];

@@ -5,9 +5,10 @@ use std::process::{Command, ExitCode};
 
 use anyhow::{Result, ensure};
 use clap::Args;
+use demo_limits as limits;
 
 use crate::driver::{Driver, select_other};
-use crate::{limits, workspace};
+use crate::workspace;
 
 /// Samples per pixel of a picture that is not told otherwise.
 const SPP: u32 = 16;

@@ -10,8 +10,6 @@ mod driver;
 mod fuzz;
 mod info;
 mod install;
-#[path = "../demo/src/limits.rs"]
-mod limits;
 mod loader;
 mod package;
 mod precision;

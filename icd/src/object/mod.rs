@@ -3,7 +3,6 @@
 pub mod acceleration_structure;
 pub mod addressed;
 pub mod buffer;
-mod control_group;
 pub mod deferred;
 pub mod deferred_pipeline;
 pub mod descriptor;

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use spirv_jit::interp::TierKind;
 
+use super::memory;
 use super::messenger::Messengers;
-use super::{control_group, memory};
 use crate::settings;
 use crate::table::extensions::ExtensionSet;
 use crate::table::properties::Machine;

@@ -1,11 +1,9 @@
 //! Real modules, corrupted word by word. The first byte of an input says for which stage it is compiled.
 #![no_main]
 
-#[path = "../../tests/corrupt/mod.rs"]
-mod corrupt;
-
-use corrupt::Random;
+use fastrand::Rng;
 use libfuzzer_sys::{fuzz_mutator, fuzz_target};
+use shaders::corrupt;
 use spirv_jit::program::Stage;
 
 const STAGES: [Stage; 9] = [
@@ -39,7 +37,7 @@ fuzz_mutator!(|data: &mut [u8], size: usize, max_size: usize, seed: u32| {
     if module.is_empty() {
         return size;
     }
-    corrupt::corrupt(&mut module, &mut Random(u64::from(seed) << 1 | 1));
+    corrupt::corrupt(&mut module, &mut Rng::with_seed(seed.into()));
     let bytes = module.iter().flat_map(|word| word.to_le_bytes());
     let room = &mut data[1..max_size];
     let mut count = 1;

@@ -5,7 +5,8 @@
 //! draws it, and [`picture`] turns sums of radiance into colors. The program `demo` writes a
 //! picture; the window is a crate of its own.
 
-pub mod limits;
+pub use demo_limits as limits;
+
 pub mod picture;
 pub mod raster;
 pub mod render;

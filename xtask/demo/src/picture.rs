@@ -6,7 +6,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 
-use crate::limits::parent;
+use demo_limits::parent;
 
 /// Writes the mean of each pixel's samples, tone mapped and sRGB-encoded.
 pub fn write_png(

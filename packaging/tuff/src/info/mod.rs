@@ -1,7 +1,5 @@
 //! `tuff info`: what programs find here, and what is wrong, each with what mends it.
 
-#[path = "../../../../icd/src/object/control_group.rs"]
-mod control_group;
 pub mod probe;
 mod problems;
 

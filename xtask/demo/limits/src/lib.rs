@@ -1,6 +1,5 @@
-//! What can be asked of the demo, and what is wrong with the rest: checked before anything is built or rendered.
-//!
-//! `cargo xtask demo` takes this file, too: it checks before it builds.
+//! What can be asked of the demo, and what is wrong with the rest: checked before anything is built or rendered, by the demo
+//! and by the commands that build it.
 
 use std::fs::{self, OpenOptions};
 use std::path::{Path, PathBuf};

@@ -1,12 +1,13 @@
 //! Running what came out of a corrupted module: whatever it does, it ends when its fuel is spent and writes only what is bound.
 
+use fastrand::Rng;
 use spirv_jit::Program;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, uniform};
 use spirv_jit::image::{Format, ImageDescriptor, Level, SamplerDescriptor};
 use spirv_jit::program::{AlignedRow, Event, Frame, IO_DATA_ROW, SiteKind, Wave};
 use spirv_jit::reach::{Range, Reach};
 
-use super::Random;
+use super::word;
 
 /// Words of the buffer that is bound everywhere.
 const WORDS: usize = 256;
@@ -28,9 +29,9 @@ struct Guarded {
 }
 
 impl Guarded {
-    fn new(random: &mut Random, margin: usize) -> Guarded {
+    fn new(random: &mut Rng, margin: usize) -> Guarded {
         let mut words = vec![PATTERN; WORDS + 2 * margin];
-        words[margin..margin + WORDS].fill_with(|| random.word());
+        words[margin..margin + WORDS].fill_with(|| word(random));
         Guarded {
             words: words.into_boxed_slice(),
             margin,
@@ -50,7 +51,7 @@ impl Guarded {
 
 /// Runs a program as one wave, with a buffer, images and samplers bound everywhere but in each fifth binding, and with nonsense for all that
 /// it is given and answered. `margin` words around each buffer are looked at afterwards; none where a sanitizer watches its ends.
-pub fn run(program: &Program, random: &mut Random, margin: usize) {
+pub fn run(program: &Program, random: &mut Rng, margin: usize) {
     let [mut buffer, mut texels, mut pushed] = [(); 3].map(|()| Guarded::new(random, margin));
     let size_bytes = 4 * WORDS as u64;
     let mut picture = ImageDescriptor {
@@ -109,11 +110,11 @@ pub fn run(program: &Program, random: &mut Random, margin: usize) {
     let mut states =
         vec![vec![AlignedRow::default(); layout.rows]; program.max_wave_subgroups().min(2)];
     for state in &mut states {
-        program.start(state, random.next() as u16 | 1);
+        program.start(state, random.u16(..) | 1);
         let inputs = &mut state[layout.inputs..][..program.inputs().len()];
         inputs
             .iter_mut()
-            .for_each(|row| row.0.fill_with(|| random.word()));
+            .for_each(|row| row.0.fill_with(|| word(random)));
     }
     let mut shared = vec![0u64; program.shared_size_bytes().div_ceil(8) as usize];
     let (mut frame, mut fuel) = (Frame::default(), FUEL);
@@ -132,7 +133,7 @@ pub fn run(program: &Program, random: &mut Random, margin: usize) {
         let answered = answer_rows(program.sites()[site.0 as usize]);
         for state in &mut states {
             for row in answered.clone() {
-                state[layout.io + row].0.fill_with(|| random.word());
+                state[layout.io + row].0.fill_with(|| word(random));
             }
         }
     }

@@ -1,8 +1,4 @@
-//! GLSL to programs, for the tests of the front end.
-#![allow(dead_code)]
-
-pub mod raster;
-pub mod run;
+//! GLSL to modules.
 
 use std::sync::Mutex;
 
@@ -10,10 +6,7 @@ use glslang::{
     Compiler, CompilerOptions, Shader, ShaderInput, ShaderMessage, ShaderSource, ShaderStage,
     SourceLanguage, SpirvVersion, Target, VulkanVersion,
 };
-use rspirv::spirv::Capability;
-use spirv_jit::ir::op::DescriptorBinding;
 use spirv_jit::program::Stage;
-use spirv_jit::{Accuracy, CompileRequest, Error, ir};
 
 /// Extensions that every test shader may use.
 const EXTENSIONS: &[&str] = &[
@@ -104,64 +97,4 @@ pub fn glsl(stage: Stage, source: &str) -> Vec<u32> {
         .and_then(|input| Shader::new(compiler, input).parse())
         .and_then(|shader| shader.compile())
         .unwrap_or_else(|error| panic!("{error}\n{text}"))
-}
-
-/// Every (set, binding) is `count` descriptors from `16 * binding` on.
-pub fn bindings(set: u32, binding: u32) -> Option<DescriptorBinding> {
-    Some(DescriptorBinding {
-        set,
-        first: binding.wrapping_mul(16),
-        count: 16,
-        dynamic: false,
-    })
-}
-
-/// Every capability that SPIR-V has numbers for below the vendors' upper ranges: whatever is refused then, the front end refuses.
-pub fn all_capabilities() -> Vec<Capability> {
-    (0..8000).filter_map(Capability::from_u32).collect()
-}
-
-/// Lowers words and holds the result against the verifier.
-pub fn lower(stage: Stage, words: &[u32]) -> Result<ir::Module, Error> {
-    lower_with(stage, words, &[])
-}
-
-/// The same with specialization constants.
-pub fn lower_with(
-    stage: Stage,
-    words: &[u32],
-    specialization: &[(u32, &[u8])],
-) -> Result<ir::Module, Error> {
-    lower_as(stage, words, specialization, Accuracy::Spec)
-}
-
-/// The same with functions of this accuracy.
-pub fn lower_as(
-    stage: Stage,
-    words: &[u32],
-    specialization: &[(u32, &[u8])],
-    accuracy: Accuracy,
-) -> Result<ir::Module, Error> {
-    let capabilities = all_capabilities();
-    let request = CompileRequest {
-        words,
-        entry_point: "main",
-        stage,
-        specialization,
-        bindings: &bindings,
-        capabilities: &capabilities,
-        accuracy,
-        checks_alignment: false,
-    };
-    let parsed = spirv_jit::parse::parse(words)?;
-    let module = spirv_jit::lower::lower_module(&parsed, &request)?;
-    if let Err(message) = ir::verify(&module) {
-        panic!("{message}\n{}", ir::text::print_module(&module));
-    }
-    Ok(module)
-}
-
-/// Compiles and lowers GLSL that must be accepted.
-pub fn lower_glsl(stage: Stage, source: &str) -> ir::Module {
-    lower(stage, &glsl(stage, source)).unwrap_or_else(|error| panic!("{error}\n{source}"))
 }

@@ -2,17 +2,19 @@
 
 use spirv_jit::program::Stage;
 
-use crate::support::glsl;
+use crate::glsl;
+
+/// Compute shaders with all instructions of GLSL.
+pub const COMPUTE: [&str; 4] = [
+    include_str!("samples/arithmetic.comp"),
+    include_str!("samples/images.comp"),
+    include_str!("samples/memory.comp"),
+    include_str!("samples/subgroups.comp"),
+];
 
 /// Each with its stage.
 pub fn samples() -> Vec<(Stage, Vec<u32>)> {
-    let compute = [
-        include_str!("../shaders/arithmetic.comp"),
-        include_str!("../shaders/images.comp"),
-        include_str!("../shaders/memory.comp"),
-        include_str!("../shaders/subgroups.comp"),
-    ];
-    let mut samples: Vec<_> = compute
+    let mut samples: Vec<_> = COMPUTE
         .iter()
         .map(|source| (Stage::Compute, glsl(Stage::Compute, source)))
         .collect();

@@ -7,7 +7,7 @@ use spirv_jit::environment::{Descriptor, DescriptorSet, Environment};
 use spirv_jit::ir;
 use spirv_jit::program::{AlignedRow, Event, InputRow, OutputRow, Row, Stage, Wave, from_bytes};
 
-use super::{glsl, lower};
+use crate::{glsl, lower, request};
 
 /// A program that went through the bytes of a pipeline cache.
 pub fn program(stage: Stage, source: &str) -> Arc<Program> {
@@ -16,7 +16,7 @@ pub fn program(stage: Stage, source: &str) -> Arc<Program> {
 
 /// The same of a module.
 pub fn program_of_words(stage: Stage, words: &[u32]) -> Arc<Program> {
-    let mut module = lower(stage, words).unwrap_or_else(|error| panic!("{error}"));
+    let mut module = lower(&request(stage, words)).unwrap_or_else(|error| panic!("{error}"));
     spirv_jit::pass::optimize(&mut module).unwrap_or_else(|error| panic!("{error}"));
     let bytes = ir::binary::encode(&module);
     assert_eq!(ir::binary::decode(&bytes).as_ref(), Ok(&module));

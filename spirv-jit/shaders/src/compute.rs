@@ -6,22 +6,16 @@ use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, uniform};
 use spirv_jit::program::{AlignedRow, Builtin, Event, InputRow, Stage, Wave};
 use spirv_jit::{CompileRequest, Program};
 
-use super::{all_capabilities, bindings, glsl};
+use crate::{glsl, request};
 
 /// Compiles a compute shader through all of the compiler.
-pub fn compile(words: &[u32], specialization: &[(u32, &[u8])]) -> Arc<Program> {
-    let capabilities = all_capabilities();
-    let request = CompileRequest {
-        words,
-        entry_point: "main",
-        stage: Stage::Compute,
-        specialization,
-        bindings: &bindings,
-        capabilities: &capabilities,
-        accuracy: spirv_jit::Accuracy::Spec,
-        checks_alignment: false,
-    };
-    spirv_jit::compile(&request).unwrap_or_else(|error| panic!("{error}"))
+pub fn compile(words: &[u32]) -> Arc<Program> {
+    compile_as(&request(Stage::Compute, words))
+}
+
+/// The same, as asked for.
+pub fn compile_as(request: &CompileRequest<'_>) -> Arc<Program> {
+    spirv_jit::compile(request).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// What a dispatch sees.
@@ -142,7 +136,7 @@ pub fn check(declarations: &str, body: &str, inputs: &[u32], reference: impl Fn(
          }}"
     );
     let words = glsl(Stage::Compute, &source);
-    let program = compile(&words, &[]);
+    let program = compile(&words);
     let count = inputs.len().next_multiple_of(16);
     let mut given = inputs.to_vec();
     given.resize(count, 0);
