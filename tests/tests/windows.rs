@@ -429,6 +429,56 @@ fn a_window_has_one_swapchain_that_is_not_retired() {
     presenter.destroy(third);
 }
 
+/// Event loops look into the connection's queue, then sleep until its socket can be read.
+#[test]
+fn events_wake_programs_that_poll_the_connection() {
+    use std::os::fd::AsRawFd;
+
+    use x11rb::connection::Connection;
+    use x11rb::protocol::xproto::{
+        AtomEnum, ChangeWindowAttributesAux, ConnectionExt, EventMask, PropMode,
+    };
+    use x11rb::wrapper::ConnectionExt as _;
+
+    let Some((server, window, presenter)) = on_screen(64, 64) else {
+        return;
+    };
+    let wanted = ChangeWindowAttributesAux::new().event_mask(EventMask::PROPERTY_CHANGE);
+    let selected = window.x.change_window_attributes(window.window, &wanted);
+    selected.unwrap().check().unwrap();
+    let other = server.window(1, 1);
+    let chain = Chain::of(64, 64);
+    let swapchain = presenter.swapchain(&chain).unwrap();
+    let pixels = screen_picture(64, 64, 1);
+    let (name, text) = (AtomEnum::WM_NAME, AtomEnum::STRING);
+    for round in 0..200u32 {
+        (presenter.frame(swapchain, chain.extent, &pixels, 0)).unwrap();
+        let sender = std::thread::scope(|scope| {
+            let sender = scope.spawn(|| {
+                // From when the frame is on its way to when it is long there.
+                std::thread::sleep(Duration::from_micros(u64::from(round) * 250));
+                let x = &other.x;
+                x.change_property8(PropMode::REPLACE, window.window, name, text, b"name")
+                    .unwrap();
+                x.flush().unwrap();
+            });
+            while window.x.poll_for_event().unwrap().is_none() {
+                let mut socket = libc::pollfd {
+                    fd: window.x.as_raw_fd(),
+                    events: libc::POLLIN,
+                    revents: 0,
+                };
+                // SAFETY: one structure, which lives here.
+                let ready = unsafe { libc::poll(&raw mut socket, 1, 5000) };
+                assert_eq!(ready, 1, "nothing wakes the program in round {round}");
+            }
+            sender.join()
+        });
+        sender.unwrap();
+    }
+    presenter.destroy(swapchain);
+}
+
 /// Open files of this process.
 fn open_files() -> usize {
     std::fs::read_dir("/proc/self/fd").unwrap().count()

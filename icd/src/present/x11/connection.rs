@@ -167,6 +167,17 @@ impl Connection {
         }
     }
 
+    /// Makes the connection's socket readable once.
+    ///
+    /// Whoever reads an answer from the socket also takes the application's events from it, into
+    /// libxcb's queue. An application that sleeps in `poll` does not see them there. It wakes by
+    /// the answer to this request, which nobody here waits for, and then looks into the queue.
+    pub fn wake_pollers(&self) -> Result<(), Gone> {
+        // Dropped, the cookie has libxcb throw the answer away when somebody reads it.
+        drop(self.x.get_input_focus().map_err(|_| Gone)?);
+        self.flush()
+    }
+
     /// Sends what has been asked for.
     pub fn flush(&self) -> Result<(), Gone> {
         self.x.flush().map_err(|_| Gone)

@@ -1,14 +1,16 @@
 //! The Present extension's events of a surface.
 //!
 //! Libxcb keeps them apart from the application's events. A thread waits for them, because only
-//! libxcb knows which of the connection's threads reads what.
+//! libxcb knows which of the connection's threads reads what. It reads only while the server has
+//! frames: what it takes from the socket may be the application's, and who polls that has to be
+//! woken afterwards.
 
 use std::ffi::c_void;
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Weak};
 use std::thread::JoinHandle;
 
-use parking_lot::Mutex;
+use parking_lot::{Condvar, Mutex};
 use x11rb::connection::Connection as _;
 use x11rb::errors::ConnectionError;
 use x11rb::protocol::present::{ConnectionExt as _, EventMask};
@@ -53,8 +55,23 @@ struct Line {
     event: u32,
     special: *mut SpecialEvents,
     inboxes: Mutex<Vec<Weak<Inbox>>>,
-    is_closing: AtomicBool,
-    serial: AtomicU32,
+    state: Mutex<State>,
+    /// Rung when there is something to wait for, or the end has come.
+    changed: Condvar,
+}
+
+struct State {
+    /// The last frame's number.
+    serial: u32,
+    /// Frames that the server has.
+    under_way: Vec<u32>,
+    is_closing: bool,
+    /// The thread waits for an event, or has not yet looked at this state since.
+    is_reading: bool,
+    /// An event was made to end the thread's waiting.
+    is_interrupted: bool,
+    /// A window that is never seen, of which events can be had when the surface's has died.
+    helper: Option<u32>,
 }
 
 // SAFETY: the queue of special events is only passed to libxcb, which locks its connection.
@@ -85,8 +102,15 @@ impl Events {
             event,
             special,
             inboxes: Mutex::default(),
-            is_closing: AtomicBool::new(false),
-            serial: AtomicU32::new(FIRST_SERIAL),
+            state: Mutex::new(State {
+                serial: FIRST_SERIAL,
+                under_way: Vec::new(),
+                is_closing: false,
+                is_reading: false,
+                is_interrupted: false,
+                helper: None,
+            }),
+            changed: Condvar::new(),
         });
         let mask = EventMask::COMPLETE_NOTIFY;
         let selected = connection.x.present_select_input(event, window, mask);
@@ -103,9 +127,25 @@ impl Events {
         })
     }
 
-    /// A number for a frame that no other one of the surface has.
-    pub fn serial(&self) -> u32 {
-        self.line.serial.fetch_add(1, Ordering::Relaxed)
+    /// A number for a frame, which no other one of the surface has. From now on its turn is waited
+    /// for.
+    pub fn begin(&self) -> u32 {
+        let mut state = self.line.state.lock();
+        state.serial = state.serial.wrapping_add(1);
+        let serial = state.serial;
+        state.under_way.push(serial);
+        self.line.changed.notify_one();
+        serial
+    }
+
+    /// No longer waits for a frame.
+    pub fn forget(&self, serial: u32) {
+        let mut state = self.line.state.lock();
+        state.under_way.retain(|other| *other != serial);
+        if state.under_way.is_empty() && state.is_reading && self.process == std::process::id() {
+            // If the connection is broken, the thread ends by itself.
+            let _ = self.line.interrupt(&mut state);
+        }
     }
 
     /// A new place to find completed frames in.
@@ -130,14 +170,20 @@ impl Drop for Events {
             std::mem::forget(thread);
             return;
         }
-        self.line.is_closing.store(true, Ordering::Release);
-        // If the connection is broken, the thread has ended.
-        let helper = self.line.wake();
+        {
+            let mut state = self.line.state.lock();
+            state.is_closing = true;
+            self.line.changed.notify_one();
+            if state.is_reading {
+                // If the connection is broken, the thread ends by itself.
+                let _ = self.line.interrupt(&mut state);
+            }
+        }
         if let Some(thread) = thread {
             // A panic on the thread was logged when it happened.
             let _ = thread.join();
         }
-        if let Ok(helper) = helper
+        if let Some(helper) = self.line.state.lock().helper
             && let Ok(cookie) = self.line.connection.x.destroy_window(helper)
         {
             cookie.ignore_error();
@@ -150,7 +196,7 @@ impl Line {
         let Some(xcb) = library::xcb() else {
             return;
         };
-        loop {
+        while self.has_frames() {
             // SAFETY: the connection is open as long as the surface lives, and the surface waits
             // for this thread.
             let event = unsafe { (xcb.wait_for_special_event)(self.connection.raw, self.special) };
@@ -163,24 +209,44 @@ impl Line {
                 libc::free(event);
                 completed
             };
-            if self.is_closing.load(Ordering::Acquire) {
-                return;
-            }
             if let Some(completed) = completed {
+                let mut state = self.state.lock();
+                state.under_way.retain(|other| *other != completed.serial);
+                drop(state);
                 self.tell(|inbox| inbox.completed.lock().push(completed));
             }
         }
     }
 
-    /// Makes an event, so that the thread wakes. A window that has died has none any more, but its
-    /// name for events is free then, and another window takes it; the window is returned.
-    fn wake(&self) -> Result<u32, Gone> {
-        let helper = self.connection.id()?;
-        self.wake_by(helper).map_err(|_| Gone)?;
-        Ok(helper)
+    /// Sleeps until the server has frames; whether it has, or else the end has come.
+    fn has_frames(&self) -> bool {
+        let mut state = self.state.lock();
+        if std::mem::take(&mut state.is_interrupted) {
+            // Nobody is told, so nobody else does it. A broken connection is found out by who
+            // presents.
+            let _ = self.connection.wake_pollers();
+        }
+        state.is_reading = false;
+        while state.under_way.is_empty() && !state.is_closing {
+            self.changed.wait(&mut state);
+        }
+        state.is_reading = !state.is_closing;
+        state.is_reading
     }
 
-    fn wake_by(&self, helper: u32) -> Result<(), ConnectionError> {
+    /// Makes an event, so that the thread looks at the state. A window that has died has none any
+    /// more, but its name for events is free then, and the helper takes it.
+    fn interrupt(&self, state: &mut State) -> Result<(), Gone> {
+        let helper = match state.helper {
+            Some(helper) => helper,
+            None => *state.helper.insert(self.connection.id()?),
+        };
+        state.is_interrupted = true;
+        self.interrupt_by(helper).map_err(|_| Gone)
+    }
+
+    /// The helper is made where it is not there yet.
+    fn interrupt_by(&self, helper: u32) -> Result<(), ConnectionError> {
         let x = &self.connection.x;
         let look = CreateWindowAux::new().override_redirect(1);
         let class = WindowClass::INPUT_ONLY;

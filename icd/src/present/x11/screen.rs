@@ -37,6 +37,8 @@ pub struct X11Screen {
     extent: vk::Extent2D,
     timing: Timing,
     looked: Instant,
+    /// Answers were read since who polls the connection was last woken.
+    has_read: bool,
     /// To be told by the next wait.
     news: Vec<Event>,
 }
@@ -104,6 +106,7 @@ impl X11Screen {
             buffers: None,
             timing,
             looked: Instant::now(),
+            has_read: false,
             news: Vec::new(),
             connection,
         })
@@ -117,9 +120,15 @@ impl X11Screen {
         }
     }
 
+    /// Whether the server has frames, and its answers about them are read.
+    fn is_under_way(&self) -> bool {
+        matches!(&self.timing, Timing::Present { under_way, .. } if !under_way.is_empty())
+    }
+
     /// Looks whether the window is still there, and how large it is.
     fn look(&mut self) -> Result<(), Gone> {
         self.looked = Instant::now();
+        self.has_read = true;
         self.extent = self.connection.extent(self.window)?;
         self.news.push(Event::Extent(self.extent));
         Ok(())
@@ -128,10 +137,10 @@ impl X11Screen {
     /// What the server has told.
     fn collect(&mut self) -> Result<(), Gone> {
         let Timing::Present {
+            events,
             inbox,
             under_way,
             last_msc,
-            ..
         } = &mut self.timing
         else {
             return Ok(());
@@ -150,15 +159,12 @@ impl X11Screen {
             self.news
                 .extend([Event::Free { index }, Event::Shown { serial }]);
         }
-        let news = &mut self.news;
-        under_way.retain(|frame| {
-            let is_forgotten = frame.since.elapsed() > FORGOTTEN;
-            if is_forgotten {
-                let (index, serial) = (frame.index, frame.serial);
-                news.extend([Event::Free { index }, Event::Shown { serial }]);
-            }
-            !is_forgotten
-        });
+        let forgotten = under_way.extract_if(.., |frame| frame.since.elapsed() > FORGOTTEN);
+        for frame in forgotten {
+            let (index, serial) = (frame.index, frame.serial);
+            (self.news).extend([Event::Free { index }, Event::Shown { serial }]);
+            events.forget(frame.number);
+        }
         Ok(())
     }
 }
@@ -187,7 +193,7 @@ impl Screen for X11Screen {
                 last_msc,
                 ..
             } => {
-                let number = events.serial();
+                let number = events.begin();
                 let (options, target_msc) = match frame.when {
                     When::NextRefresh | When::Replaceable => (PresentOption::COPY, 0),
                     When::NextRefreshOrLate => {
@@ -255,12 +261,16 @@ impl Screen for X11Screen {
                 (Some(deadline), Some(own)) => Some(deadline.min(own)),
                 (deadline, own) => deadline.or(own),
             };
+            if self.has_read && !self.is_under_way() {
+                self.has_read = false;
+                self.connection.wake_pollers()?;
+            }
             self.bell.wait(until, None);
             self.collect()?;
         }
         match &mut self.timing {
-            Timing::Present { under_way, .. } => {
-                if !under_way.is_empty() && self.looked.elapsed() >= LOOK {
+            Timing::Present { .. } => {
+                if self.is_under_way() && self.looked.elapsed() >= LOOK {
                     self.look()?;
                 }
             }
@@ -277,6 +287,12 @@ impl Screen for X11Screen {
 
 impl Drop for X11Screen {
     fn drop(&mut self) {
+        if let Timing::Present {
+            events, under_way, ..
+        } = &self.timing
+        {
+            (under_way.iter()).for_each(|frame| events.forget(frame.number));
+        }
         self.buffers = None;
         if let Ok(cookie) = self.connection.x.free_gc(self.gc) {
             cookie.ignore_error();
