@@ -134,7 +134,17 @@ fn event_loop() -> Result<EventLoop<()>> {
     panic::set_hook(hook);
     let why = match made {
         Ok(Ok(events)) => return Ok(events),
-        Ok(Err(winit::error::EventLoopError::Os(error))) => error.to_string(),
+        Ok(Err(winit::error::EventLoopError::Os(error))) => {
+            let text = error.to_string();
+            // "os error at FILE:LINE: ...", of winit's own source.
+            match text.strip_prefix("os error at ") {
+                Some(placed) => placed
+                    .split_once(": ")
+                    .map_or(placed, |(_, why)| why)
+                    .into(),
+                None => text,
+            }
+        }
         Ok(Err(error)) => error.to_string(),
         Err(panic) => {
             let text = panic.downcast_ref::<String>().cloned();

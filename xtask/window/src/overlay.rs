@@ -1,11 +1,15 @@
 //! Draws egui's meshes: one pipeline, one texture, a scissor for each mesh.
 
+mod glyphs;
+
 use anyhow::Result;
 use ash::vk;
-use demo::vulkan::{Buffer, Context, DrawInput, DrawPipeline, Target, change_layout};
-use egui::epaint::{ClippedPrimitive, ImageData, Primitive, Vertex};
-use egui::{Color32, TextureId, TexturesDelta};
-use vk::{BufferUsageFlags as Usage, ImageLayout as Layout, ShaderStageFlags as Stage};
+use demo::vulkan::{Buffer, Context, DrawInput, DrawPipeline};
+use egui::epaint::{ClippedPrimitive, Primitive, Vertex};
+use egui::{TextureId, TexturesDelta};
+use vk::{BufferUsageFlags as Usage, ShaderStageFlags as Stage};
+
+use glyphs::Glyphs;
 
 macro_rules! shader {
     ($name:literal) => {
@@ -33,10 +37,7 @@ pub struct Overlay<'a> {
     pool: vk::DescriptorPool,
     set: vk::DescriptorSet,
     pipeline: DrawPipeline<'a>,
-    /// The texture's pixels and size, as egui last sent them.
-    pixels: Vec<Color32>,
-    size: [usize; 2],
-    texture: Option<Target<'a>>,
+    glyphs: Glyphs<'a>,
     vertices: Option<Buffer<'a>>,
     indices: Option<Buffer<'a>>,
     parts: Vec<Part>,
@@ -131,9 +132,7 @@ impl<'a> Overlay<'a> {
             pool,
             set,
             pipeline: DrawPipeline::new(context, &input)?,
-            pixels: Vec::new(),
-            size: [0; 2],
-            texture: None,
+            glyphs: Glyphs::new(context),
             vertices: None,
             indices: None,
             parts: Vec::new(),
@@ -153,12 +152,12 @@ impl<'a> Overlay<'a> {
         let mut changed = false;
         for (id, delta) in &textures.set {
             if *id == GLYPHS {
-                self.change_texture(delta);
+                self.glyphs.change(delta);
                 changed = true;
             }
         }
         if changed {
-            self.upload()?;
+            self.glyphs.upload(self.sampler, self.set)?;
         }
         self.points = [
             width as f32 / pixels_per_point,
@@ -211,83 +210,14 @@ impl<'a> Overlay<'a> {
         fill(context, &mut self.indices, &indices, Usage::INDEX_BUFFER)
     }
 
-    /// Replaces the texture, or a part of it.
-    fn change_texture(&mut self, delta: &egui::epaint::ImageDelta) {
-        let sent: Vec<Color32> = match &delta.image {
-            ImageData::Color(image) => image.pixels.clone(),
-            ImageData::Font(image) => image.srgba_pixels(None).collect(),
-        };
-        let [width, height] = delta.image.size();
-        match delta.pos {
-            None => {
-                self.pixels = sent;
-                self.size = [width, height];
-            }
-            Some([x, y]) => {
-                let rows = self.pixels.chunks_exact_mut(self.size[0]).skip(y);
-                for (row, sent) in rows.zip(sent.chunks_exact(width)) {
-                    row[x..x + width].copy_from_slice(sent);
-                }
-            }
-        }
-    }
-
-    fn upload(&mut self) -> Result<()> {
-        let context = self.context;
-        let (width, height) = (self.size[0] as u32, self.size[1] as u32);
-        let usage = vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_DST;
-        let format = vk::Format::R8G8B8A8_UNORM;
-        let texture = Target::new(context, format, (width, height), usage)?;
-        let staging = Buffer::with(context, &self.pixels, Usage::TRANSFER_SRC)?;
-        context.run(|commands| {
-            let image = (texture.image, texture.aspect);
-            let target = Layout::TRANSFER_DST_OPTIMAL;
-            change_layout(context, commands, image, Layout::UNDEFINED, target);
-            let layers = vk::ImageSubresourceLayers::default()
-                .aspect_mask(texture.aspect)
-                .layer_count(1);
-            let copy = vk::BufferImageCopy::default()
-                .image_subresource(layers)
-                .image_extent(vk::Extent3D {
-                    width,
-                    height,
-                    depth: 1,
-                });
-            let device = &context.device;
-            // SAFETY: the buffer holds the picture, and both outlive the submission.
-            unsafe {
-                device.cmd_copy_buffer_to_image(
-                    commands,
-                    staging.handle,
-                    texture.image,
-                    target,
-                    &[copy],
-                );
-            }
-            let read = Layout::SHADER_READ_ONLY_OPTIMAL;
-            change_layout(context, commands, image, target, read);
-        })?;
-        let images = [vk::DescriptorImageInfo::default()
-            .sampler(self.sampler)
-            .image_view(texture.view)
-            .image_layout(Layout::SHADER_READ_ONLY_OPTIMAL)];
-        let write = vk::WriteDescriptorSet::default()
-            .dst_set(self.set)
-            .descriptor_type(vk::DescriptorType::COMBINED_IMAGE_SAMPLER)
-            .image_info(&images);
-        // SAFETY: every handle is of this device, and the set is not in use.
-        unsafe { context.device.update_descriptor_sets(&[write], &[]) };
-        self.texture = Some(texture);
-        Ok(())
-    }
-
     /// Draws inside a pass with a viewport; changes the scissor.
     pub fn record(&self, commands: vk::CommandBuffer) {
-        let (Some(vertices), Some(indices), Some(_)) =
-            (&self.vertices, &self.indices, &self.texture)
-        else {
+        let (Some(vertices), Some(indices)) = (&self.vertices, &self.indices) else {
             return;
         };
+        if !self.glyphs.is_there() {
+            return;
+        }
         let (device, layout) = (&self.context.device, self.layout);
         let (point, sets) = (vk::PipelineBindPoint::GRAPHICS, [self.set]);
         // SAFETY: the command buffer is recording, and what is bound outlives its execution.

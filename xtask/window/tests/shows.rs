@@ -1,8 +1,8 @@
 //! What the window shows is what the demo computes off screen: the rasterized picture left of the
-//! split, the traced one right of it.
+//! split, the traced one right of it; resized and hidden, too, and closing it ends the program.
 
 use std::io::{BufRead, BufReader};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use ash::vk;
@@ -11,10 +11,15 @@ use demo::raster::{Drawing, Rasterizer};
 use demo::render::{self, BOUNCES, Renderer, Settings, World};
 use demo::scene::Scene;
 use demo::vulkan::{Context, PipelineCache, Wish};
-use tuff_tests::Xvfb;
+use tuff_tests::{Window, Xvfb};
+use x11rb::connection::Connection;
+use x11rb::protocol::xproto::{
+    AtomEnum, ClientMessageEvent, ConfigureWindowAux, ConnectionExt, EventMask,
+};
+use x11rb::wrapper::ConnectionExt as _;
 
-const WIDTH: u32 = 480;
-const HEIGHT: u32 = 270;
+/// In pixels: the window's at first, and what it is resized to.
+const SIZES: [(u32, u32); 2] = [(480, 270), (400, 240)];
 const SAMPLES: u32 = 2;
 /// The same light is encoded by a shader in the window and by a table off screen: where it lies
 /// between two codes, either may come out.
@@ -22,44 +27,46 @@ const TOLERANCE: u8 = 1;
 /// How far the panel's edge reaches beyond its rectangle, in pixels.
 const EDGE: u32 = 2;
 
-/// Red, green and blue of each pixel of the picture, row by row, computed without a window.
-fn off_screen() -> Vec<u8> {
+/// The pictures of all sizes, computed without a window: red, green and blue of each pixel, row by
+/// row.
+fn off_screen() -> [Vec<u8>; 2] {
     let scene = Scene::landscape();
     let wish = Wish {
         draws: true,
         ..Default::default()
     };
     let context = Context::new(None, wish).expect("a device that draws and traces");
-    let settings = Settings {
-        width: WIDTH,
-        height: HEIGHT,
-        first_row: 0,
-        rows: HEIGHT,
-        first_column: WIDTH / 2,
-        spp: SAMPLES,
-        bounces: BOUNCES,
-        frame: 0,
-    };
     let set_layout = render::set_layout(&context, scene.textures.len() as u32).unwrap();
     let cache = PipelineCache::new(&context, &[]).unwrap();
     let pipeline = render::pipeline(&context, set_layout, &cache).unwrap();
     let world = World::new(&context, set_layout, &scene).unwrap();
-    let renderer = Renderer::new(&world, &pipeline, &scene, &scene.camera, settings).unwrap();
     let rasterizer = Rasterizer::new(&world, &scene).unwrap();
-    let drawing = Drawing::new(&rasterizer, &renderer).unwrap();
-    let area = vk::Rect2D::default().extent(vk::Extent2D {
-        width: WIDTH / 2,
-        height: HEIGHT,
+    let pictures = SIZES.map(|(width, height)| {
+        let settings = Settings {
+            width,
+            height,
+            first_row: 0,
+            rows: height,
+            first_column: width / 2,
+            spp: SAMPLES,
+            bounces: BOUNCES,
+            frame: 0,
+        };
+        let renderer = Renderer::new(&world, &pipeline, &scene, &scene.camera, settings).unwrap();
+        let drawing = Drawing::new(&rasterizer, &renderer).unwrap();
+        let area = vk::Rect2D::default().extent(vk::Extent2D {
+            width: width / 2,
+            height,
+        });
+        let drawn = drawing.radiance(area).unwrap();
+        let mut radiance = renderer.render(|_| ()).unwrap().radiance;
+        let lines = radiance.chunks_exact_mut(width as usize);
+        for (line, drawn) in lines.zip(drawn.chunks_exact(width as usize / 2)) {
+            line[..drawn.len()].copy_from_slice(drawn);
+        }
+        encoded(&radiance, scene.exposure)
     });
-    let drawn = drawing.radiance(area).unwrap();
-    let mut radiance = renderer.render(|_| ()).unwrap().radiance;
-    let lines = radiance.chunks_exact_mut(WIDTH as usize);
-    for (line, drawn) in lines.zip(drawn.chunks_exact(WIDTH as usize / 2)) {
-        line[..drawn.len()].copy_from_slice(drawn);
-    }
-    drop(drawing);
     drop(rasterizer);
-    drop(renderer);
     drop(world);
     drop(pipeline);
     drop(cache);
@@ -69,7 +76,7 @@ fn off_screen() -> Vec<u8> {
             .device
             .destroy_descriptor_set_layout(set_layout, None)
     };
-    encoded(&radiance, scene.exposure)
+    pictures
 }
 
 /// The window's program.
@@ -90,74 +97,181 @@ fn number(text: &str) -> (u32, &str) {
     (digits.parse().expect("a number"), rest)
 }
 
+/// Where the panel lies, in pixels.
+struct Panel {
+    x: u32,
+    y: u32,
+    width: u32,
+    height: u32,
+}
+
+impl Panel {
+    /// As the program tells it once a picture is done: the next line.
+    fn told(lines: &mut impl BufRead, size: (u32, u32)) -> Panel {
+        let mut told = String::new();
+        lines.read_line(&mut told).unwrap();
+        print!("{told}");
+        let about = format!("window: {}x{}, {SAMPLES} samples", size.0, size.1);
+        assert!(told.starts_with(&about), "{told}");
+        let rest = told.split("panel at").nth(1).expect("the panel's place");
+        let (x, rest) = number(rest);
+        let (y, rest) = number(rest);
+        let (width, rest) = number(rest);
+        let (height, _) = number(rest);
+        // Nearly all columns of the right half are outside the panel, and many rows of the left one.
+        assert!(x + width < size.0 * 3 / 4 && y + height < size.1);
+        Panel {
+            x,
+            y,
+            width,
+            height,
+        }
+    }
+
+    fn covers(&self, column: u32, row: u32) -> bool {
+        (self.x.saturating_sub(EDGE)..self.x + self.width + EDGE).contains(&column)
+            && (self.y.saturating_sub(EDGE)..self.y + self.height + EDGE).contains(&row)
+    }
+
+    /// Waits until the screen shows a picture with the panel before it.
+    fn comes_before(&self, screen: &Window, (width, height): (u32, u32), picture: &[u8]) {
+        let started = Instant::now();
+        loop {
+            let shown = screen.screenshot(width as u16, height as u16);
+            let mut worst = [0; 2];
+            let mut over_the_panel = 0;
+            // The test's own window covers the first pixel.
+            for index in 1..width * height {
+                let (column, row) = (index % width, index / width);
+                let pixel = &shown[4 * index as usize..][..3];
+                let wanted = &picture[3 * index as usize..][..3];
+                // The screen has blue first.
+                let off = (0..3).map(|i| pixel[2 - i].abs_diff(wanted[i])).max();
+                let off = off.unwrap_or(0);
+                if self.covers(column, row) {
+                    over_the_panel += u32::from(off > TOLERANCE);
+                } else {
+                    let half = usize::from(column >= width / 2);
+                    worst[half] = off.max(worst[half]);
+                }
+            }
+            // Most of the panel is something else than the picture.
+            let is_there = over_the_panel > self.width * self.height / 2;
+            if is_there && worst.iter().all(|worst| *worst <= TOLERANCE) {
+                println!("codes off: {worst:?}; {over_the_panel} pixels of the panel differ");
+                return;
+            }
+            assert!(
+                started.elapsed() < Duration::from_secs(10),
+                "codes off, left and right of the split: {worst:?}; of the panel: {over_the_panel}"
+            );
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+}
+
+/// The program's window: the screen's only one of that name.
+fn named_tuff(screen: &Window) -> u32 {
+    let (name, text) = (AtomEnum::WM_NAME, AtomEnum::ANY);
+    let root = screen.x.setup().roots[0].root;
+    let children = screen.x.query_tree(root).unwrap().reply().unwrap().children;
+    let is_it = |window: &u32| {
+        let property = screen.x.get_property(false, *window, name, text, 0, 16);
+        (property.unwrap().reply()).is_ok_and(|property| property.value == b"Tuff")
+    };
+    let found: Vec<u32> = children.into_iter().filter(is_it).collect();
+    assert_eq!(found.len(), 1, "{found:?}");
+    found[0]
+}
+
+/// How a program ends that has been asked to.
+fn end_of(program: &mut Child) -> ExitStatus {
+    let started = Instant::now();
+    loop {
+        if let Some(status) = program.try_wait().unwrap() {
+            return status;
+        }
+        if started.elapsed() > Duration::from_secs(20) {
+            program.kill().unwrap();
+            panic!("it goes on");
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// Asks a window to close, as a window manager does when its cross is clicked.
+fn ask_to_close(screen: &Window, window: u32) {
+    let atom = |name: &str| {
+        let atom = screen.x.intern_atom(false, name.as_bytes());
+        atom.unwrap().reply().unwrap().atom
+    };
+    let (protocols, delete) = (atom("WM_PROTOCOLS"), atom("WM_DELETE_WINDOW"));
+    let message = ClientMessageEvent::new(32, window, protocols, [delete, 0, 0, 0, 0]);
+    (screen
+        .x
+        .send_event(false, window, EventMask::NO_EVENT, message))
+    .unwrap();
+    screen.x.sync().unwrap();
+}
+
 #[test]
 fn the_window_shows_what_is_computed_off_screen() {
     let Some(server) = Xvfb::start(&[]) else {
         return;
     };
-    let expected = off_screen();
+    let [first, smaller] = SIZES;
+    let pictures = off_screen();
     let mut window = program(&server.display)
-        .args(["--size", &format!("{WIDTH}x{HEIGHT}")])
+        .args(["--size", &format!("{}x{}", first.0, first.1)])
         .args(["--spp", &SAMPLES.to_string()])
-        .args(["--frames", "600"])
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();
-    let mut told = String::new();
-    BufReader::new(window.stdout.take().unwrap())
-        .read_line(&mut told)
-        .unwrap();
-    print!("{told}");
-    let rest = told
-        .split("panel at")
-        .nth(1)
-        .expect("it tells of the panel");
-    let (x, rest) = number(rest);
-    let (y, rest) = number(rest);
-    let (width, rest) = number(rest);
-    let (height, _) = number(rest);
-    assert!(told.contains(&format!("{SAMPLES} samples")), "{told}");
-
-    let is_panel = |column: u32, row: u32| {
-        (x.saturating_sub(EDGE)..x + width + EDGE).contains(&column)
-            && (y.saturating_sub(EDGE)..y + height + EDGE).contains(&row)
-    };
-    // Nearly all columns of the right half are outside the panel, and many rows of the left one.
-    assert!(x + width < WIDTH * 3 / 4 && y + height < HEIGHT);
+    let mut lines = BufReader::new(window.stdout.take().unwrap());
+    let panel = Panel::told(&mut lines, first);
     let screen = server.window(1, 1);
-    let started = Instant::now();
-    loop {
-        let shown = screen.screenshot(WIDTH as u16, HEIGHT as u16);
-        let mut worst = [0; 2];
-        let mut over_the_panel = 0;
-        // The test's own window covers the first pixel.
-        for index in 1..WIDTH * HEIGHT {
-            let (column, row) = (index % WIDTH, index / WIDTH);
-            let pixel = &shown[4 * index as usize..][..3];
-            let wanted = &expected[3 * index as usize..][..3];
-            // The screen has blue first.
-            let off = (0..3).map(|i| pixel[2 - i].abs_diff(wanted[i])).max();
-            let off = off.unwrap_or(0);
-            if is_panel(column, row) {
-                over_the_panel += u32::from(off > TOLERANCE);
-            } else {
-                let half = usize::from(column >= WIDTH / 2);
-                worst[half] = off.max(worst[half]);
-            }
-        }
-        if worst.iter().all(|worst| *worst <= TOLERANCE) {
-            println!("codes off: {worst:?}; {over_the_panel} pixels of the panel differ");
-            // Most of the panel is something else than the picture.
-            assert!(over_the_panel > width * height / 2);
-            break;
-        }
-        assert!(
-            started.elapsed() < Duration::from_secs(5),
-            "codes off, left and right of the split: {worst:?}"
-        );
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    assert!(window.wait().unwrap().success());
+    panel.comes_before(&screen, first, &pictures[0]);
+
+    let shown = named_tuff(&screen);
+    let size = ConfigureWindowAux::new().width(smaller.0).height(smaller.1);
+    screen.x.configure_window(shown, &size).unwrap();
+    screen.x.sync().unwrap();
+    let panel = Panel::told(&mut lines, smaller);
+    panel.comes_before(&screen, smaller, &pictures[1]);
+
+    // What is hidden comes back as it was.
+    let shot = || screen.screenshot(smaller.0 as u16, smaller.1 as u16);
+    let before = shot();
+    screen.x.unmap_window(shown).unwrap();
+    screen.x.sync().unwrap();
+    std::thread::sleep(Duration::from_millis(200));
+    assert_ne!(shot(), before);
+    screen.x.map_window(shown).unwrap();
+    screen.x.sync().unwrap();
+    panel.comes_before(&screen, smaller, &pictures[1]);
+
+    ask_to_close(&screen, shown);
+    assert!(end_of(&mut window).success());
+}
+
+#[test]
+fn a_window_that_is_closed_before_its_frames_were_shown_fails() {
+    let Some(server) = Xvfb::start(&[]) else {
+        return;
+    };
+    let mut window = program(&server.display)
+        .args(["--size", "480x270", "--spp", "1", "--frames", "1000000"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut told = String::new();
+    (BufReader::new(window.stdout.take().unwrap()).read_line(&mut told)).unwrap();
+    let screen = server.window(1, 1);
+    ask_to_close(&screen, named_tuff(&screen));
+    assert!(!end_of(&mut window).success());
+    let said = std::io::read_to_string(window.stderr.take().unwrap()).unwrap();
+    assert!(said.contains("of 1000000 frames were presented"), "{said}");
 }
 
 #[test]
@@ -171,6 +285,8 @@ fn without_a_display_it_says_so() {
             "{said}"
         );
         assert_eq!(said.lines().count(), 1, "{said}");
+        // No place in the source of a library, which helps nobody who wants a window.
+        assert!(!said.contains(".rs"), "{said}");
     }
 }
 

@@ -1,0 +1,157 @@
+//! One redraw: a piece of the picture, the panel over it, and both presented.
+
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use ash::vk;
+use demo::vulkan::{change_layout, viewport};
+use egui::ViewportId;
+use winit::event_loop::ActiveEventLoop;
+
+use super::App;
+use super::open::Open;
+use crate::panel::{News, lay_out};
+use crate::progress::Sight;
+use crate::swapchain::Outcome;
+
+/// A stutter moves the camera no farther than this.
+const LONGEST_STEP: Duration = Duration::from_millis(200);
+
+impl App<'_> {
+    /// Does a piece of the picture and shows what is there.
+    pub(super) fn redraw(&mut self, events: &ActiveEventLoop) -> Result<()> {
+        let now = Instant::now();
+        let step = (now - self.last_frame).min(LONGEST_STEP).as_secs_f32();
+        self.last_frame = now;
+        let minimized = |open: &Open| open.window.is_minimized() == Some(true);
+        if self.is_hidden || self.open.as_ref().is_none_or(minimized) || !self.fit()? {
+            // An event comes when it is seen again.
+            return Ok(());
+        }
+        let extent = self.studio.scene.extent;
+        self.flight.move_on(&mut self.camera, extent, step);
+        let (order, bounces) = (self.order, self.choices.bounces);
+        let Some(open) = &mut self.open else {
+            return Ok(());
+        };
+        let (Some(progress), Some((_, show, overlay)), Some(swapchain)) =
+            (&mut open.progress, &mut open.drawers, &mut open.swapchain)
+        else {
+            return Ok(());
+        };
+        let split = self.choices.first_traced(swapchain.extent.width);
+        let sight = Sight {
+            camera: self.camera,
+            bounces,
+            split,
+        };
+        if progress.sight != sight {
+            progress.start(sight);
+        }
+        progress.advance(order.spp)?;
+
+        let news = News {
+            device: self.studio.context.name.clone(),
+            samples: progress.samples,
+            rays_per_second: progress.rays_per_second,
+        };
+        let input = open.egui.take_egui_input(&open.window);
+        let egui = open.egui.egui_ctx().clone();
+        let mut panel = egui::Rect::NOTHING;
+        let output = egui.run(input, |context| {
+            panel = lay_out(context, &mut self.choices, &news);
+        });
+        open.egui
+            .handle_platform_output(&open.window, output.platform_output);
+        let scale = output.pixels_per_point;
+        let meshes = egui.tessellate(output.shapes, scale);
+        let size = (swapchain.extent.width, swapchain.extent.height);
+        overlay.prepare(&output.textures_delta, &meshes, size, scale)?;
+
+        let (context, area) = (self.studio.context, vk::Rect2D::from(swapchain.extent));
+        let exposure = self.studio.scene.exposure * self.choices.stops.exp2();
+        open.window.pre_present_notify();
+        let outcome = swapchain.present(self.commands, self.finished, |commands, shown| {
+            let image = (shown.image, vk::ImageAspectFlags::COLOR);
+            let attached = vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL;
+            // The barrier is for all memory that was written: for what was traced and drawn, too.
+            change_layout(
+                context,
+                commands,
+                image,
+                vk::ImageLayout::UNDEFINED,
+                attached,
+            );
+            let colors = [vk::RenderingAttachmentInfo::default()
+                .image_view(shown.view)
+                .image_layout(attached)
+                .load_op(vk::AttachmentLoadOp::DONT_CARE)
+                .store_op(vk::AttachmentStoreOp::STORE)];
+            let rendering = vk::RenderingInfo::default()
+                .render_area(area)
+                .layer_count(1)
+                .color_attachments(&colors);
+            let device = &context.device;
+            // SAFETY: the command buffer is recording, and what it uses outlives its execution.
+            unsafe {
+                device.cmd_begin_rendering(commands, &rendering);
+                device.cmd_set_viewport(commands, 0, &[viewport(size)]);
+                device.cmd_set_scissor(commands, 0, &[area]);
+                show.record(commands, progress, exposure);
+                overlay.record(commands);
+                device.cmd_end_rendering(commands);
+            }
+            let presented = vk::ImageLayout::PRESENT_SRC_KHR;
+            change_layout(context, commands, image, attached, presented);
+        })?;
+        match outcome {
+            Outcome::Presented => self.presented += 1,
+            Outcome::Misfit { presented } => {
+                self.presented += u64::from(presented);
+                open.misfits = true;
+            }
+            Outcome::Late => {}
+            Outcome::SurfaceLost => return self.lose_surface(),
+        }
+        let was_presented = !matches!(
+            outcome,
+            Outcome::Late | Outcome::Misfit { presented: false }
+        );
+        if was_presented {
+            self.last_presented = Instant::now();
+            self.was_lost = false;
+        }
+        let is_done = progress.is_done(order.spp);
+        if is_done && was_presented && !self.has_told {
+            let (corner, size) = (panel.min * scale, panel.size() * scale);
+            println!(
+                "window: {}x{}, {} samples, {:.1} Mrays/s, traced from column {split}; \
+                 panel at {},{}, {}x{}",
+                progress.size.0,
+                progress.size.1,
+                progress.samples,
+                progress.rays_per_second / 1e6,
+                corner.x.floor(),
+                corner.y.floor(),
+                size.x.ceil(),
+                size.y.ceil(),
+            );
+            self.has_told = true;
+        }
+        self.has_told &= is_done;
+        if order.frames.is_some_and(|frames| self.presented >= frames) {
+            events.exit();
+            return Ok(());
+        }
+        let delay = (output.viewport_output.get(&ViewportId::ROOT))
+            .map_or(Duration::MAX, |viewport| viewport.repaint_delay);
+        let more = !is_done || self.flight.is_moving() || open.misfits || !was_presented;
+        let is_next = more || order.frames.is_some() || delay.is_zero();
+        if is_next {
+            open.window.request_redraw();
+        }
+        let then = (!is_next).then(|| now.checked_add(delay)).flatten();
+        self.sleep(events, then);
+        Ok(())
+    }
+}
