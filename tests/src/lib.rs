@@ -8,6 +8,7 @@
 mod acceleration;
 mod alone;
 mod bind;
+mod case;
 mod compositor;
 mod compute;
 mod gpu;
@@ -30,6 +31,7 @@ mod words;
 pub use acceleration::{Geometry, Instance, Structure, Sweep, identity, scaled, translated};
 pub use alone::alone;
 pub use bind::{Bound, Set};
+pub use case::Case;
 pub use compositor::Compositor;
 pub use compute::Kernel;
 pub use gpu::{Gpu, PATIENCE_NS};
@@ -45,9 +47,9 @@ pub use optional::Optional;
 pub use presenter::{Chain, Presenter, red_first, screen_picture};
 pub use shader::{Stage, glsl, glsl_for, glsl_nv};
 pub use skip::has;
-pub use trace::{Group, Rays, RaysInput, Record, Table};
+pub use trace::{Group, Rays, Record, Table};
 pub use window::{Window, Xvfb};
-pub use words::{MISS, RESULTS, WORLD, layers, trace_words};
+pub use words::{MISS, RESULTS, WORLD, layers};
 
 pub use ash::vk;
 pub use fastrand::Rng;

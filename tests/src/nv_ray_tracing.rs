@@ -5,7 +5,7 @@ use ash::{nv, vk};
 use crate::acceleration::instance_records;
 use crate::gpu::Made;
 use crate::trace::group_info;
-use crate::{Buffer, Geometry, Gpu, Instance, Rays, RaysInput, Record, Stage, Structure, Table};
+use crate::{Buffer, Case, Geometry, Gpu, Instance, Rays, Record, Stage, Structure, Table};
 use crate::{Set, glsl_nv};
 
 type BuildFlags = vk::BuildAccelerationStructureFlagsKHR;
@@ -236,22 +236,16 @@ impl Gpu {
     }
 
     /// A pipeline of GLSL with `GL_NV_ray_tracing`.
-    pub fn rays_nv(&self, input: &RaysInput) -> Rays {
-        self.rays_nv_with(input, vk::PipelineCreateFlags::empty())
-    }
-
-    pub fn rays_nv_with(&self, input: &RaysInput, flags: vk::PipelineCreateFlags) -> Rays {
-        let compile = |&(stage, source): &(Stage, &str)| {
-            let module = self.module(&glsl_nv(stage, source));
+    pub fn rays_nv(&self, case: &Case) -> Rays {
+        let compile = |(stage, source): &(Stage, String)| {
+            let module = self.module(&glsl_nv(*stage, source));
             vk::PipelineShaderStageCreateInfo::default()
                 .stage(stage.flag())
                 .module(module)
                 .name(c"main")
         };
-        let stages: Vec<_> = input.shaders.iter().map(compile).collect();
-        let groups: Vec<_> = input
-            .groups
-            .iter()
+        let stages: Vec<_> = case.shaders.iter().map(compile).collect();
+        let groups: Vec<_> = (case.groups.iter())
             .map(|group| {
                 let group = group_info(group);
                 vk::RayTracingShaderGroupCreateInfoNV::default()
@@ -262,13 +256,13 @@ impl Gpu {
                     .intersection_shader(group.intersection_shader)
             })
             .collect();
-        let set: Set = self.set(input.bindings);
+        let set: Set = case.set(self);
         let layout = self.layout(&[set.layout]);
         let info = vk::RayTracingPipelineCreateInfoNV::default()
-            .flags(flags)
+            .flags(case.flags)
             .stages(&stages)
             .groups(&groups)
-            .max_recursion_depth(input.recursion)
+            .max_recursion_depth(case.recursion)
             .layout(layout);
         // SAFETY: the structures outlive the calls.
         unsafe {

@@ -4,9 +4,9 @@ use ash::vk;
 use bytemuck::Pod;
 
 use crate::gpu::Made;
-use crate::{Bound, Buffer, Gpu, Set, Stage, Structure, glsl};
+use crate::{Buffer, Case, Gpu, Set, Stage, Structure, glsl};
 
-/// A shader group: numbers of shaders in [`RaysInput::shaders`].
+/// A shader group: numbers of the pipeline's shaders.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Group {
     pub general: Option<u32>,
@@ -29,14 +29,6 @@ impl Group {
             ..Group::default()
         }
     }
-}
-
-/// What a pipeline is made of.
-pub struct RaysInput<'i> {
-    pub shaders: &'i [(Stage, &'i str)],
-    pub groups: &'i [Group],
-    pub recursion: u32,
-    pub bindings: &'i [(u32, &'i [Bound])],
 }
 
 /// A ray tracing pipeline and the set it uses.
@@ -94,19 +86,12 @@ impl Table {
 }
 
 impl Gpu {
-    pub fn rays(&self, input: &RaysInput) -> Rays {
-        self.rays_with(input, vk::PipelineCreateFlags::empty())
-    }
-
-    /// The same, with flags for the pipeline.
-    pub fn rays_with(&self, input: &RaysInput, flags: vk::PipelineCreateFlags) -> Rays {
-        let words: Vec<(Stage, Vec<u32>)> = input
-            .shaders
-            .iter()
+    pub fn rays(&self, case: &Case) -> Rays {
+        let words: Vec<(Stage, Vec<u32>)> = (case.shaders.iter())
             .map(|(stage, source)| (*stage, glsl(*stage, source)))
             .collect();
-        let set = self.set(input.bindings);
-        self.rays_of_words(&words, input.groups, input.recursion, set, flags)
+        let set = case.set(self);
+        self.rays_of_words(&words, &case.groups, case.recursion, set, case.flags)
     }
 
     /// A pipeline of SPIR-V that uses one set.
@@ -311,21 +296,9 @@ impl Gpu {
         let miss = "layout(location = 0) rayPayloadInEXT float t; void main() { t = -1.0; }";
         let hit = "layout(location = 0) rayPayloadInEXT float t; void main() { t = gl_HitTEXT; }";
         let output = self.buffer(4 * u64::from(count));
-        let rays = self.rays(&RaysInput {
-            shaders: &[
-                (Stage::RayGeneration, raygen),
-                (Stage::Miss, miss),
-                (Stage::ClosestHit, hit),
-            ],
-            groups: &[Group::general(0), Group::general(1), Group::hit(2)],
-            recursion: 1,
-            bindings: &[
-                (0, &[Bound::Structure(world.handle)]),
-                (1, &[Bound::Storage(output)]),
-            ],
-        });
-        let table = Table::of(0, &[1], &[2]);
-        self.trace(&rays, &table, [count, 1, 1]);
+        let case = Case::new(raygen).miss(miss).hit(hit);
+        let case = case.bind(world).bind(output);
+        case.trace(self, [count, 1, 1]);
         output.read()
     }
 }

@@ -270,13 +270,9 @@ fn a_dispatch_of_too_many_rays_ends_by_its_time_limit() {
     }
     let gpu = Gpu::without_validation().with("a driver that promises this", Gpu::is_tuff);
     let Some(gpu) = gpu else { return };
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[(Stage::RayGeneration, "void main() {}")],
-        groups: &[Group::general(0)],
-        recursion: 1,
-        bindings: &[],
-    });
-    let regions = gpu.regions(&rays, &Table::of(0, &[], &[]));
+    let case = Case::new("void main() {}");
+    let rays = gpu.rays(&case);
+    let regions = gpu.regions(&rays, &case.table());
     let started = std::time::Instant::now();
     let most = gpu.pipeline_properties.max_ray_dispatch_invocation_count;
     let extent = [1 << 14, most >> 14, 1];

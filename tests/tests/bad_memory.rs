@@ -494,17 +494,11 @@ fn endless_recursion_gives_its_memory_back() {
     layout(location = 1) callableDataEXT vec4 next;
     void main() { next = data + 1.0; executeCallableEXT(0, 1); data = next; }";
     let before = resident_kilobytes();
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[(Stage::RayGeneration, raygen), (Stage::Callable, callable)],
-        groups: &[Group::general(0), Group::general(1)],
-        bindings: &[],
-        recursion: 1,
-    });
+    let case = Case::new(raygen).callable(callable);
+    let rays = gpu.rays(&case);
     let table = Table {
-        raygen: Record::of(0),
-        miss: Vec::new(),
-        hit: Vec::new(),
         callable: vec![Record::of(1); 2],
+        ..case.table()
     };
     let regions = gpu.regions(&rays, &table);
     let lost = gpu.try_run(|commands| gpu.record_trace(commands, &rays, &regions, [1024, 1024, 1]));

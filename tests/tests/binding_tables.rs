@@ -49,25 +49,12 @@ fn the_binding_table_is_indexed_by_instance_geometry_and_ray() {
     let (hit_a, hit_b) = (hit(1), hit(2));
     let output = gpu.buffer(4 * 4 * 5 * 9);
     let raygen = format!("{WORLD}{RESULTS}{raygen}");
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, &raygen),
-            (Stage::Miss, miss),
-            (Stage::ClosestHit, &hit_a),
-            (Stage::ClosestHit, &hit_b),
-        ],
-        groups: &[
-            Group::general(0),
-            Group::general(1),
-            Group::hit(2),
-            Group::hit(3),
-        ],
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(output)]),
-        ],
-    });
+    let case = Case::new(&raygen)
+        .miss(miss)
+        .hit(&hit_a)
+        .hit(&hit_b)
+        .bind(world)
+        .bind(output);
     let table = Table {
         raygen: Record::with(0, &[70_000_000u32, 3_000_000]),
         miss: vec![Record::with(1, &[11u32]), Record::with(1, &[22u32])],
@@ -76,7 +63,7 @@ fn the_binding_table_is_indexed_by_instance_geometry_and_ray() {
             .collect(),
         callable: vec![],
     };
-    gpu.trace(&rays, &table, [4, 5, 9]);
+    gpu.trace(&gpu.rays(&case), &table, [4, 5, 9]);
     let results: Vec<u32> = output.read();
     for z in 0..9u32 {
         for y in 0..5u32 {
@@ -113,22 +100,13 @@ fn unused_groups_do_nothing() {
     }";
     let output = gpu.buffer(8);
     let raygen = format!("{WORLD}{RESULTS}{raygen}");
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[(Stage::RayGeneration, &raygen)],
-        groups: &[Group::general(0)],
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(output)]),
-        ],
-    });
+    let case = Case::new(&raygen).bind(world).bind(output);
     let table = Table {
-        raygen: Record::of(0),
         miss: vec![Record::default()],
         hit: vec![Record::default()],
-        callable: vec![],
+        ..case.table()
     };
-    gpu.trace(&rays, &table, [2, 1, 1]);
+    gpu.trace(&gpu.rays(&case), &table, [2, 1, 1]);
     assert_eq!(output.read::<u32>(), [42, 42]);
 }
 
@@ -164,30 +142,20 @@ fn callables_call_callables() {
     }";
     let output = gpu.buffer(8 * 200);
     let raygen = format!("{WORLD}{RESULTS}{raygen}");
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, &raygen),
-            (Stage::Callable, leaf),
-            (Stage::Callable, caller),
-        ],
-        groups: &[Group::general(0), Group::general(1), Group::general(2)],
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(output)]),
-        ],
-    });
+    let case = Case::new(&raygen)
+        .callable(leaf)
+        .callable(caller)
+        .bind(world)
+        .bind(output);
     let table = Table {
-        raygen: Record::of(0),
-        miss: vec![],
-        hit: vec![],
         callable: vec![
             Record::with(1, &[500u32]),
             Record::with(1, &[9000u32]),
             Record::of(2),
         ],
+        ..case.table()
     };
-    gpu.trace(&rays, &table, [200, 1, 1]);
+    gpu.trace(&gpu.rays(&case), &table, [200, 1, 1]);
     let call = |i: u32, record: u32| 3 * i + [500, 9000][record as usize];
     for (i, [value, rest]) in output.read::<[u32; 2]>().into_iter().enumerate() {
         let i = i as u32;

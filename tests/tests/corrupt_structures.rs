@@ -91,22 +91,12 @@ impl World {
         let top = gpu.top(&(0..instances).map(placed).collect::<Vec<_>>());
         let results = gpu.buffer(4 * 64);
         let queries = gpu.set(&[(0, &[Bound::Storage(results)])]);
-        let rays = gpu.rays(&RaysInput {
-            shaders: &[
-                (Stage::RayGeneration, RAYGEN),
-                (
-                    Stage::Miss,
-                    "layout(location = 0) rayPayloadInEXT float t; void main() { t = -1.0; }",
-                ),
-                (Stage::ClosestHit, CLOSEST_HIT),
-            ],
-            groups: &[Group::general(0), Group::general(1), Group::hit(2)],
-            recursion: 1,
-            bindings: &[
-                (0, &[Bound::Structure(top.handle)]),
-                (1, &[Bound::Storage(results)]),
-            ],
-        });
+        let case = Case::new(RAYGEN)
+            .miss("layout(location = 0) rayPayloadInEXT float t; void main() { t = -1.0; }")
+            .hit(CLOSEST_HIT)
+            .bind(top)
+            .bind(results);
+        let rays = gpu.rays(&case);
         let levels = [bottom, top];
         Some(World {
             counts: [triangles, instances],
@@ -114,7 +104,7 @@ impl World {
             good: levels.map(words),
             query: gpu.kernel(QUERY, &[queries.layout]),
             queries,
-            regions: gpu.regions(&rays, &Table::of(0, &[1], &[2])),
+            regions: gpu.regions(&rays, &case.table()),
             rays,
             gpu,
         })

@@ -370,16 +370,12 @@ fn recursion_without_an_end_is_told_with_its_depth() {
     layout(location = 0) callableDataInEXT vec4 data;
     layout(location = 1) callableDataEXT vec4 next;
     void main() { next = data + 1.0; executeCallableEXT(0, 1); data = next; }";
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[(Stage::RayGeneration, raygen), (Stage::Callable, callable)],
-        groups: &[Group::general(0), Group::general(1)],
-        bindings: &[],
-        recursion: 1,
-    });
+    let case = Case::new(raygen).callable(callable);
+    let rays = gpu.rays(&case);
     gpu.name_object(rays.pipeline, c"deep");
     let table = Table {
         callable: vec![Record::of(1); 2],
-        ..Table::of(0, &[], &[])
+        ..case.table()
     };
     let regions = gpu.regions(&rays, &table);
     let lost = gpu.try_run(|commands| gpu.record_trace(commands, &rays, &regions, [16, 1, 1]));

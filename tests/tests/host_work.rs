@@ -382,12 +382,9 @@ fn devices_of_several_threads_work_side_by_side() {
                 &layers(layer_count),
                 vk::GeometryFlagsKHR::OPAQUE,
             )]);
-            let got = trace_words(
+            let got = Case::with_words(raygen).hit(closest).words(
                 &gpu,
                 world,
-                raygen,
-                &[(Stage::ClosestHit, closest)],
-                &[Group::hit(2)],
                 [RAYS, 1, 1],
                 RAYS as usize,
             );

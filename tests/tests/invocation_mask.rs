@@ -27,17 +27,9 @@ fn masked_invocations_do_not_run() {
         void main() {
             atomicAdd(results[gl_LaunchIDEXT.y * gl_LaunchSizeEXT.x + gl_LaunchIDEXT.x], 1u);
         }";
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[(Stage::RayGeneration, raygen)],
-        groups: &[Group::general(0)],
-        recursion: 1,
-        bindings: &[(0, &[Bound::Storage(output)])],
-    });
-    let table = Table {
-        raygen: Record::of(0),
-        ..Table::default()
-    };
-    let regions = gpu.regions(&rays, &table);
+    let case = Case::new(raygen).bind(output);
+    let rays = gpu.rays(&case);
+    let regions = gpu.regions(&rays, &case.table());
     let trace = |view: vk::ImageView| {
         gpu.run(|commands| {
             // SAFETY: the command buffer is being recorded, the view lives as long as the device.

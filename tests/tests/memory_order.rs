@@ -78,60 +78,39 @@ fn run(litmus: &Litmus<'_>) {
         format!("{HEAD}{declared}\n{globals}\nvoid main() {{ {body} }}")
     };
     let of_raygen = format!("layout(location = 0) rayPayloadEXT uint payload; {calling}");
-    let mut shaders = vec![
-        (Stage::RayGeneration, source(&of_raygen, litmus.raygen)),
-        (Stage::Miss, source(incoming, litmus.miss)),
-        (
-            Stage::ClosestHit,
-            source(&format!("{of_hit}{outgoing}{calling}"), litmus.hit),
-        ),
-    ];
-    let mut add = |stage, declared: &str, body: Option<&str>| {
-        body.map(|body| {
-            shaders.push((stage, source(declared, body)));
-            shaders.len() as u32 - 1
-        })
-    };
-    let hit_group = Group {
-        any_hit: add(Stage::AnyHit, &of_hit, litmus.any_hit),
-        intersection: add(Stage::Intersection, litmus.hit_globals, litmus.intersection),
-        ..Group::hit(2)
-    };
-    let called = add(
-        Stage::Callable,
-        "layout(location = 2) callableDataInEXT uint data; layout(location = 3) callableDataEXT uint more;",
-        litmus.callable,
-    );
-    let mut groups = vec![Group::general(0), Group::general(1), hit_group];
-    groups.extend(called.map(Group::general));
-    let shaders: Vec<(Stage, &str)> = shaders
-        .iter()
-        .map(|(stage, source)| (*stage, &source[..]))
-        .collect();
+    let mut case = Case::new(&source(&of_raygen, litmus.raygen))
+        .miss(&source(incoming, litmus.miss))
+        .hit(&source(&format!("{of_hit}{outgoing}{calling}"), litmus.hit));
+    if let Some(body) = litmus.any_hit {
+        case = case.any_hit(&source(&of_hit, body));
+    }
+    if let Some(body) = litmus.intersection {
+        case = case.intersection(&source(litmus.hit_globals, body));
+    }
+    if let Some(body) = litmus.callable {
+        let data = "layout(location = 2) callableDataInEXT uint data; layout(location = 3) callableDataEXT uint more;";
+        case = case.callable(&source(data, body));
+    }
     let shape = Shape::flat(vk::Format::R32_UINT, COUNT, 1);
     let picture = gpu.picture(shape, vk::ImageUsageFlags::STORAGE);
     gpu.upload(&picture, 0, &[0u32; COUNT as usize]);
     let words = gpu.buffer(16 * u64::from(COUNT));
     let results = gpu.buffer(4 * u64::from(COUNT));
     let place = gpu.buffer(8);
-    let rays = gpu.rays(&RaysInput {
-        shaders: &shaders,
-        groups: &groups,
-        recursion: litmus.recursion,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(words)]),
-            (2, &[Bound::StorageImage(picture.view)]),
-            (3, &[Bound::Storage(results)]),
-            (4, &[Bound::Storage(place)]),
-        ],
-    });
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::with(1, &[100u32])],
-        hit: vec![Record::with(2, &[200u32])],
-        callable: called.iter().map(|_| Record::with(3, &[300u32])).collect(),
-    };
+    let case = case
+        .recursion(litmus.recursion)
+        .bind(world)
+        .bind(words)
+        .bind(Bound::StorageImage(picture.view))
+        .bind(results)
+        .bind(place);
+    let rays = gpu.rays(&case);
+    let mut table = case.table();
+    table.miss = vec![Record::with(1, &[100u32])];
+    table.hit = vec![Record::with(2, &[200u32])];
+    for called in &mut table.callable {
+        *called = Record::with(3, &[300u32]);
+    }
     let regions = gpu.regions(&rays, &table);
     let handle_bytes = u64::from(gpu.pipeline_properties.shader_group_handle_size);
     place.write(0, &[regions[2].device_address + handle_bytes]);

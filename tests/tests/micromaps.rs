@@ -121,33 +121,14 @@ fn shoot(gpu: &Gpu, world: Structure, points: &[[f32; 2]], ray_flags: u32) -> Ve
     let any_hit = of("found = 1; terminateRayEXT;");
     let (input, output) = (gpu.buffer_with(points), gpu.buffer(4 * points.len() as u64));
     let flags = vk::PipelineCreateFlags::RAY_TRACING_OPACITY_MICROMAP_EXT;
-    let rays = gpu.rays_with(
-        &RaysInput {
-            shaders: &[
-                (Stage::RayGeneration, &raygen),
-                (Stage::Miss, &miss),
-                (Stage::ClosestHit, &hit),
-                (Stage::AnyHit, &any_hit),
-            ],
-            groups: &[
-                Group::general(0),
-                Group::general(1),
-                Group {
-                    any_hit: Some(3),
-                    ..Group::hit(2)
-                },
-            ],
-            recursion: 1,
-            bindings: &[
-                (0, &[Bound::Structure(world.handle)]),
-                (1, &[Bound::Storage(input)]),
-                (2, &[Bound::Storage(output)]),
-            ],
-        },
-        flags,
-    );
-    let table = Table::of(0, &[1], &[2]);
-    gpu.trace(&rays, &table, [points.len() as u32, 1, 1]);
+    let case = Case::new(&raygen)
+        .miss(&miss)
+        .hit(&hit)
+        .any_hit(&any_hit)
+        .bind(world)
+        .bind(input)
+        .bind(output);
+    case.flags(flags).trace(gpu, [points.len() as u32, 1, 1]);
     output.read()
 }
 

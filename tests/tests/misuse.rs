@@ -11,36 +11,29 @@ const RAYGEN: &str =
     "traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);";
 
 /// A trace that is right as it stands; each test spoils a part.
-struct Case<'a> {
+struct Parts<'a> {
     /// What the ray generation shader does with `payload`, `world`, `words` and `numbers`.
     raygen: &'a str,
     hit: &'a str,
-    more: &'a [(Stage, &'a str)],
-    /// The hit group.
-    hit_group: Group,
+    callable: Option<&'a str>,
+    intersection: Option<&'a str>,
     flags: Flags,
-    recursion: u32,
     boxes: bool,
     /// Numbers in a buffer, so that no compiler knows them.
     numbers: [f32; 8],
 }
 
-impl Default for Case<'_> {
-    fn default() -> Self {
-        Self {
-            raygen: RAYGEN,
-            hit: "payload = 2u;",
-            more: &[],
-            hit_group: Group::hit(2),
-            flags: Flags::empty(),
-            recursion: 1,
-            boxes: false,
-            numbers: [0.0; 8],
-        }
-    }
-}
+const RIGHT: Parts = Parts {
+    raygen: RAYGEN,
+    hit: "payload = 2u;",
+    callable: None,
+    intersection: None,
+    flags: Flags::empty(),
+    boxes: false,
+    numbers: [0.0; 8],
+};
 
-/// What a case is traced with.
+/// What is traced.
 struct Trace<'a> {
     gpu: &'a Gpu,
     rays: Rays,
@@ -63,8 +56,13 @@ fn shader(body: &str, storage: &str) -> String {
 }
 
 impl<'a> Trace<'a> {
-    fn new(gpu: &'a Gpu, case: &Case<'_>) -> Self {
-        let geometry = match case.boxes {
+    /// What this ray generation shader traces.
+    fn by(gpu: &'a Gpu, raygen: &str) -> Self {
+        Self::new(gpu, &Parts { raygen, ..RIGHT })
+    }
+
+    fn new(gpu: &'a Gpu, parts: &Parts<'_>) -> Self {
+        let geometry = match parts.boxes {
             true => Geometry::boxes(
                 &[[-1.0, -1.0, -1.0, 1.0, 1.0, 0.0]],
                 vk::GeometryFlagsKHR::empty(),
@@ -74,41 +72,25 @@ impl<'a> Trace<'a> {
         let world = gpu.scene(&[geometry]);
         let results = gpu.buffer(64);
         let main = |body: &str| format!("void main() {{ {body} }}");
-        let raygen = format!("payload = 9u; {} words[0] = payload;", case.raygen);
+        let raygen = format!("payload = 9u; {} words[0] = payload;", parts.raygen);
         let data = "layout(location = 1) callableDataEXT uint data;";
         let raygen = shader(&format!("{data}\n{}", main(&raygen)), "rayPayloadEXT");
         let miss = shader(&main("payload = 1u;"), "rayPayloadInEXT");
-        let hit = shader(&main(case.hit), "rayPayloadInEXT");
-        let mut shaders = vec![
-            (Stage::RayGeneration, &raygen[..]),
-            (Stage::Miss, &miss),
-            (Stage::ClosestHit, &hit),
-        ];
-        shaders.extend(case.more);
-        let mut groups = vec![Group::general(0), Group::general(1), case.hit_group];
-        groups.extend(
-            (3..shaders.len())
-                .filter(|&index| shaders[index].0 == Stage::Callable)
-                .map(|index| Group::general(index as u32)),
-        );
-        let rays = gpu.rays_with(
-            &RaysInput {
-                shaders: &shaders,
-                groups: &groups,
-                recursion: case.recursion,
-                bindings: &[
-                    (0, &[Bound::Structure(world.handle)]),
-                    (1, &[Bound::Storage(results)]),
-                    (2, &[Bound::Storage(gpu.buffer_with(&case.numbers))]),
-                ],
-            },
-            case.flags,
-        );
+        let hit = shader(&main(parts.hit), "rayPayloadInEXT");
+        let mut case = Case::new(&raygen).miss(&miss).hit(&hit).flags(parts.flags);
+        if let Some(intersection) = parts.intersection {
+            case = case.intersection(intersection);
+        }
+        if let Some(callable) = parts.callable {
+            case = case.callable(callable);
+        }
+        let numbers = gpu.buffer_with(&parts.numbers);
+        let case = case.bind(world).bind(results).bind(numbers);
+        let rays = gpu.rays(&case);
         let table = Table {
-            raygen: Record::of(0),
             miss: vec![Record::of(1); 4],
             hit: vec![Record::of(2); 4],
-            callable: (3..groups.len() as u32).map(Record::of).collect(),
+            ..case.table()
         };
         let regions = gpu.regions(&rays, &table);
         Self {
@@ -147,56 +129,56 @@ impl<'a> Trace<'a> {
 /// Each check breaks one rule, whose name is on the left; what it asserts holds with validation and without.
 const CHECKS: &[(&str, Misuse)] = &[
     ("VUID-vkCmdTraceRaysKHR-None-03429", |gpu| {
-        let mut trace = Trace::new(gpu, &Case::default());
+        let mut trace = Trace::new(gpu, &RIGHT);
         trace.regions[2] = trace.record(&[0x5a; 32]);
         assert_eq!(trace.run(1), 9, "such a group is as good as none");
     }),
     ("VUID-vkCmdTraceRaysKHR-None-03429", |gpu| {
         let other = Trace::new(
             gpu,
-            &Case {
+            &Parts {
                 hit: "payload = 77u;",
-                ..Case::default()
+                ..RIGHT
             },
         );
-        let mut trace = Trace::new(gpu, &Case::default());
+        let mut trace = Trace::new(gpu, &RIGHT);
         trace.regions[2] = trace.record(&other.rays.handles[2]);
         assert_eq!(trace.run(1), 9);
     }),
     ("VUID-vkCmdTraceRaysKHR-flags-03511", |gpu| {
-        let case = Case {
+        let parts = Parts {
             raygen: "traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, 1), 9.0, 0);",
             flags: Flags::RAY_TRACING_NO_NULL_MISS_SHADERS_KHR,
-            ..Case::default()
+            ..RIGHT
         };
-        let mut trace = Trace::new(gpu, &case);
+        let mut trace = Trace::new(gpu, &parts);
         trace.regions[1] = trace.record(&[0; 32]);
         assert_eq!(trace.run(1), 9);
     }),
     ("VUID-vkCmdTraceRaysKHR-flags-03513", |gpu| {
-        let case = Case {
+        let parts = Parts {
             flags: Flags::RAY_TRACING_NO_NULL_CLOSEST_HIT_SHADERS_KHR,
-            ..Case::default()
+            ..RIGHT
         };
-        let mut trace = Trace::new(gpu, &case);
+        let mut trace = Trace::new(gpu, &parts);
         trace.regions[2] = trace.record(&[0; 32]);
         assert_eq!(trace.run(1), 9);
     }),
     (
         "VUID-vkCmdTraceRaysKHR-pMissShaderBindingTable-03685",
         |gpu| {
-            let mut trace = Trace::new(gpu, &Case::default());
+            let mut trace = Trace::new(gpu, &RIGHT);
             trace.regions[1].device_address += 16;
             trace.run(64);
         },
     ),
     ("VUID-vkCmdTraceRaysKHR-stride-03690", |gpu| {
-        let mut trace = Trace::new(gpu, &Case::default());
+        let mut trace = Trace::new(gpu, &RIGHT);
         trace.regions[2].stride = 33;
         trace.run(64);
     }),
     ("VUID-vkCmdTraceRaysKHR-stride-04041", |gpu| {
-        let mut trace = Trace::new(gpu, &Case::default());
+        let mut trace = Trace::new(gpu, &RIGHT);
         trace.regions[3] = Region {
             stride: 1 << 40,
             ..trace.regions[2]
@@ -204,17 +186,16 @@ const CHECKS: &[(&str, Misuse)] = &[
         trace.run(64);
     }),
     ("VUID-VkStridedDeviceAddressRegionKHR-size-04631", |gpu| {
-        let case = Case {
-            raygen: "traceRayEXT(world, 0u, 0xff, 12, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);",
-            ..Case::default()
-        };
-        let mut trace = Trace::new(gpu, &case);
+        let mut trace = Trace::by(
+            gpu,
+            "traceRayEXT(world, 0u, 0xff, 12, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);",
+        );
         trace.regions[2].size = 1 << 50;
         assert_eq!(trace.run(1), 9);
     }),
     ("VUID-VkStridedDeviceAddressRegionKHR-size-04631", |gpu| {
         for address in [64, 1 << 46, u64::MAX - 63, 0xdead_0000_0000_0000] {
-            let mut trace = Trace::new(gpu, &Case::default());
+            let mut trace = Trace::new(gpu, &RIGHT);
             for region in &mut trace.regions[1..] {
                 region.device_address = address;
                 (region.size, region.stride) = (1 << 20, 32);
@@ -225,21 +206,21 @@ const CHECKS: &[(&str, Misuse)] = &[
         }
     }),
     ("TUFF-record-index", |gpu| {
-        let case = Case {
-            raygen: "traceRayEXT(world, 0u, 0xff, 9, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);",
-            ..Case::default()
-        };
-        assert_eq!(Trace::new(gpu, &case).run(1), 9);
+        let trace = Trace::by(
+            gpu,
+            "traceRayEXT(world, 0u, 0xff, 9, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);",
+        );
+        assert_eq!(trace.run(1), 9);
     }),
     (
         "VUID-vkCmdTraceRaysKHR-pHitShaderBindingTable-04736",
         |gpu| {
-            let case = Case {
+            let parts = Parts {
                 boxes: true,
-                ..Case::default()
+                ..RIGHT
             };
             assert_eq!(
-                Trace::new(gpu, &case).run(1),
+                Trace::new(gpu, &parts).run(1),
                 1,
                 "boxes without a shader are missed"
             );
@@ -248,12 +229,12 @@ const CHECKS: &[(&str, Misuse)] = &[
     (
         "VUID-vkCmdTraceRaysKHR-maxPipelineRayRecursionDepth-03679",
         |gpu| {
-            let case = Case {
+            let parts = Parts {
                 raygen: "payload = 0u; traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);",
                 hit: "payload++; if (payload < 40u) traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);",
-                ..Case::default()
+                ..RIGHT
             };
-            assert_eq!(Trace::new(gpu, &case).run(64), 40, "depth costs heap only");
+            assert_eq!(Trace::new(gpu, &parts).run(64), 40, "depth costs heap only");
         },
     ),
     (
@@ -262,16 +243,16 @@ const CHECKS: &[(&str, Misuse)] = &[
             let call = "layout(location = 0) callableDataInEXT uint data;
             layout(location = 1) callableDataEXT uint deeper;
             void main() { deeper = data + 1u; if (deeper < 20u) executeCallableEXT(0, 1); data = deeper; }";
-            let case = Case {
+            let parts = Parts {
                 raygen: "data = 0u; executeCallableEXT(0, 1); payload = data;",
-                more: &[(Stage::Callable, call)],
-                ..Case::default()
+                callable: Some(call),
+                ..RIGHT
             };
-            assert_eq!(Trace::new(gpu, &case).run(64), 20);
+            assert_eq!(Trace::new(gpu, &parts).run(64), 20);
         },
     ),
     ("VUID-vkCmdTraceRaysKHR-None-08114", |gpu| {
-        let trace = Trace::new(gpu, &Case::default());
+        let trace = Trace::new(gpu, &RIGHT);
         gpu.destroy(trace.world);
         trace.run(64);
     }),
@@ -280,28 +261,18 @@ const CHECKS: &[(&str, Misuse)] = &[
             let raygen = format!(
                 "traceRayEXT(accelerationStructureEXT({address}), 0u, 0xff, 0, 0, 0, vec3(0, 0, 1), 0.0, vec3(0, 0, -1), 9.0, 0);"
             );
-            let case = Case {
-                raygen: &raygen,
-                ..Case::default()
-            };
-            assert_eq!(Trace::new(gpu, &case).run(64), 1);
+            let trace = Trace::by(gpu, &raygen);
+            assert_eq!(trace.run(64), 1);
         }
     }),
     ("VUID-RuntimeSpirv-OpReportIntersectionKHR-06998", |gpu| {
-        let case = Case {
+        let parts = Parts {
             boxes: true,
             hit: "payload = gl_HitKindEXT;",
-            more: &[(
-                Stage::Intersection,
-                "void main() { reportIntersectionEXT(1.0, 200u); }",
-            )],
-            hit_group: Group {
-                intersection: Some(3),
-                ..Group::hit(2)
-            },
-            ..Case::default()
+            intersection: Some("void main() { reportIntersectionEXT(1.0, 200u); }"),
+            ..RIGHT
         };
-        assert_eq!(Trace::new(gpu, &case).run(1), 200);
+        assert_eq!(Trace::new(gpu, &parts).run(1), 200);
     }),
     ("VUID-RuntimeSpirv-PhysicalStorageBuffer64-11819", |gpu| {
         for place in [
@@ -313,11 +284,8 @@ const CHECKS: &[(&str, Misuse)] = &[
             let raygen = format!(
                 "Place place = Place({place}); place.word = 5u; atomicAdd(place.word, 1u); payload = place.word + 30u;"
             );
-            let case = Case {
-                raygen: &raygen,
-                ..Case::default()
-            };
-            assert_eq!(Trace::new(gpu, &case).run(64), 30, "{place}");
+            let trace = Trace::by(gpu, &raygen);
+            assert_eq!(trace.run(64), 30, "{place}");
         }
     }),
     ("VUID-RuntimeSpirv-PhysicalStorageBuffer64-06315", |gpu| {
@@ -329,11 +297,8 @@ const CHECKS: &[(&str, Misuse)] = &[
             at as u32,
             at >> 32
         );
-        let case = Case {
-            raygen: &raygen,
-            ..Case::default()
-        };
-        assert_eq!(Trace::new(gpu, &case).run(1), 12);
+        let trace = Trace::by(gpu, &raygen);
+        assert_eq!(trace.run(1), 12);
     }),
 ];
 
@@ -364,12 +329,12 @@ fn trace_numbers(gpu: &Gpu, flags: u32, numbers: [f32; 8]) {
         "traceRayEXT(world, {flags}u, 0xff, 0, 0, 0, vec3(numbers[0], numbers[1], numbers[2]), numbers[3],
             vec3(numbers[4], numbers[5], numbers[6]), numbers[7], 0);"
     );
-    let case = Case {
+    let parts = Parts {
         raygen: &raygen,
         numbers,
-        ..Case::default()
+        ..RIGHT
     };
-    let result = Trace::new(gpu, &case).run(64);
+    let result = Trace::new(gpu, &parts).run(64);
     assert!(result == 1 || result == 2, "{numbers:?}: {result}");
 }
 
@@ -383,7 +348,7 @@ fn reporting() -> Option<Gpu> {
 
 /// The device does what it should, after all that.
 fn still_works(gpu: &Gpu) {
-    assert_eq!(Trace::new(gpu, &Case::default()).run(1), 2);
+    assert_eq!(Trace::new(gpu, &RIGHT).run(1), 2);
 }
 
 #[test]
@@ -421,7 +386,7 @@ fn misuse_is_reported_by_its_name() {
 #[test]
 fn a_place_is_reported_once_with_a_count() {
     let Some(gpu) = reporting() else { return };
-    let mut trace = Trace::new(&gpu, &Case::default());
+    let mut trace = Trace::new(&gpu, &RIGHT);
     trace.regions[2] = trace.record(&[0x5a; 32]);
     trace.run(64);
     let said = gpu.take_complaints();
@@ -435,7 +400,7 @@ fn a_place_is_reported_once_with_a_count() {
 #[test]
 fn parameters_in_memory_are_looked_at() {
     let Some(gpu) = reporting() else { return };
-    let trace = Trace::new(&gpu, &Case::default());
+    let trace = Trace::new(&gpu, &RIGHT);
     let parameters = gpu.buffer_with(&[1u32 << 16, 1 << 16, 1]);
     let places = [
         (
@@ -583,11 +548,7 @@ fn a_hang_loses_the_device_and_no_more() {
         assert!(!gpu.is_tuff() || errors.contains(LIMIT), "{errors}");
         return;
     }
-    let case = Case {
-        raygen: "while (words[1] == 0u) payload += words[2];",
-        ..Case::default()
-    };
-    let trace = Trace::new(&gpu, &case);
+    let trace = Trace::by(&gpu, "while (words[1] == 0u) payload += words[2];");
     let lost = Err(vk::Result::ERROR_DEVICE_LOST);
     let ended = gpu.try_run(|commands| {
         gpu.record_trace(commands, &trace.rays, &trace.regions, [64, 1, 1]);

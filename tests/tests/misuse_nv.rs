@@ -40,20 +40,8 @@ impl<'a> Trace<'a> {
         );
         let miss = main("payload = 1u;", "rayPayloadInNV");
         let hit = main(hit, "rayPayloadInNV");
-        let input = RaysInput {
-            shaders: &[
-                (Stage::RayGeneration, &raygen),
-                (Stage::Miss, &miss),
-                (Stage::ClosestHit, &hit),
-            ],
-            groups: &[Group::general(0), Group::general(1), Group::hit(2)],
-            recursion: 1,
-            bindings: &[
-                (0, &[Bound::StructureNv(world.handle)]),
-                (1, &[Bound::Storage(results)]),
-            ],
-        };
-        let rays = gpu.rays_nv_with(&input, flags);
+        let case = Case::new(&raygen).miss(&miss).hit(&hit);
+        let rays = gpu.rays_nv(&case.flags(flags).bind(world).bind(results));
         let tables = gpu.tables_nv(&rays, &Table::of(0, &[1], &[2, 2]));
         Self {
             gpu,

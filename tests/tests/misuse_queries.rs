@@ -163,13 +163,8 @@ fn queries_of_ray_tracing_shaders_are_looked_at() {
         rayQueryInitializeEXT(q, world, 0u, 0xff, vec3(nowhere, 0, 1), 0.0, vec3(0, 0, -1), 9.0);
         while (rayQueryProceedEXT(q)) {}
     }";
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[(Stage::RayGeneration, raygen)],
-        groups: &[Group::general(0)],
-        recursion: 0,
-        bindings: &[(0, &[Bound::Structure(world.handle)])],
-    });
-    gpu.trace(&rays, &Table::of(0, &[], &[]), [40, 1, 1]);
+    let case = Case::new(raygen).recursion(0).bind(world);
+    case.trace(&gpu, [40, 1, 1]);
     let said = gpu.take_complaints();
     assert!(
         said.len() == 1 && said[0].contains("06351") && said[0].contains("40 times"),

@@ -166,31 +166,15 @@ fn trace_any(
                 gl_ObjectToWorldEXT[0].x, gl_ObjectToWorldEXT[3].x, gl_WorldToObjectEXT[3].x);
         }}"
     );
-    let mut shaders = vec![
-        (Stage::RayGeneration, &raygen[..]),
-        (Stage::Miss, &miss),
-        (Stage::ClosestHit, &hit),
-    ];
-    shaders.extend(any_hit.map(|source| (Stage::AnyHit, source)));
-    let hit_group = Group {
-        any_hit: any_hit.map(|_| 3),
-        ..Group::hit(2)
-    };
-    let pipeline = gpu.rays_with(
-        &RaysInput {
-            shaders: &shaders,
-            groups: &[Group::general(0), Group::general(1), hit_group],
-            recursion: 1,
-            bindings: &[
-                (0, &[Bound::Structure(world.handle)]),
-                (1, &[Bound::Storage(output)]),
-                (2, &[Bound::Storage(gpu.buffer_with(rays))]),
-            ],
-        },
-        flags | vk::PipelineCreateFlags::RAY_TRACING_ALLOW_MOTION_NV,
-    );
-    let table = Table::of(0, &[1], &[2]);
-    gpu.trace(&pipeline, &table, [rays.len() as u32, 1, 1]);
+    let mut case = Case::new(&raygen).miss(&miss).hit(&hit);
+    if let Some(any_hit) = any_hit {
+        case = case.any_hit(any_hit);
+    }
+    case.flags(flags | vk::PipelineCreateFlags::RAY_TRACING_ALLOW_MOTION_NV)
+        .bind(world)
+        .bind(output)
+        .bind(gpu.buffer_with(rays))
+        .trace(gpu, [rays.len() as u32, 1, 1]);
     output.read()
 }
 

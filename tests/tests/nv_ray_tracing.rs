@@ -31,7 +31,12 @@ const MISS: &str = r"
 layout(location = 3) rayPayloadInNV vec4 found;
 void main() { found = vec4(-1.0); }";
 
-/// Traces a grid with [`RAYGEN`] and [`MISS`]; the other shaders come after them, the hit groups after theirs.
+/// [`RAYGEN`] and [`MISS`], and a hit group of this shader.
+fn shots(hit: &str) -> Case {
+    Case::new(RAYGEN).miss(MISS).hit(hit)
+}
+
+/// Traces a grid with shaders that have [`HEAD`] before them.
 struct Traced<'a> {
     gpu: &'a Gpu,
     rays: Rays,
@@ -41,54 +46,14 @@ struct Traced<'a> {
 }
 
 impl<'a> Traced<'a> {
-    fn new(
-        gpu: &'a Gpu,
-        world: StructureNv,
-        more: &[(Stage, &str)],
-        hit_groups: &[Group],
-        size: [u32; 3],
-    ) -> Self {
-        let no_flags = vk::PipelineCreateFlags::empty();
-        Self::with_flags(gpu, world, more, hit_groups, size, no_flags)
-    }
-
-    fn with_flags(
-        gpu: &'a Gpu,
-        world: StructureNv,
-        more: &[(Stage, &str)],
-        hit_groups: &[Group],
-        size: [u32; 3],
-        flags: vk::PipelineCreateFlags,
-    ) -> Self {
-        let texts: Vec<(Stage, String)> = [(Stage::RayGeneration, RAYGEN), (Stage::Miss, MISS)]
-            .iter()
-            .chain(more)
-            .map(|(stage, text)| (*stage, format!("{HEAD}{text}")))
-            .collect();
-        let shaders: Vec<(Stage, &str)> = texts
-            .iter()
-            .map(|(stage, text)| (*stage, &text[..]))
-            .collect();
-        let general = [Group::general(0), Group::general(1)];
+    fn new(gpu: &'a Gpu, world: StructureNv, case: Case, size: [u32; 3]) -> Self {
         let results = gpu.buffer(16 * u64::from(size[0] * size[1] * size[2]));
-        let input = RaysInput {
-            shaders: &shaders,
-            groups: &[&general[..], hit_groups].concat(),
-            recursion: 1,
-            bindings: &[
-                (0, &[Bound::StructureNv(world.handle)]),
-                (1, &[Bound::Storage(results)]),
-            ],
-        };
-        let rays = gpu.rays_nv_with(&input, flags);
-        let hits: Vec<u32> = (0..hit_groups.len() as u32)
-            .map(|group| 2 + group)
-            .collect();
+        let case = case.head(HEAD).bind(world).bind(results);
         Self {
             gpu,
-            rays,
+            rays: gpu.rays_nv(&case),
             results,
-            table: Table::of(0, &[1], &hits),
+            table: case.table(),
             size,
         }
     }
@@ -99,12 +64,7 @@ impl<'a> Traced<'a> {
     }
 
     fn trace_into(&self, world: StructureNv) -> Vec<[f32; 4]> {
-        self.gpu.write(
-            self.rays.set.handle,
-            0,
-            0,
-            &Bound::StructureNv(world.handle),
-        );
+        (self.gpu).write(self.rays.set.handle, 0, 0, &world.into());
         self.trace()
     }
 }
@@ -216,13 +176,7 @@ fn triangles_are_where_they_were_put() {
         found = vec4(there.z, gl_PrimitiveID, same ? gl_InstanceCustomIndexNV : -3, weights.x + weights.y);
     }";
     let size = [8, 4, 1];
-    let traced = Traced::new(
-        &gpu,
-        world,
-        &[(Stage::ClosestHit, hit)],
-        &[Group::hit(2), Group::hit(2)],
-        size,
-    );
+    let traced = Traced::new(&gpu, world, shots(hit).hit(hit), size);
     let found = traced.trace();
     for (index, [z, primitive, custom, weights]) in found.iter().copied().enumerate() {
         let (x, y) = ((index % 8) as f32 + 0.25, (index / 8) as f32 + 0.25);
@@ -273,21 +227,8 @@ fn intersection_shaders_find_spheres_in_boxes() {
     layout(location = 3) rayPayloadInNV vec4 found;
     hitAttributeNV vec3 normal;
     void main() { found = vec4(gl_HitTNV, float(gl_HitKindNV), normal.x, normal.z); }";
-    let group = |intersection| Group {
-        intersection: Some(intersection),
-        ..Group::hit(2)
-    };
-    let traced = Traced::new(
-        &gpu,
-        world,
-        &[
-            (Stage::ClosestHit, hit),
-            (Stage::Intersection, &first),
-            (Stage::Intersection, &second),
-        ],
-        &[group(3), group(4)],
-        [6, 1, 1],
-    );
+    let case = shots(hit).intersection(&first).hit(hit);
+    let traced = Traced::new(&gpu, world, case.intersection(&second), [6, 1, 1]);
     for (index, [t, kind, nx, nz]) in traced.trace().into_iter().enumerate() {
         let (x, y) = (index as f32 + 0.25, 0.25);
         let hit = centres.iter().enumerate().find_map(|(i, c)| {
@@ -345,12 +286,8 @@ fn any_hit_shaders_ignore_and_end_there() {
     let hit = r"
     layout(location = 3) rayPayloadInNV vec4 found;
     void main() { found.x = gl_HitTNV; }";
-    let group = Group {
-        any_hit: Some(3),
-        ..Group::hit(2)
-    };
-    let shaders = [(Stage::ClosestHit, hit), (Stage::AnyHit, any_hit)];
-    let found = Traced::new(&gpu, world, &shaders, &[group], [4, 1, 1]).trace();
+    let case = shots(hit).any_hit(any_hit);
+    let found = Traced::new(&gpu, world, case, [4, 1, 1]).trace();
     for (x, found) in found.iter().enumerate() {
         // Nothing behind an ignored intersection is executed.
         assert_eq!(*found, [1.0 + x as f32, -2.0, -2.0, -2.0], "{x}");
@@ -379,12 +316,8 @@ fn any_hit_shaders_end_the_ray() {
     let hit = r"
     layout(location = 3) rayPayloadInNV vec4 found;
     void main() { found.x = gl_HitTNV; }";
-    let group = Group {
-        any_hit: Some(3),
-        ..Group::hit(2)
-    };
-    let shaders = [(Stage::ClosestHit, hit), (Stage::AnyHit, any_hit)];
-    let found = Traced::new(&gpu, world, &shaders, &[group], [2, 1, 1]).trace();
+    let case = shots(hit).any_hit(any_hit);
+    let found = Traced::new(&gpu, world, case, [2, 1, 1]).trace();
     // One call, whichever candidate comes first; it is the hit.
     let [t, count, untouched, seen] = found[0];
     assert_eq!((count, untouched), (-1.0, -2.0));
@@ -424,24 +357,19 @@ fn callable_shaders_take_data_by_location() {
         executeCallableNV(0u, 2);
         pair = vec2(inner, pair.y + 1.0);
     }";
-    let rays = gpu.rays_nv(&RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, &raygen),
-            (Stage::Callable, scale),
-            (Stage::Callable, both),
-        ],
-        groups: &[Group::general(0), Group::general(1), Group::general(2)],
-        recursion: 0,
-        bindings: &[(0, &[Bound::Storage(results)])],
-    });
+    let case = Case::new(&raygen)
+        .callable(scale)
+        .callable(both)
+        .recursion(0)
+        .bind(results);
+    let rays = gpu.rays_nv(&case);
     let table = Table {
-        raygen: Record::of(0),
         callable: vec![
             Record::with(1, &[3.0f32]),
             Record::with(1, &[5.0f32]),
             Record::of(2),
         ],
-        ..Table::default()
+        ..case.table()
     };
     gpu.trace_nv(&rays, &table, [32, 1, 1]);
     let factor = |x: usize| if x.is_multiple_of(2) { 3.0 } else { 5.0 };
@@ -481,13 +409,7 @@ fn instances_choose_by_mask_flags_and_table_offset() {
     layout(location = 3) rayPayloadInNV vec4 found;
     layout(shaderRecordNV, std430) buffer Record { float number; };
     void main() { found = vec4(gl_HitTNV, gl_InstanceCustomIndexNV, gl_InstanceID, number); }";
-    let mut traced = Traced::new(
-        &gpu,
-        world,
-        &[(Stage::ClosestHit, hit)],
-        &[Group::hit(2)],
-        [6, 2, 1],
-    );
+    let mut traced = Traced::new(&gpu, world, shots(hit), [6, 2, 1]);
     traced.table.hit = [10.0f32, 11.0, 12.0, 13.0]
         .iter()
         .map(|&n| Record::with(2, &[n]))
@@ -518,13 +440,7 @@ fn updates_move_what_is_there() {
     let top = gpu.describe_top_nv(&[bottom.instance()], BuildFlags::ALLOW_UPDATE);
     let world = gpu.structure_nv(&top);
     gpu.build_nv(&top, &world, None);
-    let traced = Traced::new(
-        &gpu,
-        world,
-        &[(Stage::ClosestHit, HIT)],
-        &[Group::hit(2)],
-        [3, 1, 1],
-    );
+    let traced = Traced::new(&gpu, world, shots(HIT), [3, 1, 1]);
     let depths = |found: Vec<[f32; 4]>| found.iter().map(|found| found[0]).collect::<Vec<_>>();
     assert_eq!(depths(traced.trace()), [2.0, 3.0, -1.0]);
 
@@ -599,13 +515,7 @@ fn copies_are_as_good_and_compact_ones_smaller() {
         }
     });
     let worlds = [original, clone, compact].map(|bottom| gpu.top_nv(&[bottom.instance()]));
-    let traced = Traced::new(
-        &gpu,
-        worlds[0],
-        &[(Stage::ClosestHit, HIT)],
-        &[Group::hit(2)],
-        [52, 1, 1],
-    );
+    let traced = Traced::new(&gpu, worlds[0], shots(HIT), [52, 1, 1]);
     for world in worlds {
         let found = traced.trace_into(world);
         for (x, found) in found.into_iter().enumerate() {
@@ -650,19 +560,13 @@ fn shaders_that_are_hit_trace_by_location() {
     );
     let miss = "layout(location = 0) rayPayloadInNV vec2 result; void main() { result.x = 7.0; }";
     let results = gpu.buffer(4 * 8);
-    let rays = gpu.rays_nv(&RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, &raygen),
-            (Stage::Miss, miss),
-            (Stage::ClosestHit, &hit),
-        ],
-        groups: &[Group::general(0), Group::general(1), Group::hit(2)],
-        recursion: 9,
-        bindings: &[
-            (0, &[Bound::StructureNv(world.handle)]),
-            (1, &[Bound::Storage(results)]),
-        ],
-    });
+    let case = Case::new(&raygen)
+        .miss(miss)
+        .hit(&hit)
+        .recursion(9)
+        .bind(world)
+        .bind(results);
+    let rays = gpu.rays_nv(&case);
     gpu.trace_nv(&rays, &Table::of(0, &[1, 1], &[2]), [8, 1, 1]);
     // What is seen from layer z on, so many layers deep: z + 10 (z + 1) + 100 (z + 2) …, and 7 past the last.
     fn seen(z: u32, depth: u32) -> f32 {
@@ -682,14 +586,8 @@ fn shaders_that_are_hit_trace_by_location() {
 fn deferred_pipelines_are_compiled_shader_by_shader() {
     let Some(gpu) = gpu() else { return };
     let world = gpu.scene_nv(&[Geometry::opaque(&square(1.0, 4.0))]);
-    let deferred = Traced::with_flags(
-        &gpu,
-        world,
-        &[(Stage::ClosestHit, HIT)],
-        &[Group::hit(2)],
-        [3, 1, 1],
-        vk::PipelineCreateFlags::DEFER_COMPILE_NV,
-    );
+    let case = shots(HIT).flags(vk::PipelineCreateFlags::DEFER_COMPILE_NV);
+    let deferred = Traced::new(&gpu, world, case, [3, 1, 1]);
     let nv = gpu.nv();
     let pipeline = deferred.rays.pipeline;
     std::thread::scope(|scope| {
@@ -709,13 +607,7 @@ fn deferred_pipelines_are_compiled_shader_by_shader() {
 fn empty_launches_and_empty_tables_do_nothing() {
     let Some(gpu) = gpu() else { return };
     let world = gpu.scene_nv(&[Geometry::opaque(&square(0.0, 1.0))]);
-    let traced = Traced::new(
-        &gpu,
-        world,
-        &[(Stage::ClosestHit, HIT)],
-        &[Group::hit(2)],
-        [1, 1, 1],
-    );
+    let traced = Traced::new(&gpu, world, shots(HIT), [1, 1, 1]);
     let tables = gpu.tables_nv(&traced.rays, &traced.table);
     gpu.run(|commands| {
         for size in [[0, 1, 1], [1, 0, 1], [1, 1, 0], [0, 0, 0]] {
@@ -750,21 +642,13 @@ fn descriptors_come_in_arrays_and_by_template() {
     let miss = "layout(location = 0) rayPayloadInNV float t; void main() { t = -1.0; }";
     let hit = "layout(location = 0) rayPayloadInNV float t; void main() { t = gl_HitTNV; }";
     let results = gpu.buffer(8);
-    let rays = gpu.rays_nv(&RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, raygen),
-            (Stage::Miss, miss),
-            (Stage::ClosestHit, hit),
-        ],
-        groups: &[Group::general(0), Group::general(1), Group::hit(2)],
-        recursion: 1,
-        bindings: &[
-            (0, &worlds.map(|world| Bound::StructureNv(world.handle))),
-            (1, &[Bound::Storage(results)]),
-        ],
-    });
-    let table = Table::of(0, &[1], &[2]);
-    gpu.trace_nv(&rays, &table, [1, 1, 1]);
+    let case = Case::new(raygen)
+        .miss(miss)
+        .hit(hit)
+        .bind_array(&worlds.map(|world| Bound::StructureNv(world.handle)))
+        .bind(results);
+    let rays = gpu.rays_nv(&case);
+    gpu.trace_nv(&rays, &case.table(), [1, 1, 1]);
     assert_eq!(results.read::<f32>(), [1.0, 5.0]);
 
     let entries = [vk::DescriptorUpdateTemplateEntry::default()
@@ -794,6 +678,6 @@ fn descriptors_come_in_arrays_and_by_template() {
         gpu.device
             .destroy_descriptor_update_template(template, None);
     }
-    gpu.trace_nv(&rays, &table, [1, 1, 1]);
+    gpu.trace_nv(&rays, &case.table(), [1, 1, 1]);
     assert_eq!(results.read::<f32>(), [5.0, 1.0]);
 }

@@ -110,35 +110,13 @@ fn shoot_with(
     let input = gpu.buffer_with(rays);
     let output = gpu.buffer(32 * rays.len() as u64);
     let corners = gpu.buffer_with(if boxes.is_empty() { &[[0.0; 6]] } else { boxes });
-    let pipeline = gpu.rays(&RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, RAYGEN),
-            (Stage::Miss, MISS),
-            (Stage::ClosestHit, HIT),
-            (Stage::Intersection, SPHERE),
-        ],
-        groups: &[
-            Group::general(0),
-            Group::general(1),
-            if boxes.is_empty() {
-                Group::hit(2)
-            } else {
-                Group {
-                    intersection: Some(3),
-                    ..Group::hit(2)
-                }
-            },
-        ],
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(input)]),
-            (2, &[Bound::Storage(output)]),
-            (3, &[Bound::Storage(corners)]),
-        ],
-    });
-    let table = Table::of(0, &[1], &[2]);
-    let regions = gpu.regions(&pipeline, &table);
+    let mut case = Case::new(RAYGEN).miss(MISS).hit(HIT);
+    if !boxes.is_empty() {
+        case = case.intersection(SPHERE);
+    }
+    let case = case.bind(world).bind(input).bind(output).bind(corners);
+    let pipeline = gpu.rays(&case);
+    let regions = gpu.regions(&pipeline, &case.table());
     gpu.run(|commands| {
         let all = vk::ShaderStageFlags::ALL;
         let push: [u32; 2] = [flags, mask];

@@ -32,18 +32,11 @@ fn opacity_is_decided_by_geometry_instance_and_ray() {
                 flags: instance,
                 ..Instance::of(bottom)
             }]);
-            let results = trace_words(
-                &gpu,
-                world,
-                raygen,
-                &[(Stage::AnyHit, any), (Stage::ClosestHit, closest)],
-                &[Group {
-                    any_hit: Some(2),
-                    ..Group::hit(3)
-                }],
-                [5, 1, 1],
-                5,
-            );
+            let results =
+                Case::with_words(raygen)
+                    .hit(closest)
+                    .any_hit(any)
+                    .words(&gpu, world, [5, 1, 1], 5);
             for (flags, result) in [0, OPAQUE, NO_OPAQUE, CULL_OPAQUE, CULL_NO_OPAQUE]
                 .into_iter()
                 .zip(results)
@@ -94,29 +87,13 @@ fn any_hit_shaders_ignore_and_end_the_search() {
     }";
     let output = gpu.buffer(8 * 140);
     let raygen = format!("{WORLD}{RESULTS}{raygen}");
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, &raygen),
-            (Stage::Miss, miss),
-            (Stage::AnyHit, any),
-            (Stage::ClosestHit, closest),
-        ],
-        groups: &[
-            Group::general(0),
-            Group::general(1),
-            Group {
-                any_hit: Some(2),
-                ..Group::hit(3)
-            },
-        ],
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(output)]),
-        ],
-    });
-    let table = Table::of(0, &[1], &[2]);
-    gpu.trace(&rays, &table, [140, 1, 1]);
+    let case = Case::new(&raygen)
+        .miss(miss)
+        .hit(closest)
+        .any_hit(any)
+        .bind(world)
+        .bind(output);
+    case.trace(&gpu, [140, 1, 1]);
     for (i, result) in output.read::<[u32; 2]>().into_iter().enumerate() {
         let below = i as u32 % 14;
         assert_eq!(result[0], if below < 12 { below } else { 77 }, "ray {i}");
@@ -156,18 +133,11 @@ fn ending_the_search_keeps_the_hit_that_ended_it() {
         traceRayEXT(world, 0u, 0xff, 0, 0, 0, vec3(0), 0.0, vec3(0, 0, 1), 100.0, 0);
         results[gl_LaunchIDEXT.x] = payload;
     }";
-    let results = trace_words(
-        &gpu,
-        world,
-        raygen,
-        &[(Stage::AnyHit, any), (Stage::ClosestHit, closest)],
-        &[Group {
-            any_hit: Some(2),
-            ..Group::hit(3)
-        }],
-        [12, 1, 1],
-        12,
-    );
+    let results =
+        Case::with_words(raygen)
+            .hit(closest)
+            .any_hit(any)
+            .words(&gpu, world, [12, 1, 1], 12);
     let expected: Vec<u32> = (0..12).map(|i| 1001 * i).collect();
     assert_eq!(results, expected);
 }
@@ -188,15 +158,9 @@ fn rays_may_end_at_the_first_hit_and_skip_the_closest_hit_shader() {
         traceRayEXT(world, flags[id.x], 0xff, 0, 0, 0, vec3(0), 0.0, vec3(0, 0, 1), ends[id.y], 0);
         results[id.y * 4u + id.x] = payload;
     }";
-    let results = trace_words(
-        &gpu,
-        world,
-        raygen,
-        &[(Stage::ClosestHit, closest)],
-        &[Group::hit(2)],
-        [4, 2, 1],
-        8,
-    );
+    let results = Case::with_words(raygen)
+        .hit(closest)
+        .words(&gpu, world, [4, 2, 1], 8);
     let missed = u32::MAX;
     assert_eq!(results, [5, 5, 1, 1, missed, missed, missed, missed]);
 }
@@ -267,32 +231,15 @@ fn intersection_shaders_report_what_is_kept() {
     let output = gpu.buffer(16 * 5);
     let cases = gpu.buffer(64);
     let raygen = format!("{WORLD}{RESULTS}{raygen}");
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, &raygen),
-            (Stage::Miss, miss),
-            (Stage::Intersection, intersection),
-            (Stage::AnyHit, any),
-            (Stage::ClosestHit, closest),
-        ],
-        groups: &[
-            Group::general(0),
-            Group::general(1),
-            Group {
-                intersection: Some(2),
-                any_hit: Some(3),
-                ..Group::hit(4)
-            },
-        ],
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(output)]),
-            (2, &[Bound::Storage(cases)]),
-        ],
-    });
-    let table = Table::of(0, &[1], &[2]);
-    gpu.trace(&rays, &table, [5, 1, 1]);
+    let case = Case::new(&raygen)
+        .miss(miss)
+        .hit(closest)
+        .intersection(intersection)
+        .any_hit(any)
+        .bind(world)
+        .bind(output)
+        .bind(cases);
+    case.trace(&gpu, [5, 1, 1]);
     let t = |t: f32| t.to_bits();
     let why = "a reported hit that is too far away overwrites the attributes of the nearer one";
     unless_known(&gpu, "llvmpipe", why, || {
@@ -337,21 +284,11 @@ fn triangles_without_an_any_hit_shader_count_beside_others() {
     let closest = r"
     layout(location = 0) rayPayloadInEXT uint payload;
     void main() { payload = 100u * uint(gl_InstanceID) + uint(gl_PrimitiveID) + 1u; }";
-    let results = trace_words(
-        &gpu,
-        world,
-        raygen,
-        &[(Stage::AnyHit, ignore), (Stage::ClosestHit, closest)],
-        &[
-            Group {
-                any_hit: Some(2),
-                ..Group::hit(3)
-            },
-            Group::hit(3),
-        ],
-        [SIDE, SIDE, 1],
-        (SIDE * SIDE) as usize,
-    );
+    let case = Case::with_words(raygen)
+        .hit(closest)
+        .any_hit(ignore)
+        .hit(closest);
+    let results = case.words(&gpu, world, [SIDE, SIDE, 1], (SIDE * SIDE) as usize);
     assert_eq!(results, vec![101; (SIDE * SIDE) as usize]);
 }
 
@@ -393,33 +330,17 @@ fn neighbours_decide_each_for_itself() {
         extra = gl_PrimitiveID;
         reportIntersectionEXT(float(gl_PrimitiveID) + 1.0, 5u);
     }";
-    let shaders = [
-        (Stage::AnyHit, any),
-        (Stage::ClosestHit, closest),
-        (Stage::Intersection, intersection),
-    ];
     for is_boxes in [false, true] {
         let geometry = match is_boxes {
             true => Geometry::boxes(&boxes, flags),
             false => Geometry::triangles(&layers(LAYERS), flags),
         };
-        let group = Group {
-            any_hit: Some(2),
-            intersection: is_boxes.then_some(4),
-            ..Group::hit(3)
-        };
-        let shaders = &shaders[..if is_boxes { 3 } else { 2 }];
-        let words = (2 * SIDE * SIDE) as usize;
+        let mut case = Case::with_words(raygen).hit(closest).any_hit(any);
+        if is_boxes {
+            case = case.intersection(intersection);
+        }
         let world = gpu.scene(&[geometry]);
-        let results = trace_words(
-            &gpu,
-            world,
-            raygen,
-            shaders,
-            &[group],
-            [SIDE, SIDE, 1],
-            words,
-        );
+        let results = case.words(&gpu, world, [SIDE, SIDE, 1], (2 * SIDE * SIDE) as usize);
         for (place, answer) in results.chunks(2).enumerate() {
             let first = place as u32 % SIDE % 7;
             assert_eq!(

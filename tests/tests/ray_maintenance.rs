@@ -42,31 +42,19 @@ fn tables_and_extent_come_from_memory() {
     let callable = "layout(location = 1) callableDataInEXT uint told; void main() { told = 3; }";
     let output = gpu.buffer(4 * 6);
     let bottom = gpu.scene(&[Geometry::opaque(&TRIANGLE)]);
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, raygen),
-            (Stage::Miss, &miss),
-            (Stage::ClosestHit, &hit),
-            (Stage::Callable, callable),
-        ],
-        groups: &[
-            Group::general(0),
-            Group::general(1),
-            Group::hit(2),
-            Group::general(3),
-        ],
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::Structure(bottom.handle)]),
-            (1, &[Bound::Storage(output)]),
-        ],
-    });
+    let case = Case::new(raygen)
+        .miss(&miss)
+        .hit(&hit)
+        .callable(callable)
+        .bind(bottom)
+        .bind(output);
+    let rays = gpu.rays(&case);
     // The records wanted are the second of each table: the strides count.
     let table = Table {
-        raygen: Record::of(0),
         miss: vec![Record::default(), Record::of(1)],
         hit: vec![Record::default(), Record::of(2)],
         callable: vec![Record::default(), Record::of(3)],
+        ..case.table()
     };
     let [raygen, miss, hit, callable] = gpu.regions(&rays, &table);
     let command = vk::TraceRaysIndirectCommand2KHR {
@@ -152,35 +140,15 @@ fn shaders_see_the_cull_mask() {
             ..Instance::of(boxes)
         },
     ]);
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, raygen),
-            (Stage::Miss, &miss),
-            (Stage::ClosestHit, &hit),
-            (Stage::AnyHit, &any_hit),
-            (Stage::Intersection, intersection),
-            (Stage::ClosestHit, box_hit),
-        ],
-        groups: &[
-            Group::general(0),
-            Group::general(1),
-            Group {
-                any_hit: Some(3),
-                ..Group::hit(2)
-            },
-            Group {
-                intersection: Some(4),
-                ..Group::hit(5)
-            },
-        ],
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(output)]),
-        ],
-    });
-    let table = Table::of(0, &[1], &[2, 3]);
-    gpu.trace(&rays, &table, [3, 1, 1]);
+    let case = Case::new(raygen)
+        .miss(&miss)
+        .hit(&hit)
+        .any_hit(&any_hit)
+        .hit(box_hit)
+        .intersection(intersection)
+        .bind(world)
+        .bind(output);
+    case.trace(&gpu, [3, 1, 1]);
     let results: Vec<[u32; 4]> = output.read();
     assert_eq!(results[0], [0, 0x31, 0x31, 0]);
     assert_eq!(results[1], [0x32, 0, 0, 0]);

@@ -685,42 +685,16 @@ fn every_ray_tracing_stage_asks() {
     );
     let count = 100u32;
     let results = gpu.buffer(16 * u64::from(count));
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, &raygen),
-            (Stage::Miss, &miss),
-            (Stage::ClosestHit, &closest),
-            (Stage::AnyHit, &any),
-            (Stage::ClosestHit, &closest_box),
-            (Stage::Intersection, &intersection),
-            (Stage::Callable, &callable),
-        ],
-        groups: &[
-            Group::general(0),
-            Group::general(1),
-            Group {
-                any_hit: Some(3),
-                ..Group::hit(2)
-            },
-            Group {
-                intersection: Some(5),
-                ..Group::hit(4)
-            },
-            Group::general(6),
-        ],
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(results)]),
-        ],
-    });
-    let table = Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1)],
-        hit: vec![Record::of(2), Record::of(3)],
-        callable: vec![Record::of(4)],
-    };
-    gpu.trace(&rays, &table, [count, 1, 1]);
+    let case = Case::new(&raygen)
+        .miss(&miss)
+        .hit(&closest)
+        .any_hit(&any)
+        .hit(&closest_box)
+        .intersection(&intersection)
+        .callable(&callable)
+        .bind(world)
+        .bind(results);
+    case.trace(&gpu, [count, 1, 1]);
     let words: Vec<u32> = results.read();
     // From z, the next layer is at the next integer above 0: three quarters, a half, or a quarter away.
     let (quarter, half, three) = (1003, 1002, 1001);

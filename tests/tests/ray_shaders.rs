@@ -14,7 +14,7 @@ fn every_invocation_runs_once_with_its_id() {
             uint i = (id.z * size.y + id.y) * size.x + id.x;
             atomicAdd(results[i], 1000000u + size.x + 1000u * (size.y + size.z));
         }";
-        let results = trace_words(&gpu, world, raygen, &[], &[], size, count);
+        let results = Case::with_words(raygen).words(&gpu, world, size, count);
         let expected = 1_000_000 + size[0] + 1000 * (size[1] + size[2]);
         assert!(results.iter().all(|word| *word == expected), "{size:?}");
     }
@@ -58,21 +58,13 @@ fn closest_hit_shaders_trace_rays_to_the_allowed_depth() {
     let raygen = format!("{WORLD}{RESULTS}{raygen}");
     let miss =
         "layout(location = 0) rayPayloadInEXT uvec2 payload; void main() { payload.y = 1u; }";
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, &raygen),
-            (Stage::Miss, miss),
-            (Stage::ClosestHit, &closest),
-        ],
-        groups: &[Group::general(0), Group::general(1), Group::hit(2)],
-        recursion: depth,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(output)]),
-        ],
-    });
-    let table = Table::of(0, &[1], &[2]);
-    gpu.trace(&rays, &table, [depth, 1, 1]);
+    let case = Case::new(&raygen)
+        .miss(miss)
+        .hit(&closest)
+        .recursion(depth)
+        .bind(world)
+        .bind(output);
+    case.trace(&gpu, [depth, 1, 1]);
     fn expected(layer: u32, left: u32) -> u32 {
         let own = (layer + 1) * (left + 1);
         if left == 0 {
@@ -115,15 +107,9 @@ fn values_live_across_traces_in_loops_and_branches() {
     let closest = r"
     layout(location = 0) rayPayloadInEXT uint payload;
     void main() { payload = uint(gl_PrimitiveID) + 1u; }";
-    let results = trace_words(
-        &gpu,
-        world,
-        raygen,
-        &[(Stage::ClosestHit, closest)],
-        &[Group::hit(2)],
-        [300, 1, 1],
-        300,
-    );
+    let results = Case::with_words(raygen)
+        .hit(closest)
+        .words(&gpu, world, [300, 1, 1], 300);
     for i in 0..300u32 {
         let mut kept = [i, i * i, 3, 5];
         let (mut step, mut sum) = (0.0f32, 0);
@@ -171,21 +157,12 @@ fn payloads_of_many_sizes_come_back() {
         let (closest, miss) = (touch(1_000_000), touch(2_000_000));
         let output = gpu.buffer(4 * 70 * u64::from(words));
         let raygen = format!("{WORLD}{RESULTS}{raygen}");
-        let rays = gpu.rays(&RaysInput {
-            shaders: &[
-                (Stage::RayGeneration, &raygen),
-                (Stage::Miss, &miss),
-                (Stage::ClosestHit, &closest),
-            ],
-            groups: &[Group::general(0), Group::general(1), Group::hit(2)],
-            recursion: 1,
-            bindings: &[
-                (0, &[Bound::Structure(world.handle)]),
-                (1, &[Bound::Storage(output)]),
-            ],
-        });
-        let table = Table::of(0, &[1], &[2]);
-        gpu.trace(&rays, &table, [70, 1, 1]);
+        let case = Case::new(&raygen)
+            .miss(&miss)
+            .hit(&closest)
+            .bind(world)
+            .bind(output);
+        case.trace(&gpu, [70, 1, 1]);
         for (i, got) in output.read::<u32>().chunks(words as usize).enumerate() {
             for (k, word) in got.iter().enumerate() {
                 let add = if k % 2 == 0 {
@@ -235,22 +212,13 @@ fn several_rays_use_several_payloads_and_miss_shaders() {
     }
     let output = gpu.buffer(12 * 40);
     let raygen = format!("{WORLD}{RESULTS}{raygen}");
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, &raygen),
-            (Stage::Miss, first),
-            (Stage::Miss, second),
-            (Stage::Miss, third),
-        ],
-        groups: &[0, 1, 2, 3].map(Group::general),
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(output)]),
-        ],
-    });
-    let table = Table::of(0, &[1, 2, 3], &[]);
-    gpu.trace(&rays, &table, [40, 1, 1]);
+    let case = Case::new(&raygen)
+        .miss(first)
+        .miss(second)
+        .miss(third)
+        .bind(world)
+        .bind(output);
+    case.trace(&gpu, [40, 1, 1]);
     for (i, got) in output.read::<[u32; 3]>().into_iter().enumerate() {
         let first = if i % 2 == 1 { 51 } else { 1 };
         assert_eq!(
@@ -270,20 +238,9 @@ fn indirect_traces_read_their_size_from_memory() {
         "{WORLD}{RESULTS}
         void main() {{ results[gl_LaunchIDEXT.y * gl_LaunchSizeEXT.x + gl_LaunchIDEXT.x] = 7u; }}"
     );
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[(Stage::RayGeneration, &raygen)],
-        groups: &[Group::general(0)],
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(output)]),
-        ],
-    });
-    let table = Table {
-        raygen: Record::of(0),
-        ..Table::default()
-    };
-    let regions = gpu.regions(&rays, &table);
+    let case = Case::new(&raygen).bind(world).bind(output);
+    let rays = gpu.rays(&case);
+    let regions = gpu.regions(&rays, &case.table());
     let size = gpu.buffer_with(&[11u32, 8, 1]);
     gpu.run(|commands| {
         gpu.bind_rays(commands, &rays);
@@ -352,15 +309,9 @@ fn hit_shaders_know_the_ray_and_the_instance() {
             results[55] = gl_IncomingRayFlagsEXT;
         }}"
     );
-    let results = trace_words(
-        &gpu,
-        world,
-        raygen,
-        &[(Stage::ClosestHit, &closest)],
-        &[Group::hit(2)],
-        [1, 1, 1],
-        56,
-    );
+    let results = Case::with_words(raygen)
+        .hit(&closest)
+        .words(&gpu, world, [1, 1, 1], 56);
     let close = |i: usize, expected: f64| {
         let got = f64::from(f32::from_bits(results[i]));
         assert!(
@@ -427,12 +378,9 @@ fn invocations_that_end_early_do_not_disturb_the_rest() {
         "layout(location = 0) rayPayloadInEXT uint payload; void main() { payload += 100u; }";
     let (width, height) = (50u32, 21u32);
     let count = width * height;
-    let results = trace_words(
+    let results = Case::with_words(raygen).hit(closest).words(
         &gpu,
         world,
-        raygen,
-        &[(Stage::ClosestHit, closest)],
-        &[Group::hit(2)],
         [width, height, 1],
         count as usize,
     );

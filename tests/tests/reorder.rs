@@ -54,26 +54,17 @@ fn trace(gpu: &Gpu, raygen: &str, size: [u32; 3], words: usize) -> Vec<u32> {
     let output = gpu.buffer(4 * words as u64);
     output.write(0, &vec![0u32; words]);
     let raygen = format!("{HEAD}{raygen}");
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, &raygen),
-            (Stage::Miss, MISS),
-            (Stage::ClosestHit, HIT),
-        ],
-        groups: &[Group::general(0), Group::general(1), Group::hit(2)],
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(output)]),
-        ],
-    });
+    let case = Case::new(&raygen)
+        .miss(MISS)
+        .hit(HIT)
+        .bind(world)
+        .bind(output);
     let table = Table {
-        raygen: Record::of(0),
         miss: vec![Record::with(1, &[5u32]), Record::with(1, &[6u32])],
         hit: vec![Record::with(2, &[1u32]), Record::with(2, &[2u32])],
-        callable: vec![],
+        ..case.table()
     };
-    gpu.trace(&rays, &table, size);
+    gpu.trace(&gpu.rays(&case), &table, size);
     output.read()
 }
 
@@ -206,21 +197,8 @@ fn recorded_hits_know_their_triangle() {
         layout(location = 0) rayPayloadInEXT float payload;
         void main() { payload = gl_HitTriangleVertexPositionsEXT[2].x; }
     ";
-    let rays = gpu.rays(&RaysInput {
-        shaders: &[(Stage::RayGeneration, &raygen), (Stage::ClosestHit, hit)],
-        groups: &[Group::general(0), Group::hit(1)],
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(output)]),
-        ],
-    });
-    let table = Table {
-        raygen: Record::of(0),
-        hit: vec![Record::of(1)],
-        ..Table::default()
-    };
-    gpu.trace(&rays, &table, [100, 1, 1]);
+    let case = Case::new(&raygen).hit(hit).bind(world).bind(output);
+    case.trace(&gpu, [100, 1, 1]);
     let found: Vec<f32> = output.read();
     let expected: Vec<f32> = (0..100u16).map(|i| f32::from(3 * i + 2)).collect();
     assert_eq!(found, expected);

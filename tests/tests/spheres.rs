@@ -74,31 +74,14 @@ fn trace(
     let ignored = ignored.map_or(u32::MAX, |ignored| ignored);
     let any =
         format!("void main() {{ if (uint(gl_PrimitiveID) == {ignored}u) ignoreIntersectionEXT; }}");
-    let rays_input = RaysInput {
-        shaders: &[
-            (Stage::RayGeneration, &raygen),
-            (Stage::Miss, &miss),
-            (Stage::ClosestHit, &hit),
-            (Stage::AnyHit, &any),
-        ],
-        groups: &[
-            Group::general(0),
-            Group::general(1),
-            Group {
-                any_hit: Some(3),
-                ..Group::hit(2)
-            },
-        ],
-        recursion: 1,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Storage(output)]),
-            (2, &[Bound::Storage(input)]),
-        ],
-    };
-    let pipeline = gpu.rays(&rays_input);
-    let table = Table::of(0, &[1], &[2]);
-    gpu.trace(&pipeline, &table, [rays.len() as u32, 1, 1]);
+    let case = Case::new(&raygen)
+        .miss(&miss)
+        .hit(&hit)
+        .any_hit(&any)
+        .bind(world)
+        .bind(output)
+        .bind(input);
+    case.trace(gpu, [rays.len() as u32, 1, 1]);
     let words: Vec<f32> = output.read();
     words
         .chunks(WORDS)
