@@ -66,6 +66,20 @@ impl Terms {
             far_inverse: -(inverse * (1.0 + MARGIN)),
         }
     }
+
+    /// Whether numbers are such that tests say what is.
+    #[inline(always)]
+    fn is_sound(&self, origin: f32, direction: f32) -> bool {
+        let reaches = (magnitude(self.far_inverse) < INFINITE) | (direction == 0.0);
+        reaches & (magnitude(origin) < INFINITE)
+    }
+}
+
+/// Whether a direction is longest along x, or along y, as `Space::set` finds it; else it is along z.
+#[inline(always)]
+fn longest(x: f32, y: f32, z: f32) -> (bool, bool) {
+    let [x, y, z] = [x.abs(), y.abs(), z.abs()];
+    ((x > y) & (x > z), (y >= x) & (y > z))
 }
 
 /// What box tests need of rays, by the axes of space.
@@ -177,21 +191,89 @@ impl Beams {
     /// sound and of ordinary length.
     #[inline(always)]
     pub fn set_up(&mut self, given: &Given, record: &InstanceRecord) -> u32 {
-        self.space_origin = given.origin;
-        self.space_direction = given.direction;
-        if record.words.state & instance_state::IDENTITY == 0 {
-            self.turn(record);
-        }
+        self.start_instance(given, record);
         self.derive(given)
     }
 
-    /// Sets rays up in a top level. `origin_error`: how far rays may be off, relative to how far from the origin of space they
-    /// start.
+    /// Sets rays up in a top level; returns what [`Self::set_up`] does. `origin_error`: as for [`Self::widen`].
     #[inline(always)]
     pub fn set_up_top(&mut self, given: &Given, origin_error: f32) -> u32 {
+        self.start_top(given);
+        let sound = self.derive(given);
+        self.widen(given, origin_error);
+        sound
+    }
+
+    /// Takes rays of a packet as they are in a top level; what follows is [`Self::set_up_together`].
+    #[inline(always)]
+    pub fn start_top(&mut self, given: &Given) {
         self.space_origin = given.origin;
         self.space_direction = given.direction;
-        let sound = self.derive(given);
+    }
+
+    /// Takes rays of a packet to an instance that does not move; what follows is [`Self::set_up_together`].
+    #[inline(always)]
+    pub fn start_instance(&mut self, given: &Given, record: &InstanceRecord) {
+        self.start_top(given);
+        if record.words.state & instance_state::IDENTITY == 0 {
+            self.turn(record);
+        }
+    }
+
+    /// The way that each ray goes: a number for its longest axis and for the signs of its direction. Rays with the same number
+    /// have their own axes and their near planes in common.
+    #[inline(always)]
+    pub fn ways(&self) -> Words {
+        let d = &self.space_direction;
+        let mut ways = [0; PACKET];
+        for i in 0..PACKET {
+            let (is_x, is_y) = longest(d[0][i], d[1][i], d[2][i]);
+            let bit = |at: u32, is: bool| u32::from(is) << at;
+            let signs = bit(2, d[0][i] < 0.0) | bit(3, d[1][i] < 0.0) | bit(4, d[2][i] < 0.0);
+            ways[i] = bit(0, is_x) | bit(1, is_y) | signs;
+        }
+        ways
+    }
+
+    /// Sets rays up that go the same way as the one in a lane, wherever they are; returns 1 for the lanes that this is for: see
+    /// [`Self::set_up`].
+    #[inline(always)]
+    pub fn set_up_together(&mut self, given: &Given, lane: usize) -> Words {
+        let mut sound = given.sound;
+        let direction = self.space_direction.map(|row| row[lane]);
+        let axes = match longest(direction[0], direction[1], direction[2]) {
+            (true, _) => [1, 2, 0],
+            (_, true) => [2, 0, 1],
+            _ => [0, 1, 2],
+        };
+        let axes = match direction[axes[2]] < 0.0 {
+            true => [axes[1], axes[0], axes[2]],
+            false => axes,
+        };
+        let mut directions = [[0.0; PACKET]; 3];
+        for k in 0..3 {
+            let axis = axes[k];
+            let (o, d) = (self.space_origin[axis], self.space_direction[axis]);
+            let upper = if direction[axis] < 0.0 { ROW } else { 0 };
+            self.near_rows[k] = [axis as u32 * (2 * ROW) + upper; PACKET];
+            self.axes[k] = [axis as u32 * AXIS; PACKET];
+            self.origin[k] = o;
+            for i in 0..PACKET {
+                let terms = Terms::new(o[i], d[i]);
+                self.far_origin[k][i] = terms.far_origin;
+                self.near_inverse[k][i] = terms.near_inverse;
+                self.far_inverse[k][i] = terms.far_inverse;
+                sound[i] &= u32::from(terms.is_sound(o[i], d[i]));
+            }
+            directions[k] = d;
+        }
+        self.derive_shear(given, &directions, &mut sound);
+        sound
+    }
+
+    /// Makes boxes larger by how far off rays may be in a top level, relative to how far from the origin of space they start.
+    #[inline(always)]
+    pub fn widen(&mut self, given: &Given, origin_error: f32) {
         let o = &given.origin;
         for i in 0..PACKET {
             let reach = max(o[0][i].abs(), max(o[1][i].abs(), o[2][i].abs()));
@@ -202,7 +284,6 @@ impl Beams {
                 self.origin[k][i] += toward;
             }
         }
-        sound
     }
 
     /// Moves rays to the space of an instance, as [`Level::place`](super::level::Level::place) does.
@@ -234,9 +315,7 @@ impl Beams {
         // The longest axis, as `Space::set` finds it, and the two that follow in turn.
         let mut axes = [[0u32; PACKET]; 3];
         for i in 0..PACKET {
-            let [x, y, z] = [d[0][i].abs(), d[1][i].abs(), d[2][i].abs()];
-            let is_x = (x > y) & (x > z);
-            let is_y = (y >= x) & (y > z);
+            let (is_x, is_y) = longest(d[0][i], d[1][i], d[2][i]);
             let longest = if is_x {
                 0
             } else if is_y {
@@ -270,6 +349,13 @@ impl Beams {
             self.derive_axis(1, &axes[1], &mut sound),
             self.derive_axis(2, &axes[2], &mut sound),
         ];
+        self.derive_shear(given, &directions, &mut sound);
+        (0..PACKET).fold(0, |mask, i| mask | sound[i] << i)
+    }
+
+    /// Sets up what tests of triangles need, from directions along the rays' own axes.
+    #[inline(always)]
+    fn derive_shear(&mut self, given: &Given, directions: &[Lanes; 3], sound: &mut Words) {
         for i in 0..PACKET {
             let length = directions[2][i].abs();
             self.shear[0][i] = directions[0][i] / directions[2][i];
@@ -279,7 +365,6 @@ impl Beams {
             self.t_min[i] = max(given.t_min[i], 0.0);
             sound[i] &= u32::from((*MODEST.start() <= length) & (length <= *MODEST.end()));
         }
-        (0..PACKET).fold(0, |mask, i| mask | sound[i] << i)
     }
 
     /// Sets up the `k`th of the rays' own axes; returns the directions along it.
@@ -300,8 +385,7 @@ impl Beams {
             self.far_inverse[k][i] = terms.far_inverse;
             self.near_rows[k][i] = axis * (2 * ROW) + upper;
             self.axes[k][i] = axis * AXIS;
-            let reaches = (magnitude(terms.far_inverse) < INFINITE) | (direction == 0.0);
-            sound[i] &= u32::from(reaches & (magnitude(origin) < INFINITE));
+            sound[i] &= u32::from(terms.is_sound(origin, direction));
         }
         directions
     }

@@ -59,17 +59,6 @@ impl Found {
         self.outside &= !lanes;
     }
 
-    /// Lanes whose hit is in the same instance as that of one.
-    #[inline]
-    pub fn instances_alike(&self, lane: usize) -> u16 {
-        let index = self.instances[lane % PACKET];
-        let mut alike = 0;
-        for (i, &other) in self.instances.iter().enumerate() {
-            alike |= u16::from(other == index) << i;
-        }
-        alike
-    }
-
     /// The hit of a lane that has one, in an instance of this structure.
     pub fn hit(&self, lane: usize, structure: &Structure, instance: &InstanceFacts) -> Hit {
         let slot = self.slots[lane];

@@ -60,6 +60,14 @@ impl RayRows {
             self.flags[first],
             self.cull_mask[first],
         );
+        let mut differences = [0u64; PACKET];
+        for i in 0..PACKET {
+            let words = (self.flags[i] ^ flags) | (self.cull_mask[i] ^ mask);
+            differences[i] = (self.top_level[i] ^ top_level) | u64::from(words);
+        }
+        if differences.iter().fold(0, |all, one| all | one) == 0 {
+            return lanes;
+        }
         let mut alike = 0;
         for i in 0..PACKET {
             let same = (self.top_level[i] == top_level)
@@ -307,22 +315,60 @@ impl HitRows {
         );
     }
 
-    /// What kind of opaque triangle the hit of a lane is.
+    /// Puts an opaque triangle into a lane: which, and the kind of hit that it is.
     #[inline(always)]
-    pub(crate) fn set_opaque_triangle(&mut self, lane: usize, hit_kind: u8) {
-        self.kind[lane % PACKET] = u32::from(hit_kind) | OPAQUE | TRIANGLE;
+    pub(crate) fn set_opaque_triangle(
+        &mut self,
+        lane: usize,
+        geometry: u32,
+        primitive: u32,
+        hit_kind: u8,
+    ) {
+        let lane = lane % PACKET;
+        self.geometry_index[lane] = geometry;
+        self.primitive_index[lane] = primitive;
+        self.kind[lane] = u32::from(hit_kind) | OPAQUE | TRIANGLE;
+    }
+
+    /// Puts one opaque triangle into lanes; `front`: those that see its front, whose kind of hit is the second.
+    #[inline(always)]
+    pub(crate) fn set_opaque_triangles(
+        &mut self,
+        lanes: u16,
+        front: u16,
+        geometry: u32,
+        primitive: u32,
+        hit_kinds: [u8; 2],
+    ) {
+        blend(&mut self.geometry_index, &[geometry; PACKET], lanes);
+        blend(&mut self.primitive_index, &[primitive; PACKET], lanes);
+        for (lanes, kind) in [
+            (lanes & !front, hit_kinds[0]),
+            (lanes & front, hit_kinds[1]),
+        ] {
+            let kind = u32::from(kind) | OPAQUE | TRIANGLE;
+            blend(&mut self.kind, &[kind; PACKET], lanes);
+        }
     }
 }
 
 /// Takes over some lanes.
 #[inline(always)]
 pub(crate) fn blend<T: Copy>(to: &mut [T; PACKET], from: &[T; PACKET], lanes: u16) {
-    for lane in 0..PACKET {
-        to[lane] = if lanes >> lane & 1 != 0 {
-            from[lane]
-        } else {
-            to[lane]
-        };
+    match lanes {
+        0 => {}
+        u16::MAX => *to = *from,
+        _ => {
+            // Copies: of a choice between places in memory, compilers make a choice between addresses.
+            let (kept, taken) = (*to, *from);
+            for lane in 0..PACKET {
+                to[lane] = if u32::from(lanes) & 1 << lane != 0 {
+                    taken[lane]
+                } else {
+                    kept[lane]
+                };
+            }
+        }
     }
 }
 

@@ -70,7 +70,8 @@ impl Packet<'_> {
                         return Progress::Candidates;
                     }
                     if self.patience == 0 && self.has_asked {
-                        return self.split(walker, hits, instance);
+                        // SAFETY: as above.
+                        return unsafe { self.split::<K>(walker, hits, instance) };
                     }
                 }
                 Entering::Singly if !self.has_asked && only.is_none() => {
@@ -81,14 +82,16 @@ impl Packet<'_> {
                 _ if !self.has_asked => return Progress::Singly,
                 _ => {
                     walker.packet.bottom.start(lanes);
-                    return self.split(walker, hits, (index, lanes));
+                    // SAFETY: as above.
+                    return unsafe { self.split::<K>(walker, hits, (index, lanes)) };
                 }
             }
         }
         match self.patience {
             0 if self.has_asked => {
                 walker.packet.bottom.start(0);
-                self.split(walker, hits, (0, 0))
+                // SAFETY: as above.
+                unsafe { self.split::<K>(walker, hits, (0, 0)) }
             }
             0 => Progress::Singly,
             // SAFETY: as above.
@@ -280,15 +283,19 @@ impl Packet<'_> {
     }
 
     /// Each ray goes by itself from here on: in an instance first, with what is pending there.
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set.
     #[cold]
-    pub(super) fn split(
+    pub(super) unsafe fn split<K: PacketKernel>(
         mut self,
         walker: &Walker,
         hits: &mut HitRows,
         (index, lanes): (u32, u16),
     ) -> Progress {
         self.keep(walker, (index, lanes & self.live()));
-        self.finish(hits, &walker.top);
+        // SAFETY: the caller's promise.
+        unsafe { K::finish(&self, hits, &walker.top) };
         Progress::Split(self.live())
     }
 }

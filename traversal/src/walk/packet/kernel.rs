@@ -192,7 +192,8 @@ macro_rules! compiled {
 
         $(#[$feature])?
         unsafe fn finish(packet: &Packet<'_>, hits: &mut HitRows, top: &Level) -> Progress {
-            packet.finish(hits, top)
+            // SAFETY: the caller's promise.
+            unsafe { packet.finish::<$kernel>(hits, top) }
         }
 
         $(#[$feature])?

@@ -13,11 +13,14 @@ mod candidates;
 mod journey;
 mod kernel;
 mod plain;
+mod portable;
 mod rays;
 mod set_up;
 mod stack;
 #[cfg(target_arch = "x86_64")]
 mod triangle;
+#[cfg(target_arch = "x86_64")]
+mod vectors;
 #[cfg(target_arch = "x86_64")]
 mod wide;
 
@@ -255,7 +258,8 @@ unsafe fn resume_packet<K: PacketKernel>(
             return Progress::Candidates;
         }
         if packet.patience == 0 {
-            return packet.split(walker, hits, (index, lanes));
+            // SAFETY: as above.
+            return unsafe { packet.split::<K>(walker, hits, (index, lanes)) };
         }
         if only_instance(&walker.top).is_some() {
             // SAFETY: as above.
@@ -403,11 +407,17 @@ impl Packet<'_> {
     }
 
     /// Puts down what was found.
+    ///
+    /// # Safety
+    /// The machine has the kernel's instruction set.
     #[inline(always)]
-    fn finish(&self, hits: &mut HitRows, top: &Level) -> Progress {
+    unsafe fn finish<K: PacketKernel>(&self, hits: &mut HitRows, top: &Level) -> Progress {
         self.open(hits);
         let found = &self.found;
         let mut rest = found.hit;
+        if rest == 0 {
+            return Progress::Done;
+        }
         blend(&mut hits.t, &found.t, rest);
         for (weights, found) in hits.barycentrics.iter_mut().zip(&found.barycentrics) {
             blend(weights, found, rest);
@@ -416,24 +426,30 @@ impl Packet<'_> {
         blend(&mut hits.instance_index, &found.instances, rest);
         while rest != 0 {
             let first = rest.trailing_zeros() as usize % PACKET;
-            let there = found.instances_alike(first) & rest;
+            // SAFETY: the caller's promise, here and below.
+            let there = unsafe { K::equal(&found.instances, found.instances[first]) } & rest;
             rest &= !there;
             let Some((facts, structure)) = self.place(first, top) else {
                 continue;
             };
             hits.set_instance(there, &facts.hit());
             hits.found |= there;
-            // Neighbours often hit the same.
             let mut slot = found.slots[first];
             let (mut geometry, mut primitive) = structure.identity(slot);
+            let kinds = [false, true].map(|front| facts.hit_kind(front));
+            // Neighbours often hit the same.
+            // SAFETY: as above.
+            if unsafe { K::equal(&found.slots, slot) } & there == there {
+                hits.set_opaque_triangles(there, found.front, geometry, primitive, kinds);
+                continue;
+            }
             for lane in lanes_of(there) {
                 if found.slots[lane] != slot {
                     slot = found.slots[lane];
                     (geometry, primitive) = structure.identity(slot);
                 }
-                hits.geometry_index[lane] = geometry;
-                hits.primitive_index[lane] = primitive;
-                hits.set_opaque_triangle(lane, facts.hit_kind(found.front >> lane & 1 != 0));
+                let kind = kinds[usize::from(found.front >> lane & 1)];
+                hits.set_opaque_triangle(lane, geometry, primitive, kind);
             }
         }
         Progress::Done

@@ -3,7 +3,9 @@
 use super::candidates::{Place, in_full};
 use super::kernel::{PacketKernel, compiled};
 use super::rays::{Rays, STEEP};
-use super::{Packet, Stack};
+#[cfg(target_arch = "x86_64")]
+use super::vectors;
+use super::{Packet, Stack, portable};
 use crate::layout::{
     GROUP, InstanceRecord, LEAF_TRIANGLES, NodeAt, TriangleGroup, WIDTH, child, geometry_word,
 };
@@ -30,46 +32,6 @@ pub(super) struct Avx2;
 
 /// Eight numbers, one for each child or triangle.
 type Eight = [f32; WIDTH];
-
-/// Lanes in which a number is not greater than another.
-#[inline(always)]
-fn not_greater<const N: usize>(numbers: &[f32; N], others: &[f32; N]) -> u32 {
-    let mut lanes = 0;
-    for i in 0..N {
-        lanes |= u32::from(numbers[i] <= others[i]) << i;
-    }
-    lanes
-}
-
-/// The numbers of some lanes, and something else in the others.
-#[inline(always)]
-fn pick(row: &Lanes, lanes: u16, other: f32) -> Lanes {
-    std::array::from_fn(|lane| match lanes >> lane & 1 {
-        0 => other,
-        _ => row[lane],
-    })
-}
-
-/// All numbers in one, halves by halves, so that vectors can.
-#[inline(always)]
-fn reduce(mut row: Lanes, join: impl Fn(f32, f32) -> f32) -> f32 {
-    for half in [8, 4, 2, 1] {
-        for lane in 0..half {
-            row[lane] = join(row[lane], row[lane + half]);
-        }
-    }
-    row[0]
-}
-
-#[inline(always)]
-fn least(row: &Lanes, lanes: u16) -> f32 {
-    reduce(pick(row, lanes, f32::INFINITY), min)
-}
-
-#[inline(always)]
-fn greatest(row: &Lanes, lanes: u16) -> f32 {
-    reduce(pick(row, lanes, f32::NEG_INFINITY), max)
-}
 
 /// As with AVX-512: where the soonest of the rays enters boxes, and where the last leaves them.
 #[inline(always)]
@@ -385,7 +347,7 @@ unsafe fn next_candidates<K: Kernel>(
 }
 
 macro_rules! plain {
-    ($name:ident, $kernel:ty, $eight:path, $sixteen:path $(, #[$feature:meta])?) => {
+    ($name:ident, $kernel:ty, $rows:ident $(, #[$feature:meta])?) => {
         impl PacketKernel for $name {
             type Row = Lanes;
 
@@ -396,30 +358,38 @@ macro_rules! plain {
 
             #[inline(always)]
             unsafe fn least(row: &Lanes, lanes: u16) -> f32 {
-                least(row, lanes)
+                // SAFETY: the caller's promise, here and below.
+                #[allow(unused_unsafe)]
+                unsafe {
+                    $rows::least(row, lanes)
+                }
             }
 
             #[inline(always)]
             unsafe fn greatest(row: &Lanes, lanes: u16) -> f32 {
-                greatest(row, lanes)
+                // SAFETY: as above.
+                #[allow(unused_unsafe)]
+                unsafe {
+                    $rows::greatest(row, lanes)
+                }
             }
 
             #[inline(always)]
             unsafe fn at_least(row: Lanes, number: f32) -> u16 {
-                // SAFETY: the caller's promise, here and below.
+                // SAFETY: as above.
                 #[allow(unused_unsafe)]
                 unsafe {
-                    $sixteen(&[number; PACKET], &row) as u16
+                    $rows::sixteen_not_greater(&[number; PACKET], &row) as u16
                 }
             }
 
             #[inline(always)]
             unsafe fn equal(row: &Words, word: u32) -> u16 {
-                let mut lanes = 0;
-                for (lane, &other) in row.iter().enumerate() {
-                    lanes |= u16::from(other == word) << lane;
+                // SAFETY: as above.
+                #[allow(unused_unsafe)]
+                unsafe {
+                    $rows::equal(row, word)
                 }
-                lanes
             }
 
             #[inline(always)]
@@ -429,7 +399,7 @@ macro_rules! plain {
                 // SAFETY: as above.
                 #[allow(unused_unsafe)]
                 unsafe {
-                    $sixteen(&inverses.map(f32::abs), &[LAST; PACKET]) as u16
+                    $rows::sixteen_not_greater(&inverses.map(f32::abs), &[LAST; PACKET]) as u16
                 }
             }
 
@@ -445,7 +415,7 @@ macro_rules! plain {
                 // SAFETY: as above.
                 #[allow(unused_unsafe)]
                 unsafe {
-                    $eight(&near, &far)
+                    $rows::eight_not_greater(&near, &far)
                 }
             }
 
@@ -455,7 +425,7 @@ macro_rules! plain {
                 // SAFETY: as above.
                 #[allow(unused_unsafe)]
                 unsafe {
-                    $eight(&near, &far)
+                    $rows::eight_not_greater(&near, &far)
                 }
             }
 
@@ -465,7 +435,7 @@ macro_rules! plain {
                 // SAFETY: as above.
                 #[allow(unused_unsafe)]
                 unsafe {
-                    $sixteen(&near, &far) as u16
+                    $rows::sixteen_not_greater(&near, &far) as u16
                 }
             }
 
@@ -517,53 +487,12 @@ macro_rules! plain {
     };
 }
 
-plain!(
-    Portable,
-    crate::walk::portable::Portable,
-    not_greater,
-    not_greater
-);
+plain!(Portable, crate::walk::portable::Portable, portable);
 
 #[cfg(target_arch = "x86_64")]
 plain!(
     Avx2,
     crate::walk::avx::Avx<false>,
-    masks::of_eight,
-    masks::of_sixteen,
+    vectors,
     #[target_feature(enable = "avx2,bmi1,bmi2")]
 );
-
-/// [`not_greater`] in vectors.
-#[cfg(target_arch = "x86_64")]
-mod masks {
-    use std::arch::x86_64::*;
-
-    use super::Eight;
-    use crate::walk::rows::Lanes;
-
-    /// # Safety
-    /// The machine has AVX2.
-    #[inline(always)]
-    pub unsafe fn of_eight(numbers: &Eight, others: &Eight) -> u32 {
-        // SAFETY: the caller's promise; eight numbers each.
-        unsafe {
-            let (one, other) = (
-                _mm256_loadu_ps(numbers.as_ptr()),
-                _mm256_loadu_ps(others.as_ptr()),
-            );
-            _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(one, other)) as u32
-        }
-    }
-
-    /// # Safety
-    /// The machine has AVX2.
-    #[inline(always)]
-    pub unsafe fn of_sixteen(numbers: &Lanes, others: &Lanes) -> u32 {
-        let half = |row: &Lanes, from: usize| -> Eight { std::array::from_fn(|i| row[from + i]) };
-        // SAFETY: the caller's promise.
-        unsafe {
-            let low = of_eight(&half(numbers, 0), &half(others, 0));
-            low | of_eight(&half(numbers, 8), &half(others, 8)) << 8
-        }
-    }
-}

@@ -19,9 +19,9 @@ impl Rays {
         origin_error: f32,
         lanes: u16,
     ) -> bool {
-        let sound = self.beams.set_up_top(given, origin_error);
+        self.beams.start_top(given);
         // SAFETY: the caller's promise.
-        unsafe { self.join::<K>(sound, lanes) }
+        unsafe { self.set_up::<K>(given, Some(origin_error), lanes) }
     }
 
     /// Sets the rays of `lanes` up for an instance; false if they are not alike.
@@ -35,24 +35,39 @@ impl Rays {
         record: &InstanceRecord,
         lanes: u16,
     ) -> bool {
-        let sound = self.beams.set_up(given, record);
+        self.beams.start_instance(given, record);
         // SAFETY: the caller's promise.
-        unsafe { self.join::<K>(sound, lanes) }
+        unsafe { self.set_up::<K>(given, None, lanes) }
     }
 
-    /// Finds what the rays have in common.
+    /// Sets rays up that the beams have taken, and finds what they have in common.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.
     #[inline(always)]
-    unsafe fn join<K: PacketKernel>(&mut self, sound: u32, lanes: u16) -> bool {
+    unsafe fn set_up<K: PacketKernel>(
+        &mut self,
+        given: &Given,
+        origin_error: Option<f32>,
+        lanes: u16,
+    ) -> bool {
         self.hits_of = 0;
-        if sound as u16 & lanes != lanes {
+        let first = lanes.trailing_zeros() as usize % PACKET;
+        let ways = self.beams.ways();
+        // SAFETY: the caller's promise, here and below.
+        if unsafe { K::equal(&ways, ways[first]) } & lanes != lanes {
             return false;
         }
-        let first = lanes.trailing_zeros() as usize % PACKET;
+        let sound = self.beams.set_up_together(given, first);
+        // SAFETY: as above.
+        if unsafe { K::equal(&sound, 1) } & lanes != lanes {
+            return false;
+        }
+        if let Some(origin_error) = origin_error {
+            self.beams.widen(given, origin_error);
+        }
         let (beams, interval) = (&self.beams, &mut self.interval);
-        let mut alike = lanes;
+        let mut flat = lanes;
         for k in 0..3 {
             let row = beams.near_rows[k][first];
             self.near_rows[k] = row as usize;
@@ -60,9 +75,9 @@ impl Rays {
             let upper = row & ROW != 0;
             let (origin, far_origin) = (&beams.origin[k], &beams.far_origin[k]);
             let inverse = &beams.near_inverse[k];
-            // SAFETY: the caller's promise.
+            // SAFETY: as above.
             let [low, high] = unsafe {
-                alike &= K::equal(&beams.near_rows[k], row) & K::flat(inverse);
+                flat &= K::flat(inverse);
                 (interval.near_origin[k], interval.far_origin[k]) = match upper {
                     true => (K::least(origin, lanes), K::greatest(far_origin, lanes)),
                     false => (K::greatest(origin, lanes), K::least(far_origin, lanes)),
@@ -78,8 +93,8 @@ impl Rays {
                 [low * wider, high]
             };
         }
-        // SAFETY: the caller's promise.
+        // SAFETY: as above.
         interval.t_min = unsafe { K::least(&beams.t_min, lanes) };
-        alike == lanes
+        flat == lanes
     }
 }
