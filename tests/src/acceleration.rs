@@ -133,7 +133,7 @@ impl Gpu {
                     let vertices = self.buffer_with(corners);
                     let mut data = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
                         .vertex_format(vk::Format::R32G32B32_SFLOAT)
-                        .vertex_data(at(vertices))
+                        .vertex_data(vertices.at())
                         .vertex_stride(12)
                         .max_vertex(corners.len().max(1) as u32 - 1)
                         .index_type(vk::IndexType::NONE_KHR);
@@ -142,14 +142,14 @@ impl Gpu {
                         count = indices.len() / 3;
                         data = data
                             .index_type(vk::IndexType::UINT32)
-                            .index_data(at(self.buffer_with(indices)));
+                            .index_data(self.buffer_with(indices).at());
                     }
                     let data = vk::AccelerationStructureGeometryDataKHR { triangles: data };
                     (data, vk::GeometryTypeKHR::TRIANGLES, *flags, count)
                 }
                 Geometry::Boxes { boxes, flags } => {
                     let data = vk::AccelerationStructureGeometryAabbsDataKHR::default()
-                        .data(at(self.buffer_with(boxes)))
+                        .data(self.buffer_with(boxes).at())
                         .stride(24);
                     let data = vk::AccelerationStructureGeometryDataKHR { aabbs: data };
                     (data, vk::GeometryTypeKHR::AABBS, *flags, boxes.len())
@@ -199,7 +199,7 @@ impl Gpu {
             s_type: newer::SweptData::LINEAR_SWEPT_SPHERES,
             p_next: std::ptr::null(),
             vertex_format: vk::Format::R32G32B32_SFLOAT,
-            vertex_data: at(vertices),
+            vertex_data: vertices.at(),
             vertex_stride: 16,
             radius_format: vk::Format::R32_SFLOAT,
             radius_data: vk::DeviceOrHostAddressConstKHR {
@@ -222,7 +222,7 @@ impl Gpu {
         }
         if !indices.is_empty() {
             data.index_type = vk::IndexType::UINT32;
-            data.index_data = at(self.buffer_with(indices));
+            data.index_data = self.buffer_with(indices).at();
             data.index_stride = 4;
         }
         data
@@ -231,7 +231,7 @@ impl Gpu {
     /// Builds a top-level structure.
     pub fn top(&self, instances: &[Instance]) -> Structure {
         let data = vk::AccelerationStructureGeometryInstancesDataKHR::default()
-            .data(at(self.buffer_with(&instance_records(instances))));
+            .data(self.buffer_with(&instance_records(instances)).at());
         let geometry = vk::AccelerationStructureGeometryKHR::default()
             .geometry_type(vk::GeometryTypeKHR::INSTANCES)
             .geometry(vk::AccelerationStructureGeometryDataKHR { instances: data });
@@ -262,16 +262,11 @@ impl Gpu {
             .mode(vk::BuildAccelerationStructureModeKHR::BUILD)
             .geometries(geometries);
         let counts: Vec<u32> = ranges.iter().map(|range| range.primitive_count).collect();
-        let mut sizes = vk::AccelerationStructureBuildSizesInfoKHR::default();
-        // SAFETY: there is one count for each geometry.
-        unsafe {
-            self.acceleration.get_acceleration_structure_build_sizes(
-                vk::AccelerationStructureBuildTypeKHR::DEVICE,
-                &info,
-                &counts,
-                &mut sizes,
-            );
-        }
+        let sizes = self.build_sizes(
+            vk::AccelerationStructureBuildTypeKHR::DEVICE,
+            &info,
+            &counts,
+        );
         let moves = flags.contains(vk::BuildAccelerationStructureFlagsKHR::MOTION_NV);
         let structure = self.create_structure(
             level,
@@ -293,6 +288,22 @@ impl Gpu {
             }
         });
         structure
+    }
+
+    /// What a build of so many primitives takes, on the device or on the host.
+    pub fn build_sizes(
+        &self,
+        on: vk::AccelerationStructureBuildTypeKHR,
+        info: &vk::AccelerationStructureBuildGeometryInfoKHR,
+        counts: &[u32],
+    ) -> vk::AccelerationStructureBuildSizesInfoKHR<'static> {
+        let mut sizes = vk::AccelerationStructureBuildSizesInfoKHR::default();
+        // SAFETY: there is one count for each geometry.
+        unsafe {
+            (self.acceleration)
+                .get_acceleration_structure_build_sizes(on, info, counts, &mut sizes);
+        }
+        sizes
     }
 
     /// Room for a structure of this size, to be built or copied into.
@@ -382,10 +393,4 @@ pub(crate) fn instance_records(instances: &[Instance]) -> Vec<u8> {
         std::slice::from_raw_parts(records.as_ptr().cast::<u8>(), size_of_val(&records[..]))
     };
     bytes.to_vec()
-}
-
-fn at(buffer: Buffer) -> vk::DeviceOrHostAddressConstKHR {
-    vk::DeviceOrHostAddressConstKHR {
-        device_address: buffer.address,
-    }
 }

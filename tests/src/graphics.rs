@@ -125,22 +125,6 @@ fn opaque() -> vk::PipelineColorBlendAttachmentState {
     vk::PipelineColorBlendAttachmentState::default().color_write_mask(vk::ColorComponentFlags::RGBA)
 }
 
-/// A pass of dynamic rendering.
-#[derive(Clone, Copy, Default)]
-pub struct Pass<'a> {
-    pub colors: &'a [Canvas],
-    /// Clear colours, one a canvas; where there is none, contents are loaded.
-    pub clears: &'a [[f32; 4]],
-    /// Where colours are resolved to, one a canvas.
-    pub resolves: &'a [Canvas],
-    pub depth: Option<Canvas>,
-    pub stencil: Option<Canvas>,
-    /// Of depth and stencil.
-    pub clear_depth: Option<(f32, u32)>,
-    pub view_mask: u32,
-    pub flags: vk::RenderingFlags,
-}
-
 impl Gpu {
     /// An attachment of one level, which can also be read by shaders and copied.
     pub fn canvas(&self, format: vk::Format, width: u32, height: u32) -> Canvas {
@@ -424,112 +408,6 @@ impl Gpu {
         shader
     }
 
-    /// Records a pass, with viewport and scissor over all of the first attachment.
-    pub fn record_pass(
-        &self,
-        commands: vk::CommandBuffer,
-        pass: &Pass<'_>,
-        record: impl FnOnce(vk::CommandBuffer),
-    ) {
-        let layout = vk::ImageLayout::GENERAL;
-        let attachment = |view| {
-            vk::RenderingAttachmentInfo::default()
-                .image_view(view)
-                .image_layout(layout)
-                .load_op(vk::AttachmentLoadOp::LOAD)
-                .store_op(vk::AttachmentStoreOp::STORE)
-        };
-        let color = |(index, canvas): (usize, &Canvas)| {
-            let mut info = attachment(canvas.view);
-            if let Some(&float32) = pass.clears.get(index) {
-                let color = vk::ClearColorValue { float32 };
-                info = info
-                    .load_op(vk::AttachmentLoadOp::CLEAR)
-                    .clear_value(vk::ClearValue { color });
-            }
-            if let Some(resolve) = pass.resolves.get(index) {
-                info = info
-                    .resolve_mode(vk::ResolveModeFlags::AVERAGE)
-                    .resolve_image_view(resolve.view)
-                    .resolve_image_layout(layout);
-            }
-            info
-        };
-        let colors: Vec<_> = pass.colors.iter().enumerate().map(color).collect();
-        let side = |canvas: Option<Canvas>| {
-            let mut info = attachment(canvas.map_or(vk::ImageView::null(), |it| it.view));
-            if let Some((depth, stencil)) = pass.clear_depth {
-                let depth_stencil = vk::ClearDepthStencilValue { depth, stencil };
-                info = info
-                    .load_op(vk::AttachmentLoadOp::CLEAR)
-                    .clear_value(vk::ClearValue { depth_stencil });
-            }
-            info
-        };
-        let (depth, stencil) = (side(pass.depth), side(pass.stencil));
-        let first = pass
-            .colors
-            .first()
-            .or(pass.depth.as_ref())
-            .or(pass.stencil.as_ref());
-        let first = first.expect("a pass has attachments");
-        let mut info = vk::RenderingInfo::default()
-            .flags(pass.flags)
-            .render_area(first.area())
-            .layer_count(if pass.view_mask == 0 { first.layers } else { 1 })
-            .view_mask(pass.view_mask)
-            .color_attachments(&colors);
-        if pass.depth.is_some() {
-            info = info.depth_attachment(&depth);
-        }
-        if pass.stencil.is_some() {
-            info = info.stencil_attachment(&stencil);
-        }
-        // SAFETY: the command buffer is being recorded, and the structures outlive the calls.
-        unsafe {
-            self.device.cmd_begin_rendering(commands, &info);
-            if !pass
-                .flags
-                .contains(vk::RenderingFlags::CONTENTS_SECONDARY_COMMAND_BUFFERS)
-            {
-                self.look_at(commands, first);
-            }
-            record(commands);
-            self.device.cmd_end_rendering(commands);
-        }
-    }
-
-    /// Sets viewport and scissor to all of an attachment.
-    pub fn look_at(&self, commands: vk::CommandBuffer, canvas: &Canvas) {
-        let viewport = vk::Viewport {
-            x: 0.0,
-            y: 0.0,
-            width: canvas.width as f32,
-            height: canvas.height as f32,
-            min_depth: 0.0,
-            max_depth: 1.0,
-        };
-        // SAFETY: the command buffer is being recorded.
-        unsafe {
-            self.device.cmd_set_viewport(commands, 0, &[viewport]);
-            self.device.cmd_set_scissor(commands, 0, &[canvas.area()]);
-        }
-    }
-
-    /// Records and runs a pass.
-    pub fn draw(&self, pass: &Pass<'_>, record: impl FnOnce(vk::CommandBuffer)) {
-        self.run(|commands| self.record_pass(commands, pass, record));
-    }
-
-    /// Binds a graphics pipeline.
-    pub fn bind(&self, commands: vk::CommandBuffer, pipeline: vk::Pipeline) {
-        // SAFETY: the command buffer is being recorded.
-        unsafe {
-            let point = vk::PipelineBindPoint::GRAPHICS;
-            self.device.cmd_bind_pipeline(commands, point, pipeline);
-        }
-    }
-
     /// A render pass that is destroyed at the end.
     pub fn render_pass(&self, info: &vk::RenderPassCreateInfo2<'_>) -> vk::RenderPass {
         // SAFETY: the info outlives the call.
@@ -591,14 +469,5 @@ impl Gpu {
             self.device.update_descriptor_sets(&[write], &[]);
             set
         }
-    }
-
-    /// A query pool that is destroyed at the end.
-    pub fn query_pool(&self, info: &vk::QueryPoolCreateInfo<'_>) -> vk::QueryPool {
-        // SAFETY: the info outlives the call.
-        let pool = unsafe { self.device.create_query_pool(info, None) };
-        let pool = pool.expect("vkCreateQueryPool");
-        self.keep(Made::QueryPool(pool));
-        pool
     }
 }

@@ -139,6 +139,13 @@ impl Gpu {
 }
 
 impl Buffer {
+    /// Its first byte, as a build takes it.
+    pub fn at(&self) -> vk::DeviceOrHostAddressConstKHR {
+        vk::DeviceOrHostAddressConstKHR {
+            device_address: self.address,
+        }
+    }
+
     /// Copies items in at a byte offset; the device must not be using the buffer.
     pub fn write<T: Pod>(&self, offset: usize, items: &[T]) {
         let bytes: &[u8] = bytemuck::cast_slice(items);

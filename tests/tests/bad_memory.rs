@@ -16,10 +16,6 @@ unsafe extern "C" {
     fn ftruncate(file: i32, length: i64) -> i32;
 }
 
-fn open() -> Option<Gpu> {
-    Gpu::without_validation().with("a driver that promises this", Gpu::is_tuff)
-}
-
 /// A second device, with extensions that tests have no other use for; destroyed by whoever asked for it.
 fn device_with(gpu: &Gpu, extensions: &[&CStr], sparse_binding: bool) -> ash::Device {
     let names: Vec<_> = extensions.iter().map(|name| name.as_ptr()).collect();
@@ -37,7 +33,7 @@ fn device_with(gpu: &Gpu, extensions: &[&CStr], sparse_binding: bool) -> ash::De
 
 #[test]
 fn query_results_stay_within_their_size() {
-    let Some(gpu) = open() else { return };
+    let Some(gpu) = Gpu::surviving() else { return };
     let info = vk::QueryPoolCreateInfo::default()
         .query_type(vk::QueryType::TIMESTAMP)
         .query_count(64);
@@ -68,7 +64,7 @@ fn query_results_stay_within_their_size() {
 
 #[test]
 fn exported_memory_keeps_its_size() {
-    let Some(gpu) = open() else { return };
+    let Some(gpu) = Gpu::surviving() else { return };
     let device = device_with(&gpu, &[khr::external_memory_fd::NAME], false);
     let files = khr::external_memory_fd::Device::new(&gpu.instance, &device);
     let opaque = vk::ExternalMemoryHandleTypeFlags::OPAQUE_FD;
@@ -113,7 +109,7 @@ fn exported_memory_keeps_its_size() {
 
 #[test]
 fn host_pointers_to_nothing_are_refused() {
-    let Some(gpu) = open() else { return };
+    let Some(gpu) = Gpu::surviving() else { return };
     let device = device_with(&gpu, &[ext::external_memory_host::NAME], false);
     let own = gpu.buffer(1 << 20);
     for (pointer, size) in [(own.address, u64::MAX), (0, 4096), (1 << 46, 1 << 20)] {
@@ -133,7 +129,7 @@ fn host_pointers_to_nothing_are_refused() {
 
 #[test]
 fn sizes_without_measure_are_errors() {
-    let Some(gpu) = open() else { return };
+    let Some(gpu) = Gpu::surviving() else { return };
     let image = |levels, layers, side| {
         let info = vk::ImageCreateInfo::default()
             .image_type(vk::ImageType::TYPE_2D)
@@ -173,7 +169,7 @@ fn sizes_without_measure_are_errors() {
 /// As many instances as a number can say, from memory that has room for few.
 #[test]
 fn instances_without_measure_are_no_build() {
-    let Some(gpu) = open() else { return };
+    let Some(gpu) = Gpu::surviving() else { return };
     let input = gpu.buffer(1 << 16);
     let top = gpu.empty_structure(vk::AccelerationStructureTypeKHR::TOP_LEVEL, 1 << 16);
     let scratch = gpu.buffer(1 << 20);
@@ -206,7 +202,7 @@ fn instances_without_measure_are_no_build() {
 
 #[test]
 fn allocations_end_in_an_error_before_the_system_ends_them() {
-    let Some(gpu) = open() else { return };
+    let Some(gpu) = Gpu::surviving() else { return };
     for sparse_binding in [false, true] {
         let device = device_with(&gpu, &[], sparse_binding);
         let info = vk::MemoryAllocateInfo::default().allocation_size(65536);
@@ -240,7 +236,7 @@ fn allocations_end_in_an_error_before_the_system_ends_them() {
 /// Resources that have no memory, or are to lie past the end of some.
 #[test]
 fn resources_lie_inside_memory() {
-    let Some(gpu) = open() else { return };
+    let Some(gpu) = Gpu::surviving() else { return };
     let device = &gpu.device;
     let memory = vk::MemoryAllocateInfo::default().allocation_size(1 << 16);
     let buffer = vk::BufferCreateInfo::default()
@@ -337,7 +333,7 @@ const WRITES_AND_READS: &str = "
 /// The offset of a dynamic buffer leads past its end: that part of the range is not there.
 #[test]
 fn dynamic_offsets_end_with_the_buffer() {
-    let Some(gpu) = open() else { return };
+    let Some(gpu) = Gpu::surviving() else { return };
     let results = gpu.buffer(64);
     let size = 1 << 20;
     let given = gpu.buffer(size);
@@ -378,7 +374,7 @@ fn page_table_kilobytes() -> u64 {
 
 #[test]
 fn memory_that_comes_and_goes_leaves_nothing_behind() {
-    let Some(gpu) = open() else { return };
+    let Some(gpu) = Gpu::surviving() else { return };
     let device = device_with(&gpu, &[], false);
     let info = vk::MemoryAllocateInfo::default().allocation_size((1 << 20) + 65536);
     let before = page_table_kilobytes();
@@ -403,7 +399,7 @@ fn memory_that_comes_and_goes_leaves_nothing_behind() {
 
 #[test]
 fn a_handle_of_another_kind_is_an_error() {
-    let Some(gpu) = open() else { return };
+    let Some(gpu) = Gpu::surviving() else { return };
     let info = vk::BufferCreateInfo::default()
         .size(256)
         .usage(vk::BufferUsageFlags::TRANSFER_DST);
@@ -438,7 +434,7 @@ fn a_handle_of_another_kind_is_an_error() {
 /// A fork takes no threads along: to a child, its parent's devices are lost.
 #[test]
 fn a_forked_child_waits_for_nothing() {
-    let Some(gpu) = open() else { return };
+    let Some(gpu) = Gpu::surviving() else { return };
     let target = gpu.buffer(64);
     let fill = gpu.record(|commands| {
         // SAFETY: the buffer is that long.
@@ -485,7 +481,7 @@ fn resident_kilobytes() -> u64 {
 /// Recursion without an end has a budget, whatever the number of threads, and gives it back.
 #[test]
 fn endless_recursion_gives_its_memory_back() {
-    let Some(gpu) = open() else { return };
+    let Some(gpu) = Gpu::surviving() else { return };
     let raygen = r"
     layout(location = 0) callableDataEXT vec4 data;
     void main() { data = vec4(1); executeCallableEXT(0, 0); }";

@@ -359,9 +359,7 @@ fn serialized(gpu: &Gpu, structure: Structure, size_bytes: u64) -> Buffer {
 fn deserialized(gpu: &Gpu, from: &Buffer, size_bytes: u64, level: Level) -> Structure {
     let structure = gpu.empty_structure(level, size_bytes);
     let info = vk::CopyMemoryToAccelerationStructureInfoKHR::default()
-        .src(vk::DeviceOrHostAddressConstKHR {
-            device_address: from.address,
-        })
+        .src(from.at())
         .dst(structure.handle)
         .mode(vk::CopyAccelerationStructureModeKHR::DESERIALIZE);
     // SAFETY: as above.
@@ -467,11 +465,8 @@ fn copies_and_properties_of_headers_that_lie() {
 
 /// Copies a structure in both ways, and has properties of it and of the copy written.
 fn copy_and_ask(gpu: &Gpu, source: Structure, target: Structure) {
-    let pool = vk::QueryPoolCreateInfo::default()
-        .query_type(vk::QueryType::ACCELERATION_STRUCTURE_SERIALIZATION_SIZE_KHR)
-        .query_count(2);
-    // SAFETY: plain, and destroyed below.
-    let pool = unsafe { gpu.device.create_query_pool(&pool, None) }.expect("a pool");
+    let ty = vk::QueryType::ACCELERATION_STRUCTURE_SERIALIZATION_SIZE_KHR;
+    let pool = gpu.queries(ty, 2);
     let modes = [
         vk::CopyAccelerationStructureModeKHR::CLONE,
         vk::CopyAccelerationStructureModeKHR::COMPACT,
@@ -491,11 +486,9 @@ fn copy_and_ask(gpu: &Gpu, source: Structure, target: Structure) {
             .cmd_write_acceleration_structures_properties(
                 commands,
                 &[source.handle, target.handle],
-                vk::QueryType::ACCELERATION_STRUCTURE_SERIALIZATION_SIZE_KHR,
+                ty,
                 pool,
                 0,
             );
     });
-    // SAFETY: nothing uses it any more.
-    unsafe { gpu.device.destroy_query_pool(pool, None) };
 }

@@ -668,10 +668,7 @@ fn a_set_may_be_written_between_its_binding_and_the_dispatch() {
 #[test]
 fn descriptors_that_a_shader_makes_up_lead_nowhere() {
     use vk::DescriptorType as Ty;
-    let Some(gpu) = Gpu::without_validation().with("a driver that promises this", Gpu::is_tuff)
-    else {
-        return;
-    };
+    let Some(gpu) = Gpu::surviving() else { return };
     let Some(it) = Buffers::new(&gpu) else { return };
     let layout = it.layout(&[
         (0, Ty::STORAGE_BUFFER, 1),
@@ -734,10 +731,7 @@ fn descriptors_that_a_shader_makes_up_lead_nowhere() {
 
 #[test]
 fn a_descriptor_buffer_at_a_wild_address_holds_null_descriptors() {
-    let Some(gpu) = Gpu::without_validation().with("a driver that promises this", Gpu::is_tuff)
-    else {
-        return;
-    };
+    let Some(gpu) = Gpu::surviving() else { return };
     let Some(it) = Buffers::new(&gpu) else { return };
     let storage = vk::DescriptorType::STORAGE_BUFFER;
     let layout = it.layout(&[

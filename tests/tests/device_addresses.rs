@@ -271,29 +271,22 @@ fn query_results_go_to_an_address() {
     };
     let copy: CopyResults = function(&gpu, c"vkCmdCopyQueryPoolResultsToMemoryKHR");
     let output = gpu.buffer(48);
-    let info = vk::QueryPoolCreateInfo::default()
-        .query_type(vk::QueryType::TIMESTAMP)
-        .query_count(2);
     let results = StridedRange {
         address: output.address + 8,
         size: 24,
         stride: 16,
     };
-    // SAFETY: the handles are of this device; the pool is destroyed when the commands have ended.
-    unsafe {
-        let pool = gpu.device.create_query_pool(&info, None);
-        let pool = pool.expect("vkCreateQueryPool");
-        gpu.run(|commands| {
-            gpu.device.cmd_reset_query_pool(commands, pool, 0, 2);
-            for query in 0..2 {
-                let stage = vk::PipelineStageFlags::ALL_COMMANDS;
-                gpu.device.cmd_write_timestamp(commands, stage, pool, query);
-            }
-            let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
-            copy(commands, pool, 0, 2, &results, OF_STORAGE, flags);
-        });
-        gpu.device.destroy_query_pool(pool, None);
-    }
+    let pool = gpu.queries(vk::QueryType::TIMESTAMP, 2);
+    // SAFETY: the command buffer is being recorded, and the handles are of this device.
+    gpu.run(|commands| unsafe {
+        gpu.device.cmd_reset_query_pool(commands, pool, 0, 2);
+        for query in 0..2 {
+            let stage = vk::PipelineStageFlags::ALL_COMMANDS;
+            gpu.device.cmd_write_timestamp(commands, stage, pool, query);
+        }
+        let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
+        copy(commands, pool, 0, 2, &results, OF_STORAGE, flags);
+    });
     let words: Vec<u64> = output.read();
     assert_eq!([words[0], words[2], words[4], words[5]], [0; 4]);
     assert!(words[1] > 0 && words[3] >= words[1], "{words:?}");

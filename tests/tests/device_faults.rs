@@ -308,11 +308,10 @@ fn a_fragment_shader_that_hangs_is_told() {
     }";
     let data = gpu.buffer_with(&[0u32; 4]);
     let set = gpu.set(&[(0, &[Bound::Storage(data)])]);
-    let format = vk::Format::R8G8B8A8_UNORM;
-    let canvas = gpu.canvas(format, 16, 16);
+    let canvas = gpu.canvas(RGBA, 16, 16);
     let painting = Painting {
         layout: gpu.layout(&[set.layout]),
-        ..Painting::new(&gpu, vertex, fragment, format)
+        ..Painting::new(&gpu, vertex, fragment, RGBA)
     };
     let stages = [
         (Stage::Vertex, glsl(Stage::Vertex, vertex)),
@@ -326,23 +325,13 @@ fn a_fragment_shader_that_hangs_is_told() {
         .try_painting(&painting, &stages, flags, std::ptr::null())
         .unwrap();
     gpu.name_object(pipeline, c"a painting");
-    let pass = Pass {
-        colors: &[canvas],
-        clears: &[[0.0; 4]],
-        ..Pass::default()
-    };
+    let pass = Pass::black(&canvas);
     let lost = gpu.try_run(|commands| {
         gpu.record_pass(commands, &pass, |commands| {
             gpu.look_at(commands, &canvas);
             gpu.bind(commands, pipeline);
-            let point = vk::PipelineBindPoint::GRAPHICS;
-            // SAFETY: the command buffer is being recorded, and the handles are of this device.
-            unsafe {
-                let (layout, sets) = (painting.layout, [set.handle]);
-                gpu.device
-                    .cmd_bind_descriptor_sets(commands, point, layout, 0, &sets, &[]);
-                gpu.device.cmd_draw(commands, 3, 1, 0, 0);
-            }
+            gpu.bind_set(commands, painting.layout, set.handle);
+            gpu.draw_vertices(commands, 3);
         });
     });
     assert_eq!(lost, Err(vk::Result::ERROR_DEVICE_LOST));
@@ -453,20 +442,13 @@ fn earlier_wild_addresses_are_told() {
     let vertex = r"
     layout(buffer_reference, buffer_reference_align = 4) buffer Word { uint word; };
     void main() { gl_Position = vec4(Word(uint64_t(0x3450 + gl_InstanceIndex)).word, 0, 0, 1); }";
-    let format = vk::Format::R8G8B8A8_UNORM;
-    let canvas = gpu.canvas(format, 16, 16);
-    let fragment = "layout(location = 0) out vec4 color; void main() { color = vec4(1); }";
-    let pipeline = gpu.painting(&Painting::new(&gpu, vertex, fragment, format));
-    let pass = Pass {
-        colors: &[canvas],
-        clears: &[[0.0; 4]],
-        ..Pass::default()
-    };
+    let canvas = gpu.canvas(RGBA, 16, 16);
+    let pipeline = gpu.painting(&Painting::new(&gpu, vertex, WHITE, RGBA));
+    let pass = Pass::black(&canvas);
     gpu.draw(&pass, |commands| {
         gpu.look_at(commands, &canvas);
         gpu.bind(commands, pipeline);
-        // SAFETY: the command buffer is being recorded.
-        unsafe { gpu.device.cmd_draw(commands, 3, 1, 0, 0) };
+        gpu.draw_vertices(commands, 3);
     });
     let data = gpu.buffer_with(&[0u32; 4]);
     let set = gpu.set(&[(0, &[Bound::Storage(data)])]);

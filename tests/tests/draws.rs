@@ -2,27 +2,6 @@
 
 use tuff_tests::*;
 
-const RGBA: vk::Format = vk::Format::R8G8B8A8_UNORM;
-const BLACK: [f32; 4] = [0.0; 4];
-
-/// The device, if it draws.
-#[track_caller]
-fn drawing() -> Option<Gpu> {
-    Gpu::new().with("a graphics queue with dynamic rendering", |gpu| {
-        gpu.has_graphics() && gpu.features13.dynamic_rendering == vk::TRUE
-    })
-}
-
-/// One triangle over all of the viewport.
-const COVER: &str = "
-    void main() {
-        gl_Position = vec4(gl_VertexIndex == 1 ? 3.0 : -1.0, gl_VertexIndex == 2 ? 3.0 : -1.0, 0.5, 1.0);
-    }";
-
-const WHITE: &str = "
-    layout(location = 0) out vec4 color;
-    void main() { color = vec4(1.0); }";
-
 const CORNERS: &str = "
     layout(location = 0) in vec4 position;
     layout(location = 1) in vec4 color;
@@ -36,21 +15,18 @@ const SHADE: &str = "
 
 #[test]
 fn a_triangle_covers_every_pixel_with_its_own_place() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     let canvas = gpu.canvas(RGBA, 70, 33);
     let fragment = "
         layout(location = 0) out vec4 color;
         void main() { color = vec4(floor(gl_FragCoord.xy), 0.0, gl_FragCoord.z * 255.0) / 255.0; }";
     let pipeline = gpu.painting(&Painting::new(&gpu, COVER, fragment, RGBA));
-    let pass = Pass {
-        colors: &[canvas],
-        clears: &[BLACK],
-        ..Pass::default()
-    };
+    let pass = Pass::black(&canvas);
     gpu.draw(&pass, |commands| {
         gpu.bind(commands, pipeline);
-        // SAFETY: the command buffer is being recorded.
-        unsafe { gpu.device.cmd_draw(commands, 3, 1, 0, 0) };
+        gpu.draw_vertices(commands, 3);
     });
     for (index, color) in gpu.colors(&canvas).into_iter().enumerate() {
         let place = [(index % 70) as u8, (index / 70) as u8];
@@ -66,7 +42,9 @@ fn a_triangle_covers_every_pixel_with_its_own_place() {
 /// Random triangles: pixels whose centre is clearly inside are covered, those clearly outside are not.
 #[test]
 fn coverage_is_that_of_pixel_centres() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     const SIZE: u32 = 96;
     let mut random = Rng::with_seed(11);
     let painting = Painting::new(&gpu, CORNERS, SHADE, RGBA).with_corners();
@@ -78,19 +56,11 @@ fn coverage_is_that_of_pixel_centres() {
         let corners = points.map(|[x, y]| Corner::at(x, y, [1.0; 4]));
         let vertices = gpu.buffer_with(&corners);
         let canvas = gpu.canvas(RGBA, SIZE, SIZE);
-        let pass = Pass {
-            colors: &[canvas],
-            clears: &[BLACK],
-            ..Pass::default()
-        };
+        let pass = Pass::black(&canvas);
         gpu.draw(&pass, |commands| {
             gpu.bind(commands, pipeline);
-            // SAFETY: the command buffer is being recorded.
-            unsafe {
-                gpu.device
-                    .cmd_bind_vertex_buffers(commands, 0, &[vertices.handle], &[0]);
-                gpu.device.cmd_draw(commands, 3, 1, 0, 0);
-            }
+            gpu.bind_vertices(commands, &vertices);
+            gpu.draw_vertices(commands, 3);
         });
         let half = f64::from(SIZE) / 2.0;
         let screen = points.map(|point| point.map(|it| (f64::from(it) + 1.0) * half));
@@ -125,7 +95,9 @@ fn is_inside(triangle: &[[f64; 2]; 3], [x, y]: [f64; 2]) -> Option<bool> {
 /// A fan of triangles around a point, drawn so that each adds one: every pixel is covered once, whatever lies on shared edges.
 #[test]
 fn neighbours_cover_each_pixel_once() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     const SIZE: u32 = 64;
     let mut random = Rng::with_seed(5);
     let canvas = gpu.canvas(RGBA, SIZE, SIZE);
@@ -160,19 +132,11 @@ fn neighbours_cover_each_pixel_once() {
         .src_alpha_blend_factor(vk::BlendFactor::ONE)
         .dst_alpha_blend_factor(vk::BlendFactor::ONE);
     let pipeline = gpu.painting(&painting);
-    let pass = Pass {
-        colors: &[canvas],
-        clears: &[BLACK],
-        ..Pass::default()
-    };
+    let pass = Pass::black(&canvas);
     gpu.draw(&pass, |commands| {
         gpu.bind(commands, pipeline);
-        // SAFETY: the command buffer is being recorded.
-        unsafe {
-            gpu.device
-                .cmd_bind_vertex_buffers(commands, 0, &[vertices.handle], &[0]);
-            gpu.device.cmd_draw(commands, corners.len() as u32, 1, 0, 0);
-        }
+        gpu.bind_vertices(commands, &vertices);
+        gpu.draw_vertices(commands, corners.len() as u32);
     });
     assert_eq!(gpu.colors(&canvas), [[1; 4]; (SIZE * SIZE) as usize]);
 }
@@ -180,7 +144,9 @@ fn neighbours_cover_each_pixel_once() {
 /// A strip of quads, one pixel each: index types, first index, vertex offset and restart.
 #[test]
 fn indices_choose_vertices() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     let canvas = gpu.canvas(RGBA, 8, 2);
     // Vertices of columns: 2i above, 2i + 1 below; vertex 0 is somewhere else.
     let mut corners = vec![Corner::at(9.0, 9.0, [1.0; 4])];
@@ -202,11 +168,7 @@ fn indices_choose_vertices() {
         (shorts, vk::IndexType::UINT16),
         (longs, vk::IndexType::UINT32),
     ] {
-        let pass = Pass {
-            colors: &[canvas],
-            clears: &[BLACK],
-            ..Pass::default()
-        };
+        let pass = Pass::black(&canvas);
         gpu.draw(&pass, |commands| {
             gpu.bind(commands, pipeline);
             // SAFETY: the command buffer is being recorded.
@@ -226,7 +188,9 @@ fn indices_choose_vertices() {
 /// Each instance is a column of its own colour; attributes advance by instance, from the first instance on.
 #[test]
 fn instances_have_their_own_attributes() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     let canvas = gpu.canvas(RGBA, 4, 1);
     let vertex = "
         layout(location = 0) in float column;
@@ -249,11 +213,7 @@ fn instances_have_their_own_attributes() {
         .push(vk::VertexInputAttributeDescription::default().format(format));
     let pipeline = gpu.painting(&painting);
     let columns = gpu.buffer_with(&[9.0f32, 9.0, 3.0, 1.0]);
-    let pass = Pass {
-        colors: &[canvas],
-        clears: &[BLACK],
-        ..Pass::default()
-    };
+    let pass = Pass::black(&canvas);
     gpu.draw(&pass, |commands| {
         gpu.bind(commands, pipeline);
         // SAFETY: the command buffer is being recorded.
@@ -270,7 +230,9 @@ fn instances_have_their_own_attributes() {
 /// Two triangles at two depths, in either order: the nearer one is seen, and its depth stays.
 #[test]
 fn the_nearer_triangle_is_seen() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     let vertex = "
         layout(push_constant) uniform Push { float depth; };
         void main() {
@@ -293,23 +255,15 @@ fn the_nearer_triangle_is_seen() {
         let pipeline = gpu.painting(&painting);
         for order in [[0.25f32, 0.75], [0.75, 0.25]] {
             let pass = Pass {
-                colors: &[canvas],
-                clears: &[BLACK],
                 depth: Some(depth),
                 clear_depth: Some((1.0, 0)),
-                ..Pass::default()
+                ..Pass::black(&canvas)
             };
             gpu.draw(&pass, |commands| {
                 gpu.bind(commands, pipeline);
                 for depth in order {
-                    // SAFETY: the command buffer is being recorded.
-                    unsafe {
-                        let (layout, all) = (painting.layout, vk::ShaderStageFlags::ALL);
-                        let bytes = depth.to_ne_bytes();
-                        gpu.device
-                            .cmd_push_constants(commands, layout, all, 0, &bytes);
-                        gpu.device.cmd_draw(commands, 3, 1, 0, 0);
-                    }
+                    gpu.push(commands, painting.layout, &depth);
+                    gpu.draw_vertices(commands, 3);
                 }
             });
             assert_eq!(gpu.colors(&canvas), [[64; 4]; 400], "{format:?} {order:?}");
@@ -330,7 +284,9 @@ fn the_nearer_triangle_is_seen() {
 /// Stencil counts how often each pixel is drawn, and then masks.
 #[test]
 fn stencil_counts_and_masks() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     let format = vk::Format::S8_UINT;
     if !has(
         "stencil attachments",
@@ -372,11 +328,9 @@ fn stencil_counts_and_masks() {
         vk::ColorComponentFlags::RGBA,
     );
     let pass = Pass {
-        colors: &[canvas],
-        clears: &[BLACK],
         stencil: Some(stencil),
         clear_depth: Some((0.0, 0)),
-        ..Pass::default()
+        ..Pass::black(&canvas)
     };
     gpu.draw(&pass, |commands| {
         // SAFETY: the command buffer is being recorded.
@@ -401,7 +355,9 @@ fn stencil_counts_and_masks() {
 /// The usual blending of a translucent colour over another one.
 #[test]
 fn translucent_colours_are_blended() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     let fragment = "
         layout(location = 0) out vec4 color;
         void main() { color = vec4(1.0, 0.5, 0.0, 0.25); }";
@@ -422,8 +378,7 @@ fn translucent_colours_are_blended() {
     };
     gpu.draw(&pass, |commands| {
         gpu.bind(commands, pipeline);
-        // SAFETY: the command buffer is being recorded.
-        unsafe { gpu.device.cmd_draw(commands, 3, 1, 0, 0) };
+        gpu.draw_vertices(commands, 3);
     });
     let expected = [0.25f32, 0.125, 0.75, 0.25].map(|it| (it * 255.0).round() as u8);
     for color in gpu.colors(&canvas) {
@@ -436,7 +391,9 @@ fn translucent_colours_are_blended() {
 /// Draws whose numbers, and whose number, stand in a buffer.
 #[test]
 fn indirect_draws_read_their_parameters() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     if !has(
         "multiDrawIndirect",
         gpu.features.multi_draw_indirect == vk::TRUE,
@@ -455,11 +412,7 @@ fn indirect_draws_read_their_parameters() {
     let draws = gpu.buffer_with(&[4u32, 1, 0, 0, 7, 4, 1, 8, 0, 7, 4, 1, 12, 0, 7]);
     let count = gpu.buffer_with(&[9u32, 2]);
     let canvas = gpu.canvas(RGBA, 4, 1);
-    let pass = Pass {
-        colors: &[canvas],
-        clears: &[BLACK],
-        ..Pass::default()
-    };
+    let pass = Pass::black(&canvas);
     let columns = |record: &dyn Fn(vk::CommandBuffer)| {
         gpu.draw(&pass, |commands| {
             gpu.bind(commands, pipeline);
@@ -488,12 +441,13 @@ fn indirect_draws_read_their_parameters() {
 /// Samples that pass, and what the stages did.
 #[test]
 fn queries_count_samples_and_invocations() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     use vk::QueryPipelineStatisticFlags as Statistic;
     let canvas = gpu.canvas(RGBA, 40, 40);
     let pipeline = gpu.painting(&Painting::new(&gpu, COVER, WHITE, RGBA));
-    let samples = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::OCCLUSION);
-    let samples = gpu.query_pool(&samples.query_count(3));
+    let samples = gpu.queries(vk::QueryType::OCCLUSION, 3);
     let statistics = vk::QueryPoolCreateInfo::default()
         .query_type(vk::QueryType::PIPELINE_STATISTICS)
         .query_count(1)
@@ -509,11 +463,7 @@ fn queries_count_samples_and_invocations() {
         false => vk::QueryControlFlags::empty(),
     };
     gpu.run(|commands| {
-        let pass = Pass {
-            colors: &[canvas],
-            clears: &[BLACK],
-            ..Pass::default()
-        };
+        let pass = Pass::black(&canvas);
         // SAFETY: the command buffer is being recorded.
         unsafe {
             let device = &gpu.device;
@@ -543,28 +493,14 @@ fn queries_count_samples_and_invocations() {
             }
         }
     });
-    let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
-    let mut counts = [0u64; 3];
-    // SAFETY: the pool is of this device.
-    unsafe {
-        gpu.device
-            .get_query_pool_results(samples, 0, &mut counts, flags)
-    }
-    .unwrap();
+    let counts: [u64; 3] = gpu.query_results(samples, 0);
     if precise.is_empty() {
         assert_eq!(counts.map(|it| it != 0), [true, false, true]);
     } else {
         assert_eq!(counts, [3200, 0, 21]);
     }
     if let Some(pool) = statistics {
-        let mut counts = [[0u64; 3]];
-        // SAFETY: as above.
-        unsafe {
-            gpu.device
-                .get_query_pool_results(pool, 0, &mut counts, flags)
-        }
-        .unwrap();
-        let [[vertices, primitives, fragments]] = counts;
+        let [[vertices, primitives, fragments]]: [[u64; 3]; 1] = gpu.query_results(pool, 0);
         assert_eq!((vertices, primitives), (9, 3));
         assert!(fragments >= 3221, "{fragments} invocations");
     }
@@ -573,7 +509,9 @@ fn queries_count_samples_and_invocations() {
 /// Fragments store and count.
 #[test]
 fn fragments_write_buffers() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     if !has(
         "fragmentStoresAndAtomics",
         gpu.features.fragment_stores_and_atomics == vk::TRUE,
@@ -594,21 +532,11 @@ fn fragments_write_buffers() {
     painting.layout = gpu.layout(&[set.layout]);
     let pipeline = gpu.painting(&painting);
     let canvas = gpu.canvas(RGBA, 19, 19);
-    let pass = Pass {
-        colors: &[canvas],
-        clears: &[BLACK],
-        ..Pass::default()
-    };
+    let pass = Pass::black(&canvas);
     gpu.draw(&pass, |commands| {
         gpu.bind(commands, pipeline);
-        // SAFETY: the command buffer is being recorded.
-        unsafe {
-            let point = vk::PipelineBindPoint::GRAPHICS;
-            let (layout, sets) = (painting.layout, [set.handle]);
-            gpu.device
-                .cmd_bind_descriptor_sets(commands, point, layout, 0, &sets, &[]);
-            gpu.device.cmd_draw(commands, 3, 1, 0, 0);
-        }
+        gpu.bind_set(commands, painting.layout, set.handle);
+        gpu.draw_vertices(commands, 3);
     });
     let words: Vec<u32> = buffer.read();
     assert_eq!(words[0], 361);

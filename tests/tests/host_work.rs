@@ -228,16 +228,8 @@ fn structures_are_built_by_the_threads_that_join() {
     let mut info = vk::AccelerationStructureBuildGeometryInfoKHR::default()
         .ty(level)
         .geometries(&geometry);
-    let mut sizes = vk::AccelerationStructureBuildSizesInfoKHR::default();
-    // SAFETY: there is one count for each geometry.
-    unsafe {
-        gpu.acceleration.get_acceleration_structure_build_sizes(
-            vk::AccelerationStructureBuildTypeKHR::HOST,
-            &info,
-            &[count],
-            &mut sizes,
-        );
-    }
+    let on_host = vk::AccelerationStructureBuildTypeKHR::HOST;
+    let sizes = gpu.build_sizes(on_host, &info, &[count]);
     let structure = gpu.empty_structure(level, sizes.acceleration_structure_size);
     let mut scratch = vec![0u8; sizes.build_scratch_size as usize];
     info.scratch_data.host_address = scratch.as_mut_ptr().cast();

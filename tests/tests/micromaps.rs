@@ -331,35 +331,8 @@ fn an_update_brings_another_micromap() {
     assert_eq!(shoot(&gpu, world, &part_centres(2), 0), expected);
 }
 
-/// Runs commands that write a query, and reads it.
-fn query(
-    gpu: &Gpu,
-    ty: vk::QueryType,
-    record: impl FnOnce(vk::CommandBuffer, vk::QueryPool),
-) -> u64 {
-    let info = vk::QueryPoolCreateInfo::default()
-        .query_type(ty)
-        .query_count(1);
-    // SAFETY: the handles are of this device; the pool is destroyed when the commands have ended.
-    unsafe {
-        let pool = gpu.device.create_query_pool(&info, None);
-        let pool = pool.expect("vkCreateQueryPool");
-        gpu.run(|commands| {
-            gpu.device.cmd_reset_query_pool(commands, pool, 0, 1);
-            record(commands, pool);
-        });
-        let mut result = [0u64];
-        let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
-        (gpu.device
-            .get_query_pool_results(pool, 0, &mut result, flags))
-        .expect("a result");
-        gpu.device.destroy_query_pool(pool, None);
-        result[0]
-    }
-}
-
 fn micromap_property(gpu: &Gpu, micromap: vk::MicromapEXT, ty: vk::QueryType) -> u64 {
-    query(gpu, ty, |commands, pool| {
+    gpu.query(ty, |commands, pool| {
         // SAFETY: the micromap is built, and the query reset.
         unsafe {
             (gpu.micromaps.fp().cmd_write_micromaps_properties_ext)(
@@ -576,7 +549,7 @@ fn structures_with_micromaps_are_copied_and_serialized() {
     let (micromap, expected) = motley(&gpu);
     let original = bottom(&gpu, 1, &Use::of(&micromap), Flags::ALLOW_COMPACTION);
     let property = |ty| {
-        query(&gpu, ty, |commands, pool| {
+        gpu.query(ty, |commands, pool| {
             // SAFETY: the structure is built, and the query reset.
             unsafe {
                 gpu.acceleration

@@ -338,14 +338,6 @@ fn trace_numbers(gpu: &Gpu, flags: u32, numbers: [f32; 8]) {
     assert!(result == 1 || result == 2, "{numbers:?}: {result}");
 }
 
-fn gpu() -> Option<Gpu> {
-    Gpu::without_validation().with("a driver that promises this", Gpu::is_tuff)
-}
-
-fn reporting() -> Option<Gpu> {
-    Gpu::validated_by_driver()?.with("a driver that promises this", Gpu::is_tuff)
-}
-
 /// The device does what it should, after all that.
 fn still_works(gpu: &Gpu) {
     assert_eq!(Trace::new(gpu, &RIGHT).run(1), 2);
@@ -353,11 +345,8 @@ fn still_works(gpu: &Gpu) {
 
 #[test]
 fn misuse_is_survived() {
-    let Some(gpu) = gpu() else { return };
-    for (name, check) in CHECKS {
-        println!("{name}");
-        check(&gpu);
-    }
+    let Some(gpu) = Gpu::surviving() else { return };
+    gpu.assert_survived(CHECKS);
     for (_, flags, numbers) in rays() {
         trace_numbers(&gpu, flags, numbers);
     }
@@ -366,26 +355,21 @@ fn misuse_is_survived() {
 
 #[test]
 fn misuse_is_reported_by_its_name() {
-    let Some(gpu) = reporting() else { return };
+    let Some(gpu) = Gpu::reporting() else { return };
     still_works(&gpu);
-    assert_eq!(gpu.take_complaints(), [""; 0]);
+    gpu.assert_silent();
     gpu.assert_reported(CHECKS);
     for (rule, flags, numbers) in rays() {
         trace_numbers(&gpu, flags, numbers);
-        let said = gpu.take_complaints();
-        let name = format!("-{rule}:");
-        assert!(
-            said.iter().any(|text| text.contains(&name)),
-            "{rule}: {said:#?}"
-        );
+        gpu.assert_said(&format!("-{rule}:"));
     }
     still_works(&gpu);
-    assert_eq!(gpu.take_complaints(), [""; 0]);
+    gpu.assert_silent();
 }
 
 #[test]
 fn a_place_is_reported_once_with_a_count() {
-    let Some(gpu) = reporting() else { return };
+    let Some(gpu) = Gpu::reporting() else { return };
     let mut trace = Trace::new(&gpu, &RIGHT);
     trace.regions[2] = trace.record(&[0x5a; 32]);
     trace.run(64);
@@ -394,12 +378,12 @@ fn a_place_is_reported_once_with_a_count() {
     assert_eq!(said.len(), 1, "{said:#?}");
     assert!(said[0].contains("128 times"), "{said:#?}");
     trace.run(64);
-    assert_eq!(gpu.take_complaints(), [""; 0]);
+    gpu.assert_silent();
 }
 
 #[test]
 fn parameters_in_memory_are_looked_at() {
-    let Some(gpu) = reporting() else { return };
+    let Some(gpu) = Gpu::reporting() else { return };
     let trace = Trace::new(&gpu, &RIGHT);
     let parameters = gpu.buffer_with(&[1u32 << 16, 1 << 16, 1]);
     let places = [
@@ -427,11 +411,7 @@ fn parameters_in_memory_are_looked_at() {
                     .cmd_trace_rays_indirect(commands, raygen, miss, hit, callable, address);
             }
         });
-        let said = gpu.take_complaints();
-        assert!(
-            said.iter().any(|text| text.contains(name)),
-            "{name}: {said:#?}"
-        );
+        gpu.assert_said(name);
     }
     still_works(&gpu);
 }
@@ -482,7 +462,7 @@ const KINDS: [vk::GeometryTypeKHR; 3] = [
 
 #[test]
 fn builds_from_nowhere_are_empty() {
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = Gpu::surviving() else { return };
     for of in KINDS {
         for address in [16, 1 << 46, 0xdead_beef_0000_0010, u64::MAX - 15] {
             let structure = build_astray(&gpu, of, address);
@@ -507,7 +487,7 @@ fn builds_from_nowhere_are_empty() {
 
 #[test]
 fn builds_from_nowhere_are_reported() {
-    let Some(gpu) = reporting() else { return };
+    let Some(gpu) = Gpu::reporting() else { return };
     for (i, of) in KINDS.into_iter().enumerate() {
         build_astray(&gpu, of, (1 << 46) + 4096 * i as u64);
         let said = gpu.take_complaints();
@@ -518,7 +498,7 @@ fn builds_from_nowhere_are_reported() {
         );
     }
     let bottom = gpu.bottom(&[Geometry::opaque(&TRIANGLE)]);
-    assert_eq!(gpu.take_complaints(), [""; 0]);
+    gpu.assert_silent();
     gpu.destroy(bottom);
     gpu.top(&[Instance::of(bottom)]);
     let said = gpu.take_complaints();
@@ -533,7 +513,7 @@ fn builds_from_nowhere_are_reported() {
 fn a_hang_loses_the_device_and_no_more() {
     const LIMIT: &str = "TUFF_TIMEOUT";
     const CHILD: &str = "TUFF_TEST_HANGS";
-    let Some(gpu) = gpu() else { return };
+    let Some(gpu) = Gpu::surviving() else { return };
     if std::env::var_os(CHILD).is_none() {
         let program = std::env::current_exe().expect("this program");
         let child = std::process::Command::new(program)

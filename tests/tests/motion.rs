@@ -19,12 +19,6 @@ fn gpu_with_micromaps() -> Option<Gpu> {
     })
 }
 
-fn at(buffer: Buffer) -> vk::DeviceOrHostAddressConstKHR {
-    vk::DeviceOrHostAddressConstKHR {
-        device_address: buffer.address,
-    }
-}
-
 /// A bottom level of opaque triangles that move.
 fn moving(gpu: &Gpu, start: &[[f32; 3]], end: &[[f32; 3]]) -> Structure {
     moving_with(gpu, start, end, vk::GeometryFlagsKHR::OPAQUE, None)
@@ -40,12 +34,12 @@ fn moving_with(
 ) -> Structure {
     let mut data = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
         .vertex_format(vk::Format::R32G32B32_SFLOAT)
-        .vertex_data(at(gpu.buffer_with(start)))
+        .vertex_data(gpu.buffer_with(start).at())
         .vertex_stride(12)
         .max_vertex(start.len() as u32 - 1)
         .index_type(vk::IndexType::NONE_KHR);
     let mut motion = vk::AccelerationStructureGeometryMotionTrianglesDataNV::default()
-        .vertex_data(at(gpu.buffer_with(end)));
+        .vertex_data(gpu.buffer_with(end).at());
     let opacity = micromap.map(|micromap| {
         vk::AccelerationStructureTrianglesOpacityMicromapEXT::default()
             .index_type(vk::IndexType::NONE_KHR)
@@ -90,7 +84,7 @@ fn top(gpu: &Gpu, instances: &[(Structure, Moves)]) -> Structure {
         words.resize(first + 40, 0);
     }
     let data = vk::AccelerationStructureGeometryInstancesDataKHR::default()
-        .data(at(gpu.buffer_with(&words)));
+        .data(gpu.buffer_with(&words).at());
     let geometry = vk::AccelerationStructureGeometryKHR::default()
         .geometry_type(vk::GeometryTypeKHR::INSTANCES)
         .geometry(vk::AccelerationStructureGeometryDataKHR { instances: data });

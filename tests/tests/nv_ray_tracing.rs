@@ -472,29 +472,20 @@ fn copies_are_as_good_and_compact_ones_smaller() {
     let original = gpu.structure_nv(&described);
     gpu.build_nv(&described, &original, None);
     let query = vk::QueryType::ACCELERATION_STRUCTURE_COMPACTED_SIZE_NV;
-    let info = vk::QueryPoolCreateInfo::default()
-        .query_type(query)
-        .query_count(3);
-    let mut sizes = [0u64; 1];
-    // SAFETY: the handles are of this device; the pool is destroyed when the commands have ended.
-    unsafe {
-        let pool = gpu.device.create_query_pool(&info, None).expect("a pool");
-        gpu.run(|commands| {
-            gpu.device.cmd_reset_query_pool(commands, pool, 0, 3);
-            gpu.nv().cmd_write_acceleration_structures_properties(
-                commands,
-                &[original.handle],
-                query,
-                pool,
-                1,
-            );
-        });
-        let flags = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
-        gpu.device
-            .get_query_pool_results(pool, 1, &mut sizes, flags)
-            .expect("results");
-        gpu.device.destroy_query_pool(pool, None);
-    }
+    let pool = gpu.queries(query, 3);
+    // SAFETY: the command buffer is being recorded, and the handles are of this device.
+    gpu.run(|commands| unsafe {
+        let structures = [original.handle];
+        gpu.device.cmd_reset_query_pool(commands, pool, 0, 3);
+        (gpu.nv()).cmd_write_acceleration_structures_properties(
+            commands,
+            &structures,
+            query,
+            pool,
+            1,
+        );
+    });
+    let sizes: [u64; 1] = gpu.query_results(pool, 1);
     let full = gpu.needs_nv(original.handle, Needs::OBJECT).size;
     assert!((1..=full).contains(&sizes[0]), "{} of {full}", sizes[0]);
     let clone = gpu.structure_nv(&described);

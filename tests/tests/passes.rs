@@ -3,50 +3,17 @@
 
 use tuff_tests::*;
 
-const RGBA: vk::Format = vk::Format::R8G8B8A8_UNORM;
-const BLACK: [f32; 4] = [0.0; 4];
-
-/// The device, if it draws.
-#[track_caller]
-fn drawing() -> Option<Gpu> {
-    drawing_with(Gpu::new())
-}
-
-fn drawing_with(gpu: Gpu) -> Option<Gpu> {
-    gpu.with("a graphics queue with dynamic rendering", |gpu| {
-        gpu.has_graphics() && gpu.features13.dynamic_rendering == vk::TRUE
-    })
-}
-
-/// One triangle over all of the viewport.
-const COVER: &str = "
-    void main() {
-        gl_Position = vec4(gl_VertexIndex == 1 ? 3.0 : -1.0, gl_VertexIndex == 2 ? 3.0 : -1.0, 0.5, 1.0);
-    }";
-
 /// The colour that is pushed.
 const PUSHED: &str = "
     layout(push_constant) uniform Push { vec4 pushed; };
     layout(location = 0) out vec4 color;
     void main() { color = pushed; }";
 
-fn push(gpu: &Gpu, commands: vk::CommandBuffer, layout: vk::PipelineLayout, color: [f32; 4]) {
-    // SAFETY: the command buffer is being recorded.
-    unsafe {
-        let bytes = bytemuck::bytes_of(&color);
-        gpu.device
-            .cmd_push_constants(commands, layout, vk::ShaderStageFlags::ALL, 0, bytes);
-    }
-}
-
-fn draw(gpu: &Gpu, commands: vk::CommandBuffer) {
-    // SAFETY: the command buffer is being recorded.
-    unsafe { gpu.device.cmd_draw(commands, 3, 1, 0, 0) };
-}
-
 #[test]
 fn attachments_are_cleared_and_loaded() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     let canvas = gpu.canvas(RGBA, 130, 3);
     let first = Pass {
         colors: &[canvas],
@@ -63,7 +30,7 @@ fn attachments_are_cleared_and_loaded() {
     };
     gpu.draw(&again, |commands| {
         gpu.bind(commands, pipeline);
-        push(&gpu, commands, painting.layout, [1.0; 4]);
+        gpu.push(commands, painting.layout, &[1.0f32; 4]);
         let part = vk::Rect2D {
             offset: vk::Offset2D { x: 60, y: 1 },
             extent: vk::Extent2D {
@@ -73,7 +40,7 @@ fn attachments_are_cleared_and_loaded() {
         };
         // SAFETY: the command buffer is being recorded.
         unsafe { gpu.device.cmd_set_scissor(commands, 0, &[part]) };
-        draw(&gpu, commands);
+        gpu.draw_vertices(commands, 3);
     });
     for (index, color) in gpu.colors(&canvas).into_iter().enumerate() {
         let drawn = index / 130 == 1 && (60..70).contains(&(index % 130));
@@ -89,7 +56,7 @@ fn attachments_are_cleared_and_loaded() {
 #[test]
 fn attachments_without_a_format_are_left() {
     let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 252));
-    let Some(gpu) = drawing_with(gpu) else { return };
+    let Some(gpu) = gpu.drawing() else { return };
     let features = gpu.optional.unused_attachments;
     if !has(
         "pipelines without formats for all attachments",
@@ -121,7 +88,7 @@ fn attachments_without_a_format_are_left() {
     };
     gpu.draw(&pass, |commands| {
         gpu.bind(commands, pipeline);
-        draw(&gpu, commands);
+        gpu.draw_vertices(commands, 3);
     });
     assert_eq!(gpu.colors(&canvases[0]), [[0; 4]; 64]);
     assert_eq!(gpu.colors(&canvases[1]), [[255; 4]; 64]);
@@ -131,17 +98,17 @@ fn attachments_without_a_format_are_left() {
 
 #[test]
 fn parts_are_cleared_inside_a_pass() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     let (canvas, depth) = (
         gpu.canvas(RGBA, 8, 8),
         gpu.canvas(vk::Format::D32_SFLOAT, 8, 8),
     );
     let pass = Pass {
-        colors: &[canvas],
-        clears: &[BLACK],
         depth: Some(depth),
         clear_depth: Some((1.0, 0)),
-        ..Pass::default()
+        ..Pass::black(&canvas)
     };
     gpu.draw(&pass, |commands| {
         let color = vk::ClearColorValue {
@@ -192,7 +159,9 @@ fn parts_are_cleared_inside_a_pass() {
 /// An edge through the middle of pixels: half of the standard sample locations lie on either side.
 #[test]
 fn samples_are_resolved() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     if !has(
         "standardSampleLocations",
         gpu.limits.standard_sample_locations == vk::TRUE,
@@ -205,9 +174,6 @@ fn samples_are_resolved() {
             vec2 corner = vec2(gl_VertexIndex & 1, gl_VertexIndex >> 1);
             gl_Position = vec4(corner.x == 0.0 ? -1.0 : right, corner.y * 2.0 - 1.0, 0.5, 1.0);
         }";
-    let white = "
-        layout(location = 0) out vec4 color;
-        void main() { color = vec4(1.0); }";
     for samples in [2, 4, 8] {
         let counts = gpu.limits.framebuffer_color_sample_counts;
         if !counts.contains(vk::SampleCountFlags::from_raw(samples)) {
@@ -215,7 +181,7 @@ fn samples_are_resolved() {
         }
         let many = gpu.canvas_of(RGBA, 16, 16, 1, samples);
         let resolved = gpu.canvas(RGBA, 16, 16);
-        let mut painting = Painting::new(&gpu, vertex, white, RGBA);
+        let mut painting = Painting::new(&gpu, vertex, WHITE, RGBA);
         painting.topology = vk::PrimitiveTopology::TRIANGLE_STRIP;
         painting.samples = samples;
         let pipeline = gpu.painting(&painting);
@@ -227,8 +193,7 @@ fn samples_are_resolved() {
         };
         gpu.draw(&pass, |commands| {
             gpu.bind(commands, pipeline);
-            // SAFETY: the command buffer is being recorded.
-            unsafe { gpu.device.cmd_draw(commands, 4, 1, 0, 0) };
+            gpu.draw_vertices(commands, 4);
         });
         // Chapter Rasterization, "Multisampling": x of the standard locations, below 0.5.
         let left = match samples {
@@ -253,7 +218,9 @@ fn samples_are_resolved() {
 /// The first subpass draws what the second one reads as an input attachment, and inverts.
 #[test]
 fn subpasses_read_what_was_drawn_before() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     let (source, result) = (gpu.canvas(RGBA, 66, 5), gpu.canvas(RGBA, 66, 5));
     let layout = vk::ImageLayout::GENERAL;
     let attachment = vk::AttachmentDescription2::default()
@@ -320,18 +287,17 @@ fn subpasses_read_what_was_drawn_before() {
             .framebuffer(framebuffer)
             .render_area(source.area())
             .clear_values(&clears);
-        let point = vk::PipelineBindPoint::GRAPHICS;
         // SAFETY: the command buffer is being recorded.
         unsafe {
             let device = &gpu.device;
             device.cmd_begin_render_pass(commands, &begin, vk::SubpassContents::INLINE);
             gpu.look_at(commands, &source);
             gpu.bind(commands, write);
-            draw(&gpu, commands);
+            gpu.draw_vertices(commands, 3);
             device.cmd_next_subpass(commands, vk::SubpassContents::INLINE);
             gpu.bind(commands, read);
-            device.cmd_bind_descriptor_sets(commands, point, painting.layout, 0, &[set], &[]);
-            draw(&gpu, commands);
+            gpu.bind_set(commands, painting.layout, set);
+            gpu.draw_vertices(commands, 3);
             device.cmd_end_render_pass(commands);
         }
     });
@@ -343,7 +309,9 @@ fn subpasses_read_what_was_drawn_before() {
 
 #[test]
 fn views_are_layers_that_know_their_number() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     if !has("multiview", gpu.features11.multiview == vk::TRUE) {
         return;
     }
@@ -368,7 +336,7 @@ fn views_are_layers_that_know_their_number() {
     };
     gpu.draw(&two, |commands| {
         gpu.bind(commands, pipeline);
-        draw(&gpu, commands);
+        gpu.draw_vertices(commands, 3);
     });
     let colors = gpu.colors(&canvas);
     let layers: Vec<_> = colors.chunks(25).map(|layer| layer.to_vec()).collect();
@@ -377,7 +345,9 @@ fn views_are_layers_that_know_their_number() {
 
 #[test]
 fn vertices_choose_layers() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     if !has(
         "shaderOutputLayer",
         gpu.features12.shader_output_layer == vk::TRUE,
@@ -392,14 +362,10 @@ fn vertices_choose_layers() {
         }";
     let painting = Painting::new(&gpu, vertex, PUSHED, RGBA);
     let pipeline = gpu.painting(&painting);
-    let pass = Pass {
-        colors: &[canvas],
-        clears: &[BLACK],
-        ..Pass::default()
-    };
+    let pass = Pass::black(&canvas);
     gpu.draw(&pass, |commands| {
         gpu.bind(commands, pipeline);
-        push(&gpu, commands, painting.layout, [1.0; 4]);
+        gpu.push(commands, painting.layout, &[1.0f32; 4]);
         // SAFETY: the command buffer is being recorded.
         unsafe { gpu.device.cmd_draw(commands, 3, 2, 0, 1) };
     });
@@ -411,7 +377,9 @@ fn vertices_choose_layers() {
 /// Secondary command buffers go on with the pass, but with nothing bound; a suspended pass keeps what it drew.
 #[test]
 fn passes_go_on_in_other_command_buffers() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     let canvas = gpu.canvas(RGBA, 4, 4);
     let painting = Painting::new(&gpu, COVER, PUSHED, RGBA);
     let pipeline = gpu.painting(&painting);
@@ -433,16 +401,14 @@ fn passes_go_on_in_other_command_buffers() {
         gpu.device.begin_command_buffer(secondary, &begin).unwrap();
         gpu.look_at(secondary, &canvas);
         gpu.bind(secondary, pipeline);
-        push(&gpu, secondary, painting.layout, [0.0, 1.0, 0.0, 1.0]);
-        draw(&gpu, secondary);
+        gpu.push(secondary, painting.layout, &[0.0f32, 1.0, 0.0, 1.0]);
+        gpu.draw_vertices(secondary, 3);
         gpu.device.end_command_buffer(secondary).unwrap();
         secondary
     };
     let pass = Pass {
-        colors: &[canvas],
-        clears: &[BLACK],
         flags: vk::RenderingFlags::CONTENTS_SECONDARY_COMMAND_BUFFERS,
-        ..Pass::default()
+        ..Pass::black(&canvas)
     };
     gpu.draw(&pass, |commands| {
         // SAFETY: the command buffer is being recorded.
@@ -461,8 +427,8 @@ fn passes_go_on_in_other_command_buffers() {
     gpu.run(|commands| {
         gpu.record_pass(commands, &suspends, |commands| {
             gpu.bind(commands, pipeline);
-            push(&gpu, commands, painting.layout, [1.0, 0.0, 0.0, 1.0]);
-            draw(&gpu, commands);
+            gpu.push(commands, painting.layout, &[1.0f32, 0.0, 0.0, 1.0]);
+            gpu.draw_vertices(commands, 3);
         });
         gpu.record_pass(commands, &resumes, |_| ());
     });
@@ -472,17 +438,15 @@ fn passes_go_on_in_other_command_buffers() {
 /// Draws differ by what is pushed and by what is set in between: each is drawn with what was current then.
 #[test]
 fn draws_keep_what_was_current() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     const COUNT: u32 = 100;
     let canvas = gpu.canvas(RGBA, COUNT, 1);
     let mut painting = Painting::new(&gpu, COVER, PUSHED, RGBA);
     painting.dynamic = vec![vk::DynamicState::CULL_MODE, vk::DynamicState::FRONT_FACE];
     let pipeline = gpu.painting(&painting);
-    let pass = Pass {
-        colors: &[canvas],
-        clears: &[BLACK],
-        ..Pass::default()
-    };
+    let pass = Pass::black(&canvas);
     gpu.draw(&pass, |commands| {
         gpu.bind(commands, pipeline);
         for column in 0..COUNT {
@@ -511,8 +475,8 @@ fn draws_keep_what_was_current() {
                 let front = vk::FrontFace::COUNTER_CLOCKWISE;
                 gpu.device.cmd_set_front_face(commands, front);
             }
-            push(&gpu, commands, painting.layout, [column as f32 / 255.0; 4]);
-            draw(&gpu, commands);
+            gpu.push(commands, painting.layout, &[column as f32 / 255.0; 4]);
+            gpu.draw_vertices(commands, 3);
         }
     });
     for (column, color) in gpu.colors(&canvas).into_iter().enumerate() {

@@ -157,55 +157,27 @@ fn shaders_see_the_cull_mask() {
 
 /// A query of one structure on the device, after a copy that the copy stage waits for.
 fn query(gpu: &Gpu, structure: Structure, ty: Query) -> u64 {
-    let info = vk::QueryPoolCreateInfo::default()
-        .query_type(ty)
-        .query_count(1);
-    // SAFETY: the handles are of this device; the pool is destroyed when the commands have ended.
-    unsafe {
-        let pool = gpu
-            .device
-            .create_query_pool(&info, None)
-            .expect("vkCreateQueryPool");
-        gpu.run(|commands| {
-            gpu.device.cmd_reset_query_pool(commands, pool, 0, 1);
-            let written = vk::AccessFlags2::ACCELERATION_STRUCTURE_WRITE_KHR;
-            let barrier = [vk::MemoryBarrier2::default()
-                .src_stage_mask(
-                    vk::PipelineStageFlags2::ACCELERATION_STRUCTURE_COPY_KHR
-                        | vk::PipelineStageFlags2::ACCELERATION_STRUCTURE_BUILD_KHR,
-                )
-                .src_access_mask(written)
-                .dst_stage_mask(
-                    vk::PipelineStageFlags2::ACCELERATION_STRUCTURE_COPY_KHR
-                        | vk::PipelineStageFlags2::RAY_TRACING_SHADER_KHR,
-                )
-                .dst_access_mask(
-                    vk::AccessFlags2::ACCELERATION_STRUCTURE_READ_KHR
-                        | vk::AccessFlags2::SHADER_BINDING_TABLE_READ_KHR,
-                )];
-            let dependency = vk::DependencyInfo::default().memory_barriers(&barrier);
-            gpu.device.cmd_pipeline_barrier2(commands, &dependency);
-            gpu.acceleration
-                .cmd_write_acceleration_structures_properties(
-                    commands,
-                    &[structure.handle],
-                    ty,
-                    pool,
-                    0,
-                );
-        });
-        let mut result = [0u64];
-        gpu.device
-            .get_query_pool_results(
-                pool,
-                0,
-                &mut result,
-                vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT,
+    gpu.query(ty, |commands, pool| {
+        let written = vk::AccessFlags2::ACCELERATION_STRUCTURE_WRITE_KHR;
+        let barrier = [vk::MemoryBarrier2::default()
+            .src_stage_mask(
+                vk::PipelineStageFlags2::ACCELERATION_STRUCTURE_COPY_KHR
+                    | vk::PipelineStageFlags2::ACCELERATION_STRUCTURE_BUILD_KHR,
             )
-            .expect("vkGetQueryPoolResults");
-        gpu.device.destroy_query_pool(pool, None);
-        result[0]
-    }
+            .src_access_mask(written)
+            .dst_stage_mask(
+                vk::PipelineStageFlags2::ACCELERATION_STRUCTURE_COPY_KHR
+                    | vk::PipelineStageFlags2::RAY_TRACING_SHADER_KHR,
+            )
+            .dst_access_mask(
+                vk::AccessFlags2::ACCELERATION_STRUCTURE_READ_KHR
+                    | vk::AccessFlags2::SHADER_BINDING_TABLE_READ_KHR,
+            )];
+        let dependency = vk::DependencyInfo::default().memory_barriers(&barrier);
+        // SAFETY: the command buffer is being recorded.
+        unsafe { gpu.device.cmd_pipeline_barrier2(commands, &dependency) };
+        gpu.record_property(commands, structure, ty, pool);
+    })
 }
 
 #[test]

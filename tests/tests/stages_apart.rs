@@ -3,9 +3,6 @@
 use ash::ext;
 use tuff_tests::*;
 
-const RGBA: vk::Format = vk::Format::R8G8B8A8_UNORM;
-const BLACK: [f32; 4] = [0.0; 4];
-
 /// A varying of each kind, by location and component alone.
 const VERTEX: &str = "
     layout(push_constant) uniform Push { float depth; };
@@ -31,26 +28,9 @@ fn expected() -> Vec<[u8; 4]> {
         .collect()
 }
 
-#[track_caller]
-fn drawing() -> Option<Gpu> {
-    with_drawing(Gpu::new())
-}
-
-#[track_caller]
-fn with_drawing(gpu: Gpu) -> Option<Gpu> {
-    gpu.with("a graphics queue with dynamic rendering", |gpu| {
-        gpu.has_graphics() && gpu.features13.dynamic_rendering == vk::TRUE
-    })
-}
-
 fn draw(gpu: &Gpu, commands: vk::CommandBuffer, layout: vk::PipelineLayout) {
-    // SAFETY: the command buffer is being recorded.
-    unsafe {
-        let all = vk::ShaderStageFlags::ALL;
-        gpu.device
-            .cmd_push_constants(commands, layout, all, 0, &0.5f32.to_ne_bytes());
-        gpu.device.cmd_draw(commands, 3, 1, 0, 0);
-    }
+    gpu.push(commands, layout, &0.5f32);
+    gpu.draw_vertices(commands, 3);
 }
 
 #[test]
@@ -58,7 +38,7 @@ fn parts_are_linked() {
     use vk::GraphicsPipelineLibraryFlagsEXT as Part;
     // Older layers want blend state of pipelines that have it from a library.
     let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 260));
-    let Some(gpu) = with_drawing(gpu) else { return };
+    let Some(gpu) = gpu.drawing() else { return };
     let feature = gpu.optional.pipeline_parts.graphics_pipeline_library;
     if !has("VK_EXT_graphics_pipeline_library", feature == vk::TRUE) {
         return;
@@ -73,11 +53,7 @@ fn parts_are_linked() {
     let libraries = parts.map(|part| gpu.painting_part(&painting, part));
     let pipeline = gpu.linked(&libraries, painting.layout);
     let canvas = gpu.canvas(RGBA, 16, 16);
-    let pass = Pass {
-        colors: &[canvas],
-        clears: &[BLACK],
-        ..Pass::default()
-    };
+    let pass = Pass::black(&canvas);
     gpu.draw(&pass, |commands| {
         gpu.bind(commands, pipeline);
         draw(&gpu, commands, painting.layout);
@@ -87,8 +63,8 @@ fn parts_are_linked() {
 
 #[test]
 fn shader_objects_draw_from_source_and_binary() {
-    let gpu = with_drawing(Gpu::validated_since(vk::make_api_version(0, 1, 3, 246)));
-    let Some(gpu) = gpu else { return };
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 246));
+    let Some(gpu) = gpu.drawing() else { return };
     if !has(
         "VK_EXT_shader_object",
         gpu.optional.shader_object.shader_object == vk::TRUE,
@@ -121,11 +97,7 @@ fn shader_objects_draw_from_source_and_binary() {
     for shaders in [compiled, again] {
         let mut shaders = shaders.to_vec();
         shaders.resize(flags.len(), vk::ShaderEXT::null());
-        let pass = Pass {
-            colors: &[canvas],
-            clears: &[BLACK],
-            ..Pass::default()
-        };
+        let pass = Pass::black(&canvas);
         gpu.draw(&pass, |commands| {
             let device = &gpu.device;
             let viewport = vk::Viewport {
@@ -178,7 +150,9 @@ fn shader_objects_draw_from_source_and_binary() {
 
 #[test]
 fn draws_wait_for_a_condition() {
-    let Some(gpu) = drawing() else { return };
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
     let feature = gpu.optional.conditional_rendering.conditional_rendering;
     if !has("VK_EXT_conditional_rendering", feature == vk::TRUE) {
         return;
@@ -189,11 +163,7 @@ fn draws_wait_for_a_condition() {
     let canvas = gpu.canvas(RGBA, 16, 16);
     let words = gpu.buffer_with(&[0u32, 256]);
     for (offset, inverted, drawn) in [(0, false, false), (4, false, true), (0, true, true)] {
-        let pass = Pass {
-            colors: &[canvas],
-            clears: &[BLACK],
-            ..Pass::default()
-        };
+        let pass = Pass::black(&canvas);
         let flags = match inverted {
             true => vk::ConditionalRenderingFlagsEXT::INVERTED,
             false => vk::ConditionalRenderingFlagsEXT::empty(),

@@ -1,6 +1,7 @@
 //! Acceleration structures as memory: updates, copies, compaction, serialization.
 
 use tuff_tests::*;
+use vk::AccelerationStructureBuildTypeKHR as On;
 use vk::AccelerationStructureTypeKHR as Level;
 use vk::BuildAccelerationStructureFlagsKHR as Flags;
 
@@ -22,9 +23,7 @@ fn build_or_update(
 ) -> Structure {
     let data = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
         .vertex_format(vk::Format::R32G32B32_SFLOAT)
-        .vertex_data(vk::DeviceOrHostAddressConstKHR {
-            device_address: corners.address,
-        })
+        .vertex_data(corners.at())
         .vertex_stride(12)
         .max_vertex(3 * count - 1)
         .index_type(vk::IndexType::NONE_KHR);
@@ -36,16 +35,7 @@ fn build_or_update(
         .ty(Level::BOTTOM_LEVEL)
         .flags(Flags::ALLOW_UPDATE)
         .geometries(&geometry);
-    let mut sizes = vk::AccelerationStructureBuildSizesInfoKHR::default();
-    // SAFETY: there is one count for each geometry.
-    unsafe {
-        gpu.acceleration.get_acceleration_structure_build_sizes(
-            vk::AccelerationStructureBuildTypeKHR::DEVICE,
-            &info,
-            &[count],
-            &mut sizes,
-        );
-    }
+    let sizes = gpu.build_sizes(On::DEVICE, &info, &[count]);
     let structure = match updated {
         Some(structure) => {
             info = info
@@ -85,35 +75,6 @@ fn updates_follow_moved_vertices() {
     assert_eq!(gpu.depths(world, count), second);
 }
 
-/// A property of a structure, by a query on the device.
-fn queried(gpu: &Gpu, structure: Structure, kind: vk::QueryType) -> u64 {
-    let info = vk::QueryPoolCreateInfo::default()
-        .query_type(kind)
-        .query_count(1);
-    // SAFETY: the pool outlives its use.
-    unsafe {
-        let pool = gpu.device.create_query_pool(&info, None).expect("a pool");
-        gpu.run(|commands| {
-            gpu.device.cmd_reset_query_pool(commands, pool, 0, 1);
-            gpu.acceleration
-                .cmd_write_acceleration_structures_properties(
-                    commands,
-                    &[structure.handle],
-                    kind,
-                    pool,
-                    0,
-                );
-        });
-        let mut result = [0u64];
-        let wait = vk::QueryResultFlags::TYPE_64 | vk::QueryResultFlags::WAIT;
-        gpu.device
-            .get_query_pool_results(pool, 0, &mut result, wait)
-            .expect("a result");
-        gpu.device.destroy_query_pool(pool, None);
-        result[0]
-    }
-}
-
 fn copy(gpu: &Gpu, from: Structure, to: Structure, mode: vk::CopyAccelerationStructureModeKHR) {
     let info = vk::CopyAccelerationStructureInfoKHR::default()
         .src(from.handle)
@@ -139,8 +100,7 @@ fn clones_and_compacted_copies_are_hit_alike() {
 
     let clone = gpu.empty_structure(Level::BOTTOM_LEVEL, original.size_bytes);
     copy(&gpu, original, clone, Mode::CLONE);
-    let size = queried(
-        &gpu,
+    let size = gpu.property(
         original,
         vk::QueryType::ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR,
     );
@@ -165,7 +125,7 @@ fn structures_are_written_out_and_read_back() {
     let top = gpu.top(&[moved]);
     let write = |structure: Structure| {
         let kind = vk::QueryType::ACCELERATION_STRUCTURE_SERIALIZATION_SIZE_KHR;
-        let size = queried(&gpu, structure, kind);
+        let size = gpu.property(structure, kind);
         let buffer = gpu.buffer(size + 256);
         let info = vk::CopyAccelerationStructureToMemoryInfoKHR::default()
             .src(structure.handle)
@@ -280,15 +240,11 @@ fn vertex_formats_index_types_offsets_and_transforms() {
             let transform = gpu.buffer_with(&translated([0.0, 0.0, 2.0]));
             let mut data = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
                 .vertex_format(format)
-                .vertex_data(vk::DeviceOrHostAddressConstKHR {
-                    device_address: vertices.address,
-                })
+                .vertex_data(vertices.at())
                 .vertex_stride(stride as u64)
                 .max_vertex(7)
                 .index_type(index_type)
-                .transform_data(vk::DeviceOrHostAddressConstKHR {
-                    device_address: transform.address,
-                });
+                .transform_data(transform.at());
             let mut range =
                 vk::AccelerationStructureBuildRangeInfoKHR::default().primitive_count(1);
             let indices = match index_type {
@@ -300,9 +256,7 @@ fn vertex_formats_index_types_offsets_and_transforms() {
                     range = range.primitive_offset(5 * stride as u32);
                 }
                 _ => {
-                    data = data.index_data(vk::DeviceOrHostAddressConstKHR {
-                        device_address: indices.address,
-                    });
+                    data = data.index_data(indices.at());
                     range = range.first_vertex(5).primitive_offset(4);
                 }
             }
@@ -310,34 +264,7 @@ fn vertex_formats_index_types_offsets_and_transforms() {
                 .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
                 .flags(vk::GeometryFlagsKHR::OPAQUE)
                 .geometry(vk::AccelerationStructureGeometryDataKHR { triangles: data })];
-            let mut info = vk::AccelerationStructureBuildGeometryInfoKHR::default()
-                .ty(Level::BOTTOM_LEVEL)
-                .geometries(&geometry);
-            let mut sizes = vk::AccelerationStructureBuildSizesInfoKHR::default();
-            // SAFETY: there is one count for each geometry.
-            unsafe {
-                gpu.acceleration.get_acceleration_structure_build_sizes(
-                    vk::AccelerationStructureBuildTypeKHR::DEVICE,
-                    &info,
-                    &[1],
-                    &mut sizes,
-                );
-            }
-            let bottom =
-                gpu.empty_structure(Level::BOTTOM_LEVEL, sizes.acceleration_structure_size);
-            let scratch = gpu.buffer(sizes.build_scratch_size + 256);
-            info.scratch_data.device_address = scratch.address.next_multiple_of(256);
-            info = info.dst_acceleration_structure(bottom.handle);
-            gpu.run(|commands| {
-                // SAFETY: the buffers live as long as the device.
-                unsafe {
-                    gpu.acceleration.cmd_build_acceleration_structures(
-                        commands,
-                        &[info],
-                        &[&[range]],
-                    );
-                }
-            });
+            let bottom = gpu.build(Level::BOTTOM_LEVEL, &geometry, &[range], Flags::empty());
             let world = gpu.top(&[Instance::of(bottom)]);
             let depth = gpu.depths(world, 1)[0];
             assert!(
@@ -370,25 +297,14 @@ fn instances_are_read_through_pointers() {
     let pointers = gpu.buffer_with(&[stored.address + 128, stored.address, stored.address + 64]);
     let data = vk::AccelerationStructureGeometryInstancesDataKHR::default()
         .array_of_pointers(true)
-        .data(vk::DeviceOrHostAddressConstKHR {
-            device_address: pointers.address,
-        });
+        .data(pointers.at());
     let geometry = [vk::AccelerationStructureGeometryKHR::default()
         .geometry_type(vk::GeometryTypeKHR::INSTANCES)
         .geometry(vk::AccelerationStructureGeometryDataKHR { instances: data })];
     let mut info = vk::AccelerationStructureBuildGeometryInfoKHR::default()
         .ty(Level::TOP_LEVEL)
         .geometries(&geometry);
-    let mut sizes = vk::AccelerationStructureBuildSizesInfoKHR::default();
-    // SAFETY: there is one count for each geometry.
-    unsafe {
-        gpu.acceleration.get_acceleration_structure_build_sizes(
-            vk::AccelerationStructureBuildTypeKHR::DEVICE,
-            &info,
-            &[3],
-            &mut sizes,
-        );
-    }
+    let sizes = gpu.build_sizes(On::DEVICE, &info, &[3]);
     let world = gpu.empty_structure(Level::TOP_LEVEL, sizes.acceleration_structure_size);
     let scratch = gpu.buffer(sizes.build_scratch_size + 256);
     info.scratch_data.device_address = scratch.address.next_multiple_of(256);

@@ -11,9 +11,7 @@ fn images_are_acquired_copied_to_and_presented_in_turn() {
         // SAFETY: the surface is destroyed with the presenter.
         unsafe { surfaces.create_headless_surface(&info, None) }.unwrap()
     });
-    let Some(presenter) = presenter else {
-        return;
-    };
+    let Some(presenter) = presenter else { return };
     let limits = presenter.capabilities().unwrap();
     let usage = vk::ImageUsageFlags::COLOR_ATTACHMENT;
     assert!(limits.supported_usage_flags.contains(usage));

@@ -20,9 +20,7 @@ fn on_screen(width: u32, height: u32) -> Option<(Xvfb, Window, Presenter)> {
 
 /// Frames in each mode on a server, the last of which is on the screen in the end.
 fn shows_frames(server: Option<Xvfb>) {
-    let Some(server) = server else {
-        return;
-    };
+    let Some(server) = server else { return };
     let window = server.window(WIDTH as u16, HEIGHT as u16);
     let Some(presenter) = window.presenter() else {
         return;
@@ -378,9 +376,7 @@ fn a_dead_window_of_xlib_does_not_reach_its_error_handler() {
                 .create_xlib_surface(&info, None)
                 .unwrap()
         });
-        let Some(presenter) = presenter else {
-            return;
-        };
+        let Some(presenter) = presenter else { return };
         let chain = Chain::of(64, 64);
         let swapchain = presenter.swapchain(&chain).unwrap();
         let pixels = screen_picture(64, 64, 1);

@@ -8,7 +8,6 @@ mod reference;
 use reference::{Area, Fragment, Frame, GRID, Primitive, State};
 use tuff_tests::*;
 
-const RGBA: vk::Format = vk::Format::R8G8B8A8_UNORM;
 const DEPTH: vk::Format = vk::Format::D32_SFLOAT_S8_UINT;
 const WIDTH: u32 = 48;
 const HEIGHT: u32 = 40;
