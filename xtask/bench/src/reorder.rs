@@ -109,23 +109,10 @@ fn milliseconds(gpu: &Gpu, world: Structure, options: &Options, work: u32) -> Re
     let count = u64::from(options.size).pow(2);
     let prepared = ["", "reorderThreadNV(material, 4u);"].map(|reorder| {
         let output = gpu.buffer(4 * count);
-        let rays = gpu.rays(&RaysInput {
-            shaders: &[
-                (
-                    Stage::RayGeneration,
-                    &raygen(options.bounces, work, reorder),
-                ),
-                (Stage::Miss, MISS),
-                (Stage::ClosestHit, HIT),
-            ],
-            groups: &[Group::general(0), Group::general(1), Group::hit(2)],
-            recursion: 1,
-            bindings: &[
-                (0, &[Bound::Structure(world.handle)]),
-                (1, &[Bound::Storage(output)]),
-            ],
-        });
-        let regions = gpu.regions(&rays, &Table::of(0, &[1], &[2]));
+        let case = Case::new(&raygen(options.bounces, work, reorder));
+        let case = case.miss(MISS).hit(HIT).bind(world).bind(output);
+        let rays = gpu.rays(&case);
+        let regions = gpu.regions(&rays, &case.table());
         (rays, regions, output)
     });
     let mut best = [f64::INFINITY; 2];

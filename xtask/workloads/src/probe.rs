@@ -4,10 +4,7 @@
 use std::hash::{DefaultHasher, Hasher};
 
 use anyhow::Result;
-use tuff_tests::{
-    Bound, Geometry, Gpu, Group, Instance, RaysInput, Record, Stage, Structure, Table, translated,
-    vk,
-};
+use tuff_tests::{Case, Geometry, Gpu, Instance, Record, Structure, Table, translated, vk};
 
 #[derive(clap::Args)]
 pub struct Options {
@@ -217,44 +214,20 @@ fn trace(gpu: &Gpu) -> Vec<u32> {
     let (world, leaves) = worlds(gpu);
     let count = SIZE.iter().product::<u32>() as usize;
     let output = gpu.buffer_with(&vec![0u32; count * NAMES.len()]);
-    let sources = [
-        (Stage::RayGeneration, RAYGEN),
-        (Stage::Miss, MISS),
-        (Stage::AnyHit, ANY_HIT),
-        (Stage::ClosestHit, CLOSEST_HIT),
-        (Stage::ClosestHit, FIRST_HIT),
-        (Stage::Intersection, INTERSECTION),
-        (Stage::Callable, CALLABLE),
-    ]
-    .map(|(stage, source)| (stage, format!("{COMMON}{source}")));
-    let shaders = sources
-        .each_ref()
-        .map(|(stage, source)| (*stage, source.as_str()));
-    let groups = [
-        Group::general(0),
-        Group::general(1),
-        Group {
-            any_hit: Some(2),
-            ..Group::hit(3)
-        },
-        Group {
-            any_hit: Some(2),
-            intersection: Some(5),
-            ..Group::hit(3)
-        },
-        Group::hit(4),
-        Group::general(6),
-    ];
-    let rays = gpu.rays(&RaysInput {
-        shaders: &shaders,
-        groups: &groups,
-        recursion: 4,
-        bindings: &[
-            (0, &[Bound::Structure(world.handle)]),
-            (1, &[Bound::Structure(leaves.handle)]),
-            (2, &[Bound::Storage(output)]),
-        ],
-    });
+    let case = Case::new(RAYGEN)
+        .miss(MISS)
+        .hit(CLOSEST_HIT)
+        .any_hit(ANY_HIT)
+        .hit(CLOSEST_HIT)
+        .any_hit(ANY_HIT)
+        .intersection(INTERSECTION)
+        .hit(FIRST_HIT)
+        .callable(CALLABLE)
+        .head(COMMON)
+        .recursion(4)
+        .bind(world)
+        .bind(leaves)
+        .bind(output);
     let table = Table {
         raygen: Record::of(0),
         miss: vec![Record::of(1), Record::of(1)],
@@ -265,7 +238,7 @@ fn trace(gpu: &Gpu) -> Vec<u32> {
             .collect(),
         callable: (0u32..3).map(|record| Record::with(5, &[record])).collect(),
     };
-    gpu.trace(&rays, &table, SIZE);
+    gpu.trace(&gpu.rays(&case), &table, SIZE);
     output.read()
 }
 
