@@ -1,5 +1,10 @@
 //! What rays hit: triangles, boxes, instances, against computations on the host.
 
+mod instances;
+mod reference;
+
+use glam::{DVec3, Vec3};
+use reference::{check_against_brute_force, intersect, random_rays, random_triangles};
 use tuff_tests::*;
 
 /// Rays of 8 floats (origin, t_min, direction, t_max) in; hits of 8 words out.
@@ -77,6 +82,12 @@ impl Ray {
             t_max: 1e30,
         }
     }
+
+    /// Origin and direction in double precision.
+    fn wide(&self) -> (DVec3, DVec3) {
+        let [origin, direction] = [self.origin, self.direction].map(|v| Vec3::from(v).as_dvec3());
+        (origin, direction)
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -118,142 +129,10 @@ fn shoot_with(
     let pipeline = gpu.rays(&case);
     let regions = gpu.regions(&pipeline, &case.table());
     gpu.run(|commands| {
-        let all = vk::ShaderStageFlags::ALL;
-        let push: [u32; 2] = [flags, mask];
-        let bytes = bytemuck::bytes_of(&push);
-        // SAFETY: the command buffer is being recorded.
-        unsafe {
-            gpu.device
-                .cmd_push_constants(commands, pipeline.layout, all, 0, bytes)
-        };
+        gpu.push(commands, pipeline.layout, &[flags, mask]);
         gpu.record_trace(commands, &pipeline, &regions, [rays.len() as u32, 1, 1]);
     });
     output.read()
-}
-
-fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|i| a[i] - b[i])
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// Möller and Trumbore in double precision: t, the weights of the second and third corner, and
-/// whether the ray sees the front (counter-clockwise corners in a left-handed sense, as Vulkan
-/// defines facing for a ray).
-fn intersect(ray: &Ray, corners: [[f32; 3]; 3]) -> Option<(f64, f64, f64, bool)> {
-    let [a, b, c] = corners.map(|corner| corner.map(f64::from));
-    let (o, d) = (ray.origin.map(f64::from), ray.direction.map(f64::from));
-    let (e1, e2) = (sub(b, a), sub(c, a));
-    let p = cross(d, e2);
-    let determinant = dot(e1, p);
-    if determinant == 0.0 {
-        return None;
-    }
-    let s = sub(o, a);
-    let u = dot(s, p) / determinant;
-    let q = cross(s, e1);
-    let v = dot(d, q) / determinant;
-    let t = dot(e2, q) / determinant;
-    Some((t, u, v, determinant > 0.0))
-}
-
-/// A triangle's number, t, the weights of its second and third corner, and whether it faces.
-type Nearest = (usize, f64, f64, f64, bool);
-
-/// The nearest triangle by brute force, and whether the answer is too close to call in single
-/// precision: near an edge, or near a second hit.
-fn nearest(ray: &Ray, triangles: &[[[f32; 3]; 3]]) -> (Option<Nearest>, bool) {
-    let mut best: Option<Nearest> = None;
-    let mut doubtful = false;
-    for (i, corners) in triangles.iter().enumerate() {
-        let Some((t, u, v, front)) = intersect(ray, *corners) else {
-            continue;
-        };
-        let inside = u.min(v).min(1.0 - u - v);
-        let near_range = (t - f64::from(ray.t_min)).abs() < 1e-4;
-        if inside.abs() < 1e-4 && t > -1e-3 || inside > -1e-4 && near_range {
-            doubtful = true;
-        }
-        if inside >= 0.0 && t > f64::from(ray.t_min) && t < f64::from(ray.t_max) {
-            if best.is_some_and(|best| (best.1 - t).abs() < 1e-4 * t.abs().max(1.0)) {
-                doubtful = true;
-            }
-            if best.is_none_or(|best| t < best.1) {
-                best = Some((i, t, u, v, front));
-            }
-        }
-    }
-    (best, doubtful)
-}
-
-fn check_against_brute_force(hits: &[Hit], rays: &[Ray], triangles: &[[[f32; 3]; 3]]) {
-    let mut decided = 0;
-    for (i, (hit, ray)) in hits.iter().zip(rays).enumerate() {
-        let (expected, doubtful) = nearest(ray, triangles);
-        if doubtful {
-            continue;
-        }
-        decided += 1;
-        match expected {
-            None => assert_eq!(hit.primitive, MISSED, "ray {i} {ray:?}"),
-            Some((primitive, t, u, v, front)) => {
-                assert_eq!(hit.primitive, primitive as u32, "ray {i} {ray:?} t {t}");
-                let close = |a: f32, b: f64, scale: f64| (f64::from(a) - b).abs() < 2e-4 * scale;
-                assert!(
-                    close(hit.t, t, t.abs().max(1.0)),
-                    "ray {i}: {} is not {t}",
-                    hit.t
-                );
-                assert!(
-                    close(hit.weights[0], u, 1.0),
-                    "ray {i}: {:?} {u}",
-                    hit.weights
-                );
-                assert!(
-                    close(hit.weights[1], v, 1.0),
-                    "ray {i}: {:?} {v}",
-                    hit.weights
-                );
-                assert_eq!(hit.kind, if front { FRONT } else { BACK }, "ray {i}");
-            }
-        }
-    }
-    assert!(
-        decided * 10 > rays.len() * 8,
-        "only {decided} rays could be decided"
-    );
-}
-
-fn random_triangles(random: &mut Rng, count: usize, size: f32) -> Vec<[[f32; 3]; 3]> {
-    (0..count)
-        .map(|_| {
-            let centre: [f32; 3] = std::array::from_fn(|_| between(random, -10.0, 10.0));
-            std::array::from_fn(|_| centre.map(|c| c + between(random, -size, size)))
-        })
-        .collect()
-}
-
-fn random_rays(random: &mut Rng, count: usize) -> Vec<Ray> {
-    (0..count)
-        .map(|_| {
-            let origin = std::array::from_fn(|_| between(random, -14.0, 14.0));
-            let mut direction = [0.0; 3];
-            while direction.iter().map(|d| d * d).sum::<f32>() < 0.01 {
-                direction = std::array::from_fn(|_| between(random, -1.0, 1.0));
-            }
-            Ray::new(origin, direction)
-        })
-        .collect()
 }
 
 #[test]
@@ -449,14 +328,7 @@ fn spheres_in_boxes() {
     let boxes: Vec<[f32; 6]> = (0..200)
         .map(|_| {
             let low: [f32; 3] = std::array::from_fn(|_| between(&mut random, -8.0, 8.0));
-            [
-                low[0],
-                low[1],
-                low[2],
-                low[0] + 1.0,
-                low[1] + 1.0,
-                low[2] + 1.0,
-            ]
+            std::array::from_fn(|i| low[i % 3] + (i / 3) as f32)
         })
         .collect();
     let world = gpu.scene(&[Geometry::boxes(&boxes, vk::GeometryFlagsKHR::OPAQUE)]);
@@ -467,11 +339,11 @@ fn spheres_in_boxes() {
         let mut best: Option<(usize, f64, u32)> = None;
         let mut doubtful = false;
         for (sphere, corners) in boxes.iter().enumerate() {
-            let (o, d) = (ray.origin.map(f64::from), ray.direction.map(f64::from));
-            let centre = std::array::from_fn(|axis| f64::from(corners[axis]) + 0.5);
-            let f = sub(o, centre);
-            let (a, h) = (dot(d, d), dot(f, d));
-            let discriminant = h * h - a * (dot(f, f) - 0.25);
+            let (o, d) = ray.wide();
+            let centre = Vec3::from_slice(corners).as_dvec3() + 0.5;
+            let f = o - centre;
+            let (a, h) = (d.dot(d), f.dot(d));
+            let discriminant = h * h - a * (f.dot(f) - 0.25);
             doubtful |= discriminant.abs() < 1e-3;
             if discriminant < 0.0 {
                 continue;
@@ -510,134 +382,6 @@ fn spheres_in_boxes() {
     assert!(decided > 2000, "only {decided} rays could be decided");
     let why = "a reported hit that is too far away overwrites the attributes of the nearer one";
     unless_known(&gpu, "llvmpipe", why, || assert_eq!(attributes, hit_count));
-}
-
-#[test]
-fn instances_move_scale_and_mirror() {
-    let gpu = Gpu::new();
-    let mut random = Rng::with_seed(5);
-    let own = random_triangles(&mut random, 12, 4.0);
-    let bottom = gpu.bottom(&[Geometry::opaque(own.as_flattened())]);
-    let mut instances = Vec::new();
-    let mut world_triangles = Vec::new();
-    for i in 0..30u32 {
-        // Any matrix whose determinant is not tiny; every third one mirrors.
-        let mut m: [f32; 12] = std::array::from_fn(|k| match k % 4 {
-            3 => between(&mut random, -8.0, 8.0),
-            column if column == k / 4 => between(&mut random, 0.3, 0.8),
-            _ => between(&mut random, -0.2, 0.2),
-        });
-        if i % 3 == 0 {
-            for row in 0..3 {
-                m[4 * row] = -m[4 * row];
-            }
-        }
-        instances.push(Instance {
-            transform: m,
-            custom_index: 1000 + 7 * i,
-            ..Instance::of(bottom)
-        });
-        for triangle in &own {
-            world_triangles.push(triangle.map(|p| {
-                std::array::from_fn(|row| {
-                    let m = &m[4 * row..4 * row + 4];
-                    m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3]
-                })
-            }));
-        }
-    }
-    let world = gpu.top(&instances);
-    let rays = random_rays(&mut random, 3000);
-    let hits = shoot(&gpu, world, &rays, &[]);
-    let flat: Vec<Hit> = hits
-        .iter()
-        .map(|hit| {
-            let mut flat = *hit;
-            if hit.primitive != MISSED {
-                assert_eq!(hit.custom, 1000 + 7 * hit.instance);
-                flat.primitive = hit.instance * own.len() as u32 + hit.primitive;
-                // Facing is decided in object space: a mirroring instance turns it around.
-                if hit.instance % 3 == 0 {
-                    flat.kind = FRONT ^ BACK ^ hit.kind;
-                }
-            }
-            flat
-        })
-        .collect();
-    check_against_brute_force(&flat, &rays, &world_triangles);
-}
-
-#[test]
-fn masks_choose_instances() {
-    let gpu = Gpu::new();
-    let bottom = gpu.bottom(&[Geometry::opaque(&[
-        [-1.0, -1.0, 0.0],
-        [1.0, -1.0, 0.0],
-        [0.0, 1.0, 0.0],
-    ])]);
-    let masks = [0x01, 0x80, 0x18, 0x06, 0xff, 0x00, 0x20];
-    let instances: Vec<Instance> = masks
-        .iter()
-        .enumerate()
-        .map(|(i, mask)| Instance {
-            transform: translated([0.0, 0.0, i as f32 + 1.0]),
-            mask: *mask,
-            ..Instance::of(bottom)
-        })
-        .collect();
-    let world = gpu.top(&instances);
-    let ray = Ray::new([0.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
-    for mask in [
-        0x01u32, 0x02, 0x04, 0x08, 0x10, 0x40, 0x80, 0xff, 0x00, 0x60, 0x101,
-    ] {
-        let expected = masks
-            .iter()
-            .position(|own| u32::from(*own) & mask & 0xff != 0);
-        let hit = shoot_with(&gpu, world, &[ray], &[], 0, mask)[0];
-        match expected {
-            Some(instance) => assert_eq!(hit.instance, instance as u32, "mask {mask:#x}"),
-            None => assert_eq!(hit.primitive, MISSED, "mask {mask:#x}"),
-        }
-    }
-}
-
-#[test]
-fn culling_by_facing() {
-    use vk::GeometryInstanceFlagsKHR as Flags;
-    const CULL_BACK: u32 = 0x10;
-    const CULL_FRONT: u32 = 0x20;
-    let gpu = Gpu::new();
-    let corners = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]];
-    let bottom = gpu.bottom(&[Geometry::opaque(&corners)]);
-    let rays = [
-        Ray::new([0.0, 0.0, -1.0], [0.0, 0.0, 1.0]),
-        Ray::new([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]),
-    ];
-    for flags in [
-        Flags::empty(),
-        Flags::TRIANGLE_FLIP_FACING,
-        Flags::TRIANGLE_FACING_CULL_DISABLE,
-        Flags::TRIANGLE_FLIP_FACING | Flags::TRIANGLE_FACING_CULL_DISABLE,
-    ] {
-        let world = gpu.top(&[Instance {
-            flags,
-            ..Instance::of(bottom)
-        }]);
-        for ray_flags in [0, CULL_BACK, CULL_FRONT] {
-            let hits = shoot_with(&gpu, world, &rays, &[], ray_flags, 0xff);
-            for (ray, hit) in rays.iter().zip(&hits) {
-                let (_, _, _, mut front) = intersect(ray, corners).expect("the plane is hit");
-                front ^= flags.contains(Flags::TRIANGLE_FLIP_FACING);
-                let culled = !flags.contains(Flags::TRIANGLE_FACING_CULL_DISABLE)
-                    && ray_flags == if front { CULL_FRONT } else { CULL_BACK };
-                let what = format!("{ray:?} {flags:?} {ray_flags:#x}");
-                assert_eq!(hit.primitive == MISSED, culled, "{what}");
-                if !culled {
-                    assert_eq!(hit.kind, if front { FRONT } else { BACK }, "{what}");
-                }
-            }
-        }
-    }
 }
 
 const FACING: [[f32; 3]; 3] = [[-1.0, -1.0, 3.0], [1.0, -1.0, 3.0], [0.0, 1.0, 3.0]];
