@@ -109,6 +109,9 @@ impl Runner {
             environment,
             limits,
         };
+        if self.run_at_once(&run)? {
+            return Ok(());
+        }
         let mut from = 0;
         loop {
             // Taking turns: a subgroup that spins must not keep the others from running.
@@ -125,6 +128,20 @@ impl Runner {
                 None => from = 0,
             }
         }
+    }
+
+    /// Runs all subgroups, which stand at the entry, as one wave, if they are few enough for one and it never yields. False where there is more to do.
+    fn run_at_once(&mut self, run: &Run<'_>) -> Result<bool, Stopped> {
+        let program = run.program;
+        let room = program.max_wave_subgroups().min(settings().wave);
+        if self.status.len() > room.min(MAX_WAVE) || !program.sites().is_empty() {
+            return Ok(false);
+        }
+        self.status.fill(Status::InWave);
+        if !self.status.is_empty() {
+            self.run_wave(run).inspect_err(|_| self.note_stop(run, 0))?;
+        }
+        Ok(self.status.iter().all(|status| *status == Status::Ended))
     }
 
     /// Takes `leader` and the ready subgroups that stand where it stands.

@@ -146,6 +146,11 @@ impl Over {
         (adds && keeps_rest && is_known && range == Range::Unorm).then_some(Self { times_alpha })
     }
 
+    /// Whether a component is multiplied with the source's alpha.
+    pub fn times_alpha(self, component: usize) -> bool {
+        self.times_alpha[usize::from(component == 3)]
+    }
+
     /// As [`blend`].
     #[inline(always)]
     pub fn blend<V: Vector>(self, v: V, source: &[V::F; 4], destination: &[V::F; 4]) -> [V::F; 4] {

@@ -40,6 +40,22 @@ pub struct Covered {
 }
 
 impl Block {
+    /// With the masks of its samples, the first in the lowest bits: they are stored at once, since they are loaded so, and a load waits for
+    /// several stores that it spans.
+    #[inline(always)]
+    fn new(x: i32, y: i32, masks: u128) -> Self {
+        let masks = masks.to_le_bytes();
+        let mut words = [0; MAX_SAMPLES];
+        for (word, bytes) in words.iter_mut().zip(masks.chunks_exact(2)) {
+            *word = u16::from_le_bytes([bytes[0], bytes[1]]);
+        }
+        Self {
+            x: x as u8,
+            y: y as u8,
+            masks: words,
+        }
+    }
+
     /// Its first pixel, in a tile that starts at a corner.
     #[inline(always)]
     pub fn place(&self, corner: [i32; 2]) -> [i32; 2] {
@@ -238,6 +254,19 @@ fn inside(clip: &Bounds, x: i32, y: i32) -> u16 {
     COLUMNS[end(clip.left, x)][end(clip.right, x)] & ROWS[end(clip.top, y)][end(clip.bottom, y)]
 }
 
+/// Lanes of the block at (x, y) whose sample lies inside of all sides.
+#[inline(always)]
+fn inside_of<W: Word>(sides: &[Side<W>], x: i32, y: i32, sample: usize) -> u16 {
+    let mut out = [W::from_wide(0); 16];
+    for side in sides {
+        let first = side.at(x, y) + side.constants[sample];
+        for lane in 0..16 {
+            out[lane] = out[lane] | (side.pixels[lane] + first);
+        }
+    }
+    !W::negative(&out)
+}
+
 /// The covered samples of one block.
 #[inline(always)]
 fn pixels<W: Word>(
@@ -248,39 +277,21 @@ fn pixels<W: Word>(
     samples: u32,
     blocks: &mut Vec<Block>,
 ) {
-    let mut block = Block {
-        x: x as u8,
-        y: y as u8,
-        masks: [0; MAX_SAMPLES],
-    };
     let inside = inside(clip, x, y);
-    let mut any = 0;
-    for (sample, mask) in block.masks[..samples as usize].iter_mut().enumerate() {
-        let mut out = [W::from_wide(0); 16];
-        for side in sides {
-            let first = side.at(x, y) + side.constants[sample];
-            for lane in 0..16 {
-                out[lane] = out[lane] | (side.pixels[lane] + first);
-            }
-        }
-        *mask = inside & !W::negative(&out);
-        any |= *mask;
+    let mut masks = 0;
+    for sample in 0..samples as usize {
+        let mask = inside & inside_of(sides, x, y, sample);
+        masks |= u128::from(mask) << (16 * sample);
     }
-    if any != 0 {
-        blocks.push(block);
+    if masks != 0 {
+        blocks.push(Block::new(x, y, masks));
     }
 }
 
 /// A block that is covered as a whole.
 #[inline(always)]
 fn whole(x: i32, y: i32, samples: u32) -> Block {
-    let mut block = Block {
-        x: x as u8,
-        y: y as u8,
-        masks: [0; MAX_SAMPLES],
-    };
-    block.masks[..samples as usize].fill(u16::MAX);
-    block
+    Block::new(x, y, u128::MAX >> (128 - 16 * samples.clamp(1, 8)))
 }
 
 /// Takes the first set bit of a mask: its place, 4 to a row, times `size`, and itself. For loops where a closure would not be compiled for the tier.
@@ -353,13 +364,8 @@ vectors! {
         }
         for y in (clip.top & !3..clip.bottom).step_by(4) {
             for x in (clip.left & !3..clip.right).step_by(4) {
-                let mut block = Block {
-                    x: x as u8,
-                    y: y as u8,
-                    masks: [0; MAX_SAMPLES],
-                };
                 let inside = inside(clip, x, y);
-                let mut any = 0;
+                let mut masks = 0;
                 for sample in 0..samples as usize {
                     let mut out = v.splat_i(0);
                     for (index, edge) in edges.iter().enumerate() {
@@ -367,11 +373,10 @@ vectors! {
                         out = v.or_i(out, v.add_i(pixels[index], v.splat_i(first)));
                     }
                     let outside = v.ne_i(v.sign_i(out), v.splat_i(0));
-                    block.masks[sample] = inside & !outside;
-                    any |= inside & !outside;
+                    masks |= u128::from(inside & !outside) << (16 * sample);
                 }
-                if any != 0 {
-                    blocks.push(block);
+                if masks != 0 {
+                    blocks.push(Block::new(x, y, masks));
                 }
             }
         }

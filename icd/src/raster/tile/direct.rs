@@ -7,12 +7,13 @@ use spirv_jit::image::vector::Vector;
 use super::coverage::Covered;
 use super::depth::Tested;
 use super::inputs::{clamped, depths, interpolate, perspective_weights, plane_at};
-use super::lanes::{IN_BLOCK, IN_ROW, Row, vectors};
-use super::output::Rows;
+use super::lanes::{IN_BLOCK, IN_ROW, Row, row_of, vectors};
+use super::output::{Glaze, Rows};
 use super::passed::{Part, Passed, Texels, Value, texels_of};
 use super::plan::Plan;
 use super::samples::{Counts, MAX_SAMPLES, count, locations};
-use super::texels::{Pattern, Places, fill, store};
+use super::texels::{Pattern, Places, fill, load_word, store, store_word};
+use crate::raster::Target;
 use crate::raster::primitive::Record;
 
 vectors! {
@@ -39,17 +40,41 @@ vectors! {
                 solid = texels_of(v, &plan.output, &values);
             }
         }
+        let solid = passed.constant.as_ref().or(solid.as_ref());
         let painter = Painter {
             v,
             plan,
             part,
             has_program: passed.slopes.is_some(),
             values: &values,
-            solid: passed.constant.as_ref().or(solid.as_ref()),
+            solid,
+            glaze: match solid {
+                None => glaze_of(v, plan, &values),
+                Some(_) => None,
+            },
         };
         // SAFETY: the caller's promise.
         unsafe { painter.paint(covered, counts) };
     }
+}
+
+/// What a primitive of one colour lays over the only attachment, if it is laid over.
+#[inline(always)]
+fn glaze_of<V: Vector>(v: V, plan: &Plan<'_>, values: &[Value]) -> Option<Glaze<V>> {
+    let ([color], 1) = (&plan.output.colors[..], plan.samples) else {
+        return None;
+    };
+    let mut source = [v.splat_i(0); 4];
+    for (component, place) in source.iter_mut().zip(&color.source) {
+        let Some(place) = place else {
+            continue;
+        };
+        let Value::Same(word) = values[*place] else {
+            return None;
+        };
+        *component = v.splat_i(word as i32);
+    }
+    color.glaze(v, source)
 }
 
 /// Columns and rows of the lanes of a row or a block.
@@ -71,6 +96,8 @@ struct Painter<'a, V: Vector> {
     values: &'a [Value],
     /// The texel of each attachment, where they are the same everywhere in the primitive.
     solid: Option<&'a Texels>,
+    /// What is laid over the only attachment, where that is one colour.
+    glaze: Option<Glaze<V>>,
 }
 
 impl<V: Vector> Painter<'_, V> {
@@ -105,9 +132,20 @@ impl<V: Vector> Painter<'_, V> {
                 }
             }
         }
-        let squares = match filled {
-            Some(_) => &[],
-            None => &covered.squares[..],
+        let glazed = self.glaze.as_ref().filter(|_| plan.tests.is_empty());
+        if let (Some(glaze), [color]) = (glazed, &plan.output.colors[..]) {
+            for square in &covered.squares {
+                let pixels = u64::from(square.size) * u64::from(square.size);
+                counts.samples += pixels;
+                counts.invocations += pixels;
+                let place = square.place(part.corner);
+                // SAFETY: the caller's promise: squares lie in the render area.
+                unsafe { self.lay(glaze, &color.target, place, square.size) };
+            }
+        }
+        let squares = match filled.is_some() || glazed.is_some() {
+            true => &[],
+            false => &covered.squares[..],
         };
         let plain = (plan.tests.plain()).filter(|_| plan.samples == 1);
         // One loop for both, so that what they do stands in the code once.
@@ -155,6 +193,30 @@ impl<V: Vector> Painter<'_, V> {
                     places.y[0] += 1;
                 }
             }
+        }
+    }
+
+    /// Lays a colour over a square of pixels.
+    ///
+    /// # Safety
+    /// As [`draw`], for this square.
+    #[inline(always)]
+    unsafe fn lay(&self, glaze: &Glaze<V>, target: &Target, [x, y]: [i32; 2], size: u8) {
+        let (v, surface) = (self.v, &target.surface);
+        let slice = target.first_layer + self.part.record.layer;
+        let mut row = surface.texel(x as u32, y as u32, slice, 0);
+        // A copy, that stays in registers.
+        let glaze = *glaze;
+        for _ in 0..size {
+            for across in 0..usize::from(size) / 16 {
+                let texels = row.wrapping_add(64 * across).cast::<Row>();
+                // SAFETY: the caller's promise.
+                unsafe {
+                    let old = v.load_i(&texels.read_unaligned());
+                    texels.write_unaligned(row_of(v, glaze.over(v, old)));
+                }
+            }
+            row = row.wrapping_add(surface.row_stride_bytes as usize);
         }
     }
 
@@ -245,6 +307,15 @@ impl<V: Vector> Painter<'_, V> {
                         unsafe { store(v, &color.target, places, sample as u32, mask, &words) };
                     }
                 }
+            }
+            return;
+        }
+        if let (Some(glaze), [color]) = (&self.glaze, &plan.output.colors[..]) {
+            // SAFETY: the caller's promise.
+            unsafe {
+                let old = load_word(v, &color.target, places, 0, masks[0]);
+                let new = glaze.over(v, old);
+                store_word(v, &color.target, places, 0, masks[0], new);
             }
             return;
         }

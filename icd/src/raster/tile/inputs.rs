@@ -1,12 +1,13 @@
 //! The inputs of fragment programs, sixteen lanes at a time: varyings, planes, built-ins (spec, "Fragment Shader Interpolation").
 
+use smallvec::SmallVec;
 use spirv_jit::Program;
 use spirv_jit::image::vector::Vector;
 use spirv_jit::program::{
     AlignedRow, Builtin, InputRow, OutputRow, Passed, Position, Varying, VaryingMode, VaryingPlace,
 };
 
-use super::lanes::{Row, vectors};
+use super::lanes::Row;
 use super::samples::{MAX_SAMPLES, from_center, locations};
 use crate::raster::primitive::{Plane, Record};
 
@@ -110,13 +111,14 @@ fn slope(fill: &Fill) -> Option<Slope> {
     })
 }
 
+/// By row of inputs, of a varying: its value at a primitive's first vertex, and the differences of the others.
+pub type Steps = SmallVec<[[f32; 3]; 16]>;
+
 /// What sixteen fragments are: four quads of one or several primitives.
 pub struct Fragments<'a> {
     pub records: [&'a Record; 4],
     /// Outputs of the vertices of each quad's chunk.
     pub outputs: [&'a [u32]; 4],
-    /// All quads have the same record.
-    pub is_uniform: bool,
     /// First pixels of the quads.
     pub x: [i32; 4],
     pub y: [i32; 4],
@@ -190,17 +192,40 @@ impl Inputs {
         self.fills.iter().map(slope).collect()
     }
 
-    /// Fills the input rows of a subgroup.
-    pub fn fill(
+    /// What the varyings of one primitive's fragments are made of.
+    pub fn steps(&self, fragments: &Fragments<'_>, steps: &mut Steps) {
+        let (record, outputs) = (fragments.records[0], fragments.outputs[0]);
+        steps.clear();
+        for fill in &self.fills {
+            let Fill::Varying(word, _) = *fill else {
+                steps.push([0.0; 3]);
+                continue;
+            };
+            let [first, second, third] = [
+                number(outputs, record.vertices[0].wrapping_add(word)),
+                number(outputs, record.vertices[1].wrapping_add(word)),
+                number(outputs, record.vertices[2].wrapping_add(word)),
+            ];
+            steps.push([first, second - first, third - first]);
+        }
+    }
+
+    /// Fills the input rows of a subgroup of one primitive, with its [`Self::steps`].
+    #[inline(always)]
+    pub fn fill_uniform<V: Vector>(
         &self,
-        tier: spirv_jit::interp::TierKind,
+        v: V,
         fragments: &Fragments<'_>,
+        steps: &Steps,
         rows: &mut [AlignedRow],
     ) {
-        match fragments.is_uniform {
-            true => fill_uniform(tier, self, fragments, rows),
-            false => fill_mixed(tier, self, fragments, rows),
-        }
+        Filling::<V, true>::new(v, self, fragments, steps).fill(rows);
+    }
+
+    /// Fills those of a subgroup of several.
+    #[inline(always)]
+    pub fn fill_mixed<V: Vector>(&self, v: V, fragments: &Fragments<'_>, rows: &mut [AlignedRow]) {
+        Filling::<V, false>::new(v, self, fragments, &[]).fill(rows);
     }
 }
 
@@ -266,18 +291,6 @@ fn builtin_fill(builtin: Builtin, component: usize) -> Fill {
     }
 }
 
-vectors! {
-    fn fill_uniform<V>(v, inputs: &Inputs, fragments: &Fragments<'_>, rows: &mut [AlignedRow]) {
-        Filling::<V, true>::new(v, inputs, fragments).fill(rows);
-    }
-}
-
-vectors! {
-    fn fill_mixed<V>(v, inputs: &Inputs, fragments: &Fragments<'_>, rows: &mut [AlignedRow]) {
-        Filling::<V, false>::new(v, inputs, fragments).fill(rows);
-    }
-}
-
 /// Lanes' columns and rows in their quads.
 static IN_QUAD: [Row; 2] = [
     [0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1],
@@ -327,17 +340,20 @@ struct Filling<'a, V: Vector, const UNIFORM: bool> {
     v: V,
     inputs: &'a Inputs,
     fragments: &'a Fragments<'a>,
+    /// Of one record.
+    steps: &'a [[f32; 3]],
     /// By index of [`Weights`]: the coordinates of the second and third vertex, once they are known.
     weights: [Option<[V::F; 2]>; 6],
 }
 
 impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     #[inline(always)]
-    fn new(v: V, inputs: &'a Inputs, fragments: &'a Fragments<'a>) -> Self {
+    fn new(v: V, inputs: &'a Inputs, fragments: &'a Fragments<'a>, steps: &'a [[f32; 3]]) -> Self {
         Self {
             v,
             inputs,
             fragments,
+            steps,
             weights: [None; 6],
         }
     }
@@ -494,36 +510,31 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     fn fill(mut self, rows: &mut [AlignedRow]) {
         let inputs = self.inputs;
         let Some(common) = inputs.common else {
-            for (row, fill) in rows.iter_mut().zip(&inputs.fills) {
-                let words = self.row(fill);
+            for (index, (row, fill)) in rows.iter_mut().zip(&inputs.fills).enumerate() {
+                let words = self.row(index, fill);
                 self.v.store_i(words, &mut row.0);
             }
             return;
         };
         // Once, and kept in registers: as one of `self.weights` they would be looked up in memory for each row.
         let weights = self.weights(common);
-        for (row, fill) in rows.iter_mut().zip(&inputs.fills) {
+        for (index, (row, fill)) in rows.iter_mut().zip(&inputs.fills).enumerate() {
             let words = match *fill {
-                Fill::Varying(word, _) => self.varying(word, weights),
-                _ => self.row(fill),
+                Fill::Varying(word, _) => self.varying(index, word, weights),
+                _ => self.row(index, fill),
             };
             self.v.store_i(words, &mut row.0);
         }
     }
 
-    /// A word's interpolation.
+    /// A word's interpolation, for the row of that index.
     #[inline(always)]
-    fn varying(&self, word: u32, weights: [V::F; 2]) -> V::I {
+    fn varying(&self, index: usize, word: u32, weights: [V::F; 2]) -> V::I {
         let v = self.v;
         if UNIFORM {
-            let (record, outputs) = (self.fragments.records[0], self.fragments.outputs[0]);
-            let [first, second, third] = [
-                number(outputs, record.vertices[0].wrapping_add(word)),
-                number(outputs, record.vertices[1].wrapping_add(word)),
-                number(outputs, record.vertices[2].wrapping_add(word)),
-            ];
-            let steps = [v.splat(second - first), v.splat(third - first)];
-            return v.bits_of(interpolate(v, v.splat(first), steps, weights));
+            let [first, second, third] = self.steps[index];
+            let (first, steps) = (v.splat(first), [v.splat(second), v.splat(third)]);
+            return v.bits_of(interpolate(v, first, steps, weights));
         }
         let first = self.numbers_of_vertices(word, 0);
         let second = v.sub(self.numbers_of_vertices(word, 1), first);
@@ -532,7 +543,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     }
 
     #[inline(always)]
-    fn row(&mut self, fill: &Fill) -> V::I {
+    fn row(&mut self, index: usize, fill: &Fill) -> V::I {
         let v = self.v;
         let position = self.inputs.position;
         let fragments = self.fragments;
@@ -544,7 +555,7 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
             Fill::PerVertex(word, vertex) => self.of_vertices(word, |_| vertex),
             Fill::Varying(word, weights) => {
                 let weights = self.weights(weights);
-                self.varying(word, weights)
+                self.varying(index, word, weights)
             }
             Fill::Barycentric(vertex, weights) => {
                 let [second, third] = self.weights(weights);

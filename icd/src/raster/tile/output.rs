@@ -11,7 +11,7 @@ use spirv_jit::program::{AlignedRow, OutputRow};
 use super::blend::{Over, Range, blend, operate_words};
 use super::lanes::{floats_of, lanes_where, load_words, numbers, rows_of, vectors, words};
 use super::samples::MAX_SAMPLES;
-use super::texels::{Places, Words, load, store};
+use super::texels::{Places, Words, load, load_word, store, store_word};
 use crate::object::graphics_state::{BlendAttachment, GraphicsState, MAX_COLOR_ATTACHMENTS};
 use crate::raster::{Target, Targets};
 
@@ -41,6 +41,16 @@ enum Coding {
     Other,
 }
 
+/// Four normalised bytes that are written as a whole, as they come or laid over what is there: the commonest attachment. Arrays are in the order of
+/// the bytes.
+#[derive(Clone, Copy)]
+struct Bytes {
+    /// The colour's component that each byte is.
+    components: [usize; 4],
+    /// If the colour is laid over what is there: which bytes are multiplied with alpha first.
+    over: Option<[bool; 4]>,
+}
+
 /// A colour attachment that a draw writes to.
 pub struct Color {
     tier: TierKind,
@@ -51,6 +61,7 @@ pub struct Color {
     pub has_second: bool,
     blend: Option<BlendAttachment>,
     over: Option<Over>,
+    bytes: Option<Bytes>,
     coding: Coding,
     range: Range,
     logic_op: Option<LogicOp>,
@@ -143,6 +154,32 @@ impl Output {
         self.colors.iter().all(is_plain)
     }
 
+    /// Whether [`Self::write_bytes`] serves for all attachments, and all fragments that a program leaves are written.
+    pub fn is_bytes(&self) -> bool {
+        let are_bytes = self.colors.iter().all(|color| color.bytes.is_some());
+        self.samples == 1 && are_bytes && !self.drops_samples()
+    }
+
+    /// Writes the colours of sixteen fragments of one sample where [`Self::is_bytes`] holds. `rows`: the program's outputs.
+    ///
+    /// # Safety
+    /// As [`load`], for all attachments.
+    #[inline(always)]
+    pub unsafe fn write_bytes<V: Vector>(
+        &self,
+        v: V,
+        rows: &[AlignedRow],
+        places: &Places,
+        mask: u16,
+    ) {
+        for color in &self.colors {
+            if let Some(bytes) = &color.bytes {
+                // SAFETY: the caller's promise.
+                unsafe { color.put_bytes(v, bytes, rows, places, mask) };
+            }
+        }
+    }
+
     /// Writes the colours of sixteen fragments to the samples of the masks. `rows`: the program's outputs.
     ///
     /// # Safety
@@ -156,6 +193,11 @@ impl Output {
         masks: &[u16; MAX_SAMPLES],
     ) {
         for color in &self.colors {
+            if let (Some(bytes), 1) = (&color.bytes, self.samples) {
+                // SAFETY: the caller's promise.
+                unsafe { color.put_bytes(v, bytes, rows, places, masks[0]) };
+                continue;
+            }
             if let (Some(over), Some(_), 1) = (color.over, &color.blend, self.samples) {
                 // SAFETY: the caller's promise.
                 unsafe { color.lay_over(v, over, rows, places, masks[0]) };
@@ -247,6 +289,23 @@ fn coding_of(info: &FormatInfo) -> Coding {
     }
 }
 
+/// If an attachment is such.
+fn bytes_of(coding: Coding, color: &Color) -> Option<Bytes> {
+    let Coding::Bytes(shifts) = coding else {
+        return None;
+    };
+    let mut components = [0; 4];
+    for (component, shift) in shifts.into_iter().enumerate() {
+        components[shift as usize / 8 % 4] = component;
+    }
+    let over = match (&color.blend, color.over) {
+        (None, _) => None,
+        (Some(_), Some(over)) => Some(components.map(|it| over.times_alpha(it))),
+        _ => return None,
+    };
+    (color.writes_all && color.logic_op.is_none()).then_some(Bytes { components, over })
+}
+
 fn color(
     tier: TierKind,
     target: &Target,
@@ -296,8 +355,9 @@ fn color(
         Numeric::Snorm => Range::Snorm,
         _ => Range::All,
     };
-    Some(Color {
+    let mut color = Color {
         tier,
+        bytes: None,
         has_second: blend.enable && factors.iter().any(|factor| SECOND.contains(factor)),
         coding: coding_of(info),
         target: *target,
@@ -310,7 +370,75 @@ fn color(
         written,
         writes_all,
         alpha_to_one: state.multisample.alpha_to_one && !info.numeric.is_integer(),
-    })
+    };
+    color.bytes = bytes_of(color.coding, &color);
+    Some(color)
+}
+
+/// A number of 0 to 1 as the byte of that index.
+#[inline(always)]
+fn to_byte<V: Vector>(v: V, number: V::F, index: u32) -> V::I {
+    let number = v.min(v.max(number, v.splat(0.0)), v.splat(1.0));
+    v.left_i(v.scaled(number, 255.0), 8 * index)
+}
+
+/// Four numbers as bytes.
+#[inline(always)]
+fn to_bytes<V: Vector>(v: V, numbers: [V::F; 4]) -> V::I {
+    let low = v.or_i(to_byte(v, numbers[0], 0), to_byte(v, numbers[1], 1));
+    let high = v.or_i(to_byte(v, numbers[2], 2), to_byte(v, numbers[3], 3));
+    v.or_i(low, high)
+}
+
+/// Sixteen colours that are laid over what is there, in the order of their bytes.
+#[derive(Clone, Copy)]
+pub struct Glaze<V: Vector> {
+    /// What is added.
+    parts: [V::F; 4],
+    /// What is there is multiplied with it first.
+    rest: V::F,
+}
+
+impl<V: Vector> Glaze<V> {
+    /// As [`Over`] has it; `source` are the components in the order of the bytes.
+    #[inline(always)]
+    fn new(v: V, source: [V::F; 4], alpha: V::F, times_alpha: [bool; 4]) -> Self {
+        let (none, one) = (v.splat(0.0), v.splat(1.0));
+        let mut parts = [
+            v.min(v.max(source[0], none), one),
+            v.min(v.max(source[1], none), one),
+            v.min(v.max(source[2], none), one),
+            v.min(v.max(source[3], none), one),
+        ];
+        let alpha = v.min(v.max(alpha, none), one);
+        for index in 0..4 {
+            if times_alpha[index] {
+                parts[index] = v.mul(parts[index], alpha);
+            }
+        }
+        let rest = v.min(v.max(v.sub(one, alpha), none), one);
+        Self { parts, rest }
+    }
+
+    /// Lays it over texels.
+    #[inline(always)]
+    pub fn over(&self, v: V, texels: V::I) -> V::I {
+        to_bytes(
+            v,
+            [
+                self.byte(v, texels, 0),
+                self.byte(v, texels, 1),
+                self.byte(v, texels, 2),
+                self.byte(v, texels, 3),
+            ],
+        )
+    }
+
+    #[inline(always)]
+    fn byte(&self, v: V, texels: V::I, index: u32) -> V::F {
+        let below = v.div_units(v.to_f(v.byte(texels, index)), 255.0);
+        v.add(self.parts[index as usize], v.mul(below, self.rest))
+    }
 }
 
 /// A normalised component as a byte, where it lies in its word.
@@ -409,6 +537,69 @@ impl Color {
         }
         let info = self.target.surface.format;
         load_words(v, &decode_rows(self.tier, info, &rows_of(v, texels)))
+    }
+
+    /// The rows of the components in the order of the bytes, and alpha.
+    #[inline(always)]
+    fn in_order<V: Vector>(&self, v: V, bytes: &Bytes, rows: &[AlignedRow]) -> ([V::F; 4], V::F) {
+        // One by one: a loop would keep them in memory.
+        let [a, b, c, d] = bytes.components;
+        let source = [
+            self.number(v, a, rows),
+            self.number(v, b, rows),
+            self.number(v, c, rows),
+            self.number(v, d, rows),
+        ];
+        (source, self.number(v, 3, rows))
+    }
+
+    #[inline(always)]
+    fn number<V: Vector>(&self, v: V, index: usize, rows: &[AlignedRow]) -> V::F {
+        match index == 3 && self.alpha_to_one {
+            true => v.splat(1.0),
+            false => v.bits_to_f(component(v, self.source[index % 4], rows)),
+        }
+    }
+
+    /// Writes the colours of the first sample; `rows` are the program's outputs.
+    ///
+    /// # Safety
+    /// As [`load`].
+    #[inline(always)]
+    unsafe fn put_bytes<V: Vector>(
+        &self,
+        v: V,
+        bytes: &Bytes,
+        rows: &[AlignedRow],
+        places: &Places,
+        mask: u16,
+    ) {
+        let (source, alpha) = self.in_order(v, bytes, rows);
+        // SAFETY: the caller's promise.
+        unsafe {
+            let texels = match bytes.over {
+                None => to_bytes(v, source),
+                Some(times_alpha) => {
+                    let old = load_word(v, &self.target, places, 0, mask);
+                    Glaze::new(v, source, alpha, times_alpha).over(v, old)
+                }
+            };
+            store_word(v, &self.target, places, 0, mask, texels);
+        }
+    }
+
+    /// What one colour lays over the attachment, if it does: components of a colour.
+    #[inline(always)]
+    pub fn glaze<V: Vector>(&self, v: V, source: [V::I; 4]) -> Option<Glaze<V>> {
+        let bytes = self.bytes?;
+        let source = numbers(v, &self.with_alpha(v, source));
+        let ordered = [
+            source[bytes.components[0] % 4],
+            source[bytes.components[1] % 4],
+            source[bytes.components[2] % 4],
+            source[bytes.components[3] % 4],
+        ];
+        Some(Glaze::new(v, ordered, source[3], bytes.over?))
     }
 
     /// Blends colours over those of the first sample; `rows` are the program's outputs.

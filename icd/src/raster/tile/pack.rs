@@ -3,10 +3,12 @@
 
 use super::lanes::{lanes_of, quads_of};
 use super::samples::{MAX_SAMPLES, any};
-use super::texels::{Pattern, Places};
+use super::texels::Places;
+use crate::raster::primitive::Bounds;
 
-/// Quads along a tile's side.
+/// Quads along a tile's side, and blocks.
 const SIDE: usize = crate::raster::TILE as usize / 2;
+const BLOCKS: usize = SIDE / 2;
 
 /// Quads of a block from which on it takes a subgroup of its own.
 const OWN: u32 = 3;
@@ -49,7 +51,11 @@ impl Pack {
 /// A block of fragments of one primitive.
 pub struct Found<'a> {
     pub origin: Origin,
-    pub places: &'a Places,
+    /// The block's first pixel, in the attachments.
+    pub place: [i32; 2],
+    pub layer: u32,
+    /// The render area.
+    pub area: &'a Bounds,
     pub sample: u8,
     pub masks: &'a [u16; MAX_SAMPLES],
     pub coverage: &'a [u16; MAX_SAMPLES],
@@ -60,9 +66,18 @@ pub struct Packs {
     pub packs: Vec<Pack>,
     /// The pack that takes single quads.
     open: Option<usize>,
-    /// By quad of the tile: the last pack with a fragment there, plus one, and the wave that it is of.
-    last: Box<[u64; SIDE * SIDE]>,
-    wave: u64,
+    /// By quad of the tile: the last pack that took a single quad there.
+    quads: Box<[Last; SIDE * SIDE]>,
+    /// By block: the last one that is all of it.
+    blocks: Box<[Last; BLOCKS * BLOCKS]>,
+    wave: u32,
+}
+
+/// The last pack of a wave with fragments at a place, plus one.
+#[derive(Clone, Copy, Default)]
+struct Last {
+    wave: u32,
+    pack: u32,
 }
 
 impl Default for Packs {
@@ -70,16 +85,31 @@ impl Default for Packs {
         Self {
             packs: Vec::new(),
             open: None,
-            last: Box::new([0; SIDE * SIDE]),
+            quads: Box::new([Last::default(); SIDE * SIDE]),
+            blocks: Box::new([Last::default(); BLOCKS * BLOCKS]),
             wave: 1,
         }
     }
 }
 
+/// The first pixel of a quad of the block at a place.
+#[inline(always)]
+fn quad_place([x, y]: [i32; 2], quad: usize) -> [i32; 2] {
+    [x + 2 * (quad as i32 % 2), y + 2 * (quad as i32 / 2)]
+}
+
 /// A quad's index in its tile.
-fn cell(places: &Places, quad: usize) -> usize {
-    let (x, y) = (places.x[quad] as usize / 2, places.y[quad] as usize / 2);
+#[inline(always)]
+fn cell([x, y]: [i32; 2]) -> usize {
+    let (x, y) = (x as usize / 2, y as usize / 2);
     y % SIDE * SIDE + x % SIDE
+}
+
+/// A block's.
+#[inline(always)]
+fn block([x, y]: [i32; 2]) -> usize {
+    let (x, y) = (x as usize / 4, y as usize / 4);
+    y % BLOCKS * BLOCKS + x % BLOCKS
 }
 
 /// Adds a quad's lanes of all samples' masks to others, at another place. From copies, so that the samples become one vector.
@@ -98,26 +128,34 @@ impl Packs {
     pub fn clear(&mut self) {
         self.packs.clear();
         self.open = None;
-        self.wave += 1;
-    }
-
-    /// The last pack with a fragment in a quad, plus one; 0 if there is none.
-    fn last(&self, cell: usize) -> usize {
-        let entry = self.last[cell];
-        match entry >> 32 == self.wave {
-            true => entry as u32 as usize,
-            false => 0,
+        self.wave = self.wave.wrapping_add(1);
+        if self.wave == 0 {
+            // The numbers begin again: what was noted long ago must not look new.
+            self.quads.fill(Last::default());
+            self.blocks.fill(Last::default());
+            self.wave = 1;
         }
     }
 
-    fn note(&mut self, cell: usize, pack: usize) {
-        self.last[cell] = self.wave << 32 | (pack as u64 + 1);
+    /// The last pack with a fragment in a quad, plus one; 0 if there is none.
+    fn last(&self, place: [i32; 2]) -> usize {
+        let of_wave = |last: Last| if last.wave == self.wave { last.pack } else { 0 };
+        let quad = of_wave(self.quads[cell(place)]);
+        quad.max(of_wave(self.blocks[block(place)])) as usize
     }
 
-    /// Whether fragments in the quads of a mask wait already.
-    pub fn holds_any(&self, places: &Places, mask: u16) -> bool {
+    /// What is noted of a pack.
+    fn note(&self, pack: usize) -> Last {
+        Last {
+            wave: self.wave,
+            pack: pack as u32 + 1,
+        }
+    }
+
+    /// Whether fragments of a mask of the block at a place wait already.
+    pub fn holds_any(&self, place: [i32; 2], mask: u16) -> bool {
         let quads = quads_of(mask);
-        (0..4).any(|quad| quads >> quad & 1 != 0 && self.last(cell(places, quad)) != 0)
+        (0..4).any(|quad| quads >> quad & 1 != 0 && self.last(quad_place(place, quad)) != 0)
     }
 
     /// Adds the fragments of a block: some lanes are covered.
@@ -127,20 +165,10 @@ impl Packs {
             _ => quads_of(any(found.masks)),
         };
         if quads.count_ones() >= OWN {
-            let pack = self.packs.len();
-            if found.places.pattern == Pattern::Block {
-                // All four quads, even if there are three: to come later than they must does no harm.
-                let first = cell(found.places, 0);
-                for cell in [first, first + 1, first + SIDE, first + SIDE + 1] {
-                    self.note(cell, pack);
-                }
-            } else {
-                for quad in (0..4).filter(|quad| quads >> quad & 1 != 0) {
-                    self.note(cell(found.places, quad), pack);
-                }
-            }
+            // All four quads, even if there are three: to come later than they must does no harm.
+            self.blocks[block(found.place)] = self.note(self.packs.len());
             self.packs.push(Pack {
-                places: *found.places,
+                places: Places::block(found.place, found.layer, found.area),
                 origins: [found.origin; 4],
                 is_uniform: true,
                 sample: [found.sample; 4],
@@ -158,10 +186,10 @@ impl Packs {
     }
 
     fn add_quad(&mut self, found: &Found<'_>, quad: usize) {
-        let cell = cell(found.places, quad);
+        let at = quad_place(found.place, quad);
         // Behind all packs that have fragments here.
         let open =
-            (self.open).filter(|&open| self.packs[open].quads != 0xf && self.last(cell) <= open);
+            (self.open).filter(|&open| self.packs[open].quads != 0xf && self.last(at) <= open);
         let index = open.unwrap_or_else(|| {
             self.packs.push(Pack {
                 is_uniform: true,
@@ -170,22 +198,23 @@ impl Packs {
             self.packs.len() - 1
         });
         self.open = Some(index);
-        self.note(cell, index);
+        self.quads[cell(at)] = self.note(index);
+        let [x, y] = at;
         let pack = &mut self.packs[index];
         let place = pack.quads.trailing_ones() as usize;
         if place == 0 {
             // Quads that are not there look like the first one.
             pack.origins = [found.origin; 4];
-            pack.places.layer = [found.places.layer[quad]; 4];
-            pack.places.x = [found.places.x[quad]; 4];
-            pack.places.y = [found.places.y[quad]; 4];
+            pack.places.layer = [found.layer; 4];
+            pack.places.x = [x; 4];
+            pack.places.y = [y; 4];
             pack.sample = [found.sample; 4];
         }
         pack.is_uniform &= pack.origins[0] == found.origin;
         pack.origins[place] = found.origin;
-        pack.places.x[place] = found.places.x[quad];
-        pack.places.y[place] = found.places.y[quad];
-        pack.places.layer[place] = found.places.layer[quad];
+        pack.places.x[place] = x;
+        pack.places.y[place] = y;
+        pack.places.layer[place] = found.layer;
         pack.sample[place] = found.sample;
         move_quad(found.masks, quad, &mut pack.masks, place);
         move_quad(found.coverage, quad, &mut pack.coverage, place);

@@ -269,10 +269,12 @@ pub unsafe fn load<V: Vector>(
     }
 }
 
+/// [`load`] of texels of four bytes.
+///
 /// # Safety
 /// As [`load`].
 #[inline(always)]
-unsafe fn load_word<V: Vector>(
+pub unsafe fn load_word<V: Vector>(
     v: V,
     target: &Target,
     places: &Places,
@@ -326,10 +328,29 @@ pub unsafe fn store<V: Vector>(
         if target.surface.texel_size_bytes != 4 {
             return store_rows(target, places, sample, mask, &rows_of(v, words));
         }
+        store_word(v, target, places, sample, mask, words[0]);
+    }
+}
+
+/// [`store`] of texels of four bytes.
+///
+/// # Safety
+/// As [`load`].
+#[inline(always)]
+pub unsafe fn store_word<V: Vector>(
+    v: V,
+    target: &Target,
+    places: &Places,
+    sample: u32,
+    mask: u16,
+    texels: V::I,
+) {
+    // SAFETY: the caller's promise.
+    unsafe {
         if places.pattern == Pattern::Quads {
-            return store_quads(target, places, sample, mask, &row_of(v, words[0]));
+            return store_quads(target, places, sample, mask, &row_of(v, texels));
         }
-        let mut new = words[0];
+        let mut new = texels;
         if mask != u16::MAX {
             new = v.select(mask, new, load_word(v, target, places, sample, mask));
         }

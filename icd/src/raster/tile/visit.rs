@@ -11,7 +11,7 @@ use super::clear::{clear_tile, meet};
 use super::coverage::{Block, Covered, convex, listed};
 use super::depth::Tested;
 use super::direct;
-use super::inputs::{self, Fragments, depths};
+use super::inputs::{self, Fragments, Steps, depths};
 use super::lanes::{IN_BLOCK, LANE_X, LANE_Y, Row, lanes_of, vectors};
 use super::pack::{Found, Origin, Pack, Packs};
 use super::passed::Part;
@@ -232,19 +232,14 @@ impl<'a> Visit<'a> {
         }
         // A fragment sees what those before it left: all of it, before its own tests.
         for block in &mut covered.blocks {
-            let places = self.places(record, block);
-            if self.worker.packs.holds_any(&places, any(&block.masks)) {
+            let place = block.place([self.bounds.left, self.bounds.top]);
+            if self.worker.packs.holds_any(place, any(&block.masks)) {
                 self.run_wave()?;
             }
             let block = std::slice::from_mut(block);
             self.some_fragments(current, fragment, origin, record, block)?;
         }
         Ok(())
-    }
-
-    fn places(&self, record: &Record, block: &Block) -> Places {
-        let corner = [self.bounds.left, self.bounds.top];
-        Places::block(block.place(corner), record.layer, &self.round.area)
     }
 
     fn some_fragments(
@@ -278,8 +273,16 @@ impl<'a> Visit<'a> {
                 Some(before) if !fragment.sees_tests => before,
                 _ => &block.masks,
             };
-            let places = self.places(record, block);
-            result = self.add(fragment, origin, &places, &block.masks, coverage);
+            let found = Found {
+                origin,
+                place: block.place([self.bounds.left, self.bounds.top]),
+                layer: record.layer,
+                area: &self.round.area,
+                sample: 0,
+                masks: &block.masks,
+                coverage,
+            };
+            result = self.add(fragment, &found);
             if result.is_err() {
                 break;
             }
@@ -288,33 +291,19 @@ impl<'a> Visit<'a> {
         result
     }
 
-    fn add(
-        &mut self,
-        fragment: &Fragment<'_>,
-        origin: Origin,
-        places: &Places,
-        masks: &[u16; MAX_SAMPLES],
-        coverage: &[u16; MAX_SAMPLES],
-    ) -> Result<(), Stopped> {
+    fn add(&mut self, fragment: &Fragment<'_>, found: &Found<'_>) -> Result<(), Stopped> {
         let packs = &mut self.worker.packs;
         if !fragment.per_sample {
-            packs.add(&Found {
-                origin,
-                places,
-                sample: 0,
-                masks,
-                coverage,
-            });
+            packs.add(found);
         } else {
-            for (sample, &mask) in masks.iter().enumerate().filter(|(_, mask)| **mask != 0) {
+            let masks = found.masks.iter().enumerate();
+            for (sample, &mask) in masks.filter(|(_, mask)| **mask != 0) {
                 let mut masks = [0; MAX_SAMPLES];
                 masks[sample] = mask;
                 packs.add(&Found {
-                    origin,
-                    places,
                     sample: sample as u8,
                     masks: &masks,
-                    coverage,
+                    ..*found
                 });
             }
         }
@@ -350,17 +339,10 @@ impl<'a> Visit<'a> {
         packs: &[Pack],
     ) -> Result<(), Stopped> {
         let program = fragment.program;
-        let layout = program.layout();
+        let (tier, chunks) = (self.round.tier, self.round.chunks);
         let runner = &mut self.worker.runner;
         runner.begin(program, packs.len())?;
-        for (pack, state) in packs.iter().zip(runner.states()) {
-            let (active, covered) = (pack.active(), pack.covered());
-            program.start_fragments(state, active, active & !covered);
-            let fragments = fragments_of(self.round.chunks, pack);
-            let rows = &mut state[layout.inputs..];
-            fragment.inputs.fill(self.round.tier, &fragments, rows);
-            self.counts.invocations += u64::from(covered.count_ones());
-        }
+        start(tier, chunks, fragment, packs, runner, &mut self.counts);
         runner.run(
             program,
             &current.draw.environment,
@@ -368,8 +350,7 @@ impl<'a> Visit<'a> {
         )?;
         // SAFETY: as for direct fragments: these come from blocks, too.
         unsafe {
-            let (tier, chunks, plan) = (self.round.tier, self.round.chunks, current.plan);
-            let runner = &mut self.worker.runner;
+            let plan = current.plan;
             finish(tier, chunks, plan, program, runner, packs, &mut self.counts);
         }
         Ok(())
@@ -429,6 +410,40 @@ vectors! {
 }
 
 vectors! {
+    /// Puts a wave's subgroups at the program's entry, with their inputs.
+    fn start<V>(
+        v,
+        chunks: &[Chunk],
+        fragment: &Fragment<'_>,
+        packs: &[Pack],
+        runner: &mut Runner,
+        counts: &mut Counts,
+    ) {
+        let program = fragment.program;
+        let inputs = program.layout().inputs;
+        let mut steps = Steps::new();
+        let mut steps_of = None;
+        for (pack, state) in packs.iter().zip(runner.states()) {
+            let (active, covered) = (pack.active(), pack.covered());
+            program.start_fragments(state, active, active & !covered);
+            counts.invocations += u64::from(covered.count_ones());
+            let fragments = fragments_of(chunks, pack);
+            let rows = &mut state[inputs..];
+            if !pack.is_uniform {
+                fragment.inputs.fill_mixed(v, &fragments, rows);
+                continue;
+            }
+            // Most of a wave is of few primitives, whose subgroups follow each other.
+            if steps_of != Some(pack.origins[0]) {
+                steps_of = Some(pack.origins[0]);
+                fragment.inputs.steps(&fragments, &mut steps);
+            }
+            fragment.inputs.fill_uniform(v, &fragments, &steps, rows);
+        }
+    }
+}
+
+vectors! {
     /// Late tests of a wave's fragments, and their colours.
     ///
     /// # Safety
@@ -443,6 +458,16 @@ vectors! {
         counts: &mut Counts,
     ) {
         let io = program.layout().io;
+        if plan.order == Order::Early && plan.output.is_bytes() {
+            for (pack, state) in packs.iter().zip(runner.states()) {
+                let mask = pack.masks[0] & !program.helpers(state);
+                if mask != 0 {
+                    // SAFETY: the caller's promise.
+                    unsafe { plan.output.write_bytes(v, &state[io..], &pack.places, mask) };
+                }
+            }
+            return;
+        }
         for (index, pack) in packs.iter().enumerate() {
             let state = runner.state(index);
             let live = !program.helpers(state);
@@ -520,7 +545,6 @@ fn fragments_of<'a>(chunks: &'a [Chunk], pack: &'a Pack) -> Fragments<'a> {
     Fragments {
         records,
         outputs,
-        is_uniform,
         x: pack.places.x,
         y: pack.places.y,
         sample: pack.sample,
