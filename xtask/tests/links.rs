@@ -47,3 +47,21 @@ fn links_lead_to_files() {
     );
     assert!(links > 50, "the links are found");
 }
+
+/// Code in a page: what stands between single backticks.
+fn code(page: &str) -> impl Iterator<Item = &str> {
+    let prose = page.split("```").step_by(2);
+    prose.flat_map(|text| text.split('`').skip(1).step_by(2))
+}
+
+#[test]
+fn files_that_additions_take_are_there() {
+    let page = fs::read_to_string(root().join("docs/adding.md")).expect("docs/adding.md");
+    let is_path = |text: &&str| text.contains('/') && !text.contains(' ');
+    let paths: Vec<&str> = code(&page).filter(is_path).collect();
+    let lost: Vec<_> = (paths.iter())
+        .filter(|path| !root().join(path).exists())
+        .collect();
+    assert!(lost.is_empty(), "there are no {lost:?}");
+    assert!(paths.len() > 40, "the paths are found");
+}
