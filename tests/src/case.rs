@@ -34,6 +34,18 @@ impl Case {
         Case::new(&format!("{WORLD}{RESULTS}{raygen}")).miss(MISS)
     }
 
+    /// A callable shader that calls itself, and nothing ends it.
+    pub fn endless() -> Case {
+        let raygen = r"
+        layout(location = 0) callableDataEXT vec4 data;
+        void main() { data = vec4(1); executeCallableEXT(0, 0); }";
+        let callable = r"
+        layout(location = 0) callableDataInEXT vec4 data;
+        layout(location = 1) callableDataEXT vec4 next;
+        void main() { next = data + 1.0; executeCallableEXT(0, 1); data = next; }";
+        Case::new(raygen).callable(callable)
+    }
+
     fn shader(&mut self, stage: Stage, source: &str) -> u32 {
         let is_it = |(is, text): &(Stage, String)| (*is, &text[..]) == (stage, source);
         let place = self.shaders.iter().position(is_it).unwrap_or_else(|| {

@@ -125,23 +125,10 @@ impl Gpu {
         push: &[T],
         groups: [u32; 3],
     ) {
-        let handles: Vec<vk::DescriptorSet> = sets.iter().map(|set| set.handle).collect();
-        let point = vk::PipelineBindPoint::COMPUTE;
+        self.bind_kernel(commands, kernel, sets, &[]);
         let bytes: &[u8] = bytemuck::cast_slice(push);
         // SAFETY: the command buffer is being recorded, and the handles are of this device.
         unsafe {
-            self.device
-                .cmd_bind_pipeline(commands, point, kernel.pipeline);
-            if !handles.is_empty() {
-                self.device.cmd_bind_descriptor_sets(
-                    commands,
-                    point,
-                    kernel.layout,
-                    0,
-                    &handles,
-                    &[],
-                );
-            }
             if !bytes.is_empty() {
                 let all = vk::ShaderStageFlags::ALL;
                 self.device
@@ -149,6 +136,26 @@ impl Gpu {
             }
             self.device
                 .cmd_dispatch(commands, groups[0], groups[1], groups[2]);
+        }
+    }
+
+    /// Binds a pipeline and its sets, with dynamic offsets.
+    pub fn bind_kernel(
+        &self,
+        commands: vk::CommandBuffer,
+        kernel: Kernel,
+        sets: &[Set],
+        offsets: &[u32],
+    ) {
+        let handles: Vec<vk::DescriptorSet> = sets.iter().map(|set| set.handle).collect();
+        let (device, point) = (&self.device, vk::PipelineBindPoint::COMPUTE);
+        // SAFETY: the command buffer is being recorded, and the handles are of this device.
+        unsafe {
+            device.cmd_bind_pipeline(commands, point, kernel.pipeline);
+            if !handles.is_empty() {
+                let layout = kernel.layout;
+                device.cmd_bind_descriptor_sets(commands, point, layout, 0, &handles, offsets);
+            }
         }
     }
 

@@ -343,19 +343,12 @@ fn dynamic_offsets_end_with_the_buffer() {
         (1, &[Bound::Storage(results)]),
     ]);
     let kernel = gpu.kernel(WRITES_AND_READS, &[set.layout]);
-    let layout = kernel.layout;
     for offset in [0, 768 << 10, 1 << 20, 1 << 31, u32::MAX & !0xFF] {
         results.write(0, &[7u32; 16]);
         gpu.run(|commands| {
+            gpu.bind_kernel(commands, kernel, &[set], &[offset]);
             // SAFETY: what is past the end of the buffer is not reached.
-            unsafe {
-                let point = vk::PipelineBindPoint::COMPUTE;
-                let device = &gpu.device;
-                device.cmd_bind_pipeline(commands, point, kernel.pipeline);
-                let sets = [set.handle];
-                device.cmd_bind_descriptor_sets(commands, point, layout, 0, &sets, &[offset]);
-                device.cmd_dispatch(commands, 1, 1, 1);
-            }
+            unsafe { gpu.device.cmd_dispatch(commands, 1, 1, 1) };
         });
         let rest = size.saturating_sub(u64::from(offset)).min(window);
         let words = rest as u32 / 4;
@@ -482,21 +475,10 @@ fn resident_kilobytes() -> u64 {
 #[test]
 fn endless_recursion_gives_its_memory_back() {
     let Some(gpu) = Gpu::surviving() else { return };
-    let raygen = r"
-    layout(location = 0) callableDataEXT vec4 data;
-    void main() { data = vec4(1); executeCallableEXT(0, 0); }";
-    let callable = r"
-    layout(location = 0) callableDataInEXT vec4 data;
-    layout(location = 1) callableDataEXT vec4 next;
-    void main() { next = data + 1.0; executeCallableEXT(0, 1); data = next; }";
     let before = resident_kilobytes();
-    let case = Case::new(raygen).callable(callable);
+    let case = Case::endless();
     let rays = gpu.rays(&case);
-    let table = Table {
-        callable: vec![Record::of(1); 2],
-        ..case.table()
-    };
-    let regions = gpu.regions(&rays, &table);
+    let regions = gpu.regions(&rays, &case.table());
     let lost = gpu.try_run(|commands| gpu.record_trace(commands, &rays, &regions, [1024, 1024, 1]));
     assert_eq!(lost, Err(vk::Result::ERROR_DEVICE_LOST));
     let kept = resident_kilobytes().saturating_sub(before);

@@ -2,6 +2,45 @@
 
 use tuff_tests::*;
 
+/// A word, and what doubles it and adds a pushed number.
+struct Doubling {
+    gpu: Gpu,
+    buffer: Buffer,
+    set: Set,
+    kernel: Kernel,
+}
+
+impl Doubling {
+    fn new(word: u32) -> Doubling {
+        let gpu = Gpu::new();
+        let buffer = gpu.buffer_with(&[word]);
+        let set = gpu.set(&[(0, &[Bound::Storage(buffer)])]);
+        let kernel = double_shader(&gpu, &set);
+        Doubling {
+            gpu,
+            buffer,
+            set,
+            kernel,
+        }
+    }
+
+    fn record(&self, commands: vk::CommandBuffer, add: u32) {
+        (self.gpu).record_dispatch(commands, self.kernel, &[self.set], &[add], [1, 1, 1]);
+    }
+
+    /// Commands for one step, and a barrier.
+    fn step(&self, add: u32) -> vk::CommandBuffer {
+        self.gpu.record(|commands| {
+            self.record(commands, add);
+            self.gpu.barrier(commands);
+        })
+    }
+
+    fn word(&self) -> u32 {
+        self.buffer.read()[0]
+    }
+}
+
 fn double_shader(gpu: &Gpu, set: &Set) -> Kernel {
     let source = r"
     layout(local_size_x = 1) in;
@@ -48,15 +87,12 @@ fn copies_fills_and_updates() {
 
 #[test]
 fn command_buffers_run_again_and_in_order() {
-    let gpu = Gpu::new();
-    let buffer = gpu.buffer_with(&[1u32]);
-    let bound = [Bound::Storage(buffer)];
-    let set = gpu.set(&[(0, &bound)]);
-    let kernel = double_shader(&gpu, &set);
+    let it = Doubling::new(1);
+    let gpu = &it.gpu;
     let step = |add: u32| {
         gpu.record(|commands| {
             gpu.barrier(commands);
-            gpu.record_dispatch(commands, kernel, &[set], &[add], [1, 1, 1]);
+            it.record(commands, add);
             gpu.barrier(commands);
         })
     };
@@ -78,16 +114,13 @@ fn command_buffers_run_again_and_in_order() {
             .expect("a submission");
         gpu.device.device_wait_idle().expect("idleness");
     }
-    assert_eq!(buffer.read::<u32>(), [((1 * 2 + 1) * 2 + 5) * 2 + 5]);
+    assert_eq!(it.word(), ((1 * 2 + 1) * 2 + 5) * 2 + 5);
 }
 
 #[test]
 fn secondary_command_buffers() {
-    let gpu = Gpu::new();
-    let buffer = gpu.buffer_with(&[3u32]);
-    let bound = [Bound::Storage(buffer)];
-    let set = gpu.set(&[(0, &bound)]);
-    let kernel = double_shader(&gpu, &set);
+    let it = Doubling::new(3);
+    let gpu = &it.gpu;
     let info = vk::CommandBufferAllocateInfo::default()
         .command_pool(gpu.pool)
         .level(vk::CommandBufferLevel::SECONDARY)
@@ -106,7 +139,7 @@ fn secondary_command_buffers() {
             gpu.device
                 .begin_command_buffer(*commands, &begin)
                 .expect("a beginning");
-            gpu.record_dispatch(*commands, kernel, &[set], &[10 * i as u32 + 1], [1, 1, 1]);
+            it.record(*commands, 10 * i as u32 + 1);
             gpu.barrier(*commands);
             gpu.device.end_command_buffer(*commands).expect("an end");
         }
@@ -115,22 +148,13 @@ fn secondary_command_buffers() {
             gpu.device.cmd_execute_commands(commands, &secondary[..1]);
         });
     }
-    assert_eq!(buffer.read::<u32>(), [((3 * 2 + 1) * 2 + 11) * 2 + 1]);
+    assert_eq!(it.word(), ((3 * 2 + 1) * 2 + 11) * 2 + 1);
 }
 
 #[test]
 fn timeline_semaphores_order_submissions_and_the_host() {
-    let gpu = Gpu::new();
-    let buffer = gpu.buffer_with(&[1u32]);
-    let bound = [Bound::Storage(buffer)];
-    let set = gpu.set(&[(0, &bound)]);
-    let kernel = double_shader(&gpu, &set);
-    let step = |add: u32| {
-        gpu.record(|commands| {
-            gpu.record_dispatch(commands, kernel, &[set], &[add], [1, 1, 1]);
-            gpu.barrier(commands);
-        })
-    };
+    let it = Doubling::new(1);
+    let gpu = &it.gpu;
     let mut kind = vk::SemaphoreTypeCreateInfo::default()
         .semaphore_type(vk::SemaphoreType::TIMELINE)
         .initial_value(10);
@@ -144,7 +168,7 @@ fn timeline_semaphores_order_submissions_and_the_host() {
         let semaphores = [semaphore];
         let stage = [vk::PipelineStageFlags::ALL_COMMANDS];
         for (wait, signal, add) in [(11, 12, 1), (12, 15, 2)] {
-            let (waits, signals, buffers) = ([wait], [signal], [step(add)]);
+            let (waits, signals, buffers) = ([wait], [signal], [it.step(add)]);
             let mut values = vk::TimelineSemaphoreSubmitInfo::default()
                 .wait_semaphore_values(&waits)
                 .signal_semaphore_values(&signals);
@@ -167,7 +191,7 @@ fn timeline_semaphores_order_submissions_and_the_host() {
         };
         assert_eq!(wait(12, 20_000_000), Err(vk::Result::TIMEOUT));
         assert_eq!(gpu.device.get_semaphore_counter_value(semaphore), Ok(10));
-        assert_eq!(buffer.read::<u32>(), [1]);
+        assert_eq!(it.word(), 1);
         let signal = vk::SemaphoreSignalInfo::default()
             .semaphore(semaphore)
             .value(11);
@@ -175,7 +199,7 @@ fn timeline_semaphores_order_submissions_and_the_host() {
         assert_eq!(wait(15, PATIENCE_NS), Ok(()));
         assert_eq!(wait(3, 0), Ok(()));
         assert_eq!(gpu.device.get_semaphore_counter_value(semaphore), Ok(15));
-        assert_eq!(buffer.read::<u32>(), [(1 * 2 + 1) * 2 + 2]);
+        assert_eq!(it.word(), (1 * 2 + 1) * 2 + 2);
         gpu.device.device_wait_idle().expect("idleness");
         gpu.device.destroy_semaphore(semaphore, None);
     }
@@ -183,17 +207,8 @@ fn timeline_semaphores_order_submissions_and_the_host() {
 
 #[test]
 fn binary_semaphores_and_fences() {
-    let gpu = Gpu::new();
-    let buffer = gpu.buffer_with(&[1u32]);
-    let bound = [Bound::Storage(buffer)];
-    let set = gpu.set(&[(0, &bound)]);
-    let kernel = double_shader(&gpu, &set);
-    let step = |add: u32| {
-        gpu.record(|commands| {
-            gpu.record_dispatch(commands, kernel, &[set], &[add], [1, 1, 1]);
-            gpu.barrier(commands);
-        })
-    };
+    let it = Doubling::new(1);
+    let gpu = &it.gpu;
     // SAFETY: the objects outlive their uses.
     unsafe {
         let semaphore = gpu
@@ -216,7 +231,7 @@ fn binary_semaphores_and_fences() {
         assert_eq!(gpu.device.wait_for_fences(&both, false, 1_000_000), Ok(()));
         let semaphores = [semaphore];
         let stage = [vk::PipelineStageFlags::COMPUTE_SHADER];
-        let (one, two) = ([step(1)], [step(2)]);
+        let (one, two) = ([it.step(1)], [it.step(2)]);
         let signal = vk::SubmitInfo::default()
             .command_buffers(&one)
             .signal_semaphores(&semaphores);
@@ -230,7 +245,7 @@ fn binary_semaphores_and_fences() {
         gpu.device
             .wait_for_fences(&[fence], true, PATIENCE_NS)
             .expect("an end");
-        assert_eq!(buffer.read::<u32>(), [8]);
+        assert_eq!(it.word(), 8);
         gpu.device.reset_fences(&[fence]).expect("a reset");
         assert_eq!(gpu.device.get_fence_status(fence), Ok(false));
         // A submission of nothing still signals.
@@ -249,14 +264,11 @@ fn binary_semaphores_and_fences() {
 
 #[test]
 fn the_second_form_of_submission_and_barriers() {
-    let gpu = Gpu::new();
-    let buffer = gpu.buffer_with(&[1u32]);
-    let bound = [Bound::Storage(buffer)];
-    let set = gpu.set(&[(0, &bound)]);
-    let kernel = double_shader(&gpu, &set);
+    let it = Doubling::new(1);
+    let gpu = &it.gpu;
     let commands = gpu.record(|commands| {
         for add in 1..=3u32 {
-            gpu.record_dispatch(commands, kernel, &[set], &[add], [1, 1, 1]);
+            it.record(commands, add);
             let barrier = [vk::MemoryBarrier2::default()
                 .src_stage_mask(vk::PipelineStageFlags2::COMPUTE_SHADER)
                 .src_access_mask(vk::AccessFlags2::SHADER_STORAGE_WRITE)
@@ -289,7 +301,7 @@ fn the_second_form_of_submission_and_barriers() {
             .expect("an end");
         gpu.device.destroy_fence(fence, None);
     }
-    assert_eq!(buffer.read::<u32>(), [((1 * 2 + 1) * 2 + 2) * 2 + 3]);
+    assert_eq!(it.word(), ((1 * 2 + 1) * 2 + 2) * 2 + 3);
 }
 
 #[test]

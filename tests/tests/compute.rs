@@ -351,20 +351,10 @@ fn descriptors_in_arrays_with_dynamic_offsets_and_addresses() {
     list.write(0, &[1_000_000u64, second, 2_000_000, third, 3_000_000, 0]);
     let kernel = gpu.kernel(source, &[set_0.layout, set_1.layout]);
     gpu.run(|commands| {
-        let point = vk::PipelineBindPoint::COMPUTE;
-        let (sets, offsets) = ([set_0.handle, set_1.handle], [512, 1024]);
-        let all = vk::ShaderStageFlags::ALL;
-        let push = list.address.to_le_bytes();
-        // SAFETY: the command buffer is being recorded, and the handles are of this device.
-        unsafe {
-            gpu.device
-                .cmd_bind_pipeline(commands, point, kernel.pipeline);
-            gpu.device
-                .cmd_bind_descriptor_sets(commands, point, kernel.layout, 0, &sets, &offsets);
-            gpu.device
-                .cmd_push_constants(commands, kernel.layout, all, 0, &push);
-            gpu.device.cmd_dispatch(commands, 2, 1, 1);
-        }
+        gpu.bind_kernel(commands, kernel, &[set_0, set_1], &[512, 1024]);
+        gpu.push(commands, kernel.layout, &list.address);
+        // SAFETY: the command buffer is being recorded.
+        unsafe { gpu.device.cmd_dispatch(commands, 2, 1, 1) };
     });
     let results: Vec<u32> = window.read();
     for i in 0..64u32 {
@@ -398,19 +388,9 @@ fn indirect_dispatch_and_base_groups() {
     let kernel = gpu.kernel(source, &[set.layout]);
     let sizes = gpu.buffer_with(&[9u32, 9, 9, 3, 2, 1]);
     gpu.run(|commands| {
-        let point = vk::PipelineBindPoint::COMPUTE;
-        // SAFETY: the command buffer is being recorded, and the handles are of this device.
+        gpu.bind_kernel(commands, kernel, &[set], &[]);
+        // SAFETY: the command buffer is being recorded; everything lives as long as the device.
         unsafe {
-            gpu.device
-                .cmd_bind_pipeline(commands, point, kernel.pipeline);
-            gpu.device.cmd_bind_descriptor_sets(
-                commands,
-                point,
-                kernel.layout,
-                0,
-                &[set.handle],
-                &[],
-            );
             gpu.device.cmd_dispatch_indirect(commands, sizes.handle, 12);
         }
     });

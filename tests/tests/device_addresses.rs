@@ -227,19 +227,9 @@ fn a_dispatch_takes_its_size_from_an_address() {
         flags: OF_STORAGE,
     };
     gpu.run(|commands| {
-        let point = vk::PipelineBindPoint::COMPUTE;
+        gpu.bind_kernel(commands, kernel, &[set], &[]);
         // SAFETY: the command buffer is being recorded; everything lives as long as the device.
         unsafe {
-            gpu.device
-                .cmd_bind_pipeline(commands, point, kernel.pipeline);
-            gpu.device.cmd_bind_descriptor_sets(
-                commands,
-                point,
-                kernel.layout,
-                0,
-                &[set.handle],
-                &[],
-            );
             dispatch(commands, &info);
         }
     });

@@ -352,21 +352,10 @@ fn recursion_without_an_end_is_told_with_its_depth() {
     let Some(gpu) = gpu.with("VK_KHR_ray_tracing_pipeline", |_| there) else {
         return;
     };
-    let raygen = r"
-    layout(location = 0) callableDataEXT vec4 data;
-    void main() { data = vec4(1); executeCallableEXT(0, 0); }";
-    let callable = r"
-    layout(location = 0) callableDataInEXT vec4 data;
-    layout(location = 1) callableDataEXT vec4 next;
-    void main() { next = data + 1.0; executeCallableEXT(0, 1); data = next; }";
-    let case = Case::new(raygen).callable(callable);
+    let case = Case::endless();
     let rays = gpu.rays(&case);
     gpu.name_object(rays.pipeline, c"deep");
-    let table = Table {
-        callable: vec![Record::of(1); 2],
-        ..case.table()
-    };
-    let regions = gpu.regions(&rays, &table);
+    let regions = gpu.regions(&rays, &case.table());
     let lost = gpu.try_run(|commands| gpu.record_trace(commands, &rays, &regions, [16, 1, 1]));
     assert_eq!(lost, Err(vk::Result::ERROR_DEVICE_LOST));
     let report = report(&gpu);

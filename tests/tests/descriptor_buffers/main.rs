@@ -45,9 +45,10 @@ fn image(view: vk::ImageView, sampler: vk::Sampler) -> vk::DescriptorImageInfo {
 
 impl<'a> Buffers<'a> {
     /// None where the device lacks the extension.
+    #[track_caller]
     fn new(gpu: &'a Gpu) -> Option<Self> {
-        if gpu.optional.descriptor_buffer.descriptor_buffer == vk::FALSE {
-            println!("the device has no descriptor buffers");
+        let there = gpu.optional.descriptor_buffer.descriptor_buffer;
+        if !has("VK_EXT_descriptor_buffer", there == vk::TRUE) {
             return None;
         }
         let mut properties = vk::PhysicalDeviceDescriptorBufferPropertiesEXT::default();
@@ -63,6 +64,21 @@ impl<'a> Buffers<'a> {
             commands: descriptor_buffer::Device::new(&gpu.instance, &gpu.device),
             properties,
         })
+    }
+
+    /// The same for sets with inline uniform blocks.
+    #[track_caller]
+    fn with_blocks(gpu: &'a Gpu) -> Option<Self> {
+        let there = gpu.features13.inline_uniform_block;
+        Self::new(gpu).filter(|_| has("inline uniform blocks", there == vk::TRUE))
+    }
+
+    /// The same for descriptors that are captured and replayed.
+    #[track_caller]
+    fn replaying(gpu: &'a Gpu) -> Option<Self> {
+        let features = gpu.optional.descriptor_buffer;
+        let there = features.descriptor_buffer_capture_replay;
+        Self::new(gpu).filter(|_| has("replayed descriptors", there == vk::TRUE))
     }
 
     fn layout(&self, bindings: &[(u32, vk::DescriptorType, u32)]) -> vk::DescriptorSetLayout {
@@ -482,11 +498,9 @@ fn samplers_embedded_in_a_layout() {
 fn inline_uniform_blocks_lie_in_the_buffer_itself() {
     use vk::DescriptorType as Ty;
     let gpu = Gpu::new();
-    let Some(it) = Buffers::new(&gpu) else { return };
-    if gpu.features13.inline_uniform_block == vk::FALSE {
-        println!("the device has no inline uniform blocks");
+    let Some(it) = Buffers::with_blocks(&gpu) else {
         return;
-    }
+    };
     let layout = it.layout(&[
         (0, Ty::INLINE_UNIFORM_BLOCK, 16),
         (1, Ty::STORAGE_BUFFER, 1),
@@ -513,8 +527,7 @@ fn structures_and_null_descriptors() {
     use vk::DescriptorType as Ty;
     let gpu = Gpu::new();
     let Some(it) = Buffers::new(&gpu) else { return };
-    if gpu.optional.ray_query.ray_query == vk::FALSE {
-        println!("the device has no ray queries");
+    if !has("ray queries", gpu.optional.ray_query.ray_query == vk::TRUE) {
         return;
     }
     let has_null = gpu.optional.robustness2.null_descriptor != vk::FALSE;
