@@ -5,12 +5,12 @@ use scenes::*;
 
 /// The greatest errors of t, in units in its last place, and of the weights, in 2⁻²⁴, and the
 /// number of hits they are of.
-fn errors(scale: f64, offset: [f64; 3], rays: usize) -> (f64, f64, usize) {
+fn errors(scale: f64, offset: DVec3, rays: usize) -> (f64, f64, usize) {
     let (vertices, indices) = icosphere(4);
     let mesh = Mesh {
         vertices: vertices
             .iter()
-            .map(|v| std::array::from_fn(|i| (v[i] * scale + offset[i]) as f32))
+            .map(|v| narrow(v * scale + offset))
             .collect(),
         indices,
         opaque: true,
@@ -27,15 +27,15 @@ fn errors(scale: f64, offset: [f64; 3], rays: usize) -> (f64, f64, usize) {
             (u, v) = (1.0 - u, 1.0 - v);
         }
         let [a, b, c] = triangle.map(wide);
-        let target = std::array::from_fn(|i| a[i] * (1.0 - u - v) + b[i] * u + c[i] * v);
-        let normal = normalize(sub(target, offset));
+        let target = a * (1.0 - u - v) + b * u + c * v;
+        let normal = normalize(target - offset);
         let tilt = random.direction();
-        let from = normalize(std::array::from_fn(|i| normal[i] * 0.9 + tilt[i] * 0.6));
-        let origin = narrow(std::array::from_fn(|i| target[i] + 2.0 * scale * from[i]));
-        let direction = sub(target, wide(origin));
+        let from = normalize(normal * 0.9 + tilt * 0.6);
+        let origin = narrow(target + 2.0 * scale * from);
+        let direction = target - wide(origin);
         // Hits far from t = 1 too, and directions that are not normalised.
         let length = 0.3 + random.next();
-        let ray = ray(origin, narrow(direction.map(|d| d * length / scale)));
+        let ray = ray(origin, narrow(direction * length / scale));
         let (t, u, v, inside) = reference(&ray, &triangle);
         if inside < 0.01 {
             continue;
@@ -69,7 +69,7 @@ fn interior_hits_are_within_few_units() {
         (1e-30, 0.0),
         (1e30, 0.0),
     ] {
-        let offset = [translation, 1.3 * translation, 0.7 * translation];
+        let offset = translation * DVec3::new(1.0, 1.3, 0.7);
         let (t, weights, count) = errors(scale, offset, 20_000);
         println!("{scale:e} {translation:e}: t {t:.3} ULP, weights {weights:.3} of 2⁻²⁴, {count}");
         assert!(count > 10_000, "{scale:e} {translation:e}: {count}");

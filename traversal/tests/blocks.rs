@@ -49,14 +49,14 @@ fn rays(meshes: &[Mesh]) -> Vec<Ray> {
     let mut random = Random(0x1357_9BDF_0246_8ACE);
     (0..1500)
         .map(|i| {
-            let from = random.direction().map(|c| 3.0 * c);
+            let from = 3.0 * random.direction();
             // At vertices, and anywhere.
             let vertices = &meshes[i % meshes.len()].vertices;
             let at = match i % 3 {
                 0 => wide(vertices[(random.next() * vertices.len() as f64) as usize]),
-                _ => random.vector().map(|c| 0.8 * c),
+                _ => 0.8 * random.vector(),
             };
-            let mut ray = ray(narrow(from), narrow(sub(at, from)));
+            let mut ray = ray(narrow(from), narrow(at - from));
             ray.flags = FLAGS[i % FLAGS.len()];
             ray
         })

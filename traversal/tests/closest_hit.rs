@@ -54,9 +54,9 @@ fn soup_agrees_with_brute_force() {
             let mut compared = 0;
             let mut hits = 0;
             for _ in 0..500 {
-                let origin = narrow(random.vector().map(|c| 2.0 * c));
-                let target = random.vector().map(|c| 0.8 * c);
-                let ray = ray(origin, narrow(sub(target, wide(origin))));
+                let origin = narrow(2.0 * random.vector());
+                let target = 0.8 * random.vector();
+                let ray = ray(origin, narrow(target - wide(origin)));
                 let (expected, clear) = brute_force(&mesh, &ray);
                 if !clear {
                     continue;
@@ -71,8 +71,8 @@ fn soup_agrees_with_brute_force() {
                         // Errors count by the distance of the farthest vertex.
                         let (o, d) = (wide(ray.origin), wide(ray.direction));
                         let far = |v: [f32; 3]| {
-                            let to = sub(wide(v), o);
-                            (dot(to, to) / dot(d, d)).sqrt()
+                            let to = wide(v) - o;
+                            (to.dot(to) / d.dot(d)).sqrt()
                         };
                         let reach = mesh
                             .triangle(index)

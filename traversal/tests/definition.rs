@@ -92,7 +92,7 @@ fn a_ray_does_not_meet_the_triangle_that_it_starts_on() {
     let [mut on, mut before, mut behind] = [0; 3];
     for i in 0..1500 {
         let scale = 10f64.powf(-6.0 + 9.0 * random.next());
-        let triangle = [0; 3].map(|_| narrow(random.vector().map(|c| c * scale)));
+        let triangle = [0; 3].map(|_| narrow(random.vector() * scale));
         let triangle = match i % 3 {
             // Whole numbers, so that what is between them is exactly on the triangle.
             0 => triangle.map(|v| v.map(|c| (f64::from(c) / scale * 64.0).round() as f32)),
@@ -160,9 +160,9 @@ fn needles_are_crossed_once() {
         let index = 8 + (random.next() * f64::from(2 * blades - 16)) as usize;
         let [a, b, c] = mesh.triangle(index).map(wide);
         let x = random.signed() * 0.9;
-        let along = |a: [f64; 3], b: [f64; 3]| -> [f64; 3] {
+        let along = |a: DVec3, b: DVec3| -> DVec3 {
             let part = (x - a[0]) / (b[0] - a[0]);
-            std::array::from_fn(|i| a[i] + part * (b[i] - a[i]))
+            a + part * (b - a)
         };
         if a[0] != b[0] {
             along(a, b)
@@ -174,10 +174,10 @@ fn needles_are_crossed_once() {
         .map(|_| {
             let target = inner(&mut random);
             let tilt = random.vector();
-            let from = [tilt[0], 0.3 * tilt[1], 1.0];
+            let from = DVec3::new(tilt.x, 0.3 * tilt.y, 1.0);
             let far = 10f64.powf(-2.0 * random.next());
-            let origin = narrow(std::array::from_fn(|i| target[i] + far * from[i]));
-            ray(origin, narrow(sub(target, wide(origin))))
+            let origin = narrow(target + far * from);
+            ray(origin, narrow(target - wide(origin)))
         })
         .collect();
     for (way, hits) in all_ways(&solid.top, &rays) {

@@ -34,7 +34,7 @@ fn random_mesh(random: &mut Random, triangles: usize) -> Mesh {
             [(); 3].map(|()| {
                 let offset = random.vector();
                 match crowd {
-                    true => narrow(std::array::from_fn(|i| center[i] + 0.1 * offset[i])),
+                    true => narrow(center + 0.1 * offset),
                     false => narrow(offset),
                 }
             })
@@ -73,8 +73,8 @@ fn random_flags(random: &mut Random) -> u32 {
 /// A transform without much shear, mirrored half of the time.
 fn random_transform(random: &mut Random) -> [f32; 12] {
     let x = random.direction();
-    let y = normalize(cross(x, random.direction()));
-    let z = cross(x, y);
+    let y = normalize(x.cross(random.direction()));
+    let z = x.cross(y);
     let scale: [f64; 3] = std::array::from_fn(|_| {
         (0.5 + random.next()) * if random.next() < 0.5 { -1.0 } else { 1.0 }
     });
@@ -155,20 +155,13 @@ fn random_world(random: &mut Random) -> World {
 }
 
 /// Solves `matrix · x + translation = point` by Cramer's rule, or without the translation.
-fn solve(matrix: &[f32; 12], point: [f64; 3], translate: bool) -> [f64; 3] {
-    let column = |c: usize| -> [f64; 3] { std::array::from_fn(|r| matrix[4 * r + c].into()) };
+fn solve(matrix: &[f32; 12], point: DVec3, translate: bool) -> DVec3 {
+    let column = |c: usize| DVec3::from([0, 1, 2].map(|r| matrix[4 * r + c].into()));
     let (a, b, c) = (column(0), column(1), column(2));
-    let p = if translate {
-        sub(point, column(3))
-    } else {
-        point
-    };
-    let determinant = dot(a, cross(b, c));
-    [
-        dot(p, cross(b, c)) / determinant,
-        dot(a, cross(p, c)) / determinant,
-        dot(a, cross(b, p)) / determinant,
-    ]
+    let p = if translate { point - column(3) } else { point };
+    let determinant = a.dot(b.cross(c));
+    let axes = DVec3::new(p.dot(b.cross(c)), a.dot(p.cross(c)), a.dot(b.cross(p)));
+    axes / determinant
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -229,15 +222,15 @@ impl World {
                 }
                 for primitive in 0..mesh.indices.len() {
                     let triangle = mesh.triangle(primitive).map(wide);
-                    let (e1, e2) = (sub(triangle[1], triangle[0]), sub(triangle[2], triangle[0]));
-                    let normal = cross(e1, e2);
-                    let facing = dot(normal, direction);
-                    let t = dot(sub(triangle[0], origin), normal) / facing;
-                    let p: [f64; 3] = std::array::from_fn(|i| origin[i] + t * direction[i]);
+                    let (e1, e2) = (triangle[1] - triangle[0], triangle[2] - triangle[0]);
+                    let normal = e1.cross(e2);
+                    let facing = normal.dot(direction);
+                    let t = (triangle[0] - origin).dot(normal) / facing;
+                    let p = origin + t * direction;
                     let inside = (0..3)
                         .map(|i| {
                             let (a, b) = (triangle[i], triangle[(i + 1) % 3]);
-                            dot(normal, cross(sub(b, a), sub(p, a))) / dot(normal, normal)
+                            normal.dot((b - a).cross(p - a)) / normal.dot(normal)
                         })
                         .fold(f64::INFINITY, f64::min);
                     let near_end = |end: f32| (t - f64::from(end)).abs() < 1e-4;
@@ -450,10 +443,10 @@ proptest! {
         let mut walker = Walker::new();
         let mut clear = 0;
         for _ in 0..40 {
-            let origin = narrow(random.vector().map(|c| 3.0 * c));
-            let target = random.vector().map(|c| 1.5 * c);
+            let origin = narrow(3.0 * random.vector());
+            let target = 1.5 * random.vector();
             let length = 0.3 + random.next();
-            let direction = narrow(sub(target, wide(origin)).map(|c| c * length));
+            let direction = narrow((target - wide(origin)).map(|c| c * length));
             let ray = Ray { origin, t_min, direction, t_max, flags, cull_mask };
             clear += u32::from(check(&world, &ray, &mut walker)?);
         }

@@ -207,18 +207,21 @@ fn a_crowd_in_one_place_of_a_large_scene_builds_fast() {
     let triangles: Vec<_> = (0..20_100)
         .map(|i| {
             let size = if i < 20_000 { 1e-3 } else { 1e6 };
-            let center = random.vector().map(|c| c * size);
+            let center = random.vector() * size;
             [(); 3].map(|()| {
                 let offset = random.vector();
-                narrow(std::array::from_fn(|k| center[k] + 0.02 * size * offset[k]))
+                narrow(center + 0.02 * size * offset)
             })
         })
         .collect();
     let mesh = mesh_of(&triangles, true);
     let rays: Vec<_> = (0..200)
         .map(|_| {
-            let target = random.vector().map(|c| 5e-4 * c);
-            ray([0.0, 0.0, 0.01], narrow(sub(target, [0.0, 0.0, 0.01])))
+            let target = 5e-4 * random.vector();
+            ray(
+                [0.0, 0.0, 0.01],
+                narrow(target - DVec3::new(0.0, 0.0, 0.01)),
+            )
         })
         .collect();
     let hits = |flags| {
@@ -277,14 +280,14 @@ fn aspect_of_a_billion_to_one() {
     let glass = Scene::new(&[mesh_of(&triangles, false)], 0);
     let mut random = Random(77);
     for _ in 0..2000 {
-        let target = [random.signed() * 900.0, random.signed() * 2.9e-5, 0.0];
+        let target = DVec3::new(random.signed() * 900.0, random.signed() * 2.9e-5, 0.0);
         let from = [
             target[0] + random.signed(),
             target[1] + random.signed() * 1e-3,
             1.0,
         ];
         let origin = narrow(from);
-        let ray = ray(origin, narrow(sub(target, wide(origin))));
+        let ray = ray(origin, narrow(target - wide(origin)));
         // The strip in exact arithmetic, where the ray meets z = 0.
         let y = f64::from(ray.origin[1])
             - f64::from(ray.origin[2]) * f64::from(ray.direction[1]) / f64::from(ray.direction[2]);

@@ -72,26 +72,22 @@ fn mesh() -> Mesh {
 }
 
 /// Packets of all sizes, aimed at places on the mesh and at its vertices; how many could be done.
-fn packets(scene: &Scene, mesh: &Mesh, place: impl Fn([f64; 3]) -> [f64; 3]) -> usize {
+fn packets(scene: &Scene, mesh: &Mesh, place: impl Fn(DVec3) -> DVec3) -> usize {
     let mut random = Random(0x1357_9BDF_0246_8ACE);
     let mut walker = Walker::new();
     let mut done = 0;
     for round in 0..600 {
-        let from = random.direction().map(|c| 4.0 * c);
+        let from = 4.0 * random.direction();
         let at = random.direction();
         let spread = 0.3 * random.next();
         let count = 1 + round % PACKET;
         let rays: Vec<_> = (0..count)
             .map(|i| {
                 let aside = random.vector();
-                let mut target: [f64; 3] =
-                    std::array::from_fn(|axis| at[axis] + spread * aside[axis]);
+                let mut target = at + spread * aside;
                 if i % 3 == 0 {
                     // The vertex nearest to it.
-                    let distance = |v: &[f32; 3]| {
-                        let away = sub(wide(*v), target);
-                        dot(away, away)
-                    };
+                    let distance = |v: &[f32; 3]| (wide(*v) - target).length_squared();
                     let nearest = mesh
                         .vertices
                         .iter()
@@ -99,7 +95,7 @@ fn packets(scene: &Scene, mesh: &Mesh, place: impl Fn([f64; 3]) -> [f64; 3]) -> 
                     target = wide(*nearest.expect("there are vertices"));
                 }
                 let origin = narrow(place(from));
-                let mut ray = ray(origin, narrow(sub(place(target), wide(origin))));
+                let mut ray = ray(origin, narrow(place(target) - wide(origin)));
                 if i % 5 == 0 {
                     (ray.t_min, ray.t_max) = (0.8, 1.1);
                 }
@@ -119,13 +115,7 @@ fn packets_find_what_single_walks_find() {
     let turned = [
         0.0, -2.0, 0.0, 10.0, 1.5, 0.3, 0.0, -3.0, 0.0, 0.0, -0.7, 1.0,
     ];
-    let place = |p: [f64; 3]| {
-        std::array::from_fn(|row| {
-            let m = &turned[4 * row..4 * row + 4];
-            let turned = (0..3).map(|i| f64::from(m[i]) * p[i]).sum::<f64>();
-            turned + f64::from(m[3])
-        })
-    };
+    let place = |p| apply(&turned, p, 1.0);
     let small = BuildFlags::LOW_MEMORY;
     let done_turned = packets(&Scene::placed(meshes, 0, turned), &mesh, place).min(packets(
         &Scene::placed(meshes, small, turned),
@@ -156,7 +146,7 @@ fn packets_go_through_many_instances() {
             }
         }
         let at = random.vector();
-        for (axis, at) in at.into_iter().enumerate() {
+        for (axis, at) in at.to_array().into_iter().enumerate() {
             transform[4 * axis + 3] = (5.0 * at) as f32;
         }
         instances.push(InstanceRecord::new(&bottom, transform));
@@ -169,16 +159,16 @@ fn packets_go_through_many_instances() {
     let mut walker = Walker::new();
     let (mut done, mut hits) = (0, 0);
     for round in 0..500 {
-        let from = random.direction().map(|c| 9.0 * c);
-        let at = random.vector().map(|c| 5.0 * c);
+        let from = 9.0 * random.direction();
+        let at = 5.0 * random.vector();
         let spread = 0.5 * random.next();
         let apart = [0.0, 0.05][round / 2 % 2];
         let rays: Vec<_> = (0..6 + round % 11)
             .map(|_| {
                 let (aside, moved) = (random.vector(), random.vector());
-                let origin: [f64; 3] = std::array::from_fn(|i| from[i] + apart * moved[i]);
-                let target: [f64; 3] = std::array::from_fn(|i| at[i] + spread * aside[i]);
-                let mut ray = ray(narrow(origin), narrow(sub(target, origin)));
+                let origin = from + apart * moved;
+                let target = at + spread * aside;
+                let mut ray = ray(narrow(origin), narrow(target - origin));
                 ray.cull_mask = [0xFF, 0xFE][round % 2];
                 if round % 3 == 0 {
                     ray.flags = ray_flags::TERMINATE_ON_FIRST_HIT;
@@ -250,8 +240,8 @@ fn rays_in_turn_are_rays_by_themselves() {
     let mut random = Random(0x0246_8ACE_1357_9BDF);
     let rays: Vec<_> = (0..400)
         .map(|i| {
-            let from = random.direction().map(|c| 3.0 * c);
-            let mut ray = ray(narrow(from), narrow(sub(random.vector(), from)));
+            let from = 3.0 * random.direction();
+            let mut ray = ray(narrow(from), narrow(random.vector() - from));
             ray.flags = [0, ray_flags::TERMINATE_ON_FIRST_HIT, ray_flags::OPAQUE][i % 3];
             ray.cull_mask = if i % 11 == 0 { 0 } else { 0xFF };
             (ray, i / 40 % 3)

@@ -4,7 +4,7 @@ use scenes::*;
 use traversal::*;
 
 fn point(random: &mut Random) -> [f32; 3] {
-    narrow(random.vector().map(|c| 3.0 * c))
+    narrow(3.0 * random.vector())
 }
 
 /// Positions and radii.
@@ -48,7 +48,7 @@ fn rays(count: usize) -> Vec<Ray> {
     let mut random = Random(77);
     (0..count)
         .map(|_| {
-            let origin = narrow(random.direction().map(|c| 9.0 * c));
+            let origin = narrow(9.0 * random.direction());
             let target = point(&mut random);
             ray(origin, std::array::from_fn(|i| target[i] - origin[i]))
         })
@@ -157,7 +157,7 @@ fn corners(seed: u64, count: usize) -> Vec<[f32; 3]> {
             let center = point(&mut random);
             [(); 3].map(|()| {
                 let offset = random.vector();
-                std::array::from_fn(|i| center[i] + offset[i] as f32)
+                std::array::from_fn(|k| center[k] + offset[k] as f32)
             })
         })
         .collect()

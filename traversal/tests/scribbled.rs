@@ -256,7 +256,7 @@ fn rays(random: &mut Random, top: u64) -> RayRows {
         let ray = Ray {
             flags,
             ..ray(
-                origin.map(|c| 3.0 * c as f32),
+                origin.to_array().map(|c| 3.0 * c as f32),
                 std::array::from_fn(|k| (-direction[k] + spread * offset[k]) as f32),
             )
         };

@@ -12,15 +12,11 @@ fn count() -> usize {
 /// 2⁻²⁴.
 const UNIT: f64 = 1.0 / (1 << 24) as f64;
 
-/// Rigid but for a factor, of whole numbers, with inverses that are none in f32.
-const TURNS: [[[f64; 3]; 3]; 2] = [
-    [[2.0, 1.0, 2.0], [-2.0, 2.0, 1.0], [-1.0, -2.0, 2.0]],
-    [[2.0, 3.0, 6.0], [3.0, -6.0, 2.0], [6.0, 2.0, -3.0]],
+/// Rigid but for a factor, of whole numbers, with inverses that are none in f32: rows.
+const TURNS: [DMat3; 2] = [
+    DMat3::from_cols_array_2d(&[[2.0, 1.0, 2.0], [-2.0, 2.0, 1.0], [-1.0, -2.0, 2.0]]),
+    DMat3::from_cols_array_2d(&[[2.0, 3.0, 6.0], [3.0, -6.0, 2.0], [6.0, 2.0, -3.0]]),
 ];
-
-fn times(m: [[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
-    m.map(|row| dot(row, v))
-}
 
 /// Half a plane each: triangles in the space of an instance, placed so that one edge of both is the same in the world.
 fn halves() -> ([Bytes; 2], Bytes) {
@@ -29,11 +25,10 @@ fn halves() -> ([Bytes; 2], Bytes) {
     let mut bottoms = Vec::new();
     for (turn, side) in TURNS.into_iter().zip([-882.0, 882.0]) {
         // The inverse is the transpose over the square of the factor.
-        let square = dot(turn[0], turn[0]);
+        let square = turn.x_axis.length_squared();
         let corners = [world[0], world[1], [side, 0.0, 441.0]].map(|corner| {
-            let column = |k: usize| dot([turn[0][k], turn[1][k], turn[2][k]], corner) / square;
-            let object = [column(0), column(1), column(2)];
-            assert_eq!(times(turn, object), corner);
+            let object = turn * DVec3::from(corner) / square;
+            assert_eq!(turn.transpose() * object, corner.into());
             narrow(object)
         });
         bottoms.push(build_meshes(
@@ -49,7 +44,10 @@ fn halves() -> ([Bytes; 2], Bytes) {
         .iter()
         .zip(TURNS)
         .map(|(bottom, turn)| {
-            let rows = turn.map(|row| [row[0] as f32, row[1] as f32, row[2] as f32, 0.0]);
+            let rows = turn.to_cols_array_2d().map(|row| {
+                let [x, y, z] = narrow(row);
+                [x, y, z, 0.0]
+            });
             InstanceRecord::new(bottom, rows.concat().try_into().expect("three of four"))
         })
         .collect();
@@ -64,11 +62,11 @@ fn what_a_seam_loses_is_bounded() {
     for distance in [1.0, 30.0, 1000.0] {
         let (mut lost, mut lost_by_rounding, mut widest) = (0, 0, 0f64);
         for _ in 0..count() {
-            let aim = [0.0, 400.0 * random.signed(), 441.0];
+            let aim = DVec3::new(0.0, 400.0 * random.signed(), 441.0);
             let mut away = random.direction();
             away[2] = away[2].signum() * (0.3 + away[2].abs());
-            let origin = narrow(std::array::from_fn(|i| aim[i] + distance * away[i]));
-            let direction = narrow(sub(aim, wide(origin)));
+            let origin = narrow(aim + distance * away);
+            let direction = narrow(aim - wide(origin));
             let ray = ray(origin, direction);
             // Where the ray that was given meets the plane.
             let (o, d) = (wide(origin), wide(direction));
@@ -80,10 +78,9 @@ fn what_a_seam_loses_is_bounded() {
             lost += 1;
             lost_by_rounding += usize::from(beside > UNIT * UNIT);
             widest = widest.max(beside);
-            let reach = |v: [f64; 3]| dot(v, v).sqrt();
-            let [far, long] = [reach(o), t * reach(d)];
+            let [far, long] = [o.length(), t * d.length()];
             // Seen along the plane, a move across the ray is longer.
-            let slant = reach(d) / d[2].abs();
+            let slant = d.length() / d.z.abs();
             let bound = 3f64.sqrt() * UNIT * (5.0 * far + 4.0 * long) * slant;
             assert!(beside <= bound, "{beside} {bound} {ray:?}");
         }

@@ -170,7 +170,7 @@ fn heap(count: usize, size: f64) -> Mesh {
 fn anywhere(count: usize) -> Vec<Ray> {
     let mut random = Random(0x1122_3344_5566_7788);
     let mut one = || {
-        let origin = random.vector().map(|c| 2.0 * c);
+        let origin = 2.0 * random.vector();
         ray(narrow(origin), narrow(random.direction()))
     };
     (0..count).map(|_| one()).collect()
@@ -238,10 +238,10 @@ fn unlike_rays_are_not_taken_up_together() {
 /// A turn around an axis, a scale, and a place.
 fn placed(random: &mut Random) -> [f32; 12] {
     let z = random.direction();
-    let x = normalize(cross(random.direction(), z));
-    let y = cross(z, x);
+    let x = normalize(random.direction().cross(z));
+    let y = z.cross(x);
     let size = 0.2 + random.next();
-    let at = random.vector().map(|c| 1.5 * c);
+    let at = 1.5 * random.vector();
     let mut matrix = [0.0; 12];
     for row in 0..3 {
         for (column, axis) in [x, y, z].iter().enumerate() {

@@ -6,10 +6,7 @@ use traversal::*;
 fn sphere(levels: u32, scale: f64, opaque: bool) -> Mesh {
     let (vertices, indices) = icosphere(levels);
     Mesh {
-        vertices: vertices
-            .iter()
-            .map(|v| v.map(|c| (c * scale) as f32))
-            .collect(),
+        vertices: vertices.iter().map(|v| narrow(v * scale)).collect(),
         indices,
         opaque,
     }
@@ -49,9 +46,7 @@ fn soup(count: u32, size: f64) -> Mesh {
         let center = random.vector();
         for _ in 0..3 {
             let offset = random.vector();
-            mesh.vertices.push(std::array::from_fn(|k| {
-                (center[k] + size * offset[k]) as f32
-            }));
+            mesh.vertices.push(narrow(center + size * offset));
         }
         mesh.indices.push([3 * i, 3 * i + 1, 3 * i + 2]);
     }
@@ -62,9 +57,9 @@ fn rays(count: usize) -> Vec<Ray> {
     let mut random = Random(4242);
     (0..count)
         .map(|_| {
-            let origin = random.direction().map(|c| 3.0 * c);
-            let target = random.vector().map(|c| 0.7 * c);
-            ray(narrow(origin), narrow(sub(target, origin)))
+            let origin = 3.0 * random.direction();
+            let target = 0.7 * random.vector();
+            ray(narrow(origin), narrow(target - origin))
         })
         .collect()
 }

@@ -27,19 +27,11 @@ impl World {
     fn reported(&self, ray: &Ray, hit: &Hit) -> Option<f32> {
         // SAFETY: the structures are alive.
         let top = unsafe { Structure::at(self.top.address(), &EVERYWHERE) }.expect("it was built");
-        let m = top
-            .world_to_object_at(hit.instance_index, 0.0)
-            .map(f64::from);
-        let turn = |v: [f32; 3], w: f64| -> [f64; 3] {
-            std::array::from_fn(|row| {
-                let row = &m[4 * row..];
-                row[0] * f64::from(v[0])
-                    + row[1] * f64::from(v[1])
-                    + row[2] * f64::from(v[2])
-                    + row[3] * w
-            })
-        };
-        let (o, d) = (turn(ray.origin, 1.0), turn(ray.direction, 0.0));
+        let m = top.world_to_object_at(hit.instance_index, 0.0);
+        let (o, d) = (
+            apply(&m, wide(ray.origin), 1.0),
+            apply(&m, wide(ray.direction), 0.0),
+        );
         let bounds = self.boxes[hit.primitive_index as usize].map(f64::from);
         let (mut near, mut far) = (0f64, f64::INFINITY);
         for axis in 0..3 {
@@ -194,19 +186,19 @@ fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally)
 
 /// Rays from one place to places near each other, some of them vertices.
 fn bundle(random: &mut Random, vertices: &[[f32; 3]], count: usize, flags: u32) -> Vec<Ray> {
-    let from = random.direction().map(|c| 4.0 * c);
+    let from = 4.0 * random.direction();
     let at = random.vector();
     let spread = 0.4 * random.next();
     (0..count)
         .map(|i| {
             let aside = random.vector();
-            let mut target: [f64; 3] = std::array::from_fn(|axis| at[axis] + spread * aside[axis]);
+            let mut target = at + spread * aside;
             if i % 4 == 0 {
                 let place = (random.next() * vertices.len() as f64) as usize;
                 let vertex = wide(vertices[place]);
-                target = std::array::from_fn(|axis| 0.9 * target[axis] + 0.1 * vertex[axis]);
+                target = 0.9 * target + 0.1 * vertex;
             }
-            let mut ray = ray(narrow(from), narrow(sub(target, from)));
+            let mut ray = ray(narrow(from), narrow(target - from));
             ray.flags = flags;
             ray
         })
@@ -218,7 +210,7 @@ fn sphere(radius: f64, opaque: bool) -> Mesh {
     Mesh {
         vertices: vertices
             .into_iter()
-            .map(|vertex| narrow(vertex.map(|c| radius * c)))
+            .map(|vertex| narrow(radius * vertex))
             .collect(),
         indices: faces,
         opaque,
@@ -301,10 +293,10 @@ fn rays_part_where_they_must() {
     let instances: Vec<_> = (0..24)
         .map(|i| {
             let x = random.direction();
-            let y = normalize(cross(x, random.direction()));
-            let z = cross(x, y);
+            let y = normalize(x.cross(random.direction()));
+            let z = x.cross(y);
             let (size, to) = (0.3 + 0.4 * random.next(), random.vector());
-            let axes = [x, y, z].map(|axis| axis.map(|c| c * size));
+            let axes = [x, y, z].map(|axis| axis * size);
             let mut transform = [0.0f32; 12];
             for row in 0..3 {
                 for (column, axis) in axes.iter().enumerate() {

@@ -7,7 +7,7 @@ use scenes::*;
 use traversal::*;
 
 struct Sphere {
-    vertices: Vec<[f64; 3]>,
+    vertices: Vec<DVec3>,
     faces: Vec<[u32; 3]>,
     edges: Vec<[u32; 2]>,
 }
@@ -27,27 +27,17 @@ impl Sphere {
         }
     }
 
-    fn mesh(&self, scale: f64, offset: [f64; 3], opaque: bool) -> Mesh {
+    fn mesh(&self, scale: f64, offset: DVec3, opaque: bool) -> Mesh {
         Mesh {
             vertices: self
                 .vertices
                 .iter()
-                .map(|v| std::array::from_fn(|i| (v[i] * scale + offset[i]) as f32))
+                .map(|v| narrow(v * scale + offset))
                 .collect(),
             indices: self.faces.clone(),
             opaque,
         }
     }
-}
-
-/// A row-major 3 × 4 matrix applied to a point, in f64.
-fn apply(matrix: &[f32; 12], point: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|row| {
-        let m = matrix[4 * row..4 * row + 4].iter().map(|&m| f64::from(m));
-        m.zip([point[0], point[1], point[2], 1.0])
-            .map(|(m, c)| m * c)
-            .sum()
-    })
 }
 
 /// Directions along which a sphere is looked at, and what is aimed at.
@@ -56,12 +46,12 @@ fn aims<'a>(
     mesh: &'a Mesh,
     random: &'a mut Random,
     count: usize,
-) -> impl Iterator<Item = (&'static str, [f64; 3], [f64; 3])> + 'a {
+) -> impl Iterator<Item = (&'static str, DVec3, DVec3)> + 'a {
     (0..count).flat_map(move |_| {
         let edge = sphere.edges[(random.next() * sphere.edges.len() as f64) as usize];
         let weight = random.next();
         let [a, b] = edge.map(|i| wide(mesh.vertices[i as usize]));
-        let on_edge = std::array::from_fn(|i| a[i] + weight * (b[i] - a[i]));
+        let on_edge = a + weight * (b - a);
         let edge_normal = normalize(std::array::from_fn(|i| {
             sphere.vertices[edge[0] as usize][i] + sphere.vertices[edge[1] as usize][i]
         }));
@@ -77,7 +67,7 @@ fn aims<'a>(
         ]
         .map(|(what, target, normal)| {
             // At most 42 degrees off the normal at the target.
-            let from = normalize(std::array::from_fn(|i| normal[i] * 0.9 + tilt[i] * 0.6));
+            let from = normalize(normal * 0.9 + tilt * 0.6);
             (what, target, from)
         })
     })
@@ -87,7 +77,7 @@ fn aims<'a>(
 fn holes(
     sphere: &Sphere,
     scale: f64,
-    offset: [f64; 3],
+    offset: DVec3,
     transform: [f32; 12],
     rays: usize,
 ) -> [u32; 3] {
@@ -100,9 +90,9 @@ fn holes(
     let [mut missed, mut crossings, mut unequal] = [0; 3];
     for (_, target, from) in aims(sphere, &solid, &mut random, rays) {
         // Two radii away from the target, in the mesh's space, then out of it.
-        let origin = std::array::from_fn(|i| target[i] + 2.0 * scale * from[i]);
-        let origin = narrow(apply(&transform, origin));
-        let direction = narrow(sub(apply(&transform, target), wide(origin)));
+        let origin = target + 2.0 * scale * from;
+        let origin = narrow(apply(&transform, origin, 1.0));
+        let direction = narrow(apply(&transform, target, 1.0) - wide(origin));
         if direction == [0.0; 3] {
             continue;
         }
@@ -140,7 +130,7 @@ fn closed_at_every_scale_and_translation() {
         (1e15, 0.0),
         (1e30, 0.0),
     ] {
-        let offset = [translation, 1.3 * translation, 0.7 * translation];
+        let offset = translation * DVec3::new(1.0, 1.3, 0.7);
         let found = holes(&sphere, scale, offset, IDENTITY, 20_000);
         assert_eq!(
             found, [0; 3],
@@ -151,7 +141,7 @@ fn closed_at_every_scale_and_translation() {
 
 /// Rotation by an angle around an axis.
 fn rotation(axis: [f64; 3], angle: f64) -> [[f64; 3]; 3] {
-    let [x, y, z] = normalize(axis);
+    let [x, y, z] = normalize(axis).to_array();
     let (s, c) = angle.sin_cos();
     let k = 1.0 - c;
     [
@@ -183,7 +173,7 @@ fn closed_through_instances() {
         (2.5, [1e4, 1e3, 1e4], [0.0, 1e5, 0.0]),
     ] {
         let transform = placement([1.0, 2.0, -0.5], angle, scale, translation);
-        let found = holes(&sphere, 1.0, [0.0; 3], transform, 20_000);
+        let found = holes(&sphere, 1.0, DVec3::ZERO, transform, 20_000);
         assert_eq!(found, [0; 3], "{angle} {scale:?} {translation:?}");
     }
 }

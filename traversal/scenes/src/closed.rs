@@ -89,7 +89,7 @@ pub const FAMILIES: &[Family] = &[
             let middle = length + 1.0;
             let mut mesh = cuboid([2.0 * middle; 3]);
             let first = mesh.vertices.len() as u32;
-            let place = |v: [f64; 3]| narrow(v.map(|c| 0.5 * c + middle));
+            let place = |v: DVec3| narrow(v.map(|c| 0.5 * c + middle));
             mesh.vertices.extend(vertices.into_iter().map(place));
             let faces = faces.into_iter().map(|face| face.map(|i| first + i));
             mesh.indices.extend(faces);
@@ -207,32 +207,32 @@ fn terrain(strips: u32, length: f64) -> Mesh {
 }
 
 /// A mean of all vertices.
-fn mean(mesh: &Mesh, random: &mut Random) -> [f64; 3] {
-    let mut point = [0.0; 3];
+fn mean(mesh: &Mesh, random: &mut Random) -> DVec3 {
+    let mut point = DVec3::ZERO;
     let mut sum = 0.0;
     for &vertex in &mesh.vertices {
         let weight = random.next().powi(3);
         sum += weight;
-        point = std::array::from_fn(|i| point[i] + weight * f64::from(vertex[i]));
+        point += weight * wide(vertex);
     }
-    point.map(|c| c / sum)
+    point / sum
 }
 
 /// No more than how far a point is from a triangle: how far from its plane, or outside of an edge.
-fn least_distance(point: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> f64 {
-    let normal = cross(sub(b, a), sub(c, a));
-    let along = |way: [f64; 3], from: [f64; 3]| dot(way, sub(point, from)) / dot(way, way).sqrt();
+fn least_distance(point: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
+    let normal = (b - a).cross(c - a);
+    let along = |way: DVec3, from: DVec3| way.dot(point - from) / way.length();
     [(a, b), (b, c), (c, a)]
         .into_iter()
-        .map(|(p, q)| along(cross(sub(q, p), normal), p))
+        .map(|(p, q)| along((q - p).cross(normal), p))
         .fold(along(normal, a).abs(), f64::max)
 }
 
 /// Whether a point is inside a closed mesh, if that is certain: by the crossings of rays in f64,
 /// none of which comes near an edge, and if the point is further from the surface than by this part
 /// of how far it is from the origin of space.
-fn is_inside(mesh: &Mesh, point: [f64; 3], clear: f64) -> Option<bool> {
-    let reach = point.iter().fold(0f64, |most, c| most.max(c.abs()));
+fn is_inside(mesh: &Mesh, point: DVec3, clear: f64) -> Option<bool> {
+    let reach = point.abs().max_element();
     let is_clear =
         |index: usize| least_distance(point, mesh.triangle(index).map(wide)) > clear * reach;
     if !(0..mesh.indices.len()).all(is_clear) {
@@ -243,14 +243,14 @@ fn is_inside(mesh: &Mesh, point: [f64; 3], clear: f64) -> Option<bool> {
         [-0.288, 0.713, -0.639],
         [0.913, -0.237, 0.331],
     ];
-    WAYS.into_iter().find_map(|way| {
+    WAYS.map(DVec3::from).into_iter().find_map(|way| {
         let mut inside = false;
         for index in 0..mesh.indices.len() {
-            let [a, b, c] = mesh.triangle(index).map(|vertex| sub(wide(vertex), point));
+            let [a, b, c] = mesh.triangle(index).map(|vertex| wide(vertex) - point);
             let [mut above, mut below, mut unsure] = [false; 3];
             for (p, q) in [(c, b), (a, c), (b, a)] {
-                let margin = 1e-14 * dot(p, p).sqrt() * dot(q, q).sqrt();
-                let edge = dot(way, cross(p, q));
+                let margin = 1e-14 * p.length() * q.length();
+                let edge = way.dot(p.cross(q));
                 above |= edge > margin;
                 below |= edge < -margin;
                 unsure |= edge.abs() <= margin;
@@ -259,14 +259,14 @@ fn is_inside(mesh: &Mesh, point: [f64; 3], clear: f64) -> Option<bool> {
                 continue;
             }
             // The plane's distance has the sign of the volume over that of the edges.
-            let volume = dot(a, cross(b, c));
-            let size = [a, b, c].map(|v| dot(v, v).sqrt()).iter().product::<f64>();
+            let volume = a.dot(b.cross(c));
+            let size = [a, b, c].map(DVec3::length).iter().product::<f64>();
             if unsure || volume.abs() <= 1e-14 * size {
                 return None;
             }
             // Edges of one sign belong to a normal along or against the way.
-            let normal = cross(sub(b, a), sub(c, a));
-            inside ^= (dot(normal, a) > 0.0) == (dot(normal, way) > 0.0);
+            let normal = (b - a).cross(c - a);
+            inside ^= (normal.dot(a) > 0.0) == (normal.dot(way) > 0.0);
         }
         Some(inside)
     })
@@ -289,16 +289,16 @@ fn rays(mesh: &Mesh, random: &mut Random, count: usize, inside: bool, clear: f64
             _ => 10f64.powf(-6.0 * random.next()),
         };
         let beside = 10f64.powf(-9.0 + 5.0 * random.next());
-        let beside = random.vector().map(|c| c * beside);
-        let target: [f64; 3] = std::array::from_fn(|i| a[i] + weight * (b[i] - a[i]) + beside[i]);
+        let beside = random.vector() * beside;
+        let target = a + weight * (b - a) + beside;
         let far = mean(mesh, random);
         let part = 10f64.powf(-3.5 * random.next()) * if inside { 1.0 } else { -1.0 };
-        let near: [f64; 3] = std::array::from_fn(|i| target[i] + part * (far[i] - target[i]));
+        let near = target + part * (far - target);
         let origin = narrow(near);
         if is_inside(mesh, wide(origin), clear) != Some(inside) {
             continue;
         }
-        let direction = narrow(sub(target, wide(origin)));
+        let direction = narrow(target - wide(origin));
         if direction != [0.0; 3] {
             rays.push(ray(origin, direction));
         }

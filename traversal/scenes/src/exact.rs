@@ -4,7 +4,7 @@ use num_bigint::BigInt;
 use num_traits::{Signed, ToPrimitive, Zero};
 use traversal::Ray;
 
-use crate::{Mesh, cross, dot, sub, wide};
+use crate::{Mesh, wide};
 
 /// Where a ray meets a triangle, edges and vertices included.
 #[derive(Clone, Copy, Debug)]
@@ -113,12 +113,11 @@ pub fn crossings(mesh: &Mesh, ray: &Ray) -> usize {
 /// Whether a triangle is so far beside a ray that f64 is sure of it.
 fn is_beside(ray: &Ray, triangle: &[[f32; 3]; 3]) -> bool {
     let (origin, direction) = (wide(ray.origin), wide(ray.direction));
-    let [a, b, c] = triangle.map(|vertex| sub(wide(vertex), origin));
-    let length = |v: [f64; 3]| dot(v, v).sqrt();
+    let [a, b, c] = triangle.map(|vertex| wide(vertex) - origin);
     let [mut above, mut below] = [false; 2];
     for (p, q) in [(c, b), (a, c), (b, a)] {
-        let margin = 1e-12 * length(direction) * length(p) * length(q);
-        let edge = dot(direction, cross(p, q));
+        let margin = 1e-12 * direction.length() * p.length() * q.length();
+        let edge = direction.dot(p.cross(q));
         above |= edge > margin;
         below |= edge < -margin;
     }

@@ -3,7 +3,7 @@
 use traversal::Ray;
 
 use crate::exact;
-use crate::{Mesh, Random, cross, dot, icosphere, narrow, normalize, ray, sub, wide};
+use crate::{DMat3, DVec3, Mesh, Random, icosphere, narrow, normalize, ray, wide};
 
 /// A mesh, rays at it, and where each meets it first.
 pub struct Hard {
@@ -56,14 +56,8 @@ pub const CASES: &[Case] = &[
         across: "distance from the origin of space",
         columns: &[1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8],
         make: |distance, random, count| {
-            let offset = [distance, 1.3 * distance, 0.7 * distance];
-            ball(
-                &|p| std::array::from_fn(|i| p[i] + offset[i]),
-                1.0,
-                1.0,
-                random,
-                count,
-            )
+            let offset = DVec3::new(distance, 1.3 * distance, 0.7 * distance);
+            ball(&|p| p + offset, 1.0, 1.0, random, count)
         },
     },
     Case {
@@ -73,7 +67,7 @@ pub const CASES: &[Case] = &[
         columns: &[
             1e-44, 1e-41, 1e-38, 1e-30, 1e-20, 1e-15, 1e-10, 1.0, 1e10, 1e15, 1e20, 1e30, 1e37,
         ],
-        make: |scale, random, count| ball(&|p| p.map(|c| c * scale), scale, 1.0, random, count),
+        make: |scale, random, count| ball(&|p| p * scale, scale, 1.0, random, count),
     },
     Case {
         name: "direction",
@@ -143,7 +137,7 @@ fn aimed(
     aim: Aim,
     random: &mut Random,
     count: usize,
-    mut from: impl FnMut([f64; 3], usize, &mut Random) -> Option<([f64; 3], f64)>,
+    mut from: impl FnMut(DVec3, usize, &mut Random) -> Option<(DVec3, f64)>,
 ) -> Hard {
     let mut rays = Vec::with_capacity(count);
     let mut attempts = 0;
@@ -167,12 +161,12 @@ fn aimed(
             }
             _ => [1.0, 0.0, 0.0],
         };
-        let target = std::array::from_fn(|i| (0..3).map(|k| weights[k] * triangle[k][i]).sum());
+        let target = (0..3).map(|k| weights[k] * triangle[k]).sum::<DVec3>();
         let Some((origin, scale)) = from(target, index, random) else {
             continue;
         };
         let origin = narrow(origin);
-        let direction = narrow(sub(target, wide(origin)).map(|c| c * scale));
+        let direction = narrow((target - wide(origin)) * scale);
         let ray = ray(origin, direction);
         let truth = exact::nearest(&mesh, &ray).map(|(_, crossing)| crossing.t);
         rays.push((ray, truth));
@@ -183,7 +177,7 @@ fn aimed(
 /// A sphere, moved by `place` to a radius of about `scale`, from two radii away and well inside its
 /// outline; directions are about `length` long.
 fn ball(
-    place: &dyn Fn([f64; 3]) -> [f64; 3],
+    place: &dyn Fn(DVec3) -> DVec3,
     scale: f64,
     length: f64,
     random: &mut Random,
@@ -211,11 +205,8 @@ fn ball(
         |target, index, random| {
             let normal = points[corners[index][0] as usize];
             let tilt = random.direction();
-            let way = normalize(std::array::from_fn(|i| normal[i] * 0.9 + tilt[i] * 0.5));
-            Some((
-                std::array::from_fn(|i| target[i] + 2.0 * scale * way[i]),
-                factor,
-            ))
+            let way = normalize(normal * 0.9 + tilt * 0.5);
+            Some((target + 2.0 * scale * way, factor))
         },
     )
 }
@@ -243,14 +234,14 @@ fn reach(size: f64, random: &mut Random, count: usize) -> Hard {
     while rays.len() < count {
         let axis = rays.len() % 3;
         let along = random.next() * size;
-        let mut point = |beside: f64| -> [f64; 3] {
-            std::array::from_fn(|i| match i == axis {
+        let mut point = |beside: f64| {
+            DVec3::from([0, 1, 2].map(|i| match i == axis {
                 true => along + random.signed() * beside.min(along).min(size - along),
                 false => random.next() * beside,
-            })
+            }))
         };
         let (origin, target) = (narrow(point(0.9_f64.min(size))), point(1e-4));
-        let direction = narrow(sub(target, wide(origin)));
+        let direction = narrow(target - wide(origin));
         if direction == [0.0; 3] || origin.contains(&0.0) {
             continue;
         }
@@ -283,8 +274,8 @@ fn needles(aspect: f64, random: &mut Random, count: usize) -> Hard {
     aimed(mesh, Aim::Everywhere, random, count, |target, _, random| {
         let tilt = random.vector();
         let far = 10f64.powf(-2.0 * random.next());
-        let from = [tilt[0], 0.3 * tilt[1], 1.0];
-        Some((std::array::from_fn(|i| target[i] + far * from[i]), 1.0))
+        let from = DVec3::new(tilt.x, 0.3 * tilt.y, 1.0);
+        Some((target + far * from, 1.0))
     })
 }
 
@@ -309,27 +300,21 @@ fn slivers(aspect: f64, random: &mut Random, count: usize) -> Hard {
             let normal = points[corners[index][0] as usize];
             let aside = random.signed() * 0.5;
             // From the side: a needle's tip is no place to aim at.
-            (normal[2].abs() < 0.7).then(|| {
-                let way = normalize([
-                    normal[0] - aside * normal[1],
-                    normal[1] + aside * normal[0],
-                    0.0,
-                ]);
-                (std::array::from_fn(|i| target[i] + 2.0 * way[i]), 1.0)
+            (normal.z.abs() < 0.7).then(|| {
+                let turned = DVec3::new(-normal.y, normal.x, 0.0);
+                let way = normalize(normal.with_z(0.0) + aside * turned);
+                (target + 2.0 * way, 1.0)
             })
         },
     )
 }
 
 /// Three axes at right angles, the third of them normal to the grids below.
-const FRAME: [[f64; 3]; 3] = [[0.8, 0.36, 0.48], [-0.6, 0.48, 0.64], [0.0, -0.8, 0.6]];
-
-fn placed(point: [f64; 3], frame: &[[f64; 3]; 3]) -> [f64; 3] {
-    std::array::from_fn(|i| (0..3).map(|k| point[k] * frame[k][i]).sum())
-}
+pub const FRAME: DMat3 =
+    DMat3::from_cols_array_2d(&[[0.8, 0.36, 0.48], [-0.6, 0.48, 0.64], [0.0, -0.8, 0.6]]);
 
 /// A flat grid of 16 × 16 squares from −1 to 1, at these heights.
-fn grid(heights: &[f64], frame: &[[f64; 3]; 3]) -> Mesh {
+fn grid(heights: &[f64], frame: DMat3) -> Mesh {
     let mut mesh = Mesh {
         opaque: true,
         ..Mesh::default()
@@ -337,44 +322,37 @@ fn grid(heights: &[f64], frame: &[[f64; 3]; 3]) -> Mesh {
     for &height in heights {
         mesh.patch(16, 16, |u, v| {
             let [x, y] = [u, v].map(|share| 2.0 * f64::from(share) - 1.0);
-            narrow(placed([x, y, height], frame)).into()
+            narrow(frame * DVec3::new(x, y, height)).into()
         });
     }
     mesh
 }
 
 /// Whether a point is well inside the outline of a grid.
-fn is_inner(target: [f64; 3], frame: &[[f64; 3]; 3]) -> bool {
-    dot(target, frame[0]).abs() < 0.9 && dot(target, frame[1]).abs() < 0.9
+fn is_inner(target: DVec3, frame: DMat3) -> bool {
+    target.dot(frame.x_axis).abs() < 0.9 && target.dot(frame.y_axis).abs() < 0.9
 }
 
 fn grazing(angle: f64, random: &mut Random, count: usize) -> Hard {
     aimed(
-        grid(&[0.0], &FRAME),
+        grid(&[0.0], FRAME),
         Aim::Everywhere,
         random,
         count,
         |target, _, random| {
             let turn = random.next() * std::f64::consts::TAU;
             let (up, along) = angle.min(1.5).sin_cos();
-            let way = placed([turn.cos() * along, turn.sin() * along, up], &FRAME);
-            is_inner(target, &FRAME)
-                .then(|| (std::array::from_fn(|i| target[i] + 3.0 * way[i]), 1.0))
+            let way = FRAME * DVec3::new(turn.cos() * along, turn.sin() * along, up);
+            is_inner(target, FRAME).then(|| (target + 3.0 * way, 1.0))
         },
     )
 }
 
-const UPRIGHT: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-
 fn parallel(component: f64, random: &mut Random, count: usize) -> Hard {
-    let mesh = grid(&[0.0], &UPRIGHT);
+    let mesh = grid(&[0.0], DMat3::IDENTITY);
     let mut hard = aimed(mesh, Aim::Everywhere, random, count, |target, _, _| {
-        let from = [
-            target[0] + component,
-            target[1] - 0.5 * component,
-            target[2] + 1.0,
-        ];
-        is_inner(target, &UPRIGHT).then_some((from, 1.0))
+        let from = target + DVec3::new(component, -0.5 * component, 1.0);
+        is_inner(target, DMat3::IDENTITY).then_some((from, 1.0))
     });
     // A difference of positions cannot be so small.
     for (ray, truth) in &mut hard.rays {
@@ -386,15 +364,15 @@ fn parallel(component: f64, random: &mut Random, count: usize) -> Hard {
 
 fn near_start(distance: f64, random: &mut Random, count: usize) -> Hard {
     aimed(
-        grid(&[0.0], &FRAME),
+        grid(&[0.0], FRAME),
         Aim::Everywhere,
         random,
         count,
         |target, _, random| {
             let tilt = random.direction();
-            let way = normalize(std::array::from_fn(|i| FRAME[2][i] + 0.3 * tilt[i]));
-            let from = std::array::from_fn(|i| target[i] + distance * way[i]);
-            is_inner(target, &FRAME).then_some((from, 1.0 / distance))
+            let way = normalize(FRAME.z_axis + 0.3 * tilt);
+            let from = target + distance * way;
+            is_inner(target, FRAME).then_some((from, 1.0 / distance))
         },
     )
 }
@@ -419,15 +397,15 @@ fn layers(gap: f64, random: &mut Random, count: usize) -> Hard {
     // Not in the order in which they are met.
     let heights = [2.0, 0.0, 3.0, 1.0].map(|k| k * gap);
     aimed(
-        grid(&heights, &FRAME),
+        grid(&heights, FRAME),
         Aim::Everywhere,
         random,
         count,
         |target, _, random| {
             let tilt = random.direction();
-            let way = normalize(std::array::from_fn(|i| FRAME[2][i] + 0.3 * tilt[i]));
-            let from = std::array::from_fn(|i| target[i] + 2.0 * way[i]);
-            is_inner(target, &FRAME).then_some((from, 1.0))
+            let way = normalize(FRAME.z_axis + 0.3 * tilt);
+            let from = target + 2.0 * way;
+            is_inner(target, FRAME).then_some((from, 1.0))
         },
     )
 }
@@ -447,13 +425,10 @@ fn nested(count_of_triangles: f64, random: &mut Random, count: usize) -> Hard {
         mesh.indices.push([first, first + 1, first + 2]);
     }
     aimed(mesh, Aim::Inside, random, count, |target, _, random| {
-        let size = dot(target, target).sqrt();
+        let size = target.length();
         let tilt = random.direction();
         let way = normalize([0.4 * tilt[0], 0.4 * tilt[1], -1.0]);
-        Some((
-            std::array::from_fn(|i| target[i] + 2.0 * size * way[i]),
-            1.0,
-        ))
+        Some((target + 2.0 * size * way, 1.0))
     })
 }
 
@@ -484,7 +459,7 @@ pub fn fault(found: Option<f32>, truth: Option<f64>) -> Option<Fault> {
 }
 
 /// The normal of a triangle, of length 1.
-pub fn unit_normal(triangle: &[[f32; 3]; 3]) -> [f64; 3] {
+pub fn unit_normal(triangle: &[[f32; 3]; 3]) -> DVec3 {
     let [a, b, c] = triangle.map(wide);
-    normalize(cross(sub(b, a), sub(c, a)))
+    normalize((b - a).cross(c - a))
 }

@@ -10,6 +10,8 @@ pub mod ways;
 use std::alloc::Layout;
 use std::ops::{Deref, DerefMut};
 
+use glam::DVec4;
+pub use glam::{DMat3, DVec3};
 use traversal::*;
 
 /// Memory at a 256-byte boundary of exactly some length: a sanitizer sees who leaves it.
@@ -276,16 +278,15 @@ impl Random {
         2.0 * self.next() - 1.0
     }
 
-    pub fn vector(&mut self) -> [f64; 3] {
-        [self.signed(), self.signed(), self.signed()]
+    pub fn vector(&mut self) -> DVec3 {
+        DVec3::new(self.signed(), self.signed(), self.signed())
     }
 
-    pub fn direction(&mut self) -> [f64; 3] {
+    pub fn direction(&mut self) -> DVec3 {
         loop {
             let v = self.vector();
-            let square: f64 = v.iter().map(|c| c * c).sum();
-            if (1e-3..1.0).contains(&square) {
-                return v.map(|c| c / square.sqrt());
+            if (1e-3..1.0).contains(&v.length_squared()) {
+                return normalize(v);
             }
         }
     }
@@ -335,7 +336,7 @@ pub const ICOSAHEDRON: [[u32; 3]; 20] = [
 ];
 
 /// A closed sphere: an icosahedron whose faces are split `levels` times. Unit radius, f64.
-pub fn icosphere(levels: u32) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+pub fn icosphere(levels: u32) -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let mut vertices = icosahedron().map(normalize).to_vec();
     let mut faces = ICOSAHEDRON.to_vec();
     for _ in 0..levels {
@@ -343,7 +344,7 @@ pub fn icosphere(levels: u32) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
         let mut middle = |a: u32, b: u32| {
             *middles.entry((a.min(b), a.max(b))).or_insert_with(|| {
                 let (p, q) = (vertices[a as usize], vertices[b as usize]);
-                vertices.push(normalize(std::array::from_fn(|i| p[i] + q[i])));
+                vertices.push(normalize(p + q));
                 vertices.len() as u32 - 1
             })
         };
@@ -358,33 +359,25 @@ pub fn icosphere(levels: u32) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
     (vertices, faces)
 }
 
-pub fn normalize(v: [f64; 3]) -> [f64; 3] {
-    let length = v.iter().map(|c| c * c).sum::<f64>().sqrt();
-    v.map(|c| c / length)
+/// Divided by the length, where glam multiplies by its inverse.
+pub fn normalize(v: impl Into<DVec3>) -> DVec3 {
+    let v = v.into();
+    v / v.length()
 }
 
-pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+pub fn wide(v: [f32; 3]) -> DVec3 {
+    DVec3::from(v.map(f64::from))
 }
 
-pub fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
+pub fn narrow(v: impl Into<DVec3>) -> [f32; 3] {
+    v.into().to_array().map(|c| c as f32)
 }
 
-pub fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-pub fn wide(v: [f32; 3]) -> [f64; 3] {
-    v.map(f64::from)
-}
-
-pub fn narrow(v: [f64; 3]) -> [f32; 3] {
-    v.map(|c| c as f32)
+/// A row-major 3 × 4 matrix applied to a place (w = 1) or a direction (w = 0), in f64.
+pub fn apply(matrix: &[f32; 12], v: DVec3, w: f64) -> DVec3 {
+    let row = |row: &[f32; 4]| DVec4::from(row.map(f64::from)).dot(v.extend(w));
+    let (rows, _) = matrix.as_chunks::<4>();
+    DVec3::new(row(&rows[0]), row(&rows[1]), row(&rows[2]))
 }
 
 /// Möller and Trumbore's intersection in f64: (t, u, v) of the plane's point, and how far inside
@@ -392,15 +385,15 @@ pub fn narrow(v: [f64; 3]) -> [f32; 3] {
 pub fn reference(ray: &Ray, triangle: &[[f32; 3]; 3]) -> (f64, f64, f64, f64) {
     let [a, b, c] = triangle.map(wide);
     let (o, d) = (wide(ray.origin), wide(ray.direction));
-    let (e1, e2) = (sub(b, a), sub(c, a));
-    let p = cross(d, e2);
-    let determinant = dot(e1, p);
-    let s = sub(o, a);
-    let q = cross(s, e1);
+    let (e1, e2) = (b - a, c - a);
+    let p = d.cross(e2);
+    let determinant = e1.dot(p);
+    let s = o - a;
+    let q = s.cross(e1);
     let (t, u, v) = (
-        dot(e2, q) / determinant,
-        dot(s, p) / determinant,
-        dot(d, q) / determinant,
+        e2.dot(q) / determinant,
+        s.dot(p) / determinant,
+        d.dot(q) / determinant,
     );
     (t, u, v, u.min(v).min(1.0 - u - v))
 }

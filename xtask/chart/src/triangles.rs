@@ -10,7 +10,7 @@ use crate::Options;
 use crate::report::{Chart, Report};
 use crate::timing::alternate;
 use scenes::exact;
-use scenes::{Mesh, Random, cross, dot, icosphere, narrow, normalize, ray, sub, wide};
+use scenes::{DVec3, Mesh, Random, icosphere, narrow, normalize, ray, wide};
 
 /// Where a ray meets a triangle: distance, and the weights of the second and the third vertex.
 pub type Meeting = (f32, [f32; 2]);
@@ -158,23 +158,23 @@ fn moller_trumbore(ray: &Ray, triangle: &Triangle) -> Option<Meeting> {
 fn moller_trumbore_wide(ray: &Ray, triangle: &Triangle) -> Option<Meeting> {
     let [a, b, c] = triangle.map(wide);
     let (origin, direction) = (wide(ray.origin), wide(ray.direction));
-    let (first, second) = (sub(b, a), sub(c, a));
-    let p = cross(direction, second);
-    let determinant = dot(first, p);
+    let (first, second) = (b - a, c - a);
+    let p = direction.cross(second);
+    let determinant = first.dot(p);
     if determinant == 0.0 {
         return None;
     }
-    let s = sub(origin, a);
-    let u = dot(s, p) / determinant;
+    let s = origin - a;
+    let u = s.dot(p) / determinant;
     if !(0.0..=1.0).contains(&u) {
         return None;
     }
-    let q = cross(s, first);
-    let v = dot(direction, q) / determinant;
+    let q = s.cross(first);
+    let v = direction.dot(q) / determinant;
     if v < 0.0 || u + v > 1.0 {
         return None;
     }
-    Some(((dot(second, q) / determinant) as f32, [u as f32, v as f32]))
+    Some(((second.dot(q) / determinant) as f32, [u as f32, v as f32]))
 }
 
 /// Woop, Benthin and Wald (2013), in f32 throughout.
@@ -237,10 +237,10 @@ impl Sheared {
 const PLACES: [(f64, f64); 4] = [(1.0, 0.0), (1e6, 0.0), (1.0, 1e4), (1e6, 1e7)];
 
 /// A sphere of 1,280 triangles and rays at its edges and vertices, from two radii away.
-fn sphere(scale: f64, translation: f64, count: usize) -> (Mesh, Vec<Ray>) {
-    let offset = [translation, 1.3 * translation, 0.7 * translation];
-    let (points, indices) = icosphere(3);
-    let place = |p: &[f64; 3]| narrow(std::array::from_fn(|i| p[i] * scale + offset[i]));
+pub fn sphere(levels: u32, scale: f64, translation: f64, count: usize) -> (Mesh, Vec<Ray>) {
+    let offset = translation * DVec3::new(1.0, 1.3, 0.7);
+    let (points, indices) = icosphere(levels);
+    let place = |p: &DVec3| narrow(p * scale + offset);
     let mesh = Mesh {
         vertices: points.iter().map(place).collect(),
         indices,
@@ -252,11 +252,11 @@ fn sphere(scale: f64, translation: f64, count: usize) -> (Mesh, Vec<Ray>) {
         let face = mesh.indices[(random.next() * mesh.indices.len() as f64) as usize];
         let [a, b, _] = face.map(|i| wide(mesh.vertices[i as usize]));
         let weight = if number % 2 == 0 { random.next() } else { 0.0 };
-        let target: [f64; 3] = std::array::from_fn(|i| a[i] + weight * (b[i] - a[i]));
-        let (normal, tilt) = (normalize(sub(target, offset)), random.direction());
-        let way = normalize(std::array::from_fn(|i| normal[i] * 0.9 + tilt[i] * 0.6));
-        let origin = narrow(std::array::from_fn(|i| target[i] + 2.0 * scale * way[i]));
-        rays.push(ray(origin, narrow(sub(target, wide(origin)))));
+        let target = a + weight * (b - a);
+        let (normal, tilt) = (normalize(target - offset), random.direction());
+        let way = normalize(normal * 0.9 + tilt * 0.6);
+        let origin = narrow(target + 2.0 * scale * way);
+        rays.push(ray(origin, narrow(target - wide(origin))));
     }
     (mesh, rays)
 }
@@ -265,7 +265,7 @@ fn sphere(scale: f64, translation: f64, count: usize) -> (Mesh, Vec<Ray>) {
 fn misses(test: Test, count: usize) -> f64 {
     let (mut missed, mut all) = (0usize, 0usize);
     for (scale, translation) in PLACES {
-        let (mesh, rays) = sphere(scale, translation, count);
+        let (mesh, rays) = sphere(3, scale, translation, count);
         let triangles: Vec<Triangle> = (0..mesh.indices.len()).map(|i| mesh.triangle(i)).collect();
         for ray in &rays {
             let found = test.nearest(ray, triangles.iter());
@@ -280,27 +280,22 @@ fn misses(test: Test, count: usize) -> f64 {
 fn errors(test: Test, count: usize) -> (f64, f64) {
     let (mut in_t, mut in_weights) = (0f64, 0f64);
     for (scale, translation) in PLACES {
-        let (mesh, rays) = sphere(scale, translation, 3 * count);
+        let (mesh, rays) = sphere(3, scale, translation, 3 * count);
         let mut random = Random(0x1234_5678_9ABC_DEF1);
         for aimed in rays {
             let index = (random.next() * mesh.indices.len() as f64) as usize;
             let triangle = mesh.triangle(index);
             let corners = triangle.map(wide);
-            let inner: [f64; 3] = std::array::from_fn(|i| {
-                0.2 * corners[0][i] + 0.3 * corners[1][i] + 0.5 * corners[2][i]
-            });
+            let inner = 0.2 * corners[0] + 0.3 * corners[1] + 0.5 * corners[2];
             let length = 0.3 + random.next();
-            let way = sub(inner, wide(aimed.origin)).map(|c| c * length / scale);
+            let way = (inner - wide(aimed.origin)) * length / scale;
             let ray = ray(aimed.origin, narrow(way));
             let Some(truth) = exact::meet(&ray, &triangle) else {
                 continue;
             };
             let outer = 1.0 - truth.weights[0] - truth.weights[1];
-            let normal = normalize(cross(
-                sub(corners[1], corners[0]),
-                sub(corners[2], corners[0]),
-            ));
-            let slope = dot(normal, normalize(wide(ray.direction))).abs();
+            let normal = normalize((corners[1] - corners[0]).cross(corners[2] - corners[0]));
+            let slope = normal.dot(normalize(wide(ray.direction))).abs();
             if truth.weights[0].min(truth.weights[1]).min(outer) < 0.01 || slope < 0.5 {
                 continue;
             }
@@ -320,7 +315,7 @@ fn errors(test: Test, count: usize) -> (f64, f64) {
 /// Nanoseconds a test: rays against the triangles around where they hit, as leaves have them.
 fn costs(rounds: usize) -> Vec<f64> {
     const NEAR: usize = 16;
-    let (mesh, rays) = sphere(1.0, 0.0, 512);
+    let (mesh, rays) = sphere(3, 1.0, 0.0, 512);
     let all: Vec<Triangle> = (0..mesh.indices.len()).map(|i| mesh.triangle(i)).collect();
     let leaves: Vec<Vec<Triangle>> = rays
         .iter()

@@ -15,8 +15,8 @@ use traversal::{Accuracy, Options as WalkOptions, Ray, Specialisation, Tier, Wal
 use crate::Options;
 use crate::report::{Chart, Report};
 use crate::timing::alternate;
-use crate::triangles::Test;
-use scenes::{Mesh, Random, Scene, closest_with, icosphere, narrow, normalize, ray, sub, wide};
+use crate::triangles::{Test, sphere};
+use scenes::{DVec3, Mesh, Random, Scene, closest_with, icosphere, narrow, normalize, ray};
 
 /// A structure over a mesh, and how it is walked.
 pub enum Engine {
@@ -188,9 +188,9 @@ pub const CONTESTANTS: &[Contestant] = &[
 /// A bumpy sphere of 81,920 triangles.
 pub fn bumpy() -> Mesh {
     let (points, indices) = icosphere(6);
-    let bump = |p: &[f64; 3]| {
+    let bump = |p: &DVec3| {
         let size = 1.0 + 0.05 * (9.0 * p[0]).sin() * (8.0 * p[1] + 1.0).cos() * (7.0 * p[2]).sin();
-        narrow(p.map(|c| c * size))
+        narrow(p * size)
     };
     Mesh {
         vertices: points.iter().map(bump).collect(),
@@ -204,39 +204,23 @@ pub fn any_rays(count: usize) -> Vec<Ray> {
     let mut random = Random(0xDEAD_BEEF_CAFE);
     (0..count)
         .map(|_| {
-            let origin = random.direction().map(|c| 2.5 * c);
-            let target = random.vector().map(|c| 0.8 * c);
-            ray(narrow(origin), narrow(normalize(sub(target, origin))))
+            let origin = 2.5 * random.direction();
+            let target = 0.8 * random.vector();
+            ray(narrow(origin), narrow(normalize(target - origin)))
         })
         .collect()
 }
 
 /// How many of a million rays at edges and vertices of a closed sphere get no hit on its front.
 fn misses(contestant: &Contestant, count: usize) -> f64 {
-    let (points, indices) = icosphere(5);
     let (mut missed, mut all) = (0usize, 0usize);
     for (scale, translation) in [(1.0, 0.0), (1e6, 0.0), (1.0, 1e4), (1e6, 1e7)] {
-        let offset = [translation, 1.3 * translation, 0.7 * translation];
-        let place = |p: &[f64; 3]| narrow(std::array::from_fn(|i| p[i] * scale + offset[i]));
-        let mesh = Mesh {
-            vertices: points.iter().map(place).collect(),
-            indices: indices.clone(),
-            opaque: true,
-        };
+        let (mesh, rays) = sphere(5, scale, translation, count);
         let Some(mut engine) = contestant.over(&mesh) else {
             continue;
         };
-        let mut random = Random(88_172_645_463_325_252);
-        for number in 0..count {
-            let face = mesh.indices[(random.next() * mesh.indices.len() as f64) as usize];
-            let [a, b, _] = face.map(|i| wide(mesh.vertices[i as usize]));
-            let weight = if number % 2 == 0 { random.next() } else { 0.0 };
-            let target: [f64; 3] = std::array::from_fn(|i| a[i] + weight * (b[i] - a[i]));
-            let (normal, tilt) = (normalize(sub(target, offset)), random.direction());
-            let way = normalize(std::array::from_fn(|i| normal[i] * 0.9 + tilt[i] * 0.6));
-            let origin = narrow(std::array::from_fn(|i| target[i] + 2.0 * scale * way[i]));
-            let ray = ray(origin, narrow(sub(target, wide(origin))));
-            missed += usize::from(!engine.closest(&ray).is_some_and(|t| t < 1.2));
+        for ray in &rays {
+            missed += usize::from(!engine.closest(ray).is_some_and(|t| t < 1.2));
             all += 1;
         }
     }

@@ -47,7 +47,7 @@ fn case(kind: usize, random: &mut Random) -> Case {
         } else {
             1.0
         };
-        random.vector().map(|c| c * scale * spread)
+        random.vector() * scale * spread
     };
     let [p, q, mut c, mut d] = [point(1.0), point(1.0), point(1.0), point(1.0)];
     let reach = size(random, -3.0, 2.0);
@@ -57,8 +57,8 @@ fn case(kind: usize, random: &mut Random) -> Case {
         5 => {
             let thin = size(random, -6.0, -3.0);
             let beside = random.vector();
-            c = std::array::from_fn(|i| p[i] + thin * beside[i]);
-            d = std::array::from_fn(|i| q[i] - thin * away[i]);
+            c = p + thin * beside;
+            d = q - thin * away;
             [p, q]
         }
         _ => [p, q],
@@ -70,20 +70,19 @@ fn case(kind: usize, random: &mut Random) -> Case {
         _ => random.next(),
     };
     let [start, end] = [p, q].map(wide);
-    let aim: [f64; 3] = std::array::from_fn(|i| start[i] + weight * (end[i] - start[i]));
+    let aim = start + weight * (end - start);
     let far = if kind == 4 { scale } else { 1.0 };
-    let origin = narrow(std::array::from_fn(|i| aim[i] + reach * far * away[i]));
-    let mut direction = narrow(sub(aim, wide(origin)));
+    let origin = narrow(aim + reach * far * away);
+    let mut direction = narrow(aim - wide(origin));
     if random.next() < 0.25 {
         direction[(random.next() * 3.0) as usize] = 0.0;
     }
     if kind == 3 {
         // In the plane of the ray and the edge, but for how they are rounded.
-        let way = sub(end, start);
+        let way = end - start;
         for vertex in [&mut c, &mut d] {
             let [along, across] = [random.signed(), random.signed()];
-            *vertex =
-                std::array::from_fn(|i| aim[i] + along * way[i] + across * f64::from(direction[i]));
+            *vertex = aim + along * way + across * wide(direction);
         }
     }
     Case {

@@ -7,7 +7,7 @@ use super::Map;
 use crate::Options;
 use crate::report::Report;
 use crate::triangles::Test;
-use scenes::{Mesh, Random, Scene, candidates, icosphere, narrow, normalize, ray, sub, wide};
+use scenes::{Mesh, Random, Scene, candidates, icosphere, narrow, normalize, ray, wide};
 
 const ROWS: [&str; 5] = [
     "Möller–Trumbore f32",
@@ -53,12 +53,11 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
                 (_, true) => [1.0, 0.0, 0.0],
                 _ => [0.4, 0.25, 0.35],
             };
-            let target: [f64; 3] =
-                std::array::from_fn(|i| weights[0] * a[i] + weights[1] * b[i] + weights[2] * c[i]);
+            let target = weights[0] * a + weights[1] * b + weights[2] * c;
             let (normal, tilt) = (normalize(target), random.direction());
-            let way = normalize(std::array::from_fn(|i| normal[i] * 0.9 + tilt[i] * 0.5));
-            let origin = narrow(std::array::from_fn(|i| target[i] + 2.0 * way[i]));
-            let ray = ray(origin, narrow(sub(target, wide(origin))));
+            let way = normalize(normal * 0.9 + tilt * 0.5);
+            let origin = narrow(target + 2.0 * way);
+            let ray = ray(origin, narrow(target - wide(origin)));
             let tests = [Test::MollerTrumbore, Test::Woop, Test::Ours(Accuracy::Spec)];
             for (wrong, test) in wrong.iter_mut().zip(tests) {
                 let mut front = 0;

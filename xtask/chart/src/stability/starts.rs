@@ -7,7 +7,8 @@ use traversal::{Hit, Ray, Walker};
 use super::Map;
 use crate::Options;
 use crate::report::Report;
-use scenes::{Mesh, Random, Scene, closest_with, cross, dot, narrow, normalize, ray, sub, wide};
+use scenes::hard::FRAME;
+use scenes::{DVec3, Mesh, Random, Scene, closest_with, narrow, normalize, ray, wide};
 
 /// Where a ray starts that leaves a surface: how the point is found, and how it is moved.
 struct Way {
@@ -107,7 +108,6 @@ const WAYS: [Way; 6] = [
 
 /// A floor and a lid: squares of 8 × 8, tilted, `gap` apart and much wider than that.
 fn gap(distance: f64, gap: f64) -> Mesh {
-    let across = [[0.8, 0.36, 0.48], [-0.6, 0.48, 0.64], [0.0, -0.8, 0.6]];
     let half = (30.0 * gap).max(1.0);
     let mut mesh = Mesh {
         opaque: true,
@@ -118,11 +118,8 @@ fn gap(distance: f64, gap: f64) -> Mesh {
         for j in 0..=8i32 {
             for i in 0..=8i32 {
                 let along = |k: i32| half * (f64::from(k) / 4.0 - 1.0);
-                let at = [along(i), along(j), height];
-                let place = |axis: usize| -> f64 {
-                    distance + (0..3).map(|k| at[k] * across[k][axis]).sum::<f64>()
-                };
-                mesh.vertices.push(narrow([place(0), place(1), place(2)]));
+                let at = FRAME * DVec3::new(along(i), along(j), height);
+                mesh.vertices.push(narrow(distance + at));
             }
         }
         for j in 0..8 {
@@ -165,13 +162,12 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
             let index = (random.next() * 128.0) as usize;
             let triangle = mesh.triangle(index);
             let [a, b, c] = triangle.map(wide);
-            let inner = |i: usize| 0.3 * a[i] + 0.3 * b[i] + 0.4 * c[i];
-            let target = [inner(0), inner(1), inner(2)];
-            let normal = normalize(cross(sub(b, a), sub(c, a)));
+            let target = 0.3 * a + 0.3 * b + 0.4 * c;
+            let normal = normalize((b - a).cross(c - a));
             let tilt = random.direction();
-            let way = normalize(std::array::from_fn(|i| normal[i] + 0.5 * tilt[i]));
-            let from = narrow(std::array::from_fn(|i| target[i] + 0.5 * lid * way[i]));
-            let coming = ray(from, narrow(way.map(|c| -c)));
+            let way = normalize(normal + 0.5 * tilt);
+            let from = narrow(target + 0.5 * lid * way);
+            let coming = ray(from, narrow(-way));
             let Some(hit) = closest_with(&mut walker, &scene.top, &coming) else {
                 continue;
             };
@@ -180,12 +176,12 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
             }
             let triangle = mesh.triangle(hit.primitive_index as usize);
             let normal = scenes::hard::unit_normal(&triangle);
-            let toward = if dot(normal, way) < 0.0 { -1.0 } else { 1.0 };
+            let toward = if normal.dot(way) < 0.0 { -1.0 } else { 1.0 };
             let seen = Seen {
                 ray: &coming,
                 hit: &hit,
                 triangle,
-                normal: narrow(normal.map(|c| c * toward)),
+                normal: narrow(normal * toward),
             };
             all += 1;
             for (number, way_out) in WAYS.iter().enumerate() {

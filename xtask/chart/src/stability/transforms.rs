@@ -10,7 +10,7 @@ use crate::report::Report;
 use crate::triangles::Test;
 use scenes::hard::{TOLERANCE, fault};
 use scenes::{
-    Mesh, Random, Scene, closest_with, cross, dot, icosphere, narrow, normalize, ray, sub, wide,
+    DMat3, DVec3, Mesh, Random, Scene, apply, closest_with, icosphere, narrow, normalize, ray, wide,
 };
 use traversal::{Options as WalkOptions, Ray, Walker};
 
@@ -53,39 +53,33 @@ const KINDS: [Kind; 3] = [
 
 /// Two turns about axes, in between stretched or sheared; moved a little.
 fn transform(kind: &Kind, condition: f64) -> [f32; 12] {
-    const FIRST: [[f64; 3]; 3] = [[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]];
-    const SECOND: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 0.28, -0.96], [0.0, 0.96, 0.28]];
+    // By rows; so a product is written from right to left.
+    const FIRST: DMat3 =
+        DMat3::from_cols_array_2d(&[[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]);
+    const SECOND: DMat3 =
+        DMat3::from_cols_array_2d(&[[1.0, 0.0, 0.0], [0.0, 0.28, -0.96], [0.0, 0.96, 0.28]]);
     let (scale, shear) = ((kind.scale)(condition), (kind.shear)(condition));
-    let middle = [
+    let middle = DMat3::from_cols_array_2d(&[
         [scale[0], shear, 0.0],
         [0.0, scale[1], 0.0],
         [0.0, 0.0, scale[2]],
-    ];
-    let times = |a: [[f64; 3]; 3], b: [[f64; 3]; 3]| -> [[f64; 3]; 3] {
-        std::array::from_fn(|i| std::array::from_fn(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
-    };
-    let m = times(FIRST, times(middle, SECOND));
+    ]);
+    let m = SECOND * middle * FIRST;
     std::array::from_fn(|i| match i % 4 {
         3 => 0.5 + (i / 4) as f32,
-        column => m[i / 4][column] as f32,
+        column => m.col(i / 4)[column] as f32,
     })
 }
 
-fn rows_of(m: &[f32; 12]) -> [[f64; 3]; 3] {
-    std::array::from_fn(|row| std::array::from_fn(|column| f64::from(m[4 * row + column])))
+fn rows_of(m: &[f32; 12]) -> [DVec3; 3] {
+    [0, 4, 8].map(|first| wide([m[first], m[first + 1], m[first + 2]]))
 }
 
-/// A point moved by a transform, in f64.
-fn apply(m: &[f32; 12], point: [f64; 3]) -> [f64; 3] {
-    let rows = rows_of(m);
-    std::array::from_fn(|i| dot(rows[i], point) + f64::from(m[4 * i + 3]))
-}
-
-fn inverse(m: &[f32; 12]) -> [[f64; 3]; 3] {
+fn inverse(m: &[f32; 12]) -> [DVec3; 3] {
     let [a, b, c] = rows_of(m);
-    let columns = [cross(b, c), cross(c, a), cross(a, b)];
-    let determinant = dot(a, columns[0]);
-    std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i] / determinant))
+    let columns = [b.cross(c), c.cross(a), a.cross(b)];
+    let determinant = a.dot(columns[0]);
+    [0, 1, 2].map(|i| DVec3::from(columns.map(|column| column[i])) / determinant)
 }
 
 /// What a simple tracer does: the ray through the rounded inverse, in f32.
@@ -159,18 +153,15 @@ fn aim(mesh: &Mesh, placed: &[f32; 12], random: &mut Random) -> (Ray, f64) {
         let index = (random.next() * mesh.indices.len() as f64) as usize;
         let corners = mesh.triangle(index).map(wide);
         let (u, v) = (0.1 + 0.4 * random.next(), 0.1 + 0.4 * random.next());
-        let target: [f64; 3] = std::array::from_fn(|i| {
-            corners[0][i] * (1.0 - u - v) + corners[1][i] * u + corners[2][i] * v
-        });
+        let target = corners[0] * (1.0 - u - v) + corners[1] * u + corners[2] * v;
         let (normal, tilt) = (normalize(target), random.direction());
-        let from: [f64; 3] =
-            std::array::from_fn(|i| target[i] + 2.0 * (0.9 * normal[i] + 0.4 * tilt[i]));
-        let origin = narrow(apply(placed, from));
-        let aimed = ray(origin, narrow(sub(apply(placed, target), wide(origin))));
+        let from = target + 2.0 * (0.9 * normal + 0.4 * tilt);
+        let origin = narrow(apply(placed, from, 1.0));
+        let aimed = ray(origin, narrow(apply(placed, target, 1.0) - wide(origin)));
         // The truth: the triangles where they are in the world.
         let mut best: Option<f64> = None;
         for number in 0..mesh.indices.len() {
-            let [a, b, c] = mesh.triangle(number).map(|p| apply(placed, wide(p)));
+            let [a, b, c] = mesh.triangle(number).map(|p| apply(placed, wide(p), 1.0));
             if let Some(t) = meet(&aimed, a, b, c)
                 && best.is_none_or(|best| t < best)
             {
@@ -185,14 +176,14 @@ fn aim(mesh: &Mesh, placed: &[f32; 12], random: &mut Random) -> (Ray, f64) {
     }
 }
 
-fn meet(ray: &Ray, a: [f64; 3], b: [f64; 3], c: [f64; 3]) -> Option<f64> {
+fn meet(ray: &Ray, a: DVec3, b: DVec3, c: DVec3) -> Option<f64> {
     let (origin, direction) = (wide(ray.origin), wide(ray.direction));
-    let (first, second) = (sub(b, a), sub(c, a));
-    let p = cross(direction, second);
-    let determinant = dot(first, p);
-    let s = sub(origin, a);
-    let q = cross(s, first);
-    let (u, v) = (dot(s, p) / determinant, dot(direction, q) / determinant);
+    let (first, second) = (b - a, c - a);
+    let p = direction.cross(second);
+    let determinant = first.dot(p);
+    let s = origin - a;
+    let q = s.cross(first);
+    let (u, v) = (s.dot(p) / determinant, direction.dot(q) / determinant);
     let inside = u >= 0.0 && v >= 0.0 && u + v <= 1.0;
-    inside.then(|| dot(second, q) / determinant)
+    inside.then(|| second.dot(q) / determinant)
 }
