@@ -76,6 +76,12 @@ pub struct Set {
 }
 
 impl Gpu {
+    /// A set whose bindings are numbered from 0, with one thing each.
+    pub fn set_of(&self, things: &[Bound]) -> Set {
+        let bindings: Vec<(u32, &[Bound])> = (0..).zip(things.chunks(1)).collect();
+        self.set(&bindings)
+    }
+
     /// A set that holds, for each binding number, an array of things of one kind.
     pub fn set(&self, bindings: &[(u32, &[Bound])]) -> Set {
         let layout = self.set_layout(bindings, vk::DescriptorSetLayoutCreateFlags::empty());

@@ -33,6 +33,15 @@ impl Gpu {
         Kernel { pipeline, layout }
     }
 
+    /// A kernel of SPIR-V.
+    pub fn kernel_of(&self, words: &[u32], sets: &[vk::DescriptorSetLayout]) -> Kernel {
+        let layout = self.layout(sets);
+        let constants = vk::SpecializationInfo::default();
+        let made = self.try_kernel(words, c"main", layout, &constants);
+        let pipeline = made.expect("vkCreateComputePipelines");
+        Kernel { pipeline, layout }
+    }
+
     /// The same as [`Self::kernel`], with flags for the pipeline.
     pub fn kernel_with(
         &self,
@@ -161,16 +170,10 @@ impl Gpu {
 
     /// The short way: storage buffers at bindings 0, 1, … of set 0, and no push constants.
     pub fn compute(&self, source: &str, buffers: &[Buffer], groups: [u32; 3]) {
-        let bound: Vec<[Bound; 1]> = buffers
-            .iter()
-            .map(|buffer| [Bound::Storage(*buffer)])
-            .collect();
-        let bindings: Vec<(u32, &[Bound])> = bound
-            .iter()
-            .enumerate()
-            .map(|(i, bound)| (i as u32, &bound[..]))
-            .collect();
-        self.compute_with(source, &bindings, groups);
+        let bound: Vec<Bound> = buffers.iter().map(|&buffer| buffer.into()).collect();
+        let set = self.set_of(&bound);
+        let kernel = self.kernel(source, &[set.layout]);
+        self.dispatch::<u32>(kernel, &[set], &[], groups);
     }
 
     /// The same with anything bound to set 0.

@@ -152,6 +152,19 @@ impl Gpu {
         self.run(|commands| self.record_pass(commands, pass, record));
     }
 
+    /// Draws with a pipeline into an attachment that is black before.
+    pub fn paint(
+        &self,
+        canvas: &Canvas,
+        pipeline: vk::Pipeline,
+        record: impl FnOnce(vk::CommandBuffer),
+    ) {
+        self.draw(&Pass::black(canvas), |commands| {
+            self.bind(commands, pipeline);
+            record(commands);
+        });
+    }
+
     /// Binds a graphics pipeline.
     pub fn bind(&self, commands: vk::CommandBuffer, pipeline: vk::Pipeline) {
         // SAFETY: the command buffer is being recorded.

@@ -247,6 +247,34 @@ impl Presenter {
         }
     }
 
+    /// Makes and destroys so many swapchains, each tenth of which shows a picture, and asserts that they leave no files open.
+    pub fn assert_nothing_stays(&self, side: u32, pixels: &[u8], rounds: u32) {
+        let files = || std::fs::read_dir("/proc/self/fd").unwrap().count();
+        let chain = Chain {
+            mode: vk::PresentModeKHR::IMMEDIATE,
+            ..Chain::of(side, side)
+        };
+        let mut before = 0;
+        for round in 0..rounds {
+            let swapchain = self.swapchain(&chain).unwrap();
+            if round % 10 == 0 {
+                self.show(swapchain, &chain, pixels);
+            }
+            self.destroy(swapchain);
+            if round == 100 {
+                before = files();
+            }
+        }
+        // Other tests of this program may have some open, too.
+        assert!(files() < before + 100, "{} files, {before} before", files());
+    }
+
+    /// Presents a picture, which must succeed; the image's index, and whether the swapchain does not fit well.
+    #[track_caller]
+    pub fn show(&self, swapchain: vk::SwapchainKHR, chain: &Chain, pixels: &[u8]) -> (u32, bool) {
+        self.frame(swapchain, chain.extent, pixels, 0).unwrap()
+    }
+
     /// Acquires an image, copies pixels there that lie as its format has them, and presents it; the
     /// index, and what was said.
     pub fn frame(

@@ -55,11 +55,11 @@ fn open() -> Option<(Gpu, vk::PipelineLayout)> {
     );
     let sampler = gpu.sampler(&vk::SamplerCreateInfo::default());
     let world = gpu.top(&[]);
-    let set = gpu.set(&[
-        (0, &[Bound::Storage(buffer)]),
-        (1, &[Bound::Sampled(picture.view, sampler)]),
-        (2, &[Bound::StorageImage(picture.view)]),
-        (3, &[Bound::Structure(world.handle)]),
+    let set = gpu.set_of(&[
+        buffer.into(),
+        Bound::Sampled(picture.view, sampler),
+        Bound::StorageImage(picture.view),
+        world.into(),
     ]);
     let layout = gpu.layout(&[set.layout]);
     Some((gpu, layout))

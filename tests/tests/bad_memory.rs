@@ -292,10 +292,7 @@ fn resources_lie_inside_memory() {
         let results = gpu.buffer(64);
         let mut unbound = results;
         unbound.handle = buffer;
-        let set = gpu.set(&[
-            (0, &[Bound::Storage(unbound)]),
-            (1, &[Bound::Storage(results)]),
-        ]);
+        let set = gpu.set_of(&[unbound.into(), results.into()]);
         for (offset, range) in [(0, vk::WHOLE_SIZE), (1 << 19, 1 << 19), (1 << 21, 1 << 20)] {
             let info = [vk::DescriptorBufferInfo::default()
                 .buffer(buffer)
@@ -338,10 +335,7 @@ fn dynamic_offsets_end_with_the_buffer() {
     let size = 1 << 20;
     let given = gpu.buffer(size);
     let window = 512 << 10;
-    let set = gpu.set(&[
-        (0, &[Bound::StorageDynamic(given, window)]),
-        (1, &[Bound::Storage(results)]),
-    ]);
+    let set = gpu.set_of(&[Bound::StorageDynamic(given, window), results.into()]);
     let kernel = gpu.kernel(WRITES_AND_READS, &[set.layout]);
     for offset in [0, 768 << 10, 1 << 20, 1 << 31, u32::MAX & !0xFF] {
         results.write(0, &[7u32; 16]);

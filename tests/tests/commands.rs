@@ -14,7 +14,7 @@ impl Doubling {
     fn new(word: u32) -> Doubling {
         let gpu = Gpu::new();
         let buffer = gpu.buffer_with(&[word]);
-        let set = gpu.set(&[(0, &[Bound::Storage(buffer)])]);
+        let set = gpu.set_of(&[buffer.into()]);
         let kernel = double_shader(&gpu, &set);
         Doubling {
             gpu,
@@ -388,8 +388,7 @@ fn pipeline_caches_are_saved_and_loaded() {
     layout(set = 0, binding = 0) buffer B { uint b; };
     void main() { b += 5u; }";
     let buffer = gpu.buffer(4);
-    let bound = [Bound::Storage(buffer)];
-    let set = gpu.set(&[(0, &bound)]);
+    let set = gpu.set_of(&[buffer.into()]);
     let layout = gpu.layout(&[set.layout]);
     let module = gpu.module(&glsl(Stage::Compute, source));
     let build = |cache: vk::PipelineCache| {
@@ -512,7 +511,7 @@ fn descriptors_are_copied_and_pools_run_out() {
     let gpu = Gpu::new();
     let (one, two) = (gpu.buffer_with(&[10u32]), gpu.buffer_with(&[20u32]));
     let from = gpu.set(&[(0, &[Bound::Storage(one), Bound::Storage(two)])]);
-    let to = gpu.set(&[(0, &[Bound::Storage(one)])]);
+    let to = gpu.set_of(&[one.into()]);
     let copy = vk::CopyDescriptorSet::default()
         .src_set(from.handle)
         .src_array_element(1)

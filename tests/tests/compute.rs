@@ -253,8 +253,7 @@ fn push_constants_and_specialization_constants() {
         o[i] = flip ? -x : x;
     }";
     let output = gpu.buffer(4 * 24);
-    let bound = [Bound::Storage(output)];
-    let set = gpu.set(&[(0, &bound)]);
+    let set = gpu.set_of(&[output.into()]);
     let mut push = [0.0f32; 12];
     push[1] = f32::from_bits(40);
     push[4..7].copy_from_slice(&[1.0, 2.0, 3.0]);
@@ -383,8 +382,7 @@ fn indirect_dispatch_and_base_groups() {
     layout(set = 0, binding = 0) buffer O { uint o[]; };
     void main() { atomicAdd(o[gl_GlobalInvocationID.x], gl_NumWorkGroups.x + 100u * gl_WorkGroupID.y); }";
     let output = gpu.buffer(4 * 64);
-    let bound = [Bound::Storage(output)];
-    let set = gpu.set(&[(0, &bound)]);
+    let set = gpu.set_of(&[output.into()]);
     let kernel = gpu.kernel(source, &[set.layout]);
     let sizes = gpu.buffer_with(&[9u32, 9, 9, 3, 2, 1]);
     gpu.run(|commands| {

@@ -90,7 +90,7 @@ impl World {
         };
         let top = gpu.top(&(0..instances).map(placed).collect::<Vec<_>>());
         let results = gpu.buffer(4 * 64);
-        let queries = gpu.set(&[(0, &[Bound::Storage(results)])]);
+        let queries = gpu.set_of(&[results.into()]);
         let case = Case::new(RAYGEN)
             .miss("layout(location = 0) rayPayloadInEXT float t; void main() { t = -1.0; }")
             .hit(CLOSEST_HIT)
@@ -322,10 +322,7 @@ fn a_header_that_a_shader_wrote() {
             w[70] = 1u + rayQueryGetIntersectionTypeEXT(q, true);
         }";
     let target = gpu.buffer(1 << 16);
-    let set = gpu.set(&[
-        (0, &[Bound::Storage(words)]),
-        (1, &[Bound::Storage(target)]),
-    ]);
+    let set = gpu.set_of(&[words.into(), target.into()]);
     let kernel = gpu.kernel(forge, &[set.layout]);
     for changed in 0..32 {
         let push = [

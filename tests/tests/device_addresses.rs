@@ -213,7 +213,7 @@ fn a_dispatch_takes_its_size_from_an_address() {
     let dispatch: WithInfo<DispatchInfo> = function(&gpu, c"vkCmdDispatchIndirect2KHR");
     let counter = gpu.buffer(4);
     let sizes = gpu.buffer_with(&[7u32, 3, 2, 1]);
-    let set = gpu.set(&[(0, &[Bound::Storage(counter)])]);
+    let set = gpu.set_of(&[counter.into()]);
     let kernel = gpu.kernel(
         "layout(local_size_x = 1) in;
         layout(set = 0, binding = 0, std430) buffer C { uint count; };

@@ -224,7 +224,7 @@ fn a_hang_is_told_with_its_names_and_line() {
     }
     let Some(gpu) = open() else { return };
     let data = gpu.buffer_with(&[0u32; 4]);
-    let set = gpu.set(&[(0, &[Bound::Storage(data)])]);
+    let set = gpu.set_of(&[data.into()]);
     let words = with_lines(&glsl(Stage::Compute, SPIN), "shaders/spin.comp");
     let kernel = named_kernel(&gpu, &words, set, [c"spinner", c"spins for ever"]);
     assert_eq!(
@@ -267,7 +267,7 @@ fn a_messenger_hears_the_same() {
         return;
     };
     let data = gpu.buffer_with(&[0u32; 4]);
-    let set = gpu.set(&[(0, &[Bound::Storage(data)])]);
+    let set = gpu.set_of(&[data.into()]);
     let kernel = named_kernel(&gpu, &glsl(Stage::Compute, SPIN), set, [c"", c"p"]);
     assert_eq!(
         dispatch(&gpu, kernel, set),
@@ -307,7 +307,7 @@ fn a_fragment_shader_that_hangs_is_told() {
         color = vec4(sum);
     }";
     let data = gpu.buffer_with(&[0u32; 4]);
-    let set = gpu.set(&[(0, &[Bound::Storage(data)])]);
+    let set = gpu.set_of(&[data.into()]);
     let canvas = gpu.canvas(RGBA, 16, 16);
     let painting = Painting {
         layout: gpu.layout(&[set.layout]),
@@ -387,7 +387,7 @@ fn wild_addresses_are_told() {
         while (wild[2] == 0) wild[3] = wild[3] + read;
     }";
     let data = gpu.buffer_with(&[0x1230u64, 0x2340, 0, 0]);
-    let set = gpu.set(&[(0, &[Bound::Storage(data)])]);
+    let set = gpu.set_of(&[data.into()]);
     let words = with_lines(&glsl(Stage::Compute, source), "wild.comp");
     let kernel = named_kernel(&gpu, &words, set, [c"", c""]);
     assert_eq!(
@@ -440,7 +440,7 @@ fn earlier_wild_addresses_are_told() {
         gpu.draw_vertices(commands, 3);
     });
     let data = gpu.buffer_with(&[0u32; 4]);
-    let set = gpu.set(&[(0, &[Bound::Storage(data)])]);
+    let set = gpu.set_of(&[data.into()]);
     let kernel = named_kernel(&gpu, &glsl(Stage::Compute, SPIN), set, [c"", c""]);
     assert_eq!(
         dispatch(&gpu, kernel, set),
@@ -482,7 +482,7 @@ fn names_in_chains_are_told() {
         return;
     };
     let data = gpu.buffer_with(&[0u32; 4]);
-    let set = gpu.set(&[(0, &[Bound::Storage(data)])]);
+    let set = gpu.set_of(&[data.into()]);
     let words = glsl(Stage::Compute, SPIN);
     let mut module = vk::ShaderModuleCreateInfo::default().code(&words);
     let mut name = vk::DebugUtilsObjectNameInfoEXT {

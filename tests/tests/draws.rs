@@ -23,11 +23,7 @@ fn a_triangle_covers_every_pixel_with_its_own_place() {
         layout(location = 0) out vec4 color;
         void main() { color = vec4(floor(gl_FragCoord.xy), 0.0, gl_FragCoord.z * 255.0) / 255.0; }";
     let pipeline = gpu.painting(&Painting::new(&gpu, COVER, fragment, RGBA));
-    let pass = Pass::black(&canvas);
-    gpu.draw(&pass, |commands| {
-        gpu.bind(commands, pipeline);
-        gpu.draw_vertices(commands, 3);
-    });
+    gpu.paint(&canvas, pipeline, |commands| gpu.draw_vertices(commands, 3));
     for (index, color) in gpu.colors(&canvas).into_iter().enumerate() {
         let place = [(index % 70) as u8, (index / 70) as u8];
         assert_eq!(color[..2], place, "pixel {index}");
@@ -56,9 +52,7 @@ fn coverage_is_that_of_pixel_centres() {
         let corners = points.map(|[x, y]| Corner::at(x, y, [1.0; 4]));
         let vertices = gpu.buffer_with(&corners);
         let canvas = gpu.canvas(RGBA, SIZE, SIZE);
-        let pass = Pass::black(&canvas);
-        gpu.draw(&pass, |commands| {
-            gpu.bind(commands, pipeline);
+        gpu.paint(&canvas, pipeline, |commands| {
             gpu.bind_vertices(commands, &vertices);
             gpu.draw_vertices(commands, 3);
         });
@@ -132,9 +126,7 @@ fn neighbours_cover_each_pixel_once() {
         .src_alpha_blend_factor(vk::BlendFactor::ONE)
         .dst_alpha_blend_factor(vk::BlendFactor::ONE);
     let pipeline = gpu.painting(&painting);
-    let pass = Pass::black(&canvas);
-    gpu.draw(&pass, |commands| {
-        gpu.bind(commands, pipeline);
+    gpu.paint(&canvas, pipeline, |commands| {
         gpu.bind_vertices(commands, &vertices);
         gpu.draw_vertices(commands, corners.len() as u32);
     });
@@ -168,9 +160,7 @@ fn indices_choose_vertices() {
         (shorts, vk::IndexType::UINT16),
         (longs, vk::IndexType::UINT32),
     ] {
-        let pass = Pass::black(&canvas);
-        gpu.draw(&pass, |commands| {
-            gpu.bind(commands, pipeline);
+        gpu.paint(&canvas, pipeline, |commands| {
             // SAFETY: the command buffer is being recorded.
             unsafe {
                 gpu.device
@@ -213,9 +203,7 @@ fn instances_have_their_own_attributes() {
         .push(vk::VertexInputAttributeDescription::default().format(format));
     let pipeline = gpu.painting(&painting);
     let columns = gpu.buffer_with(&[9.0f32, 9.0, 3.0, 1.0]);
-    let pass = Pass::black(&canvas);
-    gpu.draw(&pass, |commands| {
-        gpu.bind(commands, pipeline);
+    gpu.paint(&canvas, pipeline, |commands| {
         // SAFETY: the command buffer is being recorded.
         unsafe {
             gpu.device
@@ -527,14 +515,12 @@ fn fragments_write_buffers() {
             color = vec4(1.0);
         }";
     let buffer = gpu.buffer(4 + 4 * 19 * 19);
-    let set = gpu.set(&[(0, &[Bound::Storage(buffer)])]);
+    let set = gpu.set_of(&[buffer.into()]);
     let mut painting = Painting::new(&gpu, COVER, fragment, RGBA);
     painting.layout = gpu.layout(&[set.layout]);
     let pipeline = gpu.painting(&painting);
     let canvas = gpu.canvas(RGBA, 19, 19);
-    let pass = Pass::black(&canvas);
-    gpu.draw(&pass, |commands| {
-        gpu.bind(commands, pipeline);
+    gpu.paint(&canvas, pipeline, |commands| {
         gpu.bind_set(commands, painting.layout, set.handle);
         gpu.draw_vertices(commands, 3);
     });

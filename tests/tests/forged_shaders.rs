@@ -191,7 +191,7 @@ fn looking_up(lookup: Lookup, forge: impl FnOnce(&mut Assembly, &Ids) -> u32) ->
 /// What a shader leaves, or nothing if it is refused.
 fn run(gpu: &Gpu, words: &[u32]) -> Option<[u32; 4]> {
     let buffer = gpu.buffer_with(&[7u32; 16]);
-    let set = gpu.set(&[(0, &[Bound::Storage(buffer)])]);
+    let set = gpu.set_of(&[buffer.into()]);
     let layout = gpu.layout(&[set.layout]);
     let none = vk::SpecializationInfo::default();
     let pipeline = match gpu.try_kernel(words, c"main", layout, &none) {

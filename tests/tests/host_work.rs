@@ -86,7 +86,7 @@ impl Parts {
         }
         let module = |(stage, words): &(Stage, Vec<u32>)| (*stage, gpu.module(words));
         let output = gpu.buffer(4 * 6);
-        let set = gpu.set(&[(0, &[Bound::Storage(output)])]);
+        let set = gpu.set_of(&[output.into()]);
         let layout = gpu.layout(&[set.layout]);
         Parts {
             modules: modules.iter().map(module).collect(),

@@ -24,7 +24,7 @@ fn a_stage_needs_no_module() {
         return;
     };
     let buffer = gpu.buffer_with(&[1u32, 2, 3, 4]);
-    let set = gpu.set(&[(0, &[Bound::Storage(buffer)])]);
+    let set = gpu.set_of(&[buffer.into()]);
     let layout = gpu.layout(&[set.layout]);
     let words = glsl(Stage::Compute, DOUBLE);
     let mut module = vk::ShaderModuleCreateInfo::default().code(&words);

@@ -362,9 +362,7 @@ fn vertices_choose_layers() {
         }";
     let painting = Painting::new(&gpu, vertex, PUSHED, RGBA);
     let pipeline = gpu.painting(&painting);
-    let pass = Pass::black(&canvas);
-    gpu.draw(&pass, |commands| {
-        gpu.bind(commands, pipeline);
+    gpu.paint(&canvas, pipeline, |commands| {
         gpu.push(commands, painting.layout, &[1.0f32; 4]);
         // SAFETY: the command buffer is being recorded.
         unsafe { gpu.device.cmd_draw(commands, 3, 2, 0, 1) };
@@ -446,9 +444,7 @@ fn draws_keep_what_was_current() {
     let mut painting = Painting::new(&gpu, COVER, PUSHED, RGBA);
     painting.dynamic = vec![vk::DynamicState::CULL_MODE, vk::DynamicState::FRONT_FACE];
     let pipeline = gpu.painting(&painting);
-    let pass = Pass::black(&canvas);
-    gpu.draw(&pass, |commands| {
-        gpu.bind(commands, pipeline);
+    gpu.paint(&canvas, pipeline, |commands| {
         for column in 0..COUNT {
             // Every third one is culled.
             let culled = column % 3 == 2;

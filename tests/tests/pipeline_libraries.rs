@@ -114,10 +114,7 @@ fn thousands_of_groups_are_linked() {
         .collect();
     let world = gpu.top(&instances);
     let results = gpu.buffer(4 * 6);
-    let set = gpu.set(&[
-        (0, &[Bound::Structure(world.handle)]),
-        (1, &[Bound::Storage(results)]),
-    ]);
+    let set = gpu.set_of(&[world.into(), results.into()]);
     let layout = gpu.layout(&[set.layout]);
     let parts = Parts { gpu: &gpu, layout };
     // The first library's groups are all of one shader, as materials are; the second's are of two by turns.

@@ -497,10 +497,7 @@ fn derivatives_in_compute() {
             .max_lod(100.0),
     );
     let results = gpu.buffer(32 * 64);
-    let set = gpu.set(&[
-        (0, &[Bound::Sampled(picture.view, sampler)]),
-        (1, &[Bound::Storage(results)]),
-    ]);
+    let set = gpu.set_of(&[Bound::Sampled(picture.view, sampler), results.into()]);
     for (group, dx, dy) in [("quads", 3.0, 50.0), ("linear", 3.0, 6.0)] {
         let source = format!(
             r"

@@ -155,15 +155,8 @@ fn a_triangle_by_a_ray_query() {
     let gpu = gpu();
     let world = gpu.scene(&[Geometry::opaque(&TRIANGLE)]);
     let picture = canvas(&gpu);
-    let set = gpu.set(&[
-        (0, &[Bound::Structure(world.handle)]),
-        (1, &[Bound::StorageImage(picture.view)]),
-    ]);
-    let layout = gpu.layout(&[set.layout]);
-    let constants = vk::SpecializationInfo::default();
-    let made = gpu.try_kernel(&words, c"main", layout, &constants);
-    let pipeline = made.expect("vkCreateComputePipelines");
-    let kernel = Kernel { pipeline, layout };
+    let set = gpu.set_of(&[world.into(), Bound::StorageImage(picture.view)]);
+    let kernel = gpu.kernel_of(&words, &[set.layout]);
     gpu.dispatch::<u32>(kernel, &[set], &[], [SIZE / 16, SIZE / 16, 1]);
     check_triangle(&gpu, &picture);
 }
@@ -176,10 +169,7 @@ fn a_triangle_by_a_pipeline() {
     let gpu = gpu();
     let world = gpu.scene(&[Geometry::opaque(&TRIANGLE)]);
     let picture = canvas(&gpu);
-    let set = gpu.set(&[
-        (0, &[Bound::Structure(world.handle)]),
-        (1, &[Bound::StorageImage(picture.view)]),
-    ]);
+    let set = gpu.set_of(&[world.into(), Bound::StorageImage(picture.view)]);
     let flags = vk::PipelineCreateFlags::empty();
     let rays = gpu.rays_of_words(&shaders, &groups(), 1, set, flags);
     gpu.trace(&rays, &Table::of(0, &[1], &[2]), [SIZE, SIZE, 1]);
@@ -210,16 +200,16 @@ fn square(gpu: &Gpu, world: Structure) -> Set {
     (0..4).for_each(|i| identity[5 * i] = 1.0);
     let storage = |words: &[u32]| Bound::Storage(gpu.buffer_with(words));
     let floats = |floats: &[f32]| storage(bytemuck::cast_slice(floats));
-    gpu.set(&[
-        (0, &[Bound::Uniform(gpu.buffer_with(&camera))]),
-        (1, &[Bound::Structure(world.handle)]),
-        (2, &[floats(&[red, green, blue, 0.0])]),
-        (3, &[storage(&[4, 6, 0, 0])]),
-        (4, &[storage(&[0, 0, 0])]),
-        (5, &[floats(vertices.as_flattened())]),
-        (6, &[storage(&INDICES)]),
-        (7, &[floats(&identity)]),
-        (8, &[floats(&identity)]),
+    gpu.set_of(&[
+        Bound::Uniform(gpu.buffer_with(&camera)),
+        world.into(),
+        floats(&[red, green, blue, 0.0]),
+        storage(&[4, 6, 0, 0]),
+        storage(&[0, 0, 0]),
+        floats(vertices.as_flattened()),
+        storage(&INDICES),
+        floats(&identity),
+        floats(&identity),
     ])
 }
 
@@ -263,12 +253,8 @@ fn a_path_tracer_in_a_furnace() {
     let world = gpu.scene(&[Geometry::opaque(&corners)]);
     let scene = square(&gpu, world);
     let frame = gpu.buffer_with(&[0u32; 4]);
-    let set_for = |picture: &Picture| {
-        gpu.set(&[
-            (0, &[Bound::Uniform(frame)]),
-            (1, &[Bound::StorageImage(picture.view)]),
-        ])
-    };
+    let set_for =
+        |picture: &Picture| gpu.set_of(&[Bound::Uniform(frame), Bound::StorageImage(picture.view)]);
 
     let picture = canvas(&gpu);
     let set = set_for(&picture);

@@ -53,10 +53,8 @@ fn parts_are_linked() {
     let libraries = parts.map(|part| gpu.painting_part(&painting, part));
     let pipeline = gpu.linked(&libraries, painting.layout);
     let canvas = gpu.canvas(RGBA, 16, 16);
-    let pass = Pass::black(&canvas);
-    gpu.draw(&pass, |commands| {
-        gpu.bind(commands, pipeline);
-        draw(&gpu, commands, painting.layout);
+    gpu.paint(&canvas, pipeline, |commands| {
+        draw(&gpu, commands, painting.layout)
     });
     assert_eq!(gpu.colors(&canvas), expected());
 }

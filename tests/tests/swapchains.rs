@@ -38,9 +38,7 @@ fn images_are_acquired_copied_to_and_presented_in_turn() {
     let pixels = screen_picture(16, 8, 0);
     let mut seen = Vec::new();
     for _ in 0..3 * images.len() {
-        let (index, suboptimal) = presenter
-            .frame(swapchain, chain.extent, &pixels, 0)
-            .unwrap();
+        let (index, suboptimal) = presenter.show(swapchain, &chain, &pixels);
         assert!(!suboptimal);
         seen.push(index);
     }

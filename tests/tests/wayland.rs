@@ -42,9 +42,7 @@ fn what_is_presented_is_attached() {
                     vk::Format::R8G8B8A8_UNORM => red_first(&pixels),
                     _ => pixels.clone(),
                 };
-                presenter
-                    .frame(swapchain, chain.extent, &ordered, 0)
-                    .unwrap();
+                presenter.show(swapchain, &chain, &ordered);
                 if seed == 5 {
                     assert!(compositor.shows(61, 37, &pixels), "{mode:?} {format:?}");
                 }
@@ -60,9 +58,7 @@ fn what_is_presented_is_attached() {
     };
     let swapchain = presenter.swapchain(&chain).unwrap();
     let pixels = screen_picture(5, 7, 1);
-    presenter
-        .frame(swapchain, chain.extent, &pixels, 0)
-        .unwrap();
+    presenter.show(swapchain, &chain, &pixels);
     assert!(compositor.shows(5, 7, &pixels));
     assert!(compositor.manners.shown.lock().unwrap().has_alpha);
     presenter.destroy(swapchain);
@@ -120,9 +116,7 @@ fn late_releases_hold_images_back_but_nothing_up() {
     let swapchain = presenter.swapchain(&chain).unwrap();
     for seed in 0..40 {
         let pixels = screen_picture(16, 16, seed);
-        presenter
-            .frame(swapchain, chain.extent, &pixels, 0)
-            .unwrap();
+        presenter.show(swapchain, &chain, &pixels);
     }
     assert!(compositor.shows(16, 16, &screen_picture(16, 16, 39)));
     presenter.destroy(swapchain);
@@ -137,9 +131,7 @@ fn a_dead_compositor_is_a_lost_surface() {
     let chain = Chain::of(16, 16);
     let swapchain = presenter.swapchain(&chain).unwrap();
     let pixels = screen_picture(16, 16, 3);
-    presenter
-        .frame(swapchain, chain.extent, &pixels, 0)
-        .unwrap();
+    presenter.show(swapchain, &chain, &pixels);
     compositor.manners.dies.store(true, Ordering::Release);
     let code = (0..20).find_map(|_| presenter.frame(swapchain, chain.extent, &pixels, 0).err());
     assert_eq!(code, Some(vk::Result::ERROR_SURFACE_LOST_KHR));
@@ -152,24 +144,5 @@ fn thousands_of_swapchains_leave_nothing_behind() {
     let Some(presenter) = compositor.presenter() else {
         return;
     };
-    let files = || std::fs::read_dir("/proc/self/fd").unwrap().count();
-    let chain = Chain {
-        mode: vk::PresentModeKHR::IMMEDIATE,
-        ..Chain::of(16, 16)
-    };
-    let pixels = screen_picture(16, 16, 5);
-    let mut before = 0;
-    for round in 0..2_000 {
-        let swapchain = presenter.swapchain(&chain).unwrap();
-        if round % 10 == 0 {
-            presenter
-                .frame(swapchain, chain.extent, &pixels, 0)
-                .unwrap();
-        }
-        presenter.destroy(swapchain);
-        if round == 100 {
-            before = files();
-        }
-    }
-    assert!(files() < before + 100, "{} files, {before} before", files());
+    presenter.assert_nothing_stays(16, &screen_picture(16, 16, 5), 2_000);
 }

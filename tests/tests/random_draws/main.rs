@@ -512,9 +512,9 @@ fn spread(gpu: &Gpu, canvas: &Canvas) -> Vec<[u8; 4]> {
         usage,
     );
     let sampler = gpu.sampler(&vk::SamplerCreateInfo::default());
-    let set = gpu.set(&[
-        (0, &[Bound::Sampled(canvas.view, sampler)]),
-        (1, &[Bound::StorageImage(wide.view)]),
+    let set = gpu.set_of(&[
+        Bound::Sampled(canvas.view, sampler),
+        Bound::StorageImage(wide.view),
     ]);
     let groups = [canvas.width.div_ceil(2), canvas.height.div_ceil(8), 1];
     let kernel = gpu.kernel(SPREAD, &[set.layout]);

@@ -146,10 +146,7 @@ fn flags_and_masks_choose_candidates() {
             ? 99 : rayQueryGetIntersectionInstanceIdEXT(q, true);
     }";
     let results = gpu.buffer(8);
-    let set = gpu.set(&[
-        (0, &[Bound::Structure(world.handle)]),
-        (1, &[Bound::Storage(results)]),
-    ]);
+    let set = gpu.set_of(&[world.into(), results.into()]);
     let kernel = gpu.kernel(&format!("{HEAD}{body}"), &[set.layout]);
     const OPAQUE: u32 = 0x1;
     const NO_OPAQUE: u32 = 0x2;

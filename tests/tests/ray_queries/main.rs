@@ -330,10 +330,7 @@ fn structures_are_named_by_their_address() {
         results[i] = uint(rayQueryGetIntersectionTEXT(q, true) + 0.5);
     }";
     let results = gpu.buffer(80);
-    let set = gpu.set(&[
-        (0, &[Bound::Structure(worlds[0].handle)]),
-        (1, &[Bound::Storage(results)]),
-    ]);
+    let set = gpu.set_of(&[worlds[0].into(), results.into()]);
     let kernel = gpu.kernel(&format!("{HEAD}{body}"), &[set.layout]);
     gpu.dispatch(
         kernel,

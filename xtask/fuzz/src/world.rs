@@ -149,12 +149,12 @@ impl World {
         };
         let top = gpu.top(&(0..8).map(placed).collect::<Vec<_>>());
         let levels = [bottom, top];
-        let set = gpu.set(&[
-            (0, &[Bound::Storage(guarded[0].buffer)]),
-            (1, &[Bound::Uniform(guarded[1].buffer)]),
-            (2, &[Bound::Sampled(picture.view, sampler)]),
-            (3, &[Bound::StorageImage(picture.view)]),
-            (4, &[Bound::Structure(top.handle)]),
+        let set = gpu.set_of(&[
+            Bound::Storage(guarded[0].buffer),
+            Bound::Uniform(guarded[1].buffer),
+            Bound::Sampled(picture.view, sampler),
+            Bound::StorageImage(picture.view),
+            top.into(),
         ]);
         bind_middle(&gpu, set, &guarded);
         let query = compiled(Stage::Compute, QUERY);

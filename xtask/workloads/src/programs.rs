@@ -1,6 +1,6 @@
 //! Workloads that look like programs: frames into images, as applications make them.
 
-use tuff_tests::{Bound, Gpu, Group, Kernel, Picture, Rays, Record, Set, Shape, Stage, Table, vk};
+use tuff_tests::{Bound, Gpu, Group, Picture, Rays, Record, Set, Shape, Stage, Table, vk};
 
 use crate::mips::{self, Texture};
 use crate::scene::Mesh;
@@ -19,8 +19,8 @@ pub fn triangle(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     };
     let bottom = gpu.bottom(&[geometry(&mesh, vk::GeometryFlagsKHR::OPAQUE)]);
     let world = World::of_mesh(gpu, scale, &mesh, bottom);
-    let parts = drawing(
-        shader::TRIANGLE,
+    let parts = Parts::new(
+        shader::raygen(shader::TRIANGLE),
         shader::TRIANGLE_MISS,
         shader::with_common(Stage::ClosestHit, shader::TRIANGLE_HIT),
     );
@@ -46,8 +46,8 @@ pub fn boxes(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
 /// Closest hits that read their records and call one of three shaders.
 pub fn callable(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     const PATTERNS: u32 = 3;
-    let mut parts = drawing(
-        shader::CALLABLE,
+    let mut parts = Parts::new(
+        shader::raygen(shader::CALLABLE),
         shader::CALLABLE_MISS,
         shader::with_common(Stage::ClosestHit, shader::CALLABLE_HIT),
     );
@@ -84,8 +84,8 @@ pub fn callable(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
 
 /// Closest hits that sample a texture at levels of their own.
 pub fn textured(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
-    let parts = drawing(
-        shader::TEXTURED,
+    let parts = Parts::new(
+        shader::raygen(shader::TEXTURED),
         shader::MISS,
         shader::with_common(Stage::ClosestHit, shader::TEXTURED_HIT),
     );
@@ -111,8 +111,8 @@ pub fn bindless(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     {
         return None;
     }
-    let parts = drawing(
-        shader::TEXTURED,
+    let parts = Parts::new(
+        shader::raygen(shader::TEXTURED),
         shader::MISS,
         shader::bindless_hit(TEXTURES),
     );
@@ -156,8 +156,8 @@ pub fn bindless(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
 /// A frame as hybrid renderers make it: what was drawn is copied in, rays add light to it, a compute shader maps it to colours, and those are
 /// copied out.
 pub fn hybrid(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
-    let parts = drawing(
-        shader::HYBRID,
+    let parts = Parts::new(
+        shader::raygen(shader::HYBRID),
         shader::MISS,
         shader::with_common(Stage::ClosestHit, shader::HIT),
     );
@@ -176,7 +176,7 @@ pub fn hybrid(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
         (0, [Bound::StorageImage(light.view)]),
         (1, [Bound::StorageImage(image.view)]),
     ]));
-    let tone = kernel(gpu, &shader::tone(), set);
+    let tone = gpu.kernel_of(&shader::tone(), &[set.layout]);
     let whole = whole(scale);
     let general = vk::ImageLayout::GENERAL;
     let turn = gpu.record(|commands| {
@@ -230,8 +230,8 @@ pub fn frames(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
         height: (scale.height / 4).max(1),
         ..few(scale)
     };
-    let parts = drawing(
-        shader::TEXTURED,
+    let parts = Parts::new(
+        shader::raygen(shader::TEXTURED),
         shader::MISS,
         shader::with_common(Stage::ClosestHit, shader::HIT),
     );
@@ -304,19 +304,6 @@ fn few(scale: &Scale) -> Scale {
     }
 }
 
-/// Ray generation, miss and one closest hit.
-fn drawing(raygen: &str, miss: &str, hit: Vec<u32>) -> Parts {
-    Parts {
-        shaders: vec![
-            (Stage::RayGeneration, shader::raygen(raygen)),
-            (Stage::Miss, shader::with_common(Stage::Miss, miss)),
-            (Stage::ClosestHit, hit),
-        ],
-        groups: vec![Group::general(0), Group::general(1), Group::hit(2)],
-        recursion: 1,
-    }
-}
-
 fn plain_table() -> Table {
     Table::of(0, &[1], &[2])
 }
@@ -324,15 +311,6 @@ fn plain_table() -> Table {
 fn rays_of(gpu: &Gpu, parts: &Parts, set: Set) -> Rays {
     let flags = vk::PipelineCreateFlags::empty();
     gpu.rays_of_words(&parts.shaders, &parts.groups, parts.recursion, set, flags)
-}
-
-fn kernel(gpu: &Gpu, words: &[u32], set: Set) -> Kernel {
-    let layout = gpu.layout(&[set.layout]);
-    let made = gpu.try_kernel(words, c"main", layout, &vk::SpecializationInfo::default());
-    Kernel {
-        pipeline: made.expect("vkCreateComputePipelines"),
-        layout,
-    }
 }
 
 /// All of a picture, as a copy between it and a buffer.
@@ -373,7 +351,7 @@ fn show(gpu: &Gpu, scale: &Scale, world: &World, image: &Picture) -> vk::Command
         (0, [Bound::StorageImage(image.view)]),
         (1, [Bound::Storage(world.out)]),
     ]));
-    let kernel = kernel(gpu, &shader::show(), set);
+    let kernel = gpu.kernel_of(&shader::show(), &[set.layout]);
     let groups = [scale.width.div_ceil(8), scale.height.div_ceil(8), 1];
     gpu.record(|commands| {
         gpu.barrier(commands);

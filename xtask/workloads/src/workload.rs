@@ -1,8 +1,8 @@
 //! The workloads: what each prepares, and what one turn of it is.
 
 use anyhow::{Context, Result};
-use tuff_tests::{Bound, Buffer, Group, Picture, Rays, Record, Shape, Stage, Table};
-use tuff_tests::{Gpu, Kernel, vk};
+use tuff_tests::{Bound, Buffer, Group, Picture, Rays, Shape, Stage, Table};
+use tuff_tests::{Gpu, vk};
 
 use crate::drawing;
 use crate::programs;
@@ -241,20 +241,25 @@ pub struct Parts {
     pub recursion: u32,
 }
 
-/// Ray generation, miss and one closest hit.
-pub fn plain(raygen: &str) -> Parts {
-    Parts {
-        shaders: vec![
-            (Stage::RayGeneration, shader::raygen(raygen)),
-            (Stage::Miss, shader::with_common(Stage::Miss, shader::MISS)),
-            (
-                Stage::ClosestHit,
-                shader::with_common(Stage::ClosestHit, shader::HIT),
-            ),
-        ],
-        groups: vec![Group::general(0), Group::general(1), Group::hit(2)],
-        recursion: 1,
+impl Parts {
+    /// Ray generation, miss and one closest hit.
+    pub fn new(raygen: Vec<u32>, miss: &str, hit: Vec<u32>) -> Parts {
+        Parts {
+            shaders: vec![
+                (Stage::RayGeneration, raygen),
+                (Stage::Miss, shader::with_common(Stage::Miss, miss)),
+                (Stage::ClosestHit, hit),
+            ],
+            groups: vec![Group::general(0), Group::general(1), Group::hit(2)],
+            recursion: 1,
+        }
     }
+}
+
+/// The usual miss and closest hit.
+pub fn plain(raygen: &str) -> Parts {
+    let hit = shader::with_common(Stage::ClosestHit, shader::HIT);
+    Parts::new(shader::raygen(raygen), shader::MISS, hit)
 }
 
 /// The words of the pipeline that [`rays`] makes of [`shader::PATH`], for measuring its creation.
@@ -263,40 +268,29 @@ pub fn path_parts() -> (Vec<(Stage, Vec<u32>)>, Vec<Group>) {
     (parts.shaders, parts.groups)
 }
 
+/// A picture of a world with so many hit groups.
+fn traced(gpu: &Gpu, scale: &Scale, parts: &Parts, world: &World, hits: u32) -> Option<Prepared> {
+    let rays = pipeline(gpu, parts, &world.bindings());
+    let turn = launch(gpu, scale, &rays, hits);
+    Some(Prepared::picture(turn, world))
+}
+
 fn rays(gpu: &Gpu, scale: &Scale, raygen: &str) -> Option<Prepared> {
-    let parts = plain(raygen);
     let world = World::landscape(gpu, scale, 1);
-    let rays = pipeline(gpu, &parts, &world.bindings());
-    let turn = launch(gpu, scale, &rays, 1);
-    Some(Prepared::picture(turn, &world))
+    traced(gpu, scale, &plain(raygen), &world, 1)
 }
 
 fn reflection(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
+    let raygen = shader::with_common(Stage::RayGeneration, shader::REFLECTION);
+    let hit = shader::with_common(Stage::ClosestHit, shader::REFLECTION_HIT);
     let parts = Parts {
-        shaders: vec![
-            (
-                Stage::RayGeneration,
-                shader::with_common(Stage::RayGeneration, shader::REFLECTION),
-            ),
-            (
-                Stage::Miss,
-                shader::with_common(Stage::Miss, shader::REFLECTION_MISS),
-            ),
-            (
-                Stage::ClosestHit,
-                shader::with_common(Stage::ClosestHit, shader::REFLECTION_HIT),
-            ),
-        ],
-        groups: vec![Group::general(0), Group::general(1), Group::hit(2)],
         recursion: 7,
+        ..Parts::new(raygen, shader::REFLECTION_MISS, hit)
     };
     if gpu.pipeline_properties.max_ray_recursion_depth < parts.recursion {
         return None;
     }
-    let world = World::landscape(gpu, scale, 1);
-    let rays = pipeline(gpu, &parts, &world.bindings());
-    let turn = launch(gpu, scale, &rays, 1);
-    Some(Prepared::picture(turn, &world))
+    traced(gpu, scale, &parts, &World::landscape(gpu, scale, 1), 1)
 }
 
 fn foliage(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
@@ -306,10 +300,7 @@ fn foliage(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
         parts.shaders.push((Stage::AnyHit, any_hit));
         parts.groups[2].any_hit = Some(3);
     }
-    let world = World::foliage(gpu, scale);
-    let rays = pipeline(gpu, &parts, &world.bindings());
-    let turn = launch(gpu, scale, &rays, 1);
-    Some(Prepared::picture(turn, &world))
+    traced(gpu, scale, &parts, &World::foliage(gpu, scale), 1)
 }
 
 fn spheres(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
@@ -318,10 +309,7 @@ fn spheres(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     let ball = shader::with_common(Stage::Intersection, shader::BALL);
     parts.shaders.push((Stage::Intersection, ball));
     parts.groups[2].intersection = Some(3);
-    let world = World::spheres(gpu, scale);
-    let rays = pipeline(gpu, &parts, &world.bindings());
-    let turn = launch(gpu, scale, &rays, 1);
-    Some(Prepared::picture(turn, &world))
+    traced(gpu, scale, &parts, &World::spheres(gpu, scale), 1)
 }
 
 fn materials(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
@@ -336,9 +324,7 @@ fn materials(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
             .push((Stage::ClosestHit, shader::material(number)));
     }
     let world = World::landscape(gpu, scale, COUNT);
-    let rays = pipeline(gpu, &parts, &world.bindings());
-    let turn = launch(gpu, scale, &rays, COUNT);
-    Some(Prepared::picture(turn, &world))
+    traced(gpu, scale, &parts, &world, COUNT)
 }
 
 fn query(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
@@ -356,10 +342,7 @@ pub fn compute(gpu: &Gpu, scale: &Scale, words: &[u32], world: &World) -> vk::Co
     let mut bindings = world.bindings();
     bindings.push((5, [Bound::Uniform(size)]));
     let set = gpu.set(&borrowed(&bindings));
-    let layout = gpu.layout(&[set.layout]);
-    let made = gpu.try_kernel(words, c"main", layout, &vk::SpecializationInfo::default());
-    let pipeline = made.expect("vkCreateComputePipelines");
-    let kernel = Kernel { pipeline, layout };
+    let kernel = gpu.kernel_of(words, &[set.layout]);
     let groups = [scale.width.div_ceil(8), scale.height.div_ceil(8), 1];
     gpu.record(|commands| {
         gpu.record_dispatch::<u32>(commands, kernel, &[set], &[], groups);
@@ -369,15 +352,7 @@ pub fn compute(gpu: &Gpu, scale: &Scale, words: &[u32], world: &World) -> vk::Co
 
 fn textures(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     let parts = plain(shader::TEXTURES);
-    let world = World::landscape(
-        gpu,
-        &Scale {
-            triangles: 2,
-            instances: 1,
-            ..*scale
-        },
-        1,
-    );
+    let world = World::least(gpu, scale);
     let mut bindings = world.bindings();
     bindings.push((5, [texture(gpu)]));
     let rays = pipeline(gpu, &parts, &bindings);
@@ -401,15 +376,7 @@ fn pointers(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
         .collect();
     places.write(0, &words);
     let starts: Vec<u64> = (0..COUNT).map(|i| address(i * 31)).collect();
-    let world = World::landscape(
-        gpu,
-        &Scale {
-            triangles: 2,
-            instances: 1,
-            ..*scale
-        },
-        1,
-    );
+    let world = World::least(gpu, scale);
     let mut bindings = world.bindings();
     bindings.push((5, [Bound::Storage(gpu.buffer_with(&starts))]));
     let rays = pipeline(gpu, &plain(shader::POINTERS), &bindings);
@@ -452,7 +419,7 @@ fn launches(gpu: &Gpu, _scale: &Scale) -> Option<Prepared> {
     };
     let world = World::landscape(gpu, &small, 1);
     let rays = pipeline(gpu, &parts, &world.bindings());
-    let regions = gpu.regions(&rays, &table(1));
+    let regions = gpu.regions(&rays, &Table::of(0, &[1], &[2]));
     let turn = gpu.record(|commands| {
         for _ in 0..COUNT {
             gpu.record_trace(commands, &rays, &regions, [8, 8, 1]);
@@ -502,18 +469,9 @@ pub fn pipeline(gpu: &Gpu, parts: &Parts, bindings: &[(u32, [Bound; 1])]) -> Ray
     gpu.rays_of_words(&parts.shaders, &parts.groups, parts.recursion, set, flags)
 }
 
-/// One raygen, one miss, then the hit groups in turn.
-fn table(hit_groups: u32) -> Table {
-    Table {
-        raygen: Record::of(0),
-        miss: vec![Record::of(1)],
-        hit: (0..hit_groups).map(|group| Record::of(2 + group)).collect(),
-        callable: Vec::new(),
-    }
-}
-
 pub fn launch(gpu: &Gpu, scale: &Scale, rays: &Rays, hit_groups: u32) -> vk::CommandBuffer {
-    let regions = gpu.regions(rays, &table(hit_groups));
+    let hits: Vec<u32> = (2..2 + hit_groups).collect();
+    let regions = gpu.regions(rays, &Table::of(0, &[1], &hits));
     gpu.record(|commands| {
         gpu.record_trace(commands, rays, &regions, [scale.width, scale.height, 1]);
         gpu.barrier(commands);

@@ -58,6 +58,16 @@ impl World {
         World::of(gpu, scale, &[&ground, &ball], gpu.top(&instances))
     }
 
+    /// As little of it as there can be.
+    pub fn least(gpu: &Gpu, scale: &Scale) -> World {
+        let scale = Scale {
+            triangles: 2,
+            instances: 1,
+            ..*scale
+        };
+        World::landscape(gpu, &scale, 1)
+    }
+
     /// Ground, and leaves over it that an any-hit shader cuts out.
     pub fn foliage(gpu: &Gpu, scale: &Scale) -> World {
         let (ground, leaves) = (scene::hills(scale.triangles / 4), scene::leaves(30_000));

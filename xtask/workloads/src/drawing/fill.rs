@@ -163,7 +163,7 @@ pub fn texture(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
         .min_filter(vk::Filter::LINEAR)
         .address_mode_u(vk::SamplerAddressMode::CLAMP_TO_EDGE)
         .address_mode_v(vk::SamplerAddressMode::CLAMP_TO_EDGE);
-    let set = gpu.set(&[(0, &[Bound::Sampled(image.view, gpu.sampler(&sampler))])]);
+    let set = gpu.set_of(&[Bound::Sampled(image.view, gpu.sampler(&sampler))]);
     let mut painting = Painting::new(gpu, COVER, TEXTURE, RGBA);
     painting.layout = gpu.layout(&[set.layout]);
     let pass = clearing(&canvas);
@@ -224,7 +224,7 @@ pub fn tone_map(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
         .collect();
     gpu.upload(&image, 0, &texels);
     let sampler = gpu.sampler(&vk::SamplerCreateInfo::default());
-    let set = gpu.set(&[(0, &[Bound::Sampled(image.view, sampler)])]);
+    let set = gpu.set_of(&[Bound::Sampled(image.view, sampler)]);
     let mut painting = Painting::new(gpu, COVER, TONE_MAP, RGBA);
     painting.layout = gpu.layout(&[set.layout]);
     let pass = clearing(&canvas);

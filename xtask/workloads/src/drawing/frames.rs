@@ -251,7 +251,7 @@ pub fn interface(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     let sampler = vk::SamplerCreateInfo::default()
         .mag_filter(vk::Filter::LINEAR)
         .min_filter(vk::Filter::LINEAR);
-    let set = gpu.set(&[(0, &[Bound::Sampled(atlas.view, gpu.sampler(&sampler))])]);
+    let set = gpu.set_of(&[Bound::Sampled(atlas.view, gpu.sampler(&sampler))]);
     let windows = windows(width, height);
     let (mut corners, mut indices) = (Vec::new(), Vec::new());
     for item in windows.iter().flat_map(|window| &window.items) {
