@@ -7,6 +7,7 @@ use std::sync::{Arc, OnceLock};
 use crate::SUBGROUP_SIZE;
 use crate::error::Error;
 use crate::interp;
+use crate::ir::tinted::{Tinted, tinted};
 use crate::ir::{self, passed::passed};
 use crate::origin::{Origin, Place, line_at};
 use crate::plan::{self, Plan};
@@ -70,6 +71,7 @@ pub struct Program {
     output_rows: u32,
     outputs: Vec<OutputRow>,
     passed: Option<Vec<Passed>>,
+    tinted: Option<Tinted>,
     fragment: Option<FragmentFacts>,
     origin: OnceLock<Origin>,
 }
@@ -104,6 +106,7 @@ impl Program {
             output_rows: module.output_rows,
             outputs: module.outputs.clone(),
             passed: passed(module),
+            tinted: tinted(module),
             fragment: module.fragment,
             origin: OnceLock::new(),
         })
@@ -180,6 +183,12 @@ impl Program {
     #[inline]
     pub fn passed(&self) -> Option<&[Passed]> {
         self.passed.as_deref()
+    }
+
+    /// Fragment: what it does, if it samples one image and does little else.
+    #[inline]
+    pub fn tinted(&self) -> Option<&Tinted> {
+        self.tinted.as_ref()
     }
 
     /// Fragment: what the rasterizer must know.

@@ -77,6 +77,8 @@ pub struct Record {
     /// For vertex i: λᵢ / wᵢ, λ the linear barycentric coordinate on the screen. Perspective-correct coordinates are these divided by their
     /// sum, which is 1 / w (`FragCoord.w`).
     pub perspective: [Plane; 3],
+    /// All w are 1: perspective-correct coordinates are the linear ones, whose sum is 1.
+    pub is_affine: bool,
     /// λᵢ (`NoPerspective`).
     pub linear: [Plane; 3],
     /// `PointCoord`, of a point.

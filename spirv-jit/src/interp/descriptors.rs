@@ -13,7 +13,7 @@ use crate::ir::op::DescriptorBinding;
 static NULL: Descriptor = Descriptor::NULL;
 
 /// A binding's entries in the set that is bound.
-struct Entries {
+pub(super) struct Entries {
     /// What the entries are counted from.
     table: DescriptorSet,
     first: u64,
@@ -24,7 +24,7 @@ struct Entries {
 }
 
 impl Entries {
-    fn of(environment: &Environment, binding: &DescriptorBinding) -> Self {
+    pub(super) fn of(environment: &Environment, binding: &DescriptorBinding) -> Self {
         let (table, number) = if binding.dynamic {
             (dynamic(environment), reference::DYNAMIC)
         } else {
@@ -53,7 +53,7 @@ impl Entries {
 
     /// Address of the descriptor at an index of the binding.
     #[inline(always)]
-    fn address(&self, index: u32) -> u64 {
+    pub(super) fn address(&self, index: u32) -> u64 {
         match self.entry(index) {
             // SAFETY: the table is bound.
             Some(entry) => unsafe { self.table.address_of(entry) },

@@ -193,7 +193,7 @@ unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, offset: u16) {
 
 /// The derivatives of a sample's coordinates, of which it has one or two: in x, then in y.
 #[inline(always)]
-fn derivatives<V: Vector>(v: V, op: &ImageOp, rows: &[&Row], active: u16) -> [Row; 4] {
+pub(super) fn derivatives<V: Vector>(v: V, op: &ImageOp, rows: &[&Row], active: u16) -> [Row; 4] {
     let spatial = op.spatial_count().min(2);
     let mut derived = [[0; SUBGROUP_SIZE]; 4];
     for axis in 0..spatial {
@@ -210,7 +210,7 @@ fn derivatives<V: Vector>(v: V, op: &ImageOp, rows: &[&Row], active: u16) -> [Ro
 
 /// Puts those in the place of operands.
 #[inline(always)]
-fn put_derivatives<'r>(op: &ImageOp, derived: &'r [Row; 4], rows: &mut [&'r Row]) {
+pub(super) fn put_derivatives<'r>(op: &ImageOp, derived: &'r [Row; 4], rows: &mut [&'r Row]) {
     let places = &mut rows[op.coordinate_count()..];
     for (place, row) in places.iter_mut().zip(derived).take(2 * op.spatial_count()) {
         *place = row;
@@ -249,7 +249,7 @@ impl<V: Vector> Kernel for Sample<V> {
                 };
                 if descriptors != known {
                     known = descriptors;
-                    sample = resolve(m.environment, plan, descriptors);
+                    sample = resolve(m.environment, &plan.op, plan.wanted, descriptors);
                 }
                 match &sample {
                     Some(sample) => sample_block(V::new(), sample, m, plan, offset, mask),
@@ -284,9 +284,10 @@ unsafe fn shared(m: &Machine<'_>, operand: Operand, offset: u16, mask: u16) -> O
 /// # Safety
 /// As [`block`]: the addresses are an active lane's.
 #[inline(always)]
-unsafe fn resolve<'p>(
+pub(super) unsafe fn resolve<'p>(
     environment: &Environment,
-    plan: &'p ImagePlan,
+    op: &'p ImageOp,
+    wanted: u8,
     (image, sampler): (u64, u64),
 ) -> Option<Fast<'p>> {
     // SAFETY: as the caller promises; what descriptors point to outlives the dispatch.
@@ -297,7 +298,7 @@ unsafe fn resolve<'p>(
         )
     };
     let (image, info) = usable(image)?;
-    Fast::new(&plan.op, image, info, sampler?, plan.wanted)
+    Fast::new(op, image, info, sampler?, wanted)
 }
 
 /// # Safety

@@ -23,6 +23,7 @@ mod region;
 mod slots;
 mod subgroup;
 mod tier;
+pub mod tinted;
 mod yields;
 
 #[cfg(test)]

@@ -93,6 +93,7 @@ pub mod passed;
 mod signature;
 pub mod stage;
 pub mod text;
+pub mod tinted;
 pub mod verify;
 mod visit;
 

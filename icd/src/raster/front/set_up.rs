@@ -99,6 +99,7 @@ impl SetUp<'_> {
                 [f32::NEG_INFINITY, f32::INFINITY]
             },
             perspective: planes.perspective.map(|plane| plane.narrow()),
+            is_affine: planes.perspective == planes.linear,
             linear: planes.linear.map(|plane| plane.narrow()),
             point_coord: Default::default(),
         });

@@ -7,6 +7,7 @@
 use std::ops::{Add, BitOr, Mul};
 
 use smallvec::SmallVec;
+use spirv_jit::image::vector::Vector;
 
 use super::lanes::{COLUMNS, IN_BLOCK, LANE_X, LANE_Y, ROWS, negative, vectors};
 use super::samples::{MAX_SAMPLES, fixed_point, locations};
@@ -345,13 +346,48 @@ fn scan_words<W: Word>(
     }
 }
 
-/// Pixels of a clip's sides, from the block that it starts in on, up to which its blocks are looked at one by one.
-const SMALL: i32 = 12;
+/// Blocks that a clip touches up to which they are looked at one by one.
+const SMALL: i32 = 16;
+
+/// An edge's values at the only samples of a block's pixels, in the tile's first block.
+#[inline(always)]
+fn narrow_side<V: Vector>(v: V, edge: &Edge, corner: [i64; 2], [columns, rows]: [V::I; 2]) -> V::I {
+    let constant = at_sample::<i32>(edge, at_corner(edge, corner), locations(1)[0]);
+    let across = v.mul_i(v.splat_i(edge.a), columns);
+    let pixels = v.add_i(across, v.mul_i(v.splat_i(edge.b), rows));
+    v.add_i(pixels, v.splat_i(constant as i32))
+}
 
 vectors! {
     /// The blocks of a small clip, one by one.
     fn scan_small<V>(v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, samples: u32, blocks: &mut Vec<Block>) {
         let (columns, rows) = (v.load_i(&IN_BLOCK[0]), v.load_i(&IN_BLOCK[1]));
+        if let (1, [first, second, third]) = (samples, edges) {
+            // The commonest, whose edges stay in registers.
+            let sides = [
+                narrow_side(v, first, corner, [columns, rows]),
+                narrow_side(v, second, corner, [columns, rows]),
+                narrow_side(v, third, corner, [columns, rows]),
+            ];
+            for y in (clip.top & !3..clip.bottom).step_by(4) {
+                for x in (clip.left & !3..clip.right).step_by(4) {
+                    let out = v.or_i(
+                        v.add_i(sides[0], v.splat_i(first.a * x + first.b * y)),
+                        v.add_i(sides[1], v.splat_i(second.a * x + second.b * y)),
+                    );
+                    let third = v.splat_i(third.a * x + third.b * y);
+                    let out = v.or_i(out, v.add_i(sides[2], third));
+                    let outside = v.ne_i(v.sign_i(out), v.splat_i(0));
+                    if outside != u16::MAX {
+                        let mask = inside(clip, x, y) & !outside;
+                        if mask != 0 {
+                            blocks.push(Block::new(x, y, mask.into()));
+                        }
+                    }
+                }
+            }
+            return;
+        }
         let mut pixels = [v.splat_i(0); 4];
         let mut constants = [[0; MAX_SAMPLES]; 4];
         for (index, edge) in edges.iter().enumerate() {
@@ -413,7 +449,8 @@ pub fn convex(
     };
     let steps = |edge: &Edge| u64::from(edge.a.unsigned_abs()) + u64::from(edge.b.unsigned_abs());
     let is_narrow = edges.iter().all(|edge| steps(edge) <= NARROW);
-    let is_small = clip.right - (clip.left & !3) <= SMALL && clip.bottom - (clip.top & !3) <= SMALL;
+    let blocks = |from: i32, to: i32| (to - (from & !3) + 3) / 4;
+    let is_small = blocks(clip.left, clip.right) * blocks(clip.top, clip.bottom) <= SMALL;
     if is_narrow && is_small {
         scan_small(tier, edges, corner, &clip, samples, &mut covered.blocks);
     } else if is_narrow {

@@ -148,6 +148,7 @@ impl<V: Vector> Painter<'_, V> {
             false => &covered.squares[..],
         };
         let plain = (plan.tests.plain()).filter(|_| plan.samples == 1);
+        let is_untested = plan.samples == 1 && plan.tests.is_empty();
         // One loop for both, so that what they do stands in the code once.
         for index in 0..squares.len() + covered.blocks.len() {
             let (mut masks, mut size) = (whole, 1);
@@ -180,6 +181,10 @@ impl<V: Vector> Painter<'_, V> {
                             (Some(plain), Some(column)) => {
                                 let depths = self.depths_of_row(column, places.y[0]);
                                 masks[0] = plain.run(self.v, &places, depths, masks[0]);
+                                counts.samples += u64::from(masks[0].count_ones());
+                                masks[0]
+                            }
+                            _ if is_untested => {
                                 counts.samples += u64::from(masks[0].count_ones());
                                 masks[0]
                             }
@@ -387,6 +392,7 @@ struct Weights<V: Vector> {
 impl<V: Vector> Weights<V> {
     #[inline(always)]
     fn of(&mut self, v: V, record: &Record, perspective: bool) -> [V::F; 2] {
+        let perspective = perspective && !record.is_affine;
         let known = match perspective {
             true => &mut self.perspective,
             false => &mut self.linear,

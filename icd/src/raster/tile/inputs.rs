@@ -7,7 +7,7 @@ use spirv_jit::program::{
     AlignedRow, Builtin, InputRow, OutputRow, Passed, Position, Varying, VaryingMode, VaryingPlace,
 };
 
-use super::lanes::Row;
+use super::lanes::{Row, lanes_of};
 use super::samples::{MAX_SAMPLES, from_center, locations};
 use crate::raster::primitive::{Plane, Record};
 
@@ -381,15 +381,15 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
     #[inline(always)]
     fn of_vertices(&self, word: u32, vertex: impl Fn(&Record) -> usize) -> V::I {
         let fragments = self.fragments;
-        let mut words = [0; 4];
-        for quad in 0..if UNIFORM { 1 } else { 4 } {
+        let of = |quad: usize| {
             let record = fragments.records[quad];
             let place = record.vertices[vertex(record)].wrapping_add(word) as usize;
-            words[quad] = fragments.outputs[quad].get(place).copied().unwrap_or(0);
-        }
+            fragments.outputs[quad].get(place).copied().unwrap_or(0)
+        };
+        // Not in a loop: that would put them together in memory, where a load waits for the stores.
         match UNIFORM {
-            true => self.v.splat_i(words[0] as i32),
-            false => self.v.quads(&words),
+            true => self.v.splat_i(of(0) as i32),
+            false => self.v.quads(&[of(0), of(1), of(2), of(3)]),
         }
     }
 
@@ -488,6 +488,26 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
         self.v.add(self.v.add(first, second), third)
     }
 
+    #[inline(always)]
+    fn linear(&self, at: [V::F; 2]) -> [V::F; 2] {
+        [
+            self.plane(at, |record| record.linear[1]),
+            self.plane(at, |record| record.linear[2]),
+        ]
+    }
+
+    /// A bit a quad whose perspective-correct coordinates are the linear ones.
+    #[inline(always)]
+    fn affine_quads(&self) -> u32 {
+        let records = &self.fragments.records;
+        if UNIFORM {
+            return if records[0].is_affine { 0xf } else { 0 };
+        }
+        (0..4).fold(0, |quads, quad| {
+            quads | u32::from(records[quad].is_affine) << quad
+        })
+    }
+
     /// Barycentric coordinates of the second and third vertex.
     #[inline(always)]
     fn weights(&mut self, weights: Weights) -> [V::F; 2] {
@@ -495,12 +515,22 @@ impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
             return known;
         }
         let at = self.coordinates(weights.position);
-        let found = match weights.perspective {
-            false => [
-                self.plane(at, |record| record.linear[1]),
-                self.plane(at, |record| record.linear[2]),
-            ],
-            true => perspective_weights(self.v, self.perspective(at)),
+        let affine = match weights.perspective {
+            true => self.affine_quads(),
+            false => 0xf,
+        };
+        let found = match affine {
+            0xf => self.linear(at),
+            0 => perspective_weights(self.v, self.perspective(at)),
+            _ => {
+                let (v, lanes) = (self.v, lanes_of(affine));
+                let [a, b] = self.linear(at);
+                let [c, d] = perspective_weights(v, self.perspective(at));
+                [
+                    v.bits_to_f(v.select(lanes, v.bits_of(a), v.bits_of(c))),
+                    v.bits_to_f(v.select(lanes, v.bits_of(b), v.bits_of(d))),
+                ]
+            }
         };
         self.weights[weights.index()] = Some(found);
         found

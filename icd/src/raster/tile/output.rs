@@ -289,6 +289,19 @@ fn coding_of(info: &FormatInfo) -> Coding {
     }
 }
 
+impl Bytes {
+    /// Components of colours in the order of the bytes.
+    #[inline(always)]
+    fn order<F: Copy>(&self, components: &[F; 4]) -> [F; 4] {
+        let [r, g, b, a] = *components;
+        match self.components {
+            [0, 1, 2, 3] => [r, g, b, a],
+            [2, 1, 0, 3] => [b, g, r, a],
+            order => order.map(|component| components[component % 4]),
+        }
+    }
+}
+
 /// If an attachment is such.
 fn bytes_of(coding: Coding, color: &Color) -> Option<Bytes> {
     let Coding::Bytes(shifts) = coding else {
@@ -593,13 +606,38 @@ impl Color {
     pub fn glaze<V: Vector>(&self, v: V, source: [V::I; 4]) -> Option<Glaze<V>> {
         let bytes = self.bytes?;
         let source = numbers(v, &self.with_alpha(v, source));
-        let ordered = [
-            source[bytes.components[0] % 4],
-            source[bytes.components[1] % 4],
-            source[bytes.components[2] % 4],
-            source[bytes.components[3] % 4],
-        ];
-        Some(Glaze::new(v, ordered, source[3], bytes.over?))
+        Some(Glaze::new(v, bytes.order(&source), source[3], bytes.over?))
+    }
+
+    /// Writes colours of the only sample, if the attachment is one of bytes; else does nothing and says so.
+    ///
+    /// # Safety
+    /// As [`load`].
+    #[inline(always)]
+    pub unsafe fn put_colors<V: Vector>(
+        &self,
+        v: V,
+        source: [V::I; 4],
+        places: &Places,
+        mask: u16,
+    ) -> bool {
+        let Some(bytes) = &self.bytes else {
+            return false;
+        };
+        let source = numbers(v, &self.with_alpha(v, source));
+        let ordered = bytes.order(&source);
+        // SAFETY: the caller's promise.
+        unsafe {
+            let texels = match bytes.over {
+                None => to_bytes(v, ordered),
+                Some(times_alpha) => {
+                    let old = load_word(v, &self.target, places, 0, mask);
+                    Glaze::new(v, ordered, source[3], times_alpha).over(v, old)
+                }
+            };
+            store_word(v, &self.target, places, 0, mask, texels);
+        }
+        true
     }
 
     /// Blends colours over those of the first sample; `rows` are the program's outputs.

@@ -57,6 +57,8 @@ pub struct Found<'a> {
     /// The render area.
     pub area: &'a Bounds,
     pub sample: u8,
+    /// Lanes with a covered sample: there are some.
+    pub lanes: u16,
     pub masks: &'a [u16; MAX_SAMPLES],
     pub coverage: &'a [u16; MAX_SAMPLES],
 }
@@ -158,12 +160,9 @@ impl Packs {
         (0..4).any(|quad| quads >> quad & 1 != 0 && self.last(quad_place(place, quad)) != 0)
     }
 
-    /// Adds the fragments of a block: some lanes are covered.
+    /// Adds the fragments of a block.
     pub fn add(&mut self, found: &Found<'_>) {
-        let quads = match found.masks[0] {
-            u16::MAX => 0xf,
-            _ => quads_of(any(found.masks)),
-        };
+        let quads = quads_of(found.lanes);
         if quads.count_ones() >= OWN {
             // All four quads, even if there are three: to come later than they must does no harm.
             self.blocks[block(found.place)] = self.note(self.packs.len());

@@ -116,9 +116,15 @@ impl Part<'_> {
             Slope::Varying(word, perspective) => {
                 let at = |vertex: usize| f32::from_bits(self.word(vertex, word));
                 let first = at(0);
+                let others = [at(1) - first, at(2) - first];
+                // Its sum with products of zeros and numbers; −0 would become 0.
+                if record.is_affine && others == [0.0; 2] && first.to_bits() != (-0.0f32).to_bits()
+                {
+                    return Value::Same(first.to_bits());
+                }
                 return Value::Varying {
                     first,
-                    others: [at(1) - first, at(2) - first],
+                    others,
                     perspective,
                 };
             }

@@ -10,6 +10,7 @@ use super::depth::Tests;
 use super::inputs::Inputs;
 use super::output::Output;
 use super::passed::Passed;
+use super::tinted::Sampled;
 use crate::raster::{Chunk, Draw, Targets, Work};
 
 /// When the tests are done.
@@ -28,6 +29,8 @@ pub struct Plan<'a> {
     pub program: Option<Fragment<'a>>,
     /// In its place, where nothing needs to run.
     pub passed: Option<Passed>,
+    /// In its place, where that is a sample and products.
+    pub sampled: Option<Sampled<'a>>,
     pub tests: Tests,
     pub order: Order,
     pub output: Output,
@@ -90,6 +93,10 @@ impl<'a> Plan<'a> {
             Some(Some(rows)) => Passed::new(tier, Some(rows), &output),
             None => Passed::new(tier, None, &output),
         };
+        let tinted = (fragment.and_then(Program::tinted))
+            .filter(|_| order == Order::Early && !(has_effects || per_sample));
+        let sampled = (tinted.zip(inputs.as_ref()))
+            .and_then(|(tinted, inputs)| Sampled::new(tinted, inputs, &output));
         let program = fragment.zip(inputs).map(|(program, inputs)| Fragment {
             program,
             inputs,
@@ -101,6 +108,7 @@ impl<'a> Plan<'a> {
         Self {
             program,
             passed,
+            sampled,
             order,
             tests,
             output,

@@ -384,6 +384,28 @@ fn of_quad(row: &Row, index: usize) -> [u32; 4] {
     [row[at], row[at + 1], row[at + 2], row[at + 3]]
 }
 
+/// Words of two lists in turn.
+#[inline(always)]
+fn interleaved(a: [u32; 4], b: [u32; 4]) -> [[u32; 4]; 2] {
+    #[cfg(target_arch = "x86_64")]
+    {
+        use std::arch::x86_64::*;
+        // SAFETY: every processor of this architecture has SSE2; four words are as long as its registers.
+        unsafe {
+            let (a, b) = (
+                _mm_loadu_si128(a.as_ptr().cast()),
+                _mm_loadu_si128(b.as_ptr().cast()),
+            );
+            let mut both = [[0; 4]; 2];
+            _mm_storeu_si128(both[0].as_mut_ptr().cast(), _mm_unpacklo_epi32(a, b));
+            _mm_storeu_si128(both[1].as_mut_ptr().cast(), _mm_unpackhi_epi32(a, b));
+            both
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    [[a[0], b[0], a[1], b[1]], [a[2], b[2], a[3], b[3]]]
+}
+
 /// Texels of two words, two at a time.
 ///
 /// # Safety
@@ -395,8 +417,7 @@ unsafe fn store_pairs(target: &Target, places: &Places, sample: u32, mask: u16, 
         if lanes == 0 {
             continue;
         }
-        let (a, b) = (of_quad(&words[0], index), of_quad(&words[1], index));
-        let pairs = [[a[0], b[0], a[1], b[1]], [a[2], b[2], a[3], b[3]]];
+        let pairs = interleaved(of_quad(&words[0], index), of_quad(&words[1], index));
         let halves = halves_of(target, places, index, sample);
         for half in 0..2 {
             let [a, b, c, d] = pairs[half];
@@ -425,14 +446,11 @@ unsafe fn store_fours(target: &Target, places: &Places, sample: u32, mask: u16, 
         if lanes == 0 {
             continue;
         }
-        let [a, b] = [of_quad(&words[0], index), of_quad(&words[1], index)];
-        let [c, d] = [of_quad(&words[2], index), of_quad(&words[3], index)];
-        let texels = [
-            [a[0], b[0], c[0], d[0]],
-            [a[1], b[1], c[1], d[1]],
-            [a[2], b[2], c[2], d[2]],
-            [a[3], b[3], c[3], d[3]],
-        ];
+        // Two steps: the first words with the third ones, the second with the fourth.
+        let [a, b] = interleaved(of_quad(&words[0], index), of_quad(&words[2], index));
+        let [c, d] = interleaved(of_quad(&words[1], index), of_quad(&words[3], index));
+        let ([first, second], [third, fourth]) = (interleaved(a, c), interleaved(b, d));
+        let texels = [first, second, third, fourth];
         let halves = halves_of(target, places, index, sample);
         for lane in 0..4 {
             let to = halves[lane / 2].cast::<[u32; 4]>();

@@ -5,10 +5,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use spirv_jit::Program;
 use spirv_jit::image::vector::Vector;
 use spirv_jit::interp::TierKind;
+use spirv_jit::interp::tinted::Sampling;
 use spirv_jit::program::AlignedRow;
 
 use super::clear::{clear_tile, meet};
-use super::coverage::{Block, Covered, convex, listed};
+use super::coverage::{Block, Covered, Square, convex, listed};
 use super::depth::Tested;
 use super::direct;
 use super::inputs::{self, Fragments, Steps, depths};
@@ -18,6 +19,7 @@ use super::passed::Part;
 use super::plan::{Fragment, Order, Plan, Plans};
 use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, locations};
 use super::texels::{Pattern, Places};
+use super::tinted::{self, Sampled};
 use crate::compute::waves::Runner;
 use crate::raster::primitive::{Bounds, Coverage, Grid, Record, Shape};
 use crate::raster::{Chunk, Context, Counters, Draw, Targets, Work};
@@ -59,6 +61,8 @@ struct Current<'a> {
     plan: &'a Plan<'a>,
     /// Queries count its samples.
     is_counted: bool,
+    /// What its program samples, if it does little else.
+    sampling: Option<Sampling<'a>>,
 }
 
 /// A visit.
@@ -120,11 +124,14 @@ impl<'a> Visit<'a> {
             self.round.work.get(index as usize),
             self.round.plans.of_draw(index),
         ) {
+            let tinted = plan.sampled.as_ref().map(|sampled| sampled.tinted);
             self.current = Some(Current {
                 index,
                 draw,
                 plan,
                 is_counted: !draw.counters.is_empty(),
+                // SAFETY: the draw keeps what its environment points to.
+                sampling: tinted.and_then(|it| unsafe { Sampling::new(it, &draw.environment) }),
             });
         }
         Ok(self.current)
@@ -162,20 +169,25 @@ impl<'a> Visit<'a> {
             chunk: index,
             record: shape.record,
         };
-        let result = match &current.plan.passed {
-            Some(passed) => {
-                let part = Part {
-                    record,
-                    outputs: &chunk.outputs,
-                    corner: [self.bounds.left, self.bounds.top],
-                    area: &self.round.area,
-                };
+        let part = Part {
+            record,
+            outputs: &chunk.outputs,
+            corner: [self.bounds.left, self.bounds.top],
+            area: &self.round.area,
+        };
+        let sampled = current.plan.sampled.as_ref().zip(current.sampling.as_ref());
+        let result = match (&current.plan.passed, sampled) {
+            (Some(passed), _) => {
                 let (tier, plan) = (self.round.tier, current.plan);
                 // SAFETY: what is covered lies in the clip, which lies in the render area, and with it in all attachments; the layer was checked, and a tile belongs to one worker.
                 unsafe { direct::draw(tier, plan, passed, &part, &covered, &mut self.counts) };
                 Ok(())
             }
-            None => self.fragments(current, origin, record, &mut covered),
+            (None, Some((sampled, sampling))) => {
+                self.sample(current, sampled, sampling, &part, &mut covered);
+                Ok(())
+            }
+            (None, None) => self.fragments(current, origin, record, &mut covered),
         };
         self.worker.covered = covered;
         result
@@ -200,6 +212,50 @@ impl<'a> Visit<'a> {
                 let list = &list[..count.min(list.len())];
                 listed(list, &self.bounds, clip, samples, &mut covered.blocks);
             }
+        }
+    }
+
+    /// Tests the fragments of a program that samples and multiplies, and writes them.
+    fn sample(
+        &mut self,
+        Current {
+            plan, is_counted, ..
+        }: Current<'a>,
+        sampled: &Sampled<'_>,
+        sampling: &Sampling<'_>,
+        part: &Part<'_>,
+        covered: &mut Covered,
+    ) {
+        if plan.sample_mask & 1 == 0 {
+            return;
+        }
+        let is_tested = !plan.tests.is_empty();
+        if is_tested || sampling.has_levels() {
+            covered.split(1);
+        }
+        let (tier, counts) = (self.round.tier, &mut self.counts);
+        // SAFETY: as for direct fragments; the draw keeps what its environment points to.
+        unsafe {
+            if is_tested {
+                let (corner, blocks) = (part.corner, &mut covered.blocks);
+                test_blocks(tier, plan, part.record, corner, part.area, blocks);
+            }
+            if is_counted {
+                let pixels = |square: &Square| u64::from(square.size) * u64::from(square.size);
+                counts.samples += covered.squares.iter().map(pixels).sum::<u64>();
+                let blocks = covered.blocks.iter();
+                counts.samples += blocks.map(|block| count(&block.masks)).sum::<u64>();
+            }
+            tinted::draw(
+                tier,
+                tier,
+                &plan.output,
+                sampled,
+                sampling,
+                part,
+                covered,
+                counts,
+            );
         }
     }
 
@@ -265,7 +321,8 @@ impl<'a> Visit<'a> {
             if plan.order == Order::Early && is_counted {
                 self.counts.samples += count(&block.masks);
             }
-            if any(&block.masks) == 0 {
+            let lanes = any(&block.masks);
+            if lanes == 0 {
                 continue;
             }
             // Before the tests, if there were any.
@@ -279,6 +336,7 @@ impl<'a> Visit<'a> {
                 layer: record.layer,
                 area: &self.round.area,
                 sample: 0,
+                lanes,
                 masks: &block.masks,
                 coverage,
             };
@@ -302,6 +360,7 @@ impl<'a> Visit<'a> {
                 masks[sample] = mask;
                 packs.add(&Found {
                     sample: sample as u8,
+                    lanes: mask,
                     masks: &masks,
                     ..*found
                 });

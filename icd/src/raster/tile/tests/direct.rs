@@ -58,16 +58,16 @@ const FACTORS: [BlendFactor; 7] = [
 ];
 
 /// A triangle and the numbers at its corners.
-struct Drawn {
-    edges: [Edge; 4],
-    depth: Plane,
-    linear: [Plane; 2],
-    origin: [i32; 2],
-    colors: [[f32; 4]; 3],
+pub struct Drawn {
+    pub edges: [Edge; 4],
+    pub depth: Plane,
+    pub linear: [Plane; 2],
+    pub origin: [i32; 2],
+    pub colors: [[f32; 4]; 3],
 }
 
 impl Drawn {
-    fn new(random: &mut Random, extent: [u32; 2]) -> Self {
+    pub fn new(random: &mut Random, extent: [u32; 2]) -> Self {
         let reach = [8, 40, 300][random.within(0, 3) as usize] * 256;
         let middle = extent.map(|it| random.within(0, i64::from(it) * 256));
         let corners =
@@ -239,7 +239,8 @@ fn expect(
     }
 }
 
-fn state(random: &mut Random) -> GraphicsState {
+/// A state by chance.
+pub fn state(random: &mut Random) -> GraphicsState {
     let mut state = GraphicsState::default();
     let mut pick = |count: usize| random.within(0, count as i64) as usize;
     state.depth_stencil.depth_test = pick(4) != 0;

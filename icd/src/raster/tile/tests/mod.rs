@@ -7,3 +7,4 @@ mod direct;
 mod order;
 mod stencils;
 mod support;
+mod tinted;

@@ -297,6 +297,7 @@ pub fn chunk(draw: u32, targets: &Targets, triangles: &[Triangle]) -> Chunk {
             depth: flat(triangle.depth),
             depth_range: [0.0, 1.0],
             perspective: [flat(1.0), flat(0.0), flat(0.0)],
+            is_affine: false,
             linear: [flat(1.0), flat(0.0), flat(0.0)],
             point_coord: [flat(0.0); 2],
         });

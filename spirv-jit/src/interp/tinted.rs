@@ -1,0 +1,70 @@
+//! The sample of a program that does little else ([`Tinted`]), for whoever has its inputs: the same bits as the program's.
+
+use super::descriptors::Entries;
+use super::images::{derivatives, put_derivatives, resolve};
+use crate::SUBGROUP_SIZE;
+use crate::environment::Environment;
+use crate::image::fast::Fast;
+use crate::image::operands::{MAX_RESULT_ROWS, Operands};
+use crate::image::vector::Vector;
+use crate::ir::tinted::{Bound, Tinted};
+
+/// An image and a sampler that the common way of sampling serves for.
+#[derive(Clone, Copy)]
+pub struct Sampling<'a> {
+    tinted: &'a Tinted,
+    fast: Fast<'a>,
+}
+
+impl<'a> Sampling<'a> {
+    /// What a program samples in an environment; none where it takes the program.
+    ///
+    /// # Safety
+    /// What the environment points to stays there for the lifetime, as [`Program::run`](crate::Program::run) has it.
+    pub unsafe fn new(tinted: &'a Tinted, environment: &'a Environment) -> Option<Self> {
+        let address = |bound: &Bound| Entries::of(environment, &bound.binding).address(bound.index);
+        let descriptors = (address(&tinted.image), address(&tinted.sampler));
+        // SAFETY: the addresses are of descriptors of the environment; for what they point to, the caller's promise.
+        let fast = unsafe { resolve(environment, &tinted.op, tinted.wanted, descriptors) }?;
+        Some(Self { tinted, fast })
+    }
+
+    /// Whether lanes have to be quads, whose coordinates choose the level.
+    pub fn has_levels(&self) -> bool {
+        self.fast.has_levels()
+    }
+
+    /// The texels at sixteen coordinates, of which those of `active` lanes are looked at: there are some. Components that the program does not want
+    /// are anything.
+    ///
+    /// # Safety
+    /// As [`Self::new`].
+    #[inline(always)]
+    pub unsafe fn texels<V: Vector>(&self, v: V, [s, t]: [V::F; 2], active: u16) -> [V::F; 4] {
+        let op = &self.tinted.op;
+        let mut coordinates = [[0; SUBGROUP_SIZE]; 2];
+        v.store(s, &mut coordinates[0]);
+        v.store(t, &mut coordinates[1]);
+        let [s, t] = &coordinates;
+        let mut rows = [s, t, s, t, s, t];
+        let derived;
+        if self.fast.has_levels() {
+            derived = derivatives(v, op, &rows, active);
+            put_derivatives(op, &derived, &mut rows);
+        }
+        let operands = Operands::new(op, &rows);
+        // SAFETY: the caller's promise.
+        let sampled = unsafe { self.fast.components(v, &operands, active) };
+        if let Some(values) = self.fast.values(v, sampled) {
+            return values;
+        }
+        let mut results = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
+        self.fast.finish(v, sampled, &mut results);
+        [
+            v.load(&results[0]),
+            v.load(&results[1]),
+            v.load(&results[2]),
+            v.load(&results[3]),
+        ]
+    }
+}

@@ -1,0 +1,170 @@
+//! Programs that do no more than sample one image, once, and multiply what they find: textured triangles and the boxes of interfaces.
+//! Whoever has the inputs and samples has the outputs, too.
+
+#![forbid(unsafe_code)]
+
+use std::collections::HashMap;
+
+use super::module::{Module, Node, Terminator};
+use super::op::DescriptorBinding;
+use super::passed::Passed;
+use super::{Inst, Op, Type, Value};
+use crate::image::{Dim, ImageOp, ImageOpKind, LodMode};
+
+/// A descriptor, by a constant index.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bound {
+    pub binding: DescriptorBinding,
+    pub index: u32,
+}
+
+/// What such a program does.
+#[derive(Clone, Debug)]
+pub struct Tinted {
+    /// A sample of a 2D image at the derivatives of its coordinates.
+    pub op: ImageOp,
+    pub image: Bound,
+    pub sampler: Bound,
+    /// Rows of inputs.
+    pub coordinates: [u32; 2],
+    pub outputs: Vec<Tint>,
+    /// A bit per component of the texel that is used.
+    pub wanted: u8,
+}
+
+/// An output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tint {
+    Passed(Passed),
+    /// A component of the texel.
+    Texel(u8),
+    /// It, multiplied.
+    Product(u8, Passed),
+}
+
+/// What a value is.
+#[derive(Clone, Copy)]
+enum Known {
+    Output(Tint),
+    Descriptor(Bound),
+    /// The derivative of a coordinate, along an axis.
+    Slope(usize, Value),
+}
+
+/// What a module does, if that is all.
+pub fn tinted(module: &Module) -> Option<Tinted> {
+    let body = &module.functions.first()?.body;
+    let mut finder = Finder::default();
+    for node in &body.nodes {
+        let Node::Inst(inst) = node else {
+            return None;
+        };
+        finder.add(inst)?;
+    }
+    let Terminator::End(outputs) = &body.end else {
+        return None;
+    };
+    let outputs: Option<Vec<Tint>> = outputs.iter().map(|value| finder.output(*value)).collect();
+    let outputs = outputs?;
+    let wanted = outputs.iter().fold(0, |wanted, tint| match *tint {
+        Tint::Passed(_) => wanted,
+        Tint::Texel(component) | Tint::Product(component, _) => wanted | 1 << component,
+    });
+    let (op, image, sampler, coordinates) = finder.sample?;
+    (wanted != 0).then_some(Tinted {
+        op,
+        image,
+        sampler,
+        coordinates,
+        outputs,
+        wanted,
+    })
+}
+
+#[derive(Default)]
+struct Finder {
+    known: HashMap<Value, Known>,
+    sample: Option<(ImageOp, Bound, Bound, [u32; 2])>,
+}
+
+impl Finder {
+    fn output(&self, value: Value) -> Option<Tint> {
+        match self.known.get(&value)? {
+            Known::Output(tint) => Some(*tint),
+            _ => None,
+        }
+    }
+
+    fn passed(&self, value: Value) -> Option<Passed> {
+        match self.output(value)? {
+            Tint::Passed(passed) => Some(passed),
+            _ => None,
+        }
+    }
+
+    fn descriptor(&self, value: Value) -> Option<Bound> {
+        match self.known.get(&value)? {
+            Known::Descriptor(bound) => Some(*bound),
+            _ => None,
+        }
+    }
+
+    fn add(&mut self, inst: &Inst) -> Option<()> {
+        let known = match (&inst.op, inst.args.as_slice()) {
+            (Op::Const(bits), _) => Known::Output(Tint::Passed(Passed::Constant(*bits as u32))),
+            (Op::Input(row), _) => Known::Output(Tint::Passed(Passed::Input(*row))),
+            (Op::Bitcast, [from]) => *self.known.get(from)?,
+            (Op::Descriptor(binding), [index]) => match self.passed(*index)? {
+                Passed::Constant(index) => Known::Descriptor(Bound {
+                    binding: *binding,
+                    index,
+                }),
+                Passed::Input(_) => return None,
+            },
+            (Op::DerivativeX, [of]) => Known::Slope(0, *of),
+            (Op::DerivativeY, [of]) => Known::Slope(1, *of),
+            (Op::FMul, [a, b]) => match (self.output(*a)?, self.output(*b)?) {
+                (Tint::Texel(texel), Tint::Passed(factor))
+                | (Tint::Passed(factor), Tint::Texel(texel)) => {
+                    Known::Output(Tint::Product(texel, factor))
+                }
+                _ => return None,
+            },
+            (Op::Image(op), args) => return self.add_sample(inst, op, args),
+            _ => return None,
+        };
+        self.known.insert(*inst.results.first()?, known);
+        Some(())
+    }
+
+    /// A sample at the derivatives of its own coordinates, and the only one.
+    fn add_sample(&mut self, inst: &Inst, op: &ImageOp, args: &[Value]) -> Option<()> {
+        let is_plain = op.kind == ImageOpKind::Sample
+            && op.dim == Dim::D2
+            && op.lod == LodMode::Grad
+            && op.texel == Type::F32
+            && !(op.arrayed || op.depth_compare || op.has_min_lod || op.has_offset);
+        let &[image, sampler, s, t, ref slopes @ ..] = args else {
+            return None;
+        };
+        let expected = [(0, s), (0, t), (1, s), (1, t)];
+        let is_one = |(slope, (axis, of)): (&Value, (usize, Value))| {
+            let known = self.known.get(slope);
+            matches!(known, Some(Known::Slope(along, value)) if (*along, *value) == (axis, of))
+        };
+        let are_its = slopes.len() == expected.len() && slopes.iter().zip(expected).all(is_one);
+        if !is_plain || !are_its || self.sample.is_some() || inst.results.len() != 4 {
+            return None;
+        }
+        let (Passed::Input(s), Passed::Input(t)) = (self.passed(s)?, self.passed(t)?) else {
+            return None;
+        };
+        let (image, sampler) = (self.descriptor(image)?, self.descriptor(sampler)?);
+        self.sample = Some((*op, image, sampler, [s, t]));
+        for (component, result) in (0..).zip(&inst.results) {
+            let known = Known::Output(Tint::Texel(component));
+            self.known.insert(*result, known);
+        }
+        Some(())
+    }
+}
