@@ -4,7 +4,7 @@ use ash::vk;
 use bytemuck::Pod;
 
 use crate::gpu::Made;
-use crate::{Buffer, Gpu, Stage, glsl};
+use crate::{Buffer, Gpu, Stage, flat_info, glsl};
 
 /// An attachment in the general layout, with a view of all of it.
 #[derive(Clone, Copy, Debug)]
@@ -153,15 +153,7 @@ impl Gpu {
             true => vk::ImageUsageFlags::COLOR_ATTACHMENT,
             false => vk::ImageUsageFlags::DEPTH_STENCIL_ATTACHMENT,
         };
-        let info = vk::ImageCreateInfo::default()
-            .image_type(vk::ImageType::TYPE_2D)
-            .format(format)
-            .extent(vk::Extent3D {
-                width,
-                height,
-                depth: 1,
-            })
-            .mip_levels(1)
+        let info = flat_info(format, width, height)
             .array_layers(layers)
             .samples(vk::SampleCountFlags::from_raw(samples))
             .usage(
@@ -185,41 +177,14 @@ impl Gpu {
             layers,
             samples,
         };
-        // SAFETY: the handles are of this device; the structures outlive the calls.
-        unsafe {
-            canvas.image = self
-                .device
-                .create_image(&info, None)
-                .expect("vkCreateImage");
-            let needs = self.device.get_image_memory_requirements(canvas.image);
-            let memory = self.allocate(needs, false);
-            self.keep(Made::Image(canvas.image));
-            let bound = self.device.bind_image_memory(canvas.image, memory, 0);
-            bound.expect("vkBindImageMemory");
-            let view = vk::ImageViewCreateInfo::default()
-                .image(canvas.image)
-                .view_type(kind)
-                .format(format)
-                .subresource_range(canvas.range());
-            let view = self.device.create_image_view(&view, None);
-            canvas.view = view.expect("vkCreateImageView");
-            self.keep(Made::View(canvas.view));
-        }
-        self.run(|commands| {
-            let barrier = vk::ImageMemoryBarrier::default()
-                .new_layout(vk::ImageLayout::GENERAL)
-                .dst_access_mask(vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE)
-                .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-                .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-                .image(canvas.image)
-                .subresource_range(canvas.range());
-            let all = vk::PipelineStageFlags::ALL_COMMANDS;
-            let none = vk::DependencyFlags::empty();
-            // SAFETY: the command buffer is being recorded.
-            unsafe {
-                (self.device).cmd_pipeline_barrier(commands, all, all, none, &[], &[], &[barrier]);
-            }
-        });
+        canvas.image = self.image(&info);
+        let view = vk::ImageViewCreateInfo::default()
+            .image(canvas.image)
+            .view_type(kind)
+            .format(format)
+            .subresource_range(canvas.range());
+        canvas.view = self.view(&view);
+        self.to_general(canvas.image, canvas.range());
         canvas
     }
 

@@ -29,6 +29,21 @@ impl Shape {
     }
 }
 
+/// An image of two dimensions, one level, one layer and one sample.
+pub fn flat_info(format: vk::Format, width: u32, height: u32) -> vk::ImageCreateInfo<'static> {
+    vk::ImageCreateInfo::default()
+        .image_type(vk::ImageType::TYPE_2D)
+        .format(format)
+        .extent(vk::Extent3D {
+            width,
+            height,
+            depth: 1,
+        })
+        .mip_levels(1)
+        .array_layers(1)
+        .samples(vk::SampleCountFlags::TYPE_1)
+}
+
 /// An image in the general layout, with a view of all of it.
 #[derive(Clone, Copy, Debug)]
 pub struct Picture {
@@ -52,75 +67,75 @@ impl Gpu {
             _ => (vk::ImageType::TYPE_2D, vk::ImageCreateFlags::empty()),
         };
         let [width, height, depth] = shape.extent;
-        let info = vk::ImageCreateInfo::default()
+        let mut info = flat_info(shape.format, width, height)
             .flags(flags)
             .image_type(dimensions)
-            .format(shape.format)
-            .extent(vk::Extent3D {
-                width,
-                height,
-                depth,
-            })
             .mip_levels(shape.levels)
             .array_layers(shape.layers)
-            .samples(vk::SampleCountFlags::TYPE_1)
             .usage(usage | vk::ImageUsageFlags::TRANSFER_SRC | vk::ImageUsageFlags::TRANSFER_DST);
-        // SAFETY: the handles are of this device.
-        let (handle, view) = unsafe {
-            let handle = self
-                .device
-                .create_image(&info, None)
-                .expect("vkCreateImage");
-            let needs = self.device.get_image_memory_requirements(handle);
-            let memory = self.allocate(needs, false);
-            self.keep(Made::Image(handle));
-            self.device
-                .bind_image_memory(handle, memory, 0)
-                .expect("vkBindImageMemory");
-            let needs_view =
-                usage.intersects(vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::STORAGE);
-            let view = if needs_view {
-                let info = vk::ImageViewCreateInfo::default()
-                    .image(handle)
-                    .view_type(shape.kind)
-                    .format(shape.format)
-                    .subresource_range(all_of(shape));
-                let view = self
-                    .device
-                    .create_image_view(&info, None)
-                    .expect("vkCreateImageView");
-                self.keep(Made::View(view));
-                view
-            } else {
-                vk::ImageView::null()
-            };
-            (handle, view)
+        info.extent.depth = depth;
+        let handle = self.image(&info);
+        let view = if usage.intersects(vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::STORAGE)
+        {
+            let info = vk::ImageViewCreateInfo::default()
+                .image(handle)
+                .view_type(shape.kind)
+                .format(shape.format)
+                .subresource_range(all_of(shape));
+            self.view(&info)
+        } else {
+            vk::ImageView::null()
         };
         let picture = Picture {
             handle,
             view,
             shape,
         };
-        self.run(|commands| self.transition_to_general(commands, &picture));
+        self.to_general(handle, all_of(shape));
         picture
     }
 
-    fn transition_to_general(&self, commands: vk::CommandBuffer, picture: &Picture) {
+    /// An image with memory of its own.
+    pub fn image(&self, info: &vk::ImageCreateInfo<'_>) -> vk::Image {
+        // SAFETY: the handles are of this device; the structures outlive the calls.
+        unsafe {
+            let image = self.device.create_image(info, None);
+            let image = image.expect("vkCreateImage");
+            let needs = self.device.get_image_memory_requirements(image);
+            let memory = self.allocate(needs, false);
+            self.keep(Made::Image(image));
+            let bound = self.device.bind_image_memory(image, memory, 0);
+            bound.expect("vkBindImageMemory");
+            image
+        }
+    }
+
+    /// A view that is destroyed at the end.
+    pub fn view(&self, info: &vk::ImageViewCreateInfo<'_>) -> vk::ImageView {
+        // SAFETY: `info` outlives the call.
+        let view = unsafe { self.device.create_image_view(info, None) };
+        let view = view.expect("vkCreateImageView");
+        self.keep(Made::View(view));
+        view
+    }
+
+    /// Takes a new image to the general layout.
+    pub fn to_general(&self, image: vk::Image, range: vk::ImageSubresourceRange) {
         let barrier = vk::ImageMemoryBarrier::default()
             .old_layout(vk::ImageLayout::UNDEFINED)
             .new_layout(vk::ImageLayout::GENERAL)
             .dst_access_mask(vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE)
             .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
             .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-            .image(picture.handle)
-            .subresource_range(all_of(picture.shape));
-        let all = vk::PipelineStageFlags::ALL_COMMANDS;
-        let none = vk::DependencyFlags::empty();
-        // SAFETY: the command buffer is being recorded.
-        unsafe {
-            self.device
-                .cmd_pipeline_barrier(commands, all, all, none, &[], &[], &[barrier]);
-        }
+            .image(image)
+            .subresource_range(range);
+        let (all, none) = (vk::PipelineStageFlags::ALL_COMMANDS, Default::default());
+        self.run(|commands| {
+            // SAFETY: the command buffer is being recorded.
+            unsafe {
+                (self.device).cmd_pipeline_barrier(commands, all, all, none, &[], &[], &[barrier]);
+            }
+        });
     }
 
     /// Fills one level of every layer with tightly packed texels.

@@ -39,7 +39,7 @@ pub use compute::Kernel;
 pub use drawing::{BLACK, COVER, Pass, RGBA, WHITE};
 pub use gpu::{Gpu, PATIENCE_NS};
 pub use graphics::{Canvas, Corner, Painting};
-pub use image::{Picture, Shape, all_of};
+pub use image::{Picture, Shape, all_of, flat_info};
 pub use known::unless_known;
 pub use memory::Buffer;
 pub use micromap::{MicroTriangle, Micromap, MicromapParts, part_centres};

@@ -231,18 +231,7 @@ fn sparse_and_unbound_buffers() {
 }
 
 fn image_info<'a>(format: vk::Format) -> vk::ImageCreateInfo<'a> {
-    vk::ImageCreateInfo::default()
-        .image_type(vk::ImageType::TYPE_2D)
-        .format(format)
-        .extent(vk::Extent3D {
-            width: 64,
-            height: 32,
-            depth: 1,
-        })
-        .mip_levels(1)
-        .array_layers(1)
-        .samples(vk::SampleCountFlags::TYPE_1)
-        .usage(vk::ImageUsageFlags::SAMPLED)
+    flat_info(format, 64, 32).usage(vk::ImageUsageFlags::SAMPLED)
 }
 
 #[test]

@@ -131,17 +131,9 @@ fn host_pointers_to_nothing_are_refused() {
 fn sizes_without_measure_are_errors() {
     let Some(gpu) = Gpu::surviving() else { return };
     let image = |levels, layers, side| {
-        let info = vk::ImageCreateInfo::default()
-            .image_type(vk::ImageType::TYPE_2D)
-            .format(vk::Format::R32G32B32A32_SFLOAT)
-            .extent(vk::Extent3D {
-                width: side,
-                height: side,
-                depth: 1,
-            })
+        let info = flat_info(vk::Format::R32G32B32A32_SFLOAT, side, side)
             .mip_levels(levels)
             .array_layers(layers)
-            .samples(vk::SampleCountFlags::TYPE_1)
             .usage(vk::ImageUsageFlags::SAMPLED);
         // SAFETY: an image that cannot be is refused.
         unsafe { gpu.device.create_image(&info, None) }
@@ -242,18 +234,7 @@ fn resources_lie_inside_memory() {
     let buffer = vk::BufferCreateInfo::default()
         .size(1 << 20)
         .usage(gpu.usual_uses());
-    let image = vk::ImageCreateInfo::default()
-        .image_type(vk::ImageType::TYPE_2D)
-        .format(vk::Format::R8G8B8A8_UNORM)
-        .extent(vk::Extent3D {
-            width: 512,
-            height: 512,
-            depth: 1,
-        })
-        .mip_levels(1)
-        .array_layers(1)
-        .samples(vk::SampleCountFlags::TYPE_1)
-        .usage(vk::ImageUsageFlags::STORAGE);
+    let image = flat_info(vk::Format::R8G8B8A8_UNORM, 512, 512).usage(vk::ImageUsageFlags::STORAGE);
     // SAFETY: what does not fit is refused, and nothing is used after it is destroyed.
     unsafe {
         let memory = device.allocate_memory(&memory, None).unwrap();

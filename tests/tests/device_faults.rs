@@ -12,6 +12,8 @@ void main() {
     data[2] = 1;
 }";
 
+const LOST: Result<(), vk::Result> = Err(vk::Result::ERROR_DEVICE_LOST);
+
 /// Where the loop is, in the debug information that the tests make.
 const LOOP_LINE: u32 = 42;
 
@@ -227,10 +229,7 @@ fn a_hang_is_told_with_its_names_and_line() {
     let set = gpu.set_of(&[data.into()]);
     let words = with_lines(&glsl(Stage::Compute, SPIN), "shaders/spin.comp");
     let kernel = named_kernel(&gpu, &words, set, [c"spinner", c"spins for ever"]);
-    assert_eq!(
-        dispatch(&gpu, kernel, set),
-        Err(vk::Result::ERROR_DEVICE_LOST)
-    );
+    assert_eq!(dispatch(&gpu, kernel, set), LOST);
     let report = report(&gpu);
     if gpu.is_tuff() {
         let line = format!("shaders/spin.comp:{LOOP_LINE}");
@@ -269,10 +268,7 @@ fn a_messenger_hears_the_same() {
     let data = gpu.buffer_with(&[0u32; 4]);
     let set = gpu.set_of(&[data.into()]);
     let kernel = named_kernel(&gpu, &glsl(Stage::Compute, SPIN), set, [c"", c"p"]);
-    assert_eq!(
-        dispatch(&gpu, kernel, set),
-        Err(vk::Result::ERROR_DEVICE_LOST)
-    );
+    assert_eq!(dispatch(&gpu, kernel, set), LOST);
     let report = report(&gpu);
     says(
         &report.description,
@@ -334,7 +330,7 @@ fn a_fragment_shader_that_hangs_is_told() {
             gpu.draw_vertices(commands, 3);
         });
     });
-    assert_eq!(lost, Err(vk::Result::ERROR_DEVICE_LOST));
+    assert_eq!(lost, LOST);
     let report = report(&gpu);
     if gpu.is_tuff() {
         let line = format!("spin.frag:{LOOP_LINE}");
@@ -357,7 +353,7 @@ fn recursion_without_an_end_is_told_with_its_depth() {
     gpu.name_object(rays.pipeline, c"deep");
     let regions = gpu.regions(&rays, &case.table());
     let lost = gpu.try_run(|commands| gpu.record_trace(commands, &rays, &regions, [16, 1, 1]));
-    assert_eq!(lost, Err(vk::Result::ERROR_DEVICE_LOST));
+    assert_eq!(lost, LOST);
     let report = report(&gpu);
     if gpu.is_tuff() {
         says(
@@ -390,10 +386,7 @@ fn wild_addresses_are_told() {
     let set = gpu.set_of(&[data.into()]);
     let words = with_lines(&glsl(Stage::Compute, source), "wild.comp");
     let kernel = named_kernel(&gpu, &words, set, [c"", c""]);
-    assert_eq!(
-        dispatch(&gpu, kernel, set),
-        Err(vk::Result::ERROR_DEVICE_LOST)
-    );
+    assert_eq!(dispatch(&gpu, kernel, set), LOST);
     let report = report(&gpu);
     if gpu.is_tuff() {
         let found: Vec<_> = (report.addresses.iter())
@@ -442,10 +435,7 @@ fn earlier_wild_addresses_are_told() {
     let data = gpu.buffer_with(&[0u32; 4]);
     let set = gpu.set_of(&[data.into()]);
     let kernel = named_kernel(&gpu, &glsl(Stage::Compute, SPIN), set, [c"", c""]);
-    assert_eq!(
-        dispatch(&gpu, kernel, set),
-        Err(vk::Result::ERROR_DEVICE_LOST)
-    );
+    assert_eq!(dispatch(&gpu, kernel, set), LOST);
     let report = report(&gpu);
     let found: Vec<_> = report
         .addresses
@@ -504,7 +494,7 @@ fn names_in_chains_are_told() {
     let pipeline = made.expect("vkCreateComputePipelines")[0];
     gpu.keep_pipeline(pipeline);
     let lost = dispatch(&gpu, Kernel { pipeline, layout }, set);
-    assert_eq!(lost, Err(vk::Result::ERROR_DEVICE_LOST));
+    assert_eq!(lost, LOST);
     let report = report(&gpu);
     if gpu.is_tuff() {
         says(&report.description, &["Compute shader \"in the chain\""]);

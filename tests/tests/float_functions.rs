@@ -43,143 +43,45 @@ fn check_function(
 fn functions_are_as_precise_as_vulkan_asks() {
     let gpu = Gpu::new();
     let mut random = Rng::with_seed(14);
-    let mut pairs = |low: f32, high: f32| -> Vec<[f32; 2]> {
-        (0..1000)
-            .map(|_| {
-                [
-                    between(&mut random, low, high),
-                    between(&mut random, low, high),
-                ]
-            })
-            .collect()
+    // The range of both arguments, then the bounds: in units of the last place, or absolute.
+    let mut check = |expression: &str,
+                     [low, high]: [f32; 2],
+                     [ulps, absolute]: [f64; 2],
+                     reference: fn(f64, f64) -> f64| {
+        let mut argument = || between(&mut random, low, high);
+        let pairs: Vec<[f32; 2]> = (0..1000).map(|_| [argument(), argument()]).collect();
+        check_function(&gpu, expression, &pairs, reference, ulps, absolute);
     };
     // The bounds are those of "Precision of GLSL.std.450 Instructions".
-    check_function(&gpu, "x / y", &pairs(0.1, 90.0), |x, y| x / y, 2.5, 0.0);
-    check_function(
-        &gpu,
-        "inversesqrt(x)",
-        &pairs(0.001, 900.0),
-        |x, _| x.sqrt().recip(),
-        2.0,
-        0.0,
-    );
+    check("x / y", [0.1, 90.0], [2.5, 0.0], |x, y| x / y);
+    check("inversesqrt(x)", [0.001, 900.0], [2.0, 0.0], |x, _| {
+        x.sqrt().recip()
+    });
     // sqrt is inherited from 1.0 / inversesqrt().
-    check_function(
-        &gpu,
-        "sqrt(x)",
-        &pairs(0.001, 900.0),
-        |x, _| x.sqrt(),
-        5.5,
-        0.0,
-    );
+    check("sqrt(x)", [0.001, 900.0], [5.5, 0.0], |x, _| x.sqrt());
     let exp_ulps = |x: f64| 3.0 + 2.0 * x.abs();
-    check_function(
-        &gpu,
-        "exp2(x)",
-        &pairs(-10.0, 10.0),
-        |x, _| x.exp2(),
-        exp_ulps(10.0),
-        0.0,
-    );
-    check_function(
-        &gpu,
-        "exp(x)",
-        &pairs(-10.0, 10.0),
-        |x, _| x.exp(),
-        exp_ulps(10.0),
-        0.0,
-    );
+    check("exp2(x)", [-10.0, 10.0], [exp_ulps(10.0), 0.0], |x, _| {
+        x.exp2()
+    });
+    check("exp(x)", [-10.0, 10.0], [exp_ulps(10.0), 0.0], |x, _| {
+        x.exp()
+    });
     let small = f64::exp2(-21.0);
-    check_function(
-        &gpu,
-        "log2(x)",
-        &pairs(0.01, 90.0),
-        |x, _| x.log2(),
-        3.0,
-        small,
-    );
-    check_function(
-        &gpu,
-        "log(x)",
-        &pairs(0.01, 90.0),
-        |x, _| x.ln(),
-        3.0,
-        small,
-    );
+    check("log2(x)", [0.01, 90.0], [3.0, small], |x, _| x.log2());
+    check("log(x)", [0.01, 90.0], [3.0, small], |x, _| x.ln());
     // pow is inherited from exp2(y * log2(x)).
     let pow_ulps = exp_ulps(20.0) + 40.0;
-    check_function(
-        &gpu,
-        "pow(x, y)",
-        &pairs(0.2, 4.0),
-        |x, y| x.powf(y),
-        pow_ulps,
-        0.0,
-    );
+    check("pow(x, y)", [0.2, 4.0], [pow_ulps, 0.0], |x, y| x.powf(y));
     let fine = f64::exp2(-11.0);
-    check_function(
-        &gpu,
-        "sin(x)",
-        &pairs(-3.125, 3.125),
-        |x, _| x.sin(),
-        0.0,
-        fine,
-    );
-    check_function(
-        &gpu,
-        "cos(x)",
-        &pairs(-3.125, 3.125),
-        |x, _| x.cos(),
-        0.0,
-        fine,
-    );
-    check_function(
-        &gpu,
-        "atan(y, x)",
-        &pairs(-9.0, 9.0),
-        |x, y| y.atan2(x),
-        4096.0,
-        0.0,
-    );
-    check_function(
-        &gpu,
-        "asin(x)",
-        &pairs(-1.0, 1.0),
-        |x, _| x.asin(),
-        4096.0,
-        fine,
-    );
-    check_function(
-        &gpu,
-        "fract(x)",
-        &pairs(-9.0, 9.0),
-        |x, _| x - x.floor(),
-        1.0,
-        1e-6,
-    );
-    check_function(
-        &gpu,
-        "mix(x, y, 0.25)",
-        &pairs(0.1, 9.0),
-        |x, y| 0.75 * x + 0.25 * y,
-        4.0,
-        0.0,
-    );
-    check_function(
-        &gpu,
-        "fma(x, y, 1.0)",
-        &pairs(0.1, 9.0),
-        |x, y| x * y + 1.0,
-        2.0,
-        0.0,
-    );
+    check("sin(x)", [-3.125, 3.125], [0.0, fine], |x, _| x.sin());
+    check("cos(x)", [-3.125, 3.125], [0.0, fine], |x, _| x.cos());
+    check("atan(y, x)", [-9.0, 9.0], [4096.0, 0.0], |x, y| y.atan2(x));
+    check("asin(x)", [-1.0, 1.0], [4096.0, fine], |x, _| x.asin());
+    check("fract(x)", [-9.0, 9.0], [1.0, 1e-6], |x, _| x - x.floor());
+    check("mix(x, y, 0.25)", [0.1, 9.0], [4.0, 0.0], |x, y| {
+        0.75 * x + 0.25 * y
+    });
+    check("fma(x, y, 1.0)", [0.1, 9.0], [2.0, 0.0], |x, y| x * y + 1.0);
     let lengths = |x: f64, y: f64| (x * x + y * y).sqrt();
-    check_function(
-        &gpu,
-        "length(vec2(x, y))",
-        &pairs(-9.0, 9.0),
-        lengths,
-        8.0,
-        0.0,
-    );
+    check("length(vec2(x, y))", [-9.0, 9.0], [8.0, 0.0], lengths);
 }

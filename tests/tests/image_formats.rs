@@ -138,51 +138,13 @@ fn blocks_decode_as_the_data_format_specification_says() {
 
 /// An image of its own making: bound, in the general layout.
 fn image(gpu: &Gpu, info: &vk::ImageCreateInfo, aspect: vk::ImageAspectFlags) -> vk::Image {
-    // SAFETY: the handles are of this device.
-    let handle = unsafe {
-        let handle = gpu.device.create_image(info, None).expect("vkCreateImage");
-        let needs = gpu.device.get_image_memory_requirements(handle);
-        let memory = gpu.allocate(needs, false);
-        gpu.device
-            .bind_image_memory(handle, memory, 0)
-            .expect("vkBindImageMemory");
-        handle
-    };
-    gpu.run(|commands| {
-        let range = vk::ImageSubresourceRange::default()
-            .aspect_mask(aspect)
-            .level_count(info.mip_levels)
-            .layer_count(info.array_layers);
-        let barrier = vk::ImageMemoryBarrier::default()
-            .new_layout(vk::ImageLayout::GENERAL)
-            .dst_access_mask(vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE)
-            .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-            .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-            .image(handle)
-            .subresource_range(range);
-        let all = vk::PipelineStageFlags::ALL_COMMANDS;
-        let none = vk::DependencyFlags::empty();
-        // SAFETY: the command buffer is being recorded.
-        unsafe {
-            gpu.device
-                .cmd_pipeline_barrier(commands, all, all, none, &[], &[], &[barrier]);
-        }
-    });
-    handle
-}
-
-fn flat_info(format: F, width: u32, height: u32) -> vk::ImageCreateInfo<'static> {
-    vk::ImageCreateInfo::default()
-        .image_type(vk::ImageType::TYPE_2D)
-        .format(format)
-        .extent(vk::Extent3D {
-            width,
-            height,
-            depth: 1,
-        })
-        .mip_levels(1)
-        .array_layers(1)
-        .samples(vk::SampleCountFlags::TYPE_1)
+    let image = gpu.image(info);
+    let range = vk::ImageSubresourceRange::default()
+        .aspect_mask(aspect)
+        .level_count(info.mip_levels)
+        .layer_count(info.array_layers);
+    gpu.to_general(image, range);
+    image
 }
 
 fn layers(aspect: vk::ImageAspectFlags) -> vk::ImageSubresourceLayers {
@@ -243,8 +205,7 @@ fn blocks_are_written_through_views() {
                 .layer_count(1),
         )
         .push_next(&mut usage);
-    // SAFETY: the image is of this device.
-    let view = unsafe { gpu.device.create_image_view(&view_info, None) }.expect("a view");
+    let view = gpu.view(&view_info);
     let size = gpu.buffer(8);
     gpu.compute_with(
         "layout(local_size_x = 1) in;
@@ -277,11 +238,6 @@ fn blocks_are_written_through_views() {
     });
     let expected: Vec<[u32; 2]> = (0..6).map(|i| [i % 3, i / 3]).collect();
     assert_eq!(buffer.read::<[u32; 2]>(), expected);
-    // SAFETY: nothing uses them any more.
-    unsafe {
-        gpu.device.destroy_image_view(view, None);
-        gpu.device.destroy_image(handle, None);
-    }
 }
 
 /// Two planes, BT.601 of narrow range: codes of grey, red and blue (ITU-R BT.601-7) become them, chroma in the middle of its texels.
@@ -431,7 +387,6 @@ fn planes_are_converted() {
         gpu.device.destroy_descriptor_pool(pool, None);
         gpu.device
             .destroy_sampler_ycbcr_conversion(conversion, None);
-        gpu.device.destroy_image(handle, None);
     }
 }
 
@@ -501,7 +456,5 @@ fn the_host_copies_images() {
             .result()
             .expect("vkCopyImageToMemoryEXT");
         assert_eq!(back, [9, 10, 11, 17, 18, 19].map(|i| 0x101 * i));
-        gpu.device.destroy_image(first, None);
-        gpu.device.destroy_image(second, None);
     }
 }

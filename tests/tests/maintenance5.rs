@@ -59,17 +59,7 @@ fn layouts_are_known_without_an_image() {
         return;
     };
     let extension = khr::maintenance5::Device::new(&gpu.instance, &gpu.device);
-    let info = vk::ImageCreateInfo::default()
-        .image_type(vk::ImageType::TYPE_2D)
-        .format(vk::Format::R8G8B8A8_UNORM)
-        .extent(vk::Extent3D {
-            width: 37,
-            height: 19,
-            depth: 1,
-        })
-        .mip_levels(1)
-        .array_layers(1)
-        .samples(vk::SampleCountFlags::TYPE_1)
+    let info = flat_info(vk::Format::R8G8B8A8_UNORM, 37, 19)
         .tiling(vk::ImageTiling::LINEAR)
         .usage(vk::ImageUsageFlags::TRANSFER_DST);
     let aspect = vk::ImageSubresource::default().aspect_mask(vk::ImageAspectFlags::COLOR);

@@ -1,7 +1,7 @@
 //! Memory around buffers, and in the process, that nothing is to write.
 
 use ash::vk;
-use tuff_tests::{Buffer, Gpu};
+use tuff_tests::{Buffer, Gpu, flat_info};
 
 /// Bytes before and after what is bound.
 pub const MARGIN: u64 = 4096;
@@ -79,15 +79,7 @@ impl Attachment {
             ),
             _ => (Aspect::COLOR, Usage::COLOR_ATTACHMENT),
         };
-        let info = vk::ImageCreateInfo::default()
-            .image_type(vk::ImageType::TYPE_2D)
-            .format(format)
-            .extent(vk::Extent3D {
-                width,
-                height,
-                depth: 1,
-            })
-            .mip_levels(1)
+        let info = flat_info(format, width, height)
             .array_layers(layers)
             .samples(vk::SampleCountFlags::from_raw(samples))
             .usage(usage);
