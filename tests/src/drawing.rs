@@ -182,6 +182,12 @@ impl Gpu {
         }
     }
 
+    /// Binds a buffer of indices.
+    pub fn bind_indices(&self, commands: vk::CommandBuffer, indices: &Buffer, ty: vk::IndexType) {
+        // SAFETY: as above.
+        unsafe { (self.device).cmd_bind_index_buffer(commands, indices.handle, 0, ty) };
+    }
+
     /// Binds set 0 of draws.
     pub fn bind_set(
         &self,

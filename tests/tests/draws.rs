@@ -161,14 +161,10 @@ fn indices_choose_vertices() {
         (longs, vk::IndexType::UINT32),
     ] {
         gpu.paint(&canvas, pipeline, |commands| {
+            gpu.bind_vertices(commands, &vertices);
+            gpu.bind_indices(commands, &indices, ty);
             // SAFETY: the command buffer is being recorded.
-            unsafe {
-                gpu.device
-                    .cmd_bind_vertex_buffers(commands, 0, &[vertices.handle], &[0]);
-                gpu.device
-                    .cmd_bind_index_buffer(commands, indices.handle, 0, ty);
-                gpu.device.cmd_draw_indexed(commands, 11, 1, 2, 1, 0);
-            }
+            unsafe { gpu.device.cmd_draw_indexed(commands, 11, 1, 2, 1, 0) };
         });
         let row = [0, 255, 255, 0, 0, 255, 0, 0].map(|it| [it; 4]);
         assert_eq!(gpu.colors(&canvas), [row, row].concat(), "{ty:?}");
@@ -204,12 +200,9 @@ fn instances_have_their_own_attributes() {
     let pipeline = gpu.painting(&painting);
     let columns = gpu.buffer_with(&[9.0f32, 9.0, 3.0, 1.0]);
     gpu.paint(&canvas, pipeline, |commands| {
+        gpu.bind_vertices(commands, &columns);
         // SAFETY: the command buffer is being recorded.
-        unsafe {
-            gpu.device
-                .cmd_bind_vertex_buffers(commands, 0, &[columns.handle], &[0]);
-            gpu.device.cmd_draw(commands, 4, 2, 0, 2);
-        }
+        unsafe { gpu.device.cmd_draw(commands, 4, 2, 0, 2) };
     });
     let expected = [[0; 4], [3, 1, 0, 255], [0; 4], [2, 3, 0, 255]];
     assert_eq!(gpu.colors(&canvas), expected);

@@ -55,20 +55,14 @@ fn layers(
     let pipeline = gpu.painting(painting);
     turn(gpu, pass, |commands| {
         gpu.bind(commands, pipeline);
-        // SAFETY: the command buffer is being recorded.
-        unsafe {
-            if let Some(set) = set {
-                let point = vk::PipelineBindPoint::GRAPHICS;
-                let layout = painting.layout;
-                (gpu.device).cmd_bind_descriptor_sets(commands, point, layout, 0, &[set], &[]);
-            }
-            let height = pass.colors[0].height;
-            let push = (BAND as f32 / height as f32).to_ne_bytes();
-            let all = vk::ShaderStageFlags::ALL;
-            (gpu.device).cmd_push_constants(commands, painting.layout, all, 0, &push);
-            let corners = height.div_ceil(BAND) * 6;
-            gpu.device.cmd_draw(commands, corners, layers, 0, 0);
+        if let Some(set) = set {
+            gpu.bind_set(commands, painting.layout, set);
         }
+        let height = pass.colors[0].height;
+        gpu.push(commands, painting.layout, &(BAND as f32 / height as f32));
+        let corners = height.div_ceil(BAND) * 6;
+        // SAFETY: the command buffer is being recorded.
+        unsafe { gpu.device.cmd_draw(commands, corners, layers, 0, 0) };
     })
 }
 

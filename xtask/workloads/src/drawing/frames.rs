@@ -60,22 +60,18 @@ pub fn draws(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     };
     let turn = turn(gpu, &pass, |commands| {
         gpu.bind(commands, pipeline);
-        // SAFETY: the command buffer is being recorded.
-        unsafe {
-            (gpu.device).cmd_bind_vertex_buffers(commands, 0, &[vertices.handle], &[0]);
-            let ty = vk::IndexType::UINT16;
-            (gpu.device).cmd_bind_index_buffer(commands, indices.handle, 0, ty);
-            for number in 0..DRAWS {
-                let place = number % places;
-                let push = Push {
-                    tint: tint(number).map(|part| f32::from(part) / 255.0),
-                    offset: [place % columns, place / columns].map(|at| (at * SIDE) as f32),
-                    size: [width as f32, height as f32],
-                };
-                let (all, push) = (vk::ShaderStageFlags::ALL, bytemuck::bytes_of(&push));
-                (gpu.device).cmd_push_constants(commands, painting.layout, all, 0, push);
-                gpu.device.cmd_draw_indexed(commands, 6, 1, 0, 0, 0);
-            }
+        gpu.bind_vertices(commands, &vertices);
+        gpu.bind_indices(commands, &indices, vk::IndexType::UINT16);
+        for number in 0..DRAWS {
+            let place = number % places;
+            let push = Push {
+                tint: tint(number).map(|part| f32::from(part) / 255.0),
+                offset: [place % columns, place / columns].map(|at| (at * SIDE) as f32),
+                size: [width as f32, height as f32],
+            };
+            gpu.push(commands, painting.layout, &push);
+            // SAFETY: the command buffer is being recorded.
+            unsafe { gpu.device.cmd_draw_indexed(commands, 6, 1, 0, 0, 0) };
         }
     });
     // The last square at each place.
@@ -300,24 +296,19 @@ pub fn interface(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     };
     let frame = |commands| {
         gpu.bind(commands, pipeline);
-        let size = [width as f32, height as f32];
-        let (all, size) = (vk::ShaderStageFlags::ALL, bytemuck::bytes_of(&size));
-        let point = vk::PipelineBindPoint::GRAPHICS;
-        // SAFETY: the command buffer is being recorded.
-        unsafe {
-            (gpu.device).cmd_push_constants(commands, painting.layout, all, 0, size);
-            (gpu.device).cmd_bind_vertex_buffers(commands, 0, &[vertices.handle], &[0]);
-            let ty = vk::IndexType::UINT16;
-            (gpu.device).cmd_bind_index_buffer(commands, indices.handle, 0, ty);
-            let mut first = 0;
-            for window in &windows {
-                let (sets, layout) = ([set.handle], painting.layout);
-                (gpu.device).cmd_bind_descriptor_sets(commands, point, layout, 0, &sets, &[]);
+        gpu.push(commands, painting.layout, &[width as f32, height as f32]);
+        gpu.bind_vertices(commands, &vertices);
+        gpu.bind_indices(commands, &indices, vk::IndexType::UINT16);
+        let mut first = 0;
+        for window in &windows {
+            gpu.bind_set(commands, painting.layout, set.handle);
+            let count = window.items.len() as u32 * 6;
+            // SAFETY: the command buffer is being recorded.
+            unsafe {
                 (gpu.device).cmd_set_scissor(commands, 0, &[window.scissor]);
-                let count = window.items.len() as u32 * 6;
                 (gpu.device).cmd_draw_indexed(commands, count, 1, first, 0, 0);
-                first += count;
             }
+            first += count;
         }
     };
     let turn = gpu.record(|commands| {

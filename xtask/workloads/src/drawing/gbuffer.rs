@@ -137,17 +137,13 @@ pub fn geometry(gpu: &Gpu, scale: &Scale) -> Option<Prepared> {
     let instances = [(0, 1), (1, places.len() as u32 - 1)];
     let turn = turn(gpu, &pass, |commands| {
         gpu.bind(commands, pipeline);
-        let all = vk::ShaderStageFlags::ALL;
-        let columns = camera.to_cols_array();
-        let push = bytemuck::bytes_of(&columns);
+        gpu.push(commands, painting.layout, &camera.to_cols_array());
         // SAFETY: the command buffer is being recorded.
         unsafe {
-            (gpu.device).cmd_push_constants(commands, painting.layout, all, 0, push);
             for ((corners, normals, indices), (first, count)) in buffers.iter().zip(instances) {
                 let vertices = [corners.handle, normals.handle, transforms.handle];
                 (gpu.device).cmd_bind_vertex_buffers(commands, 0, &vertices, &[0; 3]);
-                let ty = vk::IndexType::UINT32;
-                (gpu.device).cmd_bind_index_buffer(commands, indices.handle, 0, ty);
+                gpu.bind_indices(commands, indices, vk::IndexType::UINT32);
                 let indices = (indices.size_bytes / 4) as u32;
                 (gpu.device).cmd_draw_indexed(commands, indices, count, 0, 0, first);
             }

@@ -9,12 +9,10 @@ mod gbuffer;
 mod triangles;
 
 use anyhow::{Result, ensure};
-use tuff_tests::{Bound, Buffer, Canvas, Gpu, Pass, vk};
+use tuff_tests::{Bound, Buffer, Canvas, Gpu, Pass, RGBA, vk};
 
 use crate::workload::{Bounds, Prepared, Workload};
 use crate::world::Scale;
-
-const RGBA: vk::Format = vk::Format::R8G8B8A8_UNORM;
 
 pub const ALL: [Workload; 15] = [
     row(

@@ -77,16 +77,10 @@ pub fn flat(gpu: &Gpu, scale: &Scale, side: u32) -> Option<Prepared> {
     let count = corners.len() as u32;
     let turn = turn(gpu, &pass, |commands| {
         gpu.bind(commands, pipeline);
-        let size = [width as f32, height as f32];
-        let size: &[u8] = bytemuck::bytes_of(&size);
-        let all = vk::ShaderStageFlags::ALL;
-        // SAFETY: the command buffer is being recorded; the buffer holds the vertices.
-        unsafe {
-            (gpu.device).cmd_push_constants(commands, painting.layout, all, 0, size);
-            (gpu.device).cmd_bind_vertex_buffers(commands, 0, &[vertices.handle], &[0]);
-            for _ in 0..repeats {
-                gpu.device.cmd_draw(commands, count, 1, 0, 0);
-            }
+        gpu.push(commands, painting.layout, &[width as f32, height as f32]);
+        gpu.bind_vertices(commands, &vertices);
+        for _ in 0..repeats {
+            gpu.draw_vertices(commands, count);
         }
     });
     let expected = move |x: u32, y: u32| {
