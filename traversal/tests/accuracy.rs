@@ -6,15 +6,7 @@ use scenes::*;
 /// The greatest errors of t, in units in its last place, and of the weights, in 2⁻²⁴, and the
 /// number of hits they are of.
 fn errors(scale: f64, offset: DVec3, rays: usize) -> (f64, f64, usize) {
-    let (vertices, indices) = icosphere(4);
-    let mesh = Mesh {
-        vertices: vertices
-            .iter()
-            .map(|v| narrow(v * scale + offset))
-            .collect(),
-        indices,
-        opaque: true,
-    };
+    let mesh = Mesh::icosphere(4, true, |p| p * scale + offset);
     let scene = Scene::new(std::slice::from_ref(&mesh), 0);
     let mut walker = traversal::Walker::new();
     let mut random = Random(0x1234_5678_9ABC_DEF1);

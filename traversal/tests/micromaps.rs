@@ -52,12 +52,7 @@ fn geometry(mesh: &Mesh, micromap: &Bytes) -> TriangleGeometry {
 }
 
 fn sphere(states: [u8; 16]) -> Sphere {
-    let (vertices, indices) = icosphere(2);
-    let mesh = Mesh {
-        vertices: vertices.into_iter().map(narrow).collect(),
-        indices,
-        opaque: false,
-    };
+    let mesh = Mesh::icosphere(2, false, |p| p);
     let micromap = micromap(states);
     let geometry = geometry(&mesh, &micromap);
     let input = BuildInput {

@@ -60,14 +60,10 @@ fn compare(walker: &mut Walker, top: &Bytes, rays: &[Ray]) -> bool {
 
 /// A sphere with coincident triangles, so that rays meet edges, vertices and ties.
 fn mesh() -> Mesh {
-    let (vertices, faces) = icosphere(3);
-    let mut mesh = Mesh {
-        vertices: vertices.into_iter().map(narrow).collect(),
-        indices: faces.clone(),
-        opaque: true,
-    };
-    mesh.indices
-        .extend(faces.iter().step_by(3).map(|&[a, b, c]| [b, c, a]));
+    let mut mesh = Mesh::icosphere(3, true, |p| p);
+    let faces = mesh.indices.clone();
+    let thirds = faces.iter().step_by(3);
+    mesh.indices.extend(thirds.map(|&[a, b, c]| [b, c, a]));
     mesh
 }
 

@@ -4,12 +4,7 @@ use scenes::*;
 use traversal::*;
 
 fn sphere(levels: u32, scale: f64, opaque: bool) -> Mesh {
-    let (vertices, indices) = icosphere(levels);
-    Mesh {
-        vertices: vertices.iter().map(|v| narrow(v * scale)).collect(),
-        indices,
-        opaque,
-    }
+    Mesh::icosphere(levels, opaque, |p| p * scale)
 }
 
 /// A landscape: (n × n) squares of two triangles each.

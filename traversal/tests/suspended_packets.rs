@@ -206,15 +206,7 @@ fn bundle(random: &mut Random, vertices: &[[f32; 3]], count: usize, flags: u32) 
 }
 
 fn sphere(radius: f64, opaque: bool) -> Mesh {
-    let (vertices, faces) = icosphere(3);
-    Mesh {
-        vertices: vertices
-            .into_iter()
-            .map(|vertex| narrow(radius * vertex))
-            .collect(),
-        indices: faces,
-        opaque,
-    }
+    Mesh::icosphere(3, opaque, |p| radius * p)
 }
 
 fn boxes(random: &mut Random) -> Vec<[f32; 6]> {

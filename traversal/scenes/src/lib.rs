@@ -84,6 +84,16 @@ pub struct Mesh {
 }
 
 impl Mesh {
+    /// An [`icosphere`] whose points are moved.
+    pub fn icosphere(levels: u32, opaque: bool, place: impl Fn(DVec3) -> DVec3) -> Mesh {
+        let (points, indices) = icosphere(levels);
+        Mesh {
+            vertices: points.into_iter().map(|p| narrow(place(p))).collect(),
+            indices,
+            opaque,
+        }
+    }
+
     pub fn geometry(&self) -> TriangleGeometry {
         TriangleGeometry {
             vertices: memory(&self.vertices),

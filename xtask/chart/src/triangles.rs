@@ -10,7 +10,7 @@ use crate::Options;
 use crate::report::{Chart, Report};
 use crate::timing::alternate;
 use scenes::exact;
-use scenes::{DVec3, Mesh, Random, icosphere, narrow, normalize, ray, wide};
+use scenes::{DVec3, Mesh, Random, narrow, normalize, ray, wide};
 
 /// Where a ray meets a triangle: distance, and the weights of the second and the third vertex.
 pub type Meeting = (f32, [f32; 2]);
@@ -239,13 +239,7 @@ const PLACES: [(f64, f64); 4] = [(1.0, 0.0), (1e6, 0.0), (1.0, 1e4), (1e6, 1e7)]
 /// A sphere of 1,280 triangles and rays at its edges and vertices, from two radii away.
 pub fn sphere(levels: u32, scale: f64, translation: f64, count: usize) -> (Mesh, Vec<Ray>) {
     let offset = translation * DVec3::new(1.0, 1.3, 0.7);
-    let (points, indices) = icosphere(levels);
-    let place = |p: &DVec3| narrow(p * scale + offset);
-    let mesh = Mesh {
-        vertices: points.iter().map(place).collect(),
-        indices,
-        opaque: true,
-    };
+    let mesh = Mesh::icosphere(levels, true, |p| p * scale + offset);
     let mut random = Random(88_172_645_463_325_252);
     let mut rays = Vec::with_capacity(count);
     for number in 0..count {

@@ -16,7 +16,7 @@ use crate::Options;
 use crate::report::{Chart, Report};
 use crate::timing::alternate;
 use crate::triangles::{Test, sphere};
-use scenes::{DVec3, Mesh, Random, Scene, closest_with, icosphere, narrow, normalize, ray};
+use scenes::{Mesh, Random, Scene, closest_with, narrow, normalize, ray};
 
 /// A structure over a mesh, and how it is walked.
 pub enum Engine {
@@ -187,16 +187,10 @@ pub const CONTESTANTS: &[Contestant] = &[
 
 /// A bumpy sphere of 81,920 triangles.
 pub fn bumpy() -> Mesh {
-    let (points, indices) = icosphere(6);
-    let bump = |p: &DVec3| {
+    Mesh::icosphere(6, true, |p| {
         let size = 1.0 + 0.05 * (9.0 * p[0]).sin() * (8.0 * p[1] + 1.0).cos() * (7.0 * p[2]).sin();
-        narrow(p * size)
-    };
-    Mesh {
-        vertices: points.iter().map(bump).collect(),
-        indices,
-        opaque: true,
-    }
+        p * size
+    })
 }
 
 /// Rays from anywhere around to anywhere inside: incoherent.

@@ -10,7 +10,7 @@ use crate::report::Report;
 use crate::triangles::Test;
 use scenes::hard::{TOLERANCE, fault};
 use scenes::{
-    DMat3, DVec3, Mesh, Random, Scene, apply, closest_with, icosphere, narrow, normalize, ray, wide,
+    DMat3, DVec3, Mesh, Random, Scene, apply, closest_with, narrow, normalize, ray, wide,
 };
 use traversal::{Options as WalkOptions, Ray, Walker};
 
@@ -98,12 +98,7 @@ fn into_object(m: &[f32; 12], ray: &Ray) -> Ray {
 
 pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
     let count = if options.quick { 200 } else { 2_000 };
-    let (points, indices) = icosphere(3);
-    let mesh = Mesh {
-        vertices: points.iter().map(|p| narrow(*p)).collect(),
-        indices,
-        opaque: true,
-    };
+    let mesh = Mesh::icosphere(3, true, |p| p);
     let triangles: Vec<_> = (0..mesh.indices.len()).map(|i| mesh.triangle(i)).collect();
     for kind in &KINDS {
         let mut map = Map::new(kind.name, kind.title, "condition number", &ROWS);
