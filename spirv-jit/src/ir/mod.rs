@@ -74,6 +74,8 @@
 //! are not storable outside `private`. The row or offset of each scalar is computed modulo 2^32: an access of several scalars is the same as one
 //! access for each, whatever the address.
 //!
+//! A `constant` load is from a uniform block, which nothing writes during a dispatch: it may be performed once for all invocations.
+//!
 //! *Variables* are named per-lane memory of a function ([`Variable`](module::Variable)). `var.load`/`var.store` access a fixed row and are what
 //! promotion to SSA removes; `var.address` gives the row for dynamic `private` accesses and pins the variable in memory. Variables of the entry function
 //! marked `zero` start as zero; others start undefined (read as zero by promotion).

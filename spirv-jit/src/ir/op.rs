@@ -359,6 +359,9 @@ pub struct Access {
     pub space: Space,
     /// Must be performed as written, neither merged nor moved (`Volatile`, or atomic ordering with other invocations).
     pub volatile: bool,
+    /// A load from a uniform block: nothing writes that during a dispatch, as it is read-only, and no other variable leads to it unless it
+    /// is decorated with `Aliased` (SPIR-V, section 2.18.2).
+    pub constant: bool,
     /// log₂ of what a device address must be a multiple of, where that is to be checked; 0 asks nothing.
     pub alignment: u8,
 }
@@ -369,6 +372,7 @@ impl Access {
         Self {
             space,
             volatile: false,
+            constant: false,
             alignment: 0,
         }
     }

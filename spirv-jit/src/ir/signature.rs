@@ -164,6 +164,10 @@ fn check_other(
         }
         Op::Load(access) => {
             takes(address_types(access.space))?;
+            require(
+                !access.constant || access.space == Space::Buffer && !access.volatile,
+                "only buffers hold uniform blocks",
+            )?;
             check_scalars(access, results)
         }
         Op::Store(access) => {
@@ -291,6 +295,9 @@ fn address_types(space: Space) -> &'static [Type] {
 
 /// Checks the leading address operands and gives the rest.
 fn check_address<'a>(access: &Access, args: &'a [Type]) -> Result<&'a [Type], String> {
+    if access.constant {
+        return Err("uniform blocks are not written".into());
+    }
     if access.alignment != 0 && access.space != Space::Global {
         return Err("only device addresses have an alignment".into());
     }

@@ -91,6 +91,7 @@ impl Lowerer<'_> {
         let access = Access {
             space,
             volatile: true,
+            constant: false,
             alignment: 0,
         };
         let results: &[Type] = if op == AtomicOp::Store { &[] } else { &[ty] };

@@ -186,8 +186,11 @@ impl Lowerer<'_> {
                     self.bool_to_word(value)?
                 });
             }
-            self.b
-                .store(access(pointer, run.offset), &address, &words)?;
+            let access = Access {
+                constant: false,
+                ..access(pointer, run.offset)
+            };
+            self.b.store(access, &address, &words)?;
         }
         Ok(())
     }
@@ -362,6 +365,7 @@ fn access(pointer: &Pointer, offset: u64) -> Access {
     Access {
         space: space(pointer),
         volatile: pointer.volatile,
+        constant: pointer.constant && !pointer.volatile,
         alignment: pointer.alignment.min(offset.trailing_zeros() as u8),
     }
 }

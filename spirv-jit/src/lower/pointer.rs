@@ -38,7 +38,11 @@ impl Lowerer<'_> {
                 let set = find(Decoration::DescriptorSet).unwrap_or(0);
                 let binding = find(Decoration::Binding).unwrap_or(0);
                 let binding = (self.request.bindings)(set, binding).unwrap_or(NO_BINDING);
-                return self.handle_pointer(id, pointee, binding);
+                let mut pointer = self.handle_pointer(id, pointee, binding)?;
+                pointer.constant = class == StorageClass::Uniform
+                    && find(Decoration::Aliased).is_none()
+                    && self.is_uniform_block(pointee)?;
+                return Ok(pointer);
             }
             StorageClass::PushConstant => Place::Buffer {
                 reference: self.b.push_constants(),
@@ -76,6 +80,16 @@ impl Lowerer<'_> {
             }
         };
         Ok(Pointer::new(pointee, place))
+    }
+
+    /// Whether a variable of storage class `Uniform` holds uniform blocks, not storage buffers as SPIR-V had them before 1.3.
+    fn is_uniform_block(&self, mut pointee: Id) -> Result<bool, Error> {
+        while let TypeKind::Array { element, .. } | TypeKind::RuntimeArray { element, .. } =
+            self.types.kind(pointee)?
+        {
+            pointee = *element;
+        }
+        Ok((self.module.annotations.id(pointee, Decoration::BufferBlock)).is_none())
     }
 
     fn handle_pointer(

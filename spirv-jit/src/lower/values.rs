@@ -71,6 +71,8 @@ pub(super) struct Pointer {
     pub place: Place,
     pub shape: Shape,
     pub volatile: bool,
+    /// It leads into a uniform block; see [`Access::constant`](crate::ir::op::Access::constant).
+    pub constant: bool,
     /// log₂ of what its address must be a multiple of, where that is to be checked.
     pub alignment: u8,
 }
@@ -140,6 +142,7 @@ impl Pointer {
             place,
             shape: Shape::default(),
             volatile: false,
+            constant: false,
             alignment: 0,
         }
     }

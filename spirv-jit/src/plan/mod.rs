@@ -27,6 +27,7 @@ pub(crate) use state::CONTROL_WORDS;
 use crate::Error;
 use crate::error::ErrorKind;
 use crate::ir::op::SubgroupOp;
+use crate::ir::stage::Stage;
 use crate::ir::{Body, Function, Module, Node, Op};
 use crate::state::{SiteKind, StateLayout};
 
@@ -138,7 +139,10 @@ impl Planned<'_> {
         let (mut private, mut masks) = (vec![0; count], vec![0; count]);
         for &f in &self.order {
             let function = &self.module.functions[f];
-            let uniform = uniformity::find_uniform_values(function);
+            // Draws of one batch share an environment, and a fragment shader may write what a later draw's, behind a barrier between
+            // fragments, reads as a uniform block.
+            let starts = f == 0 && self.module.stage != Stage::Fragment;
+            let uniform = uniformity::find_uniform_values(function, starts);
             let mut private_next: usize = private[f];
             let mut variables = Vec::new();
             for variable in &function.variables {

@@ -65,3 +65,55 @@ fn a_tier_that_keeps_other_values_disagrees() {
     liveness.ranges[7] = Some((start, start));
     assert!(!planned.agrees(0, &liveness));
 }
+
+/// A uniform block is read once for a dispatch where every invocation reads it: not where some may have
+/// left.
+#[test]
+fn uniform_blocks_are_read_once_where_all_invocations_read_them() {
+    let uniform = |stage: &str, access: &str| -> Vec<u32> {
+        let module = parse_module(&format!(
+            "module {stage}
+    inputs local_invocation_index.0
+    func f0 {{
+        v0: i32 = input[0]
+        v1: i32 = const 4
+        v2: i1 = ult v0, v1
+        v3: descriptor = descriptor[set 0, first 0, count 1] v1
+        v4: i32 = load.buffer{access} v3, v1
+        v5: i32 = load.buffer{access} v3, v0
+        if v2, L0 {{
+            v6: i32 = load.buffer{access} v3, v1
+            br L0
+        }} else {{
+            br L0
+        }}
+        v7: i32 = load.buffer{access} v3, v1
+        block L1 {{
+            v8: i32 = load.buffer{access} v3, v1
+            if v2, L2 {{
+                br L1
+            }} else {{
+                br L2
+            }}
+            v9: i32 = load.buffer{access} v3, v1
+            br L1
+        }}
+        v10: i32 = load.buffer{access} v3, v1
+        v11: i32 = iadd v10, v4
+        if v2, L3 {{
+            end
+        }} else {{
+            br L3
+        }}
+        v12: i32 = load.buffer{access} v3, v1
+        end
+    }}"
+        ))
+        .unwrap();
+        verify(&module).unwrap();
+        let uniform = &plan(&module).unwrap().function(0).uniform.clone();
+        (4..13).filter(|&v| uniform[v as usize]).collect()
+    };
+    assert_eq!(uniform("compute", ".constant"), [4, 7, 8, 10, 11]);
+    assert!(uniform("compute", "").is_empty(), "a storage buffer");
+}

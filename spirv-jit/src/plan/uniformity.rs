@@ -1,17 +1,25 @@
 //! Which values are the same in all invocations of a dispatch: they are computed once per run, in the prologue, and survive yields for
 //! nothing.
 //!
-//! Constants, dispatch words, descriptors, and pure operations on such. Loads count only from push constants, which nothing
-//! can write meanwhile.
+//! Constants, dispatch words, descriptors, and pure operations on such. Loads count from what nothing can write meanwhile: push
+//! constants, and uniform blocks where every invocation comes that starts. Elsewhere a descriptor that no invocation comes to use may be
+//! one whose memory is gone (`descriptorBindingPartiallyBound`).
 
-use crate::ir::{Function, Inst, Op, Space};
+use crate::ir::{Body, Function, Inst, Node, Op, Space, Terminator};
 
-/// Per value of a function: the same in the whole dispatch.
-pub(super) fn find_uniform_values(function: &Function) -> Vec<bool> {
+/// Per value of a function: the same in the whole dispatch. `starts`: each invocation starts with the function, and uniform blocks are
+/// not written while such invocations run.
+pub(super) fn find_uniform_values(function: &Function, starts: bool) -> Vec<bool> {
+    let values = function.value_types.len();
     let mut finder = Finder {
-        uniform: vec![false; function.value_types.len()],
-        push_constants: vec![false; function.value_types.len()],
+        uniform: vec![false; values],
+        push_constants: vec![false; values],
+        certain: vec![false; if starts { values } else { 0 }],
+        depths: vec![0; function.labels as usize],
     };
+    if starts {
+        finder.find_certain(&function.body, 1, true);
+    }
     function.body.visit_insts(&mut |inst| finder.visit(inst));
     finder.uniform
 }
@@ -20,9 +28,58 @@ struct Finder {
     uniform: Vec<bool>,
     /// The value is the descriptor of the push constants.
     push_constants: Vec<bool>,
+    /// The value is the first of a load from a uniform block that every invocation performs.
+    certain: Vec<bool>,
+    /// By label: how deep its construct is nested, from 1 on.
+    depths: Vec<usize>,
 }
 
 impl Finder {
+    /// Marks loads that every invocation performs, in a body that all of them enter or not. Returns the depth of the outermost construct
+    /// that lanes leave from inside; 0 is the function.
+    fn find_certain(&mut self, body: &Body, depth: usize, entered: bool) -> usize {
+        let mut left = usize::MAX;
+        for node in &body.nodes {
+            let certain = entered && left == usize::MAX;
+            let inside = match node {
+                Node::Inst(inst) => {
+                    if certain && matches!(inst.op, Op::Load(access) if access.constant) {
+                        self.certain[inst.results[0].index()] = true;
+                    }
+                    // An intersection that is accepted may end the search, and a function may end the invocation.
+                    match inst.op {
+                        Op::ReportIntersection | Op::Call(_) => 0,
+                        _ => usize::MAX,
+                    }
+                }
+                Node::Block { label, body, .. } => {
+                    self.depths[label.index()] = depth;
+                    self.find_certain(body, depth + 1, certain)
+                }
+                Node::If {
+                    label,
+                    then_body,
+                    else_body,
+                    ..
+                } => {
+                    self.depths[label.index()] = depth;
+                    let then_left = self.find_certain(then_body, depth + 1, false);
+                    then_left.min(self.find_certain(else_body, depth + 1, false))
+                }
+                // It may never end.
+                Node::Loop { .. } => 0,
+            };
+            if inside < depth {
+                left = left.min(inside);
+            }
+        }
+        let end = match &body.end {
+            Terminator::Br(label, _) => self.depths[label.index()],
+            _ => 0,
+        };
+        left.min(end)
+    }
+
     fn visit(&mut self, inst: &Inst) {
         let uniform_args = inst.args.iter().all(|arg| self.uniform[arg.index()]);
         let uniform = uniform_args
@@ -30,9 +87,10 @@ impl Finder {
                 Op::Input(_) => false,
                 Op::DescriptorAddress | Op::BufferSize => true,
                 Op::Load(access) => {
-                    access.space == Space::Buffer
-                        && !access.volatile
-                        && self.push_constants[inst.args[0].index()]
+                    let certain = inst.results.first().map(|result| result.index());
+                    let constant = self.push_constants[inst.args[0].index()]
+                        || certain.is_some_and(|at| self.certain.get(at) == Some(&true));
+                    access.space == Space::Buffer && !access.volatile && constant
                 }
                 op => op.is_pure(),
             };

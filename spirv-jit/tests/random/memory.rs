@@ -118,6 +118,7 @@ impl Generator<'_> {
         let access = Access {
             space: Space::Buffer,
             volatile: self.random.one_in(10),
+            constant: false,
             alignment: 0,
         };
         let which = self.random.below(3);

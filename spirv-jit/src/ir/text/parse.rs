@@ -629,6 +629,10 @@ fn access_from_text(text: &str) -> Option<Access> {
         Some(space) => (space, true),
         None => (text, false),
     };
+    let (space, constant) = match space.strip_suffix(".constant") {
+        Some(space) => (space, true),
+        None => (space, false),
+    };
     let (space, alignment) = match space.split_once(".align") {
         Some((space, bytes)) => (space, log2(bytes.parse().ok()?)?),
         None => (space, 0),
@@ -636,6 +640,7 @@ fn access_from_text(text: &str) -> Option<Access> {
     Some(Access {
         space: space_from_text(space)?,
         volatile,
+        constant,
         alignment,
     })
 }

@@ -327,11 +327,12 @@ fn constant_text(bits: u64, ty: Type) -> (String, String) {
 
 fn access_text(access: &Access) -> String {
     let volatile = if access.volatile { ".volatile" } else { "" };
+    let constant = if access.constant { ".constant" } else { "" };
     let aligned = match access.alignment {
         0 => String::new(),
         alignment => format!(".align{}", 1u64 << alignment.min(63)),
     };
-    format!("{}{aligned}{volatile}", space_text(access.space))
+    format!("{}{aligned}{constant}{volatile}", space_text(access.space))
 }
 
 /// The text form of an operation with what stands in its brackets, but without operands and the bits of constants.

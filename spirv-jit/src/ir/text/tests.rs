@@ -26,9 +26,9 @@ func f0 "ma\"in" {
     br L0(v1)
   }
   v7: descriptor = descriptor[set 1, first 2, count variable, dynamic] v6
-  v8: f32, v9: f32 = load.buffer.volatile v7, v6
+  v8: f32, v9: f32 = load.buffer.constant v7, v6
   v28: i64 = descriptor_reference[set 0, first 0, count 1] v6
-  store.global.align16 v28, v8, v9
+  store.global.align16.volatile v28, v8, v9
   v10: i32 = atomic.compare_exchange.shared v6, v6, v1 @900
   v11: descriptor = descriptor_at v28
   v12: f32, v13: f32, v14: f32, v15: f32 = image.sample[2d, f32, lod, format 37, arrayed, offset] v7, v11, v8, v9, v3, v3, v6, v6
