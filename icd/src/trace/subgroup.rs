@@ -126,7 +126,10 @@ impl Subgroup {
         let rows = program.layout().rows;
         let room = self.rows.try_reserve(rows.saturating_sub(self.rows.len()));
         room.map_err(|_| Stopped::OutOfMemory)?;
-        self.rows.resize(rows, AlignedRow::default());
+        // As long as what was here before: rows behind the program's are nobody's.
+        if self.rows.len() < rows {
+            self.rows.resize(rows, AlignedRow::default());
+        }
         program.start(&mut self.rows, lanes);
         Ok(())
     }

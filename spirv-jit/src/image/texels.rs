@@ -26,8 +26,14 @@ fn encode<V: Vector>(v: V, info: &FormatInfo, texels: &[V::I; 4]) -> [V::I; 4] {
         }
         let (word, shift) = (channel.offset / 32, channel.offset % 32);
         let code = encode_component(v, info.numeric, *channel, component, texels[component]);
-        let word = &mut words[word as usize & 3];
-        *word = v.or_i(*word, v.left_i(code, shift as u32));
+        let code = v.left_i(code, shift as u32);
+        // By constant indices: words stay in registers.
+        match word {
+            0 => words[0] = v.or_i(words[0], code),
+            1 => words[1] = v.or_i(words[1], code),
+            2 => words[2] = v.or_i(words[2], code),
+            _ => words[3] = v.or_i(words[3], code),
+        }
     }
     words
 }
@@ -151,7 +157,12 @@ fn decode<V: Vector>(v: V, info: &FormatInfo, words: &[V::I; 4]) -> [V::I; 4] {
         if channel.bits == 0 {
             continue;
         }
-        let word = words[channel.offset as usize / 32 & 3];
+        let word = match channel.offset / 32 {
+            0 => words[0],
+            1 => words[1],
+            2 => words[2],
+            _ => words[3],
+        };
         texels[component] = match channel.bits {
             32 => word,
             bits => {

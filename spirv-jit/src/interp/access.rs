@@ -114,6 +114,8 @@ unsafe fn shared_region(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand])
 
 /// Copies scalars between memory and rows.
 trait Copying {
+    /// From memory to rows.
+    const LOADS: bool;
     /// The lanes of a subgroup that access memory.
     fn lanes(m: &Machine<'_>, offset: u16) -> u16;
     /// # Safety
@@ -130,6 +132,8 @@ struct In;
 struct Out;
 
 impl Copying for In {
+    const LOADS: bool = true;
+
     #[inline(always)]
     fn lanes(m: &Machine<'_>, offset: u16) -> u16 {
         m.active[offset as usize / 64]
@@ -148,6 +152,8 @@ impl Copying for In {
 }
 
 impl Copying for Out {
+    const LOADS: bool = false;
+
     #[inline(always)]
     fn lanes(m: &Machine<'_>, offset: u16) -> u16 {
         m.effective(offset)
@@ -224,6 +230,17 @@ unsafe fn access_block<C: Copying, T: Lane>(
             return access_scalars::<C, T>(m, plan.space, (address, scalars), offset);
         };
         let row = |k: usize| m.block::<T::Slot>(scalars[k], offset);
+        if C::LOADS
+            && active == u16::MAX
+            && at.iter().fold(0, |bits, address| bits | (address ^ at[0])) == 0
+        {
+            // One place for all: a shader record, mostly.
+            for k in 0..scalars.len() {
+                let scalar = (at[0] as *const T).add(k).read_unaligned().write();
+                *row(k) = [scalar; SUBGROUP_SIZE];
+            }
+            return;
+        }
         match scalars.len() {
             1 => copy_inside::<C, T, 1>(at, [row(0)], active),
             2 => copy_inside::<C, T, 2>(at, [row(0), row(1)], active),

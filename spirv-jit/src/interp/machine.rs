@@ -120,6 +120,19 @@ impl Machine<'_> {
         unsafe { self.list.get_unchecked(..self.list_len) }
     }
 
+    /// Runs of neighbours among the subgroups with active lanes: where each begins, and how many subgroups each has. One run where all
+    /// are neighbours, as mostly, else a run for each.
+    #[inline(always)]
+    pub fn runs(&self) -> (&[u16], usize) {
+        let listed = self.listed();
+        match listed {
+            [first, .., last] if (last - first) as usize == (listed.len() - 1) * 64 => {
+                (&listed[..1], listed.len())
+            }
+            _ => (listed, 1),
+        }
+    }
+
     /// The active lanes of the subgroup at a block offset that may change memory: all but helper invocations.
     #[inline(always)]
     pub fn effective(&self, offset: u16) -> u16 {

@@ -55,15 +55,17 @@ pub(super) unsafe fn suspend_without_fuel(m: &mut Machine<'_>, point: u32) {
 #[inline(always)]
 unsafe fn save(m: &Machine<'_>, saved: &[Saved]) {
     for value in saved.iter().filter(|value| !value.input) {
-        for s in 0..m.subgroups {
-            // SAFETY: as the caller promises.
-            unsafe {
-                let to = m.state_row(s, value.row as usize);
-                let offset = (s * 64) as u16;
+        // SAFETY: as the caller promises.
+        unsafe {
+            let (base, stride) = m.row(value.operand);
+            let row = value.row as usize;
+            for s in 0..m.subgroups {
+                let to = m.state_row(s, row);
                 if value.wide {
-                    *to.cast::<[u64; SUBGROUP_SIZE]>() = *m.block::<u64>(value.operand, offset);
+                    let from = base.add(s * 128 & stride);
+                    *to.cast::<[u64; SUBGROUP_SIZE]>() = *from.cast();
                 } else {
-                    *to = *m.block::<u32>(value.operand, offset);
+                    *to = *base.add(s * 64 & stride).cast();
                 }
             }
         }
@@ -75,15 +77,17 @@ unsafe fn save(m: &Machine<'_>, saved: &[Saved]) {
 #[inline(always)]
 unsafe fn restore_values(m: &Machine<'_>, live: &Live) {
     for value in &live.saved {
-        for s in 0..m.subgroups {
-            // SAFETY: as the caller promises.
-            unsafe {
-                let from = m.state_row(s, value.row as usize);
-                let offset = (s * 64) as u16;
+        // SAFETY: as the caller promises.
+        unsafe {
+            let (base, stride) = m.row(value.operand);
+            let row = value.row as usize;
+            for s in 0..m.subgroups {
+                let from = m.state_row(s, row);
                 if value.wide {
-                    *m.block::<u64>(value.operand, offset) = *from.cast::<[u64; SUBGROUP_SIZE]>();
+                    let to = base.add(s * 128 & stride).cast();
+                    *to = *from.cast::<[u64; SUBGROUP_SIZE]>();
                 } else {
-                    *m.block::<u32>(value.operand, offset) = *from;
+                    *base.add(s * 64 & stride).cast() = *from;
                 }
             }
         }
@@ -135,10 +139,12 @@ impl Kernel for Resume {
 unsafe fn write_io(m: &Machine<'_>, operand: Operand, row: usize) {
     // SAFETY: as the caller promises.
     unsafe {
+        let (base, stride) = m.row(operand);
+        let row = m.plan.layout.io + row;
         for &offset in m.listed() {
             let s = offset as usize / 64;
-            let to = &mut *m.state_row(s, m.plan.layout.io + row);
-            blend(to, &*m.block::<u32>(operand, offset), m.active[s]);
+            let from = &*base.add(offset as usize & stride).cast::<Row>();
+            blend(&mut *m.state_row(s, row), from, m.active[s]);
         }
     }
 }
@@ -199,11 +205,13 @@ impl Kernel for ReadIo {
         let first = i.x as usize;
         let count = i.b.raw() as usize;
         for (k, &operand) in m.code.operands[first..first + count].iter().enumerate() {
-            for &offset in m.listed() {
-                // SAFETY: as the caller promises.
-                unsafe {
-                    let row = m.plan.layout.io + i.c.raw() as usize + k;
-                    *m.block::<u32>(operand, offset) = *m.state_row(offset as usize / 64, row);
+            // SAFETY: as the caller promises.
+            unsafe {
+                let (base, stride) = m.row(operand);
+                let row = m.plan.layout.io + i.c.raw() as usize + k;
+                for &offset in m.listed() {
+                    let to = base.add(offset as usize & stride).cast::<Row>();
+                    *to = *m.state_row(offset as usize / 64, row);
                 }
             }
         }
@@ -266,11 +274,13 @@ pub(super) struct Input;
 impl Kernel for Input {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
-        for &offset in m.listed() {
-            // SAFETY: as the caller promises.
-            unsafe {
-                let row = m.plan.layout.inputs + i.x as usize;
-                *m.block::<u32>(i.d, offset) = *m.state_row(offset as usize / 64, row);
+        // SAFETY: as the caller promises.
+        unsafe {
+            let (base, stride) = m.row(i.d);
+            let row = m.plan.layout.inputs + i.x as usize;
+            for &offset in m.listed() {
+                let to = base.add(offset as usize & stride).cast::<Row>();
+                *to = *m.state_row(offset as usize / 64, row);
             }
         }
     }

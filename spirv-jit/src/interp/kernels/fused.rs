@@ -2,7 +2,7 @@
 
 use std::marker::PhantomData;
 
-use super::lane::{Binary, Lane, Unary, at};
+use super::lane::{Binary, Blocks, Lane, Unary};
 use super::ops;
 use crate::SUBGROUP_SIZE;
 use crate::interp::machine::{Handler, Instr, Machine};
@@ -102,14 +102,21 @@ macro_rules! kernel {
                 unsafe {
                     let d = m.row(i.d);
                     $(let $operand = m.row(i.$operand);)*
-                    for &offset in m.listed() {
-                        $(let $var = *at::<<$slot as Lane>::Slot>($operand, offset);)*
-                        let mut r = [<$x as Lane>::Slot::default(); SUBGROUP_SIZE];
-                        for k in 0..SUBGROUP_SIZE {
-                            $(let $var = <$slot as Lane>::read($var[k]);)*
-                            r[k] = Lane::write($value);
+                    let (runs, count) = m.runs();
+                    for &offset in runs {
+                        $(let mut $operand = Blocks::<<$slot as Lane>::Slot>::new($operand, offset);)*
+                        let mut d = Blocks::<<$x as Lane>::Slot>::new(d, offset);
+                        for _ in 0..count {
+                            $(let $var = *$operand.at;)*
+                            let mut r = [<$x as Lane>::Slot::default(); SUBGROUP_SIZE];
+                            for k in 0..SUBGROUP_SIZE {
+                                $(let $var = <$slot as Lane>::read($var[k]);)*
+                                r[k] = Lane::write($value);
+                            }
+                            *d.at = r;
+                            $($operand.go_on();)*
+                            d.go_on();
                         }
-                        *at::<<$x as Lane>::Slot>(d, offset) = r;
                     }
                 }
             }

@@ -71,19 +71,51 @@ pub(super) unsafe fn at<S>(
     }
 }
 
+/// Sixteen lanes of a row, and how far it is to those of the next subgroup: 0 in uniform rows.
+pub(super) struct Blocks<S> {
+    pub at: *mut [S; SUBGROUP_SIZE],
+    step: usize,
+}
+
+impl<S> Blocks<S> {
+    /// # Safety
+    /// As [`at`].
+    #[inline(always)]
+    pub unsafe fn new(row: (*mut u8, usize), offset: u16) -> Self {
+        Self {
+            // SAFETY: as the caller promises.
+            at: unsafe { at(row, offset) },
+            step: size_of::<[S; SUBGROUP_SIZE]>() & row.1,
+        }
+    }
+
+    /// Goes on to the next subgroup. Behind the wave's last it leads nowhere.
+    #[inline(always)]
+    pub fn go_on(&mut self) {
+        self.at = self.at.wrapping_byte_add(self.step);
+    }
+}
+
 impl<O: Unary<A, R>, A: Lane, R: Lane> Kernel for Map1<O, A, R> {
     #[inline(always)]
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         // SAFETY: rows are the program's; a block is read before it is written, so that in-place is sound.
         unsafe {
             let (a, d) = (m.row(i.a), m.row(i.d));
-            for &offset in m.listed() {
-                let x = *at::<A::Slot>(a, offset);
-                let mut r = [R::Slot::default(); SUBGROUP_SIZE];
-                for k in 0..SUBGROUP_SIZE {
-                    r[k] = O::call(A::read(x[k])).write();
+            let (runs, count) = m.runs();
+            for &offset in runs {
+                let mut a = Blocks::<A::Slot>::new(a, offset);
+                let mut d = Blocks::<R::Slot>::new(d, offset);
+                for _ in 0..count {
+                    let x = *a.at;
+                    let mut r = [R::Slot::default(); SUBGROUP_SIZE];
+                    for k in 0..SUBGROUP_SIZE {
+                        r[k] = O::call(A::read(x[k])).write();
+                    }
+                    *d.at = r;
+                    a.go_on();
+                    d.go_on();
                 }
-                *at::<R::Slot>(d, offset) = r;
             }
         }
     }
@@ -95,14 +127,22 @@ impl<O: Binary<A, B, R>, A: Lane, B: Lane, R: Lane> Kernel for Map2<O, A, B, R> 
         // SAFETY: as for `Map1`.
         unsafe {
             let (a, b, d) = (m.row(i.a), m.row(i.b), m.row(i.d));
-            for &offset in m.listed() {
-                let x = *at::<A::Slot>(a, offset);
-                let y = *at::<B::Slot>(b, offset);
-                let mut r = [R::Slot::default(); SUBGROUP_SIZE];
-                for k in 0..SUBGROUP_SIZE {
-                    r[k] = O::call(A::read(x[k]), B::read(y[k])).write();
+            let (runs, count) = m.runs();
+            for &offset in runs {
+                let mut a = Blocks::<A::Slot>::new(a, offset);
+                let mut b = Blocks::<B::Slot>::new(b, offset);
+                let mut d = Blocks::<R::Slot>::new(d, offset);
+                for _ in 0..count {
+                    let (x, y) = (*a.at, *b.at);
+                    let mut r = [R::Slot::default(); SUBGROUP_SIZE];
+                    for k in 0..SUBGROUP_SIZE {
+                        r[k] = O::call(A::read(x[k]), B::read(y[k])).write();
+                    }
+                    *d.at = r;
+                    a.go_on();
+                    b.go_on();
+                    d.go_on();
                 }
-                *at::<R::Slot>(d, offset) = r;
             }
         }
     }
@@ -114,15 +154,24 @@ impl<O: Ternary<A, B, C, R>, A: Lane, B: Lane, C: Lane, R: Lane> Kernel for Map3
         // SAFETY: as for `Map1`.
         unsafe {
             let (a, b, c, d) = (m.row(i.a), m.row(i.b), m.row(i.c), m.row(i.d));
-            for &offset in m.listed() {
-                let x = *at::<A::Slot>(a, offset);
-                let y = *at::<B::Slot>(b, offset);
-                let z = *at::<C::Slot>(c, offset);
-                let mut r = [R::Slot::default(); SUBGROUP_SIZE];
-                for k in 0..SUBGROUP_SIZE {
-                    r[k] = O::call(A::read(x[k]), B::read(y[k]), C::read(z[k])).write();
+            let (runs, count) = m.runs();
+            for &offset in runs {
+                let mut a = Blocks::<A::Slot>::new(a, offset);
+                let mut b = Blocks::<B::Slot>::new(b, offset);
+                let mut c = Blocks::<C::Slot>::new(c, offset);
+                let mut d = Blocks::<R::Slot>::new(d, offset);
+                for _ in 0..count {
+                    let (x, y, z) = (*a.at, *b.at, *c.at);
+                    let mut r = [R::Slot::default(); SUBGROUP_SIZE];
+                    for k in 0..SUBGROUP_SIZE {
+                        r[k] = O::call(A::read(x[k]), B::read(y[k]), C::read(z[k])).write();
+                    }
+                    *d.at = r;
+                    a.go_on();
+                    b.go_on();
+                    c.go_on();
+                    d.go_on();
                 }
-                *at::<R::Slot>(d, offset) = r;
             }
         }
     }
