@@ -102,9 +102,9 @@ allocator! {
 
 #[unsafe(no_mangle)]
 extern "C" fn posix_memalign(to: *mut *mut c_void, alignment: usize, size: usize) -> c_int {
-    // SAFETY: the caller's promise to the C library.
     let block = match is_refused(size) {
         true => std::ptr::null_mut(),
+        // SAFETY: the caller's promise to the C library.
         false => unsafe { __libc_memalign(alignment, size) },
     };
     if block.is_null() {
@@ -118,6 +118,7 @@ extern "C" fn posix_memalign(to: *mut *mut c_void, alignment: usize, size: usize
 /// Watches the driver of a device from now on.
 fn watch(gpu: &Gpu) {
     let function = gpu.device.fp_v1_0().create_buffer as *const c_void;
+    // SAFETY: null pointers are values of the structure.
     let mut info = unsafe { std::mem::zeroed::<libc::Dl_info>() };
     // SAFETY: the function lies in the driver; the name lives as long as the driver is loaded.
     let path = unsafe {

@@ -131,12 +131,9 @@ impl Attachment {
     /// Something was written beside the image.
     pub fn check(&self) {
         let [start, end, all] = self.words;
-        let beside = (0..start).chain(end..all);
         // SAFETY: the memory is mapped whole.
-        if beside
-            .into_iter()
-            .any(|word| unsafe { self.mapped.add(word).read_volatile() } != PATTERN)
-        {
+        let read = |word| unsafe { self.mapped.add(word).read_volatile() };
+        if (0..start).chain(end..all).any(|word| read(word) != PATTERN) {
             found("memory beside an attachment was written");
         }
     }
