@@ -127,8 +127,17 @@ fn blend_bytes<V: Vector>(v: V, words: [V::I; 4], index: u32, x: V::F, y: V::F) 
     v.lerp(upper, lower, y)
 }
 
-/// Byte offsets of an axis's two texels, and the second one's weight.
+/// The least of the indices of four lanes, which are those of a block's corners.
+#[inline(always)]
+fn least_of_corners<V: Vector>(v: V, indices: V::I) -> u32 {
+    let mut row = [0; SUBGROUP_SIZE];
+    v.store_i(indices, &mut row);
+    row[0].min(row[5]).min(row[10].min(row[15]))
+}
+
+/// Byte offsets of an axis's two texels, the first one's index, and the second one's weight.
 struct Axis<V: Vector> {
+    index: V::I,
     first: V::I,
     second: V::I,
     weight: V::F,
@@ -383,8 +392,10 @@ impl Fast<'_> {
         let has_offset = offset.is_some();
         let last = v.sub_i(size, v.splat_i(1));
         let second = v.add_i(first, v.splat_i(1));
+        let index = wrapped(v, mode, has_offset, first, size, last);
         Axis {
-            first: v.mul_i(wrapped(v, mode, has_offset, first, size, last), stride),
+            index,
+            first: v.mul_i(index, stride),
             second: v.mul_i(wrapped(v, mode, has_offset, second, size, last), stride),
             weight: v.sub(texel, floor),
         }
@@ -428,7 +439,10 @@ impl Fast<'_> {
                 ];
                 return self.blend(v, taps, &x, &y);
             }
-            let words = self.words(v, [upper, lower], &x, texel_bytes);
+            let words = match self.window(v, [&x, &y], texel_bytes, levels.row_stride, mask) {
+                Some(words) => words,
+                None => self.words(v, [upper, lower], &x, texel_bytes),
+            };
             if self.straight {
                 return [
                     blend_bytes(v, words, 0, x.weight, y.weight),
@@ -444,6 +458,44 @@ impl Fast<'_> {
                 self.unpack(v, words[3]),
             ];
             self.blend(v, taps, &x, &y)
+        }
+    }
+
+    /// [`Self::words`] where all lanes' texels lie in a window of eight columns and five rows of an image of one level: loads of its rows cost less than
+    /// gathers.
+    ///
+    /// # Safety
+    /// As [`Self::of_level`]: the indices are of texels of the image.
+    #[inline(always)]
+    unsafe fn window<V: Vector>(
+        &self,
+        v: V,
+        [x, y]: [&Axis<V>; 2],
+        texel_bytes: V::I,
+        row_stride: V::I,
+        mask: u16,
+    ) -> Option<[V::I; 4]> {
+        let level = &self.image.levels[0];
+        if self.has_levels() || self.op.arrayed || level.width < 8 || level.height < 5 {
+            return None;
+        }
+        let across = v.ne_i(v.sub_i(x.second, x.first), texel_bytes);
+        let down = v.ne_i(v.sub_i(y.second, y.first), row_stride);
+        // Where coordinates change evenly, the least are at a corner of a block, or at an end of a row.
+        let left = least_of_corners(v, x.index).min(level.width - 8);
+        let top = least_of_corners(v, y.index).min(level.height - 5);
+        let columns = v.sub_i(x.index, v.splat_i(left as i32));
+        let rows = v.sub_i(y.index, v.splat_i(top as i32));
+        let inside = v.lt_u(columns, v.splat_i(7)) & v.lt_u(rows, v.splat_i(4));
+        if mask & (across | down | !inside) != 0 {
+            return None;
+        }
+        let stride = level.row_stride_bytes as usize;
+        let first = level.offset_bytes as usize + top as usize * stride + left as usize * 4;
+        // SAFETY: eight texels of each of five rows are of the level.
+        unsafe {
+            let at = self.image.data.cast_const().add(first);
+            Some(v.window(at, stride, v.keep(columns, mask), v.keep(rows, mask)))
         }
     }
 

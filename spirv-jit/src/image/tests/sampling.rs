@@ -224,6 +224,58 @@ proptest! {
     }
 
     /// A cube's faces, nearest: the texel is where the direction, scaled to the face, points.
+    /// Coordinates that change evenly over a block of pixels, whose texels lie together: the same bits as the general way's.
+    #[test]
+    fn blocks_of_pixels_sample_the_same(
+        number in prop::sample::select(vec![37u32, 44, 43]), s in any_sampler(), size in prop::array::uniform2(1u32..40), seed: u32,
+        from in prop::array::uniform2(-1.5f32..1.5), steps in prop::array::uniform4(-0.1f32..0.1), mask in 1u16.., all: bool, offset in prop::option::of(-9i32..9),
+    ) {
+        let mut s = s;
+        s.unnormalized_coordinates = false;
+        (s.mag_filter, s.min_filter) = (Filter::Linear, Filter::Linear);
+        s.reduction = Reduction::WeightedAverage;
+        for mode in &mut s.address_mode {
+            if matches!(mode, AddressMode::ClampToBorder | AddressMode::MirrorClampToEdge) {
+                *mode = AddressMode::Repeat;
+            }
+        }
+        let format = Format(number);
+        let info = format.info().unwrap();
+        let image = Image::new(format, Dim::D2, [size[0], size[1], 1], 1, 1, seed);
+        let op = ImageOp {
+            lod: LodMode::Lod,
+            has_offset: offset.is_some(),
+            ..image_op(ImageOpKind::Sample, Dim::D2)
+        };
+        let mut rows: Vec<Row> = (0..2)
+            .map(|axis| {
+                std::array::from_fn(|lane| {
+                    let (x, y) = (lane % 2 + lane / 4 % 2 * 2, lane / 2 % 2 + lane / 8 * 2);
+                    (from[axis] + steps[axis] * x as f32 + steps[2 + axis] * y as f32).to_bits()
+                })
+            })
+            .collect();
+        rows.push([0; 16]);
+        for _ in 0..if offset.is_some() { 2 } else { 0 } { rows.push([offset.unwrap_or(0) as u32; 16]); }
+        let rows: Vec<&Row> = rows.iter().collect();
+        let operands = super::super::operands::Operands::new(&op, &rows);
+        let fast_sample = fast::Fast::new(&op, &image.descriptor, info, &s, 0xf).expect("applies");
+        let mask = if all { u16::MAX } else { mask };
+        let (mut fast, mut portable, mut general) = ([[0; 16]; 8], [[0; 16]; 8], [[0; 16]; 8]);
+        // SAFETY: the image's memory is alive.
+        unsafe {
+            sample::sample_fast(&fast_sample, &operands, mask, &mut fast);
+            fast_sample.sample(vector::Portable, &operands, mask, &mut portable);
+            sample::sample(&op, &operands, &image.descriptor, info, &s, mask, &mut general);
+        }
+        for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
+            for component in 0..4 {
+                prop_assert_eq!(fast[component][lane], general[component][lane]);
+                prop_assert_eq!(portable[component][lane], general[component][lane]);
+            }
+        }
+    }
+
     #[test]
     fn cubes_select_faces(directions in prop::array::uniform16(prop::array::uniform3(-1.0f32..1.0)), cube in 0u32..2, seed: u32) {
         let image = Image::new(Format::R8G8B8A8_UNORM, Dim::Cube, [8, 8, 1], 1, 12, seed);

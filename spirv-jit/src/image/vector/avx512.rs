@@ -156,6 +156,25 @@ impl Vector for Avx512 {
     }
 
     #[inline(always)]
+    unsafe fn window(self, at: *const u8, stride_bytes: usize, columns: I, rows: I) -> [I; 4] {
+        // SAFETY: the token, and the caller's promise.
+        unsafe {
+            let (second, third) = (at.add(stride_bytes), at.add(2 * stride_bytes));
+            let (fourth, fifth) = (at.add(3 * stride_bytes), at.add(4 * stride_bytes));
+            let place = self.add_i(_mm512_slli_epi32::<3>(rows), columns);
+            let right = self.add_i(place, self.splat_i(1));
+            let upper = [two_rows(at, second), two_rows(third, fourth)];
+            let lower = [two_rows(second, third), two_rows(fourth, fifth)];
+            [
+                _mm512_permutex2var_epi32(upper[0], place, upper[1]),
+                _mm512_permutex2var_epi32(upper[0], right, upper[1]),
+                _mm512_permutex2var_epi32(lower[0], place, lower[1]),
+                _mm512_permutex2var_epi32(lower[0], right, lower[1]),
+            ]
+        }
+    }
+
+    #[inline(always)]
     unsafe fn gather(self, base: *const u8, offsets: I) -> I {
         // SAFETY: the token, and the caller's promise.
         unsafe { _mm512_i32gather_epi32::<1>(offsets, base.cast()) }
@@ -196,6 +215,19 @@ impl Vector for Avx512 {
                 _mm512_unpackhi_epi64(high.0, high.1),
             ]
         }
+    }
+}
+
+/// 32 bytes each at two places.
+///
+/// # Safety
+/// The machine has AVX-512, and the bytes are readable.
+#[inline(always)]
+unsafe fn two_rows(first: *const u8, second: *const u8) -> I {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let first = _mm512_castsi256_si512(_mm256_loadu_si256(first.cast()));
+        _mm512_inserti64x4::<1>(first, _mm256_loadu_si256(second.cast()))
     }
 }
 
