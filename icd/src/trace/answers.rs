@@ -348,6 +348,11 @@ impl Batch<'_> {
         let outputs = &rows[layout.io..][..program.output_rows() as usize];
         match role {
             Role::RayGeneration => {}
+            Role::Callable if is_in_place => {
+                let caller = of[0].index();
+                self.copy_outputs(outputs, lanes, caller, None);
+                self.answered(caller, lanes);
+            }
             Role::Callable => {
                 for (caller, lanes) in by_index(lanes, &of) {
                     self.copy_outputs(outputs, lanes, caller, Some(&of));

@@ -91,6 +91,8 @@ pub struct Batch<'a> {
     pub(super) worker: &'a mut Worker,
     /// By [`Turn`].
     ready: [Vec<Ready>; Turn::COUNT],
+    /// By [`Turn`]: where the last one came, if that list is still there.
+    latest: [usize; Turn::COUNT],
     /// Lists of ready subgroups that are not in use, for their memory.
     spare: Vec<Vec<SubgroupIndex>>,
     /// Groups of rays whose walks begin.
@@ -144,6 +146,7 @@ impl<'a> Batch<'a> {
             layer: 0,
             worker,
             ready: Default::default(),
+            latest: [0; Turn::COUNT],
             spare: Vec::new(),
             starting: Vec::new(),
             streamed: Vec::new(),
@@ -271,21 +274,21 @@ impl<'a> Batch<'a> {
         let subgroup = &self.worker.subgroups[index];
         let program = subgroup.program;
         let point = self.dispatch.shaders.programs[program as usize].resume_point(&subgroup.rows);
-        let ready = &mut self.ready[subgroup.role.turn() as usize];
+        let turn = subgroup.role.turn() as usize;
+        let (ready, latest) = (&mut self.ready[turn], &mut self.latest[turn]);
+        let is_there = |r: &Ready| (r.program, r.point) == (program, point);
         // Most come where the one before came.
-        let known = (ready.iter_mut().rev()).find(|r| (r.program, r.point) == (program, point));
-        match known {
-            Some(ready) => ready.subgroups.push(index),
-            None => {
-                let mut subgroups = self.spare.pop().unwrap_or_default();
-                subgroups.push(index);
+        if !ready.get(*latest).is_some_and(is_there) {
+            *latest = ready.iter().position(is_there).unwrap_or_else(|| {
                 ready.push(Ready {
                     program,
                     point,
-                    subgroups,
+                    subgroups: self.spare.pop().unwrap_or_default(),
                 });
-            }
+                ready.len() - 1
+            });
         }
+        ready[*latest].subgroups.push(index);
     }
 
     /// Runs all whose turn it is until each waits or has ended.

@@ -181,6 +181,10 @@ pub fn record_indices(hits: &HitRows, operands: &Operands) -> Row {
 /// Which of some lanes have the number of the first of them in a row.
 pub fn alike(row: &Row, lanes: u16) -> u16 {
     let number = row[lanes.trailing_zeros() as usize % SUBGROUP_SIZE];
+    // Not as a comparison of arrays, which would be a call.
+    if row.iter().fold(0, |bits, other| bits | (other ^ number)) == 0 {
+        return lanes;
+    }
     let mut alike = 0;
     for (lane, &other) in row.iter().enumerate() {
         alike |= u16::from(other == number) << lane;
