@@ -19,10 +19,12 @@ impl Kernel for LoadPrivate {
         let rows = plan.ty.rows() as u64;
         for &offset in m.listed() {
             let s = offset as usize / 64;
-            // SAFETY: as the caller promises; rows are checked.
-            if rows == 1
-                && let Some(first) = unsafe { common_row(m, address[0], offset) }
-            {
+            let common = match rows {
+                // SAFETY: as the caller promises.
+                1 => unsafe { common_row(m, address[0], offset) },
+                _ => None,
+            };
+            if let Some(first) = common {
                 for (k, &result) in results.iter().enumerate() {
                     let row = first.wrapping_add(k as u32) as usize;
                     // SAFETY: as above.
@@ -127,10 +129,12 @@ impl Kernel for StorePrivate {
         let rows = plan.ty.rows() as u64;
         for &offset in m.listed() {
             let s = offset as usize / 64;
-            // SAFETY: as the caller promises; rows are checked.
-            if rows == 1
-                && let Some(first) = unsafe { common_row(m, address[0], offset) }
-            {
+            let common = match rows {
+                // SAFETY: as the caller promises.
+                1 => unsafe { common_row(m, address[0], offset) },
+                _ => None,
+            };
+            if let Some(first) = common {
                 for (k, &value) in values.iter().enumerate() {
                     let row = first.wrapping_add(k as u32) as usize;
                     if row < m.plan.private_rows {
