@@ -27,10 +27,14 @@ pub(super) unsafe fn execute_plain(
     unsafe {
         match op.kind {
             ImageOpKind::Sample | ImageOpKind::Gather(_) => match sampler {
-                Some(sampler) => match Fast::new(op, image, info, sampler, 0xf) {
-                    Some(fast) => sample::sample_fast(&fast, &operands, mask, results),
-                    None => sample::sample(op, &operands, image, info, sampler, mask, results),
-                },
+                Some(sampler) => {
+                    let fast = Fast::new(op, image, info, sampler, 0xf);
+                    let served = fast
+                        .is_some_and(|fast| sample::sample_fast(&fast, &operands, mask, results));
+                    if !served {
+                        sample::sample(op, &operands, image, info, sampler, mask, results);
+                    }
+                }
                 None => put_null(op, mask, results),
             },
             ImageOpKind::QueryLod => match sampler {

@@ -42,7 +42,7 @@ pub(super) fn place(direction: [&Floats; 3]) -> Place {
     let mut face = [0; SUBGROUP_SIZE];
     let (mut s, mut t) = ([0.0; SUBGROUP_SIZE], [0.0; SUBGROUP_SIZE]);
     for lane in 0..SUBGROUP_SIZE {
-        let [x, y, z] = direction.map(|component| component[lane]);
+        let (x, y, z) = (direction[0][lane], direction[1][lane], direction[2][lane]);
         let f = major_face(x, y, z);
         // The table above as selections, so that the loop vectorises.
         let (sc, tc, rc) = match f >> 1 {

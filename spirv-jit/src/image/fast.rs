@@ -1,30 +1,35 @@
-//! The common sample: a 2D image, averaged, without comparison, border or anisotropy. Everything about the image and the sampler is
-//! looked up once ([`Fast`]), then blocks of lanes are sampled in vectors of the machine. Gives the same results as [`sample`](super::sample),
-//! bit for bit.
+//! The common sample: a 2D image or a cube, averaged. Everything about the image and the sampler is looked up once ([`Fast`]), then
+//! blocks of lanes are sampled in vectors of the machine. Gives the same results as [`sample`](super::sample), bit for bit; samples
+//! over the edges of a cube's faces are left to that.
 
 use std::mem::offset_of;
 
 use super::address;
-use super::format::FormatInfo;
 use super::format::block::{self, Texels};
 use super::format::layout::Codec;
 use super::format::srgb;
-use super::lod;
+use super::format::{FormatInfo, Numeric};
+use super::lod::{self, Lod};
 use super::operands::{Operands, put_texels};
 use super::texels;
 use super::vector::Vector;
 use super::{
-    AddressMode, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Level, LodMode, Reduction,
-    SamplerDescriptor,
+    AddressMode, CompareOp, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Level, LodMode,
+    Reduction, SamplerDescriptor,
 };
+use super::{cube, sample};
 use crate::SUBGROUP_SIZE;
 use crate::row::Row;
 use crate::types::Type;
 
 /// Whether an operation is one of these, as far as its instruction tells.
 pub(crate) fn may_apply(op: &ImageOp) -> bool {
-    op.kind == ImageOpKind::Sample && op.dim == Dim::D2 && !op.depth_compare && !op.has_min_lod
+    let dim_fits = op.dim == Dim::D2 || op.dim == Dim::Cube && !op.has_offset;
+    op.kind == ImageOpKind::Sample && dim_fits && !op.has_min_lod
 }
+
+/// Most operand rows of an operation that [`may_apply`]: of a cube array's, four coordinates, a reference depth and six derivatives.
+pub(crate) const MAX_OPERANDS: usize = 11;
 
 /// An operation that [`may_apply`], with an image and a sampler for which it does.
 #[derive(Clone, Copy)]
@@ -40,6 +45,8 @@ pub(crate) struct Fast<'a> {
     srgb: bool,
     /// Four bytes, each of them wanted and linear: they are sampled as they lie in memory, without a look at what each is.
     straight: bool,
+    is_cube: bool,
+    has_border: bool,
 }
 
 impl<'a> Fast<'a> {
@@ -51,21 +58,18 @@ impl<'a> Fast<'a> {
         sampler: &'a SamplerDescriptor,
         wanted: u8,
     ) -> Option<Fast<'a>> {
-        let plain_mode = |mode: AddressMode| {
-            matches!(
-                mode,
-                AddressMode::Repeat | AddressMode::ClampToEdge | AddressMode::MirroredRepeat
-            )
+        let is_cube = op.dim == Dim::Cube;
+        let modes_fit = match is_cube {
+            true => !sampler.non_seamless && !sampler.unnormalized_coordinates,
+            false => !sampler.address_mode[..2].contains(&AddressMode::MirrorClampToEdge),
         };
         let applies = may_apply(op)
+            && modes_fit
             // Those are clamped, by valid usage.
             && (!sampler.unnormalized_coordinates
                 || sampler.address_mode[..2] == [AddressMode::ClampToEdge; 2])
             && sampler.mag_filter == sampler.min_filter
-            && (op.lod != LodMode::Grad || !lod::is_anisotropic(sampler))
             && sampler.reduction == Reduction::WeightedAverage
-            && plain_mode(sampler.address_mode[0])
-            && plain_mode(sampler.address_mode[1])
             && !info.numeric.is_integer()
             && info.blocks().is_none()
             && image.conversion.is_none()
@@ -81,14 +85,26 @@ impl<'a> Fast<'a> {
             wanted: if in_order { wanted } else { 0xf },
             bytes,
             srgb,
-            straight: bytes && !srgb && in_order && wanted == 0xf && op.texel != Type::I64,
+            straight: bytes
+                && !srgb
+                && in_order
+                && wanted == 0xf
+                && op.texel != Type::I64
+                && !op.depth_compare,
+            is_cube,
+            has_border: !is_cube && sampler.address_mode[..2].contains(&AddressMode::ClampToBorder),
         })
     }
 
-    /// Whether levels of detail are looked at.
     #[inline(always)]
-    pub(crate) fn has_levels(&self) -> bool {
+    fn has_levels(&self) -> bool {
         self.image.level_count != 1
+    }
+
+    /// Whether derivatives are looked at, where the operation has them.
+    #[inline(always)]
+    pub(crate) fn takes_derivatives(&self) -> bool {
+        self.has_levels() || lod::is_anisotropic(self.sampler)
     }
 }
 
@@ -141,6 +157,8 @@ struct Axis<V: Vector> {
     first: V::I,
     second: V::I,
     weight: V::F,
+    /// The lanes in which they are inside the image, where that is asked for: with a border, and in cubes.
+    inside: [u16; 2],
 }
 
 /// A texel's index by the mode, inside the level for any index.
@@ -192,7 +210,7 @@ pub(crate) type Components<V> = [<V as Vector>::F; 4];
 type Results<'r> = &'r mut [Row];
 
 impl Fast<'_> {
-    /// Samples the lanes of `mask`, which is not empty.
+    /// Samples the lanes of `mask`, which is not empty; whether it can: it cannot over edges of faces.
     ///
     /// # Safety
     /// The image's memory stays allocated during the call.
@@ -203,10 +221,15 @@ impl Fast<'_> {
         operands: &Operands<'_>,
         mask: u16,
         results: Results<'_>,
-    ) {
+    ) -> bool {
         // SAFETY: as the caller promises.
-        let components = unsafe { self.components(v, operands, mask) };
-        self.finish(v, components, results);
+        match unsafe { self.components(v, operands, mask) } {
+            Some(components) => {
+                self.finish(v, components, results);
+                true
+            }
+            None => false,
+        }
     }
 
     /// The same up to where [`Self::values`] or [`Self::finish`] make results of it.
@@ -219,7 +242,7 @@ impl Fast<'_> {
         v: V,
         operands: &Operands<'_>,
         mask: u16,
-    ) -> Components<V> {
+    ) -> Option<Components<V>> {
         let (mut offset_s, mut offset_t) = (None, None);
         if self.op.has_offset {
             (offset_s, offset_t) = (
@@ -227,9 +250,24 @@ impl Fast<'_> {
                 Some(v.load_i(operands.offsets[1])),
             );
         }
-        let s = (v.load(operands.coordinates[0]), offset_s);
-        let t = (v.load(operands.coordinates[1]), offset_t);
-        let levels = self.levels_of_detail(v, operands);
+        let (s, t, layer) = self.place(v, operands);
+        let footprint = match self.op.lod {
+            LodMode::Grad if self.is_cube && self.has_levels() => {
+                let lod = lod::from_gradients(self.op, operands, self.image, self.sampler);
+                Some(lod)
+            }
+            LodMode::Grad if self.takes_derivatives() && !self.is_cube => {
+                let level = &self.image.levels[0];
+                let size = [level.width, level.height];
+                Some(lod::of_plane(operands.lod, size, self.sampler))
+            }
+            _ => None,
+        };
+        let reference = match operands.depth_reference {
+            Some(row) => Some(self.reference(v, row)),
+            None => None,
+        };
+        let levels = self.levels_of_detail(v, operands, footprint.as_ref());
         let (level, weight) = match self.sampler.mipmap_mode {
             // ⌈d' + 0.5⌉ - 1.
             Filter::Nearest => {
@@ -242,20 +280,111 @@ impl Fast<'_> {
                 (v.to_i(floor), v.sub(levels, floor))
             }
         };
-        let layer = self.layer_offsets(v, operands);
         let last = v.splat_i(self.image.level_count as i32 - 1);
-        // SAFETY: indices are inside the level, levels and layers inside the view, so that each offset is of a texel of the image; sums fit in 31
-        // bits, as the image's size does.
-        unsafe {
-            let mut components = self.of_level(v, level, layer, s, t, mask);
-            if self.has_levels() && v.gt(weight, v.splat(0.0)) & mask != 0 {
-                let next = v.min_i(v.add_i(level, v.splat_i(1)), last);
-                let next = self.of_level(v, next, layer, s, t, mask);
-                for (a, b) in components.iter_mut().zip(next) {
-                    *a = v.lerp(*a, b, weight);
-                }
+        let blends = self.has_levels() && v.gt(weight, v.splat(0.0)) & mask != 0;
+        let next = v.min_i(v.add_i(level, v.splat_i(1)), last);
+        let anisotropy = match &footprint {
+            Some(lod) => lod.anisotropy.as_ref(),
+            None => None,
+        };
+        let (passes, count) = match anisotropy {
+            Some(anisotropy) => (anisotropy.passes(mask), Some(v.load(&anisotropy.counts()))),
+            None => (1, None),
+        };
+        let mut total = [v.splat(0.0); 4];
+        for pass in 0..passes {
+            let (mut s, mut t, mut takes_part) = ((s, offset_s), (t, offset_t), mask);
+            if let (Some(anisotropy), Some(count)) = (anisotropy, count) {
+                // Samples i = 1..=N at i / (N + 1) - 1/2 along the axis.
+                let i = v.min(v.splat((pass + 1) as f32), count);
+                let along = v.sub(v.div(i, v.add(count, v.splat(1.0))), v.splat(0.5));
+                let axis_s = v.load(&lod::words(&anisotropy.axis[0]));
+                let axis_t = v.load(&lod::words(&anisotropy.axis[1]));
+                s.0 = v.add(s.0, v.mul(along, axis_s));
+                t.0 = v.add(t.0, v.mul(along, axis_t));
+                takes_part = v.gt(count, v.splat(pass as f32));
             }
-            components
+            // SAFETY: indices are inside the level, levels and layers inside the view, so that each offset is of a texel of the image; sums fit in
+            // 31 bits, as the image's size does.
+            let components = unsafe {
+                let mut components = self.of_level(v, level, layer, s, t, reference, mask)?;
+                if blends {
+                    let next = self.of_level(v, next, layer, s, t, reference, mask)?;
+                    for (a, b) in components.iter_mut().zip(next) {
+                        *a = v.lerp(*a, b, weight);
+                    }
+                }
+                components
+            };
+            if pass == 0 {
+                total = components;
+                continue;
+            }
+            for (total, component) in total.iter_mut().zip(components) {
+                let sum = v.bits_of(v.add(*total, component));
+                *total = v.bits_to_f(v.select(takes_part, sum, v.bits_of(*total)));
+            }
+        }
+        if let Some(count) = count {
+            for total in &mut total {
+                *total = v.div(*total, count);
+            }
+        }
+        Some(total)
+    }
+
+    /// The lanes' coordinates, on their faces in cubes, and the offsets of their layers.
+    #[inline(always)]
+    fn place<V: Vector>(&self, v: V, operands: &Operands<'_>) -> (V::F, V::F, V::I) {
+        let coordinates = operands.coordinates;
+        let layers = self.image.layer_count.max(1) as i32;
+        let stride = v.splat_i(self.image.layer_stride_bytes as i32);
+        if !self.is_cube {
+            let (s, t) = (v.load(coordinates[0]), v.load(coordinates[1]));
+            let layer = match self.op.arrayed {
+                true => self.layer(v, coordinates[2], layers - 1),
+                false => return (s, t, v.splat_i(0)),
+            };
+            return (s, t, v.mul_i(layer, stride));
+        }
+        let direction = [
+            &lod::floats(coordinates[0]),
+            &lod::floats(coordinates[1]),
+            &lod::floats(coordinates[2]),
+        ];
+        let on_cube = cube::place(direction);
+        let mut faces = [0; SUBGROUP_SIZE];
+        for lane in 0..SUBGROUP_SIZE {
+            faces[lane] = on_cube.face[lane] as u32;
+        }
+        let mut layer = v.load_i(&faces);
+        if self.op.arrayed {
+            let first = self.layer(v, coordinates[3], (layers / 6).max(1) - 1);
+            layer = v.add_i(layer, v.mul_i(first, v.splat_i(6)));
+        }
+        let layer = v.min_i(layer, v.splat_i(layers - 1));
+        (
+            v.load(&lod::words(&on_cube.s)),
+            v.load(&lod::words(&on_cube.t)),
+            v.mul_i(layer, stride),
+        )
+    }
+
+    /// The nearest layer to a coordinate ("Array Layer Selection").
+    #[inline(always)]
+    fn layer<V: Vector>(&self, v: V, coordinate: &Row, last: i32) -> V::I {
+        let layer = v.round_ties_even(v.load(coordinate));
+        let layer = v.max(layer, v.splat(0.0));
+        v.to_i(v.min(layer, v.splat(last as f32)))
+    }
+
+    /// What depths are compared with: fixed-point ones lie in 0..1, so it must.
+    #[inline(always)]
+    fn reference<V: Vector>(&self, v: V, row: &Row) -> V::F {
+        let reference = v.load(row);
+        match self.info.numeric {
+            Numeric::Unorm => v.min(v.max(reference, v.splat(0.0)), v.splat(1.0)),
+            _ => reference,
         }
     }
 
@@ -279,7 +408,12 @@ impl Fast<'_> {
 
     /// λ' to d', as in [`lod`].
     #[inline(always)]
-    fn levels_of_detail<V: Vector>(&self, v: V, operands: &Operands<'_>) -> V::F {
+    fn levels_of_detail<V: Vector>(
+        &self,
+        v: V,
+        operands: &Operands<'_>,
+        footprint: Option<&Lod>,
+    ) -> V::F {
         if !self.has_levels() {
             return v.splat(0.0);
         }
@@ -290,32 +424,15 @@ impl Fast<'_> {
         };
         let bias = v.max(bias, v.splat(-lod::MAX_LOD_BIAS));
         let bias = v.min(bias, v.splat(lod::MAX_LOD_BIAS));
-        let lambda = match self.op.lod {
-            LodMode::Lod => v.add(v.load(operands.lod[0]), bias),
-            LodMode::Grad => {
-                let level = &self.image.levels[0];
-                let lambda = lod::of_plane(operands.lod, [level.width, level.height]);
-                v.add(v.load(&lambda), bias)
-            }
+        let lambda = match (self.op.lod, footprint) {
+            (LodMode::Lod, _) => v.add(v.load(operands.lod[0]), bias),
+            (_, Some(lod)) => v.add(v.load(&lod::words(&lod.lambda)), bias),
             _ => bias,
         };
         let lambda = v.min(lambda, v.splat(self.sampler.max_lod));
         let lambda = v.max(lambda, v.splat(self.sampler.min_lod));
         let level = v.max(v.max(lambda, v.splat(0.0)), v.splat(self.image.min_lod));
         v.min(level, v.splat((self.image.level_count - 1) as f32))
-    }
-
-    /// Offsets of the lanes' layers.
-    #[inline(always)]
-    fn layer_offsets<V: Vector>(&self, v: V, operands: &Operands<'_>) -> V::I {
-        if !self.op.arrayed {
-            return v.splat_i(0);
-        }
-        let last = self.image.layer_count.max(1) - 1;
-        let layer = v.round_ties_even(v.load(operands.coordinates[2]));
-        let layer = v.max(layer, v.splat(0.0));
-        let layer = v.to_i(v.min(layer, v.splat(last as f32)));
-        v.mul_i(layer, v.splat_i(self.image.layer_stride_bytes as i32))
     }
 
     /// # Safety
@@ -358,12 +475,20 @@ impl Fast<'_> {
         stride: V::I,
     ) -> Axis<V> {
         let size_f = v.to_f(size);
-        let scaled = match mode {
+        let half = match self.sampler.mag_filter {
+            Filter::Linear => v.splat(0.5),
+            Filter::Nearest => v.splat(0.0),
+        };
+        let texel = match mode {
             // Periodic: reduced before scaling, which loses nothing.
-            AddressMode::Repeat => v.mul(v.sub(coordinate, v.floor(coordinate)), size_f),
+            AddressMode::Repeat => {
+                let fraction = v.sub(coordinate, v.floor(coordinate));
+                v.sub(v.mul(fraction, size_f), half)
+            }
             AddressMode::MirroredRepeat => {
-                let half = v.floor(v.mul(coordinate, v.splat(0.5)));
-                v.mul(v.sub(coordinate, v.mul(v.splat(2.0), half)), size_f)
+                let periods = v.floor(v.mul(coordinate, v.splat(0.5)));
+                let period = v.sub(coordinate, v.mul(v.splat(2.0), periods));
+                v.sub(v.mul(period, size_f), half)
             }
             // Far enough outside for both texels to be the edge's.
             _ => {
@@ -373,12 +498,8 @@ impl Fast<'_> {
                     true => coordinate,
                     false => v.mul(coordinate, size_f),
                 };
-                v.min(v.max(texels, least), reach)
+                v.min(v.max(v.sub(texels, half), least), reach)
             }
-        };
-        let texel = match self.sampler.mag_filter {
-            Filter::Linear => v.sub(scaled, v.splat(0.5)),
-            Filter::Nearest => scaled,
         };
         let floor = v.floor(texel);
         let mut first = v.to_i(floor);
@@ -393,17 +514,25 @@ impl Fast<'_> {
         let last = v.sub_i(size, v.splat_i(1));
         let second = v.add_i(first, v.splat_i(1));
         let index = wrapped(v, mode, has_offset, first, size, last);
+        let inside = match self.is_cube || mode == AddressMode::ClampToBorder {
+            true => [v.lt_u(first, size), v.lt_u(second, size)],
+            false => [u16::MAX; 2],
+        };
         Axis {
             index,
             first: v.mul_i(index, stride),
             second: v.mul_i(wrapped(v, mode, has_offset, second, size, last), stride),
             weight: v.sub(texel, floor),
+            inside,
         }
     }
 
+    /// Nothing where a sample reaches over the edge of a cube's face.
+    ///
     /// # Safety
     /// As [`Self::sample`]; the levels are the image's, and offsets of its layers are given.
     #[inline(always)]
+    #[allow(clippy::too_many_arguments)]
     unsafe fn of_level<V: Vector>(
         &self,
         v: V,
@@ -411,25 +540,58 @@ impl Fast<'_> {
         layer: V::I,
         s: (V::F, Option<V::I>),
         t: (V::F, Option<V::I>),
+        reference: Option<V::F>,
         mask: u16,
-    ) -> Components<V> {
-        let mode = &self.sampler.address_mode;
+    ) -> Option<Components<V>> {
+        let is_nearest = self.sampler.mag_filter == Filter::Nearest;
         let texel_bytes = v.splat_i(self.info.size_bytes as i32);
+        let modes = match self.is_cube {
+            true => [AddressMode::ClampToEdge; 2],
+            false => [self.sampler.address_mode[0], self.sampler.address_mode[1]],
+        };
         // SAFETY: the caller's promise; indices on both axes are inside the level.
         unsafe {
             let levels = self.levels(v, level, mask);
-            let x = self.axis(v, mode[0], s, levels.width, texel_bytes);
-            let y = self.axis(v, mode[1], t, levels.height, levels.row_stride);
+            let x = self.axis(v, modes[0], s, levels.width, texel_bytes);
+            let y = self.axis(v, modes[1], t, levels.height, levels.row_stride);
+            let mut all_inside = x.inside[0] & y.inside[0];
+            if !is_nearest {
+                all_inside &= x.inside[1] & y.inside[1];
+            }
+            let is_inside = mask & !all_inside == 0;
+            if self.is_cube && !is_inside && !is_nearest {
+                return None;
+            }
             let offset = v.add_i(levels.offset, layer);
             let upper = v.add_i(offset, y.first);
-            if self.sampler.mag_filter == Filter::Nearest {
+            let lower = v.add_i(offset, y.second);
+            let replaces = self.has_border && !is_inside;
+            if replaces || reference.is_some() {
+                let inside = y.inside[0] & x.inside[0];
+                let first = self.tap(v, v.add_i(upper, x.first), inside, reference);
+                if is_nearest {
+                    return Some(first);
+                }
+                let inside = [
+                    y.inside[0] & x.inside[1],
+                    y.inside[1] & x.inside[0],
+                    y.inside[1] & x.inside[1],
+                ];
+                let taps = [
+                    first,
+                    self.tap(v, v.add_i(upper, x.second), inside[0], reference),
+                    self.tap(v, v.add_i(lower, x.first), inside[1], reference),
+                    self.tap(v, v.add_i(lower, x.second), inside[2], reference),
+                ];
+                return Some(self.blend(v, taps, &x, &y));
+            }
+            if is_nearest {
                 let at = v.add_i(upper, x.first);
-                return match self.bytes {
+                return Some(match self.bytes {
                     true => self.unpack(v, v.gather(self.image.data, at)),
                     false => self.load(v, at),
-                };
+                });
             }
-            let lower = v.add_i(offset, y.second);
             if !self.bytes {
                 let taps = [
                     self.load(v, v.add_i(upper, x.first)),
@@ -437,19 +599,19 @@ impl Fast<'_> {
                     self.load(v, v.add_i(lower, x.first)),
                     self.load(v, v.add_i(lower, x.second)),
                 ];
-                return self.blend(v, taps, &x, &y);
+                return Some(self.blend(v, taps, &x, &y));
             }
             let words = match self.window(v, [&x, &y], texel_bytes, levels.row_stride, mask) {
                 Some(words) => words,
                 None => self.words(v, [upper, lower], &x, texel_bytes),
             };
             if self.straight {
-                return [
+                return Some([
                     blend_bytes(v, words, 0, x.weight, y.weight),
                     blend_bytes(v, words, 1, x.weight, y.weight),
                     blend_bytes(v, words, 2, x.weight, y.weight),
                     blend_bytes(v, words, 3, x.weight, y.weight),
-                ];
+                ]);
             }
             let taps = [
                 self.unpack(v, words[0]),
@@ -457,7 +619,7 @@ impl Fast<'_> {
                 self.unpack(v, words[2]),
                 self.unpack(v, words[3]),
             ];
-            self.blend(v, taps, &x, &y)
+            Some(self.blend(v, taps, &x, &y))
         }
     }
 
@@ -476,7 +638,12 @@ impl Fast<'_> {
         mask: u16,
     ) -> Option<[V::I; 4]> {
         let level = &self.image.levels[0];
-        if self.has_levels() || self.op.arrayed || level.width < 8 || level.height < 5 {
+        if self.has_levels()
+            || self.op.arrayed
+            || self.is_cube
+            || level.width < 8
+            || level.height < 5
+        {
             return None;
         }
         let across = v.ne_i(v.sub_i(x.second, x.first), texel_bytes);
@@ -497,6 +664,54 @@ impl Fast<'_> {
             let at = self.image.data.cast_const().add(first);
             Some(v.window(at, stride, v.keep(columns, mask), v.keep(rows, mask)))
         }
+    }
+
+    /// A texel, which is the border in lanes where it is outside, or 1 where its comparison with the reference holds, else 0.
+    ///
+    /// # Safety
+    /// The offsets are of texels of the image.
+    #[inline(always)]
+    unsafe fn tap<V: Vector>(
+        &self,
+        v: V,
+        at: V::I,
+        inside: u16,
+        reference: Option<V::F>,
+    ) -> Components<V> {
+        // SAFETY: the caller's promise.
+        let mut texel = unsafe {
+            match self.bytes {
+                true => self.unpack(v, v.gather(self.image.data, at)),
+                false => self.load(v, at),
+            }
+        };
+        if self.has_border && inside != u16::MAX {
+            let mut border = sample::border_units(self.sampler, self.info);
+            if self.straight && self.info.codec == Codec::Bgra8 {
+                border.swap(0, 2);
+            }
+            for (component, word) in texel.iter_mut().zip(border) {
+                let replaced = v.select(inside, v.bits_of(*component), v.splat_i(word as i32));
+                *component = v.bits_to_f(replaced);
+            }
+        }
+        if let Some(reference) = reference {
+            let scale = v.splat(block::unit_scale(self.info));
+            let depth = v.div(texel[0], scale);
+            let holds = match self.sampler.compare.unwrap_or(CompareOp::Never) {
+                CompareOp::Never => 0,
+                CompareOp::Less => v.gt(depth, reference),
+                CompareOp::Equal => v.eq(reference, depth),
+                CompareOp::LessOrEqual => v.ge(depth, reference),
+                CompareOp::Greater => v.gt(reference, depth),
+                CompareOp::NotEqual => !v.eq(reference, depth),
+                CompareOp::GreaterOrEqual => v.ge(reference, depth),
+                CompareOp::Always => u16::MAX,
+            };
+            let (one, zero) = (v.splat(1.0), v.splat(0.0));
+            texel[0] = v.bits_to_f(v.select(holds, v.bits_of(one), v.bits_of(zero)));
+        }
+        texel
     }
 
     /// The four texels around each lane, of four bytes each.
@@ -619,6 +834,10 @@ impl Fast<'_> {
             for (value, row) in values.into_iter().zip(results) {
                 v.store(value, row);
             }
+            return;
+        }
+        if self.op.depth_compare {
+            v.store(components[0], &mut results[0]);
             return;
         }
         let scale = block::unit_scale(self.info);

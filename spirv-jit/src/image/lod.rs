@@ -28,6 +28,30 @@ pub(super) struct Anisotropy {
     pub axis: [Floats; 3],
 }
 
+impl Anisotropy {
+    /// How many samples some lane of the mask takes.
+    #[inline(always)]
+    pub(super) fn passes(&self, mask: u16) -> i32 {
+        let mut most = 1;
+        for lane in 0..SUBGROUP_SIZE {
+            if mask >> lane & 1 == 1 {
+                most = most.max(self.count[lane]);
+            }
+        }
+        most
+    }
+
+    /// The lanes' numbers of samples as the bits of floats.
+    #[inline(always)]
+    pub(super) fn counts(&self) -> Row {
+        let mut row = [0; SUBGROUP_SIZE];
+        for lane in 0..SUBGROUP_SIZE {
+            row[lane] = (self.count[lane] as f32).to_bits();
+        }
+        row
+    }
+}
+
 /// Binary logarithm to about 1e-7 absolute, from additions, products and one quotient, so that it is the same everywhere. For 0 and infinity: very small and very large.
 #[inline(always)]
 fn log2(x: f32) -> f32 {
@@ -47,24 +71,70 @@ fn log2(x: f32) -> f32 {
 /// Whether a sampler takes several samples along a footprint.
 #[inline(always)]
 pub(super) fn is_anisotropic(sampler: &SamplerDescriptor) -> bool {
-    sampler.max_anisotropy.min(MAX_ANISOTROPY) > 1.0
+    most_samples(sampler) > 1.0
 }
 
-/// λ from the derivatives of a 2D image's coordinates, without bias: what [`lod`] computes, as the bits of floats.
 #[inline(always)]
-pub(super) fn of_plane(derivatives: &[&Row], size: [u32; 2]) -> Row {
-    let size = [size[0] as f32, size[1] as f32];
-    let mut lambda = [0; SUBGROUP_SIZE];
-    for lane in 0..SUBGROUP_SIZE {
-        let mut squares = [0.0; 2];
-        for (screen, square) in squares.iter_mut().enumerate() {
-            let x = f32::from_bits(derivatives[2 * screen][lane]) * size[0];
-            let y = f32::from_bits(derivatives[2 * screen + 1][lane]) * size[1];
-            *square = 0.0 + x * x + y * y;
+fn most_samples(sampler: &SamplerDescriptor) -> f32 {
+    sampler.max_anisotropy.min(MAX_ANISOTROPY)
+}
+
+/// λ' from the derivatives of a 2D image's coordinates, without bias: what [`lod`] computes.
+#[inline(always)]
+pub(super) fn of_plane(derivatives: &[&Row], size: [u32; 2], sampler: &SamplerDescriptor) -> Lod {
+    let mut axes = [[[0.0; SUBGROUP_SIZE]; 3]; 2];
+    for (screen, axes) in axes.iter_mut().enumerate() {
+        for (axis, row) in axes.iter_mut().enumerate().take(2) {
+            *row = floats(derivatives[2 * screen + axis]);
         }
-        lambda[lane] = (0.5 * log2(squares[0].max(squares[1]))).to_bits();
     }
-    lambda
+    let size = [size[0] as f32, size[1] as f32, 0.0];
+    of_footprint(&axes, size, most_samples(sampler))
+}
+
+/// λ' of a footprint, by derivatives for each axis of the screen and of an image of this size, and
+/// its samples, if there may be more than one.
+#[inline(always)]
+fn of_footprint(derivatives: &[[Floats; 3]; 2], size: [f32; 3], most: f32) -> Lod {
+    let mut squares = [[0.0; SUBGROUP_SIZE]; 2];
+    for (axes, square) in derivatives.iter().zip(&mut squares) {
+        for (row, size) in axes.iter().zip(size) {
+            for lane in 0..SUBGROUP_SIZE {
+                let texels = row[lane] * size;
+                square[lane] += texels * texels;
+            }
+        }
+    }
+    let mut lambda = [0.0; SUBGROUP_SIZE];
+    // The half of the logarithm of a square saves the root.
+    for lane in 0..SUBGROUP_SIZE {
+        lambda[lane] = 0.5 * log2(squares[0][lane].max(squares[1][lane]));
+    }
+    if most.is_nan() || most <= 1.0 {
+        return Lod {
+            lambda,
+            anisotropy: None,
+        };
+    }
+    let mut count = [1; SUBGROUP_SIZE];
+    let mut axis = [[0.0; SUBGROUP_SIZE]; 3];
+    for lane in 0..SUBGROUP_SIZE {
+        let (x, y) = (squares[0][lane], squares[1][lane]);
+        let ratio = (x.max(y) / x.min(y)).sqrt();
+        // A NaN of 0 / 0 becomes 1.
+        let samples = ratio.ceil().max(1.0).min(most.ceil());
+        count[lane] = samples as i32;
+        // λ of the footprint divided among the samples.
+        lambda[lane] -= log2(ratio.max(1.0).min(most));
+        for (i, axis) in axis.iter_mut().enumerate() {
+            let [along_x, along_y] = [derivatives[0][i][lane], derivatives[1][i][lane]];
+            axis[lane] = if y > x { along_y } else { along_x };
+        }
+    }
+    Lod {
+        lambda,
+        anisotropy: Some(Anisotropy { count, axis }),
+    }
 }
 
 /// λ' per lane.
@@ -130,8 +200,18 @@ pub(super) fn floats(row: &Row) -> Floats {
     map(row, f32::from_bits)
 }
 
+#[inline(always)]
+pub(super) fn words(values: &Floats) -> Row {
+    let mut row = [0; SUBGROUP_SIZE];
+    for lane in 0..SUBGROUP_SIZE {
+        row[lane] = values[lane].to_bits();
+    }
+    row
+}
+
 /// From derivatives: the length of the footprint in texels of the base level.
-fn from_gradients(
+#[inline(always)]
+pub(super) fn from_gradients(
     op: &ImageOp,
     operands: &Operands<'_>,
     image: &ImageDescriptor,
@@ -172,49 +252,11 @@ fn from_gradients(
         Dim::D2 | Dim::Cube => [width as f32, height as f32, 0.0],
         Dim::D3 => [width as f32, height as f32, depth as f32],
     };
-    let mut squares = [[0.0; SUBGROUP_SIZE]; 2];
-    for (axes, square) in derivatives.iter().zip(&mut squares) {
-        for (row, size) in axes.iter().zip(size) {
-            for lane in 0..SUBGROUP_SIZE {
-                let texels = row[lane] * size;
-                square[lane] += texels * texels;
-            }
-        }
-    }
-    let mut lambda = [0.0; SUBGROUP_SIZE];
-    // The half of the logarithm of a square saves the root.
-    for lane in 0..SUBGROUP_SIZE {
-        lambda[lane] = 0.5 * log2(squares[0][lane].max(squares[1][lane]));
-    }
-    let max_anisotropy = sampler.max_anisotropy.min(MAX_ANISOTROPY);
-    if !is_anisotropic(sampler) || op.dim == Dim::Cube {
-        return Lod {
-            lambda,
-            anisotropy: None,
-        };
-    }
-    let mut samples = [1; SUBGROUP_SIZE];
-    let mut axis = [[0.0; SUBGROUP_SIZE]; 3];
-    for lane in 0..SUBGROUP_SIZE {
-        let [x, y] = squares.map(|row| row[lane]);
-        let long = (y > x) as usize;
-        let ratio = (x.max(y) / x.min(y)).sqrt();
-        // A NaN of 0 / 0 becomes 1.
-        let n = ratio.ceil().max(1.0).min(max_anisotropy.ceil());
-        samples[lane] = n as i32;
-        // λ of the footprint divided among the samples.
-        lambda[lane] -= log2(ratio.max(1.0).min(max_anisotropy));
-        for i in 0..3 {
-            axis[i][lane] = derivatives[long][i][lane];
-        }
-    }
-    Lod {
-        lambda,
-        anisotropy: Some(Anisotropy {
-            count: samples,
-            axis,
-        }),
-    }
+    let most = match op.dim {
+        Dim::Cube => 1.0,
+        _ => most_samples(sampler),
+    };
+    of_footprint(&derivatives, size, most)
 }
 
 /// The levels' geometry, a lane each.

@@ -79,6 +79,11 @@ impl ImageOp {
         }
     }
 
+    /// Operand rows before those of the level of detail.
+    pub(crate) fn rows_before_lod(&self) -> usize {
+        self.coordinate_count() + self.depth_compare as usize
+    }
+
     /// Components of a size query: a cube has two.
     pub(super) fn size_components(&self) -> usize {
         let spatial = match self.dim {

@@ -59,7 +59,7 @@ vectorized!(
         mask: u16, results: &mut [Row])
 );
 
-/// [`sample`] where there is a [`Fast`].
+/// [`sample`] where there is a [`Fast`]; whether that served.
 ///
 /// # Safety
 /// The image's memory stays allocated during the call.
@@ -68,16 +68,26 @@ pub(super) unsafe fn sample_fast(
     operands: &Operands<'_>,
     mask: u16,
     results: &mut [Row],
-) {
+) -> bool {
     #[cfg(target_arch = "x86_64")]
     {
         #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")]
-        unsafe fn avx512(fast: &Fast<'_>, operands: &Operands<'_>, mask: u16, results: &mut [Row]) {
+        unsafe fn avx512(
+            fast: &Fast<'_>,
+            operands: &Operands<'_>,
+            mask: u16,
+            results: &mut [Row],
+        ) -> bool {
             // SAFETY: the function's features, and the caller's promise.
             unsafe { fast.sample(vector::Avx512::new(), operands, mask, results) }
         }
         #[target_feature(enable = "avx2,fma")]
-        unsafe fn avx2(fast: &Fast<'_>, operands: &Operands<'_>, mask: u16, results: &mut [Row]) {
+        unsafe fn avx2(
+            fast: &Fast<'_>,
+            operands: &Operands<'_>,
+            mask: u16,
+            results: &mut [Row],
+        ) -> bool {
             // SAFETY: the function's features, and the caller's promise.
             unsafe { fast.sample(vector::Avx2::new(), operands, mask, results) }
         }
@@ -224,7 +234,7 @@ unsafe fn sample_body(
     };
     let level_passes = 1 + (between & mask != 0) as usize;
     let sample_passes = match &lod.anisotropy {
-        Some(anisotropy) => lanes_max(&anisotropy.count, mask),
+        Some(anisotropy) => anisotropy.passes(mask),
         None => 1,
     };
     let last_level = image.level_count as i32 - 1;
@@ -317,17 +327,6 @@ unsafe fn sample_body(
             put_texels(op, info, &total, results);
         }
     }
-}
-
-#[inline(always)]
-fn lanes_max(values: &Ints, mask: u16) -> i32 {
-    let mut max = 1;
-    for lane in 0..SUBGROUP_SIZE {
-        if mask >> lane & 1 == 1 {
-            max = max.max(values[lane]);
-        }
-    }
-    max
 }
 
 /// How texels become one.
@@ -613,7 +612,7 @@ impl Footprint<'_> {
 
 /// The border colour in a format's units.
 #[inline(always)]
-fn border_units(sampler: &SamplerDescriptor, info: &FormatInfo) -> [u32; 4] {
+pub(super) fn border_units(sampler: &SamplerDescriptor, info: &FormatInfo) -> [u32; 4] {
     let scale = block::unit_scale(info);
     sampler.border_color.map(|word| {
         if scale == 1.0 {

@@ -41,7 +41,7 @@ fn of_sample(inst: &Inst) -> Option<(&[Value], &[Value])> {
         return None;
     }
     let operands = inst.args.get(2..)?;
-    let slopes = operands.get(op.coordinate_count()..)?;
+    let slopes = operands.get(op.rows_before_lod()..)?;
     let spatial = op.spatial_count();
     Some((operands.get(..spatial)?, slopes.get(..2 * spatial)?))
 }

@@ -191,11 +191,11 @@ unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, offset: u16) {
     }
 }
 
-/// The derivatives of a sample's coordinates, of which it has one or two: in x, then in y.
+/// The derivatives of a sample's coordinates, of which it has one to three: in x, then in y.
 #[inline(always)]
-pub(super) fn derivatives<V: Vector>(v: V, op: &ImageOp, rows: &[&Row], active: u16) -> [Row; 4] {
-    let spatial = op.spatial_count().min(2);
-    let mut derived = [[0; SUBGROUP_SIZE]; 4];
+pub(super) fn derivatives<V: Vector>(v: V, op: &ImageOp, rows: &[&Row], active: u16) -> [Row; 6] {
+    let spatial = op.spatial_count().min(3);
+    let mut derived = [[0; SUBGROUP_SIZE]; 6];
     for axis in 0..spatial {
         let coordinate = v.load(rows[axis]);
         v.store(
@@ -210,8 +210,8 @@ pub(super) fn derivatives<V: Vector>(v: V, op: &ImageOp, rows: &[&Row], active: 
 
 /// Puts those in the place of operands.
 #[inline(always)]
-pub(super) fn put_derivatives<'r>(op: &ImageOp, derived: &'r [Row; 4], rows: &mut [&'r Row]) {
-    let places = &mut rows[op.coordinate_count()..];
+pub(super) fn put_derivatives<'r>(op: &ImageOp, derived: &'r [Row; 6], rows: &mut [&'r Row]) {
+    let places = &mut rows[op.rows_before_lod()..];
     for (place, row) in places.iter_mut().zip(derived).take(2 * op.spatial_count()) {
         *place = row;
     }
@@ -312,19 +312,22 @@ unsafe fn sample_block<V: Vector>(
     offset: u16,
     mask: u16,
 ) {
-    let mut rows = [&[0; SUBGROUP_SIZE]; 9];
-    // SAFETY: as for `block`. Such a sample has at most three coordinates, four derivatives and two offsets, all of 32 bits.
+    let mut rows = [&[0; SUBGROUP_SIZE]; fast::MAX_OPERANDS];
+    // SAFETY: as for `block`; all operands of such a sample are of 32 bits.
     unsafe {
         for (row, &(operand, _)) in rows.iter_mut().zip(&plan.operands) {
             *row = &*m.block::<u32>(operand, offset);
         }
         let derived;
-        if plan.derives && sample.has_levels() {
+        if plan.derives && sample.takes_derivatives() {
             derived = derivatives(v, &plan.op, &rows, m.active[offset as usize / 64]);
             put_derivatives(&plan.op, &derived, &mut rows);
         }
-        let operands = Operands::new(&plan.op, &rows[..plan.operands.len().min(9)]);
-        let sampled = sample.components(v, &operands, mask);
+        let count = plan.operands.len().min(fast::MAX_OPERANDS);
+        let operands = Operands::new(&plan.op, &rows[..count]);
+        let Some(sampled) = sample.components(v, &operands, mask) else {
+            return block(m, plan, offset);
+        };
         if let Some(values) = sample.values(v, sampled) {
             put(v, m, plan, offset, 0, v.bits_of(values[0]));
             put(v, m, plan, offset, 1, v.bits_of(values[1]));

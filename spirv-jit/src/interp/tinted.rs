@@ -29,9 +29,9 @@ impl<'a> Sampling<'a> {
         Some(Self { tinted, fast })
     }
 
-    /// Whether lanes have to be quads, whose coordinates choose the level.
-    pub fn has_levels(&self) -> bool {
-        self.fast.has_levels()
+    /// Whether lanes have to be quads, whose coordinates choose the level and the samples.
+    pub fn takes_derivatives(&self) -> bool {
+        self.fast.takes_derivatives()
     }
 
     /// The texels at sixteen coordinates, of which those of `active` lanes are looked at: there are some. Components that the program does not want
@@ -48,13 +48,15 @@ impl<'a> Sampling<'a> {
         let [s, t] = &coordinates;
         let mut rows = [s, t, s, t, s, t];
         let derived;
-        if self.fast.has_levels() {
+        if self.fast.takes_derivatives() {
             derived = derivatives(v, op, &rows, active);
             put_derivatives(op, &derived, &mut rows);
         }
         let operands = Operands::new(op, &rows);
         // SAFETY: the caller's promise.
         let sampled = unsafe { self.fast.components(v, &operands, active) };
+        // Only cubes have edges between faces.
+        let sampled = sampled.unwrap_or([v.splat(0.0); 4]);
         if let Some(values) = self.fast.values(v, sampled) {
             return values;
         }

@@ -230,7 +230,7 @@ impl<'a> Visit<'a> {
             return;
         }
         let is_tested = !plan.tests.is_empty();
-        if is_tested || sampling.has_levels() {
+        if is_tested || sampling.takes_derivatives() {
             covered.split(1);
         }
         let (tier, counts) = (self.round.tier, &mut self.counts);

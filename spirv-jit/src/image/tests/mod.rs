@@ -364,6 +364,19 @@ prop_compose! {
     }
 }
 
+fn any_compare() -> impl Strategy<Value = CompareOp> {
+    prop::sample::select(vec![
+        CompareOp::Never,
+        CompareOp::Less,
+        CompareOp::Equal,
+        CompareOp::LessOrEqual,
+        CompareOp::Greater,
+        CompareOp::NotEqual,
+        CompareOp::GreaterOrEqual,
+        CompareOp::Always,
+    ])
+}
+
 fn any_format() -> impl Strategy<Value = Format> {
     prop::sample::select(vec![
         Format::R8G8B8A8_UNORM,

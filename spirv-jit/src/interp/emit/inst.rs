@@ -260,7 +260,7 @@ impl Emitter<'_> {
         let mut arguments = inst.args[descriptors.min(inst.args.len())..].to_vec();
         let derives = self.placed().fusion.derives(inst);
         if derives {
-            let (spatial, from) = (op.spatial_count(), op.coordinate_count());
+            let (spatial, from) = (op.spatial_count(), op.rows_before_lod());
             for k in 0..2 * spatial {
                 arguments[from + k] = arguments[k % spatial];
             }
