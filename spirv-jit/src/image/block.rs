@@ -26,6 +26,8 @@ pub(super) unsafe fn execute_plain(
     // SAFETY: the caller's promise.
     unsafe {
         match op.kind {
+            // The base level is outside of the view ("Integer Texel Coordinate Operations").
+            ImageOpKind::Gather(_) if !image.has_level(0) => put_null(op, mask, results),
             ImageOpKind::Sample | ImageOpKind::Gather(_) => match sampler {
                 Some(sampler) => {
                     let fast = Fast::new(op, image, info, sampler, 0xf);

@@ -201,7 +201,11 @@ unsafe fn sample_body(
     } else {
         lod::clamp(&lod.lambda, sampler, operands.min_lod)
     };
-    let levels = lod::levels(&lambda, image);
+    let levels = match is_gather {
+        // The base level, whatever the view's least level of detail.
+        true => lambda,
+        false => lod::levels(&lambda, image),
+    };
     // Integers are never blended.
     let is_linear = !info.numeric.is_integer();
     let mipmap_mode = if is_gather || !is_linear {
