@@ -30,6 +30,14 @@ pub fn limit(name: &str) -> bool {
     named.is_some()
 }
 
+/// Whether permutes look bytes up in tables of 256 (AVX-512 VBMI): not all processors with [`TierKind::Avx512`] have them. The results are the
+/// same with and without them.
+#[cfg(target_arch = "x86_64")]
+#[inline]
+pub(crate) fn has_byte_permutes() -> bool {
+    is_x86_feature_detected!("avx512vbmi")
+}
+
 impl TierKind {
     /// Tiers that this machine has, the best last.
     pub fn present() -> &'static [TierKind] {

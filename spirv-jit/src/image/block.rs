@@ -29,14 +29,12 @@ pub(super) unsafe fn execute_plain(
             // The base level is outside of the view ("Integer Texel Coordinate Operations").
             ImageOpKind::Gather(_) if !image.has_level(0) => put_null(op, mask, results),
             ImageOpKind::Sample | ImageOpKind::Gather(_) => match sampler {
-                Some(sampler) => {
-                    let fast = Fast::new(op, image, info, sampler, 0xf);
-                    let served = fast
-                        .is_some_and(|fast| sample::sample_fast(&fast, &operands, mask, results));
-                    if !served {
+                Some(sampler) => match Fast::new(op, image, info, sampler, 0xf) {
+                    Some(fast) => sample::sample_fast(&fast, &operands, mask, results),
+                    None => {
                         sample::sample(op, &operands, image, info, sampler, mask, results);
                     }
-                }
+                },
                 None => put_null(op, mask, results),
             },
             ImageOpKind::QueryLod => match sampler {

@@ -59,7 +59,7 @@ vectorized!(
         mask: u16, results: &mut [Row])
 );
 
-/// [`sample`] where there is a [`Fast`]; whether that served.
+/// [`sample`] where there is a [`Fast`].
 ///
 /// # Safety
 /// The image's memory stays allocated during the call.
@@ -68,26 +68,16 @@ pub(super) unsafe fn sample_fast(
     operands: &Operands<'_>,
     mask: u16,
     results: &mut [Row],
-) -> bool {
+) {
     #[cfg(target_arch = "x86_64")]
     {
         #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")]
-        unsafe fn avx512(
-            fast: &Fast<'_>,
-            operands: &Operands<'_>,
-            mask: u16,
-            results: &mut [Row],
-        ) -> bool {
+        unsafe fn avx512(fast: &Fast<'_>, operands: &Operands<'_>, mask: u16, results: &mut [Row]) {
             // SAFETY: the function's features, and the caller's promise.
             unsafe { fast.sample(vector::Avx512::new(), operands, mask, results) }
         }
         #[target_feature(enable = "avx2,fma")]
-        unsafe fn avx2(
-            fast: &Fast<'_>,
-            operands: &Operands<'_>,
-            mask: u16,
-            results: &mut [Row],
-        ) -> bool {
+        unsafe fn avx2(fast: &Fast<'_>, operands: &Operands<'_>, mask: u16, results: &mut [Row]) {
             // SAFETY: the function's features, and the caller's promise.
             unsafe { fast.sample(vector::Avx2::new(), operands, mask, results) }
         }

@@ -19,6 +19,7 @@ use crate::image::{ImageDescriptor, ImageOp, ImageOpKind, SamplerDescriptor};
 use crate::ir::op::AtomicOp;
 use crate::row::Row;
 use crate::tier::TierKind;
+use crate::types::Type;
 
 /// Most operand rows: coordinates, derivatives, offsets and texels of the widest operation, with room.
 const MAX_OPERAND_ROWS: usize = 32;
@@ -325,10 +326,9 @@ unsafe fn sample_block<V: Vector>(
         }
         let count = plan.operands.len().min(fast::MAX_OPERANDS);
         let operands = Operands::new(&plan.op, &rows[..count]);
-        let Some(sampled) = sample.components(v, &operands, mask) else {
-            return block(m, plan, offset);
-        };
-        if let Some(values) = sample.values(v, sampled) {
+        let sampled = sample.components(v, &operands, mask);
+        if plan.op.texel != Type::I64 {
+            let values = sample.values(v, sampled);
             put(v, m, plan, offset, 0, v.bits_of(values[0]));
             put(v, m, plan, offset, 1, v.bits_of(values[1]));
             put(v, m, plan, offset, 2, v.bits_of(values[2]));

@@ -5,7 +5,7 @@ use super::images::{derivatives, put_derivatives, resolve};
 use crate::SUBGROUP_SIZE;
 use crate::environment::Environment;
 use crate::image::fast::Fast;
-use crate::image::operands::{MAX_RESULT_ROWS, Operands};
+use crate::image::operands::Operands;
 use crate::image::vector::Vector;
 use crate::ir::tinted::{Bound, Tinted};
 
@@ -55,18 +55,6 @@ impl<'a> Sampling<'a> {
         let operands = Operands::new(op, &rows);
         // SAFETY: the caller's promise.
         let sampled = unsafe { self.fast.components(v, &operands, active) };
-        // Only cubes have edges between faces.
-        let sampled = sampled.unwrap_or([v.splat(0.0); 4]);
-        if let Some(values) = self.fast.values(v, sampled) {
-            return values;
-        }
-        let mut results = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
-        self.fast.finish(v, sampled, &mut results);
-        [
-            v.load(&results[0]),
-            v.load(&results[1]),
-            v.load(&results[2]),
-            v.load(&results[3]),
-        ]
+        self.fast.values(v, sampled)
     }
 }

@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::Vector;
+use super::{Task, Vector};
 use crate::eval::quad;
 use crate::row::Row;
 
@@ -373,6 +373,18 @@ impl Vector for Avx2 {
             [low[2], high[2]],
             [low[3], high[3]],
         ]
+    }
+
+    #[inline(always)]
+    unsafe fn apart<T: Task<Self>>(self, task: T) -> T::Output {
+        #[inline(never)]
+        #[target_feature(enable = "avx2,fma,f16c")]
+        unsafe fn run<T: Task<Avx2>>(v: Avx2, task: T) -> T::Output {
+            // SAFETY: the caller's promise.
+            unsafe { task.run(v) }
+        }
+        // SAFETY: the token says that the machine has the features; for the rest, the caller's promise.
+        unsafe { run(self, task) }
     }
 }
 

@@ -2,9 +2,11 @@
 
 use std::arch::x86_64::*;
 
-use super::Vector;
+use super::{Task, Vector, gathered_srgb};
 use crate::eval::quad;
+use crate::image::format::srgb::LINEAR;
 use crate::row::Row;
+use crate::tier::has_byte_permutes;
 
 /// AVX-512 F, VL, DQ and BW.
 #[derive(Clone, Copy)]
@@ -216,6 +218,87 @@ impl Vector for Avx512 {
             ]
         }
     }
+
+    #[inline(always)]
+    fn linear_of_srgb<const N: usize>(self, words: [I; N]) -> [[F; 3]; N] {
+        match has_byte_permutes() {
+            // SAFETY: the machine has AVX-512 VBMI, and what the token says.
+            true => unsafe { permuted_srgb(words) },
+            false => gathered_srgb(self, words),
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn apart<T: Task<Self>>(self, task: T) -> T::Output {
+        #[inline(never)]
+        #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,f16c")]
+        unsafe fn run<T: Task<Avx512>>(v: Avx512, task: T) -> T::Output {
+            // SAFETY: the caller's promise.
+            unsafe { task.run(v) }
+        }
+        // SAFETY: the token says that the machine has the features; for the rest, the caller's promise.
+        unsafe { run(self, task) }
+    }
+}
+
+/// The bytes of the linear values of all sRGB codes: the lowest of each, then the second ones.
+static LINEAR_BYTES: Aligned = {
+    let mut bytes = [[0; 256]; 4];
+    let mut code = 0;
+    while code < 256 {
+        let value = LINEAR[code].to_le_bytes();
+        let mut i = 0;
+        while i < 4 {
+            bytes[i][code] = value[i];
+            i += 1;
+        }
+        code += 1;
+    }
+    Aligned(bytes)
+};
+
+/// On a register's boundary.
+#[repr(align(64))]
+struct Aligned([[u8; 256]; 4]);
+
+/// [`Vector::linear_of_srgb`] by permutes of bytes instead of gathers.
+#[inline(never)]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512vbmi,avx2")]
+fn permuted_srgb<const N: usize>(words: [I; N]) -> [[F; 3]; N] {
+    let mut planes = [[_mm512_setzero_si512(); 4]; N];
+    for (i, table) in LINEAR_BYTES.0.iter().enumerate() {
+        let at = table.as_ptr().cast::<I>();
+        // SAFETY: the table is four registers long, and on a register's boundary.
+        let [a, b, c, d] = unsafe { [*at, *at.add(1), *at.add(2), *at.add(3)] };
+        for (word, planes) in words.iter().zip(&mut planes) {
+            let upper = _mm512_movepi8_mask(*word);
+            let low = _mm512_permutex2var_epi8(a, *word, b);
+            let high = _mm512_permutex2var_epi8(c, *word, d);
+            planes[i] = _mm512_mask_mov_epi8(low, upper, high);
+        }
+    }
+    let mut linear = [[_mm512_setzero_ps(); 3]; N];
+    let (even_bytes, lower) = (_mm512_set1_epi32(0x00ff_00ff), _mm512_set1_epi32(0xffff));
+    for ([p0, p1, p2, p3], linear) in planes.into_iter().zip(&mut linear) {
+        // 0xca takes the second where the first has ones, else the third.
+        let even = |low, high| {
+            _mm512_ternarylogic_epi32::<0xca>(even_bytes, low, _mm512_slli_epi16::<8>(high))
+        };
+        let odd = |low, high| {
+            _mm512_ternarylogic_epi32::<0xca>(even_bytes, _mm512_srli_epi16::<8>(low), high)
+        };
+        let (low, high) = (even(p0, p1), even(p2, p3));
+        let first = _mm512_ternarylogic_epi32::<0xca>(lower, low, _mm512_slli_epi32::<16>(high));
+        let third = _mm512_ternarylogic_epi32::<0xca>(lower, _mm512_srli_epi32::<16>(low), high);
+        let (low, high) = (odd(p0, p1), odd(p2, p3));
+        let second = _mm512_ternarylogic_epi32::<0xca>(lower, low, _mm512_slli_epi32::<16>(high));
+        *linear = [
+            _mm512_castsi512_ps(first),
+            _mm512_castsi512_ps(second),
+            _mm512_castsi512_ps(third),
+        ];
+    }
+    linear
 }
 
 /// 32 bytes each at two places.

@@ -16,11 +16,23 @@ pub use avx512::Avx512;
 pub use portable::Portable;
 
 use crate::eval::quad;
+use crate::image::format::srgb::LINEAR;
 use crate::row::Row;
 
 /// 1.5 · 2^23: the last place of a sum with it is worth 1, so that a fused multiply-add rounds its product to an integer, once.
 #[cfg(target_arch = "x86_64")]
 const ROUNDER: f32 = 12_582_912.0;
+
+/// Work that [`Vector::apart`] does out of line.
+pub trait Task<V: Vector> {
+    type Output;
+
+    /// Always inlined, as all that is compiled for an instruction set.
+    ///
+    /// # Safety
+    /// As the task's type says.
+    unsafe fn run(self, v: V) -> Self::Output;
+}
 
 /// An instruction set, as a token: whoever makes one knows that the machine has it. Where code is compiled for the set too, all of this is inlined.
 pub trait Vector: Copy {
@@ -145,6 +157,18 @@ pub trait Vector: Copy {
     /// Sixteen bytes are readable at each.
     unsafe fn gather_quads(self, base: *const u8, offsets: Self::I) -> [Self::I; 4];
 
+    /// Linear values of the three lower bytes of words, which are sRGB codes.
+    #[inline(always)]
+    fn linear_of_srgb<const N: usize>(self, words: [Self::I; N]) -> [[Self::F; 3]; N] {
+        gathered_srgb(self, words)
+    }
+
+    /// Does the task in a function of its own, compiled for the instruction set: keeps rare work out of the code and the registers of common work.
+    ///
+    /// # Safety
+    /// As [`Task::run`] of the task.
+    unsafe fn apart<T: Task<Self>>(self, task: T) -> T::Output;
+
     /// [`quad::derivative`] of sixteen numbers.
     #[inline(always)]
     fn derivative<const AXIS: usize>(self, a: Self::F, active: u16) -> Self::F {
@@ -159,4 +183,18 @@ pub trait Vector: Copy {
     fn lerp(self, a: Self::F, b: Self::F, w: Self::F) -> Self::F {
         self.add(a, self.mul(w, self.sub(b, a)))
     }
+}
+
+/// [`Vector::linear_of_srgb`] by gathers.
+#[inline(always)]
+fn gathered_srgb<V: Vector, const N: usize>(v: V, words: [V::I; N]) -> [[V::F; 3]; N] {
+    let mut linear = [[v.splat(0.0); 3]; N];
+    for (word, linear) in words.into_iter().zip(&mut linear) {
+        for (index, linear) in linear.iter_mut().enumerate() {
+            let at = v.left_i(v.byte(word, index as u32), 2);
+            // SAFETY: the table has an entry for every byte.
+            *linear = v.bits_to_f(unsafe { v.gather(LINEAR.as_ptr().cast(), at) });
+        }
+    }
+    linear
 }

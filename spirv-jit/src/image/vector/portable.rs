@@ -1,6 +1,6 @@
 //! Arrays and loops.
 
-use super::Vector;
+use super::{Task, Vector};
 use crate::SUBGROUP_SIZE;
 use crate::image::format::block::map;
 use crate::image::format::small_float;
@@ -306,5 +306,11 @@ impl Vector for Portable {
                 self.gather(base.wrapping_add(12), offsets),
             ]
         }
+    }
+
+    #[inline(never)]
+    unsafe fn apart<T: Task<Self>>(self, task: T) -> T::Output {
+        // SAFETY: the caller's promise.
+        unsafe { task.run(self) }
     }
 }

@@ -1,0 +1,129 @@
+//! From coordinates to texels, one axis at a time: as [`address`] has it.
+
+use super::super::vector::Vector;
+use super::super::{AddressMode, address};
+use super::Fast;
+
+/// An axis of the lanes' footprints at a level.
+pub(super) struct Axis<V: Vector> {
+    /// The first texel's index, before it is brought into the level.
+    pub at: V::I,
+    /// The same, inside the level.
+    pub index: V::I,
+    /// Byte offsets of the two texels.
+    pub first: V::I,
+    pub second: V::I,
+    /// The second one's weight.
+    pub weight: V::F,
+}
+
+impl<V: Vector> Axis<V> {
+    /// The lanes whose two texels are inside a level of this size.
+    #[inline(always)]
+    pub(super) fn inside(&self, v: V, size: V::I) -> [u16; 2] {
+        let second = v.add_i(self.at, v.splat_i(1));
+        [v.lt_u(self.at, size), v.lt_u(second, size)]
+    }
+}
+
+/// A texel's index by the mode, inside the level for any index.
+///
+/// Here and below there are no closures: those would not be compiled for the vectors' instruction set.
+#[inline(always)]
+fn wrapped<V: Vector>(
+    v: V,
+    mode: AddressMode,
+    has_offset: bool,
+    i: V::I,
+    size: V::I,
+    last: V::I,
+) -> V::I {
+    let i = match mode {
+        AddressMode::Repeat if has_offset => modulo(v, i, size),
+        AddressMode::MirroredRepeat if has_offset => {
+            let period = v.add_i(size, size);
+            let i = modulo(v, i, period);
+            v.min_i(i, v.sub_i(v.sub_i(period, v.splat_i(1)), i))
+        }
+        // At most one texel out, since the coordinate is reduced.
+        AddressMode::Repeat => {
+            let i = v.add_i(i, v.and_i(size, v.sign_i(i)));
+            let over = v.sign_i(v.sub_i(last, i));
+            v.sub_i(i, v.and_i(size, over))
+        }
+        AddressMode::MirroredRepeat => {
+            // Reduced to -1..=2 size: the ends reflect to the first texel.
+            let i = v.xor_i(i, v.sign_i(i));
+            v.min_i(i, v.sub_i(v.add_i(last, size), i))
+        }
+        _ => i,
+    };
+    v.min_i(v.max_i(i, v.splat_i(0)), last)
+}
+
+/// `i` modulo `size`, for `i` within a few sizes of 0: as [`address`](super::address) has it.
+#[inline(always)]
+fn modulo<V: Vector>(v: V, i: V::I, size: V::I) -> V::I {
+    let quotient = v.floor(v.div(v.add(v.to_f(i), v.splat(0.5)), v.to_f(size)));
+    v.sub_i(i, v.mul_i(v.to_i(quotient), size))
+}
+
+impl Fast<'_> {
+    /// `offset`, in texels, comes from an operation that has one.
+    #[inline(always)]
+    pub(super) fn axis<V: Vector>(
+        &self,
+        v: V,
+        mode: AddressMode,
+        (coordinate, offset): (V::F, Option<V::I>),
+        size: V::I,
+        stride: V::I,
+    ) -> Axis<V> {
+        let size_f = v.to_f(size);
+        let half = v.splat(if self.is_nearest { 0.0 } else { 0.5 });
+        let texel = match mode {
+            // Periodic: reduced before scaling, which loses nothing.
+            AddressMode::Repeat => {
+                let fraction = v.sub(coordinate, v.floor(coordinate));
+                v.sub(v.mul(fraction, size_f), half)
+            }
+            AddressMode::MirroredRepeat => {
+                let periods = v.floor(v.mul(coordinate, v.splat(0.5)));
+                let period = v.sub(coordinate, v.mul(v.splat(2.0), periods));
+                v.sub(v.mul(period, size_f), half)
+            }
+            // Far enough outside for both texels to be the edge's.
+            _ => {
+                let reach = v.add(size_f, v.splat(64.0));
+                let least = v.sub(v.splat(0.0), reach);
+                let texels = match self.sampler.unnormalized_coordinates {
+                    true => coordinate,
+                    false => v.mul(coordinate, size_f),
+                };
+                v.min(v.max(v.sub(texels, half), least), reach)
+            }
+        };
+        let floor = v.floor(texel);
+        let mut first = v.to_i(floor);
+        if offset.is_some() || self.is_gather() {
+            // NaN is 0 and only then moved: a periodic mode would carry any other number on, and a gather takes the texel behind it.
+            first = v.keep(first, v.gt(floor, v.splat(f32::MIN)));
+        }
+        if let Some(offset) = offset {
+            let reach = address::REACH as i32;
+            let offset = v.min_i(v.max_i(offset, v.splat_i(-reach)), v.splat_i(reach));
+            first = v.add_i(first, offset);
+        }
+        let has_offset = offset.is_some();
+        let last = v.sub_i(size, v.splat_i(1));
+        let second = v.add_i(first, v.splat_i(1));
+        let index = wrapped(v, mode, has_offset, first, size, last);
+        Axis {
+            at: first,
+            index,
+            first: v.mul_i(index, stride),
+            second: v.mul_i(wrapped(v, mode, has_offset, second, size, last), stride),
+            weight: v.sub(texel, floor),
+        }
+    }
+}

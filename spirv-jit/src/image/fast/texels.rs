@@ -1,0 +1,293 @@
+//! Texels around the lanes' places, and what they sum up to.
+
+use super::super::format::FormatInfo;
+use super::super::format::block;
+use super::super::format::layout::Codec;
+use super::super::texels;
+use super::super::vector::{Task, Vector};
+use super::axis::Axis;
+use super::levels::Levels;
+use super::{Components, Fast};
+use crate::SUBGROUP_SIZE;
+
+/// A byte of each of four texels, linear between them.
+#[inline(always)]
+fn blend_bytes<V: Vector>(v: V, words: [V::I; 4], index: u32, x: V::F, y: V::F) -> V::F {
+    let upper = v.lerp(
+        v.to_f(v.byte(words[0], index)),
+        v.to_f(v.byte(words[1], index)),
+        x,
+    );
+    let lower = v.lerp(
+        v.to_f(v.byte(words[2], index)),
+        v.to_f(v.byte(words[3], index)),
+        x,
+    );
+    v.lerp(upper, lower, y)
+}
+
+/// The least of the indices of four lanes, which are those of a block's corners.
+#[inline(always)]
+fn least_of_corners<V: Vector>(v: V, indices: V::I) -> u32 {
+    let mut row = [0; SUBGROUP_SIZE];
+    v.store_i(indices, &mut row);
+    row[0].min(row[5]).min(row[10].min(row[15]))
+}
+
+impl Fast<'_> {
+    /// The weighted texels of the axes' footprints, all of them in the image.
+    ///
+    /// # Safety
+    /// The image's memory stays allocated during the call; the axes are of the levels, which are the image's, and offsets of its layers are given: so
+    /// each texel's offset is of a texel of the image. Sums of them fit in 31 bits, as the image's size does.
+    #[inline(always)]
+    pub(super) unsafe fn weighted<V: Vector>(
+        &self,
+        v: V,
+        levels: &Levels<'_, V>,
+        layer: V::I,
+        [x, y]: [&Axis<V>; 2],
+        mask: u16,
+    ) -> Components<V> {
+        let texel_bytes = v.splat_i(self.info.size_bytes as i32);
+        let offset = v.add_i(levels.offset, layer);
+        let upper = v.add_i(offset, y.first);
+        let lower = v.add_i(offset, y.second);
+        // SAFETY: the caller's promise.
+        unsafe {
+            if self.is_nearest {
+                return self.texel(v, v.add_i(upper, x.first));
+            }
+            if !self.bytes {
+                let taps = [
+                    self.load(v, v.add_i(upper, x.first)),
+                    self.load(v, v.add_i(upper, x.second)),
+                    self.load(v, v.add_i(lower, x.first)),
+                    self.load(v, v.add_i(lower, x.second)),
+                ];
+                return self.blend(v, taps, x, y);
+            }
+            let words = match self.window(v, [x, y], texel_bytes, levels, mask) {
+                Some(words) => words,
+                None => self.words(v, [upper, lower], x, texel_bytes),
+            };
+            if self.straight {
+                return [
+                    blend_bytes(v, words, 0, x.weight, y.weight),
+                    blend_bytes(v, words, 1, x.weight, y.weight),
+                    blend_bytes(v, words, 2, x.weight, y.weight),
+                    blend_bytes(v, words, 3, x.weight, y.weight),
+                ];
+            }
+            let mut taps = [
+                self.unpack(v, words[0]),
+                self.unpack(v, words[1]),
+                self.unpack(v, words[2]),
+                self.unpack(v, words[3]),
+            ];
+            if self.srgb {
+                self.put_linear(v, words, &mut taps);
+            }
+            self.blend(v, taps, x, y)
+        }
+    }
+
+    /// [`Self::words`] where all lanes' texels lie in a window of eight columns and five rows of one level: loads of its rows cost less than
+    /// gathers.
+    ///
+    /// # Safety
+    /// As [`Self::weighted`]: the indices are of texels of the image.
+    #[inline(always)]
+    unsafe fn window<V: Vector>(
+        &self,
+        v: V,
+        [x, y]: [&Axis<V>; 2],
+        texel_bytes: V::I,
+        levels: &Levels<'_, V>,
+        mask: u16,
+    ) -> Option<[V::I; 4]> {
+        let level = levels.one?;
+        if self.op.arrayed || self.is_cube || level.width < 8 || level.height < 5 {
+            return None;
+        }
+        let across = v.ne_i(v.sub_i(x.second, x.first), texel_bytes);
+        let down = v.ne_i(v.sub_i(y.second, y.first), levels.row_stride);
+        // Where coordinates change evenly, the least are at a corner of a block, or at an end of a row.
+        let left = least_of_corners(v, x.index).min(level.width - 8);
+        let top = least_of_corners(v, y.index).min(level.height - 5);
+        let columns = v.sub_i(x.index, v.splat_i(left as i32));
+        let rows = v.sub_i(y.index, v.splat_i(top as i32));
+        let inside = v.lt_u(columns, v.splat_i(7)) & v.lt_u(rows, v.splat_i(4));
+        if mask & (across | down | !inside) != 0 {
+            return None;
+        }
+        let stride = level.row_stride_bytes as usize;
+        let first = level.offset_bytes as usize + top as usize * stride + left as usize * 4;
+        // SAFETY: eight texels of each of five rows are of the level.
+        unsafe {
+            let at = self.image.data.cast_const().add(first);
+            Some(v.window(at, stride, v.keep(columns, mask), v.keep(rows, mask)))
+        }
+    }
+
+    /// The four texels around each lane, of four bytes each.
+    ///
+    /// # Safety
+    /// As [`Self::weighted`]: the offsets are of texels of the image.
+    #[inline(always)]
+    unsafe fn words<V: Vector>(
+        &self,
+        v: V,
+        rows: [V::I; 2],
+        x: &Axis<V>,
+        texel_bytes: V::I,
+    ) -> [V::I; 4] {
+        let data = self.image.data.cast_const();
+        let (upper, lower) = (v.add_i(rows[0], x.first), v.add_i(rows[1], x.first));
+        // SAFETY: the caller's promise; a texel's right neighbour is of the image too.
+        unsafe {
+            if v.ne_i(v.sub_i(x.second, x.first), texel_bytes) == 0 {
+                let ((a, b), (c, d)) = (v.gather_pairs(data, upper), v.gather_pairs(data, lower));
+                return [a, b, c, d];
+            }
+            [
+                v.gather(data, upper),
+                v.gather(data, v.add_i(rows[0], x.second)),
+                v.gather(data, lower),
+                v.gather(data, v.add_i(rows[1], x.second)),
+            ]
+        }
+    }
+
+    /// Linear between the four texels.
+    #[inline(always)]
+    pub(super) fn blend<V: Vector>(
+        &self,
+        v: V,
+        taps: [Components<V>; 4],
+        x: &Axis<V>,
+        y: &Axis<V>,
+    ) -> Components<V> {
+        let mut blended = [v.splat(0.0); 4];
+        for (component, result) in blended.iter_mut().enumerate() {
+            if self.takes(component) {
+                let upper = v.lerp(taps[0][component], taps[1][component], x.weight);
+                let lower = v.lerp(taps[2][component], taps[3][component], x.weight);
+                *result = v.lerp(upper, lower, y.weight);
+            }
+        }
+        blended
+    }
+
+    /// Whether a component is wanted and the format has it.
+    #[inline(always)]
+    pub(super) fn takes(&self, component: usize) -> bool {
+        self.wanted >> component & 1 == 1 && self.info.channels[component].bits != 0
+    }
+
+    /// Texels of any format.
+    ///
+    /// # Safety
+    /// The offsets are of texels of the image.
+    #[inline(always)]
+    pub(super) unsafe fn texel<V: Vector>(&self, v: V, at: V::I) -> Components<V> {
+        if !self.bytes {
+            // SAFETY: the caller's promise.
+            return unsafe { self.load(v, at) };
+        }
+        // SAFETY: the caller's promise.
+        let word = unsafe { v.gather(self.image.data, at) };
+        let mut texel = [self.unpack(v, word)];
+        if self.srgb {
+            self.put_linear(v, [word], &mut texel);
+        }
+        texel[0]
+    }
+
+    /// The components of 8 bits each, but for those that [`Self::put_linear`] puts.
+    #[inline(always)]
+    fn unpack<V: Vector>(&self, v: V, word: V::I) -> Components<V> {
+        if self.straight {
+            return [
+                v.to_f(v.byte(word, 0)),
+                v.to_f(v.byte(word, 1)),
+                v.to_f(v.byte(word, 2)),
+                v.to_f(v.byte(word, 3)),
+            ];
+        }
+        if self.srgb {
+            let alpha = v.div_units(v.to_f(v.byte(word, 3)), 255.0);
+            return [v.splat(0.0), v.splat(0.0), v.splat(0.0), alpha];
+        }
+        let mut components = [v.splat(0.0); 4];
+        for (component, result) in components.iter_mut().enumerate() {
+            if self.takes(component) {
+                *result = v.to_f(v.byte(word, self.info.channels[component].offset as u32 / 8));
+            }
+        }
+        components
+    }
+
+    /// The colours of sRGB texels.
+    #[inline(always)]
+    fn put_linear<V: Vector, const N: usize>(
+        &self,
+        v: V,
+        words: [V::I; N],
+        texels: &mut [Components<V>; N],
+    ) {
+        let linear = v.linear_of_srgb(words);
+        for (texel, [a, b, c]) in texels.iter_mut().zip(linear) {
+            [texel[0], texel[1], texel[2]] = match self.info.codec {
+                Codec::Srgb8Bgra => [c, b, a],
+                _ => [a, b, c],
+            };
+        }
+    }
+
+    /// Texels of formats other than four bytes: one function for all of them, which decodes whatever the format is.
+    ///
+    /// # Safety
+    /// The offsets are of texels of the image.
+    #[inline(always)]
+    unsafe fn load<V: Vector>(&self, v: V, at: V::I) -> Components<V> {
+        let (info, data) = (self.info, self.image.data);
+        // SAFETY: the caller's promise.
+        unsafe { v.apart(Load { info, data, at }) }
+    }
+}
+
+/// Texels at offsets, of any format.
+struct Load<'a, I> {
+    info: &'a FormatInfo,
+    data: *mut u8,
+    at: I,
+}
+
+impl<V: Vector> Task<V> for Load<'_, V::I> {
+    type Output = Components<V>;
+
+    #[inline(always)]
+    unsafe fn run(self, v: V) -> Self::Output {
+        if self.info.in_vectors {
+            // SAFETY: the caller's promise.
+            let words = unsafe { texels::load(v, self.info, self.data, self.at) };
+            return [
+                v.bits_to_f(words[0]),
+                v.bits_to_f(words[1]),
+                v.bits_to_f(words[2]),
+                v.bits_to_f(words[3]),
+            ];
+        }
+        let mut offsets = [0u32; SUBGROUP_SIZE];
+        v.store_i(self.at, &mut offsets);
+        // SAFETY: the caller's promise.
+        let texels = unsafe { block::load(self.info, self.data, &offsets) };
+        [
+            v.load(&texels[0]),
+            v.load(&texels[1]),
+            v.load(&texels[2]),
+            v.load(&texels[3]),
+        ]
+    }
+}
