@@ -114,6 +114,7 @@ pub use transfer::{
     Serialized, compact_into, compacted_size, copy_into, deserialize, serialize, serialized_size,
 };
 pub use walk::{
-    Accuracy, Caller, Event, HitRows, Lanes, List, Options, PACKET, Progress, RayRows,
-    Specialisation, SuspendedPacket, Switches, TriangleTest, Verdict, Walk, Walker, Words,
+    Accuracy, Caller, Event, Flight, Flights, HitRows, Lanes, List, Options, PACKET, Progress,
+    RayRows, Specialisation, Start, Suspended, Switches, TriangleTest, Verdict, Walk, Walker,
+    Words,
 };

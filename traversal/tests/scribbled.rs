@@ -266,7 +266,7 @@ fn rays(random: &mut Random, top: u64) -> RayRows {
 }
 
 /// Walks in every way, and asks about what was hit.
-fn walk(walker: &mut Walker, live: &Live, rows: &RayRows, suspended: &mut SuspendedPacket) {
+fn walk(walker: &mut Walker, live: &Live, rows: &RayRows, suspended: &mut Suspended) {
     let mut hits = HitRows::default();
     // SAFETY, here and below: the arena is alive, and where walks look.
     let mut progress = unsafe { walker.trace_packet(rows, u16::MAX, &mut hits, suspended) };
@@ -345,7 +345,7 @@ fn scribbled(tier: Tier, seed: u64) {
             let stop = &stop;
             scope.spawn(move || arena.scribble(seed + writer, stop));
         }
-        let (mut random, mut suspended) = (Random(seed + 9), SuspendedPacket::default());
+        let (mut random, mut suspended) = (Random(seed + 9), Suspended::default());
         let mut room = Bytes::new(1 << 20);
         let until = Instant::now() + TIME;
         while Instant::now() < until {

@@ -105,7 +105,7 @@ fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally)
         rows.set(lane, world.top.address(), ray, 0.0);
     }
     let lanes = u16::MAX >> (PACKET - rays.len());
-    let (mut hits, mut suspended) = (HitRows::default(), SuspendedPacket::default());
+    let (mut hits, mut suspended) = (HitRows::default(), Suspended::default());
     // SAFETY: the structures are alive, here and below.
     let mut progress = unsafe { walker.trace_packet(&rows, lanes, &mut hits, &mut suspended) };
     let any = rays[0].flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
@@ -131,20 +131,18 @@ fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally)
             if candidate.is_built_in() {
                 assert!(!candidate.opaque && candidate.t < suspended.t_max()[lane]);
                 accepted |= u16::from(counts(&candidate)) << lane;
-            } else if let Some(t) = world.reported(&rays[lane], &candidate)
-                && (rays[lane].t_min..=suspended.t_max()[lane]).contains(&t)
-            {
-                reported |= 1 << lane;
+            } else if let Some(t) = world.reported(&rays[lane], &candidate) {
+                let inside = (rays[lane].t_min..=suspended.t_max()[lane]).contains(&t);
                 t_row[lane] = t;
+                assert_eq!(suspended.counts(1 << lane, &t_row) != 0, inside);
+                reported |= u16::from(inside) << lane;
             }
         }
         if at_once {
             suspended.accept(accepted, &mut hits);
             if reported != 0 {
-                assert_eq!(
-                    suspended.report_all(reported, &t_row, &kinds, &mut hits),
-                    any
-                );
+                let over = suspended.report(reported, &t_row, &kinds, &mut hits);
+                assert_eq!(over, if any { reported } else { 0 });
             }
         } else {
             for lane in 0..PACKET {
@@ -152,7 +150,8 @@ fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally)
                     suspended.accept(1 << lane, &mut hits);
                 }
                 if reported >> lane & 1 != 0 {
-                    assert_eq!(suspended.report(lane, t_row[lane], 9, &mut hits), any);
+                    let over = suspended.report(1 << lane, &t_row, &kinds, &mut hits);
+                    assert_eq!(over != 0, any);
                 }
             }
         }

@@ -1,14 +1,13 @@
 //! What a yield asks for and what an end leaves: traces, calls and reports begin here, and are answered here.
 
+use smallvec::SmallVec;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row, SiteKind, Trace};
-use traversal::{Hit, SuspendedPacket, Verdict, Walk};
 
 use super::batch::{Batch, Worker};
-use super::rays::{RayGroup, Report, alike, hit_record_index, operand, record_indices};
-use super::slab::Slab;
+use super::rays::{Report, alike, record_indices};
 use super::subgroup::{
-    LaneRef, Role, Subgroup, SubgroupIndex, by_index, copy_lanes, in_place, lanes_named, lanes_of,
+    LaneRef, Role, SubgroupIndex, by_index, copy_lanes, in_place, lanes_named, lanes_of,
 };
 use crate::validate::{Instruction, Need};
 use crate::wave::Stopped;
@@ -136,171 +135,124 @@ impl Batch<'_> {
         lanes: u16,
         attribute_words: usize,
     ) -> Result<(), Stopped> {
-        let subgroup = &self.worker.subgroups[index];
-        let group = subgroup.of[0].index();
-        if subgroup.is_in_place && self.worker.ray_groups[group].packet.is_some() {
-            return self.report_together(index, group, lanes, attribute_words);
-        }
         if let Some(traced) = self.dispatch.checks {
             lanes_of(lanes).for_each(|lane| self.check_report(traced, index, lane));
         }
-        let shaders = self.dispatch.shaders;
-        let Worker {
-            subgroups,
-            ray_groups,
-            walks,
-            packets,
-            records,
-            ..
-        } = &mut *self.worker;
-        let subgroup = &subgroups[index];
-        let io = shaders.programs[subgroup.program as usize].layout().io;
-        let (numbers, words) = subgroup.rows[io..].split_at(IO_DATA_ROW);
-        let words = &words[..attribute_words];
-        let (mut verdicts, mut decided) = ([0; SUBGROUP_SIZE], lanes);
-        let mut callees = [(0, Role::AnyHitOfReport, 0); SUBGROUP_SIZE];
+        let subgroup = &self.worker.subgroups[index];
         let of = subgroup.of;
-        for lane in lanes_of(lanes) {
-            let ray = subgroup.of[lane];
-            let group = &mut ray_groups[ray.index()];
-            let t = f32::from_bits(numbers[0].0[lane]);
-            let hit_kind = numbers[1].0[lane] as u8;
-            let decider = Decider::of(group, subgroups, walks, packets, ray.lane());
-            if !decider.is_inside(t) || group.over >> ray.lane() & 1 != 0 {
-                continue;
-            }
-            let any_hit = if decider.candidate.opaque {
-                None
-            } else {
-                let operands = group.operands(subgroups);
-                let record = hit_record_index(operands, ray.lane(), &decider.candidate);
-                (records.find(shaders, &self.dispatch.tables.hit, record))
-                    .and_then(|(group, record)| Some((group.any_hit?, record)))
-            };
-            if let Some((program, record)) = any_hit {
-                let mut report = Report {
-                    t,
-                    hit_kind,
-                    reporter: LaneRef::new(index, lane),
-                    ..Report::default()
-                };
-                for (attribute, row) in report.attributes.iter_mut().zip(words) {
-                    *attribute = row.0[lane];
-                }
-                group.procedural_mut().reports[ray.lane()] = report;
-                callees[lane] = (program, Role::AnyHitOfReport, record);
-                decided &= !(1 << lane);
-                continue;
-            }
-            if attribute_words > 0 {
-                let attributes = &mut group.procedural_mut().attributes;
-                for (attribute, row) in attributes.iter_mut().zip(words) {
-                    attribute[ray.lane()] = row.0[lane];
-                }
-            }
-            let over = commit(group, walks, packets, ray.lane(), (t, hit_kind));
-            verdicts[lane] = if over { 2 } else { 1 };
+        if subgroup.is_in_place {
+            return self.report_for_group(index, of[0].index(), (lanes, None), attribute_words);
         }
-        let row = &mut subgroups[index].rows[io].0;
-        for lane in lanes_of(decided) {
-            row[lane] = verdicts[lane];
-        }
-        let mut rest = lanes & !decided;
-        self.answered(index, decided);
-        while rest != 0 {
-            let first = rest.trailing_zeros() as usize;
-            let (group, callee) = (of[first].index(), callees[first]);
-            let alike = lanes_of(rest)
-                .filter(|&lane| of[lane].index() == group && callees[lane] == callee)
-                .fold(0, |alike, lane| alike | 1 << lane);
-            rest &= !alike;
-            self.call(callee, group, lanes_named(alike, &of))?;
+        for (group, lanes) in by_index(lanes, &of) {
+            self.report_for_group(index, group, (lanes, Some(&of)), attribute_words)?;
         }
         Ok(())
     }
 
-    /// The same for rays that walk together and are asked about together: all by one record.
-    fn report_together(
+    /// The same for rays of one group; `of`: which each lane's is, if not in its own lane.
+    fn report_for_group(
         &mut self,
         index: SubgroupIndex,
         group_index: u32,
-        lanes: u16,
+        (reporters, of): (u16, Option<&[LaneRef; SUBGROUP_SIZE]>),
         attribute_words: usize,
     ) -> Result<(), Stopped> {
-        if let Some(traced) = self.dispatch.checks {
-            lanes_of(lanes).for_each(|lane| self.check_report(traced, index, lane));
-        }
         let shaders = self.dispatch.shaders;
         let Worker {
             subgroups,
             ray_groups,
-            packets,
             records,
             ..
         } = &mut *self.worker;
         let subgroup = &subgroups[index];
         let io = shaders.programs[subgroup.program as usize].layout().io;
         let (numbers, words) = subgroup.rows[io..].split_at(IO_DATA_ROW);
-        let (t, kinds) = (numbers[0].0.map(f32::from_bits), &numbers[1].0);
         let words = &words[..attribute_words];
+        // From here on by the lanes of the rays.
+        let (lanes, t, kinds) = match of {
+            None => (reporters, numbers[0].0, numbers[1].0),
+            Some(of) => (
+                lanes_named(reporters, of),
+                spread(&numbers[0].0, reporters, of),
+                spread(&numbers[1].0, reporters, of),
+            ),
+        };
+        let t = t.map(f32::from_bits);
         let group = &mut ray_groups[group_index];
-        let Some(packet) = group.packet.map(|place| &mut packets[place]) else {
-            return Ok(());
-        };
-        let operands = group.operands(subgroups);
-        let (t_min, t_max) = (&operands[operand::T_MIN].0, packet.t_max());
-        let (mut counts, mut opaque) = (0, 0);
+        let counts = group.flight.counts(lanes, &t);
+        let candidates = group.flight.candidates();
+        let mut undecided = 0;
         for lane in 0..SUBGROUP_SIZE {
-            // Written so that a NaN is outside.
-            let inside = (t[lane] >= f32::from_bits(t_min[lane])) & (t[lane] <= t_max[lane]);
-            counts |= u16::from(inside) << lane;
-            opaque |= u16::from(packet.candidates().is_opaque(lane)) << lane;
+            undecided |= u16::from(!candidates.is_opaque(lane)) << lane;
         }
-        counts &= lanes & !group.over;
-        let mut callee = None;
-        if counts & !opaque != 0 {
-            let lane = lanes.trailing_zeros() as usize % SUBGROUP_SIZE;
-            let record = record_indices(packet.candidates(), operands)[lane];
-            callee = (records.find(shaders, &self.dispatch.tables.hit, record))
-                .and_then(|(group, record)| Some((group.any_hit?, Role::AnyHitOfReport, record)));
+        undecided &= counts;
+        let mut asked = 0;
+        let mut callees: SmallVec<[_; 1]> = SmallVec::new();
+        if undecided != 0 {
+            let hit_records = record_indices(candidates, group.operands(subgroups));
+            while undecided != 0 {
+                let record = hit_records[undecided.trailing_zeros() as usize];
+                let alike = alike(&hit_records, undecided);
+                undecided &= !alike;
+                let found = records.find(shaders, &self.dispatch.tables.hit, record);
+                if let Some((program, record)) =
+                    found.and_then(|(group, record)| Some((group.any_hit?, record)))
+                {
+                    asked |= alike;
+                    callees.push(((program, Role::AnyHitOfReport, record), alike));
+                }
+            }
         }
-        let asked = match callee {
-            Some(_) => counts & !opaque,
-            None => 0,
-        };
         let committed = counts & !asked;
-        let mut verdict = 1;
+        let mut over = 0;
         if committed != 0 {
             if attribute_words > 0 {
                 let attributes = &mut group.procedural_mut().attributes;
                 for (attribute, row) in attributes.iter_mut().zip(words) {
-                    copy_lanes(attribute, &row.0, committed);
+                    match of {
+                        None => copy_lanes(attribute, &row.0, committed),
+                        Some(of) => {
+                            copy_lanes(attribute, &spread(&row.0, reporters, of), committed)
+                        }
+                    }
                 }
             }
-            if packet.report_all(committed, &t, kinds, &mut group.hits) {
-                verdict = 2;
+            over = group.flight.report(committed, &t, &kinds);
+        }
+        let ray_of = |lane: usize| of.map_or(lane, |of| of[lane].lane());
+        let mut verdicts = [0; SUBGROUP_SIZE];
+        for (lane, verdict) in verdicts.iter_mut().enumerate() {
+            *verdict = u32::from(committed >> lane & 1) + u32::from(over >> lane & 1);
+        }
+        let mut answered = lanes & !asked;
+        if let Some(of) = of {
+            let by_rays = verdicts;
+            answered = 0;
+            for lane in lanes_of(reporters) {
+                let ray = of[lane].lane();
+                verdicts[lane] = by_rays[ray];
+                answered |= u16::from(asked >> ray & 1 == 0) << lane;
             }
         }
-        for lane in lanes_of(asked) {
+        for lane in lanes_of(reporters & !answered) {
+            let ray = ray_of(lane);
             let mut report = Report {
-                t: t[lane],
-                hit_kind: kinds[lane] as u8,
+                t: t[ray],
+                hit_kind: kinds[ray] as u8,
                 reporter: LaneRef::new(index, lane),
                 ..Report::default()
             };
             for (attribute, row) in report.attributes.iter_mut().zip(words) {
                 *attribute = row.0[lane];
             }
-            group.procedural_mut().reports[lane] = report;
+            group.procedural_mut().reports[ray] = report;
         }
-        let row = &mut subgroups[index].rows[io].0;
-        copy_lanes(row, &[0; SUBGROUP_SIZE], lanes & !asked);
-        copy_lanes(row, &[verdict; SUBGROUP_SIZE], committed);
-        self.answered(index, lanes & !asked);
-        match callee {
-            Some(callee) => self.call(callee, group_index, asked),
-            None => Ok(()),
+        copy_lanes(&mut subgroups[index].rows[io].0, &verdicts, answered);
+        self.answered(index, answered);
+        for (callee, lanes) in callees {
+            self.call(callee, group_index, lanes)?;
         }
+        Ok(())
     }
 
     /// An any-hit shader has decided on the hit that was reported for a ray: tells the intersection invocation.
@@ -315,15 +267,14 @@ impl Batch<'_> {
             for (attribute, word) in procedural.attributes.iter_mut().zip(report.attributes) {
                 attribute[lane] = word;
             }
-            let reported = (report.t, report.hit_kind);
-            let over = commit(
-                group,
-                &mut worker.walks,
-                &mut worker.packets,
-                lane,
-                reported,
+            let (t, kinds) = (
+                [report.t; SUBGROUP_SIZE],
+                [report.hit_kind.into(); SUBGROUP_SIZE],
             );
-            group.over |= u16::from(terminates) << lane;
+            let over = group.flight.report(1 << lane, &t, &kinds) != 0;
+            if terminates {
+                group.flight.end(1 << lane);
+            }
             verdict = if over || terminates { 2 } else { 1 };
         }
         let (index, lane) = (report.reporter.index(), report.reporter.lane());
@@ -393,10 +344,7 @@ impl Batch<'_> {
             }
             Role::Intersection => {
                 for (index, lanes) in by_index(lanes, &of) {
-                    let lanes = lanes_named(lanes, &of);
-                    let group = &mut self.worker.ray_groups[index];
-                    lanes_of(lanes).for_each(|lane| group.verdicts[lane] = Verdict::Continue);
-                    self.decided(index, lanes);
+                    self.decided(index, lanes_named(lanes, &of));
                 }
             }
         }
@@ -424,20 +372,8 @@ impl Batch<'_> {
             accepted |= u16::from(decision != 1) << lane;
             over |= u16::from(decision > 1) << lane;
         }
-        if group.packet.is_some() {
-            group.over |= over & lanes;
-            if accepted & lanes != 0 {
-                self.accept(index, accepted & lanes);
-            }
-        } else {
-            for lane in lanes_of(lanes) {
-                group.verdicts[lane] = match decisions[lane] {
-                    0 => Verdict::Accept,
-                    1 => Verdict::Continue,
-                    _ => Verdict::AcceptAndTerminate,
-                };
-            }
-        }
+        group.flight.accept(accepted & lanes);
+        group.flight.end(over & lanes);
         self.decided(index, lanes);
     }
 
@@ -469,55 +405,11 @@ impl Batch<'_> {
     }
 }
 
-/// What decides whether a reported hit counts.
-pub(super) struct Decider {
-    pub candidate: Hit,
-    t_min: f32,
-    t_max: f32,
-}
-
-impl Decider {
-    pub fn of(
-        group: &RayGroup,
-        subgroups: &Slab<Subgroup>,
-        walks: &Slab<Walk>,
-        packets: &Slab<Box<SuspendedPacket>>,
-        lane: usize,
-    ) -> Decider {
-        let t_min = group.operands(subgroups)[operand::T_MIN].0[lane];
-        let (candidate, t_max) = match group.packet {
-            Some(place) => {
-                let packet = &packets[place];
-                (packet.candidates().hit(lane), packet.t_max()[lane])
-            }
-            None => {
-                let walk = &walks[group.walks[lane]];
-                (*walk.candidate(), walk.t_max())
-            }
-        };
-        Decider {
-            candidate,
-            t_min: f32::from_bits(t_min),
-            t_max,
-        }
+/// Puts numbers of lanes where their rays are.
+fn spread(row: &Row, lanes: u16, of: &[LaneRef; SUBGROUP_SIZE]) -> Row {
+    let mut spread = [0; SUBGROUP_SIZE];
+    for lane in lanes_of(lanes) {
+        spread[of[lane].lane()] = row[lane];
     }
-
-    /// Written so that a NaN is outside.
-    pub fn is_inside(&self, t: f32) -> bool {
-        t >= self.t_min && t <= self.t_max
-    }
-}
-
-/// Commits a hit that was reported for the candidate of a ray. Returns whether the ray is over by it.
-fn commit(
-    group: &mut RayGroup,
-    walks: &mut Slab<Walk>,
-    packets: &mut Slab<Box<SuspendedPacket>>,
-    lane: usize,
-    (t, hit_kind): (f32, u8),
-) -> bool {
-    match group.packet {
-        Some(place) => packets[place].report(lane, t, hit_kind, &mut group.hits),
-        None => walks[group.walks[lane]].commit_procedural(t, hit_kind),
-    }
+    spread
 }

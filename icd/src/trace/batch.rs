@@ -10,7 +10,7 @@
 
 use spirv_jit::program::{AlignedRow, Event, MAX_SUBGROUPS, ResumePoint, SiteKind, Wave};
 use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
-use traversal::{Event as WalkEvent, RayRows, SuspendedPacket, Walk, Walker};
+use traversal::Walker;
 
 use super::Dispatch;
 use super::calls::{Calls, Records};
@@ -20,13 +20,13 @@ use super::queries::Queries;
 use super::rays::RayGroup;
 use super::slab::Slab;
 use super::stats::Tally;
-use super::subgroup::{LaneRef, Role, Subgroup, SubgroupIndex, Turn, lanes_of};
+use super::subgroup::{Role, Subgroup, SubgroupIndex, Turn, lanes_of};
 use crate::settings::settings;
 use crate::wave::table::ProgramIndex;
 use crate::wave::{Stopped, trim_heap};
 
-/// Fuel of one run or walk between two looks at the limits.
-pub(super) const FUEL: u64 = 1 << 16;
+/// Fuel of one run between two looks at the limits.
+const FUEL: u64 = 1 << 16;
 
 /// Waves between two looks at the limits.
 const PATIENCE: u32 = 256;
@@ -40,17 +40,10 @@ const KEPT_BYTES: usize = 64 << 20;
 /// A worker's memory, kept warm from batch to batch.
 pub struct Worker {
     frame: Frame,
-    pub(super) walker: Box<Walker>,
+    /// Away while it traces.
+    pub(super) walker: Option<Box<Walker>>,
     pub(super) subgroups: Slab<Subgroup>,
     pub(super) ray_groups: Slab<RayGroup>,
-    /// Walks that wait for a shader.
-    pub(super) walks: Slab<Walk>,
-    /// Rays that wait together.
-    pub(super) packets: Slab<Box<SuspendedPacket>>,
-    /// Rays that set out together.
-    pub(super) packet: Box<SuspendedPacket>,
-    /// The rays that are being started.
-    pub(super) rays: RayRows,
     pub(super) records: Records,
     /// States without a subgroup, for their memory.
     pub(super) spare_rows: Vec<Vec<AlignedRow>>,
@@ -61,13 +54,9 @@ impl Default for Worker {
     fn default() -> Self {
         Self {
             frame: Frame::default(),
-            walker: settings().walker(),
+            walker: Some(settings().walker()),
             subgroups: Slab::default(),
             ray_groups: Slab::default(),
-            walks: Slab::default(),
-            packets: Slab::default(),
-            packet: Box::default(),
-            rays: RayRows::NONE,
             records: Records::default(),
             spare_rows: Vec::new(),
             queries: Queries::default(),
@@ -97,10 +86,6 @@ pub struct Batch<'a> {
     spare: Vec<Vec<SubgroupIndex>>,
     /// Groups of rays whose walks begin.
     pub(super) starting: Vec<u32>,
-    /// Rays that the walker has in its stream, by groups.
-    pub(super) streamed: Vec<(u32, u16)>,
-    /// Rays of such groups that are not in the walker's stream, and that have stopped.
-    pub(super) stopped: Vec<(LaneRef, WalkEvent)>,
     /// Groups of rays about all of whose candidates shaders have decided.
     pub(super) going_on: Vec<u32>,
     /// Calls of shaders that decide on candidates.
@@ -133,13 +118,12 @@ impl<'a> Batch<'a> {
     pub fn new(dispatch: &'a Dispatch<'a>, grid: &'a Grid, worker: &'a mut Worker) -> Self {
         worker.subgroups.clear();
         worker.ray_groups.clear();
-        worker.walks.clear();
-        worker.packets.clear();
         worker.records = Records::default();
         worker.queries.clear();
-        worker.walker.clear_streams();
+        let walker = worker.walker.get_or_insert_with(|| settings().walker());
+        walker.clear();
         // SAFETY: the memory is there until the dispatch is complete, and no walk goes on after it.
-        unsafe { worker.walker.set_live(&dispatch.limits.live) };
+        unsafe { walker.set_live(&dispatch.limits.live) };
         Self {
             dispatch,
             grid,
@@ -149,8 +133,6 @@ impl<'a> Batch<'a> {
             latest: [0; Turn::COUNT],
             spare: Vec::new(),
             starting: Vec::new(),
-            streamed: Vec::new(),
-            stopped: Vec::new(),
             going_on: Vec::new(),
             deciding: Calls::default(),
             calls: Calls::default(),
@@ -262,8 +244,6 @@ impl<'a> Batch<'a> {
             layer: self.layer,
             subgroups: &self.worker.subgroups,
             ray_groups: &self.worker.ray_groups,
-            walks: &self.worker.walks,
-            packets: &self.worker.packets,
         };
         sources.fill(program, subgroup, records, &mut rows);
         self.worker.subgroups[index].rows = rows;
@@ -393,10 +373,11 @@ impl<'a> Batch<'a> {
     /// Advances the ray queries of a subgroup, which then goes on.
     fn proceed(&mut self, index: SubgroupIndex) -> Result<(), Stopped> {
         let worker = &mut *self.worker;
+        let walker = worker.walker.as_mut().expect("no rays are traced now");
         let subgroup = &mut worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let proceeded = worker.queries.proceed(
-            &mut worker.walker,
+            walker,
             program,
             &mut subgroup.rows,
             &mut subgroup.queries,

@@ -1,10 +1,10 @@
 //! What validation looks at while a batch is turned. Nothing of this runs where it is off.
 
+use spirv_jit::SUBGROUP_SIZE;
 use traversal::{Hit, Ray, RayRows};
 
-use super::answers::Decider;
-use super::batch::{Batch, Worker};
-use super::rays::{hit_record_index, operand, structure_in};
+use super::batch::Batch;
+use super::rays::{operand, record_indices, structure_in};
 use super::subgroup::{LaneRef, Role, SubgroupIndex, lanes_of};
 use crate::validate::{Instruction, Lookup, Need, Traced};
 use crate::wave::table::{Live, ProgramIndex};
@@ -38,19 +38,13 @@ impl Batch<'_> {
         traced.hit_kind(self.shader_of(index), subgroup.io(program, 1, lane));
         let ray = subgroup.of[lane];
         let group = &worker.ray_groups[ray.index()];
-        let t = f32::from_bits(subgroup.io(program, 0, lane));
-        let Worker {
-            subgroups,
-            walks,
-            packets,
-            ..
-        } = worker;
-        let decider = Decider::of(group, subgroups, walks, packets, ray.lane());
-        let candidate = &decider.candidate;
-        let counts = decider.is_inside(t) && group.over >> ray.lane() & 1 == 0;
-        if counts && !candidate.opaque {
-            let record = hit_record_index(group.operands(&worker.subgroups), ray.lane(), candidate);
-            self.check_hit_record(traced, Need::AnyHit, record, candidate);
+        let candidates = group.flight.candidates();
+        let t = [f32::from_bits(subgroup.io(program, 0, lane)); SUBGROUP_SIZE];
+        let counts = group.flight.counts(1 << ray.lane(), &t) != 0;
+        if counts && !candidates.is_opaque(ray.lane()) {
+            let records = record_indices(candidates, group.operands(&worker.subgroups));
+            let (record, candidate) = (records[ray.lane()], candidates.hit(ray.lane()));
+            self.check_hit_record(traced, Need::AnyHit, record, &candidate);
         }
     }
 

@@ -53,12 +53,12 @@ impl Batch<'_> {
                 continue;
             }
             let mut sbt_offset = 0;
-            group.hits.t[lane] = f32::from_bits(object.0[word::T_MAX]);
+            group.flight.hits.t[lane] = f32::from_bits(object.0[word::T_MAX]);
             if object.state() == kind::HIT {
                 let hit = object.hit(self.dispatch.limits);
                 // The record's index is given: one that the rule for hits leads back to, with a stride of 0.
                 sbt_offset = object.0[word::RECORD_INDEX].wrapping_sub(hit.instance_sbt_offset);
-                group.hits.set(lane, &hit);
+                group.flight.hits.set(lane, &hit);
                 let attributes = &mut group.procedural_mut().attributes;
                 for (attribute, word) in attributes.iter_mut().zip(&object.0[word::ATTRIBUTES..]) {
                     attribute[lane] = *word;
@@ -142,8 +142,8 @@ impl Batch<'_> {
 /// The words of the hit object that a trace fills.
 fn found_by(group: &RayGroup, operands: &Operands, lane: usize) -> [u32; word::COUNT] {
     let mut object = [0; word::COUNT];
-    object[word::RECORD_INDEX] = record_indices(&group.hits, operands)[lane];
-    let state = match group.hits.get(lane) {
+    object[word::RECORD_INDEX] = record_indices(&group.flight.hits, operands)[lane];
+    let state = match group.flight.hits.get(lane) {
         Some(hit) => {
             object[word::T_MAX] = hit.t.to_bits();
             object[word::INSTANCE] = hit.instance_index;

@@ -2,7 +2,7 @@
 
 use spirv_jit::program::{AlignedRow, Builtin, IO_DATA_ROW, InputRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
-use traversal::{Hit, HitRows, SuspendedPacket, Walk};
+use traversal::{Hit, HitRows};
 
 use super::Dispatch;
 use super::facts::{Lanes, Subjects, Take, Told, take};
@@ -18,8 +18,6 @@ pub struct Sources<'a> {
     pub layer: u32,
     pub subgroups: &'a Slab<Subgroup>,
     pub ray_groups: &'a Slab<RayGroup>,
-    pub walks: &'a Slab<Walk>,
-    pub packets: &'a Slab<Box<SuspendedPacket>>,
 }
 
 impl Sources<'_> {
@@ -54,14 +52,13 @@ impl Sources<'_> {
             }
             _ => {
                 let rays = Rays::new(self, subgroup);
-                let subject = Subject::new(self, subgroup, &rays);
                 let hits = HitLanes {
                     dispatch: self.dispatch,
                     role: subgroup.role,
                     started: subgroup.lanes,
                     of: &subgroup.of,
                     rays: &rays,
-                    subject: &subject,
+                    is_about_candidates: subgroup.role.turn() == Turn::Deciders,
                     told: &Told::default(),
                 };
                 let callers = match subgroup.is_in_place {
@@ -145,43 +142,6 @@ impl Callers<'_> {
     }
 }
 
-/// What a shader is about.
-enum Subject<'a> {
-    /// What was found in the end, or nothing.
-    Hits,
-    /// Candidates of rays that walk together, each in its own lane.
-    Together(&'a SuspendedPacket),
-    /// Candidates, and where their rays' intervals end.
-    Candidates(Lanes<(Hit, f32)>),
-}
-
-impl<'a> Subject<'a> {
-    fn new(sources: &Sources<'a>, subgroup: &Subgroup, rays: &Rays<'a>) -> Self {
-        if subgroup.role.turn() != Turn::Deciders {
-            return Self::Hits;
-        }
-        if let Rays::InPlace(group, _) = rays
-            && let Some(place) = group.packet
-        {
-            return Self::Together(&sources.packets[place]);
-        }
-        Self::Candidates(std::array::from_fn(|i| {
-            let (group, lane) = (rays.group(i), subgroup.of[i].lane());
-            match group.packet {
-                _ if subgroup.lanes >> i & 1 == 0 => (Hit::NONE, 0.0),
-                Some(place) => {
-                    let packet = &sources.packets[place];
-                    (packet.candidates().hit(lane), packet.t_max()[lane])
-                }
-                None => {
-                    let walk = &sources.walks[group.walks[lane]];
-                    (*walk.candidate(), walk.t_max())
-                }
-            }
-        }))
-    }
-}
-
 /// The rays of a subgroup of hit or miss shaders, and their operands.
 enum Rays<'a> {
     /// They are one group, each ray in its own lane.
@@ -230,7 +190,8 @@ struct HitLanes<'a> {
     started: u16,
     of: &'a Lanes<LaneRef>,
     rays: &'a Rays<'a>,
-    subject: &'a Subject<'a>,
+    /// The hits are candidates, not what was found in the end, if anything was.
+    is_about_candidates: bool,
     told: &'a Told,
 }
 
@@ -246,26 +207,26 @@ impl<'a> HitLanes<'a> {
         std::array::from_fn(|lane| LaneRef::new(self.rays.group(lane).caller, self.lane(lane)))
     }
 
-    /// A row of what was hit: from the rows of hits, or from candidates.
+    /// The hits of a group that this is about.
     #[inline(always)]
-    fn row_of(
-        &self,
-        rows: impl Fn(&HitRows, usize) -> u32,
-        candidate: impl Fn(&Hit) -> u32,
-    ) -> Row {
-        match self.subject {
-            Subject::Candidates(candidates) => {
-                std::array::from_fn(|lane| candidate(&candidates[lane].0))
+    fn hits_of(&self, group: &'a RayGroup) -> &'a HitRows {
+        match self.is_about_candidates {
+            true => group.flight.candidates(),
+            false => &group.flight.hits,
+        }
+    }
+
+    /// A row of what was hit.
+    #[inline(always)]
+    fn row_of(&self, rows: impl Fn(&HitRows, usize) -> u32) -> Row {
+        match self.rays {
+            Rays::InPlace(group, _) => {
+                let hits = self.hits_of(group);
+                std::array::from_fn(|lane| rows(hits, lane))
             }
-            Subject::Together(packet) => {
-                std::array::from_fn(|lane| rows(packet.candidates(), lane))
+            Rays::Spread(groups, _) => {
+                std::array::from_fn(|lane| rows(self.hits_of(groups[lane]), self.lane(lane)))
             }
-            Subject::Hits => match self.rays {
-                Rays::InPlace(group, _) => std::array::from_fn(|lane| rows(&group.hits, lane)),
-                Rays::Spread(groups, _) => {
-                    std::array::from_fn(|lane| rows(&groups[lane].hits, self.lane(lane)))
-                }
-            },
         }
     }
 
@@ -287,41 +248,20 @@ impl<'a> HitLanes<'a> {
         })
     }
 
-    /// What was hit, where that is in rows.
-    fn hit_rows(&self) -> Option<&'a HitRows> {
-        match (self.subject, self.rays) {
-            (Subject::Together(packet), _) => Some(packet.candidates()),
-            (Subject::Hits, Rays::InPlace(group, _)) => Some(&group.hits),
-            _ => None,
-        }
-    }
-
     fn attribute_row(&self, word: usize) -> Row {
-        if let Some(hits) = self.hit_rows() {
-            let mut built_in = 0;
-            for lane in 0..SUBGROUP_SIZE {
-                built_in |= u16::from(hits.is_built_in(lane)) << lane;
-            }
-            if self.started & !built_in == 0 {
+        if let Rays::InPlace(group, _) = self.rays {
+            let hits = self.hits_of(group);
+            if self.started & !hits.built_in() == 0 {
                 let weights = hits.barycentrics.get(word);
                 return weights.map_or([0; SUBGROUP_SIZE], |row| row.map(f32::to_bits));
             }
         }
         std::array::from_fn(|lane| {
             let (group, from) = (self.rays.group(lane), self.lane(lane));
-            let weights = |hits: &HitRows, lane: usize| {
-                let [second, third] = &hits.barycentrics;
-                (hits.is_built_in(lane)).then(|| [second[lane], third[lane]])
-            };
-            let built_in = match self.subject {
-                Subject::Candidates(candidates) => Some(&candidates[lane].0)
-                    .filter(|hit| hit.is_built_in())
-                    .map(|hit| hit.barycentrics),
-                Subject::Together(packet) => weights(packet.candidates(), lane),
-                Subject::Hits => weights(&group.hits, from),
-            };
-            if let Some(weights) = built_in {
-                return weights.get(word).map_or(0, |weight| weight.to_bits());
+            let hits = self.hits_of(group);
+            if hits.is_built_in(from) {
+                let weights = hits.barycentrics.get(word);
+                return weights.map_or(0, |row| row[from].to_bits());
             }
             let attribute = group.procedural().and_then(|rays| match self.role {
                 Role::AnyHitOfReport => rays.reports[from].attributes.get(word).copied(),
@@ -361,13 +301,12 @@ impl<'a> HitLanes<'a> {
 
     /// `RayTmaxKHR`: the hit's distance in hit shaders, the end of the interval as it stands in the others.
     fn t_max_row(&self) -> Row {
-        match (self.role, self.subject) {
-            (Role::AnyHitOfReport, _) => self.of_reports(|report| report.t.to_bits()),
-            (Role::Intersection, Subject::Candidates(candidates)) => {
-                std::array::from_fn(|lane| candidates[lane].1.to_bits())
-            }
-            (Role::Intersection, Subject::Together(packet)) => packet.t_max().map(f32::to_bits),
-            _ => self.row_of(|hits, lane| hits.t[lane].to_bits(), |hit| hit.t.to_bits()),
+        match self.role {
+            Role::AnyHitOfReport => self.of_reports(|report| report.t.to_bits()),
+            Role::Intersection => std::array::from_fn(|lane| {
+                self.rays.group(lane).flight.t_max()[self.lane(lane)].to_bits()
+            }),
+            _ => self.row_of(|hits, lane| hits.t[lane].to_bits()),
         }
     }
 }
@@ -376,8 +315,8 @@ impl Take for (&HitLanes<'_>, &mut Row) {
     type Taken = ();
 
     #[inline(always)]
-    fn take(self, rows: impl Fn(&HitRows, usize) -> u32, hit: impl Fn(&Hit) -> u32) {
-        *self.1 = self.0.row_of(rows, hit);
+    fn take(self, rows: impl Fn(&HitRows, usize) -> u32, _: impl Fn(&Hit) -> u32) {
+        *self.1 = self.0.row_of(rows);
     }
 }
 
@@ -400,22 +339,13 @@ impl Subjects for HitLanes<'_> {
     }
 
     fn instances(&self) -> Row {
-        self.row_of(
-            |hits, lane| hits.instance_index[lane],
-            |hit| hit.instance_index,
-        )
+        self.row_of(|hits, lane| hits.instance_index[lane])
     }
 
     /// Where it is about a report, this is the box.
     fn hit(&self, lane: usize) -> Hit {
-        match self.subject {
-            Subject::Candidates(candidates) => candidates[lane].0,
-            Subject::Together(packet) => packet.candidates().hit(lane),
-            Subject::Hits => {
-                let hits = &self.rays.group(lane).hits;
-                hits.get(self.lane(lane)).unwrap_or(Hit::NONE)
-            }
-        }
+        let hits = self.hits_of(self.rays.group(lane));
+        hits.get(self.lane(lane)).unwrap_or(Hit::NONE)
     }
 
     fn origins(&self) -> [Lanes<f32>; 3] {

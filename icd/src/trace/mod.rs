@@ -21,14 +21,12 @@ mod grid;
 mod hit_object;
 mod inputs;
 mod lanes;
-mod packets;
 mod queries;
 mod rays;
 mod reorder;
 mod slab;
 pub mod stats;
 mod stopped;
-mod streams;
 mod subgroup;
 #[cfg(test)]
 mod tests;

@@ -2,7 +2,7 @@
 
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row};
-use traversal::{Hit, HitRows, RayRows, Verdict, ray_flags};
+use traversal::{Flight, HitRows, RayRows, ray_flags};
 
 use super::Dispatch;
 use super::slab::Slab;
@@ -59,19 +59,9 @@ pub struct RayGroup {
     pub io: usize,
     /// Lanes whose ray is not answered yet.
     pub in_flight: u16,
-    /// What was found where the walk is over.
-    pub hits: HitRows,
-    /// By lane, where the walk is suspended: its place.
-    pub walks: [u32; SUBGROUP_SIZE],
-    /// Lanes whose search an any-hit shader has ended.
-    pub over: u16,
-    /// Where rays that walk together wait for decisions; there they are all.
-    pub packet: Option<u32>,
-    /// Lanes that wait for decisions, each at a candidate of its walk, where rays walk singly.
-    pub asked: u16,
-    /// What was decided there.
-    pub verdicts: [Verdict; SUBGROUP_SIZE],
-    /// Lanes about which shaders have not decided yet.
+    /// How far they are: what was found, and candidates.
+    pub flight: Flight,
+    /// Lanes about whose candidates shaders have not decided yet.
     pub undecided: u16,
     /// What is found goes into hit objects.
     pub fills_hit_object: bool,
@@ -89,8 +79,6 @@ impl RayGroup {
         self.caller = caller;
         self.io = io;
         self.in_flight = lanes;
-        self.over = 0;
-        self.packet = None;
         self.fills_hit_object = false;
         self.has_time = false;
         self.is_recorded = false;
@@ -100,7 +88,7 @@ impl RayGroup {
     pub fn record(&mut self) {
         self.is_recorded = true;
         self.has_time = true;
-        self.hits.found = 0;
+        self.flight.hits.found = 0;
     }
 
     /// The operands of rays that come from hit objects.
@@ -160,7 +148,7 @@ impl RayGroup {
     }
 }
 
-/// Indices of the hit group records for hits, and of the miss records where there is none.
+/// Indices of the hit group records for hits (chapter Ray Tracing, "Hit Shaders"), and of the miss records where there is none.
 pub fn record_indices(hits: &HitRows, operands: &Operands) -> Row {
     let [offset, stride, miss] = [
         &operands[operand::SBT_OFFSET].0,
@@ -201,14 +189,6 @@ pub fn shows_first_hit(operands: &Operands, lanes: u16, fills_hit_object: bool) 
         shows |= u16::from(ends & (calls | fills_hit_object)) << lane;
     }
     shows & lanes != 0
-}
-
-/// Index of the hit group record for a hit (chapter Ray Tracing, "Hit Shaders").
-pub fn hit_record_index(operands: &Operands, lane: usize, hit: &Hit) -> u32 {
-    let word = |row: usize| operands[row].0[lane];
-    hit.instance_sbt_offset
-        .wrapping_add(hit.geometry_index.wrapping_mul(word(operand::SBT_STRIDE)))
-        .wrapping_add(word(operand::SBT_OFFSET))
 }
 
 /// The address that a lane names for its top level.

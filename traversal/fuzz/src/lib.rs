@@ -223,7 +223,7 @@ pub fn walked_together(top: &Bytes, rays: &[Ray], fuel: u64) {
             ray.origin[lane % 3] += lane as f32 / 512.0;
             rows.set(lane, top.address(), &ray, 0.0);
         }
-        let (mut hits, mut suspended) = (HitRows::default(), SuspendedPacket::default());
+        let (mut hits, mut suspended) = (HitRows::default(), Suspended::default());
         // SAFETY: the structures are alive, here and below.
         let mut progress =
             unsafe { walker.trace_packet(&rows, u16::MAX, &mut hits, &mut suspended) };
@@ -233,8 +233,8 @@ pub fn walked_together(top: &Bytes, rays: &[Ray], fuel: u64) {
                 if suspended.candidates().hit(lane).is_built_in() {
                     suspended.accept(1 << lane, &mut hits);
                 } else {
-                    let t = suspended.t_max()[lane];
-                    suspended.report(lane, t, 0, &mut hits);
+                    let t = *suspended.t_max();
+                    suspended.report(1 << lane, &t, &[0; PACKET], &mut hits);
                 }
             }
             // SAFETY: as above.

@@ -95,7 +95,7 @@ pub fn all_ways(top: &Bytes, rays: &[Ray]) -> Vec<(String, Vec<Option<Hit>>)> {
                 // SAFETY: the structures are alive.
                 unsafe {
                     match together {
-                        true => walker.trace(rows, lanes, hits, fuel, &mut no_event),
+                        true => walker.trace_rows(rows, lanes, hits, fuel, &mut no_event),
                         false => walker.trace_in_turn(rows, lanes, hits, fuel, &mut no_event),
                     }
                 }

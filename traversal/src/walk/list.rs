@@ -10,7 +10,7 @@ use super::options::Specialisation;
 use super::packet;
 use super::portable::Portable;
 use super::rows::{HitRows, RayRows, lanes_of};
-use super::suspended_packet::{Progress, SuspendedPacket};
+use super::suspended::{Progress, Suspended};
 use super::{Event, PACKET, State, Verdict, Walk, Walker, run};
 use crate::layout::instance_state;
 use crate::ray::ray_flags;
@@ -33,7 +33,7 @@ impl Walker {
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray.
-    pub unsafe fn trace(
+    pub unsafe fn trace_rows(
         &mut self,
         rays: &RayRows,
         lanes: u16,
@@ -49,7 +49,7 @@ impl Walker {
         }
     }
 
-    /// [`Self::trace`] for rays that start near each other and go the same way, and that meet instances of opaque triangles only.
+    /// [`Self::trace_rows`] for rays that start near each other and go the same way, and that meet instances of opaque triangles only.
     /// Returns false if that cannot be done: each ray has to start by itself then.
     ///
     /// # Safety
@@ -74,7 +74,7 @@ impl Walker {
         rays: &RayRows,
         lanes: u16,
         hits: &mut HitRows,
-        suspended: &mut SuspendedPacket,
+        suspended: &mut Suspended,
     ) -> Progress {
         // SAFETY: the caller's promise.
         unsafe { self.packet(rays, lanes, hits, Some(suspended)) }
@@ -88,7 +88,7 @@ impl Walker {
         &mut self,
         rays: &RayRows,
         hits: &mut HitRows,
-        suspended: &mut SuspendedPacket,
+        suspended: &mut Suspended,
     ) -> Progress {
         // SAFETY: the caller's promise.
         unsafe { packet::resume(rays, hits, self, suspended) }
@@ -101,7 +101,7 @@ impl Walker {
         rays: &RayRows,
         lanes: u16,
         hits: &mut HitRows,
-        suspended: Option<&mut SuspendedPacket>,
+        suspended: Option<&mut Suspended>,
     ) -> Progress {
         if self.takes_packets() {
             // SAFETY: the caller's promise.
@@ -110,7 +110,7 @@ impl Walker {
         Progress::Singly
     }
 
-    /// [`Self::trace`] one ray after the other.
+    /// [`Self::trace_rows`] one ray after the other.
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray.

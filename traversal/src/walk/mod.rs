@@ -33,6 +33,7 @@ mod descend;
 mod entry;
 mod expansion;
 mod facts;
+mod flights;
 mod found;
 #[cfg(target_arch = "x86_64")]
 mod group;
@@ -56,7 +57,7 @@ mod space;
 #[cfg(target_arch = "x86_64")]
 mod stream;
 mod streaming;
-mod suspended_packet;
+mod suspended;
 mod swept;
 mod test_leaf;
 mod triangle;
@@ -65,13 +66,14 @@ mod walker;
 
 use crate::ray::{Hit, Ray, ray_flags};
 use entry::Entry;
+pub use flights::{Flight, Flights, Start};
 use level::Entered;
 pub use list::List;
 pub use options::{Accuracy, Options, Specialisation, Switches};
 pub use probe::TriangleTest;
 pub use rows::{HitRows, Lanes, RayRows, Words};
 pub use streaming::Caller;
-pub use suspended_packet::{Progress, SuspendedPacket};
+pub use suspended::{Progress, Suspended};
 pub use walker::Walker;
 
 /// Rays that [`Walker::trace`] takes, at most.

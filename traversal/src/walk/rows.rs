@@ -244,6 +244,16 @@ impl HitRows {
         self.kind[lane % PACKET] & OPAQUE != 0
     }
 
+    /// Which lanes have a hit that [`Hit::is_built_in`].
+    #[inline]
+    pub fn built_in(&self) -> u16 {
+        let mut built_in = 0;
+        for lane in 0..PACKET {
+            built_in |= u16::from(self.is_built_in(lane)) << lane;
+        }
+        built_in & self.found
+    }
+
     /// The hit of a lane that has one.
     #[inline]
     pub fn hit(&self, lane: usize) -> Hit {

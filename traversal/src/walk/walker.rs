@@ -9,6 +9,7 @@ use super::options::{Accuracy, Options, Specialisation, Switches};
 use super::packet::PacketSpace;
 #[cfg(target_arch = "x86_64")]
 use super::stream::Streams;
+use super::suspended::Suspended;
 use crate::live::Live;
 use crate::ray::Ray;
 use crate::tier::Tier;
@@ -27,6 +28,11 @@ pub struct Walker {
     pub(crate) packet: PacketSpace,
     #[cfg(target_arch = "x86_64")]
     pub(crate) streams: Streams,
+    /// Groups with rays in the stream.
+    pub(crate) streamed: Vec<u32>,
+    /// Memory of rays that no longer wait.
+    #[allow(clippy::vec_box, reason = "they move to where their rays are kept")]
+    pub(crate) spare: Vec<Box<Suspended>>,
     pub(crate) options: Options,
 }
 
@@ -61,6 +67,8 @@ impl Walker {
                 packet: PacketSpace::EMPTY,
                 #[cfg(target_arch = "x86_64")]
                 streams: Streams::new(),
+                streamed: Vec::new(),
+                spare: Vec::new(),
                 options,
             })
         })

@@ -151,7 +151,7 @@ impl Queries {
         unsafe {
             match in_turn {
                 true => walker.trace_in_turn(rays, lanes, hits, &mut { FUEL }, &mut keep),
-                false => walker.trace(rays, lanes, hits, &mut { FUEL }, &mut keep),
+                false => walker.trace_rows(rays, lanes, hits, &mut { FUEL }, &mut keep),
             }
         }
         result?;

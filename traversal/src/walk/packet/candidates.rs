@@ -24,7 +24,7 @@ use crate::walk::found::Found;
 use crate::walk::rows::HitRows;
 use crate::walk::rows::Lanes;
 #[cfg(target_arch = "x86_64")]
-use crate::walk::suspended_packet::Standing;
+use crate::walk::suspended::Standing;
 use crate::walk::triangle::intersect;
 
 /// Tests the opaque triangles of a leaf, and notes at which others rays have to look.

@@ -8,7 +8,7 @@ use crate::structure::Kind;
 use crate::walk::Walker;
 use crate::walk::facts::InstanceFacts;
 use crate::walk::rows::HitRows;
-use crate::walk::suspended_packet::{Progress, Standing};
+use crate::walk::suspended::{Progress, Standing};
 
 /// What becomes of an instance.
 pub(super) enum Entering {
@@ -149,7 +149,7 @@ impl Packet<'_> {
     }
 
     /// Takes rays through the instance that they have entered, from the leaf on at which they stand. Whether they stand at candidates
-    /// now, and a [`SuspendedPacket`](crate::walk::SuspendedPacket) keeps them.
+    /// now, and a [`Suspended`](crate::walk::Suspended) keeps them.
     ///
     /// # Safety
     /// The machine has the kernel's instruction set.
@@ -271,6 +271,7 @@ impl Packet<'_> {
             suspended.started = self.lanes;
         }
         suspended.lanes = self.lanes;
+        (suspended.is_single, suspended.ended) = (false, 0);
         suspended.any = self.any;
         suspended.patience = self.patience;
         suspended.found = self.found.clone();

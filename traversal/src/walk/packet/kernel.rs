@@ -10,7 +10,7 @@ use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::level::Level;
 use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
-use crate::walk::suspended_packet::{Progress, Standing, SuspendedPacket};
+use crate::walk::suspended::{Progress, Standing, Suspended};
 
 /// The tests of packets with one instruction set, and the functions that are made of them.
 ///
@@ -160,7 +160,7 @@ pub(super) trait PacketKernel: Sized {
         lanes: u16,
         hits: &mut HitRows,
         walker: &mut Walker,
-        suspended: Option<&mut SuspendedPacket>,
+        suspended: Option<&mut Suspended>,
     ) -> Progress;
 
     /// [`super::resume_packet`].
@@ -171,7 +171,7 @@ pub(super) trait PacketKernel: Sized {
         rays: &RayRows,
         hits: &mut HitRows,
         walker: &mut Walker,
-        suspended: &mut SuspendedPacket,
+        suspended: &mut Suspended,
     ) -> Progress;
 }
 
@@ -224,7 +224,7 @@ macro_rules! compiled {
             lanes: u16,
             hits: &mut HitRows,
             walker: &mut Walker,
-            suspended: Option<&mut SuspendedPacket>,
+            suspended: Option<&mut Suspended>,
         ) -> Progress {
             // SAFETY: the caller's promise.
             unsafe { crate::walk::packet::trace_packet::<$kernel>(rays, lanes, hits, walker, suspended) }
@@ -235,7 +235,7 @@ macro_rules! compiled {
             rays: &RayRows,
             hits: &mut HitRows,
             walker: &mut Walker,
-            suspended: &mut SuspendedPacket,
+            suspended: &mut Suspended,
         ) -> Progress {
             // SAFETY: the caller's promise.
             unsafe { crate::walk::packet::resume_packet::<$kernel>(rays, hits, walker, suspended) }

@@ -6,7 +6,7 @@
 //! all rays, leaves one or two of them for the test of each ray.
 //!
 //! In an instance where rays no longer go the same way, each goes by itself. Anything unusual ends
-//! the attempt, and every walk starts anew. Where a [`SuspendedPacket`] keeps them, packets stop for candidates that shaders are to decide on:
+//! the attempt, and every walk starts anew. Where a [`Suspended`] keeps them, packets stop for candidates that shaders are to decide on:
 //! the next one of each ray in a leaf of triangles, or a box with all rays that meet it. Once they have, what is unusual splits them into single walks.
 
 mod candidates;
@@ -32,7 +32,7 @@ use super::found::Found;
 use super::level::{Level, only_instance};
 use super::rows::{HitRows, RayRows, blend, lanes_of};
 use super::space::max;
-use super::suspended_packet::{Progress, SuspendedPacket};
+use super::suspended::{Progress, Suspended};
 use super::{Event, PACKET, State, Verdict, Walk, Walker};
 use crate::layout::{WIDTH, child};
 use crate::ray::{Ray, ray_flags};
@@ -60,7 +60,7 @@ const WIDTH_OF_BEAM: f32 = 1.0 / 64.0;
 const SPREAD_OF_PARALLEL: f32 = 1.0 / 256.0;
 const WIDTH_OF_PARALLEL: f32 = 1.0 / 4.0;
 
-/// Traces rays together if they cohere: to their ends or, with a [`SuspendedPacket`] to keep them, to candidates.
+/// Traces rays together if they cohere: to their ends or, with a [`Suspended`] to keep them, to candidates.
 ///
 /// # Safety
 /// The contract of [`Walk::new`], for every ray.
@@ -69,7 +69,7 @@ pub(crate) unsafe fn run(
     lanes: u16,
     hits: &mut HitRows,
     walker: &mut Walker,
-    suspended: Option<&mut SuspendedPacket>,
+    suspended: Option<&mut Suspended>,
 ) -> Progress {
     if !may_cohere(rays, lanes) {
         return Progress::Singly;
@@ -94,7 +94,7 @@ pub(crate) unsafe fn resume(
     rays: &RayRows,
     hits: &mut HitRows,
     walker: &mut Walker,
-    suspended: &mut SuspendedPacket,
+    suspended: &mut Suspended,
 ) -> Progress {
     match walker.options.tier {
         #[cfg(target_arch = "x86_64")]
@@ -163,7 +163,7 @@ unsafe fn trace_packet<K: PacketKernel>(
     lanes: u16,
     hits: &mut HitRows,
     walker: &mut Walker,
-    suspended: Option<&mut SuspendedPacket>,
+    suspended: Option<&mut Suspended>,
 ) -> Progress {
     let given = Given::new(rays, lanes);
     if !cohere(&given, lanes) {
@@ -210,12 +210,12 @@ unsafe fn resume_packet<K: PacketKernel>(
     rays: &RayRows,
     hits: &mut HitRows,
     walker: &mut Walker,
-    suspended: &mut SuspendedPacket,
+    suspended: &mut Suspended,
 ) -> Progress {
     let started = suspended.started;
     let first = started.trailing_zeros() as usize % PACKET;
     let mut packet = Packet {
-        lanes: suspended.lanes,
+        lanes: suspended.lanes & !suspended.ended,
         any: suspended.any,
         patience: suspended.patience,
         found: suspended.found.clone(),
@@ -284,7 +284,7 @@ struct Packet<'a> {
     /// Shaders have decided on candidates: there is no way back.
     has_asked: bool,
     /// Keeps them while shaders decide.
-    suspended: Option<&'a mut SuspendedPacket>,
+    suspended: Option<&'a mut Suspended>,
 }
 
 impl Packet<'_> {

@@ -19,7 +19,7 @@ use crate::walk::kernel::Kernel;
 use crate::walk::level::Level;
 use crate::walk::rows::{HitRows, Lanes, RayRows, Words, lanes_of};
 use crate::walk::space::{max, min};
-use crate::walk::suspended_packet::{Progress, Standing, SuspendedPacket};
+use crate::walk::suspended::{Progress, Standing, Suspended};
 use crate::walk::triangle::Intersection;
 use crate::walk::{PACKET, Walker};
 

@@ -3,7 +3,7 @@
 
 use super::rays::Rays;
 use crate::walk::entry::{Entry, STACK};
-use crate::walk::suspended_packet::Ahead;
+use crate::walk::suspended::Ahead;
 
 /// Children still to be visited, and by which rays.
 pub(crate) struct Stack {

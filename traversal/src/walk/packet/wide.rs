@@ -16,7 +16,7 @@ use crate::walk::facts::InstanceFacts;
 use crate::walk::found::Found;
 use crate::walk::level::Level;
 use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
-use crate::walk::suspended_packet::{Progress, Standing, SuspendedPacket};
+use crate::walk::suspended::{Progress, Standing, Suspended};
 
 /// AVX-512: a row is one vector.
 pub(super) struct Avx512;

@@ -1,0 +1,347 @@
+//! Rays of many groups on their way: how each walks, as a packet, in a stream or by itself, is decided here and known nowhere else.
+
+use super::level::Entered;
+use super::rows::{HitRows, Lanes, RayRows, Words};
+use super::streaming::Caller;
+use super::suspended::{Progress, Suspended};
+use super::{Event, PACKET, Verdict, Walk, Walker, packet, run};
+use crate::ray::Hit;
+
+/// Groups of which rays are walked in streams: fewer are not worth it, and a stream holds no more.
+const ENOUGH: usize = 4;
+const MOST: usize = Walker::STREAM_RAYS / PACKET;
+
+/// Fuel of a group between two looks at whether it may go on.
+const FUEL: u64 = 1 << 16;
+
+/// Rays of one group between their start and their ends. Where all have ended, their hits are in `hits`.
+#[derive(Default)]
+pub struct Flight {
+    pub hits: HitRows,
+    suspended: Option<Box<Suspended>>,
+}
+
+static NO_CANDIDATES: HitRows = HitRows::NONE;
+
+impl Flight {
+    /// The candidates that are to be decided on: `found` says which rays have one, and they wait for each other. Of a box, `t` is the
+    /// lower end of the ray's interval.
+    #[inline]
+    pub fn candidates(&self) -> &HitRows {
+        (self.suspended.as_ref()).map_or(&NO_CANDIDATES, |suspended| suspended.candidates())
+    }
+
+    /// Upper ends of the rays' intervals now.
+    #[inline]
+    pub fn t_max(&self) -> &Lanes {
+        (self.suspended.as_ref()).map_or(&self.hits.t, |suspended| suspended.t_max())
+    }
+
+    /// Commits candidates of rays, triangles. What is not accepted is ignored.
+    pub fn accept(&mut self, lanes: u16) {
+        if let Some(suspended) = &mut self.suspended {
+            suspended.accept(lanes, &mut self.hits);
+        }
+    }
+
+    /// Which of some rays a hit with their candidates, boxes, counts for: it is in the ray's interval as it stands, and no decision has
+    /// ended the ray.
+    pub fn counts(&self, lanes: u16, t: &Lanes) -> u16 {
+        (self.suspended.as_ref()).map_or(0, |suspended| suspended.counts(lanes, t))
+    }
+
+    /// Commits hits that intersection shaders reported for rays' candidates, which count. Returns which rays are over by it, so that
+    /// those shaders end at once.
+    pub fn report(&mut self, lanes: u16, t: &Lanes, kinds: &Words) -> u16 {
+        let suspended = self.suspended.as_mut();
+        suspended.map_or(0, |suspended| {
+            suspended.report(lanes, t, kinds, &mut self.hits)
+        })
+    }
+
+    /// Ends rays with what is committed.
+    pub fn end(&mut self, lanes: u16) {
+        if let Some(suspended) = &mut self.suspended {
+            suspended.end(lanes);
+        }
+    }
+}
+
+/// What starts in a group.
+pub struct Start {
+    /// Lanes with a ray.
+    pub lanes: u16,
+    /// Which hit rays that end with their first hit find is to follow from the ray alone.
+    pub shows_first_hit: bool,
+}
+
+/// Who has rays traced by [`Walker::trace`].
+pub trait Flights {
+    /// Why all is over.
+    type Stop;
+
+    /// Reads the rays of a group: as it starts, and unchanged whenever it goes on.
+    fn rays(&self, group: u32, rays: &mut RayRows) -> Start;
+
+    /// Where the rays of a group are kept.
+    fn flight(&mut self, group: u32) -> &mut Flight;
+
+    /// All rays of a group have ended, or wait at [`Flight::candidates`].
+    ///
+    /// # Errors
+    /// All is over.
+    fn settled(&mut self, group: u32) -> Result<(), Self::Stop>;
+
+    /// Rays of a group have used up their fuel. They get more.
+    ///
+    /// # Errors
+    /// All is over.
+    fn out_of_fuel(&mut self, group: u32) -> Result<(), Self::Stop>;
+}
+
+impl Walker {
+    /// Forgets all rays that are on their way; their [`Flight`]s are started anew before they are used again.
+    pub fn clear(&mut self) {
+        self.streamed.clear();
+        self.clear_streams();
+    }
+
+    /// Takes the rays of groups to their ends or to candidates on which something outside has to decide. The hits are those of each
+    /// ray by itself, bit for bit, but for rays that end with their first hit where that does not show.
+    ///
+    /// # Errors
+    /// Those of [`Flights`].
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray.
+    pub unsafe fn trace<F: Flights>(
+        &mut self,
+        groups: &[u32],
+        flights: &mut F,
+    ) -> Result<(), F::Stop> {
+        let mut rays = RayRows::NONE;
+        for &group in groups {
+            // SAFETY: the caller's promise, here and below.
+            unsafe { self.start(group, groups.len() >= ENOUGH, &mut rays, flights)? };
+            if self.streamed.len() >= MOST {
+                // SAFETY: as above.
+                unsafe { self.trace_streamed(flights)? };
+            }
+        }
+        // SAFETY: as above.
+        unsafe { self.trace_streamed(flights) }
+    }
+
+    /// Goes on with rays of groups after all their candidates were decided on.
+    ///
+    /// # Errors
+    /// Those of [`Flights`].
+    ///
+    /// # Safety
+    /// As for their start.
+    pub unsafe fn resume<F: Flights>(
+        &mut self,
+        groups: &[u32],
+        flights: &mut F,
+    ) -> Result<(), F::Stop> {
+        let mut rays = RayRows::NONE;
+        for &group in groups {
+            let Some(mut suspended) = flights.flight(group).suspended.take() else {
+                continue;
+            };
+            if suspended.is_single {
+                self.resume_singles(group, suspended, flights)?;
+                continue;
+            }
+            // All that started, for what they have in common.
+            flights.rays(group, &mut rays);
+            let hits = &mut flights.flight(group).hits;
+            // SAFETY: the caller's promise, here and below.
+            unsafe {
+                let progress = packet::resume(&rays, hits, self, &mut suspended);
+                self.settle_packet(group, progress, &rays, suspended, flights)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Walks the rays of a group, or adds them to the stream.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray.
+    unsafe fn start<F: Flights>(
+        &mut self,
+        group: u32,
+        in_streams: bool,
+        rays: &mut RayRows,
+        flights: &mut F,
+    ) -> Result<(), F::Stop> {
+        let start = flights.rays(group, rays);
+        let (flight, lanes) = (flights.flight(group), start.lanes);
+        let left_over = flight.suspended.take();
+        let mut suspended = (left_over.or_else(|| self.spare.pop())).unwrap_or_default();
+        let hits = &mut flight.hits;
+        if self.takes_packets() && !start.shows_first_hit {
+            // SAFETY: the caller's promise, here and below.
+            let progress = unsafe { packet::run(rays, lanes, hits, self, Some(&mut suspended)) };
+            if progress != Progress::Singly {
+                // SAFETY: as above.
+                return unsafe { self.settle_packet(group, progress, rays, suspended, flights) };
+            }
+        }
+        suspended.start_singles();
+        let mut streamed = 0;
+        if in_streams {
+            // SAFETY: as above.
+            streamed = unsafe { self.add_to_stream(rays, lanes, hits, group) };
+        }
+        if streamed != lanes {
+            let mut keep = |lane: usize, walk: &mut Walk, event| suspended.keep(lane, walk, event);
+            // SAFETY: as above.
+            unsafe { self.trace_in_turn(rays, lanes & !streamed, hits, &mut { FUEL }, &mut keep) };
+        }
+        if streamed == 0 {
+            return self.settle_singles(group, suspended, flights);
+        }
+        match suspended.waits() {
+            true => flight.suspended = Some(suspended),
+            false => self.spare.push(suspended),
+        }
+        self.streamed.push(group);
+        Ok(())
+    }
+
+    /// Walks the rays of the stream.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray.
+    unsafe fn trace_streamed<F: Flights>(&mut self, flights: &mut F) -> Result<(), F::Stop> {
+        if self.streamed.is_empty() {
+            return Ok(());
+        }
+        let mut groups = std::mem::take(&mut self.streamed);
+        let mut streamed = Streamed {
+            flights: &mut *flights,
+            spare: std::mem::take(&mut self.spare),
+        };
+        // SAFETY: the caller's promise.
+        unsafe { self.trace_streams(&mut (FUEL * groups.len() as u64), &mut streamed) };
+        self.spare = streamed.spare;
+        for &group in &groups {
+            match flights.flight(group).suspended.take() {
+                Some(suspended) => self.settle_singles(group, suspended, flights)?,
+                None => flights.settled(group)?,
+            }
+        }
+        groups.clear();
+        self.streamed = groups;
+        Ok(())
+    }
+
+    /// Does what the progress of a packet calls for.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`], for every ray.
+    unsafe fn settle_packet<F: Flights>(
+        &mut self,
+        group: u32,
+        progress: Progress,
+        rays: &RayRows,
+        mut suspended: Box<Suspended>,
+        flights: &mut F,
+    ) -> Result<(), F::Stop> {
+        match progress {
+            Progress::Candidates => flights.flight(group).suspended = Some(suspended),
+            Progress::Split(lanes) => {
+                // SAFETY: the caller's promise.
+                unsafe { suspended.split_all(lanes, rays, &flights.flight(group).hits) };
+                return self.settle_singles(group, suspended, flights);
+            }
+            Progress::Singly | Progress::Done => self.spare.push(suspended),
+        }
+        flights.settled(group)
+    }
+
+    /// Goes on with rays that walk one by one, after decisions about them.
+    fn resume_singles<F: Flights>(
+        &mut self,
+        group: u32,
+        mut suspended: Box<Suspended>,
+        flights: &mut F,
+    ) -> Result<(), F::Stop> {
+        let (mut entered, mut fuel) = (Entered::NOTHING, FUEL);
+        let hits = &mut flights.flight(group).hits;
+        for (lane, verdict) in suspended.decided() {
+            self.step(lane, verdict, &mut suspended, hits, &mut entered, &mut fuel);
+        }
+        self.settle_singles(group, suspended, flights)
+    }
+
+    /// Gives more fuel to rays that walk one by one, until each waits for a decision or has ended.
+    fn settle_singles<F: Flights>(
+        &mut self,
+        group: u32,
+        mut suspended: Box<Suspended>,
+        flights: &mut F,
+    ) -> Result<(), F::Stop> {
+        let mut entered = Entered::NOTHING;
+        while let Some(lane) = suspended.take_out_of_fuel() {
+            flights.out_of_fuel(group)?;
+            let (hits, fuel) = (&mut flights.flight(group).hits, &mut { FUEL });
+            let verdict = Verdict::Continue;
+            self.step(lane, verdict, &mut suspended, hits, &mut entered, fuel);
+        }
+        match suspended.waits() {
+            true => flights.flight(group).suspended = Some(suspended),
+            false => self.spare.push(suspended),
+        }
+        flights.settled(group)
+    }
+
+    /// Takes a ray that walks by itself on.
+    fn step(
+        &mut self,
+        lane: usize,
+        verdict: Verdict,
+        suspended: &mut Suspended,
+        hits: &mut HitRows,
+        entered: &mut Entered,
+        fuel: &mut u64,
+    ) {
+        let walk = suspended.walk(lane);
+        match run::run(walk, verdict, self, entered, fuel) {
+            Event::Done => {
+                if let Some(hit) = walk.committed() {
+                    hits.set(lane, hit);
+                }
+            }
+            event => suspended.note(lane, event),
+        }
+    }
+}
+
+/// Flights that hear of the rays of a stream.
+struct Streamed<'a, F> {
+    flights: &'a mut F,
+    spare: Vec<Box<Suspended>>,
+}
+
+impl<F: Flights> Caller for Streamed<'_, F> {
+    fn hit(&mut self, group: u32, lane: usize, hit: &Hit) {
+        self.flights.flight(group).hits.set(lane, hit);
+    }
+
+    fn rays(&mut self, group: u32, rays: &mut RayRows) {
+        self.flights.rays(group, rays);
+    }
+
+    fn suspend(&mut self, group: u32, lane: usize, walk: &mut Walk, event: Event) {
+        let suspended = &mut self.flights.flight(group).suspended;
+        let suspended = suspended.get_or_insert_with(|| {
+            let mut suspended = self.spare.pop().unwrap_or_default();
+            suspended.start_singles();
+            suspended
+        });
+        suspended.keep(lane, walk, event);
+    }
+}

@@ -1,0 +1,288 @@
+//! Rays of one group, while they wait for decisions about candidates: as a packet, or one by one.
+
+use super::entry::Entry;
+use super::found::Found;
+use super::rows::{HitRows, Lanes, RayRows, Words, blend, lanes_of};
+use super::{Event, PACKET, Verdict, Walk};
+use crate::layout::LEAF_TRIANGLES;
+use crate::ray::Hit;
+
+/// Rays that are enough to copy rows instead of lanes.
+const MANY: u32 = 5;
+
+/// How far rays have come that walk together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// They do not go the same way, or meet what is not done together: nothing has happened.
+    Singly,
+    /// All are at their ends; their hits are in the rows.
+    Done,
+    /// [`Suspended::candidates`] are to be decided on.
+    Candidates,
+    /// From here on these go one by one: [`Suspended::split`]. The others are at their ends.
+    Split(u16),
+}
+
+/// Rays that wait for decisions about candidates, one each at most.
+pub struct Suspended {
+    /// Those that started.
+    pub(crate) started: u16,
+    /// Those that no decision has ended.
+    pub(crate) lanes: u16,
+    /// The first hit of a ray ends it.
+    pub(crate) any: bool,
+    pub(crate) patience: u32,
+    pub(crate) found: Found,
+    pub(crate) candidates: HitRows,
+    /// What is to be visited yet in the top level, and in the instance.
+    pub(crate) top: Ahead,
+    pub(crate) bottom: Ahead,
+    /// The instance they are in, and those that entered it.
+    pub(crate) instance: Option<(u32, u16)>,
+    pub(crate) leaf: Standing,
+    /// Rays that decisions have ended since they wait.
+    pub(crate) ended: u16,
+    /// They go one by one: of what is above, only candidates and ends of intervals are theirs.
+    pub(crate) is_single: bool,
+    /// By lane, where they go one by one.
+    walks: Vec<Walk>,
+    /// Of those, the ones whose candidates, triangles, are accepted.
+    accepted: u16,
+    /// Of those, the ones that only lack fuel.
+    out_of_fuel: u16,
+}
+
+/// Children that are to be visited yet, and by which rays.
+#[derive(Default)]
+pub(crate) struct Ahead {
+    pub entries: Vec<Entry>,
+    /// As many.
+    pub lanes: Vec<u16>,
+}
+
+impl Ahead {
+    pub fn clear(&mut self) {
+        self.entries.clear();
+        self.lanes.clear();
+    }
+
+    /// Those that a ray is to visit.
+    fn of(&self, lane: usize) -> impl Iterator<Item = Entry> {
+        let all = self.entries.iter().zip(&self.lanes);
+        all.filter_map(move |(&entry, lanes)| (lanes >> lane & 1 != 0).then_some(entry))
+    }
+}
+
+/// The leaf at which rays stand.
+#[derive(Clone, Copy)]
+pub(crate) struct Standing {
+    pub word: u32,
+    /// By triangle: rays that have not been tested against it yet.
+    pub rest: [u16; LEAF_TRIANGLES],
+}
+
+impl Standing {
+    pub const NOWHERE: Standing = Standing {
+        word: 0,
+        rest: [0; LEAF_TRIANGLES],
+    };
+}
+
+impl Default for Suspended {
+    /// Of no rays.
+    fn default() -> Suspended {
+        Suspended {
+            started: 0,
+            lanes: 0,
+            any: false,
+            patience: 0,
+            found: Found::NOTHING,
+            candidates: HitRows::NONE,
+            top: Ahead::default(),
+            bottom: Ahead::default(),
+            instance: None,
+            leaf: Standing::NOWHERE,
+            ended: 0,
+            is_single: false,
+            walks: Vec::new(),
+            accepted: 0,
+            out_of_fuel: 0,
+        }
+    }
+}
+
+impl Suspended {
+    /// The candidates: `found` says which rays have one. Of a box, `t` is the lower end of the ray's interval.
+    #[inline]
+    pub fn candidates(&self) -> &HitRows {
+        &self.candidates
+    }
+
+    /// Upper ends of the rays' intervals now.
+    #[inline]
+    pub fn t_max(&self) -> &[f32; PACKET] {
+        &self.found.t
+    }
+
+    /// Commits candidates of rays, triangles. `hits` are the rows that the rays started with, here and below.
+    pub fn accept(&mut self, lanes: u16, hits: &mut HitRows) {
+        if self.is_single {
+            self.accepted |= lanes;
+            return;
+        }
+        if lanes.count_ones() < MANY {
+            for lane in lanes_of(lanes) {
+                let hit = self.candidates.hit(lane);
+                self.commit(lane, &hit, hits);
+            }
+            return;
+        }
+        hits.take(&self.candidates, lanes);
+        let found = &mut self.found;
+        blend(&mut found.t, &self.candidates.t, lanes);
+        found.hit &= !lanes;
+        found.outside |= lanes;
+    }
+
+    /// Which of some rays a hit at `t` counts for: it is in the ray's interval as it stands, and no decision has ended the ray. The
+    /// candidates are boxes.
+    pub fn counts(&self, lanes: u16, t: &Lanes) -> u16 {
+        let (t_min, t_max) = (&self.candidates.t, &self.found.t);
+        let mut inside = 0;
+        for lane in 0..PACKET {
+            // Written so that a NaN is outside.
+            inside |= u16::from((t[lane] >= t_min[lane]) & (t[lane] <= t_max[lane])) << lane;
+        }
+        inside & lanes & !self.ended
+    }
+
+    /// Commits hits that intersection shaders reported for rays' candidates, each in its ray's interval as it stands. Returns which
+    /// rays are over by it.
+    pub fn report(&mut self, lanes: u16, t: &Lanes, kinds: &Words, hits: &mut HitRows) -> u16 {
+        if self.is_single {
+            return lanes_of(lanes).fold(0, |over, lane| {
+                self.found.t[lane] = t[lane];
+                let ends = self.walks[lane].commit_procedural(t[lane], kinds[lane] as u8);
+                over | u16::from(ends) << lane
+            });
+        }
+        if lanes.count_ones() < MANY {
+            for lane in lanes_of(lanes) {
+                let hit = Hit {
+                    t: t[lane],
+                    hit_kind: kinds[lane] as u8,
+                    ..self.candidates.hit(lane)
+                };
+                self.commit(lane, &hit, hits);
+            }
+        } else {
+            hits.take(&self.candidates, lanes);
+            hits.report(lanes, t, kinds);
+            let found = &mut self.found;
+            blend(&mut found.t, t, lanes);
+            found.hit &= !lanes;
+            found.outside |= lanes;
+        }
+        if self.any { lanes } else { 0 }
+    }
+
+    fn commit(&mut self, lane: usize, hit: &Hit, hits: &mut HitRows) {
+        self.found.set_outside(lane, hit.t);
+        hits.set(lane, hit);
+    }
+
+    /// Ends rays with what is committed.
+    pub fn end(&mut self, lanes: u16) {
+        self.ended |= lanes;
+    }
+
+    /// From here on rays go one by one; none is kept yet.
+    pub(crate) fn start_singles(&mut self) {
+        self.is_single = true;
+        (self.accepted, self.ended, self.out_of_fuel) = (0, 0, 0);
+        self.candidates.found = 0;
+    }
+
+    /// Some rays wait for decisions or for fuel.
+    pub(crate) fn waits(&self) -> bool {
+        self.candidates.found | self.out_of_fuel != 0
+    }
+
+    /// Keeps a walk that stopped, by changing places with it.
+    pub(crate) fn keep(&mut self, lane: usize, walk: &mut Walk, event: Event) {
+        self.walks.resize_with(PACKET, Walk::default);
+        std::mem::swap(&mut self.walks[lane], walk);
+        self.note(lane, event);
+    }
+
+    /// Notes why the walk of a ray stopped, but for its end.
+    pub(crate) fn note(&mut self, lane: usize, event: Event) {
+        if event == Event::OutOfFuel {
+            self.out_of_fuel |= 1 << lane;
+            return;
+        }
+        let walk = &self.walks[lane];
+        self.candidates.set(lane, walk.candidate());
+        self.found.t[lane] = walk.t_max();
+    }
+
+    /// The walks that stopped, with what was decided about each; from here on they are on their way again.
+    pub(crate) fn decided(&mut self) -> impl Iterator<Item = (usize, Verdict)> + use<> {
+        let (accepted, ended) = (self.accepted, self.ended);
+        let lanes = self.candidates.found;
+        self.start_singles();
+        lanes_of(lanes).map(move |lane| {
+            let verdict = match (accepted >> lane & 1 != 0, ended >> lane & 1 != 0) {
+                (false, false) => Verdict::Continue,
+                (false, true) => Verdict::Terminate,
+                (true, false) => Verdict::Accept,
+                (true, true) => Verdict::AcceptAndTerminate,
+            };
+            (lane, verdict)
+        })
+    }
+
+    /// A ray that only lacked fuel, which is on its way again.
+    pub(crate) fn take_out_of_fuel(&mut self) -> Option<usize> {
+        let lane = lanes_of(self.out_of_fuel).next()?;
+        self.out_of_fuel &= !(1 << lane);
+        Some(lane)
+    }
+
+    /// The walk of a ray, where they go one by one.
+    pub(crate) fn walk(&mut self, lane: usize) -> &mut Walk {
+        &mut self.walks[lane]
+    }
+
+    /// Makes a packet's rays go one by one.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`].
+    pub(crate) unsafe fn split_all(&mut self, lanes: u16, rays: &RayRows, hits: &HitRows) {
+        self.start_singles();
+        let mut walk = Walk::OVER;
+        for lane in lanes_of(lanes) {
+            // SAFETY: the caller's promise.
+            unsafe { self.split(lane, rays, hits, &mut walk) };
+            self.keep(lane, &mut walk, Event::OutOfFuel);
+        }
+    }
+
+    /// The walk of a ray that goes singly from here on. It is to be resumed.
+    ///
+    /// # Safety
+    /// As for [`Walk::new`].
+    pub unsafe fn split(&self, lane: usize, rays: &RayRows, hits: &HitRows, walk: &mut Walk) {
+        // SAFETY: the caller's promise.
+        unsafe { walk.restart(rays.top_level[lane], &rays.ray(lane)) };
+        walk.set_time(rays.time[lane]);
+        let instance =
+            (self.instance.filter(|(_, lanes)| lanes >> lane & 1 != 0)).map(|(index, _)| index);
+        walk.go_on_from(
+            hits.get(lane),
+            self.top.of(lane),
+            instance,
+            self.bottom.of(lane),
+        );
+    }
+}
