@@ -94,7 +94,7 @@ impl Covered {
 }
 
 /// Steps of edges inside a tile that 32 bits hold: 63 of `|a| + |b|` and a constant of [`Word::LIMIT`].
-const NARROW: u64 = 1 << 24;
+pub const NARROW: u64 = 1 << 24;
 
 /// An integer for edges.
 trait Word: Copy + Ord + Add<Output = Self> + Mul<Output = Self> + BitOr<Output = Self> {

@@ -21,6 +21,7 @@ mod output;
 mod pack;
 mod passed;
 mod plan;
+mod rectangle;
 mod samples;
 #[cfg(test)]
 mod tests;

@@ -13,8 +13,10 @@ use super::inputs::{Inputs, Slope, interpolate, perspective_weights, plane_at};
 use super::lanes::{IN_BLOCK, IN_ROW, Row, lanes_of, quads_of, vectors};
 use super::output::{Output, Rows};
 use super::passed::{Part, Value};
+use super::rectangle::{Cells, Rectangle, Side};
 use super::samples::Counts;
-use super::texels::{Pattern, Places};
+use super::texels::{Pattern, Places, load_word, store_word};
+use crate::raster::primitive::{Bounds, Edge, Record};
 
 /// How a program's fragments are worked off that way.
 pub struct Sampled<'a> {
@@ -66,20 +68,8 @@ vectors! {
         covered: &Covered,
         counts: &mut Counts,
     ) {
-        let mut values = SmallVec::<[Value; 8]>::new();
-        for slope in &sampled.slopes {
-            values.push(part.value(slope));
-        }
-        let painter = Painter {
-            v,
-            kind,
-            output,
-            sampling,
-            part,
-            tints: &sampled.tinted.outputs,
-            values: &values,
-            perspective: sampled.perspective && !part.record.is_affine,
-        };
+        let primitive = Primitive::new(sampled, part);
+        let painter = Painter::new(v, kind, output, sampled, sampling);
         let layer = part.record.layer;
         for square in &covered.squares {
             let size = i32::from(square.size);
@@ -88,7 +78,7 @@ vectors! {
             for y in top..top + size {
                 for x in (left..left + size).step_by(16) {
                     // SAFETY: the caller's promise: squares lie in the render area.
-                    unsafe { painter.paint(&Places::row(x, y, layer), u16::MAX) };
+                    unsafe { painter.paint(&primitive, &Places::row(x, y, layer), u16::MAX) };
                 }
             }
         }
@@ -98,7 +88,41 @@ vectors! {
                 counts.invocations += u64::from(mask.count_ones());
                 let places = Places::block(block.place(part.corner), layer, part.area);
                 // SAFETY: the caller's promise.
-                unsafe { painter.paint(&places, mask) };
+                unsafe { painter.paint(&primitive, &places, mask) };
+            }
+        }
+    }
+}
+
+vectors! {
+    /// Writes what the fragments of two triangles leave that make up a rectangle, in the cells of `limit`.
+    ///
+    /// # Safety
+    /// The rectangle lies in the limit, that in the render area and with it in all attachments, as does the layer; the limit's pixels belong to
+    /// the caller. What is sampled is there, and has one level.
+    pub unsafe fn draw_rectangle<V>(
+        v,
+        kind: TierKind,
+        output: &Output,
+        sampled: &Sampled<'_>,
+        sampling: &Sampling<'_>,
+        parts: [&Part<'_>; 2],
+        rectangle: &Rectangle,
+        limit: &Bounds,
+        counts: &mut Counts,
+    ) {
+        counts.invocations += rectangle.area();
+        let primitives = [
+            Primitive::new(sampled, parts[0]),
+            Primitive::new(sampled, parts[1]),
+        ];
+        let painter = Painter::new(v, kind, output, sampled, sampling);
+        let cells = rectangle.cells(limit, parts[0].record.layer);
+        // SAFETY: the caller's promise.
+        unsafe {
+            match primitives[0].is_like(&primitives[1]) {
+                true => painter.paint_same(&primitives[0], cells),
+                false => painter.paint_both(&primitives, &rectangle.diagonal, cells),
             }
         }
     }
@@ -121,36 +145,170 @@ vectors! {
     }
 }
 
-/// A primitive while it is drawn.
+/// What a primitive's fragments are made of.
+struct Primitive<'a> {
+    record: &'a Record,
+    /// What texels are multiplied with, by row of outputs, then both coordinates.
+    values: SmallVec<[Value; 8]>,
+    perspective: bool,
+}
+
+impl<'a> Primitive<'a> {
+    #[inline(always)]
+    fn new(sampled: &Sampled<'_>, part: &Part<'a>) -> Self {
+        let mut values = SmallVec::new();
+        for slope in &sampled.slopes {
+            values.push(part.value(slope));
+        }
+        Self {
+            record: part.record,
+            values,
+            perspective: sampled.perspective && !part.record.is_affine,
+        }
+    }
+
+    /// Whether all fragments of both leave the same.
+    fn is_like(&self, other: &Self) -> bool {
+        let is_like = |pair: (&Value, &Value)| match pair {
+            (Value::Same(a), Value::Same(b)) => a == b,
+            _ => false,
+        };
+        self.values.iter().zip(&other.values).all(is_like)
+    }
+}
+
+/// Primitives while they are drawn.
 struct Painter<'a, V: Vector> {
     v: V,
     /// That of the vectors.
     kind: TierKind,
     output: &'a Output,
     sampling: &'a Sampling<'a>,
-    part: &'a Part<'a>,
     /// By row of outputs.
     tints: &'a [Tint],
-    /// What they are multiplied with, then both coordinates.
-    values: &'a [Value],
-    perspective: bool,
 }
 
-impl<V: Vector> Painter<'_, V> {
+/// Barycentric coordinates of the second and third vertex in sixteen pixels.
+type Weights<V> = [<V as Vector>::F; 2];
+
+impl<'a, V: Vector> Painter<'a, V> {
+    #[inline(always)]
+    fn new(
+        v: V,
+        kind: TierKind,
+        output: &'a Output,
+        sampled: &'a Sampled<'_>,
+        sampling: &'a Sampling<'a>,
+    ) -> Self {
+        Self {
+            v,
+            kind,
+            output,
+            sampling,
+            tints: &sampled.tinted.outputs,
+        }
+    }
+
     /// Samples and writes sixteen pixels.
     ///
     /// # Safety
     /// As [`draw`], for these places; the mask is not empty.
     #[inline(always)]
-    unsafe fn paint(&self, places: &Places, mask: u16) {
-        let (v, record) = (self.v, self.part.record);
-        let [.., s, t] = self.values else {
+    unsafe fn paint(&self, primitive: &Primitive<'_>, places: &Places, mask: u16) {
+        // The others of their quads decide with the covered lanes what level is sampled; in rows there is one level.
+        let active = match places.pattern {
+            Pattern::Row => mask,
+            _ => lanes_of(quads_of(mask)),
+        };
+        let weights = self.weights(primitive, places);
+        let coordinates = self.coordinates(primitive, weights);
+        // SAFETY: the caller's promise.
+        let texels = unsafe { self.sample(coordinates, active) };
+        for color in &self.output.colors {
+            let source = self.colors(&color.source, primitive, weights, &texels);
+            // SAFETY: the caller's promise.
+            unsafe { color.put_colors(self.v, source, places, mask) };
+        }
+    }
+
+    /// Samples and writes the cells of two primitives, of which the first has the pixels inside of an edge.
+    ///
+    /// # Safety
+    /// As [`draw_rectangle`].
+    #[inline(always)]
+    unsafe fn paint_both(&self, primitives: &[Primitive<'_>; 2], diagonal: &Edge, cells: Cells) {
+        let v = self.v;
+        let [first, second] = primitives;
+        let side = Side::new(v, diagonal);
+        for (places, mask) in cells {
+            let inside = side.inside(v, &places);
+            let weights = [self.weights(first, &places), self.weights(second, &places)];
+            let of_first = self.coordinates(first, weights[0]);
+            let of_second = self.coordinates(second, weights[1]);
+            let coordinates = [
+                self.select(inside, of_first[0], of_second[0]),
+                self.select(inside, of_first[1], of_second[1]),
+            ];
+            // SAFETY: the caller's promise.
+            let texels = unsafe { self.sample(coordinates, mask) };
+            for color in &self.output.colors {
+                let of_first = self.colors(&color.source, first, weights[0], &texels);
+                let of_second = self.colors(&color.source, second, weights[1], &texels);
+                let source = [
+                    v.select(inside, of_first[0], of_second[0]),
+                    v.select(inside, of_first[1], of_second[1]),
+                    v.select(inside, of_first[2], of_second[2]),
+                    v.select(inside, of_first[3], of_second[3]),
+                ];
+                // SAFETY: the caller's promise.
+                unsafe { color.put_colors(v, source, &places, mask) };
+            }
+        }
+    }
+
+    /// Writes cells whose fragments all leave the same, sampled once.
+    ///
+    /// # Safety
+    /// As [`draw_rectangle`].
+    #[inline(always)]
+    unsafe fn paint_same(&self, primitive: &Primitive<'_>, cells: Cells) {
+        let v = self.v;
+        let none = [v.splat(0.0); 2];
+        // SAFETY: the caller's promise.
+        let texels = unsafe { self.sample(self.coordinates(primitive, none), 1) };
+        let texels = texels.map(|row| [row[0]; 16]);
+        let [color] = &self.output.colors[..] else {
+            for (places, mask) in cells {
+                for color in &self.output.colors {
+                    let source = self.colors(&color.source, primitive, none, &texels);
+                    // SAFETY: the caller's promise.
+                    unsafe { color.put_colors(v, source, &places, mask) };
+                }
+            }
             return;
         };
-        // The others of their quads decide with the covered lanes what level is sampled; in rows there is one level.
-        let (steps, active) = match places.pattern {
-            Pattern::Row => (&IN_ROW, mask),
-            _ => (&IN_BLOCK, lanes_of(quads_of(mask))),
+        let source = self.colors(&color.source, primitive, none, &texels);
+        let glaze = color.glaze(v, source);
+        for (places, mask) in cells {
+            // SAFETY: the caller's promise.
+            unsafe {
+                if let Some(glaze) = &glaze {
+                    let old = load_word(v, &color.target, &places, 0, mask);
+                    store_word(v, &color.target, &places, 0, mask, glaze.over(v, old));
+                } else {
+                    color.put_colors(v, source, &places, mask);
+                }
+            }
+        }
+    }
+
+    /// In sixteen pixels.
+    #[inline(always)]
+    fn weights(&self, primitive: &Primitive<'_>, places: &Places) -> Weights<V> {
+        let (v, record) = (self.v, primitive.record);
+        let steps = match places.pattern {
+            Pattern::Row => &IN_ROW,
+            _ => &IN_BLOCK,
         };
         let x = v.splat_i(places.x[0].wrapping_sub(record.origin[0]));
         let y = v.splat_i(places.y[0].wrapping_sub(record.origin[1]));
@@ -158,7 +316,7 @@ impl<V: Vector> Painter<'_, V> {
             v.to_f(v.add_i(x, v.load_i(&steps[0]))),
             v.to_f(v.add_i(y, v.load_i(&steps[1]))),
         ];
-        let weights = match self.perspective {
+        match primitive.perspective {
             true => {
                 let planes = [
                     plane_at(v, &record.perspective[0], at),
@@ -171,21 +329,37 @@ impl<V: Vector> Painter<'_, V> {
                 plane_at(v, &record.linear[1], at),
                 plane_at(v, &record.linear[2], at),
             ],
-        };
-        let mut coordinates = [[0; 16]; 2];
-        v.store(self.value(s, weights), &mut coordinates[0]);
-        v.store(self.value(t, weights), &mut coordinates[1]);
-        // SAFETY: the caller's promise.
-        let texels = unsafe { sample(self.kind, self.sampling, &coordinates, active) };
-        for color in &self.output.colors {
-            let source = self.colors(&color.source, weights, &texels);
-            // SAFETY: the caller's promise.
-            unsafe { color.put_colors(v, source, places, mask) };
         }
     }
 
+    /// Where the image is sampled.
     #[inline(always)]
-    fn value(&self, value: &Value, weights: [V::F; 2]) -> V::F {
+    fn coordinates(&self, primitive: &Primitive<'_>, weights: Weights<V>) -> [V::F; 2] {
+        match &primitive.values[..] {
+            [.., s, t] => [self.value(s, weights), self.value(t, weights)],
+            _ => [self.v.splat(0.0); 2],
+        }
+    }
+
+    /// # Safety
+    /// What is sampled is there; `active` is not empty.
+    #[inline(always)]
+    unsafe fn sample(&self, coordinates: [V::F; 2], active: u16) -> [Row; 4] {
+        let mut at = [[0; 16]; 2];
+        self.v.store(coordinates[0], &mut at[0]);
+        self.v.store(coordinates[1], &mut at[1]);
+        // SAFETY: the caller's promise.
+        unsafe { sample(self.kind, self.sampling, &at, active) }
+    }
+
+    #[inline(always)]
+    fn select(&self, mask: u16, a: V::F, b: V::F) -> V::F {
+        let v = self.v;
+        v.bits_to_f(v.select(mask, v.bits_of(a), v.bits_of(b)))
+    }
+
+    #[inline(always)]
+    fn value(&self, value: &Value, weights: Weights<V>) -> V::F {
         let v = self.v;
         match *value {
             Value::Same(word) => v.splat(f32::from_bits(word)),
@@ -198,14 +372,20 @@ impl<V: Vector> Painter<'_, V> {
 
     /// Components of sixteen colours.
     #[inline(always)]
-    fn colors(&self, rows: &Rows, weights: [V::F; 2], texels: &[Row; 4]) -> [V::I; 4] {
+    fn colors(
+        &self,
+        rows: &Rows,
+        primitive: &Primitive<'_>,
+        weights: Weights<V>,
+        texels: &[Row; 4],
+    ) -> [V::I; 4] {
         let v = self.v;
         let mut colors = [v.splat_i(0); 4];
         for (color, row) in colors.iter_mut().zip(rows) {
             let Some(row) = *row else {
                 continue;
             };
-            let value = self.value(&self.values[row], weights);
+            let value = self.value(&primitive.values[row], weights);
             *color = v.bits_of(match self.tints[row] {
                 Tint::Passed(_) => value,
                 Tint::Texel(component) => v.load(&texels[usize::from(component % 4)]),

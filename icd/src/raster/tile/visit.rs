@@ -17,6 +17,7 @@ use super::lanes::{IN_BLOCK, LANE_X, LANE_Y, Row, lanes_of, vectors};
 use super::pack::{Found, Origin, Pack, Packs};
 use super::passed::Part;
 use super::plan::{Fragment, Order, Plan, Plans};
+use super::rectangle::Rectangle;
 use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, locations};
 use super::texels::{Pattern, Places};
 use super::tinted::{self, Sampled};
@@ -106,8 +107,18 @@ impl<'a> Visit<'a> {
         }
         for shapes in chunk.bins.shapes_of(tile).chunks(SHAPES) {
             self.round.context.limits.check()?;
-            for &shape in shapes {
-                let shape = &chunk.shapes[shape as usize];
+            let mut rest = shapes;
+            while let Some((&first, others)) = rest.split_first() {
+                let shape = &chunk.shapes[first as usize];
+                rest = others;
+                let second = others.first().filter(|&&second| second == first + 1);
+                if let Some(second) = second.map(|&second| &chunk.shapes[second as usize])
+                    && shape.bounds == second.bounds
+                    && self.pair(chunk, shape, second)?
+                {
+                    rest = &others[1..];
+                    continue;
+                }
                 self.shape(index, chunk, shape)?;
             }
         }
@@ -191,6 +202,60 @@ impl<'a> Visit<'a> {
         };
         self.worker.covered = covered;
         result
+    }
+
+    /// Draws two shapes as one, if they are a rectangle, what they leave is sampled, and neither tests nor
+    /// levels need whole quads of each; else gives false.
+    fn pair(&mut self, chunk: &Chunk, first: &Shape, second: &Shape) -> Result<bool, Stopped> {
+        let records = [first, second].map(|shape| &chunk.records[shape.record as usize]);
+        let Some(current) = self.take_draw(records[0].draw)? else {
+            return Ok(false);
+        };
+        let (Some(sampled), Some(sampling)) = (&current.plan.sampled, &current.sampling) else {
+            return Ok(false);
+        };
+        let plan = current.plan;
+        let is_plain = plan.tests.is_empty()
+            && plan.samples == 1
+            && plan.sample_mask & 1 != 0
+            && !sampling.takes_derivatives();
+        let is_one = records.iter().all(|it| it.draw == current.index)
+            && records[0].layer == records[1].layer
+            && records[0].layer < self.round.targets.layers;
+        if !is_plain || !is_one {
+            return Ok(false);
+        }
+        let limit = meet(&self.bounds, &self.round.area);
+        let clip = meet(&first.bounds, &limit);
+        let Some(rectangle) = Rectangle::of(first, second, &clip) else {
+            return Ok(false);
+        };
+        let part = |record| Part {
+            record,
+            outputs: &chunk.outputs,
+            corner: [self.bounds.left, self.bounds.top],
+            area: &self.round.area,
+        };
+        let tier = self.round.tier;
+        if current.is_counted {
+            self.counts.samples += rectangle.area();
+        }
+        // SAFETY: the rectangle lies in the clip, that in the limit, which is the part of a worker's tile in the
+        // render area; for the rest, as for direct fragments, and the draw keeps what its environment points to.
+        unsafe {
+            tinted::draw_rectangle(
+                tier,
+                tier,
+                &plan.output,
+                sampled,
+                sampling,
+                [&part(records[0]), &part(records[1])],
+                &rectangle,
+                &limit,
+                &mut self.counts,
+            );
+        }
+        Ok(true)
     }
 
     fn cover(

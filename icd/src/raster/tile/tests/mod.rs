@@ -5,6 +5,7 @@ mod colors;
 mod coverage;
 mod direct;
 mod order;
+mod rectangle;
 mod stencils;
 mod support;
 mod tinted;

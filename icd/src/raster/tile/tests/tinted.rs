@@ -8,7 +8,8 @@ use spirv_jit::program::Program;
 use std::sync::Arc;
 
 use super::direct::{Drawn, state};
-use super::support::{Canvas, Random, chunk_of, draw, program, run, targets};
+use super::rectangle::halves;
+use super::support::{Canvas, Random, chunk_of, draw, edges, program, run, targets};
 use crate::raster::Work;
 
 /// Texels of a level's side, at most.
@@ -113,6 +114,24 @@ fn sampler(random: &mut Random) -> SamplerDescriptor {
     }
 }
 
+/// Two triangles that are a rectangle.
+fn boxed(random: &mut Random, extent: [u32; 2]) -> [Drawn; 2] {
+    let mut drawn = [(); 2].map(|()| Drawn::new(random, extent));
+    let reach = [12, 40, 150][random.within(0, 3) as usize] * 256;
+    let least = extent.map(|it| random.within(-2560, i64::from(it) * 256) as i32);
+    let greatest = least.map(|it| it + random.within(1, reach) as i32);
+    let corners = halves(least, greatest, random.within(0, 2) == 0);
+    for (drawn, corners) in drawn.iter_mut().zip(corners) {
+        drawn.edges = edges(corners);
+    }
+    if random.within(0, 3) == 0 {
+        // One colour, one texel.
+        drawn[0].colors = [drawn[0].colors[0]; 3];
+        drawn[1].colors = drawn[0].colors;
+    }
+    drawn
+}
+
 fn check(random: &mut Random) {
     let extent = [(); 2].map(|()| random.within(1, 150) as u32);
     let samples = [1, 1, 1, 4][random.within(0, 4) as usize];
@@ -124,6 +143,10 @@ fn check(random: &mut Random) {
     let mut state = state(random);
     state.multisample.samples = samples;
     let mut drawn: Vec<_> = (0..5).map(|_| Drawn::new(random, extent)).collect();
+    if random.within(0, 2) == 0 {
+        drawn = (0..4).flat_map(|_| boxed(random, extent)).collect();
+        state.depth_stencil.depth_test &= random.within(0, 4) == 0;
+    }
     for triangle in &mut drawn {
         // A few texels a pixel or a few pixels a texel.
         let scale = [0.25, 4.0][random.within(0, 2) as usize];
@@ -139,6 +162,8 @@ fn check(random: &mut Random) {
         ..Descriptor::NULL
     };
     let alpha = ["v3", "v13"][random.within(0, 2) as usize];
+    // The varyings are linear one way or the other.
+    let is_affine = random.within(0, 2) == 0;
     let mut wanted: Option<Vec<u8>> = None;
     for limit in TIER_NAMES {
         assert!(limit_tier(limit));
@@ -151,7 +176,10 @@ fn check(random: &mut Random) {
                 let colors = it.colors.map(|color| color.map(f32::to_bits));
                 (it.edges, it.depth, it.linear, it.origin, colors)
             });
-            let chunk = chunk_of(0, &targets, shapes);
+            let mut chunk = chunk_of(0, &targets, shapes);
+            for record in &mut chunk.records {
+                record.is_affine = is_affine;
+            }
             let program = sampling(is_direct, alpha);
             assert_eq!(program.tinted().is_some(), is_direct);
             let mut environment = Environment::unbound();
