@@ -1,8 +1,10 @@
-//! Closed meshes whose faces reach far: whatever the proportions, no ray leaves them unseen.
+//! Meshes whose faces reach far: whatever the proportions, no ray leaves closed ones unseen, and each
+//! meets what whole numbers say.
 //!
 //! `cargo xtask watertight` sends more rays at them.
 
 use scenes::closed::{self, FAMILIES, LENGTHS, PLACEMENTS, cuboid, faults};
+use scenes::surface::Surface;
 use scenes::ways::all_ways;
 use scenes::*;
 
@@ -47,6 +49,56 @@ fn convex_meshes_are_closed() {
 #[test]
 fn other_meshes_are_closed() {
     assert_closed(FAMILIES.iter().skip(8));
+}
+
+/// What the checks above ask is quick, as f64 answers where it is certain. Whole numbers agree.
+#[test]
+fn quick_answers_are_exact() {
+    for family in FAMILIES {
+        for length in LENGTHS {
+            for inside in [true, false] {
+                let wrong = closed::misjudged(family, length, inside, 0x1234_5678_9ABC_DEF1, 12);
+                assert_eq!(wrong, 0, "{} {length}", family.name);
+            }
+        }
+    }
+    // Triangles through rays and in their planes, as large and as small as numbers are.
+    let mut random = Random(0x9E37_79B9_7F4A_7C15);
+    let [mut certain, mut asked] = [0; 2];
+    for i in 0..3000 {
+        let scale = 10f64.powf([0.0, 30.0, -30.0][i % 3] * random.next());
+        let mut point = |range: f64, scale: f64| -> [f32; 3] {
+            [0; 3].map(|_| ((random.signed() * range).round() * scale) as f32)
+        };
+        let mut mesh = Mesh {
+            vertices: (0..6).map(|_| point(6.0, scale)).collect(),
+            indices: (0..4).map(|k| [k, (k + 1) % 6, (k + 2) % 6]).collect(),
+            opaque: true,
+        };
+        let origin = point(6.0, scale);
+        // At a vertex, at the middle of an edge, or anywhere.
+        let [p, q] = [i, i + i / 3 % 2].map(|k| mesh.vertices[k % 6]);
+        let aim: [f32; 3] = std::array::from_fn(|k| p[k] - origin[k] + (q[k] - origin[k]));
+        let mut ray = ray(origin, if i % 4 < 3 { aim } else { point(4.0, 1.0) });
+        if ray.direction == [0.0; 3] {
+            continue;
+        }
+        // Off that by a few of the last bits.
+        let numbers = mesh.vertices.iter_mut().flatten();
+        for number in numbers.chain(&mut ray.origin).chain(&mut ray.direction) {
+            if i % 2 == 0 && random.next() < 0.3 {
+                *number = f32::from_bits(number.to_bits() ^ (random.next() * 4.0) as u32);
+            }
+        }
+        let met = Surface::new(&mesh).meet(&ray);
+        assert!(
+            closed::is_exactly(&met, &mesh, &ray),
+            "{met:?} {mesh:?} {ray:?}"
+        );
+        certain += usize::from(met.asked == 0 && met.crossings > 0);
+        asked += usize::from(met.asked > 0);
+    }
+    assert!(certain > 100 && asked > 500, "{certain} {asked}");
 }
 
 /// A ray in a cube 95 wide, less than one away from what it meets.

@@ -1,70 +1,82 @@
-//! Closed meshes whose faces reach far, rays at their edges and vertices, and what is right about
-//! those: a ray from inside leaves through the surface, whatever the proportions.
+//! Meshes whose faces reach far, rays at their edges and vertices, and what is right about those: a
+//! ray from inside of a closed one leaves through the surface, whatever the proportions, and each
+//! meets what whole numbers say.
 
 use crate::exact;
+use crate::surface::{Met, Place, Surface};
 use crate::ways::{all_ways, walkers};
 use crate::*;
 use traversal::*;
 
-/// A closed mesh by how far it reaches.
+/// A mesh by how far it reaches.
 pub struct Family {
     pub name: &'static str,
     make: fn(f64) -> Mesh,
-    /// Whether a ray from inside crosses it once and one from outside twice at most. What has
-    /// slanted faces of four corners is not convex any more when those are rounded.
-    convex: bool,
+    shape: Shape,
+}
+
+/// What can be said about crossings whatever the ray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Shape {
+    /// A ray from inside crosses it once and one from outside twice at most. What has slanted faces
+    /// of four corners is not convex any more when those are rounded.
+    Convex,
+    /// An odd number from inside, an even one from outside.
+    Closed,
+    /// Nothing. Only whole numbers know what rays meet, so it is placed as these can follow.
+    Open,
 }
 
 pub const FAMILIES: &[Family] = &[
     Family {
         name: "cube",
         make: |length| cuboid([length; 3]),
-        convex: true,
+        shape: Shape::Convex,
     },
     Family {
         name: "long box",
         make: |length| cuboid([1.0, 1.0, length]),
-        convex: true,
+        shape: Shape::Convex,
     },
     Family {
         name: "flat box",
         make: |length| cuboid([length, 1.0, length]),
-        convex: true,
+        shape: Shape::Convex,
     },
     Family {
         name: "prism of 3 sides",
         make: |length| prism(&circle(3, 1.0), length),
-        convex: false,
+        shape: Shape::Closed,
     },
     Family {
         name: "prism of 7 sides",
         make: |length| prism(&circle(7, 1.0), length),
-        convex: false,
+        shape: Shape::Closed,
     },
     Family {
         name: "wedge",
         make: |length| prism(&[[0.0, 0.0], [length, 0.0], [length, 1.0]], 1.0),
-        convex: true,
+        shape: Shape::Convex,
     },
     Family {
-        name: "tetrahedron, long",
+        name: "long tetrahedron",
         make: |length| tetrahedron([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.3, 0.2, length]]),
-        convex: true,
+        shape: Shape::Convex,
     },
     Family {
-        name: "tetrahedron, flat",
+        name: "flat tetrahedron",
         make: |length| tetrahedron([[length, 0.0, 0.0], [0.0, length, 0.0], [0.3, 0.2, 1.0]]),
-        convex: true,
+        shape: Shape::Convex,
     },
     Family {
         name: "fans of slivers",
         make: |length| spindle(48, 1.0, length),
-        convex: false,
+        shape: Shape::Closed,
     },
     Family {
         name: "flat fans",
         make: |length| spindle(48, length, 1.0),
-        convex: false,
+        shape: Shape::Closed,
     },
     Family {
         name: "L-shaped room",
@@ -80,7 +92,7 @@ pub const FAMILIES: &[Family] = &[
             ];
             prism(&corners, 1.0)
         },
-        convex: false,
+        shape: Shape::Closed,
     },
     Family {
         name: "sky box and sphere",
@@ -95,17 +107,57 @@ pub const FAMILIES: &[Family] = &[
             mesh.indices.extend(faces);
             mesh
         },
-        convex: false,
+        shape: Shape::Closed,
     },
     Family {
         name: "terrain of strips",
         make: |length| terrain(24, length),
-        convex: false,
+        shape: Shape::Closed,
     },
     Family {
         name: "terrain of needles",
         make: |length| terrain(24, length.recip()),
-        convex: false,
+        shape: Shape::Closed,
+    },
+    Family {
+        name: "spiky star",
+        make: star,
+        shape: Shape::Closed,
+    },
+    Family {
+        name: "thin torus",
+        make: |length| torus([24, 6], [length + 1.0, 1.0]),
+        shape: Shape::Closed,
+    },
+    Family {
+        name: "lantern of slivers",
+        make: |length| lantern(10, 8, length.recip()),
+        shape: Shape::Closed,
+    },
+    Family {
+        name: "double fan of hundreds",
+        make: |length| spindle(200, length, 1.0),
+        shape: Shape::Closed,
+    },
+    Family {
+        name: "open fan of hundreds",
+        make: |length| {
+            let mut mesh = spindle(300, length, 1.0);
+            // One side of the two, and a slit in it.
+            mesh.indices.retain(|face| face.contains(&300));
+            mesh.indices.pop();
+            mesh
+        },
+        shape: Shape::Open,
+    },
+    Family {
+        name: "open strips",
+        make: |length| {
+            let mut mesh = terrain(24, length);
+            mesh.indices.truncate(mesh.indices.len() / 2);
+            mesh
+        },
+        shape: Shape::Open,
     },
 ];
 
@@ -206,6 +258,76 @@ fn terrain(strips: u32, length: f64) -> Mesh {
     mesh(&vertices, &faces)
 }
 
+/// A ball of 80 faces, every third point of which is drawn out into a spike.
+fn star(length: f64) -> Mesh {
+    let (points, indices) = icosphere(1);
+    let out = |(i, point): (usize, DVec3)| narrow(point * if i % 3 == 0 { length } else { 0.5 });
+    Mesh {
+        vertices: points.into_iter().enumerate().map(out).collect(),
+        indices,
+        opaque: true,
+    }
+}
+
+/// A grid of quads, closed in its first direction; the faces.
+fn grid(around: u32, rows: u32, is_closed: bool) -> Vec<Vec<u32>> {
+    let at = |row: u32, i: u32| row % rows * around + i % around;
+    let quad = |row: u32, i: u32| {
+        let corners = [(0, 0), (0, 1), (1, 1), (1, 0)];
+        corners
+            .map(|(down, right)| at(row + down, i + right))
+            .into()
+    };
+    let last = if is_closed { rows } else { rows - 1 };
+    (0..last)
+        .flat_map(|row| (0..around).map(move |i| (row, i)))
+        .map(|(row, i)| quad(row, i))
+        .collect()
+}
+
+/// A torus by its numbers of faces and its radii, around the axis and around the tube.
+fn torus([around, tube]: [u32; 2], [radius, thickness]: [f64; 2]) -> Mesh {
+    let turns = circle(around, 1.0);
+    let vertices: Vec<_> = circle(tube, thickness)
+        .into_iter()
+        .flat_map(|[out, up]| {
+            let turns = turns.clone().into_iter();
+            turns.map(move |[x, y]| [(radius + out) * x, (radius + out) * y, up])
+        })
+        .collect();
+    mesh(&vertices, &grid(around, tube, true))
+}
+
+/// A cylinder of so many sides and so high, whose rows are turned by half a side each (Schwarz): the
+/// flatter, the more its faces are folded.
+fn lantern(sides: u32, rows: u32, height: f64) -> Mesh {
+    let mut vertices = Vec::new();
+    for row in 0..rows {
+        let turn = std::f64::consts::PI / f64::from(sides) * f64::from(row % 2);
+        let z = height * f64::from(row) / f64::from(rows - 1);
+        let place = |[x, y]: [f64; 2]| {
+            let (sin, cos) = turn.sin_cos();
+            [cos * x - sin * y, sin * x + cos * y, z]
+        };
+        vertices.extend(circle(sides, 1.0).into_iter().map(place));
+    }
+    let mut faces = Vec::new();
+    for (i, quad) in grid(sides, rows, false).into_iter().enumerate() {
+        let [a, b, c, d] = quad[..] else {
+            unreachable!("it has four corners")
+        };
+        // Rows that are turned have their points half a side on.
+        faces.extend(match i as u32 / sides % 2 {
+            0 => [vec![a, b, d], vec![b, c, d]],
+            _ => [vec![a, b, c], vec![a, c, d]],
+        });
+    }
+    for end in [0, rows - 1] {
+        faces.push((end * sides..(end + 1) * sides).collect());
+    }
+    mesh(&vertices, &faces)
+}
+
 /// A mean of all vertices.
 fn mean(mesh: &Mesh, random: &mut Random) -> DVec3 {
     let mut point = DVec3::ZERO;
@@ -218,63 +340,25 @@ fn mean(mesh: &Mesh, random: &mut Random) -> DVec3 {
     point / sum
 }
 
-/// No more than how far a point is from a triangle: how far from its plane, or outside of an edge.
-fn least_distance(point: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
-    let normal = (b - a).cross(c - a);
-    let along = |way: DVec3, from: DVec3| way.dot(point - from) / way.length();
-    [(a, b), (b, c), (c, a)]
-        .into_iter()
-        .map(|(p, q)| along((q - p).cross(normal), p))
-        .fold(along(normal, a).abs(), f64::max)
-}
-
-/// Whether a point is inside a closed mesh, if that is certain: by the crossings of rays in f64,
-/// none of which comes near an edge, and if the point is further from the surface than by this part
-/// of how far it is from the origin of space.
-fn is_inside(mesh: &Mesh, point: DVec3, clear: f64) -> Option<bool> {
-    let reach = point.abs().max_element();
-    let is_clear =
-        |index: usize| least_distance(point, mesh.triangle(index).map(wide)) > clear * reach;
-    if !(0..mesh.indices.len()).all(is_clear) {
-        return None;
-    }
-    const WAYS: [[f64; 3]; 3] = [
-        [0.531, 0.622, 0.575],
-        [-0.288, 0.713, -0.639],
-        [0.913, -0.237, 0.331],
-    ];
-    WAYS.map(DVec3::from).into_iter().find_map(|way| {
-        let mut inside = false;
-        for index in 0..mesh.indices.len() {
-            let [a, b, c] = mesh.triangle(index).map(|vertex| wide(vertex) - point);
-            let [mut above, mut below, mut unsure] = [false; 3];
-            for (p, q) in [(c, b), (a, c), (b, a)] {
-                let margin = 1e-14 * p.length() * q.length();
-                let edge = way.dot(p.cross(q));
-                above |= edge > margin;
-                below |= edge < -margin;
-                unsure |= edge.abs() <= margin;
-            }
-            if above && below {
-                continue;
-            }
-            // The plane's distance has the sign of the volume over that of the edges.
-            let volume = a.dot(b.cross(c));
-            let size = [a, b, c].map(DVec3::length).iter().product::<f64>();
-            if unsure || volume.abs() <= 1e-14 * size {
-                return None;
-            }
-            // Edges of one sign belong to a normal along or against the way.
-            let normal = (b - a).cross(c - a);
-            inside ^= (normal.dot(a) > 0.0) == (normal.dot(way) > 0.0);
-        }
-        Some(inside)
-    })
-}
-
-/// Rays at edges and vertices, from inside or outside; all distances between the near and the far
-/// end of what there is. Fewer where places to start from are hardly found.
-fn rays(mesh: &Mesh, random: &mut Random, count: usize, inside: bool, clear: f64) -> Vec<Ray> {
+/// Rays at edges and vertices, from inside or outside (towards all vertices or away from them, where
+/// it is open); all distances between the near and the far end of what there is. Fewer where places
+/// to start from are hardly found.
+fn rays(
+    mesh: &Mesh,
+    surface: &mut Surface<'_>,
+    random: &mut Random,
+    count: usize,
+    start: Start,
+) -> Vec<Ray> {
+    let Start {
+        inside,
+        closed,
+        clear,
+    } = start;
+    let meant = match inside {
+        true => Place::Inside,
+        false => Place::Outside,
+    };
     let mut rays = Vec::new();
     for _ in 0..64 * count {
         if rays.len() == count {
@@ -292,10 +376,14 @@ fn rays(mesh: &Mesh, random: &mut Random, count: usize, inside: bool, clear: f64
         let beside = random.vector() * beside;
         let target = a + weight * (b - a) + beside;
         let far = mean(mesh, random);
-        let part = 10f64.powf(-3.5 * random.next()) * if inside { 1.0 } else { -1.0 };
+        let part = 10f64.powf(-6.0 * random.next()) * if inside { 1.0 } else { -1.0 };
         let near = target + part * (far - target);
         let origin = narrow(near);
-        if is_inside(mesh, wide(origin), clear) != Some(inside) {
+        let fits = match closed {
+            true => surface.place(wide(origin), clear) == meant,
+            false => surface.is_clear(wide(origin), clear),
+        };
+        if !fits {
             continue;
         }
         let direction = narrow(target - wide(origin));
@@ -304,6 +392,16 @@ fn rays(mesh: &Mesh, random: &mut Random, count: usize, inside: bool, clear: f64
         }
     }
     rays
+}
+
+/// Where rays start from.
+#[derive(Clone, Copy)]
+struct Start {
+    inside: bool,
+    /// Whether there is an inside.
+    closed: bool,
+    /// How far from the surface, relative to how far from the origin of space.
+    clear: f64,
 }
 
 /// A ray of object space, placed.
@@ -329,11 +427,21 @@ pub struct Placement {
     clear: f64,
 }
 
+impl Placement {
+    /// Whether placing a ray and back rounds nothing, so that it is known to the bit in object space.
+    pub fn is_exact(&self) -> bool {
+        self.clear == EXACT
+    }
+}
+
+/// How far from a surface f64 is certain of a side.
+const EXACT: f64 = 1e-12;
+
 pub const PLACEMENTS: [Placement; 4] = [
     Placement {
         name: "identity",
         transform: IDENTITY,
-        clear: 1e-12,
+        clear: EXACT,
     },
     Placement {
         name: "rotated",
@@ -350,7 +458,7 @@ pub const PLACEMENTS: [Placement; 4] = [
     Placement {
         name: "mirrored",
         transform: [-1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
-        clear: 1e-12,
+        clear: EXACT,
     },
 ];
 
@@ -366,8 +474,10 @@ pub struct Faults {
     pub unequal: u64,
     /// Rays whose hits or crossings whole numbers see differently.
     pub wrong: u64,
-    /// Rays that whole numbers were asked about.
+    /// Rays for which that was asked: all where placing rounds nothing.
     pub checked: u64,
+    /// Triangles of those rays about which f64 was not certain.
+    pub whole: u64,
 }
 
 impl Faults {
@@ -384,13 +494,15 @@ impl std::ops::AddAssign for Faults {
         self.unequal += other.unequal;
         self.wrong += other.wrong;
         self.checked += other.checked;
+        self.whole += other.whole;
     }
 }
 
-/// Every how many rays whole numbers are asked, where the mesh is not moved.
-const SAMPLE: usize = 61;
+/// Every how many rays whole numbers are asked about all triangles, too.
+const SAMPLE: usize = 1021;
 
-/// Sends rays from inside or outside at a family's mesh of this length, placed; in every way.
+/// Sends rays from inside or outside at a family's mesh of this length, placed; in every way. None
+/// where nobody would know what they meet.
 pub fn faults(
     family: &Family,
     length: f64,
@@ -404,6 +516,15 @@ pub fn faults(
         opaque: false,
         ..solid.clone()
     };
+    if family.shape == Shape::Open && !placement.is_exact() {
+        return Faults::default();
+    }
+    let mut surface = Surface::new(&solid);
+    let start = Start {
+        inside,
+        closed: family.shape != Shape::Open,
+        clear: placement.clear,
+    };
     let [solid_scene, glass_scene] = [&solid, &glass]
         .map(|mesh| Scene::placed(std::slice::from_ref(mesh), 0, placement.transform));
     let mut walkers: Vec<_> = walkers()
@@ -416,7 +537,7 @@ pub fn faults(
     while rest > 0 {
         let some = rest.min(4096);
         rest -= some;
-        let given = rays(&solid, &mut random, some, inside, placement.clear);
+        let given = rays(&solid, &mut surface, &mut random, some, start);
         faults.rays += given.len() as u64;
         let rays: Vec<Ray> = given
             .iter()
@@ -439,21 +560,27 @@ pub fn faults(
             let first = found.next().expect("there is one");
             faults.unequal += found.filter(|found| *found != first).count() as u64;
             let found = first;
-            let right = match (inside, family.convex) {
-                (true, true) => found.len() == 1,
-                (false, true) => found.is_empty() || found.len() == 2,
-                (inside, false) => found.len() % 2 == usize::from(inside),
-            };
+            let met = placement.is_exact().then(|| surface.meet(&given[i]));
+            let right = match (family.shape, inside) {
+                (Shape::Convex, true) => found.len() == 1,
+                (Shape::Convex, false) => found.is_empty() || found.len() == 2,
+                (Shape::Closed, inside) => found.len() % 2 == usize::from(inside),
+                (Shape::Open, _) => true,
+            } && met.is_none_or(|met| met.crossings == found.len());
             // What owns no part of a ray may be touched by it.
-            let some = inside || !found.is_empty();
+            let some = start.closed && inside
+                || !found.is_empty()
+                || met.is_some_and(|met| met.nearest.is_some());
             let nearest = found.iter().map(|hit| hit.t).min_by(f32::total_cmp);
             let lost = match (hit, nearest) {
                 (None, _) => some,
                 (Some(hit), Some(nearest)) => hit.t > nearest,
                 (Some(_), None) => false,
             };
-            let is_asked = placement.transform == IDENTITY && i % SAMPLE == 0;
-            let wrong = is_asked && !agrees(&solid, ray, hit.as_ref(), found.len());
+            let wrong = met.is_some_and(|met| {
+                !agrees(&met, hit.as_ref())
+                    || i % SAMPLE == 0 && !is_exactly(&met, &solid, &given[i])
+            });
             if !right || lost || wrong {
                 println!(
                     "{} {length} {}: {hit:?} {found:?} {ray:?}",
@@ -462,23 +589,55 @@ pub fn faults(
             }
             faults.miscounted += u64::from(!right);
             faults.lost += u64::from(lost);
-            faults.checked += u64::from(is_asked);
+            faults.checked += u64::from(met.is_some());
+            faults.whole += met.map_or(0, |met| u64::from(met.asked));
             faults.wrong += u64::from(wrong);
         }
     }
     faults
 }
 
-/// Whether whole numbers see as many crossings, and the nearest hit where it was found.
-fn agrees(mesh: &Mesh, ray: &Ray, hit: Option<&Hit>, crossings: usize) -> bool {
-    if exact::crossings(mesh, ray) != crossings {
-        return false;
-    }
-    match (exact::nearest(mesh, ray), hit) {
+/// Whether a hit is where the nearest is.
+fn agrees(met: &Met, hit: Option<&Hit>) -> bool {
+    match (met.nearest, hit) {
         (None, None) => true,
-        (Some((_, truth)), Some(hit)) => {
-            (f64::from(hit.t) - truth.t).abs() <= 130.0 * f64::from(f32::EPSILON) / 2.0 * truth.t
+        (Some(truth), Some(hit)) => {
+            (f64::from(hit.t) - truth).abs() <= 130.0 * f64::from(f32::EPSILON) / 2.0 * truth
         }
         _ => false,
     }
+}
+
+/// How many of so many rays whole numbers see otherwise than f64 where that is certain.
+pub fn misjudged(family: &Family, length: f64, inside: bool, seed: u64, count: usize) -> usize {
+    let mesh = (family.make)(length);
+    let mut surface = Surface::new(&mesh);
+    let start = Start {
+        inside,
+        closed: family.shape != Shape::Open,
+        clear: EXACT,
+    };
+    let rays = rays(&mesh, &mut surface, &mut Random(seed), count, start);
+    rays.iter()
+        .filter(|ray| !is_exactly(&surface.meet(ray), &mesh, ray))
+        .count()
+}
+
+/// Whether whole numbers say the same without any help by f64.
+pub fn is_exactly(met: &Met, mesh: &Mesh, ray: &Ray) -> bool {
+    let triangles = || (0..mesh.indices.len()).map(|index| mesh.triangle(index));
+    let found = triangles().filter_map(|triangle| exact::meet(ray, &triangle));
+    let ahead = found.map(|found| found.t).filter(|&t| t > 0.0);
+    let nearest = ahead.filter(|&t| (t as f32).is_finite());
+    let nearest = nearest.min_by(f64::total_cmp);
+    let is_near = match (nearest, met.nearest) {
+        (None, None) => true,
+        (Some(truth), Some(t)) => (t - truth).abs() <= 1e-8 * truth,
+        _ => false,
+    };
+    is_near
+        && triangles()
+            .filter(|triangle| exact::crosses(ray, triangle))
+            .count()
+            == met.crossings
 }

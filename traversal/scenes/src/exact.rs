@@ -88,25 +88,28 @@ fn moved_sign(edge: &BigInt, direction: &Whole, from: &Whole, to: &Whole) -> i32
     signs.into_iter().find(|&sign| sign != 0).unwrap_or(0)
 }
 
-/// How many triangles a ray crosses after its origin; at edges and vertices, as the ray does whose
+/// Whether a ray crosses a triangle after its origin; at edges and vertices, as the ray does whose
 /// origin is moved by an infinitesimal (ε, ε², ε³).
-pub fn crossings(mesh: &Mesh, ray: &Ray) -> usize {
+pub fn crosses(ray: &Ray, triangle: &[[f32; 3]; 3]) -> bool {
+    if meet(ray, triangle).is_none_or(|found| found.t <= 0.0) {
+        return false;
+    }
     let direction = ray.direction.map(whole);
-    let is_crossed = |triangle: [[f32; 3]; 3]| {
-        if is_beside(ray, &triangle) || meet(ray, &triangle).is_none_or(|found| found.t <= 0.0) {
-            return false;
-        }
-        let origin = ray.origin.map(whole);
-        let [a, b, c] = triangle.map(|vertex| {
-            let vertex = vertex.map(whole);
-            std::array::from_fn::<BigInt, 3, _>(|i| &vertex[i] - &origin[i])
-        });
-        let signs = [(&c, &b), (&a, &c), (&b, &a)]
-            .map(|(p, q)| moved_sign(&product(&direction, &normal(p, q)), &direction, p, q));
-        signs[0] != 0 && signs.iter().all(|&sign| sign == signs[0])
-    };
+    let origin = ray.origin.map(whole);
+    let [a, b, c] = triangle.map(|vertex| {
+        let vertex = vertex.map(whole);
+        std::array::from_fn::<BigInt, 3, _>(|i| &vertex[i] - &origin[i])
+    });
+    let signs = [(&c, &b), (&a, &c), (&b, &a)]
+        .map(|(p, q)| moved_sign(&product(&direction, &normal(p, q)), &direction, p, q));
+    signs[0] != 0 && signs.iter().all(|&sign| sign == signs[0])
+}
+
+/// How many triangles a ray [`crosses`].
+pub fn crossings(mesh: &Mesh, ray: &Ray) -> usize {
     (0..mesh.indices.len())
-        .filter(|&index| is_crossed(mesh.triangle(index)))
+        .map(|index| mesh.triangle(index))
+        .filter(|triangle| !is_beside(ray, triangle) && crosses(ray, triangle))
         .count()
 }
 

@@ -5,6 +5,7 @@ pub mod exact;
 pub mod hard;
 pub mod odd;
 mod shapes;
+pub mod surface;
 pub mod ways;
 
 use std::alloc::Layout;

@@ -30,42 +30,56 @@ struct Options {
     /// How many threads work; all that the machine has by default
     #[arg(long)]
     threads: Option<usize>,
-    /// Only meshes with this in their names
-    #[arg(long, value_name = "NAME")]
-    only: Option<String>,
+    /// Only meshes with one of these in their names
+    #[arg(long, value_name = "NAME,…", value_delimiter = ',')]
+    only: Vec<String>,
+    /// Begins nothing after so many minutes; all kinds then have had about as many rays
+    #[arg(long, value_name = "N")]
+    minutes: Option<f64>,
     /// Other rays
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
 }
 
-/// A piece of work: a name to add its outcome up under, and how to get that.
-struct Job<'a>(String, Box<dyn Fn(u64) -> Faults + Sync + Send + 'a>);
+/// A piece of work.
+struct Job {
+    /// What its outcome is added up under.
+    name: String,
+    /// How many pieces of that name come before it.
+    earlier: usize,
+    run: Box<dyn Fn(u64) -> Faults + Sync + Send>,
+}
 
 /// Rays of one piece of work.
 const PIECE: usize = 1 << 16;
 
-/// So many in pieces.
-fn pieces(count: usize) -> impl Iterator<Item = usize> {
-    (0..count)
-        .step_by(PIECE)
-        .map(move |done| PIECE.min(count - done))
+/// So many rays of a name, in pieces; `run` takes how many, and a seed.
+fn pieces(
+    name: &str,
+    count: usize,
+    run: impl Fn(usize, u64) -> Faults + Copy + Sync + Send + 'static,
+) -> impl Iterator<Item = Job> {
+    (0..count).step_by(PIECE).map(move |done| Job {
+        name: name.to_owned(),
+        earlier: done / PIECE,
+        run: Box::new(move |seed| run(PIECE.min(count - done), seed)),
+    })
 }
 
-fn jobs(options: &Options) -> Vec<Job<'static>> {
+/// All work, so ordered that no name is far ahead of another.
+fn jobs(options: &Options) -> Vec<Job> {
     let mut jobs = Vec::new();
     let each = options.rays.div_ceil(LENGTHS.len());
-    let is_meant = |name: &str| options.only.as_ref().is_none_or(|part| name.contains(part));
+    let is_meant =
+        |name: &str| options.only.is_empty() || options.only.iter().any(|part| name.contains(part));
     for family in FAMILIES.iter().filter(|family| is_meant(family.name)) {
         for placement in &PLACEMENTS {
             for inside in [true, false] {
                 for length in LENGTHS {
                     let side = if inside { "inside" } else { "outside" };
-                    let name = format!("{}, {}, {side}", family.name, placement.name);
-                    jobs.extend(pieces(each).map(|count| {
-                        let run = move |seed| {
-                            closed::faults(family, length, placement, inside, seed, count)
-                        };
-                        Job(name.clone(), Box::new(run))
+                    let name = format!("{}, {}, {side}, {length}", family.name, placement.name);
+                    jobs.extend(pieces(&name, each, move |count, seed| {
+                        closed::faults(family, length, placement, inside, seed, count)
                     }));
                 }
             }
@@ -75,12 +89,12 @@ fn jobs(options: &Options) -> Vec<Job<'static>> {
         let name = format!("pairs: {name}");
         if is_meant(&name) {
             let each = options.triples.div_ceil(triples::KINDS.len());
-            jobs.extend(pieces(each).map(|count| {
-                let run = move |seed| triples::faults(kind, seed, count);
-                Job(name.clone(), Box::new(run))
+            jobs.extend(pieces(&name, each, move |count, seed| {
+                triples::faults(kind, seed, count)
             }));
         }
     }
+    jobs.sort_by_key(|job| job.earlier);
     jobs
 }
 
@@ -108,7 +122,9 @@ fn main() -> ExitCode {
             scope.spawn(|| {
                 loop {
                     let piece = next.fetch_add(1, Ordering::Relaxed);
-                    let Some(Job(name, run)) = jobs.get(piece) else {
+                    let minutes = start.elapsed().as_secs_f64() / 60.0;
+                    let late = options.minutes.is_some_and(|end| minutes >= end);
+                    let Some(Job { name, run, .. }) = jobs.get(piece).filter(|_| !late) else {
                         return;
                     };
                     let faults = run(scramble(options.seed, piece));
@@ -137,9 +153,9 @@ fn main() -> ExitCode {
         start.elapsed()
     );
     println!(
-        "| kind | rays | lost | candidates other than crossings | unequal ways | wrong by whole numbers | asked |"
+        "| kind | rays | lost | candidates other than crossings | unequal ways | wrong by whole numbers | of rays | faces beyond f64 |"
     );
-    println!("| --- | ---: | ---: | ---: | ---: | ---: | ---: |");
+    println!("| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |");
     let mut all = Faults::default();
     for (name, faults) in &rows {
         let Faults {
@@ -149,8 +165,11 @@ fn main() -> ExitCode {
             unequal,
             wrong,
             checked,
+            whole,
         } = faults;
-        println!("| {name} | {rays} | {lost} | {miscounted} | {unequal} | {wrong} | {checked} |");
+        println!(
+            "| {name} | {rays} | {lost} | {miscounted} | {unequal} | {wrong} | {checked} | {whole} |"
+        );
         all += *faults;
     }
     println!("{all:?}");
