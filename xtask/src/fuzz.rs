@@ -139,9 +139,22 @@ fn run_guided(target: &str, minutes: f64) -> Result<()> {
     let Some((package, name)) = target.split_once('/') else {
         bail!("{target} is no target");
     };
-    let out = workspace::target()?.join("fuzz").join(package).join(name);
+    let target_folder = workspace::target()?.join("fuzz").join(package);
+    let out = target_folder.join(name);
     let corpus = out.join("corpus");
     std::fs::create_dir_all(&corpus).with_context(|| format!("making {}", corpus.display()))?;
+    let seeds = target_folder.join("seeds");
+    std::fs::create_dir_all(seeds.join(name))?;
+    if package == "spirv-jit" {
+        let mut seed = workspace::cargo();
+        seed.args(["run", "--release", "--package", package])
+            .args(["--example", "seed_corpus", "--"])
+            .arg(&seeds);
+        ensure!(
+            seed.status().context("starting cargo")?.success(),
+            "no modules to start from"
+        );
+    }
     let mut cargo = sanitizing(COVERAGE);
     cargo
         .args(["run", "--release", "--target", PLATFORM, "--bin", name])
@@ -153,9 +166,12 @@ fn run_guided(target: &str, minutes: f64) -> Result<()> {
         .arg(workspace::target()?.join("guided"))
         .arg("--")
         .arg(&corpus)
+        .arg(seeds.join(name))
         .arg(format!("-artifact_prefix={}/", out.display()))
         .arg(format!("-max_total_time={}", (60.0 * minutes).ceil()))
-        .args(["-max_len=65536", "-timeout=20", "-rss_limit_mb=4096"]);
+        // Long inputs from the start: most of what a tree does needs many triangles.
+        .args(["-max_len=65536", "-len_control=0"])
+        .args(["-timeout=20", "-rss_limit_mb=4096"]);
     let status = cargo.status().context("starting cargo")?;
     ensure!(
         status.success(),

@@ -52,5 +52,27 @@ pub fn samples() -> Vec<(Stage, Vec<u32>)> {
             imageStore(result, ivec2(gl_LaunchIDEXT.xy), payload);
         }";
     samples.push((Stage::RayGeneration, glsl(Stage::RayGeneration, raygen)));
+    let vertex = "layout(location = 0) in vec4 place; layout(location = 1) in ivec2 number;
+        layout(location = 0) out vec3 color; layout(location = 1) flat out int which;
+        layout(push_constant) uniform P { mat4 turn; } p;
+        out gl_PerVertex { vec4 gl_Position; float gl_PointSize; float gl_ClipDistance[2]; };
+        void main() {
+            gl_Position = p.turn * place;
+            gl_PointSize = float(number.x & 7);
+            gl_ClipDistance[0] = place.x; gl_ClipDistance[1] = float(gl_VertexIndex - gl_InstanceIndex);
+            color = normalize(place.xyz); which = number[gl_VertexIndex & 1];
+        }";
+    samples.push((Stage::Vertex, glsl(Stage::Vertex, vertex)));
+    let fragment = "layout(set = 0, binding = 0) uniform sampler2D t; layout(set = 0, binding = 1) buffer B { uint data[]; };
+        layout(location = 0) in vec3 color; layout(location = 1) flat in int which;
+        layout(location = 0) out vec4 result; layout(location = 1) out uvec2 more;
+        void main() {
+            vec4 c = texture(t, color.xy) + textureLod(t, gl_FragCoord.xy * 0.1, fwidth(color.z));
+            if (c.w > 0.9 || !gl_FrontFacing) discard;
+            for (int i = 0; i < (which & 7); i++) { if (dFdx(c.x) > 0.5) break; c += dFdyFine(c.yzwx); }
+            more = uvec2(atomicAdd(data[which & 15], 1u), gl_SampleMaskIn[0]);
+            gl_FragDepth = c.z; result = c;
+        }";
+    samples.push((Stage::Fragment, glsl(Stage::Fragment, fragment)));
     samples
 }
