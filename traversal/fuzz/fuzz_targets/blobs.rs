@@ -12,6 +12,7 @@ struct Given {
     kind: u8,
     list: GivenList,
     copies: u8,
+    tier: u8,
     /// Where, as a share of the length, and what.
     writes: Vec<(u16, u32, u8)>,
     rays: Vec<GivenRay>,
@@ -43,6 +44,7 @@ const HEADER: usize = 256;
 fuzz_target!(|given: Given| {
     let mut given = given;
     given.rays.truncate(4);
+    let walker = &mut walker(given.tier);
     given.writes.truncate(64);
     let rays: Vec<Ray> = given.rays.iter().map(|ray| ray.ray(ray.flags())).collect();
     // What may be updated has no blocks.
@@ -83,9 +85,9 @@ fuzz_target!(|given: Given| {
             if !is_top {
                 let top = over(&place, IDENTITY, 0);
                 for ray in &rays {
-                    walked(&top, ray, FUEL);
+                    walked(walker, &top, ray, FUEL);
                 }
-                walked_together(&top, &rays, FUEL);
+                walked_together(walker, &top, &rays, FUEL);
             }
         }
 
@@ -102,16 +104,16 @@ fuzz_target!(|given: Given| {
     corrupt(&mut place, HEADER, &given.writes);
     let tops = over(&place, IDENTITY, 0);
     for ray in &rays {
-        walked(&tops, ray, FUEL);
+        walked(walker, &tops, ray, FUEL);
     }
-    walked_together(&tops, &rays, FUEL);
+    walked_together(walker, &tops, &rays, FUEL);
     // SAFETY: the list is alive.
     if unsafe { update(&input, None, &mut place, &mut Bytes::new(64)) }.is_ok() {
         assert_eq!(validate(&place), Ok(()));
         for ray in &rays {
-            walked(&tops, ray, FUEL);
+            walked(walker, &tops, ray, FUEL);
         }
-        walked_together(&tops, &rays, FUEL);
+        walked_together(walker, &tops, &rays, FUEL);
     }
 
     let mut place = Bytes::new(compacted_size(&top).unwrap());
@@ -119,7 +121,7 @@ fuzz_target!(|given: Given| {
     let references = HEADER + 256 + (8 * records.len()).next_multiple_of(256);
     corrupt(&mut place, references, &given.writes);
     for ray in &rays {
-        walked(&place, ray, FUEL);
+        walked(walker, &place, ray, FUEL);
     }
-    walked_together(&place, &rays, FUEL);
+    walked_together(walker, &place, &rays, FUEL);
 });

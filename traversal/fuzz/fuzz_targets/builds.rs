@@ -1,5 +1,5 @@
 //! Geometries out of bytes: every build fits its sizes and is valid, and all of them give the same hits, on
-//! any number of threads. Then positions change and the structure is updated.
+//! any number of threads and every tier. Then positions change and the structure is updated.
 #![no_main]
 
 use std::sync::LazyLock;
@@ -15,6 +15,7 @@ struct Given {
     repeat: u8,
     parallel: bool,
     change: u8,
+    tier: u8,
     transform: Option<[f32; 12]>,
     lists: Vec<GivenList>,
     rays: Vec<GivenRay>,
@@ -58,7 +59,8 @@ fuzz_target!(|given: Given| {
         list.repeat(given.repeat);
     }
     let transform = given.transform.unwrap_or(IDENTITY);
-    let found = |flags: u32| {
+    let found = |tier: u8, flags: u32| {
+        let walker = &mut walker(tier);
         with(given.kind, &given.lists, flags, |input| {
             let bottom = build_blob(input);
             if given.parallel {
@@ -70,20 +72,23 @@ fuzz_target!(|given: Given| {
             let rays = given.rays.iter();
             rays.map(|ray| {
                 // Candidates that tie are met in any order; opaque ones have a least.
-                let opaque = walked(&top, &ray.ray(ray_flags::OPAQUE), FUEL);
-                let open = walked(&top, &ray.ray(ray_flags::NO_OPAQUE), FUEL);
+                let opaque = walked(walker, &top, &ray.ray(ray_flags::OPAQUE), FUEL);
+                let open = walked(walker, &top, &ray.ray(ray_flags::NO_OPAQUE), FUEL);
                 (opaque.0, open.1)
             })
             .collect::<Vec<_>>()
         })
     };
-    let expected = found(0);
-    for flags in [
+    let expected = found(given.tier, 0);
+    for (flags, tier) in [
         BuildFlags::PREFER_FAST_BUILD,
         BuildFlags::PREFER_FAST_TRACE,
         BuildFlags::LOW_MEMORY,
-    ] {
-        assert_eq!(found(flags), expected, "{flags:#x}");
+    ]
+    .into_iter()
+    .zip(0..)
+    {
+        assert_eq!(found(tier, flags), expected, "{flags:#x}, tier {tier}");
     }
 
     let flags = BuildFlags::ALLOW_UPDATE;
@@ -98,7 +103,8 @@ fuzz_target!(|given: Given| {
     });
     assert_eq!(validate(&bottom), Ok(()));
     let top = over(&bottom, transform, flags);
+    let walker = &mut walker(given.tier);
     for ray in &given.rays {
-        walked(&top, &ray.ray(ray.flags()), FUEL);
+        walked(walker, &top, &ray.ray(ray.flags()), FUEL);
     }
 });

@@ -167,14 +167,30 @@ impl GivenRay {
     }
 }
 
+/// The walker of one of this machine's tiers, the best for 0.
+pub fn walker(tier: u8) -> Box<Walker> {
+    let tiers = [Tier::Avx512, Tier::Avx2, Tier::Portable];
+    let mut available = tiers.into_iter().filter(|tier| tier.is_available()).cycle();
+    let tier = available.nth(tier.into()).expect("one is always there");
+    let options = Options {
+        tier,
+        ..Options::default()
+    };
+    Walker::with(options).expect("it is available")
+}
+
 /// Where a walk ends, by bits, and how many candidates there were, none of them accepted.
-pub fn walked(top: &Bytes, ray: &Ray, fuel: u64) -> (Option<(u32, u32, u32)>, u32) {
-    let mut walker = Walker::new();
+pub fn walked(
+    walker: &mut Walker,
+    top: &Bytes,
+    ray: &Ray,
+    fuel: u64,
+) -> (Option<(u32, u32, u32)>, u32) {
     // SAFETY: the structures are alive.
     let mut walk = unsafe { Walk::new(top.address(), ray) };
     let (mut fuel, mut candidates) = (fuel, 0);
     loop {
-        match walk.resume(&mut walker, Verdict::Continue, &mut fuel) {
+        match walk.resume(walker, Verdict::Continue, &mut fuel) {
             Event::Done | Event::OutOfFuel => break,
             Event::AnyHitCandidate | Event::ProceduralCandidate => candidates += 1,
         }
@@ -186,6 +202,7 @@ pub fn walked(top: &Bytes, ray: &Ray, fuel: u64) -> (Option<(u32, u32, u32)>, u3
 
 /// Rays that walk together, and what each walk takes.
 struct Together<'a> {
+    /// For what leaves the stream.
     walker: Box<Walker>,
     rows: Vec<RayRows>,
     fuel: &'a mut u64,
@@ -208,9 +225,8 @@ impl Caller for Together<'_> {
 
 /// Walks each ray with fifteen neighbours: as a packet that stops for candidates, all of which count, and all in streams. To their
 /// ends or the end of fuel.
-pub fn walked_together(top: &Bytes, rays: &[Ray], fuel: u64) {
+pub fn walked_together(walker: &mut Walker, top: &Bytes, rays: &[Ray], fuel: u64) {
     let (mut packets_fuel, mut streams_fuel) = (fuel, fuel);
-    let mut walker = Walker::new();
     let mut together = Together {
         walker: Walker::new(),
         rows: Vec::new(),
