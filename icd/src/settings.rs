@@ -98,6 +98,7 @@ impl Settings {
                 },
                 without: without.into_iter().collect(),
                 tier,
+                ..Options::default()
             },
         })
     }

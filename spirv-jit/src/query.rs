@@ -8,24 +8,22 @@ use crate::facts::Fact;
 
 /// Rows of an object, from its first one.
 pub mod row {
-    /// What the executor knows the suspended walk by; 0: none. The shader never touches it.
-    pub const HANDLE: usize = 0;
     /// One of [`state`](super::state).
-    pub const STATE: usize = 1;
+    pub const STATE: usize = 0;
     /// Device address of the top level, low word first.
-    pub const STRUCTURE: usize = 2;
-    pub const FLAGS: usize = 4;
-    pub const CULL_MASK: usize = 5;
+    pub const STRUCTURE: usize = 1;
+    pub const FLAGS: usize = 3;
+    pub const CULL_MASK: usize = 4;
     /// Three words.
-    pub const ORIGIN: usize = 6;
-    pub const T_MIN: usize = 9;
+    pub const ORIGIN: usize = 5;
+    pub const T_MIN: usize = 8;
     /// Three words.
-    pub const DIRECTION: usize = 10;
-    pub const T_MAX: usize = 13;
+    pub const DIRECTION: usize = 9;
+    pub const T_MAX: usize = 12;
     /// In state `GENERATED`: the distance that the shader gave.
-    pub const GENERATED_T: usize = 14;
+    pub const GENERATED_T: usize = 13;
     /// The first of the module's words.
-    pub const WORDS: usize = 15;
+    pub const WORDS: usize = 14;
 }
 
 /// Where a query stands.

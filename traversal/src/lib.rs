@@ -114,7 +114,6 @@ pub use transfer::{
     Serialized, compact_into, compacted_size, copy_into, deserialize, serialize, serialized_size,
 };
 pub use walk::{
-    Accuracy, Caller, Event, Flight, Flights, HitRows, Lanes, List, Options, PACKET, Progress,
-    RayRows, Specialisation, Start, Suspended, Switches, TriangleTest, Verdict, Walk, Walker,
-    Words,
+    Accuracy, Counts, Event, Flight, Flights, HitRows, Lanes, Options, PACKET, RayRows,
+    Specialisation, Start, Switches, TriangleTest, Verdict, Walk, Walker, Words,
 };

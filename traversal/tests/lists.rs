@@ -1,5 +1,6 @@
 //! Rays that are set up as a list find what each finds by itself without any shortcut, bit for bit, on every instruction set.
 
+use scenes::groups::{Groups, undecided};
 use scenes::odd::{plain, rays, steps};
 use scenes::*;
 use traversal::*;
@@ -11,23 +12,14 @@ fn compare(scene: &Scene, tier: Tier) {
     let mut walker = Walker::with_tier(tier).unwrap();
     let mut plain = plain();
     let mut hits = 0;
-    for rays in rays.chunks(PACKET) {
-        let mut rows = RayRows::NONE;
-        for (lane, ray) in rays.iter().enumerate() {
-            rows.set(lane, top.address(), ray, 0.0);
-        }
-        let lanes = u16::MAX >> (PACKET - rays.len());
-        let mut found = HitRows::default();
-        // SAFETY: the structures are alive.
-        unsafe {
-            let mut never = |_, _: &mut Walk, event| panic!("{event:?}");
-            walker.trace_in_turn(&rows, lanes, &mut found, &mut { u64::MAX }, &mut never);
-        }
-        for (lane, ray) in rays.iter().enumerate() {
-            let expected = closest_with(&mut plain, top, ray);
-            assert_eq!(found.get(lane), expected, "{tier:?} {ray:?}");
-            hits += usize::from(expected.is_some());
-        }
+    let groups = Groups::new(top, &rays, undecided);
+    let mut groups = groups.with(|start| start.shows_first_hit = true);
+    // SAFETY: the structures are alive.
+    unsafe { groups.trace(&mut walker, 1) };
+    for (ray, found) in rays.iter().zip(groups.found(rays.len())) {
+        let expected = closest_with(&mut plain, top, ray);
+        assert_eq!(found, expected, "{tier:?} {ray:?}");
+        hits += usize::from(expected.is_some());
     }
     assert!(hits > 500, "{hits}");
 }

@@ -1,5 +1,6 @@
 //! Rays that are traced together or in turn find what each finds by itself, bit for bit.
 
+use scenes::groups::Groups;
 use scenes::*;
 use traversal::*;
 
@@ -14,8 +15,30 @@ fn compare(walker: &mut Walker, top: &Bytes, rays: &[Ray]) -> bool {
     for (i, ray) in rays.iter().enumerate() {
         rows.set(lane_of(i), top.address(), ray, 0.0);
     }
-    let check = |hits: &HitRows, walker: &mut Walker| {
-        for (i, ray) in rays.iter().enumerate() {
+    let other = Hit {
+        t: 7.0,
+        primitive_index: 77,
+        ..Hit::default()
+    };
+    let mut trace = |in_turn: bool| {
+        let (mut waits, before) = (false, walker.counts().together);
+        let groups = vec![(rows.clone(), lanes)];
+        let groups = Groups::of_rows(groups, |_: &RayRows, _: &mut Flight| waits = true);
+        let mut groups = groups.with(|start| {
+            (start.shows_order, start.shows_first_hit) = (true, in_turn);
+        });
+        for lane in 0..PACKET {
+            groups.flights[0].hits.set(lane, &other);
+        }
+        // SAFETY: the structures are alive.
+        unsafe { groups.trace(walker, 1) };
+        let hits = groups.flights.remove(0).hits;
+        drop(groups);
+        for lane in (0..PACKET).filter(|lane| lanes >> lane & 1 == 0) {
+            assert_eq!(hits.get(lane), Some(other));
+        }
+        let done = walker.counts().together != before;
+        for (i, ray) in rays.iter().enumerate().filter(|_| !waits) {
             let found = hits.get(lane_of(i));
             let expected = closest_with(walker, top, ray);
             if ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0 {
@@ -28,34 +51,10 @@ fn compare(walker: &mut Walker, top: &Bytes, rays: &[Ray]) -> bool {
                 assert_eq!(hits.t[lane_of(i)], ray.t_max);
             }
         }
+        done
     };
-    let mut hits = HitRows::default();
-    let other = Hit {
-        t: 7.0,
-        primitive_index: 77,
-        ..Hit::default()
-    };
-    for lane in 0..PACKET {
-        hits.set(lane, &other);
-    }
-    // SAFETY: the structures are alive.
-    let done = unsafe { walker.trace_together(&rows, lanes, &mut hits) };
-    for lane in (0..PACKET).filter(|&lane| !done || lanes >> lane & 1 == 0) {
-        assert_eq!(hits.get(lane), Some(other));
-    }
-    if done {
-        check(&hits, walker);
-    }
-    let mut waits = 0u16;
-    // SAFETY: as above.
-    unsafe {
-        let mut wait = |lane: usize, _: &mut Walk, _| waits |= 1 << lane;
-        walker.trace_in_turn(&rows, lanes, &mut hits, &mut { u64::MAX }, &mut wait);
-    }
-    if waits == 0 {
-        check(&hits, walker);
-    }
-    done
+    assert!(!trace(true));
+    trace(false)
 }
 
 /// A sphere with coincident triangles, so that rays meet edges, vertices and ties.
@@ -244,69 +243,68 @@ fn rays_in_turn_are_rays_by_themselves() {
         })
         .collect();
     for tier in Tier::ALL.into_iter().filter(|tier| tier.is_available()) {
-        let mut walker = Walker::with_tier(tier).expect("it is available");
+        let options = Options {
+            tier,
+            fuel: 300,
+            ..Options::default()
+        };
+        let mut walker = Walker::with(options).expect("it is available");
         for rays in rays.chunks(PACKET) {
             compare_in_turn(&mut walker, &tops, rays);
         }
     }
 }
 
-/// Candidates are ignored, then accepted, and so on; rays run out of fuel now and then.
+/// Candidates are ignored, then accepted, and so on, of every other ray at a time; rays run out of fuel now and then.
 fn compare_in_turn(walker: &mut Walker, tops: &[&Bytes], rays: &[(Ray, usize)]) {
     let mut rows = RayRows::NONE;
     for (lane, (ray, which)) in rays.iter().enumerate() {
         rows.set(lane, tops[*which].address(), ray, 0.0);
     }
-    let mut hits = HitRows::default();
-    let mut suspended: Vec<(usize, Walk, Event)> = Vec::new();
-    let lanes = (1u32 << rays.len()) - 1;
+    let lanes = u16::MAX >> (PACKET - rays.len());
     // SAFETY: the structures are alive.
-    unsafe {
-        let mut keep = |lane, walk: &mut Walk, event| suspended.push((lane, walk.clone(), event));
-        walker.trace_in_turn(&rows, lanes as u16, &mut hits, &mut 300, &mut keep);
-    }
-    let waits: Vec<usize> = suspended.iter().map(|&(lane, ..)| lane).collect();
-    for (lane, (ray, which)) in rays.iter().enumerate() {
-        if !waits.contains(&lane) {
-            // SAFETY: as above.
-            let mut alone = unsafe { Walk::new(tops[*which].address(), ray) };
-            let event = alone.resume(walker, Verdict::Continue, &mut { u64::MAX });
-            assert_eq!(event, Event::Done);
-            assert_eq!(hits.get(lane), alone.committed().copied());
-        }
-    }
-    let mut alone: Vec<_> = (waits.iter())
-        .map(|&lane| {
-            let (ray, which) = &rays[lane];
-            // SAFETY: as above.
-            unsafe { Walk::new(tops[*which].address(), ray) }
-        })
-        .collect();
-    let mut verdict = Verdict::Continue;
-    let mut going = true;
-    while going {
-        going = false;
-        for ((_, walk, event), alone) in suspended.iter_mut().zip(&mut alone) {
-            while *event == Event::OutOfFuel {
-                *event = walk.resume(walker, Verdict::Continue, &mut 100);
-            }
-            let expected = alone.resume(walker, verdict, &mut { u64::MAX });
-            assert_eq!(*event, expected);
-            assert_eq!(walk.committed(), alone.committed());
-            if *event != Event::Done {
-                assert_eq!(walk.candidate(), alone.candidate());
-                going = true;
-            }
-        }
-        verdict = match verdict {
-            Verdict::Continue => Verdict::Accept,
-            _ => Verdict::Continue,
-        };
+    let mut alone = [0; PACKET].map(|_| unsafe { Walk::new(0, &Ray::default()) });
+    for (walk, (ray, which)) in alone.iter_mut().zip(rays) {
         // SAFETY: as above.
-        let mut list = unsafe { walker.list() };
-        let mut fuel = 2000;
-        for (_, walk, event) in &mut suspended {
-            *event = list.resume(walk, verdict, &mut fuel);
+        unsafe { walk.restart(tops[*which].address(), ray) };
+    }
+    let mut other = Walker::new();
+    let mut verdicts = [Verdict::Continue; PACKET];
+    let mut round = 0;
+    let decide = |_: &RayRows, flight: &mut Flight| {
+        round += 1;
+        let held = [0, 0x5555, 0, 0xAAAA][round % 4] & flight.candidates().found;
+        flight.hold(held);
+        for lane in 0..PACKET {
+            if (flight.candidates().found & !held) >> lane & 1 == 0 {
+                continue;
+            }
+            let event = alone[lane].resume(&mut other, verdicts[lane], &mut { u64::MAX });
+            assert_eq!(event, Event::AnyHitCandidate);
+            assert_eq!(flight.candidates().hit(lane), *alone[lane].candidate());
+            verdicts[lane] = match verdicts[lane] {
+                Verdict::Continue => Verdict::Accept,
+                _ => Verdict::Continue,
+            };
+            if verdicts[lane] == Verdict::Accept {
+                flight.accept(1 << lane);
+            }
+        }
+    };
+    let groups = Groups::of_rows(vec![(rows, lanes)], decide);
+    let mut groups = groups.with(|start| start.shows_order = true);
+    // SAFETY: as above.
+    unsafe { groups.trace(walker, 1) };
+    let found = groups.found(rays.len());
+    drop(groups);
+    for (lane, found) in found.into_iter().enumerate() {
+        let event = alone[lane].resume(&mut other, verdicts[lane], &mut { u64::MAX });
+        assert_eq!(event, Event::Done);
+        let first_hits = rays[lane].0.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
+        match first_hits {
+            // Which hit comes first is open where rays walk together.
+            true => assert_eq!(found.is_some(), alone[lane].committed().is_some()),
+            false => assert_eq!(found, alone[lane].committed().copied()),
         }
     }
 }

@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
+use scenes::groups::Groups;
 use scenes::*;
 use traversal::*;
 
@@ -216,36 +217,6 @@ impl Arena {
     }
 }
 
-struct Streams<'a> {
-    rows: &'a RayRows,
-    walker: Box<Walker>,
-}
-
-impl Caller for Streams<'_> {
-    fn hit(&mut self, _: u32, _: usize, _: &Hit) {}
-
-    fn rays(&mut self, _: u32, rows: &mut RayRows) {
-        rows.clone_from(self.rows);
-    }
-
-    fn suspend(&mut self, _: u32, _: usize, walk: &mut Walk, _: Event) {
-        finish(walk, &mut self.walker);
-    }
-}
-
-/// Takes a walk to its end, or as far as fuel lasts.
-fn finish(walk: &mut Walk, walker: &mut Walker) {
-    let mut fuel = FUEL;
-    let mut verdict = Verdict::Continue;
-    for candidate in 0..200 {
-        match walk.resume(walker, verdict, &mut fuel) {
-            Event::Done | Event::OutOfFuel => break,
-            _ if candidate % 3 == 0 => verdict = Verdict::Accept,
-            _ => verdict = Verdict::Continue,
-        }
-    }
-}
-
 fn rays(random: &mut Random, top: u64) -> RayRows {
     let mut rows = RayRows::NONE;
     let (origin, direction) = (random.vector(), random.direction());
@@ -265,23 +236,22 @@ fn rays(random: &mut Random, top: u64) -> RayRows {
     rows
 }
 
-/// Walks in every way, and asks about what was hit.
-fn walk(walker: &mut Walker, live: &Live, rows: &RayRows, suspended: &mut Suspended) {
-    let mut hits = HitRows::default();
+/// Walks in one way, and asks about what was hit.
+fn walk(walker: &mut Walker, live: &Live, rows: &RayRows, (at_once, in_turn): (usize, bool)) {
+    let mut round = 0;
+    let decide = |_: &RayRows, flight: &mut Flight| {
+        round += 1;
+        if in_turn && round % 3 != 0 {
+            return;
+        }
+        flight.accept(flight.candidates().found);
+    };
+    let groups = Groups::of_rows(vec![(rows.clone(), u16::MAX); at_once], decide);
+    let mut groups = groups.with(|start| start.shows_first_hit = in_turn);
+    (groups.refills, groups.rounds) = (at_once, 200);
     // SAFETY, here and below: the arena is alive, and where walks look.
-    let mut progress = unsafe { walker.trace_packet(rows, u16::MAX, &mut hits, suspended) };
-    for _ in 0..100 {
-        if progress != Progress::Candidates {
-            break;
-        }
-        let asked = suspended.candidates().found;
-        for lane in (0..PACKET).filter(|lane| asked >> lane & 1 != 0) {
-            suspended.accept(1 << lane, &mut hits);
-        }
-        // SAFETY: as above.
-        progress = unsafe { walker.resume_packet(rows, &mut hits, suspended) };
-    }
-    let top = rows.top_level[0];
+    unsafe { groups.trace(walker, at_once) };
+    let (top, hits) = (rows.top_level[0], &groups.flights[0].hits);
     for lane in (0..PACKET).filter(|lane| hits.found >> lane & 1 != 0) {
         // SAFETY: as above.
         if let Some(structure) = unsafe { Structure::at(top, live) } {
@@ -293,30 +263,6 @@ fn walk(walker: &mut Walker, live: &Live, rows: &RayRows, suspended: &mut Suspen
             structure.triangle_vertices(&hit, live);
         }
     }
-    let mut waiting = Vec::new();
-    let mut suspend = |_: usize, walk: &mut Walk, _: Event| waiting.push(std::mem::take(walk));
-    // SAFETY: as above.
-    unsafe { walker.trace_in_turn(rows, u16::MAX, &mut hits, &mut { FUEL }, &mut suspend) };
-    for mut walk in waiting {
-        finish(&mut walk, walker);
-    }
-}
-
-fn stream(walker: &mut Walker, live: &Live, rows: &RayRows) {
-    let mut hits = HitRows::default();
-    for group in 0..8 {
-        // SAFETY: as above.
-        unsafe { walker.add_to_stream(rows, u16::MAX, &mut hits, group) };
-    }
-    let mut other = Walker::new();
-    // SAFETY: as above.
-    unsafe { other.set_live(live) };
-    let mut streams = Streams {
-        rows,
-        walker: other,
-    };
-    // SAFETY: as above.
-    unsafe { walker.trace_streams(&mut { 100 * FUEL }, &mut streams) };
 }
 
 /// Copies, and what else reads a structure whole.
@@ -332,7 +278,12 @@ fn transfer(arena: &Arena, live: &Live, place: &std::ops::Range<usize>, room: &m
 }
 
 fn scribbled(tier: Tier, seed: u64) {
-    let Some(mut walker) = Walker::with_tier(tier) else {
+    let options = Options {
+        tier,
+        fuel: FUEL,
+        ..Options::default()
+    };
+    let Some(mut walker) = Walker::with(options) else {
         return;
     };
     let arena = Arena::new();
@@ -345,15 +296,17 @@ fn scribbled(tier: Tier, seed: u64) {
             let stop = &stop;
             scope.spawn(move || arena.scribble(seed + writer, stop));
         }
-        let (mut random, mut suspended) = (Random(seed + 9), Suspended::default());
+        let mut random = Random(seed + 9);
         let mut room = Bytes::new(1 << 20);
         let until = Instant::now() + TIME;
         while Instant::now() < until {
             for top in arena.tops() {
                 for _ in 0..4 {
-                    walk(&mut walker, live, &rays(&mut random, top), &mut suspended);
+                    let rays = rays(&mut random, top);
+                    walk(&mut walker, live, &rays, (1, false));
+                    walk(&mut walker, live, &rays, (1, true));
                 }
-                stream(&mut walker, live, &rays(&mut random, top));
+                walk(&mut walker, live, &rays(&mut random, top), (8, true));
             }
             for place in &arena.places[1..] {
                 transfer(arena, live, place, &mut room);

@@ -1,118 +1,43 @@
 //! Rays that are traced in streams find what each finds by itself without any shortcut, bit for bit.
 
+use scenes::groups::{Groups, undecided};
 use scenes::odd::{self, plain, rays, steps};
 use scenes::*;
 use traversal::*;
-
-/// Groups of rays, their hits, and the walks that stopped somewhere.
-struct Groups<'a> {
-    rows: Vec<RayRows>,
-    hits: Vec<HitRows>,
-    walks: Vec<(usize, usize, Walk, Event)>,
-    given: &'a [Ray],
-}
-
-impl Caller for Groups<'_> {
-    fn hit(&mut self, group: u32, lane: usize, hit: &Hit) {
-        self.hits[group as usize].set(lane, hit);
-    }
-
-    fn rays(&mut self, group: u32, rays: &mut RayRows) {
-        *rays = self.rows[group as usize].clone();
-    }
-
-    fn suspend(&mut self, group: u32, lane: usize, walk: &mut Walk, event: Event) {
-        let walk = std::mem::take(walk);
-        self.walks.push((group as usize, lane, walk, event));
-    }
-}
-
-impl<'a> Groups<'a> {
-    fn new(top: &Bytes, given: &'a [Ray]) -> Groups<'a> {
-        let rows = given.chunks(PACKET).map(|rays| {
-            let mut rows = RayRows::NONE;
-            for (lane, ray) in rays.iter().enumerate() {
-                rows.set(lane, top.address(), ray, 0.0);
-            }
-            rows
-        });
-        let rows: Vec<_> = rows.collect();
-        Groups {
-            hits: vec![HitRows::default(); rows.len()],
-            walks: Vec::new(),
-            rows,
-            given,
-        }
-    }
-
-    /// Traces in streams, each with some fuel, and to the end what stops on the way. Returns how many rays went by streams, and how many
-    /// stopped.
-    fn trace(&mut self, walker: &mut Walker, fuel: u64) -> (u32, usize) {
-        let mut streamed = 0;
-        for group in 0..self.rows.len() {
-            let lanes = u16::MAX >> (PACKET - self.given[group * PACKET..].len().min(PACKET));
-            let mut rest = lanes;
-            // SAFETY: the structures are alive.
-            unsafe {
-                for attempt in 0..2 {
-                    let (rows, hits) = (&self.rows[group], &mut self.hits[group]);
-                    let taken = walker.add_to_stream(rows, rest, hits, group as u32);
-                    streamed += taken.count_ones();
-                    rest &= !taken;
-                    // Room for more, then what is different.
-                    if rest != 0 && attempt == 0 {
-                        walker.trace_streams(&mut { fuel }, self);
-                    }
-                }
-                let (rows, hits) = (&self.rows[group], &mut self.hits[group]);
-                let walks = &mut self.walks;
-                let mut stop = |lane, walk: &mut Walk, event| {
-                    walks.push((group, lane, std::mem::take(walk), event));
-                };
-                walker.trace_in_turn(rows, rest, hits, &mut { u64::MAX }, &mut stop);
-            }
-        }
-        // SAFETY: as above.
-        unsafe { walker.trace_streams(&mut { fuel }, self) };
-        let walks = std::mem::take(&mut self.walks);
-        let count = walks.len();
-        for (group, lane, mut walk, mut event) in walks {
-            while event != Event::Done {
-                let verdict = match event {
-                    Event::AnyHitCandidate => Verdict::Accept,
-                    _ => Verdict::Continue,
-                };
-                // Step by step.
-                event = walk.resume(walker, verdict, &mut 3);
-            }
-            if let Some(hit) = walk.committed() {
-                self.hits[group].set(lane, hit);
-            }
-        }
-        (streamed, count)
-    }
-}
 
 /// Whether streams are there at all.
 fn has_streams() -> bool {
     Tier::Avx2.is_available()
 }
 
-/// Compares streams with plain walks; returns how many rays went by streams, and how many stopped.
-fn compare(top: &Bytes, rays: &[Ray], fuel: u64) -> (u32, usize) {
-    let mut walker = Walker::new();
-    let mut groups = Groups::new(top, rays);
-    let counts = groups.trace(&mut walker, fuel);
+/// Compares streams, each group with some fuel, with plain walks; returns how many rays went by streams, and how often some stopped.
+fn compare(top: &Bytes, rays: &[Ray], fuel: u64) -> (u64, usize) {
+    let options = Options {
+        fuel,
+        ..Options::default()
+    };
+    let mut walker = Walker::with(options).expect("it is available");
+    let mut stopped = 0;
+    let accept = |_: &RayRows, flight: &mut Flight| {
+        stopped += 1;
+        flight.accept(flight.candidates().built_in());
+    };
+    let mut groups = Groups::new(top, rays, accept).with(|start| start.shows_first_hit = true);
+    // SAFETY: the structures are alive.
+    unsafe { groups.trace(&mut walker, usize::MAX) };
+    let refilled = usize::MAX - groups.refills;
+    let flights = std::mem::take(&mut groups.flights);
+    drop(groups);
     let mut plain = plain();
     for (i, ray) in rays.iter().enumerate() {
-        let found = groups.hits[i / PACKET].get(i % PACKET);
+        let hits = &flights[i / PACKET].hits;
+        let found = hits.get(i % PACKET);
         assert_eq!(found, closest_with(&mut plain, top, ray), "{i}: {ray:?}");
         if found.is_none() {
-            let t = groups.hits[i / PACKET].t[i % PACKET];
-            assert_eq!(t.to_bits(), ray.t_max.to_bits());
+            assert_eq!(hits.t[i % PACKET].to_bits(), ray.t_max.to_bits());
         }
     }
-    counts
+    (walker.counts().streamed, stopped + refilled)
 }
 
 /// The same rays, but their first hits end them.
@@ -193,10 +118,10 @@ fn rays_that_run_out_of_fuel_go_on_where_they_were() {
     let rays = anywhere(3000);
     for (count, size) in [(3000, 0.05), (2000, 1.5)] {
         let scene = Scene::new(&[heap(count, size)], 0);
-        for fuel in [0, 1, 2999, 9_000, 50_000, 300_000] {
+        for fuel in [1, 16, 48, 265, 1600] {
             for rays in [rays.clone(), to_the_first_hit(&rays)] {
                 let (_, stopped) = compare(&scene.top, &rays, fuel);
-                assert!(stopped > 0 || fuel > 9_000 || !has_streams());
+                assert!(stopped > 0 || fuel > 48 || !has_streams());
             }
         }
     }
@@ -224,14 +149,16 @@ fn unlike_rays_are_not_taken_up_together() {
     let glass = Scene::new(&[glass], 0);
     let rays = anywhere(64);
     let mut walker = Walker::new();
-    let mut hits = HitRows::default();
     for address in [glass.top.address(), glass.bottom.address(), 0] {
         let mut rows = RayRows::NONE;
         for (lane, ray) in rays[..PACKET].iter().enumerate() {
             rows.set(lane, address, ray, 0.0);
         }
+        let groups = vec![(rows, u16::MAX); 8];
+        let mut groups = Groups::of_rows(groups, |_: &RayRows, _: &mut Flight| {});
         // SAFETY: the structures are alive.
-        unsafe { assert_eq!(walker.add_to_stream(&rows, u16::MAX, &mut hits, 0), 0) };
+        unsafe { groups.trace(&mut walker, 8) };
+        assert_eq!(walker.counts().streamed, 0);
     }
 }
 
@@ -284,8 +211,8 @@ fn streams_go_through_many_instances() {
             let (streamed, stopped) = compare(&top, &rays, u64::MAX);
             assert!(streamed > 1000 || !has_streams(), "{streamed}");
             assert_eq!(stopped > 0, unlike > 0);
-            compare(&top, &rays, 5000);
-            compare(&top, &rays, 50_000);
+            compare(&top, &rays, 53);
+            compare(&top, &rays, 530);
         }
         compare(&top, &odd_rays, u64::MAX);
     }
@@ -313,13 +240,9 @@ fn corrupt_structures_are_walked_safely() {
         let record = InstanceRecord::new(&bottom, IDENTITY);
         let records = vec![record; [1, 5][i / 2 % 2]];
         let top = build_instances(&records, 0);
-        let mut groups = Groups::new(&top, &rays);
-        for group in 0..groups.rows.len() {
-            let (rows, hits) = (&groups.rows[group], &mut groups.hits[group]);
-            // SAFETY: the structures are alive, and what is in them is checked as it is read.
-            unsafe { walker.add_to_stream(rows, 0xF, hits, group as u32) };
-        }
-        // SAFETY: as above.
-        unsafe { walker.trace_streams(&mut 20_000, &mut groups) };
+        let mut groups = Groups::new(&top, &rays, undecided);
+        groups.refills = 1;
+        // SAFETY: the structures are alive, and what is in them is checked as it is read.
+        unsafe { groups.trace(&mut walker, usize::MAX) };
     }
 }

@@ -1,5 +1,6 @@
 //! Rays that walk together and stop for candidates find what each finds by itself.
 
+use scenes::groups::Groups;
 use scenes::*;
 use traversal::*;
 
@@ -100,80 +101,60 @@ impl Tally {
 
 /// Rays together, as a scheduler would do it.
 fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally) {
-    let mut rows = RayRows::NONE;
-    for (lane, ray) in rays.iter().enumerate() {
-        rows.set(lane, world.top.address(), ray, 0.0);
-    }
     let lanes = u16::MAX >> (PACKET - rays.len());
-    let (mut hits, mut suspended) = (HitRows::default(), Suspended::default());
-    // SAFETY: the structures are alive, here and below.
-    let mut progress = unsafe { walker.trace_packet(&rows, lanes, &mut hits, &mut suspended) };
     let any = rays[0].flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
-    while progress == Progress::Candidates {
-        tally.asked += 1;
-        // What the walker holds meanwhile is of others.
-        if world.one_in == 1 {
-            alone(walker, world, &rays[0]);
-        }
-        let asked = suspended.candidates().found;
+    let before = walker.counts();
+    let mut asked_now = 0;
+    let decide = |_: &RayRows, flight: &mut Flight| {
+        asked_now += 1;
+        let asked = flight.candidates().found;
         assert!(asked != 0 && asked & !lanes == 0);
         // One by one, or all at once, as a scheduler may.
-        let at_once = tally.asked.is_multiple_of(2);
+        let at_once = (tally.asked + asked_now).is_multiple_of(2);
         let (mut accepted, mut reported) = (0u16, 0u16);
         let (mut t_row, kinds) = ([0.0; PACKET], [9; PACKET]);
         for lane in (0..PACKET).filter(|lane| asked >> lane & 1 != 0) {
-            let candidate = suspended.candidates().hit(lane);
+            let candidate = flight.candidates().hit(lane);
             tally.note(lane, &candidate);
             assert!(
-                !(any && hits.get(lane).is_some()),
+                !(any && flight.hits.get(lane).is_some()),
                 "a ray goes on after its end"
             );
             if candidate.is_built_in() {
-                assert!(!candidate.opaque && candidate.t < suspended.t_max()[lane]);
+                assert!(!candidate.opaque && candidate.t <= flight.t_max()[lane]);
                 accepted |= u16::from(counts(&candidate)) << lane;
             } else if let Some(t) = world.reported(&rays[lane], &candidate) {
-                let inside = (rays[lane].t_min..=suspended.t_max()[lane]).contains(&t);
+                let inside = (rays[lane].t_min..=flight.t_max()[lane]).contains(&t);
                 t_row[lane] = t;
-                assert_eq!(suspended.counts(1 << lane, &t_row) != 0, inside);
+                assert_eq!(flight.counts(1 << lane, &t_row) != 0, inside);
                 reported |= u16::from(inside) << lane;
             }
         }
-        if at_once {
-            suspended.accept(accepted, &mut hits);
-            if reported != 0 {
-                let over = suspended.report(reported, &t_row, &kinds, &mut hits);
-                assert_eq!(over, if any { reported } else { 0 });
-            }
-        } else {
-            for lane in 0..PACKET {
-                if accepted >> lane & 1 != 0 {
-                    suspended.accept(1 << lane, &mut hits);
-                }
-                if reported >> lane & 1 != 0 {
-                    let over = suspended.report(1 << lane, &t_row, &kinds, &mut hits);
-                    assert_eq!(over != 0, any);
-                }
+        let parts: Vec<u16> = match at_once {
+            true => vec![u16::MAX],
+            false => (0..PACKET).map(|lane| 1 << lane).collect(),
+        };
+        for part in parts {
+            flight.accept(accepted & part);
+            if reported & part != 0 {
+                let over = flight.report(reported & part, &t_row, &kinds);
+                assert_eq!(over, if any { reported & part } else { 0 });
             }
         }
-        // SAFETY: as above.
-        progress = unsafe { walker.resume_packet(&rows, &mut hits, &mut suspended) };
-    }
-    let split = match progress {
-        Progress::Singly => return,
-        Progress::Split(lanes) => lanes,
-        _ => 0,
     };
-    tally.done += usize::from(split == 0);
-    tally.split += usize::from(split != 0);
-    for (lane, ray) in rays.iter().enumerate() {
-        let mut found = hits.get(lane);
-        if split >> lane & 1 != 0 {
-            let mut walk = Walk::default();
-            // SAFETY: as above.
-            unsafe { suspended.split(lane, &rows, &hits, &mut walk) };
-            finish(&mut walk, walker, world);
-            found = walk.committed().copied();
-        }
+    let mut groups = Groups::new(&world.top, rays, decide);
+    // SAFETY: the structures are alive.
+    unsafe { groups.trace(walker, 1) };
+    let all_found = groups.found(rays.len());
+    drop(groups);
+    tally.asked += asked_now;
+    let (set_out, split) = (
+        walker.counts().together - before.together,
+        walker.counts().split - before.split,
+    );
+    tally.done += (set_out - split) as usize;
+    tally.split += split as usize;
+    for (ray, found) in rays.iter().zip(all_found) {
         let expected = alone(walker, world, ray);
         match any {
             // Which hit comes first is open.

@@ -51,8 +51,8 @@ pub struct Runner {
     /// Made by the first shader with a ray query.
     walker: Option<Box<Walker>>,
     queries: Queries,
-    /// The suspended walks of these subgroups.
-    suspended: Owned,
+    /// The rays of these subgroups' queries that wait.
+    waiting: Vec<Owned>,
     /// Fuel since the last look at the limits.
     burnt: u64,
 }
@@ -69,8 +69,10 @@ impl Runner {
         resize(&mut self.states, subgroups * self.rows)?;
         self.status.clear();
         self.status.resize(subgroups, Status::Ready);
-        self.queries.clear();
-        self.suspended.clear();
+        for left in &mut self.waiting {
+            self.queries.release(left);
+        }
+        self.waiting.resize_with(subgroups, Owned::default);
         // Undefined by the specification; zeros, so that even a faulty shader gives the same result twice.
         self.shared.clear();
         let shared_bytes = program.shared_size_bytes() as usize;
@@ -236,9 +238,9 @@ impl Runner {
         let program = run.program;
         let members = (self.states)
             .chunks_exact_mut(self.rows)
-            .zip(&mut self.status)
-            .filter(|(_, status)| **status == Status::InWave);
-        for ((state, status), event) in members.zip(events.iter()) {
+            .zip(self.status.iter_mut().zip(&mut self.waiting))
+            .filter(|(_, (status, _))| **status == Status::InWave);
+        for ((state, (status, waiting)), event) in members.zip(events.iter()) {
             *status = match event {
                 Event::End => Status::Ended,
                 Event::OutOfFuel => Status::Ready,
@@ -251,7 +253,7 @@ impl Runner {
                             self.walker.get_or_insert_with(|| settings().walker()),
                             program,
                             state,
-                            &mut self.suspended,
+                            waiting,
                             run.limits,
                         )?;
                         Status::Ready

@@ -233,7 +233,7 @@ impl Batch<'_> {
             for (to, &(source, lane)) in from.iter().enumerate() {
                 let from = (&mut old[source].queries, lane);
                 let to = (&mut moved.queries, to);
-                self.worker.queries.move_lane(from, to);
+                self.worker.queries.move_lane(from, to)?;
             }
             self.worker.subgroups[target] = moved;
         }

@@ -31,16 +31,6 @@ impl<T: Default> Slab<T> {
         })
     }
 
-    /// What is at a place, if there is such a place.
-    pub fn get(&self, index: u32) -> Option<&T> {
-        self.entries.get(index as usize)
-    }
-
-    /// The same, to be changed.
-    pub fn get_mut(&mut self, index: u32) -> Option<&mut T> {
-        self.entries.get_mut(index as usize)
-    }
-
     /// Gives a place back.
     pub fn remove(&mut self, index: u32) {
         self.free.push(index);

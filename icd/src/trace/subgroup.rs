@@ -100,7 +100,7 @@ pub struct Subgroup {
     pub of: [LaneRef; SUBGROUP_SIZE],
     /// These are all of one group of rays or one subgroup, each the lane of its own number.
     pub is_in_place: bool,
-    /// Its ray queries' suspended walks.
+    /// The rays of its queries that wait.
     pub queries: Owned,
 }
 

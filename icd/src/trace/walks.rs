@@ -20,6 +20,7 @@ impl Flights for Batch<'_> {
         Start {
             lanes: group.in_flight,
             shows_first_hit: shows_first_hit(operands, group.in_flight, group.fills_hit_object),
+            shows_order: false,
         }
     }
 

@@ -1,6 +1,7 @@
 //! What both targets need: geometries from bytes, and walks to the end.
 
 use arbitrary::Arbitrary;
+use scenes::groups::Groups;
 pub use scenes::{Bytes, IDENTITY, InstanceRecord, build_blob, build_instances, memory, sizes};
 use traversal::*;
 
@@ -200,74 +201,32 @@ pub fn walked(
     (hit, candidates)
 }
 
-/// Rays that walk together, and what each walk takes.
-struct Together<'a> {
-    /// For what leaves the stream.
-    walker: Box<Walker>,
-    rows: Vec<RayRows>,
-    fuel: &'a mut u64,
-}
-
-impl Caller for Together<'_> {
-    fn hit(&mut self, _: u32, _: usize, _: &Hit) {}
-
-    fn rays(&mut self, group: u32, rows: &mut RayRows) {
-        rows.clone_from(&self.rows[group as usize]);
-    }
-
-    fn suspend(&mut self, _: u32, _: usize, walk: &mut Walk, event: Event) {
-        let mut event = event;
-        while matches!(event, Event::AnyHitCandidate | Event::ProceduralCandidate) {
-            event = walk.resume(&mut self.walker, Verdict::Continue, self.fuel);
-        }
-    }
-}
-
 /// Walks each ray with fifteen neighbours: as a packet that stops for candidates, all of which count, and all in streams. To their
-/// ends or the end of fuel.
+/// ends or the end of fuel, of which each group has 65,536 to begin with.
 pub fn walked_together(walker: &mut Walker, top: &Bytes, rays: &[Ray], fuel: u64) {
-    let (mut packets_fuel, mut streams_fuel) = (fuel, fuel);
-    let mut together = Together {
-        walker: Walker::new(),
-        rows: Vec::new(),
-        fuel: &mut packets_fuel,
-    };
-    for (group, ray) in rays.iter().enumerate() {
+    let with_neighbours = rays.iter().map(|ray| {
         let mut rows = RayRows::NONE;
         for lane in 0..PACKET {
             let mut ray = *ray;
             ray.origin[lane % 3] += lane as f32 / 512.0;
             rows.set(lane, top.address(), &ray, 0.0);
         }
-        let (mut hits, mut suspended) = (HitRows::default(), Suspended::default());
-        // SAFETY: the structures are alive, here and below.
-        let mut progress =
-            unsafe { walker.trace_packet(&rows, u16::MAX, &mut hits, &mut suspended) };
-        while progress == Progress::Candidates {
-            let asked = suspended.candidates().found;
-            for lane in (0..PACKET).filter(|lane| asked >> lane & 1 != 0) {
-                if suspended.candidates().hit(lane).is_built_in() {
-                    suspended.accept(1 << lane, &mut hits);
-                } else {
-                    let t = *suspended.t_max();
-                    suspended.report(1 << lane, &t, &[0; PACKET], &mut hits);
-                }
-            }
-            // SAFETY: as above.
-            progress = unsafe { walker.resume_packet(&rows, &mut hits, &mut suspended) };
-        }
-        if let Progress::Split(lanes) = progress {
-            for lane in (0..PACKET).filter(|lane| lanes >> lane & 1 != 0) {
-                let mut walk = Walk::default();
-                // SAFETY: as above.
-                unsafe { suspended.split(lane, &rows, &hits, &mut walk) };
-                together.suspend(0, lane, &mut walk, Event::AnyHitCandidate);
-            }
-        }
-        // SAFETY: as above.
-        unsafe { walker.add_to_stream(&rows, u16::MAX, &mut hits, group as u32) };
-        together.rows.push(rows);
+        (rows, u16::MAX)
+    });
+    let rows: Vec<_> = with_neighbours.collect();
+    for in_streams in [false, true] {
+        let decide = |_: &RayRows, flight: &mut Flight| {
+            let (found, built_in) = (flight.candidates().found, flight.candidates().built_in());
+            flight.accept(built_in);
+            let t = *flight.t_max();
+            let counts = flight.counts(found & !built_in, &t);
+            flight.report(counts, &t, &[0; PACKET]);
+        };
+        let mut groups =
+            Groups::of_rows(rows.clone(), decide).with(|start| start.shows_first_hit = in_streams);
+        (groups.refills, groups.rounds) = ((fuel >> 16) as usize, 256);
+        let at_once = if in_streams { rays.len().max(1) } else { 1 };
+        // SAFETY: the structures are alive.
+        unsafe { groups.trace(walker, at_once) };
     }
-    // SAFETY: as above.
-    unsafe { walker.trace_streams(&mut streams_fuel, &mut together) };
 }

@@ -2,6 +2,7 @@
 
 pub mod closed;
 pub mod exact;
+pub mod groups;
 pub mod hard;
 pub mod odd;
 mod shapes;

@@ -11,9 +11,6 @@ use crate::ray::Hit;
 const ENOUGH: usize = 4;
 const MOST: usize = Walker::STREAM_RAYS / PACKET;
 
-/// Fuel of a group between two looks at whether it may go on.
-const FUEL: u64 = 1 << 16;
-
 /// Rays of one group between their start and their ends. Where all have ended, their hits are in `hits`.
 #[derive(Default)]
 pub struct Flight {
@@ -65,14 +62,56 @@ impl Flight {
             suspended.end(lanes);
         }
     }
+
+    /// Lets rays wait where the next [`Walker::resume`] goes on with the others. This and what follows is for rays whose order of
+    /// candidates shows ([`Start::shows_order`]): they walk by themselves.
+    pub fn hold(&mut self, lanes: u16) {
+        if let Some(suspended) = &mut self.suspended {
+            suspended.hold(lanes);
+        }
+    }
+
+    /// Forgets rays that wait.
+    pub fn forget(&mut self, lanes: u16) {
+        if let Some(suspended) = &mut self.suspended {
+            suspended.forget(lanes);
+        }
+    }
+
+    /// Puts what rays that wait have committed so far into the hits.
+    pub fn update_hits(&mut self) {
+        if let Some(suspended) = &self.suspended {
+            suspended.update_hits(&mut self.hits);
+        }
+    }
+
+    /// Moves a ray that waits to another group, as its lane `to_lane`.
+    pub fn move_ray(&mut self, lane: usize, to: &mut Flight, to_lane: usize) {
+        let Some(suspended) = &mut self.suspended else {
+            return;
+        };
+        let others = to.suspended.get_or_insert_with(|| {
+            let mut none = Box::<Suspended>::default();
+            none.start_singles();
+            none
+        });
+        suspended.move_ray(lane, others, to_lane);
+        match self.hits.get(lane) {
+            Some(hit) => to.hits.set(to_lane, &hit),
+            None => to.hits.found &= !(1 << to_lane),
+        }
+    }
 }
 
 /// What starts in a group.
+#[derive(Clone, Copy)]
 pub struct Start {
     /// Lanes with a ray.
     pub lanes: u16,
     /// Which hit rays that end with their first hit find is to follow from the ray alone.
     pub shows_first_hit: bool,
+    /// Which candidates rays meet, and in which order, is to follow from the ray alone.
+    pub shows_order: bool,
 }
 
 /// Who has rays traced by [`Walker::trace`].
@@ -99,7 +138,23 @@ pub trait Flights {
     fn out_of_fuel(&mut self, group: u32) -> Result<(), Self::Stop>;
 }
 
+/// How rays have walked, for tests that are about one way.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Counts {
+    /// Groups that set out as packets.
+    pub together: u64,
+    /// Of those, the ones that split.
+    pub split: u64,
+    /// Rays that were added to streams.
+    pub streamed: u64,
+}
+
 impl Walker {
+    /// How rays have walked since the walker was made.
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+
     /// Forgets all rays that are on their way; their [`Flight`]s are started anew before they are used again.
     pub fn clear(&mut self) {
         self.streamed.clear();
@@ -132,7 +187,7 @@ impl Walker {
         unsafe { self.trace_streamed(flights) }
     }
 
-    /// Goes on with rays of groups after all their candidates were decided on.
+    /// Goes on with rays of groups after all their candidates were decided on, but those that are held.
     ///
     /// # Errors
     /// Those of [`Flights`].
@@ -183,8 +238,12 @@ impl Walker {
         let hits = &mut flight.hits;
         if self.takes_packets() && !start.shows_first_hit {
             // SAFETY: the caller's promise, here and below.
-            let progress = unsafe { packet::run(rays, lanes, hits, self, Some(&mut suspended)) };
+            let progress = unsafe {
+                let keeps = (!start.shows_order).then_some(&mut *suspended);
+                packet::run(rays, lanes, hits, self, keeps)
+            };
             if progress != Progress::Singly {
+                self.counts.together += 1;
                 // SAFETY: as above.
                 return unsafe { self.settle_packet(group, progress, rays, suspended, flights) };
             }
@@ -194,11 +253,13 @@ impl Walker {
         if in_streams {
             // SAFETY: as above.
             streamed = unsafe { self.add_to_stream(rays, lanes, hits, group) };
+            self.counts.streamed += u64::from(streamed.count_ones());
         }
         if streamed != lanes {
+            let mut fuel = self.options.fuel;
             let mut keep = |lane: usize, walk: &mut Walk, event| suspended.keep(lane, walk, event);
             // SAFETY: as above.
-            unsafe { self.trace_in_turn(rays, lanes & !streamed, hits, &mut { FUEL }, &mut keep) };
+            unsafe { self.trace_in_turn(rays, lanes & !streamed, hits, &mut fuel, &mut keep) };
         }
         if streamed == 0 {
             return self.settle_singles(group, suspended, flights);
@@ -224,8 +285,9 @@ impl Walker {
             flights: &mut *flights,
             spare: std::mem::take(&mut self.spare),
         };
+        let mut fuel = self.options.fuel.saturating_mul(groups.len() as u64);
         // SAFETY: the caller's promise.
-        unsafe { self.trace_streams(&mut (FUEL * groups.len() as u64), &mut streamed) };
+        unsafe { self.trace_streams(&mut fuel, &mut streamed) };
         self.spare = streamed.spare;
         for &group in &groups {
             match flights.flight(group).suspended.take() {
@@ -253,6 +315,7 @@ impl Walker {
         match progress {
             Progress::Candidates => flights.flight(group).suspended = Some(suspended),
             Progress::Split(lanes) => {
+                self.counts.split += 1;
                 // SAFETY: the caller's promise.
                 unsafe { suspended.split_all(lanes, rays, &flights.flight(group).hits) };
                 return self.settle_singles(group, suspended, flights);
@@ -269,7 +332,7 @@ impl Walker {
         mut suspended: Box<Suspended>,
         flights: &mut F,
     ) -> Result<(), F::Stop> {
-        let (mut entered, mut fuel) = (Entered::NOTHING, FUEL);
+        let (mut entered, mut fuel) = (Entered::NOTHING, self.options.fuel);
         let hits = &mut flights.flight(group).hits;
         for (lane, verdict) in suspended.decided() {
             self.step(lane, verdict, &mut suspended, hits, &mut entered, &mut fuel);
@@ -287,7 +350,7 @@ impl Walker {
         let mut entered = Entered::NOTHING;
         while let Some(lane) = suspended.take_out_of_fuel() {
             flights.out_of_fuel(group)?;
-            let (hits, fuel) = (&mut flights.flight(group).hits, &mut { FUEL });
+            let (hits, fuel) = (&mut flights.flight(group).hits, &mut { self.options.fuel });
             let verdict = Verdict::Continue;
             self.step(lane, verdict, &mut suspended, hits, &mut entered, fuel);
         }

@@ -1,4 +1,4 @@
-//! Rays of one subgroup: together where they cohere, else in turn. What they have in common is done once.
+//! Rays of one subgroup in turn. What they have in common is done once.
 
 use super::beams::Given;
 use super::children::LARGE;
@@ -7,10 +7,8 @@ use super::kernel::Kernel;
 use super::level::{Entered, only_instance};
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::options::Specialisation;
-use super::packet;
 use super::portable::Portable;
 use super::rows::{HitRows, RayRows, lanes_of};
-use super::suspended::{Progress, Suspended};
 use super::{Event, PACKET, State, Verdict, Walk, Walker, run};
 use crate::layout::instance_state;
 use crate::ray::ray_flags;
@@ -22,99 +20,15 @@ use crate::tier::Tier;
 const ENOUGH: u32 = 4;
 
 /// Takes over a walk that stopped at an event, by changing places with it: `(lane, walk, event)`.
-pub type Suspend<'a> = dyn FnMut(usize, &mut Walk, Event) + 'a;
+pub(crate) type Suspend<'a> = dyn FnMut(usize, &mut Walk, Event) + 'a;
 
 impl Walker {
-    /// Takes the rays of `lanes` to their ends; their hits are in `hits` then. Those about which something has to be decided outside,
-    /// or that run out of fuel, are handed to `suspend` instead, which may change places with the walk to keep it.
-    ///
-    /// The hits are those of each ray by itself, bit for bit, but for rays that end with their first hit, which may find another one
-    /// first.
+    /// Takes the rays of `lanes` to their ends, one after the other; their hits are in `hits` then. Those about which something has to be
+    /// decided outside, or that run out of fuel, are handed to `suspend` instead, which may change places with the walk to keep it.
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray.
-    pub unsafe fn trace_rows(
-        &mut self,
-        rays: &RayRows,
-        lanes: u16,
-        hits: &mut HitRows,
-        fuel: &mut u64,
-        suspend: &mut Suspend<'_>,
-    ) {
-        // SAFETY: the caller's promise.
-        unsafe {
-            if !self.trace_together(rays, lanes, hits) {
-                self.trace_in_turn(rays, lanes, hits, fuel, suspend);
-            }
-        }
-    }
-
-    /// [`Self::trace_rows`] for rays that start near each other and go the same way, and that meet instances of opaque triangles only.
-    /// Returns false if that cannot be done: each ray has to start by itself then.
-    ///
-    /// # Safety
-    /// As for [`Walk::new`], for every ray.
-    pub unsafe fn trace_together(
-        &mut self,
-        rays: &RayRows,
-        lanes: u16,
-        hits: &mut HitRows,
-    ) -> bool {
-        // SAFETY: the caller's promise.
-        unsafe { self.packet(rays, lanes, hits, None) == Progress::Done }
-    }
-
-    /// Traces rays that start near each other and go the same way. Where they meet triangles that are not opaque, or boxes, `suspended` keeps
-    /// them until that is decided. With [`Progress::Singly`] each ray has to start by itself.
-    ///
-    /// # Safety
-    /// As for [`Walk::new`], for every ray.
-    pub unsafe fn trace_packet(
-        &mut self,
-        rays: &RayRows,
-        lanes: u16,
-        hits: &mut HitRows,
-        suspended: &mut Suspended,
-    ) -> Progress {
-        // SAFETY: the caller's promise.
-        unsafe { self.packet(rays, lanes, hits, Some(suspended)) }
-    }
-
-    /// Goes on with the same rays after all candidates were decided on.
-    ///
-    /// # Safety
-    /// As for [`Self::trace_packet`].
-    pub unsafe fn resume_packet(
-        &mut self,
-        rays: &RayRows,
-        hits: &mut HitRows,
-        suspended: &mut Suspended,
-    ) -> Progress {
-        // SAFETY: the caller's promise.
-        unsafe { packet::resume(rays, hits, self, suspended) }
-    }
-
-    /// # Safety
-    /// As for [`Walk::new`], for every ray.
-    unsafe fn packet(
-        &mut self,
-        rays: &RayRows,
-        lanes: u16,
-        hits: &mut HitRows,
-        suspended: Option<&mut Suspended>,
-    ) -> Progress {
-        if self.takes_packets() {
-            // SAFETY: the caller's promise.
-            return unsafe { packet::run(rays, lanes, hits, self, suspended) };
-        }
-        Progress::Singly
-    }
-
-    /// [`Self::trace_rows`] one ray after the other.
-    ///
-    /// # Safety
-    /// As for [`Walk::new`], for every ray.
-    pub unsafe fn trace_in_turn(
+    pub(crate) unsafe fn trace_in_turn(
         &mut self,
         rays: &RayRows,
         lanes: u16,
@@ -140,31 +54,6 @@ impl Walker {
             // SAFETY: every machine has plain Rust.
             _ => unsafe { turns.run::<Portable>(self, fuel) },
         }
-    }
-
-    /// Resumes walks that are likely to have something in common.
-    ///
-    /// # Safety
-    /// What the walks' rays may meet stays unchanged as long as the list is there.
-    pub unsafe fn list(&mut self) -> List<'_> {
-        List {
-            walker: self,
-            entered: Entered::NOTHING,
-        }
-    }
-}
-
-/// Walks in turn.
-pub struct List<'a> {
-    walker: &'a mut Walker,
-    entered: Entered,
-}
-
-impl List<'_> {
-    /// [`Walk::resume`].
-    #[inline]
-    pub fn resume(&mut self, walk: &mut Walk, verdict: Verdict, fuel: &mut u64) -> Event {
-        run::run(walk, verdict, self.walker, &mut self.entered, fuel)
     }
 }
 

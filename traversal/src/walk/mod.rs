@@ -66,14 +66,11 @@ mod walker;
 
 use crate::ray::{Hit, Ray, ray_flags};
 use entry::Entry;
-pub use flights::{Flight, Flights, Start};
+pub use flights::{Counts, Flight, Flights, Start};
 use level::Entered;
-pub use list::List;
 pub use options::{Accuracy, Options, Specialisation, Switches};
 pub use probe::TriangleTest;
 pub use rows::{HitRows, Lanes, RayRows, Words};
-pub use streaming::Caller;
-pub use suspended::{Progress, Suspended};
 pub use walker::Walker;
 
 /// Rays that [`Walker::trace`] takes, at most.
@@ -108,6 +105,9 @@ pub enum Event {
 
 /// One ray's way through a scene. Small: the live part of the stack is kept beside it only while
 /// the walk is suspended.
+///
+/// Groups of rays go through [`Walker::trace`]. This is the door for one ray, by itself and step by step: what groups find is defined
+/// by it, and tests, searches and measurements hold them against it.
 #[derive(Clone, Debug)]
 pub struct Walk {
     ray: Ray,

@@ -75,6 +75,8 @@ pub struct Options {
     pub accuracy: Accuracy,
     /// Specialisations that are left out.
     pub without: Switches,
+    /// Fuel of a group of rays between two looks at whether it may go on, at least 1.
+    pub fuel: u64,
 }
 
 impl Default for Options {
@@ -84,6 +86,7 @@ impl Default for Options {
             tier: Tier::best(),
             accuracy: Accuracy::Spec,
             without: Switches::default(),
+            fuel: 1 << 16,
         }
     }
 }

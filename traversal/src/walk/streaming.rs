@@ -7,7 +7,7 @@ use crate::ray::Hit;
 use crate::tier::Tier;
 
 /// Who has rays traced by [`Walker::trace_streams`], and hears of them by group and lane.
-pub trait Caller {
+pub(crate) trait Caller {
     /// A ray has met something.
     fn hit(&mut self, group: u32, lane: usize, hit: &Hit);
 
@@ -20,7 +20,7 @@ pub trait Caller {
 
 impl Walker {
     /// Rays of a stream, at most.
-    pub const STREAM_RAYS: usize = 4096;
+    pub(crate) const STREAM_RAYS: usize = 4096;
 
     /// Adds rays to a stream, to be traced with others by [`Self::trace_streams`]; returns which. Those are rays of ordinary length
     /// through the same top level as those in it, with the same flags and mask; where it has one instance, that holds triangles
@@ -28,7 +28,7 @@ impl Walker {
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray, until they are traced.
-    pub unsafe fn add_to_stream(
+    pub(crate) unsafe fn add_to_stream(
         &mut self,
         rays: &RayRows,
         lanes: u16,
@@ -58,7 +58,7 @@ impl Walker {
     }
 
     /// Forgets the rays of the stream.
-    pub fn clear_streams(&mut self) {
+    pub(crate) fn clear_streams(&mut self) {
         #[cfg(target_arch = "x86_64")]
         self.streams.clear();
     }
@@ -67,7 +67,7 @@ impl Walker {
     ///
     /// # Safety
     /// As for [`Walk::new`], for every ray.
-    pub unsafe fn trace_streams(&mut self, fuel: &mut u64, caller: &mut dyn Caller) {
+    pub(crate) unsafe fn trace_streams(&mut self, fuel: &mut u64, caller: &mut dyn Caller) {
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the caller's promise.
         unsafe {

@@ -12,19 +12,19 @@ const MANY: u32 = 5;
 
 /// How far rays have come that walk together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Progress {
+pub(crate) enum Progress {
     /// They do not go the same way, or meet what is not done together: nothing has happened.
     Singly,
     /// All are at their ends; their hits are in the rows.
     Done,
     /// [`Suspended::candidates`] are to be decided on.
     Candidates,
-    /// From here on these go one by one: [`Suspended::split`]. The others are at their ends.
+    /// From here on these go one by one: [`Suspended::split_all`]. The others are at their ends.
     Split(u16),
 }
 
 /// Rays that wait for decisions about candidates, one each at most.
-pub struct Suspended {
+pub(crate) struct Suspended {
     /// Those that started.
     pub(crate) started: u16,
     /// Those that no decision has ended.
@@ -50,6 +50,8 @@ pub struct Suspended {
     accepted: u16,
     /// Of those, the ones that only lack fuel.
     out_of_fuel: u16,
+    /// Of those, the ones that stay where they are when the others go on.
+    held: u16,
 }
 
 /// Children that are to be visited yet, and by which rays.
@@ -107,6 +109,7 @@ impl Default for Suspended {
             walks: Vec::new(),
             accepted: 0,
             out_of_fuel: 0,
+            held: 0,
         }
     }
 }
@@ -114,18 +117,18 @@ impl Default for Suspended {
 impl Suspended {
     /// The candidates: `found` says which rays have one. Of a box, `t` is the lower end of the ray's interval.
     #[inline]
-    pub fn candidates(&self) -> &HitRows {
+    pub(crate) fn candidates(&self) -> &HitRows {
         &self.candidates
     }
 
     /// Upper ends of the rays' intervals now.
     #[inline]
-    pub fn t_max(&self) -> &[f32; PACKET] {
+    pub(crate) fn t_max(&self) -> &[f32; PACKET] {
         &self.found.t
     }
 
     /// Commits candidates of rays, triangles. `hits` are the rows that the rays started with, here and below.
-    pub fn accept(&mut self, lanes: u16, hits: &mut HitRows) {
+    pub(crate) fn accept(&mut self, lanes: u16, hits: &mut HitRows) {
         if self.is_single {
             self.accepted |= lanes;
             return;
@@ -146,7 +149,7 @@ impl Suspended {
 
     /// Which of some rays a hit at `t` counts for: it is in the ray's interval as it stands, and no decision has ended the ray. The
     /// candidates are boxes.
-    pub fn counts(&self, lanes: u16, t: &Lanes) -> u16 {
+    pub(crate) fn counts(&self, lanes: u16, t: &Lanes) -> u16 {
         let (t_min, t_max) = (&self.candidates.t, &self.found.t);
         let mut inside = 0;
         for lane in 0..PACKET {
@@ -158,7 +161,13 @@ impl Suspended {
 
     /// Commits hits that intersection shaders reported for rays' candidates, each in its ray's interval as it stands. Returns which
     /// rays are over by it.
-    pub fn report(&mut self, lanes: u16, t: &Lanes, kinds: &Words, hits: &mut HitRows) -> u16 {
+    pub(crate) fn report(
+        &mut self,
+        lanes: u16,
+        t: &Lanes,
+        kinds: &Words,
+        hits: &mut HitRows,
+    ) -> u16 {
         if self.is_single {
             return lanes_of(lanes).fold(0, |over, lane| {
                 self.found.t[lane] = t[lane];
@@ -192,15 +201,42 @@ impl Suspended {
     }
 
     /// Ends rays with what is committed.
-    pub fn end(&mut self, lanes: u16) {
+    pub(crate) fn end(&mut self, lanes: u16) {
         self.ended |= lanes;
     }
 
     /// From here on rays go one by one; none is kept yet.
     pub(crate) fn start_singles(&mut self) {
         self.is_single = true;
-        (self.accepted, self.ended, self.out_of_fuel) = (0, 0, 0);
+        (self.accepted, self.ended, self.out_of_fuel, self.held) = (0, 0, 0, 0);
         self.candidates.found = 0;
+    }
+
+    /// Lets rays stay when the others go on next.
+    pub(crate) fn hold(&mut self, lanes: u16) {
+        self.held = lanes & self.candidates.found;
+    }
+
+    /// Forgets rays that wait for decisions.
+    pub(crate) fn forget(&mut self, lanes: u16) {
+        self.candidates.found &= !lanes;
+    }
+
+    /// Puts what rays that go one by one have committed so far into their hits.
+    pub(crate) fn update_hits(&self, hits: &mut HitRows) {
+        for lane in lanes_of(self.candidates.found) {
+            if let Some(hit) = self.walks[lane].committed() {
+                hits.set(lane, hit);
+            }
+        }
+    }
+
+    /// Moves a ray that waits for a decision; both groups' go one by one.
+    pub(crate) fn move_ray(&mut self, lane: usize, to: &mut Suspended, to_lane: usize) {
+        if self.candidates.found >> lane & 1 != 0 {
+            self.candidates.found &= !(1 << lane);
+            to.keep(to_lane, &mut self.walks[lane], Event::AnyHitCandidate);
+        }
     }
 
     /// Some rays wait for decisions or for fuel.
@@ -229,8 +265,9 @@ impl Suspended {
     /// The walks that stopped, with what was decided about each; from here on they are on their way again.
     pub(crate) fn decided(&mut self) -> impl Iterator<Item = (usize, Verdict)> + use<> {
         let (accepted, ended) = (self.accepted, self.ended);
-        let lanes = self.candidates.found;
+        let (lanes, held) = (self.candidates.found & !self.held, self.held);
         self.start_singles();
+        self.candidates.found = held;
         lanes_of(lanes).map(move |lane| {
             let verdict = match (accepted >> lane & 1 != 0, ended >> lane & 1 != 0) {
                 (false, false) => Verdict::Continue,
@@ -272,7 +309,7 @@ impl Suspended {
     ///
     /// # Safety
     /// As for [`Walk::new`].
-    pub unsafe fn split(&self, lane: usize, rays: &RayRows, hits: &HitRows, walk: &mut Walk) {
+    unsafe fn split(&self, lane: usize, rays: &RayRows, hits: &HitRows, walk: &mut Walk) {
         // SAFETY: the caller's promise.
         unsafe { walk.restart(rays.top_level[lane], &rays.ray(lane)) };
         walk.set_time(rays.time[lane]);

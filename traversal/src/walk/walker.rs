@@ -3,6 +3,7 @@
 use super::beams::Beams;
 use super::entry::{Entry, STACK};
 use super::facts::InstanceFacts;
+use super::flights::Counts;
 use super::group_hits::GroupHits;
 use super::level::Level;
 use super::options::{Accuracy, Options, Specialisation, Switches};
@@ -33,6 +34,7 @@ pub struct Walker {
     /// Memory of rays that no longer wait.
     #[allow(clippy::vec_box, reason = "they move to where their rays are kept")]
     pub(crate) spare: Vec<Box<Suspended>>,
+    pub(crate) counts: Counts,
     pub(crate) options: Options,
 }
 
@@ -69,6 +71,7 @@ impl Walker {
                 streams: Streams::new(),
                 streamed: Vec::new(),
                 spare: Vec::new(),
+                counts: Counts::default(),
                 options,
             })
         })

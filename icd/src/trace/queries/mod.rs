@@ -1,44 +1,28 @@
-//! Ray queries: walks whose driver is the shader. A wave that proceeds suspends, its lanes' walks are advanced here, and it goes on at once;
-//! no lane moves.
+//! Ray queries: rays whose driver is the shader. A wave that proceeds suspends, its lanes' rays are walked on here, and it goes on at
+//! once; no lane moves.
 //!
-//! The shader's side of a query is its object in per-lane memory (`spirv_jit::query`). This side, the walk, is kept only while it is
-//! suspended at a candidate: opaque triangles never are.
+//! The shader's side of a query is its object in per-lane memory (`spirv_jit::query`). This side, the ray on its way, is kept only while
+//! it waits at a candidate: opaque triangles never are.
 
-mod arena;
 mod describe;
+mod waiting;
 
-use smallvec::SmallVec;
 use spirv_jit::Program;
-use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::AlignedRow;
 use spirv_jit::query::{row, state};
-use traversal::{Event, HitRows, RayRows, Verdict, Walk, Walker, ray_flags};
+use traversal::{Flight, Flights, RayRows, Start, Walker, ray_flags};
 
-use super::lanes::lanes_of;
+use super::facts::Lanes;
+use super::lanes::{copy_lanes, lanes_of};
 use crate::wave::{Limits, Stopped};
-use arena::Arena;
-pub use arena::Owned;
-use describe::{describe_candidates, describe_committed, describe_rows, shows_committed};
-
-/// Fuel of a walk between two looks at the limits.
-const FUEL: u64 = 1 << 16;
+use describe::{describe_candidates, describe_committed, shows_committed};
+pub use waiting::Owned;
+use waiting::Waiting;
 
 /// The ray queries of a worker.
+#[derive(Default)]
 pub struct Queries {
-    arena: Arena,
-    /// The rays that are being started, and their hits.
-    rays: RayRows,
-    hits: HitRows,
-}
-
-impl Default for Queries {
-    fn default() -> Self {
-        Self {
-            arena: Arena::default(),
-            rays: RayRows::NONE,
-            hits: HitRows::default(),
-        }
-    }
+    waiting: Waiting,
 }
 
 /// What queries are answered with.
@@ -47,6 +31,13 @@ struct Context<'a> {
     program: &'a Program,
     limits: &'a Limits,
     owned: &'a mut Owned,
+}
+
+/// The queries of lanes whose objects lie in the same rows.
+struct Object<'a> {
+    /// Its first row, among the private ones.
+    first: u32,
+    rows: &'a mut [AlignedRow],
 }
 
 impl Queries {
@@ -83,8 +74,9 @@ impl Queries {
                 .fold(0, |lanes, lane| lanes | 1 << lane);
             rest &= !lanes;
             let size = row::WORDS + program.query_words().len();
-            if let Some(object) = private.get_mut(place as usize..place as usize + size) {
-                stand |= self.proceed_together(&mut context, object, lanes)?;
+            if let Some(rows) = private.get_mut(place as usize..place as usize + size) {
+                let mut object = Object { first: place, rows };
+                stand |= self.proceed_together(&mut context, &mut object, lanes)?;
             }
         }
         for lane in lanes_of(mask) {
@@ -97,14 +89,10 @@ impl Queries {
     fn proceed_together(
         &mut self,
         context: &mut Context<'_>,
-        object: &mut [AlignedRow],
+        object: &mut Object<'_>,
         lanes: u16,
     ) -> Result<u16, Stopped> {
-        let mut ready = 0;
-        for (lane, &state) in object[row::STATE].0.iter().enumerate() {
-            ready |= u16::from(state == state::READY) << lane;
-        }
-        ready &= lanes;
+        let ready = lanes & object.lanes_at(state::READY);
         let mut stand = 0;
         if ready != 0 {
             stand = self.start(context, object, ready)?;
@@ -115,220 +103,218 @@ impl Queries {
         Ok(stand)
     }
 
-    /// Begins the walks of queries; returns which of them stand at a candidate.
+    /// Starts the rays of queries; returns which of them stand at a candidate.
     fn start(
         &mut self,
         context: &mut Context<'_>,
-        object: &mut [AlignedRow],
+        object: &mut Object<'_>,
         lanes: u16,
     ) -> Result<u16, Stopped> {
-        for lane in lanes_of(lanes) {
-            let handle = std::mem::take(&mut object[row::HANDLE].0[lane]);
-            self.arena.remove(handle, context.owned);
-            object[row::STATE].0[lane] = state::OVER;
-        }
-        self.load(object, lanes);
+        self.waiting.forget(object.first, lanes, context.owned);
         if context.limits.queried.is_some() {
-            self.check(context, object, lanes);
+            check(context, object, lanes);
         }
-        let Self { arena, rays, hits } = self;
-        let Context { walker, owned, .. } = context;
-        let mut events: SmallVec<[(usize, u32, Event); SUBGROUP_SIZE]> = SmallVec::new();
-        let mut result = Ok(());
-        let mut keep = |lane, walk: &mut Walk, event| match arena.add(lane, owned) {
-            Ok(handle) => {
-                if let Some(suspended) = arena.find(handle, owned) {
-                    std::mem::swap(&mut suspended.walk, walk);
-                }
-                events.push((lane, handle, event));
-            }
-            Err(stopped) => result = Err(stopped),
-        };
-        let words = context.program.query_words();
         // Together, rays that their first hit ends may find another one: nothing is to show which.
-        let in_turn = shows_committed(words) && ends_with_first_hit(rays, lanes);
-        // SAFETY: the memory where the walker looks is there until the dispatch is complete.
-        unsafe {
-            match in_turn {
-                true => walker.trace_in_turn(rays, lanes, hits, &mut { FUEL }, &mut keep),
-                false => walker.trace_rows(rays, lanes, hits, &mut { FUEL }, &mut keep),
-            }
-        }
-        result?;
-        let suspended = (events.iter()).fold(0, |suspended, event| suspended | 1 << event.0);
-        let done = lanes & !suspended;
-        describe_rows(rays, hits, done, object, words, context.limits);
-        for &(lane, handle, _) in &events {
-            object[row::HANDLE].0[lane] = handle;
-        }
-        let events: SmallVec<[_; SUBGROUP_SIZE]> = (events.iter())
-            .map(|&(lane, _, event)| (lane, event, true))
-            .collect();
-        self.settle(context, object, &events)
-    }
-
-    /// Reads the rays of queries.
-    fn load(&mut self, object: &[AlignedRow], lanes: u16) {
-        let rays = &mut self.rays;
-        let floats = |row: usize| object[row].0.map(f32::from_bits);
-        for axis in 0..3 {
-            rays.origin[axis] = floats(row::ORIGIN + axis);
-            rays.direction[axis] = floats(row::DIRECTION + axis);
-        }
-        rays.t_min = floats(row::T_MIN);
-        rays.t_max = floats(row::T_MAX);
-        rays.flags = object[row::FLAGS].0;
-        rays.cull_mask = object[row::CULL_MASK].0;
-        for lane in lanes_of(lanes) {
-            rays.top_level[lane] = structure_in(object, lane);
-        }
-    }
-
-    #[cold]
-    fn check(&self, context: &Context<'_>, object: &[AlignedRow], lanes: u16) {
-        let Some(queried) = &context.limits.queried else {
-            return;
+        let ends =
+            |lane: usize| object.rows[row::FLAGS].0[lane] & ray_flags::TERMINATE_ON_FIRST_HIT;
+        let shows_first_hit = shows_committed(context.program.query_words())
+            && lanes_of(lanes).any(|lane| ends(lane) != 0);
+        let flight = &mut *self.waiting.starting;
+        let mut one = One {
+            flight: &mut *flight,
+            rows: object.rows,
+            start: Start {
+                lanes,
+                shows_first_hit,
+                shows_order: true,
+            },
+            limits: context.limits,
         };
-        for lane in lanes_of(lanes) {
-            let structure = context.limits.structure(self.rays.top_level[lane]);
-            let kind = structure.map(|structure| structure.kind());
-            let named = structure_in(object, lane);
-            queried.ray(context.program.number(), &self.rays.ray(lane), named, kind);
-        }
-    }
-
-    /// Goes on with the walks of queries that the shader has decided about; returns which of them stand at a candidate now.
-    fn advance(
-        &mut self,
-        context: &mut Context<'_>,
-        object: &mut [AlignedRow],
-        lanes: u16,
-    ) -> Result<u16, Stopped> {
-        let mut events: SmallVec<[(usize, Event, bool); SUBGROUP_SIZE]> = SmallVec::new();
-        // SAFETY: as for their start.
-        let mut list = unsafe { context.walker.list() };
-        for lane in lanes_of(lanes) {
-            let mut query = Object { rows: object, lane };
-            let (stands, handle) = (query.word(row::STATE), query.word(row::HANDLE));
-            if !matches!(
-                stands,
-                state::CANDIDATE | state::CONFIRMED | state::GENERATED
-            ) {
-                self.arena.remove(handle, context.owned);
-                query.set(row::HANDLE, 0);
-                continue;
-            }
-            let Some(suspended) = self.arena.find(handle, context.owned) else {
-                query.set(row::STATE, state::OVER);
-                continue;
-            };
-            let walk = &mut suspended.walk;
-            let before = walk.committed().copied();
-            let verdict = decide(walk, &query, stands);
-            let event = list.resume(walk, verdict, &mut { FUEL });
-            events.push((lane, event, walk.committed() != before.as_ref()));
-        }
-        self.settle(context, object, &events)
-    }
-
-    /// Puts down what has become of the walks of queries: lanes, the events where they stopped, and whether there may be another
-    /// committed hit than the shader knows. Goes on where only fuel was missing. Returns which of them stand at a candidate.
-    fn settle(
-        &mut self,
-        context: &mut Context<'_>,
-        object: &mut [AlignedRow],
-        events: &[(usize, Event, bool)],
-    ) -> Result<u16, Stopped> {
-        let words = context.program.query_words();
-        let mut stand = 0;
-        for &(lane, mut event, mut commits) in events {
-            let mut query = Object { rows: object, lane };
-            let handle = query.word(row::HANDLE);
-            let Some(suspended) = self.arena.find(handle, context.owned) else {
-                query.set(row::STATE, state::OVER);
-                continue;
-            };
-            let walk = &mut suspended.walk;
-            while event == Event::OutOfFuel {
-                context.limits.check()?;
-                event = walk.resume(context.walker, Verdict::Continue, &mut { FUEL });
-                commits = true;
-            }
-            if commits {
-                describe_committed(walk, lane, query.rows, words, context.limits);
-            }
-            if event != Event::Done {
-                query.set(row::STATE, state::CANDIDATE);
-                stand |= 1 << lane;
-                continue;
-            }
-            self.arena.remove(handle, context.owned);
-            query.set(row::HANDLE, 0);
-            query.set(row::STATE, state::OVER);
-        }
-        let walks: SmallVec<[(usize, &Walk); SUBGROUP_SIZE]> = lanes_of(stand)
-            .filter_map(|lane| Some((lane, self.arena.walk(object[row::HANDLE].0[lane])?)))
-            .collect();
-        describe_candidates(&walks, object, words, context.limits);
+        // SAFETY: the memory where the walker looks is there until the dispatch is complete.
+        unsafe { context.walker.trace(&[0], &mut one)? };
+        let stand = settle((context.program, context.limits), object, flight, lanes);
+        self.waiting.keep(object.first, context.owned)?;
         Ok(stand)
     }
 
-    /// Forgets the walks that an owner has left.
+    /// Goes on with the rays of queries that the shader has decided about; returns which of them stand at a candidate now.
+    fn advance(
+        &mut self,
+        context: &mut Context<'_>,
+        object: &mut Object<'_>,
+        lanes: u16,
+    ) -> Result<u16, Stopped> {
+        let asked = [state::CANDIDATE, state::CONFIRMED, state::GENERATED];
+        let asked = asked
+            .iter()
+            .fold(0, |asked, &at| asked | object.lanes_at(at));
+        let going = lanes & asked;
+        let Some(flight) = context.owned.find(object.first) else {
+            object.set_state(going, state::OVER);
+            return Ok(0);
+        };
+        let waiting = flight.candidates().found;
+        object.set_state(going & !waiting, state::OVER);
+        let going = going & waiting;
+        flight.hold(waiting & !going);
+        decide(flight, object, going);
+        let mut one = One {
+            flight: &mut *flight,
+            rows: object.rows,
+            start: Start {
+                lanes: going,
+                shows_first_hit: true,
+                shows_order: true,
+            },
+            limits: context.limits,
+        };
+        // SAFETY: as for their start.
+        unsafe { context.walker.resume(&[0], &mut one)? };
+        let stand = settle((context.program, context.limits), object, flight, going);
+        // Also of lanes that are over, which the shader may have ended.
+        let over = lanes & !stand;
+        self.waiting.forget(object.first, over, context.owned);
+        Ok(stand)
+    }
+
+    /// Forgets the rays of a subgroup's queries.
     #[inline]
     pub fn release(&mut self, owned: &mut Owned) {
-        self.arena.release(owned);
+        self.waiting.release(owned);
     }
 
-    /// See [`Arena::move_lane`].
-    pub fn move_lane(&mut self, from: (&mut Owned, usize), to: (&mut Owned, usize)) {
-        self.arena.move_lane(from, to);
+    /// See [`Waiting::move_lane`].
+    ///
+    /// # Errors
+    /// There is no memory for it.
+    pub fn move_lane(
+        &mut self,
+        from: (&mut Owned, usize),
+        to: (&mut Owned, usize),
+    ) -> Result<(), Stopped> {
+        self.waiting.move_lane(from, to)
     }
 
-    /// Forgets all walks; their owners are cleared before they are used again.
+    /// Forgets all rays; their subgroups' are cleared before they are used again.
     pub fn clear(&mut self) {
-        self.arena.clear();
+        self.waiting.clear();
     }
 }
 
-/// Whether the first hit of one of some rays ends it.
-fn ends_with_first_hit(rays: &RayRows, lanes: u16) -> bool {
-    lanes_of(lanes).any(|lane| rays.flags[lane] & ray_flags::TERMINATE_ON_FIRST_HIT != 0)
+/// Puts down what has become of the rays of queries. Returns which of them stand at a candidate.
+fn settle(
+    (program, limits): (&Program, &Limits),
+    object: &mut Object<'_>,
+    flight: &mut Flight,
+    lanes: u16,
+) -> u16 {
+    let words = program.query_words();
+    flight.update_hits();
+    describe_committed(&flight.hits, lanes, object.rows, words, limits);
+    let stand = flight.candidates().found & lanes;
+    describe_candidates(flight.candidates(), stand, object.rows, words, limits);
+    object.set_state(lanes, state::OVER);
+    if stand != 0 {
+        object.set_state(stand, state::CANDIDATE);
+    }
+    stand
 }
 
-/// What the shader has decided about the candidate; nonsense counts as nothing.
-fn decide(walk: &mut Walk, query: &Object<'_>, stands: u32) -> Verdict {
-    let candidate = *walk.candidate();
-    match stands {
-        state::CONFIRMED if candidate.is_built_in() => Verdict::Accept,
-        state::GENERATED if !candidate.is_built_in() => {
-            let t = f32::from_bits(query.word(row::GENERATED_T));
-            if walk.t_min() <= t && t <= walk.t_max() {
-                walk.commit_procedural(t, 0);
-            }
-            Verdict::Continue
-        }
-        _ => Verdict::Continue,
+/// Applies what the shader has decided about candidates; nonsense counts as nothing.
+fn decide(flight: &mut Flight, object: &Object<'_>, lanes: u16) {
+    let built_in = flight.candidates().built_in();
+    let confirmed = object.lanes_at(state::CONFIRMED) & lanes & built_in;
+    if confirmed != 0 {
+        flight.accept(confirmed);
+    }
+    let generated = object.lanes_at(state::GENERATED) & lanes & !built_in;
+    if generated != 0 {
+        let t = floats(object.rows, row::GENERATED_T);
+        let counts = flight.counts(generated, &t);
+        flight.report(counts, &t, &[0; _]);
     }
 }
 
-/// The object of a query in one lane.
-struct Object<'a> {
-    rows: &'a mut [AlignedRow],
-    lane: usize,
+#[cold]
+fn check(context: &Context<'_>, object: &Object<'_>, lanes: u16) {
+    let Some(queried) = &context.limits.queried else {
+        return;
+    };
+    let mut rays = RayRows::NONE;
+    load(object.rows, &mut rays);
+    for lane in lanes_of(lanes) {
+        let named = rays.top_level[lane];
+        let kind = (context.limits.structure(named)).map(|structure| structure.kind());
+        queried.ray(context.program.number(), &rays.ray(lane), named, kind);
+    }
+}
+
+/// One query's rays at the seam: their group is the only one.
+struct One<'a> {
+    flight: &'a mut Flight,
+    rows: &'a [AlignedRow],
+    start: Start,
+    limits: &'a Limits,
+}
+
+impl Flights for One<'_> {
+    type Stop = Stopped;
+
+    fn rays(&self, _: u32, rays: &mut RayRows) -> Start {
+        load(self.rows, rays);
+        self.start
+    }
+
+    fn flight(&mut self, _: u32) -> &mut Flight {
+        self.flight
+    }
+
+    fn settled(&mut self, _: u32) -> Result<(), Stopped> {
+        Ok(())
+    }
+
+    fn out_of_fuel(&mut self, _: u32) -> Result<(), Stopped> {
+        self.limits.check()
+    }
+}
+
+/// Reads the rays of queries.
+fn load(object: &[AlignedRow], rays: &mut RayRows) {
+    for axis in 0..3 {
+        rays.origin[axis] = floats(object, row::ORIGIN + axis);
+        rays.direction[axis] = floats(object, row::DIRECTION + axis);
+    }
+    rays.t_min = floats(object, row::T_MIN);
+    rays.t_max = floats(object, row::T_MAX);
+    rays.flags = object[row::FLAGS].0;
+    rays.cull_mask = object[row::CULL_MASK].0;
+    rays.top_level = structures(object);
+}
+
+/// A row of an object as floats.
+fn floats(object: &[AlignedRow], row: usize) -> Lanes<f32> {
+    object[row].0.map(f32::from_bits)
+}
+
+/// The addresses that lanes name for their top levels.
+fn structures(object: &[AlignedRow]) -> Lanes<u64> {
+    let word = |row: usize, lane: usize| u64::from(object[row].0[lane]);
+    std::array::from_fn(|lane| word(row::STRUCTURE, lane) | word(row::STRUCTURE + 1, lane) << 32)
 }
 
 impl Object<'_> {
-    fn word(&self, row: usize) -> u32 {
-        self.rows[row].0[self.lane]
+    /// Lanes whose query stands at a state.
+    #[inline]
+    fn lanes_at(&self, state: u32) -> u16 {
+        let mut lanes = 0;
+        for (lane, &now) in self.rows[row::STATE].0.iter().enumerate() {
+            lanes |= u16::from(now == state) << lane;
+        }
+        lanes
     }
 
-    fn set(&mut self, row: usize, word: u32) {
-        self.rows[row].0[self.lane] = word;
+    #[inline]
+    fn set_state(&mut self, lanes: u16, state: u32) {
+        copy_lanes(&mut self.rows[row::STATE].0, &[state; _], lanes);
     }
-}
-
-/// The address that a lane names for its top level.
-fn structure_in(object: &[AlignedRow], lane: usize) -> u64 {
-    let word = |row: usize| u64::from(object[row].0[lane]);
-    word(row::STRUCTURE) | word(row::STRUCTURE + 1) << 32
 }

@@ -1,10 +1,12 @@
 //! Our own structures, as an application of the driver has them: a bottom level under one identity
 //! instance.
 
+use std::convert::Infallible;
+
 use anyhow::{Context, Result};
 use scenes::{Bytes, IDENTITY, InstanceRecord, Mesh, build_instances};
 use traversal::{
-    BuildFlags, BuildInput, Caller, Event, Geometries, Hit, HitRows, Kind, PACKET, Ray, RayRows,
+    BuildFlags, BuildInput, Flight, Flights, Geometries, Hit, Kind, PACKET, Ray, RayRows, Start,
     Verdict, Walk, Walker, build, build_sizes,
 };
 
@@ -57,17 +59,41 @@ pub enum How {
     Lists,
 }
 
-/// The hits of a batch.
-struct Found(Vec<HitRows>);
+/// The rays of a batch, and their hits.
+struct Batch<'a> {
+    top_level: u64,
+    rays: &'a [Ray],
+    flights: Vec<Flight>,
+    in_turn: bool,
+}
 
-impl Caller for Found {
-    fn hit(&mut self, group: u32, lane: usize, hit: &Hit) {
-        self.0[group as usize].set(lane, hit);
+impl Flights for Batch<'_> {
+    type Stop = Infallible;
+
+    fn rays(&self, group: u32, rows: &mut RayRows) -> Start {
+        let rays = &self.rays[group as usize * PACKET..];
+        let rays = &rays[..rays.len().min(PACKET)];
+        for (lane, ray) in rays.iter().enumerate() {
+            rows.set(lane, self.top_level, ray, 0.0);
+        }
+        Start {
+            lanes: u16::MAX >> (PACKET - rays.len()),
+            shows_first_hit: self.in_turn,
+            shows_order: false,
+        }
     }
 
-    fn rays(&mut self, _: u32, _: &mut RayRows) {}
+    fn flight(&mut self, group: u32) -> &mut Flight {
+        &mut self.flights[group as usize]
+    }
 
-    fn suspend(&mut self, _: u32, _: usize, _: &mut Walk, _: Event) {}
+    fn settled(&mut self, _: u32) -> Result<(), Infallible> {
+        Ok(())
+    }
+
+    fn out_of_fuel(&mut self, _: u32) -> Result<(), Infallible> {
+        Ok(())
+    }
 }
 
 /// A structure of two levels.
@@ -94,38 +120,22 @@ impl Tuff {
     /// Walks rays to their ends in lists of one subgroup's, as many together as the driver has in one batch.
     fn walk(&self, rays: &[Ray], how: How, mut done: impl FnMut(Option<&Hit>)) {
         let mut walker = Walker::new();
-        let mut rows = RayRows::NONE;
-        let mut found = Found(vec![HitRows::default(); BATCH]);
+        let mut batch = Batch {
+            top_level: self.top.address(),
+            rays: &[],
+            flights: (0..BATCH).map(|_| Flight::default()).collect(),
+            in_turn: how != How::Packets,
+        };
+        let all: Vec<u32> = (0..BATCH as u32).collect();
+        let at_once = if how == How::Lists { 1 } else { BATCH };
         for rays in rays.chunks(BATCH * PACKET) {
-            for (group, rays) in rays.chunks(PACKET).enumerate() {
-                for (lane, ray) in rays.iter().enumerate() {
-                    rows.set(lane, self.top.address(), ray, 0.0);
-                }
-                let lanes = u16::MAX >> (PACKET - rays.len());
-                let hits = &mut found.0[group];
-                let group = group as u32;
-                let fuel = &mut { u64::MAX };
-                let never = &mut |_, _: &mut Walk, _| {};
+            batch.rays = rays;
+            for groups in all[..rays.len().div_ceil(PACKET)].chunks(at_once) {
                 // SAFETY: the structures are alive and stay as they are.
-                unsafe {
-                    if how == How::Packets && walker.trace_together(&rows, lanes, hits) {
-                        continue;
-                    }
-                    let streamed = match how {
-                        How::Packets | How::Streams => {
-                            walker.add_to_stream(&rows, lanes, hits, group)
-                        }
-                        How::Lists => 0,
-                    };
-                    if streamed != lanes {
-                        walker.trace_in_turn(&rows, lanes & !streamed, hits, fuel, never);
-                    }
-                }
+                let Ok(()) = unsafe { walker.trace(groups, &mut batch) };
             }
-            // SAFETY: as above.
-            unsafe { walker.trace_streams(&mut { u64::MAX }, &mut found) };
             for i in 0..rays.len() {
-                done(found.0[i / PACKET].get(i % PACKET).as_ref());
+                done(batch.flights[i / PACKET].hits.get(i % PACKET).as_ref());
             }
         }
     }

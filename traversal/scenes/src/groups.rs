@@ -1,0 +1,125 @@
+//! Rays in groups of sixteen, which walk however the walker likes.
+
+use crate::Bytes;
+use traversal::*;
+
+/// Groups of rays, what became of them, and who decides on their candidates.
+pub struct Groups<D> {
+    pub rows: Vec<RayRows>,
+    /// What starts in each group.
+    pub starts: Vec<Start>,
+    pub flights: Vec<Flight>,
+    /// Decides on the candidates of a group; what it says nothing about is ignored.
+    decide: D,
+    waiting: Vec<u32>,
+    /// How often fuel may run out.
+    pub refills: usize,
+    /// How often candidates may be decided on.
+    pub rounds: usize,
+}
+
+/// There were no more refills.
+pub struct OutOfFuel;
+
+/// There is nothing to decide on.
+pub fn undecided(_: &RayRows, _: &mut Flight) {
+    panic!("something is asked about");
+}
+
+impl<D: FnMut(&RayRows, &mut Flight)> Groups<D> {
+    /// Rays through one structure.
+    pub fn new(top: &Bytes, rays: &[Ray], decide: D) -> Groups<D> {
+        let groups = rays.chunks(PACKET).map(|rays| {
+            let mut rows = RayRows::NONE;
+            for (lane, ray) in rays.iter().enumerate() {
+                rows.set(lane, top.address(), ray, 0.0);
+            }
+            (rows, u16::MAX >> (PACKET - rays.len()))
+        });
+        Groups::of_rows(groups.collect(), decide)
+    }
+
+    /// Rows of rays, and their lanes.
+    pub fn of_rows(groups: Vec<(RayRows, u16)>, decide: D) -> Groups<D> {
+        let (rows, lanes): (Vec<_>, Vec<_>) = groups.into_iter().unzip();
+        let start = |lanes| Start {
+            lanes,
+            shows_first_hit: false,
+            shows_order: false,
+        };
+        Groups {
+            flights: rows.iter().map(|_| Flight::default()).collect(),
+            rows,
+            starts: lanes.into_iter().map(start).collect(),
+            decide,
+            waiting: Vec::new(),
+            refills: usize::MAX,
+            rounds: usize::MAX,
+        }
+    }
+
+    /// The same, with other demands on all.
+    pub fn with(mut self, demand: impl Fn(&mut Start)) -> Groups<D> {
+        self.starts.iter_mut().for_each(demand);
+        self
+    }
+
+    /// Traces the rays, so many groups at once: to their ends, or as far as refills and rounds last.
+    ///
+    /// # Safety
+    /// The structures are alive.
+    pub unsafe fn trace(&mut self, walker: &mut Walker, at_once: usize) {
+        let all: Vec<u32> = (0..self.rows.len() as u32).collect();
+        for groups in all.chunks(at_once) {
+            // SAFETY: the caller's promise, here and below.
+            let mut traced = unsafe { walker.trace(groups, self) };
+            for _ in 0..self.rounds {
+                if traced.is_err() || self.waiting.is_empty() {
+                    break;
+                }
+                let decided = std::mem::take(&mut self.waiting);
+                // SAFETY: as above.
+                traced = unsafe { walker.resume(&decided, self) };
+            }
+            self.waiting.clear();
+            if traced.is_err() {
+                walker.clear();
+                return;
+            }
+        }
+    }
+
+    /// The hits of the first rays.
+    pub fn found(&self, count: usize) -> Vec<Option<Hit>> {
+        (0..count)
+            .map(|i| self.flights[i / PACKET].hits.get(i % PACKET))
+            .collect()
+    }
+}
+
+impl<D: FnMut(&RayRows, &mut Flight)> Flights for Groups<D> {
+    type Stop = OutOfFuel;
+
+    fn rays(&self, group: u32, rays: &mut RayRows) -> Start {
+        rays.clone_from(&self.rows[group as usize]);
+        self.starts[group as usize]
+    }
+
+    fn flight(&mut self, group: u32) -> &mut Flight {
+        &mut self.flights[group as usize]
+    }
+
+    fn settled(&mut self, group: u32) -> Result<(), OutOfFuel> {
+        let flight = &mut self.flights[group as usize];
+        if flight.candidates().found != 0 {
+            (self.decide)(&self.rows[group as usize], flight);
+            self.waiting.push(group);
+        }
+        Ok(())
+    }
+
+    fn out_of_fuel(&mut self, _: u32) -> Result<(), OutOfFuel> {
+        self.refills = self.refills.checked_sub(1).ok_or(OutOfFuel)?;
+        Ok(())
+    }
+}
