@@ -100,6 +100,19 @@ fn all_within(addresses: &[u64; SUBGROUP_SIZE], active: u16, first: u64, last: u
     outside == 0
 }
 
+/// Whether a subgroup's addresses are all the same.
+#[inline(always)]
+fn are_equal(addresses: &[u64; SUBGROUP_SIZE]) -> bool {
+    // Mostly those that differ do so at the ends.
+    if addresses[0] != addresses[SUBGROUP_SIZE - 1] {
+        return false;
+    }
+    // Whole vectors of those just written: a comparison with the first reads vectors that lie across two writes, and waits for them.
+    let any = addresses.iter().fold(0, |bits, address| bits | address);
+    let all = addresses.iter().fold(!0, |bits, address| bits & address);
+    any == all
+}
+
 /// The memory that all lanes of an access share, if they do.
 ///
 /// # Safety
@@ -230,10 +243,7 @@ unsafe fn access_block<C: Copying, T: Lane>(
             return access_scalars::<C, T>(m, plan.space, (address, scalars), offset);
         };
         let row = |k: usize| m.block::<T::Slot>(scalars[k], offset);
-        if C::LOADS
-            && active == u16::MAX
-            && at.iter().fold(0, |bits, address| bits | (address ^ at[0])) == 0
-        {
+        if C::LOADS && active == u16::MAX && are_equal(at) {
             // One place for all: a shader record, mostly.
             for k in 0..scalars.len() {
                 let scalar = (at[0] as *const T).add(k).read_unaligned().write();
