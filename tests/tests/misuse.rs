@@ -381,6 +381,36 @@ fn a_place_is_reported_once_with_a_count() {
     gpu.assert_silent();
 }
 
+/// Against VUID-VkBufferViewCreateInfo-offset-00931, as an engine in use does it: what is there can be read.
+#[test]
+fn a_texel_buffer_view_ends_with_its_buffer() {
+    let gpu = Gpu::without_validation();
+    let from = gpu.buffer_with(&[1.0f32, 2.0, 3.0, 4.0]);
+    let output = gpu.buffer(16);
+    let info = vk::BufferViewCreateInfo::default()
+        .buffer(from.handle)
+        .format(vk::Format::R32_SFLOAT)
+        .range(256);
+    // SAFETY: the rule that is broken is the test's; the view is destroyed below.
+    let view = unsafe { gpu.device.create_buffer_view(&info, None) }.expect("a view");
+    let source = "
+    layout(local_size_x = 4) in;
+    layout(set = 0, binding = 0) uniform textureBuffer from;
+    layout(set = 0, binding = 1) buffer O { float o[]; };
+    void main() { int i = int(gl_GlobalInvocationID.x); o[i] = texelFetch(from, i).x; }";
+    gpu.compute_with(
+        source,
+        &[
+            (0, &[Bound::UniformTexels(view)]),
+            (1, &[Bound::Storage(output)]),
+        ],
+        [1, 1, 1],
+    );
+    assert_eq!(output.read::<f32>(), [1.0, 2.0, 3.0, 4.0]);
+    // SAFETY: nothing uses the view any more.
+    unsafe { gpu.device.destroy_buffer_view(view, None) };
+}
+
 #[test]
 fn parameters_in_memory_are_looked_at() {
     let Some(gpu) = Gpu::reporting() else { return };

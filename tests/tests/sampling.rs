@@ -472,6 +472,49 @@ fn separate_samplers_and_view_swizzles() {
     unsafe { gpu.device.destroy_image_view(view, None) };
 }
 
+/// glslang declares a `texture2D` as no depth image, and combines it with a `samplerShadow` into one that is. As a function's argument,
+/// too. Expected: the comparison with a depth of one half (the Vulkan specification, "Depth Compare Operation").
+#[test]
+fn separate_textures_meet_comparing_samplers() {
+    let Some(gpu) = Gpu::new().drawing() else {
+        return;
+    };
+    let depth = gpu.canvas(F::D32_SFLOAT, 4, 4);
+    let pass = Pass {
+        depth: Some(depth),
+        clear_depth: Some((0.5, 0)),
+        ..Pass::default()
+    };
+    gpu.draw(&pass, |_| {});
+    let comparing = gpu.sampler(
+        &vk::SamplerCreateInfo::default()
+            .compare_enable(true)
+            .compare_op(vk::CompareOp::LESS),
+    );
+    let output = gpu.buffer(8);
+    let source = r"
+    layout(local_size_x = 1) in;
+    layout(set = 0, binding = 0) uniform texture2D t;
+    layout(set = 0, binding = 1) uniform samplerShadow s;
+    layout(set = 0, binding = 2) buffer O { vec2 o; };
+    float compared(texture2D map, float with) {
+        return textureLod(sampler2DShadow(map, s), vec3(0.5, 0.5, with), 0.0);
+    }
+    void main() {
+        o = vec2(compared(t, 0.25), textureLod(sampler2DShadow(t, s), vec3(0.5, 0.5, 0.75), 0.0));
+    }";
+    gpu.compute_with(
+        source,
+        &[
+            (0, &[Bound::SampledImage(depth.view)]),
+            (1, &[Bound::Sampler(comparing)]),
+            (2, &[Bound::Storage(output)]),
+        ],
+        [1, 1, 1],
+    );
+    assert_eq!(output.read::<[f32; 2]>()[0], [1.0, 0.0]);
+}
+
 /// In compute, a quad is two by two invocations or four in a row.
 #[test]
 fn derivatives_in_compute() {

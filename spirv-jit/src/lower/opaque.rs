@@ -44,15 +44,14 @@ impl Lowerer<'_> {
                 whole == ty && self.types.path(ty, &operands[2..])?.1 == part
             }
             Op::SampledImage => {
-                let kind = self.types.kind(ty)?;
                 let image = self.type_of(operands[0])?;
                 let sampler = self.type_of(operands[1])?;
-                *kind == TypeKind::SampledImage { image }
+                self.is_sampled_image_of(ty, image)?
                     && matches!(self.types.kind(sampler)?, TypeKind::Sampler)
             }
             Op::Image => {
                 let sampled = self.type_of(operands[0])?;
-                *self.types.kind(sampled)? == TypeKind::SampledImage { image: ty }
+                self.is_sampled_image_of(sampled, ty)?
             }
             // Pointers are checked step by step, arguments and results where they are passed.
             Op::AccessChain
@@ -66,6 +65,16 @@ impl Lowerer<'_> {
             _ => false,
         };
         self.require_same(same)
+    }
+
+    /// Whether a type is that of an image with a sampler. Types of images that differ in `Depth` alone are the same here: glslang
+    /// combines a `texture2D`, whose type is of no depth image, with a `samplerShadow` into one that is.
+    fn is_sampled_image_of(&self, ty: Id, image: Id) -> Result<bool, Error> {
+        let TypeKind::SampledImage { image: combined } = *self.types.kind(ty)? else {
+            return Ok(false);
+        };
+        let (combined, image) = (self.types.kind(combined)?, self.types.kind(image)?);
+        Ok(matches!(image, TypeKind::Image(_)) && combined == image)
     }
 
     /// Checks an id that is passed on as an object of a type: stored, returned, or an argument.
