@@ -138,23 +138,7 @@ pub trait Flights {
     fn out_of_fuel(&mut self, group: u32) -> Result<(), Self::Stop>;
 }
 
-/// How rays have walked, for tests that are about one way.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Counts {
-    /// Groups that set out as packets.
-    pub together: u64,
-    /// Of those, the ones that split.
-    pub split: u64,
-    /// Rays that were added to streams.
-    pub streamed: u64,
-}
-
 impl Walker {
-    /// How rays have walked since the walker was made.
-    pub fn counts(&self) -> Counts {
-        self.counts
-    }
-
     /// Forgets all rays that are on their way; their [`Flight`]s are started anew before they are used again.
     pub fn clear(&mut self) {
         self.streamed.clear();

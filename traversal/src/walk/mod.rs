@@ -66,12 +66,12 @@ mod walker;
 
 use crate::ray::{Hit, Ray, ray_flags};
 use entry::Entry;
-pub use flights::{Counts, Flight, Flights, Start};
+pub use flights::{Flight, Flights, Start};
 use level::Entered;
 pub use options::{Accuracy, Options, Specialisation, Switches};
 pub use probe::TriangleTest;
 pub use rows::{HitRows, Lanes, RayRows, Words};
-pub use walker::Walker;
+pub use walker::{Counts, Walker};
 
 /// Rays that [`Walker::trace`] takes, at most.
 pub const PACKET: usize = 16;

@@ -3,7 +3,6 @@
 use super::beams::Beams;
 use super::entry::{Entry, STACK};
 use super::facts::InstanceFacts;
-use super::flights::Counts;
 use super::group_hits::GroupHits;
 use super::level::Level;
 use super::options::{Accuracy, Options, Specialisation, Switches};
@@ -38,7 +37,23 @@ pub struct Walker {
     pub(crate) options: Options,
 }
 
+/// How rays have walked, for tests that are about one way.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Counts {
+    /// Groups that set out as packets.
+    pub together: u64,
+    /// Of those, the ones that split.
+    pub split: u64,
+    /// Rays that were added to streams.
+    pub streamed: u64,
+}
+
 impl Walker {
+    /// How rays have walked since the walker was made.
+    pub fn counts(&self) -> Counts {
+        self.counts
+    }
+
     /// A walker for one thread, as fast as the machine allows.
     pub fn new() -> Box<Walker> {
         Walker::with(Options::default()).expect("the best tier is available")
