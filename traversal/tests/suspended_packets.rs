@@ -121,7 +121,7 @@ fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally)
                 "a ray goes on after its end"
             );
             if candidate.is_built_in() {
-                assert!(!candidate.opaque && candidate.t <= flight.t_max()[lane]);
+                assert!(!candidate.opaque && candidate.t < flight.t_max()[lane]);
                 accepted |= u16::from(counts(&candidate)) << lane;
             } else if let Some(t) = world.reported(&rays[lane], &candidate) {
                 let inside = (rays[lane].t_min..=flight.t_max()[lane]).contains(&t);
