@@ -217,9 +217,12 @@ impl Suspended {
         self.held = lanes & self.candidates.found;
     }
 
-    /// Forgets rays that wait for decisions.
+    /// Forgets rays that wait, and what was decided about them.
     pub(crate) fn forget(&mut self, lanes: u16) {
         self.candidates.found &= !lanes;
+        self.accepted &= !lanes;
+        self.ended &= !lanes;
+        self.out_of_fuel &= !lanes;
     }
 
     /// Puts what rays that go one by one have committed so far into their hits.

@@ -67,7 +67,10 @@ impl Waiting {
             return Err(Stopped::OutOfMemory);
         }
         self.count += 1;
-        Ok(self.spare.pop().unwrap_or_default())
+        let mut room = self.spare.pop().unwrap_or_default();
+        // Rays that waited when their subgroup was released are nobody's: their structures may be gone.
+        room.forget(u16::MAX);
+        Ok(room)
     }
 
     /// Forgets rays of an object's query.
