@@ -2,14 +2,11 @@
 
 use std::sync::Arc;
 
+use scenes::{Bytes, IDENTITY, InstanceRecord, Mesh, build_boxes, build_instances, build_meshes};
 use spirv_jit::Program;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS, uniform};
 use spirv_jit::ir::text::parse_module;
 use spirv_jit::reach::Reach;
-use traversal::{
-    AabbGeometry, BuildFlags, BuildInput, Geometries, GeometryFlags, IndexType, InstanceArray,
-    InstanceSource, Kind, Memory, TriangleGeometry, VertexFormat,
-};
 
 use super::{Dispatch, Tracer};
 use crate::wave::table::{Group, HANDLE_SIZE, Handle, Live, Region, Shaders, Tables};
@@ -216,120 +213,32 @@ fn program(text: &str) -> Arc<Program> {
     Arc::new(Program::new(&module).expect("the module compiles"))
 }
 
-fn memory<T>(slice: &[T]) -> Memory {
-    Memory {
-        base: slice.as_ptr().cast(),
-        bytes: size_of_val(slice),
-    }
-}
-
-#[repr(C, align(256))]
-#[derive(Clone)]
-struct Chunk([u8; 256]);
-
-/// Memory of a structure.
-struct Blob(Vec<Chunk>);
-
-impl Blob {
-    fn new(size_bytes: u64) -> Self {
-        Self(vec![
-            Chunk([0xaa; 256]);
-            size_bytes.div_ceil(256).max(1) as usize
-        ])
-    }
-
-    fn bytes(&mut self) -> &mut [u8] {
-        // SAFETY: chunks are plain bytes.
-        unsafe { std::slice::from_raw_parts_mut(self.0.as_mut_ptr().cast(), self.0.len() * 256) }
-    }
-
-    fn address(&self) -> u64 {
-        self.0.as_ptr() as u64
-    }
-
-    fn build(kind: Kind, geometries: Geometries<'_>, count: u32) -> Self {
-        let flags = BuildFlags(0);
-        let sizes = traversal::build_sizes(kind, flags, &[count]);
-        let (mut blob, mut scratch) = (
-            Self::new(sizes.structure_bytes),
-            Self::new(sizes.build_scratch_bytes),
-        );
-        let input = BuildInput { flags, geometries };
-        // SAFETY: the geometries are borrowed from the caller.
-        unsafe { traversal::build(&input, blob.bytes(), scratch.bytes()) }
-            .expect("the build succeeds");
-        blob
-    }
-}
-
 /// A rectangle at depth `z` as two triangles.
-fn rectangle(width: f32, height: f32, z: f32, opaque: bool) -> Blob {
-    let corners = [
+fn rectangle(width: f32, height: f32, z: f32, opaque: bool) -> Bytes {
+    let vertices = vec![
         [0.0, 0.0, z],
         [width, 0.0, z],
         [width, height, z],
         [0.0, height, z],
     ];
-    let vertices: Vec<[f32; 3]> = [0, 1, 2, 0, 2, 3]
-        .into_iter()
-        .map(|corner: usize| corners[corner])
-        .collect();
-    let geometry = TriangleGeometry {
-        vertices: memory(&vertices),
-        vertex_stride_bytes: 12,
-        vertex_format: VertexFormat::F32x3,
-        first_vertex: 0,
-        index_type: IndexType::None,
-        indices: memory::<u8>(&[]),
-        transform: None,
-        primitive_count: 2,
-        flags: GeometryFlags(u32::from(opaque)),
-        micromap: None,
+    let mesh = Mesh {
+        vertices,
+        indices: vec![[0, 1, 2], [0, 2, 3]],
+        opaque,
     };
-    Blob::build(Kind::Triangles, Geometries::Triangles(&[geometry]), 2)
+    build_meshes(&[mesh], 0)
 }
 
-fn aabb(corners: [f32; 6]) -> Blob {
-    let boxes = [corners];
-    let geometry = AabbGeometry {
-        boxes: memory(&boxes),
-        stride_bytes: 24,
-        primitive_count: 1,
-        flags: GeometryFlags(0),
-    };
-    Blob::build(Kind::Aabbs, Geometries::Aabbs(&[geometry]), 1)
-}
-
-#[repr(C)]
-struct Instance {
-    transform: [f32; 12],
-    custom_index_and_mask: u32,
-    sbt_offset_and_flags: u32,
-    reference: u64,
-}
-
-fn top_level(bottom_levels: &[&Blob]) -> Blob {
+/// Bottom levels where they are, each with its own hit record.
+fn top_level(bottom_levels: &[&Bytes]) -> Bytes {
     let instances: Vec<_> = (0u32..)
         .zip(bottom_levels)
-        .map(|(index, blob)| Instance {
-            transform: [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
-            custom_index_and_mask: 0xff00_0000,
+        .map(|(index, bottom)| InstanceRecord {
             sbt_offset_and_flags: index,
-            reference: blob.address(),
+            ..InstanceRecord::new(bottom, IDENTITY)
         })
         .collect();
-    let source = InstanceSource {
-        memory: memory(&instances),
-        array: InstanceArray::Records,
-        count: instances.len() as u32,
-        flags: GeometryFlags(0),
-        live: &traversal::EVERYWHERE,
-    };
-    Blob::build(
-        Kind::Instances,
-        Geometries::Instances(source),
-        instances.len() as u32,
-    )
+    build_instances(&instances, 0)
 }
 
 fn handle(index: usize) -> Handle {
@@ -393,7 +302,7 @@ fn environment(descriptors: &[Descriptor]) -> Environment {
 fn every_kind_of_shader_call_returns_to_its_caller() {
     let front = rectangle(8.0, 16.0, 0.0, false);
     let back = rectangle(16.0, 16.0, 1.0, true);
-    let boxes = aabb([8.0, 0.0, 0.125, 16.0, 8.0, 0.5]);
+    let boxes = build_boxes(&[[8.0, 0.0, 0.125, 16.0, 8.0, 0.5]], false, 0);
     let scene = top_level(&[&front, &back, &boxes]);
     let texts = [
         RAYGEN,

@@ -318,3 +318,41 @@ impl Object<'_> {
         copy_lanes(&mut self.rows[row::STATE].0, &[state; _], lanes);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scenes::groups::Groups;
+    use scenes::{Mesh, Scene, ray};
+
+    /// Sixteen rays that wait at a triangle of a scene.
+    fn flight(scene: &Scene) -> Box<Flight> {
+        let rays = [ray([0.125, 0.25, 2.0], [0.0, 0.0, -1.0]); 16];
+        let mut groups = Groups::new(&scene.top, &rays, |_, _| ());
+        groups.rounds = 0;
+        // SAFETY: the scene is alive.
+        unsafe { groups.trace(&mut Walker::new(), 1) };
+        let flight = groups.flights.pop().expect("there is one group");
+        assert_eq!(flight.candidates().found, u16::MAX);
+        Box::new(flight)
+    }
+
+    #[test]
+    fn memory_of_released_subgroups_has_no_rays() {
+        let scene = Scene::new(&[Mesh::icosphere(0, false, |point| point)], 0);
+        let mut waiting = Waiting::default();
+        let mut keep = |object| {
+            let mut owned = Owned::default();
+            waiting.starting = flight(&scene);
+            waiting.keep(object, &mut owned).expect("there is room");
+            owned
+        };
+        let (mut released, mut moving, mut moved) = (keep(0), keep(8), Owned::default());
+        waiting.release(&mut released);
+        // A ray that moves gets the released memory, where the other lanes have none.
+        let moves = waiting.move_lane((&mut moving, 3), (&mut moved, 5));
+        moves.expect("there is room");
+        let flight = moved.find(8).expect("the ray moved with its query");
+        assert_eq!(flight.candidates().found, 1 << 5);
+    }
+}
