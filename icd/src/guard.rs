@@ -78,10 +78,15 @@ fn panic_message(payload: &(dyn std::any::Any + Send)) -> &str {
         .unwrap_or("no message")
 }
 
-/// Says that a command was refused: every error has a line, if only for those who ask for warnings.
+/// Says that a command was refused: every error has a line, if only for those who ask for warnings. That a format is not supported
+/// is the answer to a question.
 pub fn refused(name: &str, code: vk::Result) {
-    if code.as_raw() < 0 && log::enabled(Level::Warn) {
-        log::write(Level::Warn, &format!("{name}: {code:?}"));
+    let level = match code {
+        vk::Result::ERROR_FORMAT_NOT_SUPPORTED => Level::Debug,
+        _ => Level::Warn,
+    };
+    if code.as_raw() < 0 && log::enabled(level) {
+        log::write(level, &format!("{name}: {code:?}"));
     }
 }
 

@@ -126,7 +126,7 @@ macro_rules! impl_native {
                 let rounded = narrow::f16_from_f64(self as f64).to_bits();
                 // `OpQuantizeToF16`: what is not representable as a normal number is zero.
                 let flushed = if rounded & 0x7c00 == 0 { rounded & 0x8000 } else { rounded };
-                f16::from_bits(flushed).to_f64() as $f
+                narrow::f32_from_f16(f16::from_bits(flushed)) as $f
             }
             #[inline(always)]
             fn frexp(self) -> (Self, i32) {
@@ -249,7 +249,7 @@ impl Float for f16 {
     }
     #[inline(always)]
     fn widen(self) -> f32 {
-        self.to_f32()
+        narrow::f32_from_f16(self)
     }
     #[inline(always)]
     fn narrow(value: f32) -> f16 {
@@ -258,11 +258,11 @@ impl Float for f16 {
     /// The product is exact in `f64`, and the sum rounds there only when one side is too small to matter for the second rounding.
     #[inline(always)]
     fn fma(self, b: f16, c: f16) -> f16 {
-        narrow::f16_from_f64(self.to_f64().mul_add(b.to_f64(), c.to_f64()))
+        narrow::f16_from_f64(Float::to_f64(self).mul_add(Float::to_f64(b), Float::to_f64(c)))
     }
     #[inline(always)]
     fn to_f64(self) -> f64 {
-        self.to_f32() as f64
+        narrow::f32_from_f16(self) as f64
     }
     #[inline(always)]
     fn from_f64(value: f64) -> f16 {
