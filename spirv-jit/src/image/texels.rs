@@ -201,23 +201,10 @@ fn decode_component<V: Vector>(
         }
         Numeric::Uscaled => v.to_f(code),
         Numeric::Sscaled => v.to_f(signed),
-        Numeric::Sfloat => decode_half(v, code),
-        Numeric::Ufloat => decode_half(v, v.left_i(code, 15 - bits as u32)),
+        Numeric::Sfloat => v.from_half(code),
+        Numeric::Ufloat => v.from_half(v.left_i(code, 15 - bits as u32)),
     };
     v.bits_of(number)
-}
-
-/// As [`small_float::half_to_f32`](super::format::small_float::half_to_f32).
-#[inline(always)]
-fn decode_half<V: Vector>(v: V, half: V::I) -> V::F {
-    let magnitude = v.left_i(v.and_i(half, v.splat_i(0x7fff)), 13);
-    let rebias = v.splat(f32::from_bits(0x7780_0000));
-    let rebiased = v.bits_of(v.mul(v.bits_to_f(magnitude), rebias));
-    let special = v.or_i(magnitude, v.splat_i(0x7f80_0000));
-    let is_usual = v.sign_i(v.sub_i(magnitude, v.splat_i(0x0f80_0000)));
-    let bits = v.xor_i(special, v.and_i(v.xor_i(special, rebiased), is_usual));
-    let sign = v.left_i(v.and_i(half, v.splat_i(0x8000)), 16);
-    v.bits_to_f(v.or_i(bits, sign))
 }
 
 /// Whether the lanes' texels lie one behind the other.

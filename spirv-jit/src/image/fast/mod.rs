@@ -6,12 +6,14 @@ mod levels;
 mod texels;
 mod whole;
 
+use std::hint::assert_unchecked;
+
 use super::format::FormatInfo;
 use super::format::block::{self, Texels};
 use super::format::layout::Codec;
 use super::lod;
 use super::operands::{Operands, put_texels};
-use super::vector::Vector;
+use super::vector::{Task, Vector};
 use super::{
     AddressMode, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, LodMode, Reduction,
     SamplerDescriptor,
@@ -19,6 +21,7 @@ use super::{
 use crate::SUBGROUP_SIZE;
 use crate::row::Row;
 use crate::types::Type;
+use levels::levels_of;
 use whole::Whole;
 
 /// Whether an operation is one of these, as far as its instruction tells.
@@ -51,6 +54,8 @@ pub(crate) struct Fast<'a> {
     has_border: bool,
     /// There is more to do than to weigh texels: see [`Whole`].
     has_more: bool,
+    /// There is less to do: see [`Flat`].
+    is_flat: bool,
 }
 
 impl<'a> Fast<'a> {
@@ -91,6 +96,8 @@ impl<'a> Fast<'a> {
         let in_order = image.swizzle == [0, 1, 2, 3];
         let has_border =
             !is_cube && sampler.address_mode[..2].contains(&AddressMode::ClampToBorder);
+        let has_more =
+            is_gather || is_cube || has_border || op.depth_compare || lod::is_anisotropic(sampler);
         applies.then_some(Fast {
             op,
             image,
@@ -113,11 +120,8 @@ impl<'a> Fast<'a> {
             is_nearest: !is_gather && sampler.mag_filter == Filter::Nearest,
             is_cube,
             has_border,
-            has_more: is_gather
-                || is_cube
-                || has_border
-                || op.depth_compare
-                || lod::is_anisotropic(sampler),
+            has_more,
+            is_flat: !has_more && image.level_count == 1 && !op.arrayed && !op.has_offset,
         })
     }
 
@@ -146,6 +150,35 @@ type Offsets<V> = [Option<<V as Vector>::I>; 2];
 
 /// Results of a block; only those that are wanted are written.
 type Results<'r> = &'r mut [Row];
+
+/// A block of samples of a plane of one level, to the nearest texel or linear, compiled by itself: with little to choose between, its numbers stay
+/// in registers.
+struct Flat<'a, 'b, const IS_NEAREST: bool>(&'b Fast<'a>, [&'b Row; 2], u16);
+
+impl<V: Vector, const IS_NEAREST: bool> Task<V> for Flat<'_, '_, IS_NEAREST> {
+    type Output = Components<V>;
+
+    #[inline(always)]
+    unsafe fn run(self, v: V) -> Self::Output {
+        let Flat(fast, [s, t], mask) = self;
+        // SAFETY: the caller's promise.
+        unsafe {
+            assert_unchecked(fast.is_nearest == IS_NEAREST);
+            let levels = levels_of(v, &fast.image.levels[0]);
+            let [mode_s, mode_t, _] = fast.sampler.address_mode;
+            let texel_bytes = v.splat_i(fast.info.size_bytes as i32);
+            let x = fast.axis(v, mode_s, (v.load(s), None), levels.width, texel_bytes);
+            let y = fast.axis(
+                v,
+                mode_t,
+                (v.load(t), None),
+                levels.height,
+                levels.row_stride,
+            );
+            fast.weighted(v, &levels, v.splat_i(0), [&x, &y], mask)
+        }
+    }
+}
 
 impl Fast<'_> {
     /// Samples the lanes of `mask`, which is not empty.
@@ -184,6 +217,16 @@ impl Fast<'_> {
                     operands,
                     mask,
                 })
+            };
+        }
+        if self.is_flat {
+            let places = [operands.coordinates[0], operands.coordinates[1]];
+            // SAFETY: as the caller promises; each is for the samples that it says.
+            return unsafe {
+                match self.is_nearest {
+                    true => v.apart(Flat::<true>(self, places, mask)),
+                    false => v.apart(Flat::<false>(self, places, mask)),
+                }
             };
         }
         let offsets = self.offsets(v, operands);

@@ -56,7 +56,21 @@ impl Fast<'_> {
         // SAFETY: the caller's promise.
         unsafe {
             if self.is_nearest {
-                return self.texel(v, v.add_i(upper, x.first));
+                let window = match self.bytes {
+                    true => self.window(v, [x, y], texel_bytes, levels, mask),
+                    false => None,
+                };
+                return match window {
+                    Some([word, ..]) => self.texel_of(v, word),
+                    None => self.texel(v, v.add_i(upper, x.first)),
+                };
+            }
+            if self.info.codec == Codec::Half(4) {
+                return v.apart(Halves {
+                    fast: self,
+                    rows: [upper, lower],
+                    axes: [x, y],
+                });
             }
             if !self.bytes {
                 let taps = [
@@ -110,15 +124,18 @@ impl Fast<'_> {
         if self.op.arrayed || self.is_cube || level.width < 8 || level.height < 5 {
             return None;
         }
-        let across = v.ne_i(v.sub_i(x.second, x.first), texel_bytes);
-        let down = v.ne_i(v.sub_i(y.second, y.first), levels.row_stride);
+        let mut apart = 0;
+        if !self.is_nearest {
+            apart |= v.ne_i(v.sub_i(x.second, x.first), texel_bytes);
+            apart |= v.ne_i(v.sub_i(y.second, y.first), levels.row_stride);
+        }
         // Where coordinates change evenly, the least are at a corner of a block, or at an end of a row.
         let left = least_of_corners(v, x.index).min(level.width - 8);
         let top = least_of_corners(v, y.index).min(level.height - 5);
         let columns = v.sub_i(x.index, v.splat_i(left as i32));
         let rows = v.sub_i(y.index, v.splat_i(top as i32));
         let inside = v.lt_u(columns, v.splat_i(7)) & v.lt_u(rows, v.splat_i(4));
-        if mask & (across | down | !inside) != 0 {
+        if mask & (apart | !inside) != 0 {
             return None;
         }
         let stride = level.row_stride_bytes as usize;
@@ -135,7 +152,7 @@ impl Fast<'_> {
     /// # Safety
     /// As [`Self::weighted`]: the offsets are of texels of the image.
     #[inline(always)]
-    unsafe fn words<V: Vector>(
+    pub(super) unsafe fn words<V: Vector>(
         &self,
         v: V,
         rows: [V::I; 2],
@@ -196,7 +213,12 @@ impl Fast<'_> {
             return unsafe { self.load(v, at) };
         }
         // SAFETY: the caller's promise.
-        let word = unsafe { v.gather(self.image.data, at) };
+        self.texel_of(v, unsafe { v.gather(self.image.data, at) })
+    }
+
+    /// A texel of four bytes.
+    #[inline(always)]
+    fn texel_of<V: Vector>(&self, v: V, word: V::I) -> Components<V> {
         let mut texel = [self.unpack(v, word)];
         if self.srgb {
             self.put_linear(v, [word], &mut texel);
@@ -255,6 +277,65 @@ impl Fast<'_> {
         // SAFETY: the caller's promise.
         unsafe { v.apart(Load { info, data, at }) }
     }
+}
+
+/// The four texels around each lane, of four 16-bit floats each, weighted.
+struct Halves<'a, 'b, V: Vector> {
+    fast: &'b Fast<'a>,
+    /// Offsets of the upper and of the lower texels' rows.
+    rows: [V::I; 2],
+    axes: [&'b Axis<V>; 2],
+}
+
+impl<V: Vector> Task<V> for Halves<'_, '_, V> {
+    type Output = Components<V>;
+
+    #[inline(always)]
+    unsafe fn run(self, v: V) -> Self::Output {
+        let Halves { fast, rows, axes } = self;
+        let [x, y] = axes;
+        let data = fast.image.data.cast_const();
+        let (upper, lower) = (v.add_i(rows[0], x.first), v.add_i(rows[1], x.first));
+        let are_neighbours = v.ne_i(v.sub_i(x.second, x.first), v.splat_i(8)) == 0;
+        // SAFETY: the offsets are of texels of the image, and where texels are neighbours, so are those behind them.
+        let ((a, b), (c, d)) = unsafe {
+            if are_neighbours {
+                let upper = v.gather_quads(data, upper);
+                let lower = v.gather_quads(data, lower);
+                (
+                    ([upper[0], upper[1]], [upper[2], upper[3]]),
+                    ([lower[0], lower[1]], [lower[2], lower[3]]),
+                )
+            } else {
+                let upper_right = v.gather_pairs(data, v.add_i(rows[0], x.second));
+                let lower_right = v.gather_pairs(data, v.add_i(rows[1], x.second));
+                let (upper, lower) = (v.gather_pairs(data, upper), v.gather_pairs(data, lower));
+                (
+                    (upper.into(), upper_right.into()),
+                    (lower.into(), lower_right.into()),
+                )
+            }
+        };
+        let mut blended = [v.splat(0.0); 4];
+        for (component, result) in blended.iter_mut().enumerate() {
+            if fast.takes(component) {
+                let (word, high) = (component / 2, component % 2 == 1);
+                let upper = v.lerp(half(v, a[word], high), half(v, b[word], high), x.weight);
+                let lower = v.lerp(half(v, c[word], high), half(v, d[word], high), x.weight);
+                *result = v.lerp(upper, lower, y.weight);
+            }
+        }
+        blended
+    }
+}
+
+/// The number of a word's lower or higher 16 bits.
+#[inline(always)]
+fn half<V: Vector>(v: V, word: V::I, high: bool) -> V::F {
+    v.from_half(match high {
+        true => v.right_u(word, 16),
+        false => word,
+    })
 }
 
 /// Texels at offsets, of any format.

@@ -333,8 +333,18 @@ impl Fast<'_> {
             }
             let inside = self.inside(v, levels, axes);
             let offset = v.add_i(levels.offset, place.layer);
+            let depths = match reference {
+                Some(_) if !self.is_nearest => self.depths(v, offset, axes),
+                _ => None,
+            };
             for (tap, texel) in taps.iter_mut().enumerate() {
                 let (column, row) = (tap & 1, tap >> 1);
+                if let Some(depths) = &depths {
+                    texel[0] = depths[tap];
+                    self.replace_outside(v, texel, inside[0][column] & inside[1][row]);
+                    self.compare(v, texel, reference);
+                    continue;
+                }
                 let across = if column == 0 { x.first } else { x.second };
                 let down = if row == 0 { y.first } else { y.second };
                 let at = v.add_i(v.add_i(offset, down), across);
@@ -347,6 +357,51 @@ impl Fast<'_> {
             }
         }
         taps
+    }
+
+    /// The first components of four texels, where the format has no others and is one of the usual ones for depths.
+    ///
+    /// # Safety
+    /// As [`Fast::weighted`], for levels and layers that begin at these offsets.
+    #[inline(always)]
+    unsafe fn depths<V: Vector>(
+        &self,
+        v: V,
+        offset: V::I,
+        [x, y]: &[Axis<V>; 2],
+    ) -> Option<[V::F; 4]> {
+        let texel_bytes = v.splat_i(self.info.size_bytes as i32);
+        let (upper, lower) = (v.add_i(offset, y.first), v.add_i(offset, y.second));
+        match self.info.codec {
+            Codec::Words(1) => {
+                // SAFETY: the caller's promise.
+                let [a, b, c, d] = unsafe { self.words(v, [upper, lower], x, texel_bytes) };
+                Some([
+                    v.bits_to_f(a),
+                    v.bits_to_f(b),
+                    v.bits_to_f(c),
+                    v.bits_to_f(d),
+                ])
+            }
+            // Two neighbours are a word.
+            Codec::Unorm16(1) if v.ne_i(v.sub_i(x.second, x.first), texel_bytes) == 0 => {
+                // SAFETY: the caller's promise.
+                let (upper, lower) = unsafe {
+                    (
+                        v.gather(self.image.data, v.add_i(upper, x.first)),
+                        v.gather(self.image.data, v.add_i(lower, x.first)),
+                    )
+                };
+                let low = v.splat_i(0xffff);
+                Some([
+                    v.to_f(v.and_i(upper, low)),
+                    v.to_f(v.right_u(upper, 16)),
+                    v.to_f(v.and_i(lower, low)),
+                    v.to_f(v.right_u(lower, 16)),
+                ])
+            }
+            _ => None,
+        }
     }
 
     /// [`Self::taps`] where some lie on other faces than their lanes' places, lane by lane.
@@ -482,8 +537,12 @@ impl Fast<'_> {
         let Some(reference) = reference else {
             return;
         };
-        let scale = v.splat(block::unit_scale(self.info));
-        let depth = v.div(texel[0], scale);
+        let depth = match block::unit_scale(self.info) {
+            1.0 => texel[0],
+            // A border need not be among the units.
+            scale if self.has_border => v.div(texel[0], v.splat(scale)),
+            scale => v.div_units(texel[0], scale),
+        };
         let holds = match self.sampler.compare.unwrap_or(CompareOp::Never) {
             CompareOp::Never => 0,
             CompareOp::Less => v.gt(depth, reference),

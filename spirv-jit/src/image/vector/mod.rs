@@ -74,6 +74,18 @@ pub trait Vector: Copy {
     fn to_f(self, a: Self::I) -> Self::F;
     /// 16-bit floats in the words' low halves, the high ones being zero: nearest, ties to even.
     fn to_half(self, a: Self::F) -> Self::I;
+    /// The numbers of those: as [`half_to_f32`](crate::image::format::small_float::half_to_f32).
+    #[inline(always)]
+    fn from_half(self, half: Self::I) -> Self::F {
+        let magnitude = self.left_i(self.and_i(half, self.splat_i(0x7fff)), 13);
+        let rebias = self.splat(f32::from_bits(0x7780_0000));
+        let rebiased = self.bits_of(self.mul(self.bits_to_f(magnitude), rebias));
+        let special = self.or_i(magnitude, self.splat_i(0x7f80_0000));
+        let is_usual = self.sign_i(self.sub_i(magnitude, self.splat_i(0x0f80_0000)));
+        let bits = self.xor_i(special, self.and_i(self.xor_i(special, rebiased), is_usual));
+        let sign = self.left_i(self.and_i(half, self.splat_i(0x8000)), 16);
+        self.bits_to_f(self.or_i(bits, sign))
+    }
 
     fn add_i(self, a: Self::I, b: Self::I) -> Self::I;
     fn sub_i(self, a: Self::I, b: Self::I) -> Self::I;
