@@ -100,17 +100,53 @@ fn all_within(addresses: &[u64; SUBGROUP_SIZE], active: u16, first: u64, last: u
     outside == 0
 }
 
-/// Whether a subgroup's addresses are all the same.
+/// Where the active lanes of a load have their scalars, if all of them have the same.
+///
+/// # Safety
+/// As [`places`]; some lane is active.
 #[inline(always)]
-fn are_equal(addresses: &[u64; SUBGROUP_SIZE]) -> bool {
+unsafe fn shared_place(
+    m: &Machine<'_>,
+    space: Space,
+    shared: &Option<Region>,
+    address: &[Operand],
+    offset: u16,
+    active: u16,
+    size_bytes: u64,
+) -> Option<u64> {
+    let first = active.trailing_zeros() as usize % SUBGROUP_SIZE;
+    // SAFETY: as the caller promises.
+    unsafe {
+        if let Some(region) = shared {
+            let offsets = &*m.block::<u32>(address[address.len() - 1], offset);
+            let at = offsets[first] as u64;
+            let is_inside = at + size_bytes <= region.size_bytes.min(1 << 32);
+            let is_one = is_inside && are_equal(offsets, offsets[first], active);
+            return is_one.then_some(region.base as u64 + at);
+        }
+        if space != Space::Global {
+            return None;
+        }
+        let addresses = &*m.block::<u64>(address[0], offset);
+        let near = m.near.get();
+        let at = addresses[first];
+        let is_inside = near.bytes_from(at) >= size_bytes;
+        (is_inside && are_equal(addresses, at, active)).then_some(at)
+    }
+}
+
+/// Whether active lanes have this number.
+#[inline(always)]
+fn are_equal<S: Copy + PartialEq>(lanes: &[S; SUBGROUP_SIZE], number: S, active: u16) -> bool {
     // Mostly those that differ do so at the ends.
-    if addresses[0] != addresses[SUBGROUP_SIZE - 1] {
+    if active == u16::MAX && lanes[SUBGROUP_SIZE - 1] != number {
         return false;
     }
-    // Whole vectors of those just written: a comparison with the first reads vectors that lie across two writes, and waits for them.
-    let any = addresses.iter().fold(0, |bits, address| bits | address);
-    let all = addresses.iter().fold(!0, |bits, address| bits & address);
-    any == all
+    let mut others = [0u32; SUBGROUP_SIZE];
+    for k in 0..SUBGROUP_SIZE {
+        others[k] = if lanes[k] != number { 1 << k } else { 0 };
+    }
+    others.iter().fold(0, |all, bit| all | bit) as u16 & active == 0
 }
 
 /// The memory that all lanes of an access share, if they do.
@@ -239,18 +275,19 @@ unsafe fn access_block<C: Copying, T: Lane>(
     // SAFETY: as the caller promises; addresses are checked, and rows of results are apart from those of addresses.
     unsafe {
         let total = size * scalars.len() as u64;
-        let Some(at) = &places(m, plan.space, shared, address, offset, active, total) else {
-            return access_scalars::<C, T>(m, plan.space, (address, scalars), offset);
-        };
         let row = |k: usize| m.block::<T::Slot>(scalars[k], offset);
-        if C::LOADS && active == u16::MAX && are_equal(at) {
-            // One place for all: a shader record, mostly.
+        if C::LOADS
+            && let Some(at) = shared_place(m, plan.space, shared, address, offset, active, total)
+        {
             for k in 0..scalars.len() {
-                let scalar = (at[0] as *const T).add(k).read_unaligned().write();
+                let scalar = (at as *const T).add(k).read_unaligned().write();
                 *row(k) = [scalar; SUBGROUP_SIZE];
             }
             return;
         }
+        let Some(at) = &places(m, plan.space, shared, address, offset, active, total) else {
+            return access_scalars::<C, T>(m, plan.space, (address, scalars), offset);
+        };
         match scalars.len() {
             1 => copy_inside::<C, T, 1>(at, [row(0)], active),
             2 => copy_inside::<C, T, 2>(at, [row(0), row(1)], active),

@@ -63,15 +63,19 @@ impl Kernel for Branch {
         unsafe {
             *mask(m, i.x) = [0; MAX_SUBGROUPS];
             let pending = mask(m, i.x + 1);
-            let mut taken = [0; MAX_SUBGROUPS];
             *pending = [0; MAX_SUBGROUPS];
-            for &offset in m.listed() {
+            let mut occupied = 0;
+            // In place: whole masks, read right after their parts were written, would have to wait for those.
+            for k in 0..m.list_len {
+                let offset = m.listed()[k];
                 let s = offset as usize / 64;
                 let holds = sign_bits(&*m.block::<u32>(i.a, offset));
-                taken[s] = m.active[s] & holds;
-                pending[s] = m.active[s] & !holds;
+                let active = m.active[s];
+                pending[s] = active & !holds;
+                m.active[s] = active & holds;
+                occupied |= ((active & holds != 0) as u16) << s;
             }
-            if !m.set_active(taken) {
+            if !m.list_occupied(occupied) {
                 m.pc = i.y as usize;
             }
         }

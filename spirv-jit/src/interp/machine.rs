@@ -78,6 +78,8 @@ pub(super) struct Machine<'p> {
     /// Byte offsets in a 32-bit row of the subgroups that have active lanes, ascending.
     pub list: [u16; MAX_SUBGROUPS],
     pub list_len: usize,
+    /// The same subgroups, a bit each.
+    pub occupied: u16,
     pub active: Mask,
     /// Helper invocations of a fragment program, active or not.
     pub helpers: Mask,
@@ -104,13 +106,23 @@ impl Machine<'_> {
     #[inline]
     pub fn set_active(&mut self, mask: Mask) -> bool {
         self.active = mask;
-        let mut len = 0;
-        for (s, &lanes) in mask[..self.subgroups].iter().enumerate() {
-            self.list[len] = (s * 64) as u16;
-            len += (lanes != 0) as usize;
+        self.list_occupied(occupied(&mask))
+    }
+
+    /// Lists the subgroups with active lanes, of which there is a bit each; true if there are any.
+    #[inline(always)]
+    pub fn list_occupied(&mut self, occupied: u16) -> bool {
+        // Mostly control flow takes lanes from subgroups, but no subgroup from the wave.
+        if occupied != self.occupied {
+            self.occupied = occupied;
+            let mut len = 0;
+            for s in lanes_of(occupied) {
+                self.list[len] = (s * 64) as u16;
+                len += 1;
+            }
+            self.list_len = len;
         }
-        self.list_len = len;
-        len != 0
+        occupied != 0
     }
 
     /// Subgroups with active lanes.
@@ -234,6 +246,27 @@ impl Machine<'_> {
             }
         }
     }
+}
+
+/// The subgroups that have lanes in a mask, a bit each.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn occupied(mask: &Mask) -> u16 {
+    use std::arch::x86_64::*;
+    // SAFETY: every x86-64 processor has SSE2; a mask is two registers long.
+    unsafe {
+        let at = mask.as_ptr().cast::<__m128i>();
+        let zero = _mm_setzero_si128();
+        let low = _mm_cmpeq_epi16(_mm_loadu_si128(at), zero);
+        let high = _mm_cmpeq_epi16(_mm_loadu_si128(at.add(1)), zero);
+        !(_mm_movemask_epi8(_mm_packs_epi16(low, high)) as u16)
+    }
+}
+
+/// The subgroups that have lanes in a mask, a bit each.
+#[cfg(not(target_arch = "x86_64"))]
+fn occupied(mask: &Mask) -> u16 {
+    (0..MAX_SUBGROUPS).fold(0, |bits, s| bits | ((mask[s] != 0) as u16) << s)
 }
 
 /// Lanes whose bit is set, ascending.

@@ -121,6 +121,7 @@ impl Code {
             row_bytes: subgroups * size_of::<[u32; SUBGROUP_SIZE]>(),
             list: [0; MAX_SUBGROUPS],
             list_len: 0,
+            occupied: 0,
             active: [0; MAX_SUBGROUPS],
             helpers: [0; MAX_SUBGROUPS],
             masks: frame.masks.as_mut_ptr(),

@@ -4,10 +4,12 @@ use half::f16;
 
 use super::code::SubgroupPlan;
 use super::machine::{Instr, Machine, lanes_of};
+use super::tier::Kernel;
 use crate::SUBGROUP_SIZE;
 use crate::eval;
 use crate::ir::Type;
 use crate::ir::op::{ReduceOp, SubgroupOp};
+use crate::row::Row;
 
 type Lanes = [u64; SUBGROUP_SIZE];
 
@@ -20,11 +22,7 @@ pub(super) unsafe fn subgroup(m: &mut Machine<'_>, i: &Instr) {
     let wide_operand = plan.ty.rows() == 2;
     let (has_a, has_b, wide_result) = shape(&plan);
     for &offset in m.listed() {
-        // Where all are helpers they are by themselves: a loop that waits to be elected ends.
-        let mask = match m.effective(offset) {
-            others if others != 0 && !plan.with_helpers => others,
-            _ => m.active[offset as usize / 64],
-        };
+        let mask = lanes(m, &plan, offset);
         // SAFETY: as the caller promises.
         unsafe {
             let read = |has: bool, operand, wide| -> Lanes {
@@ -41,6 +39,101 @@ pub(super) unsafe fn subgroup(m: &mut Machine<'_>, i: &Instr) {
             }
         }
     }
+}
+
+/// The lanes that take part.
+#[inline(always)]
+fn lanes(m: &Machine<'_>, plan: &SubgroupPlan, offset: u16) -> u16 {
+    // Where all are helpers they are by themselves: a loop that waits to be elected ends.
+    match m.effective(offset) {
+        others if others != 0 && !plan.with_helpers => others,
+        _ => m.active[offset as usize / 64],
+    }
+}
+
+/// Whether an operation gives one word, which [`word`] finds in vectors, to all lanes.
+pub(super) fn is_word(plan: &SubgroupPlan) -> bool {
+    match plan.op {
+        SubgroupOp::All | SubgroupOp::Any | SubgroupOp::Ballot => true,
+        SubgroupOp::BroadcastFirst => plan.ty.rows() == 1,
+        SubgroupOp::Reduce { op, cluster } => {
+            let is_float = matches!(
+                op,
+                ReduceOp::FAdd | ReduceOp::FMul | ReduceOp::FMin | ReduceOp::FMax
+            );
+            plan.ty == Type::I32 && !is_float && cluster as usize >= SUBGROUP_SIZE
+        }
+        _ => false,
+    }
+}
+
+/// [`subgroup`] of an operation that [`is_word`].
+pub(super) struct Word;
+
+impl Kernel for Word {
+    #[inline(always)]
+    unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
+        let plan = m.code.subgroups[i.x as usize];
+        for &offset in m.listed() {
+            let mask = lanes(m, &plan, offset);
+            // SAFETY: as the caller promises; such an operation has one operand, of 32 bits as its result.
+            unsafe {
+                let word = word(&plan, &*m.block::<u32>(i.a, offset), mask);
+                *m.block::<u32>(i.d, offset) = [word; SUBGROUP_SIZE];
+            }
+        }
+    }
+}
+
+/// What [`perform`] gives to every lane.
+#[inline(always)]
+fn word(plan: &SubgroupPlan, a: &Row, mask: u16) -> u32 {
+    match plan.op {
+        SubgroupOp::All => boolean(ballot(a) & mask == mask) as u32,
+        SubgroupOp::Any => boolean(ballot(a) & mask != 0) as u32,
+        SubgroupOp::Ballot => (ballot(a) & mask) as u32,
+        SubgroupOp::Reduce { op, .. } => {
+            let identity = identity(op, plan.ty) as u32;
+            match op {
+                ReduceOp::IAdd => total(a, mask, identity, eval::iadd),
+                ReduceOp::IMul => total(a, mask, identity, eval::imul),
+                ReduceOp::SMin => total(a, mask, identity, eval::smin),
+                ReduceOp::UMin => total(a, mask, identity, eval::umin),
+                ReduceOp::SMax => total(a, mask, identity, eval::smax),
+                ReduceOp::UMax => total(a, mask, identity, eval::umax),
+                ReduceOp::And => total(a, mask, identity, eval::and),
+                ReduceOp::Or => total(a, mask, identity, eval::or),
+                _ => total(a, mask, identity, eval::xor),
+            }
+        }
+        _ => a[mask.trailing_zeros() as usize % SUBGROUP_SIZE],
+    }
+}
+
+/// A bit for each lane that is not zero.
+#[inline(always)]
+fn ballot(a: &Row) -> u16 {
+    let mut bits = [0u32; SUBGROUP_SIZE];
+    for k in 0..SUBGROUP_SIZE {
+        bits[k] = if a[k] != 0 { 1 << k } else { 0 };
+    }
+    bits.iter().fold(0, |all, bit| all | bit) as u16
+}
+
+/// The lanes of the mask combined, in any order.
+#[inline(always)]
+fn total(a: &Row, mask: u16, identity: u32, combine: impl Fn(u32, u32) -> u32) -> u32 {
+    let mut rest = [identity; SUBGROUP_SIZE];
+    for k in 0..SUBGROUP_SIZE {
+        rest[k] = if mask >> k & 1 != 0 { a[k] } else { identity };
+    }
+    for k in 0..8 {
+        rest[k] = combine(rest[k], rest[k + 8]);
+    }
+    for k in 0..4 {
+        rest[k] = combine(rest[k], rest[k + 4]);
+    }
+    combine(combine(rest[0], rest[2]), combine(rest[1], rest[3]))
 }
 
 /// Whether there is a first and a second operand, and whether the result has 64 bits.
@@ -68,17 +161,16 @@ fn boolean(holds: bool) -> u64 {
 
 fn perform(plan: &SubgroupPlan, a: &Lanes, b: &Lanes, mask: u16) -> Lanes {
     let first = mask.trailing_zeros() as usize % SUBGROUP_SIZE;
-    let ballot = || lanes_of(mask).fold(0u64, |bits, k| bits | ((a[k] != 0) as u64) << k);
     let all = |value: u64| [value; SUBGROUP_SIZE];
     match plan.op {
         SubgroupOp::Elect => std::array::from_fn(|k| boolean(k == first)),
-        SubgroupOp::All => all(boolean(ballot() == mask as u64)),
-        SubgroupOp::Any => all(boolean(ballot() != 0)),
+        SubgroupOp::All | SubgroupOp::Any | SubgroupOp::Ballot => {
+            unreachable!("they are words")
+        }
         SubgroupOp::AllEqual => {
             let same = lanes_of(mask).all(|k| equal(plan.ty, a[k], a[first]));
             all(boolean(same))
         }
-        SubgroupOp::Ballot => all(ballot()),
         SubgroupOp::Shuffle => std::array::from_fn(|k| a.get(b[k] as usize).copied().unwrap_or(0)),
         SubgroupOp::QuadShuffle => std::array::from_fn(|k| {
             let from = b[k] as usize;

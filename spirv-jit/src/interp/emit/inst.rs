@@ -82,12 +82,17 @@ impl Emitter<'_> {
             Op::Image(_) => return self.emit_image(inst),
             Op::Subgroup(op) => {
                 let ty = inst.args.first().map_or(Type::I32, |&v| self.ty(v));
-                let i = plain(subgroup::subgroup, self.code.subgroups.len() as u32);
-                self.code.subgroups.push(SubgroupPlan {
+                let plan = SubgroupPlan {
                     op: *op,
                     ty,
                     with_helpers: takes_helpers(self.module, *op),
-                });
+                };
+                let handler = match subgroup::is_word(&plan) {
+                    true => self.kernel::<subgroup::Word>(),
+                    false => subgroup::subgroup,
+                };
+                let i = plain(handler, self.code.subgroups.len() as u32);
+                self.code.subgroups.push(plan);
                 i
             }
             Op::DerivativeX | Op::DerivativeY => {
