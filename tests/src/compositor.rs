@@ -10,6 +10,10 @@ use std::time::{Duration, Instant};
 
 use ash::{khr, vk};
 use wayland_client::Proxy as _;
+use wayland_protocols::wp::presentation_time::server::wp_presentation::{self, WpPresentation};
+use wayland_protocols::wp::presentation_time::server::wp_presentation_feedback::{
+    self, WpPresentationFeedback,
+};
 use wayland_server::backend::ClientData;
 use wayland_server::protocol::wl_buffer::{self, WlBuffer};
 use wayland_server::protocol::wl_callback::WlCallback;
@@ -39,6 +43,8 @@ pub struct Manners {
     /// Commits so far, and the last one's pixels.
     pub commits: AtomicUsize,
     pub shown: Mutex<Shown>,
+    /// When frames were shown that were asked about, in nanoseconds of `CLOCK_MONOTONIC`.
+    pub presented: Mutex<Vec<u64>>,
 }
 
 /// What is on the screen: rows of blue, green, red, alpha.
@@ -83,6 +89,9 @@ struct State {
     /// Buffers that were replaced, the oldest first.
     replaced: Vec<WlBuffer>,
     current: Option<WlBuffer>,
+    /// Of what is not yet committed, and of what is not yet shown.
+    asked: Vec<WpPresentationFeedback>,
+    promised: Vec<WpPresentationFeedback>,
 }
 
 struct Quiet;
@@ -91,11 +100,16 @@ impl ClientData for Quiet {}
 impl Compositor {
     /// Starts one.
     pub fn start() -> Compositor {
+        Self::start_with(true)
+    }
+
+    /// Starts one that can tell when frames are shown, or cannot.
+    pub fn start_with(tells_times: bool) -> Compositor {
         let manners = Arc::new(Manners::default());
         let is_over = Arc::new(AtomicBool::new(false));
         let (ours, theirs) = UnixStream::pair().unwrap();
         let (seen, over) = (Arc::clone(&manners), Arc::clone(&is_over));
-        let thread = std::thread::spawn(move || compose(theirs, seen, &over));
+        let thread = std::thread::spawn(move || compose(theirs, seen, &over, tells_times));
         let backend = wayland_client::backend::Backend::connect(ours).unwrap();
         let client = wayland_client::Connection::from_backend(backend);
         let (globals, queue) =
@@ -161,11 +175,14 @@ impl Drop for Compositor {
     }
 }
 
-fn compose(stream: UnixStream, manners: Arc<Manners>, is_over: &AtomicBool) {
+fn compose(stream: UnixStream, manners: Arc<Manners>, is_over: &AtomicBool, tells_times: bool) {
     let mut display = Display::<State>::new().unwrap();
     let mut handle = display.handle();
     handle.create_global::<State, WlCompositor, ()>(4, ());
     handle.create_global::<State, WlShm, ()>(1, ());
+    if tells_times {
+        handle.create_global::<State, WpPresentation, ()>(1, ());
+    }
     handle.insert_client(stream, Arc::new(Quiet)).unwrap();
     let mut state = State {
         manners,
@@ -174,6 +191,8 @@ fn compose(stream: UnixStream, manners: Arc<Manners>, is_over: &AtomicBool) {
         due: Vec::new(),
         replaced: Vec::new(),
         current: None,
+        asked: Vec::new(),
+        promised: Vec::new(),
     };
     let start = Instant::now();
     let mut refresh = 0u32;
@@ -185,6 +204,7 @@ fn compose(stream: UnixStream, manners: Arc<Manners>, is_over: &AtomicBool) {
                 for callback in state.due.drain(..) {
                     callback.done(refresh * 16);
                 }
+                state.present(refresh);
             }
         }
         display.flush_clients().unwrap();
@@ -218,7 +238,31 @@ fn read(part: &Part) -> Shown {
     }
 }
 
+/// Now, by `CLOCK_MONOTONIC`.
+fn now_ns() -> u64 {
+    // SAFETY: a valid pointer, and a clock that every system has.
+    let now = unsafe {
+        let mut now: libc::timespec = std::mem::zeroed();
+        libc::clock_gettime(libc::CLOCK_MONOTONIC, &mut now);
+        now
+    };
+    now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
+}
+
 impl State {
+    /// Tells that what was committed is on the screen.
+    fn present(&mut self, refresh: u32) {
+        let now = now_ns();
+        let (seconds, rest) = (now / 1_000_000_000, now % 1_000_000_000);
+        for feedback in self.promised.drain(..) {
+            self.manners.presented.lock().unwrap().push(now);
+            let period = REFRESH.as_nanos() as u32;
+            let (high, low) = ((seconds >> 32) as u32, seconds as u32);
+            let kind = wp_presentation_feedback::Kind::Vsync;
+            feedback.presented(high, low, rest as u32, period, 0, refresh, kind);
+        }
+    }
+
     fn commit(&mut self) {
         if let Some(buffer) = self.attached.take() {
             if let Some(part) = buffer.data::<Part>() {
@@ -231,6 +275,8 @@ impl State {
                 self.replaced.remove(0).release();
             }
         }
+        self.promised.drain(..).for_each(|old| old.discarded());
+        self.promised.append(&mut self.asked);
         self.due.append(&mut self.callbacks);
         self.manners.commits.fetch_add(1, Ordering::AcqRel);
     }
@@ -260,10 +306,14 @@ fn announce<R: Resource + 'static>(resource: &R) {
         shm.format(wl_shm::Format::Argb8888);
         shm.format(wl_shm::Format::Xrgb8888);
     }
+    if let Some(presentation) = (resource as &dyn std::any::Any).downcast_ref::<WpPresentation>() {
+        presentation.clock_id(libc::CLOCK_MONOTONIC as u32);
+    }
 }
 
 global!(WlCompositor);
 global!(WlShm);
+global!(WpPresentation);
 
 macro_rules! dispatch {
     ($interface:ty, $data:ty, |$state:ident, $resource:ident, $request:ident, $own:ident, $init:ident| $body:block) => {
@@ -292,6 +342,22 @@ dispatch!(WlCompositor, (), |_state,
         _ => {}
     }
 });
+
+dispatch!(WpPresentation, (), |state,
+                               _resource,
+                               request,
+                               _own,
+                               init| {
+    if let wp_presentation::Request::Feedback { callback, .. } = request {
+        state.asked.push(init.init(callback, ()));
+    }
+});
+
+dispatch!(
+    WpPresentationFeedback,
+    (),
+    |_state, _resource, _request, _own, _init| {}
+);
 
 dispatch!(WlRegion, (), |_state, _resource, request, _own, _init| {
     let _: wl_region::Request = request;

@@ -134,3 +134,101 @@ impl SweptData {
     pub const SPHERES: StructureType = StructureType::from_raw(1_000_429_010);
     pub const LINEAR_SWEPT_SPHERES: StructureType = StructureType::from_raw(1_000_429_009);
 }
+
+/// `VK_EXT_present_timing`, and `VK_KHR_present_id2`, which it needs.
+pub const PRESENT_TIMING: &CStr = c"VK_EXT_present_timing";
+pub const PRESENT_ID_2: &CStr = c"VK_KHR_present_id2";
+
+macro_rules! structures {
+    ($($name:ident $ty:literal $next:ty { $($field:ident: $field_ty:ty,)* })*) => {$(
+        #[repr(C)]
+        #[derive(Clone, Copy)]
+        pub struct $name {
+            pub s_type: StructureType,
+            pub p_next: $next,
+            $(pub $field: $field_ty,)*
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                // SAFETY: all zero is a value of each field.
+                let mut it: Self = unsafe { std::mem::zeroed() };
+                it.s_type = StructureType::from_raw($ty);
+                it
+            }
+        }
+    )*};
+}
+
+structures! {
+    PhysicalDevicePresentId2FeaturesKHR 1_000_479_002 *mut c_void {
+        present_id2: Bool32,
+    }
+    PresentId2KHR 1_000_479_001 *const c_void {
+        swapchain_count: u32,
+        p_present_ids: *const u64,
+    }
+    PhysicalDevicePresentTimingFeaturesEXT 1_000_208_000 *mut c_void {
+        present_timing: Bool32,
+        present_at_absolute_time: Bool32,
+        present_at_relative_time: Bool32,
+    }
+    SwapchainTimingPropertiesEXT 1_000_208_001 *mut c_void {
+        refresh_duration: u64,
+        refresh_interval: u64,
+    }
+    SwapchainTimeDomainPropertiesEXT 1_000_208_002 *mut c_void {
+        time_domain_count: u32,
+        p_time_domains: *mut TimeDomainKHR,
+        p_time_domain_ids: *mut u64,
+    }
+    PresentTimingsInfoEXT 1_000_208_003 *const c_void {
+        swapchain_count: u32,
+        p_timing_infos: *const PresentTimingInfoEXT,
+    }
+    PresentTimingInfoEXT 1_000_208_004 *const c_void {
+        flags: Flags,
+        target_time: u64,
+        time_domain_id: u64,
+        present_stage_queries: Flags,
+        target_time_domain_present_stage: Flags,
+    }
+    PastPresentationTimingInfoEXT 1_000_208_005 *const c_void {
+        flags: Flags,
+        swapchain: SwapchainKHR,
+    }
+    PastPresentationTimingPropertiesEXT 1_000_208_006 *mut c_void {
+        timing_properties_counter: u64,
+        time_domains_counter: u64,
+        presentation_timing_count: u32,
+        p_presentation_timings: *mut PastPresentationTimingEXT,
+    }
+    PastPresentationTimingEXT 1_000_208_007 *mut c_void {
+        present_id: u64,
+        target_time: u64,
+        present_stage_count: u32,
+        p_present_stages: *mut PresentStageTimeEXT,
+        time_domain: TimeDomainKHR,
+        time_domain_id: u64,
+        report_complete: Bool32,
+    }
+    PresentTimingSurfaceCapabilitiesEXT 1_000_208_008 *mut c_void {
+        present_timing_supported: Bool32,
+        present_at_absolute_time_supported: Bool32,
+        present_at_relative_time_supported: Bool32,
+        present_stage_queries: Flags,
+    }
+    SwapchainCalibratedTimestampInfoEXT 1_000_208_009 *const c_void {
+        swapchain: SwapchainKHR,
+        present_stage: Flags,
+        time_domain_id: u64,
+    }
+}
+
+/// `VkPresentStageTimeEXT`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PresentStageTimeEXT {
+    pub stage: Flags,
+    pub time: u64,
+}

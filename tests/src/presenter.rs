@@ -5,6 +5,11 @@ use std::ffi::{CStr, c_char};
 use ash::{ext, khr, vk};
 
 use crate::has;
+use crate::newer::{
+    PRESENT_ID_2, PRESENT_TIMING, PhysicalDevicePresentId2FeaturesKHR,
+    PhysicalDevicePresentTimingFeaturesEXT, PresentId2KHR, PresentTimingInfoEXT,
+    PresentTimingsInfoEXT,
+};
 
 /// An instance with a surface and a device that presents to it.
 pub struct Presenter {
@@ -39,6 +44,8 @@ pub struct Chain {
     pub scaling: vk::PresentScalingFlagsEXT,
     pub gravity: vk::PresentGravityFlagsEXT,
     pub old: vk::SwapchainKHR,
+    /// `VK_SWAPCHAIN_CREATE_PRESENT_TIMING_BIT_EXT`.
+    pub is_timed: bool,
 }
 
 impl Chain {
@@ -53,12 +60,21 @@ impl Chain {
             scaling: vk::PresentScalingFlagsEXT::empty(),
             gravity: vk::PresentGravityFlagsEXT::MIN,
             old: vk::SwapchainKHR::null(),
+            is_timed: false,
         }
     }
 }
 
+/// What a presentation is named, and what is asked of its times.
+#[derive(Clone, Copy, Default)]
+pub struct Asked {
+    /// 0 is no name.
+    pub id: u64,
+    pub timing: Option<PresentTimingInfoEXT>,
+}
+
 /// Device extensions that tests use where they are there.
-const WANTED: [&CStr; 7] = [
+const WANTED: [&CStr; 10] = [
     khr::swapchain::NAME,
     ext::device_address_binding_report::NAME,
     ext::swapchain_maintenance1::NAME,
@@ -66,6 +82,9 @@ const WANTED: [&CStr; 7] = [
     khr::present_wait::NAME,
     khr::shared_presentable_image::NAME,
     khr::incremental_present::NAME,
+    khr::calibrated_timestamps::NAME,
+    PRESENT_ID_2,
+    PRESENT_TIMING,
 ];
 
 impl Presenter {
@@ -134,6 +153,21 @@ impl Presenter {
             }
             if is_there(khr::present_id::NAME) && is_there(khr::present_wait::NAME) {
                 info = info.push_next(&mut ids).push_next(&mut waits);
+            }
+            let mut ids2 = PhysicalDevicePresentId2FeaturesKHR {
+                p_next: info.p_next.cast_mut(),
+                present_id2: vk::TRUE,
+                ..Default::default()
+            };
+            let times = PhysicalDevicePresentTimingFeaturesEXT {
+                p_next: (&raw mut ids2).cast(),
+                present_timing: vk::TRUE,
+                present_at_absolute_time: vk::TRUE,
+                present_at_relative_time: vk::TRUE,
+                ..Default::default()
+            };
+            if is_there(PRESENT_TIMING) {
+                info.p_next = (&raw const times).cast();
             }
             let device = instance.create_device(physical, &info, None).unwrap();
             let pool_info = vk::CommandPoolCreateInfo::default()
@@ -234,6 +268,10 @@ impl Presenter {
         if !chain.scaling.is_empty() {
             info = info.push_next(&mut scaling);
         }
+        if chain.is_timed {
+            // And ids by `VkPresentId2KHR`.
+            info.flags = vk::SwapchainCreateFlagsKHR::from_raw(1 << 9 | 1 << 6);
+        }
         // SAFETY: the surface is of this instance; `info` outlives the call.
         unsafe { self.swapchains.create_swapchain(&info, None) }
     }
@@ -247,26 +285,38 @@ impl Presenter {
         }
     }
 
-    /// Makes and destroys so many swapchains, each tenth of which shows a picture, and asserts that they leave no files open.
+    /// Makes and destroys so many swapchains, each tenth of which shows a picture, and asserts that they leave no files open, no thread
+    /// and no memory behind.
     pub fn assert_nothing_stays(&self, side: u32, pixels: &[u8], rounds: u32) {
-        let files = || std::fs::read_dir("/proc/self/fd").unwrap().count();
+        let count = |folder| std::fs::read_dir(folder).unwrap().count();
         let chain = Chain {
             mode: vk::PresentModeKHR::IMMEDIATE,
             ..Chain::of(side, side)
         };
-        let mut before = 0;
+        let now = || {
+            (
+                count("/proc/self/fd"),
+                count("/proc/self/task"),
+                resident_bytes(),
+            )
+        };
+        let mut before = now();
         for round in 0..rounds {
             let swapchain = self.swapchain(&chain).unwrap();
             if round % 10 == 0 {
                 self.show(swapchain, &chain, pixels);
             }
             self.destroy(swapchain);
-            if round == 100 {
-                before = files();
+            if round == rounds / 4 {
+                before = now();
             }
         }
+        let (after, most) = (now(), 8 << 20);
+        println!("{before:?} files, threads and bytes, then {after:?}");
         // Other tests of this program may have some open, too.
-        assert!(files() < before + 100, "{} files, {before} before", files());
+        assert!(after.0 < before.0 + 100 && after.1 < before.1 + 100);
+        // A kilobyte and a tenth of each of 7,500.
+        assert!(after.2 < before.2 + most);
     }
 
     /// Presents a picture, which must succeed; the image's index, and whether the swapchain does not fit well.
@@ -283,6 +333,17 @@ impl Presenter {
         extent: vk::Extent2D,
         pixels: &[u8],
         id: u64,
+    ) -> Result<(u32, bool), vk::Result> {
+        self.timed_frame(swapchain, extent, pixels, Asked { id, timing: None })
+    }
+
+    /// The same, with its times asked for.
+    pub fn timed_frame(
+        &self,
+        swapchain: vk::SwapchainKHR,
+        extent: vk::Extent2D,
+        pixels: &[u8],
+        asked: Asked,
     ) -> Result<(u32, bool), vk::Result> {
         // SAFETY: all handles are of this device; the frame before is done with the buffer and the
         // semaphores.
@@ -311,7 +372,7 @@ impl Presenter {
                 .signal_semaphores(&signals);
             self.device
                 .queue_submit(self.queue, &[submit], vk::Fence::null())?;
-            let result = self.present(swapchain, index, &signals, id);
+            let result = self.timed_present(swapchain, index, &signals, asked);
             self.device.queue_wait_idle(self.queue).unwrap();
             self.device.free_command_buffers(self.pool, &buffers);
             result.map(|suboptimal| (index, suboptimal))
@@ -326,13 +387,37 @@ impl Presenter {
         waits: &[vk::Semaphore],
         id: u64,
     ) -> Result<bool, vk::Result> {
+        self.timed_present(swapchain, index, waits, Asked { id, timing: None })
+    }
+
+    /// The same, with its times asked for.
+    pub fn timed_present(
+        &self,
+        swapchain: vk::SwapchainKHR,
+        index: u32,
+        waits: &[vk::Semaphore],
+        Asked { id, timing }: Asked,
+    ) -> Result<bool, vk::Result> {
         let (swapchains, indices, ids) = ([swapchain], [index], [id]);
         let mut named = vk::PresentIdKHR::default().present_ids(&ids);
+        let named2 = PresentId2KHR {
+            swapchain_count: 1,
+            p_present_ids: ids.as_ptr(),
+            ..Default::default()
+        };
+        let timed = PresentTimingsInfoEXT {
+            p_next: (&raw const named2).cast(),
+            swapchain_count: 1,
+            p_timing_infos: timing.as_ref().map_or(std::ptr::null(), std::ptr::from_ref),
+            ..Default::default()
+        };
         let mut present = vk::PresentInfoKHR::default()
             .wait_semaphores(waits)
             .swapchains(&swapchains)
             .image_indices(&indices);
-        if id != 0 {
+        if timing.is_some() {
+            present.p_next = (&raw const timed).cast();
+        } else if id != 0 {
             present = present.push_next(&mut named);
         }
         // SAFETY: handles of this device; the structures outlive the call.
@@ -399,6 +484,14 @@ impl Drop for Presenter {
             self.instance.destroy_instance(None);
         }
     }
+}
+
+/// Memory of this process that is there.
+fn resident_bytes() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let kilobytes: u64 = line.unwrap().replace(" kB", "").trim().parse().unwrap();
+    kilobytes << 10
 }
 
 /// A picture with no two rows or columns alike: blue, green, red, alpha.

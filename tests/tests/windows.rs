@@ -425,6 +425,171 @@ fn a_window_has_one_swapchain_that_is_not_retired() {
     presenter.destroy(third);
 }
 
+/// An image of a swapchain, acquired by a fence; the code, where there is none.
+fn acquire(
+    presenter: &Presenter,
+    swapchain: vk::SwapchainKHR,
+    timeout_ns: u64,
+) -> Result<u32, vk::Result> {
+    // SAFETY: the fence is waited for where it will be signaled, and destroyed once.
+    unsafe {
+        let device = &presenter.device;
+        let fence = device
+            .create_fence(&vk::FenceCreateInfo::default(), None)
+            .unwrap();
+        let none = vk::Semaphore::null();
+        let swapchains = &presenter.swapchains;
+        let acquired = swapchains.acquire_next_image(swapchain, timeout_ns, none, fence);
+        if acquired.is_ok() {
+            device.wait_for_fences(&[fence], true, PATIENCE_NS).unwrap();
+        }
+        device.destroy_fence(fence, None);
+        acquired.map(|(index, _)| index)
+    }
+}
+
+#[test]
+fn images_that_are_never_presented_hold_nobody_up() {
+    let Some((_server, window, presenter)) = on_screen(64, 64) else {
+        return;
+    };
+    let chain = Chain::of(64, 64);
+    let swapchain = presenter.swapchain(&chain).unwrap();
+    // SAFETY: the swapchain is alive.
+    let images = unsafe { presenter.swapchains.get_swapchain_images(swapchain) };
+    for _ in images.unwrap() {
+        acquire(&presenter, swapchain, PATIENCE_NS).unwrap();
+    }
+    let none = acquire(&presenter, swapchain, 0);
+    assert_eq!(none.err(), Some(vk::Result::NOT_READY));
+    let none = acquire(&presenter, swapchain, 20_000_000);
+    assert_eq!(none.err(), Some(vk::Result::TIMEOUT));
+    let again = Chain {
+        old: swapchain,
+        ..chain
+    };
+    let next = presenter.swapchain(&again).unwrap();
+    presenter.destroy(swapchain);
+    let pixels = screen_picture(64, 64, 4);
+    presenter.show(next, &chain, &pixels);
+    assert!(window.shows(64, 64, &pixels));
+    presenter.destroy(next);
+}
+
+/// What no program may do: it presents images that it has not acquired, the same one over and over.
+#[test]
+fn more_presents_than_images_hang_nobody() {
+    let Some((_server, window, presenter)) = on_screen(64, 64) else {
+        return;
+    };
+    for mode in [vk::PresentModeKHR::FIFO, vk::PresentModeKHR::IMMEDIATE] {
+        let chain = Chain {
+            mode,
+            ..Chain::of(64, 64)
+        };
+        let swapchain = presenter.swapchain(&chain).unwrap();
+        let index = acquire(&presenter, swapchain, PATIENCE_NS).unwrap();
+        for _ in 0..20 {
+            presenter.present(swapchain, index, &[], 0).unwrap();
+        }
+        let pixels = screen_picture(64, 64, 4);
+        for _ in 0..4 {
+            presenter.show(swapchain, &chain, &pixels);
+        }
+        assert!(window.shows(64, 64, &pixels));
+        presenter.destroy(swapchain);
+    }
+}
+
+#[test]
+fn a_surface_can_be_asked_by_a_thread_while_another_presents() {
+    let Some((_server, window, presenter)) = on_screen(64, 64) else {
+        return;
+    };
+    let pixels = screen_picture(64, 64, 7);
+    let (surfaces, physical, surface) = (
+        presenter.surfaces.clone(),
+        presenter.physical,
+        presenter.surface,
+    );
+    let is_over = std::sync::atomic::AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let asking = scope.spawn(|| {
+            let mut count = 0;
+            while !is_over.load(std::sync::atomic::Ordering::Acquire) {
+                // SAFETY: handles of the instance, which outlives the thread.
+                let (limits, modes) = unsafe {
+                    (
+                        surfaces.get_physical_device_surface_capabilities(physical, surface),
+                        surfaces.get_physical_device_surface_present_modes(physical, surface),
+                    )
+                };
+                assert_eq!(limits.unwrap().current_extent.width, 64);
+                assert!(modes.unwrap().contains(&vk::PresentModeKHR::FIFO));
+                count += 1;
+            }
+            count
+        });
+        for mode in [vk::PresentModeKHR::FIFO, vk::PresentModeKHR::IMMEDIATE] {
+            let chain = Chain {
+                mode,
+                ..Chain::of(64, 64)
+            };
+            for _ in 0..10 {
+                let swapchain = presenter.swapchain(&chain).unwrap();
+                for _ in 0..5 {
+                    presenter.show(swapchain, &chain, &pixels);
+                }
+                presenter.destroy(swapchain);
+            }
+        }
+        is_over.store(true, std::sync::atomic::Ordering::Release);
+        assert!(asking.join().unwrap() > 10);
+    });
+    assert!(window.shows(64, 64, &pixels));
+}
+
+/// From `vkQueuePresentKHR` to the picture on the screen, as `vkWaitForPresentKHR` tells it.
+#[test]
+fn pictures_are_on_the_screen_with_the_next_refresh_or_at_once() {
+    let Some((_server, _window, presenter)) = on_screen(64, 64) else {
+        return;
+    };
+    if !presenter.extends(khr::present_wait::NAME) {
+        return;
+    }
+    let waits = khr::present_wait::Device::new(&presenter.instance, &presenter.device);
+    for (mode, most) in [
+        (vk::PresentModeKHR::FIFO, Duration::from_millis(17)),
+        (vk::PresentModeKHR::IMMEDIATE, Duration::from_millis(5)),
+    ] {
+        let chain = Chain {
+            mode,
+            ..Chain::of(64, 64)
+        };
+        let swapchain = presenter.swapchain(&chain).unwrap();
+        let mut took: Vec<_> = (1..=41)
+            .map(|id| {
+                let index = acquire(&presenter, swapchain, PATIENCE_NS).unwrap();
+                let start = Instant::now();
+                presenter.present(swapchain, index, &[], id).unwrap();
+                // SAFETY: the swapchain is alive, and the id has been presented.
+                unsafe { waits.wait_for_present(swapchain, id, PATIENCE_NS).unwrap() };
+                start.elapsed()
+            })
+            .collect();
+        took.sort();
+        let median = took[20];
+        println!("{mode:?}: median {median:?}, 95 % within {:?}", took[38]);
+        // A loaded machine may miss some refreshes, but not half of them.
+        assert!(
+            median < most + Duration::from_millis(2),
+            "{mode:?}: {took:?}"
+        );
+        presenter.destroy(swapchain);
+    }
+}
+
 /// Event loops look into the connection's queue, then sleep until its socket can be read.
 #[test]
 fn events_wake_programs_that_poll_the_connection() {

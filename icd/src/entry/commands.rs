@@ -619,11 +619,15 @@ commands! {
     Device KHR_SWAPCHAIN PFN_vkDestroySwapchainKHR swapchain::vkDestroySwapchainKHR;
     Device KHR_SWAPCHAIN PFN_vkGetDeviceGroupPresentCapabilitiesKHR swapchain::vkGetDeviceGroupPresentCapabilitiesKHR;
     Device KHR_SWAPCHAIN PFN_vkGetDeviceGroupSurfacePresentModesKHR swapchain::vkGetDeviceGroupSurfacePresentModesKHR;
+    Device EXT_PRESENT_TIMING PFN_vkGetPastPresentationTimingEXT present_timing::vkGetPastPresentationTimingEXT;
     Device KHR_SWAPCHAIN PFN_vkGetSwapchainImagesKHR swapchain::vkGetSwapchainImagesKHR;
     Device KHR_SHARED_PRESENTABLE_IMAGE PFN_vkGetSwapchainStatusKHR swapchain::vkGetSwapchainStatusKHR;
+    Device EXT_PRESENT_TIMING PFN_vkGetSwapchainTimeDomainPropertiesEXT present_timing::vkGetSwapchainTimeDomainPropertiesEXT;
+    Device EXT_PRESENT_TIMING PFN_vkGetSwapchainTimingPropertiesEXT present_timing::vkGetSwapchainTimingPropertiesEXT;
     Device KHR_SWAPCHAIN PFN_vkQueuePresentKHR swapchain::vkQueuePresentKHR;
     Device EXT_SWAPCHAIN_MAINTENANCE_1 PFN_vkReleaseSwapchainImagesEXT swapchain::vkReleaseSwapchainImagesEXT;
     Device KHR_SWAPCHAIN_MAINTENANCE_1 PFN_vkReleaseSwapchainImagesEXT swapchain::vkReleaseSwapchainImagesEXT as vkReleaseSwapchainImagesKHR;
+    Device EXT_PRESENT_TIMING PFN_vkSetSwapchainPresentTimingQueueSizeEXT present_timing::vkSetSwapchainPresentTimingQueueSizeEXT;
     Device KHR_PRESENT_WAIT PFN_vkWaitForPresentKHR swapchain::vkWaitForPresentKHR;
     Device KHR_PRESENT_WAIT_2 PFN_vkWaitForPresent2KHR swapchain::vkWaitForPresent2KHR;
 

@@ -31,6 +31,7 @@ pub mod micromap;
 pub mod nv_ray_tracing;
 pub mod physical_device;
 pub mod pipeline;
+pub mod present_timing;
 pub mod push_descriptor;
 pub mod query;
 pub mod queue;

@@ -8,7 +8,7 @@ use super::define::entry;
 use super::instance::extension_properties;
 use crate::VkResult;
 use crate::ffi::enumerate::enumerate_with;
-use crate::ffi::{chain, enumerate};
+use crate::ffi::{chain, enumerate, vk as newer};
 use crate::format;
 use crate::handle::from_handle;
 use crate::object::PhysicalDevice;
@@ -327,6 +327,8 @@ entry! {
             vk::TimeDomainKHR::DEVICE,
             vk::TimeDomainKHR::CLOCK_MONOTONIC,
             vk::TimeDomainKHR::CLOCK_MONOTONIC_RAW,
+            newer::TIME_DOMAIN_PRESENT_STAGE_LOCAL_EXT,
+            newer::TIME_DOMAIN_SWAPCHAIN_LOCAL_EXT,
         ];
         enumerate(count, out, domains.into_iter())
     }

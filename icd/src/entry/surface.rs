@@ -219,6 +219,12 @@ entry! {
         let capabilities = ask((*info).surface, |surface| surface.capabilities(mode))?;
         (*out).surface_capabilities = capabilities;
         fill_capabilities((*out).p_next, &capabilities, mode);
+        if let Some(out) = chain::find_mut::<vk::PresentTimingSurfaceCapabilitiesEXT>((*out).p_next) {
+            out.present_timing_supported = vk::TRUE;
+            out.present_at_absolute_time_supported = vk::TRUE;
+            out.present_at_relative_time_supported = vk::TRUE;
+            out.present_stage_queries = ask((*info).surface, Surface::timed_stages)?;
+        }
         Ok(())
     }
 

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::address_report::report;
 use super::define::entry;
+use super::present_timing;
 use crate::VkResult;
 use crate::device::Device;
 use crate::ffi::enumerate::enumerate;
@@ -12,6 +13,7 @@ use crate::ffi::{array, chain, slice, vk};
 use crate::handle::{self, from_handle, optional, retain};
 use crate::object::addressed::AddressEvent;
 use crate::object::{Fence, Image, Semaphore};
+use crate::present::timing::Timing;
 use crate::present::{Creation, Request, Scaling, Surface, Swapchain};
 use crate::queue::{Queue, Submission};
 
@@ -58,6 +60,7 @@ unsafe fn creation<'a>(info: &vk::SwapchainCreateInfoKHR<'a>) -> Creation<'a> {
         color_space: info.image_color_space,
         composite_alpha: info.composite_alpha,
         scaling,
+        is_timed: (info.flags).contains(vk::SWAPCHAIN_CREATE_PRESENT_TIMING_EXT),
     }
 }
 
@@ -91,6 +94,8 @@ unsafe fn request(
             .and_then(|modes| element(modes.p_present_modes, modes.swapchain_count, index));
         let regions = chain::find::<vk::PresentRegionsKHR>(next)
             .and_then(|regions| element(regions.p_regions, regions.swapchain_count, index));
+        let timing = chain::find::<vk::PresentTimingsInfoEXT>(next)
+            .and_then(|infos| element(infos.p_timing_infos, infos.swapchain_count, index));
         let damage = regions.map(|region| slice(region.p_rectangles, region.rectangle_count));
         let rectangle = |rectangle: &vk::RectLayerKHR| vk::Rect2D {
             offset: rectangle.offset,
@@ -101,6 +106,10 @@ unsafe fn request(
             id: id.or(id2).unwrap_or(0),
             mode: mode.unwrap_or(swapchain.mode),
             damage: damage.unwrap_or_default().iter().map(rectangle).collect(),
+            timing: timing
+                .as_ref()
+                .map_or_else(Timing::default, present_timing::timing),
+            ticket: 0,
         }
     }
 }
@@ -252,9 +261,14 @@ entry! {
         let mut codes = Vec::with_capacity(swapchains.len());
         for (index, (&swapchain, &image)) in swapchains.iter().zip(images).enumerate() {
             let swapchain = retain::<Swapchain>(swapchain);
-            codes.push(crate::guard::code(swapchain.queue(image)));
-            let request = request(info, &swapchain, index, image);
-            presents.push((swapchain, request));
+            let mut request = request(info, &swapchain, index, image);
+            match swapchain.queue(&mut request) {
+                Ok(code) => {
+                    codes.push(code);
+                    presents.push((swapchain, request));
+                }
+                Err(code) => codes.push(code),
+            }
         }
         let submitted = from_handle::<Queue>(queue).submit([Submission {
             waits: semaphores.iter().map(|&semaphore| (retain::<Semaphore>(semaphore), 1)).collect(),

@@ -257,7 +257,90 @@ structures! {
         present_id: u64,
         timeout: u64,
     }
+    /// `VK_EXT_present_timing`.
+    PhysicalDevicePresentTimingFeaturesEXT 1_000_208_000 *mut c_void {
+        present_timing: Bool32,
+        present_at_absolute_time: Bool32,
+        present_at_relative_time: Bool32,
+    }
+    SwapchainTimingPropertiesEXT 1_000_208_001 *mut c_void {
+        refresh_duration: u64,
+        refresh_interval: u64,
+    }
+    SwapchainTimeDomainPropertiesEXT 1_000_208_002 *mut c_void {
+        time_domain_count: u32,
+        p_time_domains: *mut TimeDomainKHR,
+        p_time_domain_ids: *mut u64,
+    }
+    PresentTimingsInfoEXT 1_000_208_003 *const c_void {
+        swapchain_count: u32,
+        p_timing_infos: *const PresentTimingInfoEXT<'a>,
+    }
+    PresentTimingInfoEXT 1_000_208_004 *const c_void {
+        flags: Flags,
+        target_time: u64,
+        time_domain_id: u64,
+        present_stage_queries: PresentStageFlagsEXT,
+        target_time_domain_present_stage: PresentStageFlagsEXT,
+    }
+    PastPresentationTimingInfoEXT 1_000_208_005 *const c_void {
+        flags: Flags,
+        swapchain: SwapchainKHR,
+    }
+    PastPresentationTimingPropertiesEXT 1_000_208_006 *mut c_void {
+        timing_properties_counter: u64,
+        time_domains_counter: u64,
+        presentation_timing_count: u32,
+        p_presentation_timings: *mut PastPresentationTimingEXT<'a>,
+    }
+    PastPresentationTimingEXT 1_000_208_007 *mut c_void {
+        present_id: u64,
+        target_time: u64,
+        present_stage_count: u32,
+        p_present_stages: *mut PresentStageTimeEXT,
+        time_domain: TimeDomainKHR,
+        time_domain_id: u64,
+        report_complete: Bool32,
+    }
+    PresentTimingSurfaceCapabilitiesEXT 1_000_208_008 *mut c_void {
+        present_timing_supported: Bool32,
+        present_at_absolute_time_supported: Bool32,
+        present_at_relative_time_supported: Bool32,
+        present_stage_queries: PresentStageFlagsEXT,
+    }
 }
+
+/// `VkPresentStageTimeEXT`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PresentStageTimeEXT {
+    pub stage: PresentStageFlagsEXT,
+    pub time: u64,
+}
+
+/// `VkPresentStageFlagsEXT`.
+pub type PresentStageFlagsEXT = Flags;
+pub const PRESENT_STAGE_QUEUE_OPERATIONS_END_EXT: PresentStageFlagsEXT = 1;
+pub const PRESENT_STAGE_REQUEST_DEQUEUED_EXT: PresentStageFlagsEXT = 2;
+pub const PRESENT_STAGE_IMAGE_FIRST_PIXEL_OUT_EXT: PresentStageFlagsEXT = 4;
+
+/// `VkPresentTimingInfoFlagBitsEXT`.
+pub const PRESENT_TIMING_INFO_PRESENT_AT_RELATIVE_TIME_EXT: Flags = 1;
+pub const PRESENT_TIMING_INFO_PRESENT_AT_NEAREST_REFRESH_CYCLE_EXT: Flags = 2;
+
+/// `VkPastPresentationTimingFlagBitsEXT`.
+pub const PAST_PRESENTATION_TIMING_ALLOW_OUT_OF_ORDER_RESULTS_EXT: Flags = 2;
+
+/// `VK_SWAPCHAIN_CREATE_PRESENT_TIMING_BIT_EXT`.
+pub const SWAPCHAIN_CREATE_PRESENT_TIMING_EXT: SwapchainCreateFlagsKHR =
+    SwapchainCreateFlagsKHR::from_raw(1 << 9);
+/// `VK_ERROR_PRESENT_TIMING_QUEUE_FULL_EXT`.
+pub const ERROR_PRESENT_TIMING_QUEUE_FULL_EXT: Result = Result::from_raw(-1_000_208_000);
+/// `VK_TIME_DOMAIN_PRESENT_STAGE_LOCAL_EXT`.
+pub const TIME_DOMAIN_PRESENT_STAGE_LOCAL_EXT: TimeDomainKHR =
+    TimeDomainKHR::from_raw(1_000_208_000);
+/// `VK_TIME_DOMAIN_SWAPCHAIN_LOCAL_EXT`.
+pub const TIME_DOMAIN_SWAPCHAIN_LOCAL_EXT: TimeDomainKHR = TimeDomainKHR::from_raw(1_000_208_001);
 
 /// `VK_PRESENT_MODE_FIFO_LATEST_READY_KHR`.
 pub const PRESENT_MODE_FIFO_LATEST_READY_KHR: PresentModeKHR =
@@ -309,6 +392,16 @@ functions! {
     PFN_vkCmdUpdateMemoryKHR(
         CommandBuffer, *const DeviceAddressRangeKHR, AddressCommandFlagsKHR, DeviceSize, *const c_void
     );
+    PFN_vkGetPastPresentationTimingEXT(
+        Device, *const PastPresentationTimingInfoEXT<'_>, *mut PastPresentationTimingPropertiesEXT<'_>
+    ) -> Result;
+    PFN_vkGetSwapchainTimeDomainPropertiesEXT(
+        Device, SwapchainKHR, *mut SwapchainTimeDomainPropertiesEXT<'_>, *mut u64
+    ) -> Result;
+    PFN_vkGetSwapchainTimingPropertiesEXT(
+        Device, SwapchainKHR, *mut SwapchainTimingPropertiesEXT<'_>, *mut u64
+    ) -> Result;
+    PFN_vkSetSwapchainPresentTimingQueueSizeEXT(Device, SwapchainKHR, u32) -> Result;
     PFN_vkWaitForPresent2KHR(Device, SwapchainKHR, *const PresentWait2InfoKHR<'_>) -> Result;
     PFN_vkCreateAccelerationStructure2KHR(
         Device, *const AccelerationStructureCreateInfo2KHR<'_>, *const AllocationCallbacks<'_>, *mut AccelerationStructureKHR

@@ -14,6 +14,7 @@
 
 mod bell;
 mod conversion;
+mod nowhere;
 mod offer;
 pub mod pixels;
 mod placement;
@@ -21,6 +22,7 @@ mod shared_memory;
 mod surface;
 mod swapchain;
 mod thread;
+pub mod timing;
 pub mod wayland;
 pub mod x11;
 
@@ -38,6 +40,7 @@ pub use swapchain::{Creation, Request, Swapchain};
 use crate::VkResult;
 use crate::handle::Ref;
 use crate::object::{DeviceMemory, Image};
+use timing::Refresh;
 
 crate::handle::handled!(Surface => SurfaceKHR, Swapchain => SwapchainKHR);
 
@@ -59,6 +62,9 @@ pub trait Window: Send + Sync {
     /// How alpha can be taken.
     fn composite_alpha(&self) -> vk::CompositeAlphaFlagsKHR;
 
+    /// Whether it is told when pictures were shown.
+    fn tells_times(&self) -> bool;
+
     /// A way for a swapchain's images to the window.
     ///
     /// # Errors
@@ -75,6 +81,8 @@ pub struct Pictures {
     pub is_linear: bool,
     pub composite_alpha: vk::CompositeAlphaFlagsKHR,
     pub scaling: Scaling,
+    /// Somebody wants to know when each was seen.
+    pub is_timed: bool,
 }
 
 impl Pictures {
@@ -131,6 +139,9 @@ pub struct Frame<'a> {
 pub enum Event {
     /// A frame's turn has come: it is on the screen, or another one instead.
     Shown { serial: u32 },
+    /// When a frame's first pixel left for the display, where that is known: once for each frame of
+    /// timed [`Pictures`].
+    Out { serial: u32, at_ns: Option<u64> },
     /// An image is not read any more.
     Free { index: u32 },
     /// The window's extent, where it may have changed.
@@ -151,4 +162,14 @@ pub trait Screen: Send {
     /// # Errors
     /// The window has gone.
     fn wait(&mut self, deadline: Option<Instant>, events: &mut Vec<Event>) -> Result<(), Gone>;
+
+    /// The display's refreshes, as far as they are known.
+    fn refresh(&self) -> Option<Refresh> {
+        None
+    }
+
+    /// Whether a shared image is to be shown again and again.
+    fn is_watched(&self) -> bool {
+        true
+    }
 }

@@ -9,8 +9,10 @@ use parking_lot::Mutex;
 
 use super::offer::{IMAGE_USAGE, MAX_IMAGES, MIN_IMAGES, is_shared};
 use super::swapchain::Shared;
+use super::timing::OWN_STAGES;
 use super::{Swapchain, Window};
 use crate::VkResult;
+use crate::ffi::vk::{PRESENT_STAGE_IMAGE_FIRST_PIXEL_OUT_EXT, PresentStageFlagsEXT};
 use crate::handle::{Object, Ref};
 use crate::table::limits::{MAX_IMAGE_ARRAY_LAYERS, MAX_IMAGE_DIMENSION};
 
@@ -67,6 +69,18 @@ impl Surface {
     /// Whether pictures can be presented.
     pub fn is_presentable(&self) -> VkResult<bool> {
         Ok(self.window()?.is_none_or(|window| window.is_presentable()))
+    }
+
+    /// The stages of presentations that are timed.
+    ///
+    /// # Errors
+    /// `VK_ERROR_SURFACE_LOST_KHR`.
+    pub fn timed_stages(&self) -> VkResult<PresentStageFlagsEXT> {
+        let tells = self.window()?.is_some_and(|window| window.tells_times());
+        Ok(match tells {
+            true => OWN_STAGES | PRESENT_STAGE_IMAGE_FIRST_PIXEL_OUT_EXT,
+            false => OWN_STAGES,
+        })
     }
 
     /// `VkSurfaceCapabilitiesKHR`.

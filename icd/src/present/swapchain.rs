@@ -16,10 +16,16 @@ use std::thread::JoinHandle;
 use ash::vk;
 use parking_lot::Mutex;
 
+use super::nowhere::Nowhere;
 use super::offer::{MAX_IMAGES, MIN_IMAGES, is_shared};
+use super::timing::{Refresh, Timing, Timings};
 use super::{Bell, Pictures, Scaling, Screen, Window};
 use crate::VkResult;
-use crate::ffi::vk::PRESENT_MODE_FIFO_LATEST_READY_KHR;
+use crate::execute::query::timestamp_ns;
+use crate::ffi::vk::{
+    PRESENT_MODE_FIFO_LATEST_READY_KHR, PRESENT_STAGE_IMAGE_FIRST_PIXEL_OUT_EXT,
+    PRESENT_STAGE_QUEUE_OPERATIONS_END_EXT, PRESENT_STAGE_REQUEST_DEQUEUED_EXT,
+};
 use crate::handle::{self, Ref};
 use crate::object::memory::{AddressWindow, Source};
 use crate::object::sync::Waiting;
@@ -34,6 +40,8 @@ pub struct Creation<'a> {
     pub color_space: vk::ColorSpaceKHR,
     pub composite_alpha: vk::CompositeAlphaFlagsKHR,
     pub scaling: Scaling,
+    /// `VK_SWAPCHAIN_CREATE_PRESENT_TIMING_BIT_EXT`.
+    pub is_timed: bool,
 }
 
 /// `VkSwapchainKHR`.
@@ -53,6 +61,9 @@ pub struct Request {
     pub mode: vk::PresentModeKHR,
     /// `VkPresentRegionsKHR`; empty if all may have changed.
     pub damage: Vec<vk::Rect2D>,
+    pub timing: Timing,
+    /// Its place among the results; 0 for none.
+    pub ticket: u64,
 }
 
 impl Request {
@@ -65,7 +76,7 @@ impl Request {
 /// What a swapchain, its thread and its surface have in common.
 pub struct Shared {
     state: Mutex<State>,
-    /// Where there is a window.
+    /// Where there is a thread.
     pub(super) bell: Option<Arc<Bell>>,
     /// Until the thread has it.
     screen: Mutex<Option<Box<dyn Screen>>>,
@@ -92,6 +103,7 @@ struct State {
     status: vk::Result,
     /// The largest id whose turn has come.
     shown_id: u64,
+    timings: Timings,
     /// Replaced by another swapchain: no more images are handed out.
     is_retired: bool,
     is_closed: bool,
@@ -145,13 +157,17 @@ impl Swapchain {
             is_linear: creation.color_space == vk::ColorSpaceKHR::EXTENDED_SRGB_LINEAR_EXT,
             composite_alpha: creation.composite_alpha,
             scaling: creation.scaling,
+            is_timed: creation.is_timed,
         };
         let extent = pictures.extent();
         let (bell, screen) = match window {
-            None => (None, None),
-            Some(window) => {
+            None if !creation.is_timed => (None, None),
+            window => {
                 let bell = Arc::new(Bell::new()?);
-                let screen = window.screen(pictures, &bell)?;
+                let screen: Box<dyn Screen> = match window {
+                    Some(window) => window.screen(pictures, &bell)?,
+                    None => Box::new(Nowhere::new(&bell)),
+                };
                 (Some(bell), Some(screen))
             }
         };
@@ -161,6 +177,7 @@ impl Swapchain {
             ready: VecDeque::new(),
             status: vk::Result::SUCCESS,
             shown_id: 0,
+            timings: Timings::default(),
             is_retired: false,
             is_closed: false,
         };
@@ -197,36 +214,35 @@ impl Swapchain {
             taken = self.shared.try_acquire();
             taken.is_some()
         });
-        match (taken, waited) {
-            (Some(taken), _) => taken,
-            (None, Err(vk::Result::TIMEOUT)) if timeout_ns == 0 => Err(vk::Result::NOT_READY),
-            (None, Err(code)) => Err(code),
-            (None, Ok(())) => Err(vk::Result::TIMEOUT),
+        match taken.unwrap_or(Err(waited.err().unwrap_or(vk::Result::TIMEOUT))) {
+            Err(vk::Result::TIMEOUT) if timeout_ns == 0 => Err(vk::Result::NOT_READY),
+            taken => taken,
         }
     }
 
-    /// An acquired image is to be presented: `vkQueuePresentKHR` has been called.
+    /// An acquired image is to be presented: `vkQueuePresentKHR` has been called. The code may be
+    /// `VK_SUBOPTIMAL_KHR`, or an error that the window has come to: the image is presented, or
+    /// comes back, all the same.
     ///
     /// # Errors
-    /// `VK_SUBOPTIMAL_KHR`, or an error that the window has come to. The image is presented, or
-    /// comes back, all the same.
-    pub fn queue(&self, index: u32) -> VkResult {
+    /// `VK_ERROR_PRESENT_TIMING_QUEUE_FULL_EXT`: the image stays acquired.
+    pub fn queue(&self, request: &mut Request) -> VkResult<vk::Result> {
         let mut state = self.shared.state.lock();
+        request.ticket = state.timings.reserve(request.id, &request.timing)?;
         if !self.shared.is_shared
-            && let Some(place @ Place::Acquired) = state.places.get_mut(index as usize)
+            && let Some(place @ Place::Acquired) = state.places.get_mut(request.index as usize)
         {
             *place = Place::Queued;
         }
-        match state.status {
-            vk::Result::SUCCESS => Ok(()),
-            code => Err(code),
-        }
+        Ok(state.status)
     }
 
     /// An image's turn in its queue has come: all that draws it is done. Who calls also
     /// [notifies](Waiting::notify).
     pub fn enqueue(&self, request: Request) {
         let mut state = self.shared.state.lock();
+        let stage = PRESENT_STAGE_QUEUE_OPERATIONS_END_EXT;
+        state.timings.reached(request.ticket, stage, timestamp_ns());
         let Some(bell) = &self.shared.bell else {
             return state.finish(&request);
         };
@@ -238,7 +254,7 @@ impl Swapchain {
         let is_mailbox = request.mode == vk::PresentModeKHR::MAILBOX;
         state.ready.push_back(request);
         if is_mailbox {
-            state.drop_replaced();
+            state.drop_replaced(|_| true);
         }
         drop(state);
         self.shared.start_thread();
@@ -282,6 +298,11 @@ impl Swapchain {
         status
     }
 
+    /// Asks or changes what is known of presentations' times.
+    pub fn timings<R>(&self, question: impl FnOnce(&mut Timings) -> R) -> R {
+        question(&mut self.shared.state.lock().timings)
+    }
+
     /// `vkGetSwapchainStatusKHR`.
     ///
     /// # Errors
@@ -315,21 +336,35 @@ impl Drop for Swapchain {
 }
 
 impl State {
-    /// Gives back what another presentation takes the place of, or the end of the swapchain. Returns whether there was any.
-    fn drop_replaced(&mut self) -> bool {
+    /// Gives back what another presentation, if it is ready, takes the place of, or the end of the swapchain. Returns whether there was any.
+    fn drop_replaced(&mut self, is_ready: impl Fn(&Request) -> bool) -> bool {
         let before = self.ready.len();
-        while self.ready.len() > 1 && (self.is_closed || self.ready[1].replaces()) {
+        while let Some(next) = self.ready.get(1)
+            && (self.is_closed || next.replaces() && is_ready(next))
+        {
+            // "The presentation engine dequeues all successive requests that are ready."
+            let is_dequeued = next.mode == PRESENT_MODE_FIFO_LATEST_READY_KHR;
             if let Some(replaced) = self.ready.pop_front() {
+                if is_dequeued {
+                    self.dequeued(replaced.ticket);
+                }
                 self.release(replaced.index);
+                self.timings.finish(replaced.ticket);
             }
         }
         self.ready.len() < before
+    }
+
+    fn dequeued(&mut self, ticket: u64) {
+        let stage = PRESENT_STAGE_REQUEST_DEQUEUED_EXT;
+        self.timings.reached(ticket, stage, timestamp_ns());
     }
 
     /// Nobody shows this.
     fn finish(&mut self, request: &Request) {
         self.shown_id = self.shown_id.max(request.id);
         self.release(request.index);
+        self.timings.finish(request.ticket);
     }
 }
 
@@ -399,21 +434,49 @@ impl Shared {
         self.waiting.notify();
     }
 
-    /// The next request whose turn it is; those that it replaces come back.
-    pub(super) fn next(&self) -> Next {
+    /// The next request whose turn it is; those that it replaces come back. The one before was seen
+    /// at `seen_ns`.
+    pub(super) fn next(&self, seen_ns: Option<u64>, refresh: Option<Refresh>) -> Next {
+        let due = |request: &Request| {
+            let target = request.timing.target;
+            target.map_or(0, |target| target.due_ns(seen_ns, refresh))
+        };
+        // What counts from another one's time waits until that has been seen.
+        let is_free = |request: &Request| request.timing.target.is_none_or(|it| !it.is_relative);
+        let now = timestamp_ns();
         let mut state = self.state.lock();
-        let is_last = state.is_closed;
-        let has_freed = state.drop_replaced();
-        let request = state.ready.pop_front();
+        let has_freed = state.drop_replaced(|next| is_free(next) && due(next) <= now);
+        let due = state.ready.front().map_or(0, due);
+        let next = if due > now && !state.is_closed {
+            Next::At(due - now)
+        } else if let Some(request) = state.ready.pop_front() {
+            state.dequeued(request.ticket);
+            Next::Show(request)
+        } else if state.is_closed {
+            Next::End
+        } else {
+            Next::Wait
+        };
         drop(state);
         if has_freed {
             self.waiting.notify();
         }
-        match request {
-            Some(request) => Next::Show(request),
-            None if is_last => Next::End,
-            None => Next::Wait,
+        next
+    }
+
+    /// A presentation's first pixel has left for the display, and all is known of it.
+    pub(super) fn out(&self, ticket: u64, at_ns: Option<u64>) {
+        let mut state = self.state.lock();
+        if let Some(at_ns) = at_ns {
+            let stage = PRESENT_STAGE_IMAGE_FIRST_PIXEL_OUT_EXT;
+            state.timings.reached(ticket, stage, at_ns);
         }
+        state.timings.finish(ticket);
+    }
+
+    /// The display's period is this.
+    pub(super) fn measured(&self, period_ns: u64) {
+        self.state.lock().timings.measured(period_ns);
     }
 
     /// Whether the application waits for nothing more.
@@ -452,6 +515,7 @@ impl Shared {
         let mut state = self.state.lock();
         state.status = code;
         state.ready.clear();
+        state.timings.finish_all();
         for index in 0..state.places.len() as u32 {
             state.release(index);
         }
@@ -463,6 +527,8 @@ impl Shared {
 /// What a swapchain's thread does next.
 pub(super) enum Next {
     Show(Request),
+    /// There is one whose time comes in so many nanoseconds.
+    At(u64),
     Wait,
     End,
 }

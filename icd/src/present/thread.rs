@@ -2,13 +2,16 @@
 
 #![forbid(unsafe_code)]
 
+use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::{Duration, Instant};
 
 use ash::vk;
 
 use super::swapchain::{Next, Request, Shared};
+use super::timing::{Refresh, Timing};
 use super::{Event, Frame, Gone, Screen, When};
+use crate::execute::query::timestamp_ns;
 use crate::guard::panic_text;
 use crate::log::{self, Level};
 
@@ -43,19 +46,27 @@ impl Shared {
         let mut serial = 0u32;
         let mut under_way: Option<UnderWay> = None;
         let mut continuous: Option<Request> = None;
+        let mut timed = Timed::default();
         let mut events = Vec::new();
         loop {
             // What was presented last before the end is handed over whatever is under way.
+            let mut waits = None;
             if under_way.is_none() || self.is_ending() {
-                let next = match (self.next(), &continuous) {
+                let next = match (self.next(timed.seen_ns, screen.refresh()), &continuous) {
                     (Next::End, _) => return Ok(()),
                     (Next::Show(request), _) => Some(request),
-                    (Next::Wait, Some(again)) => Some(Request {
+                    (Next::Wait | Next::At(_), Some(again)) => Some(Request {
                         index: again.index,
                         id: 0,
                         mode: again.mode,
                         damage: Vec::new(),
+                        timing: Timing::default(),
+                        ticket: 0,
                     }),
+                    (Next::At(time_ns), None) => {
+                        waits = Some(Instant::now() + Duration::from_nanos(time_ns));
+                        None
+                    }
                     (Next::Wait, None) => None,
                 };
                 if let Some(request) = next {
@@ -66,32 +77,90 @@ impl Shared {
                         when: when(request.mode),
                         damage: &request.damage,
                     })?;
+                    timed.handed_over(serial, request.ticket, self);
                     under_way = Some(UnderWay {
                         serial,
                         id: request.id,
                         since: Instant::now(),
                     });
-                    continuous = (request.mode == vk::PresentModeKHR::SHARED_CONTINUOUS_REFRESH)
-                        .then_some(request);
+                    let is_continuous =
+                        request.mode == vk::PresentModeKHR::SHARED_CONTINUOUS_REFRESH;
+                    continuous = (is_continuous && screen.is_watched()).then_some(request);
                 }
             }
             let deadline = under_way.as_ref().map(|frame| frame.since + PATIENCE);
-            screen.wait(deadline, &mut events)?;
+            screen.wait(deadline.or(waits), &mut events)?;
             for event in events.drain(..) {
                 match event {
                     Event::Shown { serial } => {
                         if let Some(frame) = under_way.take_if(|frame| frame.serial == serial) {
+                            timed.shown(serial);
                             self.shown(frame.id);
                         }
                     }
+                    Event::Out { serial, at_ns } => timed.out(serial, at_ns, self),
                     Event::Free { index } => self.freed(index),
                     Event::Extent(extent) => self.resized(extent),
                 }
             }
+            if let Some(Refresh { period_ns, .. }) = screen.refresh()
+                && period_ns != timed.period_ns
+            {
+                timed.period_ns = period_ns;
+                self.measured(period_ns);
+            }
             let now = Instant::now();
             if let Some(frame) = under_way.take_if(|_| deadline.is_some_and(|end| now >= end)) {
+                timed.shown(frame.serial);
                 self.shown(frame.id);
             }
+        }
+    }
+}
+
+/// What the thread knows of times.
+#[derive(Default)]
+struct Timed {
+    /// When the last presentation was seen, and which one that was.
+    seen_ns: Option<u64>,
+    seen_serial: u32,
+    period_ns: u64,
+    /// Frames, and the presentations that are to be told when they were seen.
+    asked: VecDeque<(u32, u64)>,
+}
+
+impl Timed {
+    /// Windows that tell nothing of so many frames will tell nothing of the first.
+    const MOST: usize = 64;
+
+    fn handed_over(&mut self, serial: u32, ticket: u64, shared: &Shared) {
+        if ticket != 0 {
+            self.asked.push_back((serial, ticket));
+        }
+        if self.asked.len() > Self::MOST
+            && let Some((_, ticket)) = self.asked.pop_front()
+        {
+            shared.out(ticket, None);
+        }
+    }
+
+    /// A frame's turn has come. If its time is told, that is better than this one.
+    fn shown(&mut self, serial: u32) {
+        if self.seen_serial != serial {
+            self.seen_serial = serial;
+            self.seen_ns = Some(timestamp_ns());
+        }
+    }
+
+    fn out(&mut self, serial: u32, at_ns: Option<u64>, shared: &Shared) {
+        let place = self.asked.iter().position(|(other, _)| *other == serial);
+        if let Some((_, ticket)) = place.and_then(|place| self.asked.remove(place)) {
+            shared.out(ticket, at_ns);
+        }
+        // An older one may be told of later.
+        if at_ns.is_some() && serial.wrapping_sub(self.seen_serial) < u32::MAX / 2 {
+            self.seen_serial = serial;
+            self.seen_ns = at_ns;
         }
     }
 }

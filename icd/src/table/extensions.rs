@@ -204,6 +204,7 @@ extensions! {
     Device EXT_PIPELINE_PROTECTED_ACCESS c"VK_EXT_pipeline_protected_access" 1;
     Device EXT_PIPELINE_ROBUSTNESS c"VK_EXT_pipeline_robustness" 1;
     Device EXT_PRESENT_MODE_FIFO_LATEST_READY c"VK_EXT_present_mode_fifo_latest_ready" 1;
+    Device EXT_PRESENT_TIMING c"VK_EXT_present_timing" 3;
     Device EXT_PRIMITIVE_TOPOLOGY_LIST_RESTART c"VK_EXT_primitive_topology_list_restart" 1;
     Device EXT_PRIVATE_DATA c"VK_EXT_private_data" 1;
     Device EXT_PROVOKING_VERTEX c"VK_EXT_provoking_vertex" 1;

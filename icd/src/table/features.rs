@@ -266,6 +266,9 @@ features! {
         present_id: PhysicalDevicePresentIdFeaturesKHR;
         present_id2: PhysicalDevicePresentId2FeaturesKHR;
         present_mode_fifo_latest_ready: PhysicalDevicePresentModeFifoLatestReadyFeaturesKHR;
+        present_timing: PhysicalDevicePresentTimingFeaturesEXT;
+        present_at_absolute_time: PhysicalDevicePresentTimingFeaturesEXT;
+        present_at_relative_time: PhysicalDevicePresentTimingFeaturesEXT;
         present_wait: PhysicalDevicePresentWaitFeaturesKHR;
         present_wait2: PhysicalDevicePresentWait2FeaturesKHR;
         swapchain_maintenance1: PhysicalDeviceSwapchainMaintenance1FeaturesEXT;

@@ -16,6 +16,7 @@ use wayland_client::globals::{GlobalListContents, registry_queue_init};
 use wayland_client::protocol::wl_registry::{self, WlRegistry};
 use wayland_client::protocol::wl_shm::{self, WlShm};
 use wayland_client::{Connection, Dispatch, EventQueue, Proxy, QueueHandle};
+use wayland_protocols::wp::presentation_time::client::wp_presentation::{self, WpPresentation};
 
 use super::{Bell, Gone, Pictures, Window};
 use crate::VkResult;
@@ -24,7 +25,7 @@ use crate::VkResult;
 pub struct WaylandWindow {
     display: *mut c_void,
     surface: *mut c_void,
-    shm: Mutex<Option<Shm>>,
+    globals: Mutex<Option<Globals>>,
 }
 
 // SAFETY: displays and proxies of libwayland can be used by all threads; the pointers are only
@@ -33,17 +34,22 @@ unsafe impl Send for WaylandWindow {}
 // SAFETY: as above.
 unsafe impl Sync for WaylandWindow {}
 
-/// The compositor's `wl_shm`, which is bound once: it cannot be given back.
-struct Shm {
-    id: ObjectId,
-    _queue: EventQueue<Nothing>,
+/// What the compositor has for pictures, bound once: `wl_shm` cannot be given back.
+struct Globals {
+    shm: ObjectId,
+    /// Tells when pictures were shown, by the clock of Vulkan's times.
+    presentation: Option<ObjectId>,
+    _queue: EventQueue<Told>,
     _connection: Connection,
 }
 
-/// Nobody listens.
-struct Nothing;
+/// What is told of them.
+#[derive(Default)]
+struct Told {
+    presentation_clock: Option<u32>,
+}
 
-impl Dispatch<WlRegistry, GlobalListContents> for Nothing {
+impl Dispatch<WlRegistry, GlobalListContents> for Told {
     fn event(
         _: &mut Self,
         _: &WlRegistry,
@@ -55,7 +61,22 @@ impl Dispatch<WlRegistry, GlobalListContents> for Nothing {
     }
 }
 
-impl Dispatch<WlShm, ()> for Nothing {
+impl Dispatch<WpPresentation, ()> for Told {
+    fn event(
+        told: &mut Self,
+        _: &WpPresentation,
+        event: wp_presentation::Event,
+        (): &(),
+        _: &Connection,
+        _: &QueueHandle<Self>,
+    ) {
+        if let wp_presentation::Event::ClockId { clk_id } = event {
+            told.presentation_clock = Some(clk_id);
+        }
+    }
+}
+
+impl Dispatch<WlShm, ()> for Told {
     fn event(
         _: &mut Self,
         _: &WlShm,
@@ -86,26 +107,41 @@ impl WaylandWindow {
         Self {
             display,
             surface,
-            shm: Mutex::default(),
+            globals: Mutex::default(),
         }
     }
 
-    fn shm(&self) -> Result<ObjectId, Gone> {
-        let mut shm = self.shm.lock();
-        if let Some(shm) = &*shm {
-            return Ok(shm.id.clone());
+    /// `wl_shm`, and `wp_presentation` if it is of use.
+    fn globals(&self) -> Result<(ObjectId, Option<ObjectId>), Gone> {
+        let mut known = self.globals.lock();
+        if let Some(known) = &*known {
+            return Ok((known.shm.clone(), known.presentation.clone()));
         }
         // SAFETY: the promise of `new`.
         let connection = unsafe { connect(self.display) };
-        let (globals, queue) = registry_queue_init::<Nothing>(&connection).map_err(|_| Gone)?;
-        let bound: WlShm = globals.bind(&queue.handle(), 1..=1, ()).map_err(|_| Gone)?;
-        let id = bound.id();
-        *shm = Some(Shm {
-            id: id.clone(),
+        let (globals, mut queue) = registry_queue_init::<Told>(&connection).map_err(|_| Gone)?;
+        let handle = queue.handle();
+        let shm: WlShm = globals.bind(&handle, 1..=1, ()).map_err(|_| Gone)?;
+        let shm = shm.id();
+        let mut told = Told::default();
+        let presentation = globals
+            .bind::<WpPresentation, _, _>(&handle, 1..=1, ())
+            .ok();
+        let presentation = match presentation {
+            Some(presentation) => {
+                queue.roundtrip(&mut told).map_err(|_| Gone)?;
+                let is_of_use = told.presentation_clock == Some(libc::CLOCK_MONOTONIC as u32);
+                is_of_use.then(|| presentation.id())
+            }
+            None => None,
+        };
+        *known = Some(Globals {
+            shm: shm.clone(),
+            presentation: presentation.clone(),
             _queue: queue,
             _connection: connection,
         });
-        Ok(id)
+        Ok((shm, presentation))
     }
 }
 
@@ -123,12 +159,20 @@ impl Window for WaylandWindow {
         vk::CompositeAlphaFlagsKHR::OPAQUE | vk::CompositeAlphaFlagsKHR::PRE_MULTIPLIED
     }
 
+    fn tells_times(&self) -> bool {
+        self.globals()
+            .is_ok_and(|(_, presentation)| presentation.is_some())
+    }
+
     fn screen(&self, pictures: Pictures, bell: &Arc<Bell>) -> VkResult<Box<dyn super::Screen>> {
         const LOST: vk::Result = vk::Result::ERROR_SURFACE_LOST_KHR;
-        let shm = self.shm().map_err(|Gone| LOST)?;
+        let (shm, presentation) = self.globals().map_err(|Gone| LOST)?;
+        let presentation = presentation.filter(|_| pictures.is_timed);
         // SAFETY: the promise of `new`.
-        let screen =
-            unsafe { screen::WaylandScreen::new(self.display, self.surface, &shm, pictures, bell) };
+        let screen = unsafe {
+            let (display, surface) = (self.display, self.surface);
+            screen::WaylandScreen::new(display, surface, &shm, presentation, pictures, bell)
+        };
         Ok(Box::new(screen.map_err(|Gone| LOST)?))
     }
 }

@@ -13,12 +13,18 @@ use wayland_client::protocol::wl_callback::{self, WlCallback};
 use wayland_client::protocol::wl_shm::{self, WlShm};
 use wayland_client::protocol::wl_shm_pool::{self, WlShmPool};
 use wayland_client::protocol::wl_surface::WlSurface;
-use wayland_client::{Connection, Dispatch, EventQueue, Proxy, QueueHandle};
+use wayland_client::{Connection, Dispatch, EventQueue, Proxy, QueueHandle, delegate_noop};
+use wayland_protocols::wp::presentation_time::client::wp_presentation::WpPresentation;
+use wayland_protocols::wp::presentation_time::client::wp_presentation_feedback::{
+    self, WpPresentationFeedback,
+};
 
 use super::super::conversion::Layout;
 use super::super::pixels::{self, Canvas};
 use super::super::shared_memory::SharedMemory;
+use super::super::timing::{Refresh, told_ns};
 use super::super::{Bell, Event, Frame, Gone, Pictures, Screen, When};
+use crate::execute::query::timestamp_ns;
 
 pub struct WaylandScreen {
     connection: Connection,
@@ -26,6 +32,8 @@ pub struct WaylandScreen {
     told: Told,
     surface: WlSurface,
     shm: WlShm,
+    /// Where it is asked when pictures were shown, and can be.
+    presentation: Option<WpPresentation>,
     pictures: Pictures,
     bell: Arc<Bell>,
     buffers: Vec<WlBuffer>,
@@ -33,10 +41,17 @@ pub struct WaylandScreen {
     copies: Option<SharedMemory>,
 }
 
+/// A frame that somebody wants to know the time of.
+struct Sent {
+    serial: u32,
+    sent_ns: u64,
+}
+
 /// What the compositor has told, until it is passed on.
 #[derive(Default)]
 struct Told {
     events: VecDeque<Event>,
+    refresh: Option<Refresh>,
 }
 
 impl Dispatch<WlBuffer, u32> for Told {
@@ -69,6 +84,43 @@ impl Dispatch<WlCallback, u32> for Told {
     }
 }
 
+impl Dispatch<WpPresentationFeedback, Sent> for Told {
+    fn event(
+        told: &mut Self,
+        _: &WpPresentationFeedback,
+        event: wp_presentation_feedback::Event,
+        &Sent { serial, sent_ns }: &Sent,
+        _: &Connection,
+        _: &QueueHandle<Self>,
+    ) {
+        let at_ns = match event {
+            wp_presentation_feedback::Event::Presented {
+                tv_sec_hi,
+                tv_sec_lo,
+                tv_nsec,
+                refresh,
+                ..
+            } => {
+                let seconds = u64::from(tv_sec_hi) << 32 | u64::from(tv_sec_lo);
+                let at_ns = seconds
+                    .saturating_mul(1_000_000_000)
+                    .saturating_add(tv_nsec.into());
+                let at_ns = told_ns(at_ns, sent_ns, timestamp_ns());
+                if let (Some(at_ns), period_ns @ 1..) = (at_ns, u64::from(refresh)) {
+                    told.refresh = Some(Refresh { at_ns, period_ns });
+                }
+                at_ns
+            }
+            wp_presentation_feedback::Event::Discarded => None,
+            _ => return,
+        };
+        told.events.push_back(Event::Out { serial, at_ns });
+    }
+}
+
+// Its compositor refuses requests that are wrong; none is made.
+delegate_noop!(Told: ignore WpPresentation);
+
 impl Dispatch<WlShmPool, ()> for Told {
     fn event(
         _: &mut Self,
@@ -94,22 +146,30 @@ impl WaylandScreen {
         display: *mut c_void,
         surface: *mut c_void,
         shm: &ObjectId,
+        presentation: Option<ObjectId>,
         pictures: Pictures,
         bell: &Arc<Bell>,
     ) -> Result<Self, Gone> {
         // SAFETY: the caller's promise.
-        let (connection, surface, shm) = unsafe {
+        let (connection, surface, shm, presentation) = unsafe {
             let connection = super::connect(display);
             let surface = ObjectId::from_ptr(WlSurface::interface(), surface.cast());
             let shm = ObjectId::from_ptr(WlShm::interface(), shm.as_ptr());
+            let presentation =
+                presentation.map(|id| ObjectId::from_ptr(WpPresentation::interface(), id.as_ptr()));
             (
                 connection,
                 surface.map_err(|_| Gone)?,
                 shm.map_err(|_| Gone)?,
+                presentation.transpose().map_err(|_| Gone)?,
             )
         };
         let surface = WlSurface::from_id(&connection, surface).map_err(|_| Gone)?;
         let shm = WlShm::from_id(&connection, shm).map_err(|_| Gone)?;
+        let presentation = presentation
+            .map(|id| WpPresentation::from_id(&connection, id))
+            .transpose()
+            .map_err(|_| Gone)?;
         let queue = connection.new_event_queue();
         Ok(Self {
             connection,
@@ -117,6 +177,7 @@ impl WaylandScreen {
             told: Told::default(),
             surface,
             shm,
+            presentation,
             pictures,
             bell: Arc::clone(bell),
             buffers: Vec::new(),
@@ -248,6 +309,18 @@ impl Screen for WaylandScreen {
                 self.surface.frame(&self.queue.handle(), frame.serial);
             }
         }
+        let serial = frame.serial;
+        match &self.presentation {
+            Some(presentation) => {
+                let sent_ns = timestamp_ns();
+                let sent = Sent { serial, sent_ns };
+                presentation.feedback(&self.surface, &self.queue.handle(), sent);
+            }
+            None => self.told.events.push_back(Event::Out {
+                serial,
+                at_ns: None,
+            }),
+        }
         self.surface.commit();
         self.flush()
     }
@@ -272,6 +345,10 @@ impl Screen for WaylandScreen {
         }
         events.extend(self.told.events.drain(..));
         Ok(())
+    }
+
+    fn refresh(&self) -> Option<Refresh> {
+        self.told.refresh
     }
 }
 

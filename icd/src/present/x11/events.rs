@@ -35,6 +35,8 @@ const FIRST_SERIAL: u32 = 0x5475_0000;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Completed {
     pub serial: u32,
+    /// When it came, by the server's clock, in microseconds ("unadjusted system time").
+    pub ust: u64,
     /// The refresh in which it came ("media stream counter").
     pub msc: u64,
 }
@@ -294,12 +296,13 @@ unsafe fn completed_pixmap(event: *const c_void) -> Option<Completed> {
     const OF_PIXMAP: u8 = 0;
     let event = event.cast::<u8>();
     // SAFETY: the first 32 bytes are there in every event; `msc`, behind libxcb's word, in this
-    // one.
+    // one, whose `ust` is the last of the first 32.
     unsafe {
         let is_completion = event.add(8).cast::<u16>().read_unaligned() == COMPLETE_NOTIFY;
         let of_pixmap = event.add(10).read() == OF_PIXMAP;
         (is_completion && of_pixmap).then(|| Completed {
             serial: event.add(20).cast::<u32>().read_unaligned(),
+            ust: event.add(24).cast::<u64>().read_unaligned(),
             msc: event.add(36).cast::<u64>().read_unaligned(),
         })
     }

@@ -110,6 +110,10 @@ impl Window for X11Window {
         }
     }
 
+    fn tells_times(&self) -> bool {
+        self.0.connection.has_present()
+    }
+
     fn screen(&self, pictures: Pictures, bell: &Arc<Bell>) -> VkResult<Box<dyn super::Screen>> {
         let facts = self.0.facts.as_ref().ok_or(LOST)?;
         let pixels = facts.pixels.ok_or(LOST)?;

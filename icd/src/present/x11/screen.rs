@@ -11,11 +11,13 @@ use ash::vk;
 use x11rb::protocol::present::{ConnectionExt as _, Option as PresentOption};
 use x11rb::protocol::xproto::{ConnectionExt as _, CreateGCAux};
 
+use super::super::timing::{Refresh, Rhythm, told_ns};
 use super::super::{Bell, Event, Frame, Gone, Pictures, Screen, When};
 use super::buffers::Buffers;
 use super::connection::{Connection, Pixels, Sharing};
 use super::events::{Events, Inbox};
 use super::{Inner, Server};
+use crate::execute::query::timestamp_ns;
 
 /// Between refreshes, where no server says when they are.
 const REFRESH: Duration = Duration::from_nanos(16_666_667);
@@ -51,6 +53,7 @@ enum Timing {
         inbox: Arc<Inbox>,
         under_way: Vec<UnderWay>,
         last_msc: u64,
+        rhythm: Rhythm,
     },
     /// The clock: when the next refresh would be, and whose turn it is then.
     Clock { next: Instant, shown: Option<u32> },
@@ -63,6 +66,15 @@ struct UnderWay {
     serial: u32,
     index: u32,
     since: Instant,
+    sent_ns: u64,
+}
+
+impl UnderWay {
+    fn is_over(&self, at_ns: Option<u64>) -> [Event; 3] {
+        let (index, serial) = (self.index, self.serial);
+        let out = Event::Out { serial, at_ns };
+        [Event::Free { index }, out, Event::Shown { serial }]
+    }
 }
 
 impl X11Screen {
@@ -89,6 +101,7 @@ impl X11Screen {
                 events,
                 under_way: Vec::new(),
                 last_msc: 0,
+                rhythm: Rhythm::default(),
             },
             None => Timing::Clock {
                 next: Instant::now(),
@@ -141,6 +154,7 @@ impl X11Screen {
             inbox,
             under_way,
             last_msc,
+            rhythm,
         } = &mut self.timing
         else {
             return Ok(());
@@ -153,16 +167,19 @@ impl X11Screen {
             let Some(place) = frames.position(|frame| frame.number == completed.serial) else {
                 continue;
             };
-            let UnderWay { index, serial, .. } = under_way.remove(place);
+            let frame = under_way.remove(place);
             *last_msc = completed.msc;
+            let shown_ns = completed.ust.saturating_mul(1000);
+            let at_ns = told_ns(shown_ns, frame.sent_ns, timestamp_ns());
+            if at_ns.is_some() {
+                rhythm.note(shown_ns, completed.msc);
+            }
             // Pixmaps are copied (`PresentOptionCopy`): who has had its turn is not read any more.
-            self.news
-                .extend([Event::Free { index }, Event::Shown { serial }]);
+            self.news.extend(frame.is_over(at_ns));
         }
         let forgotten = under_way.extract_if(.., |frame| frame.since.elapsed() > FORGOTTEN);
         for frame in forgotten {
-            let (index, serial) = (frame.index, frame.serial);
-            (self.news).extend([Event::Free { index }, Event::Shown { serial }]);
+            self.news.extend(frame.is_over(None));
             events.forget(frame.number);
         }
         Ok(())
@@ -194,6 +211,7 @@ impl Screen for X11Screen {
                 ..
             } => {
                 let number = events.begin();
+                let sent_ns = timestamp_ns();
                 let (options, target_msc) = match frame.when {
                     When::NextRefresh | When::Replaceable => (PresentOption::COPY, 0),
                     When::NextRefreshOrLate => {
@@ -226,6 +244,7 @@ impl Screen for X11Screen {
                     serial: frame.serial,
                     index: frame.index,
                     since: Instant::now(),
+                    sent_ns,
                 });
                 self.look()
             }
@@ -276,12 +295,21 @@ impl Screen for X11Screen {
             }
             Timing::Clock { next, shown } => {
                 if let Some(serial) = shown.take_if(|_| Instant::now() >= *next) {
-                    self.news.push(Event::Shown { serial });
+                    let at_ns = None;
+                    let out = Event::Out { serial, at_ns };
+                    self.news.extend([out, Event::Shown { serial }]);
                 }
             }
         }
         events.append(&mut self.news);
         Ok(())
+    }
+
+    fn refresh(&self) -> Option<Refresh> {
+        match &self.timing {
+            Timing::Present { rhythm, .. } => rhythm.refresh(),
+            Timing::Clock { .. } => None,
+        }
     }
 }
 
