@@ -206,7 +206,7 @@ several! {
     "x · y" "fmul" 2 |v| v[0] * v[1], Correct, 0.5;
     "x / y" "fdiv" 2 |v| v[0] / v[1], Ulp(2.5), 0.5;
     "fma" "ffma" 3 fma, Inherited("x · y + z", 0.5), 0.5;
-    "pow" "fpow" 2 |v| pow(v[0], v[1]), Inherited("exp2(y log2 x)", 3.0), 1.0;
+    "pow" "fpow" 2 |v| pow(v[0], v[1]), Inherited("exp2(y log2 x)", 3.0), 4.0;
     "atan2" "fatan2" 2 |v| v[0].atan2(v[1]), ArcTangent, 4.0;
 }
 
