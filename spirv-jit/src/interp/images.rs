@@ -19,7 +19,6 @@ use crate::image::{ImageDescriptor, ImageOp, ImageOpKind, SamplerDescriptor};
 use crate::ir::op::AtomicOp;
 use crate::row::Row;
 use crate::tier::TierKind;
-use crate::types::Type;
 
 /// Most operand rows: coordinates, derivatives, offsets and texels of the widest operation, with room.
 const MAX_OPERAND_ROWS: usize = 32;
@@ -240,25 +239,120 @@ impl<V: Vector> Kernel for Sample<V> {
         unsafe {
             let mut known = (0, 0);
             let mut sample = None;
-            for &offset in m.listed() {
-                let mask = m.active[offset as usize / 64];
-                let found =
-                    shared(m, plan.image, offset, mask).zip(shared(m, plan.sampler, offset, mask));
-                let Some(descriptors) = found else {
+            let mut listed = m.listed();
+            while let Some((&offset, rest)) = listed.split_first() {
+                let Some(descriptors) = both(m, plan, offset) else {
                     block(m, plan, offset);
+                    listed = rest;
                     continue;
                 };
                 if descriptors != known {
                     known = descriptors;
                     sample = resolve(m.environment, &plan.op, plan.wanted, descriptors);
                 }
-                match &sample {
-                    Some(sample) => sample_block(V::new(), sample, m, plan, offset, mask),
-                    None => block(m, plan, offset),
-                }
+                listed = match &sample {
+                    Some(sample) if !sample.has_more => {
+                        let mut same = 1;
+                        while let Some(&next) = listed.get(same)
+                            && both(m, plan, next) == Some(descriptors)
+                        {
+                            same += 1;
+                        }
+                        let (offsets, others) = listed.split_at(same);
+                        let wave = OfWave { m, plan, offsets };
+                        sample.planes(V::new(), wave);
+                        others
+                    }
+                    Some(sample) => {
+                        whole_block(V::new(), sample, m, plan, offset);
+                        rest
+                    }
+                    None => {
+                        block(m, plan, offset);
+                        rest
+                    }
+                };
             }
         }
     }
+}
+
+/// The subgroups of a wave that sample an image with a sampler.
+struct OfWave<'a, 'p> {
+    m: &'a Machine<'p>,
+    plan: &'a ImagePlan,
+    /// Block offsets.
+    offsets: &'a [u16],
+}
+
+impl OfWave<'_, '_> {
+    /// # Safety
+    /// As for `block`; all operands of such a sample are of 32 bits.
+    #[inline(always)]
+    unsafe fn row(&self, subgroup: usize, operand: usize) -> &Row {
+        // SAFETY: as the caller promises.
+        unsafe {
+            let offset = *self.offsets.get_unchecked(subgroup);
+            &*self.m.block::<u32>(self.plan.operands[operand].0, offset)
+        }
+    }
+}
+
+impl<V: Vector> fast::Subgroups<V> for OfWave<'_, '_> {
+    const IS_WAVE: bool = true;
+
+    #[inline(always)]
+    fn count(&self) -> usize {
+        self.offsets.len()
+    }
+
+    #[inline(always)]
+    fn derives(&self) -> bool {
+        self.plan.derives
+    }
+
+    #[inline(always)]
+    unsafe fn mask(&self, subgroup: usize) -> u16 {
+        self.m.active[self.offsets[subgroup] as usize / 64]
+    }
+
+    #[inline(always)]
+    unsafe fn coordinate(&self, subgroup: usize, index: usize) -> &Row {
+        // SAFETY: as the caller promises: the first operands.
+        unsafe { self.row(subgroup, index) }
+    }
+
+    #[inline(always)]
+    unsafe fn lod(&self, subgroup: usize, index: usize) -> &Row {
+        // SAFETY: as the caller promises.
+        unsafe { self.row(subgroup, self.plan.op.rows_before_lod() + index) }
+    }
+
+    #[inline(always)]
+    unsafe fn offset(&self, subgroup: usize, index: usize) -> &Row {
+        // SAFETY: as the caller promises: the last two operands.
+        unsafe { self.row(subgroup, self.plan.operands.len() - 2 + index) }
+    }
+
+    #[inline(always)]
+    unsafe fn put(&mut self, v: V, subgroup: usize, values: [V::F; 4]) {
+        // SAFETY: as for `block`.
+        unsafe {
+            let offset = *self.offsets.get_unchecked(subgroup);
+            put_all(v, self.m, self.plan, offset, values);
+        }
+    }
+}
+
+/// The image's and the sampler's descriptor that all lanes of a subgroup have.
+///
+/// # Safety
+/// As [`shared`].
+#[inline(always)]
+unsafe fn both(m: &Machine<'_>, plan: &ImagePlan, offset: u16) -> Option<(u64, u64)> {
+    let mask = m.active[offset as usize / 64];
+    // SAFETY: as the caller promises.
+    unsafe { shared(m, plan.image, offset, mask).zip(shared(m, plan.sampler, offset, mask)) }
 }
 
 /// The descriptor address that all lanes of a subgroup have.
@@ -305,14 +399,14 @@ pub(super) unsafe fn resolve<'p>(
 /// # Safety
 /// As [`block`].
 #[inline(always)]
-unsafe fn sample_block<V: Vector>(
+unsafe fn whole_block<V: Vector>(
     v: V,
     sample: &Fast<'_>,
     m: &Machine<'_>,
     plan: &ImagePlan,
     offset: u16,
-    mask: u16,
 ) {
+    let mask = m.active[offset as usize / 64];
     let mut rows = [&[0; SUBGROUP_SIZE]; fast::MAX_OPERANDS];
     // SAFETY: as for `block`; all operands of such a sample are of 32 bits.
     unsafe {
@@ -321,29 +415,33 @@ unsafe fn sample_block<V: Vector>(
         }
         let derived;
         if plan.derives && sample.takes_derivatives() {
-            derived = derivatives(v, &plan.op, &rows, m.active[offset as usize / 64]);
+            derived = derivatives(v, &plan.op, &rows, mask);
             put_derivatives(&plan.op, &derived, &mut rows);
         }
         let count = plan.operands.len().min(fast::MAX_OPERANDS);
         let operands = Operands::new(&plan.op, &rows[..count]);
-        let sampled = sample.components(v, &operands, mask);
-        if plan.op.texel != Type::I64 {
-            let values = sample.values(v, sampled);
-            put(v, m, plan, offset, 0, v.bits_of(values[0]));
-            put(v, m, plan, offset, 1, v.bits_of(values[1]));
-            put(v, m, plan, offset, 2, v.bits_of(values[2]));
-            put(v, m, plan, offset, 3, v.bits_of(values[3]));
-            return;
-        }
-        let mut results = [[0; SUBGROUP_SIZE]; MAX_RESULT_ROWS];
-        sample.finish(v, sampled, &mut results);
-        for (row, &(result, wide)) in plan.results.iter().enumerate() {
-            if wide {
-                *m.block::<u64>(result, offset) = join(&results[2 * row], &results[2 * row + 1]);
-            } else if plan.wanted >> row & 1 == 1 {
-                *m.block::<u32>(result, offset) = results[row];
-            }
-        }
+        put_all(v, m, plan, offset, sample.whole(v, &operands, mask));
+    }
+}
+
+/// Writes the results of a sample, of 32 bits each.
+///
+/// # Safety
+/// As [`block`].
+#[inline(always)]
+unsafe fn put_all<V: Vector>(
+    v: V,
+    m: &Machine<'_>,
+    plan: &ImagePlan,
+    offset: u16,
+    values: [V::F; 4],
+) {
+    // SAFETY: as the caller promises. One by one: a loop would keep them in memory.
+    unsafe {
+        put(v, m, plan, offset, 0, v.bits_of(values[0]));
+        put(v, m, plan, offset, 1, v.bits_of(values[1]));
+        put(v, m, plan, offset, 2, v.bits_of(values[2]));
+        put(v, m, plan, offset, 3, v.bits_of(values[3]));
     }
 }
 

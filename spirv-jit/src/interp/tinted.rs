@@ -54,7 +54,6 @@ impl<'a> Sampling<'a> {
         }
         let operands = Operands::new(op, &rows);
         // SAFETY: the caller's promise.
-        let sampled = unsafe { self.fast.components(v, &operands, active) };
-        self.fast.values(v, sampled)
+        unsafe { self.fast.values(v, &operands, active) }
     }
 }

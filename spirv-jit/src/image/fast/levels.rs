@@ -3,11 +3,11 @@
 use std::mem::offset_of;
 
 use super::super::lod::{self, Lod};
-use super::super::operands::Operands;
 use super::super::vector::Vector;
 use super::super::{Filter, Level, LodMode};
 use super::Fast;
 use crate::SUBGROUP_SIZE;
+use crate::row::Row;
 
 /// The levels of the lanes.
 pub(super) struct Levels<'a, V: Vector> {
@@ -32,15 +32,15 @@ pub(super) fn levels_of<V: Vector>(v: V, level: &Level) -> Levels<'_, V> {
 }
 
 impl Fast<'_> {
-    /// The first of the levels that lanes sample, and the weight of the next.
+    /// The first of the levels that lanes sample, and the weight of the next. `lod` is bias or level, if the operation has one.
     #[inline(always)]
     pub(super) fn chosen_levels<V: Vector>(
         &self,
         v: V,
-        operands: &Operands<'_>,
+        lod: Option<&Row>,
         footprint: Option<&Lod>,
     ) -> (V::I, V::F) {
-        let levels = self.levels_of_detail(v, operands, footprint);
+        let levels = self.levels_of_detail(v, lod, footprint);
         match self.sampler.mipmap_mode {
             // ⌈d' + 0.5⌉ - 1.
             Filter::Nearest => {
@@ -67,22 +67,22 @@ impl Fast<'_> {
     fn levels_of_detail<V: Vector>(
         &self,
         v: V,
-        operands: &Operands<'_>,
+        lod: Option<&Row>,
         footprint: Option<&Lod>,
     ) -> V::F {
         if !self.has_levels() {
             return v.splat(0.0);
         }
         let bias = v.splat(self.sampler.mip_lod_bias);
-        let bias = match self.op.lod {
-            LodMode::Bias => v.add(bias, v.load(operands.lod[0])),
+        let bias = match (self.op.lod, lod) {
+            (LodMode::Bias, Some(row)) => v.add(bias, v.load(row)),
             _ => bias,
         };
         let bias = v.max(bias, v.splat(-lod::MAX_LOD_BIAS));
         let bias = v.min(bias, v.splat(lod::MAX_LOD_BIAS));
-        let lambda = match (self.op.lod, footprint) {
-            (LodMode::Lod, _) => v.add(v.load(operands.lod[0]), bias),
-            (_, Some(lod)) => v.add(v.load(&lod::words(&lod.lambda)), bias),
+        let lambda = match (self.op.lod, lod, footprint) {
+            (LodMode::Lod, Some(row), _) => v.add(v.load(row), bias),
+            (_, _, Some(lod)) => v.add(v.load(&lod::words(&lod.lambda)), bias),
             _ => bias,
         };
         let lambda = v.min(lambda, v.splat(self.sampler.max_lod));

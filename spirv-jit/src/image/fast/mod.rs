@@ -3,32 +3,30 @@
 
 mod axis;
 mod levels;
+mod planes;
 mod texels;
 mod whole;
-
-use std::hint::assert_unchecked;
 
 use super::format::FormatInfo;
 use super::format::block::{self, Texels};
 use super::format::layout::Codec;
 use super::lod;
-use super::operands::{Operands, put_texels};
-use super::vector::{Task, Vector};
+use super::operands::Operands;
+use super::vector::Vector;
 use super::{
-    AddressMode, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, LodMode, Reduction,
-    SamplerDescriptor,
+    AddressMode, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Reduction, SamplerDescriptor,
 };
 use crate::SUBGROUP_SIZE;
 use crate::row::Row;
 use crate::types::Type;
-use levels::levels_of;
+pub(crate) use planes::Subgroups;
 use whole::Whole;
 
 /// Whether an operation is one of these, as far as its instruction tells.
 pub(crate) fn may_apply(op: &ImageOp) -> bool {
     let dim_fits = op.dim == Dim::D2 || op.dim == Dim::Cube && !op.has_offset;
     let kind_fits = matches!(op.kind, ImageOpKind::Sample | ImageOpKind::Gather(_));
-    kind_fits && dim_fits && !op.has_min_lod && !op.has_offsets
+    kind_fits && dim_fits && !op.has_min_lod && !op.has_offsets && op.texel != Type::I64
 }
 
 /// Most operand rows of an operation that [`may_apply`]: of a cube array's, four coordinates, a reference depth and six derivatives.
@@ -46,16 +44,14 @@ pub(crate) struct Fast<'a> {
     /// Texels are four bytes of 8 bits.
     bytes: bool,
     srgb: bool,
-    /// Four bytes, each of them wanted and linear: they are sampled as they lie in memory, without a look at what each is.
+    /// Four bytes, most of them wanted, all of them linear: they are sampled as they lie in memory, without a look at what each is.
     straight: bool,
     /// One texel is taken, not four.
     is_nearest: bool,
     is_cube: bool,
     has_border: bool,
-    /// There is more to do than to weigh texels: see [`Whole`].
-    has_more: bool,
-    /// There is less to do: see [`Flat`].
-    is_flat: bool,
+    /// There is more to do than to weigh texels: see [`Whole`], and else [`planes`].
+    pub(crate) has_more: bool,
 }
 
 impl<'a> Fast<'a> {
@@ -113,15 +109,13 @@ impl<'a> Fast<'a> {
             straight: bytes
                 && !srgb
                 && in_order
-                && wanted == 0xf
-                && op.texel != Type::I64
+                && wanted.count_ones() >= 3
                 && !op.depth_compare
                 && !is_gather,
             is_nearest: !is_gather && sampler.mag_filter == Filter::Nearest,
             is_cube,
             has_border,
             has_more,
-            is_flat: !has_more && image.level_count == 1 && !op.arrayed && !op.has_offset,
         })
     }
 
@@ -146,37 +140,54 @@ impl<'a> Fast<'a> {
 pub(crate) type Components<V> = [<V as Vector>::F; 4];
 
 /// Offsets of an operation that has some, in texels along both axes.
-type Offsets<V> = [Option<<V as Vector>::I>; 2];
+pub(crate) type Offsets<V> = [Option<<V as Vector>::I>; 2];
 
 /// Results of a block; only those that are wanted are written.
 type Results<'r> = &'r mut [Row];
 
-/// A block of samples of a plane of one level, to the nearest texel or linear, compiled by itself: with little to choose between, its numbers stay
-/// in registers.
-struct Flat<'a, 'b, const IS_NEAREST: bool>(&'b Fast<'a>, [&'b Row; 2], u16);
+/// One subgroup by itself.
+struct Block<'b, V: Vector> {
+    operands: &'b Operands<'b>,
+    mask: u16,
+    values: Components<V>,
+}
 
-impl<V: Vector, const IS_NEAREST: bool> Task<V> for Flat<'_, '_, IS_NEAREST> {
-    type Output = Components<V>;
+impl<V: Vector> Subgroups<V> for Block<'_, V> {
+    const IS_WAVE: bool = false;
 
     #[inline(always)]
-    unsafe fn run(self, v: V) -> Self::Output {
-        let Flat(fast, [s, t], mask) = self;
-        // SAFETY: the caller's promise.
-        unsafe {
-            assert_unchecked(fast.is_nearest == IS_NEAREST);
-            let levels = levels_of(v, &fast.image.levels[0]);
-            let [mode_s, mode_t, _] = fast.sampler.address_mode;
-            let texel_bytes = v.splat_i(fast.info.size_bytes as i32);
-            let x = fast.axis(v, mode_s, (v.load(s), None), levels.width, texel_bytes);
-            let y = fast.axis(
-                v,
-                mode_t,
-                (v.load(t), None),
-                levels.height,
-                levels.row_stride,
-            );
-            fast.weighted(v, &levels, v.splat_i(0), [&x, &y], mask)
-        }
+    fn count(&self) -> usize {
+        1
+    }
+
+    #[inline(always)]
+    fn derives(&self) -> bool {
+        false
+    }
+
+    #[inline(always)]
+    unsafe fn mask(&self, _: usize) -> u16 {
+        self.mask
+    }
+
+    #[inline(always)]
+    unsafe fn coordinate(&self, _: usize, index: usize) -> &Row {
+        self.operands.coordinates[index]
+    }
+
+    #[inline(always)]
+    unsafe fn lod(&self, _: usize, index: usize) -> &Row {
+        self.operands.lod[index]
+    }
+
+    #[inline(always)]
+    unsafe fn offset(&self, _: usize, index: usize) -> &Row {
+        self.operands.offsets[index]
+    }
+
+    #[inline(always)]
+    unsafe fn put(&mut self, _: V, _: usize, values: Components<V>) {
+        self.values = values;
     }
 }
 
@@ -194,94 +205,59 @@ impl Fast<'_> {
         results: Results<'_>,
     ) {
         // SAFETY: as the caller promises.
-        let components = unsafe { self.components(v, operands, mask) };
-        self.finish(v, components, results);
+        let values = unsafe { self.values(v, operands, mask) };
+        let count = self.op.result_rows();
+        for (value, row) in values.into_iter().zip(results).take(count) {
+            v.store(value, row);
+        }
     }
 
-    /// The same up to where [`Self::values`] or [`Self::finish`] make results of it.
+    /// The same, but the results are returned. Those that are not wanted are anything.
     ///
     /// # Safety
     /// As [`Self::sample`].
     #[inline(always)]
-    pub(crate) unsafe fn components<V: Vector>(
+    pub(crate) unsafe fn values<V: Vector>(
         &self,
         v: V,
         operands: &Operands<'_>,
         mask: u16,
     ) -> Components<V> {
-        if self.has_more {
-            // SAFETY: as the caller promises.
-            return unsafe {
-                v.apart(Whole {
-                    fast: self,
-                    operands,
-                    mask,
-                })
-            };
-        }
-        if self.is_flat {
-            let places = [operands.coordinates[0], operands.coordinates[1]];
-            // SAFETY: as the caller promises; each is for the samples that it says.
-            return unsafe {
-                match self.is_nearest {
-                    true => v.apart(Flat::<true>(self, places, mask)),
-                    false => v.apart(Flat::<false>(self, places, mask)),
-                }
-            };
-        }
-        let offsets = self.offsets(v, operands);
-        let (s, t, layer) = self.plane(v, operands);
-        let footprint = match self.op.lod {
-            LodMode::Grad if self.has_levels() => {
-                let level = &self.image.levels[0];
-                let size = [level.width, level.height];
-                Some(lod::of_plane(operands.lod, size, self.sampler))
-            }
-            _ => None,
+        let block = Block {
+            operands,
+            mask,
+            values: [v.splat(0.0); 4],
         };
-        let (level, weight) = self.chosen_levels(v, operands, footprint.as_ref());
-        let blends = self.has_levels() && v.gt(weight, v.splat(0.0)) & mask != 0;
-        let (s, t) = ((s, offsets[0]), (t, offsets[1]));
-        let levels = [level, self.next_level(v, level)];
-        let mut components = [v.splat(0.0); 4];
-        for (i, level) in levels.into_iter().enumerate().take(1 + blends as usize) {
-            // SAFETY: the caller's promise; levels are the image's, layers the view's.
-            let of_level = unsafe { self.of_level(v, level, layer, s, t, mask) };
-            if i == 0 {
-                components = of_level;
-            } else {
-                components = [
-                    v.lerp(components[0], of_level[0], weight),
-                    v.lerp(components[1], of_level[1], weight),
-                    v.lerp(components[2], of_level[2], weight),
-                    v.lerp(components[3], of_level[3], weight),
-                ];
+        // SAFETY: as the caller promises.
+        unsafe {
+            match self.has_more {
+                true => self.whole(v, operands, mask),
+                false => self.planes(v, block).values,
             }
         }
-        components
     }
 
+    /// [`Self::values`] where there [is more to do](Self::has_more) than to weigh texels.
+    ///
     /// # Safety
-    /// As [`Self::sample`]; the levels are the image's, and offsets of its layers are given.
+    /// As [`Self::sample`].
     #[inline(always)]
-    unsafe fn of_level<V: Vector>(
+    pub(crate) unsafe fn whole<V: Vector>(
         &self,
         v: V,
-        level: V::I,
-        layer: V::I,
-        s: (V::F, Option<V::I>),
-        t: (V::F, Option<V::I>),
+        operands: &Operands<'_>,
         mask: u16,
     ) -> Components<V> {
-        let modes = self.sampler.address_mode;
-        // SAFETY: the caller's promise.
-        unsafe {
-            let levels = self.levels(v, level, mask);
-            let texel_bytes = v.splat_i(self.info.size_bytes as i32);
-            let x = self.axis(v, modes[0], s, levels.width, texel_bytes);
-            let y = self.axis(v, modes[1], t, levels.height, levels.row_stride);
-            self.weighted(v, &levels, layer, [&x, &y], mask)
-        }
+        let fast = self;
+        // SAFETY: as the caller promises.
+        let components = unsafe {
+            v.apart(Whole {
+                fast,
+                operands,
+                mask,
+            })
+        };
+        self.finish(v, components)
     }
 
     #[inline(always)]
@@ -293,17 +269,14 @@ impl Fast<'_> {
         [Some(v.load_i(rows[0])), Some(v.load_i(rows[1]))]
     }
 
-    /// The lanes' coordinates in a plane, and the byte offsets of their layers.
+    /// The byte offsets of the lanes' layers.
     #[inline(always)]
-    fn plane<V: Vector>(&self, v: V, operands: &Operands<'_>) -> (V::F, V::F, V::I) {
-        let rows = operands.coordinates;
-        let (s, t) = (v.load(rows[0]), v.load(rows[1]));
-        if !self.op.arrayed {
-            return (s, t, v.splat_i(0));
-        }
-        let layer = self.layer(v, rows[2], self.image.layer_count.max(1) as i32 - 1);
-        let stride = v.splat_i(self.image.layer_stride_bytes as i32);
-        (s, t, v.mul_i(layer, stride))
+    fn layer_offset<V: Vector>(&self, v: V, coordinate: Option<&Row>) -> V::I {
+        let Some(coordinate) = coordinate else {
+            return v.splat_i(0);
+        };
+        let layer = self.layer(v, coordinate, self.image.layer_count.max(1) as i32 - 1);
+        v.mul_i(layer, v.splat_i(self.image.layer_stride_bytes as i32))
     }
 
     /// The nearest layer to a coordinate ("Array Layer Selection").
@@ -316,7 +289,7 @@ impl Fast<'_> {
 
     /// Units to values, missing components, the view's component mapping: the results, where they are of 32 bits.
     #[inline(always)]
-    pub(crate) fn values<V: Vector>(&self, v: V, components: Components<V>) -> Components<V> {
+    fn finish<V: Vector>(&self, v: V, components: Components<V>) -> Components<V> {
         if self.straight {
             let [a, b, c, d] = [
                 v.div_units(components[0], 255.0),
@@ -358,19 +331,5 @@ impl Fast<'_> {
             v.load(&texels[2]),
             v.load(&texels[3]),
         ]
-    }
-
-    /// Results of any width.
-    #[inline(always)]
-    pub(crate) fn finish<V: Vector>(&self, v: V, components: Components<V>, results: Results<'_>) {
-        let values = self.values(v, components);
-        if self.op.depth_compare && !self.is_gather() {
-            return v.store(values[0], &mut results[0]);
-        }
-        let mut texels: Texels = [[0; SUBGROUP_SIZE]; 4];
-        for (value, row) in values.into_iter().zip(&mut texels) {
-            v.store(value, row);
-        }
-        put_texels(self.op, self.info, &texels, results);
     }
 }

@@ -12,7 +12,7 @@ use crate::SUBGROUP_SIZE;
 
 /// A byte of each of four texels, linear between them.
 #[inline(always)]
-fn blend_bytes<V: Vector>(v: V, words: [V::I; 4], index: u32, x: V::F, y: V::F) -> V::F {
+pub(super) fn blend_bytes<V: Vector>(v: V, words: [V::I; 4], index: u32, x: V::F, y: V::F) -> V::F {
     let upper = v.lerp(
         v.to_f(v.byte(words[0], index)),
         v.to_f(v.byte(words[1], index)),
@@ -81,10 +81,7 @@ impl Fast<'_> {
                 ];
                 return self.blend(v, taps, x, y);
             }
-            let words = match self.window(v, [x, y], texel_bytes, levels, mask) {
-                Some(words) => words,
-                None => self.words(v, [upper, lower], x, texel_bytes),
-            };
+            let words = self.four_words(v, levels, layer, [x, y], mask);
             if self.straight {
                 return [
                     blend_bytes(v, words, 0, x.weight, y.weight),
@@ -93,17 +90,78 @@ impl Fast<'_> {
                     blend_bytes(v, words, 3, x.weight, y.weight),
                 ];
             }
-            let mut taps = [
+            if self.srgb {
+                return self.blend_srgb(v, words, x, y);
+            }
+            let taps = [
                 self.unpack(v, words[0]),
                 self.unpack(v, words[1]),
                 self.unpack(v, words[2]),
                 self.unpack(v, words[3]),
             ];
-            if self.srgb {
-                self.put_linear(v, words, &mut taps);
-            }
             self.blend(v, taps, x, y)
         }
+    }
+
+    /// The four texels around each lane, of four bytes each.
+    ///
+    /// # Safety
+    /// As [`Self::weighted`].
+    #[inline(always)]
+    pub(super) unsafe fn four_words<V: Vector>(
+        &self,
+        v: V,
+        levels: &Levels<'_, V>,
+        layer: V::I,
+        [x, y]: [&Axis<V>; 2],
+        mask: u16,
+    ) -> [V::I; 4] {
+        let texel_bytes = v.splat_i(4);
+        // SAFETY: the caller's promise.
+        unsafe {
+            match self.window(v, [x, y], texel_bytes, levels, mask) {
+                Some(words) => words,
+                None => {
+                    let offset = v.add_i(levels.offset, layer);
+                    let rows = [v.add_i(offset, y.first), v.add_i(offset, y.second)];
+                    self.words(v, rows, x, texel_bytes)
+                }
+            }
+        }
+    }
+
+    /// Linear between the colours of four sRGB texels, and between their alpha.
+    #[inline(always)]
+    pub(super) fn blend_srgb<V: Vector>(
+        &self,
+        v: V,
+        words: [V::I; 4],
+        x: &Axis<V>,
+        y: &Axis<V>,
+    ) -> Components<V> {
+        let alpha = match self.takes(3) {
+            true => {
+                let [a, b, c, d] = [
+                    v.div_units(v.to_f(v.byte(words[0], 3)), 255.0),
+                    v.div_units(v.to_f(v.byte(words[1], 3)), 255.0),
+                    v.div_units(v.to_f(v.byte(words[2], 3)), 255.0),
+                    v.div_units(v.to_f(v.byte(words[3], 3)), 255.0),
+                ];
+                v.lerp(v.lerp(a, b, x.weight), v.lerp(c, d, x.weight), y.weight)
+            }
+            false => v.splat(0.0),
+        };
+        let [upper_left, upper_right, lower_left, lower_right] = v.linear_of_srgb(words);
+        let mut blended = [alpha; 4];
+        for (i, component) in blended.iter_mut().take(3).enumerate() {
+            let upper = v.lerp(upper_left[i], upper_right[i], x.weight);
+            let lower = v.lerp(lower_left[i], lower_right[i], x.weight);
+            *component = v.lerp(upper, lower, y.weight);
+        }
+        if self.info.codec == Codec::Srgb8Bgra {
+            blended.swap(0, 2);
+        }
+        blended
     }
 
     /// [`Self::words`] where all lanes' texels lie in a window of eight columns and five rows of one level: loads of its rows cost less than

@@ -102,7 +102,8 @@ impl Fast<'_> {
             _ => None,
         };
         let reference = self.reference(v, operands);
-        let (level, weight) = self.chosen_levels(v, operands, footprint.as_ref());
+        let (level, weight) =
+            self.chosen_levels(v, operands.lod.first().copied(), footprint.as_ref());
         let blends = self.has_levels() && v.gt(weight, v.splat(0.0)) & mask != 0;
         let levels = [level, self.next_level(v, level)];
         let anisotropy = match &footprint {
@@ -468,11 +469,10 @@ impl Fast<'_> {
     fn place<V: Vector>(&self, v: V, operands: &Operands<'_>) -> Place<V> {
         let coordinates = operands.coordinates;
         if !self.is_cube {
-            let (s, t, layer) = self.plane(v, operands);
             return Place {
-                s,
-                t,
-                layer,
+                s: v.load(coordinates[0]),
+                t: v.load(coordinates[1]),
+                layer: self.layer_offset(v, coordinates.get(2).copied()),
                 first_face: v.splat_i(0),
                 face: [0; SUBGROUP_SIZE],
             };

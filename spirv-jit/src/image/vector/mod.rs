@@ -40,6 +40,9 @@ pub trait Vector: Copy {
     type F: Copy;
     type I: Copy;
 
+    /// Whether operations are instructions of the machine: several versions of code that is made of them are worth their place.
+    const IS_MACHINES: bool = true;
+
     /// # Safety
     /// The machine has the instruction set.
     unsafe fn new() -> Self;

@@ -29,6 +29,7 @@ fn bits<T: Copy>(a: &[T; 16], b: &[T; 16], f: impl Fn(T, T) -> bool) -> u16 {
 impl Vector for Portable {
     type F = F;
     type I = I;
+    const IS_MACHINES: bool = false;
 
     #[inline(always)]
     unsafe fn new() -> Self {

@@ -1,0 +1,282 @@
+//! Samples of 2D images, without borders and comparisons, for one subgroup of a wave after the other. What the image and the sampler decide is decided
+//! before the first, most of it when this is compiled: so numbers stay in registers, and neighbours' chains of operations overlap.
+
+use std::hint::assert_unchecked;
+
+use super::super::vector::{Task, Vector};
+use super::super::{AddressMode, ImageOpKind, LodMode, lod};
+use super::levels::{Levels, levels_of};
+use super::texels::blend_bytes;
+use super::{Components, Fast};
+use crate::SUBGROUP_SIZE;
+use crate::eval::quad;
+use crate::row::Row;
+
+/// The subgroups that sample, and their operands.
+pub(crate) trait Subgroups<V: Vector> {
+    /// Whether they are a wave's: code for the common images and samplers pays off.
+    const IS_WAVE: bool;
+
+    fn count(&self) -> usize;
+
+    /// Whether samples are at the derivatives of their coordinates, which are no operands then.
+    fn derives(&self) -> bool;
+
+    /// The lanes that sample.
+    ///
+    /// # Safety
+    /// Here and below, `subgroup` is less than the count, and the operation has the operand.
+    unsafe fn mask(&self, subgroup: usize) -> u16;
+
+    unsafe fn coordinate(&self, subgroup: usize, index: usize) -> &Row;
+
+    /// Bias, level or derivatives.
+    unsafe fn lod(&self, subgroup: usize, index: usize) -> &Row;
+
+    unsafe fn offset(&self, subgroup: usize, index: usize) -> &Row;
+
+    /// Takes the results; those that are not wanted are anything.
+    unsafe fn put(&mut self, v: V, subgroup: usize, values: Components<V>);
+}
+
+/// How both coordinates are brought into a level.
+mod mode {
+    pub const CLAMP: u8 = 0;
+    pub const REPEAT: u8 = 1;
+    pub const ANY: u8 = 2;
+}
+
+/// What texels are.
+mod texels {
+    /// Four bytes, as [`Fast::straight`](super::Fast::straight) has it, linear between them.
+    pub const BYTES: u8 = 0;
+    /// Four bytes, sRGB, linear between them.
+    pub const SRGB: u8 = 1;
+    /// One texel of any format.
+    pub const NEAREST: u8 = 2;
+    /// Any format, linear between texels.
+    pub const LINEAR: u8 = 3;
+    pub const ANY: u8 = 4;
+}
+
+struct Planes<'a, 'b, S, const LEVELS: bool, const MODE: u8, const TEXELS: u8>(&'b Fast<'a>, S);
+
+impl<V: Vector, S: Subgroups<V>, const LEVELS: bool, const MODE: u8, const TEXELS: u8> Task<V>
+    for Planes<'_, '_, S, LEVELS, MODE, TEXELS>
+{
+    type Output = S;
+
+    #[inline(always)]
+    unsafe fn run(self, v: V) -> S {
+        let Planes(fast, mut subgroups) = self;
+        // SAFETY: `Fast::planes` chose this.
+        unsafe {
+            assert_unchecked(fast.op.kind == ImageOpKind::Sample && !fast.is_cube);
+            assert_unchecked(!fast.op.depth_compare);
+            assert_unchecked(LEVELS || !fast.has_levels());
+            match TEXELS {
+                texels::BYTES | texels::SRGB => {
+                    assert_unchecked(!fast.is_nearest && fast.bytes);
+                    assert_unchecked(fast.srgb == (TEXELS == texels::SRGB));
+                    assert_unchecked(fast.straight == (TEXELS == texels::BYTES));
+                }
+                texels::NEAREST => assert_unchecked(fast.is_nearest),
+                texels::LINEAR => assert_unchecked(!fast.is_nearest),
+                _ => {}
+            }
+            if MODE != mode::ANY {
+                assert_unchecked(!fast.sampler.unnormalized_coordinates);
+            }
+        }
+        let first = levels_of(v, &fast.image.levels[0]);
+        for subgroup in 0..subgroups.count() {
+            // SAFETY: the caller's promise; levels are the image's, layers the view's.
+            unsafe {
+                let mask = subgroups.mask(subgroup);
+                let s = v.load(subgroups.coordinate(subgroup, 0));
+                let t = v.load(subgroups.coordinate(subgroup, 1));
+                let layer = match fast.op.arrayed {
+                    true => Some(subgroups.coordinate(subgroup, 2)),
+                    false => None,
+                };
+                let layer = fast.layer_offset(v, layer);
+                let offsets = match fast.op.has_offset {
+                    true => [
+                        Some(v.load_i(subgroups.offset(subgroup, 0))),
+                        Some(v.load_i(subgroups.offset(subgroup, 1))),
+                    ],
+                    false => [None; 2],
+                };
+                let places = [(s, offsets[0]), (t, offsets[1])];
+                if !LEVELS {
+                    let sampled = of_level::<V, MODE, TEXELS>(fast, v, &first, layer, places, mask);
+                    subgroups.put(v, subgroup, fast.finish(v, sampled));
+                    continue;
+                }
+                let (level, weight) = levels_of_detail(fast, v, &subgroups, subgroup, mask);
+                let near = fast.levels(v, level, mask);
+                let mut sampled = of_level::<V, MODE, TEXELS>(fast, v, &near, layer, places, mask);
+                if v.gt(weight, v.splat(0.0)) & mask != 0 {
+                    let far = fast.levels(v, fast.next_level(v, level), mask);
+                    let behind = of_level::<V, MODE, TEXELS>(fast, v, &far, layer, places, mask);
+                    sampled = [
+                        v.lerp(sampled[0], behind[0], weight),
+                        v.lerp(sampled[1], behind[1], weight),
+                        v.lerp(sampled[2], behind[2], weight),
+                        v.lerp(sampled[3], behind[3], weight),
+                    ];
+                }
+                subgroups.put(v, subgroup, fast.finish(v, sampled));
+            }
+        }
+        subgroups
+    }
+}
+
+/// The level of each lane, and the weight of the next.
+///
+/// # Safety
+/// As [`Subgroups::mask`].
+#[inline(always)]
+unsafe fn levels_of_detail<V: Vector, S: Subgroups<V>>(
+    fast: &Fast<'_>,
+    v: V,
+    subgroups: &S,
+    subgroup: usize,
+    active: u16,
+) -> (V::I, V::F) {
+    let base = &fast.image.levels[0];
+    let size = [base.width, base.height];
+    // SAFETY: the caller's promise.
+    unsafe {
+        match fast.op.lod {
+            LodMode::Grad if subgroups.derives() => {
+                let mut derived = [[0; SUBGROUP_SIZE]; 4];
+                for axis in 0..2 {
+                    let coordinate = v.load(subgroups.coordinate(subgroup, axis));
+                    let x = v.derivative::<{ quad::X }>(coordinate, active);
+                    let y = v.derivative::<{ quad::Y }>(coordinate, active);
+                    v.store(x, &mut derived[axis]);
+                    v.store(y, &mut derived[2 + axis]);
+                }
+                let [sx, tx, sy, ty] = &derived;
+                let lod = lod::of_plane(&[sx, tx, sy, ty], size, fast.sampler);
+                fast.chosen_levels(v, None, Some(&lod))
+            }
+            LodMode::Grad => {
+                let rows = [
+                    subgroups.lod(subgroup, 0),
+                    subgroups.lod(subgroup, 1),
+                    subgroups.lod(subgroup, 2),
+                    subgroups.lod(subgroup, 3),
+                ];
+                let lod = lod::of_plane(&rows, size, fast.sampler);
+                fast.chosen_levels(v, None, Some(&lod))
+            }
+            LodMode::Bias | LodMode::Lod => {
+                fast.chosen_levels(v, Some(subgroups.lod(subgroup, 0)), None)
+            }
+            LodMode::Implicit => fast.chosen_levels(v, None, None),
+        }
+    }
+}
+
+/// A coordinate, and an offset in texels.
+type Place<V> = (<V as Vector>::F, Option<<V as Vector>::I>);
+
+/// # Safety
+/// As [`Fast::weighted`].
+#[inline(always)]
+unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
+    fast: &Fast<'_>,
+    v: V,
+    levels: &Levels<'_, V>,
+    layer: V::I,
+    [s, t]: [Place<V>; 2],
+    mask: u16,
+) -> Components<V> {
+    let [mode_s, mode_t] = match MODE {
+        mode::CLAMP => [AddressMode::ClampToEdge; 2],
+        mode::REPEAT => [AddressMode::Repeat; 2],
+        _ => [fast.sampler.address_mode[0], fast.sampler.address_mode[1]],
+    };
+    let texel_bytes = v.splat_i(match TEXELS {
+        texels::BYTES | texels::SRGB => 4,
+        _ => fast.info.size_bytes as i32,
+    });
+    let x = fast.axis(v, mode_s, s, levels.width, texel_bytes);
+    let y = fast.axis(v, mode_t, t, levels.height, levels.row_stride);
+    // SAFETY: the caller's promise.
+    unsafe {
+        match TEXELS {
+            texels::BYTES => {
+                let words = fast.four_words(v, levels, layer, [&x, &y], mask);
+                [
+                    blend_bytes(v, words, 0, x.weight, y.weight),
+                    blend_bytes(v, words, 1, x.weight, y.weight),
+                    blend_bytes(v, words, 2, x.weight, y.weight),
+                    blend_bytes(v, words, 3, x.weight, y.weight),
+                ]
+            }
+            texels::SRGB => {
+                let words = fast.four_words(v, levels, layer, [&x, &y], mask);
+                fast.blend_srgb(v, words, &x, &y)
+            }
+            _ => fast.weighted(v, levels, layer, [&x, &y], mask),
+        }
+    }
+}
+
+impl Fast<'_> {
+    /// Samples of subgroups, each of which has lanes that sample, where there is no more to do than to weigh texels.
+    ///
+    /// # Safety
+    /// The image's memory stays allocated during the call.
+    #[inline(always)]
+    pub(crate) unsafe fn planes<V: Vector, S: Subgroups<V>>(&self, v: V, subgroups: S) -> S {
+        use AddressMode::{ClampToEdge, Repeat};
+        debug_assert!(!self.has_more);
+        let texels = match self.bytes && !self.is_nearest {
+            true if self.srgb => texels::SRGB,
+            true if self.straight => texels::BYTES,
+            _ => texels::ANY,
+        };
+        let mode = match self.sampler.address_mode[..2] {
+            _ if self.sampler.unnormalized_coordinates => mode::ANY,
+            _ if self.has_levels() => mode::ANY,
+            [ClampToEdge, ClampToEdge] => mode::CLAMP,
+            [Repeat, Repeat] => mode::REPEAT,
+            _ => mode::ANY,
+        };
+        // SAFETY: as the caller promises; each is for the samples that it says.
+        unsafe {
+            macro_rules! run {
+                ($levels:literal $texels:ident $mode:ident) => {
+                    v.apart(Planes::<S, $levels, { mode::$mode }, { texels::$texels }>(
+                        self, subgroups,
+                    ))
+                };
+            }
+            if !V::IS_MACHINES {
+                return run!(true ANY ANY);
+            }
+            if !S::IS_WAVE {
+                return match (self.has_levels(), self.is_nearest) {
+                    (false, true) => run!(false NEAREST ANY),
+                    (false, false) => run!(false LINEAR ANY),
+                    (true, _) => run!(true ANY ANY),
+                };
+            }
+            match (self.has_levels(), texels, mode) {
+                (false, texels::BYTES, mode::CLAMP) => run!(false BYTES CLAMP),
+                (false, texels::BYTES, mode::REPEAT) => run!(false BYTES REPEAT),
+                (false, texels::SRGB, mode::CLAMP) => run!(false SRGB CLAMP),
+                (false, texels::SRGB, mode::REPEAT) => run!(false SRGB REPEAT),
+                (false, ..) => run!(false ANY ANY),
+                (true, texels::BYTES, _) => run!(true BYTES ANY),
+                (true, texels::SRGB, _) => run!(true SRGB ANY),
+                (true, ..) => run!(true ANY ANY),
+            }
+        }
+    }
+}
