@@ -20,7 +20,7 @@ impl ImageOp {
     }
 
     /// Queries that take no coordinates.
-    pub(super) fn is_size_query(&self) -> bool {
+    pub(crate) fn is_size_query(&self) -> bool {
         matches!(
             self.kind,
             ImageOpKind::QuerySize | ImageOpKind::QueryLevels | ImageOpKind::QuerySamples

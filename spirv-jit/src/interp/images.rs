@@ -55,10 +55,49 @@ fn in_tier<T: Tier, V: Vector + 'static>(op: &ImageOp) -> Handler {
 /// The instruction was emitted for the program that the machine runs.
 pub(super) unsafe fn image(m: &mut Machine<'_>, i: &Instr) {
     let plan = &m.code.images[i.x as usize];
-    for &offset in m.listed() {
+    let mut others = m.listed();
+    if plan.is_uniform_query() {
+        // SAFETY: as the caller promises.
+        others = unsafe { query_once(m, plan, others) };
+    }
+    for &offset in others {
         // SAFETY: as the caller promises.
         unsafe { block(m, plan, offset) };
     }
+}
+
+impl ImagePlan {
+    /// Whether all lanes ask an image for the same size.
+    fn is_uniform_query(&self) -> bool {
+        self.op.is_size_query()
+            && self.image.is_uniform()
+            && self
+                .operands
+                .iter()
+                .all(|(operand, _)| operand.is_uniform())
+    }
+}
+
+/// Performs such a query once; returns the subgroups that are left.
+///
+/// # Safety
+/// As [`image`].
+unsafe fn query_once<'o>(m: &Machine<'_>, plan: &ImagePlan, listed: &'o [u16]) -> &'o [u16] {
+    let Some((&first, others)) = listed.split_first() else {
+        return listed;
+    };
+    let lane = m.active[first as usize / 64].trailing_zeros() as usize & 15;
+    // SAFETY: as the caller promises; such an operation's results are of 32 bits.
+    unsafe {
+        block(m, plan, first);
+        for &(result, _) in &plan.results {
+            let answer = (*m.block::<u32>(result, first))[lane];
+            for &offset in others {
+                *m.block::<u32>(result, offset) = [answer; SUBGROUP_SIZE];
+            }
+        }
+    }
+    &[]
 }
 
 /// The lanes of a subgroup that perform an operation: helper invocations change no texels.
@@ -251,7 +290,7 @@ impl<V: Vector> Kernel for Sample<V> {
                     sample = resolve(m.environment, &plan.op, plan.wanted, descriptors);
                 }
                 listed = match &sample {
-                    Some(sample) if !sample.has_more => {
+                    Some(sample) if V::IS_MACHINES && !sample.has_more => {
                         let mut same = 1;
                         while let Some(&next) = listed.get(same)
                             && both(m, plan, next) == Some(descriptors)
@@ -320,6 +359,12 @@ impl<V: Vector> fast::Subgroups<V> for OfWave<'_, '_> {
     unsafe fn coordinate(&self, subgroup: usize, index: usize) -> &Row {
         // SAFETY: as the caller promises: the first operands.
         unsafe { self.row(subgroup, index) }
+    }
+
+    #[inline(always)]
+    unsafe fn reference(&self, subgroup: usize) -> &Row {
+        // SAFETY: as the caller promises: the operand after the coordinates.
+        unsafe { self.row(subgroup, self.plan.op.coordinate_count()) }
     }
 
     #[inline(always)]

@@ -50,7 +50,7 @@ pub(crate) struct Fast<'a> {
     is_nearest: bool,
     is_cube: bool,
     has_border: bool,
-    /// There is more to do than to weigh texels: see [`Whole`], and else [`planes`].
+    /// There is more to do than [`planes`] has code for: see [`Whole`].
     pub(crate) has_more: bool,
 }
 
@@ -92,8 +92,11 @@ impl<'a> Fast<'a> {
         let in_order = image.swizzle == [0, 1, 2, 3];
         let has_border =
             !is_cube && sampler.address_mode[..2].contains(&AddressMode::ClampToBorder);
-        let has_more =
-            is_gather || is_cube || has_border || op.depth_compare || lod::is_anisotropic(sampler);
+        let has_more = is_gather
+            || is_cube
+            || has_border
+            || op.depth_compare && image.level_count != 1
+            || lod::is_anisotropic(sampler);
         applies.then_some(Fast {
             op,
             image,
@@ -176,6 +179,11 @@ impl<V: Vector> Subgroups<V> for Block<'_, V> {
     }
 
     #[inline(always)]
+    unsafe fn reference(&self, _: usize) -> &Row {
+        self.operands.depth_reference.expect("a comparison has one")
+    }
+
+    #[inline(always)]
     unsafe fn lod(&self, _: usize, index: usize) -> &Row {
         self.operands.lod[index]
     }
@@ -230,14 +238,15 @@ impl Fast<'_> {
         };
         // SAFETY: as the caller promises.
         unsafe {
-            match self.has_more {
-                true => self.whole(v, operands, mask),
-                false => self.planes(v, block).values,
+            if self.is_of_planes::<V>() {
+                self.planes(v, block).values
+            } else {
+                self.whole(v, operands, mask)
             }
         }
     }
 
-    /// [`Self::values`] where there [is more to do](Self::has_more) than to weigh texels.
+    /// [`Self::values`] of any sample, one subgroup at a time.
     ///
     /// # Safety
     /// As [`Self::sample`].

@@ -1,10 +1,11 @@
-//! Samples of 2D images, without borders and comparisons, for one subgroup of a wave after the other. What the image and the sampler decide is decided
+//! Samples of 2D images without borders, and comparisons in those of one level, for one subgroup of a wave after the other. What the image and the sampler decide is decided
 //! before the first, most of it when this is compiled: so numbers stay in registers, and neighbours' chains of operations overlap.
 
 use std::hint::assert_unchecked;
 
 use super::super::vector::{Task, Vector};
 use super::super::{AddressMode, ImageOpKind, LodMode, lod};
+use super::axis::Axis;
 use super::levels::{Levels, levels_of};
 use super::texels::blend_bytes;
 use super::{Components, Fast};
@@ -29,6 +30,9 @@ pub(crate) trait Subgroups<V: Vector> {
     unsafe fn mask(&self, subgroup: usize) -> u16;
 
     unsafe fn coordinate(&self, subgroup: usize, index: usize) -> &Row;
+
+    /// The depth that texels are compared with.
+    unsafe fn reference(&self, subgroup: usize) -> &Row;
 
     /// Bias, level or derivatives.
     unsafe fn lod(&self, subgroup: usize, index: usize) -> &Row;
@@ -56,7 +60,9 @@ mod texels {
     pub const NEAREST: u8 = 2;
     /// Any format, linear between texels.
     pub const LINEAR: u8 = 3;
-    pub const ANY: u8 = 4;
+    /// Depths, compared before they are weighed.
+    pub const COMPARED: u8 = 4;
+    pub const ANY: u8 = 5;
 }
 
 struct Planes<'a, 'b, S, const LEVELS: bool, const MODE: u8, const TEXELS: u8>(&'b Fast<'a>, S);
@@ -72,7 +78,7 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: bool, const MODE: u8, const TEXEL
         // SAFETY: `Fast::planes` chose this.
         unsafe {
             assert_unchecked(fast.op.kind == ImageOpKind::Sample && !fast.is_cube);
-            assert_unchecked(!fast.op.depth_compare);
+            assert_unchecked(fast.op.depth_compare == (TEXELS == texels::COMPARED));
             assert_unchecked(LEVELS || !fast.has_levels());
             match TEXELS {
                 texels::BYTES | texels::SRGB => {
@@ -108,6 +114,13 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: bool, const MODE: u8, const TEXEL
                     false => [None; 2],
                 };
                 let places = [(s, offsets[0]), (t, offsets[1])];
+                if TEXELS == texels::COMPARED {
+                    let reference = fast.reference(v, subgroups.reference(subgroup));
+                    let axes = axes::<V, MODE, TEXELS>(fast, v, &first, places);
+                    let passed = fast.compared(v, &first, layer, &axes, reference, mask);
+                    subgroups.put(v, subgroup, [passed; 4]);
+                    continue;
+                }
                 if !LEVELS {
                     let sampled = of_level::<V, MODE, TEXELS>(fast, v, &first, layer, places, mask);
                     subgroups.put(v, subgroup, fast.finish(v, sampled));
@@ -184,17 +197,14 @@ unsafe fn levels_of_detail<V: Vector, S: Subgroups<V>>(
 /// A coordinate, and an offset in texels.
 type Place<V> = (<V as Vector>::F, Option<<V as Vector>::I>);
 
-/// # Safety
-/// As [`Fast::weighted`].
+/// The footprints at levels.
 #[inline(always)]
-unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
+fn axes<V: Vector, const MODE: u8, const TEXELS: u8>(
     fast: &Fast<'_>,
     v: V,
     levels: &Levels<'_, V>,
-    layer: V::I,
     [s, t]: [Place<V>; 2],
-    mask: u16,
-) -> Components<V> {
+) -> [Axis<V>; 2] {
     let [mode_s, mode_t] = match MODE {
         mode::CLAMP => [AddressMode::ClampToEdge; 2],
         mode::REPEAT => [AddressMode::Repeat; 2],
@@ -204,8 +214,24 @@ unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
         texels::BYTES | texels::SRGB => 4,
         _ => fast.info.size_bytes as i32,
     });
-    let x = fast.axis(v, mode_s, s, levels.width, texel_bytes);
-    let y = fast.axis(v, mode_t, t, levels.height, levels.row_stride);
+    [
+        fast.axis(v, mode_s, s, levels.width, texel_bytes),
+        fast.axis(v, mode_t, t, levels.height, levels.row_stride),
+    ]
+}
+
+/// # Safety
+/// As [`Fast::weighted`].
+#[inline(always)]
+unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
+    fast: &Fast<'_>,
+    v: V,
+    levels: &Levels<'_, V>,
+    layer: V::I,
+    places: [Place<V>; 2],
+    mask: u16,
+) -> Components<V> {
+    let [x, y] = axes::<V, MODE, TEXELS>(fast, v, levels, places);
     // SAFETY: the caller's promise.
     unsafe {
         match TEXELS {
@@ -228,14 +254,21 @@ unsafe fn of_level<V: Vector, const MODE: u8, const TEXELS: u8>(
 }
 
 impl Fast<'_> {
-    /// Samples of subgroups, each of which has lanes that sample, where there is no more to do than to weigh texels.
+    /// Whether [`Self::planes`] is for these samples. Where operations are no instructions, only the most common ones are worth their code.
+    #[inline(always)]
+    pub(super) fn is_of_planes<V: Vector>(&self) -> bool {
+        let is_common = V::IS_MACHINES || !self.has_levels() && !self.op.depth_compare;
+        is_common && !self.has_more
+    }
+
+    /// Samples of subgroups, each of which has lanes that sample.
     ///
     /// # Safety
     /// The image's memory stays allocated during the call.
     #[inline(always)]
     pub(crate) unsafe fn planes<V: Vector, S: Subgroups<V>>(&self, v: V, subgroups: S) -> S {
         use AddressMode::{ClampToEdge, Repeat};
-        debug_assert!(!self.has_more);
+        debug_assert!(self.is_of_planes::<V>());
         let texels = match self.bytes && !self.is_nearest {
             true if self.srgb => texels::SRGB,
             true if self.straight => texels::BYTES,
@@ -258,7 +291,10 @@ impl Fast<'_> {
                 };
             }
             if !V::IS_MACHINES {
-                return run!(true ANY ANY);
+                return run!(false ANY ANY);
+            }
+            if self.op.depth_compare {
+                return run!(false COMPARED ANY);
             }
             if !S::IS_WAVE {
                 return match (self.has_levels(), self.is_nearest) {

@@ -13,6 +13,7 @@ use super::axis::Axis;
 use super::levels::{Levels, levels_of};
 use super::{Components, Fast, Offsets};
 use crate::SUBGROUP_SIZE;
+use crate::row::Row;
 
 /// A block of such samples, compiled by itself, so that the code of common ones stays short.
 pub(super) struct Whole<'a, 'b> {
@@ -101,7 +102,10 @@ impl Fast<'_> {
             )),
             _ => None,
         };
-        let reference = self.reference(v, operands);
+        let reference = match operands.depth_reference {
+            Some(row) => Some(self.reference(v, row)),
+            None => None,
+        };
         let (level, weight) =
             self.chosen_levels(v, operands.lod.first().copied(), footprint.as_ref());
         let blends = self.has_levels() && v.gt(weight, v.splat(0.0)) & mask != 0;
@@ -170,7 +174,10 @@ impl Fast<'_> {
         let place = self.place(v, operands);
         let levels = levels_of(v, &self.image.levels[0]);
         let axes = self.axes(v, &levels, &place, self.offsets(v, operands));
-        let reference = self.reference(v, operands);
+        let reference = match operands.depth_reference {
+            Some(row) => Some(self.reference(v, row)),
+            None => None,
+        };
         // SAFETY: the caller's promise; the level is the image's.
         let taps = unsafe { self.taps(v, &levels, &place, &axes, reference, mask) };
         let component = match reference {
@@ -343,7 +350,7 @@ impl Fast<'_> {
                 if let Some(depths) = &depths {
                     texel[0] = depths[tap];
                     self.replace_outside(v, texel, inside[0][column] & inside[1][row]);
-                    self.compare(v, texel, reference);
+                    self.put_compared(v, texel, reference);
                     continue;
                 }
                 let across = if column == 0 { x.first } else { x.second };
@@ -351,7 +358,7 @@ impl Fast<'_> {
                 let at = v.add_i(v.add_i(offset, down), across);
                 *texel = self.texel(v, at);
                 self.replace_outside(v, texel, inside[0][column] & inside[1][row]);
-                self.compare(v, texel, reference);
+                self.put_compared(v, texel, reference);
                 if self.is_nearest {
                     break;
                 }
@@ -440,7 +447,7 @@ impl Fast<'_> {
             let at = v.add_i(at, v.mul_i(vector_of(v, &x), column_bytes));
             // SAFETY: the caller's promise; indices are inside the level, and layers inside the view.
             *texel = unsafe { self.texel(v, v.add_i(levels.offset, at)) };
-            self.compare(v, texel, reference);
+            self.put_compared(v, texel, reference);
         }
         // A texel past a cube's corner is the mean of the three around it.
         for (tap, lanes) in corners.into_iter().enumerate() {
@@ -504,15 +511,12 @@ impl Fast<'_> {
 
     /// What depths are compared with: fixed-point ones lie in 0..1, so it must.
     #[inline(always)]
-    fn reference<V: Vector>(&self, v: V, operands: &Operands<'_>) -> Option<V::F> {
-        let reference = match operands.depth_reference {
-            Some(row) => v.load(row),
-            None => return None,
-        };
-        Some(match self.info.numeric {
+    pub(super) fn reference<V: Vector>(&self, v: V, row: &Row) -> V::F {
+        let reference = v.load(row);
+        match self.info.numeric {
             Numeric::Unorm => v.min(v.max(reference, v.splat(0.0)), v.splat(1.0)),
             _ => reference,
-        })
+        }
     }
 
     /// Puts the border in the place of texels of other lanes than those `inside`.
@@ -531,17 +535,22 @@ impl Fast<'_> {
         }
     }
 
-    /// Puts 1 in the place of a depth whose comparison with the reference holds, else 0.
+    /// Puts the comparison in the place of a depth, if there is a reference.
     #[inline(always)]
-    fn compare<V: Vector>(&self, v: V, texel: &mut Components<V>, reference: Option<V::F>) {
-        let Some(reference) = reference else {
-            return;
-        };
+    fn put_compared<V: Vector>(&self, v: V, texel: &mut Components<V>, reference: Option<V::F>) {
+        if let Some(reference) = reference {
+            texel[0] = self.compare(v, texel[0], reference);
+        }
+    }
+
+    /// 1 where the comparison of a depth with the reference holds, else 0.
+    #[inline(always)]
+    fn compare<V: Vector>(&self, v: V, depth: V::F, reference: V::F) -> V::F {
         let depth = match block::unit_scale(self.info) {
-            1.0 => texel[0],
+            1.0 => depth,
             // A border need not be among the units.
-            scale if self.has_border => v.div(texel[0], v.splat(scale)),
-            scale => v.div_units(texel[0], scale),
+            scale if self.has_border => v.div(depth, v.splat(scale)),
+            scale => v.div_units(depth, scale),
         };
         let holds = match self.sampler.compare.unwrap_or(CompareOp::Never) {
             CompareOp::Never => 0,
@@ -554,6 +563,66 @@ impl Fast<'_> {
             CompareOp::Always => u16::MAX,
         };
         let (one, zero) = (v.splat(1.0), v.splat(0.0));
-        texel[0] = v.bits_to_f(v.select(holds, v.bits_of(one), v.bits_of(zero)));
+        v.bits_to_f(v.select(holds, v.bits_of(one), v.bits_of(zero)))
+    }
+
+    /// The comparison of a plane's depths at the lanes' places with the reference: linear between those of four texels, or the nearest one's.
+    ///
+    /// # Safety
+    /// As [`Fast::weighted`].
+    #[inline(always)]
+    pub(super) unsafe fn compared<V: Vector>(
+        &self,
+        v: V,
+        levels: &Levels<'_, V>,
+        layer: V::I,
+        axes: &[Axis<V>; 2],
+        reference: V::F,
+        mask: u16,
+    ) -> V::F {
+        let [x, y] = axes;
+        let offset = v.add_i(levels.offset, layer);
+        // SAFETY: the caller's promise.
+        unsafe {
+            if self.is_nearest {
+                let texel = self.texel(v, v.add_i(v.add_i(offset, y.first), x.first));
+                return self.compare(v, texel[0], reference);
+            }
+            let depths = match self.info.codec {
+                Codec::Words(1) if self.info.size_bytes == 4 => {
+                    let words = self.four_words(v, levels, layer, [x, y], mask);
+                    Some([
+                        v.bits_to_f(words[0]),
+                        v.bits_to_f(words[1]),
+                        v.bits_to_f(words[2]),
+                        v.bits_to_f(words[3]),
+                    ])
+                }
+                _ => self.depths(v, offset, axes),
+            };
+            let [a, b, c, d] = match depths {
+                Some(depths) => depths,
+                None => {
+                    let (upper, lower) = (v.add_i(offset, y.first), v.add_i(offset, y.second));
+                    [
+                        self.texel(v, v.add_i(upper, x.first))[0],
+                        self.texel(v, v.add_i(upper, x.second))[0],
+                        self.texel(v, v.add_i(lower, x.first))[0],
+                        self.texel(v, v.add_i(lower, x.second))[0],
+                    ]
+                }
+            };
+            let upper = v.lerp(
+                self.compare(v, a, reference),
+                self.compare(v, b, reference),
+                x.weight,
+            );
+            let lower = v.lerp(
+                self.compare(v, c, reference),
+                self.compare(v, d, reference),
+                x.weight,
+            );
+            v.lerp(upper, lower, y.weight)
+        }
     }
 }

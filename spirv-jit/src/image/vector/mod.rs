@@ -40,7 +40,7 @@ pub trait Vector: Copy {
     type F: Copy;
     type I: Copy;
 
-    /// Whether operations are instructions of the machine: several versions of code that is made of them are worth their place.
+    /// Whether operations are instructions of the machine: versions of code for the common cases are worth their place.
     const IS_MACHINES: bool = true;
 
     /// # Safety
