@@ -13,25 +13,12 @@ use super::group_hits::GroupHits;
 use super::kernel::{Kernel, T_MARGIN};
 use super::leaf::{Leaf, Triangles};
 use super::opaque::{End, Nearest, Opaque, Pending};
-use super::rows::Lanes;
 use super::sight::LaneOf;
 use super::space::Space;
 use crate::layout::{Block, GROUP, MARGIN_RISE, NodeAt, TriangleGroup, WIDTH};
 
 /// Eight boxes or four triangles in one vector. `WIDE`: with AVX-512.
 pub(crate) struct Avx<const WIDE: bool>;
-
-/// What box tests need of a ray, in every lane.
-#[derive(Clone, Copy)]
-pub(crate) struct AvxBoxes {
-    near_origin: [__m256; 3],
-    far_origin: [__m256; 3],
-    near_inverse: [__m256; 3],
-    far_inverse: [__m256; 3],
-    /// Offsets in bytes of the rows with the near planes.
-    near_rows: [usize; 3],
-    t_min: __m256,
-}
 
 /// What triangle tests need of a ray, in every lane.
 #[derive(Clone, Copy)]
@@ -44,7 +31,7 @@ pub(crate) struct AvxShear {
     t_min: __m128,
 }
 
-/// What box tests need of a ray of a list, in every lane.
+/// What box tests need of a ray, in every lane; see [`Beams`].
 #[derive(Clone, Copy)]
 pub(crate) struct AvxBeam {
     origin: [__m256; 3],
@@ -52,31 +39,45 @@ pub(crate) struct AvxBeam {
     near_inverse: [__m256; 3],
     far_inverse: [__m256; 3],
     near_rows: [usize; 3],
-    t_min: __m256i,
-    t_far: __m256i,
+    t_min: __m256,
+    t_far: __m256,
 }
 
 impl<const WIDE: bool> Kernel for Avx<WIDE> {
-    type Boxes = AvxBoxes;
-    type Shear = AvxShear;
     type Beam = AvxBeam;
-    type Near = __m256i;
+    type Shear = AvxShear;
+    type Near = __m256;
 
     #[inline(always)]
-    unsafe fn load_boxes(space: &Space) -> AvxBoxes {
+    unsafe fn load_space(space: &Space, t_far: f32) -> AvxBeam {
+        let three = |[x, y, z, _]: [f32; 4]| [x, y, z];
         // SAFETY: the caller promises AVX.
         unsafe {
-            AvxBoxes {
-                near_origin: eight(&space.near_origin),
-                far_origin: eight(&space.far_origin),
-                near_inverse: eight(&space.near_inverse),
-                far_inverse: eight(&space.far_inverse),
-                near_rows: [
-                    space.near_row(0) * ROW as usize,
-                    space.near_row(1) * ROW as usize,
-                    space.near_row(2) * ROW as usize,
-                ],
+            AvxBeam {
+                origin: eight(three(space.near_origin)),
+                far_origin: eight(three(space.far_origin)),
+                near_inverse: eight(three(space.near_inverse)),
+                far_inverse: eight(three(space.far_inverse)),
+                near_rows: [0, 1, 2].map(|axis| space.near_row(axis) * ROW as usize),
                 t_min: _mm256_set1_ps(space.t_min),
+                t_far: _mm256_set1_ps(t_far),
+            }
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn load_beam(beams: &Beams, lane: usize, t_far: f32) -> AvxBeam {
+        let row = |axis: usize| beams.near_rows[axis][lane] as usize;
+        // SAFETY: the caller promises AVX.
+        unsafe {
+            AvxBeam {
+                origin: eight([0, 1, 2].map(|axis| beams.origin[axis][lane])),
+                far_origin: eight([0, 1, 2].map(|axis| beams.far_origin[axis][lane])),
+                near_inverse: eight([0, 1, 2].map(|axis| beams.near_inverse[axis][lane])),
+                far_inverse: eight([0, 1, 2].map(|axis| beams.far_inverse[axis][lane])),
+                near_rows: [row(0), row(1), row(2)],
+                t_min: _mm256_set1_ps(beams.t_min[lane]),
+                t_far: _mm256_set1_ps(t_far),
             }
         }
     }
@@ -95,33 +96,6 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
                 inverse_z: _mm_set1_ps(space.inverse_z),
                 t_min: _mm_set1_ps(space.t_min),
             }
-        }
-    }
-
-    #[inline(always)]
-    unsafe fn test_node(
-        ray: &AvxBoxes,
-        node: NodeAt<'_>,
-        t_far: f32,
-        near_out: &mut [f32; WIDTH],
-    ) -> u32 {
-        // SAFETY: the caller promises AVX; nodes are aligned, and rows are below six.
-        unsafe {
-            let base = node.bounds();
-            // Operand order decides what NaN does: see `space::max`.
-            let (x_near, x_far) = planes(ray, base, 0);
-            let (y_near, y_far) = planes(ray, base, 1);
-            let (z_near, z_far) = planes(ray, base, 2);
-            let near = _mm256_max_ps(
-                _mm256_max_ps(x_near, y_near),
-                _mm256_max_ps(z_near, ray.t_min),
-            );
-            let far = _mm256_min_ps(
-                _mm256_min_ps(x_far, y_far),
-                _mm256_min_ps(z_far, _mm256_set1_ps(t_far)),
-            );
-            _mm256_storeu_ps(near_out.as_mut_ptr(), near);
-            _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far)) as u32
         }
     }
 
@@ -169,50 +143,39 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
     }
 
     #[inline(always)]
-    unsafe fn load_beam(beams: &Beams, lane: usize, t_far: f32) -> AvxBeam {
-        let row = |axis: usize| beams.near_rows[axis][lane] as usize;
-        // SAFETY: the caller promises AVX.
-        unsafe {
-            AvxBeam {
-                origin: in_lane(&beams.origin, lane),
-                far_origin: in_lane(&beams.far_origin, lane),
-                near_inverse: in_lane(&beams.near_inverse, lane),
-                far_inverse: in_lane(&beams.far_inverse, lane),
-                near_rows: [row(0), row(1), row(2)],
-                t_min: _mm256_castps_si256(_mm256_set1_ps(beams.t_min[lane])),
-                t_far: _mm256_castps_si256(_mm256_set1_ps(t_far)),
-            }
-        }
-    }
-
-    #[inline(always)]
     unsafe fn shorten(beam: &mut AvxBeam, t_far: f32) {
         // SAFETY: the caller promises AVX.
-        beam.t_far = unsafe { _mm256_castps_si256(_mm256_set1_ps(t_far)) };
+        beam.t_far = unsafe { _mm256_set1_ps(t_far) };
     }
 
     #[inline(always)]
-    unsafe fn meet(beam: &AvxBeam, node: NodeAt<'_>) -> (u32, __m256i) {
+    unsafe fn meet<const CLOSED: bool>(beam: &AvxBeam, node: NodeAt<'_>) -> (u32, __m256) {
         // SAFETY: the caller promises AVX; nodes are aligned, and rows are below six.
         unsafe {
             let base = node.bounds();
-            // As integers, which are faster: from 0 on the order is that of numbers, and what is negative, NaN with it (0 · ∞
-            // has its sign), is below `t_min` and any near plane.
-            let (x_near, x_far) = beam_planes(beam, base, 0);
-            let (y_near, y_far) = beam_planes(beam, base, 1);
-            let (z_near, z_far) = beam_planes(beam, base, 2);
-            let near = _mm256_max_epi32(
-                _mm256_max_epi32(x_near, y_near),
-                _mm256_max_epi32(z_near, beam.t_min),
-            );
-            let far = _mm256_min_epi32(
-                _mm256_min_epi32(x_far, y_far),
-                _mm256_min_epi32(z_far, beam.t_far),
-            );
+            let (x_near, x_far) = planes::<CLOSED>(beam, base, 0);
+            let (y_near, y_far) = planes::<CLOSED>(beam, base, 1);
+            let (z_near, z_far) = planes::<CLOSED>(beam, base, 2);
+            if CLOSED {
+                // Operand order decides what NaN does: see `space::max`.
+                let near = _mm256_max_ps(
+                    _mm256_max_ps(x_near, y_near),
+                    _mm256_max_ps(z_near, beam.t_min),
+                );
+                let far = _mm256_min_ps(
+                    _mm256_min_ps(x_far, y_far),
+                    _mm256_min_ps(z_far, beam.t_far),
+                );
+                let mask = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far));
+                return (mask as u32, near);
+            }
+            let near = greater(greater(x_near, y_near), greater(z_near, beam.t_min));
+            let far = lesser(lesser(x_far, y_far), lesser(z_far, beam.t_far));
+            let [near_bits, far_bits] = [_mm256_castps_si256(near), _mm256_castps_si256(far)];
             let mask = if WIDE {
-                u32::from(_mm256_cmple_epi32_mask(near, far))
+                u32::from(_mm256_cmple_epi32_mask(near_bits, far_bits))
             } else {
-                let beyond = _mm256_castsi256_ps(_mm256_cmpgt_epi32(near, far));
+                let beyond = _mm256_castsi256_ps(_mm256_cmpgt_epi32(near_bits, far_bits));
                 !_mm256_movemask_ps(beyond) as u32 & 0xFF
             };
             (mask, near)
@@ -221,7 +184,7 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
 
     #[inline(always)]
     unsafe fn push<const ANY: bool>(
-        near: __m256i,
+        near: __m256,
         mask: u32,
         node: NodeAt<'_>,
         place: *mut Entry,
@@ -229,7 +192,7 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
         let mut nears = Nears([0.0; WIDTH]);
         // SAFETY: the caller's promise.
         unsafe {
-            _mm256_store_si256(nears.0.as_mut_ptr().cast(), near);
+            _mm256_store_ps(nears.0.as_mut_ptr(), near);
             push_children::<ANY>(mask, node, &nears.0, place)
         }
     }
@@ -279,50 +242,54 @@ impl<const WIDE: bool> Kernel for Avx<WIDE> {
     }
 }
 
-/// Where the ray meets the near and the far planes of an axis.
+/// Where the ray meets the near and the far planes of an axis. The inverses of rays of lists have the opposite sign.
 #[inline(always)]
-unsafe fn planes(ray: &AvxBoxes, base: *const u8, axis: usize) -> (__m256, __m256) {
-    // SAFETY: the callers promise AVX; nodes are aligned, and rows are below six.
-    unsafe {
-        let row = ray.near_rows[axis];
-        let enter = _mm256_sub_ps(_mm256_load_ps(base.add(row).cast()), ray.near_origin[axis]);
-        let leave = _mm256_sub_ps(
-            _mm256_load_ps(base.add(row ^ ROW as usize).cast()),
-            ray.far_origin[axis],
-        );
-        (
-            _mm256_mul_ps(enter, ray.near_inverse[axis]),
-            _mm256_mul_ps(leave, ray.far_inverse[axis]),
-        )
-    }
-}
-
-/// The same for a ray of a list.
-#[inline(always)]
-unsafe fn beam_planes(beam: &AvxBeam, base: *const u8, axis: usize) -> (__m256i, __m256i) {
+unsafe fn planes<const CLOSED: bool>(
+    beam: &AvxBeam,
+    base: *const u8,
+    axis: usize,
+) -> (__m256, __m256) {
     // SAFETY: the callers promise AVX; nodes are aligned, and rows are below six.
     unsafe {
         let row = beam.near_rows[axis];
-        let enter = _mm256_sub_ps(beam.origin[axis], _mm256_load_ps(base.add(row).cast()));
-        let far_row = base.add(row ^ ROW as usize);
-        let leave = _mm256_sub_ps(beam.far_origin[axis], _mm256_load_ps(far_row.cast()));
+        let near = _mm256_load_ps(base.add(row).cast());
+        let far = _mm256_load_ps(base.add(row ^ ROW as usize).cast());
+        let (enter, leave) = if CLOSED {
+            (
+                _mm256_sub_ps(near, beam.origin[axis]),
+                _mm256_sub_ps(far, beam.far_origin[axis]),
+            )
+        } else {
+            (
+                _mm256_sub_ps(beam.origin[axis], near),
+                _mm256_sub_ps(beam.far_origin[axis], far),
+            )
+        };
         (
-            _mm256_castps_si256(_mm256_mul_ps(enter, beam.near_inverse[axis])),
-            _mm256_castps_si256(_mm256_mul_ps(leave, beam.far_inverse[axis])),
+            _mm256_mul_ps(enter, beam.near_inverse[axis]),
+            _mm256_mul_ps(leave, beam.far_inverse[axis]),
         )
     }
 }
 
-/// A component of each axis of a ray of a list in every lane.
+/// The greater as integers, which is faster: from 0 on the order is that of numbers, and what is negative, NaN with it (0 · ∞ has its sign), is
+/// below `t_min` and any near plane.
 #[inline(always)]
-unsafe fn in_lane(v: &[Lanes; 3], lane: usize) -> [__m256; 3] {
-    // SAFETY: the callers promise AVX.
+unsafe fn greater(a: __m256, b: __m256) -> __m256 {
+    // SAFETY: the callers promise AVX2.
     unsafe {
-        [
-            _mm256_set1_ps(v[0][lane]),
-            _mm256_set1_ps(v[1][lane]),
-            _mm256_set1_ps(v[2][lane]),
-        ]
+        let [a, b] = [_mm256_castps_si256(a), _mm256_castps_si256(b)];
+        _mm256_castsi256_ps(_mm256_max_epi32(a, b))
+    }
+}
+
+/// The lesser as integers: see [`greater`].
+#[inline(always)]
+unsafe fn lesser(a: __m256, b: __m256) -> __m256 {
+    // SAFETY: the callers promise AVX2.
+    unsafe {
+        let [a, b] = [_mm256_castps_si256(a), _mm256_castps_si256(b)];
+        _mm256_castsi256_ps(_mm256_min_epi32(a, b))
     }
 }
 
@@ -332,8 +299,8 @@ struct Nears([f32; WIDTH]);
 
 /// A component of each axis in every lane.
 #[inline(always)]
-unsafe fn eight(v: &[f32; 4]) -> [__m256; 3] {
-    // SAFETY: the callers promise AVX.
+unsafe fn eight(v: [f32; 3]) -> [__m256; 3] {
+    // SAFETY: the callers promise AVX. Not by `map`, whose closure would be compiled without it.
     unsafe {
         [
             _mm256_set1_ps(v[0]),

@@ -1,6 +1,6 @@
 //! The loop: from nodes down to leaves.
 
-use super::children::{LARGE, fetch, push_children};
+use super::children::{LARGE, fetch};
 use super::entry::{Entry, STACK};
 use super::kernel::Kernel;
 use super::leaf::{Leaf, Triangles};
@@ -10,10 +10,6 @@ use super::options::Specialisation;
 use super::{Event, Walk, Walker, test_leaf};
 use crate::layout::{WIDTH, child};
 use crate::structure::Kind;
-
-/// Where children are entered; aligned, so that one vector's store meets no line's end.
-#[repr(align(32))]
-struct Distances([f32; WIDTH]);
 
 /// Runs a walk until something has to be decided outside. `ANY`: its first hit ends it, so the
 /// order of children does not matter.
@@ -135,9 +131,9 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
             floor = 0;
             continue 'level;
         }
-        // SAFETY: the caller's promise.
-        let ray = unsafe { K::load_boxes(space) };
         let mut t_far = space.scaled_up(walk.hit.t);
+        // SAFETY: the caller's promise.
+        let mut ray = unsafe { K::load_space(space, t_far) };
 
         let entered = 'next: loop {
             // The nearest pending child that is still near enough.
@@ -175,9 +171,8 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                     // Deeper than any structure that was built: corrupt.
                     continue 'next;
                 }
-                let mut near = Distances([0.0; WIDTH]);
                 // SAFETY: the caller's promise.
-                let mask = unsafe { K::test_node(&ray, node, t_far, &mut near.0) };
+                let (mask, near) = unsafe { K::meet::<true>(&ray, node) };
                 if mask == 0 {
                     continue 'next;
                 }
@@ -188,7 +183,7 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
                 unsafe {
                     let place = stack.as_mut_ptr().add(length);
                     let pushed;
-                    (word, pushed) = push_children::<ANY>(mask, node, &near.0, place);
+                    (word, pushed) = K::push::<ANY>(near, mask, node, place);
                     length += pushed;
                 }
             }
@@ -201,7 +196,11 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
             }
             if !is_triangles {
                 match test_leaf::test_other(walk, level, instance, word, &mut t_far) {
-                    Leaf::Finished => continue 'next,
+                    Leaf::Finished => {
+                        // SAFETY: the caller's promise.
+                        unsafe { K::shorten(&mut ray, t_far) };
+                        continue 'next;
+                    }
                     Leaf::Over => break 'level Event::Done,
                     Leaf::Ask(event, lane) => {
                         walk.leaf = Some((word, lane + 1));
@@ -217,7 +216,8 @@ pub(crate) unsafe fn run<K: Kernel, const ANY: bool>(
             };
             // SAFETY: the caller's promise.
             match unsafe { K::test_leaf(&leaf, walk, &mut t_far) } {
-                Leaf::Finished => {}
+                // SAFETY: likewise.
+                Leaf::Finished => unsafe { K::shorten(&mut ray, t_far) },
                 Leaf::Over => break 'level Event::Done,
                 Leaf::Ask(event, lane) => {
                     walk.leaf = Some((word, lane + 1));

@@ -7,26 +7,30 @@ use super::group_hits::GroupHits;
 use super::leaf::{Leaf, Triangles};
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::space::Space;
-use crate::layout::{Block, NodeAt, TriangleGroup, WIDTH};
+use crate::layout::{Block, NodeAt, TriangleGroup};
 
 /// Inner tests with one instruction set.
 ///
 /// Methods are inlined into a function that has the instruction set enabled.
 pub(crate) trait Kernel {
-    /// A ray, ready for tests of boxes.
-    type Boxes: Copy;
+    /// A ray and where its interval ends, ready for tests of boxes.
+    type Beam: Copy;
     /// A ray, ready for tests of triangles.
     type Shear: Copy;
-    /// A ray of a list, ready for tests of boxes.
-    type Beam: Copy;
     /// Where a ray enters the boxes of a node.
     type Near: Copy;
 
-    /// Prepares a ray for boxes.
+    /// Prepares a ray for boxes, whose interval ends at `t_far`.
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn load_boxes(space: &Space) -> Self::Boxes;
+    unsafe fn load_space(space: &Space, t_far: f32) -> Self::Beam;
+
+    /// The same for a ray of a list.
+    ///
+    /// # Safety
+    /// The machine has the instruction set.
+    unsafe fn load_beam(beams: &Beams, lane: usize, t_far: f32) -> Self::Beam;
 
     /// Prepares a ray for triangles.
     ///
@@ -34,30 +38,12 @@ pub(crate) trait Kernel {
     /// The machine has the instruction set.
     unsafe fn load_shear(space: &Space) -> Self::Shear;
 
-    /// Which children's boxes the ray meets in `[t_min, t_far]`, as bits, and where it enters all
-    /// eight.
-    ///
-    /// # Safety
-    /// The machine has the instruction set.
-    unsafe fn test_node(
-        ray: &Self::Boxes,
-        node: NodeAt<'_>,
-        t_far: f32,
-        near: &mut [f32; WIDTH],
-    ) -> u32;
-
-    /// Which lanes [`intersect`](super::triangle::intersect)(super::triangle::intersect) might report in `[t_min, t_far]`:
+    /// Which lanes [`intersect`](super::triangle::intersect) might report in `[t_min, t_far]`:
     /// none of those that it would is missing.
     ///
     /// # Safety
     /// The machine has the instruction set.
     unsafe fn test_group(ray: &Self::Shear, group: &TriangleGroup, t_far: f32) -> u32;
-
-    /// Prepares a ray of a list, whose interval ends at `t_far`.
-    ///
-    /// # Safety
-    /// The machine has the instruction set.
-    unsafe fn load_beam(beams: &Beams, lane: usize, t_far: f32) -> Self::Beam;
 
     /// Ends the ray's interval sooner.
     ///
@@ -65,11 +51,12 @@ pub(crate) trait Kernel {
     /// The machine has the instruction set.
     unsafe fn shorten(beam: &mut Self::Beam, t_far: f32);
 
-    /// [`Self::test_node`] for a ray of a list.
+    /// Which children's boxes the ray meets in its interval, as bits, and where it enters all eight. `CLOSED`: for a ray of
+    /// [`Self::load_space`]. One of [`Self::load_beam`] may miss boxes that it leaves where it starts, since its interval is open.
     ///
     /// # Safety
     /// The machine has the instruction set.
-    unsafe fn meet(beam: &Self::Beam, node: NodeAt<'_>) -> (u32, Self::Near);
+    unsafe fn meet<const CLOSED: bool>(beam: &Self::Beam, node: NodeAt<'_>) -> (u32, Self::Near);
 
     /// Puts the children of a node in `mask`, of which there are two or more, down from `place` on, farthest first, but for the
     /// nearest. Returns that one's word, and how many were put down. With `ANY`, in an order that does not depend on the ray.

@@ -15,39 +15,23 @@ use crate::layout::{Block, GROUP, NodeAt, TriangleGroup, WIDTH};
 pub(crate) struct Portable;
 
 impl Kernel for Portable {
-    type Boxes = Space;
-    type Shear = Space;
     type Beam = (Space, f32);
+    type Shear = Space;
     type Near = [f32; WIDTH];
 
     #[inline(always)]
-    unsafe fn load_boxes(space: &Space) -> Space {
-        *space
+    unsafe fn load_space(space: &Space, t_far: f32) -> (Space, f32) {
+        (*space, t_far)
+    }
+
+    #[inline(always)]
+    unsafe fn load_beam(beams: &Beams, lane: usize, t_far: f32) -> (Space, f32) {
+        (beams.space(lane), t_far)
     }
 
     #[inline(always)]
     unsafe fn load_shear(space: &Space) -> Space {
         *space
-    }
-
-    #[inline(always)]
-    unsafe fn test_node(ray: &Space, node: NodeAt<'_>, t_far: f32, near: &mut [f32; WIDTH]) -> u32 {
-        let mut far = [0.0; WIDTH];
-        for i in 0..WIDTH {
-            let plane = |axis: usize| {
-                let row = ray.near_row(axis);
-                let enter = node.bound(row, i) - ray.near_origin[axis];
-                let leave = node.bound(row ^ 1, i) - ray.far_origin[axis];
-                (
-                    enter * ray.near_inverse[axis],
-                    leave * ray.far_inverse[axis],
-                )
-            };
-            let (x, y, z) = (plane(0), plane(1), plane(2));
-            near[i] = max(max(x.0, y.0), max(z.0, ray.t_min));
-            far[i] = min(min(x.1, y.1), min(z.1, t_far));
-        }
-        (0..WIDTH).fold(0, |mask, i| mask | u32::from(near[i] <= far[i]) << i)
     }
 
     #[inline(always)]
@@ -86,20 +70,31 @@ impl Kernel for Portable {
     }
 
     #[inline(always)]
-    unsafe fn load_beam(beams: &Beams, lane: usize, t_far: f32) -> (Space, f32) {
-        (beams.space(lane), t_far)
-    }
-
-    #[inline(always)]
     unsafe fn shorten(beam: &mut (Space, f32), t_far: f32) {
         beam.1 = t_far;
     }
 
     #[inline(always)]
-    unsafe fn meet(beam: &(Space, f32), node: NodeAt<'_>) -> (u32, [f32; WIDTH]) {
-        let mut near = [0.0; WIDTH];
-        // SAFETY: every machine has plain Rust.
-        let mask = unsafe { Portable::test_node(&beam.0, node, beam.1, &mut near) };
+    unsafe fn meet<const CLOSED: bool>(
+        (ray, t_far): &(Space, f32),
+        node: NodeAt<'_>,
+    ) -> (u32, [f32; WIDTH]) {
+        let (mut near, mut far) = ([0.0; WIDTH], [0.0; WIDTH]);
+        for i in 0..WIDTH {
+            let plane = |axis: usize| {
+                let row = ray.near_row(axis);
+                let enter = node.bound(row, i) - ray.near_origin[axis];
+                let leave = node.bound(row ^ 1, i) - ray.far_origin[axis];
+                (
+                    enter * ray.near_inverse[axis],
+                    leave * ray.far_inverse[axis],
+                )
+            };
+            let (x, y, z) = (plane(0), plane(1), plane(2));
+            near[i] = max(max(x.0, y.0), max(z.0, ray.t_min));
+            far[i] = min(min(x.1, y.1), min(z.1, *t_far));
+        }
+        let mask = (0..WIDTH).fold(0, |mask, i| mask | u32::from(near[i] <= far[i]) << i);
         (mask, near)
     }
 
