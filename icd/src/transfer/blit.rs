@@ -9,10 +9,9 @@ use spirv_jit::image::format::block::Texels;
 use spirv_jit::image::operands::MAX_RESULT_ROWS;
 use spirv_jit::image::texels::store_block;
 use spirv_jit::image::{
-    AddressMode, Dim, Filter, Format, ImageDescriptor, ImageOp, ImageOpKind, Level, LodMode,
-    MAX_LEVELS, Reduction, SamplerDescriptor,
+    AddressMode, Dim, Filter, Format, ImageDescriptor, ImageOp, ImageOpKind, Level, MAX_LEVELS,
+    SamplerDescriptor,
 };
-use spirv_jit::ir::Type;
 use spirv_jit::program::Row;
 
 use super::rows::for_rows;
@@ -213,18 +212,11 @@ impl Reader {
         };
         Self {
             op: ImageOp {
-                kind: ImageOpKind::Sample,
-                dim: if is_volume { Dim::D3 } else { Dim::D2 },
                 arrayed: !is_volume,
-                multisampled: false,
-                depth_compare: false,
-                lod: LodMode::Implicit,
-                has_min_lod: false,
-                has_offset: false,
-                has_offsets: false,
-                texel: Type::F32,
-                signed: false,
-                format: Format::UNDEFINED,
+                ..ImageOp::plain(
+                    ImageOpKind::Sample,
+                    if is_volume { Dim::D3 } else { Dim::D2 },
+                )
             },
             image: ImageDescriptor {
                 data: from.texel(0, 0, 0, 0),
@@ -247,17 +239,9 @@ impl Reader {
             sampler: SamplerDescriptor {
                 mag_filter: filter,
                 min_filter: filter,
-                mipmap_mode: Filter::Nearest,
                 address_mode: [AddressMode::ClampToEdge; 3],
-                mip_lod_bias: 0.0,
-                min_lod: 0.0,
-                max_lod: 0.0,
-                max_anisotropy: 1.0,
-                compare: None,
-                reduction: Reduction::WeightedAverage,
-                border_color: [0; 4],
                 unnormalized_coordinates: true,
-                non_seamless: false,
+                ..SamplerDescriptor::DEFAULT
             },
             is_volume,
         }

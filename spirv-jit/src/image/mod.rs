@@ -232,25 +232,6 @@ impl SamplerDescriptor {
     };
 }
 
-/// A plain sample of a 2D image.
-#[cfg(test)]
-fn image_op_for_tests() -> ImageOp {
-    ImageOp {
-        kind: ImageOpKind::Sample,
-        dim: Dim::D2,
-        arrayed: false,
-        multisampled: false,
-        depth_compare: false,
-        lod: LodMode::Implicit,
-        has_min_lod: false,
-        has_offset: false,
-        has_offsets: false,
-        texel: crate::types::Type::F32,
-        signed: false,
-        format: Format::UNDEFINED,
-    }
-}
-
 /// How the level of detail is chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum LodMode {
@@ -319,6 +300,24 @@ pub struct ImageOp {
 }
 
 impl ImageOp {
+    /// On floats, in the view's format, without any of the flags.
+    pub const fn plain(kind: ImageOpKind, dim: Dim) -> ImageOp {
+        ImageOp {
+            kind,
+            dim,
+            arrayed: false,
+            multisampled: false,
+            depth_compare: false,
+            lod: LodMode::Implicit,
+            has_min_lod: false,
+            has_offset: false,
+            has_offsets: false,
+            texel: crate::types::Type::F32,
+            signed: false,
+            format: Format::UNDEFINED,
+        }
+    }
+
     /// Components of the coordinates, array layer included: but a level-of-detail query takes no layer, and the third coordinate of a stored cube array
     /// is its layer already, 6 × cube + face.
     pub fn coordinate_count(&self) -> usize {

@@ -180,11 +180,6 @@ impl Planes {
         self.planes().iter().map(|it| it.memory).max().unwrap_or(0) as usize + 1
     }
 
-    /// Whether chroma has half the width.
-    pub fn is_subsampled(&self) -> bool {
-        self.planes().iter().any(|plane| plane.halved[0])
-    }
-
     /// Whether images of the format can only be sampled with a conversion ("Formats Requiring Sampler Y′CbCr Conversion").
     pub fn requires_conversion(&self) -> bool {
         self.count > 1
@@ -317,7 +312,7 @@ fn convert(conversion: &Conversion, [r, g, b]: [f32; 3]) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::super::execute::execute_block;
-    use super::super::{AddressMode, Dim, Level, image_op_for_tests};
+    use super::super::{AddressMode, Dim, ImageOp, ImageOpKind, Level};
     use super::*;
 
     fn conversion(format: Format, model: Model, narrow: bool) -> Conversion {
@@ -439,7 +434,7 @@ mod tests {
                 ..conversion(Format(1_000_156_004), Model::RgbIdentity, false)
             });
             let mut results = [[0; 16]; 8];
-            let op = image_op_for_tests();
+            let op = ImageOp::plain(ImageOpKind::Sample, Dim::D2);
             // SAFETY: the descriptor's memory is the array above.
             unsafe {
                 execute_block(

@@ -159,19 +159,13 @@ impl Lowerer<'_> {
                 .invalid("texels are 32-bit floats or 32- or 64-bit integers"));
         }
         Ok(ImageOp {
-            kind,
-            dim,
             // The layer of an input attachment is the one that is drawn to.
             arrayed: image.arrayed || image.dim == spirv::Dim::DimSubpassData,
             multisampled: image.multisampled,
-            depth_compare: false,
-            lod: LodMode::Implicit,
-            has_min_lod: false,
-            has_offset: false,
-            has_offsets: false,
             texel,
             signed: self.types.is_signed(image.sampled_type),
             format: declared_format(image.format),
+            ..ImageOp::plain(kind, dim)
         })
     }
 

@@ -17,7 +17,7 @@ proptest! {
         let size: [u32; 3] = std::array::from_fn(|axis| if axis < axes { size[axis] } else { 1 });
         let layers = if axes == 3 { 1 } else { layers };
         let image = Image::new(format, dim, size, 3, layers, seed);
-        let op = ImageOp { arrayed: layers > 1, lod: LodMode::Lod, has_offset: offset.is_some(), ..image_op(ImageOpKind::Fetch, dim) };
+        let op = ImageOp { arrayed: layers > 1, lod: LodMode::Lod, has_offset: offset.is_some(), ..ImageOp::plain(ImageOpKind::Fetch, dim) };
         let mut rows: Vec<Row> = (0..axes).map(|axis| coordinates.map(|c| c[axis] as u32)).collect();
         if layers > 1 { rows.push(coordinates.map(|c| c[3] as u32)); }
         rows.push(lods.map(|lod| lod as u32));
@@ -52,7 +52,7 @@ proptest! {
             if info.is_wide() || info.blocks().is_some() { continue; }
             let image = Image::new(format, Dim::D2, [8, 8, 1], 1, 1, seed);
             let texel = if info.numeric.is_integer() { Type::I32 } else { Type::F32 };
-            let write = ImageOp { texel, ..image_op(ImageOpKind::Write, Dim::D2) };
+            let write = ImageOp { texel, ..ImageOp::plain(ImageOpKind::Write, Dim::D2) };
             let before: Vec<[u32; 4]> = (0..64).map(|i| image.words(0, 0, [i % 8, i / 8, 0])).collect();
             let mut expected = before.clone();
             for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
@@ -80,19 +80,19 @@ fn queries_of_the_image() {
         arrayed: true,
         lod: LodMode::Lod,
         texel: Type::I32,
-        ..image_op(ImageOpKind::QuerySize, Dim::D2)
+        ..ImageOp::plain(ImageOpKind::QuerySize, Dim::D2)
     };
     let results = run(&size, &image.descriptor, None, 1, &[[1; 16]]);
     assert_eq!([results[0][0], results[1][0], results[2][0]], [5, 3, 4]);
     let cube = Image::new(Format::R8_UNORM, Dim::Cube, [8, 8, 1], 1, 12, 1);
     let size = ImageOp {
         arrayed: true,
-        ..image_op(ImageOpKind::QuerySize, Dim::Cube)
+        ..ImageOp::plain(ImageOpKind::QuerySize, Dim::Cube)
     };
     let results = run(&size, &cube.descriptor, None, 1, &[]);
     assert_eq!([results[0][0], results[1][0], results[2][0]], [8, 8, 2]);
     let results = run(
-        &image_op(ImageOpKind::QueryLevels, Dim::D2),
+        &ImageOp::plain(ImageOpKind::QueryLevels, Dim::D2),
         &image.descriptor,
         None,
         1,
@@ -100,7 +100,7 @@ fn queries_of_the_image() {
     );
     assert_eq!(results[0][0], 3);
     let results = run(
-        &image_op(ImageOpKind::QuerySamples, Dim::D2),
+        &ImageOp::plain(ImageOpKind::QuerySamples, Dim::D2),
         &image.descriptor,
         None,
         1,
@@ -115,7 +115,7 @@ fn atomics_return_the_old_value_in_lane_order() {
     let old = image.words(0, 0, [1, 2, 0])[0];
     let op = ImageOp {
         texel: Type::I32,
-        ..image_op(ImageOpKind::Atomic(AtomicOp::IAdd), Dim::D2)
+        ..ImageOp::plain(ImageOpKind::Atomic(AtomicOp::IAdd), Dim::D2)
     };
     let results = run(
         &op,
@@ -133,7 +133,7 @@ fn atomics_return_the_old_value_in_lane_order() {
     let image = Image::new(Format::R64_SINT, Dim::D1, [4, 1, 1], 1, 1, 1);
     let op = ImageOp {
         texel: Type::I64,
-        ..image_op(ImageOpKind::Write, Dim::D1)
+        ..ImageOp::plain(ImageOpKind::Write, Dim::D1)
     };
     let zero = [0; 16];
     run(
@@ -155,7 +155,7 @@ fn atomics_return_the_old_value_in_lane_order() {
     );
     let op = ImageOp {
         texel: Type::I64,
-        ..image_op(ImageOpKind::Atomic(AtomicOp::SMin), Dim::D1)
+        ..ImageOp::plain(ImageOpKind::Atomic(AtomicOp::SMin), Dim::D1)
     };
     let results = run(
         &op,
@@ -167,7 +167,7 @@ fn atomics_return_the_old_value_in_lane_order() {
     assert_eq!([results[0][0], results[1][0]], [7, u32::MAX]);
     let read = ImageOp {
         texel: Type::I64,
-        ..image_op(ImageOpKind::Read, Dim::D1)
+        ..ImageOp::plain(ImageOpKind::Read, Dim::D1)
     };
     let results = run(&read, &image.descriptor, None, 1, &[[3; 16]]);
     assert_eq!(
@@ -176,9 +176,9 @@ fn atomics_return_the_old_value_in_lane_order() {
     );
 
     let image = Image::new(Format::R32_SFLOAT, Dim::Buffer, [4, 1, 1], 1, 1, 1);
-    let op = image_op(ImageOpKind::Atomic(AtomicOp::Exchange), Dim::Buffer);
+    let op = ImageOp::plain(ImageOpKind::Atomic(AtomicOp::Exchange), Dim::Buffer);
     run(&op, &image.descriptor, None, 1, &[[0; 16], row(1.5)]);
-    let op = image_op(ImageOpKind::Atomic(AtomicOp::FAdd), Dim::Buffer);
+    let op = ImageOp::plain(ImageOpKind::Atomic(AtomicOp::FAdd), Dim::Buffer);
     let results = run(&op, &image.descriptor, None, 0b11, &[[0; 16], row(0.25)]);
     assert_eq!(
         [results[0][0], results[0][1]].map(f32::from_bits),
@@ -200,7 +200,7 @@ fn samples_of_multisampled_images_are_separate() {
     let op = ImageOp {
         multisampled: true,
         texel: Type::I32,
-        ..image_op(ImageOpKind::Fetch, Dim::D2)
+        ..ImageOp::plain(ImageOpKind::Fetch, Dim::D2)
     };
     let mut samples = [0; 16];
     (samples[1], samples[2]) = (1, 2);
@@ -216,7 +216,7 @@ fn samples_of_multisampled_images_are_separate() {
 
 #[test]
 fn null_descriptors_read_zero() {
-    let op = image_op(ImageOpKind::Fetch, Dim::D2);
+    let op = ImageOp::plain(ImageOpKind::Fetch, Dim::D2);
     let mut results = [[7; 16]; 8];
     // SAFETY: no image.
     unsafe { execute_block(&op, None, None, 1, &[&[0; 16], &[0; 16]], &mut results) };
@@ -234,7 +234,7 @@ fn lanes_with_different_images_keep_their_own_texels() {
     let addresses: [u64; 16] = std::array::from_fn(|lane| &raw const descriptors[lane % 3] as u64);
     let op = ImageOp {
         texel: Type::I32,
-        ..image_op(ImageOpKind::Fetch, Dim::D2)
+        ..ImageOp::plain(ImageOpKind::Fetch, Dim::D2)
     };
     let mut results = [[7; 16]; 8];
     let rows: [&Row; 2] = [&[0; 16], &[3; 16]];

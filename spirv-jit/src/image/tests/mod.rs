@@ -124,34 +124,10 @@ fn sampler() -> SamplerDescriptor {
     SamplerDescriptor {
         mag_filter: Filter::Linear,
         min_filter: Filter::Linear,
-        mipmap_mode: Filter::Nearest,
-        address_mode: [AddressMode::Repeat; 3],
-        mip_lod_bias: 0.0,
-        min_lod: 0.0,
         max_lod: 1000.0,
         max_anisotropy: 0.0,
-        compare: None,
-        reduction: Reduction::WeightedAverage,
         border_color: [0.25f32, 0.5, 0.75, 1.0].map(f32::to_bits),
-        unnormalized_coordinates: false,
-        non_seamless: false,
-    }
-}
-
-fn image_op(kind: ImageOpKind, dim: Dim) -> ImageOp {
-    ImageOp {
-        kind,
-        dim,
-        arrayed: false,
-        multisampled: false,
-        depth_compare: false,
-        lod: LodMode::Implicit,
-        has_min_lod: false,
-        has_offset: false,
-        has_offsets: false,
-        texel: Type::F32,
-        signed: false,
-        format: Format::UNDEFINED,
+        ..SamplerDescriptor::DEFAULT
     }
 }
 

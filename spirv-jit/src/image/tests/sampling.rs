@@ -32,7 +32,7 @@ proptest! {
             depth_compare: compare.is_some(),
             lod: LodMode::Lod,
             has_offset: offsets.is_some(),
-            ..image_op(ImageOpKind::Sample, dim)
+            ..ImageOp::plain(ImageOpKind::Sample, dim)
         };
         let mut rows: Vec<Row> = (0..axes).map(|axis| coordinates.map(|c| c[axis].to_bits())).collect();
         if layers > 1 { rows.push(layer_coordinates.map(f32::to_bits)); }
@@ -81,7 +81,7 @@ proptest! {
             depth_compare: compare,
             has_offset: offset_kind == 1,
             has_offsets: offset_kind == 2,
-            ..image_op(ImageOpKind::Gather(component), Dim::D2)
+            ..ImageOp::plain(ImageOpKind::Gather(component), Dim::D2)
         };
         let mut rows: Vec<Row> = (0..2).map(|axis| coordinates.map(|c| c[axis].to_bits())).collect();
         if compare { rows.push(row(0.5)); }
@@ -133,7 +133,7 @@ proptest! {
             max_anisotropy: anisotropy.unwrap_or(0.0),
             ..sampler()
         };
-        let op = ImageOp { lod: LodMode::Grad, ..image_op(ImageOpKind::QueryLod, dim) };
+        let op = ImageOp { lod: LodMode::Grad, ..ImageOp::plain(ImageOpKind::QueryLod, dim) };
         let mut rows = vec![row(0.3); axes];
         for screen in 0..2 { for axis in 0..axes { rows.push(row(derivatives[screen * 3 + axis])); } }
         let results = run(&op, &image.descriptor, Some(&s), 1, &rows);
@@ -196,7 +196,7 @@ proptest! {
             depth_compare: compare.is_some(),
             lod: mode,
             has_offset: offsets.is_some(),
-            ..image_op(kind, dim)
+            ..ImageOp::plain(kind, dim)
         };
         let mut coordinates = coordinates;
         if s.unnormalized_coordinates {
@@ -259,7 +259,7 @@ proptest! {
         let op = ImageOp {
             lod: LodMode::Lod,
             has_offset: offset.is_some(),
-            ..image_op(ImageOpKind::Sample, Dim::D2)
+            ..ImageOp::plain(ImageOpKind::Sample, Dim::D2)
         };
         let mut rows: Vec<Row> = (0..2)
             .map(|axis| {
@@ -294,7 +294,7 @@ proptest! {
     fn cubes_select_faces(directions in prop::array::uniform16(prop::array::uniform3(-1.0f32..1.0)), cube in 0u32..2, seed: u32) {
         let image = Image::new(Format::R8G8B8A8_UNORM, Dim::Cube, [8, 8, 1], 1, 12, seed);
         let s = SamplerDescriptor { mag_filter: Filter::Nearest, min_filter: Filter::Nearest, ..sampler() };
-        let op = ImageOp { arrayed: true, ..image_op(ImageOpKind::Sample, Dim::Cube) };
+        let op = ImageOp { arrayed: true, ..ImageOp::plain(ImageOpKind::Sample, Dim::Cube) };
         let mut rows: Vec<Row> = (0..3).map(|axis| directions.map(|d| d[axis].to_bits())).collect();
         rows.push(row(cube as f32));
         let results = run(&op, &image.descriptor, Some(&s), 0xffff, &rows);
@@ -319,7 +319,7 @@ proptest! {
     #[test]
     fn cubes_are_seamless(direction in prop::array::uniform3(-1.0f32..1.0), edge in 0usize..3, seed: u32) {
         let image = Image::new(Format::R32_SFLOAT, Dim::Cube, [4, 4, 1], 1, 6, seed);
-        let op = image_op(ImageOpKind::Sample, Dim::Cube);
+        let op = ImageOp::plain(ImageOpKind::Sample, Dim::Cube);
         let at = |d: [f32; 3]| {
             let rows = d.map(row);
             f32::from_bits(run(&op, &image.descriptor, Some(&sampler()), 1, &rows)[0][0])
@@ -341,7 +341,7 @@ proptest! {
 #[test]
 fn faces_that_are_not_seamless_end_at_their_edges() {
     let image = Image::new(Format::R32_SFLOAT, Dim::Cube, [4, 4, 1], 1, 6, 11);
-    let op = image_op(ImageOpKind::Sample, Dim::Cube);
+    let op = ImageOp::plain(ImageOpKind::Sample, Dim::Cube);
     // Half a texel from the edge of +Z in x, at the middle between two rows: s = 1/16, t = 1/2.
     let rows = [row(-0.875), row(0.0), row(1.0)];
     let sample = |mode: AddressMode| {
@@ -393,14 +393,14 @@ fn compressed_texels_are_found_in_their_blocks() {
         ..Level::default()
     };
     let layout = format.info().unwrap().blocks().unwrap();
-    let fetch = image_op(ImageOpKind::Fetch, Dim::D2);
-    let sample = image_op(ImageOpKind::Sample, Dim::D2);
+    let fetch = ImageOp::plain(ImageOpKind::Fetch, Dim::D2);
+    let sample = ImageOp::plain(ImageOpKind::Sample, Dim::D2);
     let s = SamplerDescriptor {
         mag_filter: Filter::Nearest,
         min_filter: Filter::Nearest,
         ..sampler()
     };
-    let gather = image_op(ImageOpKind::Gather(0), Dim::D2);
+    let gather = ImageOp::plain(ImageOpKind::Gather(0), Dim::D2);
     let texel = |x: u32, y: u32| {
         let mut texels = [[0; 4]; 144];
         let block = blocks[(y / 4 * 3 + x / 4) as usize];
@@ -422,7 +422,7 @@ fn compressed_texels_are_found_in_their_blocks() {
     let four = [texel(3, 4), texel(4, 4), texel(4, 3), texel(3, 3)].map(|texel| texel[0]);
     assert_eq!([0, 1, 2, 3].map(|i| gathered[i][0]), four);
     // Nothing is written, whatever is asked for.
-    let write = image_op(ImageOpKind::Write, Dim::D2);
+    let write = ImageOp::plain(ImageOpKind::Write, Dim::D2);
     let before = blocks;
     run(&write, &image, None, u16::MAX, &[[1; 16]; 6]);
     assert_eq!(blocks, before);
@@ -437,7 +437,7 @@ fn unnormalized_coordinates_count_texels() {
         ..sampler()
     };
     let results = run(
-        &image_op(ImageOpKind::Sample, Dim::D2),
+        &ImageOp::plain(ImageOpKind::Sample, Dim::D2),
         &image.descriptor,
         Some(&s),
         1,
@@ -456,7 +456,7 @@ fn anisotropy_averages_along_the_longer_axis() {
     };
     let op = ImageOp {
         lod: LodMode::Grad,
-        ..image_op(ImageOpKind::Sample, Dim::D2)
+        ..ImageOp::plain(ImageOpKind::Sample, Dim::D2)
     };
     // 4 texels along x, 1 along y: N = 4.
     let rows = [

@@ -324,7 +324,7 @@ proptest! {
                 lod: if is_fetch { LodMode::Lod } else { LodMode::Implicit },
                 has_offset: is_fetch && offset.is_some(),
                 texel,
-                ..image_op(kind, dim)
+                ..ImageOp::plain(kind, dim)
             };
             let mut rows: Vec<Row> = (0..axes).map(|axis| coordinates[axis].map(|c| c as u32)).collect();
             if op.arrayed { rows.push(coordinates[3].map(|c| c as u32)); }

@@ -4,7 +4,7 @@ use smallvec::SmallVec;
 
 use super::names::*;
 use crate::facts::Fact;
-use crate::image::{Format, ImageOp, ImageOpKind, LodMode};
+use crate::image::{Format, ImageOp, ImageOpKind};
 use crate::ir::op::{Access, DescriptorBinding};
 use crate::ir::stage::Stage;
 use crate::ir::{
@@ -714,20 +714,11 @@ fn image_from_text(name: &str, words: &[&str]) -> Option<ImageOp> {
         return None;
     };
     let mut op = ImageOp {
-        kind,
-        dim: dim_from_text(dim)?,
-        arrayed: false,
-        multisampled: false,
-        depth_compare: false,
-        lod: LodMode::Implicit,
-        has_min_lod: false,
-        has_offset: false,
-        has_offsets: false,
         texel: type_from_text(texel)?,
-        signed: false,
+        lod: lod_from_text(lod)?,
         format: Format(format.parse().ok()?),
+        ..ImageOp::plain(kind, dim_from_text(dim)?)
     };
-    op.lod = lod_from_text(lod)?;
     for flag in flags {
         *match *flag {
             "arrayed" => &mut op.arrayed,
