@@ -48,23 +48,16 @@ impl Image {
         }
         let total = offset * layers as u64;
         let mut memory = vec![0u64; total as usize / 8];
-        let mut state = seed as u64 | 1;
+        let mut random = fastrand::Rng::with_seed(seed.into());
         // SAFETY: the vector's own bytes.
         let bytes = unsafe {
             std::slice::from_raw_parts_mut(memory.as_mut_ptr().cast::<u8>(), total as usize)
         };
         let info = format.info().unwrap();
         for chunk in bytes.chunks_exact_mut(texel as usize) {
-            let words = [0; 4].map(|_: u32| {
-                state = state
-                    .wrapping_mul(6364136223846793005)
-                    .wrapping_add(1442695040888963407);
-                let random = (state >> 40) as u32;
-                if info.numeric.is_integer() {
-                    random
-                } else {
-                    (random as f32 / (1 << 24) as f32).to_bits()
-                }
+            let words = [0; 4].map(|_: u32| match info.numeric.is_integer() {
+                true => random.u32(..1 << 24),
+                false => random.f32().to_bits(),
             });
             info.encode(words, chunk);
         }

@@ -124,15 +124,9 @@ fn words(seed: u64) -> Texels {
         -f32::NAN,
         f32::MIN_POSITIVE,
     ];
-    let mut state = seed | 1;
-    let mut bits = || {
-        state = state
-            .wrapping_mul(6364136223846793005)
-            .wrapping_add(1442695040888963407);
-        (state >> 32) as u32
-    };
+    let mut random = fastrand::Rng::with_seed(seed);
     let mut word = || {
-        let (kind, any) = (bits() >> 16, bits());
+        let (kind, any) = (random.u32(..), random.u32(..));
         let part = (any >> 8) as f32 / (1 << 24) as f32;
         let tie = |codes: u32| {
             let code = (any >> 8) % codes;
