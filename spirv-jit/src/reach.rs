@@ -15,12 +15,7 @@ impl Range {
     #[inline(always)]
     pub fn bytes_from(self, address: u64) -> u64 {
         let offset = address.wrapping_sub(self.start);
-        // One comparison says both that the address is not below the start and that it is not past the end.
-        if offset < self.size_bytes {
-            self.size_bytes - offset
-        } else {
-            0
-        }
+        self.size_bytes.saturating_sub(offset)
     }
 }
 

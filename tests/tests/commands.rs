@@ -114,7 +114,7 @@ fn command_buffers_run_again_and_in_order() {
             .expect("a submission");
         gpu.device.device_wait_idle().expect("idleness");
     }
-    assert_eq!(it.word(), ((1 * 2 + 1) * 2 + 5) * 2 + 5);
+    assert_eq!(it.word(), ((2 + 1) * 2 + 5) * 2 + 5);
 }
 
 #[test]
@@ -199,7 +199,7 @@ fn timeline_semaphores_order_submissions_and_the_host() {
         assert_eq!(wait(15, PATIENCE_NS), Ok(()));
         assert_eq!(wait(3, 0), Ok(()));
         assert_eq!(gpu.device.get_semaphore_counter_value(semaphore), Ok(15));
-        assert_eq!(it.word(), (1 * 2 + 1) * 2 + 2);
+        assert_eq!(it.word(), (2 + 1) * 2 + 2);
         gpu.device.device_wait_idle().expect("idleness");
         gpu.device.destroy_semaphore(semaphore, None);
     }
@@ -301,7 +301,7 @@ fn the_second_form_of_submission_and_barriers() {
             .expect("an end");
         gpu.device.destroy_fence(fence, None);
     }
-    assert_eq!(it.word(), ((1 * 2 + 1) * 2 + 2) * 2 + 3);
+    assert_eq!(it.word(), ((2 + 1) * 2 + 2) * 2 + 3);
 }
 
 #[test]

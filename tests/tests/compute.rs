@@ -73,7 +73,7 @@ fn control_flow_diverges_and_comes_together() {
         let mut n = id + 1;
         let mut sum = 0u32;
         while n > 1 {
-            n = if n % 2 == 0 { n / 2 } else { 3 * n + 1 };
+            n = if n & 1 == 0 { n / 2 } else { 3 * n + 1 };
             sum += 100;
         }
         for i in 0..10 {
@@ -85,7 +85,7 @@ fn control_flow_diverges_and_comes_together() {
                 0 => 1,
                 1 => 110,
                 2 => 100,
-                5 if id % 2 == 0 => 0,
+                5 if id.is_multiple_of(2) => 0,
                 5 => 1000,
                 _ => 3,
             };

@@ -35,7 +35,7 @@ fn blocks_decode_as_the_data_format_specification_says() {
     let big_endian = |bytes: u64| u128::from(bytes.swap_bytes());
     let third = 1.0 / 3.0;
     // Name, format, footprint, bytes of a block, block, texels of the first row.
-    let cases: [(F, [u32; 2], usize, u128, [[f32; 4]; 4]); 7] = [
+    let cases: [(F, _, usize, u128, [_; 4]); 7] = [
         (
             // Red to blue: both ends, and the two between.
             F::BC1_RGBA_UNORM_BLOCK,

@@ -349,7 +349,7 @@ fn neighbours_decide_each_for_itself() {
                 "{place}, boxes: {is_boxes}"
             );
             // All that are nearer have a say, unless the search ends before; those beyond may have.
-            let ends = place as u32 / SIDE % 3 == 0;
+            let ends = (place as u32 / SIDE).is_multiple_of(3);
             let met = if ends { 1 } else { first + 1 }..=LAYERS;
             assert!(met.contains(&answer[1]), "{place}: {} layers", answer[1]);
         }

@@ -274,8 +274,10 @@ fn payloads_and_locals_survive_a_reordering() {
 fn reordering_sorts_by_hint() {
     let Some(gpu) = gpu() else { return };
     let mut mode = vk::PhysicalDeviceRayTracingInvocationReorderPropertiesNV::default();
-    let mut properties = vk::PhysicalDeviceProperties2::default();
-    properties.p_next = (&raw mut mode).cast();
+    let mut properties = vk::PhysicalDeviceProperties2 {
+        p_next: (&raw mut mode).cast(),
+        ..Default::default()
+    };
     // SAFETY: the physical device is of this instance, the chain is one structure.
     unsafe {
         gpu.instance

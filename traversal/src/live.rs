@@ -22,11 +22,7 @@ impl Range {
     #[inline(always)]
     pub fn bytes_from(self, address: u64) -> u64 {
         let offset = address.wrapping_sub(self.start);
-        if offset < self.size_bytes {
-            self.size_bytes - offset
-        } else {
-            0
-        }
+        self.size_bytes.saturating_sub(offset)
     }
 }
 

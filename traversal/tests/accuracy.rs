@@ -12,9 +12,9 @@ fn errors(scale: f64, offset: DVec3, rays: usize) -> (f64, f64, usize) {
     let mut random = Random(0x1234_5678_9ABC_DEF1);
     let (mut t_error, mut weight_error, mut count) = (0f64, 0f64, 0);
     for _ in 0..rays {
-        let index = (random.next() * mesh.indices.len() as f64) as usize;
+        let index = (random.unit() * mesh.indices.len() as f64) as usize;
         let triangle = mesh.triangle(index);
-        let (mut u, mut v) = (0.02 + 0.96 * random.next(), 0.02 + 0.96 * random.next());
+        let (mut u, mut v) = (0.02 + 0.96 * random.unit(), 0.02 + 0.96 * random.unit());
         if u + v > 0.98 {
             (u, v) = (1.0 - u, 1.0 - v);
         }
@@ -26,7 +26,7 @@ fn errors(scale: f64, offset: DVec3, rays: usize) -> (f64, f64, usize) {
         let origin = narrow(target + 2.0 * scale * from);
         let direction = target - wide(origin);
         // Hits far from t = 1 too, and directions that are not normalised.
-        let length = 0.3 + random.next();
+        let length = 0.3 + random.unit();
         let ray = ray(origin, narrow(direction * length / scale));
         let (t, u, v, inside) = reference(&ray, &triangle);
         if inside < 0.01 {

@@ -53,7 +53,7 @@ fn rays(meshes: &[Mesh]) -> Vec<Ray> {
             // At vertices, and anywhere.
             let vertices = &meshes[i % meshes.len()].vertices;
             let at = match i % 3 {
-                0 => wide(vertices[(random.next() * vertices.len() as f64) as usize]),
+                0 => wide(vertices[(random.unit() * vertices.len() as f64) as usize]),
                 _ => 0.8 * random.vector(),
             };
             let mut ray = ray(narrow(from), narrow(at - from));
@@ -153,8 +153,8 @@ fn corrupt_blocks_are_refused_or_walked_without_harm() {
         scene.bottom.copy_from_slice(&good);
         for _ in 0..8 {
             // Behind the header, and rather in leaves than in nodes.
-            let place = 256 + (random.next().sqrt() * (good.len() - 256) as f64) as usize;
-            scene.bottom[place] = (random.next() * 256.0) as u8;
+            let place = 256 + (random.unit().sqrt() * (good.len() - 256) as f64) as usize;
+            scene.bottom[place] = (random.unit() * 256.0) as u8;
         }
         refused += usize::from(validate(&scene.bottom).is_err());
         for tier in tiers() {

@@ -91,7 +91,7 @@ fn a_ray_does_not_meet_the_triangle_that_it_starts_on() {
     let mut random = Random(0x2545_F491_4F6C_DD1D);
     let [mut on, mut before, mut behind] = [0; 3];
     for i in 0..1500 {
-        let scale = 10f64.powf(-6.0 + 9.0 * random.next());
+        let scale = 10f64.powf(-6.0 + 9.0 * random.unit());
         let triangle = [0; 3].map(|_| narrow(random.vector() * scale));
         let triangle = match i % 3 {
             // Whole numbers, so that what is between them is exactly on the triangle.
@@ -99,7 +99,7 @@ fn a_ray_does_not_meet_the_triangle_that_it_starts_on() {
             _ => triangle,
         };
         let [a, b, c] = triangle.map(wide);
-        let eighths = [0; 2].map(|_| (random.next() * 4.0).floor() / 8.0);
+        let eighths = [0; 2].map(|_| (random.unit() * 4.0).floor() / 8.0);
         let origin = narrow(std::array::from_fn(|k| {
             a[k] + eighths[0] * (b[k] - a[k]) + eighths[1] * (c[k] - a[k])
         }));
@@ -157,7 +157,7 @@ fn needles_are_crossed_once() {
     mesh.opaque = true;
     let solid = Scene::new(std::slice::from_ref(&mesh), 0);
     let inner = |random: &mut Random| {
-        let index = 8 + (random.next() * f64::from(2 * blades - 16)) as usize;
+        let index = 8 + (random.unit() * f64::from(2 * blades - 16)) as usize;
         let [a, b, c] = mesh.triangle(index).map(wide);
         let x = random.signed() * 0.9;
         let along = |a: DVec3, b: DVec3| -> DVec3 {
@@ -175,7 +175,7 @@ fn needles_are_crossed_once() {
             let target = inner(&mut random);
             let tilt = random.vector();
             let from = DVec3::new(tilt.x, 0.3 * tilt.y, 1.0);
-            let far = 10f64.powf(-2.0 * random.next());
+            let far = 10f64.powf(-2.0 * random.unit());
             let origin = narrow(target + far * from);
             ray(origin, narrow(target - wide(origin)))
         })

@@ -26,7 +26,7 @@ struct Bottom {
 
 /// A crowd of small triangles, or a few large ones.
 fn random_mesh(random: &mut Random, triangles: usize) -> Mesh {
-    let crowd = random.next() < 0.05;
+    let crowd = random.unit() < 0.05;
     let triangles = if crowd { 20 * triangles } else { triangles };
     let vertices = (0..triangles)
         .flat_map(|_| {
@@ -45,7 +45,7 @@ fn random_mesh(random: &mut Random, triangles: usize) -> Mesh {
         indices: (0..triangles as u32)
             .map(|i| [3 * i, 3 * i + 1, 3 * i + 2])
             .collect(),
-        opaque: random.next() < 0.5,
+        opaque: random.unit() < 0.5,
     }
 }
 
@@ -63,8 +63,8 @@ fn random_boxes(random: &mut Random, count: usize) -> Vec<[f32; 6]> {
 
 /// Any quality of build, with or without updates.
 fn random_flags(random: &mut Random) -> u32 {
-    let quality = QUALITIES[(random.next() * QUALITIES.len() as f64) as usize];
-    match random.next() < 0.5 {
+    let quality = QUALITIES[(random.unit() * QUALITIES.len() as f64) as usize];
+    match random.unit() < 0.5 {
         true => quality | BuildFlags::ALLOW_UPDATE,
         false => quality,
     }
@@ -76,7 +76,7 @@ fn random_transform(random: &mut Random) -> [f32; 12] {
     let y = normalize(x.cross(random.direction()));
     let z = x.cross(y);
     let scale: [f64; 3] = std::array::from_fn(|_| {
-        (0.5 + random.next()) * if random.next() < 0.5 { -1.0 } else { 1.0 }
+        (0.5 + random.unit()) * if random.unit() < 0.5 { -1.0 } else { 1.0 }
     });
     let at = random.vector();
     std::array::from_fn(|i| match i % 4 {
@@ -88,12 +88,12 @@ fn random_transform(random: &mut Random) -> [f32; 12] {
 fn random_world(random: &mut Random) -> World {
     let bottoms: Vec<Bottom> = (0..3)
         .map(|i| {
-            let count = |random: &mut Random| (random.next() * 24.0) as usize;
+            let count = |random: &mut Random| (random.unit() * 24.0) as usize;
             if i == 2 {
                 let boxes: Vec<_> = (0..2)
                     .map(|_| {
                         let count = count(random);
-                        (random_boxes(random, count), random.next() < 0.5)
+                        (random_boxes(random, count), random.unit() < 0.5)
                     })
                     .collect();
                 let geometries: Vec<_> = boxes
@@ -131,16 +131,16 @@ fn random_world(random: &mut Random) -> World {
         .collect();
     let instances: Vec<_> = (0..6)
         .map(|i| {
-            let bottom = &bottoms[(random.next() * 3.0) as usize];
+            let bottom = &bottoms[(random.unit() * 3.0) as usize];
             let mut record = InstanceRecord::new(&bottom.blob, random_transform(random));
-            let mask = if random.next() < 0.3 { 0x0F } else { 0xF0 };
+            let mask = if random.unit() < 0.3 { 0x0F } else { 0xF0 };
             record.custom_index_and_mask = (1000 + i) | mask << 24;
-            let mut flags = (random.next() * 16.0) as u32;
+            let mut flags = (random.unit() * 16.0) as u32;
             if flags & 0xC == 0xC {
                 flags &= 3;
             }
             record.sbt_offset_and_flags = (7 * i) | flags << 24;
-            if random.next() < 0.1 {
+            if random.unit() < 0.1 {
                 record.reference = 0;
             }
             record
@@ -431,7 +431,7 @@ proptest! {
     ) {
         let mut random = Random(seed);
         for _ in 0..8 {
-            random.next();
+            random.unit();
         }
         let world = random_world(&mut random);
         let mut flags = flag_bits & some_flags;
@@ -445,7 +445,7 @@ proptest! {
         for _ in 0..40 {
             let origin = narrow(3.0 * random.vector());
             let target = 1.5 * random.vector();
-            let length = 0.3 + random.next();
+            let length = 0.3 + random.unit();
             let direction = narrow((target - wide(origin)).map(|c| c * length));
             let ray = Ray { origin, t_min, direction, t_max, flags, cull_mask };
             clear += u32::from(check(&world, &ray, &mut walker)?);

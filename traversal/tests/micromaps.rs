@@ -81,7 +81,7 @@ fn rays(mesh: &Mesh) -> Vec<Ray> {
     let mut directions: Vec<[f32; 3]> = mesh.vertices.clone();
     for triangle in &mesh.indices {
         let [a, b] = [0, 1].map(|i| wide(mesh.vertices[triangle[i] as usize]));
-        let share = random.next();
+        let share = random.unit();
         directions.push(narrow(std::array::from_fn(|i| {
             a[i] + share * (b[i] - a[i])
         })));
@@ -219,11 +219,11 @@ fn corrupt_micromaps_are_walked_to_the_end() {
     let part = good.len() - 4096.min(good.len() / 4);
     for _ in 0..300 {
         for _ in 0..4 {
-            let place = part + (random.next() * (good.len() - part) as f64) as usize;
+            let place = part + (random.unit() * (good.len() - part) as f64) as usize;
             // References are addresses, or the lowest bit makes them offsets: these stay.
             let word: [u8; 8] = good[place / 8 * 8..][..8].try_into().unwrap();
             if u64::from_le_bytes(word) % 256 != 1 {
-                bottom[place] = (random.next() * 256.0) as u8;
+                bottom[place] = (random.unit() * 256.0) as u8;
             }
         }
         for ray in rays.iter().step_by(97) {

@@ -74,7 +74,7 @@ fn packets(scene: &Scene, mesh: &Mesh, place: impl Fn(DVec3) -> DVec3) -> usize 
     for round in 0..600 {
         let from = 4.0 * random.direction();
         let at = random.direction();
-        let spread = 0.3 * random.next();
+        let spread = 0.3 * random.unit();
         let count = 1 + round % PACKET;
         let rays: Vec<_> = (0..count)
             .map(|i| {
@@ -156,7 +156,7 @@ fn packets_go_through_many_instances() {
     for round in 0..500 {
         let from = 9.0 * random.direction();
         let at = 5.0 * random.vector();
-        let spread = 0.5 * random.next();
+        let spread = 0.5 * random.unit();
         let apart = [0.0, 0.05][round / 2 % 2];
         let rays: Vec<_> = (0..6 + round % 11)
             .map(|_| {

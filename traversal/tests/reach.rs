@@ -66,7 +66,7 @@ fn quick_answers_are_exact() {
     let mut random = Random(0x9E37_79B9_7F4A_7C15);
     let [mut certain, mut asked] = [0; 2];
     for i in 0..3000 {
-        let scale = 10f64.powf([0.0, 30.0, -30.0][i % 3] * random.next());
+        let scale = 10f64.powf([0.0, 30.0, -30.0][i % 3] * random.unit());
         let mut point = |range: f64, scale: f64| -> [f32; 3] {
             [0; 3].map(|_| ((random.signed() * range).round() * scale) as f32)
         };
@@ -86,8 +86,8 @@ fn quick_answers_are_exact() {
         // Off that by a few of the last bits.
         let numbers = mesh.vertices.iter_mut().flatten();
         for number in numbers.chain(&mut ray.origin).chain(&mut ray.direction) {
-            if i % 2 == 0 && random.next() < 0.3 {
-                *number = f32::from_bits(number.to_bits() ^ (random.next() * 4.0) as u32);
+            if i % 2 == 0 && random.unit() < 0.3 {
+                *number = f32::from_bits(number.to_bits() ^ (random.unit() * 4.0) as u32);
             }
         }
         let met = Surface::new(&mesh).meet(&ray);

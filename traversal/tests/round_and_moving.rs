@@ -13,7 +13,7 @@ fn ends(seed: u64, count: usize) -> Vec<[f32; 4]> {
     (0..count)
         .map(|_| {
             let [x, y, z] = point(&mut random);
-            [x, y, z, 0.05 + 0.3 * random.next() as f32]
+            [x, y, z, 0.05 + 0.3 * random.unit() as f32]
         })
         .collect()
 }

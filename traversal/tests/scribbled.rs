@@ -131,10 +131,10 @@ impl Arena {
         let indices: Vec<u32> = (0..400).map(|i| i % 9).collect();
         let flags = BuildFlags::ALLOW_UPDATE;
         let bottoms = [
-            build_meshes(&[opaque.clone()], flags),
-            build_meshes(&[opaque.clone()], BuildFlags::LOW_MEMORY),
+            build_meshes(std::slice::from_ref(&opaque), flags),
+            build_meshes(std::slice::from_ref(&opaque), BuildFlags::LOW_MEMORY),
             build_meshes(&[opaque.clone(), glass.clone()], BuildFlags::LOW_MEMORY),
-            build_meshes(&[glass.clone()], 0),
+            build_meshes(std::slice::from_ref(&glass), 0),
             build_boxes(&boxes, false, 0),
             swept(&opaque),
             moving(&glass),
@@ -192,7 +192,7 @@ impl Arena {
     fn scribble(&self, seed: u64, stop: &AtomicBool) {
         let mut random = Random(seed);
         let words = self.words();
-        let mut below = |count: usize| (random.next() * count as f64) as usize;
+        let mut below = |count: usize| (random.unit() * count as f64) as usize;
         while !stop.load(Ordering::Relaxed) {
             let place = &self.places[below(self.places.len())];
             let (start, length) = (place.start / 4, place.len() / 4);
@@ -220,8 +220,8 @@ impl Arena {
 fn rays(random: &mut Random, top: u64) -> RayRows {
     let mut rows = RayRows::NONE;
     let (origin, direction) = (random.vector(), random.direction());
-    let spread = [0.0, 0.02, 1.0][(random.next() * 3.0) as usize];
-    let flags = [0, 0, 4, 2][(random.next() * 4.0) as usize];
+    let spread = [0.0, 0.02, 1.0][(random.unit() * 3.0) as usize];
+    let flags = [0, 0, 4, 2][(random.unit() * 4.0) as usize];
     for lane in 0..PACKET {
         let offset = random.vector();
         let ray = Ray {
@@ -249,7 +249,7 @@ fn walk(walker: &mut Walker, live: &Live, rows: &RayRows, (at_once, in_turn): (u
     let groups = Groups::of_rows(vec![(rows.clone(), u16::MAX); at_once], decide);
     let mut groups = groups.with(|start| start.shows_first_hit = in_turn);
     (groups.refills, groups.rounds) = (at_once, 200);
-    // SAFETY, here and below: the arena is alive, and where walks look.
+    // SAFETY: the arena is alive, and where walks look.
     unsafe { groups.trace(walker, at_once) };
     let (top, hits) = (rows.top_level[0], &groups.flights[0].hits);
     for lane in (0..PACKET).filter(|lane| hits.found >> lane & 1 != 0) {

@@ -167,7 +167,7 @@ fn placed(random: &mut Random) -> [f32; 12] {
     let z = random.direction();
     let x = normalize(random.direction().cross(z));
     let y = z.cross(x);
-    let size = 0.2 + random.next();
+    let size = 0.2 + random.unit();
     let at = 1.5 * random.vector();
     let mut matrix = [0.0; 12];
     for row in 0..3 {
@@ -229,9 +229,9 @@ fn corrupt_structures_are_walked_safely() {
         let mut bad = Bytes::new(compacted_size(blob).unwrap());
         compact_into(blob, &mut bad).unwrap();
         // Behind the header.
-        for _ in 0..1 + (random.next() * 60.0) as usize {
-            let at = 256 + (random.next() * (bad.len() - 256) as f64) as usize;
-            bad[at] = (random.next() * 256.0) as u8;
+        for _ in 0..1 + (random.unit() * 60.0) as usize {
+            let at = 256 + (random.unit() * (bad.len() - 256) as f64) as usize;
+            bad[at] = (random.unit() * 256.0) as u8;
         }
         bad
     };

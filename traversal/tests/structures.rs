@@ -394,10 +394,8 @@ fn copies_and_serialized_structures_walk_the_same() {
         let size = unsafe { serialized_size(blob, &EVERYWHERE) }.unwrap();
         let mut data = vec![0; size as usize];
         // SAFETY: as above.
-        assert_eq!(
-            unsafe { serialize(blob, &uuids, &mut data, &EVERYWHERE) },
-            Ok(size)
-        );
+        let done = unsafe { serialize(blob, &uuids, &mut data, &EVERYWHERE) };
+        assert_eq!(done, Ok(size));
         data
     };
     let stored_bottom = store(&bottom);
@@ -441,9 +439,9 @@ fn corrupt_data_is_refused_and_corrupt_structures_are_walked_safely() {
     let rays = rays(20);
     for _ in 0..2000 {
         let mut bad = data.clone();
-        for _ in 0..1 + (random.next() * 4.0) as usize {
-            let at = (random.next() * bad.len() as f64) as usize;
-            bad[at] = (random.next() * 256.0) as u8;
+        for _ in 0..1 + (random.unit() * 4.0) as usize {
+            let at = (random.unit() * bad.len() as f64) as usize;
+            bad[at] = (random.unit() * 256.0) as u8;
         }
         let mut blob = Bytes::new(size);
         let _ = deserialize(&bad, &mut blob, &EVERYWHERE);
@@ -453,8 +451,8 @@ fn corrupt_data_is_refused_and_corrupt_structures_are_walked_safely() {
         compact_into(&bottom, &mut blob).unwrap();
         let body = 256;
         for _ in 0..20 {
-            let at = body + (random.next() * (blob.len() - body) as f64) as usize;
-            blob[at] = (random.next() * 256.0) as u8;
+            let at = body + (random.unit() * (blob.len() - body) as f64) as usize;
+            blob[at] = (random.unit() * 256.0) as u8;
         }
         let top = build_instances(&[InstanceRecord::new(&blob, IDENTITY)], 0);
         for ray in &rays {

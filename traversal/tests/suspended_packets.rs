@@ -168,13 +168,13 @@ fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally)
 fn bundle(random: &mut Random, vertices: &[[f32; 3]], count: usize, flags: u32) -> Vec<Ray> {
     let from = 4.0 * random.direction();
     let at = random.vector();
-    let spread = 0.4 * random.next();
+    let spread = 0.4 * random.unit();
     (0..count)
         .map(|i| {
             let aside = random.vector();
             let mut target = at + spread * aside;
             if i % 4 == 0 {
-                let place = (random.next() * vertices.len() as f64) as usize;
+                let place = (random.unit() * vertices.len() as f64) as usize;
                 let vertex = wide(vertices[place]);
                 target = 0.9 * target + 0.1 * vertex;
             }
@@ -267,7 +267,7 @@ fn rays_part_where_they_must() {
             let x = random.direction();
             let y = normalize(x.cross(random.direction()));
             let z = x.cross(y);
-            let (size, to) = (0.3 + 0.4 * random.next(), random.vector());
+            let (size, to) = (0.3 + 0.4 * random.unit(), random.vector());
             let axes = [x, y, z].map(|axis| axis * size);
             let mut transform = [0.0f32; 12];
             for row in 0..3 {

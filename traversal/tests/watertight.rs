@@ -48,14 +48,14 @@ fn aims<'a>(
     count: usize,
 ) -> impl Iterator<Item = (&'static str, DVec3, DVec3)> + 'a {
     (0..count).flat_map(move |_| {
-        let edge = sphere.edges[(random.next() * sphere.edges.len() as f64) as usize];
-        let weight = random.next();
+        let edge = sphere.edges[(random.unit() * sphere.edges.len() as f64) as usize];
+        let weight = random.unit();
         let [a, b] = edge.map(|i| wide(mesh.vertices[i as usize]));
         let on_edge = a + weight * (b - a);
         let edge_normal = normalize(std::array::from_fn(|i| {
             sphere.vertices[edge[0] as usize][i] + sphere.vertices[edge[1] as usize][i]
         }));
-        let vertex = (random.next() * mesh.vertices.len() as f64) as usize;
+        let vertex = (random.unit() * mesh.vertices.len() as f64) as usize;
         let tilt = random.direction();
         [
             ("edge", on_edge, edge_normal),

@@ -398,8 +398,8 @@ impl<'a> Painter<'_, 'a> {
     /// Parameters are read now: what wrote them is an earlier command, or the barrier in between has flushed.
     fn draw_indirect(&mut self, draw: &DrawIndirect) -> Result<(), Failure> {
         let reach = self.engine.memory.reach();
-        // SAFETY, here and below: any words will do, and nothing writes them while the queue's command is performed.
         let count = match draw.count {
+            // SAFETY: any word will do, and nothing writes it while the queue's command is performed.
             Some(address) => unsafe { reachable::read::<u32>(&reach, address) }.unwrap_or(0),
             None => u32::MAX,
         };
@@ -417,8 +417,8 @@ impl<'a> Painter<'_, 'a> {
                         instances: it.instance_count,
                         draw_index,
                     }),
-                // SAFETY: as above.
                 true => {
+                    // SAFETY: as above.
                     unsafe { reachable::read::<vk::DrawIndexedIndirectCommand>(&reach, address) }
                         .map(|it| DrawCall {
                             first: it.first_index,

@@ -101,24 +101,21 @@ impl<'a> Active<'a> {
             let value = value(clear);
             batch.work.push(Work::Clear(Clear { value, rects }));
         };
-        // SAFETY, for each: all members are words, and the attachment says what they are.
         for (index, attachment) in self.pass.colors.iter().enumerate() {
             if let Some(attachment) = attachment {
-                push(attachment, &|it| {
-                    ClearValue::Color(index, unsafe { it.color })
-                });
+                // SAFETY: all members are words, and the attachment says what they are.
+                let color = |it: vk::ClearValue| unsafe { it.color };
+                push(attachment, &|it| ClearValue::Color(index, color(it)));
             }
         }
+        // SAFETY: as above.
+        let depth_stencil = |it: vk::ClearValue| unsafe { it.depth_stencil };
         if let Some(attachment) = &self.pass.depth {
-            // SAFETY: as above.
-            push(attachment, &|it| {
-                ClearValue::Depth(unsafe { it.depth_stencil.depth })
-            });
+            push(attachment, &|it| ClearValue::Depth(depth_stencil(it).depth));
         }
         if let Some(attachment) = &self.pass.stencil {
-            // SAFETY: as above.
             push(attachment, &|it| {
-                ClearValue::Stencil(unsafe { it.depth_stencil.stencil })
+                ClearValue::Stencil(depth_stencil(it).stencil)
             });
         }
     }

@@ -70,8 +70,10 @@ mod tests {
     #[test]
     fn finds_behind_others() {
         let mut second = vk::PhysicalDeviceVulkan12Features::default().shader_int8(true);
-        let mut first = vk::PhysicalDeviceVulkan11Features::default();
-        first.p_next = (&raw mut second).cast();
+        let first = vk::PhysicalDeviceVulkan11Features {
+            p_next: (&raw mut second).cast(),
+            ..Default::default()
+        };
         // SAFETY: the chain is the two structures above.
         unsafe {
             let start = (&raw const first).cast();

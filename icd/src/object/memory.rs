@@ -263,7 +263,9 @@ impl DeviceMemory {
         let mapping = has_mapping.then(|| Place::take(&MAPPED)).transpose()?;
         let address = window.take(mapped_bytes, wanted.filter(|&address| address != 0))?;
         place.keep();
-        mapping.map(Place::keep);
+        if let Some(mapping) = mapping {
+            mapping.keep();
+        }
         let memory = Self {
             address,
             size_bytes,

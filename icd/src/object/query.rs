@@ -40,7 +40,7 @@ impl QueryPool {
         let columns = statistics.as_raw().count_ones().max(1) as usize;
         let (mut values, mut available) = (Vec::new(), Vec::new());
         let too_many = |_| vk::Result::ERROR_OUT_OF_HOST_MEMORY;
-        let total = (count as usize).checked_mul(columns).unwrap_or(usize::MAX);
+        let total = (count as usize).saturating_mul(columns);
         values.try_reserve_exact(total).map_err(too_many)?;
         available
             .try_reserve_exact(count as usize)

@@ -466,8 +466,10 @@ mod tests {
     fn chains_are_answered_and_checked() {
         let mut unsupported =
             vk::PhysicalDeviceMultiviewFeatures::default().multiview_geometry_shader(true);
-        let mut v12 = vk::PhysicalDeviceVulkan12Features::default();
-        v12.p_next = (&raw mut unsupported).cast();
+        let mut v12 = vk::PhysicalDeviceVulkan12Features {
+            p_next: (&raw mut unsupported).cast(),
+            ..Default::default()
+        };
         // SAFETY: the chain is the two structures above.
         unsafe { fill_chain((&raw mut v12).cast()) };
         assert_eq!(unsupported.multiview, vk::TRUE);

@@ -66,7 +66,6 @@ pub struct Dispatch<'a> {
 /// The workers' memory, kept from one dispatch to the next.
 #[derive(Default)]
 pub struct Tracer {
-    #[allow(clippy::vec_box, reason = "workers are leased by pointer, not moved")]
     idle: Mutex<Vec<Box<batch::Worker>>>,
 }
 

@@ -115,8 +115,8 @@ mod tests {
         let run = || {
             float_environment::set(FLUSHING);
             let outside = halved();
-            let inside = guard("test", || halved());
-            let workers = Workers::start(1).ok().expect("a thread starts");
+            let inside = guard("test", halved);
+            let workers = Workers::start(1).expect("a thread starts");
             let on_worker = workers.install(halved);
             let after = float_environment::control();
             float_environment::set(USUAL);

@@ -1,7 +1,7 @@
 //! Floating-point operations: IEEE 754, one rounding each, but for the transcendental ones.
 
 // Comparisons are phrased so that NaN falls on the side that the operation's name says.
-#![allow(clippy::double_comparisons, clippy::neg_cmp_op_on_partial_ord)]
+#![allow(clippy::double_comparisons)]
 
 use half::f16;
 

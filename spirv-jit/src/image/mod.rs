@@ -3,9 +3,6 @@
 //! Texels are exchanged as four 32-bit words: f32 bits for float and normalised formats, integers (sign- or zero-extended) for
 //! integer formats; 64-bit integer texels as (low, high) in the first two words.
 
-// Loops over lanes index several rows at once, and `max` then `min` is a clamp that turns NaN into a number.
-#![allow(clippy::needless_range_loop, clippy::manual_clamp)]
-
 mod access;
 mod address;
 mod block;

@@ -354,7 +354,7 @@ pub(crate) unsafe fn load<V: Vector>(
     let mut words = [v.splat_i(0); 4];
     let mut places = [0; SUBGROUP_SIZE];
     let size = info.size_bytes;
-    if size == 4 || size < 4 || size == 6 {
+    if size <= 4 || size == 6 {
         v.store_i(offsets, &mut places);
     }
     // SAFETY: the caller's promise; each access lies inside the texel.

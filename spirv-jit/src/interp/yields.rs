@@ -62,10 +62,10 @@ unsafe fn save(m: &Machine<'_>, saved: &[Saved]) {
             for s in 0..m.subgroups {
                 let to = m.state_row(s, row);
                 if value.wide {
-                    let from = base.add(s * 128 & stride);
+                    let from = base.add((s * 128) & stride);
                     *to.cast::<[u64; SUBGROUP_SIZE]>() = *from.cast();
                 } else {
-                    *to = *base.add(s * 64 & stride).cast();
+                    *to = *base.add((s * 64) & stride).cast();
                 }
             }
         }
@@ -84,10 +84,10 @@ unsafe fn restore_values(m: &Machine<'_>, live: &Live) {
             for s in 0..m.subgroups {
                 let from = m.state_row(s, row);
                 if value.wide {
-                    let to = base.add(s * 128 & stride).cast();
+                    let to = base.add((s * 128) & stride).cast();
                     *to = *from.cast::<[u64; SUBGROUP_SIZE]>();
                 } else {
-                    *base.add(s * 64 & stride).cast() = *from;
+                    *base.add((s * 64) & stride).cast() = *from;
                 }
             }
         }

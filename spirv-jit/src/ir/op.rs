@@ -194,7 +194,7 @@ enum Effect {
     /// Looks at what may change.
     Read,
     /// Changes something, or orders changes.
-    Effect,
+    Change,
     /// Suspends the wave.
     Yield,
 }
@@ -235,13 +235,13 @@ macro_rules! define_ops {
             /// The same between the two lanes one above the other.
             DerivativeY "derivative_y" Read;
             /// `() -> ()`: the lane becomes a helper invocation.
-            Demote "demote" Effect;
+            Demote "demote" Change;
             /// `() -> i1`: whether the lane is a helper invocation now.
             IsHelper "is_helper" Read;
             /// `() -> i64`: a monotonic clock.
             ReadClock "read_clock" Read;
             /// `() -> ()`: orders memory between invocations (`OpMemoryBarrier`).
-            MemoryBarrier "memory_barrier" Effect;
+            MemoryBarrier "memory_barrier" Change;
             /// `(t: f32, hit_kind: i32, attribute words…) -> i1`: whether the hit was accepted.
             ReportIntersection "report_intersection" Yield;
             /// `(index: i32, data words…) -> (data words…)`.
@@ -262,16 +262,16 @@ macro_rules! define_ops {
             /// `() -> T`: a scalar at a fixed row of a variable.
             VarLoad(VariableId, u32) "var.load" Read;
             /// `(T) -> ()`.
-            VarStore(VariableId, u32) "var.store" Effect;
+            VarStore(VariableId, u32) "var.store" Change;
             /// `() -> i32`: the variable's first row in private memory.
             VarAddress(VariableId) "var.address" Pure;
             /// `(address…) -> (T, …)`: consecutive scalars of the results' type.
             Load(Access) "load" Read;
             /// `(address…, T, …) -> ()`.
-            Store(Access) "store" Effect;
+            Store(Access) "store" Change;
             /// `(address…, operand…) -> T`: returns the old value. Operands: none for load (result only), one for most, (value, comparator)
             /// for compare-exchange; `Store` has one operand and no result.
-            Atomic(AtomicOp, Access) "atomic" Effect;
+            Atomic(AtomicOp, Access) "atomic" Change;
             /// `(index: i32) -> descriptor`: an entry of a binding; an index past the binding's end gives the null descriptor.
             Descriptor(DescriptorBinding) "descriptor" Pure;
             /// `(index: i32) -> i64`: the [reference](crate::environment::reference) to what `Descriptor` gives.
@@ -285,7 +285,7 @@ macro_rules! define_ops {
             /// Subgroup operations: at [`SubgroupOp`].
             Subgroup(SubgroupOp) "subgroup" Read;
             /// `(params…) -> (results…)`.
-            Call(FunctionId) "call" Effect;
+            Call(FunctionId) "call" Change;
             /// `(structure: 2 words, flags, cull_mask, sbt_offset, sbt_stride, miss_index, origin x y z, t_min, direction x y z, t_max, (time,)
             /// payload…) -> (payload…)`; each word i32 or f32. To a hit object no closest-hit or miss shader runs, and the results begin with
             /// the words that [`TRACED`](crate::hit_object::TRACED) lists.

@@ -176,7 +176,7 @@ impl Planner<'_> {
                     if to != entry && !found.contains(&to) {
                         found.push(to);
                     }
-                } else if std::mem::replace(&mut self.seen_by[to], Some(at)) != Some(at) {
+                } else if self.seen_by[to].replace(at) != Some(at) {
                     work.push(to);
                 }
             }

@@ -68,7 +68,7 @@ impl Generator<'_> {
         if self.random.one_in(4) {
             return self.unlike_operation(nodes);
         }
-        let op = ELEMENTWISE[self.random.below(ELEMENTWISE.len())].clone();
+        let op = ELEMENTWISE[self.random.below(ELEMENTWISE.len())];
         // Few of the functions that no rule looks into.
         if super::operations::is_transcendental(&op) && !self.random.one_in(8) {
             return self.operation(nodes);
@@ -158,7 +158,7 @@ impl Generator<'_> {
                 words[1]
             }
             5 => {
-                let op = [Op::BitfieldSExtract, Op::BitfieldUExtract][self.random.below(2)].clone();
+                let op = [Op::BitfieldSExtract, Op::BitfieldUExtract][self.random.below(2)];
                 let base = self.pick(int, nodes);
                 let range = self.bit_range(int, nodes);
                 self.emit_one(op, &[base, range[0], range[1]], int, nodes)

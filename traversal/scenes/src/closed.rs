@@ -172,7 +172,7 @@ fn mean(mesh: &Mesh, random: &mut Random) -> DVec3 {
     let mut point = DVec3::ZERO;
     let mut sum = 0.0;
     for &vertex in &mesh.vertices {
-        let weight = random.next().powi(3);
+        let weight = random.unit().powi(3);
         sum += weight;
         point += weight * wide(vertex);
     }
@@ -203,19 +203,19 @@ fn rays(
         if rays.len() == count {
             break;
         }
-        let triangle = mesh.triangle((random.next() * mesh.indices.len() as f64) as usize);
-        let first = (random.next() * 3.0) as usize;
+        let triangle = mesh.triangle((random.unit() * mesh.indices.len() as f64) as usize);
+        let first = (random.unit() * 3.0) as usize;
         let [a, b] = [triangle[first % 3], triangle[(first + 1) % 3]].map(wide);
         let weight = match rays.len() % 3 {
             0 => 0.0,
-            1 => random.next(),
-            _ => 10f64.powf(-6.0 * random.next()),
+            1 => random.unit(),
+            _ => 10f64.powf(-6.0 * random.unit()),
         };
-        let beside = 10f64.powf(-9.0 + 5.0 * random.next());
+        let beside = 10f64.powf(-9.0 + 5.0 * random.unit());
         let beside = random.vector() * beside;
         let target = a + weight * (b - a) + beside;
         let far = mean(mesh, random);
-        let part = 10f64.powf(-6.0 * random.next()) * if inside { 1.0 } else { -1.0 };
+        let part = 10f64.powf(-6.0 * random.unit()) * if inside { 1.0 } else { -1.0 };
         let near = target + part * (far - target);
         let origin = narrow(near);
         let fits = match closed {

@@ -143,12 +143,12 @@ fn aimed(
     let mut attempts = 0;
     while rays.len() < count && attempts < 20 * count {
         attempts += 1;
-        let index = (random.next() * mesh.indices.len() as f64) as usize;
+        let index = (random.unit() * mesh.indices.len() as f64) as usize;
         let triangle = mesh.triangle(index).map(wide);
         let weights = match attempts % 3 {
             _ if aim == Aim::Inside => [0.3, 0.25, 0.45],
             0 => {
-                let (u, v) = (random.next(), random.next());
+                let (u, v) = (random.unit(), random.unit());
                 if u + v > 1.0 {
                     [u + v - 1.0, 1.0 - u, 1.0 - v]
                 } else {
@@ -156,7 +156,7 @@ fn aimed(
                 }
             }
             1 => {
-                let u = random.next();
+                let u = random.unit();
                 [1.0 - u, u, 0.0]
             }
             _ => [1.0, 0.0, 0.0],
@@ -233,11 +233,11 @@ fn reach(size: f64, random: &mut Random, count: usize) -> Hard {
     let mut rays = Vec::with_capacity(count);
     while rays.len() < count {
         let axis = rays.len() % 3;
-        let along = random.next() * size;
+        let along = random.unit() * size;
         let mut point = |beside: f64| {
             DVec3::from([0, 1, 2].map(|i| match i == axis {
                 true => along + random.signed() * beside.min(along).min(size - along),
-                false => random.next() * beside,
+                false => random.unit() * beside,
             }))
         };
         let (origin, target) = (narrow(point(0.9_f64.min(size))), point(1e-4));
@@ -273,7 +273,7 @@ fn needles(aspect: f64, random: &mut Random, count: usize) -> Hard {
     }
     aimed(mesh, Aim::Everywhere, random, count, |target, _, random| {
         let tilt = random.vector();
-        let far = 10f64.powf(-2.0 * random.next());
+        let far = 10f64.powf(-2.0 * random.unit());
         let from = DVec3::new(tilt.x, 0.3 * tilt.y, 1.0);
         Some((target + far * from, 1.0))
     })
@@ -340,7 +340,7 @@ fn grazing(angle: f64, random: &mut Random, count: usize) -> Hard {
         random,
         count,
         |target, _, random| {
-            let turn = random.next() * std::f64::consts::TAU;
+            let turn = random.unit() * std::f64::consts::TAU;
             let (up, along) = angle.min(1.5).sin_cos();
             let way = FRAME * DVec3::new(turn.cos() * along, turn.sin() * along, up);
             is_inner(target, FRAME).then(|| (target + 3.0 * way, 1.0))

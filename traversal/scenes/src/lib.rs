@@ -279,7 +279,8 @@ pub fn candidates_with(walker: &mut Walker, top: &Bytes, ray: &Ray) -> Vec<Hit> 
 pub struct Random(pub u64);
 
 impl Random {
-    pub fn next(&mut self) -> f64 {
+    /// From 0 to below 1.
+    pub fn unit(&mut self) -> f64 {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 7;
         self.0 ^= self.0 << 17;
@@ -287,7 +288,7 @@ impl Random {
     }
 
     pub fn signed(&mut self) -> f64 {
-        2.0 * self.next() - 1.0
+        2.0 * self.unit() - 1.0
     }
 
     pub fn vector(&mut self) -> DVec3 {

@@ -33,7 +33,7 @@ pub fn rays() -> Vec<Ray> {
         0.0, -0.0, 1.0e-42, -1.0e-38, 1.0e-30, -1.0e-12, 1.0, -1.0, 0.5, -2.0,
     ];
     for i in 0..4800 {
-        let mut pick = |of: &[f32]| of[(random.next() * of.len() as f64) as usize % of.len()];
+        let mut pick = |of: &[f32]| of[(random.unit() * of.len() as f64) as usize % of.len()];
         let mut direction = [pick(&tiny), pick(&tiny), pick(&tiny)];
         let half = [-3.0, -1.5, -1.0, -0.0, 0.0, 0.5, 1.0, 2.0, 2.25, 8.0];
         let mut origin = [pick(&half), pick(&half), pick(&half)];

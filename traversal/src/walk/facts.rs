@@ -55,7 +55,7 @@ impl InstanceFacts {
     pub fn new(index: u32, words: &InstanceWords, ray: &Ray) -> InstanceFacts {
         let flags = words.sbt_offset_and_flags >> 24;
         let by_ray = ray.flags & (ray_flags::OPAQUE | ray_flags::NO_OPAQUE);
-        let by_instance = flags / instance_flags::FORCE_OPAQUE & 3;
+        let by_instance = (flags / instance_flags::FORCE_OPAQUE) & 3;
         InstanceFacts {
             index,
             custom_index: words.custom_index_and_mask & 0xFF_FFFF,

@@ -31,7 +31,6 @@ pub struct Walker {
     /// Groups with rays in the stream.
     pub(crate) streamed: Vec<u32>,
     /// Memory of rays that no longer wait.
-    #[allow(clippy::vec_box, reason = "they move to where their rays are kept")]
     pub(crate) spare: Vec<Box<Suspended>>,
     pub(crate) counts: Counts,
     pub(crate) options: Options,

@@ -243,9 +243,9 @@ pub fn sphere(levels: u32, scale: f64, translation: f64, count: usize) -> (Mesh,
     let mut random = Random(88_172_645_463_325_252);
     let mut rays = Vec::with_capacity(count);
     for number in 0..count {
-        let face = mesh.indices[(random.next() * mesh.indices.len() as f64) as usize];
+        let face = mesh.indices[(random.unit() * mesh.indices.len() as f64) as usize];
         let [a, b, _] = face.map(|i| wide(mesh.vertices[i as usize]));
-        let weight = if number % 2 == 0 { random.next() } else { 0.0 };
+        let weight = if number % 2 == 0 { random.unit() } else { 0.0 };
         let target = a + weight * (b - a);
         let (normal, tilt) = (normalize(target - offset), random.direction());
         let way = normalize(normal * 0.9 + tilt * 0.6);
@@ -277,11 +277,11 @@ fn errors(test: Test, count: usize) -> (f64, f64) {
         let (mesh, rays) = sphere(3, scale, translation, 3 * count);
         let mut random = Random(0x1234_5678_9ABC_DEF1);
         for aimed in rays {
-            let index = (random.next() * mesh.indices.len() as f64) as usize;
+            let index = (random.unit() * mesh.indices.len() as f64) as usize;
             let triangle = mesh.triangle(index);
             let corners = triangle.map(wide);
             let inner = 0.2 * corners[0] + 0.3 * corners[1] + 0.5 * corners[2];
-            let length = 0.3 + random.next();
+            let length = 0.3 + random.unit();
             let way = (inner - wide(aimed.origin)) * length / scale;
             let ray = ray(aimed.origin, narrow(way));
             let Some(truth) = exact::meet(&ray, &triangle) else {

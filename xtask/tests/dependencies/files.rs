@@ -61,11 +61,12 @@ impl Files {
                 continue;
             }
             for path in &scope.uses {
-                if let Some(file) = resolve(&scopes, module, path, 0) {
-                    if file != scope.file && !lies_under(&paths[file], &paths[scope.file]) {
-                        let name = path.last().expect("a path has a name").clone();
-                        arrows.entry((scope.file, file)).or_default().insert(name);
-                    }
+                if let Some(file) = resolve(&scopes, module, path, 0)
+                    && file != scope.file
+                    && !lies_under(&paths[file], &paths[scope.file])
+                {
+                    let name = path.last().expect("a path has a name").clone();
+                    arrows.entry((scope.file, file)).or_default().insert(name);
                 }
             }
         }

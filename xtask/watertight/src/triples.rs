@@ -25,7 +25,7 @@ struct Case {
 }
 
 fn size(random: &mut Random, low: f64, high: f64) -> f64 {
-    10f64.powf(low + (high - low) * random.next())
+    10f64.powf(low + (high - low) * random.unit())
 }
 
 fn case(kind: usize, random: &mut Random) -> Case {
@@ -67,15 +67,15 @@ fn case(kind: usize, random: &mut Random) -> Case {
     let weight = match kind {
         1 => 0.0,
         5 => size(random, -6.0, 0.0),
-        _ => random.next(),
+        _ => random.unit(),
     };
     let [start, end] = [p, q].map(wide);
     let aim = start + weight * (end - start);
     let far = if kind == 4 { scale } else { 1.0 };
     let origin = narrow(aim + reach * far * away);
     let mut direction = narrow(aim - wide(origin));
-    if random.next() < 0.25 {
-        direction[(random.next() * 3.0) as usize] = 0.0;
+    if random.unit() < 0.25 {
+        direction[(random.unit() * 3.0) as usize] = 0.0;
     }
     if kind == 3 {
         // In the plane of the ray and the edge, but for how they are rounded.

@@ -102,7 +102,7 @@ mod tests {
         let text = "module closest_hit\ninputs payload.0\noutput_rows 1\nfunc f0 {\n\
                     v0: i32 = input[0]\nv1: i32 = iadd v0, v0\nend(v1)\n}\n";
         let mut waves = Waves::new(text, None, 100).expect("a program");
-        assert!(waves.lanes() >= 100 && waves.lanes() % waves.lanes_a_wave() == 0);
+        assert!(waves.lanes() >= 100 && waves.lanes().is_multiple_of(waves.lanes_a_wave()));
         waves.set_input(0, |lane| lane as u32);
         for _ in 0..2 {
             waves.restart();

@@ -212,9 +212,7 @@ impl Bias {
         let offset = slope * f64::from(self.slope) + unit * f64::from(self.constant);
         let clamp = f64::from(self.clamp);
         // Unordered comparisons leave it as it is.
-        if clamp > 0.0 && offset > clamp {
-            clamp
-        } else if clamp < 0.0 && offset < clamp {
+        if clamp > 0.0 && offset > clamp || clamp < 0.0 && offset < clamp {
             clamp
         } else {
             offset

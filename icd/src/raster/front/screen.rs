@@ -158,8 +158,8 @@ impl Volume {
 #[inline(always)]
 pub fn project(screen: &Screen, volume: &Volume, position: &Clip) -> ScreenVertex {
     let [x, y, z, w] = *position;
-    // Differences of what is finite are 0.
-    let is_finite = (x - x) + (y - y) + (z - z) + (w - w) == 0.0;
+    // The sum of four that were f32 is.
+    let is_finite = (x + y + z + w).is_finite();
     let inverse_w = 1.0 / w;
     let screen_x = x * inverse_w * screen.scale[0] + screen.offset[0];
     let screen_y = y * inverse_w * screen.scale[1] + screen.offset[1];

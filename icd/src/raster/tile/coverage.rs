@@ -214,7 +214,7 @@ fn cells(columns: [i32; 2], rows: [i32; 2]) -> u16 {
         let bits = |end: i32| (1u32 << (end.clamp(0, 4) * step)) - 1;
         bits(to) & !bits(from)
     };
-    (range(columns, 1) * 0x1111 & range(rows, 4)) as u16
+    ((range(columns, 1) * 0x1111) & range(rows, 4)) as u16
 }
 
 /// Of sixteen squares of `size` pixels from (x, y) on: those that are touched, and those whose samples are all covered.

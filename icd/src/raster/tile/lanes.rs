@@ -64,22 +64,18 @@ macro_rules! vectors {
     (@[$($unsafe:tt)?] [$(#[$doc:meta])*] [$vis:vis]
         $name:ident<$V:ident>($v:ident, $($arg:ident: $ty:ty),* $(,)?) $(-> $ret:ty)? $body:block) => {
         $(#[$doc])*
-        #[allow(clippy::too_many_arguments)]
         $vis $($unsafe)? fn $name(tier: spirv_jit::interp::TierKind, $($arg: $ty),*) $(-> $ret)? {
             use spirv_jit::image::vector;
             #[inline(always)]
-            #[allow(clippy::too_many_arguments)]
             $($unsafe)? fn body<$V: vector::Vector>($v: $V, $($arg: $ty),*) $(-> $ret)? $body
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c")]
-            #[allow(clippy::too_many_arguments)]
             $($unsafe)? fn avx2($($arg: $ty),*) $(-> $ret)? {
                 // SAFETY: the function's features, and the caller's promise.
                 unsafe { body(<vector::Avx2 as vector::Vector>::new(), $($arg),*) }
             }
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c")]
-            #[allow(clippy::too_many_arguments)]
             $($unsafe)? fn avx512($($arg: $ty),*) $(-> $ret)? {
                 // SAFETY: as above.
                 unsafe { body(<vector::Avx512 as vector::Vector>::new(), $($arg),*) }

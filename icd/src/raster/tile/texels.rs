@@ -368,7 +368,7 @@ pub unsafe fn store_word<V: Vector>(
 fn halves_of(target: &Target, places: &Places, quad_index: usize, sample: u32) -> [*mut u8; 2] {
     let surface = &target.surface;
     let stride = surface.row_stride_bytes as usize;
-    let texel = surface.texel_size_bytes as usize;
+    let texel = surface.texel_size_bytes;
     if places.pattern == Pattern::Row {
         let first = quad(target, places, 0, sample).wrapping_add(4 * quad_index * texel);
         return [first, first.wrapping_add(2 * texel)];

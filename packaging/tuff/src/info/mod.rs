@@ -98,7 +98,7 @@ fn text(installation: &Installation, seen: &Seen) -> String {
     let usable = std::thread::available_parallelism().map_or(1, usize::from);
     // SAFETY: a plain system call.
     let processors = unsafe { libc::sysconf(libc::_SC_NPROCESSORS_ONLN) };
-    let limited = match usable as i64 == i64::from(processors) {
+    let limited = match usable as i64 == processors {
         true => "",
         false => ", by affinity or the control group's CPU quota",
     };

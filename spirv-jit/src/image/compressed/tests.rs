@@ -108,7 +108,7 @@ fn bc4_and_bc5_have_six_or_four_steps() {
 #[test]
 fn bc6h_and_bc7_of_one_colour() {
     // Mode 3 of BC6H (00011): both ends of 10 bits, all indices 0. Red 512, unquantized (512 << 16 | 0x8000) >> 10, times 31 / 64.
-    let half = |code: u32| half::f16::from_bits(((((code << 16) + 0x8000) >> 10) * 31 >> 6) as u16);
+    let half = |code: u32| half::f16::from_bits((((code << 16) + 0x8000) / 1024 * 31 / 64) as u16);
     let block = 0b00011 | 512 << 5 | 100u128 << 15 | 1023u128 << 25;
     let texel = decode(blocks(Scheme::Bc6h), block)[0];
     assert_eq!(texel[0], half(512).to_f32());

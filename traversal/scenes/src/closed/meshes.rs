@@ -71,7 +71,7 @@ pub(super) fn terrain(strips: u32, length: f64) -> Mesh {
         for y in [0.0, length] {
             let mut x = 0.0;
             for _ in 0..points {
-                let height = if is_top { random.next() } else { -2.0 };
+                let height = if is_top { random.unit() } else { -2.0 };
                 vertices.push([x, y, height]);
                 x += 0.75;
             }

@@ -139,13 +139,13 @@ fn any_case(kind: usize, random: &mut Random) -> Case {
             triangle: [point(), point(), point()],
         };
     }
-    if random.bits() % 4 == 0 {
+    if random.bits().is_multiple_of(4) {
         direction[random.bits() as usize % 3] *= random.size(-30.0, 0.0) as f32;
     }
-    if random.bits() % 4 == 0 {
+    if random.bits().is_multiple_of(4) {
         direction[random.bits() as usize % 3] = 0.0;
     }
-    if random.bits() % 8 == 0 {
+    if random.bits().is_multiple_of(8) {
         origin[random.bits() as usize % 3] = 0.0;
     }
     let on_ray = |t: f64| -> [f64; 3] {

@@ -154,7 +154,7 @@ impl Planes {
 /// The machine has the instruction set. There is room for eight lists.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
-pub(super) unsafe fn meet<P, const ANY: bool, const WIDE: bool>(
+pub(super) unsafe fn meet<const ANY: bool, const WIDE: bool>(
     stream: &mut Stream,
     octant_stack: &mut OctantStack,
     list: &List,

@@ -271,7 +271,7 @@ unsafe fn run_with<P: Place, const ANY: bool, const WIDE: bool>(
             } else {
                 *fuel = left;
                 let node = place.structure().node_at(list.word);
-                meet::<P, ANY, WIDE>(stream, octant_stack, &list, node);
+                meet::<ANY, WIDE>(stream, octant_stack, &list, node);
             }
         }
         if place.fetches_ahead()

@@ -45,9 +45,9 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
         let mut random = Random(0xABCD_EF01_2345);
         let mut wrong = [0usize; ROWS.len()];
         for _ in 0..count {
-            let face = glass.indices[(random.next() * glass.indices.len() as f64) as usize];
+            let face = glass.indices[(random.unit() * glass.indices.len() as f64) as usize];
             let [a, b, c] = face.map(|i| wide(glass.vertices[i as usize]));
-            let along = random.next();
+            let along = random.unit();
             let weights = match (edge, vertex) {
                 (true, _) => [1.0 - along, along, 0.0],
                 (_, true) => [1.0, 0.0, 0.0],

@@ -159,7 +159,7 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
         let mut all = 0;
         for _ in 0..count {
             // From inside the gap at the floor, and back at the lid.
-            let index = (random.next() * 128.0) as usize;
+            let index = (random.unit() * 128.0) as usize;
             let triangle = mesh.triangle(index);
             let [a, b, c] = triangle.map(wide);
             let target = 0.3 * a + 0.3 * b + 0.4 * c;

@@ -145,9 +145,9 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
 /// near the normal; and where it meets the mesh, by f64.
 fn aim(mesh: &Mesh, placed: &[f32; 12], random: &mut Random) -> (Ray, f64) {
     loop {
-        let index = (random.next() * mesh.indices.len() as f64) as usize;
+        let index = (random.unit() * mesh.indices.len() as f64) as usize;
         let corners = mesh.triangle(index).map(wide);
-        let (u, v) = (0.1 + 0.4 * random.next(), 0.1 + 0.4 * random.next());
+        let (u, v) = (0.1 + 0.4 * random.unit(), 0.1 + 0.4 * random.unit());
         let target = corners[0] * (1.0 - u - v) + corners[1] * u + corners[2] * v;
         let (normal, tilt) = (normalize(target), random.direction());
         let from = target + 2.0 * (0.9 * normal + 0.4 * tilt);

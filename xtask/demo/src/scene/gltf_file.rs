@@ -496,7 +496,7 @@ mod tests {
         let path = std::env::temp_dir().join(name);
         let text = r#"{"asset":{"version":"2.0"},"buffers":[{"uri":"no such%20file.bin","byteLength":4}]}"#;
         std::fs::write(&path, text).unwrap();
-        let message = format!("{:#}", load(&path).err().expect("the buffer is not there"));
+        let message = format!("{:#}", load(&path).expect_err("the buffer is not there"));
         let beside = path.with_file_name("no such file.bin");
         std::fs::write(&beside, [0; 4]).unwrap();
         let found = check(&path);

@@ -60,7 +60,6 @@ impl Canvas {
             samples: vk::SampleCountFlags::from_raw(samples),
             ..Default::default()
         })
-        .ok()
         .expect("a format that there is");
         let mut memory = vec![0u128; image.size_bytes as usize / 16 + 1];
         image.bind(memory.as_mut_ptr() as u64);
@@ -346,7 +345,7 @@ pub fn bins(targets: &Targets, shapes: usize) -> Bins {
 
 /// Works chunks off.
 pub fn run(threads: usize, targets: &Targets, work: &[Work], chunks: &[Chunk]) {
-    let workers = Workers::start(threads).ok().expect("threads start");
+    let workers = Workers::start(threads).expect("threads start");
     let (limits, reach) = (Limits::default(), Reach::default());
     let context = Context {
         workers: &workers,

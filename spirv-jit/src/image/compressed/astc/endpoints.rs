@@ -54,9 +54,9 @@ pub(super) fn decode(mode: u32, v: &[i32]) -> Option<Endpoints> {
     let scaled = |alphas: [i32; 2]| {
         [
             [
-                v[0] * v[3] >> 8,
-                v[1] * v[3] >> 8,
-                v[2] * v[3] >> 8,
+                (v[0] * v[3]) >> 8,
+                (v[1] * v[3]) >> 8,
+                (v[2] * v[3]) >> 8,
                 alphas[0],
             ],
             [v[0], v[1], v[2], alphas[1]],
