@@ -165,10 +165,3 @@ impl MotionTriangles {
         }
     }
 }
-
-/// What a copy between structures does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CopyMode {
-    Clone,
-    Compact,
-}

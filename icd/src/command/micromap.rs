@@ -1,11 +1,8 @@
-//! Commands on micromaps.
+//! Builds of micromaps as they are recorded.
 #![forbid(unsafe_code)]
 
-use ash::vk;
 use traversal::MicromapUsage;
 
-use crate::handle::Ref;
-use crate::object::QueryPool;
 use crate::object::acceleration_structure::Storage;
 
 /// `VkMicromapBuildInfoEXT`, copied.
@@ -25,26 +22,4 @@ impl MicromapBuild {
         let counts = self.usages.iter().map(|usage| u64::from(usage.count));
         counts.sum::<u64>().min(u32::MAX.into()) as u32
     }
-}
-
-/// A recorded command on micromaps.
-pub enum MicromapCommand {
-    /// `vkCmdBuildMicromapsEXT`.
-    Build(Vec<MicromapBuild>),
-    /// `vkCmdCopyMicromapEXT`, in either mode.
-    Copy {
-        source: Storage,
-        destination: Storage,
-    },
-    /// `vkCmdCopyMicromapToMemoryEXT`.
-    Serialize { source: Storage, destination: u64 },
-    /// `vkCmdCopyMemoryToMicromapEXT`.
-    Deserialize { source: u64, destination: Storage },
-    /// `vkCmdWriteMicromapsPropertiesEXT`.
-    WriteProperties {
-        micromaps: Vec<u64>,
-        query_type: vk::QueryType,
-        pool: Ref<QueryPool>,
-        first: u32,
-    },
 }

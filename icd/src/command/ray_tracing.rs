@@ -1,11 +1,11 @@
-//! Commands on acceleration structures and ray tracing dispatches.
+//! Commands on acceleration structures and micromaps, and ray tracing dispatches.
 
 #![forbid(unsafe_code)]
 
 use ash::vk;
 
-use super::build::{Build, CopyMode};
-use super::micromap::MicromapCommand;
+use super::build::Build;
+use super::micromap::MicromapBuild;
 use crate::handle::Ref;
 use crate::object::QueryPool;
 use crate::object::acceleration_structure::Storage;
@@ -17,30 +17,17 @@ pub enum RayTracingCommand {
     Build(Vec<Build>),
     /// `vkCmdBuildAccelerationStructuresIndirectKHR`.
     BuildIndirect(Vec<IndirectBuild>),
-    /// `vkCmdCopyAccelerationStructureKHR`.
-    Copy {
-        source: Storage,
-        destination: Storage,
-        mode: CopyMode,
-    },
-    /// `vkCmdCopyAccelerationStructureToMemoryKHR`.
-    Serialize {
-        source: Storage,
-        destination: u64,
-    },
-    /// `vkCmdCopyMemoryToAccelerationStructureKHR`.
-    Deserialize {
-        source: u64,
-        destination: Storage,
-    },
-    /// `vkCmdWriteAccelerationStructuresPropertiesKHR`.
+    /// `vkCmdBuildMicromapsEXT`.
+    BuildMicromaps(Vec<MicromapBuild>),
+    Copy(Built, BuiltCopy),
+    /// `vkCmdWriteAccelerationStructuresPropertiesKHR`, `vkCmdWriteMicromapsPropertiesEXT`.
     WriteProperties {
-        structures: Vec<u64>,
+        of: Built,
+        addresses: Vec<u64>,
         query_type: vk::QueryType,
         pool: Ref<QueryPool>,
         first: u32,
     },
-    Micromap(MicromapCommand),
     /// `vkCmdTraceRaysKHR`.
     TraceRays {
         tables: Tables,
@@ -71,4 +58,33 @@ pub struct IndirectBuild {
     pub stride_bytes: u32,
     /// Per geometry: what its range's primitive count may be at most.
     pub max_primitive_counts: Vec<u32>,
+}
+
+/// What was built.
+#[derive(Clone, Copy)]
+pub enum Built {
+    Structure,
+    Micromap,
+}
+
+/// A copy of what was built.
+#[derive(Clone, Copy)]
+pub enum BuiltCopy {
+    /// `vkCmdCopyAccelerationStructureKHR`, `vkCmdCopyMicromapEXT`.
+    Whole {
+        source: Storage,
+        destination: Storage,
+        mode: CopyMode,
+    },
+    /// `vkCmdCopyAccelerationStructureToMemoryKHR`, `vkCmdCopyMicromapToMemoryEXT`.
+    Serialize { source: Storage, destination: u64 },
+    /// `vkCmdCopyMemoryToAccelerationStructureKHR`, `vkCmdCopyMemoryToMicromapEXT`.
+    Deserialize { source: u64, destination: Storage },
+}
+
+/// What a copy between two of them does.
+#[derive(Clone, Copy)]
+pub enum CopyMode {
+    Clone,
+    Compact,
 }

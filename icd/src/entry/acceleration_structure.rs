@@ -1,31 +1,29 @@
 //! `VK_KHR_acceleration_structure`: objects, sizes, and the commands on the host and on the device.
 
-use std::ffi::c_void;
 use std::sync::Arc;
 
 use ash::vk::{self, Handle};
 use spirv_jit::reach::Reach;
 use spirv_jit::views::Key;
-use traversal::{BuildFlags, Live};
+use traversal::BuildFlags;
 
 use super::address_report::report;
-use super::deferred::{defer, defer_parallel};
+use super::built::{built, compatibility_of};
+use super::deferred::defer_parallel;
 use super::define::{commands, entry};
 use super::descriptor_buffer::captured;
 use crate::VkResult;
-use crate::command::build::CopyMode;
-use crate::command::ray_tracing::IndirectBuild;
+use crate::command::ray_tracing::{Built, BuiltCopy, CopyMode, IndirectBuild};
 use crate::command::{Command, RayTracingCommand};
 use crate::decode::acceleration_structure::{
     decode_build, decode_builds, geometries, has_micromap, kind, resolve_host_instances, storage,
 };
 use crate::device::Device;
-use crate::ffi::{slice, write_strided};
+use crate::ffi::slice;
 use crate::handle::{self, from_handle, retain};
 use crate::object::acceleration_structure::{Location, ReplayableStructure};
 use crate::object::addressed::{AddressEvent, Addressed};
-use crate::object::{AccelerationStructure, Buffer, QueryPool};
-use crate::structures::acceleration_structure::{self as execute};
+use crate::object::{AccelerationStructure, Buffer};
 use crate::structures::build;
 use crate::table::limits;
 use crate::validate::Caller;
@@ -35,18 +33,6 @@ pub(super) fn copy_mode(mode: vk::CopyAccelerationStructureModeKHR) -> CopyMode 
         vk::CopyAccelerationStructureModeKHR::COMPACT => CopyMode::Compact,
         _ => CopyMode::Clone,
     }
-}
-
-/// Where the structures of a device may lie.
-///
-/// # Safety
-/// The handle is that of a device.
-pub(super) unsafe fn live(device: vk::Device) -> Live {
-    // SAFETY: the caller's promise.
-    unsafe { from_handle::<Device>(device) }
-        .engine
-        .memory
-        .structures()
 }
 
 /// A new structure's handle; validation is told of it, and who listens to addresses.
@@ -133,7 +119,7 @@ entry! {
         info: *const vk::AccelerationStructureVersionInfoKHR<'_>,
         compatibility: *mut vk::AccelerationStructureCompatibilityKHR,
     ) {
-        *compatibility = execute::compatibility((*info).p_version_data.cast());
+        *compatibility = compatibility_of(&*(*info).p_version_data, limits::serialization_uuids());
     }
 
     fn vkBuildAccelerationStructuresKHR(
@@ -154,63 +140,6 @@ entry! {
             build::build(&builds, &Reach::everywhere(), &live, checks.as_ref());
             drop(records);
         })
-    }
-
-    fn vkCopyAccelerationStructureKHR(
-        device: vk::Device,
-        operation: vk::DeferredOperationKHR,
-        info: *const vk::CopyAccelerationStructureInfoKHR<'_>,
-    ) -> vk::Result {
-        let (source, destination) = (storage((*info).src), storage((*info).dst));
-        let live = live(device);
-        let mode = copy_mode((*info).mode);
-        defer(operation, 1, move || {
-            execute::copy(source, destination, mode, &live);
-            Ok(())
-        })
-    }
-
-    fn vkCopyAccelerationStructureToMemoryKHR(
-        device: vk::Device,
-        operation: vk::DeferredOperationKHR,
-        info: *const vk::CopyAccelerationStructureToMemoryInfoKHR<'_>,
-    ) -> vk::Result {
-        let (source, destination) = (storage((*info).src), (*info).dst.device_address);
-        let live = live(device);
-        defer(operation, 1, move || {
-            let uuids = limits::serialization_uuids();
-            execute::serialize(source, destination, &uuids, &Reach::everywhere(), &live);
-            Ok(())
-        })
-    }
-
-    fn vkCopyMemoryToAccelerationStructureKHR(
-        device: vk::Device,
-        operation: vk::DeferredOperationKHR,
-        info: *const vk::CopyMemoryToAccelerationStructureInfoKHR<'_>,
-    ) -> vk::Result {
-        let (source, destination) = ((*info).src.device_address, storage((*info).dst));
-        let live = live(device);
-        defer(operation, 1, move || {
-            execute::deserialize(source, destination, &Reach::everywhere(), &live);
-            Ok(())
-        })
-    }
-
-    fn vkWriteAccelerationStructuresPropertiesKHR(
-        device: vk::Device,
-        count: u32,
-        structures: *const vk::AccelerationStructureKHR,
-        query_type: vk::QueryType,
-        data_bytes: usize,
-        data: *mut c_void,
-        stride_bytes: usize,
-    ) -> vk::Result {
-        let live = live(device);
-        let values = slice(structures, count).iter().map(|&structure| {
-            execute::property(storage(structure).address, query_type, &live)
-        });
-        write_strided(values, data, data_bytes, stride_bytes)
     }
 }
 
@@ -243,49 +172,15 @@ commands! {
         });
         command_buffer.push(Command::RayTracing(RayTracingCommand::BuildIndirect(builds.collect())))
     }
+}
 
-    fn vkCmdCopyAccelerationStructureKHR(command_buffer, info: *const vk::CopyAccelerationStructureInfoKHR<'_>) {
-        command_buffer.push(Command::RayTracing(RayTracingCommand::Copy {
-            source: storage((*info).src),
-            destination: storage((*info).dst),
-            mode: copy_mode((*info).mode),
-        }))
-    }
-
-    fn vkCmdCopyAccelerationStructureToMemoryKHR(
-        command_buffer,
-        info: *const vk::CopyAccelerationStructureToMemoryInfoKHR<'_>,
-    ) {
-        command_buffer.push(Command::RayTracing(RayTracingCommand::Serialize {
-            source: storage((*info).src),
-            destination: (*info).dst.device_address,
-        }))
-    }
-
-    fn vkCmdCopyMemoryToAccelerationStructureKHR(
-        command_buffer,
-        info: *const vk::CopyMemoryToAccelerationStructureInfoKHR<'_>,
-    ) {
-        command_buffer.push(Command::RayTracing(RayTracingCommand::Deserialize {
-            source: (*info).src.device_address,
-            destination: storage((*info).dst),
-        }))
-    }
-
-    fn vkCmdWriteAccelerationStructuresPropertiesKHR(
-        command_buffer,
-        count: u32,
-        structures: *const vk::AccelerationStructureKHR,
-        query_type: vk::QueryType,
-        pool: vk::QueryPool,
-        first: u32,
-    ) {
-        let structures = slice(structures, count);
-        command_buffer.push(Command::RayTracing(RayTracingCommand::WriteProperties {
-            structures: structures.iter().map(|&structure| storage(structure).address).collect(),
-            query_type,
-            pool: retain::<QueryPool>(pool),
-            first,
-        }))
-    }
+built! {
+    Structure, AccelerationStructureKHR at storage,
+    vkWriteAccelerationStructuresPropertiesKHR, vkCmdWriteAccelerationStructuresPropertiesKHR;
+    vkCopyAccelerationStructureKHR, vkCmdCopyAccelerationStructureKHR, CopyAccelerationStructureInfoKHR:
+        |info| BuiltCopy::Whole { source: storage(info.src), destination: storage(info.dst), mode: copy_mode(info.mode) };
+    vkCopyAccelerationStructureToMemoryKHR, vkCmdCopyAccelerationStructureToMemoryKHR, CopyAccelerationStructureToMemoryInfoKHR:
+        |info| BuiltCopy::Serialize { source: storage(info.src), destination: info.dst.device_address };
+    vkCopyMemoryToAccelerationStructureKHR, vkCmdCopyMemoryToAccelerationStructureKHR, CopyMemoryToAccelerationStructureInfoKHR:
+        |info| BuiltCopy::Deserialize { source: info.src.device_address, destination: storage(info.dst) };
 }

@@ -3,6 +3,7 @@
 pub mod acceleration_structure;
 pub mod address_report;
 pub mod buffer;
+mod built;
 pub mod command;
 pub mod command_image;
 pub mod command_transfer;

@@ -12,6 +12,7 @@ use super::address_report::report;
 use super::buffer::write_requirements;
 use super::define::{commands, entry};
 use super::pipeline::create_each;
+use crate::command::ray_tracing::{Built, BuiltCopy};
 use crate::command::{Command, RayTracingCommand};
 use crate::decode::nv_ray_tracing::{
     create_pipeline_nv, decode_build, kind_and_counts, place, region, storage,
@@ -189,11 +190,14 @@ commands! {
         source: vk::AccelerationStructureNV,
         mode: vk::CopyAccelerationStructureModeKHR,
     ) {
-        command_buffer.push(Command::RayTracing(RayTracingCommand::Copy {
-            source: storage(source),
-            destination: storage(destination),
-            mode: copy_mode(mode),
-        }))
+        command_buffer.push(Command::RayTracing(RayTracingCommand::Copy(
+            Built::Structure,
+            BuiltCopy::Whole {
+                source: storage(source),
+                destination: storage(destination),
+                mode: copy_mode(mode),
+            },
+        )))
     }
 
     fn vkCmdWriteAccelerationStructuresPropertiesNV(
@@ -206,7 +210,8 @@ commands! {
     ) {
         let structures = slice(structures, count);
         command_buffer.push(Command::RayTracing(RayTracingCommand::WriteProperties {
-            structures: structures.iter().map(|&structure| storage(structure).address).collect(),
+            of: Built::Structure,
+            addresses: structures.iter().map(|&structure| storage(structure).address).collect(),
             query_type,
             pool: retain::<QueryPool>(pool),
             first,

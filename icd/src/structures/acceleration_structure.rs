@@ -6,7 +6,8 @@ use ash::vk;
 use spirv_jit::reach::Reach;
 use traversal::{Live, Structure};
 
-use crate::command::build::CopyMode;
+use crate::command::ray_tracing::CopyMode;
+use crate::log::{self, Level};
 use crate::object::acceleration_structure::Storage;
 use crate::table::limits;
 use crate::wave::reachable::{bytes, writable};
@@ -57,24 +58,15 @@ pub unsafe fn copy(source: Storage, destination: Storage, mode: CopyMode, live: 
             CopyMode::Clone => traversal::copy_into(source, destination),
             CopyMode::Compact => traversal::compact_into(source, destination),
         };
-        report(done.map(drop), "copy");
+        report(done, "acceleration structure copy");
     }
 }
-
-/// Identifiers at the head of serialized data: the driver's, then the format's.
-pub type Uuids = [[u8; 16]; 2];
 
 /// `VkCopyAccelerationStructureToMemoryInfoKHR`.
 ///
 /// # Safety
 /// As [`copy`], and `destination`, which lies in `reach`, is writable for the serialized size.
-pub unsafe fn serialize(
-    source: Storage,
-    destination: u64,
-    uuids: &Uuids,
-    reach: &Reach,
-    live: &Live,
-) {
+pub unsafe fn serialize(source: Storage, destination: u64, reach: &Reach, live: &Live) {
     // SAFETY: the caller's promise.
     unsafe {
         let Some(source) = structure_bytes(live, source.address) else {
@@ -84,10 +76,9 @@ pub unsafe fn serialize(
             return;
         };
         let destination = writable(reach, destination, size_bytes);
-        report(
-            traversal::serialize(source, uuids, destination, live).map(drop),
-            "serialization",
-        );
+        let uuids = limits::serialization_uuids();
+        let done = traversal::serialize(source, &uuids, destination, live);
+        report(done, "acceleration structure serialization");
     }
 }
 
@@ -104,20 +95,15 @@ pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach, live
         };
         let data = bytes(reach, source, head.serialized_bytes);
         let destination = storage_bytes(live, destination);
-        report(
-            traversal::deserialize(data, destination, live).map(drop),
-            "deserialization",
-        );
+        let done = traversal::deserialize(data, destination, live);
+        report(done, "acceleration structure deserialization");
     }
 }
 
-/// A failed transfer leaves the destination undefined, and a line in the log.
-fn report(result: Result<(), traversal::StructureError>, what: &str) {
+/// What failed leaves the destination undefined, and a line in the log.
+pub(super) fn report<T, E: std::fmt::Debug>(result: Result<T, E>, what: &str) {
     if let Err(error) = result {
-        crate::log::write(
-            crate::log::Level::Error,
-            &format!("acceleration structure {what}: {error:?}"),
-        );
+        log::write(Level::Error, &format!("{what}: {error:?}"));
     }
 }
 
@@ -146,19 +132,5 @@ pub unsafe fn property(address: u64, query_type: vk::QueryType, live: &Live) -> 
             // `ACCELERATION_STRUCTURE_SIZE_KHR`: what the structure takes, wherever it is put.
             _ => structure.size_bytes(),
         }
-    }
-}
-
-/// `vkGetDeviceAccelerationStructureCompatibilityKHR`: whether serialized data can be deserialized here.
-///
-/// # Safety
-/// `data` points to the two identifiers at the head of serialized data.
-pub unsafe fn compatibility(data: *const u8) -> vk::AccelerationStructureCompatibilityKHR {
-    // SAFETY: the caller's promise.
-    let uuids = unsafe { std::ptr::read_unaligned(data.cast::<Uuids>()) };
-    if uuids == limits::serialization_uuids() {
-        vk::AccelerationStructureCompatibilityKHR::COMPATIBLE
-    } else {
-        vk::AccelerationStructureCompatibilityKHR::INCOMPATIBLE
     }
 }

@@ -9,12 +9,12 @@ use traversal::{
     Live, MotionGeometry, TriangleGeometry,
 };
 
+use super::acceleration_structure::report;
 use super::acceleration_structure::{storage_bytes, structure_bytes};
 use crate::command::build::{Aabbs, Build, BuildGeometries, MotionTriangles, Triangles};
 use crate::command::range::Range;
 use crate::command::ray_tracing::IndirectBuild;
 use crate::format::structure::{MAX_VERTEX_BYTES, index_size_bytes};
-use crate::log::{self, Level};
 use crate::validate::Checks;
 use crate::wave::reachable::{read, readable, writable};
 
@@ -189,12 +189,10 @@ pub fn build(builds: &[Build], reach: &Reach, live: &Live, checks: Option<&Check
             unsafe { checks.build(build, reach) };
         }
         // SAFETY: as in `execute`.
-        if let Err(error) = unsafe { build.execute(reach, live) } {
-            log::write(
-                Level::Error,
-                &format!("acceleration structure build: {error:?}"),
-            );
-        }
+        report(
+            unsafe { build.execute(reach, live) },
+            "acceleration structure build",
+        );
     };
     match builds {
         [one] => run(one),

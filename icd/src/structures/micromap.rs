@@ -6,8 +6,8 @@ use rayon::prelude::*;
 use spirv_jit::reach::Reach;
 use traversal::{BuildError, Live, Micromap, MicromapInput};
 
-use super::acceleration_structure::{Uuids, storage_bytes};
-use crate::command::micromap::{MicromapBuild, MicromapCommand};
+use super::acceleration_structure::{report, storage_bytes};
+use crate::command::micromap::MicromapBuild;
 use crate::log::{self, Level};
 use crate::object::acceleration_structure::Storage;
 use crate::table::limits;
@@ -16,6 +16,9 @@ use crate::wave::reachable::{around, readable, writable};
 
 /// Offsets into a micromap's data have 32 bits; the longest states of a triangle follow.
 const MAX_DATA_BYTES: u64 = (1 << 32) + (1 << 22);
+
+/// The identifiers at the head of serialized data.
+const HEAD_BYTES: u64 = 32;
 
 /// Scratch memory is not used; an application may make a buffer of the size that it is told, which cannot be 0.
 pub const SCRATCH_BYTES: u64 = 64;
@@ -42,49 +45,6 @@ impl MicromapBuild {
     }
 }
 
-/// Performs a command on the current rayon pool.
-///
-/// # Safety
-/// As the valid usage of the command has it.
-pub unsafe fn execute(
-    command: &MicromapCommand,
-    reach: &Reach,
-    live: &Live,
-    checks: Option<&Checks>,
-) {
-    // SAFETY: the caller's promise, for each.
-    unsafe {
-        match command {
-            MicromapCommand::Build(builds) => build(builds, reach, live, checks),
-            MicromapCommand::Copy {
-                source,
-                destination,
-            } => copy(*source, *destination, live),
-            MicromapCommand::Serialize {
-                source,
-                destination,
-            } => {
-                let uuids = limits::micromap_uuids();
-                serialize(*source, *destination, &uuids, reach, live);
-            }
-            MicromapCommand::Deserialize {
-                source,
-                destination,
-            } => deserialize(*source, *destination, reach, live),
-            MicromapCommand::WriteProperties {
-                micromaps,
-                query_type,
-                pool,
-                first,
-            } => {
-                for (index, &address) in (*first..).zip(micromaps) {
-                    pool.write(index, property(address, *query_type, live));
-                }
-            }
-        }
-    }
-}
-
 /// Builds side by side: the specification forbids that builds of one command depend on each other.
 ///
 /// # Safety
@@ -96,7 +56,7 @@ pub unsafe fn build(builds: &[MicromapBuild], reach: &Reach, live: &Live, checks
             unsafe { checks.micromap(build, reach) };
         }
         // SAFETY: the caller's promise.
-        report(unsafe { build.execute(reach, live) }, "build");
+        report(unsafe { build.execute(reach, live) }, "micromap build");
     });
 }
 
@@ -120,7 +80,7 @@ pub unsafe fn copy(source: Storage, destination: Storage, live: &Live) {
             return;
         };
         let copied = traversal::copy_micromap(source, storage_bytes(live, destination));
-        report(copied, "copy");
+        report(copied, "micromap copy");
     }
 }
 
@@ -128,27 +88,17 @@ pub unsafe fn copy(source: Storage, destination: Storage, live: &Live) {
 ///
 /// # Safety
 /// As [`copy`], and `destination`, which lies in `reach`, is writable for the serialized size.
-pub unsafe fn serialize(
-    source: Storage,
-    destination: u64,
-    uuids: &Uuids,
-    reach: &Reach,
-    live: &Live,
-) {
+pub unsafe fn serialize(source: Storage, destination: u64, reach: &Reach, live: &Live) {
     // SAFETY: the caller's promise.
     unsafe {
         let Some(source) = bytes(live, source.address) else {
             return;
         };
-        let out = writable(
-            reach,
-            destination,
-            (size_of::<Uuids>() + source.len()) as u64,
-        );
-        let Some((head, body)) = out.split_at_mut_checked(size_of::<Uuids>()) else {
+        let out = writable(reach, destination, HEAD_BYTES + source.len() as u64);
+        let Some((head, body)) = out.split_at_mut_checked(HEAD_BYTES as usize) else {
             return;
         };
-        head.copy_from_slice(uuids.as_flattened());
+        head.copy_from_slice(limits::micromap_uuids().as_flattened());
         body.copy_from_slice(source);
     }
 }
@@ -160,13 +110,13 @@ pub unsafe fn serialize(
 pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach, live: &Live) {
     // SAFETY: what is reachable is there, and the caller's promise.
     unsafe {
-        let source = source.wrapping_add(size_of::<Uuids>() as u64);
+        let source = source.wrapping_add(HEAD_BYTES);
         let Some(source) = bytes(&around(reach, source), source) else {
             log::write(Level::Error, "micromap deserialization: not a micromap");
             return;
         };
         let copied = traversal::copy_micromap(source, storage_bytes(live, destination));
-        report(copied, "deserialization");
+        report(copied, "micromap deserialization");
     }
 }
 
@@ -178,14 +128,7 @@ pub unsafe fn property(address: u64, query_type: vk::QueryType, live: &Live) -> 
     // SAFETY: the caller's promise.
     let size_bytes = unsafe { bytes(live, address) }.map_or(0, |bytes| bytes.len() as u64);
     match query_type {
-        vk::QueryType::MICROMAP_SERIALIZATION_SIZE_EXT => size_bytes + size_of::<Uuids>() as u64,
+        vk::QueryType::MICROMAP_SERIALIZATION_SIZE_EXT => size_bytes + HEAD_BYTES,
         _ => size_bytes,
-    }
-}
-
-/// What failed leaves the destination undefined, and a line in the log.
-fn report<T, E: std::fmt::Debug>(result: Result<T, E>, what: &str) {
-    if let Err(error) = result {
-        log::write(Level::Error, &format!("micromap {what}: {error:?}"));
     }
 }

@@ -6,11 +6,12 @@ mod instances;
 pub mod micromap;
 mod swept;
 
+use ash::vk;
 use spirv_jit::reach::Reach;
 use traversal::Live;
 
 use crate::command::RayTracingCommand;
-use crate::table::limits;
+use crate::command::ray_tracing::{Built, BuiltCopy};
 use crate::validate::Checks;
 use build::{build, with_ranges};
 
@@ -29,53 +30,77 @@ pub fn execute(command: &RayTracingCommand, reach: &Reach, live: &Live, checks: 
                 checks,
             );
         }
-        RayTracingCommand::Copy {
-            source,
-            destination,
-            mode,
-        } => {
+        RayTracingCommand::BuildMicromaps(builds) => {
             // SAFETY: as above.
-            unsafe { acceleration_structure::copy(*source, *destination, *mode, live) };
+            unsafe { micromap::build(builds, reach, live, checks) };
         }
-        RayTracingCommand::Serialize {
-            source,
-            destination,
-        } => {
-            let uuids = limits::serialization_uuids();
-            // SAFETY: as above.
-            unsafe {
-                acceleration_structure::serialize(*source, *destination, &uuids, reach, live);
-            }
-        }
-        RayTracingCommand::Deserialize {
-            source,
-            destination,
-        } => {
-            // SAFETY: as above.
-            unsafe {
-                acceleration_structure::deserialize(*source, *destination, reach, live);
-            }
-        }
+        // SAFETY: as above.
+        &RayTracingCommand::Copy(built, what) => unsafe { copy(built, what, reach, live) },
         RayTracingCommand::WriteProperties {
-            structures,
+            of,
+            addresses,
             query_type,
             pool,
             first,
         } => {
-            for (index, &address) in (*first..).zip(structures) {
+            for (index, &address) in (*first..).zip(addresses) {
                 // SAFETY: as above.
-                pool.write(index, unsafe {
-                    acceleration_structure::property(address, *query_type, live)
-                });
+                pool.write(index, unsafe { property(*of, address, *query_type, live) });
             }
         }
-        // SAFETY: as above.
-        RayTracingCommand::Micromap(command) => unsafe {
-            micromap::execute(command, reach, live, checks)
-        },
         RayTracingCommand::TraceRays { .. }
         | RayTracingCommand::TraceRaysNv { .. }
         | RayTracingCommand::TraceRaysIndirect { .. }
         | RayTracingCommand::TraceRaysIndirect2 { .. } => {}
+    }
+}
+
+/// Copies what was built.
+///
+/// # Safety
+/// As [`acceleration_structure::copy`], [`serialize`](acceleration_structure::serialize) and
+/// [`deserialize`](acceleration_structure::deserialize).
+pub unsafe fn copy(built: Built, what: BuiltCopy, reach: &Reach, live: &Live) {
+    use acceleration_structure as structure;
+    // SAFETY: the caller's promise.
+    unsafe {
+        match what {
+            BuiltCopy::Whole {
+                source,
+                destination,
+                mode,
+            } => match built {
+                Built::Structure => structure::copy(source, destination, mode, live),
+                Built::Micromap => micromap::copy(source, destination, live),
+            },
+            BuiltCopy::Serialize {
+                source,
+                destination,
+            } => match built {
+                Built::Structure => structure::serialize(source, destination, reach, live),
+                Built::Micromap => micromap::serialize(source, destination, reach, live),
+            },
+            BuiltCopy::Deserialize {
+                source,
+                destination,
+            } => match built {
+                Built::Structure => structure::deserialize(source, destination, reach, live),
+                Built::Micromap => micromap::deserialize(source, destination, reach, live),
+            },
+        }
+    }
+}
+
+/// A property of what was built.
+///
+/// # Safety
+/// As [`acceleration_structure::property`].
+pub unsafe fn property(of: Built, address: u64, query_type: vk::QueryType, live: &Live) -> u64 {
+    // SAFETY: the caller's promise.
+    unsafe {
+        match of {
+            Built::Structure => acceleration_structure::property(address, query_type, live),
+            Built::Micromap => micromap::property(address, query_type, live),
+        }
     }
 }
