@@ -108,6 +108,28 @@ pub struct Structure {
     pub storage: Option<Buffer>,
 }
 
+/// Triangles whose corners stand in turn, three numbers each.
+pub fn triangles_at<'a>(
+    corners: vk::DeviceOrHostAddressConstKHR,
+    count: u32,
+) -> vk::AccelerationStructureGeometryTrianglesDataKHR<'a> {
+    vk::AccelerationStructureGeometryTrianglesDataKHR::default()
+        .vertex_format(vk::Format::R32G32B32_SFLOAT)
+        .vertex_data(corners)
+        .vertex_stride(12)
+        .max_vertex(count.max(1) - 1)
+        .index_type(vk::IndexType::NONE_KHR)
+}
+
+/// A geometry of triangles.
+pub fn geometry_of(
+    triangles: vk::AccelerationStructureGeometryTrianglesDataKHR<'_>,
+) -> vk::AccelerationStructureGeometryKHR<'_> {
+    vk::AccelerationStructureGeometryKHR::default()
+        .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
+        .geometry(vk::AccelerationStructureGeometryDataKHR { triangles })
+}
+
 impl Gpu {
     /// Builds a bottom-level structure.
     pub fn bottom(&self, geometries: &[Geometry]) -> Structure {
@@ -131,12 +153,7 @@ impl Gpu {
                     flags,
                 } => {
                     let vertices = self.buffer_with(corners);
-                    let mut data = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
-                        .vertex_format(vk::Format::R32G32B32_SFLOAT)
-                        .vertex_data(vertices.at())
-                        .vertex_stride(12)
-                        .max_vertex(corners.len().max(1) as u32 - 1)
-                        .index_type(vk::IndexType::NONE_KHR);
+                    let mut data = triangles_at(vertices.at(), corners.len() as u32);
                     let mut count = corners.len() / 3;
                     if !indices.is_empty() {
                         count = indices.len() / 3;

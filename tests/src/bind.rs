@@ -98,12 +98,27 @@ impl Gpu {
                 descriptor_count: 1,
             });
         }
+        let handle = self.allocate_set(layout, &sizes);
+        for (binding, things) in bindings {
+            for (element, thing) in things.iter().enumerate() {
+                self.write(handle, *binding, element as u32, thing);
+            }
+        }
+        Set { layout, handle }
+    }
+
+    /// A set of a pool of its own.
+    pub fn allocate_set(
+        &self,
+        layout: vk::DescriptorSetLayout,
+        sizes: &[vk::DescriptorPoolSize],
+    ) -> vk::DescriptorSet {
         let pool = vk::DescriptorPoolCreateInfo::default()
             .max_sets(1)
-            .pool_sizes(&sizes);
+            .pool_sizes(sizes);
         let layouts = [layout];
         // SAFETY: the structures outlive the calls.
-        let handle = unsafe {
+        unsafe {
             let pool = self
                 .device
                 .create_descriptor_pool(&pool, None)
@@ -113,13 +128,7 @@ impl Gpu {
                 .descriptor_pool(pool)
                 .set_layouts(&layouts);
             self.device.allocate_descriptor_sets(&info).expect("a set")[0]
-        };
-        for (binding, things) in bindings {
-            for (element, thing) in things.iter().enumerate() {
-                self.write(handle, *binding, element as u32, thing);
-            }
         }
-        Set { layout, handle }
     }
 
     /// The layout that [`Gpu::set`] makes.

@@ -405,34 +405,20 @@ impl Gpu {
         view: vk::ImageView,
     ) -> vk::DescriptorSet {
         let ty = vk::DescriptorType::INPUT_ATTACHMENT;
-        let sizes = [vk::DescriptorPoolSize {
+        let size = vk::DescriptorPoolSize {
             ty,
             descriptor_count: 1,
-        }];
-        let pool = vk::DescriptorPoolCreateInfo::default()
-            .max_sets(1)
-            .pool_sizes(&sizes);
-        let layouts = [layout];
+        };
+        let set = self.allocate_set(layout, &[size]);
         let image = [vk::DescriptorImageInfo::default()
             .image_view(view)
             .image_layout(vk::ImageLayout::GENERAL)];
-        // SAFETY: the structures outlive the calls.
-        unsafe {
-            let pool = self
-                .device
-                .create_descriptor_pool(&pool, None)
-                .expect("a pool");
-            self.keep(Made::Pool(pool));
-            let info = vk::DescriptorSetAllocateInfo::default()
-                .descriptor_pool(pool)
-                .set_layouts(&layouts);
-            let set = self.device.allocate_descriptor_sets(&info).expect("a set")[0];
-            let write = vk::WriteDescriptorSet::default()
-                .dst_set(set)
-                .descriptor_type(ty)
-                .image_info(&image);
-            self.device.update_descriptor_sets(&[write], &[]);
-            set
-        }
+        let write = vk::WriteDescriptorSet::default()
+            .dst_set(set)
+            .descriptor_type(ty)
+            .image_info(&image);
+        // SAFETY: the structures outlive the call.
+        unsafe { self.device.update_descriptor_sets(&[write], &[]) };
+        set
     }
 }

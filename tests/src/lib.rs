@@ -31,7 +31,9 @@ mod trace;
 mod window;
 mod words;
 
-pub use acceleration::{Geometry, Instance, Structure, Sweep, identity, scaled, translated};
+pub use acceleration::{
+    Geometry, Instance, Structure, Sweep, geometry_of, identity, scaled, translated, triangles_at,
+};
 pub use alone::alone;
 pub use bind::{Bound, Set};
 pub use case::Case;

@@ -212,18 +212,10 @@ fn structures_are_built_by_the_threads_that_join() {
         [[x, 0.0, z], [x + 1.0, 0.0, z], [x, 1.0, z]]
     };
     let corners: Vec<[f32; 3]> = (0..count).flat_map(triangle).collect();
-    let data = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
-        .vertex_format(vk::Format::R32G32B32_SFLOAT)
-        .vertex_data(vk::DeviceOrHostAddressConstKHR {
-            host_address: corners.as_ptr().cast(),
-        })
-        .vertex_stride(12)
-        .max_vertex(3 * count - 1)
-        .index_type(vk::IndexType::NONE_KHR);
-    let geometry = [vk::AccelerationStructureGeometryKHR::default()
-        .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
-        .flags(vk::GeometryFlagsKHR::OPAQUE)
-        .geometry(vk::AccelerationStructureGeometryDataKHR { triangles: data })];
+    let at = vk::DeviceOrHostAddressConstKHR {
+        host_address: corners.as_ptr().cast(),
+    };
+    let geometry = [geometry_of(triangles_at(at, 3 * count)).flags(vk::GeometryFlagsKHR::OPAQUE)];
     let level = vk::AccelerationStructureTypeKHR::BOTTOM_LEVEL;
     let mut info = vk::AccelerationStructureBuildGeometryInfoKHR::default()
         .ty(level)

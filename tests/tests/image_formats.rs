@@ -337,24 +337,8 @@ fn planes_are_converted() {
                 descriptor_count: 1,
             },
         ];
-        let pool_info = vk::DescriptorPoolCreateInfo::default()
-            .max_sets(1)
-            .pool_sizes(&sizes);
-        let pool = gpu
-            .device
-            .create_descriptor_pool(&pool_info, None)
-            .expect("a pool");
-        let layouts = [layout];
-        let allocation = vk::DescriptorSetAllocateInfo::default()
-            .descriptor_pool(pool)
-            .set_layouts(&layouts);
-        let set = Set {
-            layout,
-            handle: gpu
-                .device
-                .allocate_descriptor_sets(&allocation)
-                .expect("a set")[0],
-        };
+        let handle = gpu.allocate_set(layout, &sizes);
+        let set = Set { layout, handle };
         let output = gpu.buffer(16 * 12);
         gpu.write(set.handle, 0, 0, &Bound::Sampled(view, sampler));
         gpu.write(set.handle, 1, 0, &Bound::Storage(output));
@@ -384,7 +368,6 @@ fn planes_are_converted() {
             assert!(!far, "{i}: {texel:?}, not {expected:?}");
         }
         gpu.device.destroy_image_view(view, None);
-        gpu.device.destroy_descriptor_pool(pool, None);
         gpu.device
             .destroy_sampler_ycbcr_conversion(conversion, None);
     }

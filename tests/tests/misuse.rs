@@ -462,11 +462,7 @@ fn build_astray(gpu: &Gpu, of: vk::GeometryTypeKHR, address: u64) -> Structure {
                 .stride(24),
         },
         _ => vk::AccelerationStructureGeometryDataKHR {
-            triangles: vk::AccelerationStructureGeometryTrianglesDataKHR::default()
-                .vertex_format(vk::Format::R32G32B32_SFLOAT)
-                .vertex_data(at)
-                .vertex_stride(12)
-                .max_vertex(300)
+            triangles: triangles_at(at, 301)
                 .index_type(vk::IndexType::UINT32)
                 .index_data(at)
                 .transform_data(at),

@@ -41,18 +41,11 @@ fn build_on_host(
 
 /// One indexed triangle with a transform.
 fn triangle_on_host(gpu: &Gpu, indices: [u32; 3], transform: [f32; 12]) -> Structure {
-    let triangles = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
-        .vertex_format(vk::Format::R32G32B32_SFLOAT)
-        .vertex_data(host(&TRIANGLE))
-        .vertex_stride(12)
-        .max_vertex(2)
+    let triangles = triangles_at(host(&TRIANGLE), 3)
         .index_type(vk::IndexType::UINT32)
         .index_data(host(&indices))
         .transform_data(host(&transform));
-    let geometry = vk::AccelerationStructureGeometryKHR::default()
-        .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
-        .geometry(vk::AccelerationStructureGeometryDataKHR { triangles });
-    build_on_host(gpu, Level::BOTTOM_LEVEL, &geometry, 1)
+    build_on_host(gpu, Level::BOTTOM_LEVEL, &geometry_of(triangles), 1)
 }
 
 /// One instance of what a reference names.
@@ -109,21 +102,16 @@ fn triangle_with_micromap(gpu: &Gpu, micromap: vk::MicromapEXT, number: u32) -> 
         .index_type(vk::IndexType::NONE_KHR)
         .base_triangle(number)
         .micromap(micromap);
-    let mut triangles = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
-        .vertex_format(vk::Format::R32G32B32_SFLOAT)
-        .vertex_data(vk::DeviceOrHostAddressConstKHR {
-            device_address: gpu.buffer_with(&TRIANGLE).address,
-        })
-        .vertex_stride(12)
-        .max_vertex(2)
-        .index_type(vk::IndexType::NONE_KHR);
+    let mut triangles = triangles_at(gpu.buffer_with(&TRIANGLE).at(), 3);
     triangles.p_next = (&raw const chained).cast();
-    let geometry = vk::AccelerationStructureGeometryKHR::default()
-        .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
-        .geometry(vk::AccelerationStructureGeometryDataKHR { triangles });
     let range = vk::AccelerationStructureBuildRangeInfoKHR::default().primitive_count(1);
     let flags = vk::BuildAccelerationStructureFlagsKHR::empty();
-    gpu.build(Level::BOTTOM_LEVEL, &[geometry], &[range], flags)
+    gpu.build(
+        Level::BOTTOM_LEVEL,
+        &[geometry_of(triangles)],
+        &[range],
+        flags,
+    )
 }
 
 /// Each check breaks one rule, whose name is on the left; what it asserts holds with validation and without.

@@ -32,12 +32,7 @@ fn moving_with(
     flags: vk::GeometryFlagsKHR,
     micromap: Option<&Micromap>,
 ) -> Structure {
-    let mut data = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
-        .vertex_format(vk::Format::R32G32B32_SFLOAT)
-        .vertex_data(gpu.buffer_with(start).at())
-        .vertex_stride(12)
-        .max_vertex(start.len() as u32 - 1)
-        .index_type(vk::IndexType::NONE_KHR);
+    let mut data = triangles_at(gpu.buffer_with(start).at(), start.len() as u32);
     let mut motion = vk::AccelerationStructureGeometryMotionTrianglesDataNV::default()
         .vertex_data(gpu.buffer_with(end).at());
     let opacity = micromap.map(|micromap| {
@@ -50,10 +45,7 @@ fn moving_with(
         motion.p_next = (&raw const *opacity).cast();
     }
     data.p_next = (&raw const motion).cast();
-    let geometry = vk::AccelerationStructureGeometryKHR::default()
-        .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
-        .geometry(vk::AccelerationStructureGeometryDataKHR { triangles: data })
-        .flags(flags);
+    let geometry = geometry_of(data).flags(flags);
     let range = vk::AccelerationStructureBuildRangeInfoKHR::default()
         .primitive_count(start.len() as u32 / 3);
     let level = vk::AccelerationStructureTypeKHR::BOTTOM_LEVEL;

@@ -21,16 +21,8 @@ fn build_or_update(
     count: u32,
     updated: Option<Structure>,
 ) -> Structure {
-    let data = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
-        .vertex_format(vk::Format::R32G32B32_SFLOAT)
-        .vertex_data(corners.at())
-        .vertex_stride(12)
-        .max_vertex(3 * count - 1)
-        .index_type(vk::IndexType::NONE_KHR);
-    let geometry = [vk::AccelerationStructureGeometryKHR::default()
-        .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
-        .flags(vk::GeometryFlagsKHR::OPAQUE)
-        .geometry(vk::AccelerationStructureGeometryDataKHR { triangles: data })];
+    let data = triangles_at(corners.at(), 3 * count);
+    let geometry = [geometry_of(data).flags(vk::GeometryFlagsKHR::OPAQUE)];
     let mut info = vk::AccelerationStructureBuildGeometryInfoKHR::default()
         .ty(Level::BOTTOM_LEVEL)
         .flags(Flags::ALLOW_UPDATE)
@@ -260,10 +252,7 @@ fn vertex_formats_index_types_offsets_and_transforms() {
                     range = range.first_vertex(5).primitive_offset(4);
                 }
             }
-            let geometry = [vk::AccelerationStructureGeometryKHR::default()
-                .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
-                .flags(vk::GeometryFlagsKHR::OPAQUE)
-                .geometry(vk::AccelerationStructureGeometryDataKHR { triangles: data })];
+            let geometry = [geometry_of(data).flags(vk::GeometryFlagsKHR::OPAQUE)];
             let bottom = gpu.build(Level::BOTTOM_LEVEL, &geometry, &[range], Flags::empty());
             let world = gpu.top(&[Instance::of(bottom)]);
             let depth = gpu.depths(world, 1)[0];

@@ -74,20 +74,10 @@ fn describe<T>(
         chained = chained.index_type(ty).index_stride(stride);
         chained.index_buffer.device_address = buffer.address;
     }
-    let mut data = vk::AccelerationStructureGeometryTrianglesDataKHR::default()
-        .vertex_format(vk::Format::R32G32B32_SFLOAT)
-        .vertex_data(vk::DeviceOrHostAddressConstKHR {
-            device_address: gpu.buffer_with(&corners(count)).address,
-        })
-        .vertex_stride(12)
-        .max_vertex(3 * count - 1)
-        .index_type(vk::IndexType::NONE_KHR);
+    let mut data = triangles_at(gpu.buffer_with(&corners(count)).at(), 3 * count);
     data.p_next = (&raw const chained).cast();
-    let geometry = vk::AccelerationStructureGeometryKHR::default()
-        .geometry_type(vk::GeometryTypeKHR::TRIANGLES)
-        .geometry(vk::AccelerationStructureGeometryDataKHR { triangles: data });
     let range = vk::AccelerationStructureBuildRangeInfoKHR::default().primitive_count(count);
-    then(&geometry, range)
+    then(&geometry_of(data), range)
 }
 
 fn bottom(gpu: &Gpu, count: u32, usage: &Use<'_>, flags: Flags) -> Structure {
