@@ -208,3 +208,18 @@ pub struct AttachmentClears {
     pub clears: SmallVec<[AttachmentClear; 2]>,
     pub rects: SmallVec<[vk::ClearRect; 1]>,
 }
+
+/// An area, as far as it lies inside what has this size.
+pub fn inside(area: vk::Rect2D, [width, height]: [u32; 2]) -> vk::Rect2D {
+    let side = |first: i32, size: u32, most: u32| {
+        let end = (i64::from(first) + i64::from(size)).clamp(0, i64::from(most));
+        let first = i64::from(first).clamp(0, end);
+        (first as i32, (end - first) as u32)
+    };
+    let (x, width) = side(area.offset.x, area.extent.width, width);
+    let (y, height) = side(area.offset.y, area.extent.height, height);
+    vk::Rect2D {
+        offset: vk::Offset2D { x, y },
+        extent: vk::Extent2D { width, height },
+    }
+}

@@ -3,7 +3,7 @@
 use ash::vk;
 use smallvec::SmallVec;
 
-use crate::command::pass::{Attachment, Pass, PassRecorder, Resolve};
+use crate::command::pass::{Attachment, Pass, PassRecorder, Resolve, inside};
 use crate::ffi::{find, slice};
 use crate::handle::{Ref, from_handle, optional, retain};
 use crate::object::render_pass::{DepthStencilResolve, PassAttachment, Subpass};
@@ -154,21 +154,6 @@ pub unsafe fn begin(info: &vk::RenderPassBeginInfo<'_>) -> PassRecorder {
             inside(info.render_area, framebuffer.extent),
             framebuffer.layers,
         )
-    }
-}
-
-/// A render area, as far as it lies inside a framebuffer.
-fn inside(area: vk::Rect2D, [width, height]: [u32; 2]) -> vk::Rect2D {
-    let side = |first: i32, size: u32, most: u32| {
-        let end = (i64::from(first) + i64::from(size)).clamp(0, i64::from(most));
-        let first = i64::from(first).clamp(0, end);
-        (first as i32, (end - first) as u32)
-    };
-    let (x, width) = side(area.offset.x, area.extent.width, width);
-    let (y, height) = side(area.offset.y, area.extent.height, height);
-    vk::Rect2D {
-        offset: vk::Offset2D { x, y },
-        extent: vk::Extent2D { width, height },
     }
 }
 

@@ -3,7 +3,7 @@
 use ash::vk;
 use smallvec::SmallVec;
 
-use crate::command::pass::{Attachment, Pass};
+use crate::command::pass::{Attachment, Pass, inside};
 use crate::object::ImageView;
 use crate::object::graphics_state::MAX_COLOR_ATTACHMENTS;
 use crate::raster::{Batch, Clear, ClearValue, Target, Targets, Work};
@@ -31,14 +31,14 @@ impl<'a> Active<'a> {
         let depth = side(&pass.depth, vk::ImageAspectFlags::DEPTH);
         let stencil = side(&pass.stencil, vk::ImageAspectFlags::STENCIL);
         // Without attachments, too, there are limits (`maxFramebufferWidth`): what drawing takes of memory follows from the area.
-        let mut area = inside(pass.area, MAX_IMAGE_DIMENSION, MAX_IMAGE_DIMENSION);
+        let mut area = inside(pass.area, [MAX_IMAGE_DIMENSION; 2]);
         let mut layers = match pass.view_mask {
             0 => pass.layers.min(MAX_IMAGE_ARRAY_LAYERS),
             mask => u32::BITS - mask.leading_zeros(),
         };
         let (mut samples, mut has_attachments) = (1, false);
         for target in colors.iter().chain([&depth, &stencil]).flatten() {
-            area = inside(area, target.surface.width, target.surface.height);
+            area = inside(area, [target.surface.width, target.surface.height]);
             layers = layers.min(target.layers);
             samples = target.surface.samples;
             has_attachments = true;
@@ -204,19 +204,4 @@ fn target(attachment: &Attachment, aspect: vk::ImageAspectFlags) -> Option<Targe
         first_layer: attachment.view.range.base_array_layer,
         layers: attachment.view.layer_count(),
     })
-}
-
-/// An area, as far as it lies inside an attachment.
-fn inside(area: vk::Rect2D, width: u32, height: u32) -> vk::Rect2D {
-    let side = |first: i32, size: u32, most: u32| {
-        let end = (i64::from(first) + i64::from(size)).clamp(0, i64::from(most));
-        let first = i64::from(first).clamp(0, end);
-        (first as i32, (end - first) as u32)
-    };
-    let (x, width) = side(area.offset.x, area.extent.width, width);
-    let (y, height) = side(area.offset.y, area.extent.height, height);
-    vk::Rect2D {
-        offset: vk::Offset2D { x, y },
-        extent: vk::Extent2D { width, height },
-    }
 }
