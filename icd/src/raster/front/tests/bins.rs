@@ -10,7 +10,7 @@ use crate::raster::primitive::{Bins, Grid};
 
 #[test]
 fn bins_have_the_shapes_of_their_samples() {
-    let mut random = Random::new(40);
+    let mut random = Random::with_seed(40);
     // Off the grid of tiles, and not a multiple of a tile.
     let area = vk::Rect2D {
         offset: vk::Offset2D { x: 70, y: 130 },
@@ -27,9 +27,9 @@ fn bins_have_the_shapes_of_their_samples() {
     let mut chunk = Chunk::default();
     for round in 0..60 {
         let size = if round % 2 == 0 { 2.2 } else { 0.2 };
-        let base = [0, 1].map(|_| random.unit() * 2.0 - 1.0);
+        let base = [0, 1].map(|_| random.f64() * 2.0 - 1.0);
         let positions: [Clip; 3] = std::array::from_fn(|_| {
-            let mut near = |c: f64| c + (random.unit() - 0.5) * size;
+            let mut near = |c: f64| c + (random.f64() - 0.5) * size;
             [near(base[0]), near(base[1]), 0.5, 1.0]
         });
         let one = triangle(&facts, positions);

@@ -97,14 +97,14 @@ fn bresenham_state() -> GraphicsState {
 #[test]
 fn pixels_are_those_whose_diamonds_are_left() {
     let facts = facts(&bresenham_state(), 1);
-    let mut random = Random::new(30);
+    let mut random = Random::with_seed(30);
     for round in 0..3000 {
         // On centres, corners, diamonds' edges, and anywhere.
         let step = [128, 64, 32, 1][round % 4];
         let reach = if round % 3 == 0 { 6 * 256 } else { 24 * 256 };
         let mut place = || {
             let start = 20 * 256;
-            [0, 1].map(|_| start + random.between(0, reach / step) * step)
+            [0, 1].map(|_| start + random.i64(0..=reach / step) * step)
         };
         let (from, mut to) = (place(), place());
         match round % 5 {
@@ -125,14 +125,14 @@ fn pixels_are_those_whose_diamonds_are_left() {
 fn strips_draw_their_corners_once() {
     // Of a closed strip of lines in one direction, each pixel where two lines meet belongs to one of them.
     let facts = facts(&bresenham_state(), 1);
-    let mut random = Random::new(31);
+    let mut random = Random::with_seed(31);
     for _ in 0..300 {
         let mut place = [256 * 4 + 128, 256 * 30 + 128];
         let mut all = Vec::new();
         for _ in 0..5 {
             let next = [
-                place[0] + random.between(300, 2500),
-                place[1] + random.between(-290, 290),
+                place[0] + random.i64(300..=2500),
+                place[1] + random.i64(-290..=290),
             ];
             all.extend(drawn(&facts, place, next));
             place = next;

@@ -25,7 +25,7 @@ fn samples(count: u32) -> impl Iterator<Item = [i64; 2]> {
 
 #[test]
 fn a_triangle_covers_what_is_inside_and_nothing_outside() {
-    let mut random = Random::new(1);
+    let mut random = Random::with_seed(1);
     for round in 0..400 {
         let count = if round % 2 == 0 { 1 } else { 4 };
         let facts = facts(&state(), count);
@@ -37,7 +37,7 @@ fn a_triangle_covers_what_is_inside_and_nothing_outside() {
             _ => (1, -2_000_000, 2_000_000),
         };
         let p: [[i64; 2]; 3] =
-            std::array::from_fn(|_| std::array::from_fn(|_| random.between(low, high) * grid));
+            std::array::from_fn(|_| std::array::from_fn(|_| random.i64(low..=high) * grid));
         let chunk = triangle(&facts, p.map(|[x, y]| at(x as f64, y as f64, 0.5, 1.0)));
         let whole = area_of(p[0], p[1], p[2]);
         for sample in samples(count) {
@@ -91,7 +91,7 @@ fn covered_by_net(
 
 #[test]
 fn shared_edges_are_covered_once() {
-    let mut random = Random::new(2);
+    let mut random = Random::with_seed(2);
     for round in 0..6 {
         let count = if round % 2 == 0 { 1 } else { 4 };
         let facts = facts(&state(), count);
@@ -101,8 +101,7 @@ fn shared_edges_are_covered_once() {
         let steps = if round < 3 { 8 } else { 1000 };
         let places: Vec<[f64; 2]> = (0..(nodes + 1) * (nodes + 1))
             .map(|index| {
-                let mut jitter =
-                    || random.between(-steps, steps) as f64 / steps as f64 * cell * 0.25;
+                let mut jitter = || random.i64(-steps..=steps) as f64 / steps as f64 * cell * 0.25;
                 let (x, y) = (index % (nodes + 1), index / (nodes + 1));
                 [
                     (x - 1) as f64 * cell + jitter(),
@@ -114,8 +113,8 @@ fn shared_edges_are_covered_once() {
             let [x, y] = places[(y * (nodes + 1) + x) as usize];
             at(x, y, 0.5, 1.0)
         };
-        let mut flips = Random::new(round + 10);
-        let counts = covered_by_net(nodes, count, &facts, &place, &mut || flips.below(2) == 0);
+        let mut flips = Random::with_seed(round + 10);
+        let counts = covered_by_net(nodes, count, &facts, &place, &mut || flips.u64(..2) == 0);
         assert!(counts.iter().all(|count| *count == 1), "round {round}");
     }
 }
@@ -124,14 +123,14 @@ fn shared_edges_are_covered_once() {
 fn clipped_surfaces_are_covered_once() {
     // A plane that passes the camera: nodes are behind it, in front of the near plane, and beyond the far one. It fills the screen's lower half
     // and more; clipped at depth or not, no sample that it covers is covered twice, and none inside is missed.
-    let mut random = Random::new(3);
+    let mut random = Random::with_seed(3);
     for clips in [true, false] {
         let mut state = state();
         state.rasterization.depth_clip = clips;
         let facts = facts(&state, 1);
         let nodes = 8i64;
         let heights: Vec<[f64; 2]> = (0..(nodes + 1) * (nodes + 1))
-            .map(|_| [random.unit() - 0.5, random.unit() - 0.5])
+            .map(|_| [random.f64() - 0.5, random.f64() - 0.5])
             .collect();
         let place = |x: i64, y: i64| {
             let [dx, dz] = heights[(y * (nodes + 1) + x) as usize];
@@ -144,8 +143,8 @@ fn clipped_surfaces_are_covered_once() {
             let [x, y] = [world[0], -world[1]];
             [x, y, z, w].map(|value| f64::from(value as f32))
         };
-        let mut flips = Random::new(7);
-        let counts = covered_by_net(nodes, 1, &facts, &place, &mut || flips.below(2) == 0);
+        let mut flips = Random::with_seed(7);
+        let counts = covered_by_net(nodes, 1, &facts, &place, &mut || flips.u64(..2) == 0);
         // Row y sees the ground at w = 1 / (y as NDC).
         for (sample, count) in samples(1).zip(counts) {
             let ndc = (sample[1] as f64 / 256.0) / f64::from(SIDE) * 2.0 - 1.0;
@@ -168,12 +167,12 @@ fn clipped_surfaces_are_covered_once() {
 fn huge_coordinates_cover_as_exact_ones_do() {
     // A corner far beyond the guard band: the two sides that meet there are nearly parallel on the screen. What lies more than a pixel from
     // them is decided.
-    let mut random = Random::new(4);
+    let mut random = Random::with_seed(4);
     let facts = facts(&state(), 1);
     for _ in 0..300 {
-        let near = [0, 1].map(|_| [0, 1].map(|_| random.unit() * 64.0));
-        let angle = random.unit() * std::f64::consts::TAU;
-        let far = [angle.cos(), angle.sin()].map(|c| c * 1e9 * (1.0 + random.unit()));
+        let near = [0, 1].map(|_| [0, 1].map(|_| random.f64() * 64.0));
+        let angle = random.f64() * std::f64::consts::TAU;
+        let far = [angle.cos(), angle.sin()].map(|c| c * 1e9 * (1.0 + random.f64()));
         let p = [near[0], near[1], far];
         let chunk = triangle(
             &facts,
@@ -240,7 +239,7 @@ fn faces_are_culled_by_their_winding() {
 
 #[test]
 fn garbage_stays_within_the_scissor() {
-    let mut random = Random::new(5);
+    let mut random = Random::with_seed(5);
     let special = [
         0.0,
         -0.0,
@@ -268,15 +267,15 @@ fn garbage_stays_within_the_scissor() {
         state.rasterization.line_stipple_pattern = 0xA5F0;
         if round % 13 == 0 {
             let viewport = &mut state.viewports.viewports[0];
-            viewport.x = f32::from_bits(random.bits() as u32);
-            viewport.width = f32::from_bits(random.bits() as u32);
-            viewport.max_depth = f32::from_bits(random.bits() as u32);
+            viewport.x = f32::from_bits(random.u64(..) as u32);
+            viewport.width = f32::from_bits(random.u64(..) as u32);
+            viewport.max_depth = f32::from_bits(random.u64(..) as u32);
         }
         let facts = facts(&state, if round % 2 == 0 { 1 } else { 4 });
-        let mut value = || match random.below(8) {
-            0 => special[random.below(special.len() as u64) as usize],
-            1..4 => f64::from(f32::from_bits(random.bits() as u32)),
-            _ => f64::from((random.unit() * 4.0 - 2.0) as f32),
+        let mut value = || match random.u64(..8) {
+            0 => special[random.u64(..special.len() as u64) as usize],
+            1..4 => f64::from(f32::from_bits(random.u64(..) as u32)),
+            _ => f64::from((random.f64() * 4.0 - 2.0) as f32),
         };
         let positions = std::array::from_fn(|_| std::array::from_fn(|_| value()));
         let distances = std::array::from_fn(|_| {

@@ -42,9 +42,9 @@ const WORDS: usize = 9;
 
 /// Positions of vertices: all on the screen, none of the same place.
 fn positions(count: usize) -> Vec<[f32; 4]> {
-    let mut random = Random::new(50);
+    let mut random = Random::with_seed(50);
     (0..count)
-        .map(|_| [random.unit() as f32, random.unit() as f32, 0.5, 1.0])
+        .map(|_| [random.f64() as f32, random.f64() as f32, 0.5, 1.0])
         .collect()
 }
 
@@ -210,7 +210,7 @@ fn is_degenerate(positions: &[[f32; 4]], vertices: [u32; 3]) -> bool {
 
 #[test]
 fn restarts_cut_segments_and_numbers_go_on() {
-    let mut random = Random::new(51);
+    let mut random = Random::with_seed(51);
     let positions = positions(250);
     for round in 0..12 {
         let topology = [
@@ -224,9 +224,9 @@ fn restarts_cut_segments_and_numbers_go_on() {
         let length = if round < 4 { 60 } else { 9000 };
         let indices: Vec<u32> = (0..length)
             .map(
-                |_| match random.below(if round % 2 == 0 { 9 } else { 900 }) {
+                |_| match random.u64(..if round % 2 == 0 { 9 } else { 900 }) {
                     0 => restart,
-                    _ => random.below(250) as u32,
+                    _ => random.u64(..250) as u32,
                 },
             )
             .collect();

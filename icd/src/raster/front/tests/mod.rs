@@ -16,35 +16,7 @@ use super::screen::{Clip, ScreenVertex, project};
 use super::set_up::{Corners, Primitive, SetUp};
 use crate::object::graphics_state::GraphicsState;
 use crate::raster::primitive::{Chunk, Coverage, Shape};
-
-/// Random numbers (Marsaglia, "Xorshift RNGs", 2003).
-pub struct Random(u64);
-
-impl Random {
-    pub fn new(seed: u64) -> Self {
-        Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
-    }
-
-    pub fn bits(&mut self) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0.wrapping_mul(0x2545_F491_4F6C_DD1D)
-    }
-
-    /// From 0 to `end`, exclusive.
-    pub fn below(&mut self, end: u64) -> u64 {
-        (self.bits() >> 11) % end
-    }
-
-    pub fn between(&mut self, least: i64, greatest: i64) -> i64 {
-        least + self.below((greatest - least + 1) as u64) as i64
-    }
-
-    pub fn unit(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
-    }
-}
+pub use fastrand::Rng as Random;
 
 /// Pixels of a side of the tests' screen.
 pub const SIDE: u32 = 64;

@@ -9,11 +9,11 @@ use crate::raster::front::screen::{GUARD, Screen, ScreenVertex, Volume, code, pr
 
 /// Any bits, or numbers that make sense.
 fn word(random: &mut Random) -> u32 {
-    match random.below(8) {
-        0 => random.bits() as u32,
+    match random.u64(..8) {
+        0 => random.u64(..) as u32,
         1 => 0,
         2 => f32::INFINITY.to_bits(),
-        _ => ((random.unit() * 4.0 - 2.0) as f32).to_bits(),
+        _ => ((random.f64() * 4.0 - 2.0) as f32).to_bits(),
     }
 }
 
@@ -27,7 +27,7 @@ fn parts(vertex: &ScreenVertex) -> (i32, i32, u32, u64, u64) {
 #[test]
 fn subgroups_are_projected_as_single_vertices_are() {
     let state = state();
-    let mut random = Random::new(23);
+    let mut random = Random::with_seed(23);
     for round in 0..2000 {
         let screen = Screen::new(&state.viewports.viewports[0], round % 2 == 0);
         let volume = Volume {
@@ -57,7 +57,7 @@ fn what_has_no_place_is_nowhere() {
         depth_clip: true,
         negative_one_to_one: false,
     };
-    let mut random = Random::new(29);
+    let mut random = Random::with_seed(29);
     for _ in 0..20_000 {
         let position: [f64; 4] =
             std::array::from_fn(|_| f64::from(f32::from_bits(word(&mut random))));

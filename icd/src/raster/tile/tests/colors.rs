@@ -90,7 +90,7 @@ fn check(
     random: &mut Random,
 ) {
     let canvas = Canvas::new(format, 8, 8, 1, 1);
-    let color = |random: &mut Random| [(); 4].map(|()| random.unit() * 1.5 - 0.25);
+    let color = |random: &mut Random| [(); 4].map(|()| random.f32() * 1.5 - 0.25);
     let (source, second, constants) = (color(random), color(random), color(random));
     let old = color(random);
     for place in 0..64 {
@@ -152,7 +152,7 @@ fn check(
 
 #[test]
 fn every_factor_and_operation_is_what_the_table_says() {
-    let mut random = Random(5);
+    let mut random = Random::with_seed(5);
     let formats = [
         // Half a unit, and what f32 adds to it.
         (vk::Format::R8G8B8A8_UNORM, true, 0.5 / 255.0 + 1e-6),
@@ -169,9 +169,9 @@ fn every_factor_and_operation_is_what_the_table_says() {
         for &src_color in &all {
             for &dst_color in &all {
                 let mut pick =
-                    |from: &[BlendFactor]| from[random.within(0, from.len() as i64) as usize];
+                    |from: &[BlendFactor]| from[random.i64(0..from.len() as i64) as usize];
                 let (src_alpha, dst_alpha) = (pick(&all), pick(&all));
-                let mut op = || OPS[random.within(0, 5) as usize];
+                let mut op = || OPS[random.i64(0..5) as usize];
                 let state = BlendAttachment {
                     enable: true,
                     src_color,

@@ -72,18 +72,17 @@ fn check(edges: &[Edge], tile: &Bounds, clip: &Bounds) {
 
 #[test]
 fn triangles_of_all_sizes_cover_what_their_edges_say() {
-    let mut random = Random(0x1234_5678_9abc_def1);
+    let mut random = Random::with_seed(0x1234_5678_9abc_def1);
     for round in 0..300 {
         // From less than a pixel to far beyond the greatest viewport.
         let size = 1i64 << (7 + round % 22);
-        let tile = tile(random.within(0, 8) as i32, random.within(0, 8) as i32);
+        let tile = tile(random.i64(0..8) as i32, random.i64(0..8) as i32);
         let middle = [tile.left, tile.top].map(|it| i64::from(it + 32) * 256);
-        let corners =
-            [(); 3].map(|()| middle.map(|it| (it + random.within(-size, size + 1)) as i32));
+        let corners = [(); 3].map(|()| middle.map(|it| (it + random.i64(-size..size + 1)) as i32));
         let edges = edges(corners);
         check(&edges[..3], &tile, &tile);
         let mut side = |least: i32| {
-            let ends = [(); 2].map(|()| least + random.within(0, 65) as i32);
+            let ends = [(); 2].map(|()| least + random.i64(0..65) as i32);
             (ends[0].min(ends[1]), ends[0].max(ends[1]))
         };
         let ((left, right), (top, bottom)) = (side(tile.left), side(tile.top));
@@ -101,17 +100,17 @@ fn triangles_of_all_sizes_cover_what_their_edges_say() {
 
 #[test]
 fn edges_as_long_as_there_are_cover_what_they_say() {
-    let mut random = Random(0x0dd_ba11_0dd_ba11);
+    let mut random = Random::with_seed(0x0dd_ba11_0dd_ba11);
     let tile = tile(511, 511);
     for _ in 0..200 {
         let edge = |random: &mut Random| {
             let (a, b) = (
-                random.within(i64::from(i32::MIN), i64::from(i32::MAX)),
-                random.within(i64::from(i32::MIN), i64::from(i32::MAX)),
+                random.i64(i64::from(i32::MIN)..i64::from(i32::MAX)),
+                random.i64(i64::from(i32::MIN)..i64::from(i32::MAX)),
             );
             let (x, y) = (
-                i64::from(tile.left) * 256 + random.within(0, 1 << 14),
-                i64::from(tile.top) * 256 + random.within(0, 1 << 14),
+                i64::from(tile.left) * 256 + random.i64(0..1 << 14),
+                i64::from(tile.top) * 256 + random.i64(0..1 << 14),
             );
             Edge {
                 a: a as i32,
@@ -128,19 +127,19 @@ fn edges_as_long_as_there_are_cover_what_they_say() {
 
 #[test]
 fn triangles_that_share_edges_cover_each_sample_once() {
-    let mut random = Random(77);
+    let mut random = Random::with_seed(77);
     let tile = tile(0, 0);
     for _ in 0..50 {
         // A fan around a point inside, closed: corners on the tile's border and beyond.
         let middle = [
-            random.within(4000, 12000) as i32,
-            random.within(4000, 12000) as i32,
+            random.i64(4000..12000) as i32,
+            random.i64(4000..12000) as i32,
         ];
         let around = [
             [-300, -300],
-            [random.within(0, 16000) as i32, -700],
+            [random.i64(0..16000) as i32, -700],
             [17000, -300],
-            [18000, random.within(0, 16000) as i32],
+            [18000, random.i64(0..16000) as i32],
             [17000, 17000],
             [-300, 17000],
         ];

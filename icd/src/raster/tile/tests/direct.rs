@@ -68,23 +68,23 @@ pub struct Drawn {
 
 impl Drawn {
     pub fn new(random: &mut Random, extent: [u32; 2]) -> Self {
-        let reach = [8, 40, 300][random.within(0, 3) as usize] * 256;
-        let middle = extent.map(|it| random.within(0, i64::from(it) * 256));
+        let reach = [8, 40, 300][random.i64(0..3) as usize] * 256;
+        let middle = extent.map(|it| random.i64(0..i64::from(it) * 256));
         let corners =
-            [(); 3].map(|()| middle.map(|it| (it + random.within(-reach, reach + 1)) as i32));
+            [(); 3].map(|()| middle.map(|it| (it + random.i64(-reach..reach + 1)) as i32));
         let mut plane = || Plane {
-            at: random.unit() * 2.0 - 0.5,
-            dx: (random.unit() - 0.5) / 32.0,
-            dy: (random.unit() - 0.5) / 32.0,
+            at: random.f32() * 2.0 - 0.5,
+            dx: (random.f32() - 0.5) / 32.0,
+            dy: (random.f32() - 0.5) / 32.0,
         };
         let (depth, linear) = (plane(), [plane(), plane()]);
-        let colors = [(); 3].map(|()| [(); 4].map(|()| random.unit() * 1.5 - 0.25));
+        let colors = [(); 3].map(|()| [(); 4].map(|()| random.f32() * 1.5 - 0.25));
         Self {
             edges: edges(corners),
             depth,
             linear,
-            origin: extent.map(|it| random.within(0, i64::from(it)) as i32),
-            colors: match random.within(0, 2) {
+            origin: extent.map(|it| random.i64(0..i64::from(it)) as i32),
+            colors: match random.i64(0..2) {
                 0 => [colors[0]; 3],
                 _ => colors,
             },
@@ -242,7 +242,7 @@ fn expect(
 /// A state by chance.
 pub fn state(random: &mut Random) -> GraphicsState {
     let mut state = GraphicsState::default();
-    let mut pick = |count: usize| random.within(0, count as i64) as usize;
+    let mut pick = |count: usize| random.i64(0..count as i64) as usize;
     state.depth_stencil.depth_test = pick(4) != 0;
     state.depth_stencil.depth_write = pick(4) != 0;
     state.depth_stencil.depth_compare = COMPARE[pick(8)];
@@ -276,7 +276,7 @@ pub fn state(random: &mut Random) -> GraphicsState {
 }
 
 fn check(random: &mut Random, runs: bool) {
-    let pick = |random: &mut Random, count: usize| random.within(0, count as i64) as usize;
+    let pick = |random: &mut Random, count: usize| random.i64(0..count as i64) as usize;
     let extent = [1 + pick(random, 150) as u32, 1 + pick(random, 100) as u32];
     let samples = [1, 1, 2, 4, 8][pick(random, 5)];
     let color_format = COLORS[pick(random, COLORS.len())];
@@ -344,7 +344,7 @@ fn check(random: &mut Random, runs: bool) {
 
 #[test]
 fn every_tier_draws_what_the_loops_do() {
-    let mut random = Random(0x51de_0b0e_1357_9bdf);
+    let mut random = Random::with_seed(0x51de_0b0e_1357_9bdf);
     for _ in 0..400 {
         check(&mut random, false);
     }
@@ -352,7 +352,7 @@ fn every_tier_draws_what_the_loops_do() {
 
 #[test]
 fn programs_that_run_leave_the_same() {
-    let mut random = Random(0x2468_ace0_0f1e_2d3c);
+    let mut random = Random::with_seed(0x2468_ace0_0f1e_2d3c);
     for _ in 0..250 {
         check(&mut random, true);
     }

@@ -12,12 +12,11 @@ fn triangles(count: usize, random: &mut Random) -> Vec<Triangle> {
     (0..count)
         .map(|index| {
             let size = 1 << (8 + index % 7);
-            let middle = [random.within(0, 150 * 256), random.within(0, 100 * 256)];
-            let corners =
-                [(); 3].map(|()| middle.map(|it| (it + random.within(-size, size)) as i32));
+            let middle = [random.i64(0..150 * 256), random.i64(0..100 * 256)];
+            let corners = [(); 3].map(|()| middle.map(|it| (it + random.i64(-size..size)) as i32));
             Triangle {
                 corners,
-                depth: random.unit(),
+                depth: random.f32(),
                 color: [index as u32 & 0xff, index as u32 >> 8, 7, 1],
                 front: true,
             }
@@ -28,7 +27,7 @@ fn triangles(count: usize, random: &mut Random) -> Vec<Triangle> {
 #[test]
 fn the_last_primitive_wins_at_each_sample() {
     for samples in [1, 4] {
-        let mut random = Random(41);
+        let mut random = Random::with_seed(41);
         let all = triangles(500, &mut random);
         let canvas = Canvas::new(vk::Format::R8G8B8A8_UINT, 150, 100, 1, samples);
         let targets = targets(Some(&canvas), None);
@@ -63,7 +62,7 @@ fn threads_change_nothing() {
     let pictures: Vec<Vec<u8>> = [1, 2, 5]
         .into_iter()
         .map(|threads| {
-            let mut random = Random(1009);
+            let mut random = Random::with_seed(1009);
             let all = triangles(800, &mut random);
             let canvas = Canvas::new(vk::Format::R8G8B8A8_UNORM, 200, 130, 1, 4);
             let depth = Canvas::new(vk::Format::D16_UNORM, 200, 130, 1, 4);
@@ -81,7 +80,7 @@ fn threads_change_nothing() {
             let all: Vec<Triangle> = all
                 .into_iter()
                 .map(|it| Triangle {
-                    color: [(); 4].map(|()| random.unit().to_bits()),
+                    color: [(); 4].map(|()| random.f32().to_bits()),
                     ..it
                 })
                 .collect();

@@ -50,7 +50,7 @@ fn covers(shape: &Shape, x: i32, y: i32) -> bool {
 fn cells_are_the_pixels_of_both_triangles() {
     // SAFETY: it asks for nothing.
     let v = unsafe { Portable::new() };
-    let mut random = Random(0x5eed_0f0f_1234_9876);
+    let mut random = Random::with_seed(0x5eed_0f0f_1234_9876);
     let tile = Bounds {
         left: 64,
         top: 128,
@@ -59,23 +59,23 @@ fn cells_are_the_pixels_of_both_triangles() {
     };
     for _ in 0..2000 {
         let mut place = |first: i32| {
-            let reach = [30, 90][random.within(0, 2) as usize] * 256;
-            let least = first * 256 + random.within(-40 * 256, 64 * 256) as i32;
+            let reach = [30, 90][random.i64(0..2) as usize] * 256;
+            let least = first * 256 + random.i64(-40 * 256..64 * 256) as i32;
             // Often on pixels' centres or corners.
-            let whole = [1, 128, 256][random.within(0, 3) as usize];
-            let size = random.within(1, reach) as i32;
+            let whole = [1, 128, 256][random.i64(0..3) as usize];
+            let size = random.i64(1..reach) as i32;
             let (least, size) = (least / whole * whole, size / whole * whole);
             (least, least + size.max(whole))
         };
         let ((left, right), (top, bottom)) = (place(64), place(128));
-        let mut corners = halves([left, top], [right, bottom], random.within(0, 2) == 0);
-        if random.within(0, 2) == 0 {
+        let mut corners = halves([left, top], [right, bottom], random.i64(0..2) == 0);
+        if random.i64(0..2) == 0 {
             corners.swap(0, 1);
         }
         let mut limit = tile;
-        if random.within(0, 2) == 0 {
-            limit.right -= random.within(0, 64) as i32;
-            limit.top += random.within(0, 64) as i32;
+        if random.i64(0..2) == 0 {
+            limit.right -= random.i64(0..64) as i32;
+            limit.top += random.i64(0..64) as i32;
         }
         let [first, second] = corners.map(|corners| shape(corners, limit));
         let found = Rectangle::of(&first, &second, &limit).expect("they are a rectangle");

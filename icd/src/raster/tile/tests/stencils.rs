@@ -70,7 +70,7 @@ fn rounded(format: vk::Format, depth: f32) -> f64 {
 
 #[test]
 fn fragments_pass_and_write_what_the_tables_say() {
-    let mut random = Random(99);
+    let mut random = Random::with_seed(99);
     let formats = [
         vk::Format::D16_UNORM,
         vk::Format::X8_D24_UNORM_PACK32,
@@ -91,7 +91,7 @@ fn fragments_pass_and_write_what_the_tables_say() {
                 .any(|plane| plane.aspect == aspect)
         };
         let (has_depth, has_stencil) = (has(DEPTH), has(STENCIL));
-        let mut chance = |most: i64| random.within(0, most) as usize;
+        let mut chance = |most: i64| random.i64(0..most) as usize;
         let face = |chance: &mut dyn FnMut(i64) -> usize| StencilFace {
             fail: OPS[chance(8)],
             pass: OPS[chance(8)],

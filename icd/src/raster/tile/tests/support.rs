@@ -16,28 +16,7 @@ use crate::raster::tile::Tiles;
 use crate::raster::{Chunk, Context, Counters, Draw, Stages, Target, Targets, VertexBuffer, Work};
 use crate::transfer::surface::Surface;
 use crate::wave::{Limits, Workers};
-
-/// Numbers that look as if by chance, the same ones each time.
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn next(&mut self) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0.wrapping_mul(0x2545_f491_4f6c_dd1d)
-    }
-
-    /// From `least` on, less than `end`.
-    pub fn within(&mut self, least: i64, end: i64) -> i64 {
-        least + (self.next() >> 1) as i64 % (end - least)
-    }
-
-    /// 0 to 1.
-    pub fn unit(&mut self) -> f32 {
-        (self.next() >> 40) as f32 / (1 << 24) as f32
-    }
-}
+pub use fastrand::Rng as Random;
 
 /// An image with its memory, all zeros.
 pub struct Canvas {
