@@ -201,8 +201,8 @@ fn decode_component<V: Vector>(
         }
         Numeric::Uscaled => v.to_f(code),
         Numeric::Sscaled => v.to_f(signed),
-        Numeric::Sfloat => v.from_half(code),
-        Numeric::Ufloat => v.from_half(v.left_i(code, 15 - bits as u32)),
+        Numeric::Sfloat => v.half_to_f(code),
+        Numeric::Ufloat => v.half_to_f(v.left_i(code, 15 - bits as u32)),
     };
     v.bits_of(number)
 }

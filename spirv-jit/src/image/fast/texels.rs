@@ -390,7 +390,7 @@ impl<V: Vector> Task<V> for Halves<'_, '_, V> {
 /// The number of a word's lower or higher 16 bits.
 #[inline(always)]
 fn half<V: Vector>(v: V, word: V::I, high: bool) -> V::F {
-    v.from_half(match high {
+    v.half_to_f(match high {
         true => v.right_u(word, 16),
         false => word,
     })

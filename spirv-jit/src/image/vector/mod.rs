@@ -79,7 +79,7 @@ pub trait Vector: Copy {
     fn to_half(self, a: Self::F) -> Self::I;
     /// The numbers of those: as [`half_to_f32`](crate::image::format::small_float::half_to_f32).
     #[inline(always)]
-    fn from_half(self, half: Self::I) -> Self::F {
+    fn half_to_f(self, half: Self::I) -> Self::F {
         let magnitude = self.left_i(self.and_i(half, self.splat_i(0x7fff)), 13);
         let rebias = self.splat(f32::from_bits(0x7780_0000));
         let rebiased = self.bits_of(self.mul(self.bits_to_f(magnitude), rebias));
