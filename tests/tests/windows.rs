@@ -289,6 +289,93 @@ fn pictures_are_stretched_over_windows_of_other_sizes() {
     presenter.destroy(swapchain);
 }
 
+/// The application draws to the image that is shown (`VK_KHR_shared_presentable_image`), and asks for a refresh or does not need to.
+#[test]
+fn shared_images_are_shown_again() {
+    let shared = [
+        vk::PresentModeKHR::SHARED_DEMAND_REFRESH,
+        vk::PresentModeKHR::SHARED_CONTINUOUS_REFRESH,
+    ];
+    for mode in shared {
+        let Some((_server, window, presenter)) = on_screen(64, 48) else {
+            return;
+        };
+        if !presenter.extends(khr::shared_presentable_image::NAME)
+            || !has(&format!("{mode:?}"), presenter.modes().contains(&mode))
+        {
+            return;
+        }
+        let chain = Chain {
+            mode,
+            count: 1,
+            ..Chain::of(64, 48)
+        };
+        let swapchain = presenter.swapchain(&chain).unwrap();
+        let index = acquire(&presenter, swapchain, PATIENCE_NS).unwrap();
+        let device = &presenter.device;
+        // SAFETY: handles of this device, idle before each recording and when they are destroyed; nobody else draws to the image.
+        unsafe {
+            let images = presenter.swapchains.get_swapchain_images(swapchain);
+            let image = images.unwrap()[index as usize];
+            let info = vk::CommandPoolCreateInfo::default();
+            let pool = device.create_command_pool(&info, None).unwrap();
+            let info = vk::CommandBufferAllocateInfo::default()
+                .command_pool(pool)
+                .command_buffer_count(1);
+            let commands = device.allocate_command_buffers(&info).unwrap();
+            let range = vk::ImageSubresourceRange::default()
+                .aspect_mask(vk::ImageAspectFlags::COLOR)
+                .level_count(1)
+                .layer_count(1);
+            let layout = vk::ImageLayout::SHARED_PRESENT_KHR;
+            for round in 0..4u8 {
+                let flags = vk::CommandPoolResetFlags::empty();
+                device.reset_command_pool(pool, flags).unwrap();
+                let begin = vk::CommandBufferBeginInfo::default();
+                device.begin_command_buffer(commands[0], &begin).unwrap();
+                if round == 0 {
+                    let barrier = vk::ImageMemoryBarrier::default()
+                        .new_layout(layout)
+                        .dst_access_mask(vk::AccessFlags::TRANSFER_WRITE)
+                        .image(image)
+                        .subresource_range(range);
+                    let stage = vk::PipelineStageFlags::TRANSFER;
+                    let none = vk::DependencyFlags::empty();
+                    let barriers = [barrier];
+                    device.cmd_pipeline_barrier(
+                        commands[0],
+                        stage,
+                        stage,
+                        none,
+                        &[],
+                        &[],
+                        &barriers,
+                    );
+                }
+                let bytes = [40 * round, 255 - 60 * round, 7, 255];
+                let color = vk::ClearColorValue {
+                    float32: bytes.map(|byte| f32::from(byte) / 255.0),
+                };
+                device.cmd_clear_color_image(commands[0], image, layout, &color, &[range]);
+                device.end_command_buffer(commands[0]).unwrap();
+                let submit = vk::SubmitInfo::default().command_buffers(&commands);
+                let fence = vk::Fence::null();
+                device
+                    .queue_submit(presenter.queue, &[submit], fence)
+                    .unwrap();
+                device.queue_wait_idle(presenter.queue).unwrap();
+                if round == 0 || mode == vk::PresentModeKHR::SHARED_DEMAND_REFRESH {
+                    presenter.present(swapchain, index, &[], 0).unwrap();
+                }
+                let pixel = [bytes[2], bytes[1], bytes[0], 255];
+                assert!(window.shows(64, 48, &pixel.repeat(64 * 48)), "{mode:?}");
+            }
+            device.destroy_command_pool(pool, None);
+        }
+        presenter.destroy(swapchain);
+    }
+}
+
 #[test]
 fn windows_that_die_are_lost_surfaces() {
     for mode in [vk::PresentModeKHR::FIFO, vk::PresentModeKHR::IMMEDIATE] {
