@@ -11,6 +11,12 @@ pub const LINEAR_SWEPT_SPHERES: &CStr = c"VK_NV_ray_tracing_linear_swept_spheres
 /// `VK_KHR_device_address_commands`.
 pub const DEVICE_ADDRESS_COMMANDS: &CStr = c"VK_KHR_device_address_commands";
 
+/// `VK_KHR_maintenance8`.
+pub const MAINTENANCE_8: &CStr = c"VK_KHR_maintenance8";
+
+/// `VK_KHR_maintenance9`.
+pub const MAINTENANCE_9: &CStr = c"VK_KHR_maintenance9";
+
 /// Extensions that a validation layer may be too old for, and the version that knows them: enabled only without an older layer.
 pub const NEWER: &[(&CStr, u32)] = &[
     (LINEAR_SWEPT_SPHERES, make_api_version(0, 1, 4, 308)),
@@ -40,6 +46,8 @@ pub const NEWER: &[(&CStr, u32)] = &[
     ),
     (ash::khr::maintenance5::NAME, make_api_version(0, 1, 3, 260)),
     (DEVICE_ADDRESS_COMMANDS, make_api_version(0, 1, 4, 340)),
+    (MAINTENANCE_8, make_api_version(0, 1, 4, 330)),
+    (MAINTENANCE_9, make_api_version(0, 1, 4, 330)),
     (
         ash::khr::ray_tracing_position_fetch::NAME,
         make_api_version(0, 1, 3, 249),
@@ -100,6 +108,52 @@ impl Default for PhysicalDeviceDeviceAddressCommandsFeaturesKHR<'_> {
 
 // SAFETY: the registry says so.
 unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceDeviceAddressCommandsFeaturesKHR<'_> {}
+
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PhysicalDeviceMaintenance8FeaturesKHR<'a> {
+    pub s_type: StructureType,
+    pub p_next: *mut c_void,
+    pub maintenance8: Bool32,
+    pub _marker: PhantomData<&'a ()>,
+}
+
+impl Default for PhysicalDeviceMaintenance8FeaturesKHR<'_> {
+    fn default() -> Self {
+        Self {
+            s_type: StructureType::from_raw(1_000_574_000),
+            p_next: std::ptr::null_mut(),
+            maintenance8: FALSE,
+            _marker: PhantomData,
+        }
+    }
+}
+
+// SAFETY: the registry says so.
+unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceMaintenance8FeaturesKHR<'_> {}
+
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PhysicalDeviceMaintenance9FeaturesKHR<'a> {
+    pub s_type: StructureType,
+    pub p_next: *mut c_void,
+    pub maintenance9: Bool32,
+    pub _marker: PhantomData<&'a ()>,
+}
+
+impl Default for PhysicalDeviceMaintenance9FeaturesKHR<'_> {
+    fn default() -> Self {
+        Self {
+            s_type: StructureType::from_raw(1_000_584_000),
+            p_next: std::ptr::null_mut(),
+            maintenance9: FALSE,
+            _marker: PhantomData,
+        }
+    }
+}
+
+// SAFETY: the registry says so.
+unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceMaintenance9FeaturesKHR<'_> {}
 
 /// `VkDeviceAddressRangeKHR`.
 #[repr(C)]

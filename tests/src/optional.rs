@@ -4,7 +4,9 @@ use std::ffi::{CStr, c_void};
 
 use ash::{ext, huawei, khr, nv};
 
-use crate::newer::{self as vk, DEVICE_ADDRESS_COMMANDS, LINEAR_SWEPT_SPHERES};
+use crate::newer::{
+    self as vk, DEVICE_ADDRESS_COMMANDS, LINEAR_SWEPT_SPHERES, MAINTENANCE_8, MAINTENANCE_9,
+};
 
 macro_rules! optional {
     ($($(#[$doc:meta])* $field:ident: $extension:path, $features:ident { $($off:ident)* };)*) => {
@@ -66,6 +68,8 @@ optional! {
     maintenance1: khr::ray_tracing_maintenance1::NAME, PhysicalDeviceRayTracingMaintenance1FeaturesKHR {};
     address_commands: DEVICE_ADDRESS_COMMANDS, PhysicalDeviceDeviceAddressCommandsFeaturesKHR {};
     maintenance5: khr::maintenance5::NAME, PhysicalDeviceMaintenance5FeaturesKHR {};
+    maintenance8: MAINTENANCE_8, PhysicalDeviceMaintenance8FeaturesKHR {};
+    maintenance9: MAINTENANCE_9, PhysicalDeviceMaintenance9FeaturesKHR {};
     micromap: ext::opacity_micromap::NAME, PhysicalDeviceOpacityMicromapFeaturesEXT { micromap_capture_replay };
     derivatives: nv::compute_shader_derivatives::NAME, PhysicalDeviceComputeShaderDerivativesFeaturesNV {};
     /// Off where there is validation, as above.

@@ -109,3 +109,99 @@ fn texel_buffers_convert() {
         }
     }
 }
+
+/// Formats that are not stored to, of packed, of three and of sRGB components.
+#[test]
+fn texel_buffers_read_what_images_have() {
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 3, 260));
+    let Some(gpu) = gpu.with("VK_KHR_maintenance5", |gpu| {
+        gpu.optional.maintenance5.maintenance5 != 0
+    }) else {
+        return;
+    };
+    let source = r"
+    layout(local_size_x = 4) in;
+    layout(set = 0, binding = 0) uniform samplerBuffer from;
+    layout(set = 0, binding = 1, std430) buffer To { vec4 to[]; };
+    void main() {
+        int i = int(gl_GlobalInvocationID.x);
+        to[i] = texelFetch(from, i);
+    }";
+    let five = |value: u16| f32::from(value) / 31.0;
+    let srgb = |byte: u8| {
+        let c = f32::from(byte) / 255.0;
+        if c <= 0.04045 {
+            c / 12.92
+        } else {
+            ((c + 0.055) / 1.055).powf(2.4)
+        }
+    };
+    let words: [u16; 4] = [0xf81f, 0x07e0, 0x1234, 0xffff];
+    let bytes: [[u8; 4]; 4] = [[0, 10, 128, 64], [255, 1, 2, 3], [9, 90, 200, 255], [77; 4]];
+    let halves = [
+        0.5f32, -2.0, 0.25, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0,
+    ];
+    let cases: [(F, Vec<u8>, [[f32; 4]; 4]); 3] = [
+        (
+            F::R5G6B5_UNORM_PACK16,
+            words.iter().flat_map(|word| word.to_le_bytes()).collect(),
+            words.map(|word| {
+                let green = f32::from(word >> 5 & 63) / 63.0;
+                [five(word >> 11), green, five(word & 31), 1.0]
+            }),
+        ),
+        (
+            F::R8G8B8A8_SRGB,
+            bytes.as_flattened().to_vec(),
+            bytes.map(|[r, g, b, a]| [srgb(r), srgb(g), srgb(b), f32::from(a) / 255.0]),
+        ),
+        (
+            F::R16G16B16_SFLOAT,
+            halves
+                .iter()
+                .flat_map(|value| half::f16::from_f32(*value).to_le_bytes())
+                .collect(),
+            std::array::from_fn(|i| [halves[3 * i], halves[3 * i + 1], halves[3 * i + 2], 1.0]),
+        ),
+    ];
+    for (format, texels, expected) in cases {
+        // SAFETY: the physical device is of this instance.
+        let features =
+            unsafe { (gpu.instance).get_physical_device_format_properties(gpu.physical, format) };
+        let needed = vk::FormatFeatureFlags::UNIFORM_TEXEL_BUFFER;
+        if !has(
+            &format!("texel buffers of {format:?}"),
+            features.buffer_features.contains(needed),
+        ) {
+            continue;
+        }
+        let from = gpu.buffer_with(&texels);
+        let to = gpu.buffer(16 * 4);
+        // The harness's buffers may be stored to as well, which these formats cannot be.
+        let mut usage = vk::BufferUsageFlags2CreateInfoKHR::default()
+            .usage(vk::BufferUsageFlags2KHR::UNIFORM_TEXEL_BUFFER);
+        let info = vk::BufferViewCreateInfo::default()
+            .buffer(from.handle)
+            .format(format)
+            .range(vk::WHOLE_SIZE)
+            .push_next(&mut usage);
+        // SAFETY: `info` outlives the call; the view is destroyed when the dispatch is done.
+        let view = unsafe { gpu.device.create_buffer_view(&info, None) };
+        let view = view.expect("vkCreateBufferView");
+        gpu.compute_with(
+            source,
+            &[(0, &[Bound::UniformTexels(view)]), (1, &[to.into()])],
+            [1, 1, 1],
+        );
+        // SAFETY: nothing uses it any more.
+        unsafe { gpu.device.destroy_buffer_view(view, None) };
+        for (got, expected) in to.read::<[f32; 4]>().iter().zip(&expected) {
+            for (got, expected) in got.iter().zip(expected) {
+                assert!(
+                    (got - expected).abs() < 2e-3,
+                    "{format:?}: {got} {expected}"
+                );
+            }
+        }
+    }
+}

@@ -165,6 +165,10 @@ entry! {
                 priorities.priority_count = all.len() as u32;
                 priorities.priorities[..all.len()].copy_from_slice(&all);
             }
+            if let Some(transfer) = chain::find_mut::<newer::QueueFamilyOwnershipTransferPropertiesKHR>(out.p_next) {
+                // No layout depends on the family.
+                transfer.optimal_image_transfer_to_queue_families = u32::MAX;
+            }
         });
     }
 

@@ -123,6 +123,21 @@ structures! {
         layered_api_count: u32,
         p_layered_apis: *mut c_void,
     }
+    /// `VK_KHR_maintenance8`.
+    PhysicalDeviceMaintenance8FeaturesKHR 1_000_574_000 *mut c_void {
+        maintenance8: Bool32,
+    }
+    /// `VK_KHR_maintenance9`.
+    PhysicalDeviceMaintenance9FeaturesKHR 1_000_584_000 *mut c_void {
+        maintenance9: Bool32,
+    }
+    PhysicalDeviceMaintenance9PropertiesKHR 1_000_584_001 *mut c_void {
+        image2_d_view_of3_d_sparse: Bool32,
+        default_vertex_attribute_value: DefaultVertexAttributeValueKHR,
+    }
+    QueueFamilyOwnershipTransferPropertiesKHR 1_000_584_002 *mut c_void {
+        optimal_image_transfer_to_queue_families: u32,
+    }
     /// `VK_KHR_unified_image_layouts`.
     PhysicalDeviceUnifiedImageLayoutsFeaturesKHR 1_000_527_000 *mut c_void {
         unified_image_layouts: Bool32,
@@ -308,6 +323,15 @@ structures! {
         present_at_relative_time_supported: Bool32,
         present_stage_queries: PresentStageFlagsEXT,
     }
+}
+
+/// `VkDefaultVertexAttributeValueKHR`.
+#[repr(transparent)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct DefaultVertexAttributeValueKHR(pub i32);
+
+impl DefaultVertexAttributeValueKHR {
+    pub const ZERO_ZERO_ZERO_ZERO: Self = Self(0);
 }
 
 /// `VkPresentStageTimeEXT`.

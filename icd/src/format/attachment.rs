@@ -5,27 +5,17 @@
 use ash::vk;
 use spirv_jit::image::format::{FormatInfo, Numeric};
 
-use super::texel_format;
+use super::{is_luma_and_chroma, texel_format};
 
 /// Bytes of the texels that tiles load and store.
 const TEXEL_BYTES: [u8; 5] = [1, 2, 4, 8, 16];
 
-/// Formats whose components have bits that mean nothing.
-const PADDED: [vk::Format; 6] = [
-    vk::Format::R10X6_UNORM_PACK16,
-    vk::Format::R10X6G10X6_UNORM_2PACK16,
-    vk::Format::R10X6G10X6B10X6A10X6_UNORM_4PACK16,
-    vk::Format::R12X4_UNORM_PACK16,
-    vk::Format::R12X4G12X4_UNORM_2PACK16,
-    vk::Format::R12X4G12X4B12X4A12X4_UNORM_4PACK16,
-];
-
 /// Whether a format is one of colours that can be drawn: every uncompressed one whose texels have a power of two of bytes, but those of the
-/// shared exponent, of 64-bit, scaled and padded components.
+/// shared exponent, of 64-bit and scaled components, and those that may be converted from Y′CbCr.
 fn is_drawn(format: vk::Format, info: &FormatInfo) -> bool {
     let no_colors = [Numeric::Uscaled, Numeric::Sscaled].contains(&info.numeric)
         || format == vk::Format::E5B9G9R9_UFLOAT_PACK32
-        || PADDED.contains(&format);
+        || is_luma_and_chroma(texel_format(format));
     info.is_color()
         && info.blocks().is_none()
         && info.channels.iter().all(|channel| channel.bits < 64)
@@ -49,9 +39,13 @@ pub fn image_features(format: vk::Format, info: &FormatInfo) -> vk::FormatFeatur
     }
 }
 
-/// Whether vertices come in a format: all of whole texels that are colours, but for sRGB and the shared exponent.
+/// Whether vertices come in a format: all uncompressed ones that are colours, but for sRGB and those that may be converted from Y′CbCr.
 pub fn is_vertex(format: vk::Format) -> bool {
-    let core = vk::Format::R4G4_UNORM_PACK8..vk::Format::E5B9G9R9_UFLOAT_PACK32;
-    let info = texel_format(format).info();
-    core.contains(&format) && info.is_some_and(|info| info.numeric != Numeric::Srgb)
+    let texel = texel_format(format);
+    texel.info().is_some_and(|info| {
+        info.is_color()
+            && info.blocks().is_none()
+            && info.numeric != Numeric::Srgb
+            && !is_luma_and_chroma(texel)
+    })
 }

@@ -151,12 +151,17 @@ fn is_wide(info: &FormatInfo) -> bool {
     info.channels[0].bits == 64
 }
 
-/// Formats with texels of a power of two of bytes and components of whole bytes, and the two packed ones of graphics' storage images.
+/// Formats with texels of a power of two of bytes and components of whole bytes, the packed ones of graphics' storage images, and those of one or two
+/// padded components.
 fn is_storable(texel: Format, info: &FormatInfo) -> bool {
-    const PACKED: [Format; 3] = [
+    const PACKED: [Format; 7] = [
         Format::A2B10G10R10_UNORM_PACK32,
         Format::A2B10G10R10_UINT_PACK32,
         Format::B10G11R11_UFLOAT_PACK32,
+        Format::R10X6_UNORM_PACK16,
+        Format::R10X6G10X6_UNORM_2PACK16,
+        Format::R12X4_UNORM_PACK16,
+        Format::R12X4G12X4_UNORM_2PACK16,
     ];
     let has_whole_bytes = info
         .channels
@@ -202,6 +207,8 @@ fn image_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
     if is_wide(info) {
         return match has_atomics(texel) {
             true => transfer | storage | Feature::STORAGE_IMAGE_ATOMIC,
+            // Copied and cleared, but not read by shaders, whose texels have one component of 64 bits at the most.
+            false if info.size_bytes.is_power_of_two() => transfer,
             false => Feature::empty(),
         };
     }
@@ -254,12 +261,11 @@ fn buffer_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 
             | Feature::STORAGE_READ_WITHOUT_FORMAT
             | Feature::STORAGE_WRITE_WITHOUT_FORMAT;
     }
-    if [
-        Format::R32G32B32_SFLOAT,
-        Format::R32G32B32_UINT,
-        Format::R32G32B32_SINT,
-    ]
-    .contains(&texel)
+    if info.is_color()
+        && info.blocks().is_none()
+        && !is_scaled(info)
+        && !is_wide(info)
+        && !is_luma_and_chroma(texel)
     {
         features |= Feature::UNIFORM_TEXEL_BUFFER;
     }

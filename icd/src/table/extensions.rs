@@ -108,6 +108,8 @@ extensions! {
     Device KHR_MAINTENANCE_5 c"VK_KHR_maintenance5" 1;
     Device KHR_MAINTENANCE_6 c"VK_KHR_maintenance6" 1;
     Device KHR_MAINTENANCE_7 c"VK_KHR_maintenance7" 1;
+    Device KHR_MAINTENANCE_8 c"VK_KHR_maintenance8" 1;
+    Device KHR_MAINTENANCE_9 c"VK_KHR_maintenance9" 1;
     Device KHR_MAP_MEMORY_2 c"VK_KHR_map_memory2" 1;
     Device KHR_MULTIVIEW c"VK_KHR_multiview" 1;
     Device KHR_PIPELINE_LIBRARY c"VK_KHR_pipeline_library" 1;

@@ -301,9 +301,10 @@ fn invocation_reorder() -> vk::PhysicalDeviceRayTracingInvocationReorderProperti
     }
 }
 
-/// Every layout but those of images that hold nothing.
-const COPY_LAYOUTS: [vk::ImageLayout; 19] = [
+/// Every layout but `UNDEFINED`.
+const COPY_LAYOUTS: [vk::ImageLayout; 20] = [
     vk::ImageLayout::GENERAL,
+    vk::ImageLayout::PREINITIALIZED,
     vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL,
     vk::ImageLayout::DEPTH_STENCIL_ATTACHMENT_OPTIMAL,
     vk::ImageLayout::DEPTH_STENCIL_READ_ONLY_OPTIMAL,
@@ -534,6 +535,10 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 max_descriptor_set_update_after_bind_total_uniform_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
                 max_descriptor_set_update_after_bind_total_storage_buffers_dynamic: limits::MAX_DYNAMIC_BUFFERS,
                 max_descriptor_set_update_after_bind_total_buffers_dynamic: 2 * limits::MAX_DYNAMIC_BUFFERS,
+                ..Default::default()
+            });
+            PhysicalDeviceMaintenance9PropertiesKHR(vk::PhysicalDeviceMaintenance9PropertiesKHR {
+                default_vertex_attribute_value: vk::DefaultVertexAttributeValueKHR::ZERO_ZERO_ZERO_ZERO,
                 ..Default::default()
             });
             PhysicalDeviceLayeredApiPropertiesListKHR(vk::PhysicalDeviceLayeredApiPropertiesListKHR::default()) {

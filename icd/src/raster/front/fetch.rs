@@ -69,14 +69,9 @@ struct Attribute {
 pub struct Fetch {
     attributes: SmallVec<[Attribute; 4]>,
     builtins: SmallVec<[(Builtin, u16); 4]>,
-    /// Components of locations without an attribute: what a missing component reads.
-    absent: SmallVec<[(u8, u16); 4]>,
+    /// Rows of locations without an attribute.
+    absent: SmallVec<[u16; 4]>,
     first_input: usize,
-}
-
-/// The word of a component that a texel of 32-bit floats lacks.
-fn missing(component: u8) -> u32 {
-    if component == 3 { 1.0f32.to_bits() } else { 0 }
 }
 
 /// The word of a component that a texel of 64-bit components lacks.
@@ -127,7 +122,7 @@ impl Fetch {
                             fetch.attributes.push(attribute);
                             locations.push(location);
                         }
-                        None => fetch.absent.push((component, row)),
+                        None => fetch.absent.push(row),
                     }
                 }
                 _ => {}
@@ -142,8 +137,9 @@ impl Fetch {
         for attribute in &self.attributes {
             attribute.fill(rows, vertices, commons);
         }
-        for &(component, row) in &self.absent {
-            rows[usize::from(row)].0 = [missing(component); SUBGROUP_SIZE];
+        // `defaultVertexAttributeValue`.
+        for &row in &self.absent {
+            rows[usize::from(row)].0 = [0; SUBGROUP_SIZE];
         }
         for &(builtin, row) in &self.builtins {
             let row = &mut rows[usize::from(row)].0;
