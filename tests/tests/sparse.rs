@@ -210,3 +210,131 @@ fn an_image_is_bound_in_pieces() {
     // SAFETY: nothing uses it any more.
     unsafe { gpu.device.destroy_image(image, None) };
 }
+
+/// Every second block of an image has memory, in reverse order; what is written there is read there.
+#[test]
+fn an_image_is_resident_in_parts() {
+    let Some(gpu) = gpu_with_sparse_binding() else {
+        return;
+    };
+    let Some(gpu) = gpu.with("sparse residency of 2D images", |gpu| {
+        gpu.features.sparse_residency_image2_d != 0
+    }) else {
+        return;
+    };
+    let format = vk::Format::R8G8B8A8_UNORM;
+    let usage = vk::ImageUsageFlags::TRANSFER_SRC | vk::ImageUsageFlags::TRANSFER_DST;
+    // SAFETY: the physical device is of this instance.
+    let blocks = unsafe {
+        (gpu.instance).get_physical_device_sparse_image_format_properties(
+            gpu.physical,
+            format,
+            vk::ImageType::TYPE_2D,
+            vk::SampleCountFlags::TYPE_1,
+            usage,
+            vk::ImageTiling::OPTIMAL,
+        )
+    };
+    let block = blocks[0].image_granularity;
+    // The last column is not a whole block.
+    let [width, height] = [2 * block.width + 5, 3 * block.height];
+    let info = flat_info(format, width, height)
+        .flags(vk::ImageCreateFlags::SPARSE_BINDING | vk::ImageCreateFlags::SPARSE_RESIDENCY)
+        .usage(usage);
+    // SAFETY: `info` outlives the call; the image is destroyed at the end.
+    let (image, needs, of_image) = unsafe {
+        let device = &gpu.device;
+        let image = device.create_image(&info, None).expect("vkCreateImage");
+        (
+            image,
+            device.get_image_memory_requirements(image),
+            device.get_image_sparse_memory_requirements(image),
+        )
+    };
+    assert_eq!(of_image.len(), 1);
+    assert_eq!(of_image[0].format_properties.image_granularity, block);
+    assert!(of_image[0].image_mip_tail_first_lod > 0);
+    let corners: Vec<_> = (0..9u32)
+        .step_by(2)
+        .map(|index| [index % 3 * block.width, index / 3 * block.height])
+        .collect();
+    let count = corners.len() as u64;
+    let memory = gpu.allocate(
+        vk::MemoryRequirements {
+            size: count * needs.alignment,
+            ..needs
+        },
+        false,
+    );
+    let aspect = vk::ImageAspectFlags::COLOR;
+    let part = |[x, y]: [u32; 2]| {
+        let offset = vk::Offset3D {
+            x: x as i32,
+            y: y as i32,
+            z: 0,
+        };
+        let extent = vk::Extent3D {
+            width: block.width.min(width - x),
+            height: block.height.min(height - y),
+            depth: 1,
+        };
+        (offset, extent)
+    };
+    let binds: Vec<_> = (corners.iter().zip(0..))
+        .map(|(&corner, index)| {
+            let (offset, extent) = part(corner);
+            vk::SparseImageMemoryBind::default()
+                .subresource(vk::ImageSubresource::default().aspect_mask(aspect))
+                .offset(offset)
+                .extent(extent)
+                .memory(memory)
+                .memory_offset((count - 1 - index) * needs.alignment)
+        })
+        .collect();
+    let images = [vk::SparseImageMemoryBindInfo::default()
+        .image(image)
+        .binds(&binds)];
+    bind(&gpu, vk::BindSparseInfo::default().image_binds(&images));
+
+    let mut size = 0;
+    let regions: Vec<_> = (corners.iter())
+        .map(|&corner| {
+            let (offset, extent) = part(corner);
+            let region = vk::BufferImageCopy::default()
+                .buffer_offset(size)
+                .image_subresource(
+                    vk::ImageSubresourceLayers::default()
+                        .aspect_mask(aspect)
+                        .layer_count(1),
+                )
+                .image_offset(offset)
+                .image_extent(extent);
+            size += 4 * u64::from(extent.width * extent.height);
+            region
+        })
+        .collect();
+    let words: Vec<u32> = (0..size as u32 / 4)
+        .map(|i| i.wrapping_mul(0x9e37_79b9))
+        .collect();
+    let input = gpu.buffer_with(&words);
+    let output = gpu.buffer(size);
+    let range = vk::ImageSubresourceRange::default()
+        .aspect_mask(aspect)
+        .level_count(1)
+        .layer_count(1);
+    gpu.to_general(image, range);
+    let layout = vk::ImageLayout::GENERAL;
+    gpu.run(|commands| {
+        // SAFETY: the parts that are copied are bound, and all lives as long as the device.
+        unsafe {
+            gpu.device
+                .cmd_copy_buffer_to_image(commands, input.handle, image, layout, &regions);
+            gpu.barrier(commands);
+            gpu.device
+                .cmd_copy_image_to_buffer(commands, image, layout, output.handle, &regions);
+        }
+    });
+    assert!(output.read::<u32>() == words);
+    // SAFETY: nothing uses it any more.
+    unsafe { gpu.device.destroy_image(image, None) };
+}

@@ -22,11 +22,7 @@ destroy! {
 }
 
 /// What memory a resource needs.
-pub fn requirements(size_bytes: u64, is_sparse: bool) -> vk::MemoryRequirements {
-    let alignment = match is_sparse {
-        true => GRANULE,
-        false => MEMORY_ALIGNMENT,
-    };
+pub fn requirements(size_bytes: u64, alignment: u64) -> vk::MemoryRequirements {
     vk::MemoryRequirements {
         size: size_bytes.next_multiple_of(alignment),
         alignment,
@@ -38,6 +34,13 @@ fn is_sparse(flags: vk::BufferCreateFlags) -> bool {
     flags.contains(vk::BufferCreateFlags::SPARSE_BINDING)
 }
 
+fn alignment(flags: vk::BufferCreateFlags) -> u64 {
+    match is_sparse(flags) {
+        true => GRANULE,
+        false => MEMORY_ALIGNMENT,
+    }
+}
+
 /// Answers a requirements structure and its chain. A dedicated allocation is never needed.
 ///
 /// # Safety
@@ -45,11 +48,11 @@ fn is_sparse(flags: vk::BufferCreateFlags) -> bool {
 pub unsafe fn write_requirements(
     out: *mut vk::MemoryRequirements2<'_>,
     size_bytes: u64,
-    is_sparse: bool,
+    alignment: u64,
 ) {
     // SAFETY: the caller's promise.
     unsafe {
-        (*out).memory_requirements = requirements(size_bytes, is_sparse);
+        (*out).memory_requirements = requirements(size_bytes, alignment);
         if let Some(dedicated) = chain::find_mut::<vk::MemoryDedicatedRequirements>((*out).p_next) {
             dedicated.prefers_dedicated_allocation = vk::FALSE;
             dedicated.requires_dedicated_allocation = vk::FALSE;
@@ -134,7 +137,7 @@ entry! {
 
     fn vkGetBufferMemoryRequirements(_device: vk::Device, buffer: vk::Buffer, out: *mut vk::MemoryRequirements) {
         let buffer = from_handle::<Buffer>(buffer);
-        *out = requirements(buffer.size_bytes, is_sparse(buffer.flags));
+        *out = requirements(buffer.size_bytes, alignment(buffer.flags));
     }
 
     fn vkGetBufferMemoryRequirements2(
@@ -143,7 +146,7 @@ entry! {
         out: *mut vk::MemoryRequirements2,
     ) {
         let buffer = from_handle::<Buffer>((*info).buffer);
-        write_requirements(out, buffer.size_bytes, is_sparse(buffer.flags));
+        write_requirements(out, buffer.size_bytes, alignment(buffer.flags));
     }
 
     fn vkGetDeviceBufferMemoryRequirements(
@@ -152,7 +155,7 @@ entry! {
         out: *mut vk::MemoryRequirements2,
     ) {
         let info = &*(*info).p_create_info;
-        write_requirements(out, info.size, is_sparse(info.flags));
+        write_requirements(out, info.size, alignment(info.flags));
     }
 
     fn vkBindBufferMemory(

@@ -169,8 +169,8 @@ commands! {
     Device EXT_DEVICE_FAULT PFN_vkGetDeviceFaultInfoEXT device_fault::vkGetDeviceFaultInfoEXT;
     Device Core11 PFN_vkGetDeviceGroupPeerMemoryFeatures device::vkGetDeviceGroupPeerMemoryFeatures;
     Device KHR_DEVICE_GROUP PFN_vkGetDeviceGroupPeerMemoryFeatures device::vkGetDeviceGroupPeerMemoryFeatures as vkGetDeviceGroupPeerMemoryFeaturesKHR;
-    Device Core13 PFN_vkGetDeviceImageSparseMemoryRequirements device::vkGetDeviceImageSparseMemoryRequirements;
-    Device KHR_MAINTENANCE_4 PFN_vkGetDeviceImageSparseMemoryRequirements device::vkGetDeviceImageSparseMemoryRequirements as vkGetDeviceImageSparseMemoryRequirementsKHR;
+    Device Core13 PFN_vkGetDeviceImageSparseMemoryRequirements image::vkGetDeviceImageSparseMemoryRequirements;
+    Device KHR_MAINTENANCE_4 PFN_vkGetDeviceImageSparseMemoryRequirements image::vkGetDeviceImageSparseMemoryRequirements as vkGetDeviceImageSparseMemoryRequirementsKHR;
     Device Core PFN_vkGetDeviceProcAddr device::vkGetDeviceProcAddr;
     Device Core13 PFN_vkGetPrivateData device::vkGetPrivateData;
     Device EXT_PRIVATE_DATA PFN_vkGetPrivateData device::vkGetPrivateData as vkGetPrivateDataEXT;

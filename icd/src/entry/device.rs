@@ -149,13 +149,4 @@ entry! {
         let device = from_handle::<Device>(device);
         *data = device.private_data.lock().word(from_handle::<PrivateDataSlot>(slot), object);
     }
-
-    fn vkGetDeviceImageSparseMemoryRequirements(
-        _device: vk::Device,
-        _info: *const vk::DeviceImageMemoryRequirements,
-        count: *mut u32,
-        _out: *mut vk::SparseImageMemoryRequirements2,
-    ) {
-        *count = 0;
-    }
 }

@@ -12,10 +12,12 @@ use super::descriptor_buffer::captured;
 use super::destroy;
 use crate::VkResult;
 use crate::device::Device;
-use crate::ffi::{self, chain};
+use crate::ffi::enumerate::enumerate_with;
+use crate::ffi::{self, chain, enumerate};
 use crate::handle::{self, from_handle};
 use crate::object::addressed::AddressEvent;
 use crate::object::image::{ViewEntry, view_descriptor};
+use crate::object::resident;
 use crate::object::sparse::Reservation;
 use crate::object::{DeviceMemory, Image, ImageView, Sampler, YcbcrConversion};
 use crate::present::Swapchain;
@@ -174,7 +176,7 @@ entry! {
 
     fn vkGetImageMemoryRequirements(_device: vk::Device, image: vk::Image, out: *mut vk::MemoryRequirements) {
         let image = from_handle::<Image>(image);
-        *out = requirements(image.size_bytes, is_sparse(image.flags));
+        *out = requirements(image.size_bytes, Image::alignment(image.flags));
     }
 
     fn vkGetImageMemoryRequirements2(
@@ -185,7 +187,7 @@ entry! {
         let image = from_handle::<Image>((*info).image);
         let plane = chain::find::<vk::ImagePlaneMemoryRequirementsInfo>((*info).p_next);
         let size_bytes = image.binding_size_bytes(plane.map(|plane| plane.plane_aspect));
-        write_requirements(out, size_bytes, is_sparse(image.flags));
+        write_requirements(out, size_bytes, Image::alignment(image.flags));
     }
 
     fn vkGetDeviceImageMemoryRequirements(
@@ -198,25 +200,40 @@ entry! {
         let info = &*(*info).p_create_info;
         let size_bytes = Image::new(info)
             .map_or(1 << 62, |image| image.binding_size_bytes(Some(aspect)));
-        write_requirements(out, size_bytes, is_sparse(info.flags));
+        write_requirements(out, size_bytes, Image::alignment(info.flags));
     }
 
     fn vkGetImageSparseMemoryRequirements(
         _device: vk::Device,
-        _image: vk::Image,
+        image: vk::Image,
         count: *mut u32,
-        _out: *mut vk::SparseImageMemoryRequirements,
+        out: *mut vk::SparseImageMemoryRequirements,
     ) {
-        *count = 0;
+        let image = from_handle::<Image>(image);
+        let all = resident::requirements(image.flags, image.format, image.mip_levels);
+        let _ = enumerate(count, out, all.into_iter());
     }
 
     fn vkGetImageSparseMemoryRequirements2(
         _device: vk::Device,
-        _info: *const vk::ImageSparseMemoryRequirementsInfo2,
+        info: *const vk::ImageSparseMemoryRequirementsInfo2,
         count: *mut u32,
-        _out: *mut vk::SparseImageMemoryRequirements2,
+        out: *mut vk::SparseImageMemoryRequirements2,
     ) {
-        *count = 0;
+        let image = from_handle::<Image>((*info).image);
+        let all = resident::requirements(image.flags, image.format, image.mip_levels);
+        let _ = enumerate_with(count, out, all.into_iter(), |out, it| out.memory_requirements = it);
+    }
+
+    fn vkGetDeviceImageSparseMemoryRequirements(
+        _device: vk::Device,
+        info: *const vk::DeviceImageMemoryRequirements,
+        count: *mut u32,
+        out: *mut vk::SparseImageMemoryRequirements2,
+    ) {
+        let info = &*(*info).p_create_info;
+        let all = resident::requirements(info.flags, info.format, info.mip_levels);
+        let _ = enumerate_with(count, out, all.into_iter(), |out, it| out.memory_requirements = it);
     }
 
     fn vkBindImageMemory(

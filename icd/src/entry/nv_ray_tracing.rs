@@ -28,6 +28,7 @@ use crate::object::{
     AccelerationStructure, AccelerationStructureNv, DeviceMemory, Pipeline, PipelineCache,
     QueryPool,
 };
+use crate::table::limits::MEMORY_ALIGNMENT;
 use crate::wave::table::Tables;
 
 /// A structure that has no memory yet.
@@ -92,7 +93,7 @@ entry! {
         let scratch_bytes = match (*info).ty {
             Of::BUILD_SCRATCH => of.build_scratch_bytes,
             Of::UPDATE_SCRATCH => of.update_scratch_bytes,
-            _ => return write_requirements(out, of.structure.size_bytes, false),
+            _ => return write_requirements(out, of.structure.size_bytes, MEMORY_ALIGNMENT),
         };
         // Scratch memory is a buffer, which has requirements of its own.
         (*out).memory_requirements = vk::MemoryRequirements {

@@ -14,6 +14,7 @@ use crate::handle::from_handle;
 use crate::object::PhysicalDevice;
 use crate::object::image::supported_image;
 use crate::object::memory::used_bytes;
+use crate::object::resident;
 use crate::queue::MAX_QUEUES;
 use crate::table::extensions::{self, Kind};
 use crate::table::{features, properties};
@@ -93,6 +94,21 @@ fn image_format_properties(
     info: &vk::PhysicalDeviceImageFormatInfo2<'_>,
 ) -> VkResult<vk::ImageFormatProperties> {
     supported_image(info.format, info.ty, info.tiling, info.usage, info.flags)
+}
+
+/// The planes of images that can be resident in parts; none if images like this cannot.
+fn resident_planes(
+    format: vk::Format,
+    ty: vk::ImageType,
+    samples: vk::SampleCountFlags,
+    usage: vk::ImageUsageFlags,
+    tiling: vk::ImageTiling,
+) -> Vec<vk::SparseImageFormatProperties> {
+    let flags = vk::ImageCreateFlags::SPARSE_BINDING | vk::ImageCreateFlags::SPARSE_RESIDENCY;
+    match supported_image(format, ty, tiling, usage, flags) {
+        Ok(_) if samples == vk::SampleCountFlags::TYPE_1 => resident::properties(format),
+        _ => Vec::new(),
+    }
 }
 
 entry! {
@@ -252,24 +268,27 @@ entry! {
 
     fn vkGetPhysicalDeviceSparseImageFormatProperties(
         _device: vk::PhysicalDevice,
-        _format: vk::Format,
-        _ty: vk::ImageType,
-        _samples: vk::SampleCountFlags,
-        _usage: vk::ImageUsageFlags,
-        _tiling: vk::ImageTiling,
+        format: vk::Format,
+        ty: vk::ImageType,
+        samples: vk::SampleCountFlags,
+        usage: vk::ImageUsageFlags,
+        tiling: vk::ImageTiling,
         count: *mut u32,
-        _out: *mut vk::SparseImageFormatProperties,
+        out: *mut vk::SparseImageFormatProperties,
     ) {
-        *count = 0;
+        let all = resident_planes(format, ty, samples, usage, tiling);
+        let _ = enumerate(count, out, all.into_iter());
     }
 
     fn vkGetPhysicalDeviceSparseImageFormatProperties2(
         _device: vk::PhysicalDevice,
-        _info: *const vk::PhysicalDeviceSparseImageFormatInfo2,
+        info: *const vk::PhysicalDeviceSparseImageFormatInfo2,
         count: *mut u32,
-        _out: *mut vk::SparseImageFormatProperties2,
+        out: *mut vk::SparseImageFormatProperties2,
     ) {
-        *count = 0;
+        let info = &*info;
+        let all = resident_planes(info.format, info.ty, info.samples, info.usage, info.tiling);
+        let _ = enumerate_with(count, out, all.into_iter(), |out, it| out.properties = it);
     }
 
     fn vkGetPhysicalDeviceExternalBufferProperties(

@@ -11,6 +11,7 @@ use crate::command::CommandBuffer;
 use crate::device::Device;
 use crate::ffi;
 use crate::handle;
+use crate::object::page_binds::pages;
 use crate::object::pages::GRANULE;
 use crate::object::sparse::{Reservation, SparseBind};
 use crate::object::{Buffer, DeviceMemory, Fence, Image, Semaphore};
@@ -107,31 +108,51 @@ unsafe fn submit(queue: vk::Queue, mut submissions: Vec<Submission>, fence: vk::
 unsafe fn sparse_binds(info: &vk::BindSparseInfo<'_>) -> Vec<SparseBind> {
     // SAFETY: the caller's promise.
     unsafe {
-        let decode = |resource: &Arc<Reservation>, bind: &vk::SparseMemoryBind| SparseBind {
-            resource: Arc::clone(resource),
-            resource_offset: bind.resource_offset,
-            // The end of a resource may be inside its last block.
-            size_bytes: bind.size.next_multiple_of(GRANULE),
-            memory: (!bind.memory.is_null()).then(|| {
-                (
-                    handle::retain::<DeviceMemory>(bind.memory),
-                    bind.memory_offset,
-                )
-            }),
-        };
+        let decode =
+            |resource: &Arc<Reservation>, unit: u64, bind: &vk::SparseMemoryBind| SparseBind {
+                resource: Arc::clone(resource),
+                resource_offset: bind.resource_offset,
+                // The end of a resource may be inside its last block.
+                size_bytes: bind.size.next_multiple_of(unit),
+                memory: (!bind.memory.is_null()).then(|| {
+                    (
+                        handle::retain::<DeviceMemory>(bind.memory),
+                        bind.memory_offset,
+                    )
+                }),
+            };
         let mut binds = Vec::new();
         for one in ffi::slice(info.p_buffer_binds, info.buffer_bind_count) {
             let buffer = handle::from_handle::<Buffer>(one.buffer);
             if let Some(resource) = &buffer.reservation {
                 let list = ffi::slice(one.p_binds, one.bind_count);
-                binds.extend(list.iter().map(|bind| decode(resource, bind)));
+                binds.extend(list.iter().map(|bind| decode(resource, GRANULE, bind)));
             }
         }
         for one in ffi::slice(info.p_image_opaque_binds, info.image_opaque_bind_count) {
             let image = handle::from_handle::<Image>(one.image);
             if let Some(resource) = &image.reservation {
                 let list = ffi::slice(one.p_binds, one.bind_count);
-                binds.extend(list.iter().map(|bind| decode(resource, bind)));
+                let unit = Image::alignment(image.flags);
+                binds.extend(list.iter().map(|bind| decode(resource, unit, bind)));
+            }
+        }
+        for one in ffi::slice(info.p_image_binds, info.image_bind_count) {
+            let image = handle::from_handle::<Image>(one.image);
+            let Some(resource) = &image.reservation else {
+                continue;
+            };
+            for bind in ffi::slice(one.p_binds, one.bind_count) {
+                for pages in pages(image, bind) {
+                    let memory_offset = bind.memory_offset.saturating_add(pages.memory_offset);
+                    binds.push(SparseBind {
+                        resource: Arc::clone(resource),
+                        resource_offset: pages.image_offset,
+                        size_bytes: pages.size_bytes,
+                        memory: (!bind.memory.is_null())
+                            .then(|| (handle::retain::<DeviceMemory>(bind.memory), memory_offset)),
+                    });
+                }
             }
         }
         binds

@@ -1,4 +1,5 @@
 //! Images and image views. Images are stored linearly: a plane per aspect, in it layers, in each layer samples, in each sample mip levels.
+//! Rows of images that may be resident in parts begin with a page each ([`resident`](super::resident)).
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -10,6 +11,8 @@ use spirv_jit::image::{Dim, Format, ImageDescriptor, Level, MAX_LEVELS};
 use spirv_jit::reach::Range;
 use spirv_jit::views::{Key, StoreError, Table, Views};
 
+use super::pages::{GRANULE, page_bytes};
+use super::resident;
 use super::sparse::Reservation;
 use crate::VkResult;
 use crate::format::{self, PlaneFormat, texel_format};
@@ -119,6 +122,15 @@ impl Image {
         })
     }
 
+    /// What it is bound in multiples of, and where in memory.
+    pub fn alignment(flags: vk::ImageCreateFlags) -> u64 {
+        match flags {
+            flags if flags.contains(vk::ImageCreateFlags::SPARSE_RESIDENCY) => page_bytes(),
+            flags if flags.contains(vk::ImageCreateFlags::SPARSE_BINDING) => GRANULE,
+            _ => limits::MEMORY_ALIGNMENT,
+        }
+    }
+
     /// A sparse image: it has its address from the start.
     pub fn reserved(self, reservation: Arc<Reservation>) -> Self {
         self.bind(reservation.address());
@@ -213,7 +225,12 @@ fn lay_out_plane(
     samples: u32,
     size_bytes: &mut u64,
 ) -> Option<Plane> {
-    let start = size_bytes.checked_next_multiple_of(SUBRESOURCE_ALIGNMENT)?;
+    let is_resident = info.flags.contains(vk::ImageCreateFlags::SPARSE_RESIDENCY);
+    let alignment = match is_resident {
+        true => page_bytes(),
+        false => SUBRESOURCE_ALIGNMENT,
+    };
+    let start = size_bytes.checked_next_multiple_of(alignment)?;
     // More levels than an image of any size can have (chapter Images, `VkImageCreateInfo`) are an impossible image.
     if info.mip_levels as usize > MAX_LEVELS {
         return None;
@@ -234,7 +251,10 @@ fn lay_out_plane(
         let (width, height, depth) = (side(base.width), side(base.height), side(base.depth));
         let columns = u64::from(width.div_ceil(block_width));
         let rows = u64::from(height.div_ceil(block_height));
-        let row_stride_bytes = texel_size_bytes.checked_mul(columns)?;
+        let mut row_stride_bytes = texel_size_bytes.checked_mul(columns)?;
+        if is_resident {
+            row_stride_bytes = row_stride_bytes.checked_next_multiple_of(alignment)?;
+        }
         let slice_stride_bytes = row_stride_bytes.checked_mul(rows)?;
         levels.push(Level {
             offset_bytes: start + end,
@@ -246,7 +266,7 @@ fn lay_out_plane(
         });
         end = end
             .checked_add(slice_stride_bytes.checked_mul(u64::from(depth))?)?
-            .checked_next_multiple_of(SUBRESOURCE_ALIGNMENT)?;
+            .checked_next_multiple_of(alignment)?;
     }
     let layer_stride_bytes = end.checked_mul(u64::from(samples))?;
     let total = layer_stride_bytes
@@ -401,9 +421,12 @@ pub fn supported_image(
     if (missing || input) && !flags.contains(vk::ImageCreateFlags::EXTENDED_USAGE) {
         return Err(UNSUPPORTED);
     }
-    let never = vk::ImageCreateFlags::SPARSE_RESIDENCY | vk::ImageCreateFlags::PROTECTED;
-    let sparse = vk::ImageCreateFlags::SPARSE_BINDING | vk::ImageCreateFlags::SPARSE_ALIASED;
-    if flags.intersects(never)
+    let resident = flags.contains(vk::ImageCreateFlags::SPARSE_RESIDENCY);
+    let sparse = vk::ImageCreateFlags::SPARSE_BINDING
+        | vk::ImageCreateFlags::SPARSE_ALIASED
+        | vk::ImageCreateFlags::SPARSE_RESIDENCY;
+    if flags.contains(vk::ImageCreateFlags::PROTECTED)
+        || (resident && (ty == vk::ImageType::TYPE_1D || !resident::is_divisible(format)))
         || (flags.intersects(sparse) && tiling != vk::ImageTiling::OPTIMAL)
         || (tiling != vk::ImageTiling::OPTIMAL && tiling != vk::ImageTiling::LINEAR)
     {
@@ -444,6 +467,7 @@ pub fn supported_image(
         _ => (side_3d, side_3d, side_3d),
     };
     let one_sample = tiling == vk::ImageTiling::LINEAR
+        || resident
         || ty != vk::ImageType::TYPE_2D
         || cube
         || !features.intersects(attachment);

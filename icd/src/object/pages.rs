@@ -1,7 +1,18 @@
 //! Pages of address space.
 
+use std::sync::OnceLock;
+
 /// Allocations are multiples of this, and start at multiples of it (at least a page; `VkMemoryRequirements::alignment` is smaller).
 pub const GRANULE: u64 = 64 << 10;
+
+/// Bytes of a page of the system.
+pub fn page_bytes() -> u64 {
+    static BYTES: OnceLock<u64> = OnceLock::new();
+    // SAFETY: a query without arguments of ours.
+    *BYTES.get_or_init(|| {
+        u64::try_from(unsafe { libc::sysconf(libc::_SC_PAGESIZE) }).unwrap_or(GRANULE)
+    })
+}
 
 /// Maps pages that read as zeros and are committed when written; the address, unless the system refuses.
 pub(super) fn map_zero_pages(address: u64, size_bytes: u64, flags: i32) -> Option<u64> {

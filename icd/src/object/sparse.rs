@@ -9,7 +9,7 @@ use ash::vk;
 
 use super::DeviceMemory;
 use super::memory::AddressWindow;
-use super::pages::{GRANULE, map_zero_pages};
+use super::pages::{GRANULE, map_zero_pages, page_bytes};
 use crate::VkResult;
 use crate::handle::Ref;
 
@@ -72,8 +72,8 @@ impl SparseBind {
         let inside = |offset: u64, whole: u64| {
             (offset.checked_add(self.size_bytes)).is_some_and(|end| end <= whole)
         };
-        if !self.resource_offset.is_multiple_of(GRANULE)
-            || !self.size_bytes.is_multiple_of(GRANULE)
+        if !self.resource_offset.is_multiple_of(page_bytes())
+            || !self.size_bytes.is_multiple_of(page_bytes())
             || !inside(self.resource_offset, self.resource.size_bytes)
         {
             return Err("a sparse binding outside of its resource");
@@ -82,7 +82,7 @@ impl SparseBind {
         let mapped = match &self.memory {
             None => map_zero_pages(address, self.size_bytes, libc::MAP_FIXED),
             Some((memory, offset)) => {
-                if !offset.is_multiple_of(GRANULE) || !inside(*offset, memory.shared_bytes()) {
+                if !offset.is_multiple_of(page_bytes()) || !inside(*offset, memory.shared_bytes()) {
                     return Err("a sparse binding to memory that cannot be bound");
                 }
                 show_at(memory.address + offset, self.size_bytes, address)

@@ -104,6 +104,8 @@ features! {
         inherited_queries;
         sparse_binding;
         sparse_residency_buffer;
+        sparse_residency_image2_d;
+        sparse_residency_image3_d;
         sparse_residency_aliased;
     }
     chained {

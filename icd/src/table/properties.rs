@@ -538,6 +538,8 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 ..Default::default()
             });
             PhysicalDeviceMaintenance9PropertiesKHR(vk::PhysicalDeviceMaintenance9PropertiesKHR {
+                // Slices are rows of pages like layers.
+                image2_d_view_of3_d_sparse: vk::TRUE,
                 default_vertex_attribute_value: vk::DefaultVertexAttributeValueKHR::ZERO_ZERO_ZERO_ZERO,
                 ..Default::default()
             });
