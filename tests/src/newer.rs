@@ -11,6 +11,9 @@ pub const LINEAR_SWEPT_SPHERES: &CStr = c"VK_NV_ray_tracing_linear_swept_spheres
 /// `VK_KHR_device_address_commands`.
 pub const DEVICE_ADDRESS_COMMANDS: &CStr = c"VK_KHR_device_address_commands";
 
+/// `VK_KHR_copy_memory_indirect`.
+pub const COPY_MEMORY_INDIRECT: &CStr = c"VK_KHR_copy_memory_indirect";
+
 /// `VK_KHR_maintenance8`.
 pub const MAINTENANCE_8: &CStr = c"VK_KHR_maintenance8";
 
@@ -46,6 +49,7 @@ pub const NEWER: &[(&CStr, u32)] = &[
     ),
     (ash::khr::maintenance5::NAME, make_api_version(0, 1, 3, 260)),
     (DEVICE_ADDRESS_COMMANDS, make_api_version(0, 1, 4, 340)),
+    (COPY_MEMORY_INDIRECT, make_api_version(0, 1, 4, 330)),
     (MAINTENANCE_8, make_api_version(0, 1, 4, 330)),
     (MAINTENANCE_9, make_api_version(0, 1, 4, 330)),
     (
@@ -154,6 +158,31 @@ impl Default for PhysicalDeviceMaintenance9FeaturesKHR<'_> {
 
 // SAFETY: the registry says so.
 unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceMaintenance9FeaturesKHR<'_> {}
+
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct PhysicalDeviceCopyMemoryIndirectFeaturesKHR<'a> {
+    pub s_type: StructureType,
+    pub p_next: *mut c_void,
+    pub indirect_memory_copy: Bool32,
+    pub indirect_memory_to_image_copy: Bool32,
+    pub _marker: PhantomData<&'a ()>,
+}
+
+impl Default for PhysicalDeviceCopyMemoryIndirectFeaturesKHR<'_> {
+    fn default() -> Self {
+        Self {
+            s_type: StructureType::from_raw(1_000_549_000),
+            p_next: std::ptr::null_mut(),
+            indirect_memory_copy: FALSE,
+            indirect_memory_to_image_copy: FALSE,
+            _marker: PhantomData,
+        }
+    }
+}
+
+// SAFETY: the registry says so.
+unsafe impl ExtendsPhysicalDeviceFeatures2 for PhysicalDeviceCopyMemoryIndirectFeaturesKHR<'_> {}
 
 /// `VkDeviceAddressRangeKHR`.
 #[repr(C)]

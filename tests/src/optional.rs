@@ -5,7 +5,8 @@ use std::ffi::{CStr, c_void};
 use ash::{ext, huawei, khr, nv};
 
 use crate::newer::{
-    self as vk, DEVICE_ADDRESS_COMMANDS, LINEAR_SWEPT_SPHERES, MAINTENANCE_8, MAINTENANCE_9,
+    self as vk, COPY_MEMORY_INDIRECT, DEVICE_ADDRESS_COMMANDS, LINEAR_SWEPT_SPHERES, MAINTENANCE_8,
+    MAINTENANCE_9,
 };
 
 macro_rules! optional {
@@ -68,6 +69,7 @@ optional! {
     maintenance1: khr::ray_tracing_maintenance1::NAME, PhysicalDeviceRayTracingMaintenance1FeaturesKHR {};
     address_commands: DEVICE_ADDRESS_COMMANDS, PhysicalDeviceDeviceAddressCommandsFeaturesKHR {};
     maintenance5: khr::maintenance5::NAME, PhysicalDeviceMaintenance5FeaturesKHR {};
+    indirect_copies: COPY_MEMORY_INDIRECT, PhysicalDeviceCopyMemoryIndirectFeaturesKHR {};
     maintenance8: MAINTENANCE_8, PhysicalDeviceMaintenance8FeaturesKHR {};
     maintenance9: MAINTENANCE_9, PhysicalDeviceMaintenance9FeaturesKHR {};
     micromap: ext::opacity_micromap::NAME, PhysicalDeviceOpacityMicromapFeaturesEXT { micromap_capture_replay };

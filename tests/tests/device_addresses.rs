@@ -281,3 +281,123 @@ fn query_results_go_to_an_address() {
     assert_eq!([words[0], words[2], words[4], words[5]], [0; 4]);
     assert!(words[1] > 0 && words[3] >= words[1], "{words:?}");
 }
+
+/// `VkCopyMemoryIndirectInfoKHR`.
+#[repr(C)]
+struct IndirectCopyInfo {
+    s_type: vk::StructureType,
+    p_next: *const c_void,
+    source_flags: u32,
+    destination_flags: u32,
+    count: u32,
+    parameters: [u64; 3],
+}
+
+/// `VkCopyMemoryToImageIndirectInfoKHR`.
+#[repr(C)]
+struct IndirectImageCopyInfo {
+    s_type: vk::StructureType,
+    p_next: *const c_void,
+    source_flags: u32,
+    count: u32,
+    parameters: [u64; 3],
+    image: vk::Image,
+    layout: vk::ImageLayout,
+    layers: *const vk::ImageSubresourceLayers,
+}
+
+/// `VK_KHR_copy_memory_indirect`: what is copied where is read when the copies are performed.
+#[test]
+fn copies_are_read_from_memory() {
+    let gpu = Gpu::validated_since(vk::make_api_version(0, 1, 4, 330));
+    let Some(gpu) = gpu.with("VK_KHR_copy_memory_indirect", |gpu| {
+        let features = gpu.optional.indirect_copies;
+        features.indirect_memory_copy != 0 && features.indirect_memory_to_image_copy != 0
+    }) else {
+        return;
+    };
+    let words: Vec<u32> = (0..64).collect();
+    let source = gpu.buffer_with(&words);
+    let output = gpu.buffer(4 * 64);
+    // Two copies, 32 bytes apart.
+    let parameters = gpu.buffer_with(&[
+        source.address + 16,
+        output.address,
+        8,
+        !0,
+        source.address + 128,
+        output.address + 64,
+        32,
+        !0,
+    ]);
+    let info = IndirectCopyInfo {
+        s_type: vk::StructureType::from_raw(1_000_549_002),
+        p_next: std::ptr::null(),
+        source_flags: 0,
+        destination_flags: 0,
+        count: 2,
+        parameters: [parameters.address, 64, 32],
+    };
+    let copy: WithInfo<IndirectCopyInfo> = function(&gpu, c"vkCmdCopyMemoryIndirectKHR");
+
+    let usage = vk::ImageUsageFlags::TRANSFER_SRC | vk::ImageUsageFlags::TRANSFER_DST;
+    let shape = Shape::flat(vk::Format::R32_UINT, 8, 4);
+    let picture = gpu.picture(shape, usage);
+    let layers = vk::ImageSubresourceLayers::default()
+        .aspect_mask(vk::ImageAspectFlags::COLOR)
+        .layer_count(1);
+    // All of the image from rows of ten words, and then a part of it.
+    let low = |address: u64| [address as u32, (address >> 32) as u32];
+    let region = |address: u64, row_length: u32, offset: [u32; 2], extent: [u32; 2]| {
+        let [low, high] = low(address);
+        let ([x, y], [width, height]) = (offset, extent);
+        [
+            low, high, row_length, 0, 1, 0, 0, 1, x, y, 0, width, height, 1,
+        ]
+    };
+    let regions = gpu.buffer_with(
+        [
+            region(source.address, 10, [0, 0], [8, 4]),
+            region(source.address + 200, 0, [2, 1], [3, 2]),
+        ]
+        .as_flattened(),
+    );
+    let both = [layers; 2];
+    let image_info = IndirectImageCopyInfo {
+        s_type: vk::StructureType::from_raw(1_000_549_003),
+        p_next: std::ptr::null(),
+        source_flags: 0,
+        count: 1,
+        parameters: [regions.address, 112, 56],
+        image: picture.handle,
+        layout: vk::ImageLayout::GENERAL,
+        layers: both.as_ptr(),
+    };
+    let part = IndirectImageCopyInfo {
+        parameters: [regions.address + 56, 56, 56],
+        ..image_info
+    };
+    let image_copy: WithInfo<IndirectImageCopyInfo> =
+        function(&gpu, c"vkCmdCopyMemoryToImageIndirectKHR");
+    gpu.run(|commands| {
+        // SAFETY: the structures outlive the calls, and the buffers and the image the execution.
+        unsafe {
+            gpu.device
+                .cmd_fill_buffer(commands, output.handle, 0, 256, 0);
+            gpu.barrier(commands);
+            copy(commands, &info);
+            image_copy(commands, &image_info);
+            gpu.barrier(commands);
+            image_copy(commands, &part);
+        }
+    });
+    let mut expected = vec![0u32; 64];
+    expected[..2].copy_from_slice(&words[4..6]);
+    expected[16..24].copy_from_slice(&words[32..40]);
+    assert_eq!(output.read::<u32>(), expected);
+    let mut texels: Vec<u32> = (0..32).map(|i| i / 8 * 10 + i % 8).collect();
+    for (index, word) in (50..56).enumerate() {
+        texels[(1 + index / 3) * 8 + 2 + index % 3] = word;
+    }
+    assert_eq!(gpu.download(&picture, 0, 4).read::<u32>(), texels);
+}

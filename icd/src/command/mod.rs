@@ -82,6 +82,17 @@ pub enum Command {
         destination: Ref<Image>,
         regions: Vec<vk::BufferImageCopy>,
     },
+    /// `vkCmdCopyMemoryIndirectKHR`.
+    CopyMemoryIndirect {
+        parameters: Parameters,
+        count: u32,
+    },
+    /// `vkCmdCopyMemoryToImageIndirectKHR`; each copy is to the layers that were named when it was recorded.
+    CopyMemoryToImageIndirect {
+        parameters: Parameters,
+        destination: Ref<Image>,
+        layers: Vec<vk::ImageSubresourceLayers>,
+    },
     CopyImageToBuffer {
         source: Ref<Image>,
         /// Device address of the buffer's first byte.
@@ -125,6 +136,21 @@ pub enum Command {
     ExecuteCommands(Vec<Arc<Vec<Command>>>),
     RayTracing(RayTracingCommand),
     Graphics(GraphicsCommand),
+}
+
+/// Where the parameters of commands are: device addresses.
+#[derive(Clone, Copy, Debug)]
+pub struct Parameters {
+    pub address: u64,
+    pub stride_bytes: u64,
+}
+
+impl Parameters {
+    /// The address of one command's.
+    pub fn of(&self, index: u32) -> u64 {
+        self.address
+            .wrapping_add(self.stride_bytes.wrapping_mul(index.into()))
+    }
 }
 
 /// `vkCmdBindDescriptorSets`, or pushed descriptors as a set of their own.

@@ -390,6 +390,8 @@ commands! {
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdDrawIndirect2KHR graphics_address::vkCmdDrawIndirect2KHR;
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdDrawIndirectCount2KHR graphics_address::vkCmdDrawIndirectCount2KHR;
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdCopyImageToMemoryKHR device_address::vkCmdCopyImageToMemoryKHR;
+    Device KHR_COPY_MEMORY_INDIRECT PFN_vkCmdCopyMemoryIndirectKHR device_address::vkCmdCopyMemoryIndirectKHR;
+    Device KHR_COPY_MEMORY_INDIRECT PFN_vkCmdCopyMemoryToImageIndirectKHR device_address::vkCmdCopyMemoryToImageIndirectKHR;
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdCopyMemoryKHR device_address::vkCmdCopyMemoryKHR;
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdCopyMemoryToImageKHR device_address::vkCmdCopyMemoryToImageKHR;
     Device KHR_DEVICE_ADDRESS_COMMANDS PFN_vkCmdCopyQueryPoolResultsToMemoryKHR device_address::vkCmdCopyQueryPoolResultsToMemoryKHR;

@@ -1,9 +1,10 @@
 //! `VK_KHR_device_address_commands`: memory by its address. Commands are recorded by address in any case; a null range is left alone.
+//! `VK_KHR_copy_memory_indirect`: copies whose parameters are in memory.
 
 use super::acceleration_structure::create;
 use super::define::{commands, entry};
 use crate::VkResult;
-use crate::command::{Command, CopyQueryPoolResults, Recording};
+use crate::command::{Command, CopyQueryPoolResults, Parameters, Recording};
 use crate::device::Device;
 use crate::ffi;
 use crate::ffi::vk;
@@ -53,7 +54,31 @@ entry! {
     }
 }
 
+fn parameters(range: vk::StridedDeviceAddressRangeKHR) -> Parameters {
+    Parameters {
+        address: range.address,
+        stride_bytes: range.stride,
+    }
+}
+
 commands! {
+    fn vkCmdCopyMemoryIndirectKHR(commands, info: *const vk::CopyMemoryIndirectInfoKHR<'_>) {
+        let info = &*info;
+        commands.push(Command::CopyMemoryIndirect {
+            parameters: parameters(info.copy_address_range),
+            count: info.copy_count,
+        })
+    }
+
+    fn vkCmdCopyMemoryToImageIndirectKHR(commands, info: *const vk::CopyMemoryToImageIndirectInfoKHR<'_>) {
+        let info = &*info;
+        commands.push(Command::CopyMemoryToImageIndirect {
+            parameters: parameters(info.copy_address_range),
+            destination: retain::<Image>(info.dst_image),
+            layers: ffi::slice(info.p_image_subresources, info.copy_count).to_vec(),
+        })
+    }
+
     fn vkCmdCopyMemoryKHR(commands, info: *const vk::CopyDeviceMemoryInfoKHR<'_>) {
         let regions = ffi::slice((*info).p_regions, (*info).region_count);
         regions.iter().try_for_each(|region| copy_memory(commands, region))

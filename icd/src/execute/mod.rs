@@ -33,7 +33,7 @@ use ash::vk;
 use spirv_jit::Program;
 use spirv_jit::reach::Strays;
 
-use crate::command::{Command, RayTracingCommand};
+use crate::command::{Command, Parameters, RayTracingCommand};
 use crate::compute;
 use crate::object::Image;
 use crate::object::pipeline::PipelineKind;
@@ -171,6 +171,14 @@ fn perform<'a>(mut painter: Painter<'_, 'a>, command: &'a Command) -> Result<(),
             .for_each(|region| {
                 copy::copy_buffer_to_image(&engine.workers, *source, destination, region);
             }),
+        &Command::CopyMemoryIndirect { parameters, count } => {
+            copy_indirect(engine, parameters, count)?;
+        }
+        Command::CopyMemoryToImageIndirect {
+            parameters,
+            destination,
+            layers,
+        } => copy_to_image_indirect(engine, *parameters, destination, layers),
         Command::CopyImageToBuffer {
             source,
             destination,
@@ -301,6 +309,62 @@ fn note_strays<'a>(
     }
     if let Some(wild) = &engine.wild {
         wild.add(&strays, programs);
+    }
+}
+
+/// Copies whose parameters (`VkCopyMemoryIndirectCommandKHR`) are in memory. Those that are not there copy nothing.
+fn copy_indirect(engine: &Engine, parameters: Parameters, count: u32) -> Result<(), Failure> {
+    let limits = engine.limits();
+    for index in 0..count {
+        limits.check()?;
+        let reach = engine.memory.reach();
+        // SAFETY: the queue's commands are performed one after the other; any bytes are numbers.
+        let copy = unsafe { reachable::read::<[u64; 3]>(&reach, parameters.of(index)) };
+        if let Some([source, destination, size_bytes]) = copy {
+            buffer::copy(&reach, source, destination, size_bytes);
+        }
+    }
+    Ok(())
+}
+
+/// The same, to an image (`VkCopyMemoryToImageIndirectCommandKHR`).
+fn copy_to_image_indirect(
+    engine: &Engine,
+    parameters: Parameters,
+    destination: &Image,
+    layers: &[vk::ImageSubresourceLayers],
+) {
+    /// What is in memory, whatever it is there for.
+    #[repr(C)]
+    #[derive(Clone, Copy)]
+    struct Copy {
+        source: u64,
+        row_length: u32,
+        image_height: u32,
+        layers: [u32; 4],
+        offset: [i32; 3],
+        extent: [u32; 3],
+    }
+    for (&layers, index) in layers.iter().zip(0..) {
+        // SAFETY: as above.
+        let copy = unsafe { reachable::read::<Copy>(&engine.memory.reach(), parameters.of(index)) };
+        let Some(copy) = copy else { continue };
+        let ([x, y, z], [width, height, depth]) = (copy.offset, copy.extent);
+        let region = vk::BufferImageCopy {
+            buffer_offset: 0,
+            buffer_row_length: copy.row_length,
+            buffer_image_height: copy.image_height,
+            image_subresource: layers,
+            image_offset: vk::Offset3D { x, y, z },
+            image_extent: vk::Extent3D {
+                width,
+                height,
+                depth,
+            },
+        };
+        if has_bytes(engine, copy.source, destination, &region) {
+            copy::copy_buffer_to_image(&engine.workers, copy.source, destination, &region);
+        }
     }
 }
 

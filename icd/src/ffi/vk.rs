@@ -123,6 +123,28 @@ structures! {
         layered_api_count: u32,
         p_layered_apis: *mut c_void,
     }
+    /// `VK_KHR_copy_memory_indirect`.
+    PhysicalDeviceCopyMemoryIndirectFeaturesKHR 1_000_549_000 *mut c_void {
+        indirect_memory_copy: Bool32,
+        indirect_memory_to_image_copy: Bool32,
+    }
+    PhysicalDeviceCopyMemoryIndirectPropertiesKHR 1_000_426_001 *mut c_void {
+        supported_queues: QueueFlags,
+    }
+    CopyMemoryIndirectInfoKHR 1_000_549_002 *const c_void {
+        src_copy_flags: Flags,
+        dst_copy_flags: Flags,
+        copy_count: u32,
+        copy_address_range: StridedDeviceAddressRangeKHR,
+    }
+    CopyMemoryToImageIndirectInfoKHR 1_000_549_003 *const c_void {
+        src_copy_flags: Flags,
+        copy_count: u32,
+        copy_address_range: StridedDeviceAddressRangeKHR,
+        dst_image: Image,
+        dst_image_layout: ImageLayout,
+        p_image_subresources: *const ImageSubresourceLayers,
+    }
     /// `VK_KHR_maintenance8`.
     PhysicalDeviceMaintenance8FeaturesKHR 1_000_574_000 *mut c_void {
         maintenance8: Bool32,
@@ -402,6 +424,8 @@ functions! {
     PFN_vkCmdBindIndexBuffer3KHR(CommandBuffer, *const c_void);
     PFN_vkCmdBindVertexBuffers3KHR(CommandBuffer, u32, u32, *const c_void);
     PFN_vkCmdCopyImageToMemoryKHR(CommandBuffer, *const CopyDeviceMemoryImageInfoKHR<'_>);
+    PFN_vkCmdCopyMemoryIndirectKHR(CommandBuffer, *const CopyMemoryIndirectInfoKHR<'_>);
+    PFN_vkCmdCopyMemoryToImageIndirectKHR(CommandBuffer, *const CopyMemoryToImageIndirectInfoKHR<'_>);
     PFN_vkCmdCopyMemoryKHR(CommandBuffer, *const CopyDeviceMemoryInfoKHR<'_>);
     PFN_vkCmdCopyMemoryToImageKHR(CommandBuffer, *const CopyDeviceMemoryImageInfoKHR<'_>);
     PFN_vkCmdCopyQueryPoolResultsToMemoryKHR(
@@ -458,3 +482,6 @@ pub const GEOMETRY_TYPE_LINEAR_SWEPT_SPHERES_NV: GeometryTypeKHR =
 /// `VK_FORMAT_FEATURE_2_ACCELERATION_STRUCTURE_RADIUS_BUFFER_BIT_NV`.
 pub const FORMAT_FEATURE_2_ACCELERATION_STRUCTURE_RADIUS_BUFFER_NV: FormatFeatureFlags2 =
     FormatFeatureFlags2::from_raw(1 << 51);
+/// `VK_FORMAT_FEATURE_2_COPY_IMAGE_INDIRECT_DST_BIT_KHR`.
+pub const FORMAT_FEATURE_2_COPY_IMAGE_INDIRECT_DST_KHR: FormatFeatureFlags2 =
+    FormatFeatureFlags2::from_raw(1 << 59);

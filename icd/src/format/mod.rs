@@ -12,7 +12,10 @@ use spirv_jit::image::ycbcr::Planes;
 
 use self::structure::radius_format;
 use self::structure::vertex_format;
-use crate::ffi::vk::FORMAT_FEATURE_2_ACCELERATION_STRUCTURE_RADIUS_BUFFER_NV;
+use crate::ffi::vk::{
+    FORMAT_FEATURE_2_ACCELERATION_STRUCTURE_RADIUS_BUFFER_NV,
+    FORMAT_FEATURE_2_COPY_IMAGE_INDIRECT_DST_KHR,
+};
 
 /// A Vulkan format as the image code knows it.
 pub fn texel_format(format: vk::Format) -> Format {
@@ -197,7 +200,10 @@ fn is_luma_and_chroma(texel: Format) -> bool {
 
 fn image_features(texel: Format, info: &FormatInfo) -> vk::FormatFeatureFlags2 {
     use vk::FormatFeatureFlags2 as Feature;
-    let transfer = Feature::TRANSFER_SRC | Feature::TRANSFER_DST | Feature::HOST_IMAGE_TRANSFER_EXT;
+    let transfer = Feature::TRANSFER_SRC
+        | Feature::TRANSFER_DST
+        | Feature::HOST_IMAGE_TRANSFER_EXT
+        | FORMAT_FEATURE_2_COPY_IMAGE_INDIRECT_DST_KHR;
     let storage = Feature::STORAGE_IMAGE
         | Feature::STORAGE_READ_WITHOUT_FORMAT
         | Feature::STORAGE_WRITE_WITHOUT_FORMAT;
@@ -240,6 +246,7 @@ fn ycbcr_features(planes: &Planes) -> vk::FormatFeatureFlags2 {
     let features = Feature::TRANSFER_SRC
         | Feature::TRANSFER_DST
         | Feature::HOST_IMAGE_TRANSFER_EXT
+        | FORMAT_FEATURE_2_COPY_IMAGE_INDIRECT_DST_KHR
         | Feature::SAMPLED_IMAGE
         | Feature::SAMPLED_IMAGE_FILTER_LINEAR
         | Feature::MIDPOINT_CHROMA_SAMPLES

@@ -74,6 +74,7 @@ extensions! {
     Device KHR_CALIBRATED_TIMESTAMPS c"VK_KHR_calibrated_timestamps" 1;
     Device KHR_COMPUTE_SHADER_DERIVATIVES c"VK_KHR_compute_shader_derivatives" 1;
     Device KHR_COPY_COMMANDS_2 c"VK_KHR_copy_commands2" 1;
+    Device KHR_COPY_MEMORY_INDIRECT c"VK_KHR_copy_memory_indirect" 1;
     Device KHR_CREATE_RENDERPASS_2 c"VK_KHR_create_renderpass2" 1;
     Device KHR_DEDICATED_ALLOCATION c"VK_KHR_dedicated_allocation" 3;
     Device KHR_DEFERRED_HOST_OPERATIONS c"VK_KHR_deferred_host_operations" 4;

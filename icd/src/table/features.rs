@@ -320,6 +320,8 @@ features! {
         extended_dynamic_state3_line_stipple_enable: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         extended_dynamic_state3_depth_clip_negative_one_to_one: PhysicalDeviceExtendedDynamicState3FeaturesEXT;
         maintenance7: PhysicalDeviceMaintenance7FeaturesKHR;
+        indirect_memory_copy: PhysicalDeviceCopyMemoryIndirectFeaturesKHR;
+        indirect_memory_to_image_copy: PhysicalDeviceCopyMemoryIndirectFeaturesKHR;
         maintenance8: PhysicalDeviceMaintenance8FeaturesKHR;
         maintenance9: PhysicalDeviceMaintenance9FeaturesKHR;
         fragment_shader_barycentric: PhysicalDeviceFragmentShaderBarycentricFeaturesKHR => FragmentBarycentricKHR;

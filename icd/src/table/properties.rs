@@ -537,6 +537,10 @@ unsafe fn fill(machine: &Machine, node: *mut vk::BaseOutStructure<'static>) {
                 max_descriptor_set_update_after_bind_total_buffers_dynamic: 2 * limits::MAX_DYNAMIC_BUFFERS,
                 ..Default::default()
             });
+            PhysicalDeviceCopyMemoryIndirectPropertiesKHR(vk::PhysicalDeviceCopyMemoryIndirectPropertiesKHR {
+                supported_queues: vk::QueueFlags::GRAPHICS | vk::QueueFlags::COMPUTE | vk::QueueFlags::TRANSFER,
+                ..Default::default()
+            });
             PhysicalDeviceMaintenance9PropertiesKHR(vk::PhysicalDeviceMaintenance9PropertiesKHR {
                 // Slices are rows of pages like layers.
                 image2_d_view_of3_d_sparse: vk::TRUE,
