@@ -7,9 +7,9 @@ use std::sync::OnceLock;
 use std::time::Duration;
 
 use ash::vk::ConformanceVersion;
-use spirv_jit::interp::{TIER_NAMES, limit_tier};
+use lanes::Tier;
 use spirv_jit::{Accuracy, pass};
-use traversal::{Options, Specialisation, Tier, Walker};
+use traversal::{Options, Specialisation, Walker};
 
 use crate::log::{self, Level};
 
@@ -58,7 +58,12 @@ impl Settings {
         };
         let tier = match value("TUFF_TIER") {
             None => Tier::best(),
-            Some(text) => no_better_than(&text)?,
+            Some(text) => {
+                let tier: Tier = text
+                    .parse()
+                    .map_err(|error| format!("TUFF_TIER: {error}"))?;
+                tier.min(Tier::best())
+            }
         };
         let mut without = Vec::new();
         let mut opaque_without_any_hit = true;
@@ -184,21 +189,6 @@ fn conformance(text: &str) -> Option<ConformanceVersion> {
     })
 }
 
-/// The best tier of walks up to the one of this name.
-fn no_better_than(name: &str) -> Result<Tier, String> {
-    let named = TIER_NAMES
-        .iter()
-        .zip(Tier::ALL)
-        .find(|(known, _)| **known == name);
-    match named {
-        Some((_, tier)) => Ok(tier.min(Tier::best())),
-        None => Err(format!(
-            "TUFF_TIER: \"{name}\" is not one of {}",
-            TIER_NAMES.join(", ")
-        )),
-    }
-}
-
 fn unknown(name: &str) -> String {
     let walks = Specialisation::ALL.iter().map(|(name, _)| *name);
     let passes = pass::PASSES.iter().map(|pass| pass.name);
@@ -226,10 +216,7 @@ pub fn checked() -> Result<&'static Settings, &'static str> {
         let list = |name| environment(name).unwrap_or_default();
         pass::configure(&list("TUFF_DISABLE"), &list("TUFF_PRINT"));
         // One limit for all: programs and samplers, walks and builds.
-        if let Some(tier) = environment("TUFF_TIER") {
-            limit_tier(&tier);
-            settings.walks.tier.limit();
-        }
+        settings.walks.tier.limit();
         Ok(settings)
     });
     settings.as_ref().map_err(String::as_str)

@@ -28,12 +28,12 @@ pub mod reach;
 mod request;
 mod row;
 mod state;
-mod tier;
 mod types;
 pub mod views;
 
 pub use accuracy::Accuracy;
 pub use error::Error;
+pub use lanes::Tier;
 pub use program::{CompileRequest, Program, compile};
 
 /// Lanes in a subgroup, whatever the tier or the machine (`VkPhysicalDeviceSubgroupProperties::subgroupSize`).

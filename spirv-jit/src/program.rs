@@ -4,6 +4,8 @@ use std::collections::TryReserveError;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
+use lanes::Tier;
+
 use crate::SUBGROUP_SIZE;
 use crate::error::Error;
 use crate::interp;
@@ -12,7 +14,6 @@ use crate::ir::{self, passed::passed};
 use crate::origin::{Origin, Place, line_at};
 use crate::plan::{self, Plan};
 use crate::query::QueryWord;
-use crate::tier::TierKind;
 
 pub use crate::interp::{Frame, MAX_SUBGROUPS};
 pub use crate::ir::interface::{
@@ -82,15 +83,15 @@ impl Program {
     /// # Errors
     /// Budget; operations on types that have none.
     pub fn new(module: &ir::Module) -> Result<Program, Error> {
-        Self::with_tier(module, TierKind::best())
+        Self::with_tier(module, Tier::best())
     }
 
     /// As [`Self::new`], for a tier that is not the best: for tests and measurements. The tier is one that the machine has.
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn with_tier(module: &ir::Module, tier: TierKind) -> Result<Program, Error> {
-        assert!(TierKind::present().contains(&tier), "not on this machine");
+    pub fn with_tier(module: &ir::Module, tier: Tier) -> Result<Program, Error> {
+        assert!(Tier::available().contains(&tier), "not on this machine");
         static NUMBER: AtomicU64 = AtomicU64::new(1);
         let planned = plan::plan(module)?;
         Ok(Program {

@@ -24,7 +24,7 @@ mod observe;
 use std::path::{Path, PathBuf};
 
 use observe::{Outcome, execute, execute_on};
-use spirv_jit::interp::TierKind;
+use spirv_jit::Tier;
 use spirv_jit::ir::text::{parse_module, print_module};
 use spirv_jit::ir::{Module, verify};
 use spirv_jit::pass::{optimize, run_pass};
@@ -112,7 +112,7 @@ fn check_runs(case: &Case<'_>, after_passes: &Module) -> Result<(), String> {
     optimize(&mut optimised).map_err(|error| error.to_string())?;
     for seed in 0..4 {
         let expected = execute(&original, seed, None).without_payloads();
-        for &tier in TierKind::present() {
+        for &tier in Tier::available() {
             if execute_on(tier, &original, seed, None).without_payloads() != expected {
                 return Err(format!("{tier:?} gives something else"));
             }

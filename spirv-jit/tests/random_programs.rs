@@ -6,7 +6,7 @@ mod observe;
 mod random;
 
 use observe::{Outcome, execute, execute_on};
-use spirv_jit::interp::TierKind;
+use spirv_jit::Tier;
 use spirv_jit::ir::Module;
 use spirv_jit::ir::text::{parse_module, print_module};
 use spirv_jit::ir::verify;
@@ -40,7 +40,7 @@ fn check(seed: u64) {
     let expected = execute(&original, seed, None);
     let mut optimised = original.clone();
     optimize(&mut optimised).unwrap();
-    for &tier in TierKind::present() {
+    for &tier in Tier::available() {
         let actual = execute_on(tier, &optimised, seed, None);
         if actual != expected {
             let culprit = find_culprit(&original, seed, &expected);

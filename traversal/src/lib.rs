@@ -90,7 +90,6 @@ mod motion;
 mod pool;
 pub mod ray;
 pub mod structure;
-mod tier;
 pub mod transfer;
 pub mod walk;
 
@@ -101,6 +100,7 @@ pub use input::{
     InstanceArray, InstanceSource, MotionGeometry, RadiusFormat, SweptGeometry, TriangleGeometry,
     VertexFormat,
 };
+pub use lanes::Tier;
 pub use live::{EVERYWHERE, Live};
 pub use memory::{IndexType, Memory};
 pub use micromap::{
@@ -109,7 +109,6 @@ pub use micromap::{
 };
 pub use ray::{Hit, Ray, Swept, ray_flags};
 pub use structure::{Kind, Structure, validate};
-pub use tier::Tier;
 pub use transfer::{
     Serialized, compact_into, compacted_size, copy_into, deserialize, serialize, serialized_size,
 };

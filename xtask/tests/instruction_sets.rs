@@ -1,17 +1,16 @@
-//! Instruction sets are chosen in two places, one for shaders and one for structures, which `TUFF_TIER` limits: nothing asks the processor
-//! past them.
+//! One choice of instruction set, which `TUFF_TIER` limits: nothing asks the processor past it.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Where it is asked.
-const ASKING: [&str; 2] = ["spirv-jit/src/tier.rs", "traversal/src/tier.rs"];
+const ASKING: [&str; 1] = ["lanes/src/tier.rs"];
 
 #[test]
-fn the_processor_is_asked_in_two_places() {
+fn the_processor_is_asked_in_one_place() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let mut asking = Vec::new();
-    for name in ["icd", "spirv-jit", "traversal"] {
+    for name in ["icd", "lanes", "spirv-jit", "traversal"] {
         collect(&root.join(name).join("src"), &mut asking);
     }
     let mut found: Vec<String> = asking

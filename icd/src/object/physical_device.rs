@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use spirv_jit::interp::TierKind;
+use lanes::Tier;
 
 use super::memory;
 use super::messenger::Messengers;
@@ -61,7 +61,7 @@ impl PhysicalDevice {
         let plural = if threads == 1 { "" } else { "s" };
         format!(
             "Tuff ({threads} thread{plural}, {})",
-            TierKind::best().instruction_set()
+            Tier::best().instruction_set()
         )
     }
 }

@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 
 use ash::vk;
 use half::f16;
-use spirv_jit::interp::TierKind;
+use lanes::Tier;
 
 /// How a window's pixels lie in 32-bit or 16-bit words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,13 +84,7 @@ pub fn texel_bytes(format: vk::Format) -> usize {
 ///
 /// # Safety
 /// The texels can be read, and lie at a multiple of their size.
-pub unsafe fn convert(
-    tier: TierKind,
-    texels: Texels,
-    layout: Layout,
-    is_opaque: bool,
-    row: &mut [u8],
-) {
+pub unsafe fn convert(tier: Tier, texels: Texels, layout: Layout, is_opaque: bool, row: &mut [u8]) {
     assert_eq!(row.len(), texels.count * layout.bytes());
     // SAFETY: the caller's promise.
     unsafe {
@@ -106,7 +100,7 @@ pub unsafe fn convert(
 
 /// # Safety
 /// As for [`convert`].
-unsafe fn to_layout<L: Words>(tier: TierKind, texels: Texels, is_opaque: bool, row: &mut [u8]) {
+unsafe fn to_layout<L: Words>(tier: Tier, texels: Texels, is_opaque: bool, row: &mut [u8]) {
     // SAFETY: the caller's promise.
     unsafe {
         match texels.format {
@@ -181,12 +175,7 @@ fn opaque<L: Words>(is_opaque: bool) -> u32 {
 
 /// # Safety
 /// As for [`convert`].
-unsafe fn words<T: Words, L: Words>(
-    tier: TierKind,
-    texels: Texels,
-    is_opaque: bool,
-    row: &mut [u8],
-) {
+unsafe fn words<T: Words, L: Words>(tier: Tier, texels: Texels, is_opaque: bool, row: &mut [u8]) {
     #[inline(always)]
     unsafe fn body<T: Words, L: Words>(texels: Texels, alpha: u32, row: &mut [u8]) {
         let texel = texels.data.cast::<T::Word>();
@@ -209,11 +198,11 @@ unsafe fn words<T: Words, L: Words>(
         unsafe { body::<T, L>(texels, alpha, row) }
     }
     let alpha = opaque::<L>(is_opaque);
-    // SAFETY: the caller's promise; a tier is one that the machine has (`TierKind::best`).
+    // SAFETY: the caller's promise; a tier is one that the machine has (`Tier::best`).
     unsafe {
         match tier {
             #[cfg(target_arch = "x86_64")]
-            TierKind::Avx2 | TierKind::Avx512 => avx2::<T, L>(texels, alpha, row),
+            Tier::Avx2 | Tier::Avx512 => avx2::<T, L>(texels, alpha, row),
             _ => body::<T, L>(texels, alpha, row),
         }
     }
@@ -221,11 +210,11 @@ unsafe fn words<T: Words, L: Words>(
 
 /// # Safety
 /// As for [`convert`], of 16-bit floats.
-unsafe fn floats<L: Words>(tier: TierKind, texels: Texels, is_opaque: bool, row: &mut [u8]) {
+unsafe fn floats<L: Words>(tier: Tier, texels: Texels, is_opaque: bool, row: &mut [u8]) {
     let alpha = opaque::<L>(is_opaque);
     let mut done = 0;
     #[cfg(target_arch = "x86_64")]
-    if matches!(tier, TierKind::Avx2 | TierKind::Avx512) && !texels.is_linear && L::BITS == [8; 4] {
+    if matches!(tier, Tier::Avx2 | Tier::Avx512) && !texels.is_linear && L::BITS == [8; 4] {
         // SAFETY: the tier has these instructions; and the caller's promise.
         done = unsafe { eight_bits(texels, L::SHIFTS[0] != 0, alpha, row) };
     }
@@ -349,7 +338,7 @@ mod tests {
     ];
 
     fn converted(
-        tier: TierKind,
+        tier: Tier,
         texels: &[u64],
         bytes: usize,
         (format, is_linear): (vk::Format, bool),
@@ -396,7 +385,7 @@ mod tests {
         let bytes = texels.len() * 8 - 4;
         for (format, from_bits, from_shifts) in FORMATS {
             for (layout, to_bits, to_shifts) in LAYOUTS {
-                for (&tier, is_opaque) in TierKind::present()
+                for (&tier, is_opaque) in Tier::available()
                     .iter()
                     .flat_map(|t| [(t, false), (t, true)])
                 {
@@ -441,7 +430,7 @@ mod tests {
             .collect();
         let format = vk::Format::R16G16B16A16_SFLOAT;
         for (layout, bits, shifts) in LAYOUTS {
-            for (&tier, is_linear) in TierKind::present()
+            for (&tier, is_linear) in Tier::available()
                 .iter()
                 .flat_map(|t| [(t, false), (t, true)])
             {

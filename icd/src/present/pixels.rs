@@ -1,7 +1,7 @@
 //! Pixels of images to pixels of windows, in one pass.
 
 use ash::vk;
-use spirv_jit::interp::TierKind;
+use lanes::Tier;
 
 use super::conversion::{self, Layout, Texels, texel_bytes};
 
@@ -69,7 +69,7 @@ pub unsafe fn draw(picture: &Picture, placement: &Placement, canvas: &mut Canvas
     let (from, to) = (placement.from, placement.to);
     let bytes = canvas.layout.bytes();
     let texel_bytes = texel_bytes(picture.format);
-    let tier = TierKind::best();
+    let tier = Tier::best();
     let is_stretched = from.extent.width != to.extent.width;
     let is_plain = canvas.layout.is_that_of(picture.format) && !canvas.is_opaque;
     let width = to.extent.width as usize;

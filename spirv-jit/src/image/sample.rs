@@ -2,6 +2,8 @@
 //!
 //! Every step is a loop over the 16 lanes without branches that depend on a lane: inactive lanes compute along, on clamped indices.
 
+use lanes::Tier;
+
 use super::address::{self, Axis, AxisRule, Floats, Ints};
 use super::format::FormatInfo;
 use super::format::block::{self, Offsets, Texels, map};
@@ -16,7 +18,6 @@ use super::{
 use crate::SUBGROUP_SIZE;
 use crate::row::Row;
 #[cfg(target_arch = "x86_64")]
-use crate::tier::TierKind;
 
 /// Declares `$name`, which runs `$body` compiled for the widest vectors that the machine has. Results are the same on all: the body is IEEE
 /// arithmetic without contraction.
@@ -36,12 +37,12 @@ macro_rules! vectorized {
                     // SAFETY: the caller's promise.
                     unsafe { $body($($arg),*) }
                 }
-                match TierKind::best() {
+                match Tier::best() {
                     // SAFETY: the machine has the features; for the rest, the caller's promise.
-                    TierKind::Avx512 => return unsafe { avx512($($arg),*) },
+                    Tier::Avx512 => return unsafe { avx512($($arg),*) },
                     // SAFETY: as above.
-                    TierKind::Avx2 => return unsafe { avx2($($arg),*) },
-                    TierKind::Portable => {}
+                    Tier::Avx2 => return unsafe { avx2($($arg),*) },
+                    Tier::Portable => {}
                 }
             }
             // SAFETY: the caller's promise.
@@ -81,12 +82,12 @@ pub(super) unsafe fn sample_fast(
             // SAFETY: the function's features, and the caller's promise.
             unsafe { fast.sample(vector::Avx2::new(), operands, mask, results) }
         }
-        match TierKind::best() {
+        match Tier::best() {
             // SAFETY: the machine has the features; for the rest, the caller's promise.
-            TierKind::Avx512 => return unsafe { avx512(fast, operands, mask, results) },
+            Tier::Avx512 => return unsafe { avx512(fast, operands, mask, results) },
             // SAFETY: as above.
-            TierKind::Avx2 => return unsafe { avx2(fast, operands, mask, results) },
-            TierKind::Portable => {}
+            Tier::Avx2 => return unsafe { avx2(fast, operands, mask, results) },
+            Tier::Portable => {}
         }
     }
     // SAFETY: the caller's promise.

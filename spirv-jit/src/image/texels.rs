@@ -3,12 +3,13 @@
 //!
 //! Here, too, there are no closures over vectors: those would not be compiled for the vectors' instruction set.
 
+use lanes::Tier;
+
 use super::format::block::{self, Texels, map};
 use super::format::layout::{Channel, FormatInfo, Numeric};
 use super::format::srgb;
 use super::vector::{self, Vector};
 use crate::SUBGROUP_SIZE;
-use crate::tier::TierKind;
 
 /// The bits of a component whose lowest bit is the word's.
 #[inline(always)]
@@ -457,11 +458,11 @@ pub unsafe fn store_block(
         if !info.in_vectors {
             return block::store(info, base, &offsets.map(u64::from), mask, texels);
         }
-        match TierKind::best() {
+        match Tier::best() {
             #[cfg(target_arch = "x86_64")]
-            TierKind::Avx2 => avx2(info, base, offsets, mask, texels),
+            Tier::Avx2 => avx2(info, base, offsets, mask, texels),
             #[cfg(target_arch = "x86_64")]
-            TierKind::Avx512 => avx512(info, base, offsets, mask, texels),
+            Tier::Avx512 => avx512(info, base, offsets, mask, texels),
             _ => with(vector::Portable::new(), info, base, offsets, mask, texels),
         }
     }

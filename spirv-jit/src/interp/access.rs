@@ -5,6 +5,8 @@
 
 use std::marker::PhantomData;
 
+use lanes::Tier as TierKind;
+
 use super::code::AccessPlan;
 use super::kernels::Lane;
 use super::machine::{Handler, Instr, Machine, lanes_of};
@@ -13,7 +15,6 @@ use super::region::{Region, read_scalar, region};
 use super::tier::{Kernel, Portable, Tier};
 use crate::SUBGROUP_SIZE;
 use crate::ir::{Space, Type};
-use crate::tier::TierKind;
 
 /// What loads scalars of a type, or stores them, in a tier. Not for private memory.
 pub(super) fn handler(tier: TierKind, ty: Type, store: bool) -> Handler {

@@ -2,12 +2,12 @@
 //! the coordinates that a sample takes its level of detail from.
 
 use foldhash::HashMap;
+use lanes::Tier as TierKind;
 
 use super::kernels::{Side, fused};
 use crate::image::{LodMode, fast};
 use crate::ir::{Body, Function, Inst, Node, Op, Type, Value};
 use crate::plan::Liveness;
-use crate::tier::TierKind;
 
 /// How many instructions a first operation may be put off: its operands live on for as long.
 const REACH: usize = 24;

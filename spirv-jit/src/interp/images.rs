@@ -2,6 +2,8 @@
 
 use std::marker::PhantomData;
 
+use lanes::Tier as TierKind;
+
 use super::code::ImagePlan;
 use super::machine::{Handler, Instr, Machine};
 use super::operand::Operand;
@@ -18,7 +20,6 @@ use crate::image::vector::{self, Vector};
 use crate::image::{ImageDescriptor, ImageOp, ImageOpKind, SamplerDescriptor};
 use crate::ir::op::AtomicOp;
 use crate::row::Row;
-use crate::tier::TierKind;
 
 /// Most operand rows: coordinates, derivatives, offsets and texels of the widest operation, with room.
 const MAX_OPERAND_ROWS: usize = 32;

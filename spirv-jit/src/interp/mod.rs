@@ -36,7 +36,6 @@ use crate::SUBGROUP_SIZE;
 use crate::plan::Plan;
 use crate::row::AlignedRow;
 use crate::state::{Event, Wave};
-pub use crate::tier::{NAMES as TIER_NAMES, TierKind, limit as limit_tier};
 pub(crate) use emit::emit;
 pub(crate) use machine::Code;
 pub use machine::MAX_SUBGROUPS;

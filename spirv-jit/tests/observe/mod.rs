@@ -1,8 +1,9 @@
 //! Runs a module on made-up inputs, and keeps what can be seen of it: outputs, what it wrote, what it yielded, by lane.
 
 use spirv_jit::Program;
+use spirv_jit::Tier;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, uniform};
-use spirv_jit::interp::{Frame, TierKind};
+use spirv_jit::interp::Frame;
 use spirv_jit::ir::{InputRow, Module};
 use spirv_jit::program::{AlignedRow, Event, IO_DATA_ROW, SiteKind, Stage, Wave};
 
@@ -95,11 +96,11 @@ fn input_word(row: InputRow, lane: usize, seed: u64) -> u32 {
 
 /// Runs two subgroups as one wave, on inputs made from `seed` or, in all lanes, given by index.
 pub fn execute(module: &Module, seed: u64, inputs: Option<&[u32]>) -> Outcome {
-    execute_on(TierKind::best(), module, seed, inputs)
+    execute_on(Tier::best(), module, seed, inputs)
 }
 
 /// As [`execute`], on a tier that the machine has.
-pub fn execute_on(tier: TierKind, module: &Module, seed: u64, inputs: Option<&[u32]>) -> Outcome {
+pub fn execute_on(tier: Tier, module: &Module, seed: u64, inputs: Option<&[u32]>) -> Outcome {
     let program = Program::with_tier(module, tier).unwrap_or_else(|error| panic!("{error}"));
     let subgroups = program.max_wave_subgroups().min(2);
     let lanes = 2 * LANES;

@@ -4,17 +4,17 @@
 //! 2n − 1 nodes from its root on, whatever its shape: the place of a node depends on
 //! the primitives alone and never on which thread came first.
 
+use lanes::Tier;
+
 use super::corners::Corners;
 use super::primitive::Primitive;
 use super::split::{Extent, SplitRules, choose, choose_quickly, halve, partition};
+#[cfg(target_arch = "x86_64")]
+#[cfg(target_arch = "x86_64")]
+use super::vector::Avx2;
 use super::vector::{Portable, Vector};
 use crate::layout::Bounds;
 use crate::pool::in_pool;
-#[cfg(target_arch = "x86_64")]
-use crate::tier::Tier;
-
-#[cfg(target_arch = "x86_64")]
-use super::vector::Avx2;
 
 /// A node of the binary tree. The left child is the next node; nodes of a subtree lie together, and so do its primitives.
 /// Subtrees of up to [`PARALLEL`] primitives that [`build`] makes have no gaps between their nodes.

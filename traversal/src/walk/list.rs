@@ -1,5 +1,7 @@
 //! Rays of one subgroup in turn. What they have in common is done once.
 
+use lanes::Tier;
+
 use super::beams::Given;
 use super::children::LARGE;
 use super::entry::Entry;
@@ -14,7 +16,6 @@ use crate::layout::instance_state;
 use crate::ray::ray_flags;
 use crate::structure::Kind;
 #[cfg(target_arch = "x86_64")]
-use crate::tier::Tier;
 
 /// Fewer rays are set up one by one for less.
 const ENOUGH: u32 = 4;

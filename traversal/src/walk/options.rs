@@ -1,6 +1,6 @@
 //! How walks are done, besides what rays and structures ask for.
 
-use crate::tier::Tier;
+use lanes::Tier;
 
 /// How exact distances and weights are. Which triangles are hit is the same in each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,10 +1,11 @@
 //! Rays of many lists, traced together: see [`stream`](super::stream).
 
+use lanes::Tier;
+
 use super::options::Specialisation;
 use super::rows::{HitRows, RayRows};
 use super::{Event, Walk, Walker};
 use crate::ray::Hit;
-use crate::tier::Tier;
 
 /// Who has rays traced by [`Walker::trace_streams`], and hears of them by group and lane.
 pub(crate) trait Caller {

@@ -1,5 +1,7 @@
 //! A thread's working state for the walk that it is running.
 
+use lanes::Tier;
+
 use super::beams::Beams;
 use super::entry::{Entry, STACK};
 use super::facts::InstanceFacts;
@@ -12,7 +14,6 @@ use super::stream::Streams;
 use super::suspended::Suspended;
 use crate::live::Live;
 use crate::ray::Ray;
-use crate::tier::Tier;
 
 /// What a thread needs to run walks: the stack and the set-up of the ray being walked. Large
 /// (some kilobytes), reused for every walk of the thread; holds nothing between calls that a

@@ -1,7 +1,7 @@
 //! Instruction sets: what each gains, and that all draw the same bits.
 
 use anyhow::{Context, Result, ensure};
-use spirv_jit::interp::TIER_NAMES;
+use spirv_jit::Tier;
 
 use crate::Options;
 use crate::report::Report;
@@ -25,7 +25,8 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
     let workloads = ["primary", "path", "arithmetic"];
     let mut rows = Vec::new();
     let mut pictures: [Option<Vec<u8>>; 3] = Default::default();
-    for tier in TIER_NAMES {
+    for tier in Tier::ALL.map(|tier| tier.to_string()) {
+        let tier = tier.as_str();
         let mut row = vec![tier.to_string()];
         for (name, first) in workloads.into_iter().zip(&mut pictures) {
             let mut least = f64::INFINITY;

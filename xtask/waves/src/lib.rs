@@ -1,8 +1,8 @@
 //! A program of the interpreter over many lanes, for measurements: one that nothing is bound to, and that runs to its end at once.
 
 use anyhow::{Error, Result, ensure};
+use spirv_jit::Tier;
 use spirv_jit::environment::Environment;
-use spirv_jit::interp::TierKind;
 use spirv_jit::ir::text::parse_module;
 use spirv_jit::program::{AlignedRow, Event, Frame, Program, Wave};
 
@@ -21,7 +21,7 @@ impl Waves {
     ///
     /// # Errors
     /// A text that is no module, or a module that is no program.
-    pub fn new(text: &str, tier: Option<TierKind>, lanes: usize) -> Result<Waves> {
+    pub fn new(text: &str, tier: Option<Tier>, lanes: usize) -> Result<Waves> {
         let module = parse_module(text).map_err(Error::msg)?;
         let program = match tier {
             Some(tier) => Program::with_tier(&module, tier),

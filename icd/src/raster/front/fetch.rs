@@ -1,12 +1,12 @@
 //! The inputs of vertex invocations: attributes, converted by their formats, and built-ins.
 
 use ash::vk;
+use lanes::Tier;
 use smallvec::SmallVec;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::image::format::{FormatInfo, Numeric};
 use spirv_jit::image::texels::decode_words;
 use spirv_jit::image::vector::{self, Vector};
-use spirv_jit::interp::TierKind;
 use spirv_jit::program::{AlignedRow, Builtin, InputRow};
 use spirv_jit::reach::Reach;
 
@@ -343,11 +343,11 @@ fn decode(info: &FormatInfo, words: &mut [[u32; SUBGROUP_SIZE]; 4]) {
     }
     // SAFETY: the tier is one that the machine has.
     unsafe {
-        match TierKind::best() {
+        match Tier::best() {
             #[cfg(target_arch = "x86_64")]
-            TierKind::Avx2 => avx2(info, words),
+            Tier::Avx2 => avx2(info, words),
             #[cfg(target_arch = "x86_64")]
-            TierKind::Avx512 => avx512(info, words),
+            Tier::Avx512 => avx512(info, words),
             _ => with(vector::Portable::new(), info, words),
         }
     }

@@ -1,7 +1,7 @@
 //! Vertices of a subgroup put on the screen together.
 
+use lanes::Tier;
 use spirv_jit::SUBGROUP_SIZE;
-use spirv_jit::interp::TierKind;
 use spirv_jit::program::AlignedRow;
 
 use super::outputs::OutputPlaces;
@@ -20,7 +20,7 @@ type Row = [u32; SUBGROUP_SIZE];
 
 /// Puts the vertices of a subgroup on the screen, by their positions' rows.
 pub fn project_lanes(
-    tier: TierKind,
+    tier: Tier,
     screen: &Screen,
     volume: &Volume,
     rows: &[Row; 4],
@@ -49,10 +49,10 @@ pub fn project_lanes(
     match tier {
         // SAFETY: a tier is one that the machine has.
         #[cfg(target_arch = "x86_64")]
-        TierKind::Avx2 => unsafe { avx2(screen, volume, rows, vertices) },
+        Tier::Avx2 => unsafe { avx2(screen, volume, rows, vertices) },
         // SAFETY: as above.
         #[cfg(target_arch = "x86_64")]
-        TierKind::Avx512 => unsafe { avx512(screen, volume, rows, vertices) },
+        Tier::Avx512 => unsafe { avx512(screen, volume, rows, vertices) },
         _ => body(screen, volume, rows, vertices),
     }
 }
@@ -100,7 +100,7 @@ impl Projection<'_> {
         };
         let rows = self.places.position.map(row);
         let mut vertices = [ScreenVertex::default(); SUBGROUP_SIZE];
-        let tier = TierKind::best();
+        let tier = Tier::best();
         project_lanes(tier, self.screen, self.volume, &rows, &mut vertices);
         if self.places.has_distances {
             for (lane, vertex) in vertices[..count].iter_mut().enumerate() {

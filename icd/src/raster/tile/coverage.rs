@@ -433,7 +433,7 @@ vectors! {
 
 /// Appends what a convex shape covers of a tile inside a clip, which lies in the tile.
 pub fn convex(
-    tier: spirv_jit::interp::TierKind,
+    tier: lanes::Tier,
     edges: &[Edge],
     tile: &Bounds,
     clip: &Bounds,

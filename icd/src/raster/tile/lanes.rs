@@ -64,7 +64,7 @@ macro_rules! vectors {
     (@[$($unsafe:tt)?] [$(#[$doc:meta])*] [$vis:vis]
         $name:ident<$V:ident>($v:ident, $($arg:ident: $ty:ty),* $(,)?) $(-> $ret:ty)? $body:block) => {
         $(#[$doc])*
-        $vis $($unsafe)? fn $name(tier: spirv_jit::interp::TierKind, $($arg: $ty),*) $(-> $ret)? {
+        $vis $($unsafe)? fn $name(tier: lanes::Tier, $($arg: $ty),*) $(-> $ret)? {
             use spirv_jit::image::vector;
             #[inline(always)]
             $($unsafe)? fn body<$V: vector::Vector>($v: $V, $($arg: $ty),*) $(-> $ret)? $body
@@ -80,13 +80,13 @@ macro_rules! vectors {
                 // SAFETY: as above.
                 unsafe { body(<vector::Avx512 as vector::Vector>::new(), $($arg),*) }
             }
-            // SAFETY: a tier is one that the machine has (`TierKind::best`); and the caller's promise.
+            // SAFETY: a tier is one that the machine has (`Tier::best`); and the caller's promise.
             unsafe {
                 match tier {
                     #[cfg(target_arch = "x86_64")]
-                    spirv_jit::interp::TierKind::Avx2 => avx2($($arg),*),
+                    lanes::Tier::Avx2 => avx2($($arg),*),
                     #[cfg(target_arch = "x86_64")]
-                    spirv_jit::interp::TierKind::Avx512 => avx512($($arg),*),
+                    lanes::Tier::Avx512 => avx512($($arg),*),
                     _ => body(<vector::Portable as vector::Vector>::new(), $($arg),*),
                 }
             }

@@ -31,9 +31,9 @@ mod visit;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use ::lanes::Tier;
 use parking_lot::Mutex;
 use rayon::prelude::*;
-use spirv_jit::interp::TierKind;
 
 use super::primitive::{Bounds, Grid};
 use super::{Chunk, Context, Targets, Work};
@@ -84,7 +84,7 @@ impl Tiles {
         if busy.is_empty() {
             return Ok(());
         }
-        let tier = TierKind::best();
+        let tier = Tier::best();
         let round = Round {
             tier,
             context,

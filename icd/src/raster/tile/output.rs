@@ -1,11 +1,11 @@
 //! What fragments write into the colour attachments: blended or operated on, masked, encoded, sixteen pixels at a time.
 
 use ash::vk::{BlendFactor, ColorComponentFlags, LogicOp};
+use lanes::Tier;
 use spirv_jit::Program;
 use spirv_jit::image::format::{FormatInfo, Numeric};
 use spirv_jit::image::texels::{decode_words, encode_words};
 use spirv_jit::image::vector::Vector;
-use spirv_jit::interp::TierKind;
 use spirv_jit::program::{AlignedRow, OutputRow};
 
 use super::blend::{Over, Range, blend, operate_words};
@@ -53,7 +53,7 @@ struct Bytes {
 
 /// A colour attachment that a draw writes to.
 pub struct Color {
-    tier: TierKind,
+    tier: Tier,
     pub target: Target,
     pub source: Rows,
     pub second: Rows,
@@ -88,7 +88,7 @@ pub struct Output {
 impl Output {
     /// Links a program to the attachments of a pass.
     pub fn new(
-        tier: TierKind,
+        tier: Tier,
         targets: &Targets,
         state: &GraphicsState,
         program: Option<&Program>,
@@ -320,7 +320,7 @@ fn bytes_of(coding: Coding, color: &Color) -> Option<Bytes> {
 }
 
 fn color(
-    tier: TierKind,
+    tier: Tier,
     target: &Target,
     state: &GraphicsState,
     attachment: usize,

@@ -1,8 +1,8 @@
 //! What fragments leave that no program runs for: those of draws without one, and of programs that only pass varyings and constants on.
 
+use lanes::Tier;
 use smallvec::SmallVec;
 use spirv_jit::image::vector::Vector;
-use spirv_jit::interp::TierKind;
 
 use super::inputs::{Inputs, Slope};
 use super::lanes::{rows_of, vectors};
@@ -47,7 +47,7 @@ pub enum Value {
 
 impl Passed {
     /// Of a program whose outputs are rows like inputs; none where they depend on more than pixels' centres.
-    pub fn new(tier: TierKind, rows: Option<&Inputs>, output: &Output) -> Option<Self> {
+    pub fn new(tier: Tier, rows: Option<&Inputs>, output: &Output) -> Option<Self> {
         let slopes = match rows {
             Some(rows) => Some(rows.slopes()?),
             None => None,

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
+use lanes::Tier;
 use spirv_jit::Program;
-use spirv_jit::interp::TierKind;
 use spirv_jit::program::FragmentFacts;
 
 use super::depth::Tests;
@@ -57,7 +57,7 @@ pub struct Fragment<'a> {
 
 impl<'a> Plan<'a> {
     /// Of a draw in a pass.
-    pub fn new(tier: TierKind, targets: &Targets, draw: &'a Draw) -> Self {
+    pub fn new(tier: Tier, targets: &Targets, draw: &'a Draw) -> Self {
         let state = &*draw.state;
         let samples = targets.samples.clamp(1, 8);
         let fragment = draw.stages.fragment.as_deref();
@@ -144,7 +144,7 @@ pub struct Plans<'a> {
 
 impl<'a> Plans<'a> {
     /// Of chunks in order.
-    pub fn new(tier: TierKind, targets: &Targets, work: &'a [Work], chunks: &[Chunk]) -> Self {
+    pub fn new(tier: Tier, targets: &Targets, work: &'a [Work], chunks: &[Chunk]) -> Self {
         // Records are in the order of draws.
         let first = chunks.iter().find_map(|chunk| chunk.records.first());
         let last = chunks.iter().rev().find_map(|chunk| chunk.records.last());

@@ -1,9 +1,9 @@
 //! Fragments of programs that do no more than sample an image once and multiply what they find ([`Tinted`]): straight from coverage to attachments
 //! of four bytes, sixteen pixels at a time.
 
+use lanes::Tier;
 use smallvec::SmallVec;
 use spirv_jit::image::vector::Vector;
-use spirv_jit::interp::TierKind;
 use spirv_jit::interp::tinted::Sampling;
 use spirv_jit::ir::tinted::{Tint, Tinted};
 use spirv_jit::program::Passed;
@@ -60,7 +60,7 @@ vectors! {
     /// the caller. There are no squares if the image has several levels. What is sampled is there.
     pub unsafe fn draw<V>(
         v,
-        kind: TierKind,
+        kind: Tier,
         output: &Output,
         sampled: &Sampled<'_>,
         sampling: &Sampling<'_>,
@@ -102,7 +102,7 @@ vectors! {
     /// the caller. What is sampled is there, and has one level.
     pub unsafe fn draw_rectangle<V>(
         v,
-        kind: TierKind,
+        kind: Tier,
         output: &Output,
         sampled: &Sampled<'_>,
         sampling: &Sampling<'_>,
@@ -181,7 +181,7 @@ impl<'a> Primitive<'a> {
 struct Painter<'a, V: Vector> {
     v: V,
     /// That of the vectors.
-    kind: TierKind,
+    kind: Tier,
     output: &'a Output,
     sampling: &'a Sampling<'a>,
     /// By row of outputs.
@@ -195,7 +195,7 @@ impl<'a, V: Vector> Painter<'a, V> {
     #[inline(always)]
     fn new(
         v: V,
-        kind: TierKind,
+        kind: Tier,
         output: &'a Output,
         sampled: &'a Sampled<'_>,
         sampling: &'a Sampling<'a>,

@@ -2,9 +2,9 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use lanes::Tier;
 use spirv_jit::Program;
 use spirv_jit::image::vector::Vector;
-use spirv_jit::interp::TierKind;
 use spirv_jit::interp::tinted::Sampling;
 use spirv_jit::program::AlignedRow;
 
@@ -34,7 +34,7 @@ const ALL_SAMPLES: u32 = (1 << MAX_SAMPLES) - 1;
 
 /// What all tiles of a round share.
 pub struct Round<'a> {
-    pub tier: TierKind,
+    pub tier: Tier,
     pub context: Context<'a>,
     pub targets: &'a Targets,
     pub work: &'a [Work],

@@ -1,5 +1,7 @@
 //! Texels in vectors against the formats' own code for one texel, in every instruction set that the machine has.
 
+use lanes::Tier;
+
 use super::super::format::block::{self, Texels};
 use super::super::operands::Operands;
 use super::super::plain::Plain;
@@ -7,7 +9,6 @@ use super::super::texels;
 use super::super::vector::{self, Vector};
 use super::*;
 use crate::eval::quad;
-use crate::tier::TierKind;
 
 /// What is done with each instruction set.
 trait Case {
@@ -17,14 +18,14 @@ trait Case {
 }
 
 fn in_every_tier(case: &mut impl Case) {
-    for tier in TierKind::present() {
+    for tier in Tier::available() {
         // SAFETY: the tier is present.
         unsafe {
             match tier {
                 #[cfg(target_arch = "x86_64")]
-                TierKind::Avx2 => avx2(case),
+                Tier::Avx2 => avx2(case),
                 #[cfg(target_arch = "x86_64")]
-                TierKind::Avx512 => avx512(case),
+                Tier::Avx512 => avx512(case),
                 _ => case.run(vector::Portable::new()),
             }
         }

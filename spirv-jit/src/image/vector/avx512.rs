@@ -2,11 +2,12 @@
 
 use std::arch::x86_64::*;
 
+use lanes::has_byte_permutes;
+
 use super::{Task, Vector, gathered_srgb};
 use crate::eval::quad;
 use crate::image::format::srgb::LINEAR;
 use crate::row::Row;
-use crate::tier::has_byte_permutes;
 
 /// AVX-512 F, VL, DQ and BW.
 #[derive(Clone, Copy)]

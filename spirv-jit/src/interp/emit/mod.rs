@@ -4,6 +4,7 @@
 //! enclosing construct takes up its pending or parked lanes.
 
 use foldhash::HashMap;
+use lanes::Tier as TierKind;
 
 mod body;
 mod inst;
@@ -18,7 +19,6 @@ use super::tier::{Kernel, Portable, Tier};
 use crate::Error;
 use crate::ir::{Function, Label, Module, Value};
 use crate::plan::{FunctionPlan, Planned, budget, callees};
-use crate::tier::TierKind;
 
 /// A code address that is not known yet.
 #[derive(Clone, Copy)]

@@ -3,6 +3,7 @@
 use std::marker::PhantomData;
 
 use half::f16;
+use lanes::Tier as TierKind;
 
 use super::lane::{Lane, Map1, Map2, Map3};
 use super::ops;
@@ -12,7 +13,6 @@ use crate::eval::{self, Int};
 use crate::interp::machine::{Handler, Instr, Machine};
 use crate::interp::tier::{Kernel, Portable, Tier};
 use crate::ir::{Op, Type};
-use crate::tier::TierKind;
 
 /// Instantiates `$kernel<ops::$op, …>` for the integer type `$ty`: 32 and 64 bits in the tier, narrow ones once.
 macro_rules! by_int {

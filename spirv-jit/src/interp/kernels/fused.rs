@@ -2,13 +2,14 @@
 
 use std::marker::PhantomData;
 
+use lanes::Tier as TierKind;
+
 use super::lane::{Binary, Blocks, Lane, Unary};
 use super::ops;
 use crate::SUBGROUP_SIZE;
 use crate::interp::machine::{Handler, Instr, Machine};
 use crate::interp::tier::{Kernel, Portable, Tier};
 use crate::ir::{Op, Type};
-use crate::tier::TierKind;
 
 /// How the second operation takes the first one's result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,6 +3,7 @@
 use std::marker::PhantomData;
 
 use half::f16;
+use lanes::Tier as TierKind;
 
 use super::lane::{Lane, at};
 use crate::SUBGROUP_SIZE;
@@ -11,7 +12,6 @@ use crate::image::vector::{self, Vector};
 use crate::interp::machine::{Handler, Instr, Machine};
 use crate::interp::tier::{Kernel, Portable, Tier};
 use crate::ir::{Op, Type};
-use crate::tier::TierKind;
 
 /// The kernel of `derivative_x` or `derivative_y` on floats of a type.
 pub(in crate::interp) fn derivative(tier: TierKind, op: &Op, ty: Type) -> Handler {

@@ -6,6 +6,8 @@ mod memory;
 mod pairs;
 mod yields;
 
+use lanes::Tier as TierKind;
+
 use super::Frame;
 use crate::environment::Environment;
 use crate::ir::text::parse_module;
@@ -13,7 +15,6 @@ use crate::ir::verify::verify;
 use crate::program::Program;
 use crate::row::AlignedRow;
 use crate::state::{Event, SiteKind, Wave};
-use crate::tier::TierKind;
 
 /// A program with the states of some subgroups.
 pub(super) struct Bench {
@@ -120,7 +121,7 @@ impl Bench {
 
 /// Runs `test` on every tier.
 pub(super) fn on_tiers(mut test: impl FnMut(TierKind)) {
-    for &tier in TierKind::present() {
+    for &tier in TierKind::available() {
         test(tier);
     }
 }

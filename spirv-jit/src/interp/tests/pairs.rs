@@ -1,9 +1,10 @@
 //! What the emitter makes of several instructions at once: fused pairs, values computed where a branch would copy them to.
 
+use lanes::Tier as TierKind;
+
 use super::super::kernels::{Side, fused};
 use super::{Bench, on_tiers, outputs};
 use crate::ir::{Op, Type};
-use crate::tier::TierKind;
 
 /// Bits of all kinds: any, small integers, ordinary floats, special ones.
 fn bits(lane: usize, row: usize) -> u32 {

@@ -37,10 +37,10 @@ use super::{Event, PACKET, State, Verdict, Walk, Walker};
 use crate::layout::{WIDTH, child};
 use crate::ray::{Ray, ray_flags};
 use crate::structure::{Kind, Structure};
-#[cfg(target_arch = "x86_64")]
-use crate::tier::Tier;
 use journey::Entering;
 use kernel::PacketKernel;
+use lanes::Tier;
+#[cfg(target_arch = "x86_64")]
 use rays::Rays;
 pub(crate) use stack::{PacketSpace, Stack};
 

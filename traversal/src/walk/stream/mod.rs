@@ -30,8 +30,8 @@ use super::{Event, PACKET, Walk, Walker};
 use crate::layout::instance_state;
 use crate::ray::{Hit, Ray, ray_flags};
 use crate::structure::{Kind, Structure};
-use crate::tier::Tier;
 use instances::Top;
+use lanes::Tier;
 use leaf::Bottom;
 pub(crate) use waiting::Streams;
 

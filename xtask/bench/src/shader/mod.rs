@@ -6,7 +6,7 @@ mod small;
 use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
-use spirv_jit::interp::TierKind;
+use spirv_jit::Tier;
 use waves::Waves;
 
 #[derive(clap::Args)]
@@ -22,7 +22,7 @@ type Native = fn([&[f32]; 3], &mut [f32]);
 /// `$native` compiled for the two vector instruction sets, as `for_tier`.
 macro_rules! compiled {
     ($native:ident) => {
-        pub fn for_tier(tier: spirv_jit::interp::TierKind) -> Option<super::Native> {
+        pub fn for_tier(tier: spirv_jit::Tier) -> Option<super::Native> {
             #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma")]
             fn avx512(inputs: [&[f32]; 3], out: &mut [f32]) {
                 $native(inputs, out);
@@ -31,13 +31,13 @@ macro_rules! compiled {
             fn avx2(inputs: [&[f32]; 3], out: &mut [f32]) {
                 $native(inputs, out);
             }
-            use spirv_jit::interp::TierKind;
+            use spirv_jit::Tier;
             match tier {
                 // SAFETY: whoever asks for a tier has seen that the machine has it.
-                TierKind::Avx512 => Some(|inputs, out| unsafe { avx512(inputs, out) }),
+                Tier::Avx512 => Some(|inputs, out| unsafe { avx512(inputs, out) }),
                 // SAFETY: as above.
-                TierKind::Avx2 => Some(|inputs, out| unsafe { avx2(inputs, out) }),
-                TierKind::Portable => None,
+                Tier::Avx2 => Some(|inputs, out| unsafe { avx2(inputs, out) }),
+                Tier::Portable => None,
             }
         }
     };
@@ -48,7 +48,7 @@ use compiled;
 struct Kernel {
     name: &'static str,
     text: fn() -> String,
-    native: fn(TierKind) -> Option<Native>,
+    native: fn(Tier) -> Option<Native>,
     wanted_avx512: f64,
     wanted_avx2: f64,
 }
@@ -77,14 +77,14 @@ pub fn run(options: &Options) -> Result<()> {
     println!("| kernel | vectors | lanes a wave | interpreter | native | share | wanted |");
     println!("| --- | --- | ---: | ---: | ---: | ---: | ---: |");
     for kernel in &KERNELS {
-        for &tier in TierKind::present() {
+        for &tier in Tier::available() {
             let Some(native) = (kernel.native)(tier) else {
                 continue;
             };
             let mut bench = Bench::new(&(kernel.text)(), tier)?;
             let [interpreter, native] = bench.measure(native, options.turns)?;
             let wanted = match tier {
-                TierKind::Avx512 => kernel.wanted_avx512,
+                Tier::Avx512 => kernel.wanted_avx512,
                 _ => kernel.wanted_avx2,
             };
             println!(
@@ -111,7 +111,7 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(text: &str, tier: TierKind) -> Result<Bench> {
+    fn new(text: &str, tier: Tier) -> Result<Bench> {
         let mut waves = Waves::new(text, Some(tier), LANES).context("the kernel")?;
         let lanes = waves.lanes();
         let value = |lane: usize, k: usize| {

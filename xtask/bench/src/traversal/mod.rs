@@ -36,7 +36,7 @@ pub struct Options {
     #[arg(long, value_name = "NAME")]
     engine: Vec<String>,
     /// Use no better instruction set than this: portable, avx2, avx512
-    #[arg(long, value_name = "NAME", value_parser = tier)]
+    #[arg(long, value_name = "NAME")]
     tier: Option<Tier>,
     /// Only these kinds of rays
     #[arg(long, value_name = "NAME")]
@@ -108,12 +108,6 @@ impl Engine<'_> {
             Engine::Singly(tuff) => tuff.trace_singly(rays),
         }
     }
-}
-
-fn tier(name: &str) -> Result<Tier, String> {
-    let is_it = |tier: &Tier| format!("{tier:?}").eq_ignore_ascii_case(name);
-    let found = Tier::ALL.into_iter().find(is_it);
-    found.ok_or_else(|| "portable, avx2 or avx512".into())
 }
 
 pub fn run(options: &Options) -> Result<()> {

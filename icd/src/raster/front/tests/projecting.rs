@@ -1,7 +1,7 @@
 //! Vertices on the screen: those of a subgroup, in vectors of each tier, are those of one alone, and what has no place has none.
 
+use lanes::Tier;
 use spirv_jit::SUBGROUP_SIZE;
-use spirv_jit::interp::TierKind;
 
 use super::{Random, state};
 use crate::raster::front::project::project_lanes;
@@ -36,7 +36,7 @@ fn subgroups_are_projected_as_single_vertices_are() {
         };
         let rows: [[u32; SUBGROUP_SIZE]; 4] =
             std::array::from_fn(|_| std::array::from_fn(|_| word(&mut random)));
-        for &tier in TierKind::present() {
+        for &tier in Tier::available() {
             let mut vertices = [ScreenVertex::default(); SUBGROUP_SIZE];
             project_lanes(tier, &screen, &volume, &rows, &mut vertices);
             for (lane, vertex) in vertices.iter().enumerate() {

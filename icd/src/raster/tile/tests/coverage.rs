@@ -1,6 +1,6 @@
 //! Coverage against sums in 128 bits, sample by sample.
 
-use spirv_jit::interp::TierKind;
+use lanes::Tier;
 
 use super::support::{Random, edges};
 use crate::raster::primitive::{Bounds, Edge};
@@ -60,7 +60,7 @@ fn tile(x: i32, y: i32) -> Bounds {
 fn check(edges: &[Edge], tile: &Bounds, clip: &Bounds) {
     for samples in [1, 2, 4, 8] {
         let wanted = expected(edges, tile, clip, samples);
-        for &tier in TierKind::present() {
+        for &tier in Tier::available() {
             let mut covered = Covered::default();
             convex(tier, edges, tile, clip, samples, &mut covered);
             covered.split(samples);
@@ -149,14 +149,7 @@ fn triangles_that_share_edges_cover_each_sample_once() {
                 let corners = [middle, around[index], around[(index + 1) % around.len()]];
                 let mut shape = Covered::default();
                 let edges = edges(corners);
-                convex(
-                    TierKind::best(),
-                    &edges[..3],
-                    &tile,
-                    &tile,
-                    samples,
-                    &mut shape,
-                );
+                convex(Tier::best(), &edges[..3], &tile, &tile, samples, &mut shape);
                 shape.split(samples);
                 for (count, found) in covered.iter_mut().zip(found(&shape.blocks, samples)) {
                     for sample in 0..8 {

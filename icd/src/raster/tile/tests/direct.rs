@@ -3,7 +3,7 @@
 
 use ash::vk;
 use ash::vk::{BlendFactor, BlendOp, CompareOp};
-use spirv_jit::interp::{TIER_NAMES, limit_tier};
+use lanes::Tier;
 
 use super::support::{
     Canvas, Random, chunk_of, draw, edges, halve_and_double, pass_on, run, targets,
@@ -317,8 +317,8 @@ fn check(random: &mut Random, runs: bool) {
     let (color, depth) = canvases();
     let all = targets_of(&color, depth.as_ref());
     expect(&all, &state, &drawn, &color, depth.as_ref());
-    for limit in TIER_NAMES {
-        assert!(limit_tier(limit));
+    for limit in Tier::ALL {
+        limit.limit();
         let (color_drawn, depth_drawn) = canvases();
         let targets = targets_of(&color_drawn, depth_drawn.as_ref());
         let shapes = drawn.iter().map(|it| {

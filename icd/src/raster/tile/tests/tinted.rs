@@ -1,9 +1,9 @@
 //! What programs that sample and multiply leave, against such as multiply once more by a half and by two and have to run: all bits, in every tier.
 
 use ash::vk;
+use lanes::Tier;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment};
 use spirv_jit::image::{AddressMode, Filter, Format, ImageDescriptor, Level, SamplerDescriptor};
-use spirv_jit::interp::{TIER_NAMES, limit_tier};
 use spirv_jit::program::Program;
 use std::sync::Arc;
 
@@ -165,8 +165,8 @@ fn check(random: &mut Random) {
     // The varyings are linear one way or the other.
     let is_affine = random.i64(0..2) == 0;
     let mut wanted: Option<Vec<u8>> = None;
-    for limit in TIER_NAMES {
-        assert!(limit_tier(limit));
+    for limit in Tier::ALL {
+        limit.limit();
         for is_direct in [false, true] {
             let [width, height] = extent;
             let color = Canvas::new(format, width, height, 1, samples);
