@@ -1,5 +1,7 @@
 //! Performing an [`ImageOp`] on an image without a conversion.
 
+use lanes::Tier;
+
 use super::fast::Fast;
 use super::format::block::each_lane;
 use super::operands::{Operands, usable};
@@ -30,9 +32,20 @@ pub(super) unsafe fn execute_plain(
             ImageOpKind::Gather(_) if !image.has_level(0) => put_null(op, mask, results),
             ImageOpKind::Sample | ImageOpKind::Gather(_) => match sampler {
                 Some(sampler) => match Fast::new(op, image, info, sampler, 0xf) {
-                    Some(fast) => sample::sample_fast(&fast, &operands, mask, results),
+                    Some(fast) => {
+                        sample::sample_fast(Tier::best(), &fast, &operands, mask, results)
+                    }
                     None => {
-                        sample::sample(op, &operands, image, info, sampler, mask, results);
+                        sample::sample(
+                            Tier::best(),
+                            op,
+                            &operands,
+                            image,
+                            info,
+                            sampler,
+                            mask,
+                            results,
+                        );
                     }
                 },
                 None => put_null(op, mask, results),

@@ -2,96 +2,39 @@
 //!
 //! Every step is a loop over the 16 lanes without branches that depend on a lane: inactive lanes compute along, on clamped indices.
 
-use lanes::Tier;
-
 use super::address::{self, Axis, AxisRule, Floats, Ints};
 use super::format::FormatInfo;
 use super::format::block::{self, Offsets, Texels, map};
 use super::lod::{self, LevelLanes, floats};
 use super::operands::{Operands, put_texels, swizzle};
-#[cfg(target_arch = "x86_64")]
-use super::vector::Vector;
 use super::{
     AddressMode, CompareOp, Dim, Filter, ImageDescriptor, ImageOp, ImageOpKind, Reduction,
-    SamplerDescriptor, cube, fast::Fast, vector,
+    SamplerDescriptor, cube, fast::Fast,
 };
 use crate::SUBGROUP_SIZE;
 use crate::row::Row;
-#[cfg(target_arch = "x86_64")]
 
-/// Declares `$name`, which runs `$body` compiled for the widest vectors that the machine has. Results are the same on all: the body is IEEE
-/// arithmetic without contraction.
-macro_rules! vectorized {
-    ($(#[$doc:meta])* $name:ident, $body:ident, ($($arg:ident: $ty:ty),*)) => {
-        $(#[$doc])*
-        pub(super) unsafe fn $name($($arg: $ty),*) {
-            #[cfg(target_arch = "x86_64")]
-            {
-                #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,bmi1,bmi2,popcnt,lzcnt")]
-                unsafe fn avx512($($arg: $ty),*) {
-                    // SAFETY: the caller's promise.
-                    unsafe { $body($($arg),*) }
-                }
-                #[target_feature(enable = "avx2,bmi1,bmi2,popcnt,lzcnt")]
-                unsafe fn avx2($($arg: $ty),*) {
-                    // SAFETY: the caller's promise.
-                    unsafe { $body($($arg),*) }
-                }
-                match Tier::best() {
-                    // SAFETY: the machine has the features; for the rest, the caller's promise.
-                    Tier::Avx512 => return unsafe { avx512($($arg),*) },
-                    // SAFETY: as above.
-                    Tier::Avx2 => return unsafe { avx2($($arg),*) },
-                    Tier::Portable => {}
-                }
-            }
-            // SAFETY: the caller's promise.
-            unsafe { $body($($arg),*) }
-        }
-    };
-}
-
-vectorized!(
-    /// `OpImageSample*` and `OpImage*Gather` of a usable image.
+crate::vectors! {
+    /// `OpImageSample*` and `OpImage*Gather` of a usable image. Loops over lanes become vectors by themselves.
     ///
     /// # Safety
     /// The image's memory stays allocated during the call.
-    sample, sample_body, (op: &ImageOp, operands: &Operands<'_>, image: &ImageDescriptor, info: &FormatInfo, sampler: &SamplerDescriptor,
-        mask: u16, results: &mut [Row])
-);
-
-/// [`sample`] where there is a [`Fast`].
-///
-/// # Safety
-/// The image's memory stays allocated during the call.
-pub(super) unsafe fn sample_fast(
-    fast: &Fast<'_>,
-    operands: &Operands<'_>,
-    mask: u16,
-    results: &mut [Row],
-) {
-    #[cfg(target_arch = "x86_64")]
-    {
-        #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma")]
-        unsafe fn avx512(fast: &Fast<'_>, operands: &Operands<'_>, mask: u16, results: &mut [Row]) {
-            // SAFETY: the function's features, and the caller's promise.
-            unsafe { fast.sample(vector::Avx512::new(), operands, mask, results) }
-        }
-        #[target_feature(enable = "avx2,fma")]
-        unsafe fn avx2(fast: &Fast<'_>, operands: &Operands<'_>, mask: u16, results: &mut [Row]) {
-            // SAFETY: the function's features, and the caller's promise.
-            unsafe { fast.sample(vector::Avx2::new(), operands, mask, results) }
-        }
-        match Tier::best() {
-            // SAFETY: the machine has the features; for the rest, the caller's promise.
-            Tier::Avx512 => return unsafe { avx512(fast, operands, mask, results) },
-            // SAFETY: as above.
-            Tier::Avx2 => return unsafe { avx2(fast, operands, mask, results) },
-            Tier::Portable => {}
-        }
+    pub(super) unsafe fn sample<V>(_v, op: &ImageOp, operands: &Operands<'_>, image: &ImageDescriptor, info: &FormatInfo,
+        sampler: &SamplerDescriptor, mask: u16, results: &mut [Row]) {
+        // SAFETY: the caller's promise.
+        unsafe { sample_body(op, operands, image, info, sampler, mask, results) }
     }
-    // SAFETY: the caller's promise.
-    unsafe { fast.sample(vector::Portable, operands, mask, results) }
+}
+
+crate::vectors! {
+    /// [`sample`] where there is a [`Fast`].
+    ///
+    /// # Safety
+    /// The image's memory stays allocated during the call.
+    pub(super) unsafe fn sample_fast<V>(v, fast: &Fast<'_>, operands: &Operands<'_>, mask: u16, results: &mut [Row]) {
+        // SAFETY: the caller's promise.
+        unsafe { fast.sample(v, operands, mask, results) }
+    }
 }
 
 /// Where the lanes sample, apart from the level.

@@ -8,7 +8,7 @@ use lanes::Tier;
 use super::format::block::{self, Texels, map};
 use super::format::layout::{Channel, FormatInfo, Numeric};
 use super::format::srgb;
-use super::vector::{self, Vector};
+use super::vector::Vector;
 use crate::SUBGROUP_SIZE;
 
 /// The bits of a component whose lowest bit is the word's.
@@ -411,60 +411,24 @@ pub unsafe fn store_block(
     mask: u16,
     texels: &Texels,
 ) {
-    #[inline(always)]
-    unsafe fn with<V: Vector>(
-        v: V,
-        info: &FormatInfo,
-        base: *mut u8,
-        offsets: &[u32; SUBGROUP_SIZE],
-        mask: u16,
-        texels: &Texels,
-    ) {
-        let texels = [
-            v.load_i(&texels[0]),
-            v.load_i(&texels[1]),
-            v.load_i(&texels[2]),
-            v.load_i(&texels[3]),
-        ];
+    // SAFETY: the caller's promise.
+    unsafe {
+        match info.in_vectors {
+            true => store_vectors(Tier::best(), info, base, offsets, mask, texels),
+            false => block::store(info, base, &offsets.map(u64::from), mask, texels),
+        }
+    }
+}
+
+crate::vectors! {
+    /// [`store`] of rows.
+    ///
+    /// # Safety
+    /// As there.
+    unsafe fn store_vectors<V>(v, info: &FormatInfo, base: *mut u8, offsets: &[u32; SUBGROUP_SIZE], mask: u16, texels: &Texels) {
+        let texels = [v.load_i(&texels[0]), v.load_i(&texels[1]), v.load_i(&texels[2]), v.load_i(&texels[3])];
         // SAFETY: the caller's promise.
         unsafe { store(v, info, base, v.load_i(offsets), mask, &texels) };
-    }
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma,f16c")]
-    unsafe fn avx2(
-        info: &FormatInfo,
-        base: *mut u8,
-        offsets: &[u32; SUBGROUP_SIZE],
-        mask: u16,
-        texels: &Texels,
-    ) {
-        // SAFETY: the function's features, and the caller's promise.
-        unsafe { with(vector::Avx2::new(), info, base, offsets, mask, texels) };
-    }
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,f16c")]
-    unsafe fn avx512(
-        info: &FormatInfo,
-        base: *mut u8,
-        offsets: &[u32; SUBGROUP_SIZE],
-        mask: u16,
-        texels: &Texels,
-    ) {
-        // SAFETY: the function's features, and the caller's promise.
-        unsafe { with(vector::Avx512::new(), info, base, offsets, mask, texels) };
-    }
-    // SAFETY: the tier is one that the machine has; for the rest, the caller's promise.
-    unsafe {
-        if !info.in_vectors {
-            return block::store(info, base, &offsets.map(u64::from), mask, texels);
-        }
-        match Tier::best() {
-            #[cfg(target_arch = "x86_64")]
-            Tier::Avx2 => avx2(info, base, offsets, mask, texels),
-            #[cfg(target_arch = "x86_64")]
-            Tier::Avx512 => avx512(info, base, offsets, mask, texels),
-            _ => with(vector::Portable::new(), info, base, offsets, mask, texels),
-        }
     }
 }
 

@@ -6,7 +6,6 @@ use smallvec::SmallVec;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::image::format::{FormatInfo, Numeric};
 use spirv_jit::image::texels::decode_words;
-use spirv_jit::image::vector::{self, Vector};
 use spirv_jit::program::{AlignedRow, Builtin, InputRow};
 use spirv_jit::reach::Reach;
 
@@ -281,7 +280,7 @@ impl Attribute {
             }
         }
         if self.conversion == Conversion::Format {
-            decode(self.info, &mut words);
+            decode(Tier::best(), self.info, &mut words);
         }
         let count = match self.conversion {
             Conversion::Words => self.info.component_count(),
@@ -314,41 +313,13 @@ impl Attribute {
     }
 }
 
-/// Sixteen texels from their words to components, in the vectors of the machine.
-fn decode(info: &FormatInfo, words: &mut [[u32; SUBGROUP_SIZE]; 4]) {
-    #[inline(always)]
-    fn with<V: Vector>(v: V, info: &FormatInfo, words: &mut [[u32; SUBGROUP_SIZE]; 4]) {
-        let loaded = [
-            v.load_i(&words[0]),
-            v.load_i(&words[1]),
-            v.load_i(&words[2]),
-            v.load_i(&words[3]),
-        ];
+spirv_jit::vectors! {
+    /// Sixteen texels from their words to components.
+    fn decode<V>(v, info: &FormatInfo, words: &mut [[u32; SUBGROUP_SIZE]; 4]) {
+        let loaded = [v.load_i(&words[0]), v.load_i(&words[1]), v.load_i(&words[2]), v.load_i(&words[3])];
         let texels = decode_words(v, info, &loaded);
         for (texel, row) in texels.iter().zip(words) {
             v.store_i(*texel, row);
-        }
-    }
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma,f16c")]
-    fn avx2(info: &FormatInfo, words: &mut [[u32; SUBGROUP_SIZE]; 4]) {
-        // SAFETY: the function's features.
-        with(unsafe { vector::Avx2::new() }, info, words);
-    }
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,f16c")]
-    fn avx512(info: &FormatInfo, words: &mut [[u32; SUBGROUP_SIZE]; 4]) {
-        // SAFETY: the function's features.
-        with(unsafe { vector::Avx512::new() }, info, words);
-    }
-    // SAFETY: the tier is one that the machine has.
-    unsafe {
-        match Tier::best() {
-            #[cfg(target_arch = "x86_64")]
-            Tier::Avx2 => avx2(info, words),
-            #[cfg(target_arch = "x86_64")]
-            Tier::Avx512 => avx512(info, words),
-            _ => with(vector::Portable::new(), info, words),
         }
     }
 }

@@ -18,76 +18,35 @@ pub struct Projection<'a> {
 /// Words of a subgroup.
 type Row = [u32; SUBGROUP_SIZE];
 
-/// Puts the vertices of a subgroup on the screen, by their positions' rows.
-pub fn project_lanes(
-    tier: Tier,
-    screen: &Screen,
-    volume: &Volume,
-    rows: &[Row; 4],
-    vertices: &mut [ScreenVertex; SUBGROUP_SIZE],
-) {
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn avx2(
-        screen: &Screen,
-        volume: &Volume,
-        rows: &[Row; 4],
-        vertices: &mut [ScreenVertex; SUBGROUP_SIZE],
-    ) {
-        body(screen, volume, rows, vertices);
-    }
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2")]
-    fn avx512(
-        screen: &Screen,
-        volume: &Volume,
-        rows: &[Row; 4],
-        vertices: &mut [ScreenVertex; SUBGROUP_SIZE],
-    ) {
-        body(screen, volume, rows, vertices);
-    }
-    match tier {
-        // SAFETY: a tier is one that the machine has.
-        #[cfg(target_arch = "x86_64")]
-        Tier::Avx2 => unsafe { avx2(screen, volume, rows, vertices) },
-        // SAFETY: as above.
-        #[cfg(target_arch = "x86_64")]
-        Tier::Avx512 => unsafe { avx512(screen, volume, rows, vertices) },
-        _ => body(screen, volume, rows, vertices),
-    }
-}
-
-/// The loop becomes vectors by itself; all of them compute the same bits, for nothing is fused and nothing is reordered.
-#[inline(always)]
-fn body(
-    screen: &Screen,
-    volume: &Volume,
-    rows: &[Row; 4],
-    vertices: &mut [ScreenVertex; SUBGROUP_SIZE],
-) {
-    let mut x = [0; SUBGROUP_SIZE];
-    let mut y = [0; SUBGROUP_SIZE];
-    let mut code = [0; SUBGROUP_SIZE];
-    let mut depth = [0.0; SUBGROUP_SIZE];
-    let mut inverse_w = [0.0; SUBGROUP_SIZE];
-    for lane in 0..SUBGROUP_SIZE {
-        let number = |component: usize| f64::from(f32::from_bits(rows[component][lane]));
-        let position = [number(0), number(1), number(2), number(3)];
-        let vertex = project(screen, volume, &position);
-        x[lane] = vertex.x;
-        y[lane] = vertex.y;
-        code[lane] = vertex.code;
-        depth[lane] = vertex.depth;
-        inverse_w[lane] = vertex.inverse_w;
-    }
-    for lane in 0..SUBGROUP_SIZE {
-        vertices[lane] = ScreenVertex {
-            x: x[lane],
-            y: y[lane],
-            code: code[lane],
-            depth: depth[lane],
-            inverse_w: inverse_w[lane],
-        };
+spirv_jit::vectors! {
+    /// Puts the vertices of a subgroup on the screen, by their positions' rows.
+    ///
+    /// The loop becomes vectors by itself; all of them compute the same bits, for nothing is fused and nothing is reordered.
+    pub fn project_lanes<V>(_v, screen: &Screen, volume: &Volume, rows: &[Row; 4], vertices: &mut [ScreenVertex; SUBGROUP_SIZE]) {
+        let mut x = [0; SUBGROUP_SIZE];
+        let mut y = [0; SUBGROUP_SIZE];
+        let mut code = [0; SUBGROUP_SIZE];
+        let mut depth = [0.0; SUBGROUP_SIZE];
+        let mut inverse_w = [0.0; SUBGROUP_SIZE];
+        for lane in 0..SUBGROUP_SIZE {
+            let number = |component: usize| f64::from(f32::from_bits(rows[component][lane]));
+            let position = [number(0), number(1), number(2), number(3)];
+            let vertex = project(screen, volume, &position);
+            x[lane] = vertex.x;
+            y[lane] = vertex.y;
+            code[lane] = vertex.code;
+            depth[lane] = vertex.depth;
+            inverse_w[lane] = vertex.inverse_w;
+        }
+        for lane in 0..SUBGROUP_SIZE {
+            vertices[lane] = ScreenVertex {
+                x: x[lane],
+                y: y[lane],
+                code: code[lane],
+                depth: depth[lane],
+                inverse_w: inverse_w[lane],
+            };
+        }
     }
 }
 

@@ -9,7 +9,7 @@ use std::ops::{Add, BitOr, Mul};
 use smallvec::SmallVec;
 use spirv_jit::image::vector::Vector;
 
-use super::lanes::{COLUMNS, IN_BLOCK, LANE_X, LANE_Y, ROWS, negative, vectors};
+use super::lanes::{COLUMNS, IN_BLOCK, LANE_X, LANE_Y, ROWS, negative};
 use super::samples::{MAX_SAMPLES, fixed_point, locations};
 use crate::raster::primitive::{Bounds, Edge};
 
@@ -358,7 +358,7 @@ fn narrow_side<V: Vector>(v: V, edge: &Edge, corner: [i64; 2], [columns, rows]: 
     v.add_i(pixels, v.splat_i(constant as i32))
 }
 
-vectors! {
+spirv_jit::vectors! {
     /// The blocks of a small clip, one by one.
     fn scan_small<V>(v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, samples: u32, blocks: &mut Vec<Block>) {
         let (columns, rows) = (v.load_i(&IN_BLOCK[0]), v.load_i(&IN_BLOCK[1]));
@@ -419,13 +419,13 @@ vectors! {
     }
 }
 
-vectors! {
+spirv_jit::vectors! {
     fn scan_narrow<V>(_v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, samples: u32, covered: &mut Covered) {
         scan_words::<i32>(edges, corner, clip, samples, covered);
     }
 }
 
-vectors! {
+spirv_jit::vectors! {
     fn scan_wide<V>(_v, edges: &[Edge], corner: [i64; 2], clip: &Bounds, samples: u32, covered: &mut Covered) {
         scan_words::<i64>(edges, corner, clip, samples, covered);
     }

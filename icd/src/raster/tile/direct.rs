@@ -7,7 +7,7 @@ use spirv_jit::image::vector::Vector;
 use super::coverage::Covered;
 use super::depth::Tested;
 use super::inputs::{clamped, depths, interpolate, perspective_weights, plane_at};
-use super::lanes::{IN_BLOCK, IN_ROW, Row, row_of, vectors};
+use super::lanes::{IN_BLOCK, IN_ROW, Row, row_of};
 use super::output::{Glaze, Rows};
 use super::passed::{Part, Passed, Texels, Value, texels_of};
 use super::plan::Plan;
@@ -16,7 +16,7 @@ use super::texels::{Pattern, Places, fill, load_word, store, store_word};
 use crate::raster::Target;
 use crate::raster::primitive::Record;
 
-vectors! {
+spirv_jit::vectors! {
     /// Tests a primitive's fragments and writes what they leave.
     ///
     /// # Safety

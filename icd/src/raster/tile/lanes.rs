@@ -1,7 +1,7 @@
 //! Sixteen pixels at once: four quads of four lanes, as fragment programs have them. In a 4×4 block, lane `l` is pixel
 //! ([`LANE_X`]`[l]`, [`LANE_Y`]`[l]`).
 //!
-//! Loops over rows of sixteen become vectors by themselves; [`vectors!`] compiles them for each instruction set. All of them compute the same bits:
+//! Loops over rows of sixteen become vectors by themselves; [`spirv_jit::vectors!`] compiles them for each instruction set. All of them compute the same bits:
 //! nothing is fused, nothing is reordered.
 
 use spirv_jit::image::vector::Vector;
@@ -51,49 +51,6 @@ const fn ranges(side: &[i32; 16]) -> [[u16; 5]; 5] {
     }
     masks
 }
-
-/// Compiles a function over vectors for each tier of instruction sets; the first argument chooses. Functions that it calls are to be
-/// `#[inline(always)]`, and closures do no more than pick values: they are not compiled for the tier.
-macro_rules! vectors {
-    ($(#[$doc:meta])* $vis:vis unsafe fn $($rest:tt)*) => {
-        vectors! { @[unsafe] [$(#[$doc])*] [$vis] $($rest)* }
-    };
-    ($(#[$doc:meta])* $vis:vis fn $($rest:tt)*) => {
-        vectors! { @[] [$(#[$doc])*] [$vis] $($rest)* }
-    };
-    (@[$($unsafe:tt)?] [$(#[$doc:meta])*] [$vis:vis]
-        $name:ident<$V:ident>($v:ident, $($arg:ident: $ty:ty),* $(,)?) $(-> $ret:ty)? $body:block) => {
-        $(#[$doc])*
-        $vis $($unsafe)? fn $name(tier: lanes::Tier, $($arg: $ty),*) $(-> $ret)? {
-            use spirv_jit::image::vector;
-            #[inline(always)]
-            $($unsafe)? fn body<$V: vector::Vector>($v: $V, $($arg: $ty),*) $(-> $ret)? $body
-            #[cfg(target_arch = "x86_64")]
-            #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c")]
-            $($unsafe)? fn avx2($($arg: $ty),*) $(-> $ret)? {
-                // SAFETY: the function's features, and the caller's promise.
-                unsafe { body(<vector::Avx2 as vector::Vector>::new(), $($arg),*) }
-            }
-            #[cfg(target_arch = "x86_64")]
-            #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c")]
-            $($unsafe)? fn avx512($($arg: $ty),*) $(-> $ret)? {
-                // SAFETY: as above.
-                unsafe { body(<vector::Avx512 as vector::Vector>::new(), $($arg),*) }
-            }
-            // SAFETY: a tier is one that the machine has (`Tier::best`); and the caller's promise.
-            unsafe {
-                match tier {
-                    #[cfg(target_arch = "x86_64")]
-                    lanes::Tier::Avx2 => avx2($($arg),*),
-                    #[cfg(target_arch = "x86_64")]
-                    lanes::Tier::Avx512 => avx512($($arg),*),
-                    _ => body(<vector::Portable as vector::Vector>::new(), $($arg),*),
-                }
-            }
-        }
-    };
-}
-pub(super) use vectors;
 
 /// The lanes whose word is negative.
 #[inline(always)]

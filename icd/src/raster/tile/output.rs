@@ -9,7 +9,7 @@ use spirv_jit::image::vector::Vector;
 use spirv_jit::program::{AlignedRow, OutputRow};
 
 use super::blend::{Over, Range, blend, operate_words};
-use super::lanes::{floats_of, lanes_where, load_words, numbers, rows_of, vectors, words};
+use super::lanes::{floats_of, lanes_where, load_words, numbers, rows_of, words};
 use super::samples::MAX_SAMPLES;
 use super::texels::{Places, Words, load, load_word, store, store_word};
 use crate::object::graphics_state::{BlendAttachment, GraphicsState, MAX_COLOR_ATTACHMENTS};
@@ -259,13 +259,13 @@ impl Output {
     }
 }
 
-vectors! {
+spirv_jit::vectors! {
     fn encode_rows<V>(v, info: &FormatInfo, rows: &Words) -> Words {
         rows_of(v, &encode_words(v, info, &load_words(v, rows)))
     }
 }
 
-vectors! {
+spirv_jit::vectors! {
     fn decode_rows<V>(v, info: &FormatInfo, rows: &Words) -> Words {
         rows_of(v, &decode_words(v, info, &load_words(v, rows)))
     }

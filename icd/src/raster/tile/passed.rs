@@ -5,7 +5,7 @@ use smallvec::SmallVec;
 use spirv_jit::image::vector::Vector;
 
 use super::inputs::{Inputs, Slope};
-use super::lanes::{rows_of, vectors};
+use super::lanes::rows_of;
 use super::output::Output;
 use crate::raster::primitive::{Bounds, Record};
 
@@ -67,7 +67,7 @@ impl Passed {
     }
 }
 
-vectors! {
+spirv_jit::vectors! {
     /// The texels that are written, if all fragments leave the same.
     fn texels<V>(v, output: &Output, values: &[Value]) -> Option<Texels> {
         texels_of(v, output, values)

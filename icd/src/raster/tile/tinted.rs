@@ -10,7 +10,7 @@ use spirv_jit::program::Passed;
 
 use super::coverage::Covered;
 use super::inputs::{Inputs, Slope, interpolate, perspective_weights, plane_at};
-use super::lanes::{IN_BLOCK, IN_ROW, Row, lanes_of, quads_of, vectors};
+use super::lanes::{IN_BLOCK, IN_ROW, Row, lanes_of, quads_of};
 use super::output::{Output, Rows};
 use super::passed::{Part, Value};
 use super::rectangle::{Cells, Rectangle, Side};
@@ -52,7 +52,7 @@ impl<'a> Sampled<'a> {
     }
 }
 
-vectors! {
+spirv_jit::vectors! {
     /// Writes what a primitive's fragments leave; those of blocks have been tested.
     ///
     /// # Safety
@@ -94,7 +94,7 @@ vectors! {
     }
 }
 
-vectors! {
+spirv_jit::vectors! {
     /// Writes what the fragments of two triangles leave that make up a rectangle, in the cells of `limit`.
     ///
     /// # Safety
@@ -128,7 +128,7 @@ vectors! {
     }
 }
 
-vectors! {
+spirv_jit::vectors! {
     /// Texels at sixteen coordinates.
     ///
     /// # Safety

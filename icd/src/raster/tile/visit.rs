@@ -13,7 +13,7 @@ use super::coverage::{Block, Covered, Square, convex, listed};
 use super::depth::Tested;
 use super::direct;
 use super::inputs::{self, Fragments, Steps, depths};
-use super::lanes::{IN_BLOCK, LANE_X, LANE_Y, Row, lanes_of, vectors};
+use super::lanes::{IN_BLOCK, LANE_X, LANE_Y, Row, lanes_of};
 use super::pack::{Found, Origin, Pack, Packs};
 use super::passed::Part;
 use super::plan::{Fragment, Order, Plan, Plans};
@@ -481,7 +481,7 @@ impl<'a> Visit<'a> {
     }
 }
 
-vectors! {
+spirv_jit::vectors! {
     /// Does the tests of blocks that come before the program.
     ///
     /// # Safety
@@ -533,7 +533,7 @@ vectors! {
     }
 }
 
-vectors! {
+spirv_jit::vectors! {
     /// Puts a wave's subgroups at the program's entry, with their inputs.
     fn start<V>(
         v,
@@ -567,7 +567,7 @@ vectors! {
     }
 }
 
-vectors! {
+spirv_jit::vectors! {
     /// Late tests of a wave's fragments, and their colours.
     ///
     /// # Safety

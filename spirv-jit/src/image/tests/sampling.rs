@@ -1,5 +1,7 @@
 //! Sampling and gathering.
 
+use lanes::Tier;
+
 use super::*;
 
 proptest! {
@@ -222,8 +224,8 @@ proptest! {
         let (mut fast, mut portable, mut general) = ([[0; 16]; 8], [[0; 16]; 8], [[0; 16]; 8]);
         // SAFETY: the image's memory is alive.
         unsafe {
-            sample::sample(&op, &operands, &image.descriptor, info, &s, mask, &mut general);
-            sample::sample_fast(&fast_sample, &operands, mask, &mut fast);
+            sample::sample(Tier::best(), &op, &operands, &image.descriptor, info, &s, mask, &mut general);
+            sample::sample_fast(Tier::best(), &fast_sample, &operands, mask, &mut fast);
             fast_sample.sample(vector::Portable, &operands, mask, &mut portable);
         }
         for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
@@ -278,9 +280,9 @@ proptest! {
         let (mut fast, mut portable, mut general) = ([[0; 16]; 8], [[0; 16]; 8], [[0; 16]; 8]);
         // SAFETY: the image's memory is alive.
         unsafe {
-            sample::sample_fast(&fast_sample, &operands, mask, &mut fast);
+            sample::sample_fast(Tier::best(), &fast_sample, &operands, mask, &mut fast);
             fast_sample.sample(vector::Portable, &operands, mask, &mut portable);
-            sample::sample(&op, &operands, &image.descriptor, info, &s, mask, &mut general);
+            sample::sample(Tier::best(), &op, &operands, &image.descriptor, info, &s, mask, &mut general);
         }
         for lane in (0..16).filter(|lane| mask >> lane & 1 == 1) {
             for component in 0..4 {

@@ -23,6 +23,49 @@ use crate::row::Row;
 #[cfg(target_arch = "x86_64")]
 const ROUNDER: f32 = 12_582_912.0;
 
+/// Compiles a function over vectors for each tier of instruction sets; the first argument chooses. Functions that it calls are to be
+/// `#[inline(always)]`, and closures do no more than pick values: they are not compiled for the tier.
+#[macro_export]
+macro_rules! vectors {
+    ($(#[$doc:meta])* $vis:vis unsafe fn $($rest:tt)*) => {
+        $crate::vectors! { @[unsafe] [$(#[$doc])*] [$vis] $($rest)* }
+    };
+    ($(#[$doc:meta])* $vis:vis fn $($rest:tt)*) => {
+        $crate::vectors! { @[] [$(#[$doc])*] [$vis] $($rest)* }
+    };
+    (@[$($unsafe:tt)?] [$(#[$doc:meta])*] [$vis:vis]
+        $name:ident<$V:ident>($v:ident, $($arg:ident: $ty:ty),* $(,)?) $(-> $ret:ty)? $body:block) => {
+        $(#[$doc])*
+        $vis $($unsafe)? fn $name(tier: $crate::Tier, $($arg: $ty),*) $(-> $ret)? {
+            use $crate::image::vector;
+            #[inline(always)]
+            $($unsafe)? fn body<$V: vector::Vector>($v: $V, $($arg: $ty),*) $(-> $ret)? $body
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c")]
+            $($unsafe)? fn avx2($($arg: $ty),*) $(-> $ret)? {
+                // SAFETY: the function's features, and the caller's promise.
+                unsafe { body(<vector::Avx2 as vector::Vector>::new(), $($arg),*) }
+            }
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx512bw,avx2,fma,bmi1,bmi2,lzcnt,popcnt,f16c")]
+            $($unsafe)? fn avx512($($arg: $ty),*) $(-> $ret)? {
+                // SAFETY: as above.
+                unsafe { body(<vector::Avx512 as vector::Vector>::new(), $($arg),*) }
+            }
+            // SAFETY: a tier is one that the machine has (`Tier::best`); and the caller's promise.
+            unsafe {
+                match tier {
+                    #[cfg(target_arch = "x86_64")]
+                    $crate::Tier::Avx2 => avx2($($arg),*),
+                    #[cfg(target_arch = "x86_64")]
+                    $crate::Tier::Avx512 => avx512($($arg),*),
+                    _ => body(<vector::Portable as vector::Vector>::new(), $($arg),*),
+                }
+            }
+        }
+    };
+}
+
 /// Work that [`Vector::apart`] does out of line.
 pub trait Task<V: Vector> {
     type Output;
