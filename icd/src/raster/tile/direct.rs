@@ -4,11 +4,11 @@
 use smallvec::SmallVec;
 use spirv_jit::image::vector::Vector;
 
+use super::color::{Rows, SourceOver};
 use super::coverage::Covered;
 use super::depth::Tested;
-use super::inputs::{clamped, depths, interpolate, perspective_weights, plane_at};
+use super::interpolation::{clamped, depths, interpolate, perspective_weights, plane_at};
 use super::lanes::{IN_BLOCK, IN_ROW, Row, row_of};
-use super::output::{Glaze, Rows};
 use super::passed::{Part, Passed, Texels, Value, texels_of};
 use super::plan::Plan;
 use super::samples::{Counts, MAX_SAMPLES, count, locations};
@@ -60,7 +60,7 @@ spirv_jit::vectors! {
 
 /// What a primitive of one colour lays over the only attachment, if it is laid over.
 #[inline(always)]
-fn glaze_of<V: Vector>(v: V, plan: &Plan<'_>, values: &[Value]) -> Option<Glaze<V>> {
+fn glaze_of<V: Vector>(v: V, plan: &Plan<'_>, values: &[Value]) -> Option<SourceOver<V>> {
     let ([color], 1) = (&plan.output.colors[..], plan.samples) else {
         return None;
     };
@@ -74,7 +74,7 @@ fn glaze_of<V: Vector>(v: V, plan: &Plan<'_>, values: &[Value]) -> Option<Glaze<
         };
         *component = v.splat_i(word as i32);
     }
-    color.glaze(v, source)
+    color.source_over(v, source)
 }
 
 /// Columns and rows of the lanes of a row or a block.
@@ -97,7 +97,7 @@ struct Painter<'a, V: Vector> {
     /// The texel of each attachment, where they are the same everywhere in the primitive.
     solid: Option<&'a Texels>,
     /// What is laid over the only attachment, where that is one colour.
-    glaze: Option<Glaze<V>>,
+    glaze: Option<SourceOver<V>>,
 }
 
 impl<V: Vector> Painter<'_, V> {
@@ -206,7 +206,7 @@ impl<V: Vector> Painter<'_, V> {
     /// # Safety
     /// As [`draw`], for this square.
     #[inline(always)]
-    unsafe fn lay(&self, glaze: &Glaze<V>, target: &Target, [x, y]: [i32; 2], size: u8) {
+    unsafe fn lay(&self, glaze: &SourceOver<V>, target: &Target, [x, y]: [i32; 2], size: u8) {
         let (v, surface) = (self.v, &target.surface);
         let slice = target.first_layer + self.part.record.layer;
         let mut row = surface.texel(x as u32, y as u32, slice, 0);

@@ -12,10 +12,13 @@
 
 mod blend;
 mod clear;
+mod color;
 mod coverage;
 mod depth;
 mod direct;
+mod filling;
 mod inputs;
+mod interpolation;
 mod lanes;
 mod output;
 mod pack;
@@ -23,6 +26,7 @@ mod passed;
 mod plan;
 mod rectangle;
 mod samples;
+mod shading;
 #[cfg(test)]
 mod tests;
 mod texels;

@@ -8,10 +8,12 @@ use spirv_jit::interp::tinted::Sampling;
 use spirv_jit::ir::tinted::{Tint, Tinted};
 use spirv_jit::program::Passed;
 
+use super::color::Rows;
 use super::coverage::Covered;
-use super::inputs::{Inputs, Slope, interpolate, perspective_weights, plane_at};
+use super::inputs::{Inputs, Slope};
+use super::interpolation::{interpolate, perspective_weights, plane_at};
 use super::lanes::{IN_BLOCK, IN_ROW, Row, lanes_of, quads_of};
-use super::output::{Output, Rows};
+use super::output::Output;
 use super::passed::{Part, Value};
 use super::rectangle::{Cells, Rectangle, Side};
 use super::samples::Counts;
@@ -288,7 +290,7 @@ impl<'a, V: Vector> Painter<'a, V> {
             return;
         };
         let source = self.colors(&color.source, primitive, none, &texels);
-        let glaze = color.glaze(v, source);
+        let glaze = color.source_over(v, source);
         for (places, mask) in cells {
             // SAFETY: the caller's promise.
             unsafe {

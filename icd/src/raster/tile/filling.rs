@@ -1,0 +1,368 @@
+//! The input rows of a subgroup of fragments, filled.
+
+use spirv_jit::image::vector::Vector;
+use spirv_jit::program::{AlignedRow, Position};
+
+use super::inputs::{Fill, Fragments, Inputs, Steps, Weights};
+use super::interpolation::{interpolate, perspective_weights};
+use super::lanes::{Row, lanes_of};
+use super::samples::{from_center, locations};
+use crate::raster::primitive::{Plane, Record};
+
+impl Inputs {
+    /// Fills the input rows of a subgroup of one primitive, with its [`Self::steps`].
+    #[inline(always)]
+    pub fn fill_uniform<V: Vector>(
+        &self,
+        v: V,
+        fragments: &Fragments<'_>,
+        steps: &Steps,
+        rows: &mut [AlignedRow],
+    ) {
+        Filling::<V, true>::new(v, self, fragments, steps).fill(rows);
+    }
+
+    /// Fills those of a subgroup of several.
+    #[inline(always)]
+    pub fn fill_mixed<V: Vector>(&self, v: V, fragments: &Fragments<'_>, rows: &mut [AlignedRow]) {
+        Filling::<V, false>::new(v, self, fragments, &[]).fill(rows);
+    }
+}
+
+/// Lanes' columns and rows in their quads.
+static IN_QUAD: [Row; 2] = [
+    [0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1, 0, 1],
+    [0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 1, 1],
+];
+
+/// Rows of a subgroup while they are filled. `UNIFORM`: of one record.
+struct Filling<'a, V: Vector, const UNIFORM: bool> {
+    v: V,
+    inputs: &'a Inputs,
+    fragments: &'a Fragments<'a>,
+    /// Of one record.
+    steps: &'a [[f32; 3]],
+    /// By index of [`Weights`]: the coordinates of the second and third vertex, once they are known.
+    weights: [Option<[V::F; 2]>; 6],
+}
+
+impl<'a, V: Vector, const UNIFORM: bool> Filling<'a, V, UNIFORM> {
+    #[inline(always)]
+    fn new(v: V, inputs: &'a Inputs, fragments: &'a Fragments<'a>, steps: &'a [[f32; 3]]) -> Self {
+        Self {
+            v,
+            inputs,
+            fragments,
+            steps,
+            weights: [None; 6],
+        }
+    }
+
+    /// A value of each lane's record.
+    #[inline(always)]
+    fn of_records(&self, value: impl Fn(&Record) -> u32) -> V::I {
+        let [first, second, third, fourth] = self.fragments.records;
+        match UNIFORM {
+            true => self.v.splat_i(value(first) as i32),
+            false => {
+                let words = [value(first), value(second), value(third), value(fourth)];
+                self.v.quads(&words)
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn number_of_records(&self, value: impl Fn(&Record) -> f32) -> V::F {
+        self.v
+            .bits_to_f(self.of_records(|record| value(record).to_bits()))
+    }
+
+    /// A word of a vertex of each lane's record.
+    #[inline(always)]
+    fn of_vertices(&self, word: u32, vertex: impl Fn(&Record) -> usize) -> V::I {
+        let fragments = self.fragments;
+        let of = |quad: usize| {
+            let record = fragments.records[quad];
+            let place = record.vertices[vertex(record)].wrapping_add(word) as usize;
+            fragments.outputs[quad].get(place).copied().unwrap_or(0)
+        };
+        // Not in a loop: that would put them together in memory, where a load waits for the stores.
+        match UNIFORM {
+            true => self.v.splat_i(of(0) as i32),
+            false => self.v.quads(&[of(0), of(1), of(2), of(3)]),
+        }
+    }
+
+    #[inline(always)]
+    fn numbers_of_vertices(&self, word: u32, vertex: usize) -> V::F {
+        self.v.bits_to_f(self.of_vertices(word, |_| vertex))
+    }
+
+    /// Where lanes lie in their pixels, from the centre.
+    #[inline(always)]
+    fn inside_pixel(&self, position: Position) -> [V::F; 2] {
+        let v = self.v;
+        if position == Position::Center {
+            return [v.splat(0.0); 2];
+        }
+        let places = self.samples_in_pixel(position);
+        [v.load(&places[0]), v.load(&places[1])]
+    }
+
+    /// The same of invocations for a sample, and of centroids.
+    #[inline(always)]
+    fn samples_in_pixel(&self, position: Position) -> [Row; 2] {
+        let locations = locations(self.inputs.samples);
+        let mut places = [[0; 16]; 2];
+        match position {
+            Position::Center => {}
+            Position::Sample => {
+                for lane in 0..16 {
+                    let sample = usize::from(self.fragments.sample[lane / 4]) % locations.len();
+                    let [x, y] = from_center(locations[sample]);
+                    (places[0][lane], places[1][lane]) = (x.to_bits(), y.to_bits());
+                }
+            }
+            Position::Centroid => {
+                let masks = &self.fragments.coverage[..locations.len()];
+                let all = masks.iter().fold(u16::MAX, |all, mask| all & mask);
+                for lane in 0..16 {
+                    let covers = |mask: &u16| mask >> lane & 1 != 0;
+                    let first = masks.iter().position(covers);
+                    if let (Some(first), false) = (first, covers(&all)) {
+                        let [x, y] = from_center(locations[first]);
+                        (places[0][lane], places[1][lane]) = (x.to_bits(), y.to_bits());
+                    }
+                }
+            }
+        }
+        places
+    }
+
+    /// The first column or row of each lane's quad.
+    #[inline(always)]
+    fn of_quads(&self, quads: &[i32; 4]) -> V::I {
+        let [a, b, c, d] = *quads;
+        self.v.quads(&[a as u32, b as u32, c as u32, d as u32])
+    }
+
+    /// Coordinates from the records' origins on.
+    #[inline(always)]
+    fn coordinates(&self, position: Position) -> [V::F; 2] {
+        let v = self.v;
+        let origin_x = self.of_records(|record| record.origin[0] as u32);
+        let origin_y = self.of_records(|record| record.origin[1] as u32);
+        let x = v.sub_i(self.of_quads(&self.fragments.x), origin_x);
+        let y = v.sub_i(self.of_quads(&self.fragments.y), origin_y);
+        let x = v.to_f(v.add_i(x, v.load_i(&IN_QUAD[0])));
+        let y = v.to_f(v.add_i(y, v.load_i(&IN_QUAD[1])));
+        if position == Position::Center {
+            return [x, y];
+        }
+        let inside = self.inside_pixel(position);
+        [v.add(inside[0], x), v.add(inside[1], y)]
+    }
+
+    #[inline(always)]
+    fn plane(&self, [x, y]: [V::F; 2], plane: impl Fn(&Record) -> Plane) -> V::F {
+        let v = self.v;
+        let at = self.number_of_records(|record| plane(record).at);
+        let dx = self.number_of_records(|record| plane(record).dx);
+        let dy = self.number_of_records(|record| plane(record).dy);
+        v.add(v.add(at, v.mul(dx, x)), v.mul(dy, y))
+    }
+
+    #[inline(always)]
+    fn perspective(&self, at: [V::F; 2]) -> [V::F; 3] {
+        [
+            self.plane(at, |record| record.perspective[0]),
+            self.plane(at, |record| record.perspective[1]),
+            self.plane(at, |record| record.perspective[2]),
+        ]
+    }
+
+    /// 1 / w: the sum of the perspective planes.
+    #[inline(always)]
+    fn inverse_w(&self, at: [V::F; 2]) -> V::F {
+        let [first, second, third] = self.perspective(at);
+        self.v.add(self.v.add(first, second), third)
+    }
+
+    #[inline(always)]
+    fn linear(&self, at: [V::F; 2]) -> [V::F; 2] {
+        [
+            self.plane(at, |record| record.linear[1]),
+            self.plane(at, |record| record.linear[2]),
+        ]
+    }
+
+    /// A bit a quad whose perspective-correct coordinates are the linear ones.
+    #[inline(always)]
+    fn affine_quads(&self) -> u32 {
+        let records = &self.fragments.records;
+        if UNIFORM {
+            return if records[0].is_affine { 0xf } else { 0 };
+        }
+        (0..4).fold(0, |quads, quad| {
+            quads | u32::from(records[quad].is_affine) << quad
+        })
+    }
+
+    /// Barycentric coordinates of the second and third vertex.
+    #[inline(always)]
+    fn weights(&mut self, weights: Weights) -> [V::F; 2] {
+        if let Some(known) = self.weights[weights.index()] {
+            return known;
+        }
+        let at = self.coordinates(weights.position);
+        let affine = match weights.perspective {
+            true => self.affine_quads(),
+            false => 0xf,
+        };
+        let found = match affine {
+            0xf => self.linear(at),
+            0 => perspective_weights(self.v, self.perspective(at)),
+            _ => {
+                let (v, lanes) = (self.v, lanes_of(affine));
+                let [a, b] = self.linear(at);
+                let [c, d] = perspective_weights(v, self.perspective(at));
+                [
+                    v.bits_to_f(v.select(lanes, v.bits_of(a), v.bits_of(c))),
+                    v.bits_to_f(v.select(lanes, v.bits_of(b), v.bits_of(d))),
+                ]
+            }
+        };
+        self.weights[weights.index()] = Some(found);
+        found
+    }
+
+    #[inline(always)]
+    fn fill(mut self, rows: &mut [AlignedRow]) {
+        let inputs = self.inputs;
+        let Some(common) = inputs.common else {
+            for (index, (row, fill)) in rows.iter_mut().zip(&inputs.fills).enumerate() {
+                let words = self.row(index, fill);
+                self.v.store_i(words, &mut row.0);
+            }
+            return;
+        };
+        // Once, and kept in registers: as one of `self.weights` they would be looked up in memory for each row.
+        let weights = self.weights(common);
+        for (index, (row, fill)) in rows.iter_mut().zip(&inputs.fills).enumerate() {
+            let words = match *fill {
+                Fill::Varying(word, _) => self.varying(index, word, weights),
+                _ => self.row(index, fill),
+            };
+            self.v.store_i(words, &mut row.0);
+        }
+    }
+
+    /// A word's interpolation, for the row of that index.
+    #[inline(always)]
+    fn varying(&self, index: usize, word: u32, weights: [V::F; 2]) -> V::I {
+        let v = self.v;
+        if UNIFORM {
+            let [first, second, third] = self.steps[index];
+            let (first, steps) = (v.splat(first), [v.splat(second), v.splat(third)]);
+            return v.bits_of(interpolate(v, first, steps, weights));
+        }
+        let first = self.numbers_of_vertices(word, 0);
+        let second = v.sub(self.numbers_of_vertices(word, 1), first);
+        let third = v.sub(self.numbers_of_vertices(word, 2), first);
+        v.bits_of(interpolate(v, first, [second, third], weights))
+    }
+
+    #[inline(always)]
+    fn row(&mut self, index: usize, fill: &Fill) -> V::I {
+        let v = self.v;
+        let position = self.inputs.position;
+        let fragments = self.fragments;
+        match *fill {
+            Fill::Constant(word) => v.splat_i(word as i32),
+            Fill::Flat(word) => {
+                self.of_vertices(word, |record| usize::from(record.provoking.min(2)))
+            }
+            Fill::PerVertex(word, vertex) => self.of_vertices(word, |_| vertex),
+            Fill::Varying(word, weights) => {
+                let weights = self.weights(weights);
+                self.varying(index, word, weights)
+            }
+            Fill::Barycentric(vertex, weights) => {
+                let [second, third] = self.weights(weights);
+                v.bits_of(match vertex {
+                    0 => v.sub(v.sub(v.splat(1.0), second), third),
+                    1 => second,
+                    _ => third,
+                })
+            }
+            Fill::CoordX => self.coordinate(&fragments.x, 0),
+            Fill::CoordY => self.coordinate(&fragments.y, 1),
+            Fill::Depth => {
+                let at = self.coordinates(position);
+                v.bits_of(self.plane(at, |record| record.depth))
+            }
+            Fill::InverseW => {
+                let at = self.coordinates(position);
+                v.bits_of(self.inverse_w(at))
+            }
+            Fill::PointCoord(axis) => {
+                let at = self.coordinates(position);
+                v.bits_of(self.plane(at, |record| record.point_coord[axis]))
+            }
+            Fill::SampleId => {
+                let [a, b, c, d] = fragments.sample;
+                v.quads(&[a.into(), b.into(), c.into(), d.into()])
+            }
+            Fill::SamplePosition(axis) => {
+                let inside = self.inside_pixel(position);
+                v.bits_of(v.add(v.splat(0.5), inside[axis]))
+            }
+            Fill::SampleMask => v.load_i(&self.sample_mask()),
+            Fill::Front => self.of_records(|record| u32::from(record.front)),
+            Fill::Layer => self.of_records(|record| record.layer),
+            Fill::Viewport => self.of_records(|record| record.viewport),
+            Fill::Primitive => self.of_records(|record| record.primitive_id),
+            Fill::View => self.of_records(|record| record.view_index),
+            Fill::SampleCount => v.splat_i(self.inputs.samples as i32),
+            Fill::Planes(perspective, index) => self.planes(perspective, index),
+        }
+    }
+
+    /// x or y of `FragCoord`.
+    #[inline(always)]
+    fn coordinate(&self, quads: &[i32; 4], axis: usize) -> V::I {
+        let v = self.v;
+        let inside = self.inside_pixel(self.inputs.position)[axis];
+        let pixel = v.add_i(self.of_quads(quads), v.load_i(&IN_QUAD[axis]));
+        v.bits_of(v.add(v.to_f(pixel), v.add(v.splat(0.5), inside)))
+    }
+
+    #[inline(always)]
+    fn sample_mask(&self) -> Row {
+        let mut row = [0; 16];
+        for (sample, mask) in (0..self.inputs.samples).zip(self.fragments.coverage) {
+            for lane in 0..16 {
+                let is_its = self.inputs.position != Position::Sample
+                    || u32::from(self.fragments.sample[lane / 4]) == sample;
+                row[lane] |= u32::from(is_its && mask >> lane & 1 != 0) << sample;
+            }
+        }
+        row
+    }
+
+    #[inline(always)]
+    fn planes(&self, perspective: bool, index: usize) -> V::I {
+        let plane = |record: &Record| match perspective {
+            true => record.perspective[index % 3],
+            false => record.linear[index % 3],
+        };
+        match index / 3 {
+            0 => {
+                let at = self.coordinates(Position::Center);
+                self.v.bits_of(self.plane(at, plane))
+            }
+            1 => self.of_records(|record| plane(record).dx.to_bits()),
+            _ => self.of_records(|record| plane(record).dy.to_bits()),
+        }
+    }
+}

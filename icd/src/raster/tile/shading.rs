@@ -1,0 +1,241 @@
+//! Sixteen fragments at a time: tests before the program, its inputs, tests after it and colours.
+
+use spirv_jit::Program;
+use spirv_jit::image::vector::Vector;
+use spirv_jit::program::AlignedRow;
+
+use super::coverage::Block;
+use super::depth::Tested;
+use super::inputs::{Fragments, Steps};
+use super::interpolation::{clamp, depths};
+use super::lanes::{IN_BLOCK, LANE_X, LANE_Y, Row, lanes_of};
+use super::pack::Pack;
+use super::plan::{Fragment, Order, Plan};
+use super::samples::{Counts, MAX_SAMPLES, any, count, from_center, locations};
+use super::texels::{Pattern, Places};
+use crate::compute::waves::Runner;
+use crate::raster::Chunk;
+use crate::raster::primitive::{Bounds, Record};
+
+spirv_jit::vectors! {
+    /// Does the tests of blocks that come before the program.
+    ///
+    /// # Safety
+    /// The pixels of the masks lie in the render area and with it in all attachments, as does the layer; the tile belongs to the caller.
+    pub unsafe fn test_blocks<V>(
+        v,
+        plan: &Plan<'_>,
+        record: &Record,
+        corner: [i32; 2],
+        area: &Bounds,
+        blocks: &mut [Block],
+    ) {
+        let front = if record.front { u16::MAX } else { 0 };
+        let range = plan.clamps_depth.then_some(record.depth_range);
+        let locations = locations(plan.samples);
+        let is_early = plan.order == Order::Early && plan.samples == 1;
+        let plain = plan.tests.plain().filter(|_| is_early);
+        for block in blocks {
+            let place = block.place(corner);
+            let places = Places::block(place, record.layer, area);
+            if let (Some(plain), Pattern::Block) = (plain, places.pattern) {
+                let mask = &mut block.masks[0];
+                let depths = depths(v, record, place, &IN_BLOCK, locations[0], range);
+                // SAFETY: the caller's promise; the block lies in the render area.
+                *mask = unsafe { plain.run(v, &places, depths, *mask) };
+                continue;
+            }
+            for (sample, mask) in block.masks.iter_mut().enumerate().take(plan.samples as usize) {
+                if *mask == 0 {
+                    continue;
+                }
+                let depths = depths(v, record, place, &IN_BLOCK, locations[sample], range);
+                // SAFETY: the caller's promise.
+                *mask = unsafe {
+                    if plan.order == Order::Early {
+                        let tested = Tested {
+                            places: &places,
+                            front,
+                            depths,
+                            references: None,
+                        };
+                        plan.tests.run(v, &tested, sample as u32, *mask)
+                    } else {
+                        plan.tests.may_pass(v, &places, depths, sample as u32, *mask)
+                    }
+                };
+            }
+        }
+    }
+}
+
+spirv_jit::vectors! {
+    /// Puts a wave's subgroups at the program's entry, with their inputs.
+    pub fn start<V>(
+        v,
+        chunks: &[Chunk],
+        fragment: &Fragment<'_>,
+        packs: &[Pack],
+        runner: &mut Runner,
+        counts: &mut Counts,
+    ) {
+        let program = fragment.program;
+        let inputs = program.layout().inputs;
+        let mut steps = Steps::new();
+        let mut steps_of = None;
+        for (pack, state) in packs.iter().zip(runner.states()) {
+            let (active, covered) = (pack.active(), pack.covered());
+            program.start_fragments(state, active, active & !covered);
+            counts.invocations += u64::from(covered.count_ones());
+            let fragments = fragments_of(chunks, pack);
+            let rows = &mut state[inputs..];
+            if !pack.is_uniform {
+                fragment.inputs.fill_mixed(v, &fragments, rows);
+                continue;
+            }
+            // Most of a wave is of few primitives, whose subgroups follow each other.
+            if steps_of != Some(pack.origins[0]) {
+                steps_of = Some(pack.origins[0]);
+                fragment.inputs.steps(&fragments, &mut steps);
+            }
+            fragment.inputs.fill_uniform(v, &fragments, &steps, rows);
+        }
+    }
+}
+
+spirv_jit::vectors! {
+    /// Late tests of a wave's fragments, and their colours.
+    ///
+    /// # Safety
+    /// As [`test_blocks`].
+    pub unsafe fn finish<V>(
+        v,
+        chunks: &[Chunk],
+        plan: &Plan<'_>,
+        program: &Program,
+        runner: &mut Runner,
+        packs: &[Pack],
+        counts: &mut Counts,
+    ) {
+        let io = program.layout().io;
+        if plan.order == Order::Early && plan.output.is_bytes() {
+            for (pack, state) in packs.iter().zip(runner.states()) {
+                let mask = pack.masks[0] & !program.helpers(state);
+                if mask != 0 {
+                    // SAFETY: the caller's promise.
+                    unsafe { plan.output.write_bytes(v, &state[io..], &pack.places, mask) };
+                }
+            }
+            return;
+        }
+        for (index, pack) in packs.iter().enumerate() {
+            let state = runner.state(index);
+            let live = !program.helpers(state);
+            let mut masks = pack.masks;
+            for mask in &mut masks {
+                *mask &= live;
+            }
+            let rows = &state[io..];
+            plan.output.drop_samples(rows, &mut masks);
+            if any(&masks) == 0 {
+                continue;
+            }
+            if plan.order != Order::Early {
+                // SAFETY: the caller's promise.
+                unsafe { test_late(v, chunks, plan, rows, pack, &mut masks) };
+                counts.samples += count(&masks);
+            }
+            // SAFETY: as above.
+            unsafe { plan.output.write(v, rows, &pack.places, &masks) };
+        }
+    }
+}
+
+/// # Safety
+/// As [`test_blocks`].
+#[inline(always)]
+unsafe fn test_late<V: Vector>(
+    v: V,
+    chunks: &[Chunk],
+    plan: &Plan<'_>,
+    rows: &[AlignedRow],
+    pack: &Pack,
+    masks: &mut [u16; MAX_SAMPLES],
+) {
+    if plan.tests.is_empty() {
+        return;
+    }
+    let fragments = fragments_of(chunks, pack);
+    let front = (0..4).filter(|&quad| fragments.records[quad].front);
+    let front = lanes_of(front.fold(0, |quads, quad| quads | 1 << quad));
+    let written = plan.output.depth.map(|row| &rows[row].0);
+    let references = plan.output.stencil.map(|row| &rows[row].0);
+    for (sample, mask) in masks.iter_mut().enumerate().take(plan.samples as usize) {
+        if *mask == 0 {
+            continue;
+        }
+        let tested = Tested {
+            places: &pack.places,
+            front,
+            depths: v.load(&depths_of_pack(plan, &fragments, sample, written)),
+            references,
+        };
+        // SAFETY: the caller's promise.
+        *mask = unsafe { plan.tests.run(v, &tested, sample as u32, *mask) };
+    }
+}
+
+/// What the fragments of a subgroup are made of.
+fn fragments_of<'a>(chunks: &'a [Chunk], pack: &'a Pack) -> Fragments<'a> {
+    let chunk = |quad: usize| &chunks[pack.origins[quad].chunk as usize];
+    let is_uniform = pack.is_uniform;
+    let record = |quad: usize| &chunk(quad).records[pack.origins[quad].record as usize];
+    let (records, outputs): ([&Record; 4], [&[u32]; 4]) = match is_uniform {
+        true => ([record(0); 4], [&chunk(0).outputs; 4]),
+        false => (
+            [record(0), record(1), record(2), record(3)],
+            [
+                &chunk(0).outputs,
+                &chunk(1).outputs,
+                &chunk(2).outputs,
+                &chunk(3).outputs,
+            ],
+        ),
+    };
+    Fragments {
+        records,
+        outputs,
+        x: pack.places.x,
+        y: pack.places.y,
+        sample: pack.sample,
+        coverage: &pack.coverage,
+    }
+}
+
+/// Depths of a subgroup's fragments at a sample: what the program wrote, or the planes' values.
+#[inline(always)]
+fn depths_of_pack(
+    plan: &Plan<'_>,
+    fragments: &Fragments<'_>,
+    sample: usize,
+    written: Option<&Row>,
+) -> Row {
+    let mut depths = [0; 16];
+    let [inside_x, inside_y] = from_center(locations(plan.samples)[sample]);
+    for lane in 0..16 {
+        let quad = lane / 4;
+        let record = fragments.records[quad];
+        let from =
+            |at: i32, origin: i32, step: i32| at.wrapping_sub(origin).wrapping_add(step & 1) as f32;
+        let x = inside_x + from(fragments.x[quad], record.origin[0], LANE_X[lane]);
+        let y = inside_y + from(fragments.y[quad], record.origin[1], LANE_Y[lane]);
+        let plane = &record.depth;
+        let value = match written {
+            Some(written) => f32::from_bits(written[lane]),
+            None => plane.at + plane.dx * x + plane.dy * y,
+        };
+        let range = plan.clamps_depth.then_some(record.depth_range);
+        depths[lane] = clamp(value, range).to_bits();
+    }
+    depths
+}
