@@ -11,7 +11,7 @@ use crate::device::Device;
 use crate::ffi::{self, chain};
 use crate::handle::{self, from_handle};
 use crate::object::addressed::AddressEvent;
-use crate::object::image::ViewEntry;
+use crate::object::image_view::ViewEntry;
 use crate::object::pages::GRANULE;
 use crate::object::sparse::Reservation;
 use crate::object::{Buffer, BufferView, DeviceMemory};

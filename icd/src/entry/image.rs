@@ -16,7 +16,7 @@ use crate::ffi::enumerate::enumerate_with;
 use crate::ffi::{self, chain, enumerate};
 use crate::handle::{self, from_handle};
 use crate::object::addressed::AddressEvent;
-use crate::object::image::{ViewEntry, view_descriptor};
+use crate::object::image_view::{ViewEntry, view_descriptor};
 use crate::object::resident;
 use crate::object::sparse::Reservation;
 use crate::object::{DeviceMemory, Image, ImageView, Sampler, YcbcrConversion};

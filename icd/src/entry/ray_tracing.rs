@@ -15,7 +15,7 @@ use crate::device::Device;
 use crate::ffi::array::slice_mut;
 use crate::ffi::slice;
 use crate::handle::{self, Ref, from_handle, retain};
-use crate::object::image::ImageView;
+use crate::object::ImageView;
 use crate::object::{Pipeline, PipelineCache};
 use crate::wave::table::{HANDLE_SIZE, Tables};
 

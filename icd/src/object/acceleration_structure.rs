@@ -9,7 +9,7 @@ use ash::vk;
 use spirv_jit::views::{Key, Views};
 
 use super::Buffer;
-use super::image::store_failure;
+use super::image_view::store_failure;
 use crate::VkResult;
 use crate::handle::Ref;
 

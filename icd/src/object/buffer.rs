@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use ash::vk;
 use spirv_jit::image::ImageDescriptor;
 
-use super::image::ViewEntry;
+use super::image_view::ViewEntry;
 use super::sparse::Reservation;
 use crate::VkResult;
 

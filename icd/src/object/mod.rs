@@ -11,6 +11,7 @@ pub mod external_sync;
 pub mod graphics_pipeline;
 pub mod graphics_state;
 pub mod image;
+pub mod image_view;
 pub mod instance;
 pub mod live_memory;
 pub mod memory;
@@ -42,7 +43,8 @@ pub use acceleration_structure::{AccelerationStructure, AccelerationStructureNv}
 pub use buffer::{Buffer, BufferView};
 pub use deferred::DeferredOperation;
 pub use descriptor::{DescriptorPool, DescriptorSet, DescriptorSetLayout};
-pub use image::{Image, ImageView};
+pub use image::Image;
+pub use image_view::ImageView;
 pub use instance::Instance;
 pub use memory::DeviceMemory;
 pub use messenger::Messenger;

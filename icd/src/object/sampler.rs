@@ -4,7 +4,7 @@
 
 use spirv_jit::image::SamplerDescriptor;
 
-use super::image::ViewEntry;
+use super::image_view::ViewEntry;
 
 /// A sampler, resolved to what shaders read.
 pub struct Sampler {

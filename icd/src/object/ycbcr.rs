@@ -6,7 +6,7 @@ use ash::vk;
 use spirv_jit::image::Filter;
 use spirv_jit::image::ycbcr::{Conversion, Model, Planes};
 
-use super::image::swizzle;
+use super::image_view::swizzle;
 use crate::VkResult;
 use crate::format::texel_format;
 

@@ -1,0 +1,324 @@
+//! Image views, and the tables of what shaders read through views.
+
+use std::sync::Arc;
+
+use ash::vk;
+use spirv_jit::image::ycbcr::Conversion;
+use spirv_jit::image::{Dim, Format, ImageDescriptor, Level, MAX_LEVELS};
+use spirv_jit::views::{Key, StoreError, Table, Views};
+
+use super::image::Image;
+use crate::VkResult;
+use crate::format;
+use crate::handle::Ref;
+use crate::wave::mask::InvocationMask;
+
+/// An entry of a table of the device's [`Views`], under its key until the object is gone. Descriptor sets hold the contents' address, which
+/// stays readable for the device's life; descriptors in buffers hold the key.
+pub struct ViewEntry<T: Copy + 'static> {
+    pub key: Key,
+    views: Arc<Views>,
+    table: fn(&Views) -> &Table<T>,
+}
+
+/// What Vulkan calls the failure.
+pub fn store_failure(error: StoreError) -> vk::Result {
+    match error {
+        StoreError::OutOfMemory => vk::Result::ERROR_OUT_OF_HOST_MEMORY,
+        StoreError::Taken => vk::Result::ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS,
+    }
+}
+
+impl<T: Copy> ViewEntry<T> {
+    /// Stores contents; with `replay` under a key that can be asked for again, that which it holds if there is one.
+    ///
+    /// # Errors
+    /// `VK_ERROR_OUT_OF_HOST_MEMORY`; `VK_ERROR_INVALID_OPAQUE_CAPTURE_ADDRESS` if the key is taken.
+    pub fn store(
+        views: &Arc<Views>,
+        table: fn(&Views) -> &Table<T>,
+        contents: T,
+        replay: Option<Option<Key>>,
+    ) -> VkResult<Self> {
+        let key = match replay {
+            None => table(views).store(contents),
+            Some(wanted) => table(views).store_replayable(contents, wanted),
+        };
+        Ok(Self {
+            key: key.map_err(store_failure)?,
+            views: Arc::clone(views),
+            table,
+        })
+    }
+
+    /// What descriptor sets store.
+    pub fn as_ptr(&self) -> *const T {
+        (self.table)(&self.views).get(self.key)
+    }
+}
+
+impl<T: Copy> std::ops::Deref for ViewEntry<T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        // SAFETY: present until dropped, and never written while it is.
+        unsafe { self.as_ptr().as_ref() }.expect("present until dropped")
+    }
+}
+
+impl<T: Copy> Drop for ViewEntry<T> {
+    fn drop(&mut self) {
+        (self.table)(&self.views).remove(self.key);
+    }
+}
+
+/// An image view, resolved to what shaders read, and the part of the image that commands write.
+pub struct ImageView {
+    pub descriptor: ViewEntry<ImageDescriptor>,
+    pub image: Ref<Image>,
+    pub format: vk::Format,
+    pub range: vk::ImageSubresourceRange,
+}
+
+impl ImageView {
+    /// Layers that it has; slices of a 3D image.
+    pub fn layer_count(&self) -> u32 {
+        match self.image.image_type {
+            vk::ImageType::TYPE_3D => {
+                let level = self.image.planes[0]
+                    .levels
+                    .get(self.range.base_mip_level as usize);
+                let depth = level.map_or(0, |level| level.depth);
+                let rest = depth.saturating_sub(self.range.base_array_layer);
+                self.range.layer_count.min(rest)
+            }
+            _ => self
+                .image
+                .layer_count(self.range.base_array_layer, self.range.layer_count),
+        }
+    }
+
+    /// Where the texels of a view of `VK_FORMAT_R8_UINT` are that is to be an invocation mask.
+    pub fn invocation_mask(&self) -> InvocationMask {
+        let image = &*self.descriptor;
+        let level = &image.levels[0];
+        InvocationMask {
+            address: image.data as u64 + level.offset_bytes,
+            row_stride_bytes: level.row_stride_bytes,
+            width: level.width,
+            height: level.height,
+        }
+    }
+}
+
+/// What shaders read through a view.
+///
+/// # Errors
+/// `VK_ERROR_UNKNOWN` for a range outside the image, and for a format whose texels are of another size.
+pub fn view_descriptor(
+    image: &Image,
+    ty: vk::ImageViewType,
+    view_format: vk::Format,
+    components: vk::ComponentMapping,
+    range: &vk::ImageSubresourceRange,
+    min_lod: f32,
+    conversion: Option<Conversion>,
+) -> VkResult<ImageDescriptor> {
+    const OUTSIDE: vk::Result = vk::Result::ERROR_UNKNOWN;
+    let plane = image
+        .plane(range.aspect_mask)
+        .or(image.planes.first())
+        .ok_or(OUTSIDE)?;
+    let level_count = image
+        .level_count(range.base_mip_level, range.level_count)
+        .min(MAX_LEVELS as u32);
+    let first = plane
+        .levels
+        .get(range.base_mip_level as usize)
+        .ok_or(OUTSIDE)?;
+    // A 2D view of a 3D image: its layers are the slices of one level.
+    let slices = image.image_type == vk::ImageType::TYPE_3D && ty != vk::ImageViewType::TYPE_3D;
+    let (layer_stride_bytes, layers) = if slices {
+        (first.slice_stride_bytes, first.depth)
+    } else {
+        (plane.layer_stride_bytes, image.array_layers)
+    };
+    let remaining = layers.checked_sub(range.base_array_layer).ok_or(OUTSIDE)?;
+    let layer_count = range.layer_count.min(remaining);
+    let base_bytes = layer_stride_bytes * u64::from(range.base_array_layer);
+    let mut levels = [Level::default(); MAX_LEVELS];
+    let from = &plane.levels[range.base_mip_level as usize..][..level_count as usize];
+    for (to, from) in levels.iter_mut().zip(from) {
+        *to = *from;
+        to.offset_bytes += base_bytes;
+        if slices {
+            to.depth = 1;
+        }
+        // A view of blocks as texels has as many texels as there are blocks ("Image Views", BLOCK_TEXEL_VIEW_COMPATIBLE).
+        if format::block_extent(view_format) == [1, 1] {
+            let [block_width, block_height] = format::block_extent(plane.format);
+            to.width = to.width.div_ceil(block_width);
+            to.height = to.height.div_ceil(block_height);
+        }
+    }
+    let dim = match ty {
+        vk::ImageViewType::TYPE_1D | vk::ImageViewType::TYPE_1D_ARRAY => Dim::D1,
+        vk::ImageViewType::TYPE_3D => Dim::D3,
+        vk::ImageViewType::CUBE | vk::ImageViewType::CUBE_ARRAY => Dim::Cube,
+        _ => Dim::D2,
+    };
+    let arrayed = matches!(
+        ty,
+        vk::ImageViewType::TYPE_1D_ARRAY
+            | vk::ImageViewType::TYPE_2D_ARRAY
+            | vk::ImageViewType::CUBE_ARRAY
+    );
+    let is_depth_or_stencil = plane
+        .aspect
+        .intersects(vk::ImageAspectFlags::DEPTH | vk::ImageAspectFlags::STENCIL);
+    let data = image.plane_data(plane);
+    // The planes are those of the image, whatever the conversion was made for.
+    let planes = format::ycbcr_planes(image.format);
+    let conversion = match (conversion, planes) {
+        (Some(conversion), Some(planes)) => Some(Conversion {
+            planes,
+            ..conversion
+        }),
+        (Some(conversion), None) if conversion.planes.requires_conversion() => None,
+        (conversion, _) => conversion,
+    };
+    let format = match &conversion {
+        Some(conversion) if conversion.planes.requires_conversion() => {
+            // The planes instead of levels: each with its layers' stride, from where the first plane's offsets count.
+            for (to, plane) in levels.iter_mut().zip(&image.planes) {
+                let Some(level) = plane.levels.first() else {
+                    continue;
+                };
+                *to = *level;
+                let base_bytes = plane.layer_stride_bytes * u64::from(range.base_array_layer);
+                let distance = (image.plane_data(plane) as u64).wrapping_sub(data as u64);
+                to.offset_bytes = level
+                    .offset_bytes
+                    .wrapping_add(base_bytes)
+                    .wrapping_add(distance);
+                to.slice_stride_bytes = plane.layer_stride_bytes;
+            }
+            vk::Format::from_raw(conversion.planes.planes[0].format.0 as i32)
+        }
+        // A conversion that is one only in name: the view's own planes.
+        Some(_) => view_format,
+        None if is_depth_or_stencil || format::ycbcr_planes(view_format).is_some() => plane.format,
+        None => view_format,
+    };
+    // Formats of other sizes would reach past the image (VUID-VkImageViewCreateInfo-image-01761, -01583).
+    let is_plain = conversion.is_none_or(|it| !it.planes.requires_conversion());
+    if is_plain {
+        let view_blocks = format::block_extent(format);
+        let fits = format::texel_size_bytes(format) == plane.texel_size_bytes
+            && (view_blocks == [1, 1] || view_blocks == format::block_extent(plane.format));
+        if !fits {
+            return Err(OUTSIDE);
+        }
+    }
+    // What is stored as pairs is accessed as pairs by all but samples.
+    if plane.block_extent == [2, 1] && conversion.is_none() {
+        for level in &mut levels {
+            level.width = level.width.div_ceil(2);
+        }
+    }
+    Ok(ImageDescriptor {
+        data,
+        size_bytes: image.binding_size_bytes(Some(plane.aspect)),
+        format: Format(format.as_raw() as u32),
+        dim,
+        arrayed,
+        samples: image.samples as u8,
+        level_count: level_count as u8,
+        layer_count,
+        layer_stride_bytes,
+        sample_stride_bytes: plane.sample_stride_bytes,
+        swizzle: swizzle(components),
+        min_lod: (min_lod - range.base_mip_level as f32).max(0.0),
+        levels,
+        conversion,
+    })
+}
+
+/// [`ImageDescriptor::swizzle`] of a component mapping.
+pub fn swizzle(mapping: vk::ComponentMapping) -> [u8; 4] {
+    let components = [mapping.r, mapping.g, mapping.b, mapping.a];
+    std::array::from_fn(|index| match components[index] {
+        vk::ComponentSwizzle::R => 0,
+        vk::ComponentSwizzle::G => 1,
+        vk::ComponentSwizzle::B => 2,
+        vk::ComponentSwizzle::A => 3,
+        vk::ComponentSwizzle::ZERO => 4,
+        vk::ComponentSwizzle::ONE => 5,
+        _ => index as u8,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::image::tests::image;
+    use super::*;
+
+    #[test]
+    fn views_start_at_their_layer_and_level() {
+        let image = image(vk::ImageType::TYPE_2D, [8, 8, 1], 4, 6).unwrap();
+        let range = vk::ImageSubresourceRange {
+            aspect_mask: vk::ImageAspectFlags::COLOR,
+            base_mip_level: 1,
+            level_count: vk::REMAINING_MIP_LEVELS,
+            base_array_layer: 2,
+            layer_count: vk::REMAINING_ARRAY_LAYERS,
+        };
+        let ty = vk::ImageViewType::TYPE_2D_ARRAY;
+        let view = view_descriptor(
+            &image,
+            ty,
+            image.format,
+            Default::default(),
+            &range,
+            2.5,
+            None,
+        )
+        .unwrap();
+        assert_eq!((view.level_count, view.layer_count), (3, 4));
+        assert_eq!(view.min_lod, 1.5);
+        assert_eq!((view.levels[0].width, view.levels[2].width), (4, 1));
+        let plane = &image.planes[0];
+        let first = plane.levels[1].offset_bytes + 2 * plane.layer_stride_bytes;
+        assert_eq!(view.levels[0].offset_bytes, first);
+        assert_eq!(view.swizzle, [0, 1, 2, 3]);
+    }
+
+    #[test]
+    fn slices_of_a_volume_are_layers() {
+        let image = image(vk::ImageType::TYPE_3D, [4, 4, 4], 2, 1).unwrap();
+        let range = vk::ImageSubresourceRange {
+            aspect_mask: vk::ImageAspectFlags::COLOR,
+            base_mip_level: 1,
+            level_count: 1,
+            base_array_layer: 1,
+            layer_count: 1,
+        };
+        let ty = vk::ImageViewType::TYPE_2D;
+        let view = view_descriptor(
+            &image,
+            ty,
+            image.format,
+            Default::default(),
+            &range,
+            0.0,
+            None,
+        )
+        .unwrap();
+        let level = &image.planes[0].levels[1];
+        assert_eq!(
+            view.levels[0].offset_bytes,
+            level.offset_bytes + level.slice_stride_bytes
+        );
+        assert_eq!(view.levels[0].depth, 1);
+    }
+}
