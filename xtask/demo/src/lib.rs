@@ -11,4 +11,5 @@ pub mod picture;
 pub mod raster;
 pub mod render;
 pub mod scene;
+pub mod structures;
 pub mod vulkan;

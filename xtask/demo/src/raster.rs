@@ -12,8 +12,9 @@ use vk::{
     ShaderStageFlags as Stage,
 };
 
-use crate::render::{Renderer, World, hit_group, rows};
+use crate::render::{Renderer, World};
 use crate::scene::{Model, NONE, Scene};
+use crate::structures::{hit_group, rows};
 use crate::vulkan::{Buffer, Context, DrawInput, DrawPipeline, Target, change_layout, viewport};
 
 macro_rules! shader {
