@@ -27,7 +27,7 @@ use observe::{Outcome, execute, execute_on};
 use spirv_jit::Tier;
 use spirv_jit::ir::text::{parse_module, print_module};
 use spirv_jit::ir::{Module, verify};
-use spirv_jit::pass::{optimize, run_pass};
+use spirv_jit::pass::{self, optimize, run_pass};
 
 fn files() -> Vec<PathBuf> {
     let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("filetests");
@@ -120,6 +120,7 @@ fn check_runs(case: &Case<'_>, after_passes: &Module) -> Result<(), String> {
         for module in [after_passes, &optimised] {
             let actual = execute(module, seed, None)
                 .with_payload_of(&original, seed)
+                .with_outputs_of(&original, module)
                 .without_payloads();
             if actual != expected {
                 let text = print_module(module);
@@ -129,7 +130,8 @@ fn check_runs(case: &Case<'_>, after_passes: &Module) -> Result<(), String> {
     }
     for (inputs, outputs) in &case.runs {
         for module in [&original, after_passes, &optimised] {
-            let Outcome::Ended(seen) = execute(module, 0, Some(inputs)) else {
+            let outcome = execute(module, 0, Some(inputs)).with_outputs_of(&original, module);
+            let Outcome::Ended(seen) = outcome else {
                 return Err("ran out of fuel".into());
             };
             let first: Vec<u32> = seen.outputs.iter().map(|row| row[0]).collect();
@@ -142,6 +144,18 @@ fn check_runs(case: &Case<'_>, after_passes: &Module) -> Result<(), String> {
         }
     }
     Ok(())
+}
+
+#[test]
+fn each_pass_has_a_case() {
+    let texts: Vec<String> = (files().iter())
+        .map(|path| std::fs::read_to_string(path).unwrap())
+        .collect();
+    let cases: Vec<Case<'_>> = texts.iter().map(|text| split_case(text).unwrap()).collect();
+    for pass in pass::names() {
+        let has_case = cases.iter().any(|case| case.passes.contains(&pass));
+        assert!(has_case, "{pass}");
+    }
 }
 
 #[test]

@@ -77,6 +77,17 @@ pub const PASSES: &[Pass] = &[
     pass!(Module, eliminate_dead_code, eliminate_unused_tables),
 ];
 
+/// What runs last, once, whatever is left out: what they find, others rely on.
+const LAST: &[Pass] = &[
+    pass!(Module, trim_outputs, trim_outputs),
+    pass!(Module, note_effects, note_effects),
+];
+
+/// The names of all that [`run_pass`] knows.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    PASSES.iter().chain(LAST).map(|pass| pass.name)
+}
+
 /// What runs when.
 type Stages = &'static [(When, &'static [&'static str])];
 
@@ -187,8 +198,9 @@ fn run_passes(module: &mut Module) {
         }
     }
     run_stages(AFTER, module);
-    trim_outputs::trim_outputs(module);
-    note_effects::note_effects(module);
+    for pass in LAST {
+        run_pass(pass.name, module);
+    }
 }
 
 /// Whether there was a loop to unroll.
@@ -266,7 +278,8 @@ fn disabled(name: &str) -> bool {
 
 /// Runs one pass by name; whether there is one of that name.
 pub fn run_pass(name: &str, module: &mut Module) -> bool {
-    let Some(pass) = PASSES.iter().find(|pass| pass.name == name) else {
+    let mut known = PASSES.iter().chain(LAST);
+    let Some(pass) = known.find(|pass| pass.name == name) else {
         return false;
     };
     match pass.run {

@@ -49,6 +49,20 @@ impl Outcome {
         self
     }
 
+    /// With the words that a vertex module leaves out because they are zero.
+    #[allow(dead_code)]
+    pub fn with_outputs_of(mut self, whole: &Module, trimmed: &Module) -> Outcome {
+        if let Outcome::Ended(seen) = &mut self {
+            let lanes = seen.outputs.first().map_or(0, Vec::len);
+            for (index, row) in whole.outputs.iter().enumerate() {
+                if !trimmed.outputs.contains(row) {
+                    seen.outputs.insert(index, vec![0; lanes]);
+                }
+            }
+        }
+        self
+    }
+
     /// With the payload words that an any-hit module leaves out because it leaves them as they came: those of a module that has them.
     #[allow(dead_code)]
     pub fn with_payload_of(mut self, whole: &Module, seed: u64) -> Outcome {
