@@ -189,11 +189,11 @@ fn packets_go_through_many_instances() {
 fn what_is_unusual_is_left_alone() {
     let mesh = mesh();
     let scene = Scene::new(std::slice::from_ref(&mesh), 0);
-    let glass = Mesh {
+    let non_opaque = Mesh {
         opaque: false,
         ..mesh
     };
-    let open = Scene::new(std::slice::from_ref(&glass), 0);
+    let open = Scene::new(std::slice::from_ref(&non_opaque), 0);
     let mut walker = Walker::new();
     let down = ray([0.1, 0.2, 3.0], [0.01, 0.02, -1.0]);
     let mut apart = [down; PACKET];
@@ -213,13 +213,13 @@ fn what_is_unusual_is_left_alone() {
 #[test]
 fn rays_in_turn_are_rays_by_themselves() {
     let opaque = mesh();
-    let glass = Mesh {
+    let non_opaque = Mesh {
         opaque: false,
         ..mesh()
     };
-    let scenes = [&opaque, &glass].map(|mesh| Scene::new(std::slice::from_ref(mesh), 0));
-    // Many instances, opaque ones first; every fifth is of glass.
-    let bottoms = [&opaque, &glass].map(|mesh| build_meshes(std::slice::from_ref(mesh), 0));
+    let scenes = [&opaque, &non_opaque].map(|mesh| Scene::new(std::slice::from_ref(mesh), 0));
+    // Many instances, opaque ones first; every fifth is not opaque.
+    let bottoms = [&opaque, &non_opaque].map(|mesh| build_meshes(std::slice::from_ref(mesh), 0));
     let instances: Vec<_> = (0..40)
         .map(|i| {
             let mut transform = IDENTITY;

@@ -82,9 +82,9 @@ fn holes(
     rays: usize,
 ) -> [u32; 3] {
     let solid = sphere.mesh(scale, offset, true);
-    let glass = sphere.mesh(scale, offset, false);
+    let non_opaque = sphere.mesh(scale, offset, false);
     let solid_scene = Scene::placed(std::slice::from_ref(&solid), 0, transform);
-    let glass_scene = Scene::placed(std::slice::from_ref(&glass), 0, transform);
+    let non_opaque_scene = Scene::placed(std::slice::from_ref(&non_opaque), 0, transform);
     let mut random = Random(88_172_645_463_325_252);
     let mut walker = Walker::new();
     let [mut missed, mut crossings, mut unequal] = [0; 3];
@@ -100,13 +100,13 @@ fn holes(
         let hit = closest_with(&mut walker, &solid_scene.top, &ray);
         let on_front = |t: f32| t < 1.2;
         missed += u32::from(!hit.is_some_and(|hit| on_front(hit.t)));
-        let all = candidates(&glass_scene.top, &ray);
+        let all = candidates(&non_opaque_scene.top, &ray);
         let front = all.iter().filter(|hit| on_front(hit.t)).count();
         crossings += u32::from(front != 1 || all.len() != 2);
         if let Some(hit) = hit {
             unequal += u32::from(
                 !all.iter()
-                    .any(|glass| (glass.t - hit.t).abs() <= 1e-5 * hit.t),
+                    .any(|non_opaque| (non_opaque.t - hit.t).abs() <= 1e-5 * hit.t),
             );
         }
     }

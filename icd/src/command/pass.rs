@@ -55,7 +55,7 @@ pub struct ViewClear {
     pub view_mask: u32,
 }
 
-/// A render pass in the course of being recorded.
+/// A render pass while it is recorded.
 pub struct PassRecorder {
     render_pass: Ref<RenderPass>,
     views: Vec<Ref<ImageView>>,

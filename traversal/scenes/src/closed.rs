@@ -351,7 +351,7 @@ pub fn faults(
     count: usize,
 ) -> Faults {
     let solid = (family.make)(length);
-    let glass = Mesh {
+    let non_opaque = Mesh {
         opaque: false,
         ..solid.clone()
     };
@@ -364,7 +364,7 @@ pub fn faults(
         closed: family.shape != Shape::Open,
         clear: placement.clear,
     };
-    let [solid_scene, glass_scene] = [&solid, &glass]
+    let [solid_scene, non_opaque_scene] = [&solid, &non_opaque]
         .map(|mesh| Scene::placed(std::slice::from_ref(mesh), 0, placement.transform));
     let mut walkers: Vec<_> = walkers()
         .into_iter()
@@ -395,7 +395,7 @@ pub fn faults(
         for (i, (ray, hit)) in rays.iter().zip(&first).enumerate() {
             let mut found = walkers
                 .iter_mut()
-                .map(|(_, walker)| candidates_with(walker, &glass_scene.top, ray));
+                .map(|(_, walker)| candidates_with(walker, &non_opaque_scene.top, ray));
             let first = found.next().expect("there is one");
             faults.unequal += found.filter(|found| *found != first).count() as u64;
             let found = first;

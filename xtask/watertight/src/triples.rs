@@ -101,17 +101,17 @@ pub fn faults(kind: usize, seed: u64, count: usize) -> Faults {
         if ray.direction == [0.0; 3] {
             continue;
         }
-        let glass = Mesh {
+        let non_opaque = Mesh {
             vertices: quad.to_vec(),
             indices: vec![[0, 1, 2], [1, 0, 3]],
             opaque: false,
         };
         let one = |index: usize| Mesh {
-            indices: vec![glass.indices[index]],
-            ..glass.clone()
+            indices: vec![non_opaque.indices[index]],
+            ..non_opaque.clone()
         };
         let pair = [one(0), one(1)];
-        let met = [0, 1].map(|i| exact::meet(&ray, &glass.triangle(i)));
+        let met = [0, 1].map(|i| exact::meet(&ray, &non_opaque.triangle(i)));
         let ordinary = |t: f64| t <= 0.0 || DISTANCES.contains(&t);
         if !met.iter().flatten().all(|crossing| ordinary(crossing.t)) {
             continue;
@@ -125,9 +125,9 @@ pub fn faults(kind: usize, seed: u64, count: usize) -> Faults {
         let truth = truth.filter(|&t| t > 0.0).min_by(f64::total_cmp);
         let solid = Mesh {
             opaque: true,
-            ..glass.clone()
+            ..non_opaque.clone()
         };
-        let [solid, glass] = [solid, glass].map(|mesh| Scene::new(&[mesh], 0));
+        let [solid, non_opaque] = [solid, non_opaque].map(|mesh| Scene::new(&[mesh], 0));
         for (name, walker) in &mut walkers {
             let hit = closest_with(walker, &solid.top, &ray);
             let wrong = match (hit, truth) {
@@ -137,7 +137,7 @@ pub fn faults(kind: usize, seed: u64, count: usize) -> Faults {
                 }
                 _ => true,
             };
-            let found = candidates_with(walker, &glass.top, &ray);
+            let found = candidates_with(walker, &non_opaque.top, &ray);
             let mut found: Vec<u32> = found.iter().map(|hit| hit.primitive_index).collect();
             found.sort_unstable();
             let miscounted = found != crossed;

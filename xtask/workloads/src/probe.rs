@@ -41,7 +41,7 @@ layout(set = 0, binding = 1) uniform accelerationStructureEXT leaves;
 layout(set = 0, binding = 2, std430) buffer Results { uint results[][11]; };
 uint launch() { return gl_LaunchIDEXT.y * gl_LaunchSizeEXT.x + gl_LaunchIDEXT.x; }
 uint noted(uint before, uint word) { return (before ^ word) * 16777619u + (word >> 7); }
-uint company(uint before) {
+uint sharers(uint before) {
     return noted(noted(before, subgroupBallot(true).x), gl_SubgroupInvocationID);
 }
 uint random(inout uint seed) {
@@ -88,9 +88,9 @@ void main() {
         traceRayEXT(leaves, flags, 0xff, 2, 1, 1, vec3(at * 1.5, -4), 0.0, vec3(0.01, 0.02, 1), 100.0, 0);
         results[self][6] = noted(results[self][6], candidates(0u, origin, direction, results[self][7]));
         candidates(gl_RayFlagsTerminateOnFirstHitEXT, origin, direction, results[self][7]);
-        results[self][6] = company(results[self][6]);
+        results[self][6] = sharers(results[self][6]);
         reorderThreadNV(random(carried.seed), 2u);
-        reordered = company(reordered);
+        reordered = sharers(reordered);
         if ((random(carried.seed) & 3u) == 0u) break;
         origin = vec3(between(carried.seed), between(carried.seed), between(carried.seed)) * 2.0;
         direction = normalize(vec3(between(carried.seed), between(carried.seed), between(carried.seed)) + 0.01);
@@ -115,14 +115,14 @@ void main() {
 
 const MISS: &str = r"
 layout(location = 0) rayPayloadInEXT Carried carried;
-void main() { carried.miss = company(carried.miss); }
+void main() { carried.miss = sharers(carried.miss); }
 ";
 
 const ANY_HIT: &str = r"
 layout(location = 0) rayPayloadInEXT Carried carried;
 hitAttributeEXT vec2 weights;
 void main() {
-    carried.any = noted(company(carried.any), floatBitsToUint(gl_HitTEXT) ^ gl_PrimitiveID);
+    carried.any = noted(sharers(carried.any), floatBitsToUint(gl_HitTEXT) ^ gl_PrimitiveID);
     uint choice = (carried.seed >> 5 ^ gl_PrimitiveID * 2654435761u) >> 29;
     if (choice == 7u) terminateRayEXT;
     if (choice > 1u) ignoreIntersectionEXT;
@@ -136,11 +136,11 @@ layout(location = 0) callableDataEXT uint called;
 layout(shaderRecordEXT, std430) buffer Data { uint record; };
 hitAttributeEXT vec2 weights;
 void main() {
-    carried.closest = noted(company(carried.closest), record ^ gl_PrimitiveID << 4 ^ gl_InstanceID);
+    carried.closest = noted(sharers(carried.closest), record ^ gl_PrimitiveID << 4 ^ gl_InstanceID);
     carried.closest = noted(carried.closest, floatBitsToUint(gl_HitTEXT) ^ floatBitsToUint(weights.x));
     called = carried.callable;
     executeCallableEXT(gl_PrimitiveID % 3u, 0);
-    carried.callable = company(called);
+    carried.callable = sharers(called);
     if (carried.depth < 2u) {
         inner = carried;
         inner.depth += 1u;
@@ -149,7 +149,7 @@ void main() {
         traceRayEXT(world, 0u, 0xff, 0, 1, inner.depth & 1u, from, 0.001, to, 100.0, 1);
         inner.depth -= 1u;
         carried = inner;
-        carried.closest = company(carried.closest);
+        carried.closest = sharers(carried.closest);
     }
 }
 ";
@@ -158,7 +158,7 @@ const FIRST_HIT: &str = r"
 layout(location = 0) rayPayloadInEXT Carried carried;
 hitAttributeEXT vec2 weights;
 void main() {
-    carried.first = noted(company(carried.first), gl_PrimitiveID ^ floatBitsToUint(weights.x) ^ floatBitsToUint(gl_HitTEXT));
+    carried.first = noted(sharers(carried.first), gl_PrimitiveID ^ floatBitsToUint(weights.x) ^ floatBitsToUint(gl_HitTEXT));
 }
 ";
 
@@ -166,20 +166,20 @@ const INTERSECTION: &str = r"
 hitAttributeEXT vec2 weights;
 void main() {
     uint self = launch();
-    uint seen = noted(company(results[self][4]), gl_PrimitiveID ^ floatBitsToUint(gl_RayTmaxEXT));
+    uint seen = noted(sharers(results[self][4]), gl_PrimitiveID ^ floatBitsToUint(gl_RayTmaxEXT));
     results[self][4] = seen;
     weights = vec2(float(seen & 255u), 1.0);
     float t = 2.0 + float(seen >> 8 & 1023u) / 256.0;
     if ((seen & 3u) != 0u) reportIntersectionEXT(t, 3u);
     reportIntersectionEXT(t - 0.25, 4u);
-    results[self][4] = company(results[self][4]);
+    results[self][4] = sharers(results[self][4]);
 }
 ";
 
 const CALLABLE: &str = r"
 layout(location = 0) callableDataInEXT uint called;
 layout(shaderRecordEXT, std430) buffer Data { uint record; };
-void main() { called = noted(company(called), record); }
+void main() { called = noted(sharers(called), record); }
 ";
 
 /// Prints a line for each kind of thing: its name and the digests of two turns.

@@ -15,7 +15,7 @@ use crate::raster::primitive::{Bounds, Coverage, Shape};
 const HALF: i64 = PIXEL as i64 / 2;
 
 /// A line seen along its longer side: `u` runs along, `v` across.
-struct Course {
+struct MajorLine {
     /// u is x.
     is_x: bool,
     from: [i64; 2],
@@ -34,7 +34,7 @@ fn in_diamond(end: [i64; 2], center: [i64; 2], is_x: bool) -> bool {
     }
 }
 
-impl Course {
+impl MajorLine {
     fn new(segment: &Segment) -> Self {
         let [dx, dy] = segment.direction().map(i32::unsigned_abs);
         let is_x = dx >= dy;
@@ -94,20 +94,20 @@ impl SetUp<'_> {
     /// Adds the pixels of a line.
     pub fn bresenham(&mut self, segment: &Segment, record: u32, limits: Bounds) {
         let width = f64::from(self.facts.lines.width).round().clamp(1.0, 1024.0) as i64;
-        let mut course = Course::new(segment);
+        let mut line = MajorLine::new(segment);
         // Of a wide line, the first of the pixels across.
-        for end in [&mut course.from, &mut course.to] {
+        for end in [&mut line.from, &mut line.to] {
             end[1] -= HALF * (width - 1);
         }
         let column = |u: i64| u.div_euclid(i64::from(PIXEL));
-        let (start, end) = (column(course.from[0]), column(course.to[0]));
+        let (start, end) = (column(line.from[0]), column(line.to[0]));
         // An end between two columns is moved into the first.
-        let before = column(course.from[0].min(course.to[0]) - 1);
+        let before = column(line.from[0].min(line.to[0]) - 1);
         let (mut low, mut high) = (before, start.max(end));
-        while low <= high && !course.has(low) {
+        while low <= high && !line.has(low) {
             low += 1;
         }
-        while low <= high && !course.has(high) {
+        while low <= high && !line.has(high) {
             high -= 1;
         }
         let (first, step) = if start <= end { (low, 1) } else { (high, -1) };
@@ -116,7 +116,7 @@ impl SetUp<'_> {
         if count > 0 && self.facts.lines.stipple.is_some() {
             self.stippled += count as f64;
         }
-        let (least, greatest) = if course.is_x {
+        let (least, greatest) = if line.is_x {
             (limits.left, limits.right)
         } else {
             (limits.top, limits.bottom)
@@ -136,9 +136,9 @@ impl SetUp<'_> {
                     continue;
                 }
             }
-            let row = course.row(column);
+            let row = line.row(column);
             for across in row..row + width {
-                let (x, y) = if course.is_x {
+                let (x, y) = if line.is_x {
                     (column, across)
                 } else {
                     (across, column)

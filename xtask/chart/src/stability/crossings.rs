@@ -36,17 +36,18 @@ pub fn measure(options: &Options, report: &mut Report) -> Result<()> {
             indices: indices.clone(),
             opaque,
         };
-        let glass = mesh(false);
+        let non_opaque = mesh(false);
         let solid = Scene::new(&[mesh(true)], 0);
-        let scene = Scene::new(std::slice::from_ref(&glass), 0);
-        let triangles: Vec<_> = (0..glass.indices.len())
-            .map(|i| glass.triangle(i))
+        let scene = Scene::new(std::slice::from_ref(&non_opaque), 0);
+        let triangles: Vec<_> = (0..non_opaque.indices.len())
+            .map(|i| non_opaque.triangle(i))
             .collect();
         let mut random = Random(0xABCD_EF01_2345);
         let mut wrong = [0usize; ROWS.len()];
         for _ in 0..count {
-            let face = glass.indices[(random.unit() * glass.indices.len() as f64) as usize];
-            let [a, b, c] = face.map(|i| wide(glass.vertices[i as usize]));
+            let face =
+                non_opaque.indices[(random.unit() * non_opaque.indices.len() as f64) as usize];
+            let [a, b, c] = face.map(|i| wide(non_opaque.vertices[i as usize]));
             let along = random.unit();
             let weights = match (edge, vertex) {
                 (true, _) => [1.0 - along, along, 0.0],
