@@ -1,5 +1,6 @@
 //! `VkPipelineShaderStageCreateInfo` to an owned [`ShaderStage`].
 
+use std::ffi::c_char;
 use std::sync::Arc;
 
 use ash::vk;
@@ -51,17 +52,19 @@ pub unsafe fn decode_stage(info: &vk::PipelineShaderStageCreateInfo<'_>) -> VkRe
         Ok(ShaderStage {
             words,
             name,
-            entry_point: string(info.p_name)
-                .to_str()
-                .map_err(|_| vk::Result::ERROR_UNKNOWN)?
-                .to_owned(),
+            entry_point: entry_point(info.p_name)?,
             stage: stage(info.stage).ok_or(vk::Result::ERROR_UNKNOWN)?,
-            specialization: info
-                .p_specialization_info
-                .as_ref()
-                .map_or_else(Vec::new, |info| specialization(info)),
+            specialization: specialization(info.p_specialization_info),
         })
     }
+}
+
+/// # Safety
+/// The name is a string.
+unsafe fn entry_point(name: *const c_char) -> VkResult<String> {
+    // SAFETY: the caller's promise.
+    let name = unsafe { string(name) }.to_str();
+    Ok(name.map_err(|_| vk::Result::ERROR_UNKNOWN)?.to_owned())
 }
 
 /// The name that a `VkDebugUtilsObjectNameInfoEXT` in a chain gives to the shader module of a stage.
@@ -95,24 +98,21 @@ pub unsafe fn decode_shader(info: &vk::ShaderCreateInfoEXT<'_>) -> VkResult<Shad
         Ok(ShaderStage {
             words: slice(info.p_code.cast::<u32>(), words).into(),
             name: Arc::default(),
-            entry_point: string(info.p_name)
-                .to_str()
-                .map_err(|_| vk::Result::ERROR_UNKNOWN)?
-                .to_owned(),
+            entry_point: entry_point(info.p_name)?,
             stage: stage(info.stage).ok_or(vk::Result::ERROR_UNKNOWN)?,
-            specialization: info
-                .p_specialization_info
-                .as_ref()
-                .map_or_else(Vec::new, |info| specialization(info)),
+            specialization: specialization(info.p_specialization_info),
         })
     }
 }
 
 /// # Safety
-/// The info is valid.
-unsafe fn specialization(info: &vk::SpecializationInfo<'_>) -> Vec<(u32, Vec<u8>)> {
+/// The info is null or valid.
+unsafe fn specialization(info: *const vk::SpecializationInfo<'_>) -> Vec<(u32, Vec<u8>)> {
     // SAFETY: the caller's promise; an entry outside the data is dropped.
     unsafe {
+        let Some(info) = info.as_ref() else {
+            return Vec::new();
+        };
         let data: &[u8] = slice(info.p_data.cast(), info.data_size as u32);
         slice(info.p_map_entries, info.map_entry_count)
             .iter()

@@ -9,28 +9,10 @@ use super::stage_interface::Evaluation;
 use super::values::Place;
 use super::values::Values;
 use crate::Error;
+use crate::ir::interface::sample_locations;
 use crate::ir::stage::Builtin;
 use crate::ir::{self, InputRow, Type, Value};
 use crate::parse::Id;
-
-/// The standard sample locations of 2, 4 and 8 samples, in sixteenths of a pixel from its corner (Vulkan, "Multisampling").
-const LOCATIONS: [(u32, &[[u8; 2]]); 3] = [
-    (2, &[[12, 12], [4, 4]]),
-    (4, &[[6, 2], [14, 6], [2, 10], [10, 14]]),
-    (
-        8,
-        &[
-            [9, 5],
-            [7, 11],
-            [13, 9],
-            [5, 3],
-            [3, 13],
-            [1, 7],
-            [11, 15],
-            [15, 1],
-        ],
-    ),
-];
 
 impl Lowerer<'_> {
     /// The extended instruction on a pointer to an input.
@@ -153,10 +135,9 @@ impl Lowerer<'_> {
         for (axis, offset) in offset.iter_mut().enumerate() {
             // One sample lies at the centre.
             let mut word = self.b.i32(8);
-            for (samples, places) in LOCATIONS {
-                let places = places.iter().zip((0..).step_by(4));
-                let packed =
-                    places.fold(0, |word, (place, at)| word | u32::from(place[axis]) << at);
+            for samples in [2, 4, 8] {
+                let places = sample_locations(samples).iter().zip((0..).step_by(4));
+                let packed = places.fold(0, |word, (place, at)| word | (place[axis] as u32) << at);
                 let packed = self.b.i32(packed);
                 let samples = self.b.i32(samples);
                 let is_count = self.b.compare(ir::Op::IEq, count, samples)?;

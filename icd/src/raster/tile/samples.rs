@@ -1,34 +1,12 @@
 //! Where samples lie in a pixel, the standard sample locations (spec, "Multisampling", `standardSampleLocations`), and masks of them.
 
+pub use spirv_jit::ir::interface::sample_locations as locations;
+
 /// Samples of a pixel, at most.
 pub const MAX_SAMPLES: usize = 8;
 
 /// In 1/16 of a pixel, from its upper left corner.
 type Location = [i32; 2];
-
-static ONE: [Location; 1] = [[8, 8]];
-static TWO: [Location; 2] = [[12, 12], [4, 4]];
-static FOUR: [Location; 4] = [[6, 2], [14, 6], [2, 10], [10, 14]];
-static EIGHT: [Location; 8] = [
-    [9, 5],
-    [7, 11],
-    [13, 9],
-    [5, 3],
-    [3, 13],
-    [1, 7],
-    [11, 15],
-    [15, 1],
-];
-
-/// The locations of 1, 2, 4 or 8 samples.
-pub fn locations(samples: u32) -> &'static [Location] {
-    match samples {
-        2 => &TWO,
-        4 => &FOUR,
-        8 => &EIGHT,
-        _ => &ONE,
-    }
-}
 
 /// In units of fixed-point positions.
 pub fn fixed_point([x, y]: Location) -> [i32; 2] {

@@ -6,7 +6,7 @@ use ash::vk::{BlendFactor, BlendOp, CompareOp};
 use lanes::Tier;
 
 use super::support::{
-    Canvas, Random, chunk_of, draw, edges, halve_and_double, pass_on, run, targets,
+    COMPARE, Canvas, Random, chunk_of, draw, edges, halve_and_double, pass_on, run, targets,
 };
 use crate::object::graphics_state::GraphicsState;
 use crate::raster::primitive::{Edge, Plane};
@@ -34,17 +34,6 @@ const DEPTHS: [vk::Format; 4] = [
     vk::Format::X8_D24_UNORM_PACK32,
     vk::Format::D32_SFLOAT,
     vk::Format::D24_UNORM_S8_UINT,
-];
-
-const COMPARE: [CompareOp; 8] = [
-    CompareOp::NEVER,
-    CompareOp::LESS,
-    CompareOp::EQUAL,
-    CompareOp::LESS_OR_EQUAL,
-    CompareOp::GREATER,
-    CompareOp::NOT_EQUAL,
-    CompareOp::GREATER_OR_EQUAL,
-    CompareOp::ALWAYS,
 ];
 
 const FACTORS: [BlendFactor; 7] = [

@@ -3,23 +3,12 @@
 use ash::vk;
 use ash::vk::{CompareOp, StencilOp};
 
-use super::support::{Canvas, Random, Triangle, chunk, draw, run, targets};
+use super::support::{COMPARE, Canvas, Random, Triangle, chunk, draw, run, targets};
 use crate::object::graphics_state::{GraphicsState, StencilFace};
 use crate::raster::Work;
 
 const DEPTH: vk::ImageAspectFlags = vk::ImageAspectFlags::DEPTH;
 const STENCIL: vk::ImageAspectFlags = vk::ImageAspectFlags::STENCIL;
-
-const COMPARE: [CompareOp; 8] = [
-    CompareOp::NEVER,
-    CompareOp::LESS,
-    CompareOp::EQUAL,
-    CompareOp::LESS_OR_EQUAL,
-    CompareOp::GREATER,
-    CompareOp::NOT_EQUAL,
-    CompareOp::GREATER_OR_EQUAL,
-    CompareOp::ALWAYS,
-];
 
 const OPS: [StencilOp; 8] = [
     StencilOp::KEEP,

@@ -18,6 +18,17 @@ use crate::transfer::surface::Surface;
 use crate::wave::{Limits, Workers};
 pub use fastrand::Rng as Random;
 
+pub const COMPARE: [vk::CompareOp; 8] = [
+    vk::CompareOp::NEVER,
+    vk::CompareOp::LESS,
+    vk::CompareOp::EQUAL,
+    vk::CompareOp::LESS_OR_EQUAL,
+    vk::CompareOp::GREATER,
+    vk::CompareOp::NOT_EQUAL,
+    vk::CompareOp::GREATER_OR_EQUAL,
+    vk::CompareOp::ALWAYS,
+];
+
 /// An image with its memory, all zeros.
 pub struct Canvas {
     pub image: Image,
