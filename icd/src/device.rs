@@ -9,7 +9,6 @@ use rspirv::spirv::Capability;
 use crate::VkResult;
 use crate::execute::{Engine, Watch};
 use crate::handle::{self, Ref};
-use crate::log::{self, Level};
 use crate::object::PhysicalDevice;
 use crate::object::addressed::AddressReport;
 use crate::object::memory::AddressWindow;
@@ -83,14 +82,12 @@ impl Device {
             physical.messengers.error(c"TUFF-settings", message);
             vk::Result::ERROR_INITIALIZATION_FAILED
         })?;
-        if log::enabled(Level::Info) {
-            let (name, megabytes) = (physical.name(), physical.heap_bytes >> 20);
-            let version = env!("CARGO_PKG_VERSION");
-            let text = format!(
-                "{name}, version {version}: a device, with {megabytes} MiB of memory at most"
-            );
-            log::write(Level::Info, &text);
-        }
+        log::info!(
+            "{}, version {}: a device, with {} MiB of memory at most",
+            physical.name(),
+            env!("CARGO_PKG_VERSION"),
+            physical.heap_bytes >> 20
+        );
         let window = AddressWindow::reserve(physical.heap_bytes)?;
         let validates = enabled.ray_tracing_validation || settings.validate;
         let validator =

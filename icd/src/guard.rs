@@ -5,10 +5,10 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Once;
 
 use ash::vk;
+use log::Level;
 
 use crate::VkResult;
 use crate::float_environment::DefaultEnvironment;
-use crate::log::{self, Level};
 
 /// What an entry point gives its caller when it panicked.
 pub trait OnPanic {
@@ -36,10 +36,7 @@ default_on_panic!((), u32, u64, vk::PFN_vkVoidFunction);
 pub fn guard<R: OnPanic>(name: &str, body: impl FnOnce() -> R) -> R {
     let _environment = DefaultEnvironment::enter();
     catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|payload| {
-        log::write(
-            Level::Error,
-            &format!("{name} panicked: {}", panic_text(&*payload)),
-        );
+        log::error!("{name} panicked: {}", panic_text(&*payload));
         R::on_panic()
     })
 }
@@ -57,7 +54,7 @@ pub fn catch_panic_messages() {
         std::panic::set_hook(Box::new(|info| {
             let place = info.location().map(|place| format!(" at {place}"));
             let place = place.unwrap_or_default();
-            log::write(Level::Debug, &format!("panic{place}"));
+            log::debug!("panic{place}");
             PANICKED_AT.with(|at| *at.borrow_mut() = place);
         }));
     });
@@ -85,8 +82,8 @@ pub fn refused(name: &str, code: vk::Result) {
         vk::Result::ERROR_FORMAT_NOT_SUPPORTED => Level::Debug,
         _ => Level::Warn,
     };
-    if code.as_raw() < 0 && log::enabled(level) {
-        log::write(level, &format!("{name}: {code:?}"));
+    if code.as_raw() < 0 {
+        log::log!(level, "{name}: {code:?}");
     }
 }
 

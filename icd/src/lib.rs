@@ -20,7 +20,7 @@ pub mod float_environment;
 pub mod format;
 pub mod guard;
 pub mod handle;
-pub mod log;
+pub mod logger;
 pub mod object;
 pub mod present;
 pub mod queue;

@@ -8,10 +8,9 @@ use std::time::Duration;
 
 use ash::vk::ConformanceVersion;
 use lanes::Tier;
+use log::LevelFilter;
 use spirv_jit::{Accuracy, pass};
 use traversal::{Options, Specialisation, Walker};
-
-use crate::log::{self, Level};
 
 /// The settings of the process.
 #[derive(Clone, Copy, Debug)]
@@ -26,7 +25,7 @@ pub struct Settings {
     /// How many threads a device's commands fan out over (`TUFF_THREADS`); unset: what the process may use.
     pub threads: Option<usize>,
     /// Which messages are printed (`TUFF_LOG`).
-    pub log: Level,
+    pub log: LevelFilter,
     /// How long one dispatch may run before the device is lost (`TUFF_TIMEOUT`); unset: a picture may take hours.
     pub timeout: Option<Duration>,
     /// Whether devices check what only execution can see, even if the application does not ask (`TUFF_VALIDATE`).
@@ -84,7 +83,7 @@ impl Settings {
                 .unwrap_or(usize::MAX),
             opaque_without_any_hit,
             threads: read.parsed("TUFF_THREADS", "a number of threads, 1 to 1024", threads)?,
-            log: (read.parsed("TUFF_LOG", LEVELS, level)?).unwrap_or(Level::Error),
+            log: (read.parsed("TUFF_LOG", LEVELS, level)?).unwrap_or(LevelFilter::Error),
             timeout: (read.parsed(
                 "TUFF_TIMEOUT",
                 "a number of seconds, 0 for no limit",
@@ -151,15 +150,11 @@ fn threads(text: &str) -> Option<usize> {
     text.parse().ok().filter(|count| (1..=1024).contains(count))
 }
 
-fn level(text: &str) -> Option<Level> {
-    Some(match text {
-        "off" => Level::Off,
-        "error" => Level::Error,
-        "warn" => Level::Warn,
-        "info" => Level::Info,
-        "debug" => Level::Debug,
-        _ => return None,
-    })
+fn level(text: &str) -> Option<LevelFilter> {
+    match text {
+        "off" | "error" | "warn" | "info" | "debug" => text.parse().ok(),
+        _ => None,
+    }
 }
 
 fn seconds(text: &str) -> Option<Duration> {
@@ -212,7 +207,7 @@ pub fn checked() -> Result<&'static Settings, &'static str> {
             Some(value.to_string_lossy().into_owned())
         };
         let settings = Settings::parse(&environment)?;
-        log::set_threshold(settings.log);
+        log::set_max_level(settings.log);
         let list = |name| environment(name).unwrap_or_default();
         pass::configure(&list("TUFF_DISABLE"), &list("TUFF_PRINT"));
         // One limit for all: programs and samplers, walks and builds.
@@ -244,7 +239,7 @@ mod tests {
         let plain = parse(&[]).unwrap();
         assert_eq!(plain.accuracy, Accuracy::Spec);
         assert_eq!((plain.wave, plain.threads), (usize::MAX, None));
-        assert_eq!((plain.log, plain.timeout), (Level::Error, None));
+        assert_eq!((plain.log, plain.timeout), (LevelFilter::Error, None));
         assert_eq!((plain.validate, plain.stats), (false, false));
         assert!(plain.opaque_without_any_hit);
         let zeros = [plain.conformance.major, plain.conformance.subminor];
@@ -269,7 +264,7 @@ mod tests {
         assert!(!set.walks.without.contains(Specialisation::Opaque));
         assert!(set.opaque_without_any_hit);
         assert_eq!((set.wave, set.threads), (4, Some(3)));
-        assert_eq!(set.log, Level::Info);
+        assert_eq!(set.log, LevelFilter::Info);
         assert_eq!(set.timeout, Some(Duration::from_millis(500)));
         assert_eq!((set.validate, set.stats), (true, true));
         let version = set.conformance;

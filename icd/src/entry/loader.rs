@@ -7,7 +7,7 @@ use ash::vk;
 use crate::entry::commands::{self, Level};
 use crate::guard::{catch_panic_messages, code, guard};
 use crate::object::Instance;
-use crate::{ffi, handle};
+use crate::{ffi, handle, logger};
 
 /// Interface versions that are spoken.
 const OLDEST: u32 = 2;
@@ -28,6 +28,7 @@ pub unsafe extern "system" fn vk_icdNegotiateLoaderICDInterfaceVersion(
             return Err(vk::Result::ERROR_INCOMPATIBLE_DRIVER);
         }
         *version = NEWEST.min(*version);
+        logger::start();
         catch_panic_messages();
         Ok(())
     }))

@@ -6,7 +6,6 @@ use spirv_jit::environment::{Environment, uniform};
 use super::engine::Engine;
 use super::note_strays;
 use crate::command::RayTracingCommand;
-use crate::log::{self, Level};
 use crate::object::ray_tracing_pipeline::RayTracingPipeline;
 use crate::settings::settings;
 use crate::structures;
@@ -149,9 +148,7 @@ fn trace_rays(
         Traced::new(checks, pipeline.facts, stack_bytes.map(u64::from))
     });
     if invocations(extent).is_none() {
-        let message =
-            format!("a dispatch of {extent:?} rays is past maxRayDispatchInvocationCount");
-        log::write(Level::Error, &message);
+        log::error!("a dispatch of {extent:?} rays is past maxRayDispatchInvocationCount");
         return Ok(());
     }
     let launch = uniform::LAUNCH_SIZE as usize;

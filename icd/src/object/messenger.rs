@@ -6,7 +6,6 @@ use ash::vk;
 use parking_lot::RwLock;
 
 use crate::handle::Ref;
-use crate::log;
 
 /// `VkDebugUtilsMessengerEXT`: where the application wants to hear.
 pub struct Messenger {
@@ -39,7 +38,7 @@ pub struct Messengers(pub RwLock<Vec<Ref<Messenger>>>);
 impl Messengers {
     /// Tells the application, and `TUFF_LOG`, about a failure of validation's kind.
     pub fn error(&self, id: &CStr, message: &str) {
-        log::write(log::Level::Error, message);
+        log::error!("{message}");
         let _ = self.send(
             vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
             vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION,

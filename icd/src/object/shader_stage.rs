@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use ash::vk;
 use rspirv::spirv::Capability;
@@ -133,6 +134,7 @@ impl ShaderStage {
             accuracy: settings().accuracy,
             checks_alignment: compiler.checks_alignment,
         };
+        let start = Instant::now();
         let compiled = spirv_jit::program::compile_module(&request)
             .and_then(|module| Ok((Arc::new(Program::new(&module)?), module)));
         let (program, module) = compiled.map_err(|error| {
@@ -147,6 +149,12 @@ impl ShaderStage {
                 }
             }
         })?;
+        let (stage, name, milliseconds) = (
+            self.stage,
+            &self.entry_point,
+            start.elapsed().as_secs_f64() * 1e3,
+        );
+        log::debug!("{stage:?} shader \"{name}\" compiled in {milliseconds:.2} ms");
         if let Some(cache) = cache {
             cache.insert(key, binary::encode(&module), Arc::clone(&program));
         }

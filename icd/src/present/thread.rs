@@ -13,7 +13,6 @@ use super::timing::{Refresh, Timing};
 use super::{Event, Frame, Gone, Screen, When};
 use crate::execute::query::timestamp_ns;
 use crate::guard::panic_text;
-use crate::log::{self, Level};
 
 /// A hidden window's server may never say that an image's turn has come. Then the next one has its
 /// turn.
@@ -35,7 +34,7 @@ impl Shared {
             Ok(Err(Gone)) => vk::Result::ERROR_SURFACE_LOST_KHR,
             Err(payload) => {
                 let text = panic_text(&*payload);
-                log::write(Level::Error, &format!("presentation panicked: {text}"));
+                log::error!("presentation panicked: {text}");
                 vk::Result::ERROR_SURFACE_LOST_KHR
             }
         };

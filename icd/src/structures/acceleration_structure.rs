@@ -7,7 +7,6 @@ use spirv_jit::reach::Reach;
 use traversal::{Live, Structure};
 
 use crate::command::ray_tracing::CopyMode;
-use crate::log::{self, Level};
 use crate::object::acceleration_structure::Storage;
 use crate::table::limits;
 use crate::wave::reachable::{bytes, writable};
@@ -103,7 +102,7 @@ pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach, live
 /// What failed leaves the destination undefined, and a line in the log.
 pub(super) fn report<T, E: std::fmt::Debug>(result: Result<T, E>, what: &str) {
     if let Err(error) = result {
-        log::write(Level::Error, &format!("{what}: {error:?}"));
+        log::error!("{what}: {error:?}");
     }
 }
 

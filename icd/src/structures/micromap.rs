@@ -8,7 +8,6 @@ use traversal::{BuildError, Live, Micromap, MicromapInput};
 
 use super::acceleration_structure::{report, storage_bytes};
 use crate::command::micromap::MicromapBuild;
-use crate::log::{self, Level};
 use crate::object::acceleration_structure::Storage;
 use crate::table::limits;
 use crate::validate::Checks;
@@ -112,7 +111,7 @@ pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach, live
     unsafe {
         let source = source.wrapping_add(HEAD_BYTES);
         let Some(source) = bytes(&around(reach, source), source) else {
-            log::write(Level::Error, "micromap deserialization: not a micromap");
+            log::error!("micromap deserialization: not a micromap");
             return;
         };
         let copied = traversal::copy_micromap(source, storage_bytes(live, destination));

@@ -46,7 +46,7 @@ const HOUSES: [House; 3] = [
             "guard",
             "float_environment",
             "handle",
-            "log",
+            "logger",
             "ffi",
         ],
         still_back: &[],
