@@ -399,6 +399,48 @@ fn a_handle_of_another_kind_is_an_error() {
     }
 }
 
+/// Small ones, wild ones, ones into the driver's own objects, and those of objects that are gone with all that lay beside them.
+#[test]
+fn a_number_that_was_never_a_handle_is_an_error() {
+    let Some(gpu) = Gpu::surviving() else { return };
+    let info = vk::BufferCreateInfo::default()
+        .size(256)
+        .usage(vk::BufferUsageFlags::TRANSFER_DST);
+    let info_of_commands = vk::CommandBufferAllocateInfo::default()
+        .command_pool(gpu.pool)
+        .command_buffer_count(1);
+    // SAFETY: the driver looks at no number further than whether it is a handle.
+    unsafe {
+        let buffer = gpu.device.create_buffer(&info, None).unwrap();
+        let real = buffer.as_raw();
+        let commands = gpu
+            .device
+            .allocate_command_buffers(&info_of_commands)
+            .unwrap()[0];
+        for number in [
+            1,
+            16,
+            0x0123_4560,
+            0x4141_4141_4141_4140,
+            u64::MAX - 15,
+            real + 1,
+            real + 16,
+            real ^ 1 << 40,
+        ] {
+            let wrong = vk::Buffer::from_raw(number);
+            gpu.device.destroy_buffer(wrong, None);
+            let begin = vk::CommandBufferBeginInfo::default();
+            gpu.device.begin_command_buffer(commands, &begin).unwrap();
+            gpu.device.cmd_fill_buffer(commands, wrong, 0, 4, 0);
+            assert!(
+                gpu.device.end_command_buffer(commands).is_err(),
+                "{number:#x}"
+            );
+        }
+        gpu.device.destroy_buffer(buffer, None);
+    }
+}
+
 /// A fork takes no threads along: to a child, its parent's devices are lost.
 #[test]
 fn a_forked_child_waits_for_nothing() {

@@ -44,8 +44,8 @@ entry! {
         if !layer.is_null() {
             return Err(vk::Result::ERROR_LAYER_NOT_PRESENT);
         }
-        let all: Vec<_> = extensions::of_kind(Kind::Instance).map(extension_properties).collect();
-        enumerate(count, out, all.into_iter())
+        let all: Vec<_> = extensions::of_kind(Kind::Instance).collect();
+        enumerate(count, out, all.into_iter().map(extension_properties))
     }
 
     fn vkCreateInstance(

@@ -121,8 +121,8 @@ entry! {
         if !layer.is_null() {
             return Err(vk::Result::ERROR_LAYER_NOT_PRESENT);
         }
-        let all: Vec<_> = extensions::of_kind(Kind::Device).map(extension_properties).collect();
-        enumerate(count, out, all.into_iter())
+        let all: Vec<_> = extensions::of_kind(Kind::Device).collect();
+        enumerate(count, out, all.into_iter().map(extension_properties))
     }
 
     fn vkEnumerateDeviceLayerProperties(

@@ -1,6 +1,9 @@
 //! Handles: pointers to reference-counted objects that begin with the loader's word and a type tag.
 //!
 //! A handle owns one count of an [`Arc`]; objects that outlive their handle (a pipeline layout inside a pipeline) are held by further counts.
+//! A number is followed only into pages that hold objects, and trusted where it finds the tag: what was never a handle is no fault.
+
+mod pages;
 
 use std::cell::UnsafeCell;
 use std::ops::Deref;
@@ -11,8 +14,9 @@ use ash::vk::Handle;
 /// `ICD_LOADER_MAGIC` (vk_icd.h): the loader checks it, then puts its dispatch table there.
 const LOADER_MAGIC: usize = 0x01CD_C0DE;
 
-/// An object with the head that handles need. The loader reads and writes the first word of dispatchable ones.
-#[repr(C)]
+/// An object with the head that handles need. The loader reads and writes the first word of dispatchable ones. By its alignment the head
+/// lies in one page.
+#[repr(C, align(16))]
 pub struct Object<T> {
     loader_word: UnsafeCell<usize>,
     tag: u64,
@@ -29,6 +33,7 @@ impl<T> Drop for Object<T> {
     fn drop(&mut self) {
         // SAFETY: the field is the object's own. The compiler takes the last write to memory that goes away for useless, unless it is volatile.
         unsafe { (&raw mut self.tag).write_volatile(0) };
+        pages::forget(&raw const *self as usize);
     }
 }
 
@@ -54,11 +59,13 @@ const fn tag<T: Handled>() -> u64 {
 
 /// A new object, not yet given out.
 pub fn new<T: Handled>(value: T) -> Ref<T> {
-    Arc::new(Object {
+    let object = Arc::new(Object {
         loader_word: UnsafeCell::new(LOADER_MAGIC),
         tag: tag::<T>(),
         value,
-    })
+    });
+    pages::note(Arc::as_ptr(&object) as usize);
+    object
 }
 
 /// Gives a count to the application, as a handle.
@@ -79,10 +86,13 @@ pub fn handle_of<T: Handled>(object: &Ref<T>) -> T::Handle {
 fn pointer<T: Handled>(handle: T::Handle) -> *const Object<T> {
     let pointer = handle.as_raw() as *const Object<T>;
     assert!(!pointer.is_null(), "null handle");
-    // SAFETY: a handle that is not null points to an object's head (the application's valid usage).
-    let found = unsafe { (*pointer).tag };
+    // SAFETY: the place is aligned and in a page that holds objects, so that it can be read. That it is not written meanwhile is the
+    // application's valid usage.
+    let is_alive = pointer.is_aligned()
+        && pages::may_hold(pointer as usize)
+        && unsafe { (*pointer).tag } == tag::<T>();
     assert!(
-        found == tag::<T>(),
+        is_alive,
         "not a live handle of this type: {:#x}",
         handle.as_raw()
     );
@@ -162,6 +172,27 @@ mod tests {
             let wrong = vk::Image::from_raw(handle_of(&kept).as_raw());
             assert!(std::panic::catch_unwind(|| from_handle::<Other>(wrong).tag).is_err());
             assert!(take::<Thing>(vk::Buffer::null()).is_none());
+        }
+    }
+
+    #[test]
+    fn numbers_that_were_never_handles_are_refused() {
+        let thing = new(Thing(1));
+        let real = handle_of(&thing).as_raw();
+        let wild = [
+            1,
+            8,
+            0x0123_4560,
+            0x4141_4141_4141_4140,
+            u64::MAX,
+            real + 8,
+            real + 16,
+        ];
+        for number in wild {
+            let wrong = vk::Buffer::from_raw(number);
+            // SAFETY: none of these is followed further than its tag.
+            let found = std::panic::catch_unwind(|| unsafe { from_handle::<Thing>(wrong).0 });
+            assert!(found.is_err(), "{number:#x}");
         }
     }
 
