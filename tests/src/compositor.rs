@@ -1,6 +1,7 @@
 //! A compositor of Wayland for one client: it reads what is attached, and misbehaves where a test
 //! wants it to.
 
+use std::collections::VecDeque;
 use std::os::fd::{AsRawFd, OwnedFd};
 use std::os::unix::net::UnixStream;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -10,6 +11,8 @@ use std::time::{Duration, Instant};
 
 use ash::{khr, vk};
 use wayland_client::Proxy as _;
+use wayland_protocols::wp::fifo::v1::server::wp_fifo_manager_v1::{self, WpFifoManagerV1};
+use wayland_protocols::wp::fifo::v1::server::wp_fifo_v1::{self, WpFifoV1};
 use wayland_protocols::wp::presentation_time::server::wp_presentation::{self, WpPresentation};
 use wayland_protocols::wp::presentation_time::server::wp_presentation_feedback::{
     self, WpPresentationFeedback,
@@ -40,8 +43,11 @@ pub struct Manners {
     pub late_releases: AtomicUsize,
     /// The connection breaks.
     pub dies: AtomicBool,
-    /// Commits so far, and the last one's pixels.
+    /// Commits that came to the screen so far, and the last one's pixels.
     pub commits: AtomicUsize,
+    /// How many of them waited for a barrier if there was one, and how many barriers the surface has: one at most.
+    pub waited: AtomicUsize,
+    pub barriers: AtomicUsize,
     pub shown: Mutex<Shown>,
     /// When frames were shown that were asked about, in nanoseconds of `CLOCK_MONOTONIC`.
     pub presented: Mutex<Vec<u64>>,
@@ -80,17 +86,38 @@ struct Part {
     has_alpha: bool,
 }
 
-struct State {
-    manners: Arc<Manners>,
+/// What a commit changes.
+#[derive(Default)]
+struct Update {
     attached: Option<WlBuffer>,
     callbacks: Vec<WlCallback>,
+    asked: Vec<WpPresentationFeedback>,
+    waits: bool,
+    sets: bool,
+}
+
+/// What a compositor has beside the core.
+#[derive(Clone, Copy, Default)]
+pub struct Offers {
+    /// It can tell when frames are shown.
+    pub times: bool,
+    /// It keeps barriers between frames.
+    pub barriers: bool,
+}
+
+struct State {
+    manners: Arc<Manners>,
+    /// What is not yet committed.
+    pending: Update,
+    /// What waits for the barrier, the oldest first.
+    queued: VecDeque<Update>,
+    has_barrier: bool,
     /// Callbacks of what was committed.
     due: Vec<WlCallback>,
     /// Buffers that were replaced, the oldest first.
     replaced: Vec<WlBuffer>,
     current: Option<WlBuffer>,
-    /// Of what is not yet committed, and of what is not yet shown.
-    asked: Vec<WpPresentationFeedback>,
+    /// Of what is not yet shown.
     promised: Vec<WpPresentationFeedback>,
 }
 
@@ -100,16 +127,19 @@ impl ClientData for Quiet {}
 impl Compositor {
     /// Starts one.
     pub fn start() -> Compositor {
-        Self::start_with(true)
+        Self::start_with(Offers {
+            times: true,
+            ..Offers::default()
+        })
     }
 
-    /// Starts one that can tell when frames are shown, or cannot.
-    pub fn start_with(tells_times: bool) -> Compositor {
+    /// Starts one that offers no more than this.
+    pub fn start_with(offers: Offers) -> Compositor {
         let manners = Arc::new(Manners::default());
         let is_over = Arc::new(AtomicBool::new(false));
         let (ours, theirs) = UnixStream::pair().unwrap();
         let (seen, over) = (Arc::clone(&manners), Arc::clone(&is_over));
-        let thread = std::thread::spawn(move || compose(theirs, seen, &over, tells_times));
+        let thread = std::thread::spawn(move || compose(theirs, seen, &over, offers));
         let backend = wayland_client::backend::Backend::connect(ours).unwrap();
         let client = wayland_client::Connection::from_backend(backend);
         let (globals, queue) =
@@ -175,23 +205,26 @@ impl Drop for Compositor {
     }
 }
 
-fn compose(stream: UnixStream, manners: Arc<Manners>, is_over: &AtomicBool, tells_times: bool) {
+fn compose(stream: UnixStream, manners: Arc<Manners>, is_over: &AtomicBool, offers: Offers) {
     let mut display = Display::<State>::new().unwrap();
     let mut handle = display.handle();
     handle.create_global::<State, WlCompositor, ()>(4, ());
     handle.create_global::<State, WlShm, ()>(1, ());
-    if tells_times {
+    if offers.times {
         handle.create_global::<State, WpPresentation, ()>(1, ());
+    }
+    if offers.barriers {
+        handle.create_global::<State, WpFifoManagerV1, ()>(1, ());
     }
     handle.insert_client(stream, Arc::new(Quiet)).unwrap();
     let mut state = State {
         manners,
-        attached: None,
-        callbacks: Vec::new(),
+        pending: Update::default(),
+        queued: VecDeque::new(),
+        has_barrier: false,
         due: Vec::new(),
         replaced: Vec::new(),
         current: None,
-        asked: Vec::new(),
         promised: Vec::new(),
     };
     let start = Instant::now();
@@ -206,6 +239,9 @@ fn compose(stream: UnixStream, manners: Arc<Manners>, is_over: &AtomicBool, tell
                 }
                 state.present(refresh);
             }
+            // A hidden window's barriers fall, too.
+            state.has_barrier = false;
+            state.take_up();
         }
         display.flush_clients().unwrap();
         std::thread::sleep(Duration::from_micros(500));
@@ -264,7 +300,23 @@ impl State {
     }
 
     fn commit(&mut self) {
-        if let Some(buffer) = self.attached.take() {
+        self.queued.push_back(std::mem::take(&mut self.pending));
+        self.take_up();
+    }
+
+    /// Applies what was committed, up to what waits for the barrier.
+    fn take_up(&mut self) {
+        while let Some(next) = self.queued.pop_front() {
+            if self.has_barrier && next.waits {
+                self.queued.push_front(next);
+                return;
+            }
+            self.apply(next);
+        }
+    }
+
+    fn apply(&mut self, mut update: Update) {
+        if let Some(buffer) = update.attached.take() {
             if let Some(part) = buffer.data::<Part>() {
                 *self.manners.shown.lock().unwrap() = read(part);
             }
@@ -275,10 +327,13 @@ impl State {
                 self.replaced.remove(0).release();
             }
         }
+        self.has_barrier |= update.sets;
         self.promised.drain(..).for_each(|old| old.discarded());
-        self.promised.append(&mut self.asked);
-        self.due.append(&mut self.callbacks);
+        self.promised.append(&mut update.asked);
+        self.due.append(&mut update.callbacks);
         self.manners.commits.fetch_add(1, Ordering::AcqRel);
+        let waited = usize::from(update.waits);
+        self.manners.waited.fetch_add(waited, Ordering::AcqRel);
     }
 }
 
@@ -314,6 +369,7 @@ fn announce<R: Resource + 'static>(resource: &R) {
 global!(WlCompositor);
 global!(WlShm);
 global!(WpPresentation);
+global!(WpFifoManagerV1);
 
 macro_rules! dispatch {
     ($interface:ty, $data:ty, |$state:ident, $resource:ident, $request:ident, $own:ident, $init:ident| $body:block) => {
@@ -349,7 +405,7 @@ dispatch!(WpPresentation, (), |state,
                                _own,
                                init| {
     if let wp_presentation::Request::Feedback { callback, .. } = request {
-        state.asked.push(init.init(callback, ()));
+        state.pending.asked.push(init.init(callback, ()));
     }
 });
 
@@ -358,6 +414,31 @@ dispatch!(
     (),
     |_state, _resource, _request, _own, _init| {}
 );
+
+dispatch!(WpFifoManagerV1, (), |state,
+                                resource,
+                                request,
+                                _own,
+                                init| {
+    if let wp_fifo_manager_v1::Request::GetFifo { id, .. } = request {
+        init.init(id, ());
+        if state.manners.barriers.fetch_add(1, Ordering::AcqRel) > 0 {
+            let text = "the surface has a barrier";
+            resource.post_error(wp_fifo_manager_v1::Error::AlreadyExists, text);
+        }
+    }
+});
+
+dispatch!(WpFifoV1, (), |state, _resource, request, _own, _init| {
+    match request {
+        wp_fifo_v1::Request::SetBarrier => state.pending.sets = true,
+        wp_fifo_v1::Request::WaitBarrier => state.pending.waits = true,
+        wp_fifo_v1::Request::Destroy => {
+            state.manners.barriers.fetch_sub(1, Ordering::AcqRel);
+        }
+        _ => {}
+    }
+});
 
 dispatch!(WlRegion, (), |_state, _resource, request, _own, _init| {
     let _: wl_region::Request = request;
@@ -397,7 +478,10 @@ dispatch!(WlBuffer, Part, |state, resource, request, _own, _init| {
     if let wl_buffer::Request::Destroy = request {
         state.replaced.retain(|buffer| buffer != resource);
         state.current.take_if(|buffer| buffer == resource);
-        state.attached.take_if(|buffer| buffer == resource);
+        let waiting = state.queued.iter_mut().chain([&mut state.pending]);
+        for update in waiting {
+            update.attached.take_if(|buffer| buffer == resource);
+        }
     }
 });
 
@@ -409,9 +493,9 @@ dispatch!(WlCallback, (), |_state,
 
 dispatch!(WlSurface, (), |state, _resource, request, _own, init| {
     match request {
-        wl_surface::Request::Attach { buffer, .. } => state.attached = buffer,
+        wl_surface::Request::Attach { buffer, .. } => state.pending.attached = buffer,
         wl_surface::Request::Frame { callback } => {
-            state.callbacks.push(init.init(callback, ()));
+            state.pending.callbacks.push(init.init(callback, ()));
         }
         wl_surface::Request::Commit => state.commit(),
         _ => {}

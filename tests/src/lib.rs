@@ -37,7 +37,7 @@ pub use acceleration::{
 pub use alone::alone;
 pub use bind::{Bound, Set};
 pub use case::Case;
-pub use compositor::Compositor;
+pub use compositor::{Compositor, Offers};
 pub use compute::Kernel;
 pub use drawing::{BLACK, COVER, Pass, RGBA, WHITE};
 pub use gpu::{Gpu, PATIENCE_NS};

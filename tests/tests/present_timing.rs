@@ -414,7 +414,7 @@ fn compositors_tell_when_a_picture_is_out() {
 
 #[test]
 fn compositors_that_do_not_tell_are_not_asked() {
-    let compositor = Compositor::start_with(false);
+    let compositor = Compositor::start_with(Offers::default());
     let Some(presenter) = compositor.presenter() else {
         return;
     };

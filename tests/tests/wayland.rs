@@ -101,6 +101,62 @@ fn fifo_waits_for_the_compositor_and_goes_on_when_hidden() {
     presenter.destroy(swapchain);
 }
 
+/// The compositor's barriers fall with each refresh, whether or not somebody sees the window.
+#[test]
+fn fifo_keeps_the_pace_of_barriers_where_nobody_looks() {
+    let compositor = Compositor::start_with(Offers {
+        barriers: true,
+        ..Offers::default()
+    });
+    let Some(presenter) = compositor.presenter() else {
+        return;
+    };
+    if !presenter.extends(khr::present_wait::NAME) {
+        return;
+    }
+    let waits = khr::present_wait::Device::new(&presenter.instance, &presenter.device);
+    let manners = &compositor.manners;
+    let mut chain = Chain::of(16, 16);
+    for late_releases in [0, 1] {
+        manners
+            .late_releases
+            .store(late_releases, Ordering::Release);
+        chain.count = 3 + late_releases as u32;
+        let swapchain = presenter.swapchain(&chain).unwrap();
+        if chain.old != vk::SwapchainKHR::null() {
+            presenter.destroy(chain.old);
+        }
+        chain.old = swapchain;
+        for (is_hidden, first) in [(false, 1), (true, 31), (false, 61)] {
+            manners.hides.store(is_hidden, Ordering::Release);
+            let before = manners.waited.load(Ordering::Acquire);
+            let start = Instant::now();
+            for id in first..first + 30 {
+                let pixels = screen_picture(16, 16, id as u32);
+                presenter
+                    .frame(swapchain, chain.extent, &pixels, id)
+                    .unwrap();
+            }
+            let last = first + 29;
+            // SAFETY: the swapchain is alive, and the id has been presented.
+            unsafe {
+                waits
+                    .wait_for_present(swapchain, last, PATIENCE_NS)
+                    .unwrap()
+            };
+            let took = start.elapsed().as_secs_f64();
+            assert!(
+                took > 27.0 / 60.0 && took < 3.0,
+                "hidden: {is_hidden}: {took} s"
+            );
+            assert!(compositor.shows(16, 16, &screen_picture(16, 16, last as u32)));
+            assert_eq!(manners.waited.load(Ordering::Acquire) - before, 30);
+        }
+    }
+    assert_eq!(manners.barriers.load(Ordering::Acquire), 1);
+    presenter.destroy(chain.old);
+}
+
 #[test]
 fn late_releases_hold_images_back_but_nothing_up() {
     let compositor = Compositor::start();

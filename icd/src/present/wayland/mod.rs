@@ -4,20 +4,23 @@
 //! queues of the driver's own: one that finds `wl_shm`, for as long as the Vulkan surface lives,
 //! and one a swapchain.
 
+mod barrier;
 mod screen;
 
 use std::ffi::c_void;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 use ash::vk;
 use parking_lot::Mutex;
 use wayland_backend::client::{Backend, ObjectId};
 use wayland_client::globals::{GlobalListContents, registry_queue_init};
 use wayland_client::protocol::wl_registry::{self, WlRegistry};
-use wayland_client::protocol::wl_shm::{self, WlShm};
-use wayland_client::{Connection, Dispatch, EventQueue, Proxy, QueueHandle};
+use wayland_client::protocol::wl_shm::WlShm;
+use wayland_client::{Connection, Dispatch, EventQueue, Proxy, QueueHandle, delegate_noop};
+use wayland_protocols::wp::fifo::v1::client::wp_fifo_manager_v1::WpFifoManagerV1;
 use wayland_protocols::wp::presentation_time::client::wp_presentation::{self, WpPresentation};
 
+use self::barrier::Barrier;
 use super::{Bell, Gone, Pictures, Window};
 use crate::VkResult;
 
@@ -26,6 +29,8 @@ pub struct WaylandWindow {
     display: *mut c_void,
     surface: *mut c_void,
     globals: Mutex<Option<Globals>>,
+    /// A surface has one, whichever of its swapchains are alive.
+    barrier: Mutex<Weak<Barrier>>,
 }
 
 // SAFETY: displays and proxies of libwayland can be used by all threads; the pointers are only
@@ -36,11 +41,18 @@ unsafe impl Sync for WaylandWindow {}
 
 /// What the compositor has for pictures, bound once: `wl_shm` cannot be given back.
 struct Globals {
+    named: Named,
+    _queue: EventQueue<Told>,
+    _connection: Connection,
+}
+
+#[derive(Clone)]
+struct Named {
     shm: ObjectId,
     /// Tells when pictures were shown, by the clock of Vulkan's times.
     presentation: Option<ObjectId>,
-    _queue: EventQueue<Told>,
-    _connection: Connection,
+    /// Makes barriers between a surface's pictures.
+    fifo: Option<ObjectId>,
 }
 
 /// What is told of them.
@@ -76,17 +88,8 @@ impl Dispatch<WpPresentation, ()> for Told {
     }
 }
 
-impl Dispatch<WlShm, ()> for Told {
-    fn event(
-        _: &mut Self,
-        _: &WlShm,
-        _: wl_shm::Event,
-        (): &(),
-        _: &Connection,
-        _: &QueueHandle<Self>,
-    ) {
-    }
-}
+delegate_noop!(Told: ignore WlShm);
+delegate_noop!(Told: WpFifoManagerV1);
 
 /// The display with an event queue of its own.
 ///
@@ -108,14 +111,15 @@ impl WaylandWindow {
             display,
             surface,
             globals: Mutex::default(),
+            barrier: Mutex::default(),
         }
     }
 
-    /// `wl_shm`, and `wp_presentation` if it is of use.
-    fn globals(&self) -> Result<(ObjectId, Option<ObjectId>), Gone> {
+    /// `wl_shm`, `wp_presentation` if it is of use, and what makes barriers, if there is one.
+    fn globals(&self) -> Result<Named, Gone> {
         let mut known = self.globals.lock();
         if let Some(known) = &*known {
-            return Ok((known.shm.clone(), known.presentation.clone()));
+            return Ok(known.named.clone());
         }
         // SAFETY: the promise of `new`.
         let connection = unsafe { connect(self.display) };
@@ -135,13 +139,33 @@ impl WaylandWindow {
             }
             None => None,
         };
+        let fifo = globals.bind::<WpFifoManagerV1, _, _>(&handle, 1..=1, ());
+        let named = Named {
+            shm,
+            presentation,
+            fifo: fifo.ok().map(|fifo| fifo.id()),
+        };
         *known = Some(Globals {
-            shm: shm.clone(),
-            presentation: presentation.clone(),
+            named: named.clone(),
             _queue: queue,
             _connection: connection,
         });
-        Ok((shm, presentation))
+        Ok(named)
+    }
+
+    /// The surface's barrier, where the compositor has such.
+    fn barrier(&self, fifo: Option<&ObjectId>) -> Result<Option<Arc<Barrier>>, Gone> {
+        let Some(fifo) = fifo else {
+            return Ok(None);
+        };
+        let mut known = self.barrier.lock();
+        if let Some(barrier) = known.upgrade() {
+            return Ok(Some(barrier));
+        }
+        // SAFETY: the promise of `new`, and the manager lives as long as the window.
+        let barrier = Arc::new(unsafe { Barrier::new(self.display, self.surface, fifo)? });
+        *known = Arc::downgrade(&barrier);
+        Ok(Some(barrier))
     }
 }
 
@@ -161,17 +185,18 @@ impl Window for WaylandWindow {
 
     fn tells_times(&self) -> bool {
         self.globals()
-            .is_ok_and(|(_, presentation)| presentation.is_some())
+            .is_ok_and(|named| named.presentation.is_some())
     }
 
     fn screen(&self, pictures: Pictures, bell: &Arc<Bell>) -> VkResult<Box<dyn super::Screen>> {
         const LOST: vk::Result = vk::Result::ERROR_SURFACE_LOST_KHR;
-        let (shm, presentation) = self.globals().map_err(|Gone| LOST)?;
-        let presentation = presentation.filter(|_| pictures.is_timed);
+        let mut named = self.globals().map_err(|Gone| LOST)?;
+        named.presentation = named.presentation.filter(|_| pictures.is_timed);
+        let barrier = self.barrier(named.fifo.as_ref()).map_err(|Gone| LOST)?;
         // SAFETY: the promise of `new`.
         let screen = unsafe {
             let (display, surface) = (self.display, self.surface);
-            screen::WaylandScreen::new(display, surface, &shm, presentation, pictures, bell)
+            screen::WaylandScreen::new(display, surface, named, barrier, pictures, bell)
         };
         Ok(Box::new(screen.map_err(|Gone| LOST)?))
     }

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::ffi::c_void;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use ash::vk;
 use wayland_backend::client::{ObjectId, WaylandError};
@@ -24,7 +24,12 @@ use super::super::pixels::{self, Canvas};
 use super::super::shared_memory::SharedMemory;
 use super::super::timing::{Refresh, told_ns};
 use super::super::{Bell, Event, Frame, Gone, Pictures, Screen, When};
+use super::Named;
+use super::barrier::Barrier;
 use crate::execute::query::timestamp_ns;
+
+/// A surface that is seen gets its frame callback sooner.
+const CALLBACK_PATIENCE: Duration = Duration::from_millis(100);
 
 pub struct WaylandScreen {
     connection: Connection,
@@ -34,6 +39,7 @@ pub struct WaylandScreen {
     shm: WlShm,
     /// Where it is asked when pictures were shown, and can be.
     presentation: Option<WpPresentation>,
+    barrier: Option<Arc<Barrier>>,
     pictures: Pictures,
     bell: Arc<Bell>,
     buffers: Vec<WlBuffer>,
@@ -52,6 +58,41 @@ struct Sent {
 struct Told {
     events: VecDeque<Event>,
     refresh: Option<Refresh>,
+    behind_barrier: Option<BehindBarrier>,
+    /// The last frame had no callback in time.
+    is_hidden: bool,
+}
+
+/// A frame that the compositor takes up in its turn, whether or not somebody sees it.
+struct BehindBarrier {
+    serial: u32,
+    since: Instant,
+    /// An image was given back meanwhile: this one, by a compositor that copies pictures, or one before it.
+    is_taken_up: bool,
+}
+
+impl Told {
+    /// Until when a callback can tell better than the images whether a frame's turn has come.
+    fn callback_deadline(&self) -> Option<Instant> {
+        let frame = (self.behind_barrier.as_ref()).filter(|frame| frame.is_taken_up)?;
+        let patience = match self.is_hidden {
+            true => Duration::ZERO,
+            false => CALLBACK_PATIENCE,
+        };
+        Some(frame.since + patience)
+    }
+
+    /// A frame that was taken up, and that nobody sees, has had its turn.
+    fn do_without_callback(&mut self) {
+        let is_over = self
+            .callback_deadline()
+            .is_some_and(|end| Instant::now() >= end);
+        if let Some(frame) = self.behind_barrier.take_if(|_| is_over) {
+            self.is_hidden = true;
+            let serial = frame.serial;
+            self.events.push_back(Event::Shown { serial });
+        }
+    }
 }
 
 impl Dispatch<WlBuffer, u32> for Told {
@@ -65,6 +106,9 @@ impl Dispatch<WlBuffer, u32> for Told {
     ) {
         if let wl_buffer::Event::Release = event {
             told.events.push_back(Event::Free { index });
+            if let Some(frame) = &mut told.behind_barrier {
+                frame.is_taken_up = true;
+            }
         }
     }
 }
@@ -79,6 +123,8 @@ impl Dispatch<WlCallback, u32> for Told {
         _: &QueueHandle<Self>,
     ) {
         if let wl_callback::Event::Done { .. } = event {
+            told.is_hidden = false;
+            told.behind_barrier.take_if(|frame| frame.serial == serial);
             told.events.push_back(Event::Shown { serial });
         }
     }
@@ -140,13 +186,13 @@ impl WaylandScreen {
     /// The connection has gone.
     ///
     /// # Safety
-    /// `display` and `surface` are as in [`WaylandWindow::new`](super::WaylandWindow::new); `shm`
-    /// lives as long.
+    /// `display` and `surface` are as in [`WaylandWindow::new`](super::WaylandWindow::new); what is
+    /// named lives as long.
     pub unsafe fn new(
         display: *mut c_void,
         surface: *mut c_void,
-        shm: &ObjectId,
-        presentation: Option<ObjectId>,
+        named: Named,
+        barrier: Option<Arc<Barrier>>,
         pictures: Pictures,
         bell: &Arc<Bell>,
     ) -> Result<Self, Gone> {
@@ -154,9 +200,9 @@ impl WaylandScreen {
         let (connection, surface, shm, presentation) = unsafe {
             let connection = super::connect(display);
             let surface = ObjectId::from_ptr(WlSurface::interface(), surface.cast());
-            let shm = ObjectId::from_ptr(WlShm::interface(), shm.as_ptr());
-            let presentation =
-                presentation.map(|id| ObjectId::from_ptr(WpPresentation::interface(), id.as_ptr()));
+            let shm = ObjectId::from_ptr(WlShm::interface(), named.shm.as_ptr());
+            let presentation = (named.presentation)
+                .map(|id| ObjectId::from_ptr(WpPresentation::interface(), id.as_ptr()));
             (
                 connection,
                 surface.map_err(|_| Gone)?,
@@ -178,6 +224,7 @@ impl WaylandScreen {
             surface,
             shm,
             presentation,
+            barrier,
             pictures,
             bell: Arc::clone(bell),
             buffers: Vec::new(),
@@ -300,6 +347,7 @@ impl Screen for WaylandScreen {
                     .damage_buffer(x, y, width as i32, height as i32);
             }
         }
+        self.told.behind_barrier = None;
         match frame.when {
             // The compositor shows what was committed last.
             When::AtOnce | When::Replaceable => self.told.events.push_back(Event::Shown {
@@ -307,6 +355,14 @@ impl Screen for WaylandScreen {
             }),
             _ => {
                 self.surface.frame(&self.queue.handle(), frame.serial);
+                if let Some(barrier) = &self.barrier {
+                    barrier.keep();
+                    self.told.behind_barrier = Some(BehindBarrier {
+                        serial: frame.serial,
+                        since: Instant::now(),
+                        is_taken_up: false,
+                    });
+                }
             }
         }
         let serial = frame.serial;
@@ -327,8 +383,11 @@ impl Screen for WaylandScreen {
 
     fn wait(&mut self, deadline: Option<Instant>, events: &mut Vec<Event>) -> Result<(), Gone> {
         self.dispatch()?;
+        self.told.do_without_callback();
         if self.told.events.is_empty() {
             self.flush()?;
+            let ends = [deadline, self.told.callback_deadline()];
+            let deadline = ends.into_iter().flatten().min();
             // Without a guard there is something to dispatch.
             if let Some(guard) = self.queue.prepare_read() {
                 let connection = guard.connection_fd();
@@ -342,6 +401,7 @@ impl Screen for WaylandScreen {
                 }
             }
             self.dispatch()?;
+            self.told.do_without_callback();
         }
         events.extend(self.told.events.drain(..));
         Ok(())

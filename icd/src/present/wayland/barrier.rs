@@ -1,0 +1,70 @@
+//! The barrier between pictures of a surface (`wp_fifo_v1`): the compositor takes the next one up when the last was there for a refresh. Where
+//! nobody sees the surface, it keeps a pace of its own, and frame callbacks do not come.
+
+use std::ffi::c_void;
+
+use wayland_backend::client::ObjectId;
+use wayland_client::protocol::wl_surface::WlSurface;
+use wayland_client::{Connection, EventQueue, Proxy, delegate_noop};
+use wayland_protocols::wp::fifo::v1::client::wp_fifo_manager_v1::WpFifoManagerV1;
+use wayland_protocols::wp::fifo::v1::client::wp_fifo_v1::WpFifoV1;
+
+use super::super::Gone;
+
+pub struct Barrier {
+    fifo: WpFifoV1,
+    /// Its objects speak by this connection, which lives as long as they.
+    connection: Connection,
+    _queue: EventQueue<Silent>,
+}
+
+/// Nothing is told of barriers.
+struct Silent;
+
+delegate_noop!(Silent: WpFifoV1);
+
+impl Barrier {
+    /// The barrier of a surface that has none.
+    ///
+    /// # Errors
+    /// The connection has gone.
+    ///
+    /// # Safety
+    /// `display` and `surface` are as in [`WaylandWindow::new`](super::WaylandWindow::new); `manager` lives as long.
+    pub unsafe fn new(
+        display: *mut c_void,
+        surface: *mut c_void,
+        manager: &ObjectId,
+    ) -> Result<Self, Gone> {
+        // SAFETY: the caller's promise.
+        let (connection, surface, manager) = unsafe {
+            (
+                super::connect(display),
+                ObjectId::from_ptr(WlSurface::interface(), surface.cast()),
+                ObjectId::from_ptr(WpFifoManagerV1::interface(), manager.as_ptr()),
+            )
+        };
+        let (surface, manager) = (surface.map_err(|_| Gone)?, manager.map_err(|_| Gone)?);
+        let surface = WlSurface::from_id(&connection, surface).map_err(|_| Gone)?;
+        let manager = WpFifoManagerV1::from_id(&connection, manager).map_err(|_| Gone)?;
+        let queue = connection.new_event_queue();
+        Ok(Self {
+            fifo: manager.get_fifo(&surface, &queue.handle(), ()),
+            connection,
+            _queue: queue,
+        })
+    }
+
+    /// The next commit waits for the barrier of the last one that set it, and sets it for the next.
+    pub fn keep(&self) {
+        self.fifo.wait_barrier();
+        self.fifo.set_barrier();
+    }
+}
+
+impl Drop for Barrier {
+    fn drop(&mut self) {
+        self.fifo.destroy();
+        let _ = self.connection.flush();
+    }
+}
