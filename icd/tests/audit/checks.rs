@@ -233,7 +233,12 @@ impl Audit<'_> {
                     Some((who, depends)) => {
                         notes.push(format!("{who} brings {name} with {depends} only"));
                     }
-                    None => findings.push(format!("nothing advertised brings {name}")),
+                    None => match self.promoted_later(name) {
+                        Some(who) => notes.push(format!(
+                            "{name} comes with {who}, which is newer than this registry"
+                        )),
+                        None => findings.push(format!("nothing advertised brings {name}")),
+                    },
                 },
                 (false, true) => findings.push(format!("{name} is not answered")),
                 _ => {}
@@ -267,6 +272,20 @@ impl Audit<'_> {
         })
     }
 
+    /// The advertised extension that brings a type in newer registries: promoted since, under the same name, from a vendor's that
+    /// brings it here.
+    fn promoted_later(&self, ty: &str) -> Option<&'static str> {
+        let known = &self.registry.extensions;
+        self.advertised.iter().copied().find(|&who| {
+            !known.contains_key(who)
+                && known.iter().any(|(vendors, extension)| {
+                    without_author(vendors) == without_author(who)
+                        && (extension.requires.iter())
+                            .any(|require| require.types.iter().any(|name| name == ty))
+                })
+        })
+    }
+
     fn resolved<'a>(&'a self, name: &'a str) -> &'a str {
         self.registry
             .aliases
@@ -284,6 +303,12 @@ impl Audit<'_> {
         let word = answer(structure)?[index * 4..][..4].try_into().ok()?;
         Some(u32::from_ne_bytes(word) == vk::TRUE)
     }
+}
+
+/// An extension's name without `VK_` and its author's tag.
+fn without_author(extension: &str) -> Option<&str> {
+    let (_author, name) = extension.strip_prefix("VK_")?.split_once('_')?;
+    Some(name)
 }
 
 /// Of the optional features of Vulkan 1.0, those that versions and extensions make mandatory.
