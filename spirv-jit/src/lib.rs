@@ -33,7 +33,7 @@ pub mod views;
 
 pub use accuracy::Accuracy;
 pub use error::Error;
-pub use lanes::Tier;
+pub use lanes::{LaneMask, Tier};
 pub use program::{CompileRequest, Program, compile};
 
 /// Lanes in a subgroup, whatever the tier or the machine (`VkPhysicalDeviceSubgroupProperties::subgroupSize`).

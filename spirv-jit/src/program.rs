@@ -4,7 +4,7 @@ use std::collections::TryReserveError;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 
-use lanes::Tier;
+use lanes::{LaneMask, Tier};
 
 use crate::SUBGROUP_SIZE;
 use crate::error::Error;
@@ -207,22 +207,22 @@ impl Program {
     ///
     /// # Panics
     /// The state is smaller than [`StateLayout::rows`].
-    pub fn start(&self, state: &mut [AlignedRow], active: u16) {
-        self.plan.start(state, active, 0);
+    pub fn start(&self, state: &mut [AlignedRow], active: LaneMask) {
+        self.plan.start(state, active, LaneMask::NONE);
     }
 
     /// As [`Self::start`] for a fragment program: `helpers`, some of the active lanes, are helper invocations.
     ///
     /// # Panics
     /// As [`Self::start`].
-    pub fn start_fragments(&self, state: &mut [AlignedRow], active: u16, helpers: u16) {
+    pub fn start_fragments(&self, state: &mut [AlignedRow], active: LaneMask, helpers: LaneMask) {
         self.plan.start(state, active, helpers);
     }
 
     /// Lanes of a fragment program's ended state that are helper invocations: from the start, or since they were demoted or killed.
     #[inline]
-    pub fn helpers(&self, state: &[AlignedRow]) -> u16 {
-        state[0].0[2] as u16
+    pub fn helpers(&self, state: &[AlignedRow]) -> LaneMask {
+        LaneMask::from_bits(state[0].0[2] as u16)
     }
 
     /// Where a state stands.
@@ -234,8 +234,8 @@ impl Program {
     /// Lanes of a yielded state that take part in its event (may be none: such a subgroup is ready at once). Only their columns
     /// of the `io` rows are the event's: the others may hold outputs of lanes that have ended.
     #[inline]
-    pub fn event_mask(&self, state: &[AlignedRow]) -> u16 {
-        state[0].0[1] as u16
+    pub fn event_mask(&self, state: &[AlignedRow]) -> LaneMask {
+        LaneMask::from_bits(state[0].0[1] as u16)
     }
 
     /// Differs from every other program's in the process.
@@ -301,7 +301,7 @@ impl Program {
     pub fn gather_lanes(
         &self,
         state: &mut [AlignedRow],
-        active: u16,
+        active: LaneMask,
         from: &[(&[AlignedRow], usize); SUBGROUP_SIZE],
     ) {
         self.plan.gather_lanes(state, active, from);

@@ -2,6 +2,7 @@
 
 use shaders::lower_glsl;
 use shaders::raster::{ALL, Lanes, program, run};
+use spirv_jit::LaneMask;
 use spirv_jit::program::{
     Barycentric, Builtin, DepthMode, InputRow, Interlock, OutputRow, Position, Stage, Varying,
     VaryingMode, VaryingPlace,
@@ -226,19 +227,19 @@ fn helpers_change_no_memory_and_atomics_give_them_zero() {
              if (gl_HelperInvocation) c += 1000u;
          }",
     );
-    let helpers = 0b1010_0000_1111_0110;
+    let helpers = LaneMask::from_bits(0b1010_0000_1111_0110);
     let mut buffer = [0; 18];
     buffer[0] = 7;
     let lanes = Lanes {
-        active: u16::MAX,
+        active: LaneMask::ALL,
         helpers,
     };
     let ended = run(&program, lanes, &mut buffer, |_, lane| lane as u32);
     assert_eq!(ended.helpers, helpers);
-    assert_eq!(buffer[0], 7 + u32::from(helpers.count_zeros() as u16));
-    assert_eq!(buffer[1], u32::from(!helpers));
+    assert_eq!(buffer[0], 7 + (!helpers).count());
+    assert_eq!(buffer[1], u32::from((!helpers).bits()));
     for lane in 0..16 {
-        let is_helper = helpers >> lane & 1 == 1;
+        let is_helper = helpers.contains(lane);
         let expected = if is_helper { 0 } else { lane as u32 + 1 };
         assert_eq!(buffer[2 + lane], expected, "lane {lane}");
         let color = ended.words(location(0, 0))[lane];
@@ -267,8 +268,8 @@ fn a_demoted_lane_is_still_a_neighbour() {
     let value = |lane: usize| [1.0, 5.0, 12.0, 40.0][lane % 4] + lane as f32;
     let mut buffer = [0; 16];
     let lanes = Lanes {
-        active: u16::MAX,
-        helpers: 1 << 9,
+        active: LaneMask::ALL,
+        helpers: LaneMask::of(9),
     };
     let ended = run(&program, lanes, &mut buffer, |row, lane| match row {
         InputRow::Varying(Varying {
@@ -277,7 +278,7 @@ fn a_demoted_lane_is_still_a_neighbour() {
         }) => value(lane).to_bits(),
         _ => lane as u32,
     });
-    assert_eq!(ended.helpers, 1 << 1 | 1 << 6 | 1 << 9);
+    assert_eq!(ended.helpers, [1, 6, 9].into_iter().collect());
     for lane in 0..16 {
         let dx = value(lane | 1) - value(lane & !1);
         let dy = value(lane | 2) - value(lane & !2);
@@ -285,7 +286,7 @@ fn a_demoted_lane_is_still_a_neighbour() {
         assert_eq!(ended.floats(0, 1)[lane], 2.0 * dy, "lane {lane}");
         assert_eq!(ended.floats(0, 2)[lane], dx.abs() + dy.abs());
         assert_eq!(ended.floats(0, 3)[lane], f32::from(lane as u8 == 9));
-        let is_helper = ended.helpers >> lane & 1 == 1;
+        let is_helper = ended.helpers.contains(lane);
         assert_eq!(buffer[lane], u32::from(!is_helper));
     }
 }
@@ -310,7 +311,7 @@ fn a_killed_lane_ends_at_once() {
     );
     let mut buffer = [0; 16];
     let ended = run(&program, ALL, &mut buffer, |_, lane| lane as u32);
-    assert_eq!(ended.helpers, 0xAAAA);
+    assert_eq!(ended.helpers, LaneMask::from_bits(0xAAAA));
     for lane in 0..16u32 {
         let (last, color) = match lane % 2 {
             0 => (99 + lane, (0..100 + lane).sum()),
@@ -373,8 +374,8 @@ fn subgroups_leave_helpers_out() {
     );
     let mut buffer = [99; 2];
     let lanes = Lanes {
-        active: u16::MAX,
-        helpers: 0xF003,
+        active: LaneMask::ALL,
+        helpers: LaneMask::from_bits(0xF003),
     };
     let ended = run(&program, lanes, &mut buffer, |_, lane| lane as u32);
     assert_eq!(buffer, [2, 0x0FFC]);

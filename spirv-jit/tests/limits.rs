@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use spirv_jit::LaneMask;
 use spirv_jit::environment::Environment;
 use spirv_jit::ir::text::parse_module;
 use spirv_jit::ir::{Body, Module, Node};
@@ -113,7 +114,8 @@ fn calls_burn_fuel() {
     let (levels, fuel) = (12, 100);
     let program = Program::new(&parse_module(&call_tree(levels)).unwrap()).unwrap();
     let mut state = vec![AlignedRow::default(); program.layout().rows];
-    program.start(&mut state, 0x0ff0);
+    let active = LaneMask::from_bits(0x0ff0);
+    program.start(&mut state, active);
     let (mut frame, environment) = (Frame::default(), Environment::unbound());
     let mut runs = 0;
     loop {
@@ -137,7 +139,7 @@ fn calls_burn_fuel() {
     // The last function adds one to a number that goes through all of its calls and is one at first.
     let sum = 1 + (1 << (levels - 1));
     let io = state[program.layout().io].0;
-    let expected = std::array::from_fn(|lane| if 0x0ff0 >> lane & 1 == 1 { sum } else { 0 });
+    let expected = std::array::from_fn(|lane| if active.contains(lane) { sum } else { 0 });
     assert_eq!(io, expected);
 }
 

@@ -100,7 +100,7 @@ pub use input::{
     InstanceArray, InstanceSource, MotionGeometry, RadiusFormat, SweptGeometry, TriangleGeometry,
     VertexFormat,
 };
-pub use lanes::Tier;
+pub use lanes::{LaneMask, Tier};
 pub use live::{EVERYWHERE, Live};
 pub use memory::{IndexType, Memory};
 pub use micromap::{

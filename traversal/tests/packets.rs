@@ -9,7 +9,7 @@ fn compare(walker: &mut Walker, top: &Bytes, rays: &[Ray]) -> bool {
     // With few rays some lanes are left out, the first among them.
     let apart = if 2 * rays.len() < PACKET { 2 } else { 1 };
     let lane_of = |i: usize| (i * apart + apart - 1) % PACKET;
-    let lanes = (0..rays.len()).fold(0u16, |lanes, i| lanes | 1 << lane_of(i));
+    let lanes: LaneMask = (0..rays.len()).map(lane_of).collect();
     let mut rows = RayRows::NONE;
     rows.origin[0] = [f32::NAN; PACKET];
     for (i, ray) in rays.iter().enumerate() {
@@ -34,7 +34,7 @@ fn compare(walker: &mut Walker, top: &Bytes, rays: &[Ray]) -> bool {
         unsafe { groups.trace(walker, 1) };
         let hits = groups.flights.remove(0).hits;
         drop(groups);
-        for lane in (0..PACKET).filter(|lane| lanes >> lane & 1 == 0) {
+        for lane in !lanes {
             assert_eq!(hits.get(lane), Some(other));
         }
         let done = walker.counts().together != before;
@@ -261,7 +261,7 @@ fn compare_in_turn(walker: &mut Walker, tops: &[&Bytes], rays: &[(Ray, usize)]) 
     for (lane, (ray, which)) in rays.iter().enumerate() {
         rows.set(lane, tops[*which].address(), ray, 0.0);
     }
-    let lanes = u16::MAX >> (PACKET - rays.len());
+    let lanes = LaneMask::full(rays.len());
     // SAFETY: the structures are alive.
     let mut alone = [0; PACKET].map(|_| unsafe { Walk::new(0, &Ray::default()) });
     for (walk, (ray, which)) in alone.iter_mut().zip(rays) {
@@ -273,12 +273,10 @@ fn compare_in_turn(walker: &mut Walker, tops: &[&Bytes], rays: &[(Ray, usize)]) 
     let mut round = 0;
     let decide = |_: &RayRows, flight: &mut Flight| {
         round += 1;
-        let held = [0, 0x5555, 0, 0xAAAA][round % 4] & flight.candidates().found;
+        let held = LaneMask::from_bits([0, 0x5555, 0, 0xAAAA][round % 4]);
+        let held = held & flight.candidates().found;
         flight.hold(held);
-        for lane in 0..PACKET {
-            if (flight.candidates().found & !held) >> lane & 1 == 0 {
-                continue;
-            }
+        for lane in flight.candidates().found - held {
             let event = alone[lane].resume(&mut other, verdicts[lane], &mut { u64::MAX });
             assert_eq!(event, Event::AnyHitCandidate);
             assert_eq!(flight.candidates().hit(lane), *alone[lane].candidate());
@@ -287,7 +285,7 @@ fn compare_in_turn(walker: &mut Walker, tops: &[&Bytes], rays: &[(Ray, usize)]) 
                 _ => Verdict::Continue,
             };
             if verdicts[lane] == Verdict::Accept {
-                flight.accept(1 << lane);
+                flight.accept(LaneMask::of(lane));
             }
         }
     };

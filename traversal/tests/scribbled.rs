@@ -246,13 +246,13 @@ fn walk(walker: &mut Walker, live: &Live, rows: &RayRows, (at_once, in_turn): (u
         }
         flight.accept(flight.candidates().found);
     };
-    let groups = Groups::of_rows(vec![(rows.clone(), u16::MAX); at_once], decide);
+    let groups = Groups::of_rows(vec![(rows.clone(), LaneMask::ALL); at_once], decide);
     let mut groups = groups.with(|start| start.shows_first_hit = in_turn);
     (groups.refills, groups.rounds) = (at_once, 200);
     // SAFETY: the arena is alive, and where walks look.
     unsafe { groups.trace(walker, at_once) };
     let (top, hits) = (rows.top_level[0], &groups.flights[0].hits);
-    for lane in (0..PACKET).filter(|lane| hits.found >> lane & 1 != 0) {
+    for lane in hits.found {
         // SAFETY: as above.
         if let Some(structure) = unsafe { Structure::at(top, live) } {
             let mut hit = hits.hit(lane);

@@ -154,7 +154,7 @@ fn unlike_rays_are_not_taken_up_together() {
         for (lane, ray) in rays[..PACKET].iter().enumerate() {
             rows.set(lane, address, ray, 0.0);
         }
-        let groups = vec![(rows, u16::MAX); 8];
+        let groups = vec![(rows, LaneMask::ALL); 8];
         let mut groups = Groups::of_rows(groups, |_: &RayRows, _: &mut Flight| {});
         // SAFETY: the structures are alive.
         unsafe { groups.trace(&mut walker, 8) };

@@ -101,19 +101,19 @@ impl Tally {
 
 /// Rays together, as a scheduler would do it.
 fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally) {
-    let lanes = u16::MAX >> (PACKET - rays.len());
+    let lanes = LaneMask::full(rays.len());
     let any = rays[0].flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
     let before = walker.counts();
     let mut asked_now = 0;
     let decide = |_: &RayRows, flight: &mut Flight| {
         asked_now += 1;
         let asked = flight.candidates().found;
-        assert!(asked != 0 && asked & !lanes == 0);
+        assert!(!asked.is_empty() && (asked - lanes).is_empty());
         // One by one, or all at once, as a scheduler may.
         let at_once = (tally.asked + asked_now).is_multiple_of(2);
-        let (mut accepted, mut reported) = (0u16, 0u16);
+        let [mut accepted, mut reported] = [LaneMask::NONE; 2];
         let (mut t_row, kinds) = ([0.0; PACKET], [9; PACKET]);
-        for lane in (0..PACKET).filter(|lane| asked >> lane & 1 != 0) {
+        for lane in asked {
             let candidate = flight.candidates().hit(lane);
             tally.note(lane, &candidate);
             assert!(
@@ -122,23 +122,25 @@ fn together(walker: &mut Walker, world: &World, rays: &[Ray], tally: &mut Tally)
             );
             if candidate.is_built_in() {
                 assert!(!candidate.opaque && candidate.t < flight.t_max()[lane]);
-                accepted |= u16::from(counts(&candidate)) << lane;
+                accepted.set(lane, counts(&candidate));
             } else if let Some(t) = world.reported(&rays[lane], &candidate) {
                 let inside = (rays[lane].t_min..=flight.t_max()[lane]).contains(&t);
                 t_row[lane] = t;
-                assert_eq!(flight.counts(1 << lane, &t_row) != 0, inside);
-                reported |= u16::from(inside) << lane;
+                let counts = flight.counts(LaneMask::of(lane), &t_row);
+                assert_eq!(!counts.is_empty(), inside);
+                reported.set(lane, inside);
             }
         }
-        let parts: Vec<u16> = match at_once {
-            true => vec![u16::MAX],
-            false => (0..PACKET).map(|lane| 1 << lane).collect(),
+        let parts: Vec<LaneMask> = match at_once {
+            true => vec![LaneMask::ALL],
+            false => (0..PACKET).map(LaneMask::of).collect(),
         };
         for part in parts {
             flight.accept(accepted & part);
-            if reported & part != 0 {
-                let over = flight.report(reported & part, &t_row, &kinds);
-                assert_eq!(over, if any { reported & part } else { 0 });
+            let reported = reported & part;
+            if !reported.is_empty() {
+                let over = flight.report(reported, &t_row, &kinds);
+                assert_eq!(over, if any { reported } else { LaneMask::NONE });
             }
         }
     };

@@ -14,6 +14,7 @@ pub mod waves;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use lanes::LaneMask;
 use parking_lot::Mutex;
 use rayon::prelude::*;
 use spirv_jit::environment::Environment;
@@ -95,7 +96,7 @@ struct Plan<'a> {
     workgroups_per_step: u64,
     steps: u64,
     /// Lanes of a workgroup's last subgroup.
-    last_lanes: u16,
+    last_lanes: LaneMask,
     first_input: usize,
     /// What each input row is made of.
     inputs: Vec<Input>,
@@ -151,7 +152,7 @@ impl<'a> Plan<'a> {
             subgroups_per_workgroup,
             workgroups_per_step,
             steps: workgroups.div_ceil(workgroups_per_step),
-            last_lanes: lanes_below(last),
+            last_lanes: LaneMask::full(last.min(SUBGROUP_SIZE)),
             first_input: program.layout().inputs,
             inputs: inputs
                 .iter()
@@ -201,7 +202,11 @@ impl<'a> Plan<'a> {
     /// Puts a subgroup of a workgroup at the program's entry.
     fn start(&self, state: &mut [AlignedRow], workgroup_id: [u32; 3], subgroup: usize) {
         let is_last = subgroup + 1 == self.subgroups_per_workgroup;
-        let lanes = if is_last { self.last_lanes } else { u16::MAX };
+        let lanes = if is_last {
+            self.last_lanes
+        } else {
+            LaneMask::ALL
+        };
         self.dispatch.program.start(state, lanes);
         let local = &self.local_rows[subgroup * self.inputs.len()..];
         for ((row, input), local) in state[self.first_input..]
@@ -218,10 +223,6 @@ impl<'a> Plan<'a> {
             };
         }
     }
-}
-
-fn lanes_below(count: usize) -> u16 {
-    ((1u32 << count.min(SUBGROUP_SIZE)) - 1) as u16
 }
 
 fn workgroup_input(input: InputRow, local_size: [u32; 3]) -> Input {

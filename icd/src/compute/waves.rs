@@ -246,7 +246,7 @@ impl Runner {
                 Event::OutOfFuel => Status::Ready,
                 Event::Yield(site) => match program.sites()[site.0 as usize] {
                     // A subgroup none of whose lanes has come to the barrier does not wait there.
-                    SiteKind::Barrier if program.event_mask(state) == 0 => Status::Ready,
+                    SiteKind::Barrier if program.event_mask(state).is_empty() => Status::Ready,
                     SiteKind::Barrier => Status::AtBarrier,
                     SiteKind::RayQueryProceed => {
                         self.queries.proceed(

@@ -1,14 +1,13 @@
 //! What a yield asks for and what an end leaves: traces, calls and reports begin here, and are answered here.
 
+use lanes::LaneMask;
 use smallvec::SmallVec;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row, SiteKind, Trace};
 
 use super::batch::{Batch, Worker};
 use super::rays::{Report, alike, record_indices};
-use super::subgroup::{
-    LaneRef, Role, SubgroupIndex, by_index, copy_lanes, in_place, lanes_named, lanes_of,
-};
+use super::subgroup::{LaneRef, Role, SubgroupIndex, by_index, copy_lanes, in_place, lanes_named};
 use crate::validate::{Instruction, Need};
 use crate::wave::Stopped;
 
@@ -29,11 +28,11 @@ impl Batch<'_> {
             | SiteKind::RayQueryProceed
             | SiteKind::Barrier => 0,
         };
-        if site == SiteKind::ReorderThread && mask != 0 {
+        if site == SiteKind::ReorderThread && !mask.is_empty() {
             self.reordering.push(index);
             return Ok(());
         }
-        if mask == 0 {
+        if mask.is_empty() {
             self.make_ready(index);
             return Ok(());
         }
@@ -44,7 +43,7 @@ impl Batch<'_> {
                 return self.report_intersections(index, mask, attribute_words as usize);
             }
             SiteKind::HitObjectGet { fact } => {
-                lanes_of(mask).for_each(|lane| self.answer_fact(index, lane, fact));
+                (mask.iter()).for_each(|lane| self.answer_fact(index, lane, fact));
                 self.answered(index, mask)
             }
             SiteKind::ExecuteCallable { .. } => return self.execute_callables(index, mask),
@@ -55,30 +54,30 @@ impl Batch<'_> {
     }
 
     /// The events of some lanes are over; the last one makes their subgroup ready.
-    pub(super) fn answered(&mut self, index: SubgroupIndex, lanes: u16) {
+    pub(super) fn answered(&mut self, index: SubgroupIndex, lanes: LaneMask) {
         let subgroup = &mut self.worker.subgroups[index];
-        subgroup.pending &= !lanes;
-        if subgroup.pending == 0 {
+        subgroup.pending -= lanes;
+        if subgroup.pending.is_empty() {
             self.make_ready(index);
         }
     }
 
     /// Rays of a group are answered.
-    pub(super) fn finish_rays(&mut self, index: u32, lanes: u16) {
-        if lanes == 0 {
+    pub(super) fn finish_rays(&mut self, index: u32, lanes: LaneMask) {
+        if lanes.is_empty() {
             return;
         }
         let group = &mut self.worker.ray_groups[index];
         let caller = group.caller;
-        group.in_flight &= !lanes;
-        if group.in_flight == 0 {
+        group.in_flight -= lanes;
+        if group.in_flight.is_empty() {
             self.worker.ray_groups.remove(index);
         }
         self.answered(caller, lanes);
     }
 
     /// Starts the rays that a subgroup's lanes ask for.
-    fn trace_rays(&mut self, index: SubgroupIndex, lanes: u16, trace: Trace) {
+    fn trace_rays(&mut self, index: SubgroupIndex, lanes: LaneMask, trace: Trace) {
         let worker = &mut *self.worker;
         let program = worker.subgroups[index].program;
         let io = self.dispatch.shaders.programs[program as usize].layout().io;
@@ -97,22 +96,22 @@ impl Batch<'_> {
         }
     }
 
-    fn execute_callables(&mut self, index: SubgroupIndex, lanes: u16) -> Result<(), Stopped> {
+    fn execute_callables(&mut self, index: SubgroupIndex, lanes: LaneMask) -> Result<(), Stopped> {
         let subgroup = &self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         let callables = subgroup.rows[program.layout().io].0;
         let shaders = self.dispatch.shaders;
         let table = &self.dispatch.tables.callable;
         if let Some(traced) = self.dispatch.checks {
-            lanes_of(lanes).for_each(|lane| {
+            lanes.iter().for_each(|lane| {
                 self.check_record(traced, Need::Callable, callables[lane]);
             });
         }
-        let (mut rest, mut silent) = (lanes, 0);
-        while rest != 0 {
-            let callable = callables[rest.trailing_zeros() as usize];
+        let (mut rest, mut silent) = (lanes, LaneMask::NONE);
+        while !rest.is_empty() {
+            let callable = callables[rest.first()];
             let alike = alike(&callables, rest);
-            rest &= !alike;
+            rest -= alike;
             let found = self.worker.records.find(shaders, table, callable);
             match found.and_then(|(group, record)| Some((group.general?, record))) {
                 Some((program, record)) => {
@@ -121,7 +120,7 @@ impl Batch<'_> {
                 None => silent |= alike,
             }
         }
-        if silent != 0 {
+        if !silent.is_empty() {
             self.answered(index, silent);
         }
         Ok(())
@@ -132,11 +131,13 @@ impl Batch<'_> {
     fn report_intersections(
         &mut self,
         index: SubgroupIndex,
-        lanes: u16,
+        lanes: LaneMask,
         attribute_words: usize,
     ) -> Result<(), Stopped> {
         if let Some(traced) = self.dispatch.checks {
-            lanes_of(lanes).for_each(|lane| self.check_report(traced, index, lane));
+            lanes
+                .iter()
+                .for_each(|lane| self.check_report(traced, index, lane));
         }
         let subgroup = &self.worker.subgroups[index];
         let of = subgroup.of;
@@ -154,7 +155,7 @@ impl Batch<'_> {
         &mut self,
         index: SubgroupIndex,
         group_index: u32,
-        (reporters, of): (u16, Option<&[LaneRef; SUBGROUP_SIZE]>),
+        (reporters, of): (LaneMask, Option<&[LaneRef; SUBGROUP_SIZE]>),
         attribute_words: usize,
     ) -> Result<(), Stopped> {
         let shaders = self.dispatch.shaders;
@@ -181,19 +182,15 @@ impl Batch<'_> {
         let group = &mut ray_groups[group_index];
         let counts = group.flight.counts(lanes, &t);
         let candidates = group.flight.candidates();
-        let mut undecided = 0;
-        for lane in 0..SUBGROUP_SIZE {
-            undecided |= u16::from(!candidates.is_opaque(lane)) << lane;
-        }
-        undecided &= counts;
-        let mut asked = 0;
+        let mut undecided = LaneMask::from_fn(|lane| !candidates.is_opaque(lane)) & counts;
+        let mut asked = LaneMask::NONE;
         let mut callees: SmallVec<[_; 1]> = SmallVec::new();
-        if undecided != 0 {
+        if !undecided.is_empty() {
             let hit_records = record_indices(candidates, group.operands(subgroups));
-            while undecided != 0 {
-                let record = hit_records[undecided.trailing_zeros() as usize];
+            while !undecided.is_empty() {
+                let record = hit_records[undecided.first()];
                 let alike = alike(&hit_records, undecided);
-                undecided &= !alike;
+                undecided -= alike;
                 let found = records.find(shaders, &self.dispatch.tables.hit, record);
                 if let Some((program, record)) =
                     found.and_then(|(group, record)| Some((group.any_hit?, record)))
@@ -203,9 +200,9 @@ impl Batch<'_> {
                 }
             }
         }
-        let committed = counts & !asked;
-        let mut over = 0;
-        if committed != 0 {
+        let committed = counts - asked;
+        let mut over = LaneMask::NONE;
+        if !committed.is_empty() {
             if attribute_words > 0 {
                 let attributes = &mut group.procedural_mut().attributes;
                 for (attribute, row) in attributes.iter_mut().zip(words) {
@@ -222,19 +219,19 @@ impl Batch<'_> {
         let ray_of = |lane: usize| of.map_or(lane, |of| of[lane].lane());
         let mut verdicts = [0; SUBGROUP_SIZE];
         for (lane, verdict) in verdicts.iter_mut().enumerate() {
-            *verdict = u32::from(committed >> lane & 1) + u32::from(over >> lane & 1);
+            *verdict = u32::from(committed.contains(lane)) + u32::from(over.contains(lane));
         }
-        let mut answered = lanes & !asked;
+        let mut answered = lanes - asked;
         if let Some(of) = of {
             let by_rays = verdicts;
-            answered = 0;
-            for lane in lanes_of(reporters) {
+            answered = LaneMask::NONE;
+            for lane in reporters {
                 let ray = of[lane].lane();
                 verdicts[lane] = by_rays[ray];
-                answered |= u16::from(asked >> ray & 1 == 0) << lane;
+                answered.set(lane, !asked.contains(ray));
             }
         }
-        for lane in lanes_of(reporters & !answered) {
+        for lane in reporters - answered {
             let ray = ray_of(lane);
             let mut report = Report {
                 t: t[ray],
@@ -271,9 +268,10 @@ impl Batch<'_> {
                 [report.t; SUBGROUP_SIZE],
                 [report.hit_kind.into(); SUBGROUP_SIZE],
             );
-            let over = group.flight.report(1 << lane, &t, &kinds) != 0;
+            let lanes = LaneMask::of(lane);
+            let over = !group.flight.report(lanes, &t, &kinds).is_empty();
             if terminates {
-                group.flight.end(1 << lane);
+                group.flight.end(lanes);
             }
             verdict = if over || terminates { 2 } else { 1 };
         }
@@ -281,7 +279,7 @@ impl Batch<'_> {
         let subgroup = &mut worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
         subgroup.set_io(program, 0, lane, verdict);
-        self.answered(index, 1 << lane);
+        self.answered(index, LaneMask::of(lane));
     }
 
     /// All invocations of a subgroup have ended: copies what they leave to those who wait.
@@ -338,7 +336,7 @@ impl Batch<'_> {
                         self.copy_outputs(&outputs[1..], lanes, caller, Some(&of));
                     }
                 }
-                for lane in lanes_of(lanes) {
+                for lane in lanes {
                     self.decide(role, of[lane], outputs[0].0[lane]);
                 }
             }
@@ -350,7 +348,7 @@ impl Batch<'_> {
         }
         let subgroup = &mut self.worker.subgroups[index];
         subgroup.rows = rows;
-        subgroup.lanes = 0;
+        subgroup.lanes = LaneMask::NONE;
         self.worker.subgroups.remove(index);
     }
 
@@ -361,17 +359,14 @@ impl Batch<'_> {
         }
         let mut decisions = [0; SUBGROUP_SIZE];
         decisions[ray.lane()] = decision;
-        self.decide_together(ray.index(), 1 << ray.lane(), &decisions);
+        self.decide_together(ray.index(), LaneMask::of(ray.lane()), &decisions);
     }
 
     /// The same for rays of a group, each in its own lane.
-    fn decide_together(&mut self, index: u32, lanes: u16, decisions: &Row) {
+    fn decide_together(&mut self, index: u32, lanes: LaneMask, decisions: &Row) {
         let group = &mut self.worker.ray_groups[index];
-        let (mut accepted, mut over) = (0, 0);
-        for (lane, &decision) in decisions.iter().enumerate() {
-            accepted |= u16::from(decision != 1) << lane;
-            over |= u16::from(decision > 1) << lane;
-        }
+        let accepted = LaneMask::from_fn(|lane| decisions[lane] != 1);
+        let over = LaneMask::from_fn(|lane| decisions[lane] > 1);
         group.flight.accept(accepted & lanes);
         group.flight.end(over & lanes);
         self.decided(index, lanes);
@@ -381,7 +376,7 @@ impl Batch<'_> {
     fn copy_outputs(
         &mut self,
         outputs: &[AlignedRow],
-        lanes: u16,
+        lanes: LaneMask,
         caller: SubgroupIndex,
         of: Option<&[LaneRef; SUBGROUP_SIZE]>,
     ) {
@@ -396,7 +391,7 @@ impl Batch<'_> {
             None => words.for_each(|(to, from)| copy_lanes(&mut to.0, &from.0, lanes)),
             Some(of) => {
                 for (to, from) in words {
-                    for lane in lanes_of(lanes) {
+                    for lane in lanes {
                         to.0[of[lane].lane()] = from.0[lane];
                     }
                 }
@@ -406,9 +401,9 @@ impl Batch<'_> {
 }
 
 /// Puts numbers of lanes where their rays are.
-fn spread(row: &Row, lanes: u16, of: &[LaneRef; SUBGROUP_SIZE]) -> Row {
+fn spread(row: &Row, lanes: LaneMask, of: &[LaneRef; SUBGROUP_SIZE]) -> Row {
     let mut spread = [0; SUBGROUP_SIZE];
-    for lane in lanes_of(lanes) {
+    for lane in lanes {
         spread[of[lane].lane()] = row[lane];
     }
     spread

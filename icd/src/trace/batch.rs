@@ -8,6 +8,7 @@
 //! so who meets in the subgroups that the next step forms follows from the launch alone, whatever the order of answers, the length of
 //! waves or the way that rays walk.
 
+use lanes::LaneMask;
 use spirv_jit::program::{AlignedRow, Event, MAX_SUBGROUPS, ResumePoint, SiteKind, Wave};
 use spirv_jit::{SUBGROUP_SIZE, interp::Frame};
 use traversal::Walker;
@@ -20,7 +21,7 @@ use super::queries::Queries;
 use super::rays::RayGroup;
 use super::slab::Slab;
 use super::stats::Tally;
-use super::subgroup::{Role, Subgroup, SubgroupIndex, Turn, lanes_of};
+use super::subgroup::{Role, Subgroup, SubgroupIndex, Turn};
 use crate::settings::settings;
 use crate::wave::table::ProgramIndex;
 use crate::wave::{Stopped, trim_heap};
@@ -152,11 +153,11 @@ impl<'a> Batch<'a> {
         self.layer = self.grid.layer(index);
         for mut tile in self.grid.tiles(index) {
             if let Some(mask) = &self.dispatch.mask {
-                for lane in lanes_of(tile.mask) {
+                for lane in tile.mask {
                     let (x, y) = (tile.launch.x[lane], tile.launch.y[lane]);
-                    tile.mask &= !(u16::from(mask.excludes(x, y)) << lane);
+                    tile.mask.set(lane, !mask.excludes(x, y));
                 }
-                if tile.mask == 0 {
+                if tile.mask.is_empty() {
                     continue;
                 }
             }
@@ -211,7 +212,7 @@ impl<'a> Batch<'a> {
         &mut self,
         program: ProgramIndex,
         role: Role,
-        lanes: u16,
+        lanes: LaneMask,
     ) -> Result<SubgroupIndex, Stopped> {
         let compiled = &self.dispatch.shaders.programs[program as usize];
         self.take_state_bytes(compiled.layout().rows * size_of::<AlignedRow>())?;

@@ -1,11 +1,12 @@
 //! What validation looks at while a batch is turned. Nothing of this runs where it is off.
 
+use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;
 use traversal::{Hit, Ray, RayRows};
 
 use super::batch::Batch;
 use super::rays::{operand, record_indices, structure_in};
-use super::subgroup::{LaneRef, Role, SubgroupIndex, lanes_of};
+use super::subgroup::{LaneRef, Role, SubgroupIndex};
 use crate::validate::{Instruction, Lookup, Need, Traced};
 use crate::wave::table::{Live, ProgramIndex};
 
@@ -17,7 +18,7 @@ impl Batch<'_> {
         let operands = group.operands(&self.worker.subgroups);
         let mut rays = RayRows::NONE;
         group.load(operands, self.dispatch, &mut rays);
-        for lane in lanes_of(group.in_flight) {
+        for lane in group.in_flight {
             let as_given = Ray {
                 flags: operands[operand::FLAGS].0[lane],
                 ..rays.ray(lane)
@@ -40,8 +41,8 @@ impl Batch<'_> {
         let group = &worker.ray_groups[ray.index()];
         let candidates = group.flight.candidates();
         let t = [f32::from_bits(subgroup.io(program, 0, lane)); SUBGROUP_SIZE];
-        let counts = group.flight.counts(1 << ray.lane(), &t) != 0;
-        if counts && !candidates.is_opaque(ray.lane()) {
+        let counts = group.flight.counts(LaneMask::of(ray.lane()), &t);
+        if !counts.is_empty() && !candidates.is_opaque(ray.lane()) {
             let records = record_indices(candidates, group.operands(&worker.subgroups));
             let (record, candidate) = (records[ray.lane()], candidates.hit(ray.lane()));
             self.check_hit_record(traced, Need::AnyHit, record, &candidate);

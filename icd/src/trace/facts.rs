@@ -3,6 +3,7 @@
 
 use std::cell::OnceCell;
 
+use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::facts::Fact;
 use spirv_jit::hit_object::primitive;
@@ -10,7 +11,6 @@ use spirv_jit::program::Row;
 use traversal::ray::HIT_KIND_FRONT_FACING_TRIANGLE;
 use traversal::{Hit, HitRows, Structure, Swept};
 
-use super::lanes::lanes_of;
 use crate::wave::Limits;
 
 /// One of each lane.
@@ -108,7 +108,7 @@ impl Take for OfHit<'_> {
 /// The hits of some lanes. Rows may have anything in other lanes.
 pub trait Subjects {
     /// Lanes that have one.
-    fn lanes(&self) -> u16;
+    fn lanes(&self) -> LaneMask;
     /// Addresses of the top levels.
     fn structures(&self) -> Lanes<u64>;
     /// When the rays are cast.
@@ -237,7 +237,7 @@ fn of_structures<T: Default>(
     let (structures, times) = (subjects.structures(), subjects.times());
     let mut last = (0, None);
     std::array::from_fn(|lane| {
-        if subjects.lanes() >> lane & 1 == 0 {
+        if !subjects.lanes().contains(lane) {
             return T::default();
         }
         let named = structures[lane];
@@ -265,28 +265,26 @@ fn of_instances(
     );
     let mut matrices: Option<Box<[Lanes<f32>; 12]>> = None;
     let mut rest = lanes;
-    while let Some(first) = lanes_of(rest).next() {
-        let mut same = 0;
-        for lane in 0..SUBGROUP_SIZE {
-            let is_same = structures[lane] == structures[first]
+    while let Some(first) = rest.iter().next() {
+        let same = LaneMask::from_fn(|lane| {
+            structures[lane] == structures[first]
                 && instances[lane] == instances[first]
-                && times[lane].to_bits() == times[first].to_bits();
-            same |= u16::from(is_same) << lane;
-        }
+                && times[lane].to_bits() == times[first].to_bits()
+        });
         let structure = limits.structure(structures[first]);
         let matrix = structure.map_or([0.0; 12], |structure| {
             read(structure, instances[first], times[first])
         });
-        if lanes & !same == 0 {
+        if (lanes - same).is_empty() {
             return Matrices::Same(matrix);
         }
         let matrices = matrices.get_or_insert_default();
-        for lane in lanes_of(rest & same) {
+        for lane in rest & same {
             for (row, number) in matrices.iter_mut().zip(matrix) {
                 row[lane] = number;
             }
         }
-        rest &= !same;
+        rest -= same;
     }
     matrices.map_or(Matrices::Same([0.0; 12]), Matrices::Each)
 }

@@ -3,12 +3,13 @@
 //! Lanes of one subgroup that call one record of one shader by one instruction stay together, each in its own lane, if they are [`MANY`].
 //! The others form full subgroups at the end of the step, whatever subgroups they come from: in the order of their records and launches.
 
+use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;
 
 use super::batch::Batch;
 use super::calls::{Call, Calls};
 use super::grid::Launches;
-use super::subgroup::{LaneRef, Role, lanes_of};
+use super::subgroup::{LaneRef, Role};
 use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
 
@@ -20,8 +21,13 @@ pub(super) type Callee = (ProgramIndex, Role, u64);
 
 impl Batch<'_> {
     /// Calls a shader for lanes of a group of rays, or for callables of a subgroup.
-    pub(super) fn call(&mut self, callee: Callee, caller: u32, lanes: u16) -> Result<(), Stopped> {
-        if lanes.count_ones() >= MANY {
+    pub(super) fn call(
+        &mut self,
+        callee: Callee,
+        caller: u32,
+        lanes: LaneMask,
+    ) -> Result<(), Stopped> {
+        if lanes.count() >= MANY {
             return self.form_in_place(callee, caller, lanes);
         }
         let (program, role, record) = callee;
@@ -33,7 +39,7 @@ impl Batch<'_> {
             Role::AnyHit | Role::AnyHitOfReport | Role::Intersection => &mut self.deciding,
             _ => &mut self.calls,
         };
-        for lane in lanes_of(lanes) {
+        for lane in lanes {
             let call = Call {
                 record,
                 place: self.grid.place(launch.x[lane], launch.y[lane]),
@@ -49,11 +55,11 @@ impl Batch<'_> {
         &mut self,
         (program, role, record): Callee,
         caller: u32,
-        lanes: u16,
+        lanes: LaneMask,
     ) -> Result<(), Stopped> {
         let of = std::array::from_fn(|lane| LaneRef::new(caller, lane));
         if let Some(traced) = self.dispatch.checks {
-            for lane in lanes_of(lanes) {
+            for lane in lanes {
                 self.check_call(traced, program, role, of[lane]);
             }
         }
@@ -111,7 +117,7 @@ impl Batch<'_> {
                 self.check_call(traced, program, role, call.of);
             }
         }
-        let lanes = u16::MAX >> (SUBGROUP_SIZE - calls.len());
+        let lanes = LaneMask::full(calls.len());
         let index = self.new_subgroup(program, role, lanes);
         let index = index.inspect_err(|_| self.note_call(role, calls[0].of))?;
         let mut records = [calls[0].record; SUBGROUP_SIZE];

@@ -4,6 +4,7 @@
 //! machine: results cannot depend on it.
 #![forbid(unsafe_code)]
 
+use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::Row;
 
@@ -42,7 +43,7 @@ pub struct Launches {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Tile {
     pub launch: Launches,
-    pub mask: u16,
+    pub mask: LaneMask,
 }
 
 impl Grid {
@@ -117,13 +118,10 @@ impl Grid {
             y: self.offsets.y.map(|dy| top + dy),
         };
         let (right, bottom) = (self.extent[0], self.extent[1]);
-        let mut mask = u16::MAX;
-        if right - left < width || bottom - top < height {
-            for lane in 0..SUBGROUP_SIZE {
-                let inside = (launch.x[lane] < right) & (launch.y[lane] < bottom);
-                mask &= !(u16::from(!inside) << lane);
-            }
-        }
+        let mask = match right - left < width || bottom - top < height {
+            true => LaneMask::from_fn(|lane| (launch.x[lane] < right) & (launch.y[lane] < bottom)),
+            false => LaneMask::ALL,
+        };
         Tile { launch, mask }
     }
 
@@ -198,7 +196,7 @@ mod tests {
                 for batch in 0..grid.batch_count() {
                     let mut last = None;
                     for tile in grid.tiles(batch) {
-                        for lane in (0..SUBGROUP_SIZE).filter(|lane| tile.mask >> lane & 1 != 0) {
+                        for lane in tile.mask {
                             let (x, y) = (tile.launch.x[lane], tile.launch.y[lane]);
                             let place = grid.place(x, y);
                             assert!(last < Some(place) && place % 16 == lane as u32);

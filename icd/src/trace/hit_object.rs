@@ -1,5 +1,6 @@
 //! Hit objects: filled by a trace, asked about, executed.
 
+use lanes::LaneMask;
 use spirv_jit::facts::Fact;
 use spirv_jit::hit_object::{IDENTITY, TRACED, kind, primitive, word};
 use spirv_jit::program::{IO_DATA_ROW, Row};
@@ -9,20 +10,20 @@ use traversal::{Hit, Structure, Swept};
 use super::batch::{Batch, Worker};
 use super::facts::{Lanes, OfHit, Subjects, Told, hit_word, take};
 use super::rays::{Operands, RayGroup, operand, record_indices};
-use super::subgroup::{Subgroup, SubgroupIndex, lanes_of};
+use super::subgroup::{Subgroup, SubgroupIndex};
 use crate::wave::table::HANDLE_SIZE;
 use crate::wave::{Limits, Stopped};
 
 impl Batch<'_> {
     /// Walks are over: what they found goes to the caller, no shader runs.
-    pub(super) fn fill_hit_objects(&mut self, index: u32, lanes: u16) {
+    pub(super) fn fill_hit_objects(&mut self, index: u32, lanes: LaneMask) {
         let Worker {
             ray_groups,
             subgroups,
             ..
         } = &mut *self.worker;
         let group = &ray_groups[index];
-        for lane in lanes_of(lanes) {
+        for lane in lanes {
             let object = found_by(group, group.operands(subgroups), lane);
             let subgroup = &mut subgroups[group.caller];
             for (row, &word) in TRACED.iter().enumerate() {
@@ -36,7 +37,7 @@ impl Batch<'_> {
     pub(super) fn execute_hit_objects(
         &mut self,
         index: SubgroupIndex,
-        lanes: u16,
+        lanes: LaneMask,
     ) -> Result<(), Stopped> {
         let worker = &mut *self.worker;
         let subgroup = &worker.subgroups[index];
@@ -45,11 +46,11 @@ impl Batch<'_> {
         let group = &mut worker.ray_groups[group_index];
         group.start(index, program.layout().io, lanes);
         group.record();
-        let mut empty = 0;
-        for lane in lanes_of(lanes) {
+        let mut empty = LaneMask::NONE;
+        for lane in lanes {
             let object = Object::of_execute(subgroup, program, lane);
             if object.state() == kind::EMPTY {
-                empty |= 1 << lane;
+                empty.insert(lane);
                 continue;
             }
             let mut sbt_offset = 0;
@@ -85,12 +86,12 @@ impl Batch<'_> {
                 operands[operand::DIRECTION + axis].0[lane] = object.0[word::DIRECTION + axis];
             }
         }
-        group.in_flight &= !empty;
+        group.in_flight -= empty;
         match group.in_flight {
-            0 => worker.ray_groups.remove(group_index),
+            LaneMask::NONE => worker.ray_groups.remove(group_index),
             _ => self.end_walks(group_index)?,
         }
-        if empty != 0 {
+        if !empty.is_empty() {
             self.answered(index, empty);
         }
         Ok(())
@@ -235,8 +236,8 @@ struct Known<'a> {
 }
 
 impl Subjects for Known<'_> {
-    fn lanes(&self) -> u16 {
-        1
+    fn lanes(&self) -> LaneMask {
+        LaneMask::of(0)
     }
 
     fn structures(&self) -> Lanes<u64> {

@@ -1,5 +1,6 @@
 //! Filling the input records of new invocations: only the rows that their program reads, a row at a time.
 
+use lanes::LaneMask;
 use spirv_jit::program::{AlignedRow, Builtin, IO_DATA_ROW, InputRow, Row};
 use spirv_jit::{Program, SUBGROUP_SIZE};
 use traversal::{Hit, HitRows};
@@ -187,7 +188,7 @@ struct HitLanes<'a> {
     dispatch: &'a Dispatch<'a>,
     role: Role,
     /// Those that were started.
-    started: u16,
+    started: LaneMask,
     of: &'a Lanes<LaneRef>,
     rays: &'a Rays<'a>,
     /// The hits are candidates, not what was found in the end, if anything was.
@@ -251,7 +252,7 @@ impl<'a> HitLanes<'a> {
     fn attribute_row(&self, word: usize) -> Row {
         if let Rays::InPlace(group, _) = self.rays {
             let hits = self.hits_of(group);
-            if self.started & !hits.built_in() == 0 {
+            if (self.started - hits.built_in()).is_empty() {
                 let weights = hits.barycentrics.get(word);
                 return weights.map_or([0; SUBGROUP_SIZE], |row| row.map(f32::to_bits));
             }
@@ -321,7 +322,7 @@ impl Take for (&HitLanes<'_>, &mut Row) {
 }
 
 impl Subjects for HitLanes<'_> {
-    fn lanes(&self) -> u16 {
+    fn lanes(&self) -> LaneMask {
         self.started
     }
 

@@ -1,12 +1,13 @@
 //! Rays in flight, sixteen at a time: those that the lanes of one subgroup have traced with one instruction.
 
+use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::program::{AlignedRow, IO_DATA_ROW, Row};
 use traversal::{Flight, HitRows, RayRows, ray_flags};
 
 use super::Dispatch;
 use super::slab::Slab;
-use super::subgroup::{LaneRef, Subgroup, SubgroupIndex, lanes_of};
+use super::subgroup::{LaneRef, Subgroup, SubgroupIndex};
 
 /// `maxRayHitAttributeSize` in words.
 pub const MAX_ATTRIBUTE_WORDS: usize = 8;
@@ -58,11 +59,11 @@ pub struct RayGroup {
     /// Row of its state where the operands begin.
     pub io: usize,
     /// Lanes whose ray is not answered yet.
-    pub in_flight: u16,
+    pub in_flight: LaneMask,
     /// How far they are: what was found, and candidates.
     pub flight: Flight,
     /// Lanes about whose candidates shaders have not decided yet.
-    pub undecided: u16,
+    pub undecided: LaneMask,
     /// What is found goes into hit objects.
     pub fills_hit_object: bool,
     /// The instruction says when rays are cast.
@@ -75,7 +76,7 @@ pub struct RayGroup {
 
 impl RayGroup {
     /// Uses the place for the rays of `lanes` of a subgroup.
-    pub fn start(&mut self, caller: SubgroupIndex, io: usize, lanes: u16) {
+    pub fn start(&mut self, caller: SubgroupIndex, io: usize, lanes: LaneMask) {
         self.caller = caller;
         self.io = io;
         self.in_flight = lanes;
@@ -88,7 +89,7 @@ impl RayGroup {
     pub fn record(&mut self) {
         self.is_recorded = true;
         self.has_time = true;
-        self.flight.hits.found = 0;
+        self.flight.hits.found = LaneMask::NONE;
     }
 
     /// The operands of rays that come from hit objects.
@@ -138,11 +139,11 @@ impl RayGroup {
         rays.cull_mask = operands[operand::CULL_MASK].0.map(|mask| mask & 0xff);
         let [low, high] = [operand::STRUCTURE, operand::STRUCTURE + 1].map(|row| &operands[row].0);
         if alike(low, self.in_flight) & alike(high, self.in_flight) == self.in_flight {
-            let first = self.in_flight.trailing_zeros() as usize % SUBGROUP_SIZE;
+            let first = self.in_flight.first();
             rays.top_level = [structure_in(operands, first); SUBGROUP_SIZE];
             return;
         }
-        for lane in lanes_of(self.in_flight) {
+        for lane in self.in_flight {
             rays.top_level[lane] = structure_in(operands, lane);
         }
     }
@@ -159,36 +160,32 @@ pub fn record_indices(hits: &HitRows, operands: &Operands) -> Row {
         let hit = hits.instance_sbt_offset[lane]
             .wrapping_add(hits.geometry_index[lane].wrapping_mul(stride[lane]))
             .wrapping_add(offset[lane]);
-        match hits.found >> lane & 1 {
-            0 => miss[lane],
-            _ => hit,
+        match hits.found.contains(lane) {
+            true => hit,
+            false => miss[lane],
         }
     })
 }
 
 /// Which of some lanes have the number of the first of them in a row.
-pub fn alike(row: &Row, lanes: u16) -> u16 {
-    let number = row[lanes.trailing_zeros() as usize % SUBGROUP_SIZE];
+pub fn alike(row: &Row, lanes: LaneMask) -> LaneMask {
+    let number = row[lanes.first()];
     // Not as a comparison of arrays, which would be a call.
     if row.iter().fold(0, |bits, other| bits | (other ^ number)) == 0 {
         return lanes;
     }
-    let mut alike = 0;
-    for (lane, &other) in row.iter().enumerate() {
-        alike |= u16::from(other == number) << lane;
-    }
-    alike & lanes
+    LaneMask::from_fn(|lane| row[lane] == number) & lanes
 }
 
 /// Whether which hit rays find first can be seen, where their first hit ends them.
-pub fn shows_first_hit(operands: &Operands, lanes: u16, fills_hit_object: bool) -> bool {
-    let mut shows = 0;
-    for (lane, flags) in operands[operand::FLAGS].0.iter().enumerate() {
-        let ends = flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
-        let calls = flags & ray_flags::SKIP_CLOSEST_HIT_SHADER == 0;
-        shows |= u16::from(ends & (calls | fills_hit_object)) << lane;
-    }
-    shows & lanes != 0
+pub fn shows_first_hit(operands: &Operands, lanes: LaneMask, fills_hit_object: bool) -> bool {
+    let flags = &operands[operand::FLAGS].0;
+    let shows = LaneMask::from_fn(|lane| {
+        let ends = flags[lane] & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
+        let calls = flags[lane] & ray_flags::SKIP_CLOSEST_HIT_SHADER == 0;
+        ends & (calls | fills_hit_object)
+    });
+    !(shows & lanes).is_empty()
 }
 
 /// The address that a lane names for its top level.
@@ -199,10 +196,7 @@ pub fn structure_in(operands: &Operands, lane: usize) -> u64 {
 }
 
 /// Lanes whose hits no closest-hit shader is to see.
-pub fn skips_closest_hit(operands: &Operands) -> u16 {
-    let mut skips = 0;
-    for (lane, flags) in operands[operand::FLAGS].0.iter().enumerate() {
-        skips |= u16::from(flags & ray_flags::SKIP_CLOSEST_HIT_SHADER != 0) << lane;
-    }
-    skips
+pub fn skips_closest_hit(operands: &Operands) -> LaneMask {
+    let flags = &operands[operand::FLAGS].0;
+    LaneMask::from_fn(|lane| flags[lane] & ray_flags::SKIP_CLOSEST_HIT_SHADER != 0)
 }

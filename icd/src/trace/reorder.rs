@@ -3,13 +3,14 @@
 //! Only lanes that execute the instruction move. Those that wait for them in an enclosing construct stay where they are, as the
 //! specification has it ("Repacking"), and go on without them. Which lanes meet follows from the batch alone.
 
+use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::hit_object::kind;
 use spirv_jit::program::{AlignedRow, ResumePoint, Row, SiteKind, Stage, Trace};
 
 use super::batch::Batch;
 use super::grid::Launches;
-use super::subgroup::{LaneRef, Subgroup, SubgroupIndex, lanes_of};
+use super::subgroup::{LaneRef, Subgroup, SubgroupIndex};
 use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
 
@@ -58,9 +59,9 @@ impl Batch<'_> {
         let mut in_order = indices.to_vec();
         in_order.sort_by_cached_key(|&index| self.first_launch(index));
         for index in in_order {
-            self.worker.subgroups[index].pending = 0;
+            self.worker.subgroups[index].pending = LaneMask::NONE;
             let rows = &self.worker.subgroups[index].rows;
-            for lane in lanes_of(compiled.event_mask(rows)) {
+            for lane in compiled.event_mask(rows) {
                 let lane = LaneRef::new(index, lane);
                 lanes.push((self.reorder_key(lane), lane));
             }
@@ -83,8 +84,8 @@ impl Batch<'_> {
     fn first_launch(&self, index: SubgroupIndex) -> u32 {
         let subgroup = &self.worker.subgroups[index];
         let program = &self.dispatch.shaders.programs[subgroup.program as usize];
-        let first = program.event_mask(&subgroup.rows).trailing_zeros() as usize;
-        let (launch, first) = (&subgroup.launch, first % SUBGROUP_SIZE);
+        let first = program.event_mask(&subgroup.rows).first();
+        let launch = &subgroup.launch;
         self.grid.place(launch.x[first], launch.y[first])
     }
 
@@ -116,11 +117,10 @@ impl Batch<'_> {
         let mut lanes = Vec::new();
         for &index in &*subgroups {
             let rows = &self.worker.subgroups[index].rows;
-            let is_partial = !matches!(compiled.event_mask(rows), 0 | u16::MAX);
+            let mask = compiled.event_mask(rows);
+            let is_partial = !matches!(mask, LaneMask::NONE | LaneMask::ALL);
             if is_partial && !compiled.has_parked_lanes(rows) {
-                lanes.extend(
-                    lanes_of(compiled.event_mask(rows)).map(|lane| LaneRef::new(index, lane)),
-                );
+                lanes.extend(mask.iter().map(|lane| LaneRef::new(index, lane)));
                 sources.push(index);
             }
         }
@@ -204,7 +204,7 @@ impl Batch<'_> {
             let from: Vec<(usize, usize)> = lanes.iter().map(position).collect();
             let mut rows = self.worker.spare_rows.pop().unwrap_or_default();
             rows.resize(compiled.layout().rows, AlignedRow::default());
-            let active = u16::MAX >> (SUBGROUP_SIZE - lanes.len());
+            let active = LaneMask::full(lanes.len());
             let pick = |lane: usize| from.get(lane).copied().unwrap_or(from[0]);
             let columns = std::array::from_fn(|to| {
                 let (source, lane) = pick(to);
@@ -221,7 +221,7 @@ impl Batch<'_> {
                 program,
                 role: old[0].role,
                 rows,
-                pending: 0,
+                pending: LaneMask::NONE,
                 lanes: active,
                 data_words: old[0].data_words,
                 launch: Launches {

@@ -42,7 +42,7 @@ impl Tally {
         counts.waves += 1;
         counts.subgroups += states.len() as u64;
         for state in states {
-            counts.lanes += u64::from(program.event_mask(state).count_ones());
+            counts.lanes += u64::from(program.event_mask(state).count());
         }
     }
 

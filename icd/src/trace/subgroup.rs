@@ -1,13 +1,14 @@
 //! A subgroup of invocations in flight: its program's state, and whom each lane answers.
 #![forbid(unsafe_code)]
 
-use crate::wave::Stopped;
+use lanes::LaneMask;
 use spirv_jit::program::AlignedRow;
 use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::grid::Launches;
-pub use super::lanes::{copy_lanes, lanes_of};
+pub use super::lanes::copy_lanes;
 use super::queries::Owned;
+use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
 
 /// Index of a [`Subgroup`] in its batch.
@@ -90,9 +91,9 @@ pub struct Subgroup {
     pub role: Role,
     pub rows: Vec<AlignedRow>,
     /// Lanes whose event is not answered yet.
-    pub pending: u16,
+    pub pending: LaneMask,
     /// Lanes that were started.
-    pub lanes: u16,
+    pub lanes: LaneMask,
     /// Words of payload or callable data at the yield where the subgroup stands.
     pub data_words: u32,
     pub launch: Launches,
@@ -115,11 +116,11 @@ impl Subgroup {
         index: ProgramIndex,
         program: &Program,
         role: Role,
-        lanes: u16,
+        lanes: LaneMask,
     ) -> Result<(), Stopped> {
         self.program = index;
         self.role = role;
-        self.pending = 0;
+        self.pending = LaneMask::NONE;
         self.lanes = lanes;
         self.data_words = 0;
         self.queries.clear();
@@ -148,35 +149,31 @@ impl Subgroup {
 }
 
 /// Sorts lanes by what a reference of theirs names: its index, and which of `lanes` name it.
-pub fn by_index(lanes: u16, of: &[LaneRef; SUBGROUP_SIZE]) -> impl Iterator<Item = (u32, u16)> {
+pub fn by_index(
+    lanes: LaneMask,
+    of: &[LaneRef; SUBGROUP_SIZE],
+) -> impl Iterator<Item = (u32, LaneMask)> {
     let mut rest = lanes;
     std::iter::from_fn(move || {
-        let index = of.get(rest.trailing_zeros() as usize)?.index();
-        let mut same = 0;
-        for (lane, other) in of.iter().enumerate() {
-            same |= u16::from(other.index() == index) << lane;
-        }
-        same &= rest;
-        rest &= !same;
+        let index = of[rest.iter().next()?].index();
+        let same = LaneMask::from_fn(|lane| of[lane].index() == index) & rest;
+        rest -= same;
         Some((index, same))
     })
 }
 
 /// The lanes that these refer to, as a mask.
 #[inline]
-pub fn lanes_named(lanes: u16, of: &[LaneRef; SUBGROUP_SIZE]) -> u16 {
+pub fn lanes_named(lanes: LaneMask, of: &[LaneRef; SUBGROUP_SIZE]) -> LaneMask {
     if in_place(lanes, of) {
         return lanes;
     }
-    lanes_of(lanes).fold(0, |mask, lane| mask | 1 << of[lane].lane())
+    lanes.iter().map(|lane| of[lane].lane()).collect()
 }
 
 /// Whether each of these lanes refers to the lane of its own number.
 #[inline]
-pub fn in_place(lanes: u16, of: &[LaneRef; SUBGROUP_SIZE]) -> bool {
-    let mut elsewhere = 0;
-    for (lane, other) in of.iter().enumerate() {
-        elsewhere |= u16::from(other.lane() != lane) << lane;
-    }
-    elsewhere & lanes == 0
+pub fn in_place(lanes: LaneMask, of: &[LaneRef; SUBGROUP_SIZE]) -> bool {
+    let elsewhere = LaneMask::from_fn(|lane| of[lane].lane() != lane);
+    (elsewhere & lanes).is_empty()
 }

@@ -1,11 +1,12 @@
 //! What becomes of a batch's rays: the shaders that decide on their candidates, and those that hear of their ends.
 
+use lanes::LaneMask;
 use smallvec::SmallVec;
 use traversal::{Flight, Flights, RayRows, Start};
 
 use super::batch::Batch;
 use super::rays::{alike, record_indices, shows_first_hit, skips_closest_hit};
-use super::subgroup::{Role, lanes_of};
+use super::subgroup::Role;
 use crate::validate::Need;
 use crate::wave::Stopped;
 use crate::wave::table::ProgramIndex;
@@ -30,7 +31,7 @@ impl Flights for Batch<'_> {
 
     fn settled(&mut self, index: u32) -> Result<(), Stopped> {
         match self.worker.ray_groups[index].flight.candidates().found {
-            0 => self.end_walks(index),
+            LaneMask::NONE => self.end_walks(index),
             lanes => self.ask_about_candidates(index, lanes),
         }
     }
@@ -66,31 +67,31 @@ impl Batch<'_> {
     }
 
     /// Calls the shaders that decide on the candidates of rays. Where a group has none, triangles count.
-    fn ask_about_candidates(&mut self, index: u32, lanes: u16) -> Result<(), Stopped> {
+    fn ask_about_candidates(&mut self, index: u32, lanes: LaneMask) -> Result<(), Stopped> {
         let worker = &*self.worker;
         let group = &worker.ray_groups[index];
         let candidates = group.flight.candidates();
         let records = record_indices(candidates, group.operands(&worker.subgroups));
         let triangles = candidates.built_in();
         if let Some(traced) = self.dispatch.checks {
-            for lane in lanes_of(lanes) {
-                let need = match triangles >> lane & 1 {
-                    0 => Need::Intersection,
-                    _ => Need::AnyHit,
+            for lane in lanes {
+                let need = match triangles.contains(lane) {
+                    true => Need::AnyHit,
+                    false => Need::Intersection,
                 };
                 self.check_hit_record(traced, need, records[lane], &candidates.hit(lane));
             }
         }
-        let (mut rest, mut undecided) = (lanes, 0);
+        let (mut rest, mut undecided) = (lanes, LaneMask::NONE);
         let mut callees: SmallVec<[_; 4]> = SmallVec::new();
-        while rest != 0 {
-            let first = rest.trailing_zeros() as usize;
-            let (role, of_role) = match triangles >> first & 1 {
-                0 => (Role::Intersection, rest & !triangles),
-                _ => (Role::AnyHit, rest & triangles),
+        while !rest.is_empty() {
+            let first = rest.first();
+            let (role, of_role) = match triangles.contains(first) {
+                true => (Role::AnyHit, rest & triangles),
+                false => (Role::Intersection, rest - triangles),
             };
             let alike = alike(&records, of_role);
-            rest &= !alike;
+            rest -= alike;
             if let Some((program, record)) = self.find_decider(records[first], role) {
                 undecided |= alike;
                 callees.push(((program, role, record), alike));
@@ -99,7 +100,7 @@ impl Batch<'_> {
             }
         }
         self.worker.ray_groups[index].undecided = undecided;
-        if undecided == 0 {
+        if undecided.is_empty() {
             self.going_on.push(index);
         }
         for (callee, lanes) in callees {
@@ -109,10 +110,10 @@ impl Batch<'_> {
     }
 
     /// Shaders have decided on the candidates of rays; after the last ones of a group it goes on.
-    pub(super) fn decided(&mut self, index: u32, lanes: u16) {
+    pub(super) fn decided(&mut self, index: u32, lanes: LaneMask) {
         let group = &mut self.worker.ray_groups[index];
-        group.undecided &= !lanes;
-        if group.undecided == 0 {
+        group.undecided -= lanes;
+        if group.undecided.is_empty() {
             self.going_on.push(index);
         }
     }
@@ -142,7 +143,7 @@ impl Batch<'_> {
         let hits = group.flight.hits.found & lanes;
         let mut silent = hits & skips_closest_hit(operands);
         if let Some(traced) = self.dispatch.checks {
-            for lane in lanes_of(lanes & !silent) {
+            for lane in lanes - silent {
                 match group.flight.hits.get(lane) {
                     Some(hit) => {
                         self.check_hit_record(traced, Need::ClosestHit, records[lane], &hit)
@@ -152,12 +153,12 @@ impl Batch<'_> {
             }
         }
         let (tables, shaders) = (&self.dispatch.tables, self.dispatch.shaders);
-        let mut rest = lanes & !silent;
-        while rest != 0 {
-            let first = rest.trailing_zeros() as usize;
-            let is_hit = hits >> first & 1 != 0;
+        let mut rest = lanes - silent;
+        while !rest.is_empty() {
+            let first = rest.first();
+            let is_hit = hits.contains(first);
             let alike = alike(&records, rest & if is_hit { hits } else { !hits });
-            rest &= !alike;
+            rest -= alike;
             let (role, table) = match is_hit {
                 true => (Role::ClosestHit, &tables.hit),
                 false => (Role::Miss, &tables.miss),

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, uniform};
 use spirv_jit::program::{AlignedRow, Builtin, Event, InputRow, Stage, Wave};
-use spirv_jit::{CompileRequest, Program};
+use spirv_jit::{CompileRequest, LaneMask, Program};
 
 use crate::{glsl, request};
 
@@ -86,7 +86,7 @@ fn run_group(program: &Program, group: u32, environment: &Environment) {
     for subgroup in 0..invocations.div_ceil(16) {
         let mut state = vec![AlignedRow::default(); layout.rows];
         let lanes = (invocations - 16 * subgroup).min(16);
-        program.start(&mut state, ((1u32 << lanes) - 1) as u16);
+        program.start(&mut state, LaneMask::full(lanes as usize));
         for (index, &row) in program.inputs().iter().enumerate() {
             for lane in 0..lanes {
                 let invocation = 16 * subgroup + lane;

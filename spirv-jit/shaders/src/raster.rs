@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use spirv_jit::Program;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment};
 use spirv_jit::ir;
 use spirv_jit::program::{AlignedRow, Event, InputRow, OutputRow, Row, Stage, Wave, from_bytes};
+use spirv_jit::{LaneMask, Program};
 
 use crate::{glsl, lower, request};
 
@@ -26,7 +26,7 @@ pub fn program_of_words(stage: Stage, words: &[u32]) -> Arc<Program> {
 /// What an ended subgroup left.
 pub struct Ended {
     pub outputs: Vec<(OutputRow, Row)>,
-    pub helpers: u16,
+    pub helpers: LaneMask,
 }
 
 impl Ended {
@@ -49,13 +49,13 @@ impl Ended {
 
 /// Who runs, and on what.
 pub struct Lanes {
-    pub active: u16,
-    pub helpers: u16,
+    pub active: LaneMask,
+    pub helpers: LaneMask,
 }
 
 pub const ALL: Lanes = Lanes {
-    active: u16::MAX,
-    helpers: 0,
+    active: LaneMask::ALL,
+    helpers: LaneMask::NONE,
 };
 
 /// Runs a subgroup; `input` gives each row's word in a lane, `buffer` is the storage buffer of set 0, binding 0. Little fuel at a time: the

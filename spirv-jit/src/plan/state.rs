@@ -4,6 +4,8 @@
 //! A state's control rows hold, as words: the resume id, the active lanes, the helper lanes, then
 //! the masks in use, two to a word.
 
+use lanes::LaneMask;
+
 use super::{CallSite, Plan, SavePoint};
 use crate::SUBGROUP_SIZE;
 use crate::row::AlignedRow;
@@ -41,15 +43,15 @@ impl Plan {
     /// Puts a state at the program's entry with these lanes active, of which `helpers` are helper
     /// invocations.
     #[inline]
-    pub fn start(&self, state: &mut [AlignedRow], active: u16, helpers: u16) {
+    pub fn start(&self, state: &mut [AlignedRow], active: LaneMask, helpers: LaneMask) {
         let state = &mut state[..self.layout.rows];
         state[..self.layout.inputs].fill(AlignedRow::default());
         // What a program may read or leave without having written it is the same on every run. Of operands and answers
         // of yields only the columns of their lanes are read, which are written first.
         state[self.layout.io..][..self.output_rows].fill(AlignedRow::default());
         state[self.private..][..self.private_rows].fill(AlignedRow::default());
-        state[0].0[1] = active as u32;
-        state[0].0[2] = helpers as u32;
+        state[0].0[1] = active.bits().into();
+        state[0].0[2] = helpers.bits().into();
     }
 
     /// Where a state stands.
@@ -69,13 +71,13 @@ impl Plan {
     pub fn gather_lanes(
         &self,
         state: &mut [AlignedRow],
-        active: u16,
+        active: LaneMask,
         from: &[(&[AlignedRow], usize); SUBGROUP_SIZE],
     ) {
         let inputs = self.layout.inputs;
         state[..inputs].fill(AlignedRow::default());
         state[0].0[0] = from[0].0[0].0[0];
-        state[0].0[1] = active as u32;
+        state[0].0[1] = active.bits().into();
         let from = from.map(|(source, lane)| (&source[..self.layout.rows], lane));
         for (row, to) in state[..self.layout.rows]
             .iter_mut()

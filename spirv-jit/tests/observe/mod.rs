@@ -1,11 +1,10 @@
 //! Runs a module on made-up inputs, and keeps what can be seen of it: outputs, what it wrote, what it yielded, by lane.
 
-use spirv_jit::Program;
-use spirv_jit::Tier;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, uniform};
 use spirv_jit::interp::Frame;
 use spirv_jit::ir::{InputRow, Module};
 use spirv_jit::program::{AlignedRow, Event, IO_DATA_ROW, SiteKind, Stage, Wave};
+use spirv_jit::{LaneMask, Program, Tier};
 
 const LANES: usize = 16;
 
@@ -147,7 +146,7 @@ pub fn execute_on(tier: Tier, module: &Module, seed: u64, inputs: Option<&[u32]>
 
     let mut states = vec![vec![AlignedRow([0xdead_beef; LANES]); program.layout().rows]; 2];
     for (s, state) in states.iter_mut().enumerate() {
-        program.start(state, !0);
+        program.start(state, LaneMask::ALL);
         for (index, &row) in program.inputs().iter().enumerate() {
             let words = &mut state[program.layout().inputs + index].0;
             for (k, word) in words.iter_mut().enumerate() {
@@ -240,10 +239,8 @@ fn answer(program: &Program, kind: SiteKind, state: &mut [AlignedRow], digests: 
         SiteKind::Barrier => (Vec::new(), Vec::new()),
     };
     let mask = program.event_mask(state);
-    for (k, digest) in digests.iter_mut().enumerate() {
-        if mask & 1 << k == 0 {
-            continue;
-        }
+    for k in mask {
+        let digest = &mut digests[k];
         for &row in &rows {
             *digest = digest.rotate_left(9).wrapping_mul(0x9e37_79b9_7f4a_7c15)
                 ^ state[io + row].0[k] as u64;

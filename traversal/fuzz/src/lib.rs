@@ -211,7 +211,7 @@ pub fn walked_together(walker: &mut Walker, top: &Bytes, rays: &[Ray], fuel: u64
             ray.origin[lane % 3] += lane as f32 / 512.0;
             rows.set(lane, top.address(), &ray, 0.0);
         }
-        (rows, u16::MAX)
+        (rows, LaneMask::ALL)
     });
     let rows: Vec<_> = with_neighbours.collect();
     for in_streams in [false, true] {
@@ -219,7 +219,7 @@ pub fn walked_together(walker: &mut Walker, top: &Bytes, rays: &[Ray], fuel: u64
             let (found, built_in) = (flight.candidates().found, flight.candidates().built_in());
             flight.accept(built_in);
             let t = *flight.t_max();
-            let counts = flight.counts(found & !built_in, &t);
+            let counts = flight.counts(found - built_in, &t);
             flight.report(counts, &t, &[0; PACKET]);
         };
         let mut groups =

@@ -34,13 +34,13 @@ impl<D: FnMut(&RayRows, &mut Flight)> Groups<D> {
             for (lane, ray) in rays.iter().enumerate() {
                 rows.set(lane, top.address(), ray, 0.0);
             }
-            (rows, u16::MAX >> (PACKET - rays.len()))
+            (rows, LaneMask::full(rays.len()))
         });
         Groups::of_rows(groups.collect(), decide)
     }
 
     /// Rows of rays, and their lanes.
-    pub fn of_rows(groups: Vec<(RayRows, u16)>, decide: D) -> Groups<D> {
+    pub fn of_rows(groups: Vec<(RayRows, LaneMask)>, decide: D) -> Groups<D> {
         let (rows, lanes): (Vec<_>, Vec<_>) = groups.into_iter().unzip();
         let start = |lanes| Start {
             lanes,
@@ -111,7 +111,7 @@ impl<D: FnMut(&RayRows, &mut Flight)> Flights for Groups<D> {
 
     fn settled(&mut self, group: u32) -> Result<(), OutOfFuel> {
         let flight = &mut self.flights[group as usize];
-        if flight.candidates().found != 0 {
+        if !flight.candidates().found.is_empty() {
             (self.decide)(&self.rows[group as usize], flight);
             self.waiting.push(group);
         }

@@ -3,6 +3,8 @@
 //! What [`Space`] is for one ray, but for rays of ordinary length and for structures whose distances are not
 //! scaled. Loops over lanes are written so that compilers turn them into vectors.
 
+use lanes::LaneMask;
+
 use super::PACKET;
 use super::options::Accuracy;
 use super::rows::{Lanes, RayRows, Words, blend};
@@ -105,8 +107,8 @@ pub(crate) struct Given {
 impl Given {
     /// The rays of some lanes; the others repeat the first of them, so that nothing odd is computed there.
     #[inline(always)]
-    pub fn new(rays: &RayRows, lanes: u16) -> Given {
-        let first = lanes.trailing_zeros() as usize % PACKET;
+    pub fn new(rays: &RayRows, lanes: LaneMask) -> Given {
+        let first = lanes.first();
         let pick = |row: &Lanes| {
             let mut picked = [row[first]; PACKET];
             blend(&mut picked, row, lanes);
@@ -130,7 +132,7 @@ impl Given {
         for i in 0..PACKET {
             let most = magnitude(o[0][i]).max(magnitude(o[1][i]).max(magnitude(o[2][i])));
             let most = magnitude(d[0][i]).max(magnitude(d[1][i]).max(magnitude(d[2][i]).max(most)));
-            let there = lanes >> i & 1 != 0;
+            let there = lanes.contains(i);
             let sound = (most < INFINITE) & (given.t_min[i] <= rays.t_max[i]) & there;
             given.sound[i] = u32::from(sound);
         }
@@ -190,14 +192,14 @@ impl Beams {
     /// Sets rays up in an instance that does not move; returns the lanes in which that is all there is to say: the ray is
     /// sound and of ordinary length.
     #[inline(always)]
-    pub fn set_up(&mut self, given: &Given, record: &InstanceRecord) -> u32 {
+    pub fn set_up(&mut self, given: &Given, record: &InstanceRecord) -> LaneMask {
         self.start_instance(given, record);
         self.derive(given)
     }
 
     /// Sets rays up in a top level; returns what [`Self::set_up`] does. `origin_error`: as for [`Self::widen`].
     #[inline(always)]
-    pub fn set_up_top(&mut self, given: &Given, origin_error: f32) -> u32 {
+    pub fn set_up_top(&mut self, given: &Given, origin_error: f32) -> LaneMask {
         self.start_top(given);
         let sound = self.derive(given);
         self.widen(given, origin_error);
@@ -309,7 +311,7 @@ impl Beams {
 
     /// Sets up from origins and directions; returns the lanes that this is for.
     #[inline(always)]
-    fn derive(&mut self, given: &Given) -> u32 {
+    fn derive(&mut self, given: &Given) -> LaneMask {
         let mut sound = given.sound;
         let d = &self.space_direction;
         // The longest axis, as `Space::set` finds it, and the two that follow in turn.
@@ -350,7 +352,7 @@ impl Beams {
             self.derive_axis(2, &axes[2], &mut sound),
         ];
         self.derive_shear(given, &directions, &mut sound);
-        (0..PACKET).fold(0, |mask, i| mask | sound[i] << i)
+        LaneMask::from_bits((0..PACKET).fold(0, |mask, i| mask | sound[i] << i) as u16)
     }
 
     /// Sets up what tests of triangles need, from directions along the rays' own axes.

@@ -1,5 +1,7 @@
 //! Rays of many groups on their way: how each walks, as a packet, in a stream or by itself, is decided here and known nowhere else.
 
+use lanes::LaneMask;
+
 use super::level::Entered;
 use super::rows::{HitRows, Lanes, RayRows, Words};
 use super::streaming::Caller;
@@ -35,7 +37,7 @@ impl Flight {
     }
 
     /// Commits candidates of rays, triangles. What is not accepted is ignored.
-    pub fn accept(&mut self, lanes: u16) {
+    pub fn accept(&mut self, lanes: LaneMask) {
         if let Some(suspended) = &mut self.suspended {
             suspended.accept(lanes, &mut self.hits);
         }
@@ -43,21 +45,21 @@ impl Flight {
 
     /// Which of some rays a hit with their candidates, boxes, counts for: it is in the ray's interval as it stands, and no decision has
     /// ended the ray.
-    pub fn counts(&self, lanes: u16, t: &Lanes) -> u16 {
-        (self.suspended.as_ref()).map_or(0, |suspended| suspended.counts(lanes, t))
+    pub fn counts(&self, lanes: LaneMask, t: &Lanes) -> LaneMask {
+        (self.suspended.as_ref()).map_or(LaneMask::NONE, |suspended| suspended.counts(lanes, t))
     }
 
     /// Commits hits that intersection shaders reported for rays' candidates, which count. Returns which rays are over by it, so that
     /// those shaders end at once.
-    pub fn report(&mut self, lanes: u16, t: &Lanes, kinds: &Words) -> u16 {
+    pub fn report(&mut self, lanes: LaneMask, t: &Lanes, kinds: &Words) -> LaneMask {
         let suspended = self.suspended.as_mut();
-        suspended.map_or(0, |suspended| {
+        suspended.map_or(LaneMask::NONE, |suspended| {
             suspended.report(lanes, t, kinds, &mut self.hits)
         })
     }
 
     /// Ends rays with what is committed.
-    pub fn end(&mut self, lanes: u16) {
+    pub fn end(&mut self, lanes: LaneMask) {
         if let Some(suspended) = &mut self.suspended {
             suspended.end(lanes);
         }
@@ -65,14 +67,14 @@ impl Flight {
 
     /// Lets rays wait where the next [`Walker::resume`] goes on with the others. This and what follows is for rays whose order of
     /// candidates shows ([`Start::shows_order`]): they walk by themselves.
-    pub fn hold(&mut self, lanes: u16) {
+    pub fn hold(&mut self, lanes: LaneMask) {
         if let Some(suspended) = &mut self.suspended {
             suspended.hold(lanes);
         }
     }
 
     /// Forgets rays that wait.
-    pub fn forget(&mut self, lanes: u16) {
+    pub fn forget(&mut self, lanes: LaneMask) {
         if let Some(suspended) = &mut self.suspended {
             suspended.forget(lanes);
         }
@@ -98,7 +100,7 @@ impl Flight {
         suspended.move_ray(lane, others, to_lane);
         match self.hits.get(lane) {
             Some(hit) => to.hits.set(to_lane, &hit),
-            None => to.hits.found &= !(1 << to_lane),
+            None => to.hits.found.remove(to_lane),
         }
     }
 }
@@ -107,7 +109,7 @@ impl Flight {
 #[derive(Clone, Copy)]
 pub struct Start {
     /// Lanes with a ray.
-    pub lanes: u16,
+    pub lanes: LaneMask,
     /// Which hit rays that end with their first hit find is to follow from the ray alone.
     pub shows_first_hit: bool,
     /// Which candidates rays meet, and in which order, is to follow from the ray alone.
@@ -233,19 +235,19 @@ impl Walker {
             }
         }
         suspended.start_singles();
-        let mut streamed = 0;
+        let mut streamed = LaneMask::NONE;
         if in_streams {
             // SAFETY: as above.
             streamed = unsafe { self.add_to_stream(rays, lanes, hits, group) };
-            self.counts.streamed += u64::from(streamed.count_ones());
+            self.counts.streamed += u64::from(streamed.count());
         }
         if streamed != lanes {
             let mut fuel = self.options.fuel;
             let mut keep = |lane: usize, walk: &mut Walk, event| suspended.keep(lane, walk, event);
             // SAFETY: as above.
-            unsafe { self.trace_in_turn(rays, lanes & !streamed, hits, &mut fuel, &mut keep) };
+            unsafe { self.trace_in_turn(rays, lanes - streamed, hits, &mut fuel, &mut keep) };
         }
-        if streamed == 0 {
+        if streamed.is_empty() {
             return self.settle_singles(group, suspended, flights);
         }
         match suspended.waits() {

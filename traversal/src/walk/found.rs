@@ -1,5 +1,7 @@
 //! The nearest hits of a packet so far.
 
+use lanes::LaneMask;
+
 use crate::ray::Hit;
 use crate::structure::Structure;
 use crate::walk::PACKET;
@@ -16,11 +18,11 @@ pub(crate) struct Found {
     pub instances: Words,
     /// The instance that the packet is in.
     pub instance: u32,
-    pub front: u16,
+    pub front: LaneMask,
     /// Lanes with an opaque triangle.
-    pub hit: u16,
+    pub hit: LaneMask,
     /// Lanes with what was decided on outside: but for `t`, that hit is in the rows of hits.
-    pub outside: u16,
+    pub outside: LaneMask,
 }
 
 impl Found {
@@ -31,9 +33,9 @@ impl Found {
         slots: [0; PACKET],
         instances: [0; PACKET],
         instance: 0,
-        front: 0,
-        hit: 0,
-        outside: 0,
+        front: LaneMask::NONE,
+        hit: LaneMask::NONE,
+        outside: LaneMask::NONE,
     };
 
     /// Nothing yet.
@@ -47,16 +49,24 @@ impl Found {
     /// Takes note of a hit that was decided on outside.
     pub fn set_outside(&mut self, lane: usize, t: f32) {
         self.t[lane] = t;
-        self.hit &= !(1 << lane);
-        self.outside |= 1 << lane;
+        self.hit.remove(lane);
+        self.outside.insert(lane);
     }
 
     /// Opaque triangles are nearest now in some lanes.
     #[inline]
-    pub fn mark(&mut self, lanes: u16, front: u16) {
-        self.front = self.front & !lanes | front & lanes;
+    pub fn mark(&mut self, lanes: LaneMask, front: LaneMask) {
+        self.front = self.front - lanes | front & lanes;
         self.hit |= lanes;
-        self.outside &= !lanes;
+        self.outside -= lanes;
+    }
+
+    /// The same in one lane.
+    #[inline]
+    fn mark_one(&mut self, lane: usize, front: bool) {
+        self.front.set(lane, front);
+        self.hit.insert(lane);
+        self.outside.remove(lane);
     }
 
     /// The hit of a lane that has one, in an instance of this structure.
@@ -69,7 +79,7 @@ impl Found {
             geometry_index: geometry,
             primitive_index: primitive,
             slot,
-            hit_kind: instance.hit_kind(self.front >> lane & 1 != 0),
+            hit_kind: instance.hit_kind(self.front.contains(lane)),
             opaque: true,
             triangle: true,
             ..instance.hit()
@@ -85,7 +95,7 @@ impl Found {
         self.slots[lane] = hit.slot;
         self.instances[lane] = hit.instance_index;
         let front = hit.hit_kind == instance.hit_kind(true);
-        self.mark(1 << lane, u16::from(front) << lane);
+        self.mark_one(lane, front);
     }
 
     /// Takes a hit in a lane, a triangle of the instance, if it is to be preferred to what there is.
@@ -93,28 +103,27 @@ impl Found {
     pub fn offer(&mut self, structure: &Structure, lane: usize, slot: u32, hit: &Intersection) {
         let t_far = self.t[lane];
         let wins = hit.t < t_far
-            || hit.t == t_far && self.won_ties(structure, slot, (1 << lane) & self.hit) != 0;
+            || hit.t == t_far
+                && !(self.won_ties(structure, slot, LaneMask::of(lane) & self.hit)).is_empty();
         if wins {
             self.t[lane] = hit.t;
             self.barycentrics[0][lane] = hit.barycentrics[0];
             self.barycentrics[1][lane] = hit.barycentrics[1];
             self.slots[lane] = slot;
             self.instances[lane] = self.instance;
-            self.mark(1 << lane, u16::from(hit.front) << lane);
+            self.mark_one(lane, hit.front);
         }
     }
 
     /// In which lanes a triangle of the instance comes before the one that was found at the same distance.
     #[cold]
-    pub fn won_ties(&self, structure: &Structure, slot: u32, ties: u16) -> u16 {
+    pub fn won_ties(&self, structure: &Structure, slot: u32, ties: LaneMask) -> LaneMask {
         let key = structure.identity(slot);
         let wins = |lane: usize| {
             let other = self.instances[lane];
             self.instance < other
                 || self.instance == other && key < structure.identity(self.slots[lane])
         };
-        (0..PACKET)
-            .filter(|&lane| ties >> lane & 1 != 0 && wins(lane))
-            .fold(0, |mask, lane| mask | 1 << lane)
+        ties.iter().filter(|&lane| wins(lane)).collect()
     }
 }

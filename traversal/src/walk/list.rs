@@ -1,6 +1,6 @@
 //! Rays of one subgroup in turn. What they have in common is done once.
 
-use lanes::Tier;
+use lanes::{LaneMask, Tier};
 
 use super::beams::Given;
 use super::children::LARGE;
@@ -10,8 +10,8 @@ use super::level::{Entered, only_instance};
 use super::opaque::{End, Nearest, Opaque, Pending};
 use super::options::Specialisation;
 use super::portable::Portable;
-use super::rows::{HitRows, RayRows, lanes_of};
-use super::{Event, PACKET, State, Verdict, Walk, Walker, run};
+use super::rows::{HitRows, RayRows};
+use super::{Event, State, Verdict, Walk, Walker, run};
 use crate::layout::instance_state;
 use crate::ray::ray_flags;
 use crate::structure::Kind;
@@ -32,7 +32,7 @@ impl Walker {
     pub(crate) unsafe fn trace_in_turn(
         &mut self,
         rays: &RayRows,
-        lanes: u16,
+        lanes: LaneMask,
         hits: &mut HitRows,
         fuel: &mut u64,
         suspend: &mut Suspend<'_>,
@@ -79,7 +79,7 @@ unsafe fn run_avx2(turns: &mut Turns<'_, '_>, walker: &mut Walker, fuel: &mut u6
 /// Rays to be traced in turn.
 struct Turns<'a, 's> {
     rays: &'a RayRows,
-    lanes: u16,
+    lanes: LaneMask,
     hits: &'a mut HitRows,
     /// The walk of the lane at hand.
     walk: Walk,
@@ -94,7 +94,7 @@ impl Turns<'_, '_> {
         // SAFETY: the caller's promise.
         let done = unsafe { self.run_opaque::<K>(walker, fuel) };
         let mut entered = Entered::NOTHING;
-        for lane in lanes_of(self.lanes & !done) {
+        for lane in self.lanes - done {
             self.start(lane);
             let walk = &mut self.walk;
             let verdict = Verdict::Continue;
@@ -122,13 +122,13 @@ impl Turns<'_, '_> {
     /// # Safety
     /// The machine has the kernel's instruction set; the contract of [`Walk::new`].
     #[inline(always)]
-    unsafe fn run_opaque<K: Kernel>(&mut self, walker: &mut Walker, fuel: &mut u64) -> u16 {
+    unsafe fn run_opaque<K: Kernel>(&mut self, walker: &mut Walker, fuel: &mut u64) -> LaneMask {
         let without = walker.without();
-        let by_itself = self.lanes.count_ones() < ENOUGH
+        let by_itself = self.lanes.count() < ENOUGH
             || without.contains(Specialisation::OneInstance)
             || without.contains(Specialisation::Opaque);
         if by_itself {
-            return 0;
+            return LaneMask::NONE;
         }
         let Walker {
             stack,
@@ -140,32 +140,34 @@ impl Turns<'_, '_> {
             ..
         } = walker;
         let rays = self.rays;
-        let first = self.lanes.trailing_zeros() as usize % PACKET;
+        let first = self.lanes.first();
         let (address, ray) = (rays.top_level[first], rays.ray(first));
         // SAFETY: the contract of `Walk::new`.
         let index = unsafe { top.enter_top(address) }
             .then(|| only_instance(top))
             .flatten();
-        let Some(index) = index else { return 0 };
+        let Some(index) = index else {
+            return LaneMask::NONE;
+        };
         // SAFETY: as above.
         if !unsafe { bottom.admit(instance, top, index, &ray) } {
-            return 0;
+            return LaneMask::NONE;
         }
         let Some(record) = top.structure.instance(index) else {
-            return 0;
+            return LaneMask::NONE;
         };
         if !instance.all_opaque
             || bottom.structure.kind() != Kind::Triangles
             || record.words.state & instance_state::MOVING != 0
         {
-            return 0;
+            return LaneMask::NONE;
         }
         let alike = rays.alike(first, self.lanes);
-        let sound = beams.set_up(&Given::new(rays, alike), &record) as u16;
+        let sound = beams.set_up(&Given::new(rays, alike), &record);
         let fetches_ahead =
             bottom.structure.node_count() > LARGE && !without.contains(Specialisation::Prefetch);
         let any = ray.flags & ray_flags::TERMINATE_ON_FIRST_HIT != 0;
-        for lane in lanes_of(sound) {
+        for lane in sound {
             let way = Opaque {
                 structure: &bottom.structure,
                 instance,

@@ -1,5 +1,7 @@
 //! Rays and hits of up to sixteen lanes, a row for each number: as a subgroup of shader invocations has them.
 
+use lanes::LaneMask;
+
 use super::PACKET;
 use crate::ray::{Hit, Ray, Swept};
 
@@ -54,7 +56,7 @@ impl RayRows {
 
     /// Which of some lanes have the structure, the flags and the mask of the first.
     #[inline(always)]
-    pub(crate) fn alike(&self, first: usize, lanes: u16) -> u16 {
+    pub(crate) fn alike(&self, first: usize, lanes: LaneMask) -> LaneMask {
         let (top_level, flags, mask) = (
             self.top_level[first],
             self.flags[first],
@@ -68,13 +70,11 @@ impl RayRows {
         if differences.iter().fold(0, |all, one| all | one) == 0 {
             return lanes;
         }
-        let mut alike = 0;
-        for i in 0..PACKET {
-            let same = (self.top_level[i] == top_level)
+        let alike = LaneMask::from_fn(|i| {
+            (self.top_level[i] == top_level)
                 & (self.flags[i] == flags)
-                & (self.cull_mask[i] == mask);
-            alike |= u16::from(same) << i;
-        }
+                & (self.cull_mask[i] == mask)
+        });
         alike & lanes
     }
 
@@ -108,7 +108,7 @@ pub struct HitRows {
     /// [`Hit::hit_kind`] in the lowest eight bits, above them what else is said in bits.
     kind: Words,
     /// Lanes with a hit; rows of others but `t` hold anything.
-    pub found: u16,
+    pub found: LaneMask,
 }
 
 impl Default for HitRows {
@@ -134,7 +134,7 @@ impl HitRows {
         primitive_index: [0; PACKET],
         slot: [0; PACKET],
         kind: [0; PACKET],
-        found: 0,
+        found: LaneMask::NONE,
     };
 
     /// Puts a hit into a lane.
@@ -159,11 +159,11 @@ impl HitRows {
             | if hit.opaque { OPAQUE } else { 0 }
             | if hit.triangle { TRIANGLE } else { 0 }
             | swept;
-        self.found |= 1 << lane;
+        self.found.insert(lane);
     }
 
     /// Puts a box into lanes as their candidate: `t` is the lower end of each ray's interval.
-    pub(crate) fn set_box(&mut self, lanes: u16, hit: &Hit, t_min: &Lanes) {
+    pub(crate) fn set_box(&mut self, lanes: LaneMask, hit: &Hit, t_min: &Lanes) {
         blend(&mut self.t, t_min, lanes);
         for weights in &mut self.barycentrics {
             blend(weights, &[0.0; PACKET], lanes);
@@ -176,7 +176,7 @@ impl HitRows {
     /// Puts a triangle that is not opaque into lanes as their candidate: where each meets it, and the kind of hit that is.
     pub(crate) fn set_triangle(
         &mut self,
-        lanes: u16,
+        lanes: LaneMask,
         hit: &Hit,
         t: &Lanes,
         barycentrics: &[Lanes; 2],
@@ -192,7 +192,7 @@ impl HitRows {
     }
 
     /// Puts what and where a primitive is into lanes.
-    fn set_place(&mut self, lanes: u16, hit: &Hit) {
+    fn set_place(&mut self, lanes: LaneMask, hit: &Hit) {
         self.set_instance(lanes, hit);
         for (row, word) in [
             (&mut self.instance_index, hit.instance_index),
@@ -206,7 +206,7 @@ impl HitRows {
     }
 
     /// Takes over the hits of some lanes.
-    pub(crate) fn take(&mut self, from: &HitRows, lanes: u16) {
+    pub(crate) fn take(&mut self, from: &HitRows, lanes: LaneMask) {
         blend(&mut self.t, &from.t, lanes);
         for (weights, from) in self.barycentrics.iter_mut().zip(&from.barycentrics) {
             blend(weights, from, lanes);
@@ -226,11 +226,11 @@ impl HitRows {
     }
 
     /// Sets where some lanes hit what they hit, and the kind of hit.
-    pub(crate) fn report(&mut self, lanes: u16, t: &Lanes, kinds: &Words) {
+    pub(crate) fn report(&mut self, lanes: LaneMask, t: &Lanes, kinds: &Words) {
         blend(&mut self.t, t, lanes);
         for (lane, kind) in kinds.iter().enumerate() {
             let word = self.kind[lane] & !0xFF | kind & 0xFF;
-            self.kind[lane] = if lanes >> lane & 1 != 0 {
+            self.kind[lane] = if lanes.contains(lane) {
                 word
             } else {
                 self.kind[lane]
@@ -246,12 +246,8 @@ impl HitRows {
 
     /// Which lanes have a hit that [`Hit::is_built_in`].
     #[inline]
-    pub fn built_in(&self) -> u16 {
-        let mut built_in = 0;
-        for lane in 0..PACKET {
-            built_in |= u16::from(self.is_built_in(lane)) << lane;
-        }
-        built_in & self.found
+    pub fn built_in(&self) -> LaneMask {
+        LaneMask::from_fn(|lane| self.is_built_in(lane)) & self.found
     }
 
     /// The hit of a lane that has one.
@@ -277,7 +273,7 @@ impl HitRows {
     /// The hit of a lane, if there is one.
     #[inline]
     pub fn get(&self, lane: usize) -> Option<Hit> {
-        (self.found >> (lane % PACKET) & 1 != 0).then(|| self.hit(lane))
+        (self.found.contains(lane % PACKET)).then(|| self.hit(lane))
     }
 
     /// [`Hit::hit_kind`].
@@ -305,14 +301,14 @@ impl HitRows {
 
     /// Forgets the hits of lanes, whose rays begin now.
     #[inline(always)]
-    pub(crate) fn start(&mut self, rays: &RayRows, lanes: u16) {
+    pub(crate) fn start(&mut self, rays: &RayRows, lanes: LaneMask) {
         blend(&mut self.t, &rays.t_max, lanes);
-        self.found &= !lanes;
+        self.found -= lanes;
     }
 
     /// Puts what the triangles of an instance have in common into lanes.
     #[inline(always)]
-    pub(crate) fn set_instance(&mut self, lanes: u16, instance: &Hit) {
+    pub(crate) fn set_instance(&mut self, lanes: LaneMask, instance: &Hit) {
         blend(
             &mut self.instance_custom_index,
             &[instance.instance_custom_index; PACKET],
@@ -344,18 +340,15 @@ impl HitRows {
     #[inline(always)]
     pub(crate) fn set_opaque_triangles(
         &mut self,
-        lanes: u16,
-        front: u16,
+        lanes: LaneMask,
+        front: LaneMask,
         geometry: u32,
         primitive: u32,
         hit_kinds: [u8; 2],
     ) {
         blend(&mut self.geometry_index, &[geometry; PACKET], lanes);
         blend(&mut self.primitive_index, &[primitive; PACKET], lanes);
-        for (lanes, kind) in [
-            (lanes & !front, hit_kinds[0]),
-            (lanes & front, hit_kinds[1]),
-        ] {
+        for (lanes, kind) in [(lanes - front, hit_kinds[0]), (lanes & front, hit_kinds[1])] {
             let kind = u32::from(kind) | OPAQUE | TRIANGLE;
             blend(&mut self.kind, &[kind; PACKET], lanes);
         }
@@ -364,15 +357,15 @@ impl HitRows {
 
 /// Takes over some lanes.
 #[inline(always)]
-pub(crate) fn blend<T: Copy>(to: &mut [T; PACKET], from: &[T; PACKET], lanes: u16) {
+pub(crate) fn blend<T: Copy>(to: &mut [T; PACKET], from: &[T; PACKET], lanes: LaneMask) {
     match lanes {
-        0 => {}
-        u16::MAX => *to = *from,
+        LaneMask::NONE => {}
+        LaneMask::ALL => *to = *from,
         _ => {
             // Copies: of a choice between places in memory, compilers make a choice between addresses.
             let (kept, taken) = (*to, *from);
             for lane in 0..PACKET {
-                to[lane] = if u32::from(lanes) & 1 << lane != 0 {
+                to[lane] = if u32::from(lanes.bits()) & 1 << lane != 0 {
                     taken[lane]
                 } else {
                     kept[lane]
@@ -380,15 +373,4 @@ pub(crate) fn blend<T: Copy>(to: &mut [T; PACKET], from: &[T; PACKET], lanes: u1
             }
         }
     }
-}
-
-/// The lanes of a mask, lowest first.
-#[inline(always)]
-pub(crate) fn lanes_of(mask: u16) -> impl Iterator<Item = usize> {
-    let mut rest = mask;
-    std::iter::from_fn(move || {
-        let lane = rest.trailing_zeros() as usize;
-        rest &= rest.wrapping_sub(1);
-        (lane < PACKET).then_some(lane)
-    })
 }

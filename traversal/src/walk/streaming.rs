@@ -1,6 +1,6 @@
 //! Rays of many lists, traced together: see [`stream`](super::stream).
 
-use lanes::Tier;
+use lanes::{LaneMask, Tier};
 
 use super::options::Specialisation;
 use super::rows::{HitRows, RayRows};
@@ -32,21 +32,21 @@ impl Walker {
     pub(crate) unsafe fn add_to_stream(
         &mut self,
         rays: &RayRows,
-        lanes: u16,
+        lanes: LaneMask,
         hits: &mut HitRows,
         group: u32,
-    ) -> u16 {
+    ) -> LaneMask {
         let without = self.without();
         let needed = [
             Specialisation::Streams,
             Specialisation::OneInstance,
             Specialisation::Opaque,
         ];
-        if lanes == 0
+        if lanes.is_empty()
             || self.options.tier == Tier::Portable
             || needed.into_iter().any(|one| without.contains(one))
         {
-            return 0;
+            return LaneMask::NONE;
         }
         #[cfg(target_arch = "x86_64")]
         // SAFETY: the caller's promise; a walker has this tier only on machines that have the instruction set.
@@ -54,7 +54,7 @@ impl Walker {
         #[cfg(not(target_arch = "x86_64"))]
         {
             let _ = (rays, hits, group);
-            0
+            LaneMask::NONE
         }
     }
 

@@ -1,8 +1,10 @@
 //! Rays of one group, while they wait for decisions about candidates: as a packet, or one by one.
 
+use lanes::LaneMask;
+
 use super::entry::Entry;
 use super::found::Found;
-use super::rows::{HitRows, Lanes, RayRows, Words, blend, lanes_of};
+use super::rows::{HitRows, Lanes, RayRows, Words, blend};
 use super::{Event, PACKET, Verdict, Walk};
 use crate::layout::LEAF_TRIANGLES;
 use crate::ray::Hit;
@@ -20,15 +22,15 @@ pub(crate) enum Progress {
     /// [`Suspended::candidates`] are to be decided on.
     Candidates,
     /// From here on these go one by one: [`Suspended::split_all`]. The others are at their ends.
-    Split(u16),
+    Split(LaneMask),
 }
 
 /// Rays that wait for decisions about candidates, one each at most.
 pub(crate) struct Suspended {
     /// Those that started.
-    pub(crate) started: u16,
+    pub(crate) started: LaneMask,
     /// Those that no decision has ended.
-    pub(crate) lanes: u16,
+    pub(crate) lanes: LaneMask,
     /// The first hit of a ray ends it.
     pub(crate) any: bool,
     pub(crate) patience: u32,
@@ -38,20 +40,20 @@ pub(crate) struct Suspended {
     pub(crate) top: Ahead,
     pub(crate) bottom: Ahead,
     /// The instance they are in, and those that entered it.
-    pub(crate) instance: Option<(u32, u16)>,
+    pub(crate) instance: Option<(u32, LaneMask)>,
     pub(crate) leaf: Standing,
     /// Rays that decisions have ended since they wait.
-    pub(crate) ended: u16,
+    pub(crate) ended: LaneMask,
     /// They go one by one: of what is above, only candidates and ends of intervals are theirs.
     pub(crate) is_single: bool,
     /// By lane, where they go one by one.
     walks: Vec<Walk>,
     /// Of those, the ones whose candidates, triangles, are accepted.
-    accepted: u16,
+    accepted: LaneMask,
     /// Of those, the ones that only lack fuel.
-    out_of_fuel: u16,
+    out_of_fuel: LaneMask,
     /// Of those, the ones that stay where they are when the others go on.
-    held: u16,
+    held: LaneMask,
 }
 
 /// Children that are to be visited yet, and by which rays.
@@ -59,7 +61,7 @@ pub(crate) struct Suspended {
 pub(crate) struct Ahead {
     pub entries: Vec<Entry>,
     /// As many.
-    pub lanes: Vec<u16>,
+    pub lanes: Vec<LaneMask>,
 }
 
 impl Ahead {
@@ -71,7 +73,7 @@ impl Ahead {
     /// Those that a ray is to visit.
     fn of(&self, lane: usize) -> impl Iterator<Item = Entry> {
         let all = self.entries.iter().zip(&self.lanes);
-        all.filter_map(move |(&entry, lanes)| (lanes >> lane & 1 != 0).then_some(entry))
+        all.filter_map(move |(&entry, lanes)| lanes.contains(lane).then_some(entry))
     }
 }
 
@@ -80,13 +82,13 @@ impl Ahead {
 pub(crate) struct Standing {
     pub word: u32,
     /// By triangle: rays that have not been tested against it yet.
-    pub rest: [u16; LEAF_TRIANGLES],
+    pub rest: [LaneMask; LEAF_TRIANGLES],
 }
 
 impl Standing {
     pub const NOWHERE: Standing = Standing {
         word: 0,
-        rest: [0; LEAF_TRIANGLES],
+        rest: [LaneMask::NONE; LEAF_TRIANGLES],
     };
 }
 
@@ -94,8 +96,8 @@ impl Default for Suspended {
     /// Of no rays.
     fn default() -> Suspended {
         Suspended {
-            started: 0,
-            lanes: 0,
+            started: LaneMask::NONE,
+            lanes: LaneMask::NONE,
             any: false,
             patience: 0,
             found: Found::NOTHING,
@@ -104,12 +106,12 @@ impl Default for Suspended {
             bottom: Ahead::default(),
             instance: None,
             leaf: Standing::NOWHERE,
-            ended: 0,
+            ended: LaneMask::NONE,
             is_single: false,
             walks: Vec::new(),
-            accepted: 0,
-            out_of_fuel: 0,
-            held: 0,
+            accepted: LaneMask::NONE,
+            out_of_fuel: LaneMask::NONE,
+            held: LaneMask::NONE,
         }
     }
 }
@@ -128,13 +130,13 @@ impl Suspended {
     }
 
     /// Commits candidates of rays, triangles. `hits` are the rows that the rays started with, here and below.
-    pub(crate) fn accept(&mut self, lanes: u16, hits: &mut HitRows) {
+    pub(crate) fn accept(&mut self, lanes: LaneMask, hits: &mut HitRows) {
         if self.is_single {
             self.accepted |= lanes;
             return;
         }
-        if lanes.count_ones() < MANY {
-            for lane in lanes_of(lanes) {
+        if lanes.count() < MANY {
+            for lane in lanes {
                 let hit = self.candidates.hit(lane);
                 self.commit(lane, &hit, hits);
             }
@@ -143,40 +145,37 @@ impl Suspended {
         hits.take(&self.candidates, lanes);
         let found = &mut self.found;
         blend(&mut found.t, &self.candidates.t, lanes);
-        found.hit &= !lanes;
+        found.hit -= lanes;
         found.outside |= lanes;
     }
 
     /// Which of some rays a hit at `t` counts for: it is in the ray's interval as it stands, and no decision has ended the ray. The
     /// candidates are boxes.
-    pub(crate) fn counts(&self, lanes: u16, t: &Lanes) -> u16 {
+    pub(crate) fn counts(&self, lanes: LaneMask, t: &Lanes) -> LaneMask {
         let (t_min, t_max) = (&self.candidates.t, &self.found.t);
-        let mut inside = 0;
-        for lane in 0..PACKET {
-            // Written so that a NaN is outside.
-            inside |= u16::from((t[lane] >= t_min[lane]) & (t[lane] <= t_max[lane])) << lane;
-        }
-        inside & lanes & !self.ended
+        // Written so that a NaN is outside.
+        let inside = LaneMask::from_fn(|lane| (t[lane] >= t_min[lane]) & (t[lane] <= t_max[lane]));
+        inside & lanes - self.ended
     }
 
     /// Commits hits that intersection shaders reported for rays' candidates, each in its ray's interval as it stands. Returns which
     /// rays are over by it.
     pub(crate) fn report(
         &mut self,
-        lanes: u16,
+        lanes: LaneMask,
         t: &Lanes,
         kinds: &Words,
         hits: &mut HitRows,
-    ) -> u16 {
+    ) -> LaneMask {
         if self.is_single {
-            return lanes_of(lanes).fold(0, |over, lane| {
-                self.found.t[lane] = t[lane];
-                let ends = self.walks[lane].commit_procedural(t[lane], kinds[lane] as u8);
-                over | u16::from(ends) << lane
-            });
+            let ends = |lane: &usize| {
+                self.found.t[*lane] = t[*lane];
+                self.walks[*lane].commit_procedural(t[*lane], kinds[*lane] as u8)
+            };
+            return lanes.iter().filter(ends).collect();
         }
-        if lanes.count_ones() < MANY {
-            for lane in lanes_of(lanes) {
+        if lanes.count() < MANY {
+            for lane in lanes {
                 let hit = Hit {
                     t: t[lane],
                     hit_kind: kinds[lane] as u8,
@@ -189,10 +188,10 @@ impl Suspended {
             hits.report(lanes, t, kinds);
             let found = &mut self.found;
             blend(&mut found.t, t, lanes);
-            found.hit &= !lanes;
+            found.hit -= lanes;
             found.outside |= lanes;
         }
-        if self.any { lanes } else { 0 }
+        if self.any { lanes } else { LaneMask::NONE }
     }
 
     fn commit(&mut self, lane: usize, hit: &Hit, hits: &mut HitRows) {
@@ -201,33 +200,36 @@ impl Suspended {
     }
 
     /// Ends rays with what is committed.
-    pub(crate) fn end(&mut self, lanes: u16) {
+    pub(crate) fn end(&mut self, lanes: LaneMask) {
         self.ended |= lanes;
     }
 
     /// From here on rays go one by one; none is kept yet.
     pub(crate) fn start_singles(&mut self) {
         self.is_single = true;
-        (self.accepted, self.ended, self.out_of_fuel, self.held) = (0, 0, 0, 0);
-        self.candidates.found = 0;
+        self.accepted = LaneMask::NONE;
+        self.ended = LaneMask::NONE;
+        self.out_of_fuel = LaneMask::NONE;
+        self.held = LaneMask::NONE;
+        self.candidates.found = LaneMask::NONE;
     }
 
     /// Lets rays stay when the others go on next.
-    pub(crate) fn hold(&mut self, lanes: u16) {
+    pub(crate) fn hold(&mut self, lanes: LaneMask) {
         self.held = lanes & self.candidates.found;
     }
 
     /// Forgets rays that wait, and what was decided about them.
-    pub(crate) fn forget(&mut self, lanes: u16) {
-        self.candidates.found &= !lanes;
-        self.accepted &= !lanes;
-        self.ended &= !lanes;
-        self.out_of_fuel &= !lanes;
+    pub(crate) fn forget(&mut self, lanes: LaneMask) {
+        self.candidates.found -= lanes;
+        self.accepted -= lanes;
+        self.ended -= lanes;
+        self.out_of_fuel -= lanes;
     }
 
     /// Puts what rays that go one by one have committed so far into their hits.
     pub(crate) fn update_hits(&self, hits: &mut HitRows) {
-        for lane in lanes_of(self.candidates.found) {
+        for lane in self.candidates.found {
             if let Some(hit) = self.walks[lane].committed() {
                 hits.set(lane, hit);
             }
@@ -236,15 +238,15 @@ impl Suspended {
 
     /// Moves a ray that waits for a decision; both groups' go one by one.
     pub(crate) fn move_ray(&mut self, lane: usize, to: &mut Suspended, to_lane: usize) {
-        if self.candidates.found >> lane & 1 != 0 {
-            self.candidates.found &= !(1 << lane);
+        if self.candidates.found.contains(lane) {
+            self.candidates.found.remove(lane);
             to.keep(to_lane, &mut self.walks[lane], Event::AnyHitCandidate);
         }
     }
 
     /// Some rays wait for decisions or for fuel.
     pub(crate) fn waits(&self) -> bool {
-        self.candidates.found | self.out_of_fuel != 0
+        !(self.candidates.found | self.out_of_fuel).is_empty()
     }
 
     /// Keeps a walk that stopped, by changing places with it.
@@ -257,7 +259,7 @@ impl Suspended {
     /// Notes why the walk of a ray stopped, but for its end.
     pub(crate) fn note(&mut self, lane: usize, event: Event) {
         if event == Event::OutOfFuel {
-            self.out_of_fuel |= 1 << lane;
+            self.out_of_fuel.insert(lane);
             return;
         }
         let walk = &self.walks[lane];
@@ -268,11 +270,11 @@ impl Suspended {
     /// The walks that stopped, with what was decided about each; from here on they are on their way again.
     pub(crate) fn decided(&mut self) -> impl Iterator<Item = (usize, Verdict)> + use<> {
         let (accepted, ended) = (self.accepted, self.ended);
-        let (lanes, held) = (self.candidates.found & !self.held, self.held);
+        let (lanes, held) = (self.candidates.found - self.held, self.held);
         self.start_singles();
         self.candidates.found = held;
-        lanes_of(lanes).map(move |lane| {
-            let verdict = match (accepted >> lane & 1 != 0, ended >> lane & 1 != 0) {
+        lanes.iter().map(move |lane| {
+            let verdict = match (accepted.contains(lane), ended.contains(lane)) {
                 (false, false) => Verdict::Continue,
                 (false, true) => Verdict::Terminate,
                 (true, false) => Verdict::Accept,
@@ -284,8 +286,8 @@ impl Suspended {
 
     /// A ray that only lacked fuel, which is on its way again.
     pub(crate) fn take_out_of_fuel(&mut self) -> Option<usize> {
-        let lane = lanes_of(self.out_of_fuel).next()?;
-        self.out_of_fuel &= !(1 << lane);
+        let lane = self.out_of_fuel.iter().next()?;
+        self.out_of_fuel.remove(lane);
         Some(lane)
     }
 
@@ -298,10 +300,10 @@ impl Suspended {
     ///
     /// # Safety
     /// As for [`Walk::new`].
-    pub(crate) unsafe fn split_all(&mut self, lanes: u16, rays: &RayRows, hits: &HitRows) {
+    pub(crate) unsafe fn split_all(&mut self, lanes: LaneMask, rays: &RayRows, hits: &HitRows) {
         self.start_singles();
         let mut walk = Walk::OVER;
-        for lane in lanes_of(lanes) {
+        for lane in lanes {
             // SAFETY: the caller's promise.
             unsafe { self.split(lane, rays, hits, &mut walk) };
             self.keep(lane, &mut walk, Event::OutOfFuel);
@@ -317,7 +319,7 @@ impl Suspended {
         unsafe { walk.restart(rays.top_level[lane], &rays.ray(lane)) };
         walk.set_time(rays.time[lane]);
         let instance =
-            (self.instance.filter(|(_, lanes)| lanes >> lane & 1 != 0)).map(|(index, _)| index);
+            (self.instance.filter(|(_, lanes)| lanes.contains(lane))).map(|(index, _)| index);
         walk.go_on_from(
             hits.get(lane),
             self.top.of(lane),

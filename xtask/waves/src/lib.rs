@@ -1,10 +1,10 @@
 //! A program of the interpreter over many lanes, for measurements: one that nothing is bound to, and that runs to its end at once.
 
 use anyhow::{Error, Result, ensure};
-use spirv_jit::Tier;
 use spirv_jit::environment::Environment;
 use spirv_jit::ir::text::parse_module;
 use spirv_jit::program::{AlignedRow, Event, Frame, Program, Wave};
+use spirv_jit::{LaneMask, Tier};
 
 /// Lanes of a subgroup.
 const LANES: usize = 16;
@@ -56,7 +56,7 @@ impl Waves {
     /// Puts every lane back to the entry, with the inputs as they are.
     pub fn restart(&mut self) {
         for state in &mut self.states {
-            self.program.start(state, !0);
+            self.program.start(state, LaneMask::ALL);
         }
     }
 

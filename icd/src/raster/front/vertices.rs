@@ -1,5 +1,6 @@
 //! The vertices of a chunk: each of them once, their invocations in waves, their outputs by vertex.
 
+use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;
 
 use super::clip::MAX_CLIP_DISTANCES;
@@ -166,7 +167,7 @@ pub fn shade(
     for wave in vertices.chunks(SUBGROUPS * SUBGROUP_SIZE) {
         runner.begin(program, wave.len().div_ceil(SUBGROUP_SIZE))?;
         for (state, lanes) in runner.states().zip(wave.chunks(SUBGROUP_SIZE)) {
-            program.start(state, ((1u32 << lanes.len()) - 1) as u16);
+            program.start(state, LaneMask::full(lanes.len()));
             fetch.fill(state, lanes, commons);
         }
         runner.run(program, &draw.environment, limits)?;

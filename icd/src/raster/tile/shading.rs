@@ -1,5 +1,6 @@
 //! Sixteen fragments at a time: tests before the program, its inputs, tests after it and colours.
 
+use lanes::LaneMask;
 use spirv_jit::Program;
 use spirv_jit::image::vector::Vector;
 use spirv_jit::program::AlignedRow;
@@ -85,7 +86,8 @@ spirv_jit::vectors! {
         let mut steps_of = None;
         for (pack, state) in packs.iter().zip(runner.states()) {
             let (active, covered) = (pack.active(), pack.covered());
-            program.start_fragments(state, active, active & !covered);
+            let helpers = LaneMask::from_bits(active & !covered);
+            program.start_fragments(state, LaneMask::from_bits(active), helpers);
             counts.invocations += u64::from(covered.count_ones());
             let fragments = fragments_of(chunks, pack);
             let rows = &mut state[inputs..];
@@ -120,7 +122,7 @@ spirv_jit::vectors! {
         let io = program.layout().io;
         if plan.order == Order::Early && plan.output.is_bytes() {
             for (pack, state) in packs.iter().zip(runner.states()) {
-                let mask = pack.masks[0] & !program.helpers(state);
+                let mask = pack.masks[0] & !program.helpers(state).bits();
                 if mask != 0 {
                     // SAFETY: the caller's promise.
                     unsafe { plan.output.write_bytes(v, &state[io..], &pack.places, mask) };
@@ -130,7 +132,7 @@ spirv_jit::vectors! {
         }
         for (index, pack) in packs.iter().enumerate() {
             let state = runner.state(index);
-            let live = !program.helpers(state);
+            let live = !program.helpers(state).bits();
             let mut masks = pack.masks;
             for mask in &mut masks {
                 *mask &= live;

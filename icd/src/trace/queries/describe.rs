@@ -1,5 +1,6 @@
 //! What getters read: words about a candidate or a committed hit.
 
+use lanes::LaneMask;
 use spirv_jit::SUBGROUP_SIZE;
 use spirv_jit::facts::Fact;
 use spirv_jit::program::{AlignedRow, Row};
@@ -14,7 +15,7 @@ use crate::wave::Limits;
 /// Writes what getters read of the candidates of lanes.
 pub(super) fn describe_candidates(
     candidates: &HitRows,
-    lanes: u16,
+    lanes: LaneMask,
     object: &mut [AlignedRow],
     words: &[QueryWord],
     limits: &Limits,
@@ -26,7 +27,7 @@ pub(super) fn describe_candidates(
 /// Writes what getters read of the hits that lanes have committed, those that have.
 pub(super) fn describe_committed(
     hits: &HitRows,
-    lanes: u16,
+    lanes: LaneMask,
     object: &mut [AlignedRow],
     words: &[QueryWord],
     limits: &Limits,
@@ -39,12 +40,12 @@ pub(super) fn describe_committed(
 /// Writes words of an object, which begin at `at`, a row at a time.
 fn describe(
     hits: &HitRows,
-    lanes: u16,
+    lanes: LaneMask,
     object: &mut [AlignedRow],
     (words, at): (&[QueryWord], usize),
     limits: &Limits,
 ) {
-    if lanes == 0 || words.is_empty() {
+    if lanes.is_empty() || words.is_empty() {
         return;
     }
     let (rays, to) = object.split_at_mut(row::WORDS);
@@ -81,7 +82,7 @@ pub(super) fn shows_committed(words: &[QueryWord]) -> bool {
 struct Rows<'a> {
     rays: &'a [AlignedRow],
     hits: &'a HitRows,
-    lanes: u16,
+    lanes: LaneMask,
 }
 
 impl Take for &Rows<'_> {
@@ -93,7 +94,7 @@ impl Take for &Rows<'_> {
 }
 
 impl Subjects for Rows<'_> {
-    fn lanes(&self) -> u16 {
+    fn lanes(&self) -> LaneMask {
         self.lanes
     }
 

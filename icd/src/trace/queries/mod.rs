@@ -7,13 +7,14 @@
 mod describe;
 mod waiting;
 
+use lanes::LaneMask;
 use spirv_jit::Program;
 use spirv_jit::program::AlignedRow;
 use spirv_jit::query::{row, state};
 use traversal::{Flight, Flights, RayRows, Start, Walker, ray_flags};
 
 use super::facts::Lanes;
-use super::lanes::{copy_lanes, lanes_of};
+use super::lanes::copy_lanes;
 use crate::wave::{Limits, Stopped};
 use describe::{describe_candidates, describe_committed, shows_committed};
 pub use waiting::Owned;
@@ -66,21 +67,19 @@ impl Queries {
             owned,
         };
         // Lanes that stand at a candidate.
-        let (mut rest, mut stand) = (mask, 0);
-        while rest != 0 {
-            let place = first[rest.trailing_zeros() as usize];
-            let lanes = lanes_of(rest)
-                .filter(|&lane| first[lane] == place)
-                .fold(0, |lanes, lane| lanes | 1 << lane);
-            rest &= !lanes;
+        let (mut rest, mut stand) = (mask, LaneMask::NONE);
+        while !rest.is_empty() {
+            let place = first[rest.first()];
+            let lanes: LaneMask = (rest.iter()).filter(|&lane| first[lane] == place).collect();
+            rest -= lanes;
             let size = row::WORDS + program.query_words().len();
             if let Some(rows) = private.get_mut(place as usize..place as usize + size) {
                 let mut object = Object { first: place, rows };
                 stand |= self.proceed_together(&mut context, &mut object, lanes)?;
             }
         }
-        for lane in lanes_of(mask) {
-            rows[io].0[lane] = u32::from(stand >> lane & 1 != 0);
+        for lane in mask {
+            rows[io].0[lane] = u32::from(stand.contains(lane));
         }
         Ok(())
     }
@@ -90,15 +89,15 @@ impl Queries {
         &mut self,
         context: &mut Context<'_>,
         object: &mut Object<'_>,
-        lanes: u16,
-    ) -> Result<u16, Stopped> {
+        lanes: LaneMask,
+    ) -> Result<LaneMask, Stopped> {
         let ready = lanes & object.lanes_at(state::READY);
-        let mut stand = 0;
-        if ready != 0 {
+        let mut stand = LaneMask::NONE;
+        if !ready.is_empty() {
             stand = self.start(context, object, ready)?;
         }
-        if lanes & !ready != 0 {
-            stand |= self.advance(context, object, lanes & !ready)?;
+        if ready != lanes {
+            stand |= self.advance(context, object, lanes - ready)?;
         }
         Ok(stand)
     }
@@ -108,8 +107,8 @@ impl Queries {
         &mut self,
         context: &mut Context<'_>,
         object: &mut Object<'_>,
-        lanes: u16,
-    ) -> Result<u16, Stopped> {
+        lanes: LaneMask,
+    ) -> Result<LaneMask, Stopped> {
         self.waiting.forget(object.first, lanes, context.owned);
         if context.limits.queried.is_some() {
             check(context, object, lanes);
@@ -118,7 +117,7 @@ impl Queries {
         let ends =
             |lane: usize| object.rows[row::FLAGS].0[lane] & ray_flags::TERMINATE_ON_FIRST_HIT;
         let shows_first_hit = shows_committed(context.program.query_words())
-            && lanes_of(lanes).any(|lane| ends(lane) != 0);
+            && lanes.iter().any(|lane| ends(lane) != 0);
         let flight = &mut *self.waiting.starting;
         let mut one = One {
             flight: &mut *flight,
@@ -142,21 +141,21 @@ impl Queries {
         &mut self,
         context: &mut Context<'_>,
         object: &mut Object<'_>,
-        lanes: u16,
-    ) -> Result<u16, Stopped> {
+        lanes: LaneMask,
+    ) -> Result<LaneMask, Stopped> {
         let asked = [state::CANDIDATE, state::CONFIRMED, state::GENERATED];
         let asked = asked
             .iter()
-            .fold(0, |asked, &at| asked | object.lanes_at(at));
+            .fold(LaneMask::NONE, |asked, &at| asked | object.lanes_at(at));
         let going = lanes & asked;
         let Some(flight) = context.owned.find(object.first) else {
             object.set_state(going, state::OVER);
-            return Ok(0);
+            return Ok(LaneMask::NONE);
         };
         let waiting = flight.candidates().found;
-        object.set_state(going & !waiting, state::OVER);
+        object.set_state(going - waiting, state::OVER);
         let going = going & waiting;
-        flight.hold(waiting & !going);
+        flight.hold(waiting - going);
         decide(flight, object, going);
         let mut one = One {
             flight: &mut *flight,
@@ -172,7 +171,7 @@ impl Queries {
         unsafe { context.walker.resume(&[0], &mut one)? };
         let stand = settle((context.program, context.limits), object, flight, going);
         // Also of lanes that are over, which the shader may have ended.
-        let over = lanes & !stand;
+        let over = lanes - stand;
         self.waiting.forget(object.first, over, context.owned);
         Ok(stand)
     }
@@ -206,29 +205,29 @@ fn settle(
     (program, limits): (&Program, &Limits),
     object: &mut Object<'_>,
     flight: &mut Flight,
-    lanes: u16,
-) -> u16 {
+    lanes: LaneMask,
+) -> LaneMask {
     let words = program.query_words();
     flight.update_hits();
     describe_committed(&flight.hits, lanes, object.rows, words, limits);
     let stand = flight.candidates().found & lanes;
     describe_candidates(flight.candidates(), stand, object.rows, words, limits);
     object.set_state(lanes, state::OVER);
-    if stand != 0 {
+    if !stand.is_empty() {
         object.set_state(stand, state::CANDIDATE);
     }
     stand
 }
 
 /// Applies what the shader has decided about candidates; nonsense counts as nothing.
-fn decide(flight: &mut Flight, object: &Object<'_>, lanes: u16) {
+fn decide(flight: &mut Flight, object: &Object<'_>, lanes: LaneMask) {
     let built_in = flight.candidates().built_in();
     let confirmed = object.lanes_at(state::CONFIRMED) & lanes & built_in;
-    if confirmed != 0 {
+    if !confirmed.is_empty() {
         flight.accept(confirmed);
     }
-    let generated = object.lanes_at(state::GENERATED) & lanes & !built_in;
-    if generated != 0 {
+    let generated = object.lanes_at(state::GENERATED) & lanes - built_in;
+    if !generated.is_empty() {
         let t = floats(object.rows, row::GENERATED_T);
         let counts = flight.counts(generated, &t);
         flight.report(counts, &t, &[0; _]);
@@ -236,13 +235,13 @@ fn decide(flight: &mut Flight, object: &Object<'_>, lanes: u16) {
 }
 
 #[cold]
-fn check(context: &Context<'_>, object: &Object<'_>, lanes: u16) {
+fn check(context: &Context<'_>, object: &Object<'_>, lanes: LaneMask) {
     let Some(queried) = &context.limits.queried else {
         return;
     };
     let mut rays = RayRows::NONE;
     load(object.rows, &mut rays);
-    for lane in lanes_of(lanes) {
+    for lane in lanes {
         let named = rays.top_level[lane];
         let kind = (context.limits.structure(named)).map(|structure| structure.kind());
         queried.ray(context.program.number(), &rays.ray(lane), named, kind);
@@ -305,16 +304,13 @@ fn structures(object: &[AlignedRow]) -> Lanes<u64> {
 impl Object<'_> {
     /// Lanes whose query stands at a state.
     #[inline]
-    fn lanes_at(&self, state: u32) -> u16 {
-        let mut lanes = 0;
-        for (lane, &now) in self.rows[row::STATE].0.iter().enumerate() {
-            lanes |= u16::from(now == state) << lane;
-        }
-        lanes
+    fn lanes_at(&self, state: u32) -> LaneMask {
+        let states = &self.rows[row::STATE].0;
+        LaneMask::from_fn(|lane| states[lane] == state)
     }
 
     #[inline]
-    fn set_state(&mut self, lanes: u16, state: u32) {
+    fn set_state(&mut self, lanes: LaneMask, state: u32) {
         copy_lanes(&mut self.rows[row::STATE].0, &[state; _], lanes);
     }
 }
@@ -333,7 +329,7 @@ mod tests {
         // SAFETY: the scene is alive.
         unsafe { groups.trace(&mut Walker::new(), 1) };
         let flight = groups.flights.pop().expect("there is one group");
-        assert_eq!(flight.candidates().found, u16::MAX);
+        assert_eq!(flight.candidates().found, LaneMask::ALL);
         Box::new(flight)
     }
 
@@ -353,6 +349,6 @@ mod tests {
         let moves = waiting.move_lane((&mut moving, 3), (&mut moved, 5));
         moves.expect("there is room");
         let flight = moved.find(8).expect("the ray moved with its query");
-        assert_eq!(flight.candidates().found, 1 << 5);
+        assert_eq!(flight.candidates().found, LaneMask::of(5));
     }
 }

@@ -1,9 +1,9 @@
 //! The rays of queries that wait for their shaders.
 #![forbid(unsafe_code)]
 
+use lanes::LaneMask;
 use traversal::Flight;
 
-use super::super::lanes::lanes_of;
 use crate::wave::Stopped;
 
 /// Groups of rays that a worker may keep, at most.
@@ -45,11 +45,11 @@ impl Waiting {
     /// There are too many.
     pub fn keep(&mut self, object: u32, owned: &mut Owned) -> Result<(), Stopped> {
         let waiting = self.starting.candidates().found;
-        if waiting == 0 {
+        if waiting.is_empty() {
             return Ok(());
         }
         if let Some(others) = owned.find(object) {
-            for lane in lanes_of(waiting) {
+            for lane in waiting {
                 self.starting.move_ray(lane, others, lane);
             }
             return Ok(());
@@ -69,16 +69,16 @@ impl Waiting {
         self.count += 1;
         let mut room = self.spare.pop().unwrap_or_default();
         // Rays that waited when their subgroup was released are nobody's: their structures may be gone.
-        room.forget(u16::MAX);
+        room.forget(LaneMask::ALL);
         Ok(room)
     }
 
     /// Forgets rays of an object's query.
-    pub fn forget(&mut self, object: u32, lanes: u16, owned: &mut Owned) {
+    pub fn forget(&mut self, object: u32, lanes: LaneMask, owned: &mut Owned) {
         if let Some(place) = owned.0.iter().position(|(of, _)| *of == object) {
             let flight = &mut owned.0[place].1;
             flight.forget(lanes);
-            if flight.candidates().found == 0 {
+            if flight.candidates().found.is_empty() {
                 let (_, flight) = owned.0.swap_remove(place);
                 self.spare.push(flight);
                 self.count -= 1;
@@ -96,7 +96,7 @@ impl Waiting {
         (to, to_lane): (&mut Owned, usize),
     ) -> Result<(), Stopped> {
         for (object, flight) in &mut from.0 {
-            if flight.candidates().found >> lane & 1 == 0 {
+            if !flight.candidates().found.contains(lane) {
                 continue;
             }
             if to.find(*object).is_none() {

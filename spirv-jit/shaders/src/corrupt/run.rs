@@ -1,11 +1,11 @@
 //! Running what came out of a corrupted module: whatever it does, it ends when its fuel is spent and writes only what is bound.
 
 use fastrand::Rng;
-use spirv_jit::Program;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, uniform};
 use spirv_jit::image::{Format, ImageDescriptor, Level, SamplerDescriptor};
 use spirv_jit::program::{AlignedRow, Event, Frame, IO_DATA_ROW, SiteKind, Wave};
 use spirv_jit::reach::{Range, Reach};
+use spirv_jit::{LaneMask, Program};
 
 use super::word;
 
@@ -110,7 +110,7 @@ pub fn run(program: &Program, random: &mut Rng, margin: usize) {
     let mut states =
         vec![vec![AlignedRow::default(); layout.rows]; program.max_wave_subgroups().min(2)];
     for state in &mut states {
-        program.start(state, random.u16(..) | 1);
+        program.start(state, LaneMask::from_bits(random.u16(..) | 1));
         let inputs = &mut state[layout.inputs..][..program.inputs().len()];
         inputs
             .iter_mut()

@@ -6,6 +6,8 @@ mod memory;
 mod pairs;
 mod yields;
 
+use lanes::LaneMask;
+
 use lanes::Tier as TierKind;
 
 use super::Frame;
@@ -35,7 +37,7 @@ impl Bench {
         // Garbage, which `start` must clear.
         let mut states = vec![vec![AlignedRow([0xdead_beef; 16]); rows]; subgroups];
         for state in &mut states {
-            program.start(state, !0);
+            program.start(state, LaneMask::ALL);
         }
         let shared = vec![0; program.shared_size_bytes().div_ceil(8) as usize];
         Bench {
@@ -98,15 +100,14 @@ impl Bench {
         let row = self.program.layout().io + row;
         for (s, state) in self.states.iter_mut().enumerate() {
             let mask = self.program.event_mask(state);
-            for (k, word) in state[row].0.iter_mut().enumerate() {
-                if mask & 1 << k != 0 {
-                    *word = f(s * 16 + k, *word);
-                }
+            for k in mask {
+                let word = &mut state[row].0[k];
+                *word = f(s * 16 + k, *word);
             }
         }
     }
 
-    pub fn event_masks(&self) -> Vec<u16> {
+    pub fn event_masks(&self) -> Vec<LaneMask> {
         let mask = |state: &Vec<AlignedRow>| self.program.event_mask(state);
         self.states.iter().map(mask).collect()
     }

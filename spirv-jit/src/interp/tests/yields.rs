@@ -1,5 +1,7 @@
 //! Suspending and resuming: in loops, in calls, in waves that change, and for lack of fuel.
 
+use lanes::LaneMask;
+
 use super::{Bench, on_tiers};
 use crate::ir::op::Trace;
 use crate::state::{Event, IO_DATA_ROW, SiteKind};
@@ -101,12 +103,9 @@ fn waves_are_regrouped() {
                 Event::Yield(_) => {
                     let layout = bench.program.layout();
                     for &k in &group {
-                        let mask = bench.program.event_mask(&bench.states[k]);
-                        for lane in 0..16 {
-                            if mask & 1 << lane != 0 {
-                                let index = bench.states[k][layout.io].0[lane];
-                                bench.states[k][layout.io + IO_DATA_ROW].0[lane] += index + 5;
-                            }
+                        for lane in bench.program.event_mask(&bench.states[k]) {
+                            let index = bench.states[k][layout.io].0[lane];
+                            bench.states[k][layout.io + IO_DATA_ROW].0[lane] += index + 5;
                         }
                     }
                 }
@@ -227,16 +226,11 @@ fn reported_hits_may_end_the_invocation() {
             bench.site(event),
             SiteKind::ReportIntersection { attribute_words: 1 }
         );
-        assert_eq!(bench.event_masks(), [0xffff]);
+        assert_eq!(bench.event_masks(), [LaneMask::ALL]);
         assert_eq!(bench.io(0)[3], 3f32.to_bits());
         bench.answer(0, |lane, _| lane as u32 % 3);
         assert!(matches!(bench.run(&mut 0), Event::Yield(_)));
-        let of = |remainder: usize| {
-            (0..16)
-                .filter(|k| k % 3 == remainder)
-                .map(|k| 1 << k)
-                .sum::<u16>()
-        };
+        let of = |remainder: usize| LaneMask::from_fn(|k| k % 3 == remainder);
         assert_eq!(bench.event_masks(), [of(0)]);
         assert_eq!(bench.io(0)[3], 6f32.to_bits());
         bench.answer(0, |_, _| 1);

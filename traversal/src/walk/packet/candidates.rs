@@ -3,6 +3,8 @@
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::*;
 
+use lanes::LaneMask;
+
 use super::rays::Rays;
 #[cfg(target_arch = "x86_64")]
 use super::rays::{load, store};
@@ -34,7 +36,7 @@ pub(super) fn test_some(
     rays: &Rays,
     structure: &Structure,
     facts: &InstanceFacts,
-    (word, lanes): (u32, u16),
+    (word, lanes): (u32, LaneMask),
     t_far: f32,
     found: &mut Found,
 ) -> Standing {
@@ -80,13 +82,13 @@ pub(super) fn next_candidates(
     structure: &Structure,
     facts: &InstanceFacts,
     standing: &mut Standing,
-    live: u16,
+    live: LaneMask,
     found: &Found,
     candidates: &mut HitRows,
 ) {
-    candidates.found = 0;
-    let rest = standing.rest.iter().fold(0, |all, lanes| all | lanes) & live;
-    if rest == 0 {
+    candidates.found = LaneMask::NONE;
+    let rest = (standing.rest.iter()).fold(LaneMask::NONE, |all, &lanes| all | lanes) & live;
+    if rest.is_empty() {
         return;
     }
     let mut room = None;
@@ -95,11 +97,11 @@ pub(super) fn next_candidates(
     };
     let first_slot = structure.first_slot(standing.word & child::INDEX);
     for i in 0..LEAF_TRIANGLES {
-        let lanes = standing.rest[i] & live & !candidates.found;
-        if lanes == 0 {
+        let lanes = standing.rest[i] & live - candidates.found;
+        if lanes.is_empty() {
             continue;
         }
-        standing.rest[i] &= !lanes;
+        standing.rest[i] -= lanes;
         let (group, lane) = (groups[i / GROUP], i % GROUP);
         let Some(meeting) = meet(rays, (group, lane), lanes, load(&found.t)) else {
             continue;
@@ -120,15 +122,16 @@ pub(super) fn next_candidates(
             store(weights, weight);
         }
         let t_far = load(&found.t);
-        let mut met = meeting.lanes & _mm512_cmp_ps_mask::<_CMP_LT_OQ>(meeting.t, t_far);
+        let nearer = LaneMask::from_bits(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(meeting.t, t_far));
+        let mut met = meeting.lanes & nearer;
         let mut front = meeting.front;
-        if meeting.undecided != 0 {
+        if !meeting.undecided.is_empty() {
             let triangle = group.triangle(lane);
             let exactly = place.meet_exactly(rays, &triangle, meeting.undecided, found);
             met |= exactly.0;
-            front = front & !meeting.undecided | exactly.1;
+            front = front - meeting.undecided | exactly.1;
         }
-        let kinds = std::array::from_fn(|lane| facts.hit_kind(front >> lane & 1 != 0));
+        let kinds = std::array::from_fn(|lane| facts.hit_kind(front.contains(lane)));
         candidates.set_triangle(met, &hit, &place.t, &place.barycentrics, &kinds);
     }
 }
@@ -148,17 +151,17 @@ impl Place {
         &mut self,
         rays: &Rays,
         triangle: &[[f32; 3]; 3],
-        lanes: u16,
+        lanes: LaneMask,
         found: &Found,
-    ) -> (u16, u16) {
-        let (mut met, mut front) = (0, 0);
-        for lane in (0..PACKET).filter(|lane| lanes >> lane & 1 != 0) {
+    ) -> (LaneMask, LaneMask) {
+        let [mut met, mut front] = [LaneMask::NONE; 2];
+        for lane in lanes {
             if let Some(hit) = intersect(&rays.beams.space(lane), triangle, Rim::Owned)
                 && hit.t > rays.beams.t_min[lane]
                 && hit.t < found.t[lane]
             {
-                met |= 1 << lane;
-                front |= u16::from(hit.front) << lane;
+                met.insert(lane);
+                front.set(lane, hit.front);
                 self.t[lane] = hit.t;
                 for (weights, weight) in self.barycentrics.iter_mut().zip(hit.barycentrics) {
                     weights[lane] = weight;

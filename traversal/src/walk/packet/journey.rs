@@ -1,5 +1,7 @@
 //! From instance to instance, and where a suspended packet keeps the rays.
 
+use lanes::LaneMask;
+
 use super::kernel::PacketKernel;
 use super::{Packet, PacketSpace};
 use crate::layout::{child, geometry_word};
@@ -41,7 +43,7 @@ impl Packet<'_> {
         mut self,
         walker: &mut Walker,
         hits: &mut HitRows,
-        only: Option<(u32, u16)>,
+        only: Option<(u32, LaneMask)>,
     ) -> Progress {
         let structure = walker.top.structure;
         let mut next = only;
@@ -89,9 +91,9 @@ impl Packet<'_> {
         }
         match self.patience {
             0 if self.has_asked => {
-                walker.packet.bottom.start(0);
+                walker.packet.bottom.start(LaneMask::NONE);
                 // SAFETY: as above.
-                unsafe { self.split::<K>(walker, hits, (0, 0)) }
+                unsafe { self.split::<K>(walker, hits, (0, LaneMask::NONE)) }
             }
             0 => Progress::Singly,
             // SAFETY: as above.
@@ -108,7 +110,7 @@ impl Packet<'_> {
         &mut self,
         walker: &mut Walker,
         index: u32,
-        lanes: u16,
+        lanes: LaneMask,
         again: bool,
     ) -> Entering {
         let Walker {
@@ -158,7 +160,7 @@ impl Packet<'_> {
         &mut self,
         walker: &mut Walker,
         way: Way,
-        instance: (u32, u16),
+        instance: (u32, LaneMask),
         mut standing: Standing,
     ) -> bool {
         let structure = walker.bottom.structure;
@@ -203,7 +205,7 @@ impl Packet<'_> {
         &mut self,
         walker: &Walker,
         facts: &InstanceFacts,
-        instance: (u32, u16),
+        instance: (u32, LaneMask),
         standing: &mut Standing,
     ) -> bool {
         let (live, structure) = (self.live(), &walker.bottom.structure);
@@ -223,7 +225,7 @@ impl Packet<'_> {
                 candidates,
             );
         }
-        if suspended.candidates.found == 0 {
+        if suspended.candidates.found.is_empty() {
             return false;
         }
         suspended.leaf = *standing;
@@ -237,9 +239,9 @@ impl Packet<'_> {
         &mut self,
         walker: &Walker,
         facts: &InstanceFacts,
-        instance: (u32, u16),
+        instance: (u32, LaneMask),
         word: u32,
-        lanes: u16,
+        lanes: LaneMask,
     ) -> bool {
         let entry = walker.bottom.structure.box_entry(word & child::INDEX);
         let (Some(suspended), Some(entry)) = (self.suspended.as_deref_mut(), entry) else {
@@ -254,7 +256,7 @@ impl Packet<'_> {
             opaque,
             ..facts.hit()
         };
-        suspended.candidates.found = 0;
+        suspended.candidates.found = LaneMask::NONE;
         suspended.candidates.set_box(lanes, &hit, &self.rays.t_min);
         suspended.leaf = Standing::NOWHERE;
         self.keep(walker, instance);
@@ -262,7 +264,7 @@ impl Packet<'_> {
     }
 
     /// Leaves the rays to the suspended packet.
-    fn keep(&mut self, walker: &Walker, instance: (u32, u16)) {
+    fn keep(&mut self, walker: &Walker, instance: (u32, LaneMask)) {
         let live = self.live();
         let Some(suspended) = self.suspended.as_deref_mut() else {
             return;
@@ -271,7 +273,7 @@ impl Packet<'_> {
             suspended.started = self.lanes;
         }
         suspended.lanes = self.lanes;
-        (suspended.is_single, suspended.ended) = (false, 0);
+        (suspended.is_single, suspended.ended) = (false, LaneMask::NONE);
         suspended.any = self.any;
         suspended.patience = self.patience;
         suspended.found = self.found.clone();
@@ -292,7 +294,7 @@ impl Packet<'_> {
         mut self,
         walker: &Walker,
         hits: &mut HitRows,
-        (index, lanes): (u32, u16),
+        (index, lanes): (u32, LaneMask),
     ) -> Progress {
         self.keep(walker, (index, lanes & self.live()));
         // SAFETY: the caller's promise.

@@ -1,5 +1,7 @@
 //! What packets compute, one set for each instruction set. All give the same bits, and visit the same things in the same order.
 
+use lanes::LaneMask;
+
 use super::rays::Rays;
 use super::{Packet, Stack};
 use crate::layout::{InstanceRecord, NodeAt, TriangleGroup, WIDTH};
@@ -29,31 +31,31 @@ pub(super) trait PacketKernel: Sized {
     ///
     /// # Safety
     /// As above.
-    unsafe fn least(row: &Lanes, lanes: u16) -> f32;
+    unsafe fn least(row: &Lanes, lanes: LaneMask) -> f32;
 
     /// The greatest number of some lanes.
     ///
     /// # Safety
     /// As above.
-    unsafe fn greatest(row: &Lanes, lanes: u16) -> f32;
+    unsafe fn greatest(row: &Lanes, lanes: LaneMask) -> f32;
 
     /// Lanes whose number is not less.
     ///
     /// # Safety
     /// As above.
-    unsafe fn at_least(row: Self::Row, number: f32) -> u16;
+    unsafe fn at_least(row: Self::Row, number: f32) -> LaneMask;
 
     /// Lanes with this word.
     ///
     /// # Safety
     /// As above.
-    unsafe fn equal(row: &Words, word: u32) -> u16;
+    unsafe fn equal(row: &Words, word: u32) -> LaneMask;
 
     /// Lanes whose inverse is not that of a direction along a plane: below [`STEEP`](super::rays::STEEP).
     ///
     /// # Safety
     /// As above.
-    unsafe fn flat(inverses: &Lanes) -> u16;
+    unsafe fn flat(inverses: &Lanes) -> LaneMask;
 
     /// Which children's boxes any of the rays might meet, and where at the soonest.
     ///
@@ -76,7 +78,7 @@ pub(super) trait PacketKernel: Sized {
     ///
     /// # Safety
     /// As above.
-    unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: Self::Row) -> u16;
+    unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: Self::Row) -> LaneMask;
 
     /// Tests the opaque triangles of a leaf, a word and the rays that come there.
     ///
@@ -85,7 +87,7 @@ pub(super) trait PacketKernel: Sized {
     unsafe fn test_leaf(
         rays: &Rays,
         structure: &Structure,
-        leaf: (u32, u16),
+        leaf: (u32, LaneMask),
         t_far: f32,
         found: &mut Found,
     );
@@ -98,7 +100,7 @@ pub(super) trait PacketKernel: Sized {
         rays: &mut Rays,
         structure: &Structure,
         facts: &InstanceFacts,
-        leaf: (u32, u16),
+        leaf: (u32, LaneMask),
         t_far: f32,
         found: &mut Found,
     ) -> Standing;
@@ -112,7 +114,7 @@ pub(super) trait PacketKernel: Sized {
         structure: &Structure,
         facts: &InstanceFacts,
         standing: &mut Standing,
-        live: u16,
+        live: LaneMask,
         found: &Found,
         candidates: &mut HitRows,
     );
@@ -126,7 +128,7 @@ pub(super) trait PacketKernel: Sized {
         rays: &Rays,
         structure: &Structure,
         stack: &mut Stack,
-    ) -> Option<(u32, u16, f32)>;
+    ) -> Option<(u32, LaneMask, f32)>;
 
     /// [`Packet::finish`].
     ///
@@ -138,7 +140,12 @@ pub(super) trait PacketKernel: Sized {
     ///
     /// # Safety
     /// As above.
-    unsafe fn set_up_top(rays: &mut Rays, given: &Given, origin_error: f32, lanes: u16) -> bool;
+    unsafe fn set_up_top(
+        rays: &mut Rays,
+        given: &Given,
+        origin_error: f32,
+        lanes: LaneMask,
+    ) -> bool;
 
     /// [`Rays::set_up_instance`].
     ///
@@ -148,7 +155,7 @@ pub(super) trait PacketKernel: Sized {
         rays: &mut Rays,
         given: &Given,
         record: &InstanceRecord,
-        lanes: u16,
+        lanes: LaneMask,
     ) -> bool;
 
     /// [`super::trace_packet`].
@@ -157,7 +164,7 @@ pub(super) trait PacketKernel: Sized {
     /// As above; the contract of [`Walk::new`](crate::walk::Walk::new), for every ray.
     unsafe fn trace_packet(
         rays: &RayRows,
-        lanes: u16,
+        lanes: LaneMask,
         hits: &mut HitRows,
         walker: &mut Walker,
         suspended: Option<&mut Suspended>,
@@ -185,7 +192,7 @@ macro_rules! compiled {
             rays: &Rays,
             structure: &Structure,
             stack: &mut Stack,
-        ) -> Option<(u32, u16, f32)> {
+        ) -> Option<(u32, LaneMask, f32)> {
             // SAFETY: the caller's promise.
             unsafe { packet.next_leaf::<$kernel>(rays, structure, stack) }
         }
@@ -201,7 +208,7 @@ macro_rules! compiled {
             rays: &mut Rays,
             given: &Given,
             origin_error: f32,
-            lanes: u16,
+            lanes: LaneMask,
         ) -> bool {
             // SAFETY: the caller's promise.
             unsafe { rays.set_up_top::<$kernel>(given, origin_error, lanes) }
@@ -212,7 +219,7 @@ macro_rules! compiled {
             rays: &mut Rays,
             given: &Given,
             record: &InstanceRecord,
-            lanes: u16,
+            lanes: LaneMask,
         ) -> bool {
             // SAFETY: the caller's promise.
             unsafe { rays.set_up_instance::<$kernel>(given, record, lanes) }
@@ -221,7 +228,7 @@ macro_rules! compiled {
         $(#[$feature])?
         unsafe fn trace_packet(
             rays: &RayRows,
-            lanes: u16,
+            lanes: LaneMask,
             hits: &mut HitRows,
             walker: &mut Walker,
             suspended: Option<&mut Suspended>,

@@ -30,7 +30,7 @@ use super::entry::{Entry, STACK};
 use super::facts::InstanceFacts;
 use super::found::Found;
 use super::level::{Level, only_instance};
-use super::rows::{HitRows, RayRows, blend, lanes_of};
+use super::rows::{HitRows, RayRows, blend};
 use super::space::max;
 use super::suspended::{Progress, Suspended};
 use super::{Event, PACKET, State, Verdict, Walk, Walker};
@@ -39,7 +39,7 @@ use crate::ray::{Ray, ray_flags};
 use crate::structure::{Kind, Structure};
 use journey::Entering;
 use kernel::PacketKernel;
-use lanes::Tier;
+use lanes::{LaneMask, Tier};
 #[cfg(target_arch = "x86_64")]
 use rays::Rays;
 pub(crate) use stack::{PacketSpace, Stack};
@@ -66,7 +66,7 @@ const WIDTH_OF_PARALLEL: f32 = 1.0 / 4.0;
 /// The contract of [`Walk::new`], for every ray.
 pub(crate) unsafe fn run(
     rays: &RayRows,
-    lanes: u16,
+    lanes: LaneMask,
     hits: &mut HitRows,
     walker: &mut Walker,
     suspended: Option<&mut Suspended>,
@@ -109,12 +109,12 @@ pub(crate) unsafe fn resume(
 }
 
 /// Whether rays are enough, have structure, flags and mask in common, and the first and the last go the same way.
-fn may_cohere(rays: &RayRows, lanes: u16) -> bool {
-    if lanes.count_ones() < ENOUGH {
+fn may_cohere(rays: &RayRows, lanes: LaneMask) -> bool {
+    if lanes.count() < ENOUGH {
         return false;
     }
-    let first = lanes.trailing_zeros() as usize % PACKET;
-    let last = lanes.ilog2() as usize % PACKET;
+    let first = lanes.first();
+    let last = lanes.bits().ilog2() as usize % PACKET;
     let direction = |lane: usize| rays.direction.map(|row| row[lane]);
     let (from, to) = (direction(first), direction(last));
     let longest = most(&from);
@@ -125,7 +125,7 @@ fn may_cohere(rays: &RayRows, lanes: u16) -> bool {
 /// Whether rays start near each other (by the size of their distances from the origin of space), and go
 /// the same way.
 #[inline(always)]
-fn cohere(given: &Given, lanes: u16) -> bool {
+fn cohere(given: &Given, lanes: LaneMask) -> bool {
     let (o, d) = (&given.origin, &given.direction);
     let longest = most(&[d[0][0], d[1][0], d[2][0]]);
     let farthest = most(&[o[0][0], o[1][0], o[2][0]]);
@@ -147,7 +147,7 @@ fn cohere(given: &Given, lanes: u16) -> bool {
         near[i] = u32::from(close) & given.sound[i];
     }
     let near = (0..PACKET).fold(0, |mask, i| mask | (near[i] as u16) << i);
-    near & lanes == lanes
+    LaneMask::from_bits(near) & lanes == lanes
 }
 
 /// The longest component.
@@ -160,7 +160,7 @@ fn most(v: &[f32; 3]) -> f32 {
 #[inline(always)]
 unsafe fn trace_packet<K: PacketKernel>(
     rays: &RayRows,
-    lanes: u16,
+    lanes: LaneMask,
     hits: &mut HitRows,
     walker: &mut Walker,
     suspended: Option<&mut Suspended>,
@@ -169,7 +169,7 @@ unsafe fn trace_packet<K: PacketKernel>(
     if !cohere(&given, lanes) {
         return Progress::Singly;
     }
-    let first = lanes.trailing_zeros() as usize % PACKET;
+    let first = lanes.first();
     // SAFETY: the caller's promise, here and below.
     if !unsafe { walker.top.enter_top(rays.top_level[first]) } {
         return Progress::Singly;
@@ -213,9 +213,9 @@ unsafe fn resume_packet<K: PacketKernel>(
     suspended: &mut Suspended,
 ) -> Progress {
     let started = suspended.started;
-    let first = started.trailing_zeros() as usize % PACKET;
+    let first = started.first();
     let mut packet = Packet {
-        lanes: suspended.lanes & !suspended.ended,
+        lanes: suspended.lanes - suspended.ended,
         any: suspended.any,
         patience: suspended.patience,
         found: suspended.found.clone(),
@@ -275,7 +275,7 @@ struct Packet<'a> {
     rays: &'a RayRows,
     /// One of them, for what they have in common.
     first: Ray,
-    lanes: u16,
+    lanes: LaneMask,
     /// The first hit of a ray ends it.
     any: bool,
     patience: u32,
@@ -289,9 +289,9 @@ struct Packet<'a> {
 
 impl Packet<'_> {
     /// Rays that are not over.
-    fn live(&self) -> u16 {
+    fn live(&self) -> LaneMask {
         if self.any {
-            self.lanes & !(self.found.hit | self.found.outside)
+            self.lanes - (self.found.hit | self.found.outside)
         } else {
             self.lanes
         }
@@ -307,7 +307,7 @@ impl Packet<'_> {
         rays: &Rays,
         structure: &Structure,
         stack: &mut Stack,
-    ) -> Option<(u32, u16, f32)> {
+    ) -> Option<(u32, LaneMask, f32)> {
         let Stack {
             entries,
             lanes,
@@ -317,14 +317,14 @@ impl Packet<'_> {
         let fetches_ahead = structure.node_count() > LARGE;
         // SAFETY: the caller's promise, here and below.
         let (t, t_far) = unsafe { (K::load(&self.found.t), K::greatest(&self.found.t, live)) };
-        while *length > 0 && live != 0 && self.patience > 0 {
+        while *length > 0 && !live.is_empty() && self.patience > 0 {
             self.patience -= 1;
             *length -= 1;
             let entry = entries[*length];
             // SAFETY: as above.
             let near_enough = unsafe { K::at_least(t, entry.near()) };
             let here = lanes[*length] & live & near_enough;
-            if here == 0 {
+            if here.is_empty() {
                 continue;
             }
             let word = entry.word();
@@ -352,7 +352,7 @@ impl Packet<'_> {
                 rest &= rest - 1;
                 // SAFETY: as above.
                 let mask = unsafe { K::test_box(rays, node, child, t) } & here;
-                if mask == 0 {
+                if mask.is_empty() {
                     continue;
                 }
                 let entry = Entry::new(node.child(child), near[child]);
@@ -374,9 +374,9 @@ impl Packet<'_> {
     /// Takes each ray of `lanes` through an instance of a top level of several; false if a walk has a question or does not
     /// end.
     #[cold]
-    fn go_singly(&mut self, walker: &mut Walker, index: u32, lanes: u16) -> bool {
+    fn go_singly(&mut self, walker: &mut Walker, index: u32, lanes: LaneMask) -> bool {
         let mut walk = Walk::OVER;
-        for lane in lanes_of(lanes & self.live()) {
+        for lane in lanes & self.live() {
             // SAFETY: the promise that was made for the rays.
             unsafe { walk.restart(self.rays.top_level[lane], &self.rays.ray(lane)) };
             walk.time = self.rays.time[lane];
@@ -415,7 +415,7 @@ impl Packet<'_> {
         self.open(hits);
         let found = &self.found;
         let mut rest = found.hit;
-        if rest == 0 {
+        if rest.is_empty() {
             return Progress::Done;
         }
         blend(&mut hits.t, &found.t, rest);
@@ -424,11 +424,11 @@ impl Packet<'_> {
         }
         blend(&mut hits.slot, &found.slots, rest);
         blend(&mut hits.instance_index, &found.instances, rest);
-        while rest != 0 {
-            let first = rest.trailing_zeros() as usize % PACKET;
+        while !rest.is_empty() {
+            let first = rest.first();
             // SAFETY: the caller's promise, here and below.
             let there = unsafe { K::equal(&found.instances, found.instances[first]) } & rest;
-            rest &= !there;
+            rest -= there;
             let Some((facts, structure)) = self.place(first, top) else {
                 continue;
             };
@@ -443,12 +443,12 @@ impl Packet<'_> {
                 hits.set_opaque_triangles(there, found.front, geometry, primitive, kinds);
                 continue;
             }
-            for lane in lanes_of(there) {
+            for lane in there {
                 if found.slots[lane] != slot {
                     slot = found.slots[lane];
                     (geometry, primitive) = structure.identity(slot);
                 }
-                let kind = kinds[usize::from(found.front >> lane & 1)];
+                let kind = kinds[usize::from(found.front.contains(lane))];
                 hits.set_opaque_triangle(lane, geometry, primitive, kind);
             }
         }
@@ -457,7 +457,7 @@ impl Packet<'_> {
 
     /// The instance in which a lane has its hit, and what is there; `None` without a hit.
     fn place(&self, lane: usize, top: &Level) -> Option<(InstanceFacts, Structure)> {
-        if self.found.hit >> lane & 1 == 0 {
+        if !self.found.hit.contains(lane) {
             return None;
         }
         let index = self.found.instances[lane];

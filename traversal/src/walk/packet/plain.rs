@@ -1,5 +1,7 @@
 //! Packets where there are no vectors of sixteen: loops over lanes that compilers turn into vectors, and leaves one ray after the other.
 
+use lanes::LaneMask;
+
 use super::candidates::{Place, in_full};
 use super::kernel::{PacketKernel, compiled};
 use super::rays::{Rays, STEEP};
@@ -17,7 +19,7 @@ use crate::walk::found::Found;
 use crate::walk::group_hits::GroupHits;
 use crate::walk::kernel::Kernel;
 use crate::walk::level::Level;
-use crate::walk::rows::{HitRows, Lanes, RayRows, Words, lanes_of};
+use crate::walk::rows::{HitRows, Lanes, RayRows, Words};
 use crate::walk::space::{max, min};
 use crate::walk::suspended::{Progress, Standing, Suspended};
 use crate::walk::triangle::Intersection;
@@ -125,11 +127,11 @@ unsafe fn test_each<K: Kernel>(
     structure: &Structure,
     groups: [&TriangleGroup; 2],
     (triangles, first_slot): (u32, u32),
-    lanes: u16,
+    lanes: LaneMask,
     found: &mut Found,
 ) {
     let mut hits = GroupHits::NONE;
-    for lane in lanes_of(lanes) {
+    for lane in lanes {
         // SAFETY: the caller's promise.
         let mut mask = unsafe { hit_in::<K>(rays, lane, groups, triangles, found, &mut hits) };
         while mask != 0 {
@@ -175,7 +177,7 @@ fn hit_of(hits: &GroupHits, i: usize) -> Intersection {
 unsafe fn test_leaf<P: PacketKernel, K: Kernel>(
     rays: &Rays,
     structure: &Structure,
-    (word, lanes): (u32, u16),
+    (word, lanes): (u32, LaneMask),
     t_far: f32,
     found: &mut Found,
 ) {
@@ -209,7 +211,7 @@ unsafe fn test_some<P: PacketKernel, K: Kernel>(
     rays: &mut Rays,
     structure: &Structure,
     facts: &InstanceFacts,
-    (word, lanes): (u32, u16),
+    (word, lanes): (u32, LaneMask),
     t_far: f32,
     found: &mut Found,
 ) -> Standing {
@@ -241,7 +243,7 @@ unsafe fn test_some<P: PacketKernel, K: Kernel>(
         }
         return standing;
     }
-    for lane in lanes_of(lanes) {
+    for lane in lanes {
         let mut hits = GroupHits::NONE;
         // Candidates are found with their edges here, and looked at without later.
         // SAFETY: likewise.
@@ -251,7 +253,7 @@ unsafe fn test_some<P: PacketKernel, K: Kernel>(
             let i = mask.trailing_zeros() as usize % LEAF_TRIANGLES;
             mask &= mask - 1;
             if others >> i & 1 != 0 {
-                standing.rest[i] |= 1 << lane;
+                standing.rest[i].insert(lane);
             } else {
                 found.offer(structure, lane, first_slot + i as u32, &hit_of(&hits, i));
             }
@@ -280,13 +282,13 @@ unsafe fn next_candidates<K: Kernel>(
     structure: &Structure,
     facts: &InstanceFacts,
     standing: &mut Standing,
-    live: u16,
+    live: LaneMask,
     found: &Found,
     candidates: &mut HitRows,
 ) {
-    candidates.found = 0;
-    let rest = standing.rest.iter().fold(0, |all, lanes| all | lanes) & live;
-    if rest == 0 {
+    candidates.found = LaneMask::NONE;
+    let rest = (standing.rest.iter()).fold(LaneMask::NONE, |all, &lanes| all | lanes) & live;
+    if rest.is_empty() {
         return;
     }
     let mut room = None;
@@ -295,18 +297,18 @@ unsafe fn next_candidates<K: Kernel>(
     };
     let first_slot = structure.first_slot(standing.word & child::INDEX);
     for i in 0..LEAF_TRIANGLES {
-        let lanes = standing.rest[i] & live & !candidates.found;
-        if lanes == 0 {
+        let lanes = standing.rest[i] & live - candidates.found;
+        if lanes.is_empty() {
             continue;
         }
-        standing.rest[i] &= !lanes;
+        standing.rest[i] -= lanes;
         let (group, lane) = (groups[i / GROUP], i % GROUP);
         let mut place = Place {
             t: [0.0; PACKET],
             barycentrics: [[0.0; PACKET]; 2],
         };
-        let (mut met, mut front, mut undecided) = (0, 0, 0);
-        for lane in lanes_of(lanes) {
+        let [mut met, mut front, mut undecided] = [LaneMask::NONE; 3];
+        for lane in lanes {
             let hit = if rays.hits_of == standing.word {
                 hit_of(&rays.hits[lane], i)
             } else {
@@ -321,16 +323,16 @@ unsafe fn next_candidates<K: Kernel>(
                 continue;
             }
             if !is_inside(&hit) {
-                undecided |= 1 << lane;
+                undecided.insert(lane);
                 continue;
             }
-            met |= 1 << lane;
-            front |= u16::from(hit.front) << lane;
+            met.insert(lane);
+            front.set(lane, hit.front);
             place.t[lane] = hit.t;
             (place.barycentrics[0][lane], place.barycentrics[1][lane]) =
                 (hit.barycentrics[0], hit.barycentrics[1]);
         }
-        if undecided != 0 {
+        if !undecided.is_empty() {
             let exactly = place.meet_exactly(rays, &group.triangle(lane), undecided, found);
             met |= exactly.0;
             front |= exactly.1;
@@ -341,7 +343,7 @@ unsafe fn next_candidates<K: Kernel>(
             slot: first_slot + i as u32,
             ..facts.hit()
         };
-        let kinds = std::array::from_fn(|lane| facts.hit_kind(front >> lane & 1 != 0));
+        let kinds = std::array::from_fn(|lane| facts.hit_kind(front.contains(lane)));
         candidates.set_triangle(met, &hit, &place.t, &place.barycentrics, &kinds);
     }
 }
@@ -357,7 +359,7 @@ macro_rules! plain {
             }
 
             #[inline(always)]
-            unsafe fn least(row: &Lanes, lanes: u16) -> f32 {
+            unsafe fn least(row: &Lanes, lanes: LaneMask) -> f32 {
                 // SAFETY: the caller's promise, here and below.
                 #[allow(unused_unsafe)]
                 unsafe {
@@ -366,7 +368,7 @@ macro_rules! plain {
             }
 
             #[inline(always)]
-            unsafe fn greatest(row: &Lanes, lanes: u16) -> f32 {
+            unsafe fn greatest(row: &Lanes, lanes: LaneMask) -> f32 {
                 // SAFETY: as above.
                 #[allow(unused_unsafe)]
                 unsafe {
@@ -375,16 +377,16 @@ macro_rules! plain {
             }
 
             #[inline(always)]
-            unsafe fn at_least(row: Lanes, number: f32) -> u16 {
+            unsafe fn at_least(row: Lanes, number: f32) -> LaneMask {
                 // SAFETY: as above.
                 #[allow(unused_unsafe)]
                 unsafe {
-                    $rows::sixteen_not_greater(&[number; PACKET], &row) as u16
+                    $rows::sixteen_not_greater(&[number; PACKET], &row)
                 }
             }
 
             #[inline(always)]
-            unsafe fn equal(row: &Words, word: u32) -> u16 {
+            unsafe fn equal(row: &Words, word: u32) -> LaneMask {
                 // SAFETY: as above.
                 #[allow(unused_unsafe)]
                 unsafe {
@@ -393,13 +395,13 @@ macro_rules! plain {
             }
 
             #[inline(always)]
-            unsafe fn flat(inverses: &Lanes) -> u16 {
+            unsafe fn flat(inverses: &Lanes) -> LaneMask {
                 // The last number below.
                 const LAST: f32 = f32::from_bits(STEEP.to_bits() - 1);
                 // SAFETY: as above.
                 #[allow(unused_unsafe)]
                 unsafe {
-                    $rows::sixteen_not_greater(&inverses.map(f32::abs), &[LAST; PACKET]) as u16
+                    $rows::sixteen_not_greater(&inverses.map(f32::abs), &[LAST; PACKET])
                 }
             }
 
@@ -430,12 +432,12 @@ macro_rules! plain {
             }
 
             #[inline(always)]
-            unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: Lanes) -> u16 {
+            unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: Lanes) -> LaneMask {
                 let (near, far) = test_box(rays, node, child, &t_far);
                 // SAFETY: as above.
                 #[allow(unused_unsafe)]
                 unsafe {
-                    $rows::sixteen_not_greater(&near, &far) as u16
+                    $rows::sixteen_not_greater(&near, &far)
                 }
             }
 
@@ -443,7 +445,7 @@ macro_rules! plain {
             unsafe fn test_leaf(
                 rays: &Rays,
                 structure: &Structure,
-                leaf: (u32, u16),
+                leaf: (u32, LaneMask),
                 t_far: f32,
                 found: &mut Found,
             ) {
@@ -456,7 +458,7 @@ macro_rules! plain {
                 rays: &mut Rays,
                 structure: &Structure,
                 facts: &InstanceFacts,
-                leaf: (u32, u16),
+                leaf: (u32, LaneMask),
                 t_far: f32,
                 found: &mut Found,
             ) -> Standing {
@@ -470,7 +472,7 @@ macro_rules! plain {
                 structure: &Structure,
                 facts: &InstanceFacts,
                 standing: &mut Standing,
-                live: u16,
+                live: LaneMask,
                 found: &Found,
                 candidates: &mut HitRows,
             ) {

@@ -1,5 +1,7 @@
 //! What becomes of rows in packets, in plain Rust.
 
+use lanes::LaneMask;
+
 use crate::walk::rows::{Lanes, Words};
 use crate::walk::space::{max, min};
 
@@ -21,26 +23,22 @@ pub(super) fn eight_not_greater(numbers: &[f32; 8], others: &[f32; 8]) -> u32 {
 
 /// Lanes in which a number is not greater than another.
 #[inline(always)]
-pub(super) fn sixteen_not_greater(numbers: &Lanes, others: &Lanes) -> u32 {
-    not_greater(numbers, others)
+pub(super) fn sixteen_not_greater(numbers: &Lanes, others: &Lanes) -> LaneMask {
+    LaneMask::from_bits(not_greater(numbers, others) as u16)
 }
 
 /// Lanes with this word.
 #[inline(always)]
-pub(super) fn equal(row: &Words, word: u32) -> u16 {
-    let mut lanes = 0;
-    for (lane, &other) in row.iter().enumerate() {
-        lanes |= u16::from(other == word) << lane;
-    }
-    lanes
+pub(super) fn equal(row: &Words, word: u32) -> LaneMask {
+    LaneMask::from_fn(|lane| row[lane] == word)
 }
 
 /// The numbers of some lanes, and something else in the others.
 #[inline(always)]
-fn pick(row: &Lanes, lanes: u16, other: f32) -> Lanes {
-    std::array::from_fn(|lane| match lanes >> lane & 1 {
-        0 => other,
-        _ => row[lane],
+fn pick(row: &Lanes, lanes: LaneMask, other: f32) -> Lanes {
+    std::array::from_fn(|lane| match lanes.contains(lane) {
+        true => row[lane],
+        false => other,
     })
 }
 
@@ -57,12 +55,12 @@ fn reduce(mut row: Lanes, join: impl Fn(f32, f32) -> f32) -> f32 {
 
 /// The least number of some lanes.
 #[inline(always)]
-pub(super) fn least(row: &Lanes, lanes: u16) -> f32 {
+pub(super) fn least(row: &Lanes, lanes: LaneMask) -> f32 {
     reduce(pick(row, lanes, f32::INFINITY), min)
 }
 
 /// The greatest number of some lanes.
 #[inline(always)]
-pub(super) fn greatest(row: &Lanes, lanes: u16) -> f32 {
+pub(super) fn greatest(row: &Lanes, lanes: LaneMask) -> f32 {
     reduce(pick(row, lanes, f32::NEG_INFINITY), max)
 }

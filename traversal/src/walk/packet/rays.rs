@@ -3,6 +3,8 @@
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::*;
 
+use lanes::LaneMask;
+
 #[cfg(target_arch = "x86_64")]
 use crate::layout::{NodeAt, TriangleGroup, WIDTH};
 use crate::walk::PACKET;
@@ -167,7 +169,7 @@ impl Rays {
     /// Which rays meet a child's box before `t_far`.
     #[inline]
     #[target_feature(enable = "avx512f,avx512vl,avx512dq,avx2,bmi1,bmi2,popcnt")]
-    pub fn test_box(&self, node: NodeAt<'_>, child: usize, t_far: __m512) -> u16 {
+    pub fn test_box(&self, node: NodeAt<'_>, child: usize, t_far: __m512) -> LaneMask {
         let child = child % WIDTH;
         let beams = &self.beams;
         let mut near = load(&beams.t_min);
@@ -187,6 +189,6 @@ impl Rays {
             near = _mm512_max_ps(enter, near);
             far = _mm512_min_ps(leave, far);
         }
-        _mm512_cmp_ps_mask::<_CMP_LE_OQ>(near, far)
+        LaneMask::from_bits(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(near, far))
     }
 }

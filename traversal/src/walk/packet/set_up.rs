@@ -1,9 +1,10 @@
 //! Sets up the rays of a packet for one level.
 
+use lanes::LaneMask;
+
 use super::kernel::PacketKernel;
 use super::rays::Rays;
 use crate::layout::InstanceRecord;
-use crate::walk::PACKET;
 use crate::walk::beams::{Given, ROW};
 use crate::walk::space::MARGIN;
 
@@ -17,7 +18,7 @@ impl Rays {
         &mut self,
         given: &Given,
         origin_error: f32,
-        lanes: u16,
+        lanes: LaneMask,
     ) -> bool {
         self.beams.start_top(given);
         // SAFETY: the caller's promise.
@@ -33,7 +34,7 @@ impl Rays {
         &mut self,
         given: &Given,
         record: &InstanceRecord,
-        lanes: u16,
+        lanes: LaneMask,
     ) -> bool {
         self.beams.start_instance(given, record);
         // SAFETY: the caller's promise.
@@ -49,10 +50,10 @@ impl Rays {
         &mut self,
         given: &Given,
         origin_error: Option<f32>,
-        lanes: u16,
+        lanes: LaneMask,
     ) -> bool {
         self.hits_of = 0;
-        let first = lanes.trailing_zeros() as usize % PACKET;
+        let first = lanes.first();
         let ways = self.beams.ways();
         // SAFETY: the caller's promise, here and below.
         if unsafe { K::equal(&ways, ways[first]) } & lanes != lanes {

@@ -1,6 +1,8 @@
 //! What packets keep in a walker: what is still to be visited, and the rays set up.
 #![forbid(unsafe_code)]
 
+use lanes::LaneMask;
+
 use super::rays::Rays;
 use crate::walk::entry::{Entry, STACK};
 use crate::walk::suspended::Ahead;
@@ -8,30 +10,30 @@ use crate::walk::suspended::Ahead;
 /// Children still to be visited, and by which rays.
 pub(crate) struct Stack {
     pub(super) entries: [Entry; STACK],
-    pub(super) lanes: [u16; STACK],
+    pub(super) lanes: [LaneMask; STACK],
     pub(super) length: usize,
 }
 
 impl Stack {
     pub const EMPTY: Stack = Stack {
         entries: [Entry::ROOT; STACK],
-        lanes: [0; STACK],
+        lanes: [LaneMask::NONE; STACK],
         length: 0,
     };
 
     /// Nothing but the root.
-    pub(super) fn start(&mut self, lanes: u16) {
+    pub(super) fn start(&mut self, lanes: LaneMask) {
         self.entries[0] = Entry::ROOT;
         self.lanes[0] = lanes;
         self.length = 1;
     }
 
     /// Copies what is pending for rays.
-    pub(super) fn save(&self, rays: u16, to: &mut Ahead) {
+    pub(super) fn save(&self, rays: LaneMask, to: &mut Ahead) {
         to.clear();
         to.entries.extend_from_slice(&self.entries[..self.length]);
         let lanes = &self.lanes[..self.length];
-        to.lanes.extend(lanes.iter().map(|lanes| lanes & rays));
+        to.lanes.extend(lanes.iter().map(|&lanes| lanes & rays));
     }
 
     /// Takes over what is pending.

@@ -2,10 +2,11 @@
 
 use std::arch::x86_64::*;
 
+use lanes::LaneMask;
+
 use super::rays::{Rays, load, store};
 use crate::layout::{GROUP, LEAF_TRIANGLES, MARGIN_RISE, TriangleGroup, child};
 use crate::structure::Structure;
-use crate::walk::PACKET;
 use crate::walk::beams::AXIS;
 use crate::walk::block;
 use crate::walk::decide::Rim;
@@ -21,7 +22,7 @@ pub(super) fn test_leaf(
     rays: &Rays,
     structure: &Structure,
     word: u32,
-    lanes: u16,
+    lanes: LaneMask,
     t_far: f32,
     found: &mut Found,
 ) {
@@ -31,7 +32,7 @@ pub(super) fn test_leaf(
     };
     let first_slot = structure.first_slot(word & child::INDEX);
     let mut rest = there & rays.test_triangles(groups, t_far);
-    if 2 * lanes.count_ones() <= rest.count_ones() {
+    if 2 * lanes.count() <= rest.count_ones() {
         return test_singly(rays, structure, groups, there, first_slot, lanes, found);
     }
     while rest != 0 {
@@ -51,14 +52,11 @@ fn test_singly(
     groups: [&TriangleGroup; 2],
     there: u32,
     first_slot: u32,
-    lanes: u16,
+    lanes: LaneMask,
     found: &mut Found,
 ) {
     let mut hits = GroupHits::NONE;
-    let mut rest = lanes;
-    while rest != 0 {
-        let lane = rest.trailing_zeros() as usize % PACKET;
-        rest &= rest - 1;
+    for lane in lanes {
         let interval = [rays.beams.t_min[lane], found.t[lane]];
         // SAFETY: the machine has AVX2.
         let mut mask = unsafe {
@@ -91,13 +89,13 @@ type Flat = (__m512, __m512, __m512);
 /// Where rays meet a triangle: after the lower ends of their intervals, and not surely after the upper ones.
 pub(super) struct Meeting {
     /// Those that meet it inside, for sure.
-    pub lanes: u16,
+    pub lanes: LaneMask,
     /// Those for which that is to be found out one by one.
-    pub undecided: u16,
+    pub undecided: LaneMask,
     pub t: __m512,
     /// Of the second and the third vertex.
     pub weights: [__m512; 2],
-    pub front: u16,
+    pub front: LaneMask,
 }
 
 /// Tests an opaque triangle.
@@ -107,18 +105,18 @@ pub(super) fn test_triangle(
     structure: &Structure,
     place: (&TriangleGroup, usize),
     slot: u32,
-    lanes: u16,
+    lanes: LaneMask,
     found: &mut Found,
 ) {
     let t_far = load(&found.t);
     let Some(meeting) = meet(rays, place, lanes, t_far) else {
         return;
     };
-    let (accepted, t) = (meeting.lanes, meeting.t);
+    let (accepted, t) = (meeting.lanes.bits(), meeting.t);
     let mut nearer = accepted & _mm512_cmp_ps_mask::<_CMP_LT_OQ>(t, t_far);
-    let ties = accepted & _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(t, t_far) & found.hit;
+    let ties = accepted & _mm512_cmp_ps_mask::<_CMP_EQ_OQ>(t, t_far) & found.hit.bits();
     if ties != 0 {
-        nearer |= found.won_ties(structure, slot, ties);
+        nearer |= (found.won_ties(structure, slot, LaneMask::from_bits(ties))).bits();
     }
     if nearer != 0 {
         store(&mut found.t, _mm512_mask_blend_ps(nearer, t_far, t));
@@ -134,9 +132,9 @@ pub(super) fn test_triangle(
             let instance = _mm512_set1_epi32(found.instance as i32);
             _mm512_mask_storeu_epi32(instances, nearer, instance);
         }
-        found.mark(nearer, meeting.front);
+        found.mark(LaneMask::from_bits(nearer), meeting.front);
     }
-    if meeting.undecided != 0 {
+    if !meeting.undecided.is_empty() {
         let triangle = place.0.triangle(place.1);
         test_exactly(rays, structure, &triangle, slot, meeting.undecided, found);
     }
@@ -148,7 +146,7 @@ pub(super) fn test_triangle(
 pub(super) fn meet(
     rays: &Rays,
     (group, i): (&TriangleGroup, usize),
-    lanes: u16,
+    lanes: LaneMask,
     t_far: __m512,
 ) -> Option<Meeting> {
     let beams = &rays.beams;
@@ -182,7 +180,7 @@ pub(super) fn meet(
     let minus_error = _mm512_xor_ps(error, _mm512_set1_ps(-0.0));
     let outside = _mm512_cmp_ps_mask::<_CMP_LT_OQ>(least, minus_error)
         & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(most, error);
-    let inside = !outside & lanes;
+    let inside = !outside & lanes.bits();
     if inside == 0 {
         return None;
     }
@@ -278,11 +276,11 @@ pub(super) fn meet(
     let t = _mm512_min_ps(_mm512_max_ps(t, near), far);
     let accepted = precise & _mm512_cmp_ps_mask::<_CMP_GT_OQ>(t, load(&beams.t_min));
     Some(Meeting {
-        lanes: accepted,
-        undecided: inside & !precise,
+        lanes: LaneMask::from_bits(accepted),
+        undecided: LaneMask::from_bits(inside & !precise),
         t,
         weights,
-        front,
+        front: LaneMask::from_bits(front),
     })
 }
 
@@ -302,10 +300,10 @@ fn test_exactly(
     structure: &Structure,
     triangle: &[[f32; 3]; 3],
     slot: u32,
-    lanes: u16,
+    lanes: LaneMask,
     found: &mut Found,
 ) {
-    for lane in (0..PACKET).filter(|lane| lanes >> lane & 1 != 0) {
+    for lane in lanes {
         if let Some(hit) = intersect(&rays.beams.space(lane), triangle, Rim::Included)
             && hit.t > rays.beams.t_min[lane]
         {

@@ -2,6 +2,8 @@
 
 use std::arch::x86_64::*;
 
+use lanes::LaneMask;
+
 use crate::walk::rows::{Lanes, Words};
 
 /// The halves of a row.
@@ -40,13 +42,13 @@ pub(super) unsafe fn eight_not_greater(numbers: &[f32; 8], others: &[f32; 8]) ->
 /// # Safety
 /// As above.
 #[inline(always)]
-pub(super) unsafe fn sixteen_not_greater(numbers: &Lanes, others: &Lanes) -> u32 {
+pub(super) unsafe fn sixteen_not_greater(numbers: &Lanes, others: &Lanes) -> LaneMask {
     // SAFETY: the caller's promise.
     unsafe {
         let ([one, next], [other, other_next]) = (halves(numbers), halves(others));
         let low = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(one, other));
         let high = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(next, other_next));
-        (low | high << 8) as u32
+        LaneMask::from_bits((low | high << 8) as u16)
     }
 }
 
@@ -55,7 +57,7 @@ pub(super) unsafe fn sixteen_not_greater(numbers: &Lanes, others: &Lanes) -> u32
 /// # Safety
 /// As above.
 #[inline(always)]
-pub(super) unsafe fn equal(row: &Words, word: u32) -> u16 {
+pub(super) unsafe fn equal(row: &Words, word: u32) -> LaneMask {
     // SAFETY: the caller's promise; sixteen words.
     unsafe {
         let word = _mm256_set1_epi32(word as i32);
@@ -63,7 +65,7 @@ pub(super) unsafe fn equal(row: &Words, word: u32) -> u16 {
             let words = _mm256_loadu_si256(row[half..].as_ptr().cast());
             _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(words, word)))
         };
-        (equal(0) | equal(8) << 8) as u16
+        LaneMask::from_bits((equal(0) | equal(8) << 8) as u16)
     }
 }
 
@@ -72,20 +74,23 @@ pub(super) unsafe fn equal(row: &Words, word: u32) -> u16 {
 /// # Safety
 /// As above.
 #[inline(always)]
-unsafe fn pick(row: &Lanes, lanes: u16, other: f32) -> [__m256; 2] {
+unsafe fn pick(row: &Lanes, lanes: LaneMask, other: f32) -> [__m256; 2] {
     // SAFETY: the caller's promise.
     unsafe {
         let row = halves(row);
-        if lanes == u16::MAX {
+        if lanes == LaneMask::ALL {
             return row;
         }
         let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
-        let blend = |row: __m256, lanes: u16| {
-            let chosen = _mm256_and_si256(_mm256_set1_epi32(lanes.into()), bits);
+        let blend = |row: __m256, bits_of_lanes: u16| {
+            let chosen = _mm256_and_si256(_mm256_set1_epi32(bits_of_lanes.into()), bits);
             let chosen = _mm256_castsi256_ps(_mm256_cmpeq_epi32(chosen, bits));
             _mm256_blendv_ps(_mm256_set1_ps(other), row, chosen)
         };
-        [blend(row[0], lanes), blend(row[1], lanes >> 8)]
+        [
+            blend(row[0], lanes.bits()),
+            blend(row[1], lanes.bits() >> 8),
+        ]
     }
 }
 
@@ -94,7 +99,7 @@ unsafe fn pick(row: &Lanes, lanes: u16, other: f32) -> [__m256; 2] {
 /// # Safety
 /// As above.
 #[inline(always)]
-pub(super) unsafe fn least(row: &Lanes, lanes: u16) -> f32 {
+pub(super) unsafe fn least(row: &Lanes, lanes: LaneMask) -> f32 {
     // SAFETY: the caller's promise.
     unsafe {
         let [low, high] = pick(row, lanes, f32::INFINITY);
@@ -113,7 +118,7 @@ pub(super) unsafe fn least(row: &Lanes, lanes: u16) -> f32 {
 /// # Safety
 /// As above.
 #[inline(always)]
-pub(super) unsafe fn greatest(row: &Lanes, lanes: u16) -> f32 {
+pub(super) unsafe fn greatest(row: &Lanes, lanes: LaneMask) -> f32 {
     // SAFETY: the caller's promise.
     unsafe {
         let [low, high] = pick(row, lanes, f32::NEG_INFINITY);

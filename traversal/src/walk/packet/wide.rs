@@ -2,6 +2,8 @@
 
 use std::arch::x86_64::*;
 
+use lanes::LaneMask;
+
 use super::Packet;
 use super::candidates;
 use super::kernel::{PacketKernel, compiled};
@@ -31,38 +33,46 @@ impl PacketKernel for Avx512 {
     }
 
     #[inline(always)]
-    unsafe fn least(row: &Lanes, lanes: u16) -> f32 {
+    unsafe fn least(row: &Lanes, lanes: LaneMask) -> f32 {
         // SAFETY: as above.
-        unsafe { _mm512_mask_reduce_min_ps(lanes, load(row)) }
+        unsafe { _mm512_mask_reduce_min_ps(lanes.bits(), load(row)) }
     }
 
     #[inline(always)]
-    unsafe fn greatest(row: &Lanes, lanes: u16) -> f32 {
+    unsafe fn greatest(row: &Lanes, lanes: LaneMask) -> f32 {
         // SAFETY: as above.
-        unsafe { _mm512_mask_reduce_max_ps(lanes, load(row)) }
+        unsafe { _mm512_mask_reduce_max_ps(lanes.bits(), load(row)) }
     }
 
     #[inline(always)]
-    unsafe fn at_least(row: __m512, number: f32) -> u16 {
+    unsafe fn at_least(row: __m512, number: f32) -> LaneMask {
         // SAFETY: as above.
-        unsafe { _mm512_cmp_ps_mask::<_CMP_GE_OQ>(row, _mm512_set1_ps(number)) }
-    }
-
-    #[inline(always)]
-    unsafe fn equal(row: &Words, word: u32) -> u16 {
-        // SAFETY: as above; sixteen words.
         unsafe {
-            let row = _mm512_loadu_si512(row.as_ptr().cast());
-            _mm512_cmpeq_epi32_mask(row, _mm512_set1_epi32(word as i32))
+            LaneMask::from_bits(_mm512_cmp_ps_mask::<_CMP_GE_OQ>(
+                row,
+                _mm512_set1_ps(number),
+            ))
         }
     }
 
     #[inline(always)]
-    unsafe fn flat(inverses: &Lanes) -> u16 {
+    unsafe fn equal(row: &Words, word: u32) -> LaneMask {
+        // SAFETY: as above; sixteen words.
+        unsafe {
+            let row = _mm512_loadu_si512(row.as_ptr().cast());
+            LaneMask::from_bits(_mm512_cmpeq_epi32_mask(row, _mm512_set1_epi32(word as i32)))
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn flat(inverses: &Lanes) -> LaneMask {
         // SAFETY: as above.
         unsafe {
             let size = _mm512_abs_ps(load(inverses));
-            _mm512_cmp_ps_mask::<_CMP_LT_OQ>(size, _mm512_set1_ps(STEEP))
+            LaneMask::from_bits(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(
+                size,
+                _mm512_set1_ps(STEEP),
+            ))
         }
     }
 
@@ -84,7 +94,7 @@ impl PacketKernel for Avx512 {
     }
 
     #[inline(always)]
-    unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: __m512) -> u16 {
+    unsafe fn test_box(rays: &Rays, node: NodeAt<'_>, child: usize, t_far: __m512) -> LaneMask {
         // SAFETY: as above.
         unsafe { rays.test_box(node, child, t_far) }
     }
@@ -93,7 +103,7 @@ impl PacketKernel for Avx512 {
     unsafe fn test_leaf(
         rays: &Rays,
         structure: &Structure,
-        (word, lanes): (u32, u16),
+        (word, lanes): (u32, LaneMask),
         t_far: f32,
         found: &mut Found,
     ) {
@@ -106,7 +116,7 @@ impl PacketKernel for Avx512 {
         rays: &mut Rays,
         structure: &Structure,
         facts: &InstanceFacts,
-        leaf: (u32, u16),
+        leaf: (u32, LaneMask),
         t_far: f32,
         found: &mut Found,
     ) -> Standing {
@@ -120,7 +130,7 @@ impl PacketKernel for Avx512 {
         structure: &Structure,
         facts: &InstanceFacts,
         standing: &mut Standing,
-        live: u16,
+        live: LaneMask,
         found: &Found,
         candidates: &mut HitRows,
     ) {

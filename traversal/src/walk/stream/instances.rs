@@ -1,5 +1,7 @@
 //! Rays in a top level of several instances.
 
+use lanes::LaneMask;
+
 use super::leaf::{Bottom, comes_to};
 use super::lists::{List, Stream};
 use super::octant_stacks::Place;
@@ -71,13 +73,13 @@ impl Place for Top<'_> {
         let listed = list.first as usize..(list.first + list.count) as usize;
         for offsets in stream.words[listed].chunks(PACKET) {
             let (given, t_far, names) = rays::given(&stream.rays, offsets);
-            let sound = self.beams.set_up(&given, &record) as u16;
-            let mut going = 0;
+            let sound = self.beams.set_up(&given, &record);
+            let mut going = LaneMask::NONE;
             for (lane, &offset) in offsets.iter().enumerate() {
                 let ray = &mut stream.rays[rays::index(offset)];
                 let is_on_its_way = comes_to(ray, list.planes());
-                going |= u16::from(is_on_its_way) << lane;
-                if is_on_its_way && sound >> lane & 1 == 0 {
+                going.set(lane, is_on_its_way);
+                if is_on_its_way && !sound.contains(lane) {
                     ray.t_far = SINGLE;
                 }
             }

@@ -24,14 +24,14 @@ use super::facts::InstanceFacts;
 use super::level::only_instance;
 use super::opaque::Nearest;
 use super::options::Specialisation;
-use super::rows::{HitRows, RayRows, Words, lanes_of};
+use super::rows::{HitRows, RayRows, Words};
 use super::streaming::Caller;
-use super::{Event, PACKET, Walk, Walker};
+use super::{Event, Walk, Walker};
 use crate::layout::instance_state;
 use crate::ray::{Hit, Ray, ray_flags};
 use crate::structure::{Kind, Structure};
 use instances::Top;
-use lanes::Tier;
+use lanes::{LaneMask, Tier};
 use leaf::Bottom;
 pub(crate) use waiting::Streams;
 
@@ -49,15 +49,15 @@ impl Walker {
     pub(super) unsafe fn add(
         &mut self,
         rays: &RayRows,
-        lanes: u16,
+        lanes: LaneMask,
         hits: &mut HitRows,
         group: u32,
-    ) -> u16 {
-        let first = lanes.trailing_zeros() as usize % PACKET;
+    ) -> LaneMask {
+        let first = lanes.first();
         let (address, ray) = (rays.top_level[first], rays.ray(first));
         // SAFETY: the caller's promise.
         if !self.streams.admits(address, &ray) || !unsafe { self.top.enter_top(address) } {
-            return 0;
+            return LaneMask::NONE;
         }
         let only = only_instance(&self.top);
         let enters = match only {
@@ -66,7 +66,7 @@ impl Walker {
             None => self.top.structure.kind() == Kind::Instances,
         };
         if !enters {
-            return 0;
+            return LaneMask::NONE;
         }
         let streams = &mut self.streams;
         (streams.address, streams.ray, streams.only) = (address, ray, only);
@@ -79,7 +79,7 @@ impl Walker {
 
     /// Sets rays up where they begin; returns those that are sound.
     #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
-    fn set_up(&mut self, rays: &RayRows, lanes: u16, group: u32) -> u16 {
+    fn set_up(&mut self, rays: &RayRows, lanes: LaneMask, group: u32) -> LaneMask {
         let Walker {
             top,
             beams,
@@ -92,15 +92,15 @@ impl Walker {
         let t_far = &rays.t_max;
         if let Some(index) = streams.only {
             let Some(record) = top.structure.instance(index) else {
-                return 0;
+                return LaneMask::NONE;
             };
-            let sound = beams.set_up(&given, &record) as u16;
+            let sound = beams.set_up(&given, &record);
             let put = |places: &mut _| rays::put(beams, t_far, &names, places);
             streams.outer.add(sound, put, found);
             sound
         } else {
             let origin_error = top.structure.origin_error();
-            let sound = beams.set_up_top(&given, 0.0) as u16;
+            let sound = beams.set_up_top(&given, 0.0);
             let put = |places: &mut _| rays::put_at_top(beams, origin_error, t_far, &names, places);
             streams.outer.add(sound, put, found);
             sound
@@ -221,8 +221,8 @@ impl Walker {
             let (group, lane) = ray.lane();
             if ray.t_far == rays::SINGLE {
                 match streams.singles.last_mut() {
-                    Some((last, lanes)) if *last == group => *lanes |= 1 << lane,
-                    _ => streams.singles.push((group, 1 << lane)),
+                    Some((last, lanes)) if *last == group => lanes.insert(lane),
+                    _ => streams.singles.push((group, LaneMask::of(lane))),
                 }
                 continue;
             }
@@ -260,10 +260,10 @@ impl Walker {
             };
             // SAFETY: the promise that was made for the rays.
             unsafe { self.trace_in_turn(&rows, lanes, &mut hits, fuel, &mut suspend) };
-            for lane in lanes_of(lanes & hits.found) {
+            for lane in lanes & hits.found {
                 caller.hit(group, lane, &hits.hit(lane));
             }
-            count += lanes.count_ones() as usize;
+            count += lanes.count() as usize;
         }
         let streams = &mut self.streams;
         let all = streams.outer.rays.len();

@@ -3,6 +3,8 @@
 use std::arch::x86_64::*;
 use std::mem::MaybeUninit;
 
+use lanes::LaneMask;
+
 use super::lists::{List, Stream};
 use super::nodes::{meet, put_chosen};
 use super::rays::{self, SINGLE, StreamRay};
@@ -11,7 +13,7 @@ use crate::structure::Structure;
 use crate::walk::PACKET;
 use crate::walk::entry::STACK;
 use crate::walk::opaque::Nearest;
-use crate::walk::rows::{Words, lanes_of};
+use crate::walk::rows::Words;
 
 /// Words of an octant's lists for each of its rays: enough unless rays meet nearly all children. Where they do, they go on singly.
 const WORDS: usize = 24;
@@ -67,7 +69,7 @@ impl Stream {
     #[target_feature(enable = "avx2,bmi1,bmi2,popcnt")]
     pub fn add(
         &mut self,
-        lanes: u16,
+        lanes: LaneMask,
         rays: impl FnOnce(&mut [MaybeUninit<StreamRay>; PACKET]) -> Words,
         found: impl Fn(usize) -> (Nearest, u32),
     ) {
@@ -82,7 +84,7 @@ impl Stream {
         };
         let octants = rays(places);
         let mut count = 0;
-        for lane in lanes_of(lanes) {
+        for lane in lanes {
             if count != lane {
                 places[count] = places[lane];
             }
@@ -162,8 +164,8 @@ impl Stream {
             _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7),
             _mm256_set1_epi32(size),
         );
-        let (mut active, mut end) = (0, 0);
-        for octant in lanes_of(self.present.into()) {
+        let (mut active, mut end, present) = (0, 0, self.present);
+        for octant in (0..8).filter(|octant| present >> octant & 1 != 0) {
             let first = end;
             let mut top = first;
             for (block, octants) in self.octants.chunks_exact(PACKET).enumerate() {

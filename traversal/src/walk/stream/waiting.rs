@@ -1,5 +1,7 @@
 //! Rays that wait to be traced together.
 
+use lanes::LaneMask;
+
 use super::lists::Stream;
 use crate::ray::Ray;
 use crate::walk::PACKET;
@@ -20,7 +22,7 @@ pub(crate) struct Streams {
     /// The rays in an instance of several.
     pub(super) inner: Stream,
     /// Groups and lanes of those that are to be traced by themselves.
-    pub(super) singles: Vec<(u32, u16)>,
+    pub(super) singles: Vec<(u32, LaneMask)>,
     /// Rays through this top level are not added to streams for some time: too many had to be traced by themselves.
     pub(super) unsuited: u64,
     pub(super) pause: u32,

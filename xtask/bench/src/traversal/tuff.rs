@@ -6,8 +6,8 @@ use std::convert::Infallible;
 use anyhow::{Context, Result};
 use scenes::{Bytes, IDENTITY, InstanceRecord, Mesh, build_instances};
 use traversal::{
-    BuildFlags, BuildInput, Flight, Flights, Geometries, Hit, Kind, PACKET, Ray, RayRows, Start,
-    Verdict, Walk, Walker, build, build_sizes,
+    BuildFlags, BuildInput, Flight, Flights, Geometries, Hit, Kind, LaneMask, PACKET, Ray, RayRows,
+    Start, Verdict, Walk, Walker, build, build_sizes,
 };
 
 /// Memory for the bottom level of a mesh, taken before the clock starts, as applications do.
@@ -77,7 +77,7 @@ impl Flights for Batch<'_> {
             rows.set(lane, self.top_level, ray, 0.0);
         }
         Start {
-            lanes: u16::MAX >> (PACKET - rays.len()),
+            lanes: LaneMask::full(rays.len()),
             shows_first_hit: self.in_turn,
             shows_order: false,
         }
