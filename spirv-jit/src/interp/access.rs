@@ -5,11 +5,11 @@
 
 use std::marker::PhantomData;
 
-use lanes::Tier as TierKind;
+use lanes::{LaneMask, Tier as TierKind};
 
 use super::code::AccessPlan;
 use super::kernels::Lane;
-use super::machine::{Handler, Instr, Machine, lanes_of};
+use super::machine::{Handler, Instr, Machine};
 use super::operand::Operand;
 use super::region::{Region, read_scalar, region};
 use super::tier::{Kernel, Portable, Tier};
@@ -59,7 +59,7 @@ unsafe fn places(
     shared: &Option<Region>,
     address: &[Operand],
     offset: u16,
-    active: u16,
+    active: LaneMask,
     size_bytes: u64,
 ) -> Option<[u64; SUBGROUP_SIZE]> {
     // SAFETY: as the caller promises.
@@ -82,7 +82,7 @@ unsafe fn places(
             return all_within(&addresses, active, near.start, last).then_some(addresses);
         }
         let mut addresses = [0; SUBGROUP_SIZE];
-        for lane in lanes_of(active) {
+        for lane in active {
             let region = region(m, space, address, offset, lane);
             addresses[lane] = region.run_at(0, size_bytes)? as u64;
         }
@@ -92,10 +92,10 @@ unsafe fn places(
 
 /// Whether the addresses of active lanes are at most `last` past `first`.
 #[inline(always)]
-fn all_within(addresses: &[u64; SUBGROUP_SIZE], active: u16, first: u64, last: u64) -> bool {
+fn all_within(addresses: &[u64; SUBGROUP_SIZE], active: LaneMask, first: u64, last: u64) -> bool {
     let mut outside = 0;
     for k in 0..SUBGROUP_SIZE {
-        let is_active = active >> k & 1 != 0;
+        let is_active = active.contains(k);
         outside |= (is_active & (addresses[k].wrapping_sub(first) > last)) as u64;
     }
     outside == 0
@@ -112,10 +112,10 @@ unsafe fn shared_place(
     shared: &Option<Region>,
     address: &[Operand],
     offset: u16,
-    active: u16,
+    active: LaneMask,
     size_bytes: u64,
 ) -> Option<u64> {
-    let first = active.trailing_zeros() as usize % SUBGROUP_SIZE;
+    let first = active.first();
     // SAFETY: as the caller promises.
     unsafe {
         if let Some(region) = shared {
@@ -138,16 +138,16 @@ unsafe fn shared_place(
 
 /// Whether active lanes have this number.
 #[inline(always)]
-fn are_equal<S: Copy + PartialEq>(lanes: &[S; SUBGROUP_SIZE], number: S, active: u16) -> bool {
+fn are_equal<S: Copy + PartialEq>(lanes: &[S; SUBGROUP_SIZE], number: S, active: LaneMask) -> bool {
     // Mostly those that differ do so at the ends.
-    if active == u16::MAX && lanes[SUBGROUP_SIZE - 1] != number {
+    if active == LaneMask::ALL && lanes[SUBGROUP_SIZE - 1] != number {
         return false;
     }
     let mut others = [0u32; SUBGROUP_SIZE];
     for k in 0..SUBGROUP_SIZE {
         others[k] = if lanes[k] != number { 1 << k } else { 0 };
     }
-    others.iter().fold(0, |all, bit| all | bit) as u16 & active == 0
+    others.iter().fold(0, |all, bit| all | bit) as u16 & active.bits() == 0
 }
 
 /// The memory that all lanes of an access share, if they do.
@@ -167,7 +167,7 @@ trait Copying {
     /// From memory to rows.
     const LOADS: bool;
     /// The lanes of a subgroup that access memory.
-    fn lanes(m: &Machine<'_>, offset: u16) -> u16;
+    fn lanes(m: &Machine<'_>, offset: u16) -> LaneMask;
     /// # Safety
     /// As for [`Kernel::run`]: the address is of a scalar, and the row one of the frame's.
     unsafe fn copy<T: Lane>(at: *mut T, row: *mut [T::Slot; SUBGROUP_SIZE], lane: usize);
@@ -185,7 +185,7 @@ impl Copying for In {
     const LOADS: bool = true;
 
     #[inline(always)]
-    fn lanes(m: &Machine<'_>, offset: u16) -> u16 {
+    fn lanes(m: &Machine<'_>, offset: u16) -> LaneMask {
         m.active[offset as usize / 64]
     }
 
@@ -205,7 +205,7 @@ impl Copying for Out {
     const LOADS: bool = false;
 
     #[inline(always)]
-    fn lanes(m: &Machine<'_>, offset: u16) -> u16 {
+    fn lanes(m: &Machine<'_>, offset: u16) -> LaneMask {
         m.effective(offset)
     }
 
@@ -243,16 +243,16 @@ unsafe fn copy_lane<C: Copying, T: Lane, const N: usize>(
 unsafe fn copy_inside<C: Copying, T: Lane, const N: usize>(
     addresses: &[u64; SUBGROUP_SIZE],
     rows: [*mut [T::Slot; SUBGROUP_SIZE]; N],
-    active: u16,
+    active: LaneMask,
 ) {
     // SAFETY: as the caller promises.
     unsafe {
-        if active == u16::MAX {
+        if active == LaneMask::ALL {
             for lane in 0..SUBGROUP_SIZE {
                 copy_lane::<C, T, N>(addresses, &rows, lane);
             }
         } else {
-            for lane in lanes_of(active) {
+            for lane in active {
                 copy_lane::<C, T, N>(addresses, &rows, lane);
             }
         }
@@ -295,7 +295,7 @@ unsafe fn access_block<C: Copying, T: Lane>(
             3 => copy_inside::<C, T, 3>(at, [row(0), row(1), row(2)], active),
             4 => copy_inside::<C, T, 4>(at, [row(0), row(1), row(2), row(3)], active),
             count => {
-                for lane in lanes_of(active) {
+                for lane in active {
                     for k in 0..count {
                         C::copy((at[lane] as *mut T).add(k), row(k), lane);
                     }
@@ -318,7 +318,7 @@ unsafe fn access_scalars<C: Copying, T: Lane>(
     offset: u16,
 ) {
     let size = size_of::<T>() as u64;
-    for lane in lanes_of(C::lanes(m, offset)) {
+    for lane in C::lanes(m, offset) {
         // SAFETY: as the caller promises; addresses are checked.
         unsafe {
             let region = region(m, space, address, offset, lane);
@@ -345,7 +345,7 @@ unsafe fn check_alignment(m: &Machine<'_>, plan: &AccessPlan, address: &[Operand
     };
     let alignment = 1u64 << plan.alignment.min(63);
     for &offset in m.listed() {
-        for lane in lanes_of(m.active[offset as usize / 64]) {
+        for lane in m.active[offset as usize / 64] {
             // SAFETY: as the caller promises.
             let address = unsafe { m.lane(address[0], offset, lane, true) };
             if !address.is_multiple_of(alignment) {

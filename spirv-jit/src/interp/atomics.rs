@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU16, AtomicU32, AtomicU64, Ordering};
 use half::f16;
 
 use super::code::AtomicPlan;
-use super::machine::{Instr, Machine, lanes_of};
+use super::machine::{Instr, Machine};
 use super::region::region;
 use crate::eval;
 use crate::ir::Type;
@@ -29,12 +29,12 @@ pub(super) unsafe fn atomic(m: &mut Machine<'_>, i: &Instr) {
             _ => m.effective(offset),
         };
         if plan.op != AtomicOp::Store {
-            for lane in lanes_of(active & !lanes) {
+            for lane in active - lanes {
                 // SAFETY: as the caller promises.
                 unsafe { m.set_lane(i.d, offset, lane, wide, 0) };
             }
         }
-        for lane in lanes_of(lanes) {
+        for lane in lanes {
             // SAFETY: as the caller promises; the region is checked, and its memory is only shared with other shader threads.
             unsafe {
                 let at = region(m, plan.space, address, offset, lane).at(0, size);

@@ -3,7 +3,7 @@
 //! In `x` or `y` an instruction has the index of a mask or a code address, as each says.
 
 use super::kernels::sign_bits;
-use super::machine::{Instr, MAX_SUBGROUPS, Machine, Mask};
+use super::machine::{Instr, Machine, Mask, NO_LANES};
 use super::tier::Kernel;
 use crate::SUBGROUP_SIZE;
 use crate::state::Event;
@@ -24,7 +24,7 @@ unsafe fn mask<'m>(m: &Machine<'_>, index: u32) -> &'m mut Mask {
 /// As for every handler: the instruction was emitted for the program that the machine runs.
 pub(super) unsafe fn enter(m: &mut Machine<'_>, i: &Instr) {
     // SAFETY: as the caller promises.
-    unsafe { *mask(m, i.x) = [0; MAX_SUBGROUPS] };
+    unsafe { *mask(m, i.x) = NO_LANES };
 }
 
 /// Parks the active lanes at label `x` and goes to `y`, the end of the body.
@@ -35,7 +35,7 @@ pub(super) unsafe fn park(m: &mut Machine<'_>, i: &Instr) {
     // SAFETY: as the caller promises.
     let parked = unsafe { mask(m, i.x) };
     for (parked, active) in parked.iter_mut().zip(&m.active) {
-        *parked |= active;
+        *parked |= *active;
     }
     m.pc = i.y as usize;
 }
@@ -61,9 +61,9 @@ impl Kernel for Branch {
     unsafe fn run(m: &mut Machine<'_>, i: &Instr) {
         // SAFETY: as for every handler.
         unsafe {
-            *mask(m, i.x) = [0; MAX_SUBGROUPS];
+            *mask(m, i.x) = NO_LANES;
             let pending = mask(m, i.x + 1);
-            *pending = [0; MAX_SUBGROUPS];
+            *pending = NO_LANES;
             let mut occupied = 0;
             // In place: whole masks, read right after their parts were written, would have to wait for those.
             for k in 0..m.list_len {
@@ -71,9 +71,9 @@ impl Kernel for Branch {
                 let s = offset as usize / 64;
                 let holds = sign_bits(&*m.block::<u32>(i.a, offset));
                 let active = m.active[s];
-                pending[s] = active & !holds;
+                pending[s] = active - holds;
                 m.active[s] = active & holds;
-                occupied |= ((active & holds != 0) as u16) << s;
+                occupied |= (!(active & holds).is_empty() as u16) << s;
             }
             if !m.list_occupied(occupied) {
                 m.pc = i.y as usize;
@@ -175,7 +175,7 @@ pub(super) unsafe fn ret(m: &mut Machine<'_>, i: &Instr) {
 /// As [`enter`].
 pub(super) unsafe fn demote(m: &mut Machine<'_>, _: &Instr) {
     for (helpers, active) in m.helpers.iter_mut().zip(&m.active) {
-        *helpers |= active;
+        *helpers |= *active;
     }
 }
 
@@ -187,7 +187,7 @@ pub(super) unsafe fn is_helper(m: &mut Machine<'_>, i: &Instr) {
     for &offset in m.listed() {
         let helpers = m.helpers[offset as usize / 64];
         for k in 0..SUBGROUP_SIZE {
-            let word = if helpers >> k & 1 != 0 { u32::MAX } else { 0 };
+            let word = if helpers.contains(k) { u32::MAX } else { 0 };
             // SAFETY: as the caller promises.
             unsafe { m.set_lane(i.d, offset, k, false, word.into()) };
         }
@@ -201,7 +201,7 @@ pub(super) unsafe fn is_helper(m: &mut Machine<'_>, i: &Instr) {
 pub(super) unsafe fn finish(m: &mut Machine<'_>, _: &Instr) {
     for s in 0..m.subgroups {
         // SAFETY: a state begins with its control words.
-        unsafe { *m.states[s].add(2) = m.helpers[s] as u32 };
+        unsafe { *m.states[s].add(2) = m.helpers[s].bits().into() };
     }
     m.event = Event::End;
     m.running = false;

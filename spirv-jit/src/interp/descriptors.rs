@@ -4,7 +4,7 @@
 //! keeps what it was made of, and it is made again when the wave goes on ([`make_again`]).
 
 use super::code::{DescriptorSource, Remade};
-use super::machine::{Instr, MAX_SUBGROUPS, Machine, lanes_of};
+use super::machine::{Instr, MAX_SUBGROUPS, Machine};
 use super::operand::Operand;
 use crate::SUBGROUP_SIZE;
 use crate::environment::{Descriptor, DescriptorSet, Environment, reference};
@@ -199,7 +199,7 @@ pub(super) unsafe fn push_constants(m: &mut Machine<'_>, i: &Instr) {
 /// As [`descriptor`].
 pub(super) unsafe fn descriptor_address(m: &mut Machine<'_>, i: &Instr) {
     for &offset in m.listed() {
-        for lane in lanes_of(m.active[offset as usize / 64]) {
+        for lane in m.active[offset as usize / 64] {
             // SAFETY: as the caller promises; active lanes hold addresses of descriptors.
             unsafe {
                 let descriptor = m.environment.descriptor(m.lane(i.a, offset, lane, true));
@@ -215,7 +215,7 @@ pub(super) unsafe fn descriptor_address(m: &mut Machine<'_>, i: &Instr) {
 /// As [`descriptor`].
 pub(super) unsafe fn buffer_size(m: &mut Machine<'_>, i: &Instr) {
     for &offset in m.listed() {
-        for lane in lanes_of(m.active[offset as usize / 64]) {
+        for lane in m.active[offset as usize / 64] {
             // SAFETY: as the caller promises; active lanes hold addresses of descriptors.
             unsafe {
                 let descriptor = m.environment.descriptor(m.lane(i.a, offset, lane, true));

@@ -87,7 +87,7 @@ unsafe fn query_once<'o>(m: &Machine<'_>, plan: &ImagePlan, listed: &'o [u16]) -
     let Some((&first, others)) = listed.split_first() else {
         return listed;
     };
-    let lane = m.active[first as usize / 64].trailing_zeros() as usize & 15;
+    let lane = m.active[first as usize / 64].first();
     // SAFETY: as the caller promises; such an operation's results are of 32 bits.
     unsafe {
         block(m, plan, first);
@@ -104,11 +104,12 @@ unsafe fn query_once<'o>(m: &Machine<'_>, plan: &ImagePlan, listed: &'o [u16]) -
 /// The lanes of a subgroup that perform an operation: helper invocations change no texels.
 #[inline(always)]
 fn lanes(m: &Machine<'_>, plan: &ImagePlan, offset: u16) -> u16 {
-    match plan.op.kind {
+    let lanes = match plan.op.kind {
         ImageOpKind::Atomic(AtomicOp::Load) => m.active[offset as usize / 64],
         ImageOpKind::Write | ImageOpKind::Atomic(_) => m.effective(offset),
         _ => m.active[offset as usize / 64],
-    }
+    };
+    lanes.bits()
 }
 
 /// Performs `op` in the lanes of `mask`: as [`execute_block`], with descriptors that lanes may differ in. Those that are the same in all
@@ -201,7 +202,7 @@ unsafe fn block(m: &Machine<'_>, plan: &ImagePlan, offset: u16) {
                 vector::Portable,
                 &plan.op,
                 &rows,
-                m.active[offset as usize / 64],
+                m.active[offset as usize / 64].bits(),
             );
             put_derivatives(&plan.op, &derived, &mut rows);
         }
@@ -353,7 +354,7 @@ impl<V: Vector> fast::Subgroups<V> for OfWave<'_, '_> {
 
     #[inline(always)]
     unsafe fn mask(&self, subgroup: usize) -> u16 {
-        self.m.active[self.offsets[subgroup] as usize / 64]
+        self.m.active[self.offsets[subgroup] as usize / 64].bits()
     }
 
     #[inline(always)]
@@ -396,7 +397,7 @@ impl<V: Vector> fast::Subgroups<V> for OfWave<'_, '_> {
 /// As [`shared`].
 #[inline(always)]
 unsafe fn both(m: &Machine<'_>, plan: &ImagePlan, offset: u16) -> Option<(u64, u64)> {
-    let mask = m.active[offset as usize / 64];
+    let mask = m.active[offset as usize / 64].bits();
     // SAFETY: as the caller promises.
     unsafe { shared(m, plan.image, offset, mask).zip(shared(m, plan.sampler, offset, mask)) }
 }
@@ -452,7 +453,7 @@ unsafe fn whole_block<V: Vector>(
     plan: &ImagePlan,
     offset: u16,
 ) {
-    let mask = m.active[offset as usize / 64];
+    let mask = m.active[offset as usize / 64].bits();
     let mut rows = [&[0; SUBGROUP_SIZE]; fast::MAX_OPERANDS];
     // SAFETY: as for `block`; all operands of such a sample are of 32 bits.
     unsafe {

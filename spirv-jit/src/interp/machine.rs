@@ -6,6 +6,8 @@
 
 use std::cell::Cell;
 
+use lanes::LaneMask;
+
 use super::code::{AccessPlan, AtomicPlan, ImagePlan, PhysicalAccess, Place, Return, SubgroupPlan};
 use super::operand::Operand;
 use crate::SUBGROUP_SIZE;
@@ -19,8 +21,10 @@ use crate::state::Event;
 /// Subgroups in the longest wave.
 pub const MAX_SUBGROUPS: usize = 16;
 
-/// A bit per lane, a word per subgroup.
-pub(super) type Mask = [u16; MAX_SUBGROUPS];
+/// The lanes of a wave, by subgroup.
+pub(super) type Mask = [LaneMask; MAX_SUBGROUPS];
+
+pub(super) const NO_LANES: Mask = [LaneMask::NONE; MAX_SUBGROUPS];
 
 /// Performs one instruction. `pc` already stands behind it.
 pub(super) type Handler = for<'a, 'i, 'p> unsafe fn(&'a mut Machine<'p>, &'i Instr);
@@ -115,9 +119,10 @@ impl Machine<'_> {
         // Mostly control flow takes lanes from subgroups, but no subgroup from the wave.
         if occupied != self.occupied {
             self.occupied = occupied;
-            let mut len = 0;
-            for s in lanes_of(occupied) {
-                self.list[len] = (s * 64) as u16;
+            let (mut len, mut rest) = (0, occupied);
+            while rest != 0 {
+                self.list[len] = rest.trailing_zeros() as u16 * 64;
+                rest &= rest - 1;
                 len += 1;
             }
             self.list_len = len;
@@ -147,9 +152,9 @@ impl Machine<'_> {
 
     /// The active lanes of the subgroup at a block offset that may change memory: all but helper invocations.
     #[inline(always)]
-    pub fn effective(&self, offset: u16) -> u16 {
+    pub fn effective(&self, offset: u16) -> LaneMask {
         let s = offset as usize / 64;
-        self.active[s] & !self.helpers[s]
+        self.active[s] - self.helpers[s]
     }
 
     /// A row's first byte, and the mask to apply to block offsets: 0 for uniform rows.
@@ -266,18 +271,5 @@ fn occupied(mask: &Mask) -> u16 {
 /// The subgroups that have lanes in a mask, a bit each.
 #[cfg(not(target_arch = "x86_64"))]
 fn occupied(mask: &Mask) -> u16 {
-    (0..MAX_SUBGROUPS).fold(0, |bits, s| bits | ((mask[s] != 0) as u16) << s)
-}
-
-/// Lanes whose bit is set, ascending.
-#[inline(always)]
-pub(super) fn lanes_of(mask: u16) -> impl Iterator<Item = usize> {
-    let mut rest = mask as u32;
-    std::iter::from_fn(move || {
-        (rest != 0).then(|| {
-            let lane = rest.trailing_zeros() as usize;
-            rest &= rest - 1;
-            lane
-        })
-    })
+    (0..MAX_SUBGROUPS).fold(0, |bits, s| bits | (!mask[s].is_empty() as u16) << s)
 }

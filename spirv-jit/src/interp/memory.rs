@@ -1,7 +1,7 @@
 //! Private memory, and what a dispatch is given as words.
 
 use super::access::operands;
-use super::machine::{Instr, Machine, lanes_of};
+use super::machine::{Instr, Machine};
 use super::operand::Operand;
 use super::tier::Kernel;
 use super::yields::blend;
@@ -37,7 +37,7 @@ impl Kernel for LoadPrivate {
                 }
                 continue;
             }
-            for lane in lanes_of(m.active[s]) {
+            for lane in m.active[s] {
                 // SAFETY: as the caller promises; rows are checked.
                 unsafe {
                     let first = m.lane(address[0], offset, lane, false);
@@ -66,10 +66,10 @@ unsafe fn common_row(m: &Machine<'_>, row: Operand, offset: u16) -> Option<u32> 
     let active = m.active[offset as usize / 64];
     // SAFETY: as the caller promises.
     let rows = unsafe { &*m.block::<u32>(row, offset) };
-    let first = rows[active.trailing_zeros() as usize & 15];
+    let first = rows[active.first()];
     let mut others = 0;
     for (lane, &row) in rows.iter().enumerate() {
-        let is_active = active >> lane & 1 != 0;
+        let is_active = active.contains(lane);
         others |= (is_active & (row != first)) as u32;
     }
     (others == 0).then_some(first)
@@ -147,7 +147,7 @@ impl Kernel for StorePrivate {
                 }
                 continue;
             }
-            for lane in lanes_of(m.active[s]) {
+            for lane in m.active[s] {
                 // SAFETY: as the caller promises; rows are checked.
                 unsafe {
                     let first = m.lane(address[0], offset, lane, false);
@@ -213,7 +213,7 @@ impl Kernel for VariableStore {
                     let high = &mut *m.state_row(s, row + 1);
                     let a = &*m.block::<u64>(i.a, offset);
                     for k in 0..SUBGROUP_SIZE {
-                        if mask & 1 << k != 0 {
+                        if mask.contains(k) {
                             low[k] = a[k] as u32;
                             high[k] = (a[k] >> 32) as u32;
                         }
@@ -235,7 +235,7 @@ pub(super) unsafe fn zero_private(m: &mut Machine<'_>, i: &Instr) {
             // SAFETY: as the caller promises; the emitter checked the rows.
             let words = unsafe { &mut *m.state_row(s, m.plan.private + row as usize) };
             for (k, word) in words.iter_mut().enumerate() {
-                *word = if m.active[s] & 1 << k != 0 { 0 } else { *word };
+                *word = if m.active[s].contains(k) { 0 } else { *word };
             }
         }
     }

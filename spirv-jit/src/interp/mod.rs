@@ -32,6 +32,8 @@ mod tests;
 use std::cell::Cell;
 use std::collections::TryReserveError;
 
+use lanes::LaneMask;
+
 use crate::SUBGROUP_SIZE;
 use crate::plan::Plan;
 use crate::row::AlignedRow;
@@ -39,7 +41,7 @@ use crate::state::{Event, Wave};
 pub(crate) use emit::emit;
 pub(crate) use machine::Code;
 pub use machine::MAX_SUBGROUPS;
-use machine::{Machine, Mask};
+use machine::{Machine, Mask, NO_LANES};
 
 /// What a frame's rows may take, in bytes, before they leave the nearest cache.
 const FRAME_BYTES: usize = 40 << 10;
@@ -121,8 +123,8 @@ impl Code {
             list: [0; MAX_SUBGROUPS],
             list_len: 0,
             occupied: 0,
-            active: [0; MAX_SUBGROUPS],
-            helpers: [0; MAX_SUBGROUPS],
+            active: NO_LANES,
+            helpers: NO_LANES,
             masks: frame.masks.as_mut_ptr(),
             pc: if is_computed { self.prologue_end } else { 0 },
             running: true,
@@ -139,8 +141,8 @@ impl Code {
         // the environment points to is kept by the caller.
         unsafe {
             // The prologue computes uniform rows in the place of the first subgroup.
-            let mut first = [0; MAX_SUBGROUPS];
-            first[0] = !0;
+            let mut first = NO_LANES;
+            first[0] = LaneMask::ALL;
             machine.set_active(first);
             machine.go();
         }

@@ -1,9 +1,10 @@
 //! Operations across the lanes of a subgroup.
 
 use half::f16;
+use lanes::LaneMask;
 
 use super::code::SubgroupPlan;
-use super::machine::{Instr, Machine, lanes_of};
+use super::machine::{Instr, Machine};
 use super::tier::Kernel;
 use crate::SUBGROUP_SIZE;
 use crate::eval;
@@ -43,10 +44,10 @@ pub(super) unsafe fn subgroup(m: &mut Machine<'_>, i: &Instr) {
 
 /// The lanes that take part.
 #[inline(always)]
-fn lanes(m: &Machine<'_>, plan: &SubgroupPlan, offset: u16) -> u16 {
+fn lanes(m: &Machine<'_>, plan: &SubgroupPlan, offset: u16) -> LaneMask {
     // Where all are helpers they are by themselves: a loop that waits to be elected ends.
     match m.effective(offset) {
-        others if others != 0 && !plan.with_helpers => others,
+        others if !others.is_empty() && !plan.with_helpers => others,
         _ => m.active[offset as usize / 64],
     }
 }
@@ -87,11 +88,11 @@ impl Kernel for Word {
 
 /// What [`perform`] gives to every lane.
 #[inline(always)]
-fn word(plan: &SubgroupPlan, a: &Row, mask: u16) -> u32 {
+fn word(plan: &SubgroupPlan, a: &Row, mask: LaneMask) -> u32 {
     match plan.op {
         SubgroupOp::All => boolean(ballot(a) & mask == mask) as u32,
-        SubgroupOp::Any => boolean(ballot(a) & mask != 0) as u32,
-        SubgroupOp::Ballot => (ballot(a) & mask) as u32,
+        SubgroupOp::Any => boolean(!(ballot(a) & mask).is_empty()) as u32,
+        SubgroupOp::Ballot => (ballot(a) & mask).bits().into(),
         SubgroupOp::Reduce { op, .. } => {
             let identity = identity(op, plan.ty) as u32;
             match op {
@@ -106,26 +107,26 @@ fn word(plan: &SubgroupPlan, a: &Row, mask: u16) -> u32 {
                 _ => total(a, mask, identity, eval::xor),
             }
         }
-        _ => a[mask.trailing_zeros() as usize % SUBGROUP_SIZE],
+        _ => a[mask.first()],
     }
 }
 
 /// A bit for each lane that is not zero.
 #[inline(always)]
-fn ballot(a: &Row) -> u16 {
+fn ballot(a: &Row) -> LaneMask {
     let mut bits = [0u32; SUBGROUP_SIZE];
     for k in 0..SUBGROUP_SIZE {
         bits[k] = if a[k] != 0 { 1 << k } else { 0 };
     }
-    bits.iter().fold(0, |all, bit| all | bit) as u16
+    LaneMask::from_bits(bits.iter().fold(0, |all, bit| all | bit) as u16)
 }
 
 /// The lanes of the mask combined, in any order.
 #[inline(always)]
-fn total(a: &Row, mask: u16, identity: u32, combine: impl Fn(u32, u32) -> u32) -> u32 {
+fn total(a: &Row, mask: LaneMask, identity: u32, combine: impl Fn(u32, u32) -> u32) -> u32 {
     let mut rest = [identity; SUBGROUP_SIZE];
     for k in 0..SUBGROUP_SIZE {
-        rest[k] = if mask >> k & 1 != 0 { a[k] } else { identity };
+        rest[k] = if mask.contains(k) { a[k] } else { identity };
     }
     for k in 0..8 {
         rest[k] = combine(rest[k], rest[k + 8]);
@@ -159,8 +160,8 @@ fn boolean(holds: bool) -> u64 {
     if holds { u32::MAX as u64 } else { 0 }
 }
 
-fn perform(plan: &SubgroupPlan, a: &Lanes, b: &Lanes, mask: u16) -> Lanes {
-    let first = mask.trailing_zeros() as usize % SUBGROUP_SIZE;
+fn perform(plan: &SubgroupPlan, a: &Lanes, b: &Lanes, mask: LaneMask) -> Lanes {
+    let first = mask.first();
     let all = |value: u64| [value; SUBGROUP_SIZE];
     match plan.op {
         SubgroupOp::Elect => std::array::from_fn(|k| boolean(k == first)),
@@ -168,13 +169,13 @@ fn perform(plan: &SubgroupPlan, a: &Lanes, b: &Lanes, mask: u16) -> Lanes {
             unreachable!("they are words")
         }
         SubgroupOp::AllEqual => {
-            let same = lanes_of(mask).all(|k| equal(plan.ty, a[k], a[first]));
+            let same = mask.iter().all(|k| equal(plan.ty, a[k], a[first]));
             all(boolean(same))
         }
         SubgroupOp::Shuffle => std::array::from_fn(|k| a.get(b[k] as usize).copied().unwrap_or(0)),
         SubgroupOp::QuadShuffle => std::array::from_fn(|k| {
             let from = b[k] as usize;
-            let is_active = from < SUBGROUP_SIZE && mask >> from & 1 != 0;
+            let is_active = from < SUBGROUP_SIZE && mask.contains(from);
             if is_active { a[from] } else { a[k] }
         }),
         SubgroupOp::BroadcastFirst => all(a[first]),
@@ -183,7 +184,8 @@ fn perform(plan: &SubgroupPlan, a: &Lanes, b: &Lanes, mask: u16) -> Lanes {
             let mut result = [0; SUBGROUP_SIZE];
             for start in (0..SUBGROUP_SIZE).step_by(cluster) {
                 let end = (start + cluster).min(SUBGROUP_SIZE);
-                let total = lanes_of(mask)
+                let total = mask
+                    .iter()
                     .filter(|k| (start..end).contains(k))
                     .map(|k| a[k])
                     .reduce(|x, y| combine(op, plan.ty, x, y))
@@ -195,8 +197,8 @@ fn perform(plan: &SubgroupPlan, a: &Lanes, b: &Lanes, mask: u16) -> Lanes {
         SubgroupOp::InclusiveScan(op) => scan(op, plan.ty, a, mask, true),
         SubgroupOp::ExclusiveScan(op) => scan(op, plan.ty, a, mask, false),
         SubgroupOp::Match => std::array::from_fn(|k| {
-            let same = lanes_of(mask).filter(|&other| a[other] == a[k]);
-            same.fold(0, |bits, other| bits | 1 << other)
+            let same = mask.iter().filter(|&other| a[other] == a[k]);
+            same.collect::<LaneMask>().bits().into()
         }),
         SubgroupOp::PartitionedReduce(op) => partitioned(mask, b, |part, k| {
             scan(op, plan.ty, a, part, true)[last_lane(part).unwrap_or(k)]
@@ -211,22 +213,22 @@ fn perform(plan: &SubgroupPlan, a: &Lanes, b: &Lanes, mask: u16) -> Lanes {
 }
 
 /// For each active lane, what is computed over the part that it names, and for it.
-fn partitioned(mask: u16, parts: &Lanes, of: impl Fn(u16, usize) -> u64) -> Lanes {
+fn partitioned(mask: LaneMask, parts: &Lanes, of: impl Fn(LaneMask, usize) -> u64) -> Lanes {
     let mut result = [0; SUBGROUP_SIZE];
-    for k in lanes_of(mask) {
-        result[k] = of(mask & parts[k] as u16, k);
+    for k in mask {
+        result[k] = of(mask & LaneMask::from_bits(parts[k] as u16), k);
     }
     result
 }
 
-fn last_lane(part: u16) -> Option<usize> {
-    part.checked_ilog2().map(|lane| lane as usize)
+fn last_lane(part: LaneMask) -> Option<usize> {
+    part.iter().last()
 }
 
-fn scan(op: ReduceOp, ty: Type, a: &Lanes, mask: u16, inclusive: bool) -> Lanes {
+fn scan(op: ReduceOp, ty: Type, a: &Lanes, mask: LaneMask, inclusive: bool) -> Lanes {
     let mut result = [0; SUBGROUP_SIZE];
     let mut total = None;
-    for k in lanes_of(mask) {
+    for k in mask {
         let before = total.unwrap_or_else(|| identity(op, ty));
         let with = total.map_or(a[k], |t| combine(op, ty, t, a[k]));
         result[k] = if inclusive { with } else { before };

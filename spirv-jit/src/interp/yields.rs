@@ -1,8 +1,10 @@
 //! Suspending a wave into its subgroups' states, and resuming it: control rows are as [`plan`](crate::plan) has them.
 
+use lanes::LaneMask;
+
 use super::code::{Live, Saved};
 use super::descriptors;
-use super::machine::{Instr, MAX_SUBGROUPS, Machine};
+use super::machine::{Instr, Machine, NO_LANES};
 use super::operand::Operand;
 use super::tier::Kernel;
 use crate::SUBGROUP_SIZE;
@@ -23,9 +25,9 @@ unsafe fn suspend(m: &mut Machine<'_>, point: u32, event: Event) {
         for s in 0..m.subgroups {
             let control = m.states[s];
             *control = id;
-            *control.add(1) = m.active[s] as u32;
-            *control.add(2) = m.helpers[s] as u32;
-            let masks = control.add(CONTROL_WORDS).cast::<u16>();
+            *control.add(1) = m.active[s].bits().into();
+            *control.add(2) = m.helpers[s].bits().into();
+            let masks = control.add(CONTROL_WORDS).cast::<LaneMask>();
             for k in 0..point.masks as usize {
                 *masks.add(k) = (*m.masks.add(k))[s];
             }
@@ -108,16 +110,16 @@ impl Kernel for Resume {
             let point = &m.code.points[index];
             m.context = context;
             m.pc = point.pc as usize;
-            let mut active = [0; MAX_SUBGROUPS];
+            let mut active = NO_LANES;
             for (s, lanes) in active[..m.subgroups].iter_mut().enumerate() {
-                *lanes = *m.states[s].add(1) as u16;
-                m.helpers[s] = *m.states[s].add(2) as u16;
+                *lanes = LaneMask::from_bits(*m.states[s].add(1) as u16);
+                m.helpers[s] = LaneMask::from_bits(*m.states[s].add(2) as u16);
             }
             for k in 0..point.masks as usize {
                 let mask = &mut *m.masks.add(k);
-                *mask = [0; MAX_SUBGROUPS];
+                *mask = NO_LANES;
                 for (s, lanes) in mask[..m.subgroups].iter_mut().enumerate() {
-                    *lanes = *m.states[s].add(CONTROL_WORDS).cast::<u16>().add(k);
+                    *lanes = *m.states[s].add(CONTROL_WORDS).cast::<LaneMask>().add(k);
                 }
             }
             restore_values(m, &point.live);
@@ -151,8 +153,8 @@ unsafe fn write_io(m: &Machine<'_>, operand: Operand, row: usize) {
 
 /// The lanes of a mask from another row.
 #[inline(always)]
-pub(super) fn blend(to: &mut Row, from: &Row, mask: u16) {
-    if mask == u16::MAX {
+pub(super) fn blend(to: &mut Row, from: &Row, mask: LaneMask) {
+    if mask == LaneMask::ALL {
         *to = *from;
         return;
     }
@@ -160,7 +162,7 @@ pub(super) fn blend(to: &mut Row, from: &Row, mask: u16) {
     let mut taken = [0; SUBGROUP_SIZE];
     for k in 0..SUBGROUP_SIZE {
         let bit = 1 << k;
-        taken[k] = if u32::from(mask) & bit == bit {
+        taken[k] = if u32::from(mask.bits()) & bit == bit {
             u32::MAX
         } else {
             0
@@ -235,7 +237,7 @@ impl Kernel for ReadVerdict {
                 for k in 0..SUBGROUP_SIZE {
                     accepted[k] = if verdict[k] != 0 { !0 } else { 0 };
                     if verdict[k] == 2 {
-                        active[s] &= !(1 << k);
+                        active[s].remove(k);
                     }
                 }
             }

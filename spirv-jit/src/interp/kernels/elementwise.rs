@@ -3,7 +3,7 @@
 use std::marker::PhantomData;
 
 use half::f16;
-use lanes::Tier as TierKind;
+use lanes::{LaneMask, Tier as TierKind};
 
 use super::lane::{Lane, Map1, Map2, Map3};
 use super::ops;
@@ -329,14 +329,14 @@ impl<S: Lane<Slot = S> + Default> Kernel for MaskedCopy<S> {
                 let mask = m.active[offset as usize / 64];
                 let new = *m.block::<S>(i.a, offset);
                 let d = m.block::<S>(i.d, offset);
-                if mask == !0 {
+                if mask == LaneMask::ALL {
                     *d = new;
                     continue;
                 }
                 let old = *d;
                 let mut r = [S::default(); SUBGROUP_SIZE];
                 for k in 0..SUBGROUP_SIZE {
-                    r[k] = if mask & 1 << k != 0 { new[k] } else { old[k] };
+                    r[k] = if mask.contains(k) { new[k] } else { old[k] };
                 }
                 *d = r;
             }

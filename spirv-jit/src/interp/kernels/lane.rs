@@ -3,6 +3,7 @@
 use std::marker::PhantomData;
 
 use half::f16;
+use lanes::LaneMask;
 
 use crate::SUBGROUP_SIZE;
 use crate::interp::machine::{Instr, Machine};
@@ -179,10 +180,10 @@ impl<O: Ternary<A, B, C, R>, A: Lane, B: Lane, C: Lane, R: Lane> Kernel for Map3
 
 /// The lanes' sign bits.
 #[inline(always)]
-pub(in crate::interp) fn sign_bits(lanes: &[u32; SUBGROUP_SIZE]) -> u16 {
+pub(in crate::interp) fn sign_bits(lanes: &[u32; SUBGROUP_SIZE]) -> LaneMask {
     let mut bits = [0u32; SUBGROUP_SIZE];
     for k in 0..SUBGROUP_SIZE {
         bits[k] = if lanes[k] >> 31 != 0 { 1 << k } else { 0 };
     }
-    bits.iter().fold(0, |all, bit| all | bit) as u16
+    LaneMask::from_bits(bits.iter().fold(0, |all, bit| all | bit) as u16)
 }

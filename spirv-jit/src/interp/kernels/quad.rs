@@ -46,7 +46,7 @@ impl<V: Vector, const AXIS: usize> Kernel for Slope<V, AXIS> {
             let v = V::new();
             let (a, d) = (m.row(i.a), m.row(i.d));
             for &offset in m.listed() {
-                let active = m.active[offset as usize / 64];
+                let active = m.active[offset as usize / 64].bits();
                 let slope = v.derivative::<AXIS>(v.load(&*at::<u32>(a, offset)), active);
                 v.store(slope, &mut *at::<u32>(d, offset));
             }
@@ -68,7 +68,7 @@ impl<F: Lane + Float, const AXIS: usize> Kernel for Derivative<F, AXIS> {
                 for k in 0..SUBGROUP_SIZE {
                     values[k] = F::read(x[k]);
                 }
-                let active = m.active[offset as usize / 64];
+                let active = m.active[offset as usize / 64].bits();
                 let results = quad::derivative::<F, AXIS>(&values, active);
                 let mut r = [F::Slot::default(); SUBGROUP_SIZE];
                 for k in 0..SUBGROUP_SIZE {

@@ -6,9 +6,7 @@ mod memory;
 mod pairs;
 mod yields;
 
-use lanes::LaneMask;
-
-use lanes::Tier as TierKind;
+use lanes::{LaneMask, Tier as TierKind};
 
 use super::Frame;
 use crate::environment::Environment;
