@@ -43,7 +43,9 @@ impl Batch<'_> {
                 return self.report_intersections(index, mask, attribute_words as usize);
             }
             SiteKind::HitObjectGet { fact } => {
-                (mask.iter()).for_each(|lane| self.answer_fact(index, lane, fact));
+                for lane in mask {
+                    self.answer_fact(index, lane, fact);
+                }
                 self.answered(index, mask)
             }
             SiteKind::ExecuteCallable { .. } => return self.execute_callables(index, mask),
@@ -103,9 +105,9 @@ impl Batch<'_> {
         let shaders = self.dispatch.shaders;
         let table = &self.dispatch.tables.callable;
         if let Some(traced) = self.dispatch.checks {
-            lanes.iter().for_each(|lane| {
+            for lane in lanes {
                 self.check_record(traced, Need::Callable, callables[lane]);
-            });
+            }
         }
         let (mut rest, mut silent) = (lanes, LaneMask::NONE);
         while !rest.is_empty() {
@@ -135,9 +137,9 @@ impl Batch<'_> {
         attribute_words: usize,
     ) -> Result<(), Stopped> {
         if let Some(traced) = self.dispatch.checks {
-            lanes
-                .iter()
-                .for_each(|lane| self.check_report(traced, index, lane));
+            for lane in lanes {
+                self.check_report(traced, index, lane);
+            }
         }
         let subgroup = &self.worker.subgroups[index];
         let of = subgroup.of;

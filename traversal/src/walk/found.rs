@@ -103,8 +103,10 @@ impl Found {
     pub fn offer(&mut self, structure: &Structure, lane: usize, slot: u32, hit: &Intersection) {
         let t_far = self.t[lane];
         let wins = hit.t < t_far
-            || hit.t == t_far
-                && !(self.won_ties(structure, slot, LaneMask::of(lane) & self.hit)).is_empty();
+            || hit.t == t_far && {
+                let tie = LaneMask::of(lane) & self.hit;
+                self.won_ties(structure, slot, tie).contains(lane)
+            };
         if wins {
             self.t[lane] = hit.t;
             self.barycentrics[0][lane] = hit.barycentrics[0];

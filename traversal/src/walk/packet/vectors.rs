@@ -82,15 +82,13 @@ unsafe fn pick(row: &Lanes, lanes: LaneMask, other: f32) -> [__m256; 2] {
             return row;
         }
         let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
-        let blend = |row: __m256, bits_of_lanes: u16| {
-            let chosen = _mm256_and_si256(_mm256_set1_epi32(bits_of_lanes.into()), bits);
+        let blend = |row: __m256, lanes: u16| {
+            let chosen = _mm256_and_si256(_mm256_set1_epi32(lanes.into()), bits);
             let chosen = _mm256_castsi256_ps(_mm256_cmpeq_epi32(chosen, bits));
             _mm256_blendv_ps(_mm256_set1_ps(other), row, chosen)
         };
-        [
-            blend(row[0], lanes.bits()),
-            blend(row[1], lanes.bits() >> 8),
-        ]
+        let lanes = lanes.bits();
+        [blend(row[0], lanes), blend(row[1], lanes >> 8)]
     }
 }
 
