@@ -80,6 +80,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    end_with_the_reader();
     let done: Result<ExitCode> = match Arguments::parse().command {
         Command::Demo(options) => demo::demo(&options),
         Command::Test(options) => test::test(&options),
@@ -104,6 +105,13 @@ fn main() -> ExitCode {
         eprintln!("error: {error:#}");
         ExitCode::FAILURE
     })
+}
+
+/// A reader that has seen enough (`cargo xtask info | head`) ends this program by SIGPIPE, as it ends others. Rust's programs start with
+/// that signal ignored, and panic when they print.
+fn end_with_the_reader() {
+    // SAFETY: the default action is no handler of ours, and no other thread runs yet.
+    unsafe { libc::signal(libc::SIGPIPE, libc::SIG_DFL) };
 }
 
 #[cfg(test)]

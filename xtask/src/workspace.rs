@@ -1,5 +1,6 @@
 //! Where things lie, and how cargo is called.
 
+use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, ExitStatus};
 
@@ -65,9 +66,11 @@ pub fn run(mut program: Command) -> Result<ExitCode> {
 
 /// What a child's end means for this program's own.
 fn exit_code(status: ExitStatus) -> ExitCode {
-    match status.code() {
-        Some(code) => ExitCode::from(u8::try_from(code).unwrap_or(1)),
-        None => {
+    match (status.code(), status.signal()) {
+        (Some(code), _) => ExitCode::from(u8::try_from(code).unwrap_or(1)),
+        // Whoever read its output has seen enough: no error of anybody's, and what a shell returns for it.
+        (None, Some(libc::SIGPIPE)) => ExitCode::from(128 + libc::SIGPIPE as u8),
+        (None, _) => {
             eprintln!("error: {status}");
             ExitCode::FAILURE
         }
@@ -93,5 +96,14 @@ mod tests {
         let command = build_command("icd");
         let packages = command.get_args().filter(|word| *word == "--package");
         assert_eq!(packages.count(), 1);
+    }
+
+    #[test]
+    fn ends_are_what_a_shell_makes_of_them() {
+        for (line, expected) in [("exit 3", 3), ("kill -PIPE $$", 141), ("kill $$", 1)] {
+            let mut shell = Command::new("sh");
+            shell.args(["-c", line]);
+            assert_eq!(run(shell).unwrap(), ExitCode::from(expected), "{line}");
+        }
     }
 }

@@ -53,7 +53,7 @@ pub fn print(installation: &Installation) -> ExitCode {
     }
 }
 
-/// Variables that loader and driver read.
+/// Variables that loader, driver and Mesa's layer that puts a device first (`MESA_VK_DEVICE_SELECT`) read.
 fn variables() -> Vec<(String, String)> {
     let mut set: Vec<_> = std::env::vars_os()
         .map(|(name, value)| {
@@ -61,7 +61,9 @@ fn variables() -> Vec<(String, String)> {
             (text(name), text(value))
         })
         .filter(|(name, _)| {
-            ["VK_", "TUFF_"].iter().any(|start| name.starts_with(start))
+            ["VK_", "TUFF_", "MESA_VK_"]
+                .iter()
+                .any(|start| name.starts_with(start))
                 || name == "LD_LIBRARY_PATH"
         })
         .collect();
