@@ -212,14 +212,15 @@ unsafe fn words<T: Words, L: Words>(tier: Tier, texels: Texels, is_opaque: bool,
 /// As for [`convert`], of 16-bit floats.
 unsafe fn floats<L: Words>(tier: Tier, texels: Texels, is_opaque: bool, row: &mut [u8]) {
     let alpha = opaque::<L>(is_opaque);
-    let mut done = 0;
     #[cfg(target_arch = "x86_64")]
-    if matches!(tier, Tier::Avx2 | Tier::Avx512) && !texels.is_linear && L::BITS == [8; 4] {
-        // SAFETY: the tier has these instructions; and the caller's promise.
-        done = unsafe { eight_bits(texels, L::SHIFTS[0] != 0, alpha, row) };
-    }
+    let done =
+        match matches!(tier, Tier::Avx2 | Tier::Avx512) && !texels.is_linear && L::BITS == [8; 4] {
+            // SAFETY: the tier has these instructions; and the caller's promise.
+            true => unsafe { eight_bits(texels, L::SHIFTS[0] != 0, alpha, row) },
+            false => 0,
+        };
     #[cfg(not(target_arch = "x86_64"))]
-    let _ = tier;
+    let (done, _) = (0, tier);
     let table = |c: usize| float_table(texels.is_linear && c < 3, L::BITS[c]);
     let tables = [table(0), table(1), table(2), table(3)];
     let texel = texels.data.cast::<[u16; 4]>();

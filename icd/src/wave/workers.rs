@@ -97,32 +97,36 @@ mod tests {
     }
 
     /// Half of the least normal number, as the processor computes it here and now: a call, or compilers move it.
+    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
     #[inline(never)]
     fn halved() -> u32 {
         use std::hint::black_box;
         black_box(black_box(f32::MIN_POSITIVE) * black_box(0.5)).to_bits()
     }
 
-    #[cfg(target_arch = "x86_64")]
+    #[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
     #[test]
     fn a_flushing_host_gets_its_environment_back_and_denormals_are_kept_meanwhile() {
         use crate::float_environment;
         use crate::guard::guard;
-        // All exceptions masked; with it, results flushed to zero, and denormals read as zero.
-        const USUAL: u32 = 0x1F80;
-        const FLUSHING: u32 = USUAL | 1 << 15 | 1 << 6;
+        // MXCSR: all exceptions masked; with it, results flushed to zero, and denormals read as zero.
+        #[cfg(target_arch = "x86_64")]
+        let (usual, flushing) = (0x1F80, 0x1F80 | 1 << 15 | 1 << 6);
+        // FPCR: nothing; FZ, which does both (Arm Architecture Reference Manual for A-profile, "FPCR").
+        #[cfg(target_arch = "aarch64")]
+        let (usual, flushing) = (0, 1 << 24);
         // A thread of its own: it ends with what it set.
-        let run = || {
-            float_environment::set(FLUSHING);
+        let run = move || {
+            float_environment::set(flushing);
             let outside = halved();
             let inside = guard("test", halved);
             let workers = Workers::start(1).expect("a thread starts");
             let on_worker = workers.install(halved);
             let after = float_environment::control();
-            float_environment::set(USUAL);
+            float_environment::set(usual);
             (outside, inside, on_worker, after)
         };
         let results = std::thread::spawn(run).join().expect("nothing panics");
-        assert_eq!(results, (0, 0x0040_0000, 0x0040_0000, FLUSHING));
+        assert_eq!(results, (0, 0x0040_0000, 0x0040_0000, flushing));
     }
 }

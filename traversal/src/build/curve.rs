@@ -3,6 +3,7 @@
 //! moves any more after the sort. Where the curve does not tell primitives apart, the binned builder takes
 //! over.
 
+#[cfg(target_arch = "x86_64")]
 use lanes::Tier;
 use rayon::prelude::*;
 
@@ -16,7 +17,6 @@ use crate::pool::in_pool;
 
 #[cfg(target_arch = "x86_64")]
 use super::vector::Avx2;
-#[cfg(target_arch = "x86_64")]
 
 /// Bits of a code for each axis.
 const BITS: u32 = 10;

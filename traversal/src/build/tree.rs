@@ -4,12 +4,12 @@
 //! 2n − 1 nodes from its root on, whatever its shape: the place of a node depends on
 //! the primitives alone and never on which thread came first.
 
+#[cfg(target_arch = "x86_64")]
 use lanes::Tier;
 
 use super::corners::Corners;
 use super::primitive::Primitive;
 use super::split::{Extent, SplitRules, choose, choose_quickly, halve, partition};
-#[cfg(target_arch = "x86_64")]
 #[cfg(target_arch = "x86_64")]
 use super::vector::Avx2;
 use super::vector::{Portable, Vector};

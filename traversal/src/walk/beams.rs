@@ -198,6 +198,7 @@ impl Beams {
     }
 
     /// Sets rays up in a top level; returns what [`Self::set_up`] does. `origin_error`: as for [`Self::widen`].
+    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub fn set_up_top(&mut self, given: &Given, origin_error: f32) -> LaneMask {
         self.start_top(given);

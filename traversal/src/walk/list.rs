@@ -1,6 +1,8 @@
 //! Rays of one subgroup in turn. What they have in common is done once.
 
-use lanes::{LaneMask, Tier};
+use lanes::LaneMask;
+#[cfg(target_arch = "x86_64")]
+use lanes::Tier;
 
 use super::beams::Given;
 use super::children::LARGE;
@@ -15,7 +17,6 @@ use super::{Event, State, Verdict, Walk, Walker, run};
 use crate::layout::instance_state;
 use crate::ray::ray_flags;
 use crate::structure::Kind;
-#[cfg(target_arch = "x86_64")]
 
 /// Fewer rays are set up one by one for less.
 const ENOUGH: u32 = 4;

@@ -1,12 +1,12 @@
 //! Runs walks in the instruction set of their walker.
 
+#[cfg(target_arch = "x86_64")]
 use lanes::Tier;
 
 use super::kernel::Kernel;
 use super::level::Entered;
 use super::portable::Portable;
 use super::{Event, State, Verdict, Walk, Walker, descend};
-#[cfg(target_arch = "x86_64")]
 
 /// Runs a walk until something has to be decided outside. What the walk before entered may be in `entered`.
 pub(crate) fn run(

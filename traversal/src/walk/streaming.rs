@@ -8,6 +8,10 @@ use super::{Event, Walk, Walker};
 use crate::ray::Hit;
 
 /// Who has rays traced by [`Walker::trace_streams`], and hears of them by group and lane.
+#[cfg_attr(
+    not(target_arch = "x86_64"),
+    expect(dead_code, reason = "streams are for AVX2 and AVX-512")
+)]
 pub(crate) trait Caller {
     /// A ray has met something.
     fn hit(&mut self, group: u32, lane: usize, hit: &Hit);

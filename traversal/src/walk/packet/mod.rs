@@ -39,8 +39,9 @@ use crate::ray::{Ray, ray_flags};
 use crate::structure::{Kind, Structure};
 use journey::Entering;
 use kernel::PacketKernel;
-use lanes::{LaneMask, Tier};
+use lanes::LaneMask;
 #[cfg(target_arch = "x86_64")]
+use lanes::Tier;
 use rays::Rays;
 pub(crate) use stack::{PacketSpace, Stack};
 
