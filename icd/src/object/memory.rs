@@ -9,7 +9,7 @@ use ash::vk;
 use parking_lot::Mutex;
 
 use super::live_memory::LiveMemory;
-use super::pages::{GRANULE, map_pages, map_zero_pages};
+use super::pages::{GRANULE, map_pages, map_zero_pages, page_bytes};
 use super::ranges::{Ranges, Taken};
 use crate::VkResult;
 use crate::table::limits::max_allocations;
@@ -400,13 +400,15 @@ pub fn seal(file: &OwnedFd, seals: i32) -> bool {
 
 /// Whether all pages of a range are mapped.
 fn is_mapped(address: u64, size_bytes: u64) -> bool {
+    /// The smallest page of any system, of which each asks for a byte at most.
     const PAGE: u64 = 4096;
     const CHUNK: u64 = PAGE << 12;
     let Some(end) = address.checked_add(size_bytes) else {
         return false;
     };
     let mut resident = [0u8; (CHUNK / PAGE) as usize];
-    let mut at = address & !(PAGE - 1);
+    // The call takes addresses of the system's own pages, which may be larger, alone.
+    let mut at = address & !(page_bytes() - 1);
     while at < end {
         let bytes = (end - at).min(CHUNK);
         // SAFETY: the call writes a byte for each page; it looks at mappings, not at memory.
