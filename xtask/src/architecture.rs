@@ -16,6 +16,9 @@ pub enum Architecture {
     Aarch64,
 }
 
+/// The variable by which QEMU limits the address space of what it runs.
+const ADDRESS_SPACE: &str = "QEMU_RESERVED_VA";
+
 impl Architecture {
     /// By Rust's name, which is also that of GNU's tools and of QEMU.
     pub fn name(self) -> &'static str {
@@ -84,6 +87,10 @@ impl Emulation {
         // Where Debian's cross compiler has the architecture's C library.
         cargo.env("QEMU_LD_PREFIX", format!("/usr/{name}-linux-gnu"));
         cargo.env("LD_LIBRARY_PATH", &self.loader);
+        // The emulator keeps a note of each page: of the terabyte that a device would reserve they take it half a minute.
+        if std::env::var_os(ADDRESS_SPACE).is_none() {
+            cargo.env(ADDRESS_SPACE, "16G");
+        }
     }
 }
 
@@ -131,6 +138,7 @@ mod tests {
             ),
             ("QEMU_LD_PREFIX", "/usr/aarch64-linux-gnu"),
             ("LD_LIBRARY_PATH", "/loader"),
+            (ADDRESS_SPACE, "16G"),
         ] {
             let mut set = cargo.get_envs();
             assert!(
