@@ -87,6 +87,8 @@ impl Emulation {
         // Where Debian's cross compiler has the architecture's C library.
         cargo.env("QEMU_LD_PREFIX", format!("/usr/{name}-linux-gnu"));
         cargo.env("LD_LIBRARY_PATH", &self.loader);
+        // Layers that are installed here are of this machine's architecture: the loader would name them, and fail to load them.
+        cargo.env("VK_LAYER_PATH", &self.loader);
         // The emulator keeps a note of each page: of the terabyte that a device would reserve they take it half a minute.
         if std::env::var_os(ADDRESS_SPACE).is_none() {
             cargo.env(ADDRESS_SPACE, "16G");
@@ -138,6 +140,7 @@ mod tests {
             ),
             ("QEMU_LD_PREFIX", "/usr/aarch64-linux-gnu"),
             ("LD_LIBRARY_PATH", "/loader"),
+            ("VK_LAYER_PATH", "/loader"),
             (ADDRESS_SPACE, "16G"),
         ] {
             let mut set = cargo.get_envs();
