@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 use super::address::{Floats, Ints};
+use super::vector::Vector;
 use crate::SUBGROUP_SIZE;
 
 /// A direction's place on the cube: the face and the coordinates on it, in 0..1, and their derivatives if the direction has some.
@@ -122,9 +123,95 @@ pub(super) fn wrap_edges(x: &mut Ints, y: &mut Ints, face: &mut Ints, sizes: &In
     corners
 }
 
+/// [`wrap_edges`] of sixteen texels in vectors.
+#[inline(always)]
+pub(super) fn wrap_edges_in_vectors<V: Vector>(
+    v: V,
+    [x, y, face]: [V::I; 3],
+    size: V::I,
+) -> ([V::I; 3], u16) {
+    let (zero, one) = (v.splat_i(0), v.splat_i(1));
+    let last = v.sub_i(size, one);
+    let (in_x, in_y) = (v.lt_u(x, size), v.lt_u(y, size));
+    let clamped_x = v.max_i(v.min_i(x, last), zero);
+    let clamped_y = v.max_i(v.min_i(y, last), zero);
+    let corners = !in_x & !in_y;
+    let edges = !(in_x & in_y) & !corners;
+    if edges == 0 {
+        return ([clamped_x, clamped_y, face], corners);
+    }
+    // As `across_edge`: centres in half texels on the cube of half side `size`.
+    let s = v.sub_i(v.add_i(v.add_i(x, x), one), size);
+    let t = v.sub_i(v.add_i(v.add_i(y, y), one), size);
+    let axis = v.right_u(face, 1);
+    let (is_x, is_y) = (!v.ne_i(axis, zero), !v.ne_i(axis, one));
+    let is_negative = v.sub_i(zero, v.and_i(face, one));
+    let is_positive = v.sub_i(v.and_i(face, one), one);
+    let plane = negated(v, size, is_negative);
+    let minus_t = v.sub_i(zero, t);
+    let position = [
+        select3(v, is_x, is_y, [plane, s, negated(v, s, is_negative)]),
+        v.select(is_y, plane, minus_t),
+        select3(
+            v,
+            is_x,
+            is_y,
+            [
+                negated(v, s, is_positive),
+                negated(v, t, is_negative),
+                plane,
+            ],
+        ),
+    ];
+    let mut folded = position;
+    let mut out = [0; 3];
+    let old_plane = [is_x, is_y, !(is_x | is_y)];
+    for i in 0..3 {
+        let sign = v.sign_i(position[i]);
+        out[i] = v.lt_u(size, negated(v, position[i], sign));
+        let inner = v.select(old_plane[i], negated(v, last, sign), position[i]);
+        folded[i] = v.select(out[i], negated(v, size, sign), inner);
+    }
+    let [x3, y3, z3] = folded;
+    let is_negative = v.sign_i(select3(v, out[0], out[1], position));
+    let is_positive = v.xor_i(is_negative, v.splat_i(-1));
+    let axis = select3(v, out[0], out[1], [zero, v.splat_i(2), v.splat_i(4)]);
+    let new_face = v.add_i(axis, v.and_i(is_negative, one));
+    let minus_y = v.sub_i(zero, y3);
+    let new_s = select3(
+        v,
+        out[0],
+        out[1],
+        [negated(v, z3, is_positive), x3, negated(v, x3, is_negative)],
+    );
+    let new_t = v.select(out[1], negated(v, z3, is_negative), minus_y);
+    let new_x = v.right_i(v.add_i(new_s, last), 1);
+    let new_y = v.right_i(v.add_i(new_t, last), 1);
+    let wrapped = [
+        v.select(edges, new_x, clamped_x),
+        v.select(edges, new_y, clamped_y),
+        v.select(edges, new_face, face),
+    ];
+    (wrapped, corners)
+}
+
+/// `-a` where all bits are set, `a` where none is.
+#[inline(always)]
+fn negated<V: Vector>(v: V, a: V::I, is_negated: V::I) -> V::I {
+    v.sub_i(v.xor_i(a, is_negated), is_negated)
+}
+
+/// The first in the lanes of the first mask, the second in those of the second, else the third.
+#[inline(always)]
+fn select3<V: Vector>(v: V, first: u16, second: u16, [a, b, c]: [V::I; 3]) -> V::I {
+    v.select(first, a, v.select(second, b, c))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::vector::Portable;
+    use crate::row::Row;
 
     /// Direction of a point of a face, from the spec's table read backwards.
     fn direction(face: i32, x: i32, y: i32, size: i32) -> [f64; 3] {
@@ -205,5 +292,32 @@ mod tests {
         let [ds, dt] = face_derivative(face, d, step);
         assert!((ds - (s1 - s0) / (2.0 * h)).abs() < 1e-3);
         assert!((dt - (t1 - t0) / (2.0 * h)).abs() < 1e-3);
+    }
+
+    /// Texels around each face, in vectors and one by one: every edge and corner, in every lane.
+    #[test]
+    fn vectors_wrap_as_texels_do() {
+        let v = Portable;
+        for size in [1, 2, 3, 8] {
+            let texels: Vec<[i32; 3]> = (0..6)
+                .flat_map(|face| {
+                    (-1..=size).flat_map(move |x| (-1..=size).map(move |y| [x, y, face]))
+                })
+                .collect();
+            for sixteen in texels.chunks(16) {
+                let lane = |k: usize| sixteen[k.min(sixteen.len() - 1)];
+                let rows: [Row; 3] =
+                    std::array::from_fn(|i| std::array::from_fn(|k| lane(k)[i] as u32));
+                let loaded = [v.load_i(&rows[0]), v.load_i(&rows[1]), v.load_i(&rows[2])];
+                let (wrapped, corners) = wrap_edges_in_vectors(v, loaded, v.splat_i(size));
+                let [mut x, mut y, mut face]: [Ints; 3] = rows.map(|row| row.map(|w| w as i32));
+                assert_eq!(wrap_edges(&mut x, &mut y, &mut face, &[size; 16]), corners);
+                for (vector, ints) in wrapped.into_iter().zip([x, y, face]) {
+                    let mut row = [0; SUBGROUP_SIZE];
+                    v.store_i(vector, &mut row);
+                    assert_eq!(row.map(|w| w as i32), ints);
+                }
+            }
+        }
     }
 }

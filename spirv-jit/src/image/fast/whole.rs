@@ -60,17 +60,6 @@ pub(super) fn gathered_component(op: &ImageOpKind, image: &ImageDescriptor) -> O
 }
 
 #[inline(always)]
-fn ints<V: Vector>(v: V, a: V::I) -> Ints {
-    let mut row = [0; SUBGROUP_SIZE];
-    v.store_i(a, &mut row);
-    let mut ints = [0; SUBGROUP_SIZE];
-    for lane in 0..SUBGROUP_SIZE {
-        ints[lane] = row[lane] as i32;
-    }
-    ints
-}
-
-#[inline(always)]
 fn vector_of<V: Vector>(v: V, ints: &Ints) -> V::I {
     let mut row = [0; SUBGROUP_SIZE];
     for lane in 0..SUBGROUP_SIZE {
@@ -412,7 +401,7 @@ impl Fast<'_> {
         }
     }
 
-    /// [`Self::taps`] where some lie on other faces than their lanes' places, lane by lane.
+    /// [`Self::taps`] where some lie on other faces than their lanes' places.
     ///
     /// # Safety
     /// As [`Fast::weighted`].
@@ -427,7 +416,7 @@ impl Fast<'_> {
         taps: &mut [Components<V>; 4],
     ) {
         let (one, zero) = (v.splat_i(1), v.splat_i(0));
-        let sizes = ints(v, levels.width);
+        let face = vector_of(v, &place.face);
         let last_layer = v.splat_i(self.image.layer_count.max(1) as i32 - 1);
         let last_row = v.sub_i(levels.height, one);
         let mut corners = [0u16; 4];
@@ -435,16 +424,16 @@ impl Fast<'_> {
             let x = v.add_i(x.at, if tap & 1 == 0 { zero } else { one });
             let y = v.add_i(y.at, if tap >> 1 == 0 { zero } else { one });
             // Places are on their faces, so that a footprint reaches over an edge by one texel; not so those that are no numbers.
-            let mut x = ints(v, v.max_i(v.min_i(x, levels.width), v.splat_i(-1)));
-            let mut y = ints(v, v.max_i(v.min_i(y, levels.width), v.splat_i(-1)));
-            let mut face = place.face;
-            corners[tap] = cube::wrap_edges(&mut x, &mut y, &mut face, &sizes);
-            let layer = v.min_i(v.add_i(place.first_face, vector_of(v, &face)), last_layer);
-            let row = v.min_i(vector_of(v, &y), last_row);
+            let x = v.max_i(v.min_i(x, levels.width), v.splat_i(-1));
+            let y = v.max_i(v.min_i(y, levels.width), v.splat_i(-1));
+            let ([x, y, face], past) = cube::wrap_edges_in_vectors(v, [x, y, face], levels.width);
+            corners[tap] = past;
+            let layer = v.min_i(v.add_i(place.first_face, face), last_layer);
+            let row = v.min_i(y, last_row);
             let at = v.mul_i(layer, v.splat_i(self.image.layer_stride_bytes as i32));
             let at = v.add_i(at, v.mul_i(row, levels.row_stride));
             let column_bytes = v.splat_i(self.info.size_bytes as i32);
-            let at = v.add_i(at, v.mul_i(vector_of(v, &x), column_bytes));
+            let at = v.add_i(at, v.mul_i(x, column_bytes));
             // SAFETY: the caller's promise; indices are inside the level, and layers inside the view.
             *texel = unsafe { self.texel(v, v.add_i(levels.offset, at)) };
             self.put_compared(v, texel, reference);
