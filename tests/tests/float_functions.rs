@@ -72,6 +72,24 @@ fn functions_are_as_precise_as_vulkan_asks() {
     // pow is inherited from exp2(y * log2(x)).
     let pow_ulps = exp_ulps(20.0) + 40.0;
     check("pow(x, y)", [0.2, 4.0], [pow_ulps, 0.0], |x, y| x.powf(y));
+    // Around 1, where it is least: log2 may be off by 2^-21, which the exponent multiplies.
+    let whole = |n: f64| exp_ulps(0.0) + n * std::f64::consts::LN_2 * f64::exp2(2.0);
+    check("pow(x, 2.0)", [0.8, 1.25], [whole(2.0), 0.0], |x, _| x * x);
+    check("pow(x, 3.0)", [0.8, 1.25], [whole(3.0), 0.0], |x, _| {
+        x.powi(3)
+    });
+    check("pow(x, 4.0)", [0.8, 1.25], [whole(4.0), 0.0], |x, _| {
+        x.powi(4)
+    });
+    check("pow(x, 5.0)", [0.8, 1.25], [whole(5.0), 0.0], |x, _| {
+        x.powi(5)
+    });
+    check(
+        "pow(2.0, x)",
+        [-10.0, 10.0],
+        [exp_ulps(10.0), 0.0],
+        |x, _| x.exp2(),
+    );
     let fine = f64::exp2(-11.0);
     check("sin(x)", [-3.125, 3.125], [0.0, fine], |x, _| x.sin());
     check("cos(x)", [-3.125, 3.125], [0.0, fine], |x, _| x.cos());

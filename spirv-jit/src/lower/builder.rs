@@ -147,6 +147,13 @@ impl Builder {
         value
     }
 
+    /// Whether a value is this constant.
+    pub fn is_float(&self, value: Value, number: f64) -> bool {
+        let ty = self.ty(value);
+        let bits = float_bits(ty, number);
+        self.constants.get(&(ty, bits)) == Some(&value)
+    }
+
     pub fn i32(&mut self, value: u32) -> Value {
         self.constant(Type::I32, value as u64)
     }
@@ -165,12 +172,7 @@ impl Builder {
 
     /// A float constant of any float type.
     pub fn float(&mut self, ty: Type, value: f64) -> Value {
-        let bits = match ty {
-            Type::F16 => half::f16::from_f64(value).to_bits() as u64,
-            Type::F32 => (value as f32).to_bits() as u64,
-            _ => value.to_bits(),
-        };
-        self.constant(ty, bits)
+        self.constant(ty, float_bits(ty, value))
     }
 
     fn head_inst(&mut self, op: Op, args: &[Value], ty: Type) -> Value {
@@ -418,5 +420,14 @@ impl Builder {
     ) -> Result<(), Error> {
         let args: SmallVec<[Value; 8]> = address.iter().chain(values).copied().collect();
         self.emit_effect(Op::Store(access), &args)
+    }
+}
+
+/// The bits of a number in a float type.
+fn float_bits(ty: Type, value: f64) -> u64 {
+    match ty {
+        Type::F16 => half::f16::from_f64(value).to_bits() as u64,
+        Type::F32 => (value as f32).to_bits() as u64,
+        _ => value.to_bits(),
     }
 }

@@ -73,6 +73,9 @@ fn composed(op: GLOp) -> bool {
     )
 }
 
+/// Powers up to this one are multiplied.
+const GREATEST_MULTIPLIED_EXPONENT: u32 = 5;
+
 impl Lowerer<'_> {
     pub(super) fn lower_extended(&mut self, instruction: &Instruction) -> Result<(), Error> {
         let operands = self.module.operands(instruction);
@@ -173,6 +176,18 @@ impl Lowerer<'_> {
     /// One operation, as exact as was asked for.
     fn accurate(&mut self, op: ir::Op, parts: &[Value]) -> Result<Value, Error> {
         let ty = self.b.ty(parts[0]);
+        if op == ir::Op::FPow && self.request.accuracy != Accuracy::Exact {
+            let exponents = 1..=GREATEST_MULTIPLIED_EXPONENT;
+            if let Some(n) = exponents
+                .into_iter()
+                .find(|&n| self.b.is_float(parts[1], n as f64))
+            {
+                return self.multiplied(parts[0], n);
+            }
+            if self.b.is_float(parts[0], 2.0) {
+                return self.accurate(ir::Op::FExp2, &parts[1..]);
+            }
+        }
         match self.request.accuracy {
             Accuracy::Fast if ty == Type::F32 => {
                 let op = accuracy::fast(&op).unwrap_or(op);
@@ -188,6 +203,24 @@ impl Lowerer<'_> {
             }
             _ => self.b.emit(op, parts, ty),
         }
+    }
+
+    /// A power by squaring: within three units in the last place for exponents up to 5, where Vulkan allows what `exp2(n * log2(x))` may lose.
+    fn multiplied(&mut self, x: Value, n: u32) -> Result<Value, Error> {
+        let mut square = x;
+        let mut power = None;
+        for bit in 0..=n.ilog2() {
+            if bit > 0 {
+                square = self.b.binary(ir::Op::FMul, square, square)?;
+            }
+            if n >> bit & 1 == 1 {
+                power = Some(match power {
+                    Some(power) => self.b.binary(ir::Op::FMul, square, power)?,
+                    None => square,
+                });
+            }
+        }
+        Ok(power.unwrap_or(x))
     }
 
     /// One component of a composed instruction.
