@@ -205,9 +205,16 @@ impl TriangleGroup {
         reserved: 0,
     };
 
-    /// The three vertices of a lane.
+    /// The three vertices of a lane. By a loop, as closures are calls where an instruction set is enabled.
+    #[inline(always)]
     pub fn triangle(&self, lane: usize) -> [[f32; 3]; 3] {
-        self.vertices.map(|vertex| vertex.map(|axis| axis[lane]))
+        let mut triangle = [[0.0; 3]; 3];
+        for (vertex, position) in self.vertices.iter().zip(&mut triangle) {
+            for (axis, coordinate) in vertex.iter().zip(position) {
+                *coordinate = axis[lane];
+            }
+        }
+        triangle
     }
 
     /// Sets the vertices of a lane.

@@ -461,8 +461,11 @@ impl Beams {
     /// Origin and direction of a lane, by the axes of space.
     #[inline(always)]
     pub fn given(&self, lane: usize) -> ([f32; 3], [f32; 3]) {
-        let pick = |rows: &[Lanes; 3]| [rows[0][lane], rows[1][lane], rows[2][lane]];
-        (pick(&self.space_origin), pick(&self.space_direction))
+        let (o, d) = (&self.space_origin, &self.space_direction);
+        (
+            [o[0][lane], o[1][lane], o[2][lane]],
+            [d[0][lane], d[1][lane], d[2][lane]],
+        )
     }
 
     /// A ray as it is set up by itself.

@@ -12,7 +12,7 @@
 #![forbid(unsafe_code)]
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;
 
 use super::expansion::{Expansion, two_sum};
 
@@ -27,12 +27,12 @@ const ERROR: f64 = 16.0 * HALF_UNIT;
 const EDGES: [[usize; 2]; 3] = [[2, 1], [0, 2], [1, 0]];
 
 /// A ray and a triangle as seen from its start.
-struct Scene {
+struct Scene<'a> {
+    origin: [f32; 3],
+    triangle: &'a [[f32; 3]; 3],
     direction: [f64; 3],
-    /// Vertices less the origin, and what rounding took from them.
+    /// Vertices less the origin, rounded.
     moved: [[f64; 3]; 3],
-    rest: [[f64; 3]; 3],
-    is_rounded: bool,
 }
 
 /// A number, and how far off it may be.
@@ -56,25 +56,22 @@ impl Estimate {
     }
 }
 
-impl Scene {
-    fn new(origin: [f32; 3], direction: [f32; 3], triangle: &[[f32; 3]; 3]) -> Scene {
-        let (mut moved, mut rest) = ([[0.0; 3]; 3], [[0.0; 3]; 3]);
-        let mut is_rounded = false;
+impl<'a> Scene<'a> {
+    #[inline(always)]
+    fn new(origin: [f32; 3], direction: [f32; 3], triangle: &'a [[f32; 3]; 3]) -> Scene<'a> {
+        let mut scene = Scene {
+            origin,
+            triangle,
+            direction: direction.map(f64::from),
+            moved: [[0.0; 3]; 3],
+        };
         for vertex in 0..3 {
             for axis in 0..3 {
-                let (p, o) = (triangle[vertex][axis], origin[axis]);
-                let [difference, error] = two_sum(f64::from(p), -f64::from(o));
-                moved[vertex][axis] = difference;
-                rest[vertex][axis] = error;
-                is_rounded |= error != 0.0;
+                scene.moved[vertex][axis] =
+                    f64::from(triangle[vertex][axis]) - f64::from(origin[axis]);
             }
         }
-        Scene {
-            direction: direction.map(f64::from),
-            moved,
-            rest,
-            is_rounded,
-        }
+        scene
     }
 
     /// The determinant of the direction and two vertices.
@@ -93,9 +90,14 @@ impl Scene {
         }
     }
 
-    /// A vertex in terms that need no rounding.
+    /// A vertex less the origin, in terms that need no rounding.
     fn terms(&self, vertex: usize) -> [[f64; 3]; 2] {
-        [self.moved[vertex], self.rest[vertex]]
+        let mut terms = [[0.0; 3]; 2];
+        for axis in 0..3 {
+            let (p, o) = (self.triangle[vertex][axis], self.origin[axis]);
+            [terms[0][axis], terms[1][axis]] = two_sum(f64::from(p), -f64::from(o));
+        }
+        terms
     }
 
     #[cold]
@@ -113,11 +115,11 @@ impl Scene {
     /// The determinant of three rows, each a sum of two.
     fn determinant(&self, [a, b, c]: &[[[f64; 3]; 2]; 3]) -> Estimate {
         let mut sum = Expansion::new();
-        let both = if self.is_rounded { 2 } else { 1 };
+        let parts = |row: &[[f64; 3]; 2]| if row[1] == [0.0; 3] { 1 } else { 2 };
         for (i, j, k) in [(0, 1, 2), (1, 2, 0), (2, 0, 1)] {
-            for a in &a[..both] {
-                for b in &b[..both] {
-                    for c in &c[..both] {
+            for a in &a[..parts(a)] {
+                for b in &b[..parts(b)] {
+                    for c in &c[..parts(c)] {
                         if a[i] != 0.0 {
                             sum.add_triple(b[j], c[k], a[i]);
                             sum.add_triple(-b[k], c[j], a[i]);
@@ -163,7 +165,7 @@ impl Scene {
 const PRECISE: f64 = 1.0 / (1u64 << 30) as f64;
 
 /// The determinants of the edges if the ray hits the triangle, rim as said.
-fn sides(scene: &Scene, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<[Estimate; 3]> {
+fn sides(scene: &Scene<'_>, triangle: &[[f32; 3]; 3], rim: Rim) -> Option<[Estimate; 3]> {
     let mut edges = EDGES.map(|edge| scene.edge(edge));
     let [mut front, mut back] = [false; 2];
     for edge in &edges {
@@ -220,7 +222,7 @@ pub(crate) fn faces(
 
 /// The sign of an edge's determinant that is zero, once the ray's start is moved; 0 if the edge is along the ray.
 #[cold]
-fn moved_sign(scene: &Scene, p: &[f32; 3], q: &[f32; 3]) -> i32 {
+fn moved_sign(scene: &Scene<'_>, p: &[f32; 3], q: &[f32; 3]) -> i32 {
     let d = &scene.direction;
     let [x, y, z] = [0, 1, 2].map(|axis: usize| two_sum(f64::from(q[axis]), -f64::from(p[axis])));
     for (first, second, d_first, d_second) in

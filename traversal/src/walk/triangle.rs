@@ -47,6 +47,14 @@ const UNIT: f32 = f32::EPSILON / 2.0;
 /// So a weight is off by `(6 F G + 4 (|s_x| G + |s_y| F) M) u / A + 8 u`, and the distance by D times that and 2 u M. Factors
 /// are larger by 1/8 for what is left out here: the terms of higher order, as weights are off by less than 1/256.
 ///
+/// A test of several triangles first asks bounds that are larger, as it has what they are made of: f, g and D, the sides of the
+/// box around the triangle as seen from the origin. M is at most N, the larger one of |z| and D; the vertices' |z| are at most 2 N. So F is at
+/// most f + |s_x| D + a with a = 4.4 u |s_x| N for what rounds, and G at most g + |s_y| D + b with b = 4.4 u |s_y| N. The bounds with
+/// f + |s_x| D, g + |s_y| D and N in their places, a and b left out, and all factors larger by 1/64 ([`ROUGH`](rounding::ROUGH)) are
+/// no less than those above: where edge functions exceed their bound, A is more than 768 u² (T + 2.5 W)², and so than 30 a b; where the larger
+/// bound of weights is less than 1/256, a G + b F is less than A / 250. So F G is A but for a twentieth, a b F G less than (A / 500)², and
+/// what is left out, twice a b among the shears' a G + b F, less than a 400th of that.
+///
 /// What underflows is rounded by 2⁻¹⁵⁰ instead: s, products with z, z's own products. [`LEAST`](rounding::LEAST) for each covers that. Products
 /// that edge functions are made of are not changed by as little, where the sum is of [ordinary](ORDINARY) size.
 pub(crate) mod rounding {
@@ -65,6 +73,9 @@ pub(crate) mod rounding {
     pub fn shear(shear: f32) -> f32 {
         shear.abs() * SHEAR + LEAST
     }
+
+    /// By what bounds are larger that take the box around the triangle, not the sheared one.
+    pub const ROUGH: f32 = 1.0 + 1.0 / 64.0;
 
     /// Weights that may be farther off are computed in f64.
     pub const MOST: f32 = 1.0 / 256.0;
@@ -173,7 +184,7 @@ fn place(space: &Space, flat: &Flat, [u, v, w]: [f32; 3]) -> Place {
 }
 
 /// Times the error of a distance, for what the sum of both rounds.
-const ROOM: f32 = 2.5;
+pub(crate) const ROOM: f32 = 2.5;
 
 #[inline(always)]
 fn extent([a, b, c]: &[f32; 3]) -> f32 {

@@ -11,7 +11,7 @@ use crate::walk::options::Accuracy;
 use crate::walk::space::Space;
 use crate::walk::triangle::{Flat, intersect, rounding};
 
-fn count() -> usize {
+pub(in crate::walk) fn count() -> usize {
     let given = std::env::var("TRIPLES").ok();
     given.map_or(20_000, |count| count.parse().expect("TRIPLES is a number"))
 }
@@ -61,7 +61,7 @@ fn quotient(above: &BigInt, below: &BigInt) -> f64 {
 }
 
 /// xorshift.
-struct Random(u64);
+pub(in crate::walk) struct Random(pub u64);
 
 impl Random {
     fn bits(&mut self) -> u64 {
@@ -75,32 +75,32 @@ impl Random {
         (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    fn signed(&mut self) -> f64 {
+    pub fn signed(&mut self) -> f64 {
         2.0 * self.unit() - 1.0
     }
 
     /// A power of ten.
-    fn size(&mut self, low: f64, high: f64) -> f64 {
+    pub fn size(&mut self, low: f64, high: f64) -> f64 {
         10f64.powf(low + (high - low) * self.unit())
     }
 
-    fn vector(&mut self, size: f64) -> [f32; 3] {
+    pub fn vector(&mut self, size: f64) -> [f32; 3] {
         std::array::from_fn(|_| (self.signed() * size) as f32)
     }
 }
 
 /// A ray and a triangle.
 #[derive(Debug)]
-struct Case {
-    origin: [f32; 3],
-    direction: [f32; 3],
-    triangle: [[f32; 3]; 3],
+pub(in crate::walk) struct Case {
+    pub origin: [f32; 3],
+    pub direction: [f32; 3],
+    pub triangle: [[f32; 3]; 3],
 }
 
 /// Cases of several kinds in turn: an edge through the ray as far as f32 can say it, all of the triangle in the ray's plane nearly, whole
 /// numbers, all exponents, triangles in front of a ray of ordinary numbers, determinants
 /// of one unit.
-fn case(kind: usize, random: &mut Random) -> Case {
+pub(in crate::walk) fn case(kind: usize, random: &mut Random) -> Case {
     loop {
         let case = any_case(kind, random);
         let below = |v: [f32; 3]| v.iter().all(|c| c.abs() < 4e37);
@@ -189,7 +189,7 @@ fn any_case(kind: usize, random: &mut Random) -> Case {
     }
 }
 
-const KINDS: usize = 6;
+pub(in crate::walk) const KINDS: usize = 6;
 
 /// Whole numbers `a`, `b` and the greatest common divisor `a x + b y`.
 fn divisor(x: i128, y: i128) -> [i128; 3] {
