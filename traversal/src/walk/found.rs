@@ -54,6 +54,7 @@ impl Found {
     }
 
     /// Opaque triangles are nearest now in some lanes.
+    #[cfg(target_arch = "x86_64")]
     #[inline]
     pub fn mark(&mut self, lanes: LaneMask, front: LaneMask) {
         self.front = self.front - lanes | front & lanes;

@@ -75,6 +75,7 @@ pub(crate) mod rounding {
     }
 
     /// By what bounds are larger that take the box around the triangle, not the sheared one.
+    #[cfg(target_arch = "x86_64")]
     pub const ROUGH: f32 = 1.0 + 1.0 / 64.0;
 
     /// Weights that may be farther off are computed in f64.

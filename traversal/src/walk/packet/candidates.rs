@@ -17,6 +17,7 @@ use crate::layout::{GROUP, LEAF_TRIANGLES, child, geometry_word};
 use crate::ray::Hit;
 #[cfg(target_arch = "x86_64")]
 use crate::structure::Structure;
+#[cfg(target_arch = "x86_64")]
 use crate::walk::PACKET;
 use crate::walk::decide::Rim;
 #[cfg(target_arch = "x86_64")]

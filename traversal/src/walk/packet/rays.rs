@@ -3,6 +3,7 @@
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::*;
 
+#[cfg(target_arch = "x86_64")]
 use lanes::LaneMask;
 
 #[cfg(target_arch = "x86_64")]
