@@ -40,27 +40,41 @@ pub(crate) unsafe fn intersect<S: Sight>(
             return 0;
         }
         let place = Place::new(&sides);
+        let decided = sides.is_decided(&place);
+        // Surely not in the interval: mostly the surface that the ray starts from. Edge functions that are off by the bound
+        // move what is between three distances by three times that at most; a margin's reach is more than twice their extent.
+        let inverse_z = ray.inverse_z();
+        let reach = 1.5 * groups[0].margin.max(groups[1].margin).reach;
+        let t = _mm256_mul_ps(place.z, _mm256_set1_ps(inverse_z));
+        let room = _mm256_mul_ps(
+            _mm256_mul_ps(sides.error, place.inverse_size),
+            _mm256_set1_ps(reach * inverse_z.abs()),
+        );
+        let (t_min, t_far) = (_mm256_set1_ps(interval[0]), _mm256_set1_ps(interval[1]));
+        let apart = _mm256_or_ps(
+            _mm256_cmp_ps::<_CMP_LE_OQ>(_mm256_add_ps(t, room), t_min),
+            _mm256_cmp_ps::<_CMP_GT_OQ>(_mm256_sub_ps(t, room), t_far),
+        );
+        let apart = _mm256_and_ps(decided, apart);
+        let inside = inside & !(_mm256_movemask_ps(apart) as u32);
+        if inside == 0 {
+            return 0;
+        }
         // What is known goes where it is wanted: there are few registers.
         place.store(found);
-        let decided = sides.is_decided(&place);
         let boxes = Boxes::new(ray, &sides);
         let [weight_error, z_error] = place.rough_errors(ray, &boxes);
         let narrow = _mm256_cmp_ps::<_CMP_LT_OQ>(weight_error, _mm256_set1_ps(rounding::MOST));
-        let decided = _mm256_and_ps(decided, narrow);
-        let precise = place.is_within(ray, z_error);
+        let precise = _mm256_and_ps(narrow, place.is_within(ray, z_error));
+        let settled = _mm256_and_ps(decided, precise);
         let t = _mm256_div_ps(place.z, _mm256_set1_ps(ray.direction_z()));
-        // Surely not in the interval: mostly the surface that the ray starts from.
-        let t_min = _mm256_set1_ps(interval[0]);
-        let room = _mm256_mul_ps(z_error, _mm256_set1_ps(ROOM * ray.inverse_z().abs()));
-        let behind = _mm256_cmp_ps::<_CMP_LE_OQ>(_mm256_add_ps(t, room), t_min);
-        let settled = _mm256_and_ps(decided, _mm256_or_ps(precise, behind));
         let t = boxes.clamp(t);
         _mm256_store_ps(found.t.as_mut_ptr(), t);
         let accepted = _mm256_and_ps(
             _mm256_cmp_ps::<_CMP_GT_OQ>(t, t_min),
-            _mm256_cmp_ps::<_CMP_LE_OQ>(t, _mm256_set1_ps(interval[1])),
+            _mm256_cmp_ps::<_CMP_LE_OQ>(t, t_far),
         );
-        let accepted = _mm256_and_ps(_mm256_and_ps(decided, precise), accepted);
+        let accepted = _mm256_and_ps(settled, accepted);
         let hits = inside & _mm256_movemask_ps(accepted) as u32;
         let rest = inside & !(_mm256_movemask_ps(settled) as u32);
         if rest != 0 {
