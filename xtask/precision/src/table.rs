@@ -85,13 +85,17 @@ pub fn render(rows: &[Row], options: &Options) -> String {
     };
     let mut text = format!(
         "# Precision\n\n\
-        The greatest error of each float function, against a reference of 64 bits, next to what Vulkan's \"Precision of Individual\n\
-        Operations\" allows. `cargo xtask precision` measures this and writes the page: functions of one 32-bit float over {coverage} (of\n\
-        their domain), of one 16-bit float over all 65,536, of several over structured and random samples. Errors are in units of the exact\n\
-        result's last place (ULP): 0.5 is correct rounding. \"Share\" is the greatest share of the allowance that any input uses.\n\n\
-        All tiers of the interpreter give the same bits; denormals are kept, and count here as any other number.\n\n\
-        What Vulkan derives from an expression of other functions is allowed at least what the last of them is.\n\
-        A power whose exponent is a constant from 1 to 5 is multiplied, but with `TUFF_ACCURACY=exact`: up to 2.9 ULP, where Vulkan allows 3 and 2.8 for each unit of the exponent.\n"
+        The greatest error of each float function, against a reference of 64 bits, next to what Vulkan's\n\
+        \"Precision of Individual Operations\" allows. `cargo xtask precision` measures this and writes the\n\
+        page: functions of one 32-bit float over {coverage} (of their domain), of one 16-bit float over\n\
+        all 65,536, of several over structured and random samples. Errors are in units of the exact result's\n\
+        last place (ULP): 0.5 is correct rounding. \"Share\" is the greatest share of the allowance that any\n\
+        input uses.\n\n\
+        All tiers of the interpreter give the same bits; denormals are kept, and count here as any other\n\
+        number.\n\n\
+        What Vulkan derives from an expression of other functions is allowed at least what the last of them\n\
+        is. A power whose exponent is a constant from 1 to 5 is multiplied, but with `TUFF_ACCURACY=exact`:\n\
+        up to 2.9 ULP, where Vulkan allows 3 and 2.8 for each unit of the exponent.\n"
     );
     for (half, title) in [(false, "32 bits"), (true, "16 bits")] {
         let _ = write!(
