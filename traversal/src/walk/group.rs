@@ -567,6 +567,7 @@ mod tests {
     use crate::walk::decide::tests::{KINDS, Random, case, count};
     use crate::walk::sight::LaneOf;
     use crate::walk::space::Space;
+    use lanes::Tier;
 
     /// Bounds of a ray and a group: where edges are decided and rough bounds small, those are no less than the others. How often that is.
     #[target_feature(enable = "avx2,bmi1,bmi2")]
@@ -624,7 +625,7 @@ mod tests {
 
     #[test]
     fn rough_bounds_are_no_less() {
-        if !is_x86_feature_detected!("avx2") || !is_x86_feature_detected!("bmi2") {
+        if !Tier::Avx2.is_available() {
             return;
         }
         let mut random = Random(0x2545_F491_4F6C_DD1D);
