@@ -4,7 +4,6 @@ use std::arch::x86_64::*;
 
 use super::{Task, Vector};
 use crate::eval::quad;
-use crate::image::format::srgb::LINEAR;
 use crate::row::Row;
 
 /// AVX2, FMA and F16C.
@@ -28,6 +27,24 @@ macro_rules! halves {
             }
         }
     )*};
+}
+
+/// Two halves' words, of which the even go to one result and the odd to the other.
+///
+/// # Safety
+/// The machine has AVX2.
+#[inline(always)]
+unsafe fn split_pairs(low: __m256i, high: __m256i) -> (__m256i, __m256i) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let (low, high) = (_mm256_castsi256_ps(low), _mm256_castsi256_ps(high));
+        let even = _mm256_castps_si256(_mm256_shuffle_ps::<0b10_00_10_00>(low, high));
+        let odd = _mm256_castps_si256(_mm256_shuffle_ps::<0b11_01_11_01>(low, high));
+        (
+            _mm256_permute4x64_epi64::<0b11_01_10_00>(even),
+            _mm256_permute4x64_epi64::<0b11_01_10_00>(odd),
+        )
+    }
 }
 
 impl Vector for Avx2 {
@@ -326,19 +343,23 @@ impl Vector for Avx2 {
         }
     }
     #[inline(always)]
-    unsafe fn gather(self, base: *const u8, offsets: I) -> I {
-        let mut places = [0; 16];
-        self.store_i(offsets, &mut places);
+    unsafe fn gather(self, base: *const u8, [a, b]: I) -> I {
         // SAFETY: the token, and the caller's promise.
-        unsafe { [eight_words(base, &places, 0), eight_words(base, &places, 8)] }
+        unsafe {
+            [
+                _mm256_i32gather_epi32::<1>(base.cast(), a),
+                _mm256_i32gather_epi32::<1>(base.cast(), b),
+            ]
+        }
     }
     #[inline(always)]
-    unsafe fn gather_pairs(self, base: *const u8, offsets: I) -> (I, I) {
-        let mut places = [0; 16];
-        self.store_i(offsets, &mut places);
+    unsafe fn gather_pairs(self, base: *const u8, [a, b]: I) -> (I, I) {
         // SAFETY: the token, and the caller's promise.
-        let (low, high) = unsafe { (eight_pairs(base, &places, 0), eight_pairs(base, &places, 8)) };
-        ([low.0, high.0], [low.1, high.1])
+        unsafe {
+            let (a0, b0) = gather_halves(base, a);
+            let (a1, b1) = gather_halves(base, b);
+            ([a0, a1], [b0, b1])
+        }
     }
     #[inline(always)]
     unsafe fn gather_quads(self, base: *const u8, offsets: I) -> [I; 4] {
@@ -352,25 +373,6 @@ impl Vector for Avx2 {
             [low[2], high[2]],
             [low[3], high[3]],
         ]
-    }
-
-    #[inline(always)]
-    fn linear_of_srgb<const N: usize>(self, words: [I; N]) -> [[F; 3]; N] {
-        let mut linear = [[self.splat(0.0); 3]; N];
-        for (word, linear) in words.into_iter().zip(&mut linear) {
-            let mut codes = [0; 16];
-            self.store_i(word, &mut codes);
-            for (index, linear) in linear.iter_mut().enumerate() {
-                // SAFETY: the token.
-                *linear = unsafe {
-                    [
-                        eight_linear(&codes, 0, index),
-                        eight_linear(&codes, 8, index),
-                    ]
-                };
-            }
-        }
-        linear
     }
 
     #[inline(always)]
@@ -482,110 +484,19 @@ unsafe fn two_rows(texels: &[__m256i; 5], columns: __m256i, is_in: &[__m256i; 3]
     }
 }
 
-/// The words at eight places from `first` on. Here and below loads by lane: machines without AVX-512 take longer for gathers.
+/// The words at eight offsets, and those behind them.
 ///
 /// # Safety
-/// The machine has AVX2, and four bytes are readable at each place.
+/// The machine has AVX2, and eight bytes are readable at each offset.
 #[inline(always)]
-unsafe fn eight_words(base: *const u8, places: &Row, first: usize) -> __m256i {
+unsafe fn gather_halves(base: *const u8, offsets: __m256i) -> (__m256i, __m256i) {
     // SAFETY: the caller's promise.
     unsafe {
-        let low = four_words(base, places, first);
-        let high = four_words(base, places, first + 4);
-        _mm256_inserti128_si256::<1>(_mm256_castsi128_si256(low), high)
-    }
-}
-
-/// # Safety
-/// As [`eight_words`].
-#[inline(always)]
-unsafe fn four_words(base: *const u8, places: &Row, first: usize) -> __m128i {
-    // SAFETY: the caller's promise.
-    unsafe {
-        let words = _mm_cvtsi32_si128(word_at(base, places[first]));
-        let words = _mm_insert_epi32::<1>(words, word_at(base, places[first + 1]));
-        let words = _mm_insert_epi32::<2>(words, word_at(base, places[first + 2]));
-        _mm_insert_epi32::<3>(words, word_at(base, places[first + 3]))
-    }
-}
-
-/// # Safety
-/// Four bytes are readable there.
-#[inline(always)]
-unsafe fn word_at(base: *const u8, place: u32) -> i32 {
-    // SAFETY: the caller's promise.
-    unsafe { base.add(place as usize).cast::<i32>().read_unaligned() }
-}
-
-/// The words at eight places from `first` on, and those behind them.
-///
-/// # Safety
-/// The machine has AVX2, and eight bytes are readable at each place.
-#[inline(always)]
-unsafe fn eight_pairs(base: *const u8, places: &Row, first: usize) -> (__m256i, __m256i) {
-    // SAFETY: the caller's promise.
-    unsafe {
-        // Even and odd words are told apart within halves of a register.
-        let low = _mm256_setr_m128(
-            two_pairs(base, places, first),
-            two_pairs(base, places, first + 4),
-        );
-        let high = _mm256_setr_m128(
-            two_pairs(base, places, first + 2),
-            two_pairs(base, places, first + 6),
-        );
-        (
-            _mm256_castps_si256(_mm256_shuffle_ps::<0b10_00_10_00>(low, high)),
-            _mm256_castps_si256(_mm256_shuffle_ps::<0b11_01_11_01>(low, high)),
+        let low = _mm256_castsi256_si128(offsets);
+        let high = _mm256_extracti128_si256::<1>(offsets);
+        split_pairs(
+            _mm256_i32gather_epi64::<1>(base.cast(), low),
+            _mm256_i32gather_epi64::<1>(base.cast(), high),
         )
     }
-}
-
-/// # Safety
-/// As [`eight_pairs`].
-#[inline(always)]
-unsafe fn two_pairs(base: *const u8, places: &Row, first: usize) -> __m128 {
-    // SAFETY: the caller's promise.
-    unsafe {
-        let pair = _mm_load_sd(base.add(places[first] as usize).cast());
-        _mm_castpd_ps(_mm_loadh_pd(
-            pair,
-            base.add(places[first + 1] as usize).cast(),
-        ))
-    }
-}
-
-/// Linear values of the bytes `index` of eight words from `first` on.
-///
-/// # Safety
-/// The machine has AVX2.
-#[inline(always)]
-unsafe fn eight_linear(codes: &Row, first: usize, index: usize) -> __m256 {
-    // SAFETY: the caller's promise.
-    unsafe {
-        let low = four_linear(codes, first, index);
-        let high = four_linear(codes, first + 4, index);
-        _mm256_castsi256_ps(_mm256_inserti128_si256::<1>(
-            _mm256_castsi128_si256(low),
-            high,
-        ))
-    }
-}
-
-/// # Safety
-/// As [`eight_linear`].
-#[inline(always)]
-unsafe fn four_linear(codes: &Row, first: usize, index: usize) -> __m128i {
-    // SAFETY: the caller's promise.
-    unsafe {
-        let values = _mm_cvtsi32_si128(linear(codes, first, index));
-        let values = _mm_insert_epi32::<1>(values, linear(codes, first + 1, index));
-        let values = _mm_insert_epi32::<2>(values, linear(codes, first + 2, index));
-        _mm_insert_epi32::<3>(values, linear(codes, first + 3, index))
-    }
-}
-
-#[inline(always)]
-fn linear(codes: &Row, lane: usize, index: usize) -> i32 {
-    LINEAR[(codes[lane] >> (8 * index)) as usize & 0xff] as i32
 }
