@@ -8,9 +8,10 @@ pub const GRANULE: u64 = 64 << 10;
 /// Bytes of a page of the system.
 pub fn page_bytes() -> u64 {
     static BYTES: OnceLock<u64> = OnceLock::new();
-    // SAFETY: a query without arguments of ours.
     *BYTES.get_or_init(|| {
-        u64::try_from(unsafe { libc::sysconf(libc::_SC_PAGESIZE) }).unwrap_or(GRANULE)
+        // SAFETY: a query without arguments of ours.
+        let bytes = unsafe { libc::sysconf(libc::_SC_PAGESIZE) };
+        u64::try_from(bytes).unwrap_or(GRANULE)
     })
 }
 

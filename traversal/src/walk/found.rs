@@ -57,7 +57,7 @@ impl Found {
     #[cfg(target_arch = "x86_64")]
     #[inline]
     pub fn mark(&mut self, lanes: LaneMask, front: LaneMask) {
-        self.front = self.front - lanes | front & lanes;
+        self.front = (self.front - lanes) | (front & lanes);
         self.hit |= lanes;
         self.outside -= lanes;
     }

@@ -155,7 +155,7 @@ impl Suspended {
         let (t_min, t_max) = (&self.candidates.t, &self.found.t);
         // Written so that a NaN is outside.
         let inside = LaneMask::from_fn(|lane| (t[lane] >= t_min[lane]) & (t[lane] <= t_max[lane]));
-        inside & lanes - self.ended
+        inside & (lanes - self.ended)
     }
 
     /// Commits hits that intersection shaders reported for rays' candidates, each in its ray's interval as it stands. Returns which

@@ -226,7 +226,7 @@ fn decide(flight: &mut Flight, object: &Object<'_>, lanes: LaneMask) {
     if !confirmed.is_empty() {
         flight.accept(confirmed);
     }
-    let generated = object.lanes_at(state::GENERATED) & lanes - built_in;
+    let generated = object.lanes_at(state::GENERATED) & (lanes - built_in);
     if !generated.is_empty() {
         let t = floats(object.rows, row::GENERATED_T);
         let counts = flight.counts(generated, &t);

@@ -91,6 +91,7 @@ impl Fast<'_> {
             )),
             _ => None,
         };
+        #[expect(clippy::manual_map, reason = "closures are not compiled for the tier")]
         let reference = match operands.depth_reference {
             Some(row) => Some(self.reference(v, row)),
             None => None,
@@ -163,6 +164,7 @@ impl Fast<'_> {
         let place = self.place(v, operands);
         let levels = levels_of(v, &self.image.levels[0]);
         let axes = self.axes(v, &levels, &place, self.offsets(v, operands));
+        #[expect(clippy::manual_map, reason = "closures are not compiled for the tier")]
         let reference = match operands.depth_reference {
             Some(row) => Some(self.reference(v, row)),
             None => None,

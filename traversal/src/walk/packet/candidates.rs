@@ -98,7 +98,7 @@ pub(super) fn next_candidates(
     };
     let first_slot = structure.first_slot(standing.word & child::INDEX);
     for i in 0..LEAF_TRIANGLES {
-        let lanes = standing.rest[i] & live - candidates.found;
+        let lanes = standing.rest[i] & (live - candidates.found);
         if lanes.is_empty() {
             continue;
         }
@@ -130,7 +130,7 @@ pub(super) fn next_candidates(
             let triangle = group.triangle(lane);
             let exactly = place.meet_exactly(rays, &triangle, meeting.undecided, found);
             met |= exactly.0;
-            front = front - meeting.undecided | exactly.1;
+            front = (front - meeting.undecided) | exactly.1;
         }
         let kinds = std::array::from_fn(|lane| facts.hit_kind(front.contains(lane)));
         candidates.set_triangle(met, &hit, &place.t, &place.barycentrics, &kinds);

@@ -297,7 +297,7 @@ unsafe fn next_candidates<K: Kernel>(
     };
     let first_slot = structure.first_slot(standing.word & child::INDEX);
     for i in 0..LEAF_TRIANGLES {
-        let lanes = standing.rest[i] & live - candidates.found;
+        let lanes = standing.rest[i] & (live - candidates.found);
         if lanes.is_empty() {
             continue;
         }
