@@ -50,6 +50,8 @@ pub(crate) struct Fast<'a> {
     is_nearest: bool,
     is_cube: bool,
     has_border: bool,
+    /// A gather of words from a plane.
+    gathers_words: bool,
     /// There is more to do than [`planes`] has code for: see [`Whole`].
     pub(crate) has_more: bool,
 }
@@ -92,11 +94,17 @@ impl<'a> Fast<'a> {
         let in_order = image.swizzle == [0, 1, 2, 3];
         let has_border =
             !is_cube && sampler.address_mode[..2].contains(&AddressMode::ClampToBorder);
-        let has_more = is_gather
-            || is_cube
-            || has_border
-            || op.depth_compare && image.level_count != 1
-            || lod::is_anisotropic(sampler);
+        let gathers_words = is_gather
+            && !is_cube
+            && !op.depth_compare
+            && info.codec == Codec::Words(1)
+            && info.size_bytes == 4;
+        let has_more = !gathers_words
+            && (is_gather
+                || is_cube
+                || has_border
+                || op.depth_compare && image.level_count != 1
+                || lod::is_anisotropic(sampler));
         applies.then_some(Fast {
             op,
             image,
@@ -118,6 +126,7 @@ impl<'a> Fast<'a> {
             is_nearest: !is_gather && sampler.mag_filter == Filter::Nearest,
             is_cube,
             has_border,
+            gathers_words,
             has_more,
         })
     }

@@ -1,10 +1,12 @@
-//! Samples of 2D images without borders, and comparisons in those of one level, for one subgroup of a wave after the other. What the image and the sampler decide is decided
-//! before the first, most of it when this is compiled: so numbers stay in registers, and neighbours' chains of operations overlap.
+//! Samples of 2D images without borders, comparisons in those of one level, and gathers of words
+//! from any, for one subgroup of a wave after the other. What the image and the sampler decide is
+//! decided before the first, most of it when this is compiled: so numbers stay in registers, and
+//! neighbours' chains of operations overlap.
 
 use std::hint::assert_unchecked;
 
 use super::super::vector::{Task, Vector};
-use super::super::{AddressMode, ImageOpKind, LodMode, lod};
+use super::super::{AddressMode, LodMode, lod};
 use super::axis::Axis;
 use super::levels::{Levels, levels_of};
 use super::texels::blend_bytes;
@@ -63,6 +65,8 @@ mod texels {
     /// Depths, compared before they are weighed.
     pub const COMPARED: u8 = 4;
     pub const ANY: u8 = 5;
+    /// Words of the four texels, each by itself.
+    pub const GATHERED: u8 = 6;
 }
 
 struct Planes<'a, 'b, S, const LEVELS: bool, const MODE: u8, const TEXELS: u8>(&'b Fast<'a>, S);
@@ -77,9 +81,10 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: bool, const MODE: u8, const TEXEL
         let Planes(fast, mut subgroups) = self;
         // SAFETY: `Fast::planes` chose this.
         unsafe {
-            assert_unchecked(fast.op.kind == ImageOpKind::Sample && !fast.is_cube);
+            assert_unchecked(!fast.is_cube && fast.gathers_words == (TEXELS == texels::GATHERED));
+            assert_unchecked(fast.is_gather() == (TEXELS == texels::GATHERED));
             assert_unchecked(fast.op.depth_compare == (TEXELS == texels::COMPARED));
-            assert_unchecked(LEVELS || !fast.has_levels());
+            assert_unchecked(LEVELS || TEXELS == texels::GATHERED || !fast.has_levels());
             match TEXELS {
                 texels::BYTES | texels::SRGB => {
                     assert_unchecked(!fast.is_nearest && fast.bytes);
@@ -87,7 +92,7 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: bool, const MODE: u8, const TEXEL
                     assert_unchecked(fast.straight == (TEXELS == texels::BYTES));
                 }
                 texels::NEAREST => assert_unchecked(fast.is_nearest),
-                texels::LINEAR => assert_unchecked(!fast.is_nearest),
+                texels::LINEAR | texels::GATHERED => assert_unchecked(!fast.is_nearest),
                 _ => {}
             }
             if MODE != mode::ANY {
@@ -119,6 +124,28 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: bool, const MODE: u8, const TEXEL
                     let axes = axes::<V, MODE, TEXELS>(fast, v, &first, places);
                     let passed = fast.compared(v, &first, layer, &axes, reference, mask);
                     subgroups.put(v, subgroup, [passed; 4]);
+                    continue;
+                }
+                if TEXELS == texels::GATHERED {
+                    let axes = axes::<V, MODE, TEXELS>(fast, v, &first, places);
+                    let [x, y] = &axes;
+                    let mut words = fast.four_words(v, &first, layer, [x, y], mask);
+                    if fast.has_border {
+                        let border = v.splat_i(fast.gathered_border() as i32);
+                        let [columns, rows] = fast.inside(v, &first, &axes);
+                        words[0] = v.select(columns[0] & rows[0], words[0], border);
+                        words[1] = v.select(columns[1] & rows[0], words[1], border);
+                        words[2] = v.select(columns[0] & rows[1], words[2], border);
+                        words[3] = v.select(columns[1] & rows[1], words[3], border);
+                    }
+                    // (0, 1), (1, 1), (1, 0), (0, 0).
+                    let gathered = [
+                        v.bits_to_f(words[2]),
+                        v.bits_to_f(words[3]),
+                        v.bits_to_f(words[1]),
+                        v.bits_to_f(words[0]),
+                    ];
+                    subgroups.put(v, subgroup, fast.gathered_values(v, gathered));
                     continue;
                 }
                 if !LEVELS {
@@ -211,7 +238,7 @@ fn axes<V: Vector, const MODE: u8, const TEXELS: u8>(
         _ => [fast.sampler.address_mode[0], fast.sampler.address_mode[1]],
     };
     let texel_bytes = v.splat_i(match TEXELS {
-        texels::BYTES | texels::SRGB => 4,
+        texels::BYTES | texels::SRGB | texels::GATHERED => 4,
         _ => fast.info.size_bytes as i32,
     });
     [
@@ -257,7 +284,8 @@ impl Fast<'_> {
     /// Whether [`Self::planes`] is for these samples. Where operations are no instructions, only the most common ones are worth their code.
     #[inline(always)]
     pub(super) fn is_of_planes<V: Vector>(&self) -> bool {
-        let is_common = V::IS_MACHINES || !self.has_levels() && !self.op.depth_compare;
+        let is_common =
+            V::IS_MACHINES || !self.has_levels() && !self.op.depth_compare && !self.gathers_words;
         is_common && !self.has_more
     }
 
@@ -292,6 +320,9 @@ impl Fast<'_> {
             }
             if !V::IS_MACHINES {
                 return run!(false ANY ANY);
+            }
+            if self.gathers_words {
+                return run!(false GATHERED ANY);
             }
             if self.op.depth_compare {
                 return run!(false COMPARED ANY);

@@ -269,7 +269,7 @@ impl Fast<'_> {
 
     /// For each axis, the lanes whose first texel is of the level's, and those whose second is; all of them where the axis brings texels into the level.
     #[inline(always)]
-    fn inside<V: Vector>(
+    pub(super) fn inside<V: Vector>(
         &self,
         v: V,
         levels: &Levels<'_, V>,
@@ -508,6 +508,12 @@ impl Fast<'_> {
             Numeric::Unorm => v.min(v.max(reference, v.splat(0.0)), v.splat(1.0)),
             _ => reference,
         }
+    }
+
+    /// The border's word of the component that a gather takes.
+    pub(super) fn gathered_border(&self) -> u32 {
+        let component = gathered_component(&self.op.kind, self.image).unwrap_or(0);
+        sample::border_units(self.sampler, self.info)[component]
     }
 
     /// Puts the border in the place of texels of other lanes than those `inside`.

@@ -239,29 +239,35 @@ proptest! {
         }
     }
 
-    /// A cube's faces, nearest: the texel is where the direction, scaled to the face, points.
     /// Coordinates that change evenly over a block of pixels, whose texels lie together: the same bits as the general way's.
     #[test]
     fn blocks_of_pixels_sample_the_same(
-        number in prop::sample::select(vec![37u32, 44, 43]), s in any_sampler(), size in prop::array::uniform2(1u32..40), seed: u32,
+        number in prop::sample::select(vec![37u32, 44, 43, 100, 126]), s in any_sampler(), size in prop::array::uniform2(1u32..40), seed: u32,
+        component in 0u8..4, swizzle in prop_oneof![Just([0, 1, 2, 3]), prop::array::uniform4(0u8..6)],
         from in prop::array::uniform2(-1.5f32..1.5), steps in prop::array::uniform4(-0.1f32..0.1), mask in 1u16.., all: bool, offset in prop::option::of(-9i32..9),
     ) {
         let mut s = s;
         s.unnormalized_coordinates = false;
         (s.mag_filter, s.min_filter) = (Filter::Linear, Filter::Linear);
         s.reduction = Reduction::WeightedAverage;
+        let format = Format(number);
+        let gathers = matches!(format, Format::R32_SFLOAT | Format::D32_SFLOAT);
         for mode in &mut s.address_mode {
-            if matches!(mode, AddressMode::ClampToBorder | AddressMode::MirrorClampToEdge) {
+            if *mode == AddressMode::MirrorClampToEdge || *mode == AddressMode::ClampToBorder && !gathers {
                 *mode = AddressMode::Repeat;
             }
         }
-        let format = Format(number);
         let info = format.info().unwrap();
-        let image = Image::new(format, Dim::D2, [size[0], size[1], 1], 1, 1, seed);
+        let mut image = Image::new(format, Dim::D2, [size[0], size[1], 1], 1, 1, seed);
+        let (kind, lod) = match gathers {
+            true => (ImageOpKind::Gather(component), LodMode::Implicit),
+            false => (ImageOpKind::Sample, LodMode::Lod),
+        };
+        if gathers { image.descriptor.swizzle = swizzle; }
         let op = ImageOp {
-            lod: LodMode::Lod,
+            lod,
             has_offset: offset.is_some(),
-            ..ImageOp::plain(ImageOpKind::Sample, Dim::D2)
+            ..ImageOp::plain(kind, Dim::D2)
         };
         let mut rows: Vec<Row> = (0..2)
             .map(|axis| {
@@ -271,7 +277,7 @@ proptest! {
                 })
             })
             .collect();
-        rows.push([0; 16]);
+        if !gathers { rows.push([0; 16]); }
         for _ in 0..if offset.is_some() { 2 } else { 0 } { rows.push([offset.unwrap_or(0) as u32; 16]); }
         let rows: Vec<&Row> = rows.iter().collect();
         let operands = super::super::operands::Operands::new(&op, &rows);
@@ -292,6 +298,7 @@ proptest! {
         }
     }
 
+    /// A cube's faces, nearest: the texel is where the direction, scaled to the face, points.
     #[test]
     fn cubes_select_faces(directions in prop::array::uniform16(prop::array::uniform3(-1.0f32..1.0)), cube in 0u32..2, seed: u32) {
         let image = Image::new(Format::R8G8B8A8_UNORM, Dim::Cube, [8, 8, 1], 1, 12, seed);
