@@ -10,7 +10,7 @@ use crate::SUBGROUP_SIZE;
 use crate::error::Error;
 use crate::interp;
 use crate::ir::tinted::{Tinted, tinted};
-use crate::ir::{self, passed::passed};
+use crate::ir::{self, passed::passed, workgroups::may_share_subgroups};
 use crate::origin::{Origin, Place, line_at};
 use crate::plan::{self, Plan};
 use crate::query::QueryWord;
@@ -69,6 +69,7 @@ pub struct Program {
     local_size: [u32; 3],
     quads: bool,
     shared_size_bytes: u32,
+    workgroups_may_share_subgroups: bool,
     output_rows: u32,
     outputs: Vec<OutputRow>,
     passed: Option<Vec<Passed>>,
@@ -104,6 +105,7 @@ impl Program {
             local_size: module.local_size,
             quads: module.quads,
             shared_size_bytes: module.shared_size_bytes,
+            workgroups_may_share_subgroups: may_share_subgroups(module),
             output_rows: module.output_rows,
             outputs: module.outputs.clone(),
             passed: passed(module),
@@ -136,6 +138,12 @@ impl Program {
     /// Compute: workgroup memory in bytes.
     pub fn shared_size_bytes(&self) -> u32 {
         self.shared_size_bytes
+    }
+
+    /// Compute: subgroups may be filled with invocations of several workgroups, since none of them
+    /// can tell.
+    pub fn workgroups_may_share_subgroups(&self) -> bool {
+        self.workgroups_may_share_subgroups
     }
 
     /// Rows of a subgroup's state.

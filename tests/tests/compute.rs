@@ -5,21 +5,27 @@ use tuff_tests::*;
 #[test]
 fn every_invocation_knows_its_place() {
     let gpu = Gpu::new();
-    let source = r"
-    layout(local_size_x = 4, local_size_y = 3, local_size_z = 2) in;
-    layout(set = 0, binding = 0) buffer B { uint b[]; };
-    void main() {
-        uvec3 whole = gl_NumWorkGroups * gl_WorkGroupSize;
-        uvec3 id = gl_GlobalInvocationID;
-        uint i = (id.z * whole.y + id.y) * whole.x + id.x;
-        bool right = id == gl_WorkGroupID * gl_WorkGroupSize + gl_LocalInvocationID
-            && gl_LocalInvocationIndex == (gl_LocalInvocationID.z * 3u + gl_LocalInvocationID.y) * 4u
-                + gl_LocalInvocationID.x;
-        atomicAdd(b[i], right ? 1u : 100u);
-    }";
-    let buffer = gpu.buffer(4 * 4 * 3 * 2 * 5 * 2 * 3);
-    gpu.compute(source, &[buffer], [5, 2, 3]);
-    assert!(buffer.read::<u32>().iter().all(|count| *count == 1));
+    for [x, y, z] in [[4, 3, 2], [1, 1, 1], [3, 1, 1], [1, 5, 4]] {
+        let source = format!(
+            "layout(local_size_x = {x}, local_size_y = {y}, local_size_z = {z}) in;
+            layout(set = 0, binding = 0) buffer B {{ uint b[]; }};
+            void main() {{
+                uvec3 whole = gl_NumWorkGroups * gl_WorkGroupSize;
+                uvec3 id = gl_GlobalInvocationID;
+                uint i = (id.z * whole.y + id.y) * whole.x + id.x;
+                bool right = id == gl_WorkGroupID * gl_WorkGroupSize + gl_LocalInvocationID
+                    && gl_LocalInvocationIndex
+                        == (gl_LocalInvocationID.z * {y}u + gl_LocalInvocationID.y) * {x}u
+                            + gl_LocalInvocationID.x;
+                atomicAdd(b[i], right ? 1u : 100u);
+            }}"
+        );
+        let groups = [5, 7, 3];
+        let invocations = x * y * z * groups.iter().product::<u32>();
+        let buffer = gpu.buffer(4 * u64::from(invocations));
+        gpu.compute(&source, &[buffer], groups);
+        assert!(buffer.read::<u32>().iter().all(|count| *count == 1));
+    }
 }
 
 #[test]

@@ -5,8 +5,10 @@
 //!                                                          └─> waves: subgroups of the step at one resume point
 //! ```
 //!
-//! Which invocations share a subgroup follows from the dispatch alone: sixteen consecutive ones by `LocalInvocationIndex`. Workgroups start
-//! in order and a worker holds one step at a time, so that a workgroup may wait for an earlier one.
+//! Which invocations share a subgroup follows from the dispatch alone: sixteen consecutive ones by
+//! `LocalInvocationIndex`, and where workgroups would leave lanes empty and no invocation can tell,
+//! those of the workgroups behind, too. Workgroups start in order and a worker holds one step at a
+//! time, so that a workgroup may wait for an earlier one.
 
 #[cfg(test)]
 mod tests;
@@ -91,7 +93,11 @@ impl Dispatcher {
 struct Plan<'a> {
     dispatch: &'a Dispatch<'a>,
     workgroups: u64,
+    /// Invocations of a workgroup.
+    invocations: usize,
     subgroups_per_workgroup: usize,
+    /// Invocations of a step's workgroups follow each other without gaps: workgroups share subgroups.
+    packed: bool,
     /// Workgroups that are executed together. More than one only where they share nothing that a wave has one of.
     workgroups_per_step: u64,
     steps: u64,
@@ -115,6 +121,14 @@ enum Input {
     },
 }
 
+/// An invocation of a dispatch.
+struct Invocation {
+    /// Linear index, x fastest.
+    workgroup: u64,
+    /// `LocalInvocationIndex`.
+    index: usize,
+}
+
 impl<'a> Plan<'a> {
     fn new(dispatch: &'a Dispatch<'a>) -> Self {
         let program = dispatch.program;
@@ -122,10 +136,14 @@ impl<'a> Plan<'a> {
         let invocations = local_size.iter().map(|&n| n as usize).product::<usize>();
         let subgroups_per_workgroup = invocations.div_ceil(SUBGROUP_SIZE).max(1);
         let alone = program.shared_size_bytes() > 0 || program.sites().contains(&SiteKind::Barrier);
-        let workgroups_per_step = if alone {
-            1
-        } else {
-            (program.max_wave_subgroups() / subgroups_per_workgroup).max(1) as u64
+        let packed = !invocations.is_multiple_of(SUBGROUP_SIZE)
+            && invocations != 0
+            && program.workgroups_may_share_subgroups();
+        let wave = program.max_wave_subgroups();
+        let workgroups_per_step = match () {
+            () if alone => 1,
+            () if packed => (wave * SUBGROUP_SIZE / invocations).max(1) as u64,
+            () => (wave / subgroups_per_workgroup).max(1) as u64,
         };
         let workgroups = dispatch
             .count
@@ -149,7 +167,9 @@ impl<'a> Plan<'a> {
         Self {
             dispatch,
             workgroups,
+            invocations,
             subgroups_per_workgroup,
+            packed,
             workgroups_per_step,
             steps: workgroups.div_ceil(workgroups_per_step),
             last_lanes: LaneMask::full(last.min(SUBGROUP_SIZE)),
@@ -173,6 +193,14 @@ impl<'a> Plan<'a> {
         ]
     }
 
+    /// Subgroups that workgroups of a step fill.
+    fn subgroups(&self, workgroups: usize) -> usize {
+        match self.packed {
+            true => (workgroups * self.invocations).div_ceil(SUBGROUP_SIZE),
+            false => workgroups * self.subgroups_per_workgroup,
+        }
+    }
+
     /// Executes the workgroups of a step to their end.
     fn run_step(&self, runner: &mut Runner, step: u64) -> Result<(), Stopped> {
         let Dispatch {
@@ -183,9 +211,18 @@ impl<'a> Plan<'a> {
         } = self.dispatch;
         let first = step * self.workgroups_per_step;
         let last = (first + self.workgroups_per_step).min(self.workgroups);
-        let subgroups = (last - first) as usize * self.subgroups_per_workgroup;
-        runner.begin(program, subgroups)?;
+        runner.begin(program, self.subgroups((last - first) as usize))?;
         let mut states = runner.states();
+        if self.packed {
+            let mut next = Invocation {
+                workgroup: first,
+                index: 0,
+            };
+            for state in states {
+                self.start_packed(state, &mut next, last);
+            }
+            return runner.run(program, environment, limits);
+        }
         for workgroup in first..last {
             let id = self.workgroup_id(workgroup);
             for (subgroup, state) in states
@@ -197,6 +234,39 @@ impl<'a> Plan<'a> {
             }
         }
         runner.run(program, environment, limits)
+    }
+
+    /// Puts the next invocations of the workgroups before `last` at the program's entry.
+    fn start_packed(&self, state: &mut [AlignedRow], next: &mut Invocation, last: u64) {
+        let mut lanes = 0;
+        let mut indices = [0; SUBGROUP_SIZE];
+        let mut ids = [[0; 3]; SUBGROUP_SIZE];
+        let mut id = self.workgroup_id(next.workgroup);
+        while lanes < SUBGROUP_SIZE && next.workgroup < last {
+            (indices[lanes], ids[lanes]) = (next.index, id);
+            lanes += 1;
+            next.index += 1;
+            if next.index == self.invocations {
+                next.index = 0;
+                next.workgroup += 1;
+                id = self.workgroup_id(next.workgroup);
+            }
+        }
+        (self.dispatch.program).start(state, LaneMask::full(lanes));
+        let rows = &mut state[self.first_input..][..self.inputs.len()];
+        for (i, (row, input)) in rows.iter_mut().zip(&self.inputs).enumerate() {
+            for lane in 0..lanes {
+                let (subgroup, column) =
+                    (indices[lane] / SUBGROUP_SIZE, indices[lane] % SUBGROUP_SIZE);
+                let local = self.local_rows[subgroup * self.inputs.len() + i][column];
+                row.0[lane] = match *input {
+                    Input::Local => local,
+                    Input::Workgroup { component, factor } => {
+                        local.wrapping_add(ids[lane][component].wrapping_mul(factor))
+                    }
+                };
+            }
+        }
     }
 
     /// Puts a subgroup of a workgroup at the program's entry.

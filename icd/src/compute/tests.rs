@@ -221,6 +221,66 @@ fn a_spinning_subgroup_does_not_hold_up_its_wave() {
 }
 
 #[test]
+fn a_spinning_workgroup_does_not_hold_up_its_neighbours() {
+    // Workgroups of one invocation: the first spins until the second has set the flag.
+    let text = SPIN
+        .replace("local_invocation_index", "workgroup_id")
+        .replace("local_size 32", "local_size 1")
+        .replace("const 31", "const 1");
+    let out = zeros(1);
+    assert_eq!(run(&text, 1, [0; 3], [5, 1, 1], &out, &no_limits()), Ok(()));
+    assert_eq!(words(&out), [1]);
+}
+
+#[test]
+fn small_workgroups_share_subgroups() {
+    // Every invocation of workgroups of three counts one.
+    let text = |across: &str| {
+        format!(
+            "module compute
+            inputs workgroup_id.0, local_invocation_index.0
+            local_size 3, 1, 1
+            func f0 {{
+                v0: i32 = const 0
+                v1: descriptor = descriptor[set 0, first 0, count 1] v0
+                v2: i32 = input[0]
+                v3: i32 = input[1]
+                v4: i32 = const 12
+                v5: i32 = imul v2, v4
+                v6: i32 = const 2
+                v7: i32 = shl v3, v6
+                v8: i32 = iadd v5, v7
+                {across}
+                v9: i32 = const 1
+                v10: i32 = atomic.iadd.buffer v1, v8, v9
+                end
+            }}"
+        )
+    };
+    for (across, workgroups, subgroups) in [("", 10, 2), ("v20: i32 = lane_index", 10, 10)] {
+        let text = text(across);
+        let program = Program::new(&parse_module(&text).unwrap()).unwrap();
+        let environment = Environment::unbound();
+        let plan = super::Plan::new(&Dispatch {
+            program: &program,
+            base: [0; 3],
+            count: [workgroups, 1, 1],
+            environment: &environment,
+            limits: &no_limits(),
+        });
+        assert_eq!(plan.subgroups(workgroups as usize), subgroups);
+        let out = zeros(3 * 1000);
+        assert_eq!(
+            run(&text, 2, [0; 3], [999, 1, 1], &out, &no_limits()),
+            Ok(())
+        );
+        let words = words(&out);
+        assert!(words[..3 * 999].iter().all(|&word| word == 1));
+        assert_eq!(words[3 * 999..], [0; 3]);
+    }
+}
+
+#[test]
 fn a_dispatch_that_hangs_is_stopped() {
     // Without lane 31 nothing sets the flag.
     let text = SPIN.replace("local_size 32", "local_size 31");

@@ -98,6 +98,7 @@ pub mod text;
 pub mod tinted;
 pub mod verify;
 mod visit;
+pub mod workgroups;
 
 pub use entities::{FunctionId, Label, Value, VariableId};
 pub use module::{Body, Function, InputRow, Inst, Module, Node, Terminator, Variable};
