@@ -502,3 +502,143 @@ fn endless_recursion_gives_its_memory_back() {
     println!("{kept} kB are kept");
     assert!(kept < 200_000, "{kept} kB");
 }
+
+#[test]
+fn memory_is_not_mapped_past_its_end() {
+    let Some(gpu) = Gpu::surviving() else { return };
+    let device = &gpu.device;
+    let memory = vk::MemoryAllocateInfo::default().allocation_size(4096);
+    let flags = vk::MemoryMapFlags::empty();
+    // SAFETY: nothing is read or written by what is mapped.
+    unsafe {
+        let memory = device.allocate_memory(&memory, None).unwrap();
+        for offset in [4096, 8192, u64::MAX - 4] {
+            let mapped = device.map_memory(memory, offset, vk::WHOLE_SIZE, flags);
+            assert_eq!(mapped, Err(vk::Result::ERROR_MEMORY_MAP_FAILED));
+        }
+        assert!(device.map_memory(memory, 4095, 1, flags).is_ok());
+        device.free_memory(memory, None);
+    }
+}
+
+#[test]
+fn a_command_buffer_does_not_execute_itself() {
+    let Some(gpu) = Gpu::surviving() else { return };
+    let info = vk::CommandBufferAllocateInfo::default()
+        .command_pool(gpu.pool)
+        .level(vk::CommandBufferLevel::SECONDARY)
+        .command_buffer_count(1);
+    let inheritance = vk::CommandBufferInheritanceInfo::default();
+    let begin = vk::CommandBufferBeginInfo::default().inheritance_info(&inheritance);
+    // SAFETY: the driver promises to survive this; all else is as it should be.
+    unsafe {
+        let buffers = gpu.device.allocate_command_buffers(&info).unwrap();
+        gpu.device.begin_command_buffer(buffers[0], &begin).unwrap();
+        gpu.device.cmd_execute_commands(buffers[0], &buffers);
+        assert!(gpu.device.end_command_buffer(buffers[0]).is_err());
+        gpu.device.begin_command_buffer(buffers[0], &begin).unwrap();
+        gpu.device.end_command_buffer(buffers[0]).unwrap();
+        gpu.device.free_command_buffers(gpu.pool, &buffers);
+    }
+}
+
+/// What a command waits for may never come: an event that nobody sets, a query that nobody begins.
+#[test]
+fn waits_of_commands_end_by_their_time_limit() {
+    let test = "waits_of_commands_end_by_their_time_limit";
+    if !alone(test, &[("TUFF_TIMEOUT", "0.3")]) {
+        return;
+    }
+    for what in 0..2 {
+        let Some(gpu) = Gpu::surviving() else { return };
+        let device = &gpu.device;
+        let pool = vk::QueryPoolCreateInfo::default()
+            .query_type(vk::QueryType::TIMESTAMP)
+            .query_count(1);
+        let words = gpu.buffer(64);
+        // SAFETY: handles are of this device. They are left to it, which is lost.
+        unsafe {
+            let event = device.create_event(&vk::EventCreateInfo::default(), None);
+            let (event, pool) = (
+                event.unwrap(),
+                device.create_query_pool(&pool, None).unwrap(),
+            );
+            let ended = gpu.try_run(|commands| {
+                let all = vk::PipelineStageFlags::ALL_COMMANDS;
+                match what {
+                    0 => device.cmd_wait_events(
+                        commands,
+                        &[event],
+                        vk::PipelineStageFlags::HOST,
+                        all,
+                        &[],
+                        &[],
+                        &[],
+                    ),
+                    _ => {
+                        device.cmd_reset_query_pool(commands, pool, 0, 1);
+                        let wait = vk::QueryResultFlags::WAIT;
+                        let to = words.handle;
+                        device.cmd_copy_query_pool_results(commands, pool, 0, 1, to, 0, 8, wait);
+                    }
+                }
+            });
+            assert_eq!(ended, Err(vk::Result::ERROR_DEVICE_LOST));
+        }
+    }
+}
+
+/// Builds of one command that share scratch memory give what they give alone; one that has its scratch memory in its destination is none.
+#[test]
+fn scratch_memory_is_one_builds_alone() {
+    let Some(gpu) = Gpu::surviving() else { return };
+    let level = vk::AccelerationStructureTypeKHR::BOTTOM_LEVEL;
+    let count = 3000;
+    let corners = |seed: u32| {
+        let number = move |i: u32| (i.wrapping_mul(2_654_435_761) ^ seed) as f32 / u32::MAX as f32;
+        let corners = (0..3 * count).map(|i| [number(3 * i), number(3 * i + 1), number(3 * i + 2)]);
+        gpu.buffer_with(&corners.collect::<Vec<_>>())
+    };
+    let geometries = [1, 2, 3, 4].map(|seed| {
+        let triangles = triangles_at(corners(seed << 24).at(), 3 * count);
+        [geometry_of(triangles)]
+    });
+    let range = [vk::AccelerationStructureBuildRangeInfoKHR::default().primitive_count(count)];
+    let mut infos = geometries.each_ref().map(|geometries| {
+        vk::AccelerationStructureBuildGeometryInfoKHR::default()
+            .ty(level)
+            .geometries(geometries)
+    });
+    let on_device = vk::AccelerationStructureBuildTypeKHR::DEVICE;
+    let sizes = gpu.build_sizes(on_device, &infos[0], &[count]);
+    let scratch = gpu.buffer(sizes.build_scratch_size + 256);
+    let structures = infos.each_mut().map(|info| {
+        let structure = gpu.empty_structure(level, sizes.acceleration_structure_size);
+        *info = info.dst_acceleration_structure(structure.handle);
+        info.scratch_data.device_address = scratch.address.next_multiple_of(256);
+        structure
+    });
+    let build = |infos: &[vk::AccelerationStructureBuildGeometryInfoKHR<'_>]| {
+        gpu.run(|commands| {
+            let ranges: Vec<&[_]> = infos.iter().map(|_| &range[..]).collect();
+            // SAFETY: the driver promises to survive what is wrong here.
+            unsafe {
+                (gpu.acceleration).cmd_build_acceleration_structures(commands, infos, &ranges);
+            }
+        });
+        structures.map(|structure| structure.storage.expect("it is known").read::<u32>())
+    };
+    for info in &infos {
+        build(std::slice::from_ref(info));
+    }
+    let alone = build(&[]);
+    for structure in structures {
+        let storage = structure.storage.expect("it is known");
+        storage.write(0, &vec![0u8; storage.size_bytes as usize]);
+    }
+    assert!(build(&infos) == alone);
+    for (info, structure) in infos.iter_mut().zip(structures) {
+        info.scratch_data.device_address = structure.storage.expect("it is known").address;
+    }
+    build(&infos);
+}

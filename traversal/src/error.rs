@@ -20,7 +20,7 @@ impl std::fmt::Display for BuildError {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             BuildError::Destination => "the destination is too small or misaligned",
-            BuildError::Scratch => "the scratch memory is too small",
+            BuildError::Scratch => "the scratch memory is too small or overlaps the destination",
             BuildError::Source => "the source does not fit the update",
             BuildError::TooLarge => "too many geometries or primitives",
             BuildError::OutOfMemory => "out of memory",

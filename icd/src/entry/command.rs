@@ -167,7 +167,12 @@ commands! {
 
     fn vkCmdExecuteCommands(commands, count: u32, buffers: *const vk::CommandBuffer) {
         let lists = ffi::slice(buffers, count).iter().map(|&buffer| {
-            handle::from_handle::<CommandBuffer>(buffer).recording.lock().executable()
+            let secondary = handle::from_handle::<CommandBuffer>(buffer);
+            // The lock of the buffer that is being recorded is held, and its list not finished.
+            if std::ptr::eq(secondary.recording.data_ptr(), commands) {
+                return Err(vk::Result::ERROR_UNKNOWN);
+            }
+            secondary.recording.lock().executable()
         });
         commands.push(Command::ExecuteCommands(lists.collect::<Result<_, _>>()?))
     }

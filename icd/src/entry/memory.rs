@@ -63,6 +63,22 @@ unsafe fn source(
     }
 }
 
+/// Where memory is mapped from an offset on. A size that is too large is left to the application: it sees no less.
+///
+/// # Errors
+/// `VK_ERROR_MEMORY_MAP_FAILED` past the end.
+///
+/// # Safety
+/// The handle is one of memory.
+unsafe fn mapped(memory: vk::DeviceMemory, offset: u64) -> VkResult<*mut c_void> {
+    // SAFETY: the caller's promise.
+    let memory = unsafe { from_handle::<DeviceMemory>(memory) };
+    if offset >= memory.size_bytes.max(1) {
+        return Err(vk::Result::ERROR_MEMORY_MAP_FAILED);
+    }
+    Ok((memory.address + offset) as *mut c_void)
+}
+
 entry! {
     fn vkAllocateMemory(
         device: vk::Device,
@@ -92,7 +108,7 @@ entry! {
         _flags: vk::MemoryMapFlags,
         out: *mut *mut c_void,
     ) -> vk::Result {
-        *out = (from_handle::<DeviceMemory>(memory).address + offset) as *mut c_void;
+        *out = mapped(memory, offset)?;
         Ok(())
     }
 
@@ -101,7 +117,7 @@ entry! {
     }
 
     fn vkMapMemory2KHR(_device: vk::Device, info: *const vk::MemoryMapInfoKHR, out: *mut *mut c_void) -> vk::Result {
-        *out = (from_handle::<DeviceMemory>((*info).memory).address + (*info).offset) as *mut c_void;
+        *out = mapped((*info).memory, (*info).offset)?;
         Ok(())
     }
 

@@ -114,6 +114,12 @@ impl Engine {
         }
     }
 
+    /// How long a command may wait for what the host or another queue does.
+    pub fn patience_ns(&self) -> u64 {
+        let timeout = self.timeout.map(|timeout| timeout.as_nanos());
+        timeout.map_or(u64::MAX, |ns| u64::try_from(ns).unwrap_or(u64::MAX))
+    }
+
     /// What the next command may reach.
     pub fn surroundings(&self) -> Surroundings {
         let (reach, live) = (self.memory.reach(), self.memory.structures());

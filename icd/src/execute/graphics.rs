@@ -403,6 +403,7 @@ impl<'a> Painter<'_, 'a> {
             Some(address) => unsafe { reachable::read::<u32>(&reach, address) }.unwrap_or(0),
             None => u32::MAX,
         };
+        let mut limits = None;
         for draw_index in 0..draw.draws.min(count) {
             let offset = u64::from(draw_index) * u64::from(draw.stride_bytes);
             let address = draw.address.wrapping_add(offset);
@@ -434,7 +435,7 @@ impl<'a> Painter<'_, 'a> {
                 return Ok(());
             };
             if draw_index % 1024 == 1023 {
-                self.engine.limits().check()?;
+                (limits.get_or_insert_with(|| self.engine.limits())).check()?;
             }
             self.call(draw.indexed, call)?;
         }

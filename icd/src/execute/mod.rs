@@ -68,6 +68,14 @@ impl From<Fault> for Failure {
     }
 }
 
+/// Waits within a command for what the host or another queue does: no longer than a command may run.
+fn wait_for(engine: &Engine, done: impl FnMut() -> bool) -> Result<(), Failure> {
+    match engine.waiting.wait_until(engine.patience_ns(), done) {
+        Err(vk::Result::TIMEOUT) => Err(Stopped::TimedOut.into()),
+        waited => waited.map_err(|_| Failure::AlreadyLost),
+    }
+}
+
 /// Performs the command buffers of a submission, one after the other.
 ///
 /// # Errors
@@ -224,13 +232,17 @@ fn perform<'a>(mut painter: Painter<'_, 'a>, command: &'a Command) -> Result<(),
                 .drawing
                 .write_timestamp(pool, *query, timestamp_ns());
         }
-        Command::CopyQueryPoolResults(copy) => query::copy_results(copy, &engine.memory.reach())?,
+        Command::CopyQueryPoolResults(copy) => {
+            if copy.flags.contains(vk::QueryResultFlags::WAIT) {
+                wait_for(engine, || copy.pool.is_available(copy.first, copy.count))?;
+            }
+            query::copy_results(copy, &engine.memory.reach());
+        }
         Command::SetEvent(event) => event.set(),
         Command::ResetEvent(event) => event.reset(),
-        Command::WaitEvents(events) => engine
-            .waiting
-            .wait_until(u64::MAX, || events.iter().all(|event| event.is_set()))
-            .map_err(|_| Failure::AlreadyLost)?,
+        Command::WaitEvents(events) => {
+            wait_for(engine, || events.iter().all(|event| event.is_set()))?;
+        }
         Command::ExecuteCommands(buffers) => {
             let drawing = &mut *painter.drawing;
             buffers

@@ -1,6 +1,5 @@
 //! Timestamps, and query results written by the device.
 
-use super::Failure;
 use crate::command::CopyQueryPoolResults;
 use crate::object::QueryPool;
 use crate::raster::Counters;
@@ -103,13 +102,8 @@ impl<'a> ActiveQuery<'a> {
     }
 }
 
-/// `vkCmdCopyQueryPoolResults`.
-pub fn copy_results(copy: &CopyQueryPoolResults, reach: &Reach) -> Result<(), Failure> {
-    if copy.flags.contains(vk::QueryResultFlags::WAIT) {
-        copy.pool
-            .wait(copy.first, copy.count)
-            .map_err(|_| Failure::AlreadyLost)?;
-    }
+/// `vkCmdCopyQueryPoolResults`, once it has waited.
+pub fn copy_results(copy: &CopyQueryPoolResults, reach: &Reach) {
     let last = u64::from(copy.count.saturating_sub(1)).saturating_mul(copy.stride_bytes);
     let word = match copy.flags.contains(vk::QueryResultFlags::TYPE_64) {
         true => 8,
@@ -117,7 +111,7 @@ pub fn copy_results(copy: &CopyQueryPoolResults, reach: &Reach) -> Result<(), Fa
     };
     let size_bytes = last.saturating_add(word * copy.pool.result_columns(copy.flags));
     if !reach.contains(copy.address, size_bytes) {
-        return Ok(());
+        return;
     }
     // SAFETY: there is memory, which the application keeps for the time of execution.
     unsafe {
@@ -134,7 +128,6 @@ pub fn copy_results(copy: &CopyQueryPoolResults, reach: &Reach) -> Result<(), Fa
             copy.flags,
         );
     }
-    Ok(())
 }
 
 /// Writes the results of queries as the flags ask, as far as there is room; whether all were available.

@@ -109,10 +109,13 @@ impl QueryPool {
     /// # Errors
     /// `VK_ERROR_DEVICE_LOST`.
     pub fn wait(&self, first: u32, count: u32) -> VkResult {
+        (self.waiting).wait_until(u64::MAX, || self.is_available(first, count))
+    }
+
+    /// Whether the queries are available, as far as there are any.
+    pub fn is_available(&self, first: u32, count: u32) -> bool {
         let end = first.saturating_add(count).min(self.len());
-        self.waiting.wait_until(u64::MAX, || {
-            (first..end).all(|index| self.value(index).is_some())
-        })
+        (first..end).all(|index| self.value(index).is_some())
     }
 
     /// The words that `vkGetQueryPoolResults` and `vkCmdCopyQueryPoolResults` write for a query: its values, where they are there or

@@ -100,9 +100,9 @@ pub unsafe fn deserialize(source: u64, destination: Storage, reach: &Reach, live
 }
 
 /// What failed leaves the destination undefined, and a line in the log.
-pub(super) fn report<T, E: std::fmt::Debug>(result: Result<T, E>, what: &str) {
+pub(super) fn report<T, E: std::fmt::Display>(result: Result<T, E>, what: &str) {
     if let Err(error) = result {
-        log::error!("{what}: {error:?}");
+        log::error!("{what}: {error}");
     }
 }
 

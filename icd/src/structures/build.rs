@@ -28,6 +28,15 @@ impl Build {
         )
     }
 
+    /// Scratch memory that it takes.
+    fn scratch_bytes(&self) -> u64 {
+        let sizes = self.sizes();
+        match self.update_from {
+            None => sizes.build_scratch_bytes,
+            Some(_) => sizes.update_scratch_bytes,
+        }
+    }
+
     /// Performs the build or update on the current rayon pool. Structures lie in `live`, all else in `reach`.
     ///
     /// # Errors
@@ -85,17 +94,15 @@ impl Build {
             flags: self.flags,
             geometries,
         };
-        let sizes = self.sizes();
         // SAFETY: the caller's promise.
         unsafe {
+            let scratch = writable(reach, self.scratch, self.scratch_bytes());
+            if overlap(scratch, destination) {
+                return Err(BuildError::Scratch);
+            }
             let Some(source) = self.update_from else {
-                return traversal::build(
-                    &input,
-                    destination,
-                    writable(reach, self.scratch, sizes.build_scratch_bytes),
-                );
+                return traversal::build(&input, destination, scratch);
             };
-            let scratch = writable(reach, self.scratch, sizes.update_scratch_bytes);
             if source.address == self.destination.address {
                 return traversal::update(&input, None, destination, scratch);
             }
@@ -180,6 +187,27 @@ impl Aabbs {
     }
 }
 
+/// Whether two pieces of memory have a byte in common.
+fn overlap(one: &[u8], other: &[u8]) -> bool {
+    let (one, other) = (one.as_ptr_range(), other.as_ptr_range());
+    one.start < other.end && other.start < one.end
+}
+
+/// Whether builds of one command write to the same scratch memory. That is not valid, and side by side they would spoil each other.
+fn share_scratch(builds: &[Build]) -> bool {
+    let mut ranges: Vec<_> = (builds.iter())
+        .map(|build| {
+            (
+                build.scratch,
+                build.scratch.saturating_add(build.scratch_bytes()),
+            )
+        })
+        .filter(|(start, end)| start < end)
+        .collect();
+    ranges.sort_unstable();
+    ranges.windows(2).any(|pair| pair[1].0 < pair[0].1)
+}
+
 /// Builds side by side: the specification forbids that builds of one command depend on each other. Structures lie in `live`, all else in
 /// `reach`.
 pub fn build(builds: &[Build], reach: &Reach, live: &Live, checks: Option<&Checks>) {
@@ -196,6 +224,10 @@ pub fn build(builds: &[Build], reach: &Reach, live: &Live, checks: Option<&Check
     };
     match builds {
         [one] => run(one),
+        _ if share_scratch(builds) => {
+            log::error!("acceleration structure builds of one command share scratch memory");
+            builds.iter().for_each(run);
+        }
         _ => builds.par_iter().for_each(run),
     }
 }

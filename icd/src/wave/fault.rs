@@ -57,7 +57,8 @@ impl fmt::Display for Cause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Stopped(why) => why.fmt(f),
-            Self::SparseBinding(why) | Self::Internal(why) => f.write_str(why),
+            Self::SparseBinding(why) => f.write_str(why),
+            Self::Internal(why) => write!(f, "the driver panicked: {why}"),
             Self::Forked => f.write_str("a fork takes no threads along: this is a child process"),
         }
     }
