@@ -1,5 +1,7 @@
 //! Running cases in this process, until it dies.
 
+use std::fs::File;
+use std::os::unix::fs::FileExt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::process::ExitCode;
@@ -13,19 +15,30 @@ use crate::world::World;
 /// Cases on one device: what they make is destroyed with it.
 const ON_ONE_DEVICE: u64 = 64;
 
+/// What the file of progress holds. It is as long for every number, and written over: a file that is written anew is empty for a moment, and for
+/// good where the process ends just then.
+pub fn progress_text(number: u64) -> String {
+    format!("{number:020}")
+}
+
 /// Runs `count` cases from one on; says in a file which one it is at.
 pub fn run(first: &Which, count: u64, progress: Option<&Path>) -> Result<ExitCode> {
     if progress.is_some() {
         // Of this program's panics nobody is to hear; the driver has its own.
         std::panic::set_hook(Box::new(|_| {}));
     }
+    let progress = progress.map(|path| File::options().write(true).open(path));
+    let progress = progress
+        .transpose()
+        .context("opening the file of progress")?;
     let host = Host::new();
     let mut world = None;
     let mut which = first.clone();
     for number in first.number..first.number + count {
         which.number = number;
-        if let Some(progress) = progress {
-            std::fs::write(progress, number.to_string()).context("saying how far it is")?;
+        if let Some(progress) = &progress {
+            (progress.write_all_at(progress_text(number).as_bytes(), 0))
+                .context("saying how far it is")?;
         }
         let case = Case::new(&which);
         if number % ON_ONE_DEVICE == 0 {

@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 
 use crate::case::Which;
+use crate::child::progress_text;
 use crate::targets::Target;
 use crate::world::World;
 
@@ -94,7 +95,7 @@ impl Parent {
     fn child(&self, first: &Which, count: u64, time: Duration) -> Result<(u64, End)> {
         let progress = self.out.join(format!("{}.progress", first.target.name));
         let log = self.log(first.target);
-        std::fs::write(&progress, first.number.to_string())?;
+        std::fs::write(&progress, progress_text(first.number))?;
         let file = File::create(&log)?;
         let mut child = Command::new(std::env::current_exe()?)
             .args(["child", &first.to_string(), &count.to_string()])
