@@ -3,18 +3,23 @@
 //! Each iteration becomes a block that the back-edges leave; lanes wait at its end as they did at the loop's head. Loops that yield stay, so
 //! that waves in different iterations can still be merged.
 
+use foldhash::{HashSet, HashSetExt};
 use smallvec::smallvec;
 
 use super::effects::{Effects, find_effects};
 use super::fold_constants::fold;
 use super::renaming::Renaming;
-use crate::ir::{Body, Function, Inst, Label, Node, Op, Terminator, Type, Value};
+use crate::ir::{Body, Function, Inst, Label, Node, Op, Space, Terminator, Type, Value};
 
 /// Iterations written out.
 const MAX_ITERATIONS: usize = 32;
 
 /// Nodes that one loop may become.
 const MAX_NODES: usize = 400;
+
+/// The same of a loop whose counter is an index in per-lane memory: where indices are constant,
+/// values take its place.
+const MAX_NODES_OF_INDEX: usize = 1_200;
 
 /// Nodes that a function may always grow by.
 const BUDGET_FLOOR: usize = 2_048;
@@ -33,6 +38,7 @@ pub fn unroll_loops(function: &mut Function) -> bool {
         effects: find_effects(&body, function.labels),
         constants: vec![None; count],
         sums: vec![None; count],
+        addresses: vec![false; count],
         renaming: Renaming {
             values: (0..count as u32).map(Value).collect(),
             labels: (0..function.labels).map(Label).collect(),
@@ -67,6 +73,8 @@ struct Unroller<'a> {
     constants: Vec<Option<u64>>,
     /// Integers that are another plus a constant.
     sums: Vec<Option<(Value, u64)>>,
+    /// Addresses of variables.
+    addresses: Vec<bool>,
     /// The identity, but while an iteration is copied.
     renaming: Renaming,
     budget: usize,
@@ -111,6 +119,7 @@ impl Unroller<'_> {
         };
         match inst.op {
             Op::Const(bits) => self.constants[result.index()] = Some(bits),
+            Op::VarAddress(_) => self.addresses[result.index()] = true,
             Op::IAdd => {
                 self.sums[result.index()] =
                     self.constant(inst.args[1]).map(|step| (inst.args[0], step));
@@ -150,6 +159,10 @@ impl Unroller<'_> {
         let (step, mut count) = (step?, self.constant(init[index])?);
         let ty = self.function.ty(counter);
         let size = count_nodes(body);
+        let most = match self.indexes(counter, body) {
+            true => MAX_NODES_OF_INDEX,
+            false => MAX_NODES,
+        };
         let mut counts = vec![count];
         loop {
             let args = match on_left {
@@ -161,16 +174,43 @@ impl Unroller<'_> {
             }
             count = fold(&Op::IAdd, ty, ty, &[count, step])?;
             counts.push(count);
-            let nodes = counts.len() * size;
-            if counts.len() > MAX_ITERATIONS || nodes > MAX_NODES || nodes > self.budget {
+            // The last one is no more than the exit: a single iteration takes the loop's place.
+            let iterations = counts.len() - 1;
+            let fits = iterations == 1 || counts.len() * size <= most;
+            if counts.len() > MAX_ITERATIONS || !fits || iterations * size > self.budget {
                 return None;
             }
         }
-        self.budget -= counts.len() * size;
+        self.budget = (self.budget).saturating_sub((counts.len() - 1).max(1) * size);
         Some(Counts {
             param: index,
             counts,
         })
+    }
+
+    /// Whether a loop accesses per-lane memory at an address that is constant where the counter is.
+    fn indexes(&self, counter: Value, body: &Body) -> bool {
+        let mut follows = HashSet::new();
+        follows.insert(counter);
+        let mut any = false;
+        body.visit_insts(&mut |inst| {
+            let is_known = |arg: &Value| {
+                self.constant(*arg).is_some()
+                    || self.addresses[arg.index()]
+                    || follows.contains(arg)
+            };
+            let is_counted = inst.args.iter().any(|arg| follows.contains(arg));
+            match inst.op {
+                Op::Load(access) | Op::Store(access) => {
+                    any |= access.space == Space::Private && follows.contains(&inst.args[0]);
+                }
+                op if op.is_pure() && is_counted && inst.args.iter().all(is_known) => {
+                    follows.extend(inst.results.iter().copied());
+                }
+                _ => {}
+            }
+        });
+        any
     }
 
     /// Whether all back-edges add one constant to the counter.
@@ -264,6 +304,7 @@ impl Unroller<'_> {
         renaming.labels.extend(labels.map(Label));
         self.constants.resize(renaming.values.len(), None);
         self.sums.resize(renaming.values.len(), None);
+        self.addresses.resize(renaming.values.len(), false);
         self.effects
             .resize(renaming.labels.len(), Effects::default());
     }
@@ -334,4 +375,89 @@ fn list_definitions(body: &Body, values: &mut Vec<Value>, labels: &mut Vec<Label
         values.extend(node.definitions());
         labels.extend(node.label());
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::ir::text::parse_module;
+    use crate::ir::{Module, Node, verify};
+    use crate::pass::optimize;
+
+    /// A loop of so many iterations, each of which adds `added` and goes through `fillers` more
+    /// operations; optimised.
+    fn summed(iterations: u32, fillers: usize, added: &str) -> Module {
+        let fillers: String = (0..fillers)
+            .map(|at| format!("v{}: i32 = imul v{}, v0\n", 100 + at, 99 + at))
+            .collect();
+        let text = format!(
+            "module compute
+            inputs local_invocation_index.0
+            output_rows 0
+            func f0 {{
+                var0: 64 rows zero
+                v0: i32 = input[0]
+                v1: i32 = const 0
+                v2: i32 = const 1
+                v3: i32 = const {iterations}
+                v4: descriptor = descriptor[set 0, first 0, count 1] v1
+                var.store[var0, 3] v0
+                block L0 -> (v5: i32) {{
+                    loop L1 (v6: i32, v7: i32) = (v1, v0) {{
+                        v8: i1 = slt v6, v3
+                        if v8, L2 {{
+                            br L2
+                        }} else {{
+                            br L0(v7)
+                        }}
+                        v9: i32 = iadd v6, v2
+                        {added}
+                        v99: i32 = iadd v7, v30
+                        {fillers}
+                        br L1(v9, v{})
+                    }}
+                    unreachable
+                }}
+                store.buffer v4, v1, v5
+                end
+            }}",
+            99 + fillers.lines().count()
+        );
+        let mut module = parse_module(&text).unwrap();
+        verify(&module).unwrap();
+        optimize(&mut module).unwrap();
+        module
+    }
+
+    fn has_loop(module: &Module) -> bool {
+        let mut any = false;
+        let body = &module.functions[0].body;
+        body.visit(&mut |node| any |= matches!(node, Node::Loop { .. }));
+        any
+    }
+
+    const BY_COUNTER: &str = "v28: i32 = var.address[var0]
+        v29: i32 = iadd v28, v6
+        v30: i32 = load.private v29";
+    const BY_OTHER: &str = "v28: i32 = var.address[var0]
+        v27: i32 = iadd v28, v0
+        v29: i32 = iadd v27, v6
+        v30: i32 = load.private v29";
+    const COUNTER: &str = "v30: i32 = or v6, v2";
+
+    #[test]
+    fn what_an_index_costs_pays_for_longer_code() {
+        assert!(!has_loop(&summed(20, 5, COUNTER)));
+        assert!(has_loop(&summed(20, 30, COUNTER)));
+        let by_counter = summed(20, 30, BY_COUNTER);
+        assert!(!has_loop(&by_counter));
+        assert!(by_counter.functions[0].variables.is_empty(), "promoted");
+        assert!(has_loop(&summed(20, 60, BY_COUNTER)));
+        assert!(has_loop(&summed(20, 30, BY_OTHER)));
+    }
+
+    #[test]
+    fn a_single_iteration_takes_the_place_of_its_loop() {
+        assert!(!has_loop(&summed(1, 900, COUNTER)));
+        assert!(has_loop(&summed(2, 900, COUNTER)));
+    }
 }
