@@ -326,6 +326,10 @@ impl Fast<'_> {
         if self.op.depth_compare {
             return components;
         }
+        // Those are values, of all four components.
+        if self.srgb && self.image.swizzle == [0, 1, 2, 3] {
+            return components;
+        }
         let scale = block::unit_scale(self.info);
         let mut values = components;
         for (component, value) in values.iter_mut().enumerate() {

@@ -67,6 +67,9 @@ mod texels {
     pub const ANY: u8 = 5;
     /// Words of the four texels, each by itself.
     pub const GATHERED: u8 = 6;
+    /// The nearest texel, of four bytes as in [`BYTES`] and [`SRGB`].
+    pub const NEAREST_BYTES: u8 = 7;
+    pub const NEAREST_SRGB: u8 = 8;
 }
 
 struct Planes<'a, 'b, S, const LEVELS: bool, const MODE: u8, const TEXELS: u8>(&'b Fast<'a>, S);
@@ -79,6 +82,9 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: bool, const MODE: u8, const TEXEL
     #[inline(always)]
     unsafe fn run(self, v: V) -> S {
         let Planes(fast, mut subgroups) = self;
+        // A copy that results are not written to, as far as the compiler can see: what is known of
+        // it before the first subgroup holds for all.
+        let fast = &{ *fast };
         // SAFETY: `Fast::planes` chose this.
         unsafe {
             assert_unchecked(!fast.is_cube && fast.gathers_words == (TEXELS == texels::GATHERED));
@@ -90,6 +96,11 @@ impl<V: Vector, S: Subgroups<V>, const LEVELS: bool, const MODE: u8, const TEXEL
                     assert_unchecked(!fast.is_nearest && fast.bytes);
                     assert_unchecked(fast.srgb == (TEXELS == texels::SRGB));
                     assert_unchecked(fast.straight == (TEXELS == texels::BYTES));
+                }
+                texels::NEAREST_BYTES | texels::NEAREST_SRGB => {
+                    assert_unchecked(fast.is_nearest && fast.bytes && !fast.has_border);
+                    assert_unchecked(fast.srgb == (TEXELS == texels::NEAREST_SRGB));
+                    assert_unchecked(fast.straight == (TEXELS == texels::NEAREST_BYTES));
                 }
                 texels::NEAREST => assert_unchecked(fast.is_nearest),
                 texels::LINEAR | texels::GATHERED => assert_unchecked(!fast.is_nearest),
@@ -238,8 +249,10 @@ fn axes<V: Vector, const MODE: u8, const TEXELS: u8>(
         _ => [fast.sampler.address_mode[0], fast.sampler.address_mode[1]],
     };
     let texel_bytes = v.splat_i(match TEXELS {
-        texels::BYTES | texels::SRGB | texels::GATHERED => 4,
-        _ => fast.info.size_bytes as i32,
+        texels::NEAREST | texels::LINEAR | texels::COMPARED | texels::ANY => {
+            fast.info.size_bytes as i32
+        }
+        _ => 4,
     });
     [
         fast.axis(v, mode_s, s, levels.width, texel_bytes),
@@ -297,10 +310,12 @@ impl Fast<'_> {
     pub(crate) unsafe fn planes<V: Vector, S: Subgroups<V>>(&self, v: V, subgroups: S) -> S {
         use AddressMode::{ClampToEdge, Repeat};
         debug_assert!(self.is_of_planes::<V>());
-        let texels = match self.bytes && !self.is_nearest {
-            true if self.srgb => texels::SRGB,
-            true if self.straight => texels::BYTES,
-            _ => texels::ANY,
+        let texels = match self.is_nearest {
+            _ if !self.srgb && !self.straight => texels::ANY,
+            false if self.srgb => texels::SRGB,
+            false => texels::BYTES,
+            true if self.srgb => texels::NEAREST_SRGB,
+            true => texels::NEAREST_BYTES,
         };
         let mode = match self.sampler.address_mode[..2] {
             _ if self.sampler.unnormalized_coordinates => mode::ANY,
@@ -339,6 +354,10 @@ impl Fast<'_> {
                 (false, texels::BYTES, mode::REPEAT) => run!(false BYTES REPEAT),
                 (false, texels::SRGB, mode::CLAMP) => run!(false SRGB CLAMP),
                 (false, texels::SRGB, mode::REPEAT) => run!(false SRGB REPEAT),
+                (false, texels::NEAREST_BYTES, mode::CLAMP) => run!(false NEAREST_BYTES CLAMP),
+                (false, texels::NEAREST_BYTES, mode::REPEAT) => run!(false NEAREST_BYTES REPEAT),
+                (false, texels::NEAREST_SRGB, mode::CLAMP) => run!(false NEAREST_SRGB CLAMP),
+                (false, texels::NEAREST_SRGB, mode::REPEAT) => run!(false NEAREST_SRGB REPEAT),
                 (false, ..) => run!(false ANY ANY),
                 (true, texels::BYTES, _) => run!(true BYTES ANY),
                 (true, texels::SRGB, _) => run!(true SRGB ANY),
