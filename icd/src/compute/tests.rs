@@ -261,13 +261,14 @@ fn small_workgroups_share_subgroups() {
         let text = text(across);
         let program = Program::new(&parse_module(&text).unwrap()).unwrap();
         let environment = Environment::unbound();
-        let plan = super::Plan::new(&Dispatch {
+        let dispatch = Dispatch {
             program: &program,
             base: [0; 3],
             count: [workgroups, 1, 1],
             environment: &environment,
             limits: &no_limits(),
-        });
+        };
+        let plan = super::Plan::new(&dispatch);
         assert_eq!(plan.subgroups(workgroups as usize), subgroups);
         let out = zeros(3 * 1000);
         assert_eq!(
