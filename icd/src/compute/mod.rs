@@ -32,6 +32,9 @@ const MAX_CHUNK_STEPS: u64 = 64;
 /// Chunks that each worker would get if all took the same time.
 const CHUNKS_PER_WORKER: u64 = 8;
 
+/// Invocations that workgroups may need to fill subgroups together, at most: those of the largest workgroup.
+const PACKED_INVOCATIONS: usize = 1024;
+
 /// One `vkCmdDispatch*`, whatever command it came from.
 pub struct Dispatch<'a> {
     pub program: &'a Program,
@@ -136,15 +139,18 @@ impl<'a> Plan<'a> {
         let invocations = local_size.iter().map(|&n| n as usize).product::<usize>();
         let subgroups_per_workgroup = invocations.div_ceil(SUBGROUP_SIZE).max(1);
         let alone = program.shared_size_bytes() > 0 || program.sites().contains(&SiteKind::Barrier);
-        let packed = !invocations.is_multiple_of(SUBGROUP_SIZE)
-            && invocations != 0
+        // So many workgroups fill subgroups without an empty lane.
+        let filling = SUBGROUP_SIZE >> invocations.trailing_zeros().min(SUBGROUP_SIZE.ilog2());
+        let packed = filling > 1
+            && filling * invocations <= PACKED_INVOCATIONS
             && program.workgroups_may_share_subgroups();
         let wave = program.max_wave_subgroups();
         let workgroups_per_step = match () {
             () if alone => 1,
-            () if packed => (wave * SUBGROUP_SIZE / invocations).max(1) as u64,
-            () => (wave / subgroups_per_workgroup).max(1) as u64,
-        };
+            // Steps end where subgroups do, so that they do not decide who shares one.
+            () if packed => (wave * SUBGROUP_SIZE / (filling * invocations)).max(1) * filling,
+            () => (wave / subgroups_per_workgroup).max(1),
+        } as u64;
         let workgroups = dispatch
             .count
             .iter()

@@ -1,10 +1,10 @@
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
-use spirv_jit::Program;
 use spirv_jit::environment::{Descriptor, DescriptorSet, Environment, MAX_SETS};
 use spirv_jit::ir::text::parse_module;
 use spirv_jit::program::{Builtin, InputRow};
+use spirv_jit::{Program, SUBGROUP_SIZE};
 
 use super::{Dispatch, Dispatcher, index_in_quads, local_row};
 use crate::wave::Workers;
@@ -270,6 +270,9 @@ fn small_workgroups_share_subgroups() {
         };
         let plan = super::Plan::new(&dispatch);
         assert_eq!(plan.subgroups(workgroups as usize), subgroups);
+        // However many subgroups run together, the same ones are filled.
+        let in_step = plan.workgroups_per_step as usize * plan.invocations;
+        assert!(!plan.packed || in_step.is_multiple_of(SUBGROUP_SIZE));
         let out = zeros(3 * 1000);
         assert_eq!(
             run(&text, 2, [0; 3], [999, 1, 1], &out, &no_limits()),
