@@ -248,7 +248,7 @@ proptest! {
     ) {
         let mut s = s;
         s.unnormalized_coordinates = false;
-        (s.mag_filter, s.min_filter) = (Filter::Linear, Filter::Linear);
+        s.min_filter = s.mag_filter;
         s.reduction = Reduction::WeightedAverage;
         let format = Format(number);
         let gathers = matches!(format, Format::R32_SFLOAT | Format::D32_SFLOAT);
