@@ -141,7 +141,7 @@ impl Parent {
         let said = std::fs::read_to_string(&log).unwrap_or_default();
         let panicked = (said.lines())
             .filter(|line| line.contains("panicked at") || line.contains("panicked: "))
-            .find(|line| !line.contains("handle"));
+            .find(|line| !line.contains("not a live handle"));
         Ok((
             reached(),
             match (ended, panicked) {
